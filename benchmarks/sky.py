@@ -13,6 +13,7 @@ import numpy as np
 
 from csstsim.base.rng import Streams
 from csstsim.base.shipped import SHIPPED
+from csstsim.base.sphere import unit_vectors
 from csstsim.base.units import ARCSEC_PER_RAD
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.pointing import Pointing
@@ -23,7 +24,7 @@ from csstsim.simulation.state import State
 from csstsim.sky.background import band_rates
 from csstsim.sky.background_spectra import V_BAND, magnitude_ratio, solar_continuum
 from csstsim.sky.bodies import earth_radius
-from csstsim.sky.directions import telescope_axes, unit
+from csstsim.sky.directions import telescope_axes
 from csstsim.sky.earthshine import earthshine
 from csstsim.sky.parameters import sky_numbers
 from csstsim.sky.transmittance import angles, total
@@ -58,7 +59,7 @@ def reference_zodi(name):
 def earth(name, limb, sun_zenith):
     """Return e-/s/px of earthshine with the Sun `sun_zenith` deg from the zenith, on the side away from the limb."""
     axes = telescope_axes(-(180.0 - np.degrees(earth_radius(PLACE)) - limb), 0.0, 0.0)
-    sun = unit(sun_zenith, 0.0)
+    sun = unit_vectors(sun_zenith, 0.0)
     door = angles(axes @ sun)[1]
     return RATES[name]["earth"] * earthshine(PLACE, sun, axes, np.array([[0, 0, 1.0]]), door, NUMBERS)[0]
 

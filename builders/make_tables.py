@@ -12,10 +12,13 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
+from year_of_visits import iso, visited
 
 from csstsim.base.shipped import SHIPPED
+from csstsim.catalog.astrometry.ephemeris import observer
+from csstsim.catalog.astrometry.reduction import apparent, icrs
 from csstsim.instrument.camera import load_camera
-from csstsim.instrument.pointing import Pointing
+from csstsim.instrument.pointing import Pointing, mjd_utc
 from csstsim.optics.geometry.pointing_for import pointing_for
 from csstsim.optics.geometry.wcs import ChipWCS
 
@@ -51,7 +54,7 @@ def slots(camera, ra, dec, first, count):
         clear = _sun_and_moon_clear(target, when)
         for _ in range(int(timedelta(days=1) / CADENCE)):
             ends = (when, when + timedelta(seconds=EXPTIME))
-            up = all(_angle(target, np.array(camera.orbit.state(_iso(t))[0])) < ZENITH_MAX for t in ends)
+            up = all(_angle(target, np.array(camera.orbit.state(iso(t))[0])) < ZENITH_MAX for t in ends)
             if clear and up and len(found) < count:
                 found.append(when)
             when += CADENCE
@@ -91,9 +94,23 @@ def wide_field(camera, name, prefix):
     pas = np.degrees(np.arctan2(up[..., 0], up[..., 1]))
     times = slots(camera, ra, dec, first, count)
     return {
-        f"{prefix}{i:06d}": _pointing(*where, time=_iso(t))
+        f"{prefix}{i:06d}": _pointing(*where, time=iso(t))
         for i, (t, *where) in enumerate(zip(times, ras, decs, pas, strict=True), start=1)
     }
+
+
+def spread_over_a_year(camera, exposures):
+    """Return the exposures of `wide_field` at other times: the same places on the sky, in visits spread over a year."""
+    places = []
+    for e in exposures.values():
+        seen_by = observer(mjd_utc(e.time), *camera.orbit.state(e.time))
+        places.append(tuple(float(v) for v in icrs(e.ra, e.dec, seen_by)))
+    moved = {}
+    times = visited(camera.orbit, places, EXPTIME, CADENCE)
+    for (obsid, e), place, (time, *state) in zip(exposures.items(), places, times, strict=True):
+        ra, dec = apparent(*place, observer(mjd_utc(time), *state))
+        moved[obsid] = _pointing(float(ra), float(dec), e.pa, time=time, state=tuple(state))
+    return moved
 
 
 def one_target(camera, target, first):
@@ -107,10 +124,10 @@ def one_target(camera, target, first):
             angle = 2.4 * i
             x = (chip.detector.nx - 1) / 2 + DEMO_DITHER * np.cos(angle)
             y = (chip.detector.ny - 1) / 2 + DEMO_DITHER * np.sin(angle)
-            exposure = _pointing(0.0, 0.0, pa, time=_iso(times[i]))
+            exposure = _pointing(0.0, 0.0, pa, time=iso(times[i]))
             exposures[f"10100{i + 1:06d}"] = pointing_for(exposure, chip, target, (x, y))
     chip, column = camera.chips[DEMO_SPECTRA[0]], DEMO_SPECTRA[1]
-    exposure = _pointing(0.0, 0.0, PA, time=_iso(times[-1]))
+    exposure = _pointing(0.0, 0.0, PA, time=iso(times[-1]))
     last = pointing_for(exposure, chip, target, (column, (chip.detector.ny - 1) / 2))
     return exposures | {f"10100{len(times):06d}": last}
 
@@ -121,7 +138,7 @@ def calibration():
     exposures, when = {}, datetime(2027, 6, 1, tzinfo=UTC)
     for kind, code, count, exptime in kinds:
         for i in range(1, count + 1):
-            where = _pointing(0.0, 0.0, PA, time=_iso(when), kind=kind, exptime=exptime)
+            where = _pointing(0.0, 0.0, PA, time=iso(when), kind=kind, exptime=exptime)
             exposures[f"{code}{i:08d}"] = where
             when += CADENCE
     return exposures
@@ -142,12 +159,14 @@ def covered(camera, exposures, ra, dec, samples=4000):
     return counts
 
 
-def write(path, exposures, comment):
-    """Write a survey table of {obsid: Pointing}, without spacecraft states, which then follow from the orbit model."""
+def write(path, exposures, comment, states=False):
+    """Write a survey table of {obsid: Pointing}; without spacecraft `states`, they follow from the orbit model."""
     lines = [f"# {comment}", "# made by make_tables.py; columns: README.md", "obsid,type,ra,dec,pa,time,exptime"]
-    lines += [
-        f"{obsid},{e.type},{e.ra:.6f},{e.dec:.6f},{e.pa:.4f},{e.time},{e.exptime:g}" for obsid, e in exposures.items()
-    ]
+    lines[-1] += ",sat_x,sat_y,sat_z,sat_vx,sat_vy,sat_vz" if states else ""
+    for obsid, e in exposures.items():
+        line = f"{obsid},{e.type},{e.ra:.6f},{e.dec:.6f},{e.pa:.4f},{e.time},{e.exptime:g}"
+        state = [f"{x:.3f}" for x in e.sat_position] + [f"{v:.6f}" for v in e.sat_velocity]
+        lines.append(",".join([line, *state] if states else [line]))
     path.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
 
 
@@ -160,11 +179,16 @@ def make_all(folder, camera):
     for number, name in enumerate(FIELDS, start=1):
         ra, dec, count, _ = FIELDS[name]
         comment = f"{name.upper()}: 5 deg2 around ra {ra:g}, dec {dec:g}; {count} exposures (paper, Table 2)"
-        write(folder / f"{name}.csv", wide_field(camera, name, f"101{number:02d}"), comment)
+        dark = wide_field(camera, name, f"101{number:02d}")
+        write(folder / f"{name}.csv", dark, comment)
+        spread = spread_over_a_year(camera, dark)
+        write(folder / f"{name}_straylight.csv", spread, comment + "; spread over a year", states=True)
 
 
-def _pointing(ra, dec, pa, time="2027-01-01T00:00:00", kind="SCIE", exptime=EXPTIME):
-    state = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))  # not written and not used here
+NO_STATE = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))  # not written and not used
+
+
+def _pointing(ra, dec, pa, time="2027-01-01T00:00:00", kind="SCIE", exptime=EXPTIME, state=NO_STATE):
     return Pointing(kind, float(ra), float(dec), float(pa), time, exptime, *state)
 
 
@@ -175,10 +199,6 @@ def _unit(ra, dec):
 
 def _angle(a, b):
     return np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), np.dot(a, b)))
-
-
-def _iso(when):
-    return when.strftime("%Y-%m-%dT%H:%M:%S")
 
 
 def main(arguments):

@@ -11,9 +11,12 @@ from csstsim.base.rng import Streams
 from csstsim.instrument.orbit import orbit_after
 from csstsim.io.level0 import write_level0
 from csstsim.layers import sky_background
+from csstsim.optics.scatter.halo import make_wing
 from csstsim.optics.throughput.response import response_map
 from csstsim.simulation.exposure import Losses
 from csstsim.sky.background import COMPONENTS
+from csstsim.sky.background_spectra import band, blackbody_over_sun, magnitude_ratio
+from csstsim.sky.parameters import sky_numbers
 
 HIGH = (2596.0, 4496.0, -4357.0)  # km; POINTING's field (60, -40) is in its zenith
 
@@ -129,3 +132,28 @@ def test_a_dispersed_sky_says_the_rate_that_is_in_the_image(camera):
         assert header["sky_rate"] * 150.0 == pytest.approx(state.image.mean(dtype=float), rel=1e-5)
         assert header["sky_rate"] != pytest.approx(state.filter.sky, rel=0.01)
     assert header["sky_rate"] == pytest.approx(sum(header[f"sky_{name}"] for name in COMPONENTS), rel=1e-5)
+
+
+def test_a_star_beside_the_frame_shines_on_it(camera):
+    """A star V 0 some 3000 px from the right edge: its wing in the header's starlight and, steep, on the pixels."""
+    state = flat_state(camera, sat_position=HIGH, sat_velocity=(6.0, 3.0, -2.1), exptime=1.0)
+    ra, dec = state.exposure.wcs.pixel_to_world(np.array([9216 + 3000.0]), np.array([4616.0]))
+    star = f"{ra[0]} {dec[0]} 0.0 6000"
+    light = {}
+    for name, stars in (("none", "0 89 4.9 6000"), ("one", star)):
+        lit_camera = replace(camera, sky=camera.sky | {"stars": stars})
+        parts = sky_background._components(replace(state.exposure, camera=lit_camera))["stars"]
+        light[name] = parts.reshape(round(len(parts) ** 0.5), -1)
+    assert light["none"].shape == (5, 5) and light["one"].shape == (65, 65)
+    wing = light["one"] - light["none"].mean()
+    row = wing[32]  # of the star
+    away = 3000.0 + 9215.0 - np.linspace(0, 9215, 65)
+    near = (away > 3100) & (away < 4800)  # where the transmittance is that of the wing
+    slope = np.polyfit(np.log(away[near]), np.log(row[near]), 1)[0]
+    assert -3.3 < slope < -2.9
+    scattered = make_wing(camera.scatter, state.filter.psf_wavelength, camera.telescope).profile(4000.0).mean()
+    numbers = sky_numbers(camera.sky)
+    wave = state.filter.wavelength
+    electrons = band(state.filter, blackbody_over_sun(wave, 6000.0, numbers)) * magnitude_ratio(0.0, numbers)
+    expected = electrons * camera.telescope.area_m2 * scattered
+    assert np.interp(4000.0, away[::-1], row[::-1]) == pytest.approx(expected, rel=0.25)  # azimuths differ by 20%

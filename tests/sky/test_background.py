@@ -12,11 +12,25 @@ from csstsim.base.sphere import angle, unit_vectors
 from csstsim.instrument.chip import Window
 from csstsim.instrument.pointing import mjd_utc
 from csstsim.sky import background
-from csstsim.sky.background import COMPONENTS, NODES, add_grid, band_rates, grid_mean, lines_of_sight, sky_components
+from csstsim.sky.background import (
+    COMPONENTS,
+    FINE_NODES,
+    NODES,
+    add_grid,
+    band_rates,
+    grid_mean,
+    in_band,
+    lines_of_sight,
+    refined,
+    sky_components,
+    sky_light,
+    star_light,
+)  # fmt: skip
 from csstsim.sky.background_spectra import band, blackbody_over_sun, magnitude_ratio, photons, solar_continuum, sunlight
 from csstsim.sky.bodies import bodies
 from csstsim.sky.directions import telescope_axes
 from csstsim.sky.earthshine import earthshine
+from csstsim.sky.starlight import faint_starlight
 from csstsim.sky.transmittance import angles, total
 from csstsim.sky.zodiacal import spectrum
 
@@ -146,7 +160,8 @@ def test_sun_in_and_out_of_the_doors_shade():
     turn, low = np.radians([door.opening_deg - 90.0, 25.0])
     shaded = door.length_m * (np.cos(turn) * np.tan(low) - np.sin(turn)) / (2 * door.tube_radius_m)
     open_ = sun(25.0, day) / (rates("r")["sun"] / SKY.sun_au**2) / (1 - shaded)
-    assert N.transmittance.matrix[8].min() <= open_ <= N.transmittance.matrix[8].max()  # the row of 25 deg
+    (row,) = N.transmittance.matrix[N.transmittance.zenith == 25.0]
+    assert row.min() <= open_ <= row.max()
     assert sun(35.0, night) == 0.0
 
 
@@ -164,13 +179,50 @@ def test_moon_hidden_by_the_earth_and_falling_with_angle():
     assert sky_at(boresight(across), place=behind, mjd=mjd)["moon"] == 0.0
 
 
-def test_stars_in_the_field_are_not_stray_light():
-    """Vega (ra 279.23, dec 38.78) on the axis, and 1 deg off it."""
-    place = over(unit_vectors(279.23, 38.78))
-    on, off = (sky_at(telescope_axes(279.23, 38.78 + step, 0.0), place=place)["stars"] for step in (0.0, 1.0))
-    vega = np.flatnonzero(np.abs(N.stars[:, 2] - 0.03) < 0.005)[0]
-    assert off == pytest.approx(1e-3 * rates("r")["stars"][vega], rel=0.2)
-    assert on < 1e-3 * off
+def test_a_star_of_the_list_by_hand():
+    """Vega (ra 279.23, dec 38.78, V 0.03, of 9500 to 10000 K) 1 deg off the axis, alone; left out: nothing but it."""
+    vega = int(np.argmin(angle(unit_vectors(*N.stars[:, :2].T), unit_vectors(279.23, 38.78))))
+    assert N.stars[vega, 2] == pytest.approx(0.03, abs=0.01)
+    axes = telescope_axes(279.23, 39.78, 0.0)
+    moment = MJD, tuple(over(axes[2])), VELOCITY
+    alone = np.arange(len(N.stars)) == vega
+    found = rates("r")["stars"] @ star_light(axes, axes[2][None], moment, N, alone)
+    light = band(CAMERA.filters["r"], blackbody_over_sun(CAMERA.filters["r"].wavelength, N.stars[vega, 3], N))
+    assert found == pytest.approx(1e-3 * 1e-10 * light * magnitude_ratio(0.03, N), rel=0.2)  # azimuths differ by 20%
+    nuv = CAMERA.filters["NUV"]
+    blue = band(nuv, blackbody_over_sun(nuv.wavelength, N.stars[vega, 3], N))
+    found_blue = rates("NUV")["stars"] @ star_light(axes, axes[2][None], moment, N, alone)
+    assert found_blue / found == pytest.approx(blue / light, rel=1e-9)
+    every, others = (
+        sky_components(rates("r"), axes, axes[2][None], moment, N, some)["stars"] for some in (None, ~alone)
+    )
+    assert every - others == pytest.approx(found, rel=1e-9)
+
+
+def test_faint_stars_without_the_list():
+    """No star of the list shines: what is left is the mean of the fainter ones, in their own colour."""
+    axes = telescope_axes(60.0, -40.0, 0.0)
+    place = over(axes[2])
+    light = sky_light(axes, axes[2][None], (MJD, tuple(place), VELOCITY), N, np.zeros(len(N.stars), bool))
+    wave = CAMERA.filters["r"].wavelength
+    one = band(CAMERA.filters["r"], blackbody_over_sun(wave, N.starlight.temperature, N)) * magnitude_ratio(10.0, N)
+    azimuth = angles(axes @ bodies(MJD, place, VELOCITY, N).sun)[1]
+    expected = 1e-10 * one * faint_starlight(axes, place, azimuth, N)
+    assert in_band(light, rates("r"))["stars"] == pytest.approx(expected, rel=1e-9) and expected > 1e-5
+
+
+def test_stars_by_line_of_sight():
+    """A mask of lines of sight and stars: each line sees its own."""
+    axes = telescope_axes(60.0, -40.0, 0.0)
+    moment = MJD, tuple(over(axes[2])), VELOCITY
+    sights = np.array([axes[2], unit_vectors(60.2, -40.1)])
+    shine = np.random.default_rng(4).random((2, len(N.stars))) < 0.5
+    both = star_light(axes, sights, moment, N, shine)
+    for k in range(2):
+        assert both[:, k] == pytest.approx(
+            star_light(axes, sights[k : k + 1], moment, N, shine[k])[:, 0], rel=1e-12, abs=0
+        )
+    assert (star_light(axes, sights, moment, N, np.zeros(len(N.stars), bool)) == 0).all()
 
 
 def test_faults():
@@ -260,3 +312,15 @@ def test_the_grid_lies_between_the_middles_of_the_outer_pixels():
     ((x, y),) = asked
     assert (x.min(), x.max(), y.min(), y.max()) == (100, 300, 50, 450)
     assert len(x) == NODES**2 and np.diff(np.unique(x)) == pytest.approx(200 / (NODES - 1))
+
+
+def test_a_finer_grid_is_the_same_image():
+    values = np.random.default_rng(10).uniform(1, 2, NODES**2)
+    fine = refined(values, FINE_NODES)
+    coarse_image, fine_image = np.zeros((2, 300, 211), np.float32)
+    add_grid(coarse_image, values)
+    add_grid(fine_image, fine)
+    assert np.allclose(coarse_image, fine_image, rtol=1e-6)
+    step = (FINE_NODES - 1) // (NODES - 1)
+    assert (fine.reshape(FINE_NODES, -1)[::step, ::step].ravel() == values).all()
+    assert grid_mean(fine) == pytest.approx(grid_mean(values), rel=1e-12)

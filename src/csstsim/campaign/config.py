@@ -117,6 +117,10 @@ class CatalogConfig(Model):
         default_factory=Lensing,
         description="weak lensing of the embedded universe; a catalogue of your own has columns for it",
     )
+    bright_stars: bool = Field(
+        False, description="true: the real stars V < 5 (config/instrument/sky.yaml) are among the embedded universe's "
+        "objects, whose own stars are fainter",
+    )  # fmt: skip
     shapes: Literal["normal", "rotated90"] = Field(
         "normal",
         description="'rotated90': select turns intrinsic ellipticities by 90 degrees and changes nothing else, nor the "
@@ -128,6 +132,8 @@ class CatalogConfig(Model):
     def _lensing_has_an_object(self):
         if self.kind != "embedded" and self.lensing.field == "constant":
             raise ValueError("lensing is for the embedded universe: give kappa, gamma1, gamma2 in your own catalogue")
+        if self.kind != "embedded" and self.bright_stars:
+            raise ValueError("bright_stars is for the embedded universe: give them in your own catalogue")
         if self.kind == "embedded" and self.options:
             raise ValueError("the embedded universe takes no options: they are for a catalogue of your own")
         return self

@@ -193,14 +193,22 @@ class OpenCampaign:
         return self.config.catalog.kind == "embedded"
 
     def universe_key(self):
-        """Return what decides the embedded bricks: {seed, universe, camera, lensing}."""
+        """Return what decides the embedded bricks: {seed, universe, camera, lensing, bright_stars}."""
         config = self.config
         return {
             "seed": config.seed,
             "universe": self.universe,
             "camera": self.camera,
             "lensing": config.catalog.lensing,
+            "bright_stars": self.bright_stars,
         }
+
+    @cached_property
+    def bright_stars(self):
+        """The real stars among the objects (sky.parameters.SkyNumbers.stars), or None. Raises InputError."""
+        from csstsim.sky.parameters import sky_numbers
+
+        return sky_numbers(self.camera.sky).stars if self.config.catalog.bright_stars else None
 
     @cached_property
     def universe(self):

@@ -103,6 +103,21 @@ def print_plan(run):
         f"wall time, nothing else running: {walls} cores (jobs that await each other take {duration(_chain(costs))})",
     ):
         Console().print(line, soft_wrap=True, highlight=False)
+    _print_sky(run)
+
+
+def _print_sky(run):
+    """Print the sky's range by band, if the layers use the stray-light model (campaign.sky_ranges)."""
+    from rich.console import Console
+
+    from csstsim.campaign.sky_ranges import angle_lines, sky_ranges, sky_table
+
+    levels, angles = sky_ranges(run)
+    if not levels:
+        return
+    Console().print(sky_table(levels))
+    for line in angle_lines(angles):
+        Console().print(line, soft_wrap=True, highlight=False)
 
 
 def wall(costs, cores):

@@ -27,6 +27,7 @@ READERS = {
     "share": (),
     "seed": ("truth", "select"),
     "catalog.lensing.*": ("truth",),
+    "catalog.bright_stars": ("truth",),
     "catalog.*": ("select",),
     "astrometry.*": ("select",),
     "psf.oversampling": ("psf", "select"),
@@ -77,6 +78,8 @@ class Recipes:
         """{dotted key: value} of the campaign file and of config/render.yaml, and digests of what the sky is of."""
         config = self._run.config
         sky = self._run.universe.digest if self._run.embedded else own_digests(self._run.catalog)
+        if (stars := self._run.bright_stars) is not None:
+            sky = [sky, digest(stars.tolist())]
         read = {"rendering": self._run.rendering.model_dump(), "validation": self._run.limits.model_dump(mode="json")}
         return flat(config.model_dump(mode="json") | read | {"sky": sky})
 

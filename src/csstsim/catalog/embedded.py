@@ -108,6 +108,7 @@ class EmbeddedCatalog(SceneCatalog):
     def _load(self):
         brick_file = self.options["brick_file"]
         key = {name: self.options[name] for name in ("seed", "universe", "camera", "lensing")}
+        key["bright_stars"] = self.options.get("bright_stars")
         parts, records = [], []
         for pix in self.region.bricks:
             brick = read_brick(brick_file(pix), brick_meta(pix=pix, **key))

@@ -1,15 +1,17 @@
 """Bricks: the embedded universe cut into HEALPix pixels of NSIDE 256 (order 8, nested), one parquet file each.
 
-A brick's content depends only on campaign seed, brick number, config/universe/, the dust map, the camera's filters and
-lensing, so any subset, made in any order on any machine, shows the same sky. A position is the centre of
-a random order-29 pixel of the brick (0.4 mas apart): HEALPix pixels of one order have equal area, so objects are
-uniform on the brick and exactly inside it. The files follow the HATS layout, with its `_healpix_29` column.
+A brick's content depends only on campaign seed, brick number, config/universe/, the dust map, the camera's filters,
+lensing, and the list of bright stars if the campaign asks for them. So any subset, made in any order on any machine,
+shows the same sky. A position is the centre of a random order-29 pixel of the brick (0.4 mas apart): HEALPix pixels of
+one order have equal area, so objects are uniform on the brick and exactly inside it. The files follow the HATS
+layout, with its `_healpix_29` column.
 """
 
 from functools import lru_cache, partial
 
 import numpy as np
 
+from csstsim.base.digest import digest
 from csstsim.base.errors import InputError
 from csstsim.base.healpix import BRICKS, HATS_ORDER, ORDER
 from csstsim.base.release import release
@@ -26,31 +28,34 @@ ID_BITS = 22  # id = brick x 2^22 + row
 SED_COLUMNS = ("sed_scale", *(f"coeff{k}" for k in range(COEFFICIENTS)))
 
 
-def make_brick(seed, pix, universe, camera, lensing):
-    """Return the ObjectTable of brick `pix`: stars, galaxies, then quasars.
+def make_brick(seed, pix, universe, camera, lensing, bright_stars=None):
+    """Return the ObjectTable of brick `pix`: stars, galaxies, quasars, then real bright stars.
 
-    universe: universe.parameters.Universe; camera: instrument.camera.Camera; lensing: config.Lensing. Magnitudes are
-    those of the spectra: with the Milky Way's extinction, without lensing magnification. Raises InputError for a brick
-    number that does not exist.
+    universe: universe.parameters.Universe; camera: instrument.camera.Camera; lensing: config.Lensing; bright_stars:
+    rows (n, 4) of universe.stars.bright_stars, or None for none. Magnitudes are those of the spectra: with the Milky
+    Way's extinction, without lensing magnification. Raises InputError for a brick number that does not exist.
     """
     if not 0 <= pix < BRICKS:
         raise InputError("no such brick", key="brick", value=pix, allowed=f"0..{BRICKS - 1}")
     stars = _stars(seed, pix, universe, camera)
     galaxies = _galaxies(seed, pix, universe, camera, lensing)
     quasars = _quasars(seed, pix, universe, camera, galaxies, lensing)
-    rows = len(stars) + len(galaxies) + len(quasars)
+    last = [] if bright_stars is None else [_bright(pix, universe, camera, bright_stars)]  # the others keep their ids
+    rows = len(stars) + len(galaxies) + len(quasars) + sum(map(len, last))
     if rows >= 2**ID_BITS:
         raise InputError(f"a brick holds at most {2**ID_BITS - 1} objects", file=universe.folder, value=rows)
     first = np.int64(pix) << ID_BITS
     host = quasars["host"]
     quasars = quasars.with_columns(host=np.where(host >= 0, first + len(stars) + host, -1))
-    table = ObjectTable.concat([stars, galaxies, quasars]).with_columns(id=first + np.arange(rows, dtype=np.int64))
+    table = ObjectTable.concat([stars, galaxies, quasars, *last]).with_columns(
+        id=first + np.arange(rows, dtype=np.int64)
+    )
     table = _with_magnitudes(table, universe, camera)
-    table.meta = brick_meta(seed, pix, universe, camera, lensing)
+    table.meta = brick_meta(seed, pix, universe, camera, lensing, bright_stars)
     return table
 
 
-def brick_meta(seed, pix, universe, camera, lensing):
+def brick_meta(seed, pix, universe, camera, lensing, bright_stars=None):
     """Return the inputs on which a brick's content depends, as recorded in its file."""
     return {
         "product": "truth brick",
@@ -60,12 +65,13 @@ def brick_meta(seed, pix, universe, camera, lensing):
         "universe": universe.digest,
         "camera": camera.digest_for("truth"),
         "lensing": lensing.model_dump(mode="json"),
+        "bright_stars": None if bright_stars is None else digest(bright_stars.tolist()),
     }
 
 
-def write_brick(path, pix, *, seed, universe, camera, lensing):
+def write_brick(path, pix, *, seed, universe, camera, lensing, bright_stars=None):
     """Make brick `pix` and write it (temporary name, fsync, rename)."""
-    make_brick(seed, pix, universe, camera, lensing).write(path)
+    make_brick(seed, pix, universe, camera, lensing, bright_stars).write(path)
 
 
 def read_brick(path, expect=None):
@@ -105,6 +111,12 @@ def _stars(seed, pix, universe, camera):
         "av": universe.r_v * universe.dust.star_ebv(columns["ra"], columns["dec"], distance),
     }
     return _complete(STAR, columns, camera)
+
+
+def _bright(pix, universe, camera, stars):
+    from csstsim.universe.stars.bright_stars import bright_stars
+
+    return _complete(STAR, bright_stars(pix, stars, universe.star_seds, universe.numbers["stars"]), camera)
 
 
 def _galaxies(seed, pix, universe, camera, lensing):

@@ -1,9 +1,9 @@
 """Sky background and stray light (paper, Appendix B item 2).
 
 Adds the expected sky of the band to every pixel: the filter's constant, or the model of csstsim.sky.background,
-averaged over the middles of the exposure's thirds. Behind gratings this is the sky of a complete first order;
-csstsim.sky.dispersed replaces it by all orders with their edges. The sky has the same flat field and shutter effect as
-the objects. Left out: change of the sky during the motion of the shutter, which differs between columns.
+averaged over three moments of the exposure (Gauss and Legendre). Behind gratings this is the sky of a complete first
+order; csstsim.sky.dispersed replaces it by all orders with their edges. The sky has the same flat field and shutter
+effect as the objects. Left out: change of the sky during the motion of the shutter, which differs between columns.
 """
 
 import numpy as np
@@ -17,12 +17,15 @@ from csstsim.optics.throughput.flat import check_flat
 from csstsim.sky import background
 from csstsim.sky.bodies import exposure_angles
 from csstsim.sky.directions import telescope_axes
+from csstsim.sky.near_stars import stars_about
 from csstsim.sky.parameters import sky_numbers
 
 STAGE = "render"
 UNITS = ("electron", "electron")
 FRAME = ("active", "active")
 EXPOSURES = ("SCIE",)
+# Moments of an exposure, as parts of it, and their weights: 0.1% while the limb moves by 10 deg
+PARTS, WEIGHTS = 0.5 + np.array([-0.5, 0.0, 0.5]) * np.sqrt(0.6), np.array([5.0, 8.0, 5.0]) / 18
 
 
 class Param(LayerParam):
@@ -32,8 +35,8 @@ class Param(LayerParam):
     flat_fielding: bool = Field(True, description="vignetting and internal flat: the reversal of the flat correction")
     shutter_effect: bool = Field(True, description="the shutter exposes columns for different times")
     enable_straylight_model: bool = Field(
-        False, description="true = zodiacal light, earthshine, Sun, Moon, planets and stars outside the field, at the "
-        "exposure's time and place; false = the filter's constant `sky`",
+        False, description="true = zodiacal light, earthshine, Sun, Moon, planets and stars that are not drawn, at "
+        "the exposure's time and place; false = the filter's constant `sky`",
     )  # fmt: skip
 
 
@@ -129,14 +132,28 @@ def _add(image, sky, response):
 
 
 def _components(exposure):
-    """Return {component: e-/s/px at the nodes of a grid}, averaged over the exposure."""
+    """Return {component: e-/s/px at the nodes of a grid}, averaged in time; the grid is fine if a star is beside."""
     pointing, telescope, numbers = exposure.pointing, exposure.telescope, sky_numbers(exposure.camera.sky)
     rates = background.band_rates(exposure.filter, telescope, exposure.chip.detector.pixel_um, numbers)
     axes = telescope_axes(pointing.ra, pointing.dec, pointing.pa, telescope.parity)
+    away, beside = stars_about(exposure, numbers)
     sights = background.lines_of_sight(exposure.wcs, exposure.window)
-    thirds = []
-    for after in exposure.exptime * np.array([1, 3, 5]) / 6:
-        place = orbit_after(pointing.sat_position, pointing.sat_velocity, after)
-        moment = pointing.mjd + after / DAY_S, *place
-        thirds.append(background.sky_components(rates, axes, sights, moment, numbers))
-    return {name: sum(third[name] for third in thirds) / 3 for name in background.COMPONENTS}
+    moments = [_moment(pointing, exposure.exptime * part) for part in PARTS]
+    lit = [background.sky_components(rates, axes, sights, moment, numbers, away) for moment in moments]
+    parts = {name: _mean([one[name] for one in lit]) for name in background.COMPONENTS}
+    if beside.any():
+        parts = {name: background.refined(part, background.FINE_NODES) for name, part in parts.items()}
+        fine = background.lines_of_sight(exposure.wcs, exposure.window, background.FINE_NODES)
+        light = [background.star_light(axes, fine, moment, numbers, beside) for moment in moments]
+        parts["stars"] += np.einsum("k,km->m", rates["stars"], _mean(light))
+    return parts
+
+
+def _moment(pointing, after):
+    """Return (UTC MJD, position, velocity) of the spacecraft `after` seconds from the start."""
+    return pointing.mjd + after / DAY_S, *orbit_after(pointing.sat_position, pointing.sat_velocity, after)
+
+
+def _mean(values):
+    """Return the mean over the exposure of values at PARTS."""
+    return sum(weight * value for weight, value in zip(WEIGHTS, values, strict=True))

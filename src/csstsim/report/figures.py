@@ -47,7 +47,7 @@ def brick_figure(result, arrays, looks, *, threshold=None, snr_min=None):
         f"Brick {result['brick']} (NSIDE 256, nested): {number_of(result['sources'], 'merged source')}{purity}, "
         f"{number_of(result['truth'], 'true object')}, {number_of(result['frames'], 'frame')}"
     )
-    return _png(figure)
+    return png(figure)
 
 
 def _arranged(groups):
@@ -55,7 +55,7 @@ def _arranged(groups):
 
     A function draws into axes and returns whether there was anything to draw. Each group begins a row.
     """
-    figure = _figure((13.0, 1.0))
+    figure = new_figure((13.0, 1.0))
     rows = []
     for columns, height, draws in groups:
         tried = [(figure.add_subplot(), draw) for draw in draws]
@@ -78,7 +78,7 @@ def sky_map(footprints, bricks, looks, pointings=()):
     report.style.looks; `pointings`: [(ra, dec)] of the boresights. They are shown in a second panel, because they may
     lie far from the windows of a small region.
     """
-    figure = _figure((15.0, 7.0) if pointings else (9.0, 7.5))
+    figure = new_figure((15.0, 7.0) if pointings else (9.0, 7.5))
     near, *far = figure.subplots(1, 2 if pointings else 1, squeeze=False)[0]
     corners = [brick_corners(pix) for pix in bricks]
     centre = _centre([(ra, dec) for _, ra, dec in footprints] + corners)
@@ -99,7 +99,7 @@ def sky_map(footprints, bricks, looks, pointings=()):
         axes.set_title(f"Boresights (+): {len(pointings)}", fontsize=10)
     if footprints:
         (far or [near])[0].legend(title="filter", fontsize=8, loc="center left", bbox_to_anchor=(1.01, 0.5))
-    return _png(figure)
+    return png(figure)
 
 
 def _windows(axes, footprints, looks, centre):
@@ -205,7 +205,8 @@ def _offsets(ra, dec, centre):
     return stretch * np.cos(dec) * np.sin(ra - ra0), stretch * north
 
 
-def _figure(size):
+def new_figure(size):
+    """Return an empty matplotlib figure of a size [inch], without pyplot's window."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -214,7 +215,8 @@ def _figure(size):
     return figure
 
 
-def _png(figure):
+def png(figure):
+    """Return a figure as the bytes of a PNG."""
     stream = io.BytesIO()
     figure.savefig(stream, format="png")
     return stream.getvalue()

@@ -13,7 +13,7 @@ GATE = {"name": "gate", "band": "band", "value": "value", "threshold": "threshol
 
 def write_report(
     path, summary, results, *, sky=(), exposures=(), products=(), figures=None, sky_map=None, mosaic=None, spectra=(),
-    links=None, provenance=None, layers=(), times=(), labels=None,
+    stray_light=(), links=None, provenance=None, layers=(), times=(), labels=None,
 ):  # fmt: skip
     """Write the report to `path`; all text is escaped.
 
@@ -24,6 +24,7 @@ def write_report(
     products     list of (kind of product, number of files, their size, tuple of parts.Link)
     figures      {brick: PNG bytes}; sky_map: PNG bytes
     mosaic       the focal plane (report.mosaic)
+    stray_light  parts on the sky of each exposure
     spectra      list of (title, PNG bytes or None, *Links) of spectroscopic frames
     links        {brick: (Link, ...)}: its files
     provenance   {label: value}: version, date, host, hashes, seed
@@ -43,6 +44,7 @@ def write_report(
         Section("plane", "Focal plane", [mosaic] if mosaic else []),
         Section("spectra", "Spectra", _spectra(spectra)),
         Section("sky", "Where it lies", _figure(sky_map, SKY)),
+        Section("straylight", "Zodiacal and stray light", list(stray_light)),
         Section("gates", "Gates", _gates(judged["gates"], labels)),
         Section("bricks", "Bricks", _brick_table(results, links, labels)),
         Section("validation", "Validation by brick", _bricks(results, figures or {}, links, labels)),

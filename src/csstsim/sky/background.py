@@ -3,12 +3,11 @@
 The model's components [e-/s/px] are computed on a coarse grid of lines of sight and interpolated bilinearly:
 
     zodiacal                          of the field itself (csstsim.sky.zodiacal)
-    earth, sun, moon, planets, stars  stray light from outside the field: point-source transmittance and aperture door;
-                                      sources behind the Earth give none
+    earth, sun, moon, planets, stars  stray light from where nothing is drawn: point-source transmittance and aperture
+                                      door; sources behind the Earth give none; stars: csstsim.sky.starlight
 
-Left out: scattered light and ghosts of objects in the field, which are not background; stars fainter than the star
-list and zodiacal light from outside the field (0.1% of the diffuse sky scatters in); airglow, which above the orbit has
-only lines shortward of the bands.
+Left out: scattered light and ghosts of objects that are drawn, which are not background; zodiacal light from outside
+the field (0.1% of the diffuse sky scatters in); airglow, which above the orbit has only lines shortward of the bands.
 """
 
 import numpy as np
@@ -18,12 +17,14 @@ from csstsim.base.sphere import angle, unit_vectors
 from csstsim.sky import zodiacal
 from csstsim.sky.background_spectra import band, blackbody_over_sun, magnitude_ratio, pixel_etendue, sunlight
 from csstsim.sky.bodies import bodies, earth_radius
-from csstsim.sky.directions import helioecliptic
+from csstsim.sky.directions import helioecliptic, in_telescope
 from csstsim.sky.earthshine import earthshine
+from csstsim.sky.starlight import FAINT_MAGNITUDE, faint_starlight, star_directions
 from csstsim.sky.transmittance import angles, total
 
 COMPONENTS = ("zodiacal", "earth", "sun", "moon", "planets", "stars")
-NODES = 5  # per side; bilinear interpolation errs by 2% for a star 0.3 deg off the chip
+NODES = 5  # per side; bilinear interpolation errs by 2% for a star 0.4 deg off the chip
+FINE_NODES = 65  # of stars that are nearer: 1% for one whose wings just end before the frame
 
 
 def sky_electrons(filter_, exptime):
@@ -32,33 +33,35 @@ def sky_electrons(filter_, exptime):
 
 
 def band_rates(filter_, telescope, pixel_um, numbers):
-    """Return the rate of each source in a band [e-/s/px], {name: float or array}, for `sky_components`.
+    """Return what each kind of `sky_light` gives in a band [e-/s/px], {name: float or array}, for `in_band`.
 
     zodiacal (2,): for I = 1 in the law's two colours. The others are for transmittance 1. sun: at 1 au; earth: the
-    same sunlight times the Earth's albedo, to be multiplied by `earthshine`; stars (n,).
+    same sunlight times the Earth's albedo; stars (kinds,), starlight: a star as bright in V as the Sun.
     """
     wave, pixel = filter_.wavelength, (1e-6 * pixel_um) ** 2
     sun = sunlight(wave, numbers)
     earth = numbers.earth.albedo * np.interp(wave, *numbers.earth.spectrum.T)
-    shapes = [band(filter_, blackbody_over_sun(wave, kelvin, numbers)) for kelvin in numbers.stars[:, 3]]
+    kelvins = [*np.unique(numbers.stars[:, 3]), numbers.starlight.temperature]
+    shapes = pixel * np.array([band(filter_, blackbody_over_sun(wave, kelvin, numbers)) for kelvin in kelvins])
     return {
         "zodiacal": pixel_etendue(telescope) * band(filter_, zodiacal.spectrum(wave, numbers)),
         "sun": pixel * band(filter_, sun),
         "earth": pixel * band(filter_, sun * earth),
-        "stars": pixel * np.array(shapes) * magnitude_ratio(numbers.stars[:, 2], numbers),
+        "stars": shapes[:-1],
+        "starlight": shapes[-1],
     }
 
 
-def sky_components(rates, axes, sights, moment, numbers):
-    """Return {component: (m,) e-/s/px} for lines of sight (m, 3), unit vectors on GCRS axes.
+def sky_light(axes, sights, moment, numbers, stars=None):
+    """Return the light of every source along lines of sight (m, 3), of no band yet: `in_band` makes components of it.
 
-    rates: from `band_rates`; axes: sky.directions.telescope_axes; moment: (UTC MJD, position [km], velocity [km/s]) of
-    the spacecraft, geocentric GCRS; numbers: SkyNumbers. Raises InputError if the Earth is in the way, or the Sun is
-    closer than the table of zodiacal light reaches.
+    axes: sky.directions.telescope_axes; sights: unit vectors on GCRS axes; moment: (UTC MJD, position [km], velocity
+    [km/s]) of the spacecraft, geocentric GCRS; numbers: SkyNumbers; stars: which of the list shine, bool (n,) or
+    (m, n); None: all. Raises InputError if the Earth is in the way, or the Sun is closer than the table of zodiacal
+    light reaches.
     """
     place = np.asarray(moment[1], dtype=float)
-    radius = np.degrees(earth_radius(place))
-    limb = float(angle(axes[2], -place) - radius)
+    limb = float(angle(axes[2], -place) - np.degrees(earth_radius(place)))
     if limb < 0:
         raise InputError(
             "the telescope looks at the Earth", key="limb angle [deg]", value=round(limb, 2), allowed="> 0"
@@ -67,47 +70,84 @@ def sky_components(rates, axes, sights, moment, numbers):
     longitude, latitude = helioecliptic(sights, sky.sun)
     level = zodiacal.intensity(longitude, latitude, numbers)
     share = zodiacal.mixture(zodiacal.elongation(longitude, latitude), numbers)
-
-    own, sights = (np.einsum("ij,nj->ni", axes, v) for v in (np.array([sky.sun]), sights))
-    door_azimuth = angles(own)[1][0]
-
-    def stray(directions, weights, field=True):
-        """Light of point sources: those behind the Earth, and those in the field if `field`, are left out."""
-        seen = np.einsum("ij,nj->ni", axes, directions)
-        weights = np.where(angle(directions, -place) > radius, weights, 0.0)
-        if field:
-            weights = np.where(_in_field(seen, numbers.field), 0.0, weights)
-        return np.einsum("mn,n->m", total(seen, sights, door_azimuth, numbers), weights)
-
-    planets = rates["sun"] * magnitude_ratio(sky.planet_magnitudes, numbers)
-    moon = rates["sun"] * magnitude_ratio([sky.moon_magnitude], numbers)
+    door_azimuth, own = angles(axes @ sky.sun)[1], in_telescope(axes, sights)
+    planets = magnitude_ratio(sky.planet_magnitudes, numbers)
+    sources = np.array([sky.sun, sky.moon, *sky.planets])
+    transmitted = seen_past_the_earth(sources, axes, own, place, door_azimuth, numbers)
     return {
-        "zodiacal": np.einsum("k,km,m->m", rates["zodiacal"], share, level),
-        "earth": rates["earth"] / sky.sun_au**2 * earthshine(place, sky.sun, axes, sights, door_azimuth, numbers),
-        "sun": stray(sky.sun[None], np.array([rates["sun"] / sky.sun_au**2]), field=False),
-        "moon": stray(sky.moon[None], moon, field=False),
-        "planets": stray(sky.planets, planets),
-        "stars": stray(unit_vectors(*numbers.stars[:, :2].T), rates["stars"]),
+        "zodiacal": share * level,
+        "earth": earthshine(place, sky.sun, axes, own, door_azimuth, numbers) / sky.sun_au**2,
+        "sun": transmitted[:, 0] / sky.sun_au**2,
+        "moon": transmitted[:, 1] * magnitude_ratio(sky.moon_magnitude, numbers),
+        "planets": np.einsum("mn,n->m", transmitted[:, 2:], planets),
+        "stars": star_light(axes, sights, moment, numbers, stars),
+        "starlight": magnitude_ratio(FAINT_MAGNITUDE, numbers) * faint_starlight(axes, place, door_azimuth, numbers),
     }
 
 
-def _in_field(seen, field):
-    x, y, z = seen.T
-    tangent = np.tan(np.radians(field))
-    return (z > 0) & (np.abs(x) < tangent[0] * z) & (np.abs(y) < tangent[1] * z)
+def star_light(axes, sights, moment, numbers, stars=None):
+    """Return (kinds, m): light of the stars of the list by temperature, over that of the Sun at 1 au (`sky_light`)."""
+    directions, kinds = star_directions(numbers), np.unique(numbers.stars[:, 3], return_inverse=True)[1]
+    shine = np.ones(len(kinds), bool) if stars is None else stars
+    some = np.flatnonzero(shine.any(axis=0) if shine.ndim > 1 else shine)
+    door_azimuth = angles(axes @ bodies(*moment, numbers).sun)[1]
+    own = in_telescope(axes, sights)
+    light = seen_past_the_earth(directions[some], axes, own, np.asarray(moment[1], float), door_azimuth, numbers)
+    light *= magnitude_ratio(numbers.stars[some, 2], numbers) * shine[..., some]
+    summed = np.zeros((kinds.max(initial=-1) + 1, len(sights)))
+    np.add.at(summed, kinds[some], light.T)
+    return summed
 
 
-def lines_of_sight(wcs, window):
-    """Return (NODES^2, 3): unit vectors of the grid over the window's pixel centres, rows along x."""
-    x, y = np.meshgrid(np.linspace(window.x0, window.x1 - 1, NODES), np.linspace(window.y0, window.y1 - 1, NODES))
+def seen_past_the_earth(directions, axes, own, place, door_azimuth, numbers):
+    """Return (m, n): the transmittance of sources (n, 3) to lines of sight `own` (m, 3); 0 for those behind the Earth.
+
+    directions: GCRS; own: in the telescope's frame; place: array [km].
+    """
+    light = total(in_telescope(axes, directions), own, door_azimuth, numbers)
+    return light * (angle(directions, -place) > np.degrees(earth_radius(place)))
+
+
+def in_band(light, rates):
+    """Return {component: (m,) e-/s/px} of a `sky_light` in the band of `rates` (`band_rates`)."""
+    parts = {name: rates["sun"] * light[name] for name in ("sun", "moon", "planets")}
+    return {
+        "zodiacal": np.einsum("k,km->m", rates["zodiacal"], light["zodiacal"]),
+        "earth": rates["earth"] * light["earth"],
+        **parts,
+        "stars": np.einsum("k,km->m", rates["stars"], light["stars"]) + rates["starlight"] * light["starlight"],
+    }
+
+
+def sky_components(rates, axes, sights, moment, numbers, stars=None):
+    """Return {component: (m,) e-/s/px} for lines of sight (m, 3): `in_band` of `sky_light`."""
+    return in_band(sky_light(axes, sights, moment, numbers, stars), rates)
+
+
+def lines_of_sight(wcs, window, nodes=NODES):
+    """Return (nodes^2, 3): unit vectors of the grid over the window's pixel centres, rows along x."""
+    x, y = np.meshgrid(np.linspace(window.x0, window.x1 - 1, nodes), np.linspace(window.y0, window.y1 - 1, nodes))
     return unit_vectors(*wcs.pixel_to_world(x.ravel(), y.ravel()))
 
 
 def grid_mean(values):
     """Return the mean of the bilinear image that `add_grid` makes from the values at `lines_of_sight`."""
-    end = np.ones(NODES)
+    nodes = _side(values)
+    end = np.ones(nodes)
     end[[0, -1]] = 0.5
-    return float(np.einsum("i,j,ij->", end, end, values.reshape(NODES, NODES)) / (NODES - 1) ** 2)
+    return float(np.einsum("i,j,ij->", end, end, values.reshape(nodes, nodes)) / (nodes - 1) ** 2)
+
+
+def refined(values, nodes):
+    """Return (nodes^2,): the bilinear image of `values` at the nodes of a finer grid, which has those of `values`."""
+    side = _side(values)
+    old, new = np.linspace(0.0, 1.0, side), np.linspace(0.0, 1.0, nodes)
+    along = np.array([np.interp(new, old, row) for row in values.reshape(side, side)])
+    return np.array([np.interp(new, old, column) for column in along.T]).T.ravel()
+
+
+def _side(values):
+    return round(len(values) ** 0.5)
 
 
 def add_grid(image, values, rows=slice(None), height=None):
@@ -117,10 +157,11 @@ def add_grid(image, values, rows=slice(None), height=None):
     """
     from csstsim.sky.frames import expand
 
+    nodes = _side(values)
     v, u = (
-        np.linspace(0.0, NODES - 1, n) if n > 1 else np.zeros(1) for n in (height or image.shape[0], image.shape[1])
+        np.linspace(0.0, nodes - 1, n) if n > 1 else np.zeros(1) for n in (height or image.shape[0], image.shape[1])
     )
     v = v[rows]
-    lower, columns = (np.minimum(place.astype(int), NODES - 2) for place in (v, u))
-    starts = np.searchsorted(columns, np.arange(NODES))
-    expand(image, values.reshape(NODES, NODES), lower, v - lower, starts, (u - columns).astype(np.float32))
+    lower, columns = (np.minimum(place.astype(int), nodes - 2) for place in (v, u))
+    starts = np.searchsorted(columns, np.arange(nodes))
+    expand(image, values.reshape(nodes, nodes), lower, v - lower, starts, (u - columns).astype(np.float32))

@@ -25,6 +25,11 @@ def telescope_axes(ra, dec, pa, parity=1):
     return np.stack([x, y, z])
 
 
+def in_telescope(axes, directions):
+    """Return vectors (n, 3) on GCRS axes in the telescope's frame; axes: `telescope_axes`."""
+    return np.einsum("ij,nj->ni", axes, directions)
+
+
 def helioecliptic(direction, sun):
     """Return ecliptic longitude from the Sun (-180..180) and latitude [deg] of unit vectors (..., 3) on ICRS axes."""
     longitude, latitude = _ecliptic(direction)

@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator
 
 from csstsim.base.errors import InputError
-from csstsim.base.model import Data, Number, Whole, must, validate
+from csstsim.base.model import Data, Number, Positive, Whole, must, validate
 
 
 def _array(*shape):
@@ -36,6 +36,13 @@ def _table(*axes):
         return values
 
     return Annotated[_array(None, None), AfterValidator(check)]
+
+
+def _rows(value):
+    """Return the rows of numbers in a text, "1 2, 3 4": YAML reads thousands of numbers as one scalar; lists as is."""
+    if not isinstance(value, str):
+        return value
+    return [[float(number) for number in row.split()] for row in value.split(",")]
 
 
 Axis = Annotated[_array(None), must(lambda axis: (np.diff(axis) > 0).all(), "must rise")]
@@ -101,6 +108,15 @@ class Bodies(Data):
 
 
 @dataclass(frozen=True, eq=False)
+class Starlight(Data):
+    """Stars too faint for the list, together: stars of V = 10 per square degree by |galactic latitude| [deg]."""
+
+    latitude: Axis
+    brightness: Annotated[_array(None), must(lambda light: (light >= 0).all(), "must not be negative")]
+    temperature: Positive
+
+
+@dataclass(frozen=True, eq=False)
 class SkyNumbers(Data):
     """All of sky.yaml."""
 
@@ -110,8 +126,8 @@ class SkyNumbers(Data):
     door: Door
     transmittance: Transmittance
     bodies: Bodies
-    field: _array(2)
-    stars: _array(None, 4)
+    starlight: Starlight
+    stars: Annotated[_array(None, 4), BeforeValidator(_rows)]
 
 
 def sky_numbers(data, file="sky.yaml"):

@@ -21,6 +21,7 @@ from csstsim.io.keywords import git_commit
 from csstsim.io.paths import made
 from csstsim.report.parts import Link
 from csstsim.stages.parts.report_pictures import by_exposure, focal_plane, sky_pictures
+from csstsim.stages.parts.sky_of_frames import sky_of_frames
 
 EMBEDDED = 5_000_000  # bytes of figures of bricks and spectra in the page; the others are linked
 LINKED = 500  # files of a kind that the page links one by one
@@ -58,6 +59,7 @@ def report(run):
             shown, sorted({(job.pointing.ra, job.pointing.dec) for job in science}),
         ) if science else None,
         mosaic=focal_plane(run, shown),
+        stray_light=sky_of_frames(run, shown),
         spectra=[_spectra(run, job, budget) for job in progress(run.slitless_jobs, "spectra")],
         provenance=_provenance(run),
         layers=_layers(run),

@@ -1,0 +1,47 @@
+"""The report's section on the sky of exposures with the stray-light model, from the headers of Level-0 files."""
+
+import numpy as np
+
+from csstsim.base.process.progress import progress
+from csstsim.campaign.sky_ranges import MUCH, much_earthshine, with_the_model
+from csstsim.io.fits import open_fits, read_header
+from csstsim.report.parts import Figure, Paragraph, Table
+from csstsim.sky.background import COMPONENTS
+
+
+def sky_of_frames(run, looks):
+    """Return the parts of the section: a figure and a table by band; [] without the model, or without its keywords.
+
+    One chip a band is read in each exposure. looks: report.style.looks. Raises InputError for an unreadable file.
+    """
+    from csstsim.report.stray_panel import sky_by_exposure
+
+    cards = [entry for entry in run.camera.keywords if entry.get("hdu") == 0]
+    entries = {entry["from"]: entry["keyword"] for entry in cards if "from" in entry}
+    wanted = {name: entries.get(f"sky_{name}") for name in COMPONENTS} | {"limb": entries.get("limb_angle")}
+    jobs = [job for chips in with_the_model(run).values() for job in chips.values()]
+    if None in wanted.values() or not jobs:
+        return []
+    found = {}
+    for job in progress(sorted(jobs, key=lambda job: job.pointing.mjd), "sky of frames"):
+        path = run.paths.level0(job)
+        with open_fits(path) as file:
+            header = read_header(file[0], path)
+        rows = found.setdefault(job.chip.filter, {name: [] for name in wanted})
+        for name, keyword in wanted.items():
+            rows[name].append(float(header[keyword]))
+    bands = [band for band in run.camera.filters if band in found]
+    levels = {band: {name: np.array(values) for name, values in found[band].items()} for band in bands}
+    limbs = {band: rows.pop("limb") for band, rows in levels.items()}
+    text = "The stray-light model is on. Rates are means over one chip a band, from the headers: least, median, most."
+    head = "band", *(f"{name} [e-/s/px]" for name in COMPONENTS), f"earthshine above {MUCH:.0%} of zodiacal light"
+    rows = [
+        (band, *(_three(parts[name]) for name in COMPONENTS), f"{much_earthshine(parts):.0%} of exposures")
+        for band, parts in levels.items()
+    ]
+    figure = Figure(sky_by_exposure(levels, limbs, looks), "The sky by exposure, and earthshine by limb angle")
+    return [Paragraph(text), figure, Table(head, rows, "bands")]
+
+
+def _three(values):
+    return ", ".join(f"{value:.2g}" for value in (values.min(), np.median(values), values.max()))

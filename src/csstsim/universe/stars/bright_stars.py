@@ -1,0 +1,40 @@
+"""Real stars brighter than the embedded universe's own: each has its place, its V magnitude and its temperature.
+
+A star's spectrum is that of its temperature, scaled to its V at 5500 angstrom: V = 0 is 3636 Jy there, an AB magnitude
+of 0 within 0.002 mag (Bessell, Castelli & Plez 1998, A&A 333, 231). V includes the extinction, so it has none of its
+own. Left out: proper motion and parallax, companions, variability.
+"""
+
+import numpy as np
+
+from csstsim.base.errors import InputError
+from csstsim.base.healpix import HATS_ORDER, ORDER
+from csstsim.base.units import ab_photon_density
+
+_WINDOW = 5250.0, 5750.0  # angstrom: single lines matter little in the mean
+
+
+def bright_stars(pix, stars, seds, numbers):
+    """Return the columns of the bright stars in brick `pix` as a dict of arrays of one length.
+
+    stars: (n, 4) ra, dec [deg], V, temperature [K]; seds: universe.stars.star_sed.StarSeds; numbers: those of
+    config/universe/stars.yaml. Columns: ra, dec [deg], _healpix_29, teff [K], logg, feh, sed_scale. Raises InputError
+    if the numbers have no section `bright`.
+    """
+    import healpy
+
+    healpix = healpy.ang2pix(1 << HATS_ORDER, stars[:, 0], stars[:, 1], nest=True, lonlat=True)
+    here = np.flatnonzero(healpix >> 2 * (HATS_ORDER - ORDER) == pix)
+    ra, dec = healpy.pix2ang(1 << HATS_ORDER, healpix[here], nest=True, lonlat=True)
+    magnitude, teff = stars[here, 2], stars[here, 3]
+    try:
+        giants, dwarfs = numbers["bright"]["logg"]
+        logg = np.where(teff < numbers["bright"]["giants_below"], giants, dwarfs)
+    except (KeyError, TypeError, ValueError) as exc:
+        raise InputError(f"a number is missing or wrong: {exc}", file="universe/stars.yaml", key="bright") from exc
+    columns = {"ra": ra, "dec": dec, "_healpix_29": healpix[here], "teff": teff, "logg": logg}
+    columns["feh"] = np.zeros(len(here))
+    wave = np.arange(_WINDOW[0], _WINDOW[1] + 1, 5.0)
+    surface = seds.surface(teff, logg, columns["feh"], wave) if len(here) else np.ones((0, len(wave)))
+    wanted = ab_photon_density(wave, magnitude[:, None]).mean(axis=1)
+    return columns | {"sed_scale": wanted / surface.mean(axis=1)}
