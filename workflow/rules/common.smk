@@ -15,6 +15,7 @@ from csstsim.campaign.running.one_by_one import forget
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.products import kinds, summary
 from csstsim.base.errors import CsstsimError
+from csstsim.io.level0_names import FORMS
 from csstsim.io.output_owner import claim_output
 from csstsim.optics.psf.sampling import psf_cube
 
@@ -58,6 +59,7 @@ JOB_OF = {"stages": "stages", "whole": "chip", "exposure": "exposure"}  # rules
 if CHIPS_AS not in JOB_OF:
     raise WorkflowError(f"chips: {CHIPS_AS}; allowed: {', '.join(JOB_OF)}")
 OUT = str(RUN.paths.output)
+ENDING = FORMS[RUN.config.level0_names].ending
 CHIPS = str(RUN.paths.chips)
 kept = (lambda path: path) if RUN.config.keep == "light" else temp  # what render makes
 

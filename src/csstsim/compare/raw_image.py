@@ -29,7 +29,7 @@ class RawImage:
         stored = self.planes[plane]
         if self.layout == EXTENSIONS:
             return stored[block.channel]
-        if self.layout == "mosaic":
+        if self.layout != "channels":
             return stored[block.whole][block.as_read]
         return stored[:, block.stored_x0 : block.stored_x0 + self.readout.block_nx]
 

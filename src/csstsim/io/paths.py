@@ -8,21 +8,18 @@
     report/index.html verdict.json  look/{obsid}_{chip}.png
 
 chips/ has the files passed between a chip's stages; it may be elsewhere (`scratch`), on a node's own disk.
-Bricks use the HATS directory layout (nested HEALPix order 8, NSIDE 256); bricks.hats makes catalogues of them.
+The names of Level-0 files have the form that the campaign chooses (io.level0_names). Bricks use the HATS directory
+layout (nested HEALPix order 8, NSIDE 256); bricks.hats makes catalogues of them.
 """
 
-import re
 from pathlib import Path
 
 from csstsim.base.errors import InputError
-
-# File-name code of each exposure type (facts.md section 4: WIDE in the C9 release; the others by their own name).
-KIND = {"SCIE": "WIDE", "BIAS": "BIAS", "DARK": "DARK", "FLAT": "FLAT"}
+from csstsim.io.level0_names import FORMS, NEWEST
 
 # Suffixes of the files that accompany a Level-0 file under its name.
 TRUTH, ORDERS, COSMIC = ".truth.parquet", ".orders.parquet", ".cosmic.fits"
 LIGHT = "render.fits", "drawn.parquet", "orders.parquet"  # what render makes for a chip; may be kept
-STEM = re.compile(r"CSST_MSC_MS_([A-Z]+)_\d{14}_\d{14}_(\d{9,14})_(\d{2})_L0_V01")  # kind, obsid, chip
 
 
 def made(path, command):
@@ -33,10 +30,13 @@ def made(path, command):
 
 
 class Paths:
-    """The products of one campaign under its output folder, its intermediates under `scratch` if that is given."""
+    """The products of one campaign under its output folder, its intermediates under `scratch` if that is given.
 
-    def __init__(self, output, scratch=None):
-        self.output = Path(output)
+    names: the form of the names of Level-0 files, of io.level0_names.FORMS.
+    """
+
+    def __init__(self, output, scratch=None, names=NEWEST):
+        self.output, self._form = Path(output), FORMS[names]
         self.chips = Path(scratch or output) / "chips"
 
     def _hats(self, kind, pix, form="{}"):
@@ -74,11 +74,15 @@ class Paths:
 
     def level0(self, job):
         """A chip's Level-0 FITS file; job: campaign.job.Job."""
-        return self.output / "level0" / job.obsid / f"{level0_stem(job)}.fits"
+        return self.output / "level0" / job.obsid / f"{self._form.stem(job)}.fits"
 
     def level0_truth(self, job):
         """The table of drawn objects beside the Level-0 file, parquet."""
         return self.level0(job).with_suffix(TRUTH)
+
+    def level0_catalogue(self, job):
+        """Where readers of the campaign's form of names look for the truth as an ASCII catalogue."""
+        return self.output / "level0" / job.obsid / f"{self._form.catalogue(job)}.cat"
 
     def level0_orders(self, job):
         """The truth of dispersed light, order by order (io.orders), of a spectroscopic chip's science exposure."""
@@ -120,9 +124,3 @@ class Paths:
     def report(self):
         """The campaign's report, HTML."""
         return self.output / "report" / "index.html"
-
-
-def level0_stem(job):
-    """Return the Level-0 file name without suffix: CSST_MSC_MS_{kind}_{start}_{end}_{obsid}_{chip}_L0_V01."""
-    times = "_".join(f"{moment:%Y%m%d%H%M%S}" for moment in (job.pointing.start, job.pointing.end))
-    return f"CSST_MSC_MS_{KIND[job.pointing.type]}_{times}_{job.obsid}_{job.chip.id:02d}_L0_V01"

@@ -66,7 +66,7 @@ def calibrated_frame(run, job):
     return file, to_electrons(
         file.frame(), file.readout, file.gain, nonlinearity=file.nonlinearity, adc_max=detector.adc_max,
         full_well=detector.full_well, response=response, bad=bad, offset=offset,
-        correct=correct,
+        correct=correct, levels=file.levels,
     )  # fmt: skip
 
 
