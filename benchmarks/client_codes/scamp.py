@@ -1,0 +1,100 @@
+"""SCAMP on the frames of a pointing, against a reference catalogue of the mock's stars.
+
+The reference has ICRS places at the epoch of the exposures, with proper motion and parallax: what a survey would take
+from Gaia. Aberration is in the frames and not in the reference, so SCAMP's solution must take it up: its shift of 20",
+and its gradient over a chip, which is linear to 0.1 mas. The solution then maps pixels to ICRS.
+"""
+
+import re
+import warnings
+
+import numpy as np
+from astropy.coordinates import SkyCoord
+from astropy.io import fits
+from astropy.wcs import WCS, FITSFixedWarning
+
+from client_codes.frames import EPOCH, program
+from csstsim.catalog.astrometry.reduction import icrs
+
+DEGREE = 4  # of the polynomials
+SNR = 20, 200  # of the stars
+REFERENCE_ERROR = 1e-4  # arcsec: none is needed but 0, which SCAMP refuses
+NEAR = 0.1  # arcsec between a measured star and one of the reference
+GRID = 25  # points along a chip's side, at which the fit is compared
+
+
+def reference(folder, stars):
+    """Write the reference catalogue, FITS_LDAC, of stars {name: array} as frames.stars has them; return its name."""
+    kept = (stars["snr"] > 0.5 * SNR[0]) & (stars["snr"] < 2 * SNR[1])
+    n, error = int(kept.sum()), REFERENCE_ERROR / 3600
+    columns = {
+        "X_WORLD": stars["ra"][kept], "Y_WORLD": stars["dec"][kept], "ERRA_WORLD": np.full(n, error),
+        "ERRB_WORLD": np.full(n, error), "ERRTHETA_WORLD": np.zeros(n), "MAG": stars["mag"][kept],
+        "MAGERR": np.full(n, 0.01), "OBSDATE": np.full(n, EPOCH),
+    }  # fmt: skip
+    units = {"X_WORLD": "deg", "Y_WORLD": "deg", "ERRA_WORLD": "deg", "ERRB_WORLD": "deg", "MAG": "mag"}
+    table = fits.BinTableHDU.from_columns(
+        [fits.Column(name, "D", array=values, unit=units.get(name)) for name, values in columns.items()],
+        name="LDAC_OBJECTS",
+    )
+    card = fits.Header([("SIMPLE", True), ("BITPIX", 0), ("NAXIS", 0)]).tostring()
+    about = fits.BinTableHDU.from_columns(
+        [fits.Column("Field Header Card", f"{len(card)}A", array=np.array([card]))], name="LDAC_IMHEAD"
+    )
+    about.header["TDIM1"] = f"(80, {len(card) // 80})"
+    fits.HDUList([fits.PrimaryHDU(), about, table]).writeto(folder / "reference.cat", overwrite=True)
+    return "reference.cat"
+
+
+def run_scamp(frames, stars):
+    """Run SCAMP on the frames' catalogues; return {"external", "internal": rms by axis [mas]} as it reports them."""
+    folder = frames[0].stem.parent
+    settings = {
+        "ASTREF_CATALOG": "FILE", "ASTREFCAT_NAME": reference(folder, stars), "MATCH": "Y", "POSITION_MAXERR": 1.0,
+        "POSANGLE_MAXERR": 0.5, "PIXSCALE_MAXERR": 1.02, "MATCH_FLIPPED": "N", "CROSSID_RADIUS": 1.5,
+        "MOSAIC_TYPE": "LOOSE", "STABILITY_TYPE": "EXPOSURE", "ASTRINSTRU_KEY": "FILTER,CHIP",
+        "DISTORT_DEGREES": DEGREE, "SN_THRESHOLDS": f"{SNR[0]},{SNR[1]}", "ASTREF_WEIGHT": 1.0, "ASTRCLIP_NSIGMA": 3.0,
+        "SOLVE_PHOTOM": "N", "PROJECTION_TYPE": "TPV", "CHECKPLOT_TYPE": "NONE", "CHECKPLOT_DEV": "NULL",
+        "CHECKIMAGE_TYPE": "NONE", "WRITE_XML": "N", "VERBOSE_TYPE": "NORMAL", "FWHM_THRESHOLDS": "0.5,4.0",
+        "ELLIPTICITY_MAX": 0.5, "NTHREADS": 1,
+    }  # fmt: skip
+    said = program(folder, ["scamp", *(frame.catalogue.name for frame in frames)], "scamp", settings)
+    (folder / "scamp.log").write_text(said)
+    return said
+
+
+def fitted(frame):
+    """Return SCAMP's WCS of a frame."""
+    lines = [line for line in frame.head.read_text(encoding="latin-1").splitlines() if re.match(r"[A-Z]", line)]
+    header = fits.Header()
+    for line in lines:
+        if not line.startswith(("HISTORY", "COMMENT", "END")):
+            header.append(fits.Card.fromstring(line.ljust(80)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FITSFixedWarning)
+        return WCS(header)
+
+
+def judge(frame, stars):
+    """Return what a frame's fit is worth: {"dx", "dy", "x", "y": of its stars [mas, px], "off": grid [px]}.
+
+    dx, dy: east and north, the star where SCAMP puts it less the truth; off: distance of its WCS from the true one.
+    """
+    wcs, window = fitted(frame), frame.job.window
+    table = fits.getdata(frame.catalogue, 2)
+    table = table[(table["SNR_WIN"] > SNR[0]) & (table["SNR_WIN"] < SNR[1])]
+    x, y = table["XWIN_IMAGE"], table["YWIN_IMAGE"]
+    found = SkyCoord(*wcs.all_pix2world(x, y, 1), unit="deg")
+    true = SkyCoord(stars["ra"], stars["dec"], unit="deg")
+    index, apart, _ = found.match_to_catalog_sky(true)
+    near = apart.arcsec < NEAR
+    east, north = true[index[near]].spherical_offsets_to(found[near])
+    nx, ny = window.x1 - window.x0, window.y1 - window.y0
+    gx, gy = (axis.ravel() for axis in np.meshgrid(np.linspace(0, nx - 1, GRID), np.linspace(0, ny - 1, GRID)))
+    sky = icrs(*frame.job.wcs.pixel_to_world(gx + window.x0, gy + window.y0), frame.job.observer)
+    place = SkyCoord(*wcs.all_pix2world(gx, gy, 0), unit="deg")
+    off = SkyCoord(*sky, unit="deg").separation(place).arcsec / 0.074
+    return {
+        "dx": east.to_value("mas"), "dy": north.to_value("mas"), "x": x[near], "y": y[near],
+        "off": off.reshape(GRID, GRID), "snr": table["SNR_WIN"][near],
+    }  # fmt: skip
