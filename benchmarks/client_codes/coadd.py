@@ -31,7 +31,7 @@ def coadd(frames):
     """Let SWarp co-add the frames of a chip about its middle; return the paths of the image and of its weights."""
     folder = frames[0].stem.parent
     for frame in frames:
-        with fits.open(frame.stem.with_suffix(".rms.fits")) as file:
+        with fits.open(frame.planes[1]) as file:
             weight = np.where(file[0].data < 1e30, file[0].data, np.inf) ** -2.0
             fits.writeto(
                 frame.stem.with_suffix(".weight.fits"), weight.astype(np.float32), file[0].header, overwrite=True
@@ -73,7 +73,7 @@ def depth(image, frames, run, rng):
     inverse = np.zeros(len(places))
     for frame in frames:
         x, y = fitted(frame).all_world2pix(*sky, 0)
-        with fits.open(frame.stem.with_suffix(".rms.fits")) as file:
+        with fits.open(frame.planes[1]) as file:
             rms = file[0].data
             column, row = (np.clip(np.rint(v).astype(int), 8, n - 9) for v, n in ((x, rms.shape[1]), (y, rms.shape[0])))
             local = np.median([rms[row + j, column + i] for j in (-6, -3, 0, 3, 6) for i in (-6, -3, 0, 3, 6)], axis=0)
@@ -147,8 +147,9 @@ def measured_psf(image, weight, stars):
         file.writeto(folder / f"{name}.cat", overwrite=True)
     settings = {
         "PSF_SIZE": "41,41", "PSF_SAMPLING": 0.5, "BASIS_TYPE": "PIXEL", "PSFVAR_DEGREES": 1,
-        "SAMPLE_FWHMRANGE": "0.5,6.0", "SAMPLE_AUTOSELECT": "N", "SAMPLE_MINSN": 20, "SAMPLE_MAXELLIP": 0.5, "CHECKPLOT_DEV": "NULL",
-        "CHECKPLOT_TYPE": "NONE", "CHECKIMAGE_TYPE": "NONE", "WRITE_XML": "N", "VERBOSE_TYPE": "QUIET", "NTHREADS": 1,
+        "SAMPLE_FWHMRANGE": "0.5,6.0", "SAMPLE_AUTOSELECT": "N", "SAMPLE_MINSN": 20, "SAMPLE_MAXELLIP": 0.5,
+        "CHECKPLOT_DEV": "NULL", "CHECKPLOT_TYPE": "NONE", "CHECKIMAGE_TYPE": "NONE", "WRITE_XML": "N",
+        "VERBOSE_TYPE": "QUIET", "NTHREADS": 1,
     }  # fmt: skip
     program(folder, ["psfex", f"{name}.cat"], f"{name}_psfex", settings)
     with fits.open(folder / f"{name}.psf") as file:

@@ -119,8 +119,8 @@ def _imported(folder):
         raise InputError("not a checkout of github.com/csster/csst", file=folder, key="--early")
     if absent := [name for name in NEEDS if importlib.util.find_spec(name) is None]:
         raise InputError(f"needs {', '.join(absent)}: pip install {' '.join(absent)}", file=folder, key="--early")
-    for name, attribute in (("torch", "set_num_threads"), ("deepCR", "deepCR")):
-        if importlib.util.find_spec(name) is None:  # of the neural network, which is not used
+    if importlib.util.find_spec("torch") is None:  # of the neural network, which is not used
+        for name, attribute in (("torch", "set_num_threads"), ("deepCR", "deepCR")):
             sys.modules[name] = types.ModuleType(name)
             setattr(sys.modules[name], attribute, lambda *_, **__: None)
     sys.path.insert(0, str(folder))

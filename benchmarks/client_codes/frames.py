@@ -39,6 +39,11 @@ class Frame:
         return self.stem.with_suffix(".fits")
 
     @property
+    def planes(self):
+        """The image, the noise of its background, and its flags."""
+        return self.image, self.stem.with_suffix(".rms.fits"), self.stem.with_suffix(".flag.fits")
+
+    @property
     def catalogue(self):
         """The sources that source-extractor found in it, FITS_LDAC."""
         return self.stem.with_suffix(".cat")
@@ -72,16 +77,18 @@ def run_csstsim(*arguments):
         sys.exit(code)
 
 
-def frames_of(run, folder, keep=False):
+def frames_of(run, folder, images, keep=False):
     """Return the Frames of all jobs of a campaign, files in `folder`; what is missing is made.
 
-    keep: calibrated images and Level-0 files stay; else each is removed when its frame is written (1 GB a chip).
+    Of each, the catalogue stays. images: the chips whose images stay, too (0.8 GB a frame). keep: the Level-0 files and
+    calibrated images stay (1 GB a frame).
     """
     folder.mkdir(parents=True, exist_ok=True)
     frames = []
     for job in sorted(run.jobs, key=lambda job: (job.chip.id, job.obsid)):
         frame = Frame(job, folder / f"{job.obsid}_{job.chip.id:02d}")
-        if not frame.catalogue.is_file():
+        needed = job.chip.id in images
+        if not frame.catalogue.is_file() or (needed and not frame.image.is_file()):
             calibrated = run.paths.calibrated(*job.key)
             if not calibrated.is_file():
                 if not run.paths.level0(job).is_file():
@@ -89,7 +96,8 @@ def frames_of(run, folder, keep=False):
                 run_csstsim("calibrate", run.file, "--obsid", job.obsid, "--chip", job.chip.id)
             _write(frame, calibrated)
             _extract(frame)
-            for path in () if keep else (calibrated, run.paths.level0(job)):
+            gone = () if keep else (calibrated, run.paths.level0(job))
+            for path in gone if needed else (*gone, *frame.planes):
                 path.unlink(missing_ok=True)
         frames.append(frame)
     return frames
@@ -127,14 +135,14 @@ def _write(frame, calibrated):
     header["FILTER"], header["EXPTIME"], header["CHIP"] = job.chip.filter, EXPTIME, job.chip.id
     header["GAIN"], header["MJD-OBS"] = EXPTIME, job.pointing.mjd
     header["DATE-OBS"], header["OBJECT"], header["INSTRUME"] = job.pointing.time, "W5", f"MSC{job.chip.id:02d}"
-    fits.writeto(frame.image, image, header, overwrite=True)
-    fits.writeto(frame.stem.with_suffix(".rms.fits"), rms, header, overwrite=True)
-    fits.writeto(frame.stem.with_suffix(".flag.fits"), quality, header, overwrite=True)
+    for path, plane in zip(frame.planes, (image, rms, quality), strict=True):
+        fits.writeto(path, plane, header, overwrite=True)
 
 
 _COLUMNS = (
     "NUMBER", "X_IMAGE", "Y_IMAGE", "XWIN_IMAGE", "YWIN_IMAGE", "ERRAWIN_IMAGE", "ERRBWIN_IMAGE", "ERRTHETAWIN_IMAGE",
-    "FLUX_AUTO", "FLUXERR_AUTO", "FLUX_APER(1)", "FLUXERR_APER(1)", "SNR_WIN", "FLUX_RADIUS", "ELONGATION", "FLAGS", "IMAFLAGS_ISO",
+    "FLUX_AUTO", "FLUXERR_AUTO", "FLUX_APER(1)", "FLUXERR_APER(1)", "SNR_WIN", "FLUX_RADIUS", "ELONGATION", "FLAGS",
+    "IMAFLAGS_ISO",
 )  # fmt: skip
 
 
@@ -142,8 +150,8 @@ def _extract(frame):
     """Let source-extractor find the brighter sources; only usable ones of S/N 20 and more stay in the table."""
     settings = {
         "CATALOG_NAME": frame.catalogue.name, "CATALOG_TYPE": "FITS_LDAC", "DETECT_THRESH": 5, "ANALYSIS_THRESH": 3,
-        "DETECT_MINAREA": 3, "WEIGHT_TYPE": "MAP_RMS", "WEIGHT_IMAGE": frame.stem.with_suffix(".rms.fits").name,
-        "FLAG_IMAGE": frame.stem.with_suffix(".flag.fits").name, "RESCALE_WEIGHTS": "N", "BACK_SIZE": 256,
+        "DETECT_MINAREA": 3, "WEIGHT_TYPE": "MAP_RMS", "WEIGHT_IMAGE": frame.planes[1].name,
+        "FLAG_IMAGE": frame.planes[2].name, "RESCALE_WEIGHTS": "N", "BACK_SIZE": 256,
         "SATUR_LEVEL": 1e9, "GAIN": EXPTIME, "PIXEL_SCALE": 0.074, "PHOT_APERTURES": 12, "VERBOSE_TYPE": "QUIET",
         "STARNNW_NAME": "/usr/share/source-extractor/default.nnw",
     }  # fmt: skip

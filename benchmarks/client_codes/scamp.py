@@ -47,12 +47,12 @@ def reference(folder, stars):
 
 
 def run_scamp(frames, stars):
-    """Run SCAMP on the frames' catalogues; return {"external", "internal": rms by axis [mas]} as it reports them."""
+    """Run SCAMP on the frames' catalogues; return what it printed."""
     folder = frames[0].stem.parent
     settings = {
         "ASTREF_CATALOG": "FILE", "ASTREFCAT_NAME": reference(folder, stars), "MATCH": "Y", "POSITION_MAXERR": 1.0,
         "POSANGLE_MAXERR": 0.5, "PIXSCALE_MAXERR": 1.02, "MATCH_FLIPPED": "N", "CROSSID_RADIUS": 1.5,
-        "MOSAIC_TYPE": "LOOSE", "STABILITY_TYPE": "EXPOSURE", "ASTRINSTRU_KEY": "FILTER,CHIP",
+        "MOSAIC_TYPE": "LOOSE", "STABILITY_TYPE": "INSTRUMENT", "ASTRINSTRU_KEY": "FILTER,CHIP",
         "DISTORT_DEGREES": DEGREE, "SN_THRESHOLDS": f"{SNR[0]},{SNR[1]}", "ASTREF_WEIGHT": 1.0, "ASTRCLIP_NSIGMA": 3.0,
         "SOLVE_PHOTOM": "N", "PROJECTION_TYPE": "TPV", "CHECKPLOT_TYPE": "NONE", "CHECKPLOT_DEV": "NULL",
         "CHECKIMAGE_TYPE": "NONE", "WRITE_XML": "N", "VERBOSE_TYPE": "NORMAL", "FWHM_THRESHOLDS": "0.5,4.0",
@@ -61,6 +61,28 @@ def run_scamp(frames, stars):
     said = program(folder, ["scamp", *(frame.catalogue.name for frame in frames)], "scamp", settings)
     (folder / "scamp.log").write_text(said)
     return said
+
+
+def reported(said):
+    """Return {"internal", "external": (rms by axis [mas] of all, of the brightest, number)} of what SCAMP printed."""
+    number = r"([\d.]+)\""
+    line = re.compile(rf"Group\s+\d+:\s+{number}\s+{number}\s+[\d.]+\s+(\d+)\s+{number}\s+{number}")
+    rows = line.findall(said)[-2:]
+    return {
+        name: (*(", ".join(f"{1e3 * float(v):.2f}" for v in pair) for pair in ((a, b), (c, d))), n)
+        for name, (a, b, n, c, d) in zip(("internal", "external"), rows, strict=True)
+    }
+
+
+def clipped_rms(values, clip=3.0):
+    """Return the rms of values without those beyond `clip` times it, repeated until none is: as SCAMP clips."""
+    kept = values
+    while True:
+        rms = float(np.sqrt(np.mean(np.square(kept))))
+        inside = kept[abs(kept) < clip * rms]
+        if len(inside) == len(kept):
+            return rms
+        kept = inside
 
 
 def fitted(frame):

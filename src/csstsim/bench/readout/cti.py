@@ -159,7 +159,10 @@ def ways(seconds, mcti=None):
             found[f"arcticpy {express}"] = each(method, 64), method
             found[f"arcticpy {express}, overscan_start"] = found[f"arcticpy {express}"][0], by_arctic(express, True)
     if mcti is not None:
-        found["MCTI"] = each(lambda part: mcti.transfer(part, DENSITY, TAU, WELL, OVERSCAN), 32), by_mcti(mcti)
+        found["MCTI, the paper's code"] = (
+            each(lambda part: mcti.transfer(part, DENSITY, TAU, WELL, OVERSCAN), 32),
+            by_mcti(mcti),
+        )
     return found
 
 
