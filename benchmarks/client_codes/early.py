@@ -108,7 +108,15 @@ def pipeline(folder, output, chip, small=False):
         _reference(gaia, run, science)
         places = code.calib_pos.CsstProcMscPositionCalibration(manager, n_jobs=1)
         _other_programs(work)
-        places.run(*([plane] for plane in planes))
+        places.join_data(*([plane] for plane in planes))
+        places.run_sextractor(chip)
+        places.combine_catalog()
+        places.get_refcat(search_radius=RADIUS)
+        places.run_scamp(wcs_refine=True)
+        head = work / "combined_acat.head"  # SCAMP 2.10 writes a comment in UTF-8, on which the next step's cards slip
+        head.write_text(head.read_text(encoding="utf-8").encode("ascii", "replace").decode())
+        places.check_astrometry()
+        places.write_headers()
         return _judged(planes, science, true, work, manager, chip)
 
 
@@ -165,6 +173,8 @@ def _reference(folder, run, job):
         "phot_g_mean_mag": truth["mag"][kept].astype(float), "pmra": truth["pmra"][kept].astype(float),
         "pmra_error": np.full(n, 0.1), "pmdec": truth["pmdec"][kept].astype(float), "pmdec_error": np.full(n, 0.1),
     })  # fmt: skip
+    for name in ("pmra", "pmdec"):  # Gaia has stars without; the pipeline needs one, and leaves it out
+        table[name][np.argmax(table["phot_g_mean_mag"])] = np.nan
     where = healpy.ang2pix(NSIDE, ra, dec, lonlat=True)
     for pixel in healpy.query_disc(NSIDE, healpy.ang2vec(RA, DEC, lonlat=True), np.radians(RADIUS)):
         table[where == pixel].write(folder / f"healpix-{pixel:05d}.fits", overwrite=True)
