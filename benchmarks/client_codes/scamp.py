@@ -79,7 +79,7 @@ def clipped_rms(values, clip=3.0):
     kept = values
     while True:
         rms = float(np.sqrt(np.mean(np.square(kept))))
-        inside = kept[abs(kept) < clip * rms]
+        inside = kept[abs(kept) <= clip * rms]
         if len(inside) == len(kept):
             return rms
         kept = inside
