@@ -1,5 +1,6 @@
 """Names of Level-0 files in each form, as the survey's early pipeline and its releases have them."""
 
+import re
 from datetime import UTC, datetime
 from types import SimpleNamespace
 
@@ -31,7 +32,7 @@ def test_names_are_the_public_ones(form, tmp_path):
     assert paths.level0(job()) == folder / f"{level0}.fits"
     assert paths.level0_truth(job()) == folder / f"{level0}.truth.parquet"
     assert paths.level0_catalogue(job()) == folder / f"{catalogue}.cat"
-    assert level0.endswith(f"100000100_06_{FORMS[form].ending}")
+    assert re.fullmatch(f"{FORMS[form].beginning}_100000100_06_{FORMS[form].ending}", level0)
 
 
 def test_the_newest_is_the_default(tmp_path):

@@ -59,7 +59,8 @@ JOB_OF = {"stages": "stages", "whole": "chip", "exposure": "exposure"}  # rules
 if CHIPS_AS not in JOB_OF:
     raise WorkflowError(f"chips: {CHIPS_AS}; allowed: {', '.join(JOB_OF)}")
 OUT = str(RUN.paths.output)
-ENDING = FORMS[RUN.config.level0_names].ending
+NAMES = FORMS[RUN.config.level0_names]
+ENDING = NAMES.ending
 CHIPS = str(RUN.paths.chips)
 kept = (lambda path: path) if RUN.config.keep == "light" else temp  # what render makes
 
@@ -111,7 +112,7 @@ wildcard_constraints:
     chip=r"\d{2}",
     pix=r"\d+",
     dir=r"\d+",
-    name=r"CSST_MSC_MS_[A-Z]+_\d{14}_\d{14}",
+    name=NAMES.beginning,
 
 
 def shared(files):

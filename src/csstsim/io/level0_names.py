@@ -14,6 +14,9 @@ from dataclasses import dataclass
 
 NEWEST = "C9"  # of the forms; the default
 
+_PATTERNS = {"kind": "[A-Z]+", "t": r"\d{14}", "t_end": r"\d{14}", "t_short": r"\d{12}", "obsid": r"\d{9,14}",
+             "chip": r"\d{2}"}  # fmt: skip
+
 
 @dataclass(frozen=True)
 class Form:
@@ -32,6 +35,11 @@ class Form:
         """What follows {obsid}_{chip}_ in the name."""
         return self.template.partition("{chip}_")[2]
 
+    @property
+    def beginning(self):
+        """A regular expression of what stands before _{obsid}."""
+        return self.template.partition("_{obsid}")[0].format(**_PATTERNS)
+
     def stem(self, job):
         """Return the name of a job's Level-0 file without suffix. job: campaign.job.Job."""
         return self.template.format(**self._words(job))
@@ -47,9 +55,7 @@ class Form:
         return (kind, match["obsid"], int(match["chip"])) if kind else None
 
     def _pattern(self):
-        words = {"kind": "[A-Z]+", "t": r"\d{14}", "t_end": r"\d{14}", "t_short": r"\d{12}", "obsid": r"\d{9,14}"}
-        parts = {name: f"(?P<{name}>{text})" for name, text in (words | {"chip": r"\d{2}"}).items()}
-        return re.compile(self.template.format(**parts))
+        return re.compile(self.template.format(**{name: f"(?P<{name}>{text})" for name, text in _PATTERNS.items()}))
 
     def _words(self, job):
         start, end = (f"{moment:%Y%m%d%H%M%S}" for moment in (job.pointing.start, job.pointing.end))
