@@ -10,12 +10,11 @@ the PSF, with the pixel, convolved with that function; psfex measures it, on sta
 import numpy as np
 from astromatic import fwhm
 from astropy.io import fits
-from astropy.wcs import WCS
 from scipy.ndimage import convolve1d, map_coordinates
 from scipy.spatial import cKDTree
 
 from client_codes.frames import EXPTIME, find, program
-from client_codes.scamp import fitted
+from client_codes.scamp import fitted, quiet_wcs
 from csstsim.io.truth import read_truth
 from csstsim.optics.psf.psf_file import half_pixels, pixel_response
 from csstsim.stages.psf import open_psf
@@ -54,7 +53,7 @@ def coadd(frames):
 def depth(image, frames, run, rng):
     """Return (rms measured, rms expected, number) of apertures on empty sky of a coadd [e-/s], at most 4000."""
     with fits.open(image) as file:
-        pixels, wcs = file[0].data, WCS(file[0].header)
+        pixels, wcs = file[0].data, quiet_wcs(file[0].header)
     truth = read_truth(run.paths.level0_truth(frames[0].job))
     objects = np.transpose(wcs.all_world2pix(truth["ra_epoch"], truth["dec_epoch"], 0))
     objects = objects[np.isfinite(objects).all(1)]
@@ -137,7 +136,7 @@ def measured_psf(image, weight, stars):
                "VIGNET(45,45)")  # fmt: skip
     axis = np.arange(-3, 4) / 0.9
     find(folder, name, image.name, settings, columns, np.exp(-0.5 * (axis[:, None] ** 2 + axis**2)))
-    wcs = WCS(fits.getheader(image))
+    wcs = quiet_wcs(fits.getheader(image))
     usable = (stars["snr"] > 50) & (stars["snr"] < 300)  # of one exposure; brighter ones saturate
     places = np.transpose(wcs.all_world2pix(stars["ra"][usable], stars["dec"][usable], 1))
     with fits.open(folder / f"{name}.cat") as file:

@@ -3,6 +3,8 @@
 import matplotlib
 import numpy as np
 
+from client_codes.scamp import clipped_rms
+
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 
@@ -15,7 +17,7 @@ def draw(path, judged, coadds):
     )
     points = axes[0].scatter(east, north, c=snr, s=4, cmap="viridis", vmin=20, vmax=200, rasterized=True)
     figure.colorbar(points, ax=axes[0], label="S/N", shrink=0.8)
-    rms = [np.sqrt(np.mean(v**2)) for v in (east, north)]
+    rms = [clipped_rms(v) for v in (east, north)]
     axes[0].set(
         xlim=(-8, 8), ylim=(-8, 8), aspect="equal", xlabel="east, SCAMP - truth [mas]", ylabel="north [mas]",
         title=f"{len(east)} places, rms {rms[0]:.2f}, {rms[1]:.2f} mas",

@@ -92,6 +92,11 @@ def fitted(frame):
     for line in lines:
         if not line.startswith(("HISTORY", "COMMENT", "END")):
             header.append(fits.Card.fromstring(line.ljust(80)))
+    return quiet_wcs(header)
+
+
+def quiet_wcs(header):
+    """Return the WCS of a header, without astropy's remarks on its dates."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FITSFixedWarning)
         return WCS(header)

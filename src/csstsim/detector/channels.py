@@ -257,7 +257,10 @@ class ReadoutFrame:
                     yield (y_frame, x_frame), self.stored_region(block, (y_mosaic, x_mosaic), layout)
 
     def stored_region(self, block, mosaic_region, layout):
-        """Return the slices [px] of the stored array that hold a region of the mosaic inside `block`."""
+        """Return the slices [px] of the stored array that hold a region of the mosaic inside `block`.
+
+        Raises ValueError for a layout that is unknown, or 'chip' of a frame with prescan or overscan.
+        """
         if self._as_on_chip(layout):
             return mosaic_region
         self.stored_shape(layout)
@@ -272,7 +275,10 @@ class ReadoutFrame:
         return layout in ("mosaic", "chip")
 
     def stored_axis(self, block, layout):
-        """Return ((x0, step_x), (y0, step_y)): stored pixel (X, Y), 0-based, is chip pixel (x0 + step_x X, ...)."""
+        """Return ((x0, step_x), (y0, step_y)): stored pixel (X, Y), 0-based, is chip pixel (x0 + step_x X, ...).
+
+        Raises ValueError as `stored_region`.
+        """
         first_x, first_y = block.slot * self.channel_nx, block.half * self.channel_ny
         if self._as_on_chip(layout):
             lead_x = self.overscan if block.flip_x else self.prescan
