@@ -56,10 +56,7 @@ def depth(image, frames, run, rng):
         pixels, wcs = file[0].data, quiet_wcs(file[0].header)
     truth = read_truth(run.paths.level0_truth(frames[0].job))
     objects = np.transpose(wcs.all_world2pix(truth["ra_epoch"], truth["dec_epoch"], 0))
-    objects = objects[np.isfinite(objects).all(1)]
-    sizes = (
-        np.maximum(truth["stamp"][: len(objects)], 0) if len(objects) == len(truth["stamp"]) else np.zeros(len(objects))
-    )
+    objects, sizes = (values[np.isfinite(objects).all(1)] for values in (objects, truth["stamp"]))
     places = rng.uniform(2 * APERTURE, SIDE - 2 * APERTURE, (20_000, 2))
     near = cKDTree(objects).query(places)[0] > EMPTY
     wide = sizes > 4 * EMPTY  # a large galaxy or a bright star covers more

@@ -64,14 +64,33 @@ def run_scamp(frames, stars):
 
 
 def reported(said):
-    """Return {"internal", "external": (rms by axis [mas] of all, of the brightest, number)} of what SCAMP printed."""
+    """Return {"internal", "external": (rms by axis [mas] of all, of the brightest, number)} of what SCAMP printed.
+
+    Internal: of a star's places in each exposure about their mean; external: of that mean about the reference. SCAMP
+    reports groups of fields that overlap; here their variances are averaged, weighted with their numbers.
+    """
     number = r"([\d.]+)\""
-    line = re.compile(rf"Group\s+\d+:\s+{number}\s+{number}\s+[\d.]+\s+(\d+)\s+{number}\s+{number}")
-    rows = line.findall(said)[-2:]
-    return {
-        name: (*(", ".join(f"{1e3 * float(v):.2f}" for v in pair) for pair in ((a, b), (c, d))), n)
-        for name, (a, b, n, c, d) in zip(("internal", "external"), rows, strict=True)
-    }
+    line = re.compile(rf"Group\s+\d+:\s+{number}\s+{number}\s+\S+\s+(\d+)\s+{number}\s+{number}\s+\S+\s+(\d+)")
+    found = {}
+    for name in ("internal", "external"):
+        part = re.split(rf"Astrometric stats \({name}\)", said)[-1].partition("-----")[0]
+        rows = np.array(line.findall(part), float)
+        groups = ((rows[:, k : k + 2], rows[:, k + 2]) for k in (0, 3))
+        all_, bright = (1e3 * np.sqrt((sizes**2 * n[:, None]).sum(0) / max(n.sum(), 1)) for sizes, n in groups)
+        found[name] = (*(", ".join(f"{v:.2f}" for v in values) for values in (all_, bright)), int(rows[:, 2].sum()))
+    return found
+
+
+def mean_places(judged):
+    """Return (east, north, number) of stars' mean places in all exposures of a chip less the truth [mas].
+
+    judged: as `judge` returns, of each exposure. Stars that are not in all of them are left out.
+    """
+    star, dx, dy = (np.concatenate([each[name] for each in judged]) for name in ("star", "dx", "dy"))
+    _, first, count = np.unique(star, return_inverse=True, return_counts=True)
+    whole = count == len(judged)
+    east, north = (np.bincount(first, weights=values)[whole] / len(judged) for values in (dx, dy))
+    return east, north, int(whole.sum())
 
 
 def clipped_rms(values, clip=3.0):
@@ -103,9 +122,10 @@ def quiet_wcs(header):
 
 
 def judge(frame, stars):
-    """Return what a frame's fit is worth: {"dx", "dy", "x", "y": of its stars [mas, px], "off": grid [px]}.
+    """Return what a frame's fit is worth: {"dx", "dy", "x", "y", "star", "snr", "off"}.
 
-    dx, dy: east and north, the star where SCAMP puts it less the truth; off: distance of its WCS from the true one.
+    dx, dy [mas]: east and north, a star where SCAMP puts it less the truth; star: its index in `stars`; x, y [px]: its
+    pixel, from 1; off: distance of SCAMP's WCS from the true one on a grid [px].
     """
     wcs, window = fitted(frame), frame.job.window
     table = fits.getdata(frame.catalogue, 2)
@@ -123,5 +143,6 @@ def judge(frame, stars):
     off = SkyCoord(*sky, unit="deg").separation(place).arcsec / 0.074
     return {
         "dx": east.to_value("mas"), "dy": north.to_value("mas"), "x": x[near], "y": y[near],
-        "off": off.reshape(GRID, GRID), "snr": table["SNR_WIN"][near],
+        "off": off.reshape(GRID, GRID), "star": index[near],
+        "snr": table["SNR_WIN"][near],
     }  # fmt: skip

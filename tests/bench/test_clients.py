@@ -22,6 +22,9 @@ Group  1: 0.00168" 0.00158"    1.2    3734 0.00118" 0.00119"    2.2     699
 ----- Astrometric stats (external):
 
 Group  1: 0.00126" 0.00131"    1.3    1785  0.001" 0.00101"    2.3     264
+Group  2: 0.003" 0.003"    1.3    1000  0" 0"    0     0
+
+----- Photometric stats (internal):
 
 Group  1: P1   0.0243       1    3725 0.00369    0.87     699
 """
@@ -37,8 +40,18 @@ def parts(monkeypatch):
 
 def test_what_scamp_says_is_read(parts):
     found = parts.scamp.reported(SAID)
-    assert found["internal"] == ("1.68, 1.58", "1.18, 1.19", "3734")
-    assert found["external"] == ("1.26, 1.31", "1.00, 1.01", "1785")
+    assert found["internal"] == ("1.68, 1.58", "1.18, 1.19", 3734)
+    rms = np.sqrt((1.26**2 * 1785 + 3.0**2 * 1000) / 2785)  # of two groups, weighted with their numbers
+    assert found["external"][0].startswith(f"{rms:.2f}, ") and found["external"][2] == 2785
+    assert found["external"][1] == "1.00, 1.01"  # the second has no bright stars
+
+
+def test_mean_places_are_of_stars_in_every_exposure(parts):
+    seen = [{"star": np.array(s), "dx": np.array(x), "dy": np.array(x) + 1.0} for s, x in (
+        ([4, 7], [2.0, 9.0]), ([7, 4, 5], [1.0, 4.0, 0.0]),
+    )]  # fmt: skip
+    east, north, number = parts.scamp.mean_places(seen)
+    assert east.tolist() == [3.0, 5.0] and north.tolist() == [4.0, 6.0] and number == 2
 
 
 def test_clipping(parts):
