@@ -11,7 +11,7 @@ from matplotlib import pyplot as plt
 
 def draw(path, judged, coadds):
     """Draw residuals {chip: judgements of its frames} and coadds {chip: results} as clients.py has them."""
-    figure, axes = plt.subplots(1, 3 if coadds else 2, figsize=(12 if coadds else 8, 3.8), layout="constrained")
+    figure, axes = plt.subplots(1, 3 if coadds else 2, figsize=(13 if coadds else 8, 3.8), layout="constrained")
     east, north, snr = (
         np.concatenate([each[name] for found in judged.values() for each in found]) for name in ("dx", "dy", "snr")
     )
@@ -34,7 +34,7 @@ def draw(path, judged, coadds):
         measured, expected = result["noise"]
         axes[2].set(
             xlabel="radius [px]", ylabel="light, of that within 6 px",
-            title=f"coadd of chip {chip}; noise {measured / expected:.3f} of theory",
+            title=f"coadd of chip {chip}, noise {measured / expected:.2f} of theory",
         )  # fmt: skip
         axes[2].legend(fontsize=8)
     figure.savefig(path, dpi=110)
