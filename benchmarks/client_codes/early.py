@@ -18,11 +18,11 @@ from pathlib import Path
 
 import numpy as np
 import yaml
-from astropy.coordinates import SkyCoord
 from astropy.io import fits
 from astropy.table import Table
 
 from client_codes.frames import DEC, EXPTIME, PA, RA, TIMES, run_csstsim, stars
+from client_codes.scamp import clipped_rms, distance, read_head, residuals
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.opened import OpenCampaign
@@ -85,26 +85,17 @@ def pipeline(folder, output, chip, small=False):
         place.mkdir(exist_ok=True)
     files = [[str(run.paths.level0(job)) for job in jobs[kind]] for kind in ("BIAS", "DARK", "FLAT")]
     with _inside(work):
-        maker = code.ref_combine.CsstMscRefProc()
-        maker.prepare(*files)
-        for name, image in zip(("CLB", "CLD", "CLF"), maker.run(), strict=True):
-            fits.writeto(masters / f"MSC_{name}_0_{chip:02d}_combine.fits", image.astype(np.float32), overwrite=True)
+        if not list(masters.glob("MSC_CLF_*")):
+            maker = code.ref_combine.CsstMscRefProc()
+            maker.prepare(*files)
+            for name, image in zip(("CLB", "CLD", "CLF"), maker.run(), strict=True):
+                fits.writeto(masters / f"MSC_{name}_0_{chip:02d}_combine.fits", image.astype(np.float32))
         manager = code.data_manager.CsstMscDataManager(
             ver_sim=FORM, dir_l0=str(run.paths.level0(science).parent), dir_l1=str(work) + os.sep,
             dir_pcref=str(gaia) + os.sep, path_aux=str(masters / "MSC_{}_*_{:02d}_combine.fits"),
         )  # fmt: skip
         manager.set_ccd_ids([chip])
-        raw = code.data.CsstMscImgData.read(manager.l0_ccd(chip))
-        step = code.inst_corr.CsstMscInstrumentProc()
-        step.prepare(n_jobs=1, deepcr=False)
-        step.set_num_threads(1)
-        bias, dark, flat = (get(chip) for get in (manager.get_bias, manager.get_dark, manager.get_flat))
-        planes = step.run(raw, bias, dark, flat, FORM)
-        for plane, name in zip(planes, ("img", "wht", "flg"), strict=True):
-            plane.writeto(manager.l1_ccd(chip, post=f"{name}.fits"), overwrite=True)
-        planes[0][1].header.tofile(manager.l1_ccd(chip, post="img.head"), overwrite=True)
-        job = types.SimpleNamespace(job=science)
-        true = stars(run, [job])
+        planes = _corrected(code, manager, chip)
         _reference(gaia, run, science)
         places = code.calib_pos.CsstProcMscPositionCalibration(manager, n_jobs=1)
         _other_programs(work)
@@ -113,11 +104,21 @@ def pipeline(folder, output, chip, small=False):
         places.combine_catalog()
         places.get_refcat(search_radius=RADIUS)
         places.run_scamp(wcs_refine=True)
-        head = work / "combined_acat.head"  # SCAMP 2.10 writes a comment in UTF-8, on which the next step's cards slip
-        head.write_text(head.read_text(encoding="utf-8").encode("ascii", "replace").decode())
-        places.check_astrometry()
-        places.write_headers()
-        return _judged(planes, science, true, work, manager, chip)
+        return _judged(planes, science, run, work)
+
+
+def _corrected(code, manager, chip):
+    """Return the image, weight and flags of the instrument correction; what an earlier run made is read."""
+    names = [manager.l1_ccd(chip, post=f"{name}.fits") for name in ("img", "wht", "flg")]
+    if not all(Path(name).is_file() for name in names):
+        raw = code.data.CsstMscImgData.read(manager.l0_ccd(chip))
+        step = code.inst_corr.CsstMscInstrumentProc()
+        step.prepare(n_jobs=1, deepcr=False)
+        step.set_num_threads(1)
+        bias, dark, flat = (get(chip) for get in (manager.get_bias, manager.get_dark, manager.get_flat))
+        for plane, name in zip(step.run(raw, bias, dark, flat, FORM), names, strict=True):
+            plane.writeto(name, overwrite=True)
+    return [code.data.CsstMscImgData.read(name) for name in names]
 
 
 def _imported(folder):
@@ -173,29 +174,24 @@ def _reference(folder, run, job):
         "phot_g_mean_mag": truth["mag"][kept].astype(float), "pmra": truth["pmra"][kept].astype(float),
         "pmra_error": np.full(n, 0.1), "pmdec": truth["pmdec"][kept].astype(float), "pmdec_error": np.full(n, 0.1),
     })  # fmt: skip
-    for name in ("pmra", "pmdec"):  # Gaia has stars without; the pipeline needs one, and leaves it out
-        table[name][np.argmax(table["phot_g_mean_mag"])] = np.nan
     where = healpy.ang2pix(NSIDE, ra, dec, lonlat=True)
     for pixel in healpy.query_disc(NSIDE, healpy.ang2vec(RA, DEC, lonlat=True), np.radians(RADIUS)):
         table[where == pixel].write(folder / f"healpix-{pixel:05d}.fits", overwrite=True)
 
 
-def _judged(planes, job, true, work, manager, chip):
-    """Return {what: value} of the corrected image and of the fitted places."""
+def _judged(planes, job, run, work):
+    """Return {what: value} of the corrected image and of the places by SCAMP's header."""
     image, flags = planes[0][1].data, planes[2][1].data
-    with fits.open(work / "combined_acat.change.fits") as file:
-        table = file[2].data
-        good = (table["FLAGS"] == 0) & (table["SNR_WIN"] > 20) & (table["SNR_WIN"] < 200)
-        found = SkyCoord(table["ALPHA_J2000"][good], table["DELTA_J2000"][good], unit="deg")
-    index, apart, _ = found.match_to_catalog_sky(SkyCoord(true["ra"], true["dec"], unit="deg"))
-    near = apart.arcsec < 0.3
-    star = SkyCoord(true["ra"], true["dec"], unit="deg")[index[near]]
-    east, north = star.spherical_offsets_to(found[near])
+    true = stars(run, [types.SimpleNamespace(job=job)])
+    wcs = read_head(work / "combined_acat.head")
+    table = fits.getdata(work / "combined_acat.fits", 2)
+    good = (table["FLAGS"] == 0) & (table["SNR_WIN"] > 20) & (table["SNR_WIN"] < 200)
+    east, north, _, _ = residuals(wcs, table[good], true)
+    off = distance(wcs, job)
     return {
-        "image": image.shape, "dtype": str(image.dtype), "unit": planes[0][1].header["BUNIT"],
-        "sky [e-/s]": float(np.median(image)), "flagged [%]": float(100 * (flags > 0).mean()),
-        "sources": len(table), "stars of S/N 20 to 200": int(near.sum()),
-        "places, offset [mas]": (float(np.median(east.mas)), float(np.median(north.mas))),
-        "places, scatter [mas]": tuple(float(1.4826 * np.median(abs(v.mas - np.median(v.mas)))) for v in (east, north)),
-        "file": Path(manager.l0_ccd(chip)).name, "exposure": job.obsid,
+        "file": run.paths.level0(job).name, "image": f"{image.shape}, {image.dtype}, {planes[0][1].header['BUNIT']}",
+        "sky [e-/s]": f"{np.median(image):.4f}", "flagged": f"{100 * (flags > 0).mean():.2f}%",
+        "sources for SCAMP": len(table), "stars of S/N 20 to 200": len(east),
+        "places, east and north [mas]": f"{clipped_rms(east):.2f}, {clipped_rms(north):.2f}",
+        "fit less true WCS [px], rms, largest": f"{np.sqrt(np.mean(off**2)):.4f}, {off.max():.4f}",
     }  # fmt: skip

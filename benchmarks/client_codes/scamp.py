@@ -20,6 +20,7 @@ DEGREE = 4  # of the polynomials
 SNR = 20, 200  # of the stars
 REFERENCE_ERROR = 1e-4  # arcsec: none is needed but 0, which SCAMP refuses
 NEAR = 0.1  # arcsec between a measured star and one of the reference
+SCALE = 0.074  # arcsec of a pixel
 GRID = 25  # points along a chip's side, at which the fit is compared
 
 
@@ -106,11 +107,17 @@ def clipped_rms(values, clip=3.0):
 
 def fitted(frame):
     """Return SCAMP's WCS of a frame."""
-    lines = [line for line in frame.head.read_text(encoding="latin-1").splitlines() if re.match(r"[A-Z]", line)]
+    return read_head(frame.head)
+
+
+def read_head(path):
+    """Return the WCS of a header file of SCAMP; one that says TAN and has polynomials is TPV."""
     header = fits.Header()
-    for line in lines:
-        if not line.startswith(("HISTORY", "COMMENT", "END")):
+    for line in path.read_text(encoding="utf-8").splitlines():
+        if re.match("[A-Z]", line) and not line.startswith(("HISTORY", "COMMENT", "END")):
             header.append(fits.Card.fromstring(line.ljust(80)))
+    if "PV1_0" in header:
+        header["CTYPE1"], header["CTYPE2"] = "RA---TPV", "DEC--TPV"
     return quiet_wcs(header)
 
 
@@ -122,27 +129,32 @@ def quiet_wcs(header):
 
 
 def judge(frame, stars):
-    """Return what a frame's fit is worth: {"dx", "dy", "x", "y", "star", "snr", "off"}.
+    """Return what a frame's fit is worth: {"dx", "dy", "star", "snr", "off"}.
 
-    dx, dy [mas]: east and north, a star where SCAMP puts it less the truth; star: its index in `stars`; x, y [px]: its
-    pixel, from 1; off: distance of SCAMP's WCS from the true one on a grid [px].
+    dx, dy [mas]: east and north, a star where SCAMP puts it less the truth; star: its index in `stars`; off: distance
+    of SCAMP's WCS from the true one on a grid [px].
     """
-    wcs, window = fitted(frame), frame.job.window
-    table = fits.getdata(frame.catalogue, 2)
+    wcs, table = fitted(frame), fits.getdata(frame.catalogue, 2)
     table = table[(table["SNR_WIN"] > SNR[0]) & (table["SNR_WIN"] < SNR[1])]
-    x, y = table["XWIN_IMAGE"], table["YWIN_IMAGE"]
-    found = SkyCoord(*wcs.all_pix2world(x, y, 1), unit="deg")
+    names = "dx", "dy", "star", "snr"
+    return dict(zip(names, residuals(wcs, table, stars), strict=True)) | {"off": distance(wcs, frame.job)}
+
+
+def residuals(wcs, table, stars):
+    """Return (east, north [mas], index of the star, S/N) of a catalogue's sources that are near a star."""
+    found = SkyCoord(*wcs.all_pix2world(table["XWIN_IMAGE"], table["YWIN_IMAGE"], 1), unit="deg")
     true = SkyCoord(stars["ra"], stars["dec"], unit="deg")
     index, apart, _ = found.match_to_catalog_sky(true)
     near = apart.arcsec < NEAR
     east, north = true[index[near]].spherical_offsets_to(found[near])
+    return east.to_value("mas"), north.to_value("mas"), index[near], table["SNR_WIN"][near]
+
+
+def distance(wcs, job):
+    """Return the distance [px] of a WCS from the true map of pixels to ICRS, at GRID x GRID points of a frame."""
+    window = job.window
     nx, ny = window.x1 - window.x0, window.y1 - window.y0
-    gx, gy = (axis.ravel() for axis in np.meshgrid(np.linspace(0, nx - 1, GRID), np.linspace(0, ny - 1, GRID)))
-    sky = icrs(*frame.job.wcs.pixel_to_world(gx + window.x0, gy + window.y0), frame.job.observer)
-    place = SkyCoord(*wcs.all_pix2world(gx, gy, 0), unit="deg")
-    off = SkyCoord(*sky, unit="deg").separation(place).arcsec / 0.074
-    return {
-        "dx": east.to_value("mas"), "dy": north.to_value("mas"), "x": x[near], "y": y[near],
-        "off": off.reshape(GRID, GRID), "star": index[near],
-        "snr": table["SNR_WIN"][near],
-    }  # fmt: skip
+    x, y = (axis.ravel() for axis in np.meshgrid(np.linspace(0, nx - 1, GRID), np.linspace(0, ny - 1, GRID)))
+    sky = icrs(*job.wcs.pixel_to_world(x + window.x0, y + window.y0), job.observer)
+    place = SkyCoord(*wcs.all_pix2world(x, y, 0), unit="deg")
+    return SkyCoord(*sky, unit="deg").separation(place).arcsec.reshape(GRID, GRID) / SCALE
