@@ -3,8 +3,8 @@
 A user's checkout is imported; none of it is part of csstsim. Its steps are: master frames (CsstMscRefProc), instrument
 correction (CsstMscInstrumentProc), position calibration (CsstProcMscPositionCalibration: source-extractor, SCAMP, its
 own settings), all on one chip. Cosmic rays are found by lacosmic, its alternative to a neural network; so torch and
-deepCR, which it imports all the same, need not be installed. Its flux calibration and photometry are not run: the first
-needs a photometric survey's catalogue.
+deepCR, which it imports all the same, need not be installed. Its check of the places needs a reference with NaN, which
+SCAMP 2.10 refuses; its flux calibration reads the truth as text, and its photometry needs that: the three are not run.
 """
 
 import contextlib
@@ -79,7 +79,7 @@ def pipeline(folder, output, chip, small=False):
             run_csstsim("chip", run.file, "--obsid", job.obsid, "--chip", chip)
     jobs = {kind: [job for job in run.jobs if job.pointing.type == kind] for kind in ("SCIE", "BIAS", "DARK", "FLAT")}
     [science] = jobs["SCIE"]
-    run.paths.level0_catalogue(science).touch()  # it looks for the name, and reads nothing of it
+    run.paths.level0_catalogue(science).touch()  # these steps look for the name alone
     masters, work, gaia = (output / name for name in ("masters", "work", "gaia"))
     for place in (masters, work, gaia):
         place.mkdir(exist_ok=True)
