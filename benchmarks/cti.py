@@ -1,6 +1,6 @@
 """Charge transfer inefficiency: cost and accuracy, also of other methods, and the paper's figure of two stamps.
 
-    python benchmarks/cti.py [--columns 512 | --serial]
+    python benchmarks/cti.py [--columns 512] [--mcti FOLDER] [--serial | --only-mcti]
 
 1. CPU time per half-column and per chip (least of three) at 4, 40 and 200 e- of sky, on columns with a chip's density
    of objects and cosmic rays; for comparison, on fewer columns, every trap visits every packet.
@@ -11,10 +11,13 @@
 4. Input, output and trail of a stamp 147 and 4000 rows from the amplifier: docs/figures/cti_trails.png.
 5. Two whole chips.
 6. Rows through their registers (the only part with --serial): cost of a chip; trails of a spot and of a flat field.
+7. The paper's own code, of a checkout of github.com/ZunLuo/MCTI (the only part with --only-mcti): losses and trails of
+   three spots in a column of Poisson sky, charge deferred into the overscan, cost. It is in the chart of part 2, too.
 """
 
 import argparse
 import math
+import sys
 import time
 from pathlib import Path
 
@@ -23,6 +26,7 @@ import numba
 import numpy as np
 
 from csstsim.base.counter import unit, word
+from csstsim.base.errors import CsstsimError
 from csstsim.bench.readout.arctic import THERE, arctic
 from csstsim.bench.readout.cti import (
     CTI,
@@ -31,6 +35,7 @@ from csstsim.bench.readout.cti import (
     HALF_COLUMNS,
     KEYS,
     OVERSCAN,
+    PARTS,
     ROWS,
     SKY,
     TAU,
@@ -42,6 +47,7 @@ from csstsim.bench.readout.cti import (
     speed_accuracy,
     stochastic,
 )  # fmt: skip
+from csstsim.bench.readout.mcti import ABSENT, Mcti
 from csstsim.detector.charge_transfer.cti import transfer
 from csstsim.detector.charge_transfer.serial import transfer_rows
 from csstsim.detector.charge_transfer.traps import buffers, draw_traps
@@ -54,6 +60,7 @@ REGISTER = tuple(CTI["serial"]["species"][name] for name in ("density", "timesca
 REGISTER_WELL = tuple(CTI["serial"]["well"][name] for name in ("beta", "full_well", "notch"))
 EUCLID = (0.0442, 0.1326, 3.9782), (0.8, 4.0, 20.0)  # serial species in PyAutoCTI's examples
 PRESCAN, CHANNEL, SERIAL_OVERSCAN = 27, 1152, 71
+SPOT_ROWS, SPOT, FIRST_ROWS = (200, 700, 1200), 5000, 50  # of three spots [e-] in a column; overscan rows looked at
 
 
 @numba.njit
@@ -165,6 +172,45 @@ def serial(sky_levels=(4, 40, 200)):
         print(f"flat {level} e-: overscan columns 1-5", np.round(scan[:5], 2), f"EPER {eper:.1e} per transfer")
 
 
+def papers_code(mcti, columns=4000, batches=20):
+    """Print what three spots in columns of Poisson sky lose and trail, here and in the paper's code, and the cost.
+
+    The columns are divided into batches with traps of their own; their scatter gives the errors.
+    """
+    for sky in (5, 40):
+        rng = np.random.default_rng(sky)
+        image = rng.poisson(sky, (SPOT_ROWS[-1] + PARTS[-1][1], columns)).astype(np.float32)
+        for row in SPOT_ROWS:
+            image[row : row + 3] = SPOT
+        found = {"csstsim": [], "MCTI": []}
+        seconds = dict.fromkeys(found, 0.0)
+        for batch, part in enumerate(np.array_split(image, batches, axis=1)):
+            keys = np.uint64(2 * batch + 1), np.uint64(2 * batch + 2)
+            for name in found:
+                start, moved = time.process_time(), part.copy()
+                if name == "csstsim":
+                    trail, _ = transfer(moved, DENSITY, TAU, WELL, keys, overscan=FIRST_ROWS)
+                else:
+                    out = mcti.transfer(part, DENSITY, TAU, WELL, FIRST_ROWS, batch + 1)
+                    moved, trail = out[: len(part)], out[len(part) :]
+                seconds[name] += time.process_time() - start
+                change = (moved - part).mean(1, dtype=float)
+                lines = [[change[row + a : row + b].sum() for a, b in PARTS] for row in SPOT_ROWS]
+                found[name].append([*np.ravel(lines), trail.mean(dtype=float)])
+        print(f"\nspots of {SPOT} e- over 3 rows, Poisson sky of {sky} e-, {columns} columns: csstsim, MCTI, ratio")
+        ours, theirs = (np.array(found[name]) for name in found)
+        mean, other = ours.mean(0), theirs.mean(0)
+        error = np.hypot(ours.std(0), theirs.std(0)) / np.sqrt(batches - 1) / abs(other)
+        names = [
+            f"row {row:4d} {part}" for row in SPOT_ROWS for part in ("spot", "rows 1-8", "rows 9-48", "rows 49-198")
+        ]
+        for name, *numbers in zip(
+            [*names, f"overscan rows 1-{FIRST_ROWS}, each"], mean, other, mean / other, error, strict=True
+        ):
+            print("{:28s} {:9.4f} {:9.4f}   {:.4f} +- {:.4f}".format(name, *numbers))
+        print(f"CPU time: MCTI / csstsim {seconds['MCTI'] / seconds['csstsim']:.0f}", flush=True)
+
+
 def trails(file):
     """Draw input, output and difference of one galaxy near and far from the amplifier."""
     rng, size = np.random.default_rng(3), 60
@@ -196,18 +242,31 @@ def trails(file):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--columns", type=int, default=512)
-    parser.add_argument("--serial", action="store_true", help="the sixth section only")
+    parser.add_argument("--serial", action="store_true", help="the sixth part only")
+    parser.add_argument("--mcti", metavar="FOLDER", help="a checkout of github.com/ZunLuo/MCTI; it needs cc")
+    parser.add_argument("--only-mcti", action="store_true", help="the seventh part only")
     given = parser.parse_args()
     if given.serial:
         return serial()
+    try:
+        mcti = given.mcti and Mcti(given.mcti)
+    except CsstsimError as error:
+        print(error, file=sys.stderr)
+        sys.exit(2)
+    if mcti:
+        papers_code(mcti)
+    else:
+        print(ABSENT)
+    if given.only_mcti:
+        return None
     costs(given.columns)
-    speed_accuracy(FIGURES / "cti_speed_accuracy.png", print, given.columns)
+    speed_accuracy(FIGURES / "cti_speed_accuracy.png", print, given.columns, mcti)
     if THERE:
         first_transfers()
     trails(FIGURES / "cti_trails.png")
     for sky in (4, SKY):
         chip(sky)
-    serial()
+    return serial()
 
 
 if __name__ == "__main__":

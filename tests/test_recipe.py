@@ -73,6 +73,7 @@ KEYS = {
     "fidelity": (RENDER, "preview", {}),
     "keep": (NOT, "light", {}),
     "share": (NOT, "common", {}),
+    "level0_names": (NOT, "C5.2", {}),
     "measurement.calibration": (MEASURE, "frames", {}),
     "measurement.masters": (
         MEASURE,

@@ -2,8 +2,8 @@
 
 import pytest
 from astropy.io import fits
+from commands import command, done
 from mini_campaign import HEADER, POINTINGS, write_campaign
-from small_delivery import command, done
 
 from csstsim.base.errors import InputError
 from csstsim.campaign.opened import OpenCampaign

@@ -135,8 +135,8 @@ def test_amplifiers_are_at_the_stored_origin():
 
 
 def test_stored_axis_names_the_chip_pixel_of_a_stored_one():
-    whole = frame_of()
     for layout in LAYOUTS:
+        whole = frame_of().of_file(layout)
         stored = whole.to_stored(whole.embed(numbered(whole.window)), layout)
         y, x = np.nonzero(stored)
         number = stored[y, x] - 1
@@ -168,6 +168,24 @@ def test_wrong_arrays():
         readout.from_stored(np.zeros((3, 3)), "mosaic")
     with pytest.raises(ValueError, match="known: channels, mosaic"):
         readout.stored_shape("tiles")
+
+
+@pytest.mark.parametrize("window", [(0, 32, 0, 12), (3, 5, 2, 3)])
+def test_a_chip_has_the_active_pixels_where_they_are(window):
+    """Scans are not stored, and come back as 0; places in them cannot be asked for."""
+    readout = frame_of(window)
+    frame = readout.embed(numbered(window))
+    frame[frame == 0] = -1
+    stored = readout.to_stored(frame, "chip")
+    x0, x1, y0, y1 = window
+    assert stored.shape == readout.stored_shape("chip") == (12, 32)
+    assert np.array_equal(stored[y0:y1, x0:x1], numbered(window))
+    assert (stored != 0).sum() == (x1 - x0) * (y1 - y0)
+    assert np.array_equal(readout.from_stored(stored, "chip"), np.where(frame == -1, 0, frame))
+    assert readout.of_file("chip").shape == (y1 - y0, x1 - x0)
+    assert all(readout.of_file(layout) is readout for layout in ("channels", "mosaic"))
+    with pytest.raises(ValueError, match="of_file"):
+        readout.stored_axis(readout.blocks[0], "chip")
 
 
 def test_no_prescan_or_overscan():

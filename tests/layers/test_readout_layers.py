@@ -98,6 +98,22 @@ def test_digitising_counts_what_it_clips(small):
     assert (state.header["clipped_high"], state.header["clipped_low"], state.header["layout"]) == (1, 3, "mosaic")
 
 
+def test_a_chip_is_written_with_one_gain(small):
+    """Electrons by the one gain are those by the channel's own, within the rounding of both, half a DN each."""
+    state, other = (run(flat_state(small, 3000.0), plain_layers()[:-1]) for _ in range(2))
+    gains, noise = np.array(state.header["gain"]), state.header["read_noise"]
+    state = quantization_and_output.apply(state, quantization_and_output.Param(layout="chip"), RNG)
+    other = quantization_and_output.apply(other, quantization_and_output.Param(), RNG)
+    one = state.header["one_gain"]
+    assert np.ptp(gains) > 0 and one == pytest.approx(gains.mean(), rel=1e-12)
+    assert state.header["gain"] == [one] * 16 and state.header["one_read_noise"] == pytest.approx(noise[0], rel=1e-12)
+    assert "one_gain" not in other.header and other.header["gain"] == gains.tolist()
+    for block in ReadoutFrame.of(small.detector, None).blocks:
+        pair = [image[block.whole].astype(float) for image in (state.image, other.image)]
+        assert abs(pair[0] * one - pair[1] * gains[block.channel - 1]).max() < 1.1 * one
+        assert abs(pair[0] - pair[1]).max() > 3 or abs(gains[block.channel - 1] / one - 1) < 1e-3
+
+
 def channel_statistics(pair, region):
     """Return (mean, half the variance of the difference, pixels) of a region of two frames, as float."""
     one, other = (image[region].astype(float) for image in pair)

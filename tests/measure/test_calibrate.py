@@ -169,3 +169,18 @@ def test_level_and_scatter_are_those_of_the_clipped_pixels(kind, count):
         away = np.abs(pixels - np.median(pixels))
         kept = pixels[away <= 4 * max(1.4826 * np.median(away), 1.0)].astype(float)
         assert overscan_level(pixels) == pytest.approx((kept.mean(), kept.std()), rel=1e-12, abs=1e-12)
+
+
+def test_without_overscan_the_levels_are_those_given():
+    """Each channel its own bias and read noise; electrons exact."""
+    readout = ReadoutFrame(window=(0, 320, 0, 160), **SMALL).of_file("chip")
+    levels = {block.channel: (100.0 + block.channel, 5.0 + block.channel) for block in readout.blocks}
+    frame = np.empty(readout.shape, np.uint16)
+    for block in readout.blocks:
+        frame[block.active] = 100 + block.channel + 50
+    result = calibrate(frame, readout, dict.fromkeys(levels, 1.5), levels=levels)
+    np.testing.assert_allclose(result.electrons, 75.0, rtol=1e-6)
+    assert result.bias == {n: level for n, (level, _) in levels.items()}
+    assert result.read_noise == {n: noise for n, (_, noise) in levels.items()}
+    with pytest.raises(InputError, match="overscan"):
+        calibrate(frame, readout, dict.fromkeys(levels, 1.5))

@@ -15,6 +15,7 @@ from csstsim.campaign.running.one_by_one import forget
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.products import kinds, summary
 from csstsim.base.errors import CsstsimError
+from csstsim.io.level0_names import FORMS
 from csstsim.io.output_owner import claim_output
 from csstsim.optics.psf.sampling import psf_cube
 
@@ -59,6 +60,8 @@ JOB_OF = {"stages": "stages", "whole": "chip", "exposure": "exposure"}  # rules
 if CHIPS_AS not in JOB_OF:
     raise WorkflowError(f"chips: {CHIPS_AS}; allowed: {', '.join(JOB_OF)}")
 OUT = str(RUN.paths.output)
+NAMES = FORMS[RUN.config.level0_names]
+ENDING = NAMES.ending
 CHIPS = str(RUN.paths.chips)
 kept = (lambda path: path) if RUN.config.keep == "light" else temp  # what render makes
 
@@ -110,7 +113,7 @@ wildcard_constraints:
     chip=r"\d{2}",
     pix=r"\d+",
     dir=r"\d+",
-    name=r"CSST_MSC_MS_[A-Z]+_\d{14}_\d{14}",
+    name=NAMES.beginning,
 
 
 def shared(files):

@@ -20,7 +20,7 @@ for number, (files, obsids) in enumerate(named_alike(ALL, level0_endings).items(
             of_exposure(psf_of, ALL),
         output:
             [
-                f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{chip}_L0_V01.{end}"
+                f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{chip}_{ENDING}.{end}"
                 for chip, ends in files
                 for end in ends
             ],

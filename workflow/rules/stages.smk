@@ -63,8 +63,8 @@ rule level0:
         stage_before("readout"),
         drawn_before,
     output:
-        f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_L0_V01.fits",
-        f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_L0_V01.truth.parquet",
+        f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_{ENDING}.fits",
+        f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_{ENDING}.truth.parquet",
     log:
         f"{OUT}/logs/level0/{{name}}_{{obsid}}_{{chip}}.log",
     group:
@@ -95,9 +95,9 @@ use rule level0 as level0_spectra with:
         drawn_before,
         f"{CHIPS}/{{obsid}}_{{chip}}/orders.parquet",
     output:
-        f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_L0_V01.fits",
-        f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_L0_V01.truth.parquet",
-        f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_L0_V01.orders.parquet",
+        f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_{ENDING}.fits",
+        f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_{ENDING}.truth.parquet",
+        f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_{ENDING}.orders.parquet",
     wildcard_constraints:
         obsid=SPECTRA_OBSID,
         chip=SPECTRA_CHIP,

@@ -83,7 +83,8 @@ def pixels_off(channels, facts, truth):
         if n < LEAST:
             continue
         expected = facts.level(part["response"])
-        sigma = np.hypot(part["noise"] / np.sqrt(n), facts.read_noise / np.sqrt(part["overscan"]))
+        bias = facts.read_noise / np.sqrt(part["overscan"]) if part["overscan"] else 0.0
+        sigma = np.hypot(part["noise"] / np.sqrt(n), bias)
         excess = part["level"] - expected
         excess = min(excess, 0.0) + max(excess - light, 0.0)
         out["level"].append((part["channel"], float(excess / expected), float(sigma / expected)))
@@ -91,6 +92,8 @@ def pixels_off(channels, facts, truth):
         out["noise"].append((part["channel"], float(part["noise"] / noise - 1), float((2 * n) ** -0.5)))
     for part in channels:
         n, count = part["channel"], part["overscan"]
+        if not count:  # without overscan (layout `chip`) both were taken from the header
+            continue
         expected = np.hypot(facts.read_noise, facts.gain.get(n, 0.0) * ROUNDING)
         if expected > 0:
             out["read_noise"].append((n, float(part["read_noise"] / expected - 1), (2 * count) ** -0.5))

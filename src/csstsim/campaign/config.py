@@ -20,6 +20,8 @@ from csstsim.base.model import FilePath, Model, validate
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.thresholds import ValidateConfig
 from csstsim.instrument.pointing import ExposureType
+from csstsim.io.level0_names import FORMS
+from csstsim.io.level0_names import NEWEST as NEWEST_NAMES
 
 # {layout of campaign files: how to change a file of the layout before it}
 LAYOUTS = {1: "give schema_version: 1, and the keys of config/README.md"}
@@ -239,6 +241,11 @@ class Campaign(Model):
         "nothing",
         description="'light': keep the rendered light of each chip (0.4 GB for a whole one), so that a change of the "
         "detector reruns the readout but not render; only with --config chips=stages",
+    )
+    level0_names: Literal[tuple(FORMS)] = Field(
+        NEWEST_NAMES,
+        description="form of the names of Level-0 files: 'C9', that of Cycle 9 and W1; 'C5.2', 'C5.1' or 'C3', those "
+        "of older mocks, for programs that look for them",
     )
     measurement: MeasurementConfig = Field(default_factory=MeasurementConfig)
     validation: ValidateConfig = Field(default_factory=ValidateConfig)

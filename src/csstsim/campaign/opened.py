@@ -61,7 +61,7 @@ class OpenCampaign:
         self.file = Path(file)
         importable(self.file.parent)
         self.config = config or load_campaign(file)
-        self.paths = Paths(output or self.config.output, scratch)
+        self.paths = Paths(output or self.config.output, scratch, self.config.level0_names)
         if not copied:
             check_owner(self)
             check_share(self)

@@ -24,6 +24,7 @@ READERS = {
     "select.*": (),
     "window*": (),  # the job's, in `exposure`
     "keep": (),
+    "level0_names": (),
     "share": (),
     "seed": ("truth", "select"),
     "catalog.lensing.*": ("truth",),

@@ -22,9 +22,12 @@ from csstsim.command_line.completion import layers_of
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Random seed of the objects.")
 @click.option("--readout", is_flag=True, help="Measure the cost of the detector's layers instead; only with --output.")
 @click.option(
+    "--mcti", type=click.Path(), help="With --readout: a checkout of github.com/ZunLuo/MCTI, to compare with."
+)
+@click.option(
     "--chart", multiple=True, type=click.Path(), help="Draw the chart from a table of an earlier run; repeat."
 )
-def bench(output, quick, band, methods, objects, seed, readout, chart):
+def bench(output, quick, band, methods, objects, seed, readout, mcti, chart):
     """Measure speed and accuracy of every way to draw an object.
 
     GalSim and direct optics are the references.
@@ -36,11 +39,13 @@ def bench(output, quick, band, methods, objects, seed, readout, chart):
       csstsim bench --filter GV --output results/bench_GV
     Tables of several runs in one chart:
       csstsim bench --chart docs/speed_accuracy.csv --chart docs/speed_accuracy_GV.csv
-    The readout of a whole chip, layer by layer, compared with numpy, GalSim and arcticpy:
-      csstsim bench --readout
+    The readout of a whole chip, layer by layer, compared with numpy, GalSim, arcticpy and the paper's code:
+      csstsim bench --readout --mcti MCTI
     """
     if (readout or chart) and (quick or methods or objects or (readout and chart)):
         raise click.UsageError("--readout and --chart go with --output only")
+    if mcti and not readout:
+        raise click.UsageError("--mcti goes with --readout")
     if chart:
         from csstsim.bench.command import chart as draw
 
@@ -48,7 +53,7 @@ def bench(output, quick, band, methods, objects, seed, readout, chart):
     elif readout:
         from csstsim.bench.readout.layers import readout as run
 
-        run(Path(output), say=print)
+        run(Path(output), say=print, mcti=mcti)
     else:
         from csstsim.bench.command import bench as run
 

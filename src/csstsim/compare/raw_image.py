@@ -26,7 +26,7 @@ class RawImage:
     def pixels(self, plane, block):
         """Return a channel's pixels, (block_ny, block_nx), its first to be read first; block: of `readout`."""
         stored = self.planes[plane]
-        if self.layout == "mosaic":
+        if self.layout != "channels":
             return stored[block.whole][block.as_read]
         return stored[:, block.stored_x0 : block.stored_x0 + self.readout.block_nx]
 

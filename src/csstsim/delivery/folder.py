@@ -12,7 +12,8 @@ from csstsim.base.errors import InputError
 from csstsim.delivery.contents import MAYBE, NO, YES, Contents, ExpectedFrame
 from csstsim.io.keywords import recorded_recipe
 from csstsim.io.level0 import read_level0
-from csstsim.io.paths import LIGHT, ORDERS, STEM, TRUTH, TYPES, Paths
+from csstsim.io.level0_names import read_name
+from csstsim.io.paths import LIGHT, ORDERS, TRUTH, Paths
 
 
 def of_folder(folder):
@@ -23,7 +24,7 @@ def of_folder(folder):
             "not the output of a campaign: it has no folder level0", file=folder,
             allowed="a campaign file, or an output folder",
         )  # fmt: skip
-    frames = _told_apart([_frame(stem, path) for stem, path in _stems(paths.output / "level0")], paths)
+    frames = _told_apart([_frame(said, path) for said, path in _stems(paths.output / "level0")], paths)
     if not frames:
         raise InputError("holds no Level-0 file", file=paths.output / "level0")
     merged = {int(m[1]) for path in _files(paths.merge_catalogue / "dataset") if (m := BRICK.fullmatch(path.name))}
@@ -56,19 +57,19 @@ def _files(folder):
 
 
 def _stems(folder):
-    """Return [(match of STEM, Level-0 file)]: also where only the truth beside it is left."""
+    """Return [(what a name says, Level-0 file)]: also where only the truth beside it is left."""
     found = {}
     for path in _files(folder):
         name = path.name.removesuffix(TRUTH).removesuffix(".fits")
-        match = STEM.fullmatch(name)
-        if match and match[1] in TYPES and path.parent.name == match[2] and path.parent.parent == folder:
-            found[path.parent / f"{name}.fits"] = match
-    return [(match, path) for path, match in sorted(found.items())]
+        said = read_name(name)
+        if said and path.parent.name == said[1] and path.parent.parent == folder:
+            found[path.parent / f"{name}.fits"] = said
+    return [(said, path) for path, said in sorted(found.items())]
 
 
-def _frame(stem, path):
+def _frame(said, path):
     """Return the ExpectedFrame of a Level-0 file: what its header says, or, if that cannot be read, its name alone."""
-    kind, obsid, chip = TYPES[stem[1]], stem[2], int(stem[3])
+    kind, obsid, chip = said
     frame = ExpectedFrame(obsid, chip, None, kind, path, None, None, None, MAYBE, MAYBE, MAYBE)
     if kind != "SCIE":
         frame = replace(frame, measured=NO, extracted=NO)

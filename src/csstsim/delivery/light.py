@@ -40,13 +40,18 @@ def charge_of(file, full_well):
             for part in (channel.active, channel.serial_overscan, channel.parallel_overscan)
         )
         gain, pixels = file.gain[channel.number], int(counts.sum())
-        level, scatter = overscan_level(channel.serial_overscan, from_right=block.flip_x)
+        if channel.serial_overscan.size:
+            level, scatter = overscan_level(channel.serial_overscan, from_right=block.flip_x)
+            unsure = pixels / channel.serial_overscan.size
+        else:  # layout `chip`: the levels that the file states
+            level, noise = file.levels[channel.number]
+            scatter, unsure = noise / gain, 0.0
         used = np.union1d(np.flatnonzero(counts), top)
         nonlinearity = file.nonlinearity.get(channel.number, (0.0, 0.0))
         charge = straighten((used - level) * gain, *nonlinearity, full_well)
         total += float(counts[used] @ charge)
         noise = max(scatter, 12**-0.5) * gain
-        variance += noise**2 * pixels * (1 + pixels / channel.serial_overscan.size)
+        variance += noise**2 * pixels * (1 + unsure)
         clipped += int(counts[top:].sum())
         at = min(at, float(charge[np.searchsorted(used, top)]))
     return Charge(total, variance**0.5, clipped, at)

@@ -8,6 +8,7 @@ mosaic    as on the detector: x = 4 x [prescan, active, overscan] then 4 x [over
           y = [active, overscan | overscan, active]; 10000 x 9400 for the real detector
 channels  the Level-0 arrangement: every channel mirrored so that its amplifier is at (0, 0), side by side in the
           order lower half left to right, then upper half right to left; 20000 x 4700
+chip      the active pixels alone, as on the detector; 9216 x 9232
 frame     the mosaic without the rows and columns that a windowed readout skips. A channel that the window
           touches keeps all its prescan and overscan columns and its half's overscan rows, so the frame is a
           rectangle
@@ -15,13 +16,13 @@ frame     the mosaic without the rows and columns that a windowed readout skips.
 Arrays and integers only. Not modelled: the time order of readout, electronic crosstalk.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
-LAYOUTS = ("channels", "mosaic")
+LAYOUTS = ("channels", "mosaic", "chip")
 GEOMETRY = (
     "nx", "ny", "channels_x", "channels_y", "channel_nx", "channel_ny", "prescan", "overscan", "parallel_overscan",
 )  # fmt: skip
@@ -114,12 +115,18 @@ class ReadoutFrame:
         """(rows, columns) of the frame."""
         return len(self.rows), len(self.cols)
 
+    def of_file(self, layout):
+        """Return the frame of the pixels that a file of `layout` holds: without prescan and overscan of 'chip'."""
+        return replace(self, prescan=0, overscan=0, parallel_overscan=0) if layout == "chip" else self
+
     def stored_shape(self, layout):
-        """(rows, columns) of the whole detector in 'channels' or 'mosaic' layout; ValueError for another."""
+        """(rows, columns) of the whole detector in one of LAYOUTS; ValueError for another."""
         if layout == "channels":
             return self.block_ny, self.block_nx * self.n_channels
         if layout == "mosaic":
             return self.block_ny * self.channels_y, self.block_nx * self.channels_x
+        if layout == "chip":
+            return self.ny, self.nx
         raise ValueError(f"unknown layout {layout!r}; known: {', '.join(LAYOUTS)}")
 
     @cached_property
@@ -215,22 +222,26 @@ class ReadoutFrame:
     def to_stored(self, frame, layout):
         """Return the array of the whole detector (`stored_shape`) in `layout`; pixels that were not read out are 0.
 
-        Raises ValueError for a frame that does not have `shape`.
+        'chip' has no room for prescan and overscan. Raises ValueError for a frame that does not have `shape`.
         """
         if frame.shape != self.shape:
             raise ValueError(f"frame of shape {frame.shape}; the readout gives {self.shape}")
+        if (inner := self.of_file(layout)) != self:
+            return inner.to_stored(self.active(frame), layout)
         stored = np.zeros(self.stored_shape(layout), frame.dtype)
         for in_frame, in_stored in self.pieces(layout):
             stored[in_stored] = frame[in_frame]
         return stored
 
     def from_stored(self, stored, layout):
-        """Return the frame (of `shape`) from a stored array: the inverse of `to_stored`.
+        """Return the frame (of `shape`) from a stored array: the inverse of `to_stored`; absent scans are 0.
 
         Raises ValueError for an array that does not have `stored_shape`.
         """
         if stored.shape != self.stored_shape(layout):
             raise ValueError(f"stored array of shape {stored.shape}; expected {self.stored_shape(layout)}")
+        if (inner := self.of_file(layout)) != self:
+            return self.embed(inner.from_stored(stored, layout))
         frame = np.empty(self.shape, stored.dtype)
         for in_frame, in_stored in self.pieces(layout):
             frame[in_frame] = stored[in_stored]
@@ -246,18 +257,30 @@ class ReadoutFrame:
                     yield (y_frame, x_frame), self.stored_region(block, (y_mosaic, x_mosaic), layout)
 
     def stored_region(self, block, mosaic_region, layout):
-        """Return the slices [px] of the stored array that hold a region of the mosaic inside `block`."""
-        if layout == "mosaic":
+        """Return the slices [px] of the stored array that hold a region of the mosaic inside `block`.
+
+        Raises ValueError for a layout that is unknown, or 'chip' of a frame with prescan or overscan.
+        """
+        if self._as_on_chip(layout):
             return mosaic_region
         self.stored_shape(layout)
         y, x = mosaic_region
         y = _local(y, block.half * self.block_ny, self.block_ny, block.flip_y, 0)
         return y, _local(x, block.slot * self.block_nx, self.block_nx, block.flip_x, block.stored_x0)
 
+    def _as_on_chip(self, layout):
+        """True for 'mosaic', and for 'chip', which is the mosaic of a frame without scans (`of_file`)."""
+        if layout == "chip" and self.of_file(layout) != self:
+            raise ValueError("a stored chip has no prescan and overscan: ask the frame of `of_file`")
+        return layout in ("mosaic", "chip")
+
     def stored_axis(self, block, layout):
-        """Return ((x0, step_x), (y0, step_y)): stored pixel (X, Y), 0-based, is chip pixel (x0 + step_x X, ...)."""
+        """Return ((x0, step_x), (y0, step_y)): stored pixel (X, Y), 0-based, is chip pixel (x0 + step_x X, ...).
+
+        Raises ValueError as `stored_region`.
+        """
         first_x, first_y = block.slot * self.channel_nx, block.half * self.channel_ny
-        if layout == "mosaic":
+        if self._as_on_chip(layout):
             lead_x = self.overscan if block.flip_x else self.prescan
             lead_y = 2 * self.parallel_overscan if block.flip_y else 0
             return (first_x - block.slot * self.block_nx - lead_x, 1), (-lead_y, 1)

@@ -21,7 +21,7 @@ from csstsim.io.sections import section_lists
 
 STAGES = ("select", "render", "readout", "level0")
 _FROM_LAYERS = (
-    "gain", "bias", "read_noise", "clipped_high", "clipped_low", "prnu_rms",
+    "gain", "bias", "read_noise", "one_gain", "one_read_noise", "clipped_high", "clipped_low", "prnu_rms",
     "cosmic_tracks", "cosmic_pixels", "cosmic_electrons", "hot_pixels", "dead_pixels", "bad_columns", "defects_level",
     "dark_electrons", "bfe_area", "cti_density", "cti_trapped", "cti_serial_trapped", "saturated", "bloom_lost",
     "nonlinearity_quadratic", "nonlinearity_cubic",
@@ -129,7 +129,8 @@ def _iso(moment):
 
 def _detector(state, layout):
     detector, window = state.chip.detector, state.window
-    lists = section_lists(ReadoutFrame.of(detector, window), layout)
+    readout = ReadoutFrame.of(detector, window).of_file(layout)
+    lists = section_lists(readout, layout)
     return {
         "data_section": lists["DATASEC"], "trim_section": lists["TRIMSEC"], "bias_section": lists["BIASSEC"],
         "chip_section": lists["DETSEC"],
@@ -138,7 +139,7 @@ def _detector(state, layout):
         "temperature": detector.temperature, "readout_time": detector.readout_time, "adc_max": detector.adc_max,
         "pixel_scale": state.telescope.pixel_scale, "pixel_um": detector.pixel_um,
         "detector_size": f"[1:{detector.nx},1:{detector.ny}]", "channels": detector.channels_x * detector.channels_y,
-        "prescan": detector.prescan, "overscan": detector.overscan, "parallel_overscan": detector.parallel_overscan,
+        "prescan": readout.prescan, "overscan": readout.overscan, "parallel_overscan": readout.parallel_overscan,
         "window_x_first": window.x0 + 1, "window_x_last": window.x1,
         "window_y_first": window.y0 + 1, "window_y_last": window.y1,
         "bias_adu": None, "field_dist": state.wcs.distortion is not None,

@@ -6,8 +6,8 @@ quantization_and_output, has the bits of csstsim.detector.mask in the layout of 
 level0_keywords.yaml. The WCS without letter is that of the assembled active frame (9216 x 9232); those with letters A,
 B, ... are the same for the stored pixels of channels 1, 2, ... All are linear: where the primary header's FLDDIST is T,
 they are off by up to 200 px. With quantization_and_output's `sip` the first WCS includes the distortion and there are
-none with letters. io.sections gives the place of each channel's pixels; Level0.extensions makes each channel an
-extension with its own WCS.
+none with letters. Layout `chip` has none either, for the first WCS is that of its pixels. io.sections gives the place
+of each channel's pixels; Level0.extensions makes each channel an extension with its own WCS.
 """
 
 import re
@@ -98,6 +98,12 @@ class Level0:
         """{channel: (quadratic [1/e-], cubic [1/e-^2])}; empty if the file does not state it."""
         quadratic, cubic = self.per_channel("NLQ"), self.per_channel("NLC")
         return {n: (quadratic[n], cubic[n]) for n in quadratic.keys() & cubic.keys()}
+
+    @cached_property
+    def levels(self):
+        """{channel: (bias [DN], read noise [e-])} as the file states them; empty if it does not."""
+        bias, noise = self.per_channel("DETBIA"), self.per_channel("RON")
+        return {n: (bias[n], noise[n]) for n in bias.keys() & noise.keys()}
 
     def per_channel(self, prefix):
         """Return {channel: value} of the keywords PREFIXnn of IMAGE that the file states. Raises InputError."""

@@ -9,7 +9,7 @@ from csstsim.optics.geometry.sip import sip_header
 
 def level0_cards(state, keywords, provenance, layout):
     """Return the cards of HDU 0 and of IMAGE, two lists; arguments as of `io.level0.write_level0`."""
-    frame = ReadoutFrame.of(state.chip.detector, state.window)
+    frame = ReadoutFrame.of(state.chip.detector, state.window).of_file(layout)
     values = header_values(state, provenance, layout)
     image = header_cards(keywords, values, 1) + wcs_cards(state.wcs, frame, layout, state.header.get("sip"))
     return header_cards(keywords, values, 0), image
@@ -25,10 +25,12 @@ def wcs_cards(wcs, frame, layout, sip=False):
 
     `wcs`: the ChipWCS. In a channel's block, chip x = x0 + sx X with sx = +-1 (mirroring), so CRPIX' = sx (CRPIX - x0)
     in 0-based pixels and the CD columns change sign. With `sip` the assembled frame's WCS has the field distortion and
-    there are no alternates, because readers (astropy) would apply the polynomials to those, too.
+    there are no alternates, because readers (astropy) would apply the polynomials to those, too. Layout `chip` needs
+    none: the stored array is the assembled frame.
     """
     whole = ReadoutFrame.of(frame, None)
-    cards = [remark("COMMENT", " WCS of the assembled active frame (DETSIZE), not of the stored array")]
+    what = "which is the stored array" if layout == "chip" else "not of the stored array"
+    cards = [remark("COMMENT", f" WCS of the assembled active frame (DETSIZE), {what}")]
     cards += [
         remark("COMMENT", " Its directions are apparent: aberration and light deflection at the spacecraft"),
         remark("COMMENT", " (EXPSTART, POSI0_*, VELO0_* of the primary header) are in them; axes as ICRS"),
@@ -41,7 +43,7 @@ def wcs_cards(wcs, frame, layout, sip=False):
         cards.append(remark("COMMENT", " Field distortion is in the image, but not in this linear WCS"))
     linear = wcs.header()
     cards += [card(key, value) for key, value in linear.items()] + [card("WCSNAME", "assembled frame")]
-    for block in whole.blocks:
+    for block in whole.blocks if layout != "chip" else ():
         cards.append(remark("COMMENT", f" WCS {_letter(block)}: the stored pixels of channel {block.channel}"))
         cards += [card(key + _letter(block), value) for key, value in channel_wcs(linear, whole, block, layout).items()]
         cards.append(card("WCSNAME" + _letter(block), f"channel {block.channel}"))

@@ -8,22 +8,18 @@
     report/index.html verdict.json  look/{obsid}_{chip}.png
 
 chips/ has the files passed between a chip's stages; it may be elsewhere (`scratch`), on a node's own disk.
-Bricks use the HATS directory layout (nested HEALPix order 8, NSIDE 256); bricks.hats makes catalogues of them.
+The names of Level-0 files have the form that the campaign chooses (io.level0_names). Bricks use the HATS directory
+layout (nested HEALPix order 8, NSIDE 256); bricks.hats makes catalogues of them.
 """
 
-import re
 from pathlib import Path
 
 from csstsim.base.errors import InputError
-
-# The exposure type behind each word of a file name. A science exposure is named by its part of the survey: WIDE is seen
-# in the Cycle-9 release, DEEP is its counterpart for deep fields; the others bear their type.
-TYPES = {"WIDE": "SCIE", "DEEP": "SCIE", "BIAS": "BIAS", "DARK": "DARK", "FLAT": "FLAT"}
+from csstsim.io.level0_names import FORMS, NEWEST
 
 # Suffixes of the files that accompany a Level-0 file under its name.
 TRUTH, ORDERS, COSMIC = ".truth.parquet", ".orders.parquet", ".cosmic.fits"
 LIGHT = "render.fits", "drawn.parquet", "orders.parquet"  # what render makes for a chip; may be kept
-STEM = re.compile(r"CSST_MSC_MS_([A-Z]+)_\d{14}_\d{14}_(\d{9,14})_(\d{2})_L0_V01")  # word, obsid, chip
 
 
 def made(path, command):
@@ -34,10 +30,13 @@ def made(path, command):
 
 
 class Paths:
-    """The products of one campaign under its output folder, its intermediates under `scratch` if that is given."""
+    """The products of one campaign under its output folder, its intermediates under `scratch` if that is given.
 
-    def __init__(self, output, scratch=None):
-        self.output = Path(output)
+    names: the form of the names of Level-0 files, of io.level0_names.FORMS.
+    """
+
+    def __init__(self, output, scratch=None, names=NEWEST):
+        self.output, self._form = Path(output), FORMS[names]
         self.chips = Path(scratch or output) / "chips"
 
     def _hats(self, kind, pix, form="{}"):
@@ -75,11 +74,15 @@ class Paths:
 
     def level0(self, job):
         """A chip's Level-0 FITS file; job: campaign.job.Job."""
-        return self.output / "level0" / job.obsid / f"{level0_stem(job)}.fits"
+        return self.output / "level0" / job.obsid / f"{self._form.stem(job)}.fits"
 
     def level0_truth(self, job):
         """The table of drawn objects beside the Level-0 file, parquet."""
         return self.level0(job).with_suffix(TRUTH)
+
+    def level0_catalogue(self, job):
+        """Where readers of the campaign's form of names look for the truth as an ASCII catalogue."""
+        return self.output / "level0" / job.obsid / f"{self._form.catalogue(job)}.cat"
 
     def level0_orders(self, job):
         """The truth of dispersed light, order by order (io.orders), of a spectroscopic chip's science exposure."""
@@ -121,11 +124,3 @@ class Paths:
     def report(self):
         """The campaign's report, HTML."""
         return self.output / "report" / "index.html"
-
-
-def level0_stem(job):
-    """Return the Level-0 file name without suffix: CSST_MSC_MS_{word}_{start}_{end}_{obsid}_{chip}_L0_V01."""
-    pointing = job.pointing
-    times = "_".join(f"{moment:%Y%m%d%H%M%S}" for moment in (pointing.start, pointing.end))
-    word = pointing.survey if pointing.type == "SCIE" else pointing.type
-    return f"CSST_MSC_MS_{word}_{times}_{job.obsid}_{job.chip.id:02d}_L0_V01"

@@ -1,14 +1,18 @@
 """Digitisation to 16 bits (paper, Appendix B item 15); the file itself is written by csstsim.io.level0.
 
 DN are rounded to the nearest integer and clipped to 0..adc_max, never wrapped; the number of pixels clipped at either
-end goes to the header. Left out: missing codes and differential non-linearity of the converter.
+end goes to the header. Layout `chip`, the assembled frame of older mocks, has one gain: channels are scaled to their
+mean gain before they are rounded, as if all amplifiers were equal. Left out: missing codes and differential
+non-linearity of the converter.
 """
 
 from typing import Literal
 
+import numpy as np
 from pydantic import Field
 
 from csstsim.detector.adc import digitise
+from csstsim.detector.channels import ReadoutFrame
 from csstsim.layers.param import LayerParam
 
 STAGE = "level0"
@@ -19,8 +23,10 @@ FRAME = ("readout", "readout")
 class Param(LayerParam):
     """obs_param of `quantization_and_output`."""
 
-    layout: Literal["channels", "mosaic"] = Field(
-        "channels", description="arrangement on disk: 16 channels side by side, or the 2 x 8 mosaic as on the detector"
+    layout: Literal["channels", "mosaic", "chip"] = Field(
+        "channels",
+        description="arrangement on disk: 16 channels side by side; the 2 x 8 mosaic as on the detector; or "
+        "'chip', its active pixels alone, with one gain",
     )
     mask: bool = Field(
         False,
@@ -40,7 +46,21 @@ def apply(state, param, rng):
 
     Raises ValueError if a value is not finite.
     """
+    if param.layout == "chip":
+        _even(state)
     state.image, high, low = digitise(state.image, state.chip.detector.adc_max, state.mask)
     state.header |= {"clipped_high": high, "clipped_low": low, "layout": param.layout, "sip": param.sip,
         "compress": param.compress}  # fmt: skip
     return state
+
+
+def _even(state):
+    """Scale the channels to their mean gain, in place; the header then has it for each, and once for the chip."""
+    gains = state.header.get("gain")
+    if gains is not None:
+        one = float(np.mean(gains))
+        for block in ReadoutFrame.of(state.chip.detector, state.window).blocks:
+            state.image[block.whole] *= np.float32(gains[block.channel - 1] / one)
+        state.header |= {"gain": [one] * len(gains), "one_gain": one}
+    if (noise := state.header.get("read_noise")) is not None:
+        state.header["one_read_noise"] = float(np.sqrt(np.mean(np.square(noise))))

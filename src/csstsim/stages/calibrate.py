@@ -69,7 +69,7 @@ def calibrated_frame(run, job):
     return file, to_electrons(
         file.frame(), file.readout, file.gain, nonlinearity=file.nonlinearity, adc_max=detector.adc_max,
         full_well=detector.full_well, response=response, bad=bad, offset=offset,
-        structure=own and frame_of(own, file.readout), correct=correct,
+        structure=own and frame_of(own, file.readout), correct=correct, levels=file.levels,
     )  # fmt: skip
 
 

@@ -54,5 +54,5 @@ def _raw(run, job):
     file, detector = own_level0(run, job), run.camera.detector
     return to_electrons(
         file.frame(), file.readout, file.gain, nonlinearity=file.nonlinearity, adc_max=detector.adc_max,
-        full_well=detector.full_well,
+        full_well=detector.full_well, levels=file.levels,
     )  # fmt: skip

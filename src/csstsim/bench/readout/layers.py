@@ -16,6 +16,7 @@ from csstsim.base.rng import Streams, stream
 from csstsim.base.shipped import SHIPPED
 from csstsim.bench.readout.arctic import THERE, arctic
 from csstsim.bench.readout.cti import speed_accuracy
+from csstsim.bench.readout.mcti import ABSENT, Mcti
 from csstsim.bench.setting import EXPTIME, POINTING
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
@@ -36,11 +37,13 @@ _SENSOR = 96  # px: side of the square that GalSim's sensor fills, photon by pho
 _COLUMNS = 32  # number that arcticpy works on
 
 
-def readout(folder, say, skies=SKIES):
+def readout(folder, say, skies=SKIES, mcti=None):
     """Print, for each sky [electron / pixel], the CPU seconds of each layer, of writing the file, and of the peers.
 
     Then print speed against accuracy of charge transfer (csstsim.bench.readout.cti), with a chart in `folder`.
+    mcti: a checkout of MCTI (csstsim.bench.readout.mcti), or None. Raises InputError if it is not one.
     """
+    mcti = mcti and Mcti(mcti)
     camera = load_camera(SHIPPED / "instrument")
     steps = _steps()
     folder.mkdir(parents=True, exist_ok=True)
@@ -60,7 +63,9 @@ def readout(folder, say, skies=SKIES):
             say(f"| {layer} | {seconds:.2f} | {1e9 * seconds / pixels:.1f} | {peers} |")
     if not THERE:
         say("\narcticpy is not installed (csstsim.bench.readout.arctic says how): cte_effect has no peer")
-    speed_accuracy(folder / "cti_speed_accuracy.png", say)
+    if mcti is None:
+        say(f"\n{ABSENT}")
+    speed_accuracy(folder / "cti_speed_accuracy.png", say, mcti=mcti)
     say(f"{folder}/cti_speed_accuracy.png")
 
 

@@ -1,8 +1,9 @@
 """Level-0 frame to electrons: overscan, gain, nonlinearity, moved charge, flat; the first step of the measurement.
 
 The bias of each readout channel is the robust mean of its own serial overscan (bias + read noise only), and its read
-noise the robust scatter there. charge_correction moves charge back to where light created it. The result is
-divided by the response of flat field and shutter. Dark current and sky are part of the background in `detect`.
+noise the robust scatter there. A frame without overscan (layout `chip`) has both from its header. charge_correction
+moves charge back to where light created it. The result is divided by the response of flat field and shutter. Dark
+current and sky are part of the background in `detect`.
 """
 
 from dataclasses import dataclass
@@ -81,7 +82,7 @@ def _by_rows(response, ny):
 
 def calibrate(
     frame, readout, gain, *, nonlinearity=None, adc_max=65535, full_well=None, response=None, bad=None, offset=None,
-    structure=None, correct=None,
+    structure=None, correct=None, levels=None,
 ):  # fmt: skip
     """Turn a raw frame into electrons.
 
@@ -91,7 +92,8 @@ def calibrate(
     `adc_max` DN or from `full_well` electrons; `response`: share of the light that was counted, as in Calibrated;
     `bad`: known defects, or None; `offset`: {channel: electrons} of bias in addition to the overscan's;
     `structure`: electrons (readout.shape) of the bias within its channels, or None; `correct`: a function that moves
-    electrons (ny, nx) back, in place, to where light made them, or None. Returns `Calibrated`.
+    electrons (ny, nx) back, in place, to where light made them, or None; `levels`: {channel: (bias [DN], read noise
+    [electron])}, used where there is no overscan. Returns `Calibrated`.
     Raises InputError when the frame does not have the readout's shape or a channel's gain is missing or not positive.
     """
     if frame.shape != readout.shape:
@@ -102,11 +104,14 @@ def calibrate(
     bias, read_noise = {}, {}
     for block in readout.blocks:
         n, factor = block.channel, _factor(gain, block.channel)
-        overscan = frame[block.serial_overscan]
-        if structure is not None:
-            overscan = overscan - structure[block.serial_overscan] / factor
-        bias[n], scatter = overscan_level(overscan, from_right=block.flip_x)
-        read_noise[n] = scatter * factor
+        if readout.overscan or n not in (levels or {}):
+            overscan = frame[block.serial_overscan]
+            if structure is not None:
+                overscan = overscan - structure[block.serial_overscan] / factor
+            bias[n], scatter = overscan_level(overscan, from_right=block.flip_x)
+            read_noise[n] = scatter * factor
+        else:
+            bias[n], read_noise[n] = levels[n]
         charge = _charge_of_dn(bias[n] + (offset or {}).get(n, 0.0) / factor, factor)
         if nonlinearity and full_well:
             charge = _straight(charge, nonlinearity, n, full_well)

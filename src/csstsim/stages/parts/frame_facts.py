@@ -1,5 +1,7 @@
 """The bricks.facts.Facts of a job: what the campaign expects of its frame, and what the Level-0 header says."""
 
+import numpy as np
+
 from csstsim.bricks.facts import Facts, HeaderWCS
 from csstsim.detector.adc import channel_gains
 from csstsim.io.level0 import read_level0
@@ -21,6 +23,8 @@ def frame_facts(run, job):
     streams = run.streams(job, "validate")
     gains = steps.step("gain")
     values = channel_gains(detector, streams, one_each=gains.param.gain_16channel) if gains else []
+    if file.layout == "chip" and values:  # its channels are scaled to one gain
+        values = [float(np.mean(values))] * len(values)
     header = {
         "exptime": file.header0.get("EXPTIME"), "gain": file.gain, "read_noise": file.per_channel("RON"),
         "bias": file.per_channel("DETBIA"),

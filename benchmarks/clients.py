@@ -1,0 +1,160 @@
+"""Programs that none of us wrote, on the mock's frames: what each was given, and what came out, judged by the truth.
+
+    apt-get install source-extractor psfex scamp swarp
+    pip install ccdproc                                # for the sections; --early needs healpy and joblib, too
+    python benchmarks/clients.py --chips 9             # one r chip, four dithered exposures: six CPU-minutes
+    python benchmarks/clients.py --chips imaging --coadd 9   # the whole pointing, 18 chips: an hour of CPU time
+    python benchmarks/clients.py --only early --early FOLDER [--small]
+
+scamp     the frames' distortion, against a reference catalogue of the mock's stars (client_codes/scamp.py)
+swarp     the coadd of the middle of a chip, with SCAMP's solution: depth and PSF, by psfex (client_codes/coadd.py)
+ccdproc   sections, overscan and trimming of each channel (client_codes/ccd.py)
+early     the survey's early public pipeline on a frame of layout `chip`; FOLDER is a checkout of github.com/csster/csst
+          (client_codes/early.py)
+
+A part whose program is not installed is left out, with a line that says so. What is made is kept in --output, and an
+interrupted run goes on. Exit code 1 if a residual, a distortion, a depth or a PSF exceeds its limit; 2 for bad input.
+"""
+
+import argparse
+import importlib.util
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+from client_codes import ccd, coadd, early, scamp
+from client_codes.figure import draw
+from client_codes.frames import frames_of, pointing, run_csstsim, stars
+
+from csstsim.base.errors import CsstsimError
+
+ROOT = Path(__file__).parents[1]
+PARTS = "scamp", "swarp", "ccdproc", "early"
+PLACE_MAX, DISTORTION_MAX = 2.0, 0.05  # mas rms by axis of stars' mean places, S/N 20 to 200; px
+DEPTH_MAX, WIDTH_MAX, LIGHT_MAX = 0.05, 0.03, 0.01  # relative; relative; share of the light
+FEWEST = 30  # stars of a chip whose scatter is judged
+
+
+def absent(part, given):
+    """Return why a part cannot run, or None."""
+    programs = {"scamp": ("source-extractor", "scamp"), "swarp": ("source-extractor", "scamp", "SWarp", "psfex")}
+    missing = [name for name in programs.get(part, ()) if shutil.which(name) is None]
+    if part == "ccdproc" and importlib.util.find_spec("ccdproc") is None:
+        missing = ["ccdproc"]
+    if part == "early" and given.early is None:
+        return "--early names no checkout of github.com/csster/csst"
+    return f"not installed: {', '.join(missing)}" if missing else None
+
+
+def astrometry(run, given, swarp):
+    """Run SCAMP on all frames and print its residuals by chip; return (frames, stars, judgements by chip, passed).
+
+    swarp: whether images are needed afterwards.
+    """
+    frames = frames_of(run, given.output / "frames", (coadd_of(run, given),) if swarp else (), given.keep)
+    true = stars(run, frames)
+    said = scamp.run_scamp(frames, true)
+    for name, (every, bright, number) in scamp.reported(said).items():
+        print(f"SCAMP says, {name}: {every} mas by axis of {number}, {bright} mas of S/N above {scamp.SNR[1]}")
+    print("\nSCAMP's places less the truth, S/N 20 to 200: east, north [mas] rms, without what is beyond 3 sigma")
+    print("| chip | places | one exposure | stars | mean of all | fit - true WCS [px], rms, largest |")
+    print("|---|---|---|---|---|---|")
+    passed, judged = True, {}
+    for chip in sorted({frame.job.chip.id for frame in frames}):
+        of_chip = [frame for frame in frames if frame.job.chip.id == chip]
+        found = [scamp.judge(frame, true) for frame in of_chip]
+        judged[chip] = found
+        east, north = (np.concatenate([each[name] for each in found]) for name in ("dx", "dy"))
+        single = [scamp.clipped_rms(v) for v in (east, north)]
+        *means, number = scamp.mean_places(found)
+        rms = [scamp.clipped_rms(v) for v in means]
+        off = np.array([each["off"] for each in found])
+        good = max(rms) < PLACE_MAX and off.max() < DISTORTION_MAX and number >= FEWEST
+        passed &= good
+        print(
+            f"| {chip} ({of_chip[0].job.chip.filter}) | {len(east)} | {single[0]:.2f}, {single[1]:.2f} | {number} | "
+            f"{rms[0]:.2f}, {rms[1]:.2f} | {np.sqrt(np.mean(off**2)):.4f}, {off.max():.4f} |"
+            + ("" if good else " EXCEEDED"),
+            flush=True,
+        )
+    return frames, true, judged, passed
+
+
+def coadd_of(run, given):
+    """Return the number of the chip that is co-added."""
+    return given.coadd or run.jobs[0].chip.id
+
+
+def coadded(run, chip, frames, true):
+    """Run SWarp and psfex on a chip and print depth and PSF; return (results by chip, passed)."""
+    of_chip = [frame for frame in frames if frame.job.chip.id == chip]
+    image, weight = coadd.coadd(of_chip)
+    measured, expected, count = coadd.depth(image, of_chip, run, np.random.default_rng(chip))
+    shapes, number = coadd.psfs(image, weight, of_chip, run, true)
+    theory, found = (np.array(shapes[f"the coadd, {name}"]) for name in ("theory", "psfex"))
+    good = abs(measured / expected - 1) < DEPTH_MAX and abs(found[0] / theory[0] - 1) < WIDTH_MAX
+    good &= bool((abs(found[1:] - theory[1:]) < LIGHT_MAX).all())
+    print(
+        f"\nSWarp, chip {chip}: rms of {count} empty apertures of {coadd.APERTURE:g} px {measured:.4f} e-/s, "
+        f"expected {expected:.4f}, ratio {measured / expected:.3f}" + ("" if good else " EXCEEDED")
+    )
+    print(f"| PSF ({number} stars) | FWHM [px] | light within 2, 3, 5 px of that within 6 |\n|---|---|---|")
+    for name, (width, *light) in shapes.items():
+        print(f"| {name} | {width:.3f} | {', '.join(f'{share:.4f}' for share in light)} |", flush=True)
+    return {chip: {"noise": (measured, expected), "psf": shapes}}, good
+
+
+def sections(run):
+    """Reduce a Level-0 file with ccdproc; return whether all agrees."""
+    job = run.jobs[0]
+    if not run.paths.level0(job).is_file():
+        run_csstsim("chip", run.file, "--obsid", job.obsid, "--chip", job.chip.id)
+    found = ccd.channels(run.paths.level0(job))
+    print(
+        f"\nccdproc, {found['channels']} channels by DATASEC, TRIMSEC and BIASSEC: pixels "
+        f"{'the same' if found['trimmed'] else 'DIFFERENT'}; overscan within {found['bias']:.2f} DN of DETBIA"
+    )
+    return found["trimmed"] and found["bias"] < 1.0
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--chips", default="9", help="numbers, separated by commas, or `imaging` [default: 9]")
+    parser.add_argument("--coadd", type=int, help="the chip that SWarp co-adds [default: the first]")
+    parser.add_argument("--only", choices=PARTS, nargs="+", default=PARTS, help="these parts only")
+    parser.add_argument("--early", metavar="FOLDER", help="a checkout of github.com/csster/csst")
+    parser.add_argument("--small", action="store_true", help="early: on a chip a quarter as wide, to try its steps")
+    parser.add_argument("--keep", action="store_true", help="keep Level-0 and calibrated images, 1 GB a chip")
+    parser.add_argument("--output", type=Path, default=ROOT / "results" / "clients")
+    parser.add_argument("--figure", type=Path, default=ROOT / "docs" / "figures" / "clients.png")
+    given = parser.parse_args()
+    chips = given.chips if given.chips == "imaging" else [int(number) for number in given.chips.split(",")]
+    wanted = []
+    for part in given.only:
+        if why := absent(part, given):
+            print(f"{part}: left out; {why}")
+        else:
+            wanted.append(part)
+    passed = True
+    try:
+        run = pointing(given.output, chips)
+        if "ccdproc" in wanted:
+            passed &= sections(run)
+        if {"scamp", "swarp"} & set(wanted):
+            frames, true, judged, good = astrometry(run, given, "swarp" in wanted)
+            results, deep = coadded(run, coadd_of(run, given), frames, true) if "swarp" in wanted else ({}, True)
+            passed &= good and deep
+            draw(given.figure, judged, results)
+        if "early" in wanted:
+            chip = chips[0] if isinstance(chips, list) else 9
+            for name, value in early.pipeline(given.early, given.output / "early", chip, given.small).items():
+                print(f"early pipeline, {name}: {value}")
+    except CsstsimError as error:
+        print(error, file=sys.stderr)
+        sys.exit(2)
+    sys.exit(0 if passed else 1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,84 @@
+"""Names of Level-0 files, in the forms that the public files and pipelines of the survey have had.
+
+C9    CSST_MSC_MS_WIDE_{start}_{end}_{obsid}_{chip}_L0_V01   Cycle 9 (DEEP: of deep fields); truth: the same name
+C5.2  CSST_MSC_MS_SCI_{start}_{end}_{obsid}_{chip}_L0_1      truth: MSC_{obsid}_chip_{chip}_filt_{filter}
+C5.1  the same                                               truth: as C5.2, but of obsid - 90000000
+C3    MSC_MS_{start}_{obsid}_{chip}_raw                      truth: MSC_{start}_{obsid - 100000000}_{chip}
+
+Start and end are YYYYMMDDhhmmss in UTC, of C3 without the century. Source of the older forms: the survey's early
+Level-1 pipeline, whose file manager describes them (github.com/csster/csst, csst/msc/data_manager.py).
+"""
+
+import re
+from dataclasses import dataclass
+
+NEWEST = "C9"  # of the forms; the default
+
+_PATTERNS = {"kind": "[A-Z]+", "t": r"\d{14}", "t_end": r"\d{14}", "t_short": r"\d{12}", "obsid": r"\d{9,14}",
+             "chip": r"\d{2}"}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Form:
+    """One form of names.
+
+    template, truth: of the Level-0 file and of its truth as an ASCII catalogue, without suffix; kinds: the code of each
+    exposure type; deep: that of science exposures of the deep survey, if they have one of their own.
+    """
+
+    template: str
+    truth: str
+    kinds: dict
+    deep: str = ""
+
+    @property
+    def ending(self):
+        """What follows {obsid}_{chip}_ in the name."""
+        return self.template.partition("{chip}_")[2]
+
+    @property
+    def beginning(self):
+        """A regular expression of what stands before _{obsid}."""
+        return self.template.partition("_{obsid}")[0].format(**_PATTERNS)
+
+    def stem(self, job):
+        """Return the name of a job's Level-0 file without suffix. job: campaign.job.Job."""
+        return self.template.format(**self._words(job))
+
+    def catalogue(self, job):
+        """Return the name of its ASCII catalogue of the truth without suffix."""
+        return self.truth.format(stem=self.stem(job), **self._words(job))
+
+    def read(self, stem):
+        """Return (exposure type, obsid, chip number) of a Level-0 file's name without suffix, or None."""
+        match = self._pattern().fullmatch(stem)
+        kind = match and {code: kind for kind, code in [*self.kinds.items(), ("SCIE", self.deep)]}.get(match["kind"])
+        return (kind, match["obsid"], int(match["chip"])) if kind else None
+
+    def _pattern(self):
+        return re.compile(self.template.format(**{name: f"(?P<{name}>{text})" for name, text in _PATTERNS.items()}))
+
+    def _words(self, job):
+        start, end = (f"{moment:%Y%m%d%H%M%S}" for moment in (job.pointing.start, job.pointing.end))
+        kind = self.deep if self.deep and job.pointing.survey == "DEEP" else self.kinds[job.pointing.type]
+        return {
+            "kind": kind, "t": start, "t_end": end, "t_short": start[2:], "obsid": job.obsid,
+            "chip": f"{job.chip.id:02d}", "band": job.chip.filter.lower(), "number": int(job.obsid) - 90_000_000,
+            "short": f"{int(job.obsid) - 100_000_000:07d}",
+        }  # fmt: skip
+
+
+_OWN = {kind: kind for kind in ("BIAS", "DARK", "FLAT")}  # the releases have science exposures only
+_C5 = "CSST_MSC_MS_{kind}_{t}_{t_end}_{obsid}_{chip}_L0_1"
+FORMS = {
+    "C9": Form("CSST_MSC_MS_{kind}_{t}_{t_end}_{obsid}_{chip}_L0_V01", "{stem}", {"SCIE": "WIDE"} | _OWN, "DEEP"),
+    "C5.2": Form(_C5, "MSC_{obsid}_chip_{chip}_filt_{band}", {"SCIE": "SCI"} | _OWN),
+    "C5.1": Form(_C5, "MSC_{number}_chip_{chip}_filt_{band}", {"SCIE": "SCI"} | _OWN),
+    "C3": Form("MSC_{kind}_{t_short}_{obsid}_{chip}_raw", "MSC_{t_short}_{short}_{chip}",
+               {"SCIE": "MS", "BIAS": "CLB", "DARK": "CLD", "FLAT": "CLF"}),
+}  # fmt: skip
+
+
+def read_name(stem):
+    """Return (exposure type, obsid, chip number) of a Level-0 file's name without suffix, of any form, or None."""
+    return next((found for form in FORMS.values() if (found := form.read(stem))), None)
