@@ -18,7 +18,6 @@ from csstsim.detector.channels import ReadoutFrame
 from csstsim.instrument.orbit import orbit_after
 from csstsim.io.fits_cards import card, remark
 from csstsim.io.sections import section_lists
-from csstsim.sky.bodies import exposure_angles
 
 STAGES = ("select", "render", "readout", "level0")
 _FROM_LAYERS = (
@@ -29,6 +28,7 @@ _FROM_LAYERS = (
     "sky_rate", "sky_zodiacal", "sky_earth", "sky_sun", "sky_moon", "sky_planets", "sky_stars",
     "shutter_open_0", "shutter_open_1", "shutter_close_0", "shutter_close_1",
     "led_flag", "led_type", "led_time", "led_guessed",
+    *(f"{name}_angle_{end}" for name in ("sun", "moon", "limb", "limb_sun") for end in ("start", "end")),
 )  # absent if the layer is  # fmt: skip
 # The keyword of each part of a recipe (campaign.opened.OpenCampaign.recipe); readers check them.
 RECIPE = {"campaign": "CAMPHASH", "camera": "CAMHASH", "layers": "LAYHASH", "exposure": "EXPHASH"}
@@ -120,8 +120,6 @@ def _exposure(pointing):
     }  # fmt: skip
     for end, (position, velocity) in (("start", first), ("end", last)):
         values[f"altitude_{end}"] = math.hypot(*position) - EARTH_RADIUS_KM
-        angles = exposure_angles(ra, dec, values[f"mjd_{end}"], position, velocity)
-        values |= {f"{name}_angle_{end}": angle for name, angle in angles.items()}
         for axis, x, v in zip("xyz", position, velocity, strict=True):
             values |= {f"position_{end}_{axis}": float(x), f"velocity_{end}_{axis}": float(v)}
     return values

@@ -29,11 +29,13 @@ def digitised(run, job, state, timer):
     """Return the State after the level0 stage and its provenance (io.keywords.header_values)."""
     from csstsim.detector.adc import cut_noise
     from csstsim.optics.throughput import shutter
+    from csstsim.sky.bodies import angles_at_ends
 
     steps = run.steps[job.pointing.type]
     state = steps.run(state, "level0", run.streams(job))
     if steps.losses.shutter:
         state.header |= shutter.moments(job.pointing.mjd, job.pointing.exptime, state.telescope)
+    state.header |= angles_at_ends(job.pointing)
     if fault := cut_noise(state.header.get("clipped_low", 0), state.image.size):
         print(f"warning: {fault}")
     state.header.setdefault("stages", []).append(timer.entry())
