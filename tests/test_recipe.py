@@ -72,6 +72,7 @@ KEYS = {
     "fidelity": (RENDER, "preview", {}),
     "keep": (NOT, "light", {}),
     "share": (NOT, "common", {}),
+    "truth": (NOT, ["parquet", "cat"], {}),
     "measurement.calibration": (MEASURE, "frames", {}),
     "measurement.masters": (
         MEASURE,

@@ -215,6 +215,12 @@ def truth(path):
     read_truth(path)
 
 
+def cat(path):
+    from csstsim.io.cat import read_cat
+
+    read_cat(path)
+
+
 def orders(path):
     from csstsim.io.orders import check_orders, read_orders
 

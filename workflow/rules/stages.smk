@@ -65,6 +65,7 @@ rule level0:
     output:
         f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_L0_V01.fits",
         f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_L0_V01.truth.parquet",
+        CAT,
     log:
         f"{OUT}/logs/level0/{{name}}_{{obsid}}_{{chip}}.log",
     group:
@@ -97,6 +98,7 @@ use rule level0 as level0_spectra with:
     output:
         f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_L0_V01.fits",
         f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_L0_V01.truth.parquet",
+        CAT,
         f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_L0_V01.orders.parquet",
     wildcard_constraints:
         obsid=SPECTRA_OBSID,

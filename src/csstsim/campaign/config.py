@@ -234,8 +234,20 @@ class Campaign(Model):
         description="'light': keep the rendered light of each chip (0.4 GB for a whole one), so that a change of the "
         "detector reruns the readout but not render; only with --config chips=stages",
     )
+    truth: tuple[Literal["parquet", "cat"], ...] = Field(
+        ("parquet",),
+        description="forms of the truth table beside each Level-0 file: 'parquet', which later stages need, and 'cat', "
+        "text with the 33 columns of the Cycle-9 mocks (docs/recreate.md)",
+    )
     measurement: MeasurementConfig = Field(default_factory=MeasurementConfig)
     validation: ValidateConfig = Field(default_factory=ValidateConfig)
+
+    @field_validator("truth")
+    @classmethod
+    def _parquet_is_there(cls, value):
+        if "parquet" not in value or len(set(value)) < len(value):
+            raise ValueError("must be [parquet] or [parquet, cat]")
+        return value
 
     _layout = field_validator("schema_version")(check_layout)
 

@@ -25,6 +25,7 @@ READERS = {
     "window*": (),  # the job's, in `exposure`
     "keep": (),
     "share": (),
+    "truth": (),
     "seed": ("truth", "select"),
     "catalog.lensing.*": ("truth",),
     "catalog.*": ("select",),

@@ -34,7 +34,7 @@ class ExpectedFrame:
     cosmic: str
 
     def beside(self, suffix):
-        """Return the file of the same name with TRUTH, ORDERS or COSMIC of io.paths."""
+        """Return the file of the same name with TRUTH, CAT, ORDERS or COSMIC of io.paths."""
         return self.level0.with_suffix(suffix)
 
     @property
@@ -48,7 +48,7 @@ class Contents:
     """What a folder should hold.
 
     bricks, truth: {brick: what its file must record, or None}; measurement: digest of the way of measuring, or None;
-    psf: chips that see the sky; masters: {chip: what its file must record, or None}; calibrated: YES, NO or MAYBE;
+    psf: chips that see the sky; masters: {chip: what its file must record, or None}; calibrated, cat: YES, NO or MAYBE;
     light: {file of render's that is kept: its recipe, or None}; report: YES or MAYBE; faults: [(path, fault)] met while
     finding out.
     """
@@ -62,6 +62,7 @@ class Contents:
     measurement: str | None
     calibrated: str
     report: str
+    cat: str
     faults: list = field(default_factory=list)
 
     @property
@@ -96,6 +97,7 @@ def of_campaign(run):
         measurement=digest(run.measurement),
         calibrated=YES if made["calibrate"].made_for else MAYBE,
         report=YES if made["report"].made_for else MAYBE,
+        cat=YES if "cat" in run.config.truth else NO,
     )
 
 

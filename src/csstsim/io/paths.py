@@ -2,7 +2,7 @@
 
     truth/dataset/Norder=8/Dir=D/Npix=P.parquet  truth/hats.properties  psf/chip_08.h5 chip_08_tables.h5
     chips/{obsid}_{chip}/select.parquet render.fits drawn.parquet orders.parquet readout.fits
-    level0/{obsid}/{stem}.fits {stem}.truth.parquet {stem}.orders.parquet {stem}.cosmic.fits
+    level0/{obsid}/{stem}.fits {stem}.truth.parquet {stem}.cat {stem}.orders.parquet {stem}.cosmic.fits
     masters/chip_08.fits  calibrated/{obsid}_{chip}.fits  measure/{obsid}_{chip}.parquet  spectra/{obsid}_{chip}.parquet
     merge/dataset/Norder=8/Dir=D/Npix=P.parquet  merge/hats.properties  validate/{P}.json
     report/index.html verdict.json  look/{obsid}_{chip}.png
@@ -20,7 +20,7 @@ from csstsim.base.errors import InputError
 KIND = {"SCIE": "WIDE", "BIAS": "BIAS", "DARK": "DARK", "FLAT": "FLAT"}
 
 # Suffixes of the files that accompany a Level-0 file under its name.
-TRUTH, ORDERS, COSMIC = ".truth.parquet", ".orders.parquet", ".cosmic.fits"
+TRUTH, CAT, ORDERS, COSMIC = ".truth.parquet", ".cat", ".orders.parquet", ".cosmic.fits"
 LIGHT = "render.fits", "drawn.parquet", "orders.parquet"  # what render makes for a chip; may be kept
 STEM = re.compile(r"CSST_MSC_MS_([A-Z]+)_\d{14}_\d{14}_(\d{9,14})_(\d{2})_L0_V01")  # kind, obsid, chip
 
@@ -79,6 +79,10 @@ class Paths:
     def level0_truth(self, job):
         """The table of drawn objects beside the Level-0 file, parquet."""
         return self.level0(job).with_suffix(TRUTH)
+
+    def level0_cat(self, job):
+        """The same table as text (io.cat), if the campaign's `truth` asks for it."""
+        return self.level0(job).with_suffix(CAT)
 
     def level0_orders(self, job):
         """The truth of dispersed light, order by order (io.orders), of a spectroscopic chip's science exposure."""

@@ -59,6 +59,7 @@ def digitised(run, job, state, timer):
 def write_products(run, job, state, provenance):
     """Write the Level-0 file with its truth, and that of orders, beside it."""
     from csstsim.catalog.table import ObjectTable
+    from csstsim.io.cat import write_cat
     from csstsim.io.level0 import write_level0
     from csstsim.io.orders import write_orders
     from csstsim.io.truth import electron_budget, write_truth
@@ -69,7 +70,9 @@ def write_products(run, job, state, provenance):
     about = {"recipe": run.recipe(job), "level0": path.name, "full_well": run.camera.detector.full_well}
     if run.steps[job.pointing.type].shipped:  # a user's layer may add charge that is not accounted for
         about["electrons"] = electron_budget(state.header, job.window.nx * job.window.ny)
-    write_truth(truth_path, drawn, job.chip, about)
+    table = write_truth(truth_path, drawn, job.chip, about)
+    if "cat" in run.config.truth:
+        write_cat(run.paths.level0_cat(job), table)
     if state.orders is not None:
         orders = {"recipe": run.recipe(job), "level0": path.name}
         write_orders(run.paths.level0_orders(job), state.orders, orders)
