@@ -3,9 +3,9 @@
     python benchmarks/recreate.py                    # chip 9 of the demo's first r exposure: two CPU-minutes, 3 GB
     python benchmarks/recreate.py --window 2000      # the middle of it: half a minute
 
-The frame is recreated as it is; as another exposure, so that only the camera is shared and no noise; and from a header
-as the mission's files have it, without csstsim's own keywords. Exit code 1 if places, light, background or noise differ by more
-than csstsim.recreate.side_by_side allows.
+The frame is recreated as it is; as another exposure, so that only the camera is shared and no noise; and from a
+header as the mission's files have it, without csstsim's own keywords. Exit code 1 if places, light, background or noise
+differ by more than csstsim.recreate.side_by_side allows.
 """
 
 import argparse

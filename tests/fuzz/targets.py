@@ -91,6 +91,7 @@ TARGETS = {
     "picture of an image": Target(seeds.image, spoiled_fits, _read("picture"), 0.3),
     "table parquet": Target(seeds.objects, spoiled_bytes, _read("table")),
     "truth parquet": Target(seeds.truth, spoiled_bytes, _read("truth")),
+    "frame to recreate": Target(seeds.level0(), spoiled_fits, _read("recreated"), 0.3),
     "truth as text": Target(seeds.cat, spoiled_text, _read("cat")),
     "orders parquet": Target(seeds.orders, spoiled_bytes, _read("orders")),
     "brick parquet": Target(seeds.objects, spoiled_bytes, _read("brick")),

@@ -139,18 +139,22 @@ class FrameHeader:
         found = [text.removeprefix("layer ") for kind, text in self._entries() if kind == "layer"]
         try:
             pairs = [(name, json.loads(text)) for name, _, text in (entry.partition(" ") for entry in found)]
-        except ValueError:
+        except (ValueError, RecursionError):
             pairs = []
         if not pairs:
             return self.assumed("HISTORY", None, "the layers of config/observations/science.yaml")
         return [{name: param} for name, param in pairs]
 
     def camera_changes(self):
-        """Return {number of the camera: value} of HISTORY."""
-        pairs = [
-            text.removeprefix("camera ").partition(" = ")[::2] for kind, text in self._entries() if kind == "camera"
-        ]
-        return {name: float(value) for name, value in pairs}
+        """Return {number of the camera: value} of HISTORY. Raises InputError for one that is no number."""
+        found = {}
+        for text in (text for kind, text in self._entries() if kind == "camera"):
+            name, _, value = text.removeprefix("camera ").partition(" = ")
+            try:
+                found[name] = float(value)
+            except ValueError:
+                raise InputError("not a number of the camera", file=self.path, key="HISTORY", value=text) from None
+        return found
 
     def _entries(self):
         """Yield (kind, text) of HISTORY: pieces of a long entry fill their cards, and go on in the next."""

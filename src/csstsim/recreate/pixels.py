@@ -30,7 +30,10 @@ def read_electrons(frame, detector):
     """Return the Pixels of a frame.FrameHeader. Raises InputError for a shape that is not of the detector."""
     with open_fits(frame.path) as file:
         stored = read_pixels(file[image_number(file, frame.path)], frame.path)
-    readout = ReadoutFrame.of(detector, frame.window(detector))
+    try:
+        readout = ReadoutFrame.of(detector, frame.window(detector))
+    except ValueError as exc:
+        raise InputError(str(exc), file=frame.path, key="READX0..READY1") from None
     shapes = {readout.stored_shape(name): name for name in LAYOUTS} | {(detector.ny, detector.nx): "chip"}
     layout = shapes.get(stored.shape)
     if layout is None:
@@ -55,7 +58,7 @@ def _overscan_levels(whole, readout):
     for block in readout.blocks:
         scan = whole[block.serial_overscan].astype(np.float32)
         kept = scan[:, : scan.shape[1] - TRAILED] if block.flip_x else scan[:, TRAILED:]
-        levels[block.channel] = clipped(kept)[0] if kept.size else 0.0
+        levels[block.channel] = clipped(kept if kept.shape[1] >= TRAILED else scan)[0]
     return levels
 
 

@@ -19,6 +19,7 @@ from csstsim.base.shipped import ROOT
 from csstsim.campaign.config import make_campaign
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.survey_table import exposures_of
+from csstsim.catalog.astrometry.reduction import apparent
 from csstsim.instrument.camera import load_camera
 from csstsim.io.keywords import RECIPE
 from csstsim.recreate.frame import SEED_IF_NONE, read_frame
@@ -30,13 +31,15 @@ WORKFLOW = {"Snakefile": "config/starter/Snakefile", "profiles/default/config.ya
 SHOWN = 3  # ids of objects that are left out, for each reason
 _FAINT = 5.0  # S/N below which an object's light lies in the background, as the clipped mean sees it
 _APERTURE = 50  # pixels whose noise such an object has to exceed
+_NEAR, _FAR, _LEAST = 10.0, 300.0, 0.05  # px about one object that are left out of the background; share to be left
 
 
 def recreate(frame, truth, folder, say, instrument=None, seed=None):
     """Write the campaign of a frame and its truth (`.cat`, or truth parquet) into a folder, new or empty.
 
-    instrument: the camera's folder, None the shipped one; seed: where the header has none. `say` gets each assumption, each reason for which objects are
-    left out, and what to do next. Raises InputError for files that cannot be used; then nothing is written.
+    instrument: the camera's folder, None the shipped one; seed: where the header has none. `say` gets each assumption,
+    each reason why objects are left out, and what to do next. Raises InputError for files that cannot be used; then
+    nothing is written.
     """
     folder = Path(folder)
     there = next((name for name in (*FILES, *WORKFLOW) if (folder / name).exists()), None)
@@ -151,21 +154,38 @@ def _sky(head, run, job, columns):
     from csstsim.optics.throughput.response import response_map
 
     pixels = read_electrons(head, run.camera.detector)
-    level, noise = clipped(pixels.electrons[~pixels.saturated])
+    if pixels.saturated.all():
+        raise InputError("every pixel is saturated", file=head.path)
+    _, noise = clipped(pixels.electrons[~pixels.saturated])
+    mag = columns[f"mag_{job.chip.filter.lower()}"]
+    light = job.exposure.exptime * 10 ** (0.4 * (job.exposure.filter.zeropoint(run.camera.telescope) - mag))
+    limit = _FAINT * max(noise, 1.0) * np.sqrt(_APERTURE)
+    free = ~pixels.saturated & ~_around(job, columns, light / limit)
+    level, _ = clipped(pixels.electrons[free if free.mean() > _LEAST else ~pixels.saturated])
     losses = run.steps["SCIE"].losses
     share = response_map(
         job.chip, job.window, job.exposure.filter, job.exposure.exptime, run.camera.leds, run.streams(job).camera,
         flat=losses.flat, shutter=losses.shutter,
     )  # fmt: skip
     share = 1.0 if share is None else float(share.mean())
-    mag = columns[f"mag_{job.chip.filter.lower()}"]
-    light = job.exposure.exptime * 10 ** (0.4 * (job.exposure.filter.zeropoint(run.camera.telescope) - mag))
-    faint = light[light < _FAINT * noise * np.sqrt(_APERTURE)].sum() / pixels.electrons.size
+    faint = light[light < limit].sum() / pixels.electrons.size
     dark = run.camera.detector.dark * job.exposure.exptime
     rate = (level - dark) / share - faint
     sky = max(float(rate) / job.exposure.exptime, 0.0)
     head.notes.append(f"SKYRATE: sky of the frame's background, {level:.2f} e-: {sky:.4f} e-/s/px")
     return sky
+
+
+def _around(job, columns, times):
+    """Return (ny, nx) bool: pixels about objects that are seen, `times` as bright as the faintest of them."""
+    import sep
+
+    seen = times > 1
+    at = job.wcs.world_to_pixel(*apparent(columns["ra"][seen], columns["dec"][seen], job.observer))
+    x, y = (np.ascontiguousarray(v - low) for v, low in zip(at, (job.window.x0, job.window.y0), strict=True))
+    mask, radius = np.zeros(job.window.shape, bool), np.minimum(_NEAR * np.cbrt(times[seen]), _FAR)
+    sep.mask_ellipse(mask, x, y, radius, radius, np.zeros(len(x)), 1.0)
+    return mask
 
 
 def _write(folder, data, layers, table, columns):
