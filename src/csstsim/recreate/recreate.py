@@ -54,7 +54,9 @@ def recreate(frame, truth, folder, say, instrument=None, seed=None):
     columns, left = own_table(objects, job, run.camera.bands, head.notes)
     if not len(columns["id"]):
         raise InputError("no object of it can be drawn", file=truth, value="; ".join(left))
-    if head.number("SKYRATE") is None and job.chip.kind != "slitless":
+    if head.number("SKYRATE") is None and job.chip.kind == "slitless":
+        head.notes.append("SKYRATE: the sky of the camera's filter")
+    elif head.number("SKYRATE") is None:
         data["instrument"] |= {f"filters.{job.chip.filter}.sky": _sky(head, run, job, columns)}
         make_campaign(data, folder / "campaign.yaml")
     _write(folder, data, layers, table, columns)
