@@ -204,8 +204,9 @@ def test_a_difference_is_found_where_it_is(monkeypatch, change, differing):
     first, x, y = scene()
     frames = iter([first, scene(**change, seed=2)[0]])
     none = np.zeros((400, 400), bool)
-    monkeypatch.setattr(side_by_side, "read_frame", lambda path: path)
-    monkeypatch.setattr(side_by_side, "load_camera", lambda folder: SimpleNamespace(detector=None))
+    monkeypatch.setattr(side_by_side, "read_frame", lambda path: SimpleNamespace(chip=9))
+    chips = {9: SimpleNamespace(kind="imaging")}
+    monkeypatch.setattr(side_by_side, "load_camera", lambda folder: SimpleNamespace(detector=None, chips=chips))
     monkeypatch.setattr(
         side_by_side, "read_electrons",
         lambda *_: SimpleNamespace(electrons=next(frames), saturated=none, window=(100, 500, 0, 400)),
@@ -217,3 +218,21 @@ def test_a_difference_is_found_where_it_is(monkeypatch, change, differing):
     assert lines["light of points [e-]"].difference == pytest.approx(change.get("light", 1.0) - 1, abs=1e-3)
     assert lines["places along x [px]"].difference == pytest.approx(change.get("shift", 0.0), abs=5e-3)
     assert lines["noise [e-]"].difference == pytest.approx(change.get("noise", 7.0) / 7 - 1, abs=1e-2)  # 4 sigma
+
+
+@pytest.mark.parametrize("chips, windows, words", [
+    ((9, 8), [(0, 4, 0, 4)] * 2, "not frames of one chip"), ((77, 77), [(0, 4, 0, 4)] * 2, "not frames of one chip"),
+    ((9, 9), [(0, 4, 0, 4), (4, 8, 0, 4)], "in windows apart"),
+])  # fmt: skip
+def test_frames_that_have_nothing_in_common(monkeypatch, chips, windows, words):
+    camera = SimpleNamespace(detector=None, chips={9: SimpleNamespace(kind="slitless")})
+    heads, cut = iter(SimpleNamespace(chip=chip) for chip in chips), iter(windows)
+    flat = np.zeros((4, 4), np.float32)
+    monkeypatch.setattr(side_by_side, "load_camera", lambda folder: camera)
+    monkeypatch.setattr(side_by_side, "read_objects", lambda path: objects(x=[1.0], y=[1.0]))
+    monkeypatch.setattr(side_by_side, "read_frame", lambda path: next(heads))
+    monkeypatch.setattr(
+        side_by_side, "read_electrons", lambda *_: SimpleNamespace(electrons=flat, saturated=flat > 0, window=next(cut))
+    )
+    with pytest.raises(InputError, match=words):
+        side_by_side.compared("a", "b", "c")

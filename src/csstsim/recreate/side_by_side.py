@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from csstsim.base.errors import InputError
 from csstsim.catalog.table import GALAXY
 from csstsim.instrument.camera import load_camera
 from csstsim.recreate.frame import read_frame
@@ -51,10 +52,20 @@ def side_by_side(a, b, truth, say, instrument=None):
 
 
 def compared(a, b, truth, instrument=None):
-    """Return the Lines of the comparison; see `side_by_side`."""
-    detector, objects = load_camera(instrument).detector, read_objects(truth)
-    frames = [read_electrons(read_frame(path), detector) for path in (a, b)]
+    """Return the Lines of the comparison; see `side_by_side`. Behind gratings only background and noise are compared."""
+    camera, objects = load_camera(instrument), read_objects(truth)
+    if not {"x", "y"} <= set(objects):
+        raise InputError("the catalogue lacks places on the image", file=truth, key="xImage, yImage")
+    heads = [read_frame(path) for path in (a, b)]
+    chips = [head.chip for head in heads]
+    if chips[0] != chips[1] or chips[0] not in camera.chips:
+        raise InputError(
+            "not frames of one chip of the camera", file=b, key="DETECTOR", value=chips[1], allowed=chips[0]
+        )
+    frames = [read_electrons(head, camera.detector) for head in heads]
     windows = np.array([frame.window for frame in frames])
+    if (windows[:, [0, 2]].max(axis=0) >= windows[:, [1, 3]].min(axis=0)).any():
+        raise InputError("the frames were read in windows apart", file=b, value=str(frames[1].window))
     x0, y0, x1, y1 = *windows[:, [0, 2]].max(axis=0), *windows[:, [1, 3]].min(axis=0)
     cut = [
         [plane[y0 - w[2] : y1 - w[2], x0 - w[0] : x1 - w[0]] for plane in (frame.electrons, frame.saturated)]
@@ -63,6 +74,8 @@ def compared(a, b, truth, instrument=None):
     saturated = cut[0][1] | cut[1][1]
     images = [np.ascontiguousarray(electrons) for electrons, _ in cut]
     levels = [clipped(image[~saturated]) for image in images]
+    if camera.chips[chips[0]].kind == "slitless":  # no object's light is at its place
+        return list(_backgrounds(levels, (~saturated).sum()))
     seen = _Objects(images, saturated, levels, objects["x"] - x0, objects["y"] - y0, objects["obj_type"])
     return [*_backgrounds(levels, (~saturated).sum()), *seen.light(), *seen.places()]
 
@@ -70,8 +83,9 @@ def compared(a, b, truth, instrument=None):
 def _backgrounds(levels, count):
     for k, what in enumerate(("background [e-]", "noise [e-]")):
         one, other = levels[0][k], levels[1][k]
-        error = np.hypot(*(level[1] for level in levels)) / np.sqrt(count) / one
-        yield Line(what, f"{one:9.3f} {other:9.3f}", other / one - 1, float(error), LEVEL)
+        unit = max(abs(one), 1.0)  # a difference counts relative to one electron at least
+        error = np.hypot(*(level[1] for level in levels)) / np.sqrt(count) / unit
+        yield Line(what, f"{one:9.3f} {other:9.3f}", (other - one) / unit, float(error), LEVEL)
 
 
 class _Objects:
