@@ -52,7 +52,7 @@ def side_by_side(a, b, truth, say, instrument=None):
 
 
 def compared(a, b, truth, instrument=None):
-    """Return the Lines of the comparison; see `side_by_side`. Behind gratings only background and noise are compared."""
+    """Return the Lines of the comparison; see `side_by_side`. Behind gratings, of background and noise alone."""
     camera, objects = load_camera(instrument), read_objects(truth)
     if not {"x", "y"} <= set(objects):
         raise InputError("the catalogue lacks places on the image", file=truth, key="xImage, yImage")
