@@ -53,7 +53,13 @@ $mask
 ## Truth
 
 `....truth.parquet`, next to each Level-0 file, has a row for each object that reaches the window. First come the 33
-columns of the C9 `.cat` files:
+columns of the C9 `.cat` files. With `truth: [parquet, cat]` in the campaign file these columns are also written as
+text, `....cat`: a line of `#` and their names, then the rows. Types are words there. Two lines of astropy read it:
+
+    from astropy.table import Table
+    objects = Table.read(path, format="ascii")
+
+The columns are:
 
 $cat
 The simulator adds the following. A catalogue's own columns follow as `user_...`, the embedded universe's spectra as

@@ -60,6 +60,7 @@ TYPES = ["SCIE", "BIAS"]
 # Where products lie; files and folders whose content is in the recipe, under other names: exposure, sky, camera
 FOLDERS = {"output", "share", "instrument", "universe"}
 ELSEWHERE = FOLDERS | {"name", "survey_table", "window", "catalog.kind", "catalog.options"}
+ELSEWHERE |= {"truth"}  # which files there are, not what is in them
 # Read when the campaign is opened, or as files by the embedded universe's catalogue; saturation_mag by nobody
 UNSEEN = {
     ("astrometry.*", "select"), ("distortion.fits", "select"), ("distortion.yaml", "psf"), ("rendering.*", "render"),

@@ -74,6 +74,7 @@ KEYS = {
     "keep": (NOT, "light", {}),
     "share": (NOT, "common", {}),
     "level0_names": (NOT, "C5.2", {}),
+    "truth": (NOT, ["parquet", "cat"], {}),
     "measurement.calibration": (MEASURE, "frames", {}),
     "measurement.masters": (
         MEASURE,

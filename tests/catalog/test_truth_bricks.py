@@ -171,3 +171,18 @@ def test_stars_shine_by_their_surface_and_galaxies_lie_behind_all_dust():
     galaxy = table["obj_type"] == GALAXY
     dust = universe.r_v * universe.dust.ebv(table["ra"][galaxy], table["dec"][galaxy])
     assert table["av"][galaxy] == pytest.approx(dust, rel=1e-5)
+
+
+def test_a_brick_made_before_a_column_was_added_is_refused(tmp_path):
+    path, made = tmp_path / "Npix=0.parquet", brick(0)
+    ObjectTable({name: made[name] for name in made if name != "sfr"}, made.meta).write(path)
+    with pytest.raises(InputError, match=r"Npix=0\.parquet: sfr: .*remove it and make it again"):
+        read_brick(path, brick_meta(pix=0, **key()))
+
+
+def test_a_light_cone_s_columns_are_the_galaxies_own():
+    table = brick(0)
+    galaxy = table["obj_type"] == 1
+    for name in ("sfr", "metallicity", "stellarage"):
+        assert (table[name][galaxy] > 0).all() and np.isnan(table[name][~galaxy]).all(), name
+    assert np.isnan(table["halomass"]).all()

@@ -44,6 +44,7 @@ def delivery(folder):
     changes = {
         "observations": {"SCIE": str(science(folder, cosmic_rays={"save_cosmic_image": True}))},
         "measurement": {"keep_calibrated": True},
+        "truth": ["parquet", "cat"],
         "select": {"types": ["SCIE", "BIAS"], "chips": list(CHIPS)},
     }
     pointings = POINTINGS[0], POINTINGS[2]

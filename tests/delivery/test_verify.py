@@ -22,6 +22,7 @@ from csstsim.stages.masters import masters_recipe
 
 LEVEL0 = "level0/10100000001/*_09_L0_V01.fits"
 TRUTH, ORDERS = "level0/10100000001/*_09*.truth.parquet", "level0/10100000001/*_29*.orders.parquet"
+CAT = "level0/10100000001/*_09*.cat"
 MEASURED, MERGED, SPECTRA = "measure/*.parquet", "merge/dataset/Norder=8/Dir=550000/Npix=550615.parquet", "spectra/*"
 ALONE = "also without the campaign"
 
@@ -86,6 +87,9 @@ ONE = [
     (TRUTH, spoil.record(lambda meta: meta.update(electrons="many")), ["is inconsistent"]),
     (TRUTH, spoil.record(lambda meta: meta.pop("full_well")), ["is inconsistent", "full_well"]),
     (TRUTH, spoil.column("drawn", lambda v: v.astype(str)), ["is inconsistent"]),
+    (CAT, spoil.text(" star ", " galaxy "), ["is not the text of", "truth.parquet"]),
+    (CAT, spoil.text(" r ", " "), ["no heading"]),
+    (CAT, spoil.remove, ["missing (truth as text)"]),
     (MERGED, spoil.column("n_detections", lambda v: v.astype(str)), ["not as long as"]),
     (ORDERS, spoil.column("row", lambda v: v + 1000), ["not among the"]),
     (ORDERS, spoil.column("id", lambda v: v + 1), ["another one in the truth"]),

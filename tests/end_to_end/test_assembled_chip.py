@@ -5,6 +5,7 @@ import pytest
 import sep
 import yaml
 from astropy.io import fits
+from astropy.table import Table
 from astropy.wcs import WCS
 from click.testing import CliRunner
 from mini_campaign import write_scene
@@ -38,8 +39,9 @@ def campaign(tmp_path_factory):
     (folder / "science.yaml").write_text(yaml.safe_dump({"layers": layers}))
     x, y = (v.ravel() + 0.5 for v in np.meshgrid([20, 63, 106], [20, 63, 106]))
     path = write_scene(
-        folder, "Stars", x, y, 18.0, CHIP, observations={"SCIE": str(folder / "science.yaml")}, level0_names="C5.2"
-    )
+        folder, "Stars", x, y, 18.0, CHIP, observations={"SCIE": str(folder / "science.yaml")}, level0_names="C5.2",
+        truth=["parquet", "cat"],
+    )  # fmt: skip
     run("chip", path, "--obsid", OBSID, "--chip", CHIP)
     return OpenCampaign(path)
 
@@ -50,7 +52,8 @@ def test_what_an_early_pipeline_reads(campaign):
     path = campaign.paths.level0(job)
     words = path.name.removesuffix(".fits").split("_")
     assert words[:4] == ["CSST", "MSC", "MS", "SCI"] and words[6:] == [OBSID, "09", "L0", "1"]
-    assert campaign.paths.level0_catalogue(job).name == f"MSC_{OBSID}_chip_09_filt_r.cat"
+    text = campaign.paths.level0_catalogue(job)
+    assert text.name == f"MSC_{OBSID}_chip_09_filt_r.cat" and len(Table.read(text, format="ascii")) == 9
     with fits.open(path) as file:
         detector = campaign.camera.detector
         first, header, image = file[0].header, file[1].header, file[1].data

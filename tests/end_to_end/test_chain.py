@@ -67,6 +67,11 @@ def test_bright_stars_stand_where_the_truth_and_the_header_say(tmp_path, band, l
     file = read_level0(campaign.paths.level0(job), verify=True)
     assert file.layout == layout
     assert file.header0["FLDDIST"] is distorted and file.header["CTYPE1"] == "RA---TAN" + "-SIP" * distorted
+    head = file.header0
+    assert (
+        all(0 < head[f"{name}{end}"] < 180 for name in ("SUNANGL", "MOONANG") for end in (0, 1)) and "LIMBANG1" in head
+    )
+    assert head["SUNANGL0"] != head["SUNANGL1"] and head["SATESWV"] == file.header["DETSN"] == "not simulated"
     assert ("CRPIX1A" in file.header) is not distorted  # readers would apply SIP to the channels' WCS, too
     truth = read_truth(campaign.paths.level0_truth(job))
     image = calibrate(file.frame(), file.readout, file.gain)

@@ -229,6 +229,23 @@ def truth(path):
     read_truth(path)
 
 
+def cat(path):
+    from csstsim.io.cat import read_cat
+
+    read_cat(path)
+
+
+def recreated(path):
+    """What `csstsim recreate` and `compare --truth` read of a frame."""
+    from csstsim.instrument.camera import load_camera
+    from csstsim.recreate.frame import read_frame
+    from csstsim.recreate.pixels import read_electrons
+
+    frame, (folder, *_) = read_frame(path), Path(path).parent.glob("*/detector.yaml")
+    _ = frame.exposure, frame.chip, frame.layers(), frame.camera_changes()
+    read_electrons(frame, load_camera(folder.parent).detector)
+
+
 def orders(path):
     from csstsim.io.orders import check_orders, read_orders
 

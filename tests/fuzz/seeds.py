@@ -186,6 +186,15 @@ def truth(folder):
     return folder / "truth.parquet"
 
 
+def cat(folder):
+    from csstsim.io.cat import write_cat
+    from csstsim.io.truth import CAT_COLUMNS, read_truth
+
+    table = read_truth(truth(folder))
+    write_cat(folder / "truth.cat", type(table)({name: table[ours] for name, ours in CAT_COLUMNS.items()}))
+    return folder / "truth.cat"
+
+
 def orders(folder):
     from csstsim.catalog.table import ObjectTable
     from csstsim.io.orders import write_orders

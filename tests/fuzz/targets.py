@@ -65,6 +65,8 @@ TARGETS = {
     "picture of an image": Target(seeds.image, spoiled_fits, "picture", 0.3),
     "table parquet": Target(seeds.objects, spoiled_bytes, "table"),
     "truth parquet": Target(seeds.truth, spoiled_bytes, "truth"),
+    "frame to recreate": Target(seeds.level0(), spoiled_fits, "recreated", 0.3),
+    "truth as text": Target(seeds.cat, spoiled_text, "cat"),
     "orders parquet": Target(seeds.orders, spoiled_bytes, "orders"),
     "brick parquet": Target(seeds.objects, spoiled_bytes, "brick"),
     "validation JSON": Target(seeds.validation, spoiled_text, "validation"),

@@ -16,7 +16,7 @@ from csstsim.campaign.checks import check_maps
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.command_line.main import main
 from csstsim.detector import mask
-from csstsim.detector.channels import LAYOUTS, ReadoutFrame
+from csstsim.detector.channels import ReadoutFrame
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.maps.chip_maps import needed
 from csstsim.instrument.maps.kinds import DEFECTS, KINDS
@@ -48,7 +48,9 @@ def test_bits_and_shapes_are_those_of_the_detector(camera):
     """The camera may not know the detector's kernels, so that these facts have two places."""
     assert {name: mask.BITS[name] for name in DEFECTS} == DEFECTS
     frame = ReadoutFrame.of(camera.detector, None)
-    assert KINDS["bias"].shapes(camera.detector) == {frame.stored_shape(layout): layout for layout in LAYOUTS}
+    assert KINDS["bias"].shapes(camera.detector) == {
+        frame.stored_shape(layout): layout for layout in ("channels", "mosaic")
+    }
 
 
 def test_a_map_is_read_and_belongs_to_its_chip(folder):

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from csstsim.base.units import EARTH_GM_KM3_S2, EARTH_RADIUS_KM
-from csstsim.io.keywords import _exposure, header_values
+from csstsim.io.keywords import _exposure, _readout_speed, header_values
 from csstsim.io.level0 import Level0
+from csstsim.sky.directions import telescope_axes
 
 
 @pytest.mark.parametrize("exptime", [0.0, 150.0, 1500.0])
@@ -47,3 +48,42 @@ def test_the_terms_of_the_nonlinearity_are_told_apart():
     file = Level0(Path("x.fits"), {}, header, SimpleNamespace(n_channels=3), "channels", None)
     assert file.nonlinearity == {1: (-1e-7, 2e-13), 2: (-3e-7, 4e-13)}
     assert file.gain == {1: 1.1}
+
+
+PLACES = [(0.0, 0.0), (359.9999999, -89.99), (60.0, -40.0), (244.98765, 12.00001), (0.0, 90.0), (15.0, -0.001)]
+
+
+@pytest.mark.parametrize(("ra", "dec"), PLACES)
+def test_the_target_is_the_designation_of_the_place(make_pointing, ra, dec):
+    """Truncated, as the IAU wants it: against astropy, whose digits are rounded, within one of the last."""
+    from astropy import units as u
+    from astropy.coordinates import SkyCoord
+
+    found = _exposure(make_pointing(ra=ra, dec=dec))["target"]
+    parts = found[1:3], found[3:5], found[5:9], found[9:12], found[12:14], found[14:]
+    place = SkyCoord("{} {} {} {} {} {}".format(*parts), unit=(u.hourangle, u.deg))
+    assert found[0] == "J" and len(found) == 16
+    assert 0 <= ra - place.ra.deg < 0.1 / 240 + 1e-7
+    assert 0 <= abs(dec) - abs(place.dec.deg) < 1 / 3600 + 1e-7
+    assert (found[9] == "-") is (dec < 0)
+
+
+@pytest.mark.parametrize(("ra", "dec"), PLACES)
+@pytest.mark.parametrize("pa", [0.0, -113.4333, 180.0])
+def test_the_attitude_turns_the_axes_onto_the_telescope(make_pointing, ra, dec, pa):
+    """By scipy's rotations: x to the boresight, y to mosaic +x, z to mosaic +y."""
+    from scipy.spatial.transform import Rotation
+
+    values = _exposure(make_pointing(ra=ra, dec=dec, pa=pa))
+    turn = Rotation.from_euler("ZYX", [values[f"euler_{k}"] for k in (1, 2, 3)], degrees=True).as_matrix()
+    np.testing.assert_allclose(turn.T[[1, 2, 0]], telescope_axes(ra, dec, pa), atol=1e-12)
+
+
+def test_a_channel_is_read_in_the_readout_time(camera):
+    detector = camera.detector
+    assert _readout_speed(detector) * detector.readout_time == pytest.approx(1250 * 4700 / 1e6)
+
+
+@pytest.mark.parametrize("kind", ["SCIE", "BIAS", "DARK", "FLAT"])
+def test_the_shutter_opens_to_the_sky_alone(make_pointing, kind):
+    assert _exposure(make_pointing(type=kind))["shutter"] is (kind == "SCIE")

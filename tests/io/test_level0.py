@@ -312,7 +312,8 @@ def test_the_spacecraft_is_in_the_header_or_missed(small, tmp_path):
     pointing = made(small, tmp_path / "x.fits", "channels", provenance=known).pointing
     craft = read_level0(tmp_path / "x.fits").observer
     same = observer(pointing.mjd, pointing.sat_position, pointing.sat_velocity, "builtin", True)
-    assert craft.astrom == same.astrom and len(craft.bodies) == 4
+    set_by_apcs = "eb", "eh", "em", "v"  # others hold whatever was in memory
+    assert all((craft.astrom[name] == same.astrom[name]).all() for name in set_by_apcs) and len(craft.bodies) == 4
     made(small, tmp_path / "old.fits", "channels")
     with pytest.raises(InputError, match="EPHEM"):
         _ = read_level0(tmp_path / "old.fits").observer

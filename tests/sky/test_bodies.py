@@ -8,8 +8,9 @@ from astropy.time import Time
 from sky_places import numbers
 
 from csstsim.base.sphere import angle, unit_vectors
+from csstsim.instrument.orbit import orbit_after
 from csstsim.instrument.pointing import mjd_utc
-from csstsim.sky.bodies import bodies, exposure_angles
+from csstsim.sky.bodies import angles_at_ends, bodies, exposure_angles
 from csstsim.sky.directions import helioecliptic, telescope_axes
 
 PLACE, VELOCITY = (1200.0, -5300.0, 3980.0), (5.1, 3.7, 3.4)
@@ -130,3 +131,26 @@ def test_the_moon_is_lit_by_the_sun_at_its_distance(time):
     wanted = law.magnitude + sum(c * phase ** (k + 1) for k, c in enumerate(law.phase))
     wanted += 5 * np.log10(near / law.distance_km) + 5 * np.log10(au)
     assert found.moon_magnitude == pytest.approx(wanted, abs=0.005)
+
+
+def test_the_angles_of_sun_and_moon_at_both_ends(make_pointing):
+    """Against astropy's ephemerides, to 0.01 deg: geometric here, with light time there."""
+    from astropy.utils import iers
+
+    pointing = make_pointing(exptime=1500.0)
+    values = angles_at_ends(pointing)
+    first = pointing.sat_position, pointing.sat_velocity
+    last = orbit_after(*first, pointing.exptime)
+    for end, after, (position, velocity) in (("start", 0.0, first), ("end", pointing.exptime, last)):
+        with iers.conf.set_temp("auto_download", False), iers.conf.set_temp("iers_degraded_accuracy", "ignore"):
+            time = Time(pointing.mjd, format="mjd", scale="utc") + after * u.s
+            frame = GCRS(
+                obstime=time, obsgeoloc=CartesianRepresentation(*position, unit=u.km),
+                obsgeovel=CartesianRepresentation(*velocity, unit=u.km / u.s),
+            )  # fmt: skip
+            boresight = SkyCoord(pointing.ra * u.deg, pointing.dec * u.deg, frame=frame)
+            for body in ("sun", "moon"):
+                seen = SkyCoord(get_body(body, time).transform_to(frame))
+                assert values[f"{body}_angle_{end}"] == pytest.approx(boresight.separation(seen).deg, abs=0.01)
+    # The Moon moves by 0.55 deg an hour, the spacecraft's parallax by much more
+    assert 0.05 < abs(values["moon_angle_end"] - values["moon_angle_start"]) < 3

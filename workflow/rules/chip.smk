@@ -9,6 +9,7 @@ rule chip:
     output:
         f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_{ENDING}.fits",
         f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_{ENDING}.truth.parquet",
+        CAT,
     log:
         f"{OUT}/logs/chip/{{name}}_{{obsid}}_{{chip}}.log",
     group:
@@ -26,6 +27,7 @@ use rule chip as chip_spectra with:
     output:
         f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_{ENDING}.fits",
         f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_{ENDING}.truth.parquet",
+        CAT,
         f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_{ENDING}.orders.parquet",
     wildcard_constraints:
         obsid=SPECTRA_OBSID,

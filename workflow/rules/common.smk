@@ -68,6 +68,13 @@ kept = (lambda path: path) if RUN.config.keep == "light" else temp  # what rende
 
 MADE = kinds(RUN)
 
+# The truth as text beside a Level-0 file, where the campaign asks for it
+CAT = (
+    [f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_{ENDING}.cat"]
+    if "cat" in RUN.config.truth
+    else []
+)
+
 
 def made(rule, some=None):
     """The files that a rule makes for some jobs, chips or bricks, or for all."""

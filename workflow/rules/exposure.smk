@@ -7,7 +7,8 @@ DISPERSED = by_exposure(RUN.slitless_jobs)
 
 def level0_endings(obsid, chip):
     orders = ["orders.parquet"] * (chip in DISPERSED.get(obsid, ()))
-    return "fits", "truth.parquet", *orders
+    text = ["cat"] * ("cat" in RUN.config.truth)
+    return "fits", "truth.parquet", *text, *orders
 
 
 for number, (files, obsids) in enumerate(named_alike(ALL, level0_endings).items()):

@@ -65,6 +65,7 @@ rule level0:
     output:
         f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_{ENDING}.fits",
         f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_{ENDING}.truth.parquet",
+        CAT,
     log:
         f"{OUT}/logs/level0/{{name}}_{{obsid}}_{{chip}}.log",
     group:
@@ -97,6 +98,7 @@ use rule level0 as level0_spectra with:
     output:
         f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_{ENDING}.fits",
         f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_{ENDING}.truth.parquet",
+        CAT,
         f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_{ENDING}.orders.parquet",
     wildcard_constraints:
         obsid=SPECTRA_OBSID,

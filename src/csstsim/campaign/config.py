@@ -247,8 +247,20 @@ class Campaign(Model):
         description="form of the names of Level-0 files: 'C9', that of Cycle 9 and W1; 'C5.2', 'C5.1' or 'C3', those "
         "of older mocks, for programs that look for them",
     )
+    truth: tuple[Literal["parquet", "cat"], ...] = Field(
+        ("parquet",),
+        description="forms of the truth table beside each Level-0 file: 'parquet', which later stages need, and 'cat', "
+        "text with the 33 columns of the Cycle-9 mocks (docs/recreate.md)",
+    )
     measurement: MeasurementConfig = Field(default_factory=MeasurementConfig)
     validation: ValidateConfig = Field(default_factory=ValidateConfig)
+
+    @field_validator("truth")
+    @classmethod
+    def _parquet_is_there(cls, value):
+        if "parquet" not in value or len(set(value)) < len(value):
+            raise ValueError("must be [parquet] or [parquet, cat]")
+        return value
 
     _layout = field_validator("schema_version")(check_layout)
 

@@ -89,7 +89,8 @@ def _light(run, job):
 
 def _level0(run, job):
     orders = [run.paths.level0_orders(job)] if run.has_orders(job) else []
-    return [run.paths.level0(job), run.paths.level0_truth(job), *orders]
+    text = [run.paths.level0_cat(job)] if "cat" in run.config.truth else []
+    return [run.paths.level0(job), run.paths.level0_truth(job), *text, *orders]
 
 
 def _drawn(path):

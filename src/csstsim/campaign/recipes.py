@@ -26,6 +26,7 @@ READERS = {
     "keep": (),
     "level0_names": (),
     "share": (),
+    "truth": (),
     "seed": ("truth", "select"),
     "catalog.lensing.*": ("truth",),
     "catalog.bright_stars": ("truth",),

@@ -88,6 +88,9 @@ def read_brick(path, expect=None):
                 value=table.meta.get(key),
                 allowed=value,
             )
+    missing = next((name for name in COLUMNS if name not in table), None)
+    if missing:
+        raise InputError("made before bricks had this column; remove it and make it again", file=path, key=missing)
     return table
 
 

@@ -32,9 +32,10 @@ class ExpectedFrame:
     measured: str
     extracted: str
     cosmic: str
+    catalogue: Path | None = None  # the truth as text once more, under the name that the form of names has for it
 
     def beside(self, suffix):
-        """Return the file of the same name with TRUTH, ORDERS or COSMIC of io.paths."""
+        """Return the file of the same name with TRUTH, CAT, ORDERS or COSMIC of io.paths."""
         return self.level0.with_suffix(suffix)
 
     @property
@@ -48,7 +49,7 @@ class Contents:
     """What a folder should hold.
 
     bricks, truth: {brick: what its file must record, or None}; measurement: digest of the way of measuring, or None;
-    psf: chips that see the sky; masters: {chip: what its file must record, or None}; calibrated: YES, NO or MAYBE;
+    psf: chips that see the sky; masters: {chip: what its file must record, or None}; calibrated, cat: YES, NO or MAYBE;
     light: {file of render's that is kept: its recipe, or None}; report: YES or MAYBE; faults: [(path, fault)] met while
     finding out.
     """
@@ -62,6 +63,7 @@ class Contents:
     measurement: str | None
     calibrated: str
     report: str
+    cat: str
     faults: list = field(default_factory=list)
 
     @property
@@ -96,6 +98,7 @@ def of_campaign(run):
         measurement=digest(run.measurement),
         calibrated=YES if made["calibrate"].made_for else MAYBE,
         report=YES if made["report"].made_for else MAYBE,
+        cat=YES if "cat" in run.config.truth else NO,
     )
 
 
@@ -103,8 +106,9 @@ def _frame(run, job, tables):
     """Return the ExpectedFrame of a job. tables: keys of the jobs that are measured, and of the extracted ones."""
     window, rays = job.window, run.steps[job.pointing.type].step("cosmic_rays")
     expected = [job.key in keys for keys in tables] + [rays is not None and rays.param.save_cosmic_image]
+    text = run.paths.level0_catalogue(job) if "cat" in run.config.truth else None
     return ExpectedFrame(
         *job.key, job.chip.filter, job.pointing.type, run.paths.level0(job), run.recipe(job),
         run.recipe(job, "readout"), (window.x0, window.x1, window.y0, window.y1),
-        *(YES if there else NO for there in expected),
+        *(YES if there else NO for there in expected), text,
     )  # fmt: skip

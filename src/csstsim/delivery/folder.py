@@ -44,6 +44,7 @@ def of_folder(folder):
         measurement=_measurement(paths, frames),
         calibrated=MAYBE,
         report=YES if any(frame.type == "SCIE" for frame in frames) else MAYBE,
+        cat=MAYBE,
         faults=odd,
     )
 

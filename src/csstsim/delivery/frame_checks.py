@@ -6,10 +6,12 @@ An unreadable file raises csstsim.base.errors.InputError or OSError; delivery.ve
 import numpy as np
 
 from csstsim.base.errors import InputError
+from csstsim.base.files.text_file import read_text
 from csstsim.base.plural import number_of
 from csstsim.catalog.table import ObjectTable
 from csstsim.delivery.light import light_faults
 from csstsim.detector.adc import cut_noise
+from csstsim.io.cat import LARGEST, cat_lines, read_cat
 from csstsim.io.fits import open_fits, verify_hdu
 from csstsim.io.frames import load_frame
 from csstsim.io.keywords import recorded_recipe
@@ -66,8 +68,15 @@ def _whole(path, extensions):
 
 
 def truth(frame, seen):
-    """Check a truth table: columns, recipe, rows within the window; then the image against it."""
+    """Check a truth table: columns, recipe, rows within the window; then the image. Note it in `seen` if sound."""
     path, opened = frame.beside(TRUTH), seen.opened.pop(frame.level0, None)
+    faults = list(_truth(path, frame, opened))
+    yield from faults
+    if not faults:
+        seen.truths.add(path)
+
+
+def _truth(path, frame, opened):
     table = read_truth(path)
     yield from other_recipe(table.meta.get("recipe"), frame.recipe)
     if table.meta.get("level0") != frame.level0.name:
@@ -81,6 +90,15 @@ def truth(frame, seen):
     if len(table):
         yield from _drawn(table, frame)
     yield from _light(frame, table, opened)
+
+
+def cat(path, frame, seen):
+    """Check the truth as text: it is a table, and that of the parquet file beside it, if that is sound."""
+    read_cat(path)
+    if frame.beside(TRUTH) in seen.truths:
+        made = cat_lines(ObjectTable.read(frame.beside(TRUTH), CAT_COLUMNS))
+        if read_text(path, largest=LARGEST) != "".join(made):
+            yield f"is not the text of {frame.beside(TRUTH).name}"
 
 
 def _of_frame(table, frame):

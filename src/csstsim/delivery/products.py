@@ -8,7 +8,7 @@ from pathlib import Path
 from csstsim.bricks.hats import ABOUT
 from csstsim.delivery import campaign_checks, frame_checks
 from csstsim.delivery.contents import MAYBE, NO, YES
-from csstsim.io.paths import COSMIC, ORDERS, TRUTH
+from csstsim.io.paths import CAT, COSMIC, ORDERS, TRUTH
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,7 @@ class Seen:
     merged: dict = field(default_factory=dict)  # {brick: (rows, recipe)}
     gates: dict = field(default_factory=dict)  # {brick: how many}
     opened: dict = field(default_factory=dict)  # {path: io.level0.Level0} of the frame that is being looked at
+    truths: set = field(default_factory=set)  # truth tables without a fault
     psf_hash: dict = field(default_factory=dict)  # {path: PSFHASH} of sound Level-0 files
 
 
@@ -52,6 +53,13 @@ def _of_frame(contents, frame, seen):
     picture = spectra.with_suffix(".png")
     yield Product("Level-0", frame.level0, YES, partial(frame_checks.level0, frame, seen))
     yield Product("truth", frame.beside(TRUTH), YES, partial(frame_checks.truth, frame, seen))
+    text = frame.beside(CAT)
+    yield Product(
+        "truth as text", text, contents.cat, partial(frame_checks.cat, text, frame, seen), (frame.beside(TRUTH),)
+    )
+    if frame.catalogue not in (None, text):
+        check = partial(frame_checks.cat, frame.catalogue, frame, seen)
+        yield Product("truth as text", frame.catalogue, YES, check, (frame.beside(TRUTH),))
     yield Product("truth of orders", orders, frame.extracted, partial(frame_checks.orders, orders, frame))
     yield Product("cosmic rays", cosmic, frame.cosmic, partial(frame_checks.cosmic, cosmic, frame))
     kept = NO if frame.measured == NO else contents.calibrated

@@ -142,7 +142,7 @@ def open_fits(path):
 def read_header(hdu, path):
     """Return an HDU's header {keyword: value}. Raises InputError for a header with something that is not a value."""
     try:
-        cards = _cards(hdu, path)
+        cards = raw_cards(hdu, path)
         if any(text.startswith("CONTINUE") for text in cards):
             return dict(hdu.read_header())  # slow: cfitsio looks for each keyword from the first card on
         header = dict(fitsio.FITSHDR(cards))
@@ -151,7 +151,7 @@ def read_header(hdu, path):
     return {key: value.rstrip() if isinstance(value, str) else value for key, value in header.items()}
 
 
-def _cards(hdu, path):
+def raw_cards(hdu, path):
     """Return the cards of an HDU's header, without END. Raises ValueError if they are not text, or have no END."""
     offsets = hdu.get_offsets()
     with open(path, "rb") as file:
@@ -182,7 +182,7 @@ def _check_sum(hdu, path, total):
     """Raise InputError if the checksum of an HDU whose words sum to `total` is missing or wrong."""
     key = f"HDU {hdu.get_extname() or 'primary'}"
     try:
-        sealed = any(text.startswith("CHECKSUM=") for text in _cards(hdu, path))
+        sealed = any(text.startswith("CHECKSUM=") for text in raw_cards(hdu, path))
     except ValueError:
         raise InputError("a header is damaged", file=path, key=key) from None
     if not sealed:

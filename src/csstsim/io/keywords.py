@@ -13,7 +13,7 @@ import csstsim
 from csstsim.base.errors import InputError
 from csstsim.base.release import release
 from csstsim.base.shipped import ROOT
-from csstsim.base.units import EARTH_RADIUS_KM
+from csstsim.base.units import DAY_S, EARTH_RADIUS_KM
 from csstsim.detector.channels import ReadoutFrame
 from csstsim.instrument.orbit import orbit_after
 from csstsim.io.fits_cards import card, remark
@@ -28,7 +28,7 @@ _FROM_LAYERS = (
     "sky_rate", "sky_zodiacal", "sky_earth", "sky_sun", "sky_moon", "sky_planets", "sky_stars",
     "shutter_open_0", "shutter_open_1", "shutter_close_0", "shutter_close_1",
     "led_flag", "led_type", "led_time", "led_guessed",
-    "sun_angle", "moon_angle", "limb_angle", "limb_sun_angle",
+    *(f"{name}_angle_{end}" for name in ("sun", "moon", "limb", "limb_sun") for end in ("start", "end")),
 )  # absent if the layer is  # fmt: skip
 # The keyword of each part of a recipe (campaign.opened.OpenCampaign.recipe); readers check them.
 RECIPE = {"campaign": "CAMPHASH", "camera": "CAMHASH", "layers": "LAYHASH", "exposure": "EXPHASH"}
@@ -110,11 +110,13 @@ def header_values(state, provenance, layout):
 def _exposure(pointing):
     first = pointing.sat_position, pointing.sat_velocity
     last = orbit_after(*first, pointing.exptime)
+    ra, dec, pa = float(pointing.ra), float(pointing.dec), float(pointing.pa)
     values = {
-        "type": pointing.type, "ra": float(pointing.ra), "dec": float(pointing.dec), "pa": float(pointing.pa),
+        "type": pointing.type, "ra": ra, "dec": dec, "pa": pa, "target": _designation(ra, dec),
+        "euler_1": ra, "euler_2": -dec, "euler_3": -pa, "shutter": pointing.type == "SCIE",
         "exptime": float(pointing.exptime), "survey": None if pointing.survey == "WIDE" else pointing.survey,
         "time_start": _iso(pointing.start), "time_end": _iso(pointing.end),
-        "mjd_start": pointing.mjd, "mjd_end": pointing.mjd + pointing.exptime / 86400.0,
+        "mjd_start": pointing.mjd, "mjd_end": pointing.mjd + pointing.exptime / DAY_S,
     }  # fmt: skip
     for end, (position, velocity) in (("start", first), ("end", last)):
         values[f"altitude_{end}"] = math.hypot(*position) - EARTH_RADIUS_KM
@@ -127,6 +129,14 @@ def _iso(moment):
     return moment.replace(tzinfo=None).isoformat(timespec="milliseconds")
 
 
+def _designation(ra, dec):
+    """Return the IAU's designation of a place [deg], truncated to its digits: Jhhmmss.s+ddmmss."""
+    tenths, seconds = (int(value + 1e-6) for value in (ra % 360.0 * 2400.0, abs(dec) * 3600.0))  # of time; of arc
+    hours, degrees = divmod(tenths, 36000), divmod(seconds, 3600)
+    time = f"{hours[0]:02d}{hours[1] // 600:02d}{hours[1] % 600 / 10:04.1f}"
+    return f"J{time}{'-' if dec < 0 else '+'}{degrees[0]:02d}{degrees[1] // 60:02d}{degrees[1] % 60:02d}"
+
+
 def _detector(state, layout):
     detector, window = state.chip.detector, state.window
     readout = ReadoutFrame.of(detector, window).of_file(layout)
@@ -137,6 +147,7 @@ def _detector(state, layout):
         "chip_label": state.chip.label, "filter": state.chip.filter, "layout": layout,
         "extensions": 1 if state.mask is None else 2,
         "temperature": detector.temperature, "readout_time": detector.readout_time, "adc_max": detector.adc_max,
+        "readout_speed": _readout_speed(detector),
         "pixel_scale": state.telescope.pixel_scale, "pixel_um": detector.pixel_um,
         "detector_size": f"[1:{detector.nx},1:{detector.ny}]", "channels": detector.channels_x * detector.channels_y,
         "prescan": readout.prescan, "overscan": readout.overscan, "parallel_overscan": readout.parallel_overscan,
@@ -144,6 +155,12 @@ def _detector(state, layout):
         "window_y_first": window.y0 + 1, "window_y_last": window.y1,
         "bias_adu": None, "field_dist": state.wcs.distortion is not None,
     }  # fmt: skip
+
+
+def _readout_speed(detector):
+    """Return the mean rate [MHz] at which a channel's pixels are read, prescan and overscans included."""
+    columns = detector.channel_nx + detector.prescan + detector.overscan
+    return columns * (detector.channel_ny + detector.parallel_overscan) / detector.readout_time / 1e6
 
 
 def _simulation(provenance):

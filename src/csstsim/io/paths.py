@@ -2,7 +2,7 @@
 
     truth/dataset/Norder=8/Dir=D/Npix=P.parquet  truth/hats.properties  psf/chip_08.h5 chip_08_tables.h5
     chips/{obsid}_{chip}/select.parquet render.fits drawn.parquet orders.parquet readout.fits
-    level0/{obsid}/{stem}.fits {stem}.truth.parquet {stem}.orders.parquet {stem}.cosmic.fits
+    level0/{obsid}/{stem}.fits {stem}.truth.parquet {stem}.cat {stem}.orders.parquet {stem}.cosmic.fits
     masters/chip_08.fits  calibrated/{obsid}_{chip}.fits  measure/{obsid}_{chip}.parquet  spectra/{obsid}_{chip}.parquet
     merge/dataset/Norder=8/Dir=D/Npix=P.parquet  merge/hats.properties  validate/{P}.json
     report/index.html verdict.json  look/{obsid}_{chip}.png
@@ -18,7 +18,7 @@ from csstsim.base.errors import InputError
 from csstsim.io.level0_names import FORMS, NEWEST
 
 # Suffixes of the files that accompany a Level-0 file under its name.
-TRUTH, ORDERS, COSMIC = ".truth.parquet", ".orders.parquet", ".cosmic.fits"
+TRUTH, CAT, ORDERS, COSMIC = ".truth.parquet", ".cat", ".orders.parquet", ".cosmic.fits"
 LIGHT = "render.fits", "drawn.parquet", "orders.parquet"  # what render makes for a chip; may be kept
 
 
@@ -80,8 +80,12 @@ class Paths:
         """The table of drawn objects beside the Level-0 file, parquet."""
         return self.level0(job).with_suffix(TRUTH)
 
+    def level0_cat(self, job):
+        """The same table as text (io.cat), if the campaign's `truth` asks for it."""
+        return self.level0(job).with_suffix(CAT)
+
     def level0_catalogue(self, job):
-        """Where readers of the campaign's form of names look for the truth as an ASCII catalogue."""
+        """Where programs that read the campaign's form of names look for the text: of C9 `level0_cat` itself."""
         return self.output / "level0" / job.obsid / f"{self._form.catalogue(job)}.cat"
 
     def level0_orders(self, job):

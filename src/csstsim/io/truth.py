@@ -68,8 +68,10 @@ TAKEN = {"chip", "filter", "detA", "dm", "g1", "g2", "size"} | (set(CAT_COLUMNS)
 
 
 def write_truth(path, drawn, chip, metadata):
-    """Write the truth of one Level-0 file; arguments as of `truth_table`, metadata {str: str}."""
-    truth_table(drawn, chip).write(path, metadata)
+    """Write the truth of one Level-0 file and return it; arguments as of `truth_table`, metadata {str: str}."""
+    table = truth_table(drawn, chip)
+    table.write(path, metadata)
+    return table
 
 
 def truth_table(drawn, chip):

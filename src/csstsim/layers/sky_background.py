@@ -55,22 +55,21 @@ def check(param, camera, pointing):
 
 
 def apply(state, param, rng):
-    """Add the sky [e-] to state.image (of the window's shape), in place; rates and initial angles go to the header.
+    """Add the sky [e-] to state.image (of the window's shape), in place; rates go to the header.
 
     Raises InputError if the model is enabled and the telescope looks at the Earth or close to the Sun.
     """
     pointing, exptime, gratings = state.pointing, state.exposure.exptime, state.exposure.gratings
-    place = pointing.mjd, pointing.sat_position, pointing.sat_velocity
-    angles = exposure_angles(pointing.ra, pointing.dec, *place)
     sky, rate, means = _model(state) if param.enable_straylight_model else _constant(state)
     response = state.response(rng)
     if gratings is not None:
-        first, rate = rate, _disperse(state, sky, means, angles["sun"], response) / exptime
+        place = pointing.mjd, pointing.sat_position, pointing.sat_velocity
+        sun = exposure_angles(pointing.ra, pointing.dec, *place)["sun"]
+        first, rate = rate, _disperse(state, sky, means, sun, response) / exptime
         means = {name: mean * rate / first for name, mean in means.items()}
     else:
         _add(state.image, sky, response)
     state.header |= {"sky_rate": rate} | {f"sky_{name}": mean for name, mean in means.items()}
-    state.header |= {f"{name}_angle": value for name, value in angles.items()}
     return state
 
 

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from csstsim.base.sphere import angle, unit_vectors
-from csstsim.base.units import AU_KM, EARTH_RADIUS_KM
+from csstsim.base.units import AU_KM, DAY_S, EARTH_RADIUS_KM
 from csstsim.catalog.astrometry.ephemeris import mjd_tt, observer
+from csstsim.instrument.orbit import orbit_after
 
 _MJD_ZERO = 2_400_000.5
 
@@ -69,6 +70,17 @@ def exposure_angles(ra, dec, mjd, position, velocity):
         "moon": float(angle(boresight, _moon(mjd_tt(mjd), position))),
         "limb": float(angle(boresight, -place) - np.degrees(radius)),
         "limb_sun": float(90.0 - angle(limb, sun)),
+    }
+
+
+def angles_at_ends(pointing):
+    """Return {"sun_angle_start", "sun_angle_end", ...} [deg]: `exposure_angles` as an exposure begins and ends."""
+    first = pointing.sat_position, pointing.sat_velocity
+    ends = ("start", 0.0, first), ("end", pointing.exptime, orbit_after(*first, pointing.exptime))
+    return {
+        f"{name}_angle_{end}": value
+        for end, after, place in ends
+        for name, value in exposure_angles(pointing.ra, pointing.dec, pointing.mjd + after / DAY_S, *place).items()
     }
 
 

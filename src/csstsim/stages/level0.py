@@ -29,11 +29,13 @@ def digitised(run, job, state, timer):
     """Return the State after the level0 stage and its provenance (io.keywords.header_values)."""
     from csstsim.detector.adc import cut_noise
     from csstsim.optics.throughput import shutter
+    from csstsim.sky.bodies import angles_at_ends
 
     steps = run.steps[job.pointing.type]
     state = steps.run(state, "level0", run.streams(job))
     if steps.losses.shutter:
         state.header |= shutter.moments(job.pointing.mjd, job.pointing.exptime, state.telescope)
+    state.header |= angles_at_ends(job.pointing)
     if fault := cut_noise(state.header.get("clipped_low", 0), state.image.size):
         print(f"warning: {fault}")
     state.header.setdefault("stages", []).append(timer.entry())
@@ -57,6 +59,7 @@ def digitised(run, job, state, timer):
 def write_products(run, job, state, provenance):
     """Write the Level-0 file with its truth, and that of orders, beside it."""
     from csstsim.catalog.table import ObjectTable
+    from csstsim.io.cat import write_cat
     from csstsim.io.level0 import write_level0
     from csstsim.io.orders import write_orders
     from csstsim.io.truth import electron_budget, write_truth
@@ -67,7 +70,10 @@ def write_products(run, job, state, provenance):
     about = {"recipe": run.recipe(job), "level0": path.name, "full_well": run.camera.detector.full_well}
     if run.steps[job.pointing.type].shipped:  # a user's layer may add charge that is not accounted for
         about["electrons"] = electron_budget(state.header, job.window.nx * job.window.ny)
-    write_truth(truth_path, drawn, job.chip, about)
+    table = write_truth(truth_path, drawn, job.chip, about)
+    if "cat" in run.config.truth:
+        for text in {run.paths.level0_cat(job), run.paths.level0_catalogue(job)}:
+            write_cat(text, table)
     if state.orders is not None:
         orders = {"recipe": run.recipe(job), "level0": path.name}
         write_orders(run.paths.level0_orders(job), state.orders, orders)

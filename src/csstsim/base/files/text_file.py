@@ -9,20 +9,23 @@ from csstsim.base.files.file_log import logged
 LARGEST = 64_000_000  # bytes; a survey of 73,260 files has a table of 2 MB
 
 
-def read_text(path, encoding="utf-8"):
-    """Return the text of a file. Raises InputError if it is missing, no plain file, too large or not `encoding`."""
+def read_text(path, encoding="utf-8", largest=LARGEST):
+    """Return the text of a file, up to `largest` bytes.
+
+    Raises InputError if it is missing, no plain file, too large or not `encoding`.
+    """
     path = Path(path)
     try:
         if path.exists() and not (path.is_file() or path.is_dir()):
             raise InputError("a pipe or device, which might never end", file=path)
         with logged("read", path), path.open("rb") as file:
-            content = file.read(LARGEST + 1)
+            content = file.read(largest + 1)
     except OSError as exc:
         raise InputError(f"cannot read the file: {exc.strerror}", file=path) from exc
     except ValueError as exc:  # a NUL in its name
         raise InputError(f"cannot read the file: {exc}", file=path) from exc
-    if len(content) > LARGEST:
-        raise InputError("too large a file", file=path, allowed=f"{LARGEST // 1_000_000} MB")
+    if len(content) > largest:
+        raise InputError("too large a file", file=path, allowed=f"{largest // 1_000_000} MB")
     try:
         return content.decode(encoding).replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError as exc:

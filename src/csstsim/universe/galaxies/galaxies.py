@@ -18,9 +18,17 @@ from csstsim.universe.galaxies.galaxy_shapes import (
     velocity_dispersion,
 )
 from csstsim.universe.galaxies.mass_function import MassGrid
-from csstsim.universe.galaxies.star_formation import attenuation, cosmic_age, main_sequence, mixture, young_fractions
+from csstsim.universe.galaxies.star_formation import (
+    attenuation,
+    cosmic_age,
+    main_sequence,
+    mean_age,
+    mixture,
+    young_fractions,
+)
 
 ARCMIN2_PER_DEG2 = 3600.0
+YR_PER_GYR = 1e9
 QUIESCENT = 1
 _STEP = 0.01  # mag, of the cumulative counts
 
@@ -65,7 +73,8 @@ class GalaxyPopulation:
         """Return the columns of a Poisson number of galaxies on `area` [deg2], except position.
 
         `rng(name)` gives the generator of one quantity. Columns: z, i, size_disk, size_bulge [arcsec, half light],
-        bulge_frac, e1, e2, bulgemass, diskmass [solar], veldisp [km/s], gal_type, coeff0.., sed_scale.
+        bulge_frac, e1, e2, bulgemass, diskmass [solar], veldisp [km/s], sfr [solar / yr], metallicity [mass fraction],
+        stellarage [Gyr], gal_type, coeff0.., sed_scale.
         """
         count = rng("count").poisson(self.grid.total * area)
         z, log_mass, kind = self.grid.draw(rng("mass"), count)
@@ -78,7 +87,7 @@ class GalaxyPopulation:
         n, numbers = len(z), self.numbers
         share = bulge_fraction(log_mass, kind, rng("bulge").standard_normal(n), numbers["bulge"])
         e = draw_ellipticity(rng("shape"), share > numbers["ellipticity"]["round_share"], numbers["ellipticity"])
-        mix, dust, lines = self._stars(rng, z, log_mass, kind, np.abs(e))
+        mix, dust, lines, history = self._stars(rng, z, log_mass, kind, np.abs(e))
         coefficients = self.seds.coefficients(10 ** log_mass[:, None] * mix, dust, lines)
         scale = distance_scale(self.cosmology.luminosity_distance(z))
         model = self._magnitude(z, coefficients, scale)
@@ -86,6 +95,7 @@ class GalaxyPopulation:
         columns = self._sizes(rng, z, log_mass, kind, share)
         columns |= {"z": z, "bulge_frac": share, "e1": e.real, "e2": e.imag}
         columns |= {"bulgemass": share * 10**log_mass, "diskmass": (1 - share) * 10**log_mass}
+        columns |= history
         columns |= {"sed_scale": scale * 10 ** (-0.4 * shift)}
         columns |= {f"coeff{k}": column for k, column in enumerate(np.transpose(coefficients))}
         columns = {name: values.astype(np.float32) for name, values in columns.items()}
@@ -96,7 +106,7 @@ class GalaxyPopulation:
         return self._zeropoint - 2.5 * np.log10(np.maximum(rate, 1e-300))
 
     def _stars(self, rng, z, log_mass, kind, e):
-        """Return the mixture per solar mass (n, templates), A_V (n,) and the strength of the lines (n,)."""
+        """Return the mixture per solar mass (n, templates), A_V (n,), that of lines (n,), {truth column: (n,)}."""
         formation, dust = self.numbers["star_formation"], self.numbers["dust"]
         quiescent, n = kind == QUIESCENT, len(z)
         noise = rng("rate").standard_normal(n)
@@ -113,7 +123,11 @@ class GalaxyPopulation:
         tilt = ((1 + e) / (1 - e)) ** np.where(quiescent, 0.0, dust["inclination"])  # (a / b)^inclination
         dusty = face_on * tilt * 10 ** (dust["scatter"] * rng("dust").standard_normal(n))
         lines = 10 ** (self.numbers["line_scatter"] * rng("lines").standard_normal(n))
-        return mix, np.minimum(dusty, dust["max"]), lines
+        history = {
+            "sfr": 10 ** (rate + log_mass), "stellarage": mean_age(rate, age) / YR_PER_GYR,
+            "metallicity": self.seds.metallicity(mix),
+        }  # fmt: skip
+        return mix, np.minimum(dusty, dust["max"]), lines, history
 
     def _sizes(self, rng, z, log_mass, kind, share):
         size = self.numbers["size"]

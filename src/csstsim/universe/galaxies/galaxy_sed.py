@@ -39,7 +39,7 @@ class GalaxySeds:
             self._stars, self._lines = (file[name].read().astype(float) for name in ("STARS", "LINES"))
             self._dust = file["DUST"].read().astype(float)
             templates = file["TEMPLATES"].read()
-            self.templates = {name: templates[name].astype(float) for name in ("surviving", "m300")}
+            self.templates = {name: templates[name].astype(float) for name in ("surviving", "metals", "m300")}
             fits_together = self.basis.ndim == 2 and self._stars.shape[2] == self.basis.shape[0] == COEFFICIENTS
         if not fits_together:
             raise InputError("wrong number of components", file=path, value=self.basis.shape[0], allowed=COEFFICIENTS)
@@ -85,6 +85,11 @@ class GalaxySeds:
             for table, factor in ((self._stars[k], mass), (self._lines[k], mass * lines)):
                 out += factor[:, None] * (table[cell] * (1 - t) + table[cell + 1] * t)
         return out
+
+    def metallicity(self, mix):
+        """Return the mass fraction of metals (n,) in the living stars of mixtures (n, 5), as of `coefficients`."""
+        living = np.asarray(mix, dtype=float) * self.templates["surviving"]
+        return living @ self.templates["metals"] / living.sum(axis=1)
 
     def spectra(self, z, coefficients, scale, av, wavelength=GRID, igm=True):
         """Return (n, len(wavelength)) spectra; z, scale and av [mag] (n,), coefficients (n, 20).

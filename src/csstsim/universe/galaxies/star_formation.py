@@ -5,6 +5,8 @@ specific rate drawn (a main sequence for star-forming galaxies, a low rate for q
 
     s A = x / (exp(x) - 1),  x = A / tau;    mass younger than a:  F(a) = (exp(x a / A) - 1) / (exp(x) - 1)
 
+The mean age of the mass formed is A (1 / (1 - exp(-x)) - 1 / x).
+
 A fixed table gives the templates that represent the light of each age range: templates fitted to galaxies mix several
 ages, and some ages have no template of their own. Left out: bursts beyond the scatter of the rate, metallicity as an
 independent variable.
@@ -13,6 +15,7 @@ independent variable.
 import numpy as np
 
 _X = np.concatenate([-np.logspace(3, -4, 3000), np.logspace(-4, np.log10(600.0), 3000)])
+_EVEN = 1e-3  # A / tau below which the rate counts as constant, to 1e-10
 _LOG_SA = np.log(_X / np.expm1(_X))  # decreasing
 
 
@@ -37,9 +40,23 @@ def young_fractions(log_rate, age, edges):
     log_rate: log10 of the specific rate [yr-1] (n,); age: since the first star [yr] (n,); edges: ages [yr] rising.
     """
     age = np.asarray(age, float)[:, None]
-    x = np.interp(-(np.asarray(log_rate) * np.log(10) + np.log(age[:, 0])), -_LOG_SA, _X)[:, None]
+    x = _steepness(log_rate, age[:, 0])[:, None]
     below = np.expm1(x * np.minimum(np.asarray(edges, float) / age, 1.0)) / np.expm1(x)
     return np.diff(below, prepend=0.0, append=1.0, axis=1)
+
+
+def mean_age(log_rate, age):
+    """Return the mean age [yr] of the mass formed; log_rate and age (n,) of `young_fractions`."""
+    age = np.asarray(age, float)
+    x = _steepness(log_rate, age)
+    even = np.abs(x) < _EVEN  # the rate is constant: half the age, and the first term of the series
+    safe = np.where(even, 1.0, x)
+    return age * np.where(even, 0.5 + x / 12, -1 / np.expm1(-safe) - 1 / safe)
+
+
+def _steepness(log_rate, age):
+    """Return A / tau of the specific rate now [log10 yr-1] and the age A [yr]."""
+    return np.interp(-(np.asarray(log_rate) * np.log(10) + np.log(age)), -_LOG_SA, _X)
 
 
 def mixture(fractions, numbers):

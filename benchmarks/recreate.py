@@ -1,0 +1,97 @@
+"""A whole chip drawn again from its header and its `.cat` (docs/recreate.md): the two frames side by side, three ways.
+
+    python benchmarks/recreate.py                    # chip 9 of the demo's first r exposure: two CPU-minutes, 3 GB
+    python benchmarks/recreate.py --window 2000      # the middle of it: half a minute
+
+The frame is recreated as it is; as another exposure, so that only the camera is shared and no noise; and from a
+header as the mission's files have it, without csstsim's own keywords. Exit code 1 if places, light, background or noise
+differ by more than csstsim.recreate.side_by_side allows.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+
+import yaml
+from astropy.io import fits
+
+from csstsim.base.shipped import ROOT
+from csstsim.campaign.opened import OpenCampaign
+from csstsim.recreate.recreate import recreate
+from csstsim.recreate.side_by_side import side_by_side
+from csstsim.stages.chip import chip
+
+OBSID, CHIP, SEED = "10100000004", 9, 5
+OTHER = "10100000999"
+# What readers of public files of the mission's Cycles 5 to 9 use (docs/recreate.md)
+KEPT = {
+    "OBJECT", "OBSID", "FILENAME", "FILETYPE", "INSTRUME", "DETECTOR", "FILTER", "DATE-OBS", "EXPSTART", "EXPTIME",
+    "RA_OBJ", "DEC_OBJ", "RA_PNT0", "DEC_PNT0", "POS_ANG0", "CHIPLAB", "BUNIT",
+    *(f"{kind}0_{axis}" for kind in ("POSI", "VELO") for axis in "XYZ"),
+    *(f"{key}{n:02d}" for key in ("GAIN", "RON") for n in range(1, 17)),
+    "CTYPE1", "CTYPE2", "CRPIX1", "CRPIX2", "CRVAL1", "CRVAL2", "CD1_1", "CD1_2", "CD2_1", "CD2_2",
+}  # fmt: skip
+STRUCTURE = {"BSCALE", "BZERO", "EXTNAME"}
+
+
+def as_the_missions(frame, path):
+    """Write a frame with the keywords that the mission's files have, and no others."""
+    with fits.open(frame) as file:
+        for hdu in file:
+            for name in set(hdu.header) - KEPT - STRUCTURE:
+                if not name.startswith(("NAXIS", "BITPIX", "SIMPLE", "EXTEND", "XTENSION", "PCOUNT", "GCOUNT")):
+                    hdu.header.remove(name, ignore_missing=True, remove_all=True)
+        file.writeto(path, overwrite=True)
+    return path
+
+
+def drawn(folder):
+    """Make the chip of a campaign's folder; return its Level-0 file."""
+    text = (folder / "campaign.yaml").read_text()
+    if "share:" not in text:  # the PSF set is the same
+        (folder / "campaign.yaml").write_text(f"{text}\nshare: ../share\n")
+    run = OpenCampaign(folder / "campaign.yaml")
+    (job,) = run.jobs
+    chip(run, job, say=lambda text: None)
+    return run.paths.level0(job)
+
+
+def first(folder, window):
+    """Write the campaign of the frame that is recreated; return its folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    data = {
+        "schema_version": 1, "name": "first", "survey_table": str(ROOT / "survey_tables/demo.csv"), "output": "results",
+        "seed": SEED, "select": {"obsids": [OBSID], "chips": [CHIP]}, "truth": ["parquet", "cat"],
+    }  # fmt: skip
+    if window:
+        x0, y0 = (9216 - window) // 2, (9232 - window) // 2
+        data["window"] = {"x0": x0, "x1": x0 + window, "y0": y0, "y1": y0 + window}
+    (folder / "campaign.yaml").write_text(yaml.safe_dump(data))
+    return folder
+
+
+def main():
+    """Make the frames and print the comparisons."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--output", type=Path, default=Path("results/recreate"))
+    parser.add_argument("--window", type=int, help="pixels along a side of the middle of the chip")
+    options = parser.parse_args()
+    frame = drawn(first(options.output / "first", options.window))
+    truth, differs = frame.with_suffix(".cat"), 0
+    plain = as_the_missions(frame, options.output / frame.name)
+    for name, shown in (("same", frame), ("other", frame), ("plain", plain)):
+        folder = options.output / name
+        if name == "plain" and options.window:
+            continue  # the mission's frames are whole chips
+        if not (folder / "campaign.yaml").exists():
+            recreate(shown, truth, folder, print, seed=SEED)
+        if name == "other":
+            for file in (folder / "campaign.yaml", folder / "survey_table.csv"):
+                file.write_text(file.read_text().replace(OBSID, OTHER))
+        print(f"--- {name}")
+        differs += side_by_side(frame, drawn(folder), truth, print)
+    sys.exit(bool(differs))
+
+
+if __name__ == "__main__":
+    main()

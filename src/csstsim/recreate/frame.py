@@ -1,0 +1,198 @@
+"""What the header of a frame says of its exposure, and what is assumed where it is silent.
+
+Frames of csstsim say all: exposure, window, seed, and in HISTORY the layers and the changed numbers of the camera. The
+mission's files, of any cycle, have fewer keywords, and other names for some. Each assumption is a note, in words.
+"""
+
+import json
+import re
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+
+from csstsim.base.errors import InputError
+from csstsim.campaign.survey_table import OBSID, STATE
+from csstsim.instrument.pointing import parse_utc
+from csstsim.io.fits import image_header, open_fits, raw_cards, read_header
+
+OBSID_IF_NONE, TIME_IF_NONE, EXPTIME_IF_NONE, SEED_IF_NONE = "10100000001", "2027-11-20T01:08:00", 150.0, 1
+_STATE_KEYS = [f"{kind}0_{axis}" for kind in ("POSI", "VELO") for axis in "XYZ"]
+_RADIUS_KM = 6_378.0, 50_000.0  # of orbits; others are placeholders
+_NAME = re.compile(r"_(\d{14})_(\d{14})_(\d{9,14})_(\d{2})_L0")
+_MJD_ZERO = datetime(1858, 11, 17, tzinfo=UTC)
+_ENTRY = re.compile(r" (layer|camera|value) ")
+
+
+@dataclass
+class FrameHeader:
+    """The header of a frame (primary and image), read tolerantly; `notes` are the assumptions made so far."""
+
+    path: Path
+    keys: dict
+    history: list
+    shape: tuple  # of the image, (rows, columns)
+    notes: list = field(default_factory=list)
+
+    def get(self, *names):
+        """Return the value of the first keyword that is there and not empty, or None."""
+        return next((self.keys[n] for n in names if str(self.keys.get(n, "")).strip()), None)
+
+    def number(self, *names):
+        """Return the first keyword's value that is a finite number, or None."""
+        for name in names:
+            try:
+                value = float(self.keys[name])
+            except (KeyError, TypeError, ValueError):
+                continue
+            if np.isfinite(value):
+                return value
+        return None
+
+    def assumed(self, keyword, value, what):
+        """Note that `keyword` is missing and what is taken instead; return that."""
+        self.notes.append(f"{keyword}: {what}")
+        return value
+
+    @property
+    def ours(self):
+        """Whether csstsim made the frame."""
+        return "SIMVER" in self.keys
+
+    @property
+    def chip(self):
+        """Number of the chip. Raises InputError if neither header nor file name has it."""
+        label = re.search(r"\d+", str(self.get("DETECTOR", "CHIPLAB", "CCDLABEL") or ""))
+        name = _NAME.search(self.path.name)
+        if not (label or name):
+            raise InputError("no chip number", file=self.path, key="DETECTOR", allowed="DETECTOR, CHIPLAB or CCDLABEL")
+        return int(label[0] if label else name[4])
+
+    @property
+    def obsid(self):
+        """The exposure's number, 9 to 14 digits."""
+        name = _NAME.search(self.path.name)
+        found = [str(value) for value in (self.keys.get("OBSID"), name and name[3]) if value is not None]
+        good = next((value for value in found if OBSID.fullmatch(value)), None)
+        return good or self.assumed("OBSID", OBSID_IF_NONE, f"number {OBSID_IF_NONE}")
+
+    @property
+    def exposure(self):
+        """{column of a survey table: value} of the exposure. Raises InputError without a place."""
+        ra, dec = (self.number(*names) for names in _PLACE)
+        if ra is None or dec is None:
+            raise InputError("no place of the boresight", file=self.path, key="CRVAL1, CRVAL2 or RA_PNT0, DEC_PNT0")
+        return {
+            "obsid": self.obsid, "type": "SCIE", "ra": ra % 360.0, "dec": dec, "pa": self._angle(),
+            "time": self._time(), "exptime": self._exptime(),
+        } | self._state()  # fmt: skip
+
+    def _angle(self):
+        angle, cd = self.number("POS_ANG0", "POS_ANG1"), [self.number(name) for name in ("CD1_1", "CD1_2")]
+        if angle is not None:
+            return angle
+        if None not in cd and any(cd):
+            return self.assumed("POS_ANG0", float(np.degrees(np.arctan2(*cd[::-1]))), "position angle of the CD matrix")
+        return self.assumed("POS_ANG0", 0.0, "position angle 0")
+
+    def _time(self):
+        text = str(self.get("DATE-OBS") or "")
+        try:
+            parse_utc(text)
+            return text
+        except ValueError:
+            pass
+        mjd, name = self.number("EXPSTART"), _NAME.search(self.path.name)
+        if mjd is not None and mjd > 0:
+            start = _MJD_ZERO + timedelta(days=mjd)
+            return self.assumed("DATE-OBS", f"{start:%Y-%m-%dT%H:%M:%S.%f}", "the time of EXPSTART")
+        if name:
+            start = datetime.strptime(name[1], "%Y%m%d%H%M%S")
+            return self.assumed("DATE-OBS", f"{start:%Y-%m-%dT%H:%M:%S}", "the time in the file's name")
+        return self.assumed("DATE-OBS", TIME_IF_NONE, TIME_IF_NONE)
+
+    def _exptime(self):
+        exptime = self.number("EXPTIME")
+        if exptime is not None and exptime > 0:
+            return exptime
+        return self.assumed("EXPTIME", EXPTIME_IF_NONE, f"{EXPTIME_IF_NONE:g} s")
+
+    def _state(self):
+        state = [self.number(name) for name in _STATE_KEYS]
+        if None not in state and _RADIUS_KM[0] < np.linalg.norm(state[:3]) < _RADIUS_KM[1] and any(state[3:]):
+            return dict(zip(STATE, state, strict=True))
+        self.notes.append("POSI0_*, VELO0_*: the spacecraft is where the built-in orbit puts it")
+        return {}
+
+    def window(self, detector):
+        """Return (x0, x1, y0, y1) of the pixels read, or None for the whole chip."""
+        ends = [self.number(name) for name in ("READX0", "READX1", "READY0", "READY1")]
+        if None in ends:
+            return None
+        x0, x1, y0, y1 = (int(end) for end in ends)
+        found = x0 - 1, x1, y0 - 1, y1
+        return None if found == (0, detector.nx, 0, detector.ny) else found
+
+    def layers(self):
+        """Return the list of layers that HISTORY names, or None."""
+        found = [text.removeprefix("layer ") for kind, text in self._entries() if kind == "layer"]
+        try:
+            pairs = [(name, json.loads(text)) for name, _, text in (entry.partition(" ") for entry in found)]
+        except (ValueError, RecursionError):
+            pairs = []
+        if not pairs:
+            return self.assumed("HISTORY", None, "the layers of config/observations/science.yaml")
+        return [{name: param} for name, param in pairs]
+
+    def camera_changes(self):
+        """Return {number of the camera: value} of HISTORY. Raises InputError for one that is no number."""
+        found = {}
+        for text in (text for kind, text in self._entries() if kind == "camera"):
+            name, _, value = text.removeprefix("camera ").partition(" = ")
+            try:
+                found[name] = float(value)
+            except ValueError:
+                raise InputError("not a number of the camera", file=self.path, key="HISTORY", value=text) from None
+        return found
+
+    def _entries(self):
+        """Yield (kind, text) of HISTORY: pieces of a long entry fill their cards, and go on in the next."""
+        whole = []
+        for piece in self.history:
+            if _ENTRY.match(piece) or not whole:
+                whole.append(piece)
+            else:
+                whole[-1] = whole[-1].ljust(-(-len(whole[-1]) // 72) * 72) + piece
+        for entry in whole:
+            if match := _ENTRY.match(entry):
+                yield match[1], entry.strip()
+
+
+_PLACE = ("CRVAL1", "RA_PNT0", "RA_OBJ", "RA_PNT1"), ("CRVAL2", "DEC_PNT0", "DEC_OBJ", "DEC_PNT1")
+
+
+def read_frame(path):
+    """Return the FrameHeader of a raw frame. Raises InputError without an image, and for exposures of no sky."""
+    path = Path(path)
+    with open_fits(path) as file:
+        number = image_number(file, path)
+        image = image_header(file[number], path)
+        keys = read_header(file[0], path) | image
+        history = [card[8:] for card in raw_cards(file[0], path) if card.startswith("HISTORY ")]
+    shape = int(image["NAXIS2"]), int(image["NAXIS1"])
+    frame = FrameHeader(path, keys, history, shape)
+    kind = str(frame.get("FILETYPE") or "SCIE")
+    if not kind.startswith(("SCI", "WIDE", "DEEP")):
+        raise InputError("not an exposure of the sky", file=path, key="FILETYPE", value=kind, allowed="SCIE")
+    return frame
+
+
+def image_number(file, path):
+    """Return the number of the HDU with the image: IMAGE, or else the first of two dimensions. Raises InputError."""
+    if "IMAGE" in file:
+        return next(k for k, hdu in enumerate(file) if hdu.get_extname() == "IMAGE")
+    for number, hdu in enumerate(file):
+        if hdu.has_data() and hdu.get_exttype() == "IMAGE_HDU" and len(hdu.get_dims()) == 2:
+            return number
+    raise InputError("holds no image", file=path)

@@ -1,0 +1,82 @@
+"""The electrons of a raw frame of any form: stored channels, a mosaic of them, or the assembled chip.
+
+Each channel's level is that of its overscan; a frame without overscan has that of its header, or of the camera. Gains
+are those of the header (GAINnn, GAIN1, GAIN), or the camera's.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from csstsim.base.errors import InputError
+from csstsim.detector.channels import LAYOUTS, ReadoutFrame
+from csstsim.io.fits import open_fits, read_pixels
+from csstsim.recreate.frame import image_number
+
+TRAILED = 4  # columns of overscan beside the active ones that hold deferred charge
+_CLIPS, _SIGMAS = 8, 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Pixels:
+    """Electrons (ny, nx) of the window (x0, x1, y0, y1) of a chip; saturated (ny, nx): at the converter's end."""
+
+    electrons: np.ndarray
+    saturated: np.ndarray
+    window: tuple
+
+
+def read_electrons(frame, detector):
+    """Return the Pixels of a frame.FrameHeader. Raises InputError for a shape that is not of the detector."""
+    with open_fits(frame.path) as file:
+        stored = read_pixels(file[image_number(file, frame.path)], frame.path)
+    try:
+        readout = ReadoutFrame.of(detector, frame.window(detector))
+    except ValueError as exc:
+        raise InputError(str(exc), file=frame.path, key="READX0..READY1") from None
+    shapes = {readout.stored_shape(name): name for name in LAYOUTS} | {(detector.ny, detector.nx): "chip"}
+    layout = shapes.get(stored.shape)
+    if layout is None:
+        allowed = ", ".join(f"{shape[1]} x {shape[0]} ({name})" for shape, name in shapes.items())
+        value = f"{stored.shape[1]} x {stored.shape[0]}" if stored.ndim == 2 else stored.shape
+        raise InputError("not the pixels of this camera", file=frame.path, key="NAXIS", value=value, allowed=allowed)
+    x0, x1, y0, y1 = readout.window
+    if layout == "chip":
+        dn, levels = stored[y0:y1, x0:x1].astype(np.float32), _stated_levels(frame, detector)
+    else:
+        whole = readout.from_stored(stored, layout)
+        dn, levels = readout.active(whole).astype(np.float32), _overscan_levels(whole, readout)
+    saturated = dn >= min(detector.adc_max, frame.number("SATURATE") or detector.adc_max)
+    for block in readout.blocks:
+        gain = frame.number(f"GAIN{block.channel:02d}", "GAIN1", "GAIN") or detector.gain
+        dn[block.image] = (dn[block.image] - levels[block.channel]) * gain
+    return Pixels(dn, saturated, readout.window)
+
+
+def _overscan_levels(whole, readout):
+    levels = {}
+    for block in readout.blocks:
+        scan = whole[block.serial_overscan].astype(np.float32)
+        kept = scan[:, : scan.shape[1] - TRAILED] if block.flip_x else scan[:, TRAILED:]
+        levels[block.channel] = clipped(kept if kept.shape[1] >= TRAILED else scan)[0]
+    return levels
+
+
+def _stated_levels(frame, detector):
+    if frame.number("DETBIA01", "BIAS") is None:
+        level = detector.bias / detector.gain
+        frame.notes.append(f"DETBIA01: no overscan; the level is the camera's, {level:.1f} DN")
+    known = {n: frame.number(f"DETBIA{n:02d}", "BIAS") for n in range(1, detector.channels_x * detector.channels_y + 1)}
+    return {n: detector.bias / detector.gain if level is None else level for n, level in known.items()}
+
+
+def clipped(values):
+    """Return mean and standard deviation of values without those beyond 3 sigma of the median, clipped repeatedly."""
+    kept = np.asarray(values, dtype=np.float64).ravel()
+    for _ in range(_CLIPS):
+        middle, sigma = np.median(kept), kept.std()
+        inside = np.abs(kept - middle) <= _SIGMAS * sigma
+        if inside.all():
+            break
+        kept = kept[inside]
+    return float(kept.mean()), float(kept.std())

@@ -1,0 +1,207 @@
+"""`csstsim recreate FRAME TRUTH --output DIR`: a campaign that draws again what a frame and its catalogue describe.
+
+The header gives exposure, chip, window, seed, layers and numbers of the camera (recreate.frame), the catalogue the
+objects (recreate.objects). Of a frame that does not say how bright its sky is, the pixels do. What none of them says is
+assumed, and said.
+"""
+
+import csv
+import io
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from csstsim.base.errors import InputError
+from csstsim.base.files.atomic import atomic_path
+from csstsim.base.plural import number_of
+from csstsim.base.shipped import ROOT
+from csstsim.campaign.config import make_campaign
+from csstsim.campaign.opened import OpenCampaign
+from csstsim.campaign.survey_table import exposures_of
+from csstsim.catalog.astrometry.reduction import apparent
+from csstsim.instrument.camera import load_camera
+from csstsim.io.keywords import RECIPE
+from csstsim.recreate.frame import SEED_IF_NONE, read_frame
+from csstsim.recreate.objects import own_table, read_objects
+from csstsim.recreate.pixels import clipped, read_electrons
+
+FILES = "campaign.yaml", "science.yaml", "survey_table.csv", "objects.fits"
+WORKFLOW = {"Snakefile": "config/starter/Snakefile", "profiles/default/config.yaml": "profiles/default/config.yaml"}
+SHOWN = 3  # ids of objects that are left out, for each reason
+_FAINT = 5.0  # S/N below which an object's light lies in the background, as the clipped mean sees it
+_APERTURE = 50  # pixels whose noise such an object has to exceed
+_NEAR, _FAR, _LEAST = 10.0, 300.0, 0.05  # px about one object that are left out of the background; share to be left
+
+
+def recreate(frame, truth, folder, say, instrument=None, seed=None):
+    """Write the campaign of a frame and its truth (`.cat`, or truth parquet) into a folder, new or empty.
+
+    instrument: the camera's folder, None the shipped one; seed: where the header has none. `say` gets each assumption,
+    each reason why objects are left out, and what to do next. Raises InputError for files that cannot be used; then
+    nothing is written.
+    """
+    folder = Path(folder)
+    there = next((name for name in (*FILES, *WORKFLOW) if (folder / name).exists()), None)
+    if there or (folder.exists() and not folder.is_dir()):
+        raise InputError("exists already; name another folder", file=folder / there if there else folder)
+    head, objects = read_frame(frame), read_objects(truth)
+    data, layers, table = _described(head, instrument, seed)
+    run, job = _opened(data, layers, table)
+    digest = run.camera.digest_for("level0")
+    if head.keys.get(RECIPE["camera"], digest) != digest:
+        head.notes.append("CAMHASH: made with other numbers of the camera than those taken here (--instrument)")
+    columns, left = own_table(objects, job, run.camera.bands, head.notes)
+    if not len(columns["id"]):
+        raise InputError("no object of it can be drawn", file=truth, value="; ".join(left))
+    if head.number("SKYRATE") is None and job.chip.kind == "slitless":
+        head.notes.append("SKYRATE: the sky of the camera's filter")
+    elif head.number("SKYRATE") is None:
+        data["instrument"] |= {f"filters.{job.chip.filter}.sky": _sky(head, run, job, columns)}
+        make_campaign(data, folder / "campaign.yaml")
+    _write(folder, data, layers, table, columns)
+    if objects.meta.get("types"):
+        head.notes.append(f"obj_type: numbers, taken as {objects.meta['types']}")
+    for note in head.notes:
+        say(f"assumed  {note}")
+    for reason, ids in left.items():
+        few = ", ".join(map(str, ids[:SHOWN])) + (", ..." if len(ids) > SHOWN else "")
+        say(f"left out {number_of(len(ids), 'object')}: {reason} ({few})")
+    obsid = data["select"]["obsids"][0]
+    drawn = number_of(len(columns["id"]), "object")
+    say(f"{folder}: {drawn} of exposure {obsid}, chip {job.chip.id} ({job.chip.filter})")
+    say(f"\nNext:  csstsim chip {folder / 'campaign.yaml'} --obsid {obsid} --chip {job.chip.id}")
+    say(f"       csstsim compare {frame} {job_file(folder, run, job)} --truth {truth}")
+
+
+def job_file(folder, run, job):
+    """Return where the Level-0 file of a recreated job will be."""
+    return Path(folder) / run.config.output / run.paths.level0(job).relative_to(run.paths.output)
+
+
+def _described(head, instrument, seed):
+    """Return (campaign file as a mapping, layers, survey table as text) of a frame's header."""
+    camera = load_camera(instrument)
+    changes = head.camera_changes() if head.ours else _camera_of(head, camera.detector)
+    if head.chip not in camera.chips:
+        raise InputError("no such chip of the camera", file=head.path, key="DETECTOR", value=head.chip)
+    filter_, named = camera.chips[head.chip].filter, str(head.get("FILTER") or "")
+    if named and named.lower() != filter_.lower():
+        raise InputError(
+            "the camera's chip has another filter", file=head.path, key="FILTER", value=named, allowed=filter_
+        )
+    layers = head.layers() or _shipped_layers()
+    exposure, window = head.exposure, head.window(camera.detector)
+    known = head.number("SIMSEED") if seed is None else seed
+    if known is None:
+        what = f"seed {SEED_IF_NONE}: flat field, gains, defects, rays and noise are others than the frame's"
+        known = head.assumed("SIMSEED", SEED_IF_NONE, what)
+    data = {
+        "schema_version": 1, "name": "recreated", "survey_table": "survey_table.csv", "output": "results",
+        "seed": int(known), "select": {"types": ["SCIE"], "obsids": [exposure["obsid"]], "chips": [head.chip]},
+        "observations": {"SCIE": "science.yaml"}, "instrument": dict(changes),
+        "catalog": {"kind": "csstsim.catalog.own_table:TableCatalog", "options": {"file": "objects.fits"}},
+        "truth": ["parquet", "cat"],
+    }  # fmt: skip
+    if window:
+        data["window"] = dict(zip(("x0", "x1", "y0", "y1"), window, strict=True))
+    if "EPHEM" in head.keys:
+        data["astrometry"] = {"ephemeris": head.keys["EPHEM"], "planets": bool(head.keys.get("LDPLANET", False))}
+    if instrument:
+        data["instrument"]["folder"] = str(Path(instrument).resolve())
+    head.notes.append("psf, fidelity: those of a campaign file that does not name them")
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([exposure, [_written(v) for v in exposure.values()]])
+    return data, layers, text.getvalue()
+
+
+def _written(value):
+    return repr(value) if isinstance(value, float) else str(value)
+
+
+def _camera_of(head, detector):
+    """Return {number of the camera: value} that a frame of others states, means over its channels."""
+    found = {}
+    for name, keywords, usual in (
+        ("gain", ("GAIN", "GAIN1"), detector.gain), ("read_noise", ("RON", "RDNOIS", "RDNOISE1"), detector.read_noise)
+    ):  # fmt: skip
+        value = _mean(head, keywords)
+        found[f"detector.{name}"] = head.assumed(keywords[0] + "01", usual, f"{usual:g}") if value is None else value
+    level = _mean(head, ("DETBIA", "BIAS"))
+    if level is not None:
+        found["detector.bias"] = level * found["detector.gain"]
+    return found
+
+
+def _mean(head, keywords):
+    channels = [head.number(f"{key}{n:02d}") for key in keywords for n in range(1, 17)]
+    known = [v for v in [*channels, *(head.number(key) for key in keywords)] if v is not None and v > 0]
+    return float(np.mean(known)) if known else None
+
+
+def _shipped_layers():
+    return yaml.safe_load((ROOT / "config/observations/science.yaml").read_text())["layers"]
+
+
+def _opened(data, layers, table):
+    """Return the campaign that is described, opened without files, its objects among them, and its job."""
+    file = Path("campaign.yaml")
+    config = make_campaign({key: value for key, value in data.items() if key != "catalog"}, file)
+    run = OpenCampaign(file, copied=True, config=config, layers={"SCIE": layers}, pointings=exposures_of(table))
+    return run, run.jobs[0]
+
+
+def _sky(head, run, job, columns):
+    """Return the sky [e-/s/px] of the frame's background: without dark current and objects too faint to be seen."""
+    from csstsim.optics.throughput.response import response_map
+
+    pixels = read_electrons(head, run.camera.detector)
+    if pixels.saturated.all():
+        raise InputError("every pixel is saturated", file=head.path)
+    _, noise = clipped(pixels.electrons[~pixels.saturated])
+    mag = columns[f"mag_{job.chip.filter.lower()}"]
+    light = job.exposure.exptime * 10 ** (0.4 * (job.exposure.filter.zeropoint(run.camera.telescope) - mag))
+    limit = _FAINT * max(noise, 1.0) * np.sqrt(_APERTURE)
+    free = ~pixels.saturated & ~_around(job, columns, light / limit)
+    level, _ = clipped(pixels.electrons[free if free.mean() > _LEAST else ~pixels.saturated])
+    losses = run.steps["SCIE"].losses
+    share = response_map(
+        job.chip, job.window, job.exposure.filter, job.exposure.exptime, run.camera.leds, run.streams(job).camera,
+        flat=losses.flat, shutter=losses.shutter,
+    )  # fmt: skip
+    share = 1.0 if share is None else float(share.mean())
+    faint = light[light < limit].sum() / pixels.electrons.size
+    dark = run.camera.detector.dark * job.exposure.exptime
+    rate = (level - dark) / share - faint
+    sky = max(float(rate) / job.exposure.exptime, 0.0)
+    head.notes.append(f"SKYRATE: sky of the frame's background, {level:.2f} e-: {sky:.4f} e-/s/px")
+    return sky
+
+
+def _around(job, columns, times):
+    """Return (ny, nx) bool: pixels about objects that are seen, `times` as bright as the faintest of them."""
+    import sep
+
+    seen = times > 1
+    at = job.wcs.world_to_pixel(*apparent(columns["ra"][seen], columns["dec"][seen], job.observer))
+    x, y = (np.ascontiguousarray(v - low) for v, low in zip(at, (job.window.x0, job.window.y0), strict=True))
+    mask, radius = np.zeros(job.window.shape, bool), np.minimum(_NEAR * np.cbrt(times[seen]), _FAR)
+    sep.mask_ellipse(mask, x, y, radius, radius, np.zeros(len(x)), 1.0)
+    return mask
+
+
+def _write(folder, data, layers, table, columns):
+    from astropy.table import Table
+
+    told = {key: value for key, value in data.items() if value != {}}
+    content = {
+        "campaign.yaml": yaml.safe_dump(told, sort_keys=False).encode(),
+        "science.yaml": yaml.safe_dump({"layers": layers}, sort_keys=False).encode(),
+        "survey_table.csv": table.encode(),
+    } | {name: (ROOT / source).read_bytes() for name, source in WORKFLOW.items()}
+    for name, data_ in content.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        with atomic_path(folder / name) as temporary:
+            Path(temporary).write_bytes(data_)
+    with atomic_path(folder / "objects.fits") as temporary:
+        Table(columns).write(temporary, format="fits", overwrite=True)
