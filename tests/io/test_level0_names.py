@@ -40,7 +40,8 @@ def test_the_newest_is_the_default(tmp_path):
 
 
 def test_filters_are_small_letters():
-    assert FORMS["C5.2"].catalogue(job(chip=12, band="NUV")).endswith("chip_12_filt_nuv")
+    stem = FORMS["C5.2"].stem(job(chip=12, band="NUV"))
+    assert FORMS["C5.2"].catalogue(stem, "NUV").endswith("chip_12_filt_nuv")
 
 
 @pytest.mark.parametrize(("form", "word"), [("C9", "DEEP"), ("C5.2", "SCI"), ("C3", "MS")])

@@ -12,8 +12,8 @@ from csstsim.base.errors import InputError
 from csstsim.delivery.contents import MAYBE, NO, YES, Contents, ExpectedFrame
 from csstsim.io.keywords import recorded_recipe
 from csstsim.io.level0 import read_level0
-from csstsim.io.level0_names import read_name
-from csstsim.io.paths import LIGHT, ORDERS, TRUTH, Paths
+from csstsim.io.level0_names import FORMS, read_name
+from csstsim.io.paths import CAT, LIGHT, ORDERS, TRUTH, Paths
 
 
 def of_folder(folder):
@@ -81,6 +81,9 @@ def _frame(said, path):
     except (InputError, OSError):
         return frame  # its own check says what is wrong
     filter_ = str(file.header0.get("FILTER"))
+    names = (form.catalogue(path.stem, filter_) for form in FORMS.values())
+    there = [text for name in names if name and (text := path.with_name(f"{name}{CAT}")).is_file()]
+    frame = replace(frame, catalogue=there[0] if there else None)
     return replace(frame, filter=filter_, recipe=recorded_recipe(file.header0), window=file.readout.window)
 
 

@@ -43,11 +43,20 @@ class Form:
 
     def stem(self, job):
         """Return the name of a job's Level-0 file without suffix. job: campaign.job.Job."""
-        return self.template.format(**self._words(job))
+        pointing = job.pointing
+        kind = self.deep if self.deep and pointing.survey == "DEEP" else self.kinds[pointing.type]
+        start, end = (f"{moment:%Y%m%d%H%M%S}" for moment in (pointing.start, pointing.end))
+        chip = f"{job.chip.id:02d}"
+        return self.template.format(kind=kind, t=start, t_end=end, t_short=start[2:], obsid=job.obsid, chip=chip)
 
-    def catalogue(self, job):
-        """Return the name of its ASCII catalogue of the truth without suffix."""
-        return self.truth.format(stem=self.stem(job), **self._words(job))
+    def catalogue(self, stem, filter):
+        """Return the name of the truth as text, without suffix, of a Level-0 file with this name; None if not ours."""
+        if not (match := self._pattern().fullmatch(stem)):
+            return None
+        words = match.groupdict()
+        number, band = int(words["obsid"]), filter.lower()
+        words |= {"stem": stem, "band": band, "number": number - 90_000_000, "short": f"{number - 100_000_000:07d}"}
+        return self.truth.format(**words)
 
     def read(self, stem):
         """Return (exposure type, obsid, chip number) of a Level-0 file's name without suffix, or None."""
@@ -57,15 +66,6 @@ class Form:
 
     def _pattern(self):
         return re.compile(self.template.format(**{name: f"(?P<{name}>{text})" for name, text in _PATTERNS.items()}))
-
-    def _words(self, job):
-        start, end = (f"{moment:%Y%m%d%H%M%S}" for moment in (job.pointing.start, job.pointing.end))
-        kind = self.deep if self.deep and job.pointing.survey == "DEEP" else self.kinds[job.pointing.type]
-        return {
-            "kind": kind, "t": start, "t_end": end, "t_short": start[2:], "obsid": job.obsid,
-            "chip": f"{job.chip.id:02d}", "band": job.chip.filter.lower(), "number": int(job.obsid) - 90_000_000,
-            "short": f"{int(job.obsid) - 100_000_000:07d}",
-        }  # fmt: skip
 
 
 _OWN = {kind: kind for kind in ("BIAS", "DARK", "FLAT")}  # the releases have science exposures only

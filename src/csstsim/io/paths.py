@@ -86,7 +86,7 @@ class Paths:
 
     def level0_catalogue(self, job):
         """Where programs that read the campaign's form of names look for the text: of C9 `level0_cat` itself."""
-        return self.output / "level0" / job.obsid / f"{self._form.catalogue(job)}.cat"
+        return self.output / "level0" / job.obsid / f"{self._form.catalogue(self._form.stem(job), job.chip.filter)}.cat"
 
     def level0_orders(self, job):
         """The truth of dispersed light, order by order (io.orders), of a spectroscopic chip's science exposure."""
