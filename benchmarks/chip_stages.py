@@ -24,7 +24,7 @@ from csstsim.instrument.camera import load_camera
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "results" / "chip_stages" / load_camera(ROOT / "config/instrument").digest  # one per camera
 RUNS = 3
-PAPER = 14_760  # CPU s a chip: 300,000 CPU-hours for 73,260 files (paper, section 5.6)
+PAPER = 14_742  # CPU s a chip: 300,000 CPU-hours for 73,260 files (paper, section 5.6)
 
 
 def observation(traps=1.0):

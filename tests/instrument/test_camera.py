@@ -95,7 +95,8 @@ def test_digest_follows_content_not_place(tmp_path, camera):
     first = load_camera(mini_camera(tmp_path / "a"))
     second = load_camera(mini_camera(tmp_path / "b"))
     assert first.digest == second.digest != camera.digest and len(first.digest) == 16
-    (second.folder / "README.md").write_text("words")
+    for name in ("README.md", "prnu_09.png", "notes.txt", "detector.yaml~", ".detector.yaml.swp"):
+        (second.folder / name).write_text("words")
     assert load_camera(second.folder).digest == first.digest
     path = second.folder / "detector.yaml"
     path.write_text(path.read_text() + "# one more comment\n")

@@ -17,6 +17,7 @@ from pathlib import Path
 from csstsim.base.errors import InputError
 from csstsim.base.files.yaml_file import read_yaml
 
+DATA = ".yaml", ".conf", ".csv"  # and FITS: what a camera's or a universe's folder is read for
 _PROVENANCE = ("source", "confidence")
 _ABOUT = (*_PROVENANCE, "unit", "note")
 _CODE = re.compile(r"[SDKE](-low|-medium)?([/+][SDKE](-low|-medium)?)*")
@@ -72,9 +73,13 @@ def _join(key, name):
 
 
 def data_files(folder):
-    """Return {name: path} of every data file below `folder`, sorted; READMEs are left out."""
-    found = sorted(p for p in Path(folder).rglob("*") if p.is_file() and p.suffix != ".md")
+    """Return {name: path} of every data file below `folder`, sorted; READMEs, pictures, hidden files are left out."""
+    found = sorted(p for p in Path(folder).rglob("*") if p.is_file() and _is_data(p))
     return {path.relative_to(folder).as_posix(): path for path in found}
+
+
+def _is_data(path):
+    return not path.name.startswith(".") and (path.suffix in DATA or ".fits" in path.suffixes)
 
 
 def folder_digest(folder, without=()):

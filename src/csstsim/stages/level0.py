@@ -6,6 +6,11 @@ from csstsim.base.release import check_recipe, check_release
 from csstsim.io.paths import made
 from csstsim.stages.parts.stage_frames import Timer, state_before
 
+MADE_WITH = {
+    "campaign": "another seed, catalogue or PSF", "camera": "another camera", "layers": "other layers",
+    "exposure": "another row of the survey table",
+}  # fmt: skip
+
 
 @one_thread
 def level0(run, job):
@@ -102,7 +107,7 @@ def own_level0(run, job):
     for name, keyword in RECIPE.items():
         if file.header0.get(keyword) != recipe[name]:
             raise InputError(
-                "made by another campaign; remove it", file=path, key=keyword, value=file.header0.get(keyword),
-                allowed=recipe[name],
+                f"made with {MADE_WITH[name]} than now: undo the change, or make the file again", file=path,
+                key=keyword, value=file.header0.get(keyword), allowed=recipe[name],
             )  # fmt: skip
     return file
