@@ -46,7 +46,7 @@ def _without_pictures(monkeypatch):
     """Figures are drawn for people; two thirds of the time would go there."""
     picture = io.BytesIO()
     Image.new("L", (1, 1)).save(picture, "PNG")
-    monkeypatch.setattr("csstsim.report.figures._png", lambda figure: picture.getvalue())
+    monkeypatch.setattr("csstsim.report.figures.png", lambda figure: picture.getvalue())
 
 
 @pytest.fixture(scope="module")
