@@ -18,7 +18,7 @@ def sky_of_frames(run, looks):
 
     cards = [entry for entry in run.camera.keywords if entry.get("hdu") == 0]
     entries = {entry["from"]: entry["keyword"] for entry in cards if "from" in entry}
-    wanted = {name: entries.get(f"sky_{name}") for name in COMPONENTS} | {"limb": entries.get("limb_angle")}
+    wanted = {name: entries.get(f"sky_{name}") for name in COMPONENTS} | {"limb": entries.get("limb_angle_start")}
     jobs = [job for chips in with_the_model(run).values() for job in chips.values()]
     if None in wanted.values() or not jobs:
         return []
