@@ -85,7 +85,7 @@ def sky_table(levels):
     from rich.table import Table
 
     single = all(len(at) == 1 for at in levels.values())
-    table = Table(title="Sky at the middle of a chip, mean of the exposure, e-/s/px")
+    table = Table(title="Sky at the middle of a chip, e-/s/px\n(means of exposures)")
     for column in ("band", "component", *(("sky",) if single else ("least", "median", "most"))):
         table.add_column(column, justify="left" if column in ("band", "component") else "right")
     for band, at in levels.items():
@@ -102,7 +102,7 @@ def sky_lines(levels, angles):
     """Return lines of text: what the table lacks, the exposures of least and most sky, the range of each angle."""
     few, lines = faint(levels), []
     if few:
-        lines.append(f"Below {FAINT:g} e-/s/px in every exposure, and left out: {', '.join(few)}.")
+        lines.append(f"Left out, because below {FAINT:g} e-/s/px in every exposure: {', '.join(few)}.")
     single = len(angles) == 1
     if not single:
         lines += _extremes(levels)
