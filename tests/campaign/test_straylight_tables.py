@@ -180,7 +180,7 @@ def test_one_exposure_has_one_number():
     single = {"r": {"2": LEVELS["r"]["2"]}}
     assert "│ r    │ zodiacal  │    0.1 │" in printed(sky_table(single)) and "median" not in printed(sky_table(single))
     lines = sky_lines(single, {"2": OWN})
-    assert lines[-1] == "boresight to the Moon: 30.0 deg" and not any("obsid" in line for line in lines)
+    assert lines[-1] == "boresight to the Moon: 30.0 deg" and not any("xposures " in line for line in lines)
 
 
 def test_the_sky_by_exposure_is_written(tmp_path):

@@ -105,9 +105,8 @@ def sky_lines(levels, angles):
         lines.append(f"Left out, because below {FAINT:g} e-/s/px in every exposure: {', '.join(few)}.")
     single = len(angles) == 1
     if not single:
-        lines += _extremes(levels)
-    shares = ", ".join(f"{band} {much_earthshine(_arrays(at)):.0%}" for band, at in levels.items())
-    lines.append(f"Exposures with earthshine above {MUCH:.0%} of the zodiacal light: {shares}.")
+        shares = ", ".join(f"{band} {much_earthshine(_arrays(at)):.0%}" for band, at in levels.items())
+        lines += [*_extremes(levels), f"Exposures with earthshine above {MUCH:.0%} of the zodiacal light: {shares}."]
     for name, label in ANGLES.items():
         values = [own[name] for own in angles.values()]
         spread = (min(values), np.median(values), max(values))
