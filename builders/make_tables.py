@@ -4,7 +4,7 @@
     python builders/make_tables.py --coverage     print each filter's coverage of the 5 deg2 circles
 
 Nothing is random: the same code and config/instrument/ give the same bytes. Field centres, sizes and numbers of
-exposures are those of the paper's Cycle-9 runs (Table 2); their real pointings are not public.
+exposures are those of the paper's Cycle-9 runs (Table 1); their real pointings are not public.
 """
 
 import sys
@@ -27,7 +27,7 @@ EXPTIME = 150.0  # s, wide survey
 CADENCE = timedelta(seconds=240)  # exposure 150, readout 40, slew and settle 50
 RADIUS = np.sqrt(5.0 / np.pi)  # deg, of 5 deg2
 
-# name: ra, dec, exposures (paper, Table 2), first night to try, when the field is far from the Sun
+# name: ra, dec, exposures (paper, Table 1), first night to try, when the field is far from the Sun
 FIELDS = {
     "w1": (30.0, -48.0, 226, datetime(2027, 10, 10, tzinfo=UTC)),
     "w2": (170.0, -23.0, 228, datetime(2028, 3, 5, tzinfo=UTC)),
@@ -178,7 +178,7 @@ def make_all(folder, camera):
     write(folder / "rich_field.csv", one_target(camera, RICH_TARGET, RICH_FIRST), comment + "; among more stars")
     for number, name in enumerate(FIELDS, start=1):
         ra, dec, count, _ = FIELDS[name]
-        comment = f"{name.upper()}: 5 deg2 around ra {ra:g}, dec {dec:g}; {count} exposures (paper, Table 2)"
+        comment = f"{name.upper()}: 5 deg2 around ra {ra:g}, dec {dec:g}; {count} exposures (paper, Table 1)"
         dark = wide_field(camera, name, f"101{number:02d}")
         write(folder / f"{name}.csv", dark, comment)
         spread = spread_over_a_year(camera, dark)

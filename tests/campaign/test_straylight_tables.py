@@ -1,5 +1,6 @@
 """The Cycle-9 tables that are spread over a year, and their campaigns: what the exposures meet, by astropy."""
 
+import io
 from dataclasses import replace
 
 import numpy as np
@@ -7,14 +8,18 @@ import pytest
 import yaml
 from astropy import units as u
 from astropy.coordinates import GCRS, CartesianRepresentation, SkyCoord, get_body, get_sun
+from astropy.table import Table
 from astropy.time import Time
+from click.testing import CliRunner
+from rich.console import Console
 
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
 from csstsim.base.units import EARTH_RADIUS_KM
 from csstsim.campaign.opened import OpenCampaign
-from csstsim.campaign.sky_ranges import angle_lines, much_earthshine, sky_ranges, sky_table
+from csstsim.campaign.sky_ranges import ANGLES, faint, much_earthshine, skies, sky_lines, sky_table, totals
 from csstsim.campaign.survey_table import load_survey_table
+from csstsim.command_line.main import main
 from csstsim.instrument.camera import load_camera
 from csstsim.layers import sky_background
 from csstsim.sky.bodies import exposure_angles
@@ -123,22 +128,90 @@ def opened(folder, **changes):
 
 
 def test_the_plan_has_the_levels_of_the_frames(tmp_path):
-    """One chip a band (chips 9 and 22 are r): the layer's mean over window and exposure; 5%, as the limb moves."""
+    """One chip a band (chips 9 and 22 are r): the layer's mean over window and exposure; 0.1%, as both are means."""
     run = opened(tmp_path)
-    levels, angles = sky_ranges(run)
-    assert list(levels) == ["r", "GI"] and all(len(values) == 2 for values in angles.values())
+    levels, angles = skies(run)
+    assert list(levels) == ["r", "GI"] and list(angles) == ["10101000006", "10101000013"]
     for band, chip in (("r", 9), ("GI", 1)):
-        for k, obsid in enumerate(("10101000006", "10101000013")):
+        for obsid in angles:
             param = run.steps["SCIE"].step("sky_background").param
             frame = sky_background.mean_rate(run.job(obsid, chip).exposure, param)
-            assert sum(parts[k] for parts in levels[band].values()) == pytest.approx(frame, rel=0.05)
-    printed = sky_table(levels)
-    assert printed.row_count == 2 and len(printed.columns) == 8
-    assert len(angle_lines(angles)) == 4 and "limb" in angle_lines(angles)[0]
+            assert totals(levels[band])[obsid] == pytest.approx(frame, rel=1e-3)
 
 
-def test_no_ranges_without_the_model(tmp_path):
-    assert sky_ranges(opened(tmp_path, observations={})) == ({}, {})
+BRIGHT = {"zodiacal": 0.1, "earth": 0.0, "sun": 0.0, "moon": 9e-7, "planets": 0.0, "stars": 1e-4}
+LEVELS = {
+    "r": {"1": BRIGHT, "2": BRIGHT | {"earth": 0.5}, "3": BRIGHT | {"earth": 0.02}},
+    "i": {"1": BRIGHT, "2": BRIGHT | {"earth": 0.4}, "3": BRIGHT | {"earth": 0.005}},
+    "NUV": {"1": BRIGHT | {"zodiacal": 0.2}, "2": BRIGHT | {"earth": 0.3}, "3": BRIGHT},
+}
+OWN = {name: 10.0 * k for k, name in enumerate(ANGLES)}
+
+
+def printed(*things):
+    text = io.StringIO()
+    for one in things:
+        Console(file=text, width=80).print(one, highlight=False)
+    return text.getvalue()
+
+
+def test_the_table_fits_80_columns_and_leaves_out_what_is_faint():
+    """A row for each band and component, three numbers; none is cut or broken."""
+    assert faint(LEVELS) == ["sun", "moon", "planets"]
+    text = printed(sky_table(LEVELS))
+    assert max(map(len, text.splitlines())) <= 80 and "…" not in text
+    rows = [[cell.strip() for cell in line.split("│")[1:-1]] for line in text.splitlines() if line.startswith("│")]
+    assert rows[:4] == [
+        ["r", "zodiacal", "0.1", "0.1", "0.1"], ["", "earth", "0", "0.02", "0.5"],
+        ["", "stars", "0.0001", "0.0001", "0.0001"], ["", "all", "0.1", "0.12", "0.6"],
+    ]  # fmt: skip
+    assert len(rows) == 12 and {len(row) for row in rows} == {5}
+
+
+def test_lines_name_the_exposures_of_least_and_most_sky():
+    lines = sky_lines(LEVELS, dict.fromkeys("123", OWN))
+    assert lines[0] == "Left out, because below 1e-06 e-/s/px in every exposure: sun, moon, planets."
+    assert lines[1:3] == ["Least sky: obsid 1; most: obsid 2 (r, i).", "Least sky: obsid 3; most: obsid 2 (NUV)."]
+    assert lines[3].endswith("r 67%, i 33%, NUV 33%.")
+    assert lines[4] == "boresight to the Earth's limb: 0.0 0.0 0.0 deg (least, median, most)" and len(lines) == 8
+
+
+def test_one_exposure_has_one_number():
+    single = {"r": {"2": LEVELS["r"]["2"]}}
+    assert "│ r    │ zodiacal  │    0.1 │" in printed(sky_table(single)) and "median" not in printed(sky_table(single))
+    lines = sky_lines(single, {"2": OWN})
+    assert lines[-1] == "boresight to the Moon: 30.0 deg" and not any("xposures " in line for line in lines)
+
+
+def test_the_sky_by_exposure_is_written(tmp_path):
+    """One row for each exposure and band, as `skies` has them; an old file and a campaign without the model refused."""
+    run, path = opened(tmp_path), tmp_path / "sky.csv"
+    command = ["plan", str(run.file), "--sky", str(path)]
+    result = CliRunner().invoke(main, command, catch_exceptions=False)
+    assert result.exit_code == 0 and "sky.csv: the sky of each exposure and band" in result.output.replace("\n", "")
+    levels, angles = skies(run)
+    read = Table.read(path, format="ascii.csv")
+    assert read.colnames == [
+        "obsid", "band", "zodiacal [e-/s/px]", "earth [e-/s/px]", "sun [e-/s/px]", "moon [e-/s/px]",
+        "planets [e-/s/px]", "stars [e-/s/px]", "limb [deg]", "limb_sun [deg]", "sun_angle [deg]", "moon_angle [deg]",
+    ]  # fmt: skip
+    assert [(str(row["obsid"]), row["band"]) for row in read] == [(o, b) for o in angles for b in ("r", "GI")]
+    for row in read:
+        parts, own = levels[row["band"]][str(row["obsid"])], angles[str(row["obsid"])]
+        assert [row[f"{name} [e-/s/px]"] for name in parts] == pytest.approx(list(parts.values()), rel=1e-3)
+        assert row["sun_angle [deg]"] == pytest.approx(own["sun"], abs=0.01)
+        assert row["limb [deg]"] == pytest.approx(own["limb"], abs=0.01)
+    before = path.read_bytes()
+    refused = CliRunner().invoke(main, command)
+    assert refused.exit_code == 2 and "exists already" in refused.stderr and path.read_bytes() == before
+    dark = opened(tmp_path, observations={})
+    refused = CliRunner().invoke(main, ["plan", str(dark.file), "--sky", str(tmp_path / "none.csv")])
+    assert refused.exit_code == 2 and "no exposure uses the stray-light model" in refused.stderr
+    assert not refused.stdout and not (tmp_path / "none.csv").exists()
+
+
+def test_no_sky_without_the_model(tmp_path):
+    assert skies(opened(tmp_path, observations={})) == ({}, {})
 
 
 def test_an_exposure_of_the_earth_is_named(tmp_path):
@@ -148,7 +221,7 @@ def test_an_exposure_of_the_earth_is_named(tmp_path):
     exposure = replace(job.exposure, pointing=down)
     run.__dict__["science_jobs"] = (replace(job, exposure=exposure),)
     with pytest.raises(InputError, match="looks at the Earth") as caught:
-        sky_ranges(run)
+        skies(run)
     assert f"in obsid {job.obsid}" in caught.value.__notes__
 
 

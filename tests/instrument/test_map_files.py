@@ -62,6 +62,19 @@ def test_a_map_is_read_and_belongs_to_its_chip(folder):
     assert camera.chips[8].maps.prnu is None and not camera.chips[8].maps and not camera.chips[CHIP].maps.bias
 
 
+def test_a_fault_is_named_by_its_place_on_the_chip(folder):
+    """Also where a part is read, forwards or backwards, or single pixels."""
+    write_map(map_path(folder, "prnu", CHIP), changed(5, 7, 0.0))
+    own = load_camera(folder).chips[CHIP].maps.prnu
+    for read in (
+        lambda: own.part(slice(3, 9), slice(6, 20)), lambda: own.part(slice(8, 2, -1), slice(20, None, -1)),
+        lambda: own.at(np.array([0, 5]), np.array([3, 7])),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match=r"1 pixel .* x 7, y 5 \(from 0\) \(got 0.0\)") as caught:
+            read()
+        assert caught.value.page == "docs/lab_maps.md"
+
+
 def test_without_maps_nothing_changes(tmp_path):
     plain = load_camera(mini_camera(tmp_path))
     assert not any(chip.maps for chip in plain.chips.values())
@@ -87,9 +100,13 @@ FAULTS = {  # (what is written, keywords, words of the error)
     "cube": (response((2, 64, 256)), {}, "wrong shape"),
     "type": (response(SHAPE).astype(np.float64), {}, "wrong type.*-64.*float32"),
     "whole numbers": (np.ones(SHAPE, np.int16), {}, "wrong type.*BITPIX -32"),
-    "NaN": (changed(5, 7, np.nan), {}, r"1 pixel\(s\) are out of range or not finite.*nan"),
+    "NaN": (
+        changed(5, 7, np.nan),
+        {},
+        r"1 pixel out of range or not finite, the first at x 7, y 5 .* \(got nan\)",
+    ),
     "infinite": (changed(5, 7, np.inf), {"DATAMAX": 1.9}, "not finite.*inf"),
-    "zero": (changed(63, 255, 0.0), {}, "out of range.*got 0.0.*0.1 to"),
+    "zero": (changed(63, 255, 0.0), {}, "1 pixel out of range.*x 255, y 63 .*got 0.0.*0.1 to"),
     "above DATAMAX": (response(SHAPE), {"DATAMAX": 1.01}, r"out of range.*0.1 to 1.01 \(DATAMAX\)"),
     "no DATAMAX": (response(SHAPE), {"DATAMAX": None}, "DATAMAX: missing"),
     "huge DATAMAX": (response(SHAPE), {"DATAMAX": 7.0}, "DATAMAX: out of range.*7.0"),
@@ -153,7 +170,7 @@ def test_bad_pixels_and_bias_have_their_own_contracts(folder):
     assert maps.bad_pixels.part(slice(None), slice(None)).dtype == np.uint8 and maps.bias.layout == "mosaic"
     for values, words in (
         (np.full(SHAPE, 8, np.uint8), "share of bad pixels is out of range.*1.0.*0 to 0.1"),
-        (np.where(bits == 0, 0, 64).astype(np.uint8), "42 .*got 64.*8 HOT, 16 DEAD, 32 BAD_COLUMN"),
+        (np.where(bits == 0, 0, 64).astype(np.uint8), "42 pixels .* x 0, y 1 .*got 64.*8 HOT, 16 DEAD, 32 BAD_COLUMN"),
         (bits.astype(np.int16), "wrong type.*uint8"),
     ):
         write_map(path, values)
@@ -199,14 +216,19 @@ def test_flats_are_asked_for_where_the_filter_looks(folder, camera):
         ({"prnu": {"files": "*_{chip}.fits"} | SOURCE}, "cannot be the files' name"),
         ({"led_flats": {"files": "a_{chip}.fits"} | SOURCE}, "{chip} and {led}"),
         ({"prnu": {"files": "a_{chip}.fits", "chips": [77]} | SOURCE}, "prnu.chips: no such chip.*77.*1, 2"),
-        ({"prnu": {"files": "a_{chip}.fits", "chip": [9]} | SOURCE}, "prnu.chip: unknown key.*chips"),
+        (
+            {"prnu": {"files": "a_{chip}.fits", "chip": [9]} | SOURCE},
+            "prnu.chip: unknown.*allowed: chips, confidence, files, source",
+        ),
+        ({"prnu": {"files": "a_{chip}.fits", "source": ""}}, "source and confidence are missing"),
         ({"prnu": {"chips": [9]} | SOURCE}, "prnu.files: required key is missing"),
     ],
 )
 def test_faults_of_maps_yaml(folder, text, words):
     (folder / "maps.yaml").write_text(yaml.safe_dump(text))
-    with pytest.raises(InputError, match=rf"maps.yaml: .*{words}"):
+    with pytest.raises(InputError, match=rf"maps.yaml: .*{words}") as caught:
         load_camera(folder)
+    assert caught.value.page == "docs/lab_maps.md"
 
 
 def recipes(run, chip):
@@ -261,8 +283,8 @@ def test_a_campaign_is_refused_before_its_first_stage(tmp_path):
     OpenCampaign(file)
     for command in (["check", file], ["chip", file, "--obsid", "10300000001", "--chip", 9]):
         result = CliRunner().invoke(main, list(map(str, command)))
-        assert result.exit_code == 2 and "prnu_09.fits: 128 pixel(s) are out of range" in result.stderr
-        assert "config/instrument/README.md" in result.stderr
+        assert result.exit_code == 2 and "prnu_09.fits: 128 pixels out of range" in result.stderr
+        assert "x 127, y 0 " in result.stderr and result.stderr.rstrip().endswith("docs/lab_maps.md")
     write_map(map_path(instrument, "prnu", 9), response((128, 128)))
     result = CliRunner().invoke(main, ["check", str(file)])
     assert result.exit_code == 0, result.output

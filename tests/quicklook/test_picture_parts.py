@@ -5,7 +5,7 @@ import pytest
 
 from csstsim.base.errors import InputError
 from csstsim.catalog.table import ObjectTable
-from csstsim.quicklook.blocks import block_mean
+from csstsim.quicklook.blocks import block_max, block_mean
 from csstsim.quicklook.marks import brightest, legend_title
 from csstsim.quicklook.stretch import BELOW, STRETCHES, make_norm, robust_limits, ticks
 
@@ -26,6 +26,12 @@ def test_blocks_are_means_of_their_finite_pixels(shape, step):
 
 def test_blocks_of_integers_do_not_overflow():
     assert (block_mean(np.full((30, 30), 65535, np.uint16), 10) == 65535).all()
+
+
+def test_the_largest_of_a_block_is_kept():
+    mask = np.zeros((7, 10), np.uint8)
+    mask[6, 9], mask[0, 0], mask[0, 1] = 32, 8, 16
+    assert block_max(mask, 4).tolist() == [[16, 0, 0], [0, 0, 32]] and (block_max(mask, 1) == mask).all()
 
 
 def noisy(size=200):

@@ -219,6 +219,31 @@ def test_a_large_frame_is_averaged(calibrated):
     assert np.allclose(shown.get_extent(), (-0.5, 499.5, -0.5, 1199.5))
 
 
+@pytest.mark.parametrize("name, kind", [("", np.uint8), ("DQ", np.int32), ("MASK", np.int16)])
+def test_a_single_bad_pixel_of_a_mask_is_seen(tmp_path, name, kind):
+    """Neither averaged away nor below a background: black is 0, and one hot pixel of 10^6 is far above black."""
+    mask, path = np.zeros((1000, 1000), kind), tmp_path / "bad.fits"
+    mask[501, 703], mask[:, 44] = 8, 32
+    fits.HDUList([fits.PrimaryHDU(), fits.ImageHDU(mask, name=name)]).writeto(path)
+    picture = read_picture(path)
+    assert picture.bits == 63 and picture.remark == "1001 of 1000000 pixels are not 0 (0.001 of all)"
+    axes = draw(picture, picture.bounds, None, side=200).axes
+    shown, norm = np.asarray(axes[0].images[0].get_array()), axes[0].images[0].norm
+    assert shown.shape == (200, 200) and shown[100, 140] == 8 and np.count_nonzero(shown) == 201
+    assert norm(0) == 0.0 and norm(8) == pytest.approx(np.log(9) / np.log(64), abs=1e-6) and norm(63) == 1.0
+    assert [label.get_text() for label in axes[1].get_yticklabels()] == ["0", "1", "2", "4", "8", "16", "32"]
+    norm = draw(picture, (0, 40, 0, 40), None).axes[0].images[0].norm  # a part without bad pixels: the same limits
+    assert (norm.vmin, norm.vmax) == (0, 63)
+    assert np.ptp(show(path)[..., 0]) > 0.5
+
+
+def test_empty_masks_and_integers_that_are_none(tmp_path):
+    path = tmp_path / "a.fits"
+    for image, bits in ((np.zeros((5, 6), np.uint8), 1), (np.full((5, 6), 300, np.int16), None)):
+        fits.PrimaryHDU(image).writeto(path, overwrite=True)
+        assert read_picture(path).bits == bits and show(path).size
+
+
 @pytest.mark.parametrize("shape, pixels", [((30, 40), 7), ((300, 300), 1), ((301, 301), 1), ((1200, 900), 1)])
 def test_a_mean_is_drawn_on_whole_pixels_of_the_picture(calibrated, shape, pixels):
     """Figure pixels along a mean of 1, 1, 2 and 4 chip pixels, where 300 are to be had."""

@@ -13,6 +13,7 @@ PAGES = {
     "list of pointings": "`csstsim import-pointings --help`",
     "aiming": "`csstsim aim --help`",
     "instrument": "config/instrument/README.md",
+    "laboratory map": "docs/lab_maps.md",
     "table of objects": "examples/my_catalogue/README.md",
     "catalogue": "`python -m pydoc csstsim.catalog.base`",
 }

@@ -82,11 +82,18 @@ def _covered(run):
     return covered
 
 
-def print_plan(run):
-    """Print the plan of an open campaign: what it would do, then what the jobs of each rule would take."""
+def print_plan(run, sky=None):
+    """Print the plan of an open campaign: what it would do, what the jobs of each rule would take, and the sky.
+
+    sky: the new CSV file for the sky by exposure (campaign.sky_ranges), or None. Raises InputError if it cannot be.
+    """
     from rich.console import Console
     from rich.table import Table
 
+    from csstsim.campaign.sky_ranges import check_file
+
+    if sky is not None:
+        check_file(run, sky)
     counts, disk, costs = plan(run)
     table = Table(title=f"{run.config.name} ({run.file})", show_header=False)
     for name, value in counts.items():
@@ -103,21 +110,24 @@ def print_plan(run):
         f"wall time, nothing else running: {walls} cores (jobs that await each other take {duration(_chain(costs))})",
     ):
         Console().print(line, soft_wrap=True, highlight=False)
-    _print_sky(run)
+    _print_sky(run, sky)
 
 
-def _print_sky(run):
-    """Print the sky's range by band, if the layers use the stray-light model (campaign.sky_ranges)."""
+def _print_sky(run, file):
+    """Print the sky's range by band, if the layers use the stray-light model; write it by exposure to a CSV file."""
     from rich.console import Console
 
-    from csstsim.campaign.sky_ranges import angle_lines, sky_ranges, sky_table
+    from csstsim.campaign.sky_ranges import skies, sky_lines, sky_table, write_skies
 
-    levels, angles = sky_ranges(run)
+    levels, angles = skies(run)
     if not levels:
         return
     Console().print(sky_table(levels))
-    for line in angle_lines(angles):
-        Console().print(line, soft_wrap=True, highlight=False)
+    for line in sky_lines(levels, angles):
+        Console().print(line, highlight=False)
+    if file is not None:
+        write_skies(file, levels, angles)
+        Console().print(f"{file}: the sky of each exposure and band", soft_wrap=True, highlight=False)
 
 
 def wall(costs, cores):

@@ -72,19 +72,22 @@ def chip(run, jobs, resume, profile):
 
 @main.command()
 @of_campaign
-def plan(run):
+@click.option("--sky", type=click.Path(), metavar="FILE", help="With the stray-light model: write each sky to a CSV.")
+def plan(run, sky):
     """Print what a campaign would make and cost; run nothing.
 
-    Printed are its exposures, chips, bricks and jobs, and the disk, CPU and memory they need.
+    Printed are its exposures, chips, bricks and jobs, and the disk, CPU and memory they need. With the stray-light
+    model, the sky is printed, too. --sky writes zodiacal light, earthshine and the rest by exposure and band.
 
     \b
     For example:
       csstsim plan campaign.yaml
+      csstsim plan config/c9_w1.yaml --sky sky.csv
     """
     from csstsim.campaign.plan import print_plan
 
     run.open_truth()
-    print_plan(run)
+    print_plan(run, sky)
 
 
 @main.command()

@@ -63,8 +63,16 @@ def bench(output, quick, band, methods, objects, seed, readout, mcti, chart):
 @click.command()
 @click.argument("file", type=click.Path())
 @click.option("--output", type=click.Path(), help="The PNG to write [default: beside FILE, its name with .png].")
-@click.option("--stretch", type=click.Choice(["asinh", "log", "linear"]), default="asinh", show_default=True)
-@click.option("--limits", nargs=2, type=float, metavar="LOW HIGH", help="Black and white [default: by the background].")
+@click.option(
+    "--stretch", type=click.Choice(["asinh", "log", "linear"]), help="Of the greys [default: asinh, of a mask log]."
+)
+@click.option(
+    "--limits",
+    nargs=2,
+    type=float,
+    metavar="LOW HIGH",
+    help="Black, white [default: by the background; of a mask: all].",
+)
 @click.option("--region", nargs=4, type=int, metavar="X0 X1 Y0 Y1", help="Show this part only; X1 and Y1 are excluded.")
 @click.option("--inset", nargs=3, type=int, metavar="X Y SIZE", help="Show SIZE px about X, Y larger; cut at the edge.")
 @click.option("--truth", is_flag=True, help="Mark the brightest true objects, from the .truth.parquet beside FILE.")
@@ -81,16 +89,20 @@ def bench(output, quick, band, methods, objects, seed, readout, mcti, chart):
 def show(file, output, **options):
     """Make a picture of a FITS file.
 
-    FILE is a Level-0 file, a frame of the render or readout stage, or a calibrated image.
+    FILE is a Level-0 file, a frame of the render or readout stage, a calibrated image, a laboratory map, or any FITS
+    file with a 2-d image: the first one is shown.
 
     Pixels count from 0 on the whole chip (xImage of the truth counts from 1). Large frames are averaged to the
-    picture's pixels. If the file has a WCS, right ascension and declination are drawn.
+    picture's pixels. Of a mask (8-bit integers, or an extension DQ or MASK) the largest value of each block is shown,
+    so that single bad pixels are seen. If the file has a WCS, right ascension and declination are drawn.
 
     \b
     A raw chip without its overscan levels, with the 40 brightest objects marked and an inset:
       csstsim show CSST_..._09_L0_V01.fits --subtract-overscan --truth --limit 40 --inset 4500 4700 150
     A part of the rendered light, before the detector, on a logarithmic scale:
       csstsim show results/demo/chips/10100000004_09/render.fits --stretch log --region 3968 4368 3968 4368
+    A map of bad pixels from the laboratory:
+      csstsim show instrument/maps/bad_02.fits --output bad_02.png
     """
     from csstsim.quicklook.show import show as run
 

@@ -137,20 +137,21 @@ def _components(exposure):
     axes = telescope_axes(pointing.ra, pointing.dec, pointing.pa, telescope.parity)
     away, beside = stars_about(exposure, numbers)
     sights = background.lines_of_sight(exposure.wcs, exposure.window)
-    moments = [_moment(pointing, exposure.exptime * part) for part in PARTS]
-    lit = [background.sky_components(rates, axes, sights, moment, numbers, away) for moment in moments]
+    times = moments(pointing, exposure.exptime)
+    lit = [background.sky_components(rates, axes, sights, moment, numbers, away) for moment in times]
     parts = {name: _mean([one[name] for one in lit]) for name in background.COMPONENTS}
     if beside.any():
         parts = {name: background.refined(part, background.FINE_NODES) for name, part in parts.items()}
         fine = background.lines_of_sight(exposure.wcs, exposure.window, background.FINE_NODES)
-        light = [background.star_light(axes, fine, moment, numbers, beside) for moment in moments]
+        light = [background.star_light(axes, fine, moment, numbers, beside) for moment in times]
         parts["stars"] += np.einsum("k,km->m", rates["stars"], _mean(light))
     return parts
 
 
-def _moment(pointing, after):
-    """Return (UTC MJD, position, velocity) of the spacecraft `after` seconds from the start."""
-    return pointing.mjd + after / DAY_S, *orbit_after(pointing.sat_position, pointing.sat_velocity, after)
+def moments(pointing, exptime):
+    """Return [(UTC MJD, position, velocity)] of the spacecraft at PARTS of an exposure of `exptime` seconds."""
+    state = pointing.sat_position, pointing.sat_velocity
+    return [(pointing.mjd + after / DAY_S, *orbit_after(*state, after)) for after in exptime * PARTS]
 
 
 def _mean(values):

@@ -1,4 +1,4 @@
-"""A large image reduced to a picture's pixels: means of square blocks."""
+"""A large image reduced to a picture's pixels: means of square blocks, or the largest bits of a mask."""
 
 import numpy as np
 
@@ -18,3 +18,9 @@ def block_mean(image, step):
         count = np.add.reduceat(good.sum(axis=0), starts)
         means[row] = np.divide(total, count, out=np.full(starts.size, np.nan), where=count > 0)
     return means
+
+
+def block_max(image, step):
+    """Return the largest values of `step` x `step` blocks of a 2-D mask of integers: one bad pixel of many is seen."""
+    rows, columns = (np.arange(0, size, step) for size in image.shape)
+    return np.maximum.reduceat(np.maximum.reduceat(np.asarray(image), columns, axis=1), rows, axis=0)

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from csstsim.quicklook.blocks import block_mean
+from csstsim.quicklook.blocks import block_max, block_mean
 from csstsim.quicklook.marks import draw_marks, legend_title
 from csstsim.quicklook.sky_grid import draw_grid
-from csstsim.quicklook.stretch import make_norm, ticks
+from csstsim.quicklook.stretch import bit_ticks, make_norm, ticks
 
 SIDE = 900  # px of the longer side of the image in the figure, twice that of the inset; larger images are averaged
 DPI = 100
@@ -36,7 +36,7 @@ def draw(picture, bounds, stretch, limits=None, marks=None, inset=None, side=SID
     figure.add_axes(axes)
     shown = _image(axes, picture, bounds, side, stretch, limits)
     _pixel_labels(axes, picture.on_chip)
-    _bar(figure, page.part(LEFT + width + 1.15, BOTTOM, 0.18, height), shown, picture.unit)
+    _bar(figure, page.part(LEFT + width + 1.15, BOTTOM, 0.18, height), shown, picture)
     if picture.wcs is not None:
         draw_grid(axes, picture.wcs, picture.header.get("POSKIND") == "APPARENT")
     if inset:
@@ -44,7 +44,7 @@ def draw(picture, bounds, stretch, limits=None, marks=None, inset=None, side=SID
         x, y = LEFT + width + RIGHT, BOTTOM + (max(height, inset_size[1]) - inset_size[1]) / 2
         inset_axes = figure.add_axes(page.part(x, y, *inset_size))
         shown = _inset(inset_axes, picture, inset, side // 2, stretch, limits)
-        _bar(figure, page.part(x + inset_size[0] + 0.15, y, 0.18, inset_size[1]), shown, picture.unit)
+        _bar(figure, page.part(x + inset_size[0] + 0.15, y, 0.18, inset_size[1]), shown, picture)
     if marks is not None:
         draw_marks(axes, marks)
         if inset:
@@ -81,14 +81,14 @@ def _inches(bounds, side):
 
 
 def _image(axes, picture, bounds, side, stretch, limits):
-    """Show the pixels of `bounds`, averaged to `side` px or fewer, in coordinates of chip pixels."""
+    """Show the pixels of `bounds`, averaged (a mask: the most) to `side` px or fewer, in coordinates of chip pixels."""
     from matplotlib import colormaps
 
     x0, x1, y0, y1 = bounds
     step, _ = _scale(bounds, side)
-    means = block_mean(picture.part(bounds), step)
+    means = (block_mean if picture.bits is None else block_max)(picture.part(bounds), step)
     reach = np.array([x0, x0 + step * means.shape[1], y0, y0 + step * means.shape[0]]) - 0.5
-    norm = make_norm(means, stretch, limits, file=picture.path)
+    norm = make_norm(means, stretch, limits, file=picture.path, bits=picture.bits)
     shown = axes.imshow(
         means, origin="lower", extent=reach, aspect="auto", interpolation="nearest",
         cmap=colormaps["gray"].with_extremes(bad=BAD), norm=norm,
@@ -103,12 +103,12 @@ def _pixel_labels(axes, on_chip):
         coordinate.set_ticks_position(side)
 
 
-def _bar(figure, rectangle, shown, unit):
+def _bar(figure, rectangle, shown, picture):
     bar = figure.colorbar(shown, cax=figure.add_axes(rectangle))
-    values, labels = ticks(shown.norm)
+    values, labels = (ticks if picture.bits is None else bit_ticks)(shown.norm)
     bar.set_ticks(values, labels=labels)
     bar.ax.minorticks_off()
-    bar.set_label(unit or "unit not given")
+    bar.set_label(picture.unit or "unit not given")
 
 
 def _outline(axes, bounds):

@@ -30,6 +30,7 @@ class Picture:
     on_chip: bool = True  # whether pixel coordinates are the chip's; False for a readout frame
     wcs: Any = None  # astropy WCS of the same pixels, or None
     remark: str = ""
+    bits: int | None = None  # the sum of the bits that a mask may have; None: the image is no mask
 
     @property
     def bounds(self):
@@ -137,9 +138,18 @@ def _other(path):
     except (OSError, ValueError, TypeError, LookupError, AttributeError, fits.VerifyError) as exc:
         why = str(exc).splitlines()[0] if str(exc) else type(exc).__name__
         raise InputError(f"not a readable FITS file: {why}", file=path, allowed=ALLOWED) from None
-    name, remark = found.name, _statistics(image) if "DATAMAX" in header else ""
+    name, remark, bits = found.name, _statistics(image) if "DATAMAX" in header else "", None
+    if _is_mask(image, name):
+        bits, bad = 2 ** max(int(image.max()), 1).bit_length() - 1, np.count_nonzero(image)
+        remark = f"{bad} of {image.size} pixels are not 0 ({bad / image.size:.2g} of all)"
     kind = {"SCI": "calibrated", "PRIMARY": "image", "": "image"}.get(name, f"extension {name}")
-    return Picture(path, image, kind, str(header.get("BUNIT", "")), header, origin, wcs=wcs, remark=remark)
+    unit = str(header.get("BUNIT", "" if bits is None else "bits of the mask"))
+    return Picture(path, image, kind, unit, header, origin, wcs=wcs, remark=remark, bits=bits)
+
+
+def _is_mask(image, name):
+    """Whether an image is a mask of bits: a bad-pixel map (8-bit integers), or the extension DQ or MASK."""
+    return image.dtype.kind in "iu" and (image.dtype.itemsize == 1 or name in ("DQ", "MASK"))
 
 
 def _statistics(image):

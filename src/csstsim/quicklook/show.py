@@ -15,13 +15,13 @@ PNG = b"\x89PNG\r\n\x1a\n"
 
 
 def show(
-    path, output=None, *, stretch="asinh", limits=None, region=None, inset=None, truth=False, truth_table=None,
+    path, output=None, *, stretch=None, limits=None, region=None, inset=None, truth=False, truth_table=None,
     limit=100, size=SIDE, subtract_overscan=False,
 ):  # fmt: skip
     """Write a PNG of the file `path` to `output` (default: next to it, .png) and return its path.
 
-    limits: (low, high) in the file's unit; region: x0, x1, y0, y1, half-open; inset: x, y, size. Pixels count from 0;
-    size: pixels of the picture along the longer side.
+    stretch: one of stretch.STRETCHES; None: asinh, of a mask log. limits: (low, high) in the file's unit; region: x0,
+    x1, y0, y1, half-open; inset: x, y, size. Pixels count from 0; size: pixels of the picture along the longer side.
     Raises InputError for a file that cannot be shown, an option that does not fit it, or an output that is not a PNG.
     """
     path = Path(path)

@@ -29,9 +29,10 @@ def _scatter(values, level):
     return next((s for s in spreads if s > floor), 0.01 * abs(level) or 1.0)
 
 
-def make_norm(image, stretch, limits=None, *, file=None):
+def make_norm(image, stretch, limits=None, *, file=None, bits=None):
     """Return the matplotlib norm of an image (NaN allowed) with one of STRETCHES; `limits` (low, high) or robust ones.
 
+    stretch None: asinh, of a mask log. bits: the sum of a mask's bits, which has no background: limits are 0 and bits.
     Raises InputError if no pixel is finite or the limits are not low < high.
     """
     from astropy.visualization import AsinhStretch, ImageNormalize, LinearStretch, LogStretch
@@ -39,7 +40,8 @@ def make_norm(image, stretch, limits=None, *, file=None):
     values = image[np.isfinite(image)].astype(np.float64)
     if not values.size:
         raise InputError("no pixel of the part to be shown has a finite value", file=file)
-    low, high, sigma = robust_limits(values, stretch)
+    stretch = stretch or ("asinh" if bits is None else "log")
+    low, high, sigma = robust_limits(values, stretch) if bits is None else (0.0, float(bits), 1 / SOFT)
     if limits is not None:
         if not (np.isfinite(limits).all() and 0 < limits[1] - limits[0] < np.inf):  # a difference may overflow
             raise InputError("not a range", file=file, key="--limits", value=tuple(limits), allowed="LOW < HIGH")
@@ -48,6 +50,13 @@ def make_norm(image, stretch, limits=None, *, file=None):
     shape = {"asinh": lambda: AsinhStretch(soft), "log": lambda: LogStretch(1 / soft), "linear": LinearStretch}
     # not clipped: clipping would give a grey to pixels without a value
     return ImageNormalize(vmin=low, vmax=high, stretch=shape[stretch](), clip=False)
+
+
+def bit_ticks(norm):
+    """Return (values, labels) at 0 and the powers of 2 within a norm's limits, for the colour bar of a mask."""
+    every = [0, *(2**k for k in range(64))]
+    values = [value for value in every if norm.vmin <= value <= norm.vmax]
+    return values, [str(value) for value in values]
 
 
 def ticks(norm, count=7):

@@ -18,6 +18,7 @@ from csstsim.base.digest import digest
 from csstsim.base.errors import InputError
 from csstsim.base.files.beside import beside
 from csstsim.base.files.yaml_file import read_yaml
+from csstsim.base.help_page import explained
 from csstsim.base.model import Data, Whole, validate
 from csstsim.instrument.load import read_data
 from csstsim.instrument.maps.kinds import KINDS
@@ -34,6 +35,8 @@ class Entry(Data):
 
     files: str
     chips: list[Whole] | None = None
+    source: str = ""  # read_data has checked these two
+    confidence: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +103,7 @@ class ChipMaps:
 NO_MAPS = ChipMaps({}, Path(), 0, None)
 
 
+@explained("laboratory map")
 def load_entries(folder):
     """Return {kind: Entry} of the maps.yaml of an instrument folder; {} without the file.
 
@@ -112,9 +116,10 @@ def load_entries(folder):
     for kind, data in read_data(path).items():
         if kind not in KINDS:
             raise InputError("unknown map", file=path, key=kind, allowed=", ".join(KINDS))
-        if not isinstance(data, dict) or "source" not in raw[kind]:
+        if not isinstance(data, dict) or not raw[kind].get("source"):
             raise InputError("source and confidence are missing", file=path, key=kind)
-        entries[kind] = validate(Entry, data, path, (kind,))
+        about = {key: str(raw[kind][key]) for key in ("source", "confidence")}
+        entries[kind] = validate(Entry, data | about, path, (kind,))
         _check_name(entries[kind].files, kind, path)
     return entries
 
@@ -138,6 +143,7 @@ def needed(wavelengths, filter):
     return tuple(wave for wave, low, high in around if low < seen[-1] and high > seen[0])
 
 
+@explained("laboratory map")
 def check_chips(entries, folder, chips):
     """Raise InputError if maps.yaml names a chip that is not one of `chips`, the camera's numbers."""
     for kind, entry in entries.items():

@@ -13,6 +13,8 @@ import numpy as np
 from csstsim.base.errors import InputError
 from csstsim.base.files.file_log import logged
 from csstsim.base.files.fits_headers import check_headers
+from csstsim.base.help_page import explained
+from csstsim.base.plural import number_of
 from csstsim.instrument.maps.kinds import DEFECTS, Kind
 
 _TYPES = {">f4": "BITPIX -32 (float32)", "u1": "BITPIX 8 (uint8)"}
@@ -36,17 +38,22 @@ class LabMap:
     datasum: str
     _data: tuple[int, int]  # its first byte in the file, and the first byte behind it
 
+    @explained("laboratory map")
     def part(self, rows, columns):
         """Return the values of slices of rows and columns (ny, nx), float32 or uint8; steps may be negative.
 
         Raises InputError for a value that is not allowed.
         """
-        return self._checked(np.ascontiguousarray(self._pixels()[rows, columns]))
+        ny, nx = self.shape
+        place = np.ix_(np.arange(ny)[rows], np.arange(nx)[columns])
+        return self._checked(np.ascontiguousarray(self._pixels()[rows, columns]), place)
 
+    @explained("laboratory map")
     def at(self, row, column):
         """Return the values (n,) of single pixels, row and column int (n,). Raises InputError as `part`."""
-        return self._checked(self._pixels()[row, column])
+        return self._checked(self._pixels()[row, column], (row, column))
 
+    @explained("laboratory map")
     def check(self):
         """Read the whole map. Raises InputError for a value that is not allowed, a wrong mean or another DATASUM."""
         mean = self.kind.mean(self.part(slice(None), slice(None)))
@@ -64,7 +71,8 @@ class LabMap:
         with logged("opened", self.path):
             return np.memmap(self.path, self.kind.stored, "r", self._data[0], self.shape)
 
-    def _checked(self, values):
+    def _checked(self, values, place):
+        """Return values as the machine's numbers; place: their rows and columns, arrays that broadcast to values."""
         values = values.astype(values.dtype.newbyteorder("="), copy=False)
         if self.kind.name == "bad_pixels":
             wrong = (values & ~np.uint8(self.kind.high)) != 0
@@ -73,9 +81,12 @@ class LabMap:
         else:
             wrong = ~((values >= self.kind.low) & (values <= np.float32(self.maximum)))
         if wrong.any():
+            first = np.unravel_index(wrong.argmax(), wrong.shape)
+            y, x = (int(np.broadcast_to(axis, wrong.shape)[first]) for axis in place)
+            count = number_of(np.count_nonzero(wrong), "pixel")
             raise InputError(
-                f"{np.count_nonzero(wrong)} pixel(s) are out of range or not finite", file=self.path,
-                value=values[wrong][0].item(), allowed=self._allowed(),
+                f"{count} out of range or not finite, the first at x {x}, y {y} (from 0)", file=self.path,
+                value=values[first].item(), allowed=self._allowed(),
             )  # fmt: skip
         return values
 
@@ -106,6 +117,7 @@ def frame_of(one, frame):
     return values
 
 
+@explained("laboratory map")
 def open_map(path, kind, detector):
     """Return the LabMap of a file, of which only headers are read.
 
