@@ -22,6 +22,7 @@ from csstsim.catalog.astrometry import ephemeris
 from csstsim.catalog.astrometry.reduction import apparent, icrs
 from csstsim.catalog.selection.select import bricks_for
 from csstsim.command_line.main import main
+from csstsim.instrument.camera import load_telescope
 from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.simulation.exposure import Exposure
@@ -97,6 +98,38 @@ def test_a_region_at_the_chips_corner_is_cut_at_its_edge(tmp_path):
             assert refused.value.page == PAGES["aiming"]
         else:
             assert [job.window for job in campaign.jobs] == [expected]
+
+
+def looking_down(folder, *, states):
+    """Write a campaign with the stray-light model and 3 exposures, two of which have the Earth in the way."""
+    head = "obsid,type,ra,dec,pa,time,exptime"
+    rows = [f"1010000000{k},SCIE,{ra},{dec},10,2027-11-20T03:00:00,150" for k, ra, dec in
+            ((1, 60, 40), (2, 240, -40), (3, 241, -41))]  # fmt: skip
+    if states:  # the zenith is at ra 60, dec 40
+        head += ",sat_x,sat_y,sat_z,sat_vx,sat_vy,sat_vz"
+        rows = [f"{row},2596.6,4497.4,4357.5,-6.6,3.8,0" for row in rows]
+    else:  # the zenith of the model orbit
+        x, y, z = load_telescope(SHIPPED / "instrument" / "telescope.yaml")[1].state("2027-11-20T03:00:00")[0]
+        ra, dec = np.degrees([np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))])
+        places = (ra, dec), (ra + 180, -dec), (ra + 181, -dec)
+        rows = [f"1010000000{k},SCIE,{a % 360},{d},10,2027-11-20T03:00:00,150" for k, (a, d) in enumerate(places, 1)]
+    layers = SHIPPED / "observations" / "science_straylight.yaml"
+    path = write_campaign(folder, observations={"SCIE": str(layers)}, select={"types": ["SCIE"], "chips": [9]})
+    (folder / "table.csv").write_text("\n".join([head, *rows]) + "\n")
+    return path
+
+
+@pytest.mark.parametrize(("states", "way"), [(True, "state of the spacecraft corrected"), (False, "sat_x ... sat_vz")])
+def test_exposures_that_look_at_the_earth_are_the_tables_fault(tmp_path, states, way):
+    path = looking_down(tmp_path, states=states)
+    with pytest.raises(InputError, match="looks at the Earth") as refused:
+        OpenCampaign(path)
+    said = str(refused.value)
+    assert said.startswith(f"{tmp_path / 'table.csv'}: obsid 10100000002: "), said
+    assert "(1 more exposure of 3, too)" in said and way in said and "rows left out" in said, said
+    assert "enable_straylight_model: false in" in said and "science_straylight.yaml" in said
+    assert refused.value.page == PAGES["survey table"]
+    OpenCampaign(path, only=("10100000001", (9,)))
 
 
 def test_a_region_on_the_other_side_of_the_sky_selects_nothing(tmp_path):
