@@ -22,10 +22,10 @@ class Part(Data):
 
 class Whole(Model):
     corner: Corner | Literal["middle"] | None = None
-    files: dict[Literal["a", "b"], FilePath] = {}
+    files: dict[Literal["a", "b"], FilePath] = Field({})
     folder: FilePath | dict[str, Corner] | None = None
     several: Annotated[str | tuple[Corner, ...], Field()] = ""
-    parts: dict[str, Part] = {}
+    parts: dict[str, Part] = Field({})
     pair: tuple[int, int] = (0, 0)
     path: FilePath = "."
 

@@ -140,6 +140,22 @@ def test_a_region_on_the_other_side_of_the_sky_selects_nothing(tmp_path):
             ask()
 
 
+def test_a_region_that_touches_no_chip_is_told_of_a_place_that_works(tmp_path):
+    select = {"types": ["SCIE"], "chips": [8, 9], "region": {"ra": 60.15, "dec": -40.0, "radius": 0.01}}
+    window = {"x0": 100, "x1": 110, "y0": 20, "y1": 30}
+    with pytest.raises(InputError, match="touches no chip") as refused:
+        _ = OpenCampaign(write_campaign(tmp_path, select=select, window=window)).jobs
+    ra, dec, chip, obsid = re.search(
+        r"as about ([\d.]+), ([-\d.]+), the middle of chip (\d) in exposure (\d+)\.", str(refused.value)
+    ).groups()
+    select["region"] |= {"ra": float(ra), "dec": float(dec)}
+    campaign = OpenCampaign(write_campaign(tmp_path, select=select, window=window))
+    assert (obsid, int(chip)) in [job.key for job in campaign.jobs]
+    [job] = [job for job in campaign.jobs if job.key == (obsid, int(chip))]
+    x, y = job.wcs.world_to_pixel(*apparent(float(ra), float(dec), job.observer))
+    assert (float(x), float(y)) == pytest.approx((104.5, 24.5), abs=0.18 / 0.074)  # rounded: half of 1e-4 deg
+
+
 def test_plan_counts_what_the_workflow_would_run(tmp_path):
     campaign = OpenCampaign(write_campaign(tmp_path, select={"chips": [8, 9]}))
     counts, disk, costs = plan(campaign)
