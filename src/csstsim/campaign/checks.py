@@ -9,16 +9,16 @@ from csstsim.instrument.maps.chip_maps import STAGES
 from csstsim.optics.throughput import shutter
 
 
-@explained("campaign")
 def check_file(run, key, path):
-    """The file that a key of the campaign names is there."""
+    """The file that a key of the campaign names, survey_table or one of observations, is there."""
     try:
         path.stat()
     except OSError as exc:
-        raise InputError(
-            f"cannot read the file: {exc.strerror}", file=run.file, key=key, value=str(path),
-            allowed="a file; its path begins in the campaign file's folder",
-        ) from exc  # fmt: skip
+        with explained("survey table" if key == "survey_table" else "observation"):
+            raise InputError(
+                f"cannot read the file: {exc.strerror}", file=run.file, key=key, value=str(path),
+                allowed="a file; its path begins in the campaign file's folder",
+            ) from exc  # fmt: skip
 
 
 @explained("campaign")
