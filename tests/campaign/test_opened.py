@@ -140,6 +140,12 @@ def test_a_region_on_the_other_side_of_the_sky_selects_nothing(tmp_path):
             ask()
 
 
+def test_a_region_far_away_is_missed_by_an_angle_on_the_sky(tmp_path):
+    select = {"types": ["SCIE"], "chips": [9], "region": {"ra": 60.0, "dec": 40.0, "radius": 1.0}}
+    with pytest.raises(InputError, match=r"chip 9 \(r\) of exposure 10100000001 by about 80 deg"):  # dec -40 to 40
+        _ = OpenCampaign(write_campaign(tmp_path, select=select)).jobs
+
+
 def test_a_region_that_touches_no_chip_is_told_of_a_place_that_works(tmp_path):
     select = {"types": ["SCIE"], "chips": [8, 9], "region": {"ra": 60.15, "dec": -40.0, "radius": 0.01}}
     window = {"x0": 100, "x1": 110, "y0": 20, "y1": 30}

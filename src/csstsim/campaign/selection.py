@@ -81,7 +81,7 @@ def _missed(run, pairs, message):
         for obsid, chip in pairs
     ]
     near = sorted((found for found in missed if not math.isnan(found[0])), key=lambda found: found[0])[:NEAREST]
-    texts = [f"chip {chip.id} ({chip.filter}) of exposure {obsid} by {px * arcmin:.1f}'" for px, obsid, chip in near]
+    texts = [f"chip {chip.id} ({chip.filter}) of exposure {obsid} by {_far(px * arcmin)}" for px, obsid, chip in near]
     _, obsid, chip = (near or missed)[0]
     ra, dec = _middle(run, obsid, chip)
     return InputError(
@@ -91,6 +91,13 @@ def _missed(run, pairs, message):
         f"{obsid}. A row's ra, dec is the middle of the focal plane, where no chip is: for a place of your own, "
         "`csstsim aim` writes rows",
     )  # fmt: skip
+
+
+def _far(arcmin):
+    """Return a distance in the tangent plane as text; a far one as the angle on the sky that it is."""
+    return (
+        f"{arcmin:.1f}'" if arcmin < 120.0 else f"about {math.degrees(math.atan(math.radians(arcmin / 60.0))):.0f} deg"
+    )
 
 
 def _middle(run, obsid, chip):
