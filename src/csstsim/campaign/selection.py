@@ -95,9 +95,8 @@ def _missed(run, pairs, message):
 
 def _far(arcmin):
     """Return a distance in the tangent plane as text; a far one as the angle on the sky that it is."""
-    return (
-        f"{arcmin:.1f}'" if arcmin < 120.0 else f"about {math.degrees(math.atan(math.radians(arcmin / 60.0))):.0f} deg"
-    )
+    angle = math.degrees(math.atan(math.radians(arcmin / 60.0)))
+    return f"{arcmin:.1f}'" if arcmin < 120.0 else f"about {angle:.0f} deg"
 
 
 def _middle(run, obsid, chip):
