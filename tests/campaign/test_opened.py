@@ -22,6 +22,7 @@ from csstsim.catalog.astrometry import ephemeris
 from csstsim.catalog.astrometry.reduction import apparent, icrs
 from csstsim.catalog.selection.select import bricks_for
 from csstsim.command_line.main import main
+from csstsim.instrument.camera import load_telescope
 from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.simulation.exposure import Exposure
@@ -99,12 +100,66 @@ def test_a_region_at_the_chips_corner_is_cut_at_its_edge(tmp_path):
             assert [job.window for job in campaign.jobs] == [expected]
 
 
+def looking_down(folder, *, states):
+    """Write a campaign with the stray-light model and 3 exposures, two of which have the Earth in the way."""
+    head = "obsid,type,ra,dec,pa,time,exptime"
+    rows = [f"1010000000{k},SCIE,{ra},{dec},10,2027-11-20T03:00:00,150" for k, ra, dec in
+            ((1, 60, 40), (2, 240, -40), (3, 241, -41))]  # fmt: skip
+    if states:  # the zenith is at ra 60, dec 40
+        head += ",sat_x,sat_y,sat_z,sat_vx,sat_vy,sat_vz"
+        rows = [f"{row},2596.6,4497.4,4357.5,-6.6,3.8,0" for row in rows]
+    else:  # the zenith of the model orbit
+        x, y, z = load_telescope(SHIPPED / "instrument" / "telescope.yaml")[1].state("2027-11-20T03:00:00")[0]
+        ra, dec = np.degrees([np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))])
+        places = (ra, dec), (ra + 180, -dec), (ra + 181, -dec)
+        rows = [f"1010000000{k},SCIE,{a % 360},{d},10,2027-11-20T03:00:00,150" for k, (a, d) in enumerate(places, 1)]
+    layers = SHIPPED / "observations" / "science_straylight.yaml"
+    path = write_campaign(folder, observations={"SCIE": str(layers)}, select={"types": ["SCIE"], "chips": [9]})
+    (folder / "table.csv").write_text("\n".join([head, *rows]) + "\n")
+    return path
+
+
+@pytest.mark.parametrize(("states", "way"), [(True, "state of the spacecraft corrected"), (False, "sat_x ... sat_vz")])
+def test_exposures_that_look_at_the_earth_are_the_tables_fault(tmp_path, states, way):
+    path = looking_down(tmp_path, states=states)
+    with pytest.raises(InputError, match="looks at the Earth") as refused:
+        OpenCampaign(path)
+    said = str(refused.value)
+    assert said.startswith(f"{tmp_path / 'table.csv'}: obsid 10100000002: "), said
+    assert "(1 more exposure of 3, too)" in said and way in said and "rows left out" in said, said
+    assert "enable_straylight_model: false in" in said and "science_straylight.yaml" in said
+    assert refused.value.page == PAGES["survey table"]
+    OpenCampaign(path, only=("10100000001", (9,)))
+
+
 def test_a_region_on_the_other_side_of_the_sky_selects_nothing(tmp_path):
     select = {"types": ["SCIE"], "region": {"ra": 240.0, "dec": 40.0, "radius": 60.0}}
     campaign = OpenCampaign(write_campaign(tmp_path, select=select))
     for ask in (lambda: campaign.jobs, lambda: campaign.job("10100000001", 9)):
         with pytest.raises(InputError, match="other side"):
             ask()
+
+
+def test_a_region_far_away_is_missed_by_an_angle_on_the_sky(tmp_path):
+    select = {"types": ["SCIE"], "chips": [9], "region": {"ra": 60.0, "dec": 40.0, "radius": 1.0}}
+    with pytest.raises(InputError, match=r"chip 9 \(r\) of exposure 10100000001 by about 80 deg"):  # dec -40 to 40
+        _ = OpenCampaign(write_campaign(tmp_path, select=select)).jobs
+
+
+def test_a_region_that_touches_no_chip_is_told_of_a_place_that_works(tmp_path):
+    select = {"types": ["SCIE"], "chips": [8, 9], "region": {"ra": 60.15, "dec": -40.0, "radius": 0.01}}
+    window = {"x0": 100, "x1": 110, "y0": 20, "y1": 30}
+    with pytest.raises(InputError, match="touches no chip") as refused:
+        _ = OpenCampaign(write_campaign(tmp_path, select=select, window=window)).jobs
+    ra, dec, chip, obsid = re.search(
+        r"as about ([\d.]+), ([-\d.]+), the middle of chip (\d) in exposure (\d+)\.", str(refused.value)
+    ).groups()
+    select["region"] |= {"ra": float(ra), "dec": float(dec)}
+    campaign = OpenCampaign(write_campaign(tmp_path, select=select, window=window))
+    assert (obsid, int(chip)) in [job.key for job in campaign.jobs]
+    [job] = [job for job in campaign.jobs if job.key == (obsid, int(chip))]
+    x, y = job.wcs.world_to_pixel(*apparent(float(ra), float(dec), job.observer))
+    assert (float(x), float(y)) == pytest.approx((104.5, 24.5), abs=0.18 / 0.074)  # rounded: half of 1e-4 deg
 
 
 def test_plan_counts_what_the_workflow_would_run(tmp_path):

@@ -48,15 +48,17 @@ def pointing_list(path):
 
     table = read_list(path)
     mapping = Mapping().completed(table.names)
-    mapping.check(path, table.names)
+    mapping.check(table)
     convert(table, mapping, camera().orbit)
 
 
 def pointing_mapping(path):
     """The mapping of a list's columns, as --mapping takes it."""
     from csstsim.campaign.pointing_lists.mapping import load_mapping
+    from csstsim.campaign.pointing_lists.read_list import PointingList
 
-    load_mapping(path).check(path, ["RA"])
+    mapping = load_mapping(path)
+    mapping.check(PointingList(path, list(dict.fromkeys(mapping.columns.values())), []))
 
 
 def instrument(path):

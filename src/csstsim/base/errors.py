@@ -28,6 +28,10 @@ class InputError(CsstsimError):
         super().__init__(_in_a_line(text))
 
 
+class BlockedError(InputError):
+    """An exposure that a layer of the observation cannot have: the survey table, too, may be at fault."""
+
+
 def _in_a_line(text):
     """Return text as one printable line: names read from files may hold any characters."""
     text = _cut(" ".join(text.split()), LINE)

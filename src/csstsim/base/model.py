@@ -5,11 +5,9 @@ Files that a user writes become a `Model`. Numbers of the camera and the sky bec
 are read.
 """
 
-from dataclasses import is_dataclass
-from difflib import get_close_matches
 from functools import cache
 from pathlib import Path
-from typing import Annotated, get_type_hints
+from typing import Annotated
 
 from pydantic import (
     AfterValidator,
@@ -22,7 +20,7 @@ from pydantic import (
     field_validator,
 )
 
-from csstsim.base.errors import InputError
+from csstsim.base.model_faults import input_error
 
 
 class Model(BaseModel):
@@ -98,48 +96,6 @@ def validate(model, data, file, key=()):
 
 
 _adapter = cache(TypeAdapter)
-_UNKNOWN = "extra_forbidden", "unexpected_keyword_argument"  # of a Model, of Data
-
-
-def input_error(exc, model, file, key=()):
-    """Turn a pydantic ValidationError into an InputError about its first fault."""
-    fault = exc.errors()[0]
-    if fault["type"] == "missing":  # as a key is that was misspelt
-        extra = {str(e["loc"][-1]): e for e in exc.errors() if e["type"] in _UNKNOWN}
-        fault = next((extra[key] for key in get_close_matches(str(fault["loc"][-1]), extra, 1)), fault)
-    where = ".".join(str(part) for part in (*key, *fault["loc"]))
-    more = f" (and {exc.error_count() - 1} more)" if exc.error_count() > 1 else ""
-    if fault["type"] in _UNKNOWN:
-        allowed = ", ".join(_known_keys(model, fault["loc"][:-1]))
-        return InputError(f"unknown key{more}", file=file, key=where, value=fault["loc"][-1], allowed=allowed)
-    if fault["type"] == "missing" and isinstance(fault["loc"][-1], int):
-        where = where.rpartition(".")[0]
-        return InputError(f"too few numbers{more}", file=file, key=where, value=fault["input"])
-    if fault["type"] == "missing":
-        return InputError(f"required key is missing{more}", file=file, key=where)
-    message = "must be a mapping" if fault["type"] == "dataclass_type" else fault["msg"].removeprefix("Value error, ")
-    return InputError(_in_a_line(message) + more, file=file, key=where, value=fault["input"])
-
-
-def _in_a_line(message):
-    """Return a message with a lower-case first letter; a name in capitals stays."""
-    return message if message[1:2].isupper() else message[0].lower() + message[1:]
-
-
-def _known_keys(model, loc):
-    for part in loc:
-        inner = [t for t in _types(_fields(model).get(part)) if isinstance(t, type) and issubclass(t, BaseModel | Data)]
-        if not inner:
-            return []
-        model = inner[0]
-    return sorted(_fields(model))
-
-
-def _fields(model):
-    """Return {name: type} of a Model's or dataclass' fields."""
-    if is_dataclass(model):
-        return get_type_hints(model)
-    return {name: field.annotation for name, field in model.model_fields.items()}
 
 
 def _types(annotation):

@@ -1,12 +1,24 @@
 """Checks across a campaign's files. run: campaign.opened.OpenCampaign; all raise InputError."""
 
-from csstsim.base.errors import InputError
+from csstsim.base.errors import BlockedError, InputError
 from csstsim.base.help_page import explained
 from csstsim.base.plural import number_of
 from csstsim.base.process.progress import progress
 from csstsim.campaign.config import PixelWindow
 from csstsim.instrument.maps.chip_maps import STAGES
 from csstsim.optics.throughput import shutter
+
+
+def check_file(run, key, path):
+    """The file that a key of the campaign names, survey_table or one of observations, is there."""
+    try:
+        path.stat()
+    except OSError as exc:
+        with explained("survey table" if key == "survey_table" else "observation"):
+            raise InputError(
+                f"cannot read the file: {exc.strerror}", file=run.file, key=key, value=str(path),
+                allowed="a file; its path begins in the campaign file's folder",
+            ) from exc  # fmt: skip
 
 
 @explained("campaign")
@@ -78,6 +90,31 @@ def check_photons(run):
                 f"fidelity {run.config.fidelity} draws photons, but no layer adds them to the image", file=steps.file,
                 key="layers", allowed="poisson_and_dark in the list, or fidelity noise_free or reference",
             )  # fmt: skip
+
+
+@explained("survey table")
+def check_layers(run, exposures):
+    """The layers can have the camera and each of the exposures {obsid: Pointing}."""
+    blocked = {}
+    for obsid, pointing in exposures.items():
+        try:
+            run.steps[pointing.type].check(run.camera, pointing)
+        except BlockedError as error:
+            blocked[obsid] = error
+    if not blocked:
+        return
+    first, more = next(iter(blocked)), len(blocked) - 1
+    others = f" ({number_of(more, 'more exposure')} of {len(exposures)}, too)" if more else ""
+    pointing = exposures[first]
+    modelled = pointing.sat_position == run.camera.orbit.state(pointing.time)[0]
+    ways = "its state of the spacecraft corrected"
+    if modelled:  # the table has none
+        ways = "the spacecraft's states in the table (sat_x ... sat_vz), for those of the model orbit count now"
+    raise InputError(
+        f"{blocked[first]}{others}", file=run.table, key=f"obsid {first}",
+        allowed=f"{ways}; or the rows left out; or the constant sky, enable_straylight_model: false in "
+        f"{run.steps[pointing.type].file}",
+    )  # fmt: skip
 
 
 @explained("campaign")

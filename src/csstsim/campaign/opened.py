@@ -14,6 +14,8 @@ from csstsim.base.files.beside import beside
 from csstsim.base.help_page import explained
 from csstsim.base.rng import Streams
 from csstsim.campaign.checks import (
+    check_file,
+    check_layers,
     check_maps,
     check_masters,
     check_photons,
@@ -68,10 +70,14 @@ class OpenCampaign:
         self.camera = load_camera(self.config.instrument, self.file)
         self.rendering = load_numbers()
         self.table = "what was aimed" if pointings else self.config.survey_table  # for errors
+        if not pointings:
+            check_file(self, "survey_table", self.config.survey_table)
         self.pointings = pointings or load_survey_table(self.config.survey_table, self.camera.orbit)
         check_selection(self)
         types = sorted({p.type for p in selected_pointings(self).values()})
         layers = layers or {}
+        for kind in set(types) & set(self.config.observations) - set(layers):
+            check_file(self, f"observations.{kind}", self.config.observations[kind])
         self.steps = {kind: SimSteps(self.config.observation_file(kind), kind, layers.get(kind)) for kind in types}
         # One exposure time: that of the layers, if they give one, replaces the table's everywhere.
         asked = {kind: steps.exptime for kind, steps in self.steps.items() if steps.exptime is not None}
@@ -86,12 +92,11 @@ class OpenCampaign:
         check_photons(self)
         chips = [chip for chip in selected_chips(self) if only is None or chip.id in only[1]]
         check_maps(chips)
-        exposures = [p for obsid, p in selected_pointings(self).items() if only is None or obsid == only[0]]
+        exposures = {obsid: p for obsid, p in selected_pointings(self).items() if only is None or obsid == only[0]}
         if "SCIE" in self.steps and any(chip.kind == "slitless" for chip in chips):
             _ = self.camera.gratings  # read, and refused if they cannot be used
-        for p in exposures:
-            self.steps[p.type].check(self.camera, p)
-        for p in {(p.type, p.exptime): p for p in exposures}.values():
+        check_layers(self, exposures)
+        for p in {(p.type, p.exptime): p for p in exposures.values()}.values():
             check_shutter(self.steps[p.type], p.exptime, chips)
 
     def masters(self, chip_id):

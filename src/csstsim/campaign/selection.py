@@ -4,7 +4,7 @@ import math
 
 from csstsim.base.errors import InputError
 from csstsim.campaign.config import PixelWindow
-from csstsim.catalog.astrometry.reduction import apparent
+from csstsim.catalog.astrometry.reduction import apparent, icrs
 from csstsim.instrument.chip import Window
 
 NEAREST = 3  # chips that an error names
@@ -65,35 +65,45 @@ def nothing_selected(run):
     if select.region is None:
         return InputError("no pixels are selected", file=run.file, key="window")
     pairs = [(obsid, chip) for obsid, pointing in pointings.items() if pointing.type == "SCIE" for chip in chips]
-    near = _nearest(run, pairs)
-    return _missed(run, f"the region touches no chip; it misses {', '.join(near)}" if near else "")
+    return _missed(run, pairs, "the region touches no chip; it misses")
 
 
 def pair_missed(run, obsid, chip):
     """Return the InputError of one (exposure, chip) pair that the region misses: by how much, and what to do."""
-    near = _nearest(run, [(obsid, chip)])
-    return _missed(run, f"the region misses {near[0]}" if near else "")
+    return _missed(run, [(obsid, chip)], "the region misses")
 
 
-def _nearest(run, pairs):
-    """Return texts about the (obsid, chip) pairs nearest to the region; none if it is on the sky's other side."""
+def _missed(run, pairs, message):
+    """Return the InputError of a region that misses all (obsid, chip) pairs: the nearest, and a place that works."""
+    circle, arcmin = run.config.select.region, run.camera.telescope.pixel_scale / 60.0
     missed = [
         (_miss(run, *run.maps(run.pointings[obsid], chip), _window(run, chip))[-1], obsid, chip)
         for obsid, chip in pairs
     ]
     near = sorted((found for found in missed if not math.isnan(found[0])), key=lambda found: found[0])[:NEAREST]
-    arcmin = run.camera.telescope.pixel_scale / 60.0
-    return [f"chip {chip.id} ({chip.filter}) of exposure {obsid} by {px * arcmin:.1f}'" for px, obsid, chip in near]
-
-
-def _missed(run, message):
-    circle = run.config.select.region
+    texts = [f"chip {chip.id} ({chip.filter}) of exposure {obsid} by {_far(px * arcmin)}" for px, obsid, chip in near]
+    _, obsid, chip = (near or missed)[0]
+    ra, dec = _middle(run, obsid, chip)
     return InputError(
-        message or "the region is on the sky's other side", file=run.file, key="select.region",
-        value=f"{circle.radius:g}' about {circle.ra:g}, {circle.dec:g}",
-        allowed="a circle that touches a chip. A row's ra, dec is the middle of the focal plane, not of a chip: "
-        "`csstsim aim` writes rows that put a place on a chip",
+        f"{message} {', '.join(texts)}" if near else "the region is on the sky's other side", file=run.file,
+        key="select.region", value=f"{circle.radius:g}' about {circle.ra:g}, {circle.dec:g}",
+        allowed=f"a circle that touches a chip, as about {ra:.4f}, {dec:.4f}, the middle of chip {chip.id} in exposure "
+        f"{obsid}. A row's ra, dec is the middle of the focal plane, where no chip is: for a place of your own, "
+        "`csstsim aim` writes rows",
     )  # fmt: skip
+
+
+def _far(arcmin):
+    """Return a distance in the tangent plane as text; a far one as the angle on the sky that it is."""
+    angle = math.degrees(math.atan(math.radians(arcmin / 60.0)))
+    return f"{arcmin:.1f}'" if arcmin < 120.0 else f"about {angle:.0f} deg"
+
+
+def _middle(run, obsid, chip):
+    """Return ra, dec [deg, ICRS] of the middle of a chip, or of the window on it, in an exposure."""
+    window = _window(run, chip)
+    wcs, craft = run.maps(run.pointings[obsid], chip)
+    return icrs(*wcs.pixel_to_world((window.x0 + window.x1 - 1) / 2, (window.y0 + window.y1 - 1) / 2), craft)
 
 
 def _window(run, chip):

@@ -9,7 +9,7 @@ effect as the objects. Left out: change of the sky during the motion of the shut
 import numpy as np
 from pydantic import Field
 
-from csstsim.base.errors import InputError
+from csstsim.base.errors import BlockedError
 from csstsim.base.units import DAY_S
 from csstsim.instrument.orbit import orbit_after
 from csstsim.layers.param import EXPTIME, LayerParam
@@ -41,7 +41,7 @@ class Param(LayerParam):
 
 
 def check(param, camera, pointing):
-    """Raise InputError if the camera's numbers for the flat or the model are wrong, or the Earth blocks the field."""
+    """Raise InputError if the camera's numbers for the flat or the model are wrong, BlockedError before the Earth."""
     if param.flat_fielding:
         check_flat(camera.leds)
     if not param.enable_straylight_model:
@@ -50,8 +50,7 @@ def check(param, camera, pointing):
     place = pointing.mjd, pointing.sat_position, pointing.sat_velocity
     limb = exposure_angles(pointing.ra, pointing.dec, *place)["limb"]
     if limb < 0:
-        message = f"the exposure of {pointing.time} looks at the Earth"
-        raise InputError(message, key="limb angle [deg]", value=round(limb, 2), allowed="> 0")
+        raise BlockedError(f"the exposure of {pointing.time} looks at the Earth: limb angle {limb:.2f} deg")
 
 
 def apply(state, param, rng):

@@ -24,7 +24,7 @@ from types import ModuleType
 
 import csstsim.layers
 from csstsim.base.digest import digest, module_digest
-from csstsim.base.errors import CsstsimError, InputError
+from csstsim.base.errors import BlockedError, CsstsimError, InputError
 from csstsim.base.help_page import explained
 from csstsim.base.model import validate
 from csstsim.base.process.progress import progress
@@ -113,10 +113,15 @@ class SimSteps:
 
     @explained("observation")
     def check(self, camera, pointing):
-        """Let each layer check its parameters against the camera and an exposure. Raises InputError."""
+        """Let each layer check its parameters against the camera and an exposure.
+
+        Raises InputError, and BlockedError, which does not name the list, for an exposure that a layer cannot have.
+        """
         for step in self.steps:
             try:
                 getattr(step.module, "check", lambda *_: None)(step.param, camera, pointing)
+            except BlockedError:
+                raise
             except InputError as exc:
                 raise InputError(str(exc), file=self.file, key=f"layers.{step.keyword}") from None
 

@@ -13,7 +13,7 @@ from csstsim.base.sphere import angle, turned, unit_vectors
 from csstsim.campaign.pointing_lists.directions import places, position_angles, seen
 from csstsim.campaign.pointing_lists.quantities import BODIES, STATE
 from csstsim.campaign.pointing_lists.values import Values
-from csstsim.campaign.survey_table import Row
+from csstsim.campaign.survey_table import COLUMNS, SURVEY, Row
 from csstsim.catalog.astrometry.ephemeris import observer
 from csstsim.instrument.pointing import mjd_utc
 from csstsim.sky.bodies import exposure_angles
@@ -23,32 +23,46 @@ from csstsim.sky.bodies import exposure_angles
 class Converted:
     """rows {row of the list: cells of a survey table by column}; reasons {row: why it is refused}.
 
-    blocked: how many exposures have the Earth in the way, among those whose spacecraft the model orbit places.
+    blocked: obsids that have the Earth in the way, among those whose spacecraft the model orbit places.
     """
 
     rows: dict
     reasons: dict
-    blocked: int
+    blocked: list
+
+
+class _Stated(Row):
+    """A row of a survey table, whose errors name what states the value; said: {column of a survey table: that}."""
+
+    def __init__(self, cells, said):
+        self.said = said
+        super().__init__(None, "", list(cells), list(cells.values()))
+
+    def error(self, message, column=None, value=None, allowed=None):
+        return InputError(message, key=self.said.get(column, f"column {column}"), value=value, allowed=allowed)
 
 
 def convert(table, mapping, orbit):
     """Return the Converted of a PointingList. orbit (instrument.orbit.Orbit): of rows without a spacecraft's state."""
     values = Values(table, mapping)
     columns, bodies = _columns(values, mapping), _bodies(values)
-    found, first, blocked = {}, {}, 0
+    said, found, first, blocked = _said(values), {}, {}, []
     for row in progress(range(values.rows), "rows"):
         if row in values.reasons:
             continue
         cells = {name: column[row] for name, column in columns.items()}
         try:
-            obsid, clear = _checked(cells, {name: column[row] for name, column in bodies.items()}, mapping, orbit)
+            stated = {name: column[row] for name, column in bodies.items()}
+            checked = _Stated(cells, said)
+            obsid, clear = _checked(checked, stated, mapping, orbit)
             if obsid in first:
                 allowed = f"once; {table.rows[first[obsid]][0]} has it"
-                raise InputError("the obsid of another row, too", key="column obsid", value=obsid, allowed=allowed)
+                raise InputError("the obsid of another row, too", key=said["obsid"], value=obsid, allowed=allowed)
         except InputError as error:
             values.reasons[row] = str(error)
             continue
-        found[row], first[obsid], blocked = cells, row, blocked + (not clear)
+        found[row], first[obsid] = checked.cells, row
+        blocked += [] if clear else [obsid]
     return Converted(found, values.reasons, blocked)
 
 
@@ -75,6 +89,14 @@ def _columns(values, mapping):
     return columns
 
 
+def _said(values):
+    """Return {column of a survey table: what states its values}."""
+    said = {name: values.said(name) for name in COLUMNS if name in values}
+    said |= [(SURVEY, values.said(name)) for name in ("deep", "deep_index") if name in values]
+    counted = values.said("number") if "number" in values else "the number of the row"
+    return {"obsid": f"--first-obsid and {counted}"} | said
+
+
 def _obsids(values, mapping):
     """Return the obsids: the list's own, or counted from the first by its number or by the row."""
     if "obsid" in values:
@@ -97,13 +119,13 @@ def _bodies(values):
     return found
 
 
-def _checked(cells, bodies, mapping, orbit):
-    """Complete a row's cells in place; return its obsid, and whether a spacecraft on the model orbit sees the sky.
+def _checked(row, bodies, mapping, orbit):
+    """Complete a row's cells; return its obsid, and whether a spacecraft on the model orbit sees the sky.
 
     Raises InputError if a survey table would refuse the row, if the Earth is in the way of a spacecraft whose state the
     list gives, or if Sun or Moon are elsewhere than it says.
     """
-    row = Row(None, "", list(cells), list(cells.values()))
+    cells = row.cells
     obsid, state = row.obsid(), row.state()
     position, velocity = state or orbit.state(row.time())
     mjd = mjd_utc(row.time())
@@ -111,7 +133,7 @@ def _checked(cells, bodies, mapping, orbit):
     if mapping.directions == "icrs":
         ra, dec, pa = seen(ra, dec, pa, observer(mjd, position, velocity))
     cells |= {"ra": f"{turned(round(ra, 9)):.9f}", "dec": f"{dec:.9f}", "pa": f"{pa:.7f}"}
-    pointing = Row(None, "", list(cells), list(cells.values())).pointing((position, velocity))
+    pointing = row.pointing((position, velocity))
     if pointing.type != "SCIE":
         return obsid, True
     angles = exposure_angles(ra, dec, mjd, position, velocity)

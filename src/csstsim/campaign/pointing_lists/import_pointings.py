@@ -5,8 +5,6 @@ Beside the table stand the mapping that was followed and, if rows were refused, 
 
 import csv
 import io
-import re
-from collections import Counter
 from pathlib import Path
 
 from csstsim.base.errors import InputError
@@ -15,13 +13,20 @@ from csstsim.base.help_page import explained
 from csstsim.base.plural import number_of
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.pointing_lists.convert import convert
-from csstsim.campaign.pointing_lists.mapping import LISTS, Mapping, known_lists, load_mapping
+from csstsim.campaign.pointing_lists.mapping import HEAD, LISTS, Mapping, known_lists, load_mapping
+from csstsim.campaign.pointing_lists.messages import (
+    kinds_of,
+    say_blocked,
+    say_catalogue_places,
+    say_not_used,
+    say_refused,
+)
 from csstsim.campaign.pointing_lists.read_list import read_list
 from csstsim.campaign.survey_table import exposures_of
 from csstsim.instrument.camera import load_telescope
 
 MAPPING, REJECTED = ".mapping.yaml", ".rejected.csv"
-MOST = 8  # kinds of reasons that are printed
+REJECTED_HEAD = "place,reason,row\n"
 
 
 @explained("list of pointings")
@@ -33,37 +38,51 @@ def import_pointings(path, output, say, *, like=None, mapping=None, maps=(), set
     """
     path, output = Path(path), Path(output)
     beside = {suffix: output.with_name(output.stem + suffix) for suffix in (MAPPING, REJECTED)}
-    for file in (output, *beside.values()):
-        if file.exists():
-            raise InputError("exists already; name another table", file=file, key="--output")
+    _check_free(output, beside)
     given = _given(like, mapping)
     given = given.changed(_pairs(maps, "--map"), _pairs(sets, "--set"), _said(conventions))
     table = read_list(path)
     given = given.completed(table.names)
-    given.check(path, table.names)
+    given.check(table)
     orbit = load_telescope(SHIPPED / "instrument" / "telescope.yaml")[1]
     made = convert(table, given, orbit)
     refused = [*table.broken, *((*_row(table, row), reason) for row, reason in made.reasons.items())]
+    kinds = kinds_of(refused)
     if refused:
         _write(beside[REJECTED], _rejected(refused))
     if not made.rows:
-        first = f"{refused[0][0]}: {refused[0][2]}"
-        raise InputError(f"no row can be used ({beside[REJECTED]} has the reasons); {first}", file=path)
+        say_refused(beside[REJECTED], kinds, say)
+        [(reason, count)] = kinds.most_common(1)
+        message = f"no row can be used; {count} of {number_of(len(refused), 'row')}: {reason}"
+        raise InputError(f"{message}; {beside[REJECTED]} has all reasons", file=path)
     text = _table(made.rows.values(), f"{path.name}, by {beside[MAPPING].name}")
     exposures_of(text, orbit, output)  # what the reader of tables would refuse is refused now
     _write(beside[MAPPING], given.text())
+    if not refused:
+        beside[REJECTED].unlink(missing_ok=True)  # of an earlier attempt
     _write(output, text)
     say(f"{output}: {number_of(len(made.rows), 'exposure')} of {number_of(len(made.rows) + len(refused), 'row')}")
     say(f"{beside[MAPPING]}: " + ", ".join(f"{key} from {name}" for key, name in given.columns.items()))
+    say_not_used(given, table.names, say)
     if refused:
-        say(f"{beside[REJECTED]}: {number_of(len(refused), 'row')} rejected")
-        _count(refused, say)
-    if made.blocked:
-        say(
-            f"Earth in the way of {number_of(made.blocked, 'exposure')}: the list has no state of the spacecraft, and "
-            "the model orbit is elsewhere. Without the stray-light model this does not matter."
-        )
+        say_refused(beside[REJECTED], kinds, say)
+    if conventions.get("directions") is None:
+        say_catalogue_places(given, table, say)
+    say_blocked(made.blocked, say)
     return len(refused)
+
+
+def _check_free(output, beside):
+    """Raise InputError if the table exists, or a file beside it that is not left of an import without a table."""
+    heads = {beside[MAPPING]: HEAD, beside[REJECTED]: REJECTED_HEAD}
+    for file in (output, *heads):
+        if file.exists() and not (file in heads and file.is_file() and _begins(file, heads[file])):
+            raise InputError("exists already; name another table", file=file, key="--output")
+
+
+def _begins(file, head):
+    with open(file, "rb") as content:
+        return content.read(len(head)) == head.encode()
 
 
 def _given(like, mapping):
@@ -114,18 +133,12 @@ def _rejected(refused):
     """Return the text of the table of refused rows, in the list's order: place, reason and the row itself."""
     ordered = sorted(refused, key=lambda row: int(row[0].split()[1]))
     rows = [_line([place, reason, line]) for place, line, reason in ordered]
-    return "\n".join(["place,reason,row", *rows]) + "\n"
-
-
-def _count(refused, say):
-    """Print how many rows each reason has, values left out."""
-    kinds = Counter(re.sub(r" \(got .*?\)(?=;|$)|; line \d+ has it|-?\d+\.\d+ deg", "", row[2]) for row in refused)
-    for reason, count in kinds.most_common(MOST):
-        say(f"  {count}  {reason}")
-    if len(kinds) > MOST:
-        say(f"  {sum(kinds.values()) - sum(n for _, n in kinds.most_common(MOST))}  of {len(kinds) - MOST} other kinds")
+    return REJECTED_HEAD + "\n".join(rows) + "\n"
 
 
 def _write(path, text):
-    with atomic_path(path) as temporary:
-        Path(temporary).write_text(text, encoding="utf-8")
+    try:
+        with atomic_path(path) as temporary:
+            Path(temporary).write_text(text, encoding="utf-8")
+    except OSError as exc:  # a folder in which no file can be made, as /proc
+        raise InputError(f"cannot be written: {exc.strerror}", file=path, key="--output") from exc

@@ -4,16 +4,16 @@ Files of this form come with csstsim for known lists (survey_tables/lists); `css
 it followed beside its table, and reads it again.
 """
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 import yaml
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, PrivateAttr
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.yaml_file import read_yaml
 from csstsim.base.model import Model, validate
 from csstsim.base.shipped import ROOT
-from csstsim.campaign.pointing_lists.quantities import BODIES, PLACES, STATE, parse_key
+from csstsim.campaign.pointing_lists.quantities import BODIES, PLACES, STATE, Key, parse_key
 
 LISTS = ROOT / "survey_tables" / "lists"
 HEAD = "# Written by csstsim import-pointings, which reads it again with --mapping\n"
@@ -25,6 +25,15 @@ def _text(value):
 
 
 Text = Annotated[str, BeforeValidator(_text)]
+
+
+class Source(NamedTuple):
+    """Where a quantity comes from: a column of the list, or a value of all rows; told: the (file, key) that says so."""
+
+    key: Key
+    column: str | None
+    value: str | None
+    told: tuple
 
 
 class Mapping(Model):
@@ -41,15 +50,19 @@ class Mapping(Model):
     )
     tolerance: float = Field(1.0, gt=0, le=180, description="largest difference from what the list states, deg")
 
-    def keys(self, file=None):
-        """Return {quantity: (Key, column or None, value or None)}. Raises InputError for unknown and repeated ones."""
+    _told: dict = PrivateAttr(default_factory=dict)  # {"columns.ra": (file, key)} of entries that a person wrote
+
+    def keys(self):
+        """Return {quantity: Source}. Raises InputError for unknown and repeated ones."""
         found = {}
-        for given, column in [(self.columns, True), (self.values, False)]:
-            for text, name in given.items():
-                key = parse_key(text, file)
+        for part in ("columns", "values"):
+            for text, name in getattr(self, part).items():
+                told = self._told.get(f"{part}.{text}", (None, f"{part}.{text}"))
+                key = parse_key(text, *told)
                 if key.name in found:
-                    raise InputError("given twice", file=file, key=key.name, value=text)
-                found[key.name] = (key, name, None) if column else (key, None, name)
+                    message = f"given twice, by {found[key.name].told[1]} and {told[1]}"
+                    raise InputError(message, file=told[0], key=key.name)
+                found[key.name] = Source(key, *((name, None) if part == "columns" else (None, name)), told)
         return found
 
     def completed(self, names):
@@ -65,12 +78,15 @@ class Mapping(Model):
                 known.add(key.name)
         return self.model_copy(update={"columns": columns})
 
-    def check(self, file, names):
-        """Raise InputError if a quantity is missing that a survey table needs; names: the list's columns."""
-        known, had = set(self.keys()), f"the list's columns: {', '.join(names)}"
+    def check(self, table):
+        """Raise InputError if a PointingList lacks a column, or a quantity is missing that a survey table needs."""
+        for source in self.keys().values():
+            if source.column is not None:
+                table.column(source.column, source.told)
+        file, known, had = table.path, set(self.keys()), f"the list's columns: {', '.join(table.names)}"
         if not any(known.issuperset(pair) for pair in PLACES.values()):
             pairs = "; ".join(" and ".join(pair) for pair in PLACES.values())
-            raise InputError("no direction is mapped", file=file, allowed=f"{pairs}. {had}")
+            raise InputError("no direction is mapped: use --map", file=file, allowed=f"{pairs} ({had})")
         for name in ("pa", "time", "exptime"):
             if name not in known:
                 raise InputError("not mapped: use --map, or --set for all rows", file=file, key=name, allowed=had)
@@ -85,13 +101,17 @@ class Mapping(Model):
 
     def changed(self, maps, sets, conventions):
         """Return this mapping with columns (maps) and values (sets) by key, and conventions, in place of its own."""
-        new = {parse_key(text).name for text in [*maps, *sets]}
+        told = {f"columns.{text}": (None, f"--map {text}") for text in maps}
+        told |= {f"values.{text}": (None, f"--set {text}") for text in sets}
+        new = {parse_key(place.partition(".")[2], *where).name for place, where in told.items()}
         columns, values = (
             {text: name for text, name in had.items() if parse_key(text).name not in new}
             for had in (self.columns, self.values)
         )
         data = self.model_dump() | {"columns": columns | maps, "values": values | sets} | conventions
-        return validate(Mapping, data, "command line")
+        changed = validate(Mapping, data, "command line")
+        changed._told = self._told | told
+        return changed
 
     def text(self):
         """Return the file's text."""
@@ -101,7 +121,11 @@ class Mapping(Model):
 def load_mapping(path):
     """Return the Mapping in a YAML file. Raises InputError."""
     mapping = validate(Mapping, read_yaml(path), path)
-    mapping.keys(path)
+    mapping._told = {
+        place: (path, place) for part in ("columns", "values") for text in getattr(mapping, part)
+        for place in [f"{part}.{text}"]
+    }  # fmt: skip
+    mapping.keys()
     return mapping
 
 

@@ -48,11 +48,14 @@ class Key:
         return KINDS[self.name]
 
 
-def parse_key(text, file=None):
-    """Return the Key that a mapping's text names. Raises InputError for an unknown quantity or unit."""
+def parse_key(text, file=None, place=None):
+    """Return the Key that a mapping's text names. Raises InputError for an unknown quantity or unit.
+
+    file, place: where it is said, for the message.
+    """
     known = [name for name in KINDS if text == name or text.startswith(f"{name}_")]
     if not known:
-        raise InputError("unknown quantity", file=file, key="columns", value=text, allowed=", ".join(KINDS))
+        raise InputError("unknown quantity", file=file, key=place, value=text, allowed=", ".join(KINDS))
     name = max(known, key=len)
     suffix = text[len(name) + 1 :]
     if not suffix:
@@ -63,7 +66,7 @@ def parse_key(text, file=None):
         allowed = ", ".join(f"{name}_{unit}" for unit in kind) or f"{name}, which has no unit"
         if KINDS[name] == "time":
             allowed += f"; a scale may follow: {', '.join(SCALES)}"
-        raise InputError("unknown unit", file=file, key=name, value=suffix, allowed=allowed)
+        raise InputError("unknown unit", file=file, key=place or name, value=suffix, allowed=allowed)
     return Key(name, unit)
 
 

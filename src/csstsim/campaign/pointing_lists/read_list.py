@@ -30,16 +30,22 @@ class PointingList:
     broken: list = field(default_factory=list)
     units: dict = field(default_factory=dict)
 
-    def column(self, name):
-        """Return the index of the column `name`, or of colN, the N-th. Raises InputError if there is none."""
+    def column(self, name, told=(None, "columns")):
+        """Return the index of the column `name`, or of colN, the N-th. Raises InputError if there is none.
+
+        told: the (file, key) that asks for it, for the message.
+        """
+        file, key = told
         if self.names.count(name) > 1:
-            raise InputError("the column is given twice", file=self.path, key="columns", value=name)
+            raise InputError(f"{self.path} has this column twice", file=file, key=key, value=name)
         if name in self.names:
             return self.names.index(name)
         number = name.removeprefix("col")
         if number.isascii() and number.isdigit() and 0 < int(number[:6]) <= len(self.names):
             return int(number[:6]) - 1
-        raise InputError("no such column", file=self.path, key="columns", value=name, allowed=", ".join(self.names))
+        raise InputError(
+            f"no such column in {self.path}", file=file, key=key, value=name, allowed=", ".join(self.names)
+        )
 
 
 def read_list(path):

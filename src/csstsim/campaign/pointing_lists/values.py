@@ -30,9 +30,10 @@ class Values:
 
     def __init__(self, table, mapping):
         self.rows, self.reasons, self._sources = len(table.rows), {}, {}
-        for name, (key, column, value) in mapping.keys().items():
+        for name, (key, column, value, told) in mapping.keys().items():
             if column is None:
-                cells, unit, said = [value] * self.rows, unit_of(key, "", None), f"{name} of all rows"
+                cells, unit = [value] * self.rows, unit_of(key, "", None)
+                said = ": ".join(str(part) for part in told if part)
             else:
                 index = table.column(column)
                 unit = unit_of(key, table.names[index], table.units.get(table.names[index]))
@@ -44,8 +45,12 @@ class Values:
 
     def refuse(self, row, message, name, value, allowed=None):
         """Note why a row is refused; the first reason counts."""
-        said = f"{self._sources[name][2]}: {message} (got {value!r:.60})"
+        said = f"{self.said(name)}: {message} (got {value!r:.60})"
         self.reasons.setdefault(row, f"{said}; allowed: {allowed}" if allowed else said)
+
+    def said(self, name):
+        """Return what states a quantity: a column of the list, or what gives all rows a value."""
+        return self._sources[name][2]
 
     def words(self, name):
         """Return the cells of a quantity, text."""
@@ -120,7 +125,8 @@ class Values:
         except InvalidOperation:
             return self.refuse(row, "not a number" if cell else "no value", "time", cell)
         if not (mjd.is_finite() and _MJD[0] <= mjd < _MJD[1]):
-            return self.refuse(row, "out of range", "time", cell, f"a time as {form} of the years 1950 to 2099")
+            allowed = f"a time as {form} of the years 1950 to 2099"
+            return self.refuse(row, "out of range", "time", cell, allowed + _other_form(value))
         return float(int(mjd)), float(mjd % 1)
 
     def _iso(self, row, cell):
@@ -162,3 +168,11 @@ class Values:
         if word not in (*_YES, *_NO):
             return self.refuse(row, "neither deep nor wide", "deep", cell, ", ".join((*_YES, *_NO)))
         return word in _YES
+
+
+def _other_form(value):
+    """Return the hint at the other form of a time that a number out of range may be."""
+    if not value.is_finite():
+        return ""
+    forms = [form for form, zero in _ZERO.items() if _MJD[0] <= value - zero < _MJD[1]]
+    return "".join(f"; or map time_{form}" for form in forms)

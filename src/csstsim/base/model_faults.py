@@ -1,0 +1,148 @@
+"""The first fault that pydantic finds in a user's file, as one InputError in the words of the file.
+
+pydantic reports each branch of a union (`window`: four numbers, or 'region') by itself, under a name of its own. Here
+they become one fault: that of the branch which was meant, or what all branches want.
+"""
+
+from dataclasses import is_dataclass
+from difflib import get_close_matches
+from itertools import groupby
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
+
+from pydantic import BaseModel
+
+from csstsim.base.errors import InputError
+
+_UNKNOWN = "extra_forbidden", "unexpected_keyword_argument"  # of a Model, of Data
+_WANTED = {
+    "path_type": "a path", "dict_type": "a mapping", "dataclass_type": "a mapping",
+    "tuple_type": "a list", "list_type": "a list",
+}  # fmt: skip
+
+
+def input_error(exc, model, file, key=()):
+    """Turn a pydantic ValidationError about `model` into an InputError about its first fault."""
+    faults = _faults(exc, model)
+    fault = faults[0]
+    if fault["type"] == "missing":  # as a key is that was misspelt
+        extra = {str(e["loc"][-1]): e for e in faults if e["type"] in _UNKNOWN}
+        fault = next((extra[key] for key in get_close_matches(str(fault["loc"][-1]), extra, 1)), fault)
+    where = ".".join(str(part) for part in (*key, *fault["loc"]))
+    more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
+    if fault["type"] in _UNKNOWN:
+        allowed = ", ".join(sorted(fields(_inside(model, fault["loc"][:-1]))))
+        return InputError(f"unknown key{more}", file=file, key=where, value=fault["loc"][-1], allowed=allowed)
+    if fault["type"] == "unknown_key":
+        return InputError(f"unknown key{more}", file=file, key=where, value=fault["input"], allowed=fault["wanted"])
+    if fault["type"] == "missing" and isinstance(fault["loc"][-1], int):
+        where = where.rpartition(".")[0]
+        return InputError(f"too few numbers{more}", file=file, key=where, value=fault["input"])
+    if fault["type"] == "missing":
+        return InputError(f"required key is missing{more}", file=file, key=where)
+    wanted = _wanted(fault, model)
+    empty = ", and is empty" if fault["input"] is None else ""
+    message = f"must be {wanted}{empty}" if wanted else _in_a_line(fault["msg"].removeprefix("Value error, "))
+    return InputError(message + more, file=file, key=where, value=fault["input"])
+
+
+def fields(model):
+    """Return {name: type} of a Model's or dataclass' fields; {} for another type."""
+    if is_dataclass(model):
+        return get_type_hints(model)
+    if isinstance(model, type) and issubclass(model, BaseModel):
+        return {name: field.annotation for name, field in model.model_fields.items()}
+    return {}
+
+
+def _faults(exc, model):
+    """Return pydantic's errors, those of one union made one, without names of branches in `loc`."""
+    found = []
+    for union, group in groupby(exc.errors(), lambda fault: _union(model, fault["loc"])):
+        faults = list(group)
+        if union is None:
+            found += faults
+            continue
+        depth = len(union) + 1
+        deeper = [fault for fault in faults if len(fault["loc"]) > depth]
+        if deeper:  # a branch was meant: the value is of its kind
+            found += [fault for fault in deeper if fault["loc"][:depth] == deeper[0]["loc"][:depth]]
+        else:
+            wanted = [_wanted(fault, model) or fault["msg"].removeprefix("Input should be ") for fault in faults]
+            found.append(faults[0] | {"type": "union", "loc": union, "wanted": ", or ".join(dict.fromkeys(wanted))})
+    return [_of_key(fault | {"loc": tuple(part for part, _ in _steps(model, fault["loc"]))}) for fault in found]
+
+
+def _of_key(fault):
+    """Return the fault of a mapping's key, which pydantic marks, as one at that key."""
+    if fault["loc"][-1:] != ("[key]",):
+        return fault
+    fault = fault | {"loc": fault["loc"][:-1]}
+    return fault | {"type": "unknown_key", "wanted": fault.get("ctx", {}).get("expected", "text")}
+
+
+def _wanted(fault, model):
+    """Return what a value must be, if it is of the wrong kind; else None."""
+    if fault["type"] == "literal_error":
+        return fault["ctx"]["expected"] if "wanted" in fault or _union(model, fault["loc"]) is not None else None
+    if fault["type"] == "model_type":
+        return "a mapping of " + ", ".join(fields(_inside(model, fault["loc"])))
+    return fault.get("wanted") or _WANTED.get(fault["type"])
+
+
+def _union(model, loc):
+    """Return the part of an error's place before the first name of a branch, or None without one."""
+    kept = len(list(_steps(model, loc, to_branch=True)))
+    return loc[:kept] if kept < len(loc) else None
+
+
+def _inside(model, loc):
+    """Return the type at a place."""
+    kind = model
+    for _, inner in _steps(model, loc):
+        kind = inner
+    named = str(loc[-1]) if loc else ""
+    return next((branch for branch in _branches(kind) if _named(branch, named)), _branches(kind)[0])
+
+
+def _steps(model, loc, *, to_branch=False):
+    """Yield (part, type there) of an error's place, names of branches left out; to_branch: end before the first."""
+    kind = model
+    for part in loc:
+        branches = _branches(kind)
+        if len(branches) > 1 and to_branch:
+            return
+        if len(branches) > 1:
+            kind = next((branch for branch in branches if _named(branch, part)), Any)
+            continue
+        kind = _within(branches[0], part)
+        yield part, kind
+
+
+def _branches(kind):
+    """Return the types that a union allows besides None, or the type itself."""
+    while get_origin(kind) is Annotated:
+        kind = get_args(kind)[0]
+    if get_origin(kind) not in (Union, UnionType):
+        return [kind]
+    return [branch for one in get_args(kind) if one is not type(None) for branch in _branches(one)]
+
+
+def _named(branch, part):
+    """Whether pydantic calls a branch of a union so: PixelWindow, dict[str,any], literal['region']."""
+    return getattr(get_origin(branch) or branch, "__name__", str(branch)).lower() == str(part).partition("[")[0].lower()
+
+
+def _within(kind, part):
+    """Return the type of the field, value or item `part` of a type."""
+    inner = [one for one in get_args(kind) if one is not Ellipsis]
+    if get_origin(kind) is dict:
+        return inner[1]
+    if get_origin(kind) in (list, tuple) and inner:
+        return inner[part] if isinstance(part, int) and part < len(inner) else inner[-1]
+    return fields(kind).get(part, Any)
+
+
+def _in_a_line(message):
+    """Return a message with a lower-case first letter; a name in capitals stays."""
+    return message if message[1:2].isupper() else message[0].lower() + message[1:]

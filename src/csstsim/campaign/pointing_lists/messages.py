@@ -1,0 +1,71 @@
+"""What an import says of a list: why rows were refused, which columns it left, which exposures need care."""
+
+import re
+from collections import Counter
+
+from csstsim.base.errors import InputError
+from csstsim.base.plural import number_of
+from csstsim.campaign.pointing_lists.quantities import PLACES, parse_key
+
+MOST = 8  # kinds of reasons, and names, that are printed
+
+
+def kinds_of(refused):
+    """Return the Counter of reasons, values left out."""
+    value = r" \(got .*?\)(?=;|$)|; line \d+ has it|(?<=out of range): \S+ \w+|-?\d+\.\d+ deg"
+    return Counter(re.sub(value, "", reason) for _, _, reason in refused)
+
+
+def say_refused(file, kinds, say):
+    """Print how many rows each reason has, the most frequent first."""
+    say(f"{file}: {number_of(kinds.total(), 'row')} rejected")
+    for reason, count in kinds.most_common(MOST):
+        say(f"  {count}  {reason}")
+    if len(kinds) > MOST:
+        say(f"  {kinds.total() - sum(n for _, n in kinds.most_common(MOST))}  of {len(kinds) - MOST} other kinds")
+
+
+def say_not_used(given, names, say):
+    """Print which columns of a list are not used, and which of them are quantities but for upper case."""
+    known = given.keys()
+    used = [source.column for source in known.values()]
+    left = [name for k, name in enumerate(names) if name not in used and f"col{k + 1}" not in used]
+    if left:
+        meant = [name for name in left if _quantity(name.lower()) not in (None, *known)]
+        hint = f" (to use it: --map {meant[0].lower()}={meant[0]})" if meant else ""
+        say(f"not used: {_some_of(left)}{hint}")
+
+
+def _quantity(text):
+    try:
+        return parse_key(text).name
+    except InputError:
+        return None
+
+
+def say_catalogue_places(given, table, say):
+    """Print a hint if columns of directions that are taken as apparent have the names of a catalogue's."""
+    known = given.keys()
+    columns = [known[name].column for pair in PLACES.values() for name in pair if name in known]
+    names = [table.names[table.column(column)] for column in columns if column is not None]
+    names = [name for name in names if re.search("J2000|ICRS", name, re.IGNORECASE)]
+    if names and given.directions == "apparent":
+        say(
+            f"{' and '.join(names)} are taken as apparent directions. If they are those of a catalogue, give "
+            "--directions icrs: places are up to 26 arcsec off without it."
+        )
+
+
+def say_blocked(obsids, say):
+    """Print which exposures have the Earth in the way of the model orbit, and what to do."""
+    if obsids:
+        say(
+            f"Earth in the way of {number_of(len(obsids), 'exposure')}: {_some_of(obsids)}. The list has no state of "
+            "the spacecraft there, and the model orbit is elsewhere. With the constant sky this does not matter. The "
+            "stray-light model refuses them: map sat_x ... sat_vz, or leave these rows out."
+        )
+
+
+def _some_of(names):
+    """Return the first names in a line, and how many more there are."""
+    return ", ".join(names[:MOST]) + (f" and {len(names) - MOST} more" if len(names) > MOST else "")
