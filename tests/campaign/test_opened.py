@@ -314,3 +314,15 @@ def test_gates_of_a_crowded_field_are_judged_for_a_catalogue_of_ones_own_only_if
     for catalog, given, judged in (({}, {}, True), (own, {}, False), (own, {"purity_min": 0.8}, True)):
         limits = OpenCampaign(write_campaign(tmp_path, catalog=dict(catalog), validation=given)).limits
         assert (limits.purity_min is not None) == judged and limits.completeness_min is not None
+
+
+def test_an_own_header_table_is_checked_before_any_work(tmp_path):
+    """The file and the keyword are named; a table of the shipped camera is not looked at."""
+    path = write_campaign(tmp_path)
+    table = OpenCampaign(path).camera.files.path("level0_keywords")
+    assert table.is_relative_to(tmp_path)
+    table.write_text(table.read_text().replace("from: sun_angle_start", "from: sun_angle"))
+    with pytest.raises(
+        InputError, match=r"level0_keywords\.yaml: entry \d+, SUNANGL0: unknown quantity \(got 'sun_angle'"
+    ):
+        OpenCampaign(path)

@@ -18,6 +18,7 @@ from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
 from csstsim.instrument.maps.chip_maps import NO_MAPS
 from csstsim.instrument.maps.lab_map import frame_of
+from csstsim.io.truth import electron_budget
 from csstsim.layers import (
     bias,
     detector_defects,
@@ -328,3 +329,15 @@ def test_a_level_of_the_overscan_alone_shifts_no_light(lab):
     dn, gain = np.rint((image + structure) / 1.1 + dither).astype(np.uint16), dict.fromkeys(range(1, 17), 1.1)
     assert calibrate(dn, frame, gain, structure=structure).electrons.mean() == pytest.approx(1000.0, abs=0.1)
     assert calibrate(dn, frame, gain).electrons.mean() == pytest.approx(994.0, abs=0.1)
+
+
+def test_the_light_check_knows_what_a_bias_map_can_add(lab):
+    """A map that is 3 e- higher on the active pixels than on the overscans: at most 3 e- of each pixel."""
+    camera, _ = lab
+    state, frame = biased(camera)
+    structure = frame_of(camera.chips[CHIP].maps.bias, frame)
+    levels = [np.median(structure[block.serial_overscan]) for block in frame.blocks]
+    parts = [structure[block.whole].astype(float) - level for block, level in zip(frame.blocks, levels, strict=True)]
+    assert state.header["bias_structure"] >= sum(abs(part.sum()) for part in parts) * (1 - 1e-6)
+    assert electron_budget(state.header, 1)["bias_structure"] == state.header["bias_structure"]
+    assert "bias_structure" not in electron_budget({}, 1)

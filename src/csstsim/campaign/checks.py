@@ -4,6 +4,7 @@ from csstsim.base.errors import BlockedError, InputError
 from csstsim.base.help_page import explained
 from csstsim.base.plural import number_of
 from csstsim.base.process.progress import progress
+from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.config import PixelWindow
 from csstsim.instrument.maps.chip_maps import STAGES
 from csstsim.optics.throughput import shutter
@@ -78,6 +79,25 @@ def check_maps(chips, *, read=False):
     maps = [one for chip in chips for one in chip.maps.of(STAGES.values()).values()]
     for one in progress(maps, "laboratory maps") if read and maps else ():
         one.check()
+
+
+@explained("instrument")
+def check_header(run, chip):
+    """The header's table of an own camera asks for what a header can state. chip: a Chip of the campaign."""
+    from types import SimpleNamespace
+
+    from csstsim.io.keywords import header_cards, header_values
+
+    camera, file = run.camera, run.camera.files.path("level0_keywords")
+    own_layers = not all(steps.shipped for steps in run.steps.values())  # which may add quantities
+    if own_layers or camera.files.folder.resolve() == (SHIPPED / "instrument").resolve():
+        return
+    state = SimpleNamespace(
+        header={}, mask=None, pointing=next(iter(run.pointings.values())), chip=chip, window=chip.full_window,
+        telescope=camera.telescope, wcs=SimpleNamespace(distortion=None),
+    )  # fmt: skip
+    for hdu in (0, 1):
+        header_cards(camera.keywords, header_values(state, {}, "channels"), hdu, file)
 
 
 @explained("campaign")

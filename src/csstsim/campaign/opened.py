@@ -15,6 +15,7 @@ from csstsim.base.help_page import explained
 from csstsim.base.rng import Streams
 from csstsim.campaign.checks import (
     check_file,
+    check_header,
     check_layers,
     check_maps,
     check_masters,
@@ -92,6 +93,8 @@ class OpenCampaign:
         check_photons(self)
         chips = [chip for chip in selected_chips(self) if only is None or chip.id in only[1]]
         check_maps(chips)
+        if chips and self.pointings and not copied:
+            check_header(self, chips[0])
         exposures = {obsid: p for obsid, p in selected_pointings(self).items() if only is None or obsid == only[0]}
         if "SCIE" in self.steps and any(chip.kind == "slitless" for chip in chips):
             _ = self.camera.gratings  # read, and refused if they cannot be used

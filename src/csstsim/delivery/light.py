@@ -67,7 +67,7 @@ def light_faults(file, truth):
     expected = arrived - budget["trapped"] - budget.get("bloomed", 0.0)
     charge = charge_of(file, full_well)
     poisson = max(budget["light"] + budget["dark"], 0.0)
-    tolerance = SIGMA * (charge.error**2 + poisson) ** 0.5 + UNCOUNTED * abs(expected)
+    tolerance = SIGMA * (charge.error**2 + poisson) ** 0.5 + UNCOUNTED * abs(expected) + budget.get("bias_structure", 0)
     hidden = 0.0  # charge that clipped pixels may have beyond the converter's range
     if charge.clipped:
         hidden = charge.clipped * max(full_well - charge.clipped_at, 0.0) if "bloomed" in budget else np.inf

@@ -41,16 +41,18 @@ def recorded_recipe(header):
     return recipe | {"csstsim": release(header["SIMVER"]) if "SIMVER" in header else None}
 
 
-def header_cards(entries, values, hdu):
+def header_cards(entries, values, hdu, file="level0_keywords.yaml"):
     """Return the cards of one HDU, in the table's order.
 
     `entries` is the table; `values` {name: value}, None for a quantity unknown in this exposure (its keyword is left
-    out). Raises InputError naming the entry if it is malformed or asks for an unknown quantity.
+    out). Raises InputError naming the file's entry if it is malformed or asks for an unknown quantity.
     """
     cards = []
     for number, entry in enumerate(entries):
         where = f"entry {number + 1}"
-        _check(entry, values, where)
+        if isinstance(entry, dict) and "keyword" in entry:
+            where += f", {entry['keyword']}"
+        _check(entry, values, file, where)
         if entry["hdu"] != hdu:
             continue
         if "block" in entry:
@@ -74,12 +76,12 @@ def header_cards(entries, values, hdu):
         try:
             cards += [card(name, v, comment) for name, v in many]
         except ValueError as exc:
-            raise InputError(str(exc), file="level0_keywords.yaml", key=where) from None
+            raise InputError(str(exc), file=file, key=where) from None
     return cards
 
 
-def _check(entry, values, where):
-    where = {"file": "level0_keywords.yaml", "key": where}
+def _check(entry, values, file, where):
+    where = {"file": file, "key": where}
     if not isinstance(entry, dict) or not set(entry) <= _KEYS or entry.get("hdu") not in (0, 1):
         raise InputError(
             "not a header entry", value=entry, allowed=f"hdu 0 or 1, and {', '.join(sorted(_KEYS))}", **where

@@ -101,7 +101,8 @@ def electron_budget(header, pixels):
 
     light (which includes `objects`), dark, rays and defects add charge; trapped and bloomed charge is lost on the way
     to the amplifiers.
-    `bloomed` is left out where no layer limits a pixel's charge to the full well.
+    `bloomed` is left out where no layer limits a pixel's charge to the full well. bias_structure: the most that a
+    laboratory map of the bias can add or take.
     """
     budget = {
         "objects": header.get("objects_electrons", 0.0), "light": header.get("light_electrons", 0.0),
@@ -109,6 +110,8 @@ def electron_budget(header, pixels):
         "defects": header.get("defects_electrons", 0.0),
         "trapped": float(header.get("cti_trapped", 0) + header.get("cti_serial_trapped", 0)),
     }  # fmt: skip
+    if "bias_structure" in header:
+        budget["bias_structure"] = header["bias_structure"]
     return budget | ({"bloomed": float(header["bloom_lost"])} if "bloom_lost" in header else {})
 
 

@@ -5,6 +5,7 @@ detector's `bias`. A laboratory map (instrument.maps) adds the structure within 
 exposures, and structure without such a map.
 """
 
+import numpy as np
 from pydantic import Field
 
 from csstsim.detector.channels import ReadoutFrame
@@ -39,6 +40,23 @@ def apply(state, param, rng):
     for block in frame.blocks:
         state.image[block.whole] += levels[block.channel - 1]
     if state.chip.maps.bias:
-        state.image += frame_of(state.chip.maps.bias, frame)
+        structure = frame_of(state.chip.maps.bias, frame)
+        state.image += structure
+        state.header["bias_structure"] = _beside_the_level(structure, frame)
     state.header["bias"] = levels
     return state
+
+
+def _beside_the_level(structure, frame):
+    """Return the most electrons that a map's structure can add to the sum of a frame less its channels' levels.
+
+    The level is that of the serial overscan, or without it the one that the header states.
+    """
+    total = 0.0
+    for block in frame.blocks:
+        whole = structure[block.whole]
+        scan = structure[block.serial_overscan]
+        levels = [0.0, float(np.median(scan))] if scan.size else [0.0]
+        total += max(abs(float(part.sum(dtype=float)) - part.size * level)
+                     for part in (whole, structure[block.active]) for level in levels)  # fmt: skip
+    return total
