@@ -16,6 +16,7 @@ from csstsim.recreate import side_by_side
 from csstsim.recreate.frame import FrameHeader, read_frame
 from csstsim.recreate.objects import own_table
 from csstsim.recreate.pixels import clipped, read_electrons
+from csstsim.recreate.recreate import _of_maps
 
 DETECTOR = SimpleNamespace(
     nx=64, ny=16, channels_x=8, channels_y=2, channel_nx=8, channel_ny=8, prescan=3, overscan=12, parallel_overscan=4,
@@ -42,6 +43,17 @@ def test_entries_that_go_on_in_the_next_card(pad):
                           "layer bias {}"))  # fmt: skip
     assert found.layers() == [{"mylab.glint": {"note": text}}, {"bias": {}}]
     assert found.camera_changes() == {"detector.gain": 1.25} and not found.notes
+
+
+def test_laboratory_maps_are_no_numbers_of_the_camera():
+    head = header(pieces("camera detector.gain = 1.25", "camera maps.prnu = prnu_01.fits, DATASUM 1754568332",
+                         "camera maps.bias = bias_01.fits, DATASUM 7"))  # fmt: skip
+    maps = {"prnu": "prnu_01.fits, DATASUM 1754568332", "bias": "bias_01.fits, DATASUM 7"}
+    assert head.camera_changes() == {"detector.gain": 1.25} and head.camera_maps() == maps
+    same, other, none = _of_maps({"bias": "b", **maps, "dark": "d"}, {"maps.prnu": "new", "maps.bias": maps["bias"]})
+    assert "as in the frame" in same and "new; the frame's was prnu_01" in other and "no such map" in none
+    with pytest.raises(InputError, match="not a number of the camera"):
+        header(pieces("camera detector.gain = many")).camera_changes()
 
 
 @pytest.mark.parametrize("angle", [-113.4333, 0.0, 170.0, -1.0])

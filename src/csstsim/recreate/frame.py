@@ -23,6 +23,7 @@ _RADIUS_KM = 6_378.0, 50_000.0  # of orbits; others are placeholders
 _NAME = re.compile(r"_(\d{14})_(\d{14})_(\d{9,14})_(\d{2})_L0")
 _MJD_ZERO = datetime(1858, 11, 17, tzinfo=UTC)
 _ENTRY = re.compile(r" (layer|camera|value) ")
+_MAP = "maps."  # before the names of laboratory maps among the camera's entries
 
 
 @dataclass
@@ -148,13 +149,24 @@ class FrameHeader:
     def camera_changes(self):
         """Return {number of the camera: value} of HISTORY. Raises InputError for one that is no number."""
         found = {}
-        for text in (text for kind, text in self._entries() if kind == "camera"):
-            name, _, value = text.removeprefix("camera ").partition(" = ")
+        for text, name, value in self._of_camera():
+            if name.startswith(_MAP):
+                continue
             try:
                 found[name] = float(value)
             except ValueError:
                 raise InputError("not a number of the camera", file=self.path, key="HISTORY", value=text) from None
         return found
+
+    def camera_maps(self):
+        """Return {name of a laboratory map: its file and DATASUM} of HISTORY."""
+        return {name.removeprefix(_MAP): value for _, name, value in self._of_camera() if name.startswith(_MAP)}
+
+    def _of_camera(self):
+        """Yield (text, name, value) of HISTORY's entries of the camera."""
+        for text in (text for kind, text in self._entries() if kind == "camera"):
+            name, _, value = text.removeprefix("camera ").partition(" = ")
+            yield text, name, value
 
     def _entries(self):
         """Yield (kind, text) of HISTORY: pieces of a long entry fill their cards, and go on in the next."""

@@ -51,6 +51,7 @@ def recreate(frame, truth, folder, say, instrument=None, seed=None):
     digest = run.camera.digest_for("level0")
     if head.keys.get(RECIPE["camera"], digest) != digest:
         head.notes.append("CAMHASH: made with other numbers of the camera than those taken here (--instrument)")
+    head.notes += _of_maps(head.camera_maps(), job.chip.maps.record)
     columns, left = own_table(objects, job, run.camera.bands, head.notes)
     if not len(columns["id"]):
         raise InputError("no object of it can be drawn", file=truth, value="; ".join(left))
@@ -149,6 +150,18 @@ def _opened(data, layers, table):
     config = make_campaign({key: value for key, value in data.items() if key != "catalog"}, file)
     run = OpenCampaign(file, copied=True, config=config, layers={"SCIE": layers}, pointings=exposures_of(table))
     return run, run.jobs[0]
+
+
+def _of_maps(stated, taken):
+    """Yield what is said of each laboratory map that a frame was made with: its pixels are not in the header."""
+    for name, record in stated.items():
+        here = taken.get(f"maps.{name}")
+        if here is None:
+            yield f"maps.{name}: none, for the camera taken here has no such map; the frame's was {record}"
+        elif here == record:
+            yield f"maps.{name}: the map of the camera taken here, {here}, as in the frame"
+        else:
+            yield f"maps.{name}: the map of the camera taken here, {here}; the frame's was {record}"
 
 
 def _sky(head, run, job, columns):
