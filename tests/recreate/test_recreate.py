@@ -10,6 +10,7 @@ import yaml
 from astropy.io import fits
 from astropy.table import Table
 from click.testing import CliRunner
+from lab_maps import map_path, name_maps, response, write_map
 from mini_campaign import POINTINGS, write_campaign
 
 from csstsim.base.shipped import ROOT
@@ -164,6 +165,21 @@ def test_objects_that_cannot_be_drawn_are_named_and_the_others_drawn(tmp_path):
     assert "1 object: no magnitude (100)" in said and "without size_disk (101)" in said
     assert "not a position on the sky (102)" in said and "22 objects" in said
     assert len(Table.read(tmp_path / "b" / "objects.fits")) == 22
+
+
+def test_a_frame_made_with_laboratory_maps(tmp_path):
+    """The maps of the camera given are taken, and said: the same ones, or none."""
+    frame, camera = frame_of(tmp_path / "a", side=2)
+    name_maps(camera, "prnu", prnu={"chips": [CHIP]})
+    write_map(map_path(camera, "prnu", CHIP), response((256, 256)))
+    shutil.rmtree(tmp_path / "a" / "out")
+    run("chip", tmp_path / "a" / "campaign.yaml", "--obsid", OBSID, "--chip", CHIP)
+    truth = frame.with_suffix(".cat")
+    said = run("recreate", frame, truth, "--output", tmp_path / "b", "--instrument", camera)
+    assert "assumed  maps.prnu: " in said and "as in the frame" in said and "CAMHASH" not in said
+    (camera / "maps.yaml").unlink()
+    said = run("recreate", frame, truth, "--output", tmp_path / "c", "--instrument", camera)
+    assert "maps.prnu: none, for the camera taken here has no such map" in said and "CAMHASH" in said
 
 
 def test_a_deep_frame_without_photon_noise_in_a_folder_with_blanks(tmp_path):

@@ -49,7 +49,7 @@ def recreate(frame, truth, folder, say, instrument=None, seed=None):
     head, objects = read_frame(frame), read_objects(truth)
     data, layers, table = _described(head, instrument, seed)
     run, job = _opened(head.path, data, layers, table)
-    digest = run.camera.digest_for("level0")
+    digest = run.recipe(job)["camera"]
     if head.keys.get(RECIPE["camera"], digest) != digest:
         head.notes.append("CAMHASH: made with other numbers of the camera than those taken here (--instrument)")
     if not len(objects):
