@@ -16,6 +16,7 @@ from csstsim.recreate import side_by_side
 from csstsim.recreate.frame import FrameHeader, read_frame
 from csstsim.recreate.objects import own_table
 from csstsim.recreate.pixels import clipped, read_electrons
+from csstsim.recreate.recreate import _of_maps
 
 DETECTOR = SimpleNamespace(
     nx=64, ny=16, channels_x=8, channels_y=2, channel_nx=8, channel_ny=8, prescan=3, overscan=12, parallel_overscan=4,
@@ -42,6 +43,24 @@ def test_entries_that_go_on_in_the_next_card(pad):
                           "layer bias {}"))  # fmt: skip
     assert found.layers() == [{"mylab.glint": {"note": text}}, {"bias": {}}]
     assert found.camera_changes() == {"detector.gain": 1.25} and not found.notes
+
+
+def test_the_part_of_the_survey():
+    for keys, part in (({"SURVEY": "DEEP"}, "DEEP"), ({"SURVEY": "WIDE"}, None), ({}, None), ({"SURVEY": "x"}, None)):
+        head = header(CRVAL1=1.0, CRVAL2=2.0, **keys)
+        assert head.exposure.get("survey") == part
+        assert any(note.startswith("SURVEY") for note in head.notes) is (keys == {"SURVEY": "x"})
+
+
+def test_laboratory_maps_are_no_numbers_of_the_camera():
+    head = header(pieces("camera detector.gain = 1.25", "camera maps.prnu = prnu_01.fits, DATASUM 1754568332",
+                         "camera maps.bias = bias_01.fits, DATASUM 7"))  # fmt: skip
+    maps = {"prnu": "prnu_01.fits, DATASUM 1754568332", "bias": "bias_01.fits, DATASUM 7"}
+    assert head.camera_changes() == {"detector.gain": 1.25} and head.camera_maps() == maps
+    same, other, none = _of_maps({"bias": "b", **maps, "dark": "d"}, {"maps.prnu": "new", "maps.bias": maps["bias"]})
+    assert "as in the frame" in same and "new; the frame's was prnu_01" in other and "no such map" in none
+    with pytest.raises(InputError, match="not a number of the camera"):
+        header(pieces("camera detector.gain = many")).camera_changes()
 
 
 @pytest.mark.parametrize("angle", [-113.4333, 0.0, 170.0, -1.0])
@@ -218,6 +237,21 @@ def test_a_difference_is_found_where_it_is(monkeypatch, change, differing):
     assert lines["light of points [e-]"].difference == pytest.approx(change.get("light", 1.0) - 1, abs=1e-3)
     assert lines["places along x [px]"].difference == pytest.approx(change.get("shift", 0.0), abs=5e-3)
     assert lines["noise [e-]"].difference == pytest.approx(change.get("noise", 7.0) / 7 - 1, abs=1e-2)  # 4 sigma
+
+
+@pytest.mark.parametrize("kind, differing", [("imaging", 1), ("slitless", 0)])
+def test_that_no_object_could_be_compared_is_said(monkeypatch, kind, differing):
+    """Behind gratings objects are never compared."""
+    camera = SimpleNamespace(detector=None, chips={9: SimpleNamespace(kind=kind)})
+    flat = np.full((40, 40), 5.0, np.float32)
+    found = SimpleNamespace(electrons=flat, saturated=flat < 0, window=(0, 40, 0, 40))
+    monkeypatch.setattr(side_by_side, "load_camera", lambda folder: camera)
+    monkeypatch.setattr(side_by_side, "read_frame", lambda path: SimpleNamespace(chip=9))
+    monkeypatch.setattr(side_by_side, "read_electrons", lambda *_: found)
+    monkeypatch.setattr(side_by_side, "read_objects", lambda path: objects(x=[900.0], y=[9.0], obj_type=[0]))
+    said = []
+    assert side_by_side.side_by_side("a", "b", "c.cat", said.append) == differing
+    assert sum("no object of c.cat could be compared" in line for line in said) == differing
 
 
 @pytest.mark.parametrize("chips, windows, words", [

@@ -1,6 +1,8 @@
 """A frame drawn again from its header and its catalogue: by the commands, in every form of header and file."""
 
 import csv
+import shlex
+import shutil
 
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ import yaml
 from astropy.io import fits
 from astropy.table import Table
 from click.testing import CliRunner
+from lab_maps import map_path, name_maps, response, write_map
 from mini_campaign import POINTINGS, write_campaign
 
 from csstsim.base.shipped import ROOT
@@ -164,11 +167,54 @@ def test_objects_that_cannot_be_drawn_are_named_and_the_others_drawn(tmp_path):
     assert len(Table.read(tmp_path / "b" / "objects.fits")) == 22
 
 
+def test_a_frame_made_with_laboratory_maps(tmp_path):
+    """The maps of the camera given are taken, and said: the same ones, or none."""
+    frame, camera = frame_of(tmp_path / "a", side=2)
+    name_maps(camera, "prnu", prnu={"chips": [CHIP]})
+    write_map(map_path(camera, "prnu", CHIP), response((256, 256)))
+    shutil.rmtree(tmp_path / "a" / "out")
+    run("chip", tmp_path / "a" / "campaign.yaml", "--obsid", OBSID, "--chip", CHIP)
+    truth = frame.with_suffix(".cat")
+    said = run("recreate", frame, truth, "--output", tmp_path / "b", "--instrument", camera)
+    assert "assumed  maps.prnu: " in said and "as in the frame" in said and "CAMHASH" not in said
+    (camera / "maps.yaml").unlink()
+    said = run("recreate", frame, truth, "--output", tmp_path / "c", "--instrument", camera)
+    assert "maps.prnu: none, for the camera taken here has no such map" in said and "CAMHASH" in said
+
+
+def test_a_deep_frame_without_photon_noise_in_a_folder_with_blanks(tmp_path):
+    """HISTORY without poisson_and_dark: the campaign is noise_free, or its layers could not have the photons."""
+    frame, camera = frame_of(tmp_path / "a", side=2)
+    with fits.open(frame) as file:
+        header = file[0].header
+        kept = [
+            card for card in header["HISTORY"] if not card.startswith((" layer poisson_and_dark", " layer cosmic_rays"))
+        ]
+        header.remove("HISTORY", remove_all=True)
+        for card in kept:
+            header.add_history(card)
+        header["SURVEY"] = "DEEP"
+        file.writeto(tmp_path / "my frame.fits")
+    out = tmp_path / "made again"
+    said = run(
+        "recreate", tmp_path / "my frame.fits", frame.with_suffix(".cat"), "--output", out, "--instrument", camera
+    )
+    assert "assumed  fidelity: noise_free" in said
+    assert yaml.safe_load((out / "campaign.yaml").read_text())["fidelity"] == "noise_free"
+    (job,) = OpenCampaign(out / "campaign.yaml").jobs
+    assert job.pointing.survey == "DEEP"
+    chip, compare = (shlex.split(line.removeprefix("Next:")) for line in said.splitlines()[-2:])
+    assert chip[2] == str(out / "campaign.yaml") and compare[2] == str(tmp_path / "my frame.fits")
+
+
 FAULTS = {
     "no chip": (dict(DETECTOR=None, CHIPLAB=None), "DETECTOR: no chip number"),
     "chip": (dict(DETECTOR="77"), "DETECTOR: no such chip of the camera"),
     "filter": (dict(FILTER="i"), "FILTER: the camera's chip has another filter"),
     "bias": (dict(FILETYPE="BIAS"), "FILETYPE: not an exposure of the sky"),
+    "exposure time": (dict(EXPTIME=1e9), "frame.fits: exptime: the header's value cannot be used: out of range (got"),
+    "seed": (dict(SIMSEED=-4), "frame.fits: seed: the header's value cannot be used"),
+    "layer": (dict(HISTORY=" layer nosuch {}"), "frame.fits: layers: the header's value cannot be used: unknown layer"),
     "place": (dict(RA_OBJ=None), "no place of the boresight"),
 }  # fmt: skip
 
@@ -198,11 +244,22 @@ def test_faults_of_catalogue_and_folder(tmp_path):
         ("# xImage yImage obj_type\n1 2 star\n", "mag: the catalogue lacks a column"),
         ("# xImage mag obj_type\n1 2 star\n", "lacks a place"),
         ("# xImage yImage mag obj_type\n1 2 nan star\n", "no object of it can be drawn"),
-        ("# xImage yImage mag obj_type\n", "no object of it can be drawn"),
+        ("# xImage yImage mag obj_type\n", "the catalogue has no rows"),
+        (
+            "# xImage yImage mag obj_type ID_chip\n1 2 20 star 09\n1 2 20 star 8\n",
+            "ID_chip: not of this frame (got '8'); allowed: 9",
+        ),
+        ("# xImage yImage mag obj_type filter\n1 2 20 star i\n", "filter: not of this frame (got 'i'); allowed: r"),
+        ("# xImage yImage mag obj_type\n90000 2 20 star\n", "xImage, yImage: no object lies near the frame"),
     ):
         cat.write_text(text)
         assert words in run("recreate", tmp_path / "f.fits", cat, "--output", out, code=2)
         assert not out.exists()
+    shutil.copy(tmp_path / "f.fits", tmp_path / "turned.fits")
+    fits.setval(tmp_path / "turned.fits", "POS_ANG0", value=20.0)  # or ra, dec cannot tell
+    cat.write_text("# xImage yImage ra dec mag obj_type\n1 2 240 40 20 star\n")
+    said = run("recreate", tmp_path / "turned.fits", cat, "--output", out, code=2)
+    assert "ra, dec: no object lies near the frame" in said
     cat.write_text("# xImage yImage mag obj_type\n100 200 20.5 star\n")
     out.mkdir()
     (out / "campaign.yaml").write_text("mine")

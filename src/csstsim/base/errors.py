@@ -19,6 +19,7 @@ class InputError(CsstsimError):
     """A value in a file, table or command line that cannot be used."""
 
     def __init__(self, message, *, file=None, key=None, value=None, allowed=None):
+        self.message, self.file, self.key, self.value, self.allowed = message, file, key, value, allowed
         where = ": ".join(text for part, text in ((file, str(file)), (key, _cut(str(key)))) if part is not None)
         text = f"{where}: {message}" if where else message
         if value is not None:

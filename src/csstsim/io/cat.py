@@ -103,7 +103,7 @@ def _column(path, name, words, lines):
         if name not in CAT_COLUMNS:
             return words
         bad = next(k for k, word in enumerate(words) if not _is_number(word))
-        raise InputError(f"line {lines[bad]}: must be a number", file=path, key=name, value=words[bad]) from None
+        raise InputError(f"line {lines[bad]}: must be a number", file=path, key=name, value=str(words[bad])) from None
 
 
 def _is_number(word):
@@ -129,7 +129,7 @@ def _types(path, columns, lines):
     except (ValueError, OverflowError):
         bad = next(k for k, word in enumerate(words) if _WORDS.get(word, word) not in TYPES)
         raise InputError(
-            f"line {lines[bad]}: unknown type", file=path, key="obj_type", value=columns["obj_type"][bad],
+            f"line {lines[bad]}: unknown type", file=path, key="obj_type", value=str(columns["obj_type"][bad]),
             allowed=f"{', '.join(TYPES)}; or 0, 1, 2",
         ) from None  # fmt: skip
     codes = numbers[inverse].astype(np.int8)

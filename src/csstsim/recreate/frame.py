@@ -13,16 +13,18 @@ from pathlib import Path
 import numpy as np
 
 from csstsim.base.errors import InputError
-from csstsim.campaign.survey_table import OBSID, STATE
+from csstsim.campaign.survey_table import OBSID, PARTS, STATE, SURVEY
 from csstsim.instrument.pointing import parse_utc
 from csstsim.io.fits import image_header, open_fits, raw_cards, read_header
 
 OBSID_IF_NONE, TIME_IF_NONE, EXPTIME_IF_NONE, SEED_IF_NONE = "10100000001", "2027-11-20T01:08:00", 150.0, 1
+ANGLE_IF_NONE = "POS_ANG0: position angle 0"  # the note
 _STATE_KEYS = [f"{kind}0_{axis}" for kind in ("POSI", "VELO") for axis in "XYZ"]
 _RADIUS_KM = 6_378.0, 50_000.0  # of orbits; others are placeholders
 _NAME = re.compile(r"_(\d{14})_(\d{14})_(\d{9,14})_(\d{2})_L0")
 _MJD_ZERO = datetime(1858, 11, 17, tzinfo=UTC)
 _ENTRY = re.compile(r" (layer|camera|value) ")
+_MAP = "maps."  # before the names of laboratory maps among the camera's entries
 
 
 @dataclass
@@ -86,7 +88,7 @@ class FrameHeader:
         return {
             "obsid": self.obsid, "type": "SCIE", "ra": ra % 360.0, "dec": dec, "pa": self._angle(),
             "time": self._time(), "exptime": self._exptime(),
-        } | self._state()  # fmt: skip
+        } | self._state() | self._survey()  # fmt: skip
 
     def _angle(self):
         angle, cd = self.number("POS_ANG0", "POS_ANG1"), [self.number(name) for name in ("CD1_1", "CD1_2")]
@@ -94,7 +96,8 @@ class FrameHeader:
             return angle
         if None not in cd and any(cd):
             return self.assumed("POS_ANG0", float(np.degrees(np.arctan2(*cd[::-1]))), "position angle of the CD matrix")
-        return self.assumed("POS_ANG0", 0.0, "position angle 0")
+        self.notes.append(ANGLE_IF_NONE)
+        return 0.0
 
     def _time(self):
         text = str(self.get("DATE-OBS") or "")
@@ -125,6 +128,12 @@ class FrameHeader:
         self.notes.append("POSI0_*, VELO0_*: the spacecraft is where the built-in orbit puts it")
         return {}
 
+    def _survey(self):
+        part = str(self.get("SURVEY") or "WIDE").upper()
+        if part not in PARTS:
+            part = self.assumed("SURVEY", "WIDE", f"{part!r} is no known part of the survey, taken as WIDE")
+        return {} if part == "WIDE" else {SURVEY: part}
+
     def window(self, detector):
         """Return (x0, x1, y0, y1) of the pixels read, or None for the whole chip."""
         ends = [self.number(name) for name in ("READX0", "READX1", "READY0", "READY1")]
@@ -148,13 +157,24 @@ class FrameHeader:
     def camera_changes(self):
         """Return {number of the camera: value} of HISTORY. Raises InputError for one that is no number."""
         found = {}
-        for text in (text for kind, text in self._entries() if kind == "camera"):
-            name, _, value = text.removeprefix("camera ").partition(" = ")
+        for text, name, value in self._of_camera():
+            if name.startswith(_MAP):
+                continue
             try:
                 found[name] = float(value)
             except ValueError:
                 raise InputError("not a number of the camera", file=self.path, key="HISTORY", value=text) from None
         return found
+
+    def camera_maps(self):
+        """Return {name of a laboratory map: its file and DATASUM} of HISTORY."""
+        return {name.removeprefix(_MAP): value for _, name, value in self._of_camera() if name.startswith(_MAP)}
+
+    def _of_camera(self):
+        """Yield (text, name, value) of HISTORY's entries of the camera."""
+        for text in (text for kind, text in self._entries() if kind == "camera"):
+            name, _, value = text.removeprefix("camera ").partition(" = ")
+            yield text, name, value
 
     def _entries(self):
         """Yield (kind, text) of HISTORY: pieces of a long entry fill their cards, and go on in the next."""

@@ -9,6 +9,7 @@ bulge's share is its share of the mass. A parquet truth table has the sizes of b
 from pathlib import Path
 
 import numpy as np
+from astropy.coordinates import angular_separation
 
 from csstsim.base.errors import InputError
 from csstsim.catalog.astrometry.reduction import icrs
@@ -18,6 +19,8 @@ from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.io.cat import read_cat
 from csstsim.io.truth import read_truth
 
+_BESIDE = 0.05  # deg beyond a frame where objects may still throw light into it: wings, orders of gratings
+_BLANK = ("", "-", "-1", "-99", "nan", "none", "None")  # of a chip or filter that is not stated
 _UNKNOWN = -90.0  # below: a placeholder, as -99 and -999
 _KEPT = ("z", "teff", "logg", "feh", "av", "stellarmass", "bulgemass", "diskmass", "veldisp")  # not drawn, but kept
 _SHAPE = {"e1": "round", "e2": "round", "kappa": "no lens", "g1": "no lens", "g2": "no lens"}
@@ -33,6 +36,40 @@ def read_objects(path):
     if not ({"x", "y"} <= set(table) or {"ra", "dec"} <= set(table)):
         raise InputError("the catalogue lacks a place", file=path, key="xImage, yImage or ra, dec")
     return table
+
+
+def check_frame(objects, truth, job, turned=True):
+    """Raise InputError if a catalogue is of another chip or filter than the frame's Job, or lies elsewhere on the sky.
+
+    Its places are compared with the frame as they are given: those on the image, and ra, dec. turned: whether the
+    position angle is known; if not, ra, dec cannot tell.
+    """
+    for name, key, allowed in (("chip", "ID_chip", str(job.chip.id)), ("filter", "filter", job.chip.filter)):
+        for value in np.unique(np.asarray(objects[name]).astype(str)) if name in objects else ():
+            plain = value.removesuffix(".0").lstrip("0") if name == "chip" else value
+            if plain.lower() != allowed.lower() and value not in _BLANK:
+                raise InputError("not of this frame", file=truth, key=key, value=str(value), allowed=allowed)
+    w = job.window
+    (ra0, dec0), corner = (
+        job.wcs.pixel_to_world(*(np.array([v]) for v in at))
+        for at in (((w.x0 + w.x1) / 2, (w.y0 + w.y1) / 2), (float(w.x0), float(w.y0)))
+    )
+    reach = _apart(ra0, dec0, *corner)[0] + _BESIDE
+    for a, b in (("x", "y"), ("ra", "dec")) if turned else (("x", "y"),):
+        if not {a, b} <= set(objects):
+            continue
+        at = np.stack([np.asarray(objects[name], float) for name in (a, b)])
+        at = at[:, np.isfinite(at).all(axis=0)]
+        if a == "x" and at.size:
+            at = np.stack(job.wcs.pixel_to_world(*at))
+        if at.size and not (_apart(ra0, dec0, *at) <= reach).any():
+            key, near = ("xImage, yImage", "its pixels") if a == "x" else ("ra, dec", f"{ra0[0]:.4f}, {dec0[0]:.4f}")
+            raise InputError("no object lies near the frame", file=truth, key=key, allowed=f"near {near}")
+
+
+def _apart(*places):
+    """Return the angle [deg] between places ra, dec [deg] and others."""
+    return np.degrees(angular_separation(*(np.radians(v) for v in places)))
 
 
 def own_table(objects, job, bands, notes):

@@ -7,6 +7,7 @@ assumed, and said.
 
 import csv
 import io
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -22,8 +23,8 @@ from csstsim.campaign.survey_table import exposures_of
 from csstsim.catalog.astrometry.reduction import apparent
 from csstsim.instrument.camera import load_camera
 from csstsim.io.keywords import RECIPE
-from csstsim.recreate.frame import SEED_IF_NONE, read_frame
-from csstsim.recreate.objects import own_table, read_objects
+from csstsim.recreate.frame import ANGLE_IF_NONE, SEED_IF_NONE, read_frame
+from csstsim.recreate.objects import check_frame, own_table, read_objects
 from csstsim.recreate.pixels import clipped, read_electrons
 
 FILES = "campaign.yaml", "science.yaml", "survey_table.csv", "objects.fits"
@@ -47,10 +48,14 @@ def recreate(frame, truth, folder, say, instrument=None, seed=None):
         raise InputError("exists already; name another folder", file=folder / there if there else folder)
     head, objects = read_frame(frame), read_objects(truth)
     data, layers, table = _described(head, instrument, seed)
-    run, job = _opened(data, layers, table)
-    digest = run.camera.digest_for("level0")
+    run, job = _opened(head.path, data, layers, table)
+    digest = run.recipe(job)["camera"]
     if head.keys.get(RECIPE["camera"], digest) != digest:
         head.notes.append("CAMHASH: made with other numbers of the camera than those taken here (--instrument)")
+    if not len(objects):
+        raise InputError("the catalogue has no rows", file=truth)
+    check_frame(objects, truth, job, turned=ANGLE_IF_NONE not in head.notes)
+    head.notes += _of_maps(head.camera_maps(), job.chip.maps.record)
     columns, left = own_table(objects, job, run.camera.bands, head.notes)
     if not len(columns["id"]):
         raise InputError("no object of it can be drawn", file=truth, value="; ".join(left))
@@ -70,8 +75,11 @@ def recreate(frame, truth, folder, say, instrument=None, seed=None):
     obsid = data["select"]["obsids"][0]
     drawn = number_of(len(columns["id"]), "object")
     say(f"{folder}: {drawn} of exposure {obsid}, chip {job.chip.id} ({job.chip.filter})")
-    say(f"\nNext:  csstsim chip {folder / 'campaign.yaml'} --obsid {obsid} --chip {job.chip.id}")
-    say(f"       csstsim compare {frame} {job_file(folder, run, job)} --truth {truth}")
+    file, new, frame, truth = (
+        shlex.quote(str(path)) for path in (folder / "campaign.yaml", job_file(folder, run, job), frame, truth)
+    )
+    say(f"\nNext:  csstsim chip {file} --obsid {obsid} --chip {job.chip.id}")
+    say(f"       csstsim compare {frame} {new} --truth {truth}")
 
 
 def job_file(folder, run, job):
@@ -109,7 +117,12 @@ def _described(head, instrument, seed):
         data["astrometry"] = {"ephemeris": head.keys["EPHEM"], "planets": bool(head.keys.get("LDPLANET", False))}
     if instrument:
         data["instrument"]["folder"] = str(Path(instrument).resolve())
-    head.notes.append("psf, fidelity: those of a campaign file that does not name them")
+    if any("poisson_and_dark" in layer for layer in layers):
+        head.notes.append("psf, fidelity: those of a campaign file that does not name them")
+    else:
+        data["fidelity"] = "noise_free"
+        head.notes.append("fidelity: noise_free, for the header's layers lack poisson_and_dark")
+        head.notes.append("psf: that of a campaign file that does not name it")
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([exposure, [_written(v) for v in exposure.values()]])
     return data, layers, text.getvalue()
@@ -143,12 +156,34 @@ def _shipped_layers():
     return yaml.safe_load((ROOT / "config/observations/science.yaml").read_text())["layers"]
 
 
-def _opened(data, layers, table):
-    """Return the campaign that is described, opened without files, its objects among them, and its job."""
+def _opened(frame, data, layers, table):
+    """Return the campaign that is described, opened without files, its objects among them, and its job.
+
+    Raises InputError that names the frame, whose header has the value: the campaign's files are not there yet.
+    """
     file = Path("campaign.yaml")
-    config = make_campaign({key: value for key, value in data.items() if key != "catalog"}, file)
-    run = OpenCampaign(file, copied=True, config=config, layers={"SCIE": layers}, pointings=exposures_of(table))
-    return run, run.jobs[0]
+    try:
+        config = make_campaign({key: value for key, value in data.items() if key != "catalog"}, file)
+        run = OpenCampaign(file, copied=True, config=config, layers={"SCIE": layers}, pointings=exposures_of(table))
+        return run, run.jobs[0]
+    except InputError as error:
+        if error.file is not None and str(error.file) not in FILES:  # one of the camera's
+            raise
+        key = error.key and str(error.key).removeprefix("line 2, column ")
+        what = f"the header's value cannot be used: {error.message}"
+        raise InputError(what, file=frame, key=key, value=error.value, allowed=error.allowed) from None
+
+
+def _of_maps(stated, taken):
+    """Yield what is said of each laboratory map that a frame was made with: its pixels are not in the header."""
+    for name, record in stated.items():
+        here = taken.get(f"maps.{name}")
+        if here is None:
+            yield f"maps.{name}: none, for the camera taken here has no such map; the frame's was {record}"
+        elif here == record:
+            yield f"maps.{name}: the map of the camera taken here, {here}, as in the frame"
+        else:
+            yield f"maps.{name}: the map of the camera taken here, {here}; the frame's was {record}"
 
 
 def _sky(head, run, job, columns):

@@ -17,6 +17,7 @@ from csstsim.recreate.pixels import clipped, read_electrons
 
 PLACE_PX, LIGHT, LEVEL = 0.02, 0.005, 0.01  # what counts as the same: px, and relative
 RADIUS, SIGMA = 6.0, 1.5  # px: of the circle of light, of the centroid's window
+LEVELS = "background [e-]", "noise [e-]"  # compared without objects
 SEEN, BRIGHT = 20.0, 100.0  # S/N of objects whose light, whose place is compared
 _EDGE = 12  # px from the border of what was read
 _TOLD, DIFFERS = 2.0, "DIFFERS"  # errors beyond what is allowed
@@ -43,12 +44,18 @@ class Line:
 def side_by_side(a, b, truth, say, instrument=None):
     """Print the comparison of two frames at a catalogue's objects; return how many lines differ by more than allowed.
 
+    That no object could be compared is a line, too, and counts.
+
     a, b: FITS files of one chip; truth: `.cat` or truth parquet with places on the image. Raises InputError.
     """
     lines = compared(a, b, truth, instrument)
     for line in lines:
         say(f"{line.what:<24} {line.words}  difference {line.difference:+.4f} +- {line.error:.4f}  {line.verdict}")
-    return sum(line.verdict == DIFFERS for line in lines)
+    differing = sum(line.verdict == DIFFERS for line in lines)
+    if lines[-1].what in LEVELS and not _slitless(a, instrument):
+        say(f"no object of {truth} could be compared: none is bright and clean enough in both frames")
+        differing += 1
+    return differing
 
 
 def compared(a, b, truth, instrument=None):
@@ -80,8 +87,12 @@ def compared(a, b, truth, instrument=None):
     return [*_backgrounds(levels, (~saturated).sum()), *seen.light(), *seen.places()]
 
 
+def _slitless(path, instrument):
+    return load_camera(instrument).chips[read_frame(path).chip].kind == "slitless"
+
+
 def _backgrounds(levels, count):
-    for k, what in enumerate(("background [e-]", "noise [e-]")):
+    for k, what in enumerate(LEVELS):
         one, other = levels[0][k], levels[1][k]
         unit = max(abs(one), 1.0)  # a difference counts relative to one electron at least
         error = np.hypot(*(level[1] for level in levels)) / np.sqrt(count) / unit
