@@ -95,7 +95,8 @@ def test_show_draws_a_map_and_its_numbers(folder, tmp_path, name):
     assert result.exit_code == 0, result.output
     assert np.ptp(imread(png)[..., 0]) > 0.5
     values = fits.getdata(file)
-    assert read_picture(file).remark.startswith(f"mean {values.mean(dtype=float):.6g}, rms ")
+    said = f"mean {values.mean(dtype=float):.6g}, rms " if name == "prnu_02" else f"{np.count_nonzero(values)} of "
+    assert read_picture(file).remark.startswith(said)
 
 
 def test_what_measure_calibrates_has_neither_map(tmp_path):
