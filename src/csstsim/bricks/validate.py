@@ -15,6 +15,7 @@ import numpy as np
 from csstsim.base.healpix import brick_of
 from csstsim.base.sphere import ra_dec, unit_vectors
 from csstsim.bricks import compare
+from csstsim.bricks.density import by_density
 from csstsim.bricks.exposures import SNR_SHARP, bright_points, frame_gates, judged_points
 from csstsim.bricks.gates import CHANCE, FEW, WORST, at_least, at_most, of_exposures
 from csstsim.bricks.trials import SHAPES, joined, limit, trials
@@ -100,6 +101,7 @@ def validate_brick(pix, sources, frames, bands, config):
         "left_out": getattr(sources, "meta", {}).get("left_out"), "truth": len(truth),
         "frames": sum(len(of_band.infos) for of_band in seen_in.values()), "bands": numbers_of,
         "astrometry_mas": {"east": compare.spread(east), "north": compare.spread(north)}, "radial_mas": bright,
+        "density": by_density(truth, sources, match, real, {band: seen_in[band].infos for band in seen}),
         "gates": gates,
     }  # fmt: skip
     return result, {

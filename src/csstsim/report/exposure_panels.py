@@ -1,4 +1,4 @@
-"""Panels of a brick's figure: detection limits, number counts, the stellar locus, and effects of charge transfer.
+"""Panels of a brick's figure: detection limits, counts, local density, the stellar locus, effects of charge transfer.
 
 Each function draws into `axes` and returns whether there was anything to draw. `result` and `arrays` are those of
 bricks.validate.validate_brick; arrays["looks"] is report.style.looks of the camera's filters.
@@ -57,6 +57,26 @@ def counts(axes, result, arrays):
     axes.set(ylim=(0, 1.6), xlabel="magnitude - depth of an exposure", ylabel="merged sources / true objects")
     axes.set_title("Number counts, measured over true", fontsize=10)
     return legend(axes, loc="upper right")
+
+
+def density(axes, result, arrays):
+    """Draw completeness and purity of the merged catalogue against the local density of objects (bricks.density)."""
+    part = result["density"]
+    edges = np.array(part["edges"])
+    middle = np.append(0.5 * (edges[:-1] + edges[1:]), 1.25 * edges[-1])  # the last bin has no end
+    for whole, share, tint, marker, label in (
+        ("objects", "found", BLACK, "o", "objects of S/N > 20 that have a source"),
+        ("sources", "real", ORANGE, "s", "sources that are objects"),
+    ):
+        n, k = np.array(part[whole], float), np.array(part[share], float)
+        good = n >= FEWEST
+        if good.any():
+            fraction = k[good] / n[good]
+            error = np.sqrt((k[good] + 1) * (n[good] - k[good] + 1) / (n[good] + 2) ** 2 / (n[good] + 3))  # Laplace
+            axes.errorbar(middle[good], fraction, error, color=tint, marker=marker, ms=3, lw=1.2, label=label)
+    axes.set(ylim=(0.5, 1.02), xlabel="objects around [arcmin$^{-2}$]", ylabel="fraction")
+    axes.set_title("Merged catalogue by local density", fontsize=10)
+    return legend(axes, loc="lower left")
 
 
 def locus(axes, result, arrays):
@@ -129,4 +149,4 @@ def rows(axes, result, arrays):
     return legend(axes, loc="upper left")
 
 
-PANELS = found_by_magnitude, counts, locus, places, light, rows
+PANELS = found_by_magnitude, counts, density, locus, places, light, rows
