@@ -56,7 +56,7 @@ def test_of_nothing_there_is_nothing():
 @pytest.mark.parametrize(("stars", "place"), [(4, 0), (5, 1)])
 def test_an_object_is_no_neighbour_of_its_own(stars, place):
     """Three neighbours within 15 arcsec are 15.3 per arcmin2, four 20.4."""
-    truth, sources, match, real = scene(0.0)
+    truth, _, match, real = scene(0.0)
     some = np.arange(CLUMP, CLUMP + stars)
     near = truth.take(some).with_columns(ra_epoch=10 + 2 * ARCSEC * np.arange(stars), dec_epoch=np.zeros(stars))
     got = by_density(near, {"ra": [], "dec": []}, match[some], real[:0], {"r": [INFO]})
