@@ -145,6 +145,13 @@ def test_pixels_of_another_camera_are_refused(tmp_path):
         read_electrons(write(tmp_path / "a.fits", np.zeros((10, 10), np.int16)), DETECTOR)
 
 
+@pytest.mark.parametrize("gain", [0.0, -1.1])
+def test_a_gain_that_turns_charge_into_nothing_is_refused(tmp_path, gain):
+    frame = write(tmp_path / "a.fits", np.zeros((16, 64), np.uint16), GAIN03=gain)
+    with pytest.raises(InputError, match="GAIN03: impossible"):
+        read_electrons(frame, DETECTOR)
+
+
 def test_clipping_leaves_out_what_is_bright():
     rng = np.random.default_rng(1)
     values = rng.normal(30.0, 5.0, 200_000)

@@ -213,7 +213,8 @@ FAULTS = {
     "filter": (dict(FILTER="i"), "FILTER: the camera's chip has another filter"),
     "bias": (dict(FILETYPE="BIAS"), "FILETYPE: not an exposure of the sky"),
     "exposure time": (dict(EXPTIME=1e9), "frame.fits: exptime: the header's value cannot be used: out of range (got"),
-    "seed": (dict(SIMSEED=-4), "frame.fits: seed: the header's value cannot be used"),
+    "seed": (dict(SIMSEED=-4), "frame.fits: SIMSEED: no seed (got -4"),
+    "half a seed": (dict(SIMSEED=7.5), "frame.fits: SIMSEED: no seed (got 7.5"),
     "layer": (dict(HISTORY=" layer nosuch {}"), "frame.fits: layers: the header's value cannot be used: unknown layer"),
     "place": (dict(RA_OBJ=None), "no place of the boresight"),
 }  # fmt: skip

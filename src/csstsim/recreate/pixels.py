@@ -48,7 +48,11 @@ def read_electrons(frame, detector):
         dn, levels = readout.active(whole).astype(np.float32), _overscan_levels(whole, readout)
     saturated = dn >= min(detector.adc_max, frame.number("SATURATE") or detector.adc_max)
     for block in readout.blocks:
-        gain = frame.number(f"GAIN{block.channel:02d}", "GAIN1", "GAIN") or detector.gain
+        key = f"GAIN{block.channel:02d}"
+        gain = frame.number(key, "GAIN1", "GAIN")
+        gain = detector.gain if gain is None else gain
+        if gain <= 0:
+            raise InputError("impossible", file=frame.path, key=key, value=gain, allowed="above 0 e-/DN")
         dn[block.image] = (dn[block.image] - levels[block.channel]) * gain
     return Pixels(dn, saturated, readout.window)
 

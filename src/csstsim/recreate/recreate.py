@@ -104,6 +104,8 @@ def _described(head, instrument, seed):
     if known is None:
         what = f"seed {SEED_IF_NONE}: flat field, gains, defects, rays and noise are others than the frame's"
         known = head.assumed("SIMSEED", SEED_IF_NONE, what)
+    if known < 0 or known != int(known):
+        raise InputError("no seed", file=head.path, key="SIMSEED", value=known, allowed="a whole number from 0 on")
     data = {
         "schema_version": 1, "name": "recreated", "survey_table": "survey_table.csv", "output": "results",
         "seed": int(known), "select": {"types": ["SCIE"], "obsids": [exposure["obsid"]], "chips": [head.chip]},
