@@ -56,7 +56,7 @@ def astrometry(run, given, swarp):
     true = stars(run, frames)
     said = scamp.run_scamp(frames, true)
     for name, (every, bright, number) in scamp.reported(said).items():
-        print(f"SCAMP says, {name}: {every} mas by axis of {number}, {bright} mas of S/N above {scamp.SNR[1]}")
+        print(f"SCAMP says, {name}: {every} mas by axis of {number}, {bright} mas of S/N above {scamp.FITTED[1]}")
     print("\nSCAMP's places less the truth, S/N 20 to 200: east, north [mas] rms, without what is beyond 3 sigma")
     print("| chip | places | one exposure | stars | mean of all | fit - true WCS [px], rms, largest |")
     print("|---|---|---|---|---|---|")

@@ -17,7 +17,8 @@ from client_codes.frames import EPOCH, program
 from csstsim.catalog.astrometry.reduction import icrs
 
 DEGREE = 4  # of the polynomials
-SNR = 20, 200  # of the stars
+SNR = 20, 200  # of the stars that are judged
+FITTED = 10, 400  # S/N of the stars that SCAMP fits: in NUV, some 400 of those judged leave the corners of a chip loose
 REFERENCE_ERROR = 1e-4  # arcsec: none is needed but 0, which SCAMP refuses
 NEAR = 0.1  # arcsec between a measured star and one of the reference
 SCALE = 0.074  # arcsec of a pixel
@@ -26,7 +27,7 @@ GRID = 25  # points along a chip's side, at which the fit is compared
 
 def reference(folder, stars):
     """Write the reference catalogue, FITS_LDAC, of stars {name: array} as frames.stars has them; return its name."""
-    kept = (stars["snr"] > 0.5 * SNR[0]) & (stars["snr"] < 2 * SNR[1])
+    kept = (stars["snr"] > FITTED[0]) & (stars["snr"] < FITTED[1])
     n, error = int(kept.sum()), REFERENCE_ERROR / 3600
     columns = {
         "X_WORLD": stars["ra"][kept], "Y_WORLD": stars["dec"][kept], "ERRA_WORLD": np.full(n, error),
@@ -54,7 +55,8 @@ def run_scamp(frames, stars):
         "ASTREF_CATALOG": "FILE", "ASTREFCAT_NAME": reference(folder, stars), "MATCH": "Y", "POSITION_MAXERR": 1.0,
         "POSANGLE_MAXERR": 0.5, "PIXSCALE_MAXERR": 1.02, "MATCH_FLIPPED": "N", "CROSSID_RADIUS": 1.5,
         "MOSAIC_TYPE": "LOOSE", "STABILITY_TYPE": "INSTRUMENT", "ASTRINSTRU_KEY": "FILTER,CHIP",
-        "DISTORT_DEGREES": DEGREE, "SN_THRESHOLDS": f"{SNR[0]},{SNR[1]}", "ASTREF_WEIGHT": 1.0, "ASTRCLIP_NSIGMA": 3.0,
+        "DISTORT_DEGREES": DEGREE, "SN_THRESHOLDS": f"{FITTED[0]},{FITTED[1]}", "ASTREF_WEIGHT": 1.0,
+        "ASTRCLIP_NSIGMA": 3.0,
         "SOLVE_PHOTOM": "N", "PROJECTION_TYPE": "TPV", "CHECKPLOT_TYPE": "NONE", "CHECKPLOT_DEV": "NULL",
         "CHECKIMAGE_TYPE": "NONE", "WRITE_XML": "N", "VERBOSE_TYPE": "NORMAL", "FWHM_THRESHOLDS": "0.5,4.0",
         "ELLIPTICITY_MAX": 0.5, "NTHREADS": 1,
