@@ -38,7 +38,7 @@ TEFF = np.concatenate([
 FADE = (3600.0, 4200.0)  # K: BT-Settl below, ATLAS9 above
 DWARFS = Path(__file__).with_name("dwarf_colours.csv")
 REAL = Path(__file__).with_name("real_dwarfs.csv")
-UV_ENDS = (3050.0, 3300.0)  # angstrom: the ultraviolet correction fades between
+UV_ENDS, RED_STARTS = (3050.0, 3300.0), (8200.0, 8900.0)  # angstrom: where the corrections of NUV and z end and start
 OLD = -1.5  # [Fe/H]: lines that the atmospheres lack in the ultraviolet of warm stars matter no more
 DWARF_LOGG = ([2800, 3200, 3500, 3900, 4500, 5200], [5.15, 5.05, 4.9, 4.7, 4.62, 4.55])
 BANDS = ["bessell-U", "bessell-B", "bessell-V", "bessell-R", "bessell-I", "sdss2010-g", "sdss2010-r"]
@@ -175,6 +175,8 @@ def calibrate(ln_s):
         dim = np.interp(teff, move["teff"], move["NUV"]) * (1 - fade(KNOTS, *UV_ENDS)) * np.log(10) / 2.5
         # Missing lines depend on metals; where real stars are brighter, it is a chromosphere, which giants have less
         share = np.clip(1 - FEH / OLD, 0, 1)[None, :] if dim[0] > 0 else fade(LOGG, 3.0, 4.0)[:, None]
+        red = np.interp(teff, move["teff"], move["z"]) * fade(KNOTS, *RED_STARTS) * np.log(10) / 2.5
+        ln_s[k] += fade(LOGG, 3.0, 4.0)[:, None, None] * red
         ln_s[k] -= np.broadcast_to(share, (len(LOGG), len(FEH)))[:, :, None] * dim
 
 
