@@ -70,7 +70,7 @@ def read_counts():
 
 
 def draw(table, counts):
-    """Return rows of `table` with these counts of each kind and brightness; an empty bin takes the next one's, scaled."""
+    """Return rows of `table` with these counts of each kind and brightness; an empty bin takes the next's, scaled."""
     rng, rows, dimmed = stream(SEED, "standard scene", "rows"), [], []
     for name, kind in KIND.items():
         place = {k: np.flatnonzero((table["obj_type"] == kind) & (bins(table) == k)) for k in np.unique(bins(table))}
