@@ -11,6 +11,7 @@ from scipy import stats
 from csstsim.base.healpix import HATS_ORDER, NSIDE, ORDER
 from csstsim.base.rng import stream
 from csstsim.base.shipped import SHIPPED
+from csstsim.base.sphere import angle, offsets, unit_vectors
 from csstsim.catalog.light.binned_spectra import binned
 from csstsim.catalog.light.embedded_spectra import rates, spectra
 from csstsim.catalog.light.photometry import subband_weights
@@ -94,6 +95,23 @@ def test_close_pairs_wide_pairs_and_single_stars():
     east = (new["ra"][0] - columns["ra"][1]) * np.cos(np.radians(new["dec"][0])) * 3600
     assert east == pytest.approx(3.0, abs=1e-3)  # a quarter of a turn is east
     assert len(wide(columns, pair, far, np.zeros(3), pix, np.zeros(3, bool), NUMBERS)["ra"]) == 0
+
+
+def test_a_companion_beyond_the_border_stands_on_the_other_side():
+    pix, columns = _columns(2000)
+    pair = np.tile(np.array([1.0, 8.0, 4000.0, 4.7, 0.6, 0.6, 1.6, 1.5])[:, None], 2000)
+    far, turn = np.full(2000, 200.0), np.random.default_rng(4).random(2000)  # a quarter of a brick's side
+    columns |= {name: np.zeros(2000) for name in ("teff2", "logg2", "area2")}
+    new = wide(columns, pair, far, turn, pix, np.ones(2000, bool), NUMBERS)
+    assert (new["_healpix_29"] >> 2 * (HATS_ORDER - ORDER) == pix).all()
+    apart = unit_vectors(columns["ra"], columns["dec"]), unit_vectors(new["ra"], new["dec"])
+    seconds = 3600 * angle(*apart)
+    stays = seconds < 1e-3
+    np.testing.assert_allclose(seconds[~stays], 200.0, atol=0.01)
+    assert 0 < stays.mean() < 0.05  # in the corners
+    wanted = np.degrees(np.arctan2(*offsets(new["ra"], new["dec"], columns["ra"], columns["dec"])))
+    turned = np.abs((wanted - 360 * turn + 180) % 360 - 180)[~stays]
+    assert ((turned < 1) | (turned > 179)).all() and 0.2 < (turned > 179).mean() < 0.5
 
 
 def test_a_companion_too_faint_to_matter_is_left_out():
