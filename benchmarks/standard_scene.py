@@ -7,14 +7,13 @@
 
 The scene has 71,479 galaxies and 5,159 stars (the paper's r-band chip); standard_scene.csv fixes their numbers per half
 magnitude in r. The objects of each bin are drawn from those of nine truth bricks with that brightness (repeatedly if
-there are too few), and spread uniformly over the chip of the campaign's exposure. Stars keep their motions: their J2000
-positions are such that they lie on the chip at the epoch. Around a spectroscopic chip the same density of objects
-continues as far as its gratings reach.
+there are too few, from the next bin if there are none), and spread uniformly over the chip of the campaign's exposure.
+Stars keep their motions: their J2000 positions are such that they lie on the chip at the epoch. Around a spectroscopic
+chip the same density of objects continues as far as its gratings reach.
 """
 
 import argparse
 import csv
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -71,18 +70,20 @@ def read_counts():
 
 
 def draw(table, counts):
-    """Return rows of `table` with these counts of each kind and brightness."""
-    rng, rows = stream(SEED, "standard scene", "rows"), []
+    """Return rows of `table` with these counts of each kind and brightness; an empty bin takes the next's, scaled."""
+    rng, rows, dimmed = stream(SEED, "standard scene", "rows"), [], []
     for name, kind in KIND.items():
         place = {k: np.flatnonzero((table["obj_type"] == kind) & (bins(table) == k)) for k in np.unique(bins(table))}
+        place = {k: there for k, there in place.items() if len(there)}
         for row in counts:
-            wanted, there = int(row[name]), place.get(int(row["mag_r"] / STEP), np.zeros(0, int))
+            wanted, k = int(row[name]), int(row["mag_r"] / STEP)
             if wanted:
-                if not len(there):
-                    sys.exit(f"the bricks have no {name} at r = {row['mag_r']}: make {COUNTS.name} again")
-                order = rng.permutation(there)
-                rows.append(np.resize(order, wanted))
-    return table.take(np.concatenate(rows))
+                nearest = min(place, key=lambda other: abs(other - k))
+                rows.append(np.resize(rng.permutation(place[nearest]), wanted))
+                dimmed.append(np.full(wanted, (k - nearest) * STEP))
+    out, dimmed = table.take(np.concatenate(rows)), np.concatenate(dimmed).astype(np.float32)
+    magnitudes = {name: out[name] + dimmed for name in out if name.startswith("mag_")}
+    return out.with_columns(sed_scale=out["sed_scale"] * np.float32(10) ** (-0.4 * dimmed), **magnitudes)
 
 
 def put(table, job, bounds):

@@ -1,10 +1,11 @@
 """The compact star spectra against the grids they represent and the colours of real stars.
 
-    PYTHONPATH=builders python benchmarks/star_spectra.py [--data FOLDER] [--figure docs/figures/star_spectra.png]
+    PYTHONPATH=builders python benchmarks/star_spectra.py [--data FOLDER] [--figures docs/figures]
 
 Prints residuals in mmag of the camera's colours against ATLAS9 and BT-Settl, at their nodes and between (the grids are
-read by `GridSeds`; needs the reference data), and of the dwarf sequence against Pecaut & Mamajek 2013; then the CPU
-seconds of a chip's stars. Below 5200 K the model follows real colours and departs from the grids by their errors.
+read by `GridSeds`; needs the reference data), of the dwarf sequence against Pecaut & Mamajek 2013, and against spectra
+of real dwarfs in the camera's bands (builders/real_colours.csv) at their g-i; then the CPU seconds of a chip's stars.
+Below 5200 K the model follows real colours and departs from the grids by their errors.
 """
 
 import argparse
@@ -22,6 +23,7 @@ from csstsim.base.units import ab_photon_density
 from csstsim.catalog.light.photometry import subband_weights
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID
+from csstsim.report.style import BLUE, GREEN, VERMILION
 from csstsim.universe.stars.star_sed import StarSeds
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -65,7 +67,7 @@ def against_grids(seds, weights, data):
 
 
 def against_stars(seds):
-    real = Table.read(ROOT / "tests/universe/dwarf_colours.csv", format="ascii.csv", comment="#")
+    real = Table.read(ROOT / "builders/dwarf_colours.csv", format="ascii.csv", comment="#")
     surface = seds.surface(real["teff"], np.interp(real["teff"], *LOGG), 0.0)
     m = {}
     for name in FILTERS:
@@ -78,6 +80,44 @@ def against_stars(seds):
         print(f"{row['type']:5s} {row['teff']:4d}", *(f"{1e3 * e[k]:6.0f}" for e in error.values()))
     used = (real["teff"] >= 3500) & (real["teff"] <= 10000)
     print("rms, 3500-10000 K:", {name: f"{1e3 * np.sqrt((e[used] ** 2).mean()):.0f}" for name, e in error.items()})
+
+
+def against_spectra(seds, weights, path):
+    """Print model - real colours at given g-i, and draw the colours along the dwarf sequence."""
+    real = Table.read(ROOT / "builders/real_colours.csv", format="ascii.csv")
+    teff = np.geomspace(9900, 2700, 200)
+    ours, names = camera_colours(seds, weights, teff, np.interp(teff, *LOGG), 0.0 * teff), real.colnames[2:]
+    g_i, ours_g_i = real["g-r"] + real["r-i"], ours[:, 2] + ours[:, 3]
+    error = np.stack([np.interp(g_i, ours_g_i, ours[:, k]) - real[name] for k, name in enumerate(names)], axis=1)
+    print(
+        "\nmodel - spectra of real dwarfs at the same g-i [mmag]\nstar             g-i  "
+        + " ".join(f"{n:>6s}" for n in names)
+    )
+    for row, colour, e in zip(real, g_i, error, strict=True):
+        print(f"{row['star']:15s} {colour:5.2f}", *(f"{1e3 * v:6.0f}" for v in e))
+    for source in ("STIS", "Pickles"):
+        some = (real["source"] == "Pickles") == (source == "Pickles")
+        for what, values in (
+            ("largest", np.nanmax(np.abs(error[some]), axis=0)),
+            ("mean", np.nanmean(error[some], axis=0)),
+        ):
+            print(f"{source}, {what:8s}", *(f"{1e3 * v:6.0f}" for v in values))
+    if path is None:
+        return
+    page = Figure((11, 6), layout="constrained")
+    for k, (axes, name) in enumerate(zip(page.subplots(2, 3, sharex=True).flat, names, strict=True)):
+        axes.plot(ours_g_i, ours[:, k], color=BLUE)
+        for pick, mark, label in (
+            (real["source"] != "Pickles", "o", "STIS"),
+            (real["source"] == "Pickles", "x", "Pickles"),
+        ):
+            axes.plot(
+                g_i[pick], real[name][pick], mark, color=VERMILION if mark == "o" else GREEN, mfc="none", label=label
+            )
+        axes.set(ylabel=f"{name} [mag]", xlim=(-0.6, 3.5))
+    axes.legend()
+    page.supxlabel("g - i [mag, AB, the camera's bands]")
+    page.savefig(path, dpi=80)
 
 
 def speed(seds, camera, weights):
@@ -112,16 +152,17 @@ def figure(seds, path):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--data", type=Path, default=ROOT.parent / "shared" / "data")
-    parser.add_argument("--figure", type=Path)
+    parser.add_argument("--figures", type=Path)
     args = parser.parse_args()
     seds = StarSeds(ROOT / "config/universe/star_spectra.fits", CURVE)
     camera = load_camera(ROOT / "config/instrument")
     weights = np.stack([subband_weights(camera.filters[b], camera.telescope).sum(axis=0) for b in BANDS])
     against_grids(seds, weights, args.data)
     against_stars(seds)
+    against_spectra(seds, weights, args.figures / "star_colours.png" if args.figures else None)
     speed(seds, camera, weights)
-    if args.figure:
-        figure(seds, args.figure)
+    if args.figures:
+        figure(seds, args.figures / "star_spectra.png")
 
 
 if __name__ == "__main__":

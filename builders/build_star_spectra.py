@@ -6,9 +6,10 @@ Steps, all in ln of photon density at the knots: (1) Castelli & Kurucz 2004 on (
 CIFIST (Baraffe+ 2015) for cool stars, with the [Fe/H] dependence of BT-Settl at log g 4.5 (grizli's copy) and the
 gravity dependence of ATLAS9 where BT-Settl has no giants; (3) a smooth transition between the two from 3600 to 4200 K;
 (4) below 5200 K and above log g 3 to 4 a smooth factor that brings U-B, B-V, V-Rc, V-Ic and g-r of the dwarf sequence
-to those of real stars (Pecaut & Mamajek 2013), as in Lejeune+ 1997; (5) white dwarfs: ATLAS9 at log g 5, [Fe/H] -2.5
-times a smooth factor that gives the photometry of pure-hydrogen atmospheres (Holberg & Bergeron 2006), with unchanged
-lines; (6) principal components. Needs the reference data and the Montreal table of pure-hydrogen atmospheres of
+to those of real stars (Pecaut & Mamajek 2013), as in Lejeune+ 1997, moved by what spectra of real dwarfs say of u-g and
+g-r; the ultraviolet is that of such spectra (real_dwarfs.csv); (5) white dwarfs: ATLAS9 at log g 5, [Fe/H] -2.5 times a
+smooth factor that gives the photometry of pure-hydrogen atmospheres (Holberg & Bergeron 2006), with unchanged lines;
+(6) principal components. Needs the reference data and the Montreal table of pure-hydrogen atmospheres of
 2021-01-13 (in the PyPI package WDPhotTools: wd_photometry/Table_DA_13012021.txt).
 """
 
@@ -36,6 +37,9 @@ TEFF = np.concatenate([
 ]).astype(float)  # fmt: skip
 FADE = (3600.0, 4200.0)  # K: BT-Settl below, ATLAS9 above
 DWARFS = Path(__file__).with_name("dwarf_colours.csv")
+REAL = Path(__file__).with_name("real_dwarfs.csv")
+UV_ENDS, RED_STARTS = (3050.0, 3300.0), (8200.0, 8900.0)  # angstrom: where the corrections of NUV and z end and start
+OLD = -1.5  # [Fe/H]: lines that the atmospheres lack in the ultraviolet of warm stars matter no more
 DWARF_LOGG = ([2800, 3200, 3500, 3900, 4500, 5200], [5.15, 5.05, 4.9, 4.7, 4.62, 4.55])
 BANDS = ["bessell-U", "bessell-B", "bessell-V", "bessell-R", "bessell-I", "sdss2010-g", "sdss2010-r"]
 AB_OF_VEGA = np.array([0.79, -0.09, 0.02, 0.21, 0.45, 0.0, 0.0])  # Blanton & Roweis 2007, AJ 133, 734; SDSS is AB
@@ -50,7 +54,9 @@ SOURCES = [  # lines of at most 72 characters
     "Allard+ 2012, RSPTA 370, 2765; Baraffe+ 2015, A&A 577, A42 (copies in",
     "lephare-data and, for [Fe/H], gbrammer/grizli-config).",
     "Colours of cool dwarfs: Pecaut & Mamajek 2013, ApJS 208, 9; Covey+ 2007,",
-    "AJ 134, 2398. White dwarfs: photometry of pure-hydrogen atmospheres of",
+    "AJ 134, 2398; spectra of dwarfs by STIS (CALSPEC; NGSL, Heap & Lindler)",
+    "and of Pickles 1998, PASP 110, 863.",
+    "White dwarfs: photometry of pure-hydrogen atmospheres of",
     "Holberg & Bergeron 2006, AJ 132, 1221; Tremblay+ 2011, ApJ 730, 128;",
     "Bedard+ 2020, ApJ 901, 93 (Montreal table of 2021-01-13).",
 ]
@@ -147,12 +153,15 @@ def atmospheres(data):
 
 
 def calibrate(ln_s):
-    """Step 4: add to ln_s (TEFF, LOGG, FEH, knots), in place, the correction to the colours of real dwarfs."""
+    """Step 4: add to ln_s (TEFF, LOGG, FEH, knots), in place, the corrections to the colours of real dwarfs."""
     filters = np.array([response(name) for name in BANDS])
     basis = broken([3600, 4300, 4850, 5450, 6500, 7900])
     table = Table.read(DWARFS, format="ascii.csv", comment="#")
     table = table[table["teff"] < NONE + 100][::-1]  # cool first
     rows = []
+    move = Table.read(REAL, format="ascii.csv", comment="#")
+    for name, column in (("U-B", "u-g"), ("g-r", "g-r")):
+        table[name] += np.interp(table["teff"], move["teff"], move[column])
     for teff, *colours in table[["teff", "U-B", "B-V", "V-R", "V-I", "g-r"]].iterrows():
         (i, a), (j, b) = cubic(5040 / TEFF[::-1], np.array([5040 / teff])), linear(LOGG, [np.interp(teff, *DWARF_LOGG)])
         model = np.einsum("p,q,pqw->w", a[0], b[0], ln_s[::-1][i[0]][:, j[0], list(FEH).index(0.0)])
@@ -163,6 +172,12 @@ def calibrate(ln_s):
         correction = np.array([np.interp(teff, table["teff"], column) for column in np.array(rows).T])
         correction *= 1 - fade(teff, FULL, NONE)
         ln_s[k] += fade(LOGG, 3.0, 4.0)[:, None, None] * correction
+        dim = np.interp(teff, move["teff"], move["NUV"]) * (1 - fade(KNOTS, *UV_ENDS)) * np.log(10) / 2.5
+        # Missing lines depend on metals; where real stars are brighter, it is a chromosphere, which giants have less
+        share = np.clip(1 - FEH / OLD, 0, 1)[None, :] if dim[0] > 0 else fade(LOGG, 3.0, 4.0)[:, None]
+        red = np.interp(teff, move["teff"], move["z"]) * fade(KNOTS, *RED_STARTS) * np.log(10) / 2.5
+        ln_s[k] += fade(LOGG, 3.0, 4.0)[:, None, None] * red
+        ln_s[k] -= np.broadcast_to(share, (len(LOGG), len(FEH)))[:, :, None] * dim
 
 
 def white_dwarfs(hot, path):

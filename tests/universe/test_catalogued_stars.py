@@ -4,12 +4,15 @@ import healpy
 import numpy as np
 import pytest
 from embedded_sky import brick, key, shipped
+from mini_campaign import write_campaign
 
 from csstsim.base.errors import InputError
 from csstsim.base.healpix import NSIDE
 from csstsim.campaign.config import CatalogConfig
+from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import STAR
 from csstsim.catalog.truth_bricks import brick_meta, make_brick, read_brick, write_brick
+from csstsim.sky.parameters import sky_numbers
 from csstsim.universe.stars.bright_stars import bright_stars
 
 PIX = 100000
@@ -68,3 +71,19 @@ def test_faults():
         bright_stars(PIX, LIST, universe.star_seds, without)
     with pytest.raises(ValueError, match="in your own catalogue"):
         CatalogConfig(kind="mini_campaign:Stars", bright_stars=True)
+
+
+@pytest.mark.parametrize(
+    ("asked", "there"), [({}, True), ({"bright_stars": True}, True), ({"bright_stars": False}, False)]
+)
+def test_they_are_in_the_field_unless_a_campaign_says_no(tmp_path, asked, there):
+    run = OpenCampaign(write_campaign(tmp_path, catalog=asked))
+    if there:
+        assert np.array_equal(run.bright_stars, sky_numbers(run.camera.sky).stars)  # the list of the stray light
+    else:
+        assert run.bright_stars is None
+
+
+def test_a_catalogue_of_ones_own_has_none_of_them(tmp_path):
+    run = OpenCampaign(write_campaign(tmp_path, catalog={"kind": "mini_campaign:Stars"}))
+    assert run.bright_stars is None

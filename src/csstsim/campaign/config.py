@@ -119,9 +119,9 @@ class CatalogConfig(Model):
         default_factory=Lensing,
         description="weak lensing of the embedded universe; a catalogue of your own has columns for it",
     )
-    bright_stars: bool = Field(
-        False, description="true: the real stars V < 5 (config/instrument/sky.yaml) are among the embedded universe's "
-        "objects, whose own stars are fainter",
+    bright_stars: bool | None = Field(
+        None, description="the real stars V < 5 (config/instrument/sky.yaml) are objects of the embedded universe; "
+        "null = they are, false = no star is as bright",
     )  # fmt: skip
     shapes: Literal["normal", "rotated90"] = Field(
         "normal",

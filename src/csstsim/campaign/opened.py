@@ -216,7 +216,8 @@ class OpenCampaign:
         """The real stars among the objects (sky.parameters.SkyNumbers.stars), or None. Raises InputError."""
         from csstsim.sky.parameters import sky_numbers
 
-        return sky_numbers(self.camera.sky).stars if self.config.catalog.bright_stars else None
+        wanted = self.embedded and self.config.catalog.bright_stars is not False
+        return sky_numbers(self.camera.sky).stars if wanted else None
 
     @cached_property
     def universe(self):

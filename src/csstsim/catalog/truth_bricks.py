@@ -25,6 +25,7 @@ from csstsim.universe.parameters import COEFFICIENTS
 
 AREA_DEG2 = 4 * 180.0**2 / np.pi / BRICKS
 ID_BITS = 22  # id = brick x 2^22 + row
+COMPANION = {"coeff0": "teff2", "coeff1": "logg2", "coeff2": "area2"}  # of a star (catalog.light.embedded_spectra)
 SED_COLUMNS = ("sed_scale", *(f"coeff{k}" for k in range(COEFFICIENTS)))
 
 
@@ -109,6 +110,7 @@ def _stars(seed, pix, universe, camera):
 
     columns = draw_stars(_streams(seed, pix, "stars"), pix, partial(place, pix), universe.numbers["stars"])
     radius, distance = columns.pop("radius"), columns.pop("distance")
+    columns |= {name: columns.pop(own) for name, own in COMPANION.items()}
     columns |= {
         "sed_scale": (radius * SOLAR_RADIUS_PC / distance) ** 2,
         "av": universe.r_v * universe.dust.star_ebv(columns["ra"], columns["dec"], distance),

@@ -7,7 +7,7 @@ cell between rest-frame nodes, where spectra are linear, so an emission line kee
 import numba
 import numpy as np
 
-from csstsim.catalog.light.embedded_spectra import coefficients, kinds
+from csstsim.catalog.light.embedded_spectra import coefficients, kinds, pairs
 from csstsim.catalog.light.photometry import bin_means
 from csstsim.catalog.table import GALAXY, STAR
 from csstsim.instrument.filter import GRID
@@ -29,7 +29,7 @@ def binned(universe, table, edges):
             continue
         scale = some["sed_scale"].astype(float)
         if some["obj_type"][0] == STAR:
-            part = universe.star_seds.binned(some["teff"], some["logg"], some["feh"], some["av"], edges)
+            part = pairs(universe.star_seds.binned, some, some["av"], edges)
             out[chosen] = part * scale[:, None]
         else:
             part = universe.quasar_seds.spectra(some["z"], coefficients(some), scale, some["av"], GRID[inside])

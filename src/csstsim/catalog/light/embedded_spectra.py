@@ -3,7 +3,8 @@
     S(lambda) = sed_scale x 10^(-0.4 av k(lambda)) x model(row)      photon / s / m2 / angstrom, observed frame
 
 The model is an atmosphere (teff, logg, feh) for stars, with sed_scale = (R / d)^2, and redshifted components with
-intergalactic absorption (z, coeff0..19) for galaxies and quasars.
+intergalactic absorption (z, coeff0..19) for galaxies and quasars. The light of a star's close companion is added to its
+own: an atmosphere (coeff0, coeff1, feh) times coeff2, the squared ratio of the radii; coeff0 = 0 if there is none.
 """
 
 import numpy as np
@@ -35,12 +36,26 @@ def rates(universe, table, weights, fine=True):
     out = np.zeros((len(table), len(weights)))
     for chosen, some in kinds(table):
         if some["obj_type"][0] == STAR:
-            part = universe.star_seds.rates(some["teff"], some["logg"], some["feh"], some["av"], weights)
+            part = pairs(universe.star_seds.rates, some, some["av"], weights)
         elif some["obj_type"][0] == GALAXY:
             part = universe.galaxy_seds.rates(some["z"], coefficients(some), some["av"], weights, fine)
         else:
             part = universe.quasar_seds.rates(some["z"], coefficients(some), some["av"], weights)
         out[chosen] = part * some["sed_scale"].astype(float)[:, None]
+    return out
+
+
+def pairs(light, some, *args):
+    """Return light(teff, logg, feh, *args) of the stars `some`, (n, m), with that of their companions.
+
+    The first of `args`, if any, is A(V) of each star.
+    """
+    out = light(some["teff"], some["logg"], some["feh"], *args)
+    two = np.flatnonzero(some["coeff0"] > 0) if "coeff0" in some else ()
+    if len(two):
+        args = (args[0][two], *args[1:]) if args else args
+        more = light(some["coeff0"][two], some["coeff1"][two], some["feh"][two], *args)
+        out[two] += some["coeff2"][two].astype(float)[:, None] * more
     return out
 
 
@@ -51,7 +66,7 @@ def spectra(universe, table):
         scale = some["sed_scale"].astype(float)
         if some["obj_type"][0] == STAR:
             dimming = 10 ** (-0.4 * some["av"].astype(float)[:, None] * universe.extinction)
-            part = universe.star_seds.surface(some["teff"], some["logg"], some["feh"]) * dimming * scale[:, None]
+            part = pairs(universe.star_seds.surface, some) * dimming * scale[:, None]
         else:
             seds = universe.galaxy_seds if some["obj_type"][0] == GALAXY else universe.quasar_seds
             part = seds.spectra(some["z"], coefficients(some), scale, some["av"])

@@ -3,15 +3,17 @@
 For each draw of (age, [Fe/H]) the living stars are divided into cells along the isochrone: the main sequence by mass,
 later stages by stage, because there 0.001 solar masses span a giant branch. Each cell has one type at a random place
 inside and the number of stars that the initial mass function gives it. More massive stars are white dwarfs. Densities
-are those of living mass at the Sun (Robin et al. 2003); white dwarfs of discs and halo are scaled to observed numbers.
+are those of living mass at the Sun (Robin et al. 2003), companions included; white dwarfs of discs and halo are scaled
+to observed numbers. Each type has its own possible companion.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import ndtri
 
 from csstsim.base.rng import stream
+from csstsim.universe.stars.binaries import PAIR, companions
 from csstsim.universe.stars.milky_way import Component, components
 from csstsim.universe.stars.stellar_evolution import STAGES, living, stage_ends, white_dwarfs
 
@@ -25,10 +27,14 @@ _MILLI = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Types:
-    """The types of one component, sorted by M_V: `table` (COLUMNS, n), `total` (n + 1,) cumulative number [pc-3]."""
+    """The types of one component, sorted by M_V: `table` (COLUMNS, n), `total` (n + 1,) cumulative number [pc-3].
+
+    `pair` (PAIR, n) are their companions.
+    """
 
     component: Component
     table: np.ndarray
+    pair: np.ndarray
     total: np.ndarray
 
     def brighter(self, m_v):
@@ -36,11 +42,11 @@ class Types:
         return self.total[np.searchsorted(self.table[0], m_v)]
 
     def choose(self, u, brightest, faintest):
-        """Return (COLUMNS, n): types at the quantile u (n,) of brightest <= M_V < faintest; if none, the next type."""
+        """Return the types (n,) at the quantile u (n,) of brightest <= M_V < faintest; if none, the next type."""
         low, high = (np.searchsorted(self.table[0], m) for m in (brightest, faintest))
         aim = self.total[low] + u * (self.total[high] - self.total[low])
         row = np.clip(np.searchsorted(self.total, aim, side="right") - 1, low, np.maximum(high - 1, low))
-        return self.table[:, np.minimum(row, self.table.shape[1] - 1)]
+        return np.minimum(row, self.table.shape[1] - 1)
 
 
 def make_types(numbers):
@@ -50,7 +56,7 @@ def make_types(numbers):
     for laws, wanted in numbers["white_dwarfs"]["density"]:
         made = sum(types.total[-1] for types in white if types.component.law in laws)
         scale |= dict.fromkeys(laws, _MILLI * wanted / made)
-    return [*living_, *(Types(w.component, w.table, w.total * scale.get(w.component.law, 1.0)) for w in white)]
+    return [*living_, *(replace(w, total=w.total * scale.get(w.component.law, 1.0)) for w in white)]
 
 
 def _component_types(component, numbers):
@@ -65,25 +71,28 @@ def _component_types(component, numbers):
     )
     mass, metal, stage, weight = np.concatenate(stars, axis=1)
     teff, logg, radius, m_v = living(mass, metal, stage, generator.random(len(mass)), numbers)
+    ages = np.repeat(age, [part.shape[1] for part in stars])
+    pair = companions(stream(0, "star types", component.name, "companions"), mass, metal, ages, numbers)
     if component.law == "bulge":
         weight *= numbers["laws"]["bulge_stars"] / weight.sum()
     else:
-        weight *= _MILLI * component.density / np.einsum("n,n->", weight, mass)
+        weight *= _MILLI * component.density / np.einsum("n,n->", weight, mass + pair[0] * pair[4])
     # White dwarfs share the normalisation of the initial mass function with the living.
     unit = weight[0] / stars[0][3, 0]
     first, metal_w, cooling, weight_w = np.concatenate(remnants, axis=1)
     teff_w, logg_w, radius_w, m_w, mass_w = white_dwarfs(first, cooling, numbers)
+    none = np.zeros((len(PAIR), len(m_w)))
     return (
-        _sorted(component, (m_v, teff, logg, metal, mass, radius), weight),
-        _sorted(component, (m_w, teff_w, logg_w, metal_w, mass_w, radius_w), weight_w * unit),
+        _sorted(component, (m_v, teff, logg, metal, mass, radius), pair, weight),
+        _sorted(component, (m_w, teff_w, logg_w, metal_w, mass_w, radius_w), none, weight_w * unit),
     )
 
 
-def _sorted(component, columns, weight):
-    keep = weight > 0
-    table = np.stack(columns)[:, keep]
-    order = np.argsort(table[0], kind="stable")
-    return Types(component, table[:, order], np.concatenate([[0.0], np.cumsum(weight[keep][order])]))
+def _sorted(component, columns, pair, weight):
+    keep = np.flatnonzero(weight > 0)
+    order = keep[np.argsort(columns[0][keep], kind="stable")]
+    total = np.concatenate([[0.0], np.cumsum(weight[order])])
+    return Types(component, np.stack(columns)[:, order], pair[:, order], total)
 
 
 def _isochrone(component, age, feh, cells, generator, numbers):

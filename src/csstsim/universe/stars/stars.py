@@ -6,8 +6,9 @@ with mu = 5 log10(d / 10 pc) and n the local number of stars per pc3 (Robin et a
 milky_way, types of stars in star_types and stellar_evolution, motions in kinematics, numbers in
 config/universe/stars.yaml. The limits hold for V without extinction. Counts are summed along the sight-line at the
 corners of a brick and interpolated bilinearly inside; neighbours share corners, so the sky has no seams. [Fe/H] follows
-the radial gradient at the star's position; its other parameters do not change with it. Left out: binaries, clusters,
-streams, the warp, spiral arms, extinction in the selection (bricks dim the selected stars).
+the radial gradient at the star's position; its other parameters do not change with it. The density is that of systems:
+companions (binaries) follow. Left out: clusters, streams, the warp, spiral arms, extinction in the selection (bricks
+dim the selected stars).
 """
 
 import json
@@ -18,6 +19,7 @@ import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.healpix import BRICKS, HATS_ORDER, NSIDE, ORDER
+from csstsim.universe.stars.binaries import PAIR, join, separations, wide
 from csstsim.universe.stars.kinematics import galactic_velocity, sky_motion
 from csstsim.universe.stars.milky_way import components, density, direction
 from csstsim.universe.stars.star_types import COLUMNS, Types, make_types
@@ -89,19 +91,34 @@ def draw_stars(rng, pix, place, numbers):
 
     rng(name): the numpy Generator of one quantity; place(generator, count): ra, dec [deg] and order-29 HEALPix pixels
     of uniform random positions in the brick. Columns: ra, dec [deg], _healpix_29, teff [K], logg, feh, stellarmass
-    [Msun], radius [Rsun], distance [pc], parallax [mas], pmra (with cos dec), pmdec [mas/yr], rv [km/s]. The limits
-    of V are those at a star's own distance, to half a step where its step is at the end of a component.
+    [Msun], radius [Rsun], distance [pc], parallax [mas], pmra (with cos dec), pmdec [mas/yr], rv [km/s]; teff2 [K],
+    logg2, area2 of a close companion (0: none). Companions further off are the last rows. The limits of V are those at
+    a star's own distance, to half a step where its step is at the end of a component.
     """
     model = galaxy(numbers)
     ra, dec, healpix, kind, step = _draw_cells(rng, pix, place, model)
     near, far = _parsec(_MODULUS[step]) ** 3, _parsec(_MODULUS[step + 1]) ** 3
     distance = (near + rng("distance").random(len(ra)) * (far - near)) ** (1 / 3)
     position = direction(ra, dec) * distance / _PC_PER_KPC
-    columns, velocity = _draw_types(rng, kind, distance, position, model)
+    columns, pair, velocity = _draw_types(rng, kind, distance, position, model)
     pmra, pmdec, rv = sky_motion(ra, dec, distance / _PC_PER_KPC, velocity)
-    return {"ra": ra, "dec": dec, "_healpix_29": healpix, **columns, "distance": distance} | {
+    columns = {"ra": ra, "dec": dec, "_healpix_29": healpix, **columns, "distance": distance} | {
         "parallax": 1000.0 / distance, "pmra": pmra, "pmdec": pmdec, "rv": rv,
     }  # fmt: skip
+    return _with_companions(rng, columns, pair, pix, numbers)
+
+
+def _with_companions(rng, columns, pair, pix, numbers):
+    """Return the columns with close companions in teff2, logg2 and area2, and wide ones as rows at the end."""
+    exists, quantile, tilt, turn = rng("companions").random((4, pair.shape[1]))
+    distance = columns["distance"]
+    far = separations(quantile, tilt, pair, distance, numbers["binaries"]["widest"])
+    far = np.where(exists < pair[0], far, np.inf)
+    bright, faint = numbers["limits"]
+    v = pair[1] + 5.0 * np.log10(distance) - 5.0
+    join(columns, pair, far, numbers)
+    more = wide(columns, pair, far, turn, pix, (bright <= v) & (v < faint), numbers)
+    return {name: np.concatenate([values, more[name]]) for name, values in columns.items()}
 
 
 def _draw_cells(rng, pix, place, model):
@@ -132,19 +149,20 @@ def _draw_cells(rng, pix, place, model):
 
 
 def _draw_types(rng, kind, distance, position, model):
-    """Return the columns that the types give, and (3, n) galactic velocities [km/s]."""
+    """Return the columns that the types give, (PAIR, n) companions, and (3, n) galactic velocities [km/s]."""
     bright, faint = model.numbers["limits"]
     modulus = 5.0 * np.log10(distance) - 5.0
     r0 = model.numbers["sun"]["r0"]
     chosen, normal = rng("type").random(len(kind)), rng("velocity").standard_normal((3, len(kind)))
-    table, velocity = np.empty((len(COLUMNS), len(kind))), np.empty((3, len(kind)))
+    table, pair, velocity = (np.empty((rows, len(kind))) for rows in (len(COLUMNS), len(PAIR), 3))
     for k, types in enumerate(model.types):
         mine = np.flatnonzero(kind == k)
         at = position[:, mine]
-        table[:, mine] = types.choose(chosen[mine], bright - modulus[mine], faint - modulus[mine])
+        row = types.choose(chosen[mine], bright - modulus[mine], faint - modulus[mine])
+        table[:, mine], pair[:, mine] = types.table[:, row], types.pair[:, row]
         table[_FEH, mine] += types.component.gradient * (np.hypot(at[0] - r0, at[1]) - r0)
         velocity[:, mine] = galactic_velocity(types.component, normal[:, mine], at, model.numbers)
-    return dict(zip(COLUMNS[1:], table[1:], strict=True)), velocity
+    return dict(zip(COLUMNS[1:], table[1:], strict=True)), pair, velocity
 
 
 def _corners(pix):

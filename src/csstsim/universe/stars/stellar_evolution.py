@@ -5,7 +5,7 @@
 s is linear in time within each of the four. Lifetimes follow Hurley, Pols & Tout (2000). The main sequence follows the
 field dwarfs of Pecaut & Mamajek (2013), taken to be at their mean age; later stages are straight lines in
 log Teff - log L between anchors. White dwarfs cool at constant radius. Numbers: config/universe/stars.yaml. Left out:
-pre-main sequence, brown dwarfs' cooling, the asymptotic giant branch, mass loss before the white dwarf, binaries.
+pre-main sequence, brown dwarfs' cooling, the asymptotic giant branch, mass loss before the white dwarf.
 """
 
 import numpy as np
