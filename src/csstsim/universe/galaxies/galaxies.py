@@ -14,6 +14,7 @@ from csstsim.universe.galaxies.galaxy_shapes import (
     bulge_radius,
     disk_radius,
     draw_ellipticity,
+    equal_area,
     to_arcsec,
     velocity_dispersion,
 )
@@ -92,7 +93,7 @@ class GalaxyPopulation:
         scale = distance_scale(self.cosmology.luminosity_distance(z))
         model = self._magnitude(z, coefficients, scale)
         shift = np.interp(model, *self._shift)
-        columns = self._sizes(rng, z, log_mass, kind, share)
+        columns = self._sizes(rng, z, log_mass, share, np.abs(e))
         columns |= {"z": z, "bulge_frac": share, "e1": e.real, "e2": e.imag}
         columns |= {"bulgemass": share * 10**log_mass, "diskmass": (1 - share) * 10**log_mass}
         columns |= history
@@ -129,7 +130,7 @@ class GalaxyPopulation:
         }  # fmt: skip
         return mix, np.minimum(dusty, dust["max"]), lines, history
 
-    def _sizes(self, rng, z, log_mass, kind, share):
+    def _sizes(self, rng, z, log_mass, share, e):
         size = self.numbers["size"]
         noise = rng("size").standard_normal((2, len(z)))
         disk = disk_radius(log_mass, z, size["disk"]) * 10 ** (size["disk"]["scatter"] * noise[0])
@@ -138,8 +139,8 @@ class GalaxyPopulation:
         bulge = np.where(share > 0.5, early, np.minimum(early, small))
         radius = share * bulge + (1 - share) * disk
         return {
-            "size_disk": to_arcsec(disk, z, self.cosmology),
-            "size_bulge": to_arcsec(bulge, z, self.cosmology),
+            "size_disk": to_arcsec(equal_area(disk, e), z, self.cosmology),
+            "size_bulge": to_arcsec(equal_area(bulge, e), z, self.cosmology),
             "veldisp": velocity_dispersion(log_mass, radius, self.numbers["virial"]),
         }
 
