@@ -113,7 +113,7 @@ class GalaxyPopulation:
         noise = rng("rate").standard_normal(n)
         rate = np.where(
             quiescent,
-            formation["quiescent_rate"] + formation["quiescent_scatter"] * noise,
+            np.interp(z, *np.transpose(formation["quiescent_rate"])) + formation["quiescent_scatter"] * noise,
             main_sequence(log_mass, z, formation) + formation["scatter"] * noise,
         )
         low, high = formation["age"]
