@@ -62,7 +62,7 @@ def to_arcsec(radius_kpc, z, cosmology):
 
 
 def equal_area(axis, e):
-    """Return the radius of the circle that has the area of an ellipse of semi-major axis `axis`, e = (a - b)/(a + b)."""
+    """Return the radius of the circle with the area of an ellipse: semi-major axis `axis`, e = (a - b)/(a + b)."""
     return axis * np.sqrt((1 - e) / (1 + e))
 
 

@@ -2,10 +2,10 @@
 
     phi(M) = ln 10 exp(-x) (phi1 x^(1 + alpha1) + phi2 x^(1 + alpha2)),  x = M / M*      Mpc-3 dex-1
 
-with the parameters published at some redshifts; ln phi is linear in z between them. The parameters at high redshift are
-freed of the errors of measured masses. `spread` is the part of these errors [dex] that the counted galaxies need; phi is
-smoothed by it. Below `pivot`, where the published counts end, phi continues as a power law of slope `faint_slope(z)`.
-Masses are of living stars and remnants, given as log10 of solar masses.
+with the parameters published at some redshifts; ln phi is linear in z between them. Beyond z = 1 these are freed of the
+errors of measured masses, so that they have fewer massive galaxies than were counted. `spread` [dex] is the part of the
+errors that the counts need; phi is smoothed by it. Below `pivot`, where the published counts end, phi continues as a
+power law of slope `faint_slope(z)`. Masses are of living stars and remnants, given as log10 of solar masses.
 """
 
 import numpy as np

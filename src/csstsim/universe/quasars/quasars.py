@@ -4,10 +4,11 @@ The luminosity function of Ross et al. (2013, ApJ 773, 14), a double power law i
 
     phi(M, z) = phi*(z) / (10^(0.4 (alpha + 1)(M - M*(z))) + 10^(0.4 (beta + 1)(M - M*(z))))     [Mpc-3 mag-1],
 
-times the comoving volume gives the number on the sky. The faint slope alpha may change with redshift. The quasars of a redshift bin are assigned to the galaxies of
-that bin by rank: the more luminous the quasar, the larger the product of the host's bulge mass and a log-normal
-accretion rate. Left out: clustering beyond the hosts', obscured quasars, lensed quasars, and the conversion from the
-fit's cosmology (H0 70, Om 0.3), which has 7-9% less volume and distance moduli 0.06 mag smaller than ours.
+times the comoving volume gives the number on the sky. The faint slope alpha changes with redshift below z = 2.2. The
+quasars of a redshift bin are assigned to the galaxies of that bin by rank: the more luminous the quasar, the larger the
+product of the host's bulge mass and a log-normal accretion rate. Left out: clustering beyond the hosts', obscured
+quasars, lensed quasars, and the conversion from the fit's cosmology (H0 70, Om 0.3), which has 7-9% less volume and
+distance moduli 0.06 mag smaller than ours.
 """
 
 import numpy as np
