@@ -5,7 +5,8 @@
 A map with a single column is used as it is. SFD's map is brought to the scale of Schlafly & Finkbeiner (2011, ApJ 737,
 103), who found 0.86 of its reddening in the colours of stars. Directions between pixel centres get the mean of the four
 nearest pixels with bilinear weights; the switch is made in each pixel, so that E(B-V) is continuous on the sky. Only
-pixels that are needed are read (a Planck map has 50 million). Left out: structure below the pixel, dust beyond the Milky Way.
+pixels that are needed are read (Planck's map has 50 million). Left out: structure below the pixel, dust beyond the
+Milky Way.
 """
 
 import hashlib
