@@ -84,6 +84,18 @@ def beside_published(m, weight):
         print(f"r < {limit}: {weight[m['r'] < limit].sum():.0f} deg-2; published {number}")
 
 
+def hubble_deep_field(columns, weight):
+    """Print median F450W - F814W beside that of the Hubble Deep Field."""
+    real = PUBLISHED["hubble_deep_field"]
+    blue, red = (galaxy_sample.top_hat(columns, *real[band]) for band in ("f450w", "f814w"))
+    for mag, colour, sigma in real["medians"]:
+        near = np.abs(columns["i"] - mag) < 0.5
+        order = np.argsort((blue - red)[near])
+        total = np.cumsum(weight[near][order])
+        ours = np.interp(0.5 * total[-1], total, (blue - red)[near][order])
+        print(f"F450W - F814W at {mag}: {ours:.2f}; Hubble Deep Field {colour:.2f} +- {sigma:.2f}")
+
+
 def mass_functions(ax, columns, weight):
     """Draw mass functions of the sample (cells of 0.2 dex), and the published points."""
     cosmology = galaxy_sample.cosmology()
@@ -225,6 +237,7 @@ def main():
     path = folder / "galsim_real_galaxy_catalog_23.5_example_fits.fits"
     hst = hst_sample(path) if path.exists() else None
     counts_table(counts, *(sample := even_sample()))
+    hubble_deep_field(*sample)
     mass_functions(masses, *sample)
     sizes(size, columns, hst)
     redshifts(redshift, columns, hst)

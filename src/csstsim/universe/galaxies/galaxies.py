@@ -18,7 +18,7 @@ from csstsim.universe.galaxies.galaxy_shapes import (
     to_arcsec,
     velocity_dispersion,
 )
-from csstsim.universe.galaxies.mass_function import MassGrid
+from csstsim.universe.galaxies.mass_function import TYPES, MassGrid, mass_function
 from csstsim.universe.galaxies.star_formation import (
     attenuation,
     cosmic_age,
@@ -49,6 +49,16 @@ def cumulative_counts(numbers):
     end = np.searchsorted(total, target)
     limit = np.interp(target, total, mag)
     return np.append(mag[:end], limit), np.append(total[:end], target)
+
+
+def try_laws(numbers, cosmology):
+    """Evaluate the laws of one galaxy. Raises KeyError, TypeError or ValueError for a missing or wrong number."""
+    one, size = np.array([10.0]), numbers["size"]
+    for kind in TYPES:
+        mass_function(one, 1.0, kind, numbers["mass_function"], cosmology.h0)
+    main_sequence(one, 1.0, numbers["star_formation"]), attenuation(one, 1.0, numbers["dust"])
+    np.interp(1.0, *np.transpose(numbers["star_formation"]["quiescent_rate"]))
+    disk_radius(one, 1.0, size["disk"]), bulge_radius(one, 1.0, size["bulge"])
 
 
 def _bright_slope(knots):
