@@ -147,7 +147,7 @@ def test_noise_of_a_pixel_is_not_its_neighbours():
 def test_scatters_of_a_galaxy_are_apart(tmp_path):
     """10,000 galaxies of one redshift, mass and type: what still differs is scatter, and each column has its own.
 
-    Sizes are semi-major axes: radii of the circle of equal area have the outline in them. Of the bulge's size those above
+    Sizes are semi-major axes: the circle of equal area has the outline in it. Of the bulge's size those above
     half of the light, which are not held below the disk. Ranks: some are log-normal.
     """
     run = all_products.science(tmp_path)
