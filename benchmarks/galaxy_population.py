@@ -26,7 +26,7 @@ TARGET = ROOT / "docs" / "figures" / "galaxies.png"
 PUBLISHED = read_data(ROOT / "tests" / "universe" / "published_galaxies.yaml")
 AREA = 0.04  # deg2 drawn
 GROUND = 0.38  # arcsec: flux radius of stars in the COSMOS2020 box, subtracted in quadrature
-ANCHORS = {("g", "i"): 1.0, ("r", "i"): 0.4, ("i", "z"): 0.25, ("z", "y"): 0.1, ("u", "g"): 0.7, ("nuv", "u"): 0.8}
+COLOURS = (("nuv", "u"), ("u", "g"), ("g", "i"), ("r", "i"), ("i", "z"), ("z", "y"))
 
 
 def even_sample():
@@ -59,6 +59,9 @@ def counts_table(ax, columns, weight):
     ax.semilogy(mag, np.gradient(total, mag), "k-", lw=0.8, label="i wanted")
     for band, colour in (("nuv", "m"), ("u", "b"), ("g", "c"), ("i", "r"), ("y", "brown")):
         ax.semilogy(centre, counts[band], ".-", color=colour, ms=4, lw=0.7, label=band)
+    beside_published(m, weight)
+    real = np.array(PUBLISHED["i_counts"])
+    ax.semilogy(real[:, 0], 10 ** real[:, 1], "ro", mfc="none", label="i, Weaver+ 2022")
     u = np.array(PUBLISHED["u_counts"])
     ax.semilogy(u[:, 0], 10 ** u[:, 1], "bs", mfc="none", label="U, Grazian+ 2009")
     ax.set(xlabel="AB mag", ylabel="deg$^{-2}$ mag$^{-1}$", xlim=(16, 29), ylim=(3, 1e6))
@@ -67,6 +70,30 @@ def counts_table(ax, columns, weight):
     for mag_u, log in PUBLISHED["u_counts"]:
         found = np.log10(weight[np.abs(m["u"] - mag_u) < 0.5].sum())
         print(f"{mag_u:6.2f} {log:6.2f} {found:6.2f}")
+
+
+def beside_published(m, weight):
+    """Print counts in half magnitudes beside those of COSMOS2020, and numbers brighter than limits in r."""
+    i, cosmos = dict(PUBLISHED["i_counts"]), {mag: (r, z) for mag, r, z in PUBLISHED["cosmos"]}
+    print("   mag  log N, found - published (COSMOS2020): i, r, z")
+    for mag in i:
+        found = {band: np.log10(weight[np.abs(m[band] - mag) < 0.25].sum() / 0.5) for band in "irz"}
+        r, z = cosmos.get(mag, (np.nan, np.nan))
+        print(f"{mag:6.2f}  {found['i'] - i[mag]:+.2f} {found['r'] - r:+.2f} {found['z'] - z:+.2f}")
+    for limit, number in PUBLISHED["r_cumulative"]:
+        print(f"r < {limit}: {weight[m['r'] < limit].sum():.0f} deg-2; published {number}")
+
+
+def hubble_deep_field(columns, weight):
+    """Print median F450W - F814W beside that of the Hubble Deep Field."""
+    real = PUBLISHED["hubble_deep_field"]
+    blue, red = (galaxy_sample.top_hat(columns, *real[band]) for band in ("f450w", "f814w"))
+    for mag, colour, sigma in real["medians"]:
+        near = np.abs(columns["i"] - mag) < 0.5
+        order = np.argsort((blue - red)[near])
+        total = np.cumsum(weight[near][order])
+        ours = np.interp(0.5 * total[-1], total, (blue - red)[near][order])
+        print(f"F450W - F814W at {mag}: {ours:.2f}; Hubble Deep Field {colour:.2f} +- {sigma:.2f}")
 
 
 def mass_functions(ax, columns, weight):
@@ -89,22 +116,34 @@ def mass_functions(ax, columns, weight):
 
 
 def sizes(ax, columns, hst):
-    half = np.where(columns["bulge_frac"] > 0.5, columns["size_bulge"], columns["size_disk"])
-    print("half-light radius, arcsec\n i   csstsim: 16, 50, 84%  Miller et al. 2013  log hlr = -0.13 (i - 22) - 0.35")
+    half = galaxy_sample.half_light(columns)
+    e = np.hypot(columns["e1"], columns["e2"])
+    axis = half * np.sqrt((1 + e) / (1 - e))
+    print(
+        "half-light radius of the circle of equal area, arcsec; median semi-major axis, and that of Miller et al. 2013"
+    )
+    print(" i   csstsim: 16, 50, 84%   axis  Miller")
     centre = np.arange(19, 30)
     rows = [np.percentile(half[np.abs(columns["i"] - m) < 0.5], [16, 50, 84]) for m in centre]
-    miller, scene = 1.678347 * np.exp(-1.145 - 0.269 * (centre - 23)), 10 ** (-0.13 * (centre - 22) - 0.35)
-    for m, row, a, b in zip(centre, rows, miller, scene, strict=True):
-        print(f"{m:3d}  " + " ".join(f"{r:6.3f}" for r in row) + f"    {a:10.3f} {b:18.3f}")
+    miller = 1.678347 * np.exp(-1.145 - 0.269 * (centre - 23))
+    for m, row, a in zip(centre, rows, miller, strict=True):
+        long = np.median(axis[np.abs(columns["i"] - m) < 0.5])
+        print(f"{m:3d}  " + " ".join(f"{r:6.3f}" for r in row) + f"  {long:6.3f} {a:6.3f}")
     ax.fill_between(centre, *np.transpose(rows)[[0, 2]], color="0.8")
     ax.semilogy(centre, np.transpose(rows)[1], "k-", label="csstsim: median, 68%")
-    ax.semilogy(centre, miller, "r--", label="Miller+ 2013")
+    ax.semilogy(
+        centre, [np.median(axis[np.abs(columns["i"] - m) < 0.5]) for m in centre], "k:", label="semi-major axis"
+    )
+    ax.semilogy(centre, miller, "r--", label="axis, Miller+ 2013")
     if hst:
         ax.semilogy(hst["i"], hst["hlr"], "b.", ms=3, label="HST, 100 galaxies")
         for low, high in ((20, 21.5), (21.5, 22.5)):
-            real = np.median(hst["hlr"][(hst["i"] > low) & (hst["i"] < high)])
-            print(f"HST {low} < i < {high}: median {real:.2f}; csstsim's "
-                  f"{np.median(half[(columns['i'] > low) & (columns['i'] < high)]):.2f}")  # fmt: skip
+            real = np.log(hst["hlr"][(hst["i"] > low) & (hst["i"] < high)])
+            ours = np.median(half[(columns["i"] > low) & (columns["i"] < high)])
+            error = 1.25 * np.std(real) / np.sqrt(len(real))
+            print(
+                f"HST {low} < i < {high}: median {np.exp(np.median(real)):.3f} +- {100 * error:.0f}%; ours {ours:.3f}"
+            )
     ax.set(xlabel="i", ylabel="half-light radius [arcsec]", xlim=(18, 30))
     ax.legend(fontsize=6)
 
@@ -126,10 +165,10 @@ def redshifts(ax, columns, hst):
 
 
 def colours(two, by_z, columns, m):
-    near = np.abs(columns["i"] - 24) < 0.5
-    print("median colours at i = 24, (anchor):")
-    for (a, b), anchor in ANCHORS.items():
-        print(f"{a}-{b} {np.median(m[a][near]) - np.median(m[b][near]):.2f} ({anchor})")
+    print("median colours at i = 20 to 26:")
+    for a, b in COLOURS:
+        near = (np.median((m[a] - m[b])[np.abs(columns["i"] - i) < 0.5]) for i in range(20, 27))
+        print(f"{a:>3} - {b:<2}" + " ".join(f"{colour:5.2f}" for colour in near))
     shown = (columns["i"] < 23) & (columns["z"] < 1.5)
     picture = two.scatter((m["g"] - m["r"])[shown], (m["u"] - m["g"])[shown], c=columns["z"][shown], s=1, cmap="turbo")
     plt.colorbar(picture, ax=two, label="z")
@@ -149,34 +188,36 @@ def cosmos(ax, path, columns, m):
     galaxy = (column["lp_type"] == 0) & (column["flux_r_uJy"] > 0) & (column["flux_z_uJy"] > 0)
     r, z = (23.9 - 2.5 * np.log10(column[f"flux_{band}_uJy"][galaxy]) for band in "rz")
     size = np.sqrt(np.maximum(column["flux_radius_arcsec"][galaxy] ** 2 - GROUND**2, 0.0))
-    half = np.where(columns["bulge_frac"] > 0.5, columns["size_bulge"], columns["size_disk"])
+    half = galaxy_sample.half_light(columns)
+    bands = (PUBLISHED["r_z"][band] for band in "rz")
+    r_z = np.subtract(*(galaxy_sample.top_hat(columns, *edges) for edges in bands))  # HSC's bands
     ratio = column["acs_b_arcsec"][galaxy] / column["acs_a_arcsec"][galaxy]
     e = np.hypot(columns["e1"], columns["e2"])
     print(
-        "z mag  r - z COSMOS 16, 50, 84%   csstsim             half-light COSMOS, own    axis ratio COSMOS (ACS), own"
+        "z mag  r - z COSMOS 16, 50, 84%   csstsim, HSC bands  half-light COSMOS, own    axis ratio COSMOS (ACS), own"
     )
     for mag in range(20, 26):
         real, ours = np.abs(z - mag) < 0.5, np.abs(m["z"] - mag) < 0.5
         print(f"{mag:4d}  " + "  ".join(
             " ".join(f"{v:6.2f}" for v in np.percentile(c, [16, 50, 84]))
-            for c in ((r - z)[real], (m["r"] - m["z"])[ours])
+            for c in ((r - z)[real], r_z[ours])
         ) + f"   {np.median(size[real]):8.2f} {np.median(half[ours]):6.2f}"
           f"      {np.nanmedian(ratio[real]):8.2f} {np.median((1 - e[ours]) / (1 + e[ours])):6.2f}")  # fmt: skip
     bins = np.arange(-0.5, 3, 0.05)
     for mag, colour in ((21, "r"), (24, "b")):
         ax.hist((r - z)[np.abs(z - mag) < 0.5], bins, density=True, histtype="stepfilled", color=colour, alpha=0.25)
         ours = np.abs(m["z"] - mag) < 0.5
-        ax.hist((m["r"] - m["z"])[ours], bins, density=True, histtype="step", color=colour, label=f"z = {mag}")
+        ax.hist(r_z[ours], bins, density=True, histtype="step", color=colour, label=f"z = {mag}")
     ax.set(xlabel="r - z", title="lines: csstsim; filled: COSMOS2020")
     ax.legend(fontsize=6)
 
 
 def hst_sample(path):
-    """Return {i, hlr [arcsec], z} of GalSim's example of the COSMOS sample; i is F814W, pixels are 0.03 arcsec."""
+    """Return {i, hlr [arcsec], z} of GalSim's example of the COSMOS sample: F814W, circle of equal area."""
     from astropy.io import fits
 
     data = fits.getdata(path)
-    i, hlr = np.float64(data["mag_auto"]), 0.03 * np.float64(data["flux_radius"])
+    i, hlr = np.float64(data["mag_auto"]), np.float64(data["hlr"][:, 0])  # of the Sersic fit, freed of the PSF
     return {"i": i, "hlr": hlr, "z": np.float64(data["zphot"])}
 
 
@@ -196,6 +237,7 @@ def main():
     path = folder / "galsim_real_galaxy_catalog_23.5_example_fits.fits"
     hst = hst_sample(path) if path.exists() else None
     counts_table(counts, *(sample := even_sample()))
+    hubble_deep_field(*sample)
     mass_functions(masses, *sample)
     sizes(size, columns, hst)
     redshifts(redshift, columns, hst)

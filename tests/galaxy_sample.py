@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 from csst import BANDS
+from scipy.special import gammainc
 
 from csstsim.base.rng import stream
 from csstsim.base.shipped import SHIPPED
@@ -71,6 +72,18 @@ def sample(area, seed=1):
     return population().draw(lambda name: stream(seed, "sample", name), area)
 
 
+def half_light(columns):
+    """Return the half-light radius [arcsec] of de Vaucouleurs bulge and exponential disc together."""
+    disk, bulge = (np.asarray(columns[name], float) for name in ("size_disk", "size_bulge"))
+    low, high = np.minimum(disk, bulge), np.maximum(disk, bulge)
+    for _ in range(30):  # halving
+        middle = 0.5 * (low + high)
+        light = gammainc(8, 7.669 * (middle / bulge) ** 0.25) * columns["bulge_frac"]
+        light += gammainc(2, 1.678 * middle / disk) * (1 - columns["bulge_frac"])
+        low, high = np.where(light < 0.5, middle, low), np.where(light < 0.5, high, middle)
+    return middle
+
+
 def magnitudes(columns, bands=BANDS):
     """Return {band: AB magnitude (n,)} without extinction or lensing."""
     mix = np.stack([columns[f"coeff{k}"] for k in range(COEFFICIENTS)], axis=1)
@@ -81,3 +94,11 @@ def magnitudes(columns, bands=BANDS):
         band: rate_to_mag(rates[:, j], every[k], telescope)
         for j, (band, k) in enumerate(zip(bands, where, strict=True))
     }
+
+
+def top_hat(columns, low, high):
+    """Return AB magnitudes (n,), but for a constant, in a filter between two wavelengths [A]: other cameras' bands."""
+    mix = np.stack([columns[f"coeff{k}"] for k in range(COEFFICIENTS)], axis=1)
+    band = ((low <= GRID) & (high >= GRID)).astype(float)
+    rate = seds().rates(columns["z"], mix, np.zeros(len(mix)), band[None])[:, 0] * columns["sed_scale"]
+    return -2.5 * np.log10(np.maximum(rate, 1e-300) / (band / GRID).sum())  # AB: photons per angstrom go as 1 / lambda

@@ -147,7 +147,8 @@ def test_noise_of_a_pixel_is_not_its_neighbours():
 def test_scatters_of_a_galaxy_are_apart(tmp_path):
     """10,000 galaxies of one redshift, mass and type: what still differs is scatter, and each column has its own.
 
-    Of the bulge's size those above half of the light, which are not held below the disk. Ranks: some are log-normal.
+    Sizes are semi-major axes: the circle of equal area has the outline in it. Of the bulge's size those above
+    half of the light, which are not held below the disk. Ranks: some are log-normal.
     """
     run = all_products.science(tmp_path)
     n = 10_000
@@ -161,6 +162,8 @@ def test_scatters_of_a_galaxy_are_apart(tmp_path):
         columns = _population(run.universe, run.camera).properties(
             rng, np.full(n, 0.7), np.full(n, 10.8), np.full(n, kind)
         )
+        e = np.hypot(columns["e1"], columns["e2"])
+        columns |= {name: columns[name] * np.sqrt((1 + e) / (1 - e)) for name in ("size_disk", "size_bulge")}
         free = columns["bulge_frac"] > 0.5
         assert free.sum() > 200
         disk, bulge = (np.argsort(np.argsort(columns[name][free])) for name in ("size_disk", "size_bulge"))

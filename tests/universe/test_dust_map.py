@@ -54,7 +54,14 @@ def test_the_shipped_default_is_the_real_sky():
     ra, dec = rng.uniform(0, 360, 5000), np.degrees(np.arcsin(rng.uniform(-1, 1, 5000)))
     sky = SkyCoord(ra, dec, unit="deg").galactic
     peer = healpy.get_interp_val(full, sky.l.deg, sky.b.deg, lonlat=True)
-    np.testing.assert_allclose(dust.ebv(ra, dec), peer, rtol=2e-4)  # 0.03 arcsec between the two rotations
+    np.testing.assert_allclose(dust.ebv(ra, dec), 0.86 * peer, rtol=2e-4)  # 0.03 arcsec between the two rotations
+
+
+def test_the_scale_is_of_sfd_alone(tmp_path, plane):
+    """A file, also one of SFD's map, is on its own scale, whatever `sfd_scale` says."""
+    numbers = _map(tmp_path / "one.fits", {"I": plane})
+    for scale in (0.5, 1.0):
+        np.testing.assert_allclose(DustMap(numbers | {"sfd_scale": scale}).ebv(*_icrs(*CENTRES)), plane, rtol=3e-5)
 
 
 def test_default_map_that_is_not_installed(monkeypatch):

@@ -15,12 +15,14 @@ from csstsim.base.rng import stream
 from csstsim.instrument.load import read_data
 from csstsim.universe.galaxies.galaxies import ARCMIN2_PER_DEG2, cumulative_counts
 from csstsim.universe.galaxies.galaxy_shapes import (
+    disk_radius,
     draw_ellipticity,
     ellipticity_density,
+    equal_area,
     to_arcsec,
     velocity_dispersion,
 )
-from csstsim.universe.galaxies.mass_function import TYPES, double_schechter, mass_function
+from csstsim.universe.galaxies.mass_function import TYPES, double_schechter, mass_function, smoothed_schechter
 from csstsim.universe.galaxies.star_formation import cosmic_age, main_sequence, mean_age, mixture, young_fractions
 
 AREA = 0.04  # deg2 of the sample
@@ -55,14 +57,24 @@ def test_double_schechter_holds_the_integral_of_its_formula():
     assert np.trapezoid(phi, log_mass) == pytest.approx(1e-3 * gamma(0.6) + 2e-4 * gamma(1.3), rel=1e-4)
 
 
+@pytest.mark.parametrize("spread", [0.1, 0.2])
+def test_smoothing_is_the_convolution(spread):
+    log_mass, law = np.array([9.5, 10.5, 11.2, 11.5]), (10.69, 0.07e-3, 0.17, 0.4e-3, -1.5)
+    step = np.linspace(-8 * spread, 8 * spread, 4001)
+    kernel = stats.norm.pdf(step, scale=spread)
+    expected = [np.trapezoid(double_schechter(m + step, *law) * kernel, step) for m in log_mass]
+    np.testing.assert_allclose(smoothed_schechter(log_mass, *law, spread), expected, rtol=1e-3)
+    np.testing.assert_array_equal(smoothed_schechter(log_mass, *law, 0.0), double_schechter(log_mass, *law))
+
+
 @pytest.mark.parametrize("kinds", [TYPES, ("quiescent",)])
 def test_mass_functions_against_published_points(kinds):
+    """0.15 dex or three of their sigmas. Muzzin's point at 1e11.4, z < 0.5, is above Baldry's at z = 0: 0.45."""
     numbers = galaxy_sample.numbers()["mass_function"]
     for entry in PUBLISHED["mass_functions" if len(kinds) == 2 else "quiescent"]:
         log_mass, log_phi, sigma = np.transpose(entry["points"])
         phi = sum(mass_function(log_mass, np.mean(entry["z"]), kind, numbers, 70.0) for kind in kinds)
-        # Between surveys 0.15 dex; beyond 1e11 the fits, freed of mass errors, fall below the points at z > 1.
-        limit = np.where(log_mass < 10.95, np.maximum(3 * sigma, 0.22), 0.6)
+        limit = np.where((log_mass > 11.3) & (entry["z"] == [0.2, 0.5]), 0.45, np.maximum(3 * sigma, 0.15))
         assert (np.abs(np.log10(phi) - log_phi) < limit).all(), entry["name"]
 
 
@@ -150,7 +162,9 @@ def test_ages_and_rates_are_those_of_their_types():
     assert (columns["stellarage"] * 1e9 < 0.95 * cosmic_age(columns["z"], galaxy_sample.cosmology())).all()
     assert np.median(columns["stellarage"][quiescent]) > 3 * np.median(columns["stellarage"][~quiescent])
     specific = columns["sfr"] / (columns["bulgemass"] + columns["diskmass"])
-    assert np.median(np.log10(specific[quiescent])) == pytest.approx(-11.5, abs=0.1)
+    for low, high, rate in ((0.0, 0.2, -11.5), (0.7, 3.0, -11.0)):
+        some = quiescent & (columns["z"] > low) & (columns["z"] < high)
+        assert np.median(np.log10(specific[some])) == pytest.approx(rate, abs=0.12)
     assert np.median(np.log10(specific[~quiescent])) > -9.5
 
 
@@ -173,19 +187,21 @@ def test_cosmic_age_against_astropy():
     np.testing.assert_allclose(cosmic_age(z, cosmology), expected, rtol=1e-5)
 
 
-def test_main_sequence_of_schreiber():
+def test_main_sequence_of_schreiber_and_nearby():
     numbers = galaxy_sample.numbers()["star_formation"]
     m, r = 10.5 + 0.24 - 9.0, np.log10(2.0)  # Schreiber et al. (2015), equation 9, at z = 1
     expected = m - 0.5 + 1.5 * r - 0.3 * max(0, m - 0.36 - 2.5 * r) ** 2 - (9 + m)
     assert main_sequence(10.5, 1.0, numbers) == pytest.approx(expected)
+    for log_mass in (9.0, 9.5, 10.0, 10.5):  # Renzini & Peng (2015): log SFR = 0.76 log M - 7.64
+        assert main_sequence(log_mass, 0.05, numbers) == pytest.approx(-0.24 * log_mass - 7.64, abs=0.25)
 
 
 def test_faint_limit_gives_the_papers_density():
     mag, total = cumulative_counts(galaxy_sample.numbers())
     assert total[-1] / ARCMIN2_PER_DEG2 == pytest.approx(552)
-    assert mag[-1] == pytest.approx(30.08, abs=0.01) and (np.diff(mag) > 0).all() and (np.diff(total) > 0).all()
+    assert mag[-1] == pytest.approx(29.93, abs=0.01) and (np.diff(mag) > 0).all() and (np.diff(total) > 0).all()
     slope = np.log10(np.interp(28.5, mag, np.gradient(total, mag)) / np.interp(26.5, mag, np.gradient(total, mag))) / 2
-    assert slope == pytest.approx(0.21, abs=1e-3)
+    assert slope == pytest.approx(0.175, abs=1e-3)
 
 
 def test_unreachable_density_is_refused():
@@ -202,17 +218,37 @@ def test_number_of_galaxies_is_the_papers():
 def test_i_counts_follow_the_table():
     columns, weight = even()
     mag, total = cumulative_counts(galaxy_sample.numbers())
-    for m in np.arange(17.5, 29.6, 1.0):
+    for m in np.arange(17.5, 28.6, 1.0):
         expected = np.diff(np.interp([m - 0.5, m + 0.5], mag, total))[0]
         inside = np.abs(columns["i"] - m) < 0.5
         noise = np.sqrt((weight[inside] ** 2).sum())
         assert abs(weight[inside].sum() - expected) < 0.1 * expected, (m, weight[inside].sum(), expected, noise)
 
 
+def log_counts(mag, weight, centres):
+    """log10 of galaxies per deg2 and magnitude, in bins of half a magnitude."""
+    return np.log10([weight[np.abs(mag - m) < 0.25].sum() / 0.5 for m in centres])
+
+
+def test_counts_beside_published_ones():
+    """i, r, z to 15% of COSMOS2020 from 19 to 24.5 (0.06 dex, and 0.03 for this sample); r to 20% of bright surveys."""
+    columns, weight = even()
+    keep = columns["i"] < 27
+    columns, weight = {name: values[keep] for name, values in columns.items()}, weight[keep]
+    m = galaxy_sample.magnitudes(columns, ("r", "i", "z"))
+    mag, i = np.transpose(PUBLISHED["i_counts"])
+    assert np.abs(log_counts(m["i"], weight, mag) - i).max() < 0.09
+    mag, r, z = np.transpose(PUBLISHED["cosmos"])
+    assert np.abs(log_counts(m["r"], weight, mag) - r).max() < 0.12  # the field is 5-10% dense
+    assert np.abs(log_counts(m["z"], weight, mag) - z).max() < 0.09
+    for limit, number in PUBLISHED["r_cumulative"]:
+        assert weight[m["r"] < limit].sum() == pytest.approx(number, rel=0.2), limit
+
+
 def test_brightness_is_remapped_in_order_and_by_little():
     i, shift = np.transpose(galaxy_sample.numbers()["shift"])
     assert (np.diff(i + shift) > 0).all()
-    assert np.abs(shift[(i >= 18) & (i <= 26)]).max() < 0.5
+    assert np.abs(shift[(i >= 18) & (i <= 26)]).max() < 0.55
 
 
 def test_no_galaxy_above_the_limit_is_left_out():
@@ -229,17 +265,25 @@ def test_magnitude_is_that_of_the_spectrum():
     np.testing.assert_allclose(magnitudes["i"], columns["i"], atol=2.5e-3)  # 2e-3 of the light
 
 
-def test_median_colours_at_i_24():
-    """Red side: the anchors, 0.15 mag. g - i: 0.3, as the published ultraviolet counts leave no room for 1.0."""
-    columns, m = bright()
+def test_median_colours():
+    """r - z of COSMOS2020 in HSC's bands, 0.07 mag and 0.03 for this sample; at i = 24 anchors on the red side, 0.1."""
+    columns, weight = even()
+    keep = columns["i"] < 26.5
+    columns, weight = {name: values[keep] for name, values in columns.items()}, weight[keep]
+    m = galaxy_sample.magnitudes(columns)
+
+    def median(colour, near):
+        order = np.argsort(colour := colour[near])
+        total = np.cumsum(weight[near][order])
+        return np.interp(0.5 * total[-1], total, colour[order])
+
+    cosmos = PUBLISHED["r_z"]
+    r_z = galaxy_sample.top_hat(columns, *cosmos["r"]) - galaxy_sample.top_hat(columns, *cosmos["z"])
+    for z, colour in cosmos["medians"]:
+        assert median(r_z, np.abs(m["z"] - z) < 0.5) == pytest.approx(colour, abs=0.1), z
     near = np.abs(columns["i"] - 24) < 0.5
-    for a, b, colour, tolerance in (
-        ("r", "i", 0.4, 0.15),
-        ("i", "z", 0.25, 0.15),
-        ("z", "y", 0.1, 0.15),
-        ("g", "i", 1.0, 0.3),
-    ):
-        assert np.median(m[a][near] - m[b][near]) == pytest.approx(colour, abs=tolerance), (a, b)
+    for a, b, colour in (("r", "i", 0.4), ("i", "z", 0.25), ("z", "y", 0.1), ("g", "i", 0.9)):
+        assert median(m[a] - m[b], near) == pytest.approx(colour, abs=0.1), (a, b)
 
 
 def test_ultraviolet_counts():
@@ -247,9 +291,11 @@ def test_ultraviolet_counts():
     keep = columns["i"] < 27  # u - i of galaxies is above -1
     columns, weight = {name: values[keep] for name, values in columns.items()}, weight[keep]
     u = galaxy_sample.magnitudes(columns, ("u",))["u"]
-    for mag, log in PUBLISHED["u_counts"][1:6]:  # 0.2 dex; fainter ones of the survey are 0.2 to 0.25 dex above ours
+    for mag, log in PUBLISHED["u_counts"][
+        1:6
+    ]:  # brighter ones are up to 0.2 dex above the survey's half a square degree
         inside = np.abs(u - mag) < 0.5
-        assert np.log10(weight[inside].sum()) == pytest.approx(log, abs=0.2), mag
+        assert np.log10(weight[inside].sum()) == pytest.approx(log, abs=0.22), mag
 
 
 def test_colours_of_near_galaxies_reach_from_red_to_blue():
@@ -280,12 +326,49 @@ def test_redshifts():
 
 
 def test_sizes_beside_miller():
-    """Half-light radii of discs: Miller et al. (2013) is a fit at i < 25; ours within its 0.35 scatter in ln r."""
+    """Semi-major axes of discs: Miller et al. (2013) is a fit at i < 25; ours within 1.3 of its scatter in ln r."""
     columns = sample()
+    e = np.hypot(columns["e1"], columns["e2"])
     for i in range(21, 29):
         near = (np.abs(columns["i"] - i) < 0.25) & (columns["bulge_frac"] < 0.5)
         miller = np.log(1.678347) - 1.145 - 0.269 * (i - 23)
-        assert abs(np.median(np.log(columns["size_disk"][near])) - miller) < 0.35, i
+        axis = columns["size_disk"][near] * np.sqrt((1 + e) / (1 - e))[near]
+        assert abs(np.median(np.log(axis)) - miller) < 0.45, i
+
+
+def test_sizes_beside_hst():
+    """Medians within 10% and two sigma of the 29 and 59 HST galaxies; this sample has a thousand."""
+    columns = sample()
+    half = galaxy_sample.half_light(columns)
+    for low, high, radius, sigma in PUBLISHED["hst_sizes"]:
+        some = (columns["i"] > low) & (columns["i"] < high)
+        assert abs(np.median(half[some]) - radius) < 0.1 * radius + 2 * sigma, low
+
+
+def test_disc_sizes_of_van_der_wel():
+    """At 5e10 solar masses and the centres of their bins; half-way between them the mean of the logarithms."""
+    numbers = galaxy_sample.numbers()["size"]["disk"]
+    np.testing.assert_allclose(
+        np.log10(disk_radius(10.7, np.array([0.25, 1.25, 1.5, 9.0]), numbers)), [0.86, 0.70, 0.675, 0.27]
+    )
+    assert np.log10(disk_radius(9.7, 0.25, numbers)) == pytest.approx(0.61)
+
+
+def test_the_circle_of_equal_area():
+    a, e = 2.0, np.array([0.0, 0.2, 0.6])
+    b = a * (1 - e) / (1 + e)
+    np.testing.assert_allclose(np.pi * equal_area(a, e) ** 2, np.pi * a * b)
+
+
+def test_flat_galaxies_are_small_at_their_axis():
+    """The semi-major axis does not depend on the outline: medians of round and flat discs of one mass and redshift."""
+    columns = galaxy_sample.population().properties(
+        lambda name: stream(6, name), np.full(20_000, 0.8), np.full(20_000, 10.0), np.zeros(20_000, np.int8)
+    )
+    e = np.hypot(columns["e1"], columns["e2"])
+    axis = columns["size_disk"] * np.sqrt((1 + e) / (1 - e))
+    assert np.median(axis[e < 0.15]) == pytest.approx(np.median(axis[e > 0.4]), rel=0.03)
+    assert np.median(columns["size_disk"][e < 0.15]) > 1.4 * np.median(columns["size_disk"][e > 0.4])
 
 
 def test_ellipticities_follow_the_prior_and_have_no_direction():

@@ -1,12 +1,14 @@
 """Laws of the galaxy population: volumes of cells, counts of bright ones, dust between its nodes."""
 
+import copy
+
 import numpy as np
 import pytest
 from embedded_sky import shipped
 from scipy.integrate import quad
 from scipy.stats import kstest
 
-from csstsim.universe.galaxies.galaxies import cumulative_counts
+from csstsim.universe.galaxies.galaxies import cumulative_counts, try_laws
 from csstsim.universe.galaxies.mass_function import MassGrid
 
 
@@ -47,3 +49,24 @@ def test_dust_dims_more_and_more_without_a_step(universe):
     step = np.diff(np.log(spectra), axis=0)
     assert (step < 0).all()
     assert (step > -0.05).all()  # 0.01 mag at V is 0.01 to 0.02 in the logarithm
+
+
+@pytest.mark.parametrize(
+    ("part", "key"),
+    [
+        ("mass_function", "spread"),
+        ("star_formation", "near"),
+        ("star_formation", "quiescent_rate"),
+        ("size", "disk"),
+        ("dust", "growth"),
+    ],
+)
+def test_a_law_that_is_missing_or_no_law_shows(universe, part, key):
+    try_laws(universe.numbers["galaxies"], universe.cosmology)
+    for wrong in ("none", None):
+        numbers = copy.deepcopy(universe.numbers["galaxies"])
+        numbers[part][key] = wrong
+        if wrong is None:
+            del numbers[part][key]
+        with pytest.raises((KeyError, TypeError, ValueError)):
+            try_laws(numbers, universe.cosmology)

@@ -57,7 +57,8 @@ def test_luminosity_function_is_a_double_power_law(chosen):
     for z, part in ((1.0, "low"), (3.0, "high")):
         law = numbers[chosen][part]
         faint, bright = ([m, m + 0.1] for m in (-10.0, -45.0))
-        for pair, slope in ((faint, law["alpha"]), (bright, law["beta"])):
+        alpha = law["alpha"][0][1] if isinstance(law["alpha"], list) else law["alpha"]  # of z up to 1
+        for pair, slope in ((faint, alpha), (bright, law["beta"])):
             gained = np.diff(np.log10(luminosity_function(pair, z, numbers)))[0]
             assert gained == pytest.approx(-0.04 * (slope + 1), rel=1e-3)
     # At the break both terms are 1: half of phi*.
@@ -113,6 +114,31 @@ def test_density_on_the_sky():
         found = (mag < limit).sum() / area
         sigma = np.sqrt(found / area)
         assert 0.65 * low - 3 * sigma < found < 1.35 * high + 3 * sigma, (limit, found)
+
+
+def test_density_below_redshift_one():
+    """Palanque-Delabrouille et al. (2016), table 7, PLE+LEDE, z < 1, summed from the brightest; 12% and 3 sigma."""
+    quasars, camera = sample(), load_camera(SHIPPED / "instrument")
+    near = quasars["z"] < 1
+    seds = QuasarSeds(NUMBERS, read_data(SHIPPED / "universe" / "galaxies.yaml")["igm"], odonnell(GRID))
+    own = np.column_stack([quasars[f"coeff{k}"][near] for k in range(COEFFICIENTS)])
+    r = camera.filters["r"]
+    weights = subband_weights(r, camera.telescope).sum(axis=0)[None]
+    rates = seds.rates(quasars["z"][near], own, np.zeros(len(own)), weights)[:, 0] * quasars["sed_scale"][near]
+    mag = rate_to_mag(rates, r, camera.telescope)
+    for limit, expected in ((20, 7.9), (21, 18.0), (22, 34.0), (23, 59.0), (24, 97.6)):
+        found = (mag < limit).sum() / 10.0
+        assert abs(found - expected) < 0.12 * expected + 3 * np.sqrt(expected / 10.0), (limit, found)
+
+
+def test_faint_slope_as_a_table():
+    """Rows of z and alpha: linear between, constant outside; one number is the same at all redshifts."""
+    law = NUMBERS["simqso"] | {"low": NUMBERS["simqso"]["low"] | {"alpha": [[0.5, -1.6], [1.5, -1.2]]}}
+    numbers = NUMBERS | {"luminosity_function": "simqso", "simqso": law}
+    for z, alpha in ((0.2, -1.6), (1.0, -1.4), (2.0, -1.2)):
+        law["high"] = law["low"] | {"alpha": alpha}
+        one = NUMBERS | {"luminosity_function": "simqso", "simqso": law | {"low": law["high"]}}
+        assert luminosity_function(-21.0, z, numbers) == pytest.approx(luminosity_function(-21.0, z, one))
 
 
 def test_apparent_brightness_is_that_at_the_distance():

@@ -17,7 +17,14 @@ from csstsim.instrument.load import folder_digest, read_data
 from csstsim.universe.dust.dust_map import DustMap
 
 Z_MAX = 20.0  # largest redshift allowed for galaxies
-_POSITIVE = ("dust.r_v", "stars.sun.r0", "galaxies.density", "galaxies.mass_function.z_max", "lensing.shells")
+_POSITIVE = (
+    "dust.r_v",
+    "dust.sfd_scale",
+    "stars.sun.r0",
+    "galaxies.density",
+    "galaxies.mass_function.z_max",
+    "lensing.shells",
+)
 _RISING = ("stars.limits", "quasars.redshift", "quasars.m1450")
 COEFFICIENTS = 20  # per spectrum of a galaxy or quasar
 PARTS = ("cosmology", "dust", "galaxies", "lensing", "quasars", "stars")
@@ -92,7 +99,7 @@ class Universe:
 
     def check(self):
         """Build the models that the numbers define, but draw no objects. Raises InputError for a bad number."""
-        from csstsim.universe.galaxies.galaxies import cumulative_counts
+        from csstsim.universe.galaxies.galaxies import cumulative_counts, try_laws
         from csstsim.universe.stars.stars import galaxy
 
         try:
@@ -102,6 +109,7 @@ class Universe:
                 self._refuse_unless(lambda value: -math.inf < value[0] < value[1] < math.inf, key, "two rising numbers")
             self._refuse_unless(lambda value: value <= Z_MAX, "galaxies.mass_function.z_max", f"up to {Z_MAX:g}")
             galaxy(self.numbers["stars"]), cumulative_counts(self.numbers["galaxies"])
+            try_laws(self.numbers["galaxies"], self.cosmology)
             self.cosmology, self.dust.nside, self.extinction, self.star_seds, self.galaxy_seds, self.quasar_seds  # noqa: B018
         except (KeyError, TypeError, ValueError, IndexError) as exc:
             raise InputError(f"a number is missing or wrong: {type(exc).__name__} {exc}", file=self.folder) from exc

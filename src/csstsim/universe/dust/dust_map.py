@@ -2,9 +2,11 @@
 
     E(B-V) = EBV where EBV < 0.3 mag, else 1.49e4 TAU353        (a map of Planck's thermal dust)
 
-A map with a single column is used as it is. Directions between pixel centres get the mean of the four nearest pixels
-with bilinear weights; the switch is made in each pixel, so that E(B-V) is continuous on the sky. Only the pixels needed
-are read (a Planck map has 50 million). Left out: structure below the pixel, dust beyond the Milky Way.
+A map with a single column is used as it is. SFD's map is brought to the scale of Schlafly & Finkbeiner (2011, ApJ 737,
+103), who found 0.86 of its reddening in the colours of stars. Directions between pixel centres get the mean of the four
+nearest pixels with bilinear weights; the switch is made in each pixel, so that E(B-V) is continuous on the sky. Only
+pixels that are needed are read (Planck's map has 50 million). Left out: structure below the pixel, dust beyond the
+Milky Way.
 """
 
 import hashlib
@@ -77,7 +79,8 @@ class DustMap:
         if empty.any():
             place = f"ra {ra[empty][0]:.4f}, dec {dec[empty][0]:.4f}"
             raise InputError("the dust map has no value here", file=self.path, key=place)
-        return np.maximum((weight * np.nan_to_num(value)).sum(axis=0) / total, 0.0)
+        scale = self._numbers["sfd_scale"] if self._numbers["map"] == SFD else 1.0
+        return np.maximum(scale * (weight * np.nan_to_num(value)).sum(axis=0) / total, 0.0)
 
     def star_ebv(self, ra, dec, distance):
         """Return E(B-V) [mag] in front of stars at `ra`, `dec` [deg, ICRS] and `distance` [pc]; extinction.star_ebv."""

@@ -14,10 +14,11 @@ from csstsim.universe.galaxies.galaxy_shapes import (
     bulge_radius,
     disk_radius,
     draw_ellipticity,
+    equal_area,
     to_arcsec,
     velocity_dispersion,
 )
-from csstsim.universe.galaxies.mass_function import MassGrid
+from csstsim.universe.galaxies.mass_function import TYPES, MassGrid, mass_function
 from csstsim.universe.galaxies.star_formation import (
     attenuation,
     cosmic_age,
@@ -48,6 +49,16 @@ def cumulative_counts(numbers):
     end = np.searchsorted(total, target)
     limit = np.interp(target, total, mag)
     return np.append(mag[:end], limit), np.append(total[:end], target)
+
+
+def try_laws(numbers, cosmology):
+    """Evaluate the laws of one galaxy. Raises KeyError, TypeError or ValueError for a missing or wrong number."""
+    one, size = np.array([10.0]), numbers["size"]
+    for kind in TYPES:
+        mass_function(one, 1.0, kind, numbers["mass_function"], cosmology.h0)
+    main_sequence(one, 1.0, numbers["star_formation"]), attenuation(one, 1.0, numbers["dust"])
+    np.interp(1.0, *np.transpose(numbers["star_formation"]["quiescent_rate"]))
+    disk_radius(one, 1.0, size["disk"]), bulge_radius(one, 1.0, size["bulge"])
 
 
 def _bright_slope(knots):
@@ -92,7 +103,7 @@ class GalaxyPopulation:
         scale = distance_scale(self.cosmology.luminosity_distance(z))
         model = self._magnitude(z, coefficients, scale)
         shift = np.interp(model, *self._shift)
-        columns = self._sizes(rng, z, log_mass, kind, share)
+        columns = self._sizes(rng, z, log_mass, share, np.abs(e))
         columns |= {"z": z, "bulge_frac": share, "e1": e.real, "e2": e.imag}
         columns |= {"bulgemass": share * 10**log_mass, "diskmass": (1 - share) * 10**log_mass}
         columns |= history
@@ -112,7 +123,7 @@ class GalaxyPopulation:
         noise = rng("rate").standard_normal(n)
         rate = np.where(
             quiescent,
-            formation["quiescent_rate"] + formation["quiescent_scatter"] * noise,
+            np.interp(z, *np.transpose(formation["quiescent_rate"])) + formation["quiescent_scatter"] * noise,
             main_sequence(log_mass, z, formation) + formation["scatter"] * noise,
         )
         low, high = formation["age"]
@@ -129,7 +140,7 @@ class GalaxyPopulation:
         }  # fmt: skip
         return mix, np.minimum(dusty, dust["max"]), lines, history
 
-    def _sizes(self, rng, z, log_mass, kind, share):
+    def _sizes(self, rng, z, log_mass, share, e):
         size = self.numbers["size"]
         noise = rng("size").standard_normal((2, len(z)))
         disk = disk_radius(log_mass, z, size["disk"]) * 10 ** (size["disk"]["scatter"] * noise[0])
@@ -138,8 +149,8 @@ class GalaxyPopulation:
         bulge = np.where(share > 0.5, early, np.minimum(early, small))
         radius = share * bulge + (1 - share) * disk
         return {
-            "size_disk": to_arcsec(disk, z, self.cosmology),
-            "size_bulge": to_arcsec(bulge, z, self.cosmology),
+            "size_disk": to_arcsec(equal_area(disk, e), z, self.cosmology),
+            "size_bulge": to_arcsec(equal_area(bulge, e), z, self.cosmology),
             "veldisp": velocity_dispersion(log_mass, radius, self.numbers["virial"]),
         }
 

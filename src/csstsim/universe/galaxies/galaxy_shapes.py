@@ -1,8 +1,9 @@
 """Sizes, bulges and outlines of galaxies, given mass, redshift and type.
 
-Half-light radii in kpc follow a mass-size relation that shrinks with redshift, with log-normal scatter. The bulge has
-the same fraction of the light as of the mass (one spectrum for both). Left out: sizes that change with wavelength,
-spiral arms, clumps, mergers, alignment with neighbours.
+Half-light radii in kpc follow a mass-size relation that shrinks with redshift, with log-normal scatter. They are
+semi-major axes, as the published ones. Catalogues have the radius of the circle of equal area, sqrt(b / a) of it. The
+bulge has the same fraction of the light as of the mass (one spectrum for both). Left out: sizes that change with
+wavelength, spiral arms, clumps, mergers, alignment with neighbours.
 """
 
 import numpy as np
@@ -13,14 +14,18 @@ G_KPC_KM2_S2_MSUN = 4.300_917e-6
 
 
 def disk_radius(log_mass, z, numbers):
-    """Return the median half-light radius [kpc] of a disc."""
-    shrink = np.minimum(np.log10(1 + z), np.log10(1 + numbers["z_break"]))
-    shrink = numbers["near"] * shrink + numbers["far"] * (np.log10(1 + z) - shrink)
-    return numbers["radius"] * 10 ** (numbers["slope"] * (log_mass - numbers["log_mass"]) + shrink)
+    """Return the median half-light semi-major axis [kpc] of a disc.
+
+    log10 radius = offset(z) + slope(z) (log_mass - numbers["log_mass"]); offset and slope are linear in z between the
+    rows of numbers["rows"] and constant outside.
+    """
+    table = np.transpose(np.asarray(numbers["rows"], float))
+    offset, slope = (np.interp(z, table[0], column) for column in table[1:])
+    return 10 ** (offset + slope * (log_mass - numbers["log_mass"]))
 
 
 def bulge_radius(log_mass, z, numbers):
-    """Return the median half-light radius [kpc] of a bulge-dominated galaxy."""
+    """Return the median half-light semi-major axis [kpc] of a bulge-dominated galaxy."""
     x = log_mass - numbers["log_mass"]
     bend = numbers["bend"] - numbers["log_mass"]
     steep = np.where(x > bend, numbers["slope"] * x, numbers["slope"] * bend + numbers["faint_slope"] * (x - bend))
@@ -54,6 +59,11 @@ def draw_ellipticity(generator, round_, numbers):
 def to_arcsec(radius_kpc, z, cosmology):
     """Return the angular size [arcsec] of a length [kpc] at redshift z."""
     return radius_kpc * 1e-3 * (1 + z) / cosmology.comoving_distance(z) * ARCSEC_PER_RAD
+
+
+def equal_area(axis, e):
+    """Return the radius of the circle with the area of an ellipse: semi-major axis `axis`, e = (a - b)/(a + b)."""
+    return axis * np.sqrt((1 - e) / (1 + e))
 
 
 def velocity_dispersion(log_mass, radius_kpc, virial):

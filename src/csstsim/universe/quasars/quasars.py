@@ -4,10 +4,11 @@ The luminosity function of Ross et al. (2013, ApJ 773, 14), a double power law i
 
     phi(M, z) = phi*(z) / (10^(0.4 (alpha + 1)(M - M*(z))) + 10^(0.4 (beta + 1)(M - M*(z))))     [Mpc-3 mag-1],
 
-times the comoving volume gives the number on the sky. The quasars of a redshift bin are assigned to the galaxies of
-that bin by rank: the more luminous the quasar, the larger the product of the host's bulge mass and a log-normal
-accretion rate. Left out: clustering beyond the hosts', obscured quasars, lensed quasars, and the conversion from the
-fit's cosmology (H0 70, Om 0.3), which has 7-9% less volume and distance moduli 0.06 mag smaller than ours.
+times the comoving volume gives the number on the sky. The faint slope alpha changes with redshift below z = 2.2. The
+quasars of a redshift bin are assigned to the galaxies of that bin by rank: the more luminous the quasar, the larger the
+product of the host's bulge mass and a log-normal accretion rate. Left out: clustering beyond the hosts', obscured
+quasars, lensed quasars, and the conversion from the fit's cosmology (H0 70, Om 0.3), which has 7-9% less volume and
+distance moduli 0.06 mag smaller than ours.
 """
 
 import numpy as np
@@ -18,11 +19,14 @@ _DZ, _DM = 0.02, 0.02  # steps of the tabulated counts
 
 
 def luminosity_function(m1450, z, numbers):
-    """Return phi [Mpc-3 mag-1] at `m1450` (AB) and `z` (arrays that broadcast)."""
+    """Return phi [Mpc-3 mag-1] at `m1450` (AB) and `z` (arrays that broadcast).
+
+    Each number of the chosen set holds at all its redshifts, or is a table of (z, value), linear in between.
+    """
     chosen = numbers[numbers["luminosity_function"]]
     m1450, z = np.broadcast_arrays(np.asarray(m1450, dtype=float), np.asarray(z, dtype=float))
     high = z >= chosen["switch"]
-    p = {name: np.where(high, chosen["high"][name], value) for name, value in chosen["low"].items()}
+    p = {name: np.where(high, _at(z, chosen["high"][name]), _at(z, value)) for name, value in chosen["low"].items()}
     step = z - p["pivot"]
     x = m1450 - (p["m_star"] + chosen["shift"] - 2.5 * (p["k1"] * step + p["k2"] * step**2))
     log_phi = p["log_phi"] + p["log_phi_slope"] * step
@@ -78,6 +82,11 @@ def match_hosts(generator, z, m1450, galaxies, numbers):
         pairs = min(len(luminous), len(active))
         host[luminous[:pairs]] = active[:pairs]
     return host
+
+
+def _at(z, value):
+    """Return a number of the luminosity function at z."""
+    return np.interp(z, *np.transpose(np.asarray(value, dtype=float))) if np.ndim(value) else value
 
 
 def _magnitudes(numbers):
