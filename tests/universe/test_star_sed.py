@@ -210,16 +210,19 @@ def colours(seds, camera, teff, logg, feh, av=0.0):
 
 
 def test_camera_colours_against_atlas9(seds, camera):
+    """Redward of u they are those of the grid; in NUV stars below 9000 K are tied to real dwarfs, which are redder."""
     grid = grid_seds("ck04/ck04_packed_1500_12000A.fits")
     nodes = np.array(
         np.meshgrid([5250, 5750, 6500, 7500, 9000, 10000, 15000], [2.0, 3.5, 4.0, 4.5], [-2.0, -0.5, 0, 0.5])
     )
-    nodes = nodes.reshape(3, -1)
-    np.testing.assert_allclose(colours(seds, camera, *nodes), colours(grid, camera, *nodes), atol=0.02)
     # Between the nodes of the model (grid and model interpolate apart): 200 stars
     rng = np.random.default_rng(5)
-    some = rng.uniform(5300, 12000, 200), rng.uniform(3.0, 5.0, 200), rng.uniform(-2.5, 0.5, 200)
-    np.testing.assert_allclose(colours(seds, camera, *some), colours(grid, camera, *some), atol=0.03)
+    some = np.stack([rng.uniform(5300, 12000, 200), rng.uniform(3.0, 5.0, 200), rng.uniform(-2.5, 0.5, 200)])
+    for stars, tolerance in ((nodes.reshape(3, -1), 0.005), (some, 0.01)):
+        off = colours(seds, camera, *stars) - colours(grid, camera, *stars)
+        hot = stars[0] >= 9000
+        assert np.abs(off[:, 1:]).max() < tolerance and np.abs(off[hot, 0]).max() < tolerance
+        assert -tolerance < off[~hot, 0].min() and off[~hot, 0].max() < 0.15
 
 
 def test_spectra_against_the_grids(seds):
