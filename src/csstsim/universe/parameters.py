@@ -20,7 +20,7 @@ Z_MAX = 20.0  # largest redshift allowed for galaxies
 _POSITIVE = ("dust.r_v", "stars.sun.r0", "galaxies.density", "galaxies.mass_function.z_max", "lensing.shells")
 _RISING = ("stars.limits", "quasars.redshift", "quasars.m1450")
 COEFFICIENTS = 20  # per spectrum of a galaxy or quasar
-PARTS = ("cosmology", "dust", "galaxies", "lensing", "quasars", "stars")
+PARTS = ("cosmology", "dust", "galaxies", "lensing", "occupation", "quasars", "stars")
 
 
 @dataclass(frozen=True, eq=False)

@@ -78,7 +78,10 @@ class GalaxyPopulation:
         """
         count = rng("count").poisson(self.grid.total * area)
         z, log_mass, kind = self.grid.draw(rng("mass"), count)
-        columns = self.properties(rng, z, log_mass, kind)
+        return self.bright(self.properties(rng, z, log_mass, kind))
+
+    def bright(self, columns):
+        """Return the rows above the faint limit."""
         keep = columns["i"] < self.limit
         return {name: values[keep] for name, values in columns.items()}
 

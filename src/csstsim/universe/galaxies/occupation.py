@@ -43,7 +43,7 @@ class Occupation:
         z = 0.5 * (grid.z[1:] + grid.z[:-1])
         self.surviving = surviving(z, numbers["surviving"])
         host = 10.0**self.mass
-        density = STEP * np.log(10) * haloes.dn_dlnM(host, z[:, None]) * grid.volume[:, None]  # per deg2, row, bin
+        density = STEP * np.log(10) * haloes.dn_dlnm(host, z[:, None]) * grid.volume[:, None]  # per deg2, row, bin
         self._bias = haloes.bias(host, z[:, None])
         self.eps = quenching(self.mass, z[:, None], numbers["quenching"])
         self._density, self._drawn = density, density * self._shares(drawn)

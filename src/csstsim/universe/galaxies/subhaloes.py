@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import gamma, gammaincc, ndtr
 
 STEP = 0.025  # dex, of all tables of masses and proxies
-_LOWEST, _HIGHEST = 6.0, 17.0  # log10 solar masses; nothing below hosts a galaxy of the mock
+_LOWEST, _HIGHEST = 7.0, 17.0  # log10 solar masses; lighter haloes host no galaxy
 
 
 def host_masses():

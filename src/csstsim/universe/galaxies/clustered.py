@@ -1,0 +1,116 @@
+"""The galaxies of a brick with structure: members of haloes near it, and galaxies that follow the smooth density.
+
+A halo's members may lie in several bricks: each brick draws all haloes that reach into it, and keeps the members that
+lie in it. So no galaxy is lost or doubled at a border, whichever bricks are made. What a galaxy is like beyond
+redshift, mass and type comes from the brick's own streams, as without structure (universe.galaxies.galaxies).
+"""
+
+import numpy as np
+
+from csstsim.base.healpix import HATS_ORDER, ORDER
+from csstsim.base.sphere import frames
+from csstsim.universe.galaxies.alignments import radial_alignment, sheared, tidal_alignment, turned_to
+from csstsim.universe.galaxies.field_galaxies import ORDER as FIELD_ORDER
+from csstsim.universe.galaxies.field_galaxies import draw_field
+from csstsim.universe.galaxies.galaxies import QUIESCENT
+from csstsim.universe.galaxies.members import draw_members, redshift
+
+SATELLITE, CENTRAL, NO_HALO = 1, 0, -1  # of the column `satellite`
+
+
+class ClusteredGalaxies:
+    """population: galaxies.GalaxyPopulation; occupation: occupation.Occupation; structure: structure.Structure."""
+
+    def __init__(self, population, occupation, structure):
+        self.population, self.occupation, self.structure = population, occupation, structure
+        self._cosmology, self._grid = population.cosmology, population.grid
+
+    def draw(self, pix, rng, area):
+        """Return the columns of the galaxies of brick `pix` of `area` [deg2], as GalaxyPopulation.draw.
+
+        Further columns: ra, dec [deg], _healpix_29, halomass [solar], satellite. `rng(name)` gives the brick's
+        generator of one quantity.
+        """
+        parts = [self._field(pix, rng, area)]
+        if self.structure.haloes is not None:
+            parts.append(self._members(pix))
+        sample = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+        columns = self.population.properties(rng, sample["z"], sample.pop("log_mass"), sample["gal_type"])
+        columns |= self._place(sample.pop("_healpix_29"))
+        e = self._aligned(pix, rng, columns, sample)
+        columns |= {"e1": e.real.astype(np.float32), "e2": e.imag.astype(np.float32)}
+        columns |= {name: sample[name] for name in ("halomass", "satellite")}
+        return self.population.bright(columns)
+
+    def _field(self, pix, rng, area):
+        """Galaxies of haloes that are not drawn, in pixels of FIELD_ORDER and their redshift rows."""
+        import healpy
+
+        occupation, structure, z = self.occupation, self.structure, self._grid.z
+        bits = 2 * (FIELD_ORDER - ORDER)
+        pixels = (np.int64(pix) << bits) + np.arange(1 << bits)
+        ra, dec = healpy.pix2ang(1 << FIELD_ORDER, pixels, nest=True, lonlat=True)
+        shell = structure.shell(0.5 * (z[1:] + z[:-1]))
+        delta, variance = structure.delta(ra, dec), structure.variance
+        kind, row, column, pixel = draw_field(
+            rng("field"), occupation.remainder * (area / len(pixels)), occupation.bias, delta[shell], variance[shell]
+        )
+        redshifts, log_mass, kind = self._grid.place(rng("mass"), kind, row, column)
+        deep = 2 * (HATS_ORDER - FIELD_ORDER)
+        healpix = (pixels[pixel] << deep) + rng("position").integers(0, 1 << deep, len(pixel))
+        count, nothing = len(pixel), np.zeros((len(pixel), 3))
+        return {
+            "z": redshifts, "log_mass": log_mass, "gal_type": kind, "_healpix_29": healpix,
+            "halomass": np.full(count, np.nan), "satellite": np.full(count, NO_HALO, np.int8),
+            "offset": nothing, "axis": nothing,
+        }  # fmt: skip
+
+    def _members(self, pix):
+        """Galaxies of drawn haloes that lie in the brick."""
+        import healpy
+
+        occupation, distance = self.occupation, self._cosmology.comoving_distance
+        radius = self.structure.mass_function.virial_radius
+        stretch = occupation.numbers["satellites"]["axis_ratio"] ** (-2 / 3)
+
+        def reach(z, log_mass):
+            return np.arctan2(stretch * radius(10.0 ** np.asarray(log_mass)), distance(z))
+
+        haloes = self.structure.haloes.near(pix, reach)
+        z, mass = haloes["z"], haloes["log_mass"]
+        members = draw_members(occupation, z, mass, haloes["concentration"], radius(10**mass), haloes["key"])
+        halo = members.halo
+        centre, east, north = frames(np.radians(haloes["ra"]), np.radians(haloes["dec"]))
+        x, y, outwards = (v[:, None] for v in members.offset.T)
+        place = centre[halo] * (distance(z)[halo, None] + outwards) + east[halo] * x + north[halo] * y
+        healpix = healpy.vec2pix(1 << HATS_ORDER, *place.T, nest=True).astype(np.int64)
+        inside = np.flatnonzero(healpix >> (2 * (HATS_ORDER - ORDER)) == pix)
+        return {
+            "z": redshift(z[halo], members.speed)[inside], "log_mass": members.log_mass[inside],
+            "gal_type": members.kind[inside], "_healpix_29": healpix[inside], "halomass": 10 ** mass[halo[inside]],
+            "satellite": members.satellite[inside], "offset": members.offset[inside], "axis": members.axis[inside],
+        }  # fmt: skip
+
+    def _place(self, healpix):
+        import healpy
+
+        ra, dec = healpy.pix2ang(1 << HATS_ORDER, healpix, nest=True, lonlat=True)
+        return {"ra": ra, "dec": dec, "_healpix_29": healpix}
+
+    def _aligned(self, pix, rng, columns, sample):
+        """Return complex ellipticities that follow haloes and tidal field."""
+        numbers = self.occupation.numbers["alignment"]
+        e = columns["e1"].astype(float) + 1j * columns["e2"]
+        red, satellite = sample["gal_type"] == QUIESCENT, sample["satellite"]
+        normal = rng("alignment").standard_normal(len(e))
+        turned = np.flatnonzero((satellite == CENTRAL) & (sample["halomass"] >= 10 ** numbers["central_from"]))
+        east, north, _ = sample["axis"][turned].T
+        e[turned] = turned_to(e[turned], east, north, normal[turned], numbers)
+        pointing = np.flatnonzero((satellite == SATELLITE) & red)
+        east, north, _ = sample["offset"][pointing].T
+        e[pointing] = sheared(e[pointing], radial_alignment(east, north, numbers))
+        rows = np.flatnonzero(red & (satellite != SATELLITE))
+        z = columns["z"][rows].astype(float)
+        tide = self.structure.tide(pix, columns["ra"][rows], columns["dec"][rows], z)
+        e[rows] = sheared(e[rows], tidal_alignment(z, tide, self._cosmology, numbers))
+        return e
