@@ -83,7 +83,8 @@ class EmbeddedCatalog(SceneCatalog):
     """The objects of a region, from its bricks.
 
     options: `brick_file` (brick number -> path) and the inputs from which the bricks must be made: `seed`, `universe`
-    (universe.parameters.Universe), `camera`, `lensing`, `structure`. Raises InputError for a missing, damaged or foreign brick.
+    (universe.parameters.Universe), `camera`, `lensing`, `structure`. Raises InputError for a missing, damaged or
+    foreign brick.
     """
 
     def __init__(self, options, region):
