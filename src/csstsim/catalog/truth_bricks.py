@@ -142,8 +142,11 @@ def _clustered(seed, universe, camera, structure):
     from csstsim.universe.galaxies.clustered import ClusteredGalaxies
     from csstsim.universe.galaxies.occupation import Occupation
 
-    population, matter = _population(universe, camera), universe.structure(seed, structure)
-    occupation = Occupation(universe.numbers["occupation"], population.grid, matter.mass_function, matter.drawn)
+    population, matter = _population(universe, camera), _matter(seed, universe, structure)
+    haloes, drawn = universe.numbers["structure"]["haloes"], None
+    if matter.haloes is not None:
+        drawn = np.log10(haloes["tiers"][0]), haloes["z_min"], haloes["z_max"]
+    occupation = Occupation(universe.numbers["occupation"], population.grid, matter.mass_function, drawn)
     return ClusteredGalaxies(population, occupation, matter)
 
 
@@ -181,9 +184,16 @@ def _put(columns, ra, dec, healpix, seed, pix, universe, lensing, structure):
     """Add position, extinction by the whole dust column and lensing to the columns of extragalactic objects."""
     from csstsim.universe.lensing.lensing import lens
 
-    field = universe.lensing_field(seed, structure) if lensing.field == "cosmic" else None
+    field = _matter(seed, universe, structure) if lensing.field == "cosmic" else None
     columns |= {"ra": ra, "dec": dec, "_healpix_29": healpix, "av": universe.r_v * universe.dust.ebv(ra, dec)}
     columns |= lens(pix, ra, dec, columns["z"], lensing, field)
+
+
+def _matter(seed, universe, structure):
+    """The matter that lenses: the MatterField that galaxies follow, too, or the LensingField of `none`."""
+    if structure == "none":
+        return universe.lensing_field(seed)
+    return universe.matter_field(seed, haloes=structure == "haloes")
 
 
 def _complete(obj_type, columns, camera):

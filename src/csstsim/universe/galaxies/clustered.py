@@ -19,10 +19,10 @@ SATELLITE, CENTRAL, NO_HALO = 1, 0, -1  # of the column `satellite`
 
 
 class ClusteredGalaxies:
-    """population: galaxies.GalaxyPopulation; occupation: occupation.Occupation; structure: structure.Structure."""
+    """population: a GalaxyPopulation; occupation: its Occupation; matter: structure.matter_field.MatterField."""
 
-    def __init__(self, population, occupation, structure):
-        self.population, self.occupation, self.structure = population, occupation, structure
+    def __init__(self, population, occupation, matter):
+        self.population, self.occupation, self.matter = population, occupation, matter
         self._cosmology, self._grid = population.cosmology, population.grid
 
     def draw(self, pix, rng, area):
@@ -32,7 +32,7 @@ class ClusteredGalaxies:
         generator of one quantity.
         """
         parts = [self._field(pix, rng, area)]
-        if self.structure.haloes is not None:
+        if self.matter.haloes is not None:
             parts.append(self._members(pix))
         sample = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
         columns = self.population.properties(rng, sample["z"], sample.pop("log_mass"), sample["gal_type"])
@@ -46,14 +46,13 @@ class ClusteredGalaxies:
         """Galaxies of haloes that are not drawn, in pixels of FIELD_ORDER and their redshift rows."""
         import healpy
 
-        occupation, structure, z = self.occupation, self.structure, self._grid.z
+        occupation = self.occupation
         bits = 2 * (FIELD_ORDER - ORDER)
         pixels = (np.int64(pix) << bits) + np.arange(1 << bits)
         ra, dec = healpy.pix2ang(1 << FIELD_ORDER, pixels, nest=True, lonlat=True)
-        shell = structure.shell(0.5 * (z[1:] + z[:-1]))
-        delta, variance = structure.delta(ra, dec), structure.variance
+        delta, variance = self._density(ra, dec)
         kind, row, column, pixel = draw_field(
-            rng("field"), occupation.remainder * (area / len(pixels)), occupation.bias, delta[shell], variance[shell]
+            rng("field"), occupation.remainder * (area / len(pixels)), occupation.bias, delta, variance
         )
         redshifts, log_mass, kind = self._grid.place(rng("mass"), kind, row, column)
         deep = 2 * (HATS_ORDER - FIELD_ORDER)
@@ -65,18 +64,29 @@ class ClusteredGalaxies:
             "offset": nothing, "axis": nothing,
         }  # fmt: skip
 
+    def _density(self, ra, dec):
+        """Return the overdensity (rows, places) of each redshift row, of the shell of its middle, and its variance."""
+        z = 0.5 * (self._grid.z[1:] + self._grid.z[:-1])
+        shell = np.searchsorted(self.matter.shells.edges, self._cosmology.comoving_distance(z))
+        _, first, row = np.unique(shell, return_index=True, return_inverse=True)
+        places = [np.tile(v, len(first)) for v in (ra, dec)]
+        delta, variance = (
+            v.reshape(len(first), -1) for v in self.matter.density(*places, np.repeat(z[first], len(ra)))
+        )
+        return delta[row], variance[row, 0]
+
     def _members(self, pix):
         """Galaxies of drawn haloes that lie in the brick."""
         import healpy
 
         occupation, distance = self.occupation, self._cosmology.comoving_distance
-        radius = self.structure.mass_function.virial_radius
+        radius = self.matter.mass_function.virial_radius
         stretch = occupation.numbers["satellites"]["axis_ratio"] ** (-2 / 3)
 
         def reach(z, log_mass):
             return np.arctan2(stretch * radius(10.0 ** np.asarray(log_mass)), distance(z))
 
-        haloes = self.structure.haloes.near(pix, reach)
+        haloes = self.matter.haloes.near(pix, reach)
         z, mass = haloes["z"], haloes["log_mass"]
         members = draw_members(occupation, z, mass, haloes["concentration"], radius(10**mass), haloes["key"])
         halo = members.halo
@@ -111,6 +121,6 @@ class ClusteredGalaxies:
         e[pointing] = sheared(e[pointing], radial_alignment(east, north, numbers))
         rows = np.flatnonzero(red & (satellite != SATELLITE))
         z = columns["z"][rows].astype(float)
-        tide = self.structure.tide(pix, columns["ra"][rows], columns["dec"][rows], z)
-        e[rows] = sheared(e[rows], tidal_alignment(z, tide, self._cosmology, numbers))
+        plus, cross = self.matter.tidal(pix, columns["ra"][rows], columns["dec"][rows], z)
+        e[rows] = sheared(e[rows], tidal_alignment(z, plus + 1j * cross, self._cosmology, numbers))
         return e
