@@ -20,7 +20,7 @@ Z_MAX = 20.0  # largest redshift allowed for galaxies
 _POSITIVE = ("dust.r_v", "stars.sun.r0", "galaxies.density", "galaxies.mass_function.z_max", "lensing.shells")
 _RISING = ("stars.limits", "quasars.redshift", "quasars.m1450")
 COEFFICIENTS = 20  # per spectrum of a galaxy or quasar
-PARTS = ("cosmology", "dust", "galaxies", "lensing", "occupation", "quasars", "stars")
+PARTS = ("cosmology", "dust", "galaxies", "lensing", "occupation", "quasars", "stars", "structure")
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +89,17 @@ class Universe:
             raise InputError(
                 f"no lensing field: {type(exc).__name__} {exc}", file=self.folder / "lensing.yaml"
             ) from exc
+
+    @cache  # noqa: B019 - as above
+    def matter_field(self, seed, haloes=True):
+        """Return the structure.matter_field.MatterField of a campaign's seed. Raises InputError."""
+        from csstsim.universe.structure.matter_field import MatterField
+
+        try:
+            numbers = (self.numbers[name] for name in ("cosmology", "lensing", "structure"))
+            return MatterField(seed, *numbers, haloes=haloes)
+        except (KeyError, TypeError, ValueError) as exc:
+            raise InputError(f"no structure: {type(exc).__name__} {exc}", file=self.folder / "structure.yaml") from exc
 
     def check(self):
         """Build the models that the numbers define, but draw no objects. Raises InputError for a bad number."""
