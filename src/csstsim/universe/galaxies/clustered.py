@@ -31,16 +31,26 @@ class ClusteredGalaxies:
         Further columns: ra, dec [deg], _healpix_29, halomass [solar], satellite. `rng(name)` gives the brick's
         generator of one quantity.
         """
+        sample = self.sample(pix, rng, area)
+        columns = self.population.properties(rng, sample["z"], sample["log_mass"], sample["gal_type"])
+        columns |= {name: sample[name] for name in ("ra", "dec", "_healpix_29", "halomass", "satellite")}
+        e = self._aligned(pix, rng, columns, sample)
+        columns |= {"e1": e.real.astype(np.float32), "e2": e.imag.astype(np.float32)}
+        return self.population.bright(columns)
+
+    def sample(self, pix, rng, area):
+        """Return places, z, log_mass, gal_type, halomass, satellite, offset and axis of the galaxies, also faint ones.
+
+        offset, axis (n, 3): of members.Members, zero where there is no halo.
+        """
+        import healpy
+
         parts = [self._field(pix, rng, area)]
         if self.matter.haloes is not None:
             parts.append(self._members(pix))
         sample = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-        columns = self.population.properties(rng, sample["z"], sample.pop("log_mass"), sample["gal_type"])
-        columns |= self._place(sample.pop("_healpix_29"))
-        e = self._aligned(pix, rng, columns, sample)
-        columns |= {"e1": e.real.astype(np.float32), "e2": e.imag.astype(np.float32)}
-        columns |= {name: sample[name] for name in ("halomass", "satellite")}
-        return self.population.bright(columns)
+        ra, dec = healpy.pix2ang(1 << HATS_ORDER, sample["_healpix_29"], nest=True, lonlat=True)
+        return sample | {"ra": ra, "dec": dec}
 
     def _field(self, pix, rng, area):
         """Galaxies of haloes that are not drawn, in pixels of FIELD_ORDER and their redshift rows."""
@@ -100,12 +110,6 @@ class ClusteredGalaxies:
             "gal_type": members.kind[inside], "_healpix_29": healpix[inside], "halomass": 10 ** mass[halo[inside]],
             "satellite": members.satellite[inside], "offset": members.offset[inside], "axis": members.axis[inside],
         }  # fmt: skip
-
-    def _place(self, healpix):
-        import healpy
-
-        ra, dec = healpy.pix2ang(1 << HATS_ORDER, healpix, nest=True, lonlat=True)
-        return {"ra": ra, "dec": dec, "_healpix_29": healpix}
 
     def _aligned(self, pix, rng, columns, sample):
         """Return complex ellipticities that follow haloes and tidal field."""
