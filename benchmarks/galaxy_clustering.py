@@ -164,20 +164,12 @@ def main():
         axes[1].plot(theta, model, color=f"C{k}", lw=1)
         far = theta > 2
         weight = 1 / error[far] ** 2
-        print(f"z {low:g} to {high:g}: {chosen.sum()} galaxies;", _line(theta, w, error), "; over HSC's, beyond 2 arcmin:",
-              f"{np.sum(weight * w[far] * model[far]) / np.sum(weight * model[far] ** 2):.2f}")  # fmt: skip
+        ratio = np.sum(weight * w[far] * model[far]) / np.sum(weight * model[far] ** 2)
+        print(f"z {low:g} to {high:g}: {chosen.sum()} galaxies;", _line(theta, w, error), f"; over HSC's {ratio:.2f}")
     theta, (within, across) = seam(catalogue(sky, sky["i"] < 23.0, rng), randoms)
     off = (within[0] - across[0]) / np.hypot(within[1], across[1])
-    print(
-        "seam, i < 23: theta",
-        theta.round(2),
-        "within",
-        within[0].round(4),
-        "across",
-        across[0].round(4),
-        "sigma",
-        off.round(1),
-    )
+    for t, a, b, sigma in zip(theta, within[0], across[0], off, strict=True):
+        print(f"seam, i < 23, {t:.2f} arcmin: within bricks {a:.4f}, across {b:.4f}, {sigma:+.1f} sigma")
     mass, found = richness(_clustered(7, universe, load_camera(), "haloes"))
     axes[2].plot(found, 10**mass, ".", ms=3, alpha=0.4)
     grid = np.array([10, 200])
