@@ -24,7 +24,7 @@ WIDTHS = (1.3 * np.sqrt(2), 1.3)  # sigma in pixels; at 1.3 they change the loca
 _REACH = 5.5  # sigma: the kernel of kappa is cut at 4e-6 of its peak
 _SAMPLES = 3.0  # grid points per sigma, at least: interpolation errs by 1e-5 at most
 _BLOCK_ORDERS = 4  # deviates are drawn in blocks of 4^4 pixels
-_BLOCKS = 2048  # blocks kept: neighbouring cells and bricks share most of theirs
+_BLOCKS = 640  # blocks kept: neighbouring cells and bricks share most of theirs
 
 
 class PotentialField:
@@ -77,7 +77,7 @@ class PotentialField:
         return grids[-1], values
 
     def _add(self, values, grid, s):
-        order, sigma = self.widths[s]
+        sigma = self.widths[s][1]
         reach = min(_REACH * sigma, np.pi)
         points, deviates = self.deviates(grid, s, reach)
         deviates = deviates[:, : self.lenses] * self.amplitude[: self.lenses, s]
@@ -126,7 +126,7 @@ def splat(values, n, t1, t2, points, boxes, deviates, u, reach):
     """
     far = 2 * np.sin(0.5 * reach) ** 2  # 1 - cos(reach)
     for j in range(len(points)):
-        p = points[j]
+        p, deviate = points[j], deviates[j]
         for y in range(boxes[j, 0], boxes[j, 1]):
             for x in range(boxes[j, 2], boxes[j, 3]):
                 # From p - n, because 1 - n . p of near directions loses digits.
@@ -139,7 +139,10 @@ def splat(values, n, t1, t2, points, boxes, deviates, u, reach):
                 kernel = u * np.exp(-u * gap)
                 kappa = kernel * (0.5 * u * (a * a + b * b) - (1.0 - gap))
                 gamma1, gamma2 = 0.5 * u * kernel * (a * a - b * b), u * kernel * a * b
-                for i in range(deviates.shape[1]):
-                    values[y, x, 0, i] += kappa * deviates[j, i]
-                    values[y, x, 1, i] += gamma1 * deviates[j, i]
-                    values[y, x, 2, i] += gamma2 * deviates[j, i]
+                maps = values[y, x]
+                for i in range(len(deviate)):  # a loop each: these are made of vector instructions
+                    maps[0, i] += kappa * deviate[i]
+                for i in range(len(deviate)):
+                    maps[1, i] += gamma1 * deviate[i]
+                for i in range(len(deviate)):
+                    maps[2, i] += gamma2 * deviate[i]

@@ -134,17 +134,29 @@ def interpolate(values, places, weights):
         y0 = min(int(places[g, 1]), values.shape[0] - 1 - _TAPS // 2) - _TAPS // 2 + 1
         _lagrange(places[g, 0] - x0, wx)
         _lagrange(places[g, 1] - y0, wy)
+        first, last = _span(weights[g])
         maps[:] = 0.0
         for j in range(_TAPS):
             for i in range(_TAPS):
                 w = wy[j] * wx[i]
                 for c in range(3):
-                    for s in range(shells):
+                    for s in range(first, last):
                         maps[c, s] += w * values[y0 + j, x0 + i, c, s]
         for c in range(3):
-            for s in range(shells):
+            for s in range(first, last):
                 out[g, c] += weights[g, s] * maps[c, s]
     return out
+
+
+@njit(cache=True)
+def _span(weights):
+    """Return the first weight that is not 0, and the one after the last."""
+    first, last = 0, len(weights)
+    while first < last and weights[first] == 0:
+        first += 1
+    while last > first and weights[last - 1] == 0:
+        last -= 1
+    return first, last
 
 
 @njit(cache=True)

@@ -17,21 +17,22 @@ from csstsim.universe.lensing.potential_field import WIDTHS, pixel
 from csstsim.universe.lensing.tangent_grid import TangentGrid, interpolate_all
 
 _FINER = 4  # orders of the kernels below that of their cell
-_ROOT = 2  # order of the widest cells
+_ROOT = 2  # order of the widest cells; they have all wider kernels
+_WIDEST = 3  # order of the kernels at which the smoothest maps end
 _REACH = 4.5  # sigma: the kernel is cut at 4e-4 of its peak
 _SAMPLES = 2.0  # grid points per sigma
-_CELLS = 256  # maps kept
+_CELLS = 96  # maps kept
 _ELL = np.geomspace(0.5, 3e5, 4000)  # of the variances
 
 
 def kernel_order(field, scale):
     """Return for each shell the order of the kernels down to which matter is smooth on `scale` [Mpc, sigma].
 
-    Orders step by a factor of two; taken is the nearest, from that of the widest cells to the finest of the field.
+    Orders step by a factor of two; taken is the nearest, from 3 (9 degrees) to the finest of the field.
     """
     chi = 0.5 * (field.shells.edges[1:] + field.shells.edges[:-1])
     orders = np.round(np.log2(WIDTHS[-1] * pixel(0) * chi / scale)).astype(int)
-    return np.clip(orders, _ROOT + _FINER, field.orders)
+    return np.clip(orders, _WIDEST, field.orders)
 
 
 def within(field, order):
@@ -41,7 +42,7 @@ def within(field, order):
 
 def cell_order(order):
     """Return the HEALPix order of the cells in which maps of kernels up to `order` are made."""
-    return order - _FINER
+    return max(order - _FINER, _ROOT)
 
 
 class ShellDensity:
@@ -78,15 +79,15 @@ class ShellDensity:
     def _make(self, order, cell):
         """Return the TangentGrid of a cell and its maps of delta (rows, columns, shells)."""
         field, at = self.field, cell_order(order)
-        grid = TangentGrid.around(at, cell, WIDTHS[-1] * pixel(order) / _SAMPLES)
+        grid = TangentGrid.around(at, cell, WIDTHS[-1] * pixel(at + _FINER) / _SAMPLES)
         first = int(np.argmax(self._finest >= order))  # nearer shells are smooth on these scales
-        if at > _ROOT:
+        if order > _ROOT + _FINER:
             wide, maps = self.maps(order - 1, cell >> 2)
             values = interpolate_all(maps, wide.places(grid.frames[0].reshape(-1, 3))).reshape(*grid.shape, -1)
         else:
             values = np.zeros((*grid.shape, field.shells.count))
         for s, (o, sigma) in enumerate(field.widths):
-            if o == order or (at == _ROOT and o < order):
+            if o == order or (o < order and at == _ROOT):
                 reach = min(_REACH * sigma, np.pi)
                 points, deviates = field.deviates(grid, s, reach)
                 _splat(values[..., first:], grid.frames[0], points, grid.boxes(points, reach),

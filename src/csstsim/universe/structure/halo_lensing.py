@@ -1,6 +1,6 @@
 """Convergence and shear by haloes, summed pair by pair, with the exact distances of halo and source (halo_profile).
 
-    kappa = 3/2 Om (H0 / c)^2 (1 + z_h) chi_h (1 - chi_h / chi_s) V Sigma / M,   V = M / rho    (comoving; flat universe)
+    kappa = 3/2 Om (H0 / c)^2 (1 + z_h) chi_h (1 - chi_h / chi_s) V Sigma / M,   V = M / rho    (comoving)
 
 Radii are chords on the unit sphere times chi_h. In them areas on the sphere are flat, so the halo's mass and that of
 its disc cancel exactly, and gamma_t = mean (1 - g) / (1 - g / 2) - kappa with g = chord^2 / 2 has no B mode. Born.

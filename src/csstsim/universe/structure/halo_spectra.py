@@ -11,8 +11,10 @@ Haloes follow those kernels s of the smooth field that are wide for their tier (
 
 B_s is the spectrum of kernel s. As this is linear in a_s^2, the smooth part is found such that C_l is halofit's.
 C_ln comes from haloes clustering as exp(b delta): their correlation is exp(b b' xi) - 1, of which b b' xi is in the
-first term already; it is taken to third order. The correlation with the smooth field has no such term.
+first term already; b there is a tier's mean, weighted by its part. The correlation with the smooth field has no such term.
 """
+
+from itertools import combinations_with_replacement
 
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
@@ -43,9 +45,9 @@ class HaloSpectra:
         z = np.linspace(*self.limits, _REDSHIFTS)
         moments = np.array([
             [_moments(mass_function, tiers[t], tiers[t + 1], at, haloes) for at in z] for t in lensing
-        ])  # (tiers, z, 4, k): h of the bias' powers 1, 2, 3, and P_1h  # fmt: skip
-        self._one = RectBivariateSpline(z, _LN_K, moments[:, :, 3].sum(axis=0))
-        self._h = [[RectBivariateSpline(z, _LN_K, moments[t, :, p]) for p in range(3)] for t in range(len(lensing))]
+        ])  # (tiers, z, 3, k): h of the bias' powers 1, 2, and P_1h  # fmt: skip
+        self._one = RectBivariateSpline(z, _LN_K, moments[:, :, 2].sum(axis=0))
+        self._h = [[RectBivariateSpline(z, _LN_K, moments[t, :, p]) for p in range(2)] for t in range(len(lensing))]
         self._nodes()
 
     def _nodes(self):
@@ -57,9 +59,7 @@ class HaloSpectra:
         self._z = np.interp(self._chi, *shells.distances)
         strength = shells.strength(self._z)
         self._weight = 0.5 * (end - begin) * _GAUSS * strength**2  # of P in C_l of the shell
-        self._share = (
-            0.5 * (end - begin) * _GAUSS * strength * self._chi / shells.kernel()[:, None]
-        )  # of the overdensity
+        self._share = 0.5 * (end - begin) * _GAUSS * strength * self._chi / shells.kernel()[:, None]  # of delta
 
     def one_halo(self, ell):
         """Return C_1h (shells, len(ell)) for sources at infinity."""
@@ -83,34 +83,35 @@ class HaloSpectra:
         return (1 + np.einsum("tis,itl->ils", self.wide(), self.response(ell))) ** 2
 
     def fit(self, ell, wanted):
-        """Return the amplitudes a_is (shells, widths) with which C_l is `wanted` (shells, len(ell)), and C_ln."""
-        bases = self.field.powers(ell) * self.factors(ell)
-        one = self.one_halo(ell)
-        extra = np.zeros_like(wanted)
-        for _ in range(2):  # C_ln depends on the amplitudes, but is small
-            fits = [nnls(b / w[:, None], 1 - o / w)[0] for b, w, o in zip(bases, wanted, one + extra, strict=True)]
+        """Return the amplitudes a_is (shells, widths) with which C_l is `wanted` (shells, len(ell))."""
+        bases, rest = self.field.powers(ell) * self.factors(ell), wanted - self.one_halo(ell)
+        extra = 0.0
+        for _ in range(3):  # C_ln depends on the amplitudes, but is small
+            fits = [nnls(b / w[:, None], r / w)[0] for b, w, r in zip(bases, wanted, rest - extra, strict=True)]
             amplitude = np.sqrt(fits)
             extra = self.lognormal(ell, amplitude)
-        return amplitude, extra
+        return amplitude
 
     def lognormal(self, ell, amplitude):
         """Return C_ln (shells, len(ell)) for amplitudes (shells, widths)."""
         kernel = self.field.shells.kernel()[:, None]
         shapes = np.stack([_correlation(sigma, order) for order, sigma in self.field.widths])
         transform = 2 * np.pi * np.gradient(np.log(_THETA))[:, None] * _THETA[:, None] ** 2 * j0(np.outer(_THETA, ell))
-        wide, powers = self.wide(), [None, None, self.response(ell, 2), self.response(ell, 3)]
+        wide, first, second = self.wide(), self.response(ell), self.response(ell, 2)
+        strongest = np.argmax(np.abs(second), axis=2, keepdims=True)
+        first, bias = (np.take_along_axis(v, strongest, axis=2)[..., 0] for v in (first, second))
+        bias = np.divide(bias, first, out=np.zeros_like(bias), where=first != 0)  # (shells, tiers)
         total = np.zeros((len(kernel), len(ell)))
-        for t in range(len(wide)):
-            for u in range(len(wide)):
-                xi = (amplitude**2 * wide[t] * wide[u]) @ shapes / kernel**2  # of delta (shells, theta)
-                for power, factorial in ((2, 2), (3, 6)):
-                    h = powers[power]
-                    total += h[:, t] * h[:, u] * ((xi**power) @ transform) / factorial
+        for t, u in combinations_with_replacement(range(len(wide)), 2):
+            xi = (amplitude**2 * wide[t] * wide[u]) @ shapes / kernel**2  # of delta (shells, theta)
+            x = (bias[:, t] * bias[:, u])[:, None] * xi
+            curved = xi**2 * np.where(np.abs(x) > 1e-3, (np.expm1(x) - x) / np.where(x == 0, 1, x) ** 2, 0.5)
+            total += (1 if t == u else 2) * second[:, t] * second[:, u] * (curved @ transform)
         return total * kernel**2
 
 
 def _moments(mass_function, low, high, z, numbers):
-    """Return int dlnM n V b^p <u - g> for p = 1, 2, 3, and int dlnM n V^2 <(u - g)^2> (4, k), of one tier."""
+    """Return int dlnM n V b^p <u - g> for p = 1, 2, and int dlnM n V^2 <(u - g)^2> (3, k), of one tier."""
     nodes, weights = np.polynomial.legendre.leggauss(_MASSES)
     ln_mass = 0.5 * np.log(low * high) + 0.5 * np.log(high / low) * nodes
     mass = np.exp(ln_mass)
@@ -124,7 +125,7 @@ def _moments(mass_function, low, high, z, numbers):
     first, second = (np.einsum("s,skm->km", chances, profiles**p) for p in (1, 2))
     number = 0.5 * np.log(high / low) * weights * mass_function.dn_dlnm(mass, z)
     volume, bias = mass / mass_function.density, mass_function.bias(mass, z)
-    return np.stack([*(first @ (number * volume * bias**p) for p in (1, 2, 3)), second @ (number * volume**2)])
+    return np.stack([*(first @ (number * volume * bias**p) for p in (1, 2)), second @ (number * volume**2)])
 
 
 def _correlation(sigma, order):

@@ -44,7 +44,7 @@ class MatterField(PotentialField):
         wanted = shells.spectra(self.ell)
         self.spectra = HaloSpectra(self, self.mass_function, numbers) if haloes else None
         if haloes:
-            self.amplitude, _ = self.spectra.fit(self.ell, wanted)
+            self.amplitude = self.spectra.fit(self.ell, wanted)
         else:
             self.amplitude = np.sqrt([nnls(self.powers(self.ell) / w[:, None], np.ones(len(w)))[0] for w in wanted])
         self._galaxy_order = kernel_order(self, numbers["galaxy_scale"])
@@ -78,7 +78,7 @@ class MatterField(PotentialField):
         return 2 * np.arcsin(np.minimum(0.5 * radius / self.shells.cosmology.comoving_distance(z), 1.0)) + _MARGIN
 
     def density(self, ra, dec, z):
-        """Return delta and its variance (each (n,)): the overdensity, smoothed on `galaxy_scale`, of each place's shell.
+        """Return delta and its variance (each (n,)): overdensity of each place's shell, smoothed.
 
         Galaxies of bias b that follow it have the intensity exp(b delta - b^2 variance / 2), of mean 1. Beyond the last
         shell, and where z is negative or NaN, both are 0.
