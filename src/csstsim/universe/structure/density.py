@@ -46,11 +46,14 @@ def cell_order(order):
 
 
 class ShellDensity:
-    """`field`: lensing.potential_field.PotentialField with its amplitudes; finest: the finest `kernel_order` in use."""
+    """`field`: lensing.potential_field.PotentialField with its amplitudes; finest: the finest `kernel_order` in use.
 
-    def __init__(self, field, finest):
+    gain (shells, widths): factor on each kernel's overdensity (halo_spectra.HaloSpectra.gain).
+    """
+
+    def __init__(self, field, finest, gain=1.0):
         self.field, self._finest = field, finest
-        self._scale = field.amplitude / field.shells.kernel()[:, None]  # of delta (shells, widths)
+        self._scale = gain * field.amplitude / field.shells.kernel()[:, None]  # of delta (shells, widths)
         step = np.gradient(np.log(_ELL)) * _ELL**2 / (2 * np.pi)
         self._variances = field.powers(_ELL).T @ step  # of kappa for amplitude 1
         self.maps = lru_cache(maxsize=_CELLS)(self._make)

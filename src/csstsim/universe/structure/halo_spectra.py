@@ -5,15 +5,18 @@ With the haloes' profile u, the disc g taken from it (halo_profile) and V = M / 
     h_t(k) = int_t dlnM n V b (u - g)                                   of each tier t of lensing haloes,
     P_1h(k) = int dlnM n V^2 <(u - g)^2>
 
-Haloes follow those kernels s of the smooth field that are wide for their tier (w_ts = 1, else 0), so that in a shell
+Haloes follow those kernels s of the smooth field that are wide for their tier (w_ts = 1, else 0). They follow all the
+matter of that scale, the smooth part and haloes, so the kernel counts for them q_s times: q_s = 1 + q_s sum_t w_ts h_t
+at the kernel's own l. In a shell then
 
-    C_l = sum_s a_s^2 B_s(l) (1 + sum_t w_ts h_t)^2 + C_1h + C_ln
+    C_l = sum_s a_s^2 B_s(l) (1 + q_s sum_t w_ts h_t)^2 + C_1h + C_ln
 
 B_s is the spectrum of kernel s. As this is linear in a_s^2, the smooth part is found such that C_l is halofit's.
 C_ln comes from haloes clustering as exp(b delta): their correlation is exp(b b' xi) - 1, of which b b' xi is in the
 first term already; b there is a tier's mean, weighted by its part. The correlation with the smooth field has no such term.
 """
 
+from functools import cached_property
 from itertools import combinations_with_replacement
 
 import numpy as np
@@ -79,8 +82,14 @@ class HaloSpectra:
         return np.stack([within(self.field, orders) for orders in self.orders])
 
     def factors(self, ell):
-        """Return (1 + sum_t w_ts h_t)^2 (shells, len(ell), widths)."""
-        return (1 + np.einsum("tis,itl->ils", self.wide(), self.response(ell))) ** 2
+        """Return (1 + q_s sum_t w_ts h_t)^2 (shells, len(ell), widths)."""
+        return (1 + np.einsum("is,tis,itl->ils", self.gain, self.wide(), self.response(ell))) ** 2
+
+    @cached_property
+    def gain(self):
+        """q_s (shells, widths): what haloes and galaxies follow, over the smooth part of the overdensity."""
+        ell = np.sqrt(3.0) / np.array([sigma for _, sigma in self.field.widths])  # where l^2 B_s is largest
+        return 1 / (1 - np.einsum("tis,its->is", self.wide(), self.response(ell)))
 
     def fit(self, ell, wanted):
         """Return the amplitudes a_is (shells, widths) with which C_l is `wanted` (shells, len(ell))."""
@@ -103,7 +112,7 @@ class HaloSpectra:
         bias = np.divide(bias, first, out=np.zeros_like(bias), where=first != 0)  # (shells, tiers)
         total = np.zeros((len(kernel), len(ell)))
         for t, u in combinations_with_replacement(range(len(wide)), 2):
-            xi = (amplitude**2 * wide[t] * wide[u]) @ shapes / kernel**2  # of delta (shells, theta)
+            xi = ((amplitude * self.gain) ** 2 * wide[t] * wide[u]) @ shapes / kernel**2  # of delta (shells, theta)
             x = (bias[:, t] * bias[:, u])[:, None] * xi
             curved = xi**2 * np.where(np.abs(x) > 1e-3, (np.expm1(x) - x) / np.where(x == 0, 1, x) ** 2, 0.5)
             total += (1 if t == u else 2) * second[:, t] * second[:, u] * (curved @ transform)
