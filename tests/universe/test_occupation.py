@@ -37,7 +37,7 @@ def test_galaxies_and_haloes_above_matched_values_are_as_many(make, grid):
     row = 60
     haloes = sum(tables._counts(tables._density))[row]
     above = np.cumsum(grid.density.sum(axis=0)[row, ::-1])[::-1]
-    for proxy in (11.0, 12.0, 13.5):
+    for proxy in (11.5, 12.0, 13.5):
         k = np.argmin(np.abs(tables.proxies - proxy))
         galaxies = np.interp(tables.log_mass[row, k], grid.log_mass, above)
         assert galaxies == pytest.approx(haloes[k], rel=1e-6)

@@ -51,7 +51,7 @@ def draw_members(occupation, z, log_mass, concentration, radius, keys):
     bins = np.clip(((log_mass - occupation.proxies[0]) / STEP).astype(int), 0, len(occupation.mass) - 1)
     speed = numbers["dispersion"] * np.sqrt(_G_MPC * 10**log_mass * (1 + z) / (2 * radius))
     scatter = np.interp(log_mass, occupation.mass, occupation.scatter)
-    least, surviving, table = occupation.least[row], occupation.surviving[row], occupation.satellite
+    least, surviving, table = occupation.least[row], occupation.surviving[row, bins], occupation.satellite
     drawn = log_mass, scatter, bins, least, surviving, table, occupation.proxies[0], keys
     counts = _count(*drawn)
     own = numbers["concentration"] * np.asarray(concentration, float), np.asarray(radius, float), speed

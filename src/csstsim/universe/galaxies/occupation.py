@@ -18,9 +18,9 @@ import numpy as np
 
 from csstsim.universe.galaxies.subhaloes import (
     STEP,
-    central_counts,
     host_masses,
     proxies,
+    proxy_above,
     satellite_counts,
     scatter_in_proxy,
     surviving,
@@ -37,11 +37,10 @@ class Occupation:
     def __init__(self, numbers, grid, haloes, drawn=None):
         self.numbers, self.grid = numbers, grid
         self.mass, self.proxies = host_masses(), proxies()
-        self.central = central_counts(numbers)
-        self.satellite = satellite_counts(numbers, self.central)
+        self.central, self.satellite = proxy_above(numbers), satellite_counts(numbers)
         self.scatter = scatter_in_proxy(self.mass, numbers["stellar_to_halo"])
         z = 0.5 * (grid.z[1:] + grid.z[:-1])
-        self.surviving = surviving(z, numbers["surviving"])
+        self.surviving = surviving(self.mass, z[:, None], numbers["surviving"])
         host = 10.0**self.mass
         density = STEP * np.log(10) * haloes.dn_dlnm(host, z[:, None]) * grid.volume[:, None]  # per deg2, row, bin
         self._bias = haloes.bias(host, z[:, None])
@@ -62,7 +61,7 @@ class Occupation:
 
     def _counts(self, haloes, eps=1.0):
         """Return (rows, X) centrals, and satellites weighted with eps, above each proxy, of haloes (rows, H)."""
-        return haloes @ self.central, self.surviving[:, None] * ((haloes * eps) @ self.satellite)
+        return haloes @ self.central, (haloes * eps * self.surviving) @ self.satellite
 
     def _match(self):
         """F as `log_mass` (rows, X), `least` (rows,), the proxy of the lightest galaxy, and of each column's edge."""
