@@ -39,7 +39,11 @@ def maps_of(universe, seed, structure, count):
         path = KEPT / f"{structure}_{seed}_{ra:.2f}_{dec:.2f}.npy"
         if not path.exists():
             if field is None:
-                field = universe.lensing_field(seed) if structure == "none" else universe.matter_field(seed, structure == "haloes")
+                field = (
+                    universe.lensing_field(seed)
+                    if structure == "none"
+                    else universe.matter_field(seed, structure == "haloes")
+                )
             path.parent.mkdir(parents=True, exist_ok=True)
             np.save(path, patch(field, ra, dec, np.radians(DEGREES), SIZE).astype(np.float32))
             print(path.name, flush=True)

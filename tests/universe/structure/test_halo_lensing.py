@@ -73,7 +73,10 @@ def test_tangential_shear_of_a_halo_by_integration(masses, name):
     kappa, *gamma = halo_shear(lenses(masses, halo(place)), ra, dec, np.full(len(radii), source))
     tangential, cross = turned(place, ra, dec, *gamma)
     expected = [surface(masses, r, 14.3, 5.0) for r in radii]
-    means = [2 / r**2 * quad(lambda s: s * surface(masses, s, 14.3, 5.0), 0, r, epsrel=1e-4, points=[0.5 * r])[0] for r in radii]
+    means = [
+        2 / r**2 * quad(lambda s: s * surface(masses, s, 14.3, 5.0), 0, r, epsrel=1e-4, points=[0.5 * r])[0]
+        for r in radii
+    ]
     peak = critical * expected[0]
     np.testing.assert_allclose(kappa, critical * np.array(expected), rtol=1e-3, atol=1e-4 * peak)
     np.testing.assert_allclose(tangential, critical * np.subtract(means, expected), rtol=2e-3, atol=1e-5 * peak)
@@ -133,5 +136,7 @@ def test_haloes_add_in_any_order_of_sources(masses):
     apart = halo_shear(lenses(masses, near), ra, dec, chi) + halo_shear(lenses(masses, far), ra, dec, chi)
     np.testing.assert_allclose(both, apart, atol=1e-15)
     order = rng.permutation(300)[:100]
-    np.testing.assert_array_equal(halo_shear(lenses(masses, near, far), ra[order], dec[order], chi[order]), both[:, order])
+    np.testing.assert_array_equal(
+        halo_shear(lenses(masses, near, far), ra[order], dec[order], chi[order]), both[:, order]
+    )
     assert halo_shear(lenses(masses, near), [], [], np.zeros(0)).shape == (3, 0)

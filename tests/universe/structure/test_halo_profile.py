@@ -11,14 +11,18 @@ from csstsim.universe.structure.halo_profile import disc_transform, nfw_mass, nf
 def column(x, c):
     """F by integration of 1 / (r (1 + r)^2) along half the line of sight, r from 0 to c."""
     end = np.sqrt(c * c - x * x)
-    return quad(lambda s: 1 / (np.hypot(x, s) * (1 + np.hypot(x, s)) ** 2), 0, end, epsabs=0, epsrel=1e-10, limit=200)[0]
+    return quad(lambda s: 1 / (np.hypot(x, s) * (1 + np.hypot(x, s)) ** 2), 0, end, epsabs=0, epsrel=1e-10, limit=200)[
+        0
+    ]
 
 
 @pytest.mark.parametrize("c", [1.2, 4.0, 15.0])
 def test_projected_sphere_against_integrals(c):
     for x in (0.03, 0.4, 0.9, 0.9995, 1.0, 1.0005, 1.1, 0.98 * c):
         f, g = nfw_projected(x, c)
-        inside = quad(lambda r: 2 * r * nfw_projected(r, c)[0], 0, x, points=[0.5 * x], epsrel=1e-9, limit=200)[0] / x**2
+        inside = (
+            quad(lambda r: 2 * r * nfw_projected(r, c)[0], 0, x, points=[0.5 * x], epsrel=1e-9, limit=200)[0] / x**2
+        )
         assert f == pytest.approx(column(x, c) if x < c else 0.0, rel=1e-5)
         assert f + g == pytest.approx(inside, rel=1e-5)
 

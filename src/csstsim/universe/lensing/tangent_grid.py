@@ -33,7 +33,7 @@ class TangentGrid:
     @staticmethod
     def pyramid(pix, step):
         """Return grids around brick `pix` with steps ... 4, 2, 1 x `step`, each reaching beyond the next."""
-        axes, half = _frame(NSIDE, pix)
+        axes, half = _frame(NSIDE, pix, _side(NSIDE, pix))
         half, grids = half + _PAD, []
         for _ in range(_LEVELS):
             columns, rows = (int(np.ceil(h / step)) + _TAPS // 2 for h in half)
@@ -42,9 +42,12 @@ class TangentGrid:
         return grids[::-1]
 
     @staticmethod
-    def around(order, pix, step):
-        """Return the grid of a HEALPix cell, reaching beyond the grids of `step` / 2 of the four cells in it."""
-        axes, half = _frame(2**order, pix)
+    def around(order, pix, step, root):
+        """Return the grid of a HEALPix cell, reaching beyond the grids of `step` / 2 of the four cells in it.
+
+        All cells of one cell of order `root` have its orientation. So a cell's grid lies in that of the cell around it.
+        """
+        axes, half = _frame(2**order, pix, _side(2**root, pix >> 2 * (order - root)))
         columns, rows = (int(np.ceil(h / step)) + _CHILDREN for h in half)
         return TangentGrid(axes, step, rows, columns)
 
@@ -187,16 +190,24 @@ def _lagrange(t, weights):
                 weights[i] *= (t - j) / (i - j)
 
 
-def _frame(nside, pix):
-    """Return the axes (3, 3) of a HEALPix pixel and the largest |x|, |y| (2,) of its border [rad]."""
+def _frame(nside, pix, along):
+    """Return the axes (3, 3) of a HEALPix pixel, the first towards `along`, and its half-widths (2,) in them [rad]."""
     import healpy
 
     centre = np.array(healpy.pix2vec(nside, pix, nest=True))
     border = healpy.boundaries(nside, pix, step=8, nest=True).T
-    side = np.cross(np.cross(centre, border[8] - border[0]), centre)
+    side = np.cross(np.cross(centre, along), centre)
     side /= np.linalg.norm(side)
     axes = np.stack([side, np.cross(centre, side), centre])
     return axes, np.abs(_project(border, axes)).max(axis=0)
+
+
+def _side(nside, pix):
+    """Return the vector along the first side of a HEALPix pixel."""
+    import healpy
+
+    border = healpy.boundaries(nside, pix, step=8, nest=True).T
+    return border[8] - border[0]
 
 
 def _carry(axes, n):

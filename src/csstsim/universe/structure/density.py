@@ -82,7 +82,7 @@ class ShellDensity:
     def _make(self, order, cell):
         """Return the TangentGrid of a cell and its maps of delta (rows, columns, shells)."""
         field, at = self.field, cell_order(order)
-        grid = TangentGrid.around(at, cell, WIDTHS[-1] * pixel(at + _FINER) / _SAMPLES)
+        grid = TangentGrid.around(at, cell, WIDTHS[-1] * pixel(at + _FINER) / _SAMPLES, _ROOT)
         first = int(np.argmax(self._finest >= order))  # nearer shells are smooth on these scales
         if order > _ROOT + _FINER:
             wide, maps = self.maps(order - 1, cell >> 2)
