@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from embedded_sky import shipped
 
+from csstsim.base.errors import InputError
 from csstsim.universe.galaxies.mass_function import MassGrid
 from csstsim.universe.galaxies.occupation import Occupation, quenching
+from csstsim.universe.parameters import Universe
 
 
 class PowerLawHaloes:
@@ -86,3 +88,12 @@ def test_a_mass_function_without_galaxies(make):
     empty.density[:] = 0.0
     tables = Occupation(universe.numbers["occupation"], empty, PowerLawHaloes(), (11.0, 0.02, 2.0))
     assert not tables.in_drawn.any() and not tables.remainder.any() and np.isfinite(tables.bias).all()
+
+
+@pytest.mark.parametrize(("section", "name", "value"), [("satellites", "axis_ratio", 0), ("surviving", "most", 1.5)])
+def test_impossible_numbers_are_refused(section, name, value):
+    universe = shipped()[0]
+    numbers = universe.numbers["occupation"]
+    changed = universe.numbers | {"occupation": numbers | {section: numbers[section] | {name: value}}}
+    with pytest.raises(InputError, match=rf"occupation.yaml: {section}.{name}: .*up to 1"):
+        Universe(universe.folder, changed).check()

@@ -17,7 +17,11 @@ from csstsim.instrument.load import folder_digest, read_data
 from csstsim.universe.dust.dust_map import DustMap
 
 Z_MAX = 20.0  # largest redshift allowed for galaxies
-_POSITIVE = ("dust.r_v", "stars.sun.r0", "galaxies.density", "galaxies.mass_function.z_max", "lensing.shells")
+_POSITIVE = (
+    "dust.r_v", "stars.sun.r0", "galaxies.density", "galaxies.mass_function.z_max", "lensing.shells",
+    "occupation.stellar_to_halo.scatter", "occupation.satellites.concentration", "occupation.satellites.dispersion",
+)  # fmt: skip
+_SHARES = ("occupation.satellites.axis_ratio", "occupation.surviving.most", "occupation.quenching.most")
 _RISING = ("stars.limits", "quasars.redshift", "quasars.m1450")
 COEFFICIENTS = 20  # per spectrum of a galaxy or quasar
 PARTS = ("cosmology", "dust", "galaxies", "lensing", "occupation", "quasars", "stars", "structure")
@@ -111,6 +115,8 @@ class Universe:
                 self._refuse_unless(lambda value: 0 < value < math.inf, key, "above 0")
             for key in _RISING:
                 self._refuse_unless(lambda value: -math.inf < value[0] < value[1] < math.inf, key, "two rising numbers")
+            for key in _SHARES:
+                self._refuse_unless(lambda value: 0 < value <= 1, key, "above 0, up to 1")
             self._refuse_unless(lambda value: value <= Z_MAX, "galaxies.mass_function.z_max", f"up to {Z_MAX:g}")
             galaxy(self.numbers["stars"]), cumulative_counts(self.numbers["galaxies"])
             self.cosmology, self.dust.nside, self.extinction, self.star_seds, self.galaxy_seds, self.quasar_seds  # noqa: B018
