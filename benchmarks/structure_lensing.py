@@ -11,12 +11,10 @@ and skewness of kappa in Gaussian windows, and the counts of peaks. docs/figures
 import argparse
 from pathlib import Path
 
-import healpy
 import numpy as np
 from lensing_spectra import FINE, SOURCES, patch, spectra
 from scipy.ndimage import gaussian_filter, maximum_filter
 
-from csstsim.base.healpix import brick_of
 from csstsim.universe.parameters import load_universe
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -68,6 +66,39 @@ def peaks(kappa, window):
     return smooth[edge:-edge, edge:-edge][top]
 
 
+def tell_spectra(all_maps, limber, model):
+    """Print C_l over halofit's and over that from which maps are drawn, and B over E, of each source and bin."""
+    side = np.radians(DEGREES)
+    middle = np.sqrt(EDGES[1:] * EDGES[:-1])
+    found = np.array([[spectra(m[:, k], side / SIZE, EDGES)[0] for k in range(len(SOURCES))] for m in all_maps])
+    mean, error = found.mean(axis=0), found.std(axis=0, ddof=1) / np.sqrt(len(found))
+    print(f"{len(all_maps)} patches of {DEGREES} deg: E over halofit (error of the mean), model over halofit, B over E")
+    for b, ell in enumerate(middle):
+        inside = np.linspace(EDGES[b], EDGES[b + 1], 20)
+        print(f"l {ell:6.0f}", end="")
+        for k, z in enumerate(SOURCES):
+            wanted, drawn = (np.average(f(inside, z), weights=inside) for f in (limber, model))
+            e, b_mode = mean[k, 1:, b]
+            print(f"   {e / wanted:6.3f} ({error[k, 1, b] / wanted:.3f}) {drawn / wanted:6.3f} {b_mode / e:8.1e}", end="")
+        print()
+
+
+def tell_moments(all_maps):
+    """Print the standard deviation and skewness <k^3> / <k^2>^2 of kappa, errors of the mean from the patches."""
+    print("\nGaussian window [arcmin]: sigma of kappa x 1000, S3 = <k^3> / <k^2>^2, peaks above 3 sigma per deg2")
+    for window in WINDOWS:
+        edge = int(3 * np.radians(window / 60) / (np.radians(DEGREES) / SIZE))
+        area = (DEGREES * (1 - 2 * edge / SIZE)) ** 2
+        print(f"{window:g}", end="")
+        for k, z in enumerate(SOURCES):
+            second, third = np.array([moments(m[0, k], window) for m in all_maps]).T
+            each = third / second.mean() ** 2
+            high = np.mean([(peaks(m[0, k], window) > 3 * np.sqrt(second.mean())).sum() for m in all_maps]) / area
+            spread = each.std(ddof=1) / np.sqrt(len(each))
+            print(f"   z {z:g}: {1e3 * np.sqrt(second.mean()):.2f}, {each.mean():.0f} +- {spread:.0f}, {high:.1f}", end="")
+        print()
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--patches", type=int, default=6)
@@ -76,7 +107,9 @@ def main():
     asked = parser.parse_args()
     universe = load_universe()
     all_maps = list(maps_of(universe, asked.seed, asked.structure, asked.patches))
-    print(len(all_maps))
+    field = universe.lensing_field(asked.seed) if asked.structure == "none" else universe.matter_field(asked.seed, asked.structure == "haloes")
+    tell_spectra(all_maps, field.shells.limber, field.spectrum)
+    tell_moments(all_maps)
 
 
 if __name__ == "__main__":
