@@ -1,6 +1,6 @@
 """Numbers of haloes drawn against the mass function, and the mean shear about them against the halo model.
 
-    python benchmarks/haloes.py [--seed 1] [--degrees 12]        (two CPU-minutes)
+    python benchmarks/haloes.py [--seed 1] [--bricks 12] [--area 100]        (two CPU-minutes)
 
 Counts haloes in bricks around a place, by mass and redshift, beside the integral of Tinker et al. 2008; the last column
 is the difference in units of the Poisson error, which leaves out clustering. Then it prints the expected tangential
@@ -58,7 +58,8 @@ def tell_profiles(matter, z, log_masses):
     bessel = jv(2, np.outer(radius, k)) * np.exp(-((k / 200.0) ** 2)) * step  # Delta Sigma / rho of a power spectrum
     tiers = np.array(numbers["tiers"])
     inside = np.minimum(ell, matter.ell[-1])
-    response = np.array([r[shell] for r in [spectra.response(inside)]])[0]
+    response = spectra.response(inside)[shell]
+    weight = spectra.weights[shell]
     powers = matter.amplitude[shell] ** 2 * matter.powers(ell) / matter.shells.kernel()[shell] ** 2
     print(f"\nDelta Sigma at z {z} over the halo model, at {radius} Mpc (comoving)")
     for log_mass in log_masses:
@@ -70,7 +71,12 @@ def tell_profiles(matter, z, log_masses):
         c = matter.haloes.mean_concentration(mass, z)
         sphere = nfw_transform(k, haloes.virial_radius(mass), c)
         own = volume * (sphere - disc_transform(k, numbers["compensation"] * haloes.lagrangian_radius(mass)))
-        around = bias * (powers * wide[lens] * (1 + np.einsum("ts,tl->ls", wide, response))).sum(axis=1) * chi**2 * thickness
+        around = (
+            bias
+            * (powers * wide[lens] * weight * (1 + weight * np.einsum("ts,tl->ls", wide, response))).sum(axis=1)
+            * chi**2
+            * thickness
+        )
         usual = bessel @ (volume * sphere + bias * matter.shells.power.linear(k, z))
         print(f"log M {log_mass}: " + " ".join(f"{v:5.2f}" for v in (bessel @ (own + around)) / usual))
 
@@ -85,8 +91,12 @@ def main():
     tell_profiles(matter, 0.3, (12.7, 13.0, 13.5, 14.0, 14.5))
     tell_profiles(matter, 0.8, (12.7, 13.0, 13.5, 14.0, 14.5))
     some = np.random.default_rng(1).integers(0, BRICKS, asked.bricks)
-    tell_counts(matter, some, np.log10(matter.numbers["haloes"]["lens_mass"]), ((12.4771, 13.301), (13.301, 14.0), (14.0, 15.5)))
-    wide = healpy.query_disc(NSIDE, healpy.ang2vec(150.0, -65.0, lonlat=True), np.sqrt(np.radians(1) ** 2 * asked.area / np.pi), nest=True)
+    tell_counts(
+        matter, some, np.log10(matter.numbers["haloes"]["lens_mass"]), ((12.4771, 13.301), (13.301, 14.0), (14.0, 15.5))
+    )
+    wide = healpy.query_disc(
+        NSIDE, healpy.ang2vec(150.0, -65.0, lonlat=True), np.sqrt(np.radians(1) ** 2 * asked.area / np.pi), nest=True
+    )
     tell_counts(matter, wide, 14.0, ((14.0, 14.3), (14.3, 15.5)))
 
 
