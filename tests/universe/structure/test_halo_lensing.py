@@ -12,6 +12,7 @@ from csstsim.universe.lensing.power_spectrum import MatterPower
 from csstsim.universe.structure.halo_lensing import halo_lenses, halo_shear
 from csstsim.universe.structure.mass_function import HaloMassFunction
 
+DISC = NUMBERS["haloes"]["compensation"]
 PLACES = {"common": (123.0, -41.0), "RA 0": (0.0, 10.0), "pole": (40.0, 90.0)}
 
 
@@ -52,7 +53,7 @@ def turned(place, ra, dec, gamma1, gamma2):
 def surface(masses, r, log_mass, c):
     """Surface density over the mean density [Mpc] at comoving r [Mpc]: sphere by integration, less the disc."""
     mass, edge = 10**log_mass, masses.virial_radius(10**log_mass)
-    scale, disc = edge / c, 1.5 * masses.lagrangian_radius(10**log_mass)
+    scale, disc = edge / c, DISC * masses.lagrangian_radius(10**log_mass)
     peak = mass / masses.density / (4 * np.pi * scale**3 * (np.log1p(c) - c / (1 + c)))
     sphere = 0.0
     if r < edge:
@@ -67,7 +68,7 @@ def test_tangential_shear_of_a_halo_by_integration(masses, name):
     cosmology = masses.cosmology
     chi, source = float(cosmology.comoving_distance(z)), float(cosmology.comoving_distance(z_source))
     critical = 1.5 * 0.3111 * (67.66 / 299792.458) ** 2 * (1 + z) * chi * (1 - chi / source)
-    radii = np.array([0.05, 0.9, 2.5, 14.0])  # Mpc, comoving; the disc ends at 16.1
+    radii = np.array([0.05, 0.9, 2.5, 19.0])  # Mpc, comoving; the disc ends at 21.4
     phi = np.linspace(0.3, 6.0, len(radii))
     ra, dec = around(place, radii / chi, phi)
     kappa, *gamma = halo_shear(lenses(masses, halo(place)), ra, dec, np.full(len(radii), source))
@@ -87,7 +88,7 @@ def test_tangential_shear_of_a_halo_by_integration(masses, name):
 def test_nothing_beyond_the_disc_nor_before_the_halo(masses):
     place = PLACES["common"]
     chi = float(masses.cosmology.comoving_distance(0.4))
-    disc = 1.5 * float(masses.lagrangian_radius(10**14.3)) / chi
+    disc = DISC * float(masses.lagrangian_radius(10**14.3)) / chi
     ra, dec = around(place, disc * np.array([0.999, 1.001, 0.1, 0.1, 0.1, 0.1]), np.arange(6.0))
     source = np.array([2 * chi, 2 * chi, 0.999999 * chi, 0.5 * chi, 0.0, np.nan])
     kappa, gamma1, gamma2 = halo_shear(lenses(masses, halo(place)), ra, dec, source)
@@ -99,7 +100,7 @@ def test_nothing_beyond_the_disc_nor_before_the_halo(masses):
 def test_mass_is_conserved(masses):
     """The mean convergence over the disc, on rings of equal area."""
     place, chi = PLACES["RA 0"], float(masses.cosmology.comoving_distance(0.1))
-    disc = 1.5 * float(masses.lagrangian_radius(10**14.3)) / chi
+    disc = DISC * float(masses.lagrangian_radius(10**14.3)) / chi
     share = np.linspace(0, 1, 40001)[1:] ** 4  # of the disc's area
     weight = np.gradient(share)
     ra, dec = around(place, 2 * np.arcsin(0.5 * disc * np.sqrt(share)), np.full(len(share), 1.0))
@@ -111,7 +112,7 @@ def test_shear_on_the_sphere_by_harmonics(masses):
     """A disc of 20 deg: gamma_t = sum (2l + 1) / 4 pi kappa_l / (l (l + 1)) P_l^2, from the convergence alone."""
     z, mass = 0.03, 15.69
     chi, source = float(masses.cosmology.comoving_distance(z)), 3000.0
-    disc = 1.5 * float(masses.lagrangian_radius(10**mass)) / chi
+    disc = DISC * float(masses.lagrangian_radius(10**mass)) / chi
     assert np.degrees(disc) > 20
     theta = np.concatenate([np.geomspace(1e-6, 0.03, 2000), np.linspace(0.03, 1.001 * disc, 1000)[1:]])
     some = lenses(masses, halo(PLACES["pole"], z=z, log_mass=mass))

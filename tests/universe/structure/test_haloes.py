@@ -69,7 +69,7 @@ def test_masses_follow_the_mass_function(drawn):
 
 
 def test_haloes_sit_where_matter_is_dense(drawn):
-    """The mean overdensity at haloes of bias b is b sigma^2, exactly, for an intensity exp(b delta - b^2 sigma^2 / 2)."""
+    """The mean overdensity at haloes is b sigma^2, exactly, for an intensity exp(b delta - b^2 sigma^2 / 2)."""
     error = drawn["delta"].std() / np.sqrt(len(drawn["delta"]) / 4)  # 4: those of a cell share their overdensity
     assert abs(drawn["delta"].mean() - 1) < 5 * error < 0.25
 

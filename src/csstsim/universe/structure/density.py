@@ -2,7 +2,8 @@
 
     delta_i = kappa_i / K_i,   K_i = int_shell q dchi     (q: lensing kernel for sources at infinity, lens_spectra)
 
-kappa_i is the shell's convergence with only those kernels whose width at the shell is not much below a given scale.
+kappa_i is the shell's convergence with only those kernels whose width at the shell is not much below a given scale,
+each times the weight with which haloes follow it (halo_spectra).
 Maps are made in HEALPix cells, each cell for itself: a cell of order o has the kernels up to order o + 4. It takes the
 wider ones from the cell around it, by interpolation, and adds two widths. So a value depends on the cell that holds the
 place, and on nothing else: whoever asks gets the same bits.
@@ -48,12 +49,12 @@ def cell_order(order):
 class ShellDensity:
     """`field`: lensing.potential_field.PotentialField with its amplitudes; finest: the finest `kernel_order` in use.
 
-    gain (shells, widths): factor on each kernel's overdensity (halo_spectra.HaloSpectra.gain).
+    weights: factors (shells, widths) of the amplitudes, of what is followed over the smooth field (halo_spectra).
     """
 
-    def __init__(self, field, finest, gain=1.0):
+    def __init__(self, field, finest, weights=1.0):
         self.field, self._finest = field, finest
-        self._scale = gain * field.amplitude / field.shells.kernel()[:, None]  # of delta (shells, widths)
+        self._scale = weights * field.amplitude / field.shells.kernel()[:, None]  # of delta (shells, widths)
         step = np.gradient(np.log(_ELL)) * _ELL**2 / (2 * np.pi)
         self._variances = field.powers(_ELL).T @ step  # of kappa for amplitude 1
         self.maps = lru_cache(maxsize=_CELLS)(self._make)

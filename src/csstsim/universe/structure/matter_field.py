@@ -49,8 +49,9 @@ class MatterField(PotentialField):
             self.amplitude = np.sqrt([nnls(self.powers(self.ell) / w[:, None], np.ones(len(w)))[0] for w in wanted])
         self._galaxy_order = kernel_order(self, numbers["galaxy_scale"])
         tiers = tier_orders(self, self.mass_function, numbers)
-        gain = self.spectra.gain if haloes else 1.0
-        self.shell_density = ShellDensity(self, np.maximum(self._galaxy_order, tiers.max(axis=0)), gain)
+        self.shell_density = ShellDensity(
+            self, np.maximum(self._galaxy_order, tiers.max(axis=0)), self.spectra.weights if haloes else 1.0
+        )
         self._variance = self.shell_density.variance(self._galaxy_order)
         self.haloes = Haloes(seed, self.shell_density, self.mass_function, numbers) if haloes else None
 
