@@ -37,7 +37,8 @@ class Occupation:
     def __init__(self, numbers, grid, haloes, drawn=None):
         self.numbers, self.grid = numbers, grid
         self.mass, self.proxies = host_masses(), proxies()
-        self.central, self.satellite = proxy_above(numbers), satellite_counts(numbers)
+        self.central = proxy_above(numbers)
+        self.satellite = satellite_counts(numbers, self.central)
         self.scatter = scatter_in_proxy(self.mass, numbers["stellar_to_halo"])
         z = 0.5 * (grid.z[1:] + grid.z[:-1])
         self.surviving = surviving(self.mass, z[:, None], numbers["surviving"])

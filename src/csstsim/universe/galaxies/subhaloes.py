@@ -6,8 +6,7 @@ The proxy is log10 of the halo's mass, of a satellite's at accretion, plus norma
 
 (Jiang & van den Bosch 2016, MNRAS 458, 2848), of which a share still has its galaxy. A scatter of `scatter` dex in
 stellar mass is one of scatter / slope in the proxy, with the slope of Moster, Naab & White (2013, MNRAS 428, 3121).
-A satellite is `ahead` of a central of its mass at accretion. Left out: scatter in the number of subhaloes beyond
-Poisson's, and its dependence on a halo's age.
+Left out: scatter in the number of subhaloes beyond Poisson's, and its dependence on a halo's age.
 """
 
 import numpy as np
@@ -52,20 +51,19 @@ def surviving(log_mass, z, numbers):
     return np.minimum(share * (1 + np.asarray(z, float)) ** numbers["growth"], numbers["most"])
 
 
-def proxy_above(numbers, ahead=0.0):
-    """Return (H, X): the share of haloes of each mass whose proxy, `ahead` of its own, exceeds each one."""
+def proxy_above(numbers):
+    """Return (H, X): the share of haloes of each mass whose proxy exceeds each one."""
     mass = host_masses()
     scatter = scatter_in_proxy(mass, numbers["stellar_to_halo"])
-    return ndtr((mass[:, None] + ahead - proxies()) / scatter[:, None])
+    return ndtr((mass[:, None] - proxies()) / scatter[:, None])
 
 
-def satellite_counts(numbers):
+def satellite_counts(numbers, central):
     """Return (H, X): mean satellites of a halo of each mass whose proxy exceeds each one, if all survive.
 
-    Subhaloes are no more massive than their host at accretion.
+    central: of proxy_above. Subhaloes are no more massive than their host at accretion.
     """
-    own = proxy_above(numbers, numbers["subhaloes"]["ahead"])
-    offset = STEP * np.arange(len(own) + 1)  # of a subhalo's bin edges below the middle of the host's bin
+    offset = STEP * np.arange(len(central) + 1)  # of a subhalo's bin edges below the middle of the host's bin
     counts = np.diff(subhaloes_above(10.0 ** -np.maximum(offset - STEP / 2, 0.0), numbers["subhaloes"]))
-    bins = np.tril(counts[np.abs(np.subtract.outer(*[np.arange(len(own))] * 2))])
-    return bins @ own
+    bins = np.tril(counts[np.abs(np.subtract.outer(*[np.arange(len(central))] * 2))])
+    return bins @ central
