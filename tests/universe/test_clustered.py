@@ -87,3 +87,24 @@ def test_without_haloes_there_is_no_mass(structure):
     table = make_brick(pix=PIX, **key(DARK, structure=structure)) if structure == "field" else brick(PIX)
     assert np.isnan(table["halomass"]).all() and (table["satellite"] == -1).all()
     assert (table["obj_type"] == GALAXY).sum() == pytest.approx(30.0 * 3600 * AREA_DEG2, rel=0.3)
+
+
+def test_shapes_follow_haloes_and_the_tidal_field(galaxies, samples):
+    """By type: star-forming galaxies keep their shapes, centrals of groups turn, quiescent ones get a small mean."""
+    sample, rng = samples[PIX], np.random.default_rng(4)
+    e = 0.3 * rng.random(len(sample["z"])) * np.exp(2j * np.pi * rng.random(len(sample["z"])))
+    columns = {"e1": e.real, "e2": e.imag} | {name: sample[name] for name in ("ra", "dec", "z")}
+    after = galaxies._aligned(PIX, _streams(SEED, PIX, "galaxies"), columns, sample)
+    numbers = galaxies.occupation.numbers["alignment"]
+    turned = (sample["satellite"] == 0) & (sample["halomass"] >= 10 ** numbers["central_from"])
+    blue = (sample["gal_type"] == 0) & ~turned
+    np.testing.assert_allclose(after[blue], e[blue], atol=1e-15)
+    angle = np.angle(after[turned]) - 2 * np.arctan2(sample["axis"][turned, 1], sample["axis"][turned, 0])
+    wanted = np.exp(-2 * np.radians(numbers["central_angle"]) ** 2)
+    assert turned.sum() > 20 and abs(np.cos(angle).mean() - wanted) < 4 * 0.5 / np.sqrt(turned.sum()) + 0.02
+    pointing = (sample["satellite"] == 1) & ~blue
+    outwards = sample["offset"][pointing, 0] + 1j * sample["offset"][pointing, 1]
+    towards = ((after - e)[pointing] * np.conj((outwards / np.abs(outwards)) ** 2)).mean()
+    assert towards == pytest.approx(numbers["radial"], rel=0.1)
+    tidal = ~blue & ~pointing & ~turned
+    assert 1e-5 < np.abs((after - e)[tidal]).mean() < 0.02

@@ -1,10 +1,10 @@
 """Bricks: the embedded universe cut into HEALPix pixels of NSIDE 256 (order 8, nested), one parquet file each.
 
 A brick's content depends only on campaign seed, brick number, config/universe/, the dust map, the camera's filters,
-lensing, and the list of bright stars if the campaign asks for them. So any subset, made in any order on any machine,
-shows the same sky. A position is the centre of a random order-29 pixel of the brick (0.4 mas apart): HEALPix pixels of
-one order have equal area, so objects are uniform on the brick and exactly inside it. The files follow the HATS
-layout, with its `_healpix_29` column.
+lensing, structure, and the list of bright stars if the campaign asks for them. So any subset, made in any order on any
+machine, shows the same sky. A position is the centre of an order-29 pixel of the brick (0.4 mas apart), so it lies
+exactly inside. Such pixels have equal area: stars are uniform on the brick, and galaxies with `structure: none`.
+The files follow the HATS layout, with its `_healpix_29` column.
 """
 
 from functools import lru_cache, partial

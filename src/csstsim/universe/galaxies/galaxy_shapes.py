@@ -2,7 +2,7 @@
 
 Half-light radii in kpc follow a mass-size relation that shrinks with redshift, with log-normal scatter. The bulge has
 the same fraction of the light as of the mass (one spectrum for both). Left out: sizes that change with wavelength,
-spiral arms, clumps, mergers, alignment with neighbours.
+spiral arms, clumps, mergers. Alignments with haloes are in universe.galaxies.alignments.
 """
 
 import numpy as np
