@@ -3,8 +3,8 @@
     python benchmarks/colour_field.py            # docs/figures/colour_field.jpg, a minute
 
 The sky is the embedded universe around RA, DEC. A cluster of galaxies at z = 0.3, three large galaxies and a star
-of 13.5 mag are added: the sky without structure has no clusters. The exposures are dithered, so the median of them has no
-cosmic rays and no defects.
+of 13.5 mag are added: the sky is that of `structure: none`, which has no clusters. The exposures are dithered, so the
+median of them has no cosmic rays and no defects.
 """
 
 import argparse
