@@ -25,7 +25,7 @@ def brute(matter, place, order):
             gap = 1 - np.stack(healpy.pix2vec(2**o, pixels, nest=True), axis=1) @ n
             u = sigma**-2
             kappa = u * np.exp(-u * gap) * (0.5 * u * (1 - (1 - gap) ** 2) - (1 - gap))
-            total += matter.amplitude[SHELL, s] * (drawn * kappa).sum()
+            total += matter.spectra.weights[SHELL, s] * matter.amplitude[SHELL, s] * (drawn * kappa).sum()
     return total / matter.shells.kernel()[SHELL]
 
 
