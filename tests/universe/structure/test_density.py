@@ -81,7 +81,7 @@ def test_variance_at_random_places():
 
 def test_order_of_the_work_does_not_matter():
     matter = coarse()
-    fresh = ShellDensity(matter, matter.shell_density._finest)
+    fresh = ShellDensity(matter, matter.shell_density._finest, matter.spectra.weights)
     orders = kernel_order(matter, 10.0)
     ra, dec = np.array([10.0, 200.0, 10.01, 10.0]), np.array([5.0, -70.0, 5.02, 5.0])
     shell = np.array([3, 5, 3, 6])
