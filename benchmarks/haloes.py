@@ -37,7 +37,7 @@ def expected(matter, z_range, low, high):
 def tell_counts(matter, bricks, lowest, bins):
     z, log_mass = counts(matter, bricks, lowest)
     print(f"{len(bricks)} bricks, {len(bricks) * AREA_DEG2:.1f} deg2")
-    for z_range in ((0.03, 0.5), (0.5, 1.0), (1.0, 1.5), (1.5, 3.5)):
+    for z_range in ((0.05, 0.5), (0.5, 1.0), (1.0, 1.5), (1.5, 3.5)):
         for low, high in bins:
             found = ((z >= z_range[0]) & (z < z_range[1]) & (log_mass >= low) & (log_mass < high)).sum()
             wanted = len(bricks) * expected(matter, z_range, low, high)

@@ -6,7 +6,7 @@ Patches of 1.2 deg are sampled brick by brick, as galaxies are (three CPU-minute
 results/structure_lensing, so a run goes on where it stopped). Prints, per l-bin and source redshift, C_l of the
 shear's E mode over halofit's Limber integral with the error of the mean from the scatter of the patches, the
 spectrum from which maps are drawn over halofit's, and B over E; then the deviation and skewness of kappa in Gaussian
-windows, and the number of high peaks. docs/figures/structure_lensing.png: a map with its haloes.
+windows, and the number of high peaks. docs/figures/structure_lensing.png: the middle of a map with its haloes.
 """
 
 import argparse
@@ -112,18 +112,21 @@ def draw(matter, maps, centre):
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
-    ra, dec = centre
+    (ra, dec), half = centre, DEGREES / 4  # the middle half
+    middle = slice(SIZE // 4, SIZE - SIZE // 4 + 1)
     v = healpy.ang2vec(ra, dec, lonlat=True)
     a = np.radians(ra)
     east = np.array([-np.sin(a), np.cos(a), 0.0])
-    bricks = healpy.query_disc(256, v, np.radians(0.9), nest=True)
+    bricks = healpy.query_disc(256, v, np.radians(1.6 * half), nest=True)
     found = [matter.haloes.near(int(pix), lambda z, log_mass: 0 * (z + log_mass), 13.0) for pix in bricks]
     columns = {name: np.concatenate([one[name] for one in found]) for name in ("ra", "dec", "z", "log_mass")}
     n = healpy.ang2vec(columns["ra"], columns["dec"], lonlat=True)
     x, y = (np.degrees(n @ axis / (n @ v)) for axis in (east, np.cross(v, east)))
-    shown = (columns["z"] < 0.9) & (np.abs(x) < 0.6) & (np.abs(y) < 0.6)
+    shown = (columns["z"] < 0.9) & (np.abs(x) < half) & (np.abs(y) < half)
     figure, axes = plt.subplots(figsize=(6.6, 5.6), layout="constrained")
-    image = axes.imshow(maps[0, 0], origin="lower", extent=(-0.6, 0.6, -0.6, 0.6), cmap="magma", vmin=-0.03, vmax=0.1)
+    image = axes.imshow(
+        maps[0, 0], origin="lower", extent=(-half, half, -half, half), cmap="magma", vmin=-0.03, vmax=0.1
+    )
     size = 10 ** ((columns["log_mass"][shown] - 13) / 3)
     axes.scatter(x[shown], y[shown], s=60 * size**2, facecolors="none", edgecolors="w", linewidths=0.7)
     figure.colorbar(image, label=r"$\kappa$ ($z_s = 1$)", shrink=0.9)

@@ -25,7 +25,7 @@ def brute(matter, place, order):
             gap = 1 - np.stack(healpy.pix2vec(2**o, pixels, nest=True), axis=1) @ n
             u = sigma**-2
             kappa = u * np.exp(-u * gap) * (0.5 * u * (1 - (1 - gap) ** 2) - (1 - gap))
-            total += matter.amplitude[SHELL, s] * (drawn * kappa).sum()
+            total += matter.spectra.weights[SHELL, s] * matter.amplitude[SHELL, s] * (drawn * kappa).sum()
     return total / matter.shells.kernel()[SHELL]
 
 
@@ -81,7 +81,7 @@ def test_variance_at_random_places():
 
 def test_order_of_the_work_does_not_matter():
     matter = coarse()
-    fresh = ShellDensity(matter, matter.shell_density._finest)
+    fresh = ShellDensity(matter, matter.shell_density._finest, matter.spectra.weights)
     orders = kernel_order(matter, 10.0)
     ra, dec = np.array([10.0, 200.0, 10.01, 10.0]), np.array([5.0, -70.0, 5.02, 5.0])
     shell = np.array([3, 5, 3, 6])

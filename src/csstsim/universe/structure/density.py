@@ -6,7 +6,7 @@ kappa_i is the shell's convergence with only those kernels whose width at the sh
 each times the weight with which haloes follow it (halo_spectra).
 Maps are made in HEALPix cells, each cell for itself: a cell of order o has the kernels up to order o + 4. It takes the
 wider ones from the cell around it, by interpolation, and adds two widths. So a value depends on the cell that holds the
-place, and on nothing else: whoever asks gets the same bits.
+place, and on nothing else: whoever asks gets the same bits. Cells of the lowest order begin with the widest kernels.
 """
 
 from functools import lru_cache
@@ -88,14 +88,18 @@ class ShellDensity:
         if order > _ROOT + _FINER:
             wide, maps = self.maps(order - 1, cell >> 2)
             values = interpolate_all(maps, wide.places(grid.frames[0].reshape(-1, 3))).reshape(*grid.shape, -1)
+        elif order > _WIDEST:
+            values = self.maps(order - 1, cell)[1].copy()
         else:
             values = np.zeros((*grid.shape, field.shells.count))
+        added = np.zeros((*grid.shape, field.shells.count - first))
         for s, (o, sigma) in enumerate(field.widths):
-            if o == order or (o < order and at == _ROOT):
+            if o == order or o < order == _WIDEST:
                 reach = min(_REACH * sigma, np.pi)
                 points, deviates = field.deviates(grid, s, reach)
-                _splat(values[..., first:], grid.frames[0], points, grid.boxes(points, reach),
-                       deviates[:, first:] * self._scale[first:, s], sigma**-2, reach)  # fmt: skip
+                scaled = deviates[:, first:] * self._scale[first:, s]
+                _splat(added, grid.frames[0], points, grid.boxes(points, reach), scaled, sigma**-2, reach)
+        values[..., first:] += added
         return grid, values
 
 
@@ -104,7 +108,7 @@ def _splat(values, n, points, boxes, deviates, u, reach):
     """Add kappa of psi = deviate exp(-u (1 - n . p)) of every point p to values (rows, columns, shells)."""
     far = 2 * np.sin(0.5 * reach) ** 2  # 1 - cos(reach)
     for j in range(len(points)):
-        p = points[j]
+        p, deviate = points[j], deviates[j]
         for y in range(boxes[j, 0], boxes[j, 1]):
             for x in range(boxes[j, 2], boxes[j, 3]):
                 d0, d1, d2 = p[0] - n[y, x, 0], p[1] - n[y, x, 1], p[2] - n[y, x, 2]
@@ -112,8 +116,9 @@ def _splat(values, n, points, boxes, deviates, u, reach):
                 if gap > far:
                     continue
                 kappa = u * np.exp(-u * gap) * (u * gap * (1.0 - 0.5 * gap) - (1.0 - gap))
-                for i in range(deviates.shape[1]):
-                    values[y, x, i] += kappa * deviates[j, i]
+                maps = values[y, x]
+                for i in range(len(deviate)):
+                    maps[i] += kappa * deviate[i]
 
 
 @njit(cache=True)
