@@ -46,7 +46,7 @@ def main():
         first = next(iter(table.values()))
         pix = int(healpy.ang2pix(NSIDE, first.ra, first.dec, nest=True, lonlat=True))
         start = time.process_time()
-        table = make_brick(SEED, pix, universe, camera, Lensing())
+        table = make_brick(SEED, pix, universe, camera, Lensing(), "none")
         cpu = time.process_time() - start
         lon, lat = (float(v) for v in galactic(first.ra, first.dec))
         stars, galaxies, quasars = (table.take(table["obj_type"] == kind) for kind in range(3))

@@ -3,8 +3,8 @@
     python benchmarks/colour_field.py            # docs/figures/colour_field.jpg, a minute
 
 The sky is the embedded universe around RA, DEC. A cluster of galaxies at z = 0.3, three large galaxies and a star
-of 13.5 mag are added: the embedded universe has no clusters. The exposures are dithered, so the median of them has no
-cosmic rays and no defects.
+of 13.5 mag are added: the sky is that of `structure: none`, which has no clusters. The exposures are dithered, so the
+median of them has no cosmic rays and no defects.
 """
 
 import argparse
@@ -70,7 +70,7 @@ def foreground():
 def embedded(cache):
     """Return the Table of the embedded universe's stars and galaxies of the bricks that the field needs."""
     sim = csstsim.Simulation(cache=cache).aim(RA, DEC, CHIPS["r"], size=max(NX, NY), pa=PA)
-    sim.replace(catalog={"kind": "embedded", "mag_limit": 15.0}).light("10100000001", CHIPS["r"])  # makes the bricks
+    sim.replace(catalog={"structure": "none", "mag_limit": 15.0}).light("10100000001", CHIPS["r"])  # makes the bricks
     rows = ObjectTable.concat([ObjectTable.read(path) for path in Path(cache).rglob("Npix=*.parquet")])
     x, y = (rows["ra"] - RA) * np.cos(np.radians(DEC)), rows["dec"] - DEC
     keep = (np.hypot(x, y) < 0.025) & (rows["mag_i"] < FAINTEST) & np.isfinite(rows["mag_g"])

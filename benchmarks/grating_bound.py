@@ -24,7 +24,8 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--brick", type=int, default=300000)
     pix, camera = parser.parse_args().brick, load_camera(SHIPPED / "instrument")
-    made_for = {"seed": 1, "universe": load_universe(SHIPPED / "universe"), "camera": camera, "lensing": Lensing()}
+    universe = load_universe(SHIPPED / "universe")
+    made_for = {"seed": 1, "universe": universe, "camera": camera, "lensing": Lensing(), "structure": "none"}
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "brick.parquet"
         write_brick(file, pix, **made_for)

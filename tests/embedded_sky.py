@@ -36,15 +36,16 @@ def shipped():
     return load_universe(universe_folder()), load_camera(SHIPPED / "instrument")
 
 
-def key(lensing=None, seed=SEED):
+def key(lensing=None, seed=SEED, structure="none"):
     """What bricks are made for, as the catalogue and `write_brick` take it."""
     universe, camera = shipped()
-    return {"seed": seed, "universe": universe, "camera": camera, "lensing": lensing or Lensing()}
+    made_for = {"seed": seed, "universe": universe, "camera": camera, "structure": structure}
+    return made_for | {"lensing": lensing or Lensing()}
 
 
 @cache
-def brick(pix, seed=SEED):
-    return make_brick(pix=pix, **key(seed=seed))
+def brick(pix, seed=SEED, structure="none"):
+    return make_brick(pix=pix, **key(seed=seed, structure=structure))
 
 
 def embedded_catalog(folder, region, lensing=None):

@@ -26,7 +26,8 @@ POINTINGS = (
     "10300000001,BIAS,0,0,0,2027-11-20T02:00:00,0",
 )
 THIN = 20.0  # galaxies per arcmin2, instead of 552
-SKY = {"lensing": {"field": "none"}}  # drawing the cosmic field of a brick takes ten times its thin objects' time
+# Drawing the cosmic field of a brick takes ten times its thin objects' time
+SKY = {"lensing": {"field": "none"}, "structure": "none"}
 
 
 def write_campaign(folder, pointings=POINTINGS, geometry=None, **changes):

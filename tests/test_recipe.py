@@ -58,6 +58,7 @@ KEYS = {
     "catalog.lensing.kappa": (TRUTH, 0.02, {"catalog": {"lensing": CONSTANT}}),
     "catalog.lensing.gamma1": (TRUTH, 0.02, {"catalog": {"lensing": CONSTANT}}),
     "catalog.lensing.gamma2": (TRUTH, 0.02, {"catalog": {"lensing": CONSTANT}}),
+    "catalog.structure": (TRUTH, "none", {}),
     "catalog.bright_stars": (TRUTH, False, {}),
     "catalog.shapes": (SELECT, "rotated90", {}),
     "catalog.options": (SELECT, STARS["options"] | {"mag": [21.0]}, {"catalog": STARS}),

@@ -48,7 +48,7 @@ def test_positions_are_uniform_on_the_brick():
 def test_content_does_not_depend_on_order_or_neighbours():
     _, camera = shipped()
     fresh = load_universe(universe_folder())  # no cached table, no brick made before
-    assert make_brick(SEED, COMMON, fresh, camera, Lensing()) == brick(COMMON)
+    assert make_brick(SEED, COMMON, fresh, camera, Lensing(), "none") == brick(COMMON)
 
 
 def test_seed_and_number_change_everything():
@@ -110,7 +110,9 @@ def test_damaged_and_foreign_files_are_refused(tmp_path):
         read_brick(path)
 
 
-@pytest.mark.parametrize(("name", "value"), [("seed", 8), ("brick", 1), ("camera", "0"), ("lensing", [0.1, 0, 0])])
+@pytest.mark.parametrize(
+    ("name", "value"), [("seed", 8), ("brick", 1), ("camera", "0"), ("lensing", [0.1, 0, 0]), ("structure", "field")]
+)
 def test_brick_made_for_something_else_is_refused(tmp_path, name, value):
     path = tmp_path / "Npix=0.parquet"
     brick(0).write(path)

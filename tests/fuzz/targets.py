@@ -24,7 +24,7 @@ INSTRUMENT = (
     "detector", "chips", "filters", "telescope", "cosmic_rays", "defects", "cti", "gratings", "brighter_fatter", "psf",
     "scatter", "ghosts", "sky", "leds", "distortion", "level0_keywords",
 )  # fmt: skip
-UNIVERSE = "cosmology", "dust", "galaxies", "lensing", "quasars", "stars"
+UNIVERSE = "cosmology", "dust", "galaxies", "lensing", "occupation", "quasars", "stars", "structure"
 COMPARED = {
     "Level-0 FITS": (seeds.level0(), spoiled_fits),
     "frame FITS": (seeds.frame, spoiled_fits),

@@ -7,7 +7,8 @@ from scipy.special import ive
 
 from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.load import read_data
-from csstsim.universe.lensing.lensing_field import LensingField, kernel_power, splat
+from csstsim.universe.lensing.lensing_field import LensingField
+from csstsim.universe.lensing.potential_field import kernel_power, splat
 from csstsim.universe.lensing.tangent_grid import TangentGrid, interpolate
 
 COSMOLOGY, NUMBERS = (read_data(SHIPPED / "universe" / f"{name}.yaml") for name in ("cosmology", "lensing"))
@@ -122,7 +123,7 @@ def test_variance_of_the_draw_is_that_of_the_spectrum(coarse):
 def test_every_width_is_isotropic_and_normalised(coarse):
     """The expected variance at random points, summed over pixels by brute force, level by level."""
     ell, rng = np.arange(0, 60000), np.random.default_rng(3)
-    for order, sigma in coarse._sigma[6:10]:
+    for order, sigma in coarse.widths[6:10]:
         p = np.stack(healpy.pix2vec(2**order, np.arange(12 * 4**order)), axis=1)
         expected = ((2 * ell + 1) / (4 * np.pi) * kernel_power(ell, sigma)).sum() * 12 * 4**order / (4 * np.pi)
         for n in rng.standard_normal((8, 3)):

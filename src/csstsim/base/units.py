@@ -35,6 +35,7 @@ EARTH_RADIUS_KM = 6378.137  # equatorial, WGS84
 EARTH_GM_KM3_S2 = 398_600.4418  # WGS84
 EARTH_J2 = 1.082_626_68e-3  # second zonal harmonic, WGS84 / EGM96
 
+CRITICAL_DENSITY_H2 = 2.775_366_3e11  # solar mass / Mpc3, of H = 100 km / s / Mpc (IAU 2015 B3, CODATA 2018)
 SOLAR_RADIUS_PC = 2.254_610e-8  # nominal solar radius 6.957e8 m (IAU 2015 B3) over 3.085_677_6e16 m
 
 UM_PER_MM = NM_PER_UM = 1000.0

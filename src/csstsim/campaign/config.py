@@ -119,6 +119,11 @@ class CatalogConfig(Model):
         default_factory=Lensing,
         description="weak lensing of the embedded universe; a catalogue of your own has columns for it",
     )
+    structure: Literal["haloes", "field", "none"] = Field(
+        "haloes",
+        description="where the embedded universe's galaxies are: 'haloes', in haloes of dark matter, which lens, too; "
+        "'field', they follow a smooth density; 'none', anywhere, under a lensing field that knows nothing of them",
+    )
     bright_stars: bool | None = Field(
         None, description="the real stars V < 5 (config/instrument/sky.yaml) are objects of the embedded universe; "
         "null = they are, false = no star is as bright",
@@ -134,6 +139,8 @@ class CatalogConfig(Model):
     def _lensing_has_an_object(self):
         if self.kind != "embedded" and self.lensing.field == "constant":
             raise ValueError("lensing is for the embedded universe: give kappa, gamma1, gamma2 in your own catalogue")
+        if self.kind != "embedded" and self.structure != "haloes":
+            raise ValueError("structure is for the embedded universe: galaxies of your own catalogue are where it says")
         if self.kind != "embedded" and self.bright_stars:
             raise ValueError("bright_stars is for the embedded universe: give them in your own catalogue")
         if self.kind == "embedded" and self.options:

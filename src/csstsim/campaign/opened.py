@@ -201,13 +201,14 @@ class OpenCampaign:
         return self.config.catalog.kind == "embedded"
 
     def universe_key(self):
-        """Return what decides the embedded bricks: {seed, universe, camera, lensing, bright_stars}."""
+        """Return what decides the embedded bricks: {seed, universe, camera, lensing, structure, bright_stars}."""
         config = self.config
         return {
             "seed": config.seed,
             "universe": self.universe,
             "camera": self.camera,
             "lensing": config.catalog.lensing,
+            "structure": config.catalog.structure,
             "bright_stars": self.bright_stars,
         }
 

@@ -30,6 +30,7 @@ READERS = {
     "seed": ("truth", "select"),
     "catalog.lensing.*": ("truth",),
     "catalog.bright_stars": ("truth",),
+    "catalog.structure": ("truth",),
     "catalog.*": ("select",),
     "astrometry.*": ("select",),
     "psf.oversampling": ("psf", "select"),

@@ -83,7 +83,8 @@ class EmbeddedCatalog(SceneCatalog):
     """The objects of a region, from its bricks.
 
     options: `brick_file` (brick number -> path) and the inputs from which the bricks must be made: `seed`, `universe`
-    (universe.parameters.Universe), `camera`, `lensing`. Raises InputError for a missing, damaged or foreign brick.
+    (universe.parameters.Universe), `camera`, `lensing`, `structure`. Raises InputError for a missing, damaged or
+    foreign brick.
     """
 
     def __init__(self, options, region):
@@ -107,7 +108,7 @@ class EmbeddedCatalog(SceneCatalog):
 
     def _load(self):
         brick_file = self.options["brick_file"]
-        key = {name: self.options[name] for name in ("seed", "universe", "camera", "lensing")}
+        key = {name: self.options[name] for name in ("seed", "universe", "camera", "lensing", "structure")}
         key["bright_stars"] = self.options.get("bright_stars")
         parts, records = [], []
         for pix in self.region.bricks:

@@ -17,8 +17,8 @@ def open_catalog(config, region, brick_file, key):
     """Return the loaded catalogue of a region.
 
     config: config.CatalogConfig; region: base.Region (select.region_for); brick_file: brick number -> path; key: the
-    inputs of embedded bricks, {seed, universe, camera, lensing}. Raises InputError, also for exceptions of the user's
-    own code.
+    inputs of embedded bricks (campaign.opened.OpenCampaign.universe_key). Raises InputError, also for exceptions of
+    the user's own code.
     """
     if config.kind == "embedded":
         from csstsim.catalog.embedded import EmbeddedCatalog

@@ -55,8 +55,10 @@ COLUMNS = {
     "halomass": (
         np.float32,
         np.nan,
-        "solar masses, of a galaxy's halo of dark matter; NaN: there is no model of haloes",
+        "solar masses within 200 times the mean density, of the halo a galaxy lives in; NaN: it follows the smooth "
+        "density",
     ),
+    "satellite": (np.int8, -1, "0 the central galaxy of its halo, 1 a satellite; -1 as halomass NaN"),
     "gal_type": (np.int8, -1, "0 star-forming, 1 quiescent; -1 no galaxy, or not known"),
     "host": (np.int64, -1, "id of the galaxy a quasar lives in"),
     "flags": (np.int32, 0, "bits of csstsim.catalog.flags"),

@@ -1,10 +1,10 @@
 """Bricks: the embedded universe cut into HEALPix pixels of NSIDE 256 (order 8, nested), one parquet file each.
 
 A brick's content depends only on campaign seed, brick number, config/universe/, the dust map, the camera's filters,
-lensing, and the list of bright stars if the campaign asks for them. So any subset, made in any order on any machine,
-shows the same sky. A position is the centre of a random order-29 pixel of the brick (0.4 mas apart): HEALPix pixels of
-one order have equal area, so objects are uniform on the brick and exactly inside it. The files follow the HATS
-layout, with its `_healpix_29` column.
+lensing, structure, and the list of bright stars if the campaign asks for them. So any subset, made in any order on any
+machine, shows the same sky. A position is the centre of an order-29 pixel of the brick (0.4 mas apart), so it lies
+exactly inside. Such pixels have equal area: stars are uniform on the brick, and galaxies with `structure: none`.
+The files follow the HATS layout, with its `_healpix_29` column.
 """
 
 from functools import lru_cache, partial
@@ -29,18 +29,19 @@ COMPANION = {"coeff0": "teff2", "coeff1": "logg2", "coeff2": "area2"}  # of a st
 SED_COLUMNS = ("sed_scale", *(f"coeff{k}" for k in range(COEFFICIENTS)))
 
 
-def make_brick(seed, pix, universe, camera, lensing, bright_stars=None):
+def make_brick(seed, pix, universe, camera, lensing, structure="haloes", bright_stars=None):
     """Return the ObjectTable of brick `pix`: stars, galaxies, quasars, then real bright stars.
 
-    universe: universe.parameters.Universe; camera: instrument.camera.Camera; lensing: config.Lensing; bright_stars:
-    rows (n, 4) of universe.stars.bright_stars, or None for none. Magnitudes are those of the spectra: with the Milky
-    Way's extinction, without lensing magnification. Raises InputError for a brick number that does not exist.
+    universe: universe.parameters.Universe; camera: instrument.camera.Camera; lensing: config.Lensing; structure:
+    config.CatalogConfig.structure; bright_stars: rows (n, 4) of universe.stars.bright_stars, or None for none.
+    Magnitudes are those of the spectra: with the Milky Way's extinction, without lensing magnification. Raises
+    InputError for a brick number that does not exist.
     """
     if not 0 <= pix < BRICKS:
         raise InputError("no such brick", key="brick", value=pix, allowed=f"0..{BRICKS - 1}")
     stars = _stars(seed, pix, universe, camera)
-    galaxies = _galaxies(seed, pix, universe, camera, lensing)
-    quasars = _quasars(seed, pix, universe, camera, galaxies, lensing)
+    galaxies = _galaxies(seed, pix, universe, camera, lensing, structure)
+    quasars = _quasars(seed, pix, universe, camera, galaxies, lensing, structure)
     last = [] if bright_stars is None else [_bright(pix, universe, camera, bright_stars)]  # the others keep their ids
     rows = len(stars) + len(galaxies) + len(quasars) + sum(map(len, last))
     if rows >= 2**ID_BITS:
@@ -52,11 +53,11 @@ def make_brick(seed, pix, universe, camera, lensing, bright_stars=None):
         id=first + np.arange(rows, dtype=np.int64)
     )
     table = _with_magnitudes(table, universe, camera)
-    table.meta = brick_meta(seed, pix, universe, camera, lensing, bright_stars)
+    table.meta = brick_meta(seed, pix, universe, camera, lensing, structure, bright_stars)
     return table
 
 
-def brick_meta(seed, pix, universe, camera, lensing, bright_stars=None):
+def brick_meta(seed, pix, universe, camera, lensing, structure="haloes", bright_stars=None):
     """Return the inputs on which a brick's content depends, as recorded in its file."""
     return {
         "product": "truth brick",
@@ -66,13 +67,14 @@ def brick_meta(seed, pix, universe, camera, lensing, bright_stars=None):
         "universe": universe.digest,
         "camera": camera.digest_for("truth"),
         "lensing": lensing.model_dump(mode="json"),
+        "structure": structure,
         "bright_stars": None if bright_stars is None else digest(bright_stars.tolist()),
     }
 
 
-def write_brick(path, pix, *, seed, universe, camera, lensing, bright_stars=None):
+def write_brick(path, pix, *, seed, universe, camera, lensing, structure="haloes", bright_stars=None):
     """Make brick `pix` and write it (temporary name, fsync, rename)."""
-    make_brick(seed, pix, universe, camera, lensing, bright_stars).write(path)
+    make_brick(seed, pix, universe, camera, lensing, structure, bright_stars).write(path)
 
 
 def read_brick(path, expect=None):
@@ -124,11 +126,30 @@ def _bright(pix, universe, camera, stars):
     return _complete(STAR, bright_stars(pix, stars, universe.star_seds, universe.numbers["stars"]), camera)
 
 
-def _galaxies(seed, pix, universe, camera, lensing):
+def _galaxies(seed, pix, universe, camera, lensing, structure):
     streams = _streams(seed, pix, "galaxies")
-    columns = _population(universe, camera).draw(streams, AREA_DEG2)
-    _put(columns, *place(pix, streams("position"), len(columns["z"])), seed, pix, universe, lensing)
+    if structure == "none":
+        columns = _population(universe, camera).draw(streams, AREA_DEG2)
+        spot = place(pix, streams("position"), len(columns["z"]))
+    else:
+        columns = _clustered(seed, universe, camera, structure).draw(pix, streams, AREA_DEG2)
+        spot = [columns[name] for name in ("ra", "dec", "_healpix_29")]
+    _put(columns, *spot, seed, pix, universe, lensing, structure)
     return _complete(GALAXY, columns, camera)
+
+
+@lru_cache(maxsize=4)
+def _clustered(seed, universe, camera, structure):
+    """The galaxy population in haloes or along the smooth density of one campaign seed."""
+    from csstsim.universe.galaxies.clustered import ClusteredGalaxies
+    from csstsim.universe.galaxies.occupation import Occupation
+
+    population, matter = _population(universe, camera), _matter(seed, universe, structure)
+    haloes, drawn = universe.numbers["structure"]["haloes"], None
+    if matter.haloes is not None:
+        drawn = np.log10(haloes["tiers"][0]), haloes["z_min"], haloes["z_max"]
+    occupation = Occupation(universe.numbers["occupation"], population.grid, matter.mass_function, drawn)
+    return ClusteredGalaxies(population, occupation, matter)
 
 
 @lru_cache(maxsize=4)
@@ -146,7 +167,7 @@ def _population(universe, camera):
     return GalaxyPopulation(universe.numbers["galaxies"], universe.galaxy_seds, universe.cosmology, weights, zeropoint)
 
 
-def _quasars(seed, pix, universe, camera, galaxies, lensing):
+def _quasars(seed, pix, universe, camera, galaxies, lensing, structure):
     """Quasars have the positions of their hosts; one without a host has a random position."""
     from csstsim.universe.quasars.quasars import draw_quasars
 
@@ -157,17 +178,24 @@ def _quasars(seed, pix, universe, camera, galaxies, lensing):
     if len(galaxies):
         at = [galaxies[name][np.maximum(host, 0)] for name in ("ra", "dec", "_healpix_29")]
         spot = [np.where(host >= 0, there, own) for there, own in zip(at, spot, strict=True)]
-    _put(columns, *spot, seed, pix, universe, lensing)
+    _put(columns, *spot, seed, pix, universe, lensing, structure)
     return _complete(QUASAR, columns, camera)
 
 
-def _put(columns, ra, dec, healpix, seed, pix, universe, lensing):
+def _put(columns, ra, dec, healpix, seed, pix, universe, lensing, structure):
     """Add position, extinction by the whole dust column and lensing to the columns of extragalactic objects."""
     from csstsim.universe.lensing.lensing import lens
 
-    field = universe.lensing_field(seed) if lensing.field == "cosmic" else None
+    field = _matter(seed, universe, structure) if lensing.field == "cosmic" else None
     columns |= {"ra": ra, "dec": dec, "_healpix_29": healpix, "av": universe.r_v * universe.dust.ebv(ra, dec)}
     columns |= lens(pix, ra, dec, columns["z"], lensing, field)
+
+
+def _matter(seed, universe, structure):
+    """The matter that lenses: the MatterField that galaxies follow, too, or the LensingField of `none`."""
+    if structure == "none":
+        return universe.lensing_field(seed)
+    return universe.matter_field(seed, haloes=structure == "haloes")
 
 
 def _complete(obj_type, columns, camera):

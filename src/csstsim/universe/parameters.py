@@ -18,16 +18,13 @@ from csstsim.universe.dust.dust_map import DustMap
 
 Z_MAX = 20.0  # largest redshift allowed for galaxies
 _POSITIVE = (
-    "dust.r_v",
-    "dust.sfd_scale",
-    "stars.sun.r0",
-    "galaxies.density",
-    "galaxies.mass_function.z_max",
-    "lensing.shells",
-)
+    "dust.r_v", "dust.sfd_scale", "stars.sun.r0", "galaxies.density", "galaxies.mass_function.z_max", "lensing.shells",
+    "occupation.stellar_to_halo.scatter", "occupation.satellites.concentration", "occupation.satellites.dispersion",
+)  # fmt: skip
+_SHARES = ("occupation.satellites.axis_ratio", "occupation.surviving.most", "occupation.quenching.most")
 _RISING = ("stars.limits", "quasars.redshift", "quasars.m1450")
 COEFFICIENTS = 20  # per spectrum of a galaxy or quasar
-PARTS = ("cosmology", "dust", "galaxies", "lensing", "quasars", "stars")
+PARTS = ("cosmology", "dust", "galaxies", "lensing", "occupation", "quasars", "stars", "structure")
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +94,17 @@ class Universe:
                 f"no lensing field: {type(exc).__name__} {exc}", file=self.folder / "lensing.yaml"
             ) from exc
 
+    @cache  # noqa: B019 - as above
+    def matter_field(self, seed, haloes=True):
+        """Return the structure.matter_field.MatterField of a campaign's seed. Raises InputError."""
+        from csstsim.universe.structure.matter_field import MatterField
+
+        try:
+            numbers = (self.numbers[name] for name in ("cosmology", "lensing", "structure"))
+            return MatterField(seed, *numbers, haloes=haloes)
+        except (KeyError, TypeError, ValueError) as exc:
+            raise InputError(f"no structure: {type(exc).__name__} {exc}", file=self.folder / "structure.yaml") from exc
+
     def check(self):
         """Build the models that the numbers define, but draw no objects. Raises InputError for a bad number."""
         from csstsim.universe.galaxies.galaxies import cumulative_counts, try_laws
@@ -107,6 +115,8 @@ class Universe:
                 self._refuse_unless(lambda value: 0 < value < math.inf, key, "above 0")
             for key in _RISING:
                 self._refuse_unless(lambda value: -math.inf < value[0] < value[1] < math.inf, key, "two rising numbers")
+            for key in _SHARES:
+                self._refuse_unless(lambda value: 0 < value <= 1, key, "above 0, up to 1")
             self._refuse_unless(lambda value: value <= Z_MAX, "galaxies.mass_function.z_max", f"up to {Z_MAX:g}")
             galaxy(self.numbers["stars"]), cumulative_counts(self.numbers["galaxies"])
             try_laws(self.numbers["galaxies"], self.cosmology)

@@ -3,7 +3,8 @@
 (z, M, type) -> star-formation rate -> mixture of templates, dust, lines -> i magnitude of the physical mass-to-light
 ratio -> i + shift(i), a small monotone change that makes the i counts exactly those of `counts` (abundance matching:
 mass functions stay as published, brightness is remapped, the colours do not change). Each quantity has
-its own random stream, so a change to one leaves the others as they were. Left out: clustering, merging, spiral arms.
+its own random stream, so a change to one leaves the others as they were. Their places in haloes are drawn by
+universe.galaxies.clustered. Left out: merging, spiral arms.
 """
 
 import numpy as np
@@ -89,7 +90,10 @@ class GalaxyPopulation:
         """
         count = rng("count").poisson(self.grid.total * area)
         z, log_mass, kind = self.grid.draw(rng("mass"), count)
-        columns = self.properties(rng, z, log_mass, kind)
+        return self.bright(self.properties(rng, z, log_mass, kind))
+
+    def bright(self, columns):
+        """Return the rows above the faint limit."""
         keep = columns["i"] < self.limit
         return {name: values[keep] for name, values in columns.items()}
 

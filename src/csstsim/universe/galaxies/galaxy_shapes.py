@@ -3,7 +3,7 @@
 Half-light radii in kpc follow a mass-size relation that shrinks with redshift, with log-normal scatter. They are
 semi-major axes, as the published ones. Catalogues have the radius of the circle of equal area, sqrt(b / a) of it. The
 bulge has the same fraction of the light as of the mass (one spectrum for both). Left out: sizes that change with
-wavelength, spiral arms, clumps, mergers, alignment with neighbours.
+wavelength, spiral arms, clumps, mergers. Alignments with haloes are in universe.galaxies.alignments.
 """
 
 import numpy as np

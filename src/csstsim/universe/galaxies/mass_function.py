@@ -61,21 +61,26 @@ class MassGrid:
     """
 
     def __init__(self, numbers, cosmology: Cosmology, lightest):
-        self._cosmology = cosmology
+        self.cosmology = cosmology
         self.z = np.expm1(np.arange(0.0, np.log1p(numbers["z_max"]) + _DX, _DX))
         middle = 0.5 * (self.z[1:] + self.z[:-1])
         floor = np.floor(np.asarray(lightest(middle)) / _DLOGM) * _DLOGM
         self.log_mass = np.arange(floor.min(), numbers["log_mass_max"], _DLOGM)  # lower edges
-        volume = cosmology.volume(self.z[:-1], self.z[1:])
+        self.volume = cosmology.volume(self.z[:-1], self.z[1:])  # of each redshift step [Mpc3 per deg2]
         density = np.stack(
             [
                 [mass_function(self.log_mass + _DLOGM / 2, z, kind, numbers, cosmology.h0) for z in middle]
                 for kind in TYPES
             ]
         )
-        density *= volume[:, None] * _DLOGM * (self.log_mass >= floor[:, None] - 1e-9)
+        density *= self.volume[:, None] * _DLOGM * (self.log_mass >= floor[:, None] - 1e-9)
         self.density = density  # (types, redshifts, masses), per deg2
         self._cumulative = np.cumsum(density.ravel())
+
+    @property
+    def step(self):
+        """Width of a cell in log mass [dex]."""
+        return _DLOGM
 
     @property
     def total(self):
@@ -89,8 +94,8 @@ class MassGrid:
 
     def place(self, generator, kind, row, column):
         """Return (z, log mass, type) of galaxies in given cells (indices), uniform in volume and log mass inside."""
-        cube = self._cosmology.comoving_distance(self.z) ** 3
+        cube = self.cosmology.comoving_distance(self.z) ** 3
         distance = np.cbrt(cube[row] + generator.random(len(row)) * (cube[row + 1] - cube[row]))
         z = np.linspace(0.0, self.z[-1], 20_001)  # linear between: good to 1e-6
-        z = np.interp(distance, self._cosmology.comoving_distance(z), z)
+        z = np.interp(distance, self.cosmology.comoving_distance(z), z)
         return z, self.log_mass[column] + _DLOGM * generator.random(len(row)), kind.astype(np.int8)

@@ -9,23 +9,29 @@ zero where the source enters the shell. Convergences of two sources at different
 
 import numpy as np
 
-from csstsim.universe.lensing.power_spectrum import MatterPower
-
 _PIVOT = np.array([1000.0])  # multipole of the weights
 _NODES, _GAUSS = np.polynomial.legendre.leggauss(12)  # of the integral through a shell
 _TABLE = 20  # source distances tabulated per shell
 
 
-class Shells:
-    """`cosmology`: cosmology.Cosmology; the numbers are the mappings of cosmology.yaml and lensing.yaml."""
+def even_edges(cosmology, z_max, count):
+    """Return the edges [Mpc] of `count` shells to z_max, finer near the observer."""
+    return cosmology.comoving_distance(z_max) * np.linspace(0.0, 1.0, count + 1) ** 1.5
 
-    def __init__(self, cosmology, cosmology_numbers, lensing_numbers):
-        self.cosmology, self.power = cosmology, MatterPower(cosmology, cosmology_numbers)
-        self.count, self.z_max = lensing_numbers["shells"], lensing_numbers["z_max"]
-        self._z = np.linspace(0.0, self.z_max, 4000)
-        self._chi = cosmology.comoving_distance(self._z)
-        self.edges = self._chi[-1] * np.linspace(0.0, 1.0, self.count + 1) ** 1.5  # finer near the observer
-        self._sources = np.linspace(0.0, self.edges[-1], _TABLE * self.count + 1)
+
+class Shells:
+    """Shells between comoving `edges` [Mpc], from 0 to the distance of z_end; power: power_spectrum.MatterPower.
+
+    z_max: sources beyond count as if there, so that the shells between it and z_end bend no light.
+    """
+
+    def __init__(self, power, edges, z_end, z_max=None):
+        self.cosmology, self.power, self.edges = power.cosmology, power, edges
+        self.count, self.z_max = len(edges) - 1, z_end if z_max is None else z_max
+        self._z = np.linspace(0.0, z_end, 4000)
+        self._chi = self.cosmology.comoving_distance(self._z)
+        last = float(self.cosmology.comoving_distance(self.z_max))
+        self._sources = np.linspace(0.0, last, _TABLE * self.count + 1)
         parts = np.stack([self._pieces(_PIVOT, s)[:, 0] for s in self._sources])
         self._table = np.sqrt(parts / self.spectra(_PIVOT)[:, 0])
 
@@ -33,22 +39,40 @@ class Shells:
         """Return D_i (shells, len(ell)): the convergence spectra of the shells for sources at infinity."""
         return self._pieces(ell, np.inf)
 
+    def kernel(self):
+        """Return K_i = int q dchi (shells,): the convergence of overdensity 1 for sources at infinity."""
+        near, far = self.edges[:-1, None], self.edges[1:, None]
+        chi = 0.5 * (near + far) + 0.5 * (far - near) * _NODES
+        z = np.interp(chi, self._chi, self._z)
+        return (0.5 * (far - near) * _GAUSS * self.strength(z) * chi).sum(axis=1)
+
+    def strength(self, z):
+        """Return q / chi [1 / Mpc^2] at redshift z for sources at infinity."""
+        return 1.5 * self.cosmology.omega_m / self.cosmology.hubble_distance**2 * (1 + z)
+
     def limber(self, ell, z):
         """Return C_l of the convergence of sources at redshift z (float, 0 < z <= z_max), without shell weights."""
         return self._pieces(ell, float(self.cosmology.comoving_distance(z))).sum(axis=0)
 
     def weights(self, z):
         """Return w_i (len(z), shells) of source redshifts; constant beyond z_max, 0 where z <= 0 or NaN."""
-        chi = self.cosmology.comoving_distance(np.clip(np.nan_to_num(z, nan=0.0), 0.0, self.z_max))
+        chi = self.source_distance(z)
         return np.stack([np.interp(chi, self._sources, column) for column in self._table.T], axis=1)
+
+    def source_distance(self, z):
+        """Return the distance [Mpc] as which sources at z count; 0 where z <= 0 or NaN."""
+        return self.cosmology.comoving_distance(np.clip(np.nan_to_num(z, nan=0.0), 0.0, self.z_max))
+
+    @property
+    def distances(self):
+        """Tables of comoving distance [Mpc] and redshift."""
+        return self._chi, self._z
 
     def _pieces(self, ell, source):
         """Return each shell's part of C_l (shells, len(ell)) for sources at the comoving distance `source` [Mpc]."""
         near, far = np.minimum(self.edges, source)[:-1, None], np.minimum(self.edges, source)[1:, None]
         chi = np.maximum(0.5 * (near + far) + 0.5 * (far - near) * _NODES, 1e-3)  # > 0 also for sources at 0
         z = np.interp(chi, self._chi, self._z)
-        cosmology = self.cosmology
-        kernel = 1.5 * cosmology.omega_m / cosmology.hubble_distance**2 * (1 + z)
-        kernel = kernel * np.maximum(1 - chi / max(source, 1e-3), 0.0)
+        kernel = self.strength(z) * np.maximum(1 - chi / max(source, 1e-3), 0.0)
         power = self.power.nonlinear((ell + 0.5) / chi[..., None], z[..., None])
         return np.einsum("in,inl->il", 0.5 * (far - near) * _GAUSS * kernel**2, power)

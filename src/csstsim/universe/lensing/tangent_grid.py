@@ -12,11 +12,12 @@ import numpy as np
 from numba import njit
 
 from csstsim.base.healpix import NSIDE
-from csstsim.base.sphere import unit_vectors
+from csstsim.base.sphere import ra_dec, unit_vectors
 
 _PAD = np.radians(1 / 60)  # around the brick
 _TAPS = 8  # points of the Lagrange interpolation along an axis
 _HALFWAY = np.array([-5.0, 49.0, -245.0, 1225.0, 1225.0, -245.0, 49.0, -5.0]) / 2048  # its weights at mid-cell
+_CHILDREN = 12  # points around a cell: interpolation takes 4, half the 12 of a cell inside it take 6
 _LEVELS = 6  # grids of a pyramid
 
 
@@ -32,20 +33,23 @@ class TangentGrid:
     @staticmethod
     def pyramid(pix, step):
         """Return grids around brick `pix` with steps ... 4, 2, 1 x `step`, each reaching beyond the next."""
-        import healpy
-
-        centre = np.array(healpy.pix2vec(NSIDE, pix, nest=True))
-        border = healpy.boundaries(NSIDE, pix, step=8, nest=True).T
-        side = np.cross(np.cross(centre, border[8] - border[0]), centre)
-        side /= np.linalg.norm(side)
-        axes = np.stack([side, np.cross(centre, side), centre])
-        half = np.abs(_project(border, axes)).max(axis=0) + _PAD
-        grids = []
+        axes, half = _frame(NSIDE, pix, _side(NSIDE, pix))
+        half, grids = half + _PAD, []
         for _ in range(_LEVELS):
             columns, rows = (int(np.ceil(h / step)) + _TAPS // 2 for h in half)
             grids.append(TangentGrid(axes, step, rows, columns))
             half, step = (columns * step, rows * step), 2 * step
         return grids[::-1]
+
+    @staticmethod
+    def around(order, pix, step, root):
+        """Return the grid of a HEALPix cell, reaching beyond the grids of `step` / 2 of the four cells in it.
+
+        All cells of one cell of order `root` have its orientation. So a cell's grid lies in that of the cell around it.
+        """
+        axes, half = _frame(2**order, pix, _side(2**root, pix >> 2 * (order - root)))
+        columns, rows = (int(np.ceil(h / step)) + _CHILDREN for h in half)
+        return TangentGrid(axes, step, rows, columns)
 
     @property
     def shape(self):
@@ -86,11 +90,15 @@ class TangentGrid:
 
     def cells(self, ra, dec):
         """Return grid coordinates (n, 2) x, y in steps from the first point. ValueError outside, or if not finite."""
-        place = _project(unit_vectors(ra, dec), self.axes) / self.step + (self.columns, self.rows)
+        return self.places(unit_vectors(ra, dec))
+
+    def places(self, vectors):
+        """Return grid coordinates (n, 2), as `cells`, of unit vectors (n, 3)."""
+        place = _project(vectors, self.axes) / self.step + (self.columns, self.rows)
         inside = (place >= _TAPS // 2 - 1) & (place <= np.array(self.shape)[::-1] - 1 - _TAPS // 2)
         if not inside.all():
-            worst = np.flatnonzero(~inside.all(axis=1))[0]
-            raise ValueError(f"position ra {ra[worst]} dec {dec[worst]} lies outside the brick")
+            ra, dec = ra_dec(vectors[np.flatnonzero(~inside.all(axis=1))[0]])
+            raise ValueError(f"position ra {ra} dec {dec} lies outside the brick")
         return place
 
     def to_east_north(self, ra, dec, gamma1, gamma2):
@@ -129,16 +137,46 @@ def interpolate(values, places, weights):
         y0 = min(int(places[g, 1]), values.shape[0] - 1 - _TAPS // 2) - _TAPS // 2 + 1
         _lagrange(places[g, 0] - x0, wx)
         _lagrange(places[g, 1] - y0, wy)
+        first, last = _span(weights[g])
         maps[:] = 0.0
         for j in range(_TAPS):
             for i in range(_TAPS):
                 w = wy[j] * wx[i]
                 for c in range(3):
-                    for s in range(shells):
+                    for s in range(first, last):
                         maps[c, s] += w * values[y0 + j, x0 + i, c, s]
         for c in range(3):
-            for s in range(shells):
+            for s in range(first, last):
                 out[g, c] += weights[g, s] * maps[c, s]
+    return out
+
+
+@njit(cache=True)
+def _span(weights):
+    """Return the first weight that is not 0, and the one after the last."""
+    first, last = 0, len(weights)
+    while first < last and weights[first] == 0:
+        first += 1
+    while last > first and weights[last - 1] == 0:
+        last -= 1
+    return first, last
+
+
+@njit(cache=True)
+def interpolate_all(maps, places):
+    """Return (n, shells): maps (rows, columns, shells) at grid coordinates (n, 2) x, y, as `interpolate`."""
+    out = np.zeros((len(places), maps.shape[2]))
+    wx, wy = np.empty(_TAPS), np.empty(_TAPS)
+    for g in range(len(places)):
+        x0 = min(int(places[g, 0]), maps.shape[1] - 1 - _TAPS // 2) - _TAPS // 2 + 1
+        y0 = min(int(places[g, 1]), maps.shape[0] - 1 - _TAPS // 2) - _TAPS // 2 + 1
+        _lagrange(places[g, 0] - x0, wx)
+        _lagrange(places[g, 1] - y0, wy)
+        for j in range(_TAPS):
+            for i in range(_TAPS):
+                w = wy[j] * wx[i]
+                for s in range(maps.shape[2]):
+                    out[g, s] += w * maps[y0 + j, x0 + i, s]
     return out
 
 
@@ -150,6 +188,26 @@ def _lagrange(t, weights):
         for j in range(_TAPS):
             if j != i:
                 weights[i] *= (t - j) / (i - j)
+
+
+def _frame(nside, pix, along):
+    """Return the axes (3, 3) of a HEALPix pixel, the first towards `along`, and its half-widths (2,) in them [rad]."""
+    import healpy
+
+    centre = np.array(healpy.pix2vec(nside, pix, nest=True))
+    border = healpy.boundaries(nside, pix, step=8, nest=True).T
+    side = np.cross(np.cross(centre, along), centre)
+    side /= np.linalg.norm(side)
+    axes = np.stack([side, np.cross(centre, side), centre])
+    return axes, np.abs(_project(border, axes)).max(axis=0)
+
+
+def _side(nside, pix):
+    """Return the vector along the first side of a HEALPix pixel."""
+    import healpy
+
+    border = healpy.boundaries(nside, pix, step=8, nest=True).T
+    return border[8] - border[0]
 
 
 def _carry(axes, n):

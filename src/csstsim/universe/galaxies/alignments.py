@@ -1,0 +1,36 @@
+"""Intrinsic alignments: how shapes follow the halo and the tidal field around.
+
+Ellipticities are e = (a - b) / (a + b) exp(2 i phi), phi from east to north. A small mean ellipticity g is given as
+a shear is, e -> (e + g) / (1 + conj(g) e), which keeps |e| < 1 (Seitz & Schneider 1997). In the NLA model (Bridle &
+King 2007, NJP 9, 444) it is
+
+    g = -A_IA C1 rho_crit Om / D(z) gamma,
+
+gamma being the shear of a convergence equal to the overdensity: quiescent galaxies point to overdensities.
+"""
+
+import numpy as np
+
+
+def sheared(e, g):
+    """Return complex ellipticities e after a mean ellipticity g (complex, |g| < 1), each (n,)."""
+    return (e + g) / (1 + np.conj(g) * e)
+
+
+def tidal_alignment(z, tide, cosmology, numbers):
+    """Return g (n,) of the NLA model for red galaxies; tide (n,) complex: shear of the overdensity as convergence."""
+    strength = numbers["tidal"] * numbers["normalisation"] * cosmology.omega_m / cosmology.growth(z)
+    return -strength * tide
+
+
+def radial_alignment(east, north, numbers):
+    """Return g (n,) of satellites at these offsets from their halo's centre: the long axis points to the centre."""
+    place = np.asarray(east, float) + 1j * np.asarray(north, float)
+    length = np.abs(place)
+    return numbers["radial"] * np.divide(place, length, out=np.zeros(place.shape, complex), where=length > 0) ** 2
+
+
+def turned_to(e, east, north, normal, numbers):
+    """Return e (n,) turned so that long axes lie along (east, north), but for an angle of rms `central_angle`."""
+    angle = np.arctan2(north, east) + np.radians(numbers["central_angle"]) * normal
+    return np.abs(e) * np.exp(2j * angle)

@@ -1,0 +1,130 @@
+"""The galaxies of a brick with structure: members of haloes near it, and galaxies that follow the smooth density.
+
+A halo's members may lie in several bricks: each brick draws all haloes that reach into it, and keeps the members that
+lie in it. So no galaxy is lost or doubled at a border, whichever bricks are made. What a galaxy is like beyond
+redshift, mass and type comes from the brick's own streams, as without structure (universe.galaxies.galaxies).
+"""
+
+import numpy as np
+
+from csstsim.base.healpix import HATS_ORDER, ORDER
+from csstsim.base.sphere import frames
+from csstsim.universe.galaxies.alignments import radial_alignment, sheared, tidal_alignment, turned_to
+from csstsim.universe.galaxies.field_galaxies import ORDER as FIELD_ORDER
+from csstsim.universe.galaxies.field_galaxies import draw_field
+from csstsim.universe.galaxies.galaxies import QUIESCENT
+from csstsim.universe.galaxies.members import draw_members, redshift
+
+SATELLITE, CENTRAL, NO_HALO = 1, 0, -1  # of the column `satellite`
+
+
+class ClusteredGalaxies:
+    """population: a GalaxyPopulation; occupation: its Occupation; matter: structure.matter_field.MatterField."""
+
+    def __init__(self, population, occupation, matter):
+        self.population, self.occupation, self.matter = population, occupation, matter
+        self._cosmology, self._grid = population.cosmology, population.grid
+
+    def draw(self, pix, rng, area):
+        """Return the columns of the galaxies of brick `pix` of `area` [deg2], as GalaxyPopulation.draw.
+
+        Further columns: ra, dec [deg], _healpix_29, halomass [solar], satellite. `rng(name)` gives the brick's
+        generator of one quantity.
+        """
+        sample = self.sample(pix, rng, area)
+        columns = self.population.properties(rng, sample["z"], sample["log_mass"], sample["gal_type"])
+        columns |= {name: sample[name] for name in ("ra", "dec", "_healpix_29", "halomass", "satellite")}
+        e = self._aligned(pix, rng, columns, sample)
+        columns |= {"e1": e.real.astype(np.float32), "e2": e.imag.astype(np.float32)}
+        return self.population.bright(columns)
+
+    def sample(self, pix, rng, area):
+        """Return places, z, log_mass, gal_type, halomass, satellite, offset and axis of the galaxies, also faint ones.
+
+        offset, axis (n, 3): of members.Members, zero where there is no halo.
+        """
+        import healpy
+
+        parts = [self._field(pix, rng, area)]
+        if self.matter.haloes is not None:
+            parts.append(self._members(pix))
+        sample = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+        ra, dec = healpy.pix2ang(1 << HATS_ORDER, sample["_healpix_29"], nest=True, lonlat=True)
+        return sample | {"ra": ra, "dec": dec}
+
+    def _field(self, pix, rng, area):
+        """Galaxies of haloes that are not drawn, in pixels of FIELD_ORDER and their redshift rows."""
+        import healpy
+
+        occupation = self.occupation
+        bits = 2 * (FIELD_ORDER - ORDER)
+        pixels = (np.int64(pix) << bits) + np.arange(1 << bits)
+        ra, dec = healpy.pix2ang(1 << FIELD_ORDER, pixels, nest=True, lonlat=True)
+        delta, variance = self._density(ra, dec)
+        kind, row, column, pixel = draw_field(
+            rng("field"), occupation.remainder * (area / len(pixels)), occupation.bias, delta, variance
+        )
+        redshifts, log_mass, kind = self._grid.place(rng("mass"), kind, row, column)
+        deep = 2 * (HATS_ORDER - FIELD_ORDER)
+        healpix = (pixels[pixel] << deep) + rng("position").integers(0, 1 << deep, len(pixel))
+        count, nothing = len(pixel), np.zeros((len(pixel), 3))
+        return {
+            "z": redshifts, "log_mass": log_mass, "gal_type": kind, "_healpix_29": healpix,
+            "halomass": np.full(count, np.nan), "satellite": np.full(count, NO_HALO, np.int8),
+            "offset": nothing, "axis": nothing,
+        }  # fmt: skip
+
+    def _density(self, ra, dec):
+        """Return the overdensity (rows, places) of each redshift row, of the shell of its middle, and its variance."""
+        z = 0.5 * (self._grid.z[1:] + self._grid.z[:-1])
+        shell = np.searchsorted(self.matter.shells.edges, self._cosmology.comoving_distance(z))
+        _, first, row = np.unique(shell, return_index=True, return_inverse=True)
+        places = [np.tile(v, len(first)) for v in (ra, dec)]
+        delta, variance = (
+            v.reshape(len(first), -1) for v in self.matter.density(*places, np.repeat(z[first], len(ra)))
+        )
+        return delta[row], variance[row, 0]
+
+    def _members(self, pix):
+        """Galaxies of drawn haloes that lie in the brick."""
+        import healpy
+
+        occupation, distance = self.occupation, self._cosmology.comoving_distance
+        radius = self.matter.mass_function.virial_radius
+        stretch = occupation.numbers["satellites"]["axis_ratio"] ** (-2 / 3)
+
+        def reach(z, log_mass):
+            return np.arctan2(stretch * radius(10.0 ** np.asarray(log_mass)), distance(z))
+
+        haloes = self.matter.haloes.near(pix, reach)
+        z, mass = haloes["z"], haloes["log_mass"]
+        members = draw_members(occupation, z, mass, haloes["concentration"], radius(10**mass), haloes["key"])
+        halo = members.halo
+        centre, east, north = frames(np.radians(haloes["ra"]), np.radians(haloes["dec"]))
+        x, y, outwards = (v[:, None] for v in members.offset.T)
+        place = centre[halo] * (distance(z)[halo, None] + outwards) + east[halo] * x + north[halo] * y
+        healpix = healpy.vec2pix(1 << HATS_ORDER, *place.T, nest=True).astype(np.int64)
+        inside = np.flatnonzero(healpix >> (2 * (HATS_ORDER - ORDER)) == pix)
+        return {
+            "z": redshift(z[halo], members.speed)[inside], "log_mass": members.log_mass[inside],
+            "gal_type": members.kind[inside], "_healpix_29": healpix[inside], "halomass": 10 ** mass[halo[inside]],
+            "satellite": members.satellite[inside], "offset": members.offset[inside], "axis": members.axis[inside],
+        }  # fmt: skip
+
+    def _aligned(self, pix, rng, columns, sample):
+        """Return complex ellipticities that follow haloes and tidal field."""
+        numbers = self.occupation.numbers["alignment"]
+        e = columns["e1"].astype(float) + 1j * columns["e2"]
+        red, satellite = sample["gal_type"] == QUIESCENT, sample["satellite"]
+        normal = rng("alignment").standard_normal(len(e))
+        turned = np.flatnonzero((satellite == CENTRAL) & (sample["halomass"] >= 10 ** numbers["central_from"]))
+        east, north, _ = sample["axis"][turned].T
+        e[turned] = turned_to(e[turned], east, north, normal[turned], numbers)
+        pointing = np.flatnonzero((satellite == SATELLITE) & red)
+        east, north, _ = sample["offset"][pointing].T
+        e[pointing] = sheared(e[pointing], radial_alignment(east, north, numbers))
+        rows = np.flatnonzero(red & (satellite != SATELLITE))
+        z = columns["z"][rows].astype(float)
+        plus, cross = self.matter.tidal(pix, columns["ra"][rows], columns["dec"][rows], z)
+        e[rows] = sheared(e[rows], tidal_alignment(z, plus + 1j * cross, self._cosmology, numbers))
+        return e

@@ -1,0 +1,149 @@
+"""The overdensity of a shell of matter, smoothed, at any place on the sky: what haloes and galaxies follow.
+
+    delta_i = kappa_i / K_i,   K_i = int_shell q dchi     (q: lensing kernel for sources at infinity, lens_spectra)
+
+kappa_i is the shell's convergence with only those kernels whose width at the shell is not much below a given scale,
+each times the weight with which haloes follow it (halo_spectra).
+Maps are made in HEALPix cells, each cell for itself: a cell of order o has the kernels up to order o + 4. It takes the
+wider ones from the cell around it, by interpolation, and adds two widths. So a value depends on the cell that holds the
+place, and on nothing else: whoever asks gets the same bits. Cells of the lowest order begin with the widest kernels.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+from numba import njit
+
+from csstsim.universe.lensing.potential_field import WIDTHS, pixel
+from csstsim.universe.lensing.tangent_grid import TangentGrid, interpolate_all
+
+_FINER = 4  # orders of the kernels below that of their cell
+_ROOT = 2  # order of the widest cells; they have all wider kernels
+_WIDEST = 3  # order of the kernels at which the smoothest maps end
+_REACH = 4.5  # sigma: the kernel is cut at 4e-4 of its peak
+_SAMPLES = 2.0  # grid points per sigma
+_CELLS = 96  # maps kept
+_ELL = np.geomspace(0.5, 3e5, 4000)  # of the variances
+
+
+def kernel_order(field, scale):
+    """Return for each shell the order of the kernels down to which matter is smooth on `scale` [Mpc, sigma].
+
+    Orders step by a factor of two; taken is the nearest, from 3 (9 degrees) to the finest of the field.
+    """
+    chi = 0.5 * (field.shells.edges[1:] + field.shells.edges[:-1])
+    orders = np.round(np.log2(WIDTHS[-1] * pixel(0) * chi / scale)).astype(int)
+    return np.clip(orders, _WIDEST, field.orders)
+
+
+def within(field, order):
+    """Return a mask (shells, widths) of the kernels up to each shell's `order` (shells,)."""
+    return np.array([o for o, _ in field.widths]) <= np.asarray(order)[:, None]
+
+
+def cell_order(order):
+    """Return the HEALPix order of the cells in which maps of kernels up to `order` are made."""
+    return max(order - _FINER, _ROOT)
+
+
+class ShellDensity:
+    """`field`: lensing.potential_field.PotentialField with its amplitudes; finest: the finest `kernel_order` in use.
+
+    weights: factors (shells, widths) of the amplitudes, of what is followed over the smooth field (halo_spectra).
+    """
+
+    def __init__(self, field, finest, weights=1.0):
+        self.field, self._finest = field, finest
+        self._scale = weights * field.amplitude / field.shells.kernel()[:, None]  # of delta (shells, widths)
+        step = np.gradient(np.log(_ELL)) * _ELL**2 / (2 * np.pi)
+        self._variances = field.powers(_ELL).T @ step  # of kappa for amplitude 1
+        self.maps = lru_cache(maxsize=_CELLS)(self._make)
+
+    def variance(self, order):
+        """Return the variance of delta for each shell, of kernels up to its `order` (shells,)."""
+        return (self._scale**2 * self._variances * within(self.field, order)).sum(axis=1)
+
+    def at(self, ra, dec, shell, order):
+        """Return delta (n,) at ra, dec [deg] in `shell` (n,), with kernels up to `order` (shells,)."""
+        import healpy
+
+        ra, dec, shell = np.asarray(ra, float), np.asarray(dec, float), np.asarray(shell)
+        delta, orders = np.zeros(len(ra)), np.asarray(order)[shell]
+        for o in np.unique(orders):
+            rows = np.flatnonzero(orders == o)
+            nside = 2 ** cell_order(int(o))
+            cells = healpy.ang2pix(nside, ra[rows], dec[rows], nest=True, lonlat=True)
+            ranked = np.argsort(cells, kind="stable")
+            found, start = np.unique(cells[ranked], return_index=True)
+            for cell, part in zip(found, np.split(rows[ranked], start[1:]), strict=True):
+                grid, maps = self.maps(int(o), int(cell))
+                delta[part] = interpolate_one(maps, grid.cells(ra[part], dec[part]), shell[part])
+        return delta
+
+    def _make(self, order, cell):
+        """Return the TangentGrid of a cell and its maps of delta (rows, columns, shells)."""
+        field, at = self.field, cell_order(order)
+        grid = TangentGrid.around(at, cell, WIDTHS[-1] * pixel(at + _FINER) / _SAMPLES, _ROOT)
+        first = int(np.argmax(self._finest >= order))  # nearer shells are smooth on these scales
+        if order > _ROOT + _FINER:
+            wide, maps = self.maps(order - 1, cell >> 2)
+            values = interpolate_all(maps, wide.places(grid.frames[0].reshape(-1, 3))).reshape(*grid.shape, -1)
+        elif order > _WIDEST:
+            values = self.maps(order - 1, cell)[1].copy()
+        else:
+            values = np.zeros((*grid.shape, field.shells.count))
+        added = np.zeros((*grid.shape, field.shells.count - first))
+        for s, (o, sigma) in enumerate(field.widths):
+            if o == order or o < order == _WIDEST:
+                reach = min(_REACH * sigma, np.pi)
+                points, deviates = field.deviates(grid, s, reach)
+                scaled = deviates[:, first:] * self._scale[first:, s]
+                _splat(added, grid.frames[0], points, grid.boxes(points, reach), scaled, sigma**-2, reach)
+        values[..., first:] += added
+        return grid, values
+
+
+@njit(cache=True)
+def _splat(values, n, points, boxes, deviates, u, reach):
+    """Add kappa of psi = deviate exp(-u (1 - n . p)) of every point p to values (rows, columns, shells)."""
+    far = 2 * np.sin(0.5 * reach) ** 2  # 1 - cos(reach)
+    for j in range(len(points)):
+        p, deviate = points[j], deviates[j]
+        for y in range(boxes[j, 0], boxes[j, 1]):
+            for x in range(boxes[j, 2], boxes[j, 3]):
+                d0, d1, d2 = p[0] - n[y, x, 0], p[1] - n[y, x, 1], p[2] - n[y, x, 2]
+                gap = 0.5 * (d0 * d0 + d1 * d1 + d2 * d2)
+                if gap > far:
+                    continue
+                kappa = u * np.exp(-u * gap) * (u * gap * (1.0 - 0.5 * gap) - (1.0 - gap))
+                maps = values[y, x]
+                for i in range(len(deviate)):
+                    maps[i] += kappa * deviate[i]
+
+
+@njit(cache=True)
+def interpolate_one(maps, places, shell):
+    """Return (n,): maps (rows, columns, shells) of each place's own shell, cubic through 4 points along each axis."""
+    out = np.empty(len(places))
+    wx, wy = np.empty(4), np.empty(4)
+    for g in range(len(places)):
+        x0 = min(int(places[g, 0]), maps.shape[1] - 3) - 1
+        y0 = min(int(places[g, 1]), maps.shape[0] - 3) - 1
+        _cubic(places[g, 0] - x0, wx)
+        _cubic(places[g, 1] - y0, wy)
+        total = 0.0
+        for j in range(4):
+            for i in range(4):
+                total += wy[j] * wx[i] * maps[y0 + j, x0 + i, shell[g]]
+        out[g] = total
+    return out
+
+
+@njit(cache=True)
+def _cubic(t, weights):
+    """Fill the Lagrange weights of points 0..3 for the polynomial at t."""
+    for i in range(4):
+        weights[i] = 1.0
+        for j in range(4):
+            if j != i:
+                weights[i] *= (t - j) / (i - j)

@@ -1,0 +1,148 @@
+"""What haloes add to the spectra of matter, and the smooth part that is left (Cooray & Sheth 2002, section 4).
+
+With the haloes' profile u, the disc g taken from it (halo_profile) and V = M / rho:
+
+    h_t(k) = int_t dlnM n V b (u - g)                                   of each tier t of lensing haloes,
+    P_1h(k) = int dlnM n V^2 <(u - g)^2>
+
+Haloes follow those kernels s of the smooth field that are wide for their tier (w_ts = 1, else 0), with a weight f_s:
+
+    C_l = sum_s a_s^2 B_s(l) (1 + f_s sum_t w_ts h_t)^2 + C_1h + C_ln,     f_s = 1 / (1 - sum_t w_ts h_t(l_s))
+
+B_s is the spectrum of kernel s, l_s its peak. With these weights haloes follow all matter, smooth part and haloes:
+their spectrum with matter is b times that of matter. C_l is linear in a_s^2, so a smooth part is found with which it is
+halofit's, within 3 %: the other terms leave too little for it near l = 200 at z < 0.6.
+C_ln comes from haloes clustering as exp(b delta): their correlation is exp(b b' xi) - 1, of which b b' xi is in the
+first term already. There b is the mean of a tier, weighted by its part. The spectrum with the smooth field has no C_ln.
+"""
+
+from itertools import combinations_with_replacement
+
+import numpy as np
+from scipy.interpolate import RectBivariateSpline
+from scipy.optimize import nnls
+from scipy.special import j0
+
+from csstsim.universe.structure.density import within
+from csstsim.universe.structure.halo_profile import disc_transform, nfw_transform
+from csstsim.universe.structure.haloes import concentration, tier_orders
+
+_NODES, _GAUSS = np.polynomial.legendre.leggauss(4)  # of a shell's depth
+_MASSES = 24  # nodes of a tier
+_SCATTER, _CHANCES = np.polynomial.hermite_e.hermegauss(3)  # of log concentration
+_LN_K = np.linspace(np.log(1e-4), np.log(300.0), 130)  # 1 / Mpc
+_REDSHIFTS = 14
+_THETA = np.geomspace(1e-6, 1.0, 1200)  # rad
+
+
+class HaloSpectra:
+    """The haloes' part of the spectra. Arguments: those of haloes.Haloes, and the PotentialField that they follow."""
+
+    def __init__(self, field, mass_function, numbers):
+        haloes = numbers["haloes"]
+        self.field, self.limits = field, (haloes["z_min"], haloes["z_max"])
+        tiers = np.array(haloes["tiers"])
+        lensing = np.flatnonzero(tiers[:-1] >= 0.999 * haloes["lens_mass"])
+        self.orders = tier_orders(field, mass_function, numbers)[lensing]
+        z = np.linspace(*self.limits, _REDSHIFTS)
+        moments = np.array([
+            [_moments(mass_function, tiers[t], tiers[t + 1], at, haloes) for at in z] for t in lensing
+        ])  # (tiers, z, 3, k): h of the bias' powers 1, 2, and P_1h  # fmt: skip
+        self._one = RectBivariateSpline(z, _LN_K, moments[:, :, 2].sum(axis=0))
+        self._h = [[RectBivariateSpline(z, _LN_K, moments[t, :, p]) for p in range(2)] for t in range(len(lensing))]
+        self._nodes()
+        self.weights = self._weights()
+
+    def _nodes(self):
+        shells, cosmology = self.field.shells, self.field.shells.cosmology
+        near, far = shells.edges[:-1, None], shells.edges[1:, None]
+        low, high = cosmology.comoving_distance(np.array(self.limits))
+        begin, end = np.clip(near, low, high), np.clip(far, low, high)
+        self._chi = 0.5 * (begin + end) + 0.5 * (end - begin) * _NODES
+        self._z = np.interp(self._chi, *shells.distances)
+        strength = shells.strength(self._z)
+        self._weight = 0.5 * (end - begin) * _GAUSS * strength**2  # of P in C_l of the shell
+        self._share = 0.5 * (end - begin) * _GAUSS * strength * self._chi / shells.kernel()[:, None]  # of delta
+
+    def one_halo(self, ell):
+        """Return C_1h (shells, len(ell)) for sources at infinity."""
+        return np.einsum("in,inl->il", self._weight, self._at(self._one, ell))
+
+    def response(self, ell, power=1):
+        """Return h_t (shells, tiers, len(ell)) with that power of the bias, as shares of the shell's overdensity."""
+        return np.stack([np.einsum("in,inl->il", self._share, self._at(h[power - 1], ell)) for h in self._h], axis=1)
+
+    def _at(self, spline, ell):
+        ln_k = np.log((np.asarray(ell) + 0.5) / self._chi[..., None])
+        z = np.broadcast_to(self._z[..., None], ln_k.shape)
+        return np.where(ln_k < _LN_K[-1], spline(z, np.maximum(ln_k, _LN_K[0]), grid=False), 0.0)
+
+    def _weights(self):
+        """Return f_s (shells, widths) from the response at the multipole where each kernel has most power."""
+        peak = np.sqrt(2) / np.array([sigma for _, sigma in self.field.widths])
+        response = np.einsum("tis,its->is", self.wide(), self.response(peak))
+        return 1 / (1 - response)
+
+    def wide(self):
+        """Return w_ts as a mask (tiers, shells, widths)."""
+        return np.stack([within(self.field, orders) for orders in self.orders])
+
+    def factors(self, ell):
+        """Return (1 + f_s sum_t w_ts h_t)^2 (shells, len(ell), widths)."""
+        return (1 + self.weights[:, None] * np.einsum("tis,itl->ils", self.wide(), self.response(ell))) ** 2
+
+    def fit(self, ell, wanted):
+        """Return the amplitudes a_is (shells, widths) with which C_l is `wanted` (shells, len(ell))."""
+        bases, rest = self.field.powers(ell) * self.factors(ell), wanted - self.one_halo(ell)
+        extra = 0.0
+        for _ in range(3):  # C_ln depends on the amplitudes, but is small
+            fits = [nnls(b / w[:, None], r / w)[0] for b, w, r in zip(bases, wanted, rest - extra, strict=True)]
+            amplitude = np.sqrt(fits)
+            extra = self.lognormal(ell, amplitude)
+        return amplitude
+
+    def lognormal(self, ell, amplitude):
+        """Return C_ln (shells, len(ell)) for amplitudes (shells, widths)."""
+        kernel = self.field.shells.kernel()[:, None]
+        shapes = np.stack([_correlation(sigma, order) for order, sigma in self.field.widths])
+        transform = 2 * np.pi * np.gradient(np.log(_THETA))[:, None] * _THETA[:, None] ** 2 * j0(np.outer(_THETA, ell))
+        wide, first, second = self.wide(), self.response(ell), self.response(ell, 2)
+        strongest = np.argmax(np.abs(second), axis=2, keepdims=True)
+        first, bias = (np.take_along_axis(v, strongest, axis=2)[..., 0] for v in (first, second))
+        bias = np.divide(bias, first, out=np.zeros_like(bias), where=first != 0)  # (shells, tiers)
+        total = np.zeros((len(kernel), len(ell)))
+        for t, u in combinations_with_replacement(range(len(wide)), 2):
+            xi = ((amplitude * self.weights) ** 2 * wide[t] * wide[u]) @ shapes / kernel**2  # of delta (shells, theta)
+            x = (bias[:, t] * bias[:, u])[:, None] * xi
+            curved = xi**2 * np.where(np.abs(x) > 1e-3, (np.expm1(x) - x) / np.where(x == 0, 1, x) ** 2, 0.5)
+            total += (1 if t == u else 2) * second[:, t] * second[:, u] * (curved @ transform)
+        return total * kernel**2
+
+
+def _moments(mass_function, low, high, z, numbers):
+    """Return int dlnM n V b^p <u - g> for p = 1, 2, and int dlnM n V^2 <(u - g)^2> (3, k), of one tier."""
+    nodes, weights = np.polynomial.legendre.leggauss(_MASSES)
+    ln_mass = 0.5 * np.log(low * high) + 0.5 * np.log(high / low) * nodes
+    mass = np.exp(ln_mass)
+    radius = mass_function.lagrangian_radius(mass)
+    k = np.exp(_LN_K)[:, None]
+    c = concentration(mass, z, numbers["concentration"], mass_function.cosmology.h0 / 100)
+    scatter = 10 ** (numbers["concentration"]["scatter"] * _SCATTER)
+    profiles = np.stack([nfw_transform(k, mass_function.virial_radius(mass), c * s) for s in scatter])
+    profiles -= disc_transform(k, numbers["compensation"] * radius)
+    chances = _CHANCES / _CHANCES.sum()
+    first, second = (np.einsum("s,skm->km", chances, profiles**p) for p in (1, 2))
+    number = 0.5 * np.log(high / low) * weights * mass_function.dn_dlnm(mass, z)
+    volume, bias = mass / mass_function.density, mass_function.bias(mass, z)
+    return np.stack([*(first @ (number * volume * bias**p) for p in (1, 2)), second @ (number * volume**2)])
+
+
+def _correlation(sigma, order):
+    """Return the correlation of kappa at _THETA of one width with amplitude 1; flat sky, so for narrow kernels.
+
+    The Hankel transform of l^5 exp(-l^2 sigma^2) is exp(-x) L_2(x) / sigma^6, with x = theta^2 / (4 sigma^2).
+    """
+    from csstsim.universe.lensing.potential_field import pixel
+
+    x = np.minimum(_THETA**2 / (4 * sigma**2), 700.0)
+    return 0.5 * np.pi * np.exp(-x) * (1 - 2 * x + x * x / 2) / (sigma**2 * pixel(order) ** 2)

@@ -1,0 +1,234 @@
+"""Dark-matter haloes of the whole sky, any part of it on its own: places, redshifts, masses, concentrations.
+
+    n(M, z | delta) = n(M, z) exp(b delta - b^2 sigma^2 / 2)
+
+n is the mass function, b the bias, delta the overdensity of the halo's shell smoothed on the scale of its tier, and
+sigma^2 its variance, so the mean number is n. Haloes are drawn in HEALPix cells, a stream each for a tier of mass: a
+Poisson number of candidates, uniform on the cell and by volume in depth, of which the field keeps some. Two bricks that
+see a cell see the same haloes. Redshifts are cosmological. Left out: haloes nearer than z_min and lighter than the
+first tier, exclusion, triaxial shapes, subhaloes.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+from numba import njit
+
+from csstsim.base.healpix import NSIDE, brick_of
+from csstsim.base.rng import stream
+from csstsim.base.sphere import unit_vectors
+from csstsim.universe.structure.density import cell_order, interpolate_one, kernel_order
+
+_DEEP = 29  # order of the pixels whose centres are the places
+_STEP_Z, _MASSES = 0.05, 160  # nodes of the tables
+_MARGIN = 0.15  # of the maximum between points of a map, in its standard deviations
+_CELLS = 1024  # kept
+COLUMNS = ("ra", "dec", "z", "log_mass", "concentration", "key")
+
+
+def tier_orders(field, mass_function, numbers):
+    """Return for each tier (tiers, shells) the order of the finest kernels that its haloes follow."""
+    scales = numbers["haloes"]["placement"] * mass_function.lagrangian_radius(numbers["haloes"]["tiers"][:-1])
+    return np.stack([kernel_order(field, max(scale, numbers["galaxy_scale"])) for scale in scales])
+
+
+class Haloes:
+    """The haloes of one campaign seed.
+
+    density: density.ShellDensity; mass_function: mass_function.HaloMassFunction; numbers: the mapping of
+    structure.yaml.
+    """
+
+    def __init__(self, seed, density, mass_function, numbers):
+        self.seed, self.density, self.mass_function = seed, density, mass_function
+        self.numbers = numbers["haloes"]
+        self.edges = np.log(self.numbers["tiers"])
+        self._orders = tier_orders(density.field, mass_function, numbers)
+        self._variance = [density.variance(order) for order in self._orders]
+        self._tables = [_Table(mass_function, *self.edges[t : t + 2], self.numbers) for t in range(len(self._orders))]
+        self._depths = self._shell_depths()
+        self.cell = lru_cache(maxsize=_CELLS)(self._draw)
+
+    def near(self, pix, reach, lowest=0.0):
+        """Return a dict of COLUMNS of all haloes whose centre lies in brick `pix` or within `reach` of it.
+
+        reach(z, log_mass): angle [rad] (broadcasts), falling with z and rising with mass. lowest: log10 of the least
+        mass [solar]. ra, dec [deg]; log_mass: log10 of solar masses within 200 times the mean density; key: uint64,
+        unique on the sky. The order is fixed: the same halo comes before the same other for every brick.
+        """
+        import healpy
+
+        centre = np.array(healpy.pix2vec(NSIDE, pix, nest=True))
+        border = healpy.boundaries(NSIDE, pix, step=4, nest=True).T
+        radius = 2 * np.arcsin(0.5 * np.linalg.norm(border - centre, axis=1).max())
+        found = []
+        for tier, top in enumerate(self.edges[1:] / np.log(10)):
+            if top <= lowest:
+                continue
+            for order, (_, z_near, _) in self._depths[tier].items():
+                nside, widest = 2 ** cell_order(order), float(np.max(reach(z_near, top)))
+                cells = healpy.query_disc(nside, centre, min(radius + widest, np.pi), inclusive=True, nest=True)
+                for cell in np.sort(cells):
+                    some = self.cell(tier, order, int(cell))
+                    v, far = some["vector"], reach(some["z"], some["log_mass"])
+                    keep = (some["log_mass"] >= lowest) & _within(v, centre, radius, border, far, pix, some)
+                    found.append({name: some[name][keep] for name in COLUMNS})
+        return {name: np.concatenate([part[name] for part in found]) for name in COLUMNS}
+
+    def mean_concentration(self, mass, z):
+        """Return the median concentration at `mass` [solar] and z."""
+        return concentration(mass, z, self.numbers["concentration"], self.mass_function.cosmology.h0 / 100)
+
+    def _shell_depths(self):
+        """Return for each tier {order: (its shells, nearest z, haloes per sr of each)}."""
+        edges, table_z = self.density.field.shells.edges, self._tables[0].fine_z
+        chi = self.mass_function.cosmology.comoving_distance(table_z)
+        found = []
+        for orders, table in zip(self._orders, self._tables, strict=True):
+            counts = np.diff(np.interp(edges, chi, table.cumulative))
+            depth = {}
+            for order in np.unique(orders[counts > 0]):
+                shells = np.flatnonzero((orders == order) & (counts > 0))
+                nearest = max(np.interp(edges[shells[0]], chi, table_z), self.numbers["z_min"])
+                depth[int(order)] = shells, nearest, counts[shells]
+            found.append(depth)
+        return found
+
+    def _draw(self, tier, order, cell):
+        """Return the columns of the haloes of a tier in the shells of one order and one cell, with `vector` (n, 3)."""
+        import healpy
+
+        shells, _, counts = self._depths[tier][order]
+        table, variance = self._tables[tier], self._variance[tier][shells]
+        at = cell_order(order)
+        grid, maps = self.density.maps(order, cell)
+        peak = maps[:, :, shells].max(axis=(0, 1)) + _MARGIN * np.sqrt(variance)
+        near, far = (self.density.field.shells.edges[shells + k] for k in (0, 1))
+        bound = table.largest(peak, variance, near, far)
+        random = stream(self.seed, "haloes", tier, order, cell)
+        number = random.poisson(counts * bound * 4 * np.pi / (12 * 4**at))
+        total, shell = number.sum(), np.repeat(np.arange(len(shells)), number)
+        deep = 2 * (_DEEP - at)
+        ra, dec = healpy.pix2ang(
+            1 << _DEEP, (np.int64(cell) << deep) + random.integers(0, 1 << deep, total), nest=True, lonlat=True
+        )
+        u = random.random((4, total))
+        near, far = (np.interp(distance, table.chi, table.cumulative) for distance in (near, far))
+        z = table.redshift(near[shell] + u[0] * (far - near)[shell])
+        ln_mass, bias = table.mass(z, u[1], u[2])
+        vectors = unit_vectors(ra, dec)
+        delta = interpolate_one(maps, grid.places(vectors), shells[shell])
+        chance = np.exp(bias * delta - 0.5 * bias**2 * variance[shell]) / bound[shell]
+        if chance.max(initial=0.0) > 1:
+            raise RuntimeError(f"haloes of tier {tier}, order {order}, cell {cell}: the field exceeds its bound")
+        kept = np.flatnonzero(u[3] < chance)
+        z, mass = z[kept], np.exp(ln_mass[kept])
+        scatter = 10 ** (self.numbers["concentration"]["scatter"] * random.standard_normal(len(kept)))
+        key = (tier << 61) | (order << 56) | (cell << 28)
+        return {
+            "ra": ra[kept], "dec": dec[kept], "z": z, "log_mass": np.log10(mass),
+            "concentration": self.mean_concentration(mass, z) * scatter,
+            "key": np.uint64(key) + kept.astype(np.uint64), "vector": vectors[kept],
+        }  # fmt: skip
+
+
+def concentration(mass, z, numbers, h):
+    """Return the median concentration a (M / m)^b (1 + z)^d; numbers: haloes.concentration of structure.yaml."""
+    scaled = np.asarray(mass, float) * h / numbers["pivot_h"]
+    return numbers["amplitude"] * scaled ** numbers["mass_slope"] * (1 + np.asarray(z)) ** numbers["redshift_slope"]
+
+
+class _Table:
+    """Numbers and biases of the haloes of one tier, linear in z between nodes, and their inverses for drawing."""
+
+    def __init__(self, mass_function, low, high, numbers):
+        z_min, z_max = numbers["z_min"], numbers["z_max"]
+        cosmology = mass_function.cosmology
+        self.nodes = np.linspace(0.0, z_max, int(np.ceil(z_max / _STEP_Z)) + 1)
+        self.ln_mass = np.linspace(low, high, _MASSES)
+        mass, z = np.exp(self.ln_mass), self.nodes[:, None]
+        density = mass_function.dn_dlnm(mass, z)
+        self.bias = mass_function.bias(mass, z)
+        pieces = 0.5 * (density[:, 1:] + density[:, :-1]) * np.diff(self.ln_mass)
+        self.below = np.concatenate([np.zeros((len(z), 1)), np.cumsum(pieces, axis=1)], axis=1)  # per Mpc^3
+        self.fine_z = np.linspace(z_min, z_max, 20 * len(self.nodes))
+        self.chi = cosmology.comoving_distance(self.fine_z)
+        number = np.interp(self.fine_z, self.nodes, self.below[:, -1])
+        volume = np.diff(self.chi**3) / 3
+        slices = 0.5 * (number[1:] + number[:-1]) * volume
+        self.cumulative = np.append(0.0, np.cumsum(slices))  # haloes per sr nearer than fine_z
+        self._chi3 = self.chi**3
+
+    def largest(self, peak, variance, near, far):
+        """Return the largest exp(b delta - b^2 sigma^2 / 2) for delta up to `peak` and all masses, each (shells,).
+
+        near, far: the comoving distances of the shells' edges. The bias rises with mass and redshift.
+        """
+        low, high = (self._at(distance, edge) for distance, edge in ((near, 0), (far, -1)))
+        best = np.clip(peak / variance, low, high)
+        return np.exp(best * peak - 0.5 * best**2 * variance)
+
+    def _at(self, distance, edge):
+        """Return the bias of the lightest (edge 0) or heaviest (-1) haloes of the tier at comoving distances."""
+        return np.interp(np.interp(distance, self.chi, self.fine_z), self.nodes, self.bias[:, edge])
+
+    def redshift(self, cumulative):
+        """Return the redshift with so many haloes per sr in front of it."""
+        chi3 = np.interp(cumulative, self.cumulative, self._chi3)
+        return np.interp(np.cbrt(chi3), self.chi, self.fine_z)
+
+    def mass(self, z, chosen, u):
+        """Return ln M and the bias at redshifts z; chosen, u: uniform deviates for the node of z and for the mass."""
+        step = self.nodes[1]
+        node = np.minimum((z / step).astype(int), len(self.nodes) - 2)
+        share = z / step - node
+        total = self.below[:, -1]
+        upper = share * total[node + 1]
+        node_of_mass = node + (chosen * ((1 - share) * total[node] + upper) < upper)
+        return _mass(node_of_mass, node, share, u, self.below, self.ln_mass, self.bias)
+
+
+@njit(cache=True)
+def _mass(node_of_mass, node, share, u, below, ln_mass, bias):
+    mass, b = np.empty(len(u)), np.empty(len(u))
+    step = ln_mass[1] - ln_mass[0]
+    for i in range(len(u)):
+        row = below[node_of_mass[i]]
+        wanted = u[i] * row[-1]
+        k = min(max(np.searchsorted(row, wanted, side="right") - 1, 0), len(row) - 2)
+        gap = row[k + 1] - row[k]
+        t = (wanted - row[k]) / gap if gap > 0 else 0.0
+        mass[i] = ln_mass[k] + t * step
+        low = (1 - t) * bias[node[i], k] + t * bias[node[i], k + 1]
+        high = (1 - t) * bias[node[i] + 1, k] + t * bias[node[i] + 1, k + 1]
+        b[i] = (1 - share[i]) * low + share[i] * high
+    return mass, b
+
+
+def _within(v, centre, radius, border, reach, pix, columns):
+    """Return a mask of unit vectors (n, 3) in the brick, or within `reach` (n,) [rad] of its border."""
+    apart = np.linalg.norm(v - centre, axis=1)
+    near = apart < 2 * np.sin(0.5 * np.minimum(radius + reach, np.pi))
+    rows = np.flatnonzero(near)
+    inside = brick_of(columns["ra"][rows], columns["dec"][rows]) == pix
+    outside = rows[~inside]
+    apart = 2 * np.arcsin(np.minimum(0.5 * _distance(v[outside], border), 1.0))
+    near[outside] = apart <= reach[outside]
+    return near
+
+
+@njit(cache=True)
+def _distance(points, border):
+    """Return the distance (n,) of points (n, 3) from the closed polygon of chords between `border` (m, 3)."""
+    out = np.empty(len(points))
+    for i in range(len(points)):
+        best = 16.0
+        for j in range(len(border)):
+            a, b = border[j], border[(j + 1) % len(border)]
+            e0, e1, e2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+            d0, d1, d2 = points[i, 0] - a[0], points[i, 1] - a[1], points[i, 2] - a[2]
+            t = min(max((d0 * e0 + d1 * e1 + d2 * e2) / (e0 * e0 + e1 * e1 + e2 * e2), 0.0), 1.0)
+            d0, d1, d2 = d0 - t * e0, d1 - t * e1, d2 - t * e2
+            best = min(best, d0 * d0 + d1 * d1 + d2 * d2)
+        out[i] = np.sqrt(best)
+    return out

@@ -1,0 +1,140 @@
+"""Matter of the embedded universe: a smooth Gaussian field in shells, and haloes on it; lensing and clustering by both.
+
+    kappa(n, z_s) = sum_i w_i(z_s) kappa_i(n) + sum_haloes kappa_h(n, z_s)          (Born approximation)
+
+The shells are about 150 Mpc deep. Their smooth part is fitted such that it and the haloes together have the Limber
+spectrum of halofit (halo_spectra); without haloes it has that spectrum alone. The same maps are the density that
+haloes and galaxies follow (density), and the tidal field that aligns galaxies.
+Left out: deflection of positions, lens-lens coupling, rotation, baryons, structure in depth within a shell.
+"""
+
+import numpy as np
+from scipy.optimize import nnls
+
+from csstsim.universe.lensing.cosmology import Cosmology
+from csstsim.universe.lensing.lens_spectra import Shells
+from csstsim.universe.lensing.potential_field import PotentialField
+from csstsim.universe.lensing.power_spectrum import MatterPower
+from csstsim.universe.structure.density import ShellDensity, kernel_order
+from csstsim.universe.structure.halo_lensing import halo_lenses, halo_shear
+from csstsim.universe.structure.halo_spectra import HaloSpectra
+from csstsim.universe.structure.haloes import Haloes, tier_orders
+from csstsim.universe.structure.mass_function import HaloMassFunction
+
+
+class MatterField(PotentialField):
+    """The matter of one campaign seed.
+
+    cosmology_numbers, lensing_numbers, numbers: the mappings of cosmology.yaml, lensing.yaml and structure.yaml in
+    config/universe; haloes: False for the smooth field alone. Attributes: `haloes` (haloes.Haloes, or None) and
+    `mass_function`. Raises KeyError or ValueError for a number that is missing or out of range.
+    """
+
+    def __init__(self, seed, cosmology_numbers, lensing_numbers, numbers, haloes=True):
+        _check(lensing_numbers, numbers)
+        self.numbers, cosmology = numbers, Cosmology(cosmology_numbers)
+        power = MatterPower(cosmology, cosmology_numbers)
+        z_end, z_max = numbers["shells"]["z_end"], lensing_numbers["z_max"]
+        chi_end = float(cosmology.comoving_distance(z_end))
+        edges = np.linspace(0.0, chi_end, int(np.ceil(chi_end / numbers["shells"]["thickness"])) + 1)
+        lenses = int(np.searchsorted(edges, float(cosmology.comoving_distance(z_max))))
+        shells = Shells(power, edges, z_end, z_max)
+        super().__init__(seed, shells, lenses, lensing_numbers["l_max"], "structure" if haloes else "structure field")
+        self.mass_function = HaloMassFunction(cosmology, power)
+        wanted = shells.spectra(self.ell)
+        self.spectra = HaloSpectra(self, self.mass_function, numbers) if haloes else None
+        if haloes:
+            self.amplitude = self.spectra.fit(self.ell, wanted)
+        else:
+            self.amplitude = np.sqrt([nnls(self.powers(self.ell) / w[:, None], np.ones(len(w)))[0] for w in wanted])
+        self._galaxy_order = kernel_order(self, numbers["galaxy_scale"])
+        tiers = tier_orders(self, self.mass_function, numbers)
+        self.shell_density = ShellDensity(
+            self, np.maximum(self._galaxy_order, tiers.max(axis=0)), self.spectra.weights if haloes else 1.0
+        )
+        self._variance = self.shell_density.variance(self._galaxy_order)
+        self.haloes = Haloes(seed, self.shell_density, self.mass_function, numbers) if haloes else None
+
+    def lens(self, pix, ra, dec, z):
+        """Return kappa, gamma1, gamma2 (float32, each (n,)) of sources in brick `pix`.
+
+        ra, dec: deg, within 1 arcmin of the brick, else ValueError; z: redshift; beyond z_max it counts as z_max, and
+        where it is zero, negative or NaN the values are 0. Axes: east, north.
+        """
+        ra, dec, z = (np.atleast_1d(np.asarray(v, float)) for v in (ra, dec, z))
+        total = np.stack(self._interpolated(pix, ra, dec, self.shells.weights(z)))
+        if self.haloes is not None:
+            total += halo_shear(self.lens_haloes(pix), ra, dec, self.shells.source_distance(z))
+        return tuple(v.astype(np.float32) for v in total)
+
+    def lens_haloes(self, pix):
+        """Return the haloes that lens sources in brick `pix` as halo_lensing.halo_lenses."""
+        numbers = self.numbers["haloes"]
+        return halo_lenses(
+            self.haloes.near(pix, self.disc_angle, np.log10(numbers["lens_mass"])), self.mass_function, numbers
+        )
+
+    def disc_angle(self, z, log_mass):
+        """Return the angle [rad] beyond which a halo does not lens."""
+        radius = self.numbers["haloes"]["compensation"] * self.mass_function.lagrangian_radius(10.0**log_mass)
+        return 2 * np.arcsin(np.minimum(0.5 * radius / self.shells.cosmology.comoving_distance(z), 1.0)) + _MARGIN
+
+    def density(self, ra, dec, z):
+        """Return delta and its variance (each (n,)): overdensity of each place's shell, smoothed.
+
+        Galaxies of bias b that follow it have the intensity exp(b delta - b^2 variance / 2), of mean 1. Beyond the last
+        shell, and where z is negative or NaN, both are 0.
+        """
+        ra, dec, z = (np.atleast_1d(np.asarray(v, float)) for v in (ra, dec, z))
+        shell, valid = self._shell(z)
+        delta, variance = np.zeros(len(z)), np.where(valid, self._variance[shell], 0.0)
+        delta[valid] = self.shell_density.at(ra[valid], dec[valid], shell[valid], self._galaxy_order)
+        return delta, variance
+
+    def tidal(self, pix, ra, dec, z):
+        """Return the two components (each (n,)) of the projected tidal field of each place's shell in brick `pix`.
+
+        In Fourier space delta (l_E^2 - l_N^2, 2 l_E l_N) / l^2: what shear is to convergence, axes east and north, with
+        the finest kernels of the field (0.3 arcmin). Linear alignment gives galaxies the shear -A C1 rho / D times it.
+        Beyond the shells that lens it is 0.
+        """
+        ra, dec, z = (np.atleast_1d(np.asarray(v, float)) for v in (ra, dec, z))
+        shell, valid = self._shell(z)
+        valid &= shell < self.lenses
+        weights = np.zeros((len(z), self.lenses))
+        weights[np.flatnonzero(valid), shell[valid]] = 1 / self.shells.kernel()[shell[valid]]
+        return self._interpolated(pix, ra, dec, weights)[1:]
+
+    def _shell(self, z):
+        """Return the shell of each redshift (n,), and whether there is one."""
+        chi = self.shells.cosmology.comoving_distance(np.nan_to_num(z, nan=-1.0).clip(0.0, 1000.0))
+        valid = (z > 0) & (chi < self.shells.edges[-1])
+        return np.clip(np.searchsorted(self.shells.edges, chi, side="right") - 1, 0, self.shells.count - 1), valid
+
+    def spectrum(self, ell, z):
+        """Return the C_l of kappa, smooth part and haloes, from which maps are drawn, for sources at redshift z."""
+        weights = self.shells.weights(np.array([z]))[0] ** 2
+        if self.spectra is None:
+            return np.einsum("i,is,ls->l", weights, self.amplitude**2, self.powers(ell))
+        parts = np.einsum("is,ils->il", self.amplitude**2, self.powers(ell) * self.spectra.factors(ell))
+        return weights @ (parts + self.spectra.one_halo(ell) + self.spectra.lognormal(ell, self.amplitude))
+
+
+_MARGIN = 1e-6  # rad, of rounding
+
+
+def _check(lensing, numbers):
+    haloes, shells = numbers["haloes"], numbers["shells"]
+    tiers = haloes["tiers"]
+    if not (0 < lensing["z_max"] <= shells["z_end"] <= 20 and 50 <= lensing["l_max"] <= 40000):
+        raise ValueError("lensing: needs 0 < z_max <= structure.shells.z_end <= 20 and 50 <= l_max <= 40000")
+    if not (20 <= shells["thickness"] <= 1000 and 0.2 <= numbers["galaxy_scale"] <= 20):
+        raise ValueError("structure: needs 20 <= shells.thickness <= 1000 and 0.2 <= galaxy_scale <= 20")
+    if not (0.02 <= haloes["z_min"] < haloes["z_max"] <= shells["z_end"]):
+        raise ValueError("structure: needs 0.02 <= haloes.z_min < haloes.z_max <= shells.z_end")
+    if not (len(tiers) > 1 and tiers[0] >= 1e9 and tiers[-1] <= 1e16 and (np.diff(tiers) > 0).all()):
+        raise ValueError("structure: needs rising haloes.tiers between 1e9 and 1e16")
+    if haloes["lens_mass"] not in tiers[:-1]:
+        raise ValueError("structure: haloes.lens_mass is the lower mass of a tier")
+    if not (0.2 <= haloes["placement"] <= 3 and 0.5 <= haloes["compensation"] <= 5):
+        raise ValueError("structure: needs 0.2 <= haloes.placement <= 3 and 0.5 <= haloes.compensation <= 5")

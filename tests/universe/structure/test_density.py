@@ -1,0 +1,101 @@
+"""The smoothed overdensity: sums of kernels by brute force, cells that fit together, variance."""
+
+import healpy
+import numpy as np
+import pytest
+from universe.structure.small_matter import coarse
+
+from csstsim.base.sphere import ra_dec, unit_vectors
+from csstsim.universe.lensing.potential_field import WIDTHS, pixel
+from csstsim.universe.lensing.tangent_grid import TangentGrid
+from csstsim.universe.structure.density import ShellDensity, cell_order, kernel_order
+
+SHELL = 4
+PLACES = {"common": (200.0, -35.0), "RA 0": (0.0, 5.0), "pole": (10.0, 89.99), "polar cap": (90.0, 60.0)}
+
+
+def brute(matter, place, order):
+    """Return delta of SHELL: every deviate of the sky within 4.5 sigma, summed in closed form."""
+    n, total = unit_vectors(*place), 0.0
+    for s, (o, sigma) in enumerate(matter.widths):
+        if o <= order:
+            pixels = healpy.query_disc(2**o, n, min(6 * sigma, np.pi), nest=True)
+            bits = 2 * min(o, 4)
+            drawn = np.array([matter._block(s, int(p) >> bits)[p & ((1 << bits) - 1), SHELL] for p in pixels])
+            gap = 1 - np.stack(healpy.pix2vec(2**o, pixels, nest=True), axis=1) @ n
+            u = sigma**-2
+            kappa = u * np.exp(-u * gap) * (0.5 * u * (1 - (1 - gap) ** 2) - (1 - gap))
+            total += matter.spectra.weights[SHELL, s] * matter.amplitude[SHELL, s] * (drawn * kappa).sum()
+    return total / matter.shells.kernel()[SHELL]
+
+
+@pytest.mark.parametrize("name", PLACES)
+@pytest.mark.parametrize("order", [4, 6, 8])
+def test_delta_is_the_sum_of_its_kernels(name, order):
+    density, place = coarse().shell_density, PLACES[name]
+    orders = np.full(coarse().shells.count, order)
+    delta = density.at([place[0]], [place[1]], [SHELL], orders)[0]
+    sigma = np.sqrt(density.variance(orders)[SHELL])
+    assert delta == pytest.approx(brute(coarse(), place, order), abs=0.02 * sigma)
+
+
+def test_cells_agree_where_they_meet():
+    density, order = coarse().shell_density, 8
+    cell = healpy.ang2pix(2 ** cell_order(order), 45.0, 41.0, nest=True, lonlat=True)
+    other = int(healpy.get_all_neighbours(2 ** cell_order(order), cell, nest=True)[0])
+    border = healpy.boundaries(2 ** cell_order(order), cell, step=20, nest=True).T
+    theirs = healpy.boundaries(2 ** cell_order(order), other, step=20, nest=True).T
+    shared = border[np.linalg.norm(border[:, None] - theirs, axis=2).min(axis=1) < 1e-9]
+    assert len(shared) == 21
+    values = []
+    for one in (cell, other):
+        grid, maps = density.maps(order, int(one))
+        from csstsim.universe.structure.density import interpolate_one
+
+        values.append(interpolate_one(maps, grid.places(shared), np.full(21, SHELL)))
+    sigma = np.sqrt(density.variance(np.full(coarse().shells.count, order))[SHELL])
+    np.testing.assert_allclose(*values, atol=0.02 * sigma)
+
+
+@pytest.mark.parametrize("order", [3, 5, 8])
+def test_grids_of_cells_fit_into_those_around_them(order):
+    rng, count = np.random.default_rng(2), 12 * 4**order
+    poles = healpy.ang2pix(2**order, np.arange(0, 360, 15.0), np.tile([89.9, -89.9], 12), nest=True, lonlat=True)
+    for cell in (*rng.integers(0, count, 60), *poles):
+        fine, wide = (
+            TangentGrid.around(o, int(c), WIDTHS[-1] * pixel(o + 4) / 2, 2)
+            for o, c in ((order, cell), (order - 1, cell >> 2))
+        )
+        wide.places(fine.frames[0][[0, -1]].reshape(-1, 3))  # ValueError if one lies outside
+        wide.places(fine.frames[0][:, [0, -1]].reshape(-1, 3))
+
+
+def test_variance_at_random_places():
+    """Mean squares at 48 places, many kernels apart; within 5 sigma of chi^2."""
+    density = coarse().shell_density
+    orders = np.full(coarse().shells.count, 6)
+    ra, dec = ra_dec(np.stack(healpy.pix2vec(2, np.arange(48)), axis=1))
+    delta = density.at(ra, dec, np.full(len(ra), SHELL), orders)
+    assert abs((delta**2).mean() / density.variance(orders)[SHELL] - 1) < 5 * np.sqrt(2 / len(ra))
+
+
+def test_order_of_the_work_does_not_matter():
+    matter = coarse()
+    fresh = ShellDensity(matter, matter.shell_density._finest, matter.spectra.weights)
+    orders = kernel_order(matter, 10.0)
+    ra, dec = np.array([10.0, 200.0, 10.01, 10.0]), np.array([5.0, -70.0, 5.02, 5.0])
+    shell = np.array([3, 5, 3, 6])
+    first = matter.shell_density.at(ra, dec, shell, orders)
+    again = fresh.at(ra[::-1], dec[::-1], shell[::-1], orders)[::-1]
+    np.testing.assert_array_equal(first, again)
+    assert fresh.at([], [], np.zeros(0, int), orders).shape == (0,)
+
+
+def test_scales_become_orders():
+    """Nearest power of two: the width at a shell's middle is within sqrt(2) of the scale."""
+    matter = coarse()
+    middle = 0.5 * (matter.shells.edges[1:] + matter.shells.edges[:-1])
+    orders = kernel_order(matter, 12.0)
+    inside = (orders > 3) & (orders < matter.orders)
+    ratio = WIDTHS[-1] * pixel(orders) * middle / 12.0
+    assert inside.sum() > 4 and (abs(np.log2(ratio[inside])) <= 0.501).all()

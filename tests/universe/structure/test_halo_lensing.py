@@ -1,0 +1,143 @@
+"""Shear by haloes: sign, size, distances, compensation, the sphere's curvature."""
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.special import eval_legendre, lpmv
+from universe.structure.small_matter import COSMOLOGY, NUMBERS
+
+from csstsim.base.sphere import ra_dec, unit_vectors
+from csstsim.universe.lensing.cosmology import Cosmology
+from csstsim.universe.lensing.power_spectrum import MatterPower
+from csstsim.universe.structure.halo_lensing import halo_lenses, halo_shear
+from csstsim.universe.structure.mass_function import HaloMassFunction
+
+DISC = NUMBERS["haloes"]["compensation"]
+PLACES = {"common": (123.0, -41.0), "RA 0": (0.0, 10.0), "pole": (40.0, 90.0)}
+
+
+@pytest.fixture(scope="module")
+def masses():
+    cosmology = Cosmology(COSMOLOGY)
+    return HaloMassFunction(cosmology, MatterPower(cosmology, COSMOLOGY))
+
+
+def halo(place, z=0.4, log_mass=14.3, c=5.0):
+    ra, dec = place
+    return {"ra": [ra], "dec": [dec], "z": [z], "log_mass": [log_mass], "concentration": [c]}
+
+
+def lenses(masses, *haloes):
+    joined = {name: np.concatenate([one[name] for one in haloes]) for name in haloes[0]}
+    return halo_lenses(joined, masses, NUMBERS["haloes"])
+
+
+def around(place, theta, phi):
+    """Return ra, dec [deg] at angles theta [rad] from a place, in directions phi of a frame of its own."""
+    n = unit_vectors(*place)
+    first = np.cross(n, [0.6, 0.0, 0.8])
+    first /= np.linalg.norm(first)
+    side = np.cos(phi)[:, None] * first + np.sin(phi)[:, None] * np.cross(n, first)
+    return ra_dec(np.cos(theta)[:, None] * n + np.sin(theta)[:, None] * side)
+
+
+def turned(place, ra, dec, gamma1, gamma2):
+    """Return tangential and cross shear about a place, from its bearing at each source."""
+    a, d, a0, d0 = np.radians([ra, dec, np.full_like(ra, place[0]), np.full_like(ra, place[1])])
+    east = np.cos(d0) * np.sin(a0 - a)
+    north = np.sin(d0) * np.cos(d) - np.cos(d0) * np.sin(d) * np.cos(a0 - a)
+    phi = np.arctan2(north, east)
+    return -gamma1 * np.cos(2 * phi) - gamma2 * np.sin(2 * phi), gamma1 * np.sin(2 * phi) - gamma2 * np.cos(2 * phi)
+
+
+def surface(masses, r, log_mass, c):
+    """Surface density over the mean density [Mpc] at comoving r [Mpc]: sphere by integration, less the disc."""
+    mass, edge = 10**log_mass, masses.virial_radius(10**log_mass)
+    scale, disc = edge / c, DISC * masses.lagrangian_radius(10**log_mass)
+    peak = mass / masses.density / (4 * np.pi * scale**3 * (np.log1p(c) - c / (1 + c)))
+    sphere = 0.0
+    if r < edge:
+        end = np.sqrt(edge**2 - r**2)
+        sphere = 2 * quad(lambda s: peak / (np.hypot(r, s) / scale) / (1 + np.hypot(r, s) / scale) ** 2, 0, end)[0]
+    return sphere - 4 * mass / masses.density / (np.pi * disc**2) * max(1 - (r / disc) ** 2, 0.0) ** 3
+
+
+@pytest.mark.parametrize("name", PLACES)
+def test_tangential_shear_of_a_halo_by_integration(masses, name):
+    place, z, z_source = PLACES[name], 0.4, 1.1
+    cosmology = masses.cosmology
+    chi, source = float(cosmology.comoving_distance(z)), float(cosmology.comoving_distance(z_source))
+    critical = 1.5 * 0.3111 * (67.66 / 299792.458) ** 2 * (1 + z) * chi * (1 - chi / source)
+    radii = np.array([0.05, 0.9, 2.5, 19.0])  # Mpc, comoving; the disc ends at 21.4
+    phi = np.linspace(0.3, 6.0, len(radii))
+    ra, dec = around(place, radii / chi, phi)
+    kappa, *gamma = halo_shear(lenses(masses, halo(place)), ra, dec, np.full(len(radii), source))
+    tangential, cross = turned(place, ra, dec, *gamma)
+    expected = [surface(masses, r, 14.3, 5.0) for r in radii]
+    means = [
+        2 / r**2 * quad(lambda s: s * surface(masses, s, 14.3, 5.0), 0, r, epsrel=1e-4, points=[0.5 * r])[0]
+        for r in radii
+    ]
+    peak = critical * expected[0]
+    np.testing.assert_allclose(kappa, critical * np.array(expected), rtol=1e-3, atol=1e-4 * peak)
+    np.testing.assert_allclose(tangential, critical * np.subtract(means, expected), rtol=2e-3, atol=1e-5 * peak)
+    np.testing.assert_allclose(cross, 0.0, atol=1e-9)
+    assert (tangential > 0).all()
+
+
+def test_nothing_beyond_the_disc_nor_before_the_halo(masses):
+    place = PLACES["common"]
+    chi = float(masses.cosmology.comoving_distance(0.4))
+    disc = DISC * float(masses.lagrangian_radius(10**14.3)) / chi
+    ra, dec = around(place, disc * np.array([0.999, 1.001, 0.1, 0.1, 0.1, 0.1]), np.arange(6.0))
+    source = np.array([2 * chi, 2 * chi, 0.999999 * chi, 0.5 * chi, 0.0, np.nan])
+    kappa, gamma1, gamma2 = halo_shear(lenses(masses, halo(place)), ra, dec, source)
+    assert kappa[0] != 0 and gamma1[0] != 0
+    for column in (kappa, gamma1, gamma2):
+        assert not column[1:].any()
+
+
+def test_mass_is_conserved(masses):
+    """The mean convergence over the disc, on rings of equal area."""
+    place, chi = PLACES["RA 0"], float(masses.cosmology.comoving_distance(0.1))
+    disc = DISC * float(masses.lagrangian_radius(10**14.3)) / chi
+    share = np.linspace(0, 1, 40001)[1:] ** 4  # of the disc's area
+    weight = np.gradient(share)
+    ra, dec = around(place, 2 * np.arcsin(0.5 * disc * np.sqrt(share)), np.full(len(share), 1.0))
+    kappa = halo_shear(lenses(masses, halo(place, z=0.1)), ra, dec, np.full(len(share), 3000.0))[0]
+    assert abs((kappa * weight).sum()) < 2e-4 * (np.abs(kappa) * weight).sum()
+
+
+def test_shear_on_the_sphere_by_harmonics(masses):
+    """A disc of 20 deg: gamma_t = sum (2l + 1) / 4 pi kappa_l / (l (l + 1)) P_l^2, from the convergence alone."""
+    z, mass = 0.03, 15.69
+    chi, source = float(masses.cosmology.comoving_distance(z)), 3000.0
+    disc = DISC * float(masses.lagrangian_radius(10**mass)) / chi
+    assert np.degrees(disc) > 20
+    theta = np.concatenate([np.geomspace(1e-6, 0.03, 2000), np.linspace(0.03, 1.001 * disc, 1000)[1:]])
+    some = lenses(masses, halo(PLACES["pole"], z=z, log_mass=mass))
+    kappa = halo_shear(some, np.zeros(len(theta)), 90 - np.degrees(theta), np.full(len(theta), source))[0]
+    ell = np.arange(2, 300)
+    at = np.array([0.1, 0.2, 0.3])
+    ra, dec = np.full(3, 77.0), 90 - np.degrees(at)
+    tangential, _ = turned((0.0, 90.0), ra, dec, *halo_shear(some, ra, dec, np.full(3, source))[1:])
+    expected = np.zeros(3)
+    for degree in ell:
+        part = 2 * np.pi * np.trapezoid(kappa * eval_legendre(degree, np.cos(theta)) * np.sin(theta), theta)
+        part *= np.exp(-((degree / 150) ** 4))  # leaves what is smooth as it is, and ends the series of the core
+        expected += (2 * degree + 1) / (4 * np.pi) * part / (degree * (degree + 1)) * lpmv(2, degree, np.cos(at))
+    np.testing.assert_allclose(tangential, expected, rtol=5e-3, atol=3e-4 * tangential[0])
+
+
+def test_haloes_add_in_any_order_of_sources(masses):
+    near, far = halo((123.0, -41.0)), halo((123.1, -41.05), z=0.7, log_mass=13.5)
+    rng = np.random.default_rng(1)
+    ra, dec, chi = rng.uniform(122.8, 123.3, 300), rng.uniform(-41.2, -40.8, 300), rng.uniform(0, 6000, 300)
+    both = halo_shear(lenses(masses, near, far), ra, dec, chi)
+    apart = halo_shear(lenses(masses, near), ra, dec, chi) + halo_shear(lenses(masses, far), ra, dec, chi)
+    np.testing.assert_allclose(both, apart, atol=1e-15)
+    order = rng.permutation(300)[:100]
+    np.testing.assert_array_equal(
+        halo_shear(lenses(masses, near, far), ra[order], dec[order], chi[order]), both[:, order]
+    )
+    assert halo_shear(lenses(masses, near), [], [], np.zeros(0)).shape == (3, 0)

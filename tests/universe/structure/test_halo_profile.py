@@ -1,0 +1,48 @@
+"""The halo as a lens: closed forms against integrals of the density, and their transforms."""
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.special import j0
+
+from csstsim.universe.structure.halo_profile import disc_transform, nfw_mass, nfw_projected, nfw_transform
+
+
+def column(x, c):
+    """F by integration of 1 / (r (1 + r)^2) along half the line of sight, r from 0 to c."""
+    end = np.sqrt(c * c - x * x)
+    return quad(lambda s: 1 / (np.hypot(x, s) * (1 + np.hypot(x, s)) ** 2), 0, end, epsabs=0, epsrel=1e-10, limit=200)[
+        0
+    ]
+
+
+@pytest.mark.parametrize("c", [1.2, 4.0, 15.0])
+def test_projected_sphere_against_integrals(c):
+    for x in (0.03, 0.4, 0.9, 0.9995, 1.0, 1.0005, 1.1, 0.98 * c):
+        f, g = nfw_projected(x, c)
+        inside = (
+            quad(lambda r: 2 * r * nfw_projected(r, c)[0], 0, x, points=[0.5 * x], epsrel=1e-9, limit=200)[0] / x**2
+        )
+        assert f == pytest.approx(column(x, c) if x < c else 0.0, rel=1e-5)
+        assert f + g == pytest.approx(inside, rel=1e-5)
+
+
+def test_mass_lies_within_the_cut():
+    f, g = nfw_projected(7.0, 5.0)
+    assert f == 0.0 and g == pytest.approx(2 * nfw_mass(5.0) / 49)
+    assert np.isfinite(nfw_projected(0.0, 5.0)).all()
+
+
+@pytest.mark.parametrize("c", [2.0, 9.0])
+def test_transform_of_the_sphere(c):
+    r = np.linspace(1e-7, c, 400001)
+    for k in (1e-3, 0.3, 2.0, 20.0):
+        expected = np.trapezoid(r / (1 + r) ** 2 * np.sinc(k * r / c / np.pi), r) / nfw_mass(c)
+        assert nfw_transform(k, 1.0, c) == pytest.approx(expected, abs=1e-7)
+
+
+def test_transform_of_the_disc():
+    y = np.linspace(0, 1, 100001)
+    for k in (0.0, 0.03, 0.0999, 0.1001, 2.0, 11.0):
+        expected = np.trapezoid(8 * y * (1 - y * y) ** 3 * j0(k * y), y)
+        assert disc_transform(k, 1.0) == pytest.approx(expected, abs=1e-6)

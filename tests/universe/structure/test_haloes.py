@@ -1,0 +1,126 @@
+"""Haloes drawn: numbers, places, bias, and the same for every brick that sees them."""
+
+import healpy
+import numpy as np
+import pytest
+from scipy.stats import kstest
+from universe.structure.small_matter import coarse
+
+from csstsim.base.healpix import BRICKS, brick_of
+from csstsim.base.sphere import angle, unit_vectors
+from csstsim.universe.structure.density import cell_order
+from csstsim.universe.structure.haloes import COLUMNS, Haloes
+
+COMMON, POLE, WRAP = 100000, 65535, int(healpy.ang2pix(256, 0.0, 20.0, nest=True, lonlat=True))
+
+
+def fresh(matter):
+    return Haloes(matter.seed, matter.shell_density, matter.mass_function, matter.numbers)
+
+
+CLUSTERS, ORDERS = 1, (6, 7, 8)  # the tier that is sampled, in its nearer shells
+PATCHES = np.arange(6) * 32 + 3  # of order 2, all over the sky
+
+
+@pytest.fixture(scope="module")
+def drawn():
+    """The columns of all clusters of some shells in the patches, with delta / (b sigma^2) at their places."""
+    haloes, found = coarse().haloes, {name: [] for name in (*COLUMNS, "delta")}
+    for order in set(haloes._depths[CLUSTERS]) & set(ORDERS):
+        cells = 4 ** (cell_order(order) - 2)
+        for cell in (PATCHES[:, None] * cells + np.arange(cells)).ravel():
+            some = haloes.cell(CLUSTERS, order, int(cell))
+            for name in COLUMNS:
+                found[name].append(some[name])
+            shell, _ = haloes.density.field._shell(some["z"])
+            delta = haloes.density.at(some["ra"], some["dec"], shell, haloes._orders[CLUSTERS])
+            bias = haloes.mass_function.bias(10 ** some["log_mass"], some["z"])
+            found["delta"].append(delta / (bias * haloes._variance[CLUSTERS][shell]))
+    return {name: np.concatenate(values) for name, values in found.items()}
+
+
+def expected_number(haloes, low, high, orders):
+    """Haloes on the whole sky of log mass low..high in the shells of these orders, by integration over z and mass."""
+    z = np.linspace(haloes.numbers["z_min"], haloes.numbers["z_max"], 400)
+    mass = np.geomspace(10**low, 10**high, 60)
+    density = np.trapezoid(haloes.mass_function.dn_dlnm(mass, z[:, None]), np.log(mass), axis=1)
+    chi = haloes.mass_function.cosmology.comoving_distance(z)
+    shell = np.searchsorted(haloes.density.field.shells.edges, chi) - 1
+    return 4 * np.pi * np.trapezoid(density * np.isin(shell, orders) * chi**2, chi)
+
+
+def test_number_of_clusters_is_that_of_the_mass_function(drawn):
+    haloes = coarse().haloes
+    shells = np.concatenate([s for order, (s, _, _) in haloes._depths[CLUSTERS].items() if order in ORDERS])
+    for low, high in ((14.0, 14.3), (14.3, 15.5)):
+        found = ((drawn["log_mass"] >= low) & (drawn["log_mass"] < high)).sum()
+        wanted = len(PATCHES) / 192 * expected_number(haloes, low, high, shells)
+        assert wanted > 500
+        assert abs(found - wanted) < 5 * 1.5 * np.sqrt(wanted)  # 1.5: haloes of a patch are not independent
+
+
+def test_masses_follow_the_mass_function(drawn):
+    mine = abs(drawn["z"] - 0.3) < 0.05
+    mass = np.geomspace(1e14, 5e15, 300)
+    number = coarse().mass_function.dn_dlnm(mass, 0.3)
+    below = np.concatenate([[0], np.cumsum(0.5 * (number[1:] + number[:-1]))])
+    assert mine.sum() > 300
+    assert kstest(drawn["log_mass"][mine], lambda m: np.interp(m, np.log10(mass), below / below[-1])).pvalue > 1e-4
+
+
+def test_haloes_sit_where_matter_is_dense(drawn):
+    """The mean overdensity at haloes is b sigma^2, exactly, for an intensity exp(b delta - b^2 sigma^2 / 2)."""
+    error = drawn["delta"].std() / np.sqrt(len(drawn["delta"]) / 4)  # 4: those of a cell share their overdensity
+    assert abs(drawn["delta"].mean() - 1) < 5 * error < 0.25
+
+
+def test_concentrations_scatter_about_the_relation(drawn):
+    haloes = coarse().haloes
+    ratio = np.log10(drawn["concentration"] / haloes.mean_concentration(10 ** drawn["log_mass"], drawn["z"]))
+    assert abs(ratio.mean()) < 5 * 0.14 / np.sqrt(len(ratio))
+    assert ratio.std() == pytest.approx(0.14, rel=5 / np.sqrt(2 * len(ratio)))
+
+
+def test_keys_are_unique(drawn):
+    assert len(np.unique(drawn["key"])) == len(drawn["key"]) and drawn["key"].dtype == np.uint64
+
+
+@pytest.mark.parametrize("pix", [COMMON, POLE, WRAP, 0, BRICKS - 1])
+def test_neighbours_see_the_same_haloes(pix):
+    """In any order, to the bit, and in one order; each brick sees all that lie within the reach."""
+    haloes, reach = coarse().haloes, coarse().disc_angle
+    other = int(healpy.get_all_neighbours(256, pix, nest=True)[[1, 0][int(pix == 0)]])
+    mine, theirs = haloes.near(pix, reach), fresh(coarse()).near(other, reach)
+    common, here, there = np.intersect1d(mine["key"], theirs["key"], return_indices=True)
+    assert len(common) > 20
+    assert (np.diff(np.argsort(np.argsort(here))[np.argsort(there)]) == 1).all()
+    for name in COLUMNS:
+        np.testing.assert_array_equal(mine[name][here], theirs[name][there])
+    # What only the neighbour sees is out of reach here.
+    only = ~np.isin(theirs["key"], mine["key"])
+    border = healpy.boundaries(256, pix, step=64, nest=True).T
+    v = unit_vectors(theirs["ra"][only], theirs["dec"][only])
+    apart = np.radians(angle(v[:, None], border[None]).min(axis=1))
+    assert (apart > reach(theirs["z"][only], theirs["log_mass"][only]) * 0.999).all()
+
+
+def test_no_reach_leaves_the_brick_s_own(pix=COMMON):
+    haloes = coarse().haloes
+    own = haloes.near(pix, lambda z, log_mass: 0 * z + 0 * log_mass)
+    assert (brick_of(own["ra"], own["dec"]) == pix).all()
+    wide = haloes.near(pix, lambda z, log_mass: 0 * z + 0 * log_mass + 0.002)
+    inside = brick_of(wide["ra"], wide["dec"]) == pix
+    np.testing.assert_array_equal(np.sort(wide["key"][inside]), np.sort(own["key"]))
+    heavy = haloes.near(pix, lambda z, log_mass: 0 * z + 0 * log_mass + 0.002, lowest=13.5)
+    np.testing.assert_array_equal(heavy["key"], wide["key"][wide["log_mass"] >= 13.5])
+
+
+def test_redshifts_and_masses_keep_their_limits(drawn):
+    numbers = coarse().haloes.numbers
+    assert drawn["z"].min() >= numbers["z_min"] and drawn["z"].max() <= numbers["z_max"]
+    assert drawn["log_mass"].min() >= 14 and drawn["log_mass"].max() <= np.log10(5e15)
+
+
+def test_another_seed_makes_other_haloes():
+    some = coarse(6).haloes.near(COMMON, coarse().disc_angle)
+    assert not np.isin(some["ra"], coarse().haloes.near(COMMON, coarse().disc_angle)["ra"]).any()

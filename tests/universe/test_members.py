@@ -1,0 +1,116 @@
+"""Members of haloes: the mass functions drawn, the NFW profile, velocities, the ellipsoid, the same members always."""
+
+import numpy as np
+import pytest
+from embedded_sky import shipped
+from scipy.stats import chi2, kstest
+from test_occupation import PowerLawHaloes
+
+from csstsim.base.counter import object_keys
+from csstsim.base.units import C_KM_S
+from csstsim.universe.galaxies.mass_function import MassGrid
+from csstsim.universe.galaxies.members import draw_members, nfw_radius, redshift
+from csstsim.universe.galaxies.occupation import Occupation
+
+G = 4.300917e-9  # Mpc (km / s)^2 / solar mass
+NAMES = ("satellite", "log_mass", "kind", "offset", "speed", "axis")
+
+
+@pytest.fixture(scope="module")
+def tables():
+    universe = shipped()[0]
+    numbers = universe.numbers["galaxies"]["mass_function"] | {"z_max": 1.0}
+    grid = MassGrid(numbers, universe.cosmology, lambda z: np.full(len(z), 8.5))
+    return Occupation(universe.numbers["occupation"], grid, PowerLawHaloes(), (11.0, 0.02, 1.0))
+
+
+def haloes(count, z=0.5, log_mass=13.5, seed=1):
+    keys = object_keys(np.uint64(seed), np.arange(count))
+    mass = np.full(count, float(log_mass))
+    return np.full(count, float(z)), mass, np.full(count, 5.0), np.full(count, 1.0), keys
+
+
+@pytest.mark.parametrize("concentration", [1.0, 5.0, 40.0])
+def test_mass_within_the_radius_is_the_share(concentration):
+    share = np.concatenate([[0.0], np.geomspace(1e-9, 1.0, 200)])
+    y = concentration * np.array([nfw_radius(s, concentration) for s in share])
+    total = np.log1p(concentration) - concentration / (1 + concentration)
+    np.testing.assert_allclose((np.log1p(y) - y / (1 + y)) / total, share, rtol=1e-6, atol=1e-15)
+    assert y[0] == 0.0 and y[-1] == pytest.approx(concentration)
+
+
+def test_members_have_the_mass_functions_of_the_tables(tables):
+    """Haloes of one redshift row, as many in each bin of mass, weighted to the mass function; by type and mass."""
+    row, per_bin = 30, 60
+    bins = np.flatnonzero((tables.mass > 11) & (tables.mass < 14.2))
+    mass = np.repeat(tables.mass[bins], per_bin) + 0.025 * (np.random.default_rng(3).random(len(bins) * per_bin) - 0.5)
+    z = np.full(len(mass), tables.grid.z[row : row + 2].mean())
+    keys = object_keys(np.uint64(5), np.arange(len(mass)))
+    members = draw_members(tables, z, mass, np.full(len(z), 5.0), np.ones(len(z)), keys)
+    weight = np.repeat(tables._drawn[row, bins] / per_bin, per_bin)[members.halo]
+    kept = tables._drawn[row].copy()
+    kept[np.setdiff1d(np.arange(len(kept)), bins)] = 0.0
+    for kind in (0, 1):
+        found, wanted, error = _by_mass(tables, members, kind, weight, row, kept)
+        assert chi2.sf((((found - wanted) / error) ** 2).sum(), len(found)) > 1e-4, kind
+
+
+def test_satellites_lie_on_the_profile_in_a_prolate_ellipsoid(tables):
+    members = draw_members(tables, *haloes(400, log_mass=14.5))
+    satellite = members.satellite == 1
+    numbers = tables.numbers["satellites"]
+    offset, axis = members.offset[satellite], members.axis[satellite]
+    along = np.einsum("ni,ni->n", offset, axis)
+    across = np.sqrt(np.maximum((offset**2).sum(axis=1) - along**2, 0.0))
+    q = numbers["axis_ratio"]
+    radius = np.hypot(along * q ** (2 / 3), across * q ** (-1 / 3))  # of the sphere that was squeezed
+    c = numbers["concentration"] * 5.0
+    y = radius * c
+    share = (np.log1p(y) - y / (1 + y)) / (np.log1p(c) - c / (1 + c))
+    assert radius.max() <= 1.0 + 1e-9 and satellite.sum() > 5000
+    assert kstest(share, "uniform").pvalue > 1e-4
+    assert kstest(along * q ** (2 / 3) / radius, "uniform", (-1, 2)).pvalue > 1e-4
+    assert not members.offset[~satellite].any() and not members.speed[~satellite].any()
+
+
+def test_satellites_move_with_the_dispersion_of_their_halo(tables):
+    members = draw_members(tables, *haloes(400, log_mass=14.5))
+    speed = members.speed[members.satellite == 1]
+    wanted = tables.numbers["satellites"]["dispersion"] * np.sqrt(G * 10**14.5 / (2 * 1.0 / 1.5))
+    assert kstest(speed / wanted, "norm").pvalue > 1e-4
+    assert redshift(0.5, C_KM_S / 100) == pytest.approx(0.5 + 0.015)
+
+
+def test_a_halo_has_the_same_members_whatever_is_drawn_with_it(tables):
+    z, mass, concentration, radius, keys = haloes(50)
+    together = draw_members(tables, z, mass, concentration, radius, keys)
+    order = np.arange(50)[::-1][::3]
+    some = draw_members(tables, *(v[order] for v in (z, mass, concentration, radius, keys)))
+    for name in NAMES:
+        parts = [getattr(together, name)[together.halo == k] for k in order]
+        np.testing.assert_array_equal(np.concatenate(parts), getattr(some, name))
+    assert len(np.unique(together.log_mass)) == len(together.log_mass)
+
+
+def test_no_haloes_and_the_largest(tables):
+    none = draw_members(tables, *haloes(0))
+    assert all(len(getattr(none, name)) == 0 for name in NAMES)
+    huge = draw_members(tables, *haloes(2, log_mass=15.7))
+    assert len(huge.halo) > 500 and huge.log_mass.max() < 12.3 and set(huge.kind) == {0, 1}
+
+
+def _by_mass(tables, members, kind, weight, row, kept):
+    """Galaxies found, wanted and the error by half a decade of mass; both of haloes `kept` of one row."""
+    edges = np.arange(8.5, 12.0, 0.5)
+    mine = members.kind == kind
+    found = np.histogram(members.log_mass[mine], edges, weights=weight[mine])[0]
+    haloes = np.zeros(tables._drawn.shape)
+    haloes[row] = kept
+    central, satellite = (tables._in_columns(v)[row] for v in tables._counts(haloes))
+    quenched = tables._in_columns(tables._counts(haloes, tables.eps)[1])[row]
+    f = tables.quiescent[row]
+    red = tables.quiescent_central[row] * central + f * satellite + (1 - f) * tables.scale[row] * quenched
+    wanted = np.histogram(tables.grid.log_mass + 0.025, edges, weights=red if kind else central + satellite - red)[0]
+    square = np.histogram(members.log_mass[mine], edges, weights=weight[mine] ** 2)[0]
+    used = square > 0
+    return found[used], wanted[used], np.hypot(np.sqrt(square[used]), 3e-3 * wanted[used])
