@@ -125,7 +125,12 @@ def draw(matter, maps, centre):
     shown = (columns["z"] < 0.9) & (np.abs(x) < half) & (np.abs(y) < half)
     figure, axes = plt.subplots(figsize=(6.6, 5.6), layout="constrained")
     image = axes.imshow(
-        maps[0, 0], origin="lower", extent=(-half, half, -half, half), cmap="magma", vmin=-0.03, vmax=0.1
+        maps[0, 0][middle, middle],
+        origin="lower",
+        extent=(-half, half, -half, half),
+        cmap="magma",
+        vmin=-0.03,
+        vmax=0.1,
     )
     size = 10 ** ((columns["log_mass"][shown] - 13) / 3)
     axes.scatter(x[shown], y[shown], s=60 * size**2, facecolors="none", edgecolors="w", linewidths=0.7)
