@@ -43,10 +43,8 @@ def source(camera):
 
     around = healpy.get_all_neighbours(256, BRICK, nest=True)
     universe = load_universe(SHIPPED / "universe")
-    return ObjectTable.concat(
-        make_brick(SEED, int(pix), universe, camera, Lensing(), "none")
-        for pix in progress([BRICK, *around], "truth bricks")
-    )
+    bricks = progress([BRICK, *around], "truth bricks")
+    return ObjectTable.concat(make_brick(SEED, int(pix), universe, camera, Lensing(), "none") for pix in bricks)
 
 
 def bins(table):

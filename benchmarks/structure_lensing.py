@@ -113,7 +113,6 @@ def draw(matter, maps, centre):
     import matplotlib.pyplot as plt
 
     (ra, dec), half = centre, DEGREES / 4  # the middle half
-    middle = slice(SIZE // 4, SIZE - SIZE // 4 + 1)
     v = healpy.ang2vec(ra, dec, lonlat=True)
     a = np.radians(ra)
     east = np.array([-np.sin(a), np.cos(a), 0.0])
@@ -125,7 +124,12 @@ def draw(matter, maps, centre):
     shown = (columns["z"] < 0.9) & (np.abs(x) < half) & (np.abs(y) < half)
     figure, axes = plt.subplots(figsize=(6.6, 5.6), layout="constrained")
     image = axes.imshow(
-        maps[0, 0], origin="lower", extent=(-half, half, -half, half), cmap="magma", vmin=-0.03, vmax=0.1
+        maps[0, 0][middle, middle],
+        origin="lower",
+        extent=(-half, half, -half, half),
+        cmap="magma",
+        vmin=-0.03,
+        vmax=0.1,
     )
     size = 10 ** ((columns["log_mass"][shown] - 13) / 3)
     axes.scatter(x[shown], y[shown], s=60 * size**2, facecolors="none", edgecolors="w", linewidths=0.7)

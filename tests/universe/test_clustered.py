@@ -73,13 +73,13 @@ def test_columns_of_haloes():
     assert np.isin(hosted, table["id"][galaxy]).all()
 
 
-def test_redshifts_and_masses_are_those_without_structure(samples, galaxies):
-    """Numbers in wide cells of z and mass, of two bricks, within the scatter that structure gives (30%)."""
+def test_as_many_galaxies_as_without_structure(samples, galaxies):
+    """Two neighbouring bricks at z = 0.3 to 3; their numbers scatter by some 10%, four sigma are allowed."""
     grid = galaxies.population.grid
     z = 0.5 * (grid.z[1:] + grid.z[:-1])
-    found = sum(np.histogram(s["z"], [0.3, 0.8, 1.5, 3.0])[0] for s in samples.values())
-    wanted = np.histogram(z, [0.3, 0.8, 1.5, 3.0], weights=grid.density.sum(axis=(0, 2)))[0] * 2 * AREA_DEG2
-    np.testing.assert_allclose(found, wanted, rtol=0.3)
+    found = sum(((s["z"] > 0.3) & (s["z"] < 3.0)).sum() for s in samples.values())
+    wanted = grid.density[:, (z > 0.3) & (z < 3.0)].sum() * 2 * AREA_DEG2
+    assert found == pytest.approx(wanted, rel=0.4)
 
 
 @pytest.mark.parametrize("structure", ["field", "none"])
