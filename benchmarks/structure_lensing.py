@@ -113,6 +113,7 @@ def draw(matter, maps, centre):
     import matplotlib.pyplot as plt
 
     (ra, dec), half = centre, DEGREES / 4  # the middle half
+    middle = slice(SIZE // 4, SIZE - SIZE // 4 + 1)
     v = healpy.ang2vec(ra, dec, lonlat=True)
     a = np.radians(ra)
     east = np.array([-np.sin(a), np.cos(a), 0.0])
