@@ -10,7 +10,7 @@ from csstsim.base.counter import object_keys
 from csstsim.catalog.flags import FFT_REDUCED
 from csstsim.instrument.chip import Window
 from csstsim.optics.scatter.scattered_light import Scattered, read_scattered
-from csstsim.profiles.sersic import sersic_b
+from csstsim.profiles.sersic_photons import rings_for
 from csstsim.render.imaging.galaxy_stamp import plan_galaxies
 from csstsim.render.imaging.photons import shoot_scene
 from csstsim.render.imaging.stamps import draw_scene
@@ -64,8 +64,8 @@ def test_radius_and_angle_of_a_profiles_photons_have_nothing_to_do_with_each_oth
     px, py = np.zeros(count), np.zeros(count)
     for index in (1.0, 4.0, 2.5):
         px[:] = py[:] = 0.0
-        sersic = np.array([index, float(sersic_b(index)), 1.0])
-        from_profile(count, np.eye(2), sersic, px, py, np.uint64(77), np.uint64(0))
+        rings, which, share = rings_for(index)
+        from_profile(count, np.eye(2), np.array([which, share, 1.0]), rings, px, py, np.uint64(77), np.uint64(0))
         radius, angle = np.hypot(px, py), np.arctan2(py, px)
         rank = np.argsort(np.argsort(radius)) * 8 // count
         table = np.histogram2d(rank, angle, (np.arange(9) - 0.5, np.linspace(-np.pi, np.pi, 9)))[0]

@@ -33,6 +33,7 @@ Keywords of a MockObject (all but id, ra, dec have defaults; the full list is `c
 | size_disk, size_bulge       | arcsec, half-light radius along the circle of equal area; a galaxy needs the size  |
 |                             | of each part that has light                                                        |
 | bulge_frac                  | fraction of the light in the bulge (Sersic 4); the rest is disk (Sersic 1)         |
+| n_disk, n_bulge             | Sersic index of each, 0.3 to 6.2, if it is another one                             |
 | e1, e2                      | ellipticity (a - b)/(a + b), axis 1 along +RA (east), 2 towards north              |
 | kappa, gamma1, gamma2       | lensing, same axes; stars are not lensed                                           |
 | mag_norm                    | AB magnitude in the filter of `load_norm_filt`, if there is one                    |
@@ -63,7 +64,7 @@ from csstsim.base.help_page import explained
 from csstsim.base.sphere import inside, unit_vectors
 from csstsim.catalog.light.photometry import ab_mag, bin_means, load_fluxes
 from csstsim.catalog.mock_object import MockObject
-from csstsim.catalog.table import ObjectTable, columns_with
+from csstsim.catalog.table import OPTIONAL, ObjectTable, columns_with
 from csstsim.catalog.unsupported_shapes import check_shapes
 from csstsim.instrument.filter import GRID
 
@@ -133,7 +134,7 @@ class CatalogBase(ABC):
             names = sorted({name for obj in self.objs for name in obj.values})
             columns = {name: [getattr(obj, name, None) for obj in self.objs] for name in names}
             bands = self.region.bands
-            ours = columns_with(bands)
+            ours = columns_with(bands) | OPTIONAL
             _refuse_units(name_of(self), {name: columns[name] for name in columns if name in ours})
             check_shapes(columns, columns.get("obj_type", ()), name_of(self))
             # Extras may be anything (a file name, an array); only plain values go to the table, as user_<name>.

@@ -15,15 +15,16 @@ from csstsim.base.files.text_file import read_text
 from csstsim.base.help_page import explained
 from csstsim.catalog.misspelt import meant
 from csstsim.catalog.selection.drawable import STRONGLY_LENSED, reasons
-from csstsim.catalog.table import COLUMNS, GALAXY, STAR, TYPES, ObjectTable, columns_with
+from csstsim.catalog.table import COLUMNS, GALAXY, OPTIONAL, STAR, TYPES, ObjectTable, columns_with
 from csstsim.catalog.unsupported_shapes import check_shapes
 
 FORMATS = {".csv": "ascii.csv", ".ecsv": "ascii.ecsv", ".fits": "fits", ".parquet": "parquet"}
 LARGE = 200_000_000  # bytes of a text from which reading it takes minutes, and tens of times as much memory
 BRIGHTEST, FAINTEST = -3.0, 90.0  # mag; -99, -9.99, 99, 99.99 and the like stand for "not known" in many catalogues
-_KNOWN = {*COLUMNS, "type", "size"}
+_KNOWN = {*COLUMNS, *OPTIONAL, "type", "size", "n"}
 # Names that users type: similar ones count as misspelt. Magnitudes are added.
-_TYPED = {"ra", "dec", "type", "size", "size_disk", "size_bulge", "bulge_frac", "e1", "e2"}
+_TYPED = {"ra", "dec", "type", "size", "size_disk", "size_bulge", "bulge_frac", "e1", "e2", "n_disk", "n_bulge"}
+_FILLED = {"e1", "e2", "bulge_frac", "z", "size_disk", "size_bulge", "kappa", "gamma1", "gamma2"}
 _UNITS = {
     **dict.fromkeys(("ra", "dec"), "deg"), **dict.fromkeys(("size", "size_disk", "size_bulge"), "arcsec"),
     **dict.fromkeys(("pmra", "pmdec"), "mas / yr"), "parallax": "mas", "rv": "km / s", "teff": "K", "av": "mag",
@@ -173,21 +174,23 @@ def object_table(columns, bands, where):
     the row.
     """
     columns = {name: np.asarray(values) for name, values in columns.items()}
-    known = set(columns_with(bands)) - {"flags"}  # flags of other programs do not mean what csstsim's do
+    known = {*columns_with(bands), *OPTIONAL} - {"flags"}  # flags of other programs do not mean what csstsim's do
     _check_columns(columns, [f"mag_{band}" for band in bands], where)
     count = len(columns["ra"])
     columns.setdefault("id", np.arange(1, count + 1))
     if "type" in columns:
         columns["obj_type"] = _types(columns.pop("type"), where)
     obj_type = np.asarray(columns.get("obj_type", np.full(count, STAR, np.int8)))
+    if "n" in columns:
+        columns["n_disk"] = columns.pop("n")
     check_shapes(columns, obj_type, where)
     if "size" in columns:
         size = np.where(obj_type == GALAXY, columns.pop("size"), 0.0)
         for part in ("size_disk", "size_bulge"):
             columns.setdefault(part, size)
-    for name in set(columns) & {"e1", "e2", "bulge_frac", "z", "size_disk", "size_bulge", "kappa", "gamma1", "gamma2"}:
+    for name in set(columns) & (_FILLED | set(OPTIONAL)):
         if not np.isfinite(columns[name]).all():
-            columns[name] = np.nan_to_num(columns[name], nan=COLUMNS[name][1])  # a blank cell gets the default
+            columns[name] = np.nan_to_num(columns[name], nan=(COLUMNS | OPTIONAL)[name][1])  # a blank gets the default
     named = {name if name in known else f"user_{name}": values for name, values in columns.items()}
     try:
         table = ObjectTable.complete(named, bands, compact=True)
@@ -208,6 +211,10 @@ def _check_columns(columns, magnitudes, where):
     sizes = [name for name in ("size_disk", "size_bulge") if name in columns]
     if "size" in columns and len(sizes) == 2:
         raise InputError(f"means the same as {' and '.join(sizes)}; give it or them", file=where, key="size")
+    bulge = [name for name in ("n_disk", "n_bulge", "bulge_frac") if name in columns]
+    if "n" in columns and bulge:
+        allowed = "n alone, or n_disk, n_bulge and bulge_frac"
+        raise InputError(f"is of all the light, so not together with {bulge[0]}", file=where, key="n", allowed=allowed)
     if "size" in columns and not {"type", "obj_type"} & set(columns):
         raise InputError("only galaxies have sizes: the column type is missing", file=where, key="size")
     given = [name for name in magnitudes if name in columns]

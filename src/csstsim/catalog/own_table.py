@@ -2,15 +2,15 @@
 
     catalog: {kind: "csstsim.catalog.own_table:TableCatalog", options: {file: objects.csv}}
 
-Columns are those of `catalog.table.COLUMNS` (units there, and in examples/my_catalogue/README.md), and two shorthands:
-`type` (star, galaxy or quasar; default star) and `size` (half-light radius, arcsec, of both disk and bulge of a
-galaxy). `ra`, `dec` and a magnitude in one of the camera's bands (mag_nuv ... mag_y of the shipped one) are needed;
-`id` counts from 1 if left out. Magnitudes are AB, observed, through the camera's own bands, before lensing. Spectra
-are smooth and reproduce all magnitudes given (catalog.light.colours); emission lines need a catalogue with `load_sed`
-(catalog.base). Cells may be blank; a row that cannot be drawn as given is refused (catalog.object_table). A galaxy's
-shape is drawn from `size`, `bulge_frac`, `e1` and `e2`; columns that describe it differently (`n`, `q`, `pa`, `re` and
-the like) are refused with the conversion formula (catalog.unsupported_shapes). Other columns are copied to the truth
-table as `user_<name>`.
+Columns are those of `catalog.table.COLUMNS` (units there, and in examples/my_catalogue/README.md), and three
+shorthands: `type` (star, galaxy or quasar; default star), `size` (half-light radius, arcsec, of both disk and bulge of
+a galaxy) and `n` (Sersic index of a galaxy without a bulge). `ra`, `dec` and a magnitude in one of the camera's bands
+(mag_nuv ... mag_y of the shipped one) are needed; `id` counts from 1 if left out. Magnitudes are AB, observed, through
+the camera's own bands, before lensing. Spectra are smooth and reproduce all magnitudes given (catalog.light.colours);
+emission lines need a catalogue with `load_sed` (catalog.base). Cells may be blank; a row that cannot be drawn as given
+is refused (catalog.object_table). A galaxy's shape is drawn from `size`, `n`, `bulge_frac`, `e1` and `e2`; columns that
+describe it differently (`q`, `pa`, `re` and the like) are refused with the conversion formula
+(catalog.unsupported_shapes). Other columns are copied to the truth table as `user_<name>`.
 """
 
 import hashlib

@@ -50,6 +50,7 @@ def make_scene(objects, wcs, psf, exptime):
     galaxy, parts = objects["obj_type"] == GALAXY, components(objects)
     sersic = np.zeros((len(objects), 2, 3))
     for i, (_, index, size) in enumerate(parts):
+        index = index[galaxy] if np.ndim(index) else index
         sersic[galaxy, i] = np.stack(np.broadcast_arrays(index, sersic_b(index), size[galaxy]), axis=-1)
     node, weight, outside = psf.weights(objects["x"], objects["y"])
     return Scene(

@@ -3,6 +3,7 @@
 import numpy as np
 
 from csstsim.catalog.table import GALAXY, STAR, TYPES
+from csstsim.profiles.sersic import INDEX_MAX, INDEX_MIN
 from csstsim.universe.lensing.lensing import magnification
 
 LARGEST = 3600.0  # arcsec, half-light radius
@@ -25,10 +26,15 @@ def reasons(table):
         "kappa, gamma1 or gamma2 is not finite": (table["obj_type"] != STAR) & ~lensed,
         STRONGLY_LENSED: (table["obj_type"] != STAR) & lensed & ~thin,
     }
-    for name, used in (("size_disk", share < 1), ("size_bulge", share > 0)):
+    for part, used in (("disk", share < 1), ("bulge", share > 0)):
+        name, index = f"size_{part}", f"n_{part}"
         size = table[name]
         found[f"a galaxy without {name}"] = galaxy & used & ~((size > 0) & np.isfinite(size))
         found[f"a galaxy whose {name} is above {LARGEST:g} arcsec"] = galaxy & used & (size > LARGEST)
+        if index in table:
+            n = table[index]
+            outside = ~((n >= np.float32(INDEX_MIN)) & (n <= np.float32(INDEX_MAX)))
+            found[f"a galaxy whose {index} is not within {INDEX_MIN:g}..{INDEX_MAX:g}"] = galaxy & used & outside
     return found
 
 

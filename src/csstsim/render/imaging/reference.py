@@ -1,7 +1,7 @@
 """The reference renderer: GalSim, one object at a time, as the paper describes (sections 4.1, 5.3).
 
-Each object is its profile (bulge n = 4 + disk n = 1, or a point) convolved with the PSF interpolated to
-its position, in four sub-bands. Differences from the paper (by design):
+Each object is its profile (disk and bulge, or a point) convolved with the PSF interpolated to its position, in four
+sub-bands. Differences from the paper (by design):
 - r_e is the half-light radius, so GalSim's own DeVaucouleurs and Exponential are used;
 - both components share one SED, so the four sub-band PSFs are summed by flux weight before the one
   convolution: the same image as four draws added, by linearity;
@@ -163,8 +163,9 @@ class Galaxies:
                 budget = folding or min(max(lost / light[i], FOLDING_MIN), FOLDING_MAX)
                 gsparams = galsim.GSParams(**GSPARAMS, folding_threshold=budget)
                 how = {"half_light_radius": max(size[i], SIZE_MIN), "flux": light[i], "gsparams": gsparams}
-                kind = {DISK: galsim.Exponential, BULGE: galsim.DeVaucouleurs}.get(index)
-                parts.append(kind(**how) if kind else galsim.Sersic(index, **how))
+                n = float(index[i]) if np.ndim(index) else index
+                kind = {DISK: galsim.Exponential, BULGE: galsim.DeVaucouleurs}.get(n)
+                parts.append(kind(**how) if kind else galsim.Sersic(n, **how))
         profile = parts[0] if len(parts) == 1 else galsim.Add(parts, propagate_gsparams=False)
         mu = 1.0 / ((1 - kappa) ** 2 - gamma1**2 - gamma2**2)
         profile = profile.shear(g1=e1, g2=e2).lens(gamma1 / (1 - kappa), gamma2 / (1 - kappa), mu)
