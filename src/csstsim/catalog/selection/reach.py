@@ -18,8 +18,8 @@ default loses 0.5% of the light. Here a stamp may end only where this chip's noi
 import numpy as np
 
 from csstsim.base.units import ARCSEC_PER_RAD
-from csstsim.catalog.components import components
-from csstsim.profiles.sersic import BULGE, light_beyond
+from csstsim.catalog.components import KNOTS_WITHIN, components, has_image, has_knots
+from csstsim.profiles.sersic import BULGE, DISK, light_beyond, radius_of
 from csstsim.universe.lensing.lensing import magnification
 
 POINT_MIN, POINT_MAX = 16, 64  # pixel; no stored PSF extends beyond 64
@@ -75,7 +75,26 @@ def galaxy_radius(table, electrons, variance, pixel_scale):
         outside = sum(light * light_beyond(middle, size, index) for light, index, size in parts)
         too_small = outside > lost
         inner, outer = np.where(too_small, middle, inner), np.where(too_small, outer, middle)
-    return outer, lost
+    return parts_radius(table, outer, pixel_scale), lost
+
+
+def parts_radius(table, radius, pixel_scale):
+    """Return the radius (n,) [pixel] of the visible light of galaxies: at least that of disk and bulge.
+
+    Knots lie within a share of the disk's light (catalog.knots); an image is as large as its corners.
+    """
+    stretch = _stretch(table) / pixel_scale
+    knotted = np.flatnonzero(has_knots(table))
+    if len(knotted):
+        some = table.take(knotted)
+        index = some["n_disk"].astype(float) if "n_disk" in some else np.full(len(some), DISK)
+        last = radius_of(KNOTS_WITHIN, index) * some["size_disk"] * stretch[knotted]
+        radius[knotted] = np.maximum(radius[knotted], last)
+    pictured = has_image(table)
+    if pictured.any():
+        round_ = table.with_columns(e1=np.zeros(len(table)), e2=np.zeros(len(table)))
+        radius = np.where(pictured, table["image_radius"] * _stretch(round_) / pixel_scale, radius)
+    return radius
 
 
 def _stretch(table):

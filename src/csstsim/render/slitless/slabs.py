@@ -117,6 +117,8 @@ def densities(scene, per_px):
     wanted = _SLABS[0] + (_SLABS[1] - _SLABS[0]) * steep
     wanted = wanted / np.maximum(chord[:, None] * scene.sersic[:, :, 2], 1e-3)
     most = np.broadcast_to(per_px, len(scene))
+    if scene.spots is not None:  # as sharp as points
+        wanted = np.where(scene.spot[:, None] >= 0, most[:, None], wanted)
     mean = (scene.light * np.clip(wanted, 1, most[:, None])).sum(axis=1)
     return np.clip(2 ** np.round(np.log2(mean)), 1, most).astype(int)
 
