@@ -145,7 +145,7 @@ def sersic_file(path, n, size, scale, side, e1=0.0, e2=0.0):
     fits.writeto(path, image.array, overwrite=True)
     picture = read_picture(str(path))
     return {
-        "image": str(path), "image_scale": scale, "image_radius": picture.radius * scale, "size_disk": size,
+        "image_file": str(path), "image_scale": scale, "image_radius": picture.radius * scale, "size_disk": size,
         "image_pa": 0.0,
     }  # fmt: skip
 

@@ -34,6 +34,6 @@ def has_knots(table):
 
 def has_image(table):
     """Return (n,) bool: whether an object's light is that of an image."""
-    if "image" not in table:
+    if "image_file" not in table:
         return np.zeros(len(table), bool)
-    return (table["obj_type"] == GALAXY) & (table["image"] != "")
+    return (table["obj_type"] == GALAXY) & (table["image_file"] != "")

@@ -60,10 +60,10 @@ def read_picture(name):
     found = _PLACE.fullmatch(str(name))
     if not found:
         allowed = "a file .fits or .h5, with [extension] or [dataset] if it holds more than one image"
-        raise InputError("not an image's file", key="image", value=str(name), allowed=allowed)
+        raise InputError("not an image's file", key="image_file", value=str(name), allowed=allowed)
     path, part = Path(found[1]), found[2]
     if not path.is_file():
-        raise InputError("no such file", file=path, key="image")
+        raise InputError("no such file", file=path, key="image_file")
     fits = ".fit" in path.name.lower()
     values, sky = (_read_fits if fits else _read_hdf5)(path, part)
     return _checked(np.asarray(values), sky, name)
@@ -78,7 +78,7 @@ def _read_fits(path, part):
             where = part if part is None or not part.isdigit() else int(part)
             hdus = [h for h in file if h.is_image and h.header["NAXIS"] > 0] if part is None else [file[where]]
             if not hdus or not hdus[0].is_image:
-                raise InputError("holds no image", file=path, key="image", value=part or "")
+                raise InputError("holds no image", file=path, key="image_file", value=part or "")
             return hdus[0].data, _sky(hdus[0].header)
     except InputError:
         raise
@@ -103,7 +103,9 @@ def _read_hdf5(path, part):
         with h5py.File(path, "r") as file:
             names = [part] if part else [name for name in file if isinstance(file[name], h5py.Dataset)]
             if len(names) != 1 or names[0] not in file or not isinstance(file[names[0]], h5py.Dataset):
-                raise InputError("say which dataset: name.h5[DATASET]", file=path, key="image", value=part or names)
+                raise InputError(
+                    "say which dataset: name.h5[DATASET]", file=path, key="image_file", value=part or names
+                )
             if file[names[0]].size > LARGEST:
                 return np.empty(file[names[0]].shape[:0]), None
             return file[names[0]][()], None
@@ -116,18 +118,18 @@ def _checked(values, sky, name):
     if values.ndim != 2 or values.dtype.kind not in "iuf" or not 0 < values.size <= LARGEST:
         allowed = f"two axes of numbers, up to {LARGEST} pixels"
         raise InputError(
-            "not an image", file=name, key="image", value=f"{values.dtype} {values.shape}", allowed=allowed
+            "not an image", file=name, key="image_file", value=f"{values.dtype} {values.shape}", allowed=allowed
         )
     pixels = values.astype(np.float64)
     bad = np.argwhere(~np.isfinite(pixels))
     if len(bad):
         where = f"row {bad[0, 0]}, column {bad[0, 1]} (from 0)"
-        raise InputError(f"{len(bad)} pixels are not numbers", file=name, key="image", value=where)
+        raise InputError(f"{len(bad)} pixels are not numbers", file=name, key="image_file", value=where)
     light, below = np.maximum(pixels, 0).sum(), -np.minimum(pixels, 0).sum()
     if not light > 0 or not np.isfinite(light):
-        raise InputError("has no light", file=name, key="image")
+        raise InputError("has no light", file=name, key="image_file")
     if below > NEGATIVE * light:
         value = f"{below / light:.1%} of the light"
         allowed = f"at most {NEGATIVE:.0%}: subtract the background, and mask other objects"
-        raise InputError("too much light in negative pixels", file=name, key="image", value=value, allowed=allowed)
+        raise InputError("too much light in negative pixels", file=name, key="image_file", value=value, allowed=allowed)
     return Picture(np.maximum(pixels, 0) / light, sky, float(below / light))

@@ -65,12 +65,14 @@ COLUMNS = {
 OPTIONAL = {
     "n_disk": (np.float32, 1.0, "Sersic index of the disk, 0.3 to 6.2"),
     "n_bulge": (np.float32, 4.0, "Sersic index of the bulge, 0.3 to 6.2"),
+    "part_of": (np.int64, -1, "id of the object of which the row is a part, with light of its own; -1: of none"),
     "knots": (np.int32, 0, "number of knots: points of equal light, at random in the disk's profile"),
     "knots_frac": (np.float32, 0.0, "share of the light in knots"),
-    "image": (np.str_, "", "file of a galaxy's image, which is drawn in place of disk and bulge"),
+    "image_file": (np.str_, "", "file of a galaxy's image, which is drawn in place of disk and bulge"),
     "image_scale": (np.float32, 0.0, "arcsec per pixel of the image; 0: by its WCS"),
     "image_pa": (np.float32, 0.0, "deg, from north through east: by how much the image is turned"),
     "image_radius": (np.float32, 0.0, "arcsec, from the middle of the image to its corners, before lensing"),
+    "spectrum_file": (np.str_, "", "file of the spectrum's shape (tables; a class has load_sed)"),
 }
 MAGNITUDE = (np.float32, np.nan, "AB, of the catalogue's spectrum")
 

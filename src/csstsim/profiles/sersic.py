@@ -83,7 +83,7 @@ def _each_beyond(ratio, index):
         rest = ~known
         first, step, table = _beyond_table()
         x = np.log(np.clip(ratio[rest], np.exp(_LOG_RATIO[0]), np.exp(_LOG_RATIO[-1])))
-        across, along = (x - _LOG_RATIO[0]) / (_LOG_RATIO[1] - _LOG_RATIO[0]), (index[rest] - first) / step
+        across, along = (x - _LOG_RATIO[0]) / (_LOG_RATIO[1] - _LOG_RATIO[0]), (np.log(index[rest]) - first) / step
         i, j = (np.clip(at.astype(int), 0, size - 2) for at, size in zip((along, across), table.shape, strict=True))
         a, b = along - i, across - j
         near = (1 - b) * table[i, j] + b * table[i, j + 1]
@@ -93,13 +93,13 @@ def _each_beyond(ratio, index):
 
 @lru_cache
 def _beyond_table():
-    """Return (first index, step, log of the light beyond exp(_LOG_RATIO) half-light radii, by index)."""
+    """Return (log of the first index, step, log of the light beyond exp(_LOG_RATIO) half-light radii, by index)."""
     from scipy.special import gammaincc
 
-    indices = np.linspace(INDEX_MIN, INDEX_MAX, 119)[:, None]
+    indices = np.geomspace(INDEX_MIN, INDEX_MAX, 240)[:, None]
     with np.errstate(divide="ignore", under="ignore"):
         beyond = np.log(gammaincc(2 * indices, sersic_b(indices) * np.exp(_LOG_RATIO) ** (1 / indices)))
-    return INDEX_MIN, float(indices[1, 0] - indices[0, 0]), np.maximum(beyond, -50.0)
+    return np.log(INDEX_MIN), float(np.log(indices[1, 0] / indices[0, 0])), np.maximum(beyond, -50.0)
 
 
 @lru_cache(1024)

@@ -93,7 +93,7 @@ def _tiles(objects, rows, lens):
     """Return (images, tiles): coefficients of all tiles of images, and the _Tiles of the objects `rows`."""
     if not len(rows):
         return [], []
-    names, skies = objects["image"][rows], []
+    names, skies = objects["image_file"][rows], []
     scales, angles = (
         objects[name][rows] if name in objects else np.zeros(len(rows)) for name in ("image_scale", "image_pa")
     )

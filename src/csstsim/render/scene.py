@@ -74,7 +74,7 @@ def make_scene(objects, wcs, psf, exptime):
         np.stack([light for light, *_ in parts], axis=1), sersic, shape_matrix(objects, wcs), node.astype(np.int64),
         weight, outside, *(objects[name] if name in objects else None for name in ("reach", "wing")),  # noqa: SIM401 - no mapping
     )  # fmt: skip
-    if not {"knots", "image"} & set(objects):
+    if not {"knots", "image_file"} & set(objects):
         return scene
     from csstsim.render.parts import with_parts  # which needs this module's Scene
 

@@ -45,8 +45,8 @@ def reasons(table):
         found["a galaxy with knots_frac but no knots"] = galaxy & (part > 0) & ~(knots > 0)
         found[f"a galaxy of more than {KNOTS_MOST} knots"] = galaxy & (knots > KNOTS_MOST)
         found["a galaxy with knots and an image"] = (part > 0) & has_image(table)
-    if "image" in table:
-        found["a star or quasar with an image"] = ~galaxy & (table["image"] != "")
+    if "image_file" in table:
+        found["a star or quasar with an image"] = ~galaxy & (table["image_file"] != "")
         found["a galaxy with an image and a bulge"] = has_image(table) & (share > 0)
         found["a galaxy whose image_pa or image_scale is not a number"] = has_image(table) & ~np.isfinite(
             table.get("image_pa", share) + table.get("image_scale", share)
