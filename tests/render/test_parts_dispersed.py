@@ -89,7 +89,7 @@ def test_the_line_is_seen_at_the_knots_and_not_in_the_bulge(sky, fidelity):
     light, table, orders, selected = draw(both, window, fidelity)
     scene = make_scene(selected, both.wcs, both.psf, EXPTIME)
     u, v, _ = scene.spots.group(0)
-    places = (scene.matrix[1] @ np.stack([u, v])).T + [X + shift[0], Y + shift[1]]
+    places = (scene.matrix[1] @ np.stack([u, v])).T + np.array([X + shift[0], Y + shift[1]])
     alone, *_ = draw(sky(**{name: values[:1] for name, values in GALAXY.items()}), window, fidelity)
     lines = light - alone
     sigma = np.interp(LINE, both.disperser.wavelengths, [0.8, 1.0, 1.2, 1.5])

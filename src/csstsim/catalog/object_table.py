@@ -15,9 +15,9 @@ from csstsim.base.files.text_file import read_text
 from csstsim.base.help_page import explained
 from csstsim.catalog import part_rows
 from csstsim.catalog.misspelt import meant
-from csstsim.catalog.row_files import NAMES, check_spectra, named, with_images
+from csstsim.catalog.row_files import check_spectra, named, with_images
 from csstsim.catalog.selection.drawable import STRONGLY_LENSED, reasons
-from csstsim.catalog.table import COLUMNS, GALAXY, OPTIONAL, STAR, TYPES, ObjectTable, columns_with
+from csstsim.catalog.table import COLUMNS, FILE_COLUMNS, GALAXY, OPTIONAL, STAR, TYPES, ObjectTable, columns_with
 from csstsim.catalog.unsupported_shapes import check_shapes
 
 FORMATS = {".csv": "ascii.csv", ".ecsv": "ascii.ecsv", ".fits": "fits", ".parquet": "parquet"}
@@ -202,7 +202,7 @@ def object_table(columns, bands, where):
     if "spectrum_file" in columns:
         columns["spectrum_file"] = named(columns, "spectrum_file", where)
         check_spectra(columns["spectrum_file"], np.stack([columns[name] for name in magnitudes], axis=1), where)
-    for name in set(columns) & (_FILLED | set(OPTIONAL)) - set(NAMES):
+    for name in set(columns) & (_FILLED | set(OPTIONAL)) - set(FILE_COLUMNS):
         if not np.isfinite(columns[name]).all():
             columns[name] = np.nan_to_num(columns[name], nan=(COLUMNS | OPTIONAL)[name][1])  # a blank gets the default
     if "knots" in columns and "knots_frac" not in columns:  # all of the disk's light
@@ -241,7 +241,7 @@ def _check_columns(columns, magnitudes, where):
         needed = f"ra, dec and one of {', '.join(magnitudes)}"
         found = ", ".join(columns)
         raise InputError(f"a column is missing; needed: {needed}; found: {found}", file=where, key=missing)
-    for name in known & set(columns) - {"type", *NAMES}:
+    for name in known & set(columns) - {"type", *FILE_COLUMNS}:
         if columns[name].dtype.kind not in "iuf":
             word = next((str(v) for v in columns[name] if not _number(v)), str(columns[name][:1]))
             raise InputError("must be numbers", file=where, key=name, value=word)

@@ -27,7 +27,8 @@ from csstsim.catalog.base import CatalogBase
 from csstsim.catalog.light.photometry import subband_weights
 from csstsim.catalog.mock_object import MockObjects
 from csstsim.catalog.object_table import object_table, read_table
-from csstsim.catalog.row_files import NAMES, digest_of, files_of
+from csstsim.catalog.row_files import digest_of, files_of
+from csstsim.catalog.table import FILE_COLUMNS
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID
 
@@ -74,7 +75,7 @@ class TableCatalog(CatalogBase):
         total = hashlib.sha256()
         for name in self._table:
             values = self._table[name]
-            if name in NAMES:  # their content, not where they lie
+            if name in FILE_COLUMNS:  # their content, not where they lie
                 values = np.array([digest_of(text) for text in values.tolist()], dtype=str)
             total.update(name.encode() + (values.astype(str) if values.dtype == object else values).tobytes())
         return total.hexdigest()[:16]

@@ -9,9 +9,7 @@ import numpy as np
 from csstsim.base.errors import InputError
 from csstsim.catalog.images import read_picture, sky_of
 from csstsim.catalog.light.file_spectra import read_spectrum
-from csstsim.catalog.table import GALAXY
-
-NAMES = "image_file", "spectrum_file"
+from csstsim.catalog.table import FILE_COLUMNS, GALAXY
 
 
 def named(columns, name, where):
@@ -73,7 +71,7 @@ def _of_row(read, name, row, where):
 def files_of(columns, where):
     """Return the files, each once, that a table's columns name."""
     found = set()
-    for name in NAMES:
+    for name in FILE_COLUMNS:
         if name in columns:
             found |= {text.split("[")[0] for text in named(columns, name, where).tolist() if text}
     return tuple(sorted(found))

@@ -74,6 +74,7 @@ OPTIONAL = {
     "image_radius": (np.float32, 0.0, "arcsec, from the middle of the image to its corners, before lensing"),
     "spectrum_file": (np.str_, "", "file of the spectrum's shape (tables; a class has load_sed)"),
 }
+FILE_COLUMNS = "image_file", "spectrum_file"
 MAGNITUDE = (np.float32, np.nan, "AB, of the catalogue's spectrum")
 
 
