@@ -14,6 +14,7 @@ from csstsim.base.counter import word
 from csstsim.catalog.components import has_image
 from csstsim.catalog.images import read_picture, sky_of
 from csstsim.catalog.knots import knots_of
+from csstsim.catalog.selection.reach import POINT_MAX, POINT_MIN
 from csstsim.render.spots import Spots, image_coefficients
 
 TILE_PX = 384.0  # pixels of the chip: the longest side of an image, or of a tile of one
@@ -39,18 +40,20 @@ def with_parts(scene, objects, psf, lens):
     light[knots.rows] = np.where(total > 0, light[knots.rows] / np.where(total > 0, total, 1.0), [1.0, 0.0])
     main = replace(scene, light=light, parent=np.arange(n), share=share, spot=np.full(n, -1), spots=spots)
     rows = [main, _knot_rows(main, knots)]
-    first = np.array([tile.first for tile in tiles], bool)
-    for begins in (True, False):
-        some = [tile for tile, begin in zip(tiles, first, strict=True) if begin == begins]
-        made = _tile_rows(main, some, len(knots.rows), psf)
-        if begins and some:
-            for name, values in vars(main).items():
-                if name not in ("spots", "ids", "wing", "reach") and values is not None:
-                    values[made.parent] = getattr(made, name)
-        elif some:
-            rows.append(made)
+    if tiles:
+        made, first = _tile_rows(main, tiles, len(knots.rows), psf), np.array([tile.first for tile in tiles])
+        rows[0] = _replaced(main, made.take(np.flatnonzero(first)))
+        rows.append(made.take(np.flatnonzero(~first)))
     whole = _joined(rows)
     return replace(whole, electrons=whole.share[:, None] * scene.electrons[whole.parent])
+
+
+def _replaced(main, made):
+    """Return the Scene `main` with the rows of `made` in place of those of their objects."""
+    columns = {name: values.copy() for name, values in vars(main).items() if isinstance(values, np.ndarray)}
+    for name, values in columns.items():
+        values[made.parent] = getattr(made, name)
+    return replace(main, **columns)
 
 
 def part_keys(keys, scene):
@@ -129,19 +132,26 @@ def _cut(coefficients, steps, first):
 
 def _tile_rows(main, tiles, first, psf):
     """Return the Scene of tiles; first: the group of the first image."""
-    made = main.take(np.array([tile.row for tile in tiles], int))
-    if not tiles:
-        return made
+    made = main.take(np.array([tile.row for tile in tiles]))
     made.light[:], made.sersic[:] = (1.0, 0.0), 0.0
     made.sersic[:, 0, 2] = [tile.size for tile in tiles]
-    at = np.array([tile.at for tile in tiles])
+    at, matrix = np.array([tile.at for tile in tiles]), np.array([tile.matrix for tile in tiles])
     x, y = made.x + at[:, 0], made.y + at[:, 1]
     node, weight, outside = psf.weights(x, y)
+    spot = first + np.array([tile.group for tile in tiles])
     return replace(
-        made, x=x, y=y, matrix=np.array([tile.matrix for tile in tiles]), node=node.astype(np.int64), weight=weight,
+        made, x=x, y=y, matrix=matrix, node=node.astype(np.int64), weight=weight,
         outside=outside, share=np.array([tile.share for tile in tiles]),
-        spot=first + np.array([tile.group for tile in tiles]),
+        spot=spot, reach=None if made.reach is None else _reach_of(made.reach, at, main.spots.extent[spot], matrix),
     )  # fmt: skip
+
+
+def _reach_of(reach, at, extent, matrix):
+    """Return the reach (n,) of tiles: their own extent, and what the objects' reach had in addition to all tiles."""
+    extent = extent * np.linalg.norm(matrix, ord=2, axis=(1, 2))
+    farthest = np.hypot(*at.T) + extent
+    blur = np.where(reach > farthest, reach - farthest, POINT_MAX)  # below: the object's reach was cut off
+    return np.minimum(reach, np.ceil(extent + np.clip(blur, POINT_MIN, POINT_MAX))).astype(reach.dtype)
 
 
 def _joined(scenes):
