@@ -15,6 +15,7 @@ from pydantic import BaseModel
 from csstsim.base.model import Model
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.config import Campaign
+from csstsim.catalog import part_rows
 from csstsim.catalog.table import OPTIONAL, columns_with
 from csstsim.instrument.camera import load_camera
 from csstsim.simulation.observation import Observation
@@ -27,6 +28,7 @@ SHORTHANDS = {  # of csstsim.catalog.own_table
     "type": "star, galaxy or quasar [default: star]; or `obj_type`: 0, 1, 2",
     "size": "arcsec, half-light radius of a galaxy's disk and bulge: sqrt(a b) of the half-light ellipse",
     "n": "Sersic index of a galaxy without a bulge, 0.3 to 6.2 [default: 1]",
+    **part_rows.SHORTHANDS,
 }
 INTRO = """# Configuration
 

@@ -59,6 +59,7 @@ KEYS = {
     "catalog.lensing.gamma1": (TRUTH, 0.02, {"catalog": {"lensing": CONSTANT}}),
     "catalog.lensing.gamma2": (TRUTH, 0.02, {"catalog": {"lensing": CONSTANT}}),
     "catalog.bright_stars": (TRUTH, True, {}),
+    "catalog.components": (SELECT, "full", {}),
     "catalog.shapes": (SELECT, "rotated90", {}),
     "catalog.options": (SELECT, STARS["options"] | {"mag": [21.0]}, {"catalog": STARS}),
     "astrometry.ephemeris": (SELECT, "de440", {}),

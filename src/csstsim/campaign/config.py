@@ -123,6 +123,11 @@ class CatalogConfig(Model):
         False, description="true: the real stars V < 5 (config/instrument/sky.yaml) are among the embedded universe's "
         "objects, whose own stars are fainter",
     )  # fmt: skip
+    components: Literal["simple", "full"] = Field(
+        "simple",
+        description="profiles of the embedded universe's galaxies: 'simple', disks of Sersic index 1 and bulges of 4; "
+        "'full', indices that scatter and rise with a bulge's mass, and knots (config/components.yaml)",
+    )
     shapes: Literal["normal", "rotated90"] = Field(
         "normal",
         description="'rotated90': select turns intrinsic ellipticities by 90 degrees and changes nothing else, nor the "
@@ -136,6 +141,8 @@ class CatalogConfig(Model):
             raise ValueError("lensing is for the embedded universe: give kappa, gamma1, gamma2 in your own catalogue")
         if self.kind != "embedded" and self.bright_stars:
             raise ValueError("bright_stars is for the embedded universe: give them in your own catalogue")
+        if self.kind != "embedded" and self.components != "simple":
+            raise ValueError("components is for the embedded universe: your own catalogue has columns for them")
         if self.kind == "embedded" and self.options:
             raise ValueError("the embedded universe takes no options: they are for a catalogue of your own")
         return self

@@ -104,7 +104,8 @@ def repeats(scene, x, y, offset, period):
     """Return the light at pixels x, y of the repeats, every `period` pixels, of an object at `offset` (x, y)."""
     shifts = range(-_REPEATS, _REPEATS + 1)
     places = [(offset[0] + i * period, offset[1] + j * period) for i in shifts for j in shifts if (i, j) != (0, 0)]
-    return sum(brightness(scene, x, y, place) for place in places)
+    share = 1.0 if scene.share is None else scene.share[0]
+    return share * sum(brightness(scene, x, y, place) for place in places)
 
 
 def brightness(scene, x, y, place):
