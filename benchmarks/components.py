@@ -197,7 +197,8 @@ def cost(runs=3):
         file = SCENE / f"{kind.replace(' ', '_').replace(',', '')}.parquet"
         scene_with(scene, kind, folder).write(file, {"product": kind})
         content = load_campaign(SHIPPED / "standard_scene.yaml").model_dump(mode="json")
-        content["catalog"]["options"]["file"] = str(file)
+        content["catalog"]["options"]["file"] = str(file.resolve())
+        content["output"] = str(SCENE.resolve())
         path = file.with_suffix(".yaml")
         path.write_text(yaml.safe_dump(content))
         kinds[kind] = OpenCampaign(path)

@@ -16,7 +16,7 @@ COUNT, SIGMA = 40_000, 5.0
 def galaxies():
     rng = np.random.default_rng(4)
     return ObjectTable.complete({
-        "id": rng.permutation(10**9)[:COUNT], "obj_type": GALAXY, "size_disk": 0.4, "size_bulge": 0.2,
+        "id": rng.permutation(10**6)[:COUNT], "obj_type": GALAXY, "size_disk": 0.4, "size_bulge": 0.2,
         "bulge_frac": rng.uniform(0, 1, COUNT), "bulgemass": 10 ** rng.uniform(8, 12, COUNT), "ra": 1.0, "dec": 2.0,
         "gal_type": rng.integers(0, 2, COUNT),
     }, BANDS)  # fmt: skip

@@ -27,6 +27,7 @@ from csstsim.optics.psf.wavefront import load_wavefront
 
 CELLS_PER_PIXEL = 8
 _REPEATS = 2  # on each side
+_SPOTS = 2000  # of an image summed at a time
 _LOG_K = np.linspace(math.log(1e-6), math.log(1e6), 361)
 
 
@@ -93,7 +94,9 @@ def _of_spots(spots, group, m, kx, ky):
     """Return the transform of knots or of an image, spot by spot; one of an image is a quadratic B-spline."""
     u, v, light = spots.group(group)
     x, y = m @ np.stack([u, v])
-    total = (waves(ky, -y) * light) @ waves(kx, -x).T
+    total = 0.0
+    for some in np.array_split(np.arange(len(light)), len(light) // _SPOTS + 1):
+        total = total + (waves(ky, -y[some]) * light[some]) @ waves(kx, -x[some]).T
     if spots.image(group) is not None:
         fx, fy = (m[0, i] * kx + m[1, i] * ky[:, None] for i in (0, 1))
         total *= np.sinc(fx) ** 3 * np.sinc(fy) ** 3
