@@ -9,9 +9,10 @@ from astropy.wcs import WCS
 from csst import BANDS
 
 from csstsim.base.errors import InputError
-from csstsim.catalog.base import Region
+from csstsim.catalog.base import CatalogBase, Region
 from csstsim.catalog.images import NEGATIVE, read_picture, sky_of
 from csstsim.catalog.light.photometry import ab_mag, subband_weights
+from csstsim.catalog.mock_object import MockObject
 from csstsim.catalog.own_table import TableCatalog
 from csstsim.instrument.filter import GRID
 
@@ -165,6 +166,31 @@ def test_a_spectrum_from_a_file_has_its_row_s_magnitude_and_its_lines(folder, ca
         rel=1e-9,
     )
     assert mine.load_sed(mine.objs[0])["FLUX"] == pytest.approx(seds[1])
+
+
+class Pictured(CatalogBase):
+    def __init__(self, options, region):
+        super().__init__(options, region)
+        self._load()
+
+    def _load(self):
+        place = {"type": "galaxy", "ra": 10.0, "dec": 0.1}
+        self.objs = [
+            MockObject(id=1, **place, image_file=self.options["file"], image_scale=0.05),
+            MockObject(id=2, **place, size_disk=0.3, knots=4, knots_frac=0.5, part_of=1),
+        ]
+
+    def load_sed(self, obj):
+        raise NotImplementedError
+
+
+def test_a_class_may_name_images_too(folder):
+    table = Pictured({"file": str(folder / "g.fits")}, REGION).table
+    assert table["image_radius"] == pytest.approx([0.05 * 41 / np.sqrt(2), 0.0])
+    assert table["size_disk"][1] == np.float32(0.3) and table["part_of"].tolist() == [-1, 1]
+    assert table["knots"].tolist() == [0, 4]
+    with pytest.raises(InputError, match=r"Pictured: row 1: .*no.fits: image_file: no such file"):
+        _ = Pictured({"file": str(folder / "no.fits")}, REGION).table
 
 
 def test_what_a_table_names_belongs_to_its_campaign(folder):
