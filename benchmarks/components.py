@@ -60,7 +60,7 @@ KINDS = {
     "disk, bulge, 20 knots": KNOTS | {"knots_frac": 0.3},
     "20 knots": KNOTS | {"knots_frac": 1.0, "bulge_frac": 0.0},
     "image of n = 1": {"sersic": (1.0, 0.3, 0.03, 201)},
-    "image of n = 2.5": {"sersic": (2.5, 0.2, 0.02, 601)},
+    "image of n = 2.5": {"sersic": (2.5, 0.2, 0.05, 151)},
 }
 
 

@@ -1,6 +1,7 @@
 """The picture of docs/galaxy_shapes.md: galaxies of each kind in r, and one with its knots through GV."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import matplotlib
 
@@ -14,7 +15,7 @@ from csstsim.bench.imaging.cases import make_row
 from csstsim.bench.imaging.methods import drawing_of
 from csstsim.bench.setting import POINTING, make_setting
 from csstsim.catalog.row_files import with_images
-from csstsim.catalog.table import GALAXY
+from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.gratings.dispersion import Disperser
@@ -48,14 +49,12 @@ def spiral(folder):
 
 def panel(setting, columns):
     """Return the expected image of a galaxy in r."""
-    x, y = setting.psf.nodes_xy[44]
+    x, y = setting.psf.nodes_xy[len(setting.psf.nodes_xy) // 2]
     row = make_row(setting, stream(1, "figure"), 3, x, y, (0.25,) * 4, 1e6, 0.0, 0.5)
     row = row.with_columns(**{name: np.atleast_1d(value) for name, value in columns.items()})
     row = row.with_columns(reach=np.array([120], np.int32))
     window = Window(round(x) - HALF, round(x) + HALF + 1, round(y) - HALF, round(y) + HALF + 1)
     canvas = Canvas(np.zeros(window.shape), window)
-    from types import SimpleNamespace
-
     draw.draw_objects(canvas, row, drawing_of(setting, SimpleNamespace(row=row), "noise_free"))
     return canvas.expected
 
@@ -70,8 +69,6 @@ def dispersed(camera, folder):
     psf, wcs = PsfSet(folder / "GV.h5", chip=GV), ChipWCS(chip, POINTING)
     disperser = Disperser(camera.gratings[GV], band, camera.telescope)
     ra, dec = wcs.pixel_to_world(np.full(2, x), np.full(2, y))
-    from csstsim.catalog.table import ObjectTable
-
     table = ObjectTable.complete({
         "id": [1, 2], "obj_type": GALAXY, "ra": ra, "dec": dec, "ra_orig": ra, "dec_orig": dec, "x": [x, x],
         "y": [y, y], "size_disk": [0.3, 1.5], "knots": [0, 12], "knots_frac": [0.0, 1.0], "n_disk": [2.5, 1.0],
@@ -87,7 +84,7 @@ def dispersed(camera, folder):
     column, row = round(x + p + q * LINE), round(y + r + s * LINE)
     window = Window(column - HALF, column + HALF + 1, row - HALF, row + HALF + 1)
     canvas = Canvas(np.zeros(window.shape), window)
-    draw_dispersed(canvas, table, spectra, disperser, Drawing(wcs, psf, 150.0, fidelity="noise_free"))
+    draw_dispersed(canvas, table, spectra, disperser, Drawing(wcs, psf, 150.0, None, "noise_free", 60.0, np.uint64(1)))
     return canvas.expected
 
 
