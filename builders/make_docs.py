@@ -15,7 +15,8 @@ from pydantic import BaseModel
 from csstsim.base.model import Model
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.config import Campaign
-from csstsim.catalog.table import columns_with
+from csstsim.catalog import part_rows
+from csstsim.catalog.table import OPTIONAL, columns_with
 from csstsim.instrument.camera import load_camera
 from csstsim.simulation.observation import Observation
 from csstsim.simulation.sim_steps import known_layers
@@ -26,6 +27,8 @@ BEGIN, END = "<!-- columns: python builders/make_docs.py -->\n", "<!-- end of co
 SHORTHANDS = {  # of csstsim.catalog.own_table
     "type": "star, galaxy or quasar [default: star]; or `obj_type`: 0, 1, 2",
     "size": "arcsec, half-light radius of a galaxy's disk and bulge: sqrt(a b) of the half-light ellipse",
+    "n": "Sersic index of a galaxy without a bulge, 0.3 to 6.2 [default: 1]",
+    **part_rows.SHORTHANDS,
 }
 INTRO = """# Configuration
 
@@ -84,7 +87,7 @@ def layer_table(modules):
 def columns(text):
     """Return the text of TABLES with the columns of a user's table between BEGIN and END."""
     bands, own = load_camera(SHIPPED / "instrument").bands, {}
-    for name, (_, _, meaning) in columns_with(bands).items():
+    for name, (_, _, meaning) in (columns_with(bands) | OPTIONAL).items():
         own["mag_*" if name.startswith("mag_") else name] = meaning
     own["id"] += " [default: counted from 1]"
     named = ", ".join(f"`mag_{band}`" for band in bands)

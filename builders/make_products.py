@@ -14,7 +14,7 @@ import numpy as np
 from csstsim.base.files.yaml_file import read_yaml
 from csstsim.bricks import merge
 from csstsim.catalog import flags
-from csstsim.catalog.table import columns_with
+from csstsim.catalog.table import OPTIONAL, columns_with
 from csstsim.detector import mask
 from csstsim.io import calibrated, orders, truth
 from csstsim.measure import catalogue
@@ -150,7 +150,7 @@ def bits(module, about):
 
 def truth_columns():
     """Return {name: text} of the truth table's columns: those of .cat files, and what the simulator adds."""
-    known = {name: text for name, (_, _, text) in columns_with("B").items()} | truth.ABOUT
+    known = {name: text for name, (_, _, text) in (columns_with("B") | OPTIONAL).items()} | truth.ABOUT
     first = {name: known[ours] for name, ours in truth.CAT_COLUMNS.items()}
     return first, {name: text for name, text in known.items() if name not in truth.CAT_COLUMNS.values()}
 

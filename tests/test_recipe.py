@@ -60,6 +60,7 @@ KEYS = {
     "catalog.lensing.gamma2": (TRUTH, 0.02, {"catalog": {"lensing": CONSTANT}}),
     "catalog.structure": (TRUTH, "none", {}),
     "catalog.bright_stars": (TRUTH, False, {}),
+    "catalog.components": (SELECT, "full", {}),
     "catalog.shapes": (SELECT, "rotated90", {}),
     "catalog.options": (SELECT, STARS["options"] | {"mag": [21.0]}, {"catalog": STARS}),
     "astrometry.ephemeris": (SELECT, "de440", {}),

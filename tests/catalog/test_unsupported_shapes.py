@@ -15,7 +15,8 @@ from csstsim.catalog.unsupported_shapes import advice_for
 REGION = Region((10.0, 11.0, 11.0, 10.0), (0.0, 0.0, 1.0, 1.0), (0,), BANDS)
 AXES = ["q", "axis_ratio", "ba", "b_over_a", "b/a", "q_r", "GALELLIP_r", "A_IMAGE", "ellipticity", "e", "ELONGATION"]
 ANGLES = ["pa", "PA", "PA [deg]", "pa_deg", "theta", "THETA_J2000", "position_angle", "PosAng", "phi", "orientation"]
-INDICES = ["n", "sersic_n", "n_sersic", "sersic", "SersicIndex", "n_disk", "sersic_n_i", "n_r", "B/T", "bulge_to_total"]
+INDICES = ["sersic_n", "n_sersic", "sersic", "SersicIndex", "nser", "sersic_n_i", "n_r"]
+BULGES = ["B/T", "bulge_to_total"]
 SIZES = ["re", "r_e", "r_eff", "Re_arcsec", "reff", "R50", "half_light_radius", "hlr", "FLUX_RADIUS", "r_half"]
 LENSING = ["g1", "g2", "shear1", "gamma_1"]
 
@@ -32,7 +33,8 @@ def load(columns):
     ("names", "own", "advice"),
     [
         (AXES + ANGLES, {"e1": [0.1, 0.0], "e2": [0.0, 0.1]}, r"allowed: e1 = -e cos\(2 PA\), e2 = e sin\(2 PA\)"),
-        (INDICES, {"bulge_frac": [0.5, 0.0]}, "allowed: bulge_frac: 0 for a Sersic index n = 1, 1 for n = 4"),
+        (INDICES, {"n_disk": [0.5, 6.0]}, "allowed: n_disk, n_bulge: Sersic indices, 0.3 to 6.2"),
+        (BULGES, {"bulge_frac": [0.5, 0.0]}, "allowed: bulge_frac: the bulge's share of the light"),
         (SIZES, {"size": [0.5, 0.4]}, r"allowed: size .* along the circle of equal area, sqrt\(q\) r_e"),
         (LENSING, {"gamma1": [0.1, 0.0]}, "allowed: gamma1, gamma2 and kappa"),
     ],

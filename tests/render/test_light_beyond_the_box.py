@@ -10,12 +10,13 @@ from csstsim.base.counter import object_keys
 from csstsim.catalog.flags import FFT_REDUCED
 from csstsim.instrument.chip import Window
 from csstsim.optics.scatter.scattered_light import Scattered, read_scattered
-from csstsim.profiles.sersic import sersic_b
+from csstsim.profiles.sersic_photons import rings_for
 from csstsim.render.imaging.galaxy_stamp import plan_galaxies
 from csstsim.render.imaging.photons import shoot_scene
 from csstsim.render.imaging.stamps import draw_scene
 from csstsim.render.photon_positions import from_profile
 from csstsim.render.slitless.line_wings import order_wing
+from csstsim.render.spots import Spots
 
 SIGMA = 5.0
 WINDOW = Window(3700, 4301, 4700, 5301)
@@ -64,8 +65,9 @@ def test_radius_and_angle_of_a_profiles_photons_have_nothing_to_do_with_each_oth
     px, py = np.zeros(count), np.zeros(count)
     for index in (1.0, 4.0, 2.5):
         px[:] = py[:] = 0.0
-        sersic = np.array([index, float(sersic_b(index)), 1.0])
-        from_profile(count, np.eye(2), sersic, px, py, np.uint64(77), np.uint64(0))
+        rings, which, share = rings_for(index)
+        tables = (rings, *Spots().sampled)
+        from_profile(count, np.eye(2), np.array([which, share, 1.0]), tables, px, py, np.uint64(77), np.uint64(0))
         radius, angle = np.hypot(px, py), np.arctan2(py, px)
         rank = np.argsort(np.argsort(radius)) * 8 // count
         table = np.histogram2d(rank, angle, (np.arange(9) - 0.5, np.linspace(-np.pi, np.pi, 9)))[0]

@@ -128,6 +128,11 @@ class CatalogConfig(Model):
         None, description="the real stars V < 5 (config/instrument/sky.yaml) are objects of the embedded universe; "
         "null = they are, false = no star is as bright",
     )  # fmt: skip
+    components: Literal["simple", "full"] = Field(
+        "simple",
+        description="profiles of the embedded universe's galaxies: 'simple', disks of Sersic index 1 and bulges of 4; "
+        "'full', indices that scatter and rise with a bulge's mass, and knots (config/components.yaml)",
+    )
     shapes: Literal["normal", "rotated90"] = Field(
         "normal",
         description="'rotated90': select turns intrinsic ellipticities by 90 degrees and changes nothing else, nor the "
@@ -143,6 +148,8 @@ class CatalogConfig(Model):
             raise ValueError("structure is for the embedded universe: galaxies of your own catalogue are where it says")
         if self.kind != "embedded" and self.bright_stars:
             raise ValueError("bright_stars is for the embedded universe: give them in your own catalogue")
+        if self.kind != "embedded" and self.components != "simple":
+            raise ValueError("components is for the embedded universe: your own catalogue has columns for them")
         if self.kind == "embedded" and self.options:
             raise ValueError("the embedded universe takes no options: they are for a catalogue of your own")
         return self

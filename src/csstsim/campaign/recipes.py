@@ -9,6 +9,7 @@ from functools import cached_property
 from csstsim.base.digest import digest
 from csstsim.base.release import release
 from csstsim.base.stages import behind, flat, read_by
+from csstsim.catalog.full_components import load_numbers as components_numbers
 from csstsim.catalog.open import own_digests
 
 # {key of the campaign file: the stages that read it first} (base.stages.read_by). Files and folders count by their
@@ -32,6 +33,7 @@ READERS = {
     "catalog.bright_stars": ("truth",),
     "catalog.structure": ("truth",),
     "catalog.*": ("select",),
+    "components.*": ("select",),
     "astrometry.*": ("select",),
     "psf.oversampling": ("psf", "select"),
     "psf.library": ("psf", "select"),
@@ -78,12 +80,14 @@ class Recipes:
 
     @cached_property
     def _keys(self):
-        """{dotted key: value} of the campaign file and of config/render.yaml, and digests of what the sky is of."""
+        """{dotted key: value} of the campaign file, config/render.yaml and components.yaml, and digests of the sky."""
         config = self._run.config
         sky = self._run.universe.digest if self._run.embedded else own_digests(self._run.catalog)
         if (stars := self._run.bright_stars) is not None:
             sky = [sky, digest(stars.tolist())]
         read = {"rendering": self._run.rendering.model_dump(), "validation": self._run.limits.model_dump(mode="json")}
+        if config.catalog.components == "full":
+            read["components"] = components_numbers().model_dump()
         return flat(config.model_dump(mode="json") | read | {"sky": sky})
 
     @property

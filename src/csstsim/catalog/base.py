@@ -33,6 +33,11 @@ Keywords of a MockObject (all but id, ra, dec have defaults; the full list is `c
 | size_disk, size_bulge       | arcsec, half-light radius along the circle of equal area; a galaxy needs the size  |
 |                             | of each part that has light                                                        |
 | bulge_frac                  | fraction of the light in the bulge (Sersic 4); the rest is disk (Sersic 1)         |
+| n_disk, n_bulge             | Sersic index of each, 0.3 to 6.2, if it is another one                             |
+| knots, knots_frac           | number of knots in the disk, and their share of the light                          |
+| image_file, image_scale,    | file of an image in place of disk and bulge, arcsec per pixel, and the angle       |
+| image_pa                    | [deg] by which it is turned (docs/galaxy_shapes.md)                                |
+| part_of                     | id of the object that this one is a part of, for the truth and validation          |
 | e1, e2                      | ellipticity (a - b)/(a + b), axis 1 along +RA (east), 2 towards north              |
 | kappa, gamma1, gamma2       | lensing, same axes; stars are not lensed                                           |
 | mag_norm                    | AB magnitude in the filter of `load_norm_filt`, if there is one                    |
@@ -63,7 +68,8 @@ from csstsim.base.help_page import explained
 from csstsim.base.sphere import inside, unit_vectors
 from csstsim.catalog.light.photometry import ab_mag, bin_means, load_fluxes
 from csstsim.catalog.mock_object import MockObject
-from csstsim.catalog.table import ObjectTable, columns_with
+from csstsim.catalog.row_files import with_images
+from csstsim.catalog.table import OPTIONAL, STAR, ObjectTable, columns_with
 from csstsim.catalog.unsupported_shapes import check_shapes
 from csstsim.instrument.filter import GRID
 
@@ -133,13 +139,15 @@ class CatalogBase(ABC):
             names = sorted({name for obj in self.objs for name in obj.values})
             columns = {name: [getattr(obj, name, None) for obj in self.objs] for name in names}
             bands = self.region.bands
-            ours = columns_with(bands)
+            ours = columns_with(bands) | OPTIONAL
             _refuse_units(name_of(self), {name: columns[name] for name in columns if name in ours})
             check_shapes(columns, columns.get("obj_type", ()), name_of(self))
             # Extras may be anything (a file name, an array); only plain values go to the table, as user_<name>.
             extras = {f"user_{name}": column for name, column in columns.items() if name not in ours}
             plain = {name: _plain_column(column) for name, column in extras.items()}
             known = {name: column for name, column in columns.items() if name in ours}
+            if "image_file" in known:
+                known = with_images(known, np.asarray(columns.get("obj_type", [STAR] * len(self.objs))), name_of(self))
             self._table = ObjectTable.complete(known | {n: v for n, v in plain.items() if v is not None}, bands)
         return self._table
 

@@ -8,6 +8,7 @@ from csstsim.base.digest import digest
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
 from csstsim.catalog.base import CatalogBase
+from csstsim.catalog.full_components import full_components, load_numbers
 from csstsim.catalog.light.embedded_spectra import light_columns, rates, spectra
 from csstsim.catalog.light.grating_bound import MARGIN, grating_rate
 from csstsim.catalog.light.photometry import subband_weights
@@ -83,8 +84,8 @@ class EmbeddedCatalog(SceneCatalog):
     """The objects of a region, from its bricks.
 
     options: `brick_file` (brick number -> path) and the inputs from which the bricks must be made: `seed`, `universe`
-    (universe.parameters.Universe), `camera`, `lensing`, `structure`. Raises InputError for a missing, damaged or
-    foreign brick.
+    (universe.parameters.Universe), `camera`, `lensing`, `structure`; `components`: `full` for those of
+    catalog.full_components. Raises InputError for a missing, damaged or foreign brick.
     """
 
     def __init__(self, options, region):
@@ -115,4 +116,8 @@ class EmbeddedCatalog(SceneCatalog):
             brick = read_brick(brick_file(pix), brick_meta(pix=pix, **key))
             parts.append(brick.take(self.region.contains(brick["ra"], brick["dec"])))
             records.append(brick.meta)
-        self._set(ObjectTable.concat(parts), records)
+        table = ObjectTable.concat(parts)
+        if self.options.get("components") == "full":
+            table = full_components(table)
+            records.append({"components": load_numbers().model_dump()})
+        self._set(table, records)

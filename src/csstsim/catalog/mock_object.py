@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from csstsim.base.errors import InputError
-from csstsim.catalog.table import COLUMNS, MAGNITUDE, TYPES
+from csstsim.catalog.table import COLUMNS, MAGNITUDE, OPTIONAL, TYPES
 
 
 class MockObject:
@@ -40,8 +40,9 @@ class MockObject:
             raise AttributeError(name)
         if name in self._columns:
             return self._columns[name][self._row]
-        if name in COLUMNS:
-            return COLUMNS[name][1]
+        for columns in (COLUMNS, OPTIONAL):
+            if name in columns:
+                return columns[name][1]
         if name.startswith("mag_") and name != "mag_norm":  # of any camera's band
             return MAGNITUDE[1]
         raise AttributeError(f"object has no {name!r}; it has {', '.join(sorted(self._columns))}")

@@ -13,17 +13,23 @@ from csstsim.base.errors import InputError
 from csstsim.base.files.fits_headers import check_headers
 from csstsim.base.files.text_file import read_text
 from csstsim.base.help_page import explained
+from csstsim.catalog import part_rows
 from csstsim.catalog.misspelt import meant
+from csstsim.catalog.row_files import check_spectra, named, with_images
 from csstsim.catalog.selection.drawable import STRONGLY_LENSED, reasons
-from csstsim.catalog.table import COLUMNS, GALAXY, STAR, TYPES, ObjectTable, columns_with
+from csstsim.catalog.table import COLUMNS, FILE_COLUMNS, GALAXY, OPTIONAL, STAR, TYPES, ObjectTable, columns_with
 from csstsim.catalog.unsupported_shapes import check_shapes
 
 FORMATS = {".csv": "ascii.csv", ".ecsv": "ascii.ecsv", ".fits": "fits", ".parquet": "parquet"}
 LARGE = 200_000_000  # bytes of a text from which reading it takes minutes, and tens of times as much memory
 BRIGHTEST, FAINTEST = -3.0, 90.0  # mag; -99, -9.99, 99, 99.99 and the like stand for "not known" in many catalogues
-_KNOWN = {*COLUMNS, "type", "size"}
+_KNOWN = {*COLUMNS, *OPTIONAL, *part_rows.SHORTHANDS, "type", "size", "n"}
 # Names that users type: similar ones count as misspelt. Magnitudes are added.
-_TYPED = {"ra", "dec", "type", "size", "size_disk", "size_bulge", "bulge_frac", "e1", "e2"}
+_TYPED = {
+    "ra", "dec", "type", "size", "size_disk", "size_bulge", "bulge_frac", "e1", "e2", "n_disk", "n_bulge", "knots_frac",
+    "part_of", "part_share", "image_file", "spectrum_file",
+}  # fmt: skip
+_FILLED = {"e1", "e2", "bulge_frac", "z", "size_disk", "size_bulge", "kappa", "gamma1", "gamma2"}
 _UNITS = {
     **dict.fromkeys(("ra", "dec"), "deg"), **dict.fromkeys(("size", "size_disk", "size_bulge"), "arcsec"),
     **dict.fromkeys(("pmra", "pmdec"), "mas / yr"), "parallax": "mas", "rv": "km / s", "teff": "K", "av": "mag",
@@ -173,24 +179,37 @@ def object_table(columns, bands, where):
     the row.
     """
     columns = {name: np.asarray(values) for name, values in columns.items()}
-    known = set(columns_with(bands)) - {"flags"}  # flags of other programs do not mean what csstsim's do
+    known = {*columns_with(bands), *OPTIONAL} - {"flags"}  # flags of other programs do not mean what csstsim's do
     _check_columns(columns, [f"mag_{band}" for band in bands], where)
     count = len(columns["ra"])
     columns.setdefault("id", np.arange(1, count + 1))
+    magnitudes = [f"mag_{band}" for band in bands if f"mag_{band}" in columns]
     if "type" in columns:
         columns["obj_type"] = _types(columns.pop("type"), where)
     obj_type = np.asarray(columns.get("obj_type", np.full(count, STAR, np.int8)))
+    if "part_of" in columns:
+        columns = part_rows.resolve(columns, obj_type, bands, where)
+    _check_magnitudes(columns, magnitudes, where)
+    if "n" in columns:
+        columns["n_disk"] = columns.pop("n")
     check_shapes(columns, obj_type, where)
     if "size" in columns:
         size = np.where(obj_type == GALAXY, columns.pop("size"), 0.0)
         for part in ("size_disk", "size_bulge"):
             columns.setdefault(part, size)
-    for name in set(columns) & {"e1", "e2", "bulge_frac", "z", "size_disk", "size_bulge", "kappa", "gamma1", "gamma2"}:
+    if "image_file" in columns:
+        columns = with_images(columns, obj_type, where)
+    if "spectrum_file" in columns:
+        columns["spectrum_file"] = named(columns, "spectrum_file", where)
+        check_spectra(columns["spectrum_file"], np.stack([columns[name] for name in magnitudes], axis=1), where)
+    for name in set(columns) & (_FILLED | set(OPTIONAL)) - set(FILE_COLUMNS):
         if not np.isfinite(columns[name]).all():
-            columns[name] = np.nan_to_num(columns[name], nan=COLUMNS[name][1])  # a blank cell gets the default
-    named = {name if name in known else f"user_{name}": values for name, values in columns.items()}
+            columns[name] = np.nan_to_num(columns[name], nan=(COLUMNS | OPTIONAL)[name][1])  # a blank gets the default
+    if "knots" in columns and "knots_frac" not in columns:  # all of the disk's light
+        columns["knots_frac"] = np.where(columns["knots"] > 0, 1.0 - columns.get("bulge_frac", np.zeros(count)), 0.0)
+    ours = {name if name in known else f"user_{name}": values for name, values in columns.items()}
     try:
-        table = ObjectTable.complete(named, bands, compact=True)
+        table = ObjectTable.complete(ours, bands, compact=True)
     except InputError as error:
         raise InputError(str(error), file=where) from None
     _check_rows(table, where)
@@ -208,6 +227,10 @@ def _check_columns(columns, magnitudes, where):
     sizes = [name for name in ("size_disk", "size_bulge") if name in columns]
     if "size" in columns and len(sizes) == 2:
         raise InputError(f"means the same as {' and '.join(sizes)}; give it or them", file=where, key="size")
+    bulge = [name for name in ("n_disk", "n_bulge", "bulge_frac") if name in columns]
+    if "n" in columns and bulge:
+        allowed = "n alone, or n_disk, n_bulge and bulge_frac"
+        raise InputError(f"is of all the light, so not together with {bulge[0]}", file=where, key="n", allowed=allowed)
     if "size" in columns and not {"type", "obj_type"} & set(columns):
         raise InputError("only galaxies have sizes: the column type is missing", file=where, key="size")
     given = [name for name in magnitudes if name in columns]
@@ -218,11 +241,14 @@ def _check_columns(columns, magnitudes, where):
         needed = f"ra, dec and one of {', '.join(magnitudes)}"
         found = ", ".join(columns)
         raise InputError(f"a column is missing; needed: {needed}; found: {found}", file=where, key=missing)
-    for name in known & set(columns) - {"type"}:
+    for name in known & set(columns) - {"type", *FILE_COLUMNS}:
         if columns[name].dtype.kind not in "iuf":
             word = next((str(v) for v in columns[name] if not _number(v)), str(columns[name][:1]))
             raise InputError("must be numbers", file=where, key=name, value=word)
-    none, odd = np.ones(lengths["ra"], bool), np.zeros(lengths["ra"], bool)
+
+
+def _check_magnitudes(columns, given, where):
+    none, odd = np.ones(len(columns["ra"]), bool), np.zeros(len(columns["ra"]), bool)
     for name in given:
         none &= ~np.isfinite(columns[name])
         with np.errstate(invalid="ignore"):

@@ -23,7 +23,7 @@ def open_catalog(config, region, brick_file, key):
     if config.kind == "embedded":
         from csstsim.catalog.embedded import EmbeddedCatalog
 
-        return EmbeddedCatalog({"brick_file": brick_file, **key}, region)
+        return EmbeddedCatalog({"brick_file": brick_file, "components": config.components, **key}, region)
     return make_catalog(catalog_class(config.kind), config.options, region)
 
 

@@ -2,19 +2,22 @@
 
     catalog: {kind: "csstsim.catalog.own_table:TableCatalog", options: {file: objects.csv}}
 
-Columns are those of `catalog.table.COLUMNS` (units there, and in examples/my_catalogue/README.md), and two shorthands:
-`type` (star, galaxy or quasar; default star) and `size` (half-light radius, arcsec, of both disk and bulge of a
-galaxy). `ra`, `dec` and a magnitude in one of the camera's bands (mag_nuv ... mag_y of the shipped one) are needed;
-`id` counts from 1 if left out. Magnitudes are AB, observed, through the camera's own bands, before lensing. Spectra
-are smooth and reproduce all magnitudes given (catalog.light.colours); emission lines need a catalogue with `load_sed`
-(catalog.base). Cells may be blank; a row that cannot be drawn as given is refused (catalog.object_table). A galaxy's
-shape is drawn from `size`, `bulge_frac`, `e1` and `e2`; columns that describe it differently (`n`, `q`, `pa`, `re` and
-the like) are refused with the conversion formula (catalog.unsupported_shapes). Other columns are copied to the truth
-table as `user_<name>`.
+Columns are those of `catalog.table.COLUMNS` (units there, and in examples/my_catalogue/README.md), and three
+shorthands: `type` (star, galaxy or quasar; default star), `size` (half-light radius, arcsec, of both disk and bulge of
+a galaxy) and `n` (Sersic index of a galaxy without a bulge). `ra`, `dec` and a magnitude in one of the camera's bands
+(mag_nuv ... mag_y of the shipped one) are needed; `id` counts from 1 if left out. Magnitudes are AB, observed, through
+the camera's own bands, before lensing. Spectra are smooth and reproduce all magnitudes given (catalog.light.colours);
+emission lines need a catalogue with `load_sed` (catalog.base). Cells may be blank; a row that cannot be drawn as given
+is refused (catalog.object_table). A galaxy's shape is drawn from `size`, `n`, `bulge_frac`, `e1` and `e2`; columns that
+describe it differently (`q`, `pa`, `re` and the like) are refused with the conversion formula
+(catalog.unsupported_shapes). Other columns are copied to the truth table as `user_<name>`.
 """
 
 import hashlib
+import mmap
+import re
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
@@ -24,9 +27,12 @@ from csstsim.catalog.base import CatalogBase
 from csstsim.catalog.light.photometry import subband_weights
 from csstsim.catalog.mock_object import MockObjects
 from csstsim.catalog.object_table import object_table, read_table
+from csstsim.catalog.row_files import digest_of, files_of
+from csstsim.catalog.table import FILE_COLUMNS
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID
 
+_NEEDLE = re.compile(rb"image_file|spectrum_file")
 _OPTIONS = ("file", "columns", "instrument")
 
 
@@ -57,8 +63,11 @@ class TableCatalog(CatalogBase):
 
     @classmethod
     def files(cls, options):
-        """Return the table's file, if there is one: its content decides the pixels."""
-        return (options["file"],) if options.get("file") else ()
+        """Return the table's file, if there is one, and the files that its rows name: they decide the pixels."""
+        file = options.get("file")
+        if not file:
+            return files_of(options.get("columns") or {}, "catalog.options.columns")
+        return (file, *(files_of(read_table(file), file) if _may_name_files(file) else ()))
 
     @cached_property
     def truth_hash(self):
@@ -66,6 +75,8 @@ class TableCatalog(CatalogBase):
         total = hashlib.sha256()
         for name in self._table:
             values = self._table[name]
+            if name in FILE_COLUMNS:  # their content, not where they lie
+                values = np.array([digest_of(text) for text in values.tolist()], dtype=str)
             total.update(name.encode() + (values.astype(str) if values.dtype == object else values).tobytes())
         return total.hexdigest()[:16]
 
@@ -82,19 +93,52 @@ class TableCatalog(CatalogBase):
         """Return (len(rows), 18001) spectra [photon / s / m2 / A] on the paper's grid."""
         from csstsim.catalog.light.colours import colour_spectra
 
-        return colour_spectra(self._mags(rows), self._filters)
+        return self._mixed(
+            rows, len(GRID), lambda mags: colour_spectra(mags, self._filters), lambda own, at: own.spectra(at)
+        )
 
     def load_fluxes(self, rows, filter, telescope):
         """Return (len(rows), 4) electrons / s: the same light as `load_seds`, to 1e-9, without its samples."""
         from csstsim.catalog.light.colours import colour_rates
 
-        return colour_rates(self._mags(rows), self._filters, subband_weights(filter, telescope))
+        weights = subband_weights(filter, telescope)
+        return self._mixed(
+            rows, len(weights), lambda mags: colour_rates(mags, self._filters, weights),
+            lambda own, at: own.rates(at, weights),
+        )  # fmt: skip
 
     def load_binned(self, rows, edges):
         """Return means of spectra over bins, as CatalogBase.load_binned, without sampling each spectrum."""
         from csstsim.catalog.light.colours import colour_bins
 
-        return colour_bins(self._mags(rows), self._filters, edges)
+        return self._mixed(
+            rows, len(edges) - 1, lambda mags: colour_bins(mags, self._filters, edges),
+            lambda own, at: own.bins(at, edges),
+        )  # fmt: skip
+
+    def _mixed(self, rows, width, coloured, from_files):
+        """Return (len(rows), width) light: coloured(mags) of most rows, from_files(FileSpectra, its rows) of others."""
+        rows = np.asarray(rows, dtype=int)
+        if self._own is None:
+            return coloured(self._mags(rows))
+        own, place = self._own
+        out, mine = np.zeros((len(rows), width)), place[rows] >= 0
+        out[~mine] = coloured(self._mags(rows[~mine]))
+        out[mine] = from_files(own, place[rows[mine]])
+        return out
+
+    @cached_property
+    def _own(self):
+        """(FileSpectra, (n,) the rows' places in it or -1), or None if no row has a spectrum from a file."""
+        files = self._table.get("spectrum_file")
+        if files is None or not (files != "").any():
+            return None
+        from csstsim.catalog.light.file_spectra import FileSpectra
+
+        rows = np.flatnonzero(files != "")
+        place = np.full(len(files), -1)
+        place[rows] = np.arange(len(rows))
+        return FileSpectra(files[rows], self._mags(rows), self._filters), place
 
     def _mags(self, rows):
         """Return (len(rows), bands) AB magnitudes, NaN where the table gives none."""
@@ -106,10 +150,23 @@ class TableCatalog(CatalogBase):
         from astropy.table import Table
 
         from csstsim.catalog.light.colours import colour_spectra
+        from csstsim.catalog.light.file_spectra import FileSpectra
 
         mags = np.array([[getattr(obj, f"mag_{band}") for band in self._bands]])
+        if obj.spectrum_file:
+            return Table(
+                {"WAVELENGTH": GRID, "FLUX": FileSpectra([obj.spectrum_file], mags, self._filters).spectra([0])[0]}
+            )
         return Table({"WAVELENGTH": GRID, "FLUX": colour_spectra(mags, self._filters)[0]})
 
     def load_norm_filt(self, obj):
         """Return None: the spectra are absolute."""
         return None
+
+
+def _may_name_files(file):
+    """Whether a table's bytes hold the name of a column of files; if not, its rows need not be read for them."""
+    if not Path(file).is_file() or not Path(file).stat().st_size:
+        return False
+    with open(file, "rb") as opened, mmap.mmap(opened.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        return bool(_NEEDLE.search(content))

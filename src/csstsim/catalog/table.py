@@ -63,6 +63,20 @@ COLUMNS = {
     "host": (np.int64, -1, "id of the galaxy a quasar lives in"),
     "flags": (np.int32, 0, "bits of csstsim.catalog.flags"),
 }
+# Columns that only some tables have, in the same form; a table without one is as if it had the default in every row.
+OPTIONAL = {
+    "n_disk": (np.float32, 1.0, "Sersic index of the disk, 0.3 to 6.2"),
+    "n_bulge": (np.float32, 4.0, "Sersic index of the bulge, 0.3 to 6.2"),
+    "part_of": (np.int64, -1, "id of the object of which the row is a part, with light of its own; -1: of none"),
+    "knots": (np.int32, 0, "number of knots: points of equal light, at random in the disk's profile"),
+    "knots_frac": (np.float32, 0.0, "share of the light in knots"),
+    "image_file": (np.str_, "", "file of a galaxy's image, which is drawn in place of disk and bulge"),
+    "image_scale": (np.float32, 0.0, "arcsec per pixel of the image; 0: by its WCS"),
+    "image_pa": (np.float32, 0.0, "deg, from north through east: by how much the image is turned"),
+    "image_radius": (np.float32, 0.0, "arcsec, from the middle of the image to its corners, before lensing"),
+    "spectrum_file": (np.str_, "", "file of the spectrum's shape (tables; a class has load_sed)"),
+}
+FILE_COLUMNS = "image_file", "spectrum_file"
 MAGNITUDE = (np.float32, np.nan, "AB, of the catalogue's spectrum")
 
 
@@ -138,20 +152,18 @@ class ObjectTable(Mapping):
     def complete(cls, columns, bands, meta=None, *, compact=False):
         """Return a table with every column of `columns_with(bands)` in its type, absent ones at their default.
 
-        Other columns follow. A scalar fills a whole column; compact: in the memory of one value, and not to be written
-        to. Raises InputError for a value that does not fit its column.
+        Other columns follow, those of OPTIONAL in their type. A scalar fills a whole column; compact: in the memory of
+        one value, and not to be written to. Raises InputError for a value that does not fit its column.
         """
         sized = [np.asarray(v) for v in columns.values() if np.ndim(v)]
         count = len(sized[0]) if sized else 0
         fill = np.broadcast_to if compact else lambda value, count: np.full(count, value)
         full = {}
         for name, (dtype, default, _) in columns_with(bands).items():
-            try:
-                values = _fit(np.asarray(columns.get(name, default)), np.dtype(dtype))
-            except (TypeError, ValueError, OverflowError):
-                raise InputError("does not fit the column", key=name, allowed=np.dtype(dtype).name) from None
+            values = _typed(name, np.asarray(columns.get(name, default)), dtype)
             full[name] = values if values.ndim else fill(values, count)
         extras = {name: np.asarray(v) for name, v in columns.items() if name not in full}
+        extras |= {name: _typed(name, extras[name], OPTIONAL[name][0]) for name in extras if name in OPTIONAL}
         return cls(full | {name: v if v.ndim else fill(v, count) for name, v in extras.items()}, meta)
 
     @classmethod
@@ -215,6 +227,13 @@ def check_numbers(path, table, names):
     for name in names:
         if name in table and (table[name].dtype.kind not in "biuf" or table[name].ndim != 1):
             raise InputError("must be numbers", file=path, key=name, value=str(table[name].dtype))
+
+
+def _typed(name, values, dtype):
+    try:
+        return _fit(values, np.dtype(dtype))
+    except (TypeError, ValueError, OverflowError):
+        raise InputError("does not fit the column", key=name, allowed=np.dtype(dtype).name) from None
 
 
 def _fit(values, dtype):

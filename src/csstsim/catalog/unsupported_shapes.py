@@ -1,8 +1,8 @@
 """Columns for galaxies' shapes that csstsim does not use, and what to give instead.
 
-Tables often have Sersic indices, axis ratios and position angles. A galaxy is drawn only from size_disk, size_bulge,
-bulge_frac, e1, e2, kappa, gamma1 and gamma2. A shape given only by other columns would be ignored without a warning:
-the galaxy would be round, or have another profile. So such columns are refused.
+Tables often have axis ratios, position angles and other names of Sersic indices. A galaxy is drawn only from size_disk,
+size_bulge, bulge_frac, n_disk, n_bulge, e1, e2, kappa, gamma1 and gamma2. A shape given only by other columns would be
+ignored without a warning: the galaxy would be round, or have another profile. So such columns are refused.
 """
 
 import re
@@ -10,14 +10,19 @@ import re
 import numpy as np
 
 from csstsim.base.errors import InputError
-from csstsim.catalog.table import COLUMNS, GALAXY
+from csstsim.catalog.table import COLUMNS, GALAXY, OPTIONAL
 
 # (columns to give instead, how to fill them, names refused, compared without case, punctuation, units and bands)
 _PARTS = (
     (
+        ("n_disk", "n_bulge", "bulge_frac"),
+        "n_disk, n_bulge: Sersic indices, 0.3 to 6.2, of the disk and of the share bulge_frac of the light; a table "
+        "may give n, of all the light",
+        "n nsersic galindex sersic sersicn sersicindex sersicnindex nser nindex ndisk nbulge sersicdisk sersicbulge",
+    ),
+    (
         ("bulge_frac",),
-        "bulge_frac: 0 for a Sersic index n = 1, 1 for n = 4, between them for a mixture; no other n is drawn",
-        "n nsersic galindex sersic sersicn sersicindex sersicnindex nser nindex ndisk nbulge sersicdisk sersicbulge "
+        "bulge_frac: the bulge's share of the light",
         "bt bovert bulgetototal bulgetotal bulgefraction bulgeratio fbulge fracdev",
     ),
     (
@@ -54,7 +59,7 @@ def advice_for(name, given):
 
     Return None if it is not a shape, or if a column to give instead is present. given: the names of all columns.
     """
-    if name in COLUMNS or name == "size" or name.startswith("mag_"):
+    if name in COLUMNS or name in OPTIONAL or name == "size" or name.startswith("mag_"):
         return None
     word = name.strip().lower()
     for ending, kept in ((_UNIT, ""), (_BAND, r"\1"), (_UNIT, "")):

@@ -96,14 +96,14 @@ def unit_of(name):
 def units():
     """Return {column: its unit} of all tables, as their descriptions begin; what has none is left out. B: any band."""
     from csstsim.bricks import merge
-    from csstsim.catalog.table import columns_with
+    from csstsim.catalog.table import OPTIONAL, columns_with
     from csstsim.io import orders, truth
     from csstsim.measure import catalogue
     from csstsim.measure.spectra import line_columns, spectrum_columns
 
     found = {}
     for described in (
-        columns_with("B"), orders.COLUMNS, truth.ABOUT, catalogue.COLUMNS, spectrum_columns.COLUMNS,
+        columns_with("B"), OPTIONAL, orders.COLUMNS, truth.ABOUT, catalogue.COLUMNS, spectrum_columns.COLUMNS,
         line_columns.COLUMNS, merge.ABOUT, merge.ABOUT_BAND,
     ):  # fmt: skip
         unit = ""

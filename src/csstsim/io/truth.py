@@ -12,10 +12,12 @@ The file's metadata have the recipe, the Level-0 file's name, full_well [e-] and
 (`electron_budget`), with which `csstsim verify` compares image and table.
 """
 
+from pathlib import Path
+
 import numpy as np
 
 from csstsim.base.errors import InputError
-from csstsim.catalog.table import ObjectTable, check_numbers
+from csstsim.catalog.table import FILE_COLUMNS, ObjectTable, check_numbers
 
 # .cat name: our column
 CAT_COLUMNS = {
@@ -90,6 +92,9 @@ def truth_table(drawn, chip):
     with np.errstate(divide="ignore", invalid="ignore"):
         ours["dm"] = np.where(ours["parallax"] > 0, 10.0 - 5.0 * np.log10(ours["parallax"]), np.nan)  # distance modulus
         ours["g1"], ours["g2"] = ours["gamma1"] / one_kappa, ours["gamma2"] / one_kappa
+    for name in FILE_COLUMNS:  # what a file is called, not where it lies on this machine
+        if name in ours:
+            ours[name] = np.array([Path(text).name for text in ours[name].tolist()], dtype=str)
     bulge = ours["bulge_frac"]
     ours["size"] = bulge * ours["size_bulge"] + (1 - bulge) * ours["size_disk"]
     columns = {name: ours.pop(our_name, unknown) for name, our_name in CAT_COLUMNS.items()}

@@ -22,7 +22,8 @@ from functools import lru_cache
 
 import numpy as np
 
-DISK, BULGE = 1.0, 4.0  # indices of the two components of a galaxy
+DISK, BULGE = 1.0, 4.0  # indices of the two components of a galaxy, unless it has others
+INDEX_MIN, INDEX_MAX = 0.3, 6.2  # indices that are drawn
 _B = {DISK: 1.678347, BULGE: 7.669249}  # b(n) for the series in `light_beyond`, without scipy (Ciotti & Bertin 1999)
 K2_LOW, K2_HIGH = -28, 28  # octaves of (k r_e)^2
 R2_LOW, R2_HIGH = -32, 36  # octaves of (r / r_e)^2
@@ -30,6 +31,7 @@ CUT_NONE = 2.0**-10  # r_e: with a cut at or below this, all of the profile is o
 _STEPS_CUT = 4  # cuts to an octave
 _LOG_R = np.linspace(-20.0, 18.0, 4096)
 _STEP = _LOG_R[1] - _LOG_R[0]
+_LOG_RATIO = np.linspace(-7.0, 7.0, 351)  # of radii over half-light radii, for `light_beyond`
 _NEGLIGIBLE = 5e-5  # of the light: a profile ends at the radius with this much beyond it
 
 
@@ -48,8 +50,14 @@ def radius_of(share, index):
 
 
 def light_beyond(radius, half_light, index):
-    """Return the fraction of a circular profile's light beyond `radius`: Gamma(2n, x)/Gamma(2n). index: a number."""
+    """Return the fraction of a circular profile's light beyond `radius`: Gamma(2n, x)/Gamma(2n).
+
+    index: a number, or (n,) for each of the radii; indices other than a disk's and a bulge's are then interpolated in a
+    table, to 1% of the light beyond.
+    """
     ratio = radius / np.maximum(half_light, 1e-12)
+    if np.ndim(index):
+        return _each_beyond(ratio, np.asarray(index, dtype=float))
     if index not in _B:
         from scipy.special import gammaincc
 
@@ -60,6 +68,38 @@ def light_beyond(radius, half_light, index):
         term = term * x / k
         total = total + term
     return np.exp(-x) * total
+
+
+def _each_beyond(ratio, index):
+    """Return `light_beyond` of ratios (n,) [half-light radii] and indices (n,); the same for equal pairs."""
+    out = np.empty(np.broadcast(ratio, index).shape)
+    known = np.zeros(out.shape, bool)
+    for n in _B:
+        mine = index == n
+        if mine.any():
+            out[mine] = light_beyond(ratio[mine], 1.0, n)
+        known |= mine
+    if not known.all():
+        rest = ~known
+        first, step, table = _beyond_table()
+        x = np.log(np.clip(ratio[rest], np.exp(_LOG_RATIO[0]), np.exp(_LOG_RATIO[-1])))
+        across, along = (x - _LOG_RATIO[0]) / (_LOG_RATIO[1] - _LOG_RATIO[0]), (np.log(index[rest]) - first) / step
+        i, j = (np.clip(at.astype(int), 0, size - 2) for at, size in zip((along, across), table.shape, strict=True))
+        a, b = along - i, across - j
+        near = (1 - b) * table[i, j] + b * table[i, j + 1]
+        out[rest] = np.exp((1 - a) * near + a * ((1 - b) * table[i + 1, j] + b * table[i + 1, j + 1]))
+    return out
+
+
+@lru_cache
+def _beyond_table():
+    """Return (log of the first index, step, log of the light beyond exp(_LOG_RATIO) half-light radii, by index)."""
+    from scipy.special import gammaincc
+
+    indices = np.geomspace(INDEX_MIN, INDEX_MAX, 240)[:, None]
+    with np.errstate(divide="ignore", under="ignore"):
+        beyond = np.log(gammaincc(2 * indices, sersic_b(indices) * np.exp(_LOG_RATIO) ** (1 / indices)))
+    return np.log(INDEX_MIN), float(np.log(indices[1, 0] / indices[0, 0])), np.maximum(beyond, -50.0)
 
 
 @lru_cache(1024)

@@ -15,7 +15,7 @@ from csstsim.base.errors import InputError
 from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.object_table import BRIGHTEST, FAINTEST
 from csstsim.catalog.selection.drawable import STRONGLY_LENSED, reasons
-from csstsim.catalog.table import GALAXY, ObjectTable
+from csstsim.catalog.table import GALAXY, OPTIONAL, ObjectTable
 from csstsim.io.cat import read_cat
 from csstsim.io.truth import read_truth
 
@@ -125,11 +125,20 @@ def _places(objects, job, notes):
     return icrs(ra, dec, job.observer) if len(ra) else (ra, dec)
 
 
+def _profiles(objects, galaxy, notes):
+    """Return the Sersic indices and knots of a truth table that has them; images are not among its files."""
+    if "image_file" in objects and (objects["image_file"] != "").any():
+        notes.append("image_file: galaxies of an image are disks of its size")
+    names = [name for name in ("n_disk", "n_bulge", "knots", "knots_frac") if name in objects]
+    return {name: np.where(galaxy, objects[name], OPTIONAL[name][1]) for name in names}
+
+
 def _sizes(objects, notes):
-    """Return the sizes [arcsec] and the bulge's share of the light."""
+    """Return the sizes [arcsec], the bulge's share of the light, and of a truth table all that profiles are made of."""
     galaxy = objects["obj_type"] == GALAXY
     if {"size_disk", "size_bulge", "bulge_frac"} <= set(objects):
-        return {name: np.where(galaxy, objects[name], 0.0) for name in ("size_disk", "size_bulge", "bulge_frac")}
+        sizes = {name: np.where(galaxy, objects[name], 0.0) for name in ("size_disk", "size_bulge", "bulge_frac")}
+        return sizes | _profiles(objects, galaxy, notes)
     if "size" not in objects:
         notes.append("size: galaxies without sizes are left out")
     size = np.where(galaxy, _known(objects["size"], 0.0) if "size" in objects else 0.0, 0.0)

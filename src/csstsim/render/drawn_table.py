@@ -38,6 +38,36 @@ class DrawnTable:
         if wing is None:
             self.flags[self.rows[self.objects["wing"][self.rows] > 0]] |= TRUNCATED_STAMP
 
+    def judge(self, rows, choice, electrons):
+        """Record S/N and predicted error of a Scene's rows, which belong to the objects `rows`, of so many electrons.
+
+        Of an object of several parts, errors add up and S/N adds in squares.
+        """
+        if len(np.unique(rows)) == len(rows):
+            self.snr[rows], self.error[rows] = choice.snr, choice.error
+            return
+        lit, square = electrons > 0, np.zeros(len(self.snr))
+        np.add.at(square, rows, choice.snr**2)
+        self.snr[rows] = np.sqrt(square[rows])
+        self.error[rows] = 0.0
+        np.add.at(self.error, rows[lit], choice.error[lit])
+
+    def note(self, rows, drawn, box):
+        """Add to what was drawn of the objects `rows`, in which one may be named several times: electrons and boxes."""
+        np.add.at(self.drawn, rows, drawn)
+        lit = box[:, 1] > 0
+        low, high = self.box[:, ::2].copy(), self.box[:, 1::2].copy()
+        low[high[:, 0] == 0] = np.iinfo(np.int32).max
+        np.minimum.at(low, rows[lit], box[lit][:, ::2].astype(np.int32))
+        np.maximum.at(high, rows[lit], box[lit][:, 1::2].astype(np.int32))
+        low[high[:, 0] == 0] = 0
+        self.box[:, ::2], self.box[:, 1::2] = low, high
+
+    def name_methods(self, rows, names, electrons):
+        """Record how objects were drawn: of one of several parts, how the brightest was."""
+        order = np.argsort(electrons, kind="stable")
+        self.method[rows[order]] = names[order]
+
     def note_sides(self, rows, reach, wing):
         """Record the stamp sides of objects from the half sides of stamps and the radii of wings [px]."""
         self.stamp[rows] = (2 * np.maximum(reach, np.ceil(wing)) + 1).astype(np.int32)

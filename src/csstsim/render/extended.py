@@ -13,7 +13,7 @@ import numpy as np
 from scipy.fft import fht, fhtoffset
 
 from csstsim.profiles.log_table import nodes
-from csstsim.profiles.sersic import K2_HIGH, K2_LOW, brightness, tables
+from csstsim.profiles.sersic import DISK, K2_HIGH, K2_LOW, brightness, tables
 from csstsim.render.wing_tables import KEPT, RADII, Far, light_of, step
 
 # px, half-light radius from which the object's size counts: in a wing that shows, whose inner edge lies in the box's
@@ -54,6 +54,14 @@ def parts_of(light, sersic, matrix):
         if share > 0 and index > 0
     ]
     return tuple(parts) or POINT
+
+
+def parts_at(scene, i):
+    """Return the Parts of object i of a Scene; knots and images count as a disk of their half-light radius."""
+    sersic = scene.sersic[i]
+    if scene.spots is not None and scene.spot[i] >= 0:
+        sersic = np.array([[DISK, 0.0, sersic[0, 2]], [0.0, 0.0, 0.0]])
+    return parts_of(scene.light[i], sersic, scene.matrix[i])
 
 
 def _rounded(size, ratio):

@@ -8,9 +8,10 @@ except from_psf, which uses two words an electron.
 import numba
 import numpy as np
 
-from csstsim.base.counter import high, low, word
+from csstsim.base.counter import high, low, unit, word
 from csstsim.profiles.log_table import first_of, nodes, read
-from csstsim.profiles.sersic_photons import RINGED, gamma, ring
+from csstsim.profiles.sersic_photons import ring, rings_for
+from csstsim.render.spots import Spots
 
 _ONE, _TWO = np.uint64(1), np.uint64(2)
 _S10, _S16, _S20, _S32 = (np.uint64(s) for s in (10, 16, 20, 32))
@@ -19,7 +20,8 @@ _TENS = np.uint64(0x3FF << 32 | 0x3FF)  # ten bits of each half of a word
 _ANGLES = 1024  # tabulated; linear in between, which enlarges the radius by up to 5e-6
 _TURN = np.stack([f(2 * np.pi / _ANGLES * (np.arange(_ANGLES) + 0.5)) for f in (np.cos, np.sin)], axis=1)
 _REST = 2 * np.pi / 2.0**32
-_DISK, _BULGE = RINGED
+_POINT = -1  # below it: groups of spots
+_NO_SPOTS = Spots().sampled
 _RAREST = -10  # the table ends at a share of 2^-10 of the wing's light, 1000 boxes out
 _TAIL_FIRST = first_of(_RAREST)
 
@@ -51,6 +53,15 @@ def check_scene(scene, table, maximum):
 def contiguous(response):
     """Return a Canvas's response as a contiguous float32 array, of shape (0, 0) if all light is counted."""
     return np.empty((0, 0), np.float32) if response is None else np.ascontiguousarray(response, np.float32)
+
+
+def profiles_of(scene):
+    """Return (profile (n, 2, 3), tables) of a Scene: what `from_profile` needs of each component, and of all."""
+    rings, which, share = rings_for(np.where(scene.light > 0, scene.sersic[:, :, 0], 0.0))
+    if scene.spots is not None:
+        which[:, 0] = np.where(scene.spot >= 0, _POINT - 1 - scene.spot, which[:, 0])
+    spots = _NO_SPOTS if scene.spots is None else scene.spots.sampled
+    return np.stack([which, share, scene.sersic[:, :, 2]], axis=-1).astype(np.float64), (rings, *spots)
 
 
 @numba.njit(inline="always")
@@ -119,22 +130,43 @@ def from_psf(count, psf, first, px, py, key, counter):
 
 
 @numba.njit(cache=True)
-def from_profile(count, matrix, sersic, px, py, key, counter):
-    """Add to px, py draws from a Sersic profile; return the counter."""
-    n, b, radius = sersic[0], sersic[1], sersic[2]
+def from_profile(count, matrix, profile, tables, px, py, key, counter):
+    """Add to px, py draws from a component's profile, a row of `profiles_of`; return the counter."""
+    which, share, radius = np.int64(profile[0]), profile[1], profile[2]
+    if which == _POINT:
+        return counter
+    if which < _POINT:
+        return _from_spots(count, matrix, _POINT - 1 - which, tables, px, py, key, counter)
+    rings = tables[0]
     m00, m01, m10, m11 = matrix[0, 0] * radius, matrix[0, 1] * radius, matrix[1, 0] * radius, matrix[1, 1] * radius
-    rings = 0 if n == _DISK else 1 if n == _BULGE else -1
-    after = counter + np.uint64(count)
     for j in range(count):
         turn = word(key, counter + np.uint64(j))
-        if rings >= 0:
-            r = ring(rings, turn)
-        else:
-            r, after = gamma(2 * n, key, after)
-            r = (r / b) ** n
+        r = ring(rings, which, share, turn)
         angle = np.int64(turn >> _S32)
         a, d = np.uint64(angle >> 22), np.float64((angle & 0x3FFFFF) - 0x200000) * _REST
         cos, sin = r * (_TURN[a, 0] - d * _TURN[a, 1]), r * (_TURN[a, 1] + d * _TURN[a, 0])
         px[j] += m00 * cos + m01 * sin
         py[j] += m10 * cos + m11 * sin
-    return after
+    return counter + np.uint64(count)
+
+
+@numba.njit(cache=True)
+def _from_spots(count, matrix, group, tables, px, py, key, counter):
+    """Add to px, py draws from a group of spots (render.spots), two words each; return the counter."""
+    _, start, u, v, keep, other, blur = tables
+    first, number, side = start[group], start[group + 1] - start[group], blur[group]
+    for j in range(count):
+        at = counter + _TWO * np.uint64(j)
+        place = unit(word(key, at)) * number
+        k = min(np.int64(place), number - 1)
+        if place - k > keep[first + k]:
+            k = np.int64(other[first + k])
+        a, b = u[first + k], v[first + k]
+        if side > 0.0:
+            jitter = word(key, at + _ONE)
+            spline = (jitter & _TENS) + ((jitter >> _S10) & _TENS) + ((jitter >> _S20) & _TENS)
+            a += side * ((np.float64(np.int64(spline & _LOW32)) + 1.5) / 1024 - 1.5)
+            b += side * ((np.float64(np.int64(spline >> _S32)) + 1.5) / 1024 - 1.5)
+        px[j] += matrix[0, 0] * a + matrix[0, 1] * b
+        py[j] += matrix[1, 0] * a + matrix[1, 1] * b
+    return counter + _TWO * np.uint64(count)

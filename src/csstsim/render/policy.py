@@ -126,4 +126,6 @@ def costs(scene, electrons, cost):
     photons = cost.photon_object + electrons * np.where(galaxy, cost.photon_galaxy, cost.photon_star)
     pixels = (2.0 * scene.reach + 1) ** 2
     stamp = np.where(galaxy, cost.stamp_galaxy + cost.stamp_pixel * pixels, cost.stamp_star)
+    if scene.spots is not None:
+        stamp = stamp + cost.stamp_spots * (scene.spot >= 0)
     return photons, stamp + cost.wing_pixel * np.pi * np.minimum(scene.wing, WING_NEAR) ** 2

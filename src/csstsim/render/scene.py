@@ -7,11 +7,15 @@ import numpy as np
 from csstsim.catalog.components import components
 from csstsim.catalog.table import GALAXY
 from csstsim.profiles.sersic import sersic_b
+from csstsim.render.spots import Spots
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """n objects. The two components are disk and bulge; a component of Sersic index 0 is a point."""
+    """n objects, or parts of objects (render.parts).
+
+    The two components are disk and bulge; a component of Sersic index 0 is a point.
+    """
 
     ids: np.ndarray  # (n,) int64
     x: np.ndarray  # (n,) float64, chip pixel
@@ -25,13 +29,19 @@ class Scene:
     outside: np.ndarray  # (n,) bool: outside the grid of PSF nodes
     reach: np.ndarray | None = None  # (n,) px, half the side of the stamp
     wing: np.ndarray | None = None  # (n,) px, radius to which the wing exceeds the noise; 0: nowhere
+    # Of a scene with knots or images: rows beyond the objects are parts of them, with a share of their light
+    parent: np.ndarray | None = None  # (n,) int64, object that a row belongs to; None: one row for each object
+    share: np.ndarray | None = None  # (n,) of the object's light; None: all
+    spot: np.ndarray | None = None  # (n,) int64, group of `spots` that is the profile, or -1; None: nowhere
+    spots: Spots | None = None
 
     def __len__(self):
         return len(self.x)
 
     def take(self, rows):
         """Return the objects of an index array, in that order."""
-        return Scene(**{name: values if values is None else values[rows] for name, values in vars(self).items()})
+        whole = {name: values for name, values in vars(self).items() if name == "spots" or values is None}
+        return Scene(**whole, **{name: v[rows] for name, v in vars(self).items() if name not in whole})
 
     def sized(self, reach, wing=0.0):
         """Return the Scene with these half sides of stamps and radii of wings [px], (n,) or one for all."""
@@ -41,7 +51,13 @@ class Scene:
     @property
     def extended(self):
         """(n,) bool: whether the object is not a point."""
-        return ((self.sersic[:, :, 0] > 0) & (self.light > 0)).any(axis=1)
+        sersic = ((self.sersic[:, :, 0] > 0) & (self.light > 0)).any(axis=1)
+        return sersic if self.spot is None else sersic | (self.spot >= 0)
+
+    @property
+    def objects(self):
+        """The number of objects: rows from there on are parts of them."""
+        return len(self) if self.parent is None else int(self.parent.max(initial=-1)) + 1
 
 
 def make_scene(objects, wcs, psf, exptime):
@@ -50,13 +66,20 @@ def make_scene(objects, wcs, psf, exptime):
     galaxy, parts = objects["obj_type"] == GALAXY, components(objects)
     sersic = np.zeros((len(objects), 2, 3))
     for i, (_, index, size) in enumerate(parts):
+        index = index[galaxy] if np.ndim(index) else index
         sersic[galaxy, i] = np.stack(np.broadcast_arrays(index, sersic_b(index), size[galaxy]), axis=-1)
     node, weight, outside = psf.weights(objects["x"], objects["y"])
-    return Scene(
+    scene = Scene(
         objects["id"].astype(np.int64), objects["x"].astype(float), objects["y"].astype(float), flux,
         np.stack([light for light, *_ in parts], axis=1), sersic, shape_matrix(objects, wcs), node.astype(np.int64),
         weight, outside, *(objects[name] if name in objects else None for name in ("reach", "wing")),  # noqa: SIM401 - no mapping
     )  # fmt: skip
+    if not {"knots", "image_file"} & set(objects):
+        return scene
+    from csstsim.render.parts import with_parts  # which needs this module's Scene
+
+    round_ = {name: np.zeros(len(objects)) for name in ("e1", "e2")}
+    return with_parts(scene, objects, psf, lambda rows: shape_matrix(objects.with_columns(**round_).take(rows), wcs))
 
 
 def shape_matrix(objects, wcs):

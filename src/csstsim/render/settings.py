@@ -28,6 +28,7 @@ class Cost(Model):
     stamp_star: float = Field(ge=0)
     stamp_galaxy: float = Field(ge=0)
     stamp_pixel: float = Field(ge=0, description="a pixel of a galaxy's stamp")
+    stamp_spots: float = Field(ge=0, description="more for a stamp of knots or of an image")
     wing_pixel: float = Field(ge=0)
     spectrum_object: float = Field(ge=0, description="photons through a grating")
     spectrum_star: float = Field(ge=0, description="an electron of a star")

@@ -25,6 +25,7 @@ def validate(run, pix):
     from csstsim.bricks.result_file import write_result
     from csstsim.bricks.validate import MeasuredFrame, validate_brick
     from csstsim.bricks.verdict import NAMES, sentence
+    from csstsim.bricks.whole_objects import whole_objects
     from csstsim.catalog.table import ObjectTable
     from csstsim.report.figures import brick_figure
     from csstsim.report.style import looks
@@ -32,7 +33,9 @@ def validate(run, pix):
     camera = run.camera
     chip = camera.detector.channel_ny, camera.telescope.pixel_scale
     frames = (
-        MeasuredFrame(truth_of(run, job), measured_table(run, job), *chip, _depth(run, job), frame_facts(run, job))
+        MeasuredFrame(
+            whole_objects(truth_of(run, job)), measured_table(run, job), *chip, _depth(run, job), frame_facts(run, job)
+        )
         for job in progress(jobs_on(run, pix), "frames")
     )
     merged = ObjectTable.read(made(run.paths.merge(pix), f"merge {run.file} --brick {pix}"))

@@ -27,6 +27,7 @@ from csstsim.optics.psf.wavefront import load_wavefront
 
 CELLS_PER_PIXEL = 8
 _REPEATS = 2  # on each side
+_SPOTS = 2000  # of an image summed at a time
 _LOG_K = np.linspace(math.log(1e-6), math.log(1e6), 361)
 
 
@@ -68,6 +69,16 @@ class Truth:
 
 def profile(scene, kx, ky):
     """Return the transform of a Scene's one object, 1 at 0, at kx, ky [cycles per pixel]: (ky, kx)."""
+    if scene.spots is not None:
+        return sum(
+            share * _row_profile(scene.take([row]), kx, ky) for row, share in enumerate(scene.share) if share > 0
+        )
+    return _row_profile(scene, kx, ky)
+
+
+def _row_profile(scene, kx, ky):
+    if scene.spots is not None and scene.spot[0] >= 0:
+        return _of_spots(scene.spots, int(scene.spot[0]), scene.matrix[0], kx, ky)
     total = 0.0
     for light, (index, b, radius) in zip(scene.light[0], scene.sersic[0], strict=True):
         if light > 0 and index > 0:
@@ -79,16 +90,32 @@ def profile(scene, kx, ky):
     return total
 
 
+def _of_spots(spots, group, m, kx, ky):
+    """Return the transform of knots or of an image, spot by spot; one of an image is a quadratic B-spline."""
+    u, v, light = spots.group(group)
+    x, y = m @ np.stack([u, v])
+    total = 0.0
+    for some in np.array_split(np.arange(len(light)), len(light) // _SPOTS + 1):
+        total = total + (waves(ky, -y[some]) * light[some]) @ waves(kx, -x[some]).T
+    if spots.image(group) is not None:
+        fx, fy = (m[0, i] * kx + m[1, i] * ky[:, None] for i in (0, 1))
+        total *= np.sinc(fx) ** 3 * np.sinc(fy) ** 3
+    return total
+
+
 def repeats(scene, x, y, offset, period):
     """Return the light at pixels x, y of the repeats, every `period` pixels, of an object at `offset` (x, y)."""
     shifts = range(-_REPEATS, _REPEATS + 1)
     places = [(offset[0] + i * period, offset[1] + j * period) for i in shifts for j in shifts if (i, j) != (0, 0)]
-    return sum(brightness(scene, x, y, place) for place in places)
+    share = 1.0 if scene.share is None else scene.share[0]
+    return share * sum(brightness(scene, x, y, place) for place in places)
 
 
 def brightness(scene, x, y, place):
     """Return the profile of a Scene's one object, of unit light, at pixels x, y about `place`; 0 for a point."""
     total, back = np.zeros((y.size, x.size)), np.linalg.inv(scene.matrix[0])
+    if scene.spots is not None and scene.spot[0] >= 0:  # compact: its repeats are not near
+        return total
     dx, dy = x - place[0], (y - place[1])[:, None]
     for light, (index, b, radius) in zip(scene.light[0], scene.sersic[0], strict=True):
         if light > 0 and index > 0:

@@ -2,9 +2,12 @@
 
 import numpy as np
 
+from csstsim.catalog.components import has_image
 from csstsim.catalog.table import GALAXY, STAR, TYPES
+from csstsim.profiles.sersic import INDEX_MAX, INDEX_MIN
 from csstsim.universe.lensing.lensing import magnification
 
+KNOTS_MOST = 10_000
 LARGEST = 3600.0  # arcsec, half-light radius
 STRONGLY_LENSED = "strongly lensed"
 NO_LIGHT = "its light in the band is negative or not a number"
@@ -25,10 +28,29 @@ def reasons(table):
         "kappa, gamma1 or gamma2 is not finite": (table["obj_type"] != STAR) & ~lensed,
         STRONGLY_LENSED: (table["obj_type"] != STAR) & lensed & ~thin,
     }
-    for name, used in (("size_disk", share < 1), ("size_bulge", share > 0)):
+    for part, used in (("disk", share < 1), ("bulge", share > 0)):
+        name, index = f"size_{part}", f"n_{part}"
         size = table[name]
         found[f"a galaxy without {name}"] = galaxy & used & ~((size > 0) & np.isfinite(size))
         found[f"a galaxy whose {name} is above {LARGEST:g} arcsec"] = galaxy & used & (size > LARGEST)
+        if index in table:
+            n = table[index]
+            outside = ~((n >= np.float32(INDEX_MIN)) & (n <= np.float32(INDEX_MAX)))
+            found[f"a galaxy whose {index} is not within {INDEX_MIN:g}..{INDEX_MAX:g}"] = galaxy & used & outside
+    if "knots" in table or "knots_frac" in table:
+        knots, part = (table.get(name, np.zeros(len(share))) for name in ("knots", "knots_frac"))
+        found["a galaxy whose knots_frac and bulge_frac are not within 0..1 together"] = galaxy & ~(
+            (part >= 0) & (part + share <= 1 + 1e-6)
+        )
+        found["a galaxy with knots_frac but no knots"] = galaxy & (part > 0) & ~(knots > 0)
+        found[f"a galaxy of more than {KNOTS_MOST} knots"] = galaxy & (knots > KNOTS_MOST)
+        found["a galaxy with knots and an image"] = (part > 0) & has_image(table)
+    if "image_file" in table:
+        found["a star or quasar with an image"] = ~galaxy & (table["image_file"] != "")
+        found["a galaxy with an image and a bulge"] = has_image(table) & (share > 0)
+        found["a galaxy whose image_pa or image_scale is not a number"] = has_image(table) & ~np.isfinite(
+            table.get("image_pa", share) + table.get("image_scale", share)
+        )
     return found
 
 

@@ -11,15 +11,15 @@ default loses 0.5% of the light. Here a stamp may end only where this chip's noi
 * light beyond the box of the stored PSF (32 or 64 px): the wing shows out to where it falls below a thousandth of a
   pixel's noise, for every kind of object; even an ideal filter over the light beyond sees at most 1.3e-3 r [px] sigma;
 * galaxies: out to where the fraction of light beyond is max(1e-4, min(5e-3, 0.02 sigma_F / F)), from the closed form of
-  the enclosed light of Sersic n = 1 and n = 4, stretched to circles of the longest axis (so never too small), plus
+  the enclosed light of Sersic profiles, stretched to circles of the longest axis (so never too small), plus
   the reach of a point source of that flux.
 """
 
 import numpy as np
 
 from csstsim.base.units import ARCSEC_PER_RAD
-from csstsim.catalog.components import components
-from csstsim.profiles.sersic import light_beyond
+from csstsim.catalog.components import KNOTS_WITHIN, components, has_image, has_knots
+from csstsim.profiles.sersic import BULGE, DISK, light_beyond, radius_of
 from csstsim.universe.lensing.lensing import magnification
 
 POINT_MIN, POINT_MAX = 16, 64  # pixel; no stored PSF extends beyond 64
@@ -67,16 +67,34 @@ def galaxy_radius(table, electrons, variance, pixel_scale):
     noise = np.sqrt(electrons + _GAUSSIAN * size2 * variance)
     low, high, part = _LOST
     lost = np.clip(part * noise / np.maximum(electrons, 1e-30), low, high)
-    inner, outer = (
-        np.zeros(len(table)),
-        100.0 * np.max([size for *_, size in parts], axis=0),
-    )  # 100 r_e holds all but 4e-5 of n = 4
+    # 100 r_e holds all but 4e-5 of n = 4, 2000 r_e all but that of n = 6.2
+    widest = [size * np.where(np.asarray(index) > BULGE, 2000.0, 100.0) for _, index, size in parts]
+    inner, outer = np.zeros(len(table)), np.max(widest, axis=0)
     for _ in range(22):  # halving: to 1e-4 of a half-light radius
         middle = 0.5 * (inner + outer)
         outside = sum(light * light_beyond(middle, size, index) for light, index, size in parts)
         too_small = outside > lost
         inner, outer = np.where(too_small, middle, inner), np.where(too_small, outer, middle)
-    return outer, lost
+    return parts_radius(table, outer, pixel_scale), lost
+
+
+def parts_radius(table, radius, pixel_scale):
+    """Return the radius (n,) [pixel] of the visible light of galaxies: at least that of disk and bulge.
+
+    Knots lie within a share of the disk's light (catalog.knots); an image is as large as its corners.
+    """
+    stretch = _stretch(table) / pixel_scale
+    knotted = np.flatnonzero(has_knots(table))
+    if len(knotted):
+        some = table.take(knotted)
+        index = some["n_disk"].astype(float) if "n_disk" in some else np.full(len(some), DISK)
+        last = radius_of(KNOTS_WITHIN, index) * some["size_disk"] * stretch[knotted]
+        radius[knotted] = np.maximum(radius[knotted], last)
+    pictured = has_image(table)
+    if pictured.any():
+        round_ = table.with_columns(e1=np.zeros(len(table)), e2=np.zeros(len(table)))
+        radius = np.where(pictured, table["image_radius"] * _stretch(round_) / pixel_scale, radius)
+    return radius
 
 
 def _stretch(table):

@@ -16,6 +16,7 @@ from csstsim.render.drawn_table import DrawnTable
 from csstsim.render.imaging.photons import shoot_scene
 from csstsim.render.imaging.stamps import draw_scene
 from csstsim.render.imaging.unresolved import add_unresolved
+from csstsim.render.parts import part_keys
 from csstsim.render.scene import make_scene
 from csstsim.render.settings import load_numbers
 
@@ -28,33 +29,38 @@ def draw_objects(canvas, objects, drawing):
     out = DrawnTable(objects, np.sum([objects[f"flux{i}"] for i in range(4)], axis=0) * drawing.exptime)
     rows, wing, scattered = out.rows, drawing.wing, drawing.scattered
     scene = make_scene(objects.take(rows), drawing.wcs, drawing.psf, drawing.exptime)
-    out.flag_optics(scene.outside, wing)
+    out.flag_optics(scene.outside[: len(rows)], wing)
     scene = scene if wing is not None else scene.sized(scene.reach)
     choice = policy.choose(scene, drawing, canvas.maximum)
-    keys = object_keys_of(drawing.key, scene.ids)
-    out.snr[rows] = choice.snr
+    keys = part_keys(object_keys_of(drawing.key, scene.ids[: len(rows)]), scene)
+    of_row = rows if scene.parent is None else rows[scene.parent]
+    electrons = scene.electrons.sum(axis=1)
+    out.judge(of_row, choice, electrons)
     for kind in (policy.UNRESOLVED, policy.STAMP, policy.PHOTONS):
         mine = np.flatnonzero(choice.method == kind)
         if not mine.size:
             continue
-        start, some, at = time.process_time(), scene.take(mine), rows[mine]
+        start, some, at = time.process_time(), scene.take(mine), of_row[mine]
         if kind == policy.UNRESOLVED:
             light = some if wing is not None else _boxed(some, drawing.psf)
-            out.drawn[at], out.box[at] = add_unresolved(canvas, light)
+            out.note(at, *add_unresolved(canvas, light))
             out.flags[at] |= SKIPPED_FAINT
         elif kind == policy.STAMP:
             result = draw_scene(canvas, some, drawing.mixer, scattered, drawing.wcs.chip)
-            out.drawn[at], out.box[at], out.ms[at] = result.drawn, result.box, result.ms
-            out.flags[at] |= result.flags
+            out.note(at, result.drawn, result.box)
+            np.add.at(out.ms, at, result.ms)
+            np.bitwise_or.at(out.flags, at, result.flags)
             out.note_sides(at, some.reach, some.wing)
         else:
             canvas.count()
-            out.drawn[at], _, out.box[at] = shoot_scene(canvas, some, keys[mine], drawing.tables, wing)
+            drawn, _, box = shoot_scene(canvas, some, keys[mine], drawing.tables, wing)
+            out.note(at, drawn, box)
         if kind != policy.STAMP:
             work, _ = policy.costs(some, some.electrons.sum(axis=1), load_numbers().cost)
-            out.ms[at] = 1000 * (time.process_time() - start) * work / work.sum()
-        out.method[at], out.error[at] = policy.METHODS[kind], choice.error[mine]
-    out.miss(rows[(out.drawn[rows] == 0) & _misses(canvas.window, scene, objects["wing"][rows])])
+            np.add.at(out.ms, at, 1000 * (time.process_time() - start) * work / work.sum())
+    out.name_methods(of_row, policy.METHODS[choice.method], electrons)
+    main = scene if scene.parent is None else scene.take(np.arange(len(rows)))
+    out.miss(rows[(out.drawn[rows] == 0) & _misses(canvas.window, main, objects["wing"][rows])])
     return out.table()
 
 

@@ -34,6 +34,7 @@ SIZE_MIN = 1e-5  # arcsec, half-light radius: a smaller galaxy is a point
 _ANGLES = np.arange(8) * np.pi / 16  # from a galaxy's short axis
 _K2_FIRST, _R2_FIRST = first_of(K2_LOW), first_of(R2_LOW)
 _NONE = np.zeros(len(nodes(K2_LOW, K2_HIGH))), np.zeros(len(nodes(R2_LOW, R2_HIGH)))
+_ONES = np.ones((2, len(_NONE[0])))
 _SIZES = np.array([*range(48, 128, 16), *range(128, 256, 32), *range(256, 512, 64), *range(512, 1281, 128)])
 
 
@@ -60,7 +61,7 @@ def plan_galaxies(scene, reach, box, rows):
     there exp(-b rho^(1/n)) has the relative curvature b / n rho^(1/n - 2) over the squared short half-light radius.
     The PSF's wings blur by the curvature of the split itself.
     """
-    there = (scene.light > 0) & rows[:, None]
+    there = (scene.light > 0) & rows[:, None] & (scene.sersic[:, :, 0] > 0)
     n, b, size = np.moveaxis(np.where(there[..., None], scene.sersic, 1.0), -1, 0)
     size = np.maximum(size, SIZE_MIN)
     wide = np.hypot(scene.matrix[:, :, 0], scene.matrix[:, :, 1]).max(axis=1)[:, None] * size  # px
@@ -87,6 +88,9 @@ def plan_galaxies(scene, reach, box, rows):
         cut[i, c] = cut_for(n[i, c], radius[i, c])
         ends[i, c] = extent(n[i, c]) if cut[i, c] > CUT_NONE else 0.0
     end = (np.minimum(cut, ends) * wide).max(axis=1, where=there, initial=0.0)
+    if scene.spots is not None:
+        grown = np.linalg.norm(scene.matrix, ord=2, axis=(1, 2))
+        end = np.where(scene.spot >= 0, grown * scene.spots.extent[scene.spot], end)
     half = np.minimum(reach, np.ceil(end + box)).astype(int)
     wanted = np.maximum(half + np.maximum(box, end + box / 4) + 1, 2 * half + 2)
     sizes = _SIZES[np.minimum(np.searchsorted(_SIZES, wanted), len(_SIZES) - 1)]
@@ -102,7 +106,10 @@ def galaxy_stamp(stamper, i, share, bounds, many=False):
     mixer, scene, plan, reach, core = stamper.mixer, stamper.scene, stamper.plan, stamper.reach[i], stamper.core
     node, light, sersic, matrix = scene.node[i], scene.light[i], scene.sersic[i], scene.matrix[i]
     x, y, cut, half, size = scene.x[i], scene.y[i], plan.cut[i], plan.half[i], int(plan.size[i])
+    spots = -1 if scene.spots is None else scene.spot[i]
     inner, outer = _component_tables(*(key for c in range(2) for key in (sersic[c, 0] * (light[c] > 0), cut[c])))
+    if spots >= 0:  # their transform is part of the mixture: what the components' tables multiply is 1
+        inner = _ONES
     frequency = _cutoff(sersic, light, matrix, inner, mixer.envelope(node, share))
     last = min(int(frequency * size) + 1, size)
     x0, x1, y0, y1 = (0, 0, 0, 0) if bounds is None else bounds
@@ -113,6 +120,8 @@ def galaxy_stamp(stamper, i, share, bounds, many=False):
     else:
         cells = mixer.mixed_cells(node, share)
         mixture = transform(cells if core is None else cells * core, size, mixer.per_pixel, last)
+    if spots >= 0:
+        mixture *= scene.spots.transform(spots, matrix, size, last)
     folded = _convolved(mixture, sersic, light, matrix, inner, x - first_x, y - first_y, size)
     image = scipy.fft.irfft2(folded, s=(size, size), overwrite_x=True)[: 2 * half + 1, : 2 * half + 1]
     whole = image.sum(dtype=np.float64)

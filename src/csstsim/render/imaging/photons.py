@@ -25,6 +25,7 @@ from csstsim.render.photon_positions import (
     from_psf,
     from_wing,
     pick,
+    profiles_of,
     tail_table,
 )  # fmt: skip
 
@@ -56,20 +57,21 @@ def shoot_scene(canvas, scene, keys, table, wing=None):
     n = len(scene)
     on_window, outside_box, box = np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros((n, 4), np.int64)
     order = np.lexsort((scene.x, np.floor(scene.y / _STRIP), scene.node[:, 0])) if n else np.zeros(0, np.int64)
-    floats = (scene.matrix, scene.light, scene.sersic, scene.electrons)
+    profile, shapes = profiles_of(scene)
+    floats = (scene.matrix, scene.light, profile, scene.electrons)
     objects = scene.x - window.x0, scene.y - window.y0, *(np.ascontiguousarray(a, np.float64) for a in floats)
     objects += np.ascontiguousarray(scene.node), np.ascontiguousarray(scene.weight), keys
     psf = table.words.reshape(-1), table.share, table.bits, table.cells, table.per_pixel
     tail = np.empty(0) if wing is None else tail_table(wing, table.cells / table.per_pixel / 2)
-    _shoot((counted, response, float(maximum)), objects, psf, tail, (on_window, outside_box, box), order)
+    _shoot((counted, response, float(maximum)), objects, shapes, psf, tail, (on_window, outside_box, box), order)
     box[on_window > 0] += canvas.corner
     return on_window, outside_box, box
 
 
 @numba.njit(cache=True)
-def _shoot(image, objects, psf, tail, results, order):
+def _shoot(image, objects, shapes, psf, tail, results, order):
     counted, _, maximum = image
-    x, y, matrix, light, sersic, electrons, index, weight, keys = objects
+    x, y, matrix, light, profile, electrons, index, weight, keys = objects
     share, sides = psf[1], psf[2]
     on_window, _, box = results
     work = np.empty(_BATCH, np.int64), np.empty(_BATCH), np.empty(_BATCH)
@@ -80,7 +82,7 @@ def _shoot(image, objects, psf, tail, results, order):
         bands, nodes = cumulative(electrons[i], sums[:4]), cumulative(weight[i], sums[4:])
         for c in range(2):
             mean = maximum * light[i, c] * bands[3]
-            place = x[i], y[i], matrix[i], sersic[i, c], i
+            place = x[i], y[i], matrix[i], profile[i, c], shapes, i
             if not mean > 0:
                 continue
             if mean < _MANY:
@@ -124,12 +126,11 @@ def _choose(number, bands, nodes, index, share, sides, key, counter, work):
 @numba.njit(cache=True)
 def _draw(count, place, image, psf, results, work, key, counter):
     """Draw and count the electrons whose tables are listed in `work`; return the counter."""
-    x, y, matrix, sersic, i = place
+    x, y, matrix, profile, shapes, i = place
     first, px, py = work
     from_psf(count, psf, first, px, py, key, counter)
     after = counter + _TWO * np.uint64(count)
-    if sersic[0] > 0:
-        after = from_profile(count, matrix, sersic, px, py, key, after)
+    after = from_profile(count, matrix, profile, shapes, px, py, key, after)
     _count(count, x, y, px, py, image, results, i, key, counter)
     return after
 
@@ -137,15 +138,14 @@ def _draw(count, place, image, psf, results, work, key, counter):
 @numba.njit(cache=True)
 def _draw_beyond(number, place, image, psf, tail, results, work, key, counter):
     """Draw electrons from the wing beyond the PSF's box, and add their number to `results`; return the counter."""
-    x, y, matrix, sersic, i = place
+    x, y, matrix, profile, shapes, i = place
     _, px, py = work
     results[1][i] += number
     half = 0.5 * psf[3] / psf[4]
     while number > 0 and tail.size > 0:
         count = min(number, _BATCH)
         after = from_wing(count, tail, half, px, py, key, counter + _TWO * np.uint64(count))
-        if sersic[0] > 0:
-            after = from_profile(count, matrix, sersic, px, py, key, after)
+        after = from_profile(count, matrix, profile, shapes, px, py, key, after)
         _count(count, x, y, px, py, image, results, i, key, counter)
         counter = after
         number -= count

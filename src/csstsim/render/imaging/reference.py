@@ -1,7 +1,7 @@
 """The reference renderer: GalSim, one object at a time, as the paper describes (sections 4.1, 5.3).
 
-Each object is its profile (bulge n = 4 + disk n = 1, or a point) convolved with the PSF interpolated to
-its position, in four sub-bands. Differences from the paper (by design):
+Each object is its profile (disk and bulge, or a point) convolved with the PSF interpolated to its position, in four
+sub-bands. Differences from the paper (by design):
 - r_e is the half-light radius, so GalSim's own DeVaucouleurs and Exponential are used;
 - both components share one SED, so the four sub-band PSFs are summed by flux weight before the one
   convolution: the same image as four draws added, by linearity;
@@ -29,7 +29,7 @@ from csstsim.optics.psf.psf_file import pixel_response
 from csstsim.profiles.sersic import BULGE, DISK
 from csstsim.render.canvas import Canvas, around
 from csstsim.render.drawn_table import DrawnTable
-from csstsim.render.extended import parts_of
+from csstsim.render.extended import parts_at
 from csstsim.render.scene import make_scene
 from csstsim.render.wings import Held, Wings, add_ghosts, box_on_window, box_share
 
@@ -60,8 +60,9 @@ def draw_objects(canvas, objects, drawing):
     flux = np.stack([objects[f"flux{i}"] for i in range(4)], axis=1) * drawing.exptime
     out = DrawnTable(objects, flux.sum(axis=1))
     scene = make_scene(objects.take(out.rows), drawing.wcs, psf, drawing.exptime)
-    galaxies = Galaxies(objects.take(out.rows), drawing.wcs)
-    out.flag_optics(scene.outside, wing)
+    galaxies = Galaxies(objects.take(out.rows), drawing.wcs, scene)
+    out.flag_optics(scene.outside[: len(out.rows)], wing)
+    of_row = out.rows if scene.parent is None else out.rows[scene.parent]
     out.snr[:] = out.error[:] = np.nan
     half = psf.image.shape[-1] / 2 / psf.oversampling
     least = 0 if drawing.scattered is None else math.ceil(half)  # a stamp holds all of the box
@@ -71,10 +72,13 @@ def draw_objects(canvas, objects, drawing):
     image = galsim.ImageD(np.zeros(window.shape), xmin=window.x0, ymin=window.y0)
     plane = Canvas(image.array, window, canvas.response)
     wings = Wings(plane, wing, half)
-    for k, i in enumerate(progress(out.rows, "drawing objects")):
+    for k, i in enumerate(progress(of_row, "drawing objects")):
         start = time.process_time()
-        cells = _cells(psf, scene.node[k], scene.weight[k], flux[i]) * core
-        at, reach = (objects["x"][i], objects["y"][i]), min(max(int(objects["reach"][i]), least), REACH_FFT)
+        light = scene.electrons[k]
+        if not light.any():
+            continue
+        cells = _cells(psf, scene.node[k], scene.weight[k], light) * core
+        at, reach = (scene.x[k], scene.y[k]), min(max(int(objects["reach"][i]), least), REACH_FFT)
         stamp, flag = _draw(partial(galaxies.seen, k, cells, psf.oversampling), *at, reach)
         flag |= TRUNCATED_STAMP if objects["reach"][i] > REACH_FFT else 0
         seen, parts = galsim.BoundsI() if flag & TOO_LARGE else stamp.bounds & image.bounds, []
@@ -87,17 +91,18 @@ def draw_objects(canvas, objects, drawing):
             shown = box_on_window(window, *at, wing_px[i]) if wing_px[i] > 0 else None
             parts += [(0.0, shown)] if shown else []
             if ghosts is not None:
-                parts += add_ghosts(plane, drawing.wcs.chip, at, out.electrons[i], ghosts)
-            out.drawn[i] = sum(light for light, _ in parts)
+                parts += add_ghosts(plane, drawing.wcs.chip, at, light.sum(), ghosts)
+            out.drawn[i] += sum(electrons for electrons, _ in parts)
             if parts and drawing.scattered is not None:
                 held, near = Held(cells.sum(), stamp.array.sum(), reach), max(float(wing_px[i]), NEAR)
-                shape = parts_of(scene.light[k], scene.sersic[k], scene.matrix[k])
-                out.drawn[i] += wings.add(at, flux[i], held, wing_px[i], shape, near)
-        out.flags[i] |= flag | (0 if parts or flag & TOO_LARGE else OFF_CHIP)
+                out.drawn[i] += wings.add(at, light, held, wing_px[i], parts_at(scene, k), near)
+        missed = not (parts or flag & TOO_LARGE) and k < len(out.rows)
+        out.flags[i] |= flag | (OFF_CHIP if missed else 0)
         if parts:
-            out.box[i] = around([bounds for _, bounds in parts])
+            before = [tuple(out.box[i])] if out.box[i, 1] > 0 else []
+            out.box[i] = around([*before, *(bounds for _, bounds in parts)])
             out.method[i] = "reference"
-        out.ms[i] = 1000 * (time.process_time() - start)
+        out.ms[i] += 1000 * (time.process_time() - start)
     wings.lay()
     canvas.expected += plane.expected.astype(np.float32)
     return out.table()
@@ -135,13 +140,15 @@ def convolved(parts, folding=None):
 
 
 class Galaxies:
-    """Profiles of the objects of an ObjectTable in pixels: intrinsic shape, lensing and local WCS as matrices."""
+    """Profiles of the rows of a Scene in pixels: intrinsic shape, lensing and local WCS as matrices."""
 
-    def __init__(self, objects, wcs):
+    def __init__(self, objects, wcs, scene):
+        """objects: the ObjectTable of which the Scene was made; disks and bulges are made of its columns."""
         # Shapes refer to east and north at the catalogue position. Aberration does not rotate them, but near a pole
         # east at the apparent position, up to 26" away, is another direction.
         self._jacobian = wcs.jacobian(objects["ra_orig"], objects["dec_orig"], seen=(objects["ra"], objects["dec"]))
-        self._objects, self._parts, self._extended = objects, components(objects), objects["obj_type"] == GALAXY
+        self._objects, self._parts, self._scene = objects, components(objects), scene
+        self._extended = (objects["obj_type"] == GALAXY)[slice(None) if scene.parent is None else scene.parent]
 
     def seen(self, i, cells, oversampling, folding=None):
         """Return the GSObject of object i, pixel response included; `cells` (n, n) is its PSF in electrons.
@@ -155,20 +162,39 @@ class Galaxies:
         """Return the GSObject of galaxy i without the PSF, of light 1; None for a point."""
         if not self._extended[i]:
             return None
+        if self._scene.spots is not None and self._scene.spot[i] >= 0:
+            return _spots(self._scene, i)
         names = "e1", "e2", "lost", "kappa", "gamma1", "gamma2"
         e1, e2, lost, kappa, gamma1, gamma2 = (float(self._objects[name][i]) for name in names)
         parts = []
-        for light, index, size in self._parts:
+        for light, (_, index, size) in zip(self._scene.light.T, self._parts, strict=True):
             if light[i] > 0:
                 budget = folding or min(max(lost / light[i], FOLDING_MIN), FOLDING_MAX)
                 gsparams = galsim.GSParams(**GSPARAMS, folding_threshold=budget)
                 how = {"half_light_radius": max(size[i], SIZE_MIN), "flux": light[i], "gsparams": gsparams}
-                kind = {DISK: galsim.Exponential, BULGE: galsim.DeVaucouleurs}.get(index)
-                parts.append(kind(**how) if kind else galsim.Sersic(index, **how))
+                n = float(index[i]) if np.ndim(index) else index
+                kind = {DISK: galsim.Exponential, BULGE: galsim.DeVaucouleurs}.get(n)
+                parts.append(kind(**how) if kind else galsim.Sersic(n, **how))
         profile = parts[0] if len(parts) == 1 else galsim.Add(parts, propagate_gsparams=False)
         mu = 1.0 / ((1 - kappa) ** 2 - gamma1**2 - gamma2**2)
         profile = profile.shear(g1=e1, g2=e2).lens(gamma1 / (1 - kappa), gamma2 / (1 - kappa), mu)
         return profile.transform(*self._jacobian[i].ravel())
+
+
+def _spots(scene, i):
+    """Return the GSObject, light 1, of knots or an image: points, or a lattice of boxes convolved with two more."""
+    image, gsparams = scene.spots.image(scene.spot[i]), galsim.GSParams(**GSPARAMS)
+    if image is None:
+        points = zip(*scene.spots.group(scene.spot[i]), strict=True)
+        profile = galsim.Sum([galsim.DeltaFunction(flux=light).shift(u, v) for u, v, light in points])
+    else:
+        boxes = galsim.InterpolatedImage(
+            galsim.ImageD(np.ascontiguousarray(image)), scale=1.0, x_interpolant="nearest", normalization="flux",
+            gsparams=gsparams,
+        )  # fmt: skip
+        pixel = galsim.Pixel(1.0, gsparams=gsparams)
+        profile = galsim.Convolve([boxes, pixel, pixel], gsparams=gsparams, propagate_gsparams=False)
+    return profile.transform(*scene.matrix[i].ravel())
 
 
 def _draw(profile, x, y, reach):

@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from csstsim.render.extended import POINT, parts_of
+from csstsim.render.extended import POINT, parts_at
 from csstsim.render.imaging.galaxy_stamp import Plan, galaxy_stamp, plan_galaxies
 from csstsim.render.imaging.point_stamp import point_stamp
 from csstsim.render.psf_mixture import Mixer
@@ -55,5 +55,4 @@ class Stamper:
 
     def parts(self, i):
         """Return the render.extended.Parts of object i."""
-        scene = self.scene
-        return parts_of(scene.light[i], scene.sersic[i], scene.matrix[i]) if self.plan.size[i] else POINT
+        return parts_at(self.scene, i) if self.plan.size[i] else POINT

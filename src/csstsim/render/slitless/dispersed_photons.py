@@ -25,6 +25,7 @@ from csstsim.render.photon_positions import (
     from_psf,
     from_wing,
     pick,
+    profiles_of,
     tail_table,
 )
 
@@ -56,7 +57,8 @@ def shoot_spectra(canvas, scene, traces, keys, table, wing=None):
     rates = disperser.rates
     total = rates.sum(axis=1)
     shares = (np.cumsum(rates, axis=1) / np.where(total > 0, total, 1.0)[:, None]).astype(np.float32)
-    floats = (scene.matrix, scene.light, scene.sersic, scene.weight)
+    profile, shapes = profiles_of(scene)
+    floats = (scene.matrix, scene.light, profile, scene.weight)
     objects = scene.x - window.x0, scene.y - window.y0, *(np.ascontiguousarray(a, np.float64) for a in floats)
     objects += (np.ascontiguousarray(scene.node),)
     psf = table.words.reshape(-1), table.share, table.bits, table.cells, table.per_pixel
@@ -65,7 +67,7 @@ def shoot_spectra(canvas, scene, traces, keys, table, wing=None):
     light = np.ascontiguousarray(spectra, np.float64), total, shares.transpose(0, 2, 1).copy()
     image = canvas.counted, contiguous(canvas.response), float(canvas.maximum)
     optics = *_wavelengths(disperser), lines, sides
-    _shoot(image, objects, light, optics, np.ascontiguousarray(visits), keys, psf, tail, (drawn, box))
+    _shoot(image, objects, shapes, light, optics, np.ascontiguousarray(visits), keys, psf, tail, (drawn, box))
     box[drawn > 0] += canvas.corner
     return drawn, box
 
@@ -87,9 +89,9 @@ def _wavelengths(disperser):
 
 
 @numba.njit(cache=True)
-def _shoot(image, objects, light, optics, visits, keys, psf, tail, results):
+def _shoot(image, objects, shapes, light, optics, visits, keys, psf, tail, results):
     maximum = image[2]
-    x, y, matrix, parts, sersic, weight, index = objects
+    x, y, matrix, parts, profile, weight, index = objects
     spectra, total, shares = light
     between, first, step, lines, sides = optics
     drawn, box = results
@@ -110,7 +112,7 @@ def _shoot(image, objects, light, optics, visits, keys, psf, tail, results):
             nodes = cumulative(weight[i], sums)
             draw = running, guide[: entries + 1], shares[piece], between, first, step, nodes, index[i], lines[v]
             for c in range(2):
-                place = x[i], y[i], matrix[i], sersic[i, c], v, sides[piece], cut == 1
+                place = x[i], y[i], matrix[i], profile[i, c], shapes, v, sides[piece], cut == 1
                 mean = maximum * parts[i, c]
                 if mean * running[bins] > _DENSE * bins:
                     counter = _by_bins(mean, draw, place, image, psf, tail, work, results, key, counter)
@@ -232,7 +234,7 @@ def _assign(b, near, far, draw, psf, work, key, counter):
 @numba.njit(cache=True)
 def _land(near, number, place, image, psf, tail, work, results, key, counter):
     """Draw the positions of electrons, from `near` on in the wing, and count them; return the counter."""
-    x, y, matrix, sersic, v, side, cut = place
+    x, y, matrix, profile, shapes, v, side, cut = place
     first, order, px, py, shift_x, shift_y = work
     for part in range(2):
         begin, end = (0, near) if part == 0 else (near, number)
@@ -246,8 +248,7 @@ def _land(near, number, place, image, psf, tail, work, results, key, counter):
             from_psf(count, psf, first, ax, ay, key, keep)
         else:
             counter = from_wing(count, tail, 0.5 * psf[3] / psf[4], ax, ay, key, counter)
-        if sersic[0] > 0:
-            counter = from_profile(count, matrix, sersic, ax, ay, key, counter)
+        counter = from_profile(count, matrix, profile, shapes, ax, ay, key, counter)
         if cut:
             for j in range(count):
                 u, w = x + ax[j], y + ay[j]

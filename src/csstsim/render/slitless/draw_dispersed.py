@@ -18,6 +18,7 @@ from csstsim.catalog.table import ObjectTable
 from csstsim.render import policy
 from csstsim.render.drawn_table import DrawnTable
 from csstsim.render.imaging.draw import object_keys_of
+from csstsim.render.parts import part_keys
 from csstsim.render.scene import make_scene
 from csstsim.render.slitless.dispersed_photons import shoot_spectra
 from csstsim.render.slitless.slabs import draw_spectra
@@ -44,7 +45,8 @@ def draw_dispersed(canvas, objects, spectra, disperser, drawing):
     choice = policy.choose_dispersed(scene, drawing, disperser, canvas.maximum)
     if (choice.method == policy.PHOTONS).any():
         canvas.count()
-    own = _visit_keys(object_keys_of(drawing.key, scene.ids), visits)
+    keys = part_keys(object_keys_of(drawing.key, scene.ids[: work.count]), scene)
+    own = _visit_keys(keys, visits)
     for kind, optics, chunk in progress(_chunks(scene, choice, disperser), "spectra"):
         at, some = _visits_of(chunk, visits, len(scene))
         light = _light(work, choice, chunk, spectra, optics, policy.PHOTONS_MAX if kind == policy.PHOTONS else _MOST)
@@ -87,6 +89,8 @@ def _light(work, choice, chunk, spectra, optics, most):
     Bad: negative, not finite, or of more than `most` electrons, although the fluxes at selection were smaller.
     """
     light = spectra(work.rows[chunk], optics.edges)
+    if work.scene.share is not None:
+        light = light * work.scene.share[chunk, None]
     bad = np.flatnonzero(_bad(light, work.exptime, optics.rates.sum(axis=1).max(axis=0), most))
     work.out.flags[work.rows[chunk[bad]]] |= BAD_VALUE
     choice.method[chunk[bad]] = policy.NONE
@@ -118,14 +122,18 @@ def _bad(light, exptime, rates, most):
 
 
 class Work:
-    """The objects to draw: their rows, Scene and visits to the grating's pieces; and the results of the visits."""
+    """The objects to draw: their Scene, its rows in the table, its visits to the grating's pieces, results."""
 
     def __init__(self, objects, disperser, drawing):
         self.disperser, self.exptime = disperser, drawing.exptime
         self.out = DrawnTable(objects, np.sum([objects[f"flux{i}"] for i in range(4)], axis=0) * drawing.exptime)
         self.rows, wing = self.out.rows, drawing.wing
+        count = len(self.rows)
         scene = make_scene(objects.take(self.rows), drawing.wcs, drawing.psf, drawing.exptime)
-        self.out.flag_optics(scene.outside, wing)
+        self.out.flag_optics(scene.outside[:count], wing)
+        if scene.parent is not None:
+            self.rows = self.rows[scene.parent]
+        self.count = count
         self.scene = replace(scene, wing=scene.wing * np.float64(wing is not None))
         self.visits = disperser.visits(scene.x, scene.y, np.maximum(scene.reach, self.scene.wing))
         self.result = _Result(self.visits, disperser)
@@ -182,13 +190,14 @@ def tables_of(work, choice, window, slabs="slabs"):
     out, rows, scene, visits, result = work.out, work.rows, work.scene, work.visits, work.result
     count, at = len(out.drawn), rows[visits[:, 0]]
     np.add.at(out.drawn, at, result.drawn.sum(axis=1))
-    out.electrons = np.zeros(count)
     # Each of two visits has all the light of an object at the line between the pieces, so take the larger
-    np.maximum.at(out.electrons, at, result.electrons.sum(axis=1))
+    of_piece = np.zeros((2, count))
+    np.add.at(of_piece, (visits[:, 1], at), result.electrons.sum(axis=1))
+    out.electrons = of_piece.max(axis=0)
     np.add.at(out.ms, at, result.ms)
-    out.error[rows], out.snr[rows] = choice.error, choice.snr
-    drawn_as = choice.method == policy.STAMP
-    out.method[rows] = np.where(drawn_as, slabs, policy.METHODS[choice.method])
+    drawn_as, electrons = choice.method == policy.STAMP, scene.electrons.sum(axis=1)
+    out.judge(rows, choice, electrons)
+    out.name_methods(rows, np.where(drawn_as, slabs, policy.METHODS[choice.method]), electrons)
     out.note_sides(rows[drawn_as], scene.reach[drawn_as], scene.wing[drawn_as])
     lit = result.box[..., 1] > 0
     low, high = np.full((count, 2), np.iinfo(np.int32).max), np.zeros((count, 2), np.int64)
@@ -199,7 +208,30 @@ def tables_of(work, choice, window, slabs="slabs"):
     low[high[:, 0] == 0] = 0
     out.box[:, ::2], out.box[:, 1::2] = low, high
     out.miss((out.drawn == 0) & (out.method == slabs))
+    if scene.parent is not None:
+        work.visits, work.result = _of_objects(work)
+        at = rows[work.visits[:, 0]]
     return out.table(), _orders(work, at, window)
+
+
+def _of_objects(work):
+    """Return (visits, _Result) of the objects, each with what was drawn of its parts: an object's order is one row."""
+    visits, result, scene = work.visits, work.result, work.scene
+    mine = np.flatnonzero(visits[:, 0] < work.count)
+    place = np.full((work.count, 2), -1)
+    place[visits[mine, 0], visits[mine, 1]] = np.arange(len(mine))
+    to = place[scene.parent[visits[:, 0]], visits[:, 1]]
+    told = to >= 0  # a tile may visit a piece that the middle of its image does not
+    merged = _Result(visits[mine], work.disperser)
+    for total, part in ((merged.electrons, result.electrons), (merged.drawn, result.drawn), (merged.ms, result.ms)):
+        np.add.at(total, to[told], part[told])
+    low, high = np.full((*merged.drawn.shape, 2), np.iinfo(np.int32).max), np.zeros((*merged.drawn.shape, 2), np.int64)
+    box = np.where(result.box[..., 1:2] > 0, result.box, [np.iinfo(np.int32).max, 0, np.iinfo(np.int32).max, 0])
+    np.minimum.at(low, to[told], box[told][..., ::2])
+    np.maximum.at(high, to[told], box[told][..., 1::2])
+    low[high[..., 0] == 0] = 0
+    merged.box[..., ::2], merged.box[..., 1::2] = low, high
+    return visits[mine], merged
 
 
 def _orders(work, at, window):

@@ -48,10 +48,11 @@ def draw_objects(canvas, objects, spectra, disperser, drawing):
     renderer does not compute them.
     """
     work = Work(objects, disperser, drawing)
-    part, scene, result, wing, psf = objects.take(work.rows), work.scene, work.result, drawing.wing, drawing.psf
+    scene, result, wing, psf = work.scene, work.result, drawing.wing, drawing.psf
+    part = objects.take(work.rows[: work.count])
     work.out.flags[work.rows[scene.reach > REACH_FFT]] |= TRUNCATED_STAMP
     stamper = Stamper.of(drawing.mixer, replace(scene, reach=np.minimum(scene.reach, REACH_FFT)), drawing.scattered)
-    galaxies, reach, half = Galaxies(part, drawing.wcs), stamper.reach, drawing.mixer.half
+    galaxies, reach, half = Galaxies(part, drawing.wcs, scene), stamper.reach, drawing.mixer.half
     plane = Canvas(np.zeros(canvas.window.shape), canvas.window, canvas.response)
     wings = Wings(plane, wing, half)
     lines = disperser.lines(work.visits, scene.x, scene.y)
@@ -59,6 +60,7 @@ def draw_objects(canvas, objects, spectra, disperser, drawing):
         start = time.process_time()
         i, piece, cut = work.visits[v].tolist()
         light = spectra(work.rows[i : i + 1], disperser.edges) * drawing.exptime
+        light = light if scene.share is None else light * scene.share[i]
         traces = Traces(light, np.array([[0, piece, cut]]), disperser)
         result.nominal(np.array([v]), traces.visits, light, disperser.rates)
         nodes = sum(w * psf.node(n) for n, w in zip(scene.node[i], scene.weight[i], strict=True))
@@ -80,8 +82,8 @@ def draw_objects(canvas, objects, spectra, disperser, drawing):
         result.ms[v] = 1000 * (time.process_time() - start)
     wings.lay()
     canvas.expected += plane.expected.astype(np.float32)
-    unknown = np.full(len(part), np.nan, np.float32)
-    choice = policy.Choice(np.full(len(part), policy.STAMP, np.int8), unknown, unknown)
+    unknown = np.full(len(scene), np.nan, np.float32)
+    choice = policy.Choice(np.full(len(scene), policy.STAMP, np.int8), unknown, unknown)
     return tables_of(work, choice, canvas.window, "reference")
 
 

@@ -18,7 +18,7 @@ import numba
 import numpy as np
 
 from csstsim.catalog.flags import FFT_REDUCED, OUTSIDE_PSF_HULL
-from csstsim.profiles.sersic import BULGE
+from csstsim.profiles.sersic import BULGE, DISK
 from csstsim.render.canvas import around
 from csstsim.render.imaging.stamper import Stamper
 from csstsim.render.psf_mixture import mixer_of
@@ -113,9 +113,12 @@ def densities(scene, per_px):
     along x (the dispersion) through the centre.
     """
     chord = np.abs(np.linalg.det(scene.matrix)) / np.hypot(scene.matrix[:, 1, 0], scene.matrix[:, 1, 1])
-    wanted = np.where(scene.sersic[:, :, 0] == BULGE, _SLABS[1], _SLABS[0])
+    steep = np.maximum((scene.sersic[:, :, 0] - DISK) / (BULGE - DISK), 0.0)  # linear in the index, as the error model
+    wanted = _SLABS[0] + (_SLABS[1] - _SLABS[0]) * steep
     wanted = wanted / np.maximum(chord[:, None] * scene.sersic[:, :, 2], 1e-3)
     most = np.broadcast_to(per_px, len(scene))
+    if scene.spots is not None:  # as sharp as points
+        wanted = np.where(scene.spot[:, None] >= 0, most[:, None], wanted)
     mean = (scene.light * np.clip(wanted, 1, most[:, None])).sum(axis=1)
     return np.clip(2 ** np.round(np.log2(mean)), 1, most).astype(int)
 

@@ -1,0 +1,135 @@
+"""Images of galaxies given by a user: files read and checked, and how their pixels lie on the sky.
+
+A file is FITS (the first image in it, or `name.fits[EXTENSION]`) or HDF5 (`name.h5[DATASET]`). A pixel holds the light
+that falls on it, in any unit: an object's light comes from its magnitudes. The middle of the image is the object's
+place. Without a WCS in its header, north is up and east left, turned by `image_pa` from north through east.
+"""
+
+import re
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from csstsim.base.errors import InputError
+from csstsim.base.files.fits_headers import check_headers
+
+LARGEST = 1 << 24  # pixels
+NEGATIVE = 0.05  # of the light: the most in negative pixels, which are drawn dark
+_KEPT = 256
+_PLACE = re.compile(r"(.*\.(?:fits|fit|fits\.gz|h5|hdf5))(?:\[([^\[\]]+)\])?", re.IGNORECASE)
+_HALF = 0.5  # of the light, for the half-light radius
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """Pixels (rows, columns) float64 of total 1 and none negative, and where they lie."""
+
+    pixels: np.ndarray
+    sky: np.ndarray | None  # (2, 2) arcsec: east, north of a step of one column, one row; None: the file does not say
+    negative: float  # share of the light that was in negative pixels
+
+    @property
+    def radius(self):
+        """The distance of the corners from the middle [pixel]."""
+        return 0.5 * float(np.hypot(*self.pixels.shape))
+
+    @property
+    def half_light(self):
+        """The radius about the middle that holds half of the light [pixel]."""
+        rows, columns = ((np.arange(n) - (n - 1) / 2) for n in self.pixels.shape)
+        r = np.hypot(rows[:, None], columns).ravel()
+        order = np.argsort(r, kind="stable")
+        light = np.cumsum(self.pixels.ravel()[order])
+        return float(max(r[order][np.searchsorted(light, _HALF * light[-1])], 0.5))
+
+
+def sky_of(picture, scale, angle):
+    """Return (2, 2) arcsec, as Picture.sky, for a scale [arcsec per pixel] and an angle [deg]; scale 0: of the file."""
+    if not scale > 0:
+        turn = np.radians(angle)
+        return np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]) @ picture.sky
+    sin, cos = np.sin(np.radians(angle)), np.cos(np.radians(angle))
+    return scale * np.array([[-cos, sin], [sin, cos]])
+
+
+@lru_cache(_KEPT)
+def read_picture(name):
+    """Return the Picture of a file. Raises InputError for one that is missing, damaged or not an image."""
+    found = _PLACE.fullmatch(str(name))
+    if not found:
+        allowed = "a file .fits or .h5, with [extension] or [dataset] if it holds more than one image"
+        raise InputError("not an image's file", key="image_file", value=str(name), allowed=allowed)
+    path, part = Path(found[1]), found[2]
+    if not path.is_file():
+        raise InputError("no such file", file=path, key="image_file")
+    fits = ".fit" in path.name.lower()
+    values, sky = (_read_fits if fits else _read_hdf5)(path, part)
+    return _checked(np.asarray(values), sky, name)
+
+
+def _read_fits(path, part):
+    from astropy.io import fits
+
+    check_headers(path)
+    try:
+        with fits.open(path, memmap=False) as file:
+            where = part if part is None or not part.isdigit() else int(part)
+            hdus = [h for h in file if h.is_image and h.header["NAXIS"] > 0] if part is None else [file[where]]
+            if not hdus or not hdus[0].is_image:
+                raise InputError("holds no image", file=path, key="image_file", value=part or "")
+            return hdus[0].data, _sky(hdus[0].header)
+    except InputError:
+        raise
+    except Exception as exc:  # astropy raises exceptions of many types
+        raise InputError(f"not an image that can be read: {str(exc).splitlines()[0]}", file=path, value=part) from None
+
+
+def _sky(header):
+    """Return (2, 2) arcsec of a header's celestial WCS, or None."""
+    from astropy.wcs import WCS
+
+    if "CTYPE1" not in header:
+        return None
+    wcs = WCS(header, naxis=2)
+    return wcs.pixel_scale_matrix * 3600.0 if wcs.has_celestial else None
+
+
+def _read_hdf5(path, part):
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            names = [part] if part else [name for name in file if isinstance(file[name], h5py.Dataset)]
+            if len(names) != 1 or names[0] not in file or not isinstance(file[names[0]], h5py.Dataset):
+                raise InputError(
+                    "say which dataset: name.h5[DATASET]", file=path, key="image_file", value=part or names
+                )
+            if file[names[0]].size > LARGEST:
+                return np.empty(file[names[0]].shape[:0]), None
+            return file[names[0]][()], None
+    except (OSError, ValueError, RuntimeError) as exc:
+        raise InputError(f"not an image that can be read: {str(exc).splitlines()[0]}", file=path, value=part) from None
+
+
+def _checked(values, sky, name):
+    """Return the Picture of pixel values."""
+    if values.ndim != 2 or values.dtype.kind not in "iuf" or not 0 < values.size <= LARGEST:
+        allowed = f"two axes of numbers, up to {LARGEST} pixels"
+        raise InputError(
+            "not an image", file=name, key="image_file", value=f"{values.dtype} {values.shape}", allowed=allowed
+        )
+    pixels = values.astype(np.float64)
+    bad = np.argwhere(~np.isfinite(pixels))
+    if len(bad):
+        where = f"row {bad[0, 0]}, column {bad[0, 1]} (from 0)"
+        raise InputError(f"{len(bad)} pixels are not numbers", file=name, key="image_file", value=where)
+    light, below = np.maximum(pixels, 0).sum(), -np.minimum(pixels, 0).sum()
+    if not light > 0 or not np.isfinite(light):
+        raise InputError("has no light", file=name, key="image_file")
+    if below > NEGATIVE * light:
+        value = f"{below / light:.1%} of the light"
+        allowed = f"at most {NEGATIVE:.0%}: subtract the background, and mask other objects"
+        raise InputError("too much light in negative pixels", file=name, key="image_file", value=value, allowed=allowed)
+    return Picture(np.maximum(pixels, 0) / light, sky, float(below / light))

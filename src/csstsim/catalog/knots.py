@@ -1,0 +1,65 @@
+"""Knots of galaxies: points of equal light, placed at random in the profile of the disk.
+
+Places are in the circle that ellipticity and lensing turn into the galaxy. They depend on the galaxy's id, its Sersic
+index and the number of its knots alone, so that each exposure of each campaign sees the same knots. They lie within the
+radius that holds KNOTS_WITHIN of the disk's light.
+"""
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from csstsim.base.counter import high, object_keys, word
+from csstsim.catalog.components import KNOTS_WITHIN, has_knots
+from csstsim.profiles.sersic import DISK
+from csstsim.profiles.sersic_photons import ring, rings_for
+
+_STREAM = np.uint64(0x6B6E6F74735F3031)  # the word "knots_01": of no other random number
+_BEYOND = np.uint64(int((1 - KNOTS_WITHIN) * 2**32))
+_LOW31, _OUTER = np.uint64(0x7FFFFFFF), np.uint64(0x80000000)
+_ONE = np.uint64(1)
+
+
+class Knots(NamedTuple):
+    """The knots of the objects `rows` (m,) of a table: their share of the light, numbers, places and disk's size.
+
+    share, counts, size (m,); u, v (sum of counts,): arcsec in the galaxy's circle; size: arcsec.
+    """
+
+    rows: np.ndarray
+    share: np.ndarray
+    counts: np.ndarray
+    u: np.ndarray
+    v: np.ndarray
+    size: np.ndarray
+
+
+def knots_of(table):
+    """Return the Knots of an ObjectTable."""
+    rows = np.flatnonzero(has_knots(table))
+    if not len(rows):
+        return Knots(rows, *(np.zeros(0) for _ in range(5)))
+    some = table.take(rows)
+    counts, size = some["knots"].astype(np.int64), some["size_disk"].astype(float)
+    index = some["n_disk"].astype(float) if "n_disk" in some else np.full(len(rows), DISK)
+    rings, which, share = rings_for(index)
+    u, v = np.empty(counts.sum()), np.empty(counts.sum())
+    _place(u, v, counts, size, object_keys(_STREAM, some["id"].astype(np.int64)), rings, which, share)
+    return Knots(rows, some["knots_frac"].astype(float), counts, u, v, size)
+
+
+@numba.njit(cache=True)
+def _place(u, v, counts, size, keys, rings, which, share):
+    k = 0
+    for i in range(len(counts)):
+        counter = np.uint64(0)
+        for _ in range(counts[i]):
+            bits = word(keys[i], counter)
+            while bits & _OUTER and (bits & _LOW31) < _BEYOND:  # the lower bits count the light from the outside
+                counter += _ONE
+                bits = word(keys[i], counter)
+            counter += _ONE
+            r, angle = size[i] * ring(rings, which[i], share[i], bits), 2 * np.pi * high(bits)
+            u[k], v[k] = r * np.cos(angle), r * np.sin(angle)
+            k += 1

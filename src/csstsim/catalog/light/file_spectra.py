@@ -1,0 +1,76 @@
+"""Spectra from files, for rows of a table: the shape is the file's, the light that of the row's one magnitude.
+
+A file is .csv, .ecsv or .fits with WAVELENGTH [angstrom, rising] and FLUX [photon / s / m2 / angstrom, or a unit that
+converts], as observed. Between samples it is linear, beyond its ends dark.
+"""
+
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from csstsim.base.errors import InputError
+from csstsim.base.files.fits_headers import check_headers
+from csstsim.catalog.light.photometry import ab_mag, bin_means
+from csstsim.instrument.filter import GRID
+
+FORMATS = {".csv": "ascii.csv", ".ecsv": "ascii.ecsv", ".fits": "fits"}
+_KEPT = 64
+
+
+@lru_cache(_KEPT)
+def read_spectrum(path):
+    """Return (18001,) photon / s / m2 / angstrom of a file on the paper's grid. Raises InputError."""
+    from astropy.table import Table
+
+    from csstsim.catalog.base import read_columns
+
+    path = Path(path)
+    if path.suffix.lower() not in FORMATS:
+        raise InputError("unknown kind of spectrum", file=path, key="spectrum_file", allowed=", ".join(FORMATS))
+    if not path.is_file():
+        raise InputError("no such file", file=path, key="spectrum_file")
+    form = FORMATS[path.suffix.lower()]
+    if form == "fits":
+        check_headers(path)
+    try:
+        table = Table.read(path, format=form)
+    except Exception as exc:  # astropy's readers raise exceptions of many types
+        raise InputError(f"not a table that can be read: {str(exc).splitlines()[0]}", file=path) from None
+    wave, flux = read_columns(table, "FLUX", str(path))
+    if not np.isfinite(flux).all() or (flux < 0).any():
+        raise InputError("holds values that are negative or not finite", file=path, key="FLUX")
+    shape = np.interp(GRID, wave, flux, left=0.0, right=0.0)
+    if not shape.any():
+        allowed = f"light within {GRID[0]:g}-{GRID[-1]:g} angstrom"
+        raise InputError("gives no light", file=path, key="FLUX", allowed=allowed)
+    return shape
+
+
+class FileSpectra:
+    """The spectra of n rows: names (n,) of files, and AB magnitudes (n, bands), of which one is known, in `filters`."""
+
+    def __init__(self, names, mags, filters):
+        files, self._file = np.unique(np.asarray(names, str), return_inverse=True)
+        self._shapes = np.array([read_spectrum(name) for name in files]).reshape(-1, len(GRID))
+        band = np.argmax(np.isfinite(mags), axis=1)
+        own = np.full((len(files), len(filters)), np.nan)
+        for f, b in set(zip(self._file.tolist(), band.tolist(), strict=True)):
+            own[f, b] = ab_mag(self._shapes[f], GRID, filters[b].at(GRID))
+        rows = np.arange(len(band))
+        with np.errstate(over="ignore", invalid="ignore"):  # dark in its band: NaN, which is flagged
+            self._scale = 10 ** (0.4 * (own[self._file, band] - np.asarray(mags, float)[rows, band]))
+
+    def spectra(self, rows):
+        """Return (len(rows), 18001) photon / s / m2 / angstrom."""
+        return self._shapes[self._file[rows]] * self._scale[rows, None]
+
+    def rates(self, rows, weights):
+        """Return (len(rows), len(weights)): sums of the spectra times weights (m, 18001)."""
+        return np.einsum("fw,mw->fm", self._shapes, weights)[self._file[rows]] * self._scale[rows, None]
+
+    def bins(self, rows, edges):
+        """Return (len(rows), len(edges) - 1): means over bins of `edges`, samples of the grid."""
+        at = np.searchsorted(GRID, edges)
+        means = bin_means(self._shapes[:, at[0] : at[-1] + 1], at - at[0])
+        return means[self._file[rows]] * self._scale[rows, None]

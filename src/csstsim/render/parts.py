@@ -1,0 +1,163 @@
+"""Objects of several parts: rows added to a Scene for knots, and for images and the tiles of large ones.
+
+A row of a Scene has one place, one matrix and one share of its object's light. The first rows are the objects, in their
+order, as they are without parts. Knots are a row of their own. An image takes its object's row; if it covers many
+pixels it is cut in tiles, each with the PSF of its own place and a transform of moderate size.
+"""
+
+from dataclasses import replace
+
+import numba
+import numpy as np
+
+from csstsim.base.counter import word
+from csstsim.catalog.components import has_image
+from csstsim.catalog.images import read_picture, sky_of
+from csstsim.catalog.knots import knots_of
+from csstsim.catalog.selection.reach import POINT_MAX, POINT_MIN
+from csstsim.render.spots import Spots, image_coefficients
+
+TILE_PX = 384.0  # pixels of the chip: the longest side of an image, or of a tile of one
+_PART = np.uint64(1) << np.uint64(40)  # a word of the keys of parts: beyond those of twins (render.imaging.draw)
+
+
+def with_parts(scene, objects, psf, lens):
+    """Return the Scene of objects with the rows of their knots and images; the same Scene if there are none.
+
+    objects: the ObjectTable of which `scene` has one row each; lens(rows) -> (m, 2, 2) pixel per arcsec of the sky
+    before lensing.
+    """
+    knots, pictured = knots_of(objects), np.flatnonzero(has_image(objects))
+    if not len(knots.rows) and not len(pictured):
+        return scene
+    n = len(scene)
+    images, tiles = _tiles(objects, pictured, lens)
+    spots = Spots(knots.counts, knots.u, knots.v, images)
+    share, light = np.ones(n), scene.light.copy()
+    share[knots.rows] = 1.0 - knots.share
+    light[knots.rows, 0] = np.maximum(light[knots.rows, 0] - knots.share, 0.0)  # the disk's light includes them
+    total = light[knots.rows].sum(axis=1, keepdims=True)
+    light[knots.rows] = np.where(total > 0, light[knots.rows] / np.where(total > 0, total, 1.0), [1.0, 0.0])
+    main = replace(scene, light=light, parent=np.arange(n), share=share, spot=np.full(n, -1), spots=spots)
+    rows = [main, _knot_rows(main, knots)]
+    if tiles:
+        made, first = _tile_rows(main, tiles, len(knots.rows), psf), np.array([tile.first for tile in tiles])
+        rows[0] = _replaced(main, made.take(np.flatnonzero(first)))
+        rows.append(made.take(np.flatnonzero(~first)))
+    whole = _joined(rows)
+    return replace(whole, electrons=whole.share[:, None] * scene.electrons[whole.parent])
+
+
+def _replaced(main, made):
+    """Return the Scene `main` with the rows of `made` in place of those of their objects."""
+    columns = {name: values.copy() for name, values in vars(main).items() if isinstance(values, np.ndarray)}
+    for name, values in columns.items():
+        values[made.parent] = getattr(made, name)
+    return replace(main, **columns)
+
+
+def part_keys(keys, scene):
+    """Return the keys of a Scene's rows from those of its objects: parts have others."""
+    if scene.parent is None or len(scene) == len(keys):
+        return keys
+    parent = scene.parent[len(keys) :]
+    return np.concatenate([keys, _other_keys(keys, parent)])
+
+
+@numba.njit(cache=True)
+def _other_keys(keys, parent):
+    """Return a key for each of the parts, from its object's and the number of the object's parts before it."""
+    before, out = np.zeros(len(keys), np.uint64), np.empty(len(parent), np.uint64)
+    for i in range(len(parent)):
+        p = parent[i]
+        out[i] = word(~keys[p], _PART + before[p])
+        before[p] += np.uint64(1)
+    return out
+
+
+def _knot_rows(main, knots):
+    """Return the rows of objects' knots."""
+    made = main.take(knots.rows)
+    made.light[:] = 1.0, 0.0
+    made.sersic[:] = 0.0
+    made.sersic[:, 0, 2] = knots.size  # for the pixels that they cover
+    return replace(made, share=knots.share, spot=np.arange(len(knots.rows)))
+
+
+class _Tile:
+    """A part of an object's image: its row, share, group of spots, place [px] from the object, matrix and size."""
+
+    def __init__(self, row, share, group, at, matrix, size, first):
+        self.row, self.share, self.group, self.at = row, share, group, at
+        self.matrix, self.size, self.first = matrix, size, first
+
+
+def _tiles(objects, rows, lens):
+    """Return (images, tiles): coefficients of all tiles of images, and the _Tiles of the objects `rows`."""
+    if not len(rows):
+        return [], []
+    names, skies = objects["image_file"][rows], []
+    scales, angles = (
+        objects[name][rows] if name in objects else np.zeros(len(rows)) for name in ("image_scale", "image_pa")
+    )
+    for name, scale, angle in zip(names, scales, angles, strict=True):
+        skies.append(sky_of(read_picture(name), scale, angle))
+    matrices = lens(rows) @ np.array(skies)
+    steps = np.linalg.norm(matrices, axis=1)  # px per column, per row
+    images, cut, tiles = [], {}, []
+    for name in dict.fromkeys(names.tolist()):
+        picture, largest = read_picture(name), steps[names == name].max(axis=0)
+        cut[name] = list(_cut(image_coefficients(picture.pixels), largest, len(images)))
+        images += [image for *_, image in cut[name]]
+    for row, name, matrix in zip(rows, names.tolist(), matrices, strict=True):
+        for i, (group, share, middle, image) in enumerate(cut[name]):
+            size = read_picture(name).half_light if len(cut[name]) == 1 else 0.35 * min(image.shape)
+            tiles.append(_Tile(row, share, group, matrix @ middle, matrix, size, i == 0))
+    return images, tiles
+
+
+def _cut(coefficients, steps, first):
+    """Yield (group, share of the light, middle (column, row) from that of the image, coefficients) of each tile."""
+    sides = [max(int(np.ceil(n * step / TILE_PX)), 1) for n, step in zip(coefficients.shape, steps[::-1], strict=True)]
+    edges = [np.linspace(0, n, k + 1).round().astype(int) for n, k in zip(coefficients.shape, sides, strict=True)]
+    for a, b in zip(edges[0][:-1], edges[0][1:], strict=True):
+        for c, d in zip(edges[1][:-1], edges[1][1:], strict=True):
+            tile = coefficients[a:b, c:d]
+            light = tile.sum()
+            if light > 0:
+                middle = np.array([c + d, a + b]) / 2 - np.array(coefficients.shape[::-1]) / 2
+                yield first, light, middle, tile / light
+                first += 1
+
+
+def _tile_rows(main, tiles, first, psf):
+    """Return the Scene of tiles; first: the group of the first image."""
+    made = main.take(np.array([tile.row for tile in tiles]))
+    made.light[:], made.sersic[:] = (1.0, 0.0), 0.0
+    made.sersic[:, 0, 2] = [tile.size for tile in tiles]
+    at, matrix = np.array([tile.at for tile in tiles]), np.array([tile.matrix for tile in tiles])
+    x, y = made.x + at[:, 0], made.y + at[:, 1]
+    node, weight, outside = psf.weights(x, y)
+    spot = first + np.array([tile.group for tile in tiles])
+    return replace(
+        made, x=x, y=y, matrix=matrix, node=node.astype(np.int64), weight=weight,
+        outside=outside, share=np.array([tile.share for tile in tiles]),
+        spot=spot, reach=None if made.reach is None else _reach_of(made.reach, at, main.spots.extent[spot], matrix),
+    )  # fmt: skip
+
+
+def _reach_of(reach, at, extent, matrix):
+    """Return the reach (n,) of tiles: their own extent, and what the objects' reach had in addition to all tiles."""
+    extent = extent * np.linalg.norm(matrix, ord=2, axis=(1, 2))
+    farthest = np.hypot(*at.T) + extent
+    blur = np.where(reach > farthest, reach - farthest, POINT_MAX)  # below: the object's reach was cut off
+    return np.minimum(reach, np.ceil(extent + np.clip(blur, POINT_MIN, POINT_MAX))).astype(reach.dtype)
+
+
+def _joined(scenes):
+    """Return the rows of several Scenes of the same spots."""
+    one = vars(scenes[0])
+    return replace(scenes[0], **{
+        name: np.concatenate([getattr(scene, name) for scene in scenes])
+        for name, values in one.items() if name != "spots" and values is not None
+    })  # fmt: skip

@@ -1,0 +1,94 @@
+"""Rows that are parts of another row's object: places under a lens, shares of light, and what is refused by row."""
+
+import numpy as np
+import pytest
+from astropy import units as u
+from astropy.coordinates import SkyCoord
+from csst import BANDS
+
+from csstsim.base.errors import InputError
+from csstsim.catalog.base import Region
+from csstsim.catalog.own_table import TableCatalog
+
+REGION = Region((10.0, 11.0, 11.0, 10.0), (0.0, 0.0, 1.0, 1.0), (0,), BANDS)
+BLANK = np.nan
+MAS = 1e-3  # arcsec
+
+
+def load(**columns):
+    """Return the table of a galaxy, id 3, and a part of it, id 4; columns: of both."""
+    base = {
+        "id": [3, 4], "ra": [10.0, BLANK], "dec": [60.0, BLANK], "mag_r": [20.0, BLANK], "mag_i": [19.5, BLANK],
+        "type": ["galaxy", "galaxy"], "size": [0.5, 0.1], "part_of": [BLANK, 3], "offset_ra": [BLANK, 0.4],
+        "offset_dec": [BLANK, -0.3], "part_share": [BLANK, 0.25], "z": [0.7, BLANK],
+    }  # fmt: skip
+    return TableCatalog({"columns": base | columns}, REGION).table
+
+
+def test_a_part_has_its_share_of_the_light_and_the_object_the_rest():
+    table = load()
+    for band in ("r", "i"):
+        light = 10 ** (-0.4 * table[f"mag_{band}"].astype(float))
+        whole = 10 ** (-0.4 * {"r": 20.0, "i": 19.5}[band])
+        assert light / whole == pytest.approx([0.75, 0.25], rel=1e-5)
+    assert np.isnan(table["mag_g"]).all()
+    assert table["part_of"].tolist() == [-1, 3] and table["z"] == pytest.approx([0.7, 0.7])
+    assert not {"offset_ra", "user_offset_ra", "part_share", "user_part_share"} & set(table)
+
+
+@pytest.mark.parametrize("dec", [-89.9, -30.0, 0.0, 60.0, 89.99])
+@pytest.mark.parametrize("ra", [0.0, 123.0, 359.99995])
+def test_a_part_stands_at_its_offset(ra, dec):
+    """Against astropy's offsets on the sphere, across RA 0 and by the poles."""
+    table = load(ra=[ra, BLANK], dec=[dec, BLANK])
+    centre, part = (SkyCoord(table["ra"][k], table["dec"][k], unit="deg") for k in (0, 1))
+    wanted = centre.directional_offset_by(np.arctan2(0.4, -0.3) * u.rad, 0.5 * u.arcsec)
+    assert part.separation(wanted).arcsec < MAS
+
+
+def test_a_lens_moves_the_part_as_it_stretches_the_galaxy():
+    """beta = A theta: the offset in the table is that of the source."""
+    table = load(kappa=[0.1, BLANK], gamma1=[0.05, BLANK], gamma2=[-0.08, BLANK])
+    east, north = (table["ra"][1] - 10.0) * 3600 * np.cos(np.radians(60)), (table["dec"][1] - 60.0) * 3600
+    mapping = np.array([[1 - 0.1 - 0.05, 0.08], [0.08, 1 - 0.1 + 0.05]])
+    assert mapping @ [east, north] == pytest.approx([0.4, -0.3], abs=MAS)
+    assert table["kappa"] == pytest.approx([0.1, 0.1]) and table["gamma2"] == pytest.approx([-0.08, -0.08])
+
+
+def test_a_part_may_have_a_place_and_light_of_its_own():
+    table = load(ra=[10.0, 10.001], dec=[60.0, 60.001], mag_r=[20.0, 23.0], part_share=[BLANK, BLANK], z=[0.7, 0.71])
+    assert table["ra"][1] == 10.001 and table["mag_r"].tolist() == [20.0, 23.0]
+    assert table["z"][1] == np.float32(0.71) and np.isnan(table["mag_i"][1])
+
+
+def test_all_of_the_light_may_be_in_parts():
+    table = load(part_share=[BLANK, 1.0])
+    assert table["mag_r"][1] == 20.0 and table["mag_r"][0] > 80
+
+
+@pytest.mark.parametrize("columns, message", [
+    ({"part_of": [BLANK, 9]}, "row 2, a part of object 9: there is no row of that id"),
+    ({"part_of": [4, 3]}, "row 1, a part of object 4: that row is a part itself"),
+    ({"type": ["star", "galaxy"]}, "row 2, a part of object 3: a star has no parts"),
+    ({"type": ["galaxy", "star"]}, "row 2, a part of object 3: a part is a galaxy, or as a point a quasar"),
+    ({"part_share": [BLANK, 1.2]}, "part_share: row 2, a part of object 3: is not above 0 and up to 1"),
+    ({"part_share": [BLANK, 0.0]}, "part_share: row 2"),
+    ({"mag_r": [20.0, 22.0]}, "mag_r: row 2, a part of object 3: has both a magnitude and part_share"),
+    ({"part_share": [BLANK, BLANK]}, "row 2 has no magnitude"),
+    ({"offset_ra": [BLANK, 4000.0]}, "offset_ra: row 2, a part of object 3: is not within 3600 arcsec"),
+    ({"n": [1.0, 9.0]}, "row 2 cannot be drawn: a galaxy whose n_disk"),
+])  # fmt: skip
+def test_a_wrong_part_is_refused_by_row(columns, message):
+    with pytest.raises(InputError, match=message):
+        load(**columns)
+
+
+def test_shares_above_the_whole_are_refused():
+    columns = {name: [*values, values[1]] for name, values in {
+        "id": [3, 4], "ra": [10.0, BLANK], "dec": [60.0, BLANK], "mag_r": [20.0, BLANK], "mag_i": [19.5, BLANK],
+        "type": ["galaxy", "galaxy"], "size": [0.5, 0.1], "part_of": [BLANK, 3], "offset_ra": [BLANK, 0.4],
+        "offset_dec": [BLANK, -0.3], "part_share": [BLANK, 0.6], "z": [0.7, BLANK],
+    }.items()}  # fmt: skip
+    columns["id"] = [3, 4, 5]
+    with pytest.raises(InputError, match="row 2, a part of object 3: the shares of its object's parts exceed 1"):
+        TableCatalog({"columns": columns}, REGION)

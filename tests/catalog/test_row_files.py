@@ -1,0 +1,211 @@
+"""Images and spectra that rows of a table name: what they give, and the error by row for each that cannot be used."""
+
+import h5py
+import numpy as np
+import pytest
+from astropy.io import fits
+from astropy.table import Table
+from astropy.wcs import WCS
+from csst import BANDS
+
+from csstsim.base.errors import InputError
+from csstsim.catalog.base import CatalogBase, Region
+from csstsim.catalog.images import NEGATIVE, read_picture, sky_of
+from csstsim.catalog.light.photometry import ab_mag, subband_weights
+from csstsim.catalog.mock_object import MockObject
+from csstsim.catalog.own_table import TableCatalog
+from csstsim.instrument.filter import GRID
+
+REGION = Region((10.0, 11.0, 11.0, 10.0), (0.0, 0.0, 1.0, 1.0), (0,), BANDS)
+MAG = 1e-4
+
+
+def gaussian(side=41, sigma=4.0):
+    axis = np.arange(side) - (side - 1) / 2
+    return np.exp(-0.5 * (axis**2 + axis[:, None] ** 2) / sigma**2)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    fits.writeto(tmp_path / "g.fits", gaussian())
+    with h5py.File(tmp_path / "two.h5", "w") as file:
+        file["a"], file["c"], file["deep/b"] = gaussian(), gaussian(5), gaussian(21)
+    wave = np.array([4000.0, 4990.0, 5000.0, 5010.0, 9000.0])
+    Table({"WAVELENGTH": wave, "FLUX": [1.0, 1.0, 9.0, 1.0, 2.0]}).write(tmp_path / "line.csv")
+    return tmp_path
+
+
+def catalog(folder, **columns):
+    base = {"ra": [10.0, 10.1], "dec": [0.1, 0.2], "mag_r": [20.0, 21.0], "type": ["galaxy"] * 2, "size": [0.5, 0.4]}
+    Table(base | columns).write(folder / "t.ecsv", overwrite=True)
+    return TableCatalog({"file": str(folder / "t.ecsv")}, REGION)
+
+
+def test_an_image_gives_its_galaxy_a_size(folder):
+    table = catalog(folder, image_file=["g.fits", ""], image_scale=[0.05, np.nan]).table
+    assert table["image_file"].tolist() == [str(folder / "g.fits"), ""]
+    assert table["image_radius"] == pytest.approx([0.05 * 41 / np.sqrt(2), 0.0])
+    assert table["size_disk"] == pytest.approx(
+        [0.05 * 4 * np.sqrt(2 * np.log(2)), 0.4], rel=0.07
+    )  # to a ring of pixels
+
+
+def test_north_is_up_and_east_left_unless_the_header_says_otherwise(folder):
+    picture = read_picture(str(folder / "g.fits"))
+    assert sky_of(picture, 0.1, 0.0) == pytest.approx(np.array([[-0.1, 0.0], [0.0, 0.1]]))
+    up = sky_of(picture, 0.1, 90.0) @ [0.0, 1.0]  # turned from north through east: up is east
+    assert up == pytest.approx([0.1, 0.0], abs=1e-9)
+    wcs = WCS(naxis=2)
+    wcs.wcs.ctype, wcs.wcs.crval = ["RA---TAN", "DEC--TAN"], [150.0, 2.0]
+    wcs.wcs.cd = np.array([[0.04, 0.01], [0.01, -0.04]]) / 3600
+    fits.writeto(folder / "w.fits", gaussian(), wcs.to_header())
+    assert sky_of(read_picture(str(folder / "w.fits")), 0.0, 0.0) == pytest.approx(
+        np.array([[0.04, 0.01], [0.01, -0.04]])
+    )
+
+
+def test_parts_of_files(folder):
+    assert read_picture(f"{folder}/two.h5[deep/b]").pixels.shape == (21, 21)
+    hdus = [fits.PrimaryHDU(), fits.ImageHDU(gaussian(5), name="A"), fits.ImageHDU(gaussian(7), name="B")]
+    fits.HDUList(hdus).writeto(folder / "many.fits")
+    assert read_picture(f"{folder}/many.fits").pixels.shape == (5, 5)
+    assert read_picture(f"{folder}/many.fits[B]").pixels.shape == (7, 7)
+    assert read_picture(f"{folder}/many.fits[2]").pixels.shape == (7, 7)
+
+
+def test_little_negative_light_is_drawn_dark(folder):
+    pixels = gaussian()
+    pixels[0, 0] = -0.9 * NEGATIVE * pixels.sum()
+    fits.writeto(folder / "n.fits", pixels)
+    picture = read_picture(str(folder / "n.fits"))
+    assert picture.pixels.min() == 0 and picture.pixels.sum() == pytest.approx(1.0)
+    assert 0.8 * NEGATIVE < picture.negative < NEGATIVE
+
+
+def wrong(folder, name):
+    """Write an image that cannot be drawn; return its name."""
+    pixels = gaussian(9, 2.0)
+    if name == "nan.fits":
+        pixels[3, 5] = np.nan
+    elif name == "below.fits":
+        pixels[0, 0] = -10.0
+    elif name == "dark.fits":
+        pixels[:] = 0.0
+    elif name == "cube.fits":
+        pixels = np.ones((2, 3, 3))
+    elif name == "text.fits":
+        (folder / name).write_text("no image")
+        return name
+    fits.writeto(folder / name, pixels)
+    return name
+
+
+@pytest.mark.parametrize("name, message", [
+    ("nan.fits", r"row 2: .*nan.fits: image_file: 1 pixels are not numbers \(got 'row 3, column 5"),
+    ("below.fits", r"row 2: .*below.fits: image_file: too much light in negative pixels \(got '\d+.\d% of the light'"),
+    ("dark.fits", r"row 2: .*dark.fits: image_file: has no light"),
+    ("cube.fits", r"row 2: .*cube.fits: image_file: not an image \(got '.* \(2, 3, 3\)'"),
+    ("text.fits", r"row 2: .*text.fits.*: not an image that can be read"),
+])  # fmt: skip
+def test_a_wrong_image_is_refused_by_row(folder, name, message):
+    with pytest.raises(InputError, match=message):
+        catalog(folder, image_file=["", wrong(folder, name)], image_scale=[0.05, 0.05])
+
+
+@pytest.mark.parametrize("columns, message", [
+    ({"image_file": ["", "none.fits"]}, "row 2: .*none.fits: image_file: no such file"),
+    ({"image_file": ["", "g.jpg"]}, "row 2: image_file: not an image's file"),
+    ({"image_file": ["", "g.fits"]}, "image_scale: row 2: the image has no WCS, so its scale is needed"),
+    ({"image_file": ["", "g.fits"], "image_scale": [0, -0.1]}, "image_scale: row 2"),
+    ({"image_file": ["", "two.h5"], "image_scale": [0, 0.1]}, r"row 2: .*say which dataset: name.h5\[DATASET\]"),
+    ({"image_file": ["", "two.h5[x]"], "image_scale": [0, 0.1]}, "row 2: .*say which dataset"),
+    ({"image_file": ["", "g.fits[4]"], "image_scale": [0, 0.1]}, "row 2: .*not an image that can be read"),
+    ({"image_file": ["g.fits", ""], "image_scale": [1, 1], "type": ["star"] * 2}, "row 1: only a galaxy has an image"),
+    ({"image_file": [3.0, 4.0]}, "image_file: must be names of files"),
+    ({"image_file": ["g.fits", ""], "image_scale": [1, 1], "bulge_frac": [0.2, 0]}, "row 1 cannot be drawn: a"),
+    ({"knots": [5, 5], "knots_frac": [0.5, 1.5]}, "row 2 cannot be drawn: a galaxy whose knots_frac and bulge_frac"),
+    ({"knots": [5, 0], "knots_frac": [0.5, 0.5]}, "row 2 cannot be drawn: a galaxy with knots_frac but no knots"),
+    ({"knots": [20_000, 0]}, "row 1 cannot be drawn: a galaxy of more than 10000 knots"),
+    ({"spectrum_file": ["", "line.csv"], "mag_i": [20.0, 20.0]}, "spectrum_file: row 2: a spectrum from a file"),
+    ({"spectrum_file": ["", "no.csv"]}, "row 2: .*no.csv: spectrum_file: no such file"),
+    ({"spectrum_file": ["", "g.txt"]}, "row 2: .*unknown kind of spectrum"),
+])  # fmt: skip
+def test_a_wrong_row_is_refused(folder, columns, message):
+    with pytest.raises(InputError, match=message):
+        catalog(folder, **columns)
+
+
+def test_knots_alone_are_all_of_the_disk(folder):
+    table = catalog(folder, knots=[5, 0], bulge_frac=[0.25, 0.25]).table
+    assert table["knots_frac"] == pytest.approx([0.75, 0.0]) and table["knots"].dtype == np.int32
+
+
+@pytest.mark.parametrize("flux", [[1.0, -1.0], [1.0, np.nan], [0.0, 0.0]])
+def test_a_wrong_spectrum_is_refused(folder, flux):
+    Table({"WAVELENGTH": [3000.0, 9000.0], "FLUX": flux}).write(folder / "bad.csv")
+    with pytest.raises(InputError, match=r"row 1: .*bad.csv: FLUX: "):
+        catalog(folder, spectrum_file=["bad.csv", ""])
+
+
+def test_a_spectrum_from_a_file_has_its_row_s_magnitude_and_its_lines(folder, camera):
+    """By trapezoids over the file's own samples; rates, means of bins and samples are one light."""
+    mine = catalog(folder, spectrum_file=["line.csv", ""])
+    rows, band = np.array([1, 0, 0]), camera.filters["r"]
+    seds = mine.load_seds(rows)
+    assert [ab_mag(sed, GRID, band.at(GRID)) for sed in seds] == pytest.approx([21.0, 20.0, 20.0], abs=MAG)
+    peak = np.searchsorted(GRID, 5000.0)
+    assert seds[1][peak] / seds[1][peak - 200] == pytest.approx(9.0) and not seds[1][GRID > 9000.5].any()
+    weights = subband_weights(band, camera.telescope)
+    assert mine.load_fluxes(rows, band, camera.telescope) == pytest.approx(seds @ weights.T, rel=1e-4)
+    edges = GRID[3000:9000:40]
+    assert mine.load_binned(rows, edges)[1:] == pytest.approx(
+        np.array(
+            [[sed[a : a + 41].sum() - 0.5 * (sed[a] + sed[a + 40]) for a in range(3000, 8960, 40)] for sed in seds[1:]]
+        )
+        / 40,
+        rel=1e-9,
+    )
+    assert mine.load_sed(mine.objs[0])["FLUX"] == pytest.approx(seds[1])
+
+
+class Pictured(CatalogBase):
+    def __init__(self, options, region):
+        super().__init__(options, region)
+        self._load()
+
+    def _load(self):
+        place = {"type": "galaxy", "ra": 10.0, "dec": 0.1}
+        self.objs = [
+            MockObject(id=1, **place, image_file=self.options["file"], image_scale=0.05),
+            MockObject(id=2, **place, size_disk=0.3, knots=4, knots_frac=0.5, part_of=1),
+        ]
+
+    def load_sed(self, obj):
+        raise NotImplementedError
+
+
+def test_a_class_may_name_images_too(folder):
+    table = Pictured({"file": str(folder / "g.fits")}, REGION).table
+    assert table["image_radius"] == pytest.approx([0.05 * 41 / np.sqrt(2), 0.0])
+    assert table["size_disk"][1] == np.float32(0.3) and table["part_of"].tolist() == [-1, 1]
+    assert table["knots"].tolist() == [0, 4]
+    with pytest.raises(InputError, match=r"Pictured: row 1: .*no.fits: image_file: no such file"):
+        _ = Pictured({"file": str(folder / "no.fits")}, REGION).table
+
+
+def test_what_a_table_names_belongs_to_its_campaign(folder):
+    """Its files are among those whose content decides, and a changed image is another sky, wherever it lies."""
+    columns = {"image_file": ["g.fits", "two.h5[a]"], "image_scale": [0.1, 0.1], "spectrum_file": ["line.csv", ""]}
+    mine = catalog(folder, **columns)
+    named = {str(folder / name) for name in ("t.ecsv", "g.fits", "two.h5", "line.csv")}
+    assert set(TableCatalog.files({"file": str(folder / "t.ecsv")})) == named
+    (folder / "there").mkdir()
+    for name in ("g.fits", "two.h5", "line.csv"):
+        (folder / "there" / name).write_bytes((folder / name).read_bytes())
+    assert catalog(folder / "there", **columns).truth_hash == mine.truth_hash
+    (folder / "other").mkdir()
+    for name in ("two.h5", "line.csv"):
+        (folder / "other" / name).write_bytes((folder / name).read_bytes())
+    fits.writeto(folder / "other" / "g.fits", gaussian(41, 4.5))
+    assert catalog(folder / "other", **columns).truth_hash != mine.truth_hash
+    assert TableCatalog.files({"file": str(folder / "g.fits")}) == (str(folder / "g.fits"),)

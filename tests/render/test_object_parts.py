@@ -1,0 +1,191 @@
+"""Knots and images: photons, stamps and reference against each other, and images against the profile they are of."""
+
+import galsim
+import numpy as np
+import pytest
+from astropy.io import fits
+from canvases import blank
+from test_reference import objects
+
+from csstsim.bench.imaging.measures import moments
+from csstsim.catalog.images import read_picture
+from csstsim.catalog.knots import knots_of
+from csstsim.catalog.table import GALAXY
+from csstsim.instrument.chip import Window
+from csstsim.optics.geometry.wcs import ChipWCS
+from csstsim.optics.scatter.scattered_light import Scattered
+from csstsim.render.drawing import Drawing
+from csstsim.render.imaging import draw, reference
+from csstsim.render.scene import make_scene
+
+SCALE, EXPTIME, HALF = 0.074, 100.0, 60
+X, Y = 4200, 5150
+FLUX, SIZE, SHAPE, CENTROID_PX, PIXEL = 1e-3, 1e-3, 1e-4, 0.001 / SCALE, 1e-3
+SIGMA = 5.0
+WINDOW = Window(X - HALF, X + HALF + 1, Y - HALF, Y + HALF + 1)
+LENSED = {"kappa": 0.05, "gamma1": 0.03, "gamma2": -0.04}
+
+
+@pytest.fixture(scope="module")
+def show(camera, make_pointing, psf_r, psf_tables):
+    """Return (light, table) of one galaxy drawn with a fidelity."""
+    wcs = ChipWCS(camera.chips[9], make_pointing(pa=30.0))
+
+    def made(fidelity, electrons=1e6, x=X + 0.3, y=Y - 0.2, window=WINDOW, reach=58, key=1, **columns):
+        columns = {name: np.atleast_1d(value) for name, value in columns.items()}
+        table = objects(wcs, x, y, GALAXY, reach, electrons / EXPTIME, **columns)
+        canvas = blank(window, float)
+        how = Scattered(), fidelity, 60.0, np.uint64(key), psf_tables
+        drawing = Drawing(wcs, psf_r, EXPTIME, *how)
+        drawn = (reference if fidelity == "reference" else draw).draw_objects(canvas, table, drawing)
+        light = canvas.expected if canvas.counted is None else canvas.expected + canvas.counted
+        return light / electrons, drawn
+
+    made.scene = lambda **columns: make_scene(
+        objects(wcs, X, Y, GALAXY, 58, 1.0, **{n: np.atleast_1d(v) for n, v in columns.items()}), wcs, psf_r, EXPTIME
+    )
+    return made
+
+
+def agree(got, wanted, pixel=PIXEL, sigma=6.0):
+    """Hold flux, centroid, shape and size^2 within the goals, and the worst pixel within `pixel` of the peak."""
+    one, other = moments(got, sigma).value, moments(wanted, sigma).value
+    assert one[0] == pytest.approx(other[0], rel=FLUX)
+    assert np.abs(one[1:3] - other[1:3]).max() < CENTROID_PX
+    assert one[5] == pytest.approx(other[5], rel=SIZE)
+    assert np.abs(one[3:5] - other[3:5]).max() < SHAPE
+    assert np.abs(got - wanted).max() < pixel * wanted.max()
+
+
+def as_light(counted, wanted, electrons, sigma=6.0):
+    """Hold the moments of counted electrons within SIGMA of their errors and the goals."""
+    one, other = moments(counted, sigma), moments(wanted, sigma)
+    goals = np.array([FLUX * other.value[0], CENTROID_PX, CENTROID_PX, SHAPE, SHAPE, SIZE * other.value[5]])
+    chance = other.spread / np.sqrt(electrons)
+    assert (np.abs(one.value - other.value) < SIGMA * chance + goals).all()
+
+
+KNOTS = {"size_disk": 0.4, "e1": 0.3, "e2": -0.2, "bulge_frac": 0.2, "size_bulge": 0.15, "knots": 20, "knots_frac": 0.5}
+
+
+@pytest.mark.parametrize("columns", [KNOTS, KNOTS | {"knots": 3, "knots_frac": 1.0, "bulge_frac": 0.0} | LENSED])
+def test_knots_are_the_same_light_in_all_fidelities(show, columns):
+    wanted, table = show("reference", **columns)
+    assert table["method"][0] == "reference"
+    stamps, table = show("noise_free", **columns)
+    agree(stamps, wanted)
+    assert table["method"][0] == "stamp" and len(table) == 1
+    assert stamps.sum() * 1e6 == pytest.approx(table["drawn"][0], rel=1e-5)
+    many_photons(show, wanted, **columns)
+
+
+def many_photons(show, wanted, electrons=3e4, times=40, **columns):
+    """Hold the sum of many exposures drawn as photons to the light wanted."""
+    total = 0.0
+    for key in range(1, times + 1):
+        photons, table = show("standard", electrons, key=key, **columns)
+        assert table["method"][0] == "photons"
+        total = total + photons / times
+    as_light(total, wanted, electrons * times)
+
+
+def test_knots_are_galsims_points(show, psf_r):
+    """Each knot a point of GalSim's at the place that its table says, turned by the matrix: pixel by pixel."""
+    columns = KNOTS | LENSED | {"knots": 7, "knots_frac": 1.0, "bulge_frac": 0.0}
+    scene = show.scene(**columns)
+    stamps, _ = show("noise_free", x=X, y=Y, **columns)
+    u, v, light = scene.spots.group(0)
+    wanted = 0.0
+    for place in (scene.matrix[0] @ np.stack([u, v])).T:
+        star = reference.point(psf_r.at(X, Y).mean(axis=0), psf_r.oversampling)
+        image = galsim.ImageD(2 * HALF + 1, 2 * HALF + 1)
+        star.drawImage(image, scale=1.0, method="no_pixel", offset=galsim.PositionD(*place))
+        wanted = wanted + image.array / len(u)
+    assert light == pytest.approx(1 / 7) and len(u) == 7
+    agree(stamps, wanted)
+
+
+def test_knots_lie_in_the_disks_profile(show):
+    """4000 of them: half within the half-light radius, none beyond 98% of the light, no direction preferred."""
+    table = show.scene  # the same function of a table as the renderers use
+    scene = table(size_disk=0.5, knots=4000, knots_frac=0.5, n_disk=1.5, id=7)
+    u, v, _ = scene.spots.group(0)
+    r = np.hypot(u, v) / 0.5
+    inside = (r < 1).mean()
+    assert inside == pytest.approx(0.5 / 0.98, abs=SIGMA * np.sqrt(0.25 / 4000))
+    from scipy.special import gammaincinv
+
+    last = (gammaincinv(3.0, 0.98) / gammaincinv(3.0, 0.5)) ** 1.5
+    assert 0.9 * last < r.max() <= last * (1 + 1e-3)
+    assert abs(u.mean()) + abs(v.mean()) < 2 * SIGMA * u.std() / np.sqrt(4000)
+
+
+def test_knots_belong_to_their_galaxy(show):
+    """The same in every exposure and among any others; other galaxies have others."""
+    one, two = ({"size_disk": 0.5, "knots": 9, "knots_frac": 0.5, "id": i} for i in (5, 6))
+    alone, other, again = (show.scene(**columns).spots for columns in (one, two, one))
+    assert np.array_equal(alone.u, again.u) and not np.isclose(alone.u, other.u).any()
+    both = knots_of(objects_of(show, id=[6, 5], size_disk=[0.5, 0.5], knots=[9, 9], knots_frac=[0.5, 0.2]))
+    assert np.array_equal(both.u[9:], alone.u) and np.array_equal(both.u[:9], other.u)
+
+
+def objects_of(show, **columns):
+    from csst import BANDS
+
+    from csstsim.catalog.table import ObjectTable
+
+    return ObjectTable.complete({"obj_type": GALAXY} | {k: np.asarray(v) for k, v in columns.items()}, BANDS)
+
+
+def sersic_file(path, n, size, scale, side, e1=0.0, e2=0.0):
+    """Write an image of a Sersic profile as GalSim integrates it over pixels; return the columns that draw it."""
+    profile = galsim.Sersic(n, half_light_radius=size).shear(g1=e1, g2=e2)
+    image = galsim.ImageD(side, side)
+    profile.drawImage(image, scale=scale, method="auto")
+    fits.writeto(path, image.array, overwrite=True)
+    picture = read_picture(str(path))
+    return {
+        "image_file": str(path), "image_scale": scale, "image_radius": picture.radius * scale, "size_disk": size,
+        "image_pa": 0.0,
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("n, size, scale, side", [(1.0, 0.25, 0.03, 241), (2.5, 0.15, 0.02, 501), (0.5, 0.3, 0.05, 60)])
+@pytest.mark.parametrize("lens", [{}, LENSED])
+def test_an_image_of_a_profile_is_the_profile(show, tmp_path, n, size, scale, side, lens):
+    """The image has columns to the west, so e1, which is along east, keeps its sign and e2 has the other one."""
+    columns = sersic_file(tmp_path / "s.fits", n, size, scale, side, 0.2, 0.1)
+    wanted, _ = show("noise_free", n_disk=n, size_disk=size, e1=0.2, e2=-0.1, **lens)
+    for fidelity in ("reference", "noise_free"):
+        got, table = show(fidelity, **columns | lens)
+        agree(got, wanted, 2e-3)
+        assert got.sum() * 1e6 == pytest.approx(table["drawn"][0], rel=1e-5)
+    many_photons(show, wanted, **columns | lens)
+
+
+@pytest.mark.parametrize("kind", ["knots", "image"])
+@pytest.mark.parametrize("axis", ["gamma1", "gamma2"])
+def test_shear_moves_second_moments_as_the_formula_says(show, tmp_path, kind, axis):
+    """Quadrupoles under +g and -g differ by those of the light without a PSF, which adds its own to both: within 1e-3.
+
+    The light's own, by its spots: the matrix acts on each; pixels of an image add the extent of their splines.
+    """
+    columns = {"size_disk": 0.3, "knots": 40, "knots_frac": 1.0, "n_disk": 0.5}
+    if kind == "image":
+        columns = sersic_file(tmp_path / "s.fits", 0.5, 0.3, 0.05, 60)
+    got, wanted = [], []
+    pixels = np.arange(2 * HALF + 1) - HALF
+    for g in (0.02, -0.02):
+        image, _ = show("noise_free", x=X, y=Y, **columns | {axis: g})
+        share = image / image.sum()
+        mx, my = share.sum(axis=0) @ pixels, share.sum(axis=1) @ pixels
+        got.append([share.sum(axis=0) @ (pixels - mx) ** 2 - share.sum(axis=1) @ (pixels - my) ** 2,
+                    2 * ((share @ (pixels - mx)) @ (pixels - my))])  # fmt: skip
+        scene = show.scene(**columns | {axis: g})
+        u, v, light = scene.spots.group(0)
+        place = scene.matrix[0] @ (np.stack([u, v]) - [[light @ u], [light @ v]])
+        q = np.einsum("k,ik,jk->ij", light, place, place)
+        q += 0.25 * scene.spots.blur[0] * scene.matrix[0] @ scene.matrix[0].T
+        wanted.append([q[0, 0] - q[1, 1], 2 * q[0, 1]])
+    difference, formula = np.subtract(*got), np.subtract(*wanted)
+    assert np.abs(difference - formula).max() < 1e-3 * np.abs(formula).max()
