@@ -13,6 +13,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.files.fits_headers import check_headers
 from csstsim.base.files.text_file import read_text
 from csstsim.base.help_page import explained
+from csstsim.catalog.changing import columns as changing
 from csstsim.catalog.misspelt import meant
 from csstsim.catalog.selection.drawable import STRONGLY_LENSED, reasons
 from csstsim.catalog.table import COLUMNS, GALAXY, STAR, TYPES, ObjectTable, columns_with
@@ -21,12 +22,13 @@ from csstsim.catalog.unsupported_shapes import check_shapes
 FORMATS = {".csv": "ascii.csv", ".ecsv": "ascii.ecsv", ".fits": "fits", ".parquet": "parquet"}
 LARGE = 200_000_000  # bytes of a text from which reading it takes minutes, and tens of times as much memory
 BRIGHTEST, FAINTEST = -3.0, 90.0  # mag; -99, -9.99, 99, 99.99 and the like stand for "not known" in many catalogues
-_KNOWN = {*COLUMNS, "type", "size"}
+_KNOWN = {*COLUMNS, *changing.COLUMNS, "type", "size"}
 # Names that users type: similar ones count as misspelt. Magnitudes are added.
-_TYPED = {"ra", "dec", "type", "size", "size_disk", "size_bulge", "bulge_frac", "e1", "e2"}
+_TYPED = {"ra", "dec", "type", "size", "size_disk", "size_bulge", "bulge_frac", "e1", "e2", *changing.COLUMNS}
 _UNITS = {
     **dict.fromkeys(("ra", "dec"), "deg"), **dict.fromkeys(("size", "size_disk", "size_bulge"), "arcsec"),
     **dict.fromkeys(("pmra", "pmdec"), "mas / yr"), "parallax": "mas", "rv": "km / s", "teff": "K", "av": "mag",
+    **changing.UNITS,
 }  # fmt: skip
 
 
@@ -188,7 +190,8 @@ def object_table(columns, bands, where):
     for name in set(columns) & {"e1", "e2", "bulge_frac", "z", "size_disk", "size_bulge", "kappa", "gamma1", "gamma2"}:
         if not np.isfinite(columns[name]).all():
             columns[name] = np.nan_to_num(columns[name], nan=COLUMNS[name][1])  # a blank cell gets the default
-    named = {name if name in known else f"user_{name}": values for name, values in columns.items()}
+    timed = changing.completed(columns, count)
+    named = {name if name in known else f"user_{name}": v for name, v in columns.items() if name not in timed} | timed
     try:
         table = ObjectTable.complete(named, bands, compact=True)
     except InputError as error:
@@ -218,7 +221,7 @@ def _check_columns(columns, magnitudes, where):
         needed = f"ra, dec and one of {', '.join(magnitudes)}"
         found = ", ".join(columns)
         raise InputError(f"a column is missing; needed: {needed}; found: {found}", file=where, key=missing)
-    for name in known & set(columns) - {"type"}:
+    for name in known & set(columns) - {"type", "light_curve"}:
         if columns[name].dtype.kind not in "iuf":
             word = next((str(v) for v in columns[name] if not _number(v)), str(columns[name][:1]))
             raise InputError("must be numbers", file=where, key=name, value=word)

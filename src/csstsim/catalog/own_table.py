@@ -9,8 +9,9 @@ galaxy). `ra`, `dec` and a magnitude in one of the camera's bands (mag_nuv ... m
 are smooth and reproduce all magnitudes given (catalog.light.colours); emission lines need a catalogue with `load_sed`
 (catalog.base). Cells may be blank; a row that cannot be drawn as given is refused (catalog.object_table). A galaxy's
 shape is drawn from `size`, `bulge_frac`, `e1` and `e2`; columns that describe it differently (`n`, `q`, `pa`, `re` and
-the like) are refused with the conversion formula (catalog.unsupported_shapes). Other columns are copied to the truth
-table as `user_<name>`.
+the like) are refused with the conversion formula (catalog.unsupported_shapes). An object may move or
+vary: columns rate_ra, rate_dec, rate_mjd, trail_width, var_period, var_amplitude, var_phase and light_curve
+(catalog.changing.columns). Other columns are copied to the truth table as `user_<name>`.
 """
 
 import hashlib
@@ -21,24 +22,26 @@ import numpy as np
 from csstsim.base.errors import InputError
 from csstsim.base.help_page import explained
 from csstsim.catalog.base import CatalogBase
+from csstsim.catalog.changing.light_curves import LightCurves, dimming
 from csstsim.catalog.light.photometry import subband_weights
 from csstsim.catalog.mock_object import MockObjects
 from csstsim.catalog.object_table import object_table, read_table
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID
 
-_OPTIONS = ("file", "columns", "instrument")
+_OPTIONS = ("file", "columns", "instrument", "light_curves")
 
 
 class TableCatalog(CatalogBase):
     """Objects of a table.
 
     options: `file` (.csv, .ecsv, .fits or .parquet; the last two for millions of rows), or `columns`, {name: list of
-    values}; `instrument`: the camera whose bands are meant, as in a campaign (default: the shipped one). Raises
+    values}; `instrument`: the camera whose bands are meant, as in a campaign (default: the shipped one);
+    `light_curves`: file of the curves that the column light_curve names (catalog.changing.light_curves). Raises
     InputError for a table that cannot be used.
     """
 
-    PATHS = ("file", "instrument")
+    PATHS = ("file", "instrument", "light_curves")
 
     @explained("table of objects")
     def __init__(self, options, region):
@@ -54,11 +57,25 @@ class TableCatalog(CatalogBase):
         columns = read_table(file) if file else self.options["columns"]
         self._table = object_table(columns, self._bands, file or "catalog.options.columns")
         self.objs = MockObjects(self._table)
+        curves = self.options.get("light_curves")
+        self._curves = LightCurves(read_table(curves), curves) if curves else None
+        names = self._table.get("light_curve", np.zeros(0, str))
+        if self._curves:
+            self._curves.check(names)
+        elif (names != "").any():
+            raise InputError(
+                "the table names light curves: the option that names their file is missing",
+                key="catalog.options.light_curves", value=str(names[names != ""][0]),
+            )  # fmt: skip
+
+    def dimming(self, rows, interval, filter):
+        """Return the change of objects' light in an exposure, as CatalogBase.dimming, with the curves of the file."""
+        return dimming(self._table, np.asarray(rows, dtype=int), interval, filter, self._curves)
 
     @classmethod
     def files(cls, options):
-        """Return the table's file, if there is one: its content decides the pixels."""
-        return (options["file"],) if options.get("file") else ()
+        """Return the files of the table and of its light curves, if there are any: their content decides the pixels."""
+        return tuple(options[name] for name in ("file", "light_curves") if options.get(name))
 
     @cached_property
     def truth_hash(self):

@@ -25,6 +25,7 @@ class Scene:
     outside: np.ndarray  # (n,) bool: outside the grid of PSF nodes
     reach: np.ndarray | None = None  # (n,) px, half the side of the stamp
     wing: np.ndarray | None = None  # (n,) px, radius to which the wing exceeds the noise; 0: nowhere
+    share: np.ndarray | None = None  # (n,) of an object's light that this is, a piece of its trail; None: all of it
 
     def __len__(self):
         return len(self.x)
@@ -37,6 +38,12 @@ class Scene:
         """Return the Scene with these half sides of stamps and radii of wings [px], (n,) or one for all."""
         reach, wing = (np.broadcast_to(np.asarray(v), len(self)).copy() for v in (reach, wing))
         return replace(self, reach=reach, wing=wing)
+
+    @property
+    def whole(self):
+        """(n,) electrons of the object of which each is a piece."""
+        electrons = self.electrons.sum(axis=1)
+        return electrons if self.share is None else electrons / self.share
 
     @property
     def extended(self):
@@ -55,7 +62,7 @@ def make_scene(objects, wcs, psf, exptime):
     return Scene(
         objects["id"].astype(np.int64), objects["x"].astype(float), objects["y"].astype(float), flux,
         np.stack([light for light, *_ in parts], axis=1), sersic, shape_matrix(objects, wcs), node.astype(np.int64),
-        weight, outside, *(objects[name] if name in objects else None for name in ("reach", "wing")),  # noqa: SIM401 - no mapping
+        weight, outside, *(objects[name] if name in objects else None for name in ("reach", "wing", "trail_share")),  # noqa: SIM401 - no mapping
     )  # fmt: skip
 
 

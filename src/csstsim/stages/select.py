@@ -35,7 +35,7 @@ def selected(run, exposure):
     return select_objects(
         catalog, exposure.wcs, exposure.observer, exposure.window, filter_, camera.telescope, exposure.exptime, noise,
         config.mag_limit, rotated=config.shapes == "rotated90", scattered=scattered_light(camera, filter_),
-        box=psf_box(run, exposure.chip), disperser=run.disperser(exposure),
+        box=psf_box(run, exposure.chip), disperser=run.disperser(exposure), interval=exposure.interval,
     )  # fmt: skip
 
 
@@ -69,7 +69,9 @@ def _check_catalog(run, say):
     for job in jobs[:TRIED]:  # until one has objects
         report = check(source, run.catalog.options, run.region(job), run.camera)
         parts = (part for _, part in report.table.parts())
-        reach = sum(len(near(part, job.wcs, job.observer, job.window)[0]) for part in parts)
+        reach = sum(
+            len(near(part, job.wcs, job.observer, job.window, interval=job.exposure.interval)[0]) for part in parts
+        )
         if reach or report.faults:
             break
     say(f"{run.config.catalog.kind}: {report}")

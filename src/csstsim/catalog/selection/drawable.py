@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from csstsim.catalog.changing import columns as changing
 from csstsim.catalog.table import GALAXY, STAR, TYPES
 from csstsim.universe.lensing.lensing import magnification
 
@@ -29,7 +30,7 @@ def reasons(table):
         size = table[name]
         found[f"a galaxy without {name}"] = galaxy & used & ~((size > 0) & np.isfinite(size))
         found[f"a galaxy whose {name} is above {LARGEST:g} arcsec"] = galaxy & used & (size > LARGEST)
-    return found
+    return found | changing.reasons(table)
 
 
 def unusable(table, flux):
