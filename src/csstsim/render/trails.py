@@ -125,7 +125,7 @@ def gathered(objects, owner, drawn):
 def orders_of(orders, row, light):
     """Return the table of orders of pieces with one row for each object, order and grating, that of most light.
 
-    row (m,): the object of each piece; light (m,). Electrons are sums, the box encloses all, `cut` is that of any piece.
+    row (m,): the object of each piece; light (m,). Electrons are sums, the box encloses all, `cut` is any piece's.
     """
     if not len(orders):
         return orders

@@ -94,8 +94,8 @@ def trails(table, wcs, observer, window, interval, margin):
 
     margin [px]: how far from the window light may come from. trail_start, trail_end [s after the start]: while the
     object is near the window and its column is exposed; trail_length [arcsec], trail_angle [deg, north through east] of
-    the motion between them; trail_x0, trail_y0, trail_x1, trail_y1 [px]: where it is then; ra, dec, ra_epoch, dec_epoch,
-    x, y: the place in the middle of that time, as catalog.selection.select describes them.
+    the motion between them; trail_x0, trail_y0, trail_x1, trail_y1 [px]: where it is then; ra, dec, ra_epoch,
+    dec_epoch, x, y: the place in the middle of that time, as catalog.selection.select describes them.
     """
     motion = Motion(table, interval)
     middle = wcs.pixel_to_world(0.5 * (window.x0 + window.x1 - 1), 0.5 * (window.y0 + window.y1 - 1))
