@@ -96,8 +96,8 @@ def merge_brick(pix, tables, bands, *, margin=MARGIN):
     `tables`: iterable of measured tables (measure.catalogue columns, and TIMES), read one by one; only rows in the
     brick or its `margin` (arcsec) are kept. `bands`: the camera's (Camera.bands). `sources`: ObjectTable of ABOUT's
     columns without the links to detections, one row per source in the brick, in the order of `_healpix_29`.
-    `sources.meta` has the number of sources left out and what became of every detection. `detections`: ObjectTable of DETECTION_COLUMNS and
-    `source` (row in `sources`), sorted by it.
+    `sources.meta` has the number of sources left out and what became of every detection. `detections`: ObjectTable of
+    DETECTION_COLUMNS and `source` (row in `sources`), sorted by it.
     """
     found, fate = _gather(pix, tables, margin / 3600.0)
     vectors = unit_vectors(found["ra"], found["dec"])

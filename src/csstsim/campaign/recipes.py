@@ -10,6 +10,7 @@ from csstsim.base.digest import digest
 from csstsim.base.release import release
 from csstsim.base.stages import behind, flat, read_by
 from csstsim.catalog.open import own_digests
+from csstsim.universe.changing.numbers import digest_of
 
 # {key of the campaign file: the stages that read it first} (base.stages.read_by). Files and folders count by their
 # content, under other names: exposures, layers, camera, `sky`
@@ -43,6 +44,7 @@ READERS = {
     "measurement.*": (),  # apart, in `measurement`
     "validation.*": ("validate",),
     "sky": ("truth", "select"),
+    "changing.*": ("select",),
 }
 
 
@@ -83,6 +85,8 @@ class Recipes:
         if (stars := self._run.bright_stars) is not None:
             sky = [sky, digest(stars.tolist())]
         read = {"rendering": self._run.rendering.model_dump(), "validation": self._run.limits.model_dump(mode="json")}
+        if changing := config.catalog.changing:
+            read["changing"] = digest_of(self._run.universe.folder, changing)
         return flat(config.model_dump(mode="json") | read | {"sky": sky})
 
     @property

@@ -29,7 +29,7 @@ def selected(run, exposure):
     from csstsim.optics.scatter.scattered_light import scattered_light
 
     config, camera, filter_, detector = run.catalog, run.camera, exposure.filter, run.camera.detector
-    key = run.universe_key() if run.embedded else {}
+    key = run.universe_key() | _changing(run, exposure) if run.embedded else {}
     catalog = open_catalog(config, run.region(exposure), run.paths.truth, key)
     noise = Noise(filter_.sky, detector.dark, detector.read_noise)
     return select_objects(
@@ -37,6 +37,19 @@ def selected(run, exposure):
         config.mag_limit, rotated=config.shapes == "rotated90", scattered=scattered_light(camera, filter_),
         box=psf_box(run, exposure.chip), disperser=run.disperser(exposure), interval=exposure.interval,
     )  # fmt: skip
+
+
+def _changing(run, exposure):
+    """Return what the embedded sky's catalogue needs of what moves and varies, as the campaign asks for it."""
+    from csstsim.catalog.changing.visitors import visitors
+
+    kinds = run.config.catalog.changing
+    key = {"varying": kinds}
+    if {"asteroids", "satellites"} & set(kinds):
+        key["visitors"] = visitors(
+            kinds, run.config.seed, run.universe, run.camera, exposure.pointing, exposure.observer, exposure.interval
+        )
+    return key
 
 
 def say_selected(table, say):
