@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from csstsim.base.sphere import frames, ra_dec, unit_vectors
+from csstsim.base.sphere import frames, ra_dec, turned, unit_vectors
 from csstsim.base.units import ARCSEC_PER_RAD, DAY_S
 from csstsim.catalog.astrometry.reduction import apparent, icrs
 
@@ -68,7 +68,7 @@ class Motion:
         velocity = np.cos(phi) * self._towards - np.sin(phi) * self._start
         _, east, north = frames(*np.radians(self.place(t)))
         e, n = (np.einsum("ni,ni->n", velocity, axis) for axis in (east, north))
-        return np.degrees(np.arctan2(e, n)) % 360.0
+        return turned(np.degrees(np.arctan2(e, n)))
 
     def near(self, centre, radius):
         """Return (first, last) (n,) [s after the start]: when within `radius` [rad] of a place (ra, dec) [deg].

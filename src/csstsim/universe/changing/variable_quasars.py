@@ -2,8 +2,8 @@
 
 The walk m(t) has the covariance SF^2 / 2 exp(-|dt| / tau). Its steps, one a day since the file's `start`, depend on the
 campaign's seed and the quasar's id alone, so any epoch shows the same curve in any order. Between days it is linear,
-and before the start it stands still. In each band the same steps are scaled by that band's SF and damped by its tau. The
-damping time is stretched by 1 + z.
+and before the start it stands still. In each band the same steps are scaled by that band's SF and damped by its tau.
+The damping time is stretched by 1 + z.
 """
 
 import numpy as np
