@@ -102,7 +102,10 @@ def merge_brick(pix, tables, bands, *, margin=MARGIN):
     found, fate = _gather(pix, tables, margin / 3600.0)
     vectors = unit_vectors(found["ra"], found["dec"])
     source = associate(vectors, found["pos_err"], found["frame"])
-    source, motion, speed, at, epoch = joined(found, vectors, source)
+    source, motion, speed, at, epoch, piece = joined(found, vectors, source)
+    if piece.any():  # of trails: no measurement of the whole
+        nothing = {name: np.where(piece, np.nan, found[name]) for name in found if name.startswith("flux_")}
+        found = found.with_columns(**nothing, pos_err=np.where(piece, ERROR_MAX, found["pos_err"]))
     count = len(motion)
     weight = np.maximum(found["pos_err"], ERROR_MIN) ** -2.0
     mean = np.stack([np.bincount(source, weight * vectors[:, axis], count) for axis in range(3)], axis=1)

@@ -8,7 +8,8 @@ and their magnitudes agree where they share a band. They are joined if one const
   followed by several: a star whose motion is hidden by the error of a place leaves few groups, a faster one many.
 * Anything else that moves is an object of the solar system, up to SOLAR_MOST arcsec an hour. Its groups are single
   detections within SOLAR_SPAN days: three or more on a line, or two within SOLAR_PAIR days of which neither has another
-  partner, and whose light is trailed as their speed says.
+  partner, and whose light is trailed as their speed says. Detection may cut a bright trail into pieces: within PIECES
+  arcsec in a frame the one of most Kron flux stands for all of them; the others are members without flux and weight.
 
 Left out: parallax (it counts as an error of PARALLAX arcsec), and objects that cross into another brick.
 """
@@ -22,6 +23,7 @@ from csstsim.base.units import JULIAN_YEAR_DAYS
 
 ARCSEC = np.pi / 180.0 / 3600.0
 STAR, SOLAR = 1, 2  # column `motion`; 0: at rest
+SNR_FAINT = 6.0  # fainter detections may be noise
 SNR_LEAST = 10.0  # fainter sources are seen in one frame and not in another by chance
 STAR_MOST = 5.0  # arcsec / yr; about ten stars of the sky are faster
 SOLAR_MOST, SOLAR_LEAST = 120.0, 0.5  # arcsec / hour; a main-belt asteroid at opposition: 30
@@ -29,16 +31,19 @@ SOLAR_SPAN, SOLAR_PAIR = 0.5, 0.03  # day
 N_SIGMA, FLOOR, PARALLAX = 5.0, 0.010, 0.03  # of a detection's place; arcsec
 TRAILED, TRAIL_PX = 1.15, 0.4  # Kron over PSF flux of a trail longer than so many arcsec
 MAG_OFF = 0.5  # mag, between groups in a band: more than most variable stars
-_MOST_PAIRS = 2_000_000
+PIECES = 1.5  # arcsec, half a trail of 60 arcsec / hour in 150 s, and some
+_MOST_PAIRS, _UNKNOWN = 2_000_000, 10.0  # arcsec, error of a place without weight
 
 
 def joined(found, vectors, source):
-    """Return (source (n,), motion (sources,), speed (sources, 2), at (n, 3), epoch (sources,)) of a brick's detections.
+    """Return (source (n,), motion (sources,), speed (sources, 2), at (n, 3), epoch (sources,), piece (n,)).
 
     found: ObjectTable of bricks.merge.DETECTION_COLUMNS with frame, mjd [day, NaN: not known] and exptime [s]; vectors
     (n, 3): unit vectors; source (n,): groups of bricks.associate. The first result numbers sources anew. speed: arcsec
-    / yr to the east and north; at: where the source was at each detection; epoch: MJD of the weighted mean place.
+    / yr to the east and north; at: where the source was at each detection; epoch: MJD of the weighted mean place;
+    piece: whether a detection is a piece of a trail for which another one of the frame stands.
     """
+    source, host = _alone(found, source)
     count = int(source.max(initial=-1)) + 1
     groups = _Groups(found, vectors, source, count)
     owner = np.arange(count)
@@ -47,8 +52,32 @@ def joined(found, vectors, source):
         for which, pairs in ((STAR, _star_pairs(groups)), (SOLAR, None)):
             pairs = _solar_pairs(groups, kind[owner] == 0) if pairs is None else pairs
             _join(groups, owner, kind, pairs, which)
+    piece = np.zeros(count, bool)
+    for whole, part in groups.pieces:
+        if kind[owner[whole]] == SOLAR and kind[owner[part]] == 0:
+            owner[part], piece[part] = owner[whole], True
+    piece = piece[source]
+    passengers = np.arange(count - len(host), count)
+    back = kind[owner[host]] == 0
+    owner[passengers[back]] = owner[host[back]]
     names, source = np.unique(owner[source], return_inverse=True)
-    return (source, kind[names], *_places(found, vectors, source, kind[names]))
+    return (source, kind[names], *_places(found, vectors, source, kind[names], piece), piece)
+
+
+def _alone(found, source):
+    """Return (source, host): groups of one bright detection without the faint ones that lie there by chance.
+
+    Those are groups of their own, behind the others, which go back to their hosts if these do not move.
+    """
+    count = int(source.max(initial=-1)) + 1
+    bright = found["snr"] >= SNR_FAINT
+    top = np.zeros(count)
+    np.maximum.at(top, source, found["snr"])
+    lonely = (np.bincount(source, bright, count) == 1) & (top >= SNR_LEAST)
+    rows = np.flatnonzero(lonely[source] & ~bright)
+    host, source = source[rows], source.copy()
+    source[rows] = count + np.arange(len(rows))
+    return source, host
 
 
 class _Groups:
@@ -69,7 +98,7 @@ class _Groups:
         number = np.unique(found["frame"], return_inverse=True)[1]
         self.bits = np.zeros((count, int(number.max(initial=0)) // 64 + 1), np.uint64)
         np.bitwise_or.at(self.bits, (source, number // 64), np.uint64(1) << (number % 64).astype(np.uint64))
-        self.number, self._hulls = number, {}
+        self.number, self._hulls, self.pieces = number, {}, []
         self.band = np.unique(found["filter"], return_inverse=True)[1]
         with np.errstate(divide="ignore", invalid="ignore"):
             self.mag = found["zeropoint"] - 2.5 * np.log10(found["flux_kron"])
@@ -144,6 +173,7 @@ def _star_pairs(groups):
 def _solar_pairs(groups, free):
     """Return the pairs of single detections that may be an object of the solar system, nearest in time first."""
     some = np.flatnonzero(free & (groups.size == 1) & (groups.snr >= SNR_LEAST) & np.isfinite(groups.time))
+    some = _whole(groups, some)
     if len(some) < 2:
         return np.zeros((0, 2), int)
     a, b = groups.pairs(some, SOLAR_MOST * 24 * SOLAR_PAIR)
@@ -155,6 +185,24 @@ def _solar_pairs(groups, free):
     good &= _trailed(groups, a, speed) & _trailed(groups, b, speed)
     order = np.lexsort((b[good], a[good], apart[good], hours[good]))
     return np.stack([a[good][order], b[good][order]], axis=1)
+
+
+def _whole(groups, some):
+    """Return the single detections `some` without those that another one of the frame stands for; notes both."""
+    if len(some) < 2:
+        return some
+    rows = groups.order[groups.starts[some]]
+    flux, number = np.nan_to_num(groups.found["flux_kron"][rows]), groups.number[rows]
+    near = cKDTree(groups.place[some]).query_pairs(PIECES * ARCSEC, output_type="ndarray")
+    near = near[number[near[:, 0]] == number[near[:, 1]]]
+    first = np.where(flux[near[:, 0]] >= flux[near[:, 1]], near[:, 0], near[:, 1])
+    order = np.lexsort((near.sum(axis=1) - first, -flux[first]))
+    taken = np.zeros(len(some), bool)
+    for whole, part in zip(first[order].tolist(), (near.sum(axis=1) - first)[order].tolist(), strict=True):
+        if not taken[whole] and not taken[part]:
+            taken[part] = True
+            groups.pieces.append((some[whole], some[part]))
+    return some[~taken]
 
 
 def _trailed(groups, group, speed):
@@ -201,7 +249,9 @@ def _straight(groups, members, which):
         return False
     _, speed, off, _ = fitted(groups.vectors[rows], error, time)
     most = STAR_MOST if which == STAR else SOLAR_MOST * 24 * JULIAN_YEAR_DAYS
-    tolerance = N_SIGMA * error + (PARALLAX if which == STAR else 0.1)
+    # A piece that stands for a trail is off its middle
+    trail = np.hypot(*speed) / (24 * JULIAN_YEAR_DAYS) * np.nanmax(found["exptime"][rows]) / 3600.0
+    tolerance = N_SIGMA * error + (PARALLAX if which == STAR else 0.05 + 0.3 * trail)
     return bool(np.hypot(*speed) <= most and (np.hypot(*off.T) <= tolerance).all())
 
 
@@ -221,10 +271,11 @@ def fitted(vectors, error, time):
     return mean, speed, plane - weight @ plane - years[:, None] * speed, when
 
 
-def _places(found, vectors, source, kind):
+def _places(found, vectors, source, kind, piece):
     """Return (speed, at, epoch) as of `joined`; sources at rest have no speed."""
     count = len(kind)
-    weight = np.hypot(found["pos_err"], FLOOR) ** -2.0
+    sigma = np.where(piece, _UNKNOWN, np.hypot(found["pos_err"], FLOOR))
+    weight = sigma**-2.0
     total = np.maximum(np.bincount(source, weight, count), 1e-300)
     epoch = np.bincount(source, weight * found["mjd"], count) / total
     speed, at = np.zeros((count, 2)), np.full((len(source), 3), np.nan)
@@ -232,7 +283,7 @@ def _places(found, vectors, source, kind):
     starts = np.searchsorted(source[order], np.arange(count + 1))
     for name in np.flatnonzero(kind).tolist():
         rows = order[starts[name] : starts[name + 1]]
-        error = np.hypot(found["pos_err"][rows], FLOOR)
+        error = sigma[rows]
         mean, speed[name], _, when = fitted(vectors[rows], error, found["mjd"][rows])
         years = (found["mjd"][rows] - when) / JULIAN_YEAR_DAYS
         at[rows] = normalised(mean + ARCSEC * (years[:, None] * speed[name]) @ _axes(mean))
