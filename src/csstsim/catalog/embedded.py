@@ -124,7 +124,7 @@ class EmbeddedCatalog(SceneCatalog):
         self._set(table, records)
 
     def dimming(self, rows, interval, filter):
-        """Return the change of stars' and quasars' light in an exposure, as CatalogBase.dimming.
+        """Return (len(rows),) mag by which stars and quasars are fainter, as CatalogBase.dimming.
 
         option `varying`: which kinds vary, of universe.changing.numbers.KINDS.
         """

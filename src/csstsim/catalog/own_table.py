@@ -69,7 +69,7 @@ class TableCatalog(CatalogBase):
             )  # fmt: skip
 
     def dimming(self, rows, interval, filter):
-        """Return the change of objects' light in an exposure, as CatalogBase.dimming, with the curves of the file."""
+        """Return (len(rows),) mag by which objects are fainter, as CatalogBase.dimming, with the curves of the file."""
         return dimming(self._table, np.asarray(rows, dtype=int), interval, filter, self._curves)
 
     @classmethod
