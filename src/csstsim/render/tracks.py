@@ -72,7 +72,7 @@ class _Line:
         t = np.linspace(start, end, count)
         motion = Motion(row.with_columns(ra=row["ra_orig"], dec=row["dec_orig"]), interval)
         self.x, self.y = (v[0] for v in seen_at(motion, drawing.wcs, drawing.observer, t[None])[4:])
-        opened, closed = interval.open(np.clip(self.x, 0, chip.detector.nx - 1))
+        opened, closed = interval.exposed(np.clip(self.x, 0, chip.detector.nx - 1))
         slack = 1e-3 * (end - start)  # the ends are those of the middle's column
         lit = (t >= opened - slack) & (t <= closed + slack)
         along = np.hypot(np.gradient(self.x), np.gradient(self.y))

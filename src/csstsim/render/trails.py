@@ -95,7 +95,7 @@ def motion_of(objects, interval):
 
 def exposed_more(interval, x):
     """Return (n,) by how much more the light of a time counts at columns x, because the response has less of it."""
-    first, last = interval.open(x)
+    first, last = interval.exposed(x)
     return interval.exptime / (last - first)
 
 

@@ -31,7 +31,7 @@ class Interval(NamedTuple):
         """MJD of the middle of the exposure, the same for all columns of a chip."""
         return self.start + 0.5 * self.exptime / DAY_S
 
-    def open(self, x):
+    def exposed(self, x):
         """Return (first, last) [s after the start]: when columns x [px] of the chip are exposed."""
         wait = np.zeros(np.shape(x)) if self.lost is None else 0.5 * self.lost(x)
         return wait, self.exptime - wait
@@ -102,7 +102,7 @@ def trails(table, wcs, observer, window, interval, margin):
     half = 0.5 * np.hypot(window.nx, window.ny) + margin
     first, last = motion.near(icrs(*middle, observer), half * wcs.chip.telescope.pixel_scale / ARCSEC_PER_RAD)
     x = seen_at(motion, wcs, observer, 0.5 * (first + last))[4]
-    opened, closed = interval.open(np.clip(np.nan_to_num(x), 0, wcs.chip.detector.nx - 1))
+    opened, closed = interval.exposed(np.clip(np.nan_to_num(x), 0, wcs.chip.detector.nx - 1))
     first, last = np.fmax(first, opened), np.fmin(last, closed)
     first, last = (np.where(np.isfinite(x) & (last > first), t, np.nan) for t in (first, last))
     mean = 0.5 * (first + last)
