@@ -74,7 +74,14 @@ def test_a_row_that_cannot_change_as_it_says_is_refused(columns, word):
 
 
 @pytest.mark.parametrize(
-    "text", ["curve,mjd\na,1\n", "curve,dmag\na,1\n", "curve,mjd,dmag\na,1,\n", "curve,mjd,dmag\na,1,0\na,1,2\n"]
+    "text",
+    [
+        "curve,mjd\na,1\n",
+        "curve,dmag\na,1\n",
+        "curve,mjd,dmag\na,1,\n",
+        "curve,mjd,dmag\na,1,0\na,1,2\n",
+        "curve,mjd,dmag\n",
+    ],
 )
 def test_a_wrong_file_of_curves_is_refused(tmp_path, text):
     path = tmp_path / "curves.csv"

@@ -71,7 +71,9 @@ class LightCurves:
         values = {kind: _numbers(columns, kind, where) for kind in self._kinds}
         order = np.lexsort((mjd, np.asarray(columns["curve"]).astype(str)))
         names = np.asarray(columns["curve"]).astype(str)[order]
-        starts = np.flatnonzero(np.r_[True, names[1:] != names[:-1]]) if len(names) else []
+        if not len(names):
+            raise InputError("the table of light curves has no rows", file=where)
+        starts = np.flatnonzero(np.r_[True, names[1:] != names[:-1]])
         self._curves = {}
         for first, last in zip(starts, [*starts[1:], len(names)], strict=True):
             part = order[first:last]
