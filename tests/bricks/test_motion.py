@@ -106,3 +106,18 @@ def test_a_place_outside_the_other_frame_joins_nothing():
         tables.append(found.with_columns(mjd=np.full(30, 61000.0 + k * YEAR * 2), exptime=np.full(30, 150.0)))
     sources, _ = merge_brick(PIX, tables, BANDS)
     assert len(sources) == 60 and not sources["motion"].any()
+
+
+def test_two_lights_of_a_frame_are_never_one_star():
+    """A close pair in the first year, one of them seen a year later: the star moved, its neighbour did not join it."""
+    times = 61000.0 + YEAR * np.array([0.0, 0.01, 1.0, 1.01])
+    tables = []
+    for k, t in enumerate(times):
+        pair = ((0.0, 0.0), (0.05, 0.0)) if k < 2 else ((1.0, 0.0),)
+        found, rest = frames([t], lambda _, place=pair[0]: np.array(place), error=0.005, extra=pair[1:], seed=4)
+        tables.append(found[0].with_columns(obsid=np.full(len(found[0]), str(k))))
+    sources, _ = merge_brick(PIX, tables, BANDS)
+    rest -= len(pair) - 1
+    assert len(sources) == rest + 2
+    moving = sources["motion"] == STAR
+    assert sources["n_detections"][moving].tolist() == [4]
