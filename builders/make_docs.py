@@ -16,6 +16,7 @@ from csstsim.base.model import Model
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.config import Campaign
 from csstsim.catalog import part_rows
+from csstsim.catalog.changing import columns as changing
 from csstsim.catalog.table import OPTIONAL, columns_with
 from csstsim.instrument.camera import load_camera
 from csstsim.simulation.observation import Observation
@@ -25,7 +26,7 @@ CONFIG = Path(__file__).parents[1] / "config"
 TABLES = CONFIG.parent / "examples" / "my_catalogue" / "README.md"
 BEGIN, END = "<!-- columns: python builders/make_docs.py -->\n", "<!-- end of columns -->"
 SHORTHANDS = {  # of csstsim.catalog.own_table
-    "type": "star, galaxy or quasar [default: star]; or `obj_type`: 0, 1, 2",
+    "type": "star, galaxy, quasar, asteroid or satellite [default: star]; or `obj_type`: 0, 1, 2, 3, 4",
     "size": "arcsec, half-light radius of a galaxy's disk and bulge: sqrt(a b) of the half-light ellipse",
     "n": "Sersic index of a galaxy without a bulge, 0.3 to 6.2 [default: 1]",
     **part_rows.SHORTHANDS,
@@ -38,6 +39,7 @@ Written by `python builders/make_docs.py` from the models; edit those, not this 
   Paths in it are relative to the folder of that file.
 - An **observation** file (`observations/`) lists the layers an exposure goes through, in order.
 - `instrument/` is the camera as data, `universe/` the embedded universe; every number there has its source.
+- `changing/` holds the numbers of what moves and varies on the embedded sky, which is off by default.
 - `costs.yaml` has the time and memory of a job of each rule, for `csstsim plan` and `csstsim status`.
 - `curves/` holds response curves of other surveys, for catalogues with magnitudes in their bands.
 
@@ -89,6 +91,10 @@ def columns(text):
     bands, own = load_camera(SHIPPED / "instrument").bands, {}
     for name, (_, _, meaning) in (columns_with(bands) | OPTIONAL).items():
         own["mag_*" if name.startswith("mag_") else name] = meaning
+    own |= {
+        name: f"{meaning} [left out: it does not {'move' if name in changing.MOTION else 'vary'}]"
+        for name, (_, _, meaning) in changing.COLUMNS.items()
+    }
     own["id"] += " [default: counted from 1]"
     named = ", ".join(f"`mag_{band}`" for band in bands)
     own["mag_*"] = f"AB, observed, before lensing; in the shipped camera's bands: {named}"

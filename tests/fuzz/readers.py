@@ -172,6 +172,16 @@ def own_table(path):
     catalog.load_seds(range(min(len(catalog.table), 3)))
 
 
+def light_curves(path):
+    """The light curves of a table of objects, and what they say of an exposure."""
+    from csstsim.catalog.changing.light_curves import LightCurves
+    from csstsim.catalog.object_table import read_table
+
+    curves = LightCurves(read_table(path), path)
+    curves.check(["nova"])
+    curves.at("nova", [61000.0], "i")
+
+
 def psf(path):
     """A PSF set: opened, its wings, and the PSF at a place."""
     from csstsim.optics.psf.psf_file import PsfSet

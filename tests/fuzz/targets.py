@@ -52,6 +52,7 @@ TARGETS = {
     "Cycle-9 spectra HDF5": Target(seeds.c9_spectra, spoiled_bytes, "c9_spectra"),
     "scene parquet": Target(seeds.objects, spoiled_bytes, "scene"),
     "table of objects CSV": Target(seeds.own_table(".csv"), spoiled_text, "own_table"),
+    "light curves CSV": Target(seeds.light_curves, spoiled_text, "light_curves"),
     "table of objects ECSV": Target(seeds.own_table(".ecsv"), spoiled_bytes, "own_table"),
     "table of objects FITS": Target(seeds.own_table(".fits"), spoiled_fits, "own_table"),
     "PSF set HDF5": Target(seeds.psf, spoiled_bytes, "psf"),

@@ -41,6 +41,11 @@ def stream(seed, *key):
     return _generator(_digest(_begun(seed), *key))
 
 
+def counter_key(seed, *key):
+    """Return 64 bits (numpy.uint64) for these words, for the counters of compiled loops (csstsim.base.counter)."""
+    return _counter_key(_digest(_begun(seed), *key))
+
+
 class Streams:
     """The random streams of one layer in one exposure of one chip; each method says how long a draw lives.
 

@@ -13,8 +13,11 @@ A detection with bad pixels counts only by itself, from S/N `SNR_SPOILT` on. The
 for completeness, and lets noise peaks pass (docs/merge.md). `meta` and the file have the number of sources left out
 ("left_out") and what became of every detection ("detections").
 
-Left out: forced photometry in the bands without a detection (NaN), and motion: positions are ICRS at each exposure's
-epoch, so a star that moves by more than the tolerance between exposures becomes two sources.
+An object that moves is one source as well (bricks.motion): `motion` is 1 for a star with proper motion, 2 for an object
+of the solar system. Its ra, dec are those at `epoch`. Gaia and LSST keep the latter in tables of their own; leave out
+`motion = 2` to have what they call a source or an object.
+
+Left out: forced photometry in the bands without a detection (NaN).
 """
 
 import numpy as np
@@ -22,6 +25,7 @@ import numpy as np
 from csstsim.base.healpix import brick_of, hats_index, near_brick
 from csstsim.base.sphere import ra_dec, unit_vectors
 from csstsim.bricks.associate import ARCSEC, FLOOR, associate
+from csstsim.bricks.motion import joined
 from csstsim.catalog.table import ObjectTable, write_parquet
 
 MARGIN = 2.0  # arcsec; a detection and the mean of its source are never further apart than twice `associate.CAP`
@@ -44,12 +48,19 @@ DETECTION_COLUMNS = {
 }  # fmt: skip
 
 
+TIMES = {"mjd": float, "exptime": float}  # of a detection's exposure: its middle (UTC), and s; NaN: not known
+
+
 ABOUT = {
     "_healpix_29": "HEALPix index of order 29, nested; rows are in its order",
     "source_id": "brick x 2^20 + row",
     "ra": "deg, ICRS: mean of the detections",
     "dec": "deg",
     "pos_err": "arcsec on an axis",
+    "epoch": "MJD (UTC) of ra, dec: mean of the detections; NaN: not known",
+    "motion": "0 at rest, 1 a star that moves, 2 an object of the solar system, trailed or not",
+    "pmra": "mas / yr, includes cos(dec); 0 at rest (a motion too slow to see)",
+    "pmdec": "mas / yr",
     "n_detections": "detections in all bands",
     "star": "0 to 1: the detections' votes, weighted with S/N",
     "flags": "bits that any detection has (measure.catalogue.FLAGS)",
@@ -82,21 +93,26 @@ ABOUT_BAND = {  # of each band B, small letters
 def merge_brick(pix, tables, bands, *, margin=MARGIN):
     """Return (sources, detections) of brick `pix`.
 
-    `tables`: iterable of measured tables (measure.catalogue columns), read one by one; only rows in the brick or its
-    `margin` (arcsec) are kept. `bands`: the camera's (Camera.bands). `sources`: ObjectTable of ABOUT's columns without
-    the links to detections, one row per source in the brick, in the order of `_healpix_29`. `sources.meta` has the
-    number of sources left out and what became of every detection. `detections`: ObjectTable of DETECTION_COLUMNS and
-    `source` (row in `sources`), sorted by it.
+    `tables`: iterable of measured tables (measure.catalogue columns, and TIMES), read one by one; only rows in the
+    brick or its `margin` (arcsec) are kept. `bands`: the camera's (Camera.bands). `sources`: ObjectTable of ABOUT's
+    columns without the links to detections, one row per source in the brick, in the order of `_healpix_29`.
+    `sources.meta` has the number of sources left out and what became of every detection. `detections`: ObjectTable of
+    DETECTION_COLUMNS and `source` (row in `sources`), sorted by it.
     """
     found, fate = _gather(pix, tables, margin / 3600.0)
     vectors = unit_vectors(found["ra"], found["dec"])
     source = associate(vectors, found["pos_err"], found["frame"])
-    count = int(source.max(initial=-1)) + 1
+    source, motion, speed, at, epoch, piece = joined(found, vectors, source)
+    if piece.any():  # of trails: no measurement of the whole
+        nothing = {name: np.where(piece, np.nan, found[name]) for name in found if name.startswith("flux_")}
+        found = found.with_columns(**nothing, pos_err=np.where(piece, ERROR_MAX, found["pos_err"]))
+    count = len(motion)
     weight = np.maximum(found["pos_err"], ERROR_MIN) ** -2.0
     mean = np.stack([np.bincount(source, weight * vectors[:, axis], count) for axis in range(3)], axis=1)
     ra, dec = ra_dec(mean)
     inside = brick_of(ra, dec) == pix
-    away = np.linalg.norm(vectors - (mean / np.linalg.norm(mean, axis=1)[:, None])[source], axis=1)
+    at = np.where(motion[source][:, None] > 0, at, (mean / np.linalg.norm(mean, axis=1)[:, None])[source])
+    away = np.linalg.norm(vectors - at, axis=1)
     close = away < CLOSE_SIGMA * np.hypot(found["pos_err"], FLOOR) * ARCSEC
     credible = _credible(found, source, close, count)
     owned = np.flatnonzero(inside & credible)
@@ -111,6 +127,8 @@ def merge_brick(pix, tables, bands, *, margin=MARGIN):
     columns = {
         "_healpix_29": index[owned], "source_id": pix * 2**20 + np.arange(len(owned), dtype=np.int64),
         "ra": ra[owned], "dec": dec[owned], "pos_err": np.bincount(source, weight, count)[owned] ** -0.5,
+        "epoch": epoch[owned], "motion": motion[owned].astype(np.int8),
+        "pmra": 1000.0 * speed[owned, 0], "pmdec": 1000.0 * speed[owned, 1],
     }  # fmt: skip
     fate |= {
         "merged": len(keep), "elsewhere": int((~inside)[source].sum()),
@@ -141,7 +159,7 @@ def _credible(found, source, close, count):
 def _gather(pix, tables, margin):
     """Return (found, counts): the usable detections near a brick, brightest first, and the numbers by kind."""
     counts = dict.fromkeys(("near", "sharp", "no_error", "repeated", "no_position"), 0)
-    parts = [{name: np.zeros(0, kind) for name, kind in DETECTION_COLUMNS.items()}]
+    parts = [{name: np.zeros(0, kind) for name, kind in (DETECTION_COLUMNS | TIMES).items()}]
     for table in tables:
         placed = np.isfinite(table["ra"]) & (np.abs(table["dec"]) <= 90.0)  # NaN compares false
         near = np.flatnonzero(placed)
@@ -153,8 +171,10 @@ def _gather(pix, tables, margin):
         counts["sharp"] += int(sharp.sum())
         counts["no_error"] += int((~known & ~sharp).sum())
         near = near[known & ~sharp]
-        parts.append({name: np.asarray(table[name][near], kind) for name, kind in DETECTION_COLUMNS.items()})
-    found = ObjectTable({name: np.concatenate([part[name] for part in parts]) for name in DETECTION_COLUMNS})
+        part = {name: np.asarray(table[name][near], kind) for name, kind in DETECTION_COLUMNS.items()}
+        unknown = np.full(len(table), np.nan)
+        parts.append(part | {name: table.get(name, unknown)[near] for name in TIMES})
+    found = ObjectTable({name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
     _, frame = np.unique(found["obsid"], return_inverse=True)
     frame = frame * 2**16 + found["chip"]
     snr = np.where(np.abs(found["snr"]) < SNR_MAX, found["snr"], 0.0)

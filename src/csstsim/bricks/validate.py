@@ -30,6 +30,7 @@ EDGE = 12  # px; sources nearer to the frame's edge are not judged
 # Columns of the true objects of a brick, in addition to their magnitudes
 DISTINCT = ("id", "obj_type", "ra_epoch", "dec_epoch", "blended", "half_light", "half_light_px")
 LOCUS = ("g", "r", "i")  # the public locus of stars is in bands of these names
+VARIES = 0.01  # mag; what varies by more is not judged by a mean magnitude
 IN_FRAME = 0.9  # share of an object's light in the window; objects with less are not judged
 
 
@@ -203,7 +204,9 @@ def completeness(snr, found, edges):
 def judged_truth(frame):
     """Return the true objects well inside a frame, with columns blended, half_light, half_light_px and crowd.
 
-    If the catalogue lacks the magnitude in the frame's band, it is computed from the electrons.
+    If the catalogue lacks the magnitude in the frame's band, it is computed from the electrons. Objects that move
+    during the exposure are left out; those that vary have the magnitude of the exposure, and count as blended: a merged
+    magnitude is a mean over exposures.
     """
     truth, (x0, x1, y0, y1) = frame.truth, frame.info["window"]
     truth = truth.take((truth["flags"] & (OFF_CHIP | STRONG_LENSING | BAD_VALUE)) == 0)
@@ -220,9 +223,11 @@ def judged_truth(frame):
     name = f"mag_{frame.band}"
     with np.errstate(divide="ignore"):
         magnitude = frame.info["zeropoint"] - 2.5 * np.log10(truth["electrons"])
-    truth = truth.with_columns(**{name: np.where(np.isnan(truth[name]), magnitude, truth[name])})
+    dmag = truth.get("dmag", np.zeros(len(truth)))
+    truth = truth.with_columns(**{name: np.where(np.isnan(truth[name]), magnitude, truth[name] + dmag)})
+    truth = truth.with_columns(blended=truth["blended"] | (np.abs(dmag) > VARIES))
     inside = (truth["x"] > x0 + EDGE) & (truth["x"] < x1 - EDGE) & (truth["y"] > y0 + EDGE) & (truth["y"] < y1 - EDGE)
-    inside = inside & (truth["electrons"] > 0)
+    inside = inside & (truth["electrons"] > 0) & (truth.get("trail_length", np.zeros(len(truth))) == 0)
     if "fraction" in truth:  # for photons it is the share that arrived, not the expected one
         inside = inside & ((truth["fraction"] > IN_FRAME) | (truth["method"] == "photons"))
     return truth.take(inside)

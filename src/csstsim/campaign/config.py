@@ -22,6 +22,7 @@ from csstsim.campaign.thresholds import ValidateConfig
 from csstsim.instrument.pointing import ExposureType
 from csstsim.io.level0_names import FORMS
 from csstsim.io.level0_names import NEWEST as NEWEST_NAMES
+from csstsim.universe.changing.numbers import KINDS
 
 # {layout of campaign files: how to change a file of the layout before it}
 LAYOUTS = {1: "give schema_version: 1, and the keys of config/README.md"}
@@ -133,12 +134,31 @@ class CatalogConfig(Model):
         description="profiles of the embedded universe's galaxies: 'simple', disks of Sersic index 1 and bulges of 4; "
         "'full', indices that scatter and rise with a bulge's mass, and knots (config/components.yaml)",
     )
+    variable_stars: bool = Field(
+        False, description="true: stars of the embedded universe vary (config/changing/variable_stars.yaml)"
+    )
+    variable_quasars: bool = Field(
+        False, description="true: its quasars vary, by a damped random walk (config/changing/variable_quasars.yaml)"
+    )
+    asteroids: bool = Field(
+        False, description="true: asteroids of the main belt move over the embedded sky on orbits of their own, those "
+        "brighter than V = 24.5 (config/changing/asteroids.yaml); a chip takes one to three CPU-seconds more",
+    )  # fmt: skip
+    satellites: bool = Field(
+        False, description="true: satellites cross the exposures over the embedded sky, as often as those of Hubble "
+        "(config/changing/satellites.yaml)",
+    )  # fmt: skip
     shapes: Literal["normal", "rotated90"] = Field(
         "normal",
         description="'rotated90': select turns intrinsic ellipticities by 90 degrees and changes nothing else, nor the "
         "truth bricks: the paper's twin campaign, which cancels shape noise",
     )
     options: dict[str, Any] = Field({}, description="passed on to a catalogue of your own")
+
+    @property
+    def changing(self):
+        """The names of the keys, of those for what moves and varies on the embedded sky, that are true."""
+        return tuple(kind for kind in KINDS if getattr(self, kind))
 
     @model_validator(mode="after")
     def _lensing_has_an_object(self):
@@ -150,6 +170,11 @@ class CatalogConfig(Model):
             raise ValueError("bright_stars is for the embedded universe: give them in your own catalogue")
         if self.kind != "embedded" and self.components != "simple":
             raise ValueError("components is for the embedded universe: your own catalogue has columns for them")
+        if self.kind != "embedded" and self.changing:
+            name = self.changing[0]
+            raise ValueError(
+                f"{name} is for the embedded universe: a catalogue of your own has columns for what changes"
+            )
         if self.kind == "embedded" and self.options:
             raise ValueError("the embedded universe takes no options: they are for a catalogue of your own")
         return self

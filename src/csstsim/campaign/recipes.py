@@ -11,6 +11,7 @@ from csstsim.base.release import release
 from csstsim.base.stages import behind, flat, read_by
 from csstsim.catalog.full_components import load_numbers as components_numbers
 from csstsim.catalog.open import own_digests
+from csstsim.universe.changing.numbers import digest_of
 
 # {key of the campaign file: the stages that read it first} (base.stages.read_by). Files and folders count by their
 # content, under other names: exposures, layers, camera, `sky`
@@ -46,6 +47,7 @@ READERS = {
     "measurement.*": (),  # apart, in `measurement`
     "validation.*": ("validate",),
     "sky": ("truth", "select"),
+    "changing.*": ("select",),
 }
 
 
@@ -88,6 +90,8 @@ class Recipes:
         read = {"rendering": self._run.rendering.model_dump(), "validation": self._run.limits.model_dump(mode="json")}
         if config.catalog.components == "full":
             read["components"] = components_numbers().model_dump()
+        if changing := config.catalog.changing:
+            read["changing"] = digest_of(self._run.universe.folder, changing)
         return flat(config.model_dump(mode="json") | read | {"sky": sky})
 
     @property

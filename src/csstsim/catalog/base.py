@@ -41,6 +41,10 @@ Keywords of a MockObject (all but id, ra, dec have defaults; the full list is `c
 | e1, e2                      | ellipticity (a - b)/(a + b), axis 1 along +RA (east), 2 towards north              |
 | kappa, gamma1, gamma2       | lensing, same axes; stars are not lensed                                           |
 | mag_norm                    | AB magnitude in the filter of `load_norm_filt`, if there is one                    |
+| rate_ra, rate_dec,          | arcsec/hour (rate_ra with cos dec): motion on the sky as seen from the telescope,  |
+| rate_mjd, trail_width       | MJD (UTC) at which it is at ra, dec; arcsec, width of a satellite's track          |
+| var_period, var_amplitude,  | day, mag, turns at MJD 0: a sine about the given light                             |
+| var_phase                   |                                                                                    |
 | z, av, teff, logg, feh, ... | for the truth table only: csstsim draws what `load_sed` gives                      |
 | any other name              | for use in your `load_sed`; plain values go to the truth table as `user_<name>`;   |
 |                             | a galaxy's n, q, pa, re and the like are refused (catalog.unsupported_shapes)       |
@@ -66,6 +70,7 @@ from csstsim.base.digest import digest
 from csstsim.base.errors import CsstsimError, InputError
 from csstsim.base.help_page import explained
 from csstsim.base.sphere import inside, unit_vectors
+from csstsim.catalog.changing import columns as changing
 from csstsim.catalog.light.photometry import ab_mag, bin_means, load_fluxes
 from csstsim.catalog.mock_object import MockObject
 from csstsim.catalog.row_files import with_images
@@ -143,12 +148,14 @@ class CatalogBase(ABC):
             _refuse_units(name_of(self), {name: columns[name] for name in columns if name in ours})
             check_shapes(columns, columns.get("obj_type", ()), name_of(self))
             # Extras may be anything (a file name, an array); only plain values go to the table, as user_<name>.
-            extras = {f"user_{name}": column for name, column in columns.items() if name not in ours}
+            timed = {name: column for name, column in columns.items() if name in changing.COLUMNS}
+            extras = {f"user_{n}": column for n, column in columns.items() if n not in ours and n not in timed}
             plain = {name: _plain_column(column) for name, column in extras.items()}
             known = {name: column for name, column in columns.items() if name in ours}
             if "image_file" in known:
                 known = with_images(known, np.asarray(columns.get("obj_type", [STAR] * len(self.objs))), name_of(self))
-            self._table = ObjectTable.complete(known | {n: v for n, v in plain.items() if v is not None}, bands)
+            known |= {n: v for n, v in plain.items() if v is not None} | _timed(timed, len(self.objs))
+            self._table = ObjectTable.complete(known, bands)
         return self._table
 
     @property
@@ -186,6 +193,16 @@ class CatalogBase(ABC):
         """
         return None
 
+    def dimming(self, rows, interval, filter):
+        """Return (len(rows),) mag by which objects are fainter in an exposure than the catalogue says, or None: never.
+
+        interval: catalog.changing.motion.Interval of the exposure. Here: the periodic changes of the table's columns
+        var_period, var_amplitude and var_phase. Override it for light curves of your own.
+        """
+        from csstsim.catalog.changing.light_curves import dimming
+
+        return dimming(self.table, np.asarray(rows, dtype=int), interval, filter)
+
     def _load_on_grid(self, obj):
         with users_code(f"{name_of(self)}.load_sed, object {obj.id}"):
             table = self.load_sed(obj)
@@ -213,6 +230,15 @@ def _refuse_units(catalog, columns):
             raise InputError(
                 "must be a plain number (units: catalog.base)", key=f"{catalog}._load, {name}", value=value
             )
+
+
+def _timed(columns, count):
+    """Return the columns of objects that change (catalog.changing.columns); an object without one has its default."""
+    filled = {}
+    for name, values in columns.items():
+        default = changing.COLUMNS[name][1]
+        filled[name] = np.array([default if value is None else value for value in values])
+    return changing.completed(filled, count)
 
 
 def _plain_column(values):

@@ -8,14 +8,16 @@ from csstsim.base.digest import digest
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
 from csstsim.catalog.base import CatalogBase
+from csstsim.catalog.changing import columns as changing
 from csstsim.catalog.full_components import full_components, load_numbers
 from csstsim.catalog.light.embedded_spectra import light_columns, rates, spectra
 from csstsim.catalog.light.grating_bound import MARGIN, grating_rate
 from csstsim.catalog.light.photometry import subband_weights
 from csstsim.catalog.mock_object import MockObjects
-from csstsim.catalog.table import ObjectTable
+from csstsim.catalog.table import OPTIONAL, QUASAR, STAR, ObjectTable
 from csstsim.catalog.truth_bricks import SED_COLUMNS, brick_meta, read_brick
 from csstsim.instrument.filter import GRID
+from csstsim.universe.changing.numbers import numbers_of, wrong
 from csstsim.universe.parameters import load_universe
 
 
@@ -116,8 +118,42 @@ class EmbeddedCatalog(SceneCatalog):
             brick = read_brick(brick_file(pix), brick_meta(pix=pix, **key))
             parts.append(brick.take(self.region.contains(brick["ra"], brick["dec"])))
             records.append(brick.meta)
-        table = ObjectTable.concat(parts)
+        table, visitors = ObjectTable.concat(parts), self.options.get("visitors")
         if self.options.get("components") == "full":
             table = full_components(table)
             records.append({"components": load_numbers().model_dump()})
+        if visitors is not None:
+            still = changing.completed({name: default for name, (_, default, _) in changing.MOTION.items()}, len(table))
+            plain = {
+                name: np.full(len(visitors), OPTIONAL[name][1], OPTIONAL[name][0])
+                for name in set(table) & set(OPTIONAL)
+            }
+            table = ObjectTable.concat([table.with_columns(**still), visitors.with_columns(**plain)])
+            records = [*records, digest([visitors[name].tolist() for name in ("id", "ra", "dec")])]
         self._set(table, records)
+
+    def dimming(self, rows, interval, filter):
+        """Return (len(rows),) mag by which stars and quasars are fainter, as CatalogBase.dimming.
+
+        option `varying`: which kinds vary, of universe.changing.numbers.KINDS.
+        """
+        from csstsim.universe.changing.variable_quasars import quasar_changes
+        from csstsim.universe.changing.variable_stars import star_changes
+
+        kinds, rows = self.options.get("varying", ()), np.asarray(rows, dtype=int)
+        laws = (("variable_stars", STAR, star_changes), ("variable_quasars", QUASAR, quasar_changes))
+        if not {name for name, *_ in laws} & set(kinds):
+            return None
+        change = np.zeros(len(rows))
+        for kind, obj_type, law in laws:
+            some = np.flatnonzero(self._table["obj_type"][rows] == obj_type)
+            if kind not in kinds or not len(some):
+                continue
+            numbers = numbers_of(self.universe.folder, kind)
+            wavelength = float(np.average(filter.wavelength, weights=filter.throughput))
+            try:
+                mags = law(self.options["seed"], self._table.take(rows[some]), [interval.middle], wavelength, numbers)
+            except (KeyError, TypeError, ValueError, IndexError) as exc:
+                raise wrong(self.universe.folder, kind, exc) from exc
+            change[some] = mags[:, 0]
+        return change

@@ -14,6 +14,7 @@ from csstsim.base.files.fits_headers import check_headers
 from csstsim.base.files.text_file import read_text
 from csstsim.base.help_page import explained
 from csstsim.catalog import part_rows
+from csstsim.catalog.changing import columns as changing
 from csstsim.catalog.misspelt import meant
 from csstsim.catalog.row_files import check_spectra, named, with_images
 from csstsim.catalog.selection.drawable import STRONGLY_LENSED, reasons
@@ -23,16 +24,17 @@ from csstsim.catalog.unsupported_shapes import check_shapes
 FORMATS = {".csv": "ascii.csv", ".ecsv": "ascii.ecsv", ".fits": "fits", ".parquet": "parquet"}
 LARGE = 200_000_000  # bytes of a text from which reading it takes minutes, and tens of times as much memory
 BRIGHTEST, FAINTEST = -3.0, 90.0  # mag; -99, -9.99, 99, 99.99 and the like stand for "not known" in many catalogues
-_KNOWN = {*COLUMNS, *OPTIONAL, *part_rows.SHORTHANDS, "type", "size", "n"}
+_KNOWN = {*COLUMNS, *OPTIONAL, *changing.COLUMNS, *part_rows.SHORTHANDS, "type", "size", "n"}
 # Names that users type: similar ones count as misspelt. Magnitudes are added.
 _TYPED = {
     "ra", "dec", "type", "size", "size_disk", "size_bulge", "bulge_frac", "e1", "e2", "n_disk", "n_bulge", "knots_frac",
-    "part_of", "part_share", "image_file", "spectrum_file",
+    "part_of", "part_share", "image_file", "spectrum_file", *changing.COLUMNS,
 }  # fmt: skip
 _FILLED = {"e1", "e2", "bulge_frac", "z", "size_disk", "size_bulge", "kappa", "gamma1", "gamma2"}
 _UNITS = {
     **dict.fromkeys(("ra", "dec"), "deg"), **dict.fromkeys(("size", "size_disk", "size_bulge"), "arcsec"),
     **dict.fromkeys(("pmra", "pmdec"), "mas / yr"), "parallax": "mas", "rv": "km / s", "teff": "K", "av": "mag",
+    **changing.UNITS,
 }  # fmt: skip
 
 
@@ -207,7 +209,8 @@ def object_table(columns, bands, where):
             columns[name] = np.nan_to_num(columns[name], nan=(COLUMNS | OPTIONAL)[name][1])  # a blank gets the default
     if "knots" in columns and "knots_frac" not in columns:  # all of the disk's light
         columns["knots_frac"] = np.where(columns["knots"] > 0, 1.0 - columns.get("bulge_frac", np.zeros(count)), 0.0)
-    ours = {name if name in known else f"user_{name}": values for name, values in columns.items()}
+    timed = changing.completed(columns, count)
+    ours = {name if name in known else f"user_{name}": v for name, v in columns.items() if name not in timed} | timed
     try:
         table = ObjectTable.complete(ours, bands, compact=True)
     except InputError as error:
@@ -241,7 +244,7 @@ def _check_columns(columns, magnitudes, where):
         needed = f"ra, dec and one of {', '.join(magnitudes)}"
         found = ", ".join(columns)
         raise InputError(f"a column is missing; needed: {needed}; found: {found}", file=where, key=missing)
-    for name in known & set(columns) - {"type", *FILE_COLUMNS}:
+    for name in known & set(columns) - {"type", "light_curve", *FILE_COLUMNS}:
         if columns[name].dtype.kind not in "iuf":
             word = next((str(v) for v in columns[name] if not _number(v)), str(columns[name][:1]))
             raise InputError("must be numbers", file=where, key=name, value=word)

@@ -10,7 +10,9 @@ the camera's own bands, before lensing. Spectra are smooth and reproduce all mag
 emission lines need a catalogue with `load_sed` (catalog.base). Cells may be blank; a row that cannot be drawn as given
 is refused (catalog.object_table). A galaxy's shape is drawn from `size`, `n`, `bulge_frac`, `e1` and `e2`; columns that
 describe it differently (`q`, `pa`, `re` and the like) are refused with the conversion formula
-(catalog.unsupported_shapes). Other columns are copied to the truth table as `user_<name>`.
+(catalog.unsupported_shapes). An object may move or vary: columns rate_ra, rate_dec, rate_mjd, trail_width, var_period,
+var_amplitude, var_phase and light_curve (catalog.changing.columns). Other columns are copied to the truth table as
+`user_<name>`.
 """
 
 import hashlib
@@ -24,6 +26,7 @@ import numpy as np
 from csstsim.base.errors import InputError
 from csstsim.base.help_page import explained
 from csstsim.catalog.base import CatalogBase
+from csstsim.catalog.changing.light_curves import LightCurves, dimming
 from csstsim.catalog.light.photometry import subband_weights
 from csstsim.catalog.mock_object import MockObjects
 from csstsim.catalog.object_table import object_table, read_table
@@ -33,18 +36,19 @@ from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID
 
 _NEEDLE = re.compile(rb"image_file|spectrum_file")
-_OPTIONS = ("file", "columns", "instrument")
+_OPTIONS = ("file", "columns", "instrument", "light_curves")
 
 
 class TableCatalog(CatalogBase):
     """Objects of a table.
 
     options: `file` (.csv, .ecsv, .fits or .parquet; the last two for millions of rows), or `columns`, {name: list of
-    values}; `instrument`: the camera whose bands are meant, as in a campaign (default: the shipped one). Raises
+    values}; `instrument`: the camera whose bands are meant, as in a campaign (default: the shipped one);
+    `light_curves`: file of the curves that the column light_curve names (catalog.changing.light_curves). Raises
     InputError for a table that cannot be used.
     """
 
-    PATHS = ("file", "instrument")
+    PATHS = ("file", "instrument", "light_curves")
 
     @explained("table of objects")
     def __init__(self, options, region):
@@ -60,14 +64,29 @@ class TableCatalog(CatalogBase):
         columns = read_table(file) if file else self.options["columns"]
         self._table = object_table(columns, self._bands, file or "catalog.options.columns")
         self.objs = MockObjects(self._table)
+        curves = self.options.get("light_curves")
+        self._curves = LightCurves(read_table(curves), curves) if curves else None
+        names = self._table.get("light_curve", np.zeros(0, str))
+        if self._curves:
+            self._curves.check(names)
+        elif (names != "").any():
+            raise InputError(
+                "the table names light curves: the option that names their file is missing",
+                key="catalog.options.light_curves", value=str(names[names != ""][0]),
+            )  # fmt: skip
+
+    def dimming(self, rows, interval, filter):
+        """Return (len(rows),) mag by which objects are fainter, as CatalogBase.dimming, with the curves of the file."""
+        return dimming(self._table, np.asarray(rows, dtype=int), interval, filter, self._curves)
 
     @classmethod
     def files(cls, options):
-        """Return the table's file, if there is one, and the files that its rows name: they decide the pixels."""
-        file = options.get("file")
+        """Return the files of the table, of its light curves, and those that its rows name: they decide the pixels."""
+        file, curves = options.get("file"), options.get("light_curves")
+        named = (curves,) if curves else ()
         if not file:
-            return files_of(options.get("columns") or {}, "catalog.options.columns")
-        return (file, *(files_of(read_table(file), file) if _may_name_files(file) else ()))
+            return (*named, *files_of(options.get("columns") or {}, "catalog.options.columns"))
+        return (file, *named, *(files_of(read_table(file), file) if _may_name_files(file) else ()))
 
     @cached_property
     def truth_hash(self):

@@ -14,8 +14,8 @@ from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
 from csstsim.base.files.file_log import logged
 
-STAR, GALAXY, QUASAR = 0, 1, 2
-TYPES = ("star", "galaxy", "quasar")  # by obj_type
+STAR, GALAXY, QUASAR, ASTEROID, SATELLITE = 0, 1, 2, 3, 4
+TYPES = ("star", "galaxy", "quasar", "asteroid", "satellite")  # by obj_type; all but galaxies are points
 
 ROWS = 1_000_000  # of a part
 _MOST = 1 << 28  # values in a file: the fullest possible brick (4 million objects), 2 GB
@@ -25,7 +25,7 @@ _META_KEY, _SUMS_KEY = b"csstsim", b"csstsim_checksums"
 # without a size is flagged, one without a parallax is not. Magnitudes in the camera's bands come after z (MAGNITUDE).
 COLUMNS = {
     "id": (np.int64, 0, "the object's number"),
-    "obj_type": (np.int8, STAR, "0 star, 1 galaxy, 2 quasar"),
+    "obj_type": (np.int8, STAR, "0 star, 1 galaxy, 2 quasar, 3 asteroid, 4 satellite"),
     "ra": (np.float64, np.nan, "deg, ICRS at J2000; moved by pmra ... parallax if a star"),
     "dec": (np.float64, np.nan, "deg"),
     "z": (np.float32, 0.0, "redshift"),

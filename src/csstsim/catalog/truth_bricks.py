@@ -52,7 +52,7 @@ def make_brick(seed, pix, universe, camera, lensing, structure="haloes", bright_
     table = ObjectTable.concat([stars, galaxies, quasars, *last]).with_columns(
         id=first + np.arange(rows, dtype=np.int64)
     )
-    table = _with_magnitudes(table, universe, camera)
+    table = with_magnitudes(table, universe, camera)
     table.meta = brick_meta(seed, pix, universe, camera, lensing, structure, bright_stars)
     return table
 
@@ -207,7 +207,8 @@ def _complete(obj_type, columns, camera):
     return ObjectTable.complete(head | {"obj_type": np.full(count, obj_type, np.int8)} | tail, camera.bands)
 
 
-def _with_magnitudes(table, universe, camera):
+def with_magnitudes(table, universe, camera):
+    """Return a table of the embedded sky with the magnitudes of its spectra in the camera's bands."""
     bands, telescope = camera.bands, camera.telescope
     weights = np.stack([subband_weights(f, telescope).sum(axis=0) for f in bands.values()])
     light = rates(universe, table, weights, fine=False)

@@ -17,8 +17,10 @@ from pathlib import Path
 import numpy as np
 
 from csstsim.base.errors import InputError
+from csstsim.catalog.changing import columns as changing
 from csstsim.catalog.table import FILE_COLUMNS, ObjectTable, check_numbers
 
+ENDS = "trail_x0", "trail_y0", "trail_x1", "trail_y1"  # columns of pixels, as x and y
 # .cat name: our column
 CAT_COLUMNS = {
     "obj_ID": "id", "ID_chip": "chip", "filter": "filter", "xImage": "x", "yImage": "y", "ra": "ra", "dec": "dec",
@@ -33,6 +35,13 @@ CAT_COLUMNS = {
 ABOUT = {
     "chip": "chip of the Level-0 file",
     "filter": "its filter or grating",
+    **{name: meaning for name, (_, _, meaning) in changing.COLUMNS.items()},
+    "dmag": "mag by which it is fainter in this exposure than mag_*: of objects that vary, if the catalogue has any",
+    "trail_start": "s after the start of the exposure, from which an object that moves is drawn; NaN: it does not move",
+    "trail_end": "s, until which it is drawn; its place is that of the middle",
+    "trail_length": "arcsec, of the motion in that time; 0: it does not move",
+    "trail_angle": "deg, north through east, of the motion",
+    **dict.fromkeys(ENDS, "FITS px of the assembled frame: where it is at trail_start and at trail_end"),
     "x": "FITS px of the assembled frame (centre of the first active pixel at 1)",
     "y": "the same",
     "ra": "deg, apparent direction: with the WCS of `sip: true`, or csstsim.Frame's, it gives xImage, yImage",
@@ -55,7 +64,7 @@ ABOUT = {
     "electrons": "nominal electrons of the exposure (grating: of all orders)",
     "drawn": "electrons put into the image",
     "fraction": "drawn / electrons",
-    "method": "how it was drawn: photons, stamp, unresolved, reference, none",
+    "method": "how it was drawn: photons, stamp, unresolved, reference, track (a satellite), none",
     "snr": "predicted S/N of the object",
     "error": "bound of the drawing's error: what an ideal filter on all pixels sees, over its own noise; brighter than "
     "16 mag and larger than 2.5 arcsec up to ten times as much (rendering.md)",
@@ -85,6 +94,7 @@ def truth_table(drawn, chip):
     unknown = np.full(count, np.nan, np.float32)
     ours = {f"user_{name}" if name in TAKEN else name: drawn[name] for name in drawn.names}
     ours["chip"], ours["filter"] = np.full(count, chip.id, np.int16), np.full(count, chip.filter)
+    ours |= {name: ours[name] + 1.0 for name in ENDS if name in ours}
     for axis in ("x", "y"):  # an exposure without objects has no positions
         ours[axis] = ours.get(axis, unknown) + 1.0
     one_kappa = 1.0 - ours["kappa"].astype(float)
@@ -128,4 +138,6 @@ def read_truth(path):
         raise InputError("not a truth table: it lacks a column", file=path, key=missing[0])
     check_numbers(path, table, set(CAT_COLUMNS) - {"filter"})
     columns = {CAT_COLUMNS.get(name, name): table[name] for name in table.names}
-    return ObjectTable(columns | {"x": columns["x"] - 1.0, "y": columns["y"] - 1.0}, table.meta)
+    return ObjectTable(
+        columns | {name: columns[name] - 1.0 for name in ("x", "y", *ENDS) if name in columns}, table.meta
+    )

@@ -80,22 +80,25 @@ def _drawing(state, param, rng):
     return Drawing(
         exposure.wcs, state.psf, exposure.exptime,
         Scattered(there.wing if param.wings else None, there.ghosts if param.ghosts else None), exposure.fidelity,
-        noise.variance(exposure.exptime), rng.exposure_key("photons"), state.tables,
+        noise.variance(exposure.exptime), rng.exposure_key("photons"), state.tables, exposure.observer,
+        exposure.interval,
     )  # fmt: skip
 
 
 def _drawn(state, canvas, order, drawing):
     """Draw the objects in this order; return (table of objects,), with gratings (table of objects, table of orders)."""
+    from csstsim.render.trails import draw_trailed
+
     exposure, objects, reference = state.exposure, state.catalog.take(order), drawing.fidelity == "reference"
     if exposure.gratings is None:
         if reference:
             from csstsim.render.imaging.reference import draw_objects
         else:
             from csstsim.render.imaging.draw import draw_objects
-        return (draw_objects(canvas, objects, drawing),)
+        return draw_trailed(draw_objects, canvas, objects, drawing)
     if reference:
         from csstsim.render.slitless.reference_dispersed import draw_objects
     else:
         from csstsim.render.slitless.draw_dispersed import draw_dispersed as draw_objects
     disperser = Disperser(exposure.gratings, exposure.filter, exposure.telescope)
-    return draw_objects(canvas, objects, state.spectra.take(order), disperser, drawing)
+    return draw_trailed(draw_objects, canvas, objects, drawing, state.spectra.take(order), disperser)

@@ -8,7 +8,8 @@ from csstsim.catalog.table import TYPES
 from csstsim.io.truth import read_truth
 
 STYLES = {"star": ("o", "#E69F00"), "galaxy": ("s", "#56B4E9"), "quasar": ("D", "#CC79A7")}
-PLURALS = {"star": "stars", "galaxy": "galaxies", "quasar": "quasars"}
+STYLES |= {"asteroid": ("^", "#009E73"), "satellite": ("v", "#D55E00")}
+PLURALS = {"galaxy": "galaxies"} | {name: f"{name}s" for name in ("star", "quasar", "asteroid", "satellite")}
 _SIZE = 7.0  # points
 
 
@@ -45,7 +46,7 @@ def draw_marks(axes, chosen):
     """Mark the rows of a truth table on axes of chip pixels, with a legend below."""
     for number, name in enumerate(TYPES):
         rows = chosen.take(chosen["obj_type"] == number) if len(chosen) else chosen
-        if not len(rows) and name == "quasar":
+        if not len(rows) and name not in ("star", "galaxy"):
             continue  # most frames have none
         marker, colour = STYLES[name]
         x, y = (rows["x"], rows["y"]) if len(rows) else ([], [])

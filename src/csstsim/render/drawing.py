@@ -5,6 +5,8 @@ from functools import cached_property
 
 import numpy as np
 
+from csstsim.catalog.astrometry.ephemeris import Observer
+from csstsim.catalog.changing.motion import Interval
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.psf.psf_file import PsfSet
 from csstsim.optics.scatter.scattered_light import Scattered
@@ -24,6 +26,8 @@ class Drawing:
     variance: float = 0.0  # of a pixel without objects [e-^2]
     key: np.uint64 | None = None  # of the exposure's random numbers, for photons
     tables: PsfTable | None = None  # of the PSF, for photons
+    observer: Observer | None = None  # with interval, for objects that move
+    interval: Interval | None = None
     kept: Mixer | None = None  # of the PSF; keeping it between calls saves about 10 ms
 
     @cached_property

@@ -52,7 +52,7 @@ def choose(scene, drawing, maximum=1.0):
     """
     numbers, fidelity = load_numbers(), drawing.fidelity
     electrons = scene.electrons.sum(axis=1)
-    snr = electrons / noise(scene, electrons, drawing.variance)
+    snr = scene.whole / noise(scene, scene.whole, drawing.variance)
     cost = costs(scene, electrons * maximum, numbers.cost)
     photons = _may_be_photons(electrons * maximum, drawing)
     if drawing.ghosts is not None:
@@ -73,7 +73,7 @@ def choose_dispersed(scene, drawing, disperser, maximum=1.0):
     numbers = load_numbers()
     electrons, eps = scene.electrons.sum(axis=1), numbers.presets[drawing.fidelity].eps
     px = disperser.length
-    snr = electrons / noise(scene, electrons, drawing.variance, length=px)
+    snr = scene.whole / noise(scene, scene.whole, drawing.variance, length=px)
     cost, galaxy = numbers.cost, scene.extended
     orders = disperser.rates.sum(axis=(0, 1, 2)) / disperser.rates[:, disperser.orders.index(1)].sum()
     shot = cost.spectrum_object + maximum * orders * electrons * np.where(

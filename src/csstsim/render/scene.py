@@ -34,6 +34,7 @@ class Scene:
     share: np.ndarray | None = None  # (n,) of the object's light; None: all
     spot: np.ndarray | None = None  # (n,) int64, group of `spots` that is the profile, or -1; None: nowhere
     spots: Spots | None = None
+    piece: np.ndarray | None = None  # (n,) of an object's light that this piece of its trail has; None: all of it
 
     def __len__(self):
         return len(self.x)
@@ -47,6 +48,12 @@ class Scene:
         """Return the Scene with these half sides of stamps and radii of wings [px], (n,) or one for all."""
         reach, wing = (np.broadcast_to(np.asarray(v), len(self)).copy() for v in (reach, wing))
         return replace(self, reach=reach, wing=wing)
+
+    @property
+    def whole(self):
+        """(n,) electrons of the object of which each is a piece."""
+        electrons = self.electrons.sum(axis=1)
+        return electrons if self.piece is None else electrons / self.piece
 
     @property
     def extended(self):
@@ -72,7 +79,8 @@ def make_scene(objects, wcs, psf, exptime):
     scene = Scene(
         objects["id"].astype(np.int64), objects["x"].astype(float), objects["y"].astype(float), flux,
         np.stack([light for light, *_ in parts], axis=1), sersic, shape_matrix(objects, wcs), node.astype(np.int64),
-        weight, outside, *(objects[name] if name in objects else None for name in ("reach", "wing")),  # noqa: SIM401 - no mapping
+        weight, outside,
+        **{n: objects[c] for n, c in (("reach", "reach"), ("wing", "wing"), ("piece", "trail_share")) if c in objects},
     )  # fmt: skip
     if not {"knots", "image_file"} & set(objects):
         return scene

@@ -59,6 +59,16 @@ class Exposure:
         return self.camera.telescope
 
     @cached_property
+    def interval(self):
+        """The catalog.changing.motion.Interval of the exposure, with the shutter's times if the layers have them."""
+        from functools import partial
+
+        from csstsim.catalog.changing.motion import Interval
+        from csstsim.optics.throughput.shutter import lost
+
+        return Interval(self.pointing.mjd, self.exptime, partial(lost, self.chip) if self.losses.shutter else None)
+
+    @cached_property
     def gratings(self) -> "Gratings | None":
         """The gratings that light of the sky goes through, or None."""
         dispersed = self.chip.kind == "slitless" and self.pointing.type == "SCIE"

@@ -15,14 +15,23 @@ def merge(run, pix):
 
     jobs = jobs_on(run, pix)
     sources, detections = merge_brick(
-        pix, (measured_table(run, job, DETECTION_COLUMNS) for job in progress(jobs, "frames")), run.camera.bands
-    )
+        pix, (_timed(measured_table(run, job, DETECTION_COLUMNS), job) for job in progress(jobs, "frames")),
+        run.camera.bands,
+    )  # fmt: skip
     metadata = {
         "product": "merged brick", "csstsim": __version__, "campaign": run.config.name, "brick": pix,
         "recipe": run.brick_recipe(pix), "frames": len(jobs),
     }  # fmt: skip
     write_merged(run.paths.merge(pix), sources, detections, metadata)
     print(f"{number_of(len(sources), 'source')} from {number_of(len(detections), 'detection')}")
+
+
+def _timed(table, job):
+    """Return a job's measured table with the columns bricks.merge.TIMES."""
+    import numpy as np
+
+    interval, count = job.exposure.interval, len(table)
+    return table.with_columns(mjd=np.full(count, interval.middle), exptime=np.full(count, interval.exptime))
 
 
 def jobs_on(run, pix):

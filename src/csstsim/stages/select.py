@@ -29,14 +29,27 @@ def selected(run, exposure):
     from csstsim.optics.scatter.scattered_light import scattered_light
 
     config, camera, filter_, detector = run.catalog, run.camera, exposure.filter, run.camera.detector
-    key = run.universe_key() if run.embedded else {}
+    key = run.universe_key() | _changing(run, exposure) if run.embedded else {}
     catalog = open_catalog(config, run.region(exposure), run.paths.truth, key)
     noise = Noise(filter_.sky, detector.dark, detector.read_noise)
     return select_objects(
         catalog, exposure.wcs, exposure.observer, exposure.window, filter_, camera.telescope, exposure.exptime, noise,
         config.mag_limit, rotated=config.shapes == "rotated90", scattered=scattered_light(camera, filter_),
-        box=psf_box(run, exposure.chip), disperser=run.disperser(exposure),
+        box=psf_box(run, exposure.chip), disperser=run.disperser(exposure), interval=exposure.interval,
     )  # fmt: skip
+
+
+def _changing(run, exposure):
+    """Return what the embedded sky's catalogue needs of what moves and varies, as the campaign asks for it."""
+    from csstsim.catalog.changing.visitors import visitors
+
+    kinds = run.config.catalog.changing
+    key = {"varying": kinds}
+    if {"asteroids", "satellites"} & set(kinds):
+        key["visitors"] = visitors(
+            kinds, run.config.seed, run.universe, run.camera, exposure.pointing, exposure.observer, exposure.interval
+        )
+    return key
 
 
 def say_selected(table, say):
@@ -69,7 +82,9 @@ def _check_catalog(run, say):
     for job in jobs[:TRIED]:  # until one has objects
         report = check(source, run.catalog.options, run.region(job), run.camera)
         parts = (part for _, part in report.table.parts())
-        reach = sum(len(near(part, job.wcs, job.observer, job.window)[0]) for part in parts)
+        reach = sum(
+            len(near(part, job.wcs, job.observer, job.window, interval=job.exposure.interval)[0]) for part in parts
+        )
         if reach or report.faults:
             break
     say(f"{run.config.catalog.kind}: {report}")

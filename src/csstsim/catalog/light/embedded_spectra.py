@@ -10,7 +10,7 @@ own: an atmosphere (coeff0, coeff1, feh) times coeff2, the squared ratio of the 
 import numpy as np
 
 import csstsim.base.process.no_blas  # noqa: F401
-from csstsim.catalog.table import GALAXY, QUASAR, STAR, ObjectTable
+from csstsim.catalog.table import ASTEROID, GALAXY, QUASAR, SATELLITE, STAR, ObjectTable
 from csstsim.instrument.filter import GRID
 from csstsim.universe.parameters import COEFFICIENTS
 
@@ -35,7 +35,7 @@ def rates(universe, table, weights, fine=True):
     """
     out = np.zeros((len(table), len(weights)))
     for chosen, some in kinds(table):
-        if some["obj_type"][0] == STAR:
+        if _as_star(some["obj_type"][0]):
             part = pairs(universe.star_seds.rates, some, some["av"], weights)
         elif some["obj_type"][0] == GALAXY:
             part = universe.galaxy_seds.rates(some["z"], coefficients(some), some["av"], weights, fine)
@@ -64,7 +64,7 @@ def spectra(universe, table):
     out = np.zeros((len(table), len(GRID)))
     for chosen, some in kinds(table):
         scale = some["sed_scale"].astype(float)
-        if some["obj_type"][0] == STAR:
+        if _as_star(some["obj_type"][0]):
             dimming = 10 ** (-0.4 * some["av"].astype(float)[:, None] * universe.extinction)
             part = pairs(universe.star_seds.surface, some) * dimming * scale[:, None]
         else:
@@ -74,10 +74,15 @@ def spectra(universe, table):
     return out
 
 
+def _as_star(obj_type):
+    """Whether objects have the spectrum of a star: stars, and what reflects sunlight."""
+    return (obj_type == STAR) | (obj_type == ASTEROID) | (obj_type == SATELLITE)
+
+
 def kinds(table):
-    """Yield (mask, rows) of the stars, the galaxies and the quasars of a table, where there are any."""
+    """Yield (mask, rows) of stars and what reflects sunlight, of galaxies and of quasars, where there are any."""
     table = light_columns(table)
     for kind in (STAR, GALAXY, QUASAR):
-        chosen = table["obj_type"] == kind
+        chosen = _as_star(table["obj_type"]) if kind == STAR else table["obj_type"] == kind
         if chosen.any():
             yield chosen, table.take(chosen)

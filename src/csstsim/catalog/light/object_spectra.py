@@ -17,10 +17,18 @@ class Spectra:
         """load: (rows of the table, edges) -> (n, bins), before magnification."""
         mu, _ = magnification(*(objects[name] for name in ("kappa", "gamma1", "gamma2")))
         self._mu, self._load = np.where(objects["obj_type"] == STAR, 1.0, mu), load
+        if "dmag" in objects:  # light that varies
+            self._mu = self._mu * 10 ** (-0.4 * objects["dmag"].astype(float))
 
     def __call__(self, rows, edges):
         """Return (len(rows), len(edges) - 1) photon / s / m2 / angstrom: means over bins of `edges` [angstrom]."""
         return self._load(rows, edges) * self._mu[rows, None]
+
+    def times(self, factor):
+        """Return the Spectra with the light of each row times `factor` (n,)."""
+        made = object.__new__(Spectra)
+        made._mu, made._load = self._mu * factor, self._load
+        return made
 
     def take(self, order):
         """Return the Spectra of the table's rows in another order, an index array."""

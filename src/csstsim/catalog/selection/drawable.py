@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from csstsim.catalog.changing import columns as changing
 from csstsim.catalog.components import has_image
 from csstsim.catalog.table import GALAXY, STAR, TYPES
 from csstsim.profiles.sersic import INDEX_MAX, INDEX_MIN
@@ -51,7 +52,7 @@ def reasons(table):
         found["a galaxy whose image_pa or image_scale is not a number"] = has_image(table) & ~np.isfinite(
             table.get("image_pa", share) + table.get("image_scale", share)
         )
-    return found
+    return found | changing.reasons(table)
 
 
 def unusable(table, flux):

@@ -16,6 +16,8 @@ from csstsim.base.healpix import NSIDE
 from csstsim.base.sphere import grown, ra_dec, unit_vectors
 from csstsim.catalog.astrometry.reduction import apparent, at_epoch
 from csstsim.catalog.base import Region
+from csstsim.catalog.changing.columns import moves
+from csstsim.catalog.changing.motion import crosses, trails
 from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING, TRUNCATED_STAMP
 from csstsim.catalog.light.object_spectra import ROW
 from csstsim.catalog.light.photometry import rate_to_mag
@@ -33,6 +35,8 @@ from csstsim.catalog.selection.row_order import back, canonical_order
 from csstsim.catalog.table import GALAXY, STAR
 from csstsim.universe.lensing.lensing import magnification
 
+TRAIL_PX = 64.0  # of a trail: light from further along it does not add up
+SAMPLES = 129  # of a trail, to see where its dispersed light lands
 DISTORTION_PX = 200  # at the field's edge (paper, section 5.2)
 # Stars may move 147" (4.1" a year until 2036) within this margin; wings of bright stars beyond it are not drawn.
 BRICK_MARGIN_PX = DISTORTION_PX + REACH_MAX
@@ -79,7 +83,7 @@ def _grown(ra, dec, margin_deg):
 
 def select_objects(
     catalog, wcs, observer, window, filter, telescope, exptime, noise, mag_limit=None, rotated=False, scattered=None,
-    box=POINT_MAX, disperser=None,
+    box=POINT_MAX, disperser=None, interval=None,
 ):  # fmt: skip
     """Return the ObjectTable of the objects that reach `window` of a chip, with the columns the renderer needs.
 
@@ -87,7 +91,8 @@ def select_objects(
     instrument.chip.Window; exptime in s; noise: Noise; rotated: turn intrinsic ellipticities by 90 degrees (the paper's
     twin campaign, in which nothing else differs); scattered: Scattered (optics.scatter) or None; box: half the side
     of the stored PSF [pixel]; disperser: optics.gratings.dispersion.Disperser of a spectroscopic chip, whose light
-    lands elsewhere, or None.
+    lands elsewhere, or None; interval: catalog.changing.motion.Interval of the exposure, which objects that move or
+    vary need (None: they stay as the catalogue has them).
 
     ra, dec become the apparent direction. Added columns: ra_orig, dec_orig (the catalogue's, J2000), ra_epoch,
     dec_epoch (ICRS at the epoch, to compare with measurements), x, y (0-based pixel), mag (this filter), flux0..3
@@ -96,26 +101,34 @@ def select_objects(
     flags. mag_* are as observed, magnification included. Rows with an unusable value are kept, flagged and without
     light, if they lie on the window or their place is unknown. Behind a grating x, y is where light would fall without
     it, flux0..3 and mag are those of the first order, and the column `catalog_row` is the object's row in the
-    catalogue, for its spectrum (catalog.light.object_spectra). `meta` gets `dropped` (counts by reason), `truth_hash`.
+    catalogue, for its spectrum (catalog.light.object_spectra). A table with rates gets the columns of
+    catalog.changing.motion.trails, whose place is the object's, one with light that varies `dmag` (mag by which it is
+    fainter than mag_*; it is in mag and flux0..3). `meta` gets `dropped` (counts by reason), `truth_hash`.
     """
     everything = catalog.table
-    rows, places = near(everything, wcs, observer, window, 0.0 if disperser is None else disperser.gratings.reach)
+    dispersed = 0.0 if disperser is None else disperser.gratings.reach
+    rows, places = near(everything, wcs, observer, window, dispersed, interval)
     table = everything.take(rows)
+    seconds = seconds_seen(places, exptime, telescope.pixel_scale)
+    dmag = None if interval is None else catalog.dimming(rows, interval, filter)
+    dimmed = np.ones(len(rows)) if dmag is None else 10 ** (-0.4 * dmag)
     optics = noise.variance(exptime), scattered, box, wcs.chip, filter, telescope
     bound = catalog.rate_bound(rows, filter, telescope)
     if bound is not None:  # spectra of objects that cannot reach the window are not summed
-        could = _could_reach(table, places, bound * _magnification(table)[0] * exptime, window, disperser, optics)
+        most = bound * dimmed * _magnification(table)[0] * seconds
+        could = _could_reach(table, places, most, window, disperser, optics)
         rows, table, places = rows[could], table.take(could), {name: v[could] for name, v in places.items()}
+        seconds, dimmed, dmag = seconds[could], dimmed[could], None if dmag is None else dmag[could]
     if rotated:
         table = table.with_columns(e1=-table["e1"], e2=-table["e2"])
     (mu, thin), star = _magnification(table), table["obj_type"] == STAR
     order = canonical_order(table)  # sums by chunks must not depend on the order of the rows
-    flux = catalog.load_fluxes(rows[order], filter, telescope)[back(order)] * mu[:, None]
+    flux = catalog.load_fluxes(rows[order], filter, telescope)[back(order)] * (mu * dimmed)[:, None]
     bad = unusable(table, flux)
     flux[bad] = 0.0
     rate = flux.sum(axis=1)
     mag = np.where(bad, np.nan, rate_to_mag(rate, filter, telescope))
-    reach, lost, wing, ghosts, truncated = _extent(table, bad, rate * exptime, *optics)
+    reach, lost, wing, ghosts, truncated = _extent(table, bad, rate * seconds, *optics)
     flags = table["flags"] | np.where(bad, BAD_VALUE, 0) | np.where(truncated, TRUNCATED_STAMP, 0)
     flags |= np.where(~star & ~thin & ~bad, STRONG_LENSING, 0)
     far = np.where(bad, 0, np.maximum.reduce([reach, wing, ghosts]))
@@ -126,6 +139,7 @@ def select_objects(
         **_magnified(table, catalog.region.bands, mu),
         **{f"flux{i}": flux[:, i] for i in range(flux.shape[1])}, reach=reach, lost=lost,
         wing=wing.astype(np.float32), flags=flags.astype(np.int32), **({} if disperser is None else {ROW: rows}),
+        **({} if dmag is None else {"dmag": dmag.astype(np.float32)}),
     ).take(touches & ~faint)  # fmt: skip
     outside = len(everything) - int(touches.sum())
     chosen.meta = {
@@ -135,11 +149,12 @@ def select_objects(
     return chosen
 
 
-def near(table, wcs, observer, window, dispersed=0.0):
+def near(table, wcs, observer, window, dispersed=0.0, interval=None):
     """Return the rows that could reach the window, or whose place is unknown, and {name: values} of their places.
 
     dispersed: how far a grating may send light [pixel]. Places: ra, dec, ra_epoch, dec_epoch [deg], x, y [pixel], as
-    `select_objects` describes them.
+    `select_objects` describes them, and with an interval those of catalog.changing.motion.trails, if the table has
+    rates.
     """
     located = np.flatnonzero(np.isfinite(table["ra"]) & np.isfinite(table["dec"]))
     star = table["obj_type"][located] == STAR  # nothing else moves, whatever the catalogue says
@@ -149,8 +164,26 @@ def near(table, wcs, observer, window, dispersed=0.0):
     places = np.full((6, len(table)), np.nan)
     places[:, located] = *seen, *epoch, *wcs.world_to_pixel(*seen)
     nowhere = np.isnan(places[0])
-    rows = np.flatnonzero(_touches(*places[4:], REACH_MAX + dispersed, window) | nowhere)
-    return rows, dict(zip(("ra", "dec", "ra_epoch", "dec_epoch", "x", "y"), places[:, rows], strict=True))
+    places = dict(zip(("ra", "dec", "ra_epoch", "dec_epoch", "x", "y"), places, strict=True))
+    reach = REACH_MAX + dispersed
+    seen = _touches(places["x"], places["y"], reach, window) | nowhere
+    if interval is not None and "rate_ra" in table:
+        moving = np.flatnonzero(moves(table) & ~nowhere)
+        found = trails(table.take(moving), wcs, observer, window, interval, reach + DISTORTION_PX)
+        for name, values in found.items():
+            places.setdefault(name, np.full(len(table), 0.0 if name == "trail_length" else np.nan))[moving] = values
+        seen[moving] = np.isfinite(found["x"])
+    rows = np.flatnonzero(seen)
+    return rows, {name: values[rows] for name, values in places.items()}
+
+
+def seconds_seen(places, exptime, pixel_scale):
+    """Return (n,) the time [s] whose light decides how far objects are visible: of a fast one, that near one place."""
+    if "trail_length" not in places:
+        return np.full(len(places["x"]), float(exptime))
+    time, length = places["trail_end"] - places["trail_start"], places["trail_length"] / pixel_scale
+    with np.errstate(invalid="ignore"):
+        return np.where(length > 0, time * np.minimum(1.0, TRAIL_PX / np.where(length > 0, length, 1.0)), exptime)
 
 
 def _touches(x, y, reach, window):
@@ -162,6 +195,17 @@ def _touches(x, y, reach, window):
 def _lands(places, far, window, disperser):
     """Whether light within `far` (n,) px of where it lands meets the window; False for NaN."""
     x, y = places["x"], places["y"]
+    if "trail_length" in places and (trailed := places["trail_length"] > 0).any():
+        still = {name: places[name] for name in ("x", "y")}
+        if disperser is None:
+            return np.where(trailed, crosses(places, far, window), _lands(still, far, window, None))
+        ends = [[places[f"trail_{axis}{k}"] for axis in "xy"] for k in (0, 1)]
+        along = [{a: p + s * (q - p) for a, p, q in zip("xy", *ends, strict=True)} for s in np.linspace(0, 1, SAMPLES)]
+        return np.where(
+            trailed,
+            np.any([_lands(at, far, window, disperser) for at in along], axis=0),
+            _lands(still, far, window, disperser),
+        )
     if disperser is None:
         return _touches(x, y, far, window)
     visits = disperser.visits(x, y, far)

@@ -55,6 +55,11 @@ def exposed(chip, window, exptime):
     return 1 - deficit(_across_mm(chip, np.arange(window.x0, window.x1)), chip.telescope) / exptime
 
 
+def lost(chip, x):
+    """Return the exposure time lost [s] at columns x (n,) [px] of a chip, half of it at either end of the exposure."""
+    return deficit(_across_mm(chip, np.asarray(x, float)), chip.telescope)
+
+
 def check(chip, exptime):
     """Raise InputError for an exposure [s] shorter than opening plus closing, or leaves that do not cover the chip."""
     shortest, span = 2 * chip.telescope.shutter_time, chip.telescope.shutter_span_mm

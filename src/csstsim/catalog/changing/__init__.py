@@ -1,0 +1,1 @@
+"""Objects that change with time: light curves, motion on the sky."""

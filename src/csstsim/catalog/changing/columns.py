@@ -1,0 +1,70 @@
+"""Columns of objects that change with time; a table without them has objects that stay as they are."""
+
+import numpy as np
+
+MOTION = {
+    "rate_ra": (np.float64, 0.0, "arcsec / hour, motion on the sky as seen from the telescope, includes cos(dec)"),
+    "rate_dec": (np.float64, 0.0, "arcsec / hour"),
+    "rate_mjd": (np.float64, np.nan, "MJD, UTC, at which the object is at ra, dec; needed with a rate"),
+    "trail_width": (
+        np.float64,
+        0.0,
+        "arcsec, full width of a satellite's track before the PSF, as of a disc out of focus",
+    ),
+}
+LIGHT = {
+    "var_period": (np.float64, np.nan, "day, of a periodic change of the magnitude"),
+    "var_amplitude": (np.float64, 0.0, "mag, half the range of the periodic change: a sine about the given magnitude"),
+    "var_phase": (np.float64, 0.0, "turns, of the sine at MJD 0 (UTC)"),
+    "light_curve": (str, "", "name of a curve in the file of the option `light_curves`"),
+}
+COLUMNS = MOTION | LIGHT
+UNITS = {
+    **dict.fromkeys(("rate_ra", "rate_dec"), "arcsec / h"), "rate_mjd": "d", "trail_width": "arcsec",
+    "var_period": "d", "var_amplitude": "mag",
+}  # fmt: skip
+TRACK_RATE = 216_000.0  # arcsec / hour, 1 arcmin / s: only what is faster may have a width
+
+
+def completed(columns, count):
+    """Return {name: (count,) values} of the columns of COLUMNS among `columns`, in their types, blanks at the default.
+
+    If one of MOTION is given, all of them are returned.
+    """
+    given = {name: columns[name] for name in COLUMNS if name in columns}
+    if set(given) & set(MOTION):
+        given = {name: given.get(name, default) for name, (_, default, _) in MOTION.items()} | given
+    made = {}
+    for name, values in given.items():
+        dtype, default, _ = COLUMNS[name]
+        if dtype is str:
+            made[name] = np.array(np.broadcast_to(np.asarray(values).astype(str), count))
+            continue
+        values = np.array(np.broadcast_to(values, count), dtype=dtype)
+        made[name] = values if np.isnan(default) else np.where(np.isnan(values), default, values)
+    return made
+
+
+def moves(table):
+    """Return (n,) bool: the objects of a table with a rate of motion on the sky."""
+    if "rate_ra" not in table:
+        return np.zeros(len(table), bool)
+    return np.hypot(table["rate_ra"], table["rate_dec"]) > 0
+
+
+def reasons(table):
+    """Return {reason: (n,) bool} for which an object of a table cannot be drawn as it says."""
+    found = {}
+    if "rate_ra" in table:
+        speed = np.hypot(table["rate_ra"], table["rate_dec"])
+        found["rate_ra or rate_dec is not finite"] = ~np.isfinite(speed)
+        found["a rate of motion without rate_mjd"] = (speed > 0) & ~np.isfinite(table["rate_mjd"])
+        width = table["trail_width"]
+        found["trail_width is negative or not finite"] = ~((width >= 0) & np.isfinite(width))
+        found["a trail_width, but slower than 1 arcmin / s: widths are for satellites"] = (width > 0) & (
+            speed < TRACK_RATE
+        )
+    period, size = (table.get(name, np.zeros(len(table))) for name in ("var_period", "var_amplitude"))
+    found["a var_amplitude without a var_period above 0"] = (size != 0) & ~(period > 0)
+    found["var_amplitude or var_phase is not finite"] = ~np.isfinite(size + table.get("var_phase", 0.0))
+    return found

@@ -1,0 +1,139 @@
+"""Motion on the sky: where an object with a rate is, when it is near a chip, and the trail that it leaves.
+
+An object at ra, dec at the time rate_mjd moves on a great circle at constant speed, as seen from the telescope. At most
+a quarter of a turn from that place it is seen; beyond it is nowhere. So one row is an asteroid for weeks, and a
+satellite for one passage. Left out: the curvature of a trail by the telescope's own orbit (for a main-belt asteroid in
+150 s up to 0.02 arcsec).
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from csstsim.base.sphere import frames, ra_dec, turned, unit_vectors
+from csstsim.base.units import ARCSEC_PER_RAD, DAY_S
+from csstsim.catalog.astrometry.reduction import apparent, icrs
+
+FURTHEST = np.pi / 2  # rad from ra, dec
+HOUR_S = 3600.0
+
+
+class Interval(NamedTuple):
+    """The time during which an exposure's shutter lets light pass."""
+
+    start: float  # MJD, UTC
+    exptime: float  # s
+    lost: Callable | None = None  # columns [px] -> s that the leaves take from them, half of it at either end
+
+    @property
+    def middle(self):
+        """MJD of the middle of the exposure, the same for all columns of a chip."""
+        return self.start + 0.5 * self.exptime / DAY_S
+
+    def exposed(self, x):
+        """Return (first, last) [s after the start]: when columns x [px] of the chip are exposed."""
+        wait = np.zeros(np.shape(x)) if self.lost is None else 0.5 * self.lost(x)
+        return wait, self.exptime - wait
+
+
+class Motion:
+    """The motion of the rows of a table that has rates (catalog.changing.columns)."""
+
+    def __init__(self, table, interval):
+        self.interval = interval
+        self._start, east, north = frames(np.radians(table["ra"]), np.radians(table["dec"]))
+        along, up = table["rate_ra"], table["rate_dec"]
+        speed = np.hypot(along, up)
+        safe = np.where(speed > 0, speed, 1.0)[:, None]
+        self._towards = (along[:, None] * east + up[:, None] * north) / safe
+        self.speed = speed / HOUR_S  # arcsec / s
+        self._before = (interval.start - table["rate_mjd"]) * DAY_S  # s from rate_mjd to the start of the exposure
+
+    def angle(self, t):
+        """Return the angle [rad] from ra, dec at t (n, ...) [s after the start]."""
+        t = np.asarray(t, float)
+        shape = (-1,) + (1,) * (t.ndim - 1)
+        return self.speed.reshape(shape) / ARCSEC_PER_RAD * (self._before.reshape(shape) + t)
+
+    def place(self, t):
+        """Return ra, dec [deg], ICRS, at t (n, ...) [s after the start of the exposure]."""
+        phi = self.angle(t)[..., None]
+        shape = (len(self.speed),) + (1,) * (phi.ndim - 2) + (3,)
+        return ra_dec(np.cos(phi) * self._start.reshape(shape) + np.sin(phi) * self._towards.reshape(shape))
+
+    def direction(self, t):
+        """Return the position angle of the motion [deg, north through east] at t (n,) [s after the start]."""
+        phi = self.angle(t)[:, None]
+        velocity = np.cos(phi) * self._towards - np.sin(phi) * self._start
+        _, east, north = frames(*np.radians(self.place(t)))
+        e, n = (np.einsum("ni,ni->n", velocity, axis) for axis in (east, north))
+        return turned(np.degrees(np.arctan2(e, n)))
+
+    def near(self, centre, radius):
+        """Return (first, last) (n,) [s after the start]: when within `radius` [rad] of a place (ra, dec) [deg].
+
+        Only times of the exposure count; NaN: at none of them.
+        """
+        c = unit_vectors(*centre)
+        a, b = self._start @ c, self._towards @ c
+        cosine = np.hypot(a, b)  # of the smallest distance
+        with np.errstate(invalid="ignore", divide="ignore"):
+            half = np.arccos(np.clip(np.cos(radius) / cosine, -1.0, 1.0))
+            half = np.where(np.cos(radius) > cosine, np.nan, half)
+            best = np.arctan2(b, a)
+            ends = np.clip(best - half, -FURTHEST, FURTHEST), np.clip(best + half, -FURTHEST, FURTHEST)
+            first, last = (end * ARCSEC_PER_RAD / self.speed - self._before for end in ends)
+            first, last = (np.clip(t, 0.0, self.interval.exptime) for t in (first, last))
+        never = ~(last > first)
+        return np.where(never, np.nan, first), np.where(never, np.nan, last)
+
+
+def trails(table, wcs, observer, window, interval, margin):
+    """Return {name: (n,)} of the trails of a table's rows that move; NaN where they do not come near the window.
+
+    margin [px]: how far from the window light may come from. trail_start, trail_end [s after the start]: while the
+    object is near the window and its column is exposed; trail_length [arcsec], trail_angle [deg, north through east] of
+    the motion between them; trail_x0, trail_y0, trail_x1, trail_y1 [px]: where it is then; ra, dec, ra_epoch,
+    dec_epoch, x, y: the place in the middle of that time, as catalog.selection.select describes them.
+    """
+    motion = Motion(table, interval)
+    middle = wcs.pixel_to_world(0.5 * (window.x0 + window.x1 - 1), 0.5 * (window.y0 + window.y1 - 1))
+    half = 0.5 * np.hypot(window.nx, window.ny) + margin
+    first, last = motion.near(icrs(*middle, observer), half * wcs.chip.telescope.pixel_scale / ARCSEC_PER_RAD)
+    x = seen_at(motion, wcs, observer, 0.5 * (first + last))[4]
+    opened, closed = interval.exposed(np.clip(np.nan_to_num(x), 0, wcs.chip.detector.nx - 1))
+    first, last = np.fmax(first, opened), np.fmin(last, closed)
+    first, last = (np.where(np.isfinite(x) & (last > first), t, np.nan) for t in (first, last))
+    mean = 0.5 * (first + last)
+    places = dict(
+        zip(("ra", "dec", "ra_epoch", "dec_epoch", "x", "y"), seen_at(motion, wcs, observer, mean), strict=True)
+    )
+    return places | {
+        "trail_start": first, "trail_end": last, "trail_length": motion.speed * (last - first),
+        "trail_angle": motion.direction(mean),
+        **{f"trail_{axis}{k}": v for k, t in enumerate((first, last))
+           for axis, v in zip("xy", seen_at(motion, wcs, observer, t)[4:], strict=True)},
+    }  # fmt: skip
+
+
+def crosses(places, far, window):
+    """Return (n,) bool: the trail of `trails` comes within `far` (n,) px of the window, along either axis."""
+    x, y = (places[f"trail_{axis}0"] for axis in "xy")
+    dx, dy = places["trail_x1"] - x, places["trail_y1"] - y
+    enter, leave = np.zeros(len(x)), np.ones(len(x))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for at, step, low, high in ((x, dx, window.x0, window.x1), (y, dy, window.y0, window.y1)):
+            low, high = low - 0.5 - far, high - 0.5 + far
+            ends = np.sort([(low - at) / step, (high - at) / step], axis=0)
+            still, within = step == 0, (at >= low) & (at < high)
+            enter = np.maximum(enter, np.where(still, np.where(within, 0.0, np.inf), ends[0]))
+            leave = np.minimum(leave, np.where(still, 1.0, ends[1]))
+        return enter <= leave
+
+
+def seen_at(motion, wcs, observer, t):
+    """Return apparent ra, dec, ICRS ra, dec at the epoch [deg] and pixels x, y at t (n, ...) [s after the start]."""
+    place = motion.place(t)
+    seen = apparent(*place, observer)
+    return *seen, *place, *wcs.world_to_pixel(*seen)

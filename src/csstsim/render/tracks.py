@@ -1,0 +1,266 @@
+"""Tracks: light of objects so fast that they are seen as lines, as satellites.
+
+Across a line the light follows the line-spread function, the PSF summed along the line, widened by a disc out of focus
+(trail_width). It is computed at the middle of each block of _BLOCK px, and every pixel within its range gets the light
+of its distance from the line. Along the line the light of a pixel is the time that the object takes for it, while the
+pixel's column is exposed. Behind a grating each order of a line is a line as well, whose profile is the spectrum
+projected across it: the sum of line-spread functions over wavelengths.
+
+Light goes to the plane of expected electrons in all fidelities; its Poisson noise is added once, in `poisson_and_dark`.
+Beyond the PSF's box the wing is drawn to _WING px. Left out: ghosts; at the ends of a track, and where it passes from
+one grating's piece to the other's, the round end of the PSF and the dispersion along the line (it ends sharply there).
+"""
+
+import time
+from functools import lru_cache
+
+import numba
+import numpy as np
+from scipy.ndimage import map_coordinates
+
+from csstsim.base.process.progress import progress
+from csstsim.catalog.changing.motion import Motion, seen_at
+from csstsim.optics.psf.psf_file import pixel_response
+from csstsim.render.drawn_table import DrawnTable
+from csstsim.render.wing_tables import RADII
+from csstsim.render.wings import box_share, wing_beyond
+
+METHOD = "track"
+_STEP = 0.125  # px, of the profiles across a line
+_NODE = 4.0  # px along the line between the places that are computed
+_BLOCK = 512.0  # px
+_WING = 512.0  # px
+
+
+def draw_tracks(canvas, objects, drawing, spectra=None, disperser=None):
+    """Draw objects that move as lines on a Canvas; return the table with what was drawn (render.drawn_table).
+
+    objects: ObjectTable of catalog.selection.select with rates, all of whose rows have a trail; the others as in
+    render.trails. snr, error and stamp are 0: no other method could draw them. Behind a grating they have no orders.
+    """
+    flux = np.stack([objects[f"flux{i}"] for i in range(4)], axis=1)
+    time_seen = objects["trail_end"] - objects["trail_start"]
+    out = DrawnTable(objects, flux.sum(axis=1) * time_seen)
+    for i in progress(out.rows, "tracks"):
+        begin = time.process_time()
+        line = _Line(objects.take(np.array([i])), drawing)
+        if disperser is None:
+            parts = [(line, flux[i], None)]
+        else:
+            light = spectra(np.array([i]), disperser.edges)[0]
+            out.electrons[i] = (light * disperser.rates.sum(axis=1).max(axis=0)).sum() * time_seen[i]
+            parts = _orders(line, light, disperser)
+        for part, rates, shifts in parts:
+            drawn, box = _draw(canvas, part, rates, shifts, drawing, float(objects["trail_width"][i]), disperser)
+            out.drawn[i] += drawn
+            if box is not None:
+                old = out.box[i] if out.box[i, 1] > 0 else box
+                out.box[i] = np.where([True, False, True, False], np.minimum(old, box), np.maximum(old, box))
+        out.method[i] = METHOD
+        out.ms[i] = 1000 * (time.process_time() - begin)
+    out.miss(out.rows[out.box[out.rows, 1] == 0])
+    return out.table()
+
+
+class _Line:
+    """Places x, y [px] along a track and the seconds of light for each pixel of length, as the response asks for it."""
+
+    def __init__(self, row, drawing):
+        interval, chip = drawing.interval, drawing.wcs.chip
+        start, end = float(row["trail_start"][0]), float(row["trail_end"][0])
+        count = max(int(np.ceil(row["trail_length"][0] / chip.telescope.pixel_scale / _NODE)), 2) + 1
+        t = np.linspace(start, end, count)
+        motion = Motion(row.with_columns(ra=row["ra_orig"], dec=row["dec_orig"]), interval)
+        self.x, self.y = (v[0] for v in seen_at(motion, drawing.wcs, drawing.observer, t[None])[4:])
+        opened, closed = interval.exposed(np.clip(self.x, 0, chip.detector.nx - 1))
+        slack = 1e-3 * (end - start)  # the ends are those of the middle's column
+        lit = (t >= opened - slack) & (t <= closed + slack)
+        along = np.hypot(np.gradient(self.x), np.gradient(self.y))
+        self.seconds = lit * np.gradient(t) / along * interval.exptime / (closed - opened)
+
+    def taken(self, rows):
+        """Return the part of the line at an array of rows, all next to each other."""
+        part = object.__new__(_Line)
+        part.x, part.y, part.seconds = self.x[rows], self.y[rows], self.seconds[rows]
+        return part
+
+
+def _orders(line, light, disperser):
+    """Yield (part of the line, (bins,) electron / s, (piece, order)) of the orders of each grating's piece."""
+    for piece, (grating, _) in enumerate(disperser.gratings.pieces):
+        x0, x1, y0, y1 = disperser.rectangles[piece]
+        rows = np.flatnonzero((line.x >= x0) & (line.x < x1) & (line.y >= y0) & (line.y < y1))
+        if len(rows) < 2:
+            continue
+        for number, order in grating.orders.items():
+            rates = light * disperser.rates[piece, disperser.orders.index(number)]
+            if rates.sum() > 0:
+                yield line.taken(rows), rates, order
+
+
+def _draw(canvas, line, rates, order, drawing, width, disperser):
+    """Draw a line, one order of it or all; return (electrons on the window, box on the chip or None)."""
+    length = np.r_[0.0, np.cumsum(np.hypot(np.diff(line.x), np.diff(line.y)))]
+    blocks = max(round(length[-1] / _BLOCK), 1)
+    edges = np.searchsorted(length, np.linspace(0, length[-1], blocks + 1)[1:-1])
+    drawn, boxes = 0.0, []
+    for first, last in zip(np.r_[0, edges], np.r_[edges, len(length) - 1], strict=True):
+        if last <= first:
+            continue
+        part = line.taken(np.arange(first, last + 1))
+        x, y = part.x, part.y
+        angle = np.arctan2(y[-1] - y[0], x[-1] - x[0])
+        middle = 0.5 * (x[0] + x[-1]), 0.5 * (y[0] + y[-1])
+        if order is None and not _meets(canvas.window, x, y):
+            continue
+        d, spread, shift = _profile(rates, order, middle, angle, drawing, width, disperser)
+        found, box = _lay(canvas, part, angle, d, spread, shift)
+        drawn += found
+        boxes += [box] if box is not None else []
+    if not boxes:
+        return 0.0, None
+    boxes = np.array(boxes)
+    return drawn, np.array([boxes[:, 0].min(), boxes[:, 1].max(), boxes[:, 2].min(), boxes[:, 3].max()])
+
+
+def _meets(window, x, y):
+    """Whether light of a stretch may reach a window."""
+    reach = 2 * _WING
+    return not (
+        x.max() + reach < window.x0 or x.min() - reach > window.x1
+        or y.max() + reach < window.y0 or y.min() - reach > window.y1
+    )  # fmt: skip
+
+
+def _lay(canvas, part, angle, d, spread, shift):
+    """Add a straight stretch to a Canvas; return (electrons, box or None). shift: (along, across) px of its light."""
+    window, cos, sin = canvas.window, np.cos(angle), np.sin(angle)
+    u, v = part.x - part.x[0], part.y - part.y[0]
+    along, off = u * cos + v * sin, v * cos - u * sin
+    corner = part.x[0] - window.x0 + shift * cos, part.y[0] - window.y0 + shift * sin
+    grid = np.arange(0.0, along[-1] + 1.0)  # px
+    seconds, bend = np.interp(grid, along, part.seconds), np.interp(grid, along, off)
+    touched = np.array([window.nx, 0, window.ny, 0])
+    total = _fill(
+        canvas.expected, canvas.seen, corner, (cos, sin), float(along[-1]), seconds, bend, float(d[0]), spread, touched
+    )
+    return total, None if touched[1] == 0 else touched + canvas.corner
+
+
+@numba.njit(cache=True)
+def _fill(image, response, corner, turn, length, seconds, bend, first, spread, touched):
+    cos, sin = turn
+    total, last = 0.0, first + (len(spread) - 1) * _STEP
+    reach = max(-first, last) + np.abs(bend).max() + 1.0
+    x_end, y_end = corner[0] + length * cos, corner[1] + length * sin
+    low, high = max(int(min(corner[1], y_end) - reach), 0), min(int(max(corner[1], y_end) + reach) + 1, image.shape[0])
+    left, right = (
+        max(int(min(corner[0], x_end) - reach), 0),
+        min(int(max(corner[0], x_end) + reach) + 1, image.shape[1]),
+    )
+    for row in range(low, high):
+        line, v = 0.0, row - corner[1]
+        for column in range(left, right):
+            u = column - corner[0]
+            s = u * cos + v * sin
+            if s < -0.5 or s > length + 0.5:
+                continue
+            at = min(max(s, 0.0), length)
+            k = min(int(at), len(seconds) - 2)
+            w = at - k
+            d = v * cos - u * sin - ((1 - w) * bend[k] + w * bend[k + 1])
+            if d < first or d >= last:
+                continue
+            place = (d - first) / _STEP
+            j = int(place)
+            f = place - j
+            light = ((1 - w) * seconds[k] + w * seconds[k + 1]) * ((1 - f) * spread[j] + f * spread[j + 1])
+            light *= min(s + 0.5, 1.0) * min(length - s + 0.5, 1.0)
+            value = light * response[row, column]
+            if value > 0:
+                image[row, column] += value
+                line += value
+                touched[0], touched[1] = min(touched[0], column), max(touched[1], column + 1)
+                touched[2], touched[3] = min(touched[2], row), max(touched[3], row + 1)
+        total += line
+    return total
+
+
+def _profile(rates, order, middle, angle, drawing, width, disperser):
+    """Return (d, spread, along): electron / s for each px across at distances d [px], and the mean shift along [px].
+
+    rates: (4,) of sub-bands, or (bins,) of an order.
+    """
+    d, bands = _line_spread(drawing, middle, angle)
+    if width > 0:
+        bands = _widened(bands, width / drawing.wcs.chip.telescope.pixel_scale)
+        d = d[0] + _STEP * (np.arange(bands.shape[1]) - (bands.shape[1] - len(d)) / 2)
+    if order is None:
+        return d, rates @ bands, 0.0
+    p, q, r, s = order.lines(np.array([middle[0]]), np.array([middle[1]]))[0]
+    waves = 0.5 * (disperser.edges[1:] + disperser.edges[:-1])
+    dx, dy = p + q * waves, r + s * waves
+    across, along = dy * np.cos(angle) - dx * np.sin(angle), dx * np.cos(angle) + dy * np.sin(angle)
+    lit = rates > 0
+    first, last = across[lit].min() + d[0], across[lit].max() + d[-1]
+    count = int(np.ceil((last - first) / _STEP)) + 2
+    place = (across[lit] - across[lit].min()) / _STEP
+    weights = rates[lit] * disperser.psf_weights[:, lit]
+    spots = np.zeros((4, count - len(d) + 1))
+    k = place.astype(int)
+    f = place - k
+    for band in range(4):
+        np.add.at(spots[band], k, (1 - f) * weights[band])
+        np.add.at(spots[band], np.minimum(k + 1, spots.shape[1] - 1), f * weights[band])
+    spread = sum(np.convolve(spots[band], bands[band]) for band in range(4))
+    return first + _STEP * np.arange(len(spread)), spread, float(np.average(along[lit], weights=rates[lit]))
+
+
+def _line_spread(drawing, middle, angle):
+    """Return (d, (4, n)): light of each sub-band for each px across a line, of light 1 for each px along it.
+
+    angle [rad]: of the line, from x to y.
+    """
+    psf = drawing.psf
+    node, weight, _ = psf.weights(*(np.array([v]) for v in middle))
+    cells = sum(w * psf.node(int(n)) for n, w in zip(node[0], weight[0], strict=True) if w != 0)
+    if drawing.wing is not None:
+        cells = cells * box_share(psf.image.shape[-1], psf.oversampling)
+    lattice = pixel_response(cells, psf.oversampling)
+    half = (lattice.shape[-1] - 1) / 2 / psf.oversampling  # px
+    across = np.arange(-np.ceil(half / _STEP), np.ceil(half / _STEP) + 1) * _STEP
+    along = np.arange(-half * 1.5, half * 1.5, 1 / psf.oversampling)
+    x = along * np.cos(angle) - across[:, None] * np.sin(angle)
+    y = along * np.sin(angle) + across[:, None] * np.cos(angle)
+    at = np.stack([y, x]) * psf.oversampling + (lattice.shape[-1] - 1) / 2
+    box = np.stack([map_coordinates(band.astype(float), at, order=3, mode="constant").sum(axis=1) for band in lattice])
+    box /= psf.oversampling
+    # Interpolation keeps the light to some 1e-4: made exact
+    box *= (lattice.sum(axis=(1, 2)) / psf.oversampling**2 / (box.sum(axis=1) * _STEP))[:, None]
+    if drawing.wing is None:
+        return across, box
+    d, wide = _wing(drawing.wing, psf.image.shape[-1] / 2 / psf.oversampling)
+    wide = wide.copy()
+    start = round((across[0] - d[0]) / _STEP)
+    wide[:, start : start + len(across)] += box
+    return d, wide
+
+
+@lru_cache(16)
+def _wing(wing, half):
+    """Return (d, (4, n)): the wing beyond a box of half side `half` [px] summed along a line, at distances d [px]."""
+    d = np.arange(-_WING, _WING + _STEP, _STEP)
+    s = np.concatenate([[0.0], np.geomspace(0.5, 4096.0, 120)])
+    some = np.unique(np.concatenate([np.linspace(0, 2 * half, 64), np.linspace(2 * half, _WING + _STEP, 64)]))
+    profile = wing_beyond(wing, half).profile
+    r = np.hypot(s, some[:, None])
+    sums = [2 * np.trapezoid(np.interp(r, RADII, band, right=0.0), s, axis=1) for band in profile]
+    return d, np.stack([np.interp(np.abs(d), some, of_band) for of_band in sums])
+
+
+def _widened(bands, width):
+    """Return the line-spread functions (4, n) convolved with a disc of `width` px seen edge-on."""
+    edges = np.arange(-np.ceil(width / 2 / _STEP) - 0.5, np.ceil(width / 2 / _STEP) + 1) * _STEP
+    z = np.clip(2 * edges / width, -1.0, 1.0)
+    share = np.diff(0.5 + (z * np.sqrt(1 - z**2) + np.arcsin(z)) / np.pi)
+    return np.stack([np.convolve(band, share) for band in bands])

@@ -1,0 +1,1 @@
+"""What changes on the embedded sky: variable stars and quasars, asteroids, satellites."""

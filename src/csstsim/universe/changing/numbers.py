@@ -1,0 +1,36 @@
+"""The numbers of what changes on the embedded sky: config/changing/, or files of the same names in a universe's folder.
+
+They are files apart from config/universe/, because truth bricks do not depend on them.
+"""
+
+from functools import cache
+from pathlib import Path
+
+from csstsim.base.digest import file_digest
+from csstsim.base.errors import InputError
+from csstsim.base.shipped import SHIPPED
+from csstsim.instrument.load import read_data
+
+KINDS = ("variable_stars", "variable_quasars", "asteroids", "satellites")  # keys of `catalog`, and names of files
+
+
+def file_of(folder, kind):
+    """Return the file of a kind's numbers for a universe's folder."""
+    own = Path(folder) / f"{kind}.yaml"
+    return own if own.is_file() else SHIPPED / "changing" / f"{kind}.yaml"
+
+
+@cache
+def numbers_of(folder, kind):
+    """Return the numbers of a kind. Raises InputError for an unreadable file, or a number without source."""
+    return read_data(file_of(folder, kind))
+
+
+def digest_of(folder, kinds):
+    """Return {kind: digest of the file of its numbers}."""
+    return {kind: file_digest(file_of(folder, kind)) for kind in kinds}
+
+
+def wrong(folder, kind, exc):
+    """Return the InputError of a number that is missing or cannot be used."""
+    return InputError(f"a number is missing or wrong: {type(exc).__name__} {exc}", file=file_of(folder, kind))

@@ -1,0 +1,44 @@
+"""Variable quasars: a damped random walk (Kelly, Bechtold & Siemiginowska 2009; MacLeod et al. 2010).
+
+The walk m(t) has the covariance SF^2 / 2 exp(-|dt| / tau). Its steps, one a day since the file's `start`, depend on the
+campaign's seed and the quasar's id alone, so any epoch shows the same curve in any order. Between days it is linear,
+and before the start it stands still. In each band the same steps are scaled by that band's SF and damped by its tau.
+The damping time is stretched by 1 + z.
+"""
+
+import numpy as np
+
+from csstsim.base.rng import stream
+
+PIVOT, MASS = 4000.0, 1e9  # angstrom; solar masses
+
+
+def quasar_changes(seed, table, mjd, wavelength, numbers):
+    """Return (n, times) mag by which quasars are fainter than on average at MJDs (times,), at a wavelength [angstrom].
+
+    table: ids, z, coeff0 (M1450) of quasars.
+    """
+    from scipy.signal import lfilter
+
+    z, m1450 = table["z"].astype(float), table["coeff0"].astype(float)
+    days = np.maximum(np.asarray(mjd, float) - numbers["start"], 0.0)
+    steps = int(days.max(initial=0.0)) + 2
+    out = np.zeros((len(z), len(days)))
+    for i, number in enumerate(table["id"].tolist()):
+        normal = stream(seed, "quasar light", number).standard_normal(steps + 1)
+        scatter, tau = walk_of(z[i], m1450[i], normal[0], wavelength, numbers)
+        damping = np.exp(-1.0 / (tau * (1 + z[i])))
+        normal[1] /= np.sqrt(1 - damping**2)  # the stationary state
+        curve = scatter * np.sqrt(1 - damping**2) * lfilter([1.0], [1.0, -damping], normal[1:])
+        out[i] = np.interp(days, np.arange(steps), curve)
+    return out
+
+
+def walk_of(z, m1450, normal, wavelength, numbers):
+    """Return (rms [mag], damping time [day, rest frame]) of a quasar; normal: a standard normal number, of its mass."""
+    m_i = m1450 + numbers["walk"]["shift"]
+    mean, width = (a + b * m_i for a, b in (numbers["mass"]["mean"], numbers["mass"]["width"]))
+    log_mass = mean + max(width, 0.0) * normal - np.log10(MASS)
+    terms = np.array([1.0, np.log10(wavelength / (1 + z) / PIVOT), m_i + 23.0, log_mass])
+    structure, tau = (10.0 ** (np.array(numbers["walk"][name]) @ terms) for name in ("structure", "time"))
+    return structure / np.sqrt(2.0), tau

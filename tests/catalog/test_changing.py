@@ -1,0 +1,249 @@
+"""What moves and varies, without pixels: light curves, great circles, the embedded sky's laws, and wrong tables."""
+
+import astropy.units as u
+import numpy as np
+import pytest
+from astropy.coordinates import SkyCoord
+from astropy.table import Table
+from csst import BANDS
+
+from csstsim.base.errors import InputError
+from csstsim.base.rng import stream
+from csstsim.base.shipped import SHIPPED
+from csstsim.catalog.astrometry.ephemeris import observer
+from csstsim.catalog.base import Region
+from csstsim.catalog.changing.light_curves import LightCurves, mean_mag
+from csstsim.catalog.changing.motion import Interval, Motion, crosses
+from csstsim.catalog.own_table import TableCatalog
+from csstsim.catalog.table import ObjectTable
+from csstsim.instrument.chip import Window
+from csstsim.universe.changing import asteroids, satellites, variable_quasars, variable_stars
+from csstsim.universe.changing.numbers import numbers_of
+
+UNIVERSE = SHIPPED / "universe"
+REGION = Region((), (), (), BANDS)
+INTERVAL = Interval(61000.0, 150.0)
+
+
+def catalogue(**columns):
+    made = {"ra": [10.0, 11.0], "dec": [0.0, 1.0], "mag_r": [20.0, 20.0]} | columns
+    options = {name: made.pop(name) for name in ("light_curves",) if name in made}
+    return TableCatalog({"columns": {k: np.asarray(v) for k, v in made.items()}} | options, REGION)
+
+
+def test_a_sine_is_averaged_over_the_exposure(camera):
+    """Against an average over a thousand times; a period of two exposures and one of a day; the other is constant."""
+    for period in (300.0 / 86400, 1.0):
+        found = catalogue(var_period=[period, np.nan], var_amplitude=[0.5, np.nan], var_phase=[0.1, np.nan])
+        dmag = found.dimming([0, 1], INTERVAL, camera.filters["r"])
+        t = 61000.0 + 150.0 * (np.arange(1000) + 0.5) / 1000 / 86400
+        light = 10 ** (-0.4 * 0.5 * np.sin(2 * np.pi * (t / period + 0.1)))
+        assert dmag[0] == pytest.approx(-2.5 * np.log10(light.mean()), abs=1e-4) and dmag[1] == 0
+    assert catalogue().dimming([0, 1], INTERVAL, camera.filters["r"]) is None
+    assert mean_mag(np.array([[0.0, np.inf]]), np.array([0.5, 0.5]))[0] == pytest.approx(2.5 * np.log10(2))
+
+
+def test_a_curve_is_read_by_name_and_band(camera, tmp_path):
+    path = tmp_path / "curves.csv"
+    text = "curve,mjd,dmag,dmag_r\nnova,60999,0,0\nnova,61001,2,4\nflat,61000,1,1\n"
+    path.write_text(text)
+    found = catalogue(light_curve=["nova", "flat"], light_curves=str(path))
+    for band, rise in (("r", 2.0), ("i", 1.0)):
+        dmag = found.dimming([0, 1], INTERVAL, camera.filters[band])
+        assert dmag == pytest.approx([rise * (1 + 75 / 86400), 1.0], abs=1e-6)
+    late = found.dimming([0, 1], Interval(62000.0, 150.0), camera.filters["i"])
+    assert late == pytest.approx([2.0, 1.0])
+    assert found.files({"light_curves": str(path)}) == (str(path),)
+
+
+@pytest.mark.parametrize(
+    ("columns", "word"),
+    [
+        ({"rate_ra": [1.0, 0.0], "rate_dec": [0.0, 0.0]}, "rate_mjd"),
+        ({"var_amplitude": [0.1, 0.0]}, "var_period"),
+        ({"var_amplitude": [0.1, 0.0], "var_period": [-1.0, 1.0]}, "var_period"),
+        ({"rate_ra": [np.inf, 0.0], "rate_mjd": [61000.0] * 2}, "not finite"),
+        ({"rate_ra": [1.0, 0.0], "rate_mjd": [61000.0] * 2, "trail_width": [2.0, 0.0]}, "satellites"),
+        ({"light_curve": ["a", ""]}, "light_curves"),
+        ({"rate_Ra": [1.0, 0.0]}, "rate_ra"),
+    ],
+)
+def test_a_row_that_cannot_change_as_it_says_is_refused(columns, word):
+    with pytest.raises(InputError, match=word):
+        catalogue(**columns)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "curve,mjd\na,1\n",
+        "curve,dmag\na,1\n",
+        "curve,mjd,dmag\na,1,\n",
+        "curve,mjd,dmag\na,1,0\na,1,2\n",
+        "curve,mjd,dmag\n",
+    ],
+)
+def test_a_wrong_file_of_curves_is_refused(tmp_path, text):
+    path = tmp_path / "curves.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match="curves"):
+        catalogue(light_curve=["a", ""], light_curves=str(path))
+    with pytest.raises(InputError, match="dmag_i"):
+        LightCurves({"curve": ["a"], "mjd": [1.0], "dmag_r": [0.0]}, "here").at("a", [1.0], "i")
+
+
+def test_units_of_a_rate_are_converted():
+    table = Table({"ra": [10.0], "dec": [0.0], "mag_r": [20.0], "rate_ra": [0.5] * u.deg / u.s, "rate_mjd": [61000.0]})
+    from csstsim.catalog.object_table import object_table, plain_columns
+
+    made = object_table(plain_columns(table), BANDS, "table")
+    assert made["rate_ra"][0] == pytest.approx(0.5 * 3600 * 3600) and made["rate_dec"][0] == 0
+
+
+@pytest.mark.parametrize(("ra", "dec"), [(0.0001, 0.0), (200.0, 89.99), (120.0, -60.0)])
+def test_motion_is_a_great_circle(ra, dec):
+    """Places after an hour, RA 0 and the pole among them, against astropy; and when it is near a place."""
+    for angle in (0.0, 77.0, 260.0):
+        rate = 5000.0
+        columns = {"ra": [ra], "dec": [dec], "rate_ra": [rate * np.sin(np.radians(angle))],
+                   "rate_dec": [rate * np.cos(np.radians(angle))], "rate_mjd": [61000.0 - 1 / 24]}  # fmt: skip
+        motion = Motion(ObjectTable(columns), INTERVAL)
+        start = SkyCoord(ra * u.deg, dec * u.deg)
+        for t in (0.0, 150.0):
+            away = rate * (1 + t / 3600) * u.arcsec
+            there = start.directional_offset_by(angle * u.deg, away)
+            place = [v[0] for v in motion.place(np.array([t]))]
+            assert there.separation(SkyCoord(*place * u.deg)).arcsec < 1e-4
+        middle = [float(v[0]) for v in motion.place(np.array([75.0]))]
+        first, last = motion.near(middle, np.radians(50.0 / 3600))
+        assert first[0] == pytest.approx(75 - 36.0, abs=1e-3) and last[0] == pytest.approx(75 + 36.0, abs=1e-3)
+        assert np.isnan(motion.near((middle[0], -middle[1] / 2), np.radians(0.001))[0][0])
+
+
+def test_a_trail_crosses_a_window_or_passes_it():
+    window = Window(0, 100, 0, 100)
+    ends = np.array(
+        [[-50, 50, 150, 50], [-50, -50, 150, -60], [-50, 90, 20, 170], [10, 10, 10, 10], [-500, 50, -300, 50]]
+    )
+    places = {f"trail_{name}": ends[:, k].astype(float) for k, name in enumerate(("x0", "y0", "x1", "y1"))}
+    assert crosses(places, np.zeros(5), window).tolist() == [True, False, False, True, False]
+    assert crosses(places, np.full(5, 60.0), window).tolist() == [True, True, True, True, False]
+
+
+def test_quasars_walk_as_macleod_2010_says():
+    """Structure functions of 400 quasars at three lags; any epoch alone is the same; the rms in u above that in z."""
+    numbers = numbers_of(UNIVERSE, "variable_quasars")
+    n = 400
+    table = ObjectTable({"id": np.arange(n), "z": np.full(n, 1.0, np.float32), "coeff0": np.full(n, -25.0, np.float32)})
+    times = 61000.0 + np.array([0.0, 30.0, 300.0, 3000.0])
+    mags = variable_quasars.quasar_changes(1, table, times, 6200.0, numbers)
+    alone = variable_quasars.quasar_changes(1, table.take(np.array([7])), times[2:3], 6200.0, numbers)
+    assert alone[0, 0] == pytest.approx(mags[7, 2], abs=1e-12)
+    normal = np.array([stream(1, "quasar light", k).standard_normal() for k in range(n)])
+    rms, tau = np.transpose([variable_quasars.walk_of(1.0, -25.0, x, 6200.0, numbers) for x in normal])
+    for k in (1, 2, 3):
+        lag = times[k] - times[0]
+        expected = 2 * rms**2 * (1 - np.exp(-lag / (2 * tau)))
+        ratio = ((mags[:, k] - mags[:, 0]) ** 2 / expected).mean()
+        assert ratio == pytest.approx(1.0, abs=5 * np.sqrt(2 / n))
+    # SF of a quasar of M_i -26.5, 1e9 solar masses, at 4000 A in the rest frame: the published coefficients by hand
+    m1450 = -26.5 - numbers["walk"]["shift"]
+    mean, width = (a + b * -26.5 for a, b in (numbers["mass"]["mean"], numbers["mass"]["width"]))
+    rms, tau = variable_quasars.walk_of(0.0, m1450, (9.0 - mean) / width, 4000.0, numbers)
+    assert rms * np.sqrt(2) == pytest.approx(10 ** (-0.51 - 0.131 * 3.5)) and tau == pytest.approx(
+        10 ** (2.4 - 0.03 * 3.5)
+    )
+    blue, red = (variable_quasars.walk_of(1.0, -25.0, 0.0, w, numbers)[0] for w in (3600.0, 9000.0))
+    assert blue / red == pytest.approx((3600 / 9000) ** -0.479)
+
+
+def test_shares_of_variable_stars_are_those_of_the_file():
+    numbers = numbers_of(UNIVERSE, "variable_stars")
+    n = 20000
+    for teff, logg, some, share in ((5800.0, 4.4, ("eclipsing", "spots_g"), 0.2), (6800.0, 2.8, ("rr_lyrae",), 0.8)):
+        table = ObjectTable({"id": np.arange(n) + (7 << 22), "teff": np.full(n, teff), "logg": np.full(n, logg)})
+        mags = variable_stars.star_changes(3, table, 61000.0 + np.linspace(0, 100, 400), 5500.0, numbers)
+        vary = np.ptp(mags, axis=1) > 0
+        left = 1 - numbers["classes"]["share"][0]
+        expected = left * share
+        assert (np.abs(mags) > 0).any(axis=1).mean() >= expected - 0.02 and vary.mean() < expected + 0.03, some
+    saw = variable_stars._FORMS["saw"](np.linspace(0, 1, 100001)[:-1])
+    assert saw.mean() == pytest.approx(0.0, abs=1e-3) and np.ptp(saw) == pytest.approx(2.0, abs=1e-3)
+    assert variable_stars._FORMS["eclipse"](np.array([0.0, 0.5])).tolist() == [2.0, 0.0]
+
+
+@pytest.fixture(scope="module")
+def belt():
+    """Asteroids within half a degree of opposition, brighter than V = 22: few, so quick."""
+    numbers = {**numbers_of(UNIVERSE, "asteroids"), "faintest": 22.0}
+    craft = observer(61700.0, (6778.0, 0.0, 0.0), (0.0, 7.0, 3.0))
+    sun = craft.astrom["eh"] * craft.astrom["em"]
+    return numbers, sun, asteroids.asteroids_near(1, 61700.0, sun, sun / np.linalg.norm(sun), np.radians(1.0), numbers)
+
+
+def test_asteroids_move_as_main_belt_asteroids_do(belt):
+    """At opposition backwards by 25 to 50 arcsec an hour; a later search finds them where their orbits lead."""
+    numbers, sun, found = belt
+    assert len(found["id"]) > 100 and (found["V"] <= 22).all()
+    assert np.unique(found["id"]).size == len(found["id"])
+    hours = 2.0
+    craft = observer(61700.0 + hours / 24, (6778.0, 0.0, 0.0), (0.0, 7.0, 3.0))
+    later = craft.astrom["eh"] * craft.astrom["em"]
+    seen, _ = asteroids.seen_from(found["orbit"], found["H"], 61700.0 + hours / 24, later, numbers["phase_slope"])
+    speed = np.degrees(np.arccos(np.clip((seen * found["vector"]).sum(axis=1), -1, 1))) * 3600 / hours
+    assert 25 < np.median(speed) < 50
+    again = asteroids.asteroids_near(
+        1, 61700.0 + hours / 24, later, sun / np.linalg.norm(sun), np.radians(1.0), numbers
+    )
+    both, one, other = np.intersect1d(found["id"], again["id"], return_indices=True)
+    assert len(both) > 0.9 * len(found["id"])
+    assert np.abs(seen[one] - again["vector"][other]).max() < 1e-9
+
+
+@pytest.mark.slow
+def test_their_number_at_opposition_is_that_of_heinze_2019():
+    """697 +- 15 deg-2 of R < 25.0 (R = V - 0.4) on the ecliptic, within that and the chance of a field; 20 s."""
+    numbers = {**numbers_of(UNIVERSE, "asteroids"), "faintest": 25.4}
+    craft = observer(61700.0, (6778.0, 0.0, 0.0), (0.0, 7.0, 3.0))
+    sun = craft.astrom["eh"] * craft.astrom["em"]
+    found = asteroids.asteroids_near(1, 61700.0, sun, sun / np.linalg.norm(sun), np.radians(1.0), numbers)
+    assert len(found["id"]) / np.pi == pytest.approx(697.0, abs=2 * np.hypot(15.0, np.sqrt(697 / np.pi)))
+
+
+def test_an_orbit_is_keplers(belt):
+    """The equation of the orbit and equal areas, against a period's closed form and vis-viva by differences."""
+    _, _, found = belt
+    orbit = found["orbit"][:, :5]
+    a, e = orbit[0], orbit[1]
+    period = 365.2568983 * a**1.5
+    place = np.stack([asteroids.positions(orbit, 100.0 + t) for t in (-1e-3, 0.0, 1e-3)])
+    speed = np.linalg.norm(place[2] - place[0], axis=1) / 2e-3
+    r = np.linalg.norm(place[1], axis=1)
+    assert speed == pytest.approx(0.01720209895 * np.sqrt(2 / r - 1 / a), rel=1e-7)
+    for k in range(5):
+        one = orbit[:, k : k + 1]
+        back = asteroids.positions(one, 100.0 + period[k])
+        assert np.abs(back - asteroids.positions(one, 100.0)).max() < 1e-5
+    assert ((r >= a * (1 - e) - 1e-9) & (r <= a * (1 + e) + 1e-9)).all()
+
+
+def test_satellites_cross_at_the_published_rate():
+    numbers = numbers_of(UNIVERSE, "satellites")
+    radius, n = np.radians(0.8), 2000
+    counts = []
+    for k in range(n):
+        found = satellites.crossing(5, 61000.0 + k / 100, 150.0, (30.0, 80.0), radius, 2.0, numbers)
+        counts.append(len(found["id"]))
+        there = SkyCoord(found["ra"] * u.deg, found["dec"] * u.deg)
+        assert (there.separation(SkyCoord(30 * u.deg, 80 * u.deg)).deg <= 0.8 + 1e-9).all()
+    expected = -np.log(1 - 0.043) / (660 * 257) * 2 * np.degrees(radius) * 3600 * 150
+    assert np.mean(counts) == pytest.approx(expected, abs=5 * np.sqrt(expected / n))
+    again = satellites.crossing(5, 61000.0, 150.0, (30.0, 80.0), radius, 2.0, numbers)
+    first = satellites.crossing(5, 61000.0, 150.0, (30.0, 80.0), radius, 2.0, numbers)
+    assert all((again[name] == first[name]).all() for name in again)
+    # The track is square to the line from the boresight: that is its nearest place
+    for k in range(50):
+        found = satellites.crossing(6, 61000.0 + k, 3000.0, (30.0, 80.0), radius, 2.0, numbers)
+        there = SkyCoord(found["ra"] * u.deg, found["dec"] * u.deg)
+        towards = there.position_angle(SkyCoord(30 * u.deg, 80 * u.deg)).deg
+        assert np.abs((found["angle"] - towards) % 180 - 90).max() < 1e-6
