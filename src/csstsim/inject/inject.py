@@ -154,4 +154,3 @@ def record(request, count):
 def _told(truth):
     shown = int(np.count_nonzero(truth["drawn"] > 0))
     return f"{number_of(shown, 'object')} injected, {truth['drawn'].sum():.6g} electrons"
-

@@ -1,10 +1,11 @@
 """Light through the detector into a Level-0 frame: what the readout makes of the charge with it, less without it.
 
-The charge of the frame is undone as `calibrate` does, up to the flat field: DN, bias, gain, nonlinearity, charge
-transfer, brighter-fatter. The layers of the readout then run twice, with their own fixed patterns: on this charge, and
-on this charge with the injected electrons. The difference of the two, in DN, is added to the frame. The noise in the
-frame stays as it is, and an error of the undone charge enters the difference only in second order. A DN hides up to half
-a step of charge; the sum is rounded with a random fraction, as the converter would have rounded it.
+The layers of the readout run twice, with their own fixed patterns: on the charge that the frame shows (DN less bias,
+times gain, nonlinearity undone), and on this charge with the injected electrons. The difference of the two, in DN, is
+added to the frame, whose noise stays as it is. The charge that the frame shows has been moved by charge transfer and
+the brighter-fatter effect already, and has read noise in it. This enters the difference in second order only: undoing
+the movement first changes it by less than can be measured (docs/injection.md). A DN hides up to half a step of charge;
+the sum is rounded with a random fraction, as the converter would have rounded it.
 """
 
 from dataclasses import dataclass
@@ -12,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from csstsim.inject.shot import fractions
+from csstsim.measure.calibration.calibrate import calibrate
 from csstsim.render.imaging.saturated import flag_saturated
 from csstsim.simulation.state import State
-from csstsim.stages.calibrate import calibrated_of
 
 # Layers that add charge or noise which does not depend on the light: both runs would have the same
 ALIKE = {"poisson_and_dark", "cosmic_rays", "bias", "readout_noise"}
@@ -34,13 +35,10 @@ class Injected:
     saturated: int
 
 
-def into_level0(run, job, file, light, passes=None):
-    """Return the Injected of an io.level0.Level0 of a job and a light.Light; the file stays as it is.
-
-    passes: of the correction of charge transfer [default: the campaign's]. Raises InputError.
-    """
+def into_level0(run, job, file, light):
+    """Return the Injected of an io.level0.Level0 of a job and a light.Light; the file stays as it is. Raises InputError."""
     raw = file.frame()
-    charge = charge_in(run, job, file, passes)
+    charge = charge_in(run, file)
     without, marks = read_out(run, job, charge.copy())
     charge.reshape(-1)[light.pixel] += light.electrons
     truth = light.truth
@@ -56,12 +54,17 @@ def into_level0(run, job, file, light, passes=None):
     return Injected(frame, mask, truth, int(np.count_nonzero(frame != raw)), after - before)
 
 
-def charge_in(run, job, file, passes=None):
-    """Return the electrons (ny, nx) float32 that the pixels of a Level-0 file held before they were moved.
+def charge_in(run, file):
+    """Return the electrons (ny, nx) float32 that the pixels of a Level-0 file show, negative ones as 0.
 
-    Read noise is in them as if it were charge; negative ones are 0. Raises InputError.
+    Raises InputError.
     """
-    return np.maximum(calibrated_of(run, job, file, passes=passes).electrons, np.float32(0.0))
+    detector = run.camera.detector
+    seen = calibrate(
+        file.frame(), file.readout, file.gain, nonlinearity=file.nonlinearity, adc_max=detector.adc_max,
+        full_well=detector.full_well, levels=file.levels,
+    )  # fmt: skip
+    return np.maximum(seen.electrons, np.float32(0.0), out=seen.electrons)
 
 
 def read_out(run, job, charge):

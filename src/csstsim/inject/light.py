@@ -103,19 +103,22 @@ def _counted(state, streams, noisy):
         drawn = shot(mean, places(lit, state.window, state.chip.detector.nx), streams.exposure_key("shot"))
     else:
         drawn = mean
-    planes = [(lit, drawn.astype(np.float32), mean)]
-    if counted is not None:
-        at, electrons = _of(counted)
-        planes.append((at, electrons.astype(np.float32), electrons.astype(np.float32)))
-    pixel = np.unique(np.concatenate([at for at, *_ in planes]))
+    at, electrons = _of(counted)
+    if not len(lit):
+        same = electrons.astype(np.float32)
+        return Light(at, same, same, state.truth, state.orders, streams)
+    both = np.sort(np.concatenate([lit, at]), kind="stable")  # of two rising lists: quick
+    pixel = both[np.r_[True, np.diff(both) > 0]]
     sums = np.zeros((2, len(pixel)), np.float32)
-    for at, *values in planes:
-        sums[:, np.searchsorted(pixel, at)] += values
+    sums[:, np.searchsorted(pixel, lit)] = drawn, mean
+    sums[:, np.searchsorted(pixel, at)] += electrons
     return Light(pixel, *sums, state.truth, state.orders, streams)
 
 
 def _of(counted):
-    """Return (flat indices, electrons) of a plane of counted electrons, dense or sparse."""
+    """Return (flat indices, electrons) of a plane of counted electrons, dense, sparse or None."""
+    if counted is None:
+        return np.zeros((2, 0), np.int64)
     if isinstance(counted, np.ndarray):
         at = np.flatnonzero(counted)
         return at, counted.reshape(-1)[at]

@@ -65,11 +65,10 @@ def calibration(run, job):
     return (_by_masters if from_frames else _by_truth)(run, job, run.streams(job, "measure"))
 
 
-def calibrated_of(run, job, file, response=None, bad=None, offset=None, passes=None):
+def calibrated_of(run, job, file, response=None, bad=None, offset=None):
     """Return the measure.calibration.calibrate.Calibrated of an io.level0.Level0 of a job's pixels.
 
-    The other arguments are those of `calibration`; without them, the electrons are those that the pixels held.
-    passes: of charge transfer [default: the campaign's]. Raises InputError.
+    The other arguments are those of `calibration`. Raises InputError.
     """
     from csstsim.measure.calibration.calibrate import calibrate as to_electrons
     from csstsim.measure.calibration.charge_correction import put_back
@@ -78,7 +77,7 @@ def calibrated_of(run, job, file, response=None, bad=None, offset=None, passes=N
     steps, detector = run.steps[job.pointing.type], run.camera.detector
     from_frames = run.config.measurement.calibration == "frames"
     own = None if from_frames or not steps.step("bias") else job.chip.maps.bias
-    traps, passes = steps.step("cte_effect"), run.config.measurement.cti_passes if passes is None else passes
+    traps, passes = steps.step("cte_effect"), run.config.measurement.cti_passes
     correct = partial(
         put_back, detector=detector, window=job.window, traps=traps and traps.param, passes=passes,
         spread=steps.step("brighter_fatter") is not None,
