@@ -68,7 +68,9 @@ def _objects(request, band):
     """Return the ObjectTable of the request, with one band. Raises InputError."""
     columns = dict(request.columns)
     names = [name for name in columns if name == "mag" or name.startswith("mag_")]
-    chosen = next((name for name in names if name in ("mag", f"mag_{band.lower()}")), names[0] if len(names) == 1 else None)
+    chosen = next(
+        (name for name in names if name in ("mag", f"mag_{band.lower()}")), names[0] if len(names) == 1 else None
+    )
     if chosen is None:
         raise InputError(
             "which magnitude is the image's?", file=request.name, key="mag", value=", ".join(names),
@@ -177,5 +179,3 @@ def _write(image, counts, target, record):
             file[0].header.add_history(f"injected {text}")
         file.writeto(temporary, overwrite=True, output_verify="silentfix+ignore", checksum=sealed)
     return int(full.sum())
-
-

@@ -106,7 +106,9 @@ def _electrons(path, header, exptime):
         return time * gain, gain
     allowed = f"BUNIT of electrons or electrons/s; or of DN, with {', '.join(GAINS)}"
     value = header.get("BUNIT")
-    raise InputError("neither a gain nor a unit of electrons", file=path, key="BUNIT, GAIN", value=value, allowed=allowed)
+    raise InputError(
+        "neither a gain nor a unit of electrons", file=path, key="BUNIT, GAIN", value=value, allowed=allowed
+    )
 
 
 def _zeropoint(header, gain):
