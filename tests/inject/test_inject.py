@@ -1,4 +1,4 @@
-"""Injection into frames of csstsim: what a simulation with the objects would have given; errors; the input untouched."""
+"""Injection into frames of csstsim: what a simulation with the objects gives; errors; the input untouched."""
 
 import hashlib
 
@@ -169,7 +169,7 @@ def test_the_command_on_both_kinds_of_file(files, tmp_path):
 
 
 def test_calibrated_and_raw_agree(files, tmp_path):
-    """An image calibrated after injection into the raw frame, and one injected into: the same light, the same errors."""
+    """An image calibrated after injection into the raw frame, and one injected into: the same light and errors."""
     campaign, raw, image, table = files
     run_command("inject", raw, image, "--catalogue", table, "--output", tmp_path, "--campaign", campaign)
     from csstsim.io.level0 import read_level0 as read

@@ -2,6 +2,8 @@
 
 import click
 
+from csstsim.command_line.options import Finite
+
 
 @click.command()
 @click.argument("frames", metavar="FRAME...", nargs=-1, required=True, type=click.Path())
@@ -34,6 +36,38 @@ def inject(frames, catalogue, output, campaign, instrument, **options):
     from csstsim.inject.inject import inject as run
 
     run(frames, catalogue, output, click.echo, campaign=campaign, instrument=instrument, **options)
+
+
+@click.command()
+@click.argument("frame", type=click.Path())
+@click.argument("objects", type=click.Path())
+@click.option("--output", required=True, type=click.Path(), help="The table to write: .csv, .ecsv, .fits or .parquet.")
+@click.option("--grid", "spacing", type=Finite(1), metavar="PX", help="On a grid of this spacing.")
+@click.option("--apart", type=Finite(0), metavar="PX", help="At random: at least so far from each other [default: 0].")
+@click.option("--beside", "near", type=click.Path(), help="Next to the objects of this table.")
+@click.option("--distance", nargs=2, type=Finite(0), metavar="LOW HIGH", help="With --beside: arcsec [default: 0.5 2].")
+@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Seed of random places.")
+@click.option("--campaign", type=click.Path(), help="Campaign that made the frame [default: the header tells].")
+@click.option("--instrument", type=click.Path(), help="Folder of the camera, without --campaign [default: shipped].")
+def place(frame, objects, output, spacing, apart, near, distance, seed, **given):
+    """Give objects places in a frame, to be injected there.
+
+    OBJECTS is a table of objects; its columns ra and dec are added or replaced. Without an option, places are random:
+    away from pixels that DQ masks, and from bright ones.
+
+    \b
+    At random, on a grid of 200 px, and 0.5 to 2 arcsec from given objects (blends):
+      csstsim place FRAME kinds.csv --output new.csv --campaign campaign.yaml --apart 30
+      csstsim place FRAME kinds.csv --output new.csv --campaign campaign.yaml --grid 200
+      csstsim place FRAME kinds.csv --output new.csv --beside known.csv --distance 0.5 2
+    """
+    from csstsim.inject.place import place as run
+
+    if sum(v is not None for v in (spacing, apart, near)) > 1 or (distance and near is None):
+        raise click.UsageError("give one of --grid, --apart and --beside; --distance goes with --beside")
+    distance = distance or (0.5, 2.0)
+    run(frame, objects, output, click.echo, spacing=spacing, apart=apart or 0.0, near=near, distance=distance, seed=seed,
+        **given)  # fmt: skip
 
 
 @click.command()
