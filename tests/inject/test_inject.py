@@ -11,10 +11,12 @@ from click.testing import CliRunner
 from inject.scene import CHIP, OBSID, empty, mixed, objects, read_out_with, simulation
 
 from csstsim.base.errors import InputError
+from csstsim.base.shipped import ROOT
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.flags import SATURATED
 from csstsim.catalog.table import ObjectTable
 from csstsim.command_line.main import main
+from csstsim.detector.mask import SATURATED as FULL_WELL
 from csstsim.inject.light import catalogue_of, light_of, table_of
 from csstsim.io.level0 import read_level0
 
@@ -273,3 +275,32 @@ def test_nothing_reaches_the_frame(bare, sim):
     far["dec"] += 1.0
     made = bare.inject(frame, far)
     assert np.array_equal(made.raw, frame.raw) and len(made.truth) == 0 and made.header["INJCOUNT"] == 0
+
+
+@pytest.mark.parametrize("layout", ["mosaic", "chip"])
+def test_other_layouts_with_mask_and_compression(tmp_path, layout):
+    """The light is the same in each layout; MASK gets the bits of a star that saturates, and the file is packed."""
+    output = {"layout": layout, "mask": True, "compress": True}
+    plain = simulation(tmp_path)
+    layers = yaml.safe_load((ROOT / "config/observations/science.yaml").read_text())["layers"]
+    layers[-1] = {"quantization_and_output": output}
+    (tmp_path / "science.yaml").write_text(yaml.safe_dump({"layers": layers}))
+    objects(plain, 128, 128, 60.0, id=[10**9]).write(tmp_path / "sky.csv")
+    data = yaml.safe_load((tmp_path / "campaign.yaml").read_text()) | {
+        "observations": {"SCIE": str(tmp_path / "science.yaml")}
+    }
+    data["catalog"] = {"kind": "csstsim.catalog.own_table:TableCatalog", "options": {"file": str(tmp_path / "sky.csv")}}
+    (tmp_path / "campaign.yaml").write_text(yaml.safe_dump(data))
+    run_command("chip", tmp_path / "campaign.yaml", "--obsid", OBSID, "--chip", CHIP)
+    run = OpenCampaign(tmp_path / "campaign.yaml")
+    raw = run.paths.level0(run.job(OBSID, CHIP))
+    objects(plain, [60.0, 180.0], [60.0, 190.0], [20.0, 15.0]).write(tmp_path / "new.csv")
+    run_command(
+        "inject", raw, "--catalogue", tmp_path / "new.csv", "--output", tmp_path / "with", "--campaign", run.file
+    )
+    new, old = read_level0(tmp_path / "with" / raw.name, verify=True), read_level0(raw)
+    added = (new.assembled().astype(int) - old.assembled())[30:90, 30:90].sum() * run.camera.detector.gain
+    truth = ObjectTable.read((tmp_path / "with" / raw.name).with_suffix(".truth.parquet"))
+    assert added == pytest.approx(truth["drawn"][0], rel=0.03)
+    fresh = new.mask() & ~old.mask()
+    assert new.data_start is None and (fresh[180:200, 170:190] & FULL_WELL).sum() > 5 and not fresh[:100, :100].any()

@@ -75,7 +75,9 @@ def test_a_second_epoch_is_astropys():
     }
     moved = later(table, 10.0)
     motion = {"pm_ra_cosdec": 900 * u.mas / u.yr, "pm_dec": -400 * u.mas / u.yr}
-    there = SkyCoord(10 * u.deg, 80 * u.deg, distance=1 * u.kpc, obstime=Time("J2000"), **motion)
+    there = SkyCoord(
+        10 * u.deg, 80 * u.deg, distance=100 * u.pc, radial_velocity=0 * u.km / u.s, obstime=Time("J2000"), **motion
+    )
     wanted = there.apply_space_motion(dt=10 * u.yr)
     assert SkyCoord(moved["ra"][0], moved["dec"][0], unit="deg").separation(wanted).mas < 0.1
     assert moved["ra"][1] == pytest.approx(359.9999) and table["ra"][0] == 10.0

@@ -22,7 +22,7 @@ def cache_folder(given=None):
 
 
 class Kept(Paths):
-    """The paths of an OpenCampaign: truth bricks and PSF sets in the cache, in folders named by the digests of what decides them."""
+    """An OpenCampaign's paths, with truth bricks and PSF sets in a cache: folders named by digests of what decides them."""
 
     def __init__(self, cache, run):
         super().__init__(cache / "products")

@@ -79,9 +79,8 @@ def _make_level0(run, job, catalogue, request, frame, target, say):
     file = read_level0(frame)
     made = into_level0(run, job, file, light)
     planes = {"IMAGE": file.readout.to_stored(made.frame, file.layout)}
-    if made.mask is not None and file.mask() is not None:
-        whole = file.readout.to_stored(made.mask, file.layout)
-        planes["MASK"] = _mask_of(file) | whole
+    if made.mask is not None:
+        planes["MASK"] = _mask_of(file) | file.readout.to_stored(made.mask, file.layout)
     _write(frame, target, planes, request, light, made.truth, job)
     return f"{_told(made.truth)}; {made.changed} pixels changed, {made.saturated} more at the converter's end"
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from csstsim.detector.channels import ReadoutFrame
 from csstsim.inject.shot import fractions
 from csstsim.measure.calibration.calibrate import calibrate
 from csstsim.render.imaging.saturated import flag_saturated
@@ -37,21 +38,25 @@ class Injected:
 
 def into_level0(run, job, file, light):
     """Return the Injected of an io.level0.Level0 of a job and a light.Light; the file stays as it is. Raises InputError."""
-    raw = file.frame()
-    charge = charge_in(run, file)
-    without, marks = read_out(run, job, charge.copy())
+    raw, charge = file.frame(), charge_in(run, file)
+    before = _read_out(run, job, charge.copy())
     charge.reshape(-1)[light.pixel] += light.electrons
     truth = light.truth
     if job.chip.kind == "imaging":
         truth = flag_saturated(truth, charge, None, job.window, run.camera.detector.full_well)
-    added, new_marks = read_out(run, job, charge)
-    added -= without
-    del without
-    before = int(np.count_nonzero(raw >= run.camera.detector.adc_max))
-    frame = converted(raw, added, light.streams.exposure_key("converter"), run.camera.detector.adc_max)
-    after = int(np.count_nonzero(frame >= run.camera.detector.adc_max))
-    mask = None if marks is None else new_marks & ~marks
-    return Injected(frame, mask, truth, int(np.count_nonzero(frame != raw)), after - before)
+    after = _read_out(run, job, charge)
+    added, new = after.image, None if after.mask is None else after.mask & ~before.mask
+    added -= before.image
+    del before
+    if file.layout == "chip":  # its channels have one gain
+        readout = ReadoutFrame.of(run.camera.detector, job.window)
+        for block in readout.blocks:
+            added[block.whole] *= after.header["gain"][block.channel - 1] / file.gain[block.channel]
+        added, new = readout.active(added), None if new is None else readout.active(new)
+    top = run.camera.detector.adc_max
+    frame = converted(raw, added, light.streams.exposure_key("converter"), top)
+    full = int(np.count_nonzero(frame >= top)) - int(np.count_nonzero(raw >= top))
+    return Injected(frame, new, truth, int(np.count_nonzero(frame != raw)), full)
 
 
 def charge_in(run, file):
@@ -67,8 +72,8 @@ def charge_in(run, file):
     return np.maximum(seen.electrons, np.float32(0.0), out=seen.electrons)
 
 
-def read_out(run, job, charge):
-    """Return (DN, float32 of the readout frame; mask or None) of electrons (ny, nx), which are changed in place."""
+def _read_out(run, job, charge):
+    """Return the State after the readout (DN) of electrons (ny, nx), which are changed in place."""
     steps, streams = run.steps[job.pointing.type], run.streams(job)
     state = State.blank(job.exposure)
     state.image = charge
@@ -76,7 +81,7 @@ def read_out(run, job, charge):
         if step.name not in ALIKE:
             state = step.module.apply(state, step.param, streams.layer(step.name))
             state.unit = step.module.UNITS[1]
-    return state.image, state.mask
+    return state
 
 
 def converted(raw, added, key, adc_max):

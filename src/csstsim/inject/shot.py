@@ -1,7 +1,7 @@
 """Random numbers of injected light, by pixel: they do not depend on other objects, the window or the order of work.
 
-The simulator's own Poisson numbers run along whole rows (detector.random.poisson). Injected light covers a few pixels in
-a hundred, so its numbers are drawn for these alone.
+The simulator's own Poisson numbers run along whole rows (detector.random.poisson). Injected light covers a few pixels
+in a hundred, so its numbers are drawn for these alone.
 """
 
 import numba
