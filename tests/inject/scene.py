@@ -43,13 +43,13 @@ def mixed(sim, count, bright=17.5, faint=25.0, seed=1, edge=10):
 
 
 def read_out_with(run, job, sky, light=None):
-    """Return the DN (uint16, readout frame) of one readout of expected electrons `sky` and counted ones of a Light.
+    """Return the DN (float32, readout frame) of one readout of expected electrons `sky` and counted ones of a Light.
 
-    Layers as the simulator runs them, noise included: the frame that a simulation with this very light would give.
+    Layers as the simulator runs them, noise included, before it rounds to whole DN.
     """
     state, streams = State.blank(job.exposure), run.streams(job)
     state.image = sky.copy()
-    for step in (step for stage in ("readout", "level0") for step in run.steps["SCIE"].stage(stage)):
+    for step in run.steps["SCIE"].stage("readout"):
         if step.name == "poisson_and_dark":
             add_poisson(
                 state.image, streams.layer(step.name).exposure_key("shot"),

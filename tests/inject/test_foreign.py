@@ -1,4 +1,4 @@
-"""Injection into images of other telescopes: light, place, shape and noise; a real image, judged by source-extractor."""
+"""Injection into images of other telescopes: light, place, shape, noise; a real image, judged by source-extractor."""
 
 import shutil
 import subprocess
@@ -197,12 +197,18 @@ def test_a_real_image_takes_stars_that_source_extractor_finds(tmp_path):
     (tmp_path / "all.conv").write_text("CONV NORM\n1 2 1\n2 4 2\n1 2 1\n")
 
     def found(image, name):
-        settings = "-CATALOG_TYPE FITS_LDAC -PARAMETERS_NAME all.param -FILTER_NAME all.conv -DETECT_THRESH 5 -PHOT_APERTURES 8 -SATUR_LEVEL 3000 -GAIN 5 -VERBOSE_TYPE QUIET"
+        settings = (
+            "-CATALOG_TYPE FITS_LDAC -PARAMETERS_NAME all.param -FILTER_NAME all.conv -DETECT_THRESH 5 "
+            "-PHOT_APERTURES 8 -SATUR_LEVEL 3000 -GAIN 5 -VERBOSE_TYPE QUIET"
+        )
         subprocess.run(["source-extractor", image, "-CATALOG_NAME", name, *settings.split()], cwd=tmp_path, check=True)
         return fits.getdata(tmp_path / name, 2)
 
     before = found("m13.fits", "m13.cat")
-    settings = "-SAMPLE_FLAGMASK 0x00fe -PSF_SIZE 25,25 -CHECKPLOT_TYPE NONE -CHECKIMAGE_TYPE NONE -WRITE_XML N -VERBOSE_TYPE QUIET"
+    settings = (
+        "-SAMPLE_FLAGMASK 0x00fe -PSF_SIZE 25,25 -CHECKPLOT_TYPE NONE -CHECKIMAGE_TYPE NONE -WRITE_XML N "
+        "-VERBOSE_TYPE QUIET"
+    )
     subprocess.run(["psfex", "m13.cat", *settings.split()], cwd=tmp_path, check=True)
     grid = np.linspace(15, 285, 16)
     x, y = (v.ravel() for v in np.meshgrid(grid, grid))

@@ -22,7 +22,7 @@ def cache_folder(given=None):
 
 
 class Kept(Paths):
-    """An OpenCampaign's paths, with truth bricks and PSF sets in a cache: folders named by digests of what decides them."""
+    """Paths of an OpenCampaign: truth bricks and PSF sets in a cache, in folders named by digests of their inputs."""
 
     def __init__(self, cache, run):
         super().__init__(cache / "products")

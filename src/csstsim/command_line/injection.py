@@ -65,9 +65,8 @@ def place(frame, objects, output, spacing, apart, near, distance, seed, **given)
 
     if sum(v is not None for v in (spacing, apart, near)) > 1 or (distance and near is None):
         raise click.UsageError("give one of --grid, --apart and --beside; --distance goes with --beside")
-    distance = distance or (0.5, 2.0)
-    run(frame, objects, output, click.echo, spacing=spacing, apart=apart or 0.0, near=near, distance=distance, seed=seed,
-        **given)  # fmt: skip
+    how = {"spacing": spacing, "apart": apart or 0.0, "near": near, "distance": distance or (0.5, 2.0), "seed": seed}
+    run(frame, objects, output, click.echo, **how, **given)
 
 
 @click.command()

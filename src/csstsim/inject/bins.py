@@ -6,7 +6,8 @@ import numpy as np
 
 from csstsim.bricks.density import EDGES as DENSITIES
 
-SIZES = (0.0, 1e-6, 0.1, 0.2, 0.3, 0.5, 0.8, 1.3, 2.0, np.inf)  # arcsec; the first bin has points alone
+LEAST = 1e-6  # arcsec: smaller ones are points
+SIZES = (0.0, LEAST, 0.1, 0.2, 0.3, 0.5, 0.8, 1.3, 2.0, np.inf)  # arcsec
 MAG_STEP = 0.5
 FEWEST = 5  # objects for a bias and a scatter
 CLIP = 5.0  # robust sigmas
@@ -54,7 +55,7 @@ def share(found, total):
     p, z2 = found / total, 1.0
     middle, half = (p + z2 / (2 * total)), np.sqrt(p * (1 - p) / total + z2 / (4 * total**2))
     low, high = ((middle + k * half) / (1 + z2 / total) for k in (-1, 1))
-    return p, min(low, p), max(high, p)
+    return p, min(low, p), min(max(high, p), 1.0)
 
 
 @dataclass(frozen=True)

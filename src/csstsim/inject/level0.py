@@ -37,26 +37,33 @@ class Injected:
 
 
 def into_level0(run, job, file, light):
-    """Return the Injected of an io.level0.Level0 of a job and a light.Light; the file stays as it is. Raises InputError."""
-    raw, charge = file.frame(), charge_in(run, file)
+    """Return the Injected of a job's io.level0.Level0 and a light.Light; the file stays as it is. Raises InputError."""
+    added, mask, truth = difference(run, job, file, light)
+    raw, top = file.frame(), run.camera.detector.adc_max
+    frame = converted(raw, added, light.streams.exposure_key("converter"), top)
+    full = int(np.count_nonzero(frame >= top)) - int(np.count_nonzero(raw >= top))
+    return Injected(frame, mask, truth, int(np.count_nonzero(frame != raw)), full)
+
+
+def difference(run, job, file, light):
+    """Return (DN that a Light adds to a Level-0 file, float32; new bits of its mask or None; ObjectTable of the light).
+
+    Arrays have the shape of file.frame(). Raises InputError.
+    """
+    charge, truth = charge_in(run, file), light.truth
     before = _read_out(run, job, charge.copy())
     charge.reshape(-1)[light.pixel] += light.electrons
-    truth = light.truth
     if job.chip.kind == "imaging":
         truth = flag_saturated(truth, charge, None, job.window, run.camera.detector.full_well)
     after = _read_out(run, job, charge)
     added, new = after.image, None if after.mask is None else after.mask & ~before.mask
     added -= before.image
-    del before
     if file.layout == "chip":  # its channels have one gain
         readout = ReadoutFrame.of(run.camera.detector, job.window)
         for block in readout.blocks:
             added[block.whole] *= after.header["gain"][block.channel - 1] / file.gain[block.channel]
         added, new = readout.active(added), None if new is None else readout.active(new)
-    top = run.camera.detector.adc_max
-    frame = converted(raw, added, light.streams.exposure_key("converter"), top)
-    full = int(np.count_nonzero(frame >= top)) - int(np.count_nonzero(raw >= top))
-    return Injected(frame, new, truth, int(np.count_nonzero(frame != raw)), full)
+    return added, new, truth
 
 
 def charge_in(run, file):

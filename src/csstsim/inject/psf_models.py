@@ -1,7 +1,7 @@
 """PSFs of frames that are not csstsim's: a model of PSFEx, or FITS stamps, one or many.
 
-Stamps: an image (one stamp for the whole frame), or a cube (n, side, side) with a table extension of columns X and Y, the
-places of the stamps (FITS pixels, the first at 1). PSFSAMP [pixel] in the image's header is the step of its samples
+Stamps: an image (one stamp for the whole frame), or a cube (n, side, side) with a table extension of columns X and Y,
+the places of the stamps (FITS pixels, the first at 1). PSFSAMP [pixel] in the image's header is the step of its samples
 [default: 1]. Stamps contain the pixel's response, as those of PSFEx do. Between places, the four nearest stamps are
 mixed, weighted with the inverse square of their distance.
 """
@@ -89,8 +89,8 @@ def _stamps(path, file):
     held = next((h for h in file if h.is_image and h.header.get("NAXIS", 0) in (2, 3) and h.data is not None), None)
     if held is None:
         raise InputError("holds neither a model of PSFEx nor stamps", file=path, key="--psf")
-    stamps, step = np.atleast_3d(np.asarray(held.data, float)), held.header.get(STEP, 1.0)
-    stamps = np.asarray(held.data, float)[None] if held.data.ndim == 2 else stamps
+    stamps, step = np.asarray(held.data, float), held.header.get(STEP, 1.0)
+    stamps = stamps[None] if stamps.ndim == 2 else stamps
     if not (isinstance(step, int | float) and 0 < step < np.inf):
         raise InputError("no step of samples", file=path, key=STEP, value=step, allowed="above 0 px")
     places = next((h.data for h in file if not h.is_image and {"X", "Y"} <= set(h.columns.names)), None)

@@ -6,7 +6,7 @@ import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.process.one_thread import one_thread
-from csstsim.inject.bins import AGAINST, QUANTITIES, binned, of_rows
+from csstsim.inject.bins import AGAINST, LEAST, QUANTITIES, binned, of_rows
 from csstsim.inject.calibrated import check_planes
 from csstsim.inject.frames import LEVEL0, OTHER, job_of, kind_of
 from csstsim.inject.recovered import recovered
@@ -15,6 +15,7 @@ from csstsim.io.truth import read_truth
 from csstsim.stages.calibrate import calibrated_of, calibration
 from csstsim.stages.psf import missing_psf, open_psf
 
+PULLS = "pull", "pull_x", "pull_y"  # of all objects: values in px and mag differ too much with their light
 TABLE, FIGURE = ".recovered.parquet", ".recovered.png"
 
 
@@ -97,7 +98,7 @@ def lines(table):
         for one in binned(table, against):
             p, low, high = one.completeness
             cells = [_cell(one.numbers[name]) for name in ("d_mag", "d_x", "d_g1")]
-            span = f"{one.low:g} to {one.high:g}"
+            span = "points" if one.high < LEAST else f"{one.low:.3g} to {one.high:.3g}"
             yield f"{span:<28} {one.objects:>7}   {p:.3f} {low:.3f}-{high:.3f}  {'  '.join(cells)}"
 
 
@@ -106,7 +107,7 @@ def _of_kind(name, one):
     yield f"{one.objects} {name}: {one.found} found, {p:.3f} ({low:.3f} to {high:.3f})"
     for key, label in QUANTITIES.items():
         held = one.numbers[key]
-        if np.isfinite(held.mean):
+        if key.endswith(PULLS) and np.isfinite(held.mean):
             yield (
                 f"  {label:<14} bias {held.mean:+.4f} +- {held.mean_error:.4f}, scatter {held.scatter:.4f} +- "
                 f"{held.scatter_error:.4f}, of {held.n}, outliers {held.outliers}"

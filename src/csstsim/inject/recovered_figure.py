@@ -28,8 +28,9 @@ def draw(table, path):
             axes = panels[row, column]
             _completeness(axes, at, bins) if name == "completeness" else _values(axes, at, bins, name)
             axes.set(ylabel=title if not column else "", xlabel=label if row == len(ROWS) - 1 else "")
-    panels[1, 0].legend(fontsize=8)
-    panels[2, 0].legend(fontsize=8)
+    panels[1, 0].legend(fontsize=8, loc="lower left", ncols=2)
+    panels[2, 0].legend(fontsize=8, loc="lower left", ncols=2)
+    panels[3, 0].legend(fontsize=8, loc="lower left", ncols=2)
     with atomic_path(path) as temporary:
         figure.savefig(temporary, dpi=110, format="png")
     plt.close(figure)

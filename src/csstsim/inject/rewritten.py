@@ -8,12 +8,50 @@ from csstsim.io.fits import compress, open_fits, raw_cards, read_pixels, write_h
 from csstsim.io.fits_cards import card, remark
 
 # Made anew by io.fits, or of the table that holds a compressed image
-_STRUCTURE = {
-    "SIMPLE", "XTENSION", "BITPIX", "NAXIS", "NAXIS1", "NAXIS2", "EXTEND", "PCOUNT", "GCOUNT", "BSCALE", "BZERO",
-    "EXTNAME", "CHECKSUM", "DATASUM", "LONGSTRN", "TFIELDS", "TTYPE1", "TFORM1", "THEAP",
-    "ZIMAGE", "ZSIMPLE", "ZTENSION", "ZBITPIX", "ZNAXIS", "ZNAXIS1", "ZNAXIS2", "ZPCOUNT", "ZGCOUNT", "ZTILE1",
-    "ZTILE2", "ZCMPTYPE", "ZNAME1", "ZNAME2", "ZVAL1", "ZVAL2", "ZHECKSUM", "ZDATASUM", "ZEXTEND", "ZQUANTIZ", "ZDITHER0",
-}  # fmt: skip
+_STRUCTURE = set(
+    [
+        "SIMPLE",
+        "XTENSION",
+        "BITPIX",
+        "NAXIS",
+        "NAXIS1",
+        "NAXIS2",
+        "EXTEND",
+        "PCOUNT",
+        "GCOUNT",
+        "BSCALE",
+        "BZERO",
+        "EXTNAME",
+        "CHECKSUM",
+        "DATASUM",
+        "LONGSTRN",
+        "TFIELDS",
+        "TTYPE1",
+        "TFORM1",
+        "THEAP",
+        "ZIMAGE",
+        "ZSIMPLE",
+        "ZTENSION",
+        "ZBITPIX",
+        "ZNAXIS",
+        "ZNAXIS1",
+        "ZNAXIS2",
+        "ZPCOUNT",
+        "ZGCOUNT",
+        "ZTILE1",
+        "ZTILE2",
+        "ZCMPTYPE",
+        "ZNAME1",
+        "ZNAME2",
+        "ZVAL1",
+        "ZVAL2",
+        "ZHECKSUM",
+        "ZDATASUM",
+        "ZEXTEND",
+        "ZQUANTIZ",
+        "ZDITHER0",
+    ]
+)
 
 
 def rewrite(source, target, planes, record):
