@@ -56,17 +56,6 @@ def test_before_the_detector_it_is_what_a_simulation_draws(sim, bare):
     assert abs(one.sum() - other.sum()) < SIGMAS * np.sqrt(2 * one.sum())
 
 
-def test_photons_are_those_of_a_simulation_to_the_bit(sim, bare):
-    table = mixed(sim, 30, bright=23)
-    run, job = sim.replace(catalog=table)._run, sim._run.job(OBSID, CHIP)
-    from csstsim.stages.chip import light
-
-    state = light(run, job, lambda text: None)
-    assert set(state.truth["method"]) == {"photons"}
-    got = light_of(run, job, catalogue_of(run, job, table_of(table)), 0, lambda text: None)
-    assert np.array_equal(got.plane(job.window.shape), state.counted)
-
-
 @pytest.mark.parametrize("layers", [{}, {"CTE_effect": {"density_scale": 1.0}}], ids=["usual", "irradiated"])
 def test_through_the_detector_it_is_what_a_readout_with_this_light_gives(bare, layers):
     sim = bare.replace(layers=layers)
@@ -100,22 +89,6 @@ def test_saturation_and_dead_pixels(sim, bare):
     assert made.truth["flags"][0] & SATURATED
     column = made.image[:, 100].astype(int) - frame.image[:, 100]
     assert (column > 1000).sum() > 15  # blooms along the column
-
-
-def test_the_noise_is_poisson(sim, bare):
-    """Variance of the injected electrons over realisations equals their mean, for stamps and photons."""
-    run, job = bare._run, bare._run.job(OBSID, CHIP)
-    table = table_of(objects(sim, [60.0, 180.0], [60.0, 180.0], [18.0, 21.5]))
-    catalogue = catalogue_of(run, job, table)
-    drawn = [light_of(run, job, catalogue, k, lambda text: None) for k in range(1, 61)]
-    assert set(drawn[0].truth["method"]) == {"photons", "stamp"}
-    for part in (np.s_[:128, :128], np.s_[128:, 128:]):
-        planes = np.array([light.plane(job.window.shape)[part] for light in drawn])
-        ratio = planes.var(axis=0, ddof=1).sum() / planes.mean(axis=0).sum()
-        # A pixel's sample variance of n draws has the relative error sqrt(2 / (n - 1)); pixels are independent
-        weight = planes.mean(axis=0).ravel()
-        error = np.sqrt(2 / 59) * np.sqrt((weight**2).sum()) / weight.sum()
-        assert ratio == pytest.approx(1.0, abs=SIGMAS * error)
 
 
 def run_command(*arguments, code=0):
