@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from inject.scene import CHIP, OBSID, empty, mixed, objects, simulation
 
+from csstsim.inject.level0 import convert
 from csstsim.inject.light import catalogue_of, light_of, table_of
-from csstsim.inject.shot import fractions, places, shot
+from csstsim.inject.shot import places, shot
 from csstsim.instrument.chip import Window
 from csstsim.stages.chip import light
 
@@ -47,10 +48,20 @@ def test_numbers_belong_to_places_on_the_chip():
     assert abs((by_row[1:] * by_row[:-1]).mean()) < SIGMAS * 5.0 / np.sqrt(29 * 40)  # rows do not repeat
 
 
-def test_fractions_are_uniform():
-    drawn = fractions(np.arange(50_000, dtype=np.uint64), np.uint64(1))
-    assert drawn.min() > -0.5 and drawn.max() < 0.5
-    assert abs(drawn.mean()) < SIGMAS / np.sqrt(12 * 50_000) and drawn.var() == pytest.approx(1 / 12, rel=0.02)
+@pytest.mark.parametrize("added", [0.3, -0.8, 12.5, 1e-3])
+def test_the_converter_rounds_to_the_sum_on_average(added):
+    count, top = 40_000, 65535
+    frame = np.full((200, 200), 500, np.uint16)
+    changed, full = convert(frame, np.full(frame.shape, added, np.float32), np.uint64(5), top)
+    off = frame.astype(float) - 500 - np.float32(added)
+    assert np.abs(off).max() < 1 and abs(off.mean()) < SIGMAS * 0.5 / np.sqrt(count)
+    assert changed == np.count_nonzero(frame != 500) and full == 0
+
+
+def test_the_ends_of_the_converter():
+    frame = np.array([[65535, 65530, 3, 500]], np.uint16)
+    assert convert(frame, np.array([[-40.0, 1e6, -1e6, 0.0]], np.float32), np.uint64(5), 65535) == (2, 1)
+    assert frame.tolist() == [[65535, 65535, 0, 500]]
 
 
 def test_photons_are_those_of_a_simulation_to_the_bit(sim, bare):

@@ -19,6 +19,7 @@ from csstsim.catalog.object_table import object_table
 from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.inject.foreign_frame import read_foreign
 from csstsim.inject.psf_models import read_psf
+from csstsim.inject.with_astropy import opened
 from csstsim.io.paths import TRUTH
 from csstsim.render.scene import shape_matrix
 from csstsim.universe.lensing.lensing import magnification
@@ -155,8 +156,6 @@ def _galaxy(parts, i, matrix):
 
 def _write(image, counts, target, record):
     """Write the copy; return how many pixels reached SATURATE or the end of their type."""
-    from astropy.io import fits
-
     units = counts / image.electrons
     lit = counts != 0
     value = image.image.astype(float) + units
@@ -165,7 +164,7 @@ def _write(image, counts, target, record):
         value, most = np.rint(value), min(most, np.iinfo(image.image.dtype).max)
     full = lit & (value > most) & (image.image < most)
     value[full] = most
-    with fits.open(image.path, memmap=False) as file, atomic_path(target) as temporary:
+    with opened(image.path) as file, atomic_path(target) as temporary:
         sealed = any("CHECKSUM" in hdu.header for hdu in file)
         hdu = file[image.number]
         hdu.data = np.where(lit, value, image.image).astype(image.image.dtype)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from csstsim.base.errors import InputError
-from csstsim.base.files.fits_headers import check_headers
+from csstsim.inject.with_astropy import opened
 
 ELECTRONS = {"electron", "electrons", "e-", "e", "photoelectron"}
 DN = {"adu", "dn", "count", "counts", "ct", "cts", "adus"}
@@ -37,11 +37,8 @@ class ForeignFrame:
 
 def read_foreign(path):
     """Return the ForeignFrame of a FITS file: of its extension SCI, or else its first 2-d image. Raises InputError."""
-    from astropy.io import fits
-
     path = Path(path)
-    check_headers(path)
-    with fits.open(path, memmap=False) as file:
+    with opened(path) as file:
         number = next(
             (k for k, hdu in enumerate(file) if hdu.name == "SCI" and hdu.header.get("NAXIS") == 2),
             next((k for k, hdu in enumerate(file) if hdu.is_image and hdu.header.get("NAXIS") == 2), None),
@@ -69,14 +66,10 @@ def read_foreign(path):
 
 
 def _wcs(path, file, number):
-    import warnings
-
     from astropy.wcs import WCS
 
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of keywords that other versions of the standard had
-            wcs = WCS(file[number].header, file)
+        wcs = WCS(file[number].header, file)
     except Exception as exc:  # astropy's are of many types
         raise InputError(f"the WCS cannot be used: {str(exc).splitlines()[0]}", file=path) from None
     if not wcs.has_celestial or wcs.naxis != 2:

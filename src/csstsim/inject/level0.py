@@ -10,10 +10,11 @@ the sum is rounded with a random fraction, as the converter would have rounded i
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 
+from csstsim.base.counter import unit, word
 from csstsim.detector.channels import ReadoutFrame
-from csstsim.inject.shot import fractions
 from csstsim.measure.calibration.calibrate import calibrate
 from csstsim.render.imaging.saturated import flag_saturated
 from csstsim.simulation.state import State
@@ -39,10 +40,9 @@ class Injected:
 def into_level0(run, job, file, light):
     """Return the Injected of a job's io.level0.Level0 and a light.Light; the file stays as it is. Raises InputError."""
     added, mask, truth = difference(run, job, file, light)
-    raw, top = file.frame(), run.camera.detector.adc_max
-    frame = converted(raw, added, light.streams.exposure_key("converter"), top)
-    full = int(np.count_nonzero(frame >= top)) - int(np.count_nonzero(raw >= top))
-    return Injected(frame, mask, truth, int(np.count_nonzero(frame != raw)), full)
+    frame = file.frame()
+    changed, full = convert(frame, added, light.streams.exposure_key("converter"), run.camera.detector.adc_max)
+    return Injected(frame, mask, truth, changed, full)
 
 
 def difference(run, job, file, light):
@@ -50,11 +50,11 @@ def difference(run, job, file, light):
 
     Arrays have the shape of file.frame(). Raises InputError.
     """
-    charge, truth = charge_in(run, file), light.truth
-    before = _read_out(run, job, charge.copy())
-    charge.reshape(-1)[light.pixel] += light.electrons
+    charge, truth = [charge_in(run, file)], light.truth
+    before = _read_out(run, job, [charge[0].copy()])
+    charge[0].reshape(-1)[light.pixel] += light.electrons
     if job.chip.kind == "imaging":
-        truth = flag_saturated(truth, charge, None, job.window, run.camera.detector.full_well)
+        truth = flag_saturated(truth, charge[0], None, job.window, run.camera.detector.full_well)
     after = _read_out(run, job, charge)
     added, new = after.image, None if after.mask is None else after.mask & ~before.mask
     added -= before.image
@@ -80,10 +80,10 @@ def charge_in(run, file):
 
 
 def _read_out(run, job, charge):
-    """Return the State after the readout (DN) of electrons (ny, nx), which are changed in place."""
+    """Return the State after the readout (DN) of electrons (ny, nx), taken from a list so that nobody else has them."""
     steps, streams = run.steps[job.pointing.type], run.streams(job)
     state = State.blank(job.exposure)
-    state.image = charge
+    state.image = charge.pop()
     for step in steps.stage("readout"):
         if step.name not in ALIKE:
             state = step.module.apply(state, step.param, streams.layer(step.name))
@@ -91,13 +91,20 @@ def _read_out(run, job, charge):
     return state
 
 
-def converted(raw, added, key, adc_max):
-    """Return uint16 DN of a frame (uint16) with `added` DN (float32, same shape), each rounded with a random fraction.
+@numba.njit(cache=True)
+def convert(frame, added, key, top):
+    """Add DN (float32) to a frame (uint16, same shape), in place; return (pixels changed, pixels that came to `top`).
 
-    A pixel at the converter's end stays there: how much charge it had is not known. key: uint64.
+    Each sum is rounded with a random fraction within half a DN. A pixel at the converter's end, `top`, stays there: how
+    much charge it had is not known. key: uint64.
     """
-    frame = raw.copy()
-    at = np.flatnonzero((added.reshape(-1) != 0) & (raw.reshape(-1) < adc_max))
-    value = raw.reshape(-1)[at] + fractions(at.astype(np.uint64), key) + added.reshape(-1)[at]
-    frame.reshape(-1)[at] = np.clip(np.rint(value), 0, adc_max).astype(np.uint16)
-    return frame
+    raw, more, changed, full = frame.reshape(-1), added.reshape(-1), 0, 0
+    for i in range(raw.size):
+        if more[i] == 0 or raw[i] >= top:
+            continue
+        before = raw[i]
+        value = np.rint(np.float64(before) + np.float64(more[i]) + unit(word(key, np.uint64(i))) - 0.5)
+        raw[i] = min(max(value, 0.0), top)
+        changed += raw[i] != before
+        full += raw[i] >= top
+    return changed, full

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from csstsim.base.errors import InputError
-from csstsim.base.files.fits_headers import check_headers
+from csstsim.inject.with_astropy import opened
 
 NEAREST = 4
 PSFEX = "PSF_DATA"  # the extension of its models (PSFEx manual, section 6)
@@ -61,13 +61,8 @@ def _smooth():
 
 def read_psf(path, band=""):
     """Return the Psfex or Stamps of a file. Raises InputError, also if it states another filter than `band`."""
-    from astropy.io import fits
-
     path = Path(path)
-    if not path.is_file():
-        raise InputError("no such file", file=path, key="--psf")
-    check_headers(path)
-    with fits.open(path, memmap=False) as file:
+    with opened(path, "--psf") as file:
         stated = next((str(h.header["FILTER"]).strip() for h in file if str(h.header.get("FILTER", "")).strip()), "")
         if stated and band and stated.lower() != band.lower():
             raise InputError("a PSF of another filter", file=path, key="FILTER", value=stated, allowed=band)

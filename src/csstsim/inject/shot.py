@@ -7,7 +7,7 @@ in a hundred, so its numbers are drawn for these alone.
 import numba
 import numpy as np
 
-from csstsim.base.counter import poisson, unit, word
+from csstsim.base.counter import poisson, word
 
 _ZERO = np.uint64(0)
 
@@ -19,15 +19,6 @@ def shot(mean, place, key):
     for i in range(len(mean)):
         counts[i] = poisson(np.float64(mean[i]), word(key, place[i]), _ZERO)[0]
     return counts
-
-
-@numba.njit(cache=True)
-def fractions(place, key):
-    """Return (n,) float64 numbers, uniform in (-0.5, 0.5), at places (n,) uint64 on the chip; key: uint64."""
-    out = np.empty(len(place))
-    for i in range(len(place)):
-        out[i] = unit(word(key, place[i])) - 0.5
-    return out
 
 
 def places(pixel, window, nx):
