@@ -1,7 +1,7 @@
 """Injection judged: cost on a whole chip, the difference to a simulation by layer, stars recovered without bias.
 
     python benchmarks/injection.py            # all parts: ten minutes
-    python benchmarks/injection.py layers     # one of them: cost, layers, stars
+    python benchmarks/injection.py layers     # one of them: cost, layers, stars; figure: docs/figures/recovered.png
 
 cost    CPU seconds of 1,000 and 10,000 sources of S/N 5 to 100 in a whole calibrated image and a whole raw frame of
         150 s in r, beyond reading and writing. Limits for the image: 5 and 15.
@@ -218,6 +218,33 @@ def err_pulls(run, job, new, image, table):
     return np.array(pulls)
 
 
+def figure():
+    """Inject 1,500 stars and galaxies into a window of the mock sky; draw docs/figures/recovered.png."""
+    from csstsim.inject.placement import free_pixels, random
+
+    sim = csstsim.Simulation(cache=FOLDER / "sky").aim(150.1, 2.2, chip=CHIP, size=2500, obsid=OBSID)
+    run, job = sim._run, sim._run.job(OBSID, CHIP)
+    if not run.paths.level0(job).exists():
+        chip(run, job, quiet)
+    calibrate(run, job)
+    image, folder = run.paths.calibrated(*job.key), FOLDER / f"figure_{time.time_ns()}"
+    with open_fits(image) as file:
+        free = free_pixels(read_pixels(file["SCI"], image), read_pixels(file["DQ"], image) > 0, reach=0, sigma=50.0)
+    count, rng = 1500, np.random.default_rng(8)
+    x, y = random(free, count, 8, apart=15.0)
+    kind = np.where(np.arange(count) % 3, "galaxy", "star")
+    table = objects(sim, x + job.window.x0, y + job.window.y0, rng.uniform(20.5, 26.5, count), kind)
+    e, angle = np.where(kind == "galaxy", rng.uniform(0, 0.5, count), 0.0), rng.uniform(0, 2 * np.pi, count)
+    table["size"] = np.where(kind == "galaxy", rng.choice([0.15, 0.25, 0.4, 0.6, 1.0], count), 0.0)
+    table["e1"], table["e2"] = e * np.cos(angle), e * np.sin(angle)
+    (new,) = inject([image], table, folder, print, campaign=run)
+    recover(new, image, print, campaign=run)
+    Path("docs/figures/recovered.png").write_bytes(new.with_suffix(".recovered.png").read_bytes())
+    return True
+
+
 if __name__ == "__main__":
     parts = sys.argv[1:] or ("cost", "layers", "stars")
-    sys.exit(0 if all([{"cost": cost, "layers": layers, "stars": stars}[part]() for part in parts]) else 1)
+    sys.exit(
+        0 if all([{"cost": cost, "layers": layers, "stars": stars, "figure": figure}[part]() for part in parts]) else 1
+    )

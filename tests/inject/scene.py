@@ -18,9 +18,9 @@ def simulation(folder, geometry=None, **changes):
     return csstsim.Simulation(write_campaign(folder, POINTINGS[:1], geometry or GEOMETRY, **changes), folder / "cache")
 
 
-def objects(sim, x, y, mag, kind="star", **columns):
-    """Return a table of objects at pixels x, y of the chip."""
-    job = sim._run.job(OBSID, CHIP)
+def objects(sim, x, y, mag, kind="star", chip=CHIP, **columns):
+    """Return a table of objects at pixels x, y of a chip; behind a grating, where light would fall without it."""
+    job = sim._run.job(OBSID, chip)
     x, y = (np.atleast_1d(np.asarray(v, float)) for v in (x, y))
     ra, dec = icrs(*job.wcs.pixel_to_world(x, y), job.observer)
     size = np.where(np.broadcast_to(kind, x.shape) == "galaxy", 0.3, 0.0)

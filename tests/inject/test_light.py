@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from inject.scene import CHIP, OBSID, empty, mixed, objects, simulation
+from inject.scene import CHIP, GEOMETRY, OBSID, empty, mixed, objects, simulation
 
 from csstsim.inject.level0 import convert
 from csstsim.inject.light import catalogue_of, light_of, table_of
@@ -11,6 +11,8 @@ from csstsim.instrument.chip import Window
 from csstsim.stages.chip import light
 
 SIGMAS = 5.0
+LIGHT = 0.01  # sigma of a pixel
+GRATING = 1
 
 
 @pytest.fixture(scope="module")
@@ -100,3 +102,22 @@ def test_a_stamp_and_photons_on_the_same_pixels_add_up(bare):
     more = both.plane(job.window.shape) - bright.plane(job.window.shape)
     assert more.min() >= 0 and more.sum(dtype=float) == pytest.approx(both.truth["drawn"][1], rel=1e-4)
     assert (np.diff(both.pixel) > 0).all()
+
+
+def test_through_gratings_it_is_what_a_simulation_draws(tmp_path):
+    """Chip 1, GI: the same photons, the same expected light, a truth of orders; and into the frame as read."""
+    sim = simulation(tmp_path, GEOMETRY | {"ny": 128, "channel_ny": 64}, select={"types": ["SCIE"], "chips": [GRATING]})
+    table = objects(sim, [100.0, 180.0], [60.0, 64.0], [18.0, 20.0], ["star", "galaxy"], chip=GRATING)
+    dark = sim.replace(catalog=objects(sim, 128.0, 64.0, 60.0, id=[10**9], chip=GRATING))
+    wanted, sky = sim.replace(catalog=table).light(OBSID, GRATING), dark.light(OBSID, GRATING)
+    made = dark.inject(sky, table, realisation=0)
+    light = made.image - sky.image
+    assert (light > 0).sum() > 500 and len(made.orders) > 2
+    noise = np.sqrt(sky.image + dark._run.camera.detector.read_noise**2)
+    assert (np.abs(made.image - wanted.image) / noise).max() < LIGHT
+    frame = dark.chip(OBSID, GRATING)
+    added = (dark.inject(frame, table).electrons - frame.electrons).sum(dtype=float)
+    drawn = made.orders["drawn"].sum()
+    assert added == pytest.approx(
+        drawn, abs=SIGMAS * np.sqrt(drawn) + 0.01 * drawn
+    )  # the header's gains have few digits

@@ -11,6 +11,7 @@ from csstsim.inject.inject import Request, record
 from csstsim.inject.level0 import into_level0
 from csstsim.inject.light import catalogue_of, light_of, table_of
 from csstsim.io.level0 import Level0
+from csstsim.io.orders import orders_table
 from csstsim.io.truth import truth_table
 from csstsim.simulation.frame import shown_table
 
@@ -42,7 +43,7 @@ def into_frame(run, frame, table, realisation, say):
     if frame.raw is None:
         image = frame.image.copy()
         image.reshape(-1)[light.pixel] += light.nominal
-        return replace(frame, image=image, truth=shown_table(truth_table(light.truth, job.chip)))
+        return replace(frame, image=image, **_truth(light.truth, light, job))
     header = frame.header.copy()
     made = into_level0(run, job, Held(Path("frame"), header, header, frame.readout, "channels", None, frame.raw), light)
     said = record(request, len(made.truth))
@@ -50,5 +51,11 @@ def into_frame(run, frame, table, realisation, say):
         header[keyword] = value, comment
     for text in said["history"]:
         header.add_history(f" injected {text}")
-    truth = shown_table(truth_table(made.truth, job.chip))
-    return replace(frame, image=frame.readout.active(made.frame), raw=made.frame, truth=truth, header=header)
+    parts = {"image": frame.readout.active(made.frame), "raw": made.frame, "header": header}
+    return replace(frame, **parts, **_truth(made.truth, light, job))
+
+
+def _truth(truth, light, job):
+    """Return the Frame's tables of the injected objects, {"truth", "orders"}."""
+    orders = None if light.orders is None else shown_table(orders_table(light.orders))
+    return {"truth": shown_table(truth_table(truth, job.chip)), "orders": orders}

@@ -98,7 +98,7 @@ def lines(table):
         for one in binned(table, against):
             p, low, high = one.completeness
             cells = [_cell(one.numbers[name]) for name in ("d_mag", "d_x", "d_g1")]
-            span = "points" if one.high < LEAST else f"{one.low:.3g} to {one.high:.3g}"
+            span = "points" if one.high <= LEAST else f"{one.low:.3g} to {one.high:.3g}"
             yield f"{span:<28} {one.objects:>7}   {p:.3f} {low:.3f}-{high:.3f}  {'  '.join(cells)}"
 
 
