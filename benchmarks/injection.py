@@ -22,13 +22,13 @@ import csstsim
 from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.table import ObjectTable
 from csstsim.detector.noise import add_poisson
-from csstsim.inject.bins import number
 from csstsim.inject.calibrated import into_calibrated
 from csstsim.inject.inject import inject
 from csstsim.inject.level0 import difference, into_level0
 from csstsim.inject.light import catalogue_of, light_of, table_of
 from csstsim.inject.memory import Held
-from csstsim.inject.recover import recover
+from csstsim.inject.recovery.bins import number
+from csstsim.inject.recovery.recover import recover
 from csstsim.io.fits import open_fits, read_pixels
 from csstsim.io.paths import TRUTH
 from csstsim.simulation.state import State

@@ -249,13 +249,13 @@ def recreated(path):
 
 
 def foreign(path):
-    from csstsim.inject.foreign_frame import read_foreign
+    from csstsim.inject.others.frame import read_foreign
 
     read_foreign(path)
 
 
 def stamps(path):
-    from csstsim.inject.psf_models import read_psf
+    from csstsim.inject.others.psf_models import read_psf
 
     read_psf(path).at(3.0, 4.0)
 

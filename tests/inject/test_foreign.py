@@ -13,8 +13,8 @@ from astropy.wcs import WCS
 from click.testing import CliRunner
 
 from csstsim.command_line.main import main
-from csstsim.inject.foreign_frame import read_foreign
-from csstsim.inject.psf_models import Stamps
+from csstsim.inject.others.frame import read_foreign
+from csstsim.inject.others.psf_models import Stamps
 
 SIDE, SCALE, TIME, GAIN, ZERO = 200, 0.2, 100.0, 2.0, 25.0
 SIGMAS = 5.0

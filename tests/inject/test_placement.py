@@ -12,7 +12,7 @@ from inject.test_foreign import write_image
 from csstsim.base.errors import InputError
 from csstsim.catalog.object_table import read_table
 from csstsim.command_line.main import main
-from csstsim.inject.foreign_frame import read_foreign
+from csstsim.inject.others.frame import read_foreign
 from csstsim.inject.placement import beside, free_pixels, grid, later, random
 
 ARCSEC = 1 / 3600

@@ -11,8 +11,8 @@ from scipy.stats import binom, binomtest, norm
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.command_line.main import main
-from csstsim.inject.bins import FEWEST, binned, number, share
-from csstsim.inject.recovered import density, recovered
+from csstsim.inject.recovery.bins import FEWEST, binned, number, share
+from csstsim.inject.recovery.recovered import density, recovered
 from csstsim.instrument.chip import Window
 from csstsim.measure.catalogue import SATURATED
 

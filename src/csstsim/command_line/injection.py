@@ -87,6 +87,6 @@ def recover(injected, original, output, campaign, instrument, truth):
     For example:
       csstsim recover with/10100000004_09.fits calibrated/10100000004_09.fits --campaign campaign.yaml
     """
-    from csstsim.inject.recover import recover as run
+    from csstsim.inject.recovery.recover import recover as run
 
     run(injected, original, click.echo, output=output, campaign=campaign, instrument=instrument, truth=truth)

@@ -61,7 +61,7 @@ def _ready(frame, request, say):
     """Return a function (frame, target, say) that injects into a frame which was checked. Raises InputError."""
     kind = kind_of(frame)
     if kind == OTHER:
-        from csstsim.inject.foreign import ready
+        from csstsim.inject.others.draw import ready
 
         return ready(frame, request)
     run, job = job_of(frame, request.campaign, request.instrument, request.cache, say)

@@ -59,7 +59,7 @@ def opened(frame, say, **given):
     """Return (image (ny, nx), bad pixels or None, function of x, y to ra, dec as a table has them) of a frame."""
     kind = kind_of(frame)
     if kind == OTHER:
-        from csstsim.inject.foreign_frame import read_foreign
+        from csstsim.inject.others.frame import read_foreign
 
         image = read_foreign(frame)
         return image.image, None, lambda x, y: image.wcs.all_pix2world(x, y, 0)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from csstsim.base.files.atomic import atomic_path
-from csstsim.inject.bins import AGAINST, binned
+from csstsim.inject.recovery.bins import AGAINST, binned
 from csstsim.report.style import BLUE, VERMILION
 
 ROWS = {

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from csstsim.base.errors import InputError
-from csstsim.inject.with_astropy import opened
+from csstsim.inject.others.with_astropy import opened
 
 ELECTRONS = {"electron", "electrons", "e-", "e", "photoelectron"}
 DN = {"adu", "dn", "count", "counts", "ct", "cts", "adus"}

@@ -6,10 +6,10 @@ import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.process.one_thread import one_thread
-from csstsim.inject.bins import AGAINST, LEAST, QUANTITIES, binned, of_rows
 from csstsim.inject.calibrated import check_planes
 from csstsim.inject.frames import LEVEL0, OTHER, job_of, kind_of
-from csstsim.inject.recovered import recovered
+from csstsim.inject.recovery.bins import AGAINST, LEAST, QUANTITIES, binned, of_rows
+from csstsim.inject.recovery.recovered import recovered
 from csstsim.io.paths import TRUTH
 from csstsim.io.truth import read_truth
 from csstsim.stages.calibrate import calibrated_of, calibration
@@ -45,7 +45,7 @@ def recover(injected, original, say=print, output=None, truth=None, **given):
     table.write(folder / f"{injected.stem}{TABLE}", {"injected": injected.name, "original": original.name})
     for line in lines(table):
         say(line)
-    from csstsim.inject.recovered_figure import draw
+    from csstsim.inject.recovery.figure import draw
 
     draw(table, folder / f"{injected.stem}{FIGURE}")
     say(f"{folder / (injected.stem + FIGURE)}, and the table beside it")

@@ -17,9 +17,9 @@ from csstsim.base.rng import stream
 from csstsim.catalog.components import components
 from csstsim.catalog.object_table import object_table
 from csstsim.catalog.table import GALAXY, ObjectTable
-from csstsim.inject.foreign_frame import read_foreign
-from csstsim.inject.psf_models import read_psf
-from csstsim.inject.with_astropy import opened
+from csstsim.inject.others.frame import read_foreign
+from csstsim.inject.others.psf_models import read_psf
+from csstsim.inject.others.with_astropy import opened
 from csstsim.io.paths import TRUTH
 from csstsim.render.scene import shape_matrix
 from csstsim.universe.lensing.lensing import magnification

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from csstsim.base.errors import InputError
-from csstsim.inject.with_astropy import opened
+from csstsim.inject.others.with_astropy import opened
 
 NEAREST = 4
 PSFEX = "PSF_DATA"  # the extension of its models (PSFEx manual, section 6)
