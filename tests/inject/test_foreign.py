@@ -22,10 +22,11 @@ M13 = Path(astropy.__file__).parent / "io/fits/hdu/compressed/tests/data/m13.fit
 
 
 def wcs_cards(angle=30.0):
+    """Return cards of a rotated WCS with east to the right, so that its matrix is not symmetric."""
     c, s = np.cos(np.radians(angle)) * SCALE / 3600, np.sin(np.radians(angle)) * SCALE / 3600
     return {
         "CTYPE1": "RA---TAN", "CTYPE2": "DEC--TAN", "CRVAL1": 359.9999, "CRVAL2": 60.0, "CRPIX1": SIDE / 2,
-        "CRPIX2": SIDE / 2, "CD1_1": -c, "CD1_2": s, "CD2_1": s, "CD2_2": c,
+        "CRPIX2": SIDE / 2, "CD1_1": c, "CD1_2": -s, "CD2_1": s, "CD2_2": c,
     }  # fmt: skip
 
 
