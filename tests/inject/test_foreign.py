@@ -11,10 +11,12 @@ from astropy.io import fits
 from astropy.table import Table
 from astropy.wcs import WCS
 from click.testing import CliRunner
+from fuzz.seeds import stamps
 
+from csstsim.base.errors import InputError
 from csstsim.command_line.main import main
 from csstsim.inject.others.frame import read_foreign
-from csstsim.inject.others.psf_models import Stamps
+from csstsim.inject.others.psf_models import Stamps, read_psf
 
 SIDE, SCALE, TIME, GAIN, ZERO = 200, 0.2, 100.0, 2.0, 25.0
 SIGMAS = 5.0
@@ -228,3 +230,14 @@ def test_a_real_image_takes_stars_that_source_extractor_finds(tmp_path):
     assert np.abs(np.median(off, axis=0)).max() < 0.1  # px: no shift of half a pixel or more
     share = np.median(after["FLUX_APER"][match[seen]]) * 5 / (TIME * 10 ** (0.4 * (24.0 - 17.0)))
     assert 0.8 < share < 1.05  # of an aperture of 8 px about a star of FWHM 3.3 px
+
+
+@pytest.mark.parametrize("change", [("NAXIS2  =                    5", 0), ("NAXIS2  =                    2", 10**12)])
+def test_stamps_whose_headers_lie(tmp_path, change):
+    """The pixels begin where the next header should; a table announces 8 TB."""
+    path, (card, value) = stamps(tmp_path), change
+    content = path.read_bytes()
+    assert content.count(card.encode()) == 1
+    path.write_bytes(content.replace(card.encode(), f"NAXIS2  = {value:>20}".encode()))
+    with pytest.raises(InputError):
+        read_psf(path)

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from csstsim.base.errors import InputError
-from csstsim.base.files.fits_headers import check_headers
+from csstsim.io.fits import open_fits
 
 
 @contextmanager
@@ -17,16 +17,16 @@ def opened(path, key=None):
     from astropy.io import fits
 
     path = Path(path)
-    if not path.is_file():
-        raise InputError("no such file", file=path, key=key)
-    check_headers(path)
+    open_fits(path).close()  # refuses what is missing, or shorter than its headers say
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of keywords that other versions of the standard had
             with fits.open(path, memmap=False) as file:
                 yield file
-    except (InputError, MemoryError):
+    except InputError:
         raise
+    except MemoryError:
+        raise InputError("announces more data than the memory holds", file=path, key=key) from None
     except Exception as exc:  # astropy's are of many types
         what = f"cannot be read as FITS: {type(exc).__name__} {str(exc).splitlines()[0] if str(exc) else ''}"
         raise InputError(what.rstrip(), file=path, key=key) from None
