@@ -17,26 +17,24 @@ import copy
 import logging
 import math
 import operator
-import os
 import warnings
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
-from csstsim.base.digest import digest
 from csstsim.base.errors import InputError
 from csstsim.base.files.yaml_file import read_yaml
 from csstsim.base.shipped import ROOT
 from csstsim.campaign.aiming import after, next_obsid
 from csstsim.campaign.config import load_campaign, make_campaign
+from csstsim.campaign.kept import Kept, cache_folder
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.survey_table import OBSID, OBSID_ALLOWED
 from csstsim.catalog.base import CatalogBase
 from csstsim.catalog.object_table import object_table, plain_columns
 from csstsim.catalog.open import TABLE_KIND
 from csstsim.instrument.camera import load_camera
-from csstsim.io.paths import Paths
 from csstsim.optics.geometry.pointing_for import centred_exposure, light_on
 from csstsim.simulation.frame import Frame, frame_of
 from csstsim.simulation.observation import changed_layers
@@ -65,13 +63,7 @@ class Simulation:
             config = make_campaign(read_yaml(starter) | shipped, self._file)
         else:
             config = load_campaign(self._file)
-        folder = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-        self._cache = Path(cache or os.environ.get("CSSTSIM_CACHE") or Path(folder) / "csstsim").absolute()
-        try:
-            self._cache.mkdir(parents=True, exist_ok=True)
-        except OSError as exc:
-            message = f"cannot be made: {exc.strerror}; give another, or set CSSTSIM_CACHE"
-            raise InputError(message, file=self._cache, key="cache") from None
+        self._cache = cache_folder(cache)
         self._open(config, {}, None)
 
     def __getstate__(self):
@@ -84,7 +76,7 @@ class Simulation:
     def _open(self, config, layers, pointings):
         self._config, self._layers, self._pointings = config, layers, pointings  # as given: a copy is made of these
         self._run = OpenCampaign(self._file, copied=True, config=config, layers=layers, pointings=pointings)
-        self._run.paths = _Kept(self._cache, self._run)
+        self._run.paths = Kept(self._cache, self._run)
 
     def replace(self, *, layers=None, catalog=None, **keys):
         """Return a copy of this Simulation with the given changes.
@@ -222,6 +214,19 @@ class Simulation:
         image = state.image if state.counted is None else state.image + state.counted.astype(np.float32)
         return frame_of(job, state, image)
 
+    def inject(self, frame, table, *, realisation=1):
+        """Return a copy of a Frame with the objects of a table in it (docs: Injection); `frame` stays as it is.
+
+        frame: of this Simulation's `chip` or `light`; table: astropy Table, {name: values} or the path of a file, with
+        the columns of csstsim.catalog.own_table. A frame of `chip` gets their light through the detector; `raw`,
+        `image` and `header` change. `truth` is that of the injected objects. realisation: number of their noise; 0
+        gives the photons that a simulation of the same ids has. Raises InputError for a table that cannot be used, and
+        for a frame of another Simulation.
+        """
+        from csstsim.inject.memory import into_frame
+
+        return into_frame(self._run, frame, table, _whole(realisation, "realisation"), _say)
+
     def _job(self, obsid, chip):
         return self._run.job(str(obsid), _whole(chip, "chip"))
 
@@ -263,31 +268,6 @@ def _warn_of_one_noise(seed, pointings):
         if before != pointing.start:
             message = f"obsid {obsid} was aimed before, at {before:%Y-%m-%dT%H:%M:%S}: one obsid has one noise"
             warnings.warn(f"{message}; give another `obsid`, or ask for more `exposures`", stacklevel=3)
-
-
-class _Kept(Paths):
-    """Truth bricks and PSF sets in the cache, in folders named by the digests of what decides them."""
-
-    def __init__(self, cache, run):
-        super().__init__(cache / "products")
-        self._cache, self._recipes = cache, run.recipes
-
-    @cached_property
-    def _truth(self):
-        return Paths(self._cache / digest(self._recipes.truth))
-
-    @cached_property
-    def _psf(self):
-        return Paths(self._cache / digest(self._recipes.psf))
-
-    def truth(self, pix):
-        return self._truth.truth(pix)
-
-    def psf(self, chip_id):
-        return self._psf.psf(chip_id)
-
-    def psf_tables(self, chip_id):
-        return self._psf.psf_tables(chip_id)
 
 
 def _catalog(given, before, bands):

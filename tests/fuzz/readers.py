@@ -258,6 +258,18 @@ def recreated(path):
     read_electrons(frame, load_camera(folder.parent).detector)
 
 
+def foreign(path):
+    from csstsim.inject.others.frame import read_foreign
+
+    read_foreign(path)
+
+
+def stamps(path):
+    from csstsim.inject.others.psf_models import read_psf
+
+    read_psf(path).at(3.0, 4.0)
+
+
 def orders(path):
     from csstsim.io.orders import check_orders, read_orders
 

@@ -163,6 +163,22 @@ def image(folder):
     return folder / "image.fits"
 
 
+def foreign(folder):
+    """An image of another telescope, for `csstsim inject`."""
+    from inject.test_foreign import write_image
+
+    return write_image(folder)
+
+
+def stamps(folder):
+    """A cube of PSF stamps with their places."""
+    cube = np.ones((2, 5, 5), np.float32)
+    places = fits.BinTableHDU.from_columns([fits.Column(n, "E", array=[1.0, 9.0]) for n in ("X", "Y")])
+    path = folder / "stamps.fits"
+    fits.HDUList([fits.PrimaryHDU(cube, fits.Header({"PSFSAMP": 0.5})), places]).writeto(path)
+    return path
+
+
 def objects(folder):
     from csstsim.catalog.table import ObjectTable
     from csstsim.catalog.truth_bricks import SED_COLUMNS

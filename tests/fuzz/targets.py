@@ -67,6 +67,8 @@ TARGETS = {
     "table parquet": Target(seeds.objects, spoiled_bytes, "table"),
     "truth parquet": Target(seeds.truth, spoiled_bytes, "truth"),
     "frame to recreate": Target(seeds.level0(), spoiled_fits, "recreated", 0.3),
+    "image to inject into": Target(seeds.foreign, spoiled_fits, "foreign", 0.3),
+    "stamps of a PSF": Target(seeds.stamps, spoiled_fits, "stamps", 0.3),
     "truth as text": Target(seeds.cat, spoiled_text, "cat"),
     "orders parquet": Target(seeds.orders, spoiled_bytes, "orders"),
     "brick parquet": Target(seeds.objects, spoiled_bytes, "brick"),

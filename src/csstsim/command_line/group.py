@@ -27,7 +27,7 @@ SECTIONS = {
     "Measure the simulator": ("bench", "shear"),
     "Extend": ("layers", "fit-grating"),
     "Deliver": ("verify", "compare"),
-    "Other people's frames": ("recreate",),
+    "Frames that exist": ("place", "inject", "recover", "recreate"),
 }  # fmt: skip
 GARBAGE = 50_000  # new objects before a search for cycles; at the usual 700 imports cause hundreds of searches
 LOUD, QUIET = "csstsim.loud", "csstsim.quiet"  # in the context of the command

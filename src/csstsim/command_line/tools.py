@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from csstsim.command_line.completion import layers_of
+from csstsim.command_line.injection import inject, place, recover
 
 
 @click.command()
@@ -313,4 +314,4 @@ def status(campaign, output, watch):
         sys.exit(128 + signal.SIGINT)
 
 
-TOOLS = bench, show, status, shear, verify, compare, recreate, fit_grating, layers
+TOOLS = bench, show, status, shear, verify, compare, recreate, place, inject, recover, fit_grating, layers

@@ -130,7 +130,8 @@ def open_fits(path):
         with logged("opened", path):
             file = fitsio.FITS(path)
         end = file[len(file) - 1].get_offsets()["data_end"]
-    except (OSError, ValueError) as exc:  # fitsio cannot decode cfitsio's message about damaged bytes
+    # fitsio cannot decode cfitsio's message about damaged bytes
+    except (OSError, ValueError, fitsio.FITSFormatError) as exc:
         why = str(exc).splitlines()[0] if isinstance(exc, OSError) and str(exc) else "a header is damaged"
         raise InputError(f"not a readable FITS file: {why}", file=path) from None
     if end > path.stat().st_size:

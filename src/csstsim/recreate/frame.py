@@ -23,7 +23,7 @@ _STATE_KEYS = [f"{kind}0_{axis}" for kind in ("POSI", "VELO") for axis in "XYZ"]
 _RADIUS_KM = 6_378.0, 50_000.0  # of orbits; others are placeholders
 _NAME = re.compile(r"_(\d{14})_(\d{14})_(\d{9,14})_(\d{2})_L0")
 _MJD_ZERO = datetime(1858, 11, 17, tzinfo=UTC)
-_ENTRY = re.compile(r" (layer|camera|value) ")
+_ENTRY = re.compile(r" (layer|camera|value|injected) ")
 _MAP = "maps."  # before the names of laboratory maps among the camera's entries
 
 

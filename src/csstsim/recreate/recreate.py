@@ -47,8 +47,8 @@ def recreate(frame, truth, folder, say, instrument=None, seed=None):
     if there or (folder.exists() and not folder.is_dir()):
         raise InputError("exists already; name another folder", file=folder / there if there else folder)
     head, objects = read_frame(frame), read_objects(truth)
-    data, layers, table = _described(head, instrument, seed)
-    run, job = _opened(head.path, data, layers, table)
+    data, layers, table = described(head, instrument, seed)
+    run, job = opened(head.path, data, layers, table)
     digest = run.recipe(job)["camera"]
     if head.keys.get(RECIPE["camera"], digest) != digest:
         head.notes.append("CAMHASH: made with other numbers of the camera than those taken here (--instrument)")
@@ -87,7 +87,7 @@ def job_file(folder, run, job):
     return Path(folder) / run.config.output / run.paths.level0(job).relative_to(run.paths.output)
 
 
-def _described(head, instrument, seed):
+def described(head, instrument, seed):
     """Return (campaign file as a mapping, layers, survey table as text) of a frame's header."""
     camera = load_camera(instrument)
     changes = head.camera_changes() if head.ours else _camera_of(head, camera.detector)
@@ -158,7 +158,7 @@ def _shipped_layers():
     return yaml.safe_load((ROOT / "config/observations/science.yaml").read_text())["layers"]
 
 
-def _opened(frame, data, layers, table):
+def opened(frame, data, layers, table):
     """Return the campaign that is described, opened without files, its objects among them, and its job.
 
     Raises InputError that names the frame, whose header has the value: the campaign's files are not there yet.

@@ -21,6 +21,7 @@ class Frame:
     * window: x0, x1, y0, y1 [pixel] on the chip
     * header: astropy Header, both headers of the Level-0 file in one; None from `light`
     * raw: the window as read, with prescan and overscan, (rows, columns) DN; None from `light`
+    * key: (obsid, number of the chip)
     * orders: astropy Table, the truth of a spectroscopic chip, order by order; None for an imaging chip
     """
 
@@ -32,6 +33,7 @@ class Frame:
     raw: np.ndarray | None = None
     orders: Any = None
     readout: Any = None  # detector.channels.ReadoutFrame of `raw`
+    key: tuple | None = None
 
     @cached_property
     def electrons(self):
@@ -56,12 +58,13 @@ def frame_of(job, state, image, **parts):
     from csstsim.io.orders import orders_table
     from csstsim.io.truth import truth_table
 
-    truth = _table(truth_table(state.truth, job.chip))
-    orders = None if state.orders is None else _table(orders_table(state.orders))
-    return Frame(image=image, truth=truth, wcs=_wcs(job), window=job.window, orders=orders, **parts)
+    truth = shown_table(truth_table(state.truth, job.chip))
+    orders = None if state.orders is None else shown_table(orders_table(state.orders))
+    return Frame(image=image, truth=truth, wcs=_wcs(job), window=job.window, orders=orders, key=job.key, **parts)
 
 
-def _table(table):
+def shown_table(table):
+    """Return an ObjectTable as an astropy Table that prints well."""
     from astropy.table import Table
 
     shown = Table({name: table[name] for name in table.names})

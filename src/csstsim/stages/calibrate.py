@@ -52,13 +52,30 @@ def calibrate(run, job):
 
 def calibrated_frame(run, job):
     """Return (io.level0.Level0, measure.calibration.calibrate.Calibrated) of a job's file. Raises InputError."""
+    file = own_level0(run, job)
+    return file, calibrated_of(run, job, file, *calibration(run, job))
+
+
+def calibration(run, job):
+    """Return (response, known defects, residual bias) as the campaign's `measurement` says. Raises InputError.
+
+    They are arguments of measure.calibration.calibrate: Response or None, bool (ny, nx) or None, {channel: e-} or None.
+    """
+    from_frames = run.config.measurement.calibration == "frames"
+    return (_by_masters if from_frames else _by_truth)(run, job, run.streams(job, "measure"))
+
+
+def calibrated_of(run, job, file, response=None, bad=None, offset=None):
+    """Return the measure.calibration.calibrate.Calibrated of an io.level0.Level0 of a job's pixels.
+
+    The other arguments are those of `calibration`. Raises InputError.
+    """
     from csstsim.measure.calibration.calibrate import calibrate as to_electrons
     from csstsim.measure.calibration.charge_correction import put_back
 
-    file, streams = own_level0(run, job), run.streams(job, "measure")
+    streams = run.streams(job, "measure")
     steps, detector = run.steps[job.pointing.type], run.camera.detector
     from_frames = run.config.measurement.calibration == "frames"
-    response, bad, offset = (_by_masters if from_frames else _by_truth)(run, job, streams)
     own = None if from_frames or not steps.step("bias") else job.chip.maps.bias
     traps, passes = steps.step("cte_effect"), run.config.measurement.cti_passes
     correct = partial(
@@ -66,7 +83,7 @@ def calibrated_frame(run, job):
         spread=steps.step("brighter_fatter") is not None,
         rng=Streams(run.config.seed, job.obsid, -job.chip.id, "measure") if from_frames else streams,
     )  # fmt: skip
-    return file, to_electrons(
+    return to_electrons(
         file.frame(), file.readout, file.gain, nonlinearity=file.nonlinearity, adc_max=detector.adc_max,
         full_well=detector.full_well, response=response, bad=bad, offset=offset,
         structure=own and frame_of(own, file.readout), correct=correct, levels=file.levels,

@@ -22,19 +22,24 @@ def select(run, job):
     say_selected(table, print)
 
 
-def selected(run, exposure):
-    """Return the ObjectTable of what reaches an Exposure's window (catalog.selection.select)."""
+def selected(run, exposure, catalog=None):
+    """Return the ObjectTable of what reaches an Exposure's window (catalog.selection.select).
+
+    catalog: a CatalogBase in place of the campaign's; all its objects are taken, as they are.
+    """
     from csstsim.catalog.open import open_catalog
     from csstsim.catalog.selection.select import Noise, select_objects
     from csstsim.optics.scatter.scattered_light import scattered_light
 
     config, camera, filter_, detector = run.catalog, run.camera, exposure.filter, run.camera.detector
-    key = run.universe_key() | _changing(run, exposure) if run.embedded else {}
-    catalog = open_catalog(config, run.region(exposure), run.paths.truth, key)
+    mag_limit, rotated = (config.mag_limit, config.shapes == "rotated90") if catalog is None else (None, False)
+    if catalog is None:
+        key = run.universe_key() | _changing(run, exposure) if run.embedded else {}
+        catalog = open_catalog(config, run.region(exposure), run.paths.truth, key)
     noise = Noise(filter_.sky, detector.dark, detector.read_noise)
     return select_objects(
         catalog, exposure.wcs, exposure.observer, exposure.window, filter_, camera.telescope, exposure.exptime, noise,
-        config.mag_limit, rotated=config.shapes == "rotated90", scattered=scattered_light(camera, filter_),
+        mag_limit, rotated=rotated, scattered=scattered_light(camera, filter_),
         box=psf_box(run, exposure.chip), disperser=run.disperser(exposure), interval=exposure.interval,
     )  # fmt: skip
 

@@ -1,0 +1,250 @@
+"""Injection judged: cost on a whole chip, the difference to a simulation by layer, stars recovered without bias.
+
+    python benchmarks/injection.py            # all parts: ten minutes
+    python benchmarks/injection.py layers     # one of them: cost, layers, stars; figure: docs/figures/recovered.png
+
+cost    CPU seconds of 1,000 and 10,000 sources of S/N 5 to 100 in a whole calibrated image and a whole raw frame of
+        150 s in r, beyond reading and writing. Limits for the image: 5 and 15.
+layers  injection into a raw frame, compared with a readout of the same electrons of light, before the rounding to
+        whole DN: rms difference in sigmas, one layer at a time. Of the irradiated device, pixels have no limit.
+stars   5,000 stars of S/N 15 to 100 in a whole calibrated image: mean flux and place in their errors, and the pulls
+        of fluxes by ERR, of a matched filter whose weights do not depend on the noise.
+Exit code 1 if a limit is not kept.
+"""
+
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+import csstsim
+from csstsim.catalog.astrometry.reduction import icrs
+from csstsim.catalog.table import ObjectTable
+from csstsim.detector.noise import add_poisson
+from csstsim.inject.calibrated import into_calibrated
+from csstsim.inject.inject import inject
+from csstsim.inject.level0 import difference, into_level0
+from csstsim.inject.light import catalogue_of, light_of, table_of
+from csstsim.inject.memory import Held
+from csstsim.inject.recovery.bins import number
+from csstsim.inject.recovery.recover import recover
+from csstsim.io.fits import open_fits, read_pixels
+from csstsim.io.paths import TRUTH
+from csstsim.simulation.state import State
+from csstsim.stages.calibrate import calibrate, calibration
+from csstsim.stages.chip import chip
+
+OBSID, CHIP = "10100000001", 9
+FOLDER = Path("results/injection")
+LIMITS = {1000: 5.0, 10_000: 15.0}  # CPU s
+DIFFERENCE = 0.1  # sigma
+BIAS, PULLS = 3.0, (0.95, 1.05)
+LAYERS = {
+    "brighter_fatter": {}, "detector_defects": {}, "blooming": {}, "CTE_effect": {"density_scale": 0.02},
+    "CTE_effect, irradiated": {"density_scale": 1.0}, "nonlinearity": {},
+}  # fmt: skip
+
+
+def simulation(size=None):
+    """Return a Simulation of one r exposure with an empty sky; size: of a window [px]."""
+    sim = csstsim.Simulation(cache=FOLDER / "cache").aim(150.1, 2.2, chip=CHIP, size=size, obsid=OBSID)
+    return sim.replace(catalog=objects(sim, np.array([100.0]), np.array([100.0]), np.array([60.0])))
+
+
+def objects(sim, x, y, mag, kind=None):
+    """Return an astropy Table of objects at pixels of the chip; kind (n,): star or galaxy."""
+    from astropy.table import Table
+
+    job = sim._run.job(OBSID, CHIP)
+    ra, dec = icrs(*job.wcs.pixel_to_world(x, y), job.observer)
+    kind = np.full(len(x), "star") if kind is None else kind
+    size = np.where(kind == "galaxy", 0.3, 0.0)
+    return Table({"id": np.arange(1, len(x) + 1), "ra": ra, "dec": dec, "mag_r": mag, "type": kind, "size": size})
+
+
+def quiet(_):
+    """Say nothing."""
+
+
+def cost():
+    """Print CPU seconds; return whether the image's limits are kept."""
+    sim, good = simulation(), True
+    run, job, frame = sim._run, sim._run.job(OBSID, CHIP), sim.chip(OBSID, CHIP)
+    held = Held(FOLDER, frame.header, frame.header, frame.readout, "channels", None, frame.raw)
+    planes = [np.full(job.window.shape, value, kind) for value, kind in ((0, "f4"), (0.05, "f4"), (0, "u1"))]
+    for count in (20, *LIMITS):  # the first loads what is compiled
+        rng = np.random.default_rng(count)
+        x, y = rng.uniform(20, job.window.nx - 20, (2, count))
+        kind = np.where(np.arange(count) % 2, "galaxy", "star")
+        mag = np.where(kind == "star", rng.uniform(22.0, 25.6, count), rng.uniform(21.2, 24.7, count))
+        table = table_of(objects(sim, x, y, mag, kind))
+        start = time.process_time()
+        light = light_of(run, job, catalogue_of(run, job, table), 1, quiet)
+        drawn = time.process_time()
+        response = calibration(run, job)[0].at(*np.divmod(light.pixel, job.window.nx))
+        into_calibrated(planes, light, job.pointing.exptime, background=0.2, limit=7e4, response=response)
+        image = time.process_time()
+        into_level0(run, job, held, light)
+        raw = time.process_time()
+        if count in LIMITS:
+            snr = np.percentile(light.truth["snr"], [1, 99])
+            print(
+                f"{count} sources, S/N {snr[0]:.1f} to {snr[1]:.0f}: light {drawn - start:.1f} CPU-s; with it into the "
+                f"image {image - start:.1f} (limit {LIMITS[count]:g}), raw frame {drawn - start + raw - image:.1f}"
+            )
+            good &= image - start < LIMITS[count]
+    return good
+
+
+def layers():
+    """Print the rms difference by layer; return whether each is below the limit."""
+    base, good = simulation(size=1200), True
+    off = dict.fromkeys(("brighter_fatter", "detector_defects", "blooming", "CTE_effect", "nonlinearity"))
+    cases = {"none": off, "all": {}, "all, irradiated": {"CTE_effect": {"density_scale": 1.0}}}
+    for name, param in LAYERS.items():
+        keyword = name.split(",")[0]
+        cases[f"{name} alone"] = {key: value for key, value in off.items() if key != keyword} | {keyword: param}
+    print("rms difference of a lit pixel [its sigma], of an object's light [its sigma]; mean of the lit pixels [e-]")
+    for name, changes in cases.items():
+        pixels, light, mean = compared(base.replace(layers=changes))
+        print(f"{name:32s} {pixels:.4f} {light:.4f} {mean:+.4f}")
+        good &= light < DIFFERENCE and (pixels < DIFFERENCE or "irradiated" in name)
+    return good
+
+
+def compared(sim):
+    """Return the numbers of `layers`: injection less a readout with the same light, before rounding."""
+    run, job = sim._run, sim._run.job(OBSID, CHIP)
+    w, rng = job.window, np.random.default_rng(2)
+    count = 400
+    x, y = rng.uniform(w.x0 + 10, w.x1 - 10, count), rng.uniform(w.y0 + 10, w.y1 - 10, count)
+    table = objects(sim, x, y, rng.uniform(18.6, 25.5, count), np.where(np.arange(count) % 2, "galaxy", "star"))
+    light = light_of(run, job, catalogue_of(run, job, table_of(table)), 1, quiet)
+    if light.electrons.max() > run.camera.detector.full_well / 2:
+        raise SystemExit("an object is brighter than half of the full well")
+    frame, sky = sim.chip(OBSID, CHIP), sim.light(OBSID, CHIP).image
+    held = Held(FOLDER, frame.header, frame.header, frame.readout, "channels", None, frame.raw)
+    wanted = _read_out(run, job, sky, light) - _read_out(run, job, sky)
+    detector = run.camera.detector
+    off = frame.readout.active(difference(run, job, held, light)[0] - wanted) * detector.gain
+    plane = light.plane(w.shape)
+    sigma, lit = np.sqrt(sky + plane + detector.read_noise**2), plane > 0
+    boxes = [
+        np.s_[round(v) - w.y0 - 3 : round(v) - w.y0 + 4, round(u) - w.x0 - 3 : round(u) - w.x0 + 4]
+        for u, v in zip(x, y, strict=True)
+    ]
+    each = [off[box].sum() / np.sqrt((sigma[box] ** 2).sum()) for box in boxes]
+    return float(np.std(off[lit] / sigma[lit])), float(np.std(each)), float(off[lit].mean())
+
+
+def _read_out(run, job, sky, light=None):
+    """Return the DN, before rounding, of one readout of expected electrons and a Light, with the simulator's noise."""
+    state, streams = State.blank(job.exposure), run.streams(job)
+    state.image = sky.copy()
+    for step in run.steps["SCIE"].stage("readout"):
+        rng = streams.layer(step.name)
+        if step.name != "poisson_and_dark":
+            state = step.module.apply(state, step.param, rng)
+            continue
+        dark = state.chip.detector.dark * job.exposure.exptime
+        add_poisson(state.image, rng.exposure_key("shot"), dark=dark, counted=state.take_counted())
+        if light is not None:
+            state.image.reshape(-1)[light.pixel] += light.electrons
+    return state.image
+
+
+def stars():
+    """Print bias and pulls of 5,000 stars; return whether they are within the limits."""
+    sim = simulation()
+    run, job = sim._run, sim._run.job(OBSID, CHIP)
+    if not run.paths.level0(job).exists():
+        chip(run, job, quiet)
+    calibrate(run, job)
+    image, folder = run.paths.calibrated(*job.key), FOLDER / f"stars_{time.time_ns()}"
+    side, rng = 71, np.random.default_rng(5)
+    x, y = (v.ravel() * 128.0 + 70 + rng.uniform(-8, 8, side**2) for v in np.meshgrid(*[np.arange(side)] * 2))
+    table = objects(sim, x, y, rng.uniform(21.5, 24.8, side**2))
+    (new,) = inject([image], table, folder, print, campaign=run)
+    found = recover(new, image, quiet, campaign=run)
+    clean, good = found["clean"], True
+    truth = ObjectTable.read(new.with_suffix(TRUTH), ["obj_ID", "snr"])
+    snr = truth["snr"][np.searchsorted(truth["obj_ID"], found["id"])]
+    print(f"{clean.sum()} of {len(found)} stars, true S/N {snr.min():.0f} to {snr.max():.0f}")
+    # A fit whose place is free finds 1 / (S/N)^2 too much flux (Portillo, Speagle & Finkbeiner 2020, AJ 159, 165)
+    fitted = number(found["flux_pull"][clean])
+    print(f"flux       {told(fitted)}, of which the free place makes {np.mean(1 / snr[clean]):+.4f}")
+    for name, values in (
+        ("flux", found["flux_pull"] - 1 / snr), ("place x", found["place_pull_x"]), ("place y", found["place_pull_y"])
+    ):  # fmt: skip
+        one = number(values[clean])
+        print(f"{name:10s} {told(one)}")
+        good &= abs(one.mean) < BIAS * one.mean_error
+    pulls = err_pulls(run, job, new, image, table)
+    one = number(pulls)
+    print(f"by ERR     {told(one)}")
+    return good and PULLS[0] < one.scatter < PULLS[1] and abs(one.mean) < BIAS * one.mean_error
+
+
+def told(one):
+    """Return a bins.Number of pulls in words."""
+    mean = f"mean pull {one.mean:+.4f} +- {one.mean_error:.4f}"
+    return f"{one.n} stars, {mean}, scatter {one.scatter:.4f}, {one.outliers} outliers"
+
+
+def err_pulls(run, job, new, image, table):
+    """Return the pulls (n,) of fluxes of a matched filter, whose templates are the expected light, by ERR."""
+    from dataclasses import replace
+
+    from csstsim.campaign.job import Job
+
+    exact = Job(job.obsid, replace(job.exposure, fidelity="noise_free"))
+    light = light_of(run, exact, catalogue_of(run, job, table_of(table)), 1, quiet)
+    response = calibration(run, job)[0]
+    with open_fits(new) as file:
+        sci, err, dq = (read_pixels(file[name], new) for name in ("SCI", "ERR", "DQ"))
+    template = np.zeros(job.window.shape, np.float32)
+    share = response.at(*np.divmod(light.pixel, job.window.nx))
+    template.reshape(-1)[light.pixel] = light.nominal / share / job.pointing.exptime
+    pulls, truth, half = [], light.truth, 8
+    for x, y in zip(truth["x"], truth["y"], strict=True):
+        row, column = round(y) - job.window.y0, round(x) - job.window.x0
+        cut = np.s_[row - half : row + half + 1, column - half : column + half + 1]
+        if dq[cut].any():
+            continue
+        t, d, s = (plane[cut].astype(float) for plane in (template, sci, err))
+        w = t - t.mean()  # the local background drops out
+        pulls.append(((w * d).sum() - (w * t).sum()) / np.sqrt((w**2 * s**2).sum()))
+    return np.array(pulls)
+
+
+def figure():
+    """Inject 1,500 stars and galaxies into a window of the mock sky; draw docs/figures/recovered.png."""
+    from csstsim.inject.placement import free_pixels, random
+
+    sim = csstsim.Simulation(cache=FOLDER / "sky").aim(150.1, 2.2, chip=CHIP, size=2500, obsid=OBSID)
+    run, job = sim._run, sim._run.job(OBSID, CHIP)
+    if not run.paths.level0(job).exists():
+        chip(run, job, quiet)
+    calibrate(run, job)
+    image, folder = run.paths.calibrated(*job.key), FOLDER / f"figure_{time.time_ns()}"
+    with open_fits(image) as file:
+        free = free_pixels(read_pixels(file["SCI"], image), read_pixels(file["DQ"], image) > 0, reach=0, sigma=50.0)
+    count, rng = 1500, np.random.default_rng(8)
+    x, y = random(free, count, 8, apart=15.0)
+    kind = np.where(np.arange(count) % 3, "galaxy", "star")
+    table = objects(sim, x + job.window.x0, y + job.window.y0, rng.uniform(20.5, 26.5, count), kind)
+    e, angle = np.where(kind == "galaxy", rng.uniform(0, 0.5, count), 0.0), rng.uniform(0, 2 * np.pi, count)
+    table["size"] = np.where(kind == "galaxy", rng.choice([0.15, 0.25, 0.4, 0.6, 1.0], count), 0.0)
+    table["e1"], table["e2"] = e * np.cos(angle), e * np.sin(angle)
+    (new,) = inject([image], table, folder, print, campaign=run)
+    recover(new, image, print, campaign=run)
+    Path("docs/figures/recovered.png").write_bytes(new.with_suffix(".recovered.png").read_bytes())
+    return True
+
+
+if __name__ == "__main__":
+    parts = sys.argv[1:] or ("cost", "layers", "stars")
+    sys.exit(
+        0 if all([{"cost": cost, "layers": layers, "stars": stars, "figure": figure}[part]() for part in parts]) else 1
+    )

@@ -1,0 +1,49 @@
+"""Truth bricks and PSF sets kept for the user, outside any campaign's output: for Python and for frames of others."""
+
+import os
+from functools import cached_property
+from pathlib import Path
+
+from csstsim.base.digest import digest
+from csstsim.base.errors import InputError
+from csstsim.io.paths import Paths
+
+
+def cache_folder(given=None):
+    """Return the folder, made if need be: given, $CSSTSIM_CACHE, or csstsim in the user's cache. Raises InputError."""
+    folder = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    folder = Path(given or os.environ.get("CSSTSIM_CACHE") or Path(folder) / "csstsim").absolute()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as exc:
+        message = f"cannot be made: {exc.strerror}; give another, or set CSSTSIM_CACHE"
+        raise InputError(message, file=folder, key="cache") from None
+    return folder
+
+
+class Kept(Paths):
+    """Paths of an OpenCampaign: truth bricks and PSF sets in a cache, in folders named by digests of their inputs."""
+
+    def __init__(self, cache, run):
+        super().__init__(cache / "products")
+        self._cache, self._recipes = cache, run.recipes
+
+    @cached_property
+    def _truth(self):
+        return Paths(self._cache / digest(self._recipes.truth))
+
+    @cached_property
+    def _psf(self):
+        return Paths(self._cache / digest(self._recipes.psf))
+
+    def truth(self, pix):
+        """As Paths.truth."""
+        return self._truth.truth(pix)
+
+    def psf(self, chip_id):
+        """As Paths.psf."""
+        return self._psf.psf(chip_id)
+
+    def psf_tables(self, chip_id):
+        """As Paths.psf_tables."""
+        return self._psf.psf_tables(chip_id)

@@ -1,0 +1,48 @@
+"""Light into a calibrated image (SCI, ERR, DQ): as `csstsim calibrate` would have found it.
+
+An electron that a pixel counted stands for 1 / response electrons of light, in SCI. ERR gains the shot noise of the
+electrons that were counted, which is its own convention. A pixel that reaches the full well or the converter's end gets
+the bit "saturated" of DQ, and has no more charge than that. The detector is taken as corrected: blooming, and what is
+left of charge transfer and of the brighter-fatter effect, are left out.
+"""
+
+import numpy as np
+
+from csstsim.base.errors import InputError
+from csstsim.measure.calibration.bad_pixels import FULL
+
+UNIT = "electron/s"
+
+
+def into_calibrated(planes, light, exptime, *, background, limit, response=None):
+    """Return (SCI, ERR, DQ), copies, with a light.Light.
+
+    planes: (SCI, ERR [e-/s], DQ), (ny, nx) each; exptime [s]; background [e-/s]: what was subtracted from SCI; limit:
+    most electrons of a pixel; response: (n,) float32 of the light's pixels by which the image was divided, or None: 1.
+    """
+    sci, err, dq = (np.array(plane) for plane in planes)
+    at = light.pixel
+    share = np.float32(1.0) if response is None else response
+    rate = light.electrons / (share * np.float32(exptime))
+    noise = np.maximum(light.electrons, 0) / (share * np.float32(exptime)) ** 2
+    flat, error, bits = sci.reshape(-1), err.reshape(-1), dq.reshape(-1)
+    flat[at] += rate
+    error[at] = np.sqrt(error[at].astype(float) ** 2 + noise)
+    most = limit / (share * exptime) - background
+    full = flat[at] > most
+    flat[at] = np.where(full, most, flat[at])
+    bits[at[full]] |= FULL
+    return sci, err, dq
+
+
+def check_planes(path, planes, header, window):
+    """Raise InputError if (SCI, ERR, DQ) cannot be injected into: sizes, unit, errors that are no numbers."""
+    sci, err, dq = planes
+    if header.get("BUNIT") != UNIT:
+        raise InputError("unknown unit of SCI", file=path, key="BUNIT", value=header.get("BUNIT"), allowed=UNIT)
+    for name, plane in (("SCI", sci), ("ERR", err), ("DQ", dq)):
+        if plane.shape != window.shape:
+            raise InputError("not of the window's size", file=path, key=name, value=plane.shape, allowed=window.shape)
+    wrong = int(np.count_nonzero(~(np.isfinite(err) & (err > 0))))
+    if wrong:
+        raise InputError(f"{wrong} of the errors are not above 0 or no numbers", file=path, key="ERR")

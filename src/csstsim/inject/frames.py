@@ -1,0 +1,81 @@
+"""Which campaign and job a frame of csstsim belongs to: of a campaign file that is given, or of the frame's header.
+
+A header of Level-0 states layers, seed and changed numbers of the camera (recreate.frame). A calibrated image lacks the
+layers. The PSF is in neither. What is taken instead is said.
+"""
+
+from pathlib import Path
+
+from csstsim.base.errors import InputError
+from csstsim.campaign.kept import Kept, cache_folder
+from csstsim.campaign.opened import OpenCampaign
+from csstsim.io.fits import open_fits, read_header
+from csstsim.io.keywords import RECIPE
+from csstsim.recreate.frame import read_frame
+from csstsim.recreate.recreate import described, opened
+from csstsim.stages.level0 import MADE_WITH
+
+LEVEL0, CALIBRATED, OTHER = "level0", "calibrated", "other"
+
+
+def kind_of(path):
+    """Return what a FITS file is: LEVEL0 or CALIBRATED of csstsim, or OTHER. Raises InputError."""
+    with open_fits(path) as file:
+        if "SIMVER" not in read_header(file[0], path):
+            return OTHER
+        names = {hdu.get_extname() for hdu in file}
+    if "IMAGE" in names:
+        return LEVEL0
+    if {"SCI", "ERR", "DQ"} <= names:
+        return CALIBRATED
+    raise InputError("a file of csstsim without IMAGE, and without SCI, ERR and DQ", file=path)
+
+
+def job_of(path, campaign=None, instrument=None, cache=None, say=print):
+    """Return (OpenCampaign, job.Job) of a frame of csstsim.
+
+    campaign: its file, or an OpenCampaign; None: the header tells. instrument: the camera's folder, without a campaign;
+    cache: folder of PSF sets, likewise. `say` gets each assumption. Raises InputError for a frame of another campaign,
+    chip, filter or window.
+    """
+    head = read_frame(path)
+    if head.number("CRVAL1") is None or not head.get("CTYPE1"):
+        raise InputError("no WCS", file=path, key="CTYPE1, CRVAL1")
+    if campaign is not None:
+        run = campaign if isinstance(campaign, OpenCampaign) else OpenCampaign(campaign, copied=True)
+        job = run.job(head.obsid, head.chip)
+        _check_recipe(head, run.recipe(job))
+    else:
+        run, job = opened(head.path, *described(head, instrument, None))
+        run.paths = Kept(cache_folder(cache), run)
+        if head.keys.get("CAMHASH") not in (None, run.recipe(job)["camera"]):
+            head.notes.append("CAMHASH: the frame was made with other numbers of the camera (--instrument, --campaign)")
+        for note in head.notes:
+            say(f"assumed  {note}")
+    check_job(head, job)
+    return run, job
+
+
+def _check_recipe(head, recipe):
+    for name, keyword in RECIPE.items():
+        if head.keys.get(keyword) != recipe[name]:
+            raise InputError(
+                f"the frame was made with {MADE_WITH[name]} than the campaign's", file=head.path, key=keyword,
+                value=head.keys.get(keyword), allowed=recipe[name],
+            )  # fmt: skip
+
+
+def check_job(head, job):
+    """Raise InputError if a FrameHeader is of another filter or window than a job: its PSF or places would not fit."""
+    named = str(head.get("FILTER") or job.chip.filter)
+    if named.lower() != job.chip.filter.lower():
+        raise InputError(
+            "the PSF would be of another filter", file=head.path, key="FILTER", value=named, allowed=job.chip.filter
+        )
+    full, window = job.chip.full_window, job.window
+    read = head.window(job.chip.detector) or (full.x0, full.x1, full.y0, full.y1)
+    if read != (window.x0, window.x1, window.y0, window.y1):
+        raise InputError(
+            "the frame was read in another window", file=Path(head.path), key="READX0..READY1", value=read,
+            allowed=(window.x0, window.x1, window.y0, window.y1),
+        )  # fmt: skip

@@ -1,0 +1,155 @@
+"""`csstsim inject`: objects of a table put into frames; copies of the frames, with truth tables, in a new folder."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from csstsim import __version__
+from csstsim.base.digest import digest
+from csstsim.base.errors import InputError
+from csstsim.base.plural import number_of
+from csstsim.base.process.one_thread import one_thread
+from csstsim.base.process.progress import progress
+from csstsim.inject.calibrated import check_planes, into_calibrated
+from csstsim.inject.frames import CALIBRATED, LEVEL0, OTHER, job_of, kind_of
+from csstsim.inject.level0 import into_level0
+from csstsim.inject.light import catalogue_of, light_of, table_of
+from csstsim.inject.rewritten import rewrite
+from csstsim.io.level0 import read_level0
+from csstsim.io.paths import ORDERS, TRUTH
+from csstsim.io.truth import truth_table
+from csstsim.stages.select import say_selected
+
+
+@dataclass(frozen=True)
+class Request:
+    """What to inject and how: arguments of `inject` that are the same for all frames."""
+
+    columns: dict  # {name: values} of the table
+    name: str  # of the table, for HISTORY
+    realisation: int = 1
+    campaign: object = None  # file or OpenCampaign
+    instrument: object = None
+    cache: object = None
+    psf: object = None  # file of a PSF, for frames of others
+    zeropoint: float | None = None  # AB magnitude of 1 electron / s, likewise
+
+
+def inject(frames, table, folder, say=print, **options):
+    """Put a table's objects into copies of frames, in a folder, each with its truth table; return the new files.
+
+    frames: FITS files; table: path, astropy Table or {name: values}, columns of catalog.own_table. options: of Request.
+    Every frame is opened and checked before the first is written. Raises InputError.
+    """
+    folder, frames = Path(folder), [Path(frame) for frame in frames]
+    targets = [folder / frame.name for frame in frames]
+    for frame, target in zip(frames, targets, strict=True):
+        if target.exists() or frames.count(frame) > 1 or targets.count(target) > 1:
+            raise InputError("would be written twice, or is there already; name another folder", file=target)
+    if folder.exists() and not folder.is_dir():
+        raise InputError("is no folder", file=folder)
+    name = Path(table).name if isinstance(table, str | Path) else "a table"
+    request = Request(table_of(table), name, **options)
+    ready = [_ready(frame, request, say) for frame in frames]
+    for make, frame, target in progress(list(zip(ready, frames, targets, strict=True)), "frames"):
+        say(f"{target}: {make(frame, target, say)}")
+    return targets
+
+
+def _ready(frame, request, say):
+    """Return a function (frame, target, say) that injects into a frame which was checked. Raises InputError."""
+    kind = kind_of(frame)
+    if kind == OTHER:
+        from csstsim.inject.others.draw import ready
+
+        return ready(frame, request)
+    run, job = job_of(frame, request.campaign, request.instrument, request.cache, say)
+    catalogue = catalogue_of(run, job, request.columns)
+    if kind == CALIBRATED:
+        _read_calibrated(frame, job)
+    make = {LEVEL0: _make_level0, CALIBRATED: _make_calibrated}[kind]
+    return lambda frame, target, say: make(run, job, catalogue, request, frame, target, say)
+
+
+@one_thread
+def _make_level0(run, job, catalogue, request, frame, target, say):
+    light = light_of(run, job, catalogue, request.realisation, say)
+    say_selected(light.truth, say)
+    file = read_level0(frame)
+    made = into_level0(run, job, file, light)
+    planes = {"IMAGE": file.readout.to_stored(made.frame, file.layout)}
+    if made.mask is not None:
+        planes["MASK"] = _mask_of(file) | file.readout.to_stored(made.mask, file.layout)
+    _write(frame, target, planes, request, light, made.truth, job)
+    return f"{_told(made.truth)}; {made.changed} pixels changed, {made.saturated} more at the converter's end"
+
+
+def _mask_of(file):
+    from csstsim.io.fits import open_fits, read_pixels
+
+    with open_fits(file.path) as hdus:
+        return read_pixels(hdus["MASK"], file.path)
+
+
+@one_thread
+def _make_calibrated(run, job, catalogue, request, frame, target, say):
+    from csstsim.stages.calibrate import calibration
+
+    light = light_of(run, job, catalogue, request.realisation, say)
+    say_selected(light.truth, say)
+    planes, header = _read_calibrated(frame, job)
+    response, _, _ = calibration(run, job)
+    row, column = np.divmod(light.pixel, job.window.nx)
+    detector = run.camera.detector
+    made = into_calibrated(
+        planes, light, job.pointing.exptime, background=header["BACKMED"],
+        limit=min(detector.full_well, detector.adc_max * detector.gain - detector.bias),
+        response=None if response is None else response.at(row, column),
+    )  # fmt: skip
+    _write(frame, target, dict(zip(("SCI", "ERR", "DQ"), made, strict=True)), request, light, light.truth, job)
+    return _told(light.truth)
+
+
+def _read_calibrated(frame, job):
+    """Return ((SCI, ERR, DQ), header of SCI) of a calibrated image, checked. Raises InputError."""
+    from csstsim.io.fits import image_header, open_fits, read_pixels
+
+    with open_fits(frame) as file:
+        header = image_header(file["SCI"], frame)
+        planes = tuple(read_pixels(file[name], frame) for name in ("SCI", "ERR", "DQ"))
+    check_planes(frame, planes, header, job.window)
+    return planes, header
+
+
+def _write(frame, target, planes, request, light, truth, job):
+    """Write the truth tables, then the frame, which says that they are whole."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    about = {"level0": target.name, "injected": request.name, "realisation": str(request.realisation)}
+    truth_table(truth, job.chip).write(target.with_suffix(TRUTH), about)
+    if light.orders is not None:
+        from csstsim.io.orders import write_orders
+
+        write_orders(target.with_suffix(ORDERS), light.orders, about)
+    rewrite(frame, target, planes, record(request, len(truth)))
+
+
+def record(request, count):
+    """Return what a header says of an injection (rewritten.rewrite)."""
+    code = digest([{name: np.asarray(values).tolist() for name, values in request.columns.items()}])
+    return {
+        "cards": [
+            ("INJCOUNT", count, "objects injected, the last time"),
+            ("INJHASH", code, "digest of their table"),
+            ("INJREAL", request.realisation, "realisation of their noise"),
+        ],
+        "history": [
+            f"{number_of(count, 'object')} of {request.name}, digest {code}, realisation {request.realisation}, "
+            f"by csstsim {__version__}"
+        ],
+    }
+
+
+def _told(truth):
+    shown = int(np.count_nonzero(truth["drawn"] > 0))
+    return f"{number_of(shown, 'object')} injected, {truth['drawn'].sum():.6g} electrons"

@@ -1,0 +1,110 @@
+"""Light through the detector into a Level-0 frame: what the readout makes of the charge with it, less without it.
+
+The layers of the readout run twice, with their own fixed patterns: on the charge that the frame shows (DN less bias,
+times gain, nonlinearity undone), and on this charge with the injected electrons. The difference of the two, in DN, is
+added to the frame, whose noise stays as it is. The charge that the frame shows has been moved by charge transfer and
+the brighter-fatter effect already, and has read noise in it. This enters the difference in second order only: undoing
+the movement first changes it by less than can be measured (docs/injection.md). A DN hides up to half a step of charge;
+the sum is rounded with a random fraction, as the converter would have rounded it.
+"""
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+from csstsim.base.counter import unit, word
+from csstsim.detector.channels import ReadoutFrame
+from csstsim.measure.calibration.calibrate import calibrate
+from csstsim.render.imaging.saturated import flag_saturated
+from csstsim.simulation.state import State
+
+# Layers that add charge or noise which does not depend on the light: both runs would have the same
+ALIKE = {"poisson_and_dark", "cosmic_rays", "bias", "readout_noise"}
+
+
+@dataclass(frozen=True, eq=False)
+class Injected:
+    """A Level-0 frame with injected light: `frame` uint16 (readout.shape), `mask` new bits (same shape) or None.
+
+    truth: ObjectTable; changed, saturated: numbers of pixels whose DN changed, and that reached the converter's end.
+    """
+
+    frame: np.ndarray
+    mask: np.ndarray | None
+    truth: object
+    changed: int
+    saturated: int
+
+
+def into_level0(run, job, file, light):
+    """Return the Injected of a job's io.level0.Level0 and a light.Light; the file stays as it is. Raises InputError."""
+    added, mask, truth = difference(run, job, file, light)
+    frame = file.frame()
+    changed, full = convert(frame, added, light.streams.exposure_key("converter"), run.camera.detector.adc_max)
+    return Injected(frame, mask, truth, changed, full)
+
+
+def difference(run, job, file, light):
+    """Return (DN that a Light adds to a Level-0 file, float32; new bits of its mask or None; ObjectTable of the light).
+
+    Arrays have the shape of file.frame(). Raises InputError.
+    """
+    charge, truth = [charge_in(run, file)], light.truth
+    before = _read_out(run, job, [charge[0].copy()])
+    charge[0].reshape(-1)[light.pixel] += light.electrons
+    if job.chip.kind == "imaging":
+        truth = flag_saturated(truth, charge[0], None, job.window, run.camera.detector.full_well)
+    after = _read_out(run, job, charge)
+    added, new = after.image, None if after.mask is None else after.mask & ~before.mask
+    added -= before.image
+    if file.layout == "chip":  # its channels have one gain
+        readout = ReadoutFrame.of(run.camera.detector, job.window)
+        for block in readout.blocks:
+            added[block.whole] *= after.header["gain"][block.channel - 1] / file.gain[block.channel]
+        added, new = readout.active(added), None if new is None else readout.active(new)
+    return added, new, truth
+
+
+def charge_in(run, file):
+    """Return the electrons (ny, nx) float32 that the pixels of a Level-0 file show, negative ones as 0.
+
+    Raises InputError.
+    """
+    detector = run.camera.detector
+    seen = calibrate(
+        file.frame(), file.readout, file.gain, nonlinearity=file.nonlinearity, adc_max=detector.adc_max,
+        full_well=detector.full_well, levels=file.levels,
+    )  # fmt: skip
+    return np.maximum(seen.electrons, np.float32(0.0), out=seen.electrons)
+
+
+def _read_out(run, job, charge):
+    """Return the State after the readout (DN) of electrons (ny, nx), taken from a list so that nobody else has them."""
+    steps, streams = run.steps[job.pointing.type], run.streams(job)
+    state = State.blank(job.exposure)
+    state.image = charge.pop()
+    for step in steps.stage("readout"):
+        if step.name not in ALIKE:
+            state = step.module.apply(state, step.param, streams.layer(step.name))
+            state.unit = step.module.UNITS[1]
+    return state
+
+
+@numba.njit(cache=True)
+def convert(frame, added, key, top):
+    """Add DN (float32) to a frame (uint16, same shape), in place; return (pixels changed, pixels that came to `top`).
+
+    Each sum is rounded with a random fraction within half a DN. A pixel at the converter's end, `top`, stays there: how
+    much charge it had is not known. key: uint64.
+    """
+    raw, more, changed, full = frame.reshape(-1), added.reshape(-1), 0, 0
+    for i in range(raw.size):
+        if more[i] == 0 or raw[i] >= top:
+            continue
+        before = raw[i]
+        value = np.rint(np.float64(before) + np.float64(more[i]) + unit(word(key, np.uint64(i))) - 0.5)
+        raw[i] = min(max(value, 0.0), top)
+        changed += raw[i] != before
+        full += raw[i] >= top
+    return changed, full

@@ -1,0 +1,61 @@
+"""Light into a Frame in memory (Simulation.inject)."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from csstsim.base.errors import InputError
+from csstsim.base.process.one_thread import one_thread
+from csstsim.inject.inject import Request, record
+from csstsim.inject.level0 import into_level0
+from csstsim.inject.light import catalogue_of, light_of, table_of
+from csstsim.io.level0 import Level0
+from csstsim.io.orders import orders_table
+from csstsim.io.truth import truth_table
+from csstsim.simulation.frame import shown_table
+
+
+@dataclass(frozen=True, eq=False)
+class Held(Level0):
+    """A Level-0 frame in memory: `raw`, DN of the readout frame."""
+
+    raw: np.ndarray | None = None
+
+    def frame(self):
+        """Return a copy of the readout frame [DN]."""
+        return self.raw.copy()
+
+
+@one_thread
+def into_frame(run, frame, table, realisation, say):
+    """Return a simulation.frame.Frame with a table's objects; its truth is that of the injected objects alone.
+
+    frame: of run's own campaign. Raises InputError for a frame of another one.
+    """
+    if frame.key is None:
+        raise InputError("the frame does not say of which exposure and chip it is", key="frame")
+    job = run.job(*frame.key)
+    if frame.window != job.window:
+        raise InputError("the frame is of another window", key="frame", value=frame.window, allowed=job.window)
+    request = Request(table_of(table), "a table", realisation)
+    light = light_of(run, job, catalogue_of(run, job, request.columns), realisation, say)
+    if frame.raw is None:
+        image = frame.image.copy()
+        image.reshape(-1)[light.pixel] += light.nominal
+        return replace(frame, image=image, **_truth(light.truth, light, job))
+    header = frame.header.copy()
+    made = into_level0(run, job, Held(Path("frame"), header, header, frame.readout, "channels", None, frame.raw), light)
+    said = record(request, len(made.truth))
+    for keyword, value, comment in said["cards"]:
+        header[keyword] = value, comment
+    for text in said["history"]:
+        header.add_history(f" injected {text}")
+    parts = {"image": frame.readout.active(made.frame), "raw": made.frame, "header": header}
+    return replace(frame, **parts, **_truth(made.truth, light, job))
+
+
+def _truth(truth, light, job):
+    """Return the Frame's tables of the injected objects, {"truth", "orders"}."""
+    orders = None if light.orders is None else shown_table(orders_table(light.orders))
+    return {"truth": shown_table(truth_table(truth, job.chip)), "orders": orders}

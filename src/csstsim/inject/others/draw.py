@@ -1,0 +1,180 @@
+"""Objects drawn into an image of any telescope, with its own WCS and a PSF that is given, by GalSim.
+
+Places are directions of the image's WCS. Shapes follow its local map from the sky to pixels. Each object has its own
+Poisson noise, from a stream of its id. The detector is left out, but for a stated SATURATE.
+"""
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+
+from csstsim.base.errors import InputError
+from csstsim.base.files.atomic import atomic_path
+from csstsim.base.plural import number_of
+from csstsim.base.process.progress import progress
+from csstsim.base.rng import stream
+from csstsim.catalog.components import components
+from csstsim.catalog.object_table import object_table
+from csstsim.catalog.table import GALAXY, ObjectTable
+from csstsim.inject.others.frame import read_foreign
+from csstsim.inject.others.psf_models import read_psf
+from csstsim.inject.others.with_astropy import opened
+from csstsim.io.paths import TRUTH
+from csstsim.render.scene import shape_matrix
+from csstsim.universe.lensing.lensing import magnification
+
+BAND = "here"  # the name of the only band of an image
+LARGEST = 1024  # px, side of an object's stamp
+_STEP = 1.0 / 3600.0  # deg, of the differences that give the map from sky to pixels
+
+
+@dataclass(frozen=True, eq=False)
+class Sky:
+    """The map from the sky to the pixels of a ForeignFrame's WCS."""
+
+    wcs: object
+
+    def pixels(self, ra, dec):
+        """Return x, y (n,) px from 0 of directions [deg]; NaN where the WCS has none."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            try:
+                return self.wcs.all_world2pix(ra, dec, 0, quiet=True)
+            except Exception:  # astropy's are of many types
+                return np.full((2, len(ra)), np.nan)
+
+    def jacobian(self, ra, dec, seen=None):
+        """Return (n, 2, 2), d(pixel) / d(arcsec east, north)."""
+        east = np.cos(np.radians(dec))
+        steps = ((_STEP / east, 0.0), (0.0, _STEP))
+        ends = [[self.pixels(ra + k * a, dec + k * b) for k in (0.5, -0.5)] for a, b in steps]
+        return np.moveaxis([np.subtract(*pair) for pair in ends], (0, 1, 2), (2, 1, 0)) / (3600 * _STEP)
+
+
+def ready(frame, request):
+    """Return a function (frame, target, say) that injects into a frame of others. Raises InputError."""
+    image = read_foreign(frame)
+    if request.psf is None:
+        raise InputError("a frame of others needs its PSF", file=frame, key="--psf")
+    psf = read_psf(request.psf, image.band)
+    zeropoint = image.zeropoint if request.zeropoint is None else request.zeropoint
+    if zeropoint is None:
+        raise InputError("no zero point; give that of 1 electron/s", file=frame, key="--zeropoint")
+    objects = _objects(request, image.band)
+    return lambda frame, target, say: _make(image, psf, zeropoint, objects, request, target)
+
+
+def _objects(request, band):
+    """Return the ObjectTable of the request, with one band. Raises InputError."""
+    columns = dict(request.columns)
+    names = [name for name in columns if name == "mag" or name.startswith("mag_")]
+    chosen = next(
+        (name for name in names if name in ("mag", f"mag_{band.lower()}")), names[0] if len(names) == 1 else None
+    )
+    if chosen is None:
+        raise InputError(
+            "which magnitude is the image's?", file=request.name, key="mag", value=", ".join(names),
+            allowed=f"mag, mag_{band.lower() or 'BAND'}, or one magnitude alone",
+        )  # fmt: skip
+    light = columns[chosen]
+    columns = {name: values for name, values in columns.items() if name not in names} | {f"mag_{BAND}": light}
+    return object_table(columns, (BAND,), request.name)
+
+
+def _make(image, psf, zeropoint, objects, request, target):
+    from csstsim.inject.inject import record
+
+    sky = Sky(image.wcs)
+    x, y = sky.pixels(objects["ra"], objects["dec"])
+    near = np.isfinite(x + y) & (np.abs(x - image.image.shape[1] / 2) < image.image.shape[1] / 2 + LARGEST / 2)
+    near &= np.abs(y - image.image.shape[0] / 2) < image.image.shape[0] / 2 + LARGEST / 2
+    objects = objects.take(near).with_columns(x=x[near], y=y[near])
+    mu, _ = magnification(*(objects[name] for name in ("kappa", "gamma1", "gamma2")))
+    mu = np.where(objects["obj_type"] == GALAXY, mu, 1.0)
+    mag = objects[f"mag_{BAND}"] - 2.5 * np.log10(mu)
+    electrons = image.exptime * 10 ** (0.4 * (zeropoint - mag))
+    counts = np.zeros(image.image.shape)
+    drawn, shown = draw(counts, psf, sky, objects, electrons, request.realisation)
+    truth = ObjectTable({
+        "id": objects["id"], "ra": objects["ra"], "dec": objects["dec"], "xImage": objects["x"] + 1.0,
+        "yImage": objects["y"] + 1.0, "mag": mag, "obj_type": objects["obj_type"], "electrons": electrons,
+        "drawn": drawn,
+        **{name: objects[name] for name in ("size_disk", "size_bulge", "bulge_frac", "e1", "e2", "kappa")},
+    }).take(shown)  # fmt: skip
+    target.parent.mkdir(parents=True, exist_ok=True)
+    truth.write(
+        target.with_suffix(TRUTH),
+        {"level0": target.name, "injected": request.name, "realisation": str(request.realisation)},
+    )
+    full = _write(image, counts, target, record(request, len(truth)))
+    return f"{number_of(len(truth), 'object')} injected, {drawn.sum():.6g} electrons; {full} pixels are full"
+
+
+def draw(counts, psf, sky, objects, electrons, realisation):
+    """Add the electrons of objects, Poisson noise included, to an image (ny, nx); return (drawn (n,), shown (n,) bool).
+
+    objects: ObjectTable with x, y [px from 0]; electrons (n,): nominal.
+    """
+    import galsim
+
+    ny, nx = counts.shape
+    matrices = shape_matrix(objects.with_columns(ra_orig=objects["ra"], dec_orig=objects["dec"]), sky)
+    parts = components(objects)
+    drawn, shown = np.zeros(len(objects)), np.zeros(len(objects), bool)
+    for i in progress(range(len(objects)), "objects"):
+        x, y = float(objects["x"][i]), float(objects["y"][i])
+        profile = psf.at(x, y)
+        if objects["obj_type"][i] == GALAXY:
+            profile = galsim.Convolve([_galaxy(parts, i, matrices[i]), profile])
+        profile = profile.withFlux(float(electrons[i]))
+        side = min(profile.getGoodImageSize(1.0), LARGEST)
+        x0, y0 = round(x) - side // 2, round(y) - side // 2
+        bounds = galsim.BoundsI(x0, x0 + side - 1, y0, y0 + side - 1)
+        seen = bounds & galsim.BoundsI(0, nx - 1, 0, ny - 1)
+        if not seen.isDefined():
+            continue
+        stamp = galsim.Image(seen, dtype=float)
+        profile.drawImage(stamp, method="no_pixel", center=galsim.PositionD(x, y), scale=1.0)
+        mean = stamp.array
+        noisy = stream(realisation, "inject", int(objects["id"][i])).poisson(np.maximum(mean, 0)) + np.minimum(mean, 0)
+        counts[seen.ymin : seen.ymax + 1, seen.xmin : seen.xmax + 1] += noisy
+        drawn[i], shown[i] = noisy.sum(), True
+    return drawn, shown
+
+
+def _galaxy(parts, i, matrix):
+    """Return the profile of a galaxy in pixels, of light 1."""
+    import galsim
+
+    found = [
+        light[i] * galsim.Sersic(n=float(np.broadcast_to(index, light.shape)[i]), half_light_radius=float(size[i]))
+        for light, index, size in parts if light[i] > 0
+    ]  # fmt: skip
+    return galsim.Add(found).transform(*matrix.ravel().tolist()).withFlux(1.0)
+
+
+def _write(image, counts, target, record):
+    """Write the copy; return how many pixels reached SATURATE or the end of their type."""
+    units = counts / image.electrons
+    lit = counts != 0
+    value = image.image.astype(float) + units
+    most = image.full
+    if image.image.dtype.kind in "iu":
+        value, most = np.rint(value), min(most, np.iinfo(image.image.dtype).max)
+    full = lit & (value > most) & (image.image < most)
+    value[full] = most
+    with opened(image.path) as file, atomic_path(target) as temporary:
+        sealed = any("CHECKSUM" in hdu.header for hdu in file)
+        hdu = file[image.number]
+        hdu.data = np.where(lit, value, image.image).astype(image.image.dtype)
+        if image.error is not None:
+            noise = np.maximum(counts, 0) / image.electrons**2
+            added = np.sqrt(image.error.astype(float) ** 2 + noise)
+            file[image.error_number].data = np.where(lit, added, image.error).astype(image.error.dtype)
+        for keyword, held, comment in record["cards"]:
+            file[0].header[keyword] = held, comment
+        for text in record["history"]:
+            file[0].header.add_history(f"injected {text}")
+        file.writeto(temporary, overwrite=True, output_verify="silentfix+ignore", checksum=sealed)
+    return int(full.sum())

@@ -1,0 +1,124 @@
+"""What an image of any telescope says of itself: pixels, WCS, electrons in a unit, exposure time, zero point."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from csstsim.base.errors import InputError
+from csstsim.inject.others.with_astropy import opened
+
+ELECTRONS = {"electron", "electrons", "e-", "e", "photoelectron"}
+DN = {"adu", "dn", "count", "counts", "ct", "cts", "adus"}
+GAINS, TIMES = ("GAIN", "EGAIN", "CCDGAIN", "ATODGAIN"), ("EXPTIME", "TEXPTIME", "XPOSURE", "EXPOSURE")
+FILTERS = "FILTER", "FILTER1", "FILTNAM1", "BAND"
+
+
+@dataclass(frozen=True, eq=False)
+class ForeignFrame:
+    """An image of others.
+
+    number: of its HDU; image (ny, nx); error (same shape) or None, and its HDU; electrons: in one unit of the image;
+    exptime [s]; zeropoint: AB magnitude of 1 electron/s, or None; band: its filter, or ""; full: most units, or inf.
+    """
+
+    path: Path
+    number: int
+    image: np.ndarray
+    wcs: object
+    electrons: float
+    exptime: float
+    zeropoint: float | None
+    band: str
+    full: float
+    error: np.ndarray | None = None
+    error_number: int | None = None
+
+
+def read_foreign(path):
+    """Return the ForeignFrame of a FITS file: of its extension SCI, or else its first 2-d image. Raises InputError."""
+    path = Path(path)
+    with opened(path) as file:
+        number = next(
+            (k for k, hdu in enumerate(file) if hdu.name == "SCI" and hdu.header.get("NAXIS") == 2),
+            next((k for k, hdu in enumerate(file) if hdu.is_image and hdu.header.get("NAXIS") == 2), None),
+        )
+        if number is None or file[number].data is None:
+            raise InputError("holds no image", file=path)
+        header = {**file[0].header, **file[number].header}
+        image = np.asarray(file[number].data)
+        wcs = _wcs(path, file, number)
+        exptime = _number(header, TIMES)
+        if exptime is None:
+            raise InputError("no exposure time", file=path, key="EXPTIME", allowed=", ".join(TIMES))
+        electrons, gain = _electrons(path, header, exptime)
+        error_number = next((k for k, hdu in enumerate(file) if hdu.name == "ERR" and k > number), None)
+        error = None if error_number is None else file[error_number].data
+        if error is not None:
+            quality = next((hdu.data for hdu in file[number:] if hdu.name == "DQ"), None)
+            _check_error(path, image, error, quality)
+        full = _number(header, ("SATURATE",))
+        band = next((str(header[k]).strip() for k in FILTERS if str(header.get(k, "")).strip()), "")
+        return ForeignFrame(
+            path, number, image, wcs, electrons, exptime, _zeropoint(header, gain), band,
+            np.inf if full is None else full, error, None if error is None else error_number,
+        )  # fmt: skip
+
+
+def _wcs(path, file, number):
+    from astropy.wcs import WCS
+
+    try:
+        wcs = WCS(file[number].header, file)
+    except Exception as exc:  # astropy's are of many types
+        raise InputError(f"the WCS cannot be used: {str(exc).splitlines()[0]}", file=path) from None
+    if not wcs.has_celestial or wcs.naxis != 2:
+        raise InputError("no WCS", file=path, key="CTYPE1, CTYPE2", allowed="two axes on the sky")
+    return wcs
+
+
+def _number(header, names):
+    """Return the first keyword's value that is a number above 0, or None."""
+    for name in names:
+        try:
+            value = float(header[name])
+        except (KeyError, TypeError, ValueError):
+            continue
+        if 0 < value < np.inf:
+            return value
+    return None
+
+
+def _electrons(path, header, exptime):
+    """Return (electrons of one unit of the image, gain [e-/DN] or None where its unit is electrons)."""
+    unit, _, per = str(header.get("BUNIT", "")).lower().replace(" ", "").partition("/")
+    gain, time = _number(header, GAINS), {"": 1.0, "s": exptime, "sec": exptime, "second": exptime}.get(per)
+    if time is not None and unit in ELECTRONS:
+        return time, None
+    if time is not None and (unit in DN or not unit) and gain is not None:
+        return time * gain, gain
+    allowed = f"BUNIT of electrons or electrons/s; or of DN, with {', '.join(GAINS)}"
+    value = header.get("BUNIT")
+    raise InputError(
+        "neither a gain nor a unit of electrons", file=path, key="BUNIT, GAIN", value=value, allowed=allowed
+    )
+
+
+def _zeropoint(header, gain):
+    """Return the AB magnitude of 1 electron/s from PHOTFLAM and PHOTPLAM (HST data handbooks: ABMAG), or None.
+
+    PHOTFLAM is of one unit a second: of DN where the image has a gain.
+    """
+    flam, plam = (_number(header, (name,)) for name in ("PHOTFLAM", "PHOTPLAM"))
+    if flam is None or plam is None:
+        return None
+    return -2.5 * np.log10(flam / (gain or 1.0)) - 5 * np.log10(plam) - 2.408
+
+
+def _check_error(path, image, error, quality):
+    if error.shape != image.shape:
+        raise InputError("not of the image's size", file=path, key="ERR", value=error.shape, allowed=image.shape)
+    good = np.isfinite(image) if quality is None or quality.shape != image.shape else (quality == 0)
+    wrong = int(np.count_nonzero(good & ~(np.isfinite(error) & (error >= 0))))
+    if wrong:
+        raise InputError(f"{wrong} of the errors of good pixels are below 0 or no numbers", file=path, key="ERR")

@@ -1,0 +1,101 @@
+"""PSFs of frames that are not csstsim's: a model of PSFEx, or FITS stamps, one or many.
+
+Stamps: an image (one stamp for the whole frame), or a cube (n, side, side) with a table extension of columns X and Y,
+the places of the stamps (FITS pixels, the first at 1). PSFSAMP [pixel] in the image's header is the step of its samples
+[default: 1]. Stamps contain the pixel's response, as those of PSFEx do. Between places, the four nearest stamps are
+mixed, weighted with the inverse square of their distance.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from csstsim.base.errors import InputError
+from csstsim.inject.others.with_astropy import opened
+
+NEAREST = 4
+PSFEX = "PSF_DATA"  # the extension of its models (PSFEx manual, section 6)
+STEP = "PSFSAMP"
+
+
+@dataclass(frozen=True, eq=False)
+class Stamps:
+    """Stamps (n, side, side), each of sum 1, of `step` pixels a sample, at x, y (n,) px from 0."""
+
+    stamps: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+    step: float
+
+    def at(self, x, y):
+        """Return the galsim profile at a place [px, from 0]; its unit is a pixel, its light 1."""
+        import galsim
+
+        distance2 = (self.x - x) ** 2 + (self.y - y) ** 2
+        near = np.argsort(distance2, kind="stable")[:NEAREST]
+        weight = 1.0 / np.maximum(distance2[near], 1e-12)
+        mixed = np.tensordot(weight / weight.sum(), self.stamps[near], axes=1)
+        return galsim.InterpolatedImage(galsim.Image(mixed), scale=self.step, flux=1.0, x_interpolant=_smooth())
+
+
+@dataclass(frozen=True, eq=False)
+class Psfex:
+    """A model of PSFEx."""
+
+    model: object  # galsim.des.DES_PSFEx
+
+    def at(self, x, y):
+        """As Stamps.at."""
+        import galsim
+
+        stamp = galsim.Image(self.model.getPSFArray(galsim.PositionD(x + 1.0, y + 1.0)))
+        return galsim.InterpolatedImage(stamp, scale=self.model.sample_scale, flux=1.0, x_interpolant=_smooth())
+
+
+def _smooth():
+    import galsim
+
+    return galsim.Lanczos(3)
+
+
+def read_psf(path, band=""):
+    """Return the Psfex or Stamps of a file. Raises InputError, also if it states another filter than `band`."""
+    path = Path(path)
+    with opened(path, "--psf") as file:
+        stated = next((str(h.header["FILTER"]).strip() for h in file if str(h.header.get("FILTER", "")).strip()), "")
+        if stated and band and stated.lower() != band.lower():
+            raise InputError("a PSF of another filter", file=path, key="FILTER", value=stated, allowed=band)
+        if any(hdu.name == PSFEX for hdu in file):
+            return _psfex(path)
+        return _stamps(path, file)
+
+
+def _psfex(path):
+    import galsim.des
+
+    try:
+        return Psfex(galsim.des.DES_PSFEx(str(path)))
+    except Exception as exc:  # of many types
+        raise InputError(f"not a model of PSFEx that can be read: {str(exc).splitlines()[0]}", file=path) from None
+
+
+def _stamps(path, file):
+    held = next((h for h in file if h.is_image and h.header.get("NAXIS", 0) in (2, 3) and h.data is not None), None)
+    if held is None:
+        raise InputError("holds neither a model of PSFEx nor stamps", file=path, key="--psf")
+    stamps, step = np.asarray(held.data, float), held.header.get(STEP, 1.0)
+    stamps = stamps[None] if stamps.ndim == 2 else stamps
+    if not (isinstance(step, int | float) and 0 < step < np.inf):
+        raise InputError("no step of samples", file=path, key=STEP, value=step, allowed="above 0 px")
+    places = next((h.data for h in file if not h.is_image and {"X", "Y"} <= set(h.columns.names)), None)
+    if len(stamps) == 1:
+        x = y = np.zeros(1)
+    elif places is None or len(places) != len(stamps):
+        raise InputError("stamps without a place for each", file=path, key="X, Y", value=len(stamps))
+    else:
+        x, y = (np.asarray(places[name], float) - 1.0 for name in ("X", "Y"))
+    sums = stamps.sum(axis=(1, 2))
+    if not (np.isfinite(sums) & (sums > 0)).all():
+        raise InputError("a stamp has no light, or values that are no numbers", file=path)
+    return Stamps(stamps / sums[:, None, None], x, y, float(step))

@@ -1,0 +1,78 @@
+"""`csstsim place`: a table of objects gets places in a frame, to be injected there."""
+
+from pathlib import Path
+
+import numpy as np
+
+from csstsim.base.errors import InputError
+from csstsim.base.files.atomic import atomic_path
+from csstsim.base.plural import number_of
+from csstsim.catalog.astrometry.reduction import icrs
+from csstsim.catalog.object_table import FORMATS, read_table
+from csstsim.inject.frames import LEVEL0, OTHER, job_of, kind_of
+from csstsim.inject.level0 import charge_in
+from csstsim.inject.placement import beside, free_pixels, grid, random
+
+
+def place(
+    frame, objects, target, say=print, *, spacing=None, apart=0.0, near=None, distance=(0.5, 2.0), seed=1, **given
+):
+    """Write a table of objects with the columns ra, dec added, or replaced, by places in a frame.
+
+    objects: table's file, a row an object; target: .csv, .ecsv or .fits. spacing [px]: on a grid of it; near: a table's
+    file: next to its objects, at `distance` (low, high) arcsec; else at random on free pixels, at least `apart` px from
+    each other. seed: of the random places; given: campaign, instrument and cache as `frames.job_of` takes them. Raises
+    InputError.
+    """
+    from astropy.table import Table
+
+    target = Path(target)
+    if target.suffix not in FORMATS or target.exists():
+        allowed = f"a new file, {', '.join(FORMATS)}"
+        raise InputError("cannot be the table", file=target, key="--output", allowed=allowed)
+    columns = read_table(objects)
+    count = len(next(iter(columns.values()), ()))
+    if near is not None:
+        others = read_table(near)
+        if not {"ra", "dec"} <= set(others):
+            raise InputError("lacks a column", file=near, key="ra, dec")
+        ra, dec = beside(others["ra"], others["dec"], count, *distance, seed)
+    else:
+        image, bad, to_sky = opened(frame, say, **given)
+        if spacing is not None:
+            x, y = grid(image.shape, spacing)
+            if len(x) < count:
+                message = f"a grid of {len(x)} places is too small for {count} objects"
+                raise InputError(message, file=objects, key="--grid", value=spacing, allowed="a smaller spacing")
+            x, y = x[:count], y[:count]
+        else:
+            x, y = random(free_pixels(image, bad), count, seed, apart)
+        ra, dec = to_sky(x, y)
+    columns |= {"ra": ra, "dec": dec}
+    columns.setdefault("id", np.arange(1, count + 1))
+    with atomic_path(target) as temporary:
+        Table(columns).write(temporary, format=FORMATS[target.suffix], overwrite=True)
+    say(f"{target}: {number_of(count, 'object')}")
+
+
+def opened(frame, say, **given):
+    """Return (image (ny, nx), bad pixels or None, function of x, y to ra, dec as a table has them) of a frame."""
+    kind = kind_of(frame)
+    if kind == OTHER:
+        from csstsim.inject.others.frame import read_foreign
+
+        image = read_foreign(frame)
+        return image.image, None, lambda x, y: image.wcs.all_pix2world(x, y, 0)
+    run, job = job_of(frame, say=say, **given)
+
+    def to_sky(x, y):
+        return icrs(*job.wcs.pixel_to_world(x + job.window.x0, y + job.window.y0), job.observer)
+
+    if kind == LEVEL0:
+        from csstsim.io.level0 import read_level0
+
+        return charge_in(run, read_level0(frame)), None, to_sky
+    from csstsim.io.fits import open_fits, read_pixels
+
+    with open_fits(frame) as file:
+        return read_pixels(file["SCI"], frame), read_pixels(file["DQ"], frame) > 0, to_sky

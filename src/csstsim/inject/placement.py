@@ -1,0 +1,110 @@
+"""Places for objects to be injected: on a grid, at random where the frame is free, or next to given objects.
+
+x, y are pixels of the image, the first at 0. A table whose stars have `pmra`, `pmdec` and `parallax` needs no help: in
+each frame of csstsim they stand where its epoch puts them. `later` moves them for frames of others.
+"""
+
+import numpy as np
+
+from csstsim.base.errors import InputError
+from csstsim.base.sphere import frames, ra_dec
+from csstsim.catalog.astrometry.reduction import moved
+
+SIGMA, REACH, EDGE = 5.0, 8, 10  # of a bright pixel; px kept free around it; px of the frame's border
+_TRIES = 50
+_SAMPLE = 1_000_000
+
+
+def grid(shape, spacing, edge=EDGE):
+    """Return x, y (n,) of a square grid in an image (ny, nx), row by row; spacing, edge [px]. Raises InputError."""
+    if not 1 <= spacing < np.inf:
+        raise InputError("no spacing of a grid", key="spacing", value=spacing, allowed="1 px or more")
+    axes = []
+    for length in shape[::-1]:
+        room = length - 1 - 2 * edge
+        if room < 0:
+            raise InputError("the frame is all border", key="edge", value=edge)
+        number = int(room // spacing)
+        axes.append(edge + 0.5 * (room - number * spacing) + spacing * np.arange(number + 1))
+    x, y = np.meshgrid(*axes)
+    return x.ravel(), y.ravel()
+
+
+def free_pixels(image, bad=None, sigma=SIGMA, reach=REACH, edge=EDGE):
+    """Return (ny, nx) bool: pixels without a bad or bright one within `reach` px along rows and columns.
+
+    bad: (ny, nx) bool, or None; bright: `sigma` times the robust scatter above the median.
+    """
+    from scipy.ndimage import maximum_filter
+
+    image = np.asarray(image)
+    some = image.reshape(-1)[:: max(image.size // _SAMPLE, 1) | 1]
+    some = some[np.isfinite(some)].astype(float)
+    if not some.size:
+        return np.zeros(image.shape, bool)
+    middle = np.median(some)
+    scatter = 1.4826 * np.median(np.abs(some - middle))
+    taken = ~(image <= middle + sigma * scatter)  # NaN, too
+    if bad is not None:
+        taken |= bad
+    free = ~maximum_filter(taken, size=2 * reach + 1)
+    inside = np.zeros(image.shape, bool)
+    inside[edge : image.shape[0] - edge, edge : image.shape[1] - edge] = True
+    return free & inside
+
+
+def random(free, count, seed, apart=0.0):
+    """Return x, y (count,) at random in free pixels (ny, nx) bool, at least `apart` px from each other.
+
+    Raises InputError if there is not enough room.
+    """
+    from scipy.spatial import cKDTree
+
+    rng, pixels, places = np.random.default_rng(seed), np.flatnonzero(free), np.zeros((0, 2))
+    for _ in range(_TRIES if pixels.size else 0):
+        want = count - len(places)
+        if want == 0:
+            break
+        row, column = np.divmod(rng.choice(pixels, want), free.shape[1])
+        more = np.column_stack([column, row]) + rng.uniform(-0.5, 0.5, (want, 2))
+        places = np.concatenate([places, more])
+        if apart > 0 and len(places) > 1:
+            close = cKDTree(places).query_pairs(apart, output_type="ndarray")
+            places = np.delete(places, _later_of(close), axis=0)
+    if len(places) < count:
+        message = f"room for {len(places)} objects only, away from masked and bright places and from each other"
+        raise InputError(message, key="count", value=count)
+    return places.T
+
+
+def _later_of(pairs):
+    """Return the members to remove so that no pair is left: each pair's later one, if the first stays."""
+    gone = set()
+    for first, second in pairs[np.lexsort((pairs[:, 0], pairs[:, 1]))].tolist():
+        if first not in gone:
+            gone.add(second)
+    return sorted(gone)
+
+
+def beside(ra, dec, count, low, high, seed):
+    """Return ra, dec (count,) [deg] at `low` to `high` arcsec from given objects, in turn, in any direction.
+
+    Raises InputError for distances that are not possible, or no objects.
+    """
+    if not 0 <= low <= high < 3600:
+        raise InputError("no distances", key="distance", value=(low, high), allowed="0 <= LOW <= HIGH < 3600 arcsec")
+    if not len(ra):
+        raise InputError("no objects to stand next to", key="beside")
+    rng, to = np.random.default_rng(seed), np.arange(count) % len(ra)
+    distance, angle = np.radians(rng.uniform(low, high, count) / 3600), rng.uniform(0, 2 * np.pi, count)
+    star, east, north = frames(*(np.radians(np.asarray(v, float)[to]) for v in (ra, dec)))
+    away = np.sin(angle)[:, None] * east + np.cos(angle)[:, None] * north
+    return ra_dec(np.cos(distance)[:, None] * star + np.sin(distance)[:, None] * away)
+
+
+def later(columns, years):
+    """Return {name: values} with ra, dec moved by pmra, pmdec [mas / yr] for a number of years: a second epoch."""
+    made = dict(columns)
+    motion = (np.nan_to_num(np.asarray(columns.get(name, 0.0), float)) for name in ("pmra", "pmdec"))
+    made["ra"], made["dec"] = moved(np.asarray(columns["ra"], float), np.asarray(columns["dec"], float), *motion, years)
+    return made

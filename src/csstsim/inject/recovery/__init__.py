@@ -1,0 +1,1 @@
+"""Injected objects found again: matching, bins with errors, the figure; `csstsim recover`."""

@@ -1,0 +1,95 @@
+"""Completeness, bias and scatter of recovered objects in bins, with errors."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from csstsim.bricks.density import EDGES as DENSITIES
+
+LEAST = 1e-6  # arcsec: smaller ones are points
+SIZES = (0.0, LEAST, 0.1, 0.2, 0.3, 0.5, 0.8, 1.3, 2.0, np.inf)  # arcsec
+MAG_STEP = 0.5
+FEWEST = 5  # objects for a bias and a scatter
+CLIP = 5.0  # robust sigmas
+AGAINST = {"mag": "true magnitude [AB]", "size": "half-light radius [arcsec]", "density": "density [arcmin-2]"}
+QUANTITIES = {
+    "d_mag": "magnitude", "d_x": "place x [px]", "d_y": "place y [px]", "d_g1": "shape g1", "d_g2": "shape g2",
+    "flux_pull": "pull of flux", "place_pull_x": "pull of x", "place_pull_y": "pull of y",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Number:
+    """Mean and scatter of n values without outliers, and their errors."""
+
+    n: int
+    mean: float
+    mean_error: float
+    scatter: float
+    scatter_error: float
+    outliers: int
+
+
+def number(values):
+    """Return the Number of values, NaN left out; mean and scatter are NaN with fewer than FEWEST values.
+
+    Values farther than CLIP robust sigmas from the median are outliers.
+    """
+    values = np.asarray(values, float)
+    values = values[np.isfinite(values)]
+    if len(values) < FEWEST:
+        return Number(len(values), *[np.nan] * 4, 0)
+    away = np.abs(values - np.median(values))
+    kept = values[away <= max(CLIP * 1.4826 * np.median(away), np.finfo(float).tiny)]
+    scatter = kept.std(ddof=1) if len(kept) > 1 else 0.0
+    return Number(
+        len(kept), float(kept.mean()), float(scatter / np.sqrt(len(kept))), float(scatter),
+        float(scatter / np.sqrt(2 * max(len(kept) - 1, 1))), len(values) - len(kept),
+    )  # fmt: skip
+
+
+def share(found, total):
+    """Return (share, its lower and upper 68% bound) of `found` of `total`, after Wilson (1927); NaN of none."""
+    if not total:
+        return np.nan, np.nan, np.nan
+    p, z2 = found / total, 1.0
+    middle, half = (p + z2 / (2 * total)), np.sqrt(p * (1 - p) / total + z2 / (4 * total**2))
+    low, high = ((middle + k * half) / (1 + z2 / total) for k in (-1, 1))
+    return p, min(low, p), min(max(high, p), 1.0)
+
+
+@dataclass(frozen=True)
+class Bin:
+    """Objects whose `against` lies in low <= value < high."""
+
+    low: float
+    high: float
+    centre: float  # mean of the objects
+    objects: int
+    found: int
+    numbers: dict  # {name of QUANTITIES: Number}, of clean sources
+
+    @property
+    def completeness(self):
+        """(share, lower, upper bound) of objects that were found."""
+        return share(self.found, self.objects)
+
+
+def binned(table, against):
+    """Return the Bins with objects of a recovered table against `mag`, `size` or `density`."""
+    values = np.asarray(table[against], float)
+    if not len(values):
+        return []
+    edges = {"size": SIZES, "density": DENSITIES}.get(against)
+    if edges is None:
+        first = np.floor(np.nanmin(values) / MAG_STEP)
+        edges = MAG_STEP * np.arange(first, np.floor(np.nanmax(values) / MAG_STEP) + 2)
+    at = np.digitize(values, edges) - 1
+    return [of_rows(table, at == k, edges[k], edges[k + 1], values) for k in range(len(edges) - 1) if (at == k).any()]
+
+
+def of_rows(table, rows, low, high, values):
+    """Return the Bin of a mask of rows."""
+    clean = rows & table["clean"]
+    numbers = {name: number(table[name][clean]) for name in QUANTITIES}
+    return Bin(low, high, float(values[rows].mean()), int(rows.sum()), int(table["found"][rows].sum()), numbers)

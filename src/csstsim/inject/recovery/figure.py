@@ -1,0 +1,64 @@
+"""The figure of recovered objects: completeness, magnitude, place and shape against magnitude, size and density."""
+
+import numpy as np
+
+from csstsim.base.files.atomic import atomic_path
+from csstsim.inject.recovery.bins import AGAINST, binned
+from csstsim.report.style import BLUE, VERMILION
+
+ROWS = {
+    "completeness": "found", "d_mag": "magnitude,\nmeasured - true", "d_x": "place x, y [px],\nmeasured - true",
+    "d_g1": "shape g1, g2,\nmeasured - true",
+}  # fmt: skip
+PAIR = {"d_x": "d_y", "d_g1": "d_g2"}
+
+
+def draw(table, path):
+    """Draw a recovered table (recovered.recovered) into a PNG."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    figure, panels = plt.subplots(len(ROWS), len(AGAINST), figsize=(11, 10), sharex="col", layout="constrained")
+    for column, (against, label) in enumerate(AGAINST.items()):
+        bins = binned(table, against)
+        at = np.array([one.centre for one in bins])
+        for row, (name, title) in enumerate(ROWS.items()):
+            axes = panels[row, column]
+            _completeness(axes, at, bins) if name == "completeness" else _values(axes, at, bins, name)
+            axes.set(ylabel=title if not column else "", xlabel=label if row == len(ROWS) - 1 else "")
+    panels[1, 0].legend(fontsize=8, loc="lower left", ncols=2)
+    panels[2, 0].legend(fontsize=8, loc="lower left", ncols=2)
+    panels[3, 0].legend(fontsize=8, loc="lower left", ncols=2)
+    with atomic_path(path) as temporary:
+        figure.savefig(temporary, dpi=110, format="png")
+    plt.close(figure)
+
+
+def _completeness(axes, at, bins):
+    share, low, high = np.transpose([one.completeness for one in bins])
+    axes.errorbar(at, share, [share - low, high - share], fmt="o", color=BLUE, markersize=4)
+    axes.set_ylim(-0.05, 1.05)
+
+
+def _values(axes, at, bins, name):
+    """Draw means with errors, and the scatter as bars behind them; of a pair of axes, the other in another colour."""
+    axes.axhline(0.0, color="#999999", linewidth=0.8)
+    most = 0.0
+    for key, colour, shift in ((name, BLUE, 0.0), (PAIR.get(name), VERMILION, 0.012)):
+        if key is None or not bins:
+            continue
+        held = [one.numbers[key] for one in bins]
+        mean, error, scatter = (np.array([getattr(one, v) for one in held]) for v in ("mean", "mean_error", "scatter"))
+        place = at + shift * np.ptp(at)
+        axes.errorbar(place, mean, scatter, fmt="none", ecolor=colour, alpha=0.25, linewidth=5, label="scatter")
+        axes.errorbar(place, mean, error, fmt="o", color=colour, markersize=4, label=f"mean{_axis(key)}")
+        good = np.isfinite(mean)
+        most = max([most, *(np.abs(mean) + scatter)[good]])
+    if most > 0:
+        axes.set_ylim(-1.2 * most, 1.2 * most)
+
+
+def _axis(key):
+    return f" of {key.removeprefix('d_')}" if key in PAIR or key in PAIR.values() else ""

@@ -1,0 +1,118 @@
+"""`csstsim recover`: an injected frame and its original measured, and what became of the injected objects."""
+
+from pathlib import Path
+
+import numpy as np
+
+from csstsim.base.errors import InputError
+from csstsim.base.process.one_thread import one_thread
+from csstsim.inject.calibrated import check_planes
+from csstsim.inject.frames import LEVEL0, OTHER, job_of, kind_of
+from csstsim.inject.recovery.bins import AGAINST, LEAST, QUANTITIES, binned, of_rows
+from csstsim.inject.recovery.recovered import recovered
+from csstsim.io.paths import TRUTH
+from csstsim.io.truth import read_truth
+from csstsim.stages.calibrate import calibrated_of, calibration
+from csstsim.stages.psf import missing_psf, open_psf
+
+PULLS = "pull", "pull_x", "pull_y"  # of all objects: values in px and mag differ too much with their light
+TABLE, FIGURE = ".recovered.parquet", ".recovered.png"
+
+
+def recover(injected, original, say=print, output=None, truth=None, **given):
+    """Measure two frames, print the bins of what was found, write table and figure; return the recovered table.
+
+    injected, original: Level-0 files or calibrated images of one exposure, of csstsim; output: folder [default: that of
+    `injected`]; truth: of the injected objects [default: beside it]; given: campaign, instrument and cache as
+    `frames.job_of` takes them. Raises InputError.
+    """
+    injected, original = Path(injected), Path(original)
+    objects = read_truth(truth or injected.with_suffix(TRUTH))
+    (run, job), kind = job_of(injected, say=say, **given), kind_of(injected)
+    for path in (injected, original):
+        if kind_of(path) == OTHER or kind_of(path) != kind:
+            raise InputError("both must be Level-0 files, or both calibrated images, of csstsim", file=path)
+    _, other = job_of(original, say=lambda text: None, **given)
+    if other.key != job.key or job.chip.kind != "imaging":
+        raise InputError("not an imaging frame of the same exposure", file=original, value=other.key, allowed=job.key)
+    missing_psf(run, job.chip, say)
+    sources, before = (measured(run, job, path, kind) for path in (injected, original))
+    table = recovered(objects, sources, before, job.window, run.camera.telescope.pixel_scale)
+    if not len(table):
+        raise InputError("no injected object lies on the frame", file=injected)
+    folder = Path(output) if output else injected.parent
+    folder.mkdir(parents=True, exist_ok=True)
+    table.write(folder / f"{injected.stem}{TABLE}", {"injected": injected.name, "original": original.name})
+    for line in lines(table):
+        say(line)
+    from csstsim.inject.recovery.figure import draw
+
+    draw(table, folder / f"{injected.stem}{FIGURE}")
+    say(f"{folder / (injected.stem + FIGURE)}, and the table beside it")
+    return table
+
+
+@one_thread
+def measured(run, job, path, kind):
+    """Return the measured table (measure.catalogue) of a job's Level-0 file or calibrated image."""
+    from csstsim.measure.catalogue import measure_frame
+
+    frame = _of_level0(run, job, path) if kind == LEVEL0 else _of_image(run, job, path)
+    return measure_frame(
+        frame, open_psf(run, job.chip), job.wcs, job.observer, obsid=job.obsid, chip=job.chip,
+        filter=job.exposure.filter, telescope=run.camera.telescope, pointing=job.pointing, window=job.window,
+    )  # fmt: skip
+
+
+def _of_level0(run, job, path):
+    from csstsim.io.level0 import read_level0
+
+    return calibrated_of(run, job, read_level0(path, verify=True), *calibration(run, job))
+
+
+def _of_image(run, job, path):
+    """Return the Calibrated of a calibrated image: its electrons with the median of the subtracted background."""
+    from csstsim.detector.channels import ReadoutFrame
+    from csstsim.io.fits import image_header, open_fits, read_pixels
+    from csstsim.measure.calibration.calibrate import Calibrated
+
+    with open_fits(path) as file:
+        header = image_header(file["SCI"], path)
+        planes = tuple(read_pixels(file[name], path) for name in ("SCI", "ERR", "DQ"))
+    check_planes(path, planes, header, job.window)
+    readout = ReadoutFrame.of(run.camera.detector, job.window)
+    noise = {block.channel: header["RDNOISE"] for block in readout.blocks}
+    electrons = (planes[0] + np.float32(header["BACKMED"])) * np.float32(job.pointing.exptime)
+    return Calibrated(electrons, planes[2], dict.fromkeys(noise, 0.0), noise, readout, calibration(run, job)[0])
+
+
+def lines(table):
+    """Yield the lines that `recover` prints: all objects, then bins against magnitude, size and density."""
+    every = np.ones(len(table), bool)
+    for name, rows in (("points", table["point"]), ("galaxies", ~table["point"])):
+        if rows.any():
+            yield from _of_kind(name, of_rows(table, every & rows, 0.0, 0.0, table["mag"]))
+    for against, label in AGAINST.items():
+        yield ""
+        yield f"{label:<28} objects   found            magnitude              place x [px]           shape g1"
+        for one in binned(table, against):
+            p, low, high = one.completeness
+            cells = [_cell(one.numbers[name]) for name in ("d_mag", "d_x", "d_g1")]
+            span = "points" if one.high <= LEAST else f"{one.low:.3g} to {one.high:.3g}"
+            yield f"{span:<28} {one.objects:>7}   {p:.3f} {low:.3f}-{high:.3f}  {'  '.join(cells)}"
+
+
+def _of_kind(name, one):
+    p, low, high = one.completeness
+    yield f"{one.objects} {name}: {one.found} found, {p:.3f} ({low:.3f} to {high:.3f})"
+    for key, label in QUANTITIES.items():
+        held = one.numbers[key]
+        if key.endswith(PULLS) and np.isfinite(held.mean):
+            yield (
+                f"  {label:<14} bias {held.mean:+.4f} +- {held.mean_error:.4f}, scatter {held.scatter:.4f} +- "
+                f"{held.scatter_error:.4f}, of {held.n}, outliers {held.outliers}"
+            )
+
+
+def _cell(held):
+    return f"{held.mean:+.4f}+-{held.mean_error:.4f}".ljust(21) if np.isfinite(held.mean) else "-".ljust(21)

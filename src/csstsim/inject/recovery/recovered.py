@@ -1,0 +1,89 @@
+"""Injected objects matched with measured sources: found or not, and what was measured less what is true.
+
+A source of the injected frame belongs to the closest of all injected objects and all sources of the original frame. One
+that the original has unchanged lies at the same place to the bit, so no injected object takes it.
+"""
+
+import numpy as np
+
+from csstsim.bricks.density import RADIUS
+from csstsim.bricks.match import one_to_one
+from csstsim.catalog.table import GALAXY, ObjectTable
+from csstsim.measure.catalogue import BAD_PIXELS, SATURATED, TRUNCATED
+
+REACH = 3.0  # px: the farthest match
+DIRTY = SATURATED | TRUNCATED | BAD_PIXELS  # sources whose numbers are not judged
+# Columns of the table
+COLUMNS = {
+    "id": "of the injected object",
+    "point": "whether it is a point",
+    "x": "px on the chip, from 0",
+    "y": "the same",
+    "mag": "AB, true",
+    "size": "arcsec, half-light radius; 0 for a point",
+    "density": "arcmin-2, sources of the original frame within 15 arcsec",
+    "found": "whether a source belongs to it",
+    "clean": "found, and neither saturated nor cut nor on bad pixels",
+    "snr": "measured",
+    "d_mag": "measured magnitude less the true one; PSF for points, total for galaxies",
+    "flux_pull": "measured flux less the true one, over its stated error",
+    "d_x": "px, measured less true",
+    "d_y": "the same",
+    "place_pull_x": "d_x over its stated error",
+    "place_pull_y": "d_y, the same",
+    "d_g1": "measured ellipticity less the true one, axis 1 along east; NaN for points and without a shape",
+    "d_g2": "the same, axis 2",
+}
+
+
+def recovered(truth, sources, before, window, pixel_scale):
+    """Return the ObjectTable of COLUMNS, a row an injected object whose place is on the window.
+
+    truth: of the injected objects, io.truth.read_truth; sources, before: measured tables (measure.catalogue) of the
+    injected and the original frame; window: instrument.chip.Window; pixel_scale [arcsec].
+    """
+    truth = truth.take(np.flatnonzero(window.contains(truth["x"], truth["y"]) & (truth["drawn"] > 0)))
+    count = len(truth)
+    true, seen, old = (np.column_stack([t["x"], t["y"]]).astype(float) for t in (truth, sources, before))
+    places = np.concatenate([true, old])
+    match = one_to_one(places, seen, np.full(len(places), REACH))[:count]
+    found, point = match >= 0, truth["obj_type"] != GALAXY
+    row = np.where(found, match, 0)
+
+    def measured(name):
+        return np.where(found, sources[name][row], np.nan) if len(sources) else np.full(count, np.nan)
+
+    flux, error, mag = (np.where(point, measured(f"{a}_psf{b}"), measured(f"{a}_total{b}")) for a, b in _KINDS)
+    zero = measured("zeropoint")
+    light = 10 ** (0.4 * (zero - truth["mag"]))
+    place = measured("pos_err") / pixel_scale
+    flags = np.nan_to_num(measured("flags")).astype(int)
+    e = _true_shape(truth)
+    d_x, d_y = measured("x") - truth["x"], measured("y") - truth["y"]
+    return ObjectTable({
+        "id": truth["id"], "point": point, "x": truth["x"], "y": truth["y"], "mag": truth["mag"].astype(float),
+        "size": np.where(point, 0.0, truth["size"]), "density": density(true, old, pixel_scale), "found": found,
+        "clean": found & (flags & DIRTY == 0), "snr": measured("snr"), "d_mag": mag - truth["mag"],
+        "flux_pull": (flux - light) / error, "d_x": d_x, "d_y": d_y, "place_pull_x": d_x / place,
+        "place_pull_y": d_y / place, "d_g1": np.where(point, np.nan, measured("g1") - e.real),
+        "d_g2": np.where(point, np.nan, measured("g2") - e.imag),
+    })  # fmt: skip
+
+
+_KINDS = ("flux", ""), ("flux", "_err"), ("mag", "")
+
+
+def density(places, others, pixel_scale):
+    """Return (n,) arcmin-2: how many others (m, 2) lie within RADIUS of places (n, 2), all in px."""
+    from scipy.spatial import cKDTree
+
+    if not len(others) or not len(places):
+        return np.zeros(len(places))
+    near = cKDTree(others).query_ball_point(places, RADIUS / pixel_scale, return_length=True)
+    return near / (np.pi * (RADIUS / 60.0) ** 2)
+
+
+def _true_shape(truth):
+    """Return the complex ellipticity (a - b) / (a + b) of each object, sheared by its lens (Seitz & Schneider 1997)."""
+    e, g = (truth[f"{n}1"].astype(float) + 1j * truth[f"{n}2"].astype(float) for n in "eg")
+    return (e + g) / (1 + np.conj(g) * e)

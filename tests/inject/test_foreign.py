@@ -1,0 +1,243 @@
+"""Injection into images of other telescopes: light, place, shape, noise; a real image, judged by source-extractor."""
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import astropy
+import numpy as np
+import pytest
+from astropy.io import fits
+from astropy.table import Table
+from astropy.wcs import WCS
+from click.testing import CliRunner
+from fuzz.seeds import stamps
+
+from csstsim.base.errors import InputError
+from csstsim.command_line.main import main
+from csstsim.inject.others.frame import read_foreign
+from csstsim.inject.others.psf_models import Stamps, read_psf
+
+SIDE, SCALE, TIME, GAIN, ZERO = 200, 0.2, 100.0, 2.0, 25.0
+SIGMAS = 5.0
+M13 = Path(astropy.__file__).parent / "io/fits/hdu/compressed/tests/data/m13.fits"  # Digitized Sky Survey, SkyView
+
+
+def wcs_cards(angle=30.0):
+    """Return cards of a rotated WCS with east to the right, so that its matrix is not symmetric."""
+    c, s = np.cos(np.radians(angle)) * SCALE / 3600, np.sin(np.radians(angle)) * SCALE / 3600
+    return {
+        "CTYPE1": "RA---TAN", "CTYPE2": "DEC--TAN", "CRVAL1": 359.9999, "CRVAL2": 60.0, "CRPIX1": SIDE / 2,
+        "CRPIX2": SIDE / 2, "CD1_1": c, "CD1_2": -s, "CD2_1": s, "CD2_2": c,
+    }  # fmt: skip
+
+
+def write_image(folder, error=True, **cards):
+    """Write an image of DN on a rotated WCS at RA 0, with ERR; a card of None is left out."""
+    cards = wcs_cards() | {"BUNIT": "adu", "GAIN": GAIN, "EXPTIME": TIME, "FILTER": "F606W"} | cards
+    header = fits.Header([(key, value) for key, value in cards.items() if value is not None])
+    hdus = [fits.PrimaryHDU(), fits.ImageHDU(np.full((SIDE, SIDE), 50, np.float32), header, "SCI")]
+    hdus += [fits.ImageHDU(np.full((SIDE, SIDE), 5, np.float32), name="ERR")] if error else []
+    path = folder / "image.fits"
+    fits.HDUList(hdus).writeto(path, overwrite=True)
+    return path
+
+
+def write_psf(folder, sigma=1.5, step=0.5, side=61, **cards):
+    """Write a Gaussian stamp, of cells of `step` px."""
+    axis = (np.arange(side) - side // 2) * step
+    stamp = np.exp(-0.5 * (axis**2 + axis[:, None] ** 2) / sigma**2)
+    path = folder / "psf.fits"
+    fits.PrimaryHDU(stamp.astype(np.float32), fits.Header({"PSFSAMP": step} | cards)).writeto(path, overwrite=True)
+    return path
+
+
+def inject(folder, image, table, psf, *more, code=0):
+    table.write(folder / "new.csv", overwrite=True)
+    shutil.rmtree(folder / "out", ignore_errors=True)
+    call = ["inject", image, "--catalogue", folder / "new.csv", "--output", folder / "out", "--psf", psf, *more]
+    result = CliRunner().invoke(main, [str(a) for a in call], catch_exceptions=False)
+    assert result.exit_code == code, result.output
+    return result.output
+
+
+def at(x, y, **columns):
+    """Return a table of objects at pixels from 0."""
+    ra, dec = WCS(fits.Header(wcs_cards())).all_pix2world(np.atleast_1d(x), np.atleast_1d(y), 0)
+    return Table({"ra": ra, "dec": dec} | columns)
+
+
+def moments(light):
+    y, x = np.indices(light.shape)
+    total = light.sum()
+    mx, my = (light * x).sum() / total, (light * y).sum() / total
+    dx, dy = x - mx, y - my
+    return mx, my, (light * dx**2).sum() / total, (light * dy**2).sum() / total, (light * dx * dy).sum() / total
+
+
+def test_light_place_and_errors_of_a_star(tmp_path):
+    image, psf = write_image(tmp_path), write_psf(tmp_path)
+    before = image.read_bytes()
+    said = inject(tmp_path, image, at(90.3, 120.8, mag=[17.0]), psf, "--zeropoint", ZERO)
+    assert "1 object injected" in said and image.read_bytes() == before
+    with fits.open(tmp_path / "out/image.fits") as new:
+        light = (new["SCI"].data.astype(float) - 50) * GAIN
+        variance = (new["ERR"].data.astype(float) ** 2 - 25) * GAIN**2
+        assert "injected 1 object of new.csv" in str(new[0].header["HISTORY"])
+    wanted = TIME * 10 ** (0.4 * (ZERO - 17.0))
+    assert light.sum() == pytest.approx(wanted, abs=SIGMAS * np.sqrt(wanted))
+    x, y, xx, yy, xy = moments(light[100:141, 70:111])
+    assert (x + 70, y + 100) == pytest.approx((90.3, 120.8), abs=SIGMAS * 1.5 / np.sqrt(wanted))
+    assert (xx, yy, xy) == pytest.approx((2.25, 2.25, 0.0), abs=SIGMAS * 2.25 * np.sqrt(2 / wanted) + 0.01)
+    bright = light > 100
+    assert variance[bright] == pytest.approx(light[bright], rel=1e-2)  # of float32 errors
+
+
+def test_the_shape_of_a_galaxy_follows_the_sky(tmp_path):
+    """A galaxy long in declination lies along the WCS's north, and is as large as its half-light radius says."""
+    image, psf = write_image(tmp_path), write_psf(tmp_path, sigma=0.8)
+    table = at(100.0, 100.0, mag=[12.0], type=["galaxy"], size=[1.0], e1=[-0.5], e2=[0.0])
+    inject(tmp_path, image, table, psf, "--zeropoint", ZERO)
+    light = (fits.getdata(tmp_path / "out/image.fits", "SCI").astype(float) - 50) * GAIN
+    sky = WCS(fits.Header(wcs_cards()))
+    ra, dec = table["ra"][0], table["dec"][0]
+    x, y = sky.all_world2pix([ra, ra], [dec, dec + 1 / 3600], 0)
+    north = np.degrees(np.arctan2(y[1] - y[0], x[1] - x[0]))
+    _, _, xx, yy, xy = moments(light)
+    angle = np.degrees(0.5 * np.arctan2(2 * xy, xx - yy))
+    assert (angle - north + 90) % 180 - 90 == pytest.approx(0.0, abs=1.0)
+    along, across = (0.5 * (xx + yy) + k * np.hypot(0.5 * (xx - yy), xy) - 0.8**2 for k in (1, -1))
+    assert np.sqrt(across / along) == pytest.approx(0.5 / 1.5, rel=0.03)  # e = (a - b) / (a + b)
+    assert light.sum() == pytest.approx(TIME * 10 ** (0.4 * (ZERO - 12.0)), rel=0.01)
+
+
+def test_each_object_has_its_own_noise(tmp_path):
+    image, psf = write_image(tmp_path, error=False), write_psf(tmp_path)
+    both = at([60.0, 140.0], [60.0, 140.0], mag=[18.0, 18.0], id=[7, 8])
+    made = []
+    for table, number in ((both, 1), (both[1:], 1), (both[1:], 2)):
+        inject(tmp_path, image, table, psf, "--zeropoint", ZERO, "--realisation", number)
+        made.append(fits.getdata(tmp_path / "out/image.fits", "SCI")[100:, 100:])
+    assert np.array_equal(made[0], made[1]) and not np.array_equal(made[1], made[2])
+
+
+def test_stamps_between_their_places():
+    stamps = np.zeros((2, 5, 5))
+    stamps[0, 2, 2], stamps[1, 2, 1:4] = 1.0, 1 / 3
+    model = Stamps(stamps, np.array([0.0, 100.0]), np.array([0.0, 0.0]), 1.0)
+    for x, share in ((0.0, 0.0), (50.0, 0.5), (100.0, 1.0), (25.0, 1 / 10)):  # weights 1 / 25^2 and 1 / 75^2
+        drawn = model.at(x, 0.0).drawImage(nx=5, ny=5, scale=1.0, method="no_pixel").array
+        assert drawn == pytest.approx((1 - share) * stamps[0] + share * stamps[1], abs=0.02)
+
+
+def test_units_and_zero_points(tmp_path):
+    for cards, electrons in (
+        ({"BUNIT": "ELECTRONS"}, 1.0), ({"BUNIT": "electron/s"}, TIME), ({"BUNIT": "DN / s"}, GAIN * TIME),
+        ({"BUNIT": None}, GAIN), ({"GAIN": None, "CCDGAIN": 4}, 4.0),
+    ):  # fmt: skip
+        assert read_foreign(write_image(tmp_path, **cards)).electrons == electrons
+    acs = {"BUNIT": "ELECTRONS", "PHOTFLAM": 7.9064521e-20, "PHOTPLAM": 5921.1}  # of ACS WFC F606W in 2004
+    assert read_foreign(write_image(tmp_path, **acs)).zeropoint == pytest.approx(26.49, abs=0.02)  # AB, ACS ISR 2007-02
+
+
+FAULTS = {
+    "no WCS": {"CTYPE1": None, "CTYPE2": None},
+    "neither a gain nor a unit of electrons": {"GAIN": None},
+    "no exposure time": {"EXPTIME": None},
+    "a PSF of another filter": {"FILTER": "F814W"},
+    "no zero point": {},
+}
+
+
+@pytest.mark.parametrize("message", FAULTS)
+def test_bad_images_give_one_line_and_write_nothing(tmp_path, message):
+    image, psf = write_image(tmp_path, **FAULTS[message]), write_psf(tmp_path, FILTER="F606W")
+    more = () if message == "no zero point" else ("--zeropoint", ZERO)
+    said = inject(tmp_path, image, at(50, 50, mag=[20.0]), psf, *more, code=2)
+    assert message in said and len(said.strip().splitlines()) == 1 and not (tmp_path / "out").exists()
+
+
+def test_bad_errors_and_sizes(tmp_path):
+    psf = write_psf(tmp_path)
+    for value, message in ((np.nan, "1 of the errors of good pixels"), (None, "not of the image's size")):
+        image = write_image(tmp_path)
+        with fits.open(image, mode="update") as file:
+            if value is None:
+                file["ERR"].data = file["ERR"].data[:-1]
+            else:
+                file["ERR"].data[3, 4] = value
+        said = inject(tmp_path, image, at(50, 50, mag=[20.0]), psf, "--zeropoint", ZERO, code=2)
+        assert message in said and not (tmp_path / "out").exists()
+
+
+def test_the_edge_and_saturation(tmp_path):
+    image, psf = write_image(tmp_path, SATURATE=1000.0), write_psf(tmp_path)
+    said = inject(
+        tmp_path, image, at([0.0, 100.0, 5000.0], [50.0, 100.0, 0.0], mag=[20.0, 12.0, 15.0]), psf, "--zeropoint", ZERO
+    )
+    light = fits.getdata(tmp_path / "out/image.fits", "SCI").astype(float) - 50
+    whole = TIME * 10 ** (0.4 * (ZERO - 20.0)) / GAIN
+    assert "2 objects injected" in said and light.max() == 950
+    edge = light[30:71, :20].sum()
+    assert edge == pytest.approx(0.6306 * whole, rel=0.05)  # Phi(0.5 px / 1.5 px): half of it, and half a column
+
+
+@pytest.mark.skipif(
+    not shutil.which("source-extractor") or not shutil.which("psfex"), reason="apt-get install source-extractor psfex"
+)
+@pytest.mark.skipif(
+    not M13.is_file(), reason="astropy's test data are not installed: a real public image, not shipped here"
+)
+def test_a_real_image_takes_stars_that_source_extractor_finds(tmp_path):
+    """M 13 from the Digitized Sky Survey, with the PSF that PSFEx measures in it. The plate's gain is not known: 5."""
+    with fits.open(M13) as file:
+        file[0].header["GAIN"], file[0].header["EXPTIME"] = 5.0, TIME
+        file.writeto(tmp_path / "m13.fits", output_verify="silentfix+ignore")
+        sky = WCS(file[0].header)
+    (tmp_path / "all.param").write_text(
+        "X_IMAGE\nY_IMAGE\nFLUX_RADIUS\nELONGATION\nFLAGS\nSNR_WIN\nFLUX_APER(1)\nFLUXERR_APER(1)\nVIGNET(25,25)\n"
+    )
+    (tmp_path / "all.conv").write_text("CONV NORM\n1 2 1\n2 4 2\n1 2 1\n")
+
+    def found(image, name):
+        settings = (
+            "-CATALOG_TYPE FITS_LDAC -PARAMETERS_NAME all.param -FILTER_NAME all.conv -DETECT_THRESH 5 "
+            "-PHOT_APERTURES 8 -SATUR_LEVEL 3000 -GAIN 5 -VERBOSE_TYPE QUIET"
+        )
+        subprocess.run(["source-extractor", image, "-CATALOG_NAME", name, *settings.split()], cwd=tmp_path, check=True)
+        return fits.getdata(tmp_path / name, 2)
+
+    before = found("m13.fits", "m13.cat")
+    settings = (
+        "-SAMPLE_FLAGMASK 0x00fe -PSF_SIZE 25,25 -CHECKPLOT_TYPE NONE -CHECKIMAGE_TYPE NONE -WRITE_XML N "
+        "-VERBOSE_TYPE QUIET"
+    )
+    subprocess.run(["psfex", "m13.cat", *settings.split()], cwd=tmp_path, check=True)
+    grid = np.linspace(15, 285, 16)
+    x, y = (v.ravel() for v in np.meshgrid(grid, grid))
+    free = np.hypot(x - 150, y - 150) > 100  # outside the core of the cluster
+    free &= np.hypot(x[:, None] - before["X_IMAGE"] + 1, y[:, None] - before["Y_IMAGE"] + 1).min(axis=1) > 8
+    ra, dec = sky.all_pix2world(x[free], y[free], 0)
+    table = Table({"ra": ra, "dec": dec, "mag": np.full(free.sum(), 17.0)})
+    assert len(table) > 30
+    inject(tmp_path, tmp_path / "m13.fits", table, tmp_path / "m13.psf", "--zeropoint", 24.0)
+    after = found("out/m13.fits", "new.cat")
+    apart = np.hypot(x[free][:, None] - after["X_IMAGE"] + 1, y[free][:, None] - after["Y_IMAGE"] + 1)
+    match = apart.argmin(axis=1)
+    seen = apart.min(axis=1) < 1.0
+    assert seen.mean() > 0.97
+    off = np.column_stack([after["X_IMAGE"][match] - 1 - x[free], after["Y_IMAGE"][match] - 1 - y[free]])[seen]
+    assert np.abs(np.median(off, axis=0)).max() < 0.1  # px: no shift of half a pixel or more
+    share = np.median(after["FLUX_APER"][match[seen]]) * 5 / (TIME * 10 ** (0.4 * (24.0 - 17.0)))
+    assert 0.8 < share < 1.05  # of an aperture of 8 px about a star of FWHM 3.3 px
+
+
+@pytest.mark.parametrize("change", [("NAXIS2  =                    5", 0), ("NAXIS2  =                    2", 10**12)])
+def test_stamps_whose_headers_lie(tmp_path, change):
+    """The pixels begin where the next header should; a table announces 8 TB."""
+    path, (card, value) = stamps(tmp_path), change
+    content = path.read_bytes()
+    assert content.count(card.encode()) == 1
+    path.write_bytes(content.replace(card.encode(), f"NAXIS2  = {value:>20}".encode()))
+    with pytest.raises(InputError):
+        read_psf(path)

@@ -1,0 +1,283 @@
+"""Injection into frames of csstsim: what a simulation with the objects gives; errors; the input untouched."""
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from astropy.io import fits
+from astropy.table import Table
+from click.testing import CliRunner
+from inject.scene import CHIP, OBSID, empty, mixed, objects, read_out_with, simulation
+
+from csstsim.base.errors import InputError
+from csstsim.base.shipped import ROOT
+from csstsim.campaign.opened import OpenCampaign
+from csstsim.catalog.flags import SATURATED
+from csstsim.catalog.table import ObjectTable
+from csstsim.command_line.main import main
+from csstsim.detector.mask import SATURATED as FULL_WELL
+from csstsim.inject.level0 import difference
+from csstsim.inject.light import catalogue_of, light_of, table_of
+from csstsim.inject.memory import Held
+from csstsim.io.level0 import read_level0
+
+LIGHT = 0.01  # sigma of a pixel: difference to a simulation before the detector
+DETECTOR = 0.1  # sigma of a pixel: rms difference behind it, before the rounding to whole DN
+ROUNDED = 1e-2  # DN: of float32
+SIGMAS = 5.0
+
+
+@pytest.fixture(scope="module")
+def sim(tmp_path_factory):
+    return simulation(tmp_path_factory.mktemp("inject"))
+
+
+@pytest.fixture(scope="module")
+def bare(sim):
+    return empty(sim)
+
+
+def noise_of(bare):
+    return np.sqrt(bare.light(OBSID, CHIP).image + bare._run.camera.detector.read_noise**2)
+
+
+def test_before_the_detector_it_is_what_a_simulation_draws(sim, bare):
+    table = mixed(sim, 40)
+    wanted, sky = sim.replace(catalog=table).light(OBSID, CHIP), bare.light(OBSID, CHIP)
+    made = bare.inject(sky, table, realisation=0)
+    assert set(made.truth["method"]) == {"photons", "stamp"}
+    assert (np.abs(made.image - wanted.image) / noise_of(bare)).max() < LIGHT
+    assert made.image.sum() - sky.image.sum() == pytest.approx(made.truth["drawn"].sum(), rel=1e-4)
+    faint = table[table["mag_r"] > 22]  # photons alone: to the bit where the sky is in whole electrons
+    one, other = (bare.inject(sky, faint, realisation=k).image - sky.image for k in (0, 1))
+    assert np.abs(one - other).max() > 1  # another realisation has other photons
+    assert abs(one.sum() - other.sum()) < SIGMAS * np.sqrt(2 * one.sum())
+
+
+@pytest.mark.parametrize("layers", [{}, {"CTE_effect": {"density_scale": 1.0}}], ids=["usual", "irradiated"])
+def test_through_the_detector_it_is_what_a_readout_with_this_light_gives(bare, layers):
+    sim = bare.replace(layers=layers)
+    run, job = sim._run, sim._run.job(OBSID, CHIP)
+    table = mixed(sim, 60, bright=19, seed=2)
+    frame, sky = sim.chip(OBSID, CHIP), sim.light(OBSID, CHIP).image
+    light = light_of(run, job, catalogue_of(run, job, table_of(table)), 1, lambda text: None)
+    assert light.electrons.max() < run.camera.detector.full_well / 2
+    without, wanted = (read_out_with(run, job, sky, some) for some in (None, light))
+    assert np.array_equal(np.rint(without), frame.raw)  # the test's own readout is the simulator's
+    held = Held(Path("frame"), frame.header, frame.header, frame.readout, "channels", None, frame.raw)
+    added, _, _ = difference(run, job, held, light)
+    off = frame.readout.active(added - (wanted - without)) * run.camera.detector.gain
+    lit = light.plane(job.window.shape) > 0
+    sigma = noise_of(bare)
+    assert (off[lit] / sigma[lit]).std() < DETECTOR and (off[~lit] / sigma[~lit]).std() < DETECTOR
+    assert abs(off.sum()) < 1e-3 * light.electrons.sum()
+    # Whole DN of the same expectation: the fraction that the raw DN hides is drawn anew
+    made = sim.inject(frame, table).raw.astype(float) - frame.raw
+    assert np.abs(made - added).max() < 1.0 + ROUNDED
+    touched = np.abs(added) > 0.5
+    assert abs((made - added)[touched].mean()) < SIGMAS * 6**-0.5 / np.sqrt(touched.sum())
+
+
+def test_saturation_and_dead_pixels(sim, bare):
+    frame = bare.chip(OBSID, CHIP)
+    table = objects(sim, [100.0], [60.0], [13.0])
+    made = bare.inject(frame, table)
+    top = bare._run.camera.detector.adc_max
+    assert (made.raw >= top).sum() > 20 and made.image[60, 100] == top
+    assert made.truth["flags"][0] & SATURATED
+    column = made.image[:, 100].astype(int) - frame.image[:, 100]
+    assert (column > 1000).sum() > 15  # blooms along the column
+
+
+def run_command(*arguments, code=0):
+    result = CliRunner().invoke(main, [str(a) for a in arguments], catch_exceptions=False)
+    assert result.exit_code == code, result.output
+    return result.output
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """(campaign, Level-0 file, calibrated image, table) of an empty sky, on disk."""
+    folder = tmp_path_factory.mktemp("files")
+    sim = simulation(folder)
+    sky = objects(sim, 128, 128, 60.0, id=[10**9])
+    sky.write(folder / "sky.csv")
+    data = yaml.safe_load((folder / "campaign.yaml").read_text())
+    data["catalog"] = {"kind": "csstsim.catalog.own_table:TableCatalog", "options": {"file": str(folder / "sky.csv")}}
+    campaign = folder / "campaign.yaml"
+    campaign.write_text(yaml.safe_dump(data))
+    run_command("chip", campaign, "--obsid", OBSID, "--chip", CHIP)
+    run_command("calibrate", campaign, "--obsid", OBSID, "--chip", CHIP)
+    run = OpenCampaign(campaign)
+    job = run.job(OBSID, CHIP)
+    table = folder / "new.csv"
+    mixed(sim, 30, bright=19.5, faint=24, seed=3).write(table)
+    return campaign, run.paths.level0(job), run.paths.calibrated(*job.key), table
+
+
+def content(path):
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def test_the_command_on_both_kinds_of_file(files, tmp_path):
+    campaign, raw, image, table = files
+    before = [content(path) for path in (raw, image)]
+    said = run_command("inject", raw, image, "--catalogue", table, "--output", tmp_path, "--campaign", campaign)
+    assert said.count("30 objects injected") == 2 and [content(path) for path in (raw, image)] == before
+    new, old = read_level0(tmp_path / raw.name, verify=True), read_level0(raw)
+    changed = new.frame().astype(int) - old.frame()
+    truth = ObjectTable.read((tmp_path / raw.name).with_suffix(".truth.parquet"))
+    assert len(truth) == 30 and new.header0["INJCOUNT"] == 30
+    assert changed.sum() * 1.1 == pytest.approx(truth["drawn"].sum(), rel=0.02)  # gains within 1 to 2%
+    assert {k: v for k, v in new.header.items() if k not in ("CHECKSUM", "DATASUM")}.items() <= old.header.items()
+    with fits.open(tmp_path / image.name, checksum=True) as made, fits.open(image) as was:
+        assert any("injected 30 objects of new.csv" in str(line) for line in made[0].header["HISTORY"])
+        for name in ("SCI", "ERR", "DQ"):
+            assert made[name].data.dtype == was[name].data.dtype
+        light = (made["SCI"].data - was["SCI"].data) * 150.0
+        added = made["ERR"].data.astype(float) ** 2 - was["ERR"].data.astype(float) ** 2
+        assert np.all(made["ERR"].data >= was["ERR"].data)
+    # Light divided by the response: more than was counted, and the variance is that of the counted electrons
+    assert 1.0 < light.sum() / truth["drawn"].sum() < 1.3
+    bright = light > 200
+    assert np.median(added[bright] * 150.0**2 / light[bright]) == pytest.approx(
+        light.sum() / truth["drawn"].sum(), rel=0.05
+    )
+
+
+def test_calibrated_and_raw_agree(files, tmp_path):
+    """An image calibrated after injection into the raw frame, and one injected into: the same light and errors."""
+    campaign, raw, image, table = files
+    run_command("inject", raw, image, "--catalogue", table, "--output", tmp_path, "--campaign", campaign)
+    from csstsim.io.level0 import read_level0 as read
+    from csstsim.stages.calibrate import calibrated_of, calibration
+
+    run = OpenCampaign(campaign)
+    job = run.job(OBSID, CHIP)
+    seen = calibrated_of(run, job, read(tmp_path / raw.name), *calibration(run, job))
+    without = calibrated_of(run, job, read(raw), *calibration(run, job))
+    with fits.open(tmp_path / image.name) as made, fits.open(image) as was:
+        light = (made["SCI"].data - was["SCI"].data) * 150.0
+        error = made["ERR"].data * 150.0
+        bad = was["DQ"].data > 0
+    off = (seen.electrons - without.electrons) - light
+    lit = (light > 0) & ~bad
+    assert (off[lit] / error[lit]).std() < 0.15  # rounding to DN, charge that was not moved back exactly
+    assert off[lit].sum() / light[lit].sum() == pytest.approx(0, abs=0.003)
+    assert (seen.sigma()[lit] / error[lit]).std() < 0.02
+
+
+def test_a_frame_tells_what_it_is_without_a_campaign(files, tmp_path):
+    campaign, raw, _, table = files
+    said = run_command(
+        "inject", raw, "--catalogue", table, "--output", tmp_path, "--instrument", campaign.parent / "instrument"
+    )
+    assert "assumed  psf" in said and "30 objects injected" in said
+    again = run_command(
+        "inject",
+        tmp_path / raw.name,
+        "--catalogue",
+        table,
+        "--output",
+        tmp_path / "twice",
+        "--instrument",
+        campaign.parent / "instrument",
+        "--realisation",
+        2,
+    )  # the HISTORY of an injection does no harm
+    assert "30 objects injected" in again
+
+
+def broken(path, folder, change):
+    new = folder / path.name
+    with fits.open(path) as file:
+        change(file)
+        file.writeto(new)
+    return new
+
+
+def _no_wcs(file):
+    for key in ("CTYPE1", "CRVAL1"):
+        del file["SCI"].header[key]
+
+
+def _nan(file):
+    file["ERR"].data[3, 4] = np.nan
+
+
+FAULTS = {
+    "no WCS": _no_wcs,
+    "unknown unit": lambda file: file["SCI"].header.__delitem__("BUNIT"),
+    "the PSF would be of another filter": lambda file: file[0].header.set("FILTER", "g"),
+    "not of the window's size": lambda file: setattr(file["ERR"], "data", file["ERR"].data[:-1]),
+    "read in another window": lambda file: file["SCI"].header.set("READX0", 3),
+    "1 of the errors are not above 0 or no numbers": _nan,
+    "with another seed, catalogue or PSF": lambda file: file[0].header.set("CAMPHASH", "0"),
+}
+
+
+@pytest.mark.parametrize("message", FAULTS)
+def test_bad_frames_give_one_line_and_write_nothing(files, tmp_path, message):
+    campaign, raw, image, table = files
+    frame = broken(image, tmp_path, FAULTS[message])
+    out = tmp_path / "out"
+    said = run_command("inject", raw, frame, "--catalogue", table, "--output", out, "--campaign", campaign, code=2)
+    assert message in said and len(said.strip().splitlines()) == 1 and not out.exists()
+
+
+def test_other_bad_input(files, bare, sim, tmp_path):
+    campaign, raw, _, table = files
+    out = tmp_path / "out"
+    bad = tmp_path / "bad.csv"
+    Table({"ra": [1.0], "dec": [2.0]}).write(bad)
+    for more, message in (
+        (("--catalogue", bad), "mag_"),
+        (("--catalogue", tmp_path / "none.csv"), "No such file"),
+    ):
+        assert message in run_command("inject", raw, *more, "--output", out, "--campaign", campaign, code=2)
+        assert not out.exists()
+    run_command("inject", raw, "--catalogue", table, "--output", out, "--campaign", campaign)
+    assert "there already" in run_command(
+        "inject", raw, "--catalogue", table, "--output", out, "--campaign", campaign, code=2
+    )
+    other = bare.replace(window=(10, 100, 10, 100)).chip(OBSID, CHIP)
+    with pytest.raises(InputError, match="another window"):
+        bare.inject(other, objects(sim, 50, 50, 20.0))
+
+
+def test_nothing_reaches_the_frame(bare, sim):
+    frame, far = bare.chip(OBSID, CHIP), objects(sim, 128, 128, 20.0)
+    far["dec"] += 1.0
+    made = bare.inject(frame, far)
+    assert np.array_equal(made.raw, frame.raw) and len(made.truth) == 0 and made.header["INJCOUNT"] == 0
+
+
+@pytest.mark.parametrize("layout", ["mosaic", "chip"])
+def test_other_layouts_with_mask_and_compression(tmp_path, layout):
+    """The light is the same in each layout; MASK gets the bits of a star that saturates, and the file is packed."""
+    output = {"layout": layout, "mask": True, "compress": True}
+    plain = simulation(tmp_path)
+    layers = yaml.safe_load((ROOT / "config/observations/science.yaml").read_text())["layers"]
+    layers[-1] = {"quantization_and_output": output}
+    (tmp_path / "science.yaml").write_text(yaml.safe_dump({"layers": layers}))
+    objects(plain, 128, 128, 60.0, id=[10**9]).write(tmp_path / "sky.csv")
+    data = yaml.safe_load((tmp_path / "campaign.yaml").read_text()) | {
+        "observations": {"SCIE": str(tmp_path / "science.yaml")}
+    }
+    data["catalog"] = {"kind": "csstsim.catalog.own_table:TableCatalog", "options": {"file": str(tmp_path / "sky.csv")}}
+    (tmp_path / "campaign.yaml").write_text(yaml.safe_dump(data))
+    run_command("chip", tmp_path / "campaign.yaml", "--obsid", OBSID, "--chip", CHIP)
+    run = OpenCampaign(tmp_path / "campaign.yaml")
+    raw = run.paths.level0(run.job(OBSID, CHIP))
+    objects(plain, [60.0, 180.0], [60.0, 190.0], [20.0, 15.0]).write(tmp_path / "new.csv")
+    run_command(
+        "inject", raw, "--catalogue", tmp_path / "new.csv", "--output", tmp_path / "with", "--campaign", run.file
+    )
+    new, old = read_level0(tmp_path / "with" / raw.name, verify=True), read_level0(raw)
+    added = (new.assembled().astype(int) - old.assembled())[30:90, 30:90].sum() * run.camera.detector.gain
+    truth = ObjectTable.read((tmp_path / "with" / raw.name).with_suffix(".truth.parquet"))
+    assert added == pytest.approx(truth["drawn"][0], rel=0.03)
+    fresh = new.mask() & ~old.mask()
+    assert new.data_start is None and (fresh[180:200, 170:190] & FULL_WELL).sum() > 5 and not fresh[:100, :100].any()

@@ -1,0 +1,124 @@
+"""The light of injected objects: its numbers, its noise, and that it is the simulator's."""
+
+import numpy as np
+import pytest
+from inject.scene import CHIP, GEOMETRY, OBSID, empty, mixed, objects, simulation
+
+from csstsim.inject.level0 import convert
+from csstsim.inject.light import catalogue_of, light_of, table_of
+from csstsim.inject.shot import places, shot
+from csstsim.instrument.chip import Window
+from csstsim.stages.chip import light
+
+SIGMAS = 5.0
+LIGHT = 0.01  # sigma of a pixel
+GRATING = 1
+
+
+@pytest.fixture(scope="module")
+def sim(tmp_path_factory):
+    return simulation(tmp_path_factory.mktemp("light"))
+
+
+@pytest.fixture(scope="module")
+def bare(sim):
+    return empty(sim)
+
+
+@pytest.mark.parametrize("mean", [0.0, 1e-3, 0.7, 9.9, 10.1, 300.0, 1e6])
+def test_shot_is_poisson(mean):
+    count = 40_000
+    drawn = shot(np.full(count, mean, np.float32), np.arange(count, dtype=np.uint64), np.uint64(7))
+    mean = float(np.float32(mean))
+    assert drawn.min() >= 0 and abs(drawn.mean() - mean) <= SIGMAS * np.sqrt(mean / count)
+    # The sample variance of n Poisson numbers has the variance (m + 2 m^2) / n
+    assert abs(drawn.var() - mean) <= SIGMAS * np.sqrt((mean + 2 * mean**2) / count)
+
+
+def test_numbers_belong_to_places_on_the_chip():
+    whole, part = Window(0, 40, 0, 30), Window(10, 25, 5, 20)
+    every = places(np.arange(1200), whole, 40)
+    assert np.array_equal(every, np.arange(1200))
+    row, column = np.mgrid[5:20, 10:25].reshape(2, -1)
+    inside = places(np.arange(225), part, 40)
+    assert np.array_equal(inside, row * 40 + column)
+    mean = np.full(1200, 5.0, np.float32)
+    drawn = shot(mean, every, np.uint64(3))
+    assert np.array_equal(shot(mean[:225], inside, np.uint64(3)), drawn[row * 40 + column])
+    assert not np.array_equal(shot(mean, every, np.uint64(4)), drawn)
+    by_row = drawn.reshape(30, 40) - 5.0
+    assert abs((by_row[1:] * by_row[:-1]).mean()) < SIGMAS * 5.0 / np.sqrt(29 * 40)  # rows do not repeat
+
+
+@pytest.mark.parametrize("added", [0.3, -0.8, 12.5, 1e-3])
+def test_the_converter_rounds_to_the_sum_on_average(added):
+    count, top = 40_000, 65535
+    frame = np.full((200, 200), 500, np.uint16)
+    changed, full = convert(frame, np.full(frame.shape, added, np.float32), np.uint64(5), top)
+    off = frame.astype(float) - 500 - np.float32(added)
+    assert np.abs(off).max() < 1 and abs(off.mean()) < SIGMAS * 0.5 / np.sqrt(count)
+    assert changed == np.count_nonzero(frame != 500) and full == 0
+
+
+def test_the_ends_of_the_converter():
+    frame = np.array([[65535, 65530, 3, 500]], np.uint16)
+    assert convert(frame, np.array([[-40.0, 1e6, -1e6, 0.0]], np.float32), np.uint64(5), 65535) == (2, 1)
+    assert frame.tolist() == [[65535, 65535, 0, 500]]
+
+
+def test_photons_are_those_of_a_simulation_to_the_bit(sim, bare):
+    table = mixed(sim, 30, bright=23)
+    run, job = sim.replace(catalog=table)._run, sim._run.job(OBSID, CHIP)
+    state = light(run, job, lambda text: None)
+    assert set(state.truth["method"]) == {"photons"}
+    got = light_of(run, job, catalogue_of(run, job, table_of(table)), 0, lambda text: None)
+    assert np.array_equal(got.plane(job.window.shape), state.counted)
+
+
+def test_the_noise_is_poisson(sim, bare):
+    """Variance of the injected electrons over realisations equals their mean, for stamps and photons."""
+    run, job = bare._run, bare._run.job(OBSID, CHIP)
+    table = table_of(objects(sim, [60.0, 180.0], [60.0, 180.0], [18.0, 21.5]))
+    catalogue = catalogue_of(run, job, table)
+    drawn = [light_of(run, job, catalogue, k, lambda text: None) for k in range(1, 61)]
+    assert set(drawn[0].truth["method"]) == {"photons", "stamp"}
+    for part in (np.s_[:128, :128], np.s_[128:, 128:]):
+        planes = np.array([light.plane(job.window.shape)[part] for light in drawn])
+        ratio = planes.var(axis=0, ddof=1).sum() / planes.mean(axis=0).sum()
+        # A pixel's sample variance of n draws has the relative error sqrt(2 / (n - 1)); pixels are independent
+        weight = planes.mean(axis=0).ravel()
+        error = np.sqrt(2 / 59) * np.sqrt((weight**2).sum()) / weight.sum()
+        assert ratio == pytest.approx(1.0, abs=SIGMAS * error)
+
+
+def test_a_stamp_and_photons_on_the_same_pixels_add_up(bare):
+    run, job = bare._run, bare._run.job(OBSID, CHIP)
+    table = objects(bare, [128.0, 129.0], [128.0, 128.0], [18.0, 21.5])
+    both, bright = (
+        light_of(run, job, catalogue_of(run, job, table_of(some)), 1, lambda text: None) for some in (table, table[:1])
+    )
+    assert set(both.truth["method"]) == {"photons", "stamp"}
+    assert both.nominal.sum(dtype=float) == pytest.approx(both.truth["drawn"].sum(), rel=1e-6)
+    more = both.plane(job.window.shape) - bright.plane(job.window.shape)
+    assert more.min() >= 0 and more.sum(dtype=float) == pytest.approx(both.truth["drawn"][1], rel=1e-4)
+    assert (np.diff(both.pixel) > 0).all()
+
+
+def test_through_gratings_it_is_what_a_simulation_draws(tmp_path):
+    """Chip 1, GI: the same photons, the same expected light, a truth of orders; and into the frame as read."""
+    sim = simulation(tmp_path, GEOMETRY | {"ny": 128, "channel_ny": 64}, select={"types": ["SCIE"], "chips": [GRATING]})
+    table = objects(sim, [100.0, 180.0], [60.0, 64.0], [20.5, 21.0], ["star", "galaxy"], chip=GRATING)
+    nothing = objects(sim, 128.0, 64.0, 60.0, id=[10**9], chip=GRATING)
+    dark = sim.replace(catalog=nothing, layers={"detector_defects": None})  # a dead pixel would take a line's light
+    wanted, sky = sim.replace(catalog=table).light(OBSID, GRATING), dark.light(OBSID, GRATING)
+    made = dark.inject(sky, table, realisation=0)
+    light = made.image - sky.image
+    assert (light > 0).sum() > 500 and len(made.orders) > 2
+    noise = np.sqrt(sky.image + dark._run.camera.detector.read_noise**2)
+    assert (np.abs(made.image - wanted.image) / noise).max() < LIGHT
+    frame = dark.chip(OBSID, GRATING)
+    added = (dark.inject(frame, table).electrons - frame.electrons).sum(dtype=float)
+    drawn = made.orders["drawn"].sum()
+    assert added == pytest.approx(
+        drawn, abs=SIGMAS * np.sqrt(drawn) + 0.01 * drawn
+    )  # the header's gains have few digits

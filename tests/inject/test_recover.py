@@ -1,0 +1,176 @@
+"""Recovered objects: matching, bins and their errors in closed form, and the command on files."""
+
+import numpy as np
+import pytest
+import yaml
+from astropy.table import Table
+from click.testing import CliRunner
+from inject.scene import CHIP, OBSID, objects, simulation
+from scipy.stats import binom, binomtest, norm
+
+from csstsim.campaign.opened import OpenCampaign
+from csstsim.catalog.table import GALAXY, STAR, ObjectTable
+from csstsim.command_line.main import main
+from csstsim.inject.recovery.bins import FEWEST, binned, number, share
+from csstsim.inject.recovery.recovered import density, recovered
+from csstsim.instrument.chip import Window
+from csstsim.measure.catalogue import SATURATED
+
+SIGMAS = 5.0
+WINDOW, SCALE, ZERO = Window(100, 300, 50, 250), 0.074, 30.0
+
+
+def truth_of(x, y, mag=20.0, kind=STAR, **columns):
+    count = len(x)
+    given = {"id": np.arange(count), "x": np.asarray(x, float), "y": np.asarray(y, float), "mag": np.full(count, mag)}
+    given |= {name: np.zeros(count) for name in ("e1", "e2", "g1", "g2")}
+    given |= {"size": np.full(count, 0.3), "obj_type": np.full(count, kind, np.int8), "drawn": np.ones(count)}
+    return ObjectTable(given | {name: np.asarray(values) for name, values in columns.items()})
+
+
+def sources_of(x, y, mag=20.0, **columns):
+    count = len(x)
+    flux = np.full(count, 10 ** (0.4 * (ZERO - mag)))
+    given = {"x": np.asarray(x, float), "y": np.asarray(y, float), "zeropoint": np.full(count, ZERO)}
+    for kind in ("psf", "total"):
+        given |= {f"mag_{kind}": np.full(count, mag), f"flux_{kind}": flux, f"flux_{kind}_err": 0.01 * flux}
+    given |= {"snr": np.full(count, 100.0), "pos_err": np.full(count, 0.1 * SCALE), "flags": np.zeros(count, np.int32)}
+    given |= {"g1": np.zeros(count), "g2": np.zeros(count)}
+    return ObjectTable(given | {name: np.asarray(values) for name, values in columns.items()})
+
+
+def test_a_source_of_the_original_is_not_taken_for_an_injected_one():
+    truth = truth_of([120.0, 150.0, 200.0, 280.0], [100.0] * 4)
+    before = sources_of([151.0, 201.0], [100.0, 100.0])
+    # The first is found; the second is hidden by the old source at 151, unchanged; the third is blended with the old
+    # one at 201: the common source lies nearer to it; the fourth is not found
+    sources = sources_of([120.4, 151.0, 200.3], [100.0, 100.0, 100.0])
+    table = recovered(truth, sources, before, WINDOW, SCALE)
+    assert list(table["found"]) == [True, False, True, False]
+    assert table["d_x"][[0, 2]] == pytest.approx([0.4, 0.3]) and np.isnan(table["d_x"][1])
+    assert table["place_pull_x"][0] == pytest.approx(4.0)
+
+
+def test_values_are_measured_less_true():
+    truth = truth_of(
+        [120.0, 150.0], [100.0, 100.0], obj_type=[STAR, GALAXY], e1=[0.0, 0.2], g1=[0.0, 0.1], g2=[0.0, 0.05]
+    )
+    sources = sources_of([120.0, 150.0], [100.5, 100.0], mag=19.9, g1=[0.0, 0.3], flags=[0, SATURATED])
+    table = recovered(truth, sources, sources_of([], []), WINDOW, SCALE)
+    assert table["d_mag"] == pytest.approx([-0.1, -0.1]) and list(table["clean"]) == [True, False]
+    assert table["flux_pull"] == pytest.approx(100 * (1 - 10**-0.04))
+    lensed = (0.2 + 0.1 + 0.05j) / (1 + (0.1 - 0.05j) * 0.2)
+    assert np.isnan(table["d_g1"][0])
+    assert (table["d_g1"][1], table["d_g2"][1]) == pytest.approx((0.3 - lensed.real, -lensed.imag))
+    assert list(table["size"]) == [0.0, 0.3]
+
+
+def test_objects_outside_or_without_light_do_not_count():
+    truth = truth_of([99.0, 120.0, 150.0, 310.0], [100.0] * 4, drawn=[1.0, 1.0, 0.0, 1.0])
+    for sources in (sources_of([120.0], [100.0]), sources_of([], [])):
+        table = recovered(truth, sources, sources_of([], []), WINDOW, SCALE)
+        assert list(table["id"]) == [1] and table["found"][0] == (len(sources) > 0)
+    nothing = recovered(truth_of([], []), sources_of([], []), sources_of([], []), WINDOW, SCALE)
+    assert len(nothing) == 0 and binned(nothing, "mag") == []
+
+
+def test_density_is_of_the_sources_within_fifteen_arcsec():
+    inside, outside = 14.9 / SCALE, 15.1 / SCALE
+    others = np.array([[inside, 0.0], [0.0, -inside], [outside, 0.0]])
+    assert density(np.zeros((1, 2)), others, SCALE)[0] == pytest.approx(2 / (np.pi * 0.25**2))
+    assert density(np.zeros((1, 2)), others[:0], SCALE)[0] == 0
+
+
+def test_numbers_have_the_errors_of_normal_values():
+    rng, runs, count = np.random.default_rng(4), 400, 50
+    made = [number(rng.normal(0.3, 2.0, count)) for _ in range(runs)]
+    for name, value in (("mean", 0.3), ("scatter", 2.0)):
+        found = np.array([getattr(one, name) for one in made])
+        stated = np.mean([getattr(one, f"{name}_error") for one in made])
+        assert found.mean() == pytest.approx(value, abs=SIGMAS * stated / np.sqrt(runs) + 0.01 * (name == "scatter"))
+        assert found.std() == pytest.approx(stated, rel=SIGMAS / np.sqrt(2 * runs))
+    outlier = number([*rng.normal(0, 1, 100), 50.0, np.nan])
+    assert outlier.n == 100 and outlier.outliers == 1 and abs(outlier.mean) < 0.5
+    assert np.isnan(number([1.0] * (FEWEST - 1)).mean) and number([1.0] * 9).scatter == 0 and number([]).n == 0
+
+
+def test_bounds_of_completeness_hold_the_truth_as_often_as_they_say():
+    rng, truth = np.random.default_rng(5), 0.9
+    found = rng.binomial(100, truth, 3000)
+    inside = [low <= truth <= high for _, low, high in (share(int(k), 100) for k in found)]
+    within = norm.cdf(1) - norm.cdf(-1)
+    assert np.mean(inside) == pytest.approx(within, abs=0.5 * binom.pmf(90, 100, 0.9) + 0.05)  # of whole numbers
+    for k, n in ((0, 7), (3, 10), (99, 100)):
+        assert share(k, n)[1:] == pytest.approx(tuple(binomtest(k, n).proportion_ci(within, "wilson")), abs=1e-9)
+    assert share(5, 5)[::2] == (1.0, 1.0) and share(5, 5)[1] == pytest.approx(5 / 6) and np.isnan(share(0, 0)[0])
+
+
+def test_bins_have_every_object_once():
+    count = 200
+    rng = np.random.default_rng(6)
+    x, y = rng.uniform(100, 299, count), rng.uniform(50, 249, count)
+    kind = np.where(np.arange(count) % 2, GALAXY, STAR).astype(np.int8)
+    truth = truth_of(x, y, obj_type=kind, size=rng.uniform(0.05, 5.0, count), mag=rng.uniform(18.0, 26.0, count))
+    table = recovered(truth, sources_of(x[::2], y[::2]), sources_of([], []), WINDOW, SCALE)
+    for against in ("mag", "size", "density"):
+        bins = binned(table, against)
+        assert sum(one.objects for one in bins) == count and sum(one.found for one in bins) == table["found"].sum()
+        assert all(one.low <= one.centre < one.high for one in bins)
+    assert binned(table, "size")[0].objects == count // 2  # the points
+
+
+def command(*arguments, code=0):
+    result = CliRunner().invoke(main, [str(a) for a in arguments], catch_exceptions=False)
+    assert result.exit_code == code, result.output
+    return result.output
+
+
+@pytest.fixture(scope="module")
+def frames(tmp_path_factory):
+    """(campaign, {kind: (injected, original)}) of a grid of bright stars, one galaxy and one star too faint."""
+    folder = tmp_path_factory.mktemp("recover")
+    sim = simulation(folder)
+    objects(sim, 128, 128, 60.0, id=[10**9]).write(folder / "sky.csv")
+    data = yaml.safe_load((folder / "campaign.yaml").read_text())
+    data["catalog"] = {"kind": "csstsim.catalog.own_table:TableCatalog", "options": {"file": str(folder / "sky.csv")}}
+    campaign = folder / "campaign.yaml"
+    campaign.write_text(yaml.safe_dump(data))
+    for verb in ("chip", "calibrate"):
+        command(verb, campaign, "--obsid", OBSID, "--chip", CHIP)
+    run = OpenCampaign(campaign)
+    job = run.job(OBSID, CHIP)
+    kinds = {"type": ["star"] * 24 + ["galaxy"], "size": [0.0] * 24 + [0.3], "mag_r": [21.0] * 23 + [29.0, 20.5]}
+    Table(kinds).write(folder / "kinds.csv")
+    original = run.paths.level0(job), run.paths.calibrated(*job.key)
+    command(
+        "place", original[0], folder / "kinds.csv", "--output", folder / "new.csv", "--grid", 45, "--campaign", campaign
+    )
+    command("inject", *original, "--catalogue", folder / "new.csv", "--output", folder / "with", "--campaign", campaign)
+    return campaign, [(folder / "with" / path.name, path) for path in original]
+
+
+@pytest.mark.parametrize("kind", [0, 1], ids=["raw", "calibrated"])
+def test_the_command(frames, kind, tmp_path):
+    campaign, pairs = frames
+    injected, original = pairs[kind]
+    said = command("recover", injected, original, "--campaign", campaign, "--output", tmp_path / "out")
+    assert "24 points: 23 found" in said and "1 galaxies: 1 found" in said
+    table = ObjectTable.read(tmp_path / "out" / f"{injected.stem}.recovered.parquet")
+    bright = table["mag"] < 25
+    clean = table["clean"]
+    assert bright.sum() == 24 and table["found"][bright].all() and not table["found"][~bright].any()
+    stars = clean & table["point"]
+    assert stars.sum() > 18
+    for name in ("flux_pull", "place_pull_x", "place_pull_y"):
+        assert abs(table[name][stars].mean()) < SIGMAS / np.sqrt(stars.sum())
+    picture = (tmp_path / "out" / f"{injected.stem}.recovered.png").read_bytes()
+    assert picture.startswith(b"\x89PNG") and len(picture) > 20_000
+
+
+def test_frames_that_do_not_belong_together(frames, tmp_path):
+    campaign, ((raw, old), (image, _)) = frames
+    out = tmp_path / "out"
+    for pair, message in (((raw, image), "both must be Level-0 files"), ((old, raw), "truth.parquet")):
+        given = ["--truth", raw.parent / "none.truth.parquet"] if pair == (old, raw) else []
+        said = command("recover", *pair, "--campaign", campaign, "--output", out, *given, code=2)
+        assert message in said and not out.exists()
