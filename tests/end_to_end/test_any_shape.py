@@ -5,8 +5,9 @@ import pytest
 from astropy.io import fits
 from astropy.table import Table
 from commands import done
-from mini_campaign import POINTINGS, write_campaign
+from mini_campaign import POINTINGS, SKY, write_campaign
 
+import csstsim
 from csstsim.bricks.whole_objects import whole_objects
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.astrometry.reduction import icrs
@@ -59,3 +60,20 @@ def test_a_galaxy_of_each_kind_from_a_table_to_its_truth(tmp_path):
         path.unlink()
     done("chip", file, "--obsid", OBSID, "--chip", CHIP)
     assert np.array_equal(read_level0(run.paths.level0(job)).assembled(), image)
+
+
+def test_the_embedded_sky_with_all_components_has_the_same_light(tmp_path):
+    """The same objects and electrons as with simple ones, from the same truth bricks; other profiles, and knots."""
+    geometry, sims = {"nx": 512, "ny": 512, "channel_nx": 64, "channel_ny": 256}, {}
+    for kind in ("simple", "full"):
+        file = write_campaign(tmp_path, POINTINGS[:1], geometry, catalog=SKY | {"components": kind})
+        truth = csstsim.Simulation(file).light(OBSID, CHIP).truth
+        # Off the chip, an object may reach it with one profile and not with the other
+        on = (np.abs(truth["xImage"] - 256.5) < 255) & (np.abs(truth["yImage"] - 256.5) < 255)
+        sims[kind] = truth[on]
+    simple, full = sims["simple"], sims["full"]
+    assert len(simple) > 5 and simple["obj_ID"].tolist() == full["obj_ID"].tolist()
+    assert np.asarray(simple["electrons"]) == pytest.approx(np.asarray(full["electrons"]), rel=1e-6)
+    assert simple["flags"].tolist() == full["flags"].tolist()
+    assert "n_bulge" not in simple.colnames
+    assert len(np.unique(full["n_bulge"])) > 3 and (full["knots"] > 0).any()

@@ -182,6 +182,21 @@ def light_curves(path):
     curves.at("nova", [61000.0], "i")
 
 
+def galaxy_image(path):
+    """An image of a galaxy that a table names: its pixels, sizes and place on the sky."""
+    from csstsim.catalog.images import read_picture
+
+    found = read_picture.__wrapped__(str(path))
+    assert found.half_light <= 2 * found.radius + 1
+
+
+def spectrum(path):
+    """A spectrum that a table names."""
+    from csstsim.catalog.light.file_spectra import read_spectrum
+
+    read_spectrum.__wrapped__(str(path))
+
+
 def psf(path):
     """A PSF set: opened, its wings, and the PSF at a place."""
     from csstsim.optics.psf.psf_file import PsfSet

@@ -266,6 +266,22 @@ def own_table(suffix):
     return make
 
 
+def picture_fits(folder):
+    fits.writeto(folder / "galaxy.fits", np.add.outer(np.arange(7.0), np.arange(9.0)))
+    return folder / "galaxy.fits"
+
+
+def picture_hdf5(folder):
+    with h5py.File(folder / "galaxy.h5", "w") as file:
+        file["light"] = np.add.outer(np.arange(7.0), np.arange(9.0))
+    return folder / "galaxy.h5"
+
+
+def spectrum(folder):
+    Table({"WAVELENGTH": [3000.0, 5000.0, 9000.0], "FLUX": [1.0, 2.0, 1.5]}).write(folder / "spectrum.csv")
+    return folder / "spectrum.csv"
+
+
 def c9_stars(folder):
     return Path(write_stars(folder / "stars.h5", *PLACES))
 

@@ -136,7 +136,10 @@ class CatalogBase(ABC):
 
     @property
     def table(self):
-        """The objects as an ObjectTable, in the order of `self.objs`. Raises InputError if one is not a MockObject."""
+        """The objects as an ObjectTable in the order of `self.objs`, units of its columns.
+
+        Raises InputError if one is not a MockObject, or for an image that cannot be drawn.
+        """
         if getattr(self, "_table", None) is None:
             strange = next((obj for obj in self.objs if not isinstance(obj, MockObject)), None)
             if strange is not None:
@@ -153,7 +156,8 @@ class CatalogBase(ABC):
             plain = {name: _plain_column(column) for name, column in extras.items()}
             known = {name: column for name, column in columns.items() if name in ours}
             if "image_file" in known:
-                known = with_images(known, np.asarray(columns.get("obj_type", [STAR] * len(self.objs))), name_of(self))
+                kinds = np.asarray(columns.get("obj_type", np.full(len(self.objs), STAR)))
+                known = with_images(known, kinds, name_of(self))
             known |= {n: v for n, v in plain.items() if v is not None} | _timed(timed, len(self.objs))
             self._table = ObjectTable.complete(known, bands)
         return self._table

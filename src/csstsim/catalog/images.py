@@ -14,6 +14,7 @@ import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.fits_headers import check_headers
+from csstsim.base.files.hdf5_file import numbers
 
 LARGEST = 1 << 24  # pixels
 NEGATIVE = 0.05  # of the light: the most in negative pixels, which are drawn dark
@@ -101,15 +102,12 @@ def _read_hdf5(path, part):
 
     try:
         with h5py.File(path, "r") as file:
-            names = [part] if part else [name for name in file if isinstance(file[name], h5py.Dataset)]
-            if len(names) != 1 or names[0] not in file or not isinstance(file[names[0]], h5py.Dataset):
-                raise InputError(
-                    "say which dataset: name.h5[DATASET]", file=path, key="image_file", value=part or names
-                )
-            if file[names[0]].size > LARGEST:
-                return np.empty(file[names[0]].shape[:0]), None
-            return file[names[0]][()], None
-    except (OSError, ValueError, RuntimeError) as exc:
+            names = [part] if part else [name for name in file if isinstance(file.get(name), h5py.Dataset)]
+            if len(names) != 1 or not isinstance(file.get(names[0]), h5py.Dataset):
+                value = part or ", ".join(names)
+                raise InputError("say which dataset: name.h5[DATASET]", file=path, key="image_file", value=value)
+            return numbers(file, names[0], path), None
+    except (OSError, ValueError, RuntimeError, KeyError, TypeError) as exc:
         raise InputError(f"not an image that can be read: {str(exc).splitlines()[0]}", file=path, value=part) from None
 
 

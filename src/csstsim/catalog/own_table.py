@@ -90,7 +90,7 @@ class TableCatalog(CatalogBase):
 
     @cached_property
     def truth_hash(self):
-        """16 hex digits of the table."""
+        """16 hex digits of the table's (n,) columns and of the files that they name."""
         total = hashlib.sha256()
         for name in self._table:
             values = self._table[name]
@@ -127,7 +127,7 @@ class TableCatalog(CatalogBase):
         )  # fmt: skip
 
     def load_binned(self, rows, edges):
-        """Return means of spectra over bins, as CatalogBase.load_binned, without sampling each spectrum."""
+        """Return (len(rows), bins) photon / s / m2 / angstrom, as CatalogBase.load_binned, without samples of each."""
         from csstsim.catalog.light.colours import colour_bins
 
         return self._mixed(
