@@ -8,7 +8,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.model import validate
 from csstsim.campaign.config import CatalogConfig, Lensing
 from csstsim.catalog.truth_bricks import make_brick
-from csstsim.universe.lensing.lensing import lens, magnification
+from csstsim.universe.lensing.lensing import lens, magnification, stretch
 
 PIX = 100000
 
@@ -17,6 +17,13 @@ def test_magnification_in_closed_form():
     mu, thin = magnification([0.0, 0.1, 0.05], [0.0, 0.0, 0.03], [0.0, 0.0, 0.04])
     np.testing.assert_allclose(mu, [1.0, 1 / 0.81, 1 / (0.95**2 - 0.05**2)])
     assert thin.all()
+
+
+def test_stretch_in_closed_form():
+    got = stretch(
+        np.array([0.0, 0.1, 0.5, 0.5, 1.2]), np.array([0.0, 0.3, 0.3, 0.4, 0.0]), np.array([0, 0.4, 0, 0.3, 0])
+    )
+    np.testing.assert_allclose(got, [1.0, 2.5, 5.0, np.inf, np.inf])
 
 
 @pytest.mark.parametrize(

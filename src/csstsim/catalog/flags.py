@@ -14,7 +14,7 @@ NOT_DRAWN = BAD_VALUE | STRONG_LENSING  # never drawn, whichever method draws th
 
 ABOUT = {
     TRUNCATED_STAMP: "light is lost outside the largest stamp, more than the noise hides",
-    STRONG_LENSING: "kappa and gamma are no thin shear (|g| >= 1, kappa >= 1 or mu <= 0): not drawn",
+    STRONG_LENSING: "no thin shear (|g| >= 1, kappa >= 1 or mu <= 0), or an arc in the embedded sky: not drawn",
     SATURATED: "light above the full well in a pixel at its place (imaging)",
     OFF_CHIP: "the stamp misses the window after all",
     SKIPPED_FAINT: "below the rendering floor",

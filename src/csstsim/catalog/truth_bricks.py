@@ -17,6 +17,7 @@ from csstsim.base.healpix import BRICKS, HATS_ORDER, ORDER
 from csstsim.base.release import release
 from csstsim.base.rng import stream
 from csstsim.base.units import SOLAR_RADIUS_PC
+from csstsim.catalog.flags import STRONG_LENSING
 from csstsim.catalog.light.embedded_spectra import rates
 from csstsim.catalog.light.photometry import rate_to_mag, subband_weights
 from csstsim.catalog.table import COLUMNS, GALAXY, QUASAR, STAR, ObjectTable
@@ -184,11 +185,16 @@ def _quasars(seed, pix, universe, camera, galaxies, lensing, structure):
 
 def _put(columns, ra, dec, healpix, seed, pix, universe, lensing, structure):
     """Add position, extinction by the whole dust column and lensing to the columns of extragalactic objects."""
-    from csstsim.universe.lensing.lensing import lens
+    from csstsim.universe.lensing.lensing import lens, stretch
 
     field = _matter(seed, universe, structure) if lensing.field == "cosmic" else None
     columns |= {"ra": ra, "dec": dec, "_healpix_29": healpix, "av": universe.r_v * universe.dust.ebv(ra, dec)}
     columns |= lens(pix, ra, dec, columns["z"], lensing, field)
+    if (
+        structure == "haloes" and field is not None
+    ):  # next to a critical curve a galaxy is an arc, which thin shear draws as a line
+        arc = stretch(*(columns[name] for name in ("kappa", "gamma1", "gamma2")))
+        columns["flags"] = np.where(arc > universe.numbers["lensing"]["stretch_max"], STRONG_LENSING, 0)
 
 
 def _matter(seed, universe, structure):

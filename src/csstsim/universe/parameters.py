@@ -19,7 +19,8 @@ from csstsim.universe.dust.dust_map import DustMap
 Z_MAX = 20.0  # largest redshift allowed for galaxies
 _POSITIVE = (
     "dust.r_v", "dust.sfd_scale", "stars.sun.r0", "galaxies.density", "galaxies.mass_function.z_max", "lensing.shells",
-    "occupation.stellar_to_halo.scatter", "occupation.satellites.concentration", "occupation.satellites.dispersion",
+    "lensing.stretch_max", "occupation.stellar_to_halo.scatter", "occupation.satellites.concentration",
+    "occupation.satellites.dispersion",
 )  # fmt: skip
 _SHARES = ("occupation.satellites.axis_ratio", "occupation.surviving.most", "occupation.quenching.most")
 _RISING = ("stars.limits", "quasars.redshift", "quasars.m1450")

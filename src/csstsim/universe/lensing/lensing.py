@@ -18,6 +18,12 @@ def magnification(kappa, gamma1, gamma2):
     return np.divide(1.0, inverse, out=np.ones(np.shape(inverse)), where=valid), valid
 
 
+def stretch(kappa, gamma1, gamma2):
+    """Return by how much an image is stretched along its longer axis, 1 / (1 - kappa - |gamma|), or inf."""
+    least = 1 - kappa - np.hypot(gamma1, gamma2)
+    return np.divide(1.0, least, out=np.full(np.shape(least), np.inf), where=least > 0)
+
+
 def lens(pix, ra, dec, z, lensing, field=None):
     """Return {kappa, gamma1, gamma2} (float32, each (n,)) of galaxies in brick `pix`, axes east and north.
 
