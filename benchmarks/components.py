@@ -40,7 +40,7 @@ from csstsim.instrument.chip import Window
 from csstsim.render.canvas import Canvas
 from csstsim.render.imaging import draw as engine
 from csstsim.render.imaging.photons import shoot_scene
-from csstsim.render.parts import part_keys
+from csstsim.render.parts.object_parts import part_keys
 from csstsim.render.scene import make_scene
 from csstsim.stages import psf as psf_stage
 from csstsim.stages import render as render_stage

@@ -15,8 +15,8 @@ from pydantic import BaseModel
 from csstsim.base.model import Model
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.config import Campaign
-from csstsim.catalog import part_rows
 from csstsim.catalog.changing import columns as changing
+from csstsim.catalog.galaxy_shapes import part_rows
 from csstsim.catalog.table import OPTIONAL, columns_with
 from csstsim.instrument.camera import load_camera
 from csstsim.simulation.observation import Observation

@@ -7,7 +7,7 @@ from scipy.special import gammaincc, gammaincinv
 
 from csstsim.base.errors import InputError
 from csstsim.catalog.base import CatalogBase, Region
-from csstsim.catalog.components import components
+from csstsim.catalog.galaxy_shapes.components import components
 from csstsim.catalog.mock_object import MockObject
 from csstsim.catalog.own_table import TableCatalog
 from csstsim.catalog.selection.drawable import reasons

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from csst import BANDS
 
-from csstsim.catalog.components import components
-from csstsim.catalog.full_components import full_components, load_numbers
+from csstsim.catalog.galaxy_shapes.components import components
+from csstsim.catalog.galaxy_shapes.full_components import full_components, load_numbers
 from csstsim.catalog.selection.drawable import reasons
 from csstsim.catalog.table import GALAXY, QUASAR, STAR, ObjectTable
 

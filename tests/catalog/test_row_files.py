@@ -10,7 +10,7 @@ from csst import BANDS
 
 from csstsim.base.errors import InputError
 from csstsim.catalog.base import CatalogBase, Region
-from csstsim.catalog.images import NEGATIVE, read_picture, sky_of
+from csstsim.catalog.galaxy_shapes.images import NEGATIVE, read_picture, sky_of
 from csstsim.catalog.light.photometry import ab_mag, subband_weights
 from csstsim.catalog.mock_object import MockObject
 from csstsim.catalog.own_table import TableCatalog

@@ -8,9 +8,9 @@ from csst import BANDS
 
 from csstsim.base.errors import InputError
 from csstsim.catalog.base import CatalogBase, Region
+from csstsim.catalog.galaxy_shapes.unsupported_shapes import advice_for
 from csstsim.catalog.mock_object import MockObject
 from csstsim.catalog.own_table import TableCatalog
-from csstsim.catalog.unsupported_shapes import advice_for
 
 REGION = Region((10.0, 11.0, 11.0, 10.0), (0.0, 0.0, 1.0, 1.0), (0,), BANDS)
 AXES = ["q", "axis_ratio", "ba", "b_over_a", "b/a", "q_r", "GALELLIP_r", "A_IMAGE", "ellipticity", "e", "ELONGATION"]

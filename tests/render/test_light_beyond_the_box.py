@@ -14,9 +14,9 @@ from csstsim.profiles.sersic_photons import rings_for
 from csstsim.render.imaging.galaxy_stamp import plan_galaxies
 from csstsim.render.imaging.photons import shoot_scene
 from csstsim.render.imaging.stamps import draw_scene
+from csstsim.render.parts.spots import Spots
 from csstsim.render.photon_positions import from_profile
 from csstsim.render.slitless.line_wings import order_wing
-from csstsim.render.spots import Spots
 
 SIGMA = 5.0
 WINDOW = Window(3700, 4301, 4700, 5301)

@@ -8,8 +8,8 @@ from canvases import blank
 from test_reference import objects
 
 from csstsim.bench.imaging.measures import moments
-from csstsim.catalog.images import read_picture
-from csstsim.catalog.knots import knots_of
+from csstsim.catalog.galaxy_shapes.images import read_picture
+from csstsim.catalog.galaxy_shapes.knots import knots_of
 from csstsim.catalog.table import GALAXY
 from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS

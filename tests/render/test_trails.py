@@ -17,9 +17,9 @@ from csstsim.catalog.selection.select import select_objects
 from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.scatter.scattered_light import Scattered
-from csstsim.render import trails
 from csstsim.render.drawing import Drawing
 from csstsim.render.imaging import draw, reference
+from csstsim.render.parts import trails
 from csstsim.render.slitless import draw_dispersed, reference_dispersed
 
 WINDOW = Window(4000, 4200, 4000, 4180)

@@ -1,4 +1,4 @@
-"""Truth of whole objects: rows that are parts of others (catalog.part_rows) join the object that they are a part of."""
+"""Truth of whole objects: parts (catalog.galaxy_shapes.part_rows) join the object that they are a part of."""
 
 import numpy as np
 

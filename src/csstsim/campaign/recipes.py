@@ -9,7 +9,7 @@ from functools import cached_property
 from csstsim.base.digest import digest
 from csstsim.base.release import release
 from csstsim.base.stages import behind, flat, read_by
-from csstsim.catalog.full_components import load_numbers as components_numbers
+from csstsim.catalog.galaxy_shapes.full_components import load_numbers as components_numbers
 from csstsim.catalog.open import own_digests
 from csstsim.universe.changing.numbers import digest_of
 

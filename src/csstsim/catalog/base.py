@@ -47,7 +47,7 @@ Keywords of a MockObject (all but id, ra, dec have defaults; the full list is `c
 | var_phase                   |                                                                                    |
 | z, av, teff, logg, feh, ... | for the truth table only: csstsim draws what `load_sed` gives                      |
 | any other name              | for use in your `load_sed`; plain values go to the truth table as `user_<name>`;   |
-|                             | a galaxy's n, q, pa, re and the like are refused (catalog.unsupported_shapes)       |
+|                             | a galaxy's n, q, pa, re and the like are refused                                  |
 
 WAVELENGTH is in angstrom and rises, FLUX in photon / s / m2 / angstrom; columns with astropy units are converted.
 Between samples a spectrum is linear, outside them zero. It is in the observed frame: it includes redshift, dust and
@@ -71,11 +71,11 @@ from csstsim.base.errors import CsstsimError, InputError
 from csstsim.base.help_page import explained
 from csstsim.base.sphere import inside, unit_vectors
 from csstsim.catalog.changing import columns as changing
+from csstsim.catalog.galaxy_shapes.unsupported_shapes import check_shapes
 from csstsim.catalog.light.photometry import ab_mag, bin_means, load_fluxes
 from csstsim.catalog.mock_object import MockObject
 from csstsim.catalog.row_files import with_images
 from csstsim.catalog.table import OPTIONAL, STAR, ObjectTable, columns_with
-from csstsim.catalog.unsupported_shapes import check_shapes
 from csstsim.instrument.filter import GRID
 
 

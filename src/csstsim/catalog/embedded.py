@@ -9,7 +9,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
 from csstsim.catalog.base import CatalogBase
 from csstsim.catalog.changing import columns as changing
-from csstsim.catalog.full_components import full_components, load_numbers
+from csstsim.catalog.galaxy_shapes.full_components import full_components, load_numbers
 from csstsim.catalog.light.embedded_spectra import light_columns, rates, spectra
 from csstsim.catalog.light.grating_bound import MARGIN, grating_rate
 from csstsim.catalog.light.photometry import subband_weights
@@ -87,7 +87,7 @@ class EmbeddedCatalog(SceneCatalog):
 
     options: `brick_file` (brick number -> path) and the inputs from which the bricks must be made: `seed`, `universe`
     (universe.parameters.Universe), `camera`, `lensing`, `structure`; `components`: `full` for those of
-    catalog.full_components. Raises InputError for a missing, damaged or foreign brick.
+    catalog.galaxy_shapes.full_components. Raises InputError for a missing, damaged or foreign brick.
     """
 
     def __init__(self, options, region):

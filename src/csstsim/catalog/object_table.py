@@ -13,13 +13,13 @@ from csstsim.base.errors import InputError
 from csstsim.base.files.fits_headers import check_headers
 from csstsim.base.files.text_file import read_text
 from csstsim.base.help_page import explained
-from csstsim.catalog import part_rows
 from csstsim.catalog.changing import columns as changing
+from csstsim.catalog.galaxy_shapes import part_rows
+from csstsim.catalog.galaxy_shapes.unsupported_shapes import check_shapes
 from csstsim.catalog.misspelt import meant
 from csstsim.catalog.row_files import check_spectra, named, with_images
 from csstsim.catalog.selection.drawable import STRONGLY_LENSED, reasons
 from csstsim.catalog.table import COLUMNS, FILE_COLUMNS, GALAXY, OPTIONAL, STAR, TYPES, ObjectTable, columns_with
-from csstsim.catalog.unsupported_shapes import check_shapes
 
 FORMATS = {".csv": "ascii.csv", ".ecsv": "ascii.ecsv", ".fits": "fits", ".parquet": "parquet"}
 LARGE = 200_000_000  # bytes of a text from which reading it takes minutes, and tens of times as much memory

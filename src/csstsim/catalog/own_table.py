@@ -10,9 +10,9 @@ the camera's own bands, before lensing. Spectra are smooth and reproduce all mag
 emission lines need a catalogue with `load_sed` (catalog.base). Cells may be blank; a row that cannot be drawn as given
 is refused (catalog.object_table). A galaxy's shape is drawn from `size`, `n`, `bulge_frac`, `e1` and `e2`; columns that
 describe it differently (`q`, `pa`, `re` and the like) are refused with the conversion formula
-(catalog.unsupported_shapes). An object may move or vary: columns rate_ra, rate_dec, rate_mjd, trail_width, var_period,
-var_amplitude, var_phase and light_curve (catalog.changing.columns). Other columns are copied to the truth table as
-`user_<name>`.
+(catalog.galaxy_shapes.unsupported_shapes). An object may move or vary: columns rate_ra, rate_dec, rate_mjd,
+trail_width, var_period, var_amplitude, var_phase and light_curve (catalog.changing.columns). Other columns are copied
+to the truth table as `user_<name>`.
 """
 
 import hashlib

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from csstsim.base.errors import InputError
-from csstsim.catalog.images import read_picture, sky_of
+from csstsim.catalog.galaxy_shapes.images import read_picture, sky_of
 from csstsim.catalog.light.file_spectra import read_spectrum
 from csstsim.catalog.table import FILE_COLUMNS, GALAXY
 

@@ -87,7 +87,7 @@ def _drawing(state, param, rng):
 
 def _drawn(state, canvas, order, drawing):
     """Draw the objects in this order; return (table of objects,), with gratings (table of objects, table of orders)."""
-    from csstsim.render.trails import draw_trailed
+    from csstsim.render.parts.trails import draw_trailed
 
     exposure, objects, reference = state.exposure, state.catalog.take(order), drawing.fidelity == "reference"
     if exposure.gratings is None:

@@ -11,7 +11,7 @@ import numpy as np
 from csstsim.base.counter import high, low, unit, word
 from csstsim.profiles.log_table import first_of, nodes, read
 from csstsim.profiles.sersic_photons import ring, rings_for
-from csstsim.render.spots import Spots
+from csstsim.render.parts.spots import Spots
 
 _ONE, _TWO = np.uint64(1), np.uint64(2)
 _S10, _S16, _S20, _S32 = (np.uint64(s) for s in (10, 16, 20, 32))
@@ -152,7 +152,7 @@ def from_profile(count, matrix, profile, tables, px, py, key, counter):
 
 @numba.njit(cache=True)
 def _from_spots(count, matrix, group, tables, px, py, key, counter):
-    """Add to px, py draws from a group of spots (render.spots), two words each; return the counter."""
+    """Add to px, py draws from a group of spots (render.parts.spots), two words each; return the counter."""
     _, start, u, v, keep, other, blur = tables
     first, number, side = start[group], start[group + 1] - start[group], blur[group]
     for j in range(count):

@@ -4,15 +4,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from csstsim.catalog.components import components
+from csstsim.catalog.galaxy_shapes.components import components
 from csstsim.catalog.table import GALAXY
 from csstsim.profiles.sersic import sersic_b
-from csstsim.render.spots import Spots
+from csstsim.render.parts.spots import Spots
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """n objects, or parts of objects (render.parts).
+    """n objects, or parts of objects (render.parts.object_parts).
 
     The two components are disk and bulge; a component of Sersic index 0 is a point.
     """
@@ -84,7 +84,7 @@ def make_scene(objects, wcs, psf, exptime):
     )  # fmt: skip
     if not {"knots", "image_file"} & set(objects):
         return scene
-    from csstsim.render.parts import with_parts  # which needs this module's Scene
+    from csstsim.render.parts.object_parts import with_parts  # which needs this module's Scene
 
     round_ = {name: np.zeros(len(objects)) for name in ("e1", "e2")}
     return with_parts(scene, objects, psf, lambda rows: shape_matrix(objects.with_columns(**round_).take(rows), wcs))

@@ -9,7 +9,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.plural import number_of
 from csstsim.base.process.one_thread import one_thread
 from csstsim.base.release import check_recipe
-from csstsim.catalog.components import components
+from csstsim.catalog.galaxy_shapes.components import components
 from csstsim.catalog.table import GALAXY
 from csstsim.stages.calibrate import calibrated_frame
 from csstsim.stages.level0 import truth_of

@@ -3,7 +3,7 @@
 import numpy as np
 
 from csstsim.catalog.changing import columns as changing
-from csstsim.catalog.components import has_image
+from csstsim.catalog.galaxy_shapes.components import has_image
 from csstsim.catalog.table import GALAXY, STAR, TYPES
 from csstsim.profiles.sersic import INDEX_MAX, INDEX_MIN
 from csstsim.universe.lensing.lensing import magnification

@@ -18,7 +18,7 @@ default loses 0.5% of the light. Here a stamp may end only where this chip's noi
 import numpy as np
 
 from csstsim.base.units import ARCSEC_PER_RAD
-from csstsim.catalog.components import KNOTS_WITHIN, components, has_image, has_knots
+from csstsim.catalog.galaxy_shapes.components import KNOTS_WITHIN, components, has_image, has_knots
 from csstsim.profiles.sersic import BULGE, DISK, light_beyond, radius_of
 from csstsim.universe.lensing.lensing import magnification
 
@@ -81,7 +81,7 @@ def galaxy_radius(table, electrons, variance, pixel_scale):
 def parts_radius(table, radius, pixel_scale):
     """Return the radius (n,) [pixel] of the visible light of galaxies: at least that of disk and bulge.
 
-    Knots lie within a share of the disk's light (catalog.knots); an image is as large as its corners.
+    Knots lie within a share of the disk's light (catalog.galaxy_shapes.knots); an image is as large as its corners.
     """
     stretch = _stretch(table) / pixel_scale
     knotted = np.flatnonzero(has_knots(table))

@@ -14,7 +14,7 @@ from csstsim.base.files.atomic import atomic_path
 from csstsim.base.plural import number_of
 from csstsim.base.process.progress import progress
 from csstsim.base.rng import stream
-from csstsim.catalog.components import components
+from csstsim.catalog.galaxy_shapes.components import components
 from csstsim.catalog.object_table import object_table
 from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.inject.others.frame import read_foreign

@@ -16,7 +16,7 @@ from csstsim.render.drawn_table import DrawnTable
 from csstsim.render.imaging.photons import shoot_scene
 from csstsim.render.imaging.stamps import draw_scene
 from csstsim.render.imaging.unresolved import add_unresolved
-from csstsim.render.parts import part_keys
+from csstsim.render.parts.object_parts import part_keys
 from csstsim.render.scene import make_scene
 from csstsim.render.settings import load_numbers
 

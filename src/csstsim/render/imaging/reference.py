@@ -22,8 +22,8 @@ import galsim
 import numpy as np
 
 from csstsim.base.process.progress import progress
-from csstsim.catalog.components import components
 from csstsim.catalog.flags import FFT_REDUCED, NEGATIVE_CLIPPED, OFF_CHIP, TOO_LARGE, TRUNCATED_STAMP
+from csstsim.catalog.galaxy_shapes.components import components
 from csstsim.catalog.table import GALAXY
 from csstsim.optics.psf.psf_file import pixel_response
 from csstsim.profiles.sersic import BULGE, DISK

@@ -18,7 +18,7 @@ from csstsim.catalog.table import ObjectTable
 from csstsim.render import policy
 from csstsim.render.drawn_table import DrawnTable
 from csstsim.render.imaging.draw import object_keys_of
-from csstsim.render.parts import part_keys
+from csstsim.render.parts.object_parts import part_keys
 from csstsim.render.scene import make_scene
 from csstsim.render.slitless.dispersed_photons import shoot_spectra
 from csstsim.render.slitless.slabs import draw_spectra

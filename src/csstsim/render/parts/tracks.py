@@ -36,7 +36,7 @@ def draw_tracks(canvas, objects, drawing, spectra=None, disperser=None):
     """Draw objects that move as lines on a Canvas; return the table with what was drawn (render.drawn_table).
 
     objects: ObjectTable of catalog.selection.select with rates, all of whose rows have a trail; the others as in
-    render.trails. snr, error and stamp are 0: no other method could draw them. Behind a grating they have no orders.
+    trails. snr, error and stamp are 0: no other method could draw them. Behind a grating they have no orders.
     """
     flux = np.stack([objects[f"flux{i}"] for i in range(4)], axis=1)
     time_seen = objects["trail_end"] - objects["trail_start"]

@@ -1,4 +1,4 @@
-"""Objects that move during the exposure: a trail is drawn as points along it, a long one as a line (render.tracks).
+"""Objects that move during the exposure: a trail is drawn as points along it, a long one as a line (tracks).
 
 A trail of up to LINE_PX is cut into pieces, each a copy of the object with its part of the light at the place of its
 own time. All renderers draw them as they draw any object. Times and shares are the nodes and weights of Gauss and
@@ -14,7 +14,7 @@ import numpy as np
 from csstsim.catalog.changing.motion import Motion, seen_at
 from csstsim.catalog.table import ObjectTable
 from csstsim.render.drawn_table import NONE
-from csstsim.render.tracks import draw_tracks
+from csstsim.render.parts.tracks import draw_tracks
 
 SPACING, FEWEST = 0.5, 4  # px; points in addition
 LINE_PX = 256.0  # longer trails, and those with a width, are lines

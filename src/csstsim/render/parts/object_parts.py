@@ -11,11 +11,11 @@ import numba
 import numpy as np
 
 from csstsim.base.counter import word
-from csstsim.catalog.components import has_image
-from csstsim.catalog.images import read_picture, sky_of
-from csstsim.catalog.knots import knots_of
+from csstsim.catalog.galaxy_shapes.components import has_image
+from csstsim.catalog.galaxy_shapes.images import read_picture, sky_of
+from csstsim.catalog.galaxy_shapes.knots import knots_of
 from csstsim.catalog.selection.reach import POINT_MAX, POINT_MIN
-from csstsim.render.spots import Spots, image_coefficients
+from csstsim.render.parts.spots import Spots, image_coefficients
 
 TILE_PX = 384.0  # pixels of the chip: the longest side of an image, or of a tile of one
 _PART = np.uint64(1) << np.uint64(40)  # a word of the keys of parts: beyond those of twins (render.imaging.draw)

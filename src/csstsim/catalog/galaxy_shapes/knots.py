@@ -11,7 +11,7 @@ import numba
 import numpy as np
 
 from csstsim.base.counter import high, object_keys, word
-from csstsim.catalog.components import KNOTS_WITHIN, has_knots
+from csstsim.catalog.galaxy_shapes.components import KNOTS_WITHIN, has_knots
 from csstsim.profiles.sersic import DISK
 from csstsim.profiles.sersic_photons import ring, rings_for
 

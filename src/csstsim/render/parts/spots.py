@@ -14,7 +14,7 @@ import numba
 import numpy as np
 from scipy.ndimage import convolve1d
 
-from csstsim.render.lattice_transform import LatticeTransform
+from csstsim.render.parts.lattice_transform import LatticeTransform
 from csstsim.render.psf_table import spline_coefficients
 
 _TRANSFORMS_KEPT = 16

@@ -11,8 +11,8 @@ KNOTS_WITHIN = 0.98  # of the disk's light: knots lie within the radius that hol
 def components(table):
     """Return ((light, index, size), ...) of disk and bulge of an ObjectTable's objects.
 
-    light (n,): share of the object's light, that of knots in the disk's (catalog.knots); index: Sersic's, a number, or
-    (n,) if the table has a column of it; size (n,): half-light radius [arcsec]. A point is a disk of size 0, an image a
+    light (n,): share of the object's light, that of knots in the disk's; index: Sersic's, a number, or (n,)
+    if the table has a column of it; size (n,): half-light radius [arcsec]. A point is a disk of size 0, an image a
     disk. The table may hold any value for a point's shape and for the size and index of a component without light.
     """
     galaxy = table["obj_type"] == GALAXY

@@ -1,0 +1,1 @@
+"""Objects drawn in several parts: knots, tiles of images, and pieces of trails."""
