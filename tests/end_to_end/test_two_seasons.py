@@ -109,18 +109,24 @@ def test_places_agree_between_the_seasons_but_for_what_moved(campaign):
     assert np.abs(moved - np.array([[124.0], [-74.0]])).max() < 25.0 and np.abs(moved).min() > 40.0
 
 
-def test_a_star_at_rest_is_one_merged_source_and_a_fast_one_is_two(campaign):
-    """The fast ones are 0.15 arcsec away after half a year: more than errors and slow motion explain at this S/N."""
+def test_a_star_is_one_merged_source_at_rest_and_in_motion(campaign):
+    """The fast ones are 0.15 arcsec away after half a year, which merging follows; parallax adds to the motion."""
     merged = [ObjectTable.read(campaign.paths.merge(pix)) for pix in campaign.merge_bricks]
-    ra, dec, seen = (np.concatenate([table[name] for table in merged]) for name in ("ra", "dec", "n_detections"))
+    names = "ra", "dec", "n_detections", "motion", "pmra", "pmdec"
+    ra, dec, seen, motion, *speed = (np.concatenate([table[name] for table in merged]) for name in names)
     truth, *_ = products(campaign, OBSIDS[0])
     for star in range(16):
         off = np.hypot((ra - truth["ra_epoch"][star]) * np.cos(np.radians(dec)), dec - truth["dec_epoch"][star]) * 3600
         near = off < 0.3
-        if truth["id"][star] % 2 == 0:
-            assert seen[near].tolist() == [2] and off[near] / SCALE < PLACE_PX
+        moves = truth["id"][star] % 2 == 1
+        assert seen[near].tolist() == [2] and motion[near] == moves
+        if moves:  # its place is that of the mean time, three months of motion away
+            assert off[near] < 0.1
+            assert (
+                np.abs([v[near][0] - w for v, w in zip(speed, (250.0, -150.0), strict=True)]).max() < 60.0
+            )  # mas / yr
         else:
-            assert seen[near].tolist() == [1, 1] and off[near].min() / SCALE < PLACE_PX
+            assert off[near] / SCALE < PLACE_PX
 
 
 def test_validation_compares_places_at_the_epoch(campaign):
