@@ -17,7 +17,7 @@ from csstsim.base.sphere import ra_dec, unit_vectors
 _PAD = np.radians(1 / 60)  # around the brick
 _TAPS = 8  # points of the Lagrange interpolation along an axis
 _HALFWAY = np.array([-5.0, 49.0, -245.0, 1225.0, 1225.0, -245.0, 49.0, -5.0]) / 2048  # its weights at mid-cell
-_CHILDREN = 12  # points around a cell: interpolation takes 4, half the 12 of a cell inside it take 6
+_CHILDREN = 8  # points around a cell: half the 8 of a cell inside it and 2 of cubic interpolation leave 2 for the turn
 _LEVELS = 6  # grids of a pyramid
 
 
@@ -92,10 +92,10 @@ class TangentGrid:
         """Return grid coordinates (n, 2) x, y in steps from the first point. ValueError outside, or if not finite."""
         return self.places(unit_vectors(ra, dec))
 
-    def places(self, vectors):
-        """Return grid coordinates (n, 2), as `cells`, of unit vectors (n, 3)."""
+    def places(self, vectors, taps=_TAPS):
+        """Return grid coordinates (n, 2), as `cells`, of unit vectors (n, 3), for interpolation through `taps` points."""
         place = _project(vectors, self.axes) / self.step + (self.columns, self.rows)
-        inside = (place >= _TAPS // 2 - 1) & (place <= np.array(self.shape)[::-1] - 1 - _TAPS // 2)
+        inside = (place >= taps // 2 - 1) & (place <= np.array(self.shape)[::-1] - 1 - taps // 2)
         if not inside.all():
             ra, dec = ra_dec(vectors[np.flatnonzero(~inside.all(axis=1))[0]])
             raise ValueError(f"position ra {ra} dec {dec} lies outside the brick")
@@ -116,9 +116,9 @@ def prolong(values, coarse, fine):
     for axis, (n, m) in enumerate([(coarse.rows, fine.rows), (coarse.columns, fine.columns)]):
         v = np.moveaxis(values, axis, 0)
         count = len(v) - _TAPS + 1
-        twice = np.empty((2 * len(v) - 1, *v.shape[1:]))
+        twice = np.empty((2 * len(v) - 1, *v.shape[1:]), v.dtype)
         twice[0::2] = v
-        twice[_TAPS - 1 : 2 * count + _TAPS - 2 : 2] = sum(w * v[k : k + count] for k, w in enumerate(_HALFWAY))
+        twice[_TAPS - 1 : 2 * count + _TAPS - 2 : 2] = sum(w * v[k : k + count] for k, w in enumerate(_HALFWAY.tolist()))
         values = np.moveaxis(twice[2 * n - m : 2 * n + m + 1], 0, axis)
     return np.ascontiguousarray(values)
 
@@ -160,24 +160,6 @@ def _span(weights):
     while last > first and weights[last - 1] == 0:
         last -= 1
     return first, last
-
-
-@njit(cache=True)
-def interpolate_all(maps, places):
-    """Return (n, shells): maps (rows, columns, shells) at grid coordinates (n, 2) x, y, as `interpolate`."""
-    out = np.zeros((len(places), maps.shape[2]))
-    wx, wy = np.empty(_TAPS), np.empty(_TAPS)
-    for g in range(len(places)):
-        x0 = min(int(places[g, 0]), maps.shape[1] - 1 - _TAPS // 2) - _TAPS // 2 + 1
-        y0 = min(int(places[g, 1]), maps.shape[0] - 1 - _TAPS // 2) - _TAPS // 2 + 1
-        _lagrange(places[g, 0] - x0, wx)
-        _lagrange(places[g, 1] - y0, wy)
-        for j in range(_TAPS):
-            for i in range(_TAPS):
-                w = wy[j] * wx[i]
-                for s in range(maps.shape[2]):
-                    out[g, s] += w * maps[y0 + j, x0 + i, s]
-    return out
 
 
 @njit(cache=True)

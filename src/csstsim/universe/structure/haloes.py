@@ -17,7 +17,7 @@ from numba import njit
 from csstsim.base.healpix import NSIDE, brick_of
 from csstsim.base.rng import stream
 from csstsim.base.sphere import unit_vectors
-from csstsim.universe.structure.density import cell_order, interpolate_one, kernel_order
+from csstsim.universe.structure.density import TAPS, cell_order, interpolate_one, kernel_order
 
 _DEEP = 29  # order of the pixels whose centres are the places
 _STEP_Z, _MASSES = 0.05, 160  # nodes of the tables
@@ -117,7 +117,7 @@ class Haloes:
         z = table.redshift(near[shell] + u[0] * (far - near)[shell])
         ln_mass, bias = table.mass(z, u[1], u[2])
         vectors = unit_vectors(ra, dec)
-        delta = interpolate_one(maps, grid.places(vectors), shells[shell])
+        delta = interpolate_one(maps, grid.places(vectors, TAPS), shells[shell])
         chance = np.exp(bias * delta - 0.5 * bias**2 * variance[shell]) / bound[shell]
         if chance.max(initial=0.0) > 1:
             raise RuntimeError(f"haloes of tier {tier}, order {order}, cell {cell}: the field exceeds its bound")

@@ -19,6 +19,7 @@ from csstsim.universe.structure.density import ShellDensity, kernel_order
 from csstsim.universe.structure.halo_lensing import halo_lenses, halo_shear
 from csstsim.universe.structure.halo_spectra import HaloSpectra
 from csstsim.universe.structure.haloes import Haloes, tier_orders
+from csstsim.universe.structure.kernels import add_lensing
 from csstsim.universe.structure.mass_function import HaloMassFunction
 
 
@@ -30,6 +31,8 @@ class MatterField(PotentialField):
     `mass_function`. Raises KeyError or ValueError for a number that is missing or out of range.
     """
 
+    reach, samples, precision = 5.0, 2.4, np.float32  # of the smooth maps: they err by 1e-3 of the narrowest kernel
+
     def __init__(self, seed, cosmology_numbers, lensing_numbers, numbers, haloes=True):
         _check(lensing_numbers, numbers)
         self.numbers, cosmology = numbers, Cosmology(cosmology_numbers)
@@ -38,7 +41,7 @@ class MatterField(PotentialField):
         chi_end = float(cosmology.comoving_distance(z_end))
         edges = np.linspace(0.0, chi_end, int(np.ceil(chi_end / numbers["shells"]["thickness"])) + 1)
         lenses = int(np.searchsorted(edges, float(cosmology.comoving_distance(z_max))))
-        shells = Shells(power, edges, z_end, z_max)
+        shells = Shells(power, edges, z_end, z_max, nodes=_NODES)
         super().__init__(seed, shells, lenses, lensing_numbers["l_max"], "structure" if haloes else "structure field")
         self.mass_function = HaloMassFunction(cosmology, power)
         wanted = shells.spectra(self.ell)
@@ -66,6 +69,9 @@ class MatterField(PotentialField):
         if self.haloes is not None:
             total += halo_shear(self.lens_haloes(pix), ra, dec, self.shells.source_distance(z))
         return tuple(v.astype(np.float32) for v in total)
+
+    def _splat(self, *arguments):
+        add_lensing(*arguments)
 
     def lens_haloes(self, pix):
         """Return the haloes that lens sources in brick `pix` as halo_lensing.halo_lenses."""
@@ -120,6 +126,7 @@ class MatterField(PotentialField):
         return weights @ (parts + self.spectra.one_halo(ell) + self.spectra.lognormal(ell, self.amplitude))
 
 
+_NODES = 2  # source distances per shell at which weights are computed
 _MARGIN = 1e-6  # rad, of rounding
 
 
