@@ -60,11 +60,15 @@ class PotentialField:
 
     def _interpolated(self, pix, ra, dec, weights):
         """Return kappa, gamma1, gamma2 (each (n,)): the shells' maps at places of brick `pix`, weighted (n, shells)."""
-        if self._brick[0] != pix:
-            self._brick = pix, self._brick_grid(pix)
-        grid, values = self._brick[1]
+        grid, values = self._grid_of(pix)
         kappa, gamma1, gamma2 = interpolate(values, grid.cells(ra, dec), weights[:, : self.lenses]).T
         return kappa, *grid.to_east_north(ra, dec, gamma1, gamma2)
+
+    def _grid_of(self, pix):
+        """Return _brick_grid of a brick, as kept for the last one."""
+        if self._brick[0] != pix:
+            self._brick = pix, self._brick_grid(pix)
+        return self._brick[1]
 
     def _brick_grid(self, pix):
         """Return the finest TangentGrid and its maps (rows, columns, 3, shells): kappa, gamma1, gamma2 in its frame."""

@@ -8,6 +8,8 @@ haloes and galaxies follow (density), and the tidal field that aligns galaxies.
 Left out: deflection of positions, lens-lens coupling, rotation, baryons, structure in depth within a shell.
 """
 
+from functools import lru_cache
+
 import numpy as np
 from scipy.optimize import nnls
 
@@ -21,6 +23,7 @@ from csstsim.universe.structure.halo_spectra import HaloSpectra
 from csstsim.universe.structure.haloes import Haloes, tier_orders
 from csstsim.universe.structure.kernels import add_lensing
 from csstsim.universe.structure.mass_function import HaloMassFunction
+from csstsim.universe.structure.source_maps import add_shells, interpolate_depth
 
 
 class MatterField(PotentialField):
@@ -31,7 +34,7 @@ class MatterField(PotentialField):
     `mass_function`. Raises KeyError or ValueError for a number that is missing or out of range.
     """
 
-    reach, samples, precision = 5.0, 2.4, np.float32  # of the smooth maps: they err by 1e-3 of the narrowest kernel
+    reach, samples, precision = 5.0, 2.7, np.float32  # of the smooth maps: they err by 1e-3 of the narrowest kernel
 
     def __init__(self, seed, cosmology_numbers, lensing_numbers, numbers, haloes=True):
         _check(lensing_numbers, numbers)
@@ -50,6 +53,7 @@ class MatterField(PotentialField):
             self.amplitude = self.spectra.fit(self.ell, wanted)
         else:
             self.amplitude = np.sqrt([nnls(self.powers(self.ell) / w[:, None], np.ones(len(w)))[0] for w in wanted])
+        self._source_maps = lru_cache(maxsize=1)(self._make_source_maps)  # galaxies and quasars use the same
         self._galaxy_order = kernel_order(self, numbers["galaxy_scale"])
         tiers = tier_orders(self, self.mass_function, numbers)
         self.shell_density = ShellDensity(
@@ -65,10 +69,18 @@ class MatterField(PotentialField):
         where it is zero, negative or NaN the values are 0. Axes: east, north.
         """
         ra, dec, z = (np.atleast_1d(np.asarray(v, float)) for v in (ra, dec, z))
-        total = np.stack(self._interpolated(pix, ra, dec, self.shells.weights(z)))
+        chi = self.shells.source_distance(z)
+        grid, maps = self._source_maps(pix)
+        kappa, gamma1, gamma2 = interpolate_depth(maps, grid.cells(ra, dec), chi / self.shells.sources[1]).T
+        total = np.stack([kappa, *grid.to_east_north(ra, dec, gamma1, gamma2)])
         if self.haloes is not None:
-            total += halo_shear(self.lens_haloes(pix), ra, dec, self.shells.source_distance(z))
+            total += halo_shear(self.lens_haloes(pix), ra, dec, chi)
         return tuple(v.astype(np.float32) for v in total)
+
+    def _make_source_maps(self, pix):
+        """Return the grid of a brick and maps (rows, columns, distances, 3) of sources at shells.sources, smooth part."""
+        grid, values = self._grid_of(pix)
+        return grid, add_shells(values, self.shells.table[:, : self.lenses].T.astype(np.float32))
 
     def _splat(self, *arguments):
         add_lensing(*arguments)
