@@ -20,7 +20,7 @@ from csstsim.universe.lensing.tangent_grid import TangentGrid
 from csstsim.universe.structure.kernels import add_density
 
 _FINER = 4  # orders of the kernels below that of their cell
-_ROOT = 2  # order of the widest cells; they have all wider kernels
+_ROOT = 1  # order of the widest cells; they have all wider kernels
 _WIDEST = 3  # order of the kernels at which the smoothest maps end
 _REACH = 4.2  # sigma: the kernel is cut at 1e-3 of its peak
 _SAMPLES = 2.0  # grid points per sigma

@@ -22,6 +22,7 @@ from csstsim.universe.structure.density import TAPS, cell_order, interpolate_one
 _DEEP = 29  # order of the pixels whose centres are the places
 _STEP_Z, _MASSES = 0.05, 160  # nodes of the tables
 _MARGIN = 0.15  # of the maximum between points of a map, in its standard deviations
+_SAGITTA = 0.02  # rad x nside: by which a cell may bulge beyond the chords of its border
 _CELLS = 1024  # kept
 COLUMNS = ("ra", "dec", "z", "log_mass", "concentration", "key")
 
@@ -67,9 +68,8 @@ class Haloes:
                 continue
             for order, (_, z_near, _) in self._depths[tier].items():
                 nside, widest = 2 ** cell_order(order), float(np.max(reach(z_near, top)))
-                cells = healpy.query_disc(nside, centre, min(radius + widest, np.pi), inclusive=True, nest=True)
-                for cell in np.sort(cells):
-                    some = self.cell(tier, order, int(cell))
+                for cell in _cells(nside, centre, min(radius + widest, np.pi)):
+                    some = self.cell(tier, order, cell)
                     v, far = some["vector"], reach(some["z"], some["log_mass"])
                     keep = (some["log_mass"] >= lowest) & _within(v, centre, radius, border, far, pix, some)
                     found.append({name: some[name][keep] for name in COLUMNS})
@@ -203,6 +203,16 @@ def _mass(node_of_mass, node, share, u, below, ln_mass, bias):
         high = (1 - t) * bias[node[i] + 1, k] + t * bias[node[i] + 1, k + 1]
         b[i] = (1 - share[i]) * low + share[i] * high
     return mass, b
+
+
+def _cells(nside, centre, radius):
+    """Return the HEALPix cells, rising, that reach into a disc of `radius` [rad]; a few may just not."""
+    import healpy
+
+    cells = np.sort(healpy.query_disc(nside, centre, radius, inclusive=True, nest=True))
+    own = healpy.vec2pix(nside, *centre, nest=True)
+    far = [_distance(centre[None], healpy.boundaries(nside, c, step=4, nest=True).T)[0] for c in cells.tolist()]
+    return cells[(np.array(far) < 2 * np.sin(0.5 * radius) + _SAGITTA / nside) | (cells == own)].tolist()
 
 
 def _within(v, centre, radius, border, reach, pix, columns):
