@@ -59,7 +59,7 @@ class ShellDensity:
         self.field, self._finest = field, finest
         self._scale = weights * field.amplitude / field.shells.kernel()[:, None]  # of delta (shells, widths)
         step = np.gradient(np.log(_ELL)) * _ELL**2 / (2 * np.pi)
-        self._variances = field.powers(_ELL).T @ step  # of kappa for amplitude 1
+        self._variances = np.einsum("ls,l->s", field.powers(_ELL), step)  # of kappa for amplitude 1
         self.maps = lru_cache(maxsize=_CELLS)(self._make)
 
     def variance(self, order):

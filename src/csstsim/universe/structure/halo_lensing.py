@@ -43,7 +43,7 @@ def halo_shear(lenses, ra, dec, chi):
     first = np.cross(middle, np.eye(3)[np.argmin(np.abs(middle))])
     first /= np.linalg.norm(first)
     plane = np.stack([first, np.cross(middle, first)])  # x, y of a unit vector: projected along the middle
-    place = n @ plane.T
+    place = np.einsum("nk,ak->na", n, plane)
     corner = place.min(axis=0)
     columns, rows = ((np.ptp(place, axis=0) / _BUCKET).astype(int) + 1).tolist()
     bucket = ((place - corner) / _BUCKET).astype(int) @ [1, columns]
@@ -52,7 +52,8 @@ def halo_shear(lenses, ra, dec, chi):
     starts = np.searchsorted(bucket[ranked], np.arange(rows * columns + 1))
     at, inverse = np.column_stack([n, east, north])[ranked], inverse[ranked]
     sums = np.zeros((len(chi), 3))
-    centres = np.column_stack([(lenses[:, :3] @ plane.T - corner) / _BUCKET, lenses[:, :3] @ middle])
+    along, across, toward = np.einsum("nk,ak->an", lenses[:, :3], np.stack([*plane, middle]))
+    centres = np.column_stack([(along - corner[0]) / _BUCKET, (across - corner[1]) / _BUCKET, toward])
     _add(sums, at, inverse, starts, rows, columns, lenses, centres, _BUCKET)
     out[:, ranked] = sums.T
     return out

@@ -110,10 +110,10 @@ class HaloSpectra:
         for t, u in combinations_with_replacement(range(len(wide)), 2):
             some = np.flatnonzero(bias[:, t] * bias[:, u])
             power = ((amplitude * self.weights) ** 2 * wide[t] * wide[u])[some]
-            xi = power @ shapes / kernel[some] ** 2  # of delta (shells, theta)
+            xi = np.einsum("is,st->it", power, shapes) / kernel[some] ** 2  # of delta (shells, theta)
             x = (bias[:, t] * bias[:, u])[some, None] * xi
             curved = xi**2 * np.where(np.abs(x) > 1e-3, (np.expm1(x) - x) / np.where(x == 0, 1, x) ** 2, 0.5)
-            total[some] += (1 if t == u else 2) * second[some, t] * second[some, u] * (curved @ transform)
+            total[some] += (1 if t == u else 2) * second[some, t] * second[some, u] * np.einsum("it,lt->il", curved, transform)
         return CubicSpline(np.log(_ELL), total * kernel**2, axis=1)(np.log(ell))
 
     @cached_property
@@ -123,7 +123,7 @@ class HaloSpectra:
         strongest = np.argmax(np.abs(second), axis=2, keepdims=True)
         share, bias = (np.take_along_axis(v, strongest, axis=2)[..., 0] for v in (first, second))
         bias = np.divide(bias, share, out=np.zeros_like(bias), where=np.abs(share) > _SHARE)
-        transform = 2 * np.pi * np.gradient(np.log(_THETA))[:, None] * _THETA[:, None] ** 2 * j0(np.outer(_THETA, _ELL))
+        transform = 2 * np.pi * np.gradient(np.log(_THETA)) * _THETA**2 * j0(np.outer(_ELL, _THETA))  # (l, theta)
         return second, bias, transform, np.stack([_correlation(sigma, order) for order, sigma in self.field.widths])
 
 
@@ -142,7 +142,8 @@ def _moments(mass_function, low, high, z, numbers):
     first, second = (np.einsum("s,skm->km", chances, profiles**p) for p in (1, 2))
     number = 0.5 * np.log(high / low) * weights * mass_function.dn_dlnm(mass, z)
     volume, bias = mass / mass_function.density, mass_function.bias(mass, z)
-    return np.stack([*(first @ (number * volume * bias**p) for p in (1, 2)), second @ (number * volume**2)])
+    parts = [(first, number * volume * bias**p) for p in (1, 2)] + [(second, number * volume**2)]
+    return np.stack([np.einsum("km,m->k", *part) for part in parts])
 
 
 def _correlation(sigma, order):
