@@ -85,26 +85,30 @@ class PotentialField:
     def _add(self, values, grid, s):
         sigma = self.widths[s][1]
         reach = min(self.reach * sigma, np.pi)
-        points, deviates = self.deviates(grid, s, reach)
-        deviates = deviates[:, : self.lenses] * self.amplitude[: self.lenses, s].astype(self.precision)
+        pixels, points = self.pixels(grid, self.widths[s][0], reach)
+        deviates = self.deviates(s, pixels)[:, : self.lenses] * self.amplitude[: self.lenses, s].astype(self.precision)
         self._splat(values, *grid.frames, points, grid.boxes(points, reach), deviates, 1 / sigma**2, reach)
 
     def _splat(self, *arguments):
         splat(*arguments)
 
-    def deviates(self, grid, s, reach):
-        """Return the centres (m, 3) of width s within `reach` [rad] of the grid and their deviates (m, shells)."""
+    def pixels(self, grid, order, reach):
+        """Return the HEALPix pixels (m,) within `reach` [rad] of the grid, rising, and their centres (m, 3)."""
         import healpy
 
-        order = self.widths[s][0]
         nside, wide = 2**order, min(grid.radius + reach, np.pi)
         pixels = np.sort(healpy.query_disc(nside, grid.centre, wide, nest=True))
-        bits = 2 * min(order, _BLOCK_ORDERS)
+        return pixels, np.stack(healpy.pix2vec(nside, pixels, nest=True), axis=1)
+
+    def deviates(self, s, pixels):
+        """Return the deviates (m, shells) of width s at `pixels`, which rise."""
+        bits = 2 * min(self.widths[s][0], _BLOCK_ORDERS)
         deviates = np.empty((len(pixels), self.shells.count), self.precision)
         blocks, start = np.unique(pixels >> bits, return_index=True)
-        for block, rows in zip(blocks, np.split(np.arange(len(pixels)), start[1:]), strict=True):
-            deviates[rows] = self._block(s, int(block))[pixels[rows] & ((1 << bits) - 1)]
-        return np.stack(healpy.pix2vec(nside, pixels, nest=True), axis=1), deviates
+        rows = pixels & ((1 << bits) - 1)
+        for block, first, end in zip(blocks.tolist(), start, [*start[1:], len(pixels)], strict=True):
+            deviates[first:end] = self._block(s, block)[rows[first:end]]
+        return deviates
 
     def _draw_block(self, s, block):
         bits = 2 * min(self.widths[s][0], _BLOCK_ORDERS)

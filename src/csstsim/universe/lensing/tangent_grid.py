@@ -17,7 +17,7 @@ from csstsim.base.sphere import ra_dec, unit_vectors
 _PAD = np.radians(1 / 60)  # around the brick
 TAPS = 8  # points of the Lagrange interpolation along an axis
 _HALFWAY = np.array([-5.0, 49.0, -245.0, 1225.0, 1225.0, -245.0, 49.0, -5.0]) / 2048  # its weights at mid-cell
-_CHILDREN = 8  # points around a cell: half the 8 of a cell inside it and 2 of cubic interpolation leave 2 for the turn
+_CHILDREN = 7  # points around a cell: half the 7 of a cell inside it and 2 of cubic interpolation leave 1 for its turn
 _LEVELS = 6  # grids of a pyramid
 
 
@@ -93,7 +93,7 @@ class TangentGrid:
         return self.places(unit_vectors(ra, dec))
 
     def places(self, vectors, taps=TAPS):
-        """Return grid coordinates (n, 2), as `cells`, of unit vectors (n, 3), for interpolation through `taps` points."""
+        """Return grid coordinates (n, 2), as `cells`, of unit vectors (n, 3); taps: points of the interpolation."""
         place = _project(vectors, self.axes) / self.step + (self.columns, self.rows)
         inside = (place >= taps // 2 - 1) & (place <= np.array(self.shape)[::-1] - 1 - taps // 2)
         if not inside.all():

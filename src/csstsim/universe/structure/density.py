@@ -22,7 +22,7 @@ from csstsim.universe.structure.kernels import add_density
 _FINER = 4  # orders of the kernels below that of their cell
 _ROOT = 1  # order of the widest cells; they have all wider kernels
 _WIDEST = 3  # order of the kernels at which the smoothest maps end
-_REACH = 4.2  # sigma: the kernel is cut at 1e-3 of its peak
+_REACH = 4.0  # sigma: the kernel is cut at 2e-3 of its peak
 _SAMPLES = 2.0  # grid points per sigma
 _CELLS = 128  # maps kept
 TAPS = 4  # points of the interpolation along an axis
@@ -32,11 +32,11 @@ _ELL = np.geomspace(0.5, 3e5, 4000)  # of the variances
 def kernel_order(field, scale):
     """Return for each shell the order of the kernels down to which matter is smooth on `scale` [Mpc, sigma].
 
-    Orders step by a factor of two; taken is the nearest, from 3 (9 degrees) to the finest of the field.
+    Orders step by a factor of two; taken is the nearest, from 3 (9 degrees) to the finest of the field but one.
     """
     chi = 0.5 * (field.shells.edges[1:] + field.shells.edges[:-1])
     orders = np.round(np.log2(WIDTHS[-1] * pixel(0) * chi / scale)).astype(int)
-    return np.clip(orders, _WIDEST, field.orders)
+    return np.clip(orders, _WIDEST, field.orders - 1)
 
 
 def within(field, order):
@@ -97,11 +97,11 @@ class ShellDensity:
         else:
             values = np.zeros((*grid.shape, field.shells.count), np.float32)
         added = np.zeros((*grid.shape, field.shells.count - first), np.float32)
-        for s, (o, sigma) in enumerate(field.widths):
-            if o == order or o < order == _WIDEST:
-                reach = min(_REACH * sigma, np.pi)
-                points, deviates = field.deviates(grid, s, reach)
-                scaled = deviates[:, first:] * self._scale[first:, s].astype(np.float32)
+        for o in range(1, _WIDEST + 1) if order == _WIDEST else [order]:
+            widths = [(s, sigma, min(_REACH * sigma, np.pi)) for s, (at, sigma) in enumerate(field.widths) if at == o]
+            pixels, points = field.pixels(grid, o, widths[0][2])  # within the reach of the wider
+            for s, sigma, reach in widths:
+                scaled = field.deviates(s, pixels)[:, first:] * self._scale[first:, s].astype(np.float32)
                 add_density(added, n, points, grid.boxes(points, reach), scaled, sigma**-2, reach)
         values[..., first:] += added
         return grid, values

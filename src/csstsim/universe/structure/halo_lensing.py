@@ -61,7 +61,7 @@ def halo_shear(lenses, ra, dec, chi):
 
 @njit(cache=True)
 def _add(sums, at, inverse, starts, rows, columns, lenses, centres, bucket):
-    """Add every lens to sums (sources, 3); sources are sorted by bucket, the farthest first; starts: each bucket's first."""
+    """Add every lens to sums (sources, 3); sources are sorted by bucket, the farthest first, `starts` of each."""
     for h in range(len(lenses)):
         p0, p1, p2, chi, strength, disc, sphere, c = lenses[h]
         if centres[h, 2] < 0:

@@ -113,7 +113,9 @@ class HaloSpectra:
             xi = np.einsum("is,st->it", power, shapes) / kernel[some] ** 2  # of delta (shells, theta)
             x = (bias[:, t] * bias[:, u])[some, None] * xi
             curved = xi**2 * np.where(np.abs(x) > 1e-3, (np.expm1(x) - x) / np.where(x == 0, 1, x) ** 2, 0.5)
-            total[some] += (1 if t == u else 2) * second[some, t] * second[some, u] * np.einsum("it,lt->il", curved, transform)
+            total[some] += (
+                (1 if t == u else 2) * second[some, t] * second[some, u] * np.einsum("it,lt->il", curved, transform)
+            )
         return CubicSpline(np.log(_ELL), total * kernel**2, axis=1)(np.log(ell))
 
     @cached_property

@@ -23,6 +23,7 @@ _DEEP = 29  # order of the pixels whose centres are the places
 _STEP_Z, _MASSES = 0.05, 160  # nodes of the tables
 _MARGIN = 0.15  # of the maximum between points of a map, in its standard deviations
 _SAGITTA = 0.02  # rad x nside: by which a cell may bulge beyond the chords of its border
+_FINE = 9  # least order of the cells of haloes that do not lens: they are asked for in and close to a brick
 _CELLS = 1024  # kept
 COLUMNS = ("ra", "dec", "z", "log_mass", "concentration", "key")
 
@@ -67,7 +68,7 @@ class Haloes:
             if top <= lowest:
                 continue
             for order, (_, z_near, _) in self._depths[tier].items():
-                nside, widest = 2 ** cell_order(order), float(np.max(reach(z_near, top)))
+                nside, widest = 2 ** self._cell_order(tier, order), float(np.max(reach(z_near, top)))
                 for cell in _cells(nside, centre, min(radius + widest, np.pi)):
                     some = self.cell(tier, order, cell)
                     v, far = some["vector"], reach(some["z"], some["log_mass"])
@@ -94,14 +95,19 @@ class Haloes:
             found.append(depth)
         return found
 
+    def _cell_order(self, tier, order):
+        """Return the HEALPix order of the cells in which haloes are drawn: that of the maps, finer for light ones."""
+        light = self.edges[tier] < np.log(0.999 * self.numbers["lens_mass"])
+        return max(cell_order(order), _FINE if light else 0)
+
     def _draw(self, tier, order, cell):
         """Return the columns of the haloes of a tier in the shells of one order and one cell, with `vector` (n, 3)."""
         import healpy
 
         shells, _, counts = self._depths[tier][order]
         table, variance = self._tables[tier], self._variance[tier][shells]
-        at = cell_order(order)
-        grid, maps = self.density.maps(order, cell)
+        at = self._cell_order(tier, order)
+        grid, maps = self.density.maps(order, cell >> 2 * (at - cell_order(order)))
         peak = maps[:, :, shells].max(axis=(0, 1)) + _MARGIN * np.sqrt(variance)
         near, far = (self.density.field.shells.edges[shells + k] for k in (0, 1))
         bound = table.largest(peak, variance, near, far)

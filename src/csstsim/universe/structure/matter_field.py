@@ -34,7 +34,7 @@ class MatterField(PotentialField):
     `mass_function`. Raises KeyError or ValueError for a number that is missing or out of range.
     """
 
-    reach, samples, precision = 5.0, 2.7, np.float32  # of the smooth maps: they err by 1e-3 of the narrowest kernel
+    reach, samples, precision = 4.6, 2.7, np.float32  # of the smooth maps: they err by 1e-3 of the narrowest kernel
 
     def __init__(self, seed, cosmology_numbers, lensing_numbers, numbers, haloes=True):
         _check(lensing_numbers, numbers)
@@ -54,6 +54,7 @@ class MatterField(PotentialField):
         else:
             self.amplitude = np.sqrt([nnls(self.powers(self.ell) / w[:, None], np.ones(len(w)))[0] for w in wanted])
         self._source_maps = lru_cache(maxsize=1)(self._make_source_maps)  # galaxies and quasars use the same
+        self.lens_haloes = lru_cache(maxsize=1)(self._lens_haloes)
         self._galaxy_order = kernel_order(self, numbers["galaxy_scale"])
         tiers = tier_orders(self, self.mass_function, numbers)
         self.shell_density = ShellDensity(
@@ -78,14 +79,14 @@ class MatterField(PotentialField):
         return tuple(v.astype(np.float32) for v in total)
 
     def _make_source_maps(self, pix):
-        """Return the grid of a brick and maps (rows, columns, distances, 3) of sources at shells.sources, smooth part."""
+        """Return a brick's grid and smooth maps (rows, columns, distances, 3) for sources at shells.sources."""
         grid, values = self._grid_of(pix)
         return grid, add_shells(values, self.shells.table[:, : self.lenses].T.astype(np.float32))
 
     def _splat(self, *arguments):
         add_lensing(*arguments)
 
-    def lens_haloes(self, pix):
+    def _lens_haloes(self, pix):
         """Return the haloes that lens sources in brick `pix` as halo_lensing.halo_lenses."""
         numbers = self.numbers["haloes"]
         return halo_lenses(

@@ -12,7 +12,7 @@ from csstsim.universe.lensing.tangent_grid import TAPS, lagrange
 
 @njit(cache=True)
 def add_shells(values, weights):
-    """Return maps (rows, columns, distances, 3) of maps (rows, columns, 3, shells) times weights (shells, distances)."""
+    """Return maps (rows, columns, distances, 3): maps (rows, columns, 3, shells) times weights (shells, distances)."""
     rows, columns, _, shells = values.shape
     count = weights.shape[1]
     out = np.empty((rows, columns, count, 3), values.dtype)
@@ -28,9 +28,9 @@ def add_shells(values, weights):
             for c in range(3):
                 total[:] = 0
                 for s in range(shells):
-                    value = values[y, x, c, s]
-                    for k in range(first[s], count):
-                        total[k] += value * weights[s, k]
+                    value, weight, behind = values[y, x, c, s], weights[s, first[s] :], total[first[s] :]
+                    for k in range(len(weight)):
+                        behind[k] += value * weight[k]
                 out[y, x, :, c] = total
     return out
 
