@@ -120,7 +120,7 @@ class HaloSpectra:
 
     @cached_property
     def _clustering(self):
-        """What C_ln needs at the multipoles _ELL: responses with b^2, biases (shells, tiers), transform, correlations."""
+        """Responses with b^2 and biases (shells, tiers), transform and correlations, of C_ln at multipoles _ELL."""
         first, second = self.response(_ELL), self.response(_ELL, 2)
         strongest = np.argmax(np.abs(second), axis=2, keepdims=True)
         share, bias = (np.take_along_axis(v, strongest, axis=2)[..., 0] for v in (first, second))

@@ -61,7 +61,7 @@ class Haloes:
         import healpy
 
         centre = np.array(healpy.pix2vec(NSIDE, pix, nest=True))
-        border = healpy.boundaries(NSIDE, pix, step=4, nest=True).T
+        border = healpy.boundaries(NSIDE, pix, step=16, nest=True).T
         radius = 2 * np.arcsin(0.5 * np.linalg.norm(border - centre, axis=1).max())
         found = []
         for tier, top in enumerate(self.edges[1:] / np.log(10)):

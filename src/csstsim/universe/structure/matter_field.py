@@ -34,7 +34,7 @@ class MatterField(PotentialField):
     `mass_function`. Raises KeyError or ValueError for a number that is missing or out of range.
     """
 
-    reach, samples, precision = 4.6, 2.7, np.float32  # of the smooth maps: they err by 1e-3 of the narrowest kernel
+    reach, samples, precision = 5.0, 2.7, np.float32  # of the smooth maps: they err by 1e-3 of the narrowest kernel
 
     def __init__(self, seed, cosmology_numbers, lensing_numbers, numbers, haloes=True):
         _check(lensing_numbers, numbers)
