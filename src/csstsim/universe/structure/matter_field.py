@@ -152,8 +152,8 @@ def _check(lensing, numbers):
         raise ValueError("structure: needs 20 <= shells.thickness <= 1000 and 0.2 <= galaxy_scale <= 20")
     if not (0.02 <= haloes["z_min"] < haloes["z_max"] <= shells["z_end"]):
         raise ValueError("structure: needs 0.02 <= haloes.z_min < haloes.z_max <= shells.z_end")
-    if not (len(tiers) > 1 and tiers[0] >= 1e9 and tiers[-1] <= 1e16 and (np.diff(tiers) > 0).all()):
-        raise ValueError("structure: needs rising haloes.tiers between 1e9 and 1e16")
+    if not (1 < len(tiers) <= 9 and tiers[0] >= 1e9 and tiers[-1] <= 1e16 and (np.diff(tiers) > 0).all()):
+        raise ValueError("structure: needs 2 to 9 rising haloes.tiers between 1e9 and 1e16")
     if haloes["lens_mass"] not in tiers[:-1]:
         raise ValueError("structure: haloes.lens_mass is the lower mass of a tier")
     if not (0.2 <= haloes["placement"] <= 3 and 0.5 <= haloes["compensation"] <= 5):
