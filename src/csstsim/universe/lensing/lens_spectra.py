@@ -11,7 +11,6 @@ import numpy as np
 
 _PIVOT = np.array([1000.0])  # multipole of the weights
 _NODES, _GAUSS = np.polynomial.legendre.leggauss(12)  # of the integral through a shell
-_TABLE = 20  # source distances tabulated per shell
 
 
 def even_edges(cosmology, z_max, count):
@@ -22,18 +21,20 @@ def even_edges(cosmology, z_max, count):
 class Shells:
     """Shells between comoving `edges` [Mpc], from 0 to the distance of z_end; power: power_spectrum.MatterPower.
 
-    z_max: sources beyond count as if there, so that the shells between it and z_end bend no light.
+    z_max: sources beyond count as if there, so that the shells between it and z_end bend no light. nodes: source
+    distances per shell at which weights are computed; between them weights are linear in distance. Attributes:
+    `sources` [Mpc], evenly spaced from 0, and `table` (sources, shells), the weights there.
     """
 
-    def __init__(self, power, edges, z_end, z_max=None):
+    def __init__(self, power, edges, z_end, z_max=None, nodes=20):
         self.cosmology, self.power, self.edges = power.cosmology, power, edges
         self.count, self.z_max = len(edges) - 1, z_end if z_max is None else z_max
         self._z = np.linspace(0.0, z_end, 4000)
         self._chi = self.cosmology.comoving_distance(self._z)
         last = float(self.cosmology.comoving_distance(self.z_max))
-        self._sources = np.linspace(0.0, last, _TABLE * self.count + 1)
-        parts = np.stack([self._pieces(_PIVOT, s)[:, 0] for s in self._sources])
-        self._table = np.sqrt(parts / self.spectra(_PIVOT)[:, 0])
+        self.sources = np.linspace(0.0, last, nodes * self.count + 1)
+        parts = np.stack([self._pieces(_PIVOT, s)[:, 0] for s in self.sources])
+        self.table = np.sqrt(parts / self.spectra(_PIVOT)[:, 0])
 
     def spectra(self, ell):
         """Return D_i (shells, len(ell)): the convergence spectra of the shells for sources at infinity."""
@@ -57,7 +58,7 @@ class Shells:
     def weights(self, z):
         """Return w_i (len(z), shells) of source redshifts; constant beyond z_max, 0 where z <= 0 or NaN."""
         chi = self.source_distance(z)
-        return np.stack([np.interp(chi, self._sources, column) for column in self._table.T], axis=1)
+        return np.stack([np.interp(chi, self.sources, column) for column in self.table.T], axis=1)
 
     def source_distance(self, z):
         """Return the distance [Mpc] as which sources at z count; 0 where z <= 0 or NaN."""

@@ -34,6 +34,8 @@ class PotentialField:
     the spectra are fitted; name: of the random streams.
     """
 
+    reach, samples, precision = _REACH, _SAMPLES, float  # of the maps; a subclass may take others
+
     def __init__(self, seed, shells, lenses, l_max, name):
         self.seed, self.shells, self.lenses, self._name = seed, shells, lenses, name
         self.orders = int(np.ceil(np.log2(WIDTHS[-1] * pixel(0) * l_max / _FINEST)))
@@ -58,48 +60,59 @@ class PotentialField:
 
     def _interpolated(self, pix, ra, dec, weights):
         """Return kappa, gamma1, gamma2 (each (n,)): the shells' maps at places of brick `pix`, weighted (n, shells)."""
-        if self._brick[0] != pix:
-            self._brick = pix, self._brick_grid(pix)
-        grid, values = self._brick[1]
+        grid, values = self._grid_of(pix)
         kappa, gamma1, gamma2 = interpolate(values, grid.cells(ra, dec), weights[:, : self.lenses]).T
         return kappa, *grid.to_east_north(ra, dec, gamma1, gamma2)
 
+    def _grid_of(self, pix):
+        """Return _brick_grid of a brick, as kept for the last one."""
+        if self._brick[0] != pix:
+            self._brick = pix, self._brick_grid(pix)
+        return self._brick[1]
+
     def _brick_grid(self, pix):
         """Return the finest TangentGrid and its maps (rows, columns, 3, shells): kappa, gamma1, gamma2 in its frame."""
-        grids = TangentGrid.pyramid(pix, self.widths[-1][1] / _SAMPLES)
-        values, done = np.zeros((*grids[0].shape, 3, self.lenses)), 0
+        grids = TangentGrid.pyramid(pix, self.widths[-1][1] / self.samples)
+        values, done = np.zeros((*grids[0].shape, 3, self.lenses), self.precision), 0
         for k, grid in enumerate(grids):
             if k:
                 values = prolong(values, grids[k - 1], grid)
-            while done < len(self.widths) and self.widths[done][1] > 0.999 * _SAMPLES * grid.step:
+            while done < len(self.widths) and self.widths[done][1] > 0.999 * self.samples * grid.step:
                 self._add(values, grid, done)
                 done += 1
         return grids[-1], values
 
     def _add(self, values, grid, s):
         sigma = self.widths[s][1]
-        reach = min(_REACH * sigma, np.pi)
-        points, deviates = self.deviates(grid, s, reach)
-        deviates = deviates[:, : self.lenses] * self.amplitude[: self.lenses, s]
-        splat(values, *grid.frames, points, grid.boxes(points, reach), deviates, 1 / sigma**2, reach)
+        reach = min(self.reach * sigma, np.pi)
+        pixels, points = self.pixels(grid, self.widths[s][0], reach)
+        deviates = self.deviates(s, pixels)[:, : self.lenses] * self.amplitude[: self.lenses, s].astype(self.precision)
+        self._splat(values, *grid.frames, points, grid.boxes(points, reach), deviates, 1 / sigma**2, reach)
 
-    def deviates(self, grid, s, reach):
-        """Return the centres (m, 3) of width s within `reach` [rad] of the grid and their deviates (m, shells)."""
+    def _splat(self, *arguments):
+        splat(*arguments)
+
+    def pixels(self, grid, order, reach):
+        """Return the HEALPix pixels (m,) within `reach` [rad] of the grid, rising, and their centres (m, 3)."""
         import healpy
 
-        order = self.widths[s][0]
         nside, wide = 2**order, min(grid.radius + reach, np.pi)
         pixels = np.sort(healpy.query_disc(nside, grid.centre, wide, nest=True))
-        bits = 2 * min(order, _BLOCK_ORDERS)
-        deviates = np.empty((len(pixels), self.shells.count))
+        return pixels, np.stack(healpy.pix2vec(nside, pixels, nest=True), axis=1)
+
+    def deviates(self, s, pixels):
+        """Return the deviates (m, shells) of width s at `pixels`, which rise."""
+        bits = 2 * min(self.widths[s][0], _BLOCK_ORDERS)
+        deviates = np.empty((len(pixels), self.shells.count), self.precision)
         blocks, start = np.unique(pixels >> bits, return_index=True)
-        for block, rows in zip(blocks, np.split(np.arange(len(pixels)), start[1:]), strict=True):
-            deviates[rows] = self._block(s, int(block))[pixels[rows] & ((1 << bits) - 1)]
-        return np.stack(healpy.pix2vec(nside, pixels, nest=True), axis=1), deviates
+        rows = pixels & ((1 << bits) - 1)
+        for block, first, end in zip(blocks.tolist(), start, [*start[1:], len(pixels)], strict=True):
+            deviates[first:end] = self._block(s, block)[rows[first:end]]
+        return deviates
 
     def _draw_block(self, s, block):
         bits = 2 * min(self.widths[s][0], _BLOCK_ORDERS)
-        return stream(self.seed, self._name, s, block).standard_normal((1 << bits, self.shells.count))
+        return stream(self.seed, self._name, s, block).standard_normal((1 << bits, self.shells.count), self.precision)
 
 
 def kernel_power(ell, sigma):

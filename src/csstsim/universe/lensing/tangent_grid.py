@@ -15,9 +15,9 @@ from csstsim.base.healpix import NSIDE
 from csstsim.base.sphere import ra_dec, unit_vectors
 
 _PAD = np.radians(1 / 60)  # around the brick
-_TAPS = 8  # points of the Lagrange interpolation along an axis
+TAPS = 8  # points of the Lagrange interpolation along an axis
 _HALFWAY = np.array([-5.0, 49.0, -245.0, 1225.0, 1225.0, -245.0, 49.0, -5.0]) / 2048  # its weights at mid-cell
-_CHILDREN = 12  # points around a cell: interpolation takes 4, half the 12 of a cell inside it take 6
+_CHILDREN = 7  # points around a cell: half the 7 of a cell inside it and 2 of cubic interpolation leave 1 for its turn
 _LEVELS = 6  # grids of a pyramid
 
 
@@ -36,7 +36,7 @@ class TangentGrid:
         axes, half = _frame(NSIDE, pix, _side(NSIDE, pix))
         half, grids = half + _PAD, []
         for _ in range(_LEVELS):
-            columns, rows = (int(np.ceil(h / step)) + _TAPS // 2 for h in half)
+            columns, rows = (int(np.ceil(h / step)) + TAPS // 2 for h in half)
             grids.append(TangentGrid(axes, step, rows, columns))
             half, step = (columns * step, rows * step), 2 * step
         return grids[::-1]
@@ -92,10 +92,10 @@ class TangentGrid:
         """Return grid coordinates (n, 2) x, y in steps from the first point. ValueError outside, or if not finite."""
         return self.places(unit_vectors(ra, dec))
 
-    def places(self, vectors):
-        """Return grid coordinates (n, 2), as `cells`, of unit vectors (n, 3)."""
+    def places(self, vectors, taps=TAPS):
+        """Return grid coordinates (n, 2), as `cells`, of unit vectors (n, 3); taps: points of the interpolation."""
         place = _project(vectors, self.axes) / self.step + (self.columns, self.rows)
-        inside = (place >= _TAPS // 2 - 1) & (place <= np.array(self.shape)[::-1] - 1 - _TAPS // 2)
+        inside = (place >= taps // 2 - 1) & (place <= np.array(self.shape)[::-1] - 1 - taps // 2)
         if not inside.all():
             ra, dec = ra_dec(vectors[np.flatnonzero(~inside.all(axis=1))[0]])
             raise ValueError(f"position ra {ra} dec {dec} lies outside the brick")
@@ -115,10 +115,10 @@ def prolong(values, coarse, fine):
     """Return maps (rows, columns, ...) interpolated from the `coarse` grid to the `fine` one of half its step."""
     for axis, (n, m) in enumerate([(coarse.rows, fine.rows), (coarse.columns, fine.columns)]):
         v = np.moveaxis(values, axis, 0)
-        count = len(v) - _TAPS + 1
-        twice = np.empty((2 * len(v) - 1, *v.shape[1:]))
+        count = len(v) - TAPS + 1
+        twice = np.empty((2 * len(v) - 1, *v.shape[1:]), v.dtype)
         twice[0::2] = v
-        twice[_TAPS - 1 : 2 * count + _TAPS - 2 : 2] = sum(w * v[k : k + count] for k, w in enumerate(_HALFWAY))
+        twice[TAPS - 1 : 2 * count + TAPS - 2 : 2] = sum(w * v[k : k + count] for k, w in enumerate(_HALFWAY.tolist()))
         values = np.moveaxis(twice[2 * n - m : 2 * n + m + 1], 0, axis)
     return np.ascontiguousarray(values)
 
@@ -131,16 +131,16 @@ def interpolate(values, places, weights):
     """
     shells = values.shape[3]
     out = np.zeros((len(places), 3))
-    wx, wy, maps = np.empty(_TAPS), np.empty(_TAPS), np.empty((3, shells))
+    wx, wy, maps = np.empty(TAPS), np.empty(TAPS), np.empty((3, shells))
     for g in range(len(places)):
-        x0 = min(int(places[g, 0]), values.shape[1] - 1 - _TAPS // 2) - _TAPS // 2 + 1
-        y0 = min(int(places[g, 1]), values.shape[0] - 1 - _TAPS // 2) - _TAPS // 2 + 1
-        _lagrange(places[g, 0] - x0, wx)
-        _lagrange(places[g, 1] - y0, wy)
+        x0 = min(int(places[g, 0]), values.shape[1] - 1 - TAPS // 2) - TAPS // 2 + 1
+        y0 = min(int(places[g, 1]), values.shape[0] - 1 - TAPS // 2) - TAPS // 2 + 1
+        lagrange(places[g, 0] - x0, wx)
+        lagrange(places[g, 1] - y0, wy)
         first, last = _span(weights[g])
         maps[:] = 0.0
-        for j in range(_TAPS):
-            for i in range(_TAPS):
+        for j in range(TAPS):
+            for i in range(TAPS):
                 w = wy[j] * wx[i]
                 for c in range(3):
                     for s in range(first, last):
@@ -163,29 +163,11 @@ def _span(weights):
 
 
 @njit(cache=True)
-def interpolate_all(maps, places):
-    """Return (n, shells): maps (rows, columns, shells) at grid coordinates (n, 2) x, y, as `interpolate`."""
-    out = np.zeros((len(places), maps.shape[2]))
-    wx, wy = np.empty(_TAPS), np.empty(_TAPS)
-    for g in range(len(places)):
-        x0 = min(int(places[g, 0]), maps.shape[1] - 1 - _TAPS // 2) - _TAPS // 2 + 1
-        y0 = min(int(places[g, 1]), maps.shape[0] - 1 - _TAPS // 2) - _TAPS // 2 + 1
-        _lagrange(places[g, 0] - x0, wx)
-        _lagrange(places[g, 1] - y0, wy)
-        for j in range(_TAPS):
-            for i in range(_TAPS):
-                w = wy[j] * wx[i]
-                for s in range(maps.shape[2]):
-                    out[g, s] += w * maps[y0 + j, x0 + i, s]
-    return out
-
-
-@njit(cache=True)
-def _lagrange(t, weights):
-    """Fill the weights of points 0.._TAPS - 1 for the polynomial at t."""
-    for i in range(_TAPS):
+def lagrange(t, weights):
+    """Fill the weights of points 0..TAPS - 1 for the polynomial at t."""
+    for i in range(TAPS):
         weights[i] = 1.0
-        for j in range(_TAPS):
+        for j in range(TAPS):
             if j != i:
                 weights[i] *= (t - j) / (i - j)
 

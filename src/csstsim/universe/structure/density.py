@@ -14,26 +14,29 @@ from functools import lru_cache
 import numpy as np
 from numba import njit
 
+from csstsim.base.sphere import unit_vectors
 from csstsim.universe.lensing.potential_field import WIDTHS, pixel
-from csstsim.universe.lensing.tangent_grid import TangentGrid, interpolate_all
+from csstsim.universe.lensing.tangent_grid import TangentGrid
+from csstsim.universe.structure.kernels import add_density
 
 _FINER = 4  # orders of the kernels below that of their cell
-_ROOT = 2  # order of the widest cells; they have all wider kernels
+_ROOT = 1  # order of the widest cells; they have all wider kernels
 _WIDEST = 3  # order of the kernels at which the smoothest maps end
-_REACH = 4.5  # sigma: the kernel is cut at 4e-4 of its peak
+_REACH = 4.0  # sigma: the kernel is cut at 2e-3 of its peak
 _SAMPLES = 2.0  # grid points per sigma
-_CELLS = 96  # maps kept
+_CELLS = 128  # maps kept
+TAPS = 4  # points of the interpolation along an axis
 _ELL = np.geomspace(0.5, 3e5, 4000)  # of the variances
 
 
 def kernel_order(field, scale):
     """Return for each shell the order of the kernels down to which matter is smooth on `scale` [Mpc, sigma].
 
-    Orders step by a factor of two; taken is the nearest, from 3 (9 degrees) to the finest of the field.
+    Orders step by a factor of two; taken is the nearest, from 3 (9 degrees) to the finest of the field but one.
     """
     chi = 0.5 * (field.shells.edges[1:] + field.shells.edges[:-1])
     orders = np.round(np.log2(WIDTHS[-1] * pixel(0) * chi / scale)).astype(int)
-    return np.clip(orders, _WIDEST, field.orders)
+    return np.clip(orders, _WIDEST, field.orders - 1)
 
 
 def within(field, order):
@@ -56,7 +59,7 @@ class ShellDensity:
         self.field, self._finest = field, finest
         self._scale = weights * field.amplitude / field.shells.kernel()[:, None]  # of delta (shells, widths)
         step = np.gradient(np.log(_ELL)) * _ELL**2 / (2 * np.pi)
-        self._variances = field.powers(_ELL).T @ step  # of kappa for amplitude 1
+        self._variances = np.einsum("ls,l->s", field.powers(_ELL), step)  # of kappa for amplitude 1
         self.maps = lru_cache(maxsize=_CELLS)(self._make)
 
     def variance(self, order):
@@ -68,7 +71,7 @@ class ShellDensity:
         import healpy
 
         ra, dec, shell = np.asarray(ra, float), np.asarray(dec, float), np.asarray(shell)
-        delta, orders = np.zeros(len(ra)), np.asarray(order)[shell]
+        delta, orders, vectors = np.zeros(len(ra)), np.asarray(order)[shell], unit_vectors(ra, dec)
         for o in np.unique(orders):
             rows = np.flatnonzero(orders == o)
             nside = 2 ** cell_order(int(o))
@@ -77,7 +80,7 @@ class ShellDensity:
             found, start = np.unique(cells[ranked], return_index=True)
             for cell, part in zip(found, np.split(rows[ranked], start[1:]), strict=True):
                 grid, maps = self.maps(int(o), int(cell))
-                delta[part] = interpolate_one(maps, grid.cells(ra[part], dec[part]), shell[part])
+                delta[part] = interpolate_one(maps, grid.places(vectors[part], TAPS), shell[part])
         return delta
 
     def _make(self, order, cell):
@@ -85,55 +88,57 @@ class ShellDensity:
         field, at = self.field, cell_order(order)
         grid = TangentGrid.around(at, cell, WIDTHS[-1] * pixel(at + _FINER) / _SAMPLES, _ROOT)
         first = int(np.argmax(self._finest >= order))  # nearer shells are smooth on these scales
+        n = grid.frames[0]
         if order > _ROOT + _FINER:
             wide, maps = self.maps(order - 1, cell >> 2)
-            values = interpolate_all(maps, wide.places(grid.frames[0].reshape(-1, 3))).reshape(*grid.shape, -1)
+            values = interpolate_all(maps, wide.places(n.reshape(-1, 3), TAPS)).reshape(*grid.shape, -1)
         elif order > _WIDEST:
             values = self.maps(order - 1, cell)[1].copy()
         else:
-            values = np.zeros((*grid.shape, field.shells.count))
-        added = np.zeros((*grid.shape, field.shells.count - first))
-        for s, (o, sigma) in enumerate(field.widths):
-            if o == order or o < order == _WIDEST:
-                reach = min(_REACH * sigma, np.pi)
-                points, deviates = field.deviates(grid, s, reach)
-                scaled = deviates[:, first:] * self._scale[first:, s]
-                _splat(added, grid.frames[0], points, grid.boxes(points, reach), scaled, sigma**-2, reach)
+            values = np.zeros((*grid.shape, field.shells.count), np.float32)
+        added = np.zeros((*grid.shape, field.shells.count - first), np.float32)
+        for o in range(1, _WIDEST + 1) if order == _WIDEST else [order]:
+            widths = [(s, sigma, min(_REACH * sigma, np.pi)) for s, (at, sigma) in enumerate(field.widths) if at == o]
+            pixels, points = field.pixels(grid, o, widths[0][2])  # within the reach of the wider
+            for s, sigma, reach in widths:
+                scaled = field.deviates(s, pixels)[:, first:] * self._scale[first:, s].astype(np.float32)
+                add_density(added, n, points, grid.boxes(points, reach), scaled, sigma**-2, reach)
         values[..., first:] += added
         return grid, values
 
 
 @njit(cache=True)
-def _splat(values, n, points, boxes, deviates, u, reach):
-    """Add kappa of psi = deviate exp(-u (1 - n . p)) of every point p to values (rows, columns, shells)."""
-    far = 2 * np.sin(0.5 * reach) ** 2  # 1 - cos(reach)
-    for j in range(len(points)):
-        p, deviate = points[j], deviates[j]
-        for y in range(boxes[j, 0], boxes[j, 1]):
-            for x in range(boxes[j, 2], boxes[j, 3]):
-                d0, d1, d2 = p[0] - n[y, x, 0], p[1] - n[y, x, 1], p[2] - n[y, x, 2]
-                gap = 0.5 * (d0 * d0 + d1 * d1 + d2 * d2)
-                if gap > far:
-                    continue
-                kappa = u * np.exp(-u * gap) * (u * gap * (1.0 - 0.5 * gap) - (1.0 - gap))
-                maps = values[y, x]
-                for i in range(len(deviate)):
-                    maps[i] += kappa * deviate[i]
+def interpolate_all(maps, places):
+    """Return (n, shells): maps (rows, columns, shells) at grid coordinates (n, 2) x, y, as `interpolate_one`."""
+    out = np.zeros((len(places), maps.shape[2]), maps.dtype)
+    wx, wy = np.empty(TAPS), np.empty(TAPS)
+    for g in range(len(places)):
+        x0 = min(int(places[g, 0]), maps.shape[1] - 3) - 1
+        y0 = min(int(places[g, 1]), maps.shape[0] - 3) - 1
+        _cubic(places[g, 0] - x0, wx)
+        _cubic(places[g, 1] - y0, wy)
+        row = out[g]
+        for j in range(TAPS):
+            for i in range(TAPS):
+                w, from_ = np.float32(wy[j] * wx[i]), maps[y0 + j, x0 + i]
+                for s in range(maps.shape[2]):
+                    row[s] += w * from_[s]
+    return out
 
 
 @njit(cache=True)
 def interpolate_one(maps, places, shell):
     """Return (n,): maps (rows, columns, shells) of each place's own shell, cubic through 4 points along each axis."""
     out = np.empty(len(places))
-    wx, wy = np.empty(4), np.empty(4)
+    wx, wy = np.empty(TAPS), np.empty(TAPS)
     for g in range(len(places)):
         x0 = min(int(places[g, 0]), maps.shape[1] - 3) - 1
         y0 = min(int(places[g, 1]), maps.shape[0] - 3) - 1
         _cubic(places[g, 0] - x0, wx)
         _cubic(places[g, 1] - y0, wy)
         total = 0.0
-        for j in range(4):
-            for i in range(4):
+        for j in range(TAPS):
+            for i in range(TAPS):
                 total += wy[j] * wx[i] * maps[y0 + j, x0 + i, shell[g]]
         out[g] = total
     return out
@@ -142,8 +147,8 @@ def interpolate_one(maps, places, shell):
 @njit(cache=True)
 def _cubic(t, weights):
     """Fill the Lagrange weights of points 0..3 for the polynomial at t."""
-    for i in range(4):
+    for i in range(TAPS):
         weights[i] = 1.0
-        for j in range(4):
+        for j in range(TAPS):
             if j != i:
                 weights[i] *= (t - j) / (i - j)

@@ -43,16 +43,17 @@ def halo_shear(lenses, ra, dec, chi):
     first = np.cross(middle, np.eye(3)[np.argmin(np.abs(middle))])
     first /= np.linalg.norm(first)
     plane = np.stack([first, np.cross(middle, first)])  # x, y of a unit vector: projected along the middle
-    place = n @ plane.T
+    place = np.einsum("nk,ak->na", n, plane)
     corner = place.min(axis=0)
     columns, rows = ((np.ptp(place, axis=0) / _BUCKET).astype(int) + 1).tolist()
     bucket = ((place - corner) / _BUCKET).astype(int) @ [1, columns]
-    ranked = np.argsort(bucket, kind="stable")
+    inverse = np.divide(1.0, chi, out=np.full(len(chi), np.inf), where=np.asarray(chi) > 0)
+    ranked = np.lexsort([inverse, bucket])
     starts = np.searchsorted(bucket[ranked], np.arange(rows * columns + 1))
-    at = np.column_stack([n, east, north])[ranked]
-    inverse = np.divide(1.0, chi, out=np.full(len(chi), np.inf), where=np.asarray(chi) > 0)[ranked]
+    at, inverse = np.column_stack([n, east, north])[ranked], inverse[ranked]
     sums = np.zeros((len(chi), 3))
-    centres = np.column_stack([(lenses[:, :3] @ plane.T - corner) / _BUCKET, lenses[:, :3] @ middle])
+    along, across, toward = np.einsum("nk,ak->an", lenses[:, :3], np.stack([*plane, middle]))
+    centres = np.column_stack([(along - corner[0]) / _BUCKET, (across - corner[1]) / _BUCKET, toward])
     _add(sums, at, inverse, starts, rows, columns, lenses, centres, _BUCKET)
     out[:, ranked] = sums.T
     return out
@@ -60,13 +61,13 @@ def halo_shear(lenses, ra, dec, chi):
 
 @njit(cache=True)
 def _add(sums, at, inverse, starts, rows, columns, lenses, centres, bucket):
-    """Add every lens to sums (sources, 3); sources are sorted by bucket, `starts` is the first of each."""
+    """Add every lens to sums (sources, 3); sources are sorted by bucket, the farthest first, `starts` of each."""
     for h in range(len(lenses)):
         p0, p1, p2, chi, strength, disc, sphere, c = lenses[h]
         if centres[h, 2] < 0:
             continue
         reach = disc / bucket  # a projected radius is at most the chord
-        disc2, sphere2 = disc * disc, sphere * sphere
+        disc2, sphere2, per_disc2 = disc * disc, sphere * sphere, 1 / (disc * disc)
         scale = sphere / c
         inner = 1 / (2 * scale * scale * (np.log1p(c) - c / (1 + c)))
         low, high = max(int(np.floor(centres[h, 1] - reach)), 0), min(int(np.floor(centres[h, 1] + reach)), rows - 1)
@@ -77,26 +78,29 @@ def _add(sums, at, inverse, starts, rows, columns, lenses, centres, bucket):
             right = min(int(np.floor(centres[h, 0] + half)), columns - 1)
             if left > right:
                 continue
-            for i in range(starts[row * columns + left], starts[row * columns + right + 1]):
-                weight = strength * (1 - chi * inverse[i])
-                d0, d1, d2 = p0 - at[i, 0], p1 - at[i, 1], p2 - at[i, 2]
-                chord2 = d0 * d0 + d1 * d1 + d2 * d2
-                if not (weight > 0) or chord2 >= disc2:
-                    continue
-                q = 1 - chord2 / disc2
-                q3 = q * q * q
-                kappa = -4 / disc2 * q3
-                if chord2 < sphere2:
-                    f, g = nfw_projected(np.sqrt(chord2) / scale, c)
-                    chord2 = max(chord2, 1e-30)
-                    kappa += inner * f
-                    mean = inner * (f + g) - (1 - q3 * q) / chord2
-                else:
-                    mean = q3 * q / chord2
-                gap = 0.5 * chord2
-                tangential = (mean * (1 - gap) / (1 - 0.5 * gap) - kappa) / (chord2 * (1 - 0.5 * gap))
-                a = d0 * at[i, 3] + d1 * at[i, 4] + d2 * at[i, 5]
-                b = d0 * at[i, 6] + d1 * at[i, 7] + d2 * at[i, 8]
-                sums[i, 0] += weight * kappa
-                sums[i, 1] -= weight * tangential * (a * a - b * b)
-                sums[i, 2] -= weight * tangential * 2 * a * b
+            for cell in range(row * columns + left, row * columns + right + 1):
+                for i in range(starts[cell], starts[cell + 1]):
+                    weight = strength * (1 - chi * inverse[i])
+                    if not weight > 0:  # nor are those after it behind the lens
+                        break
+                    d0, d1, d2 = p0 - at[i, 0], p1 - at[i, 1], p2 - at[i, 2]
+                    chord2 = max(d0 * d0 + d1 * d1 + d2 * d2, 1e-30)
+                    if chord2 >= disc2:
+                        continue
+                    q = 1 - chord2 * per_disc2
+                    q3 = q * q * q
+                    kappa = -4 * per_disc2 * q3
+                    gap = 0.5 * chord2
+                    both = 1 / (chord2 * (1 - 0.5 * gap))  # one division for both quotients
+                    per_chord2 = both * (1 - 0.5 * gap)
+                    mean = q3 * q * per_chord2
+                    if chord2 < sphere2:
+                        f, g = nfw_projected(np.sqrt(chord2) / scale, c)
+                        kappa += inner * f
+                        mean += inner * (f + g) - per_chord2
+                    tangential = weight * both * (mean * (1 - gap) * both * chord2 - kappa)
+                    a = d0 * at[i, 3] + d1 * at[i, 4] + d2 * at[i, 5]
+                    b = d0 * at[i, 6] + d1 * at[i, 7] + d2 * at[i, 8]
+                    sums[i, 0] += weight * kappa
+                    sums[i, 1] -= tangential * (a * a - b * b)
+                    sums[i, 2] -= tangential * 2 * a * b

@@ -16,10 +16,11 @@ C_ln comes from haloes clustering as exp(b delta): their correlation is exp(b b'
 first term already. There b is the mean of a tier, weighted by its part. The spectrum with the smooth field has no C_ln.
 """
 
+from functools import cached_property
 from itertools import combinations_with_replacement
 
 import numpy as np
-from scipy.interpolate import RectBivariateSpline
+from scipy.interpolate import CubicSpline, RectBivariateSpline
 from scipy.optimize import nnls
 from scipy.special import j0
 
@@ -32,7 +33,8 @@ _MASSES = 24  # nodes of a tier
 _SCATTER, _CHANCES = np.polynomial.hermite_e.hermegauss(3)  # of log concentration
 _LN_K = np.linspace(np.log(1e-4), np.log(300.0), 130)  # 1 / Mpc
 _REDSHIFTS = 14
-_THETA = np.geomspace(1e-6, 1.0, 1200)  # rad
+_THETA, _ELL = np.geomspace(1e-6, 1.0, 1200), np.geomspace(1, 1e5, 50)  # rad; multipoles of C_ln
+_SHARE = 1e-5  # of matter, times bias, below which a tier has no C_ln: so few haloes are not pairs
 
 
 class HaloSpectra:
@@ -95,7 +97,7 @@ class HaloSpectra:
         """Return the amplitudes a_is (shells, widths) with which C_l is `wanted` (shells, len(ell))."""
         bases, rest = self.field.powers(ell) * self.factors(ell), wanted - self.one_halo(ell)
         extra = 0.0
-        for _ in range(3):  # C_ln depends on the amplitudes, but is small
+        for _ in range(4):  # C_ln depends on the amplitudes, which it changes by 10 % at most; then they have converged
             fits = [nnls(b / w[:, None], r / w)[0] for b, w, r in zip(bases, wanted, rest - extra, strict=True)]
             amplitude = np.sqrt(fits)
             extra = self.lognormal(ell, amplitude)
@@ -103,20 +105,28 @@ class HaloSpectra:
 
     def lognormal(self, ell, amplitude):
         """Return C_ln (shells, len(ell)) for amplitudes (shells, widths)."""
-        kernel = self.field.shells.kernel()[:, None]
-        shapes = np.stack([_correlation(sigma, order) for order, sigma in self.field.widths])
-        transform = 2 * np.pi * np.gradient(np.log(_THETA))[:, None] * _THETA[:, None] ** 2 * j0(np.outer(_THETA, ell))
-        wide, first, second = self.wide(), self.response(ell), self.response(ell, 2)
-        strongest = np.argmax(np.abs(second), axis=2, keepdims=True)
-        first, bias = (np.take_along_axis(v, strongest, axis=2)[..., 0] for v in (first, second))
-        bias = np.divide(bias, first, out=np.zeros_like(bias), where=first != 0)  # (shells, tiers)
-        total = np.zeros((len(kernel), len(ell)))
+        kernel, (second, bias, transform, shapes) = self.field.shells.kernel()[:, None], self._clustering
+        wide, total = self.wide(), np.zeros((len(kernel), len(_ELL)))
         for t, u in combinations_with_replacement(range(len(wide)), 2):
-            xi = ((amplitude * self.weights) ** 2 * wide[t] * wide[u]) @ shapes / kernel**2  # of delta (shells, theta)
-            x = (bias[:, t] * bias[:, u])[:, None] * xi
+            some = np.flatnonzero(bias[:, t] * bias[:, u])
+            power = ((amplitude * self.weights) ** 2 * wide[t] * wide[u])[some]
+            xi = np.einsum("is,st->it", power, shapes) / kernel[some] ** 2  # of delta (shells, theta)
+            x = (bias[:, t] * bias[:, u])[some, None] * xi
             curved = xi**2 * np.where(np.abs(x) > 1e-3, (np.expm1(x) - x) / np.where(x == 0, 1, x) ** 2, 0.5)
-            total += (1 if t == u else 2) * second[:, t] * second[:, u] * (curved @ transform)
-        return total * kernel**2
+            total[some] += (
+                (1 if t == u else 2) * second[some, t] * second[some, u] * np.einsum("it,lt->il", curved, transform)
+            )
+        return CubicSpline(np.log(_ELL), total * kernel**2, axis=1)(np.log(ell))
+
+    @cached_property
+    def _clustering(self):
+        """Responses with b^2 and biases (shells, tiers), transform and correlations, of C_ln at multipoles _ELL."""
+        first, second = self.response(_ELL), self.response(_ELL, 2)
+        strongest = np.argmax(np.abs(second), axis=2, keepdims=True)
+        share, bias = (np.take_along_axis(v, strongest, axis=2)[..., 0] for v in (first, second))
+        bias = np.divide(bias, share, out=np.zeros_like(bias), where=np.abs(share) > _SHARE)
+        transform = 2 * np.pi * np.gradient(np.log(_THETA)) * _THETA**2 * j0(np.outer(_ELL, _THETA))  # (l, theta)
+        return second, bias, transform, np.stack([_correlation(sigma, order) for order, sigma in self.field.widths])
 
 
 def _moments(mass_function, low, high, z, numbers):
@@ -134,7 +144,8 @@ def _moments(mass_function, low, high, z, numbers):
     first, second = (np.einsum("s,skm->km", chances, profiles**p) for p in (1, 2))
     number = 0.5 * np.log(high / low) * weights * mass_function.dn_dlnm(mass, z)
     volume, bias = mass / mass_function.density, mass_function.bias(mass, z)
-    return np.stack([*(first @ (number * volume * bias**p) for p in (1, 2)), second @ (number * volume**2)])
+    parts = [(first, number * volume * bias**p) for p in (1, 2)] + [(second, number * volume**2)]
+    return np.stack([np.einsum("km,m->k", *part) for part in parts])
 
 
 def _correlation(sigma, order):

@@ -17,11 +17,13 @@ from numba import njit
 from csstsim.base.healpix import NSIDE, brick_of
 from csstsim.base.rng import stream
 from csstsim.base.sphere import unit_vectors
-from csstsim.universe.structure.density import cell_order, interpolate_one, kernel_order
+from csstsim.universe.structure.density import TAPS, cell_order, interpolate_one, kernel_order
 
 _DEEP = 29  # order of the pixels whose centres are the places
 _STEP_Z, _MASSES = 0.05, 160  # nodes of the tables
 _MARGIN = 0.15  # of the maximum between points of a map, in its standard deviations
+_SAGITTA = 0.02  # rad x nside: by which a cell may bulge beyond the chords of its border
+_FINE = 9  # least order of the cells of haloes that do not lens: they are asked for in and close to a brick
 _CELLS = 1024  # kept
 COLUMNS = ("ra", "dec", "z", "log_mass", "concentration", "key")
 
@@ -59,17 +61,16 @@ class Haloes:
         import healpy
 
         centre = np.array(healpy.pix2vec(NSIDE, pix, nest=True))
-        border = healpy.boundaries(NSIDE, pix, step=4, nest=True).T
+        border = healpy.boundaries(NSIDE, pix, step=16, nest=True).T
         radius = 2 * np.arcsin(0.5 * np.linalg.norm(border - centre, axis=1).max())
         found = []
         for tier, top in enumerate(self.edges[1:] / np.log(10)):
             if top <= lowest:
                 continue
             for order, (_, z_near, _) in self._depths[tier].items():
-                nside, widest = 2 ** cell_order(order), float(np.max(reach(z_near, top)))
-                cells = healpy.query_disc(nside, centre, min(radius + widest, np.pi), inclusive=True, nest=True)
-                for cell in np.sort(cells):
-                    some = self.cell(tier, order, int(cell))
+                nside, widest = 2 ** self._cell_order(tier, order), float(np.max(reach(z_near, top)))
+                for cell in _cells(nside, centre, min(radius + widest, np.pi)):
+                    some = self.cell(tier, order, cell)
                     v, far = some["vector"], reach(some["z"], some["log_mass"])
                     keep = (some["log_mass"] >= lowest) & _within(v, centre, radius, border, far, pix, some)
                     found.append({name: some[name][keep] for name in COLUMNS})
@@ -94,14 +95,19 @@ class Haloes:
             found.append(depth)
         return found
 
+    def _cell_order(self, tier, order):
+        """Return the HEALPix order of the cells in which haloes are drawn: that of the maps, finer for light ones."""
+        light = self.edges[tier] < np.log(0.999 * self.numbers["lens_mass"])
+        return max(cell_order(order), _FINE if light else 0)
+
     def _draw(self, tier, order, cell):
         """Return the columns of the haloes of a tier in the shells of one order and one cell, with `vector` (n, 3)."""
         import healpy
 
         shells, _, counts = self._depths[tier][order]
         table, variance = self._tables[tier], self._variance[tier][shells]
-        at = cell_order(order)
-        grid, maps = self.density.maps(order, cell)
+        at = self._cell_order(tier, order)
+        grid, maps = self.density.maps(order, cell >> 2 * (at - cell_order(order)))
         peak = maps[:, :, shells].max(axis=(0, 1)) + _MARGIN * np.sqrt(variance)
         near, far = (self.density.field.shells.edges[shells + k] for k in (0, 1))
         bound = table.largest(peak, variance, near, far)
@@ -117,7 +123,7 @@ class Haloes:
         z = table.redshift(near[shell] + u[0] * (far - near)[shell])
         ln_mass, bias = table.mass(z, u[1], u[2])
         vectors = unit_vectors(ra, dec)
-        delta = interpolate_one(maps, grid.places(vectors), shells[shell])
+        delta = interpolate_one(maps, grid.places(vectors, TAPS), shells[shell])
         chance = np.exp(bias * delta - 0.5 * bias**2 * variance[shell]) / bound[shell]
         if chance.max(initial=0.0) > 1:
             raise RuntimeError(f"haloes of tier {tier}, order {order}, cell {cell}: the field exceeds its bound")
@@ -203,6 +209,16 @@ def _mass(node_of_mass, node, share, u, below, ln_mass, bias):
         high = (1 - t) * bias[node[i] + 1, k] + t * bias[node[i] + 1, k + 1]
         b[i] = (1 - share[i]) * low + share[i] * high
     return mass, b
+
+
+def _cells(nside, centre, radius):
+    """Return the HEALPix cells, rising, that reach into a disc of `radius` [rad]; a few may just not."""
+    import healpy
+
+    cells = np.sort(healpy.query_disc(nside, centre, radius, inclusive=True, nest=True))
+    own = healpy.vec2pix(nside, *centre, nest=True)
+    far = [_distance(centre[None], healpy.boundaries(nside, c, step=4, nest=True).T)[0] for c in cells.tolist()]
+    return cells[(np.array(far) < 2 * np.sin(0.5 * radius) + _SAGITTA / nside) | (cells == own)].tolist()
 
 
 def _within(v, centre, radius, border, reach, pix, columns):

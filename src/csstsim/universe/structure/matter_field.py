@@ -8,6 +8,8 @@ haloes and galaxies follow (density), and the tidal field that aligns galaxies.
 Left out: deflection of positions, lens-lens coupling, rotation, baryons, structure in depth within a shell.
 """
 
+from functools import lru_cache
+
 import numpy as np
 from scipy.optimize import nnls
 
@@ -19,7 +21,9 @@ from csstsim.universe.structure.density import ShellDensity, kernel_order
 from csstsim.universe.structure.halo_lensing import halo_lenses, halo_shear
 from csstsim.universe.structure.halo_spectra import HaloSpectra
 from csstsim.universe.structure.haloes import Haloes, tier_orders
+from csstsim.universe.structure.kernels import add_lensing
 from csstsim.universe.structure.mass_function import HaloMassFunction
+from csstsim.universe.structure.source_maps import add_shells, interpolate_depth
 
 
 class MatterField(PotentialField):
@@ -30,6 +34,8 @@ class MatterField(PotentialField):
     `mass_function`. Raises KeyError or ValueError for a number that is missing or out of range.
     """
 
+    reach, samples, precision = 5.0, 2.7, np.float32  # of the smooth maps: they err by 1e-3 of the narrowest kernel
+
     def __init__(self, seed, cosmology_numbers, lensing_numbers, numbers, haloes=True):
         _check(lensing_numbers, numbers)
         self.numbers, cosmology = numbers, Cosmology(cosmology_numbers)
@@ -38,7 +44,7 @@ class MatterField(PotentialField):
         chi_end = float(cosmology.comoving_distance(z_end))
         edges = np.linspace(0.0, chi_end, int(np.ceil(chi_end / numbers["shells"]["thickness"])) + 1)
         lenses = int(np.searchsorted(edges, float(cosmology.comoving_distance(z_max))))
-        shells = Shells(power, edges, z_end, z_max)
+        shells = Shells(power, edges, z_end, z_max, nodes=_NODES)
         super().__init__(seed, shells, lenses, lensing_numbers["l_max"], "structure" if haloes else "structure field")
         self.mass_function = HaloMassFunction(cosmology, power)
         wanted = shells.spectra(self.ell)
@@ -47,6 +53,8 @@ class MatterField(PotentialField):
             self.amplitude = self.spectra.fit(self.ell, wanted)
         else:
             self.amplitude = np.sqrt([nnls(self.powers(self.ell) / w[:, None], np.ones(len(w)))[0] for w in wanted])
+        self._source_maps = lru_cache(maxsize=1)(self._make_source_maps)  # galaxies and quasars use the same
+        self.lens_haloes = lru_cache(maxsize=1)(self._lens_haloes)
         self._galaxy_order = kernel_order(self, numbers["galaxy_scale"])
         tiers = tier_orders(self, self.mass_function, numbers)
         self.shell_density = ShellDensity(
@@ -62,12 +70,23 @@ class MatterField(PotentialField):
         where it is zero, negative or NaN the values are 0. Axes: east, north.
         """
         ra, dec, z = (np.atleast_1d(np.asarray(v, float)) for v in (ra, dec, z))
-        total = np.stack(self._interpolated(pix, ra, dec, self.shells.weights(z)))
+        chi = self.shells.source_distance(z)
+        grid, maps = self._source_maps(pix)
+        kappa, gamma1, gamma2 = interpolate_depth(maps, grid.cells(ra, dec), chi / self.shells.sources[1]).T
+        total = np.stack([kappa, *grid.to_east_north(ra, dec, gamma1, gamma2)])
         if self.haloes is not None:
-            total += halo_shear(self.lens_haloes(pix), ra, dec, self.shells.source_distance(z))
+            total += halo_shear(self.lens_haloes(pix), ra, dec, chi)
         return tuple(v.astype(np.float32) for v in total)
 
-    def lens_haloes(self, pix):
+    def _make_source_maps(self, pix):
+        """Return a brick's grid and smooth maps (rows, columns, distances, 3) for sources at shells.sources."""
+        grid, values = self._grid_of(pix)
+        return grid, add_shells(values, self.shells.table[:, : self.lenses].T.astype(np.float32))
+
+    def _splat(self, *arguments):
+        add_lensing(*arguments)
+
+    def _lens_haloes(self, pix):
         """Return the haloes that lens sources in brick `pix` as halo_lensing.halo_lenses."""
         numbers = self.numbers["haloes"]
         return halo_lenses(
@@ -120,6 +139,7 @@ class MatterField(PotentialField):
         return weights @ (parts + self.spectra.one_halo(ell) + self.spectra.lognormal(ell, self.amplitude))
 
 
+_NODES = 2  # source distances per shell at which weights are computed
 _MARGIN = 1e-6  # rad, of rounding
 
 
@@ -132,8 +152,8 @@ def _check(lensing, numbers):
         raise ValueError("structure: needs 20 <= shells.thickness <= 1000 and 0.2 <= galaxy_scale <= 20")
     if not (0.02 <= haloes["z_min"] < haloes["z_max"] <= shells["z_end"]):
         raise ValueError("structure: needs 0.02 <= haloes.z_min < haloes.z_max <= shells.z_end")
-    if not (len(tiers) > 1 and tiers[0] >= 1e9 and tiers[-1] <= 1e16 and (np.diff(tiers) > 0).all()):
-        raise ValueError("structure: needs rising haloes.tiers between 1e9 and 1e16")
+    if not (1 < len(tiers) <= 9 and tiers[0] >= 1e9 and tiers[-1] <= 1e16 and (np.diff(tiers) > 0).all()):
+        raise ValueError("structure: needs 2 to 9 rising haloes.tiers between 1e9 and 1e16")
     if haloes["lens_mass"] not in tiers[:-1]:
         raise ValueError("structure: haloes.lens_mass is the lower mass of a tier")
     if not (0.2 <= haloes["placement"] <= 3 and 0.5 <= haloes["compensation"] <= 5):
