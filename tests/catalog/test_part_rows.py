@@ -92,3 +92,25 @@ def test_shares_above_the_whole_are_refused():
     columns["id"] = [3, 4, 5]
     with pytest.raises(InputError, match="row 2, a part of object 3: the shares of its object's parts exceed 1"):
         TableCatalog({"columns": columns}, REGION)
+
+
+def test_a_part_moves_with_its_object_and_varies_with_a_share_of_its_light():
+    changes = {
+        "rate_ra": [30.0, BLANK], "rate_dec": [-5.0, BLANK], "rate_mjd": [61000.0, BLANK], "var_period": [2.0, BLANK],
+        "var_amplitude": [0.3, BLANK], "light_curve": ["", ""],
+    }  # fmt: skip
+    table = load(**{name: values for name, values in changes.items() if name != "light_curve"})
+    for name in ("rate_ra", "rate_dec", "rate_mjd", "var_period", "var_amplitude"):
+        assert table[name][1] == table[name][0] == changes[name][0]
+    table = load(**{name: changes[name] for name in ("var_period", "var_amplitude")}, mag_r=[20.0, 23.0],
+                 mag_i=[19.5, 23.0], part_share=[BLANK, BLANK])  # fmt: skip
+    assert table["var_amplitude"].tolist() == [pytest.approx(0.3), 0.0]  # light of its own does not vary
+
+
+def test_ids_are_compared_exactly():
+    big = 4611686018427387904
+    table = load(id=[big, big + 1], part_of=np.array([-1, big]))
+    assert table["part_of"].tolist() == [-1, big]
+    for of, words in ((np.array([-1, big + 2]), "no row of that id"), ([BLANK, float(big)], "inexact")):
+        with pytest.raises(InputError, match=words):
+            load(id=[big, big + 1], part_of=of)

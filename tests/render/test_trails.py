@@ -146,10 +146,13 @@ def test_points_and_line_are_the_same_track(moving, monkeypatch):
     for angle in (10.0, 70.0):
         rate = speed * np.sin(np.radians(angle)), speed * np.cos(np.radians(angle))
         monkeypatch.setattr(trails, "LINE_PX", 1000.0)
-        points, *_ = moving(*rate, window=wide, ab=17.0)
+        points, _, pieces, _ = moving(*rate, window=wide, ab=17.0)
         monkeypatch.setattr(trails, "LINE_PX", 10.0)
         line, _, table, _ = moving(*rate, window=wide, ab=17.0)
         assert table["method"][0] == "track"
+        assert table["electrons"][0] == pytest.approx(
+            pieces["electrons"][0], rel=1e-3
+        )  # the shutter takes 1% of the time
         assert line.sum() == pytest.approx(points.sum(), rel=5e-3)  # its ends are sharp
         inner = (slice(100, 180), slice(120, 180))
         assert line[inner].sum() == pytest.approx(points[inner].sum(), rel=2e-3)

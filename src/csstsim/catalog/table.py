@@ -70,6 +70,7 @@ OPTIONAL = {
     "part_of": (np.int64, -1, "id of the object of which the row is a part, with light of its own; -1: of none"),
     "knots": (np.int32, 0, "number of knots: points of equal light, at random in the disk's profile"),
     "knots_frac": (np.float32, 0.0, "share of the light in knots"),
+    "knots_turned": (np.int8, 0, "1: the knots are turned by 90 degrees, as in a twin campaign"),
     "image_file": (np.str_, "", "file of a galaxy's image, which is drawn in place of disk and bulge"),
     "image_scale": (np.float32, 0.0, "arcsec per pixel of the image; 0: by its WCS"),
     "image_pa": (np.float32, 0.0, "deg, from north through east: by how much the image is turned"),

@@ -13,6 +13,8 @@ from csstsim.base.errors import InputError
 from csstsim.base.rng import Streams
 from csstsim.catalog.object_table import plain_columns, read_table
 from csstsim.catalog.own_table import TableCatalog
+from csstsim.catalog.row_files import named
+from csstsim.catalog.table import FILE_COLUMNS
 from csstsim.inject.shot import places, shot
 from csstsim.simulation.state import State
 from csstsim.stages.psf import missing_psf, open_psf
@@ -50,7 +52,10 @@ def table_of(given):
     """Return {name: values} of a table of objects: a file's path, an astropy Table or a mapping. Raises InputError."""
     if hasattr(given, "colnames"):
         return plain_columns(given)
-    return dict(given) if isinstance(given, dict) else read_table(given)
+    if isinstance(given, dict):
+        return dict(given)
+    columns = read_table(given)
+    return columns | {name: named(columns, name, given) for name in FILE_COLUMNS if name in columns}
 
 
 def catalogue_of(run, job, columns):

@@ -31,6 +31,10 @@ def place(
         allowed = f"a new file, {', '.join(FORMATS)}"
         raise InputError("cannot be the table", file=target, key="--output", allowed=allowed)
     columns = read_table(objects)
+    parts = np.nan_to_num(np.asarray(columns.get("part_of", [-1]), float), nan=-1.0) >= 0
+    if parts.any():  # a part lies where its offset from its object puts it
+        message, allowed = "cannot place parts of objects", "a table without part_of"
+        raise InputError(message, file=objects, key="part_of", allowed=allowed)
     count = len(next(iter(columns.values()), ()))
     if near is not None:
         others = read_table(near)

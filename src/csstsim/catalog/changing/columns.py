@@ -23,6 +23,7 @@ UNITS = {
     **dict.fromkeys(("rate_ra", "rate_dec"), "arcsec / h"), "rate_mjd": "d", "trail_width": "arcsec",
     "var_period": "d", "var_amplitude": "mag",
 }  # fmt: skip
+WIDEST, AMPLITUDE_MOST, RATE_MOST, MJD_MOST = 60.0, 30.0, 1e8, 1e6  # arcsec, mag, arcsec / hour, day
 TRACK_RATE = 216_000.0  # arcsec / hour, 1 arcmin / s: only what is faster may have a width
 
 
@@ -60,11 +61,14 @@ def reasons(table):
         found["rate_ra or rate_dec is not finite"] = ~np.isfinite(speed)
         found["a rate of motion without rate_mjd"] = (speed > 0) & ~np.isfinite(table["rate_mjd"])
         width = table["trail_width"]
-        found["trail_width is negative or not finite"] = ~((width >= 0) & np.isfinite(width))
+        found[f"trail_width is not within 0..{WIDEST:g} arcsec"] = ~((width >= 0) & (width <= WIDEST))
+        found[f"a rate of motion above {RATE_MOST:g} arcsec / hour"] = speed > RATE_MOST
+        found[f"rate_mjd is beyond {MJD_MOST:g}"] = np.abs(table["rate_mjd"]) > MJD_MOST
         found["a trail_width, but slower than 1 arcmin / s: widths are for satellites"] = (width > 0) & (
             speed < TRACK_RATE
         )
     period, size = (table.get(name, np.zeros(len(table))) for name in ("var_period", "var_amplitude"))
     found["a var_amplitude without a var_period above 0"] = (size != 0) & ~(period > 0)
-    found["var_amplitude or var_phase is not finite"] = ~np.isfinite(size + table.get("var_phase", 0.0))
+    found["var_phase is not finite"] = ~np.isfinite(table.get("var_phase", np.zeros(len(table))))
+    found[f"var_amplitude is not within 0..{AMPLITUDE_MOST:g} mag"] = ~((size >= 0) & (size <= AMPLITUDE_MOST))
     return found

@@ -46,6 +46,9 @@ def knots_of(table):
     rings, which, share = rings_for(index)
     u, v = np.empty(counts.sum()), np.empty(counts.sum())
     _place(u, v, counts, size, object_keys(_STREAM, some["id"].astype(np.int64)), rings, which, share)
+    if "knots_turned" in some:
+        turned = np.repeat(some["knots_turned"] != 0, counts)
+        u, v = np.where(turned, -v, u), np.where(turned, u, v)
     return Knots(rows, some["knots_frac"].astype(float), counts, u, v, size)
 
 

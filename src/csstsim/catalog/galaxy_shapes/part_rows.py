@@ -6,7 +6,8 @@
 
 Row 2 is a part of object 1: 0.3" east and 0.1" south of it, with a quarter of its light, which row 1 no longer has. A
 part with a magnitude of its own adds its light to that of the object. Offsets are on the sky before lensing; a part has
-its object's lens, and its place and redshift where its own are blank. A part is drawn, selected and listed in the truth
+its object's lens, and its place and redshift where its own are blank. It moves as its object does, and with a share of
+the light it varies as that does. A part is drawn, selected and listed in the truth
 as an object is.
 """
 
@@ -15,6 +16,7 @@ import numpy as np
 from csstsim.base.errors import InputError
 from csstsim.base.sphere import frames, ra_dec
 from csstsim.base.units import ARCSEC_PER_RAD
+from csstsim.catalog.changing import columns as changing
 from csstsim.catalog.table import STAR
 
 SHORTHANDS = {
@@ -33,21 +35,27 @@ def resolve(columns, obj_type, bands, where):
     obj_type (n,). Raises InputError, which names `where`, the row and the object that it is a part of.
     """
     columns = dict(columns)
-    of, ids = np.asarray(columns["part_of"], float), np.asarray(columns["id"])
+    of, ids = np.asarray(columns["part_of"]), np.asarray(columns["id"])
+    exact = of.dtype.kind in "iu"  # a column with blanks is of floats, which hold ids to 2^53 only
     rows = np.flatnonzero(np.isfinite(of) & (of >= 0))
+    wide = rows[:0] if exact else rows[of[rows] > 2**53]
+    if len(wide):
+        message, allowed = "blanks in the column make this id inexact", "ids up to 2^53, or -1 in place of blanks"
+        raise InputError(message, file=where, key=f"row {wide[0] + 1}: part_of", value=of[wide[0]], allowed=allowed)
+    of = np.where(np.isfinite(of), of, -1).astype(np.int64)
     count = len(of)
     offset = [
         np.nan_to_num(np.asarray(columns.pop(f"offset_{axis}", np.zeros(count)), float)) for axis in ("ra", "dec")
     ]
     share = np.asarray(columns.pop("part_share", np.full(count, np.nan)), float)
-    columns["part_of"] = np.where(np.isfinite(of), of, -1.0)
+    columns["part_of"] = of
     order = np.argsort(ids, kind="stable")
     at = order[np.minimum(np.searchsorted(ids[order], of[rows]), count - 1)]
 
     def refuse(bad, message, **more):
         if np.any(bad):
             row = rows[np.flatnonzero(bad)[0]]
-            raise InputError(f"row {row + 1}, a part of object {of[row]:.0f}: {message}", file=where, **more)
+            raise InputError(f"row {row + 1}, a part of object {of[row]}: {message}", file=where, **more)
 
     refuse(ids[at] != of[rows], "there is no row of that id", key="part_of")
     refuse(columns["part_of"][at] >= 0, "that row is a part itself", key="part_of")
@@ -62,9 +70,19 @@ def resolve(columns, obj_type, bands, where):
             own = np.array(columns[name], float)
             own[rows] = np.where(np.isfinite(own[rows]), own[rows], own[at])
             columns[name] = own
+    _follow(columns, rows, at, given)
     _place(columns, rows, at, offset)
     _share_light(columns, rows[given], at[given], share, bands, refuse, rows)
     return columns
+
+
+def _follow(columns, rows, at, shared):
+    """Give parts the motion of their objects, and those that have a share of the light its changes."""
+    for name, some in [(n, np.ones(len(rows), bool)) for n in changing.MOTION] + [(n, shared) for n in changing.LIGHT]:
+        if name in columns:
+            values = np.array(columns[name])
+            values[rows[some]] = values[at[some]]
+            columns[name] = values
 
 
 def _place(columns, rows, at, offset):

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from csstsim.base.errors import InputError
 from csstsim.base.healpix import NSIDE
 from csstsim.base.sphere import grown, ra_dec, unit_vectors
 from csstsim.catalog.astrometry.reduction import apparent, at_epoch
@@ -120,7 +121,7 @@ def select_objects(
         rows, table, places = rows[could], table.take(could), {name: v[could] for name, v in places.items()}
         seconds, dimmed, dmag = seconds[could], dimmed[could], None if dmag is None else dmag[could]
     if rotated:
-        table = table.with_columns(e1=-table["e1"], e2=-table["e2"])
+        table = _turned(table)
     (mu, thin), star = _magnification(table), table["obj_type"] == STAR
     order = canonical_order(table)  # sums by chunks must not depend on the order of the rows
     flux = catalog.load_fluxes(rows[order], filter, telescope)[back(order)] * (mu * dimmed)[:, None]
@@ -236,6 +237,22 @@ def _magnified(table, bands, mu):
     """Return {mag_B: observed magnitudes}; NaN in a band for which the catalogue's table has none."""
     given = {f"mag_{band}": table.get(f"mag_{band}", np.full(len(mu), np.nan)) for band in bands}
     return {name: (values - 2.5 * np.log10(mu)).astype(np.float32) for name, values in given.items()}
+
+
+def _turned(table):
+    """Return the table with all shapes turned by 90 degrees: ellipticities, knots and images.
+
+    Raises InputError for parts of objects, whose places are no shape of theirs.
+    """
+    if "part_of" in table and (table["part_of"] >= 0).any():
+        raise InputError("cannot turn parts of objects", key="catalog.shapes", value="rotated90", allowed="normal")
+    columns = {"e1": -table["e1"], "e2": -table["e2"]}
+    if "knots" in table:
+        columns["knots_turned"] = np.ones(len(table), np.int8)
+    if "image_file" in table:
+        pa = table["image_pa"] if "image_pa" in table else np.zeros(len(table), np.float32)
+        columns["image_pa"] = pa + np.float32(90.0)
+    return table.with_columns(**columns)
 
 
 def _magnification(table):

@@ -40,15 +40,16 @@ def draw_tracks(canvas, objects, drawing, spectra=None, disperser=None):
     """
     flux = np.stack([objects[f"flux{i}"] for i in range(4)], axis=1)
     time_seen = objects["trail_end"] - objects["trail_start"]
-    out = DrawnTable(objects, flux.sum(axis=1) * time_seen)
+    out = DrawnTable(objects, flux.sum(axis=1) * time_seen)  # nearly: the line's columns are exposed for other times
     for i in progress(out.rows, "tracks"):
         begin = time.process_time()
         line = _Line(objects.take(np.array([i])), drawing)
+        out.electrons[i] = flux[i].sum() * line.exposed
         if disperser is None:
             parts = [(line, flux[i], None)]
         else:
             light = spectra(np.array([i]), disperser.edges)[0]
-            out.electrons[i] = (light * disperser.rates.sum(axis=1).max(axis=0)).sum() * time_seen[i]
+            out.electrons[i] = (light * disperser.rates.sum(axis=1).max(axis=0)).sum() * line.exposed
             parts = _orders(line, light, disperser)
         for part, rates, shifts in parts:
             drawn, box = _draw(canvas, part, rates, shifts, drawing, float(objects["trail_width"][i]), disperser)
@@ -76,7 +77,9 @@ class _Line:
         slack = 1e-3 * (end - start)  # the ends are those of the middle's column
         lit = (t >= opened - slack) & (t <= closed + slack)
         along = np.hypot(np.gradient(self.x), np.gradient(self.y))
-        self.seconds = lit * np.gradient(t) / along * interval.exptime / (closed - opened)
+        more = interval.exptime / (closed - opened)
+        self.seconds = lit * np.gradient(t) / along * more
+        self.exposed = float(np.trapezoid(more, t))
 
     def taken(self, rows):
         """Return the part of the line at an array of rows, all next to each other."""
