@@ -56,6 +56,15 @@ def test_a_curve_is_read_by_name_and_band(camera, tmp_path):
     assert found.files({"light_curves": str(path)}) == (str(path),)
 
 
+def test_blanks_and_numbers_as_names_of_curves(camera, tmp_path):
+    """A column with blanks makes floats of the names 1, 2, ..."""
+    path = tmp_path / "curves.csv"
+    path.write_text("curve,mjd,dmag\n1,60999,1\n1,61001,1\n")
+    dmag = catalogue(light_curve=[1.0, np.nan], light_curves=str(path)).dimming([0, 1], INTERVAL, camera.filters["r"])
+    assert dmag == pytest.approx([1.0, 0.0])
+    assert catalogue(light_curve=[np.nan, np.nan]).table["light_curve"].tolist() == ["", ""]
+
+
 @pytest.mark.parametrize(
     ("columns", "word"),
     [

@@ -147,6 +147,23 @@ def test_the_command_on_both_kinds_of_file(files, tmp_path):
     )
 
 
+def test_noise_is_never_used_twice(files, tmp_path):
+    """The same objects again: refused with the same realisation, and added with another."""
+    campaign, _, image, table = files
+    options = "--catalogue", table, "--campaign", campaign
+    run_command("inject", image, *options, "--output", tmp_path / "once")
+    once = tmp_path / "once" / image.name
+    command = ["inject", once, *options, "--output", tmp_path / "twice"]
+    said = CliRunner().invoke(main, [str(word) for word in command])
+    assert said.exit_code == 2 and "--realisation: the frame has injected objects" in said.output
+    assert not (tmp_path / "twice").exists()
+    run_command(*command, "--realisation", 2)
+    first, last = (
+        fits.getdata(path, "SCI") - fits.getdata(image, "SCI") for path in (once, tmp_path / "twice" / image.name)
+    )
+    assert last.sum() == pytest.approx(2 * first.sum(), rel=0.02)
+
+
 def test_calibrated_and_raw_agree(files, tmp_path):
     """An image calibrated after injection into the raw frame, and one injected into: the same light and errors."""
     campaign, raw, image, table = files

@@ -1,12 +1,12 @@
 """Files that rows of a table name: images and spectra, found beside the table, read once and checked row by row."""
 
 import hashlib
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
 from csstsim.base.errors import InputError
+from csstsim.base.files.kept import kept
 from csstsim.catalog.galaxy_shapes.images import read_picture, sky_of
 from csstsim.catalog.light.file_spectra import read_spectrum
 from csstsim.catalog.table import FILE_COLUMNS, GALAXY
@@ -77,7 +77,7 @@ def files_of(columns, where):
     return tuple(sorted(found))
 
 
-@lru_cache(4096)
+@kept(4096)
 def digest_of(name):
     """Return a hash of the content of a named file, with the part of it that is meant; "" of no name."""
     if not name:

@@ -1,5 +1,6 @@
 """`csstsim inject`: objects of a table put into frames; copies of the frames, with truth tables, in a new folder."""
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,6 +21,8 @@ from csstsim.io.level0 import read_level0
 from csstsim.io.paths import ORDERS, TRUTH
 from csstsim.io.truth import truth_table
 from csstsim.stages.select import say_selected
+
+_USED = re.compile(r"digest\s*\w+,\s*realisation\s*(\d+),\s*by")  # in the HISTORY that `record` writes
 
 
 @dataclass(frozen=True)
@@ -51,10 +54,24 @@ def inject(frames, table, folder, say=print, **options):
         raise InputError("is no folder", file=folder)
     name = Path(table).name if isinstance(table, str | Path) else "a table"
     request = Request(table_of(table), name, **options)
+    for frame in frames:
+        _check_fresh(frame, request.realisation)
     ready = [_ready(frame, request, say) for frame in frames]
     for make, frame, target in progress(list(zip(ready, frames, targets, strict=True)), "frames"):
         say(f"{target}: {make(frame, target, say)}")
     return targets
+
+
+def _check_fresh(frame, realisation):
+    """Raise InputError if the frame has injected objects of this realisation: their noise would be the same."""
+    from csstsim.io.fits import open_fits, raw_cards
+
+    with open_fits(frame) as hdus:
+        history = "".join(card[8:] for card in raw_cards(hdus[0], frame) if card.startswith("HISTORY "))
+    used = {int(number) for number in _USED.findall(history)}
+    if realisation in used:
+        message, allowed = "the frame has injected objects with this noise", "another whole number"
+        raise InputError(message, file=frame, key="--realisation", value=realisation, allowed=allowed)
 
 
 def _ready(frame, request, say):

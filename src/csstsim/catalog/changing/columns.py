@@ -39,11 +39,18 @@ def completed(columns, count):
     for name, values in given.items():
         dtype, default, _ = COLUMNS[name]
         if dtype is str:
-            made[name] = np.array(np.broadcast_to(np.asarray(values).astype(str), count))
+            made[name] = np.array(np.broadcast_to(_names(np.asarray(values)), count))
             continue
         values = np.array(np.broadcast_to(values, count), dtype=dtype)
         made[name] = values if np.isnan(default) else np.where(np.isnan(values), default, values)
     return made
+
+
+def _names(values):
+    """Return names as text: of numbers, too, which are whole where a column with blanks made floats of them."""
+    if values.dtype.kind != "f":
+        return values.astype(str)
+    return np.array(["" if np.isnan(v) else f"{v:g}" for v in np.atleast_1d(values)], dtype=str)
 
 
 def moves(table):

@@ -7,7 +7,6 @@ place. Without a WCS in its header, north is up and east left, turned by `image_
 
 import re
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +14,7 @@ import numpy as np
 from csstsim.base.errors import InputError
 from csstsim.base.files.fits_headers import check_headers
 from csstsim.base.files.hdf5_file import numbers
+from csstsim.base.files.kept import kept
 
 LARGEST = 1 << 24  # pixels
 NEGATIVE = 0.05  # of the light: the most in negative pixels, which are drawn dark
@@ -55,7 +55,7 @@ def sky_of(picture, scale, angle):
     return scale * np.array([[-cos, sin], [sin, cos]])
 
 
-@lru_cache(_KEPT)
+@kept(_KEPT)
 def read_picture(name):
     """Return the Picture of a file. Raises InputError for one that is missing, damaged or not an image."""
     found = _PLACE.fullmatch(str(name))

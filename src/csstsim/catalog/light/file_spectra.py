@@ -4,13 +4,13 @@ A file is .csv, .ecsv or .fits with WAVELENGTH [angstrom, rising] and FLUX [phot
 converts], as observed. Between samples it is linear, beyond its ends dark.
 """
 
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.fits_headers import check_headers
+from csstsim.base.files.kept import kept
 from csstsim.catalog.light.photometry import ab_mag, bin_means
 from csstsim.instrument.filter import GRID
 
@@ -18,7 +18,7 @@ FORMATS = {".csv": "ascii.csv", ".ecsv": "ascii.ecsv", ".fits": "fits"}
 _KEPT = 64
 
 
-@lru_cache(_KEPT)
+@kept(_KEPT)
 def read_spectrum(path):
     """Return (18001,) photon / s / m2 / angstrom of a file on the paper's grid. Raises InputError."""
     from astropy.table import Table
