@@ -18,7 +18,7 @@ full-chip: .venv/ready
 	snakemake --profile profiles/default --config campaign=config/full_chip.yaml
 
 test: .venv/ready
-	$(MAKE) --jobs 2 --output-sync=target checks first-image
+	$(MAKE) checks
 	pytest -n 2 --no-loadscope-reorder
 
 checks: .venv/ready

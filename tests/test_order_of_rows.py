@@ -46,9 +46,12 @@ def by_id(table, *more):
     return table[np.lexsort([np.asarray(table[name]) for name in more] + [np.asarray(table["obj_ID"])])]
 
 
+SLOW = (GRATING, "reference"), (GRATING, "preview"), (IMAGING, "preview")  # the last two go the way of noise_free
+
+
 @pytest.mark.parametrize(
     ("chip", "fidelity"),
-    [pytest.param(*key, marks=[pytest.mark.slow] if key == (GRATING, "reference") else []) for key in COUNTS],
+    [pytest.param(*key, marks=[pytest.mark.slow] if key in SLOW else []) for key in COUNTS],
 )
 def test_the_rows_order_is_in_no_bit(sim, chip, fidelity):
     """Every fidelity, imaging and dispersed: three orders of the rows, the same float32 sums and the same truth."""

@@ -88,6 +88,7 @@ def test_another_recipe_is_not_taken(file):
     assert attempt(file) == list(CHIPS)
 
 
+@pytest.mark.slow
 def test_without_hard_links_all_is_made_again(file, monkeypatch):
     def refuse(*_):
         raise PermissionError("no hard links")
@@ -98,6 +99,7 @@ def test_without_hard_links_all_is_made_again(file, monkeypatch):
     assert attempt(file) == list(CHIPS)
 
 
+@pytest.mark.slow
 def test_a_product_cut_short_by_a_kill_is_not_kept(file):
     attempt(file, fail_at=9)
     [kept] = (file.parent / "out" / "chips").glob("*/*")

@@ -143,6 +143,7 @@ def test_an_example_is_a_folder_that_runs_from_anywhere(tmp_path, monkeypatch, e
         del sys.modules[name]
 
 
+@pytest.mark.slow
 def test_the_camera_of_an_installed_csstsim_is_made_again_by_its_script(tmp_path):
     """With what pyproject.toml puts into the wheel, and nothing of a clone."""
     build = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["build"]["targets"]["wheel"]

@@ -172,6 +172,7 @@ def test_shipped_tables_load(name):
         assert all(obsid.startswith("101") and p.exptime == 150 for obsid, p in pointings.items())
 
 
+@pytest.mark.slow
 def test_script_makes_the_shipped_bytes(tmp_path, maker, camera):
     maker.make_all(tmp_path, camera)
     made = sorted(path.name for path in tmp_path.iterdir())

@@ -6,6 +6,7 @@ the same photons, give the growth of the widths to 2% (1 sigma). csstsim's is 13
 
 import galsim
 import numpy as np
+import pytest
 
 from csstsim.detector import bfe_kernel
 from csstsim.detector.brighter_fatter import move_charge
@@ -27,6 +28,7 @@ def widths(image):
     return np.sqrt([(image * axis**2).sum(dtype=float) / FLUX for axis in (x, y)])
 
 
+@pytest.mark.slow
 def test_spots_widen_as_in_silicon():
     areas = sensor_areas()
     kernel, growth = bfe_kernel.kernel(areas), []

@@ -78,8 +78,11 @@ def again(frame, truth, folder, instrument, *options):
 WINDOW = {"x0": 20, "x1": 240, "y0": 10, "y1": 250}
 
 
-@pytest.mark.parametrize("layout, window", [("channels", None), ("mosaic", WINDOW)])
-@pytest.mark.parametrize("suffix", [".cat", ".truth.parquet"])
+@pytest.mark.parametrize("layout, window, suffix", [
+    ("channels", None, ".cat"), ("mosaic", WINDOW, ".truth.parquet"),
+    pytest.param("channels", None, ".truth.parquet", marks=pytest.mark.slow),
+    pytest.param("mosaic", WINDOW, ".cat", marks=pytest.mark.slow),
+])  # fmt: skip
 def test_a_frame_of_csstsim_is_drawn_again(tmp_path, layout, window, suffix):
     """Places to 0.02 px, light to 0.5%, background and noise to 1%: by csstsim compare, and by the truth."""
     frame, camera = frame_of(tmp_path / "a", layout, window)
@@ -234,12 +237,15 @@ def test_faults_of_a_frame_are_one_line_and_nothing_is_written(tmp_path, fault):
     assert not (tmp_path / "b").exists()
 
 
-def test_faults_of_catalogue_and_folder(tmp_path):
-    fits.HDUList([fits.PrimaryHDU(), fits.ImageHDU(np.zeros((9232, 9216), np.int16), name="IMAGE")]).writeto(
-        tmp_path / "f.fits"
-    )
+def bare_frame(path):
+    """Write a whole frame of zeros whose header says what must be said and no more."""
+    fits.HDUList([fits.PrimaryHDU(), fits.ImageHDU(np.zeros((9232, 9216), np.int16), name="IMAGE")]).writeto(path)
     for key, value in {"DETECTOR": "09", "RA_OBJ": 60.0, "DEC_OBJ": -40.0}.items():
-        fits.setval(tmp_path / "f.fits", key, value=value)
+        fits.setval(path, key, value=value)
+
+
+def test_faults_of_catalogue_and_folder(tmp_path):
+    bare_frame(tmp_path / "f.fits")
     cat, out = tmp_path / "a.cat", tmp_path / "b"
     for text, words in (
         ("# xImage yImage obj_type\n1 2 star\n", "mag: the catalogue lacks a column"),
@@ -266,6 +272,13 @@ def test_faults_of_catalogue_and_folder(tmp_path):
     (out / "campaign.yaml").write_text("mine")
     assert "exists already" in run("recreate", tmp_path / "f.fits", cat, "--output", out, code=2)
     assert (out / "campaign.yaml").read_text() == "mine" and len(list(out.iterdir())) == 1
+
+
+@pytest.mark.slow
+def test_what_a_bare_header_does_not_say_is_assumed(tmp_path):
+    bare_frame(tmp_path / "f.fits")
+    cat = tmp_path / "a.cat"
+    cat.write_text("# xImage yImage mag obj_type\n100 200 20.5 star\n")
     said = run("recreate", tmp_path / "f.fits", cat, "--output", tmp_path / "c")
     for name in ("OBSID", "POS_ANG0", "DATE-OBS", "EXPTIME", "POSI0_*", "GAIN01", "SIMSEED", "HISTORY", "SKYRATE"):
         assert f"assumed  {name}" in said

@@ -81,7 +81,7 @@ def gaussians(places, sigma, window):
     )
 
 
-@pytest.mark.parametrize("fidelity", ["noise_free", "reference"])
+@pytest.mark.parametrize("fidelity", ["noise_free", pytest.param("reference", marks=pytest.mark.slow)])
 def test_the_line_is_seen_at_the_knots_and_not_in_the_bulge(sky, fidelity):
     """Places of the six images within PLACE_PX of sums of Gaussians; the bulge alone is as smooth as its spectrum."""
     both = sky(**GALAXY)

@@ -199,7 +199,7 @@ def test_a_trail_through_a_grating(camera, make_pointing, observe, psf, tables):
         sky = Sky(camera, pointing, observe(pointing), psf, [(3000.0, 4780.0, star | motion)])
         interval = Interval(pointing.mjd, EXPTIME)
         objects = sky.select(window, interval=interval)
-        for fidelity in ("noise_free", "standard", "reference"):
+        for fidelity in ("noise_free", "standard", "reference")[: 3 if motion else 2]:
             canvas = blank(window, np.float64)
             drawing = Drawing(
                 sky.wcs, psf, EXPTIME, Scattered(), fidelity, NOISE.variance(EXPTIME), np.uint64(5), tables,
@@ -213,7 +213,8 @@ def test_a_trail_through_a_grating(camera, make_pointing, observe, psf, tables):
             assert len(table) == 1 and (np.diff(orders["order"]) > 0).all()
             assert np.bincount(orders["row"], orders["drawn"]) == pytest.approx(table["drawn"], abs=1.0)
     for fidelity in ("noise_free", "standard", "reference"):
-        (one, rest, a), (other, moves, b) = found["rest", fidelity], found["moves", fidelity]
+        one, rest, a = found["rest", "standard" if fidelity == "standard" else "noise_free"]
+        other, moves, b = found["moves", fidelity]
         noise = 6 * np.sqrt(one.sum()) if fidelity == "standard" else 0.0
         assert other.sum() == pytest.approx(one.sum(), rel=2e-3, abs=noise)
         assert moves["electrons"][0] == pytest.approx(rest["electrons"][0], rel=1e-6)

@@ -60,7 +60,7 @@ def drawn_elsewhere(psf, fidelity, count, **environment):
     return json.loads(done.stdout)
 
 
-@pytest.mark.parametrize("fidelity", ["standard", "noise_free"])
+@pytest.mark.parametrize("fidelity", ["standard", pytest.param("noise_free", marks=pytest.mark.slow)])
 def test_the_same_bits_in_another_process_with_other_threads(expose, psf_r, fidelity):
     """Both planes and every column of the truth but the time it took."""
     threads = 2 if numba.config.NUMBA_NUM_THREADS == 1 else 1

@@ -34,7 +34,9 @@ def taken(folder):
     return found
 
 
-@pytest.mark.parametrize(("verb", "kind"), [("measure", "measure"), ("extract", "spectra")])
+@pytest.mark.parametrize(
+    ("verb", "kind"), [("measure", "measure"), pytest.param("extract", "spectra", marks=pytest.mark.slow)]
+)
 def test_chips_in_one_process_give_the_same_tables(campaign, verb, kind):
     folder, chips = OpenCampaign(campaign).paths.output / kind, CHIPS[verb]
     for chip in chips:
@@ -46,6 +48,7 @@ def test_chips_in_one_process_give_the_same_tables(campaign, verb, kind):
     assert taken(folder) == alone
 
 
+@pytest.mark.slow
 def test_bricks_in_one_process_give_the_same_files(campaign):
     run = OpenCampaign(campaign)
     done("measure", campaign, "--obsid", OBSID, *options("--chip", CHIPS["measure"]))

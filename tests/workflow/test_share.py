@@ -53,6 +53,7 @@ def test_the_second_campaign_makes_no_brick_and_no_set(pair):
     assert all("shared, not made" in log.read_text() for log in logs)
 
 
+@pytest.mark.slow
 def test_both_have_the_bits_that_they_have_alone(pair, tmp_path):
     for name, line, campaign in zip(("one", "two"), (FIRST, SECOND), pair, strict=False):
         alone = make(tmp_path / name, [line])

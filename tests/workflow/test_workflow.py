@@ -150,7 +150,7 @@ def test_a_slip_in_the_name_of_a_setting_is_refused(tmp_path):
 
 @pytest.mark.parametrize(("chips", "log"), [
     pytest.param("stages", "level0", marks=pytest.mark.slow),  # as those of the campaign killed and resumed below
-    ("whole", "chip"),
+    pytest.param("whole", "chip", marks=pytest.mark.slow),
 ])  # fmt: skip
 def test_two_cores_and_larger_jobs_give_the_same_bits(undisturbed, tmp_path, chips, log):
     campaign = with_prepared(make(tmp_path / "two", FEW), undisturbed)
@@ -160,6 +160,7 @@ def test_two_cores_and_larger_jobs_give_the_same_bits(undisturbed, tmp_path, chi
     assert not left_of(campaign), "intermediates are dropped"
 
 
+@pytest.mark.slow
 def test_exposures_made_and_measured_by_a_process_each_give_the_same_bits(undisturbed, tmp_path):
     campaign = with_prepared(make(tmp_path / "exposures", FEW), undisturbed)
     snakemake(campaign, "chips=exposure", "--cores", "2")

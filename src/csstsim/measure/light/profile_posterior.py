@@ -17,10 +17,9 @@ SHARP = 3.0
 STAR = 7.0  # ln of the odds above which a source is a point, and the galaxy's part of the posterior needs no care
 _BINS = 96  # of the posterior
 _NEGLIGIBLE = 20.0  # ln of a probability over the largest
-FAST = {"reassoc", "contract", "arcp", "nsz"}  # the order of sums may change; NaN keeps its meaning
 
 
-@numba.njit(cache=True, fastmath=FAST)
+@numba.njit(cache=True)
 def project(profiles, normal, fits):
     """Fill `fits` (3, n) with the inverse variance of F of each of `profiles` (K, n), F times it, and room.
 
@@ -43,7 +42,7 @@ def project(profiles, normal, fits):
         product[g] -= level[g] * light * sky
 
 
-@numba.njit(cache=True, fastmath=FAST)
+@numba.njit(cache=True)
 def _cubic(place, count, weight):
     """Fill `weight` (4,) with those of a cubic through four neighbours of `place`; return the first one's index."""
     first = min(max(math.floor(place) - 1, 0), count - 4)
@@ -55,7 +54,7 @@ def _cubic(place, count, weight):
     return first
 
 
-@numba.njit(cache=True, fastmath=FAST)
+@numba.njit(cache=True)
 def _coarse(maps, points):
     """Fill `points` (6, n): ln probability, F, its variance, Gaussian share, size, kind; steps of the tables.
 
@@ -73,7 +72,7 @@ def _coarse(maps, points):
             g += 1
 
 
-@numba.njit(cache=True, fastmath=FAST)
+@numba.njit(cache=True)
 def _refine(profiles, normal, maps, window, points):
     """As `_coarse` for a square lattice in `window`: first and last size and kind.
 
@@ -109,7 +108,7 @@ def _refine(profiles, normal, maps, window, points):
             points[3, g], points[4, g], points[5, g] = (1.0 - t) * values[0, low] + t * values[0, low + 1], u, v
 
 
-@numba.njit(cache=True, fastmath=FAST)
+@numba.njit(cache=True)
 def _moments(points):
     """Return (largest ln probability, sum of probabilities over it, mean and scatter of size, of kind)."""
     best = -math.inf
@@ -129,7 +128,7 @@ def _moments(points):
     return best, total, u, math.sqrt(max(uu / total - u * u, 0.0)), v, math.sqrt(max(vv / total - v * v, 0.0))
 
 
-@numba.njit(cache=True, fastmath=FAST)
+@numba.njit(cache=True)
 def _median(value, weight):
     """Return (median, half of the interval of 68.3 %) of weighted values, to a few hundredths of their scatter."""
     total, mean, square = 0.0, 0.0, 0.0
@@ -160,7 +159,7 @@ def _median(value, weight):
     return middle, 0.5 * (high - low)
 
 
-@numba.njit(cache=True, fastmath=FAST)
+@numba.njit(cache=True)
 def _narrowed(profiles, normal, maps, star, coarse, fine):
     """Return (points, area of one, moments) of the part of the tables that holds the posterior, finely enough."""
     _, sizes, kinds = maps.shape
@@ -181,7 +180,7 @@ def _narrowed(profiles, normal, maps, star, coarse, fine):
     return points, du * dv, moments
 
 
-@numba.njit(cache=True, fastmath=FAST)
+@numba.njit(cache=True)
 def posterior(profiles, normal, maps, star, coarse, fine, room, out):
     """Fill `out` (6,) with the columns of a source; `star` (3,): ln probability, flux and variance of a point.
 

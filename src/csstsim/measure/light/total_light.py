@@ -22,7 +22,7 @@ import numba
 import numpy as np
 
 from csstsim.measure.detection.maps import BIN
-from csstsim.measure.light.profile_posterior import FAST, LATTICE, posterior, project
+from csstsim.measure.light.profile_posterior import LATTICE, posterior, project
 from csstsim.measure.light.profile_tables import AXIS_RATIOS, REACH, SIZES
 
 SKY = 0.03  # electron / px
@@ -69,7 +69,7 @@ def _nearest_ratio(e, error):
     return np.abs(np.log(np.maximum(ratio, AXIS_RATIOS[-1])[:, None] / AXIS_RATIOS)).argmin(axis=1)
 
 
-@numba.njit(cache=True, fastmath=FAST)
+@numba.njit(cache=True)
 def _rings(image, unusable, segments, number, x, y, squares, inverse, which, out):
     """Fill `out` (K - 1, 5) with n, sum t, sum t^2, sum d, sum t d of the usable pixels between `squares` (K,).
 
@@ -114,7 +114,7 @@ def _add(ring, n, t, tt, d, td):
     ring[4] += td
 
 
-@numba.njit(cache=True, fastmath=FAST)
+@numba.njit(cache=True)
 def _normal(rings, variance, counted, normal):
     """Fill `normal` (5, K): diagonal and upper diagonal of the matrix, data and ones projected on the nodes; the sky.
 
@@ -142,7 +142,7 @@ def _normal(rings, variance, counted, normal):
     return pixels
 
 
-@numba.njit(cache=True, fastmath=FAST)
+@numba.njit(cache=True)
 def fit_light(
     image, rms, unusable, segments, number, x, y, radius, counted, flux_psf, flux_psf_err, part, ratio, nodes, which,
     points, galaxies, gaap, prior,
