@@ -47,8 +47,9 @@ def total_light(found, table, unusable, counted, tables):
     prior = np.log((1.0 - POINT_SHARE) * prior / prior.sum())
     columns = fit_light(
         found.image, found.rms, unusable, found.segments, found.segment, found.x, found.y,
-        np.clip(RADIUS * found.half_light, RADIUS_MIN, REACH), counted, np.asarray(table["flux_psf"], float),
-        np.asarray(table["flux_psf_err"], float), tables.part(table["x"], table["y"]),
+        np.clip(RADIUS * found.half_light, RADIUS_MIN, REACH), counted,
+        *(np.ascontiguousarray(table[name], float) for name in ("flux_psf", "flux_psf_err")),  # one compiled version
+        tables.part(table["x"], table["y"]),
         _nearest_ratio(table["e"], table["g_err"]), tables.nodes, ring.astype(np.uint8), tables.point, tables.galaxy,
         tables.gaap, prior,
     ).T  # fmt: skip
