@@ -73,7 +73,7 @@ def test_the_file_a_message_names_is_removed_and_the_run_goes_on(small_run, tell
     data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 1
     path.write_bytes(data[: len(data) // 2] if cut else data)
-    small_run.refused(f"rule {rule}", f"csstsim: error: {path}")
+    small_run.refused(f"FAILED {rule} ", f"csstsim: error: {path}")
     small_run.assert_nothing_wrong(but=small_run.name(path))
     path.unlink()
     small_run.resume()

@@ -47,6 +47,7 @@ def project(tmp_path):
     """A folder with the Makefile, a list of one package, and the packages."""
     wheels = tmp_path / "wheels"
     wheels.mkdir()
+    (tmp_path / "src").mkdir()
     wheel(wheels, "tool", "1.0", f"def main():\n    print('works')\n\ndef unused(x, y):\n    {SLOW_TO_COMPILE}", "tool")
     wheel(wheels, "grismagic", "0.1.1", "")
     shutil.copy(ROOT / "Makefile", tmp_path)

@@ -24,7 +24,7 @@ def test_another_campaign_is_refused(small_run, tell, tmp_path, moment):
         head, _ = small_run.start()
         running("measure", head, small_run.file)
     code, said = small_run.run(folder=tmp_path, file=file)  # Snakemake's own lock sees its working directory alone
-    assert code == 1 and "campaign.json" in said and "another campaign" in said and "Traceback" not in said, said
+    assert code == 2 and "campaign.json" in said and "another campaign" in said and "Traceback" not in said, said
     small_run.assert_nothing_wrong()
     if head:
         assert ended(head) == 0
