@@ -42,7 +42,7 @@ def test_disk_full(small_run, tell):
         shutil.copytree(aside, out, dirs_exist_ok=True)
         for rule, free in FREE_KB.items():
             mount("-o", f"remount,size={used_kb(out) + free}k", out)
-            small_run.refused(f"FAILED {rule} ", "cannot be written: No space left on device")
+            small_run.refused(f"FAILED {rule}", "cannot be written: No space left on device")
             small_run.assert_nothing_wrong()
             assert small_run.temporaries() == []
         mount("-o", "remount,size=20m", out)
