@@ -50,8 +50,9 @@ def test_an_offset_of_magnitudes_is_the_bias_and_the_zero_point(tmp_path):
         assert abs(made["zero_point"] - offset) < 1e-6
 
 
-def test_a_shift_is_the_bias_of_places(tmp_path):
-    known = field(10.0, 60.0)
+@pytest.mark.parametrize("ra, dec", [(10.0, 60.0), (0.0, -89.99), (0.0, 0.0)])
+def test_a_shift_is_the_bias_of_places(tmp_path, ra, dec):
+    known = field(ra, dec)
     ra, dec = moved(known.objects["ra"], known.objects["dec"], 0.05, -0.02)  # arcsec
     made = judged(known, table(known.objects, ra=ra, dec=dec), tmp_path)
     for axes in made["astrometry_mas"].values():

@@ -32,14 +32,16 @@ def _panels(result, arrays):
     if result.get("purity_by_magnitude"):
         yield (
             "Purity", lambda axes: _purity(axes, result),
-            "The share of sources that belong to a true object, by their own magnitude, with 68% bounds. Dashed: second "
-            "sources of one object counted in. Grey: the share that would be real by chance, from the shifted catalogue.",
+            "The share of sources that belong to a true object, by their own magnitude, with 68% bounds. Dashed: "
+            "second sources of one object counted in. Grey: the share that would be real by chance, from the shifted "
+            "catalogue.",
         )  # fmt: skip
     for band, cloud in arrays["photometry"].items():
         if len(cloud["mag"]):
             yield (
                 f"Photometry in {band}", lambda axes, cloud=cloud, band=band: _photometry(axes, cloud, band),
-                "Magnitude less the true one, of objects that are alone. Lines: mean and scatter in bins, without outliers.",
+                "Magnitude less the true one, of objects that are alone. Bars: mean and scatter in bins, without "
+                "outliers.",
             )  # fmt: skip
     if len(arrays["places"]["east"]):
         yield (
@@ -50,8 +52,8 @@ def _panels(result, arrays):
     if any(len(true) for true, _ in arrays.get("shapes", {}).values()):
         yield (
             "Shapes", lambda axes: _shapes(axes, arrays["shapes"]),
-            "Ellipticity of resolved galaxies that are alone, of S/N above 10, against the true one, on the sky's axes. "
-            "A slope of 1 needs the PSF undone.",
+            "Ellipticity of resolved galaxies that are alone, of S/N above 10, against the true one, on the sky's "
+            "axes. A slope of 1 needs the PSF undone.",
         )  # fmt: skip
     if len(arrays.get("redshifts", {"true": ()})["true"]):
         yield (

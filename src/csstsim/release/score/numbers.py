@@ -1,14 +1,15 @@
 """What a catalogue is worth: completeness, purity, photometry, places, shapes and redshifts against the truth.
 
-Means and scatters leave out values beyond five robust sigmas, and say how many (inject.recovery.bins.number). Photometry,
-places and shapes are of alone objects: no other within ALONE_ARCSEC has a tenth of their light, and none is merged.
+Means and scatters leave out values beyond five robust sigmas, and say how many (inject.recovery.bins.number).
+Photometry, places and shapes are of objects that are alone: no other within ALONE_ARCSEC has a tenth of their light.
 """
 
 from dataclasses import asdict
 
 import numpy as np
 
-from csstsim.base.sphere import offsets, unit_vectors
+from csstsim.base.sphere import frames, unit_vectors
+from csstsim.base.units import MAS_PER_RAD
 from csstsim.catalog.table import GALAXY
 from csstsim.inject.recovery.bins import number, share
 from csstsim.release.score.match import brightness
@@ -110,11 +111,9 @@ def places(truth, sources, match, clean, snr):
     """Return (Numbers of {points, galaxies} by axis [mas] at S/N above SNR_PLACE, arrays): source less true."""
     rows = np.flatnonzero(match.found & clean & (snr > SNR_PLACE))
     at = match.row[rows]
-    east, north = offsets(
-        np.asarray(sources["ra"])[at], np.asarray(sources["dec"])[at], np.asarray(truth["ra"])[rows],
-        np.asarray(truth["dec"])[rows],
-    )  # fmt: skip
-    east, north = east * 3.6e6, north * 3.6e6
+    there, to_east, to_north = frames(*(np.radians(np.asarray(truth[name])[rows]) for name in ("ra", "dec")))
+    apart = unit_vectors(np.asarray(sources["ra"])[at], np.asarray(sources["dec"])[at]).reshape(-1, 3) - there
+    east, north = (np.einsum("ni,ni->n", apart, axis) * MAS_PER_RAD for axis in (to_east, to_north))
     galaxy = np.asarray(truth["obj_type"])[rows] == GALAXY
     numbers = {
         name: {"east": asdict(number(east[kind])), "north": asdict(number(north[kind]))}

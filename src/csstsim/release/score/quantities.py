@@ -97,7 +97,10 @@ def ab_magnitude(flux):
 
 
 def shapes(columns, chi):
-    """Return e1, e2 (n,) in (a - b) / (a + b), or None. columns: {quantity: (n,)}; chi: whether e1, e2 are (a2 - b2)."""
+    """Return e1, e2 (n,) in (a - b) / (a + b), or None. columns: {quantity: (n,)}.
+
+    chi: whether e1 and e2 are (a2 - b2) / (a2 + b2).
+    """
     if {"e1", "e2"} <= set(columns):
         e = columns["e1"] + 1j * columns["e2"]
         size = np.abs(e)

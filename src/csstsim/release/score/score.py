@@ -72,7 +72,8 @@ def judge(field, sources, band=None, radius=RADIUS, file=None):
         "pack": field.name, "csstsim": __version__, "catalogue": Path(file).name if file else "", "band": band,
         "columns": sources.told, "notes": notes, "objects": len(truth), "sources": count, "radius_arcsec": radius,
         "zero_point": match.zero if match_band else None,
-        "completeness": numbers.shares(truth, match, snr), "completeness_by_magnitude": numbers.completeness(truth, match, mag),
+        "completeness": numbers.shares(truth, match, snr),
+        "completeness_by_magnitude": numbers.completeness(truth, match, mag),
         "purity": {
             "purity": pure, "second": match.second.mean() if count else np.nan,
             "chance": by_chance, "chance_tried": tried,
@@ -154,7 +155,8 @@ def lines(result):
     for axis, one in result.get("shapes", {}).items():
         yield (
             f"shape {axis}: slope {_cell(one['slope'], 3)} +- {_cell(one['slope_error'], 3)}, offset "
-            f"{_cell(one['offset'], 4)} +- {_cell(one['offset_error'], 4)}, scatter {_cell(one['scatter'], 3)}, of {one['n']}"
+            f"{_cell(one['offset'], 4)} +- {_cell(one['offset_error'], 4)}, scatter {_cell(one['scatter'], 3)}, "
+            f"of {one['n']}"
         )
     if (one := result.get("redshifts")) and one["n"]:
         yield (
