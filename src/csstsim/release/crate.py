@@ -140,7 +140,7 @@ def _run(crate, root, files, folders):
     jobs = ", ".join(f"{count} {rule}" for rule, count in run.jobs.items())
     action = {
         "@id": RUN, "@type": "CreateAction", "name": f"Snakemake's run of {crate.name}",
-        "description": f"{sum(run.jobs.values())} jobs ({jobs}), {run.cpu_s} CPU s",
+        "description": f"{sum(run.jobs.values())} jobs: {jobs}",
         "instrument": _to(WORKFLOW), "agent": root["publisher"], "actionStatus": "http://schema.org/CompletedActionStatus",
         "startTime": f"{run.start:%Y-%m-%dT%H:%M:%S+00:00}", "endTime": f"{run.end:%Y-%m-%dT%H:%M:%S+00:00}",
         "object": [_to(name) for name in [*inputs, RECIPES]], "result": _all(made),
