@@ -9,7 +9,10 @@ from csstsim.release.crate import LICENCES
 from csstsim.release.score.quantities import ABOUT
 
 TEMPLATE = Path(__file__).with_name("templates") / "README.md"
-PARAMS = "NUMBER", "ALPHA_J2000", "DELTA_J2000", "MAG_AUTO", "MAGERR_AUTO", "FLUX_RADIUS", "A_WORLD", "B_WORLD", "FLAGS"
+PARAMS = (
+    "NUMBER", "ALPHA_J2000", "DELTA_J2000", "MAG_AUTO", "MAGERR_AUTO", "FLUX_RADIUS", "A_WORLD", "B_WORLD",
+    "THETA_J2000", "FLAGS",
+)  # fmt: skip
 TRUTH = """# The truth of $name
 
 Keep this folder apart from the other one: it has what those who make catalogues must not see.
@@ -45,9 +48,9 @@ def readme(name, frames, licence):
     )  # fmt: skip
     width = f" -SEEING_FWHM {one['psf_fwhm_px'] * 0.074:.2f}" if one["psf_fwhm_px"] else ""
     command = (
-        f"source-extractor 'calibrated/{one['name']}.fits[0]' -CATALOG_NAME first.cat -CATALOG_TYPE ASCII_HEAD \\\n"
-        f"        -PARAMETERS_NAME first.param -FILTER N -DETECT_MINAREA 3 -DETECT_THRESH 1.5 \\\n"
-        f"        -WEIGHT_TYPE MAP_RMS -WEIGHT_IMAGE 'calibrated/{one['name']}.fits[1]' \\\n"
+        f"source-extractor 'calibrated/{one['name']}.fits[1]' -CATALOG_NAME first.cat -CATALOG_TYPE ASCII_HEAD \\\n"
+        f"        -PARAMETERS_NAME first.param -FILTER N -DETECT_MINAREA 4 -DETECT_THRESH 2 \\\n"
+        f"        -WEIGHT_TYPE MAP_RMS -WEIGHT_IMAGE 'calibrated/{one['name']}.fits[2]' \\\n"
         f"        -MAG_ZEROPOINT {one['zero_point_mag']} -PIXEL_SCALE 0.074{width}"
     )
     address, title = LICENCES.get(licence, (licence, licence))
@@ -68,5 +71,5 @@ def score_command(band):
     """Return the command that scores source-extractor's catalogue of the README."""
     return (
         "csstsim release score first.cat --truth truth --output score --map ra=ALPHA_J2000 --map dec=DELTA_J2000 \\\n"
-        f"        --map mag_{band}=MAG_AUTO"
+        f"        --map mag_{band}=MAG_AUTO --map a=A_WORLD --map b=B_WORLD --map pa=THETA_J2000"
     )

@@ -21,6 +21,7 @@ DAMPING = 0.02  # of the model's pixels, in units of their typical information
 NEIGHBOUR = 14.0  # px: a star with a neighbour of 2% of its light is not used
 FAINT = 0.02
 ITERATIONS = 60
+FINE = 8
 SPOILT = 1 | 2 | 4 | 64 | 128  # flags of measure.catalogue: blended, truncated, saturated, sharp, bad pixels
 
 
@@ -128,8 +129,11 @@ def _gaussian(fwhm):
 
 
 def _fwhm(plane):
-    """Return the width of a circle of the area above half of the peak, px."""
-    return float(2 * STEP * np.sqrt((plane > plane.max() / 2).sum() / np.pi))
+    """Return the width of a circle of the area above half of the peak, px; the model is drawn FINE times finer."""
+    from scipy.ndimage import zoom
+
+    fine = zoom(plane, FINE, order=3, grid_mode=True, mode="grid-constant")
+    return float(2 * STEP / FINE * np.sqrt((fine > fine.max() / 2).sum() / np.pi))
 
 
 def write_psfex(path, model):
