@@ -15,6 +15,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
 from csstsim.base.plural import number_of
 from csstsim.base.process.progress import progress
+from csstsim.base.shipped import ROOT
 from csstsim.delivery.manifest import CRATE, FILES, file_hash, write_manifest
 from csstsim.release.crate import Crate, write_crate
 from csstsim.release.made_with import inputs, tables_version, write_made_with
@@ -23,7 +24,7 @@ from csstsim.release.pack_readme import readme, truth_readme
 from csstsim.release.pack_truth import COLUMNS, write_truth_of_pack
 from csstsim.release.ran import ran
 
-PUBLIC, TRUTH = "public", "truth"
+PUBLIC, TRUTH, CITATION = "public", "truth", "CITATION.cff"
 KINDS = {
     "raw": "a frame as read", "calibrated": "a calibrated frame", "psf": "the PSF of an image, of its stars",
     "gratings": "a grating", "frames": "truth of a frame",
@@ -55,6 +56,7 @@ def pack(run, output, say, authors=(), licence="CC-BY-4.0"):
     _write(public / "frames.csv", _csv(rows))
     _write(public / "filters.csv", _csv(_curves(run, jobs)))
     _gratings(run, jobs, public / "gratings")
+    _write(public / CITATION, (ROOT / CITATION).read_text(encoding="utf-8"))
     _write(public / "README.md", readme(run.config.name, rows, licence))
     table = write_truth_of_pack(run, jobs, frames, truth)
     band = next((job.chip.filter for job in jobs if job.chip.filter == "r"), _imaging(jobs)[0].chip.filter)

@@ -41,11 +41,17 @@ def read_field(folder):
     if not (folder / FRAMES).is_file():
         allowed = f"the folder truth of a pack, with {OBJECTS} and {FRAMES}"
         raise InputError("not the truth of a pack", file=folder, key="--truth", allowed=allowed)
-    about = read_json(folder / FRAMES)
+    name, frames = read_frames(folder / FRAMES)
+    return Field(name, ObjectTable.read(folder / OBJECTS), frames)
+
+
+def read_frames(path):
+    """Return (name of the pack, list of frames) of a pack's FRAMES. Raises InputError."""
+    about = read_json(path)
     frames = about.get("frames") if isinstance(about, dict) else None
-    if not isinstance(frames, list) or not all(isinstance(f, dict) and _sound(f) for f in frames):
-        raise InputError("not a list of frames with file, filter, kind and corners", file=folder / FRAMES)
-    return Field(str(about.get("name", "")), ObjectTable.read(folder / OBJECTS), frames)
+    if not isinstance(frames, list) or not all(isinstance(frame, dict) and _sound(frame) for frame in frames):
+        raise InputError("not a list of frames with file, filter, kind and corners", file=path)
+    return str(about.get("name", "")), frames
 
 
 def _sound(frame):

@@ -8,6 +8,7 @@ from csstsim.report.style import BLACK, BLUE, ORANGE, SKY, VERMILION
 
 KINDS = {"all": (BLACK, "o"), "points": (BLUE, "s"), "galaxies": (VERMILION, "^")}
 MOST = 4000  # points of a cloud
+BEYOND = 1.0  # mag: of the faintest object found, at which the axis ends
 
 
 def figures(result, arrays):
@@ -79,6 +80,9 @@ def _completeness(axes, result, band):
         at = [(one["low"] + one["high"]) / 2 for one in kept]
         axes.plot(at, [(one["found"] + one["merged"]) / one["n"] for one in kept], "--", color=colour, linewidth=0.8)
     axes.set(xlabel=f"true magnitude{band} [AB]", ylabel="completeness", ylim=(-0.03, 1.05))
+    faintest = [one["high"] for one in result["completeness_by_magnitude"]["all"] if one["found"]]
+    if faintest:  # objects that nothing finds may be five magnitudes fainter
+        axes.set_xlim(right=max(faintest) + BEYOND)
     if axes.get_legend_handles_labels()[1]:
         axes.legend()
 
@@ -98,7 +102,7 @@ def _photometry(axes, cloud, band):
     for name, kind, colour in (("points", ~cloud["galaxy"], BLUE), ("galaxies", cloud["galaxy"], VERMILION)):
         mag, off = cloud["mag"][kind], cloud["off"][kind]
         some = _some(len(mag))
-        axes.plot(mag[some], off[some], ".", color=colour, markersize=2, alpha=0.35)
+        axes.plot(mag[some], off[some], ".", color=colour, markersize=3, alpha=0.45)
         edges = edges_of(mag)
         held = [(number(off[rows]), mag[rows].mean()) for rows in _by_bin(mag, edges)]
         held = [(one, at) for one, at in held if np.isfinite(one.mean)]
@@ -128,7 +132,7 @@ def _places(axes, cloud):
         some, held = _some(len(east)), (number(east), number(north))
         axes.plot(east[some], north[some], ".", color=colour, markersize=3, alpha=0.4, label=name)
         if np.isfinite(held[0].mean):
-            axes.errorbar(held[0].mean, held[1].mean, held[1].scatter, held[0].scatter, color=BLACK, linewidth=1.5)
+            axes.errorbar(held[0].mean, held[1].mean, held[1].scatter, held[0].scatter, color=colour, linewidth=2.5)
             most = max(most, *(abs(one.mean) + 3 * one.scatter for one in held))
     axes.axhline(0, color="#999999", linewidth=0.8)
     axes.axvline(0, color="#999999", linewidth=0.8)

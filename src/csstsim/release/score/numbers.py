@@ -91,7 +91,8 @@ def shares(truth, match, snr):
         p, low, high = share(found, n)
         merged = float(match.merged[rows].mean()) if n else np.nan
         made[name] = {
-            "n": n, "completeness": p, "low": low, "high": high, "merged": merged, "lost": 1 - p - merged,
+            "n": n, "completeness": p, "low": low, "high": high, "merged": merged,
+            "lost": max(1 - p - merged, 0.0) if n else np.nan,
         }  # fmt: skip
     return made
 
