@@ -1,7 +1,7 @@
 """The PSF of an image as its own stars show it, written as PSFEx does (PSFEx manual, section 6; Bertin 2011).
 
 Pixels of the model are STEP image pixels wide. A star's pixels are Lanczos-3 interpolations of the model, times its
-flux; the model's pixels, and their change over the image, follow from least squares over all stars, damped towards a
+flux; the model's pixels, and their change over the image, follow from least squares over all stars, held to a
 Gaussian where the stars say little. Which sources are stars, their places and fluxes are what `measure` found.
 """
 
@@ -17,10 +17,10 @@ REACH = 10  # image pixels of a star to each side
 MOST_STARS, FEWEST = 150, 5
 SNR = 30.0
 LINEAR_FROM = 30  # stars, for a model that changes over the image
-DAMPING = 0.02  # of the model's pixels, in units of their typical information
+CHANGE = 0.3  # of the model over half of the image, in units of how unlike a Gaussian it may be
 NEIGHBOUR = 14.0  # px: a star with a neighbour of 2% of its light is not used
 FAINT = 0.02
-ITERATIONS = 60
+ITERATIONS = 150
 FINE = 8
 SPOILT = 1 | 2 | 4 | 64 | 128  # flags of measure.catalogue: blended, truncated, saturated, sharp, bad pixels
 
@@ -61,7 +61,7 @@ def star_psf(image, error, quality, x, y, flux, fwhm):
 
     image, error (ny, nx): in one unit; quality (ny, nx): 0 where a pixel is good; fwhm: px, of the starting Gaussian.
     """
-    from scipy.sparse import csr_matrix
+    from scipy.sparse import csr_matrix, diags
     from scipy.sparse.linalg import lsqr
 
     ny, nx = image.shape
@@ -88,8 +88,8 @@ def star_psf(image, error, quality, x, y, flux, fwhm):
     matrix = csr_matrix(
         (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), (len(data), terms * SIDE**2)
     )
-    typical = np.sqrt(matrix.multiply(matrix).sum() / (terms * SIDE**2))
-    found = lsqr(matrix, data, damp=DAMPING * typical, iter_lim=ITERATIONS)[0]
+    likely = np.concatenate([_likely(start).ravel() * factor for factor in (1.0, CHANGE, CHANGE)[:terms]])
+    found = likely * lsqr(matrix @ diags(likely), data, damp=1.0, iter_lim=ITERATIONS)[0]
     chi2 = float(np.mean((matrix @ found - data) ** 2))
     planes = found.reshape(terms, SIDE, SIDE)
     planes[0] += start
@@ -126,6 +126,13 @@ def _gaussian(fwhm):
     offset = (np.arange(SIDE) - SIDE // 2) * STEP
     one = np.exp(-4 * np.log(2) * (offset / fwhm) ** 2)
     return np.outer(one, one) / one.sum() ** 2 / STEP**2
+
+
+def _likely(start):
+    """Return by how much a PSF may differ from the starting Gaussian (SIDE, SIDE), a core and wings, one sigma."""
+    offset = (np.arange(SIDE) - SIDE // 2) * STEP
+    r2 = offset**2 + offset[:, None] ** 2
+    return 0.5 * start + 0.01 * start.max() * (1 + r2 / 4) ** -1.5
 
 
 def _fwhm(plane):
