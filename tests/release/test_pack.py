@@ -95,7 +95,7 @@ def test_the_truth_of_a_pack_scores_as_perfect_by_the_command(packs, tmp_path):
     made = json.loads((tmp_path / "score" / "score.json").read_text())
     assert made["completeness"]["all"]["completeness"] == 1.0 == made["purity"]["purity"]
     assert made["photometry"]["r"]["points"]["mean"] == pytest.approx(0, abs=1e-6)
-    assert "purity: 1.000" in said and "no column z" in said
+    assert "purity: 1.000" in said and "no column is mapped as z" in said
     page = (tmp_path / "score" / "score.html").read_text()
     assert page.count("data:image/png") == 4 and "http" not in page.split("</head>")[1]
 
@@ -109,6 +109,7 @@ def test_what_is_not_finished_or_not_empty_is_refused(packs, sound, tmp_path):
     (copy / "out" / "campaign.json").unlink(missing_ok=True)
     assert "finish the campaign" in refused("release", "pack", copy / "campaign.yaml", "--output", tmp_path / "pack")
     assert not (tmp_path / "pack").exists()
+    assert "unknown licence" in refused("release", "pack", sound[0], "--output", tmp_path / "p", "--licence", "free")
     assert "not the truth of a pack" in refused(
         "release", "score", "none.csv", "--truth", tmp_path, "--output", tmp_path / "score"
     )

@@ -17,7 +17,8 @@ EXACT = 1e-9  # mag, mas, of means that have no scatter
 def judged(known, catalogue, tmp_path, maps=None, name="c.ecsv", **options):
     """Return the numbers of an astropy Table against a Field, through its file."""
     catalogue.write(tmp_path / name, overwrite=True)
-    return judge(known, read_catalogue(tmp_path / name, maps or {}, known.bands), **options)[0]
+    maps = ({"z": "z"} if "z" in catalogue.colnames else {}) | (maps or {})
+    return judge(known, read_catalogue(tmp_path / name, maps, known.bands), **options)[0]
 
 
 def numbers(result, what="r"):
@@ -241,3 +242,13 @@ def test_source_extractors_own_forms(tmp_path):
         with pytest.raises(InputError):
             read_any(tmp_path / name)
     assert json.dumps(read.notes)
+
+
+def test_a_column_of_one_letter_is_nothing_unless_mapped(tmp_path):
+    """Magnitudes in columns called as the bands: z is no redshift."""
+    known = field()
+    changed = table(known.objects)["ra", "dec", "mag_r", "z"]
+    changed["z"] = 23.0
+    changed.write(tmp_path / "c.ecsv")
+    read = read_catalogue(tmp_path / "c.ecsv", {}, known.bands)
+    assert "z" not in read and "columns not used: z" in read.notes

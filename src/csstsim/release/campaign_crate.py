@@ -3,7 +3,7 @@
 from csstsim.base.errors import InputError
 from csstsim.base.plural import number_of
 from csstsim.delivery.manifest import HASHES, SIZES, file_hash, read_manifest
-from csstsim.release.crate import Crate, write_crate
+from csstsim.release.crate import Crate, licence_of, write_crate
 from csstsim.release.made_with import FOLDER, inputs, tables_version, write_made_with
 from csstsim.release.ran import ran
 
@@ -22,6 +22,7 @@ def campaign_crate(run, say, authors=(), licence="CC-BY-4.0"):
     run: campaign.opened.OpenCampaign; authors: names; licence: SPDX name or address. Raises InputError without a
     manifest, or for one whose sizes do not fit the files.
     """
+    licence_of(licence)
     root = run.paths.output
     if not (root / HASHES).is_file():
         raise InputError(f"no manifest yet: `csstsim verify {run.file} --manifest` writes it", file=root / HASHES)

@@ -12,6 +12,7 @@ from itertools import groupby
 from pathlib import Path
 from urllib.parse import quote
 
+from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
 from csstsim.delivery.manifest import CRATE as CRATE_FILES
 from csstsim.release.made_with import INPUTS, RECIPES, TABLES, WORKFLOW
@@ -33,7 +34,10 @@ MEDIA = {
 }  # fmt: skip
 PLAIN = "text/plain"
 ORGANISATION, RUN, SNAKEMAKE = "#contributors", "#run", "https://snakemake.readthedocs.io"
-LICENCES = {"CC-BY-4.0": ("https://creativecommons.org/licenses/by/4.0/", "Creative Commons Attribution 4.0")}
+LICENCES = {
+    "CC-BY-4.0": ("https://creativecommons.org/licenses/by/4.0/", "Creative Commons Attribution 4.0"),
+    "CC0-1.0": ("https://creativecommons.org/publicdomain/zero/1.0/", "Creative Commons Zero 1.0"),
+}
 
 
 @dataclass(frozen=True)
@@ -55,6 +59,15 @@ class Crate:
     licence: str = "CC-BY-4.0"
 
 
+def licence_of(name):
+    """Return (address, title) of a licence, one of LICENCES or an address. Raises InputError for another word."""
+    if name in LICENCES:
+        return LICENCES[name]
+    if not name.startswith(("https://", "http://")):
+        raise InputError("unknown licence", key="--licence", value=name, allowed=f"{', '.join(LICENCES)}, an address")
+    return name, name
+
+
 def write_crate(folder, crate):
     """Write the metadata of a Crate into its folder; return the path. The same crate gives the same bytes but dates."""
     path = Path(folder) / FILE
@@ -66,8 +79,8 @@ def write_crate(folder, crate):
 def metadata(crate, now=None):
     """Return the JSON-LD of a Crate. now: datetime of the publication [default: the clock]."""
     now = now or datetime.now(UTC)
-    address, title = LICENCES.get(crate.licence, (crate.licence, crate.licence))
-    people = [{"@id": f"#{quote(name)}", "@type": "Person", "name": name} for name in crate.authors]
+    address, title = licence_of(crate.licence)
+    people = [{"@id": f"#{quote(name)}", "@type": "Person", "name": name} for name in dict.fromkeys(crate.authors)]
     people = people or [{"@id": ORGANISATION, "@type": "Organization", "name": "the csstsim contributors"}]
     folders = _folders(crate)
     about = {

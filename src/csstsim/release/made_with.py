@@ -44,7 +44,11 @@ def inputs(run):
     """Return {name: file} of the campaign and the files that it names, the campaign first."""
     files = [run.file, Path(run.config.survey_table)]
     files += [Path(run.config.observation_file(kind)) for kind in run.steps]
-    return {path.name: path for path in files}
+    named = {}
+    for path in dict.fromkeys(files):
+        taken = path.name in named  # two files of one name, in different folders
+        named[f"{path.parent.name}_{path.name}" if taken else path.name] = path
+    return named
 
 
 def recipes(run):

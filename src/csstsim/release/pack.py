@@ -17,7 +17,7 @@ from csstsim.base.plural import number_of
 from csstsim.base.process.progress import progress
 from csstsim.base.shipped import ROOT
 from csstsim.delivery.manifest import CRATE, FILES, file_hash, write_manifest
-from csstsim.release.crate import Crate, write_crate
+from csstsim.release.crate import Crate, licence_of, write_crate
 from csstsim.release.made_with import inputs, tables_version, write_made_with
 from csstsim.release.pack_frames import write_frame
 from csstsim.release.pack_readme import readme, truth_readme
@@ -46,6 +46,7 @@ def pack(run, output, say, authors=(), licence="CC-BY-4.0"):
     output = Path(output)
     if output.exists() and (not output.is_dir() or any(output.iterdir())):
         raise InputError("exists already, and is not empty", file=output, key="--output")
+    licence_of(licence)
     jobs = [job for job in run.jobs if job.pointing.type == "SCIE"]
     _check_finished(run, jobs)
     public, truth = output / PUBLIC, output / TRUTH

@@ -5,7 +5,7 @@ from pathlib import Path
 from string import Template
 
 from csstsim import __version__
-from csstsim.release.crate import LICENCES
+from csstsim.release.crate import licence_of
 from csstsim.release.score.quantities import ABOUT
 
 TEMPLATE = Path(__file__).with_name("templates") / "README.md"
@@ -53,7 +53,7 @@ def readme(name, frames, licence):
         f"        -WEIGHT_TYPE MAP_RMS -WEIGHT_IMAGE 'calibrated/{one['name']}.fits[2]' \\\n"
         f"        -MAG_ZEROPOINT {one['zero_point_mag']} -PIXEL_SCALE 0.074{width}"
     )
-    address, title = LICENCES.get(licence, (licence, licence))
+    address, title = licence_of(licence)
     return Template(TEMPLATE.read_text(encoding="utf-8")).substitute(
         name=name, frames=told, columns="\n".join(f"    {name}" for name in PARAMS), command=command,
         quantities="\n".join(f"| {key} | {text} |" for key, text in ABOUT.items()), licence=f"{title} ({address})",

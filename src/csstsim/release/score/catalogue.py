@@ -1,5 +1,6 @@
 """Reads a catalogue in anybody's columns: CSV, ECSV, FITS (also LDAC), parquet, source-extractor's text."""
 
+import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -90,7 +91,10 @@ def _placed(catalogue, path):
 
 
 def _keys(table, maps, bands, path):
-    """Return {Key: column}: the mapped ones, then columns that are called as a quantity."""
+    """Return {Key: column}: the mapped ones, then columns that are called as a quantity.
+
+    One letter is not enough: z may be a redshift or a band, a and b anything.
+    """
     keys, known = {}, {}
     for text, name in maps.items():
         key = parse_key(text, bands)
@@ -105,7 +109,7 @@ def _keys(table, maps, bands, path):
             key = parse_key(name.lower(), bands)
         except InputError:
             continue
-        if key.whole not in known:
+        if key.whole not in known and len(key.whole) > 1:
             keys[key], known[key.whole] = name, name
     return keys
 
@@ -118,9 +122,9 @@ def _not_used(table, keys, bands):
     if not any(f"{kind}_{band}" in known for band in bands for kind in ("mag", "flux")):
         notes.append("no magnitude is mapped (mag_B, flux_B): photometry is not judged, and matching is by place alone")
     if "z" not in known:
-        notes.append("no column z: redshifts are not judged")
+        notes.append("no column is mapped as z: redshifts are not judged")
     if not ({"e1", "e2"} <= known or ("pa" in known and ("q" in known or {"a", "b"} <= known))):
-        notes.append("no columns e1 and e2, or a, b and pa: shapes are not judged")
+        notes.append("neither e1 and e2 nor a, b and pa are mapped: shapes are not judged")
     return notes
 
 
@@ -144,7 +148,9 @@ def read_any(path):
     try:
         if form == "fits":
             check_headers(path)
-            return _of_fits(path)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # units that FITS does not know, and the like
+                return _of_fits(path)
         if form == "parquet":
             import pyarrow.parquet as pq
 

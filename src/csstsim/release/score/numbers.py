@@ -18,7 +18,7 @@ SNR_HEAD = 10.0  # of all exposures of a band together: the completeness of the 
 SNR_PLACE = 20.0
 ALONE_ARCSEC, ALONE_MAG = 1.0, 2.5  # a tenth of the light
 MAG_STEP = 0.5
-LARGEST_STEPS = 60  # bins of magnitude
+LARGEST_STEPS = 400  # bins of magnitude: from -90 to 90
 RESOLVED = 0.1  # arcsec: half-light radius of galaxies whose shapes are judged
 OUTLIERS = {"0.15": 0.15, "0.01": 0.01}  # |z - true| / (1 + true): photometric, spectroscopic
 
