@@ -90,9 +90,9 @@ ABOUT_BAND = {  # of each band B, small letters
 }
 
 TYPES = {  # of those that are not float64
-    "_healpix_29": np.int64, "source_id": np.int64, "detection_chip": np.int16,
+    "_healpix_29": np.int64, "source_id": np.int64, "detection_chip": np.int16, "motion": np.int8,
     **dict.fromkeys(("detection_obsid", "detection_filter"), np.str_),
-    **dict.fromkeys(("detection_number", "flags", "n_detections", "motion", "n_B"), np.int32),
+    **dict.fromkeys(("detection_number", "flags", "n_detections", "n_B"), np.int32),
 }  # fmt: skip
 
 
