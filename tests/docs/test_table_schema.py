@@ -38,7 +38,7 @@ def test_the_columns_of_a_finished_campaigns_files_have_these_names_and_types(so
         written = {field.name: field.type for field in pq.ParquetFile(path).schema_arrow}
         assert {name for name, field in told.items() if not field.get("optional")} <= set(written)
         for name, kind in written.items():
-            if name.startswith("user_") or name == "catalog_row":
+            if name.startswith("user_"):
                 continue
             if told[name]["type"] == "array":
                 kind = kind.value_type
