@@ -32,7 +32,7 @@ def test_the_truth_itself_is_perfect_anywhere(tmp_path, ra, dec):
     assert made["objects"] == made["sources"] == len(known.objects)
     for kind in ("all", "points", "galaxies"):
         assert made["completeness"][kind]["completeness"] == 1.0 and made["completeness"][kind]["merged"] == 0.0
-    assert made["purity"]["purity"] == 1.0 and made["purity"]["second"] == 0.0
+    assert made["purity"]["purity"] == 1.0 and made["purity"]["second"] == 0.0 == made["purity"]["chance"]
     assert all(abs(one["mean"]) < EXACT and one["scatter"] < EXACT and one["n"] > 100 for one in numbers(made))
     for axes in made["astrometry_mas"].values():
         assert all(abs(one["mean"]) < 1e-6 and one["scatter"] < 1e-6 for one in axes.values())  # mas

@@ -57,7 +57,7 @@ def readme(name, frames, licence):
     return Template(TEMPLATE.read_text(encoding="utf-8")).substitute(
         name=name, frames=told, columns="\n".join(f"    {name}" for name in PARAMS), command=command,
         quantities="\n".join(f"| {key} | {text} |" for key, text in ABOUT.items()), licence=f"{title} ({address})",
-        version=__version__, score=score_command(one["filter"].lower()),
+        version=__version__, psf=one["psf"] or "MODEL", score=score_command(one["filter"].lower()),
     )  # fmt: skip
 
 
