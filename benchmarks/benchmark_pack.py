@@ -2,8 +2,9 @@
 
 PACK is made by `csstsim release pack`. The columns and the command of source-extractor are read from the README's own
 blocks, and run in the folder that a stranger gets; so is the command that scores the catalogue. The traces of bright
-sources' spectra are computed by the README's formula. Needs `apt-get install source-extractor`. Prints score and time. Exit code 1 if a star of S/N above 10 in ten is not
-found, the magnitudes of points are off by more than 0.25, or the traces of spectra by 0.3 px.
+sources' spectra are computed by the README's formula. Needs `apt-get install source-extractor`. Prints score and time.
+Exit code 1 if a star of S/N above 10 in ten is not found, the magnitudes of points are off by more than 0.25, or the
+traces of spectra by 0.3 px.
 """
 
 import argparse
@@ -113,9 +114,8 @@ def main():
     if (Path(given.pack) / "public" / "gratings").is_dir():
         away = traces(given.pack, Path(given.output) / "first.cat")
         away = away[np.isfinite(away)]
-        print(
-            f"traces of {len(away)} spectra: {np.median(away):+.2f} px in the median, all within {np.abs(away).max():.2f}"
-        )
+        most = np.abs(away).max()
+        print(f"traces of {len(away)} spectra: {np.median(away):+.2f} px in the median, all within {most:.2f}")
         good = good and abs(np.median(away)) <= TRACE
     sys.exit(not good)
 

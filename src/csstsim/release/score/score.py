@@ -9,10 +9,10 @@ import numpy as np
 from csstsim import __version__
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
-from csstsim.base.plural import number_of
 from csstsim.release.score import numbers
 from csstsim.release.score.catalogue import read_catalogue
 from csstsim.release.score.field import read_field
+from csstsim.release.score.lines import lines
 from csstsim.release.score.match import RADIUS, brightness, chance, matched
 
 PAGE, JSON = "score.html", "score.json"
@@ -118,7 +118,8 @@ def _shared(match, truth):
     from scipy.spatial import cKDTree
 
     from csstsim.base.sphere import unit_vectors
-    from csstsim.release.score.match import BLEND_ARCSEC
+    from csstsim.release.score.lines import lines
+from csstsim.release.score.match import BLEND_ARCSEC
 
     hidden, mask = np.flatnonzero(match.merged), np.zeros(len(match.row), bool)
     if len(hidden):
@@ -128,52 +129,6 @@ def _shared(match, truth):
             near = hidden[tree.query_ball_point(place[row], reach)]
             mask[row] = bool((mag[near] < mag[row] + numbers.ALONE_MAG).any())
     return mask
-
-
-def lines(result):
-    """Yield the lines that `score` prints."""
-    yield f"{number_of(result['sources'], 'source')} against {number_of(result['objects'], 'true object')}" + (
-        f"; by magnitude in {result['band']}" if result["band"] else ""
-    )
-    for kind, one in result["completeness"].items():
-        yield (
-            f"completeness of {kind} of S/N above {numbers.SNR_HEAD:g}: {_cell(one['completeness'], 3)} of {one['n']}"
-            f" ({_cell(one['low'], 3)} to {_cell(one['high'], 3)}); merged {_cell(one['merged'], 3)}, "
-            f"lost {_cell(one['lost'], 3)}"
-        )
-    pure = result["purity"]
-    yield (
-        f"purity: {_cell(pure['purity'], 3)}; by chance {_cell(pure['chance'], 3)} would be found real; "
-        f"second sources of one object {_cell(pure['second'], 3)}"
-    )
-    for band, kinds in result["photometry"].items():
-        for kind, one in kinds.items():
-            yield _said(f"magnitude in {band}, {kind}", one, "mag", 4)
-    for kind, axes in result["astrometry_mas"].items():
-        for axis, one in axes.items():
-            yield _said(f"place, {axis}, {kind}", one, "mas", 2)
-    for axis, one in result.get("shapes", {}).items():
-        yield (
-            f"shape {axis}: slope {_cell(one['slope'], 3)} +- {_cell(one['slope_error'], 3)}, offset "
-            f"{_cell(one['offset'], 4)} +- {_cell(one['offset_error'], 4)}, scatter {_cell(one['scatter'], 3)}, "
-            f"of {one['n']}"
-        )
-    if (one := result.get("redshifts")) and one["n"]:
-        yield (
-            f"redshifts: bias {one['bias']:+.4f}, sigma_NMAD {one['nmad']:.4f}, beyond 0.15 {one['beyond 0.15']:.3f}, "
-            f"of {one['n']} ({one['of']} objects have a source)"
-        )
-
-
-def _said(what, one, unit, digits):
-    return (
-        f"{what}: bias {_cell(one['mean'], digits)} +- {_cell(one['mean_error'], digits)} {unit}, scatter "
-        f"{_cell(one['scatter'], digits)}, of {one['n']}, outliers {one['outliers']}"
-    )
-
-
-def _cell(value, digits):
-    return "-" if value is None or not math.isfinite(value) else f"{value:.{digits}f}"
 
 
 def _pairs(texts):
