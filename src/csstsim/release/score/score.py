@@ -65,7 +65,7 @@ def judge(field, sources, band=None, radius=RADIUS, file=None):
     by_chance, tried = chance(truth, sources, lambda ra, dec: field.has(ra, dec, band), match_band, radius)
     mag = brightness(truth, band)
     snr = _snr(truth, band)
-    clean = numbers.alone(truth, band) & ~_shared(match, truth)
+    clean = numbers.alone(truth, band)
     count = len(sources)
     pure = match.real(count).mean() if count else np.nan
     result = {
@@ -111,24 +111,6 @@ def _snr(truth, band):
     """Return the S/N (n,) of objects in all frames of a band together; without a band in their best one."""
     names = [f"snr_{band}"] if band else [name for name in truth if name.startswith("snr_")]
     return np.max([np.nan_to_num(truth[name].astype(float)) for name in names], axis=0, initial=0.0)
-
-
-def _shared(match, truth):
-    """Return (n,): objects whose source holds the light of a merged one too."""
-    from scipy.spatial import cKDTree
-
-    from csstsim.base.sphere import unit_vectors
-    from csstsim.release.score.lines import lines
-from csstsim.release.score.match import BLEND_ARCSEC
-
-    hidden, mask = np.flatnonzero(match.merged), np.zeros(len(match.row), bool)
-    if len(hidden):
-        place, mag = unit_vectors(truth["ra"], truth["dec"]), brightness(truth)
-        tree, reach = cKDTree(place[hidden]), np.radians(BLEND_ARCSEC / 3600.0)
-        for row in np.flatnonzero(match.found):
-            near = hidden[tree.query_ball_point(place[row], reach)]
-            mask[row] = bool((mag[near] < mag[row] + numbers.ALONE_MAG).any())
-    return mask
 
 
 def _pairs(texts):
