@@ -22,6 +22,7 @@ from csstsim.instrument.camera import load_camera
 from csstsim.io import orders, truth
 from csstsim.measure import catalogue
 from csstsim.measure.spectra import line_columns, spectrum_columns
+from csstsim.release import pack_truth
 
 VERSION = "1.0.0"
 FILE = SHIPPED / "schema" / "tables.json"
@@ -72,10 +73,19 @@ def tables():
             "sources of all exposures and bands", "merge/dataset/Norder=8/Dir={dir}/Npix={brick}.parquet", merged,
             {"flags": catalogue.FLAGS}, (),
         ),
+        "pack": ("true objects of a benchmark pack", "truth/objects.parquet", _of_pack(bands), {}, ()),
         "validation": (
             "gates, in the list `gates` of JSON", "report/verdict.json", gates.ABOUT, {},
             ("exposure", "chip", "channel"),
         ),
+    }  # fmt: skip
+
+
+def _of_pack(bands):
+    """Return {column: (type, text)} of the objects of a pack with all bands."""
+    return {
+        name.replace("_B", f"_{band}"): (pack_truth.TYPES.get(name, np.float64), text)
+        for name, text in pack_truth.COLUMNS.items() for band in (bands if name.endswith("_B") else ("",))
     }  # fmt: skip
 
 

@@ -50,6 +50,16 @@ def test_nothing_public_has_the_seed_or_the_truth(packs, sound):
     assert f'"seed": {seed}' in (packs[0] / "truth" / "workflow" / "recipes.json").read_text()
 
 
+def test_the_objects_have_the_columns_of_the_schema(packs):
+    told = json.loads((packs[0] / "truth" / "workflow" / "tables.json").read_text())["tables"]["pack"]["schema"][
+        "fields"
+    ]
+    told = {field["name"]: field["dtype"] for field in told}
+    table = objects(packs[0])
+    assert {name: table[name].dtype.name for name in table} == {name: told[name] for name in table}
+    assert {"id", "ra", "dec", "obj_type", "z", "size", "e1", "e2", "mag_r", "snr_r", "n_r"} <= set(table)
+
+
 def test_frames_as_read_are_the_level0_files(packs, sound):
     [path] = (packs[0] / "public" / "raw").glob("*_09_r.fits")
     [level0] = sound[1].glob("level0/*/*_WIDE_*_09_L0_V01.fits")

@@ -28,8 +28,8 @@ def campaign_crate(run, say, authors=(), licence="CC-BY-4.0"):
         raise InputError(f"no manifest yet: `csstsim verify {run.file} --manifest` writes it", file=root / HASHES)
     hashes, files = read_manifest(root / HASHES), {}
     for line in (root / SIZES).read_text(encoding="ascii").splitlines()[1:]:
-        name, size, kind = line.split("\t")
-        if not (root / name).is_file() or (root / name).stat().st_size != int(size):
+        name, size, kind = (*line.split("\t"), "", "")[:3]
+        if name not in hashes or not (root / name).is_file() or str((root / name).stat().st_size) != size:
             raise InputError(f"not as {SIZES} says; `csstsim verify` tells more", file=root / name)
         files[name] = kind, size, hashes[name]
     for name, kind in (*write_made_with(run, root).items(), (HASHES, "hashes"), (SIZES, "sizes and kinds")):

@@ -28,6 +28,10 @@ COLUMNS = {  # of objects.parquet; B: each band of the pack
     "n_B": "images of the band that its place is on",
 }
 
+TYPES = {  # of those that are not float64
+    "id": np.int64, "obj_type": np.int8, "n_B": np.int32, "z": np.float32, "size": np.float32,
+}  # fmt: skip
+
 
 def objects(run, jobs):
     """Return the ObjectTable of COLUMNS: what was drawn on the images of `jobs`, each object once, sorted by id.
