@@ -252,3 +252,14 @@ def test_a_column_of_one_letter_is_nothing_unless_mapped(tmp_path):
     changed.write(tmp_path / "c.ecsv")
     read = read_catalogue(tmp_path / "c.ecsv", {}, known.bands)
     assert "z" not in read and "columns not used: z" in read.notes
+
+
+def test_of_a_magnitude_and_a_flux_the_mapped_one_counts(tmp_path):
+    known = field()
+    changed = table(known.objects, flux_r=np.full(len(known.objects), 1.0))
+    assert all(abs(one["mean"]) < EXACT for one in numbers(judged(known, changed, tmp_path)))
+    changed["flux_r"] = 10 ** (-0.4 * (known.objects["mag_r"] - 23.9 + 0.1))
+    made = judged(known, changed, tmp_path, {"flux_r": "flux_r"})
+    assert all(abs(one["mean"] - 0.1) < 1e-6 for one in numbers(made))
+    with pytest.raises(InputError, match="a magnitude and a flux"):
+        judged(known, changed, tmp_path, {"flux_r": "flux_r", "mag_r": "mag_r"})

@@ -93,7 +93,8 @@ def _placed(catalogue, path):
 def _keys(table, maps, bands, path):
     """Return {Key: column}: the mapped ones, then columns that are called as a quantity.
 
-    One letter is not enough: z may be a redshift or a band, a and b anything.
+    One letter is not enough: z may be a redshift or a band, a and b anything. Of a magnitude and a flux of one band
+    that are not mapped, the magnitude is taken.
     """
     keys, known = {}, {}
     for text, name in maps.items():
@@ -104,12 +105,13 @@ def _keys(table, maps, bands, path):
         if key.whole in known:
             raise InputError("given twice", key="--map", value=key.whole)
         keys[key], known[key.whole] = name, name
-    for name in table.colnames:
+    for name in sorted(table.colnames, key=lambda name: name.lower().startswith("flux_")):  # magnitudes first
         try:
             key = parse_key(name.lower(), bands)
         except InputError:
             continue
-        if key.whole not in known and len(key.whole) > 1:
+        same = {f"mag_{key.band}", f"flux_{key.band}"} if key.band else {key.whole}
+        if not same & set(known) and len(key.whole) > 1:
             keys[key], known[key.whole] = name, name
     return keys
 
