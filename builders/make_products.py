@@ -1,4 +1,6 @@
-"""Write docs/products.md, the contents of every product: python builders/make_products.py (--check: only look).
+"""Write docs/products.md, the contents of every product, and the schema of tables: python builders/make_products.py.
+
+--check: only look.
 
 Each description has one source: next to the columns' types in the module that writes the table, or the comment of a
 keyword in config/instrument/level0_keywords.yaml. tests/docs/test_products.py forbids drift.
@@ -10,6 +12,7 @@ from pathlib import Path
 from string import Template
 
 import numpy as np
+import table_schema
 
 from csstsim.base.files.yaml_file import read_yaml
 from csstsim.bricks import merge
@@ -28,7 +31,8 @@ Written by `python builders/make_products.py` from the code's own tables; edit t
 
 Tables are parquet: `csstsim.catalog.table.ObjectTable.read(path)` checks them and gives `table["mag_r"]` and
 `table.meta`; other parquet readers work, too. Images are FITS, PSF sets HDF5. Pixels count from 0 at the middle of the
-first one, except where "FITS" is stated.
+first one, except where "FITS" is stated. [tables.json](../config/schema/tables.json) has the columns of all tables for
+programs, with a version that rises when they change.
 
 ## Level-0
 
@@ -168,7 +172,7 @@ def header(hdu):
 
 
 def documents():
-    """Return {path: text} of the page."""
+    """Return {path: text} of the page and of the schema."""
     cat, more = truth_columns()
     parts = {
         "header0": header(0), "header1": header(1), "mask": bits(mask, mask.ABOUT), "cat": columns(cat),
@@ -182,7 +186,7 @@ def documents():
         "datasets": rows(("dataset", "shape, type", "what"), [(f"`{k}`", *v) for k, v in DATASETS.items()]),
         "attributes": rows(("attribute", "what"), [(f"`{k}`", v) for k, v in ATTRIBUTES.items()]),
     }  # fmt: skip
-    return {ROOT / "docs" / "products.md": Template(PAGE).substitute(parts)}
+    return {ROOT / "docs" / "products.md": Template(PAGE).substitute(parts), table_schema.FILE: table_schema.text()}
 
 
 def stale():

@@ -40,7 +40,9 @@ RICH_TARGET = (300.0920, -59.8671)  # the middle of brick 732596 in W5: six time
 DEMO_FIRST, RICH_FIRST = datetime(2027, 11, 20, tzinfo=UTC), datetime(2027, 7, 15, tzinfo=UTC)  # first nights to try
 DEMO_CHIPS = (12, 14, 8, 9, 7, 11, 6)  # one for each of NUV u g r i z y
 DEMO_DITHER = 200.0  # px
-DEMO_SPECTRA = 29, 2500.0  # a GV chip, and a column whose left grating spreads all spectra over the chip
+DEMO_SPECTRA = (29,)  # a GV chip
+PACK_SPECTRA = (28, 29, 30)  # GU, GV, GI
+SPECTRA_COLUMN = 2500.0  # whose left grating spreads all spectra over these chips
 
 # Conditions of a slot; the first keeps the bright Earth's limb at least 55 deg away (400 km orbit)
 ZENITH_MAX, SUN_MIN, MOON_MIN = 55.0, 50.0, 40.0  # deg
@@ -113,10 +115,13 @@ def spread_over_a_year(camera, exposures):
     return moved
 
 
-def one_target(camera, target, first):
-    """Return 15 exposures of one target: two a quarter turn apart on a chip of each imaging band, one on a GV chip."""
+def one_target(camera, target, first, spectra=DEMO_SPECTRA, turns=(PA,)):
+    """Return exposures of one target: two a quarter turn apart on a chip of each imaging band, spectra after them.
+
+    spectra: chips with gratings; turns: the position angles of their exposures.
+    """
     exposures = {}
-    times = slots(camera, *target, first, 2 * len(DEMO_CHIPS) + 1)
+    times = slots(camera, *target, first, 2 * len(DEMO_CHIPS) + len(spectra) * len(turns))
     for pa in (PA, PA + 90.0):
         for chip_id in DEMO_CHIPS:
             chip = camera.chips[chip_id]
@@ -126,10 +131,13 @@ def one_target(camera, target, first):
             y = (chip.detector.ny - 1) / 2 + DEMO_DITHER * np.sin(angle)
             exposure = _pointing(0.0, 0.0, pa, time=iso(times[i]))
             exposures[f"10100{i + 1:06d}"] = pointing_for(exposure, chip, target, (x, y))
-    chip, column = camera.chips[DEMO_SPECTRA[0]], DEMO_SPECTRA[1]
-    exposure = _pointing(0.0, 0.0, PA, time=iso(times[-1]))
-    last = pointing_for(exposure, chip, target, (column, (chip.detector.ny - 1) / 2))
-    return exposures | {f"10100{len(times):06d}": last}
+    for pa in turns:
+        for chip in (camera.chips[number] for number in spectra):
+            i = len(exposures)
+            place = SPECTRA_COLUMN, (chip.detector.ny - 1) / 2
+            exposure = _pointing(0.0, 0.0, pa, time=iso(times[i]))
+            exposures[f"10100{i + 1:06d}"] = pointing_for(exposure, chip, target, place)
+    return exposures
 
 
 def calibration():
@@ -176,6 +184,8 @@ def make_all(folder, camera):
     comment = "one target, seven bands, two position angles each; one GV chip"
     write(folder / "demo.csv", one_target(camera, DEMO_TARGET, DEMO_FIRST), comment)
     write(folder / "rich_field.csv", one_target(camera, RICH_TARGET, RICH_FIRST), comment + "; among more stars")
+    both = one_target(camera, RICH_TARGET, RICH_FIRST, PACK_SPECTRA, (PA, PA + 90.0))
+    write(folder / "benchmark_pack.csv", both, "one target, seven bands and three gratings, two position angles each")
     for number, name in enumerate(FIELDS, start=1):
         ra, dec, count, _ = FIELDS[name]
         comment = f"{name.upper()}: 5 deg2 around ra {ra:g}, dec {dec:g}; {count} exposures (paper, Table 1)"

@@ -27,7 +27,7 @@ ROOT = Path(__file__).resolve().parents[1]
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 os.environ["PYTHONPATH"] = os.pathsep.join(str(ROOT / name) for name in ("src", "tests", "builders"))
 
-FINISHED = "compare", "delivery"  # folders whose tests share a finished campaign: one worker makes it
+FINISHED = "compare", "delivery", "release"  # folders whose tests share a finished campaign: one worker makes it
 # Folders and files in the order in which they are begun, the others last. While one worker compiles the chain for the
 # finished campaign, the other has a minute of tests that need little compiled; short ones come last, so that both end
 # together

@@ -17,7 +17,9 @@ HEADER = "obsid,type,ra,dec,pa,time,exptime"
 ROW = "10100000001,SCIE,60.0,-40.0,-113.4333,2027-11-20T01:08:00,150"
 STATE = ",sat_x,sat_y,sat_z,sat_vx,sat_vy,sat_vz"
 SHIPPED = {"demo": 15, "rich_field": 15, "calibration": 11, "w1": 226, "w2": 228, "w3": 261, "w4": 266, "w5": 240}
+SHIPPED |= {"benchmark_pack": 20}
 SHIPPED |= {f"{name}_straylight": count for name, count in SHIPPED.items() if name.startswith("w")}
+RICH = (300.0920, -59.8671)
 FIELDS = {
     "w1": (30, -48),
     "w2": (170, -23),
@@ -26,6 +28,7 @@ FIELDS = {
     "w5": (300, -60),
     "demo": (60, -40),
     "rich_field": (300, -60),
+    "benchmark_pack": (300, -60),
 }
 
 
@@ -211,7 +214,10 @@ def test_fields_are_covered_by_every_filter(name, maker, camera):
         assert (n > 1).mean() >= 0.80, band
 
 
-@pytest.mark.parametrize(("name", "target"), [("demo", (60.1172, -40.0330)), ("rich_field", (300.0920, -59.8671))])
+@pytest.mark.parametrize(
+    ("name", "target"),
+    [("demo", (60.1172, -40.0330)), ("rich_field", RICH), ("benchmark_pack", RICH)],
+)
 def test_one_target_is_brought_to_each_imaging_band_twice(camera, name, target):
     """Within 200 px of a chip's centre (1 px), in two position angles 90 deg apart."""
     seen = {}

@@ -52,6 +52,20 @@ def pointing_list(path):
     convert(table, mapping, camera().orbit)
 
 
+def scored_catalogue(path):
+    """A catalogue that is scored, whose columns are called as quantities."""
+    from csstsim.release.score.catalogue import read_catalogue
+
+    read_catalogue(path, {}, ("r",))
+
+
+def truth_of_a_pack(path):
+    """The list of a pack's frames."""
+    from csstsim.release.score.field import read_frames
+
+    read_frames(path)
+
+
 def pointing_mapping(path):
     """The mapping of a list's columns, as --mapping takes it."""
     from csstsim.campaign.pointing_lists.mapping import load_mapping

@@ -1,5 +1,6 @@
 """Makers of small sound files: each writes a file, with the others it needs, into a folder and returns its path."""
 
+import json
 import shutil
 from pathlib import Path
 from types import SimpleNamespace
@@ -61,6 +62,33 @@ def survey_table(folder):
     rows = (SHIPPED.parent / "survey_tables" / "demo.csv").read_text().splitlines()
     path = folder / "table.csv"
     path.write_text("\n".join(rows[:12]) + "\n")
+    return path
+
+
+def scored(name):
+    """Return a maker of a catalogue as `csstsim release score` takes it."""
+
+    def make(folder):
+        columns = {"ra": PLACES[0], "dec": PLACES[1], "mag_r": [20.0, 21.0, 99.0], "e1": [0.1, 0.0, -0.2]}
+        Table(columns | {"e2": np.zeros(3), "z": [0.5, 1.0, 2.0]}).write(folder / name)
+        return folder / name
+
+    return make
+
+
+def scored_text(folder):
+    """A catalogue as source-extractor writes it."""
+    heads = ("ra", "dec", "mag_r")
+    lines = [f"# {k:3d} {name}  something [deg]" for k, name in enumerate(heads, start=1)]
+    path = folder / "found.cat"
+    path.write_text("\n".join([*lines, " 60.0 -40.0 20.5", " 60.01 -40.0 21.5"]) + "\n")
+    return path
+
+
+def frames_of_a_pack(folder):
+    frame = {"file": "a.fits", "filter": "r", "kind": "imaging", "corners": [[0, 0], [1, 0], [1, 1], [0, 1]]}
+    path = folder / "frames.json"
+    path.write_text(json.dumps({"name": "pack", "frames": [frame]}))
     return path
 
 

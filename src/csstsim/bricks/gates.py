@@ -8,6 +8,20 @@ is None if it does not depend on sources. margin: the number over the largest al
 
 import numpy as np
 
+# Columns of a table of gates
+ABOUT = {
+    "brick": (np.int32, "HEALPix pixel of NSIDE 256, nested"),
+    "name": (np.str_, "what is judged"),
+    "band": (np.str_, 'in lower case; "all": of all bands'),
+    "value": (np.float64, "the number that is judged; null: there is none"),
+    "threshold": (np.float64, 'the most or least it may be; of a width "low to high"; null: none is given'),
+    "n": (np.int64, "sources it is from; null: it does not depend on sources"),
+    "margin": (np.float64, "the number over the largest allowed one, chance included: above 1 the gate fails"),
+    "passed": (np.bool_, "null: it could not be judged"),
+    "exposure": (np.str_, "obsid, of a gate of one exposure"),
+    "chip": (np.int16, "its chip"),
+    "channel": (np.int16, "readout channel, of a gate of one"),
+}
 FEW = 20
 CHANCE = 2.0  # sigma of chance that are tolerated
 WORST = 4.0  # ... of bins, widths and exposures: of a release's thousands some exceed three by chance

@@ -89,6 +89,12 @@ ABOUT_BAND = {  # of each band B, small letters
     "gaap_mag_err_B": "its error",
 }
 
+TYPES = {  # of those that are not float64
+    "_healpix_29": np.int64, "source_id": np.int64, "detection_chip": np.int16, "motion": np.int8,
+    **dict.fromkeys(("detection_obsid", "detection_filter"), np.str_),
+    **dict.fromkeys(("detection_number", "flags", "n_detections", "n_B"), np.int32),
+}  # fmt: skip
+
 
 def merge_brick(pix, tables, bands, *, margin=MARGIN):
     """Return (sources, detections) of brick `pix`.

@@ -26,7 +26,7 @@ SECTIONS = {
     ),
     "Measure the simulator": ("bench", "shear"),
     "Extend": ("layers", "fit-grating"),
-    "Deliver": ("verify", "compare"),
+    "Deliver": ("verify", "compare", "release"),
     "Frames that exist": ("place", "inject", "recover", "recreate"),
 }  # fmt: skip
 GARBAGE = 50_000  # new objects before a search for cycles; at the usual 700 imports cause hundreds of searches
@@ -43,8 +43,20 @@ class GivenPath(click.Path):
         return super().convert(value, param, ctx)
 
 
-class Group(click.Group):
-    """A click group. An input error prints one line and exits with code 2; SIGTERM ends it silently."""
+class Commands(click.Group):
+    """A click group whose commands understand -v and -q after their name, and refuse empty names of files."""
+
+    def add_command(self, cmd, name=None):
+        """Add a command."""
+        for param in cmd.params:
+            if type(param.type) is click.Path:
+                param.type = GivenPath()
+        cmd.params += [_switch("-v", _loud, hidden=True), _switch("-q", _quiet, hidden=True)]
+        super().add_command(cmd, name)
+
+
+class Group(Commands):
+    """The group of all. An input error prints one line and exits with code 2; SIGTERM ends it silently."""
 
     def main(self, *args, **options):
         """Run the command; from here on SIGTERM ends it silently."""
@@ -52,14 +64,6 @@ class Group(click.Group):
         gc.set_threshold(GARBAGE)
         atexit.register(gc.freeze)  # the interpreter's end would search all that was imported: half a CPU s
         return super().main(*args, **options)
-
-    def add_command(self, cmd, name=None):
-        """Add a command, which understands -v and -q after its name, too, and refuses empty names of files."""
-        for param in cmd.params:
-            if type(param.type) is click.Path:
-                param.type = GivenPath()
-        cmd.params += [_switch("-v", _loud, hidden=True), _switch("-q", _quiet, hidden=True)]
-        super().add_command(cmd, name)
 
     def format_commands(self, ctx, formatter):
         """Write the commands, by section, each in one line."""

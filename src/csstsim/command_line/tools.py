@@ -8,6 +8,7 @@ import click
 
 from csstsim.command_line.completion import layers_of
 from csstsim.command_line.injection import inject, place, recover
+from csstsim.command_line.release import release
 
 
 @click.command()
@@ -314,4 +315,4 @@ def status(campaign, output, watch):
         sys.exit(128 + signal.SIGINT)
 
 
-TOOLS = bench, show, status, shear, verify, compare, recreate, place, inject, recover, fit_grating, layers
+TOOLS = bench, show, status, shear, verify, compare, release, recreate, place, inject, recover, fit_grating, layers

@@ -12,11 +12,14 @@ from csstsim.compare.varying import COLUMNS
 
 IDS = ("obj_ID", "source_id", "id")  # columns that say which object a row is
 _UNIT = re.compile(
-    r"(electron|photon|erg|km|mas)( / \w+)+|FITS px|px|deg|arcsec|mag\b|AB\b|K\b|mas|microjansky|angstrom|rad|dex|"
-    r"solar masses|(nominal )?electrons"
+    r"(electron|photon|erg|km|mas|arcsec|solar masses)( / \w+)+|FITS px|px|deg|arcsec|mag\b|AB\b|K\b|mas\b|microjansky|"
+    r"angstrom|rad|dex|solar masses|(nominal )?electrons|Gyr|day\b|MJD\b|s(?=,| after)|CPU milliseconds"
 )
-_WRITTEN = {"AB": "mag", "FITS px": "px", "nominal electrons": "electron", "electrons": "electron"}
-_AS_BEFORE = ("its error", "the same", "deg, the same")
+_WRITTEN = {
+    "AB": "mag", "FITS px": "px", "nominal electrons": "electron", "electrons": "electron", "MJD": "day",
+    "CPU milliseconds": "ms",
+}  # fmt: skip
+_AS_BEFORE = re.compile("its error|(deg, )?the same")
 
 
 def table_facts(a, b):
@@ -106,12 +109,18 @@ def units():
         columns_with("B"), OPTIONAL, orders.COLUMNS, truth.ABOUT, catalogue.COLUMNS, spectrum_columns.COLUMNS,
         line_columns.COLUMNS, merge.ABOUT, merge.ABOUT_BAND,
     ):  # fmt: skip
-        unit = ""
-        for name, text in described.items():
-            text = text[-1] if isinstance(text, tuple) else text
-            match = _UNIT.match(text)
-            if text not in _AS_BEFORE:
-                unit = _WRITTEN.get(match[0], match[0]) if match else ""
-            if unit:
-                found[name] = unit
+        found |= units_of(described)
     return found | {name: found[ours] for name, ours in truth.CAT_COLUMNS.items() if ours in found}
+
+
+def units_of(described):
+    """Return {column: its unit} of a table, {column: text, or a tuple that ends with it}."""
+    found, unit = {}, ""
+    for name, text in described.items():
+        text = text[-1] if isinstance(text, tuple) else text
+        if not _AS_BEFORE.match(text):
+            match = _UNIT.match(text)
+            unit = _WRITTEN.get(match[0], match[0]) if match else ""
+        if unit:
+            found[name] = unit
+    return found

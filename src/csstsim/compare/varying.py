@@ -13,6 +13,8 @@ KEYWORDS = re.compile(r"DATE|CHECKSUM|DATASUM|(CPU|WALL)_\w+")
 COLUMNS = {"ms"}  # CPU milliseconds of an object
 # Keys of records (JSON files, metadata of tables, META of frames, HDF5 attributes); the size is that of files
 KEYS = {"stages", "timing", "checksum", "hats_estsize"}
+# ... and of RO-Crate metadata: dates, hashes of files with dates in them
+KEYS |= {"datePublished", "startTime", "endTime", "sha256", "contentSize"}
 # No products: the workflow's files, and hashes of files with dates in them
 BESIDE_PRODUCTS = {*BESIDE, *FILES}
 _PAGE = re.compile(  # sizes of files may differ by their timings

@@ -15,6 +15,7 @@ from csstsim.base.files.atomic import atomic_path
 from csstsim.base.process.progress import progress
 
 HASHES, SIZES, CONTENT = FILES = "MANIFEST.sha256", "MANIFEST.tsv", "MANIFEST.content"
+CRATE = "ro-crate-metadata.json", "workflow"  # of `csstsim release crate`: what hashes files cannot be hashed with them
 _LINE = re.compile(r"([0-9a-f]{64}) [ *]([A-Za-z0-9_.=/-]+)")
 _HEADING = "path\tbytes\tproduct"
 
@@ -29,12 +30,12 @@ def write_manifest(folder, kinds):
     with atomic_path(folder / SIZES) as temporary:
         temporary.write_text("\n".join([_HEADING, *rows]) + "\n", encoding="ascii")
     names = [*progress(kinds, "hashing", len(kinds)), SIZES]
-    _write_hashes(folder, {name: _hash(folder / name) for name in names})
+    _write_hashes(folder, {name: file_hash(folder / name) for name in names})
 
 
 def list_content(folder):
     """Add the hash of MANIFEST.content to MANIFEST.sha256. Raises OSError, and InputError as `read_manifest`."""
-    _write_hashes(folder, read_manifest(folder / HASHES) | {CONTENT: _hash(folder / CONTENT)})
+    _write_hashes(folder, read_manifest(folder / HASHES) | {CONTENT: file_hash(folder / CONTENT)})
 
 
 def _write_hashes(folder, hashes):
@@ -42,7 +43,7 @@ def _write_hashes(folder, hashes):
         temporary.write_text("".join(f"{value}  {name}\n" for name, value in hashes.items()), encoding="ascii")
 
 
-def _hash(path):
+def file_hash(path):
     """Return the SHA-256 of a file, read a piece at a time."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
@@ -66,7 +67,7 @@ def manifest_faults(folder, present, expected):
                 yield name, f"listed in {HASHES}, but missing" if not (folder / name).exists() else "no product"
         elif not (folder / name).is_file():
             yield name, "missing"
-        elif _hash(folder / name) != listed[name]:
+        elif file_hash(folder / name) != listed[name]:
             yield name, f"its SHA-256 is not that of {HASHES}: changed since"
     for name in sorted(present - listed.keys()):
         yield name, f"not listed in {HASHES}: newer"

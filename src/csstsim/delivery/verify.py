@@ -8,7 +8,7 @@ from csstsim.base.plural import number_of
 from csstsim.base.process.progress import progress
 from csstsim.delivery.contents import MAYBE, of_campaign
 from csstsim.delivery.folder import of_folder
-from csstsim.delivery.manifest import FILES, HASHES, SIZES, manifest_faults, write_manifest
+from csstsim.delivery.manifest import CRATE, FILES, HASHES, SIZES, manifest_faults, write_manifest
 from csstsim.delivery.products import products
 from csstsim.io.output_owner import FILE as OWNER
 
@@ -99,17 +99,17 @@ def _foreign(root, known):
         here = os.path.relpath(place, root)
         prefix = "" if here == "." else here.replace(os.sep, "/") + "/"
         for name in sorted(files):
-            if prefix + name not in known and prefix + name not in (*FILES, *BESIDE):
+            if prefix + name not in known and prefix + name not in (*FILES, *BESIDE, *CRATE):
                 yield prefix + name, _why_foreign(prefix + name)
         for name in sorted(below):
             path = os.path.join(place, name)
-            if prefix + name in known or (here == "." and name in BESIDE):
+            if prefix + name in known or (here == "." and name in (*BESIDE, *CRATE)):
                 continue
             if os.path.islink(path):
                 yield prefix + name, "foreign: a link to a folder"
             elif prefix + name not in folders and any(inside for _, _, inside in os.walk(path)):
                 yield prefix + name, _why_foreign(prefix + name + "/")
-        below[:] = sorted(n for n in below if prefix + n in folders and not (here == "." and n in BESIDE))
+        below[:] = sorted(n for n in below if prefix + n in folders and not (here == "." and n in (*BESIDE, *CRATE)))
 
 
 def _why_foreign(name):

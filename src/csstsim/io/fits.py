@@ -192,15 +192,20 @@ def _check_sum(hdu, path, total):
         raise InputError("the file is damaged: wrong CHECKSUM", file=path, key=key)
 
 
-def compress(path):
-    """Replace the image extensions of a FITS file by tile-compressed ones (RICE, one row per tile), without loss."""
+def compress(path, without=()):
+    """Replace the image extensions of a FITS file by tile-compressed ones (RICE, one row per tile), without loss.
+
+    without: keywords that the primary header loses.
+    """
     from astropy.io import fits  # takes half a second, needed only for compressed files
 
     with fits.open(path, memmap=False) as file:
         hdus = [file[0].copy()]
+        for name in without:
+            hdus[0].header.remove(name, ignore_missing=True)
         for hdu in file[1:]:
-            hdu.header.remove("CHECKSUM")
-            hdu.header.remove("DATASUM")
+            for name in ("CHECKSUM", "DATASUM"):
+                hdu.header.remove(name, ignore_missing=True)
             tile = (1, hdu.data.shape[1])
             hdus.append(fits.CompImageHDU(hdu.data, hdu.header, compression_type="RICE_1", tile_shape=tile))
     fits.HDUList(hdus).writeto(path, overwrite=True, checksum=True)

@@ -16,7 +16,7 @@ COLUMNS = {
     "cut": "its stamp reaches beyond the piece's edge: `electrons` is of all its light, `drawn` of this piece's",
     **dict.fromkeys(("p", "q", "r", "s"), "lambda [angstrom] lands at x + p + q lambda, y + r + s lambda [px]"),
     **dict.fromkeys(("xoff", "yoff", "a0", "a1", "alpha0", "alpha1"), "the trace as aXe has it: polynomials at x, y"),
-    "electrons": "of the whole order",
+    "electrons": "electrons of the whole order",
     "drawn": "electrons put on the window",
     **dict.fromkeys(("x0", "x1", "y0", "y1"), "px, box of what was drawn, half-open, full frame; zeros: nothing"),
     "wave_min": "angstrom, where the trace on the window begins; NaN: nothing, at most a stamp's edge or a wing",
@@ -24,6 +24,10 @@ COLUMNS = {
     "xImage": "FITS px (centre of the first at 1), where its light would fall without the grating",
     "yImage": "the same",
 }
+TYPES = {  # of those that are not float64
+    "id": np.int64, "order": np.int8, "grating": np.str_, "cut": np.bool_, "wave_min": np.float32,
+    "wave_max": np.float32, **dict.fromkeys(("row", "x0", "x1", "y0", "y1"), np.int32),
+}  # fmt: skip
 _NEEDED = ("id", "row", "order", "grating", "cut", "xImage", "yImage", "p", "q", "r", "s", "electrons", "drawn")
 
 

@@ -73,7 +73,19 @@ ABOUT = {
         ("x0", "x1", "y0", "y1"), "px, box of what was drawn, half-open, full frame; zeros: its wing alone"
     ),
     "ms": "CPU milliseconds",
+    "catalog_row": "row of the object in the catalogue that was drawn, of a grating chip",
 }
+# Types of the columns that COLUMNS and OPTIONAL of catalog.table, or catalog.changing, do not have
+TYPES = {
+    **dict.fromkeys(("filter", "method"), np.str_), "chip": np.int16, "catalog_row": np.int64,
+    **dict.fromkeys(("reach", "stamp", "x0", "x1", "y0", "y1"), np.int32),
+    **dict.fromkeys(("x", "y", "ra_orig", "dec_orig", "ra_epoch", "dec_epoch", "detA", "g1", "g2"), np.float64),
+    **dict.fromkeys((*(f"flux{i}" for i in range(4)), "electrons", "drawn", "fraction"), np.float64),
+    **dict.fromkeys(("trail_start", "trail_end", "trail_length", "trail_angle", "dmag", *ENDS), np.float64),
+    **dict.fromkeys(("mag", "dm", "size", "lost", "wing", "snr", "error", "ms"), np.float32),
+}  # fmt: skip
+# Columns that not all tables have
+SOMETIMES = {"catalog_row", "dmag", "trail_start", "trail_end", "trail_length", "trail_angle", *ENDS}
 # Columns made here, and .cat names that differ from ours: a catalogue's own column of that name is renamed.
 TAKEN = {"chip", "filter", "detA", "dm", "g1", "g2", "size"} | (set(CAT_COLUMNS) - set(CAT_COLUMNS.values()))
 

@@ -77,7 +77,7 @@ COLUMNS = {
     "mag_total_err": (np.float64, "its error"),
     "flux_gaap": (
         np.float64,
-        "for colours: electrons in a Gaussian aperture, FWHM 1 arcsec, before the PSF",
+        "electrons in a Gaussian aperture, FWHM 1 arcsec, before the PSF: for colours",
     ),
     "flux_gaap_err": (np.float64, "its error"),
     "mag_gaap": (np.float64, "AB; NaN where the flux is not positive"),

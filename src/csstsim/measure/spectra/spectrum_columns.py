@@ -22,7 +22,7 @@ COLUMNS = {
     "column": (np.int32, "px, x of the chip, from 0"),
     "y": (np.float32, "px, of the trace there"),
     "wavelength": (np.float64, "angstrom, of the column's middle"),
-    "electrons": (np.float32, "optimal extraction: all of the light, that of others subtracted"),
+    "electrons": (np.float32, "electrons, by optimal extraction: all of the light, that of others subtracted"),
     "electrons_err": (np.float32, "its error"),
     "box": (np.float32, "electrons, the same by a box"),
     "box_err": (np.float32, "its error"),

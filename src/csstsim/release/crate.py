@@ -1,0 +1,191 @@
+"""RO-Crate metadata (ro-crate-metadata.json) of a folder of products.
+
+RO-Crate 1.1 (https://w3id.org/ro/crate/1.1) says what the files are; Workflow Run Crate 0.5
+(https://w3id.org/ro/wfrun/workflow/0.5), built on Workflow RO-Crate 1.0, how they were made. Its terms are those of
+schema.org. The workflow, the campaign and the recipes are files of the crate (release.made_with).
+"""
+
+import json
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from itertools import groupby
+from pathlib import Path
+from urllib.parse import quote
+
+from csstsim.base.errors import InputError
+from csstsim.base.files.atomic import atomic_path
+from csstsim.delivery.manifest import CRATE as CRATE_FILES
+from csstsim.release.made_with import INPUTS, RECIPES, TABLES, WORKFLOW
+
+FILE, README = CRATE_FILES[0], "README.md"
+CONTEXT = ["https://w3id.org/ro/crate/1.1/context", "https://w3id.org/ro/terms/workflow-run/context"]
+CRATE, WORKFLOW_CRATE = "https://w3id.org/ro/crate/1.1", "https://w3id.org/workflowhub/workflow-ro-crate/1.0"
+RUN_PROFILES = {
+    "https://w3id.org/ro/wfrun/process/0.5": ("Process Run Crate", "0.5"),
+    "https://w3id.org/ro/wfrun/workflow/0.5": ("Workflow Run Crate", "0.5"),
+    WORKFLOW_CRATE: ("Workflow RO-Crate", "1.0"),
+}
+BIOSCHEMAS = "https://bioschemas.org/profiles/{}/1.0-RELEASE"
+MEDIA = {
+    ".fits": "application/fits", ".parquet": "application/vnd.apache.parquet", ".h5": "application/x-hdf5",
+    ".json": "application/json", ".html": "text/html", ".png": "image/png", ".md": "text/markdown",
+    ".yaml": "application/yaml", ".csv": "text/csv", ".cat": "text/plain", ".psf": "application/fits",
+    ".conf": "text/plain", ".tsv": "text/tab-separated-values",
+}  # fmt: skip
+PLAIN = "text/plain"
+ORGANISATION, RUN, SNAKEMAKE = "#contributors", "#run", "https://snakemake.readthedocs.io"
+LICENCES = {
+    "CC-BY-4.0": ("https://creativecommons.org/licenses/by/4.0/", "Creative Commons Attribution 4.0"),
+    "CC0-1.0": ("https://creativecommons.org/publicdomain/zero/1.0/", "Creative Commons Zero 1.0"),
+}
+
+
+@dataclass(frozen=True)
+class Crate:
+    """What a crate says of its folder.
+
+    files: {path below the folder: (kind in words, bytes, SHA-256)}; folders: {first folder of a path: what it holds};
+    run: release.ran.Ran, or None; inputs: names in INPUTS; version: of the table of columns; authors: names of people.
+    """
+
+    name: str
+    description: str
+    files: dict
+    folders: dict = field(default_factory=dict)
+    run: object = None
+    inputs: tuple = ()
+    version: str = ""
+    authors: tuple = ()
+    licence: str = "CC-BY-4.0"
+
+
+def licence_of(name):
+    """Return (address, title) of a licence, one of LICENCES or an address. Raises InputError for another word."""
+    if name in LICENCES:
+        return LICENCES[name]
+    if not name.startswith(("https://", "http://")):
+        raise InputError("unknown licence", key="--licence", value=name, allowed=f"{', '.join(LICENCES)}, an address")
+    return name, name
+
+
+def write_crate(folder, crate):
+    """Write the metadata of a Crate into its folder; return the path. The same crate gives the same bytes but dates."""
+    path = Path(folder) / FILE
+    with atomic_path(path) as temporary:
+        temporary.write_text(json.dumps(metadata(crate), indent=1) + "\n", encoding="utf-8")
+    return path
+
+
+def metadata(crate, now=None):
+    """Return the JSON-LD of a Crate. now: datetime of the publication [default: the clock]."""
+    now = now or datetime.now(UTC)
+    address, title = licence_of(crate.licence)
+    people = [{"@id": f"#{quote(name)}", "@type": "Person", "name": name} for name in dict.fromkeys(crate.authors)]
+    people = people or [{"@id": ORGANISATION, "@type": "Organization", "name": "the csstsim contributors"}]
+    folders = _folders(crate)
+    about = {
+        "@id": FILE, "@type": "CreativeWork", "about": _to("./"),
+        "conformsTo": _compact([_to(CRATE), *([_to(WORKFLOW_CRATE)] if crate.run else [])]),
+    }  # fmt: skip
+    root = {
+        "@id": "./", "@type": "Dataset", "name": crate.name, "description": crate.description,
+        "datePublished": f"{now:%Y-%m-%dT%H:%M:%S+00:00}", "license": _to(address), "author": _all(people),
+        "publisher": _to(people[0]["@id"]),
+        "hasPart": _compact([*map(_to, _names(folders)), *(_to(_id(path)) for path in crate.files if "/" not in path)]),
+    }  # fmt: skip
+    licence = {
+        "@id": address, "@type": "CreativeWork", "name": title, "description": f"the licence of these data: {title}",
+    }  # fmt: skip
+    files = [_file(path, *told) for path, told in crate.files.items()]
+    run = _run(crate, root, files, folders) if crate.run else []
+    return {"@context": CONTEXT, "@graph": [about, root, licence, *people, *folders, *files, *run]}
+
+
+def _folders(crate):
+    """Return the entities of the folders: each holds its files, those of the folders in it included."""
+    paths = sorted(path for path in crate.files if "/" in path)
+    return [
+        {
+            "@id": _id(f"{name}/"), "@type": "Dataset", "name": name, "description": crate.folders.get(name, name),
+            "hasPart": _compact([_to(_id(path)) for path in inside]),
+        }
+        for name, inside in groupby(paths, lambda path: path.partition("/")[0])
+    ]  # fmt: skip
+
+
+def _file(path, kind, size, digest):
+    about = {"about": _to("./")} if path == README else {}
+    return about | {
+        "@id": _id(path), "@type": "File", "name": Path(path).name, "description": kind,
+        "encodingFormat": MEDIA.get(Path(path).suffix, PLAIN), "contentSize": str(size), "sha256": digest,
+    }  # fmt: skip
+
+
+def _run(crate, root, files, folders):
+    """Return the entities of the workflow's run, and complete the root and the workflow's files."""
+    run, entities = crate.run, {file["@id"]: file for file in files}
+    root |= {
+        "conformsTo": [_to(address) for address in RUN_PROFILES],
+        "mainEntity": _to(WORKFLOW),
+        "mentions": _to(RUN),
+    }
+    parameter = {
+        "@id": "#campaign", "@type": "FormalParameter", "name": "campaign", "additionalType": "File",
+        "description": "the campaign file: what is simulated, and how", "valueRequired": True,
+        "conformsTo": _to(BIOSCHEMAS.format("FormalParameter")),
+    }  # fmt: skip
+    result = {
+        "@id": "#products", "@type": "FormalParameter", "name": "products", "additionalType": "Dataset",
+        "description": "the products, a folder of each kind", "conformsTo": _to(BIOSCHEMAS.format("FormalParameter")),
+    }  # fmt: skip
+    entities[WORKFLOW] |= {
+        "@type": ["File", "SoftwareSourceCode", "ComputationalWorkflow"], "name": "csstsim's workflow",
+        "programmingLanguage": _to(SNAKEMAKE), "input": _to("#campaign"), "output": _to("#products"),
+        "conformsTo": _to(BIOSCHEMAS.format("ComputationalWorkflow")), "license": _to("#bsd"),
+        "version": ", ".join(run.versions),
+    }  # fmt: skip
+    entities[TABLES] |= {"version": crate.version}
+    inputs = [f"{INPUTS}/{name}" for name in crate.inputs]
+    entities[inputs[0]]["exampleOfWork"] = _to("#campaign")
+    made = [one for one in folders if one["@id"] != _id(f"{WORKFLOW.partition('/')[0]}/")]
+    for one in made:
+        one["exampleOfWork"] = _to("#products")
+    jobs = ", ".join(f"{count} {rule}" for rule, count in run.jobs.items())
+    action = {
+        "@id": RUN, "@type": "CreateAction", "name": f"Snakemake's run of {crate.name}",
+        "description": f"{sum(run.jobs.values())} jobs: {jobs}",
+        "instrument": _to(WORKFLOW), "agent": root["publisher"], "actionStatus": "http://schema.org/CompletedActionStatus",
+        "startTime": f"{run.start:%Y-%m-%dT%H:%M:%S+00:00}", "endTime": f"{run.end:%Y-%m-%dT%H:%M:%S+00:00}",
+        "object": [_to(name) for name in [*inputs, RECIPES]], "result": _all(made),
+    }  # fmt: skip
+    language = {
+        "@id": SNAKEMAKE, "@type": "ComputerLanguage", "name": "Snakemake", "alternateName": "Snakemake",
+        "identifier": {"@id": SNAKEMAKE}, "url": {"@id": SNAKEMAKE},
+    }  # fmt: skip
+    own = {"@id": "#bsd", "@type": "CreativeWork", "name": "BSD-3-Clause", "description": "the licence of csstsim"}
+    profiles = [
+        {"@id": address, "@type": "CreativeWork", "name": name, "version": version}
+        for address, (name, version) in RUN_PROFILES.items()
+    ]
+    return [action, language, parameter, result, own, *profiles]
+
+
+def _id(path):
+    return quote(path, safe="/=")
+
+
+def _names(entities):
+    return [entity["@id"] for entity in entities]
+
+
+def _to(name):
+    return {"@id": name}
+
+
+def _all(entities):
+    """Return links to entities; of one alone the link itself, as compact JSON-LD has it."""
+    return _compact([_to(entity["@id"]) for entity in entities])
+
+
+def _compact(values):
+    return values[0] if len(values) == 1 else values

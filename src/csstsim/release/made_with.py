@@ -1,0 +1,77 @@
+"""What a release was made with, as files in it: the workflow, the campaign and what it names, recipes, columns.
+
+workflow/Snakefile  workflow/workflow/rules/*.smk       the workflow, as csstsim has it
+workflow/inputs/    the campaign file, its survey table and its lists of layers
+workflow/recipes.json  digests of all that decides the products, by kind of exposure, stage and chip
+workflow/tables.json   the columns of every table
+"""
+
+import json
+from pathlib import Path
+
+from csstsim import __version__
+from csstsim.base.files.atomic import atomic_path
+from csstsim.base.files.text_file import read_json
+from csstsim.base.shipped import ROOT, SHIPPED
+from csstsim.delivery.manifest import CRATE
+
+FOLDER = CRATE[1]
+WORKFLOW, INPUTS, RECIPES, TABLES = (
+    f"{FOLDER}/{name}" for name in ("Snakefile", "inputs", "recipes.json", "tables.json")
+)
+KINDS = {
+    WORKFLOW: "the workflow", RECIPES: "digests of what decides the products", TABLES: "the columns of every table",
+}  # fmt: skip
+
+
+def write_made_with(run, folder):
+    """Write the files of a campaign.opened.OpenCampaign below `folder`; return {path below it: what it is}."""
+    found = dict(KINDS)
+    texts = {WORKFLOW: ROOT / "Snakefile", TABLES: SHIPPED / "schema" / "tables.json"}
+    for path in sorted((ROOT / "workflow" / "rules").glob("*.smk")):
+        name = f"{FOLDER}/workflow/rules/{path.name}"
+        texts[name], found[name] = path, "rules of the workflow"
+    for name, path in inputs(run).items():
+        texts[f"{INPUTS}/{name}"] = path
+        found[f"{INPUTS}/{name}"] = "the campaign file" if path == run.file else "a file that the campaign names"
+    for name, path in texts.items():
+        _write(folder / name, path.read_bytes())
+    _write(folder / RECIPES, (json.dumps(recipes(run), indent=1) + "\n").encode())
+    return found
+
+
+def inputs(run):
+    """Return {name: file} of the campaign and the files that it names, the campaign first."""
+    files = [run.file, Path(run.config.survey_table)]
+    files += [Path(run.config.observation_file(kind)) for kind in run.steps]
+    named = {}
+    for path in dict.fromkeys(files):
+        taken = path.name in named  # two files of one name, in different folders
+        named[f"{path.parent.name}_{path.name}" if taken else path.name] = path
+    return named
+
+
+def recipes(run):
+    """Return what decides the products: version, seed, and each stage's recipe, by kind of exposure and chip."""
+    stages = ("level0", "measure")
+    return {
+        "csstsim": __version__, "campaign": run.config.name, "seed": run.config.seed, "digest": run.config.digest(),
+        "truth": run.recipes.truth, "psf": run.recipes.psf, "validation": run.recipes.validation,
+        "jobs": {
+            f"{job.obsid}_{job.chip.id:02d}": {
+                stage: run.recipe(job, stage) for stage in stages if stage == "level0" or job.pointing.type == "SCIE"
+            }
+            for job in run.jobs
+        },
+    }  # fmt: skip
+
+
+def tables_version():
+    """Return the version of the table of columns."""
+    return read_json(SHIPPED / "schema" / "tables.json")["version"]
+
+
+def _write(path, content):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(content)

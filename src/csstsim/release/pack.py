@@ -1,0 +1,174 @@
+"""`csstsim release pack`: a small public benchmark from a finished campaign, and its truth apart.
+
+DIR/public/  README.md frames.csv filters.csv raw/ calibrated/ psf/ gratings/ MANIFEST.* ro-crate-metadata.json
+DIR/truth/   README.md objects.parquet frames.json frames/ workflow/ MANIFEST.* ro-crate-metadata.json
+"""
+
+import csv
+import io
+import shutil
+from pathlib import Path
+
+import numpy as np
+
+from csstsim.base.errors import InputError
+from csstsim.base.files.atomic import atomic_path
+from csstsim.base.plural import number_of
+from csstsim.base.process.progress import progress
+from csstsim.base.shipped import ROOT
+from csstsim.delivery.manifest import CRATE, FILES, file_hash, write_manifest
+from csstsim.release.crate import Crate, licence_of, write_crate
+from csstsim.release.made_with import inputs, tables_version, write_made_with
+from csstsim.release.pack_frames import write_frame
+from csstsim.release.pack_readme import readme, truth_readme
+from csstsim.release.pack_truth import COLUMNS, write_truth_of_pack
+from csstsim.release.ran import ran
+
+PUBLIC, TRUTH, CITATION = "public", "truth", "CITATION.cff"
+KINDS = {
+    "raw": "a frame as read", "calibrated": "a calibrated frame", "psf": "the PSF of an image, of its stars",
+    "gratings": "a grating", "frames": "truth of a frame",
+}  # fmt: skip
+FOLDERS = {
+    "raw": "frames as read, RICE tiles", "calibrated": "calibrated images and frames of spectra",
+    "psf": "PSF models of the images' own stars, PSFEx's form", "gratings": "traces, dispersion and sensitivities",
+    "frames": "truth tables of the frames", "workflow": "what the frames were made with",
+}  # fmt: skip
+CURVE_STEP = 10.0  # angstrom
+
+
+def pack(run, output, say, authors=(), licence="CC-BY-4.0"):
+    """Write the pack of a finished campaign.opened.OpenCampaign into the folder `output`, which is empty or not there.
+
+    MANIFEST.sha256 comes last: a pack without it is not finished. authors: names; licence: SPDX name or address. Raises
+    InputError, for a campaign that is not finished, too.
+    """
+    output = Path(output)
+    if output.exists() and (not output.is_dir() or any(output.iterdir())):
+        raise InputError("exists already, and is not empty", file=output, key="--output")
+    licence_of(licence)
+    jobs = [job for job in run.jobs if job.pointing.type == "SCIE"]
+    _check_finished(run, jobs)
+    public, truth = output / PUBLIC, output / TRUTH
+    for folder in (public, truth):
+        folder.mkdir(parents=True)
+    frames = [write_frame(run, job, public) for job in progress(jobs, "frames")]
+    rows = [frame.row for frame in frames]
+    _write(public / "frames.csv", _csv(rows))
+    _write(public / "filters.csv", _csv(_curves(run, jobs)))
+    _gratings(run, jobs, public / "gratings")
+    _write(public / CITATION, (ROOT / CITATION).read_text(encoding="utf-8"))
+    _write(public / "README.md", readme(run.config.name, rows, licence))
+    table = write_truth_of_pack(run, jobs, frames, truth)
+    band = next((job.chip.filter for job in jobs if job.chip.filter == "r"), _imaging(jobs)[0].chip.filter)
+    _write(truth / "README.md", truth_readme(run.config.name, COLUMNS, band.lower()))
+    made_with = write_made_with(run, truth)
+    about = {"authors": tuple(authors), "licence": licence}
+    _close(public, Crate(
+        name=f"{run.config.name}: simulated frames", description=_said(rows), files=_files(public), folders=FOLDERS,
+        **about,
+    ))  # fmt: skip
+    files = {name: (made_with.get(name, told[0]), *told[1:]) for name, told in _files(truth).items()}
+    _close(truth, Crate(
+        name=f"{run.config.name}: the truth", description=f"the true sky of {_said(rows)}", files=files,
+        folders=FOLDERS, run=ran(run.paths.output), inputs=tuple(inputs(run)), version=tables_version(), **about,
+    ))  # fmt: skip
+    size = sum(path.stat().st_size for path in output.rglob("*") if path.is_file())
+    say(f"{output}: {_said(rows)}, {number_of(len(table), 'true object')}, {size / 1e9:.3g} GB")
+    say(f"{public}: to give away; {truth}: to keep, for `csstsim release score CATALOGUE --truth {truth}`")
+
+
+def _check_finished(run, jobs):
+    """Raise InputError if a product is missing that a pack needs, or if there is no image."""
+    if not _imaging(jobs):
+        raise InputError("has no science exposure of an imaging chip: there is nothing to find", file=run.file)
+    for job in jobs:
+        needed = [run.paths.level0(job), run.paths.level0_truth(job), run.paths.psf(job.chip.id)]
+        needed += [run.paths.measure(*job.key)] if job.chip.kind == "imaging" else []
+        for path in needed:
+            if not path.is_file():
+                raise InputError(
+                    "not made yet: finish the campaign first (`csstsim status` tells how far it is)", file=path
+                )
+
+
+def _imaging(jobs):
+    return [job for job in jobs if job.chip.kind == "imaging"]
+
+
+def _said(rows):
+    kinds = {"imaging": ("image", None), "slitless": ("spectroscopic frame", None)}
+    counts = {kind: sum(row["kind"] == kind for row in rows) for kind in kinds}
+    return " and ".join(number_of(n, *kinds[kind]) for kind, n in counts.items() if n)
+
+
+def _curves(run, jobs):
+    """Return the rows of filters.csv: wavelength, and the throughput of each filter of the pack."""
+    names = list(dict.fromkeys(job.chip.filter for job in jobs))
+    curves = [run.camera.filters[name] for name in names]
+    low, high = min(c.wavelength[0] for c in curves), max(c.wavelength[-1] for c in curves)
+    grid = np.arange(low, high + CURVE_STEP / 2, CURVE_STEP)
+    values = [np.interp(grid, c.wavelength, c.throughput, left=0.0, right=0.0) for c in curves]
+    kept = np.any(values, axis=0)
+    columns = zip(grid[kept], *(value[kept] for value in values), strict=True)
+    return [
+        {"wavelength_angstrom": f"{wave:g}"} | {name: f"{value:.6g}" for name, value in zip(names, told, strict=True)}
+        for wave, *told in columns
+    ]  # fmt: skip
+
+
+def _gratings(run, jobs, folder):
+    """Copy the files of the gratings of a pack's chips, and write chips.csv."""
+    chips = {job.chip.id: job.chip for job in jobs if job.chip.kind == "slitless"}
+    if not chips:
+        return
+    source = Path(run.camera.folder) / "gratings"
+    names, rows = set(), []
+    for chip in chips.values():
+        pair = run.camera.gratings[chip.id]
+        rows.append(
+            {
+                "chip": chip.id,
+                "filter": chip.filter,
+                "left": pair.left.name,
+                "right": pair.right.name,
+                "split": pair.split,
+            }
+        )
+        names |= {pair.left.name, pair.right.name}
+    files = [source / f"{name}.conf" for name in sorted(names)]
+    files += sorted(path for filter_ in {c.filter for c in chips.values()} for path in source.glob(f"{filter_}_*.fits"))
+    for path in files:
+        with atomic_path(folder / path.name) as temporary:
+            shutil.copyfile(path, temporary)
+    _write(folder / "chips.csv", _csv(rows))
+
+
+def _csv(rows):
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
+
+
+def _write(path, text):
+    with atomic_path(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def _files(folder):
+    """Return {path: (kind, bytes, SHA-256)} of the files below a folder."""
+    paths = sorted(path for path in folder.rglob("*") if path.is_file())
+    names = [path.relative_to(folder).as_posix() for path in paths]
+    return {
+        name: (KINDS.get(name.partition("/")[0], path.name), path.stat().st_size, file_hash(path))
+        for name, path in zip(names, paths, strict=True)
+    }  # fmt: skip
+
+
+def _close(folder, crate):
+    """Write a folder's crate, then its manifest, which has the crate as well."""
+    write_crate(folder, crate)
+    kinds = {name: told[0] for name, told in crate.files.items()} | {CRATE[0]: "metadata"}
+    write_manifest(folder, {name: kind for name, kind in kinds.items() if name not in FILES})

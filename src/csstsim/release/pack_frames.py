@@ -1,0 +1,125 @@
+"""The public frames of a pack: as read (compressed) and calibrated, in ICRS; the PSF that an image's stars show.
+
+raw/{obsid}_{chip}_{filter}.fits         Level-0, RICE tiles, without the seed
+calibrated/{obsid}_{chip}_{filter}.fits  SCI, ERR [electron/s], DQ
+psf/{obsid}_{chip}_{filter}.psf          images only: PSFEx's form (release.star_psf)
+"""
+
+import shutil
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from csstsim.base.files.atomic import atomic_path
+from csstsim.base.process.one_thread import one_thread
+from csstsim.io.calibrated import DQ, KEPT
+from csstsim.io.fits import compress, write_hdus
+from csstsim.io.fits_cards import card
+from csstsim.release.icrs_header import corners, icrs_header
+from csstsim.release.star_psf import chosen, star_psf, write_psfex
+
+RAW, CALIBRATED, PSF = "raw", "calibrated", "psf"
+SECRET = ("SIMSEED",)  # who has it can draw the truth again
+
+
+@dataclass(frozen=True)
+class PackFrame:
+    """A frame of a pack: its row in frames.csv, without what is not known, and its corners [deg, ICRS]."""
+
+    row: dict
+    corners: list
+
+
+def stem(job):
+    """Return the name of a job's files: {obsid}_{chip}_{filter}."""
+    return f"{job.obsid}_{job.chip.id:02d}_{job.chip.filter}"
+
+
+@one_thread
+def write_frame(run, job, folder):
+    """Write the public files of a job into `folder` and return its PackFrame. Raises InputError."""
+    from csstsim.stages.calibrate import calibrated_frame
+    from csstsim.stages.measure import measured_table
+
+    names = {kind: f"{kind}/{stem(job)}.{'psf' if kind == PSF else 'fits'}" for kind in (RAW, CALIBRATED, PSF)}
+    for kind in names:
+        (folder / kind).mkdir(exist_ok=True)
+    with atomic_path(folder / names[RAW]) as temporary:
+        shutil.copyfile(run.paths.level0(job), temporary)
+        compress(temporary, without=SECRET)
+    file, frame = calibrated_frame(run, job)
+    imaging = job.chip.kind == "imaging"
+    image, error, quality, background = (_image if imaging else _spectra)(run, job, frame)
+    filter_ = run.camera.filters[job.chip.filter]
+    zeropoint = filter_.zeropoint(run.camera.telescope) if imaging else None
+    read_noise = float(np.mean(list(frame.read_noise.values())))
+    header = icrs_header(job.wcs, file.observer, job.window)
+    _write(folder / names[CALIBRATED], file, (image, error, quality), header, {
+        "BACKMED": (background, "[electron/s] median background taken off"), "RDNOISE": (read_noise, "[electron] rms"),
+        "MAGZERO": (zeropoint, "AB magnitude of 1 electron/s"),
+        "PIXSCALE": (run.camera.telescope.pixel_scale, "[arcsec]"),
+        "READX0": (job.window.x0 + 1, "first column, on the chip, counted from 1"),
+        "READY0": (job.window.y0 + 1, "first row"),
+    })  # fmt: skip
+    row = {
+        "name": stem(job), "filter": job.chip.filter, "kind": job.chip.kind, "chip": job.chip.id,
+        "obsid": job.obsid, "start_utc": job.pointing.time, "exptime_s": job.pointing.exptime,
+        "pa_deg": job.pointing.pa, "ra_deg": round(header["CRVAL1"], 6), "dec_deg": round(header["CRVAL2"], 6),
+        "width_px": image.shape[1], "height_px": image.shape[0], "zero_point_mag": zeropoint and round(zeropoint, 5),
+        "psf_fwhm_px": None, "psf_stars": None, "raw": names[RAW], "calibrated": names[CALIBRATED], "psf": None,
+    }  # fmt: skip
+    if imaging and (model := _psf(measured_table(run, job), image, error, quality, job)):
+        write_psfex(folder / names[PSF], model)
+        row |= {"psf_fwhm_px": round(model.fwhm, 3), "psf_stars": model.stars, "psf": names[PSF]}
+    return PackFrame(row, corners(job.wcs, file.observer, job.window))
+
+
+def _image(run, job, frame):
+    """Return (SCI, ERR, DQ, background) of an image [electron/s]: the background taken off."""
+    from csstsim.measure.calibration.bad_pixels import mend
+    from csstsim.measure.detection.detect import subtract_background
+    from csstsim.measure.light.photometry import psf_model
+    from csstsim.stages.psf import open_psf
+
+    quality = mend(frame, psf_model(open_psf(run, job.chip), (job.window.x0, job.window.y0), job.window.shape))
+    image, error, rate = frame.electrons, frame.sigma(), np.float32(1.0 / job.pointing.exptime)
+    level = float(np.median(image))
+    subtract_background(image, quality)
+    level -= float(np.median(image))
+    return image * rate, error * rate, quality, level * float(rate)
+
+
+def _spectra(run, job, frame):
+    """Return (SCI, ERR, DQ, 0) of a frame of spectra [electron/s]: the dispersed sky stays, rays are not looked for."""
+    rate = np.float32(1.0 / job.pointing.exptime)
+    return frame.electrons * rate, frame.sigma() * rate, frame.marks, 0.0
+
+
+def _psf(table, image, error, quality, job):
+    rows = chosen(table)
+    if not len(rows):
+        return None
+    at = partial(np.take, indices=rows)
+    flux = at(table["flux_psf"]) / job.pointing.exptime
+    return star_psf(
+        image, error, quality, at(table["x"]) - job.window.x0, at(table["y"]) - job.window.y0, flux,
+        float(np.median(at(table["fwhm"]))),
+    )  # fmt: skip
+
+
+def _write(path, file, planes, header, facts):
+    kept = {name: file.header0[name] for name in KEPT if name in file.header0 and name not in SECRET}
+    primary = [card(name, value) for name, value in (kept | {"POSKIND": "ICRS"}).items()]
+    place = [card(name, value) for name, value in header.items()]
+    facts = [card(name, *told) for name, told in facts.items() if told[0] is not None]
+    bits = [card(f"BIT{bit.bit_length() - 1}", name, f"value {bit}") for bit, name in DQ.items()]
+    image, error, quality = planes
+    unit = card("BUNIT", "electron/s")
+    with atomic_path(path) as temporary:
+        hdus = [
+            ("SCI", [unit, *place, *facts], image),
+            ("ERR", [unit, *place], error),
+            ("DQ", [*place, *bits], quality),
+        ]
+        write_hdus(temporary, [("", primary, None), *hdus])

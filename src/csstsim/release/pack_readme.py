@@ -1,0 +1,75 @@
+"""The README of a pack, for somebody who has never heard of csstsim."""
+
+from collections import Counter
+from pathlib import Path
+from string import Template
+
+from csstsim import __version__
+from csstsim.release.crate import licence_of
+from csstsim.release.score.quantities import ABOUT
+
+TEMPLATE = Path(__file__).with_name("templates") / "README.md"
+PARAMS = (
+    "NUMBER", "ALPHA_J2000", "DELTA_J2000", "MAG_AUTO", "MAGERR_AUTO", "FLUX_RADIUS", "A_WORLD", "B_WORLD",
+    "THETA_J2000", "FLAGS",
+)  # fmt: skip
+TRUTH = """# The truth of $name
+
+Keep this folder apart from the other one: it has what those who make catalogues must not see.
+
+| file | what |
+|---|---|
+| `objects.parquet` | the true objects on the images, each once |
+| `frames.json` | the frames and their corners |
+| `frames/*.parquet` | the truth of each frame, and of the orders of spectra; `workflow/tables.json` has the columns |
+| `workflow/` | the campaign with its seed, the workflow, digests of the recipes |
+
+A catalogue is scored by
+
+    $score
+
+Columns of `objects.parquet` (B: a band):
+
+| column | what |
+|---|---|
+$columns
+"""
+
+
+def readme(name, frames, licence):
+    """Return the text of the public README. frames: the rows of frames.csv."""
+    images = [row for row in frames if row["kind"] == "imaging"]
+    one = next((row for row in images if row["filter"] == "r"), images[0])
+    counts = Counter((row["kind"], row["filter"]) for row in frames)
+    words = {"imaging": "images", "slitless": "spectroscopic frames"}
+    told = "; ".join(
+        f"{words[kind]} in " + ", ".join(f"{band} ({n})" for (k, band), n in counts.items() if k == kind)
+        for kind in words if any(k == kind for k, _ in counts)
+    )  # fmt: skip
+    width = f" -SEEING_FWHM {one['psf_fwhm_px'] * 0.074:.2f}" if one["psf_fwhm_px"] else ""
+    command = (
+        f"source-extractor 'calibrated/{one['name']}.fits[1]' -CATALOG_NAME first.cat -CATALOG_TYPE ASCII_HEAD \\\n"
+        f"        -PARAMETERS_NAME first.param -FILTER N -DETECT_MINAREA 4 -DETECT_THRESH 2 \\\n"
+        f"        -WEIGHT_TYPE MAP_RMS -WEIGHT_IMAGE 'calibrated/{one['name']}.fits[2]' \\\n"
+        f"        -MAG_ZEROPOINT {one['zero_point_mag']} -PIXEL_SCALE 0.074{width}"
+    )
+    address, title = licence_of(licence)
+    return Template(TEMPLATE.read_text(encoding="utf-8")).substitute(
+        name=name, frames=told, columns="\n".join(f"    {name}" for name in PARAMS), command=command,
+        quantities="\n".join(f"| {key} | {text} |" for key, text in ABOUT.items()), licence=f"{title} ({address})",
+        version=__version__, psf=one["psf"] or "MODEL", score=score_command(one["filter"].lower()),
+    )  # fmt: skip
+
+
+def truth_readme(name, columns, band):
+    """Return the text of the README of the truth. columns: {column: meaning}."""
+    listed = "\n".join(f"| `{column}` | {text} |" for column, text in columns.items())
+    return Template(TRUTH).substitute(name=name, score=score_command(band), columns=listed)
+
+
+def score_command(band):
+    """Return the command that scores source-extractor's catalogue of the README."""
+    return (
+        "csstsim release score first.cat --truth truth --output score --map ra=ALPHA_J2000 --map dec=DELTA_J2000 \\\n"
+        f"        --map mag_{band}=MAG_AUTO --map a=A_WORLD --map b=B_WORLD --map pa=THETA_J2000"
+    )

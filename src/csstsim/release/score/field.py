@@ -1,0 +1,64 @@
+"""The truth of a pack, as `csstsim release score` reads it: objects, frames, and which places the frames have."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from csstsim.base.errors import InputError
+from csstsim.base.files.text_file import read_json
+from csstsim.base.sphere import inside, unit_vectors
+from csstsim.catalog.table import ObjectTable
+
+OBJECTS, FRAMES = "objects.parquet", "frames.json"
+
+
+@dataclass(frozen=True)
+class Field:
+    """objects: ObjectTable (pack_truth.COLUMNS); frames: [{file, filter, kind, corners}]; name of the pack."""
+
+    name: str
+    objects: ObjectTable
+    frames: list
+
+    @property
+    def bands(self):
+        """Names of the bands of imaging frames, lower case, in the order of the frames."""
+        return tuple(dict.fromkeys(f["filter"].lower() for f in self.frames if f["kind"] == "imaging"))
+
+    def has(self, ra, dec, band=None):
+        """Return a mask of the places ra, dec [deg] on an imaging frame, of a band if that is given."""
+        points, mask = unit_vectors(ra, dec).reshape(-1, 3), np.zeros(np.size(ra), bool)
+        for frame in self.frames:
+            if frame["kind"] == "imaging" and band in (None, frame["filter"].lower()):
+                mask |= inside(points, unit_vectors(*np.transpose(frame["corners"])))
+        return mask
+
+
+def read_field(folder):
+    """Return the Field of a pack's truth folder. Raises InputError."""
+    folder = Path(folder)
+    if not (folder / FRAMES).is_file():
+        allowed = f"the folder truth of a pack, with {OBJECTS} and {FRAMES}"
+        raise InputError("not the truth of a pack", file=folder, key="--truth", allowed=allowed)
+    name, frames = read_frames(folder / FRAMES)
+    return Field(name, ObjectTable.read(folder / OBJECTS), frames)
+
+
+def read_frames(path):
+    """Return (name of the pack, list of frames) of a pack's FRAMES. Raises InputError."""
+    about = read_json(path)
+    frames = about.get("frames") if isinstance(about, dict) else None
+    if not isinstance(frames, list) or not all(isinstance(frame, dict) and _sound(frame) for frame in frames):
+        raise InputError("not a list of frames with file, filter, kind and corners", file=path)
+    return str(about.get("name", "")), frames
+
+
+def _sound(frame):
+    try:
+        corners = np.asarray(frame["corners"], float)
+        return (
+            corners.ndim == 2 and corners.shape[1] == 2 and len(corners) > 2 and bool(frame["filter"] and frame["kind"])
+        )
+    except (KeyError, TypeError, ValueError):
+        return False

@@ -1,0 +1,158 @@
+"""True objects and a catalogue's sources matched one to one, by place and, where it is known, by magnitude.
+
+A pair within reach costs (distance / reach)^2 + (difference of magnitudes / MAG_SPREAD)^2, the catalogue's own zero
+point taken out; cheap pairs are made first (bricks.match.share_out). Magnitudes more than MAG_REACH apart are no pair.
+
+An object without a source is merged if it lies within BLEND_ARCSEC (of larger sources: their half-light radius) of a
+source that belongs to a brighter object; otherwise it is lost. A source without an object is a second one if an object
+within reach has another; otherwise it is false.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from csstsim.base.sphere import ra_dec, unit_vectors
+from csstsim.bricks.match import share_out
+
+RADIUS = 0.3  # arcsec: least reach; of galaxies half the half-light radius if that is more
+BLEND_ARCSEC = 0.5  # two objects closer than three PSF widths are one source to most codes
+MAG_REACH, MAG_SPREAD = 3.0, 1.0  # mag
+SHIFT = 10.0  # arcsec: of the catalogue, for matches by chance
+FEWEST = 5  # pairs for a zero point
+
+
+@dataclass(frozen=True)
+class Matched:
+    """row (n,): the source of each object, or -1; merged (n,): without one, in the source of a brighter object.
+
+    second (m,): sources beside another one of their object; zero: mag, the catalogue's own zero point.
+    """
+
+    row: np.ndarray
+    merged: np.ndarray
+    second: np.ndarray
+    zero: float
+
+    @property
+    def found(self):
+        """(n,) objects that have a source."""
+        return self.row >= 0
+
+    def real(self, count):
+        """Return (count,): sources that belong to an object."""
+        mask = np.zeros(count, bool)
+        mask[self.row[self.found]] = True
+        return mask
+
+
+def matched(truth, sources, band=None, radius=RADIUS):
+    """Return the Matched of true objects and sources, mappings with ra, dec [deg]; truth has size [arcsec], too.
+
+    band: whose magnitudes mag_B count; None: places alone. radius: arcsec.
+    """
+    places = [unit_vectors(table["ra"], table["dec"]).reshape(-1, 3) for table in (truth, sources)]
+    reach = np.maximum(radius, 0.5 * np.nan_to_num(np.asarray(truth["size"], float)))
+    first, second, distance = _pairs(*places, reach)
+    zero, cost = 0.0, (distance / reach[first]) ** 2
+    if band and len(first):
+        apart = np.asarray(sources[f"mag_{band}"], float)[second] - np.asarray(truth[f"mag_{band}"], float)[first]
+        zero = _zero(first, second, distance, apart)
+        apart = np.abs(apart - zero)
+        known = np.isfinite(apart)
+        cost = cost + np.where(known, apart / MAG_SPREAD, 0.0) ** 2
+        near = ~known | (apart <= MAG_REACH)
+        first, second, cost = first[near], second[near], cost[near]
+    row = np.full(len(places[0]), -1)
+    order = np.lexsort((second, first, cost))
+    first, second = first[order], second[order]
+    taken = share_out(first, second)
+    row[first[taken]] = second[taken]
+    return Matched(row, _merged(places, truth, row, band), _second(row, first, second, len(places[1])), zero)
+
+
+def _zero(first, second, distance, apart):
+    """Return the median difference of magnitudes of the pairs that are the closest of both members; 0 of few."""
+    order = np.lexsort((second, first, distance))
+    order = order[share_out(first[order], second[order])]
+    apart = apart[order]
+    apart = apart[np.isfinite(apart)]
+    return float(np.median(apart)) if len(apart) >= FEWEST else 0.0
+
+
+def _pairs(places, others, reach):
+    """Return (object, source, distance [arcsec]) of all pairs within the objects' reach [arcsec]."""
+    from scipy.spatial import cKDTree
+
+    if not len(places) or not len(others):
+        return np.zeros(0, int), np.zeros(0, int), np.zeros(0)
+    near = cKDTree(others).query_ball_point(places, _chord(reach))
+    first = np.repeat(np.arange(len(places)), [len(rows) for rows in near])
+    second = np.concatenate([np.zeros(0, int), *filter(None, near)]).astype(int)
+    apart = np.linalg.norm(places[first] - others[second], axis=1)
+    return first, second, np.degrees(2 * np.arcsin(np.minimum(apart / 2, 1.0))) * 3600.0
+
+
+def _chord(arcsec):
+    return 2 * np.sin(np.radians(np.asarray(arcsec) / 3600.0) / 2)
+
+
+def _merged(places, truth, row, band):
+    """Return (n,): objects without a source that lie on the source of a brighter object."""
+    from scipy.spatial import cKDTree
+
+    merged, left, owners = np.zeros(len(row), bool), np.flatnonzero(row < 0), np.flatnonzero(row >= 0)
+    if not len(left) or not len(owners):
+        return merged
+    size = np.maximum(BLEND_ARCSEC, np.nan_to_num(np.asarray(truth["size"], float))[owners])
+    mag = brightness(truth, band)
+    for owner, near in zip(
+        owners, cKDTree(places[0][left]).query_ball_point(places[1][row[owners]], _chord(size)), strict=True
+    ):
+        hidden = left[near]
+        merged[hidden[mag[hidden] >= mag[owner]]] = True
+    return merged
+
+
+def brightness(truth, band=None):
+    """Return (n,) magnitudes in a band, or where that is not known, in the one where an object is brightest."""
+    known = [np.nan_to_num(np.asarray(truth[n], float), nan=np.inf) for n in truth if n.startswith("mag_")]
+    best = np.min(known, axis=0) if known else np.full(len(truth["ra"]), np.inf)
+    if band:
+        own = np.asarray(truth[f"mag_{band}"], float)
+        return np.where(np.isfinite(own), own, best)
+    return best
+
+
+def _second(row, first, second, count):
+    """Return (count,): sources without an object, within reach of one that has another source."""
+    mask = np.zeros(count, bool)
+    mask[second[row[first] >= 0]] = True
+    mask[row[row >= 0]] = False
+    return mask
+
+
+def chance(truth, sources, inside, band=None, radius=RADIUS):
+    """Return (share, n): of n sources moved by SHIFT to four sides, and still `inside`, the share that has an object.
+
+    inside: function of ra, dec [deg] that tells which places the field has.
+    """
+    hits = total = 0
+    for east, north in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+        ra, dec = moved(sources["ra"], sources["dec"], east * SHIFT, north * SHIFT)
+        kept = inside(ra, dec)
+        columns = {"ra": ra[kept], "dec": dec[kept]}
+        if band:
+            columns[f"mag_{band}"] = np.asarray(sources[f"mag_{band}"])[kept]
+        hits += int(matched(truth, columns, band, radius).found.sum())
+        total += int(kept.sum())
+    return (hits / total if total else np.nan), total
+
+
+def moved(ra, dec, east, north):
+    """Return ra, dec [deg] of places moved by east, north [arcsec], on their tangent planes: also at the poles."""
+    from csstsim.base.sphere import frames, normalised
+
+    place, to_east, to_north = frames(np.radians(ra), np.radians(dec))
+    east, north = np.radians(np.array([east, north]) / 3600.0)
+    return ra_dec(normalised(place + east * to_east + north * to_north))

@@ -1,0 +1,168 @@
+"""What a catalogue is worth: completeness, purity, photometry, places, shapes and redshifts against the truth.
+
+Means and scatters leave out values beyond five robust sigmas, and say how many (inject.recovery.bins.number).
+Photometry, places and shapes are of objects that are alone: no other within ALONE_ARCSEC has a tenth of their light.
+"""
+
+from dataclasses import asdict
+
+import numpy as np
+
+from csstsim.base.sphere import frames, unit_vectors
+from csstsim.base.units import MAS_PER_RAD
+from csstsim.catalog.table import GALAXY
+from csstsim.inject.recovery.bins import number, share
+from csstsim.release.score.match import brightness
+
+SNR_HEAD = 10.0  # of all exposures of a band together: the completeness of the headline
+SNR_PLACE = 20.0
+ALONE_ARCSEC, ALONE_MAG = 1.0, 2.5  # a tenth of the light
+MAG_STEP = 0.5
+LARGEST_STEPS = 400  # bins of magnitude: from -90 to 90
+RESOLVED = 0.1  # arcsec: half-light radius of galaxies whose shapes are judged
+OUTLIERS = {"0.15": 0.15, "0.01": 0.01}  # |z - true| / (1 + true): photometric, spectroscopic
+
+
+def alone(truth, band):
+    """Return (n,): objects without a neighbour of a tenth of their light within ALONE_ARCSEC."""
+    from scipy.spatial import cKDTree
+
+    place, mag = unit_vectors(truth["ra"], truth["dec"]).reshape(-1, 3), brightness(truth, band)
+    mask = np.ones(len(mag), bool)
+    if len(mag) > 1:
+        pairs = cKDTree(place).query_pairs(np.radians(ALONE_ARCSEC / 3600.0), output_type="ndarray")
+        for one, other in (pairs.T, pairs.T[::-1]):
+            mask[one[mag[other] < mag[one] + ALONE_MAG]] = False
+    return mask
+
+
+def completeness(truth, match, mag):
+    """Return {kind: bins} of objects by true magnitude mag (n,); a bin has low, high, n, found, merged."""
+    galaxy = np.asarray(truth["obj_type"]) == GALAXY
+    return {
+        name: _bins(mag[rows], {"found": match.found[rows], "merged": match.merged[rows]})
+        for name, rows in (("all", np.ones(len(mag), bool)), ("points", ~galaxy), ("galaxies", galaxy))
+    }  # fmt: skip
+
+
+def purity(match, mag, count):
+    """Return bins of sources by their magnitude (count,): low, high, n, real, second."""
+    return _bins(mag, {"real": match.real(count), "second": match.second})
+
+
+def edges_of(mag):
+    """Return the edges of bins of finite magnitudes; [] of none."""
+    mag = mag[np.isfinite(mag)]
+    if not len(mag):
+        return np.zeros(0)
+    low = np.floor(mag.min() / MAG_STEP)
+    steps = min(np.floor(mag.max() / MAG_STEP) - low + 1, LARGEST_STEPS)
+    return MAG_STEP * (low + np.arange(steps + 1))
+
+
+def _bins(mag, masks):
+    edges, found = edges_of(mag), []
+    at = np.digitize(mag, edges) - 1
+    for k in range(len(edges) - 1):
+        rows = at == k
+        if rows.any():
+            held = {name: int(mask[rows].sum()) for name, mask in masks.items()}
+            found.append({"low": float(edges[k]), "high": float(edges[k + 1]), "n": int(rows.sum())} | held)
+    return found
+
+
+def half_found(bins):
+    """Return the magnitude at which half are found: between the bins where the share falls below; None of none."""
+    last = None
+    for one in bins:
+        share_, middle = one["found"] / one["n"], (one["low"] + one["high"]) / 2
+        if last and last[0] >= 0.5 > share_:
+            return last[1] + (last[0] - 0.5) / (last[0] - share_) * (middle - last[1])
+        last = share_, middle
+    return None
+
+
+def shares(truth, match, snr):
+    """Return {kind: {n, found, low, high, merged, lost}} of objects of S/N above SNR_HEAD; low, high: 68% bounds."""
+    galaxy, bright = np.asarray(truth["obj_type"]) == GALAXY, snr > SNR_HEAD
+    made = {}
+    for name, rows in (("all", bright), ("points", bright & ~galaxy), ("galaxies", bright & galaxy)):
+        n, found = int(rows.sum()), int(match.found[rows].sum())
+        p, low, high = share(found, n)
+        merged = float(match.merged[rows].mean()) if n else np.nan
+        made[name] = {
+            "n": n, "completeness": p, "low": low, "high": high, "merged": merged,
+            "lost": max(1 - p - merged, 0.0) if n else np.nan,
+        }  # fmt: skip
+    return made
+
+
+def photometry(truth, sources, match, clean, band, snr):
+    """Return (Numbers of {points, galaxies} at S/N above SNR_HEAD, arrays for the figure): source less true [mag]."""
+    rows = np.flatnonzero(match.found & clean)
+    true = np.asarray(truth[f"mag_{band}"], float)[rows]
+    off = np.asarray(sources[f"mag_{band}"], float)[match.row[rows]] - true
+    galaxy, good = np.asarray(truth["obj_type"])[rows] == GALAXY, np.isfinite(off)
+    bright = good & (snr[rows] > SNR_HEAD)
+    numbers = {name: asdict(number(off[bright & kind])) for name, kind in _kinds(galaxy)}
+    return numbers, {"mag": true[good], "off": off[good], "galaxy": galaxy[good]}
+
+
+def places(truth, sources, match, clean, snr):
+    """Return (Numbers of {points, galaxies} by axis [mas] at S/N above SNR_PLACE, arrays): source less true."""
+    rows = np.flatnonzero(match.found & clean & (snr > SNR_PLACE))
+    at = match.row[rows]
+    there, to_east, to_north = frames(*(np.radians(np.asarray(truth[name])[rows]) for name in ("ra", "dec")))
+    apart = unit_vectors(np.asarray(sources["ra"])[at], np.asarray(sources["dec"])[at]).reshape(-1, 3) - there
+    east, north = (np.einsum("ni,ni->n", apart, axis) * MAS_PER_RAD for axis in (to_east, to_north))
+    galaxy = np.asarray(truth["obj_type"])[rows] == GALAXY
+    numbers = {
+        name: {"east": asdict(number(east[kind])), "north": asdict(number(north[kind]))}
+        for name, kind in _kinds(galaxy)
+    }  # fmt: skip
+    return numbers, {"east": east, "north": north, "galaxy": galaxy}
+
+
+def shapes(truth, sources, match, clean, snr):
+    """Return (slope, offset and scatter of e1, e2 of resolved galaxies at S/N above SNR_HEAD, arrays)."""
+    galaxy = (np.asarray(truth["obj_type"]) == GALAXY) & (np.nan_to_num(np.asarray(truth["size"])) > RESOLVED)
+    rows = np.flatnonzero(match.found & clean & galaxy & (snr > SNR_HEAD))
+    numbers, arrays = {}, {}
+    for axis in ("e1", "e2"):
+        true, seen = np.asarray(truth[axis], float)[rows], np.asarray(sources[axis], float)[match.row[rows]]
+        good = np.isfinite(true) & np.isfinite(seen)
+        numbers[axis], arrays[axis] = _line(true[good], seen[good]), (true[good], seen[good])
+    return numbers, arrays
+
+
+def _line(true, seen):
+    """Return {n, slope, slope_error, offset, offset_error, scatter} of the straight line through seen against true."""
+    n = len(true)
+    nothing = dict.fromkeys(("slope", "slope_error", "offset", "offset_error", "scatter"), np.nan)
+    if n < 3 or np.ptp(true) == 0:
+        return {"n": n} | nothing
+    matrix = np.column_stack([true, np.ones(n)])
+    (slope, offset), *_ = np.linalg.lstsq(matrix, seen, rcond=None)
+    scatter = np.sqrt(np.sum((seen - slope * true - offset) ** 2) / (n - 2))
+    errors = scatter * np.sqrt(np.diag(np.linalg.inv(matrix.T @ matrix)))
+    values = slope, errors[0], offset, errors[1], scatter
+    return {"n": n} | {name: float(value) for name, value in zip(nothing, values, strict=True)}
+
+
+def redshifts(truth, sources, match):
+    """Return ({n, bias, nmad, outliers}, arrays) of (z - true) / (1 + true) of objects that are not stars."""
+    true = np.asarray(truth["z"], float)
+    rows = np.flatnonzero(match.found & (true > 0))
+    seen, true = np.asarray(sources["z"], float)[match.row[rows]], true[rows]
+    good = np.isfinite(seen)
+    off = (seen[good] - true[good]) / (1 + true[good])
+    numbers = {"n": len(off), "of": len(rows)}
+    if len(off):
+        middle = float(np.median(off))
+        numbers |= {"bias": middle, "nmad": float(1.4826 * np.median(np.abs(off - middle)))}
+        numbers |= {f"beyond {name}": float((np.abs(off) > most).mean()) for name, most in OUTLIERS.items()}
+    return numbers, {"true": true[good], "seen": seen[good]}
+
+
+def _kinds(galaxy):
+    return ("points", ~galaxy), ("galaxies", galaxy)

@@ -1,0 +1,137 @@
+"""`csstsim release score`: a catalogue against the truth of a pack; a page of figures and a JSON file."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+
+from csstsim import __version__
+from csstsim.base.errors import InputError
+from csstsim.base.files.atomic import atomic_path
+from csstsim.release.score import numbers
+from csstsim.release.score.catalogue import read_catalogue
+from csstsim.release.score.field import read_field
+from csstsim.release.score.lines import lines
+from csstsim.release.score.match import RADIUS, brightness, chance, matched
+
+PAGE, JSON = "score.html", "score.json"
+
+
+def score(catalogue, truth, output, say, maps=(), band=None, radius=RADIUS):
+    """Score a catalogue's file against a pack's truth folder, write PAGE and JSON into `output`; return the numbers.
+
+    maps: texts KEY=COLUMN; band: whose magnitudes matching and bins use [default: the mapped one of most sources];
+    radius: least reach of a match, arcsec. Raises InputError.
+    """
+    from csstsim.release.score.page import write_page
+
+    field = read_field(truth)
+    read = read_catalogue(catalogue, _pairs(maps), field.bands)
+    result, arrays = judge(field, read, band, radius, catalogue)
+    for line in result["notes"]:
+        say(line)
+    for line in lines(result):
+        say(line)
+    folder = Path(output)
+    folder.mkdir(parents=True, exist_ok=True)
+    with atomic_path(folder / JSON) as temporary:
+        temporary.write_text(json.dumps(_finite(result), indent=1, allow_nan=False) + "\n")
+    write_page(folder / PAGE, result, arrays)
+    say(f"{folder / PAGE}, and {JSON} beside it")
+    return result
+
+
+def judge(field, sources, band=None, radius=RADIUS, file=None):
+    """Return (numbers, JSON-like; arrays for the figures) of a Catalogue against a Field. Raises InputError."""
+    band = _band(field, sources, band)
+    objects = field.objects
+    held = field.has(objects["ra"], objects["dec"], band)
+    truth = objects.take(held)
+    there = field.has(sources["ra"], sources["dec"], band)
+    notes = list(sources.notes)
+    if len(sources) and not there.any():
+        ra, dec = (float(np.median(sources[name])) for name in ("ra", "dec"))
+        middle = [float(np.median(objects[name])) for name in ("ra", "dec")]
+        raise InputError(
+            "no source lies in the field: is the unit of ra or dec another one?", file=file,
+            value=f"their middle is {ra:.4f}, {dec:.4f}", allowed="about {:.4f}, {:.4f} deg".format(*middle),
+        )  # fmt: skip
+    if not there.all():
+        notes.append(f"{(~there).sum()} of {len(sources)} sources lie outside the frames: left out")
+    sources = sources.take(there)
+    match_band = band if band and f"mag_{band}" in sources else None
+    match = matched(truth, sources, match_band, radius)
+    by_chance, tried = chance(truth, sources, lambda ra, dec: field.has(ra, dec, band), match_band, radius)
+    mag = brightness(truth, band)
+    snr = _snr(truth, band)
+    clean = numbers.alone(truth, band)
+    count = len(sources)
+    pure = match.real(count).mean() if count else np.nan
+    result = {
+        "pack": field.name, "csstsim": __version__, "catalogue": Path(file).name if file else "", "band": band,
+        "columns": sources.told, "notes": notes, "objects": len(truth), "sources": count, "radius_arcsec": radius,
+        "zero_point": match.zero if match_band else None,
+        "completeness": numbers.shares(truth, match, snr),
+        "completeness_by_magnitude": numbers.completeness(truth, match, mag),
+        "purity": {
+            "purity": pure, "second": match.second.mean() if count else np.nan,
+            "chance": by_chance, "chance_tried": tried,
+            "corrected": (pure - by_chance) / (1 - by_chance) if count and by_chance < 1 else np.nan,
+        },
+    }  # fmt: skip
+    result["half_found"] = {
+        kind: numbers.half_found(bins) for kind, bins in result["completeness_by_magnitude"].items()
+    }
+    arrays = {"photometry": {}}
+    if match_band:
+        result["purity_by_magnitude"] = numbers.purity(match, np.asarray(sources[f"mag_{band}"]), count)
+    result["photometry"] = {}
+    for one in field.bands:
+        if f"mag_{one}" in sources:
+            found = numbers.photometry(truth, sources, match, clean, one, _snr(truth, one))
+            result["photometry"][one], arrays["photometry"][one] = found
+    result["astrometry_mas"], arrays["places"] = numbers.places(truth, sources, match, clean, snr)
+    if "e1" in sources:
+        result["shapes"], arrays["shapes"] = numbers.shapes(truth, sources, match, clean, snr)
+    if "z" in sources:
+        result["redshifts"], arrays["redshifts"] = numbers.redshifts(truth, sources, match)
+    return result, arrays
+
+
+def _band(field, sources, band):
+    """Return the band that is asked for, or the mapped one of most sources; None if no magnitude is mapped."""
+    if band and band not in field.bands:
+        raise InputError("no band of this pack", key="--band", value=band, allowed=", ".join(field.bands))
+    known = {one: np.isfinite(sources[f"mag_{one}"]).sum() for one in field.bands if f"mag_{one}" in sources}
+    return band or max(known, key=known.get, default=None)
+
+
+def _snr(truth, band):
+    """Return the S/N (n,) of objects in all frames of a band together; without a band in their best one."""
+    names = [f"snr_{band}"] if band else [name for name in truth if name.startswith("snr_")]
+    return np.max([np.nan_to_num(truth[name].astype(float)) for name in names], axis=0, initial=0.0)
+
+
+def _pairs(texts):
+    """Return {key: column} of texts KEY=COLUMN. Raises InputError."""
+    found = {}
+    for text in texts:
+        key, equals, name = (part.strip() for part in text.partition("="))
+        if not (key and equals and name):
+            raise InputError("not KEY=COLUMN", key="--map", value=text)
+        if key in found:
+            raise InputError("given twice", key="--map", value=key)
+        found[key] = name
+    return found
+
+
+def _finite(value):
+    """Return a JSON-like value with null for numbers that are not finite, and Python's own numbers."""
+    if isinstance(value, dict):
+        return {key: _finite(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(inner) for inner in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,162 @@
+"""The PSF of an image as its own stars show it, written as PSFEx does (PSFEx manual, section 6; Bertin 2011).
+
+Pixels of the model are STEP image pixels wide. A star's pixels are Lanczos-3 interpolations of the model, times its
+flux; the model's pixels, and their change over the image, follow from least squares over all stars, held to a
+Gaussian where the stars say little. Which sources are stars, their places and fluxes are what `measure` found.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from csstsim.base.files.atomic import atomic_path
+from csstsim.base.process.one_thread import one_thread
+
+SIDE, STEP = 45, 0.5  # samples along a side; image pixels of one
+REACH = 10  # image pixels of a star to each side
+MOST_STARS, FEWEST = 150, 5
+SNR = 30.0
+LINEAR_FROM = 30  # stars, for a model that changes over the image
+CHANGE = 0.3  # of the model over half of the image, in units of how unlike a Gaussian it may be
+NEIGHBOUR = 14.0  # px: a star with a neighbour of 2% of its light is not used
+FAINT = 0.02
+ITERATIONS = 150
+FINE = 8
+SPOILT = 1 | 2 | 4 | 64 | 128  # flags of measure.catalogue: blended, truncated, saturated, sharp, bad pixels
+
+
+@dataclass(frozen=True)
+class StarPsf:
+    """planes (terms, SIDE, SIDE): the model and, if there are three, its change along x and y; stars used; FWHM px.
+
+    zero, scale: x, y [FITS px] at which the change is 0, and over which it is 1; chi2: reduced.
+    """
+
+    planes: np.ndarray
+    zero: tuple
+    scale: tuple
+    stars: int
+    fwhm: float
+    chi2: float
+
+
+def chosen(table):
+    """Return rows of a measured table that are stars good for a model, the brightest first."""
+    from scipy.spatial import cKDTree
+
+    good = table["star"] & (table["flags"] & SPOILT == 0) & (table["snr"] > SNR) & (table["flux_psf"] > 0)
+    rows = np.flatnonzero(good)
+    if not len(rows):
+        return rows
+    place, flux = np.column_stack([table["x"], table["y"]]), np.nan_to_num(table["flux_psf"])
+    near = cKDTree(place).query_ball_point(place[rows], NEIGHBOUR)
+    alone = [all(flux[k] < FAINT * flux[row] for k in some if k != row) for row, some in zip(rows, near, strict=True)]
+    rows = rows[alone]
+    return rows[np.argsort(-table["snr"][rows], kind="stable")][:MOST_STARS]
+
+
+@one_thread
+def star_psf(image, error, quality, x, y, flux, fwhm):
+    """Return the StarPsf of stars at x, y (n,) [px from 0] of `flux` (n,) in the image's unit; None of few.
+
+    image, error (ny, nx): in one unit; quality (ny, nx): 0 where a pixel is good; fwhm: px, of the starting Gaussian.
+    """
+    from scipy.sparse import csr_matrix, diags
+    from scipy.sparse.linalg import lsqr
+
+    ny, nx = image.shape
+    inside = (x > REACH + 1) & (x < nx - REACH - 2) & (y > REACH + 1) & (y < ny - REACH - 2)
+    x, y, flux = x[inside], y[inside], flux[inside]
+    if len(x) < FEWEST:
+        return None
+    terms = 3 if len(x) >= LINEAR_FROM else 1
+    zero, scale = ((nx + 1) / 2, (ny + 1) / 2), (nx / 2, ny / 2)
+    start = _gaussian(fwhm)
+    values, data, rows, columns, sigmas = [], [], [], [], []
+    for k in range(len(x)):
+        part, near, weights, pixel = _star(image, error, quality, x[k], y[k], flux[k])
+        change = np.array([1.0, (x[k] + 1 - zero[0]) / scale[0], (y[k] + 1 - zero[1]) / scale[1]])[:terms]
+        first = sum(map(len, data))
+        data.append((part - (weights * start.ravel()[near]).sum(axis=1)) / pixel)
+        sigmas.append(pixel)
+        weights = weights / pixel[:, None]
+        for term, factor in enumerate(change):
+            rows.append(np.repeat(first + np.arange(len(part)), near.shape[1]))
+            columns.append((near + term * SIDE**2).ravel())
+            values.append((weights * factor).ravel())
+    data = np.concatenate(data)
+    matrix = csr_matrix(
+        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), (len(data), terms * SIDE**2)
+    )
+    likely = np.concatenate([_likely(start).ravel() * factor for factor in (1.0, CHANGE, CHANGE)[:terms]])
+    found = likely * lsqr(matrix @ diags(likely), data, damp=1.0, iter_lim=ITERATIONS)[0]
+    chi2 = float(np.mean((matrix @ found - data) ** 2))
+    planes = found.reshape(terms, SIDE, SIDE)
+    planes[0] += start
+    return StarPsf(planes, zero, scale, len(x), _fwhm(planes[0]), chi2)
+
+
+def _star(image, error, quality, x, y, flux):
+    """Return a star's (pixels over flux (n,), samples (n, 36), their weights, errors over flux (n,)); good pixels."""
+    middle = int(np.rint(x)), int(np.rint(y))
+    span = np.arange(-REACH, REACH + 1)
+    column, row = (v.ravel() for v in np.meshgrid(middle[0] + span, middle[1] + span))
+    good = (quality[row, column] == 0) & (error[row, column] > 0)
+    column, row = column[good], row[good]
+    near_x, weight_x = _lanczos((column - x) / STEP)
+    near_y, weight_y = _lanczos((row - y) / STEP)
+    near = (near_y[:, :, None] * SIDE + near_x[:, None, :]).reshape(len(row), -1)
+    weights = (weight_y[:, :, None] * weight_x[:, None, :]).reshape(len(row), -1)
+    # A hundredth of the peak as model error, so that the brightest star does not decide alone
+    sigma = np.hypot(error[row, column], 0.01 * np.abs(image[row, column])) / flux
+    return image[row, column] / flux, near, weights, sigma
+
+
+def _lanczos(offset):
+    """Return (samples (n, 6), weights (n, 6)) of Lanczos-3 interpolation at offsets from the model's middle."""
+    at = offset + SIDE // 2
+    near = np.floor(at).astype(int)[:, None] + np.arange(-2, 4)
+    away = at[:, None] - near
+    weight = np.sinc(away) * np.sinc(away / 3)
+    return np.clip(near, 0, SIDE - 1), weight / weight.sum(axis=1, keepdims=True)
+
+
+def _gaussian(fwhm):
+    """Return a model (SIDE, SIDE) whose image pixels add up to 1."""
+    offset = (np.arange(SIDE) - SIDE // 2) * STEP
+    one = np.exp(-4 * np.log(2) * (offset / fwhm) ** 2)
+    return np.outer(one, one) / one.sum() ** 2 / STEP**2
+
+
+def _likely(start):
+    """Return by how much a PSF may differ from the starting Gaussian (SIDE, SIDE), a core and wings, one sigma."""
+    offset = (np.arange(SIDE) - SIDE // 2) * STEP
+    r2 = offset**2 + offset[:, None] ** 2
+    return 0.5 * start + 0.01 * start.max() * (1 + r2 / 4) ** -1.5
+
+
+def _fwhm(plane):
+    """Return the width of a circle of the area above half of the peak, px; the model is drawn FINE times finer."""
+    from scipy.ndimage import zoom
+
+    fine = zoom(plane, FINE, order=3, grid_mode=True, mode="grid-constant")
+    return float(2 * STEP / FINE * np.sqrt((fine > fine.max() / 2).sum() / np.pi))
+
+
+def write_psfex(path, model):
+    """Write a StarPsf in PSFEx's form."""
+    from astropy.io import fits
+
+    terms = len(model.planes)
+    mask = fits.Column("PSF_MASK", f"{model.planes.size}E", dim=f"({SIDE},{SIDE},{terms})", array=model.planes[None])
+    hdu = fits.BinTableHDU.from_columns([mask], name="PSF_DATA")
+    cards = {
+        "LOADED": model.stars, "ACCEPTED": model.stars, "CHI2": model.chi2, "POLNAXIS": 2, "POLGRP1": 1,
+        "POLNAME1": "X_IMAGE", "POLZERO1": model.zero[0], "POLSCAL1": model.scale[0], "POLGRP2": 1,
+        "POLNAME2": "Y_IMAGE", "POLZERO2": model.zero[1], "POLSCAL2": model.scale[1], "POLNGRP": 1,
+        "POLDEG1": 1 if terms == 3 else 0, "PSF_FWHM": model.fwhm, "PSF_SAMP": STEP, "PSFNAXIS": 3, "PSFAXIS1": SIDE,
+        "PSFAXIS2": SIDE, "PSFAXIS3": terms,
+    }  # fmt: skip
+    hdu.header.update(cards)
+    with atomic_path(path) as temporary:
+        fits.HDUList([fits.PrimaryHDU(), hdu]).writeto(temporary, overwrite=True)
