@@ -28,6 +28,7 @@ READERS = {
     "keep": (),
     "level0_names": (),
     "share": (),
+    "variants*": (),
     "truth": (),
     "seed": ("truth", "select"),
     "catalog.lensing.*": ("truth",),

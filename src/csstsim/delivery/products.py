@@ -81,6 +81,8 @@ def _inputs(contents, seen):
         )
     for chip, frame in contents.psf.items():
         made, tables = paths.psf(chip), paths.psf_tables(chip)
+        if not made.is_relative_to(paths.output):  # a variant: of the base
+            continue
         yield Product("PSF set", made, YES, partial(campaign_checks.psf, made, frame, seen))
         yield Product("PSF tables", tables, YES, partial(campaign_checks.psf_tables, tables, made, frame), (made,))
     for pix, record in contents.truth.items():
