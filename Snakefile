@@ -27,6 +27,11 @@ for VARIANT in VARIANTS:
     use rule * from MODULE exclude all as BEFORE*
 
 
+if VARIANTS:
+
+    include: "workflow/rules/variants.smk"
+
+
 rule all:
     default_target: True
     input:

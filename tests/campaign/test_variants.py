@@ -1,4 +1,4 @@
-"""Variants of a campaign: what they take from their base, the bits of campaigns of their own, one graph, clear errors."""
+"""Variants of a campaign: what they take from their base, bits of a campaign alone, one graph, clear errors."""
 
 import re
 import shutil

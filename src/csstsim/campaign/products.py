@@ -89,6 +89,10 @@ def kinds(run):
         ),
         Kind("validated bricks", ("validate",), lambda: run.merge_bricks, lambda pix: _drawn(paths.validate(pix))),
         Kind("report", ("report",), lambda: page, lambda _: _report(run), end="the report: report/index.html"),
+        Kind(
+            "comparison of variants", ("variants",), lambda: page if run.variants else [],
+            lambda _: [paths.variants_page], end="the variants side by side: report/variants.html",
+        ),
     )  # fmt: skip
     return {kind.rules[-1]: kind for kind in table}
 

@@ -121,4 +121,6 @@ def _report(contents, seen):
     page = contents.paths.report
     verdict = page.with_name("verdict.json")
     yield Product("report", page, contents.report, partial(campaign_checks.page, page))
+    variants = contents.paths.variants_page
+    yield Product("comparison of variants", variants, MAYBE, partial(campaign_checks.page, variants))
     yield Product("verdict", verdict, contents.report, partial(campaign_checks.verdict, verdict, contents.bricks, seen))

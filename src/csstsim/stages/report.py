@@ -212,6 +212,7 @@ def _layers(run):
 
 def _summary(run):
     science = run.imaging_jobs + run.slitless_jobs
+    more = {"variants": _link(run, "side by side", run.paths.variants_page)} if run.variants else {}
     return {
         "name": run.title,
         "exposures": len(by_exposure(run)),
@@ -220,6 +221,7 @@ def _summary(run):
         "bricks": len(run.merge_bricks),
         "faintest magnitude drawn": run.config.catalog.mag_limit or "the whole truth",
         "rendering": run.config.fidelity,
+        **more,
     }
 
 
