@@ -31,17 +31,21 @@ CAT_COLUMNS = {
     "e1": "e1", "e2": "e2", "kappa": "kappa", "g1": "g1", "g2": "g2", "size": "size", "galType": "gal_type",
     "veldisp": "veldisp",
 }  # fmt: skip
-# The other columns: they replace or add to the descriptions in catalog.table.COLUMNS
-ABOUT = {
-    "chip": "chip of the Level-0 file",
-    "filter": "its filter or grating",
-    **{name: meaning for name, (_, _, meaning) in changing.COLUMNS.items()},
+# Of tables with objects that move or vary
+SOMETIMES = {
     "dmag": "mag by which it is fainter in this exposure than mag_*: of objects that vary, if the catalogue has any",
     "trail_start": "s after the start of the exposure, from which an object that moves is drawn; NaN: it does not move",
     "trail_end": "s, until which it is drawn; its place is that of the middle",
     "trail_length": "arcsec, of the motion in that time; 0: it does not move",
     "trail_angle": "deg, north through east, of the motion",
     **dict.fromkeys(ENDS, "FITS px of the assembled frame: where it is at trail_start and at trail_end"),
+}
+# The other columns: they replace or add to the descriptions in catalog.table.COLUMNS
+ABOUT = {
+    "chip": "chip of the Level-0 file",
+    "filter": "its filter or grating",
+    **{name: meaning for name, (_, _, meaning) in changing.COLUMNS.items()},
+    **SOMETIMES,
     "x": "FITS px of the assembled frame (centre of the first active pixel at 1)",
     "y": "the same",
     "ra": "deg, apparent direction: with the WCS of `sip: true`, or csstsim.Frame's, it gives xImage, yImage",
