@@ -153,7 +153,7 @@ def bits(module, about):
 
 
 def truth_columns():
-    """Return {name: text} of the truth table's columns: those of .cat files, what the simulator adds, what it may add."""
+    """Return {name: text} of the truth table's columns: of .cat files, what the simulator adds, what it may add."""
     known = {name: text for name, (_, _, text) in (columns_with("B") | OPTIONAL).items()} | truth.ABOUT
     first = {name: known[ours] for name, ours in truth.CAT_COLUMNS.items()}
     more = {name: text for name, text in known.items() if name not in truth.CAT_COLUMNS.values()}

@@ -15,6 +15,7 @@ from csstsim.catalog.table import GALAXY
 FEWEST = 5  # objects for a mean
 CLIP = 5.0  # robust sigmas: farther differences are counted, and not averaged
 MAG_STEP = 1.0
+REAL = 5.0  # S/N of the sources that are counted: below, most are noise
 # {quantity: (its meaning, the kinds of objects that have it)}
 QUANTITIES = {
     "mag": ("magnitude", ("star", "galaxy")), "x": ("place x [px]", ("star", "galaxy")),
@@ -53,12 +54,12 @@ def seen(frame, truth):
     """Return ({id: values}, counts) of the objects of a validate.MeasuredFrame that are measured.
 
     truth: its validate.judged_truth. values: {kind, true, mag, x, y, size, e1, e2, g1, g2}, NaN where flags say that a
-    value is none. counts: {"sources", "matched", "other"}: sources, those of an object, and the others.
+    value is none. counts, of S/N above REAL: {"sources", "matched", "other"}: all, those of an object, and the others.
     """
     measured, row = frame.measured, matched(truth, frame.measured, frame.pixel) if len(truth) else np.zeros(0, int)
-    n = len(measured)
-    counts = {"sources": n, "matched": int((row >= 0).sum()), "other": n - int((row >= 0).sum())}
     at = row[row >= 0]
+    n, own = (int((some > REAL).sum()) for some in (measured["snr"], measured["snr"][at]))
+    counts = {"sources": n, "matched": own, "other": n - own}
     truth, source = (truth.take(row >= 0) if len(truth) else truth), measured.take(at)
     if not len(at):
         return {}, counts
@@ -128,11 +129,16 @@ def summary(objects):
     return rows
 
 
+def values(objects, kind, name):
+    """Return (true magnitudes, differences) of a quantity, of the objects of a kind that have it."""
+    held = [(one["true"], one[name]) for one in objects if one["kind"] == kind and np.isfinite(one.get(name, np.nan))]
+    return np.array(held, float).reshape(-1, 2).T
+
+
 def binned(objects, kind, name):
     """Return (magnitudes, [Mean]) of a quantity's differences in bins of MAG_STEP; bins without a mean left out."""
-    held = [(one["true"], one[name]) for one in objects if one["kind"] == kind and name in one]
-    true, values = (np.array(column, float) for column in zip(*held, strict=True)) if held else (np.zeros(0),) * 2
+    true, found = values(objects, kind, name)
     at = np.floor(np.nan_to_num(true, nan=np.inf) / MAG_STEP)
-    bins = [(float(true[at == k].mean()), mean(values[at == k])) for k in np.unique(at[np.isfinite(at)])]
+    bins = [(float(true[at == k].mean()), mean(found[at == k])) for k in np.unique(at[np.isfinite(at)])]
     bins = [one for one in bins if np.isfinite(one[1].mean)]
     return np.array([one[0] for one in bins]), [one[1] for one in bins]

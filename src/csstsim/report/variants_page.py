@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from csstsim.base.files.atomic import atomic_path
 from csstsim.bricks import verdict as verdicts
-from csstsim.bricks.twins import CLIP, QUANTITIES, summary
+from csstsim.bricks.twins import CLIP, QUANTITIES, REAL, summary
 from csstsim.report.parts import Figure, Pairs, Paragraph, Section, Table, Verdict, fill
 from csstsim.report.twin_figure import twin_figure
 
@@ -82,4 +82,8 @@ def _study(study):
     ]  # fmt: skip
 
 
-_COUNTS = {"sources": "all", "matched": "of a true object", "other": "of no object well inside the frame"}
+_COUNTS = {
+    "sources": f"all of S/N above {REAL:g}",
+    "matched": "of a true object",
+    "other": "of no object well inside the frame",
+}
