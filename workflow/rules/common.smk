@@ -18,6 +18,7 @@ from csstsim.campaign.variants import named
 from csstsim.base.errors import CsstsimError, InputError
 from csstsim.io.level0_names import FORMS
 from csstsim.io.output_owner import claim_output
+from csstsim.stages.parts.redraw import may_redraw
 from csstsim.optics.psf.sampling import psf_cube
 
 KEYS = "campaign", "chips", "scratch"  # of --config
@@ -178,7 +179,15 @@ def between(wildcards, name):
 def objects_of(wildcards):
     """The selected objects and the PSF."""
     psf = psf_of(wildcards)
-    return psf and [between(wildcards, "select.parquet"), *psf]
+    return psf and [between(wildcards, "select.parquet"), *psf, *light_of_base(wildcards)]
+
+
+def light_of_base(wildcards):
+    """The kept light of the base, where a variant's differs by objects at most."""
+    job = JOBS[wildcards.obsid, wildcards.chip]
+    if not (RUN.base and RUN.base.config.keep == "light" and may_redraw(RUN, job)):
+        return []
+    return made_by(RUN.base, "render", job)
 
 
 def stage_before(stage):
@@ -200,6 +209,11 @@ def drawn_before(wildcards):
     return [between(wildcards, name) for name in names]
 
 
+def made_by(run, rule, job):
+    """The files that a rule makes for a job in another campaign of the graph."""
+    return kinds(run)[rule].files([job])
+
+
 def unless_equal(rule, *functions):
     """The input function of a rule: what some functions return, or the base's products of the rule, if a variant's are equal."""
     stage = "measure" if rule == "extract" else rule
@@ -207,7 +221,7 @@ def unless_equal(rule, *functions):
     def files(wildcards):
         job = JOBS[wildcards.obsid, wildcards.chip]
         if RUN.in_base(*job.key, stage):
-            return kinds(RUN.base)[rule].files([job])
+            return made_by(RUN.base, rule, job)
         found = [function(wildcards) for function in functions]
         return [
             file
