@@ -176,8 +176,7 @@ def _variants_table(run):
         counts, disk, costs = plan(one)
         cpu = sum(cost.cpu_s for jobs in each_once(costs).values() for cost in jobs.values()) / 3600
         keys = ", ".join(f"{key}: {value}" for key, value in flat(run.config.variants[one.variant]).items())
-        own = disk["Level-0"] if "level0" in costs else 0
-        table.add_row(one.variant, keys, f"{counts['jobs']:,}", f"{cpu:,.2f}", f"{own / 1e9:,.2f}")
+        table.add_row(one.variant, keys, f"{counts['jobs']:,}", f"{cpu:,.2f}", f"{disk['Level-0'] / 1e9:,.2f}")
     return table
 
 

@@ -1,8 +1,8 @@
 """Variants: campaigns that differ from a base in some keys, and take from it what those keys do not change.
 
 A variant is named FILE@NAME wherever a campaign is. Its products are in `variants/NAME` of the base's output folder.
-Truth bricks, PSF sets and light of chips whose recipes are the base's are the base's files. So are Level-0 files and
-measurements, under a second name in the variant's folder (stages.parts.shared).
+Truth bricks, PSF sets and light of chips whose recipes are the base's are the base's files. Of its Level-0 files and
+measurements the variant's folder has copies (stages.parts.shared).
 """
 
 from pathlib import Path
@@ -62,7 +62,7 @@ def equal(run, obsid, chip_id, stage):
 
 
 def made_by_base(run, rule, key):
-    """Whether the base makes what a job of a rule would: nothing is left for the variant, or only a second name.
+    """Whether the base makes what a job of a rule would: nothing is left for the variant but a copy.
 
     key: (obsid, chip), a brick or a chip, as in campaign.costs. False for a base.
     """

@@ -13,7 +13,7 @@ from csstsim.catalog.galaxy_shapes.components import components
 from csstsim.catalog.table import GALAXY
 from csstsim.stages.calibrate import calibrated_frame
 from csstsim.stages.level0 import truth_of
-from csstsim.stages.parts.shared import linked_to_base
+from csstsim.stages.parts.shared import copied_from_base
 from csstsim.stages.psf import open_psf
 
 SNR_MIN = 5.0  # of the workflow's spectra
@@ -33,7 +33,7 @@ def extract(run, job, snr_min=SNR_MIN, ids=None):
     from csstsim.measure.spectra.spectra_figures import spectra_figure
 
     workflows = snr_min == SNR_MIN and ids is None
-    if workflows and linked_to_base(run, job, "extract"):
+    if workflows and copied_from_base(run, job, "extract"):
         return
     truth, frame, orders, *others = spectra_of_frame(run, job)
     unknown = [] if ids is None else sorted(set(ids) - set(orders["id"].tolist()))

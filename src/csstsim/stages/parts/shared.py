@@ -1,4 +1,4 @@
-"""Products that several campaigns share: one file, linked into the output folder of each.
+"""Products that several campaigns share: made once, linked or copied into the output folder of each.
 
 Truth bricks and PSF sets are shared by campaigns that name one folder, finished frames by a base and its variants.
 
@@ -41,10 +41,11 @@ def make_or_link(run, path, make, check, say):
     say(f"shared, not made: {common}")
 
 
-def linked_to_base(run, job, rule, say=print):
-    """Give the base's products of a job a second name in a variant's folder, if its keys do not change them.
+def copied_from_base(run, job, rule, say=print):
+    """Copy the base's products of a job to a variant's folder, if its keys do not change them.
 
     rule: level0, measure or extract. Return whether: not if the products differ, or if the base has not made them yet.
+    No links: Snakemake dates what a job leaves anew, and the base's measurements would be older than their frame.
     """
     if not run.in_base(*job.key, rule if rule == "level0" else "measure"):
         return False
@@ -56,9 +57,6 @@ def linked_to_base(run, job, rule, say=print):
         pairs.append((rays, run.paths.level0_cosmic(job)))
     for common, path in pairs:
         with atomic_path(path) as temporary:
-            try:
-                os.link(common, temporary)
-            except OSError:  # no hard links here
-                shutil.copyfile(common, temporary)
+            shutil.copyfile(common, temporary)
     say(f"equal in the base, not made: {theirs[0]}")
     return True
