@@ -13,19 +13,40 @@ include: "workflow/rules/calibrate.smk"
 include: "workflow/rules/report.smk"
 
 
+# Variants of the campaign: the same rules once more for each, under other names.
+for VARIANT in VARIANTS:
+    MODULE, BEFORE = f"variant_{VARIANT}", f"{VARIANT}_"
+
+    module:
+        name: MODULE
+        snakefile:
+            os.path.join(workflow.current_basedir, "Snakefile")
+        config:
+            config | {"variant": VARIANT}
+
+    use rule * from MODULE exclude all as BEFORE*
+
+
+if VARIANTS:
+
+    include: "workflow/rules/variants.smk"
+
+
 rule all:
     default_target: True
     input:
         first_picture(),
-        [made(rule) for rule, kind in MADE.items() if kind.target],
+        targets(RUN),
+        [targets(variant) for variant in VARIANTS.values()],
 
 
 onstart:
-    take_folder()
+    take_folders()
 
 
 onsuccess:
     if workflow.is_main_process:
         remove_left(OUT)
-        forget(RUN)
-        print(summary(RUN, MADE))
+        for run in (RUN, *VARIANTS.values()):
+            forget(run)
+            print(summary(run, kinds(run)))

@@ -17,6 +17,7 @@ import table_schema
 from csstsim.base.files.yaml_file import read_yaml
 from csstsim.bricks import merge
 from csstsim.catalog import flags
+from csstsim.catalog.changing import columns as changing
 from csstsim.catalog.table import OPTIONAL, columns_with
 from csstsim.detector import mask
 from csstsim.io import calibrated, orders, truth
@@ -70,6 +71,9 @@ The simulator adds the following. A catalogue's own columns follow as `user_...`
 `sed_scale`, `coeff0` ... `coeff19`, `_healpix_29`; B stands for each band of the camera:
 
 $truth
+These columns are there only if an object of the table has a profile, parts, a motion or a change of light:
+
+$sometimes
 Bits of `flags`:
 
 $flags
@@ -153,10 +157,12 @@ def bits(module, about):
 
 
 def truth_columns():
-    """Return {name: text} of the truth table's columns: those of .cat files, and what the simulator adds."""
+    """Return {name: text} of the truth table's columns: of .cat files, what the simulator adds, what it may add."""
     known = {name: text for name, (_, _, text) in (columns_with("B") | OPTIONAL).items()} | truth.ABOUT
     first = {name: known[ours] for name, ours in truth.CAT_COLUMNS.items()}
-    return first, {name: text for name, text in known.items() if name not in truth.CAT_COLUMNS.values()}
+    more = {name: text for name, text in known.items() if name not in truth.CAT_COLUMNS.values()}
+    may = OPTIONAL.keys() | changing.COLUMNS.keys() | truth.SOMETIMES.keys()
+    return first, *({name: text for name, text in more.items() if (name in may) == there} for there in (False, True))
 
 
 def header(hdu):
@@ -173,10 +179,11 @@ def header(hdu):
 
 def documents():
     """Return {path: text} of the page and of the schema."""
-    cat, more = truth_columns()
+    cat, more, may = truth_columns()
     parts = {
         "header0": header(0), "header1": header(1), "mask": bits(mask, mask.ABOUT), "cat": columns(cat),
-        "truth": columns(more), "flags": bits(flags, flags.ABOUT), "orders": columns(orders.COLUMNS),
+        "truth": columns(more), "sometimes": columns(may), "flags": bits(flags, flags.ABOUT),
+        "orders": columns(orders.COLUMNS),
         "bricks": columns({name: (kind, text) for name, (kind, _, text) in columns_with("B").items()}),
         "measured": columns(catalogue.COLUMNS), "measured_flags": bits(catalogue, catalogue.FLAGS),
         "spectra": columns(spectrum_columns.COLUMNS), "spectra_flags": bits(spectrum_columns, spectrum_columns.FLAGS),

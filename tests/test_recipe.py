@@ -78,6 +78,7 @@ KEYS = {
     "psf.neighbours": (RENDER, 3, {"psf": {"grid": 2}}),
     "fidelity": (RENDER, "preview", {}),
     "keep": (NOT, "light", {}),
+    "variants": (NOT, {"other": {"seed": 5}}, {}),
     "share": (NOT, "common", {}),
     "level0_names": (NOT, "C5.2", {}),
     "truth": (NOT, ["parquet", "cat"], {}),

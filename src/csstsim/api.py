@@ -214,18 +214,19 @@ class Simulation:
         image = state.image if state.counted is None else state.image + state.counted.astype(np.float32)
         return frame_of(job, state, image)
 
-    def inject(self, frame, table, *, realisation=1):
+    def inject(self, frame, table, *, realisation=1, light_curves=None):
         """Return a copy of a Frame with the objects of a table in it (docs: Injection); `frame` stays as it is.
 
         frame: of this Simulation's `chip` or `light`; table: astropy Table, {name: values} or the path of a file, with
         the columns of csstsim.catalog.own_table. A frame of `chip` gets their light through the detector; `raw`,
         `image` and `header` change. `truth` is that of the injected objects. realisation: number of their noise; 0
-        gives the photons that a simulation of the same ids has. Raises InputError for a table that cannot be used, and
+        gives the photons that a simulation of the same ids has. light_curves: file of the curves that the table's
+        column light_curve names. Raises InputError for a table that cannot be used, and
         for a frame of another Simulation.
         """
         from csstsim.inject.memory import into_frame
 
-        return into_frame(self._run, frame, table, _whole(realisation, "realisation"), _say)
+        return into_frame(self._run, frame, table, _whole(realisation, "realisation"), _say, light_curves)
 
     def _job(self, obsid, chip):
         return self._run.job(str(obsid), _whole(chip, "chip"))

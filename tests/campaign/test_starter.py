@@ -9,7 +9,9 @@ import sys
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
+from astropy.io import fits
 from click.testing import CliRunner
 
 from csstsim.base.shipped import ROOT
@@ -84,6 +86,39 @@ def test_any_name_of_a_table(init, tmp_path, name):
     (tmp_path / name).write_text(OBJECTS)
     assert init("--catalogue", name).exit_code == 0
     assert OpenCampaign("campaign.yaml").config.catalog.options == {"file": name}
+
+
+def with_image(name, folder):
+    """A table of a star and a galaxy whose image has this name; the image is written below the folder."""
+    path = folder / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    x = np.arange(21) - 10.0
+    fits.writeto(path, np.exp(-0.1 * np.add.outer(x**2, x**2)), overwrite=True)
+    header, star, galaxy = OBJECTS.split()
+    return f"{header},image_file,image_scale\n{star},,\n{galaxy},{name},0.05\n"
+
+
+def test_files_that_a_table_names_come_along(init, tmp_path):
+    (tmp_path / "objects.csv").write_text(with_image("pictures/a.fits", tmp_path))
+    result = init("--catalogue", "objects.csv")
+    assert result.exit_code == 0 and "pictures/a.fits  named by your table" in result.output
+    copied = Path("pictures/a.fits")
+    assert copied.read_bytes() == (tmp_path / "pictures/a.fits").read_bytes()
+    (tmp_path / "pictures/a.fits").unlink()
+    assert OpenCampaign("campaign.yaml").jobs and CliRunner().invoke(main, ["check", "campaign.yaml"]).exit_code == 0
+
+
+def test_files_named_by_whole_paths_stay(init, tmp_path):
+    (tmp_path / "objects.csv").write_text(with_image(str(tmp_path / "far" / "a.fits"), tmp_path))
+    assert init("--catalogue", "objects.csv").exit_code == 0 and not list(Path().rglob("*.fits"))
+
+
+@pytest.mark.parametrize("name", ["../a.fits", "science.yaml"])
+def test_files_that_would_be_lost_are_refused(init, tmp_path, name):
+    text = with_image(name, tmp_path / "below")
+    (tmp_path / "below" / "objects.csv").write_text(text)
+    result = init("--catalogue", "below/objects.csv")
+    assert result.exit_code == 2 and name in result.output and not (tmp_path / "mysky").exists()
 
 
 def test_another_table_is_another_recipe(init):

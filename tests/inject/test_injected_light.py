@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from inject.scene import CHIP, GEOMETRY, OBSID, empty, mixed, objects, simulation
 
+from csstsim.base.errors import InputError
 from csstsim.inject.level0 import convert
 from csstsim.inject.light import catalogue_of, light_of, table_of
 from csstsim.inject.shot import places, shot
@@ -122,3 +123,20 @@ def test_through_gratings_it_is_what_a_simulation_draws(tmp_path):
     assert added == pytest.approx(
         drawn, abs=SIGMAS * np.sqrt(drawn) + 0.01 * drawn
     )  # the header's gains have few digits
+
+
+def test_light_curves_dim_the_objects(sim, tmp_path):
+    job = sim._run.job(OBSID, CHIP)
+    table = table_of(objects(sim, 64, 64, 20.0))
+    count = len(table["ra"])
+    curves = tmp_path / "curves.csv"
+    curves.write_text("curve,mjd,dmag\nfade,50000,1.25\n")
+    steady = light_of(sim._run, job, catalogue_of(sim._run, job, table))
+    faded = light_of(sim._run, job, catalogue_of(sim._run, job, table | {"light_curve": ["fade"] * count}, curves))
+    assert np.allclose(faded.truth["electrons"], steady.truth["electrons"] * 10**-0.5, rtol=1e-5)
+    assert np.allclose(faded.truth["dmag"], 1.25)
+    frame = sim.light(OBSID, CHIP)
+    changed = sim.inject(frame, table | {"light_curve": ["fade"] * count}, light_curves=curves)
+    assert np.allclose(changed.truth["dmag"], 1.25)
+    with pytest.raises(InputError, match="light curves"):
+        catalogue_of(sim._run, job, table | {"light_curve": ["fade"] * count})

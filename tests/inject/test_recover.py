@@ -1,5 +1,7 @@
 """Recovered objects: matching, bins and their errors in closed form, and the command on files."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import yaml
@@ -12,9 +14,11 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.command_line.main import main
 from csstsim.inject.recovery.bins import FEWEST, binned, number, share
+from csstsim.inject.recovery.figure import _objects, draw
+from csstsim.inject.recovery.recover import left_out
 from csstsim.inject.recovery.recovered import density, recovered
 from csstsim.instrument.chip import Window
-from csstsim.measure.catalogue import SATURATED
+from csstsim.measure.catalogue import BAD_PIXELS, SATURATED
 
 SIGMAS = 5.0
 WINDOW, SCALE, ZERO = Window(100, 300, 50, 250), 0.074, 30.0
@@ -79,6 +83,40 @@ def test_density_is_of_the_sources_within_fifteen_arcsec():
     others = np.array([[inside, 0.0], [0.0, -inside], [outside, 0.0]])
     assert density(np.zeros((1, 2)), others, SCALE)[0] == pytest.approx(2 / (np.pi * 0.25**2))
     assert density(np.zeros((1, 2)), others[:0], SCALE)[0] == 0
+
+
+def test_noise_is_no_neighbour():
+    truth, before = truth_of([150.0], [100.0]), sources_of([160.0, 140.0], [100.0, 100.0], snr=[5.1, 4.9])
+    one = 1 / (np.pi * 0.25**2)
+    assert recovered(truth, before, before, WINDOW, SCALE)["density"][0] == pytest.approx(one)
+
+
+def test_what_is_left_out_of_the_means_is_said():
+    truth = truth_of([99.0, 120.0, 150.0, 170.0, 190.0, 210.0], [100.0] * 6, drawn=[1, 1, 0, 1, 1, 1], kind=GALAXY)
+    nan = np.nan
+    sources = sources_of(
+        [120.0, 170.0, 190.0, 210.0], [100.0] * 4, flags=[SATURATED, BAD_PIXELS, 0, 0], g1=[0, 0, nan, 0],
+        g2=[0, 0, nan, 0],
+    )  # fmt: skip
+    said = "\n".join(left_out(recovered(truth, sources, sources_of([], []), WINDOW, SCALE)))
+    assert "1 injected object left out: they lie outside" in said and "they have no light" in said
+    assert "1 found object left out of all means: saturated" in said and "on bad pixels" in said
+    assert "1 found object left out of the means of shape g1: not measured" in said and "magnitude" not in said
+    clean = recovered(truth_of([120.0], [100.0]), sources_of([120.0], [100.0]), sources_of([], []), WINDOW, SCALE)
+    assert list(left_out(clean)) == []
+
+
+def test_few_objects_are_drawn_one_by_one(tmp_path):
+    count = FEWEST + 2
+    x = np.linspace(120.0, 280.0, count)
+    truth = truth_of(x, [100.0] * count, mag=[20.1] * FEWEST + [22.1, 23.1])
+    table = recovered(truth, sources_of(x, [100.0] * count), sources_of([], []), WINDOW, SCALE)
+    assert [one.numbers["d_mag"].n for one in binned(table, "mag")] == [FEWEST, 1, 1]
+    axes = SimpleNamespace(drawn=[], plot=lambda x, y, *_, **__: axes.drawn.append((list(x), list(y))))
+    _objects(axes, table, "mag", "d_mag", binned(table, "mag"))
+    assert axes.drawn == [([22.1, 23.1], pytest.approx([-2.1, -3.1]))]
+    draw(table, tmp_path / "few.png")
+    assert (tmp_path / "few.png").stat().st_size > 10_000
 
 
 def test_numbers_have_the_errors_of_normal_values():

@@ -11,7 +11,7 @@ rule merge:
         mem_mb=more(2500),
         runtime=more(4),
     shell:
-        'csstsim merge "$CAMPAIGN" --brick {wildcards.pix} > {log:q} 2>&1'
+        "csstsim merge {CAMPAIGN:q} --brick {wildcards.pix} > {log:q} 2>&1"
 
 
 rule validate:
@@ -32,4 +32,4 @@ rule validate:
     params:
         recipe=RUN.recipes.validation,
     shell:
-        'csstsim validate "$CAMPAIGN" --brick {wildcards.pix} > {log:q} 2>&1'
+        "csstsim validate {CAMPAIGN:q} --brick {wildcards.pix} > {log:q} 2>&1"

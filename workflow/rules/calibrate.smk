@@ -15,4 +15,4 @@ rule calibrate:
     params:
         recipe=recipe("measure"),
     shell:
-        'csstsim calibrate "$CAMPAIGN" --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1'
+        "csstsim calibrate {CAMPAIGN:q} --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1"

@@ -4,8 +4,7 @@ include: "measure.smk"
 
 rule chip:
     input:
-        truth_of,
-        psf_of,
+        unless_equal("level0", truth_of, psf_of),
     output:
         f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_{ENDING}.fits",
         f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_{ENDING}.truth.parquet",
@@ -20,7 +19,7 @@ rule chip:
     params:
         recipe=recipe("level0"),
     shell:
-        'csstsim chip "$CAMPAIGN" --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1'
+        "csstsim chip {CAMPAIGN:q} --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1"
 
 
 use rule chip as chip_spectra with:

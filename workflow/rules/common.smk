@@ -14,18 +14,27 @@ from csstsim.campaign.running.job_log import ERROR
 from csstsim.campaign.running.one_by_one import forget
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.products import kinds, summary
-from csstsim.base.errors import CsstsimError
+from csstsim.campaign.variants import named
+from csstsim.base.errors import CsstsimError, InputError
 from csstsim.io.level0_names import FORMS
 from csstsim.io.output_owner import claim_output
+from csstsim.stages.parts.redraw import may_redraw
 from csstsim.optics.psf.sampling import psf_cube
 
 KEYS = "campaign", "chips", "scratch"  # of --config
+MAIN = (
+    workflow.modifier.is_main_snakefile()
+)  # else of a variant, named by the key `variant`
 for key in config:
-    if key not in KEYS:  # a slip of the pen would run the demo
+    if key not in KEYS and (
+        MAIN or key != "variant"
+    ):  # a slip of the pen would run the demo
         raise WorkflowError(f"--config {key}: unknown; allowed: {', '.join(KEYS)}")
 atexit.register(gc.freeze)  # as of the commands (csstsim.command_line.group)
 # Snakemake knows a product by the text of its path: one text from wherever the campaign is named
 CAMPAIGN = os.path.abspath(config.get("campaign", "config/campaign.yaml"))
+if not MAIN:
+    CAMPAIGN = str(named(CAMPAIGN, config["variant"]))
 
 
 def node_scratch():
@@ -47,6 +56,10 @@ if SCRATCH and workflow.remote_exec:
 CHIPS_AS = str(config.get("chips", "stages"))  # a YAML file may hold anything
 try:
     RUN = OpenCampaign(CAMPAIGN, scratch=SCRATCH)
+    if MAIN and RUN.variant:
+        message = "a variant is made with its base; name the campaign without @"
+        raise InputError(message, file=CAMPAIGN)
+    VARIANTS = {run.variant: run for run in RUN.variants}
     check_kept(RUN, CHIPS_AS, "scratch" in config)
     if workflow.is_main_process:  # faults of the catalogue are met here, not in a rule
         RUN.open_truth()
@@ -81,10 +94,18 @@ def made(rule, some=None):
     return MADE[rule].files(some)
 
 
-def take_folder():
-    """Before the first job: the output folder is this campaign's, and can be written."""
+def targets(run):
+    """All files that a campaign is to have in the end."""
+    return [
+        file for kind in kinds(run).values() if kind.target for file in kind.files()
+    ]
+
+
+def take_folders():
+    """Before the first job: the output folders are this campaign's and its variants', and can be written."""
     try:
-        claim_output(RUN)
+        for run in (RUN, *VARIANTS.values()):
+            claim_output(run)
     except CsstsimError as error:
         raise WorkflowError(str(error)) from None
 
@@ -99,7 +120,7 @@ SPECTRA_CHIP = (
 LIBRARIES = "OMP", "OPENBLAS", "MKL", "NUMBA"
 shell.prefix(
     f"export PATH={shlex.quote(os.path.dirname(sys.executable))}:$PATH "  # this csstsim, whatever else is installed
-    + f"CAMPAIGN={shlex.quote(str(CAMPAIGN))} CSSTSIM_SCRATCH={shlex.quote(str(RUN.paths.chips.parent))} "
+    + f"CSSTSIM_SCRATCH={shlex.quote(SCRATCH or str((RUN.base or RUN).paths.output))} "
     + " ".join(f"{library}_NUM_THREADS=1" for library in LIBRARIES)
     + "; "
 )
@@ -150,34 +171,65 @@ def psf_of(wildcards):
     return shared(made("psf", [int(wildcards.chip)]))
 
 
+def between(wildcards, name):
+    """A file that one stage of a chip hands to another."""
+    return str(RUN.paths.stage(wildcards.obsid, int(wildcards.chip), name))
+
+
 def objects_of(wildcards):
     """The selected objects and the PSF."""
     psf = psf_of(wildcards)
-    return psf and [
-        f"{CHIPS}/{wildcards.obsid}_{wildcards.chip}/select.parquet",
-        *psf,
-    ]
+    return psf and [between(wildcards, "select.parquet"), *psf, *light_of_base(wildcards)]
+
+
+def light_of_base(wildcards):
+    """The kept light of the base, where a variant's differs by objects at most."""
+    job = JOBS[wildcards.obsid, wildcards.chip]
+    if not (RUN.base and RUN.base.config.keep == "light" and may_redraw(RUN, job)):
+        return []
+    return made_by(RUN.base, "render", job)
 
 
 def stage_before(stage):
     """The input function of a stage: the product of the stage before it, if that stage has layers."""
 
     def product(wildcards):
-        pointing = RUN.pointings[wildcards.obsid]
-        return (
-            f"{CHIPS}/{wildcards.obsid}_{wildcards.chip}/{stage}.fits"
-            if RUN.has_stage(pointing, stage)
-            else []
-        )
+        has = RUN.has_stage(RUN.pointings[wildcards.obsid], stage)
+        return between(wildcards, f"{stage}.fits") if has else []
 
     return product
 
 
 def drawn_before(wildcards):
-    """The table of drawn objects, where there is a render stage."""
+    """The table of drawn objects, and that of their orders, where there is a render stage."""
     if not RUN.has_stage(RUN.pointings[wildcards.obsid], "render"):
         return []
-    return f"{CHIPS}/{wildcards.obsid}_{wildcards.chip}/drawn.parquet"
+    spectra = RUN.has_orders(JOBS[wildcards.obsid, wildcards.chip])
+    names = ("drawn.parquet", "orders.parquet") if spectra else ("drawn.parquet",)
+    return [between(wildcards, name) for name in names]
+
+
+def made_by(run, rule, job):
+    """The files that a rule makes for a job in another campaign of the graph."""
+    return kinds(run)[rule].files([job])
+
+
+def unless_equal(rule, *functions):
+    """The input function of a rule: what some functions return, or the base's products of the rule, if a variant's are equal."""
+    stage = "measure" if rule == "extract" else rule
+
+    def files(wildcards):
+        job = JOBS[wildcards.obsid, wildcards.chip]
+        if RUN.in_base(*job.key, stage):
+            return made_by(RUN.base, rule, job)
+        found = [function(wildcards) for function in functions]
+        return [
+            file
+            for some in found
+            for file in ([some] if isinstance(some, str) else some)
+        ]
+
+    return files
 
 
 def recipe(stage):

@@ -17,8 +17,7 @@ for number, (files, obsids) in enumerate(named_alike(ALL, level0_endings).items(
         name:
             f"exposure_{number}"
         input:
-            of_exposure(truth_of, ALL),
-            of_exposure(psf_of, ALL),
+            of_exposure(unless_equal("level0", truth_of, psf_of), ALL),
         output:
             [
                 f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{chip}_{ENDING}.{end}"
@@ -39,7 +38,7 @@ for number, (files, obsids) in enumerate(named_alike(ALL, level0_endings).items(
             recipe=recipes_of("level0", ALL),
             chips=options_of(files),
         shell:
-            'exec csstsim chip "$CAMPAIGN" --resume --obsid {wildcards.obsid} {params.chips} > {log:q} 2>&1'
+            "exec csstsim chip {CAMPAIGN:q} --resume --obsid {wildcards.obsid} {params.chips} > {log:q} 2>&1"
 
 
 for number, (files, obsids) in enumerate(
@@ -50,8 +49,7 @@ for number, (files, obsids) in enumerate(
         name:
             f"measure_exposure_{number}"
         input:
-            of_exposure(level0_of, IMAGING),
-            of_exposure(measured_with, IMAGING),
+            of_exposure(unless_equal("measure", level0_of, measured_with), IMAGING),
         output:
             [
                 f"{OUT}/measure/{{obsid}}_{chip}{end}"
@@ -71,7 +69,7 @@ for number, (files, obsids) in enumerate(
             recipe=recipes_of("measure", IMAGING),
             chips=options_of(files),
         shell:
-            'exec csstsim measure "$CAMPAIGN" --resume --obsid {wildcards.obsid} {params.chips} > {log:q} 2>&1'
+            "exec csstsim measure {CAMPAIGN:q} --resume --obsid {wildcards.obsid} {params.chips} > {log:q} 2>&1"
 
 
 for number, (files, obsids) in enumerate(
@@ -82,8 +80,7 @@ for number, (files, obsids) in enumerate(
         name:
             f"extract_exposure_{number}"
         input:
-            of_exposure(with_truth, DISPERSED),
-            of_exposure(measured_with, DISPERSED),
+            of_exposure(unless_equal("extract", with_truth, measured_with), DISPERSED),
         output:
             [
                 f"{OUT}/spectra/{{obsid}}_{chip}{end}"
@@ -103,4 +100,4 @@ for number, (files, obsids) in enumerate(
             recipe=recipes_of("measure", DISPERSED),
             chips=options_of(files),
         shell:
-            'exec csstsim extract "$CAMPAIGN" --resume --obsid {wildcards.obsid} {params.chips} > {log:q} 2>&1'
+            "exec csstsim extract {CAMPAIGN:q} --resume --obsid {wildcards.obsid} {params.chips} > {log:q} 2>&1"

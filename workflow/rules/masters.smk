@@ -10,4 +10,4 @@ rule masters:
         mem_mb=more(3500),
         runtime=more(8),
     shell:
-        'csstsim masters "$CAMPAIGN" --chip {wildcards.chip} > {log:q} 2>&1'
+        "csstsim masters {CAMPAIGN:q} --chip {wildcards.chip} > {log:q} 2>&1"

@@ -1,8 +1,7 @@
 # What is measured on a chip: sources of imaging chips and spectra, a process a chip.
 rule measure:
     input:
-        level0_of,
-        measured_with,
+        unless_equal("measure", level0_of, measured_with),
     output:
         f"{OUT}/measure/{{obsid}}_{{chip}}.parquet",
     log:
@@ -15,14 +14,13 @@ rule measure:
     params:
         recipe=recipe("measure"),
     shell:
-        'csstsim measure "$CAMPAIGN" --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1'
+        "csstsim measure {CAMPAIGN:q} --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1"
 
 
 # Of spectroscopic chips, along the traces of the truth beside the Level-0 file.
 rule extract:
     input:
-        with_truth,
-        measured_with,
+        unless_equal("extract", with_truth, measured_with),
     output:
         f"{OUT}/spectra/{{obsid}}_{{chip}}.parquet",
         f"{OUT}/spectra/{{obsid}}_{{chip}}.png",
@@ -37,4 +35,4 @@ rule extract:
     params:
         recipe=recipe("measure"),
     shell:
-        'csstsim extract "$CAMPAIGN" --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1'
+        "csstsim extract {CAMPAIGN:q} --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1"

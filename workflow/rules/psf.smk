@@ -14,4 +14,4 @@ rule psf:
     params:
         recipe=RUN.recipes.psf,
     shell:
-        'csstsim psf "$CAMPAIGN" --chip {wildcards.chip} > {log:q} 2>&1'
+        "csstsim psf {CAMPAIGN:q} --chip {wildcards.chip} > {log:q} 2>&1"

@@ -12,4 +12,4 @@ rule report:
         mem_mb=more(2000),
         runtime=more(10),
     shell:
-        'csstsim report "$CAMPAIGN" > {log:q} 2>&1'
+        "csstsim report {CAMPAIGN:q} > {log:q} 2>&1"

@@ -18,7 +18,7 @@ rule select:
     params:
         recipe=recipe("select"),
     shell:
-        'csstsim select "$CAMPAIGN" --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1'
+        "csstsim select {CAMPAIGN:q} --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1"
 
 
 rule render:
@@ -37,7 +37,7 @@ rule render:
     params:
         recipe=recipe("render"),
     shell:
-        'csstsim render "$CAMPAIGN" --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1'
+        "csstsim render {CAMPAIGN:q} --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1"
 
 
 rule readout:
@@ -55,13 +55,12 @@ rule readout:
     params:
         recipe=recipe("readout"),
     shell:
-        'csstsim readout "$CAMPAIGN" --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1'
+        "csstsim readout {CAMPAIGN:q} --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1"
 
 
 rule level0:
     input:
-        stage_before("readout"),
-        drawn_before,
+        unless_equal("level0", stage_before("readout"), drawn_before),
     output:
         f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_{ENDING}.fits",
         f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_{ENDING}.truth.parquet",
@@ -76,7 +75,7 @@ rule level0:
     params:
         recipe=recipe("level0"),
     shell:
-        'csstsim level0 "$CAMPAIGN" --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1'
+        "csstsim level0 {CAMPAIGN:q} --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1"
 
 
 # Spectroscopic chips: the same stages with the truth of each order beside.
@@ -91,10 +90,6 @@ use rule render as render_spectra with:
 
 
 use rule level0 as level0_spectra with:
-    input:
-        stage_before("readout"),
-        drawn_before,
-        f"{CHIPS}/{{obsid}}_{{chip}}/orders.parquet",
     output:
         f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_{ENDING}.fits",
         f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_{ENDING}.truth.parquet",

@@ -11,4 +11,4 @@ rule truth:
     params:
         recipe=RUN.recipes.truth,
     shell:
-        'csstsim truth "$CAMPAIGN" --brick {wildcards.pix} > {log:q} 2>&1'
+        "csstsim truth {CAMPAIGN:q} --brick {wildcards.pix} > {log:q} 2>&1"

@@ -6,6 +6,7 @@ null for `instrument`, `universe` or an observation means the one shipped in con
 """
 
 import math
+import re
 from pathlib import Path
 from typing import Any, Literal
 
@@ -19,6 +20,7 @@ from csstsim.base.help_page import explained
 from csstsim.base.model import FilePath, Model, validate
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.thresholds import ValidateConfig
+from csstsim.campaign.variants import changed, named, split
 from csstsim.instrument.pointing import ExposureType
 from csstsim.io.level0_names import FORMS
 from csstsim.io.level0_names import NEWEST as NEWEST_NAMES
@@ -293,6 +295,19 @@ class Campaign(Model):
     )
     measurement: MeasurementConfig = Field(default_factory=MeasurementConfig)
     validation: ValidateConfig = Field(default_factory=ValidateConfig)
+    variants: dict[str, dict[str, Any]] = Field(
+        {},
+        description="{name: {keys that differ}}: campaigns that are made with this one, in variants/name of its output "
+        "folder, and share with it what is equal; csstsim's commands know them as FILE@name (docs/variants.md)",
+    )
+
+    @field_validator("variants")
+    @classmethod
+    def _names_of_folders(cls, value):
+        for name in value:
+            if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
+                raise ValueError(f"{name}: a name has letters, digits and _, and begins with a letter")
+        return value
 
     @field_validator("truth")
     @classmethod
@@ -323,9 +338,13 @@ def load_campaign(path):
     """Read and check a campaign file; its files and folders are found beside it. Raises InputError.
 
     psf.library, measurement.masters and a catalogue's options stay as they are written, for they are part of recipes:
-    `beside` finds them when they are used.
+    `beside` finds them when they are used. path: FILE@NAME for a variant; its output folder is the base's here. The
+    variants of a base are checked with it.
     """
-    config, file = make_campaign(read_yaml(path), path), Path(path)
+    (base, variant), file = split(path), Path(path)
+    data = read_yaml(base)
+    config = make_campaign(data if variant is None else changed(data, variant, base), path)
+    _check_variants(config, data, file)
     instrument = config.instrument
     if isinstance(instrument, dict) and instrument.get("folder"):
         instrument = instrument | {"folder": beside(file, instrument["folder"])}
@@ -337,6 +356,20 @@ def load_campaign(path):
         "instrument": instrument, "universe": config.universe and beside(file, config.universe),
         "share": config.share and beside(file, config.share),
     })  # fmt: skip
+
+
+def _check_variants(config, data, file):
+    """Each variant of a base is a campaign, and none is equal to another."""
+    seen = {_what(config): "the base"}
+    for name in config.variants:
+        what = _what(make_campaign(changed(data, name, file), named(file, name)))
+        if what in seen:
+            raise InputError(f"equal to {seen[what]}", file=file, key=f"variants.{name}", value=config.variants[name])
+        seen[what] = f"the variant {name}"
+
+
+def _what(config):
+    return config.model_dump_json(exclude={"variants"})
 
 
 def _there(file, path):

@@ -13,6 +13,7 @@ from pydantic import Field
 
 from csstsim.base.model import Model, validate
 from csstsim.base.shipped import SHIPPED
+from csstsim.campaign.variants import made_by_base
 from csstsim.instrument.load import read_data
 
 FILE = SHIPPED / "costs.yaml"
@@ -88,11 +89,13 @@ def expected(run):
 
     Keys are (obsid, chip) of jobs, bricks, chips (psf, masters), exposures, or None (report). The INSTEAD rules are
     listed as well as those that they would replace. Objects of a user's catalogue are not counted. A truth brick or PSF
-    set that another campaign has made (`share`) costs what linking it does.
+    set that another campaign has made (`share`) costs what linking it does. What a variant's base makes is left out.
     """
     numbers = load_costs()
     found = {rule: {} for rule in numbers if not rule.endswith("_spectra")}
     for rule, key, quantities in _quantities(run):
+        if made_by_base(run, rule.removesuffix("_spectra"), key):
+            continue
         found[rule.removesuffix("_spectra")][key] = numbers[rule].cost(quantities)
     for rule, path_of in (("truth", run.paths.truth), ("psf", run.paths.psf)):
         shared = [key for key in found[rule] if _is_shared(run, path_of(key))]

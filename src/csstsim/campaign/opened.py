@@ -29,6 +29,7 @@ from csstsim.campaign.job import Job
 from csstsim.campaign.recipes import Recipes
 from csstsim.campaign.selection import nothing_selected, pair_missed, selected_chips, selected_pointings, window_of
 from csstsim.campaign.survey_table import load_survey_table
+from csstsim.campaign.variants import VariantPaths, equal, named, split
 from csstsim.catalog.astrometry.ephemeris import observer
 from csstsim.catalog.open import TABLE_KIND, catalog_class, importable, options_beside
 from csstsim.catalog.selection.select import BRICK_MARGIN_PX, bricks_for, region_for
@@ -54,17 +55,20 @@ class OpenCampaign:
     def __init__(
         self, file, output=None, scratch=None, *, copied=False, config=None, layers=None, pointings=None, only=None
     ):
-        """Open a campaign.
+        """Open a campaign; file: FILE@NAME for a variant, whose `output` and `scratch` are the base's.
 
         copied: the output folder is only read, and may be a copy of the one that `campaign.json` names. config
         (config.Campaign), layers ({exposure type: list as config.Observation.layers}) and pointings ({obsid:
         instrument.pointing.Pointing}) replace the files. only: (obsid, chip numbers) of the jobs needed: exposures and
         gratings of others are not checked.
         """
-        self.file = Path(file)
+        self.file, self.variant = Path(file), split(file)[1]
         importable(self.file.parent)
         self.config = config or load_campaign(file)
-        self.paths = Paths(output or self.config.output, scratch, self.config.level0_names)
+        self._folders = {"output": output or self.config.output, "scratch": scratch}
+        self._opened, self._in_base = {"copied": copied, "only": only}, {}
+        folders = *self._folders.values(), self.config.level0_names
+        self.paths = VariantPaths(self, *folders) if self.variant else Paths(*folders)
         if not copied:
             check_owner(self)
             check_share(self)
@@ -101,6 +105,33 @@ class OpenCampaign:
         check_layers(self, exposures)
         for p in {(p.type, p.exptime): p for p in exposures.values()}.values():
             check_shutter(self.steps[p.type], p.exptime, chips)
+
+    @property
+    def title(self):
+        """The campaign's name, and the variant's."""
+        return f"{self.config.name}, variant {self.variant}" if self.variant else self.config.name
+
+    @cached_property
+    def variants(self):
+        """The variants of a base, opened, in the order of its file. Raises InputError for a fault in one."""
+        found = tuple(
+            OpenCampaign(named(self.file, name), **self._folders, **self._opened) for name in self.config.variants
+        )
+        for run in found:
+            run.base = self
+        return found
+
+    @cached_property
+    def base(self):
+        """The campaign of which this is a variant, opened; None of a base."""
+        return OpenCampaign(split(self.file)[0], **self._folders, **self._opened) if self.variant else None
+
+    def in_base(self, obsid, chip_id, stage):
+        """Whether the base of a variant makes a stage's product of a job, with the same bits."""
+        key = obsid, chip_id, stage
+        if key not in self._in_base:
+            self._in_base[key] = self.base is not None and equal(self, *key)
+        return self._in_base[key]
 
     def masters(self, chip_id):
         """Return the file of the master frames with which a chip's exposures are calibrated."""

@@ -5,6 +5,7 @@ import os
 import numpy as np
 
 from csstsim.base.healpix import NSIDE
+from csstsim.base.stages import flat
 from csstsim.campaign.costs import INSTEAD, each_once, expected, expected_objects, megapixels
 from csstsim.campaign.products import kinds
 from csstsim.catalog.astrometry.reduction import apparent
@@ -95,7 +96,7 @@ def print_plan(run, sky=None):
     if sky is not None:
         check_file(run, sky)
     counts, disk, costs = plan(run)
-    table = Table(title=f"{run.config.name} ({run.file})", show_header=False)
+    table = Table(title=f"{run.title} ({run.file})", show_header=False)
     for name, value in counts.items():
         table.add_row(name, value if isinstance(value, str) else f"{value:,}")
     for name, value in disk.items():
@@ -110,6 +111,8 @@ def print_plan(run, sky=None):
         f"wall time, nothing else running: {walls} cores (jobs that await each other take {duration(_chain(costs))})",
     ):
         Console().print(line, soft_wrap=True, highlight=False)
+    if run.variants:
+        Console().print(_variants_table(run))
     _print_sky(run, sky)
 
 
@@ -159,6 +162,21 @@ def _cost_table(costs):
         if rule in INSTEAD:
             row = f"({rule})", *row[1:]
         table.add_row(*row, style="dim" if rule in INSTEAD else None)
+    return table
+
+
+def _variants_table(run):
+    """Return the table of the variants of a base: what each changes, and what it makes that the base does not."""
+    from rich.table import Table
+
+    table = Table(title="Variants, beside what they share with the campaign")
+    for column in ("variant", "keys that differ", "jobs", "CPU h", "Level-0 GB"):
+        table.add_column(column, justify="left" if column.startswith(("variant", "keys")) else "right")
+    for one in run.variants:
+        counts, disk, costs = plan(one)
+        cpu = sum(cost.cpu_s for jobs in each_once(costs).values() for cost in jobs.values()) / 3600
+        keys = ", ".join(f"{key}: {value}" for key, value in flat(run.config.variants[one.variant]).items())
+        table.add_row(one.variant, keys, f"{counts['jobs']:,}", f"{cpu:,.2f}", f"{disk['Level-0'] / 1e9:,.2f}")
     return table
 
 

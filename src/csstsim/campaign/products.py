@@ -12,6 +12,7 @@ from functools import partial
 from csstsim.bricks.hats import ABOUT
 from csstsim.bricks.verdict import headline, sentence
 from csstsim.campaign.costs import STAGES
+from csstsim.campaign.variants import made_by_base
 from csstsim.io.paths import LIGHT
 
 SHOWN = 10  # failing gates in the workflow's last message
@@ -47,13 +48,22 @@ def kinds(run):
     Truth bricks and PSF sets are not targets: a new one would be newer than all chips, and all would be made again.
     """
     paths, config = run.paths, run.config
-    kept = [job for job in run.jobs if config.keep == "light" and run.has_stage(job.pointing, "render")]
+    kept = [
+        job for job in run.jobs
+        if config.keep == "light" and run.has_stage(job.pointing, "render") and not run.in_base(*job.key, "render")
+    ]  # fmt: skip
     calibrated = run.imaging_jobs if config.measurement.keep_calibrated else ()
     page = [None] if run.science_jobs else []
     truth = " with truth" if run.science_jobs else ""
     table = (
-        Kind("truth bricks", ("truth",), lambda: run.sky_bricks, lambda pix: [paths.truth(pix)], target=False),
-        Kind("PSF sets", ("psf",), lambda: run.sky_chips, lambda c: [paths.psf(c), paths.psf_tables(c)], target=False),
+        Kind(
+            "truth bricks", ("truth",), lambda: _own(run, "truth", run.sky_bricks), lambda pix: [paths.truth(pix)],
+            target=False,
+        ),
+        Kind(
+            "PSF sets", ("psf",), lambda: _own(run, "psf", run.sky_chips),
+            lambda c: [paths.psf(c), paths.psf_tables(c)], target=False,
+        ),
         Kind("light of chips", STAGES[:2], lambda: kept, partial(_light, run), end="light of {n} chip{s} in chips/"),
         Kind(
             "Level-0 files", STAGES[2:] if kept else STAGES, lambda: run.jobs, partial(_level0, run),
@@ -79,8 +89,17 @@ def kinds(run):
         ),
         Kind("validated bricks", ("validate",), lambda: run.merge_bricks, lambda pix: _drawn(paths.validate(pix))),
         Kind("report", ("report",), lambda: page, lambda _: _report(run), end="the report: report/index.html"),
+        Kind(
+            "comparison of variants", ("variants",), lambda: page if run.variants else [],
+            lambda _: [paths.variants_page], end="the variants side by side: report/variants.html",
+        ),
     )  # fmt: skip
     return {kind.rules[-1]: kind for kind in table}
+
+
+def _own(run, rule, numbers):
+    """Return the bricks or chips whose product the campaign makes, and not the base of which it is a variant."""
+    return [number for number in numbers if not made_by_base(run, rule, number)]
 
 
 def _light(run, job):
@@ -108,7 +127,7 @@ def summary(run, made):
     """Return what the campaign made, where to look, and the verdict, in lines. made: what `kinds` returned."""
     counts = [(kind.end, len(kind.made_for)) for kind in made.values() if kind.end]
     said = [end.format(n=n, s="" if n == 1 else "s") for end, n in counts if n]
-    return "\n".join([f"\n{run.config.name}, in {run.paths.output}:", *(f"  {line}" for line in said), *_verdict(run)])
+    return "\n".join([f"\n{run.title}, in {run.paths.output}:", *(f"  {line}" for line in said), *_verdict(run)])
 
 
 def _verdict(run):

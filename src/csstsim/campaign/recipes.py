@@ -28,6 +28,7 @@ READERS = {
     "keep": (),
     "level0_names": (),
     "share": (),
+    "variants*": (),
     "truth": (),
     "seed": ("truth", "select"),
     "catalog.lensing.*": ("truth",),
@@ -49,6 +50,9 @@ READERS = {
     "sky": ("truth", "select"),
     "changing.*": ("select",),
 }
+
+
+OBJECTS = "catalog.", "components.", "changing.", "sky"  # beginnings of the keys that decide which objects there are
 
 
 class Recipes:
@@ -76,6 +80,11 @@ class Recipes:
             "camera": self._run.camera.digest_for(stage, *own, chip=chip),
             "layers": steps.digest(stage),
         } | apart
+
+    def but_objects(self, kind, chip):
+        """Return {name: digest}, as of_exposures, of what decides a chip's light, but for which objects there are."""
+        keys = {name: value for name, value in self._keys.items() if not name.startswith(OBJECTS)}
+        return self.of_exposures(kind, "render", chip) | {"campaign": digest(read_by(behind("render"), keys, READERS))}
 
     def _campaign(self, stage):
         return digest(read_by(behind(stage), self._keys, READERS))

@@ -47,6 +47,7 @@ def init(folder, say, catalogue=None, example=None):
         content, meanings = _example(example, content, meanings)
     if catalogue:
         content |= _aimed(Path(catalogue), content)
+        meanings |= {name: "named by your table" for name in content if name not in meanings}
         meanings[Path(catalogue).name] = "your objects"
     there = [name for name in content if os.path.lexists(folder / name)]
     if there:
@@ -107,8 +108,8 @@ def _aimed(file, content):
 
     if file.name in content:
         raise InputError("another file of the folder has this name; rename the table", file=file)
-    camera = load_camera(SHIPPED / "instrument")
-    ra, dec, radius = _circle(file, object_table(read_table(file), camera.bands, file))
+    camera, columns = load_camera(SHIPPED / "instrument"), read_table(file)
+    ra, dec, radius = _circle(file, object_table(columns, camera.bands, file))
     found = aimed(camera, ra, dec, [camera.chips[number] for number in AIMED], pa=PA, times=[TIME])
     text, changed = content["campaign.yaml"].decode(), 0
     name = json.dumps(file.name, ensure_ascii=False)  # a scalar of YAML, whatever is in it
@@ -123,7 +124,31 @@ def _aimed(file, content):
     if changed != 3:
         raise ValueError("config/starter/campaign.yaml: heading, region and catalog are not where they are looked for")
     table = table_of(found).encode()
-    return {"campaign.yaml": text.encode(), "survey_table.csv": table, file.name: file.read_bytes()}
+    own = _named_by(columns, file) | {file.name: file.read_bytes()}
+    if taken := sorted(set(content).intersection(own)):
+        raise InputError("another file of the folder has this name; rename yours", file=file, value=taken[0])
+    return {"campaign.yaml": text.encode(), "survey_table.csv": table} | own
+
+
+def _named_by(columns, file):
+    """Return {name: bytes} of images and spectra that a table names relative to itself; others stay where they are."""
+    from csstsim.catalog.table import FILE_COLUMNS
+
+    found = {}
+    for column in FILE_COLUMNS:
+        for text in sorted({str(text).strip().split("[")[0] for text in columns.get(column, ())} - {"", "nan", "--"}):
+            if Path(text).is_absolute():
+                continue
+            if ".." in Path(text).parts:
+                raise InputError(
+                    "would not be found from the new folder", file=file, key=column, value=text,
+                    allowed="files in the table's folder or below it, or whole paths",
+                )  # fmt: skip
+            try:
+                found[Path(text).as_posix()] = (file.parent / text).read_bytes()
+            except OSError as exc:
+                raise InputError(f"cannot be read: {exc.strerror}", file=file, key=column, value=text) from None
+    return found
 
 
 def _circle(file, table):

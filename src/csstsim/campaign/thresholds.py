@@ -87,8 +87,8 @@ class ValidateConfig(Model):
     counts_max: float | None = Field(
         0.1,
         gt=0,
-        description="|share of isolated true objects with a source, and false sources, - 1| brighter than S/N 50 of a "
-        "point; 2 sigma of chance are forgiven",
+        description="|share of isolated true objects with a source, and false sources, - 1| brighter than S/N 20 in "
+        "one exposure; 2 sigma of chance are forgiven",
     )
     lost_max: float | None = Field(
         0.02,

@@ -19,7 +19,7 @@ from csstsim.campaign.running.job_log import ERROR
 SECTIONS = {
     "Begin": ("init", "aim", "import-pointings", "doctor", "check", "plan", "completion"),
     "Make a chip": ("chip",),
-    "Look": ("show", "status", "report"),
+    "Look": ("show", "status", "report", "variants"),
     "Stages of the workflow, one job each": (
         "truth", "psf", "select", "render", "readout", "level0", "masters", "calibrate", "measure", "extract", "merge",
         "validate",

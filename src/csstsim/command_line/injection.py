@@ -15,6 +15,7 @@ from csstsim.command_line.options import Finite
     "--realisation", type=click.IntRange(0), default=1, show_default=True,
     help="Number of the noise of the injected light; 0: the photons of a simulation of the same ids.",
 )  # fmt: skip
+@click.option("--light-curves", type=click.Path(), help="Table of the curves that the column light_curve names.")
 @click.option("--psf", type=click.Path(), help="Frames of others: PSFEx model, or FITS image or cube of stamps.")
 @click.option("--zeropoint", type=float, help="Frames of others: AB magnitude of 1 electron/s [default: the header's].")
 def inject(frames, catalogue, output, campaign, instrument, **options):

@@ -86,7 +86,8 @@ def plan(run, sky):
     """
     from csstsim.campaign.plan import print_plan
 
-    run.open_truth()
+    for one in (run, *run.variants):
+        one.open_truth()
     print_plan(run, sky)
 
 
@@ -106,11 +107,12 @@ def check(run):
     from csstsim.stages.psf import check_psf
     from csstsim.stages.select import check_catalog
 
-    check_psf(run)
-    check_maps({job.chip.id: job.chip for job in run.jobs}.values(), read=True)
-    check_catalog(run, say=print)
-    exposures = len({job.obsid for job in run.jobs})
-    click.echo(f"{run.file}: good; {number_of(len(run.jobs), 'chip')} of {number_of(exposures, 'exposure')}")
+    for one in (run, *run.variants):
+        check_psf(one)
+        check_maps({job.chip.id: job.chip for job in one.jobs}.values(), read=True)
+        check_catalog(one, say=print)
+        exposures = len({job.obsid for job in one.jobs})
+        click.echo(f"{one.file}: good; {number_of(len(one.jobs), 'chip')} of {number_of(exposures, 'exposure')}")
 
 
 for command in rules.RULES + begin.TOOLS + tools.TOOLS:

@@ -224,4 +224,23 @@ def report(run, strict):
         sys.exit(1)
 
 
-RULES = truth, psf, select, render, readout, level0, masters, calibrate, measure, extract, merge, validate, report
+@click.command()
+@stage
+def variants(run):
+    """Compare the variants of a finished campaign: one web page.
+
+    The page has the gates side by side. For each variant it shows counts, magnitudes, places, shapes and spectra less
+    those of the base, of the same objects.
+
+    \b
+    For example:
+      csstsim variants campaign.yaml
+    """
+    from csstsim.stages.variants import variants as run_stage
+
+    run_stage(run)
+
+
+RULES = (
+    truth, psf, select, render, readout, level0, masters, calibrate, measure, extract, merge, validate, report, variants
+)  # fmt: skip

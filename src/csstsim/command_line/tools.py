@@ -218,12 +218,13 @@ def verify(campaign, output, manifest):
         from csstsim.campaign.opened import OpenCampaign
 
         run = OpenCampaign(campaign, output, copied=output is not None)
-    if check(run, folder, print, manifest):
+    runs = (run,) if run is None else (run, *run.variants)
+    if sum(check(one, folder, print, manifest) for one in runs):
         sys.exit(1)
-    if manifest:
+    for one in runs if manifest else ():
         from csstsim.compare.content import write_contents
 
-        path = write_contents(folder if run is None else run.paths.output)
+        path = write_contents(folder if one is None else one.paths.output)
         print(f"{path}: the same in two runs of one campaign")
 
 

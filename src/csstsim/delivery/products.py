@@ -81,6 +81,8 @@ def _inputs(contents, seen):
         )
     for chip, frame in contents.psf.items():
         made, tables = paths.psf(chip), paths.psf_tables(chip)
+        if not made.is_relative_to(paths.output):  # a variant: of the base
+            continue
         yield Product("PSF set", made, YES, partial(campaign_checks.psf, made, frame, seen))
         yield Product("PSF tables", tables, YES, partial(campaign_checks.psf_tables, tables, made, frame), (made,))
     for pix, record in contents.truth.items():
@@ -119,4 +121,6 @@ def _report(contents, seen):
     page = contents.paths.report
     verdict = page.with_name("verdict.json")
     yield Product("report", page, contents.report, partial(campaign_checks.page, page))
+    variants = contents.paths.variants_page
+    yield Product("comparison of variants", variants, MAYBE, partial(campaign_checks.page, variants))
     yield Product("verdict", verdict, contents.report, partial(campaign_checks.verdict, verdict, contents.bricks, seen))

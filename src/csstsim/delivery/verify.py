@@ -13,7 +13,7 @@ from csstsim.delivery.products import products
 from csstsim.io.output_owner import FILE as OWNER
 
 # Of the workflow (benchmarks: of an older one): neither products nor foreign
-BESIDE = ("logs", "benchmarks", ".snakemake", "chosen", "look", OWNER)
+BESIDE = ("logs", "benchmarks", ".snakemake", "chosen", "look", "variants", OWNER)
 
 # What a file of good checksums and wrong content makes of its reader: a column of text, a record that is no number.
 WRONG = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, MemoryError)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from csstsim import __version__
-from csstsim.base.digest import digest
+from csstsim.base.digest import digest, file_digest
 from csstsim.base.errors import InputError
 from csstsim.base.plural import number_of
 from csstsim.base.process.one_thread import one_thread
@@ -37,6 +37,7 @@ class Request:
     cache: object = None
     psf: object = None  # file of a PSF, for frames of others
     zeropoint: float | None = None  # AB magnitude of 1 electron / s, likewise
+    light_curves: object = None  # file of the curves that the table names
 
 
 def inject(frames, table, folder, say=print, **options):
@@ -82,7 +83,7 @@ def _ready(frame, request, say):
 
         return ready(frame, request)
     run, job = job_of(frame, request.campaign, request.instrument, request.cache, say)
-    catalogue = catalogue_of(run, job, request.columns)
+    catalogue = catalogue_of(run, job, request.columns, request.light_curves)
     if kind == CALIBRATED:
         _read_calibrated(frame, job)
     make = {LEVEL0: _make_level0, CALIBRATED: _make_calibrated}[kind]
@@ -153,7 +154,10 @@ def _write(frame, target, planes, request, light, truth, job):
 
 def record(request, count):
     """Return what a header says of an injection (rewritten.rewrite)."""
-    code = digest([{name: np.asarray(values).tolist() for name, values in request.columns.items()}])
+    content = [{name: np.asarray(values).tolist() for name, values in request.columns.items()}]
+    if request.light_curves:
+        content.append(file_digest(request.light_curves))
+    code = digest(content)
     return {
         "cards": [
             ("INJCOUNT", count, "objects injected, the last time"),

@@ -58,9 +58,12 @@ def table_of(given):
     return columns | {name: named(columns, name, given) for name in FILE_COLUMNS if name in columns}
 
 
-def catalogue_of(run, job, columns):
-    """Return the TableCatalog of {name: values} for a job of an OpenCampaign. Raises InputError."""
-    options = {"columns": columns}
+def catalogue_of(run, job, columns, light_curves=None):
+    """Return the TableCatalog of {name: values} for a job of an OpenCampaign. Raises InputError.
+
+    light_curves: file of the curves that the column light_curve names (catalog.changing.light_curves).
+    """
+    options = {"columns": columns} | ({"light_curves": light_curves} if light_curves else {})
     if run.config.instrument is not None:
         options["instrument"] = run.config.instrument
     return TableCatalog(options, run.region(job.exposure))

@@ -28,7 +28,7 @@ class Held(Level0):
 
 
 @one_thread
-def into_frame(run, frame, table, realisation, say):
+def into_frame(run, frame, table, realisation, say, light_curves=None):
     """Return a simulation.frame.Frame with a table's objects; its truth is that of the injected objects alone.
 
     frame: of run's own campaign. Raises InputError for a frame of another one.
@@ -38,8 +38,8 @@ def into_frame(run, frame, table, realisation, say):
     job = run.job(*frame.key)
     if frame.window != job.window:
         raise InputError("the frame is of another window", key="frame", value=frame.window, allowed=job.window)
-    request = Request(table_of(table), "a table", realisation)
-    light = light_of(run, job, catalogue_of(run, job, request.columns), realisation, say)
+    request = Request(table_of(table), "a table", realisation, light_curves=light_curves)
+    light = light_of(run, job, catalogue_of(run, job, request.columns, light_curves), realisation, say)
     if frame.raw is None:
         image = frame.image.copy()
         image.reshape(-1)[light.pixel] += light.nominal

@@ -5,7 +5,7 @@
     level0/{obsid}/{stem}.fits {stem}.truth.parquet {stem}.cat {stem}.orders.parquet {stem}.cosmic.fits
     masters/chip_08.fits  calibrated/{obsid}_{chip}.fits  measure/{obsid}_{chip}.parquet  spectra/{obsid}_{chip}.parquet
     merge/dataset/Norder=8/Dir=D/Npix=P.parquet  merge/hats.properties  validate/{P}.json
-    report/index.html verdict.json  look/{obsid}_{chip}.png
+    report/index.html verdict.json variants.html  look/{obsid}_{chip}.png
 
 chips/ has the files passed between a chip's stages; it may be elsewhere (`scratch`), on a node's own disk.
 The names of Level-0 files have the form that the campaign chooses (io.level0_names). Bricks use the HATS directory
@@ -128,3 +128,8 @@ class Paths:
     def report(self):
         """The campaign's report, HTML."""
         return self.output / "report" / "index.html"
+
+    @property
+    def variants_page(self):
+        """The comparison of a campaign's variants, HTML."""
+        return self.output / "report" / "variants.html"

@@ -31,17 +31,22 @@ CAT_COLUMNS = {
     "e1": "e1", "e2": "e2", "kappa": "kappa", "g1": "g1", "g2": "g2", "size": "size", "galType": "gal_type",
     "veldisp": "veldisp",
 }  # fmt: skip
-# The other columns: they replace or add to the descriptions in catalog.table.COLUMNS
-ABOUT = {
-    "chip": "chip of the Level-0 file",
-    "filter": "its filter or grating",
-    **{name: meaning for name, (_, _, meaning) in changing.COLUMNS.items()},
+# Of tables with objects that move or vary, and of those of grating chips
+SOMETIMES = {
+    "catalog_row": "row of the object in the catalogue that was drawn, of a grating chip",
     "dmag": "mag by which it is fainter in this exposure than mag_*: of objects that vary, if the catalogue has any",
     "trail_start": "s after the start of the exposure, from which an object that moves is drawn; NaN: it does not move",
     "trail_end": "s, until which it is drawn; its place is that of the middle",
     "trail_length": "arcsec, of the motion in that time; 0: it does not move",
     "trail_angle": "deg, north through east, of the motion",
     **dict.fromkeys(ENDS, "FITS px of the assembled frame: where it is at trail_start and at trail_end"),
+}
+# The other columns: they replace or add to the descriptions in catalog.table.COLUMNS
+ABOUT = {
+    "chip": "chip of the Level-0 file",
+    "filter": "its filter or grating",
+    **{name: meaning for name, (_, _, meaning) in changing.COLUMNS.items()},
+    **SOMETIMES,
     "x": "FITS px of the assembled frame (centre of the first active pixel at 1)",
     "y": "the same",
     "ra": "deg, apparent direction: with the WCS of `sip: true`, or csstsim.Frame's, it gives xImage, yImage",
@@ -73,7 +78,6 @@ ABOUT = {
         ("x0", "x1", "y0", "y1"), "px, box of what was drawn, half-open, full frame; zeros: its wing alone"
     ),
     "ms": "CPU milliseconds",
-    "catalog_row": "row of the object in the catalogue that was drawn, of a grating chip",
 }
 # Types of the columns that COLUMNS and OPTIONAL of catalog.table, or catalog.changing, do not have
 TYPES = {
@@ -84,8 +88,6 @@ TYPES = {
     **dict.fromkeys(("trail_start", "trail_end", "trail_length", "trail_angle", "dmag", *ENDS), np.float64),
     **dict.fromkeys(("mag", "dm", "size", "lost", "wing", "snr", "error", "ms"), np.float32),
 }  # fmt: skip
-# Columns that not all tables have
-SOMETIMES = {"catalog_row", "dmag", "trail_start", "trail_end", "trail_length", "trail_angle", *ENDS}
 # Columns made here, and .cat names that differ from ours: a catalogue's own column of that name is renamed.
 TAKEN = {"chip", "filter", "detA", "dm", "g1", "g2", "size"} | (set(CAT_COLUMNS) - set(CAT_COLUMNS.values()))
 

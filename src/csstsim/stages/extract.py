@@ -13,6 +13,7 @@ from csstsim.catalog.galaxy_shapes.components import components
 from csstsim.catalog.table import GALAXY
 from csstsim.stages.calibrate import calibrated_frame
 from csstsim.stages.level0 import truth_of
+from csstsim.stages.parts.shared import copied_from_base
 from csstsim.stages.psf import open_psf
 
 SNR_MIN = 5.0  # of the workflow's spectra
@@ -31,6 +32,9 @@ def extract(run, job, snr_min=SNR_MIN, ids=None):
     from csstsim.measure.spectra.line_fluxes import LineFluxes, judged
     from csstsim.measure.spectra.spectra_figures import spectra_figure
 
+    workflows = snr_min == SNR_MIN and ids is None
+    if workflows and copied_from_base(run, job, "extract"):
+        return
     truth, frame, orders, *others = spectra_of_frame(run, job)
     unknown = [] if ids is None else sorted(set(ids) - set(orders["id"].tolist()))
     if unknown:
@@ -38,7 +42,7 @@ def extract(run, job, snr_min=SNR_MIN, ids=None):
     lines = LineFluxes(np.where(truth["obj_type"] == GALAXY, truth["z"], np.nan))
     table = extract_spectra(frame, orders, *others, snr_min=snr_min, ids=ids, lines=lines)
     paths = run.paths.spectra(*job.key), run.paths.lines(*job.key)
-    if snr_min != SNR_MIN or ids is not None:
+    if not workflows:
         paths = [run.paths.output / "chosen" / path.name for path in paths]
         paths[0].parent.mkdir(parents=True, exist_ok=True)
     path = paths[0]

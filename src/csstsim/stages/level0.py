@@ -4,6 +4,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.process.one_thread import one_thread
 from csstsim.base.release import check_recipe, check_release
 from csstsim.io.paths import made
+from csstsim.stages.parts.shared import copied_from_base
 from csstsim.stages.parts.stage_frames import Timer, state_before
 
 MADE_WITH = {
@@ -17,6 +18,8 @@ def level0(run, job):
     """Run the layers of the level0 stage and write the Level-0 file with its truth beside it."""
     from csstsim.catalog.table import ObjectTable
 
+    if copied_from_base(run, job, "level0"):
+        return
     timer = Timer("level0")
     state = state_before(run, job, "readout")
     if run.has_stage(job.pointing, "render"):

@@ -4,6 +4,7 @@ from csstsim.base.digest import digest
 from csstsim.base.process.one_thread import one_thread
 from csstsim.base.release import check_recipe
 from csstsim.simulation.state import State
+from csstsim.stages.parts.redraw import redrawn
 from csstsim.stages.parts.stage_frames import Timer, frame_meta
 from csstsim.stages.psf import open_psf
 
@@ -19,7 +20,11 @@ def render(run, job):
         path = run.paths.stage(*job.key, "select.parquet")
         objects = ObjectTable.read(path)
         check_recipe(path, objects.meta, run.recipe(job, "select"))
-    state = rendered(run, job.exposure, objects, run.streams(job))
+    state = redrawn(run, job, objects) if objects is not None else None
+    if state is None:
+        state = rendered(run, job.exposure, objects, run.streams(job))
+    else:
+        _finished(run, job.exposure, state)
     planes = {"image": state.image, "counted": state.counted, "mask": _marked(state.mask)}
     state.header["stages"] = [*(objects.meta["stages"] if objects is not None else []), timer.entry()]
     drawn = state.truth if state.truth is not None else ObjectTable.complete({}, run.camera.bands)
@@ -52,7 +57,12 @@ def rendered(run, exposure, objects, rng):
         state.header["psf_hash"] = digest(state.psf.attributes)
         state.spectra = object_spectra(run, exposure, objects)
     state = run.steps[exposure.pointing.type].run(state, "render", rng)
-    if state.truth is not None and chip.kind == "imaging":
+    return _finished(run, exposure, state)
+
+
+def _finished(run, exposure, state):
+    """Return the State with what is said of the whole light: which objects saturate, and its electrons."""
+    if state.truth is not None and exposure.chip.kind == "imaging":
         from csstsim.render.imaging.saturated import flag_saturated
 
         full_well = run.camera.detector.full_well

@@ -70,7 +70,7 @@ def report(run):
     verdicts.write_verdict(page.with_name("verdict.json"), verdict, campaign=run.config.name, csstsim=__version__)
     if merged:
         write_catalogue(run.paths.merge_catalogue, run.config.name, merged)
-    sky = {pix: run.paths.truth(pix) for pix in run.sky_bricks}
+    sky = {pix: run.paths.truth(pix) for pix in kinds(run)["truth"].made_for}
     if sky and all(path.is_file() for path in sky.values()):  # they may be removed when the campaign is done
         write_catalogue(run.paths.truth_catalogue, f"{run.config.name} truth", sky)
     print("\n".join([*verdicts.lines(verdict), str(page)]))
@@ -212,14 +212,16 @@ def _layers(run):
 
 def _summary(run):
     science = run.imaging_jobs + run.slitless_jobs
+    more = {"variants": _link(run, "side by side", run.paths.variants_page)} if run.variants else {}
     return {
-        "name": run.config.name,
+        "name": run.title,
         "exposures": len(by_exposure(run)),
         "Level-0 files": len(run.jobs),
         "filters": ", ".join(f for f in run.camera.filters if any(job.chip.filter == f for job in science)),
         "bricks": len(run.merge_bricks),
         "faintest magnitude drawn": run.config.catalog.mag_limit or "the whole truth",
         "rendering": run.config.fidelity,
+        **more,
     }
 
 

@@ -56,7 +56,8 @@ def validate(run, pix):
     write_result(path, result)
     for gate in result["gates"]:
         sources = "" if gate["n"] is None else f", {gate['n']} sources"
-        print(f"{NAMES[gate['passed']]}: {sentence({'brick': pix, **gate})}{sources}")
+        allowed = "" if gate["margin"] is None else f", {gate['margin']:.2f} of the most allowed with chance"
+        print(f"{NAMES[gate['passed']]}: {sentence({'brick': pix, **gate})}{sources}{allowed}")
 
 
 def _depth(run, job):

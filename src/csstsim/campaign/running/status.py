@@ -72,17 +72,22 @@ class Status:
 
 
 def wanted(run):
-    """Return {kind: {path: CPU s}} of the products of a campaign.opened.OpenCampaign, in the order of the workflow."""
+    """Return {kind: {path: CPU s}} of the products of a campaign.opened.OpenCampaign, in the order of the workflow.
+
+    Those of its variants follow, as "variant: kind".
+    """
     costs = expected(run)
 
     def cpu(kind, one):
         key = getattr(one, "key", one)
         return sum(costs[rule][key].cpu_s for rule in kind.rules if key in costs.get(rule, ()))
 
-    return {
+    own = {
         kind.name: {str(kind.files_of(one)[0]): cpu(kind, one) for one in kind.made_for}
         for kind in kinds(run).values() if kind.made_for
     }  # fmt: skip
+    variants = {f"{one.variant}: {name}": paths for one in run.variants for name, paths in wanted(one).items()}
+    return own | variants
 
 
 def look(run, products):
@@ -94,7 +99,9 @@ def look(run, products):
         Kind(name, paths, {path: files[path].st_mtime for path in paths if path in files})
         for name, paths in products.items()
     ]
-    return Status(kinds, pace(kinds), sum(about.st_size for about in files.values()), failures(f"{root}/logs"))
+    roots = (run.paths.output, *(one.paths.output for one in run.variants))
+    size = sum(about.st_size for path, about in files.items() if "/logs/" not in path[len(root) :])
+    return Status(kinds, pace(kinds), size, failures(*(f"{folder}/logs" for folder in roots)))
 
 
 def _files(folder, skip=(), links=False):
@@ -139,9 +146,9 @@ def pace(kinds):
     return None
 
 
-def failures(folder):
-    """Return [(path, line)] of the newest logs with an error, newest first."""
-    logs = sorted(_files(folder), key=lambda file: -file[1].st_mtime)[:LOGS]
+def failures(*folders):
+    """Return [(path, line)] of the newest logs with an error in folders of logs, newest first."""
+    logs = sorted((file for folder in folders for file in _files(folder)), key=lambda file: -file[1].st_mtime)[:LOGS]
     found = ((path, line) for path, _ in logs if (line := _complaint(path)))
     return [failure for failure, _ in zip(found, range(FAILURES), strict=False)]
 

@@ -13,10 +13,11 @@ def of_campaign(file):
 
     run = OpenCampaign(file)
     run.open_truth()
-    counts, disk, costs = plan(run)
+    counts, _, costs = plan(run)
+    need = sum(size for one in (run, *run.variants) for size in plan(one)[1].values())
     made = number_of(counts["Level-0 files"], "Level-0 file"), number_of(counts["jobs"], "job")
     yield Finding(OK, "campaign", f"{file}: {', '.join(made)}")
-    yield from output(run.paths.output, sum(disk.values()), look(run, wanted(run)))
+    yield from output(run.paths.output, need, look(run, wanted(run)))
     yield from memory(costs)
 
 

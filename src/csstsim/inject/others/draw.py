@@ -55,6 +55,11 @@ class Sky:
 def ready(frame, request):
     """Return a function (frame, target, say) that injects into a frame of others. Raises InputError."""
     image = read_foreign(frame)
+    if request.light_curves:
+        raise InputError(
+            "light curves are for frames of csstsim", file=frame, key="--light-curves", value=request.light_curves,
+            allowed="the magnitude at this image's time, in the table",
+        )  # fmt: skip
     if request.psf is None:
         raise InputError("a frame of others needs its PSF", file=frame, key="--psf")
     psf = read_psf(request.psf, image.band)

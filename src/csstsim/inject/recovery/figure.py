@@ -26,11 +26,14 @@ def draw(table, path):
         at = np.array([one.centre for one in bins])
         for row, (name, title) in enumerate(ROWS.items()):
             axes = panels[row, column]
-            _completeness(axes, at, bins) if name == "completeness" else _values(axes, at, bins, name)
+            if name == "completeness":
+                _completeness(axes, at, bins)
+            else:
+                _objects(axes, table, against, name, bins)
+                _values(axes, at, bins, name)
             axes.set(ylabel=title if not column else "", xlabel=label if row == len(ROWS) - 1 else "")
-    panels[1, 0].legend(fontsize=8, loc="lower left", ncols=2)
-    panels[2, 0].legend(fontsize=8, loc="lower left", ncols=2)
-    panels[3, 0].legend(fontsize=8, loc="lower left", ncols=2)
+    for axes in panels[1:, 0]:
+        axes.legend(fontsize=8, loc="lower left", ncols=2)
     with atomic_path(path) as temporary:
         figure.savefig(temporary, dpi=110, format="png")
     plt.close(figure)
@@ -40,6 +43,16 @@ def _completeness(axes, at, bins):
     share, low, high = np.transpose([one.completeness for one in bins])
     axes.errorbar(at, share, [share - low, high - share], fmt="o", color=BLUE, markersize=4)
     axes.set_ylim(-0.05, 1.05)
+
+
+def _objects(axes, table, against, name, bins):
+    """Draw the objects of bins that have too few for a mean, one by one."""
+    values = np.asarray(table[against], float)
+    for key, colour in ((name, BLUE), (PAIR.get(name), VERMILION)):
+        few = [one for one in bins if key is not None and not np.isfinite(one.numbers[key].mean)]
+        rows = table["clean"] & np.any([(values >= one.low) & (values < one.high) for one in few] or [False], axis=0)
+        if rows.any():
+            axes.plot(values[rows], table[key][rows], ".", color=colour, markersize=4, label=f"one object{_axis(key)}")
 
 
 def _values(axes, at, bins, name):

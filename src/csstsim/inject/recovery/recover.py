@@ -5,11 +5,12 @@ from pathlib import Path
 import numpy as np
 
 from csstsim.base.errors import InputError
+from csstsim.base.plural import number_of
 from csstsim.base.process.one_thread import one_thread
 from csstsim.inject.calibrated import check_planes
 from csstsim.inject.frames import LEVEL0, OTHER, job_of, kind_of
 from csstsim.inject.recovery.bins import AGAINST, LEAST, QUANTITIES, binned, of_rows
-from csstsim.inject.recovery.recovered import recovered
+from csstsim.inject.recovery.recovered import WHY, recovered
 from csstsim.io.paths import TRUTH
 from csstsim.io.truth import read_truth
 from csstsim.stages.calibrate import calibrated_of, calibration
@@ -31,7 +32,8 @@ def recover(injected, original, say=print, output=None, truth=None, **given):
     (run, job), kind = job_of(injected, say=say, **given), kind_of(injected)
     for path in (injected, original):
         if kind_of(path) == OTHER or kind_of(path) != kind:
-            raise InputError("both must be Level-0 files, or both calibrated images, of csstsim", file=path)
+            message = "is not measured: both must be Level-0 files, or both calibrated images, of csstsim"
+            raise InputError(message, file=path, allowed="for images of other telescopes, a program of your own")
     _, other = job_of(original, say=lambda text: None, **given)
     if other.key != job.key or job.chip.kind != "imaging":
         raise InputError("not an imaging frame of the same exposure", file=original, value=other.key, allowed=job.key)
@@ -42,7 +44,7 @@ def recover(injected, original, say=print, output=None, truth=None, **given):
         raise InputError("no injected object lies on the frame", file=injected)
     folder = Path(output) if output else injected.parent
     folder.mkdir(parents=True, exist_ok=True)
-    table.write(folder / f"{injected.stem}{TABLE}", {"injected": injected.name, "original": original.name})
+    table.write(folder / f"{injected.stem}{TABLE}", table.meta | {"injected": injected.name, "original": original.name})
     for line in lines(table):
         say(line)
     from csstsim.inject.recovery.figure import draw
@@ -88,6 +90,7 @@ def _of_image(run, job, path):
 
 def lines(table):
     """Yield the lines that `recover` prints: all objects, then bins against magnitude, size and density."""
+    yield from left_out(table)
     every = np.ones(len(table), bool)
     for name, rows in (("points", table["point"]), ("galaxies", ~table["point"])):
         if rows.any():
@@ -100,6 +103,22 @@ def lines(table):
             cells = [_cell(one.numbers[name]) for name in ("d_mag", "d_x", "d_g1")]
             span = "points" if one.high <= LEAST else f"{one.low:.3g} to {one.high:.3g}"
             yield f"{span:<28} {one.objects:>7}   {p:.3f} {low:.3f}-{high:.3f}  {'  '.join(cells)}"
+
+
+def left_out(table):
+    """Yield a line for each reason for which injected objects are not in the table, or found ones not in its means."""
+    for name, why in (("outside", "lie outside the frame"), ("dark", "have no light in the frame")):
+        if count := table.meta[name]:
+            yield f"{number_of(count, 'injected object')} left out: they {why}"
+    found = table["found"]
+    for flag, why in WHY.items():
+        if count := int((found & (table["flags"] & flag != 0)).sum()):
+            yield f"{number_of(count, 'found object')} left out of all means: {why}"
+    for key, label in QUANTITIES.items():
+        if not key.endswith(PULLS):
+            rows = table["clean"] & (~table["point"] if key in ("d_g1", "d_g2") else True)
+            if count := int((rows & ~np.isfinite(table[key])).sum()):
+                yield f"{number_of(count, 'found object')} left out of the means of {label}: not measured"
 
 
 def _of_kind(name, one):

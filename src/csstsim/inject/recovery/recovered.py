@@ -12,7 +12,9 @@ from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.measure.catalogue import BAD_PIXELS, SATURATED, TRUNCATED
 
 REACH = 3.0  # px: the farthest match
-DIRTY = SATURATED | TRUNCATED | BAD_PIXELS  # sources whose numbers are not judged
+WHY = {SATURATED: "saturated", TRUNCATED: "cut by the edge", BAD_PIXELS: "on bad pixels"}  # flags, not judged
+DIRTY = SATURATED | TRUNCATED | BAD_PIXELS
+REAL = 5.0  # S/N of the sources that make a density: below, most are noise
 # Columns of the table
 COLUMNS = {
     "id": "of the injected object",
@@ -21,8 +23,9 @@ COLUMNS = {
     "y": "the same",
     "mag": "AB, true",
     "size": "arcsec, half-light radius; 0 for a point",
-    "density": "arcmin-2, sources of the original frame within 15 arcsec",
+    "density": "arcmin-2, sources of S/N above 5 of the original frame within 15 arcsec",
     "found": "whether a source belongs to it",
+    "flags": "of the source (measured catalogue); 0 if it was not found",
     "clean": "found, and neither saturated nor cut nor on bad pixels",
     "snr": "measured",
     "d_mag": "measured magnitude less the true one; PSF for points, total for galaxies",
@@ -40,9 +43,12 @@ def recovered(truth, sources, before, window, pixel_scale):
     """Return the ObjectTable of COLUMNS, a row an injected object whose place is on the window.
 
     truth: of the injected objects, io.truth.read_truth; sources, before: measured tables (measure.catalogue) of the
-    injected and the original frame; window: instrument.chip.Window; pixel_scale [arcsec].
+    injected and the original frame; window: instrument.chip.Window; pixel_scale [arcsec]. Its meta says how many
+    injected objects have no row: those `outside` the window, and those of which no light was drawn, `dark`.
     """
-    truth = truth.take(np.flatnonzero(window.contains(truth["x"], truth["y"]) & (truth["drawn"] > 0)))
+    inside, lit = window.contains(truth["x"], truth["y"]), truth["drawn"] > 0
+    meta = {"outside": int((~inside).sum()), "dark": int((inside & ~lit).sum())}
+    truth = truth.take(np.flatnonzero(inside & lit))
     count = len(truth)
     true, seen, old = (np.column_stack([t["x"], t["y"]]).astype(float) for t in (truth, sources, before))
     places = np.concatenate([true, old])
@@ -59,15 +65,17 @@ def recovered(truth, sources, before, window, pixel_scale):
     place = measured("pos_err") / pixel_scale
     flags = np.nan_to_num(measured("flags")).astype(int)
     e = _true_shape(truth)
+    known = old[before["snr"] > REAL] if len(old) else old
     d_x, d_y = measured("x") - truth["x"], measured("y") - truth["y"]
     return ObjectTable({
         "id": truth["id"], "point": point, "x": truth["x"], "y": truth["y"], "mag": truth["mag"].astype(float),
-        "size": np.where(point, 0.0, truth["size"]), "density": density(true, old, pixel_scale), "found": found,
-        "clean": found & (flags & DIRTY == 0), "snr": measured("snr"), "d_mag": mag - truth["mag"],
+        "size": np.where(point, 0.0, truth["size"]), "density": density(true, known, pixel_scale),
+        "found": found, "flags": flags, "clean": found & (flags & DIRTY == 0), "snr": measured("snr"),
+        "d_mag": mag - truth["mag"],
         "flux_pull": (flux - light) / error, "d_x": d_x, "d_y": d_y, "place_pull_x": d_x / place,
         "place_pull_y": d_y / place, "d_g1": np.where(point, np.nan, measured("g1") - e.real),
         "d_g2": np.where(point, np.nan, measured("g2") - e.imag),
-    })  # fmt: skip
+    }, meta)  # fmt: skip
 
 
 _KINDS = ("flux", ""), ("flux", "_err"), ("mag", "")

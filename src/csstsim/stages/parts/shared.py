@@ -1,13 +1,17 @@
-"""Truth bricks and PSF sets that several campaigns share: one file, linked into the output folder of each.
+"""Products that several campaigns share: made once, linked or copied into the output folder of each.
+
+Truth bricks and PSF sets are shared by campaigns that name one folder, finished frames by a base and its variants.
 
 The file in the shared folder is whole when it appears there and is never written again. A campaign that is removed, or
 that makes its own anew, leaves it as it is.
 """
 
 import os
+import shutil
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
+from csstsim.campaign.products import kinds
 
 
 def make_or_link(run, path, make, check, say):
@@ -35,3 +39,24 @@ def make_or_link(run, path, make, check, say):
     with atomic_path(path) as temporary:
         os.link(common, temporary)
     say(f"shared, not made: {common}")
+
+
+def copied_from_base(run, job, rule, say=print):
+    """Copy the base's products of a job to a variant's folder, if its keys do not change them.
+
+    rule: level0, measure or extract. Return whether: not if the products differ, or if the base has not made them yet.
+    No links: Snakemake dates what a job leaves anew, and the base's measurements would be older than their frame.
+    """
+    if not run.in_base(*job.key, rule if rule == "level0" else "measure"):
+        return False
+    theirs, ours = (kinds(owner)[rule].files_of(job) for owner in (run.base, run))
+    if not all(path.is_file() for path in theirs):
+        return False
+    pairs = list(zip(theirs, ours, strict=True))
+    if rule == "level0" and (rays := run.base.paths.level0_cosmic(job)).is_file():
+        pairs.append((rays, run.paths.level0_cosmic(job)))
+    for common, path in pairs:
+        with atomic_path(path) as temporary:
+            shutil.copyfile(common, temporary)
+    say(f"equal in the base, not made: {theirs[0]}")
+    return True

@@ -1,0 +1,118 @@
+"""Variants: campaigns that differ from a base in some keys, and take from it what those keys do not change.
+
+A variant is named FILE@NAME wherever a campaign is. Its products are in `variants/NAME` of the base's output folder.
+Truth bricks, PSF sets and light of chips whose recipes are the base's are the base's files. Of its Level-0 files and
+measurements the variant's folder has copies (stages.parts.shared).
+"""
+
+from pathlib import Path
+
+from csstsim.base.errors import InputError
+from csstsim.io.paths import LIGHT, Paths
+
+MARK, FOLDER = "@", "variants"
+OF_BASE = "schema_version", "name", "output", "share", "variants"  # keys that no variant changes
+STAGE_OF = {"select.parquet": "select"} | dict.fromkeys(LIGHT, "render")  # of the files that a variant may take over
+
+
+def split(file):
+    """Return the campaign file and the variant's name of FILE@NAME; None for the name of a base."""
+    path = Path(file)
+    before, mark, name = path.name.rpartition(MARK)
+    return (path.with_name(before), name) if before and mark and name and not path.exists() else (path, None)
+
+
+def named(file, name):
+    """Return FILE@NAME as a path."""
+    path = Path(file)
+    return path.with_name(f"{path.name}{MARK}{name}")
+
+
+def changed(data, name, file):
+    """Return the mapping of a variant: the base's with the variant's keys. Raises InputError.
+
+    data: the mapping of the base's file. Within a mapping, keys that the variant does not give stay.
+    """
+    variants = data.get("variants") or {}
+    if not isinstance(variants, dict) or name not in variants:
+        known = ", ".join(map(str, variants)) or "none in this campaign"
+        raise InputError("no such variant", file=file, key="variants", value=name, allowed=known)
+    keys = variants[name] or {}
+    for key in OF_BASE:
+        if key in keys:
+            raise InputError("cannot differ from the base", file=file, key=f"variants.{name}.{key}", value=keys[key])
+    return _with({key: value for key, value in data.items() if key != "variants"}, keys)
+
+
+def _with(base, keys):
+    both = {key for key in keys if isinstance(keys[key], dict) and isinstance(base.get(key), dict)}
+    return base | keys | {key: _with(base[key], keys[key]) for key in both}
+
+
+def equal(run, obsid, chip_id, stage):
+    """Whether the base of a variant, an OpenCampaign, makes a stage's product of a job with the same bits."""
+    alike = ("level0_names", "truth") if stage in ("level0", "measure") else ()
+    if any(getattr(run.config, key) != getattr(run.base.config, key) for key in alike):
+        return False
+    try:
+        theirs = run.base.job(obsid, chip_id)
+    except InputError:  # not one of its jobs
+        return False
+    return run.base.recipe(theirs, stage) == run.recipe(run.job(obsid, chip_id), stage)
+
+
+def made_by_base(run, rule, key):
+    """Whether the base makes what a job of a rule would: nothing is left for the variant but a copy.
+
+    key: (obsid, chip), a brick or a chip, as in campaign.costs. False for a base.
+    """
+    if run.base is None:
+        return False
+    if rule in ("truth", "psf"):
+        return not getattr(run.paths, rule)(key).is_relative_to(run.paths.output)
+    stage = {"readout": "level0", "chip": "level0", "extract": "measure"}.get(rule, rule)
+    return stage in ("select", "render", "level0", "measure") and run.in_base(*key, stage)
+
+
+class VariantPaths(Paths):
+    """Paths of a variant: those of the base for truth bricks, PSF sets and light that are equal in it.
+
+    run: the campaign.opened.OpenCampaign of the variant; output, scratch: the base's folders.
+    """
+
+    def __init__(self, run, output, scratch=None, *names):
+        below = Path(FOLDER, run.variant)
+        super().__init__(Path(output) / below, scratch and Path(scratch) / below, *names)
+        self._run = run
+
+    def _of(self, equal):
+        """Return the paths of the base where a product is equal, else those of this folder."""
+        return self._run.base.paths if equal else super()
+
+    def _shared(self, rule, number, numbers):
+        """Whether the base makes the product of a brick or chip. numbers: the property with all of the base's."""
+        run, base = self._run, self._run.base
+        if getattr(base.recipes, rule) != getattr(run.recipes, rule):
+            return False
+        alike = all(
+            getattr(run.config, key) == getattr(base.config, key) for key in ("survey_table", "select", "window")
+        )
+        geometry = run.camera.digest_for("select") == base.camera.digest_for("select")
+        return (alike and geometry) or number in getattr(base, numbers)  # the latter opens all jobs
+
+    def truth(self, pix):
+        """As Paths.truth."""
+        return self._of(self._shared("truth", pix, "sky_bricks")).truth(pix)
+
+    def psf(self, chip_id):
+        """As Paths.psf."""
+        return self._of(self._shared("psf", chip_id, "sky_chips")).psf(chip_id)
+
+    def psf_tables(self, chip_id):
+        """As Paths.psf_tables."""
+        return self._of(self._shared("psf", chip_id, "sky_chips")).psf_tables(chip_id)
+
+    def stage(self, obsid, chip_id, name):
+        """As Paths.stage."""
+        equal = name in STAGE_OF and self._run.in_base(obsid, chip_id, STAGE_OF[name])
+        return self._of(equal).stage(obsid, chip_id, name)

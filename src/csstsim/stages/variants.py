@@ -1,0 +1,87 @@
+"""Variants: the page that sets a campaign's variants side by side, and says what each measures otherwise."""
+
+import json
+
+from csstsim.base.errors import InputError
+from csstsim.base.process.one_thread import one_thread
+from csstsim.base.process.progress import progress
+from csstsim.base.release import check_recipe
+from csstsim.io.paths import made
+from csstsim.stages.level0 import truth_of
+from csstsim.stages.measure import measured_table
+
+
+@one_thread
+def variants(run, say=print):
+    """Write report/variants.html of a base whose campaigns are finished. Raises InputError if a product is missing."""
+    from csstsim.base.stages import flat
+    from csstsim.report.variants_page import Study, write_variants
+
+    if not run.variants:
+        raise InputError("the campaign has no variants", file=run.file, key="variants")
+    runs = (run, *run.variants)
+    verdicts = {one.variant or "base": _verdict(one) for one in runs}
+    own = _Measured(run)
+    studies = [
+        Study(one.variant, flat(run.config.variants[one.variant]), *own.compared(one))
+        for one in progress(run.variants, "variants")
+    ]
+    page = run.paths.variants_page
+    write_variants(page, run.title, verdicts, studies)
+    for study in studies:
+        say(f"{study.name}: {len(study.objects)} objects and spectra in both")
+    say(page)
+
+
+def _verdict(run):
+    path = made(run.paths.report.with_name("verdict.json"), f"report {run.file}")
+    try:
+        return json.loads(path.read_text())
+    except ValueError:
+        raise InputError("is damaged; write the report again", file=path) from None
+
+
+class _Measured:
+    """What a base has measured, a frame at a time, to be compared with its variants."""
+
+    def __init__(self, run):
+        self._run = run
+
+    def compared(self, other):
+        """Return ([differences of objects and spectra], {"base" or "variant": counts}) of frames that both have."""
+        from csstsim.bricks.twins import differences, spectral_differences
+
+        theirs, objects = {job.key: job for job in other.science_jobs}, []
+        counts = {"base": {}, "variant": {}}
+        for job in self._run.science_jobs:
+            twin = theirs.get(job.key)
+            if twin is None:
+                continue
+            if self._run.has_orders(job) and other.has_orders(twin):
+                pair = (_spectra(one, frame) for one, frame in ((self._run, job), (other, twin)))
+                objects += spectral_differences(*pair).values()
+            elif job.chip.kind == twin.chip.kind == "imaging":
+                (first, n_first), (second, n_second) = _seen(self._run, job), _seen(other, twin)
+                objects += differences(first, second).values()
+                for name, found in (("base", n_first), ("variant", n_second)):
+                    counts[name] = {key: counts[name].get(key, 0) + value for key, value in found.items()}
+        return objects, counts
+
+
+def _seen(run, job):
+    from csstsim.bricks.twins import seen
+    from csstsim.bricks.validate import MeasuredFrame, judged_truth
+
+    truth, measured = truth_of(run, job), measured_table(run, job)
+    frame = MeasuredFrame(truth, measured, run.camera.detector.channel_ny, run.camera.telescope.pixel_scale)
+    return seen(frame, judged_truth(frame))
+
+
+def _spectra(run, job):
+    from csstsim.bricks.twins import spectra
+    from csstsim.catalog.table import ObjectTable
+
+    path = made(run.paths.spectra(*job.key), f"extract {run.file} {job.options}")
+    table = ObjectTable.read(path)
+    check_recipe(path, table.meta, run.recipe(job, "measure"))
+    return spectra(table)

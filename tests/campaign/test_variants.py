@@ -1,0 +1,195 @@
+"""Variants of a campaign: what they take from their base, bits of a campaign alone, one graph, clear errors."""
+
+import re
+import shutil
+
+import pytest
+import yaml
+from commands import command, done
+from mini_campaign import POINTINGS, write_campaign
+from workflow_run import dry_run
+
+from csstsim.base.errors import InputError
+from csstsim.campaign.opened import OpenCampaign
+from csstsim.campaign.running.status import wanted
+
+BASE = {"select": {"types": ["SCIE"], "chips": [9]}, "keep": "light"}
+VARIANTS = {
+    "warm": {"instrument": {"detector.temperature": 193.0, "detector.gain": 1.3}},
+    "rough": {"measurement": {"cti_passes": 1}},
+    "sparse": {"psf": {"grid": 3}},
+}
+
+
+def make(folder, variants=VARIANTS, **changes):
+    """A campaign on tiny chips whose camera is given as numbers to change."""
+    file = write_campaign(folder, [POINTINGS[0]], **(BASE | changes))
+    data = yaml.safe_load(file.read_text())
+    data["instrument"] = {"folder": data["instrument"], "detector.gain": 1.2}
+    file.write_text(yaml.safe_dump(data | {"variants": variants}))
+    return file
+
+
+@pytest.fixture(scope="module")
+def base(tmp_path_factory):
+    return make(tmp_path_factory.mktemp("variants"))
+
+
+def run_of(base, name):
+    return OpenCampaign(f"{base}@{name}")
+
+
+def test_a_variant_is_the_base_with_its_keys(base):
+    warm, own = run_of(base, "warm"), OpenCampaign(base)
+    assert warm.camera.detector.gain == 1.3 and own.camera.detector.gain == 1.2
+    assert warm.config.psf == own.config.psf and not warm.config.variants
+    assert warm.paths.output == own.paths.output / "variants" / "warm"
+    assert warm.title == "mini, variant warm" and warm.config.name == "mini"  # headers are those of a campaign alone
+    assert {run.variant for run in own.variants} == set(VARIANTS) and all(run.base is own for run in own.variants)
+
+
+def test_a_variant_takes_what_its_keys_do_not_change(base):
+    own = OpenCampaign(base).paths
+    key = "10100000001", 9
+    for name, bricks, sets, light in (("warm", 1, 1, 1), ("rough", 1, 1, 1), ("sparse", 1, 0, 0)):
+        run = run_of(base, name)
+        assert (run.paths.truth(5) == own.truth(5)) == bricks
+        assert (run.paths.psf(9) == own.psf(9)) == sets == (run.paths.psf_tables(9) == own.psf_tables(9))
+        assert (run.paths.stage(*key, "render.fits") == own.stage(*key, "render.fits")) == light
+        assert run.paths.stage(*key, "select.parquet") == own.stage(*key, "select.parquet")
+        assert run.paths.stage(*key, "readout.fits") != own.stage(*key, "readout.fits")
+    assert [run_of(base, name).in_base(*key, "level0") for name in VARIANTS] == [False, True, False]
+    assert not any(run_of(base, name).in_base(*key, "measure") for name in VARIANTS)
+    assert not run_of(base, "rough").in_base("10100000001", 8, "level0")  # no job
+
+
+def test_another_selection_takes_bricks_of_the_base_alone(tmp_path):
+    base = make(tmp_path, {"more": {"select": {"chips": [8, 9]}}})
+    run = run_of(base, "more")
+    assert run.paths.psf(9) == run.base.paths.psf(9) and run.paths.psf(8) != run.base.paths.psf(8)
+    assert [run.in_base("10100000001", chip, "level0") for chip in (8, 9)] == [False, True]
+
+
+def test_products_have_the_bits_of_a_campaign_alone(base, tmp_path):
+    job = ["--obsid", "10100000001", "--chip", 9]
+    for run in (base, *(f"{base}@{name}" for name in VARIANTS)):
+        done("chip", run, *job)
+    out = base.parent / "out"
+    for name, keys in VARIANTS.items():
+        if name == "rough":  # below
+            continue
+        folder = tmp_path / name
+        folder.mkdir()
+        alone = make(folder, {"itself": keys})
+        data = yaml.safe_load(alone.read_text())
+        del data["variants"]
+        for key, value in keys.items():
+            data[key] |= value
+        alone.write_text(yaml.safe_dump(data | {"instrument": data["instrument"] | {
+            "folder": str(base.parent / "instrument")}}))  # fmt: skip
+        for kind in ("truth", "psf") if name == "warm" else ("truth",):
+            shutil.copytree(out / kind, folder / "out" / kind)
+        done("chip", alone, *job)
+        (made,) = (out / "variants" / name / "level0").rglob("*.fits")
+        (expected,) = (folder / "out" / "level0").rglob("*.fits")
+        assert _level0(made) == _level0(expected)
+        truth = "*.truth.parquet"
+        assert _table(next(made.parent.glob(truth))) == _table(next(expected.parent.glob(truth)))
+    (ours,), (theirs,) = ((root / "level0").rglob("*.fits") for root in (out, out / "variants" / "rough"))
+    assert ours.read_bytes() == theirs.read_bytes() and not ours.samefile(theirs)  # only measured otherwise: a copy
+    assert _level0(ours) != _level0(next((out / "variants" / "warm" / "level0").rglob("*.fits")))
+
+
+def _level0(path):
+    import fitsio
+
+    from csstsim.compare.varying import varies
+
+    with fitsio.FITS(path) as file:
+        records = [(r["name"], r["value"]) for hdu in file for r in hdu.read_header().records()]
+        return [card for card in records if not varies(str(card[0]))], file["IMAGE"].read().tobytes()
+
+
+def _table(path):
+    from csstsim.catalog.table import ObjectTable
+
+    table = ObjectTable.read(path)
+    return {name: table[name].astype(str).tolist() for name in table.names if name != "ms"}
+
+
+def test_one_graph_makes_each_thing_once(tmp_path):
+    code, said = dry_run(make(tmp_path), "--cores", "1")
+    assert code == 0, said
+    jobs = dict(re.findall(r"^(\w+) +(\d+)$", said, re.MULTILINE))
+    assert jobs["render"] == "1" and jobs["sparse_render"] == "1" and jobs["sparse_psf"] == "1"
+    assert jobs["truth"] == "1" and jobs["warm_readout"] == "1" and jobs["rough_measure"] == "1"
+    assert not {"warm_render", "warm_psf", "warm_truth", "rough_readout", "rough_render", "sparse_select"} & set(jobs)
+    assert {"warm_report", "rough_report", "sparse_report", "report"} <= set(jobs)
+
+
+def test_no_variants_no_other_jobs(tmp_path):
+    with_none, without = (make(tmp_path / name, {}) for name in map(_folder(tmp_path), ("with", "without")))
+    data = yaml.safe_load(without.read_text())
+    del data["variants"]
+    without.write_text(yaml.safe_dump(data))
+    tables = [
+        re.findall(r"^(\w+) +(\d+)$", dry_run(file, "--cores", "1")[1], re.MULTILINE) for file in (with_none, without)
+    ]
+    assert tables[0] == tables[1] and len(dict(tables[0])) == 13
+
+
+def _folder(root):
+    def made(name):
+        (root / name).mkdir()
+        return name
+
+    return made
+
+
+def test_commands_know_the_variants(base):
+    assert "sparse" in done("plan", base) and "measurement.cti_passes: 1" in done("plan", base)
+    assert done("check", base).count(": good; 1 chip") == 4
+    kinds = wanted(OpenCampaign(base))
+    assert "warm: Level-0 files" in kinds and "warm: PSF sets" not in kinds and "sparse: PSF sets" in kinds
+    found = command("verify", base)
+    assert "variants/warm:" in found.output and "foreign" not in found.output
+
+
+@pytest.mark.parametrize(("variants", "said"), [
+    ({"a": {"psf": {"grdi": 3}}}, r"@a: .*psf\.grdi"),
+    ({"a": {"seeed": 3}}, "@a: .*seeed"),
+    ({"a": {"psf": {"grid": 1}}}, r"@a: .*psf\.grid"),
+    ({"a": {"output": "elsewhere"}}, r"variants\.a\.output.*cannot differ"),
+    ({"a": {"variants": {}}}, "cannot differ"),
+    ({"a b": {"seed": 4}}, "letters, digits"),
+    ({"../a": {"seed": 4}}, "letters, digits"),
+    ({"": {"seed": 4}}, "letters, digits"),
+    ({"a": {}}, "equal to the base"),
+    ({"a": {"seed": 3}}, "equal to the base"),
+    ({"a": {"seed": 4}, "b": {"seed": 4}}, "equal to the variant a"),
+    ({"a": 3}, r"variants\.a"),
+    ([{"a": {"seed": 4}}], "variants"),
+])  # fmt: skip
+def test_a_fault_is_one_clear_error(tmp_path, variants, said):
+    file = make(tmp_path, variants)
+    with pytest.raises(InputError) as error:
+        OpenCampaign(file)
+    assert re.search(said, str(error.value)), error.value
+    found = command("check", file)
+    assert found.exit_code == 2 and len(found.output.splitlines()) <= 2 and not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("name", ["nosuch", "warm@rough"])
+def test_an_unknown_variant_is_refused(base, name):
+    with pytest.raises(InputError, match="no such" if name == "nosuch" else "no file|cannot"):
+        OpenCampaign(f"{base}@{name}")
+
+
+def test_the_workflow_refuses_a_variant_without_its_base(base):
+    code, said = dry_run(base.with_name("campaign.yaml@warm"), "--cores", "1")
+    assert code == 2 and "without @" in said
+
+
+def test_a_file_with_the_mark_in_its_name_is_a_base(tmp_path):
+    file = make(tmp_path, {"a": {"seed": 4}}).rename(tmp_path / "mine@home.yaml")
+    assert OpenCampaign(file).variant is None and OpenCampaign(f"{file}@a").config.seed == 4
