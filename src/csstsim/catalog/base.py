@@ -197,6 +197,13 @@ class CatalogBase(ABC):
         """
         return None
 
+    def component_shares(self, rows, filter):
+        """Return {"bulge_frac": (len(rows),), "knots_frac": ...}: shares of the light in a band, or None: the table's.
+
+        Override it for galaxies with a colour gradient on imaging chips.
+        """
+        return None
+
     def dimming(self, rows, interval, filter):
         """Return (len(rows),) mag by which objects are fainter in an exposure than the catalogue says, or None: never.
 

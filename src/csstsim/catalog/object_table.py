@@ -203,7 +203,9 @@ def object_table(columns, bands, where):
         columns = with_images(columns, obj_type, where)
     if "spectrum_file" in columns:
         columns["spectrum_file"] = named(columns, "spectrum_file", where)
-        light = {bands[b] if isinstance(bands, dict) else b: columns[f"mag_{b}"] for b in bands if f"mag_{b}" in columns}
+        light = {
+            bands[b] if isinstance(bands, dict) else b: columns[f"mag_{b}"] for b in bands if f"mag_{b}" in columns
+        }
         check_spectra(columns["spectrum_file"], light, where)
     if "knots" in columns:  # without a share all of the disk's light
         disk = 1.0 - np.nan_to_num(np.asarray(columns.get("bulge_frac", np.zeros(count)), float))
