@@ -73,7 +73,7 @@ from csstsim.base.errors import CsstsimError, InputError
 from csstsim.base.help_page import explained
 from csstsim.base.sphere import inside, unit_vectors
 from csstsim.catalog.changing import columns as changing
-from csstsim.catalog.galaxy_shapes.galsim_images import image_of
+from csstsim.catalog.galaxy_shapes.galsim_images import galsim_columns
 from csstsim.catalog.galaxy_shapes.unsupported_shapes import check_shapes
 from csstsim.catalog.light.photometry import ab_mag, bin_means, load_fluxes
 from csstsim.catalog.mock_object import MockObject
@@ -137,6 +137,14 @@ class CatalogBase(ABC):
         """
         return None
 
+    def _galsim_objects(self):
+        """Yield (where, for messages, and the galsim_object) of each of `objs`."""
+        for obj in self.objs:
+            where = f"{name_of(self)}.galsim_object, object {obj.id}"
+            with users_code(where):
+                profile = self.galsim_object(obj)
+            yield where, profile
+
     @classmethod
     def files(cls, options):
         """Return the paths of the files in `options` whose content affects the chips.
@@ -158,7 +166,8 @@ class CatalogBase(ABC):
             names = sorted({name for obj in self.objs for name in obj.values})
             columns = {name: [getattr(obj, name, None) for obj in self.objs] for name in names}
             if type(self).galsim_object is not CatalogBase.galsim_object:
-                columns |= _galsim_columns(self, columns)
+                folder = self.options.get("images") or Path(inspect.getfile(type(self))).parent / "galsim_images"
+                columns |= galsim_columns(self._galsim_objects(), columns, folder)
             bands = self.region.bands
             ours = columns_with(bands) | OPTIONAL
             _refuse_units(name_of(self), {name: columns[name] for name in columns if name in ours})
@@ -244,23 +253,6 @@ class CatalogBase(ABC):
         current = ab_mag(sed, GRID, np.interp(GRID, wave, response, left=0.0, right=0.0))
         with np.errstate(over="ignore", invalid="ignore"):  # a dark spectrum becomes NaN, and is flagged
             return sed * 10 ** (0.4 * (current - target))
-
-
-def _galsim_columns(catalog, columns):
-    """Return {column: list} of the images of the GalSim objects that a catalogue gives for its objects."""
-    folder = catalog.options.get("images") or Path(inspect.getfile(type(catalog))).parent / "galsim_images"
-    blank = {"image_file": "", "image_scale": 0.0, "galsim_lost": None, "galsim_blur": None}
-    made = {name: list(columns.get(name, [value] * len(catalog.objs))) for name, value in blank.items()}
-    for row, obj in enumerate(catalog.objs):
-        where = f"{name_of(catalog)}.galsim_object, object {obj.id}"
-        with users_code(where):
-            profile = catalog.galsim_object(obj)
-        if profile is not None:
-            for name, value in image_of(profile, folder, where).items():
-                made[name][row] = value
-    for name, value in blank.items():
-        made[name] = [value if given is None else given for given in made[name]]
-    return made
 
 
 def _refuse_units(catalog, columns):

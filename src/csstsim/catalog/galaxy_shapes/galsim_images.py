@@ -25,6 +25,21 @@ BLUR = 0.4 * SCALE
 WAYS = (0.0, 1e-3), (BLUR, 1e-3), (BLUR, 5e-3), (BLUR, 2e-2)
 
 
+def galsim_columns(profiles, columns, folder):
+    """Return {column: list} of the images of GalSim objects; rows of None keep what `columns` {name: list} has.
+
+    profiles: (where, for messages, and a galsim.GSObject or None) of each row; folder: of the images' files.
+    """
+    profiles = list(profiles)
+    blank = {"image_file": "", "image_scale": 0.0, "galsim_lost": np.nan, "galsim_blur": np.nan}
+    made = {name: list(columns.get(name, [None] * len(profiles))) for name in blank}
+    for row, (where, profile) in enumerate(profiles):
+        if profile is not None:
+            for name, value in image_of(profile, folder, where).items():
+                made[name][row] = value
+    return {name: [blank[name] if given is None else given for given in values] for name, values in made.items()}
+
+
 def image_of(profile, folder, where):
     """Return {column: value} of a GalSim object's image, drawn into a file of `folder` unless the file is there.
 
