@@ -74,3 +74,19 @@ def test_front_holds_what_nothing_beats():
         "even": (4.0, 0.1, False),
     }
     assert pareto(found) == ["fast", "slow"]
+
+
+def test_other_shapes_are_drawn_as_direct_optics_say(bench_folder, tmp_path):
+    """A galaxy of each kind; GalSim's FFT of them is the same light (its PSF is the nearest node's, not blended)."""
+    for path in bench_folder.glob("psf_r_*"):
+        (tmp_path / path.name).symlink_to(path)
+    result = run("--quick", "--shapes", "--objects", "3", "--methods", "stamps,GalSim FFT", "--output", str(tmp_path))
+    assert result.exit_code == 0, result.output
+    rows = read(tmp_path / "cases.csv")
+    assert sorted({row["kind"] for row in rows}) == ["free n", "image", "knots"] and len(rows) == 6
+    for row in rows:
+        near = 3.0 if row["method"] == "GalSim FFT" else 1.0
+        for name, goal in (("flux", 1e-3), ("x_mas", 1.0), ("y_mas", 1.0), ("size2", 1e-3), ("e1", 1e-3)):
+            assert abs(float(row[f"{name}_direct"])) < near * goal, (row, name)
+    assert (tmp_path / "speed_accuracy.png").read_bytes().startswith(b"\x89PNG")
+    assert run("--shapes", "--filter", "GV", "--output", str(tmp_path)).exit_code == 2

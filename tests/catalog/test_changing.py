@@ -101,6 +101,24 @@ def test_a_wrong_file_of_curves_is_refused(tmp_path, text):
         LightCurves({"curve": ["a"], "mjd": [1.0], "dmag_r": [0.0]}, "here").at("a", [1.0], "i")
 
 
+@pytest.mark.parametrize("name, message", [
+    ("dmag_r,dmag_R", "dmag_r: two columns for one band"),
+    ("dmag,dmag_q", r"dmag_q: of no band of the camera .*allowed: dmag, dmag_nuv.*dmag_gv"),
+    ("dmag_", "dmag_: of no band of the camera"),
+])  # fmt: skip
+def test_curves_are_of_bands_of_the_camera_once_each(tmp_path, name, message):
+    path = tmp_path / "curves.csv"
+    path.write_text(f"curve,mjd,{name}\na,1{',0' * len(name.split(','))}\n")
+    with pytest.raises(InputError, match=message.replace(" .*", ".*")):
+        catalogue(light_curve=["a", ""], light_curves=str(path))
+
+
+def test_curves_of_a_grating_and_of_a_band(tmp_path):
+    path = tmp_path / "curves.csv"
+    path.write_text("curve,mjd,dmag_GV,dmag_r\na,1,0,0\n")
+    assert catalogue(light_curve=["a", ""], light_curves=str(path)).table["light_curve"].tolist() == ["a", ""]
+
+
 def test_units_of_a_rate_are_converted():
     table = Table({"ra": [10.0], "dec": [0.0], "mag_r": [20.0], "rate_ra": [0.5] * u.deg / u.s, "rate_mjd": [61000.0]})
     from csstsim.catalog.object_table import object_table, plain_columns

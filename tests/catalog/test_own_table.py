@@ -236,3 +236,21 @@ def test_flags_of_another_program_do_not_hide_objects(camera):
     columns = {"ra": [1.0, 2.0], "dec": [0.0, 0.0], "mag_r": [20.0, 21.0], "flags": [2, 32]}
     table = object_table(columns, camera.bands, "a table")
     assert table["user_flags"].tolist() == [2, 32] and not table["flags"].any()
+
+
+@pytest.mark.parametrize("options, message", [
+    ({"file": 5}, r"catalog.options.file: not the name of a file \(got 5"),
+    ({"file": ["a.csv"]}, "catalog.options.file: not the name of a file"),
+    ({"file": None}, "catalog.options.file: not the name of a file"),
+    ({"columns": 3}, r"catalog.options.columns: not columns \(got 'int'\); allowed: {name: list of values}"),
+    ({"columns": [1]}, "catalog.options.columns: not columns"),
+    ({"columns": {1: [3]}}, "catalog.options.columns: not columns"),
+    ({"columns": {"ra": [[1, 2], [3]], "dec": [1, 2], "mag_r": [3, 4]}}, "catalog.options.columns.ra: must hold one"),
+    ({"columns": columns(), "light_curves": True}, "catalog.options.light_curves: not the name of a file"),
+    ({"columns": columns(), "colums": 1}, "catalog.options: unknown key"),
+])  # fmt: skip
+def test_options_of_another_kind_are_refused_in_words(options, message):
+    """By the class, and when its files are asked for, before anything is made."""
+    for use in (lambda: TableCatalog(options, REGION), lambda: TableCatalog.files(options)):
+        with pytest.raises(InputError, match=message):
+            use()

@@ -56,7 +56,8 @@ def test_a_lens_moves_the_part_as_it_stretches_the_galaxy():
 
 
 def test_a_part_may_have_a_place_and_light_of_its_own():
-    table = load(ra=[10.0, 10.001], dec=[60.0, 60.001], mag_r=[20.0, 23.0], part_share=[BLANK, BLANK], z=[0.7, 0.71])
+    table = load(ra=[10.0, 10.001], dec=[60.0, 60.001], mag_r=[20.0, 23.0], part_share=[BLANK, BLANK], z=[0.7, 0.71],
+                 offset_ra=[BLANK, 0.0], offset_dec=[BLANK, BLANK])  # fmt: skip
     assert table["ra"][1] == 10.001 and table["mag_r"].tolist() == [20.0, 23.0]
     assert table["z"][1] == np.float32(0.71) and np.isnan(table["mag_i"][1])
 
@@ -77,10 +78,30 @@ def test_all_of_the_light_may_be_in_parts():
     ({"part_share": [BLANK, BLANK]}, "row 2 has no magnitude"),
     ({"offset_ra": [BLANK, 4000.0]}, "offset_ra: row 2, a part of object 3: is not within 3600 arcsec"),
     ({"n": [1.0, 9.0]}, "row 2 cannot be drawn: a galaxy whose n_disk"),
+    ({"ra": [10.0, 10.0], "dec": [60.0, 60.0]}, "row 2, a part of object 3: has both a place and an offset"),
+    ({"ra": [10.0, 10.0]}, "row 2, a part of object 3: has only one of ra and dec"),
+    ({"part_of": [BLANK, -5]}, r"part_of: row 2: is not an id \(got -5"),
+    ({"part_of": [BLANK, np.inf]}, r"part_of: row 2: is not an id \(got inf"),
+    ({"part_of": [BLANK, 3.5]}, "part_of: row 2: is not an id"),
+    ({"part_of": [0, 3]}, "row 1, a part of object 0: there is no row of that id"),
+    ({"part_share": [BLANK, np.inf]}, "part_share: row 2, a part of object 3: is not above 0"),
+    ({"offset_ra": [0.1, 0.4]}, "offset_ra: row 1: is of a part, and the row is none"),
+    ({"offset_dec": [np.inf, 0.4]}, "offset_dec: row 1: is of a part"),
+    ({"part_share": [0.5, 0.25]}, "part_share: row 1: is of a part"),
+    ({"part_of": [BLANK, -1], "part_share": [BLANK] * 2}, "offset_ra: row 2: is of a part"),
 ])  # fmt: skip
 def test_a_wrong_part_is_refused_by_row(columns, message):
     with pytest.raises(InputError, match=message):
         load(**columns)
+
+
+@pytest.mark.parametrize("name", ["offset_ra", "offset_dec", "part_share"])
+def test_a_table_without_part_of_has_no_offsets_and_shares(name):
+    columns = {"ra": [10.0, 10.1], "dec": [60.0, 60.0], "mag_r": [20.0, 21.0]}
+    table = TableCatalog({"columns": columns | {name: [BLANK, BLANK]}}, REGION).table
+    assert name not in table and f"user_{name}" not in table
+    with pytest.raises(InputError, match=f"{name}: row 2: is of a part, and the row is none"):
+        TableCatalog({"columns": columns | {name: [BLANK, 0.3]}}, REGION)
 
 
 def test_shares_above_the_whole_are_refused():

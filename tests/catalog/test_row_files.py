@@ -32,6 +32,7 @@ def folder(tmp_path):
         file["a"], file["c"], file["deep/b"] = gaussian(), gaussian(5), gaussian(21)
     wave = np.array([4000.0, 4990.0, 5000.0, 5010.0, 9000.0])
     Table({"WAVELENGTH": wave, "FLUX": [1.0, 1.0, 9.0, 1.0, 2.0]}).write(tmp_path / "line.csv")
+    Table({"WAVELENGTH": [3000.0, 3500.0], "FLUX": [1.0, 1.0]}).write(tmp_path / "blue.csv")
     return tmp_path
 
 
@@ -126,6 +127,10 @@ def test_a_wrong_image_is_refused_by_row(folder, name, message):
     ({"knots": [5, 5], "knots_frac": [0.5, 1.5]}, "row 2 cannot be drawn: a galaxy whose knots_frac and bulge_frac"),
     ({"knots": [5, 0], "knots_frac": [0.5, 0.5]}, "row 2 cannot be drawn: a galaxy with knots_frac but no knots"),
     ({"knots": [20_000, 0]}, "row 1 cannot be drawn: a galaxy of more than 10000 knots"),
+    ({"knots": [5, -3]}, "row 2 cannot be drawn: a negative number of knots"),
+    ({"knots": [5, 0], "type": ["star", "galaxy"]}, "row 1 cannot be drawn: a star or quasar with knots"),
+    ({"knots": [0, 0], "knots_frac": [0, 0.1], "type": ["galaxy", "quasar"]}, "row 2 cannot be drawn: a star or q"),
+    ({"spectrum_file": ["", "blue.csv"]}, r"row 2: the spectrum has no light in the band .*blue.csv, r'"),
     ({"spectrum_file": ["", "line.csv"], "mag_i": [20.0, 20.0]}, "spectrum_file: row 2: a spectrum from a file"),
     ({"spectrum_file": ["", "no.csv"]}, "row 2: .*no.csv: spectrum_file: no such file"),
     ({"spectrum_file": ["", "g.txt"]}, "row 2: .*unknown kind of spectrum"),
@@ -138,6 +143,21 @@ def test_a_wrong_row_is_refused(folder, columns, message):
 def test_knots_alone_are_all_of_the_disk(folder):
     table = catalog(folder, knots=[5, 0], bulge_frac=[0.25, 0.25]).table
     assert table["knots_frac"] == pytest.approx([0.75, 0.0]) and table["knots"].dtype == np.int32
+
+
+def test_a_blank_share_of_knots_is_all_of_the_disk(folder):
+    """As in a table without the column; a share of 0 stays one."""
+    table = catalog(folder, knots=[5, 6], knots_frac=[np.nan, 0.0], bulge_frac=[0.25, np.nan]).table
+    assert table["knots_frac"] == pytest.approx([0.75, 0.0])
+    table = catalog(folder, knots=[5, 0], knots_frac=[np.nan, np.nan], bulge_frac=[np.nan, 0.1]).table
+    assert table["knots_frac"] == pytest.approx([1.0, 0.0])
+
+
+@pytest.mark.parametrize("name", ["image_file", "spectrum_file"])
+def test_a_table_without_rows_may_have_columns_of_files(folder, name):
+    (folder / "none.csv").write_text(f"ra,dec,mag_r,type,{name}\n")
+    assert len(TableCatalog({"file": str(folder / "none.csv")}, REGION).table) == 0
+    assert TableCatalog.files({"file": str(folder / "none.csv")}) == (str(folder / "none.csv"),)
 
 
 @pytest.mark.parametrize("flux", [[1.0, -1.0], [1.0, np.nan], [0.0, 0.0]])

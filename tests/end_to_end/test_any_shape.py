@@ -76,4 +76,8 @@ def test_the_embedded_sky_with_all_components_has_the_same_light(tmp_path):
     assert np.asarray(simple["electrons"]) == pytest.approx(np.asarray(full["electrons"]), rel=1e-6)
     assert simple["flags"].tolist() == full["flags"].tolist()
     assert "n_bulge" not in simple.colnames
+    forming = np.asarray((full["knots"] > 0) & (simple["bulge_frac"] > 0.02))
+    assert forming.any() and (full["bulge_frac"][forming] != simple["bulge_frac"][forming]).all()  # in their band
+    quiet = np.asarray(full["knots"] == 0)
+    assert np.asarray(full["bulge_frac"])[quiet] == pytest.approx(np.asarray(simple["bulge_frac"])[quiet], abs=1e-6)
     assert len(np.unique(full["n_bulge"])) > 3 and (full["knots"] > 0).any()

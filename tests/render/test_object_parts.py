@@ -8,6 +8,7 @@ from canvases import blank
 from test_reference import objects
 
 from csstsim.bench.imaging.measures import moments
+from csstsim.catalog.galaxy_shapes.galsim_images import image_of
 from csstsim.catalog.galaxy_shapes.images import read_picture
 from csstsim.catalog.galaxy_shapes.knots import knots_of
 from csstsim.catalog.table import GALAXY
@@ -161,6 +162,19 @@ def test_an_image_of_a_profile_is_the_profile(show, tmp_path, n, size, scale, si
         agree(got, wanted, 2e-3)
         assert got.sum() * 1e6 == pytest.approx(table["drawn"][0], rel=1e-5)
     many_photons(show, wanted, **columns | lens)
+
+
+@pytest.mark.parametrize("n, size", [(1.0, 0.25), (2.5, 0.2)])
+def test_a_galsim_object_has_the_axes_of_the_catalogue(show, tmp_path, n, size):
+    """GalSim's g1, g2 are e1, e2: a profile that a class gives is that of a row, in every fidelity."""
+    made = image_of(galsim.Sersic(n, half_light_radius=size).shear(g1=0.2, g2=0.1), tmp_path, "here")
+    picture = read_picture(made["image_file"])
+    columns = {"image_file": made["image_file"], "image_scale": made["image_scale"], "size_disk": size,
+               "image_radius": picture.radius * made["image_scale"], "image_pa": 0.0}  # fmt: skip
+    wanted, _ = show("noise_free", n_disk=n, size_disk=size, e1=0.2, e2=0.1, **LENSED)
+    for fidelity in ("reference", "noise_free"):
+        got, _ = show(fidelity, **columns | LENSED)
+        agree(got, wanted, 2e-3)
 
 
 @pytest.mark.parametrize("kind", ["knots", "image"])

@@ -153,7 +153,8 @@ def test_points_and_line_are_the_same_track(moving, monkeypatch):
         assert table["electrons"][0] == pytest.approx(
             pieces["electrons"][0], rel=1e-3
         )  # the shutter takes 1% of the time
-        assert line.sum() == pytest.approx(points.sum(), rel=5e-3)  # its ends are sharp
+        assert line.sum() == pytest.approx(points.sum(), rel=1.5 * LIGHT)
+        assert np.abs(line - points).max() < 0.08 * points.max()  # at its ends, which are not quite as round
         inner = (slice(100, 180), slice(120, 180))
         assert line[inner].sum() == pytest.approx(points[inner].sum(), rel=2e-3)
         assert np.abs(line - points)[inner].max() < 0.01 * points.max()

@@ -8,9 +8,9 @@ from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 
 from csstsim.base.files.atomic import atomic_path
+from csstsim.bench.summary import KINDS
 
 ON_NODES = "direct optics, on nodes"
-KINDS = {"star": "stars", "galaxy": "galaxies"}
 _NEAR = 0.3, 0.13  # decades of cost and error: methods of one colour that are closer share a label
 _OFFSETS = [(x, y) for y in (6, -15, 20, -29, 34, -43) for x in (8, -8)]  # of a label from its point [pt], best first
 _OWN, _PRESETS = ("reference", "photons", "stamps", "slabs"), ("preview", "standard", "noise_free")
@@ -41,11 +41,12 @@ def pareto(found):
 
 def draw_chart(path, tables):
     """Write the chart (PNG). tables: one list of bench.summary.summarise per filter."""
-    figure = Figure(figsize=(2 + 5.2 * len(tables), 9), layout="constrained")
-    axes = figure.subplots(2, len(tables), sharex=True, sharey="row", squeeze=False)
-    every = [point for lines in tables for kind in KINDS for point in points(lines, kind).values()]
+    kinds = [kind for kind in KINDS if any(line["kind"] == kind for lines in tables for line in lines)]
+    figure = Figure(figsize=(2 + 5.2 * len(tables), 1 + 4 * len(kinds)), layout="constrained")
+    axes = figure.subplots(len(kinds), len(tables), sharex=True, sharey="row", squeeze=False)
+    every = [point for lines in tables for kind in kinds for point in points(lines, kind).values()]
     costs = np.array([cost for cost, _, _ in every] or [1.0])
-    for row, kind in zip(axes, KINDS, strict=True):
+    for row, kind in zip(axes, kinds, strict=True):
         seen = np.array([p[1] for lines in tables for p in points(lines, kind).values()] or [1.0])
         for axis, lines in zip(row, tables, strict=True):
             number = max((int(x["objects"]) for x in lines if (x["kind"], x["against"]) == (kind, ON_NODES)), default=0)
@@ -61,7 +62,7 @@ def draw_chart(path, tables):
         "electrons drawn. Grey: what the standard preset allows, a tenth of the object's own noise.", size=9.5,
     )  # fmt: skip
     figure.draw_without_rendering()  # computes the layout, which positions in the figure need
-    for row, kind in zip(axes, KINDS, strict=True):
+    for row, kind in zip(axes, kinds, strict=True):
         for axis, lines in zip(row, tables, strict=True):
             if found := points(lines, kind):
                 _label(axis, found)

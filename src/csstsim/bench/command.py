@@ -11,7 +11,7 @@ from csstsim.bench.sweep import sweep
 
 FULL = {"seconds": 0.2, "electrons": 3e7}
 QUICK = {"seconds": 0.01, "electrons": 1e6}
-OBJECTS, OBJECTS_SLITLESS, OBJECTS_QUICK = 320, 24, 24
+OBJECTS, OBJECTS_SHAPES, OBJECTS_SLITLESS, OBJECTS_QUICK = 320, 48, 24, 24
 LARGEST, LARGEST_QUICK = 5.0, 0.5  # arcsec
 
 
@@ -29,17 +29,24 @@ def chosen(names, methods):
     return tuple(found)
 
 
-def bench(folder, band, names, quick, objects, seed, say):
-    """Run the benchmark into `folder`: cases.csv (every object and method), speed_accuracy.csv and .png."""
+def bench(folder, band, names, quick, objects, seed, say, shapes=False):
+    """Run the benchmark into `folder`: cases.csv (every object and method), speed_accuracy.csv and .png.
+
+    shapes: of galaxies of any index, with knots, of images (bench.imaging.shapes).
+    """
     folder, start = Path(folder), time.process_time()
     setting = make_setting(folder, band)
-    if setting.disperser is None:
+    if shapes and setting.disperser is not None:
+        raise InputError("is for imaging filters", key="--shapes", value=band)
+    if shapes:
+        from csstsim.bench.imaging.benchmark import SHAPES as kind
+    elif setting.disperser is None:
         from csstsim.bench.imaging.benchmark import IMAGING as kind
     else:
         from csstsim.bench.slitless.benchmark import SLITLESS as kind
     methods = chosen(names, kind.methods)
     say(f"chip {setting.chip.id}, {band} band: PSF set and tables ready, {time.process_time() - start:.0f} CPU s")
-    full = OBJECTS if setting.disperser is None else OBJECTS_SLITLESS
+    full = OBJECTS_SHAPES if shapes else OBJECTS if setting.disperser is None else OBJECTS_SLITLESS
     count, largest = objects or (OBJECTS_QUICK if quick else full), LARGEST_QUICK if quick else LARGEST
     cases = kind.make_cases(setting, count, seed, largest)
     rows = sweep(kind, setting, cases, methods, **(QUICK if quick else FULL))

@@ -6,6 +6,9 @@ import numpy as np
 
 from csstsim.base.files.atomic import atomic_path
 
+# Kinds of objects, in this order, and how several are called
+KINDS = {"star": "stars", "galaxy": "galaxies", "free n": "any Sersic index", "knots": "with knots", "image": "images"}
+
 
 def write(path, rows):
     """Write a list of dicts of the same keys as CSV."""
@@ -40,7 +43,7 @@ def summarise(rows, bench, band):
     """
     lines = []
     for method in dict.fromkeys(row["method"] for row in rows):
-        for kind in ("star", "galaxy"):
+        for kind in dict.fromkeys(sorted((row["kind"] for row in rows), key=list(KINDS).index)):
             mine = [row for row in rows if (row["method"], row["kind"]) == (method, kind) and row["drawn"] > 0]
             node = [row for row in mine if row["at_node"]]
             rest = [row for row in mine if not row["at_node"]]

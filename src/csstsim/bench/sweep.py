@@ -42,8 +42,9 @@ def sweep(bench, setting, cases, methods, *, seconds, electrons):
     electrons draw each object until it has `electrons`.
     """
     truth, rows = bench.truth(setting), []
-    for kind in (True, False):  # compile and warm up before anything is timed
-        faintest = min((case for case in cases if case.star == kind), key=lambda case: case.electrons)
+    for kind in {case.about()["kind"] for case in cases}:  # compile and warm up before anything is timed
+        mine = (case for case in cases if case.about()["kind"] == kind)
+        faintest = min(mine, key=lambda case: case.electrons)
         for method in methods:
             measured(method, setting, faintest.brighter(2000.0), 0.0, 0.0)
             measured(method, setting, faintest, 0.0, 0.0)

@@ -134,7 +134,8 @@ class CatalogConfig(Model):
     components: Literal["simple", "full"] = Field(
         "simple",
         description="profiles of the embedded universe's galaxies: 'simple', disks of Sersic index 1 and bulges of 4; "
-        "'full', indices that scatter and rise with a bulge's mass, and knots (config/components.yaml)",
+        "'full', indices that scatter and rise with a bulge's mass, knots, and spectra of each component "
+        "(config/components.yaml)",
     )
     variable_stars: bool = Field(
         False, description="true: stars of the embedded universe vary (config/changing/variable_stars.yaml)"

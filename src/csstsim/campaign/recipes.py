@@ -35,7 +35,7 @@ READERS = {
     "catalog.bright_stars": ("truth",),
     "catalog.structure": ("truth",),
     "catalog.*": ("select",),
-    "components.*": ("select",),
+    "components.*": ("select", "render"),
     "astrometry.*": ("select",),
     "psf.oversampling": ("psf", "select"),
     "psf.library": ("psf", "select"),

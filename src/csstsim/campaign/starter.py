@@ -24,6 +24,7 @@ FILES = {
 }
 EXAMPLES = {  # name: folder of examples/
     "layer": "my_layer", "catalogue": "my_catalogue", "camera": "my_camera", "shear": "shear", "slitless": "slitless",
+    "lens": "lens",
 }  # fmt: skip
 SKIPPED = {"__pycache__", "results", "data"}  # what running an example leaves
 AIMED = 8, 9, 7  # chips, g, r and i, that point at a catalogue's objects

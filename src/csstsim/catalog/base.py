@@ -37,6 +37,7 @@ Keywords of a MockObject (all but id, ra, dec have defaults; the full list is `c
 | knots, knots_frac           | number of knots in the disk, and their share of the light                          |
 | image_file, image_scale,    | file of an image in place of disk and bulge, arcsec per pixel, and the angle       |
 | image_pa                    | [deg] by which it is turned (docs/galaxy_shapes.md)                                |
+| (method galsim_object)      | a GalSim object in place of disk and bulge                                         |
 | part_of                     | id of the object that this one is a part of, for the truth and validation          |
 | e1, e2                      | ellipticity (a - b)/(a + b), axis 1 along +RA (east), 2 towards north              |
 | kappa, gamma1, gamma2       | lensing, same axes; stars are not lensed                                           |
@@ -58,6 +59,7 @@ Speed: a catalogue with many objects overrides `load_seds`, or `load_fluxes` to 
 """
 
 import hashlib
+import inspect
 import traceback
 from abc import ABC, abstractmethod
 from contextlib import contextmanager
@@ -71,6 +73,7 @@ from csstsim.base.errors import CsstsimError, InputError
 from csstsim.base.help_page import explained
 from csstsim.base.sphere import inside, unit_vectors
 from csstsim.catalog.changing import columns as changing
+from csstsim.catalog.galaxy_shapes.galsim_images import galsim_columns
 from csstsim.catalog.galaxy_shapes.unsupported_shapes import check_shapes
 from csstsim.catalog.light.photometry import ab_mag, bin_means, load_fluxes
 from csstsim.catalog.mock_object import MockObject
@@ -126,6 +129,22 @@ class CatalogBase(ABC):
         """
         return None
 
+    def galsim_object(self, obj):
+        """Return a galsim.GSObject with which to draw a galaxy, x to the east and y to the north, or None.
+
+        It becomes an image (catalog.galaxy_shapes.galsim_images), in the folder of the option `images`, which is by
+        default `galsim_images` beside the class's module.
+        """
+        return None
+
+    def _galsim_objects(self):
+        """Yield (where, for messages, and the galsim_object) of each of `objs`."""
+        for obj in self.objs:
+            where = f"{name_of(self)}.galsim_object, object {obj.id}"
+            with users_code(where):
+                profile = self.galsim_object(obj)
+            yield where, profile
+
     @classmethod
     def files(cls, options):
         """Return the paths of the files in `options` whose content affects the chips.
@@ -146,6 +165,9 @@ class CatalogBase(ABC):
                 raise InputError("objs holds an item that is not a MockObject", key=name_of(self), value=strange)
             names = sorted({name for obj in self.objs for name in obj.values})
             columns = {name: [getattr(obj, name, None) for obj in self.objs] for name in names}
+            if type(self).galsim_object is not CatalogBase.galsim_object:
+                folder = self.options.get("images") or Path(inspect.getfile(type(self))).parent / "galsim_images"
+                columns |= galsim_columns(self._galsim_objects(), columns, folder)
             bands = self.region.bands
             ours = columns_with(bands) | OPTIONAL
             _refuse_units(name_of(self), {name: columns[name] for name in columns if name in ours})
@@ -194,6 +216,13 @@ class CatalogBase(ABC):
         """Return (len(rows),) electrons / s that no row's `load_fluxes` exceeds, or None if that is not known.
 
         With it, `load_fluxes` is not called for objects that cannot reach a chip.
+        """
+        return None
+
+    def component_shares(self, rows, filter):
+        """Return {"bulge_frac": (len(rows),), "knots_frac": ...}: shares of the light in a band, or None: the table's.
+
+        Override it for galaxies with a colour gradient on imaging chips.
         """
         return None
 

@@ -9,6 +9,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
 from csstsim.catalog.base import CatalogBase
 from csstsim.catalog.changing import columns as changing
+from csstsim.catalog.galaxy_shapes.component_light import ComponentLight
 from csstsim.catalog.galaxy_shapes.full_components import full_components, load_numbers
 from csstsim.catalog.light.embedded_spectra import light_columns, rates, spectra
 from csstsim.catalog.light.grating_bound import MARGIN, grating_rate
@@ -92,8 +93,15 @@ class EmbeddedCatalog(SceneCatalog):
 
     def __init__(self, options, region):
         CatalogBase.__init__(self, options, region)
-        self.universe = self.options["universe"]
+        self.universe, self._light = self.options["universe"], None
         self._load()
+
+    def component_shares(self, rows, filter):
+        """Return {column: (len(rows),)} as CatalogBase.component_shares, with `components: full`; otherwise None."""
+        if self._light is None:
+            return None
+        bulge, _, knots = self._light.through(filter, self._table.take(rows)).astype(np.float32).T
+        return {"bulge_frac": bulge, "knots_frac": knots}
 
     def rate_bound(self, rows, filter, telescope):
         """Return the rates of the bricks' magnitudes plus 5% (for a grating, from the bands that cover it), or None."""
@@ -120,7 +128,7 @@ class EmbeddedCatalog(SceneCatalog):
             records.append(brick.meta)
         table, visitors = ObjectTable.concat(parts), self.options.get("visitors")
         if self.options.get("components") == "full":
-            table = full_components(table)
+            table, self._light = full_components(table), ComponentLight(self.universe)
             records.append({"components": load_numbers().model_dump()})
         if visitors is not None:
             still = changing.completed({name: default for name, (_, default, _) in changing.MOTION.items()}, len(table))

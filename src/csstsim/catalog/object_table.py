@@ -189,7 +189,7 @@ def object_table(columns, bands, where):
     if "type" in columns:
         columns["obj_type"] = _types(columns.pop("type"), where)
     obj_type = np.asarray(columns.get("obj_type", np.full(count, STAR, np.int8)))
-    if "part_of" in columns:
+    if {"part_of", *part_rows.SHORTHANDS} & set(columns):
         columns = part_rows.resolve(columns, obj_type, bands, where)
     _check_magnitudes(columns, magnitudes, where)
     if "n" in columns:
@@ -203,12 +203,17 @@ def object_table(columns, bands, where):
         columns = with_images(columns, obj_type, where)
     if "spectrum_file" in columns:
         columns["spectrum_file"] = named(columns, "spectrum_file", where)
-        check_spectra(columns["spectrum_file"], np.stack([columns[name] for name in magnitudes], axis=1), where)
+        light = {
+            bands[b] if isinstance(bands, dict) else b: columns[f"mag_{b}"] for b in bands if f"mag_{b}" in columns
+        }
+        check_spectra(columns["spectrum_file"], light, where)
+    if "knots" in columns:  # without a share all of the disk's light
+        disk = 1.0 - np.nan_to_num(np.asarray(columns.get("bulge_frac", np.zeros(count)), float))
+        share = np.asarray(columns.get("knots_frac", np.full(count, np.nan)), float)
+        columns["knots_frac"] = np.where(np.isnan(share), np.where(columns["knots"] > 0, disk, 0.0), share)
     for name in set(columns) & (_FILLED | set(OPTIONAL)) - set(FILE_COLUMNS):
         if not np.isfinite(columns[name]).all():
             columns[name] = np.nan_to_num(columns[name], nan=(COLUMNS | OPTIONAL)[name][1])  # a blank gets the default
-    if "knots" in columns and "knots_frac" not in columns:  # all of the disk's light
-        columns["knots_frac"] = np.where(columns["knots"] > 0, 1.0 - columns.get("bulge_frac", np.zeros(count)), 0.0)
     timed = changing.completed(columns, count)
     ours = {name if name in known else f"user_{name}": v for name, v in columns.items() if name not in timed} | timed
     try:

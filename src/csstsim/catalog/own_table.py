@@ -18,6 +18,7 @@ to the truth table as `user_<name>`.
 import hashlib
 import mmap
 import re
+from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
 
@@ -53,8 +54,7 @@ class TableCatalog(CatalogBase):
     @explained("table of objects")
     def __init__(self, options, region):
         super().__init__(options, region)
-        for name in set(self.options) - set(_OPTIONS):
-            raise InputError("unknown key", key="catalog.options", value=name, allowed=", ".join(_OPTIONS))
+        _check_options(self.options)
         if ("file" in self.options) == ("columns" in self.options):
             raise InputError("give either file or columns", key="catalog.options")
         self._load()
@@ -65,7 +65,7 @@ class TableCatalog(CatalogBase):
         self._table = object_table(columns, self._bands, file or "catalog.options.columns")
         self.objs = MockObjects(self._table)
         curves = self.options.get("light_curves")
-        self._curves = LightCurves(read_table(curves), curves) if curves else None
+        self._curves = LightCurves(read_table(curves), curves, self._camera.filters) if curves else None
         names = self._table.get("light_curve", np.zeros(0, str))
         if self._curves:
             self._curves.check(names)
@@ -82,6 +82,7 @@ class TableCatalog(CatalogBase):
     @classmethod
     def files(cls, options):
         """Return the files of the table, of its light curves, and those that its rows name: they decide the pixels."""
+        _check_options(options)
         file, curves = options.get("file"), options.get("light_curves")
         named = (curves,) if curves else ()
         if not file:
@@ -100,9 +101,13 @@ class TableCatalog(CatalogBase):
         return total.hexdigest()[:16]
 
     @cached_property
+    def _camera(self):
+        return load_camera(self.options.get("instrument"))
+
+    @property
     def _bands(self):
         """{band: Filter} of the camera."""
-        return load_camera(self.options.get("instrument")).bands
+        return self._camera.bands
 
     @property
     def _filters(self):
@@ -181,6 +186,25 @@ class TableCatalog(CatalogBase):
     def load_norm_filt(self, obj):
         """Return None: the spectra are absolute."""
         return None
+
+
+def _check_options(options):
+    """Raise InputError for options that TableCatalog does not have, or whose values are of another kind."""
+    for name in set(options) - set(_OPTIONS):
+        raise InputError("unknown key", key="catalog.options", value=name, allowed=", ".join(_OPTIONS))
+    for name in {"file", "light_curves"} & set(options):
+        value = options[name]
+        if not isinstance(value, str | Path) and not (value is None and name == "light_curves"):
+            raise InputError("not the name of a file", key=f"catalog.options.{name}", value=value)
+    columns = options.get("columns", {})
+    if not isinstance(columns, Mapping) or not all(isinstance(name, str) for name in columns):
+        value = type(columns).__name__ if not isinstance(columns, Mapping) else ", ".join(map(str, columns))
+        raise InputError("not columns", key="catalog.options.columns", value=value, allowed="{name: list of values}")
+    for name, values in columns.items():
+        try:
+            np.asarray(values)
+        except ValueError:  # lists of different length
+            raise InputError("must hold one number or word per row", key=f"catalog.options.columns.{name}") from None
 
 
 def _may_name_files(file):

@@ -10,13 +10,14 @@ from csstsim.base.files.kept import kept
 from csstsim.catalog.galaxy_shapes.images import read_picture, sky_of
 from csstsim.catalog.light.file_spectra import read_spectrum
 from csstsim.catalog.table import FILE_COLUMNS, GALAXY
+from csstsim.instrument.filter import GRID
 
 
 def named(columns, name, where):
     """Return (n,) paths of a column of files, relative ones beside the table `where`; "" for blanks."""
     values = np.asarray(columns[name])
     if values.dtype.kind not in "US":
-        blank = values.dtype.kind == "f" and not np.isfinite(values).any()
+        blank = not len(values) or (values.dtype.kind == "f" and not np.isfinite(values).any())
         if not blank:
             raise InputError("must be names of files", file=where, key=name, value=str(values[:1]))
         return np.full(len(values), "", dtype="U1")
@@ -52,13 +53,21 @@ def with_images(columns, obj_type, where):
 
 
 def check_spectra(files, mags, where):
-    """Raise InputError for the first row whose spectrum's file cannot be used; files (n,), mags (n, bands)."""
-    known = np.isfinite(mags).sum(axis=1)
+    """Raise InputError for the first row whose spectrum's file cannot be used.
+
+    files (n,); mags {band: (n,)}: the keys are Filters, or names, and then light within the band is not checked.
+    """
+    values = np.stack(list(mags.values()), axis=1)
+    known = np.isfinite(values).sum(axis=1)
     for row in np.flatnonzero(files != ""):
         _of_row(read_spectrum, files[row], row, where)
         if known[row] != 1:
             message = f"row {row + 1}: a spectrum from a file has one magnitude"
             raise InputError(message, file=where, key="spectrum_file", value=f"{known[row]} magnitudes")
+        band = list(mags)[int(np.flatnonzero(np.isfinite(values[row]))[0])]
+        if not isinstance(band, str) and not (read_spectrum(files[row]) * band.at(GRID)).any():
+            message = f"row {row + 1}: the spectrum has no light in the band of the row's magnitude"
+            raise InputError(message, file=where, key="spectrum_file", value=f"{files[row]}, {band.name}")
 
 
 def _of_row(read, name, row, where):

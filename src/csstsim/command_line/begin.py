@@ -11,7 +11,9 @@ from csstsim.command_line.group import QUIET
 @click.command()
 @click.argument("folder", type=click.Path())
 @click.option("--catalogue", type=click.Path(), help="Table of your objects (.csv, .ecsv, .fits) to point at and draw.")
-@click.option("--example", type=click.Choice(["layer", "catalogue", "camera", "shear", "slitless"]), help="An example.")
+@click.option(
+    "--example", type=click.Choice(["layer", "catalogue", "camera", "shear", "slitless", "lens"]), help="An example."
+)
 def init(folder, catalogue, example):
     """Write a folder with a campaign that runs, yours to change.
 
@@ -23,7 +25,7 @@ def init(folder, catalogue, example):
       snakemake --cores 2
     A table of your own objects, and exposures that point at them:
       csstsim init mysky --catalogue objects.csv
-    A worked example: a layer, catalogue class or camera of your own, shear twins, a slitless spectrum:
+    A worked example: a layer, catalogue class or camera of your own, shear twins, a slitless spectrum, a strong lens:
       csstsim init mylab --example layer
 
     Its columns: ra, dec (deg, ICRS), mag_r (AB; or any of mag_nuv to mag_y), and if you like type (star, galaxy or

@@ -19,9 +19,10 @@ from csstsim.command_line.release import release
 @click.option(
     "--objects",
     type=click.IntRange(2, 100_000),
-    help="Number of objects, half are stars [default: 320; spectra 24].",
+    help="Number of objects, half are stars [default: 320; spectra 24; shapes 48].",
 )
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Random seed of the objects.")
+@click.option("--shapes", is_flag=True, help="Draw galaxies of any Sersic index, with knots, and of images instead.")
 @click.option("--readout", is_flag=True, help="Measure the cost of the detector's layers instead; only with --output.")
 @click.option(
     "--mcti", type=click.Path(), help="With --readout: a checkout of github.com/ZunLuo/MCTI, to compare with."
@@ -29,7 +30,7 @@ from csstsim.command_line.release import release
 @click.option(
     "--chart", multiple=True, type=click.Path(), help="Draw the chart from a table of an earlier run; repeat."
 )
-def bench(output, quick, band, methods, objects, seed, readout, mcti, chart):
+def bench(output, quick, band, methods, objects, seed, shapes, readout, mcti, chart):
     """Measure speed and accuracy of every way to draw an object.
 
     GalSim and direct optics are the references.
@@ -39,12 +40,14 @@ def bench(output, quick, band, methods, objects, seed, readout, mcti, chart):
       csstsim bench --quick
       csstsim bench --methods "photons,stamps,GalSim" --filter i --output results/bench_i
       csstsim bench --filter GV --output results/bench_GV
+    Galaxies of any Sersic index, with knots, of images:
+      csstsim bench --shapes --output results/bench_shapes
     Tables of several runs in one chart:
       csstsim bench --chart docs/speed_accuracy.csv --chart docs/speed_accuracy_GV.csv
     The readout of a whole chip, layer by layer, compared with numpy, GalSim, arcticpy and the paper's code:
       csstsim bench --readout --mcti MCTI
     """
-    if (readout or chart) and (quick or methods or objects or (readout and chart)):
+    if (readout or chart) and (quick or methods or objects or shapes or (readout and chart)):
         raise click.UsageError("--readout and --chart go with --output only")
     if mcti and not readout:
         raise click.UsageError("--mcti goes with --readout")
@@ -59,7 +62,7 @@ def bench(output, quick, band, methods, objects, seed, readout, mcti, chart):
     else:
         from csstsim.bench.command import bench as run
 
-        run(output, band, methods, quick, objects, seed, say=print)
+        run(output, band, methods, quick, objects, seed, say=print, shapes=shapes)
 
 
 @click.command()

@@ -79,7 +79,7 @@ def object_spectra(run, exposure, objects):
     from csstsim.catalog.light.object_spectra import catalog_spectra, embedded_spectra
 
     if run.embedded:
-        return embedded_spectra(objects, run.universe)
+        return embedded_spectra(objects, run.universe, run.config.catalog.components == "full")
     from csstsim.catalog.open import open_catalog
 
     return catalog_spectra(objects, open_catalog(run.catalog, run.region(exposure), run.paths.truth, {}))

@@ -5,6 +5,7 @@ import numpy as np
 from csstsim.bench.imaging.cases import make_cases
 from csstsim.bench.imaging.measures import NAMES, WINDOW_PX, errors
 from csstsim.bench.imaging.methods import METHODS, standard
+from csstsim.bench.imaging.shapes import make_shapes
 from csstsim.bench.imaging.truth import Truth
 from csstsim.bench.sweep import Bench
 
@@ -25,4 +26,7 @@ def half_light_px(scene):
     return float(radius * np.sqrt(abs(np.linalg.det(scene.matrix[0]))))
 
 
-IMAGING = Bench(METHODS, make_cases, Truth, standard, judge, NAMES, GOALS, ("flux", "x_mas", "size2", "e1"))
+SHOWN = "flux", "x_mas", "size2", "e1"
+IMAGING = Bench(METHODS, make_cases, Truth, standard, judge, NAMES, GOALS, SHOWN)
+_ANY_SHAPE = tuple(method for method in METHODS if method.name != "UFig")
+SHAPES = Bench(_ANY_SHAPE, make_shapes, Truth, standard, judge, NAMES, GOALS, SHOWN)

@@ -112,15 +112,18 @@ def half_of(table, most=HALF_MAX):
     return int(np.clip(table["reach"][0] + MARGIN, HALF_MIN, most))
 
 
-def make_row(setting, rng, i, x, y, shares, electrons, bulge=0.0, size=0.0, e=0.0):
-    """Return the table of one object at chip pixel x, y, turned at random; shares (4,): of its light by sub-band."""
+def make_row(setting, rng, i, x, y, shares, electrons, bulge=0.0, size=0.0, e=0.0, more=None):
+    """Return the table of one object at chip pixel x, y, turned at random; shares (4,): of its light by sub-band.
+
+    more: {column: value} of other columns.
+    """
     turn = rng.uniform(0, 2 * np.pi)
     ra, dec = setting.wcs.pixel_to_world(x, y)
     columns = {
         "id": i, "obj_type": GALAXY if size else STAR, "ra": ra, "dec": dec, "ra_orig": ra, "dec_orig": dec, "x": x,
         "y": y, "bulge_frac": bulge, "size_disk": size, "size_bulge": min(size, BULGE_MAX), "e1": e * np.cos(turn),
         "e2": e * np.sin(turn), "wing": 0.0,
-    } | {f"flux{k}": electrons * share / setting.exptime for k, share in enumerate(shares)}  # fmt: skip
+    } | {f"flux{k}": electrons * share / setting.exptime for k, share in enumerate(shares)} | (more or {})  # fmt: skip
     table = ObjectTable.complete({name: np.atleast_1d(value) for name, value in columns.items()}, ())
     box = setting.psf.image.shape[-1] / 2 / setting.psf.oversampling
     flux = np.array([electrons])

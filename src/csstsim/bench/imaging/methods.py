@@ -19,6 +19,7 @@ from csstsim.render.imaging import draw as engine
 from csstsim.render.imaging.photons import shoot_scene
 from csstsim.render.imaging.reference import draw_objects
 from csstsim.render.imaging.stamps import draw_scene
+from csstsim.render.parts.object_parts import part_keys
 
 
 @dataclass(frozen=True)
@@ -53,13 +54,23 @@ def _reference(setting, case):
     return draw
 
 
+def copies_of(scene, copies):
+    """Return the Scene of many copies of a Scene's one object."""
+    first = np.zeros(copies, int)
+    if scene.parent is None:
+        return scene.take(first)
+    others = len(scene) - 1
+    made = scene.take(np.concatenate([first, np.repeat(np.arange(1, others + 1), copies)]))
+    return replace(made, parent=np.tile(np.arange(copies), others + 1))
+
+
 def _photons(setting, case):
     base = np.uint64(case.row["id"][0] + 1)
 
     def draw(copies):
-        canvas, keys = Canvas(None, case.window), object_keys(base, np.arange(copies))
+        canvas, scene = Canvas(None, case.window), copies_of(case.scene, copies)
         counted = canvas.count()
-        shoot_scene(canvas, case.scene.take(np.zeros(copies, int)), keys, setting.table)
+        shoot_scene(canvas, scene, part_keys(object_keys(base, np.arange(copies)), scene), setting.table)
         return counted
 
     return draw
@@ -68,8 +79,7 @@ def _photons(setting, case):
 def _stamps(setting, case):
     def draw(copies):
         canvas = Canvas(np.zeros(case.window.shape), case.window)
-        scene = case.scene.take(np.zeros(copies, int))
-        draw_scene(canvas, scene.sized(np.repeat(case.row["reach"], copies)), setting.mixer)
+        draw_scene(canvas, copies_of(case.scene, copies).sized(case.row["reach"][0]), setting.mixer)
         return canvas.expected
 
     return draw

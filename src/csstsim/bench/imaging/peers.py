@@ -7,23 +7,48 @@
 GalSim's defaults hold everywhere (folding_threshold 5e-3).
 """
 
+from functools import partial
+
 import galsim
 import numpy as np
 
 from csstsim.optics.psf.psf_file import pixel_response
+from csstsim.render.parts.spots import in_pixels
 
 BANDS = 4
 
 
 def galaxy_of(scene):
-    """Return the object's profile in pixels, of unit flux; None for a point."""
-    kinds = (galsim.Exponential, galsim.DeVaucouleurs)
+    """Return the profile of a Scene's one object in pixels, of unit flux; None for a point."""
+    parts = []
+    for row, share in enumerate([1.0] if scene.share is None else scene.share):
+        one = _of_spots(scene, row) if scene.spot is not None and scene.spot[row] >= 0 else _sersic(scene, row)
+        if one is not None and share > 0:
+            place = scene.x[row] - scene.x[0], scene.y[row] - scene.y[0]
+            parts.append(one.transform(*scene.matrix[row].ravel()).withFlux(share).shift(*place))
+    if len(parts) < 2:  # GalSim's photons of a Sum of one image have 1.6 times its flux
+        return parts[0].withFlux(1.0) if parts else None
+    return galsim.Sum(parts).withFlux(1.0)
+
+
+def _sersic(scene, row):
+    kinds = {1.0: galsim.Exponential, 4.0: galsim.DeVaucouleurs}
     parts = [
-        kind(half_light_radius=size, flux=light)
-        for kind, light, (index, _, size) in zip(kinds, scene.light[0], scene.sersic[0], strict=True)
+        kinds.get(index, partial(galsim.Sersic, index))(half_light_radius=size, flux=light)
+        for light, (index, _, size) in zip(scene.light[row], scene.sersic[row], strict=True)
         if light > 0 and index > 0
     ]
-    return galsim.Sum(parts).transform(*scene.matrix[0].ravel()).withFlux(1.0) if parts else None
+    return galsim.Sum(parts) if parts else None
+
+
+def _of_spots(scene, row):
+    """Return knots as points, or an image as GalSim's InterpolatedImage."""
+    group = int(scene.spot[row])
+    image = scene.spots.image(group)
+    if image is not None:
+        return galsim.InterpolatedImage(galsim.ImageD(in_pixels(image)), scale=1.0)
+    u, v, light = scene.spots.group(group)
+    return galsim.Sum([galsim.DeltaFunction(flux=f).shift(x, y) for x, y, f in zip(u, v, light, strict=True)])
 
 
 def interpolated(cells, per_pixel):
@@ -55,7 +80,7 @@ def paper(setting, case):
 
     def profile(band):
         cells = sum(w * setting.psf.node(n)[band] for n, w in zip(scene.node[0], scene.weight[0], strict=True))
-        point = interpolated(cells, per_pixel) * scene.electrons[0, band]
+        point = interpolated(cells, per_pixel) * scene.electrons[:, band].sum()
         galaxy = galaxy_of(scene)
         return point if galaxy is None else galsim.Convolve(galaxy, point)
 
@@ -66,7 +91,7 @@ def _nearest(setting, case):
     """Return the cells of the node nearest to the object, summed over the sub-bands, in electrons."""
     scene = case.scene
     away = np.hypot(*(setting.psf.nodes_xy - (scene.x[0], scene.y[0])).T)
-    return np.tensordot(scene.electrons[0], setting.psf.node(away.argmin()).astype(float), axes=1)
+    return np.tensordot(scene.electrons.sum(axis=0), setting.psf.node(away.argmin()).astype(float), axes=1)
 
 
 def fft(setting, case):

@@ -58,15 +58,19 @@ def _of(table, name, rows):
 
 
 class LightCurves:
-    """The curves of a table {name: (n,) values}; `where` names it in errors. Raises InputError."""
+    """The curves of a table {name: (n,) values}; `where` names it in errors.
 
-    def __init__(self, columns, where):
+    bands: names of the camera's bands and gratings, or None: any. Raises InputError.
+    """
+
+    def __init__(self, columns, where, bands=None):
         for name in ("curve", "mjd"):
             if name not in columns:
                 raise InputError("a column is missing", file=where, key=name, allowed="curve, mjd, dmag or dmag_<band>")
         self.where, self._kinds = where, [n for n in columns if n == "dmag" or n.startswith("dmag_")]
         if not self._kinds:
             raise InputError("a column is missing", file=where, key="dmag", allowed="dmag, dmag_<band>")
+        self._check_kinds(bands)
         mjd = _numbers(columns, "mjd", where)
         values = {kind: _numbers(columns, kind, where) for kind in self._kinds}
         order = np.lexsort((mjd, np.asarray(columns["curve"]).astype(str)))
@@ -80,6 +84,17 @@ class LightCurves:
             if (np.diff(mjd[part]) <= 0).any():
                 raise InputError(f"curve {names[first]} has a time twice", file=where, key="mjd")
             self._curves[str(names[first])] = mjd[part], {kind: values[kind][part] for kind in self._kinds}
+
+    def _check_kinds(self, bands):
+        """Raise InputError for columns dmag_<band> of one band twice, or of a band that the camera does not have."""
+        lower = [kind.lower() for kind in self._kinds]
+        twice = next((kind for kind in self._kinds if lower.count(kind.lower()) > 1), None)
+        if twice:
+            raise InputError("two columns for one band", file=self.where, key=twice, value=", ".join(self._kinds))
+        known = ["dmag", *(f"dmag_{band.lower()}" for band in bands or ())]
+        unknown = [] if bands is None else [kind for kind in self._kinds if kind.lower() not in known]
+        if unknown:
+            raise InputError("of no band of the camera", file=self.where, key=unknown[0], allowed=", ".join(known))
 
     def check(self, names):
         """Raise InputError for the first of `names` (n,) that is no curve; "" stands for no curve."""

@@ -1,10 +1,12 @@
 """Indices and knots of the embedded universe's galaxies (`catalog: {components: full}`), from config/components.yaml.
 
 The columns n_disk, n_bulge, knots and knots_frac are made when a catalogue is opened; truth bricks do not have them.
-They depend on the galaxy's id and columns, so that any exposure sees the same galaxy. Knots have its spectrum.
+They depend on the galaxy's id and columns, so that any exposure sees the same galaxy. The spectra of bulge, disk and
+knots are those of component_light.
 """
 
 from functools import cache
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
@@ -39,12 +41,29 @@ class Knots(Model):
     share: float = Field(ge=0, le=1)
 
 
+class Population(Model):
+    """Stars of a component, whose spectrum is that of the universe's templates."""
+
+    formed: list[float] = Field(description="shares of the mass formed, by age range of star_formation.edges")
+    dust: float = Field(ge=0, le=4, description="A_V, mag")
+    lines: float = Field(ge=0, description="factor on emission lines")
+
+
+class Equal(Model):
+    """Where a component's light is as the disk's [angstrom, rest frame]: there its share is the table's."""
+
+    bulge: float = Field(ge=1000, le=10_000)
+    knots: float = Field(ge=1000, le=10_000)
+
+
 class Numbers(Model):
     """The contents of config/components.yaml."""
 
     bulge_index: Index
     disk_index: Index
     knots: Knots
+    populations: dict[Literal["bulge", "disk", "knots"], Population]
+    equal: Equal
 
 
 @cache

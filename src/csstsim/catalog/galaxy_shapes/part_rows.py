@@ -35,9 +35,14 @@ def resolve(columns, obj_type, bands, where):
     obj_type (n,). Raises InputError, which names `where`, the row and the object that it is a part of.
     """
     columns = dict(columns)
-    of, ids = np.asarray(columns["part_of"]), np.asarray(columns["id"])
+    ids = np.asarray(columns["id"])
+    of = np.asarray(columns.get("part_of", np.full(len(ids), -1)))
+    none = np.isnan(of) | (of == -1)
+    _refuse_strangers(columns, of, none, where)
+    if "part_of" not in columns:
+        return {name: values for name, values in columns.items() if name not in SHORTHANDS}
     exact = of.dtype.kind in "iu"  # a column with blanks is of floats, which hold ids to 2^53 only
-    rows = np.flatnonzero(np.isfinite(of) & (of >= 0))
+    rows = np.flatnonzero(~none)
     wide = rows[:0] if exact else rows[of[rows] > 2**53]
     if len(wide):
         message, allowed = "blanks in the column make this id inexact", "ids up to 2^53, or -1 in place of blanks"
@@ -63,7 +68,11 @@ def resolve(columns, obj_type, bands, where):
     refuse(obj_type[rows] == STAR, "a part is a galaxy, or as a point a quasar", key="type")
     for name, value in zip(("offset_ra", "offset_dec"), offset, strict=True):
         refuse(~(np.abs(value[rows]) <= FARTHEST), f"is not within {FARTHEST:g} arcsec", key=name)
-    given = np.isfinite(share[rows])
+    own = np.isfinite([np.asarray(columns[axis], float)[rows] for axis in ("ra", "dec")])
+    refuse(own.any(axis=0) & ~own.all(axis=0), "has only one of ra and dec", key="ra, dec")
+    aside = (offset[0][rows] != 0) | (offset[1][rows] != 0)
+    refuse(own.any(axis=0) & aside, "has both a place and an offset", key="offset_ra, offset_dec")
+    given = ~np.isnan(share[rows])
     refuse(given & ~((share[rows] > 0) & (share[rows] <= 1)), "is not above 0 and up to 1", key="part_share")
     for name in (*_LENS, "z"):
         if name in columns:
@@ -103,6 +112,22 @@ def _place(columns, rows, at, offset):
     placed = ra_dec(moved)
     ra[rows], dec[rows] = (np.where(own, v[rows], p) for v, p in zip((ra, dec), placed, strict=True))
     columns["ra"], columns["dec"] = ra, dec
+
+
+def _refuse_strangers(columns, of, none, where):
+    """Raise InputError for a part_of that is neither an id nor a blank, and for what only parts have in other rows."""
+    with np.errstate(invalid="ignore"):
+        odd = ~none & ~(np.isfinite(of) & (of >= 0) & (of == np.floor(of)))
+    faults = [("part_of", odd, "is not an id", "an id, or a blank or -1: not a part")]
+    for name in SHORTHANDS:
+        values = np.asarray(columns.get(name, np.zeros(len(of))), float)
+        given = ~np.isnan(values) & ((values != 0) | (name == "part_share") & (name in columns))
+        faults.append((name, none & given, "is of a part, and the row is none: part_of is blank", "a blank"))
+    for name, bad, message, allowed in faults:
+        if bad.any():
+            row = np.flatnonzero(bad)[0]
+            value = np.asarray(of if name == "part_of" else columns[name])[row].item()
+            raise InputError(f"row {row + 1}: {message}", file=where, key=name, value=value, allowed=allowed)
 
 
 def _share_light(columns, rows, at, share, bands, refuse, all_rows):

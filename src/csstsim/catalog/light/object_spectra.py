@@ -1,9 +1,12 @@
 """Observed spectra of a chip's objects, for dispersed light."""
 
+from copy import copy
+
 import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.catalog.base import name_of, users_code
+from csstsim.catalog.galaxy_shapes.component_light import ComponentLight
 from csstsim.catalog.table import STAR
 from csstsim.universe.lensing.lensing import magnification
 
@@ -13,10 +16,14 @@ ROW = "catalog_row"  # column that `select` leaves on spectroscopic chips: the o
 class Spectra:
     """Spectra of the rows of a table from catalog.selection.select: magnification included."""
 
-    def __init__(self, objects, load):
-        """load: (rows of the table, edges) -> (n, bins), before magnification."""
+    def __init__(self, objects, load, gradients=None):
+        """load: (rows of the table, edges) -> (n, bins), before magnification.
+
+        gradients: galaxy_shapes.component_light.ComponentLight if galaxies' components have spectra of their own.
+        """
         mu, _ = magnification(*(objects[name] for name in ("kappa", "gamma1", "gamma2")))
-        self._mu, self._load = np.where(objects["obj_type"] == STAR, 1.0, mu), load
+        self._mu, self._load, self.gradients = np.where(objects["obj_type"] == STAR, 1.0, mu), load, gradients
+        self._objects = objects
         if "dmag" in objects:  # light that varies
             self._mu = self._mu * 10 ** (-0.4 * objects["dmag"].astype(float))
 
@@ -26,24 +33,46 @@ class Spectra:
 
     def times(self, factor):
         """Return the Spectra with the light of each row times `factor` (n,)."""
-        made = object.__new__(Spectra)
-        made._mu, made._load = self._mu * factor, self._load
+        made = copy(self)
+        made._mu = self._mu * factor
         return made
 
     def take(self, order):
         """Return the Spectra of the table's rows in another order, an index array."""
-        made = object.__new__(Spectra)
-        made._mu, made._load = self._mu[order], lambda rows, edges: self._load(order[rows], edges)
+        made = copy(self)
+        made._mu, made._objects = self._mu[order], self._objects.take(order)
+        made._load = lambda rows, edges: self._load(order[rows], edges)
+        return made
+
+    def of_components(self, owner, kind):
+        """Return the Spectra of components of the rows `owner` (m,).
+
+        kind (m,): galaxy_shapes.component_light.BULGE, DISK or KNOTS; -1: all of the row's light.
+        """
+        made = self.take(owner)
+
+        def load(rows, edges):
+            light = self._load(owner[rows], edges)
+            some = np.flatnonzero(kind[rows] >= 0)
+            shares = self.gradients.binned(made._objects.take(rows[some]), edges)
+            light[some] *= shares[np.arange(len(some)), :, kind[rows[some]]]
+            return light
+
+        made._load = load
         return made
 
 
-def embedded_spectra(objects, universe):
-    """Return the Spectra of objects of the embedded universe, made from the table's columns; no brick is read."""
+def embedded_spectra(objects, universe, full=False):
+    """Return the Spectra of objects of the embedded universe, made from the table's columns; no brick is read.
+
+    full: bulge, disk and knots have spectra of their own (`components: full`).
+    """
     from csstsim.catalog.light.binned_spectra import binned
     from csstsim.catalog.light.embedded_spectra import light_columns
 
     light = light_columns(objects)
-    return Spectra(objects, lambda rows, edges: binned(universe, light.take(rows), edges))
+    load = lambda rows, edges: binned(universe, light.take(rows), edges)  # noqa: E731
+    return Spectra(objects, load, ComponentLight(universe) if full else None)
 
 
 def catalog_spectra(objects, catalog):

@@ -43,6 +43,8 @@ def reasons(table):
         found["a galaxy whose knots_frac and bulge_frac are not within 0..1 together"] = galaxy & ~(
             (part >= 0) & (part + share <= 1 + 1e-6)
         )
+        found["a negative number of knots"] = knots < 0
+        found["a star or quasar with knots"] = ~galaxy & ((knots != 0) | (part != 0))
         found["a galaxy with knots_frac but no knots"] = galaxy & (part > 0) & ~(knots > 0)
         found[f"a galaxy of more than {KNOTS_MOST} knots"] = galaxy & (knots > KNOTS_MOST)
         found["a galaxy with knots and an image"] = (part > 0) & has_image(table)

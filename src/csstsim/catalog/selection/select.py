@@ -110,6 +110,8 @@ def select_objects(
     dispersed = 0.0 if disperser is None else disperser.gratings.reach
     rows, places = near(everything, wcs, observer, window, dispersed, interval)
     table = everything.take(rows)
+    if disperser is None and (shares := catalog.component_shares(rows, filter)):
+        table = table.with_columns(**shares)
     seconds = seconds_seen(places, exptime, telescope.pixel_scale)
     dmag = None if interval is None else catalog.dimming(rows, interval, filter)
     dimmed = np.ones(len(rows)) if dmag is None else 10 ** (-0.4 * dmag)

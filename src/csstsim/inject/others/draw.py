@@ -123,6 +123,8 @@ def draw(counts, psf, sky, objects, electrons, realisation):
     """
     import galsim
 
+    galsim.errors.raise_fft_size_error = True  # otherwise GalSim only warns, and then uses all memory
+
     ny, nx = counts.shape
     matrices = shape_matrix(objects.with_columns(ra_orig=objects["ra"], dec_orig=objects["dec"]), sky)
     parts = components(objects)

@@ -26,7 +26,7 @@ class Disperser:
 
     def __init__(self, gratings, filter, telescope, bins_per_px=_BINS_PER_PX[0]):
         self._made_of, self._bins_per_px = (gratings, filter, telescope), bins_per_px
-        self.gratings, self.area = gratings, telescope.area_m2
+        self.gratings, self.filter, self.area = gratings, filter, telescope.area_m2
         self.orders = gratings.numbers
         self.rectangles = np.array([rectangle for _, rectangle in gratings.pieces])
         self.wavelengths = filter.psf_wavelength

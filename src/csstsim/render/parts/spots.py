@@ -109,12 +109,12 @@ def image_coefficients(pixels):
     if below > _RINGS * padded.sum():
         coefficients = padded / padded.sum()
         for _ in range(_STEPS):
-            seen = _in_pixels(coefficients)
-            coefficients = coefficients * _in_pixels(np.divide(padded, seen, out=np.zeros_like(seen), where=seen > 0))
+            seen = in_pixels(coefficients)
+            coefficients = coefficients * in_pixels(np.divide(padded, seen, out=np.zeros_like(seen), where=seen > 0))
     return coefficients / coefficients.sum()
 
 
-def _in_pixels(coefficients):
+def in_pixels(coefficients):
     """Return the light in pixels of splines with these coefficients."""
     for axis in (0, 1):
         coefficients = convolve1d(coefficients, [1 / 6, 2 / 3, 1 / 6], axis=axis, mode="constant")

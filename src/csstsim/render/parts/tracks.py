@@ -7,8 +7,9 @@ pixel's column is exposed. Behind a grating each order of a line is a line as we
 projected across it: the sum of line-spread functions over wavelengths.
 
 Light goes to the plane of expected electrons in all fidelities; its Poisson noise is added once, in `poisson_and_dark`.
-Beyond the PSF's box the wing is drawn to _WING px. Left out: ghosts; at the ends of a track, and where it passes from
-one grating's piece to the other's, the round end of the PSF and the dispersion along the line (it ends sharply there).
+At its ends a line fades as the PSF summed across it does, as far as the PSF's box. Beside a line the wing is drawn to
+_WING px. Left out: ghosts; the wing beyond the ends; the dispersion along a line where it ends, or passes from one
+grating's piece to the other's.
 """
 
 import time
@@ -117,7 +118,8 @@ def _draw(canvas, line, rates, order, drawing, width, disperser):
         if order is None and not _meets(canvas.window, x, y):
             continue
         d, spread, shift = _profile(rates, order, middle, angle, drawing, width, disperser)
-        found, box = _lay(canvas, part, angle, d, spread, shift)
+        mix = rates if order is None else disperser.psf_weights @ rates
+        found, box = _lay(canvas, part, angle, d, spread, shift, *_end(mix, middle, angle, drawing, width))
         drawn += found
         boxes += [box] if box is not None else []
     if not boxes:
@@ -135,8 +137,11 @@ def _meets(window, x, y):
     )  # fmt: skip
 
 
-def _lay(canvas, part, angle, d, spread, shift):
-    """Add a straight stretch to a Canvas; return (electrons, box or None). shift: (along, across) px of its light."""
+def _lay(canvas, part, angle, d, spread, shift, before, rise):
+    """Add a straight stretch to a Canvas; return (electrons, box or None).
+
+    spread: light at distances d [px] across; shift: of its light along [px]; before, rise: of `_end`.
+    """
     window, cos, sin = canvas.window, np.cos(angle), np.sin(angle)
     u, v = part.x - part.x[0], part.y - part.y[0]
     along, off = u * cos + v * sin, v * cos - u * sin
@@ -145,13 +150,26 @@ def _lay(canvas, part, angle, d, spread, shift):
     seconds, bend = np.interp(grid, along, part.seconds), np.interp(grid, along, off)
     touched = np.array([window.nx, 0, window.ny, 0])
     total = _fill(
-        canvas.expected, canvas.seen, corner, (cos, sin), float(along[-1]), seconds, bend, float(d[0]), spread, touched
-    )
+        canvas.expected, canvas.seen, corner, (cos, sin), float(along[-1]), seconds, bend, float(d[0]), spread, before,
+        rise, touched,
+    )  # fmt: skip
     return total, None if touched[1] == 0 else touched + canvas.corner
 
 
 @numba.njit(cache=True)
-def _fill(image, response, corner, turn, length, seconds, bend, first, spread, touched):
+def _rises(rise, before, s):
+    """Return the share of an end's light before a place s [px] from it."""
+    place = (s - before) / _STEP
+    if place <= 0.0:
+        return 0.0
+    j = int(place)
+    if j >= len(rise) - 1:
+        return 1.0
+    return rise[j] + (place - j) * (rise[j + 1] - rise[j])
+
+
+@numba.njit(cache=True)
+def _fill(image, response, corner, turn, length, seconds, bend, first, spread, before, rise, touched):
     cos, sin = turn
     total, last = 0.0, first + (len(spread) - 1) * _STEP
     reach = max(-first, last) + np.abs(bend).max() + 1.0
@@ -166,7 +184,7 @@ def _fill(image, response, corner, turn, length, seconds, bend, first, spread, t
         for column in range(left, right):
             u = column - corner[0]
             s = u * cos + v * sin
-            if s < -0.5 or s > length + 0.5:
+            if s < before or s > length - before:
                 continue
             at = min(max(s, 0.0), length)
             k = min(int(at), len(seconds) - 2)
@@ -178,7 +196,7 @@ def _fill(image, response, corner, turn, length, seconds, bend, first, spread, t
             j = int(place)
             f = place - j
             light = ((1 - w) * seconds[k] + w * seconds[k + 1]) * ((1 - f) * spread[j] + f * spread[j + 1])
-            light *= min(s + 0.5, 1.0) * min(length - s + 0.5, 1.0)
+            light *= _rises(rise, before, s) - _rises(rise, before, s - length)
             value = light * response[row, column]
             if value > 0:
                 image[row, column] += value
@@ -219,11 +237,37 @@ def _profile(rates, order, middle, angle, drawing, width, disperser):
     return first + _STEP * np.arange(len(spread)), spread, float(np.average(along[lit], weights=rates[lit]))
 
 
+def _end(mix, middle, angle, drawing, width):
+    """Return (before [px], (n,) shares): how the light of a line rises at its end, by _STEP from `before` the end.
+
+    mix: (4,) light of the sub-bands. An end is as round as the PSF's box makes it.
+    """
+    _, bands = _box_spread(drawing, middle, angle - np.pi / 2)
+    if width > 0:
+        bands = _widened(bands, width / drawing.wcs.chip.telescope.pixel_scale)
+    along = mix @ bands
+    rise = np.cumsum(along) - 0.5 * along  # to the middle of each step
+    return -_STEP * (len(along) - 1) / 2, rise / along.sum()
+
+
 def _line_spread(drawing, middle, angle):
     """Return (d, (4, n)): light of each sub-band for each px across a line, of light 1 for each px along it.
 
     angle [rad]: of the line, from x to y.
     """
+    across, box = _box_spread(drawing, middle, angle)
+    if drawing.wing is None:
+        return across, box
+    psf = drawing.psf
+    d, wide = _wing(drawing.wing, psf.image.shape[-1] / 2 / psf.oversampling)
+    wide = wide.copy()
+    start = round((across[0] - d[0]) / _STEP)
+    wide[:, start : start + len(across)] += box
+    return d, wide
+
+
+def _box_spread(drawing, middle, angle):
+    """Return `_line_spread` of the light in the PSF's box."""
     psf = drawing.psf
     node, weight, _ = psf.weights(*(np.array([v]) for v in middle))
     cells = sum(w * psf.node(int(n)) for n, w in zip(node[0], weight[0], strict=True) if w != 0)
@@ -240,13 +284,7 @@ def _line_spread(drawing, middle, angle):
     box /= psf.oversampling
     # Interpolation keeps the light to some 1e-4: made exact
     box *= (lattice.sum(axis=(1, 2)) / psf.oversampling**2 / (box.sum(axis=1) * _STEP))[:, None]
-    if drawing.wing is None:
-        return across, box
-    d, wide = _wing(drawing.wing, psf.image.shape[-1] / 2 / psf.oversampling)
-    wide = wide.copy()
-    start = round((across[0] - d[0]) / _STEP)
-    wide[:, start : start + len(across)] += box
-    return d, wide
+    return across, box
 
 
 @lru_cache(16)

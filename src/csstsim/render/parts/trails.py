@@ -13,12 +13,12 @@ import numpy as np
 
 from csstsim.catalog.changing.motion import Motion, seen_at
 from csstsim.catalog.table import ObjectTable
-from csstsim.render.drawn_table import NONE
+from csstsim.render.parts.component_pieces import draw_components
+from csstsim.render.parts.piece_tables import SHARE, gathered, orders_of
 from csstsim.render.parts.tracks import draw_tracks
 
 SPACING, FEWEST = 0.5, 4  # px; points in addition
 LINE_PX = 256.0  # longer trails, and those with a width, are lines
-SHARE = "trail_share"  # column of the pieces: their share of the object's light
 
 
 def draw_trailed(draw, canvas, objects, drawing, spectra=None, disperser=None):
@@ -29,8 +29,9 @@ def draw_trailed(draw, canvas, objects, drawing, spectra=None, disperser=None):
     """
 
     def drawn(some, light):
-        found = draw(canvas, some, drawing) if disperser is None else draw(canvas, some, light, disperser, drawing)
-        return found if isinstance(found, tuple) else (found,)
+        if disperser is None:
+            return (draw(canvas, some, drawing),)
+        return draw_components(draw, canvas, some, light, disperser, drawing)
 
     if "trail_length" not in objects or not (objects["trail_length"] > 0).any():
         return drawn(objects, spectra)
@@ -97,62 +98,3 @@ def exposed_more(interval, x):
     """Return (n,) by how much more the light of a time counts at columns x, because the response has less of it."""
     first, last = interval.exposed(x)
     return interval.exptime / (last - first)
-
-
-def gathered(objects, owner, drawn):
-    """Return the table of `objects` with what was drawn of their pieces (render.drawn_table), a row for each object."""
-    count = len(objects)
-    ends = np.r_[np.flatnonzero(np.r_[True, owner[1:] != owner[:-1]]), len(owner)] if count else np.zeros(1, int)
-    starts = ends[:-1]
-    lit = drawn["method"] != NONE
-    chosen = starts.copy()  # the first piece that was drawn
-    rows = np.flatnonzero(lit)
-    chosen[owner[rows[::-1]]] = rows[::-1]
-    box = {}
-    there = drawn["x1"] > drawn["x0"]
-    for low, high in (("x0", "x1"), ("y0", "y1")):
-        least, most = np.full(count, np.iinfo(np.int32).max, np.int32), np.zeros(count, np.int32)
-        np.minimum.at(least, owner[there], drawn[low][there])
-        np.maximum.at(most, owner[there], drawn[high][there])
-        box |= {low: np.where(most > 0, least, 0).astype(np.int32), high: most}
-    sums = {name: np.bincount(owner, drawn[name], count) for name in ("electrons", "drawn", "ms")}
-    fraction = np.divide(sums["drawn"], sums["electrons"], out=np.zeros(count), where=sums["electrons"] > 0)
-    flags = np.bitwise_and.reduceat(drawn["flags"], starts) if count else drawn["flags"]  # OFF_CHIP: all of it
-    some = np.zeros(count, flags.dtype)
-    np.bitwise_or.at(some, owner[lit], drawn["flags"][lit])
-    of_piece = {name: drawn[name][chosen] for name in ("method", "snr", "error")}
-    stamp = np.zeros(count, drawn["stamp"].dtype)
-    np.maximum.at(stamp, owner, drawn["stamp"])
-    return objects.with_columns(
-        flags=flags | some, electrons=sums["electrons"], drawn=sums["drawn"], fraction=fraction,
-        method=of_piece["method"], snr=of_piece["snr"], error=of_piece["error"], stamp=stamp, **box,
-        ms=sums["ms"].astype(drawn["ms"].dtype),
-    )  # fmt: skip
-
-
-def orders_of(orders, row, light):
-    """Return the table of orders of pieces with one row for each object, order and grating, that of most light.
-
-    row (m,): the object of each piece; light (m,). Electrons are sums, the box encloses all, `cut` is any piece's.
-    """
-    if not len(orders):
-        return orders
-    piece = orders["row"].astype(int)
-    mine = row[piece]
-    names = np.unique(orders["grating"], return_inverse=True)[1]
-    key = np.stack([mine, orders["order"].astype(int), names])
-    _, group = np.unique(key, axis=1, return_inverse=True)
-    group, count = group.ravel(), int(group.max()) + 1
-    order = np.lexsort((np.arange(len(group)), -orders["electrons"], group))
-    best = order[np.r_[True, np.diff(group[order]) != 0]]
-    kept = orders.take(best)
-    box, there = {}, orders["x1"] > orders["x0"]
-    for low, high in (("x0", "x1"), ("y0", "y1")):
-        least, most = np.full(count, np.iinfo(np.int32).max, np.int32), np.zeros(count, np.int32)
-        np.minimum.at(least, group[there], orders[low][there])
-        np.maximum.at(most, group[there], orders[high][there])
-        box |= {low: np.where(most > 0, least, 0).astype(np.int32), high: most}
-    sums = {name: np.bincount(group, orders[name], count) for name in ("electrons", "drawn")}
-    any_cut = np.bincount(group, orders["cut"], count) > 0
-    kept = kept.with_columns(row=mine[best].astype(np.int32), cut=any_cut, **sums, **box)
-    return kept.take(np.lexsort((kept["order"], kept["row"])))

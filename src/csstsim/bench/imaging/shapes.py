@@ -1,0 +1,68 @@
+"""Galaxies of other shapes for the benchmark: any Sersic index, knots in a disk with a bulge, and images.
+
+Flux 100 to 1e6 electrons, half-light radius 0.1" to 1", ellipticity to 0.6. Every other object of each kind lies near a
+node of the PSF set, as in bench.imaging.cases.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from csstsim.base.rng import stream
+from csstsim.bench.imaging.cases import SHARES, Case, half_of, make_row, place
+from csstsim.catalog.galaxy_shapes.galsim_images import image_of
+from csstsim.catalog.row_files import with_images
+from csstsim.catalog.table import GALAXY
+from csstsim.instrument.chip import Window
+from csstsim.render.scene import make_scene
+
+FLUX, SIZE, ELLIPTICITY = (1e2, 1e6), (0.1, 1.0), 0.6
+KINDS = "free n", "knots", "image"
+
+
+@dataclass(frozen=True, eq=False)
+class ShapeCase(Case):
+    """A Case of one of KINDS."""
+
+    kind: str
+
+    def about(self):
+        """Return {column: value} that describe the object."""
+        return super().about() | {"kind": self.kind}
+
+
+def make_shapes(setting, count, seed=1, largest=SIZE[1]):
+    """Return `count` ShapeCases, a third of each kind; no half-light radius is above `largest` [arcsec]."""
+    rng, made = stream(seed, "bench", "shapes"), []
+    for i in range(count):
+        kind, at_node = KINDS[i % 3], i // 3 % 2 == 0
+        size = float(np.exp(rng.uniform(*np.log([SIZE[0], min(SIZE[1], largest)]))))
+        electrons, e = float(np.exp(rng.uniform(*np.log(FLUX)))), rng.uniform(0, ELLIPTICITY)
+        bulge, columns = 0.0, {}
+        if kind == "free n":
+            columns = {"n_disk": rng.uniform(1.0, 6.2)}
+        elif kind == "knots":
+            bulge, columns = 0.2, {"knots": int(rng.integers(5, 41)), "knots_frac": rng.uniform(0.3, 0.8)}
+        else:
+            e, columns = 0.0, _image(setting, rng, size, e)
+        where = place(setting, rng, at_node)
+        row = make_row(setting, rng, i, *where, SHARES, electrons, bulge, size, e, columns)
+        half = half_of(row)
+        x, y = (round(float(row[name][0])) for name in "xy")
+        window = Window(x - half, x + half + 1, y - half, y + half + 1)
+        scene = make_scene(row, setting.wcs, setting.psf, setting.exptime)
+        made.append(ShapeCase(row, scene, window, electrons, at_node, kind))
+    return made
+
+
+def _image(setting, rng, size, e):
+    """Return the columns of an image of two Sersic profiles, one beside the other."""
+    import galsim
+
+    main = galsim.Sersic(rng.uniform(0.8, 2.0), half_light_radius=size, flux=0.8).shear(g1=e, g2=0.0)
+    other = galsim.Exponential(half_light_radius=0.3 * size, flux=0.2).shift(size, 0.5 * size)
+    folder = Path(setting.psf.path).parent / "images"
+    made = image_of(main + other, folder, "csstsim bench")
+    made = {name: np.array([made[name]]) for name in ("image_file", "image_scale")}
+    return {name: values[0] for name, values in with_images(made, np.array([GALAXY]), "csstsim bench").items()}

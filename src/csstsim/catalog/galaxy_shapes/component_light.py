@@ -1,0 +1,106 @@
+"""Colour gradients of the embedded universe's galaxies (`components: full`): whose light is it at each wavelength?
+
+A star-forming galaxy's bulge, disk and knots have populations of their own (config/components.yaml). At a rest-frame
+wavelength the components have the shares
+
+    bulge : disk : knots  =  B b(lambda) : (1 - B - K) d(lambda) : K k(lambda)
+
+of the galaxy's light, where b, d and k are the spectra of these populations, B = bulge_frac and K = knots_frac. At one
+wavelength b equals d, at another one k equals d: there the shares are those of the table, as far as d has the rest.
+The shares sum to 1, so that the galaxy keeps its spectrum, and its magnitudes, whatever the populations are. Bluer
+galaxies have bluer bulges and bluer disks (Kennedy et al. 2016, MNRAS 460, 3458). Quiescent galaxies have one spectrum:
+bulges and disks of early types are alike (Quilley et al. 2025, arXiv:2508.21461).
+
+Through a band, the shares are those of the populations' light in it. Left out: the slope of the galaxy's own spectrum
+within a band, and differences between the sub-bands of the PSF.
+"""
+
+from functools import cached_property
+
+import numpy as np
+
+from csstsim.catalog.galaxy_shapes.full_components import STAR_FORMING, load_numbers
+from csstsim.catalog.table import GALAXY
+from csstsim.instrument.filter import GRID
+from csstsim.universe.galaxies.star_formation import mixture
+
+BULGE, DISK, KNOTS = range(3)
+_STEP = 4  # samples of GRID: 2 angstrom, finer than the populations' spectra
+_FLAT = 50.0  # angstrom on either side of a reference wavelength
+
+
+class ComponentLight:
+    """The shares of light of the components of galaxies, from the populations of config/components.yaml.
+
+    universe: universe.parameters.Universe, whose spectra of populations are used.
+    """
+
+    def __init__(self, universe):
+        self._universe = universe
+
+    @cached_property
+    def spectra(self):
+        """(3, n) photon density of bulge, disk and knots at the rest wavelengths of GalaxySeds.wavelength."""
+        seds, numbers = self._universe.galaxy_seds, load_numbers()
+        laws = [numbers.populations[name] for name in ("bulge", "disk", "knots")]
+        mix = mixture(np.array([law.formed for law in laws]), self._universe.numbers["galaxies"]["star_formation"])
+        mixes = seds.coefficients(mix, [law.dust for law in laws], np.array([law.lines for law in laws]))
+        light = np.maximum(np.einsum("ck,kw->cw", mixes, seds.basis), 0.0)
+        bulge, knots = (self._near(light, at) for at in (numbers.equal.bulge, numbers.equal.knots))
+        return light / np.array([bulge[BULGE] / bulge[DISK], 1.0, knots[KNOTS] / knots[DISK]])[:, None]
+
+    def _near(self, light, wavelength):
+        near = np.abs(self._universe.galaxy_seds.wavelength - wavelength) < _FLAT
+        return light[:, near].mean(axis=1)
+
+    @cached_property
+    def _running(self):
+        """Edges of the samples [A, rest frame] (n + 1,) and integrals of the spectra up to them (3, n + 1)."""
+        seds = self._universe.galaxy_seds
+        edges = seds.start + seds.step * (np.arange(self.spectra.shape[1] + 1) - 0.5)
+        return edges, np.pad(np.cumsum(self.spectra, axis=1) * seds.step, ((0, 0), (1, 0)))
+
+    @staticmethod
+    def coloured(table):
+        """Return (n,) bool: the galaxies of a table with several components, which have spectra of their own."""
+        parts = np.stack([table["bulge_frac"], table["knots_frac"], 1.0 - table["bulge_frac"] - table["knots_frac"]])
+        return _forming(table) & ((parts > 0).sum(axis=0) > 1)
+
+    def through(self, filter, table):
+        """Return (n, 3) shares of the light of a table's objects through a Filter that are of bulge, disk and knots."""
+        wave = GRID[::_STEP]
+        seen, own = filter.at(wave), self._universe.galaxy_seds.wavelength
+        used = np.flatnonzero(seen)
+        wave, seen = wave[used[0] : used[-1] + 1], seen[used[0] : used[-1] + 1]
+        farthest = max(float(np.max(table["z"], initial=0.0)), 0.01)
+        nodes = np.linspace(0.0, np.log1p(farthest), int(np.ceil(np.log1p(farthest) / 0.01)) + 1)
+        light = np.array([[seen @ np.interp(wave * np.exp(-x), own, row) for row in self.spectra] for x in nodes])
+        at = np.log1p(np.maximum(table["z"].astype(float), 0.0))
+        return _shares(table, np.stack([np.interp(at, nodes, part) for part in light.T], axis=-1))
+
+    def binned(self, table, edges):
+        """Return (n, bins, 3) shares as `through`, in bins of observed wavelength with these edges [angstrom]."""
+        places, running = self._running
+        rest = np.asarray(edges, float) / (1.0 + table["z"].astype(float)[:, None])
+        light = np.stack([np.diff(np.interp(rest, places, row), axis=1) for row in running], axis=-1)
+        return _shares(table, light)
+
+
+def _forming(table):
+    return (table["obj_type"] == GALAXY) & (table["gal_type"] == STAR_FORMING)
+
+
+def _shares(table, light):
+    """Return the shares (n, ..., 3) of light in components, each of `light` (n, ..., 3) where all of it is theirs.
+
+    One spectrum, and the shares of the table: in galaxies that form no stars, and at wavelengths without light.
+    """
+    galaxy = table["obj_type"] == GALAXY
+    bulge, knots = (np.where(galaxy, table[name].astype(float), 0.0) for name in ("bulge_frac", "knots_frac"))
+    own = np.stack([bulge, 1.0 - bulge - knots, knots], axis=-1)
+    own = np.maximum(own, 0.0).reshape(len(own), *(1,) * (light.ndim - 2), 3)
+    plain = ~_forming(table)
+    light = np.where(plain.reshape(-1, *(1,) * (light.ndim - 1)), 1.0, light)
+    parts = own * light
+    total = parts.sum(axis=-1, keepdims=True)
+    return np.where(total > 0, parts / np.where(total > 0, total, 1.0), own)

@@ -1,0 +1,86 @@
+"""GalSim objects that a catalogue's class gives for its galaxies (CatalogBase.galsim_object), turned into images.
+
+An object is drawn once, by GalSim, on pixels a quarter as wide as the chip's, and is an image from then on. Its x is to
+the east and its y to the north, so that GalSim's g1, g2 are the catalogue's e1, e2; its flux does not count.
+
+The truth says how far the image is from the object. `user_galsim_lost` is the share of the light beyond it: below 1e-3,
+but for objects with far wings. `user_galsim_blur` is the sigma [arcsec] of a Gaussian with which objects too sharp for
+GalSim's transform, as points and Sersic profiles of high index, are blurred: 0, or 0.0074, which adds 1.1e-4 arcsec^2
+to the mean square radius. Images are files in a folder, named by the object that they show.
+"""
+
+import hashlib
+import pickle
+from pathlib import Path
+
+import numpy as np
+
+from csstsim.base.errors import InputError
+from csstsim.base.files.atomic import atomic_path
+
+SCALE = 0.0185  # arcsec per pixel
+SIDE, TRANSFORM = 2049, 4096  # pixels: the most of an image, of a transform
+BLUR = 0.4 * SCALE
+# (sigma of the blur, light that may fold back into the image): the first that fits is taken
+WAYS = (0.0, 1e-3), (BLUR, 1e-3), (BLUR, 5e-3), (BLUR, 2e-2)
+
+
+def galsim_columns(profiles, columns, folder):
+    """Return {column: list} of the images of GalSim objects; rows of None keep what `columns` {name: list} has.
+
+    profiles: (where, for messages, and a galsim.GSObject or None) of each row; folder: of the images' files.
+    """
+    profiles = list(profiles)
+    blank = {"image_file": "", "image_scale": 0.0, "galsim_lost": np.nan, "galsim_blur": np.nan}
+    made = {name: list(columns.get(name, [None] * len(profiles))) for name in blank}
+    for row, (where, profile) in enumerate(profiles):
+        if profile is not None:
+            for name, value in image_of(profile, folder, where).items():
+                made[name][row] = value
+    return {name: [blank[name] if given is None else given for given in values] for name, values in made.items()}
+
+
+def image_of(profile, folder, where):
+    """Return {column: value} of a GalSim object's image, drawn into a file of `folder` unless the file is there.
+
+    Raises InputError, which begins with `where`, for what is no galsim.GSObject, or cannot be drawn.
+    """
+    from astropy.io import fits
+
+    if not hasattr(profile, "drawImage") or getattr(profile, "flux", 0) <= 0:
+        allowed = "a galsim.GSObject with light, or None"
+        raise InputError("returned what is not drawn", key=where, value=type(profile).__name__, allowed=allowed)
+    profile = profile.withFlux(1.0)
+    path = Path(folder) / f"{hashlib.sha256(pickle.dumps(profile)).hexdigest()[:20]}.fits"
+    if not path.is_file():
+        pixels, scale, blur = _drawn(profile, where)
+        file = fits.PrimaryHDU(pixels[:, ::-1].astype(np.float32))  # an image's columns run to the west
+        file.header["SCALE"] = (scale, "arcsec per pixel")
+        file.header["LOST"] = (max(1.0 - float(pixels.sum()), 0.0), "share of the light beyond the image")
+        file.header["BLUR"] = (blur, "arcsec, sigma")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_path(path) as temporary:
+            file.writeto(temporary, overwrite=True)
+    header = fits.getheader(path)
+    return {
+        "image_file": str(path), "image_scale": header["SCALE"], "galsim_lost": header["LOST"],
+        "galsim_blur": header["BLUR"],
+    }  # fmt: skip
+
+
+def _drawn(profile, where):
+    """Return (pixels, arcsec per pixel, sigma of the blur [arcsec]): the light in each pixel, y upwards."""
+    import galsim
+
+    galsim.errors.raise_fft_size_error = True  # otherwise GalSim only warns, and then uses all memory
+    for blur, folded in WAYS:
+        sharp = galsim.Convolve([profile, galsim.Gaussian(sigma=blur)]) if blur else profile
+        sharp = sharp.withGSParams(folding_threshold=folded, maxk_threshold=1e-3, maximum_fft_size=TRANSFORM)
+        try:
+            side = sharp.getGoodImageSize(SCALE)
+            scale = SCALE * max(1.0, side / SIDE)
+            side = min(side, SIDE) | 1
+            return sharp.drawImage(nx=side, ny=side, scale=scale, dtype=float).array, scale, blur
+        except (galsim.GalSimError, MemoryError) as exc:
+            reason = exc
+    raise InputError(f"GalSim cannot draw it: {str(reason).splitlines()[0]}", key=where) from reason
