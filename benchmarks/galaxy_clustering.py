@@ -32,6 +32,7 @@ from csstsim.base.counter import object_keys
 from csstsim.base.healpix import NSIDE
 from csstsim.catalog.truth_bricks import _clustered, place
 from csstsim.instrument.camera import load_camera
+from csstsim.instrument.load import read_data
 from csstsim.universe.galaxies.members import draw_members
 from csstsim.universe.lensing.power_spectrum import MatterPower
 from csstsim.universe.parameters import load_universe
@@ -44,14 +45,7 @@ SEAM = {"min_sep": 0.1, "max_sep": 6.0, "nbins": 6, "sep_units": "arcmin", "bin_
 COSMOS = (1.0, 0.014)  # arcmin, w: at a median i of 24 (McCracken et al. 2007, ApJS 172, 314)
 H = 0.6766
 SDSS_Z, HSC_Z = 0.25, 0.35  # of clusters: Murata et al. (0.1 to 0.33), the pivot of McClintock et al.
-ZEHAVI = {  # r absolute magnitude: log M0, log M1 [solar / h], alpha, density [h^3 / Mpc^3], satellite fraction
-    -20.5: (11.62, 13.43, 1.15, 0.319e-2, 0.20),
-    -20.0: (12.35, 12.98, 1.00, 0.656e-2, 0.25),
-    -19.5: (12.23, 12.75, 0.99, 1.163e-2, 0.29),
-    -19.0: (9.77, 12.63, 1.02, 1.511e-2, 0.33),
-    -18.5: (8.99, 12.50, 1.02, 2.060e-2, 0.34),
-}
-MATTER = np.log10(0.3111 / 0.25)  # dex: ours over that of Zehavi et al.
+PUBLISHED = read_data(Path(__file__).resolve().parents[1] / "tests" / "universe" / "published_galaxies.yaml")
 
 
 def catalogue(sky, chosen, rng):
@@ -151,9 +145,10 @@ def richness(clusters, mass, z):
 
 def murata(log_mass):
     """Return the median and mean richness of haloes of these log10 masses by Murata et al. (2018)."""
-    x = np.log(10**log_mass * H / 3e14)
-    median = np.exp(3.207 + 0.993 * x)
-    return median, median * np.exp(0.5 * (0.456 - 0.169 * x) ** 2)
+    law = PUBLISHED["richness"]
+    x = np.log(10**log_mass * H / law["pivot"])
+    median = np.exp(law["a"] + law["b"] * x)
+    return median, median * np.exp(0.5 * (law["sigma"] + law["q"] * x) ** 2)
 
 
 def clusters_beside_published(axis, clusters):
@@ -181,18 +176,19 @@ def clusters_beside_published(axis, clusters):
 
 def satellites(occupation, z=0.1):
     """Print mean satellites by halo mass beside Zehavi et al. (2011), at the same number densities."""
+    published = PUBLISHED["satellites"]
+    matter = np.log10(occupation.grid.cosmology.omega_m / published["omega_m"])  # dex of halo mass
     row = np.searchsorted(occupation.grid.z, z) - 1
     density = occupation._density[row] / occupation.grid.volume[row]
-    central = density @ occupation.central
-    satellite = (density * occupation.surviving[row]) @ occupation.satellite
-    for magnitude, (m0, m1, alpha, number, fraction) in ZEHAVI.items():
-        least = np.interp(-number * H**3, -(central + satellite), occupation.proxies)
-        share = np.interp(least, occupation.proxies, satellite / (central + satellite))
+    mean = occupation.surviving[row][:, None] * occupation.satellite  # of a halo, above each proxy
+    every = density @ (occupation.central + mean)
+    for magnitude, m0, m1, alpha, number, fraction in published["rows"]:
+        least = np.interp(-number * H**3, -every, occupation.proxies)
+        share = np.interp(least, occupation.proxies, density @ mean / every)
         words = []
         for m in (13.0, 13.5, 14.0, 14.5):
-            k = np.argmin(np.abs(occupation.mass - m))
-            ours = np.interp(least, occupation.proxies, occupation.satellite[k]) * occupation.surviving[row, k]
-            theirs = ((10 ** (m - MATTER) * H - 10**m0) / 10**m1) ** alpha
+            ours = np.interp(least, occupation.proxies, mean[np.argmin(np.abs(occupation.mass - m))])
+            theirs = ((10 ** (m - matter) * H - 10**m0) / 10**m1) ** alpha
             words.append(f"{m:g}: {ours:.2f} ({theirs:.2f})")
         print(f"M_r < {magnitude}: satellite fraction {share:.2f} ({fraction}); satellites at " + ", ".join(words))
 
@@ -228,7 +224,9 @@ def main():
         far = theta > 2
         weight = 1 / error[far] ** 2
         ratio = np.sum(weight * w[far] * model[far]) / np.sum(weight * model[far] ** 2)
-        print(f"z {low:g} to {high:g}: {chosen.sum()} galaxies;", _line(theta, w, error), f"; over HSC's {ratio:.2f}")
+        near = np.argmin(np.abs(np.log(theta)))
+        print(f"z {low:g} to {high:g}: {chosen.sum()} galaxies;", _line(theta, w, error))
+        print(f"    over HSC's: {w[near] / model[near]:.2f} at {theta[near]:.2g}, {ratio:.2f} beyond 2 arcmin")
     theta, (within, across) = seam(catalogue(sky, sky["i"] < 23.0, rng), randoms)
     off = (within[0] - across[0]) / np.hypot(within[1], across[1])
     for t, a, b, sigma in zip(theta, within[0], across[0], off, strict=True):
