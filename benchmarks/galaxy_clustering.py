@@ -160,7 +160,11 @@ def clusters_beside_published(axis, clusters):
     axis.plot(murata(grid)[0], 10**grid, "k", label="Murata et al. 2018, at given mass")
     for m in (13.9, 14.2, 14.5, 14.8):
         here = np.abs(mass - m) < 0.01
-        print(f"z = {SDSS_Z}, richness at 10^{m:.1f}: {found[here].mean():.1f}, published {murata(m)[1]:.1f}")
+        scatter = np.log(np.maximum(found[here], 1)).std()
+        print(
+            f"z = {SDSS_Z}, richness at 10^{m:.1f}: {found[here].mean():.1f}, scatter {scatter:.2f} in ln; "
+            f"published {murata(m)[1]:.1f}"
+        )
     found = richness(clusters, mass, HSC_Z)
     weight = clusters.matter.mass_function.dn_dlnm(10**mass, HSC_Z)
     edges = (20, 30, 45, 80)
@@ -191,6 +195,9 @@ def satellites(occupation, z=0.1):
             theirs = ((10 ** (m - matter) * H - 10**m0) / 10**m1) ** alpha
             words.append(f"{m:g}: {ours:.2f} ({theirs:.2f})")
         print(f"M_r < {magnitude}: satellite fraction {share:.2f} ({fraction}); satellites at " + ", ".join(words))
+    rows = [np.searchsorted(occupation.grid.z, z) - 1 for z in (0.1, 0.6, 1.0, 2.0)]
+    column = np.argmin(np.abs(occupation.grid.log_mass - 10.0))
+    print("satellite share at 10^10, z = 0.1, 0.6, 1, 2:", np.round(occupation.satellite_share[rows, column], 2))
 
 
 def main():
