@@ -6,12 +6,18 @@
 w(theta) is by treecorr (Landy & Szalay), with errors by leaving out one brick after the other. In redshift slices it is
 compared with Limber's integral of halofit times the square of the bias that Nicola et al. (2020, JCAP 03, 044) measured
 in HSC, b = (0.8346 - 0.0624 (i - 24)) D^-1.3. The seam test counts pairs in the same brick and pairs across a border.
-Richness is the number of quiescent members above 10^10.1 solar masses (0.2 L*) within R_lambda, beside McClintock
-et al. (2019, MNRAS 482, 1352). Writes docs/figures/galaxy_clustering.png; exit code 1 if the seam test fails.
+
+Richness is the number of quiescent members above 10^10.1 solar masses (0.2 L*) within R_lambda. Its mean at given mass
+is beside Murata et al. (2018, ApJ 854, 120), who fitted the richness of haloes of given mass to SDSS. The mean mass at
+given richness, over the mass function, is beside McClintock et al. (2019, MNRAS 482, 1352). The two are not each
+other's inverse, because richness scatters. Satellites by halo mass at z = 0.1 are beside Zehavi et al. (2011, ApJ 736,
+59, table 3), at the same number density; their masses are scaled to our larger density of matter.
+Writes docs/figures/galaxy_clustering.png; exit code 1 if the seam test fails.
 """
 
 import argparse
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import matplotlib
@@ -26,16 +32,20 @@ from csstsim.base.counter import object_keys
 from csstsim.base.healpix import NSIDE
 from csstsim.catalog.truth_bricks import _clustered, place
 from csstsim.instrument.camera import load_camera
+from csstsim.instrument.load import read_data
 from csstsim.universe.galaxies.members import draw_members
 from csstsim.universe.lensing.power_spectrum import MatterPower
 from csstsim.universe.parameters import load_universe
 
-MAGNITUDES = ((18.0, 22.5), (22.5, 24.0), (24.0, 25.5))
+MAGNITUDES = ((18.0, 22.5), (22.5, 24.0), (24.0, 25.5), (18.0, 25.0))  # the last has the median 24 of COSMOS
 SLICES = ((0.15, 0.5), (0.5, 0.75), (0.75, 1.0), (1.0, 1.5))  # of galaxies to i = 24.5, as Nicola et al.
 MOST = 150_000  # galaxies of a sample; more are thinned
 BINS = {"min_sep": 0.1, "max_sep": 30.0, "nbins": 12, "sep_units": "arcmin", "bin_slop": 0.3, "num_threads": 1}
 SEAM = {"min_sep": 0.1, "max_sep": 6.0, "nbins": 6, "sep_units": "arcmin", "bin_slop": 0.1, "num_threads": 1}
 COSMOS = (1.0, 0.014)  # arcmin, w: at a median i of 24 (McCracken et al. 2007, ApJS 172, 314)
+H = 0.6766
+SDSS_Z, HSC_Z = 0.25, 0.35  # of clusters: Murata et al. (0.1 to 0.33), the pivot of McClintock et al.
+PUBLISHED = read_data(Path(__file__).resolve().parents[1] / "tests" / "universe" / "published_galaxies.yaml")
 
 
 def catalogue(sky, chosen, rng):
@@ -115,10 +125,9 @@ def predicted(theta, z, universe):
     )
 
 
-def richness(clusters, z=0.35):
-    """Return log10 masses and richness of drawn clusters."""
+def richness(clusters, mass, z):
+    """Return the richness of clusters drawn at log10 masses (n,)."""
     rng = np.random.default_rng(1)
-    mass = np.repeat(np.linspace(13.9, 15.0, 12), 40)
     radius = clusters.matter.mass_function.virial_radius(10**mass)
     keys = object_keys(np.uint64(9), np.arange(len(mass)))
     concentration = clusters.matter.haloes.mean_concentration(10**mass, z) * 10 ** (
@@ -129,9 +138,66 @@ def richness(clusters, z=0.35):
     apart = np.hypot(members.offset[:, 0], members.offset[:, 1]) / (1 + z)  # Mpc
     found = np.full(len(mass), 20.0)
     for _ in range(20):  # R_lambda = (lambda / 100)^0.2 Mpc / h depends on what it holds
-        inside = red & (apart < (found[members.halo] / 100) ** 0.2 / 0.6766)
+        inside = red & (apart < (found[members.halo] / 100) ** 0.2 / H)
         found = np.bincount(members.halo[inside], minlength=len(mass))
-    return mass, found
+    return found
+
+
+def murata(log_mass):
+    """Return the median and mean richness of haloes of these log10 masses by Murata et al. (2018)."""
+    law = PUBLISHED["richness"]
+    x = np.log(10**log_mass * H / law["pivot"])
+    median = np.exp(law["a"] + law["b"] * x)
+    return median, median * np.exp(0.5 * (law["sigma"] + law["q"] * x) ** 2)
+
+
+def clusters_beside_published(axis, clusters):
+    """Draw richness and mass; print the mean richness at given mass and the mean mass at given richness."""
+    mass = np.repeat(np.arange(13.3, 15.21, 0.1), 60)
+    found = richness(clusters, mass, SDSS_Z)
+    axis.plot(found, 10**mass, ".", ms=3, alpha=0.4)
+    grid = np.linspace(13.5, 15.1)
+    axis.plot(murata(grid)[0], 10**grid, "k", label="Murata et al. 2018, at given mass")
+    for m in (13.9, 14.2, 14.5, 14.8):
+        here = np.abs(mass - m) < 0.01
+        scatter = np.log(np.maximum(found[here], 1)).std()
+        print(
+            f"z = {SDSS_Z}, richness at 10^{m:.1f}: {found[here].mean():.1f}, scatter {scatter:.2f} in ln; "
+            f"published {murata(m)[1]:.1f}"
+        )
+    found = richness(clusters, mass, HSC_Z)
+    weight = clusters.matter.mass_function.dn_dlnm(10**mass, HSC_Z)
+    edges = (20, 30, 45, 80)
+    for low, high in pairwise(edges):
+        here = (found >= low) & (found < high)
+        mean, lam = (np.average(v[here], weights=weight[here]) for v in (10**mass, found))
+        published = 3.081e14 * (lam / 40) ** 1.356
+        print(f"z = {HSC_Z}, mass at richness {lam:.0f}: {mean:.2e}, published {published:.2e}")
+        axis.plot(lam, mean, "rs", label="mean mass at given richness" if low == edges[0] else None)
+    grid = np.array([15, 100])
+    axis.plot(grid, 3.081e14 * (grid / 40) ** 1.356, "r", label="McClintock et al. 2019")
+
+
+def satellites(occupation, z=0.1):
+    """Print mean satellites by halo mass beside Zehavi et al. (2011), at the same number densities."""
+    published = PUBLISHED["satellites"]
+    matter = np.log10(occupation.grid.cosmology.omega_m / published["omega_m"])  # dex of halo mass
+    row = np.searchsorted(occupation.grid.z, z) - 1
+    density = occupation._density[row] / occupation.grid.volume[row]
+    mean = occupation.surviving[row][:, None] * occupation.satellite  # of a halo, above each proxy
+    every = density @ (occupation.central + mean)
+    for magnitude, m0, m1, alpha, number, fraction in published["rows"]:
+        least = np.interp(-number * H**3, -every, occupation.proxies)
+        share = np.interp(least, occupation.proxies, density @ mean / every)
+        words = []
+        for m in (13.0, 13.5, 14.0, 14.5):
+            ours = np.interp(least, occupation.proxies, mean[np.argmin(np.abs(occupation.mass - m))])
+            theirs = ((10 ** (m - matter) * H - 10**m0) / 10**m1) ** alpha
+            words.append(f"{m:g}: {ours:.2f} ({theirs:.2f})")
+        print(f"M_r < {magnitude}: satellite fraction {share:.2f} ({fraction}); satellites at " + ", ".join(words))
+    rows = [np.searchsorted(occupation.grid.z, z) - 1 for z in (0.1, 0.6, 1.0, 2.0)]
+    column = np.argmin(np.abs(occupation.grid.log_mass - 10.0))
+    print("satellite share at 10^10, z = 0.1, 0.6, 1, 2:", np.round(occupation.satellite_share[rows, column], 2))
 
 
 def main():
@@ -154,7 +220,7 @@ def main():
         theta, w, error = correlation(catalogue(sky, chosen, rng), randoms, rr)
         axes[0].errorbar(theta, w, error, fmt="o-", ms=3, label=f"{low:g} < i < {high:g}")
         print(f"i {low:g} to {high:g}: {chosen.sum()} galaxies;", _line(theta, w, error))
-    axes[0].plot(*COSMOS, "k*", ms=12, label="COSMOS, median i = 24")
+    axes[0].plot(*COSMOS, "k*", ms=12, label="COSMOS, median i = 24", zorder=5)
     shallow = (sky["i"] < 24.5) & (sky["z"] > 0)
     for k, (low, high) in enumerate(SLICES):
         chosen = shallow & (sky["z"] >= low) & (sky["z"] < high)
@@ -165,18 +231,16 @@ def main():
         far = theta > 2
         weight = 1 / error[far] ** 2
         ratio = np.sum(weight * w[far] * model[far]) / np.sum(weight * model[far] ** 2)
-        print(f"z {low:g} to {high:g}: {chosen.sum()} galaxies;", _line(theta, w, error), f"; over HSC's {ratio:.2f}")
+        near = np.argmin(np.abs(np.log(theta)))
+        print(f"z {low:g} to {high:g}: {chosen.sum()} galaxies;", _line(theta, w, error))
+        print(f"    over HSC's: {w[near] / model[near]:.2f} at {theta[near]:.2g}, {ratio:.2f} beyond 2 arcmin")
     theta, (within, across) = seam(catalogue(sky, sky["i"] < 23.0, rng), randoms)
     off = (within[0] - across[0]) / np.hypot(within[1], across[1])
     for t, a, b, sigma in zip(theta, within[0], across[0], off, strict=True):
         print(f"seam, i < 23, {t:.2f} arcmin: within bricks {a:.4f}, across {b:.4f}, {sigma:+.1f} sigma")
-    mass, found = richness(_clustered(7, universe, load_camera(), "haloes"))
-    axes[2].plot(found, 10**mass, ".", ms=3, alpha=0.4)
-    grid = np.array([10, 200])
-    axes[2].plot(grid, 3.081e14 * (grid / 40) ** 1.356, "k", label="McClintock et al. 2019")
-    for m in np.unique(mass)[::3]:
-        wanted = 40 * (10**m / 3.081e14) ** (1 / 1.356)
-        print(f"richness at 10^{m:.1f}: {found[mass == m].mean():.1f}, published {wanted:.1f}")
+    clusters = _clustered(7, universe, load_camera(), "haloes")
+    satellites(clusters.occupation)
+    clusters_beside_published(axes[2], clusters)
     for axis, words in zip(axes, ("theta [arcmin]", "theta [arcmin]", "richness"), strict=True):
         axis.set(xscale="log", yscale="log", xlabel=words)
         axis.legend(fontsize=8)

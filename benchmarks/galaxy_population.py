@@ -25,6 +25,8 @@ ROOT = Path(__file__).resolve().parents[1]
 TARGET = ROOT / "docs" / "figures" / "galaxies.png"
 PUBLISHED = read_data(ROOT / "tests" / "universe" / "published_galaxies.yaml")
 AREA = 0.04  # deg2 drawn
+EACH = 12  # galaxies of a cell of the even sample
+VISTA_Y = (9740, 10660)  # angstrom, half-power points
 GROUND = 0.38  # arcsec: flux radius of stars in the COSMOS2020 box, subtracted in quadrature
 COLOURS = (("nuv", "u"), ("u", "g"), ("g", "i"), ("r", "i"), ("i", "z"), ("z", "y"))
 
@@ -32,9 +34,9 @@ COLOURS = (("nuv", "u"), ("u", "g"), ("g", "i"), ("r", "i"), ("i", "z"), ("z", "
 def even_sample():
     """Return columns of galaxies, and the number per deg2 that each represents."""
     model = galaxy_sample.population()
-    cells = np.repeat(np.argwhere(model.grid.density > 0), 3, axis=0).T
+    cells = np.repeat(np.argwhere(model.grid.density > 0), EACH, axis=0).T
     columns = model.properties(lambda name: stream(2, name), *model.grid.place(stream(2, "place"), *cells))
-    return columns, model.grid.density[tuple(cells)] / 3
+    return columns, model.grid.density[tuple(cells)] / EACH
 
 
 def select(columns, keep):
@@ -84,16 +86,40 @@ def beside_published(m, weight):
         print(f"r < {limit}: {weight[m['r'] < limit].sum():.0f} deg-2; published {number}")
 
 
-def hubble_deep_field(columns, weight):
-    """Print median F450W - F814W beside that of the Hubble Deep Field."""
+def weighted_median(values, weight):
+    """Return the median of `values` and its error, each value counted `weight` times."""
+    order = np.argsort(values)
+    total = np.cumsum(weight[order])
+    low, middle, high = np.interp(np.array([0.16, 0.5, 0.84]) * total[-1], total, values[order])
+    effective = weight.sum() ** 2 / (weight**2).sum()
+    return middle, 1.25 * 0.5 * (high - low) / np.sqrt(effective)
+
+
+def medians(columns, weight):
+    """Print median colours beside COSMOS2020 and the Hubble Deep Field, and radii, all by magnitude."""
+    keep = columns["i"] < 27
+    columns, weight = select(columns, keep), weight[keep]
+    m, half = galaxy_sample.magnitudes(columns), galaxy_sample.half_light(columns)
+    m["nuv"] = np.minimum(m["nuv"], 99.0)  # no light below the Lyman limit
+
+    def near(band, mag, values):
+        here = np.abs(m[band] - mag) < 0.5
+        return weighted_median(values[here], weight[here])
+
+    print(" i    " + "   ".join(f"{a} - {b}" for a, b in COLOURS) + "   radius   (error of g - i)")
+    for mag in range(20, 27):
+        found = [near("i", mag, m[a] - m[b]) for a, b in COLOURS] + [near("i", mag, half)]
+        print(f"{mag}  " + "   ".join(f"{v:6.3f}" for v, _ in found) + f"   ({found[2][1]:.3f})")
+    real = PUBLISHED["r_z"]
+    r_z = np.subtract(*(galaxy_sample.top_hat(columns, *real[band]) for band in "rz"))  # HSC's bands
+    for mag, colour in real["medians"]:
+        ours, error = near("z", mag, r_z)
+        print(f"r - z at z = {mag}: {ours:.2f} +- {error:.2f}; COSMOS2020 {colour:.2f}")
     real = PUBLISHED["hubble_deep_field"]
-    blue, red = (galaxy_sample.top_hat(columns, *real[band]) for band in ("f450w", "f814w"))
-    for mag, colour, sigma in real["medians"]:
-        near = np.abs(columns["i"] - mag) < 0.5
-        order = np.argsort((blue - red)[near])
-        total = np.cumsum(weight[near][order])
-        ours = np.interp(0.5 * total[-1], total, (blue - red)[near][order])
-        print(f"F450W - F814W at {mag}: {ours:.2f}; Hubble Deep Field {colour:.2f} +- {sigma:.2f}")
+    colour = np.subtract(*(galaxy_sample.top_hat(columns, *real[band]) for band in ("f450w", "f814w")))
+    for mag, published, sigma in real["medians"]:
+        ours, error = near("i", mag, colour)
+        print(f"F450W - F814W at {mag}: {ours:.2f} +- {error:.2f}; Hubble Deep Field {published:.2f} +- {sigma:.2f}")
 
 
 def mass_functions(ax, columns, weight):
@@ -165,10 +191,6 @@ def redshifts(ax, columns, hst):
 
 
 def colours(two, by_z, columns, m):
-    print("median colours at i = 20 to 26:")
-    for a, b in COLOURS:
-        near = (np.median((m[a] - m[b])[np.abs(columns["i"] - i) < 0.5]) for i in range(20, 27))
-        print(f"{a:>3} - {b:<2}" + " ".join(f"{colour:5.2f}" for colour in near))
     shown = (columns["i"] < 23) & (columns["z"] < 1.5)
     picture = two.scatter((m["g"] - m["r"])[shown], (m["u"] - m["g"])[shown], c=columns["z"][shown], s=1, cmap="turbo")
     plt.colorbar(picture, ax=two, label="z")
@@ -189,12 +211,16 @@ def cosmos(ax, path, columns, m):
     r, z = (23.9 - 2.5 * np.log10(column[f"flux_{band}_uJy"][galaxy]) for band in "rz")
     size = np.sqrt(np.maximum(column["flux_radius_arcsec"][galaxy] ** 2 - GROUND**2, 0.0))
     half = galaxy_sample.half_light(columns)
-    bands = (PUBLISHED["r_z"][band] for band in "rz")
-    r_z = np.subtract(*(galaxy_sample.top_hat(columns, *edges) for edges in bands))  # HSC's bands
+    bands = (*(PUBLISHED["r_z"][band] for band in "rz"), VISTA_Y)
+    hsc_r, hsc_z, vista = (galaxy_sample.top_hat(columns, *edges) for edges in bands)
+    r_z, z_y = hsc_r - hsc_z, hsc_z - vista
+    flux = {band: np.where(column[f"flux_{band}_uJy"] > 0, column[f"flux_{band}_uJy"], np.nan)[galaxy] for band in "zY"}
+    real_z_y = -2.5 * np.log10(flux["z"] / flux["Y"])
     ratio = column["acs_b_arcsec"][galaxy] / column["acs_a_arcsec"][galaxy]
     e = np.hypot(columns["e1"], columns["e2"])
     print(
         "z mag  r - z COSMOS 16, 50, 84%   csstsim, HSC bands  half-light COSMOS, own    axis ratio COSMOS (ACS), own"
+        "    z - Y COSMOS, own"
     )
     for mag in range(20, 26):
         real, ours = np.abs(z - mag) < 0.5, np.abs(m["z"] - mag) < 0.5
@@ -202,7 +228,8 @@ def cosmos(ax, path, columns, m):
             " ".join(f"{v:6.2f}" for v in np.percentile(c, [16, 50, 84]))
             for c in ((r - z)[real], r_z[ours])
         ) + f"   {np.median(size[real]):8.2f} {np.median(half[ours]):6.2f}"
-          f"      {np.nanmedian(ratio[real]):8.2f} {np.median((1 - e[ours]) / (1 + e[ours])):6.2f}")  # fmt: skip
+          f"      {np.nanmedian(ratio[real]):8.2f} {np.median((1 - e[ours]) / (1 + e[ours])):6.2f}"
+          f"     {np.nanmedian(real_z_y[real]):8.2f} {np.median(z_y[ours]):6.2f}")  # fmt: skip
     bins = np.arange(-0.5, 3, 0.05)
     for mag, colour in ((21, "r"), (24, "b")):
         ax.hist((r - z)[np.abs(z - mag) < 0.5], bins, density=True, histtype="stepfilled", color=colour, alpha=0.25)
@@ -237,7 +264,7 @@ def main():
     path = folder / "galsim_real_galaxy_catalog_23.5_example_fits.fits"
     hst = hst_sample(path) if path.exists() else None
     counts_table(counts, *(sample := even_sample()))
-    hubble_deep_field(*sample)
+    medians(*sample)
     mass_functions(masses, *sample)
     sizes(size, columns, hst)
     redshifts(redshift, columns, hst)

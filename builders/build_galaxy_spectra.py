@@ -1,11 +1,12 @@
 """Builder of config/universe/galaxy_spectra.fits: 20 components that span galaxies' rest-frame spectra.
 
 Templates: the five of kcorrect (Blanton & Roweis 2007, AJ 133, 734; BSD-3, from skypy), with stars and emission lines
-separate and without dust, per solar mass of stars formed. Dust: Calzetti et al. (2000, ApJ 533, 682), the same for
-stars and lines. The components are singular vectors (no mean subtracted, so an SED is a plain sum) of random mixtures
-of templates, dust and line strengths. Each wavelength is weighted by the inverse of the mixtures' geometric mean, so
-that faint ultraviolet counts as much as bright red light. The file also has the projections of each template with each
-dust column, so a galaxy's coefficients are linear in its masses.
+separate and without dust, per solar mass of stars formed. Dust: Calzetti et al. (2000, ApJ 533, 682), made steeper as
+Salim et al. (2018, ApJ 859, 11) found, the same for stars and lines. The components are singular vectors (no mean
+subtracted, so an SED is a plain sum) of random mixtures of templates, dust and line strengths. Each wavelength is
+weighted by the inverse of the mixtures' geometric mean, so that faint ultraviolet counts as much as bright red light.
+The file also has the projections of each template with each dust column, so a galaxy's coefficients are linear in its
+masses.
 
     python builders/build_galaxy_spectra.py ../shared/data        # writes config/universe/galaxy_spectra.fits
 """
@@ -19,9 +20,10 @@ from astropy.io import fits
 from csstsim.base.rng import stream
 from csstsim.base.shipped import SHIPPED
 from csstsim.base.units import C_A_S, H_J_S
+from csstsim.instrument.load import read_data
 
 REST = 600.0 + 2.9 * np.arange(3587)  # angstrom (paper, section 3.2.2)
-DUST = np.linspace(0.0, 4.0, 41)  # A(V), mag
+DUST = np.linspace(0.0, 3.0, 31)  # A(V), mag
 COMPONENTS = 20
 MIXTURES = 2500
 LYMAN_LIMIT, ESCAPE = 912.0, 0.03  # A; share of starlight below it that leaves the galaxy: a few per cent (E)
@@ -35,6 +37,12 @@ def calzetti(wavelength):
     k = np.where(wavelength < 6300.0, blue, red) / 4.05
     slope = (2.659 * (1.509 - 0.396 / 0.12 + 0.033 / 0.12**2)) / 4.05  # of k in x at 1200 A
     return k + np.where(wavelength < 1200.0, slope * (1e4 / wavelength - 1e4 / 1200.0), 0.0)
+
+
+def attenuation(wavelength):
+    """Return A(lambda)/A(V): Calzetti's times (lambda / 5500 A)^slope, `dust.slope` of galaxies.yaml."""
+    slope = read_data(SHIPPED / "universe" / "galaxies.yaml")["dust"]["slope"]
+    return calzetti(wavelength) * (wavelength / 5500.0) ** slope
 
 
 def templates(path):
@@ -61,9 +69,9 @@ def mixtures(stars, lines, rng):
     """Return (MIXTURES, 3587) random galaxies, each of unit mean light at 4000-8000 A."""
     optical = (REST > 4000) & (REST < 8000)
     mix = rng.dirichlet(np.full(5, 0.35), MIXTURES) / stars[:, optical].mean(axis=1)  # shares of optical light
-    dust = np.minimum(rng.exponential(0.6, MIXTURES), DUST[-1])[:, None]
+    dust = np.minimum(rng.exponential(0.35, MIXTURES), DUST[-1])[:, None]
     strength = rng.lognormal(0.0, 0.7, MIXTURES)[:, None]
-    seds = (mix @ stars + strength * (mix @ lines)) * 10 ** (-0.4 * dust * calzetti(REST))
+    seds = (mix @ stars + strength * (mix @ lines)) * 10 ** (-0.4 * dust * attenuation(REST))
     return seds / seds[:, optical].mean(axis=1, keepdims=True)
 
 
@@ -74,7 +82,7 @@ def main(data):
     rows = train * weight
     rows /= np.linalg.norm(rows, axis=1, keepdims=True)
     basis = np.linalg.svd(rows, full_matrices=False)[2][:COMPONENTS]
-    dimmed = 10 ** (-0.4 * DUST[:, None] * calzetti(REST))  # (dust, wavelength)
+    dimmed = 10 ** (-0.4 * DUST[:, None] * attenuation(REST))  # (dust, wavelength)
     projections = [
         np.einsum("tw,aw,kw->tak", part * weight, dimmed, basis) for part in (stars, lines)
     ]  # orthonormal rows: the projection is a product
@@ -95,7 +103,7 @@ def main(data):
 def write(basis, projections, info):
     head = fits.Header()
     head["SOURCE"] = "kcorrect NMF templates, Blanton & Roweis 2007, AJ 133, 734 (BSD-3)"
-    head["DUST"] = "Calzetti et al. 2000, ApJ 533, 682"
+    head["DUST"] = "Calzetti et al. 2000, ApJ 533, 682, times (lambda/5500 A)^dust.slope"
     head["BUILDER"] = "builders/build_galaxy_spectra.py"
     head["WAVE0"], head["DWAVE"] = (REST[0], "angstrom, rest frame"), (2.9, "angstrom")
     head["ESCAPE"] = (ESCAPE, "of starlight below 912 A (estimate)")

@@ -277,7 +277,7 @@ def test_a_fast_hook_that_is_not_the_spectrum_is_a_fault(camera):
 def test_reasons_are_those_of_the_selection(camera, make_pointing, observe):
     """Random nonsense: an object is flagged as not drawable if and only if there is a reason in words."""
     from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING
-    from csstsim.catalog.selection.drawable import NO_LIGHT, reasons, why_not_drawn
+    from csstsim.catalog.selection.drawable import NO_LIGHT, STRONGLY_LENSED, reasons, why_not_drawn
     from csstsim.catalog.selection.select import Noise, select_objects
     from csstsim.instrument.chip import Window
     from csstsim.optics.geometry.wcs import ChipWCS
@@ -304,6 +304,8 @@ def test_reasons_are_those_of_the_selection(camera, make_pointing, observe):
     assert np.array_equal(np.any(list(reasons(table).values()), axis=0), dark)
     why = why_not_drawn(table, dark)
     assert sum(why.values()) == dark.sum() and NO_LIGHT not in why
+    flagged = table.with_columns(flags=np.full_like(table["flags"], STRONG_LENSING))  # as bricks flag arcs
+    assert why_not_drawn(flagged, ~dark) == {STRONGLY_LENSED: (~dark).sum()}
 
 
 @pytest.mark.parametrize("value", [np.nan, 1.5, 2**63, 2**64, None, "one"])

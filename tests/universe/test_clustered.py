@@ -1,20 +1,25 @@
 """Bricks with structure: seams, order, what the columns say. A halo's members are counted independently of bricks."""
 
+from pathlib import Path
+
 import healpy
 import numpy as np
 import pytest
 from embedded_sky import SEED, brick, key, shipped, universe_folder
 
+from csstsim.base.counter import object_keys
 from csstsim.base.healpix import NSIDE
 from csstsim.base.sphere import frames
 from csstsim.campaign.config import Lensing
 from csstsim.catalog.table import GALAXY, QUASAR
 from csstsim.catalog.truth_bricks import AREA_DEG2, _clustered, _streams, make_brick
+from csstsim.instrument.load import read_data
 from csstsim.universe.galaxies.members import draw_members
 from csstsim.universe.parameters import load_universe
 
 PIX, NEXT = 100000, 100001
 DARK = Lensing(field="none")
+PUBLISHED = read_data(Path(__file__).parent / "published_galaxies.yaml")
 
 
 @pytest.fixture(scope="module")
@@ -108,3 +113,25 @@ def test_shapes_follow_haloes_and_the_tidal_field(galaxies, samples):
     assert towards == pytest.approx(numbers["radial"], rel=0.1)
     tidal = ~blue & ~pointing & ~turned
     assert 1e-5 < np.abs((after - e)[tidal]).mean() < 0.02
+
+
+@pytest.mark.parametrize("log_mass", [13.5, 14.0, 14.5])
+def test_satellites_by_halo_mass_are_those_of_the_sdss(galaxies, log_mass):
+    """Drawn satellites at z = 0.1 above the mass that has the number density of Zehavi et al. (2011): 20%, and 3 sigma.
+
+    Their masses are scaled to our larger density of matter.
+    """
+    occupation, count, z = galaxies.occupation, 150, 0.1
+    published, grid, h = PUBLISHED["satellites"], galaxies.population.grid, galaxies.population.cosmology.h0 / 100
+    row = np.searchsorted(grid.z, z) - 1
+    above = np.cumsum(grid.density.sum(axis=0)[row, ::-1])[::-1] / grid.volume[row]  # of the columns' lower edges
+    mass = np.full(count, log_mass)
+    radius = galaxies.matter.mass_function.virial_radius(10**mass)
+    keys = object_keys(np.uint64(3), np.arange(count))
+    members = draw_members(occupation, np.full(count, z), mass, np.full(count, 5.0), radius, keys)
+    smaller = 10**log_mass * published["omega_m"] / galaxies.population.cosmology.omega_m * h
+    for magnitude, m0, m1, alpha, density, _ in published["rows"]:
+        least = np.interp(-density * h**3, -above, grid.log_mass)
+        found = ((members.satellite == 1) & (members.log_mass > least)).sum() / count
+        wanted = ((smaller - 10**m0) / 10**m1) ** alpha
+        assert abs(found - wanted) < 0.2 * wanted + 3 * np.sqrt(wanted / count), magnitude

@@ -266,7 +266,10 @@ def test_magnitude_is_that_of_the_spectrum():
 
 
 def test_median_colours():
-    """r - z of COSMOS2020 in HSC's bands, 0.07 mag and 0.03 for this sample; at i = 24 anchors on the red side, 0.1."""
+    """0.07 mag, and 0.03 for this sample: r - z of COSMOS2020 in HSC's bands, F450W - F814W of the Hubble Deep Field.
+
+    At i = 24 anchors on the red side, 0.1.
+    """
     columns, weight = even()
     keep = columns["i"] < 26.5
     columns, weight = {name: values[keep] for name, values in columns.items()}, weight[keep]
@@ -281,6 +284,10 @@ def test_median_colours():
     r_z = galaxy_sample.top_hat(columns, *cosmos["r"]) - galaxy_sample.top_hat(columns, *cosmos["z"])
     for z, colour in cosmos["medians"]:
         assert median(r_z, np.abs(m["z"] - z) < 0.5) == pytest.approx(colour, abs=0.1), z
+    deep = PUBLISHED["hubble_deep_field"]
+    blue_red = galaxy_sample.top_hat(columns, *deep["f450w"]) - galaxy_sample.top_hat(columns, *deep["f814w"])
+    for i, colour, _ in deep["medians"]:
+        assert median(blue_red, np.abs(columns["i"] - i) < 0.5) == pytest.approx(colour, abs=0.1), i
     near = np.abs(columns["i"] - 24) < 0.5
     for a, b, colour in (("r", "i", 0.4), ("i", "z", 0.25), ("z", "y", 0.1), ("g", "i", 0.9)):
         assert median(m[a] - m[b], near) == pytest.approx(colour, abs=0.1), (a, b)
@@ -291,11 +298,9 @@ def test_ultraviolet_counts():
     keep = columns["i"] < 27  # u - i of galaxies is above -1
     columns, weight = {name: values[keep] for name, values in columns.items()}, weight[keep]
     u = galaxy_sample.magnitudes(columns, ("u",))["u"]
-    for mag, log in PUBLISHED["u_counts"][
-        1:6
-    ]:  # brighter ones are up to 0.2 dex above the survey's half a square degree
+    for mag, log in PUBLISHED["u_counts"][1:6]:  # brighter ones are up to 0.3 dex above its half a square degree
         inside = np.abs(u - mag) < 0.5
-        assert np.log10(weight[inside].sum()) == pytest.approx(log, abs=0.22), mag
+        assert np.log10(weight[inside].sum()) == pytest.approx(log, abs=0.18), mag
 
 
 def test_colours_of_near_galaxies_reach_from_red_to_blue():

@@ -8,8 +8,10 @@ import pytest
 from embedded_sky import shipped
 
 from csstsim.base.errors import InputError
+from csstsim.base.shipped import SHIPPED
 from csstsim.catalog.light.photometry import subband_weights
 from csstsim.instrument.filter import GRID
+from csstsim.instrument.load import read_data
 from csstsim.universe.dust.extinction import odonnell
 from csstsim.universe.galaxies.galaxy_sed import COEFFICIENTS, GalaxySeds, distance_scale
 
@@ -59,10 +61,22 @@ def test_edges_of_the_input(seds, camera):
 
 def test_coefficients_are_linear_in_mass_and_never_extrapolate_dust(seds):
     mix = np.random.default_rng(2).random((4, 5))
-    dust, lines = np.array([0.0, 0.33, 4.0, 9.0]), np.array([0.0, 1.0, 2.0, 1.0])
+    dust, lines = np.array([0.0, 0.33, 3.0, 9.0]), np.array([0.0, 1.0, 2.0, 1.0])
     once = seds.coefficients(mix, dust, lines)
     assert seds.coefficients(3 * mix, dust, lines) == pytest.approx(3 * once)
-    assert seds.coefficients(mix[3:], [4.0], lines[3:]) == pytest.approx(once[3:])
+    assert seds.coefficients(mix[3:], [3.0], lines[3:]) == pytest.approx(once[3:])
+
+
+@pytest.mark.parametrize("dust", [0.3, 1.0])
+def test_dust_dims_as_the_steep_curve_of_calzetti(seds, dust):
+    """Calzetti et al. (2000, equation 4) by hand, times (lambda / 5500 A)^slope (Salim et al. 2018): 0.02 mag."""
+    slope = read_data(SHIPPED / "universe" / "galaxies.yaml")["dust"]["slope"]
+    mix = [seds.coefficients(np.eye(5)[[YOUNG]], [a], [0.0]) for a in (dust, 0.0)]
+    bands = ((1500, 10.33), (2300, 8.21), (3000, 6.93), (4400, 5.06), (5500, 4.05), (8000, 2.57))
+    for at, k in bands:  # k = 2.659 (-2.156 + 1.509 x - 0.198 x^2 + 0.011 x^3) + 4.05 below 6300 A, x in 1 / micrometre
+        wave = np.linspace(at - 30.0, at + 30.0, 61)
+        dim, clear = (seds.spectra([0.0], m, [1.0], [0.0], wavelength=wave, igm=False).sum() for m in mix)
+        assert -2.5 * np.log10(dim / clear) == pytest.approx(dust * k / 4.05 * (at / 5500) ** slope, abs=0.02), at
 
 
 def test_the_old_template_breaks_at_4000_angstrom(seds):

@@ -60,7 +60,7 @@ def test_satellites_are_the_subhaloes_when_scatter_is_small():
 
 
 @pytest.mark.parametrize(
-    ("log_mass", "z", "share"), [(13, 0, 0.26), (15, 0, 0.26 * 10**0.4), (13, 1, 0.26 * 2**1.1), (13, 6, 0.9)]
+    ("log_mass", "z", "share"), [(13, 0, 0.38), (15, 0, 0.38 * 10**0.16), (13, 1, 0.38 * 2**0.3), (16, 6, 0.9)]
 )
 def test_galaxies_survive_in_young_haloes(log_mass, z, share):
     assert surviving(log_mass, z, NUMBERS["surviving"]) == pytest.approx(share)

@@ -3,6 +3,7 @@
 import numpy as np
 
 from csstsim.catalog.changing import columns as changing
+from csstsim.catalog.flags import STRONG_LENSING
 from csstsim.catalog.galaxy_shapes.components import has_image
 from csstsim.catalog.table import GALAXY, STAR, TYPES
 from csstsim.profiles.sersic import INDEX_MAX, INDEX_MIN
@@ -68,7 +69,9 @@ def unusable(table, flux):
 def why_not_drawn(table, dark):
     """Return {reason: number of objects}, each object under its first reason; `dark` (n,) bool: those not drawn."""
     left, counts = np.array(dark, dtype=bool), {}
-    for reason, mask in reasons(table).items():
+    every = reasons(table)
+    every[STRONGLY_LENSED] |= (table["flags"] & STRONG_LENSING) != 0  # bricks flag arcs of thin lenses, too
+    for reason, mask in every.items():
         counts[reason] = int((left & mask).sum())
         left &= ~mask
     counts[NO_LIGHT] = int(left.sum())

@@ -74,7 +74,7 @@ class GalaxySeds:
     def coefficients(self, mix, dust, lines):
         """Return (n, 20) coefficients of galaxies at 10 pc.
 
-        mix: (n, 5) solar masses formed in each template; dust: (n,) A(V) [mag] of the galaxy's own dust, at most 4;
+        mix: (n, 5) solar masses formed in each template; dust: (n,) A(V) [mag] of the galaxy's own dust, at most 3;
         lines: (n,) factor on the emission lines.
         """
         x = np.clip(np.asarray(dust, dtype=float), self._dust[0], self._dust[-1]) / (self._dust[1] - self._dust[0])
