@@ -75,7 +75,7 @@ def test_what_is_not_subtracted_is_stated(pair):
     plain, kept = extracted(s, frame, sources), extracted(s, frame, sources, light, subtract=False)
     same = np.isclose(kept["box"], plain["box"], rtol=1e-6, equal_nan=True)  # where the same pixels are rejected
     assert same.mean() > 0.95
-    assert np.isnan(plain["contamination"]).all() and (kept["contamination"][kept["id"] == 100] > 0).mean() > 0.9
+    assert np.isnan(plain["contamination"]).all() and (kept["contamination"][kept["id"] == 100] > 0).mean() > 0.85
 
 
 def test_the_objects_own_light_is_its_catalogue_entrys(pair):

@@ -25,7 +25,7 @@ SECTIONS = {
         "validate",
     ),
     "Measure the simulator": ("bench", "shear", "budget"),
-    "Extend": ("layers", "fit-grating"),
+    "Extend": ("layers", "fit-grating", "export-grating"),
     "Deliver": ("verify", "compare"),
     "Frames that exist": ("place", "inject", "recover", "recreate"),
 }  # fmt: skip

@@ -67,7 +67,7 @@ def _of_table(run, job, sources, truth):
         return ObjectTable({}), None, owner
     x, y = (np.asarray(table[axis][rows], float) for axis in "xy")
     orders = expected_orders(rows, x, y, spectra, disperser, job.pointing.exptime)
-    at = np.stack([truth["xImage"], truth["yImage"]], axis=1).astype(float) - 1.0
+    at = np.stack([truth["x"], truth["y"]], axis=1).astype(float)
     there = np.flatnonzero(np.isfinite(at).all(axis=1))
     distance, nearest = cKDTree(np.stack([x, y], axis=1)).query(at[there])
     near = distance <= MATCH / run.camera.telescope.pixel_scale
