@@ -3,6 +3,7 @@
 import click
 
 from csstsim.command_line.group import GivenPath
+from csstsim.command_line.options import of_campaign
 
 
 class Budgets(click.Group):
@@ -35,3 +36,29 @@ def budget():
 def shear(plan, output, only_plan):
     """Measure what each effect adds to the bias of shear."""
     raise click.UsageError("not yet")
+
+
+@budget.command()
+@of_campaign
+@click.option("--spectra", type=click.Path(), help="Folder of the tables of spectra [default: the campaign's].")
+@click.option("--answer", type=click.Path(), help="Redshifts to score: CSV of id, z and good (1: sure, 0: not).")
+@click.option("--band", default="i", show_default=True, help="Band of the magnitudes.")
+@click.option(
+    "--output", "folder", type=click.Path(), default="results/budget_redshift", show_default=True,
+    help="Folder of results.",
+)  # fmt: skip
+def redshift(run, spectra, answer, band, folder):
+    """Stack slitless spectra; score redshifts fitted to them.
+
+    Spectra of one galaxy from all frames of a campaign are added: stack.parquet and objects.parquet are for the program
+    that fits redshifts. Its answer is scored by magnitude, redshift, size and contamination. Fluxes and wavelengths of
+    emission lines are compared with the truth.
+
+    \b
+    For example:
+      csstsim budget redshift campaign.yaml
+      csstsim budget redshift campaign.yaml --answer redshifts.csv
+    """
+    from csstsim.budget.redshift.report import budget as run_budget
+
+    run_budget(run, folder, spectra, answer, band, click.echo)
