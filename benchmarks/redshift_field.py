@@ -33,11 +33,12 @@ EXPTIME, TIME = 300.0, "2027-11-20T01:20:00"
 LIMIT = 24.5  # mag: fainter light is not drawn; a whole sky's is below a tenth of a pixel's noise
 FAINTEST = {"mag_i": 23.0}
 OFF = {"CTE_effect", "cosmic_rays", "detector_defects"}
+NOISE = {"poisson_and_dark", "brighter_fatter", "readout_noise"}
 WINDOW = 0, 9216, 0, 9232
 WAYS = {"catalogue": ContaminationConfig(known_from="catalogue"), "kept": ContaminationConfig(subtract=False)}
 
 
-def campaign(folder, window=WINDOW):
+def campaign(folder, window=WINDOW, place=PLACE, noiseless=False):
     """Write the campaign; return it opened."""
     folder.mkdir(parents=True, exist_ok=True)
     camera, found, obsid, start = load_camera(), {}, "10100000001", TIME
@@ -46,12 +47,12 @@ def campaign(folder, window=WINDOW):
             chip = camera.chips[number]
             (x, y), _ = light_on(camera, chip)
             middle = (window[0] + window[1] - 1) / 2 - x, (window[2] + window[3] - 1) / 2 - y
-            pointing = centred_exposure(camera, chip, *PLACE, pa=angle, time=start, exptime=EXPTIME, shift=middle)
+            pointing = centred_exposure(camera, chip, *place, pa=angle, time=start, exptime=EXPTIME, shift=middle)
             found[obsid] = pointing
             obsid, start = next_obsid(obsid), after(pointing)
     (folder / "survey_table.csv").write_text(table_of(found))
     layers = yaml.safe_load((ROOT / "config/observations/science.yaml").read_text())
-    layers["layers"] = [layer for layer in layers["layers"] if not OFF & set(layer)]
+    layers["layers"] = [layer for layer in layers["layers"] if not (OFF | NOISE if noiseless else OFF) & set(layer)]
     (folder / "science.yaml").write_text(yaml.safe_dump(layers, sort_keys=False))
     content = {
         "schema_version": 1, "name": "redshift_field", "survey_table": "survey_table.csv", "output": "out", "seed": 31,
@@ -60,6 +61,7 @@ def campaign(folder, window=WINDOW):
         "window": dict(zip(("x0", "x1", "y0", "y1"), map(int, window), strict=True)),
         "catalog": {"mag_limit": LIMIT, "lensing": {"field": "none"}, "structure": "none"},
     }  # fmt: skip
+    content |= {"fidelity": "noise_free"} if noiseless else {}
     (folder / "campaign.yaml").write_text(yaml.safe_dump(content))
     return OpenCampaign(folder / "campaign.yaml")
 
@@ -102,8 +104,10 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--folder", type=Path, default=ROOT / "results" / "redshift_field")
     parser.add_argument("--window", type=int, nargs=4, default=WINDOW)
+    parser.add_argument("--place", type=float, nargs=2, default=PLACE, help="ra, dec [deg]")
+    parser.add_argument("--noiseless", action="store_true", help="expected light alone: biases without their noise")
     options = parser.parse_args()
-    run = campaign(options.folder, options.window)
+    run = campaign(options.folder, options.window, options.place, options.noiseless)
     for job in jobs_of(run):
         if not run.paths.level0(job).exists():
             begin = time.process_time()

@@ -5,8 +5,8 @@
 STACK is the table that `csstsim budget redshift` writes, OBJECTS the one beside it with the sizes; ANSWER (CSV: id, z,
 good, dchi2) is what it scores. FOLDER has templates as texts of two columns, rest wavelength [A] and flux density per
 angstrom. Meant are the twelve of EAZY, templates/fsps_full/tweak_fsps_QSF_12_v3_*.dat of
-github.com/gbrammer/eazy-photoz (Brammer et al. 2008, ApJ 686, 1503), from FSPS: they share nothing with the spectra from
-which csstsim's galaxies are made. `--templates own` takes those, which flatters the result.
+github.com/gbrammer/eazy-photoz (Brammer et al. 2008, ApJ 686, 1503), from FSPS: they share nothing with the spectra
+from which csstsim's galaxies are made. `--templates own` takes those, which flatters the result.
 
 At each redshift a sum of templates with factors of 0 or more is fitted, as by redrock's NMF or EAZY, by coordinate
 descent. Templates are broadened by the line spread of the PSF and of an exponential disk of the object's size, in
@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numba
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 
 from csstsim.base.units import C_A_S, H_J_S
 from csstsim.catalog.table import ObjectTable
@@ -68,23 +69,22 @@ def own_templates():
     return wave, flux / np.abs(flux).mean(axis=1, keepdims=True)
 
 
-def on_bins(wave, flux, z, bins, size):
-    """Return (t, bins): templates at a redshift, broadened by PSF and disk, at wavelengths `bins`."""
-    out = np.zeros((len(flux), len(bins)))
-    observed = wave * (1 + z)
-    along = np.hypot(PSF, 1.03 * size / PIXEL)
+def summed(wave, flux):
+    """Return (edges, (t, n + 1) light below them) of templates: bins of any width have it as differences."""
+    edges = np.append(wave - FINE / 2, wave[-1] + FINE / 2)
+    return edges, np.concatenate([np.zeros((len(flux), 1)), np.cumsum(flux, axis=1) * FINE], axis=1)
+
+
+def on_bins(templates, z, bins, size):
+    """Return (t, bins): templates (of `summed`) at a redshift in even bins [angstrom], broadened by PSF and disk."""
+    (edges, light), step = templates, bins[1] - bins[0]
+    ends = np.append(bins - step / 2, bins[-1] + step / 2) / (1 + z)
+    mean = np.diff(np.array([np.interp(ends, edges, row) for row in light]), axis=1)
+    out, along = np.zeros_like(mean), np.hypot(PSF, 1.03 * size / PIXEL)
     for first, last, per_px in PER_PX.values():
         mine = (bins >= first) & (bins < last)
-        sigma = along * per_px / (1 + z) / FINE  # in steps of the rest grid
-        smooth = _smoothed(flux, sigma)
-        out[:, mine] = [np.interp(bins[mine], observed, row, left=0.0, right=0.0) for row in smooth]
+        out[:, mine] = gaussian_filter1d(mean, along * per_px / step, axis=1, mode="nearest")[:, mine]
     return out
-
-
-def _smoothed(flux, sigma):
-    n = 1 << int(np.ceil(np.log2(flux.shape[1] + 10 * sigma)))
-    k = np.fft.rfftfreq(n)
-    return np.fft.irfft(np.fft.rfft(flux, n) * np.exp(-2 * (np.pi * k * sigma) ** 2), n)[:, : flux.shape[1]]
 
 
 def fitted(flux, weight, models):
@@ -150,7 +150,9 @@ def main():
     stack, objects = ObjectTable.read(options.stack), ObjectTable.read(options.objects)
     wave, templates = own_templates() if options.templates == "own" else public_templates(options.templates)
     ids, row = np.unique(stack["id"], return_inverse=True)
-    bins, column = np.unique(stack["wavelength"], return_inverse=True)
+    step, first = np.diff(np.unique(stack["wavelength"])).min(), stack["wavelength"].min()
+    column = np.rint((stack["wavelength"] - first) / step).astype(int)
+    bins, templates = first + step * np.arange(column.max() + 1), summed(wave, templates)
     flux, weight = np.zeros((2, len(ids), len(bins)), np.float32)
     scale = np.median(np.abs(stack["flux"]))
     flux[row, column] = stack["flux"] / scale
@@ -161,7 +163,7 @@ def main():
     for k in np.unique(group):
         mine = np.flatnonzero(group == k)
         middle = float(np.median([size[int(ids[i])] for i in mine]))
-        models = np.array([on_bins(wave, templates, one, bins, middle) for one in z], np.float32)
+        models = np.array([on_bins(templates, one, bins, middle) for one in z], np.float32)
         for first in range(0, len(mine), BATCH):
             some = mine[first : first + BATCH]
             for i, chi2 in zip(some, fitted(flux[some], weight[some], models), strict=True):

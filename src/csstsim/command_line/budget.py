@@ -40,14 +40,15 @@ def shear(plan, output, only_plan):
 
 @budget.command()
 @of_campaign
-@click.option("--spectra", type=click.Path(), help="Folder of the tables of spectra [default: the campaign's].")
+@click.option("--also", type=click.Path(), multiple=True, help="A campaign of another place, same camera; repeat.")
+@click.option("--spectra", type=click.Path(), help="Folder of spectra, beside the campaign's file [default: its own].")
 @click.option("--answer", type=click.Path(), help="Redshifts to score: CSV of id, z and good (1: sure, 0: not).")
 @click.option("--band", default="i", show_default=True, help="Band of the magnitudes.")
 @click.option(
     "--output", "folder", type=click.Path(), default="results/budget_redshift", show_default=True,
     help="Folder of results.",
 )  # fmt: skip
-def redshift(run, spectra, answer, band, folder):
+def redshift(run, also, spectra, answer, band, folder):
     """Stack slitless spectra; score redshifts fitted to them.
 
     Spectra of one galaxy from all frames of a campaign are added: stack.parquet and objects.parquet are for the program
@@ -60,5 +61,6 @@ def redshift(run, spectra, answer, band, folder):
       csstsim budget redshift campaign.yaml --answer redshifts.csv
     """
     from csstsim.budget.redshift.report import budget as run_budget
+    from csstsim.campaign.opened import OpenCampaign
 
-    run_budget(run, folder, spectra, answer, band, click.echo)
+    run_budget([run, *map(OpenCampaign, also)], folder, spectra, answer, band, click.echo)

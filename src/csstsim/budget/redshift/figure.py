@@ -32,9 +32,9 @@ def _measured(ax, answer, objects, right):
         label = f"{'good' if good else 'not good'}: {len(rows)}"
         x, y = np.array(rows).reshape(-1, 2).T
         ax.scatter(x, y, s=size, color=color, label=label, linewidths=0)
-    top = max([2e-3, *true.values()]) * 1.05
+    top = 1.1 * max([2e-3, *(z for k, (z, _) in answer.items() if k in true)])
     ax.plot([0, top], [0, top], color="k", lw=0.5)
-    ax.set(xlim=(0, top), ylim=(0, None), xlabel="true redshift", ylabel="fitted redshift")
+    ax.set(xlim=(0, top), ylim=(0, top), xlabel="true redshift", ylabel="fitted redshift")
     ax.set_title(f"right: within {right:g} (1 + z)", fontsize=9)
     ax.legend(fontsize=8, markerscale=2)
 
@@ -45,29 +45,31 @@ def _shares(ax, classes, unit):
         values, errors = (np.array([one[key] for one in classes], float) for key in (name, f"{name}_err"))
         ax.errorbar(places + shift, values, errors, fmt="o", color=color, label=name, capsize=2, ms=4)
     for k, one in enumerate(classes):
-        ax.annotate(str(one["objects"]), (k, 0.02), ha="center", fontsize=7, color="0.4")
-    labels = [
-        f"{one['low']:g} to\n{one['high']:g}" if np.isfinite(one["high"]) else f"> {one['low']:g}" for one in classes
-    ]
+        ax.annotate(str(one["objects"]), (k, 1.04), ha="center", fontsize=7, color="0.4")
+    labels = [_label(one) for one in classes]
     ax.set_xticks(places, labels, fontsize=8)
-    ax.set(ylim=(0, 1.05), xlabel=unit)
-    ax.legend(fontsize=8, loc="center right")
+    ax.set(ylim=(0, 1.12), xlabel=unit)
+    ax.legend(fontsize=8, loc="upper right", bbox_to_anchor=(1.0, 0.9))
+
+
+def _label(one):
+    return f"{one['low']:g} to\n{one['high']:g}" if np.isfinite(one["high"]) else f"> {one['low']:g}"
 
 
 def _lines(ax, classes):
     classes = [one for one in classes if one["lines"]]
     places = np.arange(len(classes))
-    values, errors = (np.array([one[key] for one in classes], float) for key in ("flux_ratio", "flux_ratio_err"))
+    values, errors = (np.array([one[key] for one in classes], float) for key in ("box_ratio", "box_ratio_err"))
     ax.errorbar(places, 100 * (values - 1), 100 * errors, fmt="o", color=GOOD, capsize=2, ms=4)
     ax.axhspan(-2, 2, color=GOOD, alpha=0.1, lw=0)
     ax.set_ylabel("flux of lines over true - 1 [%]", color=GOOD)
     other = ax.twinx()
-    shift, off = (np.array([one[key] for one in classes], float) for key in ("shift", "shift_err"))
+    shift, off = (np.array([one[key] for one in classes], float) for key in ("box_shift", "box_shift_err"))
     other.errorbar(places + 0.15, shift, off, fmt="s", color="#d1495b", capsize=2, ms=4)
     other.set_ylabel("shift of lines [px]", color="#d1495b")
-    for axis, values, errors in ((ax, 100 * (values - 1), 100 * errors), (other, shift, off)):
-        most = max([*(np.abs(values) + errors), 1e-3]) * 1.2
+    for axis, middle, half in ((ax, 100 * (values - 1), 100 * errors), (other, shift, off)):
+        most = max([*(np.abs(middle) + half), 1e-3]) * 1.2
         axis.set_ylim(-most, most)
     ax.axhline(0, color="k", lw=0.5)
-    ax.set_xticks(places, [f"{one['low']:g} to\n{one['high']:g}\n({one['lines']})" for one in classes], fontsize=8)
+    ax.set_xticks(places, [f"{_label(one)}\n({one['lines']})" for one in classes], fontsize=8)
     ax.set_xlabel("light of others / own, at the line")

@@ -8,6 +8,7 @@ import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
+from csstsim.base.files.beside import beside
 from csstsim.base.process.progress import progress
 from csstsim.budget.redshift.line_biases import by_contamination, line_biases
 from csstsim.budget.redshift.scores import RIGHT, scores
@@ -15,14 +16,15 @@ from csstsim.budget.redshift.stack import stacked, usable
 from csstsim.catalog.table import GALAXY, ObjectTable
 
 
-def budget(run, output, spectra=None, answer=None, band="i", say=print):
+def budget(runs, output, spectra=None, answer=None, band="i", say=print):
     """Write stack.parquet and objects.parquet, for a fitter, into `output`; with its answer, scores and a figure, too.
 
-    run: campaign.opened.OpenCampaign; spectra: folder of tables as `extract` writes them, or None: the campaign's;
-    answer: CSV file of columns id, z and good (0 or 1); band: of the magnitudes. Returns the scores, or None. Raises
-    InputError.
+    runs: campaign.opened.OpenCampaign of different places; spectra: folder beside each campaign's file with tables as
+    `extract` writes them, or None: the campaign's; answer: CSV file of columns id, z and good (0 or 1); band: of the
+    magnitudes. Returns the scores, or None. Raises InputError.
     """
-    output, frames = Path(output), _frames(run, spectra)
+    output, run = Path(output), runs[0]
+    frames = [frame for each in runs for frame in _frames(each, spectra)]
     given = None if answer is None else read_answer(answer)
     name = f"mag_{band}"
     if band not in run.camera.bands:
@@ -58,12 +60,12 @@ def _frames(run, folder):
     for job in progress(run.slitless_jobs, "frames"):
         paths = run.paths.spectra(*job.key), run.paths.lines(*job.key)
         if folder is not None:
-            paths = tuple(Path(folder) / path.name for path in paths)
+            paths = tuple(beside(run.file, folder) / path.name for path in paths)
         if all(path.is_file() for path in paths):
             found.append((*map(ObjectTable.read, paths), read_truth(run.paths.level0_truth(job))))
     if not found:
         raise InputError(
-            "no table of spectra", file=folder or run.paths.output / "spectra", key="--spectra",
+            "no table of spectra", file=beside(run.file, folder) if folder else run.paths.output, key="--spectra",
             allowed="those that `csstsim extract` writes for this campaign",
         )  # fmt: skip
     return found
@@ -125,12 +127,12 @@ def text(result):
     out = [f"right: |dz| / (1 + z) < {result['right']:g}", _line("all", result["all"])]
     for name in ("magnitude", "redshift", "size", "contamination"):
         out += [_line(f"{name} {one['low']:g} to {one['high']:g}", one) for one in result[name]]
-    out.append("lines by contamination: number, flux over true, shift [px]")
+    out.append("lines by contamination: number; flux over true, by box and by optimal weights; shift [px] by box")
     for one in result["lines"]:
-        out.append(
-            f"  {one['low']:g} to {one['high']:g}: {one['lines']:5d}  {one['flux_ratio']:.4f} +- "
-            f"{one['flux_ratio_err']:.4f}  {one['shift']:+.4f} +- {one['shift_err']:.4f}"
+        values = " ".join(
+            f"{one[name]:+.4f} +- {one[f'{name}_err']:.4f}" for name in ("box_ratio", "electrons_ratio", "box_shift")
         )
+        out.append(f"  {one['low']:g} to {one['high']:g}: {one['lines']:5d}  {values}")
     return out
 
 

@@ -1,8 +1,8 @@
 """Redshifts that a fitter gave, scored against the truth: completeness, purity, scatter and bias by what an object is.
 
 With dz = (z - z_true) / (1 + z_true): a redshift is right if |dz| < RIGHT. Completeness is the share of all objects
-that have a right redshift which the fitter calls good, purity the share of right ones among the good. sigma_NMAD is 1.48
-times the median of |dz - median(dz)| of the good redshifts within FAR.
+that have a right redshift which the fitter calls good, purity the share of right ones among the good. sigma_NMAD is
+1.48 times the median of |dz - median(dz)| of the good redshifts within FAR.
 """
 
 from itertools import pairwise
@@ -43,7 +43,7 @@ def _share(k, n):
 def scores(answer, objects):
     """Return {"all": score, quantity of CLASSES: [{low, high, score}]}; objects without an answer count as not good.
 
-    answer: {id: (z, good)}; objects: {"id", "z", *CLASSES: (n,)}.
+    answer: {id: (z, good)}; objects: {"id", "z", "magnitude", "size", "contamination": (n,)}.
     """
     given = [answer.get(int(k), (np.nan, False)) for k in objects["id"]]
     z, good = np.array([z for z, _ in given], float), np.array([bool(ok) for _, ok in given], bool)
@@ -51,7 +51,7 @@ def scores(answer, objects):
     z, true = np.where(good, z, 0.0), np.asarray(objects["z"], float)
     out = {"all": score(z, good, true)}
     for name, edges in CLASSES.items():
-        values = np.asarray(objects[name], float)
+        values = np.asarray(objects["z" if name == "redshift" else name], float)
         parts = pairwise(edges)
         masks = [(low, high, (values >= low) & (values < high)) for low, high in parts]
         out[name] = [{"low": a, "high": b} | score(z[m], good[m], true[m]) for a, b, m in masks if m.any()]
