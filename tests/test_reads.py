@@ -54,8 +54,10 @@ ATTRIBUTES = {
 }  # fmt: skip
 SECTIONS = {
     keys.Campaign: "", keys.CatalogConfig: "catalog.", keys.Lensing: "catalog.lensing.", keys.PsfConfig: "psf.",
-    keys.AstrometryConfig: "astrometry.", keys.MeasurementConfig: "measurement.", keys.ValidateConfig: "validation.",
+    keys.AstrometryConfig: "astrometry.", keys.MeasurementConfig: "measurement.",
+    keys.ContaminationConfig: "measurement.contamination.", keys.ValidateConfig: "validation.",
 }  # fmt: skip
+MEASURED = keys.MeasurementConfig, keys.ContaminationConfig  # apart, in `measurement` of a recipe
 TYPES = ["SCIE", "BIAS"]
 # Where products lie; files and folders whose content is in the recipe, under other names: exposure, sky, camera
 FOLDERS = {"output", "share", "instrument", "universe"}
@@ -82,7 +84,7 @@ def part(kind, name):
 
 
 HOLDERS = {(keys.Campaign, name) for name in ("catalog", "psf", "astrometry", "measurement", "validation", "select")}
-HOLDERS.add((keys.CatalogConfig, "lensing"))
+HOLDERS |= {(keys.CatalogConfig, "lensing"), (keys.MeasurementConfig, "contamination")}
 
 
 @pytest.fixture
@@ -143,7 +145,7 @@ def unknown(run, stage, do, noted):
     camera = read_by(stages, run.camera.files.parts, camera_parts.READERS)
     config = read_by(stages, run.recipes._keys, recipes.READERS)
     maps = {f"maps.{kind}" for kind, first in STAGES.items() if first in stages}
-    apart = {f"measurement.{name}" for name in keys.MeasurementConfig.model_fields} if "measure" in stages else set()
+    apart = {SECTIONS[kind] + name for kind in MEASURED for name in kind.model_fields} if "measure" in stages else set()
     return sorted(found - {*camera, *config, *maps, *apart, *ELSEWHERE})
 
 

@@ -36,6 +36,7 @@ POINTING = Pointing("SCIE", 60.0, -40.0, -113.4333, "2027-11-20T01:08:00", 150.0
 REGION = {"ra": 60.0, "dec": -40.0, "radius": 30.0}
 CONSTANT = {"field": "constant", "kappa": 0.01, "gamma1": 0.01, "gamma2": 0.01}
 STARS = {"kind": "mini_campaign:Stars", "options": {"ra": [60.0], "dec": [-40.0], "mag": [20.0]}}
+CATALOGUE = {"known_from": "catalogue"}
 # key: (the stages that see it first, another value, what else the campaign says before and after: {section: value})
 KEYS = {
     "name": (NOT, "other", {}),
@@ -90,6 +91,10 @@ KEYS = {
     ),
     "measurement.cti_passes": (MEASURE, 1, {}),
     "measurement.keep_calibrated": (NOT, True, {}),
+    "measurement.contamination.known_from": (MEASURE, "catalogue", {}),
+    "measurement.contamination.table": (MEASURE, "objects.csv", {"measurement": {"contamination": CATALOGUE}}),
+    "measurement.contamination.depth": (MEASURE, 25.0, {"measurement": {"contamination": CATALOGUE}}),
+    "measurement.contamination.subtract": (MEASURE, False, {}),
     "validation.completeness_min": (VALIDATE, 0.9, {}),
     "validation.galaxy_completeness_min": (VALIDATE, 0.81, {}),
     "validation.galaxy_snr_min": (VALIDATE, 30.0, {}),
@@ -146,6 +151,7 @@ def folder(tmp_path_factory):
     for name in ("masters", "other masters"):
         (made / name / "masters").mkdir(parents=True)
         (made / name / "masters" / f"chip_{CHIP:02d}.fits").touch()
+    (made / "objects.csv").write_text("ra,dec,mag_r\n60,-40,20\n")
     return made
 
 

@@ -219,8 +219,33 @@ class PsfConfig(Model):
     neighbours: int = Field(4, ge=1, description="inverse-distance weighting: number of nodes")
 
 
+class ContaminationConfig(Model):
+    """What is known of the light that neighbours put under a slitless spectrum."""
+
+    known_from: Literal["truth", "catalogue"] = Field(
+        "truth",
+        description="'truth': true spectra of all objects; 'catalogue': what an imaging survey knows, magnitudes in "
+        "the bands, between which spectra are interpolated",
+    )
+    table: FilePath | None = Field(
+        None,
+        description="with catalogue: table of the objects, as of a catalogue of your own (.csv, .ecsv, .fits, "
+        ".parquet); null: places, shapes and magnitudes of the truth, of objects to `depth`",
+    )
+    depth: float = Field(
+        26.0, description="with catalogue and no table: AB, the faintest object known, in its brightest band"
+    )
+    subtract: bool = Field(True, description="false: the column `contamination` is given, but not subtracted")
+
+    @model_validator(mode="after")
+    def _table_where_used(self):
+        if self.table is not None and self.known_from != "catalogue":
+            raise ValueError("table goes with known_from: catalogue")
+        return self
+
+
 class MeasurementConfig(Model):
-    """How Level-0 files are calibrated before sources are measured."""
+    """How Level-0 files are calibrated before sources are measured, and how spectra are extracted."""
 
     calibration: Literal["truth", "frames"] = Field(
         "truth",
@@ -234,6 +259,7 @@ class MeasurementConfig(Model):
     keep_calibrated: bool = Field(
         False, description="true: write the calibrated images (electrons/s, errors, quality) of all chips"
     )
+    contamination: ContaminationConfig = Field(default_factory=ContaminationConfig)
 
     @model_validator(mode="after")
     def _masters_where_used(self):

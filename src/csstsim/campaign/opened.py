@@ -8,7 +8,7 @@ from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 
-from csstsim.base.digest import digest
+from csstsim.base.digest import digest, file_digest
 from csstsim.base.errors import InputError
 from csstsim.base.files.beside import beside
 from csstsim.base.help_page import explained
@@ -362,4 +362,15 @@ class OpenCampaign:
     @property
     def measurement(self):
         """The keys of `measurement` that decide measurements, JSON-like; not which products are kept."""
-        return self.config.measurement.model_dump(mode="json", exclude={"keep_calibrated"})
+        keys = self.config.measurement.model_dump(mode="json", exclude={"keep_calibrated"})
+        if self.config.measurement.contamination.table is not None:
+            keys["contamination"]["table"] = file_digest(self.contamination_table)
+        return keys
+
+    @property
+    def contamination_table(self):
+        """The file of the catalogue from which contamination is known. Raises InputError if there is none."""
+        path = beside(self.file, self.config.measurement.contamination.table)
+        if not path.is_file():
+            raise InputError("no such file", file=self.file, key="measurement.contamination.table", value=str(path))
+        return path

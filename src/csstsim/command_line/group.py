@@ -24,8 +24,8 @@ SECTIONS = {
         "truth", "psf", "select", "render", "readout", "level0", "masters", "calibrate", "measure", "extract", "merge",
         "validate",
     ),
-    "Measure the simulator": ("bench", "shear"),
-    "Extend": ("layers", "fit-grating"),
+    "Measure the simulator": ("bench", "shear", "budget"),
+    "Extend": ("layers", "fit-grating", "export-grating"),
     "Deliver": ("verify", "compare", "release"),
     "Frames that exist": ("place", "inject", "recover", "recreate"),
 }  # fmt: skip

@@ -149,7 +149,13 @@ def measure(run, jobs, resume):
 @click.option("--snr", type=Finite(0), help="Least S/N, in a resolution element or a line [default: 5].")
 @click.option("--ids", help="Only these objects: numbers of the truth table, separated by commas.")
 @click.option("--all", "everything", is_flag=True, help="Every object with light on the chip, however faint.")
-def extract(run, jobs, resume, snr, ids, everything):
+@click.option(
+    "--contamination", type=click.Choice(["truth", "catalogue", "kept"]),
+    help="Neighbours' light by their true spectra or by a catalogue's magnitudes; kept: stated, not subtracted "
+    "[default: the campaign's].",
+)  # fmt: skip
+@click.option("--image", is_flag=True, help="Write that light, of all objects, as an image, too.")
+def extract(run, jobs, resume, snr, ids, everything, contamination, image):
     """Extract the spectra of spectroscopic chips' Level-0 files.
 
     An emission line counts by itself: its object may have no other light. What is left out is counted, with the reason.
@@ -159,6 +165,8 @@ def extract(run, jobs, resume, snr, ids, everything):
     For example:
       csstsim extract campaign.yaml --obsid 10100000015 --chip 29
       csstsim extract campaign.yaml --obsid 10100000015 --chip 29 --ids 1,2 --snr 0
+    Neighbours known by their magnitudes only, as a survey knows them; their light as an image:
+      csstsim extract campaign.yaml --obsid 10100000015 --chip 29 --contamination catalogue --image
     """
     from csstsim.campaign.running.one_by_one import one_by_one
     from csstsim.stages.extract import SNR_MIN
@@ -170,12 +178,18 @@ def extract(run, jobs, resume, snr, ids, everything):
         wanted = None if ids is None else [int(word) for word in ids.split(",")]
     except ValueError:
         raise click.BadParameter("numbers, separated by commas", param_hint="--ids") from None
-    if not everything and snr is None and wanted is None:
+    if not (everything or image) and snr is wanted is contamination is None:
         one_by_one(run, "extract", jobs, functools.partial(run_stage, run), resume)
         return
+    if contamination is not None:
+        changed = {"subtract": False} if contamination == "kept" else {"known_from": contamination, "subtract": True}
+        if contamination == "truth":
+            changed["table"] = None
+        contamination = run.config.measurement.contamination.model_copy(update=changed)
     for job in jobs:
         with job.named():
-            run_stage(run, job, 0.0 if everything else SNR_MIN if snr is None else snr, wanted)
+            least = 0.0 if everything else SNR_MIN if snr is None else snr
+            run_stage(run, job, least, wanted, contamination, image)
 
 
 @click.command()

@@ -144,6 +144,33 @@ def fit_grating(samples, output, stem):
     click.echo("\n".join(fit_report(fit_file(samples, output, stem))))
 
 
+@click.command("export-grating")
+@click.argument("chip", type=click.IntRange(1))
+@click.option("--output", required=True, type=click.Path(), help="Folder for the files.")
+@click.option("--instrument", type=click.Path(), help="Folder of the camera [default: the shipped one].")
+def export_grating(chip, output, instrument):
+    """Write a chip's gratings in grismconf's form.
+
+    A .conf and the sensitivity of each order are written for both gratings. grismconf and what is built on it read
+    them. The files from which csstsim reads a grating, in aXe's form, are in instrument/gratings.
+
+    \b
+    For example:
+      csstsim export-grating 2 --output gv
+    """
+    from csstsim.base.errors import InputError
+    from csstsim.instrument.camera import load_camera
+    from csstsim.instrument.grismconf import write_grismconf
+
+    camera = load_camera(instrument)
+    if chip not in camera.gratings:
+        allowed = ", ".join(map(str, camera.gratings))
+        raise InputError("no gratings in front of this chip", key="CHIP", value=chip, allowed=allowed)
+    for grating, piece in camera.gratings[chip].pieces:
+        (path, *_), worst = write_grismconf(output, grating, piece, camera.chips[chip], camera.telescope)
+        click.echo(f"{path}: wavelengths within {worst:.1e} px")
+
+
 @click.command()
 @click.argument("names", metavar="[LAYER]...", nargs=-1, shell_complete=layers_of)
 def layers(names):
@@ -319,4 +346,7 @@ def status(campaign, output, watch):
         sys.exit(128 + signal.SIGINT)
 
 
-TOOLS = bench, show, status, shear, verify, compare, release, recreate, place, inject, recover, fit_grating, layers
+TOOLS = (
+    bench, show, status, shear, verify, compare, release, recreate, place, inject, recover, fit_grating, export_grating,
+    layers,
+)  # fmt: skip

@@ -9,10 +9,11 @@ from csstsim.base.errors import InputError
 from csstsim.base.plural import number_of
 from csstsim.base.process.one_thread import one_thread
 from csstsim.base.release import check_recipe
-from csstsim.catalog.galaxy_shapes.components import components
 from csstsim.catalog.table import GALAXY
 from csstsim.stages.calibrate import calibrated_frame
 from csstsim.stages.level0 import truth_of
+from csstsim.stages.parts.contamination import catalogued_light
+from csstsim.stages.parts.shapes import shapes_of
 from csstsim.stages.parts.shared import copied_from_base
 from csstsim.stages.psf import open_psf
 
@@ -20,11 +21,12 @@ SNR_MIN = 5.0  # of the workflow's spectra
 
 
 @one_thread
-def extract(run, job, snr_min=SNR_MIN, ids=None):
+def extract(run, job, snr_min=SNR_MIN, ids=None, contamination=None, image=False):
     """Extract the first-order spectra of a Level-0 file of a spectroscopic chip, and draw some of them.
 
-    snr_min: least S/N; ids: of these objects only. Another choice than the workflow's goes to a file of its own,
-    in `chosen/`. Raises InputError, also for an id that has no order in the truth.
+    snr_min: least S/N; ids: of these objects only; contamination: campaign.config.ContaminationConfig in place of the
+    campaign's; image: write the light that is taken for that of neighbours, too. Another choice than the workflow's
+    goes to files of its own, in `chosen/`. Raises InputError, also for an id that has no order in the truth.
     """
     from csstsim.base.files.atomic import atomic_path
     from csstsim.measure.spectra.chosen_orders import LEFT_OUT
@@ -32,19 +34,22 @@ def extract(run, job, snr_min=SNR_MIN, ids=None):
     from csstsim.measure.spectra.line_fluxes import LineFluxes, judged
     from csstsim.measure.spectra.spectra_figures import spectra_figure
 
-    workflows = snr_min == SNR_MIN and ids is None
+    usual = run.config.measurement.contamination
+    contamination = contamination or usual
+    workflows = snr_min == SNR_MIN and ids is None and contamination == usual and not image
     if workflows and copied_from_base(run, job, "extract"):
         return
-    truth, frame, orders, *others = spectra_of_frame(run, job)
+    truth, frame, orders, *others = spectra_of_frame(run, job, contamination)
     unknown = [] if ids is None else sorted(set(ids) - set(orders["id"].tolist()))
     if unknown:
         raise InputError("no object of this chip's table of orders", key="--ids", value=unknown[0])
     lines = LineFluxes(np.where(truth["obj_type"] == GALAXY, truth["z"], np.nan))
     table = extract_spectra(frame, orders, *others, snr_min=snr_min, ids=ids, lines=lines)
     paths = run.paths.spectra(*job.key), run.paths.lines(*job.key)
+    chosen = run.paths.output / "chosen"
     if not workflows:
-        paths = [run.paths.output / "chosen" / path.name for path in paths]
-        paths[0].parent.mkdir(parents=True, exist_ok=True)
+        paths = [chosen / path.name for path in paths]
+        chosen.mkdir(parents=True, exist_ok=True)
     path = paths[0]
     with atomic_path(path.with_suffix(".png")) as temporary:
         temporary.write_bytes(spectra_figure(truth, frame, orders, table))
@@ -59,12 +64,34 @@ def extract(run, job, snr_min=SNR_MIN, ids=None):
     for name, count in table.meta["left_out"].items():
         if count:
             print(f"left out: {count}, {LEFT_OUT[name]}")
+    if image:
+        _write_image(chosen / f"{path.stem}_contamination.fits", run, job, frame, contamination)
 
 
-def spectra_of_frame(run, job):
+def _write_image(path, run, job, frame, contamination):
+    """Write the expected light of all orders of all objects, whose part without its own light is each one's
+    contamination: plane LIGHT, electrons of the window."""
+    from csstsim.base.files.atomic import atomic_path
+    from csstsim.io.fits import write_hdus
+    from csstsim.io.fits_cards import card
+
+    known = "truth" if contamination.known_from == "truth" else str(contamination.table or "bands of the truth")
+    primary = [card("OBSID", job.obsid), card("CHIP", job.chip.id), card("KNOWN", known, "from where the light is")]
+    window = job.window
+    plane = [
+        card("BUNIT", "electron"), card("FAINTEST", frame.faintest, "[electron] less in a pixel is left out"),
+        card("X0", window.x0, "first column, on the chip, from 0"), card("Y0", window.y0, "first row"),
+    ]  # fmt: skip
+    with atomic_path(path) as temporary:
+        light = frame.others(faintest=frame.faintest)
+        write_hdus(temporary, [("", primary, None), ("LIGHT", plane, light)])
+    print(f"expected light of all orders: {path}")
+
+
+def spectra_of_frame(run, job, contamination=None):
     """Return (truth, *what measure.spectra.extract.extract_spectra takes) of a job's Level-0 file and its tables.
 
-    Raises InputError, also for a chip without a grating.
+    contamination: as for `extract`. Raises InputError, also for a chip without a grating.
     """
     from csstsim.io.orders import check_orders, read_orders
     from csstsim.measure.spectra.extract import DispersedImage, Sources
@@ -84,21 +111,15 @@ def spectra_of_frame(run, job):
     check_recipe(path, orders.meta, run.recipe(job))
     check_orders(path, orders, len(truth), gratings)
     truth.meta["truth_hash"] = file.header0.get("TRUTHASH")  # a catalogue is opened again only if it is the same
-    sources = Sources(_shapes(truth, job.wcs), object_spectra(run, job, truth), run.disperser(job).edges)
+    sources = Sources(shapes_of(truth, job.wcs), object_spectra(run, job, truth), run.disperser(job).edges)
     middle = 0.5 * (job.window.x0 + job.window.x1), 0.5 * (job.window.y0 + job.window.y1)
     wing, photons = read_scattered(psf).wing, run.camera.telescope.area_m2 * job.pointing.exptime
     model = make_model(gratings, photons, psf.at(*middle), psf.oversampling, psf.wavelength, wing)
     frame = DispersedImage.of(calibrated, job.window)
-    others = partial(
-        model.image, orders, sources.shapes, sources.spectra, sources.edges, job.window, faintest=frame.faintest
-    )
-    return truth, replace(frame, others=others), orders, sources, model, psf, wing
-
-
-def _shapes(truth, wcs):
-    """Return the measure.spectra.line_profile.Shapes of the objects of a truth table."""
-    from csstsim.measure.spectra.line_profile import Shapes
-    from csstsim.render.scene import shape_matrix
-
-    light, _, sizes = zip(*components(truth), strict=True)
-    return Shapes.of(shape_matrix(truth, wcs), np.stack(light, axis=1), np.stack(sizes, axis=1))
+    settings, own = contamination or run.config.measurement.contamination, None
+    if settings.known_from == "truth":
+        others = partial(model.image, orders, sources.shapes, sources.spectra, sources.edges, job.window)
+    else:
+        others, own = catalogued_light(run, job, truth, sources, orders, model, settings).known(job.window)
+    frame = replace(frame, others=others, own=own, subtract=settings.subtract)
+    return truth, frame, orders, sources, model, psf, wing

@@ -15,9 +15,9 @@ _NOTHING = np.zeros((0, 0), np.float32)
 class Cutout:
     """Pixels (columns, rows) about a trace.
 
-    `data` electrons less those of others, 0 where not GOOD; `others` electrons, or None if they are not known;
-    `offset` px across from the trace; `seen` uint8 bits INSIDE (of the window), GOOD (usable), FULL (saturated);
-    `response`.
+    `data` electrons, less those of others if these are subtracted, 0 where not GOOD; `others` electrons, or None if
+    they are not known; `offset` px across from the trace; `seen` uint8 bits INSIDE (of the window), GOOD (usable), FULL
+    (saturated); `response`.
     """
 
     data: np.ndarray
@@ -41,7 +41,8 @@ class Cutout:
         if frame.response is not None:
             response[:, inside] = frame.response.part(*part).T
         light = (_NOTHING, _NOTHING) if own is None else (frame.others[part], own[inside])
-        _fill(frame.electrons[part], frame.marks[part], *light, data[:, inside], others[:, inside], seen[:, inside])
+        planes = data[:, inside], others[:, inside], seen[:, inside]
+        _fill(frame.electrons[part], frame.marks[part], *light, float(frame.subtract), *planes)
         return cls(data, None if own is None else others, rows - centre[:, None], seen, response)
 
     def within(self, half, shares):
@@ -57,8 +58,9 @@ class Cutout:
 
 
 @numba.njit(cache=True)
-def _fill(electrons, marks, light, own, data, others, seen):
-    """Fill the (columns, rows) of a Cutout from (rows, columns); light, own: of others, or nothing."""
+def _fill(electrons, marks, light, own, taken, data, others, seen):
+    """Fill the (columns, rows) of a Cutout from (rows, columns); light, own: of others, or nothing; taken: 1 if they
+    are subtracted, else 0."""
     for y in range(electrons.shape[0]):
         for x in range(electrons.shape[1]):
             value, mark = np.float64(electrons[y, x]), marks[y, x]
@@ -69,4 +71,4 @@ def _fill(electrons, marks, light, own, data, others, seen):
                 seen[x, y] |= FULL
             elif not mark and np.isfinite(value):
                 seen[x, y] |= GOOD
-                data[x, y] = value - others[x, y]
+                data[x, y] = value - taken * others[x, y]

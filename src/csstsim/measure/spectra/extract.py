@@ -47,7 +47,9 @@ class DispersedImage:
     """A frame with spectra, of a Window (ny, nx): `electrons` float32; `marks` uint8, bits FULL and BAD of
     measure.calibration.bad_pixels; `response`, with `part` of optics.throughput.response.Response, or None: 1;
     `read_noise` electrons; `others`: expected electrons of all orders, float32, or a function that returns them in
-    boxes (SpectralModel.image), or None."""
+    boxes (SpectralModel.image), or None; `own`: function of a row of the orders' table, a Window and `faintest` that
+    returns what the object itself has in `others`, or None: its true light (contamination.CataloguedLight); `subtract`:
+    whether others are subtracted, or only stated."""
 
     window: Window
     electrons: np.ndarray
@@ -55,6 +57,8 @@ class DispersedImage:
     response: object
     read_noise: float
     others: object = None
+    own: object = None
+    subtract: bool = True
 
     @classmethod
     def of(cls, calibrated, window, others=None):
@@ -107,7 +111,8 @@ def extract_spectra(frame, orders, sources, model, psf, wing=None, *, wanted=(1,
     point = psf.mixed(partial(_points, per_pixel=psf.oversampling, wing=wing))
     rows = np.flatnonzero(chosen)
     if callable(frame.others):
-        frame = replace(frame, others=frame.others(boxes=_boxes(orders.take(rows), model)))
+        boxes = _boxes(orders.take(rows), model)
+        frame = replace(frame, others=frame.others(faintest=frame.faintest, boxes=boxes))
     for k, (_, spectrum) in zip(rows, sources.each(orders["row"][rows]), strict=True):
         one = orders.take(slice(k, k + 1))
         found = _extract_one(frame, one, sources.shapes, spectrum, sources.edges, model, point, lines)
@@ -158,7 +163,10 @@ def _extract_one(frame, one, shapes, spectrum, edges, model, point, lines):
     own = None
     if frame.others is not None:
         here = Window(int(columns[0]), int(columns[-1]) + 1, int(rows[0]), int(rows[-1]) + 1)
-        own = model.image_of_one(one, shapes, spectrum, edges, here, frame.faintest)
+        if frame.own is None:
+            own = model.image_of_one(one, shapes, spectrum, edges, here, frame.faintest)
+        else:
+            own = frame.own(one, here, frame.faintest)
     cutout = Cutout.of(frame, columns, rows, centre, own)
     band, share = mixed(wave, model.bands)
     found = measured(cutout, pixel_shares(across, band, share, cutout.offset), half, frame.read_noise)

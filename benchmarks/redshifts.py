@@ -1,0 +1,179 @@
+"""Redshifts of stacked slitless spectra by fits of public templates, without photometry.
+
+    python benchmarks/redshifts.py STACK OBJECTS ANSWER --templates FOLDER
+
+STACK is the table that `csstsim budget redshift` writes, OBJECTS the one beside it with the sizes; ANSWER (CSV: id, z,
+good, dchi2) is what it scores. FOLDER has templates as texts of two columns, rest wavelength [A] and flux density per
+angstrom. Meant are the twelve of EAZY, templates/fsps_full/tweak_fsps_QSF_12_v3_*.dat of
+github.com/gbrammer/eazy-photoz (Brammer et al. 2008, ApJ 686, 1503), from FSPS: they share nothing with the spectra
+from which csstsim's galaxies are made. `--templates own` takes those, which flatters the result.
+
+At each redshift a sum of templates with factors of 0 or more is fitted, as by redrock's NMF or EAZY, by coordinate
+descent. Templates are broadened by the line spread of the PSF and of an exponential disk of the object's size, in
+CLASSES of size. A redshift is good if any other one, further than NEAR (1 + z) from it, has a chi2 larger by GOOD.
+"""
+
+import argparse
+import csv
+from pathlib import Path
+
+import numba
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from csstsim.base.units import C_A_S, H_J_S
+from csstsim.catalog.table import ObjectTable
+
+Z_MAX, STEP = 1.6, 0.0008  # of ln(1 + z)
+NEAR, GOOD = 0.01, 16.0
+SIZES = 0.0, 0.15, 0.25, 0.35, 0.5, 0.8  # arcsec, half-light radii of classes: the lower edges
+PIXEL, PSF = 0.074, 1.1  # arcsec; px rms along the trace, of PSF and pixel
+PER_PX = {"GV": (0.0, 6200.0, 3.4), "GI": (6200.0, 2e4, 4.7)}  # angstrom: first, last, of a pixel
+FINE = 1.0  # angstrom: grid of rest templates before broadening
+SWEEPS = 60
+BATCH = 200  # galaxies at a time
+
+
+def redshifts():
+    """Return the (n,) redshifts that are tried."""
+    return np.expm1(np.arange(0.0, np.log1p(Z_MAX), STEP))
+
+
+def public_templates(folder):
+    """Return (wavelengths, (t, n) flux per angstrom, of mean 1) of a folder of texts."""
+    files = sorted(path for path in Path(folder).iterdir() if path.suffix == ".dat")
+    tables = [np.loadtxt(path) for path in files]
+    wave = np.arange(1400.0, 11000.0, FINE)
+    flux = np.array([_rebinned(table, wave) for table in tables])
+    return wave, flux / flux.mean(axis=1, keepdims=True)
+
+
+def _rebinned(table, wave):
+    """Return the means of a template over bins of FINE about `wave`: lines keep their light."""
+    x, y = table.T
+    total = np.concatenate([[0.0], np.cumsum(0.5 * (y[1:] + y[:-1]) * np.diff(x))])
+    edges = np.append(wave - FINE / 2, wave[-1] + FINE / 2)
+    return np.diff(np.interp(edges, x, total)) / FINE
+
+
+def own_templates():
+    """Return the same of the components from which csstsim's galaxies are made."""
+    from csstsim.universe.load import load_universe
+
+    seds = load_universe().galaxy_seds
+    nodes, basis, *_ = seds.cells(fine=True)
+    wave = np.arange(1400.0, 11000.0, FINE)
+    rows = basis if basis.shape[1] == len(nodes) else basis.T
+    photons = np.array([np.interp(wave, nodes, row) for row in rows])
+    flux = photons * H_J_S * C_A_S / wave
+    return wave, flux / np.abs(flux).mean(axis=1, keepdims=True)
+
+
+def summed(wave, flux):
+    """Return (edges, (t, n + 1) light below them) of templates: bins of any width have it as differences."""
+    edges = np.append(wave - FINE / 2, wave[-1] + FINE / 2)
+    return edges, np.concatenate([np.zeros((len(flux), 1)), np.cumsum(flux, axis=1) * FINE], axis=1)
+
+
+def on_bins(templates, z, bins, size):
+    """Return (t, bins): templates (of `summed`) at a redshift in even bins [angstrom], broadened by PSF and disk."""
+    (edges, light), step = templates, bins[1] - bins[0]
+    ends = np.append(bins - step / 2, bins[-1] + step / 2) / (1 + z)
+    mean = np.diff(np.array([np.interp(ends, edges, row) for row in light]), axis=1)
+    out, along = np.zeros_like(mean), np.hypot(PSF, 1.03 * size / PIXEL)
+    for first, last, per_px in PER_PX.values():
+        mine = (bins >= first) & (bins < last)
+        out[:, mine] = gaussian_filter1d(mean, along * per_px / step, axis=1, mode="nearest")[:, mine]
+    return out
+
+
+def fitted(flux, weight, models):
+    """Return (n, z) chi2 less that of zero, of (n, bins) spectra and inverse variances; models (z, t, bins)."""
+    count, t, _ = models.shape
+    upper = np.triu_indices(t)
+    out = np.zeros((len(flux), count), np.float32)
+    for k in range(count):
+        model = models[k]
+        pairs = (model[upper[0]] * model[upper[1]]) @ weight.T  # (pairs, n)
+        right = model @ (flux * weight).T
+        matrix = np.zeros((len(flux), t, t))
+        matrix[:, upper[0], upper[1]] = matrix[:, upper[1], upper[0]] = pairs.T
+        out[:, k] = _best(matrix, np.ascontiguousarray(right.T, dtype=float))
+    return out
+
+
+@numba.njit(cache=True)
+def _best(matrix, right):
+    """Return (n,): the least x M x - 2 x r with x >= 0, by coordinate descent."""
+    out = np.zeros(len(right))
+    t = right.shape[1]
+    for i in range(len(right)):
+        x, slope = np.zeros(t), -right[i].copy()
+        for _ in range(SWEEPS):
+            moved = 0.0
+            for j in range(t):
+                if matrix[i, j, j] <= 0.0:
+                    continue
+                new = max(x[j] - slope[j] / matrix[i, j, j], 0.0)
+                step = new - x[j]
+                if step != 0.0:
+                    x[j] = new
+                    moved = max(moved, step * step * matrix[i, j, j])
+                    for m in range(t):
+                        slope[m] += step * matrix[i, m, j]
+            if moved < 1e-3:
+                break
+        for j in range(t):
+            out[i] += x[j] * (slope[j] - right[i, j])
+    return out
+
+
+def answer(chi2, z):
+    """Return (z, dchi2) of a galaxy: the minimum by a parabola, and how much higher the next one is elsewhere."""
+    k = int(np.argmin(chi2))
+    best = z[k]
+    if 0 < k < len(z) - 1:
+        a, b, c = chi2[k - 1 : k + 2].astype(float)
+        bend = a - 2 * b + c
+        best = np.expm1(np.log1p(z[k]) + STEP * (0.5 * (a - c) / bend if bend > 0 else 0.0))
+    far = np.abs(z - best) > NEAR * (1 + best)
+    return best, float(chi2[far].min() - chi2[k])
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("stack", type=Path)
+    parser.add_argument("objects", type=Path)
+    parser.add_argument("answer", type=Path)
+    parser.add_argument("--templates", required=True, help="folder, or `own`")
+    options = parser.parse_args()
+    stack, objects = ObjectTable.read(options.stack), ObjectTable.read(options.objects)
+    wave, templates = own_templates() if options.templates == "own" else public_templates(options.templates)
+    ids, row = np.unique(stack["id"], return_inverse=True)
+    step, first = np.diff(np.unique(stack["wavelength"])).min(), stack["wavelength"].min()
+    column = np.rint((stack["wavelength"] - first) / step).astype(int)
+    bins, templates = first + step * np.arange(column.max() + 1), summed(wave, templates)
+    flux, weight = np.zeros((2, len(ids), len(bins)), np.float32)
+    scale = np.median(np.abs(stack["flux"]))
+    flux[row, column] = stack["flux"] / scale
+    weight[row, column] = (scale / stack["flux_err"]) ** 2
+    size = dict(zip(objects["id"].tolist(), objects["size"].tolist(), strict=True))
+    group = np.searchsorted(SIZES, [size[int(k)] for k in ids], side="right") - 1
+    z, found = redshifts(), {}
+    for k in np.unique(group):
+        mine = np.flatnonzero(group == k)
+        middle = float(np.median([size[int(ids[i])] for i in mine]))
+        models = np.array([on_bins(templates, one, bins, middle) for one in z], np.float32)
+        for first in range(0, len(mine), BATCH):
+            some = mine[first : first + BATCH]
+            for i, chi2 in zip(some, fitted(flux[some], weight[some], models), strict=True):
+                found[int(ids[i])] = answer(chi2, z)
+        print(f"sizes about {middle:.2f} arcsec: {len(mine)} galaxies", flush=True)
+    with open(options.answer, "w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["id", "z", "good", "dchi2"])
+        writer.writerows([k, f"{v:.5f}", int(d >= GOOD), f"{d:.2f}"] for k, (v, d) in sorted(found.items()))
+
+
+if __name__ == "__main__":
+    main()

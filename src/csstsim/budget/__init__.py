@@ -1,0 +1,1 @@
+"""Budgets: what each effect costs a measurement."""

@@ -1,0 +1,1 @@
+"""What a slitless survey knows of redshifts: spectra stacked, answers scored, biases of lines."""

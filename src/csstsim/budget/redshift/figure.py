@@ -1,0 +1,75 @@
+"""The figure of a budget of redshifts: measured against true, completeness and purity, bias of lines."""
+
+import io
+
+import numpy as np
+
+GOOD, OTHER = "#2a6f97", "#c9c9c9"
+
+
+def figure(result, answer, objects):
+    """Return the bytes of a PNG; arguments as report.budget has them."""
+    from matplotlib.figure import Figure
+
+    drawn = Figure(figsize=(12, 7.4), layout="constrained")
+    axes = drawn.subplots(2, 3)
+    _measured(axes[0, 0], answer, objects, result["right"])
+    for ax, name, unit in (
+        (axes[0, 1], "magnitude", f"{result['band']} [AB]"), (axes[0, 2], "redshift", "z"),
+        (axes[1, 0], "size", "half-light radius [arcsec]"), (axes[1, 1], "contamination", "light of others / own"),
+    ):  # fmt: skip
+        _shares(ax, result[name], unit)
+    _lines(axes[1, 2], result["lines"])
+    out = io.BytesIO()
+    drawn.savefig(out, format="png", dpi=110)
+    return out.getvalue()
+
+
+def _measured(ax, answer, objects, right):
+    true = dict(zip(objects["id"].tolist(), objects["z"].tolist(), strict=True))
+    for good, color, size in ((False, OTHER, 3), (True, GOOD, 5)):
+        rows = [(true[k], z) for k, (z, ok) in answer.items() if k in true and ok == good]
+        label = f"{'good' if good else 'not good'}: {len(rows)}"
+        x, y = np.array(rows).reshape(-1, 2).T
+        ax.scatter(x, y, s=size, color=color, label=label, linewidths=0)
+    top = 1.1 * max([2e-3, *(z for k, (z, _) in answer.items() if k in true)])
+    ax.plot([0, top], [0, top], color="k", lw=0.5)
+    ax.set(xlim=(0, top), ylim=(0, top), xlabel="true redshift", ylabel="fitted redshift")
+    ax.set_title(f"right: within {right:g} (1 + z)", fontsize=9)
+    ax.legend(fontsize=8, markerscale=2)
+
+
+def _shares(ax, classes, unit):
+    places = np.arange(len(classes))
+    for name, color, shift in (("completeness", GOOD, -0.1), ("purity", "#d1495b", 0.1)):
+        values, errors = (np.array([one[key] for one in classes], float) for key in (name, f"{name}_err"))
+        ax.errorbar(places + shift, values, errors, fmt="o", color=color, label=name, capsize=2, ms=4)
+    for k, one in enumerate(classes):
+        ax.annotate(str(one["objects"]), (k, 1.04), ha="center", fontsize=7, color="0.4")
+    labels = [_label(one) for one in classes]
+    ax.set_xticks(places, labels, fontsize=8)
+    ax.set(ylim=(0, 1.12), xlabel=unit)
+    ax.legend(fontsize=8, loc="upper right", bbox_to_anchor=(1.0, 0.9))
+
+
+def _label(one):
+    return f"{one['low']:g} to\n{one['high']:g}" if np.isfinite(one["high"]) else f"> {one['low']:g}"
+
+
+def _lines(ax, classes):
+    classes = [one for one in classes if one["lines"]]
+    places = np.arange(len(classes))
+    values, errors = (np.array([one[key] for one in classes], float) for key in ("box_ratio", "box_ratio_err"))
+    ax.errorbar(places, 100 * (values - 1), 100 * errors, fmt="o", color=GOOD, capsize=2, ms=4)
+    ax.axhspan(-2, 2, color=GOOD, alpha=0.1, lw=0)
+    ax.set_ylabel("flux of lines over true - 1 [%]", color=GOOD)
+    other = ax.twinx()
+    shift, off = (np.array([one[key] for one in classes], float) for key in ("box_shift", "box_shift_err"))
+    other.errorbar(places + 0.15, shift, off, fmt="s", color="#d1495b", capsize=2, ms=4)
+    other.set_ylabel("shift of lines [px]", color="#d1495b")
+    for axis, middle, half in ((ax, 100 * (values - 1), 100 * errors), (other, shift, off)):
+        most = max([*(np.abs(middle) + half), 1e-3]) * 1.2
+        axis.set_ylim(-most, most)
+    ax.axhline(0, color="k", lw=0.5)
+    ax.set_xticks(places, [f"{_label(one)}\n({one['lines']})" for one in classes], fontsize=8)
+    ax.set_xlabel("light of others / own, at the line")

@@ -1,0 +1,153 @@
+"""`csstsim budget redshift`: the spectra of a campaign stacked, and a fitter's redshifts scored, with a figure."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+
+from csstsim.base.errors import InputError
+from csstsim.base.files.atomic import atomic_path
+from csstsim.base.files.beside import beside
+from csstsim.base.process.progress import progress
+from csstsim.budget.redshift.line_biases import by_contamination, line_biases
+from csstsim.budget.redshift.scores import RIGHT, scores
+from csstsim.budget.redshift.stack import stacked, usable
+from csstsim.catalog.table import GALAXY, ObjectTable
+
+
+def budget(runs, output, spectra=None, answer=None, band="i", say=print):
+    """Write stack.parquet and objects.parquet, for a fitter, into `output`; with its answer, scores and a figure, too.
+
+    runs: campaign.opened.OpenCampaign of different places; spectra: folder beside each campaign's file with tables as
+    `extract` writes them, or None: the campaign's; answer: CSV file of columns id, z and good (0 or 1); band: of the
+    magnitudes. Returns the scores, or None. Raises InputError.
+    """
+    output, run = Path(output), runs[0]
+    frames = [frame for each in runs for frame in _frames(each, spectra)]
+    given = None if answer is None else read_answer(answer)
+    name = f"mag_{band}"
+    if band not in run.camera.bands:
+        raise InputError("no such band", key="--band", value=band, allowed=", ".join(run.camera.bands))
+    tables = [table for table, *_ in frames]
+    objects = objects_of(frames, name)
+    output.mkdir(parents=True, exist_ok=True)
+    stack = stacked(tables)
+    stack.write(output / "stack.parquet", {"frames": len(tables)})
+    objects.write(output / "objects.parquet", {"band": band})
+    say(f"{len(objects)} galaxies in {len(tables)} frames: {output / 'stack.parquet'}")
+    if given is None:
+        return None
+    found = scores(given, objects)
+    lines = by_contamination(line_biases(tables, [lines for _, lines, _ in frames]))
+    result = {"right": RIGHT, "band": band, "frames": len(tables), **found, "lines": lines}
+    with atomic_path(output / "redshift.json") as temporary:
+        temporary.write_text(json.dumps(_plain(result), indent=1))
+    from csstsim.budget.redshift.figure import figure
+
+    with atomic_path(output / "redshift.png") as temporary:
+        temporary.write_bytes(figure(result, given, objects))
+    for line in text(result):
+        say(line)
+    return result
+
+
+def _frames(run, folder):
+    """Return [(spectra, lines, truth)] of the campaign's spectroscopic frames that have been extracted."""
+    from csstsim.io.truth import read_truth
+
+    found = []
+    for job in progress(run.slitless_jobs, "frames"):
+        paths = run.paths.spectra(*job.key), run.paths.lines(*job.key)
+        if folder is not None:
+            paths = tuple(beside(run.file, folder) / path.name for path in paths)
+        if all(path.is_file() for path in paths):
+            found.append((*map(ObjectTable.read, paths), read_truth(run.paths.level0_truth(job))))
+    if not found:
+        raise InputError(
+            "no table of spectra", file=beside(run.file, folder) if folder else run.paths.output, key="--spectra",
+            allowed="those that `csstsim extract` writes for this campaign",
+        )  # fmt: skip
+    return found
+
+
+def objects_of(frames, name):
+    """Return the ObjectTable of galaxies with usable columns: id, z, magnitude, size, contamination, frames.
+
+    frames: (spectra, lines, truth) of each; contamination: the light of others over the object's own, of all columns.
+    """
+    facts, light, others, count = {}, {}, {}, {}
+    for table, _, truth in frames:
+        row = {int(k): i for i, k in enumerate(truth["id"].tolist())}
+        good = table.take(usable(table) & (table["order"] == 1) & np.isfinite(table["model"]))
+        order = np.argsort(good["id"], kind="stable")
+        ids, start = np.unique(good["id"][order], return_index=True)
+        sums = [
+            np.add.reduceat(np.nan_to_num(good[key][order].astype(float)), start) if len(start) else np.zeros(0)
+            for key in ("model", "contamination")
+        ]
+        for k, own, more in zip(ids.tolist(), *sums, strict=True):
+            i = row.get(k)
+            if i is None or truth["obj_type"][i] != GALAXY:
+                continue
+            facts[k] = float(truth["z"][i]), float(truth[name][i]), float(truth["size"][i])
+            light[k], others[k], count[k] = light.get(k, 0.0) + own, others.get(k, 0.0) + more, count.get(k, 0) + 1
+    ids = sorted(facts)
+    z, mag, size = np.array([facts[k] for k in ids]).reshape(-1, 3).T
+    share = np.array([others[k] / light[k] if light[k] > 0 else np.inf for k in ids])
+    return ObjectTable({
+        "id": np.array(ids, np.int64), "z": z, "magnitude": mag, "size": size, "contamination": share,
+        "frames": np.array([count[k] for k in ids], np.int16),
+    })  # fmt: skip
+
+
+def read_answer(path):
+    """Return {id: (z, good)} of a CSV file. Raises InputError."""
+    path, out = Path(path), {}
+    try:
+        with open(path, newline="", encoding="utf-8") as file:
+            rows = list(csv.DictReader(file))
+    except (OSError, UnicodeDecodeError, csv.Error) as exc:
+        raise InputError(f"cannot be read: {exc}", file=path, key="--answer") from None
+    for number, row in enumerate(rows, 2):
+        try:
+            k, z, good = int(row["id"]), float(row["z"]), row["good"].strip()
+        except (KeyError, TypeError, ValueError, AttributeError):
+            raise InputError("not id, z and good", file=path, key=f"row {number}", value=dict(row)) from None
+        if good not in ("0", "1"):
+            raise InputError("must be 0 or 1", file=path, key=f"row {number}, good", value=good)
+        if k in out:
+            raise InputError("id given twice", file=path, key=f"row {number}", value=k)
+        out[k] = z, good == "1"
+    return out
+
+
+def text(result):
+    """Return the lines of the result that are printed."""
+    out = [f"right: |dz| / (1 + z) < {result['right']:g}", _line("all", result["all"])]
+    for name in ("magnitude", "redshift", "size", "contamination"):
+        out += [_line(f"{name} {one['low']:g} to {one['high']:g}", one) for one in result[name]]
+    out.append("lines by contamination: number; flux over true, by box and by optimal weights; shift [px] by box")
+    for one in result["lines"]:
+        values = " ".join(
+            f"{one[name]:+.4f} +- {one[f'{name}_err']:.4f}" for name in ("box_ratio", "electrons_ratio", "box_shift")
+        )
+        out.append(f"  {one['low']:g} to {one['high']:g}: {one['lines']:5d}  {values}")
+    return out
+
+
+def _line(name, one):
+    return (
+        f"  {name:28s} {one['objects']:5d} galaxies, {one['good']:5d} good: complete {one['completeness']:.3f} +- "
+        f"{one['completeness_err']:.3f}, pure {one['purity']:.3f} +- {one['purity_err']:.3f}, "
+        f"sigma {one['sigma']:.5f}, bias {one['bias']:+.5f}"
+    )
+
+
+def _plain(value):
+    """Return a value as JSON has it: numbers that are not finite as null."""
+    if isinstance(value, dict):
+        return {key: _plain(one) for key, one in value.items()}
+    if isinstance(value, list):
+        return [_plain(one) for one in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value

@@ -1,0 +1,58 @@
+"""Redshifts that a fitter gave, scored against the truth: completeness, purity, scatter and bias by what an object is.
+
+With dz = (z - z_true) / (1 + z_true): a redshift is right if |dz| < RIGHT. Completeness is the share of all objects
+that have a right redshift which the fitter calls good, purity the share of right ones among the good. sigma_NMAD is
+1.48 times the median of |dz - median(dz)| of the good redshifts within FAR.
+"""
+
+from itertools import pairwise
+
+import numpy as np
+
+RIGHT = 0.005
+FAR = 0.05  # |dz|: beyond, a redshift is an outlier and does not enter the scatter
+CLASSES = {
+    "magnitude": (18.0, 20.0, 21.0, 21.5, 22.0, 22.5, 23.0, 24.0),
+    "redshift": (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.5, 3.0),
+    "size": (0.0, 0.15, 0.25, 0.35, 0.5, 0.8, 3.0),
+    "contamination": (0.0, 0.01, 0.1, 0.3, 1.0, np.inf),
+}
+
+
+def score(z, good, true):
+    """Return {objects, good, completeness, completeness_err, purity, purity_err, sigma, bias} of (n,) arrays."""
+    dz = (z - true) / (1 + true)
+    right = good & (np.abs(dz) < RIGHT)
+    close = dz[good & (np.abs(dz) < FAR)]
+    sigma = 1.4826 * float(np.median(np.abs(close - np.median(close)))) if len(close) else np.nan
+    out = {"objects": len(z), "good": int(good.sum()), "sigma": sigma}
+    out["bias"] = float(np.median(close)) if len(close) else np.nan
+    for name, among in (("completeness", len(z)), ("purity", int(good.sum()))):
+        out[name], out[f"{name}_err"] = _share(int(right.sum()), among)
+    return out
+
+
+def _share(k, n):
+    """Return (k / n, its error by the rule of succession); NaN of nothing."""
+    if n == 0:
+        return np.nan, np.nan
+    p = (k + 1) / (n + 2)
+    return k / n, float(np.sqrt(p * (1 - p) / (n + 3)))
+
+
+def scores(answer, objects):
+    """Return {"all": score, quantity of CLASSES: [{low, high, score}]}; objects without an answer count as not good.
+
+    answer: {id: (z, good)}; objects: {"id", "z", "magnitude", "size", "contamination": (n,)}.
+    """
+    given = [answer.get(int(k), (np.nan, False)) for k in objects["id"]]
+    z, good = np.array([z for z, _ in given], float), np.array([bool(ok) for _, ok in given], bool)
+    good &= np.isfinite(z)
+    z, true = np.where(good, z, 0.0), np.asarray(objects["z"], float)
+    out = {"all": score(z, good, true)}
+    for name, edges in CLASSES.items():
+        values = np.asarray(objects["z" if name == "redshift" else name], float)
+        parts = pairwise(edges)
+        masks = [(low, high, (values >= low) & (values < high)) for low, high in parts]
+        out[name] = [{"low": a, "high": b} | score(z[m], good[m], true[m]) for a, b, m in masks if m.any()]
+    return out

@@ -1,0 +1,85 @@
+"""Configuration files of gratings in grismconf's form, for software that simulates or extracts with it.
+
+    BEAM_+1                    an order
+    DISPX_+1_i, DISPY_+1_i     dx, dy = sum_i t^i c_i(m, n)       [px from the direct image at m, n, 0-based]
+    DISPL_+1_i                 lambda = sum_i t^i c_i(m, n)       [angstrom]
+    SENSITIVITY_+1             table of WAVELENGTH [A] and SENSITIVITY [e-/s/A per erg/s/cm2/A]
+
+t runs from 0 to 1 over the order's extent along x, in the middle of the grating's piece; each c has the factors of
+1, m, n, m^2, m n, n^2, as aXe's (instrument.axe). Traces are straight, so DISPX and DISPY are exact. The wavelength has
+the factor sqrt(1 + a1^2), of the trace's slope, which is fitted; `write_grismconf` returns what that costs. NAXIS has
+rows before columns, as the reader takes it. See github.com/npirzkal/GRISMCONF.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from csstsim.base.files.atomic import atomic_path
+from csstsim.instrument.axe import TERMS, field_terms, sensitivity_file
+from csstsim.instrument.filter import GRID
+from csstsim.instrument.grating import sensitivity
+
+FITTED = 12  # direct images along each side of a grating's piece to which the wavelength is fitted
+
+
+def order_name(number):
+    """Return grismconf's name of an order: +1, 0, -1."""
+    return f"{number:+d}" if number else "0"
+
+
+def write_grismconf(folder, grating, piece, chip, telescope):
+    """Write {grating}.conf and the sensitivity of each order into a folder; return (paths, worst error [px]).
+
+    grating: instrument.grating.Grating; piece: (x0, x1, y0, y1) px of its direct images; chip: instrument.chip.Chip.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    nx, ny = chip.detector.nx, chip.detector.ny
+    lines, paths, worst = [f"# Grating {grating.name}, of chip {chip.id}", f"NAXIS {ny} {nx}"], [], 0.0
+    for number, order in grating.orders.items():
+        name, file = order_name(number), sensitivity_file(grating.name, number)
+        terms, off = dispersion(order, piece)
+        worst = max(worst, off)
+        x0, x1, y0, y1 = piece
+        lines += ["", f"BEAM_{name}", f"XRANGE_{name} {x0:g} {x1 - nx:g}", f"YRANGE_{name} {y0:g} {y1 - ny:g}"]
+        for key, table in terms.items():
+            lines += [" ".join([f"{key}_{name}_{i}", *(f"{v:.12g}" for v in row)]) for i, row in enumerate(table)]
+        lines.append(f"SENSITIVITY_{name} {file}")
+        _write_sensitivity(folder / file, order, telescope)
+        paths.append(folder / file)
+    path = folder / f"{grating.name}.conf"
+    with atomic_path(path) as temporary:
+        temporary.write_text("\n".join(lines) + "\n")
+    return [path, *paths], worst
+
+
+def dispersion(order, piece):
+    """Return ({DISPX, DISPY, DISPL: (2, 6)}, largest error of the wavelength [px]) of an instrument.grating.Order."""
+    xoff, yoff, a0, a1, alpha0, alpha1 = order.coefficients
+    middle = field_terms(0.5 * (piece[0] + piece[1]), 0.5 * (piece[2] + piece[3]))
+    first, last = np.array(order.extent) - middle @ xoff
+    along, ends = np.zeros((2, len(TERMS))), np.zeros((2, len(TERMS)))
+    along[0], along[1, 0] = xoff, last - first
+    along[0, 0] += first
+    ends[0], ends[1] = yoff + a0 + first * a1, (last - first) * a1
+    x, y = np.meshgrid(np.linspace(*piece[:2], FITTED), np.linspace(*piece[2:], FITTED))
+    field = field_terms(x.ravel(), y.ravel())
+    scale = np.abs(field).max(axis=0)
+    per = (field @ alpha1) * np.sqrt(1 + (field @ a1) ** 2)  # angstrom per px along x
+    wanted = np.stack([field @ alpha0 + first * per, (last - first) * per], axis=1)
+    waves = np.linalg.lstsq(field / scale, wanted, rcond=None)[0].T / scale
+    off = np.abs((wanted - field @ waves.T) @ [[1.0, 1.0], [0.0, 1.0]] / per[:, None])
+    return {"DISPX": along, "DISPY": ends, "DISPL": waves}, float(off.max())
+
+
+def _write_sensitivity(path, order, telescope):
+    """Write the sensitivity of an order where it is not zero, with a zero on either side."""
+    from astropy.io import fits
+
+    lit = np.flatnonzero(order.throughput)
+    part = slice(max(lit[0] - 1, 0), min(lit[-1] + 2, len(GRID)))
+    wave, values = GRID[part], sensitivity(GRID[part], order.throughput[part], telescope)
+    columns = [fits.Column("WAVELENGTH", "D", array=wave), fits.Column("SENSITIVITY", "D", array=values)]
+    with atomic_path(path) as temporary:
+        fits.BinTableHDU.from_columns(columns).writeto(temporary, checksum=True)

@@ -1,0 +1,14 @@
+"""The shapes of a table's objects, as the model of dispersed light needs them."""
+
+import numpy as np
+
+from csstsim.catalog.galaxy_shapes.components import components
+
+
+def shapes_of(table, wcs):
+    """Return the measure.spectra.line_profile.Shapes of the objects of a table from `select`, or of a truth table."""
+    from csstsim.measure.spectra.line_profile import Shapes
+    from csstsim.render.scene import shape_matrix
+
+    light, _, sizes = zip(*components(table), strict=True)
+    return Shapes.of(shape_matrix(table, wcs), np.stack(light, axis=1), np.stack(sizes, axis=1))

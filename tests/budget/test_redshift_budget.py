@@ -1,0 +1,142 @@
+"""Stacks, scores and biases of lines against closed forms."""
+
+import numpy as np
+import pytest
+from scipy.special import erf
+
+from csstsim.base.units import C_A_S, H_J_S
+from csstsim.budget.redshift.line_biases import SIDE, by_contamination, line_biases, line_fit, mean
+from csstsim.budget.redshift.scores import RIGHT, score, scores
+from csstsim.budget.redshift.stack import STEP, stacked
+from csstsim.catalog.table import ObjectTable
+from csstsim.measure.spectra.line_columns import BLIND, PART
+from csstsim.measure.spectra.spectrum_columns import DIM, LOST
+
+
+def spectrum(object_id, first, per, columns, flux, error, contamination=0.0, flags=0):
+    """A table of one spectrum of constant flux [photon / s / m2 / A]; sensitivity 10 electrons a unit."""
+    n = len(columns)
+    full = lambda value, kind=float: np.full(n, value, kind)  # noqa: E731
+    return ObjectTable({
+        "id": full(object_id, np.int64), "order": full(1, np.int8), "column": np.asarray(columns, np.int32),
+        "wavelength": first + per * np.arange(n), "flux": full(flux), "flux_err": full(error),
+        "sensitivity": full(10.0), "contamination": full(contamination), "flags": full(flags, np.int16),
+    })  # fmt: skip
+
+
+def test_a_flat_spectrum_of_two_frames_stays_flat_and_its_error_falls():
+    """2 A columns in 4 A bins: two columns a bin, the weights' mean, and errors as of independent columns."""
+    one = spectrum(7, 5001.0, 2.0, np.arange(100), 3.0, 0.2)
+    other = spectrum(7, 5199.0, -2.0, np.arange(100), 5.0, 0.4)  # dispersed the other way
+    found = stacked([one, other])
+    inner = found.take((found["wavelength"] > 5002) & (found["wavelength"] < 5198))
+    weights = np.array([1 / 0.2**2, 1 / 0.4**2])
+    erg = H_J_S * C_A_S / inner["wavelength"] * 1e3
+    assert set(np.diff(inner["wavelength"])) == {STEP} and set(inner["frames"]) == {2}
+    assert inner["flux"] == pytest.approx((weights * [3.0, 5.0]).sum() / weights.sum() * erg, rel=1e-3)
+    assert inner["flux_err"] == pytest.approx(erg / np.sqrt(2 * weights.sum()), rel=1e-3)
+
+
+def test_a_stack_keeps_the_light_of_a_line():
+    """A Gaussian of 3 px rms in 3.4 A columns, in bins of 4 A: sum of flux times width, to 1e-6."""
+    columns = np.arange(200)
+    table = spectrum(1, 6000.0, 3.4, columns, 0.0, 1.0)
+    edges = np.arange(201) - 0.5
+    line = np.diff(0.5 * (1 + erf((edges - 100.3) / 3 / np.sqrt(2))))
+    erg = H_J_S * C_A_S / table["wavelength"] * 1e3
+    found = stacked([table.with_columns(flux=line / 3.4 / erg, flux_err=1.0 / erg)])
+    assert (found["flux"] * STEP).sum() == pytest.approx(1.0, abs=1e-3)
+    middle = (found["flux"] * found["wavelength"]).sum() / found["flux"].sum()
+    assert middle == pytest.approx(6000.0 + 3.4 * 100.3, abs=0.05)
+
+
+def test_what_cannot_be_used_is_left_out():
+    lost = spectrum(1, 5000.0, 2.0, np.arange(50), 3.0, 0.2, flags=LOST)
+    dim = spectrum(2, 5000.0, 2.0, np.arange(50), np.nan, 0.2, flags=DIM)
+    assert len(stacked([lost, dim])) == 0
+    good = spectrum(3, 5000.0, 2.0, np.arange(1), 3.0, 0.2, contamination=5.0)
+    found = stacked([lost, good])
+    assert set(found["id"].tolist()) == {3}
+    assert found["contamination"] == pytest.approx(0.5 * H_J_S * C_A_S / 5000.0 * 1e3, rel=1e-6)
+
+
+def test_scores_of_answers_known_by_hand():
+    """Ten galaxies: six right and sure, one sure and wrong, one right and not sure, two without an answer."""
+    true = np.linspace(0.1, 1.0, 10)
+    z, good = true.copy(), np.array([1, 1, 1, 1, 1, 1, 1, 0, 0, 0], bool)
+    z[:6] += 0.001 * (1 + true[:6]) * np.array([1, -1, 1, -1, 1, -1])
+    z[6] += 2 * RIGHT * (1 + true[6])
+    one = score(z, good, true)
+    assert (one["completeness"], one["purity"], one["good"]) == (0.6, 6 / 7, 7)
+    assert one["sigma"] == pytest.approx(1.4826 * 0.002, rel=1e-6) and one["bias"] == pytest.approx(0.001, rel=1e-6)
+    answer = {k: (z[k], bool(good[k])) for k in range(8)}
+    objects = {"id": np.arange(10), "z": true, "magnitude": np.full(10, 21.2), "size": np.full(10, 0.3),
+               "contamination": np.linspace(0, 2, 10)}  # fmt: skip
+    found = scores(answer, objects)
+    assert found["all"] == one and [part["objects"] for part in found["magnitude"]] == [10]
+    assert sum(part["objects"] for part in found["contamination"]) == 10
+    assert sum(part["good"] for part in found["redshift"]) == 7
+
+
+def test_scores_of_nothing():
+    empty = score(np.zeros(0), np.zeros(0, bool), np.zeros(0))
+    assert empty["objects"] == 0 and np.isnan([empty[name] for name in ("completeness", "purity", "sigma")]).all()
+    assert np.isnan(mean(np.zeros(0), np.zeros(0))).all()
+
+
+def line(ratio, shift, noise=0.0, seed=1, contamination=0.0):
+    """Columns about a line of 1e4 electrons on a continuum of 100, as extracted with an error of flux and place."""
+    x = np.arange(200, 200 + 2 * SIDE + 1)
+    middle, errors = 200.0 + SIDE, np.full(len(x), 5.0)
+
+    def light(size, at):
+        return 1e4 * size * np.diff(0.5 * (1 + erf((np.arange(len(x) + 1) - 0.5 - SIDE - at) / 2.5 / np.sqrt(2))))
+
+    found = 100.0 + light(ratio, shift) + noise * np.random.default_rng(seed).normal(size=len(x))
+    columns = {"column": x.astype(np.int32), "model": 100.0 + light(1.0, 0.0), "box": found, "electrons": found}
+    more = {"box_err": errors, "electrons_err": errors, "contamination": np.full(len(x), contamination)}
+    return ObjectTable(columns | more), middle
+
+
+@pytest.mark.parametrize(("ratio", "shift"), [(1.0, 0.0), (0.9, 0.0), (1.0, 0.1), (1.05, -0.08)])
+def test_flux_and_place_of_a_line_are_recovered(ratio, shift):
+    """Flux to 0.2%, place to 0.005 px: what is left is of second order in the shift."""
+    part, middle = line(ratio, shift)
+    (a, k), _ = line_fit(part, middle, "box")
+    assert a == pytest.approx(ratio, abs=0.002) and -k == pytest.approx(ratio * shift, abs=0.005)
+
+
+def test_errors_of_lines_are_the_scatter():
+    """400 noisy lines: pulls of 1 within 5 sigma of their width's error, 0.035."""
+    pulls = []
+    for seed in range(400):
+        part, middle = line(1.0, 0.0, noise=5.0, seed=seed)
+        values, errors = line_fit(part, middle, "box")
+        pulls.append([(values[0] - 1) / errors[0], values[1] / errors[1]])
+    width, off = np.std(pulls, axis=0), np.mean(pulls, axis=0)
+    assert np.abs(width - 1).max() < 5 * 0.035 and np.abs(off).max() < 5 * 0.05
+
+
+def table_of(part, flags=0):
+    n = len(part)
+    return part.with_columns(id=np.full(n, 3), order=np.ones(n, np.int8), flags=np.full(n, flags, np.int16))
+
+
+def lines_of(middle, count=1, flux=1.0, flags=0):
+    return ObjectTable({
+        "id": np.full(count, 3), "order": np.ones(count, np.int8), "line": np.array(["Ha", "[NII]"][:count]),
+        "column": middle + 4.0 * np.arange(count), "flux_true": np.full(count, flux), "flux_err": np.full(count, 0.1),
+        "flags": np.full(count, flags, np.int16),
+    })  # fmt: skip
+
+
+def test_lines_are_sorted_by_contamination_and_blends_count_once():
+    part, middle = line(0.95, 0.05, contamination=30.0)
+    found = line_biases([table_of(part)], [lines_of(middle, 2)])
+    share = 30.0 * len(part) / part["model"].sum()
+    assert len(found) == 1 and found[0]["contamination"] == pytest.approx(share)
+    classes = [one for one in by_contamination(found) if one["lines"]]
+    assert [one["low"] for one in classes] == [0.01] and classes[0]["box_ratio"] == pytest.approx(0.95, abs=0.003)
+    for lines in (lines_of(middle, flags=PART), lines_of(middle, flags=BLIND), lines_of(middle, flux=0.1)):
+        assert line_biases([table_of(part)], [lines]) == []
+    assert line_biases([table_of(part, LOST)], [lines_of(middle)]) == []
