@@ -24,7 +24,7 @@ SECTIONS = {
         "truth", "psf", "select", "render", "readout", "level0", "masters", "calibrate", "measure", "extract", "merge",
         "validate",
     ),
-    "Measure the simulator": ("bench", "shear"),
+    "Measure the simulator": ("bench", "shear", "budget"),
     "Extend": ("layers", "fit-grating"),
     "Deliver": ("verify", "compare"),
     "Frames that exist": ("place", "inject", "recover", "recreate"),

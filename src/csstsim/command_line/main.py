@@ -12,6 +12,7 @@ import click
 from csstsim import __version__
 from csstsim.base.plural import number_of
 from csstsim.command_line import begin, rules, tools
+from csstsim.command_line.budget import budget
 from csstsim.command_line.group import SWITCHES, Group, result
 from csstsim.command_line.options import of_campaign, of_jobs
 
@@ -113,5 +114,5 @@ def check(run):
     click.echo(f"{run.file}: good; {number_of(len(run.jobs), 'chip')} of {number_of(exposures, 'exposure')}")
 
 
-for command in rules.RULES + begin.TOOLS + tools.TOOLS:
+for command in (*rules.RULES, *begin.TOOLS, *tools.TOOLS, budget):
     main.add_command(command)
