@@ -14,7 +14,7 @@ import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
-from csstsim.base.files.text_file import read_text
+from csstsim.base.files.text_file import read_json, read_text
 from csstsim.base.process.one_thread import one_thread
 from csstsim.base.process.progress import progress
 from csstsim.budget.shear.frames import Field, opened
@@ -61,7 +61,7 @@ def _seal(said):
 def _write(path, field, setting, g):
     from astropy.io import fits
 
-    window = field.aimed._job(field.obsid, field.chip).window
+    window = field.job(False).window
     x, y = field.galaxies.x - window.x0, field.galaxies.y - window.y0
     jacobian = field.jacobian(setting)
     columns = [
@@ -108,10 +108,7 @@ def reveal(key, answer, say, folder=None):
 
 
 def _json(path, names):
-    try:
-        found = json.loads(read_text(path))
-    except ValueError:
-        raise InputError("not a file of JSON", file=path) from None
+    found = read_json(path)
     if not isinstance(found, dict) or any(name not in found for name in names):
         raise InputError("not a key, nor a seal, of a blinded budget", file=path, allowed=", ".join(names))
     return found

@@ -133,6 +133,7 @@ def metacal(stamps, psf, sigma, scale, rng):
     from ngmix.gaussmom import GaussMom
     from ngmix.metacal import get_all_metacal
 
+    stamps, psf = stamps[:, 1:, 1:], psf[:, 1:, 1:]  # odd: ngmix moves the galaxy by the PSF's offset from the middle
     side = stamps.shape[-1]
     jacobian = ngmix.DiagonalJacobian(row=side // 2, col=side // 2, scale=scale)
     weight, moments = np.full((side, side), 1 / max(sigma, 1e-3) ** 2), partial(_weighted, GaussMom(fwhm=APERTURE))

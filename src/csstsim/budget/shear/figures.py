@@ -44,9 +44,10 @@ def waterfall(path, rows, sample, summed):
                 )
         ax.axvline(0, color="black", lw=0.8)
         ax.set_xscale("symlog", linthresh=LINTHRESH, linscale=1.2)
-        ticks = [-100, -10, -1, 0, 1, 10, 100]
         low, high = ax.get_xlim()
-        ax.set_xticks([t for t in ticks if low <= t <= high], [f"{t:g}" for t in ticks if low <= t <= high])
+        ticks = [tick for tick in (-1000, -100, -10, 0, 10, 100, 1000) if low <= tick <= high]
+        ticks = ticks if len(ticks) > 1 else [-1, 0, 1]
+        ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
         ax.minorticks_off()
         ax.grid(axis="x", alpha=0.3)
         ax.set_title(f"{LABELS[name]}  [{SHOWN[unit]}]", fontsize=10)
@@ -64,8 +65,8 @@ def chart(path, rows, sample):
 
     rows = [row for row in rows if row["sample"] == sample and row["kind"] in ("base", "bar")]
     rows = [row for row in rows if row["estimator"] == rows[0]["estimator"] and sigma_m(row) > 0]
-    figure = Figure(figsize=(8.5, 6), layout="constrained")
-    axes, hours = figure.subplots(), np.logspace(-3, 3, 7)
+    figure = Figure(figsize=(10.5, 6), layout="constrained")
+    axes, hours = figure.subplots(), np.logspace(-3, 2, 6)
     palette = (BLUE, ORANGE, GREEN, VERMILION, PURPLE, SKY)
     for number, row in enumerate(sorted(rows, key=sigma_m, reverse=True)):
         now = row["galaxies"] * row["seconds"] / HOUR
@@ -76,10 +77,10 @@ def chart(path, rows, sample):
         axes.axhline(goal, color=GREY, ls=":", lw=1)
         axes.text(hours[0], goal, f" {goal:g}", va="bottom", fontsize=8, color=GREY)
     axes.set(
-        xscale="log", yscale="log", xlim=(hours[0], hours[-1]), xlabel="CPU-hours",
+        xscale="log", yscale="log", xlim=(hours[0], hours[-1]), ylim=(1e-6, 1e-2), xlabel="CPU-hours",
         ylabel=r"$\sigma(m)$ of the bar", title=f"What accuracy costs: sample “{sample}”; points are measured",
     )  # fmt: skip
-    axes.legend(fontsize=7, ncols=2, loc="upper right")
+    axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
     axes.grid(alpha=0.2)
     _save(figure, path)
 

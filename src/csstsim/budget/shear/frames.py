@@ -13,6 +13,7 @@ import numpy as np
 from csstsim.api import Simulation
 from csstsim.base.errors import InputError
 from csstsim.base.rng import stream
+from csstsim.budget.shear.plan import Setting
 from csstsim.budget.shear.sample import EDGE, galaxies, table
 from csstsim.catalog.astrometry.reduction import icrs
 
@@ -84,44 +85,56 @@ class Field:
     @cached_property
     def galaxies(self):
         """Its Galaxies."""
-        window = self.aimed._job(self.obsid, self.chip).window
+        window = self.job(False).window
         return galaxies(self.plan, self.sample, self.number, window)
 
-    def made(self, setting, seed=None, stars=False):
-        """Return the Simulation of a Setting, without objects; seed: of its noise; stars: fit for stars alone."""
-        layers = {next(iter(layer)): None for layer in self.aimed.layers if next(iter(layer)) not in BASIC}
-        layers |= {name.lower(): values for name, values in setting.layers.items()}
-        layers = {name: layers.get(name.lower(), layers.get(name)) for name in layers}
+    def made(self, setting, columns=None, *, seed=None, stars=False):
+        """Return the Simulation of a Setting; seed: of its noise; stars: noiseless objects alone, without sky."""
+        from astropy.table import Table
+
+        optional = [name for layer in self.aimed.layers for name in layer if name not in BASIC]
+        given = {name.lower(): values for name, values in setting.layers.items()}
+        layers = {name: given.get(name.lower()) for name in optional} | {
+            name: values for name, values in setting.layers.items() if name.lower() not in map(str.lower, optional)
+        }  # an unknown layer is refused there
         loss = {"flat_fielding": setting.flat, "shutter_effect": setting.flat}
         layers["scie_obs"] = loss | {"field_dist": setting.distortion}
         layers["sky_background"] = None if stars else loss | {"enable_straylight_model": setting.straylight}
         if not setting.noise:
             layers |= {"poisson_and_dark": None, "readout_noise": None}
         keys = {} if seed is None else {"seed": seed}
-        return self.aimed.replace(layers=layers, fidelity="standard" if setting.noise else "noise_free", **keys)
+        if columns is not None:
+            keys["catalog"] = Table(columns)
+        noise = setting.noise and not stars
+        return self.aimed.replace(layers=layers, fidelity="standard" if noise else "noise_free", **keys)
+
+    def job(self, distortion):
+        """Return the campaign.job.Job, with or without the field distortion in its map of the sky."""
+        if distortion not in self._jobs:
+            self._jobs[distortion] = self.made(Setting(distortion=distortion))._job(self.obsid, self.chip)
+        return self._jobs[distortion]
+
+    @cached_property
+    def _jobs(self):
+        return {}
 
     def arm(self, setting, g, seed=None):
-        """Return the Image of the galaxies under a shear g, background subtracted."""
-        simulation = self.made(setting, seed)
-        job = simulation._job(self.obsid, self.chip)
-        columns = table(self.galaxies, setting, self.plan, job, self.number, g, self.band)
-        return self._image(simulation, columns, setting)
+        """Return the image (ny, nx) of the galaxies under a shear g, background subtracted [e-]."""
+        job = self.job(setting.distortion)
+        return self._image(setting, table(self.galaxies, setting, self.plan, job, self.number, g, self.band), seed)
 
-    def _image(self, simulation, columns, setting):
-        from astropy.table import Table
-
-        simulation = simulation.replace(catalog=Table(columns))
+    def _image(self, setting, columns, seed=None):
+        simulation = self.made(setting, columns, seed=seed)
         frame = simulation.chip(self.obsid, self.chip)
         if setting.calibrated:
             electrons, unusable = _calibrated(simulation, frame, setting.masking)
         else:
             electrons, unusable = frame.electrons, np.zeros(frame.image.shape, np.uint8)
-        if setting.background == "mesh":
-            from csstsim.measure.detection.detect import subtract_background
+        if setting.background == "median":
+            return electrons - np.float32(np.median(electrons))
+        from csstsim.measure.detection.detect import subtract_background
 
-            subtract_background(electrons, unusable)
-        else:
-            electrons = electrons - np.float32(np.median(electrons))
+        subtract_background(electrons, unusable)
         return electrons
 
     def psf(self, setting):
@@ -136,24 +149,22 @@ class Field:
 
     def true_psf(self, setting):
         """Return (n, s, s) noiseless stars on the middle of the galaxies' pixels, each with a sum of 1."""
-        simulation = self.made(setting, stars=True).replace(fidelity="noise_free")
-        stars = _with_table(simulation, self._stars(simulation, slice(None), TRUE_STAR))
-        stamps = self.stamps(stars.light(self.obsid, self.chip).image)
+        simulation = self.made(setting, self._stars(setting, slice(None), TRUE_STAR), stars=True)
+        stamps = self.stamps(simulation.light(self.obsid, self.chip).image)
         return stamps / stamps.sum(axis=(1, 2), keepdims=True)
 
     def _fitted(self, setting):
         """Return the stamps of a PSF whose pixels are linear in x and y, fitted to stars of a frame of its own."""
-        simulation, some = self.made(setting), slice(None, None, self.plan.stars.every)
-        columns = self._stars(simulation, some, self.plan.stars.magnitude)
-        seen = self.stamps(self._image(simulation, columns, setting), some)
+        some = slice(None, None, self.plan.stars.every)
+        seen = self.stamps(self._image(setting, self._stars(setting, some, self.plan.stars.magnitude)), some)
         seen /= seen.sum(axis=(1, 2), keepdims=True)
         x, y = self.galaxies.x, self.galaxies.y
         design = np.stack([np.ones(len(x)), (x - x.mean()) / self.plan.size, (y - y.mean()) / self.plan.size], axis=1)
         fit = np.linalg.lstsq(design[some], seen.reshape(len(seen), -1), rcond=None)[0]
         return (design @ fit).reshape(-1, *seen.shape[1:])
 
-    def _stars(self, simulation, some, magnitude):
-        job = simulation._job(self.obsid, self.chip)
+    def _stars(self, setting, some, magnitude):
+        job = self.job(setting.distortion)
         x, y = (np.rint(v[some]) for v in (self.galaxies.x, self.galaxies.y))
         ra, dec = icrs(*job.wcs.pixel_to_world(x, y), job.observer)
         ids = np.arange(len(x)) + 1
@@ -161,7 +172,7 @@ class Field:
 
     def stamps(self, image, some=slice(None)):
         """Return (n, s, s) float64 stamps of an image of the window, [s // 2, s // 2] the pixel of the galaxy."""
-        window, half = self.aimed._job(self.obsid, self.chip).window, self.plan.stamp // 2
+        window, half = self.job(False).window, self.plan.stamp // 2
         x, y = np.rint(self.galaxies.x[some]).astype(int), np.rint(self.galaxies.y[some]).astype(int)
         side = np.arange(-half, half)
         rows, columns = (y - window.y0)[:, None, None] + side[:, None], (x - window.x0)[:, None, None] + side
@@ -169,20 +180,18 @@ class Field:
 
     def jacobian(self, setting):
         """Return (n, 2, 2) d(x, y) / d(east, north) at the galaxies, as the Setting's analysis knows it."""
-        known = setting if setting.wcs == "known" else setting.model_copy(update={"distortion": False})
-        wcs = self.made(known)._job(self.obsid, self.chip).wcs
+        wcs = self.job(setting.distortion and setting.wcs == "known").wcs
         return wcs.jacobian(*wcs.pixel_to_world(self.galaxies.x, self.galaxies.y))
 
     def found(self, image):
         """Return bool (n,): galaxies that an image has, by sep with its default kernel, at S/N DETECTED or more."""
         import sep
+        from scipy.spatial import cKDTree
 
-        sigma, window = noise_of(image), self.aimed._job(self.obsid, self.chip).window
+        sigma, window = noise_of(image), self.job(False).window
         sources = sep.extract(np.ascontiguousarray(image), 1.5, err=sigma, minarea=5)
         snr = sources["flux"] / (sigma * np.sqrt(sources["npix"]))
         good = snr >= DETECTED
-        from scipy.spatial import cKDTree
-
         places = np.column_stack([sources["x"][good] + window.x0, sources["y"][good] + window.y0])
         if not len(places):
             return np.zeros(len(self.galaxies), bool)
@@ -197,12 +206,6 @@ def noise_of(image):
     """Return the robust scatter of an image's pixels [e-]: 1.4826 times the median deviation."""
     some = image[EDGE:-EDGE:3, EDGE:-EDGE:3]
     return float(1.4826 * np.median(np.abs(some - np.median(some))))
-
-
-def _with_table(simulation, columns):
-    from astropy.table import Table
-
-    return simulation.replace(catalog=Table(columns))
 
 
 def _calibrated(simulation, frame, masking):

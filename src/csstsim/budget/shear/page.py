@@ -29,7 +29,8 @@ def write_page(path, rows, plan, command):
     parts = [
         "<h1>A budget of shear</h1>",
         f"<p>Made by <code>{html.escape(command)}</code>: arms of shear &plusmn;{plan.shear:g} in each component "
-        "that share all noise; rings of four turned galaxies; each bar is the bias with an effect less that without it.</p>",
+        "that share all noise; rings of four turned galaxies. A bar is the bias with an effect less the bias "
+        "without it.</p>",
     ]
     for sample in plan.samples:
         of = [row for row in rows if row["sample"] == sample]

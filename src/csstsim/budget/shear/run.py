@@ -70,6 +70,7 @@ class _Made:
     images: dict
     psfs: dict
     shapes: dict
+    sigma: float = 0.0  # noise of a pixel of the base, for all Settings: what estimators add is the same in all
 
 
 def measured(field):
@@ -86,6 +87,7 @@ def measured(field):
         used = []
         for arm, g in enumerate((field.shear, -field.shear)):
             image = _image(field, setting, g, made)
+            made.sigma = made.sigma or noise_of(image)
             used.append(field.found(image) if setting.detection else np.ones(len(field.galaxies), bool))
             for kind in plan.estimators:
                 shapes = to_sky(_shapes(field, setting, arm, image, psf, kind, made), jacobian, kind in ELLIPTICITIES)
@@ -98,7 +100,7 @@ def measured(field):
         if field.number == 0:
             image = field.arm(setting, -field.shear, plan.seed + OTHER_SEED)
             for kind in plan.estimators:
-                arguments = field.stamps(image), psf, noise_of(image), _scale(field), field.rng(f"{kind} other")
+                arguments = field.stamps(image), psf, made.sigma, _scale(field), field.rng(f"{kind} other")
                 arrays[f"{name}|{kind}|other"] = to_sky(estimator(kind)(*arguments), jacobian, kind in ELLIPTICITIES).e
     return {name: np.array(values) for name, values in arrays.items()}
 
@@ -134,7 +136,7 @@ def _shapes(field, setting, arm, image, psf, kind, made):
     key = _key(setting, {"wcs", "detection"}), arm, kind
     if key not in made.shapes:
         made.shapes[key] = estimator(kind)(
-            field.stamps(image), psf, noise_of(image) if setting.noise else 0.0, _scale(field), field.rng(kind)
+            field.stamps(image), psf, made.sigma if setting.noise else 0.0, _scale(field), field.rng(kind)
         )
     return made.shapes[key]
 
@@ -146,7 +148,8 @@ def to_sky(shapes, jacobian, ellipticities):
     first order, and they are turned.
     """
     if ellipticities:
-        e = reduced(on_sky(2 * shapes.e / (1 + np.abs(shapes.e) ** 2), jacobian))
+        with np.errstate(invalid="ignore"):  # NaN in, NaN out
+            e = reduced(on_sky(2 * shapes.e / (1 + np.abs(shapes.e) ** 2), jacobian))
         return Shapes(e, shapes.response)
     round_one = jacobian @ np.swapaxes(jacobian, -1, -2)
     trace = round_one[:, 0, 0] + round_one[:, 1, 1]
