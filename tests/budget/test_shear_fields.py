@@ -12,7 +12,7 @@ import csstsim
 from csstsim.budget.shear import blind as blinded
 from csstsim.budget.shear import run as running
 from csstsim.budget.shear.bars import bars
-from csstsim.budget.shear.frames import Field, noise_of, opened
+from csstsim.budget.shear.frames import Field, level_of, noise_of, opened
 from csstsim.budget.shear.plan import DEFAULT, Setting, load_plan
 from csstsim.budget.shear.volume import report, sigma_m, volume
 from csstsim.command_line.main import main
@@ -21,7 +21,7 @@ KEYS = {"fields": 2, "chips": [9], "size": 232, "spacing": 50, "estimators": ["o
 SAMPLE = {"magnitude": [19, 19.5], "size": [0.3, 0.4], "ellipticity": 0.2}
 EFFECTS = {
     "nonlinearity": {"about": "nonlinearity", "change": {"layers": {"nonlinearity": {}}}, "sum": True},
-    "nothing": {"about": "the same frames again", "change": {"background": "median"}, "sum": True},
+    "nothing": {"about": "the same frames again", "change": {"background": "known"}, "sum": True},
     "linear": {"about": "another map", "change": {"wcs": "linear"}, "sum": True},
     "undone": {
         "about": "all that is undone", "change": {
@@ -35,11 +35,8 @@ EFFECTS = {
 @pytest.fixture(scope="module")
 def sim(tmp_path_factory):
     folder = tmp_path_factory.mktemp("budget")
-    observations = {}
-    file = write_campaign(folder, **observations)
-    return csstsim.Simulation(file, cache=folder / "cache").replace(
-        psf={"grid": 2}, observations={}, seed=5, catalog={"kind": "embedded"}
-    )
+    file = write_campaign(folder, geometry={"nx": 480, "ny": 480, "channel_nx": 60, "channel_ny": 240})
+    return csstsim.Simulation(file, cache=folder / "cache").replace(seed=5)
 
 
 @pytest.fixture(scope="module")
@@ -60,15 +57,16 @@ def arms(field):
     return [field.arm(Setting(), sign * field.shear) for sign in (1, -1)]
 
 
-def test_arms_differ_where_the_galaxies_are_alone(field, arms):
-    plus, minus = arms
+def test_arms_differ_at_the_galaxies_alone(field):
+    faint = field.plan.samples["one"].model_copy(update={"magnitude": (23.0, 23.5)})
+    field = Field(field.simulation, field.plan.model_copy(update={"samples": {"one": faint}}), "r", "one", 0)
+    plus, minus = (field.arm(Setting(), sign * field.shear) for sign in (1, -1))
     window = field.job(False).window
     y, x = np.mgrid[window.y0 : window.y1, window.x0 : window.x1]
     away = np.min(np.hypot(x[..., None] - field.galaxies.x, y[..., None] - field.galaxies.y), axis=-1) > 22
-    level = np.median(plus[away] - minus[away])
-    assert away.mean() > 0.1 and np.mean(plus[away] - minus[away] != level) < 0.05  # photons of galaxies' rims
-    two = field.arm(Setting(), -field.shear, seed=6)
-    assert np.mean(plus[away] - two[away] != np.median(plus[away] - two[away])) > 0.5
+    assert away.mean() > 0.1 and np.mean(plus[away] != minus[away]) < 0.05  # a few photons go so far
+    assert np.mean(plus[away] != field.arm(Setting(), -field.shear, seed=6)[away]) > 0.9
+    assert plus[away].mean() == pytest.approx(0.0, abs=0.5)  # e-: half a DN; the error of the mean is 0.05
 
 
 def test_an_arm_is_the_same_when_made_again(field, arms):
@@ -79,7 +77,7 @@ def test_noise_free_frames_have_no_noise(field, arms):
     clean = field.arm(Setting(noise=False), field.shear)
     assert noise_of(clean) < 0.3 * noise_of(arms[0])
     light = np.abs(clean) > 50
-    assert clean[light].sum() == pytest.approx(arms[0][light].sum(), rel=0.01)
+    assert clean[light].sum() == pytest.approx(arms[0][light].sum(), rel=0.003)  # photon noise is 0.1%
 
 
 def test_psf_is_that_of_stars_on_pixels(field):
@@ -91,6 +89,14 @@ def test_psf_is_that_of_stars_on_pixels(field):
     few = field.plan.model_copy(update={"stars": field.plan.stars.model_copy(update={"every": 1, "magnitude": 18.0})})
     fitted = Field(field.simulation, few, "r", "one", 0).psf(Setting(psf="stars"))
     assert np.abs(fitted - stamps).max() < 0.02
+
+
+def test_level_is_finer_than_a_dn():
+    rng = np.random.default_rng(4)
+    for true in (35.2, 35.5, 35.9):
+        image = 1.1 * np.rint((rng.poisson(true, (400, 400)) + rng.normal(0, 5, (400, 400))) / 1.1)
+        image[:8] += 1000
+        assert level_of(image) == pytest.approx(true, abs=0.15)  # the cut of a skewed distribution: 0.1
 
 
 def test_all_are_found_at_their_places(field, arms):
@@ -124,10 +130,10 @@ def done(sim, file, tmp_path_factory):
 
 
 def test_bars_sum_and_cost(done):
-    folder, plan, paths = done
+    _, plan, paths = done
     rows = {row["effect"]: row | {"sample": "one"} for row in bars(plan, paths["one"])}
     base, nonlinearity, nothing = (rows[name] for name in ("base", "nonlinearity", "nothing"))
-    assert base["galaxies"] == 32 and abs(base["m1"]) < 0.2 and base["gain"] > 1.5
+    assert base["galaxies"] == 32 and abs(base["m1"]) < 0.2 and base["gain"] > 1.1
     assert nothing["m1"] == nothing["c2"] == nothing["m1_err"] == 0.0
     assert 0 < abs(nonlinearity["m1"]) < 0.05 and 0 < nonlinearity["m1_err"] < base["m1_err"]
     added = [rows[name]["m1"] for name in ("nonlinearity", "nothing", "linear")]
@@ -161,7 +167,7 @@ def answer(folder, rows, heads="field,g1,g2,g1_err,g2_err"):
 def test_blind_frames_hide_the_shear_and_score_an_answer(done):
     from astropy.io import fits
 
-    folder, plan, _ = done
+    folder, _, _ = done
     key = json.loads((folder / "key.json").read_text())
     with fits.open(folder / "blind" / "field_000.fits") as hdus:
         assert hdus["IMAGE"].data.shape == (232, 232) and len(hdus["PSF"].data) == len(hdus["GALAXIES"].data) == 16

@@ -25,6 +25,7 @@ BASIC = {
 }  # fmt: skip
 MESSAGE = "the plan's chips are not imaging chips of one band"
 PLACES = np.array([(0.5, 0.5), (0.0, 0.0), (1.0, 1.0), (0.0, 1.0), (1.0, 0.0)])  # of windows on the chip, in turn
+CLIP, COARSE = 2.5, 2.0  # times the noise; e-: as if it were at least so large, about two DN
 DETECTED, NEAR = 10.0, 4.0  # S/N that a galaxy must have; px from its place
 
 
@@ -123,6 +124,11 @@ class Field:
         job = self.job(setting.distortion)
         return self._image(setting, table(self.galaxies, setting, self.plan, job, self.number, g, self.band), seed)
 
+    def level(self, noise):
+        """Return the electrons of sky (without losses) and, with noise, of dark current in a pixel."""
+        exposure = self.job(False).exposure
+        return (exposure.filter.sky + noise * exposure.chip.detector.dark) * exposure.exptime
+
     def _image(self, setting, columns, seed=None):
         simulation = self.made(setting, columns, seed=seed)
         frame = simulation.chip(self.obsid, self.chip)
@@ -130,8 +136,10 @@ class Field:
             electrons, unusable = _calibrated(simulation, frame, setting.masking)
         else:
             electrons, unusable = frame.electrons, np.zeros(frame.image.shape, np.uint8)
-        if setting.background == "median":
-            return electrons - np.float32(np.median(electrons))
+        if setting.background != "mesh":
+            return electrons - np.float32(
+                self.level(setting.noise) if setting.background == "known" else level_of(electrons)
+            )
         from csstsim.measure.detection.detect import subtract_background
 
         subtract_background(electrons, unusable)
@@ -200,6 +208,12 @@ class Field:
     def rng(self, estimator):
         """Return the generator of an estimator's own noise, the same in all arms and Settings."""
         return stream(self.plan.seed, "budget", "shear", self.sample, self.number, estimator)
+
+
+def level_of(image):
+    """Return the level of the sky [e-]: the mean of pixels within CLIP of the median; DN are too coarse for that."""
+    middle, near = np.median(image), CLIP * max(noise_of(image), COARSE)
+    return float(np.mean(image[np.abs(image - middle) < near], dtype=float))
 
 
 def noise_of(image):

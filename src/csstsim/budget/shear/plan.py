@@ -68,7 +68,9 @@ class Setting(Model):
     neighbour_shear: bool = Field(True, description="whether neighbours have the galaxy's shear; false: none")
     calibrated: bool = Field(False, description="what the layers did is undone, as `csstsim calibrate` does")
     masking: bool = Field(False, description="defects and found cosmic rays are filled; needs calibrated")
-    background: Literal["median", "mesh"] = Field("median", description="subtracted: a constant, or a mesh")
+    background: Literal["known", "constant", "mesh"] = Field(
+        "known", description="subtracted: the true level, or a constant or a mesh from the frame"
+    )
     wcs: Literal["known", "linear"] = Field("known", description="the map from pixels to sky of the analysis")
     psf: Literal["truth", "middle", "stars"] = Field(
         "truth", description="at each galaxy; that of the window's middle; or a fit to stars"
@@ -79,6 +81,8 @@ class Setting(Model):
     def _masked_when_calibrated(self):
         if self.masking and not self.calibrated:
             raise ValueError("masking needs calibrated: true")
+        if self.background == "known" and (self.flat or self.straylight):
+            raise ValueError("background: known is of a sky without losses and gradients")
         return self
 
 
