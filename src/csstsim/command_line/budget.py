@@ -2,18 +2,15 @@
 
 import click
 
-from csstsim.command_line.group import GivenPath
+from csstsim.command_line.group import prepared
 
 
 class Budgets(click.Group):
-    """The group of budgets, which refuse empty names of files as all commands do."""
+    """The group of budgets, each a command as all others."""
 
     def add_command(self, cmd, name=None):
         """Add a budget."""
-        for param in cmd.params:
-            if type(param.type) is click.Path:
-                param.type = GivenPath()
-        super().add_command(cmd, name)
+        super().add_command(prepared(cmd), name)
 
 
 @click.group(cls=Budgets)

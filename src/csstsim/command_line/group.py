@@ -54,12 +54,8 @@ class Group(click.Group):
         return super().main(*args, **options)
 
     def add_command(self, cmd, name=None):
-        """Add a command, which understands -v and -q after its name, too, and refuses empty names of files."""
-        for param in cmd.params:
-            if type(param.type) is click.Path:
-                param.type = GivenPath()
-        cmd.params += [_switch("-v", _loud, hidden=True), _switch("-q", _quiet, hidden=True)]
-        super().add_command(cmd, name)
+        """Add a command, `prepared`."""
+        super().add_command(prepared(cmd), name)
 
     def format_commands(self, ctx, formatter):
         """Write the commands, by section, each in one line."""
@@ -92,6 +88,15 @@ class Group(click.Group):
             message = ": ".join(str(part) for part in (error.filename, error.strerror) if part)
         click.echo(f"{ERROR} {message}", err=True)
         sys.exit(2)
+
+
+def prepared(cmd):
+    """Return a command that understands -v and -q after its name, too, and refuses empty names of files."""
+    for param in cmd.params:
+        if type(param.type) is click.Path:
+            param.type = GivenPath()
+    cmd.params += [_switch("-v", _loud, hidden=True), _switch("-q", _quiet, hidden=True)]
+    return cmd
 
 
 def _stop(number, frame):

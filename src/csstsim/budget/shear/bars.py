@@ -62,20 +62,26 @@ def _rows(plan, shapes, kind):
     rows = [_row(plan, shapes, kind, arms, "base", BASE, {BASE: 1.0}, "all that follows left out")]
     for name in plan.bars:
         effect = plan.effects[name]
-        factors = {setting_of(plan, name): 1.0, setting_of(plan, effect.against): -1.0}
+        factors = _difference(plan, [name])
         rows.append(_row(plan, shapes, kind, arms, "bar", name, factors, effect.about, effect.common))
     if plan.summed:
         common = any(plan.effects[name].common for name in plan.summed)
-        added = {}
-        for name in plan.summed:
-            for effect, factor in ((name, 1.0), (plan.effects[name].against, -1.0)):
-                other = setting_of(plan, effect)
-                added[other] = added.get(other, 0.0) + factor
+        added = _difference(plan, plan.summed)
         whole = {ALL: 1.0, BASE: -1.0}
         rest = {name: whole.get(name, 0.0) - added.get(name, 0.0) for name in {**added, **whole}}
         for row_kind, label, factors in (("sum", SUM, added), ("all", ALL, whole), ("rest", REST, rest)):
             rows.append(_row(plan, shapes, kind, arms, row_kind, label, factors, _ABOUT[row_kind], common))
     return rows
+
+
+def _difference(plan, effects):
+    """Return {Setting: factor}, whose combination is the sum of the effects' bars."""
+    factors = {}
+    for name in effects:
+        for effect, factor in ((name, 1.0), (plan.effects[name].against, -1.0)):
+            setting = setting_of(plan, effect)
+            factors[setting] = factors.get(setting, 0.0) + factor
+    return factors
 
 
 _ABOUT = {
@@ -85,7 +91,7 @@ _ABOUT = {
 
 
 def _row(plan, shapes, kind, arms, row_kind, label, factors, about, common=False):
-    factors = {name: factor for name, factor in factors.items() if factor}
+    factors = {name: factor for name, factor in factors.items() if factor} or {BASE: 0.0}
     frame = shapes.frame(common)
     every = np.all([arms[name].finite for name in factors], axis=0)
     blocks = {name: sums(arms[name], frame, every & arms[name].used) for name in factors}
