@@ -5,7 +5,7 @@ from pathlib import Path
 from csstsim.base.process.one_thread import one_thread
 from csstsim.budget.shear.bars import bars
 from csstsim.budget.shear.figures import chart, waterfall
-from csstsim.budget.shear.page import write_page, write_table
+from csstsim.budget.shear.page import write_page, write_rows
 from csstsim.budget.shear.plan import load_plan
 from csstsim.budget.shear.run import fields
 from csstsim.budget.shear.volume import report
@@ -24,7 +24,7 @@ def budget(file, output, say, *, only_plan=False, count=None, effects=None, esti
         say(line)
     if only_plan:
         return rows
-    write_table(folder / "budget.ecsv", rows, plan)
+    write_rows(folder / "budget.ecsv", rows, plan)
     for name in plan.samples:
         waterfall(folder / f"waterfall_{name}.png", rows, name, plan.summed)
         chart(folder / f"chart_{name}.png", rows, name)

@@ -14,7 +14,7 @@ _STYLE = (
 )
 
 
-def write_table(path, rows, plan):
+def write_rows(path, rows, plan):
     """Write the rows of bars as an ECSV table; its meta data has the plan."""
     from astropy.table import Table
 

@@ -48,9 +48,8 @@ def fields(plan, folder, say, *, first=None):
         if not path.exists():
             start = time.process_time()
             arrays = measured(field)
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with atomic_path(path) as temporary, open(temporary, "wb") as file:
-                np.savez(file, **arrays)
+            with atomic_path(path) as temporary:
+                np.savez(temporary, **arrays)
             say(f"{name} {number}: {len(field.galaxies)} galaxies, {time.process_time() - start:.0f} CPU-s")
         paths[name].append(path)
     return paths
