@@ -1,1 +1,1 @@
-"""Budgets: what each effect costs a measurement."""
+"""Budgets: what each effect of sky, telescope, detector and analysis costs a measurement."""

@@ -2,40 +2,67 @@
 
 import click
 
-from csstsim.command_line.group import GivenPath
+from csstsim.command_line.group import Commands
 from csstsim.command_line.options import of_campaign
 
 
-class Budgets(click.Group):
-    """The group of budgets, which refuse empty names of files as all commands do."""
-
-    def add_command(self, cmd, name=None):
-        """Add a budget."""
-        for param in cmd.params:
-            if type(param.type) is click.Path:
-                param.type = GivenPath()
-        super().add_command(cmd, name)
-
-
-@click.group(cls=Budgets)
+@click.group(cls=Commands)
 def budget():
     """Say what each effect costs a measurement: shear, redshifts.
 
     \b
     For example:
       csstsim budget shear --plan
+      csstsim budget redshift campaign.yaml
     """
 
 
+def _names(ctx, option, value):
+    return value and [name.strip() for name in value.split(",")]
+
+
 @budget.command()
-@click.argument("plan", required=False, type=click.Path())
-@click.option(
-    "--output", type=click.Path(), default="results/budget_shear", show_default=True, help="Folder of results."
-)
-@click.option("--plan", "only_plan", is_flag=True, help="Print volume and CPU-hours for sigma(m) = 1e-4; then stop.")
-def shear(plan, output, only_plan):
-    """Measure what each effect adds to the bias of shear."""
-    raise click.UsageError("not yet")
+@click.argument("file", metavar="[PLAN]", required=False, type=click.Path())
+@click.option("--output", type=click.Path(), default="results/budget_shear", show_default=True, help="Its folder.")
+@click.option("--plan", "only_plan", is_flag=True, help="One field a sample: the CPU-hours for smaller errors; stop.")
+@click.option("--fields", "count", type=click.IntRange(1), help="Windows of each sample [default: the plan's].")
+@click.option("--effects", callback=_names, help="Names, separated by commas [default: all of the plan].")
+@click.option("--estimators", callback=_names, help="hsm, own, fpfs, metacal [default: the plan's].")
+@click.option("--blind", type=click.Path(), metavar="KEY", help="Write frames of hidden shear; the key goes to KEY.")
+@click.option("--whole", is_flag=True, help="With --blind: frames with all effects of the sum at once.")
+@click.option("--reveal", nargs=2, type=click.Path(), metavar="KEY ANSWER", help="Score an answer, a CSV table.")
+def shear(file, output, only_plan, count, effects, estimators, blind, whole, reveal):
+    """Measure what each effect adds to the bias of shear.
+
+    PLAN lists samples of galaxies, effects and estimators [default: config/budget/shear.yaml]. Every effect is
+    simulated in arms of opposite shear that share all noise. Table, figures and page go to the output folder. A run
+    that was stopped goes on where it was.
+
+    \b
+    What would it cost? Then the whole budget, or two effects of it:
+      csstsim budget shear --plan
+      csstsim budget shear --output results/budget
+      csstsim budget shear --effects nonlinearity,brighter_fatter --fields 2
+    A blind test; the answer has the columns field, g1, g2, g1_err, g2_err:
+      csstsim budget shear --blind key.json --output blind
+      csstsim budget shear --reveal key.json answer.csv --output blind
+
+    docs/budget_shear.md explains the plan and the figures.
+    """
+    if (blind and reveal) or ((blind or reveal) and (only_plan or effects or estimators)) or (whole and not blind):
+        raise click.UsageError("--blind and --reveal go with --output, the first also with PLAN, --fields, --whole")
+    if reveal:
+        from csstsim.budget.shear.blind import reveal as score
+
+        score(*reveal, print, output)
+    elif blind:
+        from csstsim.budget.shear.blind import blind as hide
+
+        hide(file, blind, output, print, count=count, whole=whole)
+    else:
+        from csstsim.budget.shear.command import budget as run
+
+        run(file, output, print, only_plan=only_plan, count=count, effects=effects, estimators=estimators)
 
 
 @budget.command()

@@ -1,0 +1,129 @@
+"""The blinded budget: frames whose shear only a key file knows, and the score of an answer.
+
+The key has the shear of each field, a seed of the frames, and a salt. The frames' folder has its seal: the SHA-256 of
+these. So the key cannot be changed after an answer, and the frames do not say what it holds.
+"""
+
+import csv
+import hashlib
+import json
+import secrets
+from pathlib import Path
+
+import numpy as np
+
+from csstsim.base.errors import InputError
+from csstsim.base.files.atomic import atomic_path
+from csstsim.base.files.text_file import read_json, read_text
+from csstsim.base.process.one_thread import one_thread
+from csstsim.base.process.progress import progress
+from csstsim.budget.shear.frames import Field, opened
+from csstsim.budget.shear.plan import ALL, BASE, load_plan
+
+SEAL = "seal.json"
+COLUMNS = "field", "g1", "g2", "g1_err", "g2_err"
+STEPS = 10_000  # a component is a multiple of twice the plan's shear over this
+
+
+@one_thread
+def blind(file, key, output, say, *, count=None, whole=False):
+    """Write a key file, and a folder of frames under its shears: FITS files, one a field of the first sample.
+
+    whole: with all effects of the sum; else the base. HDUs of a frame: IMAGE (electrons, background subtracted), PSF
+    (n, s, s), GALAXIES (x, y: 0-based pixels of IMAGE; jacobian d(x, y)/d(east, north) [px / arcsec]). Raises
+    InputError for a key that exists.
+    """
+    plan, key, folder = load_plan(file, fields=count), Path(key), Path(output)
+    for path in (key, folder / SEAL):
+        if path.exists():
+            raise InputError("exists already, and nothing was written; name another", file=path)
+    draw = secrets.SystemRandom()
+    shears = [[2 * plan.shear * draw.randint(-STEPS, STEPS) / STEPS for _ in range(2)] for _ in range(plan.fields)]
+    said = {"shears": shears, "seed": draw.randrange(2**62), "salt": secrets.token_hex(16)}
+    hidden = plan.model_copy(update={"seed": said["seed"]})
+    name, setting = next(iter(plan.samples)), plan.setting(ALL if whole else BASE)
+    simulation, band = opened(hidden, file)
+    with atomic_path(key) as temporary:
+        temporary.write_text(json.dumps(said, indent=1) + "\n")
+    for number, g in enumerate(progress(shears, "fields")):
+        _write(folder / f"field_{number:03d}.fits", Field(simulation, hidden, band, name, number), setting, complex(*g))
+    with atomic_path(folder / SEAL) as temporary:
+        temporary.write_text(json.dumps({"seal": _seal(said), "fields": plan.fields}, indent=1) + "\n")
+    say(f"{folder}: {plan.fields} frames and the key's seal; {key}: the key, not to be opened before the answer")
+
+
+def _seal(said):
+    return hashlib.sha256(json.dumps([said["shears"], said["seed"], said["salt"]]).encode()).hexdigest()
+
+
+def _write(path, field, setting, g):
+    from astropy.io import fits
+
+    window = field.job(False).window
+    x, y = field.galaxies.x - window.x0, field.galaxies.y - window.y0
+    jacobian = field.jacobian(setting)
+    columns = [
+        fits.Column("x", "D", array=x), fits.Column("y", "D", array=y),
+        fits.Column("jacobian", "4D", dim="(2,2)", array=jacobian),
+    ]  # fmt: skip
+    hdus = fits.HDUList([
+        fits.PrimaryHDU(), fits.ImageHDU(field.arm(setting, g).astype(np.float32), name="IMAGE"),
+        fits.ImageHDU(np.ascontiguousarray(field.psf(setting), np.float32), name="PSF"),
+        fits.BinTableHDU.from_columns(columns, name="GALAXIES"),
+    ])  # fmt: skip
+    with atomic_path(path) as temporary:
+        hdus.writeto(temporary, overwrite=True)
+
+
+def reveal(key, answer, say, folder=None):
+    """Score an answer, a CSV of COLUMNS, against a key; return {m, m_err, c, c_err, chi2, fields}, of both components.
+
+    folder: of the frames, whose seal must be the key's. m and c are those of answer = (1 + m) g + c, weighted by the
+    answer's errors; chi2 is that of the answer against the key, of twice as many numbers as fields. Raises InputError.
+    """
+    said = _json(key, ("shears", "seed", "salt"))
+    if folder is not None:
+        sealed = _json(Path(folder) / SEAL, ("seal",))["seal"]
+        if sealed != _seal(said):
+            raise InputError("the key is not the one that was sealed", file=key, key="seal", value=_seal(said)[:16])
+    true, (value, error) = np.array(said["shears"], float), _answer(answer, len(said["shears"]))
+    score = {"fields": len(true), "chi2": float((((value - true) / error) ** 2).sum())}
+    for axis in range(2):
+        design = np.stack([true[:, axis], np.ones(len(true))], axis=1) / error[:, axis, None]
+        if len(true) < 2 or np.linalg.matrix_rank(design) < 2:
+            continue
+        covariance = np.linalg.inv(design.T @ design)
+        slope, offset = covariance @ design.T @ (value[:, axis] / error[:, axis])
+        m_err, c_err = np.sqrt(np.diag(covariance))
+        for name, number in ((f"m{axis + 1}", slope - 1), (f"c{axis + 1}", offset)):
+            score[name] = float(number)
+        score |= {f"m{axis + 1}_err": float(m_err), f"c{axis + 1}_err": float(c_err)}
+    for name in ("m1", "m2", "c1", "c2"):
+        if name in score:
+            say(f"{name} = {score[name]:+.5f} +- {score[f'{name}_err']:.5f}")
+    say(f"chi2 = {score['chi2']:.1f} of {true.size} numbers")
+    return score
+
+
+def _json(path, names):
+    found = read_json(path)
+    if not isinstance(found, dict) or any(name not in found for name in names):
+        raise InputError("not a key, nor a seal, of a blinded budget", file=path, allowed=", ".join(names))
+    return found
+
+
+def _answer(path, count):
+    """Return values and errors (fields, 2) of an answer. Raises InputError."""
+    rows = list(csv.DictReader(read_text(path).splitlines()))
+    if not rows or set(COLUMNS) - set(rows[0]):
+        raise InputError("not an answer", file=path, key="columns", allowed=", ".join(COLUMNS))
+    try:
+        numbers = np.array([[float(row[name]) for name in COLUMNS] for row in rows])
+    except (TypeError, ValueError):
+        raise InputError("an answer has a number in each cell", file=path) from None
+    order = np.argsort(numbers[:, 0])
+    if sorted(numbers[:, 0].tolist()) != list(range(count)):
+        raise InputError("must have each field once", file=path, key="field", allowed=f"0 to {count - 1}")
+    if not np.isfinite(numbers).all() or (numbers[:, 3:] <= 0).any():
+        raise InputError("errors must be positive, and numbers finite", file=path)
+    return numbers[order, 1:3], numbers[order, 3:]

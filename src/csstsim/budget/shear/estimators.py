@@ -1,0 +1,162 @@
+"""Estimators of shape: of stamps (n, s, s), background subtracted, and stamps of the PSF, both on pixel axes.
+
+Each returns Shapes: e (n,) complex and its response (n, 2), so that the mean of e over that of the response is the
+shear; NaN where a galaxy has no shape. The response of hsm and own is 1: they give ellipticities (a - b) / (a + b).
+
+hsm      GalSim's re-Gaussianisation (Hirata & Seljak 2003; Mandelbaum et al. 2005)
+own      adaptive moments of `csstsim measure` (measure.light.moments), with the PSF's stamp
+fpfs     AnaCal's Fourier power function shapelets with analytic responses (Li & Mandelbaum 2023, MNRAS 521, 4904)
+metacal  ngmix's metacalibration with weighted moments (Huff & Mandelbaum 2017; Sheldon & Huff 2017)
+
+fpfs and metacal need the packages anacal and ngmix. Both add noise of their own, which `rng` makes: the same in both
+arms.
+"""
+
+from dataclasses import dataclass
+from functools import partial
+from importlib.util import find_spec
+
+import numpy as np
+
+from csstsim.base.errors import InputError
+from csstsim.measure.light.moments import SIZE_MIN, SMOOTH, adaptive_moments, reduced, without_psf
+
+PACKAGES = {"fpfs": "anacal", "metacal": "ngmix"}
+PSF_GUESS, GUESS = 1.5, 3.5  # px, where the search for the moments of PSF and galaxy starts
+KERNEL = 0.3  # arcsec, of the shapelets
+WEIGHT = 5.0  # times its noise: what the shapelets' flux is compared with, so that faint galaxies count less
+STEP, APERTURE = 0.01, 1.2  # shear of metacalibration; arcsec, FWHM of its weight
+
+
+@dataclass(frozen=True, eq=False)
+class Shapes:
+    """e (n,) complex, response (n, 2)."""
+
+    e: np.ndarray
+    response: np.ndarray
+
+
+def check_installed(names, file):
+    """Raise InputError if an estimator's package is missing."""
+    for name in names:
+        if name in PACKAGES and find_spec(PACKAGES[name]) is None:
+            raise InputError(
+                f"the package {PACKAGES[name]} is not installed", file=file, key="estimators", value=name,
+                allowed="hsm, own, and those whose packages are installed",
+            )  # fmt: skip
+
+
+def estimator(name):
+    """Return the function (stamps, psf, sigma, scale, rng) -> Shapes; sigma: noise of a pixel; scale: arcsec."""
+    return {"hsm": hsm, "own": own, "fpfs": fpfs, "metacal": metacal}[name]
+
+
+def smoothed(stamps):
+    """Return stamps after the Gaussian of SMOOTH px: pixels sample a star too coarsely for adaptive moments."""
+    from scipy.ndimage import gaussian_filter
+
+    return gaussian_filter(np.asarray(stamps, float), (0, SMOOTH, SMOOTH), mode="constant")
+
+
+def hsm(stamps, psf, sigma, scale, rng):
+    """Measure by GalSim's re-Gaussianisation of the smoothed stamps."""
+    import galsim
+
+    params = galsim.hsm.HSMParams(convergence_threshold=1e-7)
+    e = np.full(len(stamps), np.nan, complex)
+    for k, (image, star) in enumerate(zip(smoothed(stamps), smoothed(psf), strict=True)):
+        found = galsim.hsm.EstimateShear(
+            galsim.ImageD(image), galsim.ImageD(star), guess_sig_PSF=PSF_GUESS, hsmparams=params, strict=False
+        )
+        distortion = found.corrected_e1 + 1j * found.corrected_e2
+        if not found.error_message and abs(distortion) < 1:
+            e[k] = reduced(distortion)
+    return Shapes(e, np.ones((len(e), 2)))
+
+
+def psf_shapes(psf):
+    """Return (n,) complex ellipticities (a - b) / (a + b) of the smoothed stamps of a PSF; NaN where there is none."""
+    found = np.array([_moments(image, SIZE_MIN)[1:4] for image in np.asarray(psf, float)]).reshape(-1, 3)
+    return reduced(found[:, 1] + 1j * found[:, 2])
+
+
+def own(stamps, psf, sigma, scale, rng):
+    """Measure by adaptive moments corrected with the kurtosis terms."""
+    rows = []
+    for image, star in zip(np.asarray(stamps, float), np.asarray(psf, float), strict=True):
+        galaxy, point = _moments(image, GUESS), _moments(star, SIZE_MIN)
+        rows.append([0.0, 0.0, *galaxy[1:], 0.0, *point[1:]])
+    e = reduced(without_psf(np.array(rows).reshape(-1, 11))[0])
+    return Shapes(e, np.ones((len(e), 2)))
+
+
+def _moments(image, size):
+    """Return (light, sigma, e1, e2, kurtosis) of a stamp's adaptive moments; NaN if there are none."""
+    gauss, clear = np.empty(5), np.zeros(image.shape, np.uint8)
+    middle = image.shape[0] // 2
+    alone = np.zeros(image.shape, np.int32)
+    start = np.hypot(size, SMOOTH)
+    kurtosis, light, _ = adaptive_moments(image, clear, alone, 0, middle, middle, start, SMOOTH, gauss)
+    if light <= 0:
+        return (np.nan,) * 5
+    xx, xy, yy = gauss[2:]
+    return light, (xx * yy - xy * xy) ** 0.25, (xx - yy) / (xx + yy), 2 * xy / (xx + yy), kurtosis
+
+
+def fpfs(stamps, psf, sigma, scale, rng):
+    """Measure by AnaCal: shapelets with analytic response, noise bias removed by noise that is added."""
+    from anacal.fpfs import FpfsTask, _catalog_dtype, _ForceTask
+
+    n, side = len(stamps), stamps.shape[-1]
+    mean = np.ascontiguousarray(np.mean(psf, axis=0))
+    task = FpfsTask(npix=side, pixel_scale=scale, sigma_shapelets=KERNEL, psf_array=mean, kmax_thres=1e-12)
+    task.prepare_covariance(variance=max(sigma, 1e-3) ** 2)
+    force = _ForceTask(side, scale, KERNEL, task.kmax / scale, WEIGHT * task.std_m00)
+    noise = (sigma * rng.standard_normal(stamps.shape)).astype(np.float32) if sigma > 0 else [None] * n
+    same = {
+        "filter_image": task.bfunc_use, "std_m00": float(task.std_m00), "out_dtype": _catalog_dtype("fpfs1", None),
+        "det": np.array([(side // 2, side // 2)], [("y", "i4"), ("x", "i4")]),
+    }  # fmt: skip
+    found = np.concatenate([
+        force.process_image(
+            gal_array=image.astype(np.float32), psf_array=np.ascontiguousarray(star, float), noise_array=added, **same
+        )
+        for image, star, added in zip(stamps, psf, noise, strict=True)
+    ])  # fmt: skip
+    e = found["fpfs1_e1"] + 1j * found["fpfs1_e2"]
+    return Shapes(e, np.stack([found["fpfs1_de1_dg1"], found["fpfs1_de2_dg2"]], axis=1))
+
+
+def metacal(stamps, psf, sigma, scale, rng):
+    """Measure by ngmix: moments with a Gaussian weight of images sheared by STEP, the PSF made round."""
+    import ngmix
+    from ngmix.gaussmom import GaussMom
+    from ngmix.metacal import get_all_metacal
+
+    stamps, psf = stamps[:, 1:, 1:], psf[:, 1:, 1:]  # odd: ngmix moves the galaxy by the PSF's offset from the middle
+    side = stamps.shape[-1]
+    jacobian = ngmix.DiagonalJacobian(row=side // 2, col=side // 2, scale=scale)
+    weight, moments = np.full((side, side), 1 / max(sigma, 1e-3) ** 2), partial(_weighted, GaussMom(fwhm=APERTURE))
+    e, response = np.full(len(stamps), np.nan, complex), np.full((len(stamps), 2), np.nan)
+    for k, (image, star) in enumerate(zip(stamps, psf, strict=True)):
+        seen = ngmix.Observation(
+            np.array(image, float), weight=weight, jacobian=jacobian,
+            psf=ngmix.Observation(np.array(star / star.sum(), float), jacobian=jacobian),
+        )  # fmt: skip
+        types = ["noshear", "1p", "1m", "2p", "2m"]
+        fixed = np.random.RandomState(int(rng.integers(2**32)))
+        try:
+            made = get_all_metacal(seen, psf="gauss", step=STEP, types=types, rng=fixed, fixnoise=sigma > 0)
+        except ngmix.GMixRangeError:
+            continue
+        found = {name: moments(made[name]) for name in types}
+        e[k] = found["noshear"]
+        response[k] = (
+            (found["1p"] - found["1m"]).real / (2 * STEP), (found["2p"] - found["2m"]).imag / (2 * STEP),
+        )  # fmt: skip
+    return Shapes(np.where(np.isfinite(response).all(axis=1), e, np.nan), response)
+
+
+def _weighted(measure, observation):
+    found = measure.go(observation)
+    return complex(*found["e"]) if found["flags"] == 0 else complex(np.nan, np.nan)

@@ -1,0 +1,90 @@
+"""The waterfall of the budget, and the chart of its accuracy against cost."""
+
+import numpy as np
+
+from csstsim.base.files.atomic import atomic_path
+from csstsim.budget.shear.response import NAMES
+from csstsim.budget.shear.volume import GOALS, HOUR, sigma_m
+from csstsim.report.style import BLUE, GREEN, GREY, MARKERS, ORANGE, PURPLE, SKY, VERMILION
+
+LABELS = {"m1": "$m_1$", "m2": "$m_2$", "c1": "$c_1$", "c2": "$c_2$", "alpha": r"PSF leakage $\alpha$"}
+UNITS = {"m1": 1e3, "m2": 1e3, "c1": 1e4, "c2": 1e4, "alpha": 1e2}
+SHOWN = {1e3: "$10^{-3}$", 1e4: "$10^{-4}$", 1e2: "$10^{-2}$"}
+OF_ESTIMATORS = {"hsm": BLUE, "own": ORANGE, "fpfs": GREEN, "metacal": PURPLE}
+OF_KINDS = {"base": GREY, "bar": SKY, "sum": BLUE, "all": VERMILION, "rest": GREY}
+LINTHRESH = 2.0  # in the unit of the axis: linear within, logarithmic beyond
+
+
+def waterfall(path, rows, sample, summed):
+    """Draw a sample's bars, of NAMES side by side; the first estimator's are bars, others are points beside them.
+
+    summed: names of the effects of the sum, marked +.
+    """
+    from matplotlib.figure import Figure
+
+    rows = [row for row in rows if row["sample"] == sample]
+    kinds = list(dict.fromkeys(row["estimator"] for row in rows))
+    first = [row for row in rows if row["estimator"] == kinds[0]]
+    figure = Figure(figsize=(15, 0.33 * len(first) + 1.6), layout="constrained")
+    axes = figure.subplots(1, len(NAMES), sharey=True)
+    places = np.arange(len(first))[::-1]
+    for ax, name in zip(axes, NAMES, strict=True):
+        unit = UNITS[name]
+        for number, kind in enumerate(kinds):
+            of = [row for row in rows if row["estimator"] == kind]
+            value, error = (np.array([row[key] for row in of]) * unit for key in (name, f"{name}_err"))
+            error = np.nan_to_num(error)
+            if number == 0:
+                colours = [OF_KINDS[row["kind"]] for row in of]
+                ax.barh(places, value, color=colours, height=0.62, xerr=error, error_kw={"lw": 1, "capsize": 2})
+            else:
+                at = places - 0.34 + 0.16 * (number - 1)
+                ax.errorbar(
+                    value, at, xerr=error, fmt=MARKERS[number], ms=3, lw=0.8, color=OF_ESTIMATORS[kind], label=kind
+                )
+        ax.axvline(0, color="black", lw=0.8)
+        ax.set_xscale("symlog", linthresh=LINTHRESH, linscale=1.2)
+        low, high = ax.get_xlim()
+        ticks = [tick for tick in (-1000, -100, -10, 0, 10, 100, 1000) if low <= tick <= high]
+        ticks = ticks if len(ticks) > 1 else [-1, 0, 1]
+        ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+        ax.minorticks_off()
+        ax.grid(axis="x", alpha=0.3)
+        ax.set_title(f"{LABELS[name]}  [{SHOWN[unit]}]", fontsize=10)
+    labels = [f"{'+ ' if row['effect'] in summed else ''}{row['about']}" for row in first]
+    axes[0].set_yticks(places, labels, fontsize=8)
+    if len(kinds) > 1:
+        axes[-1].legend(fontsize=7, loc="lower right", title=f"bars: {kinds[0]}", title_fontsize=7)
+    figure.suptitle(f"Shear of the sample “{sample}”: bias of the base, and what each effect adds", fontsize=11)
+    _save(figure, path)
+
+
+def chart(path, rows, sample):
+    """Draw sigma(m) of each bar of a sample against the CPU-hours it takes, by the first estimator; points: reached."""
+    from matplotlib.figure import Figure
+
+    rows = [row for row in rows if row["sample"] == sample and row["kind"] in ("base", "bar")]
+    rows = [row for row in rows if row["estimator"] == rows[0]["estimator"] and sigma_m(row) > 0]
+    figure = Figure(figsize=(10.5, 6), layout="constrained")
+    axes, hours = figure.subplots(), np.logspace(-3, 2, 6)
+    palette = (BLUE, ORANGE, GREEN, VERMILION, PURPLE, SKY)
+    for number, row in enumerate(sorted(rows, key=sigma_m, reverse=True)):
+        now = row["galaxies"] * row["seconds"] / HOUR
+        colour, mark = palette[number % len(palette)], MARKERS[number % len(MARKERS)]
+        axes.plot(hours, sigma_m(row) * np.sqrt(now / hours), color=colour, lw=0.8, alpha=0.6)
+        axes.plot(now, sigma_m(row), mark, color=colour, ms=5, label=row["about"])
+    for goal in GOALS:
+        axes.axhline(goal, color=GREY, ls=":", lw=1)
+        axes.text(hours[0], goal, f" {goal:g}", va="bottom", fontsize=8, color=GREY)
+    axes.set(
+        xscale="log", yscale="log", xlim=(hours[0], hours[-1]), ylim=(1e-6, 1e-2), xlabel="CPU-hours",
+        ylabel=r"$\sigma(m)$ of the bar", title=f"What accuracy costs: sample “{sample}”; points are measured",
+    )  # fmt: skip
+    axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
+    axes.grid(alpha=0.2)
+    _save(figure, path)
+
+
+def _save(figure, path):
+    with atomic_path(path) as temporary:
+        figure.savefig(temporary, dpi=130, format="png")

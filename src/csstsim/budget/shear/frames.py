@@ -1,0 +1,240 @@
+"""Frames of a budget: windows of a chip, simulated in memory, as stamps of galaxies and of the PSF.
+
+Frames of one field and Setting differ in nothing but the shear: photons are keyed by object, noise and rays by pixel,
+traps and defects by chip.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from csstsim.api import Simulation
+from csstsim.base.errors import InputError
+from csstsim.base.rng import stream
+from csstsim.budget.shear.plan import Setting
+from csstsim.budget.shear.sample import EDGE, galaxies, table
+from csstsim.catalog.astrometry.reduction import icrs
+
+RA, DEC = 60.1172, -40.0330  # deg: where all fields point, away from bright stars; they differ in noise and galaxies
+TRUE_STAR = 14.0  # mag of the noiseless stars whose images are the PSF as truth
+BASIC = {
+    "scie_obs", "sky_background", "poisson_and_dark", "prescan_overscan", "bias", "readout_noise", "gain",
+    "quantization_and_output",
+}  # fmt: skip
+MESSAGE = "the plan's chips are not imaging chips of one band"
+PLACES = np.array([(0.5, 0.5), (0.0, 0.0), (1.0, 1.0), (0.0, 1.0), (1.0, 0.0)])  # of windows on the chip, in turn
+CLIP, COARSE = 2.5, 2.0  # times the noise; e-: as if it were at least so large, about two DN
+DETECTED, NEAR = 10.0, 4.0  # S/N that a galaxy must have; px from its place
+
+
+def opened(plan, file):
+    """Return the Simulation all frames start from, and the band. Raises InputError for chips that cannot be used."""
+    simulation = Simulation().replace(seed=plan.seed, psf={"grid": 6})
+    chips = simulation._run.camera.chips
+    wrong = [chip for chip in plan.chips if chip not in chips or chips[chip].kind != "imaging"]
+    bands = {chips[chip].filter for chip in plan.chips if chip in chips}
+    if wrong or len(bands) != 1:
+        raise InputError(MESSAGE, file=file, key="chips", value=plan.chips, allowed="as 9, 22 in r")
+    return simulation, bands.pop()
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """One window of galaxies of a sample."""
+
+    simulation: Simulation
+    plan: object
+    band: str
+    sample: str
+    number: int
+
+    @property
+    def chip(self):
+        """The number of its chip."""
+        return self.plan.chips[self.number % len(self.plan.chips)]
+
+    @property
+    def obsid(self):
+        """Its exposure: each field has noise of its own."""
+        return str(10100000001 + self.number)
+
+    @property
+    def sign(self):
+        """The sign of the arms' second component, +1 and -1 in turn: what one component adds to the other cancels."""
+        return 1.0 if self.number // len(self.plan.chips) % 2 == 0 else -1.0
+
+    @property
+    def shear(self):
+        """The complex shear of the arm "plus"."""
+        return self.plan.shear * (1 + 1j * self.sign)
+
+    @cached_property
+    def aimed(self):
+        """The Simulation of its window."""
+        detector = self.simulation._run.camera.detector
+        room = np.array([detector.nx, detector.ny]) - self.plan.size
+        if room.min() < 0:
+            allowed = f"at most {min(detector.nx, detector.ny)}"
+            raise InputError("a window larger than the chip", key="size", value=self.plan.size, allowed=allowed)
+        turn = self.number // len(self.plan.chips)
+        x0, y0 = np.rint(PLACES[turn % len(PLACES)] * room).astype(int).tolist()
+        window = x0, x0 + self.plan.size, y0, y0 + self.plan.size
+        return self.simulation.aim(RA, DEC, self.chip, size=None, obsid=self.obsid).replace(window=window)
+
+    @cached_property
+    def galaxies(self):
+        """Its Galaxies."""
+        window = self.job(False).window
+        return galaxies(self.plan, self.sample, self.number, window)
+
+    def made(self, setting, columns=None, *, seed=None, stars=False):
+        """Return the Simulation of a Setting; seed: of its noise; stars: noiseless objects alone, without sky."""
+        from astropy.table import Table
+
+        optional = [name for layer in self.aimed.layers for name in layer if name not in BASIC]
+        given = {name.lower(): values for name, values in setting.layers.items()}
+        layers = {name: given.get(name.lower()) for name in optional} | {
+            name: values for name, values in setting.layers.items() if name.lower() not in map(str.lower, optional)
+        }  # an unknown layer is refused there
+        loss = {"flat_fielding": setting.flat, "shutter_effect": setting.flat}
+        layers["scie_obs"] = loss | {"field_dist": setting.distortion}
+        layers["sky_background"] = None if stars else loss | {"enable_straylight_model": setting.straylight}
+        if not setting.noise:
+            layers |= {"poisson_and_dark": None, "readout_noise": None}
+        keys = {} if seed is None else {"seed": seed}
+        if columns is not None:
+            keys["catalog"] = Table(columns)
+        noise = setting.noise and not stars
+        return self.aimed.replace(layers=layers, fidelity="standard" if noise else "noise_free", **keys)
+
+    def job(self, distortion):
+        """Return the campaign.job.Job, with or without the field distortion in its map of the sky."""
+        if distortion not in self._jobs:
+            self._jobs[distortion] = self.made(Setting(distortion=distortion))._job(self.obsid, self.chip)
+        return self._jobs[distortion]
+
+    @cached_property
+    def _jobs(self):
+        return {}
+
+    def arm(self, setting, g, seed=None):
+        """Return the image (ny, nx) of the galaxies under a shear g, background subtracted [e-]."""
+        job = self.job(setting.distortion)
+        return self._image(setting, table(self.galaxies, setting, self.plan, job, self.number, g, self.band), seed)
+
+    def level(self, noise):
+        """Return the electrons of sky (without losses) and, with noise, of dark current in a pixel."""
+        exposure = self.job(False).exposure
+        return (exposure.filter.sky + noise * exposure.chip.detector.dark) * exposure.exptime
+
+    def _image(self, setting, columns, seed=None):
+        simulation = self.made(setting, columns, seed=seed)
+        frame = simulation.chip(self.obsid, self.chip)
+        if setting.calibrated:
+            electrons, unusable = _calibrated(simulation, frame, setting.masking)
+        else:
+            electrons, unusable = frame.electrons, np.zeros(frame.image.shape, np.uint8)
+        if setting.background != "mesh":
+            return electrons - np.float32(
+                self.level(setting.noise) if setting.background == "known" else level_of(electrons)
+            )
+        from csstsim.measure.detection.detect import subtract_background
+
+        subtract_background(electrons, unusable)
+        return electrons
+
+    def psf(self, setting):
+        """Return (n, s, s) stamps of the PSF, as the Setting's analysis knows it, at the galaxies."""
+        if setting.psf == "stars":
+            return self._fitted(setting)
+        stamps = self.true_psf(setting)
+        if setting.psf == "truth":
+            return stamps
+        middle = np.argmin(np.hypot(*(v - v.mean() for v in (self.galaxies.x, self.galaxies.y))))
+        return np.broadcast_to(stamps[middle], stamps.shape)
+
+    def true_psf(self, setting):
+        """Return (n, s, s) noiseless stars on the middle of the galaxies' pixels, each with a sum of 1."""
+        simulation = self.made(setting, self._stars(setting, slice(None), TRUE_STAR), stars=True)
+        stamps = self.stamps(simulation.light(self.obsid, self.chip).image)
+        return stamps / stamps.sum(axis=(1, 2), keepdims=True)
+
+    def _fitted(self, setting):
+        """Return the stamps of a PSF whose pixels are linear in x and y, fitted to stars of a frame of its own."""
+        some = slice(None, None, self.plan.stars.every)
+        seen = self.stamps(self._image(setting, self._stars(setting, some, self.plan.stars.magnitude)), some)
+        seen /= seen.sum(axis=(1, 2), keepdims=True)
+        x, y = self.galaxies.x, self.galaxies.y
+        design = np.stack([np.ones(len(x)), (x - x.mean()) / self.plan.size, (y - y.mean()) / self.plan.size], axis=1)
+        fit = np.linalg.lstsq(design[some], seen.reshape(len(seen), -1), rcond=None)[0]
+        return (design @ fit).reshape(-1, *seen.shape[1:])
+
+    def _stars(self, setting, some, magnitude):
+        job = self.job(setting.distortion)
+        x, y = (np.rint(v[some]) for v in (self.galaxies.x, self.galaxies.y))
+        ra, dec = icrs(*job.wcs.pixel_to_world(x, y), job.observer)
+        ids = np.arange(len(x)) + 1
+        return {"id": ids, "ra": ra, "dec": dec, f"mag_{self.band}": np.full(len(x), magnitude)}
+
+    def stamps(self, image, some=slice(None)):
+        """Return (n, s, s) float64 stamps of an image of the window, [s // 2, s // 2] the pixel of the galaxy."""
+        window, half = self.job(False).window, self.plan.stamp // 2
+        x, y = np.rint(self.galaxies.x[some]).astype(int), np.rint(self.galaxies.y[some]).astype(int)
+        side = np.arange(-half, half)
+        rows, columns = (y - window.y0)[:, None, None] + side[:, None], (x - window.x0)[:, None, None] + side
+        return image[rows, columns].astype(float)
+
+    def jacobian(self, setting):
+        """Return (n, 2, 2) d(x, y) / d(east, north) at the galaxies, as the Setting's analysis knows it."""
+        wcs = self.job(setting.distortion and setting.wcs == "known").wcs
+        return wcs.jacobian(*wcs.pixel_to_world(self.galaxies.x, self.galaxies.y))
+
+    def found(self, image):
+        """Return bool (n,): galaxies that an image has, by sep with its default kernel, at S/N DETECTED or more."""
+        import sep
+        from scipy.spatial import cKDTree
+
+        sigma, window = noise_of(image), self.job(False).window
+        sources = sep.extract(np.ascontiguousarray(image), 1.5, err=sigma, minarea=5)
+        snr = sources["flux"] / (sigma * np.sqrt(sources["npix"]))
+        good = snr >= DETECTED
+        places = np.column_stack([sources["x"][good] + window.x0, sources["y"][good] + window.y0])
+        if not len(places):
+            return np.zeros(len(self.galaxies), bool)
+        return cKDTree(places).query(np.column_stack([self.galaxies.x, self.galaxies.y]))[0] < NEAR
+
+    def rng(self, estimator):
+        """Return the generator of an estimator's own noise, the same in all arms and Settings."""
+        return stream(self.plan.seed, "budget", "shear", self.sample, self.number, estimator)
+
+
+def level_of(image):
+    """Return the level of the sky [e-]: the mean of pixels within CLIP of the median; DN are too coarse for that."""
+    middle, near = np.median(image), CLIP * max(noise_of(image), COARSE)
+    return float(np.mean(image[np.abs(image - middle) < near], dtype=float))
+
+
+def noise_of(image):
+    """Return the robust scatter of an image's pixels [e-]: 1.4826 times the median deviation."""
+    some = image[EDGE:-EDGE:3, EDGE:-EDGE:3]
+    return float(1.4826 * np.median(np.abs(some - np.median(some))))
+
+
+def _calibrated(simulation, frame, masking):
+    """Return (electrons, unusable) of a frame, calibrated by truth as `csstsim calibrate` does."""
+    from csstsim.inject.memory import Held
+    from csstsim.measure.calibration.bad_pixels import mend
+    from csstsim.measure.light.photometry import psf_model
+    from csstsim.stages.calibrate import calibrated_of, calibration
+    from csstsim.stages.psf import open_psf
+
+    run, job = simulation._run, simulation._job(*frame.key)
+    held = Held(Path("frame"), frame.header, frame.header, frame.readout, "channels", None, frame.raw)
+    calibrated = calibrated_of(run, job, held, *calibration(run, job))
+    if not masking:
+        return calibrated.electrons, np.zeros(frame.image.shape, np.uint8)
+    model = psf_model(open_psf(run, job.chip), (job.window.x0, job.window.y0), job.window.shape)
+    unusable = mend(calibrated, model)
+    return calibrated.electrons, unusable

@@ -1,0 +1,189 @@
+"""The plan of a budget of shear: samples of galaxies, the base, and the effects, each as what it changes of the base.
+
+A Setting says how frames are made and measured. An effect is a Setting that differs from the base in a few keys; its
+bar is its bias minus that of the Setting it stands `against`. `all_effects` has every effect of the sum at once.
+"""
+
+from typing import Any, Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from csstsim.base.errors import InputError
+from csstsim.base.files.yaml_file import read_yaml
+from csstsim.base.model import Model, validate
+from csstsim.base.shipped import SHIPPED
+
+DEFAULT = SHIPPED / "budget" / "shear.yaml"
+BASE, ALL = "base", "all"
+ESTIMATORS = "hsm", "own", "fpfs", "metacal"
+Range = tuple[float, float]
+
+
+def _rising(value):
+    if not 0 <= value[0] <= value[1]:
+        raise ValueError("must be two numbers, low and high, 0 <= low <= high")
+    return value
+
+
+class Sample(Model):
+    """Galaxies of a sample."""
+
+    magnitude: Range = Field(description="AB, brightest and faintest")
+    slope: float = Field(0.0, ge=-2, le=2, description="of log10 of the number per magnitude")
+    size: Range = Field(description="arcsec, half-light radius")
+    ellipticity: float = Field(ge=0, le=0.4, description="rms of each component of (a - b) / (a + b)")
+
+    _pairs = field_validator("magnitude", "size")(_rising)
+
+
+class Neighbours(Model):
+    """Neighbours of each galaxy."""
+
+    number: float = Field(ge=0, le=20, description="mean number of a galaxy")
+    magnitude: Range = Field(description="AB")
+    distance: Range = Field(description="arcsec, from the galaxy")
+    size: Range = Field(description="arcsec, half-light radius")
+
+    _pairs = field_validator("magnitude", "distance", "size")(_rising)
+
+
+class Stars(Model):
+    """Stars from which the PSF is measured."""
+
+    magnitude: float = Field(description="AB")
+    every: int = Field(ge=1, description="one at each such place of the grid")
+
+
+class Setting(Model):
+    """How frames are made and measured; the defaults are the simplest that has noise."""
+
+    noise: bool = Field(True, description="photon noise, dark current and readout noise")
+    layers: dict[str, dict[str, Any]] = Field({}, description="further layers of the detector, with parameters")
+    distortion: bool = Field(False, description="field distortion")
+    flat: bool = Field(False, description="vignetting, internal flat and shutter")
+    straylight: bool = Field(False, description="the sky of place and time, with its gradient; false: a constant")
+    profile: Literal["disk", "full"] = Field("disk", description="exponential disks; or bulges, indices and knots")
+    blended: bool = Field(False, description="neighbours that are found")
+    undetected: bool = Field(False, description="neighbours that are not found")
+    neighbour_shear: bool = Field(True, description="whether neighbours have the galaxy's shear; false: none")
+    calibrated: bool = Field(False, description="what the layers did is undone, as `csstsim calibrate` does")
+    masking: bool = Field(False, description="defects and found cosmic rays are filled; needs calibrated")
+    background: Literal["known", "constant", "mesh"] = Field(
+        "known", description="subtracted: the true level, or a constant or a mesh from the frame"
+    )
+    wcs: Literal["known", "linear"] = Field("known", description="the map from pixels to sky of the analysis")
+    psf: Literal["truth", "middle", "stars"] = Field(
+        "truth", description="at each galaxy; that of the window's middle; or a fit to stars"
+    )
+    detection: bool = Field(False, description="false: every galaxy counts; true: those found in their own arm")
+
+    @model_validator(mode="after")
+    def _masked_when_calibrated(self):
+        if self.masking and not self.calibrated:
+            raise ValueError("masking needs calibrated: true")
+        if self.background == "known" and (self.flat or self.straylight):
+            raise ValueError("background: known is of a sky without losses and gradients")
+        return self
+
+
+class Effect(Model):
+    """One bar."""
+
+    about: str = Field(description="what it is, for readers of the figure")
+    change: dict[str, Any] = Field({}, description="keys of the base's Setting")
+    against: str = Field(BASE, description="the base, or another effect: the bar is the difference to it")
+    sum: bool = Field(False, description="whether it is in the sum, and in the run that has all effects")
+    common: bool = Field(False, description="its error is common to a window: errors are from windows, not galaxies")
+    bar: bool = Field(True, description="false: it is only there for others to stand against")
+
+
+class ShearPlan(Model):
+    """The plan."""
+
+    shear: float = Field(0.02, gt=0, le=0.05, description="of each component, in the arms")
+    seed: int = Field(1, ge=0)
+    fields: int = Field(ge=1, le=100_000, description="windows of each sample")
+    chips: tuple[int, ...] = Field(min_length=1, description="imaging chips, in turn; all of one band")
+    size: int = Field(ge=200, le=9000, description="px, side of a window")
+    spacing: int = Field(ge=20, le=1000, description="px, of the grid of galaxies")
+    stamp: int = Field(48, ge=16, le=256, description="px, even: side of the stamps that estimators see")
+    estimators: tuple[Literal[ESTIMATORS], ...] = Field(min_length=1)
+    samples: dict[str, Sample] = Field(min_length=1)
+    neighbours: dict[Literal["blended", "undetected"], Neighbours] = Field({})
+    stars: Stars
+    base: Setting = Field(default_factory=Setting)
+    effects: dict[str, Effect] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _consistent(self):
+        if self.stamp % 2 or self.stamp > self.spacing:
+            raise ValueError(f"stamp must be even and at most spacing, {self.spacing}")
+        if {BASE, ALL} & self.effects.keys():
+            raise ValueError(f"an effect cannot have the name {BASE} or {ALL}")
+        for name, effect in self.effects.items():
+            if effect.against not in {BASE, *self.effects} - {name}:
+                raise ValueError(f"effects.{name}.against: no such effect: {effect.against}")
+            setting = self.setting(name)
+            for kind in ("blended", "undetected"):
+                if getattr(setting, kind) and kind not in self.neighbours:
+                    raise ValueError(f"effects.{name} needs neighbours.{kind}")
+        self.setting(ALL)
+        return self
+
+    def setting(self, name):
+        """Return the Setting of an effect, of BASE, or of ALL. Raises ValueError for effects that contradict."""
+        if name == BASE:
+            return self.base
+        base = self.base.model_dump()
+        if name != ALL:
+            return Setting(**_changed(base, self.effects[name].change))
+        taken = {}
+        for label in self.summed:
+            for key, value in self.effects[label].change.items():
+                if key == "layers":
+                    taken[key] = taken.get(key, {}) | value
+                elif taken.setdefault(key, value) != value:
+                    raise ValueError(f"effects.{label}.change.{key} differs from another effect of the sum")
+        return Setting(**_changed(base, taken))
+
+    @property
+    def summed(self):
+        """The names of the effects of the sum."""
+        return tuple(name for name, effect in self.effects.items() if effect.sum)
+
+    @property
+    def bars(self):
+        """The names of the effects that are bars."""
+        return tuple(name for name, effect in self.effects.items() if effect.bar)
+
+
+def _changed(base, change):
+    return base | change | {"layers": base["layers"] | (change.get("layers") or {})}
+
+
+def load_plan(file=None, *, fields=None, effects=None, estimators=None):
+    """Return the ShearPlan of a YAML file [default: the shipped one], with other fields, effects or estimators.
+
+    effects: names; those that they stand against stay, too. Raises InputError.
+    """
+    file = file or DEFAULT
+    data = read_yaml(file)
+    plan = validate(ShearPlan, data, file)
+    if fields is not None:
+        data["fields"] = fields
+    if estimators is not None:
+        data["estimators"] = list(estimators)
+    if effects is not None:
+        known = plan.effects
+        for name in effects:
+            if name not in known:
+                raise InputError("no such effect", file=file, key="effects", value=name, allowed=", ".join(known))
+        wanted = set(effects)
+        for name in effects:
+            while (name := known[name].against) != BASE:
+                wanted.add(name)
+        data["effects"] = {
+            name: given if name in effects else given | {"bar": False, "sum": False}
+            for name, given in data["effects"].items() if name in wanted
+        }  # fmt: skip
+    return validate(ShearPlan, data, file)

@@ -1,0 +1,158 @@
+"""Runs the plan's fields: each in every Setting, in both arms, through every estimator; one file of shapes a field.
+
+A field that has its file is not made again, so a run that was stopped goes on. A frame is drawn once for the Settings
+that differ in the analysis alone.
+"""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from csstsim.base.digest import digest
+from csstsim.base.files.atomic import atomic_path
+from csstsim.base.process.progress import progress
+from csstsim.budget.shear.estimators import Shapes, check_installed, estimator, psf_shapes
+from csstsim.budget.shear.frames import Field, noise_of, opened
+from csstsim.budget.shear.plan import ALL, BASE
+from csstsim.measure.light.moments import on_sky, reduced
+
+ELLIPTICITIES = "hsm", "own"  # estimators whose shapes are (a - b) / (a + b) of galaxies without the PSF
+OTHER_SEED = 1_000_003  # added for the arm with noise of its own
+ANALYSIS = {"psf", "wcs", "detection"}  # keys of a Setting that leave the frame as it is
+
+
+def names(plan):
+    """Return the names of the plan's Settings, in order."""
+    effects = [name for name in plan.effects if setting_of(plan, name) == name]
+    return [BASE, *effects, *([ALL] if plan.summed else [])]
+
+
+def setting_of(plan, name):
+    """Return BASE for an effect that changes nothing, such as noise that is in the base, else its name."""
+    return BASE if plan.setting(name) == plan.base else name
+
+
+def fields(plan, folder, say, *, first=None):
+    """Make the missing fields in a folder, or only the `first` few; return {sample: [path of a field's shapes]}.
+
+    Raises InputError for chips or estimators that cannot be used.
+    """
+    check_installed(plan.estimators, None)
+    simulation, band = opened(plan, None)
+    todo = [(name, number) for number in range(first or plan.fields) for name in plan.samples]
+    paths = {name: [] for name in plan.samples}
+    for name, number in progress(todo, "fields"):
+        field = Field(simulation, plan, band, name, number)
+        path = folder / "fields" / f"{name}_{number:05d}_{_digest(plan, name)}.npz"
+        if not path.exists():
+            start = time.process_time()
+            arrays = measured(field)
+            with atomic_path(path) as temporary:
+                np.savez(temporary, **arrays)
+            say(f"{name} {number}: {len(field.galaxies)} galaxies, {time.process_time() - start:.0f} CPU-s")
+        paths[name].append(path)
+    return paths
+
+
+def _digest(plan, sample):
+    """Return the digest of all that decides a field's shapes: not how many fields there are, nor the figure's words."""
+    settings = {name: plan.setting(name).model_dump() for name in names(plan)}
+    same = plan.model_dump(exclude={"fields", "samples", "effects", "base"})
+    return digest([same, plan.samples[sample].model_dump(), settings])
+
+
+@dataclass
+class _Made:
+    """What of a field was made already, by what decides it."""
+
+    images: dict
+    psfs: dict
+    shapes: dict
+    sigma: float = 0.0  # noise of a pixel of the base, for all Settings: what estimators add is the same in all
+
+
+def measured(field):
+    """Return {name: array} of a field's shapes.
+
+    `psf` (n,) complex; `ring` (n,); `sign`; SETTING|ESTIMATOR|e (2, n) complex, |response (2, n, 2); SETTING|used
+    (2, n); SETTING|seconds of CPU time; in field 0, SETTING|ESTIMATOR|other (n,), the arm -g with another seed.
+    """
+    plan, made = field.plan, _Made({}, {}, {})
+    arrays = {"ring": field.galaxies.ring, "sign": np.array(field.sign)}
+    for name in names(plan):
+        setting, start = plan.setting(name), time.process_time()
+        jacobian, psf = field.jacobian(setting), _psf(field, setting, made)
+        used = []
+        for arm, g in enumerate((field.shear, -field.shear)):
+            image = _image(field, setting, g, made)
+            made.sigma = made.sigma or noise_of(image)
+            used.append(field.found(image) if setting.detection else np.ones(len(field.galaxies), bool))
+            for kind in plan.estimators:
+                shapes = to_sky(_shapes(field, setting, arm, image, psf, kind, made), jacobian, kind in ELLIPTICITIES)
+                for key, values in (("e", shapes.e), ("response", shapes.response)):
+                    arrays.setdefault(f"{name}|{kind}|{key}", []).append(values)
+        arrays[f"{name}|used"] = used
+        arrays[f"{name}|seconds"] = np.array(time.process_time() - start)
+        if name == BASE:
+            arrays["psf"] = psf_shapes(psf)
+        if field.number == 0:
+            image = field.arm(setting, -field.shear, plan.seed + OTHER_SEED)
+            for kind in plan.estimators:
+                arguments = field.stamps(image), psf, made.sigma, _scale(field), field.rng(f"{kind} other")
+                arrays[f"{name}|{kind}|other"] = to_sky(estimator(kind)(*arguments), jacobian, kind in ELLIPTICITIES).e
+    return {name: np.array(values) for name, values in arrays.items()}
+
+
+def _scale(field):
+    return field.simulation._run.camera.telescope.pixel_scale
+
+
+def _key(setting, without):
+    return repr(setting.model_dump(exclude=without))
+
+
+def _image(field, setting, g, made):
+    key = _key(setting, ANALYSIS), g
+    if key not in made.images:
+        if len(made.images) > 3:  # of the base and of one more: 16 MB each
+            kept = list(made.images)[:2]
+            made.images = {name: made.images[name] for name in kept}
+        made.images[key] = field.arm(setting, g)
+    return made.images[key]
+
+
+def _psf(field, setting, made):
+    """Return the stamps of the PSF; the true one is decided by the map of the field alone."""
+    without = {"wcs", "detection", "profile", "blended", "undetected", "neighbour_shear"}
+    key = _key(setting, without) if setting.psf == "stars" else (setting.psf, setting.distortion)
+    if key not in made.psfs:
+        made.psfs[key] = field.psf(setting)
+    return made.psfs[key]
+
+
+def _shapes(field, setting, arm, image, psf, kind, made):
+    key = _key(setting, {"wcs", "detection"}), arm, kind
+    if key not in made.shapes:
+        made.shapes[key] = estimator(kind)(
+            field.stamps(image), psf, made.sigma if setting.noise else 0.0, _scale(field), field.rng(kind)
+        )
+    return made.shapes[key]
+
+
+def to_sky(shapes, jacobian, ellipticities):
+    """Return Shapes on the axes east and north, of those on pixel axes; jacobian (n, 2, 2): d(x, y)/d(east, north).
+
+    Ellipticities of galaxies are mapped exactly; of other shapes, the response to the map's shear is subtracted, to
+    first order, and they are turned.
+    """
+    if ellipticities:
+        with np.errstate(invalid="ignore"):  # NaN in, NaN out
+            e = reduced(on_sky(2 * shapes.e / (1 + np.abs(shapes.e) ** 2), jacobian))
+        return Shapes(e, shapes.response)
+    round_one = jacobian @ np.swapaxes(jacobian, -1, -2)
+    trace = round_one[:, 0, 0] + round_one[:, 1, 1]
+    shear = reduced((round_one[:, 0, 0] - round_one[:, 1, 1] + 2j * round_one[:, 0, 1]) / trace)
+    turn = np.arctan2(jacobian[:, 1, 0] - jacobian[:, 0, 1], jacobian[:, 0, 0] + jacobian[:, 1, 1])
+    own = shapes.response[:, 0] * shear.real + 1j * shapes.response[:, 1] * shear.imag
+    return Shapes((shapes.e - own) * np.exp(-2j * turn), shapes.response)

@@ -1,0 +1,144 @@
+"""Galaxies of a window: rings of four on a grid, each ring one galaxy and its neighbours turned by 0, 45, 90, 135 deg.
+
+Turned by 90 degrees a galaxy's own shape cancels in the mean; by 45 degrees, its response to shear, 1 - Re(e^2), loses
+its scatter as well. The mean shape of a ring, sheared by g, is g but for terms of the order e^4 g^3.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from csstsim.base.rng import stream
+from csstsim.catalog.astrometry.reduction import icrs
+
+RING = 4
+EDGE = 10  # px, between the window's edge and the first stamp
+LARGEST = 0.7  # of an ellipticity
+OTHERS = 500_000  # of the first neighbour's id over that of the first galaxy
+FIELD = 1_000_000  # ids of a field
+SHARE_OF_BULGES = 1 / 3  # galaxies of the full profile that have one (E)
+
+
+@dataclass(frozen=True, eq=False)
+class Galaxies:
+    """Galaxies of a window: x, y (n,) pixels of the chip; ring (n,) number; e (n,) complex; columns {name: (n,)}.
+
+    others: {kind: {of: (k,) row of the galaxy, offset: (k,) complex arcsec east + i north, e, mag, size}}.
+    """
+
+    x: np.ndarray
+    y: np.ndarray
+    ring: np.ndarray
+    e: np.ndarray
+    columns: dict
+    others: dict
+
+    def __len__(self):
+        return len(self.x)
+
+
+def galaxies(plan, name, field, window):
+    """Return the Galaxies of a sample in a window; they depend on the plan's seed, the sample and the field alone."""
+    sample, rng = plan.samples[name], stream(plan.seed, "budget", "shear", name, field)
+    cells = (plan.size - 2 * EDGE) // plan.spacing
+    rings = cells * cells // RING
+    n = rings * RING
+    row, column = np.divmod(np.arange(n), cells)
+    middle = EDGE + plan.spacing * 0.5
+    x, y = (
+        start + middle + plan.spacing * cell + rng.uniform(-0.5, 0.5, n)
+        for start, cell in ((window.x0, column), (window.y0, row))
+    )
+    turn = np.tile(np.arange(RING) * np.pi / 4, rings)
+    mag = np.repeat(_magnitudes(rng, sample.magnitude, sample.slope, rings), RING)
+    size = np.repeat(np.exp(rng.uniform(*np.log(sample.size), rings)), RING)
+    e = np.repeat(_shapes(rng, sample.ellipticity, rings), RING) * np.exp(2j * turn)
+    columns = {"mag": mag, "size_disk": size, **_components(rng, size, rings)}
+    others = {kind: _others(rng, of, turn, rings) for kind, of in sorted(plan.neighbours.items())}
+    return Galaxies(x, y, np.repeat(np.arange(rings), RING), e, columns, others)
+
+
+def table(galaxies, setting, plan, job, field, g, band):
+    """Return the columns of csstsim.catalog.own_table for the galaxies of an arm of shear g, and their neighbours."""
+    n, full = len(galaxies), setting.profile == "full"
+    same = galaxies.columns
+    rows = [{
+        "id": field * FIELD + 1 + np.arange(n), "x": galaxies.x, "y": galaxies.y, "e": galaxies.e,
+        "mag": same["mag"], "size_disk": same["size_disk"], "g": np.full(n, g),
+        **{name: same[name] if full else np.full(n, plain) for name, plain in _PLAIN.items()},
+    }]  # fmt: skip
+    rows[0]["size_bulge"] = same["size_bulge"] if full else same["size_disk"]
+    jacobian = job.wcs.jacobian(*job.wcs.pixel_to_world(galaxies.x, galaxies.y))
+    first = field * FIELD + OTHERS
+    for kind, other in galaxies.others.items():
+        if not getattr(setting, kind):
+            continue
+        of, k = other["of"], len(other["of"])
+        shear = g if setting.neighbour_shear else 0j
+        z = sheared_offset(other["offset"], shear)
+        dx, dy = np.einsum("kij,jk->ik", jacobian[of], np.stack([z.real, z.imag]))
+        rows.append({
+            "id": first + np.arange(k), "x": galaxies.x[of] + dx, "y": galaxies.y[of] + dy, "e": other["e"],
+            "mag": other["mag"], "size_disk": other["size"], "size_bulge": other["size"], "g": np.full(k, shear),
+            **{name: np.full(k, plain) for name, plain in _PLAIN.items()},
+        })  # fmt: skip
+        first += k
+    joined = {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
+    ra, dec = icrs(*job.wcs.pixel_to_world(joined.pop("x"), joined.pop("y")), job.observer)
+    e, shear = joined.pop("e"), joined.pop("g")
+    return joined | {
+        "ra": ra, "dec": dec, f"mag_{band}": joined.pop("mag"), "type": np.full(len(ra), "galaxy"),
+        "e1": e.real, "e2": e.imag, "gamma1": shear.real, "gamma2": shear.imag,
+    }  # fmt: skip
+
+
+_PLAIN = {"bulge_frac": 0.0, "n_disk": 1.0, "n_bulge": 4.0, "knots": 0, "knots_frac": 0.0}
+
+
+def sheared_offset(offset, g):
+    """Return complex offsets on the sky of what lies at `offset` behind a shear g: A^-1 offset, of no convergence."""
+    return (offset + g * np.conj(offset)) / (1 - abs(g) ** 2)
+
+
+def _magnitudes(rng, limits, slope, n):
+    low, high = limits
+    u = rng.random(n)
+    if abs(slope) * (high - low) < 1e-9:
+        return low + (high - low) * u
+    return low + np.log10(1 + u * (10 ** (slope * (high - low)) - 1)) / slope
+
+
+def _shapes(rng, rms, n):
+    """Return (n,) complex ellipticities: Gaussian components, cut at LARGEST."""
+    most = -np.expm1(-0.5 * (LARGEST / rms) ** 2) if rms > 0 else 1.0
+    return rms * np.sqrt(-2 * np.log1p(-most * rng.random(n))) * np.exp(2j * np.pi * rng.random(n))
+
+
+def _components(rng, size, rings):
+    """Return the columns of the full profile, one value a ring (E: round numbers around those of components.yaml)."""
+    share = np.where(rng.random(rings) < SHARE_OF_BULGES, rng.uniform(0.1, 0.6, rings), 0.0)
+    found = {
+        "bulge_frac": share, "n_disk": rng.choice([0.75, 1.0, 1.25, 1.5], rings),
+        "n_bulge": rng.choice([2, 3, 4], rings),
+        "knots": np.where(rng.random(rings) < 0.5, rng.integers(5, 30, rings), 0),
+    }  # fmt: skip
+    found["knots_frac"] = np.where(found["knots"] > 0, rng.uniform(0.05, 0.3, rings), 0.0)
+    found = {name: np.repeat(values, RING) for name, values in found.items()}
+    return found | {"size_bulge": size * np.repeat(rng.uniform(0.3, 0.7, rings), RING)}
+
+
+def _others(rng, of, turn, rings):
+    """Return the neighbours of all galaxies, as Galaxies.others: those of a ring are turned with it."""
+    counts = rng.poisson(of.number, rings)
+    k = counts.sum()
+    ring = np.repeat(np.arange(rings), counts)
+    angle, (low, high) = 2 * np.pi * rng.random(k), of.distance
+    offset = np.sqrt(rng.uniform(low**2, high**2, k)) * np.exp(1j * angle)
+    e, mag, size = _shapes(rng, 0.25, k), rng.uniform(*of.magnitude, k), rng.uniform(*of.size, k)
+    row = (RING * ring[:, None] + np.arange(RING)).ravel()
+    again = np.repeat(np.arange(k), RING)
+    by = turn[row]
+    return {
+        "of": row, "offset": offset[again] * np.exp(1j * by), "e": e[again] * np.exp(2j * by), "mag": mag[again],
+        "size": size[again],
+    }  # fmt: skip

@@ -1,0 +1,217 @@
+"""Fields of the budget of shear: arms that share their noise, the run, its bars, figures and blind test."""
+
+import json
+
+import numpy as np
+import pytest
+import yaml
+from click.testing import CliRunner
+from mini_campaign import write_campaign
+
+import csstsim
+from csstsim.budget.shear import blind as blinded
+from csstsim.budget.shear import run as running
+from csstsim.budget.shear.bars import bars
+from csstsim.budget.shear.frames import Field, level_of, noise_of, opened
+from csstsim.budget.shear.plan import DEFAULT, Setting, load_plan
+from csstsim.budget.shear.volume import report, sigma_m, volume
+from csstsim.command_line.main import main
+
+KEYS = {"fields": 2, "chips": [9], "size": 232, "spacing": 50, "estimators": ["own"]}
+SAMPLE = {"magnitude": [19, 19.5], "size": [0.3, 0.4], "ellipticity": 0.2}
+EFFECTS = {
+    "nonlinearity": {"about": "nonlinearity", "change": {"layers": {"nonlinearity": {}}}, "sum": True},
+    "nothing": {"about": "the same frames again", "change": {"background": "known"}, "sum": True},
+    "linear": {"about": "another map", "change": {"wcs": "linear"}, "sum": True},
+    "undone": {
+        "about": "all that is undone", "change": {
+            "layers": {"cosmic_rays": {}, "detector_defects": {}, "brighter_fatter": {}}, "calibrated": True,
+            "masking": True, "background": "mesh",
+        },
+    },
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def sim(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("budget")
+    file = write_campaign(folder, geometry={"nx": 480, "ny": 480, "channel_nx": 60, "channel_ny": 240})
+    return csstsim.Simulation(file, cache=folder / "cache").replace(seed=5)
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("plan") / "plan.yaml"
+    data = yaml.safe_load(DEFAULT.read_text()) | KEYS | {"samples": {"one": SAMPLE}, "effects": EFFECTS}
+    path.write_text(yaml.safe_dump(data, sort_keys=False))
+    return path
+
+
+@pytest.fixture(scope="module")
+def field(sim, file):
+    return Field(sim, load_plan(file), "r", "one", 0)
+
+
+@pytest.fixture(scope="module")
+def arms(field):
+    return [field.arm(Setting(), sign * field.shear) for sign in (1, -1)]
+
+
+def test_arms_differ_at_the_galaxies_alone(field):
+    faint = field.plan.samples["one"].model_copy(update={"magnitude": (23.0, 23.5)})
+    field = Field(field.simulation, field.plan.model_copy(update={"samples": {"one": faint}}), "r", "one", 0)
+    plus, minus = (field.arm(Setting(), sign * field.shear) for sign in (1, -1))
+    window = field.job(False).window
+    y, x = np.mgrid[window.y0 : window.y1, window.x0 : window.x1]
+    away = np.min(np.hypot(x[..., None] - field.galaxies.x, y[..., None] - field.galaxies.y), axis=-1) > 22
+    assert away.mean() > 0.1 and np.mean(plus[away] != minus[away]) < 0.05  # a few photons go so far
+    assert np.mean(plus[away] != field.arm(Setting(), -field.shear, seed=6)[away]) > 0.9
+    assert plus[away].mean() == pytest.approx(0.0, abs=0.5)  # e-: half a DN; the error of the mean is 0.05
+
+
+def test_an_arm_is_the_same_when_made_again(field, arms):
+    assert np.array_equal(field.arm(Setting(), field.shear), arms[0])
+
+
+def test_noise_free_frames_have_no_noise(field, arms):
+    clean = field.arm(Setting(noise=False), field.shear)
+    assert noise_of(clean) < 0.3 * noise_of(arms[0])
+    light = np.abs(clean) > 50
+    assert clean[light].sum() == pytest.approx(arms[0][light].sum(), rel=0.003)  # photon noise is 0.1%
+
+
+def test_psf_is_that_of_stars_on_pixels(field):
+    stamps = field.psf(Setting())
+    assert stamps.sum(axis=(1, 2)) == pytest.approx(1.0)
+    assert {np.unravel_index(s.argmax(), s.shape) for s in stamps} == {(24, 24)}
+    middle = field.psf(Setting(psf="middle"))
+    assert np.ptp(middle, axis=0).max() == 0 and np.abs(middle[0] - stamps).max() < 0.01
+    few = field.plan.model_copy(update={"stars": field.plan.stars.model_copy(update={"every": 1, "magnitude": 18.0})})
+    fitted = Field(field.simulation, few, "r", "one", 0).psf(Setting(psf="stars"))
+    assert np.abs(fitted - stamps).max() < 0.02
+
+
+def test_level_is_finer_than_a_dn():
+    rng = np.random.default_rng(4)
+    for true in (35.2, 35.5, 35.9):
+        image = 1.1 * np.rint((rng.poisson(true, (400, 400)) + rng.normal(0, 5, (400, 400))) / 1.1)
+        image[:8] += 1000
+        assert level_of(image) == pytest.approx(true, abs=0.15)  # the cut of a skewed distribution: 0.1
+
+
+def test_all_are_found_at_their_places(field, arms):
+    assert field.found(arms[0]).all()
+    assert not field.found(np.random.default_rng(1).normal(0, 9, arms[0].shape).astype(np.float32)).any()
+
+
+def test_the_true_map_tells_of_the_distortion(field):
+    known = field.jacobian(Setting(distortion=True))
+    linear = field.jacobian(Setting(distortion=True, wcs="linear"))
+    assert np.array_equal(linear, field.jacobian(Setting())) and np.abs(known - linear).max() > 1e-4
+
+
+@pytest.fixture(scope="module")
+def done(sim, file, tmp_path_factory):
+    folder, said = tmp_path_factory.mktemp("out"), []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(running, "opened", lambda plan, file: (sim, "r"))
+        patch.setattr(blinded, "opened", lambda plan, file: (sim, "r"))
+        result = CliRunner().invoke(main, ["budget", "shear", str(file), "--output", str(folder)])
+        assert result.exit_code == 0, result.output
+        stamps = {path: path.stat().st_mtime_ns for path in (folder / "fields").iterdir()}
+        again = CliRunner().invoke(main, ["budget", "shear", str(file), "--plan", "--output", str(folder)])
+        assert again.exit_code == 0 and stamps == {p: p.stat().st_mtime_ns for p in (folder / "fields").iterdir()}
+        plan = load_plan(file)
+        hide = ["budget", "shear", str(file), "--blind", str(folder / "key.json"), "--output", str(folder / "blind")]
+        assert CliRunner().invoke(main, hide).exit_code == 0
+        assert CliRunner().invoke(main, hide).exit_code == 2  # the key exists
+        said = running.fields(plan, folder, said.append)
+    return folder, plan, said
+
+
+def test_bars_sum_and_cost(done):
+    _, plan, paths = done
+    rows = {row["effect"]: row | {"sample": "one"} for row in bars(plan, paths["one"])}
+    base, nonlinearity, nothing = (rows[name] for name in ("base", "nonlinearity", "nothing"))
+    assert base["galaxies"] == 32 and abs(base["m1"]) < 0.2 and base["gain"] > 1.1
+    assert nothing["m1"] == nothing["c2"] == nothing["m1_err"] == 0.0
+    assert 0 < abs(nonlinearity["m1"]) < 0.05 and 0 < nonlinearity["m1_err"] < base["m1_err"]
+    added = [rows[name]["m1"] for name in ("nonlinearity", "nothing", "linear")]
+    assert rows["sum of the bars"]["m1"] == pytest.approx(sum(added), abs=1e-12)
+    rest = rows["all at once"]["m1"] if "all at once" in rows else rows["all"]["m1"]
+    assert rows["all at once less the sum"]["m1"] == pytest.approx(rest - sum(added), abs=1e-12)
+    galaxies, hours = volume(base, sigma_m(base) / 10)
+    assert galaxies == pytest.approx(3200) and hours == pytest.approx(3200 * base["seconds"] / 3600)
+    assert len(report(list(rows.values()))) == 1 + 5
+    assert bars(plan, []) == []
+
+
+def test_table_figures_and_page(done):
+    folder, plan, _ = done
+    from astropy.table import Table
+
+    table = Table.read(folder / "budget.ecsv")
+    assert list(table["effect"][:2]) == ["base", "nonlinearity"] and table.meta["plan"]["shear"] == plan.shear
+    page = (folder / "index.html").read_text()
+    assert page.count("data:image/png;base64,") == 2 and "nonlinearity" in page
+    for name in ("waterfall_one.png", "chart_one.png"):
+        assert (folder / name).read_bytes().startswith(b"\x89PNG")
+
+
+def answer(folder, rows, heads="field,g1,g2,g1_err,g2_err"):
+    path = folder / "answer.csv"
+    path.write_text("\n".join([heads, *rows]) + "\n")
+    return path
+
+
+def test_blind_frames_hide_the_shear_and_score_an_answer(done):
+    from astropy.io import fits
+
+    folder, _, _ = done
+    key = json.loads((folder / "key.json").read_text())
+    with fits.open(folder / "blind" / "field_000.fits") as hdus:
+        assert hdus["IMAGE"].data.shape == (232, 232) and len(hdus["PSF"].data) == len(hdus["GALAXIES"].data) == 16
+    text = b"".join(path.read_bytes() for path in (folder / "blind").iterdir())
+    assert str(key["seed"]).encode() not in text and key["salt"].encode() not in text
+    lines = [f"{i},{1.1 * g1 + 0.001},{g2},0.01,0.01" for i, (g1, g2) in enumerate(key["shears"])]
+    said = []
+    score = blinded.reveal(folder / "key.json", answer(folder, lines), said.append, folder / "blind")
+    assert score["m1"] == pytest.approx(0.1) and score["c1"] == pytest.approx(0.001)
+    assert score["m2"] == pytest.approx(0.0, abs=1e-12) and any("m1 = +0.10000" in line for line in said)
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        (["0,0,0,1,1"], "each field once"), (["0,0,0,1,1", "0,0,0,1,1"], "each field once"), ([], "not an answer"),
+        (["0,x,0,1,1", "1,0,0,1,1"], "a number"), (["0,0,0,0,1", "1,0,0,1,1"], "positive"),
+        (["0,nan,0,1,1", "1,0,0,1,1"], "finite"), (["0,0,0,1", "1,0,0,1,1"], "a number"),
+    ],
+)  # fmt: skip
+def test_a_wrong_answer_is_refused_in_one_line(done, rows, said):
+    folder, _, _ = done
+    words = ["budget", "shear", "--reveal", str(folder / "key.json"), str(answer(folder, rows))]
+    result = CliRunner().invoke(main, [*words, "--output", str(folder / "blind")])
+    assert result.exit_code == 2 and said in result.stderr and "Traceback" not in result.output
+
+
+def test_another_key_is_not_the_sealed_one(done, tmp_path):
+    folder, _, _ = done
+    key = json.loads((folder / "key.json").read_text())
+    (tmp_path / "key.json").write_text(json.dumps(key | {"shears": [[0, 0]] * 2}))
+    words = ["budget", "shear", "--reveal", str(tmp_path / "key.json"), str(answer(folder, ["0,0,0,1,1", "1,0,0,1,1"]))]
+    result = CliRunner().invoke(main, [*words, "--output", str(folder / "blind")])
+    assert result.exit_code == 2 and "sealed" in result.stderr
+
+
+@pytest.mark.parametrize("chips", [[8, 9], [29], [99]])
+def test_chips_of_two_bands_or_none_are_refused(file, tmp_path, chips):
+    data = yaml.safe_load(file.read_text()) | {"chips": chips}
+    (tmp_path / "plan.yaml").write_text(yaml.safe_dump(data))
+    with pytest.raises(csstsim.base.errors.InputError, match="chips"):
+        opened(load_plan(tmp_path / "plan.yaml"), "plan.yaml")
+
+
+def test_options_that_do_not_go_together():
+    for words in (["--blind", "a", "--plan"], ["--whole"], ["--reveal", "a", "b", "--effects", "noise"]):
+        assert CliRunner().invoke(main, ["budget", "shear", *words]).exit_code == 2

@@ -1,0 +1,120 @@
+"""Plans and samples of the budget of shear."""
+
+import numpy as np
+import pytest
+import yaml
+
+from csstsim.base.errors import InputError
+from csstsim.budget.shear.plan import ALL, BASE, DEFAULT, load_plan
+from csstsim.budget.shear.run import names, setting_of
+from csstsim.budget.shear.sample import OTHERS, RING, galaxies, sheared_offset
+from csstsim.instrument.chip import Window
+
+WINDOW = Window(1000, 2600, 3000, 4600)
+
+
+@pytest.fixture
+def changed(tmp_path):
+    """Return a function that writes the shipped plan with keys changed."""
+
+    def write(**keys):
+        path = tmp_path / "plan.yaml"
+        path.write_text(yaml.safe_dump(yaml.safe_load(DEFAULT.read_text()) | keys))
+        return path
+
+    return write
+
+
+def test_the_shipped_plan_has_the_effects_of_a_stage_iv_survey():
+    plan = load_plan()
+    listed = """psf_field psf_stars distortion brighter_fatter charge_transfer charge_transfer_undone nonlinearity
+    cosmic_rays defects sky_gradient blending undetected other_shear morphology masking detection"""
+    wanted = listed.split()
+    assert set(wanted) <= set(plan.bars)
+    whole = plan.setting(ALL)
+    assert whole.calibrated and whole.masking and whole.undetected and whole.psf == "stars" and whole.distortion
+    assert set(whole.layers) >= {"brighter_fatter", "CTE_effect", "nonlinearity", "cosmic_rays", "detector_defects"}
+    assert plan.setting(BASE) == plan.base and setting_of(plan, "noise") == BASE and "noise" not in names(plan)
+
+
+def test_effects_bring_those_that_they_stand_against():
+    plan = load_plan(effects=["other_shear"], fields=2, estimators=["own"])
+    assert plan.bars == ("other_shear",) and set(plan.effects) == {"other_shear", "undetected"}
+    assert plan.summed == () and plan.fields == 2 and plan.estimators == ("own",)
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({"shear": 0.2}, "shear"), ({"stamp": 47}, "stamp"), ({"stamp": 64}, "spacing"),
+        ({"estimators": ["ksb"]}, "estimators"),
+        ({"effects": {"base": {"about": "x"}}}, "base"), ({"colour": 1}, "colour"), ({"chips": []}, "chips"),
+        ({"effects": {"a": {"about": "x", "against": "b"}}}, "no such effect"),
+        ({"effects": {"a": {"about": "x", "against": "a"}}}, "no such effect"),
+        ({"effects": {"a": {"about": "x", "change": {"masking": True}}}}, "masking needs calibrated"),
+        ({"effects": {"a": {"about": "x", "change": {"undetected": True}}}, "neighbours": {}}, "neighbours.undetected"),
+        ({"effects": {k: {"about": k, "sum": True, "change": {"psf": k}} for k in ("middle", "stars")}}, "differs"),
+        ({"samples": {"a": {"magnitude": [22, 20], "size": [0.1, 0.2], "ellipticity": 0.2}}}, "magnitude"),
+        ({"samples": {}}, "samples"), ({"fields": 0}, "fields"),
+    ],
+)  # fmt: skip
+def test_a_fault_of_the_plan_is_named(changed, keys, said):
+    with pytest.raises(InputError, match=said):
+        load_plan(changed(**keys))
+
+
+def test_an_unknown_effect_is_named():
+    with pytest.raises(InputError, match="blooming"):
+        load_plan(effects=["blooming"])
+
+
+def test_rings_cancel_shapes_and_responses():
+    plan = load_plan()
+    made = galaxies(plan, "bright", 3, WINDOW)
+    rings = made.e.reshape(-1, RING)
+    assert len(made) == len(rings) * RING > 900
+    assert np.abs(rings.sum(axis=1)).max() < 1e-12 and np.abs((rings**2).sum(axis=1)).max() < 1e-12
+    g = 0.02 * (1 + 1j)
+    mean = ((rings + g) / (1 + np.conj(g) * rings)).mean(axis=1)  # Seitz & Schneider 1997
+    assert np.abs(mean - g).max() < abs(g) ** 3  # what is left is of the order e^4 g^3
+    assert np.sqrt(np.mean(made.e.real**2)) == pytest.approx(0.25, rel=0.1)  # cut at 0.7: 4% less
+
+
+def test_galaxies_depend_on_sample_and_field_alone():
+    plan = load_plan()
+    made, again = galaxies(plan, "bright", 3, WINDOW), galaxies(load_plan(fields=1), "bright", 3, WINDOW)
+    assert np.array_equal(made.x, again.x) and np.array_equal(made.columns["mag"], again.columns["mag"])
+    assert not np.array_equal(made.e, galaxies(plan, "bright", 4, WINDOW).e)
+    assert made.x.min() > WINDOW.x0 + plan.stamp / 2 and made.x.max() < WINDOW.x1 - plan.stamp / 2
+    assert made.y.min() > WINDOW.y0 + plan.stamp / 2 and made.y.max() < WINDOW.y1 - plan.stamp / 2
+    assert len(made) < OTHERS
+
+
+def test_magnitudes_follow_the_slope():
+    plan = load_plan()
+    mag = np.concatenate([galaxies(plan, "faint", f, WINDOW).columns["mag"][::RING] for f in range(8)])
+    low, high = plan.samples["faint"].magnitude
+    assert low <= mag.min() and mag.max() <= high
+    brighter = (10**0.3 - 1) / (10**0.6 - 1)  # share of the brighter of the two magnitudes, slope 0.3
+    assert np.mean(mag < low + 1) == pytest.approx(brighter, abs=5 * np.sqrt(0.25 / len(mag)))
+
+
+def test_neighbours_turn_with_their_ring():
+    plan = load_plan()
+    other = galaxies(plan, "bright", 0, WINDOW).others["undetected"]
+    for k in range(0, len(other["of"]), RING):
+        offset, e = other["offset"][k : k + RING], other["e"][k : k + RING]
+        assert other["of"][k : k + RING].tolist() == [other["of"][k] + j for j in range(RING)]
+        assert np.abs((offset**2).sum()) < 1e-12 and np.abs(e.sum()) < 1e-12
+        low, high = plan.neighbours["undetected"].distance
+        assert np.all((np.abs(offset) >= low - 1e-9) & (np.abs(offset) <= high + 1e-9))
+    mean = len(other["of"]) / len(galaxies(plan, "bright", 0, WINDOW))
+    assert mean == pytest.approx(1.4, abs=5 * np.sqrt(1.4 / 256))
+
+
+def test_offsets_are_sheared_by_the_inverse_of_the_lens_map():
+    g, z = 0.03 - 0.02j, 1.0 + 0.5j
+    seen = sheared_offset(z, g)
+    lens = np.array([[1 - g.real, -g.imag], [-g.imag, 1 + g.real]])  # A, from image to source
+    assert lens @ [seen.real, seen.imag] == pytest.approx([z.real, z.imag], abs=1e-15)
+    assert sheared_offset(z, 0j) == z

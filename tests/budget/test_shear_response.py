@@ -1,0 +1,173 @@
+"""Estimators and solutions of the budget of shear, against closed forms."""
+
+import galsim
+import numpy as np
+import pytest
+
+from csstsim.base.errors import InputError
+from csstsim.budget.shear.estimators import PACKAGES, Shapes, check_installed, estimator, psf_shapes
+from csstsim.budget.shear.response import NAMES, Arms, Frame, combined, estimates, scatter, sums
+from csstsim.budget.shear.run import to_sky
+
+SCALE, SIDE = 0.074, 48
+G = 0.02
+GAUSSIAN_M = 2e-4  # of moments of a noiseless Gaussian galaxy behind a Gaussian PSF, exact but for pixels and the stamp
+
+
+def drawn(shapes, psf_shape=0.0, sigma=0.35):
+    """Return stamps of Gaussian galaxies of complex ellipticity (a - b) / (a + b), and of their PSF."""
+    star = galsim.Gaussian(sigma=0.12).shear(g1=psf_shape)
+
+    def stamp(profile):
+        return profile.shift(SCALE / 2, SCALE / 2).drawImage(nx=SIDE, ny=SIDE, scale=SCALE).array.astype(float)
+
+    galaxies = [galsim.Gaussian(sigma=sigma, flux=1e4).shear(g1=e.real, g2=e.imag) for e in shapes]
+    psf = stamp(star)
+    return np.array([stamp(galsim.Convolve(galaxy, star)) for galaxy in galaxies]), np.array([psf] * len(shapes))
+
+
+def sheared(e, g):
+    """Return ellipticities after a shear (Seitz & Schneider 1997, equation 3.2)."""
+    return (e + g) / (1 + np.conj(g) * e)
+
+
+def ring(e=0.3):
+    return e * np.exp(2j * np.pi * np.arange(4) / 4 + 0.3j)
+
+
+def arms(kind, psf_shape=0.0):
+    """Return the Arms of a noiseless ring under +-G in both components, and its Frame."""
+    found = []
+    for sign in (1, -1):
+        images, psf = drawn(sheared(ring(), sign * G * (1 + 1j)), psf_shape)
+        found.append(estimator(kind)(images, psf, 0.0, SCALE, np.random.default_rng(1)))
+    made = Arms(
+        np.array([v.e for v in found]), np.array([v.response for v in found]), np.ones((2, 4), bool)
+    )  # fmt: skip
+    return made, Frame(G, np.ones(4), psf_shapes(psf), np.arange(4))
+
+
+@pytest.mark.parametrize("kind", ["hsm", "own"])
+@pytest.mark.parametrize("psf_shape", [0.0, 0.05])
+def test_moments_of_gaussians_respond_exactly(kind, psf_shape):
+    made, frame = arms(kind, psf_shape)
+    value = estimates(sums(made, frame, made.used).sum(axis=0), G)
+    assert np.abs(value[:2]).max() < GAUSSIAN_M
+    assert np.abs(value[2:4]).max() < 1e-4
+
+
+@pytest.mark.parametrize("kind", sorted(PACKAGES))
+def test_public_estimators_calibrate_themselves(kind):
+    pytest.importorskip(PACKAGES[kind])
+    made, frame = arms(kind, 0.03)
+    value = estimates(sums(made, frame, made.used).sum(axis=0), G)
+    assert np.abs(value[:2]).max() < 2e-3  # of the order g^2 = 8e-4
+    assert np.abs(value[2:4]).max() < 5e-4
+
+
+def test_a_missing_package_is_named(monkeypatch):
+    monkeypatch.setattr("csstsim.budget.shear.estimators.find_spec", lambda name: None)
+    check_installed(("hsm", "own"), "plan.yaml")
+    with pytest.raises(InputError, match="anacal"):
+        check_installed(("hsm", "fpfs"), "plan.yaml")
+
+
+def test_shape_of_a_psf():
+    assert psf_shapes(drawn([0j], 0.05)[1])[0] == pytest.approx(0.05 * 0.0144 / (0.0144 + SCALE**2), abs=0.01)
+    assert np.isnan(psf_shapes(np.zeros((1, SIDE, SIDE)))).all()
+
+
+def biased(n=4000, m=(0.01, -0.02), c=(1e-3, -2e-3), alpha=0.1, noise=0.0, seed=1):
+    """Return Arms and Frame of shapes with known biases; noise: of each shape, the same in both arms."""
+    rng = np.random.default_rng(seed)
+    psf = 0.05 * (rng.standard_normal(n) + 1j * rng.standard_normal(n))
+    psf -= psf.mean()
+    sign = np.where(np.arange(n) % 2, 1.0, -1.0)
+    shared = noise * (rng.standard_normal(n) + 1j * rng.standard_normal(n))
+    e = [
+        arm * G * ((1 + m[0]) + 1j * sign * (1 + m[1])) + complex(*c) + alpha * psf + shared for arm in (1, -1)
+    ]  # fmt: skip
+    return Arms(np.array(e), np.ones((2, n, 2)), np.ones((2, n), bool)), Frame(G, sign, psf, np.arange(n) // 4)
+
+
+def test_known_biases_are_returned():
+    made, frame = biased()
+    value, error = combined({"a": sums(made, frame, made.used)}, {"a": 1.0}, G)
+    assert dict(zip(NAMES, value, strict=True)) == pytest.approx(
+        {"m1": 0.01, "m2": -0.02, "c1": 1e-3, "c2": -2e-3, "alpha": 0.1}, abs=1e-12
+    )
+    assert error[:2] == pytest.approx([0, 0], abs=1e-12)
+
+
+def test_responses_divide_shapes():
+    made, frame = biased()
+    scaled = Arms(0.4 * made.e, 0.4 * made.response, made.used)
+    assert estimates(sums(scaled, frame, made.used).sum(axis=0), G) == pytest.approx(
+        estimates(sums(made, frame, made.used).sum(axis=0), G), rel=1e-12
+    )
+
+
+def test_noise_of_both_arms_cancels_in_m_and_its_error_is_right_in_c():
+    made, frame = biased(noise=0.25)
+    value, error = combined({"a": sums(made, frame, made.used)}, {"a": 1.0}, G)
+    assert value[:2] == pytest.approx([0.01, -0.02], abs=1e-12)
+    assert error[2:4] == pytest.approx(0.25 / np.sqrt(4000), rel=0.1)  # a jackknife of 1000 blocks: 2%, 4 sigma
+    assert np.abs(value[2:4] - [1e-3, -2e-3]).max() < 5 * 0.25 / np.sqrt(4000)
+
+
+def test_jackknife_of_a_mean_is_its_standard_error():
+    rng = np.random.default_rng(2)
+    made, frame = biased(n=400)
+    noisy = Arms(made.e + 0.1 * rng.standard_normal((2, 400)), made.response, made.used)
+    each = Frame(G, frame.sign, frame.psf, np.arange(400))
+    _, error = combined({"a": sums(noisy, each, made.used)}, {"a": 1.0}, G)
+    half = (noisy.e[0] - noisy.e[1]).real / (2 * G)
+    assert error[0] == pytest.approx(half.std(ddof=1) / 20, rel=1e-9)
+
+
+def test_a_setting_less_itself_is_nothing_and_bars_add_up():
+    blocks = {}
+    for number, m in enumerate([(0.0, 0.0), (0.01, 0.0), (0.0, 0.02), (0.01, 0.02)]):
+        made, frame = biased(m=m, noise=0.1)
+        blocks[number] = sums(made, frame, made.used)
+    value, error = combined(blocks, {3: 1.0, 0: 1.0, 1: -1.0, 2: -1.0}, G)
+    assert value == pytest.approx(np.zeros(5), abs=1e-12) and error == pytest.approx(np.zeros(5), abs=1e-12)
+    value, error = combined({0: blocks[0], 1: blocks[0]}, {0: 1.0, 1: -1.0}, G)
+    assert not value.any() and not error.any()
+
+
+def test_those_found_in_one_arm_alone_count_there():
+    made, frame = biased(n=4, m=(0.0, 0.0), c=(0.0, 0.0), alpha=0.0)
+    counted = np.array([[True, True, True, False], [True, True, True, True]])
+    total = sums(made, frame, counted).sum(axis=0)
+    assert total[3] == 3 and total[8] == 4 and total[10] == 3
+    assert estimates(total, G)[:2] == pytest.approx([0, 0], abs=1e-12)
+
+
+def test_no_galaxy_and_one_block():
+    made, frame = biased(n=4)
+    assert np.isnan(estimates(sums(made, frame, np.zeros((2, 4), bool)).sum(axis=0), G)).all()
+    value, error = combined({"a": sums(made, frame, made.used)}, {"a": 1.0}, G)
+    assert np.isfinite(value[:4]).all() and np.isnan(error).all()
+
+
+def test_scatter_of_half_the_difference():
+    rng = np.random.default_rng(3)
+    one, two = (rng.standard_normal(20_000) + 1j * rng.standard_normal(20_000) for _ in range(2))
+    one[0] = np.nan
+    assert scatter(one, two) == pytest.approx(np.sqrt(0.5), rel=0.03)  # of 40,000 numbers, MAD: 0.6%, 5 sigma
+    assert scatter(one, one) == 0.0
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.3])
+@pytest.mark.parametrize("shear", [0.0, 0.05j])
+def test_shapes_go_to_the_sky_as_galaxies_do(angle, shear):
+    e = np.array([0.2 + 0.1j, -0.1j])
+    stretch = np.array([[1 + shear.real, shear.imag], [shear.imag, 1 - shear.real]]) if shear else np.eye(2)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    jacobian = np.array([stretch @ turn] * 2)  # from the sky to pixels
+    seen = sheared(e * np.exp(2j * angle), shear)
+    found = to_sky(Shapes(seen, np.ones((2, 2))), jacobian, True).e
+    assert found == pytest.approx(e, abs=1e-9)
+    small = to_sky(Shapes(0.4 * sheared(1e-3 * e * np.exp(2j * angle), shear), np.full((2, 2), 0.4)), jacobian, False).e
+    assert small == pytest.approx(0.4e-3 * e, abs=2e-5)
