@@ -246,6 +246,7 @@ def test_the_contract_finds_faults(camera, cls, fault):
         (beside(dec=95.0), "not a position on the sky"),
         (beside(size_disk=0.5), "a star, drawn as a point, has a size or an ellipticity: object 9"),
         (one(pm_ra=3.0), "pm_ra is unknown to csstsim; is pmra meant: object 9"),
+        (one(offset_ra=0.3), "offset_ra is a column of tables alone: give the part's own place and light: object 9"),
         (one(PARALAX="dwarf"), "is parallax meant"),
         (beside(**GALAXY | {"size_disk": 1e9}), "above 3600 arcsec: object 9"),
         (one(flags=32), "flags are csstsim's own"),

@@ -19,6 +19,7 @@ from csstsim.base.healpix import NSIDE
 from csstsim.base.plural import number_of
 from csstsim.base.shipped import SHIPPED
 from csstsim.catalog.base import Region, name_of, read_columns, users_code
+from csstsim.catalog.galaxy_shapes.part_rows import SHORTHANDS
 from csstsim.catalog.light.photometry import load_fluxes, rate_to_mag
 from csstsim.catalog.misspelt import meant, unused_magnitude
 from csstsim.catalog.open import make_catalog
@@ -116,7 +117,9 @@ def _check_columns(table, bands, faults, warnings):
     if len(table) and not drawn:
         faults["every object would be left out"] = list(table["id"])
     for name in (name.removeprefix("user_") for name in table if name.startswith("user_")):
-        if column := meant(name, columns_with(bands)):
+        if name in SHORTHANDS:
+            warnings[f"{name} is a column of tables alone: give the part's own place and light"] = list(table["id"])
+        elif column := meant(name, columns_with(bands)):
             warnings[f"{name} is unknown to csstsim; is {column} meant"] = list(table["id"])
         elif text := unused_magnitude(name, bands):
             warnings[text] = list(table["id"])

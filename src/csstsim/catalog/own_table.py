@@ -81,7 +81,10 @@ class TableCatalog(CatalogBase):
 
     @classmethod
     def files(cls, options):
-        """Return the files of the table, of its light curves, and those that its rows name: they decide the pixels."""
+        """Return the files of the table, of its light curves, and those that its rows name: they decide the pixels.
+
+        Raises InputError for options of another kind, and for columns of files that hold other values.
+        """
         _check_options(options)
         file, curves = options.get("file"), options.get("light_curves")
         named = (curves,) if curves else ()
