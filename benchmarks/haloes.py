@@ -51,11 +51,11 @@ def tell_profiles(matter, z, log_masses):
     chi = float(matter.shells.cosmology.comoving_distance(z))
     shell = int(np.searchsorted(matter.shells.edges, chi)) - 1
     thickness = np.diff(matter.shells.edges)[shell]
-    ell = np.geomspace(3, 3e6, 6000)
+    ell = np.geomspace(1, 3e5, 60000)
     k = (ell + 0.5) / chi
     radius = np.array([0.1, 0.2, 0.5, 1, 2, 3, 5, 7, 10, 15, 20])
     step = np.gradient(np.log(ell)) * k**2 / (2 * np.pi)
-    bessel = jv(2, np.outer(radius, k)) * np.exp(-((k / 200.0) ** 2)) * step  # Delta Sigma / rho of a power spectrum
+    bessel = jv(2, np.outer(radius, k)) * np.exp(-((k / 60.0) ** 2)) * step  # Delta Sigma / rho of a power spectrum
     tiers = np.array(numbers["tiers"])
     inside = np.minimum(ell, matter.ell[-1])
     response = spectra.response(inside)[shell]

@@ -22,7 +22,7 @@ from csstsim.universe.structure.kernels import add_density
 _FINER = 4  # orders of the kernels below that of their cell
 _ROOT = 1  # order of the widest cells; they have all wider kernels
 _WIDEST = 3  # order of the kernels at which the smoothest maps end
-_REACH = 4.0  # sigma: the kernel is cut at 2e-3 of its peak
+_REACH = 3.7  # sigma: the kernel is cut at 6e-3 of its peak
 _SAMPLES = 2.0  # grid points per sigma
 _CELLS = 128  # maps kept
 TAPS = 4  # points of the interpolation along an axis

@@ -12,8 +12,9 @@ Haloes follow those kernels s of the smooth field that are wide for their tier (
 B_s is the spectrum of kernel s, l_s its peak. With these weights haloes follow all matter, smooth part and haloes:
 their spectrum with matter is b times that of matter. C_l is linear in a_s^2, so a smooth part is found with which it is
 halofit's, within 3 %: the other terms leave too little for it near l = 200 at z < 0.6.
-C_ln comes from haloes clustering as exp(b delta): their correlation is exp(b b' xi) - 1, of which b b' xi is in the
-first term already. There b is the mean of a tier, weighted by its part. The spectrum with the smooth field has no C_ln.
+C_ln comes from haloes that cluster more than linearly with the field (intensity): of their correlation, b b' xi is in
+the first term already. There b is the mean of a tier, weighted by its part. The spectrum with the smooth field has no
+C_ln.
 """
 
 from functools import cached_property
@@ -27,6 +28,7 @@ from scipy.special import j0
 from csstsim.universe.structure.density import within
 from csstsim.universe.structure.halo_profile import disc_transform, nfw_transform
 from csstsim.universe.structure.haloes import concentration, tier_orders
+from csstsim.universe.structure.intensity import excess, series
 
 _NODES, _GAUSS = np.polynomial.legendre.leggauss(4)  # of a shell's depth
 _MASSES = 24  # nodes of a tier
@@ -107,12 +109,15 @@ class HaloSpectra:
         """Return C_ln (shells, len(ell)) for amplitudes (shells, widths)."""
         kernel, (second, bias, transform, shapes) = self.field.shells.kernel()[:, None], self._clustering
         wide, total = self.wide(), np.zeros((len(kernel), len(_ELL)))
+        variance = np.einsum("is,tis,s->it", (amplitude * self.weights / kernel) ** 2, wide, shapes[:, 0])
+        sigma = np.sqrt(variance)
+        terms = series(bias * sigma)  # (n, shells, tiers)
         for t, u in combinations_with_replacement(range(len(wide)), 2):
             some = np.flatnonzero(bias[:, t] * bias[:, u])
             power = ((amplitude * self.weights) ** 2 * wide[t] * wide[u])[some]
             xi = np.einsum("is,st->it", power, shapes) / kernel[some] ** 2  # of delta (shells, theta)
-            x = (bias[:, t] * bias[:, u])[some, None] * xi
-            curved = xi**2 * np.where(np.abs(x) > 1e-3, (np.expm1(x) - x) / np.where(x == 0, 1, x) ** 2, 0.5)
+            r = xi / (sigma[some, t] * sigma[some, u])[:, None]
+            curved = excess(terms[:, some, t], terms[:, some, u], r) / (bias[some, t] * bias[some, u])[:, None] ** 2
             total[some] += (
                 (1 if t == u else 2) * second[some, t] * second[some, u] * np.einsum("it,lt->il", curved, transform)
             )
@@ -134,12 +139,11 @@ def _moments(mass_function, low, high, z, numbers):
     nodes, weights = np.polynomial.legendre.leggauss(_MASSES)
     ln_mass = 0.5 * np.log(low * high) + 0.5 * np.log(high / low) * nodes
     mass = np.exp(ln_mass)
-    radius = mass_function.lagrangian_radius(mass)
     k = np.exp(_LN_K)[:, None]
     c = concentration(mass, z, numbers["concentration"], mass_function.cosmology.h0 / 100)
     scatter = 10 ** (numbers["concentration"]["scatter"] * _SCATTER)
     profiles = np.stack([nfw_transform(k, mass_function.virial_radius(mass), c * s) for s in scatter])
-    profiles -= disc_transform(k, numbers["compensation"] * radius)
+    profiles -= disc_transform(k, numbers["compensation"] * mass_function.lagrangian_radius(mass))
     chances = _CHANCES / _CHANCES.sum()
     first, second = (np.einsum("s,skm->km", chances, profiles**p) for p in (1, 2))
     number = 0.5 * np.log(high / low) * weights * mass_function.dn_dlnm(mass, z)

@@ -1,12 +1,12 @@
 """Dark-matter haloes of the whole sky, any part of it on its own: places, redshifts, masses, concentrations.
 
-    n(M, z | delta) = n(M, z) exp(b delta - b^2 sigma^2 / 2)
+    n(M, z | delta) = n(M, z) f(delta)
 
-n is the mass function, b the bias, delta the overdensity of the halo's shell smoothed on the scale of its tier, and
-sigma^2 its variance, so the mean number is n. Haloes are drawn in HEALPix cells, a stream each for a tier of mass: a
-Poisson number of candidates, uniform on the cell and by volume in depth, of which the field keeps some. Two bricks that
-see a cell see the same haloes. Redshifts are cosmological. Left out: haloes nearer than z_min and lighter than the
-first tier, exclusion, triaxial shapes, subhaloes.
+n is the mass function, delta the overdensity of the halo's shell smoothed on the scale of its tier, and f rises with it
+as the halo's bias asks for (intensity); its mean is 1. Haloes are drawn in HEALPix cells, a stream each for a tier of
+mass: a Poisson number of candidates, uniform on the cell and by volume in depth, of which the field keeps some. Two
+bricks that see a cell see the same haloes. Redshifts are cosmological. Left out: haloes nearer than z_min and lighter
+than the first tier, exclusion, triaxial shapes, subhaloes.
 """
 
 from functools import lru_cache
@@ -18,10 +18,12 @@ from csstsim.base.healpix import NSIDE, brick_of
 from csstsim.base.rng import stream
 from csstsim.base.sphere import unit_vectors
 from csstsim.universe.structure.density import TAPS, cell_order, interpolate_one, kernel_order
+from csstsim.universe.structure.intensity import intensity
 
 _DEEP = 29  # order of the pixels whose centres are the places
 _STEP_Z, _MASSES = 0.05, 160  # nodes of the tables
 _MARGIN = 0.15  # of the maximum between points of a map, in its standard deviations
+_BIASES, _BETWEEN = 40, 1.01  # of a tier, at which the intensity's bound is looked for, and the bound between them
 _SAGITTA = 0.02  # rad x nside: by which a cell may bulge beyond the chords of its border
 _FINE = 9  # least order of the cells of haloes that do not lens: they are asked for in and close to a brick
 _CELLS = 1024  # kept
@@ -30,7 +32,8 @@ COLUMNS = ("ra", "dec", "z", "log_mass", "concentration", "key")
 
 def tier_orders(field, mass_function, numbers):
     """Return for each tier (tiers, shells) the order of the finest kernels that its haloes follow."""
-    scales = numbers["haloes"]["placement"] * mass_function.lagrangian_radius(numbers["haloes"]["tiers"][:-1])
+    radii = mass_function.lagrangian_radius(numbers["haloes"]["tiers"][:-1])
+    scales = np.array(numbers["haloes"]["placement"]) * radii
     return np.stack([kernel_order(field, max(scale, numbers["galaxy_scale"])) for scale in scales])
 
 
@@ -63,13 +66,12 @@ class Haloes:
         centre = np.array(healpy.pix2vec(NSIDE, pix, nest=True))
         border = healpy.boundaries(NSIDE, pix, step=16, nest=True).T
         radius = 2 * np.arcsin(0.5 * np.linalg.norm(border - centre, axis=1).max())
-        found = []
-        for tier, top in enumerate(self.edges[1:] / np.log(10)):
-            if top <= lowest:
-                continue
-            for order, (_, z_near, _) in self._depths[tier].items():
-                nside, widest = 2 ** self._cell_order(tier, order), float(np.max(reach(z_near, top)))
-                for cell in _cells(nside, centre, min(radius + widest, np.pi)):
+        found, tops = [], self.edges[1:] / np.log(10)
+        asked = [t for t, top in enumerate(tops) if top > lowest]
+        for order in sorted({o for t in asked for o in self._depths[t]}):  # coarse maps begin finer ones
+            for tier in (t for t in asked if order in self._depths[t]):
+                nside, widest = 2 ** self._cell_order(tier, order), reach(self._depths[tier][order][1], tops[tier])
+                for cell in _cells(nside, centre, min(radius + float(np.max(widest)), np.pi)):
                     some = self.cell(tier, order, cell)
                     v, far = some["vector"], reach(some["z"], some["log_mass"])
                     keep = (some["log_mass"] >= lowest) & _within(v, centre, radius, border, far, pix, some)
@@ -124,7 +126,7 @@ class Haloes:
         ln_mass, bias = table.mass(z, u[1], u[2])
         vectors = unit_vectors(ra, dec)
         delta = interpolate_one(maps, grid.places(vectors, TAPS), shells[shell])
-        chance = np.exp(bias * delta - 0.5 * bias**2 * variance[shell]) / bound[shell]
+        chance = intensity(delta, bias, variance[shell]) / bound[shell]
         if chance.max(initial=0.0) > 1:
             raise RuntimeError(f"haloes of tier {tier}, order {order}, cell {cell}: the field exceeds its bound")
         kept = np.flatnonzero(u[3] < chance)
@@ -166,13 +168,12 @@ class _Table:
         self._chi3 = self.chi**3
 
     def largest(self, peak, variance, near, far):
-        """Return the largest exp(b delta - b^2 sigma^2 / 2) for delta up to `peak` and all masses, each (shells,).
+        """Return the largest intensity for delta up to `peak` and all masses, each (shells,).
 
         near, far: the comoving distances of the shells' edges. The bias rises with mass and redshift.
         """
         low, high = (self._at(distance, edge) for distance, edge in ((near, 0), (far, -1)))
-        best = np.clip(peak / variance, low, high)
-        return np.exp(best * peak - 0.5 * best**2 * variance)
+        return _BETWEEN * intensity(peak, np.linspace(low, high, _BIASES), variance).max(axis=0)
 
     def _at(self, distance, edge):
         """Return the bias of the lightest (edge 0) or heaviest (-1) haloes of the tier at comoving distances."""

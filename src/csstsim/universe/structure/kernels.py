@@ -27,6 +27,9 @@ def add_density(values, n, points, boxes, deviates, u, reach):
     """
     far = 2 * np.sin(0.5 * reach) ** 2  # 1 - cos(reach)
     table, scale = _table(u, far)
+    for i in range(len(table)):  # of kappa, which depends on the gap alone
+        gap = i / scale
+        table[i] *= gap * (1.0 - 0.5 * gap) - (1.0 - gap) / u
     for j in range(len(points)):
         p0, p1, p2 = points[j]
         deviate = deviates[j]
@@ -39,8 +42,7 @@ def add_density(values, n, points, boxes, deviates, u, reach):
                     continue
                 at = gap * scale
                 k = int(at)
-                kernel = table[k] + (at - k) * (table[k + 1] - table[k])
-                kappa = np.float32(kernel * (gap * (1.0 - 0.5 * gap) - (1.0 - gap) / u))
+                kappa = np.float32(table[k] + (at - k) * (table[k + 1] - table[k]))
                 maps = values[y, x]
                 for i in range(len(deviate)):
                     maps[i] += kappa * deviate[i]

@@ -156,5 +156,8 @@ def _check(lensing, numbers):
         raise ValueError("structure: needs 2 to 9 rising haloes.tiers between 1e9 and 1e16")
     if haloes["lens_mass"] not in tiers[:-1]:
         raise ValueError("structure: haloes.lens_mass is the lower mass of a tier")
-    if not (0.2 <= haloes["placement"] <= 3 and 0.5 <= haloes["compensation"] <= 5):
-        raise ValueError("structure: needs 0.2 <= haloes.placement <= 3 and 0.5 <= haloes.compensation <= 5")
+    placement = np.atleast_1d(haloes["placement"])
+    if not (len(placement) == len(tiers) - 1 and min(placement) >= 0.2 and max(placement) <= 3):
+        raise ValueError("structure: haloes.placement needs a number from 0.2 to 3 for each tier")
+    if not 0.5 <= haloes["compensation"] <= 5:
+        raise ValueError("structure: needs 0.5 <= haloes.compensation <= 5")

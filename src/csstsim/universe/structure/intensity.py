@@ -1,0 +1,57 @@
+"""Numbers of haloes of bias b, over their mean, where a normal field delta of variance sigma^2 is x sigma.
+
+    f(x) = c exp(beta x) up to the bend x_0,   c exp(beta x_0) (1 + beta (x - x_0)) beyond,    x_0 = max(bend, beta)
+
+beta and c are such that the mean is 1 and haloes have with the field b times its own correlation: <f> = 1,
+<x f> = b sigma. Without a bend this is exp(b delta - b^2 sigma^2 / 2), in which rare clusters crowd: their correlation
+is exp(b^2 xi). Here haloes of two kinds have
+
+    xi_12 = sum_n a_n a'_n r^n / n!,      a_n = <f He_n>,   a_0 = 1,  a_1 = b sigma,   r: correlation of their fields
+"""
+
+from math import factorial
+
+import numpy as np
+from scipy.special import ndtr
+
+_BEND = 1.5  # sigma: up to there haloes are lognormal, as matter nearly is
+_BETA = np.linspace(0.0, 8.0, 801)
+_ORDERS = 24  # of the series
+_X, _W = np.polynomial.hermite_e.hermegauss(120)
+
+
+def _table():
+    """Return b sigma, ln c and a_n (n, beta) at _BETA."""
+    beta, bend = _BETA, np.maximum(_BEND, _BETA)
+    below = np.exp(0.5 * beta**2) * ndtr(bend - beta)
+    at, above, density = np.exp(beta * bend), ndtr(-bend), np.exp(-0.5 * bend**2) / np.sqrt(2 * np.pi)
+    mean = below + at * ((1 - beta * bend) * above + beta * density)
+    return beta * (below + at * above) / mean, -np.log(mean)
+
+
+_STRENGTH, _LN_C = _table()
+
+
+def intensity(delta, bias, variance):
+    """Return f; delta, bias and variance broadcast. 1 where the variance is 0."""
+    sigma = np.sqrt(np.asarray(variance, float))
+    x = np.divide(delta, sigma, out=np.zeros(np.broadcast(delta, sigma).shape), where=sigma > 0)
+    beta = np.interp(bias * sigma, _STRENGTH, _BETA)
+    bend = np.maximum(_BEND, beta)
+    low = np.minimum(x, bend)
+    return np.exp(np.interp(beta, _BETA, _LN_C) + beta * low) * (1 + beta * (x - low))
+
+
+def series(strength):
+    """Return a_n (n, ...) for n = 0 to 23 at b sigma = `strength`."""
+    strength = np.asarray(strength, float)
+    f = intensity(_X, strength[..., None], 1.0) * _W / np.sqrt(2 * np.pi)
+    return np.stack([f @ np.polynomial.hermite_e.hermeval(_X, np.eye(n + 1)[n]) for n in range(_ORDERS)])
+
+
+def excess(first, second, r):
+    """Return xi_12 less its linear part (..., theta) of series `first`, `second` (n, ...) and r (..., theta)."""
+    total = np.zeros(np.shape(r))
+    for n in range(_ORDERS - 1, 1, -1):
+        total = total * r + (first[n] * second[n] / factorial(n))[..., None]
+    return total * r**2
