@@ -4,9 +4,9 @@
 
 Bricks at random places are far apart, so their numbers are independent. Without structure the mean is that of the mass
 functions in closed form; printed is the difference to it in percent, with the error from the scatter among the bricks,
-which has Poisson's chance and that of structure. Only galaxies to i = 26 or so are drawn (clustered_sky.DENSITY).
-Last come the published points from which the mass functions differ by more than 0.15 dex. Exit code 1 if the
-differences are larger than chance: a cell beyond 4 sigma, or a reduced chi square above 2.
+which has Poisson's chance and that of structure (poorly known from fewer than 20 bricks). Only galaxies to i = 26 or so
+are drawn (clustered_sky.DENSITY). Last come the published points from which the mass functions differ by more than
+0.15 dex. Exit code 1 if the differences are larger than chance: a cell beyond 4 sigma, or a reduced chi square above 2.
 """
 
 import argparse
