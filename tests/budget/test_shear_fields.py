@@ -91,6 +91,12 @@ def test_psf_is_that_of_stars_on_pixels(field):
     assert np.abs(fitted - stamps).max() < 0.02
 
 
+def test_true_psf_is_that_of_a_drawn_star(field):
+    simulation = field.made(Setting(), field._stars(Setting(), slice(1), 12.0), stars=True)
+    drawn = field.stamps(simulation.light(field.obsid, field.chip).image, slice(1))[0]
+    assert np.abs(drawn / drawn.sum() - field.true_psf[0]).max() < 1e-3 * field.true_psf[0].max()
+
+
 def test_level_is_finer_than_a_dn():
     rng = np.random.default_rng(4)
     for true in (35.2, 35.5, 35.9):
@@ -142,7 +148,8 @@ def test_bars_sum_and_cost(done):
     assert rows["all at once less the sum"]["m1"] == pytest.approx(rest - sum(added), abs=1e-12)
     galaxies, hours = volume(base, sigma_m(base) / 10)
     assert galaxies == pytest.approx(3200) and hours == pytest.approx(3200 * base["seconds"] / 3600)
-    assert len(report(list(rows.values()))) == 1 + 5
+    lines = report(list(rows.values()))
+    assert len(lines) == 1 + 5 + 2 and lines[-1].startswith("all bars by own to 1e-04")
     assert bars(plan, []) == []
 
 

@@ -7,6 +7,7 @@ from csstsim.budget.shear.response import NAMES, Arms, Frame, combined, scatter,
 from csstsim.budget.shear.run import names, setting_of
 
 SUM, REST = "sum of the bars", "all at once less the sum"
+WINDOWS = 8  # fewest for a jackknife over windows; with fewer, errors that are common to a window are left out
 KINDS = "base", "bar", "sum", "all", "rest"
 
 
@@ -47,8 +48,9 @@ class _Shapes:
         return sum(float(field[f"{name}|seconds"]) for name in settings for field in self.fields) / len(self.ring)
 
     def frame(self, common):
-        """Return the response.Frame, in blocks of rings, or of windows if errors are common to a window."""
-        return Frame(self.plan.shear, self.sign, self.psf, self.window if common else self.ring)
+        """Return the response.Frame, in blocks of rings, or of windows if errors are common to each of many windows."""
+        windows = common and len(self.fields) >= WINDOWS
+        return Frame(self.plan.shear, self.sign, self.psf, self.window if windows else self.ring)
 
     def scatters(self, name, kind):
         """Return the scatter of half the difference of the arms of field 0, with one seed and with two."""

@@ -44,9 +44,11 @@ def waterfall(path, rows, sample, summed):
                 )
         ax.axvline(0, color="black", lw=0.8)
         ax.set_xscale("symlog", linthresh=LINTHRESH, linscale=1.2)
-        low, high = ax.get_xlim()
-        ticks = [tick for tick in (-1000, -100, -10, 0, 10, 100, 1000) if low <= tick <= high]
-        ticks = ticks if len(ticks) > 1 else [-1, 0, 1]
+        most = 1.2 * np.abs(value).max() if np.isfinite(value).all() else LINTHRESH
+        low, high = np.clip(ax.get_xlim(), -max(5 * most, LINTHRESH), max(5 * most, LINTHRESH))
+        ax.set_xlim(low, high)
+        steps = (1, 3, 10) if max(-low, high) < 50 else (3, 30, 300)
+        ticks = [tick for tick in (*(-step for step in steps[::-1]), 0, *steps) if low <= tick <= high]
         ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
         ax.minorticks_off()
         ax.grid(axis="x", alpha=0.3)
@@ -66,7 +68,7 @@ def chart(path, rows, sample):
     rows = [row for row in rows if row["sample"] == sample and row["kind"] in ("base", "bar")]
     rows = [row for row in rows if row["estimator"] == rows[0]["estimator"] and sigma_m(row) > 0]
     figure = Figure(figsize=(10.5, 6), layout="constrained")
-    axes, hours = figure.subplots(), np.logspace(-3, 2, 6)
+    axes, hours = figure.subplots(), np.logspace(-4, 2, 7)
     palette = (BLUE, ORANGE, GREEN, VERMILION, PURPLE, SKY)
     for number, row in enumerate(sorted(rows, key=sigma_m, reverse=True)):
         now = row["galaxies"] * row["seconds"] / HOUR

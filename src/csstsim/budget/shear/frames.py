@@ -18,7 +18,6 @@ from csstsim.budget.shear.sample import EDGE, galaxies, table
 from csstsim.catalog.astrometry.reduction import icrs
 
 RA, DEC = 60.1172, -40.0330  # deg: where all fields point, away from bright stars; they differ in noise and galaxies
-TRUE_STAR = 14.0  # mag of the noiseless stars whose images are the PSF as truth
 BASIC = {
     "scie_obs", "sky_background", "poisson_and_dark", "prescan_overscan", "bias", "readout_noise", "gain",
     "quantization_and_output",
@@ -149,17 +148,33 @@ class Field:
         """Return (n, s, s) stamps of the PSF, as the Setting's analysis knows it, at the galaxies."""
         if setting.psf == "stars":
             return self._fitted(setting)
-        stamps = self.true_psf(setting)
+        stamps = self.true_psf
         if setting.psf == "truth":
             return stamps
         middle = np.argmin(np.hypot(*(v - v.mean() for v in (self.galaxies.x, self.galaxies.y))))
         return np.broadcast_to(stamps[middle], stamps.shape)
 
-    def true_psf(self, setting):
-        """Return (n, s, s) noiseless stars on the middle of the galaxies' pixels, each with a sum of 1."""
-        simulation = self.made(setting, self._stars(setting, slice(None), TRUE_STAR), stars=True)
-        stamps = self.stamps(simulation.light(self.obsid, self.chip).image)
-        return stamps / stamps.sum(axis=(1, 2), keepdims=True)
+    @cached_property
+    def true_psf(self):
+        """(n, s, s) images of lone stars on the middle of the galaxies' pixels, each with a sum of 1."""
+        from csstsim.optics.psf.psf_file import pixel_response
+        from csstsim.stages.psf import open_psf
+
+        columns = self._stars(Setting(), slice(1), self.plan.stars.magnitude)
+        simulation = self.made(Setting(), columns, stars=True)
+        truth = simulation.light(self.obsid, self.chip).truth  # makes the PSF set, if there is none
+        shares = np.array([truth[f"flux{band}"][0] for band in range(4)]) / sum(truth[f"flux{i}"][0] for i in range(4))
+        job, half = self.job(False), self.plan.stamp // 2
+        psf, stamps = open_psf(simulation._run, job.chip), []
+        for x, y in zip(np.rint(self.galaxies.x), np.rint(self.galaxies.y), strict=True):
+            response = pixel_response(np.tensordot(shares, psf.at(x, y), axes=1), psf.oversampling)
+            middle, step = response.shape[0] // 2, psf.oversampling
+            at = middle + step * np.arange(-half, half)
+            inside = (at >= 0) & (at < len(response))  # the stored PSF may end before the stamp
+            stamp = np.zeros((2 * half, 2 * half))
+            stamp[np.ix_(inside, inside)] = response[np.ix_(at[inside], at[inside])]
+            stamps.append(stamp / stamp.sum())
+        return np.array(stamps)
 
     def _fitted(self, setting):
         """Return the stamps of a PSF whose pixels are linear in x and y, fitted to stars of a frame of its own."""

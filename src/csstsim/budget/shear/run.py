@@ -123,9 +123,9 @@ def _image(field, setting, g, made):
 
 
 def _psf(field, setting, made):
-    """Return the stamps of the PSF; the true one is decided by the map of the field alone."""
+    """Return the stamps of the PSF; only one from stars depends on how frames are made."""
     without = {"wcs", "detection", "profile", "blended", "undetected", "neighbour_shear"}
-    key = _key(setting, without) if setting.psf == "stars" else (setting.psf, setting.distortion)
+    key = _key(setting, without) if setting.psf == "stars" else setting.psf
     if key not in made.psfs:
         made.psfs[key] = field.psf(setting)
     return made.psfs[key]

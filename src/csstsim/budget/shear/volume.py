@@ -4,6 +4,8 @@ Errors fall as the root of the number of galaxies, so a bar measured to s with n
 seconds, needs n (s / wanted)^2 of them.
 """
 
+import numpy as np
+
 GOALS = 3e-4, 1e-4  # of sigma(m)
 HOUR = 3600.0
 
@@ -32,4 +34,8 @@ def report(rows):
             f"{row['sample']:10}{row['estimator']:10}{row['effect']:26}{row['galaxies']:9d}{sigma_m(row):10.1e}{now:8.3f}"
             f"{hours}{row['gain']:6.1f}"
         )
+    bars = [row for row in rows if row["kind"] == "bar" and row["estimator"] == rows[0]["estimator"]]
+    for goal in GOALS:
+        hours = np.nansum([volume(row, goal)[1] for row in bars])
+        lines.append(f"all bars by {rows[0]['estimator']} to {goal:.0e}: {hours:.1f} CPU-hours")
     return lines
