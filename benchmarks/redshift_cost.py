@@ -2,9 +2,9 @@
 
     python benchmarks/redshift_cost.py FIGURE --galaxy 0.14 LABEL=redshift.json ...
 
-The files are those of `csstsim budget redshift`; --galaxy: CPU-s of a galaxy, from the sky to its redshift. The
-left panel has the error of completeness and purity, which falls with the square root of the number of galaxies. The
-right one has their values, by magnitude, for each file.
+The files are those of `csstsim budget redshift`; --galaxy: CPU-s of a galaxy, from the sky to its redshift. The left
+panel has the error of completeness and purity, which falls with the root of the number of galaxies. The right one has
+their values, by magnitude, for each file.
 """
 
 import argparse

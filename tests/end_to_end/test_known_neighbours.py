@@ -1,5 +1,7 @@
 """Spectra whose neighbours are known by a catalogue: a scene of a table, whose spectra are those of its magnitudes."""
 
+import json
+
 import fitsio
 import numpy as np
 import pytest
@@ -122,3 +124,25 @@ def test_faults_are_told(campaign, changed):
     assert "known_from" in refused("extract", campaign, *KEY)
     changed(known_from="catalogue", depth=5.0)
     assert "no object" in refused("extract", campaign, *KEY, "--ids", "1")
+
+
+def test_a_budget_of_redshifts_by_the_command(campaign, tmp_path):
+    """One galaxy, of redshift 0: right, not right, not in the answer; and answers that cannot be used."""
+    folder, answer = tmp_path / "budget", tmp_path / "redshifts.csv"
+    said = done("budget", "redshift", campaign, "--output", folder)
+    assert "1 galaxies in 1 frames" in said and not (folder / "redshift.json").exists()
+    stack, objects = (ObjectTable.read(folder / name) for name in ("stack.parquet", "objects.parquet"))
+    assert objects["id"].tolist() == [2] and set(stack["id"].tolist()) == {1, 2, 3}
+    assert objects["magnitude"][0] == pytest.approx(16.5, abs=1e-3) and objects["contamination"][0] > 0.1
+    for row, complete in (("2,0.001,1", 1.0), ("2,0.02,1", 0.0), ("2,0.001,0", 0.0), ("9,0.0,1", 0.0)):
+        answer.write_text(f"id,z,good\n{row}\n")
+        done("budget", "redshift", campaign, "--output", folder, "--answer", answer)
+        found = json.loads((folder / "redshift.json").read_text())
+        assert found["all"]["completeness"] == complete and found["all"]["objects"] == 1
+    assert (folder / "redshift.png").read_bytes().startswith(b"\x89PNG")
+    for text, fault in (("id,z\n2,0\n", "not id, z and good"), ("id,z,good\n2,0,2\n", "must be 0 or 1"),
+                        ("id,z,good\n2,0,1\n2,0,1\n", "given twice")):  # fmt: skip
+        answer.write_text(text)
+        assert fault in refused("budget", "redshift", campaign, "--output", folder, "--answer", answer)
+    assert "no table of spectra" in refused("budget", "redshift", campaign, "--spectra", "nowhere")
+    assert "no such band" in refused("budget", "redshift", campaign, "--band", "q")
