@@ -10,7 +10,7 @@ import resource
 import sys
 import time
 
-from csstsim.campaign.config import Lensing
+from csstsim.campaign.sections import Lensing
 from csstsim.catalog.truth_bricks import make_brick
 from csstsim.instrument.camera import load_camera
 from csstsim.universe.parameters import load_universe

@@ -13,7 +13,7 @@ import numpy as np
 
 from csstsim.base.healpix import NSIDE
 from csstsim.base.shipped import SHIPPED
-from csstsim.campaign.config import Lensing
+from csstsim.campaign.sections import Lensing
 from csstsim.campaign.survey_table import load_survey_table
 from csstsim.catalog.truth_bricks import AREA_DEG2, make_brick
 from csstsim.instrument.camera import load_camera

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from csstsim.base.shipped import SHIPPED
-from csstsim.campaign.config import Lensing
+from csstsim.campaign.sections import Lensing
 from csstsim.catalog.embedded import EmbeddedCatalog
 from csstsim.catalog.light.grating_bound import band_shares
 from csstsim.catalog.table import TYPES

@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from csstsim.base.shipped import SHIPPED
-from csstsim.campaign.config import PsfConfig
+from csstsim.campaign.sections import PsfConfig
 from csstsim.instrument.camera import load_camera
 from csstsim.optics.psf.chip_errors import chip_coefficients
 from csstsim.optics.psf.interpolation import Interpolator

@@ -17,8 +17,8 @@ import numpy as np
 import yaml
 
 from csstsim.campaign.aiming import after, next_obsid, table_of
-from csstsim.campaign.config import ContaminationConfig
 from csstsim.campaign.opened import OpenCampaign
+from csstsim.campaign.sections import ContaminationConfig
 from csstsim.catalog.table import GALAXY
 from csstsim.instrument.camera import load_camera
 from csstsim.optics.geometry.pointing_for import centred_exposure, light_on

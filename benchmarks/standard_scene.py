@@ -22,8 +22,9 @@ import yaml
 from csstsim.base.process.progress import progress
 from csstsim.base.rng import stream
 from csstsim.base.shipped import SHIPPED
-from csstsim.campaign.config import Lensing, load_campaign
+from csstsim.campaign.config import load_campaign
 from csstsim.campaign.opened import OpenCampaign
+from csstsim.campaign.sections import Lensing
 from csstsim.catalog.astrometry.reduction import at_j2000, icrs
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.catalog.truth_bricks import make_brick

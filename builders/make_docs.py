@@ -2,7 +2,7 @@
 
     python builders/make_docs.py          --check: only look
 
-The models in csstsim.campaign.config and the layers' Param are the only source; `make test` forbids drift.
+The models in csstsim.campaign.config and sections and the layers' Param are the only source; `make test` forbids drift.
 """
 
 import importlib

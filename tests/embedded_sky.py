@@ -8,7 +8,7 @@ from pathlib import Path
 import yaml
 
 from csstsim.base.shipped import SHIPPED
-from csstsim.campaign.config import Lensing
+from csstsim.campaign.sections import Lensing
 from csstsim.catalog.embedded import EmbeddedCatalog
 from csstsim.catalog.truth_bricks import make_brick, write_brick
 from csstsim.instrument.camera import load_camera

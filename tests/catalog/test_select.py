@@ -10,7 +10,7 @@ from csst import BANDS, MARGIN
 from embedded_sky import DENSITY, embedded_catalog
 
 from csstsim.base.units import ab_photon_density
-from csstsim.campaign.config import Lensing
+from csstsim.campaign.sections import Lensing
 from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.base import CatalogBase, Region
 from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING, TRUNCATED_STAMP

@@ -13,7 +13,7 @@ from embedded_sky import DENSITY, SEED, brick, key, shipped, universe_folder
 from csstsim.base.errors import InputError
 from csstsim.base.healpix import NSIDE
 from csstsim.base.units import SOLAR_RADIUS_PC
-from csstsim.campaign.config import Lensing
+from csstsim.campaign.sections import Lensing
 from csstsim.catalog.table import GALAXY, QUASAR, STAR, ObjectTable, columns_with
 from csstsim.catalog.truth_bricks import AREA_DEG2, brick_meta, make_brick, read_brick, write_brick
 from csstsim.universe.parameters import load_universe

@@ -13,7 +13,7 @@ from synphot.units import PHOTLAM
 
 from csstsim.base.errors import InputError
 from csstsim.base.units import ab_photon_density
-from csstsim.campaign.config import CatalogConfig
+from csstsim.campaign.sections import CatalogConfig
 from csstsim.catalog import base
 from csstsim.catalog.base import CatalogBase, Region
 from csstsim.catalog.contract import check, sky_region

@@ -11,7 +11,7 @@ import pytest
 
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
-from csstsim.campaign.config import PsfConfig
+from csstsim.campaign.sections import PsfConfig
 from csstsim.optics.geometry.distortion import load_distortion
 from csstsim.optics.geometry.focal_plane import load_focal_plane, samples
 from csstsim.optics.geometry.wcs import ChipWCS

@@ -8,8 +8,8 @@ from mini_campaign import write_campaign
 
 from csstsim.base.errors import InputError
 from csstsim.base.healpix import NSIDE
-from csstsim.campaign.config import CatalogConfig
 from csstsim.campaign.opened import OpenCampaign
+from csstsim.campaign.sections import CatalogConfig
 from csstsim.catalog.table import STAR
 from csstsim.catalog.truth_bricks import brick_meta, make_brick, read_brick, write_brick
 from csstsim.sky.parameters import sky_numbers

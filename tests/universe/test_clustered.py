@@ -10,7 +10,7 @@ from embedded_sky import SEED, brick, key, shipped, universe_folder
 from csstsim.base.counter import object_keys
 from csstsim.base.healpix import NSIDE
 from csstsim.base.sphere import frames
-from csstsim.campaign.config import Lensing
+from csstsim.campaign.sections import Lensing
 from csstsim.catalog.table import GALAXY, QUASAR
 from csstsim.catalog.truth_bricks import AREA_DEG2, _clustered, _streams, make_brick
 from csstsim.instrument.load import read_data

@@ -6,7 +6,7 @@ from embedded_sky import brick, key
 
 from csstsim.base.errors import InputError
 from csstsim.base.model import validate
-from csstsim.campaign.config import CatalogConfig, Lensing
+from csstsim.campaign.sections import CatalogConfig, Lensing
 from csstsim.catalog.truth_bricks import make_brick
 from csstsim.universe.lensing.lensing import lens, magnification, stretch
 

@@ -5,7 +5,7 @@ from csstsim.base.help_page import explained
 from csstsim.base.plural import number_of
 from csstsim.base.process.progress import progress
 from csstsim.base.shipped import SHIPPED
-from csstsim.campaign.config import PixelWindow
+from csstsim.campaign.sections import PixelWindow
 from csstsim.instrument.maps.chip_maps import STAGES
 from csstsim.optics.throughput import shutter
 

@@ -3,7 +3,7 @@
 import math
 
 from csstsim.base.errors import InputError
-from csstsim.campaign.config import PixelWindow
+from csstsim.campaign.sections import PixelWindow
 from csstsim.catalog.astrometry.reduction import apparent, icrs
 from csstsim.instrument.chip import Window
 

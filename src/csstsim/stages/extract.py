@@ -24,7 +24,7 @@ SNR_MIN = 5.0  # of the workflow's spectra
 def extract(run, job, snr_min=SNR_MIN, ids=None, contamination=None, image=False):
     """Extract the first-order spectra of a Level-0 file of a spectroscopic chip, and draw some of them.
 
-    snr_min: least S/N; ids: of these objects only; contamination: campaign.config.ContaminationConfig in place of the
+    snr_min: least S/N; ids: of these objects only; contamination: campaign.sections.ContaminationConfig in place of the
     campaign's; image: write the light that is taken for that of neighbours, too. Another choice than the workflow's
     goes to files of its own, in `chosen/`. Raises InputError, also for an id that has no order in the truth.
     """

@@ -12,7 +12,7 @@ def catalogued_light(run, job, truth, sources, orders, model, settings):
     """Return the measure.spectra.contamination.CataloguedLight of a job's catalogue.
 
     truth: its table; sources, orders, model: as measure.spectra.extract.extract_spectra takes them; settings:
-    campaign.config.ContaminationConfig. Raises InputError for a catalogue without an object near the chip.
+    campaign.sections.ContaminationConfig. Raises InputError for a catalogue without an object near the chip.
     """
     from csstsim.measure.spectra.contamination import CataloguedLight
 
