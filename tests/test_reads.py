@@ -12,9 +12,11 @@ import pytest
 from mini_campaign import POINTINGS, write_campaign
 
 from csstsim.base.stages import behind, read_by
-from csstsim.campaign import config as keys
 from csstsim.campaign import recipes
+from csstsim.campaign import sections as keys
+from csstsim.campaign.config import Campaign
 from csstsim.campaign.opened import OpenCampaign
+from csstsim.campaign.thresholds import ValidateConfig
 from csstsim.instrument import camera_parts
 from csstsim.instrument.camera import Camera
 from csstsim.instrument.chip import Chip, Detector
@@ -53,9 +55,9 @@ ATTRIBUTES = {
     ChipMaps: {kind: f"maps.{kind}" for kind in STAGES},
 }  # fmt: skip
 SECTIONS = {
-    keys.Campaign: "", keys.CatalogConfig: "catalog.", keys.Lensing: "catalog.lensing.", keys.PsfConfig: "psf.",
+    Campaign: "", keys.CatalogConfig: "catalog.", keys.Lensing: "catalog.lensing.", keys.PsfConfig: "psf.",
     keys.AstrometryConfig: "astrometry.", keys.MeasurementConfig: "measurement.",
-    keys.ContaminationConfig: "measurement.contamination.", keys.ValidateConfig: "validation.",
+    keys.ContaminationConfig: "measurement.contamination.", ValidateConfig: "validation.",
 }  # fmt: skip
 MEASURED = keys.MeasurementConfig, keys.ContaminationConfig  # apart, in `measurement` of a recipe
 TYPES = ["SCIE", "BIAS"]
@@ -68,6 +70,7 @@ UNSEEN = {
     ("astrometry.*", "select"), ("distortion.fits", "select"), ("distortion.yaml", "psf"), ("rendering.*", "render"),
     ("filters.*.saturation_mag", "validate"), ("seed", "select"), ("sky", "select"), ("sky", "truth"),
     ("telescope.orbit.*", "select"), ("fidelity", "render"), ("changing.*", "select"), ("components.*", "select"),
+    ("components.*", "render"),
 }  # fmt: skip
 COMPARED = {"__hash__", "__eq__", "<genexpr>", "__repr__", "_asdict_inner"}  # of a whole object: keys of caches
 
@@ -83,7 +86,7 @@ def part(kind, name):
     return f"{prefix}{name}" if prefix and plain else None
 
 
-HOLDERS = {(keys.Campaign, name) for name in ("catalog", "psf", "astrometry", "measurement", "validation", "select")}
+HOLDERS = {(Campaign, name) for name in ("catalog", "psf", "astrometry", "measurement", "validation", "select")}
 HOLDERS |= {(keys.CatalogConfig, "lensing"), (keys.MeasurementConfig, "contamination")}
 
 

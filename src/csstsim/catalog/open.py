@@ -16,7 +16,7 @@ TABLE_KIND = "csstsim.catalog.own_table:TableCatalog"
 def open_catalog(config, region, brick_file, key):
     """Return the loaded catalogue of a region.
 
-    config: config.CatalogConfig; region: base.Region (select.region_for); brick_file: brick number -> path; key: the
+    config: sections.CatalogConfig; region: base.Region (select.region_for); brick_file: brick number -> path; key: the
     inputs of embedded bricks (campaign.opened.OpenCampaign.universe_key). Raises InputError, also for exceptions of
     the user's own code.
     """
@@ -101,7 +101,7 @@ def catalog_class(kind):
 def own_digests(config):
     """Return the digests of a user's catalogue: of its module, and of the files that its `files` names.
 
-    config: config.CatalogConfig. Raises InputError for a file that cannot be read.
+    config: sections.CatalogConfig. Raises InputError for a file that cannot be read.
     """
     cls = catalog_class(config.kind)
     with users_code(f"{config.kind}.files"):

@@ -33,8 +33,8 @@ SED_COLUMNS = ("sed_scale", *(f"coeff{k}" for k in range(COEFFICIENTS)))
 def make_brick(seed, pix, universe, camera, lensing, structure="haloes", bright_stars=None):
     """Return the ObjectTable of brick `pix`: stars, galaxies, quasars, then real bright stars.
 
-    universe: universe.parameters.Universe; camera: instrument.camera.Camera; lensing: config.Lensing; structure:
-    config.CatalogConfig.structure; bright_stars: rows (n, 4) of universe.stars.bright_stars, or None for none.
+    universe: universe.parameters.Universe; camera: instrument.camera.Camera; lensing: sections.Lensing; structure:
+    sections.CatalogConfig.structure; bright_stars: rows (n, 4) of universe.stars.bright_stars, or None for none.
     Magnitudes are those of the spectra: with the Milky Way's extinction, without lensing magnification. Raises
     InputError for a brick number that does not exist.
     """

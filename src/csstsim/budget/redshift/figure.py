@@ -1,8 +1,8 @@
 """The figure of a budget of redshifts: measured against true, completeness and purity, bias of lines."""
 
-import io
-
 import numpy as np
+
+from csstsim.report.figures import png
 
 GOOD, OTHER = "#2a6f97", "#c9c9c9"
 
@@ -11,7 +11,7 @@ def figure(result, answer, objects):
     """Return the bytes of a PNG; arguments as report.budget has them."""
     from matplotlib.figure import Figure
 
-    drawn = Figure(figsize=(12, 7.4), layout="constrained")
+    drawn = Figure(figsize=(12, 7.4), layout="constrained", dpi=110)
     axes = drawn.subplots(2, 3)
     _measured(axes[0, 0], answer, objects, result["right"])
     for ax, name, unit in (
@@ -20,9 +20,7 @@ def figure(result, answer, objects):
     ):  # fmt: skip
         _shares(ax, result[name], unit)
     _lines(axes[1, 2], result["lines"])
-    out = io.BytesIO()
-    drawn.savefig(out, format="png", dpi=110)
-    return out.getvalue()
+    return png(drawn)
 
 
 def _measured(ax, answer, objects, right):

@@ -27,7 +27,7 @@ def stretch(kappa, gamma1, gamma2):
 def lens(pix, ra, dec, z, lensing, field=None):
     """Return {kappa, gamma1, gamma2} (float32, each (n,)) of galaxies in brick `pix`, axes east and north.
 
-    ra, dec: deg, inside the brick; z: redshifts; lensing: config.Lensing; field: lensing_field.LensingField, needed
+    ra, dec: deg, inside the brick; z: redshifts; lensing: sections.Lensing; field: lensing_field.LensingField, needed
     only for `field: cosmic`: there z <= 0 or NaN is not lensed, and z beyond the last shell is lensed as at its edge.
     """
     names = ("kappa", "gamma1", "gamma2")
