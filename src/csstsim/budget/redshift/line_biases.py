@@ -1,13 +1,13 @@
 """Bias of the wavelength and flux of emission lines, by how much light of others there is.
 
-The electrons e(X) within SIDE columns of a line are compared with those that the truth leads one to expect, m(X):
+The electrons e(X) about a line are compared with those that the truth leads one to expect, m(X). Flux is the sum within
+CORE columns less a quadratic through those from there to SIDE, of e over that of m. The shift comes from a fit,
 
-    e(X) = a m(X) + k m'(X) + c_0 + c_1 u + c_2 u^2,        u = (X - X_0) / SIDE
+    e(X) = a m(X) + k m'(X) + c_0 + c_1 u + c_2 u^2,        shift = -k [px],    u = (X - X_0) / SIDE
 
-The polynomial takes the continuum, so a is the line's flux over the true one, and -k is its shift [px]. Both are linear
-in the data: the mean of noisy lines is not biased. Of a galaxy that is resolved the image in a line is sharper, in the
-line's middle, than its profile across the trace, which the optimal weights take for the true one. So `electrons` give
-too much of a line, and the box, which adds all pixels, is compared, too.
+Both are linear in the data: the mean of noisy lines is not biased. The image of a resolved galaxy in one line is no
+product of its profiles along and across the trace, as m(X) and the weights have it: it is sharper in the middle. So a
+line is too bright, by the optimal weights (`electrons`) more than in the box, which adds all pixels.
 """
 
 from itertools import pairwise
@@ -17,10 +17,10 @@ import numpy as np
 from csstsim.budget.redshift.stack import UNUSED
 from csstsim.measure.spectra.line_columns import BLIND, PART
 
-SIDE = 20  # columns
+CORE, SIDE = 10, 30  # columns
 EDGES = 0.0, 0.01, 0.1, 0.3, 1.0, np.inf  # of contamination over the object's own electrons: classes
 STRONG = 3.0  # S/N that a line should have by its true flux
-LEAST = 20  # usable columns about a line
+LEAST = 50  # usable columns about a line
 WAYS = "box", "electrons"
 
 
@@ -61,15 +61,21 @@ def _of_frame(table, lines):
 
 
 def line_fit(part, middle, way):
-    """Return ((a, k), their errors) of a line; part: columns of a spectrum about it; middle: X_0; way: of WAYS."""
+    """Return ((flux over true, k), their errors) of a line; part: columns about it; middle: X_0 [px]; way: of WAYS."""
     x, error = part["column"].astype(float) - middle, part[f"{way}_err"].astype(float)
-    model, u = part["model"].astype(float), x / SIDE
-    matrix = np.stack([model, np.gradient(model, x), np.ones_like(u), u, u * u], axis=1)
+    model, light, u = part["model"].astype(float), part[way].astype(float), x / SIDE
+    even = np.stack([np.ones_like(u), u, u * u], axis=1)
+    core = np.abs(x) <= CORE
+    weighted = even[~core] / error[~core, None]
+    below = even[core].sum(axis=0) @ np.linalg.pinv(weighted) / error[~core]  # of the core's sum, by the side's columns
+    true, found = (one[core].sum() - below @ one[~core] for one in (model, light))
+    ratio_error = np.sqrt((error[core] ** 2).sum() + ((below * error[~core]) ** 2).sum()) / abs(true)
+    matrix = np.concatenate([np.stack([model, np.gradient(model, x)], axis=1), even], axis=1)
     scale = np.maximum(np.abs(matrix).max(axis=0), 1e-300)
     scaled = matrix / scale / error[:, None]
     inverse = np.linalg.pinv(scaled.T @ scaled, rcond=1e-10, hermitian=True)
-    values = inverse @ (scaled.T @ (part[way] / error)) / scale
-    return values[:2].tolist(), (np.sqrt(np.diag(inverse)) / scale)[:2].tolist()
+    values, errors = inverse @ (scaled.T @ (light / error)) / scale, np.sqrt(np.diag(inverse)) / scale
+    return (float(found / true), float(values[1])), (float(ratio_error), float(errors[1]))
 
 
 def by_contamination(found):
