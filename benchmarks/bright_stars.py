@@ -12,8 +12,8 @@ import argparse
 import numpy as np
 from transfer_residual import measured
 
-from csstsim.bricks.compare import spread
-from csstsim.bricks.trials import joined
+from csstsim.bricks.validation.compare import spread
+from csstsim.bricks.validation.trials import joined
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.stages import calibrate as calibrate_stage
 

@@ -1,6 +1,6 @@
 """Scores of a catalogue of one frame against the truth, for benchmarks/catalogue_codes.py.
 
-Isolation, true S/N and matching are those of `csstsim validate` (bricks.validate, bricks.trials). A catalogue is an
+Isolation, true S/N and matching are those of `csstsim validate` (validation.validate, .trials). A catalogue is an
 ObjectTable with columns x, y (whole chip, 0-based px), flux [electron] (the code's best total of each source) and snr
 (the code's own flux over error).
 
@@ -14,9 +14,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from csstsim.bricks.compare import half_light, spread
-from csstsim.bricks.trials import MATCH_PX, matched, trials
-from csstsim.bricks.validate import EDGE, MeasuredFrame, judged_truth
+from csstsim.bricks.validation.compare import half_light, spread
+from csstsim.bricks.validation.trials import MATCH_PX, matched, trials
+from csstsim.bricks.validation.validate import EDGE, MeasuredFrame, judged_truth
 from csstsim.catalog.table import STAR, ObjectTable
 from csstsim.measure.catalogue import SHARP
 
@@ -50,7 +50,7 @@ class Judge:
 
     @cached_property
     def objects(self):
-        """The true objects well inside the frame (bricks.validate.judged_truth)."""
+        """The true objects well inside the frame (validation.validate.judged_truth)."""
         nothing = ObjectTable({name: np.zeros(0) for name in ("x", "y", "flux")})
         return judged_truth(self.frame(nothing))
 
@@ -90,7 +90,7 @@ def scores(judge, table):
 
 
 def kinds(judge, tried):
-    """Return {row: mask of the isolated objects}. tried: bricks.trials of them, in the order of judge.isolated."""
+    """Return {row: mask of the isolated objects}. tried: validation.trials of them, in the order of judge.isolated."""
     galaxy, snr = tried["galaxy"].astype(bool), tried["snr"]
     rows = {}
     for name, kind, edges in (("points", ~galaxy, POINTS), ("galaxies", galaxy, GALAXIES)):

@@ -21,8 +21,8 @@ from pathlib import Path
 from faulty_chain import FAULTS
 from star_galaxy_field import write_field
 
-from csstsim.bricks.result_file import read_result
-from csstsim.bricks.verdict import judge
+from csstsim.bricks.validation.result_file import read_result
+from csstsim.bricks.validation.verdict import judge
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.stages import chip as chip_stage
 from csstsim.stages import measure as measure_stage

@@ -4,7 +4,7 @@
     python benchmarks/merged_completeness.py --keep       # the tables as they are, judged again
 
 Level-0 files are made once; every frame is measured and every brick merged at each run. Isolated objects are those of
-`csstsim validate` (bricks.validate). True S/N is that of one exposure, in the best band, for a colour in the worse of
+`csstsim validate`. True S/N is that of one exposure, in the best band, for a colour in the worse of
 its two; the joint S/N is that of all exposures of an object together. Colours are measured less true, from the merged
 magnitudes that are meant for colours if the table has them, else Kron. Stars include quasars. A source is called a star
 if its `star` is above one half.
@@ -23,8 +23,8 @@ from source_extractor import FIELD, csstsim, run_csstsim
 
 from csstsim.base.errors import CsstsimError
 from csstsim.base.healpix import brick_of
-from csstsim.bricks import compare
-from csstsim.bricks.validate import DISTINCT, MeasuredFrame, distinct, judged_truth
+from csstsim.bricks.validation import compare
+from csstsim.bricks.validation.validate import DISTINCT, MeasuredFrame, distinct, judged_truth
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.io.truth import read_truth
@@ -70,8 +70,8 @@ def make(run):
 def judged(run):
     """Return (truth, sources, row of each isolated true object's source or -1, mask of the real sources) of all bricks.
 
-    truth: bricks.validate.distinct, with columns visits_B and snr_B (NaN if no frame of band B shows the object).
-    Blended objects are not matched, as in bricks.trials: a quasar's host would take its source.
+    truth: validation.validate.distinct, with columns visits_B and snr_B (NaN if no frame of band B shows the object).
+    Blended objects are not matched, as in validation.trials: a quasar's host would take its source.
     """
     columns, infos, every = [f"mag_{band}" for band in run.camera.bands], {}, []
     parts = {pix: [] for pix in run.merge_bricks}

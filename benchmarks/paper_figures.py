@@ -16,9 +16,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from paper_bricks import IMAGES, RADIUS, campaigns
 
-from csstsim.bricks import compare
-from csstsim.bricks.trials import joined, limit, matched, trials
-from csstsim.bricks.validate import MeasuredFrame, distinct, judged_truth
+from csstsim.bricks.validation import compare
+from csstsim.bricks.validation.trials import joined, limit, matched, trials
+from csstsim.bricks.validation.validate import MeasuredFrame, distinct, judged_truth
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.report.colour_panel import colours
@@ -100,7 +100,7 @@ def shares(axes, table, band, depth):
 
 
 def brick_colours(runs):
-    """Return bricks.compare.colours of merged bricks, {brick: its OpenCampaign}."""
+    """Return validation.compare.colours of merged bricks, {brick: its OpenCampaign}."""
     parts = []
     for pix, run in runs.items():
         sources = ObjectTable.read(run.paths.merge(pix))

@@ -28,7 +28,7 @@ from astropy.io import fits
 from source_extractor_compare import Code, draw, report
 
 from csstsim.base.errors import CsstsimError, InputError
-from csstsim.bricks.validate import MeasuredFrame, judged_truth
+from csstsim.bricks.validation.validate import MeasuredFrame, judged_truth
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import STAR, ObjectTable
 from csstsim.instrument.camera import load_telescope

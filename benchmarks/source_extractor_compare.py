@@ -7,9 +7,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from csstsim.base.files.atomic import atomic_path
-from csstsim.bricks.compare import spread
-from csstsim.bricks.trials import joined, matched, trials
-from csstsim.bricks.validate import EDGE, MeasuredFrame
+from csstsim.bricks.validation.compare import spread
+from csstsim.bricks.validation.trials import joined, matched, trials
+from csstsim.bricks.validation.validate import EDGE, MeasuredFrame
 from csstsim.measure.catalogue import SHARP
 
 CODES = "csstsim", "source-extractor"
@@ -22,7 +22,7 @@ COMPLETENESS_OFF, ZEROPOINT_OFF = 0.02, 0.02  # largest allowed differences of t
 class Code:
     """One code's results for the frames of a band, one list entry per frame.
 
-    tried: bricks.trials (the rows are the same for both codes); kron: their Kron light over true electrons; snr: the
+    tried: validation.trials (the same rows for both codes); kron: their Kron light over true electrons; snr: the
     S/N that the code gives to each detection; real: whether it matches a true object; fwhm: of its PSF [px]; cpu:
     {step: seconds}.
     """
@@ -35,7 +35,7 @@ class Code:
     cpu: list = field(default_factory=list)
 
     def add(self, truth, frame, fwhm, cpu):
-        """Add a frame (bricks.validate.MeasuredFrame) and its judged truth."""
+        """Add a frame (validation.validate.MeasuredFrame) and its judged truth."""
         table = frame.measured
         self.tried.append(trials(truth, frame))
         kron = MeasuredFrame(frame.truth, table.with_columns(flux_psf=table["flux_kron"]), frame.seam, frame.pixel)

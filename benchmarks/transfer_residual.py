@@ -13,8 +13,8 @@ import time
 
 import numpy as np
 
-from csstsim.bricks.trials import joined, trials
-from csstsim.bricks.validate import MeasuredFrame, judged_truth
+from csstsim.bricks.validation.trials import joined, trials
+from csstsim.bricks.validation.validate import MeasuredFrame, judged_truth
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.measure.catalogue import measure_frame
 from csstsim.stages import level0 as level0_stage

@@ -13,7 +13,8 @@ import json
 import numpy as np
 
 from csstsim.base.shipped import SHIPPED
-from csstsim.bricks import gates, merge
+from csstsim.bricks import merge
+from csstsim.bricks.validation import gates
 from csstsim.catalog import flags
 from csstsim.catalog.changing import columns as changing
 from csstsim.catalog.table import OPTIONAL, columns_with

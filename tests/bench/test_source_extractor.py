@@ -10,8 +10,8 @@ import pytest
 from csst import PIXEL
 
 from csstsim.base.rng import stream
-from csstsim.bricks.trials import COLUMNS
-from csstsim.bricks.validate import MeasuredFrame
+from csstsim.bricks.validation.trials import COLUMNS
+from csstsim.bricks.validation.validate import MeasuredFrame
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.measure.catalogue import SHARP
 

@@ -5,7 +5,7 @@ import numpy as np
 from csst import BANDS, PIXEL
 
 from csstsim.base.rng import stream
-from csstsim.bricks.validate import MeasuredFrame
+from csstsim.bricks.validation.validate import MeasuredFrame
 from csstsim.catalog.table import ObjectTable
 
 PIX = 123456

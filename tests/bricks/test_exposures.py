@@ -9,13 +9,13 @@ from csst import BANDS
 from fabricated_frame import PIX, SCALE, make_frame
 
 from csstsim.base.rng import stream
-from csstsim.bricks.exposures import clipped_mean, shape_slope
-from csstsim.bricks.facts import LEAST, Facts, HeaderWCS
-from csstsim.bricks.gates import FEW, LARGEST, at_least, at_most, between, of_exposures
 from csstsim.bricks.merge import merge_brick
-from csstsim.bricks.trials import joined, trials
-from csstsim.bricks.validate import judged_truth, validate_brick
-from csstsim.bricks.verdict import judge, sentence
+from csstsim.bricks.validation.exposures import clipped_mean, shape_slope
+from csstsim.bricks.validation.facts import LEAST, Facts, HeaderWCS
+from csstsim.bricks.validation.gates import FEW, LARGEST, at_least, at_most, between, of_exposures
+from csstsim.bricks.validation.trials import joined, trials
+from csstsim.bricks.validation.validate import judged_truth, validate_brick
+from csstsim.bricks.validation.verdict import judge, sentence
 from csstsim.campaign.thresholds import ValidateConfig
 from csstsim.catalog.table import GALAXY, ObjectTable
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from csst import PIXEL
 
-from csstsim.bricks import compare
-from csstsim.bricks.exposures import _depth
-from csstsim.bricks.gates import CHANCE, FEW, WORST, at_least, at_most, between
-from csstsim.bricks.trials import trials
-from csstsim.bricks.validate import MeasuredFrame, blended
+from csstsim.bricks.validation import compare
+from csstsim.bricks.validation.exposures import _depth
+from csstsim.bricks.validation.gates import CHANCE, FEW, WORST, at_least, at_most, between
+from csstsim.bricks.validation.trials import trials
+from csstsim.bricks.validation.validate import MeasuredFrame, blended
 from csstsim.campaign.thresholds import ValidateConfig
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 

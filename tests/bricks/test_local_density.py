@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from csstsim.bricks.density import EDGES, by_density
+from csstsim.bricks.validation.density import EDGES, by_density
 from csstsim.catalog.table import STAR, ObjectTable
 
 INFO = {"zeropoint": 30.0, "n_eff": 10.0, "rms": 10.0}  # S/N 20 at mag 22.8

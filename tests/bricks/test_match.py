@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from csstsim.base.rng import stream
-from csstsim.bricks import compare
 from csstsim.bricks.match import one_to_one
-from csstsim.bricks.trials import matched
+from csstsim.bricks.validation import compare
+from csstsim.bricks.validation.trials import matched
 from csstsim.catalog.table import ObjectTable
 
 PIXEL_DEG = 0.074 / 3600.0
@@ -93,7 +93,7 @@ def test_a_benchmarks_detections_are_real_one_by_one(monkeypatch):
     monkeypatch.syspath_prepend("benchmarks")
     from source_extractor_compare import detections
 
-    from csstsim.bricks.validate import MeasuredFrame
+    from csstsim.bricks.validation.validate import MeasuredFrame
 
     found = both([99.5, 101.0, 300.0, 200.0], [100, 100, 300, 200]).with_columns(flags=np.array([0, 0, 0, 64]))
     snr, real = detections(MeasuredFrame(both([100.0], [100]), found, 500, PIXEL))

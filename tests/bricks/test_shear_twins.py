@@ -5,7 +5,7 @@ import pytest
 from commands import command
 from mini_campaign import POINTINGS, write_campaign
 
-from csstsim.bricks.shear import calibration, judge, pair_means
+from csstsim.bricks.validation.shear import calibration, judge, pair_means
 
 SHEARS = [(0.03, 0.0), (-0.03, 0.0), (0.0, 0.03), (0.0, -0.03)]
 

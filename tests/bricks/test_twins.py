@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from csstsim.bricks.trials import RESOLVED
-from csstsim.bricks.twins import (
+from csstsim.bricks.validation.trials import RESOLVED
+from csstsim.bricks.validation.twins import (
     FEWEST,
     binned,
     differences,
@@ -15,7 +15,7 @@ from csstsim.bricks.twins import (
     summary,
     values,
 )
-from csstsim.bricks.validate import MeasuredFrame
+from csstsim.bricks.validation.validate import MeasuredFrame
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.measure.catalogue import SATURATED
 from csstsim.report.twin_figure import twin_figure

@@ -10,8 +10,8 @@ from fabricated_frame import N_EFF, PIX, RMS, SCALE, ZEROPOINT, make_frame
 
 from csstsim.base import healpix
 from csstsim.bricks.merge import merge_brick
-from csstsim.bricks.trials import trials
-from csstsim.bricks.validate import MeasuredFrame, blended, completeness, judged_truth, validate_brick
+from csstsim.bricks.validation.trials import trials
+from csstsim.bricks.validation.validate import MeasuredFrame, blended, completeness, judged_truth, validate_brick
 from csstsim.campaign.thresholds import ValidateConfig
 from csstsim.catalog.table import ObjectTable
 from csstsim.report.figures import brick_figure, sky_map

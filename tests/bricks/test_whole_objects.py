@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from csstsim.bricks.whole_objects import whole_objects
+from csstsim.bricks.validation.whole_objects import whole_objects
 from csstsim.catalog.flags import OUTSIDE_PSF_HULL, SATURATED
 from csstsim.catalog.table import ObjectTable
 

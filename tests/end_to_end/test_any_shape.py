@@ -8,7 +8,7 @@ from commands import done
 from mini_campaign import POINTINGS, SKY, write_campaign
 
 import csstsim
-from csstsim.bricks.whole_objects import whole_objects
+from csstsim.bricks.validation.whole_objects import whole_objects
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.open import TABLE_KIND

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from mini_campaign import write_scene
 from readout_state import plain_list
 
-from csstsim.bricks.facts import header_off, pixels_off
+from csstsim.bricks.validation.facts import header_off, pixels_off
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
 from csstsim.command_line.main import main

@@ -320,7 +320,7 @@ def compared(path):
 
 
 def validation(path):
-    from csstsim.bricks.result_file import read_result
+    from csstsim.bricks.validation.result_file import read_result
 
     read_result(Path(path))
 

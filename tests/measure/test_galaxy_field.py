@@ -18,7 +18,7 @@ STEP = 150  # px
 def galaxies(fabricate):
     """49 galaxies, half-light radii 0.3-0.8 arcsec, S/N 20-200; 1 in 7 with a de Vaucouleurs profile.
 
-    S/N = F / sqrt(F + (4 pi sigma^2 + 9 r_e^2) variance): optimal photometry of a disc (bricks.validate).
+    S/N = F / sqrt(F + (4 pi sigma^2 + 9 r_e^2) variance): optimal photometry of a disc (validation.validate).
     """
     side = 7
     rng = stream(40, "galaxies")

@@ -68,7 +68,7 @@ def noisy(image, flux, count, seed):
 
 
 def flux_of(snr, size):
-    """Return the flux of S/N `snr` in optimal photometry of a disc (bricks.compare)."""
+    """Return the flux of S/N `snr` in optimal photometry of a disc (validation.compare)."""
     noise = (13.0 + 9.0 * size**2) * RMS**2
     return 0.5 * snr * (snr + np.sqrt(snr**2 + 4.0 * noise))
 

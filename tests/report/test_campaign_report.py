@@ -13,7 +13,7 @@ from commands import command, done
 from mini_campaign import POINTINGS, write_campaign
 from report_page import Reader
 
-from csstsim.bricks.result_file import read_result, write_result
+from csstsim.bricks.validation.result_file import read_result, write_result
 from csstsim.campaign.costs import Cost, expected
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.products import kinds

@@ -5,8 +5,8 @@ import json
 import pytest
 from report_page import Reader
 
-from csstsim.bricks import verdict
-from csstsim.bricks.compare import spread
+from csstsim.bricks.validation import verdict
+from csstsim.bricks.validation.compare import spread
 from csstsim.report.page import write_report
 from csstsim.report.parts import LONGEST, Link, Table, draw
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from csstsim.bricks.hats import ABOUT
-from csstsim.bricks.verdict import headline, sentence
+from csstsim.bricks.validation.verdict import headline, sentence
 from csstsim.campaign.costs import STAGES
 from csstsim.campaign.variants import made_by_base
 from csstsim.io.paths import LIGHT

@@ -13,7 +13,7 @@ KINDS = ("star or quasar", BLUE, "o"), ("galaxy", ORANGE, "s")
 
 
 def colours(axes, colour, looks):
-    """Draw true and measured colours of the same sources (bricks.compare.colours); return whether there are any.
+    """Draw true and measured colours of the same sources (validation.compare.colours); return whether there are any.
 
     looks: report.style.looks.
     """

@@ -1,7 +1,7 @@
 """Panels of a brick's figure: detection limits, counts, local density, the stellar locus, effects of charge transfer.
 
 Each function draws into `axes` and returns whether there was anything to draw. `result` and `arrays` are those of
-bricks.validate.validate_brick; arrays["looks"] is report.style.looks of the camera's filters.
+validation.validate.validate_brick; arrays["looks"] is report.style.looks of the camera's filters.
 """
 
 import numpy as np
@@ -60,7 +60,7 @@ def counts(axes, result, arrays):
 
 
 def density(axes, result, arrays):
-    """Draw completeness and purity of the merged catalogue against the local density of objects (bricks.density)."""
+    """Draw completeness and purity of the merged catalogue against local density (validation.density)."""
     part = result["density"]
     edges = np.array(part["edges"])
     middle = np.append(0.5 * (edges[:-1] + edges[1:]), 1.25 * edges[-1])  # the last bin has no end

@@ -7,7 +7,7 @@ import numpy as np
 
 from csstsim.base.healpix import brick_corners
 from csstsim.base.plural import number_of
-from csstsim.bricks.validate import SNR_EDGES
+from csstsim.bricks.validation.validate import SNR_EDGES
 from csstsim.report import exposure_panels, psf_panels
 from csstsim.report.colour_panel import colours
 from csstsim.report.style import BLACK, BLUE, FEWEST, ORANGE, legend, snr_axis
@@ -23,7 +23,7 @@ def brick_figure(result, arrays, looks, *, threshold=None, snr_min=None):
 
     A panel without data is left out.
 
-    `result`, `arrays`: as bricks.validate.validate_brick returns them; `looks`: report.style.looks of the
+    `result`, `arrays`: as validation.validate.validate_brick returns them; `looks`: report.style.looks of the
     camera's filters; `threshold`, `snr_min`: the completeness gate, drawn when given.
     """
     arrays = arrays | {"looks": looks}

@@ -1,7 +1,7 @@
 """The report of a campaign: one self-contained HTML page with embedded figures, style and script."""
 
 from csstsim.base.plural import number_of
-from csstsim.bricks import verdict as verdicts
+from csstsim.bricks.validation import verdict as verdicts
 from csstsim.report.band_table import KRON, band_numbers, band_table
 from csstsim.report.parts import Figure, Fold, Link, Pairs, Paragraph, Section, Table, Verdict, fill, mappings
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from csstsim.bricks.trials import SHAPES
+from csstsim.bricks.validation.trials import SHAPES
 from csstsim.report.style import BLACK, FEWEST
 
 SNR = 50.0, 500.0  # of the stars

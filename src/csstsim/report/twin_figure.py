@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from csstsim.bricks.twins import binned, values
+from csstsim.bricks.validation.twins import binned, values
 from csstsim.report.figures import png
 from csstsim.report.style import BLUE, VERMILION
 
@@ -17,7 +17,7 @@ KINDS = {"star": "o", "galaxy": "s", "spectrum": "D"}
 
 
 def twin_figure(objects):
-    """Return a PNG of the mean differences of objects (bricks.twins) in bins of magnitude; None if there are none."""
+    """Return a PNG of the mean differences (validation.twins) in bins of magnitude; None if there are none."""
     drawn = {}
     for title, names in PANELS.items():
         for place, name in enumerate(names):

@@ -3,8 +3,8 @@
 from typing import NamedTuple
 
 from csstsim.base.files.atomic import atomic_path
-from csstsim.bricks import verdict as verdicts
-from csstsim.bricks.twins import CLIP, QUANTITIES, REAL, summary
+from csstsim.bricks.validation import verdict as verdicts
+from csstsim.bricks.validation.twins import CLIP, QUANTITIES, REAL, summary
 from csstsim.report.parts import Figure, Pairs, Paragraph, Section, Table, Verdict, fill
 from csstsim.report.twin_figure import twin_figure
 
@@ -16,7 +16,7 @@ ABOUT = (
 
 
 class Study(NamedTuple):
-    """A variant's name, {key: value} of what it changes, differences of objects (bricks.twins), and its counts."""
+    """A variant's name, {key: value} of what it changes, differences of objects (validation.twins), and its counts."""
 
     name: str
     keys: dict
@@ -25,7 +25,7 @@ class Study(NamedTuple):
 
 
 def write_variants(path, name, verdicts_of, studies):
-    """Write the page. verdicts_of: {"base" or a variant: its verdict (bricks.verdict.judge)}; studies: [Study]."""
+    """Write the page. verdicts_of: {"base" or a variant: its verdict (validation.verdict.judge)}; studies: [Study]."""
     passed = [verdict["passed"] for verdict in verdicts_of.values()]
     whole = False if False in passed else True if True in passed else None
     said = "; ".join(f"{one}: {verdicts.headline(verdict)}" for one, verdict in verdicts_of.items())

@@ -14,7 +14,7 @@ from csstsim.base.plural import number_of
 from csstsim.base.process.one_thread import one_thread
 from csstsim.base.process.progress import progress
 from csstsim.base.release import check_recipe
-from csstsim.bricks import verdict as verdicts
+from csstsim.bricks.validation import verdict as verdicts
 from csstsim.campaign.products import kinds
 from csstsim.campaign.running.run_times import run_times
 from csstsim.io.keywords import git_commit
@@ -32,7 +32,7 @@ PNG = b"\x89PNG\r\n\x1a\n"  # its first bytes
 def report(run):
     """Write report/index.html and verdict.json of a campaign, and the files that make its bricks HATS catalogues.
 
-    Prints the gates; returns the verdict (bricks.verdict). Raises InputError if a product is missing or belongs to
+    Prints the gates; returns the verdict (validation.verdict). Raises InputError if a product is missing or belongs to
     another campaign.
     """
     from csstsim.bricks.hats import write_catalogue
@@ -107,7 +107,7 @@ def _is_png(data):
 
 
 def _validation(run, pix):
-    from csstsim.bricks.result_file import read_result
+    from csstsim.bricks.validation.result_file import read_result
 
     path = made(run.paths.validate(pix), f"validate {run.file} --brick {pix}")
     result, limits = read_result(path), run.limits.model_dump(mode="json")

@@ -13,13 +13,13 @@ from csstsim.stages.measure import measured_table
 
 @one_thread
 def shear(files, output, say):
-    """Print m and c of finished twin campaigns (bricks.shear), write them as JSON; return whether all gates pass.
+    """Print m and c of finished twin campaigns (validation.shear), write them as JSON; return whether all gates pass.
 
     Raises InputError for campaigns that are not pairs, or too few galaxies.
     """
     from csstsim.base.files.atomic import atomic_path
-    from csstsim.bricks.shear import calibration, judge, pair_means
-    from csstsim.bricks.verdict import NAMES
+    from csstsim.bricks.validation.shear import calibration, judge, pair_means
+    from csstsim.bricks.validation.verdict import NAMES
 
     runs = [OpenCampaign(file) for file in files]
     shears, means = [], []
@@ -83,9 +83,9 @@ def _but_shapes(run):
 
 
 def _shapes_on(run):
-    """Return bricks.shear.shapes of each measured frame of a campaign."""
-    from csstsim.bricks.shear import shapes
-    from csstsim.bricks.validate import MeasuredFrame, judged_truth
+    """Return validation.shear.shapes of each measured frame of a campaign."""
+    from csstsim.bricks.validation.shear import shapes
+    from csstsim.bricks.validation.validate import MeasuredFrame, judged_truth
 
     seam, out = run.camera.detector.channel_ny, []
     for job in progress(run.imaging_jobs, "frames"):

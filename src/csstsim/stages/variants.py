@@ -49,7 +49,7 @@ class _Measured:
 
     def compared(self, other):
         """Return ([differences of objects and spectra], {"base" or "variant": counts}) of frames that both have."""
-        from csstsim.bricks.twins import differences, spectral_differences
+        from csstsim.bricks.validation.twins import differences, spectral_differences
 
         theirs, objects = {job.key: job for job in other.science_jobs}, []
         counts = {"base": {}, "variant": {}}
@@ -69,8 +69,8 @@ class _Measured:
 
 
 def _seen(run, job):
-    from csstsim.bricks.twins import seen
-    from csstsim.bricks.validate import MeasuredFrame, judged_truth
+    from csstsim.bricks.validation.twins import seen
+    from csstsim.bricks.validation.validate import MeasuredFrame, judged_truth
 
     truth, measured = truth_of(run, job), measured_table(run, job)
     frame = MeasuredFrame(truth, measured, run.camera.detector.channel_ny, run.camera.telescope.pixel_scale)
@@ -78,7 +78,7 @@ def _seen(run, job):
 
 
 def _spectra(run, job):
-    from csstsim.bricks.twins import spectra
+    from csstsim.bricks.validation.twins import spectra
     from csstsim.catalog.table import ObjectTable
 
     path = made(run.paths.spectra(*job.key), f"extract {run.file} {job.options}")

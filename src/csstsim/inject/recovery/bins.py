@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from csstsim.bricks.density import EDGES as DENSITIES
+from csstsim.bricks.validation.density import EDGES as DENSITIES
 
 LEAST = 1e-6  # arcsec: smaller ones are points
 SIZES = (0.0, LEAST, 0.1, 0.2, 0.3, 0.5, 0.8, 1.3, 2.0, np.inf)  # arcsec

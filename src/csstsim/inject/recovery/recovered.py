@@ -6,8 +6,8 @@ that the original has unchanged lies at the same place to the bit, so no injecte
 
 import numpy as np
 
-from csstsim.bricks.density import RADIUS
 from csstsim.bricks.match import one_to_one
+from csstsim.bricks.validation.density import RADIUS
 from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.measure.catalogue import BAD_PIXELS, SATURATED, TRUNCATED
 

@@ -1,8 +1,8 @@
-"""The bricks.facts.Facts of a job: what the campaign expects of its frame, and what the Level-0 header says."""
+"""The validation.facts.Facts of a job: what the campaign expects of its frame, and what the Level-0 header says."""
 
 import numpy as np
 
-from csstsim.bricks.facts import Facts, HeaderWCS
+from csstsim.bricks.validation.facts import Facts, HeaderWCS
 from csstsim.detector.adc import channel_gains
 from csstsim.io.level0 import read_level0
 from csstsim.io.paths import made

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from csstsim.bricks.compare import SATURATED
-from csstsim.bricks.trials import RESOLVED, SHAPELESS, matched
+from csstsim.bricks.validation.compare import SATURATED
+from csstsim.bricks.validation.trials import RESOLVED, SHAPELESS, matched
 from csstsim.catalog.table import GALAXY
 
 FEWEST = 5  # objects for a mean

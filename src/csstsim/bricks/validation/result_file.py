@@ -9,7 +9,7 @@ from csstsim.base.files.text_file import read_json
 
 
 def write_result(path, result):
-    """Write a JSON-like result (bricks.validate.validate_brick), which may have any keys but `checksum`."""
+    """Write a JSON-like result (validate.validate_brick), which may have any keys but `checksum`."""
     with atomic_path(path) as temporary:
         temporary.write_text(json.dumps(result | {"checksum": _checksum(result)}, indent=1) + "\n")
 

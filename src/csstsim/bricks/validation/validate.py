@@ -1,10 +1,10 @@
 """Compare a brick's measurements with its truth: the checks of the paper's section 6, as numbers and gates.
 
-For each exposure (bricks.trials): completeness against true S/N and magnitude, flux errors in units of the stated ones
-(pulls), fluxes and positions along the direction of charge transfer. For the merged catalogue (bricks.compare):
+For each exposure (trials): completeness against true S/N and magnitude, flux errors in units of the stated ones
+(pulls), fluxes and positions along the direction of charge transfer. For the merged catalogue (compare):
 magnitudes measured minus true (PSF for stars, total for galaxies), positions, colours, number counts.
 Blended and (nearly) saturated sources are left out; a number from fewer than `FEW` sources is not judged. Gates of
-single exposures are those of bricks.exposures.
+single exposures are those of exposures.
 """
 
 from dataclasses import dataclass, field
@@ -14,11 +14,11 @@ import numpy as np
 
 from csstsim.base.healpix import brick_of
 from csstsim.base.sphere import ra_dec, unit_vectors
-from csstsim.bricks import compare
-from csstsim.bricks.density import by_density
-from csstsim.bricks.exposures import SNR_SHARP, bright_points, frame_gates, judged_points
-from csstsim.bricks.gates import CHANCE, FEW, WORST, at_least, at_most, of_exposures
-from csstsim.bricks.trials import SHAPES, joined, limit, trials
+from csstsim.bricks.validation import compare
+from csstsim.bricks.validation.density import by_density
+from csstsim.bricks.validation.exposures import SNR_SHARP, bright_points, frame_gates, judged_points
+from csstsim.bricks.validation.gates import CHANCE, FEW, WORST, at_least, at_most, of_exposures
+from csstsim.bricks.validation.trials import SHAPES, joined, limit, trials
 from csstsim.catalog.flags import BAD_VALUE, OFF_CHIP, STRONG_LENSING
 from csstsim.catalog.table import ObjectTable
 
@@ -39,7 +39,7 @@ class MeasuredFrame:
     """One measured Level-0 file: its truth (io.truth.read_truth) and its measured table (measure.catalogue).
 
     seam: first row of the chip's upper half; pixel: its side [arcsec]; depth: published (low, high) 5-sigma depths [AB
-    mag], or None; facts: bricks.facts.Facts, or None: then neither pixels nor header are judged.
+    mag], or None; facts: facts.Facts, or None: then neither pixels nor header are judged.
     """
 
     truth: ObjectTable
@@ -65,7 +65,7 @@ def validate_brick(pix, sources, frames, bands, config):
 
     `sources`: merged ObjectTable (or mapping) of the brick; `frames`: iterable of MeasuredFrame; `bands`: the
     camera's (Camera.bands); `config`: thresholds.ValidateConfig. `result` is JSON-like: per band completeness,
-    magnitude residuals (mag), depth; astrometry (mas); gates (bricks.gates). `arrays` holds what report.figures draws.
+    magnitude residuals (mag), depth; astrometry (mas); gates (gates). `arrays` holds what report.figures draws.
     """
     seen_in, truth, held, real = _gathered(pix, sources, frames, bands, config)
     match = compare.match(truth, sources)
@@ -144,7 +144,7 @@ def _gathered(pix, sources, frames, bands, config):
 
 
 def _of_exposures(table, infos, config):
-    """Return the numbers of a band's single exposures; table: bricks.trials of all of them."""
+    """Return the numbers of a band's single exposures; table: trials of all of them."""
     galaxy, found = table["galaxy"].astype(bool), table["found"] > 0
     points, judged, bright = ~galaxy, judged_points(table, config), bright_points(table)
     n, seen = completeness(table["snr"][points], found[points], SNR_EDGES)

@@ -4,7 +4,7 @@ import json
 import math
 
 from csstsim.base.files.atomic import atomic_path
-from csstsim.bricks.gates import FEW
+from csstsim.bricks.validation.gates import FEW
 
 ORDER = (False, None, True)  # failing gates first
 NAMES = {True: "pass", False: "fail", None: "not judged"}

@@ -1,4 +1,4 @@
-"""Merged sources against true objects: matches, purity, magnitudes, positions, colours (for `bricks.validate`).
+"""Merged sources against true objects: matches, purity, magnitudes, positions, colours (for `validate`).
 
 The S/N of a galaxy assumes n_eff + 9 r_e^2 px: 8 pi h^2 for a face-on exponential disc of h = r_e / 1.678 (9.06 r_e^2
 for a Gaussian). Positions are compared at the epoch of observation (`ra_epoch`: ICRS, with proper motion and parallax)
@@ -93,7 +93,7 @@ def magnitudes(band, truth, sources, match, infos):
 
 
 def true_snr(band, truth, infos):
-    """Return the S/N (n,) of true objects in one exposure of the band: bricks.trials' with the exposures' medians."""
+    """Return the S/N (n,) of true objects in one exposure of the band: trials' with the exposures' medians."""
     zeropoint, n_eff, rms = (np.median([info[name] for info in infos]) for name in ("zeropoint", "n_eff", "rms"))
     electrons = 10.0 ** (-0.4 * (truth[f"mag_{band}"].astype(float) - zeropoint))
     return electrons / np.sqrt(electrons + n_eff * wider(truth, n_eff) * rms**2)

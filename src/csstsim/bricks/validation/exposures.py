@@ -1,15 +1,15 @@
 """Gates of one exposure of one chip: its stars, galaxies, pixels and header.
 
-A median over exposures would hide a single faulty one. So each exposure is judged, and bricks.gates.of_exposures keeps
+A median over exposures would hide a single faulty one. So each exposure is judged, and gates.of_exposures keeps
 the failing gates. A release has thousands of exposures, so chance deviations up to WORST sigma are tolerated.
 """
 
 import numpy as np
 
-from csstsim.bricks.compare import SNR_BRIGHT, SNR_MAX, spread
-from csstsim.bricks.facts import header_off, pixels_off
-from csstsim.bricks.gates import WORST, at_least, at_most, between
-from csstsim.bricks.trials import SHAPES
+from csstsim.bricks.validation.compare import SNR_BRIGHT, SNR_MAX, spread
+from csstsim.bricks.validation.facts import header_off, pixels_off
+from csstsim.bricks.validation.gates import WORST, at_least, at_most, between
+from csstsim.bricks.validation.trials import SHAPES
 
 SNR_SHARP = 50.0  # stars' positions and shapes are judged above this
 SNR_SHAPE = 20.0  # galaxies' shapes are judged above this
@@ -19,7 +19,7 @@ SHAPE_MAX = 1.5  # of a measured shape; longer ones are noise
 
 
 def frame_gates(table, frame, limits):
-    """Return the gates of a validate.MeasuredFrame. table: bricks.trials of it; limits: ValidateConfig."""
+    """Return the gates of a validate.MeasuredFrame. table: trials of it; limits: ValidateConfig."""
     where = {"exposure": frame.info.get("obsid"), "chip": frame.info.get("chip")}
     of = _Gates(frame.band, where)
     return (
@@ -32,7 +32,7 @@ def frame_gates(table, frame, limits):
 
 
 class _Gates:
-    """The gates of bricks.gates with band, exposure and chip filled in."""
+    """The gates of gates with band, exposure and chip filled in."""
 
     def __init__(self, band, where):
         self.band, self.where = band, where
@@ -71,12 +71,12 @@ def _found(table, limits, of):
 
 
 def judged_points(table, limits):
-    """Return the mask of the point sources of bricks.trials whose completeness is judged."""
+    """Return the mask of the point sources of trials whose completeness is judged."""
     return (table["galaxy"] == 0) & (table["snr"] > limits.snr_min) & (table["snr"] < SNR_MAX)
 
 
 def bright_points(table):
-    """Return the mask of the stars of bricks.trials whose flux is judged: found, not saturated, without neighbours."""
+    """Return the mask of the stars of trials whose flux is judged: found, not saturated, without neighbours."""
     bright = (table["snr"] > SNR_BRIGHT) & (table["snr"] < SNR_MAX)
     return bright & (table["galaxy"] == 0) & (table["lonely"] > 0) & (table["sound"] > 0)
 

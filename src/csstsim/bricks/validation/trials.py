@@ -1,15 +1,15 @@
-"""Result of one frame's measurement for each isolated true object: found or not, and its errors (bricks.validate).
+"""Result of one frame's measurement for each isolated true object: found or not, and its errors (validate).
 
 The S/N is that of the truth in optimal photometry, F / sqrt(F + n_eff rms^2), with F the electrons and rms the frame's
-noise; a galaxy covers more pixels (bricks.compare). `deferred_mas` is the position residual along the columns, positive
+noise; a galaxy covers more pixels (compare). `deferred_mas` is the position residual along the columns, positive
 away from the amplifier, where charge transfer moves it; `transfers` are the rows to the amplifier.
 """
 
 import numpy as np
 
 from csstsim.base.sphere import offsets
-from csstsim.bricks.compare import SATURATED, half_light, wider
 from csstsim.bricks.match import one_to_one
+from csstsim.bricks.validation.compare import SATURATED, half_light, wider
 from csstsim.catalog.table import GALAXY, ObjectTable
 
 MATCH_PX = 2.5  # match radius of truth and detection in one frame

@@ -10,8 +10,8 @@ resolved: galaxies found in one orientation only would be selected by shape.
 
 import numpy as np
 
-from csstsim.bricks.gates import FEW
-from csstsim.bricks.trials import RESOLVED, SHAPELESS, matched
+from csstsim.bricks.validation.gates import FEW
+from csstsim.bricks.validation.trials import RESOLVED, SHAPELESS, matched
 from csstsim.catalog.table import GALAXY
 
 SNR_MIN = 10.0
@@ -71,7 +71,7 @@ def calibration(shears, means):
 
 
 def judge(fits, m_max, c_max):
-    """Return gates (bricks.gates form) of m and c from FEW galaxies or more: at most their limit plus CHANCE errors."""
+    """Return gates (gates form) of m and c from FEW galaxies or more: at most their limit plus CHANCE errors."""
     gates = []
     for fit in fits:
         for name, limit in (("m", m_max), ("c", c_max)):

@@ -8,7 +8,7 @@ the density is too low, because nothing beyond is known.
 import numpy as np
 
 from csstsim.base.sphere import unit_vectors
-from csstsim.bricks.compare import SNR_COUNT, true_snr
+from csstsim.bricks.validation.compare import SNR_COUNT, true_snr
 
 SAME, RADIUS = 0.5, 15.0  # arcsec
 SNR_SEEN = 5.0
@@ -18,7 +18,7 @@ EDGES = (0.0, 20.0, 40.0, 60.0, 90.0, 130.0, 200.0, 400.0, np.inf)  # arcmin-2
 def by_density(truth, sources, match, real, infos):
     """Return the numbers of a brick by bin of local density [arcmin-2], JSON-like lists of one entry a bin.
 
-    truth, match: as in bricks.compare; real: (sources,) bool; infos: {band: its frames' info}. edges: the bins' lower
+    truth, match: as in compare; real: (sources,) bool; infos: {band: its frames' info}. edges: the bins' lower
     edges; objects, found: true objects of S/N above SNR_COUNT in one exposure of some band, and how many have a source;
     sources, real: merged sources, and how many match a true object.
     """
