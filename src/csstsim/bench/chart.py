@@ -57,7 +57,7 @@ def draw_chart(path, tables):
     figure.supxlabel("CPU seconds per object (one core)")
     figure.supylabel("error against direct optics [the object's own noise]")
     figure.suptitle(
-        "Medians of objects of 10 to 10$^7$ e$^-$ on nodes of the PSF set. Blue: methods, green: presets, red: peers;\n"
+        "Medians of objects on nodes of the PSF set. Blue: methods, green: presets, red: peers;\n"
         "filled and joined: no method is both faster and better. Triangles: upper limits, set by the number of\n"
         "electrons drawn. Grey: what the standard preset allows, a tenth of the object's own noise.", size=9.5,
     )  # fmt: skip
