@@ -6,7 +6,8 @@ Patches of 1.2 deg are sampled brick by brick, as galaxies are (three CPU-minute
 results/structure_lensing, so a run goes on where it stopped). Prints, per l-bin and source redshift, C_l of the
 shear's E mode over halofit's Limber integral with the error of the mean from the scatter of the patches, the
 spectrum from which maps are drawn over halofit's, and B over E; then the deviation and skewness of kappa in Gaussian
-windows, and the number of high peaks; then B over E of a small patch by its sampling. docs/figures/structure_lensing.png: the middle of a map with its haloes.
+windows, and the number of high peaks; then B over E of a small patch by its sampling.
+docs/figures/structure_lensing.png: the middle of a map with its haloes.
 """
 
 import argparse
