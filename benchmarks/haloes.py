@@ -48,7 +48,7 @@ def tell_counts(matter, bricks, lowest, bins):
 
 
 def tell_profiles(matter, z, log_masses, emulated):
-    """Print Delta Sigma of this sky's haloes, in closed form, over the model's and simulations', at 0.1 to 20 Mpc."""
+    """Print Delta Sigma of this sky's haloes, in closed form, over the halo model's and simulations', at `radius`."""
     spectra, haloes, numbers = matter.spectra, matter.mass_function, matter.numbers["haloes"]
     chi = float(matter.shells.cosmology.comoving_distance(z))
     shell = int(np.searchsorted(matter.shells.edges, chi)) - 1

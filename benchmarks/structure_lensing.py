@@ -6,7 +6,8 @@ Patches of 1.2 deg are sampled brick by brick, as galaxies are (three CPU-minute
 results/structure_lensing, so a run goes on where it stopped). Prints, per l-bin and source redshift, C_l of the
 shear's E mode over halofit's Limber integral with the error of the mean from the scatter of the patches, the
 spectrum from which maps are drawn over halofit's, and B over E; then the deviation and skewness of kappa in Gaussian
-windows, and the number of high peaks. docs/figures/structure_lensing.png: the middle of a map with its haloes.
+windows, and the number of high peaks; then B over E of a small patch by its sampling.
+docs/figures/structure_lensing.png: the middle of a map with its haloes.
 """
 
 import argparse
@@ -105,6 +106,15 @@ def tell_moments(all_maps):
         print()
 
 
+def tell_sampling(field):
+    """Print B over E of one patch of 0.3 deg, sampled more and more finely: what is left of B is the field's own."""
+    edges, side = np.array([2000, 7000, 11000, 14000]), np.radians(0.3)
+    for size in (100, 200, 400):
+        maps = patch(field, *FINE[0], side, size)
+        ratios = [b / e for _, e, b in (spectra(maps[:, k], side / size, edges)[0] for k in range(len(SOURCES)))]
+        print(f"samples of {np.degrees(side / size) * 3600:4.1f} arcsec: B over E at l {edges}", np.array(ratios))
+
+
 def draw(matter, maps, centre):
     """Write the figure: convergence at z = 1 of the first patch, with the haloes above 1e13 in front of it."""
     import matplotlib as mpl
@@ -151,6 +161,8 @@ def main():
     field = field_of(universe, asked.seed, asked.structure)
     tell_spectra(all_maps, field.shells.limber, field.spectrum)
     tell_moments(all_maps)
+    np.set_printoptions(precision=1)
+    tell_sampling(field)
     if asked.structure == "haloes":
         draw(field, all_maps[0], centres(1)[0])
 
