@@ -10,7 +10,7 @@ from csstsim.budget.shear.run import names, setting_of
 from csstsim.budget.shear.sample import OTHERS, RING, galaxies, sheared_offset
 from csstsim.instrument.chip import Window
 
-WINDOW = Window(1000, 2600, 3000, 4600)
+WINDOW = Window(1000, 2000, 3000, 4000)
 
 
 @pytest.fixture
@@ -72,12 +72,12 @@ def test_rings_cancel_shapes_and_responses():
     plan = load_plan()
     made = galaxies(plan, "bright", 3, WINDOW)
     rings = made.e.reshape(-1, RING)
-    assert len(made) == len(rings) * RING > 900
+    assert len(made) == len(rings) * RING == 400
     assert np.abs(rings.sum(axis=1)).max() < 1e-12 and np.abs((rings**2).sum(axis=1)).max() < 1e-12
     g = 0.02 * (1 + 1j)
     mean = ((rings + g) / (1 + np.conj(g) * rings)).mean(axis=1)  # Seitz & Schneider 1997
     assert np.abs(mean - g).max() < abs(g) ** 3  # what is left is of the order e^4 g^3
-    assert np.sqrt(np.mean(made.e.real**2)) == pytest.approx(0.25, rel=0.1)  # cut at 0.7: 4% less
+    assert np.sqrt(np.mean(made.e.real**2)) == pytest.approx(0.25, rel=0.3)  # 200 numbers: 5%, five sigma
 
 
 def test_galaxies_depend_on_sample_and_field_alone():
@@ -109,7 +109,7 @@ def test_neighbours_turn_with_their_ring():
         low, high = plan.neighbours["undetected"].distance
         assert np.all((np.abs(offset) >= low - 1e-9) & (np.abs(offset) <= high + 1e-9))
     mean = len(other["of"]) / len(galaxies(plan, "bright", 0, WINDOW))
-    assert mean == pytest.approx(1.4, abs=5 * np.sqrt(1.4 / 256))
+    assert mean == pytest.approx(1.4, abs=5 * np.sqrt(1.4 / 100))
 
 
 def test_offsets_are_sheared_by_the_inverse_of_the_lens_map():
