@@ -76,6 +76,7 @@ def test_front_holds_what_nothing_beats():
     assert pareto(found) == ["fast", "slow"]
 
 
+@pytest.mark.slow
 def test_other_shapes_are_drawn_as_direct_optics_say(bench_folder, tmp_path):
     """A galaxy of each kind; GalSim's FFT of them is the same light (its PSF is the nearest node's, not blended)."""
     for path in bench_folder.glob("psf_r_*"):
