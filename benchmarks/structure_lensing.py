@@ -111,8 +111,12 @@ def tell_sampling(field):
     edges, side = np.array([2000, 7000, 11000, 14000]), np.radians(0.3)
     for size in (100, 200, 400):
         maps = patch(field, *FINE[0], side, size)
-        ratios = [b / e for _, e, b in (spectra(maps[:, k], side / size, edges)[0] for k in range(len(SOURCES)))]
-        print(f"samples of {np.degrees(side / size) * 3600:4.1f} arcsec: B over E at l {edges}", np.array(ratios))
+        for k, z in enumerate(SOURCES):
+            _, e, b = spectra(maps[:, k], side / size, edges)[0]
+            ratios = " ".join(f"{ratio:.1e}" for ratio in b / e)
+            print(
+                f"samples of {np.degrees(side / size) * 3600:4.1f} arcsec, z {z:g}: B over E {ratios} between l {edges}"
+            )
 
 
 def draw(matter, maps, centre):
