@@ -25,6 +25,7 @@ from csstsim.catalog.table import ObjectTable
 from csstsim.instrument.filter import GRID
 from csstsim.measure.spectra.line_columns import BLENDED, BLIND, COLUMNS, LINES, PART
 from csstsim.measure.spectra.line_profile import OFFSETS, mixed
+from csstsim.measure.spectra.spectral_model import ONE_REACH
 from csstsim.measure.spectra.spectrum_columns import BESIDE, COSMIC, CUT, DIM, LOST, SATURATED
 
 SIDE = 30.0  # columns beyond twice a line's full width, for the continuum
@@ -116,10 +117,11 @@ class _Spectrum:
         return Line(name, places, wavelength, seen, light, self._width(wavelength), flags)
 
     def _profile(self, wavelength):
-        """Return the share of a line's light below OFFSETS, as SpectralModel.electrons: all of it stays near."""
+        """Return the share of a line's light below OFFSETS, as SpectralModel.electrons: all of it within ONE_REACH."""
         band, share = mixed(wavelength, self.model.bands)
         profile = (1 - share) * self.along[band] + share * self.along[band + 1]
-        return profile / profile[-1]
+        ends = np.interp([-ONE_REACH - 0.5, ONE_REACH + 0.5], OFFSETS, profile)
+        return np.clip((profile - ends[0]) / (ends[1] - ends[0]), 0.0, 1.0)
 
     def _shares(self, column, wavelength):
         """Return (n,): the share of a line's light in each column."""

@@ -31,8 +31,8 @@ class LineImage:
     """The image of one object at one place, at any wavelength."""
 
     def __init__(self, cells, bands, light, radius, slant):
-        """cells: function that returns (4, n, n), the PSF's integrals over cells of half a pixel, at `bands` [angstrom];
-        light (2,), radius (2 axes, 2) px, slant: of line_profile.Shapes."""
+        """cells: function without arguments that returns half_pixel_cells of the PSF at `bands` [angstrom]; light (2,),
+        radius (2 axes, 2) px, slant: of line_profile.Shapes."""
         self._cells, self._bands, self._shape = cells, bands, (light, radius, slant)
         self._galaxy = self._psf = None  # made when a line asks for them
 
