@@ -4,8 +4,10 @@ Wavelengths are those of the pixel columns themselves, lambda(X) = (X - x - p) /
 electrons (measure.spectra.column_sums) are those of its pixels about the trace (measure.spectra.cutout), less those of
 others (measure.spectra.spectral_model), with the object's profile across (measure.spectra.line_profile). Flux is
 electrons over those of a spectrum of 1 photon / s / m2 / angstrom in the same column, line profile included.
-Left out: the PSF's change along the trace, light of a trace beyond the ends of another's order, tilted lines of tilted
-galaxies (the box sums them; the optimal weights may reject some of a strong one).
+Left out: the PSF's change along the trace, light of a trace beyond the ends of another's order. A column's electrons
+are taken to lie as the profile has them, which is so on average: a line of a resolved galaxy is brighter in its middle
+columns and fainter beside them than its light (measure.spectra.line_image), and the optimal weights may reject some of
+a strong one. Sums over the whole line are right.
 """
 
 from dataclasses import dataclass, replace

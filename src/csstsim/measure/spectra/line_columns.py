@@ -42,6 +42,6 @@ COLUMNS = {
     "shift": (np.float32, "px, along x: the line's place less that of its wavelength (`column`)"),
     "shift_err": (np.float32, "its error"),
     "continuum": (np.float32, "erg / s / cm2 / angstrom, at the line"),
-    "flux_true": (np.float32, "erg / s / cm2: the same fit of the spectrum's column `model`; NaN: not known"),
+    "flux_true": (np.float32, "erg / s / cm2: the fit of the spectrum's column `model`, of all light; NaN: not known"),
     "flags": (np.int16, "bits, see below"),
 }

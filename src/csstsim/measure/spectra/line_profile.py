@@ -6,8 +6,8 @@ A Sersic component is circular before its shape matrix M [px / arcsec] is applie
 of the circle with the radius r_e |M_i| (row i of M): exact for any ellipticity. Of a circle of radius R the share of
 light below t is 1/2 + arcsin(t / R) / pi, averaged over radii of equal light. The PSF's box is summed; beyond it comes
 the profile of the wing (optics.scatter.halo). Profiles are kept as the share of all light below t, at the PSF's four
-wavelengths, on OFFSETS; between wavelengths they are interpolated linearly. Left out: the slant of a tilted galaxy's
-lines (its profile differs between the columns of a line), light beyond HALF px of the axis.
+wavelengths, on OFFSETS; between wavelengths they are interpolated linearly. Left out: that profiles differ between the
+columns of a line (measure.spectra.line_image), light beyond HALF px of the axis.
 """
 
 from dataclasses import dataclass
