@@ -148,10 +148,10 @@ def test_lines_at_lost_columns_are_left_out_and_said(emitter):
 def test_the_fit_is_numpys_with_errors():
     rng = np.random.default_rng(2)
     matrix, error = rng.normal(size=(40, 4)) * [1.0, 1e3, 1e-4, 3.0], rng.uniform(0.5, 2.0, 40)
-    data = rng.normal(size=40)
+    data = rng.normal(size=(40, 2))
     values, errors = line_fluxes._fit(matrix, data, error)
     weighted = matrix / error[:, None]
-    np.testing.assert_allclose(values, np.linalg.lstsq(weighted, data / error)[0], rtol=1e-9)
+    np.testing.assert_allclose(values, np.linalg.lstsq(weighted, data / error[:, None])[0], rtol=1e-9)
     scale = np.abs(weighted).max(axis=0)
     wanted = np.sqrt(np.diag(np.linalg.inv((weighted / scale).T @ (weighted / scale)))) / scale
     np.testing.assert_allclose(errors, wanted, rtol=1e-9)

@@ -12,7 +12,7 @@ from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
 from csstsim.measure.spectra.extract import DispersedImage, Sources, extract_spectra
 from csstsim.measure.spectra.line_fluxes import LineFluxes
-from csstsim.measure.spectra.line_image import LineImage
+from csstsim.measure.spectra.line_image import LineImage, point_transforms
 from csstsim.measure.spectra.line_profile import ALONG, OFFSETS, Shapes, broadened, psf_profile
 from csstsim.measure.spectra.spectral_model import make_model
 from csstsim.stages.parts.shapes import shapes_of
@@ -108,7 +108,7 @@ def image_of(light=(1.0, 0.0), radius=((0.0, 0.0), (0.0, 0.0)), slant=0.0, sigma
     line = np.diff(ndtr((np.arange(129) - 64) / 2 / sigma))
     cells = np.repeat(np.outer(line, line)[None], 4, axis=0)
     light, bands = np.asarray(light), np.array([4000.0, 5000.0, 6000.0, 7000.0])
-    return LineImage(lambda: cells, bands, light, np.asarray(radius), slant), cells
+    return LineImage(lambda: point_transforms(cells, 2), bands, light, np.asarray(radius), slant), cells
 
 
 @pytest.mark.parametrize("x0", [0.0, 0.3, 0.5, -0.49])

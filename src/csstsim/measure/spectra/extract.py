@@ -23,7 +23,7 @@ from csstsim.measure.calibration.bad_pixels import BAD
 from csstsim.measure.spectra.chosen_orders import chosen_orders, shortened
 from csstsim.measure.spectra.column_sums import GAP, STRIP, measured
 from csstsim.measure.spectra.cutout import Cutout
-from csstsim.measure.spectra.line_image import LineImage, half_pixel_cells
+from csstsim.measure.spectra.line_image import LineImage, point_transforms
 from csstsim.measure.spectra.line_profile import (
     ACROSS,
     ALONG,
@@ -112,14 +112,14 @@ def extract_spectra(frame, orders, sources, model, psf, wing=None, *, wanted=(1,
     chosen, left_out = chosen_orders(frame, orders, sources, model, wanted=wanted, snr_min=snr_min, ids=ids)
     parts, short, counts, cut = [_nothing()], shortened(orders, model), 0, 0
     point = psf.mixed(partial(_points, per_pixel=psf.oversampling, wing=wing))
-    cells = psf.mixed(partial(half_pixel_cells, per_pixel=psf.oversampling))
+    waves = psf.mixed(partial(point_transforms, per_pixel=psf.oversampling))
     rows = np.flatnonzero(chosen)
     if callable(frame.others):
         boxes = _boxes(orders.take(rows), model)
         frame = replace(frame, others=frame.others(faintest=frame.faintest, boxes=boxes))
     for k, (_, spectrum) in zip(rows, sources.each(orders["row"][rows]), strict=True):
         one = orders.take(slice(k, k + 1))
-        found = _extract_one(frame, one, sources.shapes, spectrum, sources.edges, model, point, cells, lines)
+        found = _extract_one(frame, one, sources.shapes, spectrum, sources.edges, model, point, waves, lines)
         if found is not None:
             parts.append(found)
             counts += 1
@@ -149,11 +149,11 @@ def _points(cells, per_pixel, wing):
     return np.array([psf_profile(cells, per_pixel, axis, wing) for axis in (ALONG, ACROSS)])
 
 
-def _extract_one(frame, one, shapes, spectrum, edges, model, point, cells, lines):
+def _extract_one(frame, one, shapes, spectrum, edges, model, point, waves, lines):
     """Return {name: (n,)} of one row of the orders' table; None if none of its columns is usable.
 
-    spectrum: its object's in bins of `edges`, or None; point, cells: functions of x, y that return `_points` and
-    line_image.half_pixel_cells there.
+    spectrum: its object's in bins of `edges`, or None; point, waves: functions of x, y that return `_points` and
+    line_image.point_transforms there.
     """
     row, window = int(one["row"][0]), frame.window
     columns, wave, centre = _trace(one, model, window)
@@ -188,7 +188,7 @@ def _extract_one(frame, one, shapes, spectrum, edges, model, point, cells, lines
     found |= {"column": columns, "y": centre, "wavelength": wave, "sensitivity": flat, "model": expected}
     found |= {name: np.full(len(columns), one[name][0]) for name in ("id", "row", "order")}
     if lines is not None:
-        image = LineImage(partial(cells, *place), model.bands, light, radius, float(shapes.slant[row]))
+        image = LineImage(partial(waves, *place), model.bands, light, radius, float(shapes.slant[row]))
         lines.add(one, found, along, model, image, weights)
     return {name: found[name].astype(dtype) for name, (dtype, _) in COLUMNS.items()}
 

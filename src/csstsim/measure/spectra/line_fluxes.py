@@ -198,11 +198,14 @@ class _Spectrum:
         if share < LEAST or len(near) <= 2 * (1 + len(others) + 3):
             return None
         matrix = np.column_stack([line.seen[near], *(other.seen[near] for other in others), even])
-        values, error = _fit(matrix, self.found["electrons"][near], self.error[near])
-        moved = np.column_stack([matrix, np.gradient(line.seen)[near]])
-        (photons, *_, k), (*_, k_error) = _fit(moved, self.found["electrons"][near], self.error[near])
+        light, slope, sigma = self.found["electrons"][near], np.gradient(line.seen)[near], self.error[near]
+        fitted, error = _fit(matrix, np.stack([light, slope], axis=1), sigma)
+        values = fitted[:, 0]
+        rest, slope = ((one - matrix @ fit) / sigma for one, fit in zip((light, slope), fitted.T, strict=True))
+        power = max(slope @ slope, 1e-300)  # k of the fit with the slope is that of what the others leave
+        shift, off = -(slope @ rest) / power / values[0], 1 / np.sqrt(power) / abs(values[0])
         matrix = np.column_stack([line.light[near], *(other.light[near] for other in others), even])
-        (true, *_), _ = _fit(matrix, self.found["model"][near], self.error[near])
+        true = _fit(matrix, self.found["model"][near, None], sigma)[0][0, 0]
         blended = any(line.near(other.places).any() for other in others)
         flags = self._flags(line) | (BLENDED if blended else 0) | (PART if share < WHOLE else 0)
         erg = H_J_S * C_A_S / line.wavelength * ERG_PER_CM2
@@ -212,17 +215,17 @@ class _Spectrum:
             "line": line.name, "wavelength": line.wavelength, "column": middle, "flux": flux,
             "flux_err": erg * error[0], "snr": flux / (erg * error[0]), "limit": limit,
             "continuum": erg * values[1 + len(others)], "flux_true": erg * true, "flags": flags,
-            "shift": -k / photons, "shift_err": k_error / abs(photons),
+            "shift": shift, "shift_err": off,
         }  # fmt: skip
 
 
 def _fit(matrix, data, error):
-    """Return (values (k,), errors (k,)) of a linear least-squares fit of (n,) data with errors (n,)."""
+    """Return (values (k, m), errors (k,)) of a linear least-squares fit of (n, m) data with errors (n,)."""
     scale = np.abs(matrix).max(axis=0)
     scaled = matrix / np.where(scale > 0, scale, 1.0) / error[:, None]
     inverse = np.linalg.pinv(scaled.T @ scaled, rcond=1e-12, hermitian=True)
     per = np.where(scale > 0, scale, 1.0)
-    return inverse @ (scaled.T @ (data / error)) / per, np.sqrt(np.diag(inverse)) / per
+    return inverse @ (scaled.T @ (data / error[:, None])) / per[:, None], np.sqrt(np.diag(inverse)) / per
 
 
 def judged(table):

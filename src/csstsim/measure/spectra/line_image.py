@@ -13,7 +13,7 @@ number sqrt(a^2 kx^2 + b^2 ky^2 + 2 rho a b kx ky), with a, b its half-light rad
 The lattice is half a pixel and repeats after a side of SIDES. Left out: light of the PSF beyond SIDES[0].
 """
 
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from csstsim.optics.psf.psf_file import half_pixels
 from csstsim.profiles.sersic import BULGE, DISK, radius_of
 
 SIDES = 64, 128  # px: of the lattice of small objects, and of those with a radius above LARGE
-LARGE = 5.0  # px, half-light
+LARGE = 8.0  # px, half-light
 _RINGS = 2000  # of equal light
 _WAVES = np.concatenate([[0.0], np.geomspace(1e-2, 1e3, 500)])  # wave numbers times the half-light radius
 
@@ -30,11 +30,12 @@ _WAVES = np.concatenate([[0.0], np.geomspace(1e-2, 1e3, 500)])  # wave numbers t
 class LineImage:
     """The image of one object at one place, at any wavelength."""
 
-    def __init__(self, cells, bands, light, radius, slant):
-        """cells: function without arguments that returns half_pixel_cells of the PSF at `bands` [angstrom]; light (2,),
+    def __init__(self, psf, bands, light, radius, slant):
+        """psf: function without arguments that returns point_transforms of the PSF at `bands` [angstrom]; light (2,),
         radius (2 axes, 2) px, slant: of line_profile.Shapes."""
-        self._cells, self._bands, self._shape = cells, bands, (light, radius, slant)
-        self._galaxy = self._psf = None  # made when a line asks for them
+        self._psf, self._bands, self._shape = psf, bands, (light, radius, slant)
+        self._n = 2 * SIDES[int((light * radius.max(axis=0)).sum() > LARGE)]
+        self._made = {}  # what lines ask for
 
     def seen(self, wavelength, x, y, weights):
         """Return (n,): sums over rows of weights (n, rows) with the share of light in pixels.
@@ -52,24 +53,35 @@ class LineImage:
 
     def _pixels(self, wavelength, dx, dy):
         """Return (side, side) shares of light in pixels [y, x]; those of the middle are at dx, dy [px] off the line."""
-        light, radius, slant = self._shape
-        side = SIDES[int((light * radius.max(axis=0)).sum() > LARGE)]
-        n = 2 * side
-        if self._psf is None:
-            self._psf, self._galaxy = _padded(self._cells(), n), _galaxy(n, light, radius, slant)
+        n = self._n
         band, share = mixed(wavelength, self._bands)
-        point = np.fft.rfft2((1 - share) * self._psf[band] + share * self._psf[band + 1])
         ky, kx = _wave_numbers(n)
         # A cell's middle lies a quarter of a pixel beside a whole place; a pixel is four cells
         along, across = (2 * np.cos(k / 4) * np.exp(1j * k * (d - 0.25)) for k, d in ((kx, dx), (ky, dy)))
-        cells = np.fft.irfft2(point * self._galaxy * across[:, None] * along, (n, n))
-        return cells[::2, ::2]
+        waves = (1 - share) * self._transform(band) + share * self._transform(band + 1)
+        waves *= across[:, None] * along
+        # Of cells, every second one is wanted: wave numbers that are alike on whole pixels are added
+        whole = waves[: n // 2] + waves[n // 2 :]
+        mirrored = np.conj(whole[-np.arange(n // 2), ::-1][:, : n // 4 + 1])
+        return np.fft.irfft2(whole[:, : n // 4 + 1] + mirrored, (n // 2, n // 2)) / 4
 
+    def _transform(self, band):
+        """Return (n, n // 2 + 1), the transform of the object in cells at a band."""
+        if band not in self._made:
+            point = self._point[band]
+            if self._n > 2 * SIDES[0]:
+                before = (self._n - 2 * SIDES[0]) // 2
+                point = np.fft.rfft2(np.pad(np.fft.irfft2(point), before))
+            self._made[band] = point * self._galaxy
+        return self._made[band]
 
-def _padded(cells, n):
-    """Return (4, n, n): cells (4, m, m) with nothing about them."""
-    before = (n - cells.shape[-1]) // 2
-    return np.pad(cells, ((0, 0), *((before, n - cells.shape[-1] - before),) * 2))
+    @cached_property
+    def _galaxy(self):
+        return _galaxy(self._n, *self._shape)
+
+    @cached_property
+    def _point(self):
+        return self._psf()
 
 
 @lru_cache
@@ -84,23 +96,26 @@ def _galaxy(n, light, radius, slant):
     ky, kx = _wave_numbers(n)
     out = np.zeros((n, len(kx)))
     for index, share, (a, b) in zip((DISK, BULGE), light, radius.T, strict=True):
+        if share == 0:
+            continue
         k2 = (a * kx) ** 2 + ((b * ky) ** 2)[:, None] + 2 * slant * a * b * np.outer(ky, kx)
-        out += share * np.interp(np.sqrt(np.maximum(k2, 0.0)), _WAVES, _transform(index))
+        out += share * np.interp(np.sqrt(np.maximum(k2, 0.0)), _WAVES, _sersic(index))
     return out
 
 
 @lru_cache
-def _transform(index):
+def _sersic(index):
     """Return the transform of a circular Sersic profile at _WAVES."""
     from scipy.special import j0
 
-    light = (np.arange(_RINGS) + 0.5) / _RINGS
-    return np.array([j0(k * radius_of(light, index)).mean() for k in _WAVES])
+    radius = radius_of((np.arange(_RINGS) + 0.5) / _RINGS, index)
+    return np.array([j0(k * radius).mean() for k in _WAVES])
 
 
-def half_pixel_cells(cells, per_pixel):
-    """Return (4, n, n) float32, integrals over half pixels within SIDES[0], from the cells of a PSF."""
-    half = half_pixels(np.asarray(cells), per_pixel)
-    edge = max(half.shape[-1] - 2 * SIDES[0], 0) // 2
+def point_transforms(cells, per_pixel):
+    """Return (4, n, n // 2 + 1) complex64, transforms of a PSF in half pixels within SIDES[0], from its cells."""
+    half, n = half_pixels(np.asarray(cells, float), per_pixel), 2 * SIDES[0]
+    edge, before = (max(difference, 0) // 2 for difference in (half.shape[-1] - n, n - half.shape[-1]))
     part = slice(edge, half.shape[-1] - edge)
-    return half[:, part, part].astype(np.float32)
+    inner = np.pad(half[:, part, part], ((0, 0), (before, before), (before, before)))
+    return np.fft.rfft2(inner).astype(np.complex64)
