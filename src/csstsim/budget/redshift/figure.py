@@ -57,12 +57,12 @@ def _label(one):
 def _lines(ax, classes):
     classes = [one for one in classes if one["lines"]]
     places = np.arange(len(classes))
-    values, errors = (np.array([one[key] for one in classes], float) for key in ("box_ratio", "box_ratio_err"))
+    values, errors = (np.array([one[key] for one in classes], float) for key in ("ratio", "ratio_err"))
     ax.errorbar(places, 100 * (values - 1), 100 * errors, fmt="o", color=GOOD, capsize=2, ms=4)
     ax.axhspan(-2, 2, color=GOOD, alpha=0.1, lw=0)
     ax.set_ylabel("flux of lines over true - 1 [%]", color=GOOD)
     other = ax.twinx()
-    shift, off = (np.array([one[key] for one in classes], float) for key in ("box_shift", "box_shift_err"))
+    shift, off = (np.array([one[key] for one in classes], float) for key in ("shift", "shift_err"))
     other.errorbar(places + 0.15, shift, off, fmt="s", color="#d1495b", capsize=2, ms=4)
     other.set_ylabel("shift of lines [px]", color="#d1495b")
     for axis, middle, half in ((ax, 100 * (values - 1), 100 * errors), (other, shift, off)):

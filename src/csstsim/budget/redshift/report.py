@@ -127,11 +127,9 @@ def text(result):
     out = [f"right: |dz| / (1 + z) < {result['right']:g}", _line("all", result["all"])]
     for name in ("magnitude", "redshift", "size", "contamination"):
         out += [_line(f"{name} {one['low']:g} to {one['high']:g}", one) for one in result[name]]
-    out.append("lines by contamination: number; flux over true, by box and by optimal weights; shift [px] by box")
+    out.append("lines by contamination: number; flux over true; shift [px]")
     for one in result["lines"]:
-        values = " ".join(
-            f"{one[name]:+.4f} +- {one[f'{name}_err']:.4f}" for name in ("box_ratio", "electrons_ratio", "box_shift")
-        )
+        values = " ".join(f"{one[name]:+.4f} +- {one[f'{name}_err']:.4f}" for name in ("ratio", "shift"))
         out.append(f"  {one['low']:g} to {one['high']:g}: {one['lines']:5d}  {values}")
     return out
 

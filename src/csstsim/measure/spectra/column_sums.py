@@ -9,6 +9,8 @@ over the usable pixels. The denominator is the aperture correction: it scales e 
 missing (edges, defects). Pixels that are more than REJECT sigma off the fit are removed one by one (cosmic rays).
 """
 
+from typing import NamedTuple
+
 import numba
 import numpy as np
 
@@ -24,8 +26,15 @@ WHOLE = 0.5  # of the aperture's light in usable pixels; with less there is no r
 _LIGHT, _DATA, _OTHERS, _NOISE, _WEIGHT = range(5)
 
 
+class Weights(NamedTuple):
+    """How pixels (n, rows) make the electrons of columns: `each`, and `offset` [px] from the trace."""
+
+    each: np.ndarray
+    offset: np.ndarray
+
+
 def measured(cutout, shares, half, read_noise):
-    """Return {name: (n,)}: electrons, box, their errors, contamination (NaN: not known), sky, flags.
+    """Return ({name: (n,)}, Weights): electrons, box, their errors, contamination (NaN: not known), sky, flags.
 
     cutout: cutout.Cutout; shares: of the object's light in each of its pixels; half: of the aperture [px]; read_noise:
     electron.
@@ -48,10 +57,11 @@ def measured(cutout, shares, half, read_noise):
         out[name] = sums[_DATA] / total
         out[f"{name}_err"] = np.sqrt(sums[_NOISE] + weight**2 * sky.variance) / (total - weight * sky.own)
         if name == "electrons":
+            weights = Weights(_weights(shares, used, variance, total), cutout.offset)
             out["contamination"] = sums[_OTHERS] / total if known else np.full(len(total), np.nan)
     much = np.abs(out["contamination"]) > CONTAMINATED_FROM * np.abs(out["electrons"])
     out["flags"] |= np.where(much, CONTAMINATED, 0)
-    return out
+    return out, weights
 
 
 @numba.njit(cache=True)
@@ -136,6 +146,17 @@ def _sums(overlap, shares, used, variance, data, others, optimal):
                 out[_OTHERS, i] += weight * others[i, j]
                 out[_NOISE, i] += weight**2 * variance[i, j]
                 out[_WEIGHT, i] += weight
+    return out
+
+
+@numba.njit(cache=True)
+def _weights(shares, used, variance, total):
+    """Return (n, rows): by how much a column's electrons rise with those of a pixel, optimal; 0 where not known."""
+    out = np.zeros(shares.shape)
+    for i in range(len(shares)):
+        for j in range(shares.shape[1]):
+            if used[i, j] and total[i] > 0:
+                out[i, j] = shares[i, j] / variance[i, j] / total[i]
     return out
 
 

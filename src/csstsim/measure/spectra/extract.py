@@ -4,8 +4,10 @@ Wavelengths are those of the pixel columns themselves, lambda(X) = (X - x - p) /
 electrons (measure.spectra.column_sums) are those of its pixels about the trace (measure.spectra.cutout), less those of
 others (measure.spectra.spectral_model), with the object's profile across (measure.spectra.line_profile). Flux is
 electrons over those of a spectrum of 1 photon / s / m2 / angstrom in the same column, line profile included.
-Left out: the PSF's change along the trace, light of a trace beyond the ends of another's order, tilted lines of tilted
-galaxies (the box sums them; the optimal weights may reject some of a strong one).
+Left out: the PSF's change along the trace, light of a trace beyond the ends of another's order. A column's electrons
+are taken to lie as the profile has them, which is so on average: a line of a resolved galaxy is brighter in its middle
+columns and fainter beside them than its light (measure.spectra.line_image), and the optimal weights may reject some of
+a strong one. Sums over the whole line are right.
 """
 
 from dataclasses import dataclass, replace
@@ -21,6 +23,7 @@ from csstsim.measure.calibration.bad_pixels import BAD
 from csstsim.measure.spectra.chosen_orders import chosen_orders, shortened
 from csstsim.measure.spectra.column_sums import GAP, STRIP, measured
 from csstsim.measure.spectra.cutout import Cutout
+from csstsim.measure.spectra.line_image import LineImage, point_transforms
 from csstsim.measure.spectra.line_profile import (
     ACROSS,
     ALONG,
@@ -109,13 +112,14 @@ def extract_spectra(frame, orders, sources, model, psf, wing=None, *, wanted=(1,
     chosen, left_out = chosen_orders(frame, orders, sources, model, wanted=wanted, snr_min=snr_min, ids=ids)
     parts, short, counts, cut = [_nothing()], shortened(orders, model), 0, 0
     point = psf.mixed(partial(_points, per_pixel=psf.oversampling, wing=wing))
+    waves = psf.mixed(partial(point_transforms, per_pixel=psf.oversampling))
     rows = np.flatnonzero(chosen)
     if callable(frame.others):
         boxes = _boxes(orders.take(rows), model)
         frame = replace(frame, others=frame.others(faintest=frame.faintest, boxes=boxes))
     for k, (_, spectrum) in zip(rows, sources.each(orders["row"][rows]), strict=True):
         one = orders.take(slice(k, k + 1))
-        found = _extract_one(frame, one, sources.shapes, spectrum, sources.edges, model, point, lines)
+        found = _extract_one(frame, one, sources.shapes, spectrum, sources.edges, model, point, waves, lines)
         if found is not None:
             parts.append(found)
             counts += 1
@@ -145,17 +149,19 @@ def _points(cells, per_pixel, wing):
     return np.array([psf_profile(cells, per_pixel, axis, wing) for axis in (ALONG, ACROSS)])
 
 
-def _extract_one(frame, one, shapes, spectrum, edges, model, point, lines):
+def _extract_one(frame, one, shapes, spectrum, edges, model, point, waves, lines):
     """Return {name: (n,)} of one row of the orders' table; None if none of its columns is usable.
 
-    spectrum: its object's in bins of `edges`, or None; point: function of x, y that returns `_points` there.
+    spectrum: its object's in bins of `edges`, or None; point, waves: functions of x, y that return `_points` and
+    line_image.point_transforms there.
     """
     row, window = int(one["row"][0]), frame.window
     columns, wave, centre = _trace(one, model, window)
     if len(columns) == 0:
         return None
     light, radius = shapes.light[row], shapes.radius[row]
-    points = point(float(np.clip(one["x"][0], 0, None)), float(np.clip(one["y"][0], 0, None)))
+    place = float(np.clip(one["x"][0], 0, None)), float(np.clip(one["y"][0], 0, None))
+    points = point(*place)
     along, across = (broadened(points[axis], light, radius[axis]) for axis in (ALONG, ACROSS))
     half = _half(across)
     reach = int(np.ceil(half + GAP + STRIP + 1))
@@ -169,7 +175,7 @@ def _extract_one(frame, one, shapes, spectrum, edges, model, point, lines):
             own = frame.own(one, here, frame.faintest)
     cutout = Cutout.of(frame, columns, rows, centre, own)
     band, share = mixed(wave, model.bands)
-    found = measured(cutout, pixel_shares(across, band, share, cutout.offset), half, frame.read_noise)
+    found, weights = measured(cutout, pixel_shares(across, band, share, cutout.offset), half, frame.read_noise)
     if (found["flags"] & LOST).all():
         return None
     found["flags"] |= untrusted(found, along)
@@ -182,7 +188,8 @@ def _extract_one(frame, one, shapes, spectrum, edges, model, point, lines):
     found |= {"column": columns, "y": centre, "wavelength": wave, "sensitivity": flat, "model": expected}
     found |= {name: np.full(len(columns), one[name][0]) for name in ("id", "row", "order")}
     if lines is not None:
-        lines.add(one, found, along, model)
+        image = LineImage(partial(waves, *place), model.bands, light, radius, float(shapes.slant[row]))
+        lines.add(one, found, along, model, image, weights)
     return {name: found[name].astype(dtype) for name, (dtype, _) in COLUMNS.items()}
 
 

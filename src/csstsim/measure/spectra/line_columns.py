@@ -39,7 +39,9 @@ COLUMNS = {
     "flux_err": (np.float32, "its error"),
     "snr": (np.float32, "flux / flux_err"),
     "limit": (np.float32, "erg / s / cm2, at S/N below 3: flux, at least 0, plus 3 flux_err; NaN: detected"),
+    "shift": (np.float32, "px, along x: the line's place less that of its wavelength (`column`)"),
+    "shift_err": (np.float32, "its error"),
     "continuum": (np.float32, "erg / s / cm2 / angstrom, at the line"),
-    "flux_true": (np.float32, "erg / s / cm2: the same fit of the spectrum's column `model`; NaN: not known"),
+    "flux_true": (np.float32, "erg / s / cm2: the fit of the spectrum's column `model`, of all light; NaN: not known"),
     "flags": (np.int16, "bits, see below"),
 }

@@ -2,16 +2,18 @@
 
 The electrons e(X) within SIDE columns of a line, with their errors, are fitted by
 
-    e(X) = sum_j F_j A t T(lambda_j) P_j(X) + S(X) (c_0 + c_1 u + c_2 u^2),        u = (X - X_0) / SIDE
+    e(X) = sum_j F_j A t T(lambda_j) L_j(X) + S(X) (c_0 + c_1 u + c_2 u^2),        u = (X - X_0) / SIDE
 
 j are the line and all others that reach there, F the fluxes in photons, A the aperture, t the time, T the order's
-throughput, P_j the share of the line's light in a column (measure.spectra.line_profile along the trace: PSF and
-galaxy), and S the sensitivity. Only F of the line itself is kept, so lines that overlap share their errors. The errors
-of the columns are those of the extraction.
+throughput, L_j the share of the line's light that the extraction puts into a column (measure.spectra.line_image: the
+two-dimensional image of PSF and galaxy, with the pixels' weights), and S the sensitivity. Only F of the line itself is
+kept, so lines that overlap share their errors. The errors of the columns are those of the extraction. A second fit has
+k dL/dX of the line, too: its place is -k / F off that of its wavelength. `flux_true` is the fit of all electrons of
+each column (`model`), with the profile P_j along the trace (measure.spectra.line_profile) in place of L_j.
 
 Without a redshift, the spectrum less its running median is compared with P at every column. The MOST highest points of
 a significance of at least FOUND are lines; where the spectrum is uneven, significance is in units of its own scatter.
-Left out: lines wider than the object's image, such as quasars'; the sharper image of a bright line across the trace.
+Left out: lines wider than the object's image, such as quasars'.
 """
 
 from dataclasses import dataclass
@@ -23,6 +25,7 @@ from csstsim.catalog.table import ObjectTable
 from csstsim.instrument.filter import GRID
 from csstsim.measure.spectra.line_columns import BLENDED, BLIND, COLUMNS, LINES, PART
 from csstsim.measure.spectra.line_profile import OFFSETS, mixed
+from csstsim.measure.spectra.spectral_model import ONE_REACH
 from csstsim.measure.spectra.spectrum_columns import BESIDE, COSMIC, CUT, DIM, LOST, SATURATED
 
 SIDE = 30.0  # columns beyond twice a line's full width, for the continuum
@@ -37,14 +40,15 @@ ERG_PER_CM2 = 1e3  # J / m2 in erg / cm2
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """A line in a spectrum: `places` of its parts [px], mean `wavelength` [angstrom], `electrons` (n,) of 1 photon / s
-    / m2, `width` of a part [px], full at half maximum.
+    """A line in a spectrum: `places` of its parts [px], mean `wavelength` [angstrom], `seen` and `light` (n,): the
+    electrons of 1 photon / s / m2 as extracted, and all of them, `width` of a part [px], full at half maximum.
     """
 
     name: str
     places: np.ndarray
     wavelength: float
-    electrons: np.ndarray
+    seen: np.ndarray
+    light: np.ndarray
     width: float
     flags: int = 0
 
@@ -60,13 +64,14 @@ class LineFluxes:
         """redshift (rows,): of the objects by row of the truth table; NaN: not known."""
         self.redshift, self._found = redshift, []
 
-    def add(self, one, found, along, model):
+    def add(self, one, found, along, model, image, weights):
         """Measure the lines of a spectrum.
 
         one: its row of the orders' table; found: {name: (n,)} of spectrum_columns.COLUMNS; along: profile (4, n) ALONG
-        the trace; model: spectral_model.SpectralModel.
+        the trace; model: spectral_model.SpectralModel; image: the object's line_image.LineImage; weights:
+        column_sums.Weights of its electrons.
         """
-        spectrum = _Spectrum(one, found, along, model)
+        spectrum = _Spectrum(one, found, along, model, image, weights)
         lines = spectrum.known(self.redshift[int(one["row"][0])])
         lines += spectrum.search(lines)
         for line in lines:
@@ -82,13 +87,12 @@ class LineFluxes:
 
 
 class _Spectrum:
-    def __init__(self, one, found, along, model):
-        self.found, self.along, self.model = found, along, model
+    def __init__(self, one, found, along, model, image, weights):
+        self.found, self.along, self.model, self.image, self.weights = found, along, model, image, weights
         self.column, self.error = found["column"].astype(float), found["electrons_err"].astype(float)
         self.good = (found["flags"] & (LOST | DIM) == 0) & np.isfinite(found["electrons"]) & (self.error > 0)
         self.start, self.per = float(one["x"][0] + one["p"][0]), float(one["q"][0])
         self.sensitivity = found["sensitivity"].astype(float)
-        self.values = np.stack([found[name].astype(float) for name in ("electrons", "model")], axis=1)
         self.passed = model.photons * np.gradient(model.cumulative[model.pair(one)], GRID)
 
     def known(self, redshift):
@@ -100,26 +104,35 @@ class _Spectrum:
 
     def _line(self, name, parts, flags=0):
         """Return the Line of parts (wavelength, share); None unless all lie on usable columns."""
-        electrons, places = np.zeros(len(self.column)), np.array([self.start + self.per * w for w, _ in parts])
+        places = np.array([self.start + self.per * w for w, _ in parts])
+        seen, light = np.zeros((2, len(self.column)))
         at = np.rint(places - self.column[0]).astype(int)
         if not ((at >= 0) & (at < len(self.column))).all() or not self.good[at].all():
             return None
         for place, (wavelength, share) in zip(places, parts, strict=True):
             through = share * np.interp(wavelength, GRID, self.passed)
-            electrons += through * self._shares(place, wavelength)
+            seen += through * self._seen(place, wavelength)
+            light += through * self._shares(place, wavelength)
         wavelength = sum(w * s for w, s in parts)
-        return Line(name, places, wavelength, electrons, self._width(wavelength), flags)
+        return Line(name, places, wavelength, seen, light, self._width(wavelength), flags)
 
     def _profile(self, wavelength):
-        """Return the share of a line's light below OFFSETS, as SpectralModel.electrons: all of it stays near."""
+        """Return the share of a line's light below OFFSETS, as SpectralModel.electrons: all of it within ONE_REACH."""
         band, share = mixed(wavelength, self.model.bands)
         profile = (1 - share) * self.along[band] + share * self.along[band + 1]
-        return profile / profile[-1]
+        ends = np.interp([-ONE_REACH - 0.5, ONE_REACH + 0.5], OFFSETS, profile)
+        return np.clip((profile - ends[0]) / (ends[1] - ends[0]), 0.0, 1.0)
 
     def _shares(self, column, wavelength):
         """Return (n,): the share of a line's light in each column."""
         profile, offset = self._profile(wavelength), self.column - column
         return np.interp(offset + 0.5, OFFSETS, profile) - np.interp(offset - 0.5, OFFSETS, profile)
+
+    def _seen(self, column, wavelength):
+        """Return (n,): the share of a line's light that is extracted in each column."""
+        here = float(np.interp(column, self.column, self.found["y"]))
+        rows = self.weights.offset[0] + self.found["y"][0] - here
+        return self.image.seen(wavelength, self.column - column, rows, self.weights.each)
 
     def _width(self, wavelength):
         steps = np.diff(self._profile(wavelength))
@@ -146,7 +159,7 @@ class _Spectrum:
 
     def _flags(self, line):
         """Return the bits of the columns of a line's own light, with its own."""
-        light = line.electrons > 0.05 * line.electrons.max()
+        light = line.light > 0.05 * line.light.max()
         return int(np.bitwise_or.reduce(self.found["flags"][light].astype(int), initial=line.flags))
 
     def _significance(self, usable):
@@ -178,24 +191,31 @@ class _Spectrum:
         middle = self.start + self.per * line.wavelength
         reach = SIDE + 2 * line.width + np.abs(line.places - middle).max()
         near = np.flatnonzero(self.good & (np.abs(self.column - middle) <= reach))
-        light = line.electrons
-        share = light[near].sum() / max(light.sum(), 1e-300)
-        others = [other for other in lines if other is not line and other.electrons[near].any()]
-        columns = np.stack([light[near], *(other.electrons[near] for other in others)], axis=1)
+        share = line.light[near].sum() / max(line.light.sum(), 1e-300)
+        others = [other for other in lines if other is not line and other.light[near].any()]
         u = ((self.column - middle) / reach)[near]
-        matrix = np.concatenate([columns, self.sensitivity[near, None] * u[:, None] ** np.arange(3)], axis=1)
-        if share < LEAST or len(near) <= 2 * matrix.shape[1]:
+        even = self.sensitivity[near, None] * u[:, None] ** np.arange(3)
+        if share < LEAST or len(near) <= 2 * (1 + len(others) + 3):
             return None
-        values, error = _fit(matrix, self.values[near], self.error[near])
+        matrix = np.column_stack([line.seen[near], *(other.seen[near] for other in others), even])
+        light, slope, sigma = self.found["electrons"][near], np.gradient(line.seen)[near], self.error[near]
+        fitted, error = _fit(matrix, np.stack([light, slope], axis=1), sigma)
+        values = fitted[:, 0]
+        rest, slope = ((one - matrix @ fit) / sigma for one, fit in zip((light, slope), fitted.T, strict=True))
+        power = max(slope @ slope, 1e-300)  # k of the fit with the slope is that of what the others leave
+        shift, off = -(slope @ rest) / power / values[0], 1 / np.sqrt(power) / abs(values[0])
+        matrix = np.column_stack([line.light[near], *(other.light[near] for other in others), even])
+        true = _fit(matrix, self.found["model"][near, None], sigma)[0][0, 0]
         blended = any(line.near(other.places).any() for other in others)
         flags = self._flags(line) | (BLENDED if blended else 0) | (PART if share < WHOLE else 0)
         erg = H_J_S * C_A_S / line.wavelength * ERG_PER_CM2
-        flux, true = erg * values[0]
+        flux = erg * values[0]
         limit = max(flux, 0.0) + DETECTED * erg * error[0] if flux < DETECTED * erg * error[0] else np.nan
         return {
             "line": line.name, "wavelength": line.wavelength, "column": middle, "flux": flux,
             "flux_err": erg * error[0], "snr": flux / (erg * error[0]), "limit": limit,
-            "continuum": erg * values[len(columns[0]), 0], "flux_true": true, "flags": flags,
+            "continuum": erg * values[1 + len(others)], "flux_true": erg * true, "flags": flags,
+            "shift": shift, "shift_err": off,
         }  # fmt: skip
 
 

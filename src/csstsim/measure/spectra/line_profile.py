@@ -6,8 +6,8 @@ A Sersic component is circular before its shape matrix M [px / arcsec] is applie
 of the circle with the radius r_e |M_i| (row i of M): exact for any ellipticity. Of a circle of radius R the share of
 light below t is 1/2 + arcsin(t / R) / pi, averaged over radii of equal light. The PSF's box is summed; beyond it comes
 the profile of the wing (optics.scatter.halo). Profiles are kept as the share of all light below t, at the PSF's four
-wavelengths, on OFFSETS; between wavelengths they are interpolated linearly. Left out: the slant of a tilted galaxy's
-lines (its profile differs between the columns of a line), light beyond HALF px of the axis.
+wavelengths, on OFFSETS; between wavelengths they are interpolated linearly. Left out: that profiles differ between the
+columns of a line (measure.spectra.line_image), light beyond HALF px of the axis.
 """
 
 from dataclasses import dataclass
@@ -29,21 +29,25 @@ _RINGS = 4000
 @dataclass(frozen=True, eq=False)
 class Shapes:
     """Sizes of n objects: `light` (n, 2) share of disk and bulge, `radius` (n, 2, 2) px, of each axis (ALONG, ACROSS)
-    and component, r_e |M_i|. A point has light (1, 0) and radius 0."""
+    and component, r_e |M_i|; `slant` (n,) of their images, M_x M_y / (|M_x| |M_y|), 0 if they lie along an axis. A
+    point has light (1, 0) and radius 0."""
 
     light: np.ndarray
     radius: np.ndarray
+    slant: np.ndarray
 
     @classmethod
     def points(cls, count):
         """Return the shapes of points."""
-        return cls(np.tile([1.0, 0.0], (count, 1)), np.zeros((count, 2, 2)))
+        return cls(np.tile([1.0, 0.0], (count, 1)), np.zeros((count, 2, 2)), np.zeros(count))
 
     @classmethod
     def of(cls, matrix, light, sizes):
         """Shapes of matrices (n, 2, 2) [px / arcsec], shares (n, 2) and half-light radii (n, 2) [arcsec]."""
-        radius = np.linalg.norm(matrix, axis=2)[:, :, None] * sizes[:, None, :]
-        return cls(light, np.nan_to_num(np.where(light[:, None, :] > 0, radius, 0.0)))
+        norm = np.linalg.norm(matrix, axis=2)
+        radius = norm[:, :, None] * sizes[:, None, :]
+        slant = (matrix[:, 0] * matrix[:, 1]).sum(axis=1) / np.maximum(norm.prod(axis=1), 1e-300)
+        return cls(light, np.nan_to_num(np.where(light[:, None, :] > 0, radius, 0.0)), np.nan_to_num(slant))
 
 
 def psf_profile(cells, per_pixel, axis, wing=None):

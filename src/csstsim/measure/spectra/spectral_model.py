@@ -22,6 +22,7 @@ CLASS, SMALLEST, CLASSES = 1.3, 0.1, 26  # radii [px]: SMALLEST CLASS^k; class 0
 CHUNK = 500  # objects whose spectra are held at a time
 _STEP = GRID[1] - GRID[0]
 _REACH = 7, 4.0, 40  # px along the dispersion: least, per half-light radius, most
+ONE_REACH = HALF // 2  # px along the dispersion: of the light of one spectrum
 _FINE, _COARSE = 4, 2  # cells per column: for one spectrum, for all
 
 
@@ -49,7 +50,7 @@ class SpectralModel:
         (bins,) photon / s / m2 / angstrom and the bins' edges [angstrom].
         """
         out, sums = np.zeros((len(spectra), len(columns))), self.cumulative[self.pair(one)]
-        at, per, kernel = float(one["x"][0] + one["p"][0]), float(one["q"][0]), _kernels(profile, _FINE, HALF // 2)
+        at, per, kernel = float(one["x"][0] + one["p"][0]), float(one["q"][0]), _kernels(profile, _FINE, ONE_REACH)
         for row, (spectrum, edges) in zip(out, spectra, strict=True):
             spectrum = np.asarray(spectrum, float) * self.photons
             _along(sums, np.asarray(edges, float), spectrum, at, per, float(columns[0]), kernel, self.bands, row)

@@ -1,0 +1,121 @@
+"""The image of an object in light of one wavelength, and the electrons that the extraction makes of it.
+
+    L(x, y) = PSF * sum_k share_k S_k(x, y) * pixel        S_k: component k of the galaxy
+
+An emission line is L, whose profile across the trace differs from column to column: sharper in the middle, and slanted
+if the galaxy is. The collapsed profile P of a continuum is the mean of them. With the weights w of the extraction,
+
+    seen(X) = sum_y w(X, y) L(X - X_0, y - Y_0),        Y_0: the trace at the line
+
+is the share of a line's light that the extraction puts into column X. Sums over all columns are those of P along the
+trace, but in the middle of a resolved galaxy `seen` is larger. A component's transform is that of a circle at the wave
+number sqrt(a^2 kx^2 + b^2 ky^2 + 2 rho a b kx ky), with a, b its half-light radii on x and y, and rho the slant.
+The lattice is half a pixel and repeats after a side of SIDES. Left out: light of the PSF beyond SIDES[0].
+"""
+
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from csstsim.measure.spectra.line_profile import mixed
+from csstsim.optics.psf.psf_file import half_pixels
+from csstsim.profiles.sersic import BULGE, DISK, radius_of
+
+SIDES = 64, 128  # px: of the lattice of small objects, and of those with a radius above LARGE
+LARGE = 8.0  # px, half-light
+_RINGS = 2000  # of equal light
+_WAVES = np.concatenate([[0.0], np.geomspace(1e-2, 1e3, 500)])  # wave numbers times the half-light radius
+
+
+class LineImage:
+    """The image of one object at one place, at any wavelength."""
+
+    def __init__(self, psf, bands, light, radius, slant):
+        """psf: function without arguments that returns point_transforms of the PSF at `bands` [angstrom]; light (2,),
+        radius (2 axes, 2) px, slant: of line_profile.Shapes."""
+        self._psf, self._bands, self._shape = psf, bands, (light, radius, slant)
+        self._n = 2 * SIDES[int((light * radius.max(axis=0)).sum() > LARGE)]
+        self._made = {}  # what lines ask for
+
+    def seen(self, wavelength, x, y, weights):
+        """Return (n,): sums over rows of weights (n, rows) with the share of light in pixels.
+
+        x (n,): whole columns, from the line [px]; y (rows,): rows, from the trace at the line [px].
+        """
+        dx, dy = (float(one[0] - np.rint(one[0])) for one in (x, y))
+        whole = self._pixels(wavelength, dx, dy)
+        i, j = (np.rint(one - d).astype(int) + len(whole) // 2 for one, d in ((x, dx), (y, dy)))
+        inside, rows = (i >= 0) & (i < len(whole)), (j >= 0) & (j < len(whole))
+        out = np.zeros(len(x))
+        some = np.ix_(inside, rows)
+        out[inside] = (weights[some] * whole.T[np.ix_(i[inside], j[rows])]).sum(axis=1)
+        return out
+
+    def _pixels(self, wavelength, dx, dy):
+        """Return (side, side) shares of light in pixels [y, x]; those of the middle are at dx, dy [px] off the line."""
+        n = self._n
+        band, share = mixed(wavelength, self._bands)
+        ky, kx = _wave_numbers(n)
+        # A cell's middle lies a quarter of a pixel beside a whole place; a pixel is four cells
+        along, across = (2 * np.cos(k / 4) * np.exp(1j * k * (d - 0.25)) for k, d in ((kx, dx), (ky, dy)))
+        waves = (1 - share) * self._transform(band) + share * self._transform(band + 1)
+        waves *= across[:, None] * along
+        # Of cells, every second one is wanted: wave numbers that are alike on whole pixels are added
+        whole = waves[: n // 2] + waves[n // 2 :]
+        mirrored = np.conj(whole[-np.arange(n // 2), ::-1][:, : n // 4 + 1])
+        return np.fft.irfft2(whole[:, : n // 4 + 1] + mirrored, (n // 2, n // 2)) / 4
+
+    def _transform(self, band):
+        """Return (n, n // 2 + 1), the transform of the object in cells at a band."""
+        if band not in self._made:
+            point = self._point[band]
+            if self._n > 2 * SIDES[0]:
+                before = (self._n - 2 * SIDES[0]) // 2
+                point = np.fft.rfft2(np.pad(np.fft.irfft2(point), before))
+            self._made[band] = point * self._galaxy
+        return self._made[band]
+
+    @cached_property
+    def _galaxy(self):
+        return _galaxy(self._n, *self._shape)
+
+    @cached_property
+    def _point(self):
+        return self._psf()
+
+
+@lru_cache
+def _wave_numbers(n):
+    """Return (ky (n,), kx (n // 2 + 1,)) of a lattice of half pixels [1 / px]; without the sign of the highest."""
+    ky, kx = np.fft.fftfreq(n, 0.5) * 2 * np.pi, np.fft.rfftfreq(n, 0.5) * 2 * np.pi
+    return ky, kx
+
+
+def _galaxy(n, light, radius, slant):
+    """Return (n, n // 2 + 1): the transform of an object's components."""
+    ky, kx = _wave_numbers(n)
+    out = np.zeros((n, len(kx)))
+    for index, share, (a, b) in zip((DISK, BULGE), light, radius.T, strict=True):
+        if share == 0:
+            continue
+        k2 = (a * kx) ** 2 + ((b * ky) ** 2)[:, None] + 2 * slant * a * b * np.outer(ky, kx)
+        out += share * np.interp(np.sqrt(np.maximum(k2, 0.0)), _WAVES, _sersic(index))
+    return out
+
+
+@lru_cache
+def _sersic(index):
+    """Return the transform of a circular Sersic profile at _WAVES."""
+    from scipy.special import j0
+
+    radius = radius_of((np.arange(_RINGS) + 0.5) / _RINGS, index)
+    return np.array([j0(k * radius).mean() for k in _WAVES])
+
+
+def point_transforms(cells, per_pixel):
+    """Return (4, n, n // 2 + 1) complex64, transforms of a PSF in half pixels within SIDES[0], from its cells."""
+    half, n = half_pixels(np.asarray(cells, float), per_pixel), 2 * SIDES[0]
+    edge, before = (max(difference, 0) // 2 for difference in (half.shape[-1] - n, n - half.shape[-1]))
+    part = slice(edge, half.shape[-1] - edge)
+    inner = np.pad(half[:, part, part], ((0, 0), (before, before), (before, before)))
+    return np.fft.rfft2(inner).astype(np.complex64)
