@@ -20,7 +20,8 @@ from csstsim.release.icrs_header import corners, icrs_header
 from csstsim.release.star_psf import chosen, star_psf, write_psfex
 
 RAW, CALIBRATED, PSF = "raw", "calibrated", "psf"
-SECRET = ("SIMSEED",)  # who has it can draw the truth again
+# Who has the seed can draw the truth again; with a digest of it he can try seeds without a simulation
+SECRET = "SIMSEED", "CAMPHASH", "TRUTHASH"
 
 
 @dataclass(frozen=True)
