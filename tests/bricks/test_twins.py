@@ -84,10 +84,23 @@ def test_means_have_the_errors_of_normal_differences():
     found, stated = np.array([one.mean for one in made]), np.mean([one.error for one in made])
     assert found.mean() == pytest.approx(0.2, abs=SIGMAS * stated / np.sqrt(runs))
     assert found.std() == pytest.approx(stated, rel=SIGMAS / np.sqrt(2 * runs))
-    assert mean([*rng.normal(0, 1, 100), 40.0, np.nan]).outliers == 1
+    noise = rng.normal(0, 1, 100)
+    one = mean([*noise, 40.0, np.nan])
+    assert (one.n, one.far, one.changed) == (101, 1, 101) and one.mean == pytest.approx((noise.sum() + 40) / 101)
+    assert one.near == pytest.approx(noise.mean()) and one.near_error == pytest.approx(noise.std(ddof=1) / 10)
     assert np.isnan(mean([1.0] * (FEWEST - 1)).mean) and mean([]).n == 0
     most_alike = mean([0.0] * 20 + [1.0])
-    assert most_alike.mean == pytest.approx(1 / 21) and most_alike.outliers == 0 and mean([0.0] * 9).error == 0
+    assert most_alike.mean == pytest.approx(1 / 21) and most_alike.changed == 1 and mean([0.0] * 9).error == 0
+
+
+def test_a_local_effect_is_in_the_mean():
+    """90 objects differ by rounding alone, 29 by 0.1 mag: the mean has the 29, the other mean is said to have none."""
+    rounding = np.random.default_rng(4).normal(0, 1e-6, 90)
+    one = mean([*rounding, *[0.1] * 29])
+    assert one.n == 119 and one.far == 29 and abs(one.near) < 1e-6
+    share = 29 / 119
+    assert one.mean == pytest.approx(0.1 * share, rel=1e-4)
+    assert one.error == pytest.approx(0.1 * np.sqrt(share * (1 - share) / 118), rel=1e-4)
 
 
 def spectrum(number, electrons, flags=0):
@@ -118,7 +131,7 @@ def many(count=40):
 
 def test_bins_have_every_object_once():
     at, means = binned(many(), "star", "mag")
-    assert list(at) == [20, 21, 22, 23] and sum(one.n + one.outliers for one in means) == 40
+    assert list(at) == [20, 21, 22, 23] and sum(one.n for one in means) == 40
     assert len(binned(many(), "galaxy", "mag")[0]) == 0 and values(many(), "star", "size").shape == (2, 0)
     rows = {(kind, name): one for kind, name, one in summary(many())}
     assert rows["star", "mag"].mean == pytest.approx(0.01, abs=0.001) and ("galaxy", "mag") not in rows
@@ -128,7 +141,12 @@ def test_the_page_says_what_differs(tmp_path):
     gate = {"name": "completeness", "band": "r", "value": 0.97, "threshold": 0.9, "n": 50, "margin": 0.3, "brick": 5}
     verdicts = {
         "base": {"passed": True, "gates": [gate | {"passed": True}]},
-        "worse": {"passed": False, "gates": [gate | {"passed": False, "value": 0.5}]},
+        "worse": {
+            "passed": False,
+            "gates": [
+                gate | {"passed": False, "value": value, "margin": 20 * (1 - value)} for value in (0.5, 0.7, 0.6)
+            ],
+        },
     }
     for verdict in verdicts.values():
         passed = verdict["passed"]
@@ -139,5 +157,7 @@ def test_the_page_says_what_differs(tmp_path):
     write_variants(tmp_path / "variants.html", "mini", verdicts, studies)
     text = (tmp_path / "variants.html").read_text()
     shown = f"{summary(many())[0][2].mean:+.3g}"
-    assert all(word in text for word in ("0.5 FAIL", "0.97", "psf.grid", shown, "&lt;odd&gt;"))
+    assert all(
+        word in text for word in ("0.5 (10.00) FAIL", "0.97 (0.30)", "0 of 1 judged", "psf.grid", shown, "&lt;odd&gt;")
+    )
     assert text.count("data:image/png") == 1 and twin_figure([]) is None

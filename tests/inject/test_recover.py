@@ -206,9 +206,17 @@ def test_the_command(frames, kind, tmp_path):
 
 
 def test_frames_that_do_not_belong_together(frames, tmp_path):
-    campaign, ((raw, old), (image, _)) = frames
+    campaign, ((raw, old), (image, old_image)) = frames
     out = tmp_path / "out"
-    for pair, message in (((raw, image), "both must be Level-0 files"), ((old, raw), "truth.parquet")):
-        given = ["--truth", raw.parent / "none.truth.parquet"] if pair == (old, raw) else []
+    order, truth = "no injected objects that the original lacks", raw.with_suffix(".truth.parquet")
+    for pair, message, given in (
+        ((raw, old_image), "both must be Level-0 files", []),
+        ((raw, old), "none.truth.parquet", ["--truth", raw.parent / "none.truth.parquet"]),
+        ((old, raw), order, ["--truth", truth]),
+        ((raw, raw), order, []),
+        ((old, old), order, ["--truth", truth]),
+        ((old_image, image), order, ["--truth", truth]),
+        ((raw, image), order, []),
+    ):
         said = command("recover", *pair, "--campaign", campaign, "--output", out, *given, code=2)
         assert message in said and not out.exists()

@@ -65,14 +65,18 @@ def inject(frames, table, folder, say=print, **options):
 
 def _check_fresh(frame, realisation):
     """Raise InputError if the frame has injected objects of this realisation: their noise would be the same."""
+    if realisation in realisations(frame):
+        message, allowed = "the frame has injected objects with this noise", "another whole number"
+        raise InputError(message, file=frame, key="--realisation", value=realisation, allowed=allowed)
+
+
+def realisations(frame):
+    """Return the set of the realisations that were injected into a frame, by its HISTORY: empty of an original."""
     from csstsim.io.fits import open_fits, raw_cards
 
     with open_fits(frame) as hdus:
         history = "".join(card[8:] for card in raw_cards(hdus[0], frame) if card.startswith("HISTORY "))
-    used = {int(number) for number in _USED.findall(history)}
-    if realisation in used:
-        message, allowed = "the frame has injected objects with this noise", "another whole number"
-        raise InputError(message, file=frame, key="--realisation", value=realisation, allowed=allowed)
+    return {int(number) for number in _USED.findall(history)}
 
 
 def _ready(frame, request, say):

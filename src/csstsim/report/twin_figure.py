@@ -40,7 +40,7 @@ def twin_figure(objects):
 
 
 def _panel(axes, title, curves):
-    """Draw objects as dots, means of bins with their errors; far objects lie beyond the panel."""
+    """Draw objects as dots, means of all in bins with their errors; far objects may lie beyond the panel."""
     axes.axhline(0.0, color="#999999", linewidth=0.8)
     most = []
     for place, kind, label, at, each, middle, means in curves:

@@ -10,8 +10,15 @@ from csstsim.report.twin_figure import twin_figure
 
 ABOUT = (
     "Variant less base, of the same objects, matched by their number in the truth. Objects that only one of the two "
-    f"has are in the counts alone. Errors are those of the mean; values beyond {CLIP:g} robust sigmas are counted as "
-    "outliers and not averaged. Saturated sources give no magnitude and no place, blends no shape."
+    f"has are in the counts alone. The counts are of sources of S/N above {REAL:g}. The differences are of all matched "
+    "sources, fainter ones too. Saturated sources give no magnitude and no place, blends no shape. The mean is of all "
+    f"n objects, with its error. Far are those beyond {CLIP:g} robust sigmas of the median. The mean of the others "
+    "stands beside it. If most objects hardly differ, the far ones are the effect itself: read the mean of all. If all "
+    "scatter by noise, the far ones are mostly mismatches: read the mean without them."
+)
+GATES = (
+    "A gate counts once for each brick and band: of several exposures the worst is judged. In brackets is the part "
+    "that it takes of what is allowed: the threshold and an allowance for chance. Above 1 the gate fails."
 )
 
 
@@ -26,6 +33,7 @@ class Study(NamedTuple):
 
 def write_variants(path, name, verdicts_of, studies):
     """Write the page. verdicts_of: {"base" or a variant: its verdict (validation.verdict.judge)}; studies: [Study]."""
+    verdicts_of = {one: _of_rows(verdict) for one, verdict in verdicts_of.items()}
     passed = [verdict["passed"] for verdict in verdicts_of.values()]
     whole = False if False in passed else True if True in passed else None
     said = "; ".join(f"{one}: {verdicts.headline(verdict)}" for one, verdict in verdicts_of.items())
@@ -41,39 +49,67 @@ def write_variants(path, name, verdicts_of, studies):
         temporary.write_text(html, encoding="utf-8")
 
 
+def _of_rows(verdict):
+    """Return the verdict with one gate for each row of the page's table: the worst of those of its exposures."""
+    worst = {}
+    for gate in verdict["gates"]:
+        worst.setdefault(_row(gate), []).append(gate)
+    gates = [max(some, key=lambda gate: -1.0 if gate["margin"] is None else gate["margin"]) for some in worst.values()]
+    return verdict | {"gates": gates, "counts": verdicts.count(gates)}
+
+
+def _row(gate):
+    return gate["name"], gate.get("band") or "", gate.get("brick")
+
+
 def _gates(verdicts_of):
     """Return a table of gates that pass, fail and are not judged, by campaign, and one of the values of each gate."""
-    count = {one: verdicts.count(verdict["gates"]) for one, verdict in verdicts_of.items()}
+    count = {one: verdict["counts"] for one, verdict in verdicts_of.items()}
     names = list(next(iter(count.values())))
     counts = Table(("campaign", *names), [(one, *(held[name] for name in names)) for one, held in count.items()])
     held = {}
     for one, verdict in verdicts_of.items():
         for gate in verdict["gates"]:
-            held.setdefault((gate["name"], gate.get("band") or "", gate.get("brick")), {})[one] = gate
-    rows = [(*key, *(_value(gates.get(one)) for one in verdicts_of)) for key, gates in held.items()]
-    judged = [row for row in rows if any(cell not in ("", "-") for cell in row[3:])]
-    return [counts, Table(("gate", "band", "brick", *verdicts_of), judged, "gates")]
+            held.setdefault(_row(gate), {})[one] = gate
+    rows = [
+        (*key, _thresholds(gates.values()), *(_value(gates.get(one)) for one in verdicts_of))
+        for key, gates in held.items()
+        if any(gate["passed"] is not None for gate in gates.values())
+    ]
+    return [counts, Paragraph(GATES), Table(("gate", "band", "brick", "threshold", *verdicts_of), rows, "gates")]
+
+
+def _thresholds(gates):
+    """Return the threshold of a row's gates; several if the variants have their own."""
+    return " / ".join(dict.fromkeys(_figure(gate["threshold"]) for gate in gates if gate["threshold"] is not None))
 
 
 def _value(gate):
-    """Return a gate's value with a word if it fails; "-" if it is not judged, "" if a campaign has no such gate."""
+    """Return a gate's value and margin, a word if it fails; "-" if it is not judged, "" if there is no such gate."""
     if gate is None:
         return ""
     if gate["passed"] is None:
         return "-"
-    value = gate.get("value")
-    shown = f"{value:.4g}" if isinstance(value, int | float) else str(value)
+    shown = f"{_figure(gate['value'])} ({gate['margin']:.2f})"
     return shown if gate["passed"] else f"{shown} FAIL"
+
+
+def _figure(value):
+    return f"{value:.4g}" if isinstance(value, int | float) else str(value)
 
 
 def _study(study):
     rows = [
-        (kind, QUANTITIES[name][0], one.n, one.outliers, f"{one.mean:+.3g}", f"{one.error:.2g}", f"{one.scatter:.2g}",
-         f"{one.mean / one.error:+.1f}" if one.error > 0 else "0" if one.mean == 0 else "")
+        (kind, QUANTITIES[name][0], one.n, one.changed, f"{one.mean:+.3g}", f"{one.error:.2g}",
+         f"{one.mean / one.error:+.1f}" if one.error > 0 else "0" if one.mean == 0 else "", f"{one.scatter:.2g}",
+         one.far, f"{one.near:+.3g}", f"{one.near_error:.2g}")
         for kind, name, one in summary(study.objects)
     ]  # fmt: skip
     first, second = study.counts["base"], study.counts["variant"]
-    head = "objects", "quantity", "n", "outliers", "variant - base", "error", "scatter", "in errors"
+    head = (
+        "objects", "quantity", "n", "of these differ", "mean of variant - base", "error", "in errors", "scatter", "far",
+        "mean without far", "its error",
+    )  # fmt: skip
     counts = [(_COUNTS[name], first[name], second[name], second[name] - first[name]) for name in first]
     figure = twin_figure(study.objects)
     return [
@@ -84,6 +120,6 @@ def _study(study):
 
 _COUNTS = {
     "sources": f"all of S/N above {REAL:g}",
-    "matched": "of a true object",
-    "other": "of no object well inside the frame",
+    "matched": f"of a true object, S/N above {REAL:g}",
+    "other": f"of no object well inside the frame, S/N above {REAL:g}",
 }

@@ -13,7 +13,7 @@ from csstsim.bricks.validation.trials import RESOLVED, SHAPELESS, matched
 from csstsim.catalog.table import GALAXY
 
 FEWEST = 5  # objects for a mean
-CLIP = 5.0  # robust sigmas: farther differences are counted, and not averaged
+CLIP = 5.0  # robust sigmas: farther differences are counted; means of the others stand beside those of all
 MAG_STEP = 1.0
 REAL = 5.0  # S/N of the sources that are counted: below, most are noise
 # {quantity: (its meaning, the kinds of objects that have it)}
@@ -28,26 +28,39 @@ QUANTITIES = {
 
 @dataclass(frozen=True)
 class Mean:
-    """Mean of n differences, its error, their scatter, without `outliers` beyond CLIP robust sigmas of the median."""
+    """Mean of all n differences, its error, their scatter; how many differ at all, and how many are far.
+
+    far: beyond CLIP robust sigmas of the median; near, near_error: mean of the others and its error. Where an effect is
+    local, most objects hardly differ, and the far ones are the effect itself: so `mean` has them.
+    """
 
     n: int
     mean: float
     error: float
     scatter: float
-    outliers: int
+    changed: int
+    far: int
+    near: float
+    near_error: float
 
 
 def mean(values):
     """Return the Mean of differences, NaN left out; NaN of fewer than FEWEST."""
     values = np.asarray(values, float)
     values = values[np.isfinite(values)]
-    if len(values) < FEWEST:
-        return Mean(len(values), np.nan, np.nan, np.nan, 0)
+    n, changed = len(values), int(np.count_nonzero(values))
+    if n < FEWEST:
+        return Mean(n, np.nan, np.nan, np.nan, changed, 0, np.nan, np.nan)
     away = np.abs(values - np.median(values))
-    limit = CLIP * 1.4826 * np.median(away)
-    kept = values[away <= limit] if limit > 0 else values  # most differ by nothing: the few that do are no outliers
-    scatter = float(kept.std(ddof=1))
-    return Mean(len(kept), float(kept.mean()), scatter / len(kept) ** 0.5, scatter, len(values) - len(kept))
+    near = values[away <= CLIP * 1.4826 * np.median(away)]  # at least half of all
+    (middle, error, scatter), (without, its_error, _) = _moments(values), _moments(near)
+    return Mean(n, middle, error, scatter, changed, n - len(near), without, its_error)
+
+
+def _moments(values):
+    """Return (mean, its error, scatter) of two values or more."""
+    scatter = float(values.std(ddof=1))
+    return float(values.mean()), scatter / len(values) ** 0.5, scatter
 
 
 def seen(frame, truth):

@@ -9,6 +9,7 @@ from csstsim.base.plural import number_of
 from csstsim.base.process.one_thread import one_thread
 from csstsim.inject.calibrated import check_planes
 from csstsim.inject.frames import LEVEL0, OTHER, job_of, kind_of
+from csstsim.inject.inject import realisations
 from csstsim.inject.recovery.bins import AGAINST, LEAST, QUANTITIES, binned, of_rows
 from csstsim.inject.recovery.recovered import WHY, recovered
 from csstsim.io.paths import TRUTH
@@ -28,6 +29,7 @@ def recover(injected, original, say=print, output=None, truth=None, **given):
     `frames.job_of` takes them. Raises InputError.
     """
     injected, original = Path(injected), Path(original)
+    _check_order(injected, original)
     objects = read_truth(truth or injected.with_suffix(TRUTH))
     (run, job), kind = job_of(injected, say=say, **given), kind_of(injected)
     for path in (injected, original):
@@ -52,6 +54,16 @@ def recover(injected, original, say=print, output=None, truth=None, **given):
     draw(table, folder / f"{injected.stem}{FIGURE}")
     say(f"{folder / (injected.stem + FIGURE)}, and the table beside it")
     return table
+
+
+def _check_order(injected, original):
+    """Raise InputError unless `injected` has all that was injected into `original`, and more."""
+    first, second = realisations(injected), realisations(original)
+    if not second < first:
+        raise InputError(
+            "has no injected objects that the original lacks", file=injected, key="realisations in HISTORY",
+            value=f"{sorted(first)}; of {original}: {sorted(second)}", allowed="INJECTED ORIGINAL, in this order",
+        )  # fmt: skip
 
 
 @one_thread
