@@ -11,7 +11,7 @@ from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
 from csstsim.measure.spectra.contamination import NOBODY, CataloguedLight, expected_orders
 from csstsim.measure.spectra.extract import extract_spectra
-from csstsim.measure.spectra.spectrum_columns import DIM
+from csstsim.measure.spectra.spectrum_columns import DIM, IMAGED, LOST
 from csstsim.optics.gratings.dispersion import Disperser
 
 PSF, EXPTIME = GaussianPsf(), 150.0
@@ -153,3 +153,18 @@ def test_orders_of_nothing_are_an_empty_table(disperser):
     nothing = np.zeros(0)
     orders = expected_orders(np.zeros(0, int), nothing, nothing, lambda rows, edges: None, disperser, EXPTIME)
     assert isinstance(orders, ObjectTable) and len(orders) == 0 and EDGES[0] > 0
+
+
+@pytest.mark.parametrize(("image", "level", "flagged"), [(None, 0.3, ()), (1, 0.3, (100, 101)), (1, 0.003, (101,))])
+def test_light_of_an_image_is_flagged(pair, image, level, flagged):
+    """A spectrum of an image has IMAGED, and its neighbour if a tenth as much light of it is near."""
+    s, images, _ = pair
+    sources = sources_of([smooth(0.5), smooth(level)])
+    if image is not None:
+        sources.shapes.image[image] = True
+    drawn = frame_of(images[0] + level / 0.3 * images[1], WINDOW)
+    table = extract_spectra(drawn, s.orders, sources, s.model, PSF, snr_min=0.0)
+    for one in (100, 101):
+        flags = table["flags"][(table["id"] == one) & (table["flags"] & (DIM | LOST) == 0)]
+        share = np.mean(flags & IMAGED > 0)
+        assert share > 0.9 if one in flagged else share < 0.02, (one, share)

@@ -21,7 +21,7 @@ from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
 from csstsim.measure.calibration.bad_pixels import BAD
 from csstsim.measure.spectra.chosen_orders import chosen_orders, shortened
-from csstsim.measure.spectra.column_sums import GAP, STRIP, measured
+from csstsim.measure.spectra.column_sums import CONTAMINATED_FROM, GAP, STRIP, measured
 from csstsim.measure.spectra.cutout import Cutout
 from csstsim.measure.spectra.line_image import LineImage, point_transforms
 from csstsim.measure.spectra.line_profile import (
@@ -33,7 +33,7 @@ from csstsim.measure.spectra.line_profile import (
     pixel_shares,
     psf_profile,
 )
-from csstsim.measure.spectra.spectrum_columns import COLUMNS, CUT, DIM, LOST
+from csstsim.measure.spectra.spectrum_columns import COLUMNS, CUT, DIM, IMAGED, LOST
 from csstsim.measure.spectra.spectrum_trust import untrusted
 
 APERTURE_LIGHT = 0.9  # of the light in the aperture's rows
@@ -114,12 +114,13 @@ def extract_spectra(frame, orders, sources, model, psf, wing=None, *, wanted=(1,
     point = psf.mixed(partial(_points, per_pixel=psf.oversampling, wing=wing))
     waves = psf.mixed(partial(point_transforms, per_pixel=psf.oversampling))
     rows = np.flatnonzero(chosen)
+    boxes = _boxes(orders.take(rows), model)
+    pictured = _of_images(frame, orders, sources, model, boxes)
     if callable(frame.others):
-        boxes = _boxes(orders.take(rows), model)
         frame = replace(frame, others=frame.others(faintest=frame.faintest, boxes=boxes))
     for k, (_, spectrum) in zip(rows, sources.each(orders["row"][rows]), strict=True):
         one = orders.take(slice(k, k + 1))
-        found = _extract_one(frame, one, sources.shapes, spectrum, sources.edges, model, point, waves, lines)
+        found = _extract_one(frame, one, sources.shapes, spectrum, sources.edges, model, point, waves, lines, pictured)
         if found is not None:
             parts.append(found)
             counts += 1
@@ -140,6 +141,26 @@ def _boxes(orders, model):
     ], axis=1)  # fmt: skip
 
 
+def _of_images(frame, orders, sources, model, boxes):
+    """Return the expected electrons, in boxes, of objects with an image, taken for disks; None: there are none."""
+    some = orders.take(np.flatnonzero(sources.shapes.image[orders["row"]]))
+    if not len(some) or sources.spectra is None:
+        return None
+    return model.image(some, sources.shapes, sources.spectra, sources.edges, frame.window, frame.faintest, boxes)
+
+
+def _imaged(pictured, window, columns, centre, half, electrons):
+    """Return (n,) bool: columns near which `pictured` of `_of_images` has more than CONTAMINATED_FROM of theirs.
+
+    Near is the aperture with its strips of sky: a disk's light lies elsewhere than the image's, so that the light in
+    the aperture alone would say too little.
+    """
+    rows = np.arange(len(pictured))[:, None] + window.y0
+    near = np.abs(rows - centre) < half + GAP + STRIP
+    light = (pictured[:, columns - window.x0] * near).sum(axis=0)
+    return light > CONTAMINATED_FROM * np.abs(electrons)
+
+
 def _nothing():
     return {name: np.zeros(0, dtype) for name, (dtype, _) in COLUMNS.items()}
 
@@ -149,11 +170,11 @@ def _points(cells, per_pixel, wing):
     return np.array([psf_profile(cells, per_pixel, axis, wing) for axis in (ALONG, ACROSS)])
 
 
-def _extract_one(frame, one, shapes, spectrum, edges, model, point, waves, lines):
+def _extract_one(frame, one, shapes, spectrum, edges, model, point, waves, lines, pictured):
     """Return {name: (n,)} of one row of the orders' table; None if none of its columns is usable.
 
     spectrum: its object's in bins of `edges`, or None; point, waves: functions of x, y that return `_points` and
-    line_image.point_transforms there.
+    line_image.point_transforms there; pictured: of `_of_images`.
     """
     row, window = int(one["row"][0]), frame.window
     columns, wave, centre = _trace(one, model, window)
@@ -179,6 +200,11 @@ def _extract_one(frame, one, shapes, spectrum, edges, model, point, waves, lines
     if (found["flags"] & LOST).all():
         return None
     found["flags"] |= untrusted(found, along)
+    if shapes.image[row]:
+        found["flags"] |= IMAGED
+    elif pictured is not None:
+        much = _imaged(pictured, window, columns, centre, half, found["electrons"])
+        found["flags"] |= np.where(much, IMAGED, 0)
     unit, true = ([1.0], GRID[[0, -1]]), (spectrum, edges)
     flat, expected = model.electrons(one, columns, along, unit, unit if spectrum is None else true)
     if spectrum is None:

@@ -29,25 +29,29 @@ _RINGS = 4000
 @dataclass(frozen=True, eq=False)
 class Shapes:
     """Sizes of n objects: `light` (n, 2) share of disk and bulge, `radius` (n, 2, 2) px, of each axis (ALONG, ACROSS)
-    and component, r_e |M_i|; `slant` (n,) of their images, M_x M_y / (|M_x| |M_y|), 0 if they lie along an axis. A
-    point has light (1, 0) and radius 0."""
+    and component, r_e |M_i|; `slant` (n,) of their images, M_x M_y / (|M_x| |M_y|), 0 if they lie along an axis;
+    `image` (n,) bool, drawn from an image, which is taken for a disk. A point has light (1, 0) and radius 0."""
 
     light: np.ndarray
     radius: np.ndarray
     slant: np.ndarray
+    image: np.ndarray
 
     @classmethod
     def points(cls, count):
         """Return the shapes of points."""
-        return cls(np.tile([1.0, 0.0], (count, 1)), np.zeros((count, 2, 2)), np.zeros(count))
+        return cls(np.tile([1.0, 0.0], (count, 1)), np.zeros((count, 2, 2)), np.zeros(count), np.zeros(count, bool))
 
     @classmethod
-    def of(cls, matrix, light, sizes):
-        """Shapes of matrices (n, 2, 2) [px / arcsec], shares (n, 2) and half-light radii (n, 2) [arcsec]."""
+    def of(cls, matrix, light, sizes, image=None):
+        """Shapes of matrices (n, 2, 2) [px / arcsec], shares (n, 2) and half-light radii (n, 2) [arcsec]; image (n,),
+        or None: nowhere."""
         norm = np.linalg.norm(matrix, axis=2)
         radius = norm[:, :, None] * sizes[:, None, :]
         slant = (matrix[:, 0] * matrix[:, 1]).sum(axis=1) / np.maximum(norm.prod(axis=1), 1e-300)
-        return cls(light, np.nan_to_num(np.where(light[:, None, :] > 0, radius, 0.0)), np.nan_to_num(slant))
+        radius = np.nan_to_num(np.where(light[:, None, :] > 0, radius, 0.0))
+        image = np.zeros(len(light), bool) if image is None else image
+        return cls(light, radius, np.nan_to_num(slant), image)
 
 
 def psf_profile(cells, per_pixel, axis, wing=None):

@@ -6,12 +6,14 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from csstsim.base.plural import number_of
 from csstsim.catalog.table import STAR, TYPES
-from csstsim.measure.spectra.spectrum_columns import BESIDE, CONTAMINATED, CUT, DIM, LOST, SATURATED, UNEVEN
+from csstsim.measure.spectra.spectrum_columns import BESIDE, CONTAMINATED, CUT, DIM, IMAGED, LOST, SATURATED, UNEVEN
 
 COLOURS = {1: "#D55E00", 0: "#0072B2", 2: "#009E73", -1: "#CC79A7", -2: "#E69F00"}  # Okabe & Ito (2008), by order
 OURS, TRUE = "#0072B2", "#D55E00"
 ROWS = 30  # px of a cutout, either side of the trace
+LEAST = 200  # columns without a flag that a shown spectrum has
 MARKED = 2.0  # electrons per pixel of its trace from which an order is marked
 
 
@@ -24,7 +26,7 @@ def spectra_figure(truth, frame, orders, table, dpi=90):
     rows = chosen(truth, table)
     if not rows:
         figure = Figure(figsize=(6, 1))
-        figure.text(0.5, 0.5, "no spectrum is bright enough to be shown", ha="center", va="center")
+        figure.text(0.5, 0.5, none_shown(table), ha="center", va="center")
         return _png(figure, dpi)
     figure = Figure(figsize=(max(6.5 * len(rows), 10), 5.5 + 2.4 * len(rows)), layout="constrained")
     above, below = figure.subfigures(2, 1, height_ratios=(5.5, 2.4 * len(rows)))
@@ -68,10 +70,19 @@ def title(truth, row):
     return text
 
 
-def good_rows(table, row, least=200):
+def none_shown(table):
+    """Return why a table has no spectrum for the figure."""
+    count = len(np.unique(table["row"]))
+    if not count:
+        return "no spectrum was bright enough to be extracted"
+    several = number_of(count, "spectrum", "spectra")
+    return f"{several} extracted, none with {LEAST} columns free of contamination and defects"
+
+
+def good_rows(table, row, least=LEAST):
     """Return the rows of one object in a table of measure.spectra.extract; None: under `least` good columns."""
     mine = np.flatnonzero(table["row"] == row)
-    good = (table["flags"][mine] & (DIM | LOST | CUT | SATURATED | CONTAMINATED | BESIDE | UNEVEN) == 0).sum()
+    good = (table["flags"][mine] & (DIM | LOST | CUT | SATURATED | CONTAMINATED | BESIDE | UNEVEN | IMAGED) == 0).sum()
     return mine if good >= least else None
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 
 MASKED, SATURATED, COSMIC, EDGE, DIM, CONTAMINATED, LOST, CUT, BESIDE, UNEVEN = (1 << k for k in range(10))
+IMAGED = 1 << 13  # the bits between are of lines alone (line_columns.FLAGS)
 FLAGS = {
     MASKED: "a defect in the aperture, left out of the sums",
     SATURATED: "a saturated pixel in the aperture, left out",
@@ -14,6 +15,7 @@ FLAGS = {
     CUT: "the object lies at the edge of its grating's piece: part of its light goes elsewhere",
     BESIDE: "3 columns or less from a saturated one (charge leaks along rows), 63 from one that is lost (its wings)",
     UNEVEN: "wings from brighter columns, at the spectrum's ends and lines, may be off by more than the error",
+    IMAGED: "drawn from an image, which is taken for a disk, or an object that is has light near, a tenth or more",
 }
 COLUMNS = {
     "id": (np.int64, "the object"),

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from csstsim.catalog.galaxy_shapes.components import components
+from csstsim.catalog.galaxy_shapes.components import components, has_image
 
 
 def shapes_of(table, wcs):
@@ -11,4 +11,4 @@ def shapes_of(table, wcs):
     from csstsim.render.scene import shape_matrix
 
     light, _, sizes = zip(*components(table), strict=True)
-    return Shapes.of(shape_matrix(table, wcs), np.stack(light, axis=1), np.stack(sizes, axis=1))
+    return Shapes.of(shape_matrix(table, wcs), np.stack(light, axis=1), np.stack(sizes, axis=1), has_image(table))
