@@ -1,5 +1,7 @@
 """`csstsim budget`: what each effect costs a measurement of shear, or of redshifts."""
 
+import functools
+
 import click
 
 from csstsim.command_line.group import Commands
@@ -62,7 +64,8 @@ def shear(file, output, only_plan, count, effects, estimators, blind, whole, rev
     else:
         from csstsim.budget.shear.command import budget as run
 
-        run(file, output, print, only_plan=only_plan, count=count, effects=effects, estimators=estimators)
+        say = functools.partial(print, flush=True)  # at once, into a file or pipe, too
+        run(file, output, say, only_plan=only_plan, count=count, effects=effects, estimators=estimators)
 
 
 @budget.command()
