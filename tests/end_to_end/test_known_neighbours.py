@@ -145,5 +145,6 @@ def test_a_budget_of_redshifts_by_the_command(campaign, tmp_path):
                         ("id,z,good\n2,0,1\n77,0,1\n78,0,1\n", "(got 77)")):  # fmt: skip
         answer.write_text(text)
         assert fault in refused("budget", "redshift", campaign, "--output", folder, "--answer", answer)
-    assert "no table of spectra" in refused("budget", "redshift", campaign, "--spectra", "nowhere")
+    said = refused("budget", "redshift", campaign, "--spectra", "nowhere")
+    assert "no table of spectra" in said and str(campaign.parent.absolute() / "nowhere") in said
     assert "no such band" in refused("budget", "redshift", campaign, "--band", "q")

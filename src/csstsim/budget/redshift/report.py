@@ -90,8 +90,9 @@ def _frames(run, folder):
         if all(path.is_file() for path in paths):
             found.append((*map(ObjectTable.read, paths), read_truth(run.paths.level0_truth(job))))
     if not found:
+        place = beside(run.file, folder) if folder else Path(run.paths.output)
         raise InputError(
-            "no table of spectra", file=beside(run.file, folder) if folder else run.paths.output, key="--spectra",
+            "no table of spectra", file=place.absolute(), key="--spectra",
             allowed="those that `csstsim extract` writes for this campaign",
         )  # fmt: skip
     return found
