@@ -4,11 +4,14 @@ import numpy as np
 import pytest
 from scipy.special import erf
 
+from csstsim.base.errors import InputError
 from csstsim.base.units import C_A_S, H_J_S
+from csstsim.budget.redshift.figure import figure
 from csstsim.budget.redshift.line_biases import SIDE, by_contamination, line_biases, mean
+from csstsim.budget.redshift.report import _check_band
 from csstsim.budget.redshift.scores import RIGHT, score, scores
 from csstsim.budget.redshift.stack import STEP, stacked
-from csstsim.catalog.table import ObjectTable
+from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.measure.spectra.line_columns import BLIND, PART
 from csstsim.measure.spectra.spectrum_columns import DIM, LOST
 
@@ -128,3 +131,41 @@ def test_means_of_noisy_lines_are_not_biased():
     assert row["lines"] == 4000 and row["ratio"] == pytest.approx(1.0, abs=5 * 0.25 / np.sqrt(4000))
     assert row["shift"] == pytest.approx(0.05, abs=5 * 0.1 / np.sqrt(4000))
     assert row["shift_err"] == pytest.approx(0.1 / np.sqrt(4000), rel=0.1)
+
+
+def test_a_galaxy_without_a_line_does_not_count_beside_one_that_has_it():
+    """True fluxes of 5 and 0.1 errors, below 0, and of no error: one line counts."""
+    table, middle = line()
+    tables = [table, table, table, table]
+    lines = [lines_of(middle, ratio=0.9, flux=0.5), lines_of(middle, flux=0.01), lines_of(middle, flux=-3.0),
+             lines_of(middle, flux=0.0, error=0.0)]  # fmt: skip
+    row = by_contamination(line_biases(tables, lines))[0]
+    assert row["lines"] == 1 and row["ratio"] == pytest.approx(0.9)
+
+
+@pytest.mark.parametrize("n", [0, 1, 2, 5])
+def test_points_of_the_figure_stand_at_their_labels(n, monkeypatch):
+    from csstsim.budget.redshift import figure as module
+
+    drawn = []
+    monkeypatch.setattr(module, "png", drawn.append)
+    objects = {"id": np.arange(n), "z": np.linspace(0.1, 1.4, n), "magnitude": np.linspace(18.5, 22.2, n),
+               "size": np.linspace(0.1, 0.7, n), "contamination": np.linspace(0.0, 2.0, n)}  # fmt: skip
+    found = scores({k: (0.1, True) for k in range(n)}, objects)
+    some = [{"low": 0.1 * k, "high": 0.1 * k + 0.1, "lines": 3, "ratio": 1.0, "ratio_err": 0.1, "shift": 0.2,
+             "shift_err": 0.1} for k in range(n)]  # fmt: skip
+    figure({"right": RIGHT, "band": "i", "lines": some} | found, {k: (0.1, True) for k in range(n)}, objects)
+    axes = drawn[0].axes
+    for ax in axes[1:]:  # the last is the other axis of the lines
+        places = [x for x in ax.get_xticks() if 0 <= x <= max(n - 1, 0)]
+        assert ax.get_xlim() == (-0.5, max(len(places) - 0.5, 0.5))
+        for bars in ax.containers:
+            assert bars[0].get_xdata() == pytest.approx(places, abs=0.16)
+
+
+def test_a_band_without_magnitudes_is_refused_with_those_that_there_are():
+    truth = ObjectTable({"obj_type": np.full(2, GALAXY), "mag_i": np.full(2, np.nan), "mag_r": np.array([18.3, 18.7])})
+    objects = ObjectTable({"id": np.arange(2), "magnitude": np.full(2, np.nan)})
+    with pytest.raises(InputError, match=r"--band.*got 'i'.*allowed: r$"):
+        _check_band([(None, None, truth)], objects, ("r", "i"), "i")
+    _check_band([(None, None, truth)], objects.with_columns(magnitude=np.array([np.nan, 18.0])), ("r", "i"), "i")

@@ -12,8 +12,10 @@ import csstsim
 from csstsim.budget.shear import blind as blinded
 from csstsim.budget.shear import run as running
 from csstsim.budget.shear.bars import bars
+from csstsim.budget.shear.command import _command
 from csstsim.budget.shear.frames import Field, level_of, noise_of, opened
 from csstsim.budget.shear.plan import DEFAULT, Setting, load_plan
+from csstsim.budget.shear.printed import hours, pair
 from csstsim.budget.shear.volume import report, sigma_m, volume
 from csstsim.command_line.main import main
 
@@ -126,6 +128,8 @@ def done(sim, file, tmp_path_factory):
         assert result.exit_code == 0, result.output
         stamps = {path: path.stat().st_mtime_ns for path in (folder / "fields").iterdir()}
         again = CliRunner().invoke(main, ["budget", "shear", str(file), "--plan", "--output", str(folder)])
+        assert "effects: nonlinearity, nothing, linear, undone" in again.output.split("now one window")[0]
+        assert "  one, linear: " in result.output and "  one, linear: " not in again.output
         assert again.exit_code == 0 and stamps == {p: p.stat().st_mtime_ns for p in (folder / "fields").iterdir()}
         plan = load_plan(file)
         hide = ["budget", "shear", str(file), "--blind", str(folder / "key.json"), "--output", str(folder / "blind")]
@@ -149,11 +153,11 @@ def test_bars_sum_and_cost(done):
     galaxies, hours = volume(base, sigma_m(base) / 10)
     assert galaxies == pytest.approx(3200) and hours == pytest.approx(3200 * base["seconds"] / 3600)
     lines = report(list(rows.values()))
-    assert len(lines) == 1 + 5 + 2 and lines[-1].startswith("all bars by own to 1e-04")
+    assert len(lines) == 1 + 5 + 2 + 2 and lines[-1].startswith("all bars by own to 1e-04")
     assert bars(plan, []) == []
 
 
-def test_table_figures_and_page(done):
+def test_table_figures_and_page(done, file):
     folder, plan, _ = done
     from astropy.table import Table
 
@@ -161,8 +165,27 @@ def test_table_figures_and_page(done):
     assert list(table["effect"][:2]) == ["base", "nonlinearity"] and table.meta["plan"]["shear"] == plan.shear
     page = (folder / "index.html").read_text()
     assert page.count("data:image/png;base64,") == 2 and "nonlinearity" in page
+    assert f"{file} --output {folder}</code>" in page and "c1 [1e-04]" in page
     for name in ("waterfall_one.png", "chart_one.png"):
         assert (folder / name).read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "said"),
+    [(1e-4, 2e-2, "+0.000 +- 0.020"), (-42.2, 19.5, "-42 +- 20"), (0.0, 0.0, "+0 +- 0"), (1.0, np.nan, "+1 +- nan"),
+     (0.5, 0.0099, "+0.5000 +- 0.0099"), (1234.0, 150.0, "+1234 +- 150")],
+)  # fmt: skip
+def test_numbers_have_the_digits_of_their_errors(value, error, said):
+    assert pair(value, error) == said
+
+
+def test_hours_have_two_digits():
+    assert [hours(value) for value in (0.0, 0.001234, 213.7, np.nan)] == ["0", "0.0012", "210", "nan"]
+
+
+def test_the_page_has_the_whole_command():
+    words = _command("my plan.yaml", "out", 2, ["a", "b"], None)
+    assert words == "csstsim budget shear 'my plan.yaml' --output out --fields 2 --effects a,b"
 
 
 def answer(folder, rows, heads="field,g1,g2,g1_err,g2_err"):
@@ -178,13 +201,17 @@ def test_blind_frames_hide_the_shear_and_score_an_answer(done):
     key = json.loads((folder / "key.json").read_text())
     with fits.open(folder / "blind" / "field_000.fits") as hdus:
         assert hdus["IMAGE"].data.shape == (232, 232) and len(hdus["PSF"].data) == len(hdus["GALAXIES"].data) == 16
+        header, columns = hdus["IMAGE"].header, hdus["GALAXIES"].columns
+        assert header["BUNIT"] == "electron" and header["EXPTIME"] == 150.0 and columns["x"].unit == "pixel"
     text = b"".join(path.read_bytes() for path in (folder / "blind").iterdir())
     assert str(key["seed"]).encode() not in text and key["salt"].encode() not in text
     lines = [f"{i},{1.1 * g1 + 0.001},{g2},0.01,0.01" for i, (g1, g2) in enumerate(key["shears"])]
     said = []
     score = blinded.reveal(folder / "key.json", answer(folder, lines), said.append, folder / "blind")
     assert score["m1"] == pytest.approx(0.1) and score["c1"] == pytest.approx(0.001)
-    assert score["m2"] == pytest.approx(0.0, abs=1e-12) and any("m1 = +0.10000" in line for line in said)
+    assert score["m2"] == pytest.approx(0.0, abs=1e-12) and any(
+        line.startswith("m1 = +0.1") and " +- " in line for line in said
+    )
 
 
 @pytest.mark.parametrize(
@@ -200,6 +227,28 @@ def test_a_wrong_answer_is_refused_in_one_line(done, rows, said):
     words = ["budget", "shear", "--reveal", str(folder / "key.json"), str(answer(folder, rows))]
     result = CliRunner().invoke(main, [*words, "--output", str(folder / "blind")])
     assert result.exit_code == 2 and said in result.stderr and "Traceback" not in result.output
+
+
+def test_an_answer_without_a_column_names_it(done):
+    folder, _, _ = done
+    path = answer(folder, ["0,0,0"], heads="field,g1,g2")
+    words = ["budget", "shear", "--reveal", str(folder / "key.json"), str(path), "--output", str(folder / "blind")]
+    result = CliRunner().invoke(main, words)
+    assert result.exit_code == 2 and "it lacks g1_err, g2_err" in result.stderr
+
+
+def test_the_blind_folder_explains_itself(done):
+    """The zero point of the README gives the electrons of the magnitudes: 16 galaxies of 19 to 19.5, to 25%."""
+    from astropy.io import fits
+
+    folder, _, _ = done
+    text = (folder / "blind" / "README.md").read_text()
+    with fits.open(folder / "blind" / "field_000.fits") as hdus:
+        zero, image, places = hdus["IMAGE"].header["ZP_AB"], hdus["IMAGE"].data, hdus["GALAXIES"].data
+    assert f"{zero:.4f} - 2.5 log10" in text and "field_000.fits to field_001.fits" in text
+    assert all(name in text for name in ("jacobian", "g1_err", "--reveal", "150 s in band r"))
+    mean = image.sum() / len(places)
+    assert 10 ** (0.4 * (zero - 19.5)) / 1.25 < mean < 1.25 * 10 ** (0.4 * (zero - 19.0))
 
 
 def test_another_key_is_not_the_sealed_one(done, tmp_path):

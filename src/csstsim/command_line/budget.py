@@ -1,5 +1,7 @@
 """`csstsim budget`: what each effect costs a measurement of shear, or of redshifts."""
 
+import functools
+
 import click
 
 from csstsim.command_line.group import Commands
@@ -24,7 +26,12 @@ def _names(ctx, option, value):
 @budget.command()
 @click.argument("file", metavar="[PLAN]", required=False, type=click.Path())
 @click.option("--output", type=click.Path(), default="results/budget_shear", show_default=True, help="Its folder.")
-@click.option("--plan", "only_plan", is_flag=True, help="One field a sample: the CPU-hours for smaller errors; stop.")
+@click.option(
+    "--plan",
+    "only_plan",
+    is_flag=True,
+    help="Print the plan; try one window a sample (minutes), for the CPU-hours; stop.",
+)
 @click.option("--fields", "count", type=click.IntRange(1), help="Windows of each sample [default: the plan's].")
 @click.option("--effects", callback=_names, help="Names, separated by commas [default: all of the plan].")
 @click.option("--estimators", callback=_names, help="hsm, own, fpfs, metacal [default: the plan's].")
@@ -62,7 +69,8 @@ def shear(file, output, only_plan, count, effects, estimators, blind, whole, rev
     else:
         from csstsim.budget.shear.command import budget as run
 
-        run(file, output, print, only_plan=only_plan, count=count, effects=effects, estimators=estimators)
+        say = functools.partial(print, flush=True)  # at once, into a file or pipe, too
+        run(file, output, say, only_plan=only_plan, count=count, effects=effects, estimators=estimators)
 
 
 @budget.command()
@@ -70,7 +78,7 @@ def shear(file, output, only_plan, count, effects, estimators, blind, whole, rev
 @click.option("--also", type=click.Path(), multiple=True, help="A campaign of another place, same camera; repeat.")
 @click.option("--spectra", type=click.Path(), help="Folder of spectra, beside the campaign's file [default: its own].")
 @click.option("--answer", type=click.Path(), help="Redshifts to score: CSV of id, z and good (1: sure, 0: not).")
-@click.option("--band", default="i", show_default=True, help="Band of the magnitudes.")
+@click.option("--band", default="i", show_default=True, help="Band of the magnitudes; the catalogue must have it.")
 @click.option(
     "--output", "folder", type=click.Path(), default="results/budget_redshift", show_default=True,
     help="Folder of results.",

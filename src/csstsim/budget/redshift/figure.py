@@ -46,8 +46,13 @@ def _shares(ax, classes, unit):
         ax.annotate(str(one["objects"]), (k, 1.04), ha="center", fontsize=7, color="0.4")
     labels = [_label(one) for one in classes]
     ax.set_xticks(places, labels, fontsize=8)
-    ax.set(ylim=(0, 1.12), xlabel=unit)
-    ax.legend(fontsize=8, loc="upper right", bbox_to_anchor=(1.0, 0.9))
+    ax.set(xlim=_limits(classes), ylim=(0, 1.12), xlabel=unit)
+    ax.legend(fontsize=8, loc="best")
+
+
+def _limits(classes):
+    """Return the limits of an axis that has class k at k: half a class on each side, however few there are."""
+    return -0.5, max(len(classes), 1) - 0.5
 
 
 def _label(one):
@@ -69,5 +74,6 @@ def _lines(ax, classes):
         most = max([*(np.abs(middle) + half), 1e-3]) * 1.2
         axis.set_ylim(-most, most)
     ax.axhline(0, color="k", lw=0.5)
+    ax.set_xlim(_limits(classes))  # of both: they share it
     ax.set_xticks(places, [f"{_label(one)}\n({one['lines']})" for one in classes], fontsize=8)
     ax.set_xlabel("light of others / own, at the line")

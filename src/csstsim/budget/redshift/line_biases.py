@@ -33,9 +33,10 @@ def _of_frame(table, lines):
     order = np.argsort(table["id"], kind="stable")
     table = table.take(order[table["order"][order] == 1])
     known = (lines["line"] != "") & (lines["flags"] & (BLIND | PART | UNUSED) == 0) & (lines["order"] == 1)
-    known &= lines["flux_true"] >= STRONG * lines["flux_err"]
+    known &= (lines["flux_true"] >= STRONG * lines["flux_err"]) & (lines["flux_err"] > 0)  # so no ratio is 0 / 0
     seen = {}  # {id: columns of lines so far}, the strongest first: lines that blend are one
-    for k in np.flatnonzero(known)[np.argsort(-(lines["flux_true"] / lines["flux_err"])[known], kind="stable")]:
+    strength = lines["flux_true"][known] / lines["flux_err"][known]
+    for k in np.flatnonzero(known)[np.argsort(-strength, kind="stable")]:
         before = seen.setdefault(int(lines["id"][k]), [])
         if any(abs(lines["column"][k] - column) <= SIDE for column in before):
             continue

@@ -31,6 +31,9 @@ def budget(runs, output, spectra=None, answer=None, band="i", say=print):
         raise InputError("no such band", key="--band", value=band, allowed=", ".join(run.camera.bands))
     tables = [table for table, *_ in frames]
     objects = objects_of(frames, name)
+    _check_band(frames, objects, run.camera.bands, band)
+    if given is not None:
+        _check_ids(given, tables, answer)
     output.mkdir(parents=True, exist_ok=True)
     stack = stacked(tables)
     stack.write(output / "stack.parquet", {"frames": len(tables)})
@@ -52,6 +55,29 @@ def budget(runs, output, spectra=None, answer=None, band="i", say=print):
     return result
 
 
+def _check_band(frames, objects, bands, band):
+    """Refuse a band that no galaxy has a magnitude in, if there is another one."""
+    if len(objects) == 0 or np.isfinite(objects["magnitude"]).any():
+        return
+    truths = [truth for *_, truth in frames]
+    there = [
+        one for one in bands
+        if any(np.isfinite(truth[f"mag_{one}"][truth["obj_type"] == GALAXY]).any() for truth in truths)
+    ]  # fmt: skip
+    if there:
+        raise InputError("no galaxy has a magnitude in it", key="--band", value=band, allowed=", ".join(there))
+
+
+def _check_ids(given, tables, path):
+    """Refuse an answer with an id that no spectrum has: it is of another field, or shifted."""
+    seen = set(np.concatenate([table["id"] for table in tables]).tolist())
+    for k in given:
+        if k not in seen:
+            raise InputError(
+                "no spectrum has this id", file=Path(path), key="id", value=k, allowed="ids of stack.parquet"
+            )
+
+
 def _frames(run, folder):
     """Return [(spectra, lines, truth)] of the campaign's spectroscopic frames that have been extracted."""
     from csstsim.io.truth import read_truth
@@ -64,8 +90,9 @@ def _frames(run, folder):
         if all(path.is_file() for path in paths):
             found.append((*map(ObjectTable.read, paths), read_truth(run.paths.level0_truth(job))))
     if not found:
+        place = beside(run.file, folder) if folder else Path(run.paths.output)
         raise InputError(
-            "no table of spectra", file=beside(run.file, folder) if folder else run.paths.output, key="--spectra",
+            "no table of spectra", file=place.absolute(), key="--spectra",
             allowed="those that `csstsim extract` writes for this campaign",
         )  # fmt: skip
     return found

@@ -17,8 +17,10 @@ from csstsim.base.files.atomic import atomic_path
 from csstsim.base.files.text_file import read_json, read_text
 from csstsim.base.process.one_thread import one_thread
 from csstsim.base.process.progress import progress
+from csstsim.budget.shear.blind_readme import readme, zeropoint
 from csstsim.budget.shear.frames import Field, opened
 from csstsim.budget.shear.plan import ALL, BASE, load_plan
+from csstsim.budget.shear.printed import PRINTED, pair
 
 SEAL = "seal.json"
 COLUMNS = "field", "g1", "g2", "g1_err", "g2_err"
@@ -27,7 +29,7 @@ STEPS = 10_000  # a component is a multiple of twice the plan's shear over this
 
 @one_thread
 def blind(file, key, output, say, *, count=None, whole=False):
-    """Write a key file, and a folder of frames under its shears: FITS files, one a field of the first sample.
+    """Write a key file, and a folder of frames under its shears: FITS, one a field of the first sample; README.md.
 
     whole: with all effects of the sum; else the base. HDUs of a frame: IMAGE (electrons, background subtracted), PSF
     (n, s, s), GALAXIES (x, y: 0-based pixels of IMAGE; jacobian d(x, y)/d(east, north) [px / arcsec]). Raises
@@ -46,10 +48,13 @@ def blind(file, key, output, say, *, count=None, whole=False):
     with atomic_path(key) as temporary:
         temporary.write_text(json.dumps(said, indent=1) + "\n")
     for number, g in enumerate(progress(shears, "fields")):
-        _write(folder / f"field_{number:03d}.fits", Field(simulation, hidden, band, name, number), setting, complex(*g))
+        field = Field(simulation, hidden, band, name, number)
+        _write(folder / f"field_{number:03d}.fits", field, setting, complex(*g))
+    with atomic_path(folder / "README.md") as temporary:
+        temporary.write_text(readme(plan, field))
     with atomic_path(folder / SEAL) as temporary:
         temporary.write_text(json.dumps({"seal": _seal(said), "fields": plan.fields}, indent=1) + "\n")
-    say(f"{folder}: {plan.fields} frames and the key's seal; {key}: the key, not to be opened before the answer")
+    say(f"{folder}: {plan.fields} frames, the seal, README.md; {key}: the key, not to be opened before the answer")
 
 
 def _seal(said):
@@ -63,14 +68,20 @@ def _write(path, field, setting, g):
     x, y = field.galaxies.x - window.x0, field.galaxies.y - window.y0
     jacobian = field.jacobian(setting)
     columns = [
-        fits.Column("x", "D", array=x), fits.Column("y", "D", array=y),
-        fits.Column("jacobian", "4D", dim="(2,2)", array=jacobian),
+        fits.Column("x", "D", unit="pixel", array=x), fits.Column("y", "D", unit="pixel", array=y),
+        fits.Column("jacobian", "4D", unit="pixel/arcsec", dim="(2,2)", array=jacobian),
     ]  # fmt: skip
     hdus = fits.HDUList([
         fits.PrimaryHDU(), fits.ImageHDU(field.arm(setting, g).astype(np.float32), name="IMAGE"),
         fits.ImageHDU(np.ascontiguousarray(field.psf(setting), np.float32), name="PSF"),
         fits.BinTableHDU.from_columns(columns, name="GALAXIES"),
     ])  # fmt: skip
+    hdus["IMAGE"].header.update({
+        "BUNIT": ("electron", "background subtracted"), "EXPTIME": (field.job(False).exposure.exptime, "s"),
+        "GAIN": (1.0, "electrons per unit of the image"), "FILTER": field.band,
+        "ZP_AB": (zeropoint(field), "AB magnitude of one electron"),
+    })  # fmt: skip
+    hdus["PSF"].header["BUNIT"] = ("", "shares: each stamp has a sum of 1")
     with atomic_path(path) as temporary:
         hdus.writeto(temporary, overwrite=True)
 
@@ -100,7 +111,9 @@ def reveal(key, answer, say, folder=None):
         score |= {f"m{axis + 1}_err": float(m_err), f"c{axis + 1}_err": float(c_err)}
     for name in ("m1", "m2", "c1", "c2"):
         if name in score:
-            say(f"{name} = {score[name]:+.5f} +- {score[f'{name}_err']:.5f}")
+            unit = PRINTED[name] if name in ("c1", "c2") else 1.0
+            words = pair(score[name] / unit, score[f"{name}_err"] / unit)
+            say(f"{name} = {words}" if unit == 1.0 else f"{name} = ({words}) 1e-4")
     say(f"chi2 = {score['chi2']:.1f} of {true.size} numbers")
     return score
 
@@ -115,8 +128,11 @@ def _json(path, names):
 def _answer(path, count):
     """Return values and errors (fields, 2) of an answer. Raises InputError."""
     rows = list(csv.DictReader(read_text(path).splitlines()))
-    if not rows or set(COLUMNS) - set(rows[0]):
-        raise InputError("not an answer", file=path, key="columns", allowed=", ".join(COLUMNS))
+    if not rows:
+        raise InputError("not an answer: no row", file=path, allowed=", ".join(COLUMNS))
+    if missing := [name for name in COLUMNS if name not in rows[0]]:
+        lacks = f"not an answer: it lacks {', '.join(missing)}"
+        raise InputError(lacks, file=path, key="columns", allowed=", ".join(COLUMNS))
     try:
         numbers = np.array([[float(row[name]) for name in COLUMNS] for row in rows])
     except (TypeError, ValueError):

@@ -1,5 +1,6 @@
 """`csstsim budget shear`: runs a plan, or its first field alone, and writes table, figures and page."""
 
+import shlex
 from pathlib import Path
 
 from csstsim.base.process.one_thread import one_thread
@@ -7,7 +8,7 @@ from csstsim.budget.shear.bars import bars
 from csstsim.budget.shear.figures import chart, waterfall
 from csstsim.budget.shear.page import write_page, write_rows
 from csstsim.budget.shear.plan import load_plan
-from csstsim.budget.shear.run import fields
+from csstsim.budget.shear.run import fields, names
 from csstsim.budget.shear.volume import report
 
 
@@ -18,6 +19,8 @@ def budget(file, output, say, *, only_plan=False, count=None, effects=None, esti
     Returns the rows of bars.bars, with the sample. Raises InputError.
     """
     plan, folder = load_plan(file, fields=count, effects=effects, estimators=estimators), Path(output)
+    for line in summary(plan, file, only_plan):
+        say(line)
     paths = fields(plan, folder, say, first=1 if only_plan else None)
     rows = [{"sample": name} | row for name in plan.samples for row in bars(plan, paths[name])]
     for line in report(rows):
@@ -28,6 +31,31 @@ def budget(file, output, say, *, only_plan=False, count=None, effects=None, esti
     for name in plan.samples:
         waterfall(folder / f"waterfall_{name}.png", rows, name, plan.summed)
         chart(folder / f"chart_{name}.png", rows, name)
-    write_page(folder / "index.html", rows, plan, f"csstsim budget shear {file or ''}".strip())
+    write_page(folder / "index.html", rows, plan, _command(file, output, count, effects, estimators))
     say(f"{folder / 'index.html'}: figures and table; budget.ecsv beside it")
     return rows
+
+
+def summary(plan, file, only_plan):
+    """Return the lines that are printed before any work: what will be simulated, and how long that takes."""
+    samples = "; ".join(f"{name}, {of.magnitude[0]:g} to {of.magnitude[1]:g} mag" for name, of in plan.samples.items())
+    lines = [
+        f"plan: {file or 'config/budget/shear.yaml'}; shear {plan.shear:g}; estimators {', '.join(plan.estimators)}",
+        f"samples: {samples}",
+        f"effects: {', '.join(plan.bars)}",
+        f"windows: {plan.fields} of each sample, {plan.size} px wide, a galaxy every {plan.spacing} px, chips "
+        f"{', '.join(map(str, plan.chips))}",
+    ]
+    much = f"{len(names(plan))} settings (a line each in the first window), two arms; some take minutes"
+    if only_plan:
+        return [*lines, f"now one window of each sample is simulated, for its errors and CPU time: {much}"]
+    return [*lines, f"now {plan.fields * len(plan.samples)} windows, those that are not there yet: {much}"]
+
+
+def _command(file, output, count, effects, estimators):
+    """Return the command that made the page."""
+    words = ["csstsim", "budget", "shear", *([file] if file else []), "--output", output]
+    words += ["--fields", count] if count else []
+    for name, given in (("--effects", effects), ("--estimators", estimators)):
+        words += [name, ",".join(given)] if given else []
+    return shlex.join(map(str, words))

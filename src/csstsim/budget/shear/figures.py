@@ -51,6 +51,7 @@ def waterfall(path, rows, sample, summed):
         ticks = [tick for tick in (*(-step for step in steps[::-1]), 0, *steps) if low <= tick <= high]
         ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
         ax.minorticks_off()
+        ax.set_xlabel(f"linear to ±{LINTHRESH:g}, beyond logarithmic", fontsize=8)
         ax.grid(axis="x", alpha=0.3)
         ax.set_title(f"{LABELS[name]}  [{SHOWN[unit]}]", fontsize=10)
     labels = [f"{'+ ' if row['effect'] in summed else ''}{row['about']}" for row in first]

@@ -4,6 +4,7 @@ import base64
 import html
 
 from csstsim.base.files.atomic import atomic_path
+from csstsim.budget.shear.printed import PRINTED, of_row
 from csstsim.budget.shear.response import NAMES
 from csstsim.budget.shear.volume import report
 
@@ -12,6 +13,8 @@ _STYLE = (
     "table{border-collapse:collapse;font-size:13px}td,th{padding:.15em .7em;text-align:right}"
     "td:first-child,th:first-child,td:nth-child(2),td:nth-child(3){text-align:left}tr:nth-child(even){background:#f4f4f4}"
 )
+
+_HEADS = tuple(f"{name} [{PRINTED[name]:.0e}]" for name in NAMES)
 
 
 def write_rows(path, rows, plan):
@@ -51,10 +54,10 @@ def write_page(path, rows, plan, command):
 
 
 def _table(rows):
-    heads = "".join(f"<th>{name}</th>" for name in ("estimator", "effect", "what", *NAMES, "galaxies"))
+    heads = "".join(f"<th>{name}</th>" for name in ("estimator", "effect", "what", *_HEADS, "galaxies"))
     lines = []
     for row in rows:
-        numbers = "".join(f"<td>{row[n]:+.5f} &plusmn; {row[f'{n}_err']:.5f}</td>" for n in NAMES)
+        numbers = "".join(f"<td>{of_row(row, n, '&plusmn;')}</td>" for n in NAMES)
         words = "".join(f"<td>{html.escape(str(row[key]))}</td>" for key in ("estimator", "effect", "about"))
         lines.append(f"<tr>{words}{numbers}<td>{row['galaxies']}</td></tr>")
     return f"<table><tr>{heads}</tr>{''.join(lines)}</table>"

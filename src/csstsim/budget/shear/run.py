@@ -47,7 +47,7 @@ def fields(plan, folder, say, *, first=None):
         path = folder / "fields" / f"{name}_{number:05d}_{_digest(plan, name)}.npz"
         if not path.exists():
             start = time.process_time()
-            arrays = measured(field)
+            arrays = measured(field, say if number == 0 else None)
             with atomic_path(path) as temporary:
                 np.savez(temporary, **arrays)
             say(f"{name} {number}: {len(field.galaxies)} galaxies, {time.process_time() - start:.0f} CPU-s")
@@ -72,11 +72,12 @@ class _Made:
     sigma: float = 0.0  # noise of a pixel of the base, for all Settings: what estimators add is the same in all
 
 
-def measured(field):
+def measured(field, say=None):
     """Return {name: array} of a field's shapes.
 
     `psf` (n,) complex; `ring` (n,); `sign`; SETTING|ESTIMATOR|e (2, n) complex, |response (2, n, 2); SETTING|used
     (2, n); SETTING|seconds of CPU time; in field 0, SETTING|ESTIMATOR|other (n,), the arm -g with another seed.
+    say: is given a line for each SETTING.
     """
     plan, made = field.plan, _Made({}, {}, {})
     arrays = {"ring": field.galaxies.ring, "sign": np.array(field.sign)}
@@ -101,6 +102,8 @@ def measured(field):
             for kind in plan.estimators:
                 arguments = field.stamps(image), psf, made.sigma, _scale(field), field.rng(f"{kind} other")
                 arrays[f"{name}|{kind}|other"] = to_sky(estimator(kind)(*arguments), jacobian, kind in ELLIPTICITIES).e
+        if say:
+            say(f"  {field.sample}, {name}: {time.process_time() - start:.1f} CPU-s")
     return {name: np.array(values) for name, values in arrays.items()}
 
 

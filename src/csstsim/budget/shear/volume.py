@@ -6,7 +6,14 @@ seconds, needs n (s / wanted)^2 of them.
 
 import numpy as np
 
+from csstsim.budget.shear.printed import hours as said
+from csstsim.budget.shear.printed import of_row
+
 GOALS = 3e-4, 1e-4  # of sigma(m)
+LEGEND = (
+    "m1, m2: of the base, or what an effect adds; CPU-h: spent; h for 3e-04: CPU-hours for a sigma(m) of 3e-4;",
+    "gain: how much smaller the scatter of the arms' difference is with one seed for both arms than with two",
+)
 HOUR = 3600.0
 
 
@@ -21,21 +28,30 @@ def volume(row, goal):
     return galaxies, galaxies * row["seconds"] / HOUR
 
 
+def _head(heads):
+    words = f"{'sample':10}{'estimator':10}{'effect':26}{'galaxies':>9}{'m1 [1e-4]':>19}{'m2 [1e-4]':>19}"
+    return f"{words}{'sigma(m)':>10}{'CPU-h':>9}{heads}{'gain':>6}"
+
+
 def report(rows):
-    """Return the lines of a table: each bar's sigma(m), what it cost, and what GOALS cost."""
+    """Return the lines of a table: each bar's m in 1e-4, sigma(m), what it cost, and what GOALS cost."""
     heads = "".join(f"{f'h for {goal:.0e}':>12}" for goal in GOALS)
-    lines = [f"{'sample':10}{'estimator':10}{'effect':26}{'galaxies':>9}{'sigma(m)':>10}{'CPU-h':>8}{heads}{'gain':>6}"]
+    lines = [_head(heads)]
     for row in rows:
         if row["kind"] not in ("base", "bar"):
             continue
         now = row["galaxies"] * row["seconds"] / HOUR
-        hours = "".join(f"{volume(row, goal)[1]:12.2f}" for goal in GOALS)
+        hours = "".join(f"{said(volume(row, goal)[1]):>12}" for goal in GOALS)
         lines.append(
-            f"{row['sample']:10}{row['estimator']:10}{row['effect']:26}{row['galaxies']:9d}{sigma_m(row):10.1e}{now:8.3f}"
-            f"{hours}{row['gain']:6.1f}"
+            f"{row['sample']:10}{row['estimator']:10}{row['effect']:26}{row['galaxies']:9d}{of_row(row, 'm1'):>19}"
+            f"{of_row(row, 'm2'):>19}{sigma_m(row):10.1e}{said(now):>9}{hours}{row['gain']:6.1f}"
         )
+    lines += LEGEND
     bars = [row for row in rows if row["kind"] == "bar" and row["estimator"] == rows[0]["estimator"]]
     for goal in GOALS:
         hours = np.nansum([volume(row, goal)[1] for row in bars])
-        lines.append(f"all bars by {rows[0]['estimator']} to {goal:.0e}: {hours:.1f} CPU-hours")
+        lines.append(
+            f"all bars by {rows[0]['estimator']} to {goal:.0e}: {said(hours)} CPU-hours: "
+            f"the {len(bars)} rows of effects, without the base's own"
+        )
     return lines

@@ -1,0 +1,23 @@
+"""Numbers as people read them: digits as their errors allow, m and c in 1e-4, alpha in 1e-2."""
+
+import math
+
+PRINTED = {"m1": 1e-4, "m2": 1e-4, "c1": 1e-4, "c2": 1e-4, "alpha": 1e-2}  # units
+
+
+def pair(value, error, sign="+-"):
+    """Return "value sign error", the error with two significant digits; one of 0 or none says nothing of the digits."""
+    if not (math.isfinite(value) and math.isfinite(error) and error > 0):
+        return f"{value:+.3g} {sign} {error:.2g}"
+    digits = max(0, 1 - math.floor(math.log10(error)))
+    return f"{value:+.{digits}f} {sign} {error:.{digits}f}"
+
+
+def of_row(row, name, sign="+-"):
+    """Return the pair of a row of bars, in the unit of PRINTED."""
+    return pair(row[name] / PRINTED[name], row[f"{name}_err"] / PRINTED[name], sign)
+
+
+def hours(value):
+    """Return a number with two significant digits, as 210 or 0.0021."""
+    return f"{float(f'{value:.2g}'):g}"
