@@ -94,8 +94,9 @@ def extracted(run, job, folder):
         lines = LineFluxes(np.where(truth["obj_type"] == GALAXY, truth["z"], np.nan))
         table = extract_spectra(frame, orders, *others, snr_min=0.0, ids=ids, lines=lines)
         path.parent.mkdir(exist_ok=True)
-        lines.table().write(path.with_name(f"{path.stem}_lines.parquet"), {})
-        table.write(path, table.meta)
+        recipe = {"recipe": run.recipe(job, "measure")}
+        lines.table().write(path.with_name(f"{path.stem}_lines.parquet"), recipe)
+        table.write(path, table.meta | recipe)
         seconds = time.process_time() - begin
         print(f"{job.obsid} {job.chip.filter} {way}: {table.meta['spectra']} spectra, {seconds:.0f} CPU-s", flush=True)
 

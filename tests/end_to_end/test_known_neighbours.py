@@ -141,10 +141,34 @@ def test_a_budget_of_redshifts_by_the_command(campaign, tmp_path):
         assert found["all"]["completeness"] == complete and found["all"]["objects"] == 1
     assert (folder / "redshift.png").read_bytes().startswith(b"\x89PNG")
     for text, fault in (("id,z\n2,0\n", "not id, z and good"), ("id,z,good\n2,0,2\n", "must be 0 or 1"),
+<<<<<<< HEAD
                         ("id,z,good\n2,0,1\n2,0,1\n", "given twice"),
                         ("id,z,good\n2,0,1\n77,0,1\n78,0,1\n", "(got 77)")):  # fmt: skip
+=======
+                        ("id,z,good\n2,0,1\n2,0,1\n", "given twice"), ("id,z,good\n2,nan,0\n", "not a redshift"),
+                        ("id,z,good\n2,inf,1\n", "not a redshift"), ("id,z,good\n2,-1,1\n", "not a redshift"),
+                        ):  # fmt: skip
+>>>>>>> fix5
         answer.write_text(text)
         assert fault in refused("budget", "redshift", campaign, "--output", folder, "--answer", answer)
     said = refused("budget", "redshift", campaign, "--spectra", "nowhere")
     assert "no table of spectra" in said and str(campaign.parent.absolute() / "nowhere") in said
     assert "no such band" in refused("budget", "redshift", campaign, "--band", "q")
+    assert "--answer" in refused("budget", "redshift", campaign, "--output", tmp_path / "new", "--answer", "nowhere")
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_budget_of_redshifts_counts_no_noise_twice_and_takes_its_own_spectra(campaign, tmp_path):
+    words = "budget", "redshift", campaign, "--output", tmp_path / "budget"
+    again = campaign.with_name("again.yaml")
+    again.write_text(yaml.safe_dump(yaml.safe_load(campaign.read_text()) | {"output": str(tmp_path / "out")}))
+    for other in (campaign, again):
+        assert f"{OBSID}, chip 2" in refused(*words, "--also", other)
+    before = campaign.read_text()
+    campaign.write_text(yaml.safe_dump(yaml.safe_load(before) | {"seed": 6}))
+    try:
+        assert "made for another campaign" in refused(*words)
+    finally:
+        campaign.write_text(before)
+        again.unlink()
+    assert not (tmp_path / "budget").exists()

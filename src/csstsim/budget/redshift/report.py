@@ -8,8 +8,7 @@ import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
-from csstsim.base.files.beside import beside
-from csstsim.base.process.progress import progress
+from csstsim.budget.redshift.extracted import extracted
 from csstsim.budget.redshift.line_biases import by_contamination, line_biases
 from csstsim.budget.redshift.scores import RIGHT, scores
 from csstsim.budget.redshift.stack import stacked, usable
@@ -24,25 +23,26 @@ def budget(runs, output, spectra=None, answer=None, band="i", say=print):
     magnitudes. Returns the scores, or None. Raises InputError.
     """
     output, run = Path(output), runs[0]
-    frames = [frame for each in runs for frame in _frames(each, spectra)]
     given = None if answer is None else read_answer(answer)
     name = f"mag_{band}"
     if band not in run.camera.bands:
         raise InputError("no such band", key="--band", value=band, allowed=", ".join(run.camera.bands))
+    frames = extracted(runs, spectra, say)
     tables = [table for table, *_ in frames]
     objects = objects_of(frames, name)
     _check_band(frames, objects, run.camera.bands, band)
     if given is not None:
         _check_ids(given, tables, answer)
-    output.mkdir(parents=True, exist_ok=True)
-    stack = stacked(tables)
+    stack, found = stacked(tables), None
+    if given is not None:
+        found = scores(given, objects)
+        lines = by_contamination(line_biases(tables, [lines for _, lines, _ in frames]))
+    output.mkdir(parents=True, exist_ok=True)  # nothing is written before all is checked
     stack.write(output / "stack.parquet", {"frames": len(tables)})
     objects.write(output / "objects.parquet", {"band": band})
     say(f"{len(objects)} galaxies in {len(tables)} frames: {output / 'stack.parquet'}")
-    if given is None:
+    if found is None:
         return None
-    found = scores(given, objects)
-    lines = by_contamination(line_biases(tables, [lines for _, lines, _ in frames]))
     result = {"right": RIGHT, "band": band, "frames": len(tables), **found, "lines": lines}
     with atomic_path(output / "redshift.json") as temporary:
         temporary.write_text(json.dumps(_plain(result), indent=1))
@@ -76,26 +76,6 @@ def _check_ids(given, tables, path):
             raise InputError(
                 "no spectrum has this id", file=Path(path), key="id", value=k, allowed="ids of stack.parquet"
             )
-
-
-def _frames(run, folder):
-    """Return [(spectra, lines, truth)] of the campaign's spectroscopic frames that have been extracted."""
-    from csstsim.io.truth import read_truth
-
-    found = []
-    for job in progress(run.slitless_jobs, "frames"):
-        paths = run.paths.spectra(*job.key), run.paths.lines(*job.key)
-        if folder is not None:
-            paths = tuple(beside(run.file, folder) / path.name for path in paths)
-        if all(path.is_file() for path in paths):
-            found.append((*map(ObjectTable.read, paths), read_truth(run.paths.level0_truth(job))))
-    if not found:
-        place = beside(run.file, folder) if folder else Path(run.paths.output)
-        raise InputError(
-            "no table of spectra", file=place.absolute(), key="--spectra",
-            allowed="those that `csstsim extract` writes for this campaign",
-        )  # fmt: skip
-    return found
 
 
 def objects_of(frames, name):
@@ -143,6 +123,8 @@ def read_answer(path):
             raise InputError("not id, z and good", file=path, key=f"row {number}", value=dict(row)) from None
         if good not in ("0", "1"):
             raise InputError("must be 0 or 1", file=path, key=f"row {number}, good", value=good)
+        if not -1 < z < np.inf:
+            raise InputError("not a redshift", file=path, key=f"row {number}, z", value=z, allowed="finite, above -1")
         if k in out:
             raise InputError("id given twice", file=path, key=f"row {number}", value=k)
         out[k] = z, good == "1"

@@ -1,0 +1,88 @@
+"""The tables of spectra of one or more campaigns, after a check that they can be added: no noise or id counts twice."""
+
+from pathlib import Path
+
+import numpy as np
+
+from csstsim.base.errors import InputError
+from csstsim.base.files.beside import beside
+from csstsim.base.process.progress import progress
+from csstsim.base.release import check_recipe
+from csstsim.catalog.table import GALAXY, QUASAR, STAR, ObjectTable
+from csstsim.stages.level0 import truth_of
+
+SAME = 0.5  # arcsec: one id at places further apart is two objects
+STAY = GALAXY, QUASAR, STAR  # types of objects that have one place in all exposures, at J2000
+
+
+def extracted(runs, folder=None, say=print):
+    """Return [(spectra, lines, truth)] of the campaigns' spectroscopic frames that have been extracted.
+
+    runs: campaign.opened.OpenCampaign; folder: of tables, beside each campaign's file, or None: the campaign's. Raises
+    InputError for two campaigns with one frame, for one id at two places, and for tables of another recipe.
+    """
+    check_frames(runs)
+    found, places = [], Places()
+    for run in runs:
+        frames = _of_campaign(run, folder, say)
+        for *_, truth in frames:
+            places.add(truth, run.file)
+        found += frames
+    return found
+
+
+def check_frames(runs):
+    """Raise InputError for two campaigns with the same frame: their noise is the same, and would count as two."""
+    seen = {}
+    for run in runs:
+        mine = {(*job.key, *sorted(run.recipe(job).items())) for job in run.slitless_jobs}
+        twice = sorted(mine & seen.keys())
+        if twice:
+            obsid, chip = twice[0][:2]
+            raise InputError(
+                f"has the frame of exposure {obsid}, chip {chip}, which {seen[twice[0]]} has, too", file=run.file,
+                key="--also", allowed="campaigns without a common frame",
+            )  # fmt: skip
+        seen |= dict.fromkeys(mine, run.file)
+
+
+class Places:
+    """Where the object of each id is."""
+
+    def __init__(self):
+        self.known = {}  # id: (ra [deg], dec [deg], campaign's file)
+
+    def add(self, truth, file):
+        """Add the objects of a truth table. Raises InputError for an id that is further than SAME from where it was."""
+        stay = np.isin(truth["obj_type"], STAY)
+        columns = (np.asarray(truth[name])[stay].tolist() for name in ("id", "ra_orig", "dec_orig"))
+        for k, ra, dec in zip(*columns, strict=True):
+            x, y, other = self.known.setdefault(k, (ra, dec, file))
+            east = (ra - x + 180) % 360 - 180
+            if 3600 * np.hypot(east * np.cos(np.radians(dec)), dec - y) > SAME:
+                raise InputError(
+                    f"the id {k} is of two objects, at {ra:.5f} {dec:+.5f} and, in {other}, at {x:.5f} {y:+.5f}",
+                    file=file, key="id", value=k, allowed=f"one place for one id, to {SAME:g} arcsec",
+                )  # fmt: skip
+
+
+def _of_campaign(run, folder, say):
+    found, jobs = [], run.slitless_jobs
+    for job in progress(jobs, "frames"):
+        paths = run.paths.spectra(*job.key), run.paths.lines(*job.key)
+        if folder is not None:
+            paths = tuple(beside(run.file, folder) / path.name for path in paths)
+        if all(path.is_file() for path in paths):
+            tables = [ObjectTable.read(path) for path in paths]
+            for path, table in zip(paths, tables, strict=True):
+                check_recipe(path, table.meta, run.recipe(job, "measure"))
+            found.append((*tables, truth_of(run, job)))
+    if not found:
+        place = beside(run.file, folder) if folder else Path(run.paths.output)
+        raise InputError(
+            "no table of spectra", file=place.absolute(), key="--spectra",
+            allowed="those that `csstsim extract` writes for this campaign",
+        )  # fmt: skip
+    if len(found) < len(jobs):
+        say(f"left out: {len(jobs) - len(found)} of {len(jobs)} frames of {run.file}, not extracted yet")
+    return found

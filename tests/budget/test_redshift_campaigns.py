@@ -1,0 +1,46 @@
+"""Campaigns whose spectra are added: each frame once, each id one object."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from csstsim.base.errors import InputError
+from csstsim.budget.redshift.extracted import Places, _of_campaign, check_frames
+from csstsim.catalog.table import GALAXY, STAR, ObjectTable
+
+
+def run(name, *keys, seed=1):
+    """A campaign of frames (obsid, chip)."""
+    jobs = [SimpleNamespace(key=key) for key in keys]
+    return SimpleNamespace(file=Path(name), slitless_jobs=jobs, recipe=lambda job: {"seed": seed, "exposure": job.key})
+
+
+def test_a_frame_of_two_campaigns_is_refused():
+    first = run("a.yaml", ("1", 1), ("2", 2))
+    check_frames([first, run("b.yaml", ("1", 2), ("3", 1)), run("c.yaml", ("1", 1), seed=2)])
+    for others in ([first], [run("b.yaml", ("9", 1)), run("c.yaml", ("2", 2))]):
+        with pytest.raises(InputError, match=r"exposure [12], chip [12], which a\.yaml has, too"):
+            check_frames([first, *others])
+
+
+def truth(ids, ra, dec, kind=GALAXY):
+    return ObjectTable({"id": ids, "ra_orig": ra, "dec_orig": dec, "obj_type": [kind] * len(ids)})
+
+
+def test_one_id_is_one_place():
+    """To 0.5 arcsec, at 60 deg of declination and across RA 0; what moves has no place."""
+    places = Places()
+    places.add(truth([1, 2, 3], [10.0, 0.0, 5.0], [60.0, 60.0, 0.0]), "a.yaml")
+    near = 0.45 / 3600
+    places.add(truth([1, 2, 4], [10.0 + 2 * near, 360.0 - 2 * near, 7.0], [60.0, 60.0, 0.0]), "b.yaml")
+    for ids, ra, dec in (([1], [10.0], [60.0 + 0.55 / 3600]), ([9, 2], [1.0, 360 - 1.1 / 3600], [1.0, 60.0])):
+        with pytest.raises(InputError, match=f"id {ids[-1]} is of two objects.*a.yaml"):
+            places.add(truth(ids, ra, dec, STAR), "c.yaml")
+    places.add(truth([1], [50.0], [6.0], max(GALAXY, STAR) + 5), "c.yaml")
+
+
+def test_frames_without_a_table_are_counted(tmp_path):
+    absent = SimpleNamespace(spectra=lambda *_: tmp_path / "no", lines=lambda *_: tmp_path / "no", output=tmp_path)
+    with pytest.raises(InputError, match="no table of spectra"):
+        _of_campaign(SimpleNamespace(**vars(run("a.yaml", ("1", 1))), paths=absent), None, print)
