@@ -162,6 +162,8 @@ def test_an_example_is_a_folder_that_runs_from_anywhere(tmp_path, monkeypatch, e
     folder = tmp_path / "mine"
     made = CliRunner().invoke(main, ["init", str(folder), "--example", example])
     assert made.exit_code == 0 and "README.md" in made.output
+    listed = made.output.split("\n\nNext:")[0].splitlines()
+    assert listed and all(line.partition("  ")[2].strip() for line in listed), listed
     if (folder / "make_data.py").exists():
         runpy.run_path(str(folder / "make_data.py"))["main"](folder / "data")
     monkeypatch.chdir(tmp_path)

@@ -11,7 +11,9 @@ from workflow_run import dry_run
 
 from csstsim.base.errors import InputError
 from csstsim.campaign.opened import OpenCampaign
+from csstsim.campaign.plan import _drawn_again
 from csstsim.campaign.running.status import wanted
+from csstsim.io.paths import LIGHT
 
 BASE = {"select": {"types": ["SCIE"], "chips": [9]}, "keep": "light"}
 VARIANTS = {
@@ -144,6 +146,21 @@ def _folder(root):
         return name
 
     return made
+
+
+def test_the_plan_says_which_light_is_made_again(tmp_path):
+    """A Level-0 file without light: it was finished without `keep: light`."""
+    base = make(tmp_path)
+    run = OpenCampaign(base)
+    (job,) = run.jobs
+    assert _drawn_again(run) == 0
+    light, made = run.paths.stage(*job.key, LIGHT[0]), run.paths.level0(job)
+    for path in (light, made):
+        path.parent.mkdir(parents=True)
+    made.touch()
+    assert _drawn_again(run) == 1 and "1 finished chip of the campaign was not kept" in done("plan", base)
+    light.touch()
+    assert _drawn_again(run) == 0
 
 
 def test_commands_know_the_variants(base):

@@ -5,10 +5,12 @@ import os
 import numpy as np
 
 from csstsim.base.healpix import NSIDE
+from csstsim.base.plural import number_of
 from csstsim.base.stages import flat
 from csstsim.campaign.costs import INSTEAD, each_once, expected, expected_objects, megapixels
 from csstsim.campaign.products import kinds
 from csstsim.catalog.astrometry.reduction import apparent
+from csstsim.io.paths import LIGHT
 
 SNAKEMAKE = 3.0  # s, until the first job starts
 # Each waits for the one before; of rules that run side by side the longest counts
@@ -113,6 +115,12 @@ def print_plan(run, sky=None):
         Console().print(line, soft_wrap=True, highlight=False)
     if run.variants:
         Console().print(_variants_table(run))
+        if again := _drawn_again(run):
+            Console().print(
+                f"The light of {number_of(again, 'finished chip')} of the campaign was not kept: variants need it, and "
+                "it is made again, with Level-0 files of the same bits. With `keep: light` from the start it is there.",
+                soft_wrap=True, highlight=False,
+            )  # fmt: skip
     _print_sky(run, sky)
 
 
@@ -178,6 +186,16 @@ def _variants_table(run):
         keys = ", ".join(f"{key}: {value}" for key, value in flat(run.config.variants[one.variant]).items())
         table.add_row(one.variant, keys, f"{counts['jobs']:,}", f"{cpu:,.2f}", f"{disk['Level-0'] / 1e9:,.2f}")
     return table
+
+
+def _drawn_again(run):
+    """Return how many chips of a base have Level-0 files, but no more the light that a variant reads out."""
+    wanted = {
+        job.key for one in run.variants for job in one.jobs
+        if one.in_base(*job.key, "render") and not one.in_base(*job.key, "level0")
+    }  # fmt: skip
+    gone = (job for job in run.jobs if job.key in wanted and not run.paths.stage(*job.key, LIGHT[0]).exists())
+    return sum(run.paths.level0(job).exists() for job in gone)
 
 
 def duration(seconds):

@@ -26,6 +26,9 @@ EXAMPLES = {  # name: folder of examples/
     "layer": "my_layer", "catalogue": "my_catalogue", "camera": "my_camera", "shear": "shear", "slitless": "slitless",
     "lens": "lens",
 }  # fmt: skip
+KINDS = {  # suffix of an example's file: what it is, where nothing better is known
+    ".csv": "a table", ".fits": "an image", ".md": "text", ".py": "a program, in Python", ".yaml": "settings",
+}  # fmt: skip
 SKIPPED = {"__pycache__", "results", "data"}  # what running an example leaves
 AIMED = 8, 9, 7  # chips, g, r and i, that point at a catalogue's objects
 PA, TIME = -113.4333, "2027-11-20T01:16:00"  # deg; of the first exposure
@@ -83,7 +86,7 @@ def _example(name, content, meanings):
     found |= {file: content[file] for file in workflow}
     campaigns = {file: "a campaign" for file, data in found.items() if b"schema_version" in data}
     told = meanings | campaigns | {"README.md": "what it is, and how it is run"}
-    return found, {file: told.get(file, "") for file in found}
+    return found, {file: told.get(file) or KINDS.get(Path(file).suffix, "data") for file in found}
 
 
 def _alone(campaign):

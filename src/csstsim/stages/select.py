@@ -63,7 +63,9 @@ def say_selected(table, say):
     from csstsim.catalog.selection.drawable import why_not_drawn
 
     verb = "reaches" if len(table) == 1 else "reach"
-    say(f"{number_of(len(table), 'object')} {verb} the window; left out: {table.meta['dropped']}")
+    dropped = table.meta["dropped"]
+    out = f"{dropped['outside']} outside it, {dropped['faint']} fainter than mag_limit"
+    say(f"{number_of(len(table), 'object')} {verb} the window; left out: {out}")
     for reason, count in why_not_drawn(table, table["flags"] & NOT_DRAWN).items():
         say(f"{count} not drawn: {reason}")
 
