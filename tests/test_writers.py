@@ -36,7 +36,6 @@ ALLOWED = {
     ("base/files/atomic.py", "_flush", "open"): "to be flushed: os.O_RDONLY",
     ("campaign/running/one_by_one.py", "_keep", "write_text"): "in a folder that is not read before it has its name",
     ("campaign/running/one_by_one.py", "_keep", "rename"): "a folder of second names of finished files",
-    ("budget/redshift/figure.py", "figure", "savefig"): "bytes in memory",
     ("measure/spectra/spectra_figures.py", "_png", "savefig"): "bytes in memory",
     ("report/figures.py", "png", "savefig"): "bytes in memory",
     ("report/sky_picture.py", "jpeg", "save"): "bytes in memory",
