@@ -58,7 +58,8 @@ def readme(name, frames, licence):
     text = Template(TEMPLATE.read_text(encoding="utf-8")).substitute(
         name=name, frames=told, columns="\n".join(f"    {name}" for name in PARAMS), command=command,
         quantities="\n".join(f"| {key} | {text} |" for key, text in ABOUT.items()), licence=f"{title} ({address})",
-        version=__version__, score=score_command(one["filter"].lower()), fit=FIT.format(one["psf"]) if one["psf"] else "",
+        version=__version__, score=score_command(one["filter"].lower()),
+        fit=FIT.format(one["psf"]) if one["psf"] else "",
         width=" and the width of the PSF are those" if one["psf"] else " is that",
     )  # fmt: skip
     missing = ("| `psf/", "**PSF**") if not any(row["psf"] for row in images) else ()

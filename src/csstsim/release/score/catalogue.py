@@ -118,7 +118,7 @@ def _keys(table, maps, bands, path):
 
 
 def _not_used(table, keys, bands):
-    """Return sentences about the columns that are used, those that are not, and quantities that are not judged without a column."""
+    """Return sentences about columns that are used, those that are not, and quantities that have none."""
     left = [name for name in table.colnames if name not in keys.values()]
     more = f" and {len(left) - NAMED} more" if len(left) > NAMED else ""
     notes = [f"{key.whole}: from column {name}" for key, name in keys.items()]
@@ -141,7 +141,7 @@ def _numbers(column, name, path):
 
 
 def read_any(path):
-    """Return an astropy Table of a file, units kept, or of all bricks below a folder. Raises InputError for what is no table."""
+    """Return an astropy Table of a file, units kept, or of a folder of bricks. Raises InputError if it is none."""
     from astropy.table import Table
 
     path = Path(path)
