@@ -82,6 +82,17 @@ def test_the_wcs_is_of_the_windows_pixels(sim):
         assert np.abs(y - (each.truth["yImage"] - 1 - each.window.y0)).max() < 1e-2
 
 
+def test_a_catalogue_by_its_path(sim, tmp_path):
+    """The same pixels as of the table itself; what is no path, table or class is refused with what may be given."""
+    table = one_star(sim)
+    table.write(tmp_path / "star.csv")
+    image = sim.replace(catalog=tmp_path / "star.csv").chip(OBSID, CHIP).image
+    assert np.array_equal(image, sim.replace(catalog=table).chip(OBSID, CHIP).image)
+    for wrong, words in ((3, "a path to a table's file"), (str(tmp_path / "none.csv"), "none.csv")):
+        with pytest.raises(InputError, match=words):
+            sim.replace(catalog=wrong)
+
+
 def test_it_travels_to_other_processes(sim):
     """Pickled, deep-copied: the same bits; neither its options nor its campaign can be changed from outside."""
     columns = {name: one_star(sim)[name].tolist() for name in ("ra", "dec", "mag_r")}

@@ -32,7 +32,7 @@ from csstsim.campaign.kept import Kept, cache_folder
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.survey_table import OBSID, OBSID_ALLOWED
 from csstsim.catalog.base import CatalogBase
-from csstsim.catalog.object_table import object_table, plain_columns
+from csstsim.catalog.object_table import object_table, plain_columns, read_table
 from csstsim.catalog.open import TABLE_KIND
 from csstsim.instrument.camera import load_camera
 from csstsim.optics.geometry.pointing_for import centred_exposure, light_on
@@ -85,8 +85,9 @@ class Simulation:
         `fidelity="noise_free"`, `psf={"grid": 10}`, `select={"types": ["SCIE"], "chips": [9]}, window=None`; `window`
         also as (x0, x1, y0, y1). layers: {keyword: changed parameters, or None to leave the layer out} of science
         exposures, added to earlier changes; new `observations` reset them. catalog: an astropy Table (columns:
-        csstsim.catalog.own_table; all of its objects are drawn, whatever mag_limit was), a CatalogBase class of yours,
-        or the mapping of a campaign file. Raises InputError for an unknown key or a value that cannot be used.
+        csstsim.catalog.own_table; all of its objects are drawn, whatever mag_limit was), the path to a
+        file of one, a CatalogBase class of yours, or the mapping of a campaign file. Raises InputError for an unknown
+        key or a value that cannot be used.
         """
         config = self._config.model_dump()
         if isinstance(keys.get("window"), tuple | list | np.ndarray):
@@ -272,7 +273,7 @@ def _warn_of_one_noise(seed, pointings):
 
 
 def _catalog(given, before, bands):
-    """Return the campaign's `catalog` for a table, a class or a mapping; shapes stay as they were."""
+    """Return the campaign's `catalog` for a table, its file, a class or a mapping; shapes stay as they were."""
     if isinstance(given, dict):
         return copy.deepcopy(given)
     kept = {"shapes": before["shapes"]}
@@ -282,8 +283,12 @@ def _catalog(given, before, bands):
             allowed = "a class of a module, not of a function or class, derived from CatalogBase"
             raise InputError("cannot be used", key="catalog", value=kind, allowed=allowed)
         return kept | {"mag_limit": before["mag_limit"], "kind": kind, "options": {}}
+    if isinstance(given, str | Path):
+        path = Path(given).resolve()
+        object_table(read_table(path), bands, path)  # refused now, not with the first chip
+        return kept | {"kind": TABLE_KIND, "options": {"file": str(path)}}
     if not hasattr(given, "colnames"):
-        allowed = "an astropy Table, a CatalogBase class, a mapping"
+        allowed = "an astropy Table, a path to a table's file, a CatalogBase class, a mapping with kind and options"
         raise InputError("cannot be used", key="catalog", value=type(given).__name__, allowed=allowed)
     columns = plain_columns(given)
     object_table(columns, bands, "catalog")  # refused now, not with the first chip

@@ -16,6 +16,7 @@ from release.crates import checked, validated
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
 from csstsim.compare.compare import compare
+from csstsim.release.pack_readme import readme
 
 ALLOWED = {"MANIFEST.sha256", "MANIFEST.tsv", "ro-crate-metadata.json"}  # what a crate cannot have hashes of
 
@@ -144,3 +145,19 @@ def test_the_readme_tells_what_there_is(packs):
     assert "images in r (1); spectroscopic frames in GV (1)" in text and "$" not in text
     for name in ("frames.csv", "filters.csv", "CITATION.cff", "MANIFEST.sha256"):
         assert name in text and (packs[0] / "public" / name).is_file()
+
+
+@pytest.mark.parametrize("kind, psf", [("imaging", "psf/a.psf"), ("imaging", None), ("slitless", None)])
+def test_the_readme_leaves_out_what_there_is_not(kind, psf):
+    image = {
+        "name": "a",
+        "kind": "imaging",
+        "filter": "r",
+        "zero_point_mag": 25.0,
+        "psf": psf,
+        "psf_fwhm_px": psf and 2.0,
+    }
+    text = readme("field", [image] + [image | {"kind": kind}] * (kind != "imaging"), "CC-BY-4.0")
+    assert all((word in text) == bool(psf) for word in ("psf/", "PSF_NAME", "psf_fwhm_px", "SEEING_FWHM"))
+    assert ("gratings/" in text) == (kind == "slitless") == ("**Spectroscopic frames**" in text)
+    assert "MAGZERO" in text and "$" not in text and "\n\n\n" not in text

@@ -263,3 +263,32 @@ def test_of_a_magnitude_and_a_flux_the_mapped_one_counts(tmp_path):
     assert all(abs(one["mean"] - 0.1) < 1e-6 for one in numbers(made))
     with pytest.raises(InputError, match="a magnitude and a flux"):
         judged(known, changed, tmp_path, {"flux_r": "flux_r", "mag_r": "mag_r"})
+
+
+def test_columns_that_are_used_are_named_and_the_others_counted(tmp_path):
+    known = field()
+    made = table(known.objects)["ra", "dec", "mag_r"]
+    for k in range(12):
+        made[f"other{k:02d}"] = 1.0
+    made.write(tmp_path / "c.ecsv")
+    notes = read_catalogue(tmp_path / "c.ecsv", {}, known.bands).notes
+    assert "mag_r: from column mag_r" in notes and "ra: from column ra" in notes
+    [line] = [line for line in notes if "not used" in line]
+    assert "other09 and 2 more" in line and "other10" not in line
+
+
+def test_a_folder_of_bricks_is_one_catalogue(tmp_path):
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    for brick in (1, 2):
+        (tmp_path / "dataset" / f"Dir={brick}").mkdir(parents=True)
+        made = pa.table({"ra": [10.0 * brick], "dec": [0.0], "mag_r": [20.0]})
+        pq.write_table(made, tmp_path / "dataset" / f"Dir={brick}" / f"Npix={brick}.parquet")
+    assert read_catalogue(tmp_path, {}, ("r",))["ra"].tolist() == [10.0, 20.0]
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match="no parquet file"):
+        read_any(tmp_path / "empty")
+    pq.write_table(pa.table({"ra": [1.0]}), tmp_path / "dataset" / "z.parquet")
+    with pytest.raises(InputError, match="not bricks of one table"):
+        read_any(tmp_path)

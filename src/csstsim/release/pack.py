@@ -23,6 +23,7 @@ from csstsim.release.pack_frames import write_frame
 from csstsim.release.pack_readme import readme, truth_readme
 from csstsim.release.pack_truth import COLUMNS, write_truth_of_pack
 from csstsim.release.ran import ran
+from csstsim.release.star_psf import FEWEST
 
 PUBLIC, TRUTH, CITATION = "public", "truth", "CITATION.cff"
 KINDS = {
@@ -54,6 +55,9 @@ def pack(run, output, say, authors=(), licence="CC-BY-4.0"):
         folder.mkdir(parents=True)
     frames = [write_frame(run, job, public) for job in progress(jobs, "frames")]
     rows = [frame.row for frame in frames]
+    for row in rows:
+        if row["kind"] == "imaging" and not row["psf"]:
+            say(f"{row['name']}: no PSF model, for fewer than {FEWEST} of its stars are bright, alone and off the edge")
     _write(public / "frames.csv", _csv(rows))
     _write(public / "filters.csv", _csv(_curves(run, jobs)))
     _gratings(run, jobs, public / "gratings")

@@ -13,6 +13,7 @@ PARAMS = (
     "NUMBER", "ALPHA_J2000", "DELTA_J2000", "MAG_AUTO", "MAGERR_AUTO", "FLUX_RADIUS", "A_WORLD", "B_WORLD",
     "THETA_J2000", "FLAGS",
 )  # fmt: skip
+FIT = "With `MAG_PSF` among the columns and `-PSF_NAME {}` it also fits the PSF, which is right for points.\n"
 TRUTH = """# The truth of $name
 
 Keep this folder apart from the other one: it has what those who make catalogues must not see.
@@ -54,11 +55,23 @@ def readme(name, frames, licence):
         f"        -MAG_ZEROPOINT {one['zero_point_mag']} -PIXEL_SCALE 0.074{width}"
     )
     address, title = licence_of(licence)
-    return Template(TEMPLATE.read_text(encoding="utf-8")).substitute(
+    text = Template(TEMPLATE.read_text(encoding="utf-8")).substitute(
         name=name, frames=told, columns="\n".join(f"    {name}" for name in PARAMS), command=command,
         quantities="\n".join(f"| {key} | {text} |" for key, text in ABOUT.items()), licence=f"{title} ({address})",
-        version=__version__, psf=one["psf"] or "MODEL", score=score_command(one["filter"].lower()),
+        version=__version__, score=score_command(one["filter"].lower()),
+        fit=FIT.format(one["psf"]) if one["psf"] else "",
+        width=" and the width of the PSF are those" if one["psf"] else " is that",
     )  # fmt: skip
+    missing = ("| `psf/", "**PSF**") if not any(row["psf"] for row in images) else ()
+    missing += ("| `gratings/", "**Spectroscopic frames**") if len(images) == len(frames) else ()
+    return _without(text, missing)
+
+
+def _without(text, missing):
+    """Return the text without the lines and paragraphs that begin as one of `missing`."""
+    kept = [part for part in text.split("\n\n") if not part.startswith(tuple(m for m in missing if m[0] == "*"))]
+    lines = "\n\n".join(kept).split("\n")
+    return "\n".join(line for line in lines if not line.startswith(tuple(missing)))
 
 
 def truth_readme(name, columns, band):

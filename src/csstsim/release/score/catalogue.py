@@ -16,6 +16,7 @@ FORMATS = {
     ".parquet": "parquet",
 }  # fmt: skip
 LARGEST = 1_000_000_000  # bytes of a text
+NAMED = 10  # columns that are not used, by name
 NOT_KNOWN = 90.0  # mag: 99 and -99 stand for "not measured"
 
 
@@ -117,9 +118,11 @@ def _keys(table, maps, bands, path):
 
 
 def _not_used(table, keys, bands):
-    """Return sentences about columns that are not used, and quantities that are not judged without a column."""
+    """Return sentences about columns that are used, those that are not, and quantities that have none."""
     left = [name for name in table.colnames if name not in keys.values()]
-    notes = [f"columns not used: {', '.join(left)}"] if left else []
+    more = f" and {len(left) - NAMED} more" if len(left) > NAMED else ""
+    notes = [f"{key.whole}: from column {name}" for key, name in keys.items()]
+    notes += [f"columns not used: {', '.join(left[:NAMED])}{more}"] if left else []
     known = {key.whole for key in keys}
     if not any(f"{kind}_{band}" in known for band in bands for kind in ("mag", "flux")):
         notes.append("no magnitude is mapped (mag_B, flux_B): photometry is not judged, and matching is by place alone")
@@ -138,10 +141,12 @@ def _numbers(column, name, path):
 
 
 def read_any(path):
-    """Return an astropy Table of a file, units kept. Raises InputError for what is no table."""
+    """Return an astropy Table of a file, units kept, or of a folder of bricks. Raises InputError if it is none."""
     from astropy.table import Table
 
     path = Path(path)
+    if path.is_dir():
+        return _of_bricks(path)
     form = FORMATS.get(path.suffix.lower())
     if form is None:
         raise InputError("unknown kind of table", file=path, value=path.suffix, allowed=", ".join(FORMATS))
@@ -154,10 +159,7 @@ def read_any(path):
                 warnings.simplefilter("ignore")  # units that FITS does not know, and the like
                 return _of_fits(path)
         if form == "parquet":
-            import pyarrow.parquet as pq
-
-            read = pq.read_table(path)
-            return Table({name: read[name].to_numpy() for name in read.column_names})
+            return _of_parquet([path])
         lines = read_text(path, "utf-8-sig", LARGEST).splitlines()
         if not any(line.strip() for line in lines):
             raise InputError("the table is empty: no heading", file=path)
@@ -166,6 +168,26 @@ def read_any(path):
         raise
     except Exception as exc:  # astropy's readers raise exceptions of many types
         raise InputError(f"not a table that can be read: {str(exc).splitlines()[0]}", file=path) from None
+
+
+def _of_bricks(folder):
+    """Return the rows of all parquet files below a folder. Raises InputError if there is none, or they differ."""
+    files = sorted(folder.rglob("*.parquet"))
+    if not files:
+        raise InputError("no parquet file is below this folder", file=folder)
+    try:
+        return _of_parquet(files)
+    except Exception as exc:  # pyarrow's exceptions are of many types
+        raise InputError(f"not bricks of one table: {str(exc).splitlines()[0]}", file=folder) from None
+
+
+def _of_parquet(files):
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+    from astropy.table import Table
+
+    read = pa.concat_tables([pq.ParquetFile(file).read() for file in files])
+    return Table({name: read[name].to_numpy() for name in read.column_names})
 
 
 def _of_fits(path):
