@@ -46,7 +46,7 @@ def summary(plan, file, only_plan):
         f"windows: {plan.fields} of each sample, {plan.size} px wide, a galaxy every {plan.spacing} px, chips "
         f"{', '.join(map(str, plan.chips))}",
     ]
-    much = f"{len(names(plan))} settings (a line each in the first window), two arms; some take minutes"
+    much = f"{len(names(plan))} settings (a line each in the first window), two arms; this takes minutes"
     if only_plan:
         return [*lines, f"now one window of each sample is simulated, for its errors and CPU time: {much}"]
     return [*lines, f"now {plan.fields * len(plan.samples)} windows, those that are not there yet: {much}"]
