@@ -93,7 +93,8 @@ def score(catalogue, truth, output, maps, band, radius):
       flux_B        _ujy _njy _mjy _jy    z          redshift
       e1, e2        (a - b) / (a + b), east and 45 deg to north; _chi: (a2 - b2) / (a2 + b2)
       a, b or q     with pa, in place of e1, e2; pa from north through east
-    Columns called so need no --map, but for names of one letter. A line says which are used. What is not mapped is not judged, and a line says so.
+    Columns called so need no --map, but for names of one letter. A line says which are used.
+    What is not mapped is not judged, and a line says so.
 
     \b
     For example:
