@@ -20,7 +20,7 @@ def scene(camera):
     x, y = rng.uniform(1100, 3200, 40), rng.uniform(3780, 4520, 40)
     model = make_model(camera.gratings[2], PHOTONS, GaussianPsf().at(0, 0), 2, camera.filters["GV"].psf_wavelength)
     share, radius = rng.uniform(0, 1, 40), rng.choice([0.0, 0.5, 3.0, 15.0], (40, 2, 2))
-    shapes = Shapes(np.stack([share, 1 - share], axis=1), radius, np.zeros(40))
+    shapes = Shapes(np.stack([share, 1 - share], axis=1), radius, np.zeros(40), np.zeros(40, bool))
     level = 10 ** rng.uniform(-3, 1, 40)
     even = binned(6000.0 / GRID, EDGES)
     orders = orders_of(camera.gratings[2], x, y, WINDOW)

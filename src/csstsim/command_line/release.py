@@ -84,7 +84,8 @@ def score(catalogue, truth, output, maps, band, radius):
     """Score a catalogue against the truth of a pack.
 
     Printed, drawn and written: completeness, purity and matches by chance, and bias and scatter of magnitudes, places,
-    shapes and redshifts. CATALOGUE is CSV, ECSV, FITS, parquet or source-extractor's text (.cat).
+    shapes and redshifts. CATALOGUE is CSV, ECSV, FITS, parquet,
+    source-extractor's text (.cat), or a folder of parquet files.
 
     \b
     Keys (B: a band), with the units that may follow, the first where none does:
@@ -92,7 +93,8 @@ def score(catalogue, truth, output, maps, band, radius):
       flux_B        _ujy _njy _mjy _jy    z          redshift
       e1, e2        (a - b) / (a + b), east and 45 deg to north; _chi: (a2 - b2) / (a2 + b2)
       a, b or q     with pa, in place of e1, e2; pa from north through east
-    Columns called so need no --map, but for names of one letter. What is not mapped is not judged, and a line says so.
+    Columns called so need no --map, but for names of one letter. A line says which are used.
+    What is not mapped is not judged, and a line says so.
 
     \b
     For example:
