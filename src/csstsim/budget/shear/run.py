@@ -5,13 +5,16 @@ that differ in the analysis alone.
 """
 
 import time
+import zlib
 from dataclasses import dataclass
+from zipfile import BadZipFile
 
 import numpy as np
 
 from csstsim.base.digest import digest
 from csstsim.base.files.atomic import atomic_path
 from csstsim.base.process.progress import progress
+from csstsim.base.release import release
 from csstsim.budget.shear.estimators import Shapes, check_installed, estimator, psf_shapes
 from csstsim.budget.shear.frames import Field, noise_of, opened
 from csstsim.budget.shear.plan import ALL, BASE
@@ -45,7 +48,7 @@ def fields(plan, folder, say, *, first=None):
     for name, number in progress(todo, "fields"):
         field = Field(simulation, plan, band, name, number)
         path = folder / "fields" / f"{name}_{number:05d}_{_digest(plan, name)}.npz"
-        if not path.exists():
+        if not whole(path):
             start = time.process_time()
             arrays = measured(field)
             with atomic_path(path) as temporary:
@@ -55,11 +58,22 @@ def fields(plan, folder, say, *, first=None):
     return paths
 
 
+def whole(path):
+    """Whether a file of shapes exists and can be read to its end: one that is damaged is made again."""
+    try:
+        with np.load(path) as arrays:
+            return all(arrays[name] is not None for name in arrays.files) and "psf" in arrays.files
+    except (OSError, ValueError, EOFError, BadZipFile, zlib.error):
+        return False
+
+
 def _digest(plan, sample):
-    """Return the digest of all that decides a field's shapes: not how many fields there are, nor the figure's words."""
+    """Return the digest of all that decides a field's shapes, the release of csstsim among it.
+
+    How many fields there are does not decide them, nor do the figure's words."""
     settings = {name: plan.setting(name).model_dump() for name in names(plan)}
     same = plan.model_dump(exclude={"fields", "samples", "effects", "base"})
-    return digest([same, plan.samples[sample].model_dump(), settings])
+    return digest([release(), same, plan.samples[sample].model_dump(), settings])
 
 
 @dataclass
