@@ -43,7 +43,6 @@ def blind(file, key, output, say, *, count=None, whole=False):
     hidden = plan.model_copy(update={"seed": said["seed"]})
     name, setting = next(iter(plan.samples)), plan.setting(ALL if whole else BASE)
     simulation, band = opened(hidden, file)
-    Field(simulation, hidden, band, name, 0).aimed  # a window that cannot be is refused before the key is written
     with atomic_path(key) as temporary:
         temporary.write_text(json.dumps(said, indent=1) + "\n")
     for number, g in enumerate(progress(shears, "fields")):
