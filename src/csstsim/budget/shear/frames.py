@@ -29,7 +29,10 @@ DETECTED, NEAR = 10.0, 4.0  # S/N that a galaxy must have; px from its place
 
 
 def opened(plan, file):
-    """Return the Simulation all frames start from, and the band. Raises InputError for chips or a size that cannot be used."""
+    """Return the Simulation all frames start from, and the band.
+
+    file: of the plan. Raises InputError for chips, or a size, that cannot be used.
+    """
     simulation = Simulation().replace(seed=plan.seed, psf={"grid": 6})
     chips = simulation._run.camera.chips
     wrong = [chip for chip in plan.chips if chip not in chips or chips[chip].kind != "imaging"]

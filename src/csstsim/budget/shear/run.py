@@ -35,13 +35,13 @@ def setting_of(plan, name):
     return BASE if plan.setting(name) == plan.base else name
 
 
-def fields(plan, folder, say, *, first=None):
+def fields(plan, folder, say, *, first=None, file=None):
     """Make the missing fields in a folder, or only the `first` few; return {sample: [path of a field's shapes]}.
 
-    Raises InputError for chips or estimators that cannot be used.
+    file: of the plan. Raises InputError for chips or estimators that cannot be used.
     """
     check_installed(plan.estimators, None)
-    simulation, band = opened(plan, None)
+    simulation, band = opened(plan, file)
     todo = [(name, number) for number in range(first or plan.fields) for name in plan.samples]
     paths = {name: [] for name in plan.samples}
     for name, number in progress(todo, "fields"):
