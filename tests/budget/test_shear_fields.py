@@ -260,6 +260,40 @@ def test_another_key_is_not_the_sealed_one(done, tmp_path):
     assert result.exit_code == 2 and "sealed" in result.stderr
 
 
+@pytest.mark.parametrize(
+    "shears", [["a", "b"], [["x", 0], [0, 0]], [[0, 0], [0]], [0.1, 0.2], [[float("nan"), 0]] * 2, [], 3, {"a": 1},
+               [[True, 0]], [[0, 1e400]]],
+)  # fmt: skip
+def test_a_key_whose_shears_are_no_pairs_of_numbers_is_refused(tmp_path, shears):
+    key = tmp_path / "key.json"
+    key.write_text(json.dumps({"shears": shears, "seed": 1, "salt": "a"}))
+    result = CliRunner().invoke(main, ["budget", "shear", "--reveal", str(key), str(answer(tmp_path, ["0,0,0,1,1"]))])
+    assert result.exit_code == 2, result.output
+    assert "shears.0: not a shear" in result.stderr or "shears.1: not a shear" in result.stderr
+
+
+def test_a_damaged_file_of_shapes_is_made_again(tmp_path):
+    path = tmp_path / "one.npz"
+    assert not running.whole(path)
+    np.savez(path, psf=np.arange(1000.0), e=np.arange(1000.0))
+    content = path.read_bytes()
+    assert running.whole(path)
+    flipped = bytearray(content)
+    flipped[3000] ^= 255
+    for damaged in (b"", b"abc", content[:-30], content[:5000], bytes(flipped)):
+        path.write_bytes(damaged)
+        assert not running.whole(path), damaged[:20]
+    np.savez(path, e=np.arange(3))
+    assert not running.whole(path)
+
+
+def test_fields_of_another_release_are_not_used(file, monkeypatch):
+    plan = load_plan(file)
+    now = running._digest(plan, "one")
+    monkeypatch.setattr(running, "release", lambda: "0.0")
+    assert running._digest(plan, "one") != now
+
+
 @pytest.mark.parametrize("chips", [[8, 9], [29], [99]])
 def test_chips_of_two_bands_or_none_are_refused(file, tmp_path, chips):
     data = yaml.safe_load(file.read_text()) | {"chips": chips}

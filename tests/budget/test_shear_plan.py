@@ -46,21 +46,51 @@ def test_effects_bring_those_that_they_stand_against():
 @pytest.mark.parametrize(
     ("keys", "said"),
     [
-        ({"shear": 0.2}, "shear"), ({"stamp": 47}, "stamp"), ({"stamp": 64}, "spacing"),
-        ({"estimators": ["ksb"]}, "estimators"),
-        ({"effects": {"base": {"about": "x"}}}, "base"), ({"colour": 1}, "colour"), ({"chips": []}, "chips"),
-        ({"effects": {"a": {"about": "x", "against": "b"}}}, "no such effect"),
-        ({"effects": {"a": {"about": "x", "against": "a"}}}, "no such effect"),
-        ({"effects": {"a": {"about": "x", "change": {"masking": True}}}}, "masking needs calibrated"),
-        ({"effects": {"a": {"about": "x", "change": {"undetected": True}}}, "neighbours": {}}, "neighbours.undetected"),
+        ({"shear": 0.2}, "shear"), ({"stamp": 47}, "stamp"), ({"stamp": 64}, "stamp.*at most 48"),
+        ({"estimators": ["ksb"]}, "estimators"), ({"size": 200, "spacing": 100}, "size: no room"),
+        ({"effects": {"base": {"about": "x"}}}, "effects.base"), ({"colour": 1}, "colour"), ({"chips": []}, "chips"),
+        ({"effects": {"a": {"about": "x", "against": "b"}}}, "effects.a.against: no such effect"),
+        ({"effects": {"a": {"about": "x", "against": "a"}}}, "effects.a.against: a circle: a against a"),
+        (
+            {"effects": {k: {"about": "x", "against": v} for k, v in ("ab", "bc", "cb")}},
+            "effects.c.against: a circle: b against c against b",
+        ),
+        ({"effects": {"a": {"about": "x", "change": {"masking": True}}}}, "effects.a.change: masking needs calibrated"),
+        ({"effects": {"a": {"about": "x", "change": {"psf": 3}}}}, "effects.a.change.psf"),
+        ({"effects": {"a": {"about": "x", "change": {"layers": []}}}}, "effects.a.change.layers"),
+        (
+            {"effects": {"a": {"about": "x", "change": {"layers": {"bloom": {}}}}}},
+            "effects.a.change.layers.bloom: not a layer",
+        ),
+        (
+            {"effects": {"a": {"about": "x", "change": {"layers": {"CTE_effect": {"density": 1}}}}}},
+            "effects.a.change.layers.CTE_effect.density: unknown key",
+        ),
+        (
+            {"effects": {"a": {"about": "x", "change": {"undetected": True}}}, "neighbours": {}},
+            "effects.a.change.undetected: needs neighbours.undetected",
+        ),
         ({"effects": {k: {"about": k, "sum": True, "change": {"psf": k}} for k in ("middle", "stars")}}, "differs"),
+        (
+            {"effects": {
+                k: {"about": k, "sum": True, "change": {"layers": {name: {"density_scale": v}}}}
+                for k, name, v in (("a", "CTE_effect", 0.02), ("b", "cte_effect", 0.1))
+            }}, "effects.b.change.layers.cte_effect: differs",
+        ),
+        (
+            {"effects": {
+                "a": {"about": "x", "sum": True, "change": {"straylight": True, "background": "mesh"}},
+                "b": {"about": "x", "sum": True, "change": {"background": "known"}},
+            }}, "effects.b.change.background: differs",
+        ),
         ({"samples": {"a": {"magnitude": [22, 20], "size": [0.1, 0.2], "ellipticity": 0.2}}}, "magnitude"),
+        ({"samples": {"a": {"magnitude": [20, 22], "size": [0, 0.3], "ellipticity": 0.2}}}, "size: must be above 0"),
         ({"samples": {}}, "samples"), ({"fields": 0}, "fields"),
     ],
 )  # fmt: skip
 def test_a_fault_of_the_plan_is_named(changed, keys, said):
     with pytest.raises(InputError, match=said):
-        load_plan(changed(**keys))
+        load_plan(changed(**keys), effects=["a"] if "circle" in said else None)
 
 
 def test_an_unknown_effect_is_named():

@@ -13,6 +13,7 @@ from csstsim.measure.spectra.contamination import NOBODY, CataloguedLight, expec
 from csstsim.measure.spectra.extract import extract_spectra
 from csstsim.measure.spectra.spectrum_columns import DIM, IMAGED, LOST
 from csstsim.optics.gratings.dispersion import Disperser
+from csstsim.stages.parts.contamination import owners
 
 PSF, EXPTIME = GaussianPsf(), 150.0
 PLACES = [(2000.3, 4000.27), (2040.8, 4004.9)]  # traces 4.6 px apart: their light overlaps
@@ -168,3 +169,14 @@ def test_light_of_an_image_is_flagged(pair, image, level, flagged):
         flags = table["flags"][(table["id"] == one) & (table["flags"] & (DIM | LOST) == 0)]
         share = np.mean(flags & IMAGED > 0)
         assert share > 0.85 if one in flagged else share < 0.02, (one, share)
+
+
+def test_an_entry_is_one_object_s_at_most():
+    """Two objects 2 px apart, of which the table has the second: the first has no entry; places are off by 0.1 px."""
+    x, y = np.array([10.0, 12.0, np.nan, 50.0, 90.0]), np.array([5.0, 5.0, 5.0, 5.0, 5.0])
+    known_x, known_y = np.array([50.0, 12.1, 10.0]), np.array([9.1, 5.0, 90.0])
+    assert owners(x, y, known_x, known_y, 4.0).tolist() == [-1, 1, -1, -1, -1]
+    assert owners(x, y, known_x, known_y, 4.2).tolist() == [-1, 1, -1, 0, -1]
+    assert owners(x, y, np.array([11.5, 12.1]), np.array([5.0, 5.0]), 4.0).tolist() == [0, 1, -1, -1, -1]
+    assert owners(x[:0], y[:0], known_x, known_y, 4.0).tolist() == []
+    assert owners(x, y, known_x[:0], known_y[:0], 4.0).tolist() == [-1] * 5

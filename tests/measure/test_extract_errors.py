@@ -5,7 +5,7 @@ import pytest
 from slitless import READ_NOISE, SKY, below
 
 from csstsim.base.rng import stream
-from csstsim.measure.spectra.column_sums import measured
+from csstsim.measure.spectra.column_sums import FLOOR, measured
 from csstsim.measure.spectra.cutout import GOOD, INSIDE, Cutout
 
 SIGMA = 5.0
@@ -57,3 +57,18 @@ def test_light_in_the_strips_is_not_taken_for_sky(sigma):
     assert found["sky"][0] >= SKY
     for name in ("electrons", "box"):
         assert found[name][0] == pytest.approx(given, rel=5e-3)
+
+
+@pytest.mark.parametrize("level", [0.0, -3.0, 1e-12])
+@pytest.mark.parametrize("given", [0.0, 5000.0])
+def test_a_frame_without_any_noise_has_errors_of_the_floor(level, given):
+    """No sky, no read noise, a level below 0 by another bias: what was put in, to 1e-3, with errors above 0."""
+    shares = np.diff(below(np.append(ROWS - 0.5, ROWS[-1] + 0.5), 1.0))[None]
+    seen = np.full(shares.shape, INSIDE | GOOD)
+    found, _ = measured(
+        Cutout(level + given * shares, None, ROWS[None].astype(float), seen, np.ones(shares.shape)), shares, HALF, 0.0
+    )
+    for name in ("electrons", "box"):
+        assert found[name][0] == pytest.approx(given, rel=1e-3, abs=1e-6)
+    least = np.sqrt(FLOOR / (shares**2).sum()) if given == 0 else np.sqrt(given)
+    assert found["electrons_err"][0] > 0.99 * least and found["box_err"][0] >= found["electrons_err"][0]

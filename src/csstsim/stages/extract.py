@@ -102,7 +102,11 @@ def spectra_of_frame(run, job, contamination=None):
     if not run.has_orders(job):
         chips = ", ".join(str(chip.id) for chip in run.camera.slitless_chips)
         raise InputError(
-            "has no spectra", file=run.file, key="chip", value=job.chip.id, allowed=f"{chips}, in SCIE exposures"
+            "has no spectra",
+            file=run.file,
+            key="chip",
+            value=job.chip.id,
+            allowed=f"{chips}, in SCIE exposures with the layer scie_obs",
         )
     file, calibrated = calibrated_frame(run, job)
     path, truth, psf = run.paths.level0_orders(job), truth_of(run, job), open_psf(run, job.chip)

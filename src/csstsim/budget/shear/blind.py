@@ -92,7 +92,7 @@ def reveal(key, answer, say, folder=None):
     folder: of the frames, whose seal must be the key's. m and c are those of answer = (1 + m) g + c, weighted by the
     answer's errors; chi2 is that of the answer against the key, of twice as many numbers as fields. Raises InputError.
     """
-    said = _json(key, ("shears", "seed", "salt"))
+    said = _key(key)
     if folder is not None:
         sealed = _json(Path(folder) / SEAL, ("seal",))["seal"]
         if sealed != _seal(said):
@@ -123,6 +123,19 @@ def _json(path, names):
     if not isinstance(found, dict) or any(name not in found for name in names):
         raise InputError("not a key, nor a seal, of a blinded budget", file=path, allowed=", ".join(names))
     return found
+
+
+def _key(path):
+    """Return what a key holds. Raises InputError, also for shears that are not a pair of finite numbers each."""
+    said = _json(path, ("shears", "seed", "salt"))
+    pairs = said["shears"] if isinstance(said["shears"], list) and said["shears"] else [None]
+    for number, pair in enumerate(pairs):
+        two = isinstance(pair, list) and len(pair) == 2
+        if not two or any(type(g) not in (int, float) or not abs(g) < 1 for g in pair):
+            raise InputError(
+                "not a shear", file=path, key=f"shears.{number}", value=pair, allowed="two numbers, each below 1"
+            )
+    return said
 
 
 def _answer(path, count):

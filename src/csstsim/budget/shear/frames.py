@@ -29,13 +29,19 @@ DETECTED, NEAR = 10.0, 4.0  # S/N that a galaxy must have; px from its place
 
 
 def opened(plan, file):
-    """Return the Simulation all frames start from, and the band. Raises InputError for chips that cannot be used."""
+    """Return the Simulation all frames start from, and the band.
+
+    file: of the plan. Raises InputError for chips, or a size, that cannot be used.
+    """
     simulation = Simulation().replace(seed=plan.seed, psf={"grid": 6})
     chips = simulation._run.camera.chips
     wrong = [chip for chip in plan.chips if chip not in chips or chips[chip].kind != "imaging"]
     bands = {chips[chip].filter for chip in plan.chips if chip in chips}
     if wrong or len(bands) != 1:
         raise InputError(MESSAGE, file=file, key="chips", value=plan.chips, allowed="as 9, 22 in r")
+    most = min(simulation._run.camera.detector.nx, simulation._run.camera.detector.ny)
+    if plan.size > most:
+        raise InputError("a window larger than the chip", file=file, key="size", value=plan.size, allowed=f"to {most}")
     return simulation, bands.pop()
 
 
@@ -74,9 +80,6 @@ class Field:
         """The Simulation of its window."""
         detector = self.simulation._run.camera.detector
         room = np.array([detector.nx, detector.ny]) - self.plan.size
-        if room.min() < 0:
-            allowed = f"at most {min(detector.nx, detector.ny)}"
-            raise InputError("a window larger than the chip", key="size", value=self.plan.size, allowed=allowed)
         turn = self.number // len(self.plan.chips)
         x0, y0 = np.rint(PLACES[turn % len(PLACES)] * room).astype(int).tolist()
         window = x0, x0 + self.plan.size, y0, y0 + self.plan.size

@@ -12,6 +12,8 @@ from csstsim.base.errors import InputError
 from csstsim.base.files.yaml_file import read_yaml
 from csstsim.base.model import Model, validate
 from csstsim.base.shipped import SHIPPED
+from csstsim.budget.shear.plan_faults import check_plan
+from csstsim.budget.shear.sample import EDGE
 
 DEFAULT = SHIPPED / "budget" / "shear.yaml"
 BASE, ALL = "base", "all"
@@ -25,6 +27,12 @@ def _rising(value):
     return value
 
 
+def _positive(value):
+    if not value[0] > 0:
+        raise ValueError("must be above 0")
+    return value
+
+
 class Sample(Model):
     """Galaxies of a sample."""
 
@@ -34,6 +42,7 @@ class Sample(Model):
     ellipticity: float = Field(ge=0, le=0.4, description="rms of each component of (a - b) / (a + b)")
 
     _pairs = field_validator("magnitude", "size")(_rising)
+    _sizes = field_validator("size")(_positive)
 
 
 class Neighbours(Model):
@@ -45,6 +54,7 @@ class Neighbours(Model):
     size: Range = Field(description="arcsec, half-light radius")
 
     _pairs = field_validator("magnitude", "distance", "size")(_rising)
+    _sizes = field_validator("size")(_positive)
 
 
 class Stars(Model):
@@ -114,37 +124,30 @@ class ShearPlan(Model):
     base: Setting = Field(default_factory=Setting)
     effects: dict[str, Effect] = Field(min_length=1)
 
-    @model_validator(mode="after")
-    def _consistent(self):
-        if self.stamp % 2 or self.stamp > self.spacing:
-            raise ValueError(f"stamp must be even and at most spacing, {self.spacing}")
-        if {BASE, ALL} & self.effects.keys():
-            raise ValueError(f"an effect cannot have the name {BASE} or {ALL}")
-        for name, effect in self.effects.items():
-            if effect.against not in {BASE, *self.effects} - {name}:
-                raise ValueError(f"effects.{name}.against: no such effect: {effect.against}")
-            setting = self.setting(name)
-            for kind in ("blended", "undetected"):
-                if getattr(setting, kind) and kind not in self.neighbours:
-                    raise ValueError(f"effects.{name} needs neighbours.{kind}")
-        self.setting(ALL)
-        return self
+    @property
+    def cells(self):
+        """The number of galaxies along a side of a window."""
+        return (self.size - 2 * EDGE) // self.spacing
+
+    def changed(self, change):
+        """Return the keys of the base's Setting with a change."""
+        base = self.base.model_dump()
+        return base | change | {"layers": base["layers"] | (change.get("layers") or {})}
 
     def setting(self, name):
-        """Return the Setting of an effect, of BASE, or of ALL. Raises ValueError for effects that contradict."""
+        """Return the Setting of an effect, of BASE, or of ALL, of a plan that plan_faults.check_plan has passed."""
         if name == BASE:
             return self.base
-        base = self.base.model_dump()
-        if name != ALL:
-            return Setting(**_changed(base, self.effects[name].change))
-        taken = {}
-        for label in self.summed:
-            for key, value in self.effects[label].change.items():
-                if key == "layers":
-                    taken[key] = taken.get(key, {}) | value
-                elif taken.setdefault(key, value) != value:
-                    raise ValueError(f"effects.{label}.change.{key} differs from another effect of the sum")
-        return Setting(**_changed(base, taken))
+        return Setting(**self.changed(self.summed_change if name == ALL else self.effects[name].change))
+
+    @property
+    def summed_change(self):
+        """What all effects of the sum change together."""
+        changes = [self.effects[name].change for name in self.summed]
+        layers = [change.get("layers") or {} for change in changes]
+        return {key: value for change in changes for key, value in change.items()} | {
+            "layers": {layer: values for each in layers for layer, values in each.items()}
+        }
 
     @property
     def summed(self):
@@ -157,10 +160,6 @@ class ShearPlan(Model):
         return tuple(name for name, effect in self.effects.items() if effect.bar)
 
 
-def _changed(base, change):
-    return base | change | {"layers": base["layers"] | (change.get("layers") or {})}
-
-
 def load_plan(file=None, *, fields=None, effects=None, estimators=None):
     """Return the ShearPlan of a YAML file [default: the shipped one], with other fields, effects or estimators.
 
@@ -168,7 +167,7 @@ def load_plan(file=None, *, fields=None, effects=None, estimators=None):
     """
     file = file or DEFAULT
     data = read_yaml(file)
-    plan = validate(ShearPlan, data, file)
+    plan = _checked(data, file)
     if fields is not None:
         data["fields"] = fields
     if estimators is not None:
@@ -186,4 +185,10 @@ def load_plan(file=None, *, fields=None, effects=None, estimators=None):
             name: given if name in effects else given | {"bar": False, "sum": False}
             for name, given in data["effects"].items() if name in wanted
         }  # fmt: skip
-    return validate(ShearPlan, data, file)
+    return _checked(data, file)
+
+
+def _checked(data, file):
+    plan = validate(ShearPlan, data, file)
+    check_plan(plan, file, BASE, ALL)
+    return plan

@@ -6,12 +6,14 @@ that differ in the analysis alone.
 
 import time
 from dataclasses import dataclass
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 
 from csstsim.base.digest import digest
 from csstsim.base.files.atomic import atomic_path
 from csstsim.base.process.progress import progress
+from csstsim.base.release import release
 from csstsim.budget.shear.estimators import Shapes, check_installed, estimator, psf_shapes
 from csstsim.budget.shear.frames import Field, noise_of, opened
 from csstsim.budget.shear.plan import ALL, BASE
@@ -33,19 +35,19 @@ def setting_of(plan, name):
     return BASE if plan.setting(name) == plan.base else name
 
 
-def fields(plan, folder, say, *, first=None):
+def fields(plan, folder, say, *, first=None, file=None):
     """Make the missing fields in a folder, or only the `first` few; return {sample: [path of a field's shapes]}.
 
-    Raises InputError for chips or estimators that cannot be used.
+    file: of the plan. Raises InputError for chips or estimators that cannot be used.
     """
     check_installed(plan.estimators, None)
-    simulation, band = opened(plan, None)
+    simulation, band = opened(plan, file)
     todo = [(name, number) for number in range(first or plan.fields) for name in plan.samples]
     paths = {name: [] for name in plan.samples}
     for name, number in progress(todo, "fields"):
         field = Field(simulation, plan, band, name, number)
         path = folder / "fields" / f"{name}_{number:05d}_{_digest(plan, name)}.npz"
-        if not path.exists():
+        if not whole(path):
             start = time.process_time()
             arrays = measured(field, say if number == 0 else None)
             with atomic_path(path) as temporary:
@@ -55,11 +57,22 @@ def fields(plan, folder, say, *, first=None):
     return paths
 
 
+def whole(path):
+    """Whether a file of shapes exists and can be read to its end: one that is damaged is made again."""
+    try:
+        with ZipFile(path) as file:
+            return file.testzip() is None and "psf.npy" in file.namelist()
+    except (OSError, ValueError, EOFError, BadZipFile, RuntimeError):
+        return False
+
+
 def _digest(plan, sample):
-    """Return the digest of all that decides a field's shapes: not how many fields there are, nor the figure's words."""
+    """Return the digest of all that decides a field's shapes, the release of csstsim among it.
+
+    How many fields there are does not decide them, nor do the figure's words."""
     settings = {name: plan.setting(name).model_dump() for name in names(plan)}
     same = plan.model_dump(exclude={"fields", "samples", "effects", "base"})
-    return digest([same, plan.samples[sample].model_dump(), settings])
+    return digest([release(), same, plan.samples[sample].model_dump(), settings])
 
 
 @dataclass

@@ -40,7 +40,7 @@ class Galaxies:
 def galaxies(plan, name, field, window):
     """Return the Galaxies of a sample in a window; they depend on the plan's seed, the sample and the field alone."""
     sample, rng = plan.samples[name], stream(plan.seed, "budget", "shear", name, field)
-    cells = (plan.size - 2 * EDGE) // plan.spacing
+    cells = plan.cells
     rings = cells * cells // RING
     n = rings * RING
     row, column = np.divmod(np.arange(n), cells)

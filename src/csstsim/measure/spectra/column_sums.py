@@ -5,8 +5,9 @@ object's light there, V its variance and W a weight,
 
     e(X) = sum W d / sum W P,     W = overlap with the aperture (box),  W = P / V (optimal)
 
-over the usable pixels. The denominator is the aperture correction: it scales e to all of the light, whatever is
-missing (edges, defects). Pixels that are more than REJECT sigma off the fit are removed one by one (cosmic rays).
+over the usable pixels. V is at least FLOOR, where a frame has less noise or none. The denominator is the aperture
+correction: it scales e to all of the light, whatever is missing (edges, defects). Pixels that are more than REJECT
+sigma off the fit are removed one by one (cosmic rays).
 """
 
 from typing import NamedTuple
@@ -22,6 +23,7 @@ GAP, STRIP = 4.0, 16.0  # px: from the aperture to a strip of sky, and its width
 CONTAMINATED_FROM = 0.1  # of the electrons
 REJECT, PROFILE_ERROR = 5.0, 0.1  # sigma; share by which the profile may be wrong
 ROUNDS = 20
+FLOOR = 1.0  # electron^2: least variance of a pixel, about that of one DN
 WHOLE = 0.5  # of the aperture's light in usable pixels; with less there is no result
 _LIGHT, _DATA, _OTHERS, _NOISE, _WEIGHT = range(5)
 
@@ -95,7 +97,7 @@ def _horne(data, shares, used, variance, level, others, response, read_noise):
         for j in range(rows):
             if used[i, j]:
                 flat = response[i, j]
-                base[i, j] = (max(level[i] + others[i, j], 0.0) + read_noise**2 / flat) / flat
+                base[i, j] = max((max(level[i] + others[i, j], 0.0) + read_noise**2 / flat) / flat, FLOOR)
                 variance[i, j] = base[i, j]
     for _ in range(ROUNDS):
         found = 0

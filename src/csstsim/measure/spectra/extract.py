@@ -21,7 +21,7 @@ from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
 from csstsim.measure.calibration.bad_pixels import BAD
 from csstsim.measure.spectra.chosen_orders import chosen_orders, shortened
-from csstsim.measure.spectra.column_sums import CONTAMINATED_FROM, GAP, STRIP, measured
+from csstsim.measure.spectra.column_sums import CONTAMINATED_FROM, FLOOR, GAP, STRIP, measured
 from csstsim.measure.spectra.cutout import Cutout
 from csstsim.measure.spectra.line_image import LineImage, point_transforms
 from csstsim.measure.spectra.line_profile import (
@@ -74,7 +74,8 @@ class DispersedImage:
         """Return the noise of a pixel of sky [electron]."""
         sample, marks = self.electrons[::8, ::8], self.marks[::8, ::8]
         sample = sample[(marks & BAD == 0) & np.isfinite(sample)]
-        return float(np.sqrt(max(np.median(sample) if sample.size else 0.0, 0.0) + self.read_noise**2))
+        sky = max(np.median(sample) if sample.size else 0.0, 0.0)
+        return float(np.sqrt(max(sky + self.read_noise**2, FLOOR)))
 
     @property
     def faintest(self):

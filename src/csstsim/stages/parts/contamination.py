@@ -3,9 +3,10 @@
 import numpy as np
 
 from csstsim.base.errors import InputError
+from csstsim.bricks.match import one_to_one
 from csstsim.catalog.table import GALAXY, QUASAR, STAR, ObjectTable
 
-MATCH = 0.3  # arcsec: an entry of a table is the object of the truth that is nearest, within this distance
+MATCH = 0.3  # arcsec: an entry of a table is one object of the truth at most, within this distance; the nearest first
 
 
 def catalogued_light(run, job, truth, sources, orders, model, settings):
@@ -47,8 +48,6 @@ def _of_truth(run, truth, sources, orders, depth):
 
 def _of_table(run, job, sources, truth):
     """Return the same of a table: its objects seen by this exposure, matched with those of the truth."""
-    from scipy.spatial import cKDTree
-
     from csstsim.catalog.flags import NOT_DRAWN
     from csstsim.catalog.light.object_spectra import catalog_spectra
     from csstsim.catalog.own_table import TableCatalog
@@ -67,9 +66,20 @@ def _of_table(run, job, sources, truth):
         return ObjectTable({}), None, owner
     x, y = (np.asarray(table[axis][rows], float) for axis in "xy")
     orders = expected_orders(rows, x, y, spectra, disperser, job.pointing.exptime)
-    at = np.stack([truth["x"], truth["y"]], axis=1).astype(float)
-    there = np.flatnonzero(np.isfinite(at).all(axis=1))
-    distance, nearest = cKDTree(np.stack([x, y], axis=1)).query(at[there])
-    near = distance <= MATCH / run.camera.telescope.pixel_scale
-    owner[there[near]] = rows[nearest[near]]
+    reach = MATCH / run.camera.telescope.pixel_scale
+    entry = owners(truth["x"], truth["y"], x, y, reach)
+    owner[entry >= 0] = rows[entry[entry >= 0]]
     return orders, Sources(shapes_of(table, job.wcs), spectra, sources.edges), owner
+
+
+def owners(x, y, known_x, known_y, reach):
+    """Return for each object of the truth the entry that is its own, (n,) int: one at most, of no other; -1: none.
+
+    x, y (n,) and known_x, known_y (m,) px, NaN where there is no place; reach: px. The nearest pairs are taken first,
+    so that an object without an entry does not get a neighbour's.
+    """
+    at, known = np.stack([x, y], axis=1).astype(float), np.stack([known_x, known_y], axis=1).astype(float)
+    there = np.flatnonzero(np.isfinite(at).all(axis=1))
+    entry = np.full(len(at), -1)
+    entry[there] = one_to_one(at[there], known, np.full(len(there), reach))
+    return entry

@@ -1,0 +1,82 @@
+"""Faults between the keys of a plan of a budget of shear: each names the key that is to be changed."""
+
+from csstsim.base.errors import InputError
+from csstsim.base.model import validate
+from csstsim.base.shipped import SHIPPED
+from csstsim.simulation.observation import changed_layers
+from csstsim.simulation.sim_steps import SimSteps
+
+LAYERS = SHIPPED / "observations" / "science.yaml"  # the list whose layers a Setting changes
+
+
+def check_plan(plan, file, base, everything):
+    """Raise InputError for the first fault of a plan.ShearPlan; base, everything: names that no effect can have."""
+    _check_grid(plan, file)
+    _check_setting(plan, plan.base, {"layers": plan.base.layers}, file, "base")
+    for name, effect in plan.effects.items():
+        if name in (base, everything):
+            raise InputError("an effect cannot have this name", file=file, key=f"effects.{name}", value=name)
+        _check_against(plan, name, file, base)
+        key = f"effects.{name}.change"
+        if not isinstance(effect.change.get("layers", {}), dict | None):
+            raise InputError("must be a mapping", file=file, key=f"{key}.layers", value=effect.change["layers"])
+        setting = validate(type(plan.base), plan.changed(effect.change), file, (key,))
+        _check_setting(plan, setting, effect.change, file, key)
+    _check_sum(plan, file)
+    validate(type(plan.base), plan.changed(plan.summed_change), file, ("effects, all of the sum at once",))
+
+
+def _check_grid(plan, file):
+    if plan.stamp % 2 or plan.stamp > plan.spacing:
+        raise InputError("cannot be", file=file, key="stamp", value=plan.stamp, allowed=f"even, at most {plan.spacing}")
+    if plan.cells < 2:
+        allowed = f"a side of two places and more; spacing is {plan.spacing}"
+        raise InputError("no room for a ring of four galaxies", file=file, key="size", value=plan.size, allowed=allowed)
+
+
+def _check_against(plan, name, file, base):
+    """Raise InputError for an effect that stands against none that is known, or at last against itself."""
+    way = [name]
+    while (other := plan.effects[way[-1]].against) != base:
+        key = f"effects.{way[-1]}.against"
+        if other not in plan.effects:
+            allowed = ", ".join([base, *plan.effects])
+            raise InputError("no such effect", file=file, key=key, value=other, allowed=allowed)
+        if other in way:
+            circle = " against ".join([*way[way.index(other) :], other])
+            raise InputError(
+                f"a circle: {circle}", file=file, key=key, value=other, allowed=f"a way that ends in {base}"
+            )
+        way.append(other)
+
+
+def _check_setting(plan, setting, change, file, key):
+    for kind in ("blended", "undetected"):
+        if getattr(setting, kind) and kind not in plan.neighbours:
+            raise InputError(
+                f"needs neighbours.{kind}, which the plan lacks", file=file, key=f"{key}.{kind}", value=True
+            )
+    for layer, values in (change.get("layers") or {}).items():
+        try:
+            SimSteps(LAYERS, "SCIE", changed_layers({layer: values}, None, LAYERS))
+        except InputError as exc:
+            below = f"{key}.layers.{layer}"
+            if isinstance(values, dict) and str(exc.key).rpartition(".")[2] in values:
+                below += f".{str(exc.key).rpartition('.')[2]}"
+            raise InputError(exc.message, file=file, key=below, value=exc.value, allowed=exc.allowed) from None
+
+
+def _check_sum(plan, file):
+    """Raise InputError for effects of the sum that differ in a key, or in the parameters of a layer."""
+    taken = {}
+    for name in plan.summed:
+        change = plan.effects[name].change
+        parts = {key: value for key, value in change.items() if key != "layers"}
+        parts |= {f"layers.{layer}": values or {} for layer, values in (change.get("layers") or {}).items()}
+        for key, value in parts.items():
+            other, before = taken.setdefault(key.lower(), (name, value))
+            if before != value:
+                raise InputError(
+                    f"differs from the same key of {other}, and both are in the sum", file=file,
+                    key=f"effects.{name}.change.{key}", value=value, allowed=f"{before!r}, or sum: false",
+                )  # fmt: skip
