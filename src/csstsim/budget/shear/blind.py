@@ -129,11 +129,11 @@ def _key(path):
     """Return what a key holds. Raises InputError, also for shears that are not a pair of finite numbers each."""
     said = _json(path, ("shears", "seed", "salt"))
     pairs = said["shears"] if isinstance(said["shears"], list) and said["shears"] else [None]
-    for number, pair in enumerate(pairs):
-        two = isinstance(pair, list) and len(pair) == 2
-        if not two or any(type(g) not in (int, float) or not abs(g) < 1 for g in pair):
+    for number, shear in enumerate(pairs):
+        two = isinstance(shear, list) and len(shear) == 2
+        if not two or any(type(g) not in (int, float) or not abs(g) < 1 for g in shear):
             raise InputError(
-                "not a shear", file=path, key=f"shears.{number}", value=pair, allowed="two numbers, each below 1"
+                "not a shear", file=path, key=f"shears.{number}", value=shear, allowed="two numbers, each below 1"
             )
     return said
 
