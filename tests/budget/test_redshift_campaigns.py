@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from csstsim.base.errors import InputError
+from csstsim.budget.redshift import extracted as extracted_module
 from csstsim.budget.redshift.extracted import Places, _of_campaign, check_frames
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 
@@ -40,7 +41,23 @@ def test_one_id_is_one_place():
     places.add(truth([1], [50.0], [6.0], max(GALAXY, STAR) + 5), "c.yaml")
 
 
-def test_frames_without_a_table_are_counted(tmp_path):
+def test_a_campaign_without_tables_is_refused(tmp_path):
     absent = SimpleNamespace(spectra=lambda *_: tmp_path / "no", lines=lambda *_: tmp_path / "no", output=tmp_path)
     with pytest.raises(InputError, match="no table of spectra"):
         _of_campaign(SimpleNamespace(**vars(run("a.yaml", ("1", 1))), paths=absent), None, print)
+
+
+def test_frames_that_are_not_extracted_are_counted(tmp_path, monkeypatch):
+    """Of two frames one has tables; a table of another recipe is refused."""
+    monkeypatch.setattr(extracted_module, "truth_of", lambda run, job: truth([1], [1.0], [1.0]))
+    names = {name: lambda obsid, chip, name=name: tmp_path / f"{obsid}_{name}" for name in ("spectra", "lines")}
+    one = SimpleNamespace(file=Path("a.yaml"), paths=SimpleNamespace(**names, output=tmp_path))
+    one.slitless_jobs, one.recipe = [SimpleNamespace(key=(k, 1)) for k in "12"], lambda *_: {"seed": 1}
+    for name in names:
+        truth([1], [1.0], [1.0]).write(tmp_path / f"1_{name}", {"recipe": {"seed": 1}})
+    said = []
+    assert len(_of_campaign(one, None, said.append)) == 1
+    assert said == ["left out: 1 of 2 frames of a.yaml, not extracted yet"]
+    truth([1], [1.0], [1.0]).write(tmp_path / "1_lines", {"recipe": {"seed": 2}})
+    with pytest.raises(InputError, match="1_lines"):
+        _of_campaign(one, None, print)

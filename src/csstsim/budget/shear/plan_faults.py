@@ -60,10 +60,10 @@ def _check_setting(plan, setting, change, file, key):
         try:
             SimSteps(LAYERS, "SCIE", changed_layers({layer: values}, None, LAYERS))
         except InputError as exc:
-            below = f"{key}.layers.{layer}"
+            below, allowed = f"{key}.layers.{layer}", exc.allowed and exc.allowed.partition("; a list")[0]
             if isinstance(values, dict) and str(exc.key).rpartition(".")[2] in values:
                 below += f".{str(exc.key).rpartition('.')[2]}"
-            raise InputError(exc.message, file=file, key=below, value=exc.value, allowed=exc.allowed) from None
+            raise InputError(exc.message, file=file, key=below, value=exc.value, allowed=allowed) from None
 
 
 def _check_sum(plan, file):
