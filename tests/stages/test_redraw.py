@@ -10,6 +10,8 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.table import ObjectTable
 from csstsim.io.frames import load_frame
+from csstsim.render.drawn_table import ADDED
+from csstsim.stages.parts.redraw import _same_rows
 
 JOB = "10100000001", 9
 OPTIONS = ["--obsid", JOB[0], "--chip", JOB[1]]
@@ -102,6 +104,16 @@ def test_photons_give_the_bits_of_a_full_run(folder, name, said):
 @pytest.mark.parametrize("name", ["bright", "less_bright", "other_psf"])
 def test_other_light_is_drawn_in_full(folder, name):
     assert "taken off" not in light(folder, name)[3]
+
+
+@pytest.mark.parametrize("other", ["objects", "drawn"])
+def test_a_column_that_one_table_has_alone_makes_a_full_run(other):
+    """Knots of the base alone, or of the variant alone, are light that the ids and places do not tell."""
+    same = {"id": np.array([3, 5]), "mag_r": np.array([20.0, 21.0]), "flags": np.zeros(2, np.int32)}
+    tables = {"objects": dict(same), "drawn": same | {name: np.zeros(2) for name in ADDED}}
+    assert _same_rows(*map(ObjectTable, tables.values())).tolist() == [0, 1]
+    tables[other]["knots"] = np.array([0, 10])
+    assert _same_rows(*map(ObjectTable, tables.values())) is None
 
 
 def test_methods_are_those_that_the_test_means(folder):

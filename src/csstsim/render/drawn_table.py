@@ -5,6 +5,8 @@ import numpy as np
 from csstsim.catalog.flags import NOT_DRAWN, OFF_CHIP, OUTSIDE_PSF_HULL, TRUNCATED_STAMP
 
 NONE = "none"  # method of objects that are not drawn
+# Columns that drawing adds
+ADDED = "electrons", "drawn", "fraction", "method", "snr", "error", "stamp", "x0", "x1", "y0", "y1", "ms"
 
 
 class DrawnTable:
