@@ -13,6 +13,7 @@ from csstsim.catalog.base import CatalogBase, Region
 from csstsim.catalog.galaxy_shapes.images import NEGATIVE, read_picture, sky_of
 from csstsim.catalog.light.photometry import ab_mag, subband_weights
 from csstsim.catalog.mock_object import MockObject
+from csstsim.catalog.object_table import read_table
 from csstsim.catalog.own_table import TableCatalog
 from csstsim.instrument.filter import GRID
 
@@ -229,3 +230,12 @@ def test_what_a_table_names_belongs_to_its_campaign(folder):
     fits.writeto(folder / "other" / "g.fits", gaussian(41, 4.5))
     assert catalog(folder / "other", **columns).truth_hash != mine.truth_hash
     assert TableCatalog.files({"file": str(folder / "g.fits")}) == (str(folder / "g.fits"),)
+
+
+@pytest.mark.parametrize("name", ["infrared.fits", "nan.fits", "info_none.fits", "1e5"])
+def test_a_name_that_begins_like_a_number_is_a_name(tmp_path, name):
+    """Every cell of a column begins so; blanks stay blank."""
+    path = tmp_path / "t.csv"
+    path.write_text(f"id,ra,dec,mag_r,type,image_file,spectrum_file\n1,150,2,20,galaxy,{name},\n")
+    columns = read_table(path)
+    assert columns["image_file"].tolist() == [name] and columns["spectrum_file"].tolist() == [""]

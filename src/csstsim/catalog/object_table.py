@@ -30,6 +30,7 @@ _TYPED = {
     "ra", "dec", "type", "size", "size_disk", "size_bulge", "bulge_frac", "e1", "e2", "n_disk", "n_bulge", "knots_frac",
     "part_of", "part_share", "image_file", "spectrum_file", *changing.COLUMNS,
 }  # fmt: skip
+_WORDS = "type", "light_curve", *FILE_COLUMNS  # columns of text
 _FILLED = {"e1", "e2", "bulge_frac", "z", "size_disk", "size_bulge", "kappa", "gamma1", "gamma2"}
 _UNITS = {
     **dict.fromkeys(("ra", "dec"), "deg"), **dict.fromkeys(("size", "size_disk", "size_bulge"), "arcsec"),
@@ -41,6 +42,7 @@ _UNITS = {
 @explained("table of objects")
 def read_table(path):
     """Return {name: (n,) values} of a table's file, blanks as NaN or "". Raises InputError if it is not a table."""
+    from astropy.io.ascii import convert_numpy
     from astropy.table import Table
 
     path = Path(path)
@@ -63,8 +65,11 @@ def read_table(path):
             raise InputError("the table is empty: no heading", file=path)
         if form == "ascii.csv":
             _check_csv([line for line in lines if line.strip()], path)
+    words = {}
+    if form == "ascii.csv":  # whose reader takes names that begin with inf or nan for numbers
+        words["converters"] = {name: [convert_numpy(str)] for name in _WORDS}
     try:
-        return plain_columns(Table.read(path if form == "fits" else lines, format=form), path)
+        return plain_columns(Table.read(path if form == "fits" else lines, format=form, **words), path)
     except InputError:
         raise
     except Exception as exc:  # astropy's readers raise exceptions of many types
