@@ -121,6 +121,29 @@ def test_each_object_has_its_own_noise(tmp_path):
     assert np.array_equal(made[0], made[1]) and not np.array_equal(made[1], made[2])
 
 
+def test_each_frame_has_noise_of_its_own(tmp_path):
+    """Noise that two exposures share would not average out in their stack."""
+    psf, table, made = write_psf(tmp_path), at(90.3, 120.8, mag=[18.0]), []
+    for level in (50.0, 60.0):
+        image = write_image(tmp_path, error=False)
+        with fits.open(image, mode="update") as file:
+            file["SCI"].data += np.float32(level)
+        before = fits.getdata(image, "SCI")
+        inject(tmp_path, image, table, psf, "--zeropoint", ZERO)
+        made.append(np.rint((fits.getdata(tmp_path / "out/image.fits", "SCI") - before) * GAIN))
+    assert made[0].sum() > 1000 and (made[0] != made[1]).any()
+
+
+@pytest.mark.parametrize(("column", "value"), [("knots", 10), ("image_file", "galaxy.fits")])
+def test_what_is_not_drawn_is_refused(tmp_path, column, value):
+    image, psf = write_image(tmp_path), write_psf(tmp_path)
+    columns = {column: [value]} | ({"image_scale": [0.05]} if column == "image_file" else {"knots_frac": [0.5]})
+    fits.writeto(tmp_path / "galaxy.fits", np.ones((9, 9), np.float32))
+    table = at(100.0, 100.0, mag=[18.0], type=["galaxy"], size=[0.5], **columns)
+    said = inject(tmp_path, image, table, psf, "--zeropoint", ZERO, code=2)
+    assert f"{column}, row 1" in said and not (tmp_path / "out").exists()
+
+
 def test_stamps_between_their_places():
     stamps = np.zeros((2, 5, 5))
     stamps[0, 2, 2], stamps[1, 2, 1:4] = 1.0, 1 / 3

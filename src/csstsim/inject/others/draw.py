@@ -1,7 +1,7 @@
 """Objects drawn into an image of any telescope, with its own WCS and a PSF that is given, by GalSim.
 
 Places are directions of the image's WCS. Shapes follow its local map from the sky to pixels. Each object has its own
-Poisson noise, from a stream of its id. The detector is left out, but for a stated SATURATE.
+Poisson noise, from a stream of its id and the frame. The detector is left out, but for a stated SATURATE.
 """
 
 import warnings
@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from csstsim.base.digest import file_digest
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
 from csstsim.base.plural import number_of
@@ -67,7 +68,7 @@ def ready(frame, request):
     if zeropoint is None:
         raise InputError("no zero point; give that of 1 electron/s", file=frame, key="--zeropoint")
     objects = _objects(request, image.band)
-    return lambda frame, target, say: _make(image, psf, zeropoint, objects, request, target)
+    return lambda frame, target, say: _make(image, psf, zeropoint, objects, request, target, file_digest(frame))
 
 
 def _objects(request, band):
@@ -84,10 +85,18 @@ def _objects(request, band):
         )  # fmt: skip
     light = columns[chosen]
     columns = {name: values for name, values in columns.items() if name not in names} | {f"mag_{BAND}": light}
-    return object_table(columns, (BAND,), request.name)
+    objects = object_table(columns, (BAND,), request.name)
+    for name, has in (("knots", lambda values: values > 0), ("image_file", lambda values: values != "")):
+        rows = np.flatnonzero(has(objects[name])) if name in objects.names else ()
+        if len(rows):
+            raise InputError(
+                "not drawn into images of others: disks and bulges are", file=request.name,
+                key=f"{name}, row {rows[0] + 1}", value=objects[name][rows[0]],
+            )  # fmt: skip
+    return objects
 
 
-def _make(image, psf, zeropoint, objects, request, target):
+def _make(image, psf, zeropoint, objects, request, target, of):
     from csstsim.inject.inject import record
 
     sky = Sky(image.wcs)
@@ -100,7 +109,7 @@ def _make(image, psf, zeropoint, objects, request, target):
     mag = objects[f"mag_{BAND}"] - 2.5 * np.log10(mu)
     electrons = image.exptime * 10 ** (0.4 * (zeropoint - mag))
     counts = np.zeros(image.image.shape)
-    drawn, shown = draw(counts, psf, sky, objects, electrons, request.realisation)
+    drawn, shown = draw(counts, psf, sky, objects, electrons, request.realisation, of)
     truth = ObjectTable({
         "id": objects["id"], "ra": objects["ra"], "dec": objects["dec"], "xImage": objects["x"] + 1.0,
         "yImage": objects["y"] + 1.0, "mag": mag, "obj_type": objects["obj_type"], "electrons": electrons,
@@ -113,13 +122,17 @@ def _make(image, psf, zeropoint, objects, request, target):
         {"level0": target.name, "injected": request.name, "realisation": str(request.realisation)},
     )
     full = _write(image, counts, target, record(request, len(truth)))
-    return f"{number_of(len(truth), 'object')} injected, {drawn.sum():.6g} electrons; {full} pixels are full"
+    outside = len(near) - len(truth)
+    return (
+        f"{number_of(len(truth), 'object')} injected, {outside} outside the frame, {drawn.sum():.6g} electrons; "
+        f"{full} pixels are full"
+    )
 
 
-def draw(counts, psf, sky, objects, electrons, realisation):
+def draw(counts, psf, sky, objects, electrons, realisation, of):
     """Add the electrons of objects, Poisson noise included, to an image (ny, nx); return (drawn (n,), shown (n,) bool).
 
-    objects: ObjectTable with x, y [px from 0]; electrons (n,): nominal.
+    objects: ObjectTable with x, y [px from 0]; electrons (n,): nominal; of: digest of the frame.
     """
     import galsim
 
@@ -144,7 +157,8 @@ def draw(counts, psf, sky, objects, electrons, realisation):
         stamp = galsim.Image(seen, dtype=float)
         profile.drawImage(stamp, method="no_pixel", center=galsim.PositionD(x, y), scale=1.0)
         mean = stamp.array
-        noisy = stream(realisation, "inject", int(objects["id"][i])).poisson(np.maximum(mean, 0)) + np.minimum(mean, 0)
+        rng = stream(realisation, "inject", of, int(objects["id"][i]))
+        noisy = rng.poisson(np.maximum(mean, 0)) + np.minimum(mean, 0)
         counts[seen.ymin : seen.ymax + 1, seen.xmin : seen.xmax + 1] += noisy
         drawn[i], shown[i] = noisy.sum(), True
     return drawn, shown
