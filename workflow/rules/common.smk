@@ -179,7 +179,11 @@ def between(wildcards, name):
 def objects_of(wildcards):
     """The selected objects and the PSF."""
     psf = psf_of(wildcards)
-    return psf and [between(wildcards, "select.parquet"), *psf, *light_of_base(wildcards)]
+    return psf and [
+        between(wildcards, "select.parquet"),
+        *psf,
+        *light_of_base(wildcards),
+    ]
 
 
 def light_of_base(wildcards):
