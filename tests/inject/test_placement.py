@@ -104,3 +104,6 @@ def test_the_command(tmp_path):
     assert "too small for 3 objects" in run("no.csv", "--grid", 190, code=2) and not (tmp_path / "no.csv").exists()
     assert "cannot be the table" in run("grid.csv", code=2)
     assert "--distance goes with --beside" in run("no.csv", "--distance", 1, 2, code=2)
+    for row, key in (("x,2.2", "ra, row 1"), ("nan,2.2", "ra, row 1"), ("500,2", "ra, row 1"), ("5,200", "dec, row 1")):
+        (tmp_path / "off.csv").write_text(f"ra,dec\n{row}\n")
+        assert key in run("no.csv", "--beside", tmp_path / "off.csv", "--distance", 1, 1, code=2)
