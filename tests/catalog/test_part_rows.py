@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 from astropy import units as u
 from astropy.coordinates import SkyCoord
+from astropy.table import Table
 from csst import BANDS
 
 from csstsim.base.errors import InputError
 from csstsim.catalog.base import Region
 from csstsim.catalog.own_table import TableCatalog
+from csstsim.instrument.filter import GRID
 
 REGION = Region((10.0, 11.0, 11.0, 10.0), (0.0, 0.0, 1.0, 1.0), (0,), BANDS)
 BLANK = np.nan
@@ -34,6 +36,23 @@ def test_a_part_has_its_share_of_the_light_and_the_object_the_rest():
     assert np.isnan(table["mag_g"]).all()
     assert table["part_of"].tolist() == [-1, 3] and table["z"] == pytest.approx([0.7, 0.7])
     assert not {"offset_ra", "user_offset_ra", "part_share", "user_part_share"} & set(table)
+
+
+def test_a_share_is_one_in_every_band_of_a_spectrum_from_a_file(tmp_path, camera):
+    """The part and the rest of a red object make the whole, in light of each filter and behind a grating."""
+    Table({"WAVELENGTH": [3000.0, 10000.0], "FLUX": [0.1, 10.0]}).write(tmp_path / "red.csv")
+    red = str(tmp_path / "red.csv")
+    base = {"ra": [10.0], "dec": [60.0], "mag_r": [20.0], "type": ["galaxy"], "size": [0.5], "spectrum_file": [red]}
+    whole = TableCatalog({"columns": base}, REGION)
+    second = {"ra": BLANK, "dec": BLANK, "mag_r": BLANK, "type": "galaxy", "size": 0.1, "spectrum_file": ""}
+    split = {name: [*values, second[name]] for name, values in base.items()}
+    split |= {"id": [3, 4], "part_of": [BLANK, 3], "part_share": [BLANK, 0.4]}
+    both = TableCatalog({"columns": split}, REGION)
+    for band in ("g", "r", "y", "GV"):
+        rates = [c.load_fluxes(np.arange(len(c.table)), camera.filters[band], camera.telescope) for c in (whole, both)]
+        assert rates[1] == pytest.approx(np.array([0.6, 0.4])[:, None] * rates[0], rel=1e-6)
+    edges = GRID[3000:9000:40]
+    assert both.load_binned([0, 1], edges).sum(axis=0) == pytest.approx(whole.load_binned([0], edges)[0], rel=1e-6)
 
 
 @pytest.mark.parametrize("dec", [-89.9, -30.0, 0.0, 60.0, 89.99])

@@ -194,6 +194,8 @@ def object_table(columns, bands, where):
     if "type" in columns:
         columns["obj_type"] = _types(columns.pop("type"), where)
     obj_type = np.asarray(columns.get("obj_type", np.full(count, STAR, np.int8)))
+    if "spectrum_file" in columns:
+        columns["spectrum_file"] = named(columns, "spectrum_file", where)
     if {"part_of", *part_rows.SHORTHANDS} & set(columns):
         columns = part_rows.resolve(columns, obj_type, bands, where)
     _check_magnitudes(columns, magnitudes, where)
@@ -207,7 +209,6 @@ def object_table(columns, bands, where):
     if "image_file" in columns:
         columns = with_images(columns, obj_type, where)
     if "spectrum_file" in columns:
-        columns["spectrum_file"] = named(columns, "spectrum_file", where)
         light = {
             bands[b] if isinstance(bands, dict) else b: columns[f"mag_{b}"] for b in bands if f"mag_{b}" in columns
         }

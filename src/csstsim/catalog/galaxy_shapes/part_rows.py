@@ -86,12 +86,17 @@ def resolve(columns, obj_type, bands, where):
 
 
 def _follow(columns, rows, at, shared):
-    """Give parts the motion of their objects, and those that have a share of the light its changes."""
+    """Give parts the motion of their objects, and those that have a share of the light its changes and its spectrum."""
     for name, some in [(n, np.ones(len(rows), bool)) for n in changing.MOTION] + [(n, shared) for n in changing.LIGHT]:
         if name in columns:
             values = np.array(columns[name])
             values[rows[some]] = values[at[some]]
             columns[name] = values
+    if "spectrum_file" in columns:  # the shares are of one magnitude: in other bands the spectrum decides
+        files = np.array(columns["spectrum_file"])
+        blank = shared & (files[rows] == "")
+        files[rows[blank]] = files[at[blank]]
+        columns["spectrum_file"] = files
 
 
 def _place(columns, rows, at, offset):
