@@ -17,12 +17,15 @@ def named(columns, name, where):
     """Return (n,) paths of a column of files, relative ones beside the table `where`; "" for blanks."""
     values = np.asarray(columns[name])
     if values.dtype.kind not in "US":
-        blank = not len(values) or (values.dtype.kind == "f" and not np.isfinite(values).any())
+        blank = not len(values) or (values.dtype.kind == "f" and np.isnan(values).all())
         if not blank:
             raise InputError("must be names of files", file=where, key=name, value=str(values[:1]))
         return np.full(len(values), "", dtype="U1")
     folder = Path(where).parent if Path(where).is_file() else Path()
-    found = {text: str(folder / text.strip()) if text.strip() else "" for text in np.unique(values).tolist()}
+    found = {
+        text: "" if text.strip().lower() in ("", "nan") else str(folder / text.strip())
+        for text in np.unique(values).tolist()
+    }
     return np.array([found[text] for text in values.tolist()], dtype=str)
 
 

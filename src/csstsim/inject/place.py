@@ -40,13 +40,13 @@ def place(
         others = read_table(near)
         if not {"ra", "dec"} <= set(others):
             raise InputError("lacks a column", file=near, key="ra, dec")
-        for name, low, high in (("ra", 0, 360), ("dec", -90, 90)):
+        for name, low, high in (("ra", -180, 360), ("dec", -90, 90)):
             values = others[name] if others[name].dtype.kind in "fiu" else np.full(len(others[name]), np.nan)
             wrong = np.flatnonzero(~((values >= low) & (values <= high)))
             if len(wrong):
                 raise InputError(
                     "not a place on the sky", file=near, key=f"{name}, row {wrong[0] + 1}",
-                    value=others[name][wrong[0]], allowed=f"{low} to {high} deg",
+                    value=others[name][wrong[0]].item(), allowed=f"{low} to {high} deg",
                 )  # fmt: skip
         ra, dec = beside(others["ra"], others["dec"], count, *distance, seed)
     else:
