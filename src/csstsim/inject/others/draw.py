@@ -15,7 +15,8 @@ from csstsim.base.files.atomic import atomic_path
 from csstsim.base.plural import number_of
 from csstsim.base.process.progress import progress
 from csstsim.base.rng import stream
-from csstsim.catalog.galaxy_shapes.components import components
+from csstsim.catalog.changing.columns import moves
+from csstsim.catalog.galaxy_shapes.components import components, has_image, has_knots
 from csstsim.catalog.object_table import object_table
 from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.inject.others.frame import read_foreign
@@ -27,6 +28,7 @@ from csstsim.universe.lensing.lensing import magnification
 
 BAND = "here"  # the name of the only band of an image
 LARGEST = 1024  # px, side of an object's stamp
+_BEYOND = 3  # samples of a PSF beyond its stamp that its interpolation reaches (psf_models)
 _STEP = 1.0 / 3600.0  # deg, of the differences that give the map from sky to pixels
 
 
@@ -67,6 +69,8 @@ def ready(frame, request):
     zeropoint = image.zeropoint if request.zeropoint is None else request.zeropoint
     if zeropoint is None:
         raise InputError("no zero point; give that of 1 electron/s", file=frame, key="--zeropoint")
+    if not np.isfinite(zeropoint):
+        raise InputError("not a finite number", file=frame, key="--zeropoint", value=zeropoint)
     objects = _objects(request, image.band)
     return lambda frame, target, say: _make(image, psf, zeropoint, objects, request, target, file_digest(frame))
 
@@ -86,12 +90,16 @@ def _objects(request, band):
     light = columns[chosen]
     columns = {name: values for name, values in columns.items() if name not in names} | {f"mag_{BAND}": light}
     objects = object_table(columns, (BAND,), request.name)
-    for name, has in (("knots", lambda values: values > 0), ("image_file", lambda values: values != "")):
-        rows = np.flatnonzero(has(objects[name])) if name in objects.names else ()
-        if len(rows):
+    varies = np.zeros(len(objects), bool) if "var_amplitude" not in objects else objects["var_amplitude"] > 0
+    refused = {
+        "knots": has_knots(objects), "image_file": has_image(objects), "rate_ra, rate_dec": moves(objects),
+        "var_amplitude": varies,
+    }  # fmt: skip
+    for name, some in refused.items():
+        if some.any():
             raise InputError(
-                "not drawn into images of others: disks and bulges are", file=request.name,
-                key=f"{name}, row {rows[0] + 1}", value=objects[name][rows[0]],
+                "drawn in frames of csstsim only", file=request.name, key=f"{name}, row {np.flatnonzero(some)[0] + 1}",
+                allowed="stars, disks and bulges that stay as they are",
             )  # fmt: skip
     return objects
 
@@ -145,10 +153,11 @@ def draw(counts, psf, sky, objects, electrons, realisation, of):
     for i in progress(range(len(objects)), "objects"):
         x, y = float(objects["x"][i]), float(objects["y"][i])
         profile = psf.at(x, y)
+        width = _side(profile)
         if objects["obj_type"][i] == GALAXY:
             profile = galsim.Convolve([_galaxy(parts, i, matrices[i]), profile])
         profile = profile.withFlux(float(electrons[i]))
-        side = min(profile.getGoodImageSize(1.0), LARGEST)
+        side = min(max(profile.getGoodImageSize(1.0), width), LARGEST)
         x0, y0 = round(x) - side // 2, round(y) - side // 2
         bounds = galsim.BoundsI(x0, x0 + side - 1, y0, y0 + side - 1)
         seen = bounds & galsim.BoundsI(0, nx - 1, 0, ny - 1)
@@ -162,6 +171,11 @@ def draw(counts, psf, sky, objects, electrons, realisation, of):
         counts[seen.ymin : seen.ymax + 1, seen.xmin : seen.xmax + 1] += noisy
         drawn[i], shown[i] = noisy.sum(), True
     return drawn, shown
+
+
+def _side(psf):
+    """Return the side [px] that holds all of a PSF's stamp, wherever in a pixel it is centred."""
+    return int(np.ceil((max(psf.image.array.shape) + 2 * _BEYOND) * psf.image.scale)) + 2
 
 
 def _galaxy(parts, i, matrix):

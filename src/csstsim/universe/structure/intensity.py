@@ -21,7 +21,7 @@ _X, _W = np.polynomial.hermite_e.hermegauss(120)
 
 
 def _table():
-    """Return b sigma, ln c and a_n (n, beta) at _BETA."""
+    """Return b sigma and ln c at _BETA."""
     beta, bend = _BETA, np.maximum(_BEND, _BETA)
     below = np.exp(0.5 * beta**2) * ndtr(bend - beta)
     at, above, density = np.exp(beta * bend), ndtr(-bend), np.exp(-0.5 * bend**2) / np.sqrt(2 * np.pi)
