@@ -158,7 +158,7 @@ def psf_library(folder):
 def level0(compress=False):
     def make(folder):
         from csstsim.instrument.camera import load_camera
-        from csstsim.io.level0 import write_level0
+        from csstsim.io.level0_writing import write_level0
 
         camera = load_camera(mini_camera(folder))
         state = flat_state(camera, 300.0, window=(0, 256, 0, 64))

@@ -72,8 +72,7 @@ def _write_image(path, run, job, frame, contamination):
     """Write the expected light of all orders of all objects, whose part without its own light is each one's
     contamination: plane LIGHT, electrons of the window."""
     from csstsim.base.files.atomic import atomic_path
-    from csstsim.io.fits import write_hdus
-    from csstsim.io.fits_cards import card
+    from csstsim.io.fits_writing import card, write_hdus
 
     known = "truth" if contamination.known_from == "truth" else str(contamination.table or "bands of the truth")
     primary = [card("OBSID", job.obsid), card("CHIP", job.chip.id), card("KNOWN", known, "from where the light is")]

@@ -68,7 +68,7 @@ def write_products(run, job, state, provenance):
     """Write the Level-0 file with its truth, and that of orders, beside it."""
     from csstsim.catalog.table import ObjectTable
     from csstsim.io.cat import write_cat
-    from csstsim.io.level0 import write_level0
+    from csstsim.io.level0_writing import write_level0
     from csstsim.io.orders import write_orders
     from csstsim.io.truth import electron_budget, write_truth
 
