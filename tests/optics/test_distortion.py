@@ -9,7 +9,7 @@ from scipy.interpolate import NdBSpline
 
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
-from csstsim.campaign.opened import EDGE_PX
+from csstsim.campaign.job_lists import EDGE_PX
 from csstsim.catalog.selection.reach import REACH_MAX
 from csstsim.catalog.selection.select import DISTORTION_PX
 from csstsim.optics.geometry import spline

@@ -14,7 +14,7 @@ from csstsim.stages.calibrate import calibrated_frame
 from csstsim.stages.level0 import truth_of
 from csstsim.stages.parts.contamination import catalogued_light
 from csstsim.stages.parts.shapes import shapes_of
-from csstsim.stages.parts.shared import copied_from_base
+from csstsim.stages.parts.shared import copied
 from csstsim.stages.psf import open_psf
 
 SNR_MIN = 5.0  # of the workflow's spectra
@@ -37,7 +37,7 @@ def extract(run, job, snr_min=SNR_MIN, ids=None, contamination=None, image=False
     usual = run.config.measurement.contamination
     contamination = contamination or usual
     workflows = snr_min == SNR_MIN and ids is None and contamination == usual and not image
-    if workflows and copied_from_base(run, job, "extract"):
+    if workflows and copied(run.base_files(job, "extract")):
         return
     truth, frame, orders, *others = spectra_of_frame(run, job, contamination)
     unknown = [] if ids is None else sorted(set(ids) - set(orders["id"].tolist()))
