@@ -21,7 +21,7 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.plan import plan
 from csstsim.catalog.astrometry import ephemeris
 from csstsim.catalog.astrometry.reduction import apparent, icrs
-from csstsim.catalog.selection.select import bricks_for
+from csstsim.catalog.selection.bricks import bricks_for
 from csstsim.command_line.main import main
 from csstsim.instrument.camera import load_telescope
 from csstsim.instrument.chip import Window

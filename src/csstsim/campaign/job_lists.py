@@ -2,7 +2,7 @@
 
 from functools import cached_property
 
-from csstsim.catalog.selection.select import bricks_for
+from csstsim.catalog.selection.bricks import bricks_for
 
 MERGE_MARGIN_DEG = 2.0 / 3600.0  # a merged brick takes detections up to 2" beyond its border
 CALIBRATIONS = "BIAS", "DARK", "FLAT"

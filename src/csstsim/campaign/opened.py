@@ -34,7 +34,7 @@ from csstsim.campaign.survey_table import load_survey_table
 from csstsim.campaign.variants import VariantPaths, equal, named, split
 from csstsim.catalog.astrometry.ephemeris import observer
 from csstsim.catalog.open import TABLE_KIND, catalog_class, importable, options_beside
-from csstsim.catalog.selection.select import BRICK_MARGIN_PX, bricks_for, region_for
+from csstsim.catalog.selection.bricks import BRICK_MARGIN_PX, bricks_for, region_for
 from csstsim.instrument.camera import load_camera
 from csstsim.io.output_owner import check_owner
 from csstsim.io.paths import Paths
