@@ -28,7 +28,7 @@ def middles(run):
     """Return [(ra, dec, Pointing)] of the middle of each image of the campaign."""
     found = []
     for job in run.imaging_jobs:
-        pointing, window = run.pointings[job.obsid], job.window
+        pointing, window = job.pointing, job.window
         wcs, _ = run.maps(pointing, job.chip)
         x, y = 0.5 * (window.x0 + window.x1 - 1), 0.5 * (window.y0 + window.y1 - 1)
         found.append((*(float(v) for v in wcs.pixel_to_world(x, y)), pointing))

@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from csstsim.io.fits import compress
+from csstsim.io.fits_writing import compress
 from csstsim.io.level0 import read_level0
 
 

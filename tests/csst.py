@@ -2,7 +2,7 @@
 
 from types import SimpleNamespace
 
-from csstsim.catalog.selection.select import BRICK_MARGIN_PX
+from csstsim.catalog.selection.bricks import BRICK_MARGIN_PX
 from csstsim.report.style import looks
 
 BANDS = ("nuv", "u", "g", "r", "i", "z", "y")  # as Camera.bands

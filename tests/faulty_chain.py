@@ -14,7 +14,7 @@ from scipy.ndimage import convolve1d
 from csstsim.base.rng import stream
 from csstsim.bricks import merge
 from csstsim.instrument.filter import Filter
-from csstsim.io import level0_cards
+from csstsim.io import level0_writing
 from csstsim.layers import gain, readout_noise, scie_obs, sky_background
 from csstsim.measure import catalogue
 from csstsim.measure.calibration.bad_pixels import FULL
@@ -106,7 +106,7 @@ PSF_SIGMA = 1.0  # px, about that of stars in g and r
 
 
 def header_wcs():
-    right = level0_cards.wcs_cards
+    right = level0_writing.wcs_cards
 
     class Shifted:
         def __init__(self, wcs):
@@ -119,17 +119,17 @@ def header_wcs():
     def wrong(wcs, *others):
         return right(Shifted(wcs), *others)
 
-    return patch.object(level0_cards, "wcs_cards", wrong)
+    return patch.object(level0_writing, "wcs_cards", wrong)
 
 
 def header_exptime():
-    right = level0_cards.header_values
+    right = level0_writing.header_values
 
     def wrong(*arguments):
         values = right(*arguments)
         return values | {"exptime": values["exptime"] - 1.0}
 
-    return patch.object(level0_cards, "header_values", wrong)
+    return patch.object(level0_writing, "header_values", wrong)
 
 
 def code_wcs():

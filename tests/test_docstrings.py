@@ -22,7 +22,7 @@ SRC = Path(importlib.util.find_spec("csstsim").origin).parent
 SURFACE = (
     "api", "base/errors", "base/rng", "catalog/base", "catalog/contract", "catalog/flags", "catalog/mock_object",
     "catalog/own_table", "catalog/table", "detector", "detector/charge_transfer", "instrument", "io/calibrated",
-    "io/level0", "io/level0_cards", "io/orders", "io/truth", "layers", "optics/geometry/wcs", "optics/psf/psf_set",
+    "io/level0", "io/level0_writing", "io/orders", "io/truth", "layers", "optics/geometry/wcs", "optics/psf/psf_set",
     "simulation/frame", "simulation/layer_contract", "simulation/sim_steps", "simulation/state",
 )  # fmt: skip
 # Taken from nowhere: they are csstsim's own ways

@@ -21,7 +21,11 @@ ALWAYS = {
 BY_MODE = {"open": (0, 1), "File": (0, 1), "FITS": (0, 1), "memmap": (0, 2)}  # (file, mode); Path.open: ("self", 0)
 READS = {"os", "fits", "Image", "SPK"}  # owners of an `open` whose first argument is the file
 # Functions that write to the path they are given, by the position of that argument: (module, function)
-HELPERS = {("io/fits.py", "write_hdus"): 0, ("io/fits.py", "compress"): 0, ("io/fits.py", "_reseal"): 0}
+HELPERS = {
+    ("io/fits_writing.py", "write_hdus"): 0,
+    ("io/fits_writing.py", "compress"): 0,
+    ("io/fits_writing.py", "_reseal"): 0,
+}
 ALLOWED = {
     ("io/output_owner.py", "claim_output", "open"): "of two campaigns that come at once only one may make the file",
     ("stages/parts/shared.py", "make_or_link", "link"): "a whole file, which a second campaign finds and leaves",

@@ -190,7 +190,7 @@ class Simulation:
         from astropy.io.fits import Header
 
         from csstsim.detector.channels import ReadoutFrame
-        from csstsim.io.level0_cards import level0_cards
+        from csstsim.io.level0_writing import level0_cards
         from csstsim.stages.chip import simulate
 
         job = self._job(obsid, chip)

@@ -16,11 +16,12 @@ from csstsim.base.healpix import brick_of
 from csstsim.base.help_page import PAGES
 from csstsim.base.shipped import SHIPPED
 from csstsim.base.sphere import unit_vectors
-from csstsim.campaign.opened import MERGE_MARGIN_DEG, OpenCampaign
+from csstsim.campaign.job_lists import MERGE_MARGIN_DEG
+from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.plan import plan
 from csstsim.catalog.astrometry import ephemeris
 from csstsim.catalog.astrometry.reduction import apparent, icrs
-from csstsim.catalog.selection.select import bricks_for
+from csstsim.catalog.selection.bricks import bricks_for
 from csstsim.command_line.main import main
 from csstsim.instrument.camera import load_telescope
 from csstsim.instrument.chip import Window

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from csst import BANDS, MARGIN
 
-from csstsim.catalog.selection.select import bricks_for, region_for
+from csstsim.catalog.selection.bricks import bricks_for, region_for
 from csstsim.optics.geometry.wcs import ChipWCS, gnomonic
 
 PLACES = {

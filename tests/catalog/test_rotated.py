@@ -10,7 +10,8 @@ from csstsim.base.errors import InputError
 from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.galaxy_shapes.knots import knots_of
 from csstsim.catalog.own_table import TableCatalog
-from csstsim.catalog.selection.select import Noise, region_for, select_objects
+from csstsim.catalog.selection.bricks import region_for
+from csstsim.catalog.selection.select import Noise, select_objects
 from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS
 

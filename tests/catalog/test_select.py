@@ -16,7 +16,8 @@ from csstsim.catalog.base import CatalogBase, Region
 from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING, TRUNCATED_STAMP
 from csstsim.catalog.light.photometry import rate_to_mag, subband_fluxes
 from csstsim.catalog.mock_object import MockObject
-from csstsim.catalog.selection.select import Noise, region_for, select_objects
+from csstsim.catalog.selection.bricks import region_for
+from csstsim.catalog.selection.select import Noise, select_objects
 from csstsim.catalog.table import columns_with
 from csstsim.catalog.truth_bricks import ID_BITS
 from csstsim.instrument.chip import Window

@@ -9,7 +9,8 @@ from readout_state import flat_state, plain_layers, run
 
 from csstsim.compare.compare import facts
 from csstsim.detector.mask import HOT
-from csstsim.io.level0 import read_level0, write_level0
+from csstsim.io.level0 import read_level0
+from csstsim.io.level0_writing import write_level0
 
 PROVENANCE = {
     "recipe": {"campaign": "c0ffee", "camera": "cafe", "layers": "1ee7", "exposure": "beef"}, "seed": 11,

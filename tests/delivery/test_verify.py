@@ -12,7 +12,8 @@ import yaml
 from commands import command, done
 from mini_campaign import POINTINGS, write_campaign
 
-from csstsim.campaign.opened import CALIBRATIONS, OpenCampaign
+from csstsim.campaign.job_lists import CALIBRATIONS
+from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
 from csstsim.delivery.frame_checks import _drawn
 from csstsim.delivery.verify import verify

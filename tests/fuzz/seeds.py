@@ -158,7 +158,7 @@ def psf_library(folder):
 def level0(compress=False):
     def make(folder):
         from csstsim.instrument.camera import load_camera
-        from csstsim.io.level0 import write_level0
+        from csstsim.io.level0_writing import write_level0
 
         camera = load_camera(mini_camera(folder))
         state = flat_state(camera, 300.0, window=(0, 256, 0, 64))
@@ -221,12 +221,12 @@ def objects(folder):
 
 def truth(folder):
     from csstsim.catalog.table import ObjectTable
-    from csstsim.io.truth import write_truth
+    from csstsim.io.truth import truth_table
 
     drawn = ObjectTable.complete({"id": [1, 2], "ra": [10.0, 11.0], "dec": [1.0, 2.0]}, BANDS)
     drawn = drawn.with_columns(x=np.array([3.0, 4.0]), y=np.array([5.0, 6.0]), mag=np.array([20.0, 21.0]))
     chip = SimpleNamespace(id=9, filter="r")
-    write_truth(folder / "truth.parquet", drawn, chip, {"recipe": {"camera": "c"}})
+    truth_table(drawn, chip).write(folder / "truth.parquet", {"recipe": {"camera": "c"}})
     return folder / "truth.parquet"
 
 

@@ -6,7 +6,7 @@ Positions are drawn as integers and taken modulo the number available, so that h
 import numpy as np
 from hypothesis import strategies as st
 
-from csstsim.io.fits import BLOCK, _encode, _fold, _word_sum
+from csstsim.io.fits_checksum import BLOCK, encoded, folded, sum_of_bytes
 
 CARD = 80
 PLACE = st.integers(0, 2**24)
@@ -124,6 +124,6 @@ def seal(data, hdus):
         if at < 0:
             continue
         data[at + 11 : at + 27] = b"0" * 16
-        total = _fold(_word_sum(np.frombuffer(bytes(data[start:stop]), np.uint8)))
-        data[at + 11 : at + 27] = _encode(0xFFFFFFFF - total).encode()
+        total = folded(sum_of_bytes(np.frombuffer(bytes(data[start:stop]), np.uint8)))
+        data[at + 11 : at + 27] = encoded(0xFFFFFFFF - total).encode()
     return data

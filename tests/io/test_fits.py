@@ -5,8 +5,8 @@ import pytest
 from astropy.io import fits
 
 from csstsim.base.errors import InputError
-from csstsim.io.fits import open_fits, write_hdus
-from csstsim.io.fits_cards import card, remark
+from csstsim.io.fits import open_fits
+from csstsim.io.fits_writing import card, remark, write_hdus
 
 VALUES = [
     True, False, 0, -12345678901234, 1.5, -8.174558361760018e-06, 1e300, 61582.85900462963, "", "r", "O'Neill",

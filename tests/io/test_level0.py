@@ -18,7 +18,8 @@ from csstsim.detector.channels import LAYOUTS, ReadoutFrame
 from csstsim.detector.mask import BITS, BLED, CLIPPED, HOT, SATURATED
 from csstsim.io.fits import open_fits
 from csstsim.io.keywords import header_cards, orbit_after
-from csstsim.io.level0 import REQUIRED, read_level0, write_level0
+from csstsim.io.level0 import REQUIRED, read_level0
+from csstsim.io.level0_writing import write_level0
 
 STEM = "CSST_MSC_MS_WIDE_20270626203558_20270626203828"
 PROVENANCE = {

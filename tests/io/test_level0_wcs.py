@@ -9,7 +9,7 @@ from astropy.wcs import WCS
 from readout_state import flat_state, plain_layers, run
 
 from csstsim.detector.channels import LAYOUTS, ReadoutFrame
-from csstsim.io.level0 import write_level0
+from csstsim.io.level0_writing import write_level0
 
 ARCSEC = np.radians(1 / 3600)
 POINTINGS = [

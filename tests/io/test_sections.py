@@ -17,7 +17,8 @@ from readout_state import OBSID, change_exposure, flat_state
 from csstsim.base.shipped import SHIPPED
 from csstsim.detector.channels import LAYOUTS, ReadoutFrame
 from csstsim.instrument.camera import load_camera
-from csstsim.io.level0 import read_level0, write_level0
+from csstsim.io.level0 import read_level0
+from csstsim.io.level0_writing import write_level0
 from csstsim.optics.geometry.distortion import load_distortion
 from csstsim.optics.geometry.wcs import ChipWCS
 

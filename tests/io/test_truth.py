@@ -6,7 +6,7 @@ import numpy as np
 from csst import BANDS
 
 from csstsim.catalog.table import ObjectTable
-from csstsim.io.truth import CAT_COLUMNS, electron_budget, read_truth, truth_table, write_truth
+from csstsim.io.truth import CAT_COLUMNS, electron_budget, read_truth, truth_table
 
 CHIP = SimpleNamespace(id=9, filter="r")
 
@@ -20,7 +20,7 @@ def drawn(**columns):
 
 def test_round_trip(tmp_path):
     table = drawn(size_disk=[0.0, 0.5], kappa=[0.0, 0.1], parallax=[10.0, 0.0])
-    write_truth(tmp_path / "t.parquet", table, CHIP, {"level0": "x"})
+    truth_table(table, CHIP).write(tmp_path / "t.parquet", {"level0": "x"})
     stored = ObjectTable.read(tmp_path / "t.parquet")
     assert stored.names[:33] == tuple(CAT_COLUMNS) and stored.meta == {"level0": "x"}
     assert list(stored["xImage"]) == [4.0, 5.0] and list(stored["ID_chip"]) == [9, 9]
@@ -33,7 +33,9 @@ def test_columns_of_the_catalogues_own_overwrite_nothing(tmp_path):
     """A catalogue with columns named as those of the .cat files, or as what is derived here: both are kept."""
     own = {name: np.array([7.0, 8.0]) for name in ("RV", "xImage", "pm_ra", "g1", "dm", "size", "detA", "galType")}
     for name, columns in (("plain", {}), ("own", own)):
-        write_truth(tmp_path / f"{name}.parquet", drawn(rv=[5.0, 0.0], parallax=[10.0, 10.0], **columns), CHIP, {})
+        truth_table(drawn(rv=[5.0, 0.0], parallax=[10.0, 10.0], **columns), CHIP).write(
+            tmp_path / f"{name}.parquet", {}
+        )
     plain, both = (ObjectTable.read(tmp_path / f"{name}.parquet") for name in ("plain", "own"))
     assert all(list(map(str, both[name])) == list(map(str, plain[name])) for name in plain.names)
     assert set(both.names) - set(plain.names) == {f"user_{name}" for name in own}

@@ -9,7 +9,7 @@ from readout_state import flat_state, plain_layers, run
 from csstsim.base.errors import InputError
 from csstsim.base.rng import Streams
 from csstsim.instrument.orbit import orbit_after
-from csstsim.io.level0 import write_level0
+from csstsim.io.level0_writing import write_level0
 from csstsim.layers import sky_background
 from csstsim.optics.scatter.halo import make_wing
 from csstsim.optics.throughput.response import response_map

@@ -9,9 +9,9 @@ from scipy.interpolate import NdBSpline
 
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
-from csstsim.campaign.opened import EDGE_PX
+from csstsim.campaign.job_lists import EDGE_PX
+from csstsim.catalog.selection.bricks import DISTORTION_PX
 from csstsim.catalog.selection.reach import REACH_MAX
-from csstsim.catalog.selection.select import DISTORTION_PX
 from csstsim.optics.geometry import spline
 from csstsim.optics.geometry.distortion import FieldDistortion, load_distortion
 from csstsim.optics.geometry.focal_plane import FocalPlane, Placement, load_focal_plane, samples

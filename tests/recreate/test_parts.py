@@ -11,7 +11,7 @@ from csst import BANDS
 from csstsim.base.errors import InputError
 from csstsim.catalog.table import ObjectTable
 from csstsim.detector.channels import ReadoutFrame
-from csstsim.io.fits_cards import remark
+from csstsim.io.fits_writing import remark
 from csstsim.recreate import side_by_side
 from csstsim.recreate.frame import FrameHeader, read_frame
 from csstsim.recreate.objects import own_table

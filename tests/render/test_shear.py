@@ -11,7 +11,8 @@ from csst import BANDS, MARGIN
 from embedded_sky import embedded_catalog
 
 from csstsim.catalog.astrometry.reduction import icrs
-from csstsim.catalog.selection.select import Noise, region_for, select_objects
+from csstsim.catalog.selection.bricks import region_for
+from csstsim.catalog.selection.select import Noise, select_objects
 from csstsim.catalog.table import GALAXY
 from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS

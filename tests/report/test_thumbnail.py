@@ -11,7 +11,8 @@ from readout_state import flat_state, plain_layers, run
 from report_page import Reader
 
 from csstsim.instrument.chip import Window
-from csstsim.io.level0 import read_level0, write_level0
+from csstsim.io.level0 import read_level0
+from csstsim.io.level0_writing import write_level0
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.report.mosaic import _corners, mosaic, take_exposure
 from csstsim.report.parts import draw

@@ -1,6 +1,6 @@
 """Bricks: HEALPix pixels of NSIDE 256, nested (Gorski et al. 2005; paper, section 6: 13.7 arcmin on a side).
 
-Positions are degrees, ICRS. Which bricks feed a chip is `catalog.selection.select.bricks_for`; where a brick's
+Positions are degrees, ICRS. Which bricks feed a chip is `catalog.selection.bricks.bricks_for`; where a brick's
 files lie is `io.paths`.
 """
 

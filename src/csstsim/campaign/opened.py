@@ -26,13 +26,15 @@ from csstsim.campaign.checks import (
 )  # fmt: skip
 from csstsim.campaign.config import load_campaign
 from csstsim.campaign.job import Job
+from csstsim.campaign.job_lists import JobLists
+from csstsim.campaign.products import pairs_of_base
 from csstsim.campaign.recipes import Recipes
-from csstsim.campaign.selection import nothing_selected, pair_missed, selected_chips, selected_pointings, window_of
+from csstsim.campaign.selection import nothing_selected, pair_missed, selected_chips, window_of
 from csstsim.campaign.survey_table import load_survey_table
 from csstsim.campaign.variants import VariantPaths, equal, named, split
 from csstsim.catalog.astrometry.ephemeris import observer
 from csstsim.catalog.open import TABLE_KIND, catalog_class, importable, options_beside
-from csstsim.catalog.selection.select import BRICK_MARGIN_PX, bricks_for, region_for
+from csstsim.catalog.selection.bricks import BRICK_MARGIN_PX, bricks_for, region_for
 from csstsim.instrument.camera import load_camera
 from csstsim.io.output_owner import check_owner
 from csstsim.io.paths import Paths
@@ -43,13 +45,8 @@ from csstsim.render.settings import load_numbers
 from csstsim.simulation.exposure import Exposure
 from csstsim.simulation.sim_steps import SimSteps
 
-MERGE_MARGIN_DEG = 2.0 / 3600.0  # a merged brick takes detections up to 2" beyond its border
-CALIBRATIONS = "BIAS", "DARK", "FLAT"
-FEWEST_CALIBRATIONS = 3  # exposures of each: cosmic rays cannot be found with two
-EDGE_PX = 3.0  # field distortion bends a chip's edges on the sky: by up to 2.4 px off the line between the corners
 
-
-class OpenCampaign:
+class OpenCampaign(JobLists):
     """A checked campaign. Raises InputError for any fault in its files."""
 
     def __init__(
@@ -79,7 +76,13 @@ class OpenCampaign:
             check_file(self, "survey_table", self.config.survey_table)
         self.pointings = pointings or load_survey_table(self.config.survey_table, self.camera.orbit)
         check_selection(self)
-        types = sorted({p.type for p in selected_pointings(self).values()})
+        select = self.config.select
+        wanted = set(self.pointings if select.obsids is None else select.obsids)
+        self.exposures = {
+            obsid: p for obsid, p in self.pointings.items() if p.type in select.types and obsid in wanted
+        }  # those selected, in the order of the table
+        self.chips = selected_chips(select, self.camera)
+        types = sorted({p.type for p in self.exposures.values()})
         layers = layers or {}
         for kind in set(types) & set(self.config.observations) - set(layers):
             check_file(self, f"observations.{kind}", self.config.observations[kind])
@@ -90,16 +93,16 @@ class OpenCampaign:
             if exptime == 0 and kind != "BIAS":
                 file = self.steps[kind].file
                 raise InputError("zero exposure time", file=file, key="exptime", value=0, allowed="0 for BIAS only")
-        self.pointings = {
-            obsid: replace(p, exptime=asked.get(p.type, p.exptime)) for obsid, p in self.pointings.items()
+        self.exposures = {
+            obsid: replace(p, exptime=asked.get(p.type, p.exptime)) for obsid, p in self.exposures.items()
         }
 
         check_photons(self)
-        chips = [chip for chip in selected_chips(self) if only is None or chip.id in only[1]]
+        chips = [chip for chip in self.chips if only is None or chip.id in only[1]]
         check_maps(chips)
         if chips and self.pointings and not copied:
             check_header(self, chips[0])
-        exposures = {obsid: p for obsid, p in selected_pointings(self).items() if only is None or obsid == only[0]}
+        exposures = {obsid: p for obsid, p in self.exposures.items() if only is None or obsid == only[0]}
         if "SCIE" in self.steps and any(chip.kind == "slitless" for chip in chips):
             _ = self.camera.gratings  # read, and refused if they cannot be used
         check_layers(self, exposures)
@@ -133,6 +136,15 @@ class OpenCampaign:
             self._in_base[key] = self.base is not None and equal(self, *key)
         return self._in_base[key]
 
+    def base_files(self, job, rule):
+        """Return [(file of the base, file of this variant)] of a job's products that the base made with the same bits.
+
+        rule: level0, measure or extract. [] if the products differ, if the base has not made them, and of a base.
+        """
+        if not self.in_base(*job.key, rule if rule == "level0" else "measure"):
+            return []
+        return pairs_of_base(self, job, rule)
+
     def masters(self, chip_id):
         """Return the file of the master frames with which a chip's exposures are calibrated."""
         return Paths(beside(self.file, self.config.measurement.masters)).masters(chip_id)
@@ -140,7 +152,7 @@ class OpenCampaign:
     @cached_property
     def jobs(self):
         """The jobs the campaign runs, in the order of the table and of the chips."""
-        pairs = ((obsid, chip) for obsid in selected_pointings(self) for chip in selected_chips(self))
+        pairs = ((obsid, chip) for obsid in self.exposures for chip in self.chips)
         jobs = tuple(job for pair in pairs if (job := self._job(*pair)))
         if not jobs:
             with explained("aiming"):
@@ -150,13 +162,12 @@ class OpenCampaign:
 
     def job(self, obsid, chip_id):
         """Return one job of the campaign. Raises InputError if the campaign does not select it."""
-        obsids = list(selected_pointings(self))
-        if obsid not in obsids:
-            more = ", ..." if len(obsids) > 3 else ""
-            allowed = f"{', '.join(obsids[:3])}{more} of {self.table}"
+        if obsid not in self.exposures:
+            more = ", ..." if len(self.exposures) > 3 else ""
+            allowed = f"{', '.join([*self.exposures][:3])}{more} of {self.table}"
             message = "not an exposure of this campaign"
             raise InputError(message, file=self.file, key="obsid", value=obsid, allowed=allowed)
-        chips = {chip.id: chip for chip in selected_chips(self)}
+        chips = {chip.id: chip for chip in self.chips}
         if chip_id not in chips:
             raise InputError(
                 "not a chip of this campaign", file=self.file, key="chip", value=chip_id,
@@ -170,7 +181,7 @@ class OpenCampaign:
         return job
 
     def _job(self, obsid, chip):
-        pointing = self.pointings[obsid]
+        pointing = self.exposures[obsid]
         steps = self.steps[pointing.type]
         wcs, craft = self.maps(pointing, chip)
         window = window_of(self, pointing, chip, wcs, craft)
@@ -287,59 +298,6 @@ class OpenCampaign:
     def truth_bricks(self, exposure):
         """Return the truth bricks whose objects may reach an Exposure's window, as a tuple."""
         return tuple(int(pix) for pix in bricks_for(*exposure.footprint(), self.margin_deg(exposure)))
-
-    @cached_property
-    def science_jobs(self):
-        """The jobs of exposures that see the sky."""
-        return tuple(job for job in self.jobs if job.pointing.type == "SCIE")
-
-    @cached_property
-    def sky_chips(self):
-        """The numbers of chips that see the sky, sorted: each has a PSF set."""
-        return sorted({job.chip.id for job in self.science_jobs})
-
-    @cached_property
-    def sky_bricks(self):
-        """The bricks of the embedded universe that the jobs need, sorted."""
-        return sorted({pix for job in self.science_jobs for pix in self.truth_bricks(job)} if self.embedded else ())
-
-    @cached_property
-    def imaging_jobs(self):
-        """The jobs that are measured: science exposures of imaging chips."""
-        return tuple(job for job in self.science_jobs if job.chip.kind == "imaging")
-
-    @cached_property
-    def first_frames(self):
-        """The science job whose picture is made first, in a tuple: of the middle band, the deepest; or ()."""
-        bands = [name for name in self.camera.filters if any(job.chip.filter == name for job in self.imaging_jobs)]
-        jobs = [job for job in self.imaging_jobs if job.chip.filter == bands[len(bands) // 2]]
-        return (jobs or self.science_jobs)[:1]
-
-    @cached_property
-    def slitless_jobs(self):
-        """The jobs whose spectra are extracted: science exposures of spectroscopic chips."""
-        return tuple(job for job in self.jobs if self.has_orders(job))
-
-    @cached_property
-    def calibration_jobs(self):
-        """{chip: its jobs} of the chips with enough bias, dark and lamp exposures for master frames."""
-        chips = {}
-        for job in self.jobs:
-            if job.pointing.type != "SCIE" and job.window == job.chip.full_window:
-                chips.setdefault(job.chip.id, []).append(job)
-        return {
-            chip: jobs for chip, jobs in chips.items()
-            if min(sum(job.pointing.type == kind for job in jobs) for kind in CALIBRATIONS) >= FEWEST_CALIBRATIONS
-        }  # fmt: skip
-
-    @cached_property
-    def merge_bricks(self):
-        """{brick: its jobs} of the bricks that a measured window touches."""
-        bricks = {}
-        for job in self.imaging_jobs:
-            for pix in bricks_for(*job.footprint(EDGE_PX), MERGE_MARGIN_DEG):
-                bricks.setdefault(int(pix), []).append(job)
-        return dict(sorted(bricks.items()))
 
     @cached_property
     def recipes(self):

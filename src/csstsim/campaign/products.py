@@ -49,8 +49,8 @@ def kinds(run):
     """
     paths, config = run.paths, run.config
     kept = [
-        job for job in run.jobs
-        if config.keep == "light" and run.has_stage(job.pointing, "render") and not run.in_base(*job.key, "render")
+        job for job in (run.jobs if config.keep == "light" else ())
+        if run.has_stage(job.pointing, "render") and not run.in_base(*job.key, "render")
     ]  # fmt: skip
     calibrated = run.imaging_jobs if config.measurement.keep_calibrated else ()
     page = [None] if run.science_jobs else []
@@ -95,6 +95,16 @@ def kinds(run):
         ),
     )  # fmt: skip
     return {kind.rules[-1]: kind for kind in table}
+
+
+def pairs_of_base(run, job, rule):
+    """Return [(file of the base, file of the variant)] of what a rule makes of a job; [] if the base has not yet."""
+    theirs, own = (kinds(owner)[rule].files_of(job) for owner in (run.base, run))
+    if not all(path.is_file() for path in theirs):
+        return []
+    pairs = list(zip(theirs, own, strict=True))
+    rays = [owner.paths.level0_cosmic(job) for owner in (run.base, run)]  # which a layer may save
+    return [*pairs, tuple(rays)] if rule == "level0" and rays[0].is_file() else pairs
 
 
 def _own(run, rule, numbers):

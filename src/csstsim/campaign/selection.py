@@ -1,4 +1,4 @@
-"""What `select` and `window` of a campaign choose: exposures, chips and their pixels. run: opened.OpenCampaign."""
+"""What `select` and `window` of a campaign choose: chips and their pixels. run: opened.OpenCampaign."""
 
 import math
 
@@ -10,19 +10,8 @@ from csstsim.instrument.chip import Window
 NEAREST = 3  # chips that an error names
 
 
-def selected_pointings(run):
-    """Return {obsid: Pointing} of select.types and select.obsids, in the order of the table."""
-    select = run.config.select
-    wanted = set(select.obsids) if select.obsids is not None else None
-    return {
-        obsid: pointing for obsid, pointing in run.pointings.items()
-        if pointing.type in select.types and (wanted is None or obsid in wanted)
-    }  # fmt: skip
-
-
-def selected_chips(run):
+def selected_chips(select, camera):
     """Return the Chips of select.chips and select.filters, by number."""
-    select, camera = run.config.select, run.camera
     groups = {"all": camera.chips.values(), "imaging": camera.imaging_chips, "slitless": camera.slitless_chips}
     if isinstance(select.chips, str):
         chips = groups[select.chips]
@@ -50,21 +39,22 @@ def window_of(run, pointing, chip, wcs, craft):
 
 def nothing_selected(run):
     """Return the InputError of a campaign that selects no (exposure, chip) pair: what is nearest, and what to do."""
-    select, chips, pointings = run.config.select, selected_chips(run), selected_pointings(run)
-    if not pointings:
+    select = run.config.select
+    if not run.exposures:
         types = ", ".join(sorted({p.type for p in run.pointings.values()}))
         return InputError(
             "no exposure has one of these types", file=run.file, key="select.types", value=select.types,
             allowed=f"those in {run.table}: {types}",
         )  # fmt: skip
-    if not chips:
+    if not run.chips:
         return InputError(
             "none of the chips is behind one of the filters", file=run.file, key="select.filters",
             value=select.filters, allowed="filters of the chips that select.chips names",
         )  # fmt: skip
     if select.region is None:
         return InputError("no pixels are selected", file=run.file, key="window")
-    pairs = [(obsid, chip) for obsid, pointing in pointings.items() if pointing.type == "SCIE" for chip in chips]
+    science = [obsid for obsid, pointing in run.exposures.items() if pointing.type == "SCIE"]
+    pairs = [(obsid, chip) for obsid in science for chip in run.chips]
     return _missed(run, pairs, "the region touches no chip; it misses")
 
 
@@ -77,7 +67,7 @@ def _missed(run, pairs, message):
     """Return the InputError of a region that misses all (obsid, chip) pairs: the nearest, and a place that works."""
     circle, arcmin = run.config.select.region, run.camera.telescope.pixel_scale / 60.0
     missed = [
-        (_miss(run, *run.maps(run.pointings[obsid], chip), _window(run, chip))[-1], obsid, chip)
+        (_miss(run, *run.maps(run.exposures[obsid], chip), _window(run, chip))[-1], obsid, chip)
         for obsid, chip in pairs
     ]
     near = sorted((found for found in missed if not math.isnan(found[0])), key=lambda found: found[0])[:NEAREST]
@@ -102,7 +92,7 @@ def _far(arcmin):
 def _middle(run, obsid, chip):
     """Return ra, dec [deg, ICRS] of the middle of a chip, or of the window on it, in an exposure."""
     window = _window(run, chip)
-    wcs, craft = run.maps(run.pointings[obsid], chip)
+    wcs, craft = run.maps(run.exposures[obsid], chip)
     return icrs(*wcs.pixel_to_world((window.x0 + window.x1 - 1) / 2, (window.y0 + window.y1 - 1) / 2), craft)
 
 

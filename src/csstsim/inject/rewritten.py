@@ -4,8 +4,8 @@ import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
-from csstsim.io.fits import compress, open_fits, raw_cards, read_pixels, write_hdus
-from csstsim.io.fits_cards import card, remark
+from csstsim.io.fits import open_fits, raw_cards, read_pixels
+from csstsim.io.fits_writing import card, compress, remark, write_hdus
 
 # Made anew by io.fits, or of the table that holds a compressed image
 _STRUCTURE = set(

@@ -6,8 +6,7 @@ coordinates have the field distortion as SIP polynomials (Shupe et al. 2005); di
 """
 
 from csstsim.base.files.atomic import atomic_path
-from csstsim.io.fits import write_hdus
-from csstsim.io.fits_cards import card, remark
+from csstsim.io.fits_writing import card, remark, write_hdus
 from csstsim.optics.geometry.sip import sip_header
 
 # Copied from the Level-0 file's primary header: the exposure, and the state of the spacecraft

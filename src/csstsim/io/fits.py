@@ -1,11 +1,6 @@
-"""FITS images on disk, bit-exact, with DATASUM and CHECKSUM (FITS standard 4.0, sections 4 and 5, appendix J).
-
-cfitsio is not used for writing, for three reasons: it turns infinities into NaN, writes the time into the checksum's
-comment (so that two identical runs differ), and needs four times the CPU for a frame with checksums.
-"""
+"""FITS images read, bit-exact, with their checksums compared (io.fits_writing writes them)."""
 
 import math
-import sys
 from pathlib import Path
 
 import fitsio
@@ -14,110 +9,10 @@ import numpy as np
 from csstsim.base.errors import InputError
 from csstsim.base.files.file_log import logged
 from csstsim.base.files.fits_headers import check_headers
-from csstsim.io.fits_cards import card
+from csstsim.io.fits_checksum import BLOCK, CHUNK, LITTLE, folded, sum_of_bytes, sum_of_words
 
-BLOCK = 2880
-_LITTLE = sys.byteorder == "little"
-_CHUNK = 1 << 18  # pixels converted at a time, so that they stay in the cache
 MOST = 1 << 28  # pixels of an image that are read: three chips
 _STORED = {8: "u1", 16: "i2", 32: "i4", -32: "f4"}
-_BITPIX = {"uint8": 8, "uint16": 16, "int16": 16, "int32": 32, "float32": -32}
-
-
-def write_hdus(path, hdus):
-    """Write a FITS file of a data-less primary HDU and image extensions.
-
-    `hdus` is a list of (name, cards, array): the first has array None; the others any type of _BITPIX, in C order;
-    `cards` as made by `card` and `remark`. uint16 is stored as int16 with BZERO 32768.
-    """
-    with open(path, "wb") as file:
-        for name, cards, array in hdus:
-            head = _structure(name, array) + list(cards)
-            if any(text[80:90] == "CONTINUE  " for text in head):
-                head.append(card("LONGSTRN", "OGIP 1.0", "strings go on in CONTINUE cards"))
-            start = file.tell()
-            file.seek(start + len(_sealed_header(head, 0)))
-            datasum = 0 if array is None else _write_data(file, array)
-            end = file.tell()
-            file.seek(start)
-            file.write(_sealed_header(head, datasum))
-            file.seek(end)
-
-
-def _structure(name, array):
-    if array is None:
-        return [card("SIMPLE", True, "conforms to the FITS standard"), card("BITPIX", 8), card("NAXIS", 0),
-                card("EXTEND", True, "extensions may follow")]  # fmt: skip
-    cards = [card("XTENSION", "IMAGE", "image extension"), card("BITPIX", _BITPIX[array.dtype.name], "bits per value")]
-    cards.append(card("NAXIS", array.ndim, "number of axes"))
-    cards += [card(f"NAXIS{i + 1}", n, f"length of axis {i + 1}") for i, n in enumerate(array.shape[::-1])]
-    cards += [card("PCOUNT", 0, "no parameters"), card("GCOUNT", 1, "one group")]
-    if array.dtype == np.uint16:
-        cards += [card("BSCALE", 1, "value = BSCALE x stored + BZERO"), card("BZERO", 32768, "unsigned 16 bits")]
-    return [*cards, card("EXTNAME", name, "name of this extension")]
-
-
-def _write_data(file, array):
-    flat = np.ascontiguousarray(array).reshape(-1)
-    total = 0
-    for start in range(0, flat.size, _CHUNK):
-        part = flat[start : start + _CHUNK]
-        if part.dtype == np.uint16:
-            part = part ^ np.uint16(0x8000)
-        data = part.byteswap() if _LITTLE and part.itemsize > 1 else part
-        raw = data.view(np.uint8)
-        if start + _CHUNK >= flat.size:
-            raw = np.concatenate([raw, np.zeros(-(flat.nbytes) % BLOCK, np.uint8)])
-        total += _sum(part.view(np.uint32)) if part.itemsize == 4 else _word_sum(raw)
-        file.write(raw)
-    return _fold(total)
-
-
-def _sum(words):
-    return int(words.sum(dtype=np.uint64))
-
-
-def _word_sum(raw):
-    """Return the sum of the big-endian 32-bit words in bytes (uint8 array), the last filled with zeros."""
-    raw = np.concatenate([raw, np.zeros(-raw.size % 4, np.uint8)]) if raw.size % 4 else raw
-    words = raw.view(np.uint32)
-    return _sum(words.byteswap() if _LITTLE else words)
-
-
-def _fold(total):
-    """Return a sum as a 32-bit ones' complement number: carries are added back."""
-    while total >> 32:
-        total = (total & 0xFFFFFFFF) + (total >> 32)
-    return total
-
-
-def _sealed_header(head, datasum):
-    """Return the header's bytes with DATASUM and a CHECKSUM that makes the HDU's sum all ones."""
-    data = card("DATASUM", str(datasum), "checksum of the data")
-    blank = _pad([*head, card("CHECKSUM", "0" * 16, "checksum of the HDU"), data])
-    total = _fold(_word_sum(np.frombuffer(blank, np.uint8)) + datasum)
-    return _pad([*head, card("CHECKSUM", _encode(0xFFFFFFFF - total), "checksum of the HDU"), data])
-
-
-def _pad(cards):
-    text = "".join([*cards, "END".ljust(80)])
-    return text.ljust(BLOCK * math.ceil(len(text) / BLOCK)).encode("ascii")
-
-
-def _encode(value):
-    """Return 16 letters and digits whose four words sum to `value` (appendix J), rotated by one byte."""
-    punctuation = {*range(0x3A, 0x41), *range(0x5B, 0x61)}
-    text = bytearray(16)
-    for i, byte in enumerate(value.to_bytes(4, "big")):
-        letters = [byte // 4 + 0x30] * 4
-        letters[0] += byte % 4
-        while punctuation & set(letters):
-            for j in (0, 2):
-                if punctuation & set(letters[j : j + 2]):
-                    letters[j] += 1
-                    letters[j + 1] -= 1
-        text[i::4] = bytes(letters)
-    return (text[-1:] + text[:-1]).decode()
 
 
 def open_fits(path):
@@ -173,8 +68,8 @@ def _sum_of(path, start, stop):
     total, left = 0, stop - start
     with open(path, "rb") as file:
         file.seek(start)
-        while left and (raw := np.fromfile(file, np.uint8, min(left, _CHUNK * 4))).size:
-            total += _word_sum(raw)
+        while left and (raw := np.fromfile(file, np.uint8, min(left, CHUNK * 4))).size:
+            total += sum_of_bytes(raw)
             left -= raw.size
     return total
 
@@ -188,43 +83,8 @@ def _check_sum(hdu, path, total):
         raise InputError("a header is damaged", file=path, key=key) from None
     if not sealed:
         raise InputError("there is no CHECKSUM", file=path, key=key)
-    if _fold(total) != 0xFFFFFFFF:
+    if folded(total) != 0xFFFFFFFF:
         raise InputError("the file is damaged: wrong CHECKSUM", file=path, key=key)
-
-
-def compress(path, without=()):
-    """Replace the image extensions of a FITS file by tile-compressed ones (RICE, one row per tile), without loss.
-
-    without: keywords that the primary header loses.
-    """
-    from astropy.io import fits  # takes half a second, needed only for compressed files
-
-    with fits.open(path, memmap=False) as file:
-        hdus = [file[0].copy()]
-        for name in without:
-            hdus[0].header.remove(name, ignore_missing=True)
-        for hdu in file[1:]:
-            for name in ("CHECKSUM", "DATASUM"):
-                hdu.header.remove(name, ignore_missing=True)
-            tile = (1, hdu.data.shape[1])
-            hdus.append(fits.CompImageHDU(hdu.data, hdu.header, compression_type="RICE_1", tile_shape=tile))
-    fits.HDUList(hdus).writeto(path, overwrite=True, checksum=True)
-    _reseal(path)
-
-
-def _reseal(path):
-    """Give every header the checksum cards of this module: astropy's have the time in their comments."""
-    with open_fits(path) as file:
-        places = [(hdu.get_offsets()["header_start"], hdu.get_offsets()["data_start"]) for hdu in file]
-    with open(path, "r+b") as raw:
-        for start, stop in places:
-            raw.seek(start)
-            text = raw.read(stop - start).decode()
-            cards = [text[i : i + 80] for i in range(0, len(text), 80)]
-            cards = cards[: cards.index("END".ljust(80))]
-            datasum = next(int(text[11:].split("'")[0]) for text in cards if text.startswith("DATASUM "))
-            raw.seek(start)
-            raw.write(_sealed_header([c for c in cards if not c.startswith(("CHECKSUM", "DATASUM "))], datasum))
 
 
 def image_header(hdu, path):
@@ -274,22 +134,22 @@ def _fill(data, path, start, verify):
     wide = data.itemsize == 4  # its words are the values
     with open(path, "rb", buffering=0) as file:
         file.seek(start)
-        for at in range(0, raw.size, _CHUNK):
-            part = raw[at : at + _CHUNK]  # stays in the cache between reading, sum and swap
+        for at in range(0, raw.size, CHUNK):
+            part = raw[at : at + CHUNK]  # stays in the cache between reading, sum and swap
             if _read_into(part, file) < part.size:
                 raise InputError("the FITS file is cut short", file=path)
             if verify and not wide:
-                total += _word_sum(part)
-            if _LITTLE and data.itemsize > 1:
+                total += sum_of_bytes(part)
+            if LITTLE and data.itemsize > 1:
                 part.view(data.dtype).byteswap(inplace=True)
             if verify and wide:
-                total += _sum(part.view(np.uint32))
+                total += sum_of_words(part.view(np.uint32))
             if data.dtype == np.uint16:
                 part.view(np.uint16)[:] ^= np.uint16(0x8000)
         if verify:  # what fills the last block
             rest = np.zeros(-raw.size % BLOCK, np.uint8)
             _read_into(rest, file)
-            total += _word_sum(np.concatenate([np.zeros(raw.size % 4, np.uint8), rest]))
+            total += sum_of_bytes(np.concatenate([np.zeros(raw.size % 4, np.uint8), rest]))
     return total
 
 

@@ -14,7 +14,8 @@ import numpy as np
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
 from csstsim.detector.sparse_plane import SparsePlane
-from csstsim.io.fits import MOST, open_fits, read_pixels, verify_hdu, write_hdus
+from csstsim.io.fits import MOST, open_fits, read_pixels, verify_hdu
+from csstsim.io.fits_writing import write_hdus
 
 DTYPES = ("float32", "int32", "uint16", "uint8")
 META = "META"

@@ -16,7 +16,7 @@ from csstsim.base.shipped import ROOT
 from csstsim.base.units import DAY_S, EARTH_RADIUS_KM
 from csstsim.detector.channels import ReadoutFrame
 from csstsim.instrument.orbit import orbit_after
-from csstsim.io.fits_cards import card, remark
+from csstsim.io.fits_writing import card, remark
 from csstsim.io.sections import section_lists
 
 STAGES = ("select", "render", "readout", "level0")

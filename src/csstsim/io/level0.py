@@ -1,4 +1,4 @@
-"""Level-0 files: the raw product of one chip in one exposure (paper, section 4.4 and Appendix B item 15).
+"""Level-0 files read: the raw product of one chip in one exposure (paper, section 4.4 and Appendix B item 15).
 
 HDU 0 holds keywords only. IMAGE holds DN as uint16 in one of the layouts of csstsim.detector.channels, always of the
 whole detector: pixels outside a windowed readout are 0, and READX0..READY1 state the window. MASK, an option of
@@ -7,7 +7,8 @@ level0_keywords.yaml. The WCS without letter is that of the assembled active fra
 B, ... are the same for the stored pixels of channels 1, 2, ... All are linear: where the primary header's FLDDIST is T,
 they are off by up to 200 px. With quantization_and_output's `sip` the first WCS includes the distortion and there are
 none with letters. Layout `chip` has none either, for the first WCS is that of its pixels. io.sections gives the place
-of each channel's pixels; Level0.extensions makes each channel an extension with its own WCS.
+of each channel's pixels; Level0.extensions makes each channel an extension with its own WCS. io.level0_writing writes
+the files.
 """
 
 import re
@@ -19,12 +20,10 @@ from typing import Any
 import numpy as np
 
 from csstsim.base.errors import InputError
-from csstsim.base.files.atomic import atomic_path
 from csstsim.catalog.astrometry.ephemeris import observer
 from csstsim.detector.channels import LAYOUTS, ReadoutFrame
 from csstsim.instrument.chip import Window
-from csstsim.io.fits import compress, image_header, open_fits, read_header, read_pixels, verify_hdu, write_hdus
-from csstsim.io.level0_cards import level0_cards, mask_cards
+from csstsim.io.fits import image_header, open_fits, read_header, read_pixels, verify_hdu
 from csstsim.io.sections import stored_slices
 
 # The keywords of IMAGE that reading needs; level0_keywords.yaml must keep them.
@@ -35,26 +34,6 @@ REQUIRED = (
 STATE = ("EXPSTART", "POSI0_X", "POSI0_Y", "POSI0_Z", "VELO0_X", "VELO0_Y", "VELO0_Z")
 EPHEMERIS = ("EPHEM", "LDPLANET")
 _SIZE = re.compile(r"(?:\[1:)?(\d+)(?:,1:| x )(\d+)\]?")  # also the older form: 9216 x 9232
-
-
-def write_level0(path, state, keywords, provenance, layout=None):
-    """Write the Level-0 file of a digitised state (uint16 readout frame in state.image).
-
-    `keywords` is the header table (Camera.keywords), `provenance` as in `io.keywords.header_values`; `layout` None
-    takes what quantization_and_output chose. Raises ValueError for an image that is not a uint16 readout frame.
-    """
-    layout = layout or state.header.get("layout", "channels")
-    frame = ReadoutFrame.of(state.chip.detector, state.window)
-    if state.image.dtype != np.uint16:
-        raise ValueError(f"Level-0 holds uint16; the image is {state.image.dtype}: quantization_and_output is missing")
-    primary, image = level0_cards(state, keywords, provenance, layout)
-    hdus = [("", primary, None), ("IMAGE", image, frame.to_stored(state.image, layout))]
-    if state.mask is not None:
-        hdus.append(("MASK", mask_cards(), frame.to_stored(state.mask, layout)))
-    with atomic_path(path) as temporary:
-        write_hdus(temporary, hdus)
-        if state.header.get("compress"):
-            compress(temporary)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ program that knows IRAF's mosaics places them side by side by DETSEC.
 
 import re
 
-from csstsim.io.level0_cards import channel_wcs
+from csstsim.io.level0_writing import channel_wcs
 from csstsim.io.sections import sections
 
 # A channel's keyword in IMAGE's header (with its number), and its name in the channel's extension

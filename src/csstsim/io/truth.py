@@ -92,13 +92,6 @@ TYPES = {
 TAKEN = {"chip", "filter", "detA", "dm", "g1", "g2", "size"} | (set(CAT_COLUMNS) - set(CAT_COLUMNS.values()))
 
 
-def write_truth(path, drawn, chip, metadata):
-    """Write the truth of one Level-0 file and return it; arguments as of `truth_table`, metadata {str: str}."""
-    table = truth_table(drawn, chip)
-    table.write(path, metadata)
-    return table
-
-
 def truth_table(drawn, chip):
     """Return the truth of one Level-0 file as an ObjectTable, one row per object drawn.
 

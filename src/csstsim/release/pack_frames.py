@@ -14,8 +14,7 @@ import numpy as np
 from csstsim.base.files.atomic import atomic_path
 from csstsim.base.process.one_thread import one_thread
 from csstsim.io.calibrated import DQ, KEPT
-from csstsim.io.fits import compress, write_hdus
-from csstsim.io.fits_cards import card
+from csstsim.io.fits_writing import card, compress, write_hdus
 from csstsim.release.icrs_header import corners, icrs_header
 from csstsim.release.star_psf import chosen, star_psf, write_psfex
 

@@ -3,7 +3,7 @@
 from csstsim.base.process.one_thread import one_thread
 from csstsim.io.output_owner import claim_output
 from csstsim.stages.level0 import digitised, write_products
-from csstsim.stages.parts.shared import copied_from_base
+from csstsim.stages.parts.shared import copied
 from csstsim.stages.parts.stage_frames import Timer
 from csstsim.stages.psf import missing_psf
 from csstsim.stages.readout import read_out, save_cosmic_rays
@@ -21,7 +21,7 @@ def chip(run, job, say=print):
     Missing truth bricks and a missing PSF set are made first. The output folder becomes the campaign's
     (io.output_owner). Raises InputError if it is another's.
     """
-    if copied_from_base(run, job, "level0", say):
+    if copied(run.base_files(job, "level0"), say):
         claim_output(run)
         return None
     state, provenance = simulate(run, job, say)

@@ -14,7 +14,7 @@ from csstsim.stages.calibrate import calibrated_frame
 from csstsim.stages.level0 import truth_of
 from csstsim.stages.parts.contamination import catalogued_light
 from csstsim.stages.parts.shapes import shapes_of
-from csstsim.stages.parts.shared import copied_from_base
+from csstsim.stages.parts.shared import copied
 from csstsim.stages.psf import open_psf
 
 SNR_MIN = 5.0  # of the workflow's spectra
@@ -37,7 +37,7 @@ def extract(run, job, snr_min=SNR_MIN, ids=None, contamination=None, image=False
     usual = run.config.measurement.contamination
     contamination = contamination or usual
     workflows = snr_min == SNR_MIN and ids is None and contamination == usual and not image
-    if workflows and copied_from_base(run, job, "extract"):
+    if workflows and copied(run.base_files(job, "extract")):
         return
     truth, frame, orders, *others = spectra_of_frame(run, job, contamination)
     unknown = [] if ids is None else sorted(set(ids) - set(orders["id"].tolist()))
@@ -72,8 +72,7 @@ def _write_image(path, run, job, frame, contamination):
     """Write the expected light of all orders of all objects, whose part without its own light is each one's
     contamination: plane LIGHT, electrons of the window."""
     from csstsim.base.files.atomic import atomic_path
-    from csstsim.io.fits import write_hdus
-    from csstsim.io.fits_cards import card
+    from csstsim.io.fits_writing import card, write_hdus
 
     known = "truth" if contamination.known_from == "truth" else str(contamination.table or "bands of the truth")
     primary = [card("OBSID", job.obsid), card("CHIP", job.chip.id), card("KNOWN", known, "from where the light is")]

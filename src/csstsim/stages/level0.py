@@ -4,7 +4,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.process.one_thread import one_thread
 from csstsim.base.release import check_recipe, check_release
 from csstsim.io.paths import made
-from csstsim.stages.parts.shared import copied_from_base
+from csstsim.stages.parts.shared import copied
 from csstsim.stages.parts.stage_frames import Timer, state_before
 
 MADE_WITH = {
@@ -18,7 +18,7 @@ def level0(run, job):
     """Run the layers of the level0 stage and write the Level-0 file with its truth beside it."""
     from csstsim.catalog.table import ObjectTable
 
-    if copied_from_base(run, job, "level0"):
+    if copied(run.base_files(job, "level0")):
         return
     timer = Timer("level0")
     state = state_before(run, job, "readout")
@@ -68,17 +68,17 @@ def write_products(run, job, state, provenance):
     """Write the Level-0 file with its truth, and that of orders, beside it."""
     from csstsim.catalog.table import ObjectTable
     from csstsim.io.cat import write_cat
-    from csstsim.io.level0 import write_level0
+    from csstsim.io.level0_writing import write_level0
     from csstsim.io.orders import write_orders
-    from csstsim.io.truth import electron_budget, write_truth
+    from csstsim.io.truth import electron_budget, truth_table
 
     path = run.paths.level0(job)
-    truth_path = run.paths.level0_truth(job)
     drawn = state.truth if state.truth is not None else ObjectTable.complete({}, run.camera.bands)
     about = {"recipe": run.recipe(job), "level0": path.name, "full_well": run.camera.detector.full_well}
     if run.steps[job.pointing.type].shipped:  # a user's layer may add charge that is not accounted for
         about["electrons"] = electron_budget(state.header, job.window.nx * job.window.ny)
-    table = write_truth(truth_path, drawn, job.chip, about)
+    table = truth_table(drawn, job.chip)
+    table.write(run.paths.level0_truth(job), about)
     if "cat" in run.config.truth:
         for text in {run.paths.level0_cat(job), run.paths.level0_catalogue(job)}:
             write_cat(text, table)

@@ -8,7 +8,7 @@ from csstsim import __version__
 from csstsim.base.errors import InputError
 from csstsim.base.process.one_thread import one_thread
 from csstsim.base.process.progress import progress
-from csstsim.campaign.opened import CALIBRATIONS, FEWEST_CALIBRATIONS
+from csstsim.campaign.job_lists import CALIBRATIONS, FEWEST_CALIBRATIONS
 from csstsim.stages.level0 import own_level0
 
 

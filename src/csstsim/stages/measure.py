@@ -5,7 +5,7 @@ from csstsim.base.process.one_thread import one_thread
 from csstsim.base.release import check_recipe
 from csstsim.io.paths import made
 from csstsim.stages.calibrate import calibrated_frame
-from csstsim.stages.parts.shared import copied_from_base
+from csstsim.stages.parts.shared import copied
 from csstsim.stages.psf import open_psf
 
 
@@ -14,7 +14,7 @@ def measure(run, job):
     """Detect and measure the sources of a Level-0 file."""
     from csstsim.measure.catalogue import measure_frame
 
-    if copied_from_base(run, job, "measure"):
+    if copied(run.base_files(job, "measure")):
         return
     file, calibrated = calibrated_frame(run, job)
     table = measure_frame(

@@ -80,7 +80,7 @@ def check_catalog(run, say):
 
 def _check_catalog(run, say):
     from csstsim.catalog.contract import check
-    from csstsim.catalog.selection.select import near
+    from csstsim.catalog.selection.places import near
 
     source = run.open_truth()
     jobs = run.imaging_jobs or run.slitless_jobs

@@ -20,7 +20,7 @@ from csstsim.bench.readout.mcti import ABSENT, Mcti
 from csstsim.bench.setting import EXPTIME, POINTING
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
-from csstsim.io.level0 import write_level0
+from csstsim.io.level0_writing import write_level0
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.simulation.exposure import Exposure, Losses
 from csstsim.simulation.sim_steps import SimSteps

@@ -26,13 +26,10 @@ def one_by_one(run, rule, jobs, make, resume=False, say=print):
 
     rule: one of RULES, whose products `make` writes; resume: but for those that an earlier attempt finished.
     """
-    kind, stage, parent = kinds(run)[rule], rule if rule == "level0" else "measure", os.getppid()
-    folder = _folder(run, jobs[0].obsid, rule)
+    folder, parent = _folder(run, jobs[0].obsid, rule), os.getppid()
     for job in progress(jobs, "chips"):
-        kept, files = folder / digest([job.key, run.recipe(job, stage)]), kind.files_of(job)
-        if rule == "level0":
-            files.append(run.paths.level0_cosmic(job))  # which a layer may save
         with job.named():
+            kept, files = _names(run, rule, job) if resume else (None, ())
             if resume and kept.is_dir():
                 say(finished_earlier("chip", job.chip.id, _link(kept, files[0].parent)))
                 continue
@@ -44,6 +41,15 @@ def one_by_one(run, rule, jobs, make, resume=False, say=print):
                 _keep(files, kept, time.process_time() - begun)
     if resume and os.getppid() == parent:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def _names(run, rule, job):
+    """Return the folder of a job's second names, whose name says what decides the products, and the products."""
+    files = kinds(run)[rule].files_of(job)
+    if rule == "level0":
+        files.append(run.paths.level0_cosmic(job))  # which a layer may save
+    recipe = run.recipe(job, rule if rule == "level0" else "measure")
+    return _folder(run, job.obsid, rule) / digest([job.key, recipe]), files
 
 
 def forget(run):

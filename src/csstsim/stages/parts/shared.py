@@ -11,7 +11,6 @@ import shutil
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
-from csstsim.campaign.products import kinds
 
 
 def make_or_link(run, path, make, check, say):
@@ -41,22 +40,15 @@ def make_or_link(run, path, make, check, say):
     say(f"shared, not made: {common}")
 
 
-def copied_from_base(run, job, rule, say=print):
-    """Copy the base's products of a job to a variant's folder, if its keys do not change them.
+def copied(pairs, say=print):
+    """Copy what the base of a variant has made to the variant's folder; return whether there is anything to copy.
 
-    rule: level0, measure or extract. Return whether: not if the products differ, or if the base has not made them yet.
-    No links: Snakemake dates what a job leaves anew, and the base's measurements would be older than their frame.
+    pairs: those of OpenCampaign.base_files. No links: Snakemake dates what a job leaves anew, and the base's
+    measurements would be older than their frame.
     """
-    if not run.in_base(*job.key, rule if rule == "level0" else "measure"):
-        return False
-    theirs, ours = (kinds(owner)[rule].files_of(job) for owner in (run.base, run))
-    if not all(path.is_file() for path in theirs):
-        return False
-    pairs = list(zip(theirs, ours, strict=True))
-    if rule == "level0" and (rays := run.base.paths.level0_cosmic(job)).is_file():
-        pairs.append((rays, run.paths.level0_cosmic(job)))
-    for common, path in pairs:
-        with atomic_path(path) as temporary:
-            shutil.copyfile(common, temporary)
-    say(f"equal in the base, not made: {theirs[0]}")
-    return True
+    for theirs, own in pairs:
+        with atomic_path(own) as temporary:
+            shutil.copyfile(theirs, temporary)
+    if pairs:
+        say(f"equal in the base, not made: {pairs[0][0]}")
+    return bool(pairs)

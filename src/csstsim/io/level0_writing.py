@@ -1,14 +1,37 @@
-"""The header of a Level-0 file: keywords of level0_keywords.yaml, world coordinates, bits of the mask (io.level0)."""
+"""Level-0 files written (io.level0 describes them): keywords of level0_keywords.yaml, world coordinates, pixels."""
 
+import numpy as np
+
+from csstsim.base.files.atomic import atomic_path
 from csstsim.detector.channels import ReadoutFrame
 from csstsim.detector.mask import BITS
-from csstsim.io.fits_cards import card, remark
+from csstsim.io.fits_writing import card, compress, remark, write_hdus
 from csstsim.io.keywords import header_cards, header_values
 from csstsim.optics.geometry.sip import sip_header
 
 
+def write_level0(path, state, keywords, provenance, layout=None):
+    """Write the Level-0 file of a digitised state (uint16 readout frame in state.image).
+
+    `keywords` is the header table (Camera.keywords), `provenance` as in `io.keywords.header_values`; `layout` None
+    takes what quantization_and_output chose. Raises ValueError for an image that is not a uint16 readout frame.
+    """
+    layout = layout or state.header.get("layout", "channels")
+    frame = ReadoutFrame.of(state.chip.detector, state.window)
+    if state.image.dtype != np.uint16:
+        raise ValueError(f"Level-0 holds uint16; the image is {state.image.dtype}: quantization_and_output is missing")
+    primary, image = level0_cards(state, keywords, provenance, layout)
+    hdus = [("", primary, None), ("IMAGE", image, frame.to_stored(state.image, layout))]
+    if state.mask is not None:
+        hdus.append(("MASK", mask_cards(), frame.to_stored(state.mask, layout)))
+    with atomic_path(path) as temporary:
+        write_hdus(temporary, hdus)
+        if state.header.get("compress"):
+            compress(temporary)
+
+
 def level0_cards(state, keywords, provenance, layout):
-    """Return the cards of HDU 0 and of IMAGE, two lists; arguments as of `io.level0.write_level0`."""
+    """Return the cards of HDU 0 and of IMAGE, two lists; arguments as of `write_level0`."""
     frame = ReadoutFrame.of(state.chip.detector, state.window).of_file(layout)
     values = header_values(state, provenance, layout)
     image = header_cards(keywords, values, 1) + wcs_cards(state.wcs, frame, layout, state.header.get("sip"))

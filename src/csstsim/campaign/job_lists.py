@@ -1,0 +1,67 @@
+"""Which of a campaign's jobs, chips and bricks each rule of the workflow works on."""
+
+from functools import cached_property
+
+from csstsim.catalog.selection.bricks import bricks_for
+
+MERGE_MARGIN_DEG = 2.0 / 3600.0  # a merged brick takes detections up to 2" beyond its border
+CALIBRATIONS = "BIAS", "DARK", "FLAT"
+FEWEST_CALIBRATIONS = 3  # exposures of each: cosmic rays cannot be found with two
+EDGE_PX = 3.0  # field distortion bends a chip's edges on the sky: by up to 2.4 px off the line between the corners
+
+
+class JobLists:
+    """The part of an OpenCampaign that sorts its `jobs` by what is made of them."""
+
+    @cached_property
+    def science_jobs(self):
+        """The jobs of exposures that see the sky."""
+        return tuple(job for job in self.jobs if job.pointing.type == "SCIE")
+
+    @cached_property
+    def sky_chips(self):
+        """The numbers of chips that see the sky, sorted: each has a PSF set."""
+        return sorted({job.chip.id for job in self.science_jobs})
+
+    @cached_property
+    def sky_bricks(self):
+        """The bricks of the embedded universe that the jobs need, sorted."""
+        return sorted({pix for job in self.science_jobs for pix in self.truth_bricks(job)} if self.embedded else ())
+
+    @cached_property
+    def imaging_jobs(self):
+        """The jobs that are measured: science exposures of imaging chips."""
+        return tuple(job for job in self.science_jobs if job.chip.kind == "imaging")
+
+    @cached_property
+    def first_frames(self):
+        """The science job whose picture is made first, in a tuple: of the middle band, the deepest; or ()."""
+        bands = [name for name in self.camera.filters if any(job.chip.filter == name for job in self.imaging_jobs)]
+        jobs = [job for job in self.imaging_jobs if job.chip.filter == bands[len(bands) // 2]]
+        return (jobs or self.science_jobs)[:1]
+
+    @cached_property
+    def slitless_jobs(self):
+        """The jobs whose spectra are extracted: science exposures of spectroscopic chips."""
+        return tuple(job for job in self.jobs if self.has_orders(job))
+
+    @cached_property
+    def calibration_jobs(self):
+        """{chip: its jobs} of the chips with enough bias, dark and lamp exposures for master frames."""
+        chips = {}
+        for job in self.jobs:
+            if job.pointing.type != "SCIE" and job.window == job.chip.full_window:
+                chips.setdefault(job.chip.id, []).append(job)
+        return {
+            chip: jobs for chip, jobs in chips.items()
+            if min(sum(job.pointing.type == kind for job in jobs) for kind in CALIBRATIONS) >= FEWEST_CALIBRATIONS
+        }  # fmt: skip
+
+    @cached_property
+    def merge_bricks(self):
+        """{brick: its jobs} of the bricks that a measured window touches."""
+        bricks = {}
+        for job in self.imaging_jobs:
+            for pix in bricks_for(*job.footprint(EDGE_PX), MERGE_MARGIN_DEG):
+                bricks.setdefault(int(pix), []).append(job)
+        return dict(sorted(bricks.items()))

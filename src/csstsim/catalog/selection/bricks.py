@@ -1,0 +1,41 @@
+"""Which truth bricks, and which region of a catalogue, lie around a footprint.
+
+Footprints are in the ICRS at the epoch (job.Job.footprint), with aberration removed.
+"""
+
+import numpy as np
+
+from csstsim.base.healpix import NSIDE
+from csstsim.base.sphere import grown, ra_dec, unit_vectors
+from csstsim.catalog.base import Region
+from csstsim.catalog.selection.reach import REACH_MAX
+
+DISTORTION_PX = 200  # at the field's edge (paper, section 5.2)
+# Stars may move 147" (4.1" a year until 2036) within this margin; wings of bright stars beyond it are not drawn.
+BRICK_MARGIN_PX = DISTORTION_PX + REACH_MAX
+
+
+def bricks_for(footprint_ra, footprint_dec, margin_deg):
+    """Return the sorted NSIDE-256 nested pixels that touch a convex footprint grown by a margin.
+
+    Corners in order round the polygon [deg]; RA wrap and poles need no care. Bricks that only come close may be
+    included; none that touches is missing.
+    """
+    return _bricks(*_grown(footprint_ra, footprint_dec, margin_deg))
+
+
+def region_for(footprint_ra, footprint_dec, margin_deg, bands):
+    """Return the `Region` that a catalogue must cover: footprint with margin, its bricks, the camera's bands."""
+    ra, dec = _grown(footprint_ra, footprint_dec, margin_deg)
+    return Region(tuple(ra.tolist()), tuple(dec.tolist()), tuple(_bricks(ra, dec).tolist()), tuple(bands))
+
+
+def _bricks(ra, dec):
+    import hpgeom  # not healpy, which takes more than a second to import
+
+    return np.sort(hpgeom.query_polygon(NSIDE, ra, dec, inclusive=True, fact=16))
+
+
+def _grown(ra, dec, margin_deg):
+    """Return the corners [deg] of a footprint grown by a margin."""
+    return ra_dec(grown(unit_vectors(ra, dec), np.radians(margin_deg)))
