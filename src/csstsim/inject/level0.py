@@ -2,7 +2,7 @@
 
 The layers of the readout run twice, with their own fixed patterns: on the charge that the frame shows (DN less bias,
 times gain, nonlinearity undone), and on this charge with the injected electrons. The difference of the two, in DN, is
-added to the frame, whose noise stays as it is. Charge transfer depends on noise in the charge, so with it the layers
+added to the frame, whose noise stays as it is. Charge transfer depends on noise in the charge: with many traps, layers
 run on charges that the frame may have had (inject.likely_charge), and the mean difference is added. That the
 brighter-fatter effect has moved the shown charge already enters in second order only (docs/injection.md). A DN hides up
 to half a step of charge; the sum is rounded with a random fraction, as the converter would have rounded it.
