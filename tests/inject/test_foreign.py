@@ -134,6 +134,38 @@ def test_each_frame_has_noise_of_its_own(tmp_path):
     assert made[0].sum() > 1000 and (made[0] != made[1]).any()
 
 
+def test_only_the_first_of_two_chips_is_drawn_on_and_the_message_says_so(tmp_path):
+    image = write_image(tmp_path)
+    with fits.open(image) as file:
+        hdus = fits.HDUList([hdu.copy() for hdu in (*file, file["SCI"])])
+    hdus.writeto(image, overwrite=True)
+    said = inject(tmp_path, image, at(90.3, 120.8, mag=[18.0]), write_psf(tmp_path), "--zeropoint", ZERO)
+    assert "1 more image of the file left unchanged" in " ".join(said.split())
+    first, second = (fits.getdata(tmp_path / "out/image.fits", number) for number in (1, 3))
+    assert first.sum() > second.sum() == 50 * SIDE**2
+
+
+def test_a_magnitude_that_is_no_number_is_named_as_the_table_has_it(tmp_path):
+    image, psf = write_image(tmp_path), write_psf(tmp_path)
+    said = inject(tmp_path, image, at(90.0, 90.0, mag=[np.nan]), psf, "--zeropoint", ZERO, code=2)
+    assert "mag: row 1" in said and "mag_here" not in said and not (tmp_path / "out").exists()
+
+
+def test_copies_of_a_frame_under_other_names_have_other_noise(tmp_path):
+    """A folder of blanks is a usual start of a study; the same name gives the same bits again."""
+    image, table = write_image(tmp_path), at(90.3, 120.8, mag=[18.0])
+    (copy := tmp_path / "second.fits").write_bytes(image.read_bytes())
+    table.write(tmp_path / "new.csv")
+    made = {}
+    for folder in ("one", "two"):
+        call = ["inject", image, copy, "--catalogue", tmp_path / "new.csv", "--output", tmp_path / folder]
+        call += ["--psf", write_psf(tmp_path), "--zeropoint", ZERO]
+        assert CliRunner().invoke(main, [str(a) for a in call], catch_exceptions=False).exit_code == 0
+        made[folder] = [fits.getdata(tmp_path / folder / path.name, "SCI") for path in (image, copy)]
+    assert (made["one"][0] != made["one"][1]).any()
+    assert all(np.array_equal(*pair) for pair in zip(made["one"], made["two"], strict=True))
+
+
 def test_the_whole_stamp_of_the_psf_is_drawn(tmp_path):
     """Of a Moffat profile, whose wings GalSim's own size of a stamp would cut by 0.46%; to 2e-4, noise is 3e-5."""
     axis = (np.arange(121) - 60) * 0.5

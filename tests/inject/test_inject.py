@@ -12,6 +12,7 @@ from click.testing import CliRunner
 from inject.scene import CHIP, OBSID, empty, mixed, objects, read_out_with, simulation
 
 from csstsim.base.errors import InputError
+from csstsim.base.rng import Streams
 from csstsim.base.shipped import ROOT
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.flags import SATURATED
@@ -20,10 +21,13 @@ from csstsim.command_line.main import main
 from csstsim.detector.mask import SATURATED as FULL_WELL
 from csstsim.inject.level0 import difference
 from csstsim.inject.light import catalogue_of, light_of, table_of
+from csstsim.inject.likely_charge import likely_charges
 from csstsim.inject.memory import Held
 from csstsim.io.level0 import read_level0
+from csstsim.simulation.state import State
 
 LIGHT = 0.01  # sigma of a pixel: difference to a simulation before the detector
+DENSE = 30.0  # times the traps of the paper: the window is a small chip
 DETECTOR = 0.1  # sigma of a pixel: rms difference behind it, before the rounding to whole DN
 ROUNDED = 1e-2  # DN: of float32
 SIGMAS = 5.0
@@ -78,6 +82,30 @@ def test_through_the_detector_it_is_what_a_readout_with_this_light_gives(bare, l
     assert np.abs(made - added).max() < 1.0 + ROUNDED
     touched = np.abs(added) > 0.5
     assert abs((made - added)[touched].mean()) < SIGMAS * 6**-0.5 / np.sqrt(touched.sum())
+
+
+def test_charge_transfer_of_injected_light_has_no_bias(bare):
+    """Charges drawn for a raw frame vary as those of the silicon; their mean errs as the best estimate does.
+
+    What the read noise adds would fill too many traps.
+    """
+    sim, background = bare.replace(layers={"CTE_effect": {"density_scale": DENSE}}), 60.0
+    run, job = sim._run, sim._run.job(OBSID, CHIP)
+    rng, noise = np.random.default_rng(4), run.camera.detector.read_noise
+    true = rng.poisson(background, job.window.shape).astype(np.float32)
+    state = State.blank(job.exposure)
+    state.image = true.copy()
+    step = run.steps["SCIE"].step("cte_effect")
+    moved = step.module.apply(state, step.param, run.streams(job).layer(step.name)).image
+    assert np.std(moved - true) > 1.0  # electrons
+    shown = np.maximum(moved + rng.normal(0, noise, true.shape), 0).astype(np.float32)
+    drawn = [charge.astype(float) for charge in likely_charges(run, job, shown, Streams(1, OBSID, CHIP, "inject 1"))]
+    assert len(drawn) == 2 and not np.array_equal(*drawn)
+    error = background * noise**2 / (background + noise**2)
+    for charge in drawn:
+        assert charge.var() == pytest.approx(background, rel=0.03) and abs(charge.mean() - background) < 0.4
+    assert np.std(np.mean(drawn, axis=0) - true) == pytest.approx(np.sqrt(error), rel=0.1)
+    assert [*likely_charges(bare.replace(layers={"CTE_effect": None})._run, job, shown, None)] == [shown]
 
 
 def test_saturation_and_dead_pixels(sim, bare):

@@ -58,12 +58,12 @@ def test_the_error_is_the_scatter(fabricate, stars, extended, window):
         found_x, found_y, _ = windowed_positions(noisy, x, y, sigma)
         error = position_errors(
             noisy, rms, found_x, found_y, sigma, np.full(x.size, extended), np.full(x.size, 2000.0), np.ones(x.size),
-            np.zeros(x.size, int), model.coefficients,
+            np.zeros(x.size, int), model.coefficients, model.per_pixel,
         )  # fmt: skip
         pulls += [*(found_x - x) / error, *(found_y - y) / error]
     assert 0.875 < np.std(pulls) < 1.125
     nothing = position_errors(
         np.zeros((9, 9), np.float32), rms[:9, :9].copy(), np.full(1, 4.0), np.full(1, 4.0), np.ones(1),
-        np.full(1, extended), np.zeros(1), np.ones(1), np.zeros(1, int), model.coefficients,
+        np.full(1, extended), np.zeros(1), np.ones(1), np.zeros(1, int), model.coefficients, model.per_pixel,
     )  # fmt: skip
     assert np.isinf(nothing).all()

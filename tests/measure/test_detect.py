@@ -21,7 +21,7 @@ from csstsim.measure.detection.maps import BIN, binned
 
 SIGMA = 5.0
 NONE = np.zeros(0)
-NO_STARS = BrightStars(NONE, NONE, NONE, NONE, NONE.astype(int), np.zeros((0, 0, 0)), NONE, NONE, np.zeros((0, 4)))
+NO_STARS = BrightStars(NONE, NONE, NONE, NONE, NONE.astype(int), np.zeros((0, 0, 0)), 2, NONE, NONE, np.zeros((0, 4)))
 STAR = 0.95  # px, sigma of the fabricated PSF
 
 

@@ -118,7 +118,7 @@ def test_stars_of_the_model_of_an_aberrated_psf(shift):
 
     model = psf_model(Airy(), (0, 0), (100, 100))
     stamp = np.empty((2 * HALF + 1, 2 * HALF + 1))
-    draw_psf(model.coefficients[0], *shift, HALF, stamp)
+    draw_psf(model.coefficients[0], model.per_pixel, *shift, HALF, stamp)
     place = HALF + shift[0], HALF + shift[1]
     same(moments(stamp, SMOOTH, place, 0.8), peer(gaussian_filter(stamp, SMOOTH, truncate=6.0, mode="constant"), place))
     if shift == (0.0, 0.0):
@@ -214,6 +214,7 @@ def test_errors_are_those_of_the_noise(fabricate, name, snr):
             noisy, np.full(noisy.shape, rms, np.float32), np.zeros(noisy.shape, np.uint8),
             np.zeros(noisy.shape, np.int32), np.zeros(1, np.int32), PLACE[0] * one, PLACE[1] * one,
             (3.0 if name == "disc" else 1.1) * one, np.ones(1, bool), one, np.zeros(1, int), model.coefficients,
+            model.per_pixel,
         )[0])  # fmt: skip
     shapes = np.array(shapes)
     assert np.isfinite(shapes[:, 2]).mean() > 0.97
@@ -255,6 +256,7 @@ def test_the_table_of_shapes_has_the_signs_of_galsims(fabricate, e1, e2):
     found = measure_shapes(
         image, np.ones_like(image), np.zeros(image.shape, np.uint8), np.zeros(image.shape, np.int32), zero, 30.0 * one,
         30.0 * one, 3.0 * one, np.ones(1, bool), one, model.cell(30.0 * one, 30.0 * one), model.coefficients,
+        model.per_pixel,
     )[0]  # fmt: skip
     pixel = 1 / 12 + SMOOTH**2  # px^2: of the pixel and of what is laid over all, which make a Gaussian rounder
     size2 = 9 / np.sqrt(1 - e1**2 - e2**2)

@@ -2,10 +2,10 @@
 
 The layers of the readout run twice, with their own fixed patterns: on the charge that the frame shows (DN less bias,
 times gain, nonlinearity undone), and on this charge with the injected electrons. The difference of the two, in DN, is
-added to the frame, whose noise stays as it is. The charge that the frame shows has been moved by charge transfer and
-the brighter-fatter effect already, and has read noise in it. This enters the difference in second order only: undoing
-the movement first changes it by less than can be measured (docs/injection.md). A DN hides up to half a step of charge;
-the sum is rounded with a random fraction, as the converter would have rounded it.
+added to the frame, whose noise stays as it is. Charge transfer depends on noise in the charge: with many traps, layers
+run on charges that the frame may have had (inject.likely_charge), and the mean difference is added. That the
+brighter-fatter effect has moved the shown charge already enters in second order only (docs/injection.md). A DN hides up
+to half a step of charge; the sum is rounded with a random fraction, as the converter would have rounded it.
 """
 
 from dataclasses import dataclass
@@ -15,6 +15,7 @@ import numpy as np
 
 from csstsim.base.counter import unit, word
 from csstsim.detector.channels import ReadoutFrame
+from csstsim.inject.likely_charge import likely_charges
 from csstsim.measure.calibration.calibrate import calibrate
 from csstsim.render.imaging.saturated import flag_saturated
 from csstsim.simulation.state import State
@@ -50,14 +51,21 @@ def difference(run, job, file, light):
 
     Arrays have the shape of file.frame(). Raises InputError.
     """
-    charge, truth = [charge_in(run, file)], light.truth
-    before = _read_out(run, job, [charge[0].copy()])
-    charge[0].reshape(-1)[light.pixel] += light.electrons
-    if job.chip.kind == "imaging":
-        truth = flag_saturated(truth, charge[0], None, job.window, run.camera.detector.full_well)
-    after = _read_out(run, job, charge)
-    added, new = after.image, None if after.mask is None else after.mask & ~before.mask
-    added -= before.image
+    truth, parts, new = light.truth, [], None
+    for charge in likely_charges(run, job, charge_in(run, file), light.streams):
+        before = _read_out(run, job, [charge.copy()])
+        charge.reshape(-1)[light.pixel] += light.electrons
+        if job.chip.kind == "imaging" and not parts:
+            truth = flag_saturated(truth, charge, None, job.window, run.camera.detector.full_well)
+        after, charge = _read_out(run, job, [charge]), None
+        if after.mask is not None:
+            new = after.mask & ~before.mask | (0 if new is None else new)
+        after.image -= before.image
+        parts.append(after.image)
+    added = parts.pop(0)
+    for part in parts:
+        added += part
+    added /= 1 + len(parts)
     if file.layout == "chip":  # its channels have one gain
         readout = ReadoutFrame.of(run.camera.detector, job.window)
         for block in readout.blocks:

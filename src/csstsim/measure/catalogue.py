@@ -196,8 +196,9 @@ def _of_stars(frame, kernel):
 def _fit(frame, sources, counted, unusable, model, window):
     cell = model.cell(sources.x + window.x0, sources.y + window.y0)
     return fit_sources(
-        frame.image, frame.rms, unusable, sources.x, sources.y, counted, cell, model.coefficients, model.blurred
-    )
+        frame.image, frame.rms, unusable, sources.x, sources.y, counted, cell, model.coefficients, model.blurred,
+        model.per_pixel,
+    )  # fmt: skip
 
 
 def _sources(found, counted, unusable, model, window):
@@ -231,7 +232,7 @@ def _sources(found, counted, unusable, model, window):
         "star": spread < STAR_SPREAD + 2.5 * spread_error, "flags": flags,
         "pos_err_px": position_errors(
             found.image, found.rms, found.x, found.y, found.window, found.extended,
-            np.maximum(np.nan_to_num(flux), np.nan_to_num(error)), counted, cell, model.coefficients,
+            np.maximum(np.nan_to_num(flux), np.nan_to_num(error)), counted, cell, model.coefficients, model.per_pixel,
         ),
     }  # fmt: skip
 
@@ -240,7 +241,7 @@ def _shapes(found, bright, counted, unusable, model, cell):
     """Return the columns of shapes of `bright` sources; `e`, complex, is the distortion without the PSF, pixel axes."""
     shapes = measure_shapes(
         found.image, found.rms, unusable, found.segments, found.segment, found.x, found.y,
-        np.sqrt(found.a * found.b), bright, counted, cell, model.coefficients,
+        np.sqrt(found.a * found.b), bright, counted, cell, model.coefficients, model.per_pixel,
     )  # fmt: skip
     _, _, sigma, e1, e2, _, _, psf_sigma, psf_e1, psf_e2, _ = shapes.T
     e, error, resolution = without_psf(shapes)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from csstsim.base.digest import file_digest
+from csstsim.base.digest import digest, file_digest
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
 from csstsim.base.plural import number_of
@@ -72,7 +72,8 @@ def ready(frame, request):
     if not np.isfinite(zeropoint):
         raise InputError("not a finite number", file=frame, key="--zeropoint", value=zeropoint)
     objects = _objects(request, image.band)
-    return lambda frame, target, say: _make(image, psf, zeropoint, objects, request, target, file_digest(frame))
+    of = digest([file_digest(frame), frame.name])  # copies under other names stand for other exposures
+    return lambda frame, target, say: _make(image, psf, zeropoint, objects, request, target, of)
 
 
 def _objects(request, band):
@@ -89,7 +90,12 @@ def _objects(request, band):
         )  # fmt: skip
     light = columns[chosen]
     columns = {name: values for name, values in columns.items() if name not in names} | {f"mag_{BAND}": light}
-    objects = object_table(columns, (BAND,), request.name)
+    try:
+        objects = object_table(columns, (BAND,), request.name)
+    except InputError as exc:
+        if exc.key != f"mag_{BAND}":
+            raise
+        raise InputError(exc.message, file=exc.file, key=chosen, value=exc.value, allowed=exc.allowed) from None
     varies = np.zeros(len(objects), bool) if "var_amplitude" not in objects else objects["var_amplitude"] > 0
     refused = {
         "knots": has_knots(objects), "image_file": has_image(objects), "rate_ra, rate_dec": moves(objects),
@@ -131,16 +137,17 @@ def _make(image, psf, zeropoint, objects, request, target, of):
     )
     full = _write(image, counts, target, record(request, len(truth)))
     outside = len(near) - len(truth)
+    more = f"; {number_of(image.others, 'more image')} of the file left unchanged" if image.others else ""
     return (
         f"{number_of(len(truth), 'object')} injected, {outside} outside the frame, {drawn.sum():.6g} electrons; "
-        f"{full} pixels are full"
+        f"{full} pixels are full{more}"
     )
 
 
 def draw(counts, psf, sky, objects, electrons, realisation, of):
     """Add the electrons of objects, Poisson noise included, to an image (ny, nx); return (drawn (n,), shown (n,) bool).
 
-    objects: ObjectTable with x, y [px from 0]; electrons (n,): nominal; of: digest of the frame.
+    objects: ObjectTable with x, y [px from 0]; electrons (n,): nominal; of: digest of the frame and its name.
     """
     import galsim
 

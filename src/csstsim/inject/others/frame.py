@@ -18,7 +18,8 @@ FILTERS = "FILTER", "FILTER1", "FILTNAM1", "BAND"
 class ForeignFrame:
     """An image of others.
 
-    number: of its HDU; image (ny, nx); error (same shape) or None, and its HDU; electrons: in one unit of the image;
+    number: of its HDU; image (ny, nx); error (same shape) or None, and its HDU; others: how many more images the file
+    has of that name; electrons: in one unit of the image;
     exptime [s]; zeropoint: AB magnitude of 1 electron/s, or None; band: its filter, or ""; full: most units, or inf.
     """
 
@@ -31,6 +32,7 @@ class ForeignFrame:
     zeropoint: float | None
     band: str
     full: float
+    others: int = 0
     error: np.ndarray | None = None
     error_number: int | None = None
 
@@ -58,10 +60,12 @@ def read_foreign(path):
             quality = next((hdu.data for hdu in file[number:] if hdu.name == "DQ"), None)
             _check_error(path, image, error, quality)
         full = _number(header, ("SATURATE",))
+        name = file[number].name
+        others = sum(hdu.name == name and hdu.header.get("NAXIS") == 2 for hdu in file) - 1 if name == "SCI" else 0
         band = next((str(header[k]).strip() for k in FILTERS if str(header.get(k, "")).strip()), "")
         return ForeignFrame(
             path, number, image, wcs, electrons, exptime, _zeropoint(header, gain), band,
-            np.inf if full is None else full, error, None if error is None else error_number,
+            np.inf if full is None else full, others, error, None if error is None else error_number,
         )  # fmt: skip
 
 

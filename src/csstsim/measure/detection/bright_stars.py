@@ -16,7 +16,7 @@ import numba
 import numpy as np
 
 from csstsim.measure.calibration.bad_pixels import FULL
-from csstsim.measure.light.photometry import draw_psf, psf_tables
+from csstsim.measure.light.photometry import draw_psf, psf_tables, table_steps
 
 PEAK = 4000.0  # electron above the sky: least pixel of a candidate; in r a star of 16,000 electrons
 CORE_HALF = 6  # px, half the side of the stamp of a candidate without saturated pixels
@@ -37,9 +37,9 @@ WING_STEP = 0.25  # px
 class BrightStars:
     """The stars of a frame: x, y [px of the frame], flux (electron), saturated (n,), and where their light goes.
 
-    `tables` (m, t, t): spline coefficients of PSFs (photometry.psf_tables); star k has number table[k]; `wing`:
-    light per pixel in steps of WING_STEP from the star; `reach` (n,) px, to which it is followed; `ghosts` (g, 4):
-    x, y, radius [px], electron per pixel.
+    `tables` (m, t, t): spline coefficients of PSFs (photometry.psf_tables), `per_pixel` along a pixel; star k has
+    number table[k]; `wing`: light per pixel in steps of WING_STEP from the star; `reach` (n,) px,
+    to which it is followed; `ghosts` (g, 4): x, y, radius [px], electron per pixel.
     """
 
     x: np.ndarray
@@ -48,6 +48,7 @@ class BrightStars:
     saturated: np.ndarray
     table: np.ndarray
     tables: np.ndarray
+    per_pixel: int
     wing: np.ndarray
     reach: np.ndarray
     ghosts: np.ndarray
@@ -68,7 +69,8 @@ class BrightStars:
         self._add(np.empty((0, 0), np.float32), 0.0, rms)
 
     def _add(self, image, sign, rms):
-        _add_stars(image, sign, rms, self.x, self.y, self.flux, self.table, self.tables, self.wing, self.reach)
+        where = self.x, self.y, self.flux, self.table
+        _add_stars(image, sign, rms, *where, self.tables, self.per_pixel, self.wing, self.reach)
         _add_ghosts(image, sign, rms, self.ghosts)
 
 
@@ -86,9 +88,10 @@ def bright_stars(electrons, unusable, psf, scattered, chip, window, read_noise):
     saturated = np.repeat([True, False], [len(x), len(peak_x)])
     x, y = np.concatenate([x, peak_x]), np.concatenate([y, peak_y])
     table, tables = _tables(psf, x + window.x0, y + window.y0)
-    half = (tables.shape[-1] - 7) // 4 if len(tables) else 0
+    per_pixel = table_steps(psf.oversampling)
+    half = _half(tables, per_pixel) if len(tables) else 0
     halves = np.where(saturated, half, min(CORE_HALF, half))
-    fit = _fit_stars(electrons, _spilled(unusable, *full), tables, table, x, y, halves, sky, read_noise**2)
+    fit = _fit_stars(electrons, _spilled(unusable, *full), tables, per_pixel, table, x, y, halves, sky, read_noise**2)
     good = (fit[:, 0] > 0) & (np.hypot(fit[:, 1] - x, fit[:, 2] - y) < DRIFT) & (fit[:, 3] < CHI2_MAX)
     good &= saturated | (fit[:, 0] > PEAK)
     good &= ~_repeated(fit, good)
@@ -100,7 +103,7 @@ def bright_stars(electrons, unusable, psf, scattered, chip, window, read_noise):
     level = FAINTEST * math.sqrt(variance) / np.maximum(flux, 1.0)
     reach = WING_STEP * np.searchsorted(-wing, -level) if scattered.wing is not None else np.zeros(len(x))
     ghosts = np.zeros((0, 4)) if scattered.ghosts is None else _ghosts(scattered.ghosts, chip, window, x, y, flux)
-    return BrightStars(x, y, flux, saturated[good], table[good], tables, wing, reach.astype(float), ghosts)
+    return BrightStars(x, y, flux, saturated[good], table[good], tables, per_pixel, wing, reach.astype(float), ghosts)
 
 
 def _groups(row, column):
@@ -182,7 +185,13 @@ def _tables(psf, x, y):
 
 
 @numba.njit(cache=True)
-def _fit_stars(electrons, unusable, tables, table, x, y, half, sky, read_variance):
+def _half(tables, per_pixel):
+    """Return half the side [px] of the largest stamp that tables (m, t, t) hold, wherever in a pixel it is centred."""
+    return (tables.shape[-1] - per_pixel - 5) // (2 * per_pixel)
+
+
+@numba.njit(cache=True)
+def _fit_stars(electrons, unusable, tables, per_pixel, table, x, y, half, sky, read_variance):
     """Return (n, 4): flux (electron), x, y, reduced chi2 of each candidate; flux NaN where no fit is possible."""
     out = np.full((x.size, 4), np.nan)
     for k in range(x.size):
@@ -192,7 +201,7 @@ def _fit_stars(electrons, unusable, tables, table, x, y, half, sky, read_varianc
         state = np.array([0.0, x[k], y[k], sky])
         for step in range(STEPS):
             moved, chi2 = _step(
-                electrons, unusable, tables[table[k]], half[k], state, read_variance, p, along, step > 2
+                electrons, unusable, tables[table[k]], per_pixel, half[k], state, read_variance, p, along, step > 2
             )
             if not chi2 >= 0.0:
                 state[0] = np.nan
@@ -205,16 +214,16 @@ def _fit_stars(electrons, unusable, tables, table, x, y, half, sky, read_varianc
 
 
 @numba.njit(cache=True)
-def _step(electrons, unusable, table, half, state, read_variance, p, along, clip):
+def _step(electrons, unusable, table, per_pixel, half, state, read_variance, p, along, clip):
     """Improve `state` (flux, x, y, constant) by one step in place; return (the shift [px], reduced chi2), NaN: none."""
     ny, nx = electrons.shape
     column, row = round(state[1]), round(state[2])
     dx, dy, e = state[1] - column, state[2] - row, 0.05
-    draw_psf(table, dx, dy, half, p)
-    draw_psf(table, dx - e, dy, half, along[0])
-    draw_psf(table, dx + e, dy, half, along[1])
-    draw_psf(table, dx, dy - e, half, along[2])
-    draw_psf(table, dx, dy + e, half, along[3])
+    draw_psf(table, per_pixel, dx, dy, half, p)
+    draw_psf(table, per_pixel, dx - e, dy, half, along[0])
+    draw_psf(table, per_pixel, dx + e, dy, half, along[1])
+    draw_psf(table, per_pixel, dx, dy - e, half, along[2])
+    draw_psf(table, per_pixel, dx, dy + e, half, along[3])
     normal, right = np.zeros((4, 4)), np.zeros(4)
     chi2, n = 0.0, 0
     d = np.empty(4)
@@ -282,17 +291,17 @@ def _ghosts(ghosts, chip, window, x, y, flux):
 
 
 @numba.njit(cache=True)
-def _add_stars(image, sign, rms, x, y, flux, table, tables, wing, reach):
+def _add_stars(image, sign, rms, x, y, flux, table, tables, per_pixel, wing, reach):
     """Add `sign` times the stars' light to `image` (or none, of size 0), and its noise to `rms` (or none)."""
     ny, nx = rms.shape if rms.size else image.shape
     if tables.shape[-1] == 0:
         return
-    half = (tables.shape[-1] - 7) // 4
+    half = _half(tables, per_pixel)
     stamp = np.empty((2 * half + 1, 2 * half + 1))
     inner, outer = FADE[0] * half, FADE[1] * half
     for k in range(x.size):
         column, row = round(x[k]), round(y[k])
-        draw_psf(tables[table[k]], x[k] - column, y[k] - row, half, stamp)
+        draw_psf(tables[table[k]], per_pixel, x[k] - column, y[k] - row, half, stamp)
         far = max(reach[k], float(half))
         for v in range(max(math.ceil(y[k] - far), 0), min(math.floor(y[k] + far) + 1, ny)):
             wide = math.sqrt(max(far * far - (v - y[k]) ** 2, 0.0))

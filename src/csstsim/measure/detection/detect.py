@@ -101,7 +101,7 @@ def peaks(frame, kernel, unusable, threshold=THRESHOLD):
     weight = smoothing(kernel)
     x, y, snr = find_peaks(frame.image, frame.rms, unusable & FULL, weight, threshold)
     found = _points(x, y, kernel)
-    return _sources(frame.image, found, frame.segments, 1, _half_light(kernel)), snr
+    return _sources(frame.image, found, frame.segments, 1, point_window(kernel)), snr
 
 
 def star_sources(frame, kernel):
@@ -110,7 +110,7 @@ def star_sources(frame, kernel):
     Windowed positions fail on saturated stars: theirs are those of the fit.
     """
     stars = frame.stars
-    sources = _sources(frame.image, _points(stars.x, stars.y, kernel), frame.segments, 1, _half_light(kernel))
+    sources = _sources(frame.image, _points(stars.x, stars.y, kernel), frame.segments, 1, point_window(kernel))
     fitted = stars.saturated | sources.window_failed
     return replace(
         sources, x=np.where(fitted, stars.x, sources.x), y=np.where(fitted, stars.y, sources.y),
@@ -118,10 +118,16 @@ def star_sources(frame, kernel):
     )  # fmt: skip
 
 
-def _half_light(kernel):
-    """Return the half-light radius of the kernel, px: the window of points, since a wider one would drift to others."""
+def point_window(kernel):
+    """Return the sigma [px] of the window of points, that of the kernel: a wider one would drift to others."""
     half = len(kernel) // 2
-    return float(half_light_radius(kernel, *np.full((2, 1), float(half)), np.array([half + 0.5]))[0])
+    return float(_window(half_light_radius(kernel, *np.full((2, 1), float(half)), np.array([half + 0.5])))[0])
+
+
+def _window(half_light):
+    """Return sigma [px] of windows for half-light radii (n,)."""
+    # Never narrower than the window the PSF nodes are centred in: coma would shift a star by 0.01-0.03 px otherwise.
+    return np.maximum(2.0 * half_light / FWHM_TO_SIGMA, WINDOW_PX)
 
 
 def _points(x, y, kernel):
@@ -171,14 +177,13 @@ def _cold_pass(image, noise):
 
 
 def _sources(image, found, segments, scale, window):
-    """Return the `Sources` of sep's table `found`, made on pixels of `scale` px; `window`: half-light radius of the
-    positions' window [px], None: each source's own."""
+    """Return the `Sources` of sep's table `found`, made on pixels of `scale` px; `window`: sigma of the positions'
+    window [px], None: of each source's own half-light radius."""
     x, y = (scale * found[key] + 0.5 * (scale - 1) for key in "xy")
     # One pixel wide objects have no measurable ellipse: give them that of the pixel (variance 1/12).
     a, b = (np.maximum(scale * np.nan_to_num(found[key]), 12**-0.5) for key in "ab")
     half_light = half_light_radius(image, x, y, RADII * a)
-    # Never narrower than the window the PSF nodes are centred in: coma would shift a star by 0.01-0.03 px otherwise.
-    sigma = np.maximum(2.0 * (half_light if window is None else np.full(len(x), window)) / FWHM_TO_SIGMA, WINDOW_PX)
+    sigma = _window(half_light) if window is None else np.full(len(x), window)
     wx, wy, failed = windowed_positions(image, x, y, sigma)
     # The window may drift to a brighter neighbour or away: a shift beyond the source's own size is a failure.
     failed |= ~(np.hypot(wx - x, wy - y) < (1.0 + 2.0 * a / scale if window is None else POINT_DRIFT))

@@ -57,7 +57,7 @@ def windowed_positions(image, x, y, window):
 
 
 @numba.njit(cache=True)
-def position_errors(image, rms, x, y, window, extended, flux, counted, cell, coefficients):
+def position_errors(image, rms, x, y, window, extended, flux, counted, cell, coefficients, per_pixel):
     """Return the error (n,) of x and y (root of the mean square of both), px; infinite if the source has no light.
 
     `image`, `rms` float32 (ny, nx); `x`, `y`, `window` (n,) px of the frame; `flux` electron, of the PSF fit, used
@@ -68,7 +68,7 @@ def position_errors(image, rms, x, y, window, extended, flux, counted, cell, coe
     stamp = np.empty((2 * HALF + 1, 2 * HALF + 1))
     for k in range(x.size):
         column, row = round(x[k]), round(y[k])
-        draw_psf(coefficients[cell[k]], x[k] - column, y[k] - row, HALF, stamp)
+        draw_psf(coefficients[cell[k]], per_pixel, x[k] - column, y[k] - row, HALF, stamp)
         inverse, reach = window[k] ** -2, REACH * window[k]
         noise, pull_x, pull_y = 0.0, 0.0, 0.0
         for v in range(max(math.ceil(y[k] - reach), 0), min(math.floor(y[k] + reach) + 1, ny)):

@@ -227,12 +227,12 @@ def _distortion_error(rms, unusable, segments, number, counted, gauss, smooth, f
 
 
 @numba.njit(cache=True)
-def measure_shapes(image, rms, unusable, segments, number, x, y, size, wanted, counted, cell, coefficients):
+def measure_shapes(image, rms, unusable, segments, number, x, y, size, wanted, counted, cell, coefficients, per_pixel):
     """Measure sources and the PSF at their positions; all lengths px.
 
     `image`, `rms` float32, `unusable` uint8 (ny, nx); `segments` int32 on bins of BIN px; `number` (n,) of each
     source's own segment; `x`, `y`, `size` (n,) position and first guess of sigma; `wanted` (n,) bool: for the others
-    only the PSF is measured; `counted`, `cell`, `coefficients` as in photometry.fit_sources.
+    only the PSF is measured; `counted`, `cell`, `coefficients`, `per_pixel` as in photometry.fit_sources.
     Returns (n, 11): x, y, sigma, e1, e2, kurtosis, error of e, then sigma, e1, e2, kurtosis of the PSF; NaN: failed.
     """
     result = np.full((x.size, 11), np.nan)
@@ -241,7 +241,7 @@ def measure_shapes(image, rms, unusable, segments, number, x, y, size, wanted, c
     gauss = np.empty(5)
     for k in range(x.size):
         dx, dy = x[k] - round(x[k]), y[k] - round(y[k])
-        draw_psf(coefficients[cell[k]], dx, dy, HALF, stamp)
+        draw_psf(coefficients[cell[k]], per_pixel, dx, dy, HALF, stamp)
         start = math.hypot(SIZE_MIN, SMOOTH)
         fit = adaptive_moments(stamp, clear, alone, 0, HALF + dx, HALF + dy, start, SMOOTH, gauss)
         if fit[1] > 0.0:

@@ -67,7 +67,15 @@ def pixel_response(image, oversampling):
 
 def half_pixels(image, oversampling):
     """Return cell integrals (..., n, n) summed to cells of half a pixel, centred on the middle of the array."""
-    step = oversampling // 2
+    return larger_cells(image, oversampling, 2)
+
+
+def larger_cells(image, oversampling, per_pixel):
+    """Return cell integrals (..., n, n) summed to `per_pixel` cells along a pixel, centred on the middle of the array.
+
+    per_pixel: even, a divisor of `oversampling`.
+    """
+    step = oversampling // per_pixel
     size = image.shape[-1] // (2 * step) * 2
     edge = (image.shape[-1] - size * step) // 2
     inner = image[..., edge : edge + size * step, edge : edge + size * step]
