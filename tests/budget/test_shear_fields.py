@@ -24,7 +24,7 @@ SAMPLE = {"magnitude": [19, 19.5], "size": [0.3, 0.4], "ellipticity": 0.2}
 EFFECTS = {
     "nonlinearity": {"about": "nonlinearity", "change": {"layers": {"nonlinearity": {}}}, "sum": True},
     "nothing": {"about": "the same frames again", "change": {"background": "known"}, "sum": True},
-    "linear": {"about": "another map", "change": {"wcs": "linear"}, "sum": True},
+    "linear": {"about": "another map", "change": {"wcs": "linear"}, "sum": True, "times": 2},
     "undone": {
         "about": "all that is undone", "change": {
             "layers": {"cosmic_rays": {}, "detector_defects": {}, "brighter_fatter": {}}, "calibrated": True,
@@ -143,7 +143,10 @@ def test_bars_sum_and_cost(done):
     _, plan, paths = done
     rows = {row["effect"]: row | {"sample": "one"} for row in bars(plan, paths["one"])}
     base, nonlinearity, nothing = (rows[name] for name in ("base", "nonlinearity", "nothing"))
-    assert base["galaxies"] == 32 and abs(base["m1"]) < 0.2 and base["gain"] > 1.1
+    counts = {name: (row["windows"], row["galaxies"]) for name, row in rows.items()}
+    assert counts["base"] == counts["linear"] == (4, 64)  # the base is made wherever a bar needs it
+    assert {*counts.values()} == {(4, 64), (2, 32)} and counts["sum of the bars"] == counts["nonlinearity"] == (2, 32)
+    assert abs(base["m1"]) < 0.2 and base["gain"] > 1.1
     assert nothing["m1"] == nothing["c2"] == nothing["m1_err"] == 0.0
     assert 0 < abs(nonlinearity["m1"]) < 0.05 and 0 < nonlinearity["m1_err"] < base["m1_err"]
     added = [rows[name]["m1"] for name in ("nonlinearity", "nothing", "linear")]
@@ -151,10 +154,19 @@ def test_bars_sum_and_cost(done):
     rest = rows["all at once"]["m1"] if "all at once" in rows else rows["all"]["m1"]
     assert rows["all at once less the sum"]["m1"] == pytest.approx(rest - sum(added), abs=1e-12)
     galaxies, hours = volume(base, sigma_m(base) / 10)
-    assert galaxies == pytest.approx(3200) and hours == pytest.approx(3200 * base["seconds"] / 3600)
+    assert galaxies == pytest.approx(6400) and hours == pytest.approx(6400 * base["seconds"] / 3600)
     lines = report(list(rows.values()))
     assert len(lines) == 1 + 5 + 2 + 2 and lines[-1].startswith("all bars by own to 1e-04")
     assert bars(plan, []) == []
+
+
+def test_windows_hold_what_their_bars_need(done):
+    _, plan, paths = done
+    made = [{key.split("|")[0] for key in np.load(path) if "|" in key} for path in paths["one"]]
+    assert made[0] == made[1] == {"base", "nonlinearity", "linear", "undone", "all"}
+    assert made[2] == made[3] == {"base", "linear"}
+    fewer = {row["effect"]: row for row in bars(plan, paths["one"][:3])}  # of a run that goes on
+    assert fewer["linear"]["windows"] == 3 and fewer["undone"]["windows"] == 2
 
 
 def test_table_figures_and_page(done, file):
@@ -184,7 +196,7 @@ def test_hours_have_two_digits():
 
 
 def test_the_page_has_the_whole_command():
-    words = _command("my plan.yaml", "out", 2, ["a", "b"], None)
+    words = _command("my plan.yaml", "out", fields=2, effects=["a", "b"])
     assert words == "csstsim budget shear 'my plan.yaml' --output out --fields 2 --effects a,b"
 
 

@@ -22,6 +22,11 @@ def check_plan(plan, file, base, everything):
             raise InputError("must be a mapping", file=file, key=f"{key}.layers", value=effect.change["layers"])
         setting = validate(type(plan.base), plan.changed(effect.change), file, (key,))
         _check_setting(plan, setting, effect.change, file, key)
+        if effect.without_noise and plan.setting(effect.against).noise:
+            key, allowed = f"effects.{name}.against", "an effect whose frames have no noise"
+            raise InputError(
+                "has noise; without_noise: true", file=file, key=key, value=effect.against, allowed=allowed
+            )
     _check_sum(plan, file)
     validate(type(plan.base), plan.changed(plan.summed_change), file, ("effects, all of the sum at once",))
 
@@ -56,6 +61,12 @@ def _check_setting(plan, setting, change, file, key):
             raise InputError(
                 f"needs neighbours.{kind}, which the plan lacks", file=file, key=f"{key}.{kind}", value=True
             )
+        of = plan.neighbours.get(kind)
+        if getattr(setting, kind) and setting.neighbour_shear == "by_redshift" and not (plan.lens and of.redshift):
+            raise InputError(
+                f"by_redshift needs lens and neighbours.{kind}.redshift, which the plan lacks", file=file,
+                key=f"{key}.neighbour_shear", value=setting.neighbour_shear,
+            )  # fmt: skip
     for layer, values in (change.get("layers") or {}).items():
         try:
             SimSteps(LAYERS, "SCIE", changed_layers({layer: values}, None, LAYERS))
