@@ -78,6 +78,7 @@ def test_an_arm_is_the_same_when_made_again(field, arms):
 def test_noise_free_frames_have_no_noise(field, arms):
     clean = field.arm(Setting(noise=False), field.shear)
     assert noise_of(clean) < 0.3 * noise_of(arms[0])
+    assert len(np.unique(clean)) > 0.5 * clean.size  # not rounded to DN: wings without noise would end
     light = np.abs(clean) > 50
     assert clean[light].sum() == pytest.approx(arms[0][light].sum(), rel=0.003)  # photon noise is 0.1%
 
@@ -116,6 +117,34 @@ def test_the_true_map_tells_of_the_distortion(field):
     known = field.jacobian(Setting(distortion=True))
     linear = field.jacobian(Setting(distortion=True, wcs="linear"))
     assert np.array_equal(linear, field.jacobian(Setting())) and np.abs(known - linear).max() > 1e-4
+
+
+def test_a_position_angle_turns_the_pixels(field):
+    turned = Field(field.simulation, field.plan.model_copy(update={"pa": 45.0}), "r", "one", 0)
+    ratio = turned.jacobian(Setting())[0] @ np.linalg.inv(field.jacobian(Setting())[0])
+    angle = np.degrees(np.arctan2(ratio[1, 0] - ratio[0, 1], ratio[0, 0] + ratio[1, 1]))
+    assert abs(angle) == pytest.approx(45.0, abs=0.1) and np.linalg.det(ratio) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_stamps_that_were_seen_are_measured_once(field, arms, monkeypatch):
+    stamps, psf, calls = field.stamps(arms[0]), field.true_psf, []
+    other = stamps.copy()
+    other[3] = field.stamps(arms[1])[3]
+    whole = running.estimator("own")
+
+    def counted(kind):
+        return lambda stamps, *rest: calls.append(len(stamps)) or whole(stamps, *rest)
+
+    monkeypatch.setattr(running, "estimator", counted)
+    seen, rest = {}, (9.0, 0.074, None)
+    first, second = (running._once(seen, "own", images, psf, *rest) for images in (stamps, other))
+    again = running._once(seen, "own", other, psf, *rest)
+    assert calls == [16, 1]
+    for found, images in ((first, stamps), (second, other), (again, other)):
+        assert np.array_equal(found.e, whole(images, psf, *rest).e) and found.response.shape == (16, 2)
+    assert first.e[3] != second.e[3]
+    running._once(seen, "own", stamps, np.roll(psf, 1, axis=0) + 1e-9, *rest)
+    assert calls[2:] == [16]  # another PSF
 
 
 @pytest.fixture(scope="module")
@@ -301,9 +330,9 @@ def test_a_damaged_file_of_shapes_is_made_again(tmp_path):
 
 def test_fields_of_another_release_are_not_used(file, monkeypatch):
     plan = load_plan(file)
-    now = running._digest(plan, "one")
+    now = running._digest(plan, "one", 0)
     monkeypatch.setattr(running, "release", lambda: "0.0")
-    assert running._digest(plan, "one") != now
+    assert running._digest(plan, "one", 0) != now
 
 
 @pytest.mark.parametrize("chips", [[8, 9], [29], [99]])

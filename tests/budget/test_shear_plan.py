@@ -38,8 +38,6 @@ def test_the_shipped_plan_has_the_effects_of_a_stage_iv_survey():
     whole = plan.setting(ALL)
     assert whole.calibrated and whole.masking and whole.undetected and whole.psf == "stars" and whole.distortion
     assert set(whole.layers) >= {"brighter_fatter", "CTE_effect", "nonlinearity", "cosmic_rays", "detector_defects"}
-    quiet, against = plan.setting("morphology"), plan.setting(plan.effects["morphology"].against)
-    assert not quiet.noise and not against.noise and whole.noise and whole.profile == quiet.profile == "full"
     assert plan.setting(BASE) == plan.base and setting_of(plan, "noise") == BASE and "noise" not in names(plan)
 
 
@@ -93,10 +91,6 @@ def test_effects_bring_those_that_they_stand_against():
         ({"samples": {"a": {"magnitude": [20, 22], "size": [0, 0.3], "ellipticity": 0.2}}}, "size: must be above 0"),
         ({"samples": {}}, "samples"), ({"fields": 0}, "fields"),
         ({"effects": {"a": {"about": "x", "times": 0}}}, "effects.a.times"),
-        (
-            {"effects": {"a": {"about": "x", "without_noise": True}}},
-            "effects.a.against: has noise.*an effect whose frames have no noise",
-        ),
         ({"lens": {"redshift": 0.6, "galaxies": 0.6}}, "lens: galaxies must lie behind the lens"),
         (
             {"effects": {"a": {"about": "x", "change": {"blended": True, "neighbour_shear": "by_redshift"}}}},
@@ -125,7 +119,7 @@ def test_settings_have_the_windows_that_bars_need():
     assert names(plan, 8) == names(plan, 13) == ["base", "cosmic_rays"]
     whole = load_plan(fields=2)
     assert whole.windows(ALL) == 2 and ALL in names(whole, 1) and ALL not in names(whole, 2)
-    assert whole.windows(BASE) == 14
+    assert whole.windows(BASE) == 16
 
 
 def test_rings_cancel_shapes_and_responses():

@@ -1,5 +1,7 @@
 """The bars of the budget: what the shapes of all fields say of each effect, the sum of the bars, and their cost."""
 
+from functools import partial
+
 import numpy as np
 
 from csstsim.budget.shear.plan import ALL, BASE
@@ -36,9 +38,11 @@ class _Shapes:
         self.sign = np.concatenate([np.full(len(field["ring"]), field["sign"]) for field in self.fields])
         self.psf = np.concatenate([field["psf"] for field in self.fields])
 
-    def windows(self, name):
-        """Return the number of windows that an effect's bar has here, or BASE, or ALL."""
-        return min(self.plan.windows(name), len(self.fields))
+    def windows(self, name, settings, kind):
+        """Return the number of first windows that have an effect's bar, BASE or ALL: its Settings by an estimator."""
+        needed = [f"{setting}|{kind}|e" for setting in settings]
+        has = [all(key in field for key in needed) for field in self.fields[: self.plan.windows(name)]]
+        return has.index(False) if False in has else len(has)
 
     def arms(self, name, kind, windows):
         """Return the Arms of a Setting and an estimator, in the first windows."""
@@ -68,27 +72,28 @@ class _Shapes:
 
 
 def _rows(plan, shapes, kind):
-    rows = [_row(shapes, kind, "base", BASE, "all that follows left out", [_term(plan, shapes, BASE)])]
+    term = partial(_term, plan, shapes, kind)
+    rows = [_row(shapes, kind, "base", BASE, "all that follows left out", [term(BASE)])]
     for name in plan.bars:
         effect = plan.effects[name]
-        rows.append(_row(shapes, kind, "bar", name, effect.about, [_term(plan, shapes, name)], effect.common))
+        rows.append(_row(shapes, kind, "bar", name, effect.about, [term(name)], effect.common))
     if plan.summed:
         common = any(plan.effects[name].common for name in plan.summed)
-        added, whole = [_term(plan, shapes, name) for name in plan.summed], [_term(plan, shapes, ALL)]
+        added, whole = [term(name) for name in plan.summed], [term(ALL)]
         rest = whole + [({setting: -factor for setting, factor in of.items()}, windows) for of, windows in added]
         for row_kind, label, terms in (("sum", SUM, added), ("all", ALL, whole), ("rest", REST, rest)):
             rows.append(_row(shapes, kind, row_kind, label, _ABOUT[row_kind], terms, common))
     return rows
 
 
-def _term(plan, shapes, name):
+def _term(plan, shapes, kind, name):
     """Return ({Setting: factor}, windows) of an effect's bar, of BASE, or of ALL less BASE."""
     if name == BASE:
-        return {BASE: 1.0}, shapes.windows(BASE)
-    setting, against = setting_of(plan, name), BASE
-    if name != ALL:
-        against = setting_of(plan, plan.effects[name].against)
-    return ({BASE: 0.0} if setting == against else {setting: 1.0, against: -1.0}), shapes.windows(name)
+        factors = {BASE: 1.0}
+    else:
+        setting, against = setting_of(plan, name), setting_of(plan, BASE if name == ALL else plan.effects[name].against)
+        factors = {BASE: 0.0} if setting == against else {setting: 1.0, against: -1.0}
+    return factors, shapes.windows(name, factors, kind)
 
 
 _ABOUT = {

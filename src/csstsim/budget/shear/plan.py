@@ -125,9 +125,6 @@ class Effect(Model):
     against: str = Field(BASE, description="the base, or another effect: the bar is the difference to it")
     sum: bool = Field(False, description="whether it is in the sum, and in the run that has all effects")
     common: bool = Field(False, description="its error is common to a window: errors are from windows, not galaxies")
-    without_noise: bool = Field(
-        False, description="its bar is of frames without noise, for a smaller error; `against` has none, too"
-    )
     times: int = Field(1, ge=1, le=1000, description="windows of its bar, in units of the plan's fields")
     bar: bool = Field(True, description="false: it is only there for others to stand against")
 
@@ -165,10 +162,7 @@ class ShearPlan(Model):
         """Return the Setting of an effect, of BASE, or of ALL, of a plan that plan_faults.check_plan has passed."""
         if name == BASE:
             return self.base
-        if name == ALL:
-            return Setting(**self.changed(self.summed_change))
-        quiet = {"noise": False} if self.effects[name].without_noise else {}
-        return Setting(**self.changed(self.effects[name].change | quiet))
+        return Setting(**self.changed(self.summed_change if name == ALL else self.effects[name].change))
 
     @property
     def summed_change(self):

@@ -22,11 +22,6 @@ def check_plan(plan, file, base, everything):
             raise InputError("must be a mapping", file=file, key=f"{key}.layers", value=effect.change["layers"])
         setting = validate(type(plan.base), plan.changed(effect.change), file, (key,))
         _check_setting(plan, setting, effect.change, file, key)
-        if effect.without_noise and plan.setting(effect.against).noise:
-            key, allowed = f"effects.{name}.against", "an effect whose frames have no noise"
-            raise InputError(
-                "has noise; without_noise: true", file=file, key=key, value=effect.against, allowed=allowed
-            )
     _check_sum(plan, file)
     validate(type(plan.base), plan.changed(plan.summed_change), file, ("effects, all of the sum at once",))
 
