@@ -19,7 +19,7 @@ from csstsim.budget.shear.printed import hours, pair
 from csstsim.budget.shear.volume import report, sigma_m, volume
 from csstsim.command_line.main import main
 
-KEYS = {"fields": 2, "chips": [9], "size": 232, "spacing": 50, "estimators": ["own"]}
+KEYS = {"fields": 2, "whole": 1, "chips": [9], "size": 232, "spacing": 50, "estimators": ["own"]}
 SAMPLE = {"magnitude": [19, 19.5], "size": [0.3, 0.4], "ellipticity": 0.2}
 EFFECTS = {
     "nonlinearity": {"about": "nonlinearity", "change": {"layers": {"nonlinearity": {}}}, "sum": True},
@@ -185,6 +185,7 @@ def test_bars_sum_and_cost(done):
     galaxies, hours = volume(base, sigma_m(base) / 10)
     assert galaxies == pytest.approx(6400) and hours == pytest.approx(6400 * base["seconds"] / 3600)
     lines = report(list(rows.values()))
+    assert lines[0].split()[3:5] == ["windows", "galaxies"] and lines[1].split()[3:5] == ["4", "64"]
     assert len(lines) == 1 + 5 + 2 + 2 and lines[-1].startswith("all bars by own to 1e-04")
     assert bars(plan, []) == []
 
@@ -206,7 +207,7 @@ def test_table_figures_and_page(done, file):
     assert list(table["effect"][:2]) == ["base", "nonlinearity"] and table.meta["plan"]["shear"] == plan.shear
     page = (folder / "index.html").read_text()
     assert page.count("data:image/png;base64,") == 2 and "nonlinearity" in page
-    assert f"{file} --output {folder}</code>" in page and "c1 [1e-04]" in page
+    assert f"{file} --output {folder}</code>" in page and "c1 [1e-04]" in page and "<th>windows</th>" in page
     for name in ("waterfall_one.png", "chart_one.png"):
         assert (folder / name).read_bytes().startswith(b"\x89PNG")
 

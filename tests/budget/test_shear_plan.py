@@ -89,7 +89,7 @@ def test_effects_bring_those_that_they_stand_against():
         ),
         ({"samples": {"a": {"magnitude": [22, 20], "size": [0.1, 0.2], "ellipticity": 0.2}}}, "magnitude"),
         ({"samples": {"a": {"magnitude": [20, 22], "size": [0, 0.3], "ellipticity": 0.2}}}, "size: must be above 0"),
-        ({"samples": {}}, "samples"), ({"fields": 0}, "fields"),
+        ({"samples": {}}, "samples"), ({"fields": 0}, "fields"), ({"whole": 0}, "whole"),
         ({"effects": {"a": {"about": "x", "times": 0}}}, "effects.a.times"),
         ({"lens": {"redshift": 0.6, "galaxies": 0.6}}, "lens: galaxies must lie behind the lens"),
         (
@@ -113,13 +113,13 @@ def test_an_unknown_effect_or_sample_is_named():
 
 def test_settings_have_the_windows_that_bars_need():
     plan = load_plan(fields=2, effects=["noise", "cosmic_rays", "other_shear"])
-    assert plan.windows("cosmic_rays") == plan.windows(BASE) == 14 and plan.windows("noise") == 8
+    assert plan.windows("cosmic_rays") == plan.windows(BASE) == 16 and plan.windows("noise") == 8
     assert names(plan, 0) == ["base", "cosmic_rays", "undetected", "other_shear", "noiseless", "all"]
-    assert names(plan, 7) == ["base", "cosmic_rays", "noiseless"]
-    assert names(plan, 8) == names(plan, 13) == ["base", "cosmic_rays"]
+    assert names(plan, 7) == ["base", "cosmic_rays", "noiseless", "all"]
+    assert names(plan, 8) == names(plan, 15) == ["base", "cosmic_rays"]
     whole = load_plan(fields=2)
-    assert whole.windows(ALL) == 2 and ALL in names(whole, 1) and ALL not in names(whole, 2)
-    assert whole.windows(BASE) == 16
+    assert whole.windows(ALL) == 8 and ALL in names(whole, 7) and ALL not in names(whole, 8)
+    assert whole.windows(BASE) == 20
 
 
 def test_rings_cancel_shapes_and_responses():

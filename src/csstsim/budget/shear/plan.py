@@ -135,6 +135,7 @@ class ShearPlan(Model):
     shear: float = Field(0.02, gt=0, le=0.05, description="of each component, in the arms")
     seed: int = Field(1, ge=0)
     fields: int = Field(ge=1, le=100_000, description="windows of each sample; effects may have several times as many")
+    whole: int = Field(1, ge=1, le=1000, description="windows with all effects at once, in units of fields")
     chips: tuple[int, ...] = Field(min_length=1, description="imaging chips, in turn; all of one band")
     pa: float = Field(0.0, ge=-360, le=360, description="deg, position angle; 45: pixels lie askew to the sky's axes")
     size: int = Field(ge=200, le=9000, description="px, side of a window")
@@ -183,7 +184,7 @@ class ShearPlan(Model):
         if name == BASE:
             own = [self.windows(ALL)] if self.summed else []
             return max([self.windows(effect) for effect in self.bars] + own)
-        return self.fields * (1 if name == ALL else self.effects[name].times)
+        return self.fields * (self.whole if name == ALL else self.effects[name].times)
 
     @property
     def bars(self):

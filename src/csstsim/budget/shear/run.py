@@ -74,7 +74,7 @@ def _digest(plan, sample, number):
 
     How many fields there are does not decide them, nor do the figure's words."""
     settings = {name: plan.setting(name).model_dump() for name in names(plan, number)}
-    same = plan.model_dump(exclude={"fields", "samples", "effects", "base"})
+    same = plan.model_dump(exclude={"fields", "whole", "samples", "effects", "base"})
     return digest([release(), same, plan.samples[sample].model_dump(), settings])
 
 
