@@ -1,7 +1,8 @@
-"""The tables of docs/budget_shear.md, from a finished `csstsim budget shear`: python benchmarks/budget_shear.py FOLDER
+"""The tables of docs/budget_shear.md, from finished `csstsim budget shear`: python benchmarks/budget_shear.py FOLDER...
 
-FOLDER is that command's output: its budget.ecsv. Printed are, for each sample, the bars by the first estimator, then
-the scatter of half the difference of the arms with one seed and with two, by estimator. With --blind FOLDER, an answer
+Each FOLDER is that command's output: its budget.ecsv. Printed are, for each sample, the bars by the first estimator,
+then the scatter of half the difference of the arms with one seed and with two, by estimator, and what the bars cost.
+With --csv FILE, all rows go to a table, too. With --blind FOLDER, an answer
 to a blind test is written instead (`--answer FILE`): the mean shape of each field by hsm, over 1 + m of the base in
 the budget; errors are those of the mean of rings.
 """
@@ -17,7 +18,7 @@ from csstsim.budget.shear.estimators import Shapes, hsm
 from csstsim.budget.shear.response import NAMES
 from csstsim.budget.shear.run import to_sky
 from csstsim.budget.shear.sample import RING
-from csstsim.budget.shear.volume import GOALS, HOUR, sigma_m, volume
+from csstsim.budget.shear.volume import GOALS, sigma_m, volume
 
 
 def bars(table):
@@ -26,18 +27,20 @@ def bars(table):
         of = table[table["sample"] == sample]
         of = of[of["estimator"] == of["estimator"][0]]
         print(f"\n{sample}, {of['galaxies'][0]} galaxies, {of['estimator'][0]}\n")
-        print("| effect | m1 | m2 | c1 | c2 | alpha | CPU-h for 3e-4 | for 1e-4 |\n|---|---|---|---|---|---|---|---|")
+        print("| effect | windows | m1 | m2 | c1 | c2 | alpha | sigma(m) 1e-4: CPU-h |")
+        print("|---|---|---|---|---|---|---|---|")
         for row in of:
             numbers = [_pair(row, name) for name in NAMES]
             bar = row["kind"] in ("base", "bar") and np.isfinite(sigma_m(row))
-            hours = [f"{volume(row, goal)[1]:.2g}" if bar else "" for goal in GOALS]
-            print("| " + " | ".join([row["about"], *numbers, *hours]) + " |")
+            hours = f"{volume(row, min(GOALS))[1]:.2g}" if bar else ""
+            print("| " + " | ".join([row["about"], str(row["windows"]), *numbers, hours]) + " |")
 
 
 def _pair(row, name):
     unit = 1e-2 if name == "alpha" else 1e-4
     value, error = row[name] / unit, row[f"{name}_err"] / unit
-    return f"{value:+.1f} ± {error:.1f}" if np.isfinite(error) else f"{value:+.1f}"
+    digits = 2 if 0 < error < 0.1 else 1
+    return f"{value:+.{digits}f} ± {error:.{digits}f}" if np.isfinite(error) else f"{value:+.1f}"
 
 
 def gains(table):
@@ -74,24 +77,44 @@ def answer(folder, m, file):
 def main():
     """Run as the module says."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder")
+    parser.add_argument("folders", metavar="FOLDER", nargs="+")
+    parser.add_argument("--csv")
     parser.add_argument("--blind")
     parser.add_argument("--answer")
     options = parser.parse_args()
-    table = Table.read(Path(options.folder) / "budget.ecsv")
+    tables = [Table.read(Path(folder) / "budget.ecsv") for folder in options.folders]
+    table = tables[0]
     if options.blind:
         base = table[(table["kind"] == "base") & (table["estimator"] == "hsm")][0]
         answer(options.blind, (base["m1"], base["m2"]), options.answer)
         return
-    bars(table)
-    gains(table)
-    spent = {row["sample"]: row["galaxies"] for row in table if row["kind"] == "base"}
-    print(f"\ngalaxies: {spent}; hours of the bars: {sum(_hours(table)):.2f}")
+    for table in tables:
+        bars(table)
+        gains(table)
+        for sample in dict.fromkeys(table["sample"]):
+            of = table[(table["sample"] == sample) & (table["estimator"] == table["estimator"][0])]
+            of = of[(of["kind"] == "bar") & np.isfinite([sigma_m(row) for row in of])]
+            hours = [[volume(row, goal)[1] for row in of] for goal in GOALS]
+            most, now = of["effect"][np.argmax(hours[1])], [sigma_m(row) for row in of]
+            print(
+                f"\n{sample}: {len(of)} bars, {sum(s <= GOALS[0] for s in now)} with sigma(m) of at most {GOALS[0]:g}"
+            )
+            print(f"largest: {max(now):.2g}; CPU-h to {GOALS}: {sum(hours[0]):.2g}, {sum(hours[1]):.2g}")
+            print(f"dearest at {GOALS[1]:g}: {most}, {max(hours[1]):.2g} CPU-h")
+    if options.csv:
+        write(tables, options.csv)
 
 
-def _hours(table):
-    first = table[table["estimator"] == table["estimator"][0]]
-    return [row["galaxies"] * row["seconds"] / HOUR for row in first if row["kind"] == "bar"]
+def write(tables, file):
+    """Write all rows to a CSV, five digits a number; `spacing` and `noise` are those of the plan."""
+    lines = []
+    for table in tables:
+        same = table.meta["plan"]["spacing"], table.meta["plan"]["base"]["noise"]
+        for row in table:
+            values = [f"{v:.5g}" if isinstance(v, float) else v for v in row.values()]
+            lines.append([values[0], *same, *values[1:]])
+    with open(file, "w", newline="") as out:
+        csv.writer(out).writerows([["sample", "spacing", "noise", *tables[0].colnames[1:]], *lines])
 
 
 if __name__ == "__main__":

@@ -48,6 +48,16 @@ def test_anchors_and_merged_keys_still_work(tmp_path):
     assert read_yaml(written(tmp_path, text))["more"] == {"x": 3, "y": 2}
 
 
+def test_what_was_read_is_the_readers_own(tmp_path):
+    path = tmp_path / "a.yaml"
+    path.write_text("a: [1, 2]\nb: {c: 3}\n")
+    first = read_yaml(path)
+    first["a"].append(9), first["b"].clear()
+    assert read_yaml(path) == {"a": [1, 2], "b": {"c": 3}}
+    path.write_text("a: 1\n")
+    assert read_yaml(path) == {"a": 1}
+
+
 def test_missing_unreadable_and_impossible_files(tmp_path):
     (tmp_path / "latin.yaml").write_bytes(b"a: \xe9\n")
     for path, message in (

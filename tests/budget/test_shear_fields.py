@@ -19,12 +19,12 @@ from csstsim.budget.shear.printed import hours, pair
 from csstsim.budget.shear.volume import report, sigma_m, volume
 from csstsim.command_line.main import main
 
-KEYS = {"fields": 2, "chips": [9], "size": 232, "spacing": 50, "estimators": ["own"]}
+KEYS = {"fields": 2, "whole": 1, "chips": [9], "size": 232, "spacing": 50, "estimators": ["own"]}
 SAMPLE = {"magnitude": [19, 19.5], "size": [0.3, 0.4], "ellipticity": 0.2}
 EFFECTS = {
     "nonlinearity": {"about": "nonlinearity", "change": {"layers": {"nonlinearity": {}}}, "sum": True},
     "nothing": {"about": "the same frames again", "change": {"background": "known"}, "sum": True},
-    "linear": {"about": "another map", "change": {"wcs": "linear"}, "sum": True},
+    "linear": {"about": "another map", "change": {"wcs": "linear"}, "sum": True, "times": 2},
     "undone": {
         "about": "all that is undone", "change": {
             "layers": {"cosmic_rays": {}, "detector_defects": {}, "brighter_fatter": {}}, "calibrated": True,
@@ -78,6 +78,7 @@ def test_an_arm_is_the_same_when_made_again(field, arms):
 def test_noise_free_frames_have_no_noise(field, arms):
     clean = field.arm(Setting(noise=False), field.shear)
     assert noise_of(clean) < 0.3 * noise_of(arms[0])
+    assert len(np.unique(clean)) > 0.5 * clean.size  # not rounded to DN: wings without noise would end
     light = np.abs(clean) > 50
     assert clean[light].sum() == pytest.approx(arms[0][light].sum(), rel=0.003)  # photon noise is 0.1%
 
@@ -118,6 +119,34 @@ def test_the_true_map_tells_of_the_distortion(field):
     assert np.array_equal(linear, field.jacobian(Setting())) and np.abs(known - linear).max() > 1e-4
 
 
+def test_a_position_angle_turns_the_pixels(field):
+    turned = Field(field.simulation, field.plan.model_copy(update={"pa": 45.0}), "r", "one", 0)
+    ratio = turned.jacobian(Setting())[0] @ np.linalg.inv(field.jacobian(Setting())[0])
+    angle = np.degrees(np.arctan2(ratio[1, 0] - ratio[0, 1], ratio[0, 0] + ratio[1, 1]))
+    assert abs(angle) == pytest.approx(45.0, abs=0.1) and np.linalg.det(ratio) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_stamps_that_were_seen_are_measured_once(field, arms, monkeypatch):
+    stamps, psf, calls = field.stamps(arms[0]), field.true_psf, []
+    other = stamps.copy()
+    other[3] = field.stamps(arms[1])[3]
+    whole = running.estimator("own")
+
+    def counted(kind):
+        return lambda stamps, *rest: calls.append(len(stamps)) or whole(stamps, *rest)
+
+    monkeypatch.setattr(running, "estimator", counted)
+    seen, rest = {}, (9.0, 0.074, None)
+    first, second = (running._once(seen, "own", images, psf, *rest) for images in (stamps, other))
+    again = running._once(seen, "own", other, psf, *rest)
+    assert calls == [16, 1]
+    for found, images in ((first, stamps), (second, other), (again, other)):
+        assert np.array_equal(found.e, whole(images, psf, *rest).e) and found.response.shape == (16, 2)
+    assert first.e[3] != second.e[3]
+    running._once(seen, "own", stamps, np.roll(psf, 1, axis=0) + 1e-9, *rest)
+    assert calls[2:] == [16]  # another PSF
+
+
 @pytest.fixture(scope="module")
 def done(sim, file, tmp_path_factory):
     folder, said = tmp_path_factory.mktemp("out"), []
@@ -143,7 +172,10 @@ def test_bars_sum_and_cost(done):
     _, plan, paths = done
     rows = {row["effect"]: row | {"sample": "one"} for row in bars(plan, paths["one"])}
     base, nonlinearity, nothing = (rows[name] for name in ("base", "nonlinearity", "nothing"))
-    assert base["galaxies"] == 32 and abs(base["m1"]) < 0.2 and base["gain"] > 1.1
+    counts = {name: (row["windows"], row["galaxies"]) for name, row in rows.items()}
+    assert counts["base"] == counts["linear"] == (4, 64)  # the base is made wherever a bar needs it
+    assert {*counts.values()} == {(4, 64), (2, 32)} and counts["sum of the bars"] == counts["nonlinearity"] == (2, 32)
+    assert abs(base["m1"]) < 0.2 and base["gain"] > 1.1
     assert nothing["m1"] == nothing["c2"] == nothing["m1_err"] == 0.0
     assert 0 < abs(nonlinearity["m1"]) < 0.05 and 0 < nonlinearity["m1_err"] < base["m1_err"]
     added = [rows[name]["m1"] for name in ("nonlinearity", "nothing", "linear")]
@@ -151,10 +183,20 @@ def test_bars_sum_and_cost(done):
     rest = rows["all at once"]["m1"] if "all at once" in rows else rows["all"]["m1"]
     assert rows["all at once less the sum"]["m1"] == pytest.approx(rest - sum(added), abs=1e-12)
     galaxies, hours = volume(base, sigma_m(base) / 10)
-    assert galaxies == pytest.approx(3200) and hours == pytest.approx(3200 * base["seconds"] / 3600)
+    assert galaxies == pytest.approx(6400) and hours == pytest.approx(6400 * base["seconds"] / 3600)
     lines = report(list(rows.values()))
+    assert lines[0].split()[3:5] == ["windows", "galaxies"] and lines[1].split()[3:5] == ["4", "64"]
     assert len(lines) == 1 + 5 + 2 + 2 and lines[-1].startswith("all bars by own to 1e-04")
     assert bars(plan, []) == []
+
+
+def test_windows_hold_what_their_bars_need(done):
+    _, plan, paths = done
+    made = [{key.split("|")[0] for key in np.load(path) if "|" in key} for path in paths["one"]]
+    assert made[0] == made[1] == {"base", "nonlinearity", "linear", "undone", "all"}
+    assert made[2] == made[3] == {"base", "linear"}
+    fewer = {row["effect"]: row for row in bars(plan, paths["one"][:3])}  # of a run that goes on
+    assert fewer["linear"]["windows"] == 3 and fewer["undone"]["windows"] == 2
 
 
 def test_table_figures_and_page(done, file):
@@ -165,7 +207,7 @@ def test_table_figures_and_page(done, file):
     assert list(table["effect"][:2]) == ["base", "nonlinearity"] and table.meta["plan"]["shear"] == plan.shear
     page = (folder / "index.html").read_text()
     assert page.count("data:image/png;base64,") == 2 and "nonlinearity" in page
-    assert f"{file} --output {folder}</code>" in page and "c1 [1e-04]" in page
+    assert f"{file} --output {folder}</code>" in page and "c1 [1e-04]" in page and "<th>windows</th>" in page
     for name in ("waterfall_one.png", "chart_one.png"):
         assert (folder / name).read_bytes().startswith(b"\x89PNG")
 
@@ -184,7 +226,7 @@ def test_hours_have_two_digits():
 
 
 def test_the_page_has_the_whole_command():
-    words = _command("my plan.yaml", "out", 2, ["a", "b"], None)
+    words = _command("my plan.yaml", "out", fields=2, effects=["a", "b"])
     assert words == "csstsim budget shear 'my plan.yaml' --output out --fields 2 --effects a,b"
 
 
@@ -289,9 +331,9 @@ def test_a_damaged_file_of_shapes_is_made_again(tmp_path):
 
 def test_fields_of_another_release_are_not_used(file, monkeypatch):
     plan = load_plan(file)
-    now = running._digest(plan, "one")
+    now = running._digest(plan, "one", 0)
     monkeypatch.setattr(running, "release", lambda: "0.0")
-    assert running._digest(plan, "one") != now
+    assert running._digest(plan, "one", 0) != now
 
 
 @pytest.mark.parametrize("chips", [[8, 9], [29], [99]])

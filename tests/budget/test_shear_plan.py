@@ -1,16 +1,20 @@
 """Plans and samples of the budget of shear."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import yaml
 
 from csstsim.base.errors import InputError
-from csstsim.budget.shear.plan import ALL, BASE, DEFAULT, load_plan
+from csstsim.budget.shear import sample
+from csstsim.budget.shear.plan import ALL, BASE, DEFAULT, Lens, load_plan
 from csstsim.budget.shear.run import names, setting_of
-from csstsim.budget.shear.sample import OTHERS, RING, galaxies, sheared_offset
+from csstsim.budget.shear.sample import OTHERS, RING, efficiency, galaxies, sheared_offset
 from csstsim.instrument.chip import Window
 
 WINDOW = Window(1000, 2000, 3000, 4000)
+NEIGHBOURS = DEFAULT.with_name("shear_neighbours.yaml")
 
 
 @pytest.fixture
@@ -85,7 +89,13 @@ def test_effects_bring_those_that_they_stand_against():
         ),
         ({"samples": {"a": {"magnitude": [22, 20], "size": [0.1, 0.2], "ellipticity": 0.2}}}, "magnitude"),
         ({"samples": {"a": {"magnitude": [20, 22], "size": [0, 0.3], "ellipticity": 0.2}}}, "size: must be above 0"),
-        ({"samples": {}}, "samples"), ({"fields": 0}, "fields"),
+        ({"samples": {}}, "samples"), ({"fields": 0}, "fields"), ({"whole": 0}, "whole"),
+        ({"effects": {"a": {"about": "x", "times": 0}}}, "effects.a.times"),
+        ({"lens": {"redshift": 0.6, "galaxies": 0.6}}, "lens: galaxies must lie behind the lens"),
+        (
+            {"effects": {"a": {"about": "x", "change": {"blended": True, "neighbour_shear": "by_redshift"}}}},
+            "effects.a.change.neighbour_shear: by_redshift needs lens and neighbours.blended.redshift",
+        ),
     ],
 )  # fmt: skip
 def test_a_fault_of_the_plan_is_named(changed, keys, said):
@@ -93,9 +103,23 @@ def test_a_fault_of_the_plan_is_named(changed, keys, said):
         load_plan(changed(**keys), effects=["a"] if "circle" in said else None)
 
 
-def test_an_unknown_effect_is_named():
-    with pytest.raises(InputError, match="blooming"):
+def test_an_unknown_effect_or_sample_is_named():
+    with pytest.raises(InputError, match=r"no such effect.*blooming"):
         load_plan(effects=["blooming"])
+    with pytest.raises(InputError, match=r"no such sample.*dim.*bright, faint"):
+        load_plan(samples=["dim"])
+    assert list(load_plan(samples=["faint"]).samples) == ["faint"]
+
+
+def test_settings_have_the_windows_that_bars_need():
+    plan = load_plan(fields=2, effects=["noise", "cosmic_rays", "other_shear"])
+    assert plan.windows("cosmic_rays") == plan.windows(BASE) == 16 and plan.windows("noise") == 8
+    assert names(plan, 0) == ["base", "cosmic_rays", "undetected", "other_shear", "noiseless", "all"]
+    assert names(plan, 7) == ["base", "cosmic_rays", "noiseless", "all"]
+    assert names(plan, 8) == names(plan, 15) == ["base", "cosmic_rays"]
+    whole = load_plan(fields=2)
+    assert whole.windows(ALL) == 8 and ALL in names(whole, 7) and ALL not in names(whole, 8)
+    assert whole.windows(BASE) == 20
 
 
 def test_rings_cancel_shapes_and_responses():
@@ -140,6 +164,54 @@ def test_neighbours_turn_with_their_ring():
         assert np.all((np.abs(offset) >= low - 1e-9) & (np.abs(offset) <= high + 1e-9))
     mean = len(other["of"]) / len(galaxies(plan, "bright", 0, WINDOW))
     assert mean == pytest.approx(1.4, abs=5 * np.sqrt(1.4 / 100))
+
+
+def test_neighbours_are_sheared_as_at_their_redshift():
+    """As D_ls / D_s = 1 - chi_l / chi_s, of distances by astropy."""
+    from astropy.cosmology import FlatLambdaCDM
+
+    lens, z = Lens(redshift=0.3, galaxies=0.6), np.array([0.0, 0.2, 0.3, 0.31, 0.6, 3.0])
+    peer = FlatLambdaCDM(H0=67.66, Om0=0.3111, Tcmb0=0)
+    ratio = [float(1 - peer.comoving_distance(0.3) / peer.comoving_distance(v)) for v in z[2:]]
+    wanted = np.array([0, 0, *(r / ratio[2] for r in ratio)])
+    assert efficiency(z, lens) == pytest.approx(wanted, abs=1e-6)
+    plan = load_plan(NEIGHBOURS)
+    made = galaxies(plan, "bright", 0, WINDOW).others
+    strength = made["undetected"]["efficiency"].reshape(-1, RING)
+    assert np.ptp(strength, axis=1).max() == 0 and strength.min() >= 0 and np.ptp(strength) > 1
+    assert made["blended"]["efficiency"].min() == 0.0  # some lie before the lens
+    without = galaxies(plan.model_copy(update={"lens": None}), "bright", 0, WINDOW).others
+    assert np.isnan(without["blended"]["efficiency"]).all()
+    assert np.array_equal(without["blended"]["offset"], made["blended"]["offset"])
+
+
+@pytest.mark.parametrize("said", ["same", "none", "by_redshift"])
+def test_the_table_has_the_shear_of_each_neighbour(said):
+    plan = load_plan(NEIGHBOURS)
+    made = galaxies(plan, "bright", 0, WINDOW)
+    job = SimpleNamespace(wcs=Flat, observer=None)
+    g = 0.02 - 0.01j
+    setting = plan.base.model_copy(update={"undetected": True, "neighbour_shear": said})
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sample, "icrs", lambda ra, dec, observer: (ra, dec))
+        columns = sample.table(made, setting, plan, job, 0, g, "r")
+    n, other = len(made), made.others["undetected"]
+    strength = {"same": 1.0, "none": 0.0, "by_redshift": other["efficiency"]}[said] * np.ones(len(other["of"]))
+    assert columns["gamma1"][:n] == pytest.approx(0.02) and columns["gamma2"][n:] == pytest.approx(-0.01 * strength)
+    seen = (columns["ra"][n:] - made.x[other["of"]]) + 1j * (columns["dec"][n:] - made.y[other["of"]])
+    assert seen == pytest.approx([sheared_offset(z, g * s) for z, s in zip(other["offset"], strength, strict=True)])
+
+
+class Flat:
+    """A map whose sky is its pixels."""
+
+    def pixel_to_world(x, y):
+        """Return the place."""
+        return x, y
+
+    def jacobian(x, y):
+        """Return (n, 2, 2) of no change."""
+        return np.tile(np.eye(2), (len(x), 1, 1))
 
 
 def test_offsets_are_sheared_by_the_inverse_of_the_lens_map():

@@ -92,7 +92,7 @@ def biased(n=4000, m=(0.01, -0.02), c=(1e-3, -2e-3), alpha=0.1, noise=0.0, seed=
 
 def test_known_biases_are_returned():
     made, frame = biased()
-    value, error = combined({"a": sums(made, frame, made.used)}, {"a": 1.0}, G)
+    value, error = combined([({"a": sums(made, frame, made.used)}, {"a": 1.0})], G)
     assert dict(zip(NAMES, value, strict=True)) == pytest.approx(
         {"m1": 0.01, "m2": -0.02, "c1": 1e-3, "c2": -2e-3, "alpha": 0.1}, abs=1e-12
     )
@@ -109,7 +109,7 @@ def test_responses_divide_shapes():
 
 def test_noise_of_both_arms_cancels_in_m_and_its_error_is_right_in_c():
     made, frame = biased(noise=0.25)
-    value, error = combined({"a": sums(made, frame, made.used)}, {"a": 1.0}, G)
+    value, error = combined([({"a": sums(made, frame, made.used)}, {"a": 1.0})], G)
     assert value[:2] == pytest.approx([0.01, -0.02], abs=1e-12)
     assert error[2:4] == pytest.approx(0.25 / np.sqrt(4000), rel=0.1)  # a jackknife of 1000 blocks: 2%, 4 sigma
     assert np.abs(value[2:4] - [1e-3, -2e-3]).max() < 5 * 0.25 / np.sqrt(4000)
@@ -120,7 +120,7 @@ def test_jackknife_of_a_mean_is_its_standard_error():
     made, frame = biased(n=400)
     noisy = Arms(made.e + 0.1 * rng.standard_normal((2, 400)), made.response, made.used)
     each = Frame(G, frame.sign, frame.psf, np.arange(400))
-    _, error = combined({"a": sums(noisy, each, made.used)}, {"a": 1.0}, G)
+    _, error = combined([({"a": sums(noisy, each, made.used)}, {"a": 1.0})], G)
     half = (noisy.e[0] - noisy.e[1]).real / (2 * G)
     assert error[0] == pytest.approx(half.std(ddof=1) / 20, rel=1e-9)
 
@@ -130,10 +130,26 @@ def test_a_setting_less_itself_is_nothing_and_bars_add_up():
     for number, m in enumerate([(0.0, 0.0), (0.01, 0.0), (0.0, 0.02), (0.01, 0.02)]):
         made, frame = biased(m=m, noise=0.1)
         blocks[number] = sums(made, frame, made.used)
-    value, error = combined(blocks, {3: 1.0, 0: 1.0, 1: -1.0, 2: -1.0}, G)
+    value, error = combined([(blocks, {3: 1.0, 0: 1.0, 1: -1.0, 2: -1.0})], G)
     assert value == pytest.approx(np.zeros(5), abs=1e-12) and error == pytest.approx(np.zeros(5), abs=1e-12)
-    value, error = combined({0: blocks[0], 1: blocks[0]}, {0: 1.0, 1: -1.0}, G)
+    value, error = combined([({0: blocks[0], 1: blocks[0]}, {0: 1.0, 1: -1.0})], G)
     assert not value.any() and not error.any()
+
+
+def test_terms_of_few_and_of_many_blocks_share_their_noise():
+    """Of two means of the same numbers, over all n blocks and over the first k, the difference has 1 / k - 1 / n."""
+    rng, n, k = np.random.default_rng(6), 4000, 1000
+    made, frame = biased(n=n, m=(0.0, 0.0))
+    noisy = Arms(made.e + 0.1 * rng.standard_normal((2, n)), made.response, made.used)
+    total = sums(noisy, Frame(G, frame.sign, frame.psf, np.arange(n)), made.used)
+    every, first = {"a": total}, {"a": total[:k]}
+    value, error = combined([(first, {"a": 1.0}), (every, {"a": -1.0})], G)
+    sigma = 0.1 / np.sqrt(2) / G  # of m of one galaxy
+    assert error[0] == pytest.approx(sigma * np.sqrt(1 / k - 1 / n), rel=0.12)  # of k numbers: 2.2%, 5 sigma
+    assert value[0] == pytest.approx((estimates(total[:k].sum(0), G) - estimates(total.sum(0), G))[0], abs=1e-15)
+    once, twice = combined([(first, {"a": 1.0})], G), combined([(first, {"a": 1.0})] * 2, G)
+    assert twice[1] == pytest.approx(2 * once[1], rel=1e-12)  # all of the noise is common
+    assert np.isnan(combined([(every, {"a": 1.0}), ({"a": total[:1]}, {"a": 1.0})], G)[1]).all()
 
 
 def test_those_found_in_one_arm_alone_count_there():
@@ -147,7 +163,7 @@ def test_those_found_in_one_arm_alone_count_there():
 def test_no_galaxy_and_one_block():
     made, frame = biased(n=4)
     assert np.isnan(estimates(sums(made, frame, np.zeros((2, 4), bool)).sum(axis=0), G)).all()
-    value, error = combined({"a": sums(made, frame, made.used)}, {"a": 1.0}, G)
+    value, error = combined([({"a": sums(made, frame, made.used)}, {"a": 1.0})], G)
     assert np.isfinite(value[:4]).all() and np.isnan(error).all()
 
 

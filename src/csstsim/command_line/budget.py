@@ -33,12 +33,13 @@ def _names(ctx, option, value):
     help="Print the plan; try one window a sample (minutes), for the CPU-hours; stop.",
 )
 @click.option("--fields", "count", type=click.IntRange(1), help="Windows of each sample [default: the plan's].")
+@click.option("--samples", callback=_names, help="Names, separated by commas [default: all of the plan].")
 @click.option("--effects", callback=_names, help="Names, separated by commas [default: all of the plan].")
 @click.option("--estimators", callback=_names, help="hsm, own, fpfs, metacal [default: the plan's].")
 @click.option("--blind", type=click.Path(), metavar="KEY", help="Write frames of hidden shear; the key goes to KEY.")
 @click.option("--whole", is_flag=True, help="With --blind: frames with all effects of the sum at once.")
 @click.option("--reveal", nargs=2, type=click.Path(), metavar="KEY ANSWER", help="Score an answer, a CSV table.")
-def shear(file, output, only_plan, count, effects, estimators, blind, whole, reveal):
+def shear(file, output, only_plan, count, samples, effects, estimators, blind, whole, reveal):
     """Measure what each effect adds to the bias of shear.
 
     PLAN lists samples of galaxies, effects and estimators [default: config/budget/shear.yaml]. Every effect is
@@ -56,7 +57,11 @@ def shear(file, output, only_plan, count, effects, estimators, blind, whole, rev
 
     docs/budget_shear.md explains the plan and the figures.
     """
-    if (blind and reveal) or ((blind or reveal) and (only_plan or effects or estimators)) or (whole and not blind):
+    if (
+        (blind and reveal)
+        or ((blind or reveal) and (only_plan or samples or effects or estimators))
+        or (whole and not blind)
+    ):
         raise click.UsageError("--blind and --reveal go with --output, the first also with PLAN, --fields, --whole")
     if reveal:
         from csstsim.budget.shear.blind import reveal as score
@@ -70,7 +75,8 @@ def shear(file, output, only_plan, count, effects, estimators, blind, whole, rev
         from csstsim.budget.shear.command import budget as run
 
         say = functools.partial(print, flush=True)  # at once, into a file or pipe, too
-        run(file, output, say, only_plan=only_plan, count=count, effects=effects, estimators=estimators)
+        chosen = {"fields": count, "samples": samples, "effects": effects, "estimators": estimators}
+        run(file, output, say, only_plan=only_plan, **chosen)
 
 
 @budget.command()

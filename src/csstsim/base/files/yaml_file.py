@@ -5,7 +5,9 @@ more than a million values. Values that aliases repeat count each time: ten line
 1:30 and 010 stay text (YAML 1.1 makes them 90 and 8).
 """
 
+import pickle
 import re
+from functools import lru_cache
 from pathlib import Path
 from typing import ClassVar
 
@@ -38,8 +40,7 @@ def read_yaml(path):
     path = Path(path)
     text = read_text(path)
     try:
-        _check_size(text)
-        data = yaml.load(text, Loader=_Loader)
+        data = pickle.loads(_parsed(text))  # a copy of its own, which the caller may change
     except yaml.YAMLError as exc:
         mark = getattr(exc, "problem_mark", None)
         line = f"line {mark.line + 1}" if mark else None
@@ -49,6 +50,13 @@ def read_yaml(path):
     if not isinstance(data, dict):
         raise InputError("the file must hold a mapping of keys", file=path, value=data)
     return data
+
+
+@lru_cache(maxsize=100)
+def _parsed(text):
+    """Return the content of a YAML text, pickled: a camera's files are read again for each Simulation."""
+    _check_size(text)
+    return pickle.dumps(yaml.load(text, Loader=_Loader))
 
 
 def _check_size(text):

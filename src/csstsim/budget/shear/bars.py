@@ -1,10 +1,12 @@
 """The bars of the budget: what the shapes of all fields say of each effect, the sum of the bars, and their cost."""
 
+from functools import partial
+
 import numpy as np
 
 from csstsim.budget.shear.plan import ALL, BASE
 from csstsim.budget.shear.response import NAMES, Arms, Frame, combined, scatter, sums
-from csstsim.budget.shear.run import names, setting_of
+from csstsim.budget.shear.run import setting_of
 
 SUM, REST = "sum of the bars", "all at once less the sum"
 WINDOWS = 8  # fewest for a jackknife over windows; with fewer, errors that are common to a window are left out
@@ -14,8 +16,9 @@ KINDS = "base", "bar", "sum", "all", "rest"
 def bars(plan, paths):
     """Return [row] of one sample: its base, its bars, their sum, the run with all effects, and what they differ by.
 
-    A row: estimator, effect, kind (KINDS), about, each of NAMES with NAME_err, galaxies, seconds (CPU, of a galaxy:
-    both Settings of a bar), scatter and scatter_two (half the difference of the arms, one seed and two), gain.
+    A row: estimator, effect, kind (KINDS), about, each of NAMES with NAME_err, windows and galaxies (of a sum: those of
+    the bar that has the fewest), seconds (CPU, of a galaxy: both Settings of a bar), scatter and scatter_two (half the
+    difference of the arms, one seed and two), gain. paths: of all windows, or of the first ones.
     """
     if not paths:
         return []
@@ -35,22 +38,31 @@ class _Shapes:
         self.sign = np.concatenate([np.full(len(field["ring"]), field["sign"]) for field in self.fields])
         self.psf = np.concatenate([field["psf"] for field in self.fields])
 
-    def arms(self, name, kind):
-        """Return the Arms of a Setting and an estimator."""
+    def windows(self, name, settings, kind):
+        """Return the number of first windows that have an effect's bar, BASE or ALL: its Settings by an estimator."""
+        needed = [f"{setting}|{kind}|e" for setting in settings]
+        has = [all(key in field for key in needed) for field in self.fields[: self.plan.windows(name)]]
+        return has.index(False) if False in has else len(has)
+
+    def arms(self, name, kind, windows):
+        """Return the Arms of a Setting and an estimator, in the first windows."""
+        fields = self.fields[:windows]
         e, response = (
-            np.concatenate([field[f"{name}|{kind}|{key}"] for field in self.fields], axis=1)
-            for key in ("e", "response")
+            np.concatenate([field[f"{name}|{kind}|{key}"] for field in fields], axis=1) for key in ("e", "response")
         )
-        return Arms(e, response, np.concatenate([field[f"{name}|used"] for field in self.fields], axis=1))
+        return Arms(e, response, np.concatenate([field[f"{name}|used"] for field in fields], axis=1))
 
-    def seconds(self, *settings):
+    def seconds(self, settings, windows):
         """Return CPU seconds of a galaxy in these Settings."""
-        return sum(float(field[f"{name}|seconds"]) for name in settings for field in self.fields) / len(self.ring)
+        fields = self.fields[:windows]
+        spent = sum(float(field[f"{name}|seconds"]) for name in settings for field in fields)
+        return spent / sum(len(field["ring"]) for field in fields)
 
-    def frame(self, common):
-        """Return the response.Frame, in blocks of rings, or of windows if errors are common to each of many windows."""
-        windows = common and len(self.fields) >= WINDOWS
-        return Frame(self.plan.shear, self.sign, self.psf, self.window if windows else self.ring)
+    def frame(self, common, windows):
+        """Return the response.Frame of the first windows, in blocks of windows if common, else of rings."""
+        some = slice(np.count_nonzero(self.window < windows))
+        block = self.window if common else self.ring
+        return Frame(self.plan.shear, self.sign[some], self.psf[some], block[some])
 
     def scatters(self, name, kind):
         """Return the scatter of half the difference of the arms of field 0, with one seed and with two."""
@@ -60,30 +72,28 @@ class _Shapes:
 
 
 def _rows(plan, shapes, kind):
-    arms = {name: shapes.arms(name, kind) for name in names(plan)}
-    rows = [_row(plan, shapes, kind, arms, "base", BASE, {BASE: 1.0}, "all that follows left out")]
+    term = partial(_term, plan, shapes, kind)
+    rows = [_row(shapes, kind, "base", BASE, "all that follows left out", [term(BASE)])]
     for name in plan.bars:
         effect = plan.effects[name]
-        factors = _difference(plan, [name])
-        rows.append(_row(plan, shapes, kind, arms, "bar", name, factors, effect.about, effect.common))
+        rows.append(_row(shapes, kind, "bar", name, effect.about, [term(name)], effect.common))
     if plan.summed:
         common = any(plan.effects[name].common for name in plan.summed)
-        added = _difference(plan, plan.summed)
-        whole = {ALL: 1.0, BASE: -1.0}
-        rest = {name: whole.get(name, 0.0) - added.get(name, 0.0) for name in {**added, **whole}}
-        for row_kind, label, factors in (("sum", SUM, added), ("all", ALL, whole), ("rest", REST, rest)):
-            rows.append(_row(plan, shapes, kind, arms, row_kind, label, factors, _ABOUT[row_kind], common))
+        added, whole = [term(name) for name in plan.summed], [term(ALL)]
+        rest = whole + [({setting: -factor for setting, factor in of.items()}, windows) for of, windows in added]
+        for row_kind, label, terms in (("sum", SUM, added), ("all", ALL, whole), ("rest", REST, rest)):
+            rows.append(_row(shapes, kind, row_kind, label, _ABOUT[row_kind], terms, common))
     return rows
 
 
-def _difference(plan, effects):
-    """Return {Setting: factor}, whose combination is the sum of the effects' bars."""
-    factors = {}
-    for name in effects:
-        for effect, factor in ((name, 1.0), (plan.effects[name].against, -1.0)):
-            setting = setting_of(plan, effect)
-            factors[setting] = factors.get(setting, 0.0) + factor
-    return factors
+def _term(plan, shapes, kind, name):
+    """Return ({Setting: factor}, windows) of an effect's bar, of BASE, or of ALL less BASE."""
+    if name == BASE:
+        factors = {BASE: 1.0}
+    else:
+        setting, against = setting_of(plan, name), setting_of(plan, BASE if name == ALL else plan.effects[name].against)
+        factors = {BASE: 0.0} if setting == against else {setting: 1.0, against: -1.0}
+    return factors, shapes.windows(name, factors, kind)
 
 
 _ABOUT = {
@@ -92,17 +102,21 @@ _ABOUT = {
 }  # fmt: skip
 
 
-def _row(plan, shapes, kind, arms, row_kind, label, factors, about, common=False):
-    factors = {name: factor for name, factor in factors.items() if factor} or {BASE: 0.0}
-    frame = shapes.frame(common)
-    every = np.all([arms[name].finite for name in factors], axis=0)
-    blocks = {name: sums(arms[name], frame, every & arms[name].used) for name in factors}
-    value, error = combined(blocks, factors, plan.shear)
+def _row(shapes, kind, row_kind, label, about, terms, common=False):
+    common = common and min(windows for _, windows in terms) >= WINDOWS
+    parts, galaxies = [], []
+    for factors, windows in terms:
+        arms, frame = {name: shapes.arms(name, kind, windows) for name in factors}, shapes.frame(common, windows)
+        every = np.all([of.finite for of in arms.values()], axis=0)
+        parts.append(({name: sums(of, frame, every & of.used) for name, of in arms.items()}, factors))
+        galaxies.append(int(every.sum()))
+    value, error = combined(parts, shapes.plan.shear)
     row = {
-        "estimator": kind, "effect": label, "kind": row_kind, "about": about, "galaxies": int(every.sum()),
-        "seconds": shapes.seconds(*factors),
+        "estimator": kind, "effect": label, "kind": row_kind, "about": about,
+        "windows": min(windows for _, windows in terms), "galaxies": min(galaxies),
+        "seconds": sum(shapes.seconds(*term) for term in terms),
     }  # fmt: skip
     row |= {name: float(v) for name, v in zip(NAMES, value, strict=True)}
     row |= {f"{name}_err": float(v) for name, v in zip(NAMES, error, strict=True)}
-    one, two = shapes.scatters(next(iter(factors)), kind) if row_kind in ("base", "bar") else (np.nan, np.nan)
+    one, two = shapes.scatters(next(iter(terms[0][0])), kind) if row_kind in ("base", "bar") else (np.nan, np.nan)
     return row | {"scatter": one, "scatter_two": two, "gain": two / one if one > 0 else np.nan}

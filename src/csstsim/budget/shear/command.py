@@ -7,18 +7,18 @@ from csstsim.base.process.one_thread import one_thread
 from csstsim.budget.shear.bars import bars
 from csstsim.budget.shear.figures import chart, waterfall
 from csstsim.budget.shear.page import write_page, write_rows
-from csstsim.budget.shear.plan import DEFAULT, load_plan
+from csstsim.budget.shear.plan import ALL, BASE, DEFAULT, load_plan
 from csstsim.budget.shear.run import fields, names
 from csstsim.budget.shear.volume import report
 
 
 @one_thread
-def budget(file, output, say, *, only_plan=False, count=None, effects=None, estimators=None):
+def budget(file, output, say, *, only_plan=False, **chosen):
     """Make the fields of a plan, and from them the budget; with only_plan, one field of each sample, and the volume.
 
-    Returns the rows of bars.bars, with the sample. Raises InputError.
+    chosen: as load_plan has them. Returns the rows of bars.bars, with the sample. Raises InputError.
     """
-    plan, folder = load_plan(file, fields=count, effects=effects, estimators=estimators), Path(output)
+    plan, folder = load_plan(file, **chosen), Path(output)
     for line in summary(plan, file, only_plan):
         say(line)
     paths = fields(plan, folder, say, first=1 if only_plan else None, file=file or DEFAULT)
@@ -31,7 +31,7 @@ def budget(file, output, say, *, only_plan=False, count=None, effects=None, esti
     for name in plan.samples:
         waterfall(folder / f"waterfall_{name}.png", rows, name, plan.summed)
         chart(folder / f"chart_{name}.png", rows, name)
-    write_page(folder / "index.html", rows, plan, _command(file, output, count, effects, estimators))
+    write_page(folder / "index.html", rows, plan, _command(file, output, **chosen))
     say(f"{folder / 'index.html'}: figures and table; budget.ecsv beside it")
     return rows
 
@@ -44,18 +44,26 @@ def summary(plan, file, only_plan):
         f"samples: {samples}",
         f"effects: {', '.join(plan.bars)}",
         f"windows: {plan.fields} of each sample, {plan.size} px wide, a galaxy every {plan.spacing} px, chips "
-        f"{', '.join(map(str, plan.chips))}",
+        f"{', '.join(map(str, plan.chips))}{_more(plan)}",
     ]
     much = f"{len(names(plan))} settings (a line each in the first window), two arms; this takes minutes"
     if only_plan:
         return [*lines, f"now one window of each sample is simulated, for its errors and CPU time: {much}"]
-    return [*lines, f"now {plan.fields * len(plan.samples)} windows, those that are not there yet: {much}"]
+    all_windows = plan.windows(BASE) * len(plan.samples)
+    return [*lines, f"now {all_windows} windows, those that are not there yet: {much}"]
 
 
-def _command(file, output, count, effects, estimators):
+def _more(plan):
+    """Return what the plan's line says of those that have more windows."""
+    more = {name: plan.windows(name) for name in plan.bars} | ({ALL: plan.windows(ALL)} if plan.summed else {})
+    words = [f"{windows} of {name}" for name, windows in more.items() if windows > plan.fields]
+    return "; " + ", ".join(words) if words else ""
+
+
+def _command(file, output, *, fields=None, samples=None, effects=None, estimators=None):
     """Return the command that made the page."""
     words = ["csstsim", "budget", "shear", *([file] if file else []), "--output", output]
-    words += ["--fields", count] if count else []
-    for name, given in (("--effects", effects), ("--estimators", estimators)):
+    words += ["--fields", fields] if fields else []
+    for name, given in (("--samples", samples), ("--effects", effects), ("--estimators", estimators)):
         words += [name, ",".join(given)] if given else []
     return shlex.join(map(str, words))

@@ -117,14 +117,16 @@ def fpfs(stamps, psf, sigma, scale, rng):
         "filter_image": task.bfunc_use, "std_m00": float(task.std_m00), "out_dtype": _catalog_dtype("fpfs1", None),
         "det": np.array([(side // 2, side // 2)], [("y", "i4"), ("x", "i4")]),
     }  # fmt: skip
-    found = np.concatenate([
+    found = [
         force.process_image(
             gal_array=image.astype(np.float32), psf_array=np.ascontiguousarray(star, float), noise_array=added, **same
         )
         for image, star, added in zip(stamps, psf, noise, strict=True)
-    ])  # fmt: skip
-    e = found["fpfs1_e1"] + 1j * found["fpfs1_e2"]
-    return Shapes(e, np.stack([found["fpfs1_de1_dg1"], found["fpfs1_de2_dg2"]], axis=1))
+    ]
+    e1, e2, r1, r2 = (
+        np.concatenate([one[f"fpfs1_{name}"] for one in found]) for name in ("e1", "e2", "de1_dg1", "de2_dg2")
+    )  # whole records are slow to join
+    return Shapes(e1 + 1j * e2, np.stack([r1, r2], axis=1))
 
 
 def metacal(stamps, psf, sigma, scale, rng):

@@ -83,7 +83,8 @@ class Field:
         turn = self.number // len(self.plan.chips)
         x0, y0 = np.rint(PLACES[turn % len(PLACES)] * room).astype(int).tolist()
         window = x0, x0 + self.plan.size, y0, y0 + self.plan.size
-        return self.simulation.aim(RA, DEC, self.chip, size=None, obsid=self.obsid).replace(window=window)
+        aimed = self.simulation.aim(RA, DEC, self.chip, size=None, pa=self.plan.pa, obsid=self.obsid)
+        return aimed.replace(window=window)
 
     @cached_property
     def galaxies(self):
@@ -133,8 +134,11 @@ class Field:
 
     def _image(self, setting, columns, seed=None):
         simulation = self.made(setting, columns, seed=seed)
-        frame = simulation.chip(self.obsid, self.chip)
-        if setting.calibrated:
+        plain = not (setting.noise or setting.layers or setting.calibrated)
+        frame = (simulation.light if plain else simulation.chip)(self.obsid, self.chip)
+        if plain:  # light as it is: rounded to DN, wings without noise would end at half a DN
+            electrons, unusable = frame.image, np.zeros(frame.image.shape, np.uint8)
+        elif setting.calibrated:
             electrons, unusable = _calibrated(simulation, frame, setting.masking)
         else:
             electrons, unusable = frame.electrons, np.zeros(frame.image.shape, np.uint8)
@@ -168,16 +172,19 @@ class Field:
         truth = simulation.light(self.obsid, self.chip).truth  # makes the PSF set, if there is none
         shares = np.array([truth[f"flux{band}"][0] for band in range(4)]) / sum(truth[f"flux{i}"][0] for i in range(4))
         job, half = self.job(False), self.plan.stamp // 2
-        psf, stamps = open_psf(simulation._run, job.chip), []
-        for x, y in zip(np.rint(self.galaxies.x), np.rint(self.galaxies.y), strict=True):
-            response = pixel_response(np.tensordot(shares, psf.at(x, y), axes=1), psf.oversampling)
-            middle, step = response.shape[0] // 2, psf.oversampling
-            at = middle + step * np.arange(-half, half)
+        psf = open_psf(simulation._run, job.chip)
+
+        def on_pixels(cells):
+            response = pixel_response(np.tensordot(shares, cells.astype(float), axes=1), psf.oversampling)
+            at = response.shape[0] // 2 + psf.oversampling * np.arange(-half, half)
             inside = (at >= 0) & (at < len(response))  # the stored PSF may end before the stamp
             stamp = np.zeros((2 * half, 2 * half))
             stamp[np.ix_(inside, inside)] = response[np.ix_(at[inside], at[inside])]
-            stamps.append(stamp / stamp.sum())
-        return np.array(stamps)
+            return stamp
+
+        mixed = psf.mixed(on_pixels)
+        stamps = np.array([mixed(x, y) for x, y in zip(*map(np.rint, (self.galaxies.x, self.galaxies.y)), strict=True)])
+        return stamps / stamps.sum(axis=(1, 2), keepdims=True)
 
     def _fitted(self, setting):
         """Return the stamps of a PSF whose pixels are linear in x and y, fitted to stars of a frame of its own."""

@@ -54,10 +54,10 @@ def write_page(path, rows, plan, command):
 
 
 def _table(rows):
-    heads = "".join(f"<th>{name}</th>" for name in ("estimator", "effect", "what", *_HEADS, "galaxies"))
+    heads = "".join(f"<th>{name}</th>" for name in ("estimator", "effect", "what", *_HEADS, "windows", "galaxies"))
     lines = []
     for row in rows:
         numbers = "".join(f"<td>{of_row(row, n, '&plusmn;')}</td>" for n in NAMES)
         words = "".join(f"<td>{html.escape(str(row[key]))}</td>" for key in ("estimator", "effect", "about"))
-        lines.append(f"<tr>{words}{numbers}<td>{row['galaxies']}</td></tr>")
+        lines.append(f"<tr>{words}{numbers}<td>{row['windows']}</td><td>{row['galaxies']}</td></tr>")
     return f"<table><tr>{heads}</tr>{''.join(lines)}</table>"

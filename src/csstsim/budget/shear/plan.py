@@ -52,9 +52,28 @@ class Neighbours(Model):
     magnitude: Range = Field(description="AB")
     distance: Range = Field(description="arcsec, from the galaxy")
     size: Range = Field(description="arcsec, half-light radius")
+    redshift: Range | None = Field(None, description="each as likely; for neighbour_shear: by_redshift")
 
     _pairs = field_validator("magnitude", "distance", "size")(_rising)
     _sizes = field_validator("size")(_positive)
+
+    @field_validator("redshift")
+    @classmethod
+    def _redshifts(cls, value):
+        return value and _rising(value)
+
+
+class Lens(Model):
+    """The one lens plane that shears galaxies and neighbours, for neighbour_shear: by_redshift."""
+
+    redshift: float = Field(gt=0, le=10)
+    galaxies: float = Field(gt=0, le=10, description="redshift of the galaxies; their shear is that of the arms")
+
+    @model_validator(mode="after")
+    def _behind(self):
+        if not self.galaxies > self.redshift:
+            raise ValueError("galaxies must lie behind the lens")
+        return self
 
 
 class Stars(Model):
@@ -75,7 +94,9 @@ class Setting(Model):
     profile: Literal["disk", "full"] = Field("disk", description="exponential disks; or bulges, indices and knots")
     blended: bool = Field(False, description="neighbours that are found")
     undetected: bool = Field(False, description="neighbours that are not found")
-    neighbour_shear: bool = Field(True, description="whether neighbours have the galaxy's shear; false: none")
+    neighbour_shear: Literal["same", "none", "by_redshift"] = Field(
+        "same", description="of neighbours: that of the galaxy; none; or as a lens shears at their own redshift"
+    )
     calibrated: bool = Field(False, description="what the layers did is undone, as `csstsim calibrate` does")
     masking: bool = Field(False, description="defects and found cosmic rays are filled; needs calibrated")
     background: Literal["known", "constant", "mesh"] = Field(
@@ -104,6 +125,7 @@ class Effect(Model):
     against: str = Field(BASE, description="the base, or another effect: the bar is the difference to it")
     sum: bool = Field(False, description="whether it is in the sum, and in the run that has all effects")
     common: bool = Field(False, description="its error is common to a window: errors are from windows, not galaxies")
+    times: int = Field(1, ge=1, le=1000, description="windows of its bar, in units of the plan's fields")
     bar: bool = Field(True, description="false: it is only there for others to stand against")
 
 
@@ -112,14 +134,17 @@ class ShearPlan(Model):
 
     shear: float = Field(0.02, gt=0, le=0.05, description="of each component, in the arms")
     seed: int = Field(1, ge=0)
-    fields: int = Field(ge=1, le=100_000, description="windows of each sample")
+    fields: int = Field(ge=1, le=100_000, description="windows of each sample; effects may have several times as many")
+    whole: int = Field(1, ge=1, le=1000, description="windows with all effects at once, in units of fields")
     chips: tuple[int, ...] = Field(min_length=1, description="imaging chips, in turn; all of one band")
+    pa: float = Field(0.0, ge=-360, le=360, description="deg, position angle; 45: pixels lie askew to the sky's axes")
     size: int = Field(ge=200, le=9000, description="px, side of a window")
     spacing: int = Field(ge=20, le=1000, description="px, of the grid of galaxies")
     stamp: int = Field(48, ge=16, le=256, description="px, even: side of the stamps that estimators see")
     estimators: tuple[Literal[ESTIMATORS], ...] = Field(min_length=1)
     samples: dict[str, Sample] = Field(min_length=1)
     neighbours: dict[Literal["blended", "undetected"], Neighbours] = Field({})
+    lens: Lens | None = None
     stars: Stars
     base: Setting = Field(default_factory=Setting)
     effects: dict[str, Effect] = Field(min_length=1)
@@ -154,16 +179,23 @@ class ShearPlan(Model):
         """The names of the effects of the sum."""
         return tuple(name for name, effect in self.effects.items() if effect.sum)
 
+    def windows(self, name):
+        """Return the number of windows of an effect's bar; of ALL; or of BASE, which has as many as any bar."""
+        if name == BASE:
+            own = [self.windows(ALL)] if self.summed else []
+            return max([self.windows(effect) for effect in self.bars] + own)
+        return self.fields * (self.whole if name == ALL else self.effects[name].times)
+
     @property
     def bars(self):
         """The names of the effects that are bars."""
         return tuple(name for name, effect in self.effects.items() if effect.bar)
 
 
-def load_plan(file=None, *, fields=None, effects=None, estimators=None):
+def load_plan(file=None, *, fields=None, effects=None, estimators=None, samples=None):
     """Return the ShearPlan of a YAML file [default: the shipped one], with other fields, effects or estimators.
 
-    effects: names; those that they stand against stay, too. Raises InputError.
+    samples, effects: names; effects that these stand against stay, too. Raises InputError.
     """
     file = file or DEFAULT
     data = read_yaml(file)
@@ -172,11 +204,14 @@ def load_plan(file=None, *, fields=None, effects=None, estimators=None):
         data["fields"] = fields
     if estimators is not None:
         data["estimators"] = list(estimators)
+    for key, said, known in (("samples", samples, plan.samples), ("effects", effects, plan.effects)):
+        for name in said or ():
+            if name not in known:
+                raise InputError(f"no such {key[:-1]}", file=file, key=key, value=name, allowed=", ".join(known))
+    if samples is not None:
+        data["samples"] = {name: data["samples"][name] for name in samples}
     if effects is not None:
         known = plan.effects
-        for name in effects:
-            if name not in known:
-                raise InputError("no such effect", file=file, key="effects", value=name, allowed=", ".join(known))
         wanted = set(effects)
         for name in effects:
             while (name := known[name].against) != BASE:

@@ -56,6 +56,12 @@ def _check_setting(plan, setting, change, file, key):
             raise InputError(
                 f"needs neighbours.{kind}, which the plan lacks", file=file, key=f"{key}.{kind}", value=True
             )
+        of = plan.neighbours.get(kind)
+        if getattr(setting, kind) and setting.neighbour_shear == "by_redshift" and not (plan.lens and of.redshift):
+            raise InputError(
+                f"by_redshift needs lens and neighbours.{kind}.redshift, which the plan lacks", file=file,
+                key=f"{key}.neighbour_shear", value=setting.neighbour_shear,
+            )  # fmt: skip
     for layer, values in (change.get("layers") or {}).items():
         try:
             SimSteps(LAYERS, "SCIE", changed_layers({layer: values}, None, LAYERS))

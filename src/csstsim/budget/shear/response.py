@@ -73,21 +73,23 @@ def estimates(total, g):
     return np.concatenate([m, c, alpha[..., None]], axis=-1)
 
 
-def combined(blocks, coefficients, g):
+def combined(terms, g):
     """Return (value (5,), error (5,)) of a sum of NAMES of several Settings, by jackknife over the blocks.
 
-    blocks: {name: (b, 18) sums}; coefficients: {name: factor}. The error is NaN with fewer than two blocks.
+    terms: [({name: (b, 18) sums}, {name: factor})]. Terms may have different numbers of blocks: those with fewer have
+    the first ones. A block that a term lacks does not change it, so what is common to terms is counted as common. The
+    error is NaN if a term has fewer than two blocks.
     """
-    value, again = 0.0, 0.0
-    for name, factor in coefficients.items():
-        total = blocks[name].sum(axis=0)
-        value = value + factor * estimates(total, g)
-        again = again + factor * estimates(total - blocks[name], g)
-    number = len(again)
-    if number < 2:
-        return value, np.full(len(NAMES), np.nan)
-    spread = again - again.mean(axis=0)
-    return value, np.sqrt((number - 1) / number * (spread**2).sum(axis=0))
+    value, spread = 0.0, np.zeros((max(len(of) for blocks, _ in terms for of in blocks.values()), len(NAMES)))
+    for blocks, factors in terms:
+        again = 0.0
+        for name, factor in factors.items():
+            total = blocks[name].sum(axis=0)
+            value = value + factor * estimates(total, g)
+            again = again + factor * estimates(total - blocks[name], g)
+        number = len(again)
+        spread[:number] += np.sqrt((number - 1) / number) * (again - again.mean(axis=0)) if number > 1 else np.nan
+    return value, np.sqrt((spread**2).sum(axis=0))
 
 
 def scatter(plus, minus):

@@ -4,6 +4,7 @@ A field that has its file is not made again, so a run that was stopped goes on. 
 that differ in the analysis alone.
 """
 
+import hashlib
 import time
 from dataclasses import dataclass
 from zipfile import BadZipFile, ZipFile
@@ -24,10 +25,12 @@ OTHER_SEED = 1_000_003  # added for the arm with noise of its own
 ANALYSIS = {"psf", "wcs", "detection"}  # keys of a Setting that leave the frame as it is
 
 
-def names(plan):
-    """Return the names of the plan's Settings, in order."""
-    effects = [name for name in plan.effects if setting_of(plan, name) == name]
-    return [BASE, *effects, *([ALL] if plan.summed else [])]
+def names(plan, number=0):
+    """Return the names of the Settings that window `number` is made in, in order: those whose bars have that many."""
+    bars = [name for name in plan.bars if number < plan.windows(name)]
+    whole = [ALL] if plan.summed and number < plan.windows(ALL) else []
+    wanted = {setting_of(plan, name) for name in bars + [plan.effects[name].against for name in bars]}
+    return [BASE, *(name for name in plan.effects if name in wanted), *whole]
 
 
 def setting_of(plan, name):
@@ -42,11 +45,11 @@ def fields(plan, folder, say, *, first=None, file=None):
     """
     check_installed(plan.estimators, None)
     simulation, band = opened(plan, file)
-    todo = [(name, number) for number in range(first or plan.fields) for name in plan.samples]
+    todo = [(name, number) for number in range(first or plan.windows(BASE)) for name in plan.samples]
     paths = {name: [] for name in plan.samples}
     for name, number in progress(todo, "fields"):
         field = Field(simulation, plan, band, name, number)
-        path = folder / "fields" / f"{name}_{number:05d}_{_digest(plan, name)}.npz"
+        path = folder / "fields" / f"{name}_{number:05d}_{_digest(plan, name, number)}.npz"
         if not whole(path):
             start = time.process_time()
             arrays = measured(field, say if number == 0 else None)
@@ -66,12 +69,12 @@ def whole(path):
         return False
 
 
-def _digest(plan, sample):
+def _digest(plan, sample, number):
     """Return the digest of all that decides a field's shapes, the release of csstsim among it.
 
     How many fields there are does not decide them, nor do the figure's words."""
-    settings = {name: plan.setting(name).model_dump() for name in names(plan)}
-    same = plan.model_dump(exclude={"fields", "samples", "effects", "base"})
+    settings = {name: plan.setting(name).model_dump() for name in names(plan, number)}
+    same = plan.model_dump(exclude={"fields", "whole", "samples", "effects", "base"})
     return digest([release(), same, plan.samples[sample].model_dump(), settings])
 
 
@@ -82,6 +85,7 @@ class _Made:
     images: dict
     psfs: dict
     shapes: dict
+    seen: dict
     sigma: float = 0.0  # noise of a pixel of the base, for all Settings: what estimators add is the same in all
 
 
@@ -92,9 +96,9 @@ def measured(field, say=None):
     (2, n); SETTING|seconds of CPU time; in field 0, SETTING|ESTIMATOR|other (n,), the arm -g with another seed.
     say: is given a line for each SETTING.
     """
-    plan, made = field.plan, _Made({}, {}, {})
+    plan, made = field.plan, _Made({}, {}, {}, {})
     arrays = {"ring": field.galaxies.ring, "sign": np.array(field.sign)}
-    for name in names(plan):
+    for name in names(plan, field.number):
         setting, start = plan.setting(name), time.process_time()
         jacobian, psf = field.jacobian(setting), _psf(field, setting, made)
         used = []
@@ -113,7 +117,8 @@ def measured(field, say=None):
         if field.number == 0:
             image = field.arm(setting, -field.shear, plan.seed + OTHER_SEED)
             for kind in plan.estimators:
-                arguments = field.stamps(image), psf, made.sigma, _scale(field), field.rng(f"{kind} other")
+                sigma = made.sigma if setting.noise else 0.0
+                arguments = field.stamps(image), psf, sigma, _scale(field), field.rng(f"{kind} other")
                 arrays[f"{name}|{kind}|other"] = to_sky(estimator(kind)(*arguments), jacobian, kind in ELLIPTICITIES).e
         if say:
             say(f"  {field.sample}, {name}: {time.process_time() - start:.1f} CPU-s")
@@ -150,10 +155,24 @@ def _psf(field, setting, made):
 def _shapes(field, setting, arm, image, psf, kind, made):
     key = _key(setting, {"wcs", "detection"}), arm, kind
     if key not in made.shapes:
-        made.shapes[key] = estimator(kind)(
-            field.stamps(image), psf, made.sigma if setting.noise else 0.0, _scale(field), field.rng(kind)
-        )
+        arguments = field.stamps(image), psf, made.sigma if setting.noise else 0.0, _scale(field), field.rng(kind)
+        alone = kind in ELLIPTICITIES  # shapes of stamp and PSF alone, without noise that is added
+        made.shapes[key] = _once(made.seen, kind, *arguments) if alone else estimator(kind)(*arguments)
     return made.shapes[key]
+
+
+def _once(seen, kind, stamps, psf, *same):
+    """Return Shapes; a galaxy whose stamps were seen before, as where no neighbour was added, is not measured again."""
+    keys = [
+        (kind, *(hashlib.sha256(np.ascontiguousarray(of)).digest() for of in two))
+        for two in zip(stamps, psf, strict=True)
+    ]
+    new = [k for k, key in enumerate(keys) if key not in seen]
+    if new:
+        found = estimator(kind)(stamps[new], psf[new], *same)
+        seen |= {keys[k]: (e, response) for k, e, response in zip(new, found.e, found.response, strict=True)}
+    e, response = zip(*(seen[key] for key in keys), strict=True)
+    return Shapes(np.array(e), np.array(response))
 
 
 def to_sky(shapes, jacobian, ellipticities):

@@ -8,8 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from csstsim.base.files.yaml_file import read_yaml
 from csstsim.base.rng import stream
+from csstsim.base.shipped import SHIPPED
 from csstsim.catalog.astrometry.reduction import icrs
+from csstsim.universe.lensing.cosmology import Cosmology
 
 RING = 4
 EDGE = 10  # px, between the window's edge and the first stamp
@@ -23,7 +26,8 @@ SHARE_OF_BULGES = 1 / 3  # galaxies of the full profile that have one (E)
 class Galaxies:
     """Galaxies of a window: x, y (n,) pixels of the chip; ring (n,) number; e (n,) complex; columns {name: (n,)}.
 
-    others: {kind: {of: (k,) row of the galaxy, offset: (k,) complex arcsec east + i north, e, mag, size}}.
+    others: {kind: {of: (k,) row of the galaxy, offset: (k,) complex arcsec east + i north, e, mag, size, and
+    efficiency: the shear at its redshift over that of the galaxy, NaN without redshifts}}.
     """
 
     x: np.ndarray
@@ -55,6 +59,9 @@ def galaxies(plan, name, field, window):
     e = np.repeat(_shapes(rng, sample.ellipticity, rings), RING) * np.exp(2j * turn)
     columns = {"mag": mag, "size_disk": size, **_components(rng, size, rings)}
     others = {kind: _others(rng, of, turn, rings) for kind, of in sorted(plan.neighbours.items())}
+    for kind, other in others.items():
+        own = stream(plan.seed, "budget", "shear", name, field, "redshift", kind)
+        other["efficiency"] = _efficiencies(own, plan.neighbours[kind], plan.lens, len(other["of"]) // RING)
     return Galaxies(x, y, np.repeat(np.arange(rings), RING), e, columns, others)
 
 
@@ -74,12 +81,14 @@ def table(galaxies, setting, plan, job, field, g, band):
         if not getattr(setting, kind):
             continue
         of, k = other["of"], len(other["of"])
-        shear = g if setting.neighbour_shear else 0j
+        shear = (
+            g * {"same": np.ones(k), "none": np.zeros(k), "by_redshift": other["efficiency"]}[setting.neighbour_shear]
+        )
         z = sheared_offset(other["offset"], shear)
         dx, dy = np.einsum("kij,jk->ik", jacobian[of], np.stack([z.real, z.imag]))
         rows.append({
             "id": first + np.arange(k), "x": galaxies.x[of] + dx, "y": galaxies.y[of] + dy, "e": other["e"],
-            "mag": other["mag"], "size_disk": other["size"], "size_bulge": other["size"], "g": np.full(k, shear),
+            "mag": other["mag"], "size_disk": other["size"], "size_bulge": other["size"], "g": shear,
             **{name: np.full(k, plain) for name, plain in _PLAIN.items()},
         })  # fmt: skip
         first += k
@@ -98,6 +107,24 @@ _PLAIN = {"bulge_frac": 0.0, "n_disk": 1.0, "n_bulge": 4.0, "knots": 0, "knots_f
 def sheared_offset(offset, g):
     """Return complex offsets on the sky of what lies at `offset` behind a shear g: A^-1 offset, of no convergence."""
     return (offset + g * np.conj(offset)) / (1 - abs(g) ** 2)
+
+
+def efficiency(z, lens):
+    """Return the shear by a plan's Lens at redshifts z, over that of the galaxies: of (1 - chi_l / chi), 0 before it.
+
+    In a flat universe the shear by one plane goes as D_ls / D_s = 1 - chi_l / chi_s (Bartelmann & Schneider 2001).
+    """
+    cosmology = Cosmology(read_yaml(SHIPPED / "universe" / "cosmology.yaml"))
+    near, far = (cosmology.comoving_distance(v) for v in (lens.redshift, lens.galaxies))
+    behind = np.maximum(cosmology.comoving_distance(z), near)
+    return (1 - near / behind) / (1 - near / far)
+
+
+def _efficiencies(rng, of, lens, rings):
+    """Return Galaxies.others' efficiency, of neighbours of `rings` rings: the four of a ring have one redshift."""
+    if lens is None or of.redshift is None:
+        return np.full(RING * rings, np.nan)
+    return np.repeat(efficiency(rng.uniform(*of.redshift, rings), lens), RING)
 
 
 def _magnitudes(rng, limits, slope, n):

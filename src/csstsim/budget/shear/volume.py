@@ -29,7 +29,7 @@ def volume(row, goal):
 
 
 def _head(heads):
-    words = f"{'sample':10}{'estimator':10}{'effect':26}{'galaxies':>9}{'m1 [1e-4]':>19}{'m2 [1e-4]':>19}"
+    words = f"{'sample':10}{'estimator':10}{'effect':26}{'windows':>8}{'galaxies':>9}{'m1 [1e-4]':>19}{'m2 [1e-4]':>19}"
     return f"{words}{'sigma(m)':>10}{'CPU-h':>9}{heads}{'gain':>6}"
 
 
@@ -42,10 +42,9 @@ def report(rows):
             continue
         now = row["galaxies"] * row["seconds"] / HOUR
         hours = "".join(f"{said(volume(row, goal)[1]):>12}" for goal in GOALS)
-        lines.append(
-            f"{row['sample']:10}{row['estimator']:10}{row['effect']:26}{row['galaxies']:9d}{of_row(row, 'm1'):>19}"
-            f"{of_row(row, 'm2'):>19}{sigma_m(row):10.1e}{said(now):>9}{hours}{row['gain']:6.1f}"
-        )
+        words = f"{row['sample']:10}{row['estimator']:10}{row['effect']:26}{row['windows']:8d}{row['galaxies']:9d}"
+        numbers = f"{of_row(row, 'm1'):>19}{of_row(row, 'm2'):>19}{sigma_m(row):10.1e}{said(now):>9}"
+        lines.append(f"{words}{numbers}{hours}{row['gain']:6.1f}")
     lines += LEGEND
     bars = [row for row in rows if row["kind"] == "bar" and row["estimator"] == rows[0]["estimator"]]
     for goal in GOALS:
