@@ -5,8 +5,8 @@
 The middle of a GV and of a GI chip looks at one place, at position angles 0 and 190 deg: the neighbours of a galaxy
 along its spectrum are others. An exposure of 300 s stands for two of 150 s of the survey, whose full depth is four.
 Galaxies to i = 23 are extracted twice: with neighbours known from the magnitudes of a catalogue and subtracted, and
-with all light kept and the true contamination stated. Charge transfer, cosmic rays and defects are off. What exists is
-not made again.
+with all light kept, the true contamination stated and no lines measured. Charge transfer, cosmic rays and defects are
+off. What exists is not made again.
 """
 
 import argparse
@@ -92,7 +92,8 @@ def extracted(run, job, folder):
         bright = np.all([truth[name] <= faintest for name, faintest in FAINTEST.items()], axis=0)
         ids = truth["id"][(truth["obj_type"] == GALAXY) & bright]
         lines = LineFluxes(np.where(truth["obj_type"] == GALAXY, truth["z"], np.nan))
-        table = extract_spectra(frame, orders, *others, snr_min=0.0, ids=ids, lines=lines)
+        measured = lines if contamination.subtract else None
+        table = extract_spectra(frame, orders, *others, snr_min=0.0, ids=ids, lines=measured)
         path.parent.mkdir(exist_ok=True)
         recipe = {"recipe": run.recipe(job, "measure")}
         lines.table().write(path.with_name(f"{path.stem}_lines.parquet"), recipe)

@@ -214,6 +214,75 @@ def test_wrong_units_are_told(tmp_path):
         judged(known, only, tmp_path)
 
 
+@pytest.mark.parametrize("none", [-99.0, 99.0, -999.0, 9999.0, -9.99e3])
+def test_numbers_that_stand_for_nothing_are_no_values(tmp_path, none):
+    """A third of the rows has them: the rest is as perfect as before, and a line counts them."""
+    known = field()
+    made = table(known.objects)
+    whole = judged(known, made, tmp_path)
+    for name in ("mag_r", "z", "e1"):
+        made[name][::3] = none
+    made["z"][1::3] = -1.0
+    some = judged(known, made, tmp_path)
+    gone, n = len(made["z"][::3]), len(made)
+    for line in (f"{gone} magnitudes in r", f"{2 * gone} redshifts", f"{gone} e1"):
+        assert any(note.startswith(f"{line} are no values") for note in some["notes"]), line
+    assert some["completeness"]["all"]["completeness"] == 1.0
+    assert all(abs(one["mean"]) < EXACT for one in numbers(some) if one["n"]) and numbers(some)[1]["n"] < n
+    for axis in ("e1", "e2"):
+        assert abs(some["shapes"][axis]["slope"] - 1) < EXACT
+        assert 0 < some["shapes"][axis]["n"] <= whole["shapes"][axis]["n"]
+    assert some["redshifts"]["nmad"] == 0.0 and 0 < some["redshifts"]["n"] < whole["redshifts"]["n"]
+
+
+def test_axes_and_places_without_a_value(tmp_path):
+    known = field()
+    made, n = table(known.objects), len(known.objects)
+    for name in ("e1", "e2"):
+        made.remove_column(name)
+    made["a"], made["b"], made["pa"] = np.full(n, 2.0), np.full(n, 1.0), np.full(n, 30.0)
+    made["a"][:10] = made["b"][:10] = -1.0
+    made["a"][10:20] = made["b"][10:20] = 99.0
+    made["pa"][20:25] = -999.0
+    made["dec"][-3:] = made["ra"][-3:] = -99.0
+    read = judged(known, made, tmp_path, {"a": "a", "b": "b"})
+    told = " ".join(read["notes"])
+    assert "20 major axes" in told and "20 minor axes" in told and "5 position angles" in told
+    assert "3 rows have no place" in told and read["sources"] == n - 3
+    assert read["shapes"]["e1"]["n"] == int((known.objects["size"][25:-3] > 0).sum())
+
+
+def test_values_at_the_edge_of_the_possible_are_values(tmp_path):
+    known = field()
+    made = table(known.objects)
+    made["z"][0], made["e1"][0], made["mag_r"][0] = -0.99, -1.5, 89.0
+    assert not any("no values" in note for note in judged(known, made, tmp_path)["notes"])
+
+
+@pytest.mark.parametrize(("unit", "factors"), [
+    ("ra_hour", (15.0, 1.0)), ("ra_rad", (180 / np.pi, 1.0)), ("ra_rad, dec_rad", (180 / np.pi,) * 2),
+])  # fmt: skip
+@pytest.mark.parametrize("number", [1, 4, 400])
+def test_another_unit_near_zero_is_refused(tmp_path, unit, factors, number):
+    """Right ascensions of some arcseconds, and declinations, lie in the field in any unit."""
+    known = field(0.0, 0.0)
+    made = table(known.objects)[::-1][:number]
+    made["ra"] = ((np.asarray(made["ra"]) + 180) % 360 - 180) / factors[0]
+    made["dec"] = np.asarray(made["dec"]) / factors[1]
+    with pytest.raises(InputError, match=unit.split(",")[0]):
+        judged(known, made, tmp_path)
+
+
+def test_a_catalogue_of_other_objects_near_zero_is_scored(tmp_path):
+    """Nothing matches, in no unit: no word of units."""
+    known = field(0.0, 0.0)
+    made = table(known.objects)
+    ra, dec = moved(np.asarray(made["ra"]), np.asarray(made["dec"]), 2.0, 1.5)
+    made["ra"], made["dec"] = ra, dec
+    found = judged(known, made, tmp_path)
+    assert found["completeness"]["all"]["completeness"] == 0.0 and found["purity"]["purity"] == 0.0
+
+
 def test_what_is_not_stated_is_not_judged_and_told(tmp_path):
     known = field()
     only = table(known.objects)["ra", "dec"]

@@ -35,6 +35,7 @@ APART = 1.5  # full widths at half maximum: lines nearer than that are blended
 SPURIOUS = SATURATED | COSMIC | LOST | CUT | BESIDE  # what looks like a line on such columns is none
 MEDIAN = 41  # columns of the running median
 WHOLE, LEAST = 0.8, 0.5  # share of a line's light in usable columns: below WHOLE it is flagged, below LEAST left out
+TINY = 1e-12  # of the largest eigenvalue of a fit: a combination with less is not fitted
 ERG_PER_CM2 = 1e3  # J / m2 in erg / cm2
 
 
@@ -223,7 +224,8 @@ def _fit(matrix, data, error):
     """Return (values (k, m), errors (k,)) of a linear least-squares fit of (n, m) data with errors (n,)."""
     scale = np.abs(matrix).max(axis=0)
     scaled = matrix / np.where(scale > 0, scale, 1.0) / error[:, None]
-    inverse = np.linalg.pinv(scaled.T @ scaled, rcond=1e-12, hermitian=True)
+    value, vector = np.linalg.eigh(scaled.T @ scaled)
+    inverse = (vector * np.where(value > TINY * value[-1], 1 / np.maximum(value, 1e-300), 0.0)) @ vector.T
     per = np.where(scale > 0, scale, 1.0)
     return inverse @ (scaled.T @ (data / error[:, None])) / per[:, None], np.sqrt(np.diag(inverse)) / per
 

@@ -55,24 +55,32 @@ class LineImage:
         """Return (side, side) shares of light in pixels [y, x]; those of the middle are at dx, dy [px] off the line."""
         n = self._n
         band, share = mixed(wavelength, self._bands)
-        ky, kx = _wave_numbers(n)
         # A cell's middle lies a quarter of a pixel beside a whole place; a pixel is four cells
-        along, across = (2 * np.cos(k / 4) * np.exp(1j * k * (d - 0.25)) for k, d in ((kx, dx), (ky, dy)))
-        waves = (1 - share) * self._transform(band) + share * self._transform(band + 1)
-        waves *= across[:, None] * along
+        along, across = (
+            (2 * np.cos(k / 4) * np.exp(1j * k * (d - 0.25))).astype(np.complex64)
+            for k, d in zip(_wave_numbers(n)[::-1], (dx, dy), strict=True)
+        )
+        waves = self._transform(band) * np.float32(1 - share)
+        waves += self._transform(band + 1) * np.float32(share)
+        waves *= across[:, None]
+        waves *= along
         # Of cells, every second one is wanted: wave numbers that are alike on whole pixels are added
-        whole = waves[: n // 2] + waves[n // 2 :]
-        mirrored = np.conj(whole[-np.arange(n // 2), ::-1][:, : n // 4 + 1])
-        return np.fft.irfft2(whole[:, : n // 4 + 1] + mirrored, (n // 2, n // 2)) / 4
+        whole = waves[: n // 2]
+        whole += waves[n // 2 :]
+        half = whole[:, : n // 4 + 1].copy()
+        mirrored = whole[:, n // 4 :][:, ::-1]
+        half[0] += np.conj(mirrored[0])
+        half[1:] += np.conj(mirrored[:0:-1])
+        return np.fft.irfft2(half, (n // 2, n // 2)) / 4
 
     def _transform(self, band):
-        """Return (n, n // 2 + 1), the transform of the object in cells at a band."""
+        """Return complex64 (n, n // 2 + 1), the transform of the object in cells at a band."""
         if band not in self._made:
             point = self._point[band]
             if self._n > 2 * SIDES[0]:
                 before = (self._n - 2 * SIDES[0]) // 2
                 point = np.fft.rfft2(np.pad(np.fft.irfft2(point), before))
-            self._made[band] = point * self._galaxy
+            self._made[band] = (point * self._galaxy).astype(np.complex64, copy=False)
         return self._made[band]
 
     @cached_property
@@ -92,7 +100,7 @@ def _wave_numbers(n):
 
 
 def _galaxy(n, light, radius, slant):
-    """Return (n, n // 2 + 1): the transform of an object's components."""
+    """Return float32 (n, n // 2 + 1): the transform of an object's components."""
     ky, kx = _wave_numbers(n)
     out = np.zeros((n, len(kx)))
     for index, share, (a, b) in zip((DISK, BULGE), light, radius.T, strict=True):
@@ -100,7 +108,7 @@ def _galaxy(n, light, radius, slant):
             continue
         k2 = (a * kx) ** 2 + ((b * ky) ** 2)[:, None] + 2 * slant * a * b * np.outer(ky, kx)
         out += share * np.interp(np.sqrt(np.maximum(k2, 0.0)), _WAVES, _sersic(index))
-    return out
+    return out.astype(np.float32)
 
 
 @lru_cache

@@ -4,9 +4,10 @@
     image(X, row) += e(X) P(row - Y(X); lambda(X))
 
 with the trace X = x + p + q lambda, Y = y + r + s lambda of the orders' truth table, T the order's throughput, S the
-spectrum, constant in bins, P and the line profile from measure.spectra.line_profile (sizes in classes of a factor
-CLASS, the PSF of one place). Left out: the wing and the tail of a profile along the dispersion (its light stays near
-its column), the PSF's change over the frame, beams split by the line between two gratings.
+spectrum, constant in bins, P and the line profile from measure.spectra.line_profile (between those of two sizes a
+factor CLASS apart, the PSF of one place). Light that spreads far along the dispersion stays near its column: an even
+spectrum gets as much from others. Left out: light beyond HALF px across, the PSF's change over the frame, beams split
+by the line between two gratings.
 """
 
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ from csstsim.instrument.filter import GRID
 from csstsim.measure.spectra.line_profile import ACROSS, ALONG, HALF, PER_PX, broadened, psf_profile
 from csstsim.measure.spectra.near_orders import near_orders
 
-CLASS, SMALLEST, CLASSES = 1.3, 0.1, 26  # radii [px]: SMALLEST CLASS^k; class 0 is a point
+CLASS, SMALLEST, CLASSES = 1.2, 0.1, 38  # radii [px]: SMALLEST CLASS^k; class 0 is a point
 CHUNK = 500  # objects whose spectra are held at a time
 _STEP = GRID[1] - GRID[0]
 _REACH = 7, 4.0, 40  # px along the dispersion: least, per half-light radius, most
@@ -93,7 +94,7 @@ class SpectralModel:
         _draw(
             image, np.array([window.x0, window.x1, window.y0]), owner, pairs, traces, _share(orders),
             np.ascontiguousarray(spectra, float) * self.photons, edges, shapes.light[rows],
-            _class_of(shapes.radius[rows]), self.tables[ACROSS], self.kernels, self.cumulative, self.limits,
+            _place_of(shapes.radius[rows]), self.tables[ACROSS], self.kernels, self.cumulative, self.limits,
             self.bands, faintest,
         )  # fmt: skip
 
@@ -112,7 +113,8 @@ class SpectralModel:
         ends = np.stack([ends.min(axis=1) - wide, ends.max(axis=1) + wide], axis=1)
         wave = np.clip((ends - (orders["x"] + orders["p"])[:, None]) / orders["q"][:, None], GRID[0], GRID[-1])
         heights = (orders["y"] + orders["r"])[:, None] + orders["s"][:, None] * wave
-        light, size = shapes.light[orders["row"]], _class_of(shapes.radius[orders["row"], ACROSS])
+        light = shapes.light[orders["row"]]
+        size = np.rint(_place_of(shapes.radius[orders["row"], ACROSS])).astype(int)
         return near_orders(
             ends, heights, orders["electrons"], light, size, self.tables[ACROSS], window, boxes, faintest
         )
@@ -154,10 +156,10 @@ def _share(orders):
     return np.where(orders["cut"], share, 1.0)
 
 
-def _class_of(radius):
-    """Return the class of size of radii [px]."""
-    size = np.log(np.maximum(radius, 1e-9) / SMALLEST) / np.log(CLASS)
-    return np.clip(np.rint(size).astype(int) + 1, 0, CLASSES - 1)
+def _place_of(radius):
+    """Return where radii [px] lie among the classes of size: k is class k, k + 1/2 between it and the next one."""
+    place = np.log(np.maximum(radius, 1e-9) / SMALLEST) / np.log(CLASS) + 1
+    return np.where(radius < SMALLEST, np.clip(radius / SMALLEST, 0.0, 1.0), np.minimum(place, CLASSES - 1.0))
 
 
 def _kernels(profile, per_column, reach):
@@ -234,7 +236,8 @@ def _draw(
     image, bounds, owner, pairs, traces, shares, spectra, edges, light, size, tables, kernels, cumulative, limits,
     bands, faintest,
 ):  # fmt: skip
-    """Add orders to the image; owner: their object's row of spectra, light (n, 2) and size (n, 2 axes, 2)."""
+    """Add orders to the image; owner: their object's row of spectra, light (n, 2) and size (n, 2 axes, 2), places of
+    `_place_of`."""
     x0, x1, y0 = bounds
     most, before = kernels.shape[4] // 2, -1
     for i in range(len(pairs)):
@@ -248,9 +251,15 @@ def _draw(
         if last <= first:
             continue
         if k != before:
-            profile = a * tables[size[k, 1, 0], 0] + b * tables[size[k, 1, 1], 1]
             part = slice(most - reach, most + reach + 1)
-            kernel = a * kernels[size[k, 0, 0], 0][:, :, part] + b * kernels[size[k, 0, 1], 1][:, :, part]
+            profile, kernel = np.zeros(tables.shape[2:]), np.zeros((kernels.shape[2], kernels.shape[3], 2 * reach + 1))
+            for c in range(2):
+                if light[k, c] != 0.0:
+                    low, share = _between(size[k, 1, c], len(tables))
+                    profile += light[k, c] * ((1 - share) * tables[low, c] + share * tables[low + 1, c])
+                    low, share = _between(size[k, 0, c], len(tables))
+                    kernel += light[k, c] * ((1 - share) * kernels[low, c] + share * kernels[low + 1, c])[:, :, part]
+            kernel /= kernel.sum(axis=2).reshape(kernel.shape[0], kernel.shape[1], 1)  # what lies beyond stays near
             before = k
         column = np.zeros(last - first)
         _along(cumulative[pair], edges, spectra[k], at, per, float(first), kernel, bands, column)
@@ -259,9 +268,16 @@ def _draw(
 
 
 @numba.njit(cache=True)
-def _radius(size):
-    """Return the radius [px] of a class of size."""
-    return SMALLEST * CLASS ** (size - 1.0) if size else 0.0
+def _between(place, count):
+    """Return (class, share of the next one) of a place among `count` classes."""
+    low = min(int(place), count - 2)
+    return low, place - low
+
+
+@numba.njit(cache=True)
+def _radius(place):
+    """Return the radius [px] of a place among the classes of size."""
+    return SMALLEST * (CLASS ** (place - 1.0) if place > 1.0 else place)
 
 
 @numba.njit(cache=True)

@@ -9,6 +9,7 @@ import numpy as np
 from csstsim.base.errors import InputError
 from csstsim.base.files.fits_headers import check_headers
 from csstsim.base.files.text_file import read_text
+from csstsim.release.score.missing import without_missing
 from csstsim.release.score.quantities import ab_magnitude, in_our_unit, parse_key, shapes
 
 FORMATS = {
@@ -17,7 +18,6 @@ FORMATS = {
 }  # fmt: skip
 LARGEST = 1_000_000_000  # bytes of a text
 NAMED = 10  # columns that are not used, by name
-NOT_KNOWN = 90.0  # mag: 99 and -99 stand for "not measured"
 
 
 @dataclass(frozen=True)
@@ -65,11 +65,8 @@ def read_catalogue(path, maps, bands):
             raise InputError("a magnitude and a flux of one band", file=path, key=f"flux_{band}")
         if flux is not None:
             columns[f"mag_{band}"] = ab_magnitude(flux)
-        if f"mag_{band}" in columns:
-            mags = columns[f"mag_{band}"]
-            empty = np.isfinite(mags) & (np.abs(mags) >= NOT_KNOWN)
-            columns[f"mag_{band}"] = np.where(empty, np.nan, mags)
-            notes += [f"{empty.sum()} magnitudes in {band} are 90 or more: not known"] * bool(empty.any())
+    columns, empty = without_missing(columns)
+    notes += empty
     found = shapes(columns, chi)
     kept = {name: columns[name] for name in columns if name in ("ra", "dec", "z") or name.startswith("mag_")}
     return _placed(Catalogue(kept | (dict(zip(("e1", "e2"), found, strict=True)) if found else {}), told, notes), path)

@@ -14,6 +14,7 @@ from csstsim.release.score.catalogue import read_catalogue
 from csstsim.release.score.field import read_field
 from csstsim.release.score.lines import lines
 from csstsim.release.score.match import RADIUS, brightness, chance, matched
+from csstsim.release.score.unit_of_places import check_unit
 
 PAGE, JSON = "score.html", "score.json"
 
@@ -59,9 +60,12 @@ def judge(field, sources, band=None, radius=RADIUS, file=None):
         )  # fmt: skip
     if not there.all():
         notes.append(f"{(~there).sum()} of {len(sources)} sources lie outside the frames: left out")
-    sources = sources.take(there)
+    everything, sources = sources, sources.take(there)
     match_band = band if band and f"mag_{band}" in sources else None
     match = matched(truth, sources, match_band, radius)
+    check_unit(
+        truth, everything, int(match.found.sum()), lambda ra, dec: field.has(ra, dec, band), radius, file
+    )  # fmt: skip
     by_chance, tried = chance(truth, sources, lambda ra, dec: field.has(ra, dec, band), match_band, radius)
     mag = brightness(truth, band)
     snr = _snr(truth, band)
