@@ -122,6 +122,16 @@ def medians(columns, weight):
         print(f"F450W - F814W at {mag}: {ours:.2f} +- {error:.2f}; Hubble Deep Field {published:.2f} +- {sigma:.2f}")
 
 
+def line_widths():
+    """Print rest-frame equivalent widths of Halpha with [NII] by mass and redshift, beside those by rate."""
+    published = PUBLISHED["line_widths"]
+    print("Halpha + [NII] [A], log M 9, 9.5, 10, 10.5, 11; at 10 of its rate, published beyond z = 1")
+    for z in (0.1, 0.35, 0.5, *published["z"]):
+        found = [galaxy_sample.line_width(z, m, 6510, 6630) for m in (9.0, 9.5, published["log_mass"], 10.5, 11.0)]
+        widths = " ".join(f"{width:5.0f}" for width, _ in found)
+        print(f"z = {z}: {widths}; {published['per_rate'][0] * found[2][1]:.0f}")
+
+
 def mass_functions(ax, columns, weight):
     """Draw mass functions of the sample (cells of 0.2 dex), and the published points."""
     cosmology = galaxy_sample.cosmology()
@@ -265,6 +275,7 @@ def main():
     hst = hst_sample(path) if path.exists() else None
     counts_table(counts, *(sample := even_sample()))
     medians(*sample)
+    line_widths()
     mass_functions(masses, *sample)
     sizes(size, columns, hst)
     redshifts(redshift, columns, hst)
