@@ -62,6 +62,7 @@ def counts_table(ax, columns, weight):
     for band, colour in (("nuv", "m"), ("u", "b"), ("g", "c"), ("i", "r"), ("y", "brown")):
         ax.semilogy(centre, counts[band], ".-", color=colour, ms=4, lw=0.7, label=band)
     beside_published(m, weight)
+    beside_hsc(ax, columns, weight, m["i"])
     real = np.array(PUBLISHED["i_counts"])
     ax.semilogy(real[:, 0], 10 ** real[:, 1], "ro", mfc="none", label="i, Weaver+ 2022")
     u = np.array(PUBLISHED["u_counts"])
@@ -84,6 +85,23 @@ def beside_published(m, weight):
         print(f"{mag:6.2f}  {found['i'] - i[mag]:+.2f} {found['r'] - r:+.2f} {found['z'] - z:+.2f}")
     for limit, number in PUBLISHED["r_cumulative"]:
         print(f"r < {limit}: {weight[m['r'] < limit].sum():.0f} deg-2; published {number}")
+
+
+def beside_hsc(ax, columns, weight, i):
+    """Print counts in HSC's bands over those of HSC, and over them the same ratio in i; draw HSC's in g and y."""
+    hsc, found = PUBLISHED["hsc_counts"], {}
+    edges, keep = np.array(hsc["edges"]), i < 27
+    columns, weight = select(columns, keep), weight[keep]
+    level = i[keep] - galaxy_sample.top_hat(columns, *hsc["bands"]["i"])  # of the bands' magnitudes, the same for all
+    for band, limits in hsc["bands"].items():
+        magnitude = galaxy_sample.top_hat(columns, *limits) + np.median(level)
+        found[band] = np.histogram(magnitude, edges, weights=weight)[0] / np.diff(hsc[band])
+    print("mag  ours / HSC in " + " ".join(found) + "; the same over that in i")
+    for k, low in enumerate(edges[:-1]):
+        print(f"{low:g}-{low + 1:g}  " + " ".join(f"{v[k]:5.2f}" for v in found.values()) + "   "
+              + " ".join(f"{v[k] / found['i'][k]:5.2f}" for v in found.values()))  # fmt: skip
+    for band, colour in (("g", "c"), ("y", "brown")):
+        ax.semilogy(edges[:-1] + 0.5, np.diff(hsc[band]), "x", color=colour, ms=4, label=f"{band}, HSC")
 
 
 def weighted_median(values, weight):
