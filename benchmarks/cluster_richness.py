@@ -194,10 +194,13 @@ def with_projection(axis, clusters, bricks):
         words = []
         for low, high in ((13.8, 14.05), (14.05, 14.35), (14.35, 14.7)):
             here = (mass > low) & (mass < high)
-            scatter = np.log(np.maximum(found[here], 1)).std()
+            scatter = 0.5 * np.diff(np.log(np.maximum(np.percentile(found[here], [16, 84]), 1)))[0]
             expected = murata(mass[here])[1].mean()
             words.append(f"{mass[here].mean():.2f}: {found[here].mean():.1f} ({expected:.1f}), {scatter:.2f}")
-        print(f"slice {width} (1 + z), richness at log mass (Murata et al.), scatter in ln: " + "; ".join(words))
+        print(
+            f"slice {width} (1 + z), richness at log mass (Murata et al.), half of the 68% range in ln: "
+            + "; ".join(words)
+        )
         words = []
         for low, high in pairwise(RICHNESS):
             here = (found >= low) & (found < high)

@@ -169,7 +169,7 @@ def mass_functions(ax, columns, weight):
     ax.legend(fontsize=6, title="z", title_fontsize=6)
 
 
-def sizes(ax, columns, hst):
+def sizes(ax, columns, hst, even, weight):
     half = galaxy_sample.half_light(columns)
     e = np.hypot(columns["e1"], columns["e2"])
     axis = half * np.sqrt((1 + e) / (1 - e))
@@ -193,7 +193,8 @@ def sizes(ax, columns, hst):
         ax.semilogy(hst["i"], hst["hlr"], "b.", ms=3, label="HST, 100 galaxies")
         for low, high in ((20, 21.5), (21.5, 22.5)):
             real = np.log(hst["hlr"][(hst["i"] > low) & (hst["i"] < high)])
-            ours = np.median(half[(columns["i"] > low) & (columns["i"] < high)])
+            here = (even["i"] > low) & (even["i"] < high)
+            ours, _ = weighted_median(galaxy_sample.half_light(select(even, here)), weight[here])
             error = 1.25 * np.std(real) / np.sqrt(len(real))
             print(
                 f"HST {low} < i < {high}: median {np.exp(np.median(real)):.3f} +- {100 * error:.0f}%; ours {ours:.3f}"
@@ -295,7 +296,7 @@ def main():
     medians(*sample)
     line_widths()
     mass_functions(masses, *sample)
-    sizes(size, columns, hst)
+    sizes(size, columns, hst, *sample)
     redshifts(redshift, columns, hst)
     bright = select(columns, columns["i"] < 26.5)
     m = galaxy_sample.magnitudes(bright)
