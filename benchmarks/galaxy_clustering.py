@@ -7,33 +7,29 @@ w(theta) is by treecorr (Landy & Szalay), with errors by leaving out one brick a
 compared with Limber's integral of halofit times the square of the bias that Nicola et al. (2020, JCAP 03, 044) measured
 in HSC, b = (0.8346 - 0.0624 (i - 24)) D^-1.3. The seam test counts pairs in the same brick and pairs across a border.
 
-Richness is the number of quiescent members above 10^10.1 solar masses (0.2 L*) within R_lambda. Its mean at given mass
-is beside Murata et al. (2018, ApJ 854, 120), who fitted the richness of haloes of given mass to SDSS. The mean mass at
-given richness, over the mass function, is beside McClintock et al. (2019, MNRAS 482, 1352). The two are not each
-other's inverse, because richness scatters. Satellites by halo mass at z = 0.1 are beside Zehavi et al. (2011, ApJ 736,
-59, table 3), at the same number density; their masses are scaled to our larger density of matter.
+Richness against mass is that of benchmarks/cluster_richness.py. Satellites by halo mass at z = 0.1 are beside Zehavi et
+al. (2011, ApJ 736, 59, table 3), at the same number density; their masses are scaled to our larger density of matter.
 Writes docs/figures/galaxy_clustering.png; exit code 1 if the seam test fails.
 """
 
 import argparse
 import sys
-from itertools import pairwise
 from pathlib import Path
 
+import cluster_richness
 import matplotlib
 import numpy as np
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import treecorr
+from cluster_richness import FIRST
 from scipy.special import j0
 
-from csstsim.base.counter import object_keys
 from csstsim.base.healpix import NSIDE
 from csstsim.catalog.truth_bricks import _clustered, place
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.load import read_data
-from csstsim.universe.galaxies.members import draw_members
 from csstsim.universe.lensing.power_spectrum import MatterPower
 from csstsim.universe.parameters import load_universe
 
@@ -44,7 +40,6 @@ BINS = {"min_sep": 0.1, "max_sep": 30.0, "nbins": 12, "sep_units": "arcmin", "bi
 SEAM = {"min_sep": 0.1, "max_sep": 6.0, "nbins": 6, "sep_units": "arcmin", "bin_slop": 0.1, "num_threads": 1}
 COSMOS = (1.0, 0.014)  # arcmin, w: at a median i of 24 (McCracken et al. 2007, ApJS 172, 314)
 H = 0.6766
-SDSS_Z, HSC_Z = 0.25, 0.35  # of clusters: Murata et al. (0.1 to 0.33), the pivot of McClintock et al.
 PUBLISHED = read_data(Path(__file__).resolve().parents[1] / "tests" / "universe" / "published_galaxies.yaml")
 
 
@@ -125,59 +120,6 @@ def predicted(theta, z, universe):
     )
 
 
-def richness(clusters, mass, z):
-    """Return the richness of clusters drawn at log10 masses (n,)."""
-    rng = np.random.default_rng(1)
-    radius = clusters.matter.mass_function.virial_radius(10**mass)
-    keys = object_keys(np.uint64(9), np.arange(len(mass)))
-    concentration = clusters.matter.haloes.mean_concentration(10**mass, z) * 10 ** (
-        0.14 * rng.standard_normal(len(mass))
-    )
-    members = draw_members(clusters.occupation, np.full(len(mass), z), mass, concentration, radius, keys)
-    red = (members.kind == 1) & (members.log_mass > 10.1)
-    apart = np.hypot(members.offset[:, 0], members.offset[:, 1]) / (1 + z)  # Mpc
-    found = np.full(len(mass), 20.0)
-    for _ in range(20):  # R_lambda = (lambda / 100)^0.2 Mpc / h depends on what it holds
-        inside = red & (apart < (found[members.halo] / 100) ** 0.2 / H)
-        found = np.bincount(members.halo[inside], minlength=len(mass))
-    return found
-
-
-def murata(log_mass):
-    """Return the median and mean richness of haloes of these log10 masses by Murata et al. (2018)."""
-    law = PUBLISHED["richness"]
-    x = np.log(10**log_mass * H / law["pivot"])
-    median = np.exp(law["a"] + law["b"] * x)
-    return median, median * np.exp(0.5 * (law["sigma"] + law["q"] * x) ** 2)
-
-
-def clusters_beside_published(axis, clusters):
-    """Draw richness and mass; print the mean richness at given mass and the mean mass at given richness."""
-    mass = np.repeat(np.arange(13.3, 15.21, 0.1), 60)
-    found = richness(clusters, mass, SDSS_Z)
-    axis.plot(found, 10**mass, ".", ms=3, alpha=0.4)
-    grid = np.linspace(13.5, 15.1)
-    axis.plot(murata(grid)[0], 10**grid, "k", label="Murata et al. 2018, at given mass")
-    for m in (13.9, 14.2, 14.5, 14.8):
-        here = np.abs(mass - m) < 0.01
-        scatter = np.log(np.maximum(found[here], 1)).std()
-        print(
-            f"z = {SDSS_Z}, richness at 10^{m:.1f}: {found[here].mean():.1f}, scatter {scatter:.2f} in ln; "
-            f"published {murata(m)[1]:.1f}"
-        )
-    found = richness(clusters, mass, HSC_Z)
-    weight = clusters.matter.mass_function.dn_dlnm(10**mass, HSC_Z)
-    edges = (20, 30, 45, 80)
-    for low, high in pairwise(edges):
-        here = (found >= low) & (found < high)
-        mean, lam = (np.average(v[here], weights=weight[here]) for v in (10**mass, found))
-        published = 3.081e14 * (lam / 40) ** 1.356
-        print(f"z = {HSC_Z}, mass at richness {lam:.0f}: {mean:.2e}, published {published:.2e}")
-        axis.plot(lam, mean, "rs", label="mean mass at given richness" if low == edges[0] else None)
-    grid = np.array([15, 100])
-    axis.plot(grid, 3.081e14 * (grid / 40) ** 1.356, "r", label="McClintock et al. 2019")
-
-
 def satellites(occupation, z=0.1):
     """Print mean satellites by halo mass beside Zehavi et al. (2011), at the same number densities."""
     published = PUBLISHED["satellites"]
@@ -204,6 +146,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--sky", type=Path, default=Path("results/clustered_sky"))
     parser.add_argument("--structure", default="haloes")
+    parser.add_argument("--clusters", type=int, default=1024, help="bricks with haloes alone, for the richness")
     args = parser.parse_args()
     with np.load(args.sky / f"{args.structure}.npz") as file:
         sky = dict(file)
@@ -240,7 +183,8 @@ def main():
         print(f"seam, i < 23, {t:.2f} arcmin: within bricks {a:.4f}, across {b:.4f}, {sigma:+.1f} sigma")
     clusters = _clustered(7, universe, load_camera(), "haloes")
     satellites(clusters.occupation)
-    clusters_beside_published(axes[2], clusters)
+    cluster_richness.beside_published(axes[2], clusters)
+    cluster_richness.with_projection(axes[2], clusters, np.arange(FIRST, FIRST + args.clusters))
     for axis, words in zip(axes, ("theta [arcmin]", "theta [arcmin]", "richness"), strict=True):
         axis.set(xscale="log", yscale="log", xlabel=words)
         axis.legend(fontsize=8)

@@ -62,6 +62,7 @@ def counts_table(ax, columns, weight):
     for band, colour in (("nuv", "m"), ("u", "b"), ("g", "c"), ("i", "r"), ("y", "brown")):
         ax.semilogy(centre, counts[band], ".-", color=colour, ms=4, lw=0.7, label=band)
     beside_published(m, weight)
+    beside_hsc(ax, columns, weight, m["i"])
     real = np.array(PUBLISHED["i_counts"])
     ax.semilogy(real[:, 0], 10 ** real[:, 1], "ro", mfc="none", label="i, Weaver+ 2022")
     u = np.array(PUBLISHED["u_counts"])
@@ -84,6 +85,23 @@ def beside_published(m, weight):
         print(f"{mag:6.2f}  {found['i'] - i[mag]:+.2f} {found['r'] - r:+.2f} {found['z'] - z:+.2f}")
     for limit, number in PUBLISHED["r_cumulative"]:
         print(f"r < {limit}: {weight[m['r'] < limit].sum():.0f} deg-2; published {number}")
+
+
+def beside_hsc(ax, columns, weight, i):
+    """Print counts in HSC's bands over those of HSC, and over them the same ratio in i; draw HSC's in g and y."""
+    hsc, found = PUBLISHED["hsc_counts"], {}
+    edges, keep = np.array(hsc["edges"]), i < 27
+    columns, weight = select(columns, keep), weight[keep]
+    level = i[keep] - galaxy_sample.top_hat(columns, *hsc["bands"]["i"])  # of the bands' magnitudes, the same for all
+    for band, limits in hsc["bands"].items():
+        magnitude = galaxy_sample.top_hat(columns, *limits) + np.median(level)
+        found[band] = np.histogram(magnitude, edges, weights=weight)[0] / np.diff(hsc[band])
+    print("mag  ours / HSC in " + " ".join(found) + "; the same over that in i")
+    for k, low in enumerate(edges[:-1]):
+        print(f"{low:g}-{low + 1:g}  " + " ".join(f"{v[k]:5.2f}" for v in found.values()) + "   "
+              + " ".join(f"{v[k] / found['i'][k]:5.2f}" for v in found.values()))  # fmt: skip
+    for band, colour in (("g", "c"), ("y", "brown")):
+        ax.semilogy(edges[:-1] + 0.5, np.diff(hsc[band]), "x", color=colour, ms=4, label=f"{band}, HSC")
 
 
 def weighted_median(values, weight):
@@ -122,6 +140,16 @@ def medians(columns, weight):
         print(f"F450W - F814W at {mag}: {ours:.2f} +- {error:.2f}; Hubble Deep Field {published:.2f} +- {sigma:.2f}")
 
 
+def line_widths():
+    """Print rest-frame equivalent widths of Halpha with [NII] by mass and redshift, beside those by rate."""
+    published = PUBLISHED["line_widths"]
+    print("Halpha + [NII] [A], log M 9, 9.5, 10, 10.5, 11; at 10 of its rate, published beyond z = 1")
+    for z in (0.1, 0.35, 0.5, *published["z"]):
+        found = [galaxy_sample.line_width(z, m, 6510, 6630) for m in (9.0, 9.5, published["log_mass"], 10.5, 11.0)]
+        widths = " ".join(f"{width:5.0f}" for width, _ in found)
+        print(f"z = {z}: {widths}; {published['per_rate'][0] * found[2][1]:.0f}")
+
+
 def mass_functions(ax, columns, weight):
     """Draw mass functions of the sample (cells of 0.2 dex), and the published points."""
     cosmology = galaxy_sample.cosmology()
@@ -141,7 +169,7 @@ def mass_functions(ax, columns, weight):
     ax.legend(fontsize=6, title="z", title_fontsize=6)
 
 
-def sizes(ax, columns, hst):
+def sizes(ax, columns, hst, even, weight):
     half = galaxy_sample.half_light(columns)
     e = np.hypot(columns["e1"], columns["e2"])
     axis = half * np.sqrt((1 + e) / (1 - e))
@@ -165,7 +193,8 @@ def sizes(ax, columns, hst):
         ax.semilogy(hst["i"], hst["hlr"], "b.", ms=3, label="HST, 100 galaxies")
         for low, high in ((20, 21.5), (21.5, 22.5)):
             real = np.log(hst["hlr"][(hst["i"] > low) & (hst["i"] < high)])
-            ours = np.median(half[(columns["i"] > low) & (columns["i"] < high)])
+            here = (even["i"] > low) & (even["i"] < high)
+            ours, _ = weighted_median(galaxy_sample.half_light(select(even, here)), weight[here])
             error = 1.25 * np.std(real) / np.sqrt(len(real))
             print(
                 f"HST {low} < i < {high}: median {np.exp(np.median(real)):.3f} +- {100 * error:.0f}%; ours {ours:.3f}"
@@ -265,8 +294,9 @@ def main():
     hst = hst_sample(path) if path.exists() else None
     counts_table(counts, *(sample := even_sample()))
     medians(*sample)
+    line_widths()
     mass_functions(masses, *sample)
-    sizes(size, columns, hst)
+    sizes(size, columns, hst, *sample)
     redshifts(redshift, columns, hst)
     bright = select(columns, columns["i"] < 26.5)
     m = galaxy_sample.magnitudes(bright)

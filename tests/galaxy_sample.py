@@ -102,3 +102,18 @@ def top_hat(columns, low, high):
     band = ((low <= GRID) & (high >= GRID)).astype(float)
     rate = seds().rates(columns["z"], mix, np.zeros(len(mix)), band[None])[:, 0] * columns["sed_scale"]
     return -2.5 * np.log10(np.maximum(rate, 1e-300) / (band / GRID).sum())  # AB: photons per angstrom go as 1 / lambda
+
+
+def line_width(z, log_mass, low, high, count=400):
+    """Return the median equivalent width of the lines between two wavelengths [A, rest frame], and the median rate.
+
+    Of `count` star-forming galaxies of one redshift and log10 mass, seen at |e| = 0.3. The rate is the specific
+    star-formation rate [1e-9 / yr].
+    """
+    every = np.ones(count)
+    mix, dust, lines, history = population()._stars(
+        lambda name: stream(6, name), z * every, log_mass * every, 0 * every, 0.3 * every
+    )
+    inside = (seds().wavelength > low) & (seds().wavelength < high)
+    full, plain = (seds().coefficients(mix, dust, factor) @ seds().basis[:, inside] for factor in (lines, 0 * lines))
+    return np.median((full / plain - 1).sum(axis=1)) * seds().step, np.median(history["sfr"]) / 10 ** (log_mass - 9)
