@@ -12,7 +12,8 @@ from csstsim.universe.lensing.power_spectrum import MatterPower
 from csstsim.universe.structure.halo_lensing import halo_lenses, halo_shear
 from csstsim.universe.structure.mass_function import HaloMassFunction
 
-DISC = NUMBERS["haloes"]["compensation"]
+NUMBERS = NUMBERS | {"haloes": NUMBERS["haloes"] | {"compensation": [2.0, 2.0, 2.0, 2.0]}}
+DISC = 2.0
 PLACES = {"common": (123.0, -41.0), "RA 0": (0.0, 10.0), "pole": (40.0, 90.0)}
 
 

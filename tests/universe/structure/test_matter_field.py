@@ -36,7 +36,9 @@ def test_haloes_part_by_brute_force():
     z = float(np.interp(chi, *matter.shells.distances))
     mass = np.geomspace(3e12, 5e15, 400)
     numbers = NUMBERS["haloes"]
-    r200, disc = haloes.virial_radius(mass), numbers["compensation"] * haloes.lagrangian_radius(mass)
+    r200 = haloes.virial_radius(mass)
+    ratios = numbers["compensation"]  # of the tiers from 3e12, 2e13, 1e14 and 4e14 on
+    disc = np.select([mass < 2e13, mass < 1e14, mass < 4e14], ratios[:3], ratios[3]) * haloes.lagrangian_radius(mass)
     c = matter.haloes.mean_concentration(mass, z)
     y = np.linspace(0, 1, 2001)[1:]
     from scipy.special import j0
@@ -125,13 +127,28 @@ def test_field_without_haloes_is_another_field():
         {"shells": {"thickness": 1, "z_end": 4.0}}, {"shells": {"thickness": 600, "z_end": 3.0}}, {"galaxy_scale": 0.0},
         *({"haloes": FEW["haloes"] | one} for one in (
             {"z_min": 0.0}, {"z_max": 9.0}, {"tiers": [1e14, 1e13]}, {"tiers": [1e14]}, {"lens_mass": 2e13},
-            {"placement": np.nan}, {"compensation": 0.0},
+            {"placement": np.nan}, {"compensation": [0.0, 2.0]}, {"compensation": [2.0]},
         )),
     ],
 )  # fmt: skip
 def test_numbers_that_make_no_matter(wrong):
     with pytest.raises(ValueError, match=r"needs|lens_mass"):
         MatterField(1, COSMOLOGY, COARSE, FEW | wrong)
+
+
+def test_matter_about_haloes_adds_up_to_the_spectrum():
+    """The smooth part's spectrum with all matter, and the haloes' by tier, are C_l less C_1h."""
+    matter, ell, shell = shipped(), np.array([30, 100, 200, 400, 800, 2000]), 8
+    spectra, strength = matter.spectra, matter.amplitude[shell] ** 2
+    smooth = strength * matter.powers(ell) * np.sqrt(spectra.factors(ell)[shell])
+    total = smooth.sum(axis=1)
+    _, biases, _, _ = spectra._clustering
+    for tier, bias in enumerate(biases[shell]):
+        about = spectra.around(ell, matter.amplitude, shell, tier, bias)
+        total += spectra.response(ell)[shell, tier] / bias * about * matter.shells.kernel()[shell] ** 2
+    wanted = (strength * matter.powers(ell) * spectra.factors(ell)[shell]).sum(axis=1)
+    wanted += spectra.lognormal(ell, matter.amplitude)[shell]
+    np.testing.assert_allclose(total, wanted, rtol=0.005)  # biases within a tier differ
 
 
 def test_haloes_spectra_end_with_the_haloes():

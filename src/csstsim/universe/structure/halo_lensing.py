@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from csstsim.base.sphere import frames
-from csstsim.universe.structure.halo_profile import nfw_projected
+from csstsim.universe.structure.halo_profile import disc_radius, nfw_projected
 
 _BUCKET = np.radians(0.7 / 60)  # side of the squares into which sources are sorted
 
@@ -25,7 +25,7 @@ def halo_lenses(haloes, mass_function, numbers):
     chi = cosmology.comoving_distance(haloes["z"])
     strength = 1.5 * cosmology.omega_m / cosmology.hubble_distance**2 * (1 + haloes["z"])
     strength = strength * mass / mass_function.density / (np.pi * chi)
-    disc = numbers["compensation"] * mass_function.lagrangian_radius(mass) / chi
+    disc = disc_radius(mass_function, mass, numbers) / chi
     sphere = mass_function.virial_radius(mass) / chi
     return np.column_stack([frames(a, d)[0], chi, strength, disc, sphere, haloes["concentration"]])
 

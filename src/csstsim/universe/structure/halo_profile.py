@@ -31,6 +31,13 @@ def nfw_mass(c):
     return np.log1p(c) - c / (1 + c)
 
 
+def disc_radius(mass_function, mass, numbers):
+    """Return R_c [Mpc, comoving] of haloes of `mass` [solar]; numbers: section haloes of structure.yaml."""
+    tiers = np.array(numbers["tiers"])
+    tier = np.searchsorted(tiers[tiers > 1.001 * numbers["lens_mass"]][:-1], mass, side="right")
+    return np.array(numbers["compensation"])[tier] * mass_function.lagrangian_radius(mass)
+
+
 def disc_transform(k, radius):
     """Return g(k), 1 at k = 0, of the disc of `radius` R_c."""
     x = np.maximum(np.asarray(k * radius, float), 0.1)  # nearer to 0 the quotient loses digits

@@ -13,8 +13,8 @@ B_s is the spectrum of kernel s, l_s its peak. With these weights haloes follow 
 their spectrum with matter is b times that of matter. C_l is linear in a_s^2, so a smooth part is found with which it is
 halofit's, within 3 %: the other terms leave too little for it near l = 200 at z < 0.6.
 C_ln comes from haloes that cluster more than linearly with the field (intensity): of their correlation, b b' xi is in
-the first term already. There b is the mean of a tier, weighted by its part. The spectrum with the smooth field has no
-C_ln.
+the first term already. There b is the mean of a tier, weighted by its part. Haloes have no more with the smooth field
+than b times its own spectrum, but they have with other haloes (`around`).
 """
 
 from functools import cached_property
@@ -26,7 +26,7 @@ from scipy.optimize import nnls
 from scipy.special import j0
 
 from csstsim.universe.structure.density import within
-from csstsim.universe.structure.halo_profile import disc_transform, nfw_transform
+from csstsim.universe.structure.halo_profile import disc_radius, disc_transform, nfw_transform
 from csstsim.universe.structure.haloes import concentration, tier_orders
 from csstsim.universe.structure.intensity import excess, series
 
@@ -123,6 +123,25 @@ class HaloSpectra:
             )
         return CubicSpline(np.log(_ELL), total * kernel**2, axis=1)(np.log(ell))
 
+    def around(self, ell, amplitude, shell, tier, bias):
+        """Return the spectrum (len(ell),) of haloes with the other matter of their shell, both as overdensities.
+
+        tier: of the lensing ones, from 0; amplitude: as for `lognormal`. Its Hankel transform is the mean overdensity
+        about haloes of that bias, without their own mass.
+        """
+        kernel, (second, biases, transform, shapes) = self.field.shells.kernel()[shell], self._clustering
+        wide, strength, powers = self.wide()[:, shell], amplitude[shell] / kernel, self.field.powers(ell)
+        response = 1 + self.weights[shell] * np.einsum("ts,tl->ls", wide, self.response(ell)[shell])
+        linear = bias * (strength**2 * self.weights[shell] * wide[tier] * powers * response).sum(axis=1)
+        power = (strength * self.weights[shell]) ** 2 * wide
+        sigma = np.sqrt(power @ shapes[:, 0])
+        own, extra = series(bias * sigma[tier]), np.zeros(len(_ELL))
+        for t in np.flatnonzero(biases[shell]):
+            r = (power[t] * wide[tier]) @ shapes / (sigma[t] * sigma[tier])
+            curved = excess(own, series(biases[shell, t] * sigma[t]), r)
+            extra += second[shell, t] / biases[shell, t] ** 2 * (transform @ curved)
+        return linear + CubicSpline(np.log(_ELL), extra)(np.log(ell))
+
     @cached_property
     def _clustering(self):
         """Responses with b^2 and biases (shells, tiers), transform and correlations, of C_ln at multipoles _ELL."""
@@ -143,7 +162,7 @@ def _moments(mass_function, low, high, z, numbers):
     c = concentration(mass, z, numbers["concentration"], mass_function.cosmology.h0 / 100)
     scatter = 10 ** (numbers["concentration"]["scatter"] * _SCATTER)
     profiles = np.stack([nfw_transform(k, mass_function.virial_radius(mass), c * s) for s in scatter])
-    profiles -= disc_transform(k, numbers["compensation"] * mass_function.lagrangian_radius(mass))
+    profiles -= disc_transform(k, disc_radius(mass_function, mass, numbers))
     chances = _CHANCES / _CHANCES.sum()
     first, second = (np.einsum("s,skm->km", chances, profiles**p) for p in (1, 2))
     number = 0.5 * np.log(high / low) * weights * mass_function.dn_dlnm(mass, z)

@@ -19,6 +19,7 @@ from csstsim.universe.lensing.potential_field import PotentialField
 from csstsim.universe.lensing.power_spectrum import MatterPower
 from csstsim.universe.structure.density import ShellDensity, kernel_order
 from csstsim.universe.structure.halo_lensing import halo_lenses, halo_shear
+from csstsim.universe.structure.halo_profile import disc_radius
 from csstsim.universe.structure.halo_spectra import HaloSpectra
 from csstsim.universe.structure.haloes import Haloes, tier_orders
 from csstsim.universe.structure.kernels import add_lensing
@@ -95,7 +96,7 @@ class MatterField(PotentialField):
 
     def disc_angle(self, z, log_mass):
         """Return the angle [rad] beyond which a halo does not lens."""
-        radius = self.numbers["haloes"]["compensation"] * self.mass_function.lagrangian_radius(10.0**log_mass)
+        radius = disc_radius(self.mass_function, 10.0**log_mass, self.numbers["haloes"])
         return 2 * np.arcsin(np.minimum(0.5 * radius / self.shells.cosmology.comoving_distance(z), 1.0)) + _MARGIN
 
     def density(self, ra, dec, z):
@@ -159,5 +160,6 @@ def _check(lensing, numbers):
     placement = np.atleast_1d(haloes["placement"])
     if not (len(placement) == len(tiers) - 1 and min(placement) >= 0.2 and max(placement) <= 3):
         raise ValueError("structure: haloes.placement needs a number from 0.2 to 3 for each tier")
-    if not 0.5 <= haloes["compensation"] <= 5:
-        raise ValueError("structure: needs 0.5 <= haloes.compensation <= 5")
+    discs = np.atleast_1d(haloes["compensation"])
+    if not (len(discs) == len(tiers) - 1 - tiers.index(haloes["lens_mass"]) and min(discs) >= 0.5 and max(discs) <= 5):
+        raise ValueError("structure: haloes.compensation needs a number from 0.5 to 5 for each tier that lenses")
