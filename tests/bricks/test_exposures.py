@@ -175,6 +175,21 @@ def test_wings_of_objects_are_no_sky(frames):
     assert found[LEVEL]["passed"] is False
 
 
+@pytest.mark.parametrize(("size", "index", "passes"), [(16.0, 4.0, True), (4.0, 0.5, False), (1.0, 4.0, False)])
+def test_outskirts_of_a_large_galaxy_are_no_sky(frames, size, index, passes):
+    """A third of the light of a nearby elliptical galaxy lies below a pixel's noise; a compact one's does not."""
+    lit = in_channel(frames[0], level=1.05)
+    light = 0.05 * frames[0].info["channels"][1]["level"] * SIDE * SIDE / 2
+    truth = lit.truth
+    one = (np.arange(len(truth)) == np.argmax(truth["x"] * (truth["obj_type"] == GALAXY))).astype(float)
+    large = truth.with_columns(
+        drawn=4 * light * one, bulge_frac=one, size_disk=0 * one, size_bulge=size * one,
+        n_bulge=np.full(len(truth), index),
+    )  # fmt: skip
+    found = {gate["name"]: gate for gate in gates([replace(lit, truth=large)])}
+    assert found[LEVEL]["passed"] is passes
+
+
 def test_pixels_too_few_and_sky_unknown_judge_nothing(frames):
     frame = in_channel(frames[0], level=2.0)
     unknown = replace(frame, facts=replace(frame.facts, sky=None))

@@ -82,7 +82,8 @@ def test_our_own_commands_take_it(campaign):
     facts = frame_facts(campaign, job)
     assert max(abs(value) for _, value, _ in header_off(facts)["gain"]) < 1e-12
     channels = ObjectTable.read(campaign.paths.measure(OBSID, CHIP)).meta["channels"]
-    off = pixels_off(channels, facts, read_truth(campaign.paths.level0_truth(job)))
+    truth = read_truth(campaign.paths.level0_truth(job))
+    off = pixels_off(channels, facts, truth, campaign.camera.telescope.pixel_scale)
     assert len(channels) == 16 and off["bias"] == off["read_noise"] == []
     file = read_level0(campaign.paths.level0(job), verify=True)
     assert file.layout == "chip" and not file.readout.overscan

@@ -8,7 +8,18 @@ from scipy.integrate import quad
 from scipy.special import j0
 
 from csstsim.profiles.log_table import first_of, nodes, read
-from csstsim.profiles.sersic import K2_HIGH, K2_LOW, R2_HIGH, R2_LOW, brightness, cut_for, extent, sersic_b, tables
+from csstsim.profiles.sersic import (
+    K2_HIGH,
+    K2_LOW,
+    R2_HIGH,
+    R2_LOW,
+    brightness,
+    brightness_radius,
+    cut_for,
+    extent,
+    sersic_b,
+    tables,
+)
 
 K = np.sqrt(nodes(K2_LOW, K2_HIGH))
 SQUARE = nodes(R2_LOW, R2_HIGH)
@@ -72,6 +83,16 @@ def test_a_split_profile_is_the_whole(index, cut):
 
         value = sum(quad(ring, *ends, limit=300)[0] for ends in ((-25, np.log(cut / 2)), np.log([cut / 2, cut])))
         assert np.interp(k, K, transform) == pytest.approx(value, abs=5e-5)
+
+
+@pytest.mark.parametrize("index", [0.3, 1.0, 4.0, 6.2])
+def test_the_radius_of_a_brightness_is_galsims(index):
+    """GalSim's profile has that brightness there; one that is fainter in the middle has no such radius."""
+    profile = galsim.Sersic(index, half_light_radius=1.0)
+    for limit in (1e-3, 0.05):
+        radius = brightness_radius(limit, index)
+        assert profile.xValue(0.0, radius) == pytest.approx(limit, rel=1e-4)
+    assert brightness_radius(2 * brightness(0.0, index), index) == 0.0
 
 
 def test_a_profile_ends_where_its_light_does():

@@ -148,6 +148,11 @@ def brightness(r, index):
         return np.exp(2 * index * np.log(b) - np.log(2 * np.pi * index) - gammaln(2 * index) - b * r ** (1 / index))
 
 
+def brightness_radius(limit, index):
+    """Return the radius [r_e] where a profile of light 1 falls to a brightness [per r_e^2]; 0: it is fainter."""
+    return (np.log(max(brightness(0.0, index) / limit, 1.0)) / sersic_b(index)) ** index
+
+
 def _inside(r, cut):
     if cut <= CUT_NONE:
         return np.zeros_like(r)

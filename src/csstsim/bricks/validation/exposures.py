@@ -148,7 +148,7 @@ def _depth(frame, limits, of):
 
 
 def _pixels(frame, limits, of):
-    found = pixels_off(frame.info.get("channels", ()), frame.facts, frame.truth)
+    found = pixels_off(frame.info.get("channels", ()), frame.facts, frame.truth, frame.pixel)
     return (
         of.worst("background over sky and dark, less 1", found["level"], limits.level_off_max)
         + of.worst("noise over that of sky, dark and readout, less 1", found["noise"], limits.noise_off_max)

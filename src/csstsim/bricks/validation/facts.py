@@ -11,9 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from csstsim.bricks.validation.compare import half_light
+from csstsim.profiles.sersic import BULGE, DISK, brightness_radius, light_beyond
+
 LEAST = 256**2  # px: a smaller background has less than one mesh (measure.detection.background) and is not judged
 FAINT = 5.0  # S/N: all light of fainter objects counts as background
 OUTSIDE = 0.02  # share of brighter objects' light that may be unmasked: 1% of saturated stars' is
+LARGE = 32.0  # px, half-light radius of galaxies of which as much as lies below a pixel's noise counts as background
 ROUNDING = 12**-0.5  # rms of rounding, in steps
 
 
@@ -69,16 +73,17 @@ class Facts:
         return np.sqrt(self.sky * response + self.dark + self.read_noise**2 + rounding**2) / response
 
 
-def pixels_off(channels, facts, truth):
+def pixels_off(channels, facts, truth, pixel):
     """Return {name: list of (channel or None, value, chance)} of a frame's channels (measure.calibration).
 
     level, noise: measured over expected, less 1, of channels of LEAST px or more and of the whole frame (channel None);
     read_noise: the overscan's over the camera's, less 1; bias: the overscan's less the header's, DN. chance: one sigma.
-    The level may include all light of FAINT objects (`truth`: io.truth.read_truth) and a share OUTSIDE of the others'.
+    The level may include all light of FAINT objects (`truth`: io.truth.read_truth), a share OUTSIDE of the others', and
+    the faint outskirts of LARGE galaxies. pixel: its side [arcsec].
     """
     out = {"level": [], "noise": [], "read_noise": [], "bias": []}
     pixels = np.array([_size(part["window"]) for part in channels])
-    parts = list(zip(channels, pixels, _wings(channels, pixels, truth), strict=True))
+    parts = list(zip(channels, pixels, _wings(channels, pixels, truth, pixel), strict=True))
     for part, n, light in [*_whole(parts), *parts] if facts.sky is not None else ():
         if n < LEAST:
             continue
@@ -108,7 +113,7 @@ def _size(window):
     return (x1 - x0) * (y1 - y0)
 
 
-def _wings(channels, pixels, truth):
+def _wings(channels, pixels, truth, pixel):
     """Return (n,): unmasked light of objects [e- per pixel] that each channel's level may include.
 
     It is the sum of two means: over the channel, of its own objects' light, and over the frame, of all objects' light.
@@ -117,7 +122,8 @@ def _wings(channels, pixels, truth):
     if not channels or "drawn" not in truth:
         return np.zeros(len(channels))
     drawn = np.nan_to_num(truth["drawn"].astype(float))
-    light = np.where(truth["snr"] < FAINT, 1.0, OUTSIDE) * np.maximum(drawn, 0.0)
+    share = np.maximum(OUTSIDE, _outskirts(truth, drawn, np.median([part["noise"] for part in channels]), pixel))
+    light = np.where(truth["snr"] < FAINT, 1.0, share) * np.maximum(drawn, 0.0)
     windows = np.array([part["window"] for part in channels])
     x = np.clip(truth["x"], windows[:, 0].min(), windows[:, 1].max() - 1)
     y = np.clip(truth["y"], windows[:, 2].min(), windows[:, 3].max() - 1)
@@ -125,6 +131,20 @@ def _wings(channels, pixels, truth):
         light[(x >= x0 - 0.5) & (x < x1 - 0.5) & (y >= y0 - 0.5) & (y < y1 - 0.5)].sum() for x0, x1, y0, y1 in windows
     ]
     return np.array(own) / pixels + light.sum() / pixels.sum()
+
+
+def _outskirts(truth, drawn, noise, pixel):
+    """Return (n,): share of the light of LARGE galaxies where bulge or disk are fainter than `noise` [e- per pixel]."""
+    share = np.zeros(len(drawn))
+    for i in np.flatnonzero((half_light(truth) > LARGE * pixel) & (drawn > 0)):
+        bulge = float(truth["bulge_frac"][i])
+        for name, part, index in (("bulge", bulge, BULGE), ("disk", 1 - bulge, DISK)):
+            size = float(truth[f"size_{name}"][i]) / pixel
+            index = float(truth[f"n_{name}"][i]) if f"n_{name}" in truth else index
+            if part * size > 0:
+                radius = brightness_radius(noise * size**2 / (part * drawn[i]), index)
+                share[i] += part * float(light_beyond(radius, 1.0, index))
+    return share
 
 
 def _whole(parts):
