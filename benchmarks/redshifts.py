@@ -6,7 +6,7 @@ STACK is the table that `csstsim budget redshift` writes, OBJECTS the one beside
 good, dchi2) is what it scores. FOLDER has templates as texts of two columns, rest wavelength [A] and flux density per
 angstrom. Meant are the twelve of EAZY, templates/fsps_full/tweak_fsps_QSF_12_v3_*.dat of
 github.com/gbrammer/eazy-photoz (Brammer et al. 2008, ApJ 686, 1503), from FSPS: they share nothing with the spectra
-from which csstsim's galaxies are made. `--templates own` takes those, which flatters the result.
+from which csstsim's galaxies are made. `--templates own` takes those, at two A(V).
 
 At each redshift a sum of templates with factors of 0 or more is fitted, as by redrock's NMF or EAZY, by coordinate
 descent. Templates are broadened by the line spread of the PSF and of an exponential disk of the object's size, in
@@ -58,7 +58,7 @@ def _rebinned(table, wave):
 
 
 def own_templates():
-    """Return the same of the five templates from which csstsim's galaxies are made, without dust and with DUST of it."""
+    """Return the same of the five templates of csstsim's galaxies, with each A(V) of DUST."""
     from csstsim.universe.parameters import load_universe
 
     seds = load_universe().galaxy_seds
