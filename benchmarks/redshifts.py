@@ -6,7 +6,7 @@ STACK is the table that `csstsim budget redshift` writes, OBJECTS the one beside
 good, dchi2) is what it scores. FOLDER has templates as texts of two columns, rest wavelength [A] and flux density per
 angstrom. Meant are the twelve of EAZY, templates/fsps_full/tweak_fsps_QSF_12_v3_*.dat of
 github.com/gbrammer/eazy-photoz (Brammer et al. 2008, ApJ 686, 1503), from FSPS: they share nothing with the spectra
-from which csstsim's galaxies are made. `--templates own` takes those, which flatters the result.
+from which csstsim's galaxies are made. `--templates own` takes those, at two A(V).
 
 At each redshift a sum of templates with factors of 0 or more is fitted, as by redrock's NMF or EAZY, by coordinate
 descent. Templates are broadened by the line spread of the PSF and of an exponential disk of the object's size, in
@@ -29,6 +29,7 @@ NEAR, GOOD = 0.01, 16.0
 SIZES = 0.0, 0.15, 0.25, 0.35, 0.5, 0.8  # arcsec, half-light radii of classes: the lower edges
 PIXEL, PSF = 0.074, 1.1  # arcsec; px rms along the trace, of PSF and pixel
 PER_PX = {"GV": (0.0, 6200.0, 3.4), "GI": (6200.0, 2e4, 4.7)}  # angstrom: first, last, of a pixel
+DUST = 0.0, 1.0  # mag, A(V) of `own` templates
 FINE = 1.0  # angstrom: grid of rest templates before broadening
 SWEEPS = 60
 BATCH = 200  # galaxies at a time
@@ -57,16 +58,16 @@ def _rebinned(table, wave):
 
 
 def own_templates():
-    """Return the same of the components from which csstsim's galaxies are made."""
-    from csstsim.universe.load import load_universe
+    """Return the same of the five templates of csstsim's galaxies, with each A(V) of DUST."""
+    from csstsim.universe.parameters import load_universe
 
     seds = load_universe().galaxy_seds
-    nodes, basis, *_ = seds.cells(fine=True)
+    nodes, basis = seds.cells(fine=True)
+    mix = np.repeat(np.eye(5), len(DUST), axis=0)
+    photons = seds.coefficients(mix, np.tile(DUST, 5), np.ones(len(mix))) @ basis
     wave = np.arange(1400.0, 11000.0, FINE)
-    rows = basis if basis.shape[1] == len(nodes) else basis.T
-    photons = np.array([np.interp(wave, nodes, row) for row in rows])
-    flux = photons * H_J_S * C_A_S / wave
-    return wave, flux / np.abs(flux).mean(axis=1, keepdims=True)
+    flux = np.array([np.interp(wave, nodes, row) for row in photons]) * H_J_S * C_A_S / wave
+    return wave, flux / flux.mean(axis=1, keepdims=True)
 
 
 def summed(wave, flux):

@@ -13,9 +13,11 @@ from astropy.wcs import WCS
 from commands import done, refused
 from release.crates import checked, validated
 
+from csstsim.base.errors import InputError
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
 from csstsim.compare.compare import compare
+from csstsim.release import pack as pack_module
 from csstsim.release.pack_readme import readme
 
 ALLOWED = {"MANIFEST.sha256", "MANIFEST.tsv", "ro-crate-metadata.json"}  # what a crate cannot have hashes of
@@ -127,6 +129,29 @@ def test_what_is_not_finished_or_not_empty_is_refused(packs, sound, tmp_path):
     )
 
 
+def test_a_pack_that_fails_leaves_nothing(sound, tmp_path, monkeypatch):
+    """The second frame is damaged: the first one has been written by then."""
+    copy = shutil.copytree(sound[0].parent, tmp_path / "damaged")
+    (copy / "campaign.yaml").write_text((copy / "campaign.yaml").read_text().replace(str(sound[0].parent), str(copy)))
+    (copy / "out" / "campaign.json").unlink(missing_ok=True)
+    run, written = OpenCampaign(copy / "campaign.yaml"), []
+    last = run.paths.level0([job for job in run.jobs if job.pointing.type == "SCIE"][-1])
+    last.write_bytes(last.read_bytes()[:4000])
+    frame = pack_module.write_frame
+    monkeypatch.setattr(pack_module, "write_frame", lambda *given: written.append(frame(*given)) or written[-1])
+    with pytest.raises(InputError, match=last.name):
+        pack_module.pack(run, tmp_path / "pack", print)
+    assert len(written) == 1 and not list((tmp_path / "pack").iterdir())
+
+
+def test_what_csstsim_lacks_is_said_before_the_first_frame(sound, tmp_path, monkeypatch):
+    monkeypatch.setattr(pack_module, "ROOT", tmp_path)
+    monkeypatch.setattr(pack_module, "write_frame", lambda *given: pytest.fail("a frame was written"))
+    with pytest.raises(FileNotFoundError, match="CITATION"):
+        pack_module.pack(OpenCampaign(sound[0]), tmp_path / "pack", print)
+    assert not list((tmp_path / "pack").iterdir())
+
+
 def test_crates_of_a_pack(packs):
     public, left = checked(packs[0] / "public")
     assert left <= ALLOWED and public["#A.%20N.%20Other"]["name"] == "A. N. Other"
@@ -143,8 +168,16 @@ def test_crates_of_a_pack_by_the_validator(packs, part):
 def test_the_readme_tells_what_there_is(packs):
     text = (packs[0] / "public" / "README.md").read_text()
     assert "images in r (1); spectroscopic frames in GV (1)" in text and "$" not in text
+    assert "B is r: `mag_r`" in text
     for name in ("frames.csv", "filters.csv", "CITATION.cff", "MANIFEST.sha256"):
         assert name in text and (packs[0] / "public" / name).is_file()
+
+
+def test_the_readme_names_the_bands_of_the_images():
+    image = {"name": "a", "kind": "imaging", "zero_point_mag": 25.0, "psf": None, "psf_fwhm_px": None}
+    spectra = image | {"kind": "slitless", "filter": "GV"}
+    text = readme("field", [image | {"filter": band} for band in ("NUV", "r", "y", "r")] + [spectra], "CC-BY-4.0")
+    assert "B is nuv, r or y: `mag_r`" in text
 
 
 @pytest.mark.parametrize("kind, psf", [("imaging", "psf/a.psf"), ("imaging", None), ("slitless", None)])
@@ -160,4 +193,4 @@ def test_the_readme_leaves_out_what_there_is_not(kind, psf):
     text = readme("field", [image] + [image | {"kind": kind}] * (kind != "imaging"), "CC-BY-4.0")
     assert all((word in text) == bool(psf) for word in ("psf/", "PSF_NAME", "psf_fwhm_px", "SEEING_FWHM"))
     assert ("gratings/" in text) == (kind == "slitless") == ("**Spectroscopic frames**" in text)
-    assert "MAGZERO" in text and "$" not in text and "\n\n\n" not in text
+    assert "MAGZERO" in text and "B is r: `mag_r`" in text and "$" not in text and "\n\n\n" not in text

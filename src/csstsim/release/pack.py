@@ -7,6 +7,7 @@ DIR/truth/   README.md objects.parquet frames.json frames/ workflow/ MANIFEST.* 
 import csv
 import io
 import shutil
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -41,8 +42,8 @@ CURVE_STEP = 10.0  # angstrom
 def pack(run, output, say, authors=(), licence="CC-BY-4.0"):
     """Write the pack of a finished campaign.opened.OpenCampaign into the folder `output`, which is empty or not there.
 
-    MANIFEST.sha256 comes last: a pack without it is not finished. authors: names; licence: SPDX name or address. Raises
-    InputError, for a campaign that is not finished, too.
+    MANIFEST.sha256 comes last: a pack without it is not finished. If something fails, nothing stays. authors: names;
+    licence: SPDX name or address. Raises InputError, for a campaign that is not finished, too.
     """
     output = Path(output)
     if output.exists() and (not output.is_dir() or any(output.iterdir())):
@@ -51,23 +52,44 @@ def pack(run, output, say, authors=(), licence="CC-BY-4.0"):
     jobs = [job for job in run.jobs if job.pointing.type == "SCIE"]
     _check_finished(run, jobs)
     public, truth = output / PUBLIC, output / TRUTH
-    for folder in (public, truth):
-        folder.mkdir(parents=True)
+    with _whole(public, truth):
+        rows, table = _fill(run, jobs, public, truth, say, {"authors": tuple(authors), "licence": licence})
+    size = sum(path.stat().st_size for path in output.rglob("*") if path.is_file())
+    say(f"{output}: {_said(rows)}, {number_of(len(table), 'true object')}, {size / 1e9:.3g} GB")
+    say(f"{public}: to give away; {truth}: to keep, for `csstsim release score CATALOGUE --truth {truth}`")
+
+
+@contextmanager
+def _whole(*folders):
+    """Make the folders; remove them if what is done with them fails."""
+    try:
+        for folder in folders:
+            folder.mkdir(parents=True)
+        yield
+    except BaseException:
+        for folder in folders:
+            shutil.rmtree(folder, ignore_errors=True)
+        raise
+
+
+def _fill(run, jobs, public, truth, say, about):
+    """Write the files of a pack; return the rows of frames.csv and the true objects. The frames, which take minutes,
+    come after all that csstsim must have on the disk.
+    """
+    _write(public / CITATION, (ROOT / CITATION).read_text(encoding="utf-8"))
+    _write(public / "filters.csv", _csv(_curves(run, jobs)))
+    _gratings(run, jobs, public / "gratings")
+    made_with = write_made_with(run, truth)
     frames = [write_frame(run, job, public) for job in progress(jobs, "frames")]
     rows = [frame.row for frame in frames]
     for row in rows:
         if row["kind"] == "imaging" and not row["psf"]:
             say(f"{row['name']}: no PSF model, for fewer than {FEWEST} of its stars are bright, alone and off the edge")
     _write(public / "frames.csv", _csv(rows))
-    _write(public / "filters.csv", _csv(_curves(run, jobs)))
-    _gratings(run, jobs, public / "gratings")
-    _write(public / CITATION, (ROOT / CITATION).read_text(encoding="utf-8"))
-    _write(public / "README.md", readme(run.config.name, rows, licence))
+    _write(public / "README.md", readme(run.config.name, rows, about["licence"]))
     table = write_truth_of_pack(run, jobs, frames, truth)
     band = next((job.chip.filter for job in jobs if job.chip.filter == "r"), _imaging(jobs)[0].chip.filter)
     _write(truth / "README.md", truth_readme(run.config.name, COLUMNS, band.lower()))
-    made_with = write_made_with(run, truth)
-    about = {"authors": tuple(authors), "licence": licence}
     _close(public, Crate(
         name=f"{run.config.name}: simulated frames", description=_said(rows), files=_files(public), folders=FOLDERS,
         **about,
@@ -77,9 +99,7 @@ def pack(run, output, say, authors=(), licence="CC-BY-4.0"):
         name=f"{run.config.name}: the truth", description=f"the true sky of {_said(rows)}", files=files,
         folders=FOLDERS, run=ran(run.paths.output), inputs=tuple(inputs(run)), version=tables_version(), **about,
     ))  # fmt: skip
-    size = sum(path.stat().st_size for path in output.rglob("*") if path.is_file())
-    say(f"{output}: {_said(rows)}, {number_of(len(table), 'true object')}, {size / 1e9:.3g} GB")
-    say(f"{public}: to give away; {truth}: to keep, for `csstsim release score CATALOGUE --truth {truth}`")
+    return rows, table
 
 
 def _check_finished(run, jobs):

@@ -45,10 +45,10 @@ def write_frame(run, job, folder):
     names = {kind: f"{kind}/{stem(job)}.{'psf' if kind == PSF else 'fits'}" for kind in (RAW, CALIBRATED, PSF)}
     for kind in names:
         (folder / kind).mkdir(exist_ok=True)
+    file, frame = calibrated_frame(run, job)  # first: it says what is wrong with a damaged file
     with atomic_path(folder / names[RAW]) as temporary:
         shutil.copyfile(run.paths.level0(job), temporary)
         compress(temporary, without=SECRET)
-    file, frame = calibrated_frame(run, job)
     imaging = job.chip.kind == "imaging"
     image, error, quality, background = (_image if imaging else _spectra)(run, job, frame)
     filter_ = run.camera.filters[job.chip.filter]

@@ -13,7 +13,10 @@ PARAMS = (
     "NUMBER", "ALPHA_J2000", "DELTA_J2000", "MAG_AUTO", "MAGERR_AUTO", "FLUX_RADIUS", "A_WORLD", "B_WORLD",
     "THETA_J2000", "FLAGS",
 )  # fmt: skip
-FIT = "With `MAG_PSF` among the columns and `-PSF_NAME {}` it also fits the PSF, which is right for points.\n"
+FIT = (
+    "With `MAG_PSF` among the columns and `-PSF_NAME {}` it also\nfits the PSF, which is right for points. "
+    "Where the fit fails, as for most of the faintest sources, `MAG_PSF` is 99.\n"
+)
 TRUTH = """# The truth of $name
 
 Keep this folder apart from the other one: it has what those who make catalogues must not see.
@@ -47,6 +50,7 @@ def readme(name, frames, licence):
         f"{words[kind]} in " + ", ".join(f"{band} ({n})" for (k, band), n in counts.items() if k == kind)
         for kind in words if any(k == kind for k, _ in counts)
     )  # fmt: skip
+    bands = [band.lower() for kind, band in counts if kind == "imaging"]
     width = f" -SEEING_FWHM {one['psf_fwhm_px'] * 0.074:.2f}" if one["psf_fwhm_px"] else ""
     command = (
         f"source-extractor 'calibrated/{one['name']}.fits[1]' -CATALOG_NAME first.cat -CATALOG_TYPE ASCII_HEAD \\\n"
@@ -59,6 +63,7 @@ def readme(name, frames, licence):
         name=name, frames=told, columns="\n".join(f"    {name}" for name in PARAMS), command=command,
         quantities="\n".join(f"| {key} | {text} |" for key, text in ABOUT.items()), licence=f"{title} ({address})",
         version=__version__, score=score_command(one["filter"].lower()),
+        bands=" or ".join(filter(None, (", ".join(bands[:-1]), bands[-1]))), one=one["filter"].lower(),
         fit=FIT.format(one["psf"]) if one["psf"] else "",
         width=" and the width of the PSF are those" if one["psf"] else " is that",
     )  # fmt: skip

@@ -47,7 +47,7 @@ def _shares(ax, classes, unit):
     labels = [_label(one) for one in classes]
     ax.set_xticks(places, labels, fontsize=8)
     ax.set(xlim=_limits(classes), ylim=(0, 1.12), xlabel=unit)
-    ax.legend(fontsize=8, loc="best")
+    ax.legend(fontsize=8, loc="lower right", bbox_to_anchor=(1, 1), ncols=2, frameon=False, borderaxespad=0.2)
 
 
 def _limits(classes):
