@@ -1,11 +1,12 @@
 """Builder of config/universe/galaxy_spectra.fits: 20 components that span galaxies' rest-frame spectra.
 
 Templates: the five of kcorrect (Blanton & Roweis 2007, AJ 133, 734; BSD-3, from skypy), with stars and emission lines
-separate and without dust, per solar mass of stars formed. Their red lines are too strong: they are taken times
-`red_lines` of galaxies.yaml. Dust: Calzetti et al. (2000, ApJ 533, 682), made steeper as Salim et al. (2018, ApJ 859,
-11) found, the same for stars and lines. The components are singular vectors (no mean subtracted, so an SED is a plain
-sum) of random mixtures of templates, dust and line strengths. Each wavelength is weighted by the inverse of the
-mixtures' geometric mean, so that faint ultraviolet counts as much as bright red light.
+separate, stars without dust, per solar mass of stars formed. Their lines are reddened and too strong: `lines` of
+galaxies.yaml takes their dust out and gives them the strength observed. Dust: Calzetti et al. (2000, ApJ 533, 682),
+made steeper as Salim et al. (2018, ApJ 859, 11) found, the same for stars and lines. The components are singular
+vectors (no mean subtracted, so an SED is a plain sum) of random mixtures of templates, dust and line strengths. Each
+wavelength is weighted by the inverse of the mixtures' geometric mean, so that faint ultraviolet counts as much as
+bright red light.
 The file also has the projections of each template with each dust column, so a galaxy's coefficients are linear in its
 masses.
 
@@ -27,7 +28,6 @@ REST = 600.0 + 2.9 * np.arange(3587)  # angstrom (paper, section 3.2.2)
 DUST = np.linspace(0.0, 3.0, 31)  # A(V), mag
 COMPONENTS = 20
 MIXTURES = 2500
-RED = 6200.0  # A: lines beyond it are taken times `red_lines` of galaxies.yaml
 LYMAN_LIMIT, ESCAPE = 912.0, 0.03  # A; share of starlight below it that leaves the galaxy: a few per cent (E)
 
 
@@ -56,7 +56,8 @@ def templates(path):
         wave = file[11].data.astype(float)
         stars, lines = (rebin(wave, file[hdu].data.astype(float)) for hdu in (4, 9))
         info = {name: file[hdu].data for name, hdu in (("surviving", 17), ("metals", 18), ("m300", 19), ("m1000", 20))}
-    lines *= np.where(REST > RED, numbers()["red_lines"], 1.0)
+    own = numbers()["lines"]
+    lines *= own["strength"] * 10 ** (0.4 * own["dust"] * attenuation(REST))
     photons = 1e-3 * REST / (H_J_S * C_A_S)  # erg / s / cm2 / A to photon / s / m2 / A
     return stars * photons * np.where(REST < LYMAN_LIMIT, ESCAPE, 1.0), lines * photons, info
 
@@ -112,7 +113,8 @@ def write(basis, projections, info):
     head["DUST"] = "Calzetti et al. 2000, ApJ 533, 682, times (lambda/5500 A)^dust.slope"
     head["BUILDER"] = "builders/build_galaxy_spectra.py"
     head["WAVE0"], head["DWAVE"] = (REST[0], "angstrom, rest frame"), (2.9, "angstrom")
-    head["REDLINES"] = (numbers()["red_lines"], f"factor on lines beyond {RED:.0f} A")
+    head["LINEDUST"] = (numbers()["lines"]["dust"], "mag of A(V) taken out of the templates' lines")
+    head["LINES"] = (numbers()["lines"]["strength"], "factor on these lines")
     head["ESCAPE"] = (ESCAPE, "of starlight below 912 A (estimate)")
     columns = [fits.Column(name, "E", array=values) for name, values in info.items()]
     fits.HDUList([

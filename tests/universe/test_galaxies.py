@@ -8,10 +8,12 @@ from pathlib import Path
 import galaxy_sample
 import numpy as np
 import pytest
+from astropy.io import fits
 from scipy import integrate, optimize, stats
 from scipy.special import gamma
 
 from csstsim.base.rng import stream
+from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.load import read_data
 from csstsim.universe.galaxies.galaxies import ARCMIN2_PER_DEG2, cumulative_counts
 from csstsim.universe.galaxies.galaxy_shapes import (
@@ -296,12 +298,24 @@ def test_median_colours():
 def test_widths_of_halpha():
     """At 1e10 solar masses, with [NII], which grisms do not resolve: 20% on average over redshift, 45% at each.
 
-    Without `red_lines` they are 2.2 to 3.7 times as wide. With redshift they grow more slowly than the published ones.
+    The templates' own are 2.2 to 3.7 times as wide. With redshift they grow more slowly than the published ones.
     """
     published = PUBLISHED["line_widths"]
     found = [galaxy_sample.line_width(z, published["log_mass"], 6510, 6630) for z in published["z"]]
     excess = np.log([width / (published["per_rate"][0] * rate) for width, rate in found])
     assert abs(excess.mean()) < np.log(1.2) and (np.abs(excess) < np.log(1.45)).all()
+
+
+def test_balmer_lines_without_dust():
+    """Of the two templates with strong lines: Halpha / Hbeta 2.86 (case B, 1e4 K); 6584 A [NII] 0.18, 0.32 of Halpha."""
+    with fits.open(SHIPPED / "universe" / "galaxy_spectra.fits") as file:
+        lines = file["LINES"].data[1:3, 0] @ file["BASIS"].data  # (template, wavelength), photons
+    wavelength = galaxy_sample.seds().wavelength
+    alpha, beta = (
+        (lines / wavelength)[:, np.abs(wavelength - line) < half].sum(axis=1) for line, half in ((6565, 50), (4862, 15))
+    )
+    nitrogen = 4 / 3 * np.array([0.18, 0.32])  # with the line at 6548 A
+    assert alpha / beta == pytest.approx(2.86 * (1 + nitrogen), rel=0.05)
 
 
 def test_ultraviolet_counts():
