@@ -307,7 +307,7 @@ def test_widths_of_halpha():
 
 
 def test_balmer_lines_without_dust():
-    """Of the two templates with strong lines: Halpha / Hbeta 2.86 (case B, 1e4 K); 6584 A [NII] 0.18, 0.32 of Halpha."""
+    """The two templates with strong lines: Halpha / Hbeta 2.86 (case B, 1e4 K); [NII] 6584 A 0.18, 0.32 of Halpha."""
     with fits.open(SHIPPED / "universe" / "galaxy_spectra.fits") as file:
         lines = file["LINES"].data[1:3, 0] @ file["BASIS"].data  # (template, wavelength), photons
     wavelength = galaxy_sample.seds().wavelength
