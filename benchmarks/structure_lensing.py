@@ -2,7 +2,7 @@
 
     PYTHONPATH=benchmarks python benchmarks/structure_lensing.py [--patches 2] [--seed 1] [--structure haloes]
 
-Patches of 8 deg take six CPU-minutes each. They are kept in results/structure_lensing, so a run goes on where it
+Patches of 4 deg take two CPU-minutes each. They are kept in results/structure_lensing, so a run goes on where it
 stopped. The smooth field is summed on a patch's own grid; the first lines are the largest differences from the maps of
 bricks, which galaxies see. Then, per l-bin and source redshift:
 
@@ -33,9 +33,9 @@ from csstsim.universe.structure.kernels import add_lensing
 
 ROOT = Path(__file__).resolve().parents[1]
 KEPT, TARGET = ROOT / "results" / "structure_lensing", ROOT / "docs" / "figures" / "structure_lensing.png"
-DEGREES, SIZE = 8.0, 1600
+DEGREES, SIZE = 4.0, 800
 STEP = np.radians(DEGREES) / SIZE
-EDGES = np.array([100, 200, 400, 700, 1000, 1500, 2200, 3300, 5000, 7500, 11000])
+EDGES = np.array([200, 400, 700, 1000, 1500, 2200, 3300, 5000, 7500, 11000])
 WINDOWS = (1.0, 2.0, 4.0)  # Gaussian sigma, arcmin
 WIDEST_GRID = 24  # half the points along a side of the coarsest grid
 PICTURE = 0.6  # deg, side of the figure
