@@ -11,8 +11,9 @@ bricks, which galaxies see. Then, per l-bin and source redshift:
   is theirs: few clusters have most of the power.
 - the spectrum from which maps are drawn over halofit's, and B over E.
 
-Expected spectra have the power that samples of 0.3 arcmin fold back. Then come the deviation and skewness of kappa in
-Gaussian windows, and the number of high peaks; then B over E of a small patch by its sampling.
+Samples of 0.3 arcmin fold power of high multipoles back into E and B; the expected part is taken from E. Then come the
+deviation and skewness of kappa in Gaussian windows, and the number of high peaks; then B over E of a small patch by its
+sampling.
 docs/figures/structure_lensing.png: the middle of a map with its haloes.
 """
 
@@ -145,11 +146,16 @@ def kept_patch(field, asked, centre):
 
 
 def folded(spectrum, ell):
-    """Return what samples fold back to multipoles `ell` of a spectrum, mean over directions."""
+    """Return the part of E that samples fold back to multipoles `ell` from higher ones, mean over directions.
+
+    A mode keeps the direction of its shear, so that cos^2 of twice the angle between both modes is E, and the rest B.
+    """
     angle, shift = np.pi / 4 * (np.arange(5) + 0.5) / 5, 2 * np.pi / STEP * np.array([-1, 0, 1])
-    x, y = ((ell[:, None] * f(angle))[..., None, None] + at for f, at in ((np.cos, shift), (np.sin, shift[:, None])))
-    powers = spectrum(np.hypot(x, y).ravel()).reshape(len(ell), len(angle), 9)
-    return powers.sum(axis=2).mean(axis=1) - spectrum(ell)
+    first, second = (f(angle)[:, None, None] for f in (np.cos, np.sin))
+    x, y = (ell[:, None, None, None] * f + at for f, at in ((first, shift), (second, shift[:, None])))
+    turned = 2 * (x * first + y * second) ** 2 / (x**2 + y**2) - 1
+    powers = spectrum(np.hypot(x, y).ravel()).reshape((*x.shape[:2], 3, 3)) * turned**2
+    return powers.sum(axis=(2, 3)).mean(axis=1) - spectrum(ell)
 
 
 def tell_spectra(found, drawn, field):
