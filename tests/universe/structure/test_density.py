@@ -8,7 +8,7 @@ from universe.structure.small_matter import coarse
 from csstsim.base.sphere import ra_dec, unit_vectors
 from csstsim.universe.lensing.potential_field import WIDTHS, pixel
 from csstsim.universe.lensing.tangent_grid import TangentGrid
-from csstsim.universe.structure.density import ShellDensity, cell_order, kernel_order
+from csstsim.universe.structure.density import ShellDensity, cell_order, kernel_order, within
 
 SHELL = 4
 PLACES = {"common": (200.0, -35.0), "RA 0": (0.0, 5.0), "pole": (10.0, 89.99), "polar cap": (90.0, 60.0)}
@@ -77,6 +77,18 @@ def test_variance_at_random_places():
     ra, dec = ra_dec(np.stack(healpy.pix2vec(2, np.arange(48)), axis=1))
     delta = density.at(ra, dec, np.full(len(ra), SHELL), orders)
     assert abs((delta**2).mean() / density.variance(orders)[SHELL] - 1) < 5 * np.sqrt(2 / len(ra))
+
+
+def test_variance_is_that_of_the_maps(order=8, count=300):
+    """Beside sums of the kernels at the same places; with their variance there would be too few haloes."""
+    density, rng = coarse().shell_density, np.random.default_rng(1)
+    orders = np.full(coarse().shells.count, order)
+    ra, dec = rng.uniform(200, 207, count), rng.uniform(-36, -30, count)
+    found = (density.at(ra, dec, np.full(count, SHELL), orders) ** 2).sum()
+    found /= sum(brute(coarse(), place, order) ** 2 for place in zip(ra, dec, strict=True))
+    whole = (density._scale**2 * density._variances * within(coarse(), orders)).sum(axis=1)[SHELL]
+    assert found == pytest.approx(density.variance(orders)[SHELL] / whole, abs=0.005)
+    assert density.variance(orders)[SHELL] < 0.993 * whole
 
 
 def test_order_of_the_work_does_not_matter():

@@ -3,15 +3,17 @@
 import numpy as np
 import pytest
 from scipy.integrate import quad
-from scipy.special import eval_legendre, lpmv
+from scipy.special import eval_legendre, j0, lpmv
 from universe.structure.small_matter import COSMOLOGY, NUMBERS
 
 from csstsim.base.sphere import ra_dec, unit_vectors
 from csstsim.universe.lensing.cosmology import Cosmology
 from csstsim.universe.lensing.power_spectrum import MatterPower
 from csstsim.universe.structure.halo_lensing import halo_lenses, halo_shear
+from csstsim.universe.structure.halo_profile import disc_transform, nfw_transform
 from csstsim.universe.structure.mass_function import HaloMassFunction
 
+TIERS = NUMBERS["haloes"]
 NUMBERS = NUMBERS | {"haloes": NUMBERS["haloes"] | {"compensation": [2.0, 2.0, 2.0, 2.0]}}
 DISC = 2.0
 PLACES = {"common": (123.0, -41.0), "RA 0": (0.0, 10.0), "pole": (40.0, 90.0)}
@@ -28,9 +30,9 @@ def halo(place, z=0.4, log_mass=14.3, c=5.0):
     return {"ra": [ra], "dec": [dec], "z": [z], "log_mass": [log_mass], "concentration": [c]}
 
 
-def lenses(masses, *haloes):
+def lenses(masses, *haloes, numbers=NUMBERS["haloes"]):
     joined = {name: np.concatenate([one[name] for one in haloes]) for name in haloes[0]}
-    return halo_lenses(joined, masses, NUMBERS["haloes"])
+    return halo_lenses(joined, masses, numbers)
 
 
 def around(place, theta, phi):
@@ -107,6 +109,24 @@ def test_mass_is_conserved(masses):
     ra, dec = around(place, 2 * np.arcsin(0.5 * disc * np.sqrt(share)), np.full(len(share), 1.0))
     kappa = halo_shear(lenses(masses, halo(place, z=0.1)), ra, dec, np.full(len(share), 3000.0))[0]
     assert abs((kappa * weight).sum()) < 2e-4 * (np.abs(kappa) * weight).sum()
+
+
+@pytest.mark.parametrize(("tier", "log_mass"), list(enumerate([12.7, 13.5, 14.3, 14.9])))
+def test_transform_of_a_lens_is_that_of_the_spectra(masses, tier, log_mass):
+    """The sphere and the disc of each tier are those of halo_spectra; the sphere's mass gives the scale."""
+    place, z, source, c = PLACES["common"], 0.4, 2500.0, 5.0
+    chi, radius = float(masses.cosmology.comoving_distance(z)), masses.lagrangian_radius(10**log_mass)
+    disc = TIERS["compensation"][tier] * radius
+    theta = np.geomspace(1e-6, 1.001 * disc / chi, 30000)
+    ra, dec = around(place, theta, np.zeros(len(theta)))
+    lens = lenses(masses, halo(place, z, log_mass, c), numbers=TIERS)
+    kappa = halo_shear(lens, ra, dec, np.full(len(theta), source))[0]
+    volume = 10**log_mass / masses.density
+    flux = 1.5 * 0.3111 * (67.66 / 299792.458) ** 2 * (1 + z) / chi * (1 - chi / source) * volume
+    for k in (0.3, 1.0, 3.0):
+        found = 2 * np.pi * np.trapezoid(theta**2 * kappa * j0(k * chi * theta), np.log(theta))
+        expected = nfw_transform(k, masses.virial_radius(10**log_mass), c) - disc_transform(k, disc)
+        assert found / flux == pytest.approx(expected, abs=2e-3)
 
 
 def test_shear_on_the_sphere_by_harmonics(masses):
