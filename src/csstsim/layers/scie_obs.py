@@ -5,7 +5,7 @@ plane. The truth table lists the electrons drawn for each object. On spectroscop
 two gratings (section 4.2), and there is also a truth table of orders. Left out: ghosts of dispersed light.
 """
 
-from functools import cache
+from functools import lru_cache
 
 from pydantic import Field
 
@@ -42,7 +42,7 @@ def check(param, camera, pointing):
     _check_scattered(camera)
 
 
-@cache
+@lru_cache(1)  # once a camera, not once an exposure
 def _check_scattered(camera):
     for filter in camera.filters.values():
         scattered_light(camera, filter)
