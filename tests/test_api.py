@@ -1,11 +1,13 @@
 """The Python interface: the same pixels as in the files, copies that leave the original alone, tables as catalogues."""
 
 import copy
+import gc
 import importlib
 import pickle
 import shutil
 import subprocess
 import sys
+import weakref
 from datetime import datetime
 
 import numpy as np
@@ -51,6 +53,18 @@ def one_star(sim, mag=20.0, chip=CHIP):
     job = sim._run.job(OBSID, chip)
     ra, dec = (float(v.mean()) for v in job.footprint())
     return Table({"ra": [ra], "dec": [dec], "mag_r": [mag]})
+
+
+def test_what_is_dropped_is_freed(sim):
+    """A loop over keys keeps the camera of the last at most; each is 13 MB."""
+    cameras = []
+    for noise in (1, 2, 3):
+        changed = sim.replace(instrument={"detector.read_noise": noise}, catalog=one_star(sim))
+        changed.light(OBSID, CHIP)
+        cameras.append(weakref.ref(changed._run.camera))
+    del changed
+    gc.collect()
+    assert [camera() is None for camera in cameras[:-1]] == [True, True]
 
 
 def test_it_gives_what_the_command_writes(sim, frame, folder):
