@@ -27,7 +27,8 @@ ROOT = Path(__file__).resolve().parents[1]
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 os.environ["PYTHONPATH"] = os.pathsep.join(str(ROOT / name) for name in ("src", "tests", "builders"))
 
-FINISHED = "compare", "delivery", "release"  # folders whose tests share a finished campaign: one worker makes it
+# Folders and files whose tests share a finished campaign: one worker makes it
+FINISHED = "compare", "delivery", "release", "test_products.py", "test_table_schema.py"
 # Folders and files in the order in which they are begun, the others last. While one worker compiles the chain for the
 # finished campaign, the other has a minute of tests that need little compiled; short ones come last, so that both end
 # together
@@ -53,8 +54,8 @@ def pytest_xdist_make_scheduler(config, log):
 
     class ByFile(LoadScopeScheduling):
         def _split_scope(self, nodeid):
-            file = nodeid.split("::")[0]
-            return "finished" if Path(file).parent.name in FINISHED else file
+            file = Path(nodeid.split("::")[0])
+            return "finished" if {file.name, file.parent.name} & set(FINISHED) else str(file)
 
     return ByFile(config, log)
 
