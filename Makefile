@@ -9,7 +9,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-.PHONY: run full-chip test checks first-image docs tutorials test-slurm test-faults mutants fuzz format clean
+.PHONY: run full-chip test checks style first-image docs tutorials test-slurm test-faults mutants fuzz format clean
 
 run: .venv/ready
 	snakemake --profile profiles/default --config campaign=config/campaign.yaml
@@ -18,10 +18,12 @@ full-chip: .venv/ready
 	snakemake --profile profiles/default --config campaign=config/full_chip.yaml
 
 test: .venv/ready
-	$(MAKE) checks
+	$(MAKE) --jobs=2 --output-sync checks
 	pytest -n 2 --no-loadscope-reorder
 
-checks: .venv/ready
+checks: style docs
+
+style: .venv/ready
 	ruff check .
 	ruff format --check .
 	lint-imports
@@ -30,7 +32,6 @@ checks: .venv/ready
 	python builders/make_docs.py --check
 	python builders/make_products.py --check
 	python docs/check_prose.py
-	$(MAKE) docs
 
 first-image: .venv/ready
 	python benchmarks/first_image.py

@@ -1,5 +1,6 @@
 """Fixtures shared by many tests: the shipped camera, a pointing, a small PSF set."""
 
+import gc
 import os
 
 # Before numpy is loaded: two threads in each of two workers wait for each other, at several times the CPU time.
@@ -27,7 +28,8 @@ ROOT = Path(__file__).resolve().parents[1]
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 os.environ["PYTHONPATH"] = os.pathsep.join(str(ROOT / name) for name in ("src", "tests", "builders"))
 
-FINISHED = "compare", "delivery", "release"  # folders whose tests share a finished campaign: one worker makes it
+# Folders and files whose tests share a finished campaign: one worker makes it
+FINISHED = "compare", "delivery", "release", "test_products.py", "test_table_schema.py"
 # Folders and files in the order in which they are begun, the others last. While one worker compiles the chain for the
 # finished campaign, the other has a minute of tests that need little compiled; short ones come last, so that both end
 # together
@@ -36,6 +38,17 @@ LITTLE_COMPILED = (
     "test_survey_table.py", "test_unsupported_shapes.py",
 )  # fmt: skip
 BEGUN = FINISHED, LITTLE_COMPILED, ("end_to_end", "workflow")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """Nothing that collection makes is garbage; to search it takes a third of the time."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_collection_modifyitems(items):
@@ -53,8 +66,8 @@ def pytest_xdist_make_scheduler(config, log):
 
     class ByFile(LoadScopeScheduling):
         def _split_scope(self, nodeid):
-            file = nodeid.split("::")[0]
-            return "finished" if Path(file).parent.name in FINISHED else file
+            file = Path(nodeid.split("::")[0])
+            return "finished" if {file.name, file.parent.name} & set(FINISHED) else str(file)
 
     return ByFile(config, log)
 

@@ -63,45 +63,48 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def of_one_thread(folder):
-    """What the workflow makes, which sets all of the variables to 1; here in this process."""
-    with threadpool_limits(1, user_api="blas"):
-        assert set(threads().values()) == {1}
-        found = all_products.main(folder)
-    empty(folder)
-    return found
+    """What the workflow makes, which sets all of the variables to 1."""
+    return made(folder, THREADS, 1)
 
 
+@pytest.mark.slow  # as in a process that was given two threads, below
 @pytest.mark.parametrize(
     ("names", "number"),
     [
         pytest.param(THREADS, 8, id="8"),
-        pytest.param(THREADS, 2, id="2", marks=pytest.mark.slow),
-        pytest.param(("OPENBLAS_NUM_THREADS",), 2, id="blas-2", marks=pytest.mark.slow),
-        pytest.param((), 0, id="unset", marks=pytest.mark.slow),
+        pytest.param(THREADS, 2, id="2"),
+        pytest.param(("OPENBLAS_NUM_THREADS",), 2, id="blas-2"),
+        pytest.param((), 0, id="unset"),
     ],
 )
 def test_every_product_has_the_bits_of_one_thread(folder, of_one_thread, names, number):
     """More threads than cores are cut to the cores by OpenBLAS; any number above 1 showed the fault."""
-    found = made(folder, names, number)
-    assert len(found) > 40 and found.keys() == of_one_thread.keys()
-    assert [name for name in found if found[name] != of_one_thread[name]] == []
+    same(made(folder, names, number), of_one_thread)
 
 
-def test_each_stage_writes_its_products_on_one_thread(tmp_path, monkeypatch, several):
-    """Seen from within, at each write: small campaigns have few sums that are long enough to be cut among threads."""
+def same(found, expected):
+    assert len(found) > 40 and found.keys() == expected.keys()
+    assert [name for name in found if found[name] != expected[name]] == []
+
+
+def test_each_stage_writes_the_bits_of_one_thread_on_one_thread(folder, of_one_thread, monkeypatch, several):
+    """Seen from within, too, at each write: small campaigns have few sums that are long enough to be cut in threads."""
     seen, flush, stage = {}, atomic._flush, None
 
     def noted(path):
         seen.setdefault(stage, set()).update(threads()[library] for library in several)
         flush(path)
 
-    sky, lamps = all_products.science(tmp_path / "sky"), all_products.exposures(tmp_path / "lamps")
+    sky, lamps = all_products.science(folder / "sky"), all_products.exposures(folder / "lamps")
     monkeypatch.setattr(atomic, "_flush", noted)
     with redirect_stdout(StringIO()):
         for stage, call in (*all_products.chain(sky), *all_products.calibration_chain(lamps)):
             call()
             assert threads() | several == threads(), f"{stage} keeps the threads of its caller"
+    found = all_products.digests(sky) | all_products.digests(lamps)
+    empty(folder)
     assert seen == {stage: {1} for stage in STAGES}
+    same(found, of_one_thread)
 
 
 def test_no_stage_is_left_out():

@@ -18,7 +18,8 @@ def made(tmp_path_factory):
     found = []
     for name, parts in (("with", ("", "DEEP", "WIDE")), ("without", None)):
         folder = tmp_path_factory.mktemp(name)
-        file = write_campaign(folder, select={"types": ["SCIE", "BIAS"], "chips": [9]})
+        star = {"kind": "mini_campaign:Stars", "options": {"ra": [60.15], "dec": [-40.0], "mag": [20.0]}}
+        file = write_campaign(folder, select={"types": ["SCIE", "BIAS"], "chips": [9]}, catalog=star)
         if parts:
             lines = [HEADER + ",survey", *(f"{row},{part}" for row, part in zip(POINTINGS, parts, strict=True))]
             (folder / "table.csv").write_text("\n".join(lines) + "\n")

@@ -65,6 +65,12 @@ def frame_of(folder, layout="channels", window=None, mag=18.5, side=5):
     return opened.paths.level0(opened.job(OBSID, CHIP)), folder / "instrument"
 
 
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    """frame_of as it is by default; nothing is to be changed in it."""
+    return frame_of(tmp_path_factory.mktemp("plain") / "a")
+
+
 def again(frame, truth, folder, instrument, *options):
     """Recreate a frame and make its chip; return (what was said, the new frame)."""
     said = run("recreate", frame, truth, "--output", folder, "--instrument", instrument, *options)
@@ -83,9 +89,9 @@ WINDOW = {"x0": 20, "x1": 240, "y0": 10, "y1": 250}
     pytest.param("channels", None, ".truth.parquet", marks=pytest.mark.slow),
     pytest.param("mosaic", WINDOW, ".cat", marks=pytest.mark.slow),
 ])  # fmt: skip
-def test_a_frame_of_csstsim_is_drawn_again(tmp_path, layout, window, suffix):
+def test_a_frame_of_csstsim_is_drawn_again(plain, tmp_path, layout, window, suffix):
     """Places to 0.02 px, light to 0.5%, background and noise to 1%: by csstsim compare, and by the truth."""
-    frame, camera = frame_of(tmp_path / "a", layout, window)
+    frame, camera = frame_of(tmp_path / "a", layout, window) if window else plain
     truth = frame.with_suffix(suffix)
     said, other = again(frame, truth, tmp_path / "b", camera)
     assert ("size:" in said) is (suffix == ".cat") and "SIMSEED" not in said and "CAMHASH" not in said
@@ -153,8 +159,8 @@ def test_what_a_header_does_not_say_is_assumed_and_said(tmp_path, form, missing)
     assert data["instrument"]["detector.read_noise"] == pytest.approx(5.0)
 
 
-def test_objects_that_cannot_be_drawn_are_named_and_the_others_drawn(tmp_path):
-    frame, camera = frame_of(tmp_path / "a")
+def test_objects_that_cannot_be_drawn_are_named_and_the_others_drawn(plain, tmp_path):
+    frame, camera = plain
     lines = frame.with_suffix(".cat").read_text().splitlines()
     names = lines[0][2:].split()
     cells = [line.split() for line in lines[1:]]
@@ -185,9 +191,9 @@ def test_a_frame_made_with_laboratory_maps(tmp_path):
     assert "maps.prnu: none, for the camera taken here has no such map" in said and "CAMHASH" in said
 
 
-def test_a_deep_frame_without_photon_noise_in_a_folder_with_blanks(tmp_path):
+def test_a_deep_frame_without_photon_noise_in_a_folder_with_blanks(plain, tmp_path):
     """HISTORY without poisson_and_dark: the campaign is noise_free, or its layers could not have the photons."""
-    frame, camera = frame_of(tmp_path / "a", side=2)
+    frame, camera = plain
     with fits.open(frame) as file:
         header = file[0].header
         kept = [

@@ -96,8 +96,15 @@ class Camera:
         """{chip id: instrument.grating.Gratings} of the slitless chips. Raises InputError."""
         if not self.files.exists("gratings"):
             raise InputError("the instrument folder has no gratings", file=self.files.path("gratings"))
-        chips = {chip.id: chip for chip in self.slitless_chips}
-        return load_gratings(self.folder / "gratings", self.files.data("gratings"), chips, self.filters, self.telescope)
+        if self.digest not in _GRATINGS:
+            chips, data = {chip.id: chip for chip in self.slitless_chips}, self.files.data("gratings")
+            read = load_gratings(self.folder / "gratings", data, chips, self.filters, self.telescope)
+            _GRATINGS.clear()
+            _GRATINGS[self.digest] = read
+        return _GRATINGS[self.digest]
+
+
+_GRATINGS = {}  # {digest: gratings} of the camera whose were read last: a process opens its campaign many times
 
 
 @explained("instrument")

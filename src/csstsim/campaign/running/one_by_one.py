@@ -36,7 +36,8 @@ def one_by_one(run, rule, jobs, make, resume=False, say=print):
             begun = time.process_time()
             with part_log("chip", job.chip.id):
                 make(job)
-            release()
+            if job is not jobs[-1]:
+                release()
             if resume:
                 _keep(files, kept, time.process_time() - begun)
     if resume and os.getppid() == parent:
