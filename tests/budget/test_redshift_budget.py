@@ -113,7 +113,7 @@ def test_lines_are_sorted_by_contamination_and_blends_count_once():
     classes = [one for one in by_contamination(found) if one["lines"]]
     assert [one["low"] for one in classes] == [0.1] and classes[0]["ratio"] == pytest.approx(0.95)
     assert classes[0]["shift"] == pytest.approx(0.05 * 0.95) and classes[0]["shift_err"] == pytest.approx(0.02 * 0.95)
-    for lines in (lines_of(middle, flags=PART), lines_of(middle, flags=BLIND), lines_of(middle, flux=0.1)):
+    for lines in (lines_of(middle, flags=PART), lines_of(middle, flags=BLIND), lines_of(middle, flux=0.05)):
         assert line_biases([table], [lines]) == []
     [lost] = line_biases([line(flags=LOST)[0]], [lines_of(middle)])
     assert np.isinf(lost["contamination"]) and by_contamination([lost])[-1]["lines"] == 0
