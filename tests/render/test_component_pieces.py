@@ -21,7 +21,7 @@ EXACT, PIXEL, SIGMA = 1e-9, 2e-3, 5.0
 STRIPS = 4300.0, 5900.0  # angstrom, of the first order
 GALAXY = {
     "id": 7, "type": "galaxy", "ab": 18.0, "z": 0.1, "gal_type": 0, "size_disk": 1.2, "size_bulge": 0.15,
-    "bulge_frac": 0.4, "knots": 8, "knots_frac": 0.15,
+    "bulge_frac": 0.4, "knots": 4, "knots_frac": 0.15,
 }  # fmt: skip
 
 
