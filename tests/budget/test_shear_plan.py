@@ -220,3 +220,13 @@ def test_offsets_are_sheared_by_the_inverse_of_the_lens_map():
     lens = np.array([[1 - g.real, -g.imag], [-g.imag, 1 + g.real]])  # A, from image to source
     assert lens @ [seen.real, seen.imag] == pytest.approx([z.real, z.imag], abs=1e-15)
     assert sheared_offset(z, 0j) == z
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [({"estimators": ["hsm", "hsm"]}, "estimators: an estimator is named twice"),
+     ({"samples": {"a/b": {"magnitude": [20.5, 21.5], "slope": 0.0, "size": [0.3, 0.6], "ellipticity": 0.25}}}, "a/b")],
+)  # fmt: skip
+def test_names_that_cannot_be(changed, keys, said):
+    with pytest.raises(InputError, match=said):
+        load_plan(changed(**keys))

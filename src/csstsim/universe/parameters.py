@@ -111,6 +111,8 @@ class Universe:
         from csstsim.universe.galaxies.galaxies import cumulative_counts, try_laws
         from csstsim.universe.stars.stars import galaxy
 
+        for part in PARTS:
+            _check_like(self.numbers[part], _shipped(part), self.folder / f"{part}.yaml")
         try:
             for key in _POSITIVE:
                 self._refuse_unless(lambda value: 0 < value < math.inf, key, "above 0")
@@ -124,12 +126,49 @@ class Universe:
             self.cosmology, self.dust.nside, self.extinction, self.star_seds, self.galaxy_seds, self.quasar_seds  # noqa: B018
         except (KeyError, TypeError, ValueError, IndexError) as exc:
             raise InputError(f"a number is missing or wrong: {type(exc).__name__} {exc}", file=self.folder) from exc
+        self._check_lines()
+
+    def _check_lines(self):
+        """Raise InputError for galaxy_spectra.fits of other emission lines than galaxies.yaml says."""
+        from astropy.io import fits
+
+        header = fits.getheader(self.folder / "galaxy_spectra.fits")
+        for name, card in (("dust", "LINEDUST"), ("strength", "LINES")):
+            value, built = self.numbers["galaxies"]["lines"][name], header.get(card)
+            if built is not None and value != built:
+                raise InputError(
+                    "galaxy_spectra.fits has other lines; build it again (builders/build_galaxy_spectra.py)",
+                    file=self.folder / "galaxies.yaml", key=f"lines.{name}", value=value, allowed=f"{built}",
+                )  # fmt: skip
 
     def _refuse_unless(self, good, key, allowed):
         part, _, inside = key.partition(".")
         value = reduce(getitem, inside.split("."), self.numbers[part])
         if not good(value):
             raise InputError("impossible", file=self.folder / f"{part}.yaml", key=inside, value=value, allowed=allowed)
+
+
+@cache
+def _shipped(part):
+    return read_data(SHIPPED / "universe" / f"{part}.yaml")
+
+
+def _check_like(mine, shipped, file, key=""):
+    """Raise InputError where `mine` lacks a key of the shipped numbers, or a finite number that these have."""
+    if isinstance(shipped, dict):
+        if not isinstance(mine, dict):
+            raise InputError("must be a mapping", file=file, key=key, value=mine, allowed=", ".join(shipped))
+        for name, value in shipped.items():
+            inner = f"{key}.{name}" if key else name
+            if name not in mine:
+                raise InputError("missing", file=file, key=inner)
+            _check_like(mine[name], value, file, inner)
+    elif _number(shipped) and not _number(mine):
+        raise InputError("must be a number", file=file, key=key, value=mine, allowed=f"such as {shipped}")
+
+
+def _number(value):
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def load_universe(folder=SHIPPED / "universe"):

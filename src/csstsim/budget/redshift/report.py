@@ -8,6 +8,7 @@ import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
+from csstsim.base.files.output_folder import output_folder
 from csstsim.budget.redshift.extracted import extracted
 from csstsim.budget.redshift.line_biases import by_contamination, line_biases
 from csstsim.budget.redshift.scores import RIGHT, scores
@@ -22,7 +23,7 @@ def budget(runs, output, spectra=None, answer=None, band="i", say=print):
     `extract` writes them, or None: the campaign's; answer: CSV file of columns id, z and good (0 or 1); band: of the
     magnitudes. Returns the scores, or None. Raises InputError.
     """
-    output, run = Path(output), runs[0]
+    output, run = output_folder(output), runs[0]
     given = None if answer is None else read_answer(answer)
     name = f"mag_{band}"
     if band not in run.camera.bands:

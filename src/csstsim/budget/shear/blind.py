@@ -14,6 +14,7 @@ import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
+from csstsim.base.files.output_folder import output_folder
 from csstsim.base.files.text_file import read_json, read_text
 from csstsim.base.process.one_thread import one_thread
 from csstsim.base.process.progress import progress
@@ -35,7 +36,7 @@ def blind(file, key, output, say, *, count=None, whole=False):
     (n, s, s), GALAXIES (x, y: 0-based pixels of IMAGE; jacobian d(x, y)/d(east, north) [px / arcsec]). Raises
     InputError for a key that exists.
     """
-    plan, key, folder = load_plan(file, fields=count), Path(key), Path(output)
+    plan, key, folder = load_plan(file, fields=count), Path(key), output_folder(output)
     for path in (key, folder / SEAL):
         if path.exists():
             raise InputError("exists already, and nothing was written; name another", file=path)

@@ -1,8 +1,8 @@
 """`csstsim budget shear`: runs a plan, or its first field alone, and writes table, figures and page."""
 
 import shlex
-from pathlib import Path
 
+from csstsim.base.files.output_folder import output_folder
 from csstsim.base.process.one_thread import one_thread
 from csstsim.budget.shear.bars import bars
 from csstsim.budget.shear.figures import chart, waterfall
@@ -18,7 +18,7 @@ def budget(file, output, say, *, only_plan=False, **chosen):
 
     chosen: as load_plan has them. Returns the rows of bars.bars, with the sample. Raises InputError.
     """
-    plan, folder = load_plan(file, **chosen), Path(output)
+    plan, folder = load_plan(file, **chosen), output_folder(output)
     for line in summary(plan, file, only_plan):
         say(line)
     paths = fields(plan, folder, say, first=1 if only_plan else None, file=file or DEFAULT)

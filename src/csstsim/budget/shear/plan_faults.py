@@ -12,6 +12,7 @@ LAYERS = SHIPPED / "observations" / "science.yaml"  # the list whose layers a Se
 def check_plan(plan, file, base, everything):
     """Raise InputError for the first fault of a plan.ShearPlan; base, everything: names that no effect can have."""
     _check_grid(plan, file)
+    _check_names(plan, file)
     _check_setting(plan, plan.base, {"layers": plan.base.layers}, file, "base")
     for name, effect in plan.effects.items():
         if name in (base, everything):
@@ -32,6 +33,14 @@ def _check_grid(plan, file):
     if plan.cells < 2:
         allowed = f"a side of two places and more; spacing is {plan.spacing}"
         raise InputError("no room for a ring of four galaxies", file=file, key="size", value=plan.size, allowed=allowed)
+
+
+def _check_names(plan, file):
+    if len(set(plan.estimators)) < len(plan.estimators):
+        raise InputError("an estimator is named twice", file=file, key="estimators", value=list(plan.estimators))
+    for name in plan.samples:
+        if not name.replace("_", "").isalnum():
+            raise InputError("no name for a sample", file=file, key="samples", value=name, allowed="letters, digits, _")
 
 
 def _check_against(plan, name, file, base):

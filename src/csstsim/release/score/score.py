@@ -9,6 +9,7 @@ import numpy as np
 from csstsim import __version__
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
+from csstsim.base.files.output_folder import output_folder
 from csstsim.release.score import numbers
 from csstsim.release.score.catalogue import read_catalogue
 from csstsim.release.score.field import read_field
@@ -27,14 +28,13 @@ def score(catalogue, truth, output, say, maps=(), band=None, radius=RADIUS):
     """
     from csstsim.release.score.page import write_page
 
-    field = read_field(truth)
+    folder, field = output_folder(output), read_field(truth)
     read = read_catalogue(catalogue, _pairs(maps), field.bands)
     result, arrays = judge(field, read, band, radius, catalogue)
     for line in result["notes"]:
         say(line)
     for line in lines(result):
         say(line)
-    folder = Path(output)
     folder.mkdir(parents=True, exist_ok=True)
     with atomic_path(folder / JSON) as temporary:
         temporary.write_text(json.dumps(_finite(result), indent=1, allow_nan=False) + "\n")

@@ -1,0 +1,39 @@
+"""The numbers of a universe folder of one's own: what is missing, no number, or does not fit the spectra is refused."""
+
+import copy
+from functools import reduce
+from operator import getitem
+
+import pytest
+from embedded_sky import shipped
+
+from csstsim.base.errors import InputError
+from csstsim.universe.parameters import Universe
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("virial", None, r"virial: missing"),
+        ("line_scatter", float("nan"), r"line_scatter: must be a number"),
+        ("line_scatter", "x", r"line_scatter: must be a number"),
+        ("dust.scatter", float("inf"), r"dust.scatter: must be a number"),
+        ("dust", 1.0, r"dust: must be a mapping"),
+        ("lines.strength", 0.9, r"lines.strength: galaxy_spectra.fits has other lines.*0.21"),
+    ],
+)
+def test_wrong_numbers_are_refused(key, value, said):
+    universe = shipped()[0]
+    numbers = copy.deepcopy(universe.numbers)
+    *way, last = key.split(".")
+    inner = reduce(getitem, way, numbers["galaxies"])
+    if value is None:
+        del inner[last]
+    else:
+        inner[last] = value
+    with pytest.raises(InputError, match=rf"galaxies.yaml: {said}"):
+        Universe(universe.folder, numbers).check()
+
+
+def test_the_shipped_numbers_pass():
+    shipped()[0].check()
