@@ -67,6 +67,8 @@ def image(folder, data):
 
 
 BAD = {
+    "outside": (edit("GI1.conf", "SENSITIVITY_A ", "SENSITIVITY_A ../GI_p1.fits"), "would go unnoticed"),
+    "no .fits": (edit("GI1.conf", "SENSITIVITY_A ", "SENSITIVITY_A GI_p1.dat"), "(got 'GI_p1.dat')"),
     "no chips": (lambda f, d: d.update(chips=None), "gratings.yaml: chips: must be a mapping"),
     "chip missing": (lambda f, d: d.update(chips={}), "chips.1: must be a mapping"),
     "imaging chip": (lambda f, d: d["chips"].update({9: dict(ROW)}), "not a chip behind gratings (got 9)"),
@@ -92,7 +94,7 @@ BAD = {
     "a point": (edit("GI1.conf", "DLDP_A_1", "DLDP_A_1 -1e9"), "BEAMA: the middle of the order's light"),
     "another extent": (edit("GI1.conf", "BEAMA", "BEAMA 5 6"), "BEAMA: the middle of the order's light"),
     "no sensitivity": (edit("GI1.conf", "SENSITIVITY_A", "SENSITIVITY_A a/b/none.fits"), "none.fits: no such file"),
-    "folder": (edit("GI1.conf", "SENSITIVITY_A", "SENSITIVITY_A ."), "no such file"),
+    "folder": (edit("GI1.conf", "SENSITIVITY_A", "SENSITIVITY_A ."), "would go unnoticed"),
     "text": (file("GI_p1.fits", lambda p: b"1 2 3\n"), "GI_p1.fits: cannot be read as a sensitivity"),
     "empty": (file("GI_p1.fits", lambda p: b""), "GI_p1.fits: cannot be read as a sensitivity"),
     "cut short": (file("GI_p1.fits", lambda p: p.read_bytes()[:9000]), "GI_p1.fits"),

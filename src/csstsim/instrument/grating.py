@@ -181,6 +181,7 @@ def load_grating(path, filter, telescope):
     """Return the Grating of an aXe file: coefficients (6,), throughputs [e- / photon]. Raises InputError."""
     path, orders = Path(path), {}
     for number, one in sorted(read_axe(path).items()):
+        _check_beside(path, one["sensitivity"])
         throughput = _throughput(path.parent / one["sensitivity"], telescope)
         table = np.stack([one[name] for name in COEFFICIENTS])
         orders[number] = Order(number, one["extent"], table, throughput)
@@ -192,6 +193,16 @@ def load_grating(path, filter, telescope):
             allowed=f"{_AGREE}",
         )  # fmt: skip
     return Grating(path.stem, orders)
+
+
+def _check_beside(path, name):
+    """Raise InputError for a sensitivity file that the camera's digest would not know (load.data_files)."""
+    file = Path(name)
+    if file.is_absolute() or ".." in file.parts or file.name.startswith(".") or ".fits" not in file.suffixes:
+        raise InputError(
+            "a change of this file would go unnoticed", file=path, key="SENSITIVITY", value=name,
+            allowed="a .fits file in this folder",
+        )  # fmt: skip
 
 
 def _throughput(path, telescope):
