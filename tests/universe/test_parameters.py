@@ -18,6 +18,8 @@ from csstsim.universe.parameters import Universe
         ("line_scatter", float("nan"), r"line_scatter: must be a number"),
         ("line_scatter", "x", r"line_scatter: must be a number"),
         ("dust.scatter", float("inf"), r"dust.scatter: must be a number"),
+        ("dust.cubic", [0.345, float("nan"), 0.0, 0.0], r"dust.cubic\[1\]: must be a number"),
+        ("dust.max", -1.0, r"dust.max: impossible"),
         ("dust", 1.0, r"dust: must be a mapping"),
         ("lines.strength", 0.9, r"lines.strength: galaxy_spectra.fits has other lines.*0.21"),
     ],

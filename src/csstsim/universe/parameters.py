@@ -18,9 +18,9 @@ from csstsim.universe.dust.dust_map import DustMap
 
 Z_MAX = 20.0  # largest redshift allowed for galaxies
 _POSITIVE = (
-    "dust.r_v", "dust.sfd_scale", "stars.sun.r0", "galaxies.density", "galaxies.mass_function.z_max", "lensing.shells",
-    "lensing.stretch_max", "occupation.stellar_to_halo.scatter", "occupation.satellites.concentration",
-    "occupation.satellites.dispersion",
+    "dust.r_v", "dust.sfd_scale", "stars.sun.r0", "galaxies.density", "galaxies.virial", "galaxies.dust.max",
+    "galaxies.mass_function.z_max", "lensing.shells", "lensing.stretch_max", "occupation.stellar_to_halo.scatter",
+    "occupation.satellites.concentration", "occupation.satellites.dispersion",
 )  # fmt: skip
 _SHARES = ("occupation.satellites.axis_ratio", "occupation.surviving.most", "occupation.quenching.most")
 _RISING = ("stars.limits", "quasars.redshift", "quasars.m1450")
@@ -163,6 +163,9 @@ def _check_like(mine, shipped, file, key=""):
             if name not in mine:
                 raise InputError("missing", file=file, key=inner)
             _check_like(mine[name], value, file, inner)
+    elif isinstance(shipped, list) and isinstance(mine, list):  # a longer one goes on as the shipped one ends
+        for k, value in enumerate(mine if shipped else []):
+            _check_like(value, shipped[min(k, len(shipped) - 1)], file, f"{key}[{k}]")
     elif _number(shipped) and not _number(mine):
         raise InputError("must be a number", file=file, key=key, value=mine, allowed=f"such as {shipped}")
 

@@ -1,5 +1,7 @@
 """Faults between the keys of a plan of a budget of shear: each names the key that is to be changed."""
 
+import re
+
 from csstsim.base.errors import InputError
 from csstsim.base.model import validate
 from csstsim.base.shipped import SHIPPED
@@ -39,8 +41,10 @@ def _check_names(plan, file):
     if len(set(plan.estimators)) < len(plan.estimators):
         raise InputError("an estimator is named twice", file=file, key="estimators", value=list(plan.estimators))
     for name in plan.samples:
-        if not name.replace("_", "").isalnum():
-            raise InputError("no name for a sample", file=file, key="samples", value=name, allowed="letters, digits, _")
+        if not re.fullmatch(r"[\w-]+", name):  # it is part of the names of files
+            raise InputError(
+                "no name for a sample", file=file, key="samples", value=name, allowed="letters, digits, _-"
+            )
 
 
 def _check_against(plan, name, file, base):

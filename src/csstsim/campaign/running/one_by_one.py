@@ -36,7 +36,7 @@ def one_by_one(run, rule, jobs, make, resume=False, say=print):
             begun = time.process_time()
             with part_log("chip", job.chip.id):
                 make(job)
-            if job is not jobs[-1]:
+            if job is not jobs[-1]:  # the end of the process frees the rest
                 release()
             if resume:
                 _keep(files, kept, time.process_time() - begun)
