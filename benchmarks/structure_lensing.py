@@ -49,14 +49,17 @@ def centres(count):
     return [*FINE, *WIDE, *zip(*golden, strict=True)][:count]
 
 
-def smooth_maps(field, grid):
-    """Return kappa, gamma1, gamma2 (3, sources, rows, columns) of the smooth field on a TangentGrid, in its frame."""
+def smooth_maps(field, grid, sources):
+    """Return kappa, gamma1, gamma2 (3, sources, rows, columns) of the smooth field on a TangentGrid, in its frame.
+
+    sources: their redshifts.
+    """
     grids = [grid]
     while grids[0].rows > WIDEST_GRID:
         half = (grids[0].rows + 1) // 2 + 4
         grids.insert(0, TangentGrid(grid.axes, 2 * grids[0].step, half, half))
-    weights = (field.shells.weights(np.array(SOURCES))[:, : field.lenses]).T
-    values, done = np.zeros((*grids[0].shape, 3, len(SOURCES)), np.float32), 0
+    weights = (field.shells.weights(np.array(sources))[:, : field.lenses]).T
+    values, done = np.zeros((*grids[0].shape, 3, len(sources)), np.float32), 0
     for coarse, fine in zip([None, *grids], grids, strict=False):
         values = values if coarse is None else prolong(values, coarse, fine)
         while done < len(field.widths) and (fine is grid or field.widths[done][1] > field.samples * fine.step):
@@ -112,25 +115,36 @@ def power_of_haloes(matter, haloes, lenses, grid):
     return found
 
 
-def make_patch(field, ra0, dec0):
-    """Return the maps (3, sources, SIZE + 1, SIZE + 1) of a patch and `power_of_haloes`."""
+def patch_grid(ra0, dec0, degrees, size):
+    """Return the TangentGrid of a patch of `degrees` with `size` + 1 points along a side; its axes are east, north."""
     centre, a = healpy.ang2vec(ra0, dec0, lonlat=True), np.radians(ra0)
     east = np.array([-np.sin(a), np.cos(a), 0.0])
-    grid = TangentGrid(np.stack([east, np.cross(centre, east), centre]), STEP, SIZE // 2, SIZE // 2)
-    maps = smooth_maps(field, grid)
-    if field.haloes is None:
-        return maps, np.zeros((len(SOURCES), len(EDGES) - 1))
+    axes = np.stack([east, np.cross(centre, east), centre])
+    return TangentGrid(axes, np.radians(degrees) / size, size // 2, size // 2)
+
+
+def add_haloes(maps, field, grid, sources):
+    """Add the haloes' part to `maps` of `smooth_maps`; return the haloes' columns and their `halo_lenses`."""
     haloes = haloes_about(field, grid)
     lenses = halo_lenses(haloes, field.mass_function, field.numbers["haloes"])
     n, t1, t2 = (v.reshape(-1, 3) for v in grid.frames)
     ra, dec = healpy.vec2ang(n, lonlat=True)
     local = np.stack([-np.sin(np.radians(ra)), np.cos(np.radians(ra)), 0 * ra], axis=1)
     turn = (np.einsum("nk,nk->n", local, t1) + 1j * np.einsum("nk,nk->n", local, t2)) ** 2
-    for k, chi in enumerate(field.shells.source_distance(np.array(SOURCES))):
+    for k, chi in enumerate(field.shells.source_distance(np.array(sources))):
         kappa, gamma1, gamma2 = halo_shear(lenses, ra, dec, np.full(len(ra), chi))
         gamma = (gamma1 + 1j * gamma2) * turn
         maps[:, k] += np.stack([kappa, gamma.real, gamma.imag]).reshape(3, *grid.shape).astype(np.float32)
-    return maps, power_of_haloes(field, haloes, lenses, grid)
+    return haloes, lenses
+
+
+def make_patch(field, ra0, dec0):
+    """Return the maps (3, sources, SIZE + 1, SIZE + 1) of a patch and `power_of_haloes`."""
+    grid = patch_grid(ra0, dec0, DEGREES, SIZE)
+    maps = smooth_maps(field, grid, SOURCES)
+    if field.haloes is None:
+        return maps, np.zeros((len(SOURCES), len(EDGES) - 1))
+    return maps, power_of_haloes(field, *add_haloes(maps, field, grid, SOURCES), grid)
 
 
 def kept_patch(field, asked, centre):

