@@ -234,7 +234,7 @@ def test_the_page_has_the_whole_command():
 
 def answer(folder, rows, heads="field,g1,g2,g1_err,g2_err"):
     path = folder / "answer.csv"
-    path.write_text("\n".join([heads, *rows]) + "\n")
+    path.write_text("\n".join([heads, *rows]) + "\n", encoding="utf-8-sig")  # as Excel writes it
     return path
 
 
