@@ -2,7 +2,7 @@
 
     python benchmarks/clustered_sky.py [--bricks 64] [--structure haloes] [--output results/clustered_sky]
 
-The patch is a HEALPix pixel of as many bricks (4, 16, 64 of 0.0525 deg2 each). The galaxies are those of a campaign but
+The patch is a HEALPix pixel of as many bricks (4 to 256 of 0.0525 deg2 each). The galaxies are those of a campaign but
 for the faint limit: `DENSITY` keeps those to i = 26, so a brick takes two CPU seconds. Writes one npz file.
 """
 
@@ -19,7 +19,7 @@ from csstsim.catalog.truth_bricks import AREA_DEG2, _clustered, _population, _st
 from csstsim.instrument.camera import load_camera
 from csstsim.universe.parameters import load_universe
 
-SEED, FIRST = 7, 6400 * 64  # a patch at middle latitude, some 3.4 deg2
+SEED, FIRST = 7, 6400 * 64  # a patch at middle latitude, 3.4 deg2 of 64 bricks
 DENSITY = 80.0  # per arcmin2
 COLUMNS = ("ra", "dec", "z", "i", "gal_type", "halomass", "satellite", "log_mass")
 
@@ -56,7 +56,7 @@ def galaxies(universe, camera, structure, pix):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--bricks", type=int, default=64, choices=(1, 4, 16, 64))
+    parser.add_argument("--bricks", type=int, default=64, choices=(1, 4, 16, 64, 256))
     parser.add_argument("--structure", default="haloes", choices=("haloes", "field", "none"))
     parser.add_argument("--output", type=Path, default=Path("results/clustered_sky"))
     args = parser.parse_args()

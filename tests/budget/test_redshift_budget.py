@@ -8,7 +8,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.units import C_A_S, H_J_S
 from csstsim.budget.redshift.figure import figure
 from csstsim.budget.redshift.line_biases import SIDE, by_contamination, line_biases, mean
-from csstsim.budget.redshift.report import _check_band
+from csstsim.budget.redshift.report import _check_band, read_answer
 from csstsim.budget.redshift.scores import RIGHT, score, scores
 from csstsim.budget.redshift.stack import STEP, stacked
 from csstsim.catalog.table import GALAXY, ObjectTable
@@ -169,3 +169,24 @@ def test_a_band_without_magnitudes_is_refused_with_those_that_there_are():
     with pytest.raises(InputError, match=r"--band.*got 'i'.*allowed: r$"):
         _check_band([(None, None, truth)], objects, ("r", "i"), "i")
     _check_band([(None, None, truth)], objects.with_columns(magnitude=np.array([np.nan, 18.0])), ("r", "i"), "i")
+
+
+@pytest.mark.parametrize("text", [b"", b"id,z,good\n", b"\xef\xbb\xbfid,z,good\r\n", b"\n\n"])
+def test_an_answer_without_a_row_is_refused(tmp_path, text):
+    (tmp_path / "a.csv").write_bytes(text)
+    with pytest.raises(InputError, match=r"a\.csv: not an answer: no row; allowed: id, z, good"):
+        read_answer(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize(
+    ("heads", "lacks"), [("id,z", "good"), ("ID,z,good", "id"), ("number,redshift", "id, z, good")]
+)
+def test_an_answer_without_a_column_names_it_and_those_that_it_has(tmp_path, heads, lacks):
+    (tmp_path / "a.csv").write_text(f"{heads}\n1,0.5,1\n")
+    with pytest.raises(InputError, match=rf"a\.csv: columns: not an answer: it lacks {lacks} \(got '{heads[:2]}"):
+        read_answer(tmp_path / "a.csv")
+
+
+def test_an_answer_with_a_byte_order_mark_is_read(tmp_path):
+    (tmp_path / "a.csv").write_text("id,z,good\n1,0.5,1\n", encoding="utf-8-sig")
+    assert read_answer(tmp_path / "a.csv") == {1: (0.5, True)}

@@ -42,9 +42,18 @@ def test_one_id_is_one_place():
 
 
 def test_a_campaign_without_tables_is_refused(tmp_path):
-    absent = SimpleNamespace(spectra=lambda *_: tmp_path / "no", lines=lambda *_: tmp_path / "no", output=tmp_path)
-    with pytest.raises(InputError, match="no table of spectra"):
-        _of_campaign(SimpleNamespace(**vars(run("a.yaml", ("1", 1))), paths=absent), None, print)
+    """The file is named that is missing, and what makes it; the option only where it was given."""
+    names = {name: lambda obsid, chip, name=name: tmp_path / f"{obsid}_{name}" for name in ("spectra", "lines")}
+    (tmp_path / "1_spectra").write_text("")
+    one = SimpleNamespace(**vars(run("a.yaml", ("1", 7))), paths=SimpleNamespace(**names, output=tmp_path))
+    with pytest.raises(InputError) as caught:
+        _of_campaign(one, None, print)
+    assert str(caught.value).startswith(f"{tmp_path / '1_lines'}: no such table of spectra")
+    assert "csstsim extract a.yaml --obsid 1 --chip 7" in str(caught.value) and "--spectra" not in str(caught.value)
+    with pytest.raises(InputError, match=r"nowhere: --spectra: no table of spectra .got 'nowhere'.*1_spectra"):
+        _of_campaign(one, "nowhere", print)
+    with pytest.raises(InputError, match=r"b\.yaml: has no spectroscopic frame"):
+        _of_campaign(run("b.yaml"), None, print)
 
 
 def test_frames_that_are_not_extracted_are_counted(tmp_path, monkeypatch):

@@ -1,6 +1,7 @@
 """Fields of the budget of shear: arms that share their noise, the run, its bars, figures and blind test."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -10,10 +11,11 @@ from mini_campaign import write_campaign
 
 import csstsim
 from csstsim.budget.shear import blind as blinded
+from csstsim.budget.shear import figures
 from csstsim.budget.shear import run as running
 from csstsim.budget.shear.bars import bars
 from csstsim.budget.shear.command import _command
-from csstsim.budget.shear.frames import Field, level_of, noise_of, opened
+from csstsim.budget.shear.frames import Field, level_of, noise_of
 from csstsim.budget.shear.plan import DEFAULT, Setting, load_plan
 from csstsim.budget.shear.printed import hours, pair
 from csstsim.budget.shear.volume import report, sigma_m, volume
@@ -151,8 +153,8 @@ def test_stamps_that_were_seen_are_measured_once(field, arms, monkeypatch):
 def done(sim, file, tmp_path_factory):
     folder, said = tmp_path_factory.mktemp("out"), []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(running, "opened", lambda plan, file: (sim, "r"))
-        patch.setattr(blinded, "opened", lambda plan, file: (sim, "r"))
+        patch.setattr(running, "opened", lambda plan: (sim, "r"))
+        patch.setattr(blinded, "opened", lambda plan: (sim, "r"))
         result = CliRunner().invoke(main, ["budget", "shear", str(file), "--output", str(folder)])
         assert result.exit_code == 0, result.output
         stamps = {path: path.stat().st_mtime_ns for path in (folder / "fields").iterdir()}
@@ -232,7 +234,7 @@ def test_the_page_has_the_whole_command():
 
 def answer(folder, rows, heads="field,g1,g2,g1_err,g2_err"):
     path = folder / "answer.csv"
-    path.write_text("\n".join([heads, *rows]) + "\n")
+    path.write_text("\n".join([heads, *rows]) + "\n", encoding="utf-8-sig")  # as Excel writes it
     return path
 
 
@@ -262,6 +264,7 @@ def test_blind_frames_hide_the_shear_and_score_an_answer(done):
         (["0,0,0,1,1"], "each field once"), (["0,0,0,1,1", "0,0,0,1,1"], "each field once"), ([], "not an answer"),
         (["0,x,0,1,1", "1,0,0,1,1"], "a number"), (["0,0,0,0,1", "1,0,0,1,1"], "positive"),
         (["0,nan,0,1,1", "1,0,0,1,1"], "finite"), (["0,0,0,1", "1,0,0,1,1"], "a number"),
+        (["0,0,0,1,1", f"1,0,0,1,{'1' * 200_000}"], "not a CSV table"),
     ],
 )  # fmt: skip
 def test_a_wrong_answer_is_refused_in_one_line(done, rows, said):
@@ -315,18 +318,91 @@ def test_a_key_whose_shears_are_no_pairs_of_numbers_is_refused(tmp_path, shears)
 
 
 def test_a_damaged_file_of_shapes_is_made_again(tmp_path):
-    path = tmp_path / "one.npz"
-    assert not running.whole(path)
+    path, wanted = tmp_path / "one.npz", {"psf": "floats (1000,)"}
+    assert not running.kept(path, wanted)
     np.savez(path, psf=np.arange(1000.0), e=np.arange(1000.0))
     content = path.read_bytes()
-    assert running.whole(path)
+    assert running.kept(path, wanted)
     flipped = bytearray(content)
     flipped[3000] ^= 255
     for damaged in (b"", b"abc", content[:-30], content[:5000], bytes(flipped)):
         path.write_bytes(damaged)
-        assert not running.whole(path), damaged[:20]
-    np.savez(path, e=np.arange(3))
-    assert not running.whole(path)
+        assert not running.kept(path, wanted), damaged[:20]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [lambda arrays: arrays.pop("psf"), lambda arrays: arrays.pop("linear|own|e"), lambda arrays: arrays.clear(),
+     lambda arrays: arrays.update(ring=arrays["ring"][1:]), lambda arrays: arrays.update(ring=arrays["ring"] + 0.5),
+     lambda arrays: arrays.update(psf=np.array([{}]))],
+)  # fmt: skip
+def test_a_sound_file_of_other_arrays_is_named_before_any_work(done, file, sim, tmp_path, monkeypatch, change):
+    """The last window's file among the kept ones; the first window's is missing, and stays so."""
+    _, plan, paths = done
+    shutil.copytree(paths["one"][0].parent, tmp_path / "fields")
+    first, *_, last = (tmp_path / "fields" / path.name for path in paths["one"])
+    arrays = dict(np.load(last))
+    change(arrays)
+    np.savez(last, **arrays)
+    first.unlink()
+    monkeypatch.setattr(running, "opened", lambda plan: (sim, "r"))
+    result = CliRunner().invoke(main, ["budget", "shear", str(file), "--output", str(tmp_path)])
+    assert result.exit_code == 2 and not first.exists(), result.output
+    assert str(last) in result.stderr and "remove the file, and they are measured again" in result.stderr
+    last.unlink()
+    assert running.kept(paths["one"][0], running.contents(plan, 0)) and not running.kept(last, {})
+
+
+@pytest.mark.parametrize("fault", [KeyboardInterrupt, OSError, csstsim.base.errors.InputError])
+def test_a_blind_run_that_fails_leaves_nothing(file, sim, tmp_path, monkeypatch, fault):
+    """It fails at the second frame; in a folder that was there, what others wrote stays."""
+    write = blinded._write
+
+    def failing(path, *rest):
+        if path.name == "field_001.fits":
+            raise fault("at the second frame")
+        write(path, *rest)
+
+    monkeypatch.setattr(blinded, "opened", lambda plan: (sim, "r"))
+    monkeypatch.setattr(blinded, "_write", failing)
+    (tmp_path / "old").mkdir()
+    (tmp_path / "old" / "notes.txt").write_text("mine")
+    for folder in ("old", "new"):
+        with pytest.raises(fault):
+            blinded.blind(file, tmp_path / "keys" / "key.json", tmp_path / folder, print)
+        assert [path.name for path in tmp_path.rglob("*")] == ["old", "notes.txt"]
+
+
+@pytest.mark.parametrize("name", ["field_001.fits", "README.md", "seal.json"])
+def test_a_blind_run_writes_over_nothing(file, tmp_path, name):
+    (tmp_path / name).write_text("mine")
+    words = ["budget", "shear", str(file), "--blind", str(tmp_path / "key.json"), "--output", str(tmp_path)]
+    result = CliRunner().invoke(main, words)
+    assert result.exit_code == 2 and name in result.stderr and [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def row(kind, m1, error=1e-5, alpha=0.01):
+    """One bar of the waterfall, the base by an estimator."""
+    same = {"sample": "one", "effect": "base", "kind": "base", "about": "the base", "estimator": kind}
+    values = dict.fromkeys(("m2", "c1", "c2"), 1e-4) | {"m1": m1, "alpha": alpha}
+    return same | values | {f"{name}_err": error for name in values}
+
+
+def test_the_waterfall_cuts_no_value_and_marks_errors_that_it_cuts(monkeypatch):
+    """The second of three estimators has the largest value; the third none of alpha, and a long error."""
+    drawn = []
+    monkeypatch.setattr(figures, "_save", lambda figure, path: drawn.append(figure))
+    figures.waterfall("x.png", [row("hsm", -2e-3), row("own", -0.04), row("fpfs", 4e-3, alpha=np.nan)], "one", ())
+    figures.waterfall("x.png", [row("hsm", -2e-3), row("own", -0.04), row("fpfs", 4e-3, error=1.0)], "one", ())
+    for figure, arrows in zip(drawn, ([], ["<", ">"]), strict=True):
+        m1 = figure.axes[0]
+        low, high = m1.get_xlim()
+        assert low < -40 * 1.1 and high > 4 * 1.1
+        assert [line.get_marker() for line in m1.lines if line.get_marker() in ("<", ">")] == arrows
+        for ax in figure.axes:
+            markers = np.concatenate([line.get_xdata() for line in ax.lines if line.get_marker() in ("s", "D")])
+            assert np.nanmin(markers) > ax.get_xlim()[0] and np.nanmax(markers) < ax.get_xlim()[1]
+    assert drawn[1].axes[0].lines[-1].get_xdata() == [high]
 
 
 def test_fields_of_another_release_are_not_used(file, monkeypatch):
@@ -334,14 +410,6 @@ def test_fields_of_another_release_are_not_used(file, monkeypatch):
     now = running._digest(plan, "one", 0)
     monkeypatch.setattr(running, "release", lambda: "0.0")
     assert running._digest(plan, "one", 0) != now
-
-
-@pytest.mark.parametrize("chips", [[8, 9], [29], [99]])
-def test_chips_of_two_bands_or_none_are_refused(file, tmp_path, chips):
-    data = yaml.safe_load(file.read_text()) | {"chips": chips}
-    (tmp_path / "plan.yaml").write_text(yaml.safe_dump(data))
-    with pytest.raises(csstsim.base.errors.InputError, match="chips"):
-        opened(load_plan(tmp_path / "plan.yaml"), "plan.yaml")
 
 
 def test_options_that_do_not_go_together():

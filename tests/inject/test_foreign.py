@@ -311,3 +311,9 @@ def test_stamps_whose_headers_lie(tmp_path, change):
     path.write_bytes(content.replace(card.encode(), f"NAXIS2  = {value:>20}".encode()))
     with pytest.raises(InputError):
         read_psf(path)
+
+
+def test_a_column_of_words_is_named_with_its_file(tmp_path):
+    table, image, psf = at(50, 50, mag=[20.0], obj_type=["star"]), write_image(tmp_path), write_psf(tmp_path)
+    said = inject(tmp_path, image, table, psf, "--zeropoint", ZERO, code=2)
+    assert f"{tmp_path / 'new.csv'}: obj_type: must be numbers" in said

@@ -275,10 +275,12 @@ def test_bad_frames_give_one_line_and_write_nothing(files, tmp_path, message):
 def test_other_bad_input(files, bare, sim, tmp_path):
     campaign, raw, _, table = files
     out = tmp_path / "out"
-    bad = tmp_path / "bad.csv"
+    bad, words = tmp_path / "bad.csv", tmp_path / "words.csv"
     Table({"ra": [1.0], "dec": [2.0]}).write(bad)
+    Table({"ra": [1.0], "dec": [2.0], "mag_r": [20.0], "obj_type": ["star"]}).write(words)
     for more, message in (
-        (("--catalogue", bad), "mag_"),
+        (("--catalogue", bad), f"{bad}: mag_"),
+        (("--catalogue", words), f"{words}: obj_type: must be numbers (got 'star')"),
         (("--catalogue", tmp_path / "none.csv"), "No such file"),
     ):
         assert message in run_command("inject", raw, *more, "--output", out, "--campaign", campaign, code=2)
@@ -290,6 +292,8 @@ def test_other_bad_input(files, bare, sim, tmp_path):
     other = bare.replace(window=(10, 100, 10, 100)).chip(OBSID, CHIP)
     with pytest.raises(InputError, match="another window"):
         bare.inject(other, objects(sim, 50, 50, 20.0))
+    with pytest.raises(InputError, match=r"words\.csv: obj_type"):
+        bare.inject(bare.chip(OBSID, CHIP), words)
 
 
 def test_nothing_reaches_the_frame(bare, sim):

@@ -37,6 +37,7 @@ from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID
 
 _NEEDLE = re.compile(rb"image_file|spectrum_file")
+COLUMNS_KEY = "catalog.options.columns"  # what errors name instead of a file
 _OPTIONS = ("file", "columns", "instrument", "light_curves")
 
 
@@ -62,7 +63,7 @@ class TableCatalog(CatalogBase):
     def _load(self):
         file = self.options.get("file")
         columns = read_table(file) if file else self.options["columns"]
-        self._table = object_table(columns, self._bands, file or "catalog.options.columns")
+        self._table = object_table(columns, self._bands, file or COLUMNS_KEY)
         self.objs = MockObjects(self._table)
         curves = self.options.get("light_curves")
         self._curves = LightCurves(read_table(curves), curves, self._camera.filters) if curves else None
@@ -89,7 +90,7 @@ class TableCatalog(CatalogBase):
         file, curves = options.get("file"), options.get("light_curves")
         named = (curves,) if curves else ()
         if not file:
-            return (*named, *files_of(options.get("columns") or {}, "catalog.options.columns"))
+            return (*named, *files_of(options.get("columns") or {}, COLUMNS_KEY))
         return (file, *named, *(files_of(read_table(file), file) if _may_name_files(file) else ()))
 
     @cached_property
@@ -202,7 +203,7 @@ def _check_options(options):
     columns = options.get("columns", {})
     if not isinstance(columns, Mapping) or not all(isinstance(name, str) for name in columns):
         value = type(columns).__name__ if not isinstance(columns, Mapping) else ", ".join(map(str, columns))
-        raise InputError("not columns", key="catalog.options.columns", value=value, allowed="{name: list of values}")
+        raise InputError("not columns", key=COLUMNS_KEY, value=value, allowed="{name: list of values}")
     for name, values in columns.items():
         try:
             np.asarray(values)

@@ -30,7 +30,7 @@ class Request:
     """What to inject and how: arguments of `inject` that are the same for all frames."""
 
     columns: dict  # {name: values} of the table
-    name: str  # of the table, for HISTORY
+    table: object  # its file, or words for one in memory
     realisation: int = 1
     campaign: object = None  # file or OpenCampaign
     instrument: object = None
@@ -38,6 +38,11 @@ class Request:
     psf: object = None  # file of a PSF, for frames of others
     zeropoint: float | None = None  # AB magnitude of 1 electron / s, likewise
     light_curves: object = None  # file of the curves that the table names
+
+    @property
+    def name(self):
+        """The name of the table, for HISTORY."""
+        return Path(self.table).name
 
 
 def inject(frames, table, folder, say=print, **options):
@@ -53,8 +58,7 @@ def inject(frames, table, folder, say=print, **options):
             raise InputError("would be written twice, or is there already; name another folder", file=target)
     if folder.exists() and not folder.is_dir():
         raise InputError("is no folder", file=folder)
-    name = Path(table).name if isinstance(table, str | Path) else "a table"
-    request = Request(table_of(table), name, **options)
+    request = Request(table_of(table), table if isinstance(table, str | Path) else "a table", **options)
     for frame in frames:
         _check_fresh(frame, request.realisation)
     ready = [_ready(frame, request, say) for frame in frames]
@@ -87,7 +91,7 @@ def _ready(frame, request, say):
 
         return ready(frame, request)
     run, job = job_of(frame, request.campaign, request.instrument, request.cache, say)
-    catalogue = catalogue_of(run, job, request.columns, request.light_curves)
+    catalogue = catalogue_of(run, job, request.columns, request.light_curves, request.table)
     if kind == CALIBRATED:
         _read_calibrated(frame, job)
     make = {LEVEL0: _make_level0, CALIBRATED: _make_calibrated}[kind]

@@ -12,7 +12,7 @@ import numpy as np
 from csstsim.base.errors import InputError
 from csstsim.base.rng import Streams
 from csstsim.catalog.object_table import plain_columns, read_table
-from csstsim.catalog.own_table import TableCatalog
+from csstsim.catalog.own_table import COLUMNS_KEY, TableCatalog
 from csstsim.catalog.row_files import named
 from csstsim.catalog.table import FILE_COLUMNS
 from csstsim.inject.shot import places, shot
@@ -58,15 +58,23 @@ def table_of(given):
     return columns | {name: named(columns, name, given) for name in FILE_COLUMNS if name in columns}
 
 
-def catalogue_of(run, job, columns, light_curves=None):
+def catalogue_of(run, job, columns, light_curves=None, file=None):
     """Return the TableCatalog of {name: values} for a job of an OpenCampaign. Raises InputError.
 
-    light_curves: file of the curves that the column light_curve names (catalog.changing.light_curves).
+    light_curves: file of the curves that the column light_curve names (catalog.changing.light_curves); file: which the
+    columns were read from, for errors.
     """
     options = {"columns": columns} | ({"light_curves": light_curves} if light_curves else {})
     if run.config.instrument is not None:
         options["instrument"] = run.config.instrument
-    return TableCatalog(options, run.region(job.exposure))
+    try:
+        return TableCatalog(options, run.region(job.exposure))
+    except InputError as exc:
+        if file is None or exc.file != COLUMNS_KEY:
+            raise
+        named_by_file = InputError(exc.message, file=file, key=exc.key, value=exc.value, allowed=exc.allowed)
+        named_by_file.page = exc.page
+        raise named_by_file from None
 
 
 def light_of(run, job, catalogue, realisation=1, say=print):

@@ -39,7 +39,8 @@ def into_frame(run, frame, table, realisation, say, light_curves=None):
     if frame.window != job.window:
         raise InputError("the frame is of another window", key="frame", value=frame.window, allowed=job.window)
     request = Request(table_of(table), "a table", realisation, light_curves=light_curves)
-    light = light_of(run, job, catalogue_of(run, job, request.columns, light_curves), realisation, say)
+    file = table if isinstance(table, str | Path) else None
+    light = light_of(run, job, catalogue_of(run, job, request.columns, light_curves, file), realisation, say)
     if frame.raw is None:
         image = frame.image.copy()
         image.reshape(-1)[light.pixel] += light.nominal

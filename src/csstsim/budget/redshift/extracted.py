@@ -1,7 +1,5 @@
 """The tables of spectra of one or more campaigns, after a check that they can be added: no noise or id counts twice."""
 
-from pathlib import Path
-
 import numpy as np
 
 from csstsim.base.errors import InputError
@@ -68,21 +66,36 @@ class Places:
 
 def _of_campaign(run, folder, say):
     found, jobs = [], run.slitless_jobs
+    if not jobs:
+        raise InputError("has no spectroscopic frame", file=run.file, allowed="exposures of chips behind a grating")
     for job in progress(jobs, "frames"):
-        paths = run.paths.spectra(*job.key), run.paths.lines(*job.key)
-        if folder is not None:
-            paths = tuple(beside(run.file, folder) / path.name for path in paths)
+        paths = _tables(run, job, folder)
         if all(path.is_file() for path in paths):
             tables = [ObjectTable.read(path) for path in paths]
             for path, table in zip(paths, tables, strict=True):
                 check_recipe(path, table.meta, run.recipe(job, "measure"))
             found.append((*tables, truth_of(run, job)))
     if not found:
-        place = beside(run.file, folder) if folder else Path(run.paths.output)
-        raise InputError(
-            "no table of spectra", file=place.absolute(), key="--spectra",
-            allowed="those that `csstsim extract` writes for this campaign",
-        )  # fmt: skip
+        _refuse(run, jobs[0], folder)
     if len(found) < len(jobs):
         say(f"left out: {len(jobs) - len(found)} of {len(jobs)} frames of {run.file}, not extracted yet")
     return found
+
+
+def _tables(run, job, folder):
+    """Return the paths of a frame's tables of spectra and lines."""
+    paths = run.paths.spectra(*job.key), run.paths.lines(*job.key)
+    return paths if folder is None else tuple(beside(run.file, folder) / path.name for path in paths)
+
+
+def _refuse(run, job, folder):
+    """Raise the InputError of a campaign none of whose frames has its tables; job: of the first frame."""
+    missing = next(path for path in _tables(run, job, folder) if not path.is_file())
+    obsid, chip = job.key
+    step = f"csstsim extract {run.file} --obsid {obsid} --chip {chip}"
+    if folder is None:
+        raise InputError(f"no such table of spectra; `{step}` makes it", file=missing.absolute())
+    raise InputError(
+        "no table of spectra", file=missing.parent.absolute(), key="--spectra", value=str(folder),
+        allowed=f"a folder of tables by `csstsim extract`, as {missing.name}",
+    )  # fmt: skip

@@ -1,6 +1,5 @@
 """`csstsim budget redshift`: the spectra of a campaign stacked, and a fitter's redshifts scored, with a figure."""
 
-import csv
 import json
 from pathlib import Path
 
@@ -9,6 +8,7 @@ import numpy as np
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
 from csstsim.base.files.output_folder import output_folder
+from csstsim.budget.answer import answer_rows
 from csstsim.budget.redshift.extracted import extracted
 from csstsim.budget.redshift.line_biases import by_contamination, line_biases
 from csstsim.budget.redshift.scores import RIGHT, scores
@@ -112,15 +112,10 @@ def objects_of(frames, name):
 def read_answer(path):
     """Return {id: (z, good)} of a CSV file. Raises InputError."""
     path, out = Path(path), {}
-    try:
-        with open(path, newline="", encoding="utf-8") as file:
-            rows = list(csv.DictReader(file))
-    except (OSError, UnicodeDecodeError, csv.Error) as exc:
-        raise InputError(f"cannot be read: {exc}", file=path, key="--answer") from None
-    for number, row in enumerate(rows, 2):
+    for number, row in enumerate(answer_rows(path, ("id", "z", "good"), "--answer"), 2):
         try:
             k, z, good = int(row["id"]), float(row["z"]), row["good"].strip()
-        except (KeyError, TypeError, ValueError, AttributeError):
+        except (TypeError, ValueError, AttributeError):
             raise InputError("not id, z and good", file=path, key=f"row {number}", value=dict(row)) from None
         if good not in ("0", "1"):
             raise InputError("must be 0 or 1", file=path, key=f"row {number}, good", value=good)

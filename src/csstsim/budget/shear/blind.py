@@ -4,10 +4,10 @@ The key has the shear of each field, a seed of the frames, and a salt. The frame
 these. So the key cannot be changed after an answer, and the frames do not say what it holds.
 """
 
-import csv
 import hashlib
 import json
 import secrets
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -15,15 +15,16 @@ import numpy as np
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
 from csstsim.base.files.output_folder import output_folder
-from csstsim.base.files.text_file import read_json, read_text
+from csstsim.base.files.text_file import read_json
 from csstsim.base.process.one_thread import one_thread
 from csstsim.base.process.progress import progress
+from csstsim.budget.answer import answer_rows
 from csstsim.budget.shear.blind_readme import readme, zeropoint
 from csstsim.budget.shear.frames import Field, opened
 from csstsim.budget.shear.plan import ALL, BASE, load_plan
 from csstsim.budget.shear.printed import PRINTED, pair
 
-SEAL = "seal.json"
+SEAL, README = "seal.json", "README.md"
 COLUMNS = "field", "g1", "g2", "g1_err", "g2_err"
 STEPS = 10_000  # a component is a multiple of twice the plan's shear over this
 
@@ -34,28 +35,47 @@ def blind(file, key, output, say, *, count=None, whole=False):
 
     whole: with all effects of the sum; else the base. HDUs of a frame: IMAGE (electrons, background subtracted), PSF
     (n, s, s), GALAXIES (x, y: 0-based pixels of IMAGE; jacobian d(x, y)/d(east, north) [px / arcsec]). Raises
-    InputError for a key that exists.
+    InputError for a file that exists; if anything fails, nothing is left.
     """
     plan, key, folder = load_plan(file, fields=count), Path(key), output_folder(output)
-    for path in (key, folder / SEAL):
+    output_folder(key.parent, "--blind")
+    frames = [folder / f"field_{number:03d}.fits" for number in range(plan.fields)]
+    paths = [*frames, folder / README, key, folder / SEAL]
+    for path in paths:
         if path.exists():
-            raise InputError("exists already, and nothing was written; name another", file=path)
+            raise InputError("exists already, and nothing was written; name another folder, or key", file=path)
     draw = secrets.SystemRandom()
     shears = [[2 * plan.shear * draw.randint(-STEPS, STEPS) / STEPS for _ in range(2)] for _ in range(plan.fields)]
     said = {"shears": shears, "seed": draw.randrange(2**62), "salt": secrets.token_hex(16)}
     hidden = plan.model_copy(update={"seed": said["seed"]})
     name, setting = next(iter(plan.samples)), plan.setting(ALL if whole else BASE)
-    simulation, band = opened(hidden, file)
-    with atomic_path(key) as temporary:
-        temporary.write_text(json.dumps(said, indent=1) + "\n")
-    for number, g in enumerate(progress(shears, "fields")):
-        field = Field(simulation, hidden, band, name, number)
-        _write(folder / f"field_{number:03d}.fits", field, setting, complex(*g))
-    with atomic_path(folder / "README.md") as temporary:
-        temporary.write_text(readme(plan, field))
-    with atomic_path(folder / SEAL) as temporary:
-        temporary.write_text(json.dumps({"seal": _seal(said), "fields": plan.fields}, indent=1) + "\n")
+    simulation, band = opened(hidden)
+    with _all_or_none(paths):
+        for number, (path, g) in enumerate(progress(list(zip(frames, shears, strict=True)), "fields")):
+            field = Field(simulation, hidden, band, name, number)
+            _write(path, field, setting, complex(*g))
+        with atomic_path(folder / README) as temporary:
+            temporary.write_text(readme(plan, field))
+        with atomic_path(key) as temporary:
+            temporary.write_text(json.dumps(said, indent=1) + "\n")
+        with atomic_path(folder / SEAL) as temporary:
+            temporary.write_text(json.dumps({"seal": _seal(said), "fields": plan.fields}, indent=1) + "\n")
     say(f"{folder}: {plan.fields} frames, the seal, README.md; {key}: the key, not to be opened before the answer")
+
+
+@contextmanager
+def _all_or_none(paths):
+    """Remove these files, none of which was there before, and their empty folders, if what is done inside fails."""
+    new = {path.parent for path in paths if not path.parent.exists()}
+    try:
+        yield
+    except BaseException:  # Ctrl-C, too
+        for path in paths:
+            path.unlink(missing_ok=True)
+        for folder in new:
+            with suppress(OSError):  # never made, or with files of others
+                folder.rmdir()
+        raise
 
 
 def _seal(said):
@@ -141,12 +161,7 @@ def _key(path):
 
 def _answer(path, count):
     """Return values and errors (fields, 2) of an answer. Raises InputError."""
-    rows = list(csv.DictReader(read_text(path).splitlines()))
-    if not rows:
-        raise InputError("not an answer: no row", file=path, allowed=", ".join(COLUMNS))
-    if missing := [name for name in COLUMNS if name not in rows[0]]:
-        lacks = f"not an answer: it lacks {', '.join(missing)}"
-        raise InputError(lacks, file=path, key="columns", allowed=", ".join(COLUMNS))
+    rows = answer_rows(path, COLUMNS)
     try:
         numbers = np.array([[float(row[name]) for name in COLUMNS] for row in rows])
     except (TypeError, ValueError):

@@ -7,7 +7,7 @@ from csstsim.base.process.one_thread import one_thread
 from csstsim.budget.shear.bars import bars
 from csstsim.budget.shear.figures import chart, waterfall
 from csstsim.budget.shear.page import write_page, write_rows
-from csstsim.budget.shear.plan import ALL, BASE, DEFAULT, load_plan
+from csstsim.budget.shear.plan import ALL, BASE, load_plan
 from csstsim.budget.shear.run import fields, names
 from csstsim.budget.shear.volume import report
 
@@ -21,7 +21,7 @@ def budget(file, output, say, *, only_plan=False, **chosen):
     plan, folder = load_plan(file, **chosen), output_folder(output)
     for line in summary(plan, file, only_plan):
         say(line)
-    paths = fields(plan, folder, say, first=1 if only_plan else None, file=file or DEFAULT)
+    paths = fields(plan, folder, say, first=1 if only_plan else None)
     rows = [{"sample": name} | row for name in plan.samples for row in bars(plan, paths[name])]
     for line in report(rows):
         say(line)

@@ -12,12 +12,14 @@ UNITS = {"m1": 1e3, "m2": 1e3, "c1": 1e4, "c2": 1e4, "alpha": 1e2}
 SHOWN = {1e3: "$10^{-3}$", 1e4: "$10^{-4}$", 1e2: "$10^{-2}$"}
 OF_ESTIMATORS = {"hsm": BLUE, "own": ORANGE, "fpfs": GREEN, "metacal": PURPLE}
 OF_KINDS = {"base": GREY, "bar": SKY, "sum": BLUE, "all": VERMILION, "rest": GREY}
+REACH = 6.0  # times the largest value: where an axis ends, and longer error bars are cut
 LINTHRESH = 2.0  # in the unit of the axis: linear within, logarithmic beyond
 
 
 def waterfall(path, rows, sample, summed):
     """Draw a sample's bars, of NAMES side by side; the first estimator's are bars, others are points beside them.
 
+    Axes have all values of all estimators; an error bar that goes on beyond the axis ends in an arrow.
     summed: names of the effects of the sum, marked +.
     """
     from matplotlib.figure import Figure
@@ -29,25 +31,25 @@ def waterfall(path, rows, sample, summed):
     axes = figure.subplots(1, len(NAMES), sharey=True)
     places = np.arange(len(first))[::-1]
     for ax, name in zip(axes, NAMES, strict=True):
-        unit = UNITS[name]
+        unit, drawn = UNITS[name], []
         for number, kind in enumerate(kinds):
             of = [row for row in rows if row["estimator"] == kind]
             value, error = (np.array([row[key] for row in of]) * unit for key in (name, f"{name}_err"))
             error = np.nan_to_num(error)
             if number == 0:
                 colours = [OF_KINDS[row["kind"]] for row in of]
+                drawn.append((places, value, error, "black"))
                 ax.barh(places, value, color=colours, height=0.62, xerr=error, error_kw={"lw": 1, "capsize": 2})
             else:
                 at = places - 0.34 + 0.16 * (number - 1)
+                drawn.append((at, value, error, OF_ESTIMATORS[kind]))
                 ax.errorbar(
                     value, at, xerr=error, fmt=MARKERS[number], ms=3, lw=0.8, color=OF_ESTIMATORS[kind], label=kind
                 )
         ax.axvline(0, color="black", lw=0.8)
         ax.set_xscale("symlog", linthresh=LINTHRESH, linscale=1.2)
-        most = 1.2 * np.abs(value).max() if np.isfinite(value).all() else LINTHRESH
-        low, high = np.clip(ax.get_xlim(), -max(5 * most, LINTHRESH), max(5 * most, LINTHRESH))
-        ax.set_xlim(low, high)
-        steps = (1, 3, 10) if max(-low, high) < 50 else (3, 30, 300)
+        low, high = _limits(ax, drawn)
+        steps = (1, 3, 10) if max(-low, high) < 30 else (3, 30, 300)
         ticks = [tick for tick in (*(-step for step in steps[::-1]), 0, *steps) if low <= tick <= high]
         ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
         ax.minorticks_off()
@@ -60,6 +62,21 @@ def waterfall(path, rows, sample, summed):
         axes[-1].legend(fontsize=7, loc="lower right", title=f"bars: {kinds[0]}", title_fontsize=7)
     figure.suptitle(f"Shear of the sample “{sample}”: bias of the base, and what each effect adds", fontsize=11)
     _save(figure, path)
+
+
+def _limits(ax, drawn):
+    """Set and return an axis's limits, around all values of [(places, values, errors, colour)]; mark cut errors."""
+    values = np.concatenate([value for _, value, _, _ in drawn])
+    most = np.abs(values[np.isfinite(values)]).max(initial=0.0)
+    ends = np.array(ax.get_xlim()) * 1.5  # room for markers
+    low, high = ax.set_xlim(np.clip(ends, -max(REACH * most, LINTHRESH), max(REACH * most, LINTHRESH)))
+    for at, value, error, colour in drawn:
+        for end, side, mark in ((low, -1, "<"), (high, 1, ">")):
+            cut = side * value + error > side * end
+            if cut.any():
+                [arrows] = ax.plot(np.full(cut.sum(), end), at[cut], mark, color=colour, ms=5, clip_on=False, zorder=5)
+                arrows.set_in_layout(False)
+    return low, high
 
 
 def chart(path, rows, sample):

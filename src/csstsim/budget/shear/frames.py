@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from csstsim.api import Simulation
-from csstsim.base.errors import InputError
 from csstsim.base.rng import stream
 from csstsim.budget.shear.plan import Setting
 from csstsim.budget.shear.sample import EDGE, galaxies, table
@@ -22,27 +21,15 @@ BASIC = {
     "scie_obs", "sky_background", "poisson_and_dark", "prescan_overscan", "bias", "readout_noise", "gain",
     "quantization_and_output",
 }  # fmt: skip
-MESSAGE = "the plan's chips are not imaging chips of one band"
 PLACES = np.array([(0.5, 0.5), (0.0, 0.0), (1.0, 1.0), (0.0, 1.0), (1.0, 0.0)])  # of windows on the chip, in turn
 CLIP, COARSE = 2.5, 2.0  # times the noise; e-: as if it were at least so large, about two DN
 DETECTED, NEAR = 10.0, 4.0  # S/N that a galaxy must have; px from its place
 
 
-def opened(plan, file):
-    """Return the Simulation all frames start from, and the band.
-
-    file: of the plan. Raises InputError for chips, or a size, that cannot be used.
-    """
+def opened(plan):
+    """Return the Simulation all frames start from, and the band."""
     simulation = Simulation().replace(seed=plan.seed, psf={"grid": 6})
-    chips = simulation._run.camera.chips
-    wrong = [chip for chip in plan.chips if chip not in chips or chips[chip].kind != "imaging"]
-    bands = {chips[chip].filter for chip in plan.chips if chip in chips}
-    if wrong or len(bands) != 1:
-        raise InputError(MESSAGE, file=file, key="chips", value=plan.chips, allowed="as 9, 22 in r")
-    most = min(simulation._run.camera.detector.nx, simulation._run.camera.detector.ny)
-    if plan.size > most:
-        raise InputError("a window larger than the chip", file=file, key="size", value=plan.size, allowed=f"to {most}")
-    return simulation, bands.pop()
+    return simulation, simulation._run.camera.chips[plan.chips[0]].filter
 
 
 @dataclass(frozen=True, eq=False)

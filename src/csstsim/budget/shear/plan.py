@@ -14,16 +14,24 @@ from csstsim.base.model import Model, validate
 from csstsim.base.shipped import SHIPPED
 from csstsim.budget.shear.plan_faults import check_plan
 from csstsim.budget.shear.sample import EDGE
+from csstsim.catalog.object_table import BRIGHTEST, FAINTEST
 
 DEFAULT = SHIPPED / "budget" / "shear.yaml"
 BASE, ALL = "base", "all"
 ESTIMATORS = "hsm", "own", "fpfs", "metacal"
 Range = tuple[float, float]
+OTHER_SEED = 1_000_003  # added for the arm with noise of its own
 
 
 def _rising(value):
     if not 0 <= value[0] <= value[1]:
         raise ValueError("must be two numbers, low and high, 0 <= low <= high")
+    return value
+
+
+def _bright(value):
+    if not value[1] <= FAINTEST:
+        raise ValueError(f"must be at most {FAINTEST:g}")
     return value
 
 
@@ -42,6 +50,7 @@ class Sample(Model):
     ellipticity: float = Field(ge=0, le=0.4, description="rms of each component of (a - b) / (a + b)")
 
     _pairs = field_validator("magnitude", "size")(_rising)
+    _magnitudes = field_validator("magnitude")(_bright)
     _sizes = field_validator("size")(_positive)
 
 
@@ -55,6 +64,7 @@ class Neighbours(Model):
     redshift: Range | None = Field(None, description="each as likely; for neighbour_shear: by_redshift")
 
     _pairs = field_validator("magnitude", "distance", "size")(_rising)
+    _magnitudes = field_validator("magnitude")(_bright)
     _sizes = field_validator("size")(_positive)
 
     @field_validator("redshift")
@@ -79,7 +89,7 @@ class Lens(Model):
 class Stars(Model):
     """Stars from which the PSF is measured."""
 
-    magnitude: float = Field(description="AB")
+    magnitude: float = Field(ge=BRIGHTEST, le=FAINTEST, description="AB")
     every: int = Field(ge=1, description="one at each such place of the grid")
 
 
@@ -133,7 +143,7 @@ class ShearPlan(Model):
     """The plan."""
 
     shear: float = Field(0.02, gt=0, le=0.05, description="of each component, in the arms")
-    seed: int = Field(1, ge=0)
+    seed: int = Field(1, ge=0, le=2**63 - 1 - OTHER_SEED)
     fields: int = Field(ge=1, le=100_000, description="windows of each sample; effects may have several times as many")
     whole: int = Field(1, ge=1, le=1000, description="windows with all effects at once, in units of fields")
     chips: tuple[int, ...] = Field(min_length=1, description="imaging chips, in turn; all of one band")

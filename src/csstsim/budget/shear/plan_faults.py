@@ -5,6 +5,7 @@ import re
 from csstsim.base.errors import InputError
 from csstsim.base.model import validate
 from csstsim.base.shipped import SHIPPED
+from csstsim.instrument.camera import load_camera
 from csstsim.simulation.observation import changed_layers
 from csstsim.simulation.sim_steps import SimSteps
 
@@ -14,6 +15,7 @@ LAYERS = SHIPPED / "observations" / "science.yaml"  # the list whose layers a Se
 def check_plan(plan, file, base, everything):
     """Raise InputError for the first fault of a plan.ShearPlan; base, everything: names that no effect can have."""
     _check_grid(plan, file)
+    _check_chips(plan, file)
     _check_names(plan, file)
     _check_setting(plan, plan.base, {"layers": plan.base.layers}, file, "base")
     for name, effect in plan.effects.items():
@@ -35,6 +37,20 @@ def _check_grid(plan, file):
     if plan.cells < 2:
         allowed = f"a side of two places and more; spacing is {plan.spacing}"
         raise InputError("no room for a ring of four galaxies", file=file, key="size", value=plan.size, allowed=allowed)
+
+
+def _check_chips(plan, file):
+    """Raise InputError for chips that the shipped camera lacks or that are not of one band, or windows larger."""
+    camera = load_camera()
+    chips = [camera.chips.get(number) for number in plan.chips]
+    if any(chip is None or chip.kind != "imaging" or chip.filter != chips[0].filter for chip in chips):
+        raise InputError(
+            "the plan's chips are not imaging chips of one band", file=file, key="chips", value=list(plan.chips),
+            allowed="as 9, 22 in r",
+        )  # fmt: skip
+    most = min(camera.detector.nx, camera.detector.ny)
+    if plan.size > most:
+        raise InputError("a window larger than the chip", file=file, key="size", value=plan.size, allowed=f"to {most}")
 
 
 def _check_names(plan, file):

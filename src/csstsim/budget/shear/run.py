@@ -6,22 +6,25 @@ that differ in the analysis alone.
 
 import hashlib
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 
 from csstsim.base.digest import digest
+from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
 from csstsim.base.process.progress import progress
 from csstsim.base.release import release
 from csstsim.budget.shear.estimators import Shapes, check_installed, estimator, psf_shapes
 from csstsim.budget.shear.frames import Field, noise_of, opened
-from csstsim.budget.shear.plan import ALL, BASE
+from csstsim.budget.shear.plan import ALL, BASE, OTHER_SEED
+from csstsim.budget.shear.sample import RING
 from csstsim.measure.light.moments import on_sky, reduced
 
 ELLIPTICITIES = "hsm", "own"  # estimators whose shapes are (a - b) / (a + b) of galaxies without the PSF
-OTHER_SEED = 1_000_003  # added for the arm with noise of its own
+KINDS = {"b": "booleans", "i": "integers", "f": "floats", "c": "complex numbers"}  # of dtype.kind
 ANALYSIS = {"psf", "wcs", "detection"}  # keys of a Setting that leave the frame as it is
 
 
@@ -38,19 +41,22 @@ def setting_of(plan, name):
     return BASE if plan.setting(name) == plan.base else name
 
 
-def fields(plan, folder, say, *, first=None, file=None):
+def fields(plan, folder, say, *, first=None):
     """Make the missing fields in a folder, or only the `first` few; return {sample: [path of a field's shapes]}.
 
-    file: of the plan. Raises InputError for chips or estimators that cannot be used.
+    Raises InputError for estimators that cannot be used, and for files that are not of the fields.
     """
     check_installed(plan.estimators, None)
-    simulation, band = opened(plan, file)
-    todo = [(name, number) for number in range(first or plan.windows(BASE)) for name in plan.samples]
+    todo = [
+        (name, number, folder / "fields" / f"{name}_{number:05d}_{_digest(plan, name, number)}.npz")
+        for number in range(first or plan.windows(BASE)) for name in plan.samples
+    ]  # fmt: skip
+    there = {path for _, number, path in todo if kept(path, contents(plan, number))}
+    simulation, band = opened(plan)
     paths = {name: [] for name in plan.samples}
-    for name, number in progress(todo, "fields"):
+    for name, number, path in progress(todo, "fields"):
         field = Field(simulation, plan, band, name, number)
-        path = folder / "fields" / f"{name}_{number:05d}_{_digest(plan, name, number)}.npz"
-        if not whole(path):
+        if path not in there and not kept(path, contents(plan, number)):  # another run may have made it
             start = time.process_time()
             arrays = measured(field, say if number == 0 else None)
             with atomic_path(path) as temporary:
@@ -60,13 +66,50 @@ def fields(plan, folder, say, *, first=None, file=None):
     return paths
 
 
-def whole(path):
-    """Whether a file of shapes exists and can be read to its end: one that is damaged is made again."""
+def contents(plan, number):
+    """Return {name: words} of the arrays of `measured`: their kind and shape, as _words has them."""
+    n = plan.cells**2 // RING * RING
+    found = {"psf": ("c", (n,)), "ring": ("i", (n,)), "sign": ("f", ())}
+    for name in names(plan, number):
+        found |= {f"{name}|used": ("b", (2, n)), f"{name}|seconds": ("f", ())}
+        for kind in plan.estimators:
+            found |= {f"{name}|{kind}|e": ("c", (2, n)), f"{name}|{kind}|response": ("f", (2, n, 2))}
+            found |= {f"{name}|{kind}|other": ("c", (n,))} if number == 0 else {}
+    return {name: _words(*of) for name, of in found.items()}
+
+
+def _words(kind, shape):
+    return f"{KINDS.get(kind, kind)} {shape}"
+
+
+def kept(path, wanted):
+    """Whether a file of shapes exists and can be read to its end: one that is damaged is made again.
+
+    wanted: of `contents`. Raises InputError for a sound file that lacks one of these arrays.
+    """
     try:
         with ZipFile(path) as file:
-            return file.testzip() is None and "psf.npy" in file.namelist()
+            if file.testzip() is not None:
+                return False
     except (OSError, ValueError, EOFError, BadZipFile, RuntimeError):
         return False
+    found = _arrays_of(path)
+    if wrong := [name for name, of in wanted.items() if found.get(name) != of]:
+        raise InputError(
+            "not the shapes of this window; remove the file, and they are measured again", file=path, key=wrong[0],
+            value=found.get(wrong[0], "no array"), allowed=wanted[wrong[0]],
+        )  # fmt: skip
+    return True
+
+
+def _arrays_of(path):
+    """Return {name: _words} of the arrays of an .npz file, up to the first that holds Python's objects."""
+    found = {}
+    with suppress(ValueError), np.load(path) as file:
+        for name in file.files:
+            values = np.asarray(file[name])
+            found[name] = _words(values.dtype.kind, values.shape)
+    return found
 
 
 def _digest(plan, sample, number):

@@ -85,13 +85,13 @@ def _objects(request, band):
     )
     if chosen is None:
         raise InputError(
-            "which magnitude is the image's?", file=request.name, key="mag", value=", ".join(names),
+            "which magnitude is the image's?", file=request.table, key="mag", value=", ".join(names),
             allowed=f"mag, mag_{band.lower() or 'BAND'}, or one magnitude alone",
         )  # fmt: skip
     light = columns[chosen]
     columns = {name: values for name, values in columns.items() if name not in names} | {f"mag_{BAND}": light}
     try:
-        objects = object_table(columns, (BAND,), request.name)
+        objects = object_table(columns, (BAND,), request.table)
     except InputError as exc:
         if exc.key != f"mag_{BAND}":
             raise
@@ -104,7 +104,7 @@ def _objects(request, band):
     for name, some in refused.items():
         if some.any():
             raise InputError(
-                "drawn in frames of csstsim only", file=request.name, key=f"{name}, row {np.flatnonzero(some)[0] + 1}",
+                "drawn in frames of csstsim only", file=request.table, key=f"{name}, row {np.flatnonzero(some)[0] + 1}",
                 allowed="stars, disks and bulges that stay as they are",
             )  # fmt: skip
     return objects

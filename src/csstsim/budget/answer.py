@@ -1,0 +1,26 @@
+"""The rows of an answer: a CSV table that somebody else's program wrote, and that a budget scores."""
+
+import csv
+
+from csstsim.base.errors import InputError
+from csstsim.base.files.text_file import read_text
+
+
+def answer_rows(path, columns, key=None):
+    """Return [{column: text}] of a CSV file with these columns, at least one row; a byte-order mark does no harm.
+
+    key: the option that names the file. Raises InputError.
+    """
+    try:
+        reader = csv.DictReader(read_text(path, "utf-8-sig").splitlines())
+        rows = list(reader)
+    except InputError as exc:
+        raise InputError(exc.message, file=exc.file, key=key, allowed=exc.allowed) from None
+    except csv.Error as exc:
+        raise InputError(f"not a CSV table: {exc}", file=path, key=key) from None
+    if not rows:
+        raise InputError("not an answer: no row", file=path, allowed=", ".join(columns))
+    if missing := [name for name in columns if name not in reader.fieldnames]:
+        lacks, found = f"not an answer: it lacks {', '.join(missing)}", ", ".join(reader.fieldnames)
+        raise InputError(lacks, file=path, key="columns", value=found, allowed=", ".join(columns))
+    return rows
