@@ -21,8 +21,8 @@ from csstsim.base.shipped import ROOT
 from csstsim.catalog.astrometry.ephemeris import observer
 from csstsim.catalog.astrometry.reduction import moved
 from csstsim.instrument.filter import GRID
-from csstsim.universe.dust.dust_map import DustMap
 from csstsim.universe.lensing.cosmology import Cosmology
+from csstsim.universe.parameters import load_universe
 
 PAGE = ROOT / "docs" / "catalogue_helpers.md"
 RA, DEC = 150.1, 2.2
@@ -84,7 +84,7 @@ def test_dust(printed, synthetic):
     law = averages.O94(Rv=3.1)
     assert printed("odonnell(np.array") == pytest.approx(law(np.array([2800.0, 5500.0, 9000.0]) * u.AA), abs=6e-4)
     place = SkyCoord(RA * u.deg, DEC * u.deg).galactic
-    path = DustMap({"map": "sfd"}).path
+    path = load_universe().dust.path
     ebv = 0.86 * healpy.get_interp_val(healpy.read_map(path), RA, DEC, lonlat=True)  # Schlafly & Finkbeiner 2011
     assert printed("dust.ebv(") == pytest.approx([ebv], abs=6e-5)
     # of the column to infinity through an exponential layer of 125 pc; the page's star is at 800 pc

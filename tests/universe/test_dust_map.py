@@ -1,6 +1,7 @@
 """The reader of dust maps, on maps written here in the public format and on the real one."""
 
 import importlib.util
+import os
 from pathlib import Path
 
 import healpy
@@ -177,9 +178,45 @@ def test_bad_files_are_named(tmp_path, plane):
     broken("columns.fits", "TAU353", {"EBV": plane, "BETA": plane})
     fits.PrimaryHDU(np.zeros((3, 3))).writeto(tmp_path / "image.fits")
     (tmp_path / "text.fits").write_text("not a map")
-    for name, match in (("image.fits", "no table"), ("text.fits", "cannot be read"), ("absent.fits", "cannot be read")):
+    broken("nside.fits", "NSIDE", {"I": plane}, NSIDE=2 * NSIDE)
+    broken("nested.fits", "full-sky", {"I": np.zeros(12 * 12**2)}, ordering="NESTED")  # no power of 2
+    broken("empty.fits", "full-sky", {"I": plane[:0]})
+    broken("huge.fits", "pixel .*no E", {"I": np.where(plane > 0, 2e4, 0)})
+    broken("infinite.fits", "no value here", {"I": np.where(plane > 0, np.inf, 0)})
+    words = fits.BinTableHDU.from_columns([fits.Column("EBV", "3A", array=["one"] * 12)], name="MAP")
+    words.header["ORDERING"] = "RING"
+    words.writeto(tmp_path / "words.fits")
+    lists = np.empty(12, object)
+    lists[:] = [np.ones(k) for k in range(12)]
+    of_lists = fits.BinTableHDU.from_columns([fits.Column("EBV", "PE()", array=lists)])
+    of_lists.header["ORDERING"] = "RING"
+    of_lists.writeto(tmp_path / "lists.fits")
+    os.mkfifo(tmp_path / "pipe.fits")
+    for name, match in (
+        ("image.fits", "no table"), ("text.fits", "cannot be read"), ("absent.fits", "no such file"),
+        ("pipe.fits", "no such file"), (".", "no such file"), ("words.fits", "not a column of numbers"),
+        ("lists.fits", "not a column of numbers"),
+    ):  # fmt: skip
         with pytest.raises(InputError, match=match):
             DustMap(NUMBERS | {"map": str(tmp_path / name)}).ebv(0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("map", None), ("map", " "), ("map", ["sfd"]), ("map", "SFD"), ("columns", "EBV"), ("columns", [])],
+)
+def test_names_that_are_none(key, value):
+    with pytest.raises(InputError, match=f"dust.yaml: {key}"):
+        DustMap(NUMBERS | {key: value})
+
+
+def test_a_folder_may_have_its_own_map(tmp_path, plane):
+    """A relative path begins in the folder of dust.yaml; `sfd` is the folder's map if it has one."""
+    _map(tmp_path / "mine.fits", {"I": plane})
+    assert DustMap(NUMBERS | {"map": "mine.fits"}, tmp_path).nside == NSIDE
+    assert DustMap(NUMBERS, tmp_path).nside == 256
+    (tmp_path / "mine.fits").rename(tmp_path / "dust_map.fits")
+    assert DustMap(NUMBERS, tmp_path).nside == NSIDE
 
 
 def test_digest_is_of_the_content(tmp_path, plane):

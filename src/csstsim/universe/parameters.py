@@ -18,7 +18,8 @@ from csstsim.universe.dust.dust_map import DustMap
 
 Z_MAX = 20.0  # largest redshift allowed for galaxies
 _POSITIVE = (
-    "dust.r_v", "dust.sfd_scale", "stars.sun.r0", "galaxies.density", "galaxies.virial", "galaxies.dust.max",
+    "dust.r_v", "dust.sfd_scale", "dust.height", "dust.reach", "dust.optical_depth.per_tau",
+    "stars.sun.r0", "galaxies.density", "galaxies.virial", "galaxies.dust.max",
     "galaxies.mass_function.z_max", "lensing.shells", "lensing.stretch_max", "occupation.stellar_to_halo.scatter",
     "occupation.satellites.concentration", "occupation.satellites.dispersion",
 )  # fmt: skip
@@ -50,7 +51,7 @@ class Universe:
     @cached_property
     def dust(self):
         """The universe.dust.dust_map.DustMap of dust.yaml."""
-        return DustMap(self.numbers["dust"])
+        return DustMap(self.numbers["dust"], self.folder)
 
     @property
     def r_v(self):
@@ -120,6 +121,7 @@ class Universe:
                 self._refuse_unless(lambda value: -math.inf < value[0] < value[1] < math.inf, key, "two rising numbers")
             for key in _SHARES:
                 self._refuse_unless(lambda value: 0 < value <= 1, key, "above 0, up to 1")
+            self._refuse_unless(lambda value: value <= 10, "dust.sfd_scale", "up to 10")
             self._refuse_unless(lambda value: value <= Z_MAX, "galaxies.mass_function.z_max", f"up to {Z_MAX:g}")
             galaxy(self.numbers["stars"]), cumulative_counts(self.numbers["galaxies"])
             try_laws(self.numbers["galaxies"], self.cosmology)

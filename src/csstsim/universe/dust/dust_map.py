@@ -24,20 +24,33 @@ from csstsim.base.shipped import SHIPPED
 from csstsim.universe.dust.extinction import odonnell, star_ebv
 
 SFD = "sfd"
-_SFD_FILE = SHIPPED / "universe" / "dust_map.fits"
+_FILE = "dust_map.fits"  # of a universe folder
+_ALLOWED = "sfd, or the path of a FITS file"
+_MOST = 1e4  # mag; the galactic centre has some 100
 _GALACTIC = {"GALACTIC": True, "G": True, "EQUATORIAL": False, "CELESTIAL": False, "C": False}
 _BAD = -1e30  # values below are UNSEEN (-1.6375e30), HEALPix's mark of a pixel without value
 
 
 class DustMap:
-    """A map of E(B-V); `numbers` as in config/universe/dust.yaml. See the module.
+    """A map of E(B-V); `numbers` as in config/universe/dust.yaml, `folder` that of this file. See the module.
 
+    A relative path begins in the folder. `sfd` is the folder's dust_map.fits, or else the shipped one.
     Raises InputError for a file that is missing or not a full-sky HEALPix table of E(B-V).
     """
 
-    def __init__(self, numbers):
-        self._numbers = numbers
-        self.path = _SFD_FILE if numbers["map"] == SFD else Path(numbers["map"])
+    def __init__(self, numbers, folder=SHIPPED / "universe"):
+        self._numbers, name, columns = numbers, numbers["map"], numbers["columns"]
+        source = Path(folder) / "dust.yaml"
+        if not isinstance(name, str) or not name.strip():
+            raise InputError("not a dust map", file=source, key="map", value=name, allowed=_ALLOWED)
+        if not (isinstance(columns, list) and 0 < len(columns) < 3 and all(isinstance(one, str) for one in columns)):
+            allowed = "a list of one or two names"
+            raise InputError("not columns of a dust map", file=source, key="columns", value=columns, allowed=allowed)
+        self.path = Path(folder) / (_FILE if name == SFD else name)
+        if name == SFD and not self.path.exists():
+            self.path = SHIPPED / "universe" / _FILE
+        if not self.path.is_file():
+            raise InputError(f"no such file: {self.path}", file=source, key="map", value=name, allowed=_ALLOWED)
 
     @cached_property
     def _map(self):
@@ -60,8 +73,8 @@ class DustMap:
     def ebv(self, ra, dec):
         """Return E(B-V) [mag, at least 0] of the whole column towards `ra`, `dec` [deg, ICRS], which broadcast.
 
-        A pixel without value (NaN or UNSEEN) is left out of the mean. Raises InputError for a direction that is not
-        finite or where none of the four pixels has a value.
+        A pixel without value (not finite, or UNSEEN) is left out of the mean. Raises InputError for a direction that is
+        not finite, where none of the four pixels has a value, or where the map has more than 1e4 mag.
         """
         import healpy
 
@@ -73,7 +86,13 @@ class DustMap:
         lon, lat = galactic(ra, dec) if in_galactic else (ra, dec)
         near, weight = healpy.get_interp_weights(nside, lon, lat, nest=nested, lonlat=True)  # (4, n)
         pixels, where = np.unique(near, return_inverse=True)
-        value = self._pixels(pixels)[where.reshape(near.shape)]
+        value = self._pixels(pixels)
+        if (value > _MOST).any():
+            wrong = np.argmax(value > _MOST)
+            raise InputError(
+                "no E(B-V)", file=self.path, key=f"pixel {pixels[wrong]}", value=value[wrong], allowed=f"to {_MOST:g}"
+            )
+        value = value[where.reshape(near.shape)]
         weight = np.where(np.isnan(value), 0.0, weight)
         total = weight.sum(axis=0)
         empty = ~(total > 0)
@@ -116,7 +135,7 @@ def galactic(ra, dec):
 def _take(column, pixels):
     """Return the values of `pixels`; a row of a map's table may hold one pixel or many."""
     value = column[np.unravel_index(pixels, column.shape)].astype(float)
-    return np.where(value > _BAD, value, np.nan)
+    return np.where(np.isfinite(value) & (value > _BAD), value, np.nan)
 
 
 def _open(path, wanted):
@@ -134,18 +153,27 @@ def _open(path, wanted):
             wanted = list(names)
         elif missing:
             raise InputError("the dust map lacks a column", file=path, key=missing[0], allowed=", ".join(names))
-        about = {key: str(table.header.get(key, "")) for key in ("COORDSYS", "ORDERING", "INDXSCHM")}
-        return [table.data.field(names[name.upper()]) for name in wanted], about
+        columns = [table.data.field(names[name.upper()]) for name in wanted]
+        for name, column in zip(wanted, columns, strict=True):
+            if column.dtype.kind not in "fiu":
+                raise InputError("not a column of numbers", file=path, key=name, value=str(column.dtype))
+        about = {key: str(table.header.get(key, "")) for key in ("COORDSYS", "ORDERING", "INDXSCHM", "NSIDE")}
+        return columns, about
 
 
 def _pixelisation(size, header, path):
-    """Return (nside, nested) of a full-sky map of `size` pixels."""
+    """Return (nside, nested) of a full-sky map of `size` pixels. Raises InputError."""
+    import healpy
+
     ordering = header["ORDERING"].strip().upper()
     if ordering not in ("RING", "NESTED", "NEST"):
         raise InputError("unknown order of pixels", file=path, key="ORDERING", value=ordering, allowed="RING, NESTED")
     nside = math.isqrt(size // 12)
-    if size != 12 * nside**2 or (header["INDXSCHM"].strip() or "IMPLICIT") != "IMPLICIT":
+    whole = size == 12 * nside**2 and healpy.isnsideok(nside, nest=ordering != "RING")
+    if not whole or (header["INDXSCHM"].strip() or "IMPLICIT") != "IMPLICIT":
         raise InputError("not a full-sky HEALPix map", file=path, key="pixels", value=size)
+    if header["NSIDE"] not in ("", str(nside)):
+        raise InputError("not that of its pixels", file=path, key="NSIDE", value=header["NSIDE"], allowed=nside)
     return nside, ordering != "RING"
 
 
