@@ -3,12 +3,14 @@
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from csstsim.base.errors import InputError
 from csstsim.budget.redshift import extracted as extracted_module
 from csstsim.budget.redshift.extracted import Places, _of_campaign, check_frames
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
+from csstsim.measure.spectra import line_columns, spectrum_columns
 
 
 def run(name, *keys, seed=1):
@@ -56,6 +58,12 @@ def test_a_campaign_without_tables_is_refused(tmp_path):
         _of_campaign(run("b.yaml"), None, print)
 
 
+def table(kind):
+    """A table of one row of spectra or lines."""
+    columns = {"spectra": spectrum_columns, "lines": line_columns}[kind].COLUMNS
+    return ObjectTable({name: np.zeros(1, "U1" if of[0] is str else of[0]) for name, of in columns.items()})
+
+
 def test_frames_that_are_not_extracted_are_counted(tmp_path, monkeypatch):
     """Of two frames one has tables; a table of another recipe is refused."""
     monkeypatch.setattr(extracted_module, "truth_of", lambda run, job: truth([1], [1.0], [1.0]))
@@ -63,10 +71,17 @@ def test_frames_that_are_not_extracted_are_counted(tmp_path, monkeypatch):
     one = SimpleNamespace(file=Path("a.yaml"), paths=SimpleNamespace(**names, output=tmp_path))
     one.slitless_jobs, one.recipe = [SimpleNamespace(key=(k, 1)) for k in "12"], lambda *_: {"seed": 1}
     for name in names:
-        truth([1], [1.0], [1.0]).write(tmp_path / f"1_{name}", {"recipe": {"seed": 1}})
+        table(name).write(tmp_path / f"1_{name}", {"recipe": {"seed": 1}})
     said = []
     assert len(_of_campaign(one, None, said.append)) == 1
     assert said == ["left out: 1 of 2 frames of a.yaml, not extracted yet"]
-    truth([1], [1.0], [1.0]).write(tmp_path / "1_lines", {"recipe": {"seed": 2}})
+    table("lines").write(tmp_path / "1_lines", {"recipe": {"seed": 2}})
     with pytest.raises(InputError, match="1_lines"):
         _of_campaign(one, None, print)
+    for wrong, other, lacks in (("lines", "spectra", "line, snr"), ("spectra", "lines", "y, electrons")):
+        for name in names:
+            table(other if name == wrong else name).write(tmp_path / f"1_{name}", {"recipe": {"seed": 1}})
+        with pytest.raises(
+            InputError, match=rf"1_{wrong}: {lacks.split(',')[0]}: the table lacks {lacks}.*`csstsim extract`"
+        ):
+            _of_campaign(one, None, print)

@@ -375,10 +375,22 @@ def test_a_blind_run_that_fails_leaves_nothing(file, sim, tmp_path, monkeypatch,
 
 @pytest.mark.parametrize("name", ["field_001.fits", "README.md", "seal.json"])
 def test_a_blind_run_writes_over_nothing(file, tmp_path, name):
-    (tmp_path / name).write_text("mine")
-    words = ["budget", "shear", str(file), "--blind", str(tmp_path / "key.json"), "--output", str(tmp_path)]
+    (out := tmp_path / "out").mkdir()
+    (out / name).write_text("mine")
+    words = ["budget", "shear", str(file), "--blind", str(tmp_path / "key.json"), "--output", str(out)]
     result = CliRunner().invoke(main, words)
-    assert result.exit_code == 2 and name in result.stderr and [path.name for path in tmp_path.iterdir()] == [name]
+    assert result.exit_code == 2 and name in result.stderr
+    assert [path.name for path in tmp_path.rglob("*")] == ["out", name]
+
+
+@pytest.mark.parametrize("key", ["out/key.json", "out/deeper/key.json", "link/key.json", "out/../out/key.json", "out"])
+def test_a_key_lies_outside_the_folder_that_is_given_away(file, tmp_path, key):
+    (tmp_path / "link").symlink_to(tmp_path / "out")
+    for folder in ("out", "out/frames") if key == "out" else ("out",):
+        words = ["budget", "shear", str(file), "--blind", str(tmp_path / key), "--output", str(tmp_path / folder)]
+        result = CliRunner().invoke(main, words)
+        assert result.exit_code == 2 and "--blind: the key would lie in the folder that is given away" in result.stderr
+        assert [path.name for path in tmp_path.iterdir()] == ["link"]
 
 
 def row(kind, m1, error=1e-5, alpha=0.01):

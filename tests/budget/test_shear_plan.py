@@ -5,12 +5,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import yaml
+from click.testing import CliRunner
 
 from csstsim.base.errors import InputError
 from csstsim.budget.shear import sample
 from csstsim.budget.shear.plan import ALL, BASE, DEFAULT, Lens, load_plan
 from csstsim.budget.shear.run import names, setting_of
 from csstsim.budget.shear.sample import OTHERS, RING, efficiency, galaxies, sheared_offset
+from csstsim.command_line.main import main
 from csstsim.instrument.chip import Window
 
 WINDOW = Window(1000, 2000, 3000, 4000)
@@ -239,3 +241,22 @@ def test_offsets_are_sheared_by_the_inverse_of_the_lens_map():
 def test_names_that_cannot_be(changed, keys, said):
     with pytest.raises(InputError, match=said):
         load_plan(changed(**keys))
+
+
+@pytest.mark.parametrize(
+    ("effects", "more", "said"),
+    [({"a": {"about": "x", "bar": False}}, [], "effects: no effect is a bar (got ['a'])"),
+     ({"a": {"about": "x", "bar": False}, "b": {"about": "x"}}, ["--effects", "a"], "effects: no effect is a bar"),
+     ({"a": {"about": "x", "bar": False, "sum": True}, "b": {"about": "x"}}, [], "effects.a.bar: an effect of")],
+)  # fmt: skip
+def test_a_budget_needs_bars(changed, tmp_path, effects, more, said):
+    """A blind run does not: it stops at its key, which is there."""
+    path, out = str(changed(effects=effects)), tmp_path / "out"
+    for plan in ([], ["--plan"]):
+        result = CliRunner().invoke(main, ["budget", "shear", path, *more, *plan, "--output", str(out)])
+        assert result.exit_code == 2 and f"{path}: {said}" in result.stderr and not out.exists()
+    (tmp_path / "key.json").write_text("mine")
+    result = CliRunner().invoke(
+        main, ["budget", "shear", path, "--blind", str(tmp_path / "key.json"), "--output", str(out)]
+    )
+    assert result.exit_code == 2 and "exists already" in result.stderr

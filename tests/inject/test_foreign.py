@@ -15,6 +15,7 @@ from fuzz.seeds import stamps
 
 from csstsim.base.errors import InputError
 from csstsim.command_line.main import main
+from csstsim.inject.inject import inject as run
 from csstsim.inject.others.frame import read_foreign
 from csstsim.inject.others.psf_models import Stamps, read_psf
 
@@ -317,3 +318,51 @@ def test_a_column_of_words_is_named_with_its_file(tmp_path):
     table, image, psf = at(50, 50, mag=[20.0], obj_type=["star"]), write_image(tmp_path), write_psf(tmp_path)
     said = inject(tmp_path, image, table, psf, "--zeropoint", ZERO, code=2)
     assert f"{tmp_path / 'new.csv'}: obj_type: must be numbers" in said
+
+
+@pytest.mark.parametrize("value", [1000.0, -0.1, 50.1, np.nan, np.inf])
+def test_zero_points_that_no_telescope_has_are_refused(tmp_path, value):
+    image, psf = write_image(tmp_path), write_psf(tmp_path)
+    said = inject(tmp_path, image, at(50, 50, mag=[20.0]), psf, f"--zeropoint={value}", code=2)
+    assert "--zeropoint" in said
+    with pytest.raises(InputError, match=r"image.fits: zeropoint: no zero point .*allowed: 0 to 50"):
+        run([image], {"ra": [0.0], "dec": [60.0], "mag": [20.0]}, tmp_path / "out", psf=psf, zeropoint=value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_zero_point_of_the_header_that_no_telescope_has_is_refused(tmp_path):
+    image = write_image(tmp_path, PHOTFLAM=1e-60, PHOTPLAM=5921.1)
+    said = inject(tmp_path, image, at(50, 50, mag=[20.0]), write_psf(tmp_path), code=2)
+    assert "PHOTFLAM, PHOTPLAM: no zero point" in said
+
+
+def test_more_light_than_noise_can_be_drawn_of_is_refused(tmp_path):
+    """10^18 electrons, with the zero point 50 in 100 s: 10 mag."""
+    image, psf = write_image(tmp_path), write_psf(tmp_path)
+    said = inject(tmp_path, image, at([50, 50], [50, 50], mag=[10.1, 9.9]), psf, "--zeropoint", 50, code=2)
+    assert "new.csv: mag, row 2: light of more than 1e+18 electrons" in said and not (tmp_path / "out").exists()
+    inject(tmp_path, image, at([50], [50], mag=[10.1]), psf, "--zeropoint", 50)
+
+
+CD = "CD1_1", "CD1_2", "CD2_1", "CD2_2"
+
+
+@pytest.mark.parametrize(
+    ("cards", "key"),
+    [
+        (dict.fromkeys(CD[:3], 0.0), "CD"), (dict.fromkeys(CD[:3]), "CD"), (dict.fromkeys(CD, 0.0), "CD"),
+        (dict.fromkeys(CD, 1e-5), "CD"), ({"CD1_2": 0.0, "CD2_1": 0.0, "CD2_2": 1e-300}, "CD"),
+        (dict.fromkeys(CD) | {"CDELT1": 1e-12, "CDELT2": 1e-5}, "CDELT, PC"),
+        (dict.fromkeys(CD) | {"CDELT1": 0.0, "CDELT2": 1e-5}, ""),
+    ],
+)  # fmt: skip
+def test_a_wcs_that_maps_the_image_to_a_line_is_refused(tmp_path, cards, key):
+    image, psf = write_image(tmp_path, **cards), write_psf(tmp_path)
+    said = inject(tmp_path, image, at(50, 50, mag=[20.0]), psf, "--zeropoint", ZERO, code=2)
+    wanted = f"image.fits: {key}: the WCS maps the image to a line" if key else "image.fits: the WCS cannot be used"
+    assert wanted in said and not (tmp_path / "out").exists()
+
+
+def test_a_wcs_by_cdelt_is_read(tmp_path):
+    cards = dict.fromkeys(CD) | {"CDELT1": -1e-5, "CDELT2": 2e-5}
+    assert read_foreign(write_image(tmp_path, **cards)).wcs.pixel_scale_matrix == pytest.approx(np.diag([-1e-5, 2e-5]))

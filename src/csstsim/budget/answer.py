@@ -7,7 +7,7 @@ from csstsim.base.files.text_file import read_text
 
 
 def answer_rows(path, columns, key=None):
-    """Return [{column: text}] of a CSV file with these columns, at least one row; a byte-order mark does no harm.
+    """Return [{column: text}] of a CSV file with these columns and at least one row; a byte-order mark does no harm.
 
     key: the option that names the file. Raises InputError.
     """
@@ -23,4 +23,11 @@ def answer_rows(path, columns, key=None):
     if missing := [name for name in columns if name not in reader.fieldnames]:
         lacks, found = f"not an answer: it lacks {', '.join(missing)}", ", ".join(reader.fieldnames)
         raise InputError(lacks, file=path, key="columns", value=found, allowed=", ".join(columns))
+    if twice := [name for name in dict.fromkeys(reader.fieldnames) if name and reader.fieldnames.count(name) > 1]:
+        raise InputError("the column is given twice", file=path, key=twice[0], allowed="one column of each name")
+    for number, row in enumerate(rows, 2):
+        if None in row:  # where csv puts cells beyond the heading
+            value, allowed = len(reader.fieldnames) + len(row[None]), len(reader.fieldnames)
+            more = "more cells than the heading"
+            raise InputError(more, file=path, key=f"row {number}", value=value, allowed=allowed)
     return rows

@@ -18,7 +18,7 @@ from csstsim.command_line.options import Finite
 @click.option("--light-curves", type=click.Path(), help="Table of the curves that the column light_curve names.")
 @click.option("--psf", type=click.Path(), help="Frames of others: PSFEx model, or FITS image or cube of stamps.")
 @click.option(
-    "--zeropoint", type=Finite(), help="Frames of others: AB magnitude of 1 electron/s [default: the header's]."
+    "--zeropoint", type=Finite(0, 50), help="Frames of others: AB magnitude of 1 electron/s [default: the header's]."
 )
 def inject(frames, catalogue, output, campaign, instrument, **options):
     """Put objects of a table into frames that exist.

@@ -7,9 +7,11 @@ from csstsim.base.files.beside import beside
 from csstsim.base.process.progress import progress
 from csstsim.base.release import check_recipe
 from csstsim.catalog.table import GALAXY, QUASAR, STAR, ObjectTable
+from csstsim.measure.spectra import line_columns, spectrum_columns
 from csstsim.stages.level0 import truth_of
 
 SAME = 0.5  # arcsec: one id at places further apart is two objects
+COLUMNS = spectrum_columns.COLUMNS, line_columns.COLUMNS  # of the two tables of a frame
 STAY = GALAXY, QUASAR, STAR  # types of objects that have one place in all exposures, at J2000
 
 
@@ -72,14 +74,23 @@ def _of_campaign(run, folder, say):
         paths = _tables(run, job, folder)
         if all(path.is_file() for path in paths):
             tables = [ObjectTable.read(path) for path in paths]
-            for path, table in zip(paths, tables, strict=True):
+            for path, table, columns in zip(paths, tables, COLUMNS, strict=True):
                 check_recipe(path, table.meta, run.recipe(job, "measure"))
+                _check_columns(path, table, columns)
             found.append((*tables, truth_of(run, job)))
     if not found:
         _refuse(run, jobs[0], folder)
     if len(found) < len(jobs):
         say(f"left out: {len(jobs) - len(found)} of {len(jobs)} frames of {run.file}, not extracted yet")
     return found
+
+
+def _check_columns(path, table, columns):
+    if missing := [name for name in columns if name not in table]:
+        raise InputError(
+            f"the table lacks {', '.join(missing)}; remove it, and `csstsim extract` makes it again", file=path,
+            key=missing[0], allowed=", ".join(columns),
+        )  # fmt: skip
 
 
 def _tables(run, job, folder):

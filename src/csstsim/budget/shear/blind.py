@@ -39,6 +39,7 @@ def blind(file, key, output, say, *, count=None, whole=False):
     """
     plan, key, folder = load_plan(file, fields=count), Path(key), output_folder(output)
     output_folder(key.parent, "--blind")
+    _check_apart(key, folder)
     frames = [folder / f"field_{number:03d}.fits" for number in range(plan.fields)]
     paths = [*frames, folder / README, key, folder / SEAL]
     for path in paths:
@@ -61,6 +62,16 @@ def blind(file, key, output, say, *, count=None, whole=False):
         with atomic_path(folder / SEAL) as temporary:
             temporary.write_text(json.dumps({"seal": _seal(said), "fields": plan.fields}, indent=1) + "\n")
     say(f"{folder}: {plan.fields} frames, the seal, README.md; {key}: the key, not to be opened before the answer")
+
+
+def _check_apart(key, folder):
+    """Raise InputError for a key in the folder that is given away, however links lead there, or on the way to it."""
+    ours, given = key.resolve(), folder.resolve()
+    if ours.is_relative_to(given) or given.is_relative_to(ours):
+        raise InputError(
+            "the key would lie in the folder that is given away, or be a folder on the way to it", key="--blind",
+            value=str(key), allowed=f"a place outside the output folder, {folder}",
+        )  # fmt: skip
 
 
 @contextmanager

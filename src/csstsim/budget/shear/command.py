@@ -7,7 +7,8 @@ from csstsim.base.process.one_thread import one_thread
 from csstsim.budget.shear.bars import bars
 from csstsim.budget.shear.figures import chart, waterfall
 from csstsim.budget.shear.page import write_page, write_rows
-from csstsim.budget.shear.plan import ALL, BASE, load_plan
+from csstsim.budget.shear.plan import ALL, BASE, DEFAULT, load_plan
+from csstsim.budget.shear.plan_faults import check_bars
 from csstsim.budget.shear.run import fields, names
 from csstsim.budget.shear.volume import report
 
@@ -19,6 +20,7 @@ def budget(file, output, say, *, only_plan=False, **chosen):
     chosen: as load_plan has them. Returns the rows of bars.bars, with the sample. Raises InputError.
     """
     plan, folder = load_plan(file, **chosen), output_folder(output)
+    check_bars(plan, file or DEFAULT)
     for line in summary(plan, file, only_plan):
         say(line)
     paths = fields(plan, folder, say, first=1 if only_plan else None)

@@ -31,6 +31,19 @@ def check_plan(plan, file, base, everything):
     validate(type(plan.base), plan.changed(plan.summed_change), file, ("effects, all of the sum at once",))
 
 
+def check_bars(plan, file):
+    """Raise InputError for a plan without a bar, or with a part of the sum that is none; a blind run needs no bars."""
+    if not plan.bars:
+        allowed = "one or more that do not have bar: false"
+        raise InputError("no effect is a bar", file=file, key="effects", value=list(plan.effects), allowed=allowed)
+    for name in plan.summed:
+        if name not in plan.bars:
+            raise InputError(
+                "an effect of the sum is no bar", file=file, key=f"effects.{name}.bar", value=False,
+                allowed="true, or sum: false",
+            )  # fmt: skip
+
+
 def _check_grid(plan, file):
     if plan.stamp % 2 or plan.stamp > plan.spacing:
         raise InputError("cannot be", file=file, key="stamp", value=plan.stamp, allowed=f"even, at most {plan.spacing}")

@@ -27,6 +27,8 @@ from csstsim.render.scene import shape_matrix
 from csstsim.universe.lensing.lensing import magnification
 
 BAND = "here"  # the name of the only band of an image
+ZEROPOINTS = 0.0, 50.0  # AB magnitude of 1 electron/s: that of any telescope
+MOST = 1e18  # electrons of an object; Poisson noise is drawn as a 64-bit integer
 LARGEST = 1024  # px, side of an object's stamp
 _BEYOND = 3  # samples of a PSF beyond its stamp that its interpolation reaches (psf_models)
 _STEP = 1.0 / 3600.0  # deg, of the differences that give the map from sky to pixels
@@ -69,16 +71,18 @@ def ready(frame, request):
     zeropoint = image.zeropoint if request.zeropoint is None else request.zeropoint
     if zeropoint is None:
         raise InputError("no zero point; give that of 1 electron/s", file=frame, key="--zeropoint")
-    if not np.isfinite(zeropoint):
-        raise InputError("not a finite number", file=frame, key="--zeropoint", value=zeropoint)
-    objects = _objects(request, image.band)
+    if not ZEROPOINTS[0] <= zeropoint <= ZEROPOINTS[1]:
+        key = "PHOTFLAM, PHOTPLAM" if request.zeropoint is None else "zeropoint"
+        allowed = f"{ZEROPOINTS[0]:g} to {ZEROPOINTS[1]:g}, the AB magnitude of 1 electron/s"
+        raise InputError("no zero point", file=frame, key=key, value=float(zeropoint), allowed=allowed)
+    objects = _objects(request, image, zeropoint)
     of = digest([file_digest(frame), frame.name])  # copies under other names stand for other exposures
-    return lambda frame, target, say: _make(image, psf, zeropoint, objects, request, target, of)
+    return lambda frame, target, say: _make(image, psf, objects, request, target, of)
 
 
-def _objects(request, band):
-    """Return the ObjectTable of the request, with one band. Raises InputError."""
-    columns = dict(request.columns)
+def _objects(request, image, zeropoint):
+    """Return the ObjectTable of the request, with `mag`, magnified, and `electrons` in the image. Raises InputError."""
+    columns, band = dict(request.columns), image.band
     names = [name for name in columns if name == "mag" or name.startswith("mag_")]
     chosen = next(
         (name for name in names if name in ("mag", f"mag_{band.lower()}")), names[0] if len(names) == 1 else None
@@ -107,10 +111,20 @@ def _objects(request, band):
                 "drawn in frames of csstsim only", file=request.table, key=f"{name}, row {np.flatnonzero(some)[0] + 1}",
                 allowed="stars, disks and bulges that stay as they are",
             )  # fmt: skip
-    return objects
+    mu, _ = magnification(*(objects[name] for name in ("kappa", "gamma1", "gamma2")))
+    mu = np.where(objects["obj_type"] == GALAXY, mu, 1.0)
+    mag = objects[f"mag_{BAND}"] - 2.5 * np.log10(mu)
+    electrons = image.exptime * 10 ** (0.4 * (zeropoint - mag))
+    if (many := electrons > MOST).any():
+        row = np.flatnonzero(many)[0]
+        raise InputError(
+            f"light of more than {MOST:g} electrons, with the zero point {zeropoint:g} and {image.exptime:g} s",
+            file=request.table, key=f"{chosen}, row {row + 1}", value=float(light[row]), allowed="fainter objects",
+        )  # fmt: skip
+    return objects.with_columns(mag=mag, electrons=electrons)
 
 
-def _make(image, psf, zeropoint, objects, request, target, of):
+def _make(image, psf, objects, request, target, of):
     from csstsim.inject.inject import record
 
     sky = Sky(image.wcs)
@@ -118,15 +132,12 @@ def _make(image, psf, zeropoint, objects, request, target, of):
     near = np.isfinite(x + y) & (np.abs(x - image.image.shape[1] / 2) < image.image.shape[1] / 2 + LARGEST / 2)
     near &= np.abs(y - image.image.shape[0] / 2) < image.image.shape[0] / 2 + LARGEST / 2
     objects = objects.take(near).with_columns(x=x[near], y=y[near])
-    mu, _ = magnification(*(objects[name] for name in ("kappa", "gamma1", "gamma2")))
-    mu = np.where(objects["obj_type"] == GALAXY, mu, 1.0)
-    mag = objects[f"mag_{BAND}"] - 2.5 * np.log10(mu)
-    electrons = image.exptime * 10 ** (0.4 * (zeropoint - mag))
+    electrons = objects["electrons"]
     counts = np.zeros(image.image.shape)
     drawn, shown = draw(counts, psf, sky, objects, electrons, request.realisation, of)
     truth = ObjectTable({
         "id": objects["id"], "ra": objects["ra"], "dec": objects["dec"], "xImage": objects["x"] + 1.0,
-        "yImage": objects["y"] + 1.0, "mag": mag, "obj_type": objects["obj_type"], "electrons": electrons,
+        "yImage": objects["y"] + 1.0, "mag": objects["mag"], "obj_type": objects["obj_type"], "electrons": electrons,
         "drawn": drawn,
         **{name: objects[name] for name in ("size_disk", "size_bulge", "bulge_frac", "e1", "e2", "kappa")},
     }).take(shown)  # fmt: skip

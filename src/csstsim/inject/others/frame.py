@@ -11,6 +11,7 @@ from csstsim.inject.others.with_astropy import opened
 ELECTRONS = {"electron", "electrons", "e-", "e", "photoelectron"}
 DN = {"adu", "dn", "count", "counts", "ct", "cts", "adus"}
 GAINS, TIMES = ("GAIN", "EGAIN", "CCDGAIN", "ATODGAIN"), ("EXPTIME", "TEXPTIME", "XPOSURE", "EXPOSURE")
+LONGEST = 1e6  # ratio of the sides of a pixel, or of a direction's step: the matrix of a WCS counts as singular
 FILTERS = "FILTER", "FILTER1", "FILTNAM1", "BAND"
 
 
@@ -78,7 +79,20 @@ def _wcs(path, file, number):
         raise InputError(f"the WCS cannot be used: {str(exc).splitlines()[0]}", file=path) from None
     if not wcs.has_celestial or wcs.naxis != 2:
         raise InputError("no WCS", file=path, key="CTYPE1, CTYPE2", allowed="two axes on the sky")
+    matrix = _matrix(file[number].header, wcs)
+    if not np.linalg.cond(matrix) < LONGEST:
+        raise InputError(
+            "the WCS maps the image to a line", file=path, key="CD" if file[number].header["CD?_?"] else "CDELT, PC",
+            value=matrix.tolist(), allowed="a matrix from pixels to the sky that can be inverted",
+        )  # fmt: skip
     return wcs
+
+
+def _matrix(header, wcs):
+    """Return (2, 2), deg per pixel; of CD as the header has it: WCSLIB takes 1 for the diagonal of a row of zeros."""
+    if not header["CD?_?"]:
+        return wcs.pixel_scale_matrix
+    return np.array([[header.get(f"CD{i}_{j}", 0.0) for j in (1, 2)] for i in (1, 2)], float)
 
 
 def _number(header, names):
