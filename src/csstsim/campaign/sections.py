@@ -96,8 +96,9 @@ class CatalogConfig(Model):
     )
     structure: Literal["haloes", "field", "none"] = Field(
         "haloes",
-        description="where the embedded universe's galaxies are: 'haloes', in haloes of dark matter, which lens, too; "
-        "'field', they follow a smooth density; 'none', anywhere, under a lensing field that knows nothing of them",
+        description="where the embedded universe's galaxies are: 'haloes', in haloes of dark matter, which lens if "
+        "lensing.field is cosmic; 'field', they follow a smooth density; 'none', anywhere, under a lensing field that "
+        "knows nothing of them",
     )
     bright_stars: bool | None = Field(
         None, description="the real stars V < 5 (config/instrument/sky.yaml) are objects of the embedded universe; "
