@@ -87,8 +87,8 @@ $orders
 `truth/dataset/Norder=8/Dir=.../Npix=....parquet`; also what a catalogue of your own may give. `csstsim report` writes
 the files that make `truth/` a HATS catalogue of all bricks (`lsdb.open_catalog("results/demo/truth")`). One brick is
 read by `csstsim.catalog.table.ObjectTable.read(file)`. A brick's rows are stars, galaxies, then quasars. Bricks also
-have `sed_scale`, `coeff0` ... `coeff19` (spectra) and `_healpix_29`. B stands for each band of the camera. A star with a
-close companion has the companion's temperature [K] in `coeff0`, its log g in `coeff1`, and in `coeff2` the squared
+have `sed_scale`, `coeff0` ... `coeff19` (spectra) and `_healpix_29`. B stands for each band of the camera. A star with
+a close companion has the companion's temperature [K] in `coeff0`, its log g in `coeff1`, and in `coeff2` the squared
 ratio of the radii, the companion's over the star's.
 
 $bricks
