@@ -88,9 +88,9 @@ class DustMap:
         pixels, where = np.unique(near, return_inverse=True)
         value = self._pixels(pixels)
         if (value > _MOST).any():
-            wrong = np.argmax(value > _MOST)
+            wrong, allowed = np.argmax(value > _MOST), f"to {_MOST:g}"
             raise InputError(
-                "no E(B-V)", file=self.path, key=f"pixel {pixels[wrong]}", value=value[wrong], allowed=f"to {_MOST:g}"
+                "no E(B-V)", file=self.path, key=f"pixel {pixels[wrong]}", value=float(value[wrong]), allowed=allowed
             )
         value = value[where.reshape(near.shape)]
         weight = np.where(np.isnan(value), 0.0, weight)
