@@ -197,7 +197,7 @@ def test_an_answer_with_a_byte_order_mark_is_read(tmp_path):
     [
         ("id,z,good,z\n1,0.5,1,0.7\n", r"a\.csv: z: the column is given twice; allowed: one column of each name"),
         ("id,z,good,note,note\n1,0.5,1,a,b\n", r"a\.csv: note: the column is given twice"),
-        ("id,z,good\n1,0.5,1\n2,0,5,1\n", r"a\.csv: row 3: more cells than the heading \(got 4\); allowed: 3"),
+        ("id,z,good\n1,0.5,1\n2,0,5,1\n", r"a\.csv: line 3: more cells than the heading \(got 4\); allowed: 3"),
     ],
 )
 def test_an_answer_has_each_column_once_and_no_cell_beyond_them(tmp_path, text, said):

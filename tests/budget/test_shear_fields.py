@@ -189,6 +189,10 @@ def test_bars_sum_and_cost(done):
     lines = report(list(rows.values()))
     assert lines[0].split()[3:5] == ["windows", "galaxies"] and lines[1].split()[3:5] == ["4", "64"]
     assert len(lines) == 1 + 5 + 2 + 2 and lines[-1].startswith("all bars by own to 1e-04")
+    unknown = [row | {"m1_err": float("nan")} if row["effect"] == "linear" else row for row in rows.values()]
+    assert report(unknown)[-1].endswith("own, and 1 that measured too few galaxies")
+    none = [row | {"m1_err": float("nan"), "m2_err": float("nan")} for row in rows.values()]
+    assert "to 1e-04: unknown CPU-hours" in report(none)[-1]
     assert bars(plan, []) == []
 
 
@@ -262,8 +266,10 @@ def test_blind_frames_hide_the_shear_and_score_an_answer(done):
     ("rows", "said"),
     [
         (["0,0,0,1,1"], "each field once"), (["0,0,0,1,1", "0,0,0,1,1"], "each field once"), ([], "not an answer"),
-        (["0,x,0,1,1", "1,0,0,1,1"], "a number"), (["0,0,0,0,1", "1,0,0,1,1"], "positive"),
-        (["0,nan,0,1,1", "1,0,0,1,1"], "finite"), (["0,0,0,1", "1,0,0,1,1"], "a number"),
+        (["0,x,0,1,1", "1,0,0,1,1"], "line 2, g1: not an answer (got 'x'); allowed: a shear, between -1 and 1"),
+        (["0,1e200,0,1,1", "1,0,0,1,1"], "a shear, between -1 and 1"), (["0,0,0,1", "1,0,0,1,1"], "1e-9 to 1e9"),
+        (["0,nan,0,1,1", "1,0,0,1,1"], "a shear"), (["", "0,0,0,0,1", "1,0,0,1,1"], "line 3, g1_err"),
+        (["0,0,0,1,1", "1,0,0,1,1e-200"], "line 3, g2_err"), (["0,0,0,1,1", "2,0,0,1,1"], "line 3, field"),
         (["0,0,0,1,1", f"1,0,0,1,{'1' * 200_000}"], "not a CSV table"),
     ],
 )  # fmt: skip

@@ -180,6 +180,8 @@ def test_units_are_turned_into_ours():
         ({"columns": columns(id=[3, 3])}, "row 2 cannot be drawn: another row has the same id"),
         ({"columns": columns(ra=[10.0, 510.0])}, "row 2 cannot be drawn: ra is not within"),
         ({"columns": columns(dec=[95.0, 1.0])}, "row 1 cannot be drawn: ra, dec is not a position"),
+        ({"columns": columns(z=[0.5, -5.0])}, "row 2 cannot be drawn: its z is not above -1"),
+        ({"columns": columns(pmra=[1e4, -1e12])}, "row 2 cannot be drawn: its proper motion is above 1e"),
         ({"columns": columns(e1=["0.1", "junk"])}, "e1: must be numbers .got 'junk'"),
         (
             {"columns": columns(type=["galaxy"] * 2, size=[0.6, 0.6], size_disk=[0.3, 0.3], size_bulge=[0.3, 0.3])},

@@ -140,10 +140,13 @@ def test_a_budget_of_redshifts_by_the_command(campaign, tmp_path):
         found = json.loads((folder / "redshift.json").read_text())
         assert found["all"]["completeness"] == complete and found["all"]["objects"] == 1
     assert (folder / "redshift.png").read_bytes().startswith(b"\x89PNG")
-    for text, fault in (("id,z\n2,0\n", "it lacks good"), ("id,z,good\n2,0,2\n", "must be 0 or 1"),
-                        ("id,z,good\n2,0,1\n2,0,1\n", "given twice"), ("id,z,good\n2,nan,0\n", "not a redshift"),
-                        ("id,z,good\n2,inf,1\n", "not a redshift"), ("id,z,good\n2,-1,1\n", "not a redshift"),
-                        ("id,z,good\n2,0,1\n77,0,1\n78,0,1\n", "(got 77)")):  # fmt: skip
+    redshift = "a redshift, above -1"
+    for text, fault in (
+        ("id,z\n2,0\n", "it lacks good"), ("id,z,good\n2,0,2\n", "line 2, good: not an answer (got '2')"),
+        ("id,z,good\n2,0,1\n2,0,1\n", "given twice"), ("id,z,good\n\n2,nan,0\n", "line 3, z: not an answer"),
+        ("id,z,good\n2,inf,1\n", redshift), ("id,z,good\n2,-1,1\n", redshift),
+        ("id,z,good\n2,0,1\n77,0,1\n78,0,1\n", "(got 77)"),
+    ):  # fmt: skip
         answer.write_text(text)
         assert fault in refused("budget", "redshift", campaign, "--output", folder, "--answer", answer)
     said = refused("budget", "redshift", campaign, "--spectra", "nowhere")

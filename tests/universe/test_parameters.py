@@ -4,10 +4,14 @@ import copy
 from functools import reduce
 from operator import getitem
 
+import healpy
 import pytest
 from embedded_sky import shipped
 
 from csstsim.base.errors import InputError
+from csstsim.base.healpix import NSIDE
+from csstsim.campaign.sections import Lensing
+from csstsim.catalog.truth_bricks import make_brick
 from csstsim.universe.parameters import Universe
 
 
@@ -39,3 +43,12 @@ def test_wrong_numbers_are_refused(key, value, said):
 
 def test_the_shipped_numbers_pass():
     shipped()[0].check()
+
+
+def test_a_brick_with_too_many_stars_names_the_own_folder(tmp_path):
+    universe, camera = shipped()
+    numbers = copy.deepcopy(universe.numbers)
+    numbers["stars"]["limits"][1] = 40.0
+    pix = int(healpy.ang2pix(NSIDE, 266.4, -29.0, nest=True, lonlat=True))  # the Galactic centre
+    with pytest.raises(InputError, match=rf"{tmp_path}/stars.yaml: limits: brick {pix} would hold .* stars"):
+        make_brick(1, pix, Universe(tmp_path, numbers), camera, Lensing(), "none")

@@ -1,19 +1,20 @@
 """The rows of an answer: a CSV table that somebody else's program wrote, and that a budget scores."""
 
 import csv
+from math import isfinite, nan
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.text_file import read_text
 
 
 def answer_rows(path, columns, key=None):
-    """Return [{column: text}] of a CSV file with these columns and at least one row; a byte-order mark does no harm.
+    """Return [(line, {column: text})] of a CSV file with these columns and at least one row.
 
-    key: the option that names the file. Raises InputError.
+    A byte-order mark does no harm, nor do blank lines. key: the option that names the file. Raises InputError.
     """
     try:
         reader = csv.DictReader(read_text(path, "utf-8-sig").splitlines())
-        rows = list(reader)
+        rows = [(reader.line_num, row) for row in reader]
     except InputError as exc:
         raise InputError(exc.message, file=exc.file, key=key, allowed=exc.allowed) from None
     except csv.Error as exc:
@@ -25,9 +26,21 @@ def answer_rows(path, columns, key=None):
         raise InputError(lacks, file=path, key="columns", value=found, allowed=", ".join(columns))
     if twice := [name for name in dict.fromkeys(reader.fieldnames) if name and reader.fieldnames.count(name) > 1]:
         raise InputError("the column is given twice", file=path, key=twice[0], allowed="one column of each name")
-    for number, row in enumerate(rows, 2):
+    for line, row in rows:
         if None in row:  # where csv puts cells beyond the heading
             value, allowed = len(reader.fieldnames) + len(row[None]), len(reader.fieldnames)
             more = "more cells than the heading"
-            raise InputError(more, file=path, key=f"row {number}", value=value, allowed=allowed)
+            raise InputError(more, file=path, key=f"line {line}", value=value, allowed=allowed)
     return rows
+
+
+def answer_number(path, line, row, name, good=lambda value: True, allowed="a finite number"):
+    """Return the number in a row's cell. Raises InputError for one that is not finite, or not good(number)."""
+    text = row[name]
+    try:
+        value = float(text)
+    except (TypeError, ValueError):  # None: the row is short
+        value = nan
+    if not (isfinite(value) and good(value)):
+        raise InputError("not an answer", file=path, key=f"line {line}, {name}", value=text, allowed=allowed)
+    return value

@@ -199,7 +199,8 @@ def expected_objects(run, jobs):
     faint = numbers["stars"]["limits"][1]
     pointings = {job.obsid: (job.pointing.ra, job.pointing.dec) for job in jobs}
     places = np.transpose(list(pointings.values()))
-    stars = expected_counts(*places, numbers["stars"], min(limit or faint, faint))
+    with run.universe.faults_of("stars"):
+        stars = expected_counts(*places, numbers["stars"], min(limit or faint, faint))
     density = {obsid: float(galaxies + count) for obsid, count in zip(pointings, stars, strict=True)}  # deg-2
     pixel = (run.camera.telescope.pixel_scale / 3600.0) ** 2
     return {job.key: megapixels(job) * 1e6 * pixel * density[job.obsid] for job in jobs}

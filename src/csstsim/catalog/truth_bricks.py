@@ -111,7 +111,8 @@ def place(pix, generator, count):
 def _stars(seed, pix, universe, camera):
     from csstsim.universe.stars.stars import draw_stars
 
-    columns = draw_stars(_streams(seed, pix, "stars"), pix, partial(place, pix), universe.numbers["stars"])
+    with universe.faults_of("stars"):
+        columns = draw_stars(_streams(seed, pix, "stars"), pix, partial(place, pix), universe.numbers["stars"])
     radius, distance = columns.pop("radius"), columns.pop("distance")
     columns |= {name: columns.pop(own) for name, own in COMPANION.items()}
     columns |= {
@@ -124,7 +125,9 @@ def _stars(seed, pix, universe, camera):
 def _bright(pix, universe, camera, stars):
     from csstsim.universe.stars.bright_stars import bright_stars
 
-    return _complete(STAR, bright_stars(pix, stars, universe.star_seds, universe.numbers["stars"]), camera)
+    with universe.faults_of("stars"):
+        columns = bright_stars(pix, stars, universe.star_seds, universe.numbers["stars"])
+    return _complete(STAR, columns, camera)
 
 
 def _galaxies(seed, pix, universe, camera, lensing, structure):

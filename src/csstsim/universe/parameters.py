@@ -4,6 +4,7 @@ There is one YAML file per subject, each number with its source. FITS files hold
 """
 
 import math
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, cached_property, reduce
 from operator import getitem
@@ -40,6 +41,15 @@ class Universe:
     def digest(self):
         """16 hex digits for the folder and the dust map, which may be stored elsewhere."""
         return digest([folder_digest(self.folder), self.dust.digest])
+
+    @contextmanager
+    def faults_of(self, part):
+        """Name this universe's own file in an InputError about the numbers of a part, which models do not know."""
+        try:
+            yield
+        except InputError as exc:
+            told = {"key": exc.key, "value": exc.value, "allowed": exc.allowed}
+            raise InputError(exc.message, file=self.folder / f"{part}.yaml", **told) from None
 
     @cached_property
     def cosmology(self):
@@ -123,7 +133,9 @@ class Universe:
                 self._refuse_unless(lambda value: 0 < value <= 1, key, "above 0, up to 1")
             self._refuse_unless(lambda value: value <= 10, "dust.sfd_scale", "up to 10")
             self._refuse_unless(lambda value: value <= Z_MAX, "galaxies.mass_function.z_max", f"up to {Z_MAX:g}")
-            galaxy(self.numbers["stars"]), cumulative_counts(self.numbers["galaxies"])
+            with self.faults_of("stars"):
+                galaxy(self.numbers["stars"])
+            cumulative_counts(self.numbers["galaxies"])
             try_laws(self.numbers["galaxies"], self.cosmology)
             self.cosmology, self.dust.nside, self.extinction, self.star_seds, self.galaxy_seds, self.quasar_seds  # noqa: B018
         except (KeyError, TypeError, ValueError, IndexError) as exc:

@@ -8,7 +8,7 @@ import numpy as np
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
 from csstsim.base.files.output_folder import output_folder
-from csstsim.budget.answer import answer_rows
+from csstsim.budget.answer import answer_number, answer_rows
 from csstsim.budget.redshift.extracted import extracted
 from csstsim.budget.redshift.line_biases import by_contamination, line_biases
 from csstsim.budget.redshift.scores import RIGHT, scores
@@ -112,18 +112,16 @@ def objects_of(frames, name):
 def read_answer(path):
     """Return {id: (z, good)} of a CSV file. Raises InputError."""
     path, out = Path(path), {}
-    for number, row in enumerate(answer_rows(path, ("id", "z", "good"), "--answer"), 2):
+    for line, row in answer_rows(path, ("id", "z", "good"), "--answer"):
         try:
-            k, z, good = int(row["id"]), float(row["z"]), row["good"].strip()
-        except (TypeError, ValueError, AttributeError):
-            raise InputError("not id, z and good", file=path, key=f"row {number}", value=dict(row)) from None
-        if good not in ("0", "1"):
-            raise InputError("must be 0 or 1", file=path, key=f"row {number}, good", value=good)
-        if not -1 < z < np.inf:
-            raise InputError("not a redshift", file=path, key=f"row {number}, z", value=z, allowed="finite, above -1")
+            k = int(row["id"])  # not by way of a float: an id has more digits
+        except (TypeError, ValueError):
+            key, allowed = f"line {line}, id", "a whole number"
+            raise InputError("not an answer", file=path, key=key, value=row["id"], allowed=allowed) from None
         if k in out:
-            raise InputError("id given twice", file=path, key=f"row {number}", value=k)
-        out[k] = z, good == "1"
+            raise InputError("id given twice", file=path, key=f"line {line}, id", value=k)
+        z = answer_number(path, line, row, "z", lambda z: z > -1, "a redshift, above -1")
+        out[k] = z, answer_number(path, line, row, "good", (0, 1).__contains__, "0 or 1") == 1
     return out
 
 

@@ -18,7 +18,7 @@ from csstsim.base.files.output_folder import output_folder
 from csstsim.base.files.text_file import read_json
 from csstsim.base.process.one_thread import one_thread
 from csstsim.base.process.progress import progress
-from csstsim.budget.answer import answer_rows
+from csstsim.budget.answer import answer_number, answer_rows
 from csstsim.budget.shear.blind_readme import readme, zeropoint
 from csstsim.budget.shear.frames import Field, opened
 from csstsim.budget.shear.plan import ALL, BASE, load_plan
@@ -172,14 +172,16 @@ def _key(path):
 
 def _answer(path, count):
     """Return values and errors (fields, 2) of an answer. Raises InputError."""
-    rows = answer_rows(path, COLUMNS)
-    try:
-        numbers = np.array([[float(row[name]) for name in COLUMNS] for row in rows])
-    except (TypeError, ValueError):
-        raise InputError("an answer has a number in each cell", file=path) from None
+    rules = {
+        "field": (range(count).__contains__, f"0 to {count - 1}"),
+        **dict.fromkeys(("g1", "g2"), (lambda g: abs(g) < 1, "a shear, between -1 and 1")),
+        **dict.fromkeys(("g1_err", "g2_err"), (lambda error: 1e-9 <= error <= 1e9, "1e-9 to 1e9")),
+    }
+    numbers = np.array([
+        [answer_number(path, line, row, name, *rules[name]) for name in COLUMNS]
+        for line, row in answer_rows(path, COLUMNS)
+    ])  # fmt: skip
     order = np.argsort(numbers[:, 0])
     if sorted(numbers[:, 0].tolist()) != list(range(count)):
         raise InputError("must have each field once", file=path, key="field", allowed=f"0 to {count - 1}")
-    if not np.isfinite(numbers).all() or (numbers[:, 3:] <= 0).any():
-        raise InputError("errors must be positive, and numbers finite", file=path)
     return numbers[order, 1:3], numbers[order, 3:]

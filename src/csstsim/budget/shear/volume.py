@@ -4,7 +4,7 @@ Errors fall as the root of the number of galaxies, so a bar measured to s with n
 seconds, needs n (s / wanted)^2 of them.
 """
 
-import numpy as np
+from math import isfinite
 
 from csstsim.budget.shear.printed import hours as said
 from csstsim.budget.shear.printed import of_row
@@ -47,10 +47,12 @@ def report(rows):
         lines.append(f"{words}{numbers}{hours}{row['gain']:6.1f}")
     lines += LEGEND
     bars = [row for row in rows if row["kind"] == "bar" and row["estimator"] == rows[0]["estimator"]]
+    known = [row for row in bars if isfinite(sigma_m(row))]
+    less = f", and {len(bars) - len(known)} that measured too few galaxies" if len(known) < len(bars) else ""
     for goal in GOALS:
-        hours = np.nansum([volume(row, goal)[1] for row in bars])
+        hours = said(sum(volume(row, goal)[1] for row in known)) if known else "unknown"
         lines.append(
-            f"all bars by {rows[0]['estimator']} to {goal:.0e}: {said(hours)} CPU-hours: "
-            f"the {len(bars)} rows of effects, without the base's own"
+            f"all bars by {rows[0]['estimator']} to {goal:.0e}: {hours} CPU-hours: "
+            f"the {len(known)} rows of effects, without the base's own{less}"
         )
     return lines
