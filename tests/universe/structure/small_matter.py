@@ -13,7 +13,7 @@ COARSE = LENSING | {"l_max": 3000}
 FEW = NUMBERS | {
     "shells": {"thickness": 600, "z_end": 4.0}, "galaxy_scale": 4.0,
     "haloes": NUMBERS["haloes"] | {"tiers": [1e13, 1e14, 5e15], "lens_mass": 1e13, "z_min": 0.1, "z_max": 2.0,
-                                   "placement": [0.7, 0.7], "compensation": [2.0, 2.0]},
+                                   "placement": [0.7, 0.7], "compensation": {"mass": [1e13], "ratio": [2.0]}},
 }  # fmt: skip
 
 

@@ -18,7 +18,7 @@ def fresh(matter):
     return Haloes(matter.seed, matter.shell_density, matter.mass_function, matter.numbers)
 
 
-CLUSTERS, ORDERS = 1, (6, 7, 8)  # the tier that is sampled, in its nearer shells
+CLUSTERS, ORDERS = 1, (6, 8, 9)  # the tier that is sampled, in its nearer shells
 PATCHES = np.arange(6) * 32 + 3  # of order 2, all over the sky
 
 

@@ -37,8 +37,8 @@ def test_haloes_part_by_brute_force():
     mass = np.geomspace(3e12, 5e15, 400)
     numbers = NUMBERS["haloes"]
     r200 = haloes.virial_radius(mass)
-    ratios = numbers["compensation"]  # of the tiers from 3e12, 2e13, 1e14 and 4e14 on
-    disc = np.select([mass < 2e13, mass < 1e14, mass < 4e14], ratios[:3], ratios[3]) * haloes.lagrangian_radius(mass)
+    shape = numbers["compensation"]
+    disc = np.interp(np.log(mass), np.log(shape["mass"]), shape["ratio"]) * haloes.lagrangian_radius(mass)
     c = matter.haloes.mean_concentration(mass, z)
     y = np.linspace(0, 1, 2001)[1:]
     from scipy.special import j0
@@ -127,7 +127,10 @@ def test_field_without_haloes_is_another_field():
         {"shells": {"thickness": 1, "z_end": 4.0}}, {"shells": {"thickness": 600, "z_end": 3.0}}, {"galaxy_scale": 0.0},
         *({"haloes": FEW["haloes"] | one} for one in (
             {"z_min": 0.0}, {"z_max": 9.0}, {"tiers": [1e14, 1e13]}, {"tiers": [1e14]}, {"lens_mass": 2e13},
-            {"placement": np.nan}, {"compensation": [0.0, 2.0]}, {"compensation": [2.0]},
+            {"placement": np.nan}, {"placement": [0.7]}, {"finest": 0.1}, {"finest": 1e9},
+            {"compensation": {"mass": [1e13, 1e14], "ratio": [2.0]}},
+            {"compensation": {"mass": [1e13], "ratio": [0.0]}},
+            {"compensation": {"mass": [1e14, 1e13], "ratio": [2.0, 2.0]}},
         )),
     ],
 )  # fmt: skip

@@ -33,9 +33,8 @@ def nfw_mass(c):
 
 def disc_radius(mass_function, mass, numbers):
     """Return R_c [Mpc, comoving] of haloes of `mass` [solar]; numbers: section haloes of structure.yaml."""
-    tiers = np.array(numbers["tiers"])
-    tier = np.searchsorted(tiers[tiers > 1.001 * numbers["lens_mass"]][:-1], mass, side="right")
-    return np.array(numbers["compensation"])[tier] * mass_function.lagrangian_radius(mass)
+    ratio = np.interp(np.log(mass), np.log(numbers["compensation"]["mass"]), numbers["compensation"]["ratio"])
+    return ratio * mass_function.lagrangian_radius(mass)
 
 
 def disc_transform(k, radius):

@@ -25,7 +25,7 @@ from scipy.interpolate import CubicSpline, RectBivariateSpline
 from scipy.optimize import nnls
 from scipy.special import j0
 
-from csstsim.universe.structure.density import within
+from csstsim.universe.structure.density import kernel_weights
 from csstsim.universe.structure.halo_profile import disc_radius, disc_transform, nfw_transform
 from csstsim.universe.structure.haloes import concentration, tier_orders
 from csstsim.universe.structure.intensity import excess, series
@@ -88,8 +88,8 @@ class HaloSpectra:
         return 1 / (1 - response)
 
     def wide(self):
-        """Return w_ts as a mask (tiers, shells, widths)."""
-        return np.stack([within(self.field, orders) for orders in self.orders])
+        """Return w_ts (tiers, shells, widths)."""
+        return np.stack([kernel_weights(self.field, orders) for orders in self.orders])
 
     def factors(self, ell):
         """Return (1 + f_s sum_t w_ts h_t)^2 (shells, len(ell), widths)."""
@@ -109,7 +109,7 @@ class HaloSpectra:
         """Return C_ln (shells, len(ell)) for amplitudes (shells, widths)."""
         kernel, (second, bias, transform, shapes) = self.field.shells.kernel()[:, None], self._clustering
         wide, total = self.wide(), np.zeros((len(kernel), len(_ELL)))
-        variance = np.einsum("is,tis,s->it", (amplitude * self.weights / kernel) ** 2, wide, shapes[:, 0])
+        variance = np.einsum("is,tis,s->it", (amplitude * self.weights / kernel) ** 2, wide**2, shapes[:, 0])
         sigma = np.sqrt(variance)
         terms = series(bias * sigma)  # (n, shells, tiers)
         for t, u in combinations_with_replacement(range(len(wide)), 2):
@@ -134,7 +134,7 @@ class HaloSpectra:
         response = 1 + self.weights[shell] * np.einsum("ts,tl->ls", wide, self.response(ell)[shell])
         linear = bias * (strength**2 * self.weights[shell] * wide[tier] * powers * response).sum(axis=1)
         power = (strength * self.weights[shell]) ** 2 * wide
-        sigma = np.sqrt(power @ shapes[:, 0])
+        sigma = np.sqrt((power * wide) @ shapes[:, 0])
         own, extra = series(bias * sigma[tier]), np.zeros(len(_ELL))
         for t in np.flatnonzero(biases[shell]):
             r = (power[t] * wide[tier]) @ shapes / (sigma[t] * sigma[tier])

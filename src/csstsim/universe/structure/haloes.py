@@ -17,7 +17,7 @@ from numba import njit
 from csstsim.base.healpix import NSIDE, brick_of
 from csstsim.base.rng import stream
 from csstsim.base.sphere import unit_vectors
-from csstsim.universe.structure.density import TAPS, cell_order, interpolate_one, kernel_order
+from csstsim.universe.structure.density import TAPS, angular_order, cell_order, interpolate_one, kernel_order
 from csstsim.universe.structure.intensity import intensity
 
 _DEEP = 29  # order of the pixels whose centres are the places
@@ -26,15 +26,18 @@ _MARGIN = 0.15  # of the maximum between points of a map, in its standard deviat
 _BIASES, _BETWEEN = 40, 1.01  # of a tier, at which the intensity's bound is looked for, and the bound between them
 _SAGITTA = 0.02  # rad x nside: by which a cell may bulge beyond the chords of its border
 _FINE = 9  # least order of the cells of haloes that do not lens: they are asked for in and close to a brick
-_CELLS = 1024  # kept
+_CELLS = 512  # kept
 COLUMNS = ("ra", "dec", "z", "log_mass", "concentration", "key")
 
 
 def tier_orders(field, mass_function, numbers):
-    """Return for each tier (tiers, shells) the order of the finest kernels that its haloes follow."""
-    radii = mass_function.lagrangian_radius(numbers["haloes"]["tiers"][:-1])
-    scales = np.array(numbers["haloes"]["placement"]) * radii
-    return np.stack([kernel_order(field, max(scale, numbers["galaxy_scale"])) for scale in scales])
+    """Return for each tier (tiers, shells) the order of the kernels down to which its haloes follow the field."""
+    haloes, lightest = numbers["haloes"], np.array(numbers["haloes"]["tiers"][:-1])
+    scales = np.array(haloes["placement"]) * mass_function.lagrangian_radius(lightest)
+    orders = np.stack([kernel_order(field, max(scale, numbers["galaxy_scale"])) for scale in scales])
+    lensing = lightest >= 0.999 * haloes["lens_mass"]
+    orders[lensing] = np.minimum(orders[lensing], angular_order(field, np.radians(haloes["finest"] / 60)))
+    return orders
 
 
 class Haloes:
@@ -83,15 +86,16 @@ class Haloes:
         return concentration(mass, z, self.numbers["concentration"], self.mass_function.cosmology.h0 / 100)
 
     def _shell_depths(self):
-        """Return for each tier {order: (its shells, nearest z, haloes per sr of each)}."""
+        """Return for each tier {highest order: (its shells, nearest z, haloes per sr of each)}."""
         edges, table_z = self.density.field.shells.edges, self._tables[0].fine_z
         chi = self.mass_function.cosmology.comoving_distance(table_z)
         found = []
         for orders, table in zip(self._orders, self._tables, strict=True):
             counts = np.diff(np.interp(edges, chi, table.cumulative))
             depth = {}
-            for order in np.unique(orders[counts > 0]):
-                shells = np.flatnonzero((orders == order) & (counts > 0))
+            highest = np.ceil(orders)
+            for order in np.unique(highest[counts > 0]):
+                shells = np.flatnonzero((highest == order) & (counts > 0))
                 nearest = max(np.interp(edges[shells[0]], chi, table_z), self.numbers["z_min"])
                 depth[int(order)] = shells, nearest, counts[shells]
             found.append(depth)
@@ -109,8 +113,9 @@ class Haloes:
         shells, _, counts = self._depths[tier][order]
         table, variance = self._tables[tier], self._variance[tier][shells]
         at = self._cell_order(tier, order)
-        grid, maps = self.density.maps(order, cell >> 2 * (at - cell_order(order)))
-        peak = maps[:, :, shells].max(axis=(0, 1)) + _MARGIN * np.sqrt(variance)
+        around = cell >> 2 * (at - cell_order(order))
+        grid, maps = self.density.smooth(order, around, shells, self._orders[tier])
+        peak = maps.max(axis=(0, 1)) + _MARGIN * np.sqrt(variance)
         near, far = (self.density.field.shells.edges[shells + k] for k in (0, 1))
         bound = table.largest(peak, variance, near, far)
         random = stream(self.seed, "haloes", tier, order, cell)
@@ -125,7 +130,7 @@ class Haloes:
         z = table.redshift(near[shell] + u[0] * (far - near)[shell])
         ln_mass, bias = table.mass(z, u[1], u[2])
         vectors = unit_vectors(ra, dec)
-        delta = interpolate_one(maps, grid.places(vectors, TAPS), shells[shell])
+        delta = interpolate_one(maps, grid.places(vectors, TAPS), shell)
         chance = intensity(delta, bias, variance[shell]) / bound[shell]
         if chance.max(initial=0.0) > 1:
             raise RuntimeError(f"haloes of tier {tier}, order {order}, cell {cell}: the field exceeds its bound")

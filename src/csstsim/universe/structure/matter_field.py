@@ -160,6 +160,10 @@ def _check(lensing, numbers):
     placement = np.atleast_1d(haloes["placement"])
     if not (len(placement) == len(tiers) - 1 and min(placement) >= 0.2 and max(placement) <= 3):
         raise ValueError("structure: haloes.placement needs a number from 0.2 to 3 for each tier")
-    discs = np.atleast_1d(haloes["compensation"])
-    if not (len(discs) == len(tiers) - 1 - tiers.index(haloes["lens_mass"]) and min(discs) >= 0.5 and max(discs) <= 5):
-        raise ValueError("structure: haloes.compensation needs a number from 0.5 to 5 for each tier that lenses")
+    if not 0.5 <= haloes["finest"] <= 60:
+        raise ValueError("structure: haloes.finest needs 0.5 to 60 arcmin")
+    mass, ratio = (np.atleast_1d(haloes["compensation"][name]) for name in ("mass", "ratio"))
+    if not (len(mass) == len(ratio) and (np.diff(mass) > 0).all() and mass[0] > 0):
+        raise ValueError("structure: haloes.compensation needs rising masses, and as many ratios")
+    if not (min(ratio) >= 0.5 and max(ratio) <= 5):
+        raise ValueError("structure: haloes.compensation.ratio needs numbers from 0.5 to 5")
