@@ -4,12 +4,12 @@ import healpy
 import numpy as np
 import pytest
 from scipy.stats import kstest
-from universe.structure.small_matter import coarse
+from universe.structure.small_matter import NUMBERS, coarse, shipped
 
 from csstsim.base.healpix import BRICKS, brick_of
 from csstsim.base.sphere import angle, unit_vectors
 from csstsim.universe.structure.density import cell_order
-from csstsim.universe.structure.haloes import COLUMNS, Haloes
+from csstsim.universe.structure.haloes import COLUMNS, Haloes, tier_orders
 
 COMMON, POLE, WRAP = 100000, 65535, int(healpy.ang2pix(256, 0.0, 20.0, nest=True, lonlat=True))
 
@@ -124,3 +124,12 @@ def test_redshifts_and_masses_keep_their_limits(drawn):
 def test_another_seed_makes_other_haloes():
     some = coarse(6).haloes.near(COMMON, coarse().disc_angle)
     assert not np.isin(some["ra"], coarse().haloes.near(COMMON, coarse().disc_angle)["ra"]).any()
+
+
+def test_lensing_haloes_follow_no_finer_field_than_said():
+    """1.3 pixels of 1.718 arcmin are 2.233 arcmin; lighter haloes follow finer kernels."""
+    numbers = NUMBERS | {"haloes": NUMBERS["haloes"] | {"finest": 1.3 * 1.718}}
+    orders, usual = (tier_orders(shipped(), shipped().mass_function, n) for n in (numbers, NUMBERS))
+    assert orders[1:].max() == pytest.approx(11.0, abs=1e-3) and orders[0].max() > 12
+    np.testing.assert_array_equal(orders[0], usual[0])
+    assert (orders[1:] <= usual[1:]).all() and (orders[1:, 0] == usual[1:, 0]).all()
