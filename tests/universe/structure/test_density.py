@@ -80,14 +80,16 @@ def test_variance_at_random_places(order):
     assert abs((delta**2).mean() / density.variance(orders)[SHELL] - 1) < 5 * np.sqrt(2 / len(ra))
 
 
-def test_variance_is_that_of_the_maps(order=8, count=300):
+@pytest.mark.parametrize(("order", "share"), [(8, 1.0), (8, 0.6)])
+def test_variance_is_that_of_the_maps(order, share, count=300):
     """Beside sums of the kernels at the same places; with their variance there would be too few haloes."""
     density, rng = coarse().shell_density, np.random.default_rng(1)
-    orders = np.full(coarse().shells.count, order)
+    orders = np.full(coarse().shells.count, order - 1 + share)
     ra, dec = rng.uniform(200, 207, count), rng.uniform(-36, -30, count)
     found = (density.at(ra, dec, np.full(count, SHELL), orders) ** 2).sum()
-    found /= sum(brute(coarse(), place, order) ** 2 for place in zip(ra, dec, strict=True))
-    whole = (density._scale**2 * density._variances * kernel_weights(coarse(), orders)).sum(axis=1)[SHELL]
+    sums = [[brute(coarse(), place, o) for o in (order - 1, order)] for place in zip(ra, dec, strict=True)]
+    found /= sum(((1 - share) * wide + share * narrow) ** 2 for wide, narrow in sums)
+    whole = (density._scale**2 * density._variances * kernel_weights(coarse(), orders) ** 2).sum(axis=1)[SHELL]
     assert found == pytest.approx(density.variance(orders)[SHELL] / whole, abs=0.005)
     assert density.variance(orders)[SHELL] < 0.993 * whole
 
