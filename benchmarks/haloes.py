@@ -90,7 +90,7 @@ def tell_pairs(universe, caps, shell=8):
         matter = universe.matter_field(seed)
         chi = matter.shells.edges[shell : shell + 2].mean()
         theta, centre = radius / chi, healpy.ang2vec(60 + 40 * seed, 20, lonlat=True)
-        light, *heavy = (cap_haloes(matter, tier, shell, centre, angle) for tier in (1, 2, 3, 4))
+        light, *heavy = (cap_haloes(matter, tier, shell, centre, angle) for tier in range(1, len(matter.numbers["haloes"]["tiers"]) - 1))
         light = cKDTree(light["vector"])
         density = next(
             n[shells == shell].sum() for shells, _, n in matter.haloes._depths[1].values() if shell in shells
