@@ -85,12 +85,12 @@ def tell_profiles(matter, z, log_masses, emulated):
 def tell_pairs(universe, caps, shell=8):
     """Print haloes of 3e12 to 2e13 about heavier ones in a shell of caps of the sky, and what is expected of them."""
     radius, angle = np.array([1, 2, 3, 4, 6, 8, 12, 17, 23, 30]), np.radians(12)
-    ratios = {}
+    ratios, tiers = {}, range(1, len(universe.numbers["structure"]["haloes"]["tiers"]) - 1)
     for seed in range(1, caps + 1):
         matter = universe.matter_field(seed)
         chi = matter.shells.edges[shell : shell + 2].mean()
         theta, centre = radius / chi, healpy.ang2vec(60 + 40 * seed, 20, lonlat=True)
-        light, *heavy = (cap_haloes(matter, tier, shell, centre, angle) for tier in range(1, len(matter.numbers["haloes"]["tiers"]) - 1))
+        light, *heavy = (cap_haloes(matter, tier, shell, centre, angle) for tier in tiers)
         light = cKDTree(light["vector"])
         density = next(
             n[shells == shell].sum() for shells, _, n in matter.haloes._depths[1].values() if shell in shells
@@ -136,7 +136,7 @@ def expected_pairs(matter, shell, lens, some, theta):
     step = np.gradient(np.log(ell)) * ell**2 / (2 * np.pi)
     kernels = np.einsum("lt,ls->ts", jv(0, np.outer(ell, at)) * step[:, None], matter.powers(ell))
     shared = (power * wide[lens] * wide[0] * kernels).sum(axis=1)
-    sigma = np.sqrt((power * wide * (step @ matter.powers(ell))).sum(axis=1))
+    sigma = np.sqrt((power * wide**2 * (step @ matter.powers(ell))).sum(axis=1))
     z = some["z"].mean()
     mass = np.geomspace(*matter.numbers["haloes"]["tiers"][1:3], 40)
     number = matter.mass_function.dn_dlnm(mass, z)

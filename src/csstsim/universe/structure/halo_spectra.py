@@ -5,7 +5,8 @@ With the haloes' profile u, the disc g taken from it (halo_profile) and V = M / 
     h_t(k) = int_t dlnM n V b (u - g)                                   of each tier t of lensing haloes,
     P_1h(k) = int dlnM n V^2 <(u - g)^2>
 
-Haloes follow those kernels s of the smooth field that are wide for their tier (w_ts = 1, else 0), with a weight f_s:
+Haloes follow those kernels s of the smooth field that are wide for their tier (w_ts = 1; 0 for narrow ones,
+and a fraction for the two in between), with a weight f_s:
 
     C_l = sum_s a_s^2 B_s(l) (1 + f_s sum_t w_ts h_t)^2 + C_1h + C_ln,     f_s = 1 / (1 - sum_t w_ts h_t(l_s))
 
