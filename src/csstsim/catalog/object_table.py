@@ -24,6 +24,7 @@ from csstsim.catalog.table import COLUMNS, FILE_COLUMNS, GALAXY, OPTIONAL, STAR,
 FORMATS = {".csv": "ascii.csv", ".ecsv": "ascii.ecsv", ".fits": "fits", ".parquet": "parquet"}
 LARGE = 200_000_000  # bytes of a text from which reading it takes minutes, and tens of times as much memory
 BRIGHTEST, FAINTEST = -3.0, 90.0  # mag; -99, -9.99, 99, 99.99 and the like stand for "not known" in many catalogues
+FASTEST = 1e6  # mas / yr; Barnard's star has 1e4
 _KNOWN = {*COLUMNS, *OPTIONAL, *changing.COLUMNS, *part_rows.SHORTHANDS, "type", "size", "n"}
 # Names that users type: similar ones count as misspelt. Magnitudes are added.
 _TYPED = {
@@ -281,6 +282,9 @@ def _check_rows(table, where):
         faults = {reason: mask for reason, mask in reasons(part).items() if reason != STRONGLY_LENSED}
         with np.errstate(invalid="ignore"):
             faults["ra is not within -180..360"] = ~((part["ra"] >= -180) & (part["ra"] <= 360))
+            faults["its z is not above -1"] = part["z"] <= -1
+            motion = np.hypot(part["pmra"], part["pmdec"])
+            faults[f"its proper motion is above {FASTEST:g} mas / yr"] = motion > FASTEST
         for reason, mask in faults.items():
             if mask.any():
                 row = start + np.flatnonzero(mask)[0] + 1

@@ -11,7 +11,6 @@ from csstsim.universe.lensing.lensing import magnification
 
 KNOTS_MOST = 10_000
 LARGEST = 3600.0  # arcsec, half-light radius
-FASTEST = 1e6  # mas / yr; Barnard's star has 1e4
 STRONGLY_LENSED = "strongly lensed"
 NO_LIGHT = "its light in the band is negative or not a number"
 
@@ -30,8 +29,6 @@ def reasons(table):
         "a galaxy whose |e1, e2| is not below 1": galaxy & ~(np.hypot(table["e1"], table["e2"]) < 1),
         "kappa, gamma1 or gamma2 is not finite": (table["obj_type"] != STAR) & ~lensed,
         STRONGLY_LENSED: (table["obj_type"] != STAR) & lensed & ~thin,
-        "its z is not above -1": table["z"] <= -1,
-        f"its proper motion is above {FASTEST:g} mas / yr": np.hypot(table["pmra"], table["pmdec"]) > FASTEST,
     }
     for part, used in (("disk", share < 1), ("bulge", share > 0)):
         name, index = f"size_{part}", f"n_{part}"
