@@ -115,6 +115,20 @@ def test_no_reach_leaves_the_brick_s_own(pix=COMMON):
     np.testing.assert_array_equal(heavy["key"], wide["key"][wide["log_mass"] >= 13.5])
 
 
+def test_a_reach_that_is_largest_within_a_tier_finds_all(pix=COMMON):
+    """Discs of 3e14 are wider than those of 4e14. Beside all haloes near, chosen by their distance from the border."""
+    haloes = coarse().haloes
+
+    def reach(z, log_mass):
+        return 0.06 * np.exp(-((log_mass - 14.3) ** 2) / 0.02) + 0 * z
+
+    found, near = (haloes.near(pix, one, lowest=14.0) for one in (reach, lambda z, m: 0.06 + 0 * (z + m)))
+    border = healpy.boundaries(256, pix, step=64, nest=True).T
+    apart = np.radians(angle(unit_vectors(near["ra"], near["dec"])[:, None], border[None]).min(axis=1))
+    due = near["key"][(apart < 0.999 * reach(near["z"], near["log_mass"])) & (apart > 0.004)]
+    assert len(due) > 20 and np.isin(due, found["key"]).all()
+
+
 def test_redshifts_and_masses_keep_their_limits(drawn):
     numbers = coarse().haloes.numbers
     assert drawn["z"].min() >= numbers["z_min"] and drawn["z"].max() <= numbers["z_max"]

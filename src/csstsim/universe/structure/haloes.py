@@ -23,7 +23,7 @@ from csstsim.universe.structure.intensity import intensity
 _DEEP = 29  # order of the pixels whose centres are the places
 _STEP_Z, _MASSES = 0.05, 160  # nodes of the tables
 _MARGIN = 0.15  # of the maximum between points of a map, in its standard deviations
-_BIASES, _BETWEEN = 40, 1.01  # of a tier, at which the intensity's bound is looked for, and the bound between them
+_BIASES, _BETWEEN = 40, 1.01  # of a tier, at which the intensity's bound is looked for; bound between nodes
 _SAGITTA = 0.02  # rad x nside: by which a cell may bulge beyond the chords of its border
 _FINE = 9  # least order of the cells of haloes that do not lens: they are asked for in and close to a brick
 _CELLS = 512  # kept
@@ -60,9 +60,9 @@ class Haloes:
     def near(self, pix, reach, lowest=0.0):
         """Return a dict of COLUMNS of all haloes whose centre lies in brick `pix` or within `reach` of it.
 
-        reach(z, log_mass): angle [rad] (broadcasts), falling with z and rising with mass. lowest: log10 of the least
-        mass [solar]. ra, dec [deg]; log_mass: log10 of solar masses within 200 times the mean density; key: uint64,
-        unique on the sky. The order is fixed: the same halo comes before the same other for every brick.
+        reach(z, log_mass): angle [rad] (broadcasts), falling with z. lowest: log10 of the least mass [solar].
+        ra, dec [deg]; log_mass: log10 of solar masses within 200 times the mean density; key: uint64, unique on the
+        sky. The order is fixed: the same halo comes before the same other for every brick.
         """
         import healpy
 
@@ -73,8 +73,9 @@ class Haloes:
         asked = [t for t, top in enumerate(tops) if top > lowest]
         for order in sorted({o for t in asked for o in self._depths[t]}):  # coarse maps begin finer ones
             for tier in (t for t in asked if order in self._depths[t]):
-                nside, widest = 2 ** self._cell_order(tier, order), reach(self._depths[tier][order][1], tops[tier])
-                for cell in _cells(nside, centre, min(radius + float(np.max(widest)), np.pi)):
+                masses = self._tables[tier].ln_mass / np.log(10)
+                widest = _BETWEEN * float(np.max(reach(self._depths[tier][order][1], masses)))
+                for cell in _cells(2 ** self._cell_order(tier, order), centre, min(radius + widest, np.pi)):
                     some = self.cell(tier, order, cell)
                     v, far = some["vector"], reach(some["z"], some["log_mass"])
                     keep = (some["log_mass"] >= lowest) & _within(v, centre, radius, border, far, pix, some)
