@@ -26,7 +26,7 @@ _MARGIN = 0.15  # of the maximum between points of a map, in its standard deviat
 _BIASES, _BETWEEN = 40, 1.01  # of a tier, at which the intensity's bound is looked for; bound between nodes
 _SAGITTA = 0.02  # rad x nside: by which a cell may bulge beyond the chords of its border
 _FINE = 9  # least order of the cells of haloes that do not lens: they are asked for in and close to a brick
-_CELLS = 512  # kept
+_CELLS = 1024  # kept; a brick needs up to 720, and its neighbours most of them again
 COLUMNS = ("ra", "dec", "z", "log_mass", "concentration", "key")
 
 
