@@ -11,7 +11,7 @@ Interpolation takes some variance of narrow kernels, 1% in all. `variance` is wh
 would be too few by about b^2 / 2 times the difference.
 """
 
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import numpy as np
 from numba import njit
@@ -144,6 +144,7 @@ class ShellDensity:
         return np.zeros((*grid.shape, len(shells)), np.float32)
 
 
+@cache  # steps are few: widths and grids go by powers of two
 def _kept(step):
     """Return the share of a kernel's variance left by interpolation from points `step` x sigma apart, mean over places.
 
