@@ -2,9 +2,9 @@
 
     python benchmarks/brick_cost.py [--bricks 8]
 
-A process that makes one brick pays the tables, too. Neighbours, as campaigns make them, share most haloes and maps;
-bricks far apart share none. Each figure is of a process of its own. Exit code 1 above 1.5 times, one alone or among
-neighbours, or above 0.8 GB.
+The workflow makes each brick in a process of its own, which pays the tables, too. Neighbours in one process, as
+`csstsim chip` makes those that it lacks, share most haloes and maps; bricks far apart share none. Each figure is of a
+process of its own. Exit code 1 above 1.5 times, one alone or among neighbours, or above 0.8 GB.
 """
 
 import argparse
