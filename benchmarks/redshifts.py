@@ -62,7 +62,7 @@ def own_templates():
     from csstsim.universe.parameters import load_universe
 
     seds = load_universe().galaxy_seds
-    nodes, basis = seds.cells(fine=True)
+    nodes, basis = seds.cells
     mix = np.repeat(np.eye(5), len(DUST), axis=0)
     photons = seds.coefficients(mix, np.tile(DUST, 5), np.ones(len(mix))) @ basis
     wave = np.arange(1400.0, 11000.0, FINE)

@@ -218,13 +218,25 @@ def _complete(obj_type, columns, camera):
 
 def with_magnitudes(table, universe, camera):
     """Return a table of the embedded sky with the magnitudes of its spectra in the camera's bands."""
-    bands, telescope = camera.bands, camera.telescope
-    weights = np.stack([subband_weights(f, telescope).sum(axis=0) for f in bands.values()])
-    light = rates(universe, table, weights, fine=False)
+    weights = _weights(camera)
+    many = _band_rates(universe, camera) if (table["obj_type"] == GALAXY).any() else None
+    light = rates(universe, table, weights, many)
     return table.with_columns(**{
-        f"mag_{band}": rate_to_mag(light[:, k], filter_, telescope).astype(np.float32)
-        for k, (band, filter_) in enumerate(bands.items())
+        f"mag_{band}": rate_to_mag(light[:, k], filter_, camera.telescope).astype(np.float32)
+        for k, (band, filter_) in enumerate(camera.bands.items())
     })  # fmt: skip
+
+
+@lru_cache(maxsize=4)
+def _band_rates(universe, camera):
+    """Tables of galaxies' light in the camera's bands, which all bricks of a process use."""
+    from csstsim.universe.galaxies.band_rates import BandRates
+
+    return BandRates(universe.galaxy_seds, _weights(camera))
+
+
+def _weights(camera):
+    return np.stack([subband_weights(f, camera.telescope).sum(axis=0) for f in camera.bands.values()])
 
 
 def _streams(seed, pix, kind):

@@ -47,7 +47,7 @@ def _galaxies(out, rows, universe, some, edges):
     _integrate(
         out, rows, some["z"].astype(float), np.ascontiguousarray(coefficients(some), dtype=float),
         some["sed_scale"].astype(float), dust - usual, np.exp(-usual * curve) / np.diff(edges), curve, edges,
-        *seds.cells(fine=True), *Intergalactic(centres, seds.igm).arrays,
+        *seds.cells, *Intergalactic(centres, seds.igm).arrays,
     )  # fmt: skip
 
 

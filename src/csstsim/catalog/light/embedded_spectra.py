@@ -28,17 +28,18 @@ def coefficients(columns):
     return np.column_stack([columns[name] for name in _MIX])
 
 
-def rates(universe, table, weights, fine=True):
+def rates(universe, table, weights, many=None):
     """Return (n, bands): int S w dlambda for `weights` (bands, 18001) on the paper's grid.
 
-    The same light as `spectra` to 1e-4; without `fine`, galaxies to 2e-3 in less time.
+    The same light as `spectra` to 1e-4. many: galaxies.band_rates.BandRates of these weights, for a fifth of the time.
     """
     out = np.zeros((len(table), len(weights)))
     for chosen, some in kinds(table):
         if _as_star(some["obj_type"][0]):
             part = pairs(universe.star_seds.rates, some, some["av"], weights)
         elif some["obj_type"][0] == GALAXY:
-            part = universe.galaxy_seds.rates(some["z"], coefficients(some), some["av"], weights, fine)
+            light = some["z"], coefficients(some), some["av"]
+            part = universe.galaxy_seds.rates(*light, weights) if many is None else many.rates(*light)
         else:
             part = universe.quasar_seds.rates(some["z"], coefficients(some), some["av"], weights)
         out[chosen] = part * some["sed_scale"].astype(float)[:, None]

@@ -9,6 +9,7 @@ universe.galaxies.clustered. Left out: merging, spiral arms.
 
 import numpy as np
 
+from csstsim.universe.galaxies.band_rates import BandRates
 from csstsim.universe.galaxies.galaxy_sed import distance_scale
 from csstsim.universe.galaxies.galaxy_shapes import (
     bulge_fraction,
@@ -76,7 +77,7 @@ class GalaxyPopulation:
 
     def __init__(self, numbers, seds, cosmology, weights, zeropoint):
         self.numbers, self.seds, self.cosmology = numbers, seds, cosmology
-        self._weights, self._zeropoint = weights, zeropoint
+        self._light, self._zeropoint = BandRates(seds, weights), zeropoint
         self.limit = cumulative_counts(numbers)[0][-1]
         self._shift = np.transpose(np.asarray(numbers["shift"], float))
         self.grid = MassGrid(numbers["mass_function"], cosmology, self._lightest)
@@ -117,7 +118,7 @@ class GalaxyPopulation:
         return columns | {"i": model + shift, "gal_type": kind}
 
     def _magnitude(self, z, coefficients, scale):
-        rate = self.seds.rates(z, coefficients, np.zeros(len(z)), self._weights, fine=False)[:, 0] * scale
+        rate = self._light.rates(z, coefficients, np.zeros(len(z)))[:, 0] * scale
         return self._zeropoint - 2.5 * np.log10(np.maximum(rate, 1e-300))
 
     def _stars(self, rng, z, log_mass, kind, e):

@@ -9,6 +9,7 @@ Sums of components below zero, which occur where a spectrum is a thousand times 
 """
 
 import fitsio
+import numba
 import numpy as np
 
 from csstsim.base.errors import InputError
@@ -44,32 +45,25 @@ class GalaxySeds:
         if not fits_together:
             raise InputError("wrong number of components", file=path, value=self.basis.shape[0], allowed=COEFFICIENTS)
         self.wavelength = self.start + self.step * np.arange(self.basis.shape[1])  # angstrom, rest frame
-        self._extinction = np.asarray(extinction, dtype=float)
-        self._cuts = np.flatnonzero(np.abs(np.diff(self._extinction)) > _JUMP) + 1
-        self.igm, self._forest = igm, Intergalactic(GRID, igm)
-        self._cells = {fine: self._make_cells(fine) for fine in (True, False)}
+        self.extinction = np.asarray(extinction, dtype=float)
+        self._cuts = np.flatnonzero(np.abs(np.diff(self.extinction)) > _JUMP) + 1
+        self.igm, self.forest = igm, Intergalactic(GRID, igm)
+        self.cells = self._make_cells()
 
-    def _make_cells(self, fine):
-        """Return nodes [A, rest frame] and components there (20, n); `rates` takes spectra as linear between nodes.
+    def _make_cells(self):
+        """Return nodes [A, rest frame] (n,) and components there (20, n); spectra are linear between them.
 
         The nodes are those of the basis, with added ones at the edges of the forest's transmission and where it falls
-        steeply. Unless `fine`, only every other node redward of Lyman alpha is kept, averaged with its neighbours.
+        steeply.
         """
-        lines = [line for line, _ in self.igm["lines"]]
-        wave, basis = self.wavelength, self.basis
-        if not fine:
-            red = np.arange(np.searchsorted(wave, max(lines)) + 2, len(wave) - 1, 2)
-            kept = np.concatenate([np.arange(red[0] - 1), red, [len(wave) - 1]])
-            smooth = basis.copy()
-            smooth[:, red] = 0.25 * (basis[:, red - 1] + 2 * basis[:, red] + basis[:, red + 1])
-            wave, basis = wave[kept], smooth[:, kept]
         steep = np.arange(LYMAN_LIMIT - 90, LYMAN_LIMIT, self.step / 4)
-        nodes = np.union1d(wave, [LYMAN_LIMIT, *lines, *steep])
-        return nodes, np.array([np.interp(nodes, wave, row) for row in basis])
+        nodes = np.union1d(self.wavelength, [LYMAN_LIMIT, *(line for line, _ in self.igm["lines"]), *steep])
+        return nodes, np.array([np.interp(nodes, self.wavelength, row) for row in self.basis])
 
-    def cells(self, fine):
-        """Return nodes [A, rest frame] (n,) and components there (20, n); spectra are linear between them."""
-        return self._cells[fine]
+    @staticmethod
+    def depth(av):
+        """Return the optical depth in V of A(V) [mag]."""
+        return _LN_MAG * np.asarray(av, dtype=float)
 
     def coefficients(self, mix, dust, lines):
         """Return (n, 20) coefficients of galaxies at 10 pc.
@@ -78,13 +72,8 @@ class GalaxySeds:
         lines: (n,) factor on the emission lines.
         """
         x = np.clip(np.asarray(dust, dtype=float), self._dust[0], self._dust[-1]) / (self._dust[1] - self._dust[0])
-        cell = np.minimum(x.astype(int), len(self._dust) - 2)
-        t = (x - cell)[:, None]
-        out = np.zeros((len(x), COEFFICIENTS))
-        for k, mass in enumerate(np.asarray(mix, dtype=float).T):
-            for table, factor in ((self._stars[k], mass), (self._lines[k], mass * lines)):
-                out += factor[:, None] * (table[cell] * (1 - t) + table[cell + 1] * t)
-        return out
+        mix = np.asarray(mix, dtype=float)
+        return mixed(x, mix, mix * np.asarray(lines, dtype=float)[:, None], self._stars, self._lines)
 
     def metallicity(self, mix):
         """Return the mass fraction of metals (n,) in the living stars of mixtures (n, 5), as of `coefficients`."""
@@ -97,9 +86,9 @@ class GalaxySeds:
         `igm=False` leaves the intergalactic medium out.
         """
         out = np.zeros((len(z), len(wavelength)))
-        forest = self._forest if wavelength is GRID else Intergalactic(wavelength, self.igm)
-        curve = self._extinction if wavelength is GRID else np.interp(wavelength, GRID, self._extinction)
-        nodes, basis = self._cells[True]  # `rates` sets negative values at these nodes to zero
+        forest = self.forest if wavelength is GRID else Intergalactic(wavelength, self.igm)
+        curve = self.extinction if wavelength is GRID else np.interp(wavelength, GRID, self.extinction)
+        nodes, basis = self.cells  # `rates` sets negative values at these nodes to zero
         for i, (redshift, mix) in enumerate(zip(np.asarray(z, dtype=float), coefficients, strict=True)):
             rest = np.maximum(np.einsum("k,kw->w", np.asarray(mix, dtype=float), basis), 0.0)
             out[i] = float(scale[i]) * np.interp(wavelength / (1 + redshift), nodes, rest, left=0.0)
@@ -108,22 +97,21 @@ class GalaxySeds:
             out[i] *= np.exp(-_LN_MAG * float(av[i]) * curve)
         return out
 
-    def rates(self, z, coefficients, av, weights, fine=True):
+    def rates(self, z, coefficients, av, weights):
         """Return (n, bands): int S w dlambda at unit scale, for `weights` (bands, 18001) on the paper's grid.
 
-        The same as summing `spectra` over the grid, to 1e-4 (see galaxy_rates); without `fine` to 2e-3, in two
-        thirds of the time.
+        The same as summing `spectra` over the grid, to 1e-4 (see galaxy_rates).
         """
-        dust = _LN_MAG * np.asarray(av, dtype=float)
+        dust = self.depth(av)
         usual = dust.mean() if len(dust) else 0.0  # applied to the weights; a galaxy's own dust differs little from it
-        weights = np.asarray(weights, dtype=float) * np.exp(-usual * self._extinction)
+        weights = np.asarray(weights, dtype=float) * np.exp(-usual * self.extinction)
         moments = np.zeros((len(weights), len(GRID) + 1, 3))
         for power in range(3):
             np.cumsum(weights * (GRID - GRID[0]) ** power, axis=1, out=moments[:, 1:, power])
-        ranges = np.array([_range(row) for row in weights]).reshape(len(weights), 2)
+        ranges = np.array([used_range(row) for row in weights]).reshape(len(weights), 2)
         return integrate(
             np.asarray(z, dtype=float), np.ascontiguousarray(coefficients, dtype=float), dust - usual, moments, ranges,
-            *self._cells[fine], self._extinction, self._cuts, *self._forest.arrays,
+            *self.cells, self.extinction, self._cuts, *self.forest.arrays,
         )  # fmt: skip
 
 
@@ -136,6 +124,22 @@ def distance_scale(luminosity_distance):
     return (TEN_PC_MPC / np.asarray(luminosity_distance, dtype=float)) ** 2
 
 
-def _range(weights):
+@numba.njit(cache=True)
+def mixed(x, stars, lines, star_tables, line_tables):
+    """Return (n, k): tables (templates, dust, k), linear between dust of x steps, times the masses (n, templates)."""
+    out = np.zeros((len(x), star_tables.shape[2]))
+    for g in range(len(x)):
+        cell = min(int(x[g]), star_tables.shape[1] - 2)
+        t = x[g] - cell
+        for m in range(len(star_tables)):
+            for tables, factor in ((star_tables[m], stars[g, m]), (line_tables[m], lines[g, m])):
+                here, following = tables[cell], tables[cell + 1]
+                for k in range(len(here)):
+                    out[g, k] += factor * (here[k] * (1 - t) + following[k] * t)
+    return out
+
+
+def used_range(weights):
+    """Return the first sample of nonzero weights (samples,), and the one after the last."""
     used = np.flatnonzero(weights)
     return (used[0], used[-1] + 1) if len(used) else (0, 0)
