@@ -1,39 +1,48 @@
 """CPU seconds and memory of truth bricks with and without structure: one alone, neighbours, and bricks far apart.
 
-    python benchmarks/brick_cost.py [--bricks 8]
+    python benchmarks/brick_cost.py [--bricks 8] [--before FOLDER]
 
 The workflow makes each brick in a process of its own, which pays the tables, too. Neighbours in one process, as
 `csstsim chip` makes those that it lacks, share most haloes and maps; bricks far apart share none. Each figure is of a
-process of its own. Exit code 1 above 1.5 times, one alone or among neighbours, or above 0.8 GB.
+process of its own. FOLDER is a checkout of an older version, whose bricks are made in the same run: 05630a61 is the
+last one without structure. Exit code 1 above 1.5 times the CPU seconds of that version, or above 0.8 GB.
 """
 
 import argparse
 import json
+import os
 import resource
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 FIRST, APART, LIMIT, MEMORY = 100000, 4096, 1.5, 0.8  # bricks; times; GB
+SOURCE = Path(__file__).resolve().parents[1]
 
 
-def made(structure, step, count):
+def made(structure, step, count, folder=SOURCE):
     """Return CPU seconds of the first brick, mean of the `count` further ones, and GB, in a process of its own."""
     words = [sys.executable, __file__, "--make", structure, str(step), "--bricks", str(count)]
-    return json.loads(subprocess.run(words, check=True, stdout=subprocess.PIPE, text=True).stdout)
+    environment = os.environ | {"PYTHONPATH": str(Path(folder).resolve() / "src")}
+    return json.loads(subprocess.run(words, check=True, stdout=subprocess.PIPE, text=True, env=environment).stdout)
 
 
 def make(structure, step, count):
     """Make bricks and print what `made` returns."""
-    from csstsim.campaign.sections import Lensing
+    try:
+        from csstsim.campaign.sections import Lensing
+    except ImportError:
+        from csstsim.campaign.config import Lensing  # of the version without structure
     from csstsim.catalog.truth_bricks import make_brick
     from csstsim.instrument.camera import load_camera
     from csstsim.universe.parameters import load_universe
 
     universe, camera, times = load_universe(), load_camera(), []
+    more = [] if structure == "before" else [structure]
     for k in range(count + 1):
         start = time.process_time()
-        make_brick(1, FIRST + step * k, universe, camera, Lensing(), structure)
+        make_brick(1, FIRST + step * k, universe, camera, Lensing(), *more)
         times.append(time.process_time() - start)
     print(json.dumps([times[0], sum(times[1:]) / count, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6]))
 
@@ -41,20 +50,28 @@ def make(structure, step, count):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--bricks", type=int, default=8, help="further bricks of a process")
+    parser.add_argument("--before", help="checkout of an older version without structure")
     parser.add_argument("--make", nargs=2, help=argparse.SUPPRESS)
     asked = parser.parse_args()
     if asked.make:
         return make(asked.make[0], int(asked.make[1]), asked.bricks)
-    made("haloes", 1, 1)  # compiles
+    sources = {"haloes": SOURCE, "none": SOURCE} | ({"before": asked.before} if asked.before else {})
     failed = False
+    for name, folder in sources.items():
+        made(name, 1, 1, folder)  # compiles
     for name, step in (("neighbours", 1), ("far apart", APART)):
-        none, haloes = (made(structure, step, asked.bricks) for structure in ("none", "haloes"))
+        costs = {structure: made(structure, step, asked.bricks, folder) for structure, folder in sources.items()}
         for label, k in (("one alone", 0), (name, 1)) if step == 1 else ((name, 1),):
-            ratio = haloes[k] / none[k]
-            failed |= step == 1 and ratio > LIMIT
-            print(f"{label}: haloes {haloes[k]:.1f}, none {none[k]:.1f} CPU s a brick, ratio {ratio:.2f}", flush=True)
-        failed |= haloes[2] > MEMORY
-        print(f"memory of a process of {asked.bricks + 1} {name}: {haloes[2]:.2f} GB, none {none[2]:.2f}", flush=True)
+            each = ", ".join(f"{structure} {cost[k]:.1f}" for structure, cost in costs.items())
+            print(f"{label}: {each} CPU s a brick", end="")
+            if asked.before:
+                ratio = costs["haloes"][k] / costs["before"][k]
+                failed |= ratio > LIMIT
+                print(f"; haloes over before {ratio:.2f}", end="")
+            print(flush=True)
+        failed |= costs["haloes"][2] > MEMORY
+        each = ", ".join(f"{structure} {cost[2]:.2f}" for structure, cost in costs.items())
+        print(f"memory of a process of {asked.bricks + 1} {name}: {each} GB", flush=True)
     sys.exit(int(failed))
 
 
