@@ -26,6 +26,7 @@ PRIOR = {  # value, uncertainty; slopes: of the mass function from 0.5 to 1 Msun
     "ln thick": (np.log(1.34), 0.35), "hz": (0.75, 0.05), "radial": (2.8, 0.5), "xl": (0.4, 0.05),
     "ln halo": (np.log(0.00932), 0.35), "power": (-2.3, 0.1), "flat": (0.59, 0.04), "break": (27.0, 2.0),
     "outer": (-4.6, 0.3), "disc": (2.7, 0.1), "eps": (0.85, 0.03), "slope": (-1.6, 0.05), "halo slope": (-0.5, 0.15),
+    "flare": (0.1, 0.1),
 }  # fmt: skip
 EPS = [0.0268, 0.0375, 0.0551, 0.0696, 0.0785, 0.0791]  # thin2 ... thin7, Robin et al. 2003
 HUDF = (53.16, -27.79), 25, 11.97  # RA, Dec, stars, arcmin2
@@ -69,6 +70,7 @@ def changed(numbers, values):
     row[5] = v["flat"]
     laws = new["laws"]
     laws["thick"], laws["disc"] = [v["radial"], v["hz"], v["xl"]], [v["disc"], laws["disc"][1]]
+    laws["flare"] = [laws["flare"][0], v["flare"]]
     laws["halo"] = [v["power"], laws["halo"][1], v["break"], v["outer"]]
     return new, tilts
 

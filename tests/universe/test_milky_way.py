@@ -79,3 +79,19 @@ def test_bulge_is_longest_towards_positive_longitude_this_side():
     assert at(2, R0 - 0.9) > at(-2, R0 - 0.9)
     assert at(-2, R0 + 0.9) > at(2, R0 + 0.9)
     assert at(90, 1.0) < 1e-12
+
+
+@pytest.mark.parametrize("name", ["thin3", "thick"])
+def test_a_flaring_disc_keeps_the_stars_of_a_column(name):
+    """Beyond the flare's start a disc is wider by 1 + slope (R - start), and thinner in its middle by as much."""
+    start, slope = NUMBERS["laws"]["flare"]
+    flat = NUMBERS | {"laws": NUMBERS["laws"] | {"flare": [start, 0.0]}}
+    z = np.linspace(-8.0, 8.0, 32001)
+    for radius in (start - 0.5, start + 4.0):
+        place = np.stack([0 * z + R0 - radius, 0 * z, z - Z_SUN])
+        flaring, level = (density(BY_NAME[name], place, numbers) for numbers in (NUMBERS, flat))
+        assert flaring.sum() == pytest.approx(level.sum(), rel=1e-3)
+        wider = 1 + slope * max(radius - start, 0.0)
+        height = [np.sqrt((rho * z**2).sum() / rho.sum()) for rho in (flaring, level)]
+        assert height[0] / height[1] == pytest.approx(wider, rel=5e-3)
+    assert wider > 1.2

@@ -1,7 +1,7 @@
 """Density laws of the Milky Way: a thin disc of seven ages, thick disc, halo and bulge (Robin et al. 2003).
 
 Galactic axes: X towards the centre, Y towards l = 90 deg, Z towards the north pole, origin at the Sun, kpc. Left out:
-warp, flare, spiral arms, streams, clusters, the bulge's tilt out of the plane.
+warp, spiral arms, streams, clusters, the bulge's tilt out of the plane.
 """
 
 from dataclasses import dataclass
@@ -64,8 +64,11 @@ def density(component, position, numbers):
     """Return the density at (3, ...) galactic positions [kpc], 1 at the Sun (the bulge: 1 at the centre)."""
     sun, laws = numbers["sun"], numbers["laws"]
     x, y, z = position[0] - sun["r0"], position[1], position[2] + sun["z"]
-    shape = _SHAPES[component.law]
-    here = shape(np.hypot(x, y), z, x, y, component.eps, sun["r0"], laws[component.law])
+    r, shape, wider = np.hypot(x, y), _SHAPES[component.law], 1.0
+    if component.law in _FLARING:
+        start, slope = laws["flare"]
+        wider = 1 + slope * np.maximum(r - start, 0.0)  # of the heights; a column keeps its stars
+    here = shape(r, z / wider, x, y, component.eps, sun["r0"], laws[component.law]) / wider
     if component.law == "bulge":
         return here
     return here / shape(sun["r0"], sun["z"], -sun["r0"], 0.0, component.eps, sun["r0"], laws[component.law])
@@ -103,4 +106,5 @@ def _bulge(r, z, x, y, eps, r0, law):
     return np.exp(-0.5 * rs2 - 0.5 * (np.maximum(r - cut, 0.0) / width) ** 2)
 
 
+_FLARING = ("young", "disc", "thick")
 _SHAPES = {"young": _young, "disc": _disc, "thick": _thick, "halo": _halo, "bulge": _bulge}
