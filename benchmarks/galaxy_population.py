@@ -63,6 +63,7 @@ def counts_table(ax, columns, weight):
         ax.semilogy(centre, counts[band], ".-", color=colour, ms=4, lw=0.7, label=band)
     beside_published(m, weight)
     beside_hsc(ax, columns, weight, m["i"])
+    beside_surveys(columns, weight, m["i"])
     real = np.array(PUBLISHED["i_counts"])
     ax.semilogy(real[:, 0], 10 ** real[:, 1], "ro", mfc="none", label="i, Weaver+ 2022")
     u = np.array(PUBLISHED["u_counts"])
@@ -102,6 +103,18 @@ def beside_hsc(ax, columns, weight, i):
               + " ".join(f"{v[k] / found['i'][k]:5.2f}" for v in found.values()))  # fmt: skip
     for band, colour in (("g", "c"), ("y", "brown")):
         ax.semilogy(edges[:-1] + 0.5, np.diff(hsc[band]), "x", color=colour, ms=4, label=f"{band}, HSC")
+
+
+def beside_surveys(columns, weight, i):
+    """Print counts in half magnitudes over those of GAMA, of COSMOS in other catalogues, and of HST, in their bands."""
+    keep = i < 28
+    columns, weight = select(columns, keep), weight[keep]
+    level = np.median(i[keep] - galaxy_sample.top_hat(columns, *PUBLISHED["hsc_counts"]["bands"]["i"]))
+    for survey, band, limits, rows in PUBLISHED["survey_counts"]:
+        magnitude = galaxy_sample.top_hat(columns, *limits) + level
+        ratios = [weight[np.abs(magnitude - mag) < 0.25].sum() / number for mag, number in rows]
+        told = "  ".join(f"{mag:g}: {ratio:.2f}" for (mag, _), ratio in zip(rows, ratios, strict=True))
+        print(f"ours / {survey} {band}  {told}")
 
 
 def weighted_median(values, weight):
