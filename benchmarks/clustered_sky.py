@@ -1,6 +1,7 @@
 """Make the galaxies of a patch of sky once, for galaxy_clustering.py: places, redshifts, i magnitudes, haloes.
 
-    python benchmarks/clustered_sky.py [--bricks 64] [--structure haloes] [--output results/clustered_sky]
+    python benchmarks/clustered_sky.py [--bricks 64] [--first 409600] [--structure haloes]
+        [--output results/clustered_sky]
 
 The patch is a HEALPix pixel of as many bricks (4 to 256 of 0.0525 deg2 each). The galaxies are those of a campaign but
 for the faint limit: `DENSITY` keeps those to i = 26, so a brick takes two CPU seconds. Writes one npz file.
@@ -57,12 +58,13 @@ def galaxies(universe, camera, structure, pix):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--bricks", type=int, default=64, choices=(1, 4, 16, 64, 256))
+    parser.add_argument("--first", type=int, default=FIRST, help="first brick, a multiple of `bricks`")
     parser.add_argument("--structure", default="haloes", choices=("haloes", "field", "none"))
     parser.add_argument("--output", type=Path, default=Path("results/clustered_sky"))
     args = parser.parse_args()
     universe, camera = thin_universe(), load_camera()
     parts = []
-    for pix in progress(range(FIRST, FIRST + args.bricks), "bricks"):
+    for pix in progress(range(args.first, args.first + args.bricks), "bricks"):
         part = galaxies(universe, camera, args.structure, pix)
         parts.append(part | {"brick": np.full(len(part["z"]), pix)})
     args.output.mkdir(parents=True, exist_ok=True)
