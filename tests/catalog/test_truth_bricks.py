@@ -135,7 +135,12 @@ def test_errors_name_the_file_of_the_universe(tmp_path):
         load_universe(folder).check()
     galaxies.write_text(text, encoding="utf-8")
     stars = folder / "stars.yaml"
-    stars.write_text(stars.read_text().replace("[5.0, 28.0]", "[28.0, 5.0]"))
+    text = stars.read_text(encoding="utf-8")
+    for bad, word in (("[9.5]", "2 numbers"), ("[9.5, -0.1]", "0 to 10 per kpc"), ("[3.0, 0.1]", "a radius from 8.5")):
+        stars.write_text(text.replace("flare: [9.5, 0.056]", f"flare: {bad}"), encoding="utf-8")
+        with pytest.raises(InputError, match=rf"stars.yaml: laws.flare: .*{word}"):
+            load_universe(folder).check()
+    stars.write_text(text.replace("[5.0, 28.0]", "[28.0, 5.0]"), encoding="utf-8")
     with pytest.raises(InputError, match=r"stars.yaml: limits: .*two rising numbers"):
         load_universe(folder).check()
     galaxies.unlink()

@@ -132,6 +132,17 @@ class Universe:
             for key in _SHARES:
                 self._refuse_unless(lambda value: 0 < value <= 1, key, "above 0, up to 1")
             self._refuse_unless(lambda value: value <= 10, "dust.sfd_scale", "up to 10")
+            for name, law in _shipped("stars")["laws"].items():
+                if isinstance(law, list):
+                    count = len(law)
+                    self._refuse_unless(
+                        lambda value, n=count: len(value) == n, f"stars.laws.{name}", f"{count} numbers"
+                    )
+            r0 = self.numbers["stars"]["sun"]["r0"]  # at the Sun all densities are known
+            self._refuse_unless(
+                lambda value: value[0] >= r0 and 0 <= value[1] <= 10, "stars.laws.flare",
+                f"a radius from {r0:g} kpc on, and a growth from 0 to 10 per kpc",
+            )  # fmt: skip
             self._refuse_unless(lambda value: value <= Z_MAX, "galaxies.mass_function.z_max", f"up to {Z_MAX:g}")
             with self.faults_of("stars"):
                 galaxy(self.numbers["stars"])
