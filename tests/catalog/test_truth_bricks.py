@@ -14,8 +14,11 @@ from csstsim.base.errors import InputError
 from csstsim.base.healpix import NSIDE
 from csstsim.base.units import SOLAR_RADIUS_PC
 from csstsim.campaign.sections import Lensing
+from csstsim.catalog.light.embedded_spectra import rates
+from csstsim.catalog.light.photometry import rate_to_mag, subband_weights
 from csstsim.catalog.table import GALAXY, QUASAR, STAR, ObjectTable, columns_with
-from csstsim.catalog.truth_bricks import AREA_DEG2, brick_meta, make_brick, read_brick, write_brick
+from csstsim.catalog.truth_bricks import AREA_DEG2, brick_meta, make_brick, read_brick, with_magnitudes, write_brick
+from csstsim.instrument.camera import load_camera
 from csstsim.universe.parameters import load_universe
 
 POLE, WRAP, COMMON = 65535, int(healpy.ang2pix(256, 0.0, 20.0, nest=True, lonlat=True)), 100000
@@ -49,6 +52,22 @@ def test_content_does_not_depend_on_order_or_neighbours():
     _, camera = shipped()
     fresh = load_universe(universe_folder())  # no cached table, no brick made before
     assert make_brick(SEED, COMMON, fresh, camera, Lensing(), "none") == brick(COMMON)
+
+
+def test_bands_that_are_not_the_shipped_ones_are_summed_without_tables():
+    """Edges may be sharp there. A camera with another number, but the shipped bands, has the same magnitudes."""
+    universe, _ = shipped()
+    table = brick(COMMON)
+    same = with_magnitudes(table, universe, load_camera({"detector.read_noise": 20.0}))
+    np.testing.assert_array_equal(same["mag_u"], table["mag_u"])
+    larger = load_camera({"telescope.diameter_m": 4.0})
+    other = with_magnitudes(table, universe, larger)
+    weights = np.stack([subband_weights(f, larger.telescope).sum(axis=0) for f in larger.bands.values()])
+    exact = rates(universe, table, weights)[:, list(larger.bands).index("u")]
+    expected = rate_to_mag(exact, larger.bands["u"], larger.telescope).astype(np.float32)
+    np.testing.assert_array_equal(other["mag_u"], expected)
+    seen = table["mag_u"] < 32
+    assert 0 < np.abs(other["mag_u"][seen] - table["mag_u"][seen]).max() < 2e-3
 
 
 def test_seed_and_number_change_everything():

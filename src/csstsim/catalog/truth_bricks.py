@@ -229,10 +229,16 @@ def with_magnitudes(table, universe, camera):
 
 @lru_cache(maxsize=4)
 def _band_rates(universe, camera):
-    """Tables of galaxies' light in the camera's bands, which all bricks of a process use."""
+    """Tables of galaxies' light in the shipped bands, for all bricks of a process; None for a camera with others.
+
+    Those may be too sharp for tables.
+    """
     from csstsim.universe.galaxies.band_rates import BandRates
 
-    return BandRates(universe.galaxy_seds, _weights(camera))
+    weights = _weights(camera)
+    if not (camera.shipped or np.array_equal(weights, _weights(load_camera()))):
+        return None
+    return BandRates(universe.galaxy_seds, weights)
 
 
 def _weights(camera):

@@ -6,7 +6,8 @@ A spectrum is a sum of components, so its light in a band is the sum of theirs, 
     R_nbk(z) = sum_i w_b(lambda_i) (curve_i - m_b)^n IGM(lambda_i, z) P_k(lambda_i / (1 + z))
 
 w: weights behind the dust of the table, d: optical depth of the galaxy's dust beyond that, m_b: mean of the dust's
-curve over the band. Bands need soft edges: behind a sharp one a line appears within less than a step of redshift.
+curve over the band. Bands need soft edges, as those of CSST: behind a sharp one a line appears within less than a step
+of redshift, and light in a band of 100 A with sharp edges errs by up to 3%.
 Spectra with negative sums of components, which count as 0, are summed by GalaxySeds.rates: some 2% of all.
 """
 
