@@ -55,6 +55,8 @@ def main():
     asked = parser.parse_args()
     if asked.make:
         return make(asked.make[0], int(asked.make[1]), asked.bricks)
+    if asked.bricks < 1 or (asked.before and not (Path(asked.before) / "src" / "csstsim").is_dir()):
+        parser.error("--bricks is at least 1; --before is a folder with src/csstsim")
     sources = {"haloes": SOURCE, "none": SOURCE} | ({"before": asked.before} if asked.before else {})
     failed = False
     for name, folder in sources.items():

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from csstsim.base.healpix import BRICKS
 from csstsim.base.process.progress import progress
 from csstsim.base.shipped import SHIPPED
 from csstsim.catalog.truth_bricks import AREA_DEG2, _clustered, _population, _streams, place
@@ -62,6 +63,8 @@ def main():
     parser.add_argument("--structure", default="haloes", choices=("haloes", "field", "none"))
     parser.add_argument("--output", type=Path, default=Path("results/clustered_sky"))
     args = parser.parse_args()
+    if args.first % args.bricks or not 0 <= args.first < BRICKS:
+        parser.error(f"--first {args.first}: needs a multiple of {args.bricks} below {BRICKS}")
     universe, camera = thin_universe(), load_camera()
     parts = []
     for pix in progress(range(args.first, args.first + args.bricks), "bricks"):

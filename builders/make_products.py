@@ -89,8 +89,8 @@ the files that make `truth/` a HATS catalogue of all bricks (`lsdb.open_catalog(
 read by `csstsim.catalog.table.ObjectTable.read(file)`. A brick's rows are stars, galaxies, then quasars. Bricks also
 have `sed_scale`, `coeff0` ... `coeff19` (spectra) and `_healpix_29`. B stands for each band of the camera. A star with
 a close companion has the companion's temperature [K] in `coeff0`, its log g in `coeff1`, and in `coeff2` the squared
-ratio of the radii, the companion's over the star's. Where a column says nothing of an object, it is 0 up to `gamma2`, NaN from
-`stellarmass` to `halomass`, and -1 from `satellite` to `host`.
+ratio of the radii, the companion's over the star's. Where a column says nothing of an object, it is 0 up to `gamma2`,
+NaN from `stellarmass` to `halomass`, and -1 from `satellite` to `host`.
 
 $bricks
 ## Measured tables

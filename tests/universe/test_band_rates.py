@@ -21,7 +21,7 @@ def seds():
 @pytest.fixture(scope="module")
 def bands(seds, camera):
     weights = [subband_weights(f, camera.telescope).sum(axis=0) for f in camera.bands.values()]
-    return BandRates(seds, np.stack(weights))
+    return BandRates(seds, np.stack(weights), fewest=1)
 
 
 def _galaxies(seds, count, seed=3):
@@ -50,13 +50,29 @@ def test_negative_sums_of_components_count_as_zero(seds, bands):
     np.testing.assert_allclose(bands.rates(z, mix, np.zeros(60)), exact, rtol=1e-12)
 
 
+def test_dust_half_way_between_tables(seds, bands):
+    """Near galaxies, which the forest spares, so that the dust's expansion is what is left: 2e-4."""
+    _, mix, _ = _galaxies(seds, 60)
+    z, av = np.linspace(0.05, 0.9, 60), np.repeat([0.5, 1.49, 7.5], 20)
+    exact = seds.spectra(z, mix, np.ones(60), av) @ bands.weights.T
+    np.testing.assert_allclose(bands.rates(z, mix, av), exact, rtol=2e-4)
+
+
+def test_few_galaxies_are_summed_one_by_one(seds, bands):
+    """A table costs more than they do; dusty bricks have many tables with few galaxies each."""
+    z, mix, av = _galaxies(seds, 50)
+    few = BandRates(seds, bands.weights, fewest=51).rates(z, mix, av)
+    np.testing.assert_array_equal(few, seds.rates(z, mix, av, bands.weights))
+    assert (few != bands.rates(z, mix, av)).any()
+
+
 def test_one_alone_has_the_light_that_it_has_among_others(seds, bands):
     z, mix, av = _galaxies(seds, 300)
     light = bands.rates(z, mix, av)
     for k in (0, 17, 299):
         one = bands.rates(z[k : k + 1], mix[k : k + 1], av[k : k + 1])[0]
         np.testing.assert_allclose(one, light[k], rtol=1e-4)  # those summed one by one share the mean dust of a call
-    again = BandRates(seds, bands.weights).rates(z[::-1], mix[::-1], av[::-1])[::-1]
+    again = BandRates(seds, bands.weights, fewest=1).rates(z[::-1], mix[::-1], av[::-1])[::-1]
     np.testing.assert_allclose(again, light, rtol=1e-9)
 
 
@@ -74,5 +90,5 @@ def test_edges_of_the_input(seds, bands):
     for z, c, av in (([np.nan], mix, [0.1]), ([0.5], mix * np.nan, [0.1]), ([0.5], mix, [np.nan])):
         assert np.isnan(bands.rates(z, c, av)).all()
     assert not bands.rates([30.0], mix, [0.0]).any()  # all below 600 A at rest
-    dark = BandRates(seds, np.zeros((2, len(GRID))))
+    dark = BandRates(seds, np.zeros((2, len(GRID))), fewest=1)
     assert not dark.rates([0.5], mix, [0.0]).any()

@@ -132,17 +132,7 @@ class Universe:
             for key in _SHARES:
                 self._refuse_unless(lambda value: 0 < value <= 1, key, "above 0, up to 1")
             self._refuse_unless(lambda value: value <= 10, "dust.sfd_scale", "up to 10")
-            for name, law in _shipped("stars")["laws"].items():
-                if isinstance(law, list):
-                    count = len(law)
-                    self._refuse_unless(
-                        lambda value, n=count: len(value) == n, f"stars.laws.{name}", f"{count} numbers"
-                    )
-            r0 = self.numbers["stars"]["sun"]["r0"]  # at the Sun all densities are known
-            self._refuse_unless(
-                lambda value: value[0] >= r0 and 0 <= value[1] <= 10, "stars.laws.flare",
-                f"a radius from {r0:g} kpc on, and a growth from 0 to 10 per kpc",
-            )  # fmt: skip
+            self._check_laws()
             self._refuse_unless(lambda value: value <= Z_MAX, "galaxies.mass_function.z_max", f"up to {Z_MAX:g}")
             with self.faults_of("stars"):
                 galaxy(self.numbers["stars"])
@@ -152,6 +142,21 @@ class Universe:
         except (KeyError, TypeError, ValueError, IndexError) as exc:
             raise InputError(f"a number is missing or wrong: {type(exc).__name__} {exc}", file=self.folder) from exc
         self._check_lines()
+
+    def _check_laws(self):
+        """Raise InputError for density laws of stars that cannot be."""
+        laws, r0 = _shipped("stars")["laws"], self.numbers["stars"]["sun"]["r0"]
+        for name, count in ((name, len(law)) for name, law in laws.items() if isinstance(law, list)):
+            self._refuse_unless(
+                lambda value, n=count: isinstance(value, list) and len(value) == n, f"stars.laws.{name}",
+                f"{count} numbers",
+            )  # fmt: skip
+        for name in ("young", "disc", "thick"):
+            self._refuse_unless(lambda value: min(value) > 0, f"stars.laws.{name}", "lengths above 0 kpc")
+        self._refuse_unless(  # at the Sun all densities are known
+            lambda value: value[0] >= r0 and 0 <= value[1] <= 10, "stars.laws.flare",
+            f"a radius from {r0:g} kpc on, and a growth from 0 to 10 per kpc",
+        )  # fmt: skip
 
     def _check_lines(self):
         """Raise InputError for galaxy_spectra.fits of other emission lines than galaxies.yaml says."""

@@ -25,16 +25,20 @@ _TAPS = 4
 _DUST = 1.0  # mag of A(V) between tables
 _MOMENTS = 4  # terms of the exponential: 1e-4 in NUV half way between tables
 _TABLES = 48  # kept; a brick without much dust has 17
-_BLUE, _LOOK = 2000.0, 2  # sums are first negative below 2000 A; of the nodes there one in two is looked at
+_BLUE = 2000.0  # A: a sum of components that is negative anywhere is so below
+_FEWEST = 1000  # galaxies for which a table costs less than each sum by itself
 
 
 class BandRates:
-    """`seds`: galaxy_sed.GalaxySeds; weights: (bands, 18001) on the paper's grid, of whole bands."""
+    """`seds`: galaxy_sed.GalaxySeds; weights: (bands, 18001) on the paper's grid, of whole bands.
 
-    def __init__(self, seds, weights):
-        self.seds, self.weights = seds, np.asarray(weights, dtype=float)
+    fewest: of galaxies that share a table; fewer are summed by GalaxySeds.rates.
+    """
+
+    def __init__(self, seds, weights, fewest=_FEWEST):
+        self.seds, self.weights, self._fewest = seds, np.asarray(weights, dtype=float), fewest
         nodes, basis = seds.cells
-        self._signs = np.ascontiguousarray(basis[:, nodes < _BLUE][:, ::_LOOK], np.float32)
+        self._signs = np.ascontiguousarray(basis[:, nodes < _BLUE], np.float32)
         self._table = lru_cache(maxsize=_TABLES)(self._make)
         self._behind = lru_cache(maxsize=1)(self._moments)
 
@@ -48,6 +52,9 @@ class BandRates:
         screen, part = np.rint(av[rows] / _DUST).astype(int), np.floor(np.log1p(z[rows]) / (_STEP * _BLOCK)).astype(int)
         for dust, block in sorted(set(zip(screen.tolist(), part.tolist(), strict=True))):
             some = rows[(screen == dust) & (part == block)]
+            if len(some) < self._fewest:
+                exact[some] = True
+                continue
             table, mean = self._table(dust, block)
             interpolate(out, some, table, block * _BLOCK, z, coefficients, self.seds.depth(av - dust * _DUST), mean)
         out[exact] = self.seds.rates(z[exact], coefficients[exact], av[exact], self.weights)
