@@ -23,7 +23,7 @@ _STEP = 1e-3  # of ln(1 + z): cubic interpolation errs by 1e-3 where the forest'
 _BLOCK = 128  # steps of a table
 _TAPS = 4
 _DUST = 1.0  # mag of A(V) between tables
-_MOMENTS = 4  # terms of the exponential: 1e-4 in NUV half way between tables
+_MOMENTS = 3  # terms of the exponential: 1e-4 half way between tables
 _TABLES = 48  # kept; a brick without much dust has 17
 _BLUE = 2000.0  # A: a sum of components that is negative anywhere is so below
 _FEWEST = 1000  # galaxies for which a table costs less than each sum by itself
@@ -138,13 +138,12 @@ def tabulate(stretches, weights, ranges, nodes, basis, grid, edges, *forest):
                     j += 1
             for k in range(len(basis)):
                 part = basis[k]
-                one, two, three, four = 0.0, 0.0, 0.0, 0.0
+                one, two, three = 0.0, 0.0, 0.0
                 for node in range(first, min(j, last - 1) + 2):
                     one += hats[node, 0] * part[node]
                     two += hats[node, 1] * part[node]
                     three += hats[node, 2] * part[node]
-                    four += hats[node, 3] * part[node]
-                out[row, k, b] = one, two, three, four
+                out[row, k, b] = one, two, three
     return out
 
 
