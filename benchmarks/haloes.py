@@ -20,7 +20,13 @@ from scipy.special import jv
 
 from csstsim.base.healpix import BRICKS, NSIDE
 from csstsim.universe.parameters import load_universe
-from csstsim.universe.structure.halo_profile import disc_radius, disc_transform, nfw_transform
+from csstsim.universe.structure.halo_profile import (
+    disc_radius,
+    disc_transform,
+    halo_transform,
+    nfw_transform,
+    whole_mass,
+)
 from csstsim.universe.structure.intensity import excess, series
 
 AREA_DEG2 = 4 * 180**2 / np.pi / BRICKS
@@ -71,10 +77,11 @@ def tell_profiles(matter, z, log_masses, emulated):
         lens = tier - int(np.searchsorted(tiers, numbers["lens_mass"]))
         bias, volume = haloes.bias(mass, z), mass / haloes.density
         c = matter.haloes.mean_concentration(mass, z)
-        sphere = nfw_transform(k, haloes.virial_radius(mass), c)
-        own = volume * (sphere - disc_transform(k, disc_radius(haloes, mass, numbers)))
+        radii, cuts = haloes.virial_radius(mass), numbers["cuts"]
+        own = halo_transform(k, radii, c, cuts) - disc_transform(k, disc_radius(haloes, mass, numbers))
+        own *= volume * whole_mass(c, cuts)
         around = spectra.around(inside, matter.amplitude, shell, lens, bias) * chi**2 * thickness
-        usual = bessel @ (volume * sphere + bias * matter.shells.power.linear(k, z))
+        usual = bessel @ (volume * nfw_transform(k, radii, c) + bias * matter.shells.power.linear(k, z))
         shear = bessel @ (own + around)
         print(f"log M {log_mass}: " + " ".join(f"{v:5.2f}" for v in shear / usual))
         if emulated:

@@ -29,7 +29,7 @@ from scipy.ndimage import gaussian_filter, maximum_filter
 from csstsim.universe.lensing.tangent_grid import TangentGrid, prolong
 from csstsim.universe.parameters import load_universe
 from csstsim.universe.structure.halo_lensing import halo_lenses, halo_shear
-from csstsim.universe.structure.halo_profile import disc_transform, nfw_transform
+from csstsim.universe.structure.halo_profile import disc_transform, halo_transform
 from csstsim.universe.structure.kernels import add_lensing
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -99,18 +99,18 @@ def power_of_haloes(matter, haloes, lenses, grid):
     points = SIZE + 1 - 16  # the window of `spectra` has along a side
     place = (lenses[:, :3] @ grid.axes[:2].T) / (lenses[:, :3] @ grid.centre)[:, None] / ((points + 1) * STEP)
     inside = (np.abs(place) < 0.5).all(axis=1)
-    _, _, _, chi, strength, disc, _, c = lenses[inside].T
-    radius = matter.mass_function.virial_radius(10 ** haloes["log_mass"][inside])
+    chi, strength, disc = lenses[inside, 3:6].T
+    radius, c = matter.mass_function.virial_radius(10 ** haloes["log_mass"][inside]), haloes["concentration"][inside]
     chance = (np.cos(np.pi * place[inside]) ** 4).prod(axis=1)  # the window squared
     far = matter.shells.source_distance(np.array(SOURCES))[:, None]
-    flux = np.pi * strength * np.maximum(1 - chi / far, 0.0)  # kappa integrated over the sphere
+    flux = np.pi * strength * np.maximum(1 - chi / far, 0.0)  # kappa integrated over the halo
     power = chance * flux**2 / (((np.hanning(points + 2) ** 2).sum() * STEP) ** 2)
     found = np.zeros((len(SOURCES), len(EDGES) - 1))
     for b, (low, high) in enumerate(pairwise(EDGES)):
         ells = low + (high - low) * (np.arange(3) + 0.5) / 3
         for ell in ells:
             k = (ell + 0.5) / chi
-            profile = nfw_transform(k, radius, c) - disc_transform(k, disc * chi)
+            profile = halo_transform(k, radius, c, matter.numbers["haloes"]["cuts"]) - disc_transform(k, disc * chi)
             found[:, b] += ell / ells.sum() * (power @ profile**2)
     return found
 

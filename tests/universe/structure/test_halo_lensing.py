@@ -10,10 +10,11 @@ from csstsim.base.sphere import ra_dec, unit_vectors
 from csstsim.universe.lensing.cosmology import Cosmology
 from csstsim.universe.lensing.power_spectrum import MatterPower
 from csstsim.universe.structure.halo_lensing import halo_lenses, halo_shear
-from csstsim.universe.structure.halo_profile import disc_transform, nfw_transform
+from csstsim.universe.structure.halo_profile import disc_transform, halo_transform, nfw_mass, whole_mass
 from csstsim.universe.structure.mass_function import HaloMassFunction
 
 SHIPPED = NUMBERS["haloes"]
+CUTS = SHIPPED["cuts"]
 NUMBERS = NUMBERS | {"haloes": SHIPPED | {"compensation": {"mass": [1e13], "ratio": [2.0]}}}
 DISC = 2.0
 PLACES = {"common": (123.0, -41.0), "RA 0": (0.0, 10.0), "pole": (40.0, 90.0)}
@@ -54,15 +55,20 @@ def turned(place, ra, dec, gamma1, gamma2):
 
 
 def surface(masses, r, log_mass, c):
-    """Surface density over the mean density [Mpc] at comoving r [Mpc]: sphere by integration, less the disc."""
-    mass, edge = 10**log_mass, masses.virial_radius(10**log_mass)
-    scale, disc = edge / c, DISC * masses.lagrangian_radius(10**log_mass)
-    peak = mass / masses.density / (4 * np.pi * scale**3 * (np.log1p(c) - c / (1 + c)))
-    sphere = 0.0
-    if r < edge:
-        end = np.sqrt(edge**2 - r**2)
-        sphere = 2 * quad(lambda s: peak / (np.hypot(r, s) / scale) / (1 + np.hypot(r, s) / scale) ** 2, 0, end)[0]
-    return sphere - 4 * mass / masses.density / (np.pi * disc**2) * max(1 - (r / disc) ** 2, 0.0) ** 3
+    """Surface density over the mean density [Mpc] at comoving r [Mpc]: spheres by integration, less the disc."""
+    mass, virial = 10**log_mass / masses.density, masses.virial_radius(10**log_mass)
+    scale, disc = virial / c, DISC * masses.lagrangian_radius(10**log_mass)
+    peak = mass / (4 * np.pi * scale**3 * nfw_mass(c))
+    sigma = 0.0
+    for edge in (t * virial for t in CUTS):
+        part = 1 / len(CUTS)
+        if r < edge:
+            end = np.sqrt(edge**2 - r**2)
+            sphere = quad(lambda s: peak / (np.hypot(r, s) / scale) / (1 + np.hypot(r, s) / scale) ** 2, 0, end)[0]
+            sigma += 2 * part * sphere
+        whole = part * mass * nfw_mass(edge / scale) / nfw_mass(c)
+        sigma -= 4 * whole / (np.pi * disc**2) * max(1 - (r / disc) ** 2, 0.0) ** 3
+    return sigma
 
 
 @pytest.mark.parametrize("name", PLACES)
@@ -71,16 +77,18 @@ def test_tangential_shear_of_a_halo_by_integration(masses, name):
     cosmology = masses.cosmology
     chi, source = float(cosmology.comoving_distance(z)), float(cosmology.comoving_distance(z_source))
     critical = 1.5 * 0.3111 * (67.66 / 299792.458) ** 2 * (1 + z) * chi * (1 - chi / source)
-    radii = np.array([0.05, 0.9, 2.5, 19.0])  # Mpc, comoving; the disc ends at 21.4
+    radii = np.array([0.05, 0.9, 2.5, 3.1, 19.0])  # Mpc, comoving; the spheres end at 1.5, 2.3, 3.4, the disc at 21.4
     phi = np.linspace(0.3, 6.0, len(radii))
     ra, dec = around(place, radii / chi, phi)
     kappa, *gamma = halo_shear(lenses(masses, halo(place)), ra, dec, np.full(len(radii), source))
     tangential, cross = turned(place, ra, dec, *gamma)
     expected = [surface(masses, r, 14.3, 5.0) for r in radii]
+    ends = [t * masses.virial_radius(10**14.3) for t in CUTS]
     means = [
-        2 / r**2 * quad(lambda s: s * surface(masses, s, 14.3, 5.0), 0, r, epsrel=1e-4, points=[0.5 * r])[0]
+        2 / r**2 * quad(lambda s: s * surface(masses, s, 14.3, 5.0), 0, r, epsrel=1e-3, limit=200,
+                        points=[0.5 * r, *(end for end in ends if end < r)])[0]
         for r in radii
-    ]
+    ]  # fmt: skip
     peak = critical * expected[0]
     np.testing.assert_allclose(kappa, critical * np.array(expected), rtol=1e-3, atol=1e-4 * peak)
     np.testing.assert_allclose(tangential, critical * np.subtract(means, expected), rtol=2e-3, atol=1e-5 * peak)
@@ -122,11 +130,11 @@ def test_transform_of_a_lens_is_that_of_the_spectra(masses, log_mass):
     ra, dec = around(place, theta, np.zeros(len(theta)))
     lens = lenses(masses, halo(place, z, log_mass, c), numbers=SHIPPED)
     kappa = halo_shear(lens, ra, dec, np.full(len(theta), source))[0]
-    volume = 10**log_mass / masses.density
+    volume = 10**log_mass / masses.density * whole_mass(c, CUTS)
     flux = 1.5 * 0.3111 * (67.66 / 299792.458) ** 2 * (1 + z) / chi * (1 - chi / source) * volume
     for k in (0.3, 1.0, 3.0):
         found = 2 * np.pi * np.trapezoid(theta**2 * kappa * j0(k * chi * theta), np.log(theta))
-        expected = nfw_transform(k, masses.virial_radius(10**log_mass), c) - disc_transform(k, disc)
+        expected = halo_transform(k, masses.virial_radius(10**log_mass), c, CUTS) - disc_transform(k, disc)
         assert found / flux == pytest.approx(expected, abs=2e-3)
 
 

@@ -5,7 +5,14 @@ import pytest
 from scipy.integrate import quad
 from scipy.special import j0
 
-from csstsim.universe.structure.halo_profile import disc_transform, nfw_mass, nfw_projected, nfw_transform
+from csstsim.universe.structure.halo_profile import (
+    disc_transform,
+    halo_transform,
+    nfw_mass,
+    nfw_projected,
+    nfw_transform,
+    whole_mass,
+)
 
 
 def column(x, c):
@@ -39,6 +46,18 @@ def test_transform_of_the_sphere(c):
     for k in (1e-3, 0.3, 2.0, 20.0):
         expected = np.trapezoid(r / (1 + r) ** 2 * np.sinc(k * r / c / np.pi), r) / nfw_mass(c)
         assert nfw_transform(k, 1.0, c) == pytest.approx(expected, abs=1e-7)
+
+
+def test_a_halo_ends_in_steps():
+    """Mass and transform by integration of the density that is left beyond each cut."""
+    c, cuts, r = 5.0, (0.8, 1.3, 2.0), np.linspace(1e-7, 2.0, 400001)  # over the virial radius
+    share = np.select([r < cuts[0], r < cuts[1]], [1.0, 2 / 3], 1 / 3)
+    mass = r * c**2 / (1 + r * c) ** 2 * share / nfw_mass(c)
+    assert whole_mass(c, cuts) == pytest.approx(np.trapezoid(mass, r), rel=1e-5)
+    for k in (0.0001, 0.4, 3.0, 20.0):
+        expected = np.trapezoid(mass * np.sinc(k * r * 1.5 / np.pi), r) / np.trapezoid(mass, r)
+        assert halo_transform(k, 1.5, c, cuts) == pytest.approx(expected, abs=1e-5)
+    assert whole_mass(c, (1.0,)) == 1.0 and halo_transform(0.4, 1.5, c, (1.0,)) == nfw_transform(0.4, 1.5, c)
 
 
 def test_transform_of_the_disc():

@@ -1,6 +1,6 @@
 """Convergence and shear by haloes, summed pair by pair, with the exact distances of halo and source (halo_profile).
 
-    kappa = 3/2 Om (H0 / c)^2 (1 + z_h) chi_h (1 - chi_h / chi_s) V Sigma / M,   V = M / rho    (comoving)
+    kappa = 3/2 Om (H0 / c)^2 (1 + z_h) chi_h (1 - chi_h / chi_s) V Sigma / M,   V = M mu / rho    (comoving)
 
 Radii are chords on the unit sphere times chi_h. In them areas on the sphere are flat, so the halo's mass and that of
 its disc cancel exactly, and gamma_t = mean (1 - g) / (1 - g / 2) - kappa with g = chord^2 / 2 has no B mode. Born.
@@ -10,24 +10,25 @@ import numpy as np
 from numba import njit
 
 from csstsim.base.sphere import frames
-from csstsim.universe.structure.halo_profile import disc_radius, nfw_projected
+from csstsim.universe.structure.halo_profile import disc_radius, nfw_mass, nfw_projected, whole_mass
 
 _BUCKET = np.radians(0.7 / 60)  # side of the squares into which sources are sorted
 
 
 def halo_lenses(haloes, mass_function, numbers):
-    """Return what `add_haloes` needs of haloes (n, 8); haloes: the columns of haloes.Haloes; numbers: its section.
+    """Return what `halo_shear` needs of haloes (n, 7 + cuts); numbers: section haloes of structure.yaml.
 
-    Columns: direction (3), chi [Mpc], strength (kappa x chord^2), radii of disc and sphere [rad], concentration.
+    haloes: the columns of haloes.Haloes. Columns: direction (3), chi [Mpc], strength (kappa x chord^2), radius of the
+    disc and scale radius [rad], and the radii at which the density ends, over the scale radius.
     """
     a, d = np.radians(haloes["ra"]), np.radians(haloes["dec"])
-    mass, cosmology = 10 ** haloes["log_mass"], mass_function.cosmology
+    mass, c, cosmology = 10 ** haloes["log_mass"], np.asarray(haloes["concentration"]), mass_function.cosmology
     chi = cosmology.comoving_distance(haloes["z"])
     strength = 1.5 * cosmology.omega_m / cosmology.hubble_distance**2 * (1 + haloes["z"])
-    strength = strength * mass / mass_function.density / (np.pi * chi)
+    strength = strength * mass * whole_mass(c, numbers["cuts"]) / mass_function.density / (np.pi * chi)
     disc = disc_radius(mass_function, mass, numbers) / chi
-    sphere = mass_function.virial_radius(mass) / chi
-    return np.column_stack([frames(a, d)[0], chi, strength, disc, sphere, haloes["concentration"]])
+    scale = mass_function.virial_radius(mass) / chi / c
+    return np.column_stack([frames(a, d)[0], chi, strength, disc, scale, np.outer(c, numbers["cuts"])])
 
 
 def halo_shear(lenses, ra, dec, chi):
@@ -63,13 +64,13 @@ def halo_shear(lenses, ra, dec, chi):
 def _add(sums, at, inverse, starts, rows, columns, lenses, centres, bucket):
     """Add every lens to sums (sources, 3); sources are sorted by bucket, the farthest first, `starts` of each."""
     for h in range(len(lenses)):
-        p0, p1, p2, chi, strength, disc, sphere, c = lenses[h]
+        p0, p1, p2, chi, strength, disc, scale = lenses[h, :7]
+        cuts = lenses[h, 7:]
         if centres[h, 2] < 0:
             continue
         reach = disc / bucket  # a projected radius is at most the chord
-        disc2, sphere2, per_disc2 = disc * disc, sphere * sphere, 1 / (disc * disc)
-        scale = sphere / c
-        inner = 1 / (2 * scale * scale * (np.log1p(c) - c / (1 + c)))
+        disc2, widest2, per_disc2 = disc * disc, (scale * cuts.max()) ** 2, 1 / (disc * disc)
+        inner = 1 / (2 * scale * scale * nfw_mass(cuts).sum())
         low, high = max(int(np.floor(centres[h, 1] - reach)), 0), min(int(np.floor(centres[h, 1] + reach)), rows - 1)
         for row in range(low, high + 1):
             off = max(row - centres[h, 1], centres[h, 1] - row - 1, 0.0)
@@ -94,10 +95,12 @@ def _add(sums, at, inverse, starts, rows, columns, lenses, centres, bucket):
                     both = 1 / (chord2 * (1 - 0.5 * gap))  # one division for both quotients
                     per_chord2 = both * (1 - 0.5 * gap)
                     mean = q3 * q * per_chord2
-                    if chord2 < sphere2:
-                        f, g = nfw_projected(np.sqrt(chord2) / scale, c)
-                        kappa += inner * f
-                        mean += inner * (f + g) - per_chord2
+                    if chord2 < widest2:
+                        mean -= per_chord2
+                        for cut in cuts:
+                            f, g = nfw_projected(np.sqrt(chord2) / scale, cut)
+                            kappa += inner * f
+                            mean += inner * (f + g)
                     tangential = weight * both * (mean * (1 - gap) * both * chord2 - kappa)
                     a = d0 * at[i, 3] + d1 * at[i, 4] + d2 * at[i, 5]
                     b = d0 * at[i, 6] + d1 * at[i, 7] + d2 * at[i, 8]

@@ -1,14 +1,16 @@
-"""A halo as a lens: an NFW sphere cut at its virial radius, less a disc of the same mass.
+"""A halo as a lens: an NFW density that ends in steps, less a disc of the same mass.
 
-In units of M / pi, with y = R / R_c, x = R / r_s, m(c) = ln(1 + c) - c / (1 + c), sphere cut at x = c:
+Simulated haloes have no edge. With one at the virial radius, shear is 18% too large beside it. So the density is the
+mean of NFW spheres cut at several radii x = t c (haloes.cuts of structure.yaml), and a halo holds M mu. In units of
+M / pi, with y = R / R_c, x = R / r_s, m(c) = ln(1 + c) - c / (1 + c), mu = mean m(t c) / m(c), F and G means over cuts:
 
-    Sigma  = F(x) / (2 r_s^2 m(c)) - 4 / R_c^2 (1 - y^2)^3,
-    mean inside R = (F + G)(x) / (2 r_s^2 m(c)) - (1 - (1 - y^2)^4) / R^2,       gamma_t ~ mean - Sigma
+    Sigma  = F(x) / (2 r_s^2 m(c)) - 4 mu / R_c^2 (1 - y^2)^3,
+    mean inside R = (F + G)(x) / (2 r_s^2 m(c)) - mu (1 - (1 - y^2)^4) / R^2,       gamma_t ~ mean - Sigma
 
 F and G: Takada & Jain 2003 (MNRAS 340, 580, equation 27; 344, 857, equation 17). The disc takes back the mass that the
 halo was made of: beyond R_c there is neither convergence nor shear, and the mean density stays what it was. Transforms:
 
-    u(k): of the cut NFW sphere (Cooray & Sheth 2002, equation 81),     g(k) = 384 J_4(k R_c) / (k R_c)^4
+    u(k): of a cut NFW sphere (Cooray & Sheth 2002, equation 81),     g(k) = 384 J_4(k R_c) / (k R_c)^4
 """
 
 import numpy as np
@@ -26,9 +28,21 @@ def nfw_transform(k, radius, c):
     return (np.sin(x) * (si1 - si0) + np.cos(x) * (ci1 - ci0) - np.sin(c * x) / ((1 + c) * x)) / nfw_mass(c)
 
 
+@njit(cache=True)
 def nfw_mass(c):
     """Return m(c) = ln(1 + c) - c / (1 + c)."""
     return np.log1p(c) - c / (1 + c)
+
+
+def whole_mass(c, cuts):
+    """Return mu, the mass of a halo of concentration c (broadcasts) over that within its virial radius."""
+    return sum(nfw_mass(t * c) for t in cuts) / (len(cuts) * nfw_mass(c))
+
+
+def halo_transform(k, radius, c, cuts):
+    """Return the transform of a halo's density, 1 at k = 0; arguments as for `nfw_transform`."""
+    parts = [nfw_mass(t * c) for t in cuts]
+    return sum(m * nfw_transform(k, t * radius, t * c) for m, t in zip(parts, cuts, strict=True)) / sum(parts)
 
 
 def disc_radius(mass_function, mass, numbers):
@@ -49,7 +63,7 @@ def nfw_projected(x, c):
     """Return F and G at x = R / r_s > 0 for a sphere cut at x = c; beyond, F is 0 and G = 2 m(c) / x^2."""
     x = max(x, _CENTRE)
     if x >= c:
-        return 0.0, 2 * (np.log1p(c) - c / (1 + c)) / x**2
+        return 0.0, 2 * nfw_mass(c) / x**2
     if abs(x * x - 1) < _NEAR_ONE and c * c > 1 + _NEAR_ONE:
         t = (x * x - 1 + _NEAR_ONE) / (2 * _NEAR_ONE)
         low, high = _projected(np.sqrt(1 - _NEAR_ONE), c), _projected(np.sqrt(1 + _NEAR_ONE), c)

@@ -1,6 +1,6 @@
 """What haloes add to the spectra of matter, and the smooth part that is left (Cooray & Sheth 2002, section 4).
 
-With the haloes' profile u, the disc g taken from it (halo_profile) and V = M / rho:
+With the haloes' profile u, the disc g taken from it and V = M mu / rho (halo_profile):
 
     h_t(k) = int_t dlnM n V b (u - g)                                   of each tier t of lensing haloes,
     P_1h(k) = int dlnM n V^2 <(u - g)^2>
@@ -27,7 +27,7 @@ from scipy.optimize import nnls
 from scipy.special import j0
 
 from csstsim.universe.structure.density import kernel_weights
-from csstsim.universe.structure.halo_profile import disc_radius, disc_transform, nfw_transform
+from csstsim.universe.structure.halo_profile import disc_radius, disc_transform, halo_transform, whole_mass
 from csstsim.universe.structure.haloes import concentration, tier_orders
 from csstsim.universe.structure.intensity import excess, series
 
@@ -36,6 +36,7 @@ _MASSES = 24  # nodes of a tier
 _SCATTER, _CHANCES = np.polynomial.hermite_e.hermegauss(3)  # of log concentration
 _LN_K = np.linspace(np.log(1e-4), np.log(300.0), 130)  # 1 / Mpc
 _REDSHIFTS = 14
+_ITERATIONS = 1000  # of a fit at most: kernels overlap, and thick shells need more than 3 a kernel
 _THETA, _ELL = np.geomspace(1e-6, 1.0, 1200), np.geomspace(1, 1e5, 50)  # rad; multipoles of C_ln
 _SHARE = 1e-5  # of matter, times bias, below which a tier has no C_ln: so few haloes are not pairs
 
@@ -101,7 +102,10 @@ class HaloSpectra:
         bases, rest = self.field.powers(ell) * self.factors(ell), wanted - self.one_halo(ell)
         extra = 0.0
         for _ in range(4):  # C_ln depends on the amplitudes, which it changes by 10 % at most; then they have converged
-            fits = [nnls(b / w[:, None], r / w)[0] for b, w, r in zip(bases, wanted, rest - extra, strict=True)]
+            fits = [
+                nnls(b / w[:, None], r / w, maxiter=_ITERATIONS)[0]
+                for b, w, r in zip(bases, wanted, rest - extra, strict=True)
+            ]
             amplitude = np.sqrt(fits)
             extra = self.lognormal(ell, amplitude)
         return amplitude
@@ -160,10 +164,11 @@ def _moments(mass_function, low, high, z, numbers):
     ln_mass = 0.5 * np.log(low * high) + 0.5 * np.log(high / low) * nodes
     mass = np.exp(ln_mass)
     k = np.exp(_LN_K)[:, None]
-    c = concentration(mass, z, numbers["concentration"], mass_function.cosmology.h0 / 100)
-    scatter = 10 ** (numbers["concentration"]["scatter"] * _SCATTER)
-    profiles = np.stack([nfw_transform(k, mass_function.virial_radius(mass), c * s) for s in scatter])
-    profiles -= disc_transform(k, disc_radius(mass_function, mass, numbers))
+    median = concentration(mass, z, numbers["concentration"], mass_function.cosmology.h0 / 100)
+    scattered = [median * 10 ** (numbers["concentration"]["scatter"] * at) for at in _SCATTER]
+    radius, disc = mass_function.virial_radius(mass), disc_transform(k, disc_radius(mass_function, mass, numbers))
+    cuts = numbers["cuts"]
+    profiles = np.stack([whole_mass(c, cuts) * (halo_transform(k, radius, c, cuts) - disc) for c in scattered])
     chances = _CHANCES / _CHANCES.sum()
     first, second = (np.einsum("s,skm->km", chances, profiles**p) for p in (1, 2))
     number = 0.5 * np.log(high / low) * weights * mass_function.dn_dlnm(mass, z)
