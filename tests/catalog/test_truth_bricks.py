@@ -173,6 +173,9 @@ def test_errors_name_the_file_of_the_universe(tmp_path):
         stars.write_text(text.replace("flare: [9.5, 0.056]", f"flare: {bad}"), encoding="utf-8")
         with pytest.raises(InputError, match=rf"stars.yaml: laws.flare: .*{word}"):
             load_universe(folder).check()
+    stars.write_text(text.replace("[thin2, disc,", "[thin2, dics,"), encoding="utf-8")
+    with pytest.raises(InputError, match=r"stars.yaml: components: thin2 has no such law .*young, disc"):
+        load_universe(folder).check()
     stars.write_text(text.replace("[5.0, 28.0]", "[28.0, 5.0]"), encoding="utf-8")
     with pytest.raises(InputError, match=r"stars.yaml: limits: .*two rising numbers"):
         load_universe(folder).check()

@@ -52,6 +52,8 @@ def test_edges_of_the_input(seds, camera):
     assert seds.rates(np.zeros(0), np.zeros((0, COEFFICIENTS)), np.zeros(0), weights).shape == (0, 4)
     z, mix, av = (part[:1] for part in _galaxies(seds, 1))
     assert np.isnan(seds.rates(z, mix * np.nan, av, weights)).all()
+    beside = seds.rates(np.repeat(z, 2), np.repeat(mix, 2, axis=0), np.array([av[0], np.nan]), weights)
+    assert np.isnan(beside[1]).all() and beside[:1] == pytest.approx(seds.rates(z, mix, av, weights), rel=1e-12)
     thick = seds.rates(np.array([0.5]), mix, np.array([5.0]), weights)
     direct = seds.spectra(np.array([0.5]), mix, [1.0], [5.0]) @ weights.T
     assert thick == pytest.approx(direct, rel=1e-4)

@@ -145,6 +145,14 @@ class Universe:
 
     def _check_laws(self):
         """Raise InputError for density laws of stars that cannot be."""
+        from csstsim.universe.stars.milky_way import LAWS, components
+
+        for component in components(self.numbers["stars"]):
+            if component.law not in LAWS:
+                raise InputError(
+                    f"{component.name} has no such law", file=self.folder / "stars.yaml", key="components",
+                    value=component.law, allowed=", ".join(LAWS),
+                )  # fmt: skip
         laws, r0 = _shipped("stars")["laws"], self.numbers["stars"]["sun"]["r0"]
         for name, count in ((name, len(law)) for name, law in laws.items() if isinstance(law, list)):
             self._refuse_unless(

@@ -103,7 +103,10 @@ class GalaxySeds:
         The same as summing `spectra` over the grid, to 1e-4 (see galaxy_rates).
         """
         dust = self.depth(av)
-        usual = dust.mean() if len(dust) else 0.0  # applied to the weights; a galaxy's own dust differs little from it
+        known = dust[np.isfinite(dust)]
+        usual = (
+            known.mean() if len(known) else 0.0
+        )  # applied to the weights; a galaxy's own dust differs little from it
         weights = np.asarray(weights, dtype=float) * np.exp(-usual * self.extinction)
         moments = np.zeros((len(weights), len(GRID) + 1, 3))
         for power in range(3):

@@ -64,7 +64,7 @@ def density(component, position, numbers):
     """Return the density at (3, ...) galactic positions [kpc], 1 at the Sun (the bulge: 1 at the centre)."""
     sun, laws = numbers["sun"], numbers["laws"]
     x, y, z = position[0] - sun["r0"], position[1], position[2] + sun["z"]
-    r, shape, wider = np.hypot(x, y), _SHAPES[component.law], 1.0
+    r, shape, wider = np.hypot(x, y), LAWS[component.law], 1.0
     if component.law in _FLARING:
         start, slope = laws["flare"]
         wider = 1 + slope * np.maximum(r - start, 0.0)  # of the heights; a column keeps its stars
@@ -107,4 +107,4 @@ def _bulge(r, z, x, y, eps, r0, law):
 
 
 _FLARING = ("young", "disc", "thick")
-_SHAPES = {"young": _young, "disc": _disc, "thick": _thick, "halo": _halo, "bulge": _bulge}
+LAWS = {"young": _young, "disc": _disc, "thick": _thick, "halo": _halo, "bulge": _bulge}
