@@ -153,13 +153,24 @@ def mcclintock(richness, z):
     return law["mass"] * (richness / law["pivot"]) ** law["slope"] * ((1 + z) / (1 + law["z"])) ** law["growth"]
 
 
-def beside_published(axis, clusters):
-    """Draw richness of members and mass; print the mean richness at given mass and the mean mass at given richness."""
+def label(axes):
+    """Name the axes of the two panels: richness at given mass, mean mass at given richness."""
+    axes[0].set(
+        xlabel="mass, 200 times the mean density [solar]", ylabel="richness", xlim=(1.5e13, 2e15), ylim=(1, 200)
+    )
+    axes[1].set(xlabel="richness", ylabel="mean mass [solar]", xlim=(15, 100))
+    for axis in axes:
+        axis.set(xscale="log", yscale="log")
+        axis.legend(fontsize=8)
+
+
+def beside_published(axes, clusters):
+    """Draw and print the mean richness of members at given mass, and the mean mass at given richness."""
     mass = np.repeat(np.arange(13.3, 15.21, 0.1), 60)
     found = of_members(clusters, mass, SDSS_Z)
-    axis.plot(found, 10**mass, ".", ms=3, alpha=0.4, label="members alone")
-    grid = np.linspace(13.5, 15.1)
-    axis.plot(murata(grid)[0], 10**grid, "k", label="Murata et al. 2018, at given mass")
+    each = np.unique(mass)
+    axes[0].plot(10**each, [found[mass == m].mean() for m in each], "C0", label="mean, members alone")
+    axes[0].plot(10**each, murata(each)[1], "k", label="mean, Murata et al. 2018")
     for m in (13.9, 14.2, 14.5, 14.8):
         here = np.abs(mass - m) < 0.01
         scatter = np.log(np.maximum(found[here], 1)).std()
@@ -173,12 +184,12 @@ def beside_published(axis, clusters):
         here = (found >= low) & (found < high)
         mean, lam = (np.average(v[here], weights=weight[here]) for v in (10**mass, found))
         print(f"z = {PIVOT_Z}, mass at {lam:.0f} members: {mean:.2e}, published {mcclintock(lam, PIVOT_Z):.2e}")
-        axis.plot(lam, mean, "rs", mfc="none", label="mean mass, members alone" if low == RICHNESS[0] else None)
+        axes[1].plot(lam, mean, "C0s", mfc="none", label="members alone" if low == RICHNESS[0] else None)
     grid = np.array([15, 100])
-    axis.plot(grid, mcclintock(grid, PIVOT_Z), "r", label="McClintock et al. 2019, at given richness")
+    axes[1].plot(grid, mcclintock(grid, PIVOT_Z), "k", label="McClintock et al. 2019")
 
 
-def with_projection(axis, clusters, bricks):
+def with_projection(axes, clusters, bricks):
     """Print and draw the same for the mock's own clusters with all galaxies in front of and behind them."""
     haloes, place, z, _ = sky(clusters, bricks)
     area = len(bricks) * 4 * np.pi / (12 * NSIDE**2)
@@ -208,11 +219,11 @@ def with_projection(axis, clusters, bricks):
             lam, expected = found[here].mean(), mcclintock(found[here], far[here]).mean()
             words.append(f"{lam:.0f}: {mean:.2e} +- {error:.1e} of {here.sum()}, {mean / expected:.2f}")
             if width == WIDTHS[0]:
-                label = "mean mass, with projection" if low == RICHNESS[0] else None
-                axis.errorbar(lam, mean, error, fmt="rs", label=label)
+                told = "with projection" if low == RICHNESS[0] else None
+                axes[1].errorbar(lam, mean, error, fmt="rs", label=told)
         print("    mass at richness, over McClintock et al.: " + "; ".join(words))
         if width == WIDTHS[0]:
-            axis.plot(found, 10**mass, "k.", ms=2, alpha=0.3, label="with projection")
+            axes[0].plot(10**mass, found, "r.", ms=2, alpha=0.4, label="each, with projection")
 
 
 def main():
@@ -221,12 +232,10 @@ def main():
     parser.add_argument("--figure", type=Path, default=Path("results/richness.png"))
     args = parser.parse_args()
     clusters = _clustered(SEED, load_universe(), load_camera(), "haloes")
-    figure, axis = plt.subplots(figsize=(6, 5), layout="constrained")
-    beside_published(axis, clusters)
-    with_projection(axis, clusters, np.arange(FIRST, FIRST + args.bricks))
-    axis.set(xscale="log", yscale="log", xlim=(5, 300), xlabel="richness")
-    axis.set_ylabel("mass, 200 times the mean density [solar]")
-    axis.legend(fontsize=8)
+    figure, axes = plt.subplots(1, 2, figsize=(11, 4.6), layout="constrained")
+    beside_published(axes, clusters)
+    with_projection(axes, clusters, np.arange(FIRST, FIRST + args.bricks))
+    label(axes)
     args.figure.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(args.figure, dpi=90)
 

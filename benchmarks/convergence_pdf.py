@@ -1,6 +1,6 @@
 """Distribution and skewness of convergence beside those of ray-tracing through N-body simulations.
 
-    PYTHONPATH=benchmarks python benchmarks/convergence_pdf.py [--patches 6] [--seed 1]        (6 CPU-minutes a patch)
+    PYTHONPATH=benchmarks python benchmarks/convergence_pdf.py [--patches 6] [--seed 1]        (4 CPU-minutes a patch)
 
 The published distribution is that of full-sky maps of Takahashi et al. 2017 without smoothing
 (published_convergence.yaml). Ours is made with their cosmology and source redshift, in points of 0.2 arcmin. Which of

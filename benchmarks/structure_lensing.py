@@ -1,10 +1,11 @@
 """Convergence and shear of the structured sky: spectra, B modes, skewness and peaks, beside halofit.
 
-    PYTHONPATH=benchmarks python benchmarks/structure_lensing.py [--patches 2] [--seed 1] [--structure haloes]
+    PYTHONPATH=benchmarks python benchmarks/structure_lensing.py [--patches 2] [--seeds 1] [--structure haloes]
 
-Patches of 4 deg take two CPU-minutes each. They are kept in results/structure_lensing, so a run goes on where it
-stopped. The smooth field is summed on a patch's own grid; the first lines are the largest differences from the maps of
-bricks, which galaxies see. Then, per l-bin and source redshift:
+Patches of 4 deg take two CPU-minutes each, `--patches` of them for each seed. They are kept in
+results/structure_lensing, so a run goes on where it stopped. The smooth field is summed on a patch's own grid; the
+first lines are the largest differences from the maps of bricks, which galaxies see. Then, per l-bin and redshift of
+sources:
 
 - E over halofit: C_l of the shear's E mode over Limber's integral, with the error of the mean from the scatter of the
   patches, and the same with the power of the drawn haloes, each for itself, replaced by its mean. Most of the scatter
@@ -147,9 +148,9 @@ def make_patch(field, ra0, dec0):
     return maps, power_of_haloes(field, *add_haloes(maps, field, grid, SOURCES), grid)
 
 
-def kept_patch(field, asked, centre):
-    """Return `make_patch` of a patch, made or as kept."""
-    path = KEPT / f"wide_{asked.structure}_{asked.seed}_{centre[0]:.2f}_{centre[1]:.2f}.npz"
+def kept_patch(field, name, centre):
+    """Return `make_patch` of a patch of the field of that name, made or as kept."""
+    path = KEPT / f"wide_{name}_{centre[0]:.2f}_{centre[1]:.2f}.npz"
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         maps, drawn = make_patch(field, *centre)
@@ -281,19 +282,20 @@ def draw(matter, kappa, centre):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--patches", type=int, default=2, help="at least 2")
-    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--seeds", type=int, nargs="+", default=[1])
     parser.add_argument("--structure", choices=("haloes", "field"), default="haloes")
     asked = parser.parse_args()
-    field = load_universe().matter_field(asked.seed, asked.structure == "haloes")
-    found, drawn, kappas, bricks = [], [], [], None
-    for centre in centres(asked.patches):
-        maps, power = kept_patch(field, asked, centre)
-        if bricks is None:
-            bricks = patch(field, *centre, np.radians(PICTURE), int(2 * PICTURE / DEGREES * SIZE))
-            tell_bricks(maps, bricks)
-        found.append([spectra(maps[:, k], STEP, EDGES)[0] for k in range(len(SOURCES))])
-        drawn.append(power)
-        kappas.append(maps[0])
+    fields = [load_universe().matter_field(seed, asked.structure == "haloes") for seed in asked.seeds]
+    found, drawn, kappas, field = [], [], [], fields[0]
+    bricks = patch(field, *centres(1)[0], np.radians(PICTURE), int(2 * PICTURE / DEGREES * SIZE))
+    for seed, one in zip(asked.seeds, fields, strict=True):
+        for centre in centres(asked.patches):
+            maps, power = kept_patch(one, f"{asked.structure}_{seed}", centre)
+            if not found:
+                tell_bricks(maps, bricks)
+            found.append([spectra(maps[:, k], STEP, EDGES)[0] for k in range(len(SOURCES))])
+            drawn.append(power)
+            kappas.append(maps[0])
     tell_spectra(np.array(found), np.array(drawn), field)
     tell_moments(kappas)
     tell_sampling(field)
