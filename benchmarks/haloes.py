@@ -1,6 +1,6 @@
 """Numbers of haloes drawn against the mass function, and the mean shear about them against the halo model.
 
-    PYTHONPATH=benchmarks python benchmarks/haloes.py [--seed 1] [--bricks 12] [--area 100] [--caps 4]   (4 CPU-min)
+    PYTHONPATH=benchmarks python benchmarks/haloes.py [--seed 1] [--bricks 12] [--area 100] [--caps 4]   (8 CPU-min)
 
 Counts haloes in bricks around a place, by mass and redshift, beside the integral of Tinker et al. 2008; the last column
 is the difference in units of the Poisson error, which leaves out clustering. Before that it prints the expected

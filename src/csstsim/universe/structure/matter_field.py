@@ -163,8 +163,8 @@ def _check(lensing, numbers):
     if not 0.5 <= haloes["finest"] <= 60:
         raise ValueError("structure: haloes.finest needs 0.5 to 60 arcmin")
     cuts = np.atleast_1d(haloes["cuts"])
-    if not (1 <= len(cuts) <= 8 and min(cuts) >= 0.2 and max(cuts) <= 4):
-        raise ValueError("structure: haloes.cuts needs 1 to 8 numbers from 0.2 to 4")
+    if not (1 <= len(cuts) <= 8 and min(cuts) >= 0.2 and max(cuts) <= 2.5):  # within the least disc, of 2.9
+        raise ValueError("structure: haloes.cuts needs 1 to 8 numbers from 0.2 to 2.5")
     mass, ratio = (np.atleast_1d(haloes["compensation"][name]) for name in ("mass", "ratio"))
     if not (len(mass) == len(ratio) and (np.diff(mass) > 0).all() and mass[0] > 0):
         raise ValueError("structure: haloes.compensation needs rising masses, and as many ratios")
