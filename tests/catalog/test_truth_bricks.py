@@ -165,14 +165,21 @@ def test_errors_name_the_file_of_the_universe(tmp_path):
     text = stars.read_text(encoding="utf-8")
     for bad, word in (
         ("[9.5]", "2 numbers"),
-        ("3", "2 numbers"),
-        ("ab", "2 numbers"),
+        ("3", "must be a list"),
+        ("ab", "must be a list"),
         ("[9.5, -0.1]", "0 to 10 per kpc"),
         ("[3.0, 0.1]", "a radius from 8.5"),
     ):
         stars.write_text(text.replace("flare: [9.5, 0.056]", f"flare: {bad}"), encoding="utf-8")
         with pytest.raises(InputError, match=rf"stars.yaml: laws.flare: .*{word}"):
             load_universe(folder).check()
+    structure = folder / "structure.yaml"
+    sound = structure.read_text(encoding="utf-8")
+    for bad, word in (("[]", "needs 1 to 4 numbers"), ("[1.0, 9.0]", "0.2 to 2.5"), ("1.0", "must be a list")):
+        structure.write_text(sound.replace("values: [0.84, 1.25, 1.86]", f"values: {bad}"), encoding="utf-8")
+        with pytest.raises(InputError, match=rf"structure.yaml: .*cuts.*{word}"):
+            load_universe(folder).check()
+    structure.write_text(sound, encoding="utf-8")
     stars.write_text(text.replace("[thin2, disc,", "[thin2, dics,"), encoding="utf-8")
     with pytest.raises(InputError, match=r"stars.yaml: components: thin2 has no such law .*young, disc"):
         load_universe(folder).check()

@@ -320,7 +320,7 @@ def test_a_column_of_words_is_named_with_its_file(tmp_path):
     assert f"{tmp_path / 'new.csv'}: obj_type: must be numbers" in said
 
 
-@pytest.mark.parametrize("value", [1000.0, -0.1, 50.1, np.nan, np.inf, "text"])
+@pytest.mark.parametrize("value", [1000.0, -0.1, 50.1, np.nan, np.inf, "text", 10**400])
 def test_zero_points_that_no_telescope_has_are_refused(tmp_path, value):
     image, psf = write_image(tmp_path), write_psf(tmp_path)
     said = inject(tmp_path, image, at(50, 50, mag=[20.0]), psf, f"--zeropoint={value}", code=2)

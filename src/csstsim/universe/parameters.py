@@ -121,9 +121,14 @@ class Universe:
         """Build the models that the numbers define, but draw no objects. Raises InputError for a bad number."""
         from csstsim.universe.galaxies.galaxies import cumulative_counts, try_laws
         from csstsim.universe.stars.stars import galaxy
+        from csstsim.universe.structure.matter_field import check_numbers
 
         for part in PARTS:
             _check_like(self.numbers[part], _shipped(part), self.folder / f"{part}.yaml")
+        try:
+            check_numbers(self.numbers["lensing"], self.numbers["structure"])
+        except ValueError as exc:
+            raise InputError(f"no structure: {exc}", file=self.folder / "structure.yaml") from exc
         try:
             for key in _POSITIVE:
                 self._refuse_unless(lambda value: 0 < value < math.inf, key, "above 0")
@@ -204,6 +209,8 @@ def _check_like(mine, shipped, file, key=""):
     elif isinstance(shipped, list) and isinstance(mine, list):  # a longer one goes on as the shipped one ends
         for k, value in enumerate(mine if shipped else []):
             _check_like(value, shipped[min(k, len(shipped) - 1)], file, f"{key}[{k}]")
+    elif isinstance(shipped, list):
+        raise InputError("must be a list", file=file, key=key, value=mine, allowed=f"such as {shipped}")
     elif _number(shipped) and not _number(mine):
         raise InputError("must be a number", file=file, key=key, value=mine, allowed=f"such as {shipped}")
 

@@ -23,21 +23,30 @@ def column(x, c):
     ]
 
 
+def projected(x, *cuts):
+    cuts = np.array(cuts)
+    return nfw_projected(x, cuts, nfw_mass(cuts))
+
+
 @pytest.mark.parametrize("c", [1.2, 4.0, 15.0])
 def test_projected_sphere_against_integrals(c):
     for x in (0.03, 0.4, 0.9, 0.9995, 1.0, 1.0005, 1.1, 0.98 * c):
-        f, g = nfw_projected(x, c)
-        inside = (
-            quad(lambda r: 2 * r * nfw_projected(r, c)[0], 0, x, points=[0.5 * x], epsrel=1e-9, limit=200)[0] / x**2
-        )
+        f, g = projected(x, c)
+        inside = quad(lambda r: 2 * r * projected(r, c)[0], 0, x, points=[0.5 * x], epsrel=1e-9, limit=200)[0] / x**2
         assert f == pytest.approx(column(x, c) if x < c else 0.0, rel=1e-5)
         assert f + g == pytest.approx(inside, rel=1e-5)
 
 
 def test_mass_lies_within_the_cut():
-    f, g = nfw_projected(7.0, 5.0)
+    f, g = projected(7.0, 5.0)
     assert f == 0.0 and g == pytest.approx(2 * nfw_mass(5.0) / 49)
-    assert np.isfinite(nfw_projected(0.0, 5.0)).all()
+    assert np.isfinite(projected(0.0, 5.0)).all() and np.isfinite(projected(1.0, 0.7)).all()
+
+
+@pytest.mark.parametrize("cuts", [(0.6, 2.0, 7.0), (9.0, 30.0, 80.0, 300.0)])
+def test_spheres_of_several_cuts_add_up(cuts):
+    for x in (1e-3, 0.01, 0.59, 0.61, 0.998, 1.0, 1.004, 1.99, 2.01, 6.9, 7.1, 29.0):
+        assert projected(x, *cuts) == pytest.approx(np.sum([projected(x, cut) for cut in cuts], axis=0), rel=1e-8)
 
 
 @pytest.mark.parametrize("c", [2.0, 9.0])

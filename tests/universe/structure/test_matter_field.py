@@ -130,7 +130,7 @@ def test_field_without_haloes_is_another_field():
         *({"haloes": FEW["haloes"] | one} for one in (
             {"z_min": 0.0}, {"z_max": 9.0}, {"tiers": [1e14, 1e13]}, {"tiers": [1e14]}, {"lens_mass": 2e13},
             {"placement": np.nan}, {"placement": [0.7]}, {"finest": 0.1}, {"finest": 1e9},
-            {"cuts": []}, {"cuts": [0.1]}, {"cuts": [1.0, 2.6]},
+            {"cuts": []}, {"cuts": [1.0] * 5}, {"cuts": [0.1]}, {"cuts": [1.0, 2.6]},
             {"compensation": {"mass": [1e13, 1e14], "ratio": [2.0]}},
             {"compensation": {"mass": [1e13], "ratio": [0.0]}},
             {"compensation": {"mass": [1e14, 1e13], "ratio": [2.0, 2.0]}},

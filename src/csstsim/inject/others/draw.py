@@ -72,10 +72,11 @@ def ready(frame, request):
     zeropoint = image.zeropoint if request.zeropoint is None else request.zeropoint
     if zeropoint is None:
         raise InputError("no zero point; give that of 1 electron/s", file=frame, key="--zeropoint")
-    value = float(zeropoint) if isinstance(zeropoint, Real) else zeropoint
-    if not (isinstance(value, float) and ZEROPOINTS[0] <= value <= ZEROPOINTS[1]):
+    number = isinstance(zeropoint, Real) and not isinstance(zeropoint, bool)
+    if not (number and ZEROPOINTS[0] <= zeropoint <= ZEROPOINTS[1]):
         key = "PHOTFLAM, PHOTPLAM" if request.zeropoint is None else "zeropoint"
         allowed = f"{ZEROPOINTS[0]:g} to {ZEROPOINTS[1]:g}, the AB magnitude of 1 electron/s"
+        value = float(zeropoint) if isinstance(zeropoint, np.floating) else zeropoint
         raise InputError("no zero point", file=frame, key=key, value=value, allowed=allowed)
     objects = _objects(request, image, zeropoint)
     of = digest([file_digest(frame), frame.name])  # copies under other names stand for other exposures

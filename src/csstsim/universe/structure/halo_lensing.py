@@ -12,7 +12,7 @@ from numba import njit
 from csstsim.base.sphere import frames
 from csstsim.universe.structure.halo_profile import disc_radius, nfw_mass, nfw_projected, whole_mass
 
-_BUCKET = np.radians(0.7 / 60)  # side of the squares into which sources are sorted
+_BUCKET = np.radians(1.4 / 60)  # side of the squares into which sources are sorted
 
 
 def halo_lenses(haloes, mass_function, numbers):
@@ -51,59 +51,81 @@ def halo_shear(lenses, ra, dec, chi):
     inverse = np.divide(1.0, chi, out=np.full(len(chi), np.inf), where=np.asarray(chi) > 0)
     ranked = np.lexsort([inverse, bucket])
     starts = np.searchsorted(bucket[ranked], np.arange(rows * columns + 1))
-    at, inverse = np.column_stack([n, east, north])[ranked], inverse[ranked]
-    sums = np.zeros((len(chi), 3))
+    at, inverse = np.take(np.concatenate([east.T, north.T]), ranked, axis=1), inverse[ranked]
+    sums = np.zeros((3, len(chi)))
     along, across, toward = np.einsum("nk,ak->an", lenses[:, :3], np.stack([*plane, middle]))
     centres = np.column_stack([(along - corner[0]) / _BUCKET, (across - corner[1]) / _BUCKET, toward])
-    _add(sums, at, inverse, starts, rows, columns, lenses, centres, _BUCKET)
-    out[:, ranked] = sums.T
+    _add(sums, at, inverse, starts, columns, lenses, centres, _BUCKET)
+    out[:, ranked] = sums
     return out
 
 
 @njit(cache=True)
-def _add(sums, at, inverse, starts, rows, columns, lenses, centres, bucket):
-    """Add every lens to sums (sources, 3); sources are sorted by bucket, the farthest first, `starts` of each."""
+def _add(sums, at, inverse, starts, columns, lenses, centres, bucket):
+    """Add every lens to sums (3, sources); sources are sorted by bucket, the farthest first, `starts` of each."""
+    disc, cuts = lenses[:, 5], lenses[:, 7:]
+    masses, sphere = nfw_mass(cuts), np.empty(len(lenses))
     for h in range(len(lenses)):
-        p0, p1, p2, chi, strength, disc, scale = lenses[h, :7]
-        cuts = lenses[h, 7:]
-        if centres[h, 2] < 0:
-            continue
-        reach = disc / bucket  # a projected radius is at most the chord
-        disc2, widest2, per_disc2 = disc * disc, (scale * cuts.max()) ** 2, 1 / (disc * disc)
-        inner = 1 / (2 * scale * scale * nfw_mass(cuts).sum())
-        low, high = max(int(np.floor(centres[h, 1] - reach)), 0), min(int(np.floor(centres[h, 1] + reach)), rows - 1)
-        for row in range(low, high + 1):
-            off = max(row - centres[h, 1], centres[h, 1] - row - 1, 0.0)
-            half = np.sqrt(max(reach * reach - off * off, 0.0))
-            left = max(int(np.floor(centres[h, 0] - half)), 0)
-            right = min(int(np.floor(centres[h, 0] + half)), columns - 1)
-            if left > right:
+        sphere[h] = lenses[h, 6] * cuts[h].max()
+    for cell in range(len(starts) - 1):  # a bucket's sources stay close to the processor for all lenses
+        here = slice(starts[cell], starts[cell + 1])
+        added, far = (sums[0, here], sums[1, here], sums[2, here]), inverse[here]
+        east, north = (at[0, here], at[1, here], at[2, here]), (at[3, here], at[4, here], at[5, here])
+        for h in range(len(lenses)):
+            aside = abs(cell % columns + 0.5 - centres[h, 0]) - 0.5, abs(cell // columns + 0.5 - centres[h, 1]) - 0.5
+            gap = np.hypot(max(aside[0], 0.0), max(aside[1], 0.0)) * bucket  # a projected radius is at most the chord
+            if gap >= disc[h] or centres[h, 2] < 0:
                 continue
-            for cell in range(row * columns + left, row * columns + right + 1):
-                for i in range(starts[cell], starts[cell + 1]):
-                    weight = strength * (1 - chi * inverse[i])
-                    if not weight > 0:  # nor are those after it behind the lens
-                        break
-                    d0, d1, d2 = p0 - at[i, 0], p1 - at[i, 1], p2 - at[i, 2]
-                    chord2 = max(d0 * d0 + d1 * d1 + d2 * d2, 1e-30)
-                    if chord2 >= disc2:
-                        continue
-                    q = 1 - chord2 * per_disc2
-                    q3 = q * q * q
-                    kappa = -4 * per_disc2 * q3
-                    gap = 0.5 * chord2
-                    both = 1 / (chord2 * (1 - 0.5 * gap))  # one division for both quotients
-                    per_chord2 = both * (1 - 0.5 * gap)
-                    mean = q3 * q * per_chord2
-                    if chord2 < widest2:
-                        mean -= per_chord2
-                        for cut in cuts:
-                            f, g = nfw_projected(np.sqrt(chord2) / scale, cut)
-                            kappa += inner * f
-                            mean += inner * (f + g)
-                    tangential = weight * both * (mean * (1 - gap) * both * chord2 - kappa)
-                    a = d0 * at[i, 3] + d1 * at[i, 4] + d2 * at[i, 5]
-                    b = d0 * at[i, 6] + d1 * at[i, 7] + d2 * at[i, 8]
-                    sums[i, 0] += weight * kappa
-                    sums[i, 1] -= tangential * (a * a - b * b)
-                    sums[i, 2] -= tangential * 2 * a * b
+            behind = np.searchsorted(far, 1 / lenses[h, 3])
+            _disc(added, east, north, far, behind, lenses[h, :6], disc[h] ** 2, sphere[h] ** 2)
+            if gap < sphere[h]:
+                _sphere(added, east, north, far, behind, lenses[h, :7], cuts[h], masses[h])
+
+
+@njit(cache=True, error_model="numpy")
+def _disc(added, east, north, inverse, behind, lens, disc2, sphere2):
+    """Add what is not in the spheres: the disc, and outside of them their mass."""
+    (kappas, shear1, shear2), (e0, e1, e2), (n0, n1, n2) = added, east, north
+    p0, p1, p2, chi, strength, _ = lens
+    per_disc2 = 1 / disc2
+    for i in range(behind):
+        a, b = p0 * e0[i] + p1 * e1[i] + p2 * e2[i], p0 * n0[i] + p1 * n1[i] + p2 * n2[i]
+        square, chord2 = _apart(a, b)
+        q = max(1 - chord2 * per_disc2, 0.0)
+        q2, both = q * q, 1 / square
+        weight, half = strength * (1 - chi * inverse[i]), 1 - 0.25 * chord2
+        kappa = -4 * per_disc2 * q * q2
+        mean = -per_disc2 * (1 + q) * (1 + q2) if chord2 < sphere2 else q2 * q2 * both * half
+        tangential = weight * both * (mean * (2 * half - 1) * both * chord2 - kappa)
+        kappas[i] += weight * kappa
+        shear1[i] -= tangential * (a * a - b * b)
+        shear2[i] -= tangential * 2 * a * b
+
+
+@njit(cache=True, error_model="numpy")
+def _sphere(added, east, north, inverse, behind, lens, cuts, masses):
+    """Add the spheres to the sources within them."""
+    (kappas, shear1, shear2), (e0, e1, e2), (n0, n1, n2) = added, east, north
+    p0, p1, p2, chi, strength, _, scale = lens
+    inner, sphere2 = 1 / (2 * scale * scale * masses.sum()), (scale * cuts.max()) ** 2
+    for i in range(behind):
+        a, b = p0 * e0[i] + p1 * e1[i] + p2 * e2[i], p0 * n0[i] + p1 * n1[i] + p2 * n2[i]
+        square, chord2 = _apart(a, b)
+        if chord2 >= sphere2:
+            continue
+        f, g = nfw_projected(np.sqrt(chord2) / scale, cuts, masses)
+        weight, both = strength * (1 - chi * inverse[i]) * inner, 1 / square
+        tangential = weight * both * ((f + g) * (1 - 0.5 * chord2) * both * chord2 - f)
+        kappas[i] += weight * f
+        shear1[i] -= tangential * (a * a - b * b)
+        shear2[i] -= tangential * 2 * a * b
+
+
+@njit(inline="always")
+def _apart(a, b):
+    """Return s = a^2 + b^2 and the square of the chord c of lens and source: s = c^2 (1 - c^2 / 4).
+
+    a, b: components of the lens along the source's east and north.
+    """
+    square = max(a * a + b * b, 1e-30)
+    return square, 2 * square / (1 + np.sqrt(1 - min(square, 1.0)))

@@ -59,26 +59,47 @@ def disc_transform(k, radius):
 
 
 @njit(cache=True)
-def nfw_projected(x, c):
-    """Return F and G at x = R / r_s > 0 for a sphere cut at x = c; beyond, F is 0 and G = 2 m(c) / x^2."""
+def nfw_projected(x, cuts, masses):
+    """Return the sums of F and G at x = R / r_s over NFW spheres cut at `cuts`, up to 4; masses: nfw_mass(cuts).
+
+    Beyond its cut a sphere has F = 0 and G = 2 m / x^2.
+    """
     x = max(x, _CENTRE)
-    if x >= c:
-        return 0.0, 2 * nfw_mass(c) / x**2
-    if abs(x * x - 1) < _NEAR_ONE and c * c > 1 + _NEAR_ONE:
+    if abs(x * x - 1) < _NEAR_ONE:
         t = (x * x - 1 + _NEAR_ONE) / (2 * _NEAR_ONE)
-        low, high = _projected(np.sqrt(1 - _NEAR_ONE), c), _projected(np.sqrt(1 + _NEAR_ONE), c)
+        low = _projected(np.sqrt(1 - _NEAR_ONE), cuts, masses)
+        high = _projected(np.sqrt(1 + _NEAR_ONE), cuts, masses)
         return (1 - t) * low[0] + t * high[0], (1 - t) * low[1] + t * high[1]
-    return _projected(x, c)
+    return _projected(x, cuts, masses)
 
 
 @njit(cache=True)
-def _projected(x, c):
-    x2 = x * x
-    root, gap, ratio = np.sqrt(c * c - x2), 1 - x2, (x2 + c) / (x * (1 + c))
+def _projected(x, cuts, masses):
+    """The spheres' logarithms and angles, of less than pi / 2 each, add up: those of their products are taken."""
+    x2, gap = x * x, 1 - x * x
+    side = np.sqrt(abs(gap))
+    roots = lines = outside = imaginary = 0.0
+    real = below = near = 1.0
+    for k in range(len(cuts)):
+        cut = cuts[k]
+        if x >= cut:
+            outside += masses[k]
+            continue
+        root = np.sqrt(cut * cut - x2)
+        roots += root / (1 + cut)
+        lines += cut / (1 + cut)
+        below *= x * (1 + cut)
+        near *= cut + root
+        if gap > 0:
+            real *= x2 + cut + side * root
+        else:
+            real, imaginary = (
+                real * (x2 + cut) - imaginary * side * root, imaginary * (x2 + cut) + real * side * root
+            )  # fmt: skip
     if gap > 0:
-        turn = np.arccosh(max(ratio, 1.0)) / gap**1.5
+        turn = np.log(real / below) / (gap * side)
     else:
-        turn = -np.arccos(min(ratio, 1.0)) / (-gap) ** 1.5
-    f = turn - root / (gap * (1 + c))
-    g = ((2 - x2) * root / gap - 2 * c) / (1 + c) + 2 * np.log(x * (1 + c) / (c + root)) + (2 - 3 * x2) * turn
-    return f, g / x2
+        turn = (np.arctan2(imaginary, real) % (2 * np.pi)) / (gap * side)
+    f = turn - roots / gap
+    g = (2 - x2) * roots / gap - 2 * lines + 2 * np.log(below / near) + (2 - 3 * x2) * turn
+    return f, (g + 2 * outside) / x2

@@ -38,7 +38,7 @@ class MatterField(PotentialField):
     reach, samples, precision = 5.0, 2.7, np.float32  # of the smooth maps: they err by 1e-3 of the narrowest kernel
 
     def __init__(self, seed, cosmology_numbers, lensing_numbers, numbers, haloes=True):
-        _check(lensing_numbers, numbers)
+        check_numbers(lensing_numbers, numbers)
         self.numbers, cosmology = numbers, Cosmology(cosmology_numbers)
         power = MatterPower(cosmology, cosmology_numbers)
         z_end, z_max = numbers["shells"]["z_end"], lensing_numbers["z_max"]
@@ -144,7 +144,8 @@ _NODES = 2  # source distances per shell at which weights are computed
 _MARGIN = 1e-6  # rad, of rounding
 
 
-def _check(lensing, numbers):
+def check_numbers(lensing, numbers):
+    """Raise ValueError for numbers of lensing.yaml and structure.yaml that make no matter."""
     haloes, shells = numbers["haloes"], numbers["shells"]
     tiers = haloes["tiers"]
     if not (0 < lensing["z_max"] <= shells["z_end"] <= 20 and 50 <= lensing["l_max"] <= 40000):
@@ -162,9 +163,9 @@ def _check(lensing, numbers):
         raise ValueError("structure: haloes.placement needs a number from 0.2 to 3 for each tier")
     if not 0.5 <= haloes["finest"] <= 60:
         raise ValueError("structure: haloes.finest needs 0.5 to 60 arcmin")
-    cuts = np.atleast_1d(haloes["cuts"])
-    if not (1 <= len(cuts) <= 8 and min(cuts) >= 0.2 and max(cuts) <= 2.5):  # within the least disc, of 2.9
-        raise ValueError("structure: haloes.cuts needs 1 to 8 numbers from 0.2 to 2.5")
+    cuts = haloes["cuts"]
+    if not (1 <= len(cuts) <= 4 and min(cuts) >= 0.2 and max(cuts) <= 2.5):  # within the least disc, of 2.9
+        raise ValueError("structure: haloes.cuts needs 1 to 4 numbers from 0.2 to 2.5")
     mass, ratio = (np.atleast_1d(haloes["compensation"][name]) for name in ("mass", "ratio"))
     if not (len(mass) == len(ratio) and (np.diff(mass) > 0).all() and mass[0] > 0):
         raise ValueError("structure: haloes.compensation needs rising masses, and as many ratios")
