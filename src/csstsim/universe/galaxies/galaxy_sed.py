@@ -104,9 +104,7 @@ class GalaxySeds:
         """
         dust = self.depth(av)
         known = dust[np.isfinite(dust)]
-        usual = (
-            known.mean() if len(known) else 0.0
-        )  # applied to the weights; a galaxy's own dust differs little from it
+        usual = known.mean() if len(known) else 0.0  # applied to the weights; a galaxy's own differs little from it
         weights = np.asarray(weights, dtype=float) * np.exp(-usual * self.extinction)
         moments = np.zeros((len(weights), len(GRID) + 1, 3))
         for power in range(3):
