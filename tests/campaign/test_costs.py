@@ -96,7 +96,7 @@ def test_the_shipped_figures_are_those_measured_of_a_whole_r_chip():
     for rule, cpu, memory in (("render", 3.4, 1700), ("measure", 12, 1600), ("chip", 6.8, 1820)):
         cost = load_costs()[rule].cost(quantities)
         assert cost.cpu_s == pytest.approx(cpu, rel=0.2) and cost.memory_mb == pytest.approx(memory, rel=0.1)
-    assert load_costs()["truth"].cost({"job": 1}) == Cost(9.3, 690.0)
+    assert load_costs()["truth"].cost({"job": 1}) == Cost(11.0, 720.0)
 
 
 @pytest.mark.parametrize(
@@ -105,8 +105,8 @@ def test_the_shipped_figures_are_those_measured_of_a_whole_r_chip():
         ("image: 0.23", "picture: 0.23", "psf.memory_mb"),
         ("masters:", "master:", "master"),
         ("  confidence: D\n", "", "confidence"),
-        ("{job: 9.3}", "{job: much}", "truth.cpu_s.job"),
-        ("{job: 9.3}", "{}", "truth.cpu_s"),
+        ("{job: 11.0}", "{job: much}", "truth.cpu_s.job"),
+        ("{job: 11.0}", "{}", "truth.cpu_s"),
     ],
 )
 def test_a_file_that_cannot_be_used_is_refused_by_key(tmp_path, old, new, words):
