@@ -142,6 +142,15 @@ def test_numbers_that_make_no_matter(wrong):
         MatterField(1, COSMOLOGY, COARSE, FEW | wrong)
 
 
+@pytest.mark.parametrize(
+    ("cosmology", "thickness"), [({}, 40), ({"omega_m": 0.1, "omega_lambda": 0.9}, 150)], ids=["thin", "empty"]
+)
+def test_matter_that_cannot_have_the_spectrum_is_refused(cosmology, thickness):
+    numbers = NUMBERS | {"shells": NUMBERS["shells"] | {"thickness": thickness}}
+    with pytest.raises(ValueError, match=r"spectrum of matter is [27]\d% off halofit's"):
+        MatterField(1, COSMOLOGY | cosmology, COARSE | {"l_max": 20000}, numbers)
+
+
 def test_matter_about_haloes_adds_up_to_the_spectrum():
     """The smooth part's spectrum with all matter, and the haloes' by tier, are C_l less C_1h."""
     matter, ell, shell = shipped(), np.array([30, 100, 200, 400, 800, 2000]), 8

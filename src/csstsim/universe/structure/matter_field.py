@@ -54,6 +54,7 @@ class MatterField(PotentialField):
             self.amplitude = self.spectra.fit(self.ell, wanted)
         else:
             self.amplitude = np.sqrt([nnls(self.powers(self.ell) / w[:, None], np.ones(len(w)))[0] for w in wanted])
+        self._refuse_misfit(lensing_numbers)
         self._source_maps = lru_cache(maxsize=1)(self._make_source_maps)  # galaxies and quasars use the same
         self.lens_haloes = lru_cache(maxsize=1)(self._lens_haloes)
         self._galaxy_order = kernel_order(self, numbers["galaxy_scale"])
@@ -63,6 +64,16 @@ class MatterField(PotentialField):
         )
         self._variance = self.shell_density.variance(self._galaxy_order)
         self.haloes = Haloes(seed, self.shell_density, self.mass_function, numbers) if haloes else None
+
+    def _refuse_misfit(self, lensing):
+        """Raise ValueError if the matter cannot have halofit's spectrum: in thin shells haloes alone have more."""
+        ell, z = np.geomspace(30, lensing["l_max"], 12), lensing["z_max"]
+        off = np.abs(self.spectrum(ell, z) / self.shells.limber(ell, z) - 1).max()
+        if off > _MISFIT:
+            raise ValueError(
+                f"structure: the spectrum of matter is {off:.0%} off halofit's at z = {z:g}; "
+                "it needs shells.thickness of 80 or more, and omega_m of 0.2 or more"
+            )
 
     def lens(self, pix, ra, dec, z):
         """Return kappa, gamma1, gamma2 (float32, each (n,)) of sources in brick `pix`.
@@ -142,6 +153,7 @@ class MatterField(PotentialField):
 
 _NODES = 2  # source distances per shell at which weights are computed
 _MARGIN = 1e-6  # rad, of rounding
+_MISFIT = 0.05  # of the spectrum of matter
 
 
 def check_numbers(lensing, numbers):
@@ -150,8 +162,8 @@ def check_numbers(lensing, numbers):
     tiers = haloes["tiers"]
     if not (0 < lensing["z_max"] <= shells["z_end"] <= 20 and 50 <= lensing["l_max"] <= 40000):
         raise ValueError("lensing: needs 0 < z_max <= structure.shells.z_end <= 20 and 50 <= l_max <= 40000")
-    if not (20 <= shells["thickness"] <= 1000 and 0.2 <= numbers["galaxy_scale"] <= 20):
-        raise ValueError("structure: needs 20 <= shells.thickness <= 1000 and 0.2 <= galaxy_scale <= 20")
+    if not (20 <= shells["thickness"] <= 600 and 0.2 <= numbers["galaxy_scale"] <= 20):
+        raise ValueError("structure: needs 20 <= shells.thickness <= 600 and 0.2 <= galaxy_scale <= 20")
     if not (0.02 <= haloes["z_min"] < haloes["z_max"] <= shells["z_end"]):
         raise ValueError("structure: needs 0.02 <= haloes.z_min < haloes.z_max <= shells.z_end")
     if not (1 < len(tiers) <= 9 and tiers[0] >= 1e9 and tiers[-1] <= 1e16 and (np.diff(tiers) > 0).all()):
