@@ -42,12 +42,11 @@ def matter_field(seed, cosmology):
     return MatterField(seed, *numbers.values())
 
 
-def convergence(field, centre, path):
-    """Return kappa (sources, rows, columns) of a patch, made or as kept in `path`."""
+def convergence(field, grid, sources, path):
+    """Return kappa (sources, rows, columns) on a TangentGrid, made or as kept in `path`."""
     if not path.exists():
-        grid = patch_grid(*centre, DEGREES, SIZE)
-        maps = smooth_maps(field, grid, SOURCES)
-        add_haloes(maps, field, grid, SOURCES)
+        maps = smooth_maps(field, grid, sources)
+        add_haloes(maps, field, grid, sources)
         path.parent.mkdir(parents=True, exist_ok=True)
         np.save(path, maps[0])
     return np.load(path).astype(float)
@@ -99,9 +98,9 @@ def fit(maps, counts, edges, published):
     return float(np.clip(-b / (2 * a), DISPERSIONS[0], DISPERSIONS[-1]))
 
 
-def above(counts, edges):
-    """Return counts above HEIGHTS of a histogram, linear within its bins."""
-    return np.interp(HEIGHTS, edges, np.append(np.cumsum(counts[::-1])[::-1], 0.0))
+def above(counts, edges, heights=HEIGHTS):
+    """Return counts above some heights of a histogram, linear within its bins."""
+    return np.interp(heights, edges, np.append(np.cumsum(counts[::-1])[::-1], 0.0))
 
 
 def spectrum(kappa):
@@ -137,7 +136,7 @@ def main():
     field, maps, spectra = matter_field(asked.seed, published["cosmology"]), [], []
     for centre in centres(asked.patches):
         path = ROOT / "results" / "peaks" / f"{asked.seed}_{centre[0]:.2f}_{centre[1]:.2f}.npy"
-        kappas = convergence(field, centre, path)
+        kappas = convergence(field, patch_grid(*centre, DEGREES, SIZE), SOURCES, path)
         spectra.append([spectrum(kappa) for kappa in kappas])
         maps.append(mixed(kappas, field.shells, published["z"]))
     dispersion = asked.dispersion or fit(maps, counts, edges, published)
