@@ -3,13 +3,15 @@
 #   make test   set up .venv, then every check and test
 #   make full-chip  set up .venv, then one whole chip at full depth, from the truth to the report: some minutes
 #   make docs   set up .venv, then the documentation site, results/docs/index.html
+#   make evidence  run each benchmark whose record is stale (ALL=1: all; MINUTES=30: what fits; LIST=1: say which)
+#   make toys   run every benchmark at the size of seconds
 #   make mutants  faults put into the code one by one, and a table by folder of those that the tests see (an hour)
 #   make fuzz   set up .venv, then eight minutes of hostile input to every reader, and what came of it
 PYTHON ?= python3
 BIN := .venv/bin
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-.PHONY: run full-chip test checks style first-image docs tutorials test-slurm test-faults mutants fuzz format clean
+.PHONY: run full-chip test checks style evidence toys first-image docs tutorials test-slurm test-faults mutants fuzz format clean
 
 run: .venv/ready
 	snakemake --profile profiles/default --config campaign=config/campaign.yaml
@@ -32,6 +34,13 @@ style: .venv/ready
 	python builders/make_docs.py --check
 	python builders/make_products.py --check
 	python docs/check_prose.py
+	python benchmarks/evidence/pages.py --check
+
+evidence: .venv/ready
+	python benchmarks/evidence/run.py $(if $(ALL),--all) $(if $(MINUTES),--minutes $(MINUTES)) $(if $(LIST),--list)
+
+toys: .venv/ready
+	python benchmarks/evidence/run.py --toy
 
 first-image: .venv/ready
 	python benchmarks/first_image.py

@@ -1,4 +1,6 @@
-"""Astrometry against ERFA's own chain, astropy and DE440, and its speed: python benchmarks/astrometry.py
+"""Astrometry against ERFA's own chain, astropy and DE440, and its speed.
+
+    python benchmarks/astrometry.py
 
 Prints the largest differences over the whole sky [microarcsecond] for one spacecraft state, and CPU seconds for 200,000
 objects.
@@ -6,6 +8,8 @@ objects.
 
 import argparse
 import time
+
+from evidence.record import Record
 
 import erfa
 import numpy as np
@@ -21,42 +25,45 @@ N = 200_000
 STATE = (61577.858310185, (1200.0, -5300.0, 3980.0), (5.1, 3.7, 3.4))  # UTC MJD, km, km / s
 
 
-def main():
-    rng = np.random.default_rng(1)
-    ra, dec = rng.uniform(0, 360, N), np.degrees(np.arcsin(rng.uniform(-1, 1, N)))
-    motion = {"pmra": rng.normal(0, 500, N), "pmdec": rng.normal(0, 500, N), "parallax": rng.exponential(20, N)}
-    motion["rv"] = rng.normal(0, 150, N)
+def main(record):
+    rng, n = np.random.default_rng(1), 2000 if record.toy else N
+    ra, dec = rng.uniform(0, 360, n), np.degrees(np.arcsin(rng.uniform(-1, 1, n)))
+    motion = {"pmra": rng.normal(0, 500, n), "pmdec": rng.normal(0, 500, n), "parallax": rng.exponential(20, n)}
+    motion["rv"] = rng.normal(0, 150, n)
     craft, many = observer(*STATE), observer(*STATE, planets=True)
-    epoch, one = timed(at_epoch, ra, dec, craft, **motion)
-    seen, two = timed(apparent, *epoch, craft)
-    back, three = timed(icrs, *seen, craft)
-    rows = {f"CPU s, {N:,} objects: at_epoch, apparent, icrs": f"{one:.3f}, {two:.3f}, {three:.3f}"}
+    epoch, seconds = timed(at_epoch, ra, dec, craft, **motion)
+    seen, more = timed(apparent, *epoch, craft)
+    record.value("forward_cpu", seconds + more, f"{N:,} positions to the apparent direction", unit="CPU-s")
+    back, seconds = timed(icrs, *seen, craft)
+    record.value("back_cpu", seconds, f"{N:,} apparent directions to ICRS", unit="CPU-s")
+
+    def largest(name, one, other, what, below, where=None):
+        apart = separation(one, other)
+        record.value(name, (apart if where is None else apart[where]).max(), what, unit="uas", below=below)
+
     star = (
         np.radians(ra), np.radians(dec), np.radians(motion["pmra"] / 3.6e6) / np.cos(np.radians(dec)),
         np.radians(motion["pmdec"] / 3.6e6), motion["parallax"] / 1e3, motion["rv"],
     )  # fmt: skip
-    rows["against erfa.atciq"] = separation(seen, np.degrees(erfa.atciq(*star, craft.astrom)))
-    away = separation((ra, dec), np.degrees(erfa.c2s(-craft.astrom["eh"]))) > 3.6e9  # 1 deg: fade-outs differ
+    largest("atciq", seen, np.degrees(erfa.atciq(*star, craft.astrom)), "against erfa.atciq", 0.01)
+    far = separation((ra, dec), np.degrees(erfa.c2s(-craft.astrom["eh"]))) > 3.6e9  # 1 deg: fade-outs differ
     theirs = np.degrees(erfa.atciqn(*star, many.astrom, np.concatenate([many.bodies, sun()])))
-    rows["against erfa.atciqn with planets, > 1 deg from the Sun"] = separation(apparent(*epoch, many), theirs)[away]
+    planets = apparent(*epoch, many)
+    largest("atciqn", planets, theirs, "against erfa.atciqn with planets, > 1 deg from the Sun", 1, far)
     still = apparent(*at_epoch(ra, dec, craft, parallax=motion["parallax"]), craft)
-    rows["against astropy, ICRS to GCRS (no proper motion)"] = separation(
-        still, by_astropy(ra, dec, motion["parallax"])
-    )
-    rows["round trip, apparent to ICRS"] = separation(back, epoch)
-    calm = np.abs(dec) < 88
-    rows["round trip, apparent to J2000, |dec| < 88 deg"] = separation(at_j2000(*back, craft, **motion), (ra, dec))[
-        calm
-    ]
-    rows["planets against the Sun alone"] = separation(seen, apparent(*epoch, many))
+    theirs = by_astropy(ra, dec, motion["parallax"])
+    largest("astropy", still, theirs, "against astropy, ICRS to GCRS (no proper motion)", 1)
+    largest("round_trip", back, epoch, "round trip, apparent to ICRS", 0.01)
+    j2000 = at_j2000(*back, craft, **motion)
+    largest("round_trip_j2000", j2000, (ra, dec), "apparent to J2000, |dec| < 88 deg", 1, np.abs(dec) < 88)
+    largest("planets", seen, planets, "planets against the Sun alone", None)
     try:
         other = observer(*STATE, ephemeris="de440")
-        places = apparent(*at_epoch(ra, dec, other, **motion), other)
-        rows["epv00 against DE440, > 1 deg from the Sun"] = separation(seen, places)[away]
     except InputError as exc:
-        rows["epv00 against DE440"] = str(exc)
-    for name, value in rows.items():
-        print(f"{name:58}", value if isinstance(value, str) else f"{value.max():.4g} uas")
+        record.skip("DE440", str(exc))
+        return
+    seen_there = apparent(*at_epoch(ra, dec, other, **motion), other)
+    largest("de440", seen, seen_there, "epv00 against DE440, > 1 deg from the Sun", 2, far)
 
 
 def timed(function, *arguments, **keywords):
@@ -91,5 +98,5 @@ def by_astropy(ra, dec, parallax):
 
 
 if __name__ == "__main__":
-    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
-    main()
+    with Record(argparse.ArgumentParser(description=__doc__.splitlines()[0])) as record:
+        main(record)

@@ -6,6 +6,9 @@ public address of the repository is needed. Pages that live elsewhere (config/RE
 included by a page of three lines, so each text has one home. A link to a file that is not there is a warning, and
 warnings are errors; docs/check_links.py looks at the HTML besides.
 
+Measured figures are links to records in the pages (benchmarks/evidence/pages.py). The site takes each from its record,
+marks what is stale, and leads to its command on the page of all commands, which is made here.
+
 Tutorials show what their cells printed and drew when docs/execute_tutorials.py executed them last (docs/tutorials/
 executed). One whose code has changed since is executed anew, which takes minutes; a test finds it.
 """
@@ -17,6 +20,9 @@ from pathlib import Path
 from jupyter_cache import get_cache
 
 sys.path.insert(0, str(Path(__file__).parent))  # execute_tutorials, mathml, plain_docstrings
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))  # evidence
+from evidence.listing import MARK, listing
+from evidence.pages import for_site
 from execute_tutorials import EXECUTED, LONGEST
 
 project = "csstsim"
@@ -44,6 +50,17 @@ nb_execution_timeout = LONGEST
 nb_execution_raise_on_error = True
 for file in EXECUTED.glob("*.ipynb"):
     get_cache(nb_execution_cache_path).cache_notebook_file(file, check_validity=False)
+
+
+def _figures(app, page, source):
+    """Put the figures of records into a page's text, and the list of commands into its page."""
+    source[0] = for_site(source[0].replace(MARK, listing()) if MARK in source[0] else source[0], page)
+
+
+def setup(app):
+    """Read each page through its records."""
+    app.connect("source-read", _figures)
+
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"

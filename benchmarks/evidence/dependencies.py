@@ -1,0 +1,164 @@
+"""What a command depends on: the modules that it reaches by import, the data that these name, and digests of them.
+
+Comments, docstrings and blank lines do not count. Modules are followed from the script through those beside it (also
+of builders and tests) into csstsim, whose imports grimp knows. Two things are named, not imported: layers, by
+SimSteps; and the whole package, by a script that starts processes. Data files are those below config/, and beside the
+scripts, whose path or top folder stands in a reached module as a string.
+"""
+
+import ast
+import hashlib
+from collections.abc import Iterable
+from functools import cache
+from pathlib import Path
+
+from evidence import ROOT, SCRIPTS
+from evidence.commands import Command
+
+import grimp
+
+PACKAGE = "csstsim"
+BY_NAME = {"csstsim.simulation.sim_steps": "csstsim.layers"}  # a module that imports others by their names
+PROCESSES = {"subprocess", "click.testing", "csstsim.command_line", "snakemake"}  # importing it, all may be reached
+SELF = "evidence"  # how a record is written changes no figure
+WORKFLOW = ("Snakefile", "workflow")
+_HEX = 12
+
+
+@cache
+def _graph() -> grimp.ImportGraph:
+    return grimp.build_graph(PACKAGE, cache_dir=None)
+
+
+@cache
+def _tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text())
+
+
+@cache
+def code(path: Path) -> str:
+    """Return a module's code without comments, docstrings and blank lines."""
+    lines = path.read_text().split("\n")
+    for node in ast.walk(_tree(path)):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            first = node.body[0] if node.body else None
+            if ast.get_docstring(node, clean=False) is not None and first is not None:
+                lines[first.lineno - 1 : first.end_lineno] = [""] * len(lines[first.lineno - 1 : first.end_lineno])
+    return "\n".join(line.rstrip() for line in lines if line.strip() and not line.lstrip().startswith("#"))
+
+
+def _imported(path: Path) -> set[str]:
+    """Return the dotted names that a module imports, at its top or within a function."""
+    names = set()
+    for node in ast.walk(_tree(path)):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
+    return names
+
+
+def _local(name: str) -> Path | None:
+    """Return the file of a module that lies with the scripts."""
+    for folder in SCRIPTS:
+        for path in (folder / f"{name.replace('.', '/')}.py", folder / name.replace(".", "/") / "__init__.py"):
+            if path.is_file():
+                return path
+    return None
+
+
+def scripts(script: Path) -> list[Path]:
+    """Return a script and the modules beside it, in builders and in tests that it reaches."""
+    found, waiting = [], [script]
+    while waiting:
+        path = waiting.pop()
+        if path not in found:
+            found.append(path)
+            names = (name for name in sorted(_imported(path)) if name.split(".")[0] != SELF)
+            waiting += [file for name in names if (file := _local(name))]
+    return sorted(found)
+
+
+def _upstream(names: Iterable[str]) -> set[str]:
+    """Return the modules of csstsim that are reached from some of its modules or packages, and these themselves."""
+    graph, found, waiting = _graph(), set(), list(names)
+    while waiting:
+        name = waiting.pop()
+        if name in graph.modules and name not in found:
+            new = {name, *graph.find_upstream_modules(name)} - found
+            found |= new
+            for at in new & BY_NAME.keys():
+                waiting += [BY_NAME[at], *graph.find_descendants(BY_NAME[at])]
+    return found
+
+
+def _file(module: str) -> Path:
+    base = ROOT / "src" / module.replace(".", "/")
+    return base / "__init__.py" if base.is_dir() else base.with_suffix(".py")
+
+
+def _constants(paths: Iterable[Path]) -> set[str]:
+    constants = (node.value for path in paths for node in ast.walk(_tree(path)) if isinstance(node, ast.Constant))
+    return {value for value in constants if isinstance(value, str)}
+
+
+@cache
+def _data() -> dict[str, tuple[Path, ...]]:
+    """Return the data of the repository by the names under which code speaks of them."""
+    found = {}
+    config = ROOT / "config"
+    for path in sorted([*config.iterdir(), *(ROOT / "examples").iterdir(), *(ROOT / "survey_tables").iterdir()]):
+        files = tuple(sorted(p for p in path.rglob("*") if p.is_file())) if path.is_dir() else (path,)
+        files = tuple(p for p in files if p.suffix not in (".md", ".pyc") and "data" not in p.relative_to(ROOT).parts)
+        for name in {str(path.relative_to(ROOT)), *([path.name] if path.parent == config else [])}:
+            found[name] = files
+    for path in sorted(p for folder in SCRIPTS[:2] for p in folder.iterdir() if p.suffix in (".yaml", ".csv")):
+        if path.name != "commands.yaml":
+            found[path.name] = (path,)
+    return found
+
+
+def _named(constants: set[str]) -> list[Path]:
+    """Return the data files that strings of the code name."""
+    data = _data()
+    words = set()
+    for text in (text for text in constants if len(text) < 200):
+        parts = text.split("/")
+        words |= {"/".join(parts[a:b]) for a, b in ((0, 1), (1, 2), (0, 2), (0, None))}
+    return sorted({file for word in words & data.keys() for file in data[word]})
+
+
+def _digest(parts: Iterable[bytes]) -> str:
+    total = hashlib.sha256()
+    for part in parts:
+        total.update(hashlib.sha256(part).digest())
+    return total.hexdigest()[:_HEX]
+
+
+@cache
+def depends(command: Command) -> dict[str, str]:
+    """Return the digest of each part that a command depends on: scripts, packages of csstsim, files of data."""
+    local = scripts(ROOT / command.script)
+    names = {name for path in local for name in _imported(path)} | set(command.reaches)
+    everything = any(name.startswith(tuple(PROCESSES)) for name in names)
+    modules = set(_graph().modules) if everything else _upstream(name for name in names if name.startswith(PACKAGE))
+    files = {module: _file(module) for module in sorted(modules)}
+    parts: dict[str, list[bytes]] = {}
+    for path in local:
+        parts.setdefault(str(path.relative_to(ROOT)), []).append(code(path).encode())
+    for module, path in files.items():
+        parts.setdefault(".".join(module.split(".")[:2]), []).append(code(path).encode())
+    data = _named(_constants([*local, *files.values()]))
+    extra = [ROOT / name for name in command.reaches if (ROOT / name).exists()]
+    extra += [ROOT / name for name in WORKFLOW] if everything else []
+    data += [file for path in extra for file in (path.rglob("*") if path.is_dir() else [path])]
+    for path in sorted(set(data)):
+        if path.is_file() and path.suffix != ".pyc":
+            parts.setdefault("/".join(path.relative_to(ROOT).parts[:2]), []).append(path.read_bytes())
+    return {name: _digest(contents) for name, contents in sorted(parts.items())}
+
+
+def changed(command: Command, recorded: dict[str, str]) -> list[str]:
+    """Return the parts that differ from those that a record was made with."""
+    now = depends(command)
+    return sorted(name for name in now.keys() | recorded.keys() if now.get(name) != recorded.get(name))
