@@ -56,7 +56,8 @@ def _section(command: Command, pages: list[str]) -> list[str]:
             number = f"{value['value']:.4g}" if isinstance(value["value"], float) else str(value["value"])
             error = f" ± {value['error']:.2g}" if "error" in value else ""
             goal = f"{value['goal']}: {value['verdict']}" if "goal" in value else ""
-            lines.append(f"| {value['what'].replace('|', '\\|')} | {number}{error} {value.get('unit', '')} | {goal} |")
+            what = value["what"].replace("|", "\\|")
+            lines.append(f"| {what} | {number}{error} {value.get('unit', '')} | {goal} |")
         lines.append("")
     for name, table in content["tables"].items() if content else ():
         lines += [f"`{name}`:", "", table, ""]

@@ -13,7 +13,7 @@ Without one a figure has two digits. A whole table stands between two comments:
 
 This command writes what the records say into the pages; `--check` tells where a page differs, with exit code 1. The
 site (docs/conf.py) does the same when it is built, marks what is stale, and leads from each figure to its command.
-`--toy`, after `make toys`, tells which figures of pages are not among what the commands measured at the size of seconds.
+`--toy`, after `make toys`, tells which figures of pages are not among what the commands measured at that size.
 """
 
 import argparse
