@@ -15,7 +15,7 @@ from csstsim.base.rng import stream
 from csstsim.bricks import merge
 from csstsim.instrument.filter import Filter
 from csstsim.io import level0_writing
-from csstsim.layers import gain, readout_noise, scie_obs, sky_background
+from csstsim.layers import gain, poisson_and_dark, readout_noise, scie_obs, sky_background
 from csstsim.measure import catalogue
 from csstsim.measure.calibration.bad_pixels import FULL
 from csstsim.optics.geometry.wcs import ChipWCS
@@ -59,6 +59,11 @@ def stated_gain(state):
 
 def true_gain(state):
     state.image /= np.float32(1.02)
+
+
+def half_gain(state):
+    """The left half of the window counts 2% more electrons than there are; bias and overscan are right."""
+    state.image[:, : state.image.shape[1] // 2] *= np.float32(1.02)
 
 
 def dead_channel(state):
@@ -225,6 +230,8 @@ FAULTS = (
     Fault("code's WCS 0.3 px off in one of four exposures", code_wcs, "measure", "place of an exposure [mas]"),
     Fault("amplifiers' true gain 2% off that stated", layer(gain, true_gain), "chip",
           "bias of the overscan less the header's [DN]"),
+    Fault("2% of gain in the pixels of half a window", layer(poisson_and_dark, half_gain), "chip",
+          "background over sky and dark, less 1"),
     Fault("sky 5% too bright", brighter_sky, "chip", "background over sky and dark, less 1"),
     Fault("one channel dead", layer(gain, dead_channel), "chip", "background over sky and dark, less 1"),
     Fault("zero point 2% off", zero_point, "measure", "zero point of an exposure [mag]"),

@@ -43,7 +43,7 @@ def near_brick(pix, ra, dec, margin):
     """
     ra, dec = np.asarray(ra, float), np.asarray(dec, float)
     near = brick_of(ra, dec) == pix
-    centre = unit_vectors(*_centre(pix))
+    centre = unit_vectors(*brick_centre(pix))
     v = unit_vectors(ra, dec)
     # The half-diagonal of a brick is below 0.3 deg: positions further out cannot be near.
     rest = np.flatnonzero(~near & (v @ centre > np.cos(np.radians(0.3 + margin))))
@@ -63,7 +63,8 @@ def near_brick(pix, ra, dec, margin):
     return near
 
 
-def _centre(pix):
+def brick_centre(pix):
+    """Return ra, dec of the middle of a brick."""
     import healpy
 
     return healpy.pix2ang(NSIDE, pix, nest=True, lonlat=True)

@@ -1,11 +1,17 @@
 """Thresholds of the report's gates (docs/validation.md): keys of a campaign file."""
 
+from typing import Annotated
+
 from pydantic import Field, field_validator
 
 from csstsim.base.model import Model
 
 # Their defaults hold for the embedded sky's density and sizes; a right image of a crowded cluster may not meet them
-OF_THE_SKY = "galaxy_completeness_min", "purity_min", "counts_max", "lost_max", "twice_max"
+OF_THE_SKY = (
+    "galaxy_completeness_min", "galaxy_mag_max", "pair_completeness_min", "purity_min", "counts_max", "lost_max",
+    "twice_max",
+)  # fmt: skip
+Threshold = Annotated[float, Field(gt=0)] | None
 
 
 class ValidateConfig(Model):
@@ -38,6 +44,27 @@ class ValidateConfig(Model):
     snr_min: float = Field(5.0, gt=0, description="S/N (from truth) above which completeness is judged")
     purity_min: float | None = Field(0.8, ge=0, le=1, description="least share of merged sources with a true object")
     mag_bias_max: float | None = Field(0.02, gt=0, description="|median magnitude residual| of stars at S/N > 20 [mag]")
+    galaxy_mag_max: tuple[Threshold, Threshold, Threshold] | None = Field(
+        (0.15, 0.1, 0.05),
+        description="|median residual of total magnitudes| of isolated galaxies at a merged S/N of 10 to 20, 20 to 60 "
+        "and 60 to 500 [mag]; 2 sigma of chance are allowed",
+    )
+    galaxy_colour_max: float | None = Field(
+        0.03, gt=0, description="|median colour residual| of isolated galaxies at S/N 10 to 20 and 20 to 500 [mag], in "
+        "neighbouring bands; 2 sigma of chance are allowed",
+    )  # fmt: skip
+    pair_completeness_min: float | None = Field(
+        0.4, ge=0, le=1, description="minimum fraction found of the fainter objects of pairs within 12 px, both above "
+        "S/N 8 in an exposure; 2 sigma of chance are allowed",
+    )  # fmt: skip
+    frame_counts_max: float | None = Field(
+        0.01, gt=0, description="|number of galaxies, of stars in a frame's truth over that in the catalogue on its "
+        "window, less 1|, of the embedded sky",
+    )  # fmt: skip
+    laws_max: float | None = Field(
+        0.1, gt=0, description="|number of galaxies, of stars of a brick's truth over that of the laws of the "
+        "universe, less 1|, structure included; 4 sigma of chance are allowed",
+    )  # fmt: skip
     pull_width: tuple[float, float] | None = Field(
         (0.9, 1.2), description="least and largest width of stars' flux residuals over their errors, at S/N > 20"
     )
@@ -70,7 +97,7 @@ class ValidateConfig(Model):
         0.1, gt=0, description="|noise of the background over that of sky, dark, readout and rounding, less 1|; 4 sigma"
     )
     level_off_max: float | None = Field(
-        0.02,
+        0.01,
         gt=0,
         description="|background over that of sky and dark, less 1|, of the frame and of each channel; light of "
         "objects' wings and 4 sigma are forgiven",
@@ -83,6 +110,16 @@ class ValidateConfig(Model):
     )
     header_max: float | None = Field(
         1e-4, gt=0, description="|gain, exposure time and read noise of the header over the campaign's, less 1|"
+    )
+    spectra_flux_max: float | None = Field(
+        0.01, gt=0, description="|mean of stars' extracted over true electrons, less 1| in a spectroscopic exposure, "
+        "spectra of S/N > 50; 4 sigma are allowed",
+    )  # fmt: skip
+    spectra_sky_max: float | None = Field(
+        0.03, gt=0, description="|median of the sky beside spectra over the campaign's, less 1|; faint objects add 0.01"
+    )
+    pointing_max: float | None = Field(
+        0.01, gt=0, description="pointing keywords and world coordinates of the header less the campaign's [arcsec]"
     )
     counts_max: float | None = Field(
         0.1,

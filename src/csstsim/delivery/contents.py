@@ -5,10 +5,12 @@ It comes from the campaign (`of_campaign`) or, if there is only the folder, from
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from csstsim.base.digest import digest
 from csstsim.campaign.products import kinds
 from csstsim.io.paths import Paths
+from csstsim.io.pointing_keywords import Boresight
 
 YES, NO, MAYBE = "yes", "no", "maybe"  # a product must be there, must not, or may be
 
@@ -18,7 +20,8 @@ class ExpectedFrame:
     """One Level-0 file that should be there: its exposure and chip, its recipe, and the files that belong to it.
 
     `recipe`: {name: digest}; `rays_recipe`: that of the image of cosmic rays, which the readout writes; `window`: (x0,
-    x1, y0, y1). None: not known. measured, extracted, cosmic: YES, NO or MAYBE.
+    x1, y0, y1); boresight, wcs (a ChipWCS): where the campaign points. None: not known. measured, extracted, cosmic:
+    YES, NO or MAYBE.
     """
 
     obsid: str
@@ -32,6 +35,8 @@ class ExpectedFrame:
     measured: str
     extracted: str
     cosmic: str
+    boresight: Boresight | None = None
+    wcs: Any = None
     catalogue: Path | None = None  # the truth as text once more, under the name that the form of names has for it
 
     def beside(self, suffix):
@@ -102,6 +107,11 @@ def of_campaign(run):
     )
 
 
+def _boresight(job):
+    pointing = job.pointing
+    return Boresight(pointing.ra, pointing.dec, pointing.pa)
+
+
 def _frame(run, job, tables):
     """Return the ExpectedFrame of a job. tables: keys of the jobs that are measured, and of the extracted ones."""
     window, rays = job.window, run.steps[job.pointing.type].step("cosmic_rays")
@@ -110,5 +120,5 @@ def _frame(run, job, tables):
     return ExpectedFrame(
         *job.key, job.chip.filter, job.pointing.type, run.paths.level0(job), run.recipe(job),
         run.recipe(job, "readout"), (window.x0, window.x1, window.y0, window.y1),
-        *(YES if there else NO for there in expected), text,
+        *(YES if there else NO for there in expected), _boresight(job), job.wcs, text,
     )  # fmt: skip

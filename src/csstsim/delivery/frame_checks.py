@@ -18,6 +18,7 @@ from csstsim.io.keywords import recorded_recipe
 from csstsim.io.level0 import read_level0
 from csstsim.io.orders import read_orders
 from csstsim.io.paths import TRUTH
+from csstsim.io.pointing_keywords import TOLERANCE, boresight_of, pointing_off, wcs_off
 from csstsim.io.truth import CAT_COLUMNS, read_truth
 
 DRAWN = ("electrons", "drawn", "flags", "x0", "x1", "y0", "y1")  # of a truth table with objects, beside CAT_COLUMNS
@@ -51,10 +52,23 @@ def level0(frame, seen):
             yield f"{name} is {head.get(name)!r:.80}, not {value!r}"
     if frame.recipe is not None:
         yield from other_recipe(recorded_recipe(head), frame.recipe)
+    yield from _pointing(frame, file)
     if fault := cut_noise(int(file.header.get("CLIPLOW", 0)), file.readout.nx * file.readout.ny):
         yield fault
     if frame.window is not None and file.readout.window != frame.window:
         yield f"its window is {file.readout.window}, not {frame.window}"
+
+
+def _pointing(frame, file):
+    """Yield what the header says of the pointing that is not so: by the campaign, or without it by the file's WCS."""
+    boresight = frame.boresight or boresight_of(file.header)
+    off = pointing_off(file.header0, boresight) if boresight else {}
+    if frame.wcs is not None:
+        off["CRVAL1"] = wcs_off(file.header, frame.wcs)
+    wanted = "the campaign's" if frame.boresight else "that of its WCS"
+    for keyword, arcsec in off.items():
+        if arcsec > TOLERANCE:
+            yield f"the pointing by {keyword} is {arcsec:.4g} arcsec off {wanted}"
 
 
 def _whole(path, extensions):

@@ -14,6 +14,7 @@ from csstsim.base.units import DAY_S
 from csstsim.instrument.orbit import orbit_after
 from csstsim.layers.param import EXPTIME, LayerParam
 from csstsim.optics.throughput.flat import check_flat
+from csstsim.simulation.state import State
 from csstsim.sky import background
 from csstsim.sky.bodies import exposure_angles
 from csstsim.sky.directions import telescope_axes
@@ -62,9 +63,7 @@ def apply(state, param, rng):
     sky, rate, means = _model(state) if param.enable_straylight_model else _constant(state)
     response = state.response(rng)
     if gratings is not None:
-        place = pointing.mjd, pointing.sat_position, pointing.sat_velocity
-        sun = exposure_angles(pointing.ra, pointing.dec, *place)["sun"]
-        first, rate = rate, _disperse(state, sky, means, sun, response) / exptime
+        first, rate = rate, _disperse(state, sky, means, _sun_angle(pointing), response) / exptime
         means = {name: mean * rate / first for name, mean in means.items()}
     else:
         _add(state.image, sky, response)
@@ -77,6 +76,18 @@ def mean_rate(exposure, param):
     if not param.enable_straylight_model:
         return exposure.filter.sky
     return sum(background.grid_mean(part) for part in _components(exposure).values())
+
+
+def dispersed_sky(exposure, param):
+    """Return the sky [e-] of a spectroscopic chip's window before all losses, (ny, nx) float32; exposure: Exposure."""
+    state = State.blank(exposure)
+    sky, _, means = _model(state) if param.enable_straylight_model else _constant(state)
+    _disperse(state, sky, means, _sun_angle(state.pointing), None)
+    return state.image
+
+
+def _sun_angle(pointing):
+    return exposure_angles(pointing.ra, pointing.dec, pointing.mjd, pointing.sat_position, pointing.sat_velocity)["sun"]
 
 
 def _constant(state):

@@ -13,13 +13,14 @@ GATE = {"name": "gate", "band": "band", "value": "value", "threshold": "threshol
 
 def write_report(
     path, summary, results, *, sky=(), exposures=(), products=(), figures=None, sky_map=None, mosaic=None, spectra=(),
-    stray_light=(), links=None, provenance=None, layers=(), times=(), labels=None,
+    stray_light=(), gates=None, links=None, provenance=None, layers=(), times=(), labels=None,
 ):  # fmt: skip
     """Write the report to `path`; all text is escaped.
 
     summary      {label: value} of the campaign; key 'name' is the title
     sky          parts shown first: pictures of the sky and of objects
     results      list of validate_brick results (JSON-like)
+    gates        all gates with their bricks, as in the verdict; None: those of the results
     exposures    list of mappings: one row each; values may be parts.Link or tuples of them
     products     list of (kind of product, number of files, their size, tuple of parts.Link)
     figures      {brick: PNG bytes}; sky_map: PNG bytes
@@ -35,7 +36,7 @@ def write_report(
     from csstsim.base.files.atomic import atomic_path
 
     name = summary.get("name", "campaign")
-    judged = verdicts.judge(results)
+    judged = verdicts.judge(results) if gates is None else verdicts.verdict_on(gates)
     results = sorted(results, key=lambda result: -_counts(result)["fail"])  # stable: ties keep their order, by number
     links, labels = links or {}, labels or {}
     sections = [
@@ -54,7 +55,7 @@ def write_report(
         Section("provenance", "Provenance", _provenance(provenance or {}, layers)),
     ]
     failing = [gate for gate in judged["gates"] if gate["passed"] is False]
-    named = [Link(verdicts.sentence(gate), f"#brick-{gate['brick']}") for gate in failing[:NAMED]]
+    named = [Link(verdicts.sentence(gate), _where(gate)) for gate in failing[:NAMED]]
     named += [Link(f"and {len(failing) - NAMED} more", "#gates")] if len(failing) > NAMED else []
     html = fill(
         "page.html", name=name, failing=named, sections=[one for one in sections if any(map(_holds, one.body))],
@@ -96,7 +97,7 @@ def _gates(gates, labels):
     keys = dict(GATE) | {key: key for gate in gates for key in gate if key not in ("brick", "passed", *GATE)}
     counts = [(name, *counts.values()) for name, counts in verdicts.by_name(gates).items()]
     rows = [
-        (Link(str(gate["brick"]), f"#brick-{gate['brick']}"), Verdict(gate["passed"]), *(gate.get(key) for key in keys))
+        (Link(str(gate["brick"] or "-"), _where(gate)), Verdict(gate["passed"]), *(gate.get(key) for key in keys))
         for gate in gates
     ]
     head = ("brick", "verdict", *keys.values())
@@ -113,6 +114,11 @@ def _gates(gates, labels):
         Table(("gate", "bands, and objects in each", "why"), idle, "gates that do not apply"),
         Table(head, passing, "gates that pass"),
     ]
+
+
+def _where(gate):
+    """Return the link to what a gate is of: its brick, or the spectra."""
+    return "#spectra" if gate["brick"] is None else f"#brick-{gate['brick']}"
 
 
 def _counts(result):

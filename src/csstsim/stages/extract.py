@@ -15,6 +15,7 @@ from csstsim.stages.level0 import truth_of
 from csstsim.stages.parts.contamination import catalogued_light
 from csstsim.stages.parts.shapes import shapes_of
 from csstsim.stages.parts.shared import copied
+from csstsim.stages.parts.spectra_checks import spectra_checks
 from csstsim.stages.psf import open_psf
 
 SNR_MIN = 5.0  # of the workflow's spectra
@@ -54,6 +55,8 @@ def extract(run, job, snr_min=SNR_MIN, ids=None, contamination=None, image=False
     with atomic_path(path.with_suffix(".png")) as temporary:
         temporary.write_bytes(spectra_figure(truth, frame, orders, table))
     recipe = {"recipe": run.recipe(job, "measure")}
+    if workflows:
+        table.meta["checks"] = spectra_checks(run, job, truth, table)
     table.write(path, table.meta | recipe)
     lines = lines.table()
     lines.write(paths[1], judged(lines) | recipe)

@@ -42,13 +42,14 @@ def report(run):
 
     page, results = run.paths.report, [_validation(run, pix) for pix in run.merge_bricks]
     merged = {pix: _merged(run, pix) for pix in run.merge_bricks}
-    verdict, budget = verdicts.judge(results), Budget(EMBEDDED)
+    spectra = [gate for job in run.slitless_jobs for gate in _spectra_gates(run, job)]
+    verdict, budget = verdicts.judge(results, spectra), Budget(EMBEDDED)
     worst_first = sorted(results, key=lambda result: -verdicts.count(result["gates"])["fail"])
     pngs = {result["brick"]: run.paths.validate(result["brick"]).with_suffix(".png") for result in worst_first}
     shown = looks(run.camera.filters)
     science = run.science_jobs
     write_report(
-        page, _summary(run), results,
+        page, _summary(run), results, gates=verdict["gates"],
         sky=[part for part in sky_pictures(run) if part],
         exposures=_exposures(run),
         products=_products(run),
@@ -141,6 +142,20 @@ def _brick_links(run, pix, png):
         _link(run, "validation", run.paths.validate(pix)),
         _link(run, "figure", png),
     )
+
+
+def _spectra_gates(run, job):
+    """Return the gates of a spectroscopic frame. Raises InputError for spectra of an older version."""
+    from csstsim.bricks.validation.spectra_gates import spectra_gates
+    from csstsim.catalog.table import ObjectTable
+
+    path = run.paths.spectra(*job.key)
+    meta = ObjectTable.read(path, ["id"]).meta
+    check_recipe(path, meta, run.recipe(job, "measure"))
+    if "checks" not in meta:
+        raise InputError("spectra of an older version; extract them again", file=path, key="checks")
+    where = {"band": job.chip.filter.lower(), "exposure": job.obsid, "chip": job.chip.id}
+    return spectra_gates(meta["checks"], run.limits, **where)
 
 
 def _spectra(run, job, budget):

@@ -12,6 +12,7 @@ from csstsim.io.paths import made
 from csstsim.stages.level0 import truth_of
 from csstsim.stages.measure import measured_table
 from csstsim.stages.merge import jobs_on
+from csstsim.stages.parts.catalogue_counts import brick_objects
 from csstsim.stages.parts.frame_facts import frame_facts
 
 LIMITS = SHIPPED / "limits.yaml"
@@ -32,15 +33,17 @@ def validate(run, pix):
 
     camera = run.camera
     chip = camera.detector.channel_ny, camera.telescope.pixel_scale
+    objects = brick_objects(run, pix)
     frames = (
         MeasuredFrame(
-            whole_objects(truth_of(run, job)), measured_table(run, job), *chip, _depth(run, job), frame_facts(run, job)
+            whole_objects(truth_of(run, job)), measured_table(run, job), *chip, _depth(run, job),
+            frame_facts(run, job, objects),
         )
         for job in progress(jobs_on(run, pix), "frames")
-    )
+    )  # fmt: skip
     merged = ObjectTable.read(made(run.paths.merge(pix), f"merge {run.file} --brick {pix}"))
     check_recipe(run.paths.merge(pix), merged.meta, run.brick_recipe(pix))
-    result, arrays = validate_brick(pix, merged, frames, camera.bands, run.limits)
+    result, arrays = validate_brick(pix, merged, frames, camera.bands, run.limits, objects and objects.laws())
     result |= {
         "csstsim": __version__,
         "recipe": run.brick_recipe(pix),

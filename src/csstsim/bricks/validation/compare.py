@@ -6,6 +6,8 @@ and matched one to one (bricks.match). Purity is the fraction of the merged sour
 kind.
 """
 
+from itertools import pairwise
+
 import numpy as np
 
 from csstsim.base.sphere import offsets, unit_vectors
@@ -14,6 +16,8 @@ from csstsim.catalog.table import GALAXY
 
 SNR_MAX = 500.0  # brighter sources may be near saturation
 SNR_BRIGHT = 20.0  # magnitude and position residuals are judged above this
+SNR_GALAXY = (10.0, 20.0, 60.0, 500.0)  # edges of the bins in which galaxies' total magnitudes are evaluated
+SNR_GALAXY_COLOUR = (10.0, 20.0, 500.0)  # the same of their colours: measured S/N, in both bands
 SNR_COUNT = 20.0  # in one exposure: above it number counts and losses in the merge are judged
 SNR_COLOUR = 10.0  # measured, in each band
 MATCH_ARCSEC = 0.2  # match radius; for galaxies at least half the half-light radius
@@ -70,7 +74,8 @@ def magnitudes(band, truth, sources, match, infos):
     """Return ({kind: (true, out - in)}, {kind: statistics at SNR_BRIGHT}) of isolated stars and galaxies, AB mag.
 
     Stars have PSF magnitudes, galaxies total ones. The statistics' galaxy_kron are of the same galaxies' Kron
-    magnitudes, which leave out the light beyond the ellipse.
+    magnitudes, which leave out the light beyond the ellipse; galaxy_bins those of total magnitudes in the bins of
+    SNR_GALAXY, each with its `snr` (low, high).
     """
     arrays, numbers = {}, {}
     galaxy = truth["obj_type"] == GALAXY
@@ -87,6 +92,10 @@ def magnitudes(band, truth, sources, match, infos):
         arrays[name] = given[good], (got - given)[good]
         numbers[name] = spread((got - given)[bright])
         if name == "galaxy":
+            numbers["galaxy_bins"] = [
+                {"snr": [low, high]} | spread((got - given)[good & (snr >= low) & (snr < high)])
+                for low, high in pairwise(SNR_GALAXY)
+            ]
             off = sources[f"kron_mag_{band}"][source] - given
             numbers["galaxy_kron"] = spread(off[bright & np.isfinite(off)])
     return arrays, numbers
@@ -197,6 +206,29 @@ def colours(truth, sources, match, bands, snr_min=SNR_COLOUR, kind=None):
     good &= np.isfinite(given).all(axis=0) & np.isfinite(got).all(axis=0)
     colours = (np.stack([m[0] - m[1], m[1] - m[2]])[:, good] for m in (given, got))
     return {"bands": tuple(bands)} | dict(zip(("input", "output"), colours, strict=True)) | {"galaxy": galaxy[good]}
+
+
+def galaxy_colours(truth, sources, match, bands):
+    """Return [{bands, snr, median, error, sigma, n}]: isolated galaxies' colours, out - in [mag], by their S/N.
+
+    Colours are those of the Gaussian aperture in neighbouring bands; the S/N is the lower one of the two.
+    """
+    rows = np.flatnonzero((truth["obj_type"] == GALAXY) & ~truth["blended"].astype(bool) & (match >= 0))
+    source, found = match[rows], []
+    sound = (np.asarray(sources["flags"])[source] & SATURATED) == 0
+    for pair in pairwise(bands):
+        snr = np.minimum(*(sources[f"gaap_flux_{b}"][source] / sources[f"gaap_flux_err_{b}"][source] for b in pair))
+        given, got = (
+            first[at].astype(float) - second[at]
+            for (first, second), at in (
+                ([truth[f"mag_{b}"] for b in pair], rows), ([sources[f"gaap_mag_{b}"] for b in pair], source),
+            )
+        )  # fmt: skip
+        off, good = got - given, sound & np.isfinite(got - given) & np.isfinite(snr)
+        for low, high in pairwise(SNR_GALAXY_COLOUR):
+            some = good & (snr >= low) & (snr < high)
+            found.append({"bands": list(pair), "snr": [low, high]} | spread(off[some]))
+    return found
 
 
 def spread(values):

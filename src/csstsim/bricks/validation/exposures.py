@@ -10,11 +10,14 @@ from csstsim.bricks.validation.compare import SNR_BRIGHT, SNR_MAX, spread
 from csstsim.bricks.validation.facts import header_off, pixels_off
 from csstsim.bricks.validation.gates import WORST, at_least, at_most, between
 from csstsim.bricks.validation.trials import SHAPES
+from csstsim.catalog.table import GALAXY, STAR
+from csstsim.catalog.truth_bricks import ID_BITS
 
 SNR_SHARP = 50.0  # stars' positions and shapes are judged above this
 SNR_SHAPE = 20.0  # galaxies' shapes are judged above this
 CLIP = 4.0  # sigma; values further off are left out of means
 FLOOR_MAG, FLOOR_MAS, FLOOR_PX = 0.005, 1.0, 0.01  # added to a star's stated error: a few must not dominate a mean
+BORDER = 2  # stars that proper motion takes across the border of a window
 SHAPE_MAX = 1.5  # of a measured shape; longer ones are noise
 
 
@@ -53,6 +56,29 @@ class _Gates:
             for n, value, chance in found
         ]
         return [max(gates, key=lambda gate: gate["margin"] or 0.0)] if gates else []
+
+
+def count_gates(frame, pix, limits):
+    """Return the gates of the numbers of a frame's objects on brick `pix` against those in the catalogue.
+
+    A frame without an expectation (facts.Facts.expected) has none.
+    """
+    truth, (x0, x1, y0, y1) = frame.truth, frame.info["window"]
+    where = {"exposure": frame.info.get("obsid"), "chip": frame.info.get("chip")}
+    expected = frame.facts.expected if frame.facts else {}
+    if not expected:
+        return []
+    x, y = truth["x"], truth["y"]
+    on = (x > x0 - 0.5) & (x < x1 - 0.5) & (y > y0 - 0.5) & (y < y1 - 0.5) & (truth["id"] >> ID_BITS == pix)
+    kinds = truth["obj_type"][on]
+    counts = {"galaxies": int((kinds == GALAXY).sum()), "stars": int((kinds == STAR).sum())}
+    return [
+        at_most(
+            f"{kind} of a frame over the catalogue's, less 1", frame.band, counts[kind] / n - 1 if n else None,
+            limits.frame_counts_max, n, BORDER / n if n else 0.0, **where,
+        )
+        for kind, n in expected.items()
+    ]  # fmt: skip
 
 
 def _found(table, limits, of):
@@ -163,6 +189,7 @@ def _header(facts, limits, of):
         of.worst("header: gain over the camera's, less 1", found["gain"], limits.header_max)
         + of.worst("header: exposure time over the campaign's, less 1", found["exptime"], limits.header_max)
         + of.worst("header: read noise over the camera's, less 1", found["read_noise"], limits.header_max)
+        + of.worst("header: pointing less the campaign's [arcsec]", found["pointing"], limits.pointing_max)
     )
 
 

@@ -50,8 +50,10 @@ class Facts:
     """Expected values of one frame, and those in its file's header.
 
     exptime [s]; sky [e- per pixel, before all losses], None if a layer of the user's own may add light; dark [e- per
-    pixel]; read_noise, full_well [e-]; gain {channel: e-/DN}; header {exptime, gain, read_noise, bias}, the latter
-    three {channel: e-/DN, e-, DN}, None or empty if the header has none; wcs: HeaderWCS or None.
+    pixel]; read_noise, full_well [e-]; gain {channel: e-/DN}; header {exptime, gain, read_noise, bias, pointing}: gain,
+    read noise and bias are {channel: e-/DN, e-, DN}, pointing {keyword: arcsec off}, None or empty if the header has
+    none; wcs: HeaderWCS or None; expected {"galaxies", "stars"}: numbers in the catalogue of the brick's objects on the
+    window, empty if not known.
     """
 
     exptime: float
@@ -62,6 +64,7 @@ class Facts:
     gain: dict
     header: dict = field(default_factory=dict)
     wcs: Any = None
+    expected: dict = field(default_factory=dict)
 
     def level(self, response):
         """Return the expected background [e- per pixel] after division by the counted share `response`."""
@@ -159,8 +162,13 @@ def _whole(parts):
 
 
 def header_off(facts):
-    """Return {name: list of (channel or None, value, 0)}: the header's numbers over the campaign's, less 1."""
-    header, out = facts.header, {"exptime": [], "gain": [], "read_noise": []}
+    """Return {name: list of (channel or None, value, 0)}: the header's numbers over the campaign's, less 1.
+
+    pointing: by how much the keyword that is furthest off differs from the campaign's pointing [arcsec].
+    """
+    header, out = facts.header, {"exptime": [], "gain": [], "read_noise": [], "pointing": []}
+    if header.get("pointing"):
+        out["pointing"].append((None, max(header["pointing"].values()), 0.0))
     if header.get("exptime") is not None and facts.exptime > 0:
         out["exptime"].append((None, header["exptime"] / facts.exptime - 1, 0.0))
     for n, value in header.get("gain", {}).items():

@@ -9,7 +9,7 @@ import numpy as np
 
 from csstsim.base.sphere import offsets
 from csstsim.bricks.match import one_to_one
-from csstsim.bricks.validation.compare import SATURATED, half_light, wider
+from csstsim.bricks.validation.compare import SATURATED, SNR_MAX, half_light, wider
 from csstsim.catalog.table import GALAXY, ObjectTable
 
 MATCH_PX = 2.5  # match radius of truth and detection in one frame
@@ -18,6 +18,7 @@ SHAPES = "psf_size", "psf_e1", "psf_e2"
 OWN = ("pull", *SHAPES, "mag_off", "mag_err", "east_mas", "north_mas", "place_err", "g1", "g2")
 FOUND = ("across_mas", "deferred_mas", "light", "header_east", "header_north", "true_g1", "true_g2", *OWN)
 COLUMNS = ("galaxy", "snr", "mag", "found", "sound", "clean", "full", "x", "y", "transfers", "lonely", *FOUND)
+PAIR_PX, PAIR_SNR = 12.0, 8.0  # distance of a close pair; minimum S/N of both
 RESOLVED = 0.3  # least resolution (1 - PSF size^2 / size^2) of a galaxy whose shape is judged
 SHAPELESS = 1 | 2 | 4 | 8 | 128  # flags of measure.catalogue: blended, cut, saturated, negative, bad pixels
 DOUBTFUL = 4 | 32 | 64 | 128 | 256  # flags with which a merge may leave a single detection out
@@ -111,6 +112,26 @@ def matched(truth, measured, pixel):
     """
     places, others = (np.column_stack([table["x"], table["y"]]) for table in (truth, measured))
     return one_to_one(places, others, np.maximum(MATCH_PX, 0.5 * half_light(truth) / pixel))
+
+
+def close_pairs(truth, frame):
+    """Return [number found, number] of the fainter objects of close pairs of a frame.
+
+    A pair has two objects within PAIR_PX of each other, both of a true S/N of PAIR_SNR to SNR_MAX. truth:
+    validate.judged_truth of the frame, of which the fainter one has a detection of its own if it is found.
+    """
+    from scipy.spatial import cKDTree
+
+    if not len(truth):
+        return np.zeros(2, int)
+    electrons = truth["electrons"].astype(float)
+    area = frame.info["n_eff"] * wider(truth, frame.info["n_eff"])
+    snr = electrons / np.sqrt(electrons + area * frame.info["rms"] ** 2)
+    some = np.flatnonzero((snr > PAIR_SNR) & (snr < SNR_MAX))
+    pairs = cKDTree(np.column_stack([truth["x"], truth["y"]])[some]).query_pairs(PAIR_PX, output_type="ndarray")
+    first, second = some[pairs].T
+    fainter = np.where(electrons[first] < electrons[second], first, second)
+    return np.array([(matched(truth, frame.measured, frame.pixel)[fainter] >= 0).sum(), len(fainter)])
 
 
 def joined(tables):

@@ -15,10 +15,17 @@ import numpy as np
 from csstsim.base.healpix import brick_of
 from csstsim.base.sphere import ra_dec, unit_vectors
 from csstsim.bricks.validation import compare
+from csstsim.bricks.validation.brick_gates import band_gates, colour_gate, fraction_at_most, law_gates
 from csstsim.bricks.validation.density import by_density
-from csstsim.bricks.validation.exposures import SNR_SHARP, bright_points, frame_gates, judged_points
-from csstsim.bricks.validation.gates import CHANCE, FEW, WORST, at_least, at_most, of_exposures
-from csstsim.bricks.validation.trials import SHAPES, joined, limit, trials
+from csstsim.bricks.validation.exposures import (
+    SNR_SHARP,
+    bright_points,
+    count_gates,
+    frame_gates,
+    judged_points,
+)
+from csstsim.bricks.validation.gates import at_least, at_most, of_exposures
+from csstsim.bricks.validation.trials import SHAPES, close_pairs, joined, limit, trials
 from csstsim.catalog.flags import BAD_VALUE, OFF_CHIP, STRONG_LENSING
 from csstsim.catalog.table import ObjectTable
 
@@ -60,11 +67,12 @@ class MeasuredFrame:
         return self.info["filter"].lower()
 
 
-def validate_brick(pix, sources, frames, bands, config):
+def validate_brick(pix, sources, frames, bands, config, laws=None):
     """Return (result, arrays) of brick `pix`.
 
     `sources`: merged ObjectTable (or mapping) of the brick; `frames`: iterable of MeasuredFrame; `bands`: the
-    camera's (Camera.bands); `config`: thresholds.ValidateConfig. `result` is JSON-like: per band completeness,
+    camera's (Camera.bands); `config`: thresholds.ValidateConfig; `laws`: {kind: (number in the brick's truth, number
+    that the laws of the universe lead one to expect)}, or None. `result` is JSON-like: per band completeness,
     magnitude residuals (mag), depth; astrometry (mas); gates (gates). `arrays` holds what report.figures draws.
     """
     seen_in, truth, held, real = _gathered(pix, sources, frames, bands, config)
@@ -82,7 +90,11 @@ def validate_brick(pix, sources, frames, bands, config):
         )
         points = ~table["galaxy"].astype(bool)
         curves[band] = completeness(table["snr"][points], table["found"][points] > 0, SNR_EDGES)
-        gates += of_exposures(of_band.gates) + _gates(band, numbers_of[band], config)
+        numbers_of[band]["pairs"] = dict(zip(("found", "n"), map(int, of_band.pairs), strict=True))
+        gates += of_exposures(of_band.gates) + band_gates(band, numbers_of[band], config)
+    galaxy_colours = compare.galaxy_colours(truth, sources, match, seen)
+    gates += [colour_gate(part, config.galaxy_colour_max) for part in galaxy_colours]
+    gates += law_gates(laws or {}, config)
     east, north = compare.astrometry(truth, sources, match, seen)
     bright = compare.spread(np.hypot(*compare.astrometry(truth, sources, match, seen, SNR_SHARP)))
     pure = float(real.mean()) if len(real) else None
@@ -91,10 +103,10 @@ def validate_brick(pix, sources, frames, bands, config):
         at_most("position residual at S/N > 50 [mas]", "all", bright["median"], config.astrometry_max, bright["n"]),
         at_least("purity", "all", pure, config.purity_min, len(sources)),
         *(
-            _share_at_most(f"{kind} found in an exposure, lost in the merge", *share, config.lost_max)
+            fraction_at_most(f"{kind} found in an exposure, lost in the merge", *share, config.lost_max)
             for kind, share in compare.lost(truth, match, held).items()
         ),
-        _share_at_most("sources counted twice", double, n, config.twice_max),
+        fraction_at_most("sources counted twice", double, n, config.twice_max),
     ]
     locus = LOCUS if set(LOCUS) <= set(bands) else ()
     result = {
@@ -102,6 +114,7 @@ def validate_brick(pix, sources, frames, bands, config):
         "left_out": getattr(sources, "meta", {}).get("left_out"), "truth": len(truth),
         "frames": sum(len(of_band.infos) for of_band in seen_in.values()), "bands": numbers_of,
         "astrometry_mas": {"east": compare.spread(east), "north": compare.spread(north)}, "radial_mas": bright,
+        "galaxy_colours": galaxy_colours, "laws": laws,
         "density": by_density(truth, sources, match, real, {band: seen_in[band].infos for band in seen}),
         "gates": gates,
     }  # fmt: skip
@@ -120,6 +133,7 @@ class _Band:
     infos: list = field(default_factory=list)
     gates: list = field(default_factory=list)
     ids: list = field(default_factory=list)
+    pairs: np.ndarray = field(default_factory=lambda: np.zeros(2, int))  # close ones: fainter objects found, all
 
 
 def _gathered(pix, sources, frames, bands, config):
@@ -131,7 +145,9 @@ def _gathered(pix, sources, frames, bands, config):
         real[compare.real(frame.truth, sources)] = True
         of_band.infos.append(frame.info)
         truth = judged_truth(frame)
+        of_band.gates += count_gates(frame, pix, config)
         truth = truth.take(brick_of(truth["ra_epoch"], truth["dec_epoch"]) == pix) if len(truth) else truth
+        of_band.pairs += close_pairs(truth, frame)
         table = trials(truth, frame) if len(truth) else joined([])
         of_band.gates += frame_gates(table, frame, config)
         if len(truth):
@@ -175,25 +191,6 @@ def _transfer(table, low, high):
     some = (table["snr"] >= low) & (table["snr"] < high) & (table["sound"] > 0) & ~table["galaxy"].astype(bool)
     named = {"deferred_mas": table["deferred_mas"], "across_mas": table["across_mas"], "light": table["light"] - 1}
     return {"snr": [low, high]} | {name: compare.spread(values[some]) for name, values in named.items()}
-
-
-def _gates(band, numbers, config):
-    """Return the gates of a band that combine all its exposures."""
-    star, counts, n = numbers["star"], numbers["counts"], numbers["point_sources"]
-    # The worst bin, less the tolerance for chance
-    bias = [part[name] for part in numbers["transfer"] for name in ("deferred_mas", "across_mas")]
-    bias = [max(abs(part["median"]) - WORST * part["error"], 0.0) for part in bias if part["n"] >= FEW]
-    return [
-        at_most("magnitude bias of stars", band, star["median"], config.mag_bias_max, star["n"]),
-        at_most("position bias, any S/N [mas]", band, max(bias, default=None), config.position_bias_max, n),
-        _share_at_most("number counts, out / in - 1", counts["excess"], counts["n"], config.counts_max)
-        | {"band": band},
-    ]
-
-
-def _share_at_most(name, share, n, most):
-    """Return the gate of a share of n that is at most `most`, with a tolerance for chance."""
-    return at_most(name, "all", share, most, n, CHANCE * np.sqrt(most / n) if most and n else 0.0)
 
 
 def completeness(snr, found, edges):

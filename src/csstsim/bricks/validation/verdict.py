@@ -14,14 +14,20 @@ NO_THRESHOLD, TOO_FEW, NO_BIN = (
 )  # fmt: skip
 
 
-def judge(results):
-    """Return {passed, counts, gates} of validate_brick results.
+def judge(results, others=()):
+    """Return {passed, counts, gates} of validate_brick results and of gates of no brick, `others`.
 
-    `gates`: each gate as in the result, with its brick, failing ones first, then those not judged; `counts`
-    {"pass": n, "fail": n, "not judged": n}; `passed`: False if a gate fails, None if none was judged.
+    `gates`: each gate as in the result, with its brick (None: of no brick), failing ones first, then those not judged;
+    `counts` {"pass": n, "fail": n, "not judged": n}; `passed`: False if a gate fails, None if none was judged.
     """
     gates = [{"brick": result["brick"], **gate} for result in results for gate in result["gates"]]
-    gates.sort(key=lambda gate: ORDER.index(gate["passed"]))  # stable: bricks and gates keep their order
+    gates += [{"brick": None, **gate} for gate in others]
+    return verdict_on(gates)
+
+
+def verdict_on(gates):
+    """Return {passed, counts, gates} of gates with their bricks; they are sorted, failing ones first."""
+    gates = sorted(gates, key=lambda gate: ORDER.index(gate["passed"]))  # stable: bricks and gates keep their order
     counts = count(gates)
     passed = False if counts["fail"] else True if counts["pass"] else None
     return {"passed": passed, "counts": counts, "gates": gates}

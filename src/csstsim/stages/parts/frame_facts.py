@@ -6,6 +6,7 @@ from csstsim.bricks.validation.facts import Facts, HeaderWCS
 from csstsim.detector.adc import channel_gains
 from csstsim.io.level0 import read_level0
 from csstsim.io.paths import made
+from csstsim.io.pointing_keywords import Boresight, pointing_off, wcs_off
 from csstsim.layers import sky_background
 
 # Of the world coordinates of the assembled frame; channels' have a letter behind.
@@ -16,24 +17,30 @@ WCS_KEYS = (
 SIP = "A_", "B_", "AP_", "BP_"
 
 
-def frame_facts(run, job):
-    """Return the Facts of an imaging science job; reads the header of its Level-0 file. Raises InputError."""
+def frame_facts(run, job, objects=None):
+    """Return the Facts of an imaging science job; reads the header of its Level-0 file. Raises InputError.
+
+    objects: catalogue_counts.BrickObjects of the brick that is validated, or None.
+    """
     file = read_level0(made(run.paths.level0(job), f"chip {run.file} {job.options}"))
     steps, detector = run.steps[job.pointing.type], run.camera.detector
     streams = run.streams(job, "validate")
     gains = steps.step("gain")
+    pointing = job.pointing.ra, job.pointing.dec, job.pointing.pa
     values = channel_gains(detector, streams, one_each=gains.param.gain_16channel) if gains else []
     if file.layout == "chip" and values:  # its channels are scaled to one gain
         values = [float(np.mean(values))] * len(values)
     header = {
         "exptime": file.header0.get("EXPTIME"), "gain": file.gain, "read_noise": file.per_channel("RON"),
         "bias": file.per_channel("DETBIA"),
+        "pointing": pointing_off(file.header0, Boresight(*pointing)) | {"CRVAL1": wcs_off(file.header, job.wcs)},
     }  # fmt: skip
     return Facts(
         exptime=job.pointing.exptime, sky=_sky(run, job, steps),
         dark=detector.dark * job.pointing.exptime if steps.step("poisson_and_dark") else 0.0,
         read_noise=detector.read_noise if steps.step("readout_noise") else 0.0, full_well=detector.full_well,
         gain=dict(enumerate(values, start=1)), header=header, wcs=_wcs(file, job),
+        expected=objects.on_frame(job) if objects else {},
     )  # fmt: skip
 
 

@@ -1,0 +1,53 @@
+"""Gates of a brick: those that combine all exposures of a band, and those of the merged catalogue."""
+
+import numpy as np
+
+from csstsim.bricks.validation.gates import CHANCE, FEW, WORST, at_least, at_most
+
+
+def band_gates(band, numbers, config):
+    """Return the gates of a band that combine all its exposures."""
+    star, counts, n = numbers["star"], numbers["counts"], numbers["point_sources"]
+    # The worst bin, less the tolerance for chance
+    bias = [part[name] for part in numbers["transfer"] for name in ("deferred_mas", "across_mas")]
+    bias = [max(abs(part["median"]) - WORST * part["error"], 0.0) for part in bias if part["n"] >= FEW]
+    galaxies = [
+        at_most(
+            "magnitude bias of galaxies, S/N {:g} to {:g} [mag]".format(*part["snr"]), band, part["median"], most,
+            part["n"], CHANCE * (part["error"] or 0.0),
+        )
+        for part, most in zip(numbers["galaxy_bins"], config.galaxy_mag_max or (None, None, None), strict=True)
+    ]  # fmt: skip
+    found, pairs = numbers["pairs"]["found"], numbers["pairs"]["n"]
+    return [
+        *galaxies,
+        at_least("completeness of the fainter of close pairs", band, found / pairs if pairs else None,
+                 config.pair_completeness_min, pairs),
+        at_most("magnitude bias of stars", band, star["median"], config.mag_bias_max, star["n"]),
+        at_most("position bias, any S/N [mas]", band, max(bias, default=None), config.position_bias_max, n),
+        fraction_at_most("number counts, out / in - 1", counts["excess"], counts["n"], config.counts_max)
+        | {"band": band},
+    ]  # fmt: skip
+
+
+def colour_gate(part, most):
+    """Return the gate of galaxies' colours in two bands and a bin of S/N."""
+    low, high = part["snr"]
+    return at_most(
+        f"colour bias of galaxies, S/N {low:g} to {high:g} [mag]", " - ".join(part["bands"]), part["median"], most,
+        part["n"], CHANCE * (part["error"] or 0.0),
+    )  # fmt: skip
+
+
+def law_gates(laws, config):
+    """Return the gates of the numbers of a brick's objects against those of the universe's laws."""
+    return [
+        at_most(f"{kind} of the brick over the universe's laws, less 1", "all", number / expected - 1, config.laws_max,
+                None, WORST * expected**-0.5)
+        for kind, (number, expected) in laws.items() if expected > 0
+    ]  # fmt: skip
+
+
+def fraction_at_most(name, fraction, n, most):
+    """Return the gate of a fraction of n that is at most `most`, with a tolerance for chance."""
+    return at_most(name, "all", fraction, most, n, CHANCE * np.sqrt(most / n) if most and n else 0.0)

@@ -1,0 +1,83 @@
+"""What the header of a Level-0 file says of the pointing, compared with the pointing itself."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from csstsim.base.sphere import offsets
+
+POSITIONS = ("RA_OBJ", "DEC_OBJ"), ("RA_PNT0", "DEC_PNT0"), ("RA_PNT1", "DEC_PNT1")  # apparent, as CRVAL
+ANGLES = ("POS_ANG0", 1), ("POS_ANG1", 1), ("EULER0_3", -1), ("EULER1_3", -1)  # keyword, sign of the position angle
+EULER = ("EULER0_1", "EULER0_2"), ("EULER1_1", "EULER1_2")  # right ascension, minus declination
+TOLERANCE = 0.01  # arcsec: keywords are written in full precision
+LINEAR = "RA---TAN"
+
+
+class Boresight(NamedTuple):
+    """Where the boresight points: ra, dec [deg], apparent; pa [deg]: position angle of the mosaic, None: not known."""
+
+    ra: float
+    dec: float
+    pa: float | None
+
+
+def boresight_of(header: Mapping[str, Any]) -> Boresight | None:
+    """Return the boresight of a linear WCS (its CRVAL); None if the header has no such WCS."""
+    if header.get("CTYPE1") != LINEAR or not {"CRVAL1", "CRVAL2"} <= set(header):
+        return None
+    return Boresight(float(header["CRVAL1"]), float(header["CRVAL2"]), None)
+
+
+def pointing_off(header0: Mapping[str, Any], boresight: Boresight) -> dict[str, float]:
+    """Return {keyword: arcsec} by which the pointing keywords of a primary header differ from the boresight.
+
+    Right ascension and declination are taken together, under the keyword of the former. Without a position angle,
+    the angles are compared with each other. Keywords that the header lacks are left out; one that is no number is
+    infinitely far off.
+    """
+    found = {}
+    positions = [(*pair, 1) for pair in POSITIONS] + [(*pair, -1) for pair in EULER]
+    for ra_name, dec_name, sign in positions:
+        if ra_name in header0 and dec_name in header0:
+            ra, dec = _number(header0[ra_name]), sign * _number(header0[dec_name])
+            found[ra_name] = _separation(ra, dec, boresight)
+    angles = {name: sign * _number(header0[name]) for name, sign in ANGLES if name in header0}
+    true = boresight.pa if boresight.pa is not None else next(iter(angles.values()), 0.0)
+    for name, angle in angles.items():
+        found[name] = abs((angle - true + 180.0) % 360.0 - 180.0) * 3600.0
+    return {name: off if np.isfinite(off) else np.inf for name, off in found.items()}
+
+
+def _number(value: object) -> float:
+    try:
+        return float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        return np.nan
+
+
+def _separation(ra: float, dec: float, boresight: Boresight) -> float:
+    east, north = offsets(ra, dec, boresight.ra, boresight.dec)
+    return float(np.hypot(east, north)) * 3600.0
+
+
+def wcs_off(header: Mapping[str, Any], wcs: Any) -> float:
+    """Return the arcsec by which an image header's WCS, TAN or TAN-SIP, is off at the chip's centre and a corner.
+
+    wcs: the ChipWCS that it should be. A linear WCS is compared with its linear part. A header without a WCS, or with
+    one that is none, is infinitely far off.
+    """
+    from astropy.io.fits import Header
+    from astropy.wcs import WCS
+
+    names = set(wcs.header())
+    cards = {k: v for k, v in header.items() if k in names or k.startswith(("A_", "B_", "AP_", "BP_"))}
+    x, y = np.array([(wcs.chip.detector.nx - 1) / 2, 0.0]), np.array([(wcs.chip.detector.ny - 1) / 2, 0.0])
+    try:
+        seen = WCS(Header(cards)).all_pix2world(x, y, 0)
+    except (ValueError, KeyError, ArithmeticError):
+        return np.inf
+    linear = str(cards.get("CTYPE1")) == LINEAR
+    true = WCS(Header(wcs.header())).all_pix2world(x, y, 0) if linear else wcs.pixel_to_world(x, y)
+    off = 3600.0 * np.hypot(*offsets(*seen, *true)).max()
+    return float(off) if np.isfinite(off) else np.inf

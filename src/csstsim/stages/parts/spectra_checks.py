@@ -1,0 +1,63 @@
+"""What the gates of spectroscopic frames are evaluated from: flux of spectra, level of the sky, pointing keywords.
+
+They are written with the spectra of a frame (`checks` of the table's metadata), so that the report reads no image.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from csstsim.bricks.validation.exposures import clipped_mean
+from csstsim.catalog.table import GALAXY
+from csstsim.io.level0 import read_level0
+from csstsim.io.pointing_keywords import Boresight, pointing_off, wcs_off
+from csstsim.layers.sky_background import dispersed_sky
+from csstsim.measure.spectra.spectrum_columns import CUT, DIM, LOST
+
+SNR_BRIGHT = 50.0  # of a whole spectrum: stars above it are compared with the truth
+COLUMNS = 50  # a spectrum has at least so many usable columns
+FLOOR = 0.005  # added to a spectrum's stated error: a few must not dominate the mean
+
+
+def spectra_checks(run, job, truth, table) -> dict[str, Any]:
+    """Return {"flux": {off, error, n}, "sky": {off, n}, "pointing": {keyword: arcsec}} of a job's spectra.
+
+    flux: electrons of stars' spectra over those of the truth, less 1, a clipped mean; sky: the sky beside spectra over
+    that of the campaign, less 1, a median, None if a layer of the user's own may add light. truth: of the frame; table:
+    its spectra (measure.spectra.extract).
+    """
+    file, pointing = read_level0(run.paths.level0(job)), job.pointing
+    boresight = Boresight(pointing.ra, pointing.dec, pointing.pa)
+    return {
+        "flux": _flux(truth, table),
+        "sky": _sky(run, job, table),
+        "pointing": pointing_off(file.header0, boresight) | {"CRVAL1": wcs_off(file.header, job.wcs)},
+    }
+
+
+def _flux(truth, table) -> dict[str, float | int | None]:
+    good = ((table["flags"] & (DIM | LOST | CUT)) == 0) & np.isfinite(table["model"])
+    good &= truth["obj_type"][table["row"]] != GALAXY
+    spectra = np.stack([table["row"][good], table["order"][good]], axis=1)
+    _, which = np.unique(spectra, axis=0, return_inverse=True)
+    which = which.ravel()
+    columns = np.bincount(which)
+    electrons, model = (np.bincount(which, table[name][good].astype(float)) for name in ("electrons", "model"))
+    error = np.sqrt(np.bincount(which, table["electrons_err"][good].astype(float) ** 2))
+    some = (columns >= COLUMNS) & (model > SNR_BRIGHT * error)
+    off, sigma, n = clipped_mean(electrons[some] / model[some] - 1, error[some] / model[some], FLOOR)
+    return {"off": off, "error": sigma, "n": n}
+
+
+def _sky(run, job, table) -> dict[str, float | int | None]:
+    steps = run.steps[job.pointing.type]
+    step, dark = steps.step("sky_background"), steps.step("poisson_and_dark")
+    if not (steps.shipped and step and len(table)):
+        return {"off": None, "n": 0}
+    image, window = dispersed_sky(job.exposure, step.param), job.window
+    row = np.clip(np.round(table["y"]).astype(int) - window.y0, 0, window.ny - 1)
+    expected = image[row, table["column"] - window.x0]
+    level = table["sky"] - (run.camera.detector.dark * job.pointing.exptime if dark else 0.0)
+    good = np.isfinite(level) & (expected > 0)
+    off = float(np.median(level[good] / expected[good]) - 1) if good.any() else None
+    return {"off": off, "n": int(np.unique(table["row"][good]).size)}
