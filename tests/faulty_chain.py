@@ -231,7 +231,7 @@ FAULTS = (
     Fault("amplifiers' true gain 2% off that stated", layer(gain, true_gain), "chip",
           "bias of the overscan less the header's [DN]"),
     Fault("2% of gain in the pixels of half a window", layer(poisson_and_dark, half_gain), "chip",
-          "background over sky and dark, less 1"),
+          "background of a channel over that of all, less 1"),
     Fault("sky 5% too bright", brighter_sky, "chip", "background over sky and dark, less 1"),
     Fault("one channel dead", layer(gain, dead_channel), "chip", "background over sky and dark, less 1"),
     Fault("zero point 2% off", zero_point, "measure", "zero point of an exposure [mag]"),

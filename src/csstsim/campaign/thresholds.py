@@ -102,6 +102,10 @@ class ValidateConfig(Model):
         description="|background over that of sky and dark, less 1|, of the frame and of each channel; light of "
         "objects' wings and 4 sigma are forgiven",
     )
+    uneven_max: float | None = Field(
+        0.0035, gt=0, description="|background of a channel over sky and dark, less that of all channels|; light of "
+        "objects' wings and 4 sigma are allowed",
+    )  # fmt: skip
     read_noise_max: float | None = Field(
         0.05, gt=0, description="|read noise in a channel's overscan over the camera's, less 1|; 4 sigma are forgiven"
     )

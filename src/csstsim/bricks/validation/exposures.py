@@ -177,6 +177,7 @@ def _pixels(frame, limits, of):
     found = pixels_off(frame.info.get("channels", ()), frame.facts, frame.truth, frame.pixel)
     return (
         of.worst("background over sky and dark, less 1", found["level"], limits.level_off_max)
+        + of.worst("background of a channel over that of all, less 1", found["uneven"], limits.uneven_max)
         + of.worst("noise over that of sky, dark and readout, less 1", found["noise"], limits.noise_off_max)
         + of.worst("read noise of the overscan over the camera's, less 1", found["read_noise"], limits.read_noise_max)
         + of.worst("bias of the overscan less the header's [DN]", found["bias"], limits.bias_max)

@@ -7,7 +7,7 @@ positions of stars.
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -43,6 +43,20 @@ class HeaderWCS:
         if self.distortion is not None:
             x, y = self.distortion.inverse(x, y)
         return self._wcs.all_pix2world(x, y, 0)
+
+
+class ChannelLevel(NamedTuple):
+    """A channel's background over expected, less 1 (`excess`), in a window (x0, x1, y0, y1) of so many pixels.
+
+    light: what objects may add, the half of it taken off; chance: one sigma.
+    """
+
+    channel: int
+    window: tuple[int, int, int, int]
+    pixels: int
+    excess: float
+    light: float
+    chance: float
 
 
 @dataclass(frozen=True)
@@ -82,10 +96,12 @@ def pixels_off(channels, facts, truth, pixel):
     level, noise: measured over expected, less 1, of channels of LEAST px or more and of the whole frame (channel None);
     read_noise: the overscan's over the camera's, less 1; bias: the overscan's less the header's, DN. chance: one sigma.
     The level may include all light of FAINT objects (`truth`: io.truth.read_truth), a share OUTSIDE of the others', and
-    the faint outskirts of LARGE galaxies. pixel: its side [arcsec].
+    the faint outskirts of LARGE galaxies. uneven: a channel's level over expected, less that of all channels; half of
+    such light is taken to be there, and may be by half more or less. pixel: its side [arcsec].
     """
-    out = {"level": [], "noise": [], "read_noise": [], "bias": []}
+    out = {"level": [], "noise": [], "read_noise": [], "bias": [], "uneven": []}
     pixels = np.array([_size(part["window"]) for part in channels])
+    levels = []
     parts = list(zip(channels, pixels, _wings(channels, pixels, truth, pixel), strict=True))
     for part, n, light in [*_whole(parts), *parts] if facts.sky is not None else ():
         if n < LEAST:
@@ -93,11 +109,15 @@ def pixels_off(channels, facts, truth, pixel):
         expected = facts.level(part["response"])
         bias = facts.read_noise / np.sqrt(part["overscan"]) if part["overscan"] else 0.0
         sigma = np.hypot(part["noise"] / np.sqrt(n), bias)
+        if part["channel"]:
+            excess = (part["level"] - expected - light / 2) / expected
+            levels.append(ChannelLevel(part["channel"], part["window"], n, excess, light / expected, sigma / expected))
         excess = part["level"] - expected
         excess = min(excess, 0.0) + max(excess - light, 0.0)
         out["level"].append((part["channel"], float(excess / expected), float(sigma / expected)))
         noise = facts.noise(part["response"], part["channel"] or channels[0]["channel"])
         out["noise"].append((part["channel"], float(part["noise"] / noise - 1), float((2 * n) ** -0.5)))
+    out["uneven"] = _uneven(levels)
     for part in channels:
         n, count = part["channel"], part["overscan"]
         if not count:  # without overscan (layout `chip`) both were taken from the header
@@ -108,6 +128,30 @@ def pixels_off(channels, facts, truth, pixel):
         if n in facts.header.get("bias", {}):
             sigma = np.hypot(part["read_noise"] / facts.gain.get(n, 1.0), ROUNDING) / np.sqrt(count)
             out["bias"].append((n, float(part["bias"] - facts.header["bias"][n]), float(sigma)))
+    return out
+
+
+def _uneven(levels):
+    """Return [(channel, value, chance)]: excesses of ChannelLevels less their mean, of two channels or more.
+
+    Besides, of the halves of the frame less each other (channel None), in which chance is smaller. What objects' light
+    may do to a difference is taken off its size.
+    """
+    if len(levels) < 2:
+        return []
+    pixels, excess, light, chance = (np.array([getattr(one, k) for one in levels]) for k in ChannelLevel._fields[2:])
+    corners = np.array([(one.window[0], one.window[2]) for one in levels])
+    everything = np.ones(len(levels), bool)
+    pairs = [(one.channel, np.arange(len(levels)) == k, everything) for k, one in enumerate(levels)]
+    sides = (corners > corners.mean(axis=0)).T
+    pairs += [(None, side, ~side) for side in sides if 0 < side.sum() < len(levels)]
+    out = []
+    for channel, *groups in pairs:
+        off, other = (
+            -np.diff([np.average(v[some], weights=pixels[some]) for some in groups])[0] for v in (excess, light)
+        )
+        sigma = np.hypot(*(np.sqrt(np.sum((pixels * chance)[some] ** 2)) / pixels[some].sum() for some in groups))
+        out.append((channel, float(np.copysign(max(abs(off) - abs(other) / 2, 0.0), off)), float(sigma)))
     return out
 
 
