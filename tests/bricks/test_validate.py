@@ -93,9 +93,9 @@ def test_completeness_of_a_detector_that_loses_the_faint():
 @pytest.mark.parametrize(("shift", "passed"), [(0.05, False), (-0.05, False), (0.005, True)])
 def test_a_shift_of_the_magnitudes_fails_in_its_band_only(shift, passed):
     result, _ = run([make_frame("g", 3, shift=shift), make_frame("r", 3)])
-    assert gate(result, "magnitude", "g")["value"] == pytest.approx(shift, abs=0.01)
-    assert gate(result, "magnitude", "g")["passed"] is passed
-    assert gate(result, "magnitude", "r")["passed"] is True
+    assert gate(result, "magnitude bias of stars", "g")["value"] == pytest.approx(shift, abs=0.01)
+    assert gate(result, "magnitude bias of stars", "g")["passed"] is passed
+    assert gate(result, "magnitude bias of stars", "r")["passed"] is True
 
 
 def test_no_threshold_or_few_sources_judge_nothing():
@@ -122,6 +122,14 @@ FAULTS = {
     "a WCS one pixel off": (
         lambda f: changed(f, dec=f.measured["dec"] + SCALE),
         {("position residual at S/N > 50 [mas]", "all"), ("place of an exposure [mas]", "g")},
+    ),
+    "total fluxes 0.13 mag too bright": (
+        lambda f: changed(f, flux_total=10 ** (0.4 * 0.13) * f.measured["flux_total"]),
+        {(f"magnitude bias of galaxies, S/N {bin_} [mag]", "g") for bin_ in ("20 to 60", "60 to 500")},
+    ),
+    "light of the colours' aperture 5% too bright": (
+        lambda f: changed(f, flux_gaap=1.05 * f.measured["flux_gaap"]),
+        {(f"colour bias of galaxies, S/N {bin_} [mag]", "g - r") for bin_ in ("10 to 20", "20 to 500")},
     ),
     "places that follow the charge": (
         lambda f: changed(f, y=f.measured["y"] + 0.05), {("position bias, any S/N [mas]", "g")},

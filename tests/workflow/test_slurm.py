@@ -41,9 +41,9 @@ def test_the_profile_gives_the_same_bits(slurm, local, tmp_path):
     campaign = make(tmp_path / "campaign")
     said = snakemake(campaign, *profile(slurm))
     assert content(campaign) == content(local) and measured(campaign) == measured(local)
-    # truth, PSF, three exposures, the bricks, the report
+    # truth, PSF, three exposures, the first picture, the bricks, the report
     jobs = [slurm.job(jobid) for jobid in submitted(said)]
-    assert len(jobs) == 7
+    assert len(jobs) == 8
     assert {job["NumCPUs"] for job in jobs} == {"1"}
     assert not list((campaign.parent / "out" / "chips").rglob("*")) and not list(slurm.on_node().iterdir())
 
@@ -53,9 +53,9 @@ def test_stages_hand_on_by_way_of_a_scratch_nobody_else_sees(slurm, local, tmp_p
     arguments = profile(slurm, "--group-components", "chip=3", "brick=4")
     said = snakemake(campaign, "chips=stages", *arguments)
     assert content(campaign) == content(local) and measured(campaign) == measured(local)
-    # two of three chips each, the bricks, the report
+    # two of three chips each, the first picture, the bricks, the report
     jobs = [slurm.job(jobid) for jobid in submitted(said)]
-    assert len(jobs) == 4
+    assert len(jobs) == 5
     assert {job["NumCPUs"] for job in jobs} == {"1"}
     # Intermediates went through the node's disk alone, and are gone from it
     assert not list((campaign.parent / "out" / "chips").rglob("*")) and not list(slurm.scratch.iterdir())

@@ -144,13 +144,18 @@ def validation(path, pix, recipe, seen):
 
 
 def verdict(path, bricks, seen):
-    """Check the verdict: as many gates as the validations of all bricks have."""
+    """Check the verdict: as many gates of bricks as the validations of all bricks have."""
     result = read_json(path)
     gates = result.get("gates") if isinstance(result, dict) else None
-    if not isinstance(gates, list):
+    if not isinstance(gates, list) or not all(isinstance(gate, dict) for gate in gates):
         yield "is no verdict of a report"
-    elif set(seen.gates) == set(bricks) and len(gates) != sum(seen.gates.values()):
-        yield f"judges {len(gates)} gates; the validations have {sum(seen.gates.values())}: make the report again"
+        return
+    count = sum(gate.get("brick") is not None for gate in gates)  # the others are of spectra
+    stated = result.get("counts")
+    if not isinstance(stated, dict) or sum(stated.values()) != len(gates):
+        yield f"has {len(gates)} gates; it counts {stated!r:.80}: make the report again"
+    elif set(seen.gates) == set(bricks) and count != sum(seen.gates.values()):
+        yield f"judges {count} gates; the validations have {sum(seen.gates.values())}: make the report again"
 
 
 def page(path):

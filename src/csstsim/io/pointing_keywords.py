@@ -72,6 +72,8 @@ def wcs_off(header: Mapping[str, Any], wcs: Any) -> float:
 
     names = set(wcs.header())
     cards = {k: v for k, v in header.items() if k in names or k.startswith(("A_", "B_", "AP_", "BP_"))}
+    if "CTYPE1" not in cards:
+        return np.inf
     x, y = np.array([(wcs.chip.detector.nx - 1) / 2, 0.0]), np.array([(wcs.chip.detector.ny - 1) / 2, 0.0])
     try:
         seen = WCS(Header(cards)).all_pix2world(x, y, 0)
