@@ -94,8 +94,11 @@ def _run(command: Command, words: list[str], timeout: float | None, show: bool) 
 
 
 def toys(names: Iterable[str], jobs: int) -> int:
-    """Run commands at the size of seconds, some at once; return the number that failed."""
-    chosen = [commands()[name] for name in names]
+    """Run commands at the size of seconds, some at once; return the number that failed. A run that two share is one."""
+    chosen = list(
+        {tuple(command.toy_words): command for command in reversed([commands()[name] for name in names])}.values()
+    )
+    chosen.reverse()
     pages = used()
     failed = []
     with ThreadPoolExecutor(jobs) as pool:

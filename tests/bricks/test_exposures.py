@@ -237,7 +237,8 @@ def test_margins():
     assert between("a", "r", 0.45, (0.9, 1.2), 10**8)["margin"] == pytest.approx(2.0, abs=2e-3)
     assert at_least("a", "r", 0.9, 1.0, 50)["margin"] == LARGEST and at_least("a", "r", 1.0, 1.0, 50)["passed"]
     assert at_most("a", "r", 0.3, 0.1, FEW - 1) == {
-        "name": "a", "band": "r", "value": 0.3, "threshold": 0.1, "n": FEW - 1, "margin": None, "passed": None,
+        "name": "a", "band": "r", "value": 0.3, "threshold": 0.1, "n": FEW - 1, "error": None, "margin": None,
+        "passed": None,
     }  # fmt: skip
 
 

@@ -64,7 +64,8 @@ def test_a_good_brick_passes_with_the_numbers_put_in():
     for band in "gr":
         assert gate(result, "completeness", band) == {
             "name": "completeness", "band": band, "value": 1.0, "threshold": 0.95,
-            "n": result["bands"][band]["point_sources"], "margin": 0.0, "passed": True, "exposure": "1",
+            "n": (n := result["bands"][band]["point_sources"]), "error": pytest.approx(1 / n),
+            "margin": 0.0, "passed": True, "exposure": "1",
             "chip": 8 + BANDS.index(band),
         }  # fmt: skip
         star = result["bands"][band]["star"]

@@ -43,7 +43,7 @@ def law_gates(laws, config):
     """Return the gates of the numbers of a brick's objects against those of the universe's laws."""
     return [
         at_most(f"{kind} of the brick over the universe's laws, less 1", "all", number / expected - 1, config.laws_max,
-                None, WORST * expected**-0.5)
+                None, WORST * expected**-0.5, WORST)
         for kind, (number, expected) in laws.items() if expected > 0
     ]  # fmt: skip
 

@@ -41,7 +41,7 @@ class _Gates:
         self.band, self.where = band, where
 
     def at_most(self, name, value, threshold, n, chance=0.0, **more):
-        return at_most(name, self.band, value, threshold, n, chance, **self.where, **more)
+        return at_most(name, self.band, value, threshold, n, chance, WORST, **self.where, **more)
 
     def at_least(self, name, value, threshold, n):
         return at_least(name, self.band, value, threshold, n, **self.where)
@@ -75,7 +75,7 @@ def count_gates(frame, pix, limits):
     return [
         at_most(
             f"{kind} of a frame over the catalogue's, less 1", frame.band, counts[kind] / n - 1 if n else None,
-            limits.frame_counts_max, n, BORDER / n if n else 0.0, **where,
+            limits.frame_counts_max, n, BORDER / n if n else 0.0, WORST, **where,
         )
         for kind, n in expected.items()
     ]  # fmt: skip

@@ -1,9 +1,9 @@
 """Gates: a number, its threshold, and whether it passes (None: cannot be judged).
 
-A gate is {name, band, value, threshold, n, margin, passed}; a gate of one exposure also has {exposure, chip}, that of
-one readout channel {channel}. It is not judged without a threshold, without a value, or from fewer than FEW sources; n
-is None if it does not depend on sources. margin: the number over the largest allowed one, which includes chance; above
-1 the gate fails.
+A gate is {name, band, value, threshold, n, error, margin, passed}; a gate of one exposure also has {exposure, chip},
+that of one readout channel {channel}. It is not judged without a threshold, without a value, or from fewer than FEW
+sources; n is None if it does not depend on sources. margin: the number over the largest allowed one, which includes
+chance; above 1 the gate fails.
 """
 
 import numpy as np
@@ -16,6 +16,7 @@ ABOUT = {
     "value": (np.float64, "the number that is judged; null: there is none"),
     "threshold": (np.float64, 'the most or least it may be; of a width "low to high"; null: none is given'),
     "n": (np.int64, "sources it is from; null: it does not depend on sources"),
+    "error": (np.float64, "one sigma of the value; null: not known, or none"),
     "margin": (np.float64, "the number over the largest allowed one, chance included: above 1 the gate fails"),
     "passed": (np.bool_, "null: it could not be judged"),
     "exposure": (np.str_, "obsid, of a gate of one exposure"),
@@ -28,9 +29,13 @@ WORST = 4.0  # ... of bins, widths and exposures: of a release's thousands some 
 LARGEST = 999.0  # largest margin
 
 
-def at_most(name, band, value, threshold, n, chance=0.0, **where):
-    """Return the gate of a number of either sign that is at most `threshold` + `chance` in size."""
-    return _gate(name, band, value, threshold, n, where, lambda: (abs(value), threshold + chance))
+def at_most(name, band, value, threshold, n, chance=0.0, sigmas=CHANCE, **where):
+    """Return the gate of a number of either sign that is at most `threshold` + `chance` in size.
+
+    chance: so many `sigmas` of the number's error.
+    """
+    error = chance / sigmas or None
+    return _gate(name, band, value, threshold, n, error, where, lambda: (abs(value), threshold + chance))
 
 
 def at_least(name, band, value, threshold, n, **where):
@@ -38,8 +43,9 @@ def at_least(name, band, value, threshold, n, **where):
 
     A fraction whose true value is at the threshold may fall short by chance: CHANCE sigma are tolerated.
     """
+    error = float(np.sqrt(max(value * (1 - value), 1 / n) / n)) if n and value is not None else None
     return _gate(
-        name, band, value, threshold, n, where,
+        name, band, value, threshold, n, error, where,
         lambda: (1 - value, 1 - threshold + CHANCE * np.sqrt(threshold * (1 - threshold) / n)),
     )  # fmt: skip
 
@@ -53,7 +59,8 @@ def between(name, band, value, limits, n, **where):
         low, high = limits[0] * (1 - chance), limits[1] * (1 + chance)
         return (value, high) if value > limits[0] else (low, value)
 
-    return _gate(name, band, value, threshold, n, where, sides)
+    error = value * 1.17 / np.sqrt(n) if n and value is not None else None
+    return _gate(name, band, value, threshold, n, error and float(error), where, sides)
 
 
 def of_exposures(gates):
@@ -75,11 +82,11 @@ def of_exposures(gates):
     return out
 
 
-def _gate(name, band, value, threshold, n, where, sides):
+def _gate(name, band, value, threshold, n, error, where, sides):
     judged = value is not None and threshold is not None and (n is None or n >= FEW)
     margin = _margin(*sides()) if judged else None
     return {
-        "name": name, "band": band, "value": value, "threshold": threshold, "n": n, "margin": margin,
+        "name": name, "band": band, "value": value, "threshold": threshold, "n": n, "error": error, "margin": margin,
         "passed": None if margin is None else margin <= 1.0, **where,
     }  # fmt: skip
 

@@ -12,7 +12,7 @@ def spectra_gates(checks: dict[str, Any], limits: Any, **where: Any) -> list[dic
     return [
         at_most(
             "flux of spectra over true, less 1", band, flux["off"], limits.spectra_flux_max, flux["n"],
-            WORST * flux["error"], **where,
+            WORST * flux["error"], WORST, **where,
         ),
         at_most(
             "sky beside spectra over the campaign's, less 1", band, sky["off"], limits.spectra_sky_max, sky["n"],
