@@ -1,6 +1,6 @@
 """Brighter-fatter effect: spots against GalSim's SiliconSensor, photon transfer of flats, and cost of charge layers.
 
-    PYTHONPATH=builders python benchmarks/brighter_fatter.py [--seed 4] [--figures docs/figures]
+    python benchmarks/brighter_fatter.py [--seed 4]
 
 Spots: sigma_x, sigma_y of a Gaussian against flux, as in the paper's figure. The peer is SiliconSensor lsst_e2v_50_8 (a
 CCD250 of 100 um, 10 um pixels) without diffusion, which does not depend on flux. A kernel made from that sensor's own
@@ -11,7 +11,8 @@ Costs: CPU seconds on 9216 x 9232 pixels, best of 3; numpy and scipy on a quarte
 
 import argparse
 import time
-from pathlib import Path
+
+from evidence.record import Record
 
 import bfe_fit
 import galsim
@@ -52,12 +53,12 @@ def widths(image):
     return [np.sqrt((image * (axis - (image * axis).sum() / total) ** 2).sum() / total) for axis in axes]
 
 
-def spots(kernels, full_well, seed):
+def spots(kernels, full_well, seed, count=SPOTS):
     """Return {name: (fluxes, spots, 2)}: (sigma_x, sigma_y) of spots made of the same photons."""
     names = ["no effect", SENSOR, *kernels]
-    found = {name: np.empty((len(FLUXES), SPOTS, 2)) for name in names}
+    found = {name: np.empty((len(FLUXES), count, 2)) for name in names}
     for i, flux in enumerate(FLUXES):
-        for spot in range(SPOTS):
+        for spot in range(count):
             rng = galsim.BaseDeviate(int(stream(seed, "spot", flux, spot).integers(1, 2**31)))
             shot = galsim.Gaussian(sigma=SIGMA, flux=float(flux)).shoot(int(flux), rng)
             silicon = galsim.SiliconSensor(name=SENSOR, rng=rng, nrecalc=2000, diffusion_factor=0.0)
@@ -74,30 +75,34 @@ def spots(kernels, full_well, seed):
     return found
 
 
-def report_spots(found):
+def report_spots(found, record):
+    count = found["no effect"].shape[1]
     growth = {name: values - found["no effect"] for name, values in found.items() if name != "no effect"}
-    print(f"growth of sigma_x, sigma_y [1e-3 pixel] of a spot of {found['no effect'].mean():.3f} pixels, {SPOTS} each")
+    print(f"growth of sigma_x, sigma_y [1e-3 pixel] of a spot of {found['no effect'].mean():.3f} pixels, {count} each")
     print("      flux  peak  " + "".join(f"{name:>28s}" for name in growth))
     for i, flux in enumerate(FLUXES):
         cells = [
             f"{x:8.2f} {y:6.2f} +- {e:5.2f}  "
             for x, y, e in (
-                (*(1e3 * g[i].mean(0)), 1e3 * g[i].std(0).max() / np.sqrt(SPOTS - 1)) for g in growth.values()
+                (*(1e3 * g[i].mean(0)), 1e3 * g[i].std(0).max() / np.sqrt(g.shape[1] - 1)) for g in growth.values()
             )
         ]
         print(f"{flux:10.0f} {flux * 0.166:6.0f}" + "".join(f"{cell:>28s}" for cell in cells))
     slope = {name: (g.mean(1) * FLUXES[:, None]).sum(0) / (FLUXES**2.0).sum() for name, g in growth.items()}
     for name, value in slope.items():
-        ratio = value / slope[SENSOR]
-        print(f"{name}: slope {value[0]:.3g} {value[1]:.3g} pixel/e-, {ratio[0]:.3f} {ratio[1]:.3f} of {SENSOR}'s")
+        for axis, number, sensors in zip("xy", value, slope[SENSOR], strict=True):
+            key, what = name.replace(" ", "_"), f"growth of sigma_{axis} with flux, {name}"
+            record.value(f"{key}_{axis}", number, what, unit="pixel/e-")
+            if name != SENSOR:
+                record.value(f"{key}_{axis}_ratio", number / sensors, f"{what}, over that of {SENSOR}")
 
 
-def transfer(areas, full_well, seed):
+def transfer(areas, full_well, seed, side=FLAT):
     """Return (means, covariances, errors) of pairs of flats; print them with the prediction."""
     kernel, measured = bfe_kernel.kernel(areas), []
-    print(f"pairs of flats, {FLAT} x {FLAT}: covariance / mean by lag (dy, dx); in brackets the prediction")
+    print(f"pairs of flats, {side} x {side}: covariance / mean by lag (dy, dx); in brackets the prediction")
     for level in LEVELS:
-        pair = [stream(seed, "flat", level, i).poisson(level, (FLAT, FLAT)).astype(np.float32) for i in range(2)]
+        pair = [stream(seed, "flat", level, i).poisson(level, (side, side)).astype(np.float32) for i in range(2)]
         for image in pair:
             move_charge(image, *kernel, full_well)
         measured.append(bfe_fit.measure(*pair))
@@ -145,24 +150,33 @@ def cpu(work, image):
     return min(times)
 
 
-def report_cost(kernel, full_well, seed):
+def report_cost(kernel, full_well, seed, record):
     rng = stream(seed, "cost")
-    image = rng.poisson(40.0, (9232, 9216)).astype(np.float32)
-    for x, y in zip(rng.integers(0, 9210, 2000), rng.integers(0, 9210, 2000), strict=True):
+    shape = (1200, 1200) if record.toy else (9232, 9216)
+    image = rng.poisson(40.0, shape).astype(np.float32)
+    for x, y in zip(*rng.integers(0, shape[1] - 6, (2, 2000)), strict=True):
         image[y : y + 5, x : x + 5] = 3e5
-    quarter, numbers = image[:2308].copy(), (*kernel, full_well)
+    quarter, numbers = image[: shape[0] // 4].copy(), (*kernel, full_well)
     five = bfe_kernel.unfold(kernel[0]).astype(np.float32)
-    print("CPU seconds on a chip of 9216 x 9232 with 2000 cores of 5 x 5 pixels of 3e5 e-")
-    print(f"{cpu(lambda i: move_charge(i, *numbers), image):6.2f}  brighter_fatter")
-    print(f"{4 * cpu(lambda i: numpy_moved(i, *numbers), quarter):6.2f}    numpy and scipy, the same")
-    print(f"{4 * cpu(lambda i: convolve(i, five), quarter):6.2f}    scipy.ndimage.convolve, 5 x 5 alone")
-    print(f"{cpu(lambda i: bloom(i, full_well, 0.01), image):6.2f}  blooming")
-    print(f"{cpu(lambda i: bend(i, -5e-7, 0.0, full_well), image):6.2f}  nonlinearity")
-    polynomial = 4 * cpu(lambda i: i + i**2 * np.float32(-5e-7) + i**3 * np.float32(1e-20), quarter)
-    print(f"{polynomial:6.2f}    numpy, the polynomial alone")
+
+    def polynomial(i: np.ndarray) -> np.ndarray:
+        return i + i**2 * np.float32(-5e-7) + i**3 * np.float32(1e-20)
+
+    seconds = {
+        "`brighter_fatter`": cpu(lambda i: move_charge(i, *numbers), image),
+        "numpy and scipy, the same": 4 * cpu(lambda i: numpy_moved(i, *numbers), quarter),
+        "scipy.ndimage.convolve, 5 x 5 alone": 4 * cpu(lambda i: convolve(i, five), quarter),
+        "`blooming`": cpu(lambda i: bloom(i, full_well, 0.01), image),
+        "`nonlinearity`": cpu(lambda i: bend(i, -5e-7, 0.0, full_well), image),
+        "numpy, the polynomial alone": 4
+        * cpu(lambda i: i + i**2 * np.float32(-5e-7) + i**3 * np.float32(1e-20), quarter),
+    }
+    record.table(
+        "costs", ["on a whole chip, 2000 saturated cores", "CPU-s"], [[k, f"{v:.2f}"] for k, v in seconds.items()]
+    )
 
 
-def draw(found, areas, measured, folder):
+def draw(found, areas, measured, path):
     import matplotlib
 
     matplotlib.use("agg")
@@ -190,30 +204,29 @@ def draw(found, areas, measured, folder):
         right.plot(levels / 1e3, 100 * (wanted[:, dy, dx] - minus), color=f"C{i}", label=label)
     right.set(xlabel="mean of the flat [10$^3$ e$^-$]", ylabel="covariance / mean [%] (rows, columns)")
     right.legend(fontsize=7)
-    path = folder / "brighter_fatter.png"
-    path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=90)
-    print(path, path.stat().st_size // 1000, "kB")
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seed", type=int, default=4)
-    parser.add_argument("--figures", type=Path)
-    options = parser.parse_args()
+def main(record: Record) -> None:
+    """Measure spots, flats and costs, and draw them."""
+    seed, toy = record.options.seed, record.toy
     detector = load_camera(SHIPPED / "instrument").detector
     areas = detector.brighter_fatter["scale"] * np.array(detector.brighter_fatter["areas"])
     own = sensor_areas()
     print(f"areas of {SENSOR} [1e-8 per e-]:\n{(1e8 * own).round(2)}\nshipped:\n{(1e8 * areas).round(2)}")
     kernels = {"kernel of its areas": bfe_kernel.kernel(own), "shipped kernel": bfe_kernel.kernel(areas)}
-    found = spots(kernels, detector.full_well, options.seed)
-    report_spots(found)
-    measured = transfer(areas, detector.full_well, options.seed)
-    report_fit(areas, measured)
-    report_cost(kernels["shipped kernel"], detector.full_well, options.seed)
-    if options.figures:
-        draw(found, areas, measured, options.figures)
+    found = spots(kernels, detector.full_well, seed, 2 if toy else SPOTS)
+    with record.printed("spots"):
+        report_spots(found, record)
+    with record.printed("flats"):
+        measured = transfer(areas, detector.full_well, seed, 300 if toy else FLAT)
+        report_fit(areas, measured)
+    report_cost(kernels["shipped kernel"], detector.full_well, seed, record)
+    draw(found, areas, measured, record.figure("brighter_fatter.png"))
 
 
 if __name__ == "__main__":
-    main()
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seed", type=int, default=4)
+    with Record(parser) as record:
+        main(record)

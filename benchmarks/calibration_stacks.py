@@ -2,22 +2,22 @@
 numbers of each channel in the camera's files?
 
     pip install -e ".[bench]"
-    python benchmarks/calibration_stacks.py [--rows 512] [--figures docs/figures]
+    python benchmarks/calibration_stacks.py [--rows 512]
 
 `csstsim chip` makes frames of chip 9 with all its columns and `rows` rows on either side of the seam. The reduction
 (stack_reduction.py) uses only IMAGE and its geometry keywords from each file. Prints, for each quantity and channel,
-the configured and the measured value; exit code 1 if any is off by more than LIMIT sigma. Results:
-docs/detector_calibration.md.
+the configured and the measured value; exit code 1 if any is off by more than LIMIT sigma.
 """
 
 import argparse
-import sys
 import tempfile
 import time
 from collections import namedtuple
 from contextlib import redirect_stdout
 from io import StringIO
 from pathlib import Path
+
+from evidence.record import Record
 
 import numpy as np
 import yaml
@@ -31,6 +31,7 @@ from csstsim.detector import mask as bits
 from csstsim.instrument.camera import load_camera
 
 LIMIT = 5.0  # sigma
+TOY_ROWS = 24
 CHIP = 9
 LAMPS = ["590", "670"]
 
@@ -165,41 +166,43 @@ def sigmas(row):
     return off / row.error if row.error else np.inf * np.sign(off) if off else 0.0
 
 
-def show(rows):
-    """Print each row, then a line for each quantity."""
+def show(rows, record):
+    """Print each row, then record a line for each quantity."""
     for row in rows:
         print(f"{row.quantity:24s}{row.channel!s:>4s}  configured {row.configured:<13.6g} found {row.found:<13.6g} "
               f"+- {row.error:<9.2g} {row.unit:7s}{sigmas(row):6.2f} sigma")  # fmt: skip
-    print(f"\n{'quantity':24s}{'unit':8s}{'configured':>13s}{'found':>13s}{'error each':>12s}   sigma: rms  largest")
+    lines = []
     for name in dict.fromkeys(row.quantity for row in rows):
         mine = [row for row in rows if row.quantity == name]
         middle = [np.mean([getattr(row, k) for row in mine]) for k in ("configured", "found", "error")]
         off = np.abs([sigmas(row) for row in mine])
-        print(f"{name:24s}{mine[0].unit:8s}{middle[0]:13.6g}{middle[1]:13.6g}{middle[2]:12.2g}"
-              f"{np.sqrt(np.mean(off**2)):13.2f}{off.max():9.2f}")  # fmt: skip
+        cells = [f"{middle[0]:.6g}", f"{middle[1]:.6g}", f"{middle[2]:.2g}", f"{np.sqrt(np.mean(off**2)):.2f}"]
+        lines.append([name, mine[0].unit, *cells, f"{off.max():.2f}"])
+    header = ["quantity", "unit", "configured", "found", "error of each", "sigma, rms", "largest"]
+    record.table("quantities", header, lines)
 
 
-def main(options):
+def main(record: Record) -> None:
+    """Make the frames, reduce them, and compare."""
     began = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
-        frames = list(make_frames(Path(folder), options.rows))
+        frames = list(make_frames(Path(folder), record.options.rows if not record.toy else TOY_ROWS))
     made = time.process_time()
     channels, found = reduce(frames)
     rows, area = compare(channels, found, load_camera(SHIPPED / "instrument"))
-    show(rows)
-    if options.figures:
-        draw(rows, found, area, options.figures)
-    print(
-        f"CPU seconds: {made - began:.0f} to make {len(frames)} frames, {time.process_time() - made:.0f} to reduce them"
-    )
+    show(rows, record)
+    draw(rows, found, area, record.figure("calibration_stacks.png"))
+    record.value("make_cpu", made - began, f"{len(frames)} frames made", unit="CPU-s")
+    record.value("reduce_cpu", time.process_time() - made, "the frames reduced by ccdproc", unit="CPU-s")
     bad = [row for row in rows if not abs(sigmas(row)) <= LIMIT]
+    record.value("numbers", len(rows), "numbers compared with those configured")
+    record.value("off", len(bad), f"of them off by more than {LIMIT:g} sigma", below=0)
     for row in bad:
         print(f"OFF by more than {LIMIT:g} sigma: {row.quantity}, channel {row.channel}")
-    sys.exit(1 if bad else 0)
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rows", type=int, default=512, help="rows of each half")
-    parser.add_argument("--figures", type=Path)
-    main(parser.parse_args())
+    with Record(parser) as record:
+        main(record)

@@ -1,11 +1,12 @@
 """Cosmic rays on one chip of 150 s: pixels struck before and after diffusion, lengths, energies, cost, and a picture.
 
-python benchmarks/cosmic_rays.py        writes docs/figures/cosmic_rays.png
+python benchmarks/cosmic_rays.py
 """
 
 import argparse
 import time
-from pathlib import Path
+
+from evidence.record import Record
 
 import matplotlib
 import numpy as np
@@ -18,14 +19,14 @@ from csstsim.base.shipped import SHIPPED
 from csstsim.detector.cosmic_ray import deposit, draw_tracks
 from csstsim.instrument.camera import load_camera
 
-FIGURE = Path(__file__).parents[1] / "docs" / "figures" / "cosmic_rays.png"
 THRESHOLDS = np.array([1, 2, 5, 10, 20, 50, 100, 200, 500, 1000])  # e-
 SIGMAS = (0.2, 0.4, 0.6)  # px; the first is that of the paper
 SHOWN = (300, 300)
 KEY = np.uint64(1)
 
 
-def main():
+def main(record: Record) -> None:
+    """Draw the rays of a chip, count the pixels they strike, and draw the figure."""
     detector = load_camera(SHIPPED / "instrument").detector
     rays, shape = detector.cosmic_rays, (detector.ny, detector.nx)
     seconds = 150 + detector.readout_time / 2
@@ -33,23 +34,36 @@ def main():
     start = time.process_time()
     tracks = draw_tracks(shape, seconds, rays, stream(1, "benchmark"))
     found = deposit(shape, tracks, rays.diffusion, KEY)
-    print(f"{time.process_time() - start:.3f} CPU s for {found[2]} tracks, {found[1].sum():.3g} e-, on a chip")
+    record.value("cpu", time.process_time() - start, "the rays of a whole chip", unit="CPU-s")
+    record.value("tracks", found[2], "tracks on a chip of 150 s")
+    record.value("electrons", found[1].sum(), "electrons of all tracks", unit="e-")
 
     before = above(deposit(shape, tracks, 0.0, KEY)[1])
     size = shape[0] * shape[1]
     after = {sigma: above(deposit(shape, tracks, sigma, KEY)[1]) for sigma in SIGMAS}
-    print(f"{'e- from':>8}{'before':>10}" + "".join(f"{f'{s} px':>10}{'ratio':>7}" for s in SIGMAS) + "   permille")
-    for i, threshold in enumerate(THRESHOLDS):
-        line = f"{threshold:8d}{1e3 * before[i] / size:10.4f}"
-        print(line + "".join(f"{1e3 * n[i] / size:10.4f}{n[i] / before[i]:7.3f}" for n in after.values()))
-    picture(rays, seconds, draw_tracks(shape, 100 * seconds, rays, stream(1, "shapes")), before, after)
+    record.value("struck", before[0] / size, "fraction of pixels struck before diffusion")
+    header = ["e- from", "before [permille]", *(f"{s} px{what}" for s in SIGMAS for what in ("", ", over before"))]
+    rows = [
+        [threshold, f"{1e3 * before[i] / size:.4f}",
+         *(f"{v:.{digits}f}" for n in after.values() for v, digits in ((1e3 * n[i] / size, 4), (n[i] / before[i], 3)))]
+        for i, threshold in enumerate(THRESHOLDS)
+    ]  # fmt: skip
+    record.table("struck_by_charge", header, rows)
+    picture(
+        record.figure("cosmic_rays.png"),
+        rays,
+        seconds,
+        draw_tracks(shape, (1 if record.toy else 100) * seconds, rays, stream(1, "shapes")),
+        before,
+        after,
+    )
 
 
 def above(electrons):
     return np.array([np.count_nonzero(electrons >= threshold) for threshold in THRESHOLDS])
 
 
-def picture(rays, seconds, tracks, before, after):
+def picture(path, rays, seconds, tracks, before, after):
     figure, axes = plt.subplots(2, 2, figsize=(9, 7.4))
     image, many = np.zeros(SHOWN, np.int32), draw_tracks(SHOWN, 20 * seconds, rays, stream(1, "picture"))
     pixel, electrons, _ = deposit(SHOWN, many, rays.diffusion, KEY)
@@ -74,10 +88,9 @@ def picture(rays, seconds, tracks, before, after):
     axes[1, 1].set(xlabel="log10 of a track's electrons", ylabel="density")
     axes[1, 1].legend(fontsize=8)
     figure.tight_layout()
-    figure.savefig(FIGURE, dpi=80)
-    print(FIGURE)
+    figure.savefig(path, dpi=80)
 
 
 if __name__ == "__main__":
-    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
-    main()
+    with Record(argparse.ArgumentParser(description=__doc__.splitlines()[0])) as record:
+        main(record)

@@ -1,6 +1,7 @@
 """Charge transfer inefficiency: cost and accuracy, also of other methods, and the paper's figure of two stamps.
 
-    python benchmarks/cti.py [--columns 512] [--mcti FOLDER] [--serial | --only-mcti]
+    python benchmarks/cti.py [--columns 512]
+    python benchmarks/cti.py --only-mcti --mcti MCTI
 
 1. CPU time per half-column and per chip (least of three) at 4, 40 and 200 e- of sky, on columns with a chip's density
    of objects and cosmic rays; for comparison, on fewer columns, every trap visits every packet.
@@ -10,23 +11,23 @@
 3. How arcticpy treats the traps of a packet's own first rows (docs/detector_cti.md).
 4. Input, output and trail of a stamp 147 and 4000 rows from the amplifier: docs/figures/cti_trails.png.
 5. Two whole chips.
-6. Rows through their registers (the only part with --serial): cost of a chip; trails of a spot and of a flat field.
-7. The paper's own code, of a checkout of github.com/ZunLuo/MCTI (the only part with --only-mcti): losses and trails of
-   three spots in a column of Poisson sky, charge deferred into the overscan, cost. It is in the chart of part 2, too.
+6. Rows through their registers: cost of a chip; trails of a spot and of a flat field.
+7. With --mcti, the paper's own code, of a checkout of github.com/ZunLuo/MCTI (alone with --only-mcti): losses and
+   trails of three spots in a column of Poisson sky, charge deferred into the overscan, cost. It is in the chart of
+   part 2, too.
 """
 
 import argparse
 import math
-import sys
 import time
-from pathlib import Path
+
+from evidence.record import Record
 
 import matplotlib
 import numba
 import numpy as np
 
 from csstsim.base.counter import unit, word
-from csstsim.base.errors import CsstsimError
 from csstsim.bench.readout.arctic import THERE, arctic
 from csstsim.bench.readout.cti import (
     CTI,
@@ -47,7 +48,7 @@ from csstsim.bench.readout.cti import (
     speed_accuracy,
     stochastic,
 )  # fmt: skip
-from csstsim.bench.readout.mcti import ABSENT, Mcti
+from csstsim.bench.readout.mcti import Mcti
 from csstsim.detector.charge_transfer.cti import transfer
 from csstsim.detector.charge_transfer.serial import transfer_rows
 from csstsim.detector.charge_transfer.traps import buffers, draw_traps
@@ -55,7 +56,6 @@ from csstsim.detector.charge_transfer.traps import buffers, draw_traps
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 
-FIGURES = Path(__file__).resolve().parents[1] / "docs" / "figures"
 REGISTER = tuple(CTI["serial"]["species"][name] for name in ("density", "timescale"))
 REGISTER_WELL = tuple(CTI["serial"]["well"][name] for name in ("beta", "full_well", "notch"))
 EUCLID = (0.0442, 0.1326, 3.9782), (0.8, 4.0, 20.0)  # serial species in PyAutoCTI's examples
@@ -91,11 +91,14 @@ def plain_loop(image):
     every_packet(image, DENSITY, TAU, WELL, np.empty(ROWS, np.int32), buffers(DENSITY, ROWS))
 
 
+SKIES = (4, 40, 200)  # e-
+
+
 def costs(columns):
     """Print the table of costs."""
     exact(np.ones((9, 9), np.float32))
     print("sky e-        csstsim: ms/half-column  s/chip    every packet: ms/half-column  s/chip")
-    for sky in (4, 40, 200):
+    for sky in SKIES:
         plain = cpu(plain_loop, scene(np.random.default_rng(sky), FEW, sky), 2) / FEW
         numbers = [t * s for t in (half_column(columns, sky), plain) for s in (1e3, HALF_COLUMNS)]
         print("{:6d} {:22.3f} {:16.2f} {:25.2f} {:13.0f}".format(sky, *numbers), flush=True)
@@ -118,14 +121,14 @@ def first_transfers():
         say(f"arcticpy 0, empty_traps_for_first_transfers={empty}", moved)
 
 
-def chip(sky=SKY):
-    """Print the cost of a whole chip, both halves, made of repeated columns of `scene`."""
-    image = np.tile(scene(np.random.default_rng(2), 256, sky), (2, HALF_COLUMNS // 512))
+def chip(sky, columns=HALF_COLUMNS // 2):
+    """Return the CPU seconds of both halves of a chip's columns, made of repeated columns of `scene`."""
+    image = np.tile(scene(np.random.default_rng(2), 256, sky), (2, columns // 256))
     start = time.process_time()
     for half in range(2):
         rows = image[half * ROWS : (half + 1) * ROWS]
         transfer(rows, DENSITY, TAU, WELL, KEYS, flip=bool(half), overscan=OVERSCAN)
-    print(f"\na whole chip of {image.shape}, sky {sky} e-: {time.process_time() - start:.2f} CPU s")
+    return time.process_time() - start
 
 
 def along_rows(image, species=REGISTER, register=1):
@@ -133,23 +136,23 @@ def along_rows(image, species=REGISTER, register=1):
     return transfer_rows(image, *species, REGISTER_WELL, keys, prescan=PRESCAN, overscan=SERIAL_OVERSCAN)
 
 
-def serial(sky_levels=(4, 40, 200)):
-    """Print the cost of a chip's rows, and the trails of a spot and a flat field, means of 1000 registers."""
+def serial(registers=1000):
+    """Print the cost of a chip's rows, and the trails of a spot and a flat field, means of many registers."""
     along_rows(np.ones((1, 9), np.float32))
     print("\nrows through their registers, CPU s per chip: densities of cti.yaml, of PyAutoCTI's examples")
-    for sky in sky_levels:
+    for sky in SKIES:
         image = scene(np.random.default_rng(sky), CHANNEL, sky)
         rows = 16 * (ROWS + OVERSCAN) / ROWS
         seconds = [rows * cpu(lambda part, s=s: along_rows(part, s), image) for s in (REGISTER, EUCLID)]
         print("sky {:3d} e-: {:6.2f} {:6.2f}".format(sky, *seconds), flush=True)
 
     def mean(row):
-        """Return the mean change by 1000 registers of a row and its overscan."""
+        """Return the mean change by the registers of a row and its overscan."""
         total = np.zeros(CHANNEL + SERIAL_OVERSCAN)
-        for register in range(1000):
+        for register in range(registers):
             image = np.repeat(row[None], 4, 0)
             trail, _ = along_rows(image, register=register)
-            total += np.hstack([image - row, trail]).mean(0, dtype=float) / 1000
+            total += np.hstack([image - row, trail]).mean(0, dtype=float) / registers
         return total
 
     sky = np.full(CHANNEL, SKY, np.float32)
@@ -239,35 +242,40 @@ def trails(file):
     figure.savefig(file, dpi=90)
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--columns", type=int, default=512)
-    parser.add_argument("--serial", action="store_true", help="the sixth part only")
-    parser.add_argument("--mcti", metavar="FOLDER", help="a checkout of github.com/ZunLuo/MCTI; it needs cc")
-    parser.add_argument("--only-mcti", action="store_true", help="the seventh part only")
-    given = parser.parse_args()
-    if given.serial:
-        return serial()
-    try:
-        mcti = given.mcti and Mcti(given.mcti)
-    except CsstsimError as error:
-        print(error, file=sys.stderr)
-        sys.exit(2)
+def main(record: Record) -> None:
+    """Run the parts that are asked for."""
+    given, toy = record.options, record.toy
+    mcti = given.mcti and Mcti(given.mcti)
     if mcti:
-        papers_code(mcti)
-    else:
-        print(ABSENT)
+        with record.printed("papers_code"):
+            papers_code(mcti)
     if given.only_mcti:
-        return None
-    costs(given.columns)
-    speed_accuracy(FIGURES / "cti_speed_accuracy.png", print, given.columns, mcti)
+        return
+    columns = 16 if toy else given.columns
+    with record.printed("costs"):
+        costs(columns)
+    with record.printed("losses"):
+        found = speed_accuracy(record.figure("cti_speed_accuracy.png"), print, columns, mcti, quick=toy)
+    for key, name in (("arctic", "arcticpy 5"), ("exact", "exact, event by event")):
+        if name in found:
+            record.value(f"{key}_cpu", found[name].cpu, f"a chip's charge transfer by {name}", unit="CPU-s")
     if THERE:
-        first_transfers()
-    trails(FIGURES / "cti_trails.png")
+        with record.printed("first_transfers"):
+            first_transfers()
+    else:
+        record.skip("arcticpy", "not installed")
+    trails(record.figure("cti_trails.png"))
     for sky in (4, SKY):
-        chip(sky)
-    return serial()
+        seconds = chip(sky, 256 if toy else HALF_COLUMNS // 2)
+        record.value(f"chip_cpu_{sky}", seconds, f"charge transfer of a whole chip, sky of {sky} e-", unit="CPU-s")
+    with record.printed("registers"):
+        serial(20 if toy else 1000)
 
 
 if __name__ == "__main__":
-    main()
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--columns", type=int, default=512)
+    parser.add_argument("--mcti", metavar="FOLDER", help="a checkout of github.com/ZunLuo/MCTI; it needs cc")
+    parser.add_argument("--only-mcti", action="store_true", help="the seventh part only")
+    with Record(parser) as record:
+        main(record)

@@ -1,6 +1,6 @@
 """One galaxy through every layer: the image after each layer is added, and what that layer changed.
 
-    python benchmarks/film_strip.py            # docs/figures/film_strip.png, half a minute
+    python benchmarks/film_strip.py
 
 A galaxy of r = 17 and a saturated star in an r exposure, the paper's density of traps. Light is the expected one
 (`fidelity: noise_free`), so that photon noise comes with its layer. Electrons, with overscan and gain taken out.
@@ -9,18 +9,18 @@ A galaxy of r = 17 and a saturated star in an r exposure, the paper's density of
 import argparse
 import tempfile
 
+from evidence.record import Record
+
 import matplotlib
 import numpy as np
 from astropy.table import Table
 
 import csstsim
-from csstsim.base.shipped import ROOT
 
 matplotlib.use("agg")
 from matplotlib import pyplot as plt
 from matplotlib.colors import AsinhNorm, SymLogNorm
 
-FIGURE = ROOT / "docs" / "figures" / "film_strip.png"
 RA, DEC, SIZE, OBSID, CHIP = 150.1, 2.2, 150, "10100000001", 9
 OBJECTS = {
     "ra": [RA - 0.0004, RA + 0.0009, RA - 0.0011, RA + 0.0002], "dec": [DEC, DEC + 0.0009, DEC - 0.001, DEC - 0.0012],
@@ -49,11 +49,8 @@ def frames():
     return found
 
 
-def main():
+def main(record: Record) -> None:
     """Draw the strip: for each step the image, and below it the change."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--output", default=FIGURE)
-    output = parser.parse_args().output
     found = frames()
     columns = len(found) // 2
     heights = (1, 1, 0.03, 1, 1)  # two rows of image and change, a gap between them
@@ -66,6 +63,7 @@ def main():
         largest = max(float(np.percentile(np.abs(change), 99.9)), 1.0)
         linear = max(float(np.percentile(np.abs(change), 50.0)), largest / 300.0, 0.1)
         same = np.percentile(change, 5) > 0.8 * largest  # the sky: half the scale, not its end
+        record.value(f"change_{k + 1}", largest, f"largest change by {' '.join(caption.split())}", unit="e-")
         size = f"{largest:,.0f}" if largest >= 100 else f"{largest:.2g}"
         bottom.set_xlabel(f"change: {size} e\u207b everywhere" if same else f"change: up to {size} e\u207b", fontsize=8)
         largest, linear = (2 * largest, 2 * largest) if same else (largest, linear)
@@ -76,9 +74,9 @@ def main():
         each.set(xticks=[], yticks=[])
     for gap in axes[2]:
         gap.axis("off")
-    figure.savefig(output, dpi=90)
-    print(output)
+    figure.savefig(record.figure("film_strip.png"), dpi=90)
 
 
 if __name__ == "__main__":
-    main()
+    with Record(argparse.ArgumentParser(description=__doc__.splitlines()[0])) as record:
+        main(record)

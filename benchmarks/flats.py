@@ -1,6 +1,6 @@
 """Shutter, vignetting, internal flats and lamps: their values with the shipped numbers, and their cost.
 
-    python benchmarks/flats.py [--seed 9] [--figures docs/figures]
+    python benchmarks/flats.py [--seed 9]
 
 Prints the response (vignetting x internal flat x shutter, 150 s) of each band; its errors from the rotation of a
 grating chip and from the coarse grid; the electrons of the shipped LED list in each band; and the CPU time of each part
@@ -9,15 +9,18 @@ on a full chip. Draws the vignetting, the flats of the lamps and the shutter's m
 
 import argparse
 import time
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+
+from evidence.record import Record
 
 import numpy as np
 
 from csstsim.base.rng import Streams, stream
 from csstsim.base.shipped import SHIPPED
-from csstsim.instrument.camera import load_camera
-from csstsim.instrument.chip import Window
+from csstsim.instrument.camera import Camera, load_camera
+from csstsim.instrument.chip import Chip, Window
 from csstsim.layers import led_calib_model
 from csstsim.optics.geometry.wcs import chip_plane
 from csstsim.optics.throughput.coarse_grid import expand, grid_pixels
@@ -39,55 +42,73 @@ def places(chip, nodes=24):
     return [row[0] * (x - origin[0]) + row[1] * (y - origin[1]) for row in rotation]
 
 
-def report_response(camera, seed):
-    print(f"response in 150 s, seed {seed}: all pixels of the band's chips (every 16th)")
-    print("band   mean    min    max   declared maximum")
+def camera_numbers(seed: int) -> Callable:
+    """Return the generators of the camera's fixed patterns by name."""
+    return partial(stream, seed, "camera")
+
+
+def report_response(camera: Camera, seed: int, record: Record) -> None:
+    """Record the response of all pixels of each band's chips (every 16th)."""
+    rows = []
     for name, filter_ in camera.filters.items():
         values, highest = [], 0.0
-        for chip in (c for c in camera.chips.values() if c.filter == name):
-            ask = chip, filter_, camera.leds, partial(stream, seed, "camera")
-            full = response_map(chip, chip.full_window, filter_, EXPTIME, *ask[2:], **BOTH)
+        for chip in [c for c in camera.chips.values() if c.filter == name][: 1 if record.toy else None]:
+            lit = filter_, camera.leds, camera_numbers(seed)
+            full = response_map(chip, chip.full_window, filter_, EXPTIME, *lit[1:], **BOTH)
             values.append(full[::16, ::16].ravel())
-            highest = max(highest, response_maximum(*ask, **BOTH))
+            highest = max(highest, response_maximum(chip, *lit, **BOTH))
         values = np.concatenate(values)
-        print(f"{name:4s} {values.mean():6.4f} {values.min():6.4f} {values.max():6.4f} {highest:9.4f}")
+        numbers = values.mean(), values.min(), values.max(), highest
+        record.value(
+            f"under_maximum_{name}",
+            values.max() / highest,
+            f"largest response in {name} over the declared one",
+            below=1,
+        )
+        rows.append([name, *(f"{number:.4f}" for number in numbers)])
+    record.table("response", ["band", "mean", "minimum", "maximum", "declared maximum"], rows)
 
 
-def report_limits(camera, seed):
+def report_limits(camera: Camera, seed: int, record: Record) -> None:
+    """Record the errors from a turned chip and from the coarse grid."""
     chip = camera.chips[30]
     rotation, origin = chip_plane(chip)
     x = np.arange(0, 9216, 32.0)
     column = exposed(chip, chip.full_window, EXPTIME)[::32]
-    off = [
-        np.abs(1 - deficit(0.01 * (rotation[0, 0] * (x - origin[0]) + rotation[0, 1] * (y - origin[1])),
-                           camera.telescope) / EXPTIME - column).max() for y in (0, 9231)
-    ]  # fmt: skip
-    print(f"shutter by columns on a grating chip turned by 1 deg: off by up to {max(off):.1e}")
-    field, filter_ = FlatField(camera.leds, partial(stream, seed, "camera")), camera.filters["GI"]
+    mosaic_x = (rotation[0, 0] * (x - origin[0]) + rotation[0, 1] * (y - origin[1]) for y in (0, 9231))
+    off = max(np.abs(1 - deficit(0.01 * each, camera.telescope) / EXPTIME - column).max() for each in mosaic_x)
+    record.value("turned_shutter", off, "shutter by columns on a grating chip turned by 1 deg: largest error")
+    field, filter_ = FlatField(camera.leds, camera_numbers(seed)), camera.filters["GI"]
     made = expand(field.external_grid(chip, filter_), chip, Window(0, 9216, 4600, 4700))[50]
     place = [row[0] * (np.arange(9216) - origin[0]) + row[1] * (4650 - origin[1]) for row in rotation]
     weights = field.weights(filter_.wavelength, filter_.throughput)
     direct = field.vignetting(*place) * field.internal(chip, *place, weights)
-    print(f"grid of 65 x 65 nodes: off by up to {np.abs(made / direct - 1).max():.1e}")
+    record.value("coarse_grid", np.abs(made / direct - 1).max(), "grid of 65 x 65 nodes: largest error", below=1e-3)
 
 
-def report_lamps(camera, seed):
-    [layer] = SimSteps(SHIPPED / "observations" / "led_flat.yaml", "FLAT").stage("render")
-    print("electrons of config/observations/led_flat.yaml, mean of a chip")
+def report_lamps(camera: Camera, seed: int, record: Record) -> None:
+    """Record the electrons of config/observations/led_flat.yaml, mean of a chip."""
+    steps = SimSteps(SHIPPED / "observations" / "led_flat.yaml", "FLAT")
+    layer = next(step for step in steps.stage("render") if step.name == "led_calib_model")
+    rows = []
     for name in camera.filters:
         state = blank(camera, next(c for c in camera.chips.values() if c.filter == name), Window(0, 9216, 4600, 4610))
         layer.module.apply(state, layer.param, Streams(seed, "1", state.chip.id, layer.name))
-        print(f"{name:4s} {state.image.mean(dtype=float):8.0f}")
+        rows.append([name, f"{state.image.mean(dtype=float):.0f}"])
+    record.table("lamps", ["band", "electrons"], rows)
 
 
-def blank(camera, chip, window):
+def blank(camera: Camera, chip: Chip, window: Window) -> State:
+    """Return the blank state of an exposure of EXPTIME."""
     pointing = type("Lit", (), {"exptime": EXPTIME, "obsid": "1"})
     return State.blank(Exposure(pointing, chip, window, None, camera))
 
 
-def report_cost(camera, seed):
+def report_cost(camera: Camera, seed: int, record: Record) -> None:
+    """Record the CPU seconds of each part on a full chip, best of 3."""
     chip = camera.chips[9]
-    window, filter_, streams = chip.full_window, camera.filters["r"], Streams(seed, "1", 9, "x")
+    window = Window(0, 9216, 4600, 4900) if record.toy else chip.full_window
+    filter_, streams = camera.filters["r"], Streams(seed, "1", 9, "x")
     param = led_calib_model.Param(LED_TYPE=["590", "670"], LED_TIME=[10.0, 10.0])
     state = blank(camera, chip, window)
     ask = camera.leds, streams.camera
@@ -98,23 +119,25 @@ def report_cost(camera, seed):
         "image x map": lambda: np.multiply(image, share, out=image),
         "led_calib_model": lambda: led_calib_model.apply(state, param, streams),
     }
-    print("CPU seconds on a chip of 9216 x 9232, best of 3")
+    rows = []
     for name, part in parts.items():
         times = []
         for _ in range(3):
             start = time.process_time()
             part()
             times.append(time.process_time() - start)
-        print(f"{min(times):6.2f}  {name}")
+        rows.append([name, f"{min(times):.2f}"])
+    record.table("costs", ["on a whole chip", "CPU-s"], rows)
 
 
-def draw(camera, seed, folder):
+def draw(camera: Camera, seed: int, record: Record) -> None:
+    """Draw the vignetting, the flats of the lamps and the shutter."""
     import matplotlib
 
     matplotlib.use("agg")
     import matplotlib.pyplot as plt
 
-    field = FlatField(camera.leds, partial(stream, seed, "camera"))
+    field = FlatField(camera.leds, camera_numbers(seed))
 
     def show(axis, values, low, high, label=False):
         for chip in camera.chips.values():
@@ -136,20 +159,20 @@ def draw(camera, seed, folder):
 
     def response(chip):
         filter_ = camera.filters[chip.filter]
-        ask = chip, chip.full_window, filter_, EXPTIME, camera.leds, partial(stream, seed, "camera")
+        ask = chip, chip.full_window, filter_, EXPTIME, camera.leds, camera_numbers(seed)
         return response_map(*ask, **BOTH)[::384, ::384]
 
     image = show(axes[1], response, 0.92, 1.04)
     figure.colorbar(image, ax=axes[1], shrink=0.8)
     axes[1].set_title("vignetting x internal flat of the band x shutter, 150 s", fontsize=9)
-    save(figure, folder / "flat_field.png")
+    save(figure, record.figure("flat_field.png"))
 
     figure, axes = plt.subplots(3, 4, figsize=(8, 5.4), constrained_layout=True)
     for axis, row, wavelength in zip(axes.flat, np.eye(len(field.wavelengths)), field.wavelengths, strict=True):
         image = show(axis, lambda chip, row=row: field.internal(chip, *places(chip, 12), row), 0.93, 1.07)
         axis.set_title(f"{wavelength:.0f} nm", fontsize=9)
     figure.colorbar(image, ax=axes, shrink=0.7, label="internal flat")
-    save(figure, folder / "flat_leds.png")
+    save(figure, record.figure("flat_leds.png"))
 
     t_s, half = camera.telescope.shutter_time, camera.telescope.shutter_span_mm / 2
     t = np.linspace(0, t_s, 300)
@@ -172,24 +195,18 @@ def draw(camera, seed, folder):
         axes[2].axvspan(left, right, ymax=0.04, color="C1" if kind == "imaging" else "C2", alpha=0.5, lw=0)
     axes[2].set(xlabel="mosaic x [pixel]", ylabel="missed of the exposure [s]", ylim=(0, 2.7))
     axes[2].set_title("orange: imaging chips, green: slitless", fontsize=8)
-    save(figure, folder / "shutter.png")
+    save(figure, record.figure("shutter.png"))
 
 
-def save(figure, path):
-    path.parent.mkdir(parents=True, exist_ok=True)
+def save(figure, path: Path) -> None:
+    """Write a picture."""
     figure.savefig(path, dpi=75)
-    print(path, path.stat().st_size // 1000, "kB")
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seed", type=int, default=9)
-    parser.add_argument("--figures", type=Path)
-    options = parser.parse_args()
-    camera = load_camera(SHIPPED / "instrument")
-    report_response(camera, options.seed)
-    report_limits(camera, options.seed)
-    report_lamps(camera, options.seed)
-    report_cost(camera, options.seed)
-    if options.figures:
-        draw(camera, options.seed, options.figures)
+    with Record(parser) as record:
+        camera, seed = load_camera(SHIPPED / "instrument"), record.options.seed
+        for part in (report_response, report_limits, report_lamps, report_cost, draw):
+            part(camera, seed, record)

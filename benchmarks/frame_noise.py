@@ -1,6 +1,6 @@
 """Whole-frame noise: CPU ns per pixel, and numpy's in the same run.
 
-    python benchmarks/frame_noise.py [--rows 1024]
+    python benchmarks/frame_noise.py
 
 Frames have the chip's width; the best of five runs counts, with numba compiled before. numpy only draws the noise that
 the kernels also add in place.
@@ -9,12 +9,14 @@ the kernels also add in place.
 import argparse
 import time
 
+from evidence.record import Record
+
 import numpy as np
 
 from csstsim.base.rng import stream
 from csstsim.detector.noise import add_gaussian, add_poisson
 
-WIDTH, REPEATS, KEY = 9216, 5, np.uint64(20271)
+WIDTH, ROWS, REPEATS, KEY = 9216, 1024, 5, np.uint64(20271)
 
 
 def cost(work, pixels):
@@ -27,7 +29,9 @@ def cost(work, pixels):
     return 1e9 * best / pixels
 
 
-def main(rows):
+def main(record: Record) -> None:
+    """Time each kind of noise."""
+    rows = 64 if record.toy else ROWS
     rng = stream(1, "frame noise")
     frame, expected = np.zeros((rows, WIDTH), np.float32), np.zeros((rows, WIDTH), np.float32)
 
@@ -36,19 +40,18 @@ def main(rows):
         add_poisson(frame, KEY)
 
     copy = cost(lambda: np.copyto(frame, expected), frame.size)
-    print(f"{'':34}{'csstsim':>10}{'numpy':>10}  ns/pixel")
     here = cost(lambda: add_gaussian(frame, 5.0, KEY), frame.size)
     there = cost(lambda: rng.standard_normal(frame.shape, np.float32), frame.size)
-    print(f"{'Gaussian, float32':34}{here:10.2f}{there:10.2f}")
+    lines = [["Gaussian, float32", f"{here:.1f}", f"{there:.1f}"]]
     ramp = np.linspace(0.95, 1.05, frame.size, dtype=np.float32).reshape(frame.shape)
     for mean in (0.1, 4.0, 40.0, 120.0, 1e3, 1e4):
         expected[...] = mean * ramp
         here = cost(lambda: ours(expected), frame.size) - copy
         there = cost(lambda: rng.poisson(expected), frame.size)
-        print(f"{f'Poisson, mean {mean:g} +- 5%':34}{here:10.2f}{there:10.2f}")
+        lines.append([f"Poisson, mean {mean:g} ± 5%", f"{here:.1f}", f"{there:.1f}"])
+    record.table("costs", ["CPU ns a pixel", "csstsim", "numpy"], lines)
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--rows", type=int, default=1024)
-    main(parser.parse_args().rows)
+    with Record(argparse.ArgumentParser(description=__doc__.splitlines()[0])) as record:
+        main(record)

@@ -1,6 +1,6 @@
 """Gallery of the layers, each alone on the same stamp: before, after, difference.
 
-    python benchmarks/layer_gallery.py [--folder results/bench] [--figures docs/figures]
+    python benchmarks/layer_gallery.py [--folder results/bench]
 
 Layers that add light start from an empty image or from the light they add to, others from the electrons of objects and
 sky, expected or counted (layer_cells.py). layer_stamp.py describes the stamp. Writes layers_light.png and
@@ -9,6 +9,8 @@ layers_charge.png, and prints one measured number for each layer.
 
 import argparse
 from pathlib import Path
+
+from evidence.record import Record
 
 import numpy as np
 from layer_cells import GALLERY
@@ -37,9 +39,7 @@ def draw(stamp, names, path):
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     picture = np.asarray(canvas.buffer_rgba())[..., :3] | 3  # 64 greys, so that a palette holds all colours
-    path.parent.mkdir(parents=True, exist_ok=True)
     Image.fromarray(picture).quantize(256, dither=Image.Dither.NONE).save(path, optimize=True)
-    print(path, path.stat().st_size // 1000, "kB")
 
 
 def _draw_cell(figure, place, stamp, name):
@@ -92,17 +92,19 @@ def _norm(low, width, high):
     return Normalize(low, high) if width is None else AsinhNorm(width, low, high)
 
 
-def main():
+def main() -> None:
+    """Draw both pictures; record what the layers did."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--folder", type=Path, default=Path("results/bench"), help="of the PSF set, made if missing")
-    parser.add_argument("--figures", type=Path, default=Path("docs/figures"))
-    options = parser.parse_args()
-    options.folder.mkdir(parents=True, exist_ok=True)
-    stamp = find_stamp(make_setting(options.folder, "r"))
-    print(f"chip {stamp.setting.chip.id}, seed {stamp.seed}, exposure {stamp.obsid}, {stamp.window}")
-    names = list(GALLERY)
-    draw(stamp, names[: len(names) // 2], options.figures / "layers_light.png")
-    draw(stamp, names[len(names) // 2 :], options.figures / "layers_charge.png")
+    with Record(parser) as record:
+        folder = record.options.folder
+        folder.mkdir(parents=True, exist_ok=True)
+        stamp = find_stamp(make_setting(folder, "r"))
+        print(f"chip {stamp.setting.chip.id}, seed {stamp.seed}, exposure {stamp.obsid}, {stamp.window}")
+        names = list(GALLERY)
+        with record.printed("numbers"):
+            draw(stamp, names[: len(names) // 2], record.figure("layers_light.png"))
+            draw(stamp, names[len(names) // 2 :], record.figure("layers_charge.png"))
 
 
 if __name__ == "__main__":

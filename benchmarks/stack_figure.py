@@ -8,8 +8,8 @@ matplotlib.use("agg")
 from matplotlib import pyplot as plt
 
 
-def draw(rows, found, area, folder):
-    """Write calibration_stacks.png: found minus configured values, the photon transfer, the trail."""
+def draw(rows, found, area, path):
+    """Draw found minus configured values, the photon transfer, the trail."""
     figure = plt.figure(figsize=(12, 8), layout="constrained")
     grid = figure.add_gridspec(3, 12)
     names = [name for name in dict.fromkeys(row.quantity for row in rows if row.channel != "all" and row.error)]
@@ -29,9 +29,7 @@ def draw(rows, found, area, folder):
     axes = [figure.add_subplot(grid[2, 4 * k : 4 * k + 4]) for k in range(3)]
     draw_transfer(axes[:2], rows, found, area)
     draw_trail(axes[2], found)
-    folder.mkdir(parents=True, exist_ok=True)
-    figure.savefig(folder / "calibration_stacks.png", dpi=80)
-    print(folder / "calibration_stacks.png", (folder / "calibration_stacks.png").stat().st_size // 1000, "kB")
+    figure.savefig(path, dpi=80)
 
 
 def draw_transfer(axes, rows, found, area):

@@ -7,7 +7,7 @@ import datetime
 
 from evidence.commands import Command, commands
 from evidence.dependencies import changed
-from evidence.pages import record, used
+from evidence.pages import record, shown, used
 from evidence.record import FAIL, PASS
 
 MARK = "<!-- all commands -->"
@@ -60,7 +60,7 @@ def _section(command: Command, pages: list[str]) -> list[str]:
             lines.append(f"| {what} | {number}{error} {value.get('unit', '')} | {goal} |")
         lines.append("")
     for name, table in content["tables"].items() if content else ():
-        lines += [f"`{name}`:", "", table, ""]
+        lines += [f"`{name}`:", "", shown(table), ""]
     return lines
 
 

@@ -81,6 +81,11 @@ def _number(value: float | int | str, form: str) -> str:
     return text
 
 
+def shown(text: str) -> str:
+    """Return a table as a page shows it: Markdown as it is, plain text in a fence."""
+    return text if text.lstrip().startswith("|") else f"```text\n{text}\n```"
+
+
 def figure(name: str, key: str, form: str | None, toy: bool = False) -> str:
     """Return a figure as a page shows it. Raises Missing."""
     value = _found(name, "values", key, toy)
@@ -107,7 +112,7 @@ def filled(text: str, fault: Callable[[str], None], toy: bool = False) -> str:
 
     def table(found: re.Match) -> str:
         try:
-            return f"{found[1]}{_found(found[2], 'tables', found[3], toy)}\n{found[5]}"
+            return f"{found[1]}{shown(str(_found(found[2], 'tables', found[3], toy)))}\n{found[5]}"
         except NeverRecorded:
             return found[0]
         except Missing as error:

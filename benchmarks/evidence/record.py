@@ -7,6 +7,8 @@
         worst = compare(count, record.options.seed)
         record.value("erfa", worst, "apparent directions against erfa.atciq", unit="uas", below=1)
         record.table("costs", ["objects", "CPU-s"], [[count, f"{seconds:.1f}"]])
+        with record.printed("by_band"):  # what a function prints
+            report_bands(count)
         save(record.figure("astrometry.png"))
 
 A record is written when the script was called as benchmarks/commands.yaml says and ended well. Any other call prints
@@ -16,16 +18,18 @@ not evaluated at that size. The exit code is 1 if a goal is missed.
 
 import argparse
 import datetime
+import io
 import math
 import os
 import resource
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Self, TextIO
 
 from evidence import RECORDS, ROOT
 from evidence.commands import Command, commands
@@ -61,6 +65,21 @@ def _plain(value: object) -> float | int | str:
         return value
     number = float(value)  # type: ignore[arg-type]
     return int(number) if number.is_integer() and not isinstance(value, float) else float(f"{number:.6g}")
+
+
+class _Tee(io.StringIO):
+    """Writes to the screen, and keeps a copy."""
+
+    def __init__(self, screen: TextIO, kept: io.StringIO):
+        super().__init__()
+        self._screen, self._kept = screen, kept
+
+    def write(self, text: str) -> int:
+        self._kept.write(text)
+        return self._screen.write(text)
+
+    def flush(self) -> None:
+        self._screen.flush()
 
 
 class Record:
@@ -126,6 +145,16 @@ class Record:
         lines = [f"| {' | '.join(map(str, row))} |" for row in (header, *rows)]
         self.tables[name] = text = "\n".join([lines[0], "|" + "---|" * len(header), *lines[1:]])
         print(f"\n{text}\n", flush=True)
+
+    @contextmanager
+    def printed(self, name: str) -> Iterator[None]:
+        """Store what is printed within, a Markdown table or plain text, as a table; it is printed as usual."""
+        if name in self.values or name in self.tables:
+            raise ValueError(f"two figures of one record are named {name!r}")
+        screen, kept = sys.stdout, io.StringIO()
+        with redirect_stdout(_Tee(screen, kept)):
+            yield
+        self.tables[name] = "\n".join(line.rstrip() for line in kept.getvalue().strip("\n").split("\n"))
 
     def figure(self, name: str) -> Path:
         """Return the path for a picture: in docs/figures if it is recorded, otherwise in the folder of results."""

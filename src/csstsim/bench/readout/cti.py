@@ -5,6 +5,7 @@ amplifier. Speed is measured on columns of 4616 rows with a chip's density of ob
 """
 
 import time
+from typing import NamedTuple
 
 import numpy as np
 from scipy.signal import lfilter
@@ -27,13 +28,20 @@ LOSS = 1.2e-5  # per transfer, linear model: the loss of 5000 e- over 3 rows fro
 PARTS = ((0, 3), (3, 11), (11, 51), (51, 201))
 
 
-def speed_accuracy(file, say, columns=512, mcti=None):
-    """Print cost, losses and trails of each method; draw the chart. Returns {name: (CPU s per chip, rms error)}.
+class MethodCost(NamedTuple):
+    """What a method of charge transfer costs and errs."""
 
-    mcti: bench.readout.mcti.Mcti, or None.
+    cpu: float  # s per chip
+    error: float  # rms, relative, of spots' losses and trails
+
+
+def speed_accuracy(file, say, columns=512, mcti=None, quick=False):
+    """Print cost, losses and trails of each method; draw the chart. Returns {name: MethodCost}.
+
+    mcti: bench.readout.mcti.Mcti, or None; quick: of a hundredth of the columns, so that errors are larger.
     """
     exact(np.ones((9, 9), np.float32))
-    found = accuracy(ways(half_column(columns, SKY), mcti), say)
+    found = accuracy(ways(half_column(columns, SKY), mcti, quick), say)
     chart(found, file)
     return found
 
@@ -54,10 +62,12 @@ def scene(rng, columns, sky):
     image = rng.poisson(sky, (ROWS, columns)).astype(float)
     yy, xx = np.mgrid[-8:9, -8:9]
     for _ in range(rng.poisson(OBJECTS / CHIP * image.size)):
-        y, x = rng.integers(8, ROWS - 8), rng.integers(8, columns - 8)
+        y, x = rng.integers(8, ROWS - 8), rng.integers(0, columns)
         shape = np.exp(-(yy**2 + xx**2) / (2 * rng.uniform(0.9, 3) ** 2))
         flux = ELECTRONS * min(1 + rng.pareto(0.8), 5e4)
-        image[y - 8 : y + 9, x - 8 : x + 9] += rng.poisson(flux * shape / shape.sum())
+        stamp = rng.poisson(flux * shape / shape.sum())
+        low, high = max(x - 8, 0), min(x + 9, columns)
+        image[y - 8 : y + 9, low:high] += stamp[:, low - x + 8 : high - x + 8]
     for _ in range(rng.poisson(RAYS / CHIP * image.size)):
         length, turn = rng.uniform(0, 20), rng.uniform(0, np.pi)
         step = np.arange(0, length + 1, 0.5)
@@ -140,19 +150,24 @@ def by_mcti(mcti):
     return method
 
 
-def ways(seconds, mcti=None):
+def ways(seconds, mcti=None, quick=False):
     """Return {name: (CPU s per half-column, method for spot_change)}; `seconds`: those of the exact process."""
     image = scene(np.random.default_rng(5), 128, SKY)
+
+    some = 100 if quick else 1
 
     def each(work, n=FEW):
         return cpu(work, image[:, :n], 1) / n
 
     many = (WELL[0], 30 * WELL[1], 30 * WELL[2])
     found = {
-        "exact, event by event": (seconds, stochastic(3000)),
-        "mean field": (each(lambda part: transfer(30 * part, 30 * DENSITY, TAU, many, KEYS)), stochastic(100, 30)),
+        "exact, event by event": (seconds, stochastic(3000 // some)),
+        "mean field": (
+            each(lambda part: transfer(30 * part, 30 * DENSITY, TAU, many, KEYS)),
+            stochastic(100 // some, 30),
+        ),
         "linear": (each(linear, image.shape[1]), linear_column),
-    }
+    }  # fmt: skip
     if THERE:
         for express in (1, 2, 5):
             method = by_arctic(express, False)
@@ -167,16 +182,16 @@ def ways(seconds, mcti=None):
 
 
 def accuracy(methods, say):
-    """Print losses and trails by method; return {name: (CPU s per chip, rms relative error)}."""
+    """Print losses and trails by method; return {name: MethodCost}."""
     reference, found = None, {}
     say(f"\nspot over 3 rows, sky {SKY} e-: electrons added to the spot | rows 1-8, 9-48, 49-198 behind it")
     for name, (cost, method) in methods.items():
         parts = np.array([spot_change(method, *spot) for spot in SPOTS])
         reference = parts if reference is None else reference
         error = parts / reference - 1
-        found[name] = cost * HALF_COLUMNS, np.sqrt((error**2).mean())
-        against = f"error against the first: rms {found[name][1]:.2%}, largest {abs(error).max():.1%}"
-        say(f"{name}: {found[name][0]:.1f} CPU s per chip; {against}")
+        found[name] = MethodCost(cost * HALF_COLUMNS, np.sqrt((error**2).mean()))
+        against = f"error against the first: rms {found[name].error:.2%}, largest {abs(error).max():.1%}"
+        say(f"{name}: {found[name].cpu:.1f} CPU s per chip; {against}")
         for (flux, row), part in zip(SPOTS, parts, strict=True):
             say(f"   {flux:6d} e- at {row:4d}: {part[0]:9.2f} |" + "".join(f"{value:9.2f}" for value in part[1:]))
     return found
