@@ -2,10 +2,12 @@
 
 import csv
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
+from matplotlib.figure import Figure
 
-from csstsim.bench.chart import pareto
+from csstsim.bench.chart import ON_NODES, Point, draw_chart, pareto, points
 from csstsim.bench.imaging.measures import NAMES
 from csstsim.command_line.main import main
 
@@ -68,12 +70,31 @@ def test_bad_options_are_refused(bench_folder, options, named):
 
 def test_front_holds_what_nothing_beats():
     found = {
-        "slow": (3.0, 0.1, False),
-        "fast": (1.0, 1.0, False),
-        "worse": (2.0, 2.0, False),
-        "even": (4.0, 0.1, False),
+        "slow": Point(3.0, 0.1, 9.0, False),
+        "fast": Point(1.0, 1.0, 1.0, False),
+        "worse": Point(2.0, 2.0, 2.0, False),
+        "even": Point(4.0, 0.1, 0.1, False),
     }
     assert pareto(found) == ["fast", "slow"]
+
+
+def test_the_chart_shows_medians_and_95th_percentiles(monkeypatch, tmp_path):
+    """A bar of each method from one to the other, within the panel."""
+    line = {"filter": "r", "kind": "star", "against": ON_NODES, "objects": 9, "limit": False}
+    lines = [
+        line | {"method": "photons", "cpu_us": 1e3, "visible_median": 0.02, "visible_95": 0.45},
+        line | {"method": "stamps", "cpu_us": 1e4, "visible_median": 0.01, "visible_95": 41.0},
+    ]
+    assert points(lines, "star")["stamps"] == Point(pytest.approx(0.01), 0.01, 41.0, False)
+    figures = []
+    save = Figure.savefig
+    monkeypatch.setattr(Figure, "savefig", lambda self, *args, **how: (figures.append(self), save(self, *args, **how)))
+    draw_chart(tmp_path / "chart.png", [lines])
+    axis = figures[0].axes[0]
+    bars = [np.array(drawn.get_data()).T.tolist() for drawn in axis.lines]
+    assert [[1e-3, 0.02], [1e-3, 0.45]] in [pytest.approx(np.array(bar)) for bar in bars if len(bar) == 2]
+    assert [[1e-2, 0.01], [1e-2, 41.0]] in [pytest.approx(np.array(bar)) for bar in bars if len(bar) == 2]
+    assert axis.get_ylim()[1] > 41.0
 
 
 @pytest.mark.slow

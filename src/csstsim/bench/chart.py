@@ -1,7 +1,10 @@
 """The speed-accuracy chart: visible error against cost, with the Pareto front; presets and peers are marked.
 
-It shows the summaries of runs (bench.summary), one column per filter, so imaging and dispersed light share their axes.
+A point is the median over objects; a thin bar leads from it to the 95th percentile. The chart shows the summaries of
+runs (bench.summary), one column per filter, so imaging and dispersed light share their axes.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -11,31 +14,43 @@ from csstsim.base.files.atomic import atomic_path
 from csstsim.bench.summary import KINDS
 
 ON_NODES = "direct optics, on nodes"
+LEAST = 1e-6  # error, below which an axis has no use for it
 _NEAR = 0.3, 0.13  # decades of cost and error: methods of one colour that are closer share a label
 _OFFSETS = [(x, y) for y in (6, -15, 20, -29, 34, -43) for x in (8, -8)]  # of a label from its point [pt], best first
 _OWN, _PRESETS = ("reference", "photons", "stamps", "slabs"), ("preview", "standard", "noise_free")
 OURS, PEERS, PRESET = "#0b6e99", "#b5542d", "#1a7a3c"
 
 
-def points(lines, kind):
-    """Return {method: (CPU seconds, visible error, whether that is an upper limit)}: medians over objects on nodes.
+class Point(NamedTuple):
+    """A method's median CPU seconds and visible error over objects on nodes, and the error's 95th percentile.
 
-    The error is an upper limit if it is less than twice what chance alone would show.
+    The median error is an upper `limit` if it is less than twice what chance alone would show.
     """
+
+    cost: float
+    error: float
+    high: float
+    limit: bool
+
+
+def points(lines: list[dict], kind: str) -> dict[str, Point]:
+    """Return the Point of each method."""
     return {
-        line["method"]: (1e-6 * line["cpu_us"], max(line["visible_median"], 1e-6), line["limit"])
+        line["method"]: Point(
+            1e-6 * line["cpu_us"], *(max(line[f"visible_{what}"], LEAST) for what in ("median", "95")), line["limit"]
+        )
         for line in lines
         if (line["kind"], line["against"]) == (kind, ON_NODES) and np.isfinite(line["visible_median"])
     }
 
 
-def pareto(found):
+def pareto(found: dict[str, Point]) -> list[str]:
     """Return the methods that no other beats in both cost and error, by rising cost."""
     front, best = [], np.inf
-    for name, (_, error, _) in sorted(found.items(), key=lambda item: item[1][:2]):
-        if error < best:
+    for name, point in sorted(found.items(), key=lambda item: item[1][:2]):
+        if point.error < best:
             front.append(name)
-            best = error
+            best = point.error
     return front
 
 
@@ -45,9 +60,9 @@ def draw_chart(path, tables):
     figure = Figure(figsize=(2 + 5.2 * len(tables), 1 + 4 * len(kinds)), layout="constrained")
     axes = figure.subplots(len(kinds), len(tables), sharex=True, sharey="row", squeeze=False)
     every = [point for lines in tables for kind in kinds for point in points(lines, kind).values()]
-    costs = np.array([cost for cost, _, _ in every] or [1.0])
+    costs = np.array([point.cost for point in every] or [1.0])
     for row, kind in zip(axes, kinds, strict=True):
-        seen = np.array([p[1] for lines in tables for p in points(lines, kind).values()] or [1.0])
+        seen = np.array([(p.error, p.high) for lines in tables for p in points(lines, kind).values()] or [1.0])
         for axis, lines in zip(row, tables, strict=True):
             number = max((int(x["objects"]) for x in lines if (x["kind"], x["against"]) == (kind, ON_NODES)), default=0)
             axis.set(xscale="log", yscale="log", title=f"{KINDS[kind]}, {lines[0]['filter']} ({number} objects)")
@@ -57,9 +72,10 @@ def draw_chart(path, tables):
     figure.supxlabel("CPU seconds per object (one core)")
     figure.supylabel("error against direct optics [the object's own noise]")
     figure.suptitle(
-        "Medians of objects on nodes of the PSF set. Blue: methods, green: presets, red: peers;\n"
-        "filled and joined: no method is both faster and better. Triangles: upper limits, set by the number of\n"
-        "electrons drawn. Grey: what the standard preset allows, a tenth of the object's own noise.", size=9.5,
+        "Medians of objects on nodes of the PSF set; bars end at the 95th percentile. Blue: methods, green: presets,\n"
+        "red: peers; filled and joined: no method is both faster and better. Triangles: medians are upper limits, set\n"
+        "by the number of electrons drawn. Grey: what the standard preset allows, a tenth of the object's own noise.",
+        size=9.5,
     )  # fmt: skip
     figure.draw_without_rendering()  # computes the layout, which positions in the figure need
     for row, kind in zip(axes, kinds, strict=True):
@@ -75,8 +91,9 @@ def _panel(axis, found):
     front = pareto(found)
     axis.axhspan(1e-7, 0.1, color="0.95", zorder=0)
     axis.plot(*np.array([found[name][:2] for name in front]).reshape(-1, 2).T, color="0.6", lw=1.2, zorder=1)
-    for name, (cost, error, limit) in found.items():
+    for name, (cost, error, high, limit) in found.items():
         colour = _colour(name)
+        axis.plot([cost, cost], [error, high], "-_", color=colour, lw=0.9, ms=6, markevery=[1], alpha=0.7, zorder=2)
         marker = "v" if limit else {OURS: "o", PEERS: "s", PRESET: "*"}[colour]
         filled, size = colour if name in front else "white", 170 if marker == "*" else 75
         axis.scatter(cost, error, s=size, marker=marker, facecolor=filled, edgecolor=colour, lw=1.5, zorder=3)
@@ -100,7 +117,7 @@ def _joined(names):
 def _groups(found):
     """Return [(names, place)]: methods of one colour that lie close together share a label."""
     groups = []
-    for name, (cost, error, _) in sorted(found.items(), key=lambda item: item[1][0]):
+    for name, (cost, error, *_) in sorted(found.items(), key=lambda item: item[1].cost):
         for names, place in groups:
             near = np.abs(np.log10([cost / place[0], error / place[1]])) < _NEAR
             if near.all() and _colour(name) == _colour(names[0]):
@@ -113,8 +130,9 @@ def _groups(found):
 
 def _label(axis, found):
     """Write the names beside the methods, each where it overlaps the fewest points, names and edges of the panel."""
-    points = axis.transData.transform([place[:2] for place in found.values()])
-    taken = [Bbox.from_bounds(x - 7, y - 7, 14, 14) for x, y in points]
+    ends = axis.transData.transform([(point.cost, end) for point in found.values() for end in point[1:3]])
+    taken = [Bbox.from_bounds(x - 7, y - 7, 14, 14) for x, y in ends[::2]]
+    taken += [Bbox.from_extents(x - 1, y, x + 1, top) for (x, y), (_, top) in zip(ends[::2], ends[1::2], strict=True)]
     for names, place in _groups(found):
         tries = []
         for x, y in _OFFSETS:
