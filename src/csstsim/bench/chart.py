@@ -141,7 +141,7 @@ def _label(axis, found):
             box = text.get_window_extent()
             text.remove()
             outside = not (axis.bbox.contains(*box.min) and axis.bbox.contains(*box.max))
-            tries.append((box.count_overlaps(taken) + 2 * outside, len(tries), text, box))
+            tries.append((box.count_overlaps(taken) + 5 * outside, len(tries), text, box))
         *_, text, box = min(tries, key=lambda item: item[:2])
         axis.add_artist(text)
         taken.append(box)
