@@ -18,6 +18,8 @@ import tempfile
 import time
 from pathlib import Path
 
+from evidence.record import Record
+
 import yaml
 
 ROOT = Path(__file__).parents[1]
@@ -63,25 +65,34 @@ def snakemake(file, chips, *arguments):
     return wall, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024, text
 
 
-def main():
+def main() -> None:
+    """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--exposures", type=int, nargs="+", default=[1, 10, 226, 1221])
     parser.add_argument("--chips", nargs="+", choices=MODES, default=MODES)
-    arguments = parser.parse_args()
-    print(
-        "| exposures | chips | jobs | plan: wall s | CPU s | MB | lead: wall s | CPU s | MB | jobs/s | CPU s a file |"
-    )
-    print("|---|---|---|---|---|---|---|---|---|---|---|", flush=True)
-    for exposures in arguments.exposures:
-        for chips in arguments.chips:
+    with Record(parser) as record:
+        scale(record)
+
+
+def scale(record: Record) -> None:
+    """Record the cost by exposures and by what a job is."""
+    arguments, rows = record.options, []
+    for exposures in [1] if record.toy else arguments.exposures:
+        for chips in MODES[-1:] if record.toy else arguments.chips:
             with tempfile.TemporaryDirectory() as folder:
                 file = campaign(Path(folder), exposures)
                 *plan, text = snakemake(file, chips, "--dry-run", "--quiet", "rules")
                 jobs = int(re.search(r"^total +(\d+)$", text, re.MULTILINE)[1])
                 wall, cpu, memory, _ = snakemake(file, chips, "--touch", "--cores", "8")
-            figures = " | ".join(f"{value:.0f}" for value in (*plan, wall, cpu, memory))
+            figures = [f"{value:.0f}" for value in (*plan, wall, cpu, memory)]
+            key = f"{exposures}_{chips}"
+            record.value(f"plan_{key}", plan[1], f"plan of {exposures} exposures, chips={chips}", unit="CPU-s")
+            record.value(f"lead_{key}", cpu, f"leading through {exposures} exposures, chips={chips}", unit="CPU-s")
             rate, each = jobs / wall, cpu / (exposures * CHIPS)
-            print(f"| {exposures} | {chips} | {jobs:,} | {figures} | {rate:.0f} | {each:.2f} |", flush=True)
+            rows.append([exposures, chips, f"{jobs:,}", *figures, f"{rate:.0f}", f"{each:.2f}"])
+    columns = ["wall s", "CPU-s", "MB"]
+    header = ["exposures", "chips", "jobs", *(f"{what}: {name}" for what in ("plan", "lead") for name in columns)]
+    record.table("scale", [*header, "jobs/s", "CPU-s a file"], rows)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+from evidence.record import Record
+
 import yaml
+from toy_catalogue import toy_catalogue
 
 from csstsim.campaign.config import load_campaign
 from csstsim.campaign.opened import OpenCampaign
@@ -30,6 +33,7 @@ FOLDER = ROOT / "results" / "overhead"
 STARTS = 2  # of Snakemake on the node, for each Slurm job: one for the job, and one for its rules
 FILES = {"stages": 8, "whole": 8, "exposure": 30}  # Level-0 files in a Slurm job
 LIMIT = 0.15
+TOY = {"x0": 5000, "x1": 5300, "y0": 4500, "y1": 4800}
 
 
 def run(*arguments):
@@ -50,36 +54,51 @@ def own_work(logs):
     return sum(float(cpu) for times in found for cpu in times)
 
 
-def main():
+def main() -> None:
+    """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--exposures", type=int, default=2, choices=(1, 2))
+    with Record(parser) as record:
+        measure(record)
+
+
+def measure(record: Record) -> None:
+    """Make the files in each way, and record the cost."""
     content = load_campaign(ROOT / "examples/release.yaml").model_dump(mode="json") | {"output": str(FOLDER)}
-    content["select"]["obsids"] = content["select"]["obsids"][: parser.parse_args().exposures]
-    content["select"]["chips"] = CHIPS
+    content["select"]["obsids"] = content["select"]["obsids"][: 1 if record.toy else record.options.exposures]
+    content["select"]["chips"] = chips = CHIPS[:1] if record.toy else CHIPS
+    if record.toy:
+        output = FOLDER / "toy"
+        content |= {"window": TOY, "output": str(output), "catalog": toy_catalogue(output.parent, 30.0, -48.0)}
     FOLDER.mkdir(parents=True, exist_ok=True)
     file = FOLDER / "campaign.yaml"
     file.write_text(yaml.safe_dump(content, sort_keys=False))
     campaign = OpenCampaign(file)
     paths, jobs = campaign.paths, campaign.jobs
     files = [paths.level0(job) for job in jobs]
-    bricks = {pix for job in jobs for pix in campaign.truth_bricks(job)}
-    run(*map(paths.truth, bricks), *map(paths.psf, CHIPS), "--config", f"campaign={file}")
+    bricks = {pix for job in jobs for pix in campaign.truth_bricks(job)} if campaign.embedded else ()
+    run(*map(paths.truth, bricks), *map(paths.psf, chips), "--config", f"campaign={file}")
     spent = {}
     for mode in ("exposure", *FILES):  # the first run compiles
-        shutil.rmtree(FOLDER / "level0", ignore_errors=True)
-        shutil.rmtree(FOLDER / "logs", ignore_errors=True)
+        shutil.rmtree(paths.output / "level0", ignore_errors=True)
+        shutil.rmtree(paths.output / "logs", ignore_errors=True)
         spent[mode] = run(*files, "--config", f"campaign={file}", f"chips={mode}") / len(files)
-    own = own_work(FOLDER / "logs/exposure") / len(files)
+    own = own_work(paths.output / "logs/exposure") / len(files)
     start = run(*files, "--config", f"campaign={file}", "chips=exposure", "--dry-run", "--forceall")
-    print(f"{len(files)} files, own work {own:.1f} CPU s each; a start of Snakemake {start:.1f} CPU s")
-    print("| chips | CPU s a file | beside the own work | with Slurm | files a Slurm job | share |")
-    print("|---|---|---|---|---|---|")
+    record.value("own", own, f"own work of the stages, each of {len(files)} files", unit="CPU-s")
+    record.value("start", start, "a start of Snakemake", unit="CPU-s")
+    rows = []
     for mode, count in FILES.items():
         slurm = spent[mode] + STARTS * start / count
         share = 1 - own / slurm
         here, there = spent[mode] - own, slurm - own
-        print(f"| {mode} | {spent[mode]:.1f} | {here:.1f} | {there:.1f} | {count} | {100 * share:.0f}% |")
-    print(f"{'within' if share <= LIMIT else 'ABOVE'} {100 * LIMIT:.0f}%")
+        record.value(f"slurm_{mode}", there, f"beside the own work, with Slurm, chips={mode}", unit="CPU-s a file")
+        record.value(
+            f"fraction_{mode}", share, f"that over all, chips={mode}", below=LIMIT if mode == "exposure" else None
+        )
+        rows.append([mode, f"{spent[mode]:.1f}", f"{here:.1f}", f"{there:.1f}", count, f"{100 * share:.0f}%"])
+    header = ["chips", "CPU-s a file", "beside the own work", "with Slurm", "files a Slurm job", "fraction"]
+    record.table("files", header, rows)
 
 
 if __name__ == "__main__":

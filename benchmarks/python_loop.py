@@ -9,6 +9,8 @@ and compiled code are made before the clock starts.
 import argparse
 import time
 
+from evidence.record import Record
+
 import numpy as np
 from astropy.table import Table
 
@@ -37,24 +39,32 @@ def timed(turns, make):
     return (time.perf_counter() - wall) / turns, (time.process_time() - cpu) / turns
 
 
-def main():
+def main() -> None:
+    """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--size", type=int, default=1000, help="side of the window [pixel]")
     parser.add_argument("--turns", type=int, default=10)
-    arguments = parser.parse_args()
-    sim = csstsim.Simulation().aim(RA, DEC, chip=CHIP, size=arguments.size).replace(catalog=objects())
+    with Record(parser) as record:
+        loop(record)
+
+
+def loop(record: Record) -> None:
+    """Time each way, and compare the first turn with the last."""
+    arguments, turns = record.options, 1 if record.toy else record.options.turns
+    size = 200 if record.toy else arguments.size
+    sim = csstsim.Simulation().aim(RA, DEC, chip=CHIP, size=size).replace(catalog=objects())
     first = sim.chip(OBSID, CHIP)
-    for name, make in (
-        ("chip, one seed", lambda turn: sim.chip(OBSID, CHIP)),
-        ("chip, a new seed each", lambda turn: sim.replace(seed=turn).chip(OBSID, CHIP)),
-        ("light alone", lambda turn: sim.light(OBSID, CHIP)),
+    for key, name, make in (
+        ("chip", "chip, one seed", lambda turn: sim.chip(OBSID, CHIP)),
+        ("new_seed", "chip, a new seed each", lambda turn: sim.replace(seed=turn).chip(OBSID, CHIP)),
+        ("light", "the light alone", lambda turn: sim.light(OBSID, CHIP)),
     ):
-        wall, cpu = timed(arguments.turns, make)
-        print(f"{name:<24} {wall:6.2f} s  {cpu:6.2f} CPU-s per turn")
+        wall, cpu = timed(turns, make)
+        record.value(key, wall, f"{name}: wall time of a turn", unit="s")
+        record.value(f"{key}_cpu", cpu, f"{name}: CPU time of a turn", unit="CPU-s")
     same = np.array_equal(first.image, sim.chip(OBSID, CHIP).image)
-    print("the same bits after all of it" if same else "DIFFERENT from the first turn")
-    return 0 if same else 1
+    record.value("same", int(same), "the first turn's bits after all of them (1: the same)", above=1)
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    main()

@@ -16,6 +16,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from evidence.record import Record
+
 import yaml
 
 from csstsim.campaign.config import load_campaign
@@ -61,8 +63,8 @@ def campaign(name, **changes):
     return file
 
 
-def empty(runs):
-    """Print the cost of select without objects; return it over the cost of its necessary imports and reads."""
+def empty(runs, record):
+    """Record the cost of select without objects; return it over the cost of its necessary imports and reads."""
     file = campaign("empty", window=PIXEL)
     run, (obsid, chip) = OpenCampaign(file), JOB
     bricks = run.truth_bricks(run.job(obsid, chip))
@@ -73,8 +75,7 @@ def empty(runs):
         "import numba, pyarrow; read the bricks": ("-c", READ, *map(run.paths.truth, bricks)),
         "csstsim select": ("-c", MAIN, "select", file, "--obsid", obsid, "--chip", chip),
     }
-    print("| process | CPU s, median | least to most |\n|---|---|---|")
-    medians = []
+    medians, rows = [], []
     for name, line in lines.items():
         said = cpu_seconds(*line)[1]  # the first, which compiles, does not count
         if "select" in name and "\n0 objects reach the window" not in said:
@@ -84,35 +85,34 @@ def empty(runs):
     ]  # in turn, so that other load affects both
     for name, times in zip(lines, zip(*took, strict=True), strict=True):
         medians.append(statistics.median(times))
-        print(f"| `{name}` | {medians[-1]:.2f} | {min(times):.2f} to {max(times):.2f} |")
+        rows.append([f"`{name}`", f"{medians[-1]:.2f}", f"{min(times):.2f} to {max(times):.2f}"])
+    record.table("empty", ["process", "CPU-s, median", "minimum to maximum"], rows)
     return medians[1] / medians[0]
 
 
-def demo():
-    """Print the cost of the demo by stages and by whole chips, both compiled; return the ratio."""
+def demo(record):
+    """Record the cost of the demo by stages and by whole chips, both compiled; return the ratio."""
     took = {}
     for chips in ("whole", "stages", "whole"):  # the first compiles
         shutil.rmtree(FOLDER / chips, ignore_errors=True)
         line = "-m", "snakemake", "--profile", "profiles/default", "--cores", 1
         took[chips] = cpu_seconds(*line, "--config", f"campaign={campaign(chips)}", f"chips={chips}")[0]
-    print("| demo, chips= | CPU s |\n|---|---|")
-    for chips, cpu in took.items():
-        print(f"| `{chips}` | {cpu:.0f} |")
+    record.table("demo", ["demo, chips=", "CPU-s"], [[f"`{chips}`", f"{cpu:.0f}"] for chips, cpu in took.items()])
     return took["stages"] / took["whole"]
 
 
-def main():
+def main() -> None:
+    """Run the parts that are asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=9)
     parser.add_argument("--demo", action="store_true", help="the whole demo, too")
-    arguments = parser.parse_args()
-    FOLDER.mkdir(parents=True, exist_ok=True)
-    ratios = [("select without objects", empty(arguments.runs), MOST_EMPTY)]
-    if arguments.demo:
-        ratios.append(("demo by stages over whole chips", demo(), MOST_DEMO))
-    for name, ratio, most in ratios:
-        print(f"{name}: {ratio:.2f} times, allowed {most}")
-    sys.exit(any(ratio > most for _, ratio, most in ratios))
+    with Record(parser) as record:
+        FOLDER.mkdir(parents=True, exist_ok=True)
+        ratio = empty(2 if record.toy else record.options.runs, record)
+        what = "CPU-s of `select` without objects over its necessary imports and reads"
+        record.value("empty_ratio", ratio, what, below=MOST_EMPTY)
+        if record.options.demo:
+            record.value("demo_ratio", demo(record), "CPU-s of the demo by stages over whole chips", below=MOST_DEMO)
 
 
 if __name__ == "__main__":

@@ -12,6 +12,8 @@ import statistics
 import subprocess
 import sys
 
+from evidence.record import Record
+
 HELP = "from csstsim.command_line.main import main; main(['--help'])"
 TAKES = {  # name: (code, most CPU s in the median, or None)
     "python -c pass": ("pass", None),
@@ -33,19 +35,21 @@ def cpu_seconds(code):
     return used.ru_utime + used.ru_stime
 
 
-def main():
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--runs", type=int, default=15)
-    runs, slow = parser.parse_args().runs, False
-    print("| process | CPU s, median | least to most | allowed |\n|---|---|---|---|")
+def main(record: Record) -> None:
+    """Time each process."""
+    runs, rows = 2 if record.toy else record.options.runs, []
     for name, (code, most) in TAKES.items():
         cpu_seconds(code)  # the first, which compiles, does not count
         took = [cpu_seconds(code) for _ in range(runs)]
         median = statistics.median(took)
-        slow |= most is not None and median > most
-        print(f"| `{name}` | {median:.3f} | {min(took):.3f} to {max(took):.3f} | {'' if most is None else most} |")
-    sys.exit(1 if slow else 0)
+        key = "_".join(name.replace("-", " ").replace("python", "").split())
+        record.value(key, median, f"`{name}`, median of {runs} processes", unit="CPU-s", below=most)
+        rows.append([f"`{name}`", f"{median:.3f}", f"{min(took):.3f} to {max(took):.3f}", "" if most is None else most])
+    record.table("processes", ["process", "CPU-s, median", "minimum to maximum", "allowed"], rows)
 
 
 if __name__ == "__main__":
-    main()
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--runs", type=int, default=15)
+    with Record(parser) as record:
+        main(record)
