@@ -4,11 +4,14 @@ python benchmarks/focal_plane.py            # docs/figures/focal_plane.png
 """
 
 import argparse
+from pathlib import Path
+
+from evidence.record import Record
 
 import matplotlib
 import numpy as np
 
-from csstsim.base.shipped import ROOT, SHIPPED
+from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.camera import load_camera
 from csstsim.optics.geometry.pointing_for import light_on
 from csstsim.report.style import looks
@@ -16,14 +19,9 @@ from csstsim.report.style import looks
 matplotlib.use("agg")
 from matplotlib import pyplot as plt
 
-FIGURE = ROOT / "docs" / "figures" / "focal_plane.png"
 
-
-def main():
+def draw(path: Path) -> None:
     """Draw the map, +x to the right and +y up, in arcmin from the boresight."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--output", default=FIGURE)
-    output = parser.parse_args().output
     camera = load_camera(SHIPPED / "instrument")
     scale, shown = camera.telescope.pixel_scale / 60.0, looks(camera.filters)
     figure, axes = plt.subplots(figsize=(8.0, 7.4), layout="constrained")
@@ -59,9 +57,10 @@ def main():
     )
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
-    figure.savefig(output, dpi=110)
-    print(output)
+    figure.savefig(path, dpi=110)
 
 
 if __name__ == "__main__":
-    main()
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    with Record(parser) as record:
+        draw(record.figure("focal_plane.png"))
