@@ -1,6 +1,6 @@
 """The error model of the render policy (render/error_model.py): fitted to one sample of objects, tested on another.
 
-    python benchmarks/error_model.py [--objects 160] [--filter r] [--output results/bench]
+    python benchmarks/error_model.py [--objects 160] [--filter r]
     python benchmarks/error_model.py --bright       # bound over visible error of bright galaxies, drawn as stamps
 
 Truth is the reference renderer on the same PSF set, with a stamp as wide as the window
@@ -15,46 +15,55 @@ the squared bound by more than twice that error. Pooled over all objects, square
 import argparse
 from itertools import product
 
+from evidence.record import Record
+
 import numpy as np
+from bench_setting import setting_of
 from scipy.optimize import linprog
 
 from csstsim.base.rng import stream
 from csstsim.bench.imaging.cases import BULGE_MAX, make_case, make_cases
 from csstsim.bench.imaging.measures import errors
 from csstsim.bench.imaging.methods import METHODS, standard
-from csstsim.bench.setting import make_setting
+from csstsim.bench.setting import Setting
 from csstsim.bench.sweep import measured
 from csstsim.render.error_model import TERMS, predicted, terms
 from csstsim.render.policy import noise
-from csstsim.render.settings import load_numbers
+from csstsim.render.settings import Error, load_numbers
 
 QUANTILE = 0.97
 ELECTRONS, SECONDS = 2e7, 0.3
 LARGEST = 2.5  # arcsec
+TOY_OBJECTS, TOY = 8, {"largest": 0.5, "photons": 3e5, "seconds": 0.01}
+EXCEED = 0.05  # largest fraction of objects that may exceed their bound
+SMALL = 0.05  # arcsec: n = 4 exceeds its bound
+SIZES, BULGES, ELLIPTICITIES = (SMALL, 0.1, 0.3, 0.6, 1.0, 2.0), (0.0, 1.0), (0.0, 0.5)
+LIGHT = 1e6, 3e7, 2e8  # electrons
+PROFILES = {0.0: "exponential", 1.0: "n = 4"}
 NAMES = {"photons": "photons", "stamp": "stamps"}  # {the policy's name: the benchmark's}
 
 
-def sample(setting, count, seed):
+def sample(setting, count, seed, *, largest=LARGEST, photons=ELECTRONS, seconds=SECONDS):
     """Return [(case, S/N, {method: (visible error, its chance), both over S/N})]."""
     methods = {mine: next(m for m in METHODS if m.name == name) for mine, name in NAMES.items()}
     box, rows = setting.psf.image.shape[-1] / 2 / setting.psf.oversampling, []
-    for case in make_cases(setting, count, seed, LARGEST):
+    for case in make_cases(setting, count, seed, largest):
         wanted = standard(setting, case) / case.electrons
         snr = (case.electrons / noise(case.scene, np.array([case.electrons]), setting.variance))[0]
         seen = {}
         for name, method in methods.items():
-            image, _, drawn = measured(method, setting, case, SECONDS if name == "photons" else 0.0, ELECTRONS)
+            image, _, drawn = measured(method, setting, case, seconds if name == "photons" else 0.0, photons)
             value, chance = errors(image, wanted, setting.variance, case.electrons, drawn, box=box)
             seen[name] = value[-1] / snr, chance[-1] / snr
         rows.append((case, snr, seen))
     return rows
 
 
-def bright(setting, numbers):
-    """Print S/N and the range of bound over visible error of stamps, for each number of electrons and profile."""
+def bright(record: Record, setting: Setting, numbers: Error) -> None:
+    """Record S/N and the range of bound over visible error of stamps, for each number of electrons and profile."""
     rng, stamps = stream(3, "bright"), next(m for m in METHODS if m.name == NAMES["stamp"])
-    box, found = setting.psf.image.shape[-1] / 2 / setting.psf.oversampling, {}
-    shapes = product((0.1, 0.3, 0.6, 1.0, 2.0), (0.0, 1.0), (0.0, 0.5), (1e6, 3e7, 2e8))
+    box, found, every, small = setting.psf.image.shape[-1] / 2 / setting.psf.oversampling, {}, {}, []
+    shapes = product(SIZES[:3] if record.toy else SIZES, BULGES, ELLIPTICITIES, LIGHT[:2] if record.toy else LIGHT)
     for i, (size, bulge, e, electrons) in enumerate(shapes):
         if size > BULGE_MAX and bulge:
             continue
@@ -63,11 +72,21 @@ def bright(setting, numbers):
         wanted, (image, _, drawn) = standard(setting, case) / electrons, measured(stamps, setting, case, 0.0, 0.0)
         seen = errors(image, wanted, setting.variance, electrons, drawn, box=box)[0][-1]
         bound = predicted("stamp", case.scene, case.row["reach"], snr, numbers, setting.psf.oversampling)[0]
-        found.setdefault((electrons, bulge), []).append(bound / seen)
+        if size == SMALL and bulge:
+            small.append(seen / bound)
+        else:
+            found.setdefault((electrons, bulge), []).append(bound / seen)
+        every.setdefault(electrons, []).append(snr[0])
         about = f'{electrons:.0e} e-, bulge {bulge}, {size}", |e| {e}: S/N {snr[0]:.0f}'
         print(f"{about}, seen {seen:.3f}, bound {bound:.3f}")
-    for (electrons, bulge), ratio in sorted(found.items()):
-        print(f"{electrons:.0e} e-, bulge {bulge}: bound over visible error {min(ratio):.2f} to {max(ratio):.2f}")
+    rows = []
+    for electrons, snr in every.items():
+        ranges = [f"{min(found[electrons, bulge]):.1f} to {max(found[electrons, bulge]):.1f}" for bulge in PROFILES]
+        rows.append([f"{electrons:.0e}".replace("e+0", "e"), f"{min(snr):.0f} to {max(snr):.0f}", *ranges])
+    record.table("bright", ["electrons", "S/N", *PROFILES.values()], rows)
+    least = min(min(ratios) for ratios in found.values())
+    record.value("least", least, f"bound over visible error of bright galaxies but n = 4 of {SMALL} arcsec", above=1)
+    record.value("small", max(small), f"visible error over bound of n = 4 of {SMALL} arcsec, the largest")
 
 
 def columns(rows, method, numbers, cells):
@@ -88,44 +107,56 @@ def fit(x, y):
     return linprog(weights, A_eq=np.hstack([x, np.eye(n), -np.eye(n)]), b_eq=y).x[:k]
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--objects", type=int, default=160, help="in each sample, half of them stars")
-    parser.add_argument("--output", default="results/bench", help="folder of the PSF set, as of csstsim bench")
-    parser.add_argument("--filter", default="r", help="imaging filter")
-    parser.add_argument("--bright", action="store_true", help="bright galaxies instead")
-    args = parser.parse_args()
-    setting, numbers = make_setting(args.output, args.filter), load_numbers().error
-    if args.bright:
-        return bright(setting, numbers)
-    cells = setting.psf.oversampling
-    x, _, seen, _, star = columns(sample(setting, args.objects, 11), "stamp", numbers, cells)
+def fitted(record: Record, rows: list, numbers: Error, cells: int) -> None:
+    """Record the coefficients that fit a sample, beside those of config/render.yaml."""
+    x, _, seen, _, star = columns(rows, "stamp", numbers, cells)
     whole = star & (x[:, 0] == x[star, 0].min())  # stars whose stamp is the box
     psf = np.quantile(seen[whole], QUANTILE)
     left = np.maximum(seen - psf, 0.0)
     points, rest = fit(x[star & ~whole][:, :1], left[star & ~whole]), fit(x[~star][:, 1:], left[~star])
-    print(f"psf of {cells} cells {psf:.2e}; in the file {numbers.psf[cells]}")
-    for name, value in zip(TERMS, (*points, *rest), strict=True):
-        print(f"stamp {name:6s} {value:.2e}; in the file {getattr(numbers.stamp, name)}")
-    print("fresh sample:  method  kind      n  exceed  share   squared error / squared bound, pooled")
-    fresh = sample(setting, args.objects, 12)
+    lines = [[f"psf, {cells} cells per pixel", psf, numbers.psf[cells]]]
+    lines += [[name, value, getattr(numbers.stamp, name)] for name, value in zip(TERMS, (*points, *rest), strict=True)]
+    record.table("fitted", ["coefficient", "fitted", "config/render.yaml"], [
+        [name, f"{value:.1e}", f"{kept:.1e}"] for name, value, kept in lines
+    ])  # fmt: skip
+
+
+def tested(record: Record, rows: list, numbers: Error, cells: int) -> None:
+    """Record how many of a fresh sample exceed their bound, by method and kind."""
     for method in NAMES:
-        _, bound, seen, chance, star = columns(fresh, method, numbers, cells)
+        _, bound, seen, chance, star = columns(rows, method, numbers, cells)
         signed = np.sign(seen) * seen**2
         over = signed > bound**2 + 2 * chance**2
         for kind, mine in (("stars", star), ("galaxies", ~star)):
-            ratio = signed[mine] / bound[mine] ** 2
-            error = chance[mine] ** 2 / bound[mine] ** 2
+            ratio, error = signed[mine] / bound[mine] ** 2, chance[mine] ** 2 / bound[mine] ** 2
             weight = 1 / (error**2 + 0.01)
-            pooled, pooled_error = (
-                np.average(ratio, weights=weight),
-                np.sqrt((weight**2 * error**2).sum()) / weight.sum(),
-            )
-            print(
-                f"               {method:7s} {kind:8s} {mine.sum():3d} {over[mine].sum():5d}  {over[mine].mean():6.1%}"
-                f"   {pooled:.2f} +- {pooled_error:.2f}"
-            )
+            pooled = np.average(ratio, weights=weight)
+            pooled_error = np.sqrt((weight**2 * error**2).sum()) / weight.sum()
+            name, who = f"{method}_{kind}", f"{method}, {mine.sum()} {kind} of a fresh sample"
+            record.value(f"{name}_exceed", over[mine].mean(), f"{who}: fraction above their bound", below=EXCEED)
+            # It must stay below 1; chance may carry it above
+            record.value(
+                f"{name}_pooled", pooled, f"{who}: squared error over squared bound, pooled", error=pooled_error,
+                goal=bool(pooled - 2 * pooled_error < 1),
+            )  # fmt: skip
+
+
+def main(record: Record) -> None:
+    """Fit one sample and test another, or test bright galaxies."""
+    options, numbers = record.options, load_numbers().error
+    setting = setting_of(record, options.filter)
+    if options.bright:
+        return bright(record, setting, numbers)
+    how = TOY if record.toy else {}
+    count, cells = TOY_OBJECTS if record.toy else options.objects, setting.psf.oversampling
+    fitted(record, sample(setting, count, 11, **how), numbers, cells)
+    tested(record, sample(setting, count, 12, **how), numbers, cells)
 
 
 if __name__ == "__main__":
-    main()
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--objects", type=int, default=160, help="in each sample, half of them stars")
+    parser.add_argument("--filter", default="r", help="imaging filter")
+    parser.add_argument("--bright", action="store_true", help="bright galaxies instead")
+    with Record(parser) as record:
+        main(record)

@@ -2,7 +2,7 @@
 
     python benchmarks/stamps.py [--count 4000]
 
-One run, one core. Prints for each case:
+One run, one core. Recorded for each case:
 * stamps (render.imaging.stamps), with warm tables, for an object alone (its own mixture is transformed) and in company
   (the nodes' transforms are reused; small sizes only);
 * GalSim with the PSF object reused (a lower bound: one position, one colour) and rebuilt for each object
@@ -18,14 +18,17 @@ import tempfile
 import time
 from pathlib import Path
 
+from evidence.record import Record
+
 import galsim
 import numpy as np
 
+from csstsim.base.shipped import SHIPPED
 from csstsim.bench.imaging.measures import moments
 from csstsim.catalog.selection.reach import POINT_MIN, galaxy_radius
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.instrument.camera import load_camera
-from csstsim.instrument.chip import Window
+from csstsim.instrument.chip import Chip, Window
 from csstsim.instrument.pointing import Pointing
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.psf.psf_file import PsfSet, pixel_response
@@ -38,12 +41,17 @@ from csstsim.render.imaging.stamps import draw_scene
 from csstsim.render.psf_mixture import Mixer
 from csstsim.render.scene import make_scene
 
-SHIPPED = Path(__file__).resolve().parents[1] / "config" / "instrument"
 CHIP, EXPTIME, RATE = 9, 150.0, 1000.0
+GRID, SECONDS = 10, 0.3  # nodes along a side; CPU seconds that a median of times fills
+TOY_GRID, TOY_SECONDS, TOY_CASES, TOY_COUNT = 2, 0.02, 5, 300
+HEADER = (
+    "object", "half of the stamp", "stamps alone, ms", "in company", "GalSim, PSF reused", "PSF rebuilt", "flux",
+    "centroid, mas", "size^2", "e", "worst pixel",
+)  # fmt: skip
 CENTRE = 4600.3, 4500.4  # px
 CASES = {  # name: (half of the stamp, columns)
     "star": (16, {}),
-    "star ": (32, {}),
+    "star, wider": (32, {}),
     'disk 0.3"': (40, {"size_disk": 0.3}),
     'bulge 0.3"': (60, {"size_bulge": 0.3, "bulge_frac": 1.0}),
     'both 0.3", e = 0.4': (60, {"size_disk": 0.3, "size_bulge": 0.2, "bulge_frac": 0.3, "e1": 0.3, "e2": 0.26}),
@@ -70,7 +78,7 @@ def table_of(wcs, x, y, reach, columns, rate=RATE):
     }, ())  # fmt: skip
 
 
-def cpu(call, least=0.3):
+def cpu(call, least=SECONDS):
     """Return the CPU seconds of a call: the median of as many calls as fill `least` seconds."""
     call()
     times = []
@@ -112,15 +120,10 @@ def reused(psf, table, half):
     return draw
 
 
-def report_cases(psf, wcs):
-    mixer = Mixer(psf)
-    print(
-        "                           CPU ms: stamps          GalSim, PSF      differences of stamps from the reference"
-    )
-    print(
-        "                     half    alone   company   reused   rebuilt   flux      mas      size^2   e        worst"
-    )
-    for name, (half, columns) in CASES.items():
+def report_cases(record: Record, psf: PsfSet, wcs: ChipWCS) -> None:
+    """Record the cost of each case, and how far stamps are from the reference."""
+    mixer, rows, differences = Mixer(psf), [], {}
+    for name, (half, columns) in list(CASES.items())[: TOY_CASES if record.toy else None]:
         table = table_of(wcs, *CENTRE, half, columns)
         scene = make_scene(table, wcs, psf, EXPTIME)
         x, y = (round(c) for c in CENTRE)
@@ -136,18 +139,33 @@ def report_cases(psf, wcs):
         off[[0, 5]] /= wanted[[0, 5]]
         many = scene.take(np.zeros(_COMPANY, int))
         alone, company = (min(np.median(draw_scene(other, s, mixer).ms) for _ in range(5)) for s in (scene, many))
-        galsim_reused = 1e3 * cpu(reused(psf, table, half))
-        rebuilt = 1e3 * cpu(lambda o=other, t=table, d=drawing: draw_objects(o, t, d))
-        print(
-            f"{name:20s} {half:5d} {alone:9.2f} {company:9.2f} {galsim_reused:9.2f} {rebuilt:9.1f}   "
-            f"{off[0]:9.1e} {74 * np.abs(off[1:3]).max():8.1e} {off[5]:8.1e} {np.abs(off[3:5]).max():8.1e} "
-            f"{np.abs(ours - theirs).max() / theirs.max():8.1e}",
-            flush=True,
-        )
+        least = TOY_SECONDS if record.toy else SECONDS
+        galsim_reused = 1e3 * cpu(reused(psf, table, half), least)
+        rebuilt = 1e3 * cpu(lambda o=other, t=table, d=drawing: draw_objects(o, t, d), least)
+        worst = np.abs(ours - theirs).max() / theirs.max()
+        found = abs(off[0]), 74 * np.abs(off[1:3]).max(), abs(off[5]), np.abs(off[3:5]).max(), worst
+        differences[name] = found
+        costs = [f"{ms:.{2 if ms < 10 else 0}f}" for ms in (alone, company, galsim_reused, rebuilt)]
+        rows.append([name, half, *costs, *(f"{v:.0e}".replace("e-0", "e-") for v in found)])
+    record.table("cases", HEADER, rows)
+    stars = [found for name, found in differences.items() if name.startswith("star")]
+    galaxies = [found for name, found in differences.items() if not name.startswith("star")]
+    for kind, some in (("star", stars), ("galaxy", galaxies)):
+        for key, what, unit, value in zip(
+            ("flux", "centroid", "size2", "e", "pixel"),
+            ("flux", "centroid", "size^2", "ellipticity", "worst pixel over the peak"), ("", "mas", "", "", ""),
+            np.max(some, axis=0), strict=True,
+        ):  # fmt: skip
+            record.value(
+                f"{kind}_{key}",
+                value,
+                f"largest difference from the reference, {kind} stamps: {what}",
+                unit=unit,
+            )
 
 
-def report_chip(psf, wcs, chip, count):
-    """Print the time of many faint galaxies: 0.1 to 1 arcsec, with bulges; reaches are those of selection.select."""
+def report_chip(record: Record, psf: PsfSet, wcs: ChipWCS, chip: Chip, count: int) -> None:
+    """Record the time of many faint galaxies: 0.1 to 1 arcsec, with bulges; reaches are those of selection.select."""
     rng = np.random.default_rng(1)
     size, angle, e = 0.25 * np.exp(0.45 * rng.normal(size=count)), rng.uniform(0, 7, count), rng.uniform(0, 0.6, count)
     columns = {
@@ -162,49 +180,51 @@ def report_chip(psf, wcs, chip, count):
     draw_scene(canvas, scene.take(np.arange(50)), psf)
     start = time.process_time()
     drawn = draw_scene(canvas, scene, psf)
-    seconds = time.process_time() - start
-    print(
-        f"\n{count} faint galaxies, reach {np.percentile(reach, [5, 50, 95])} px: {seconds:.2f} CPU-s,"
-        f" {1e3 * seconds / count:.3f} ms each (median {np.median(drawn.ms):.3f}), PSF nodes prepared within it"
-    )
+    each = 1e3 * (time.process_time() - start) / count
+    record.value("faint_reach", np.median(reach), "median reach of the faint galaxies of a chip", unit="px")
+    record.value("faint_ms", each, f"a faint galaxy of a chip, mean of {count:,}, nodes included", unit="CPU-ms")
+    record.value("faint_median_ms", np.median(drawn.ms), "the same, the median", unit="CPU-ms")
     points = table_of(wcs, *rng.uniform(0, 9200, (2, count)), POINT_MIN, {}, rate=2.0)
     scene = make_scene(points, wcs, psf, EXPTIME).sized(POINT_MIN)
     start = time.process_time()
     draw_scene(canvas, scene, psf)
-    print(f"{count} stars of reach {POINT_MIN}: {1e3 * (time.process_time() - start) / count:.3f} ms each")
+    each = 1e3 * (time.process_time() - start) / count
+    record.value("point_ms", each, f"a star of reach {POINT_MIN:g} px, mean of {count:,}", unit="CPU-ms")
 
 
-def report_wing(psf, wcs, chip):
+def report_wing(record: Record, psf: PsfSet, wcs: ChipWCS, chip: Chip) -> None:
+    """Record the cost of a bright star's wing."""
     scattered, window, mixer = Scattered(read_scattered(psf).wing), chip.full_window, Mixer(psf)
     canvas = Canvas(np.zeros(window.shape, np.float32) + 1, window, np.ones(window.shape, np.float32))
-    for reach in (200.0, 1000.0, 5000.0):
+    for reach in (200.0, 1000.0) if record.toy else (200.0, 1000.0, 5000.0):
         table = table_of(wcs, *CENTRE, 32, {}, rate=1e7)
-        scene = make_scene(table, wcs, psf, EXPTIME)
-        scene = scene.sized(32, reach)
-        seconds = cpu(lambda s=scene: draw_scene(canvas, s, mixer, scattered, chip), least=1.0)
-        area = min(np.pi * reach**2, window.nx * window.ny)
-        print(f"a star with a wing of {reach:6.0f} px: {seconds:.4f} CPU-s, {1e9 * seconds / area:.1f} ns/px")
+        scene = make_scene(table, wcs, psf, EXPTIME).sized(32, reach)
+        seconds = cpu(
+            lambda s=scene: draw_scene(canvas, s, mixer, scattered, chip), least=TOY_SECONDS if record.toy else 1
+        )
+        record.value(f"wing_{reach:.0f}", seconds, f"a star with a wing of {reach:.0f} px", unit="CPU-s")
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--instrument", default=SHIPPED, help="folder of the camera's data files")
-    parser.add_argument("--count", type=int, default=4000, help="faint galaxies")
-    args = parser.parse_args()
-    camera = load_camera(args.instrument)
+def main(record: Record) -> None:
+    """Make a PSF set, and record all with it."""
+    camera = load_camera(SHIPPED / "instrument")
     chip, filter_ = camera.chips[CHIP], camera.filters["r"]
     wcs = ChipWCS(chip, Pointing("SCIE", 60.0, -40.0, 0.0, "2027-06-26T20:35:58", EXPTIME, None, None))
+    grid, count = (TOY_GRID, TOY_COUNT) if record.toy else (GRID, record.options.count)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "psf.h5"
         make_psf(
-            path, chip, filter_, camera.telescope, camera.psf, 10, camera_digest=camera.digest,
+            path, chip, filter_, camera.telescope, camera.psf, grid, camera_digest=camera.digest,
             scattered=scattered_light(camera, filter_),
         )  # fmt: skip
         psf = PsfSet(path)
-        report_cases(psf, wcs)
-        report_chip(psf, wcs, chip, args.count)
-        report_wing(psf, wcs, chip)
+        report_cases(record, psf, wcs)
+        report_chip(record, psf, wcs, chip, count)
+        report_wing(record, psf, wcs, chip)
 
 
 if __name__ == "__main__":
-    main()
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--count", type=int, default=4000, help="faint galaxies")
+    with Record(parser) as record:
+        main(record)
