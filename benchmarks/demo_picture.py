@@ -1,6 +1,6 @@
 """Make docs/figures/demo.png, the picture of the quick start, from the finished demo (make run).
 
-    python benchmarks/demo_picture.py [folder of the demo, results/demo if not given]
+    python benchmarks/demo_picture.py [FOLDER]        of the demo; results/demo if not given
 
 Left: the report's picture of the field in g, r and i. Right: the windowed r-band readout, with the four channels' bias,
 gain, prescan and overscan.
@@ -10,27 +10,33 @@ import argparse
 import io
 from pathlib import Path
 
+from evidence.record import Record
+
 import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image
+from toy_campaign import made_frames
 
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.io.level0 import read_level0
 from csstsim.stages.parts.report_pictures import sky_pictures
 
 ROOT = Path(__file__).parents[1]
-TARGET = ROOT / "docs" / "figures" / "demo.png"
 
 
-def main(folder):
-    run = OpenCampaign(ROOT / "config" / "campaign.yaml", folder, copied=True)
+def main(record: Record) -> None:
+    """Draw both pictures; at toy size, of a campaign of tiny chips."""
+    if record.toy:
+        _, run = made_frames(record.results / "demo_picture")
+    else:
+        run = OpenCampaign(ROOT / "config" / "campaign.yaml", record.options.folder, copied=True)
     figure = Figure(figsize=(12, 5.6), layout="constrained")
     left, right = figure.subplots(1, 2)
     picture, _ = sky_pictures(run)
     left.imshow(Image.open(io.BytesIO(picture.png)))
     left.set_title("g, r, i: two exposures of 150 s in each")
     left.set_axis_off()
-    (job,) = run.first_frames
+    job = run.first_frames[0]
     part = read_level0(run.paths.level0(job)).frame().astype(float)
     shown = right.imshow(
         part, origin="lower", cmap="gray", vmin=np.percentile(part, 0.5) - 5, vmax=np.percentile(part, 99) + 15,
@@ -38,12 +44,11 @@ def main(folder):
     )  # fmt: skip
     right.set(title="the r readout: four channels, prescan, overscan", xlabel="column read", ylabel="row read")
     figure.colorbar(shown, ax=right, label="DN", shrink=0.8)
-    TARGET.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(TARGET, dpi=80)
-    print(TARGET)
+    figure.savefig(record.figure("demo.png"), dpi=80)
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", nargs="?", type=Path, default=ROOT / "results" / "demo")
-    main(parser.parse_args().folder)
+    with Record(parser) as record:
+        main(record)

@@ -1,15 +1,20 @@
 """A whole exposure in colour: its 30 chips where they are on the focal plane, and zooms down to single pixels.
 
-    for n in $(seq 30); do csstsim chip config/c9_w5.yaml --obsid 10105000113 --chip $n; done     # twenty CPU-minutes
-    python benchmarks/focal_plane_picture.py     # docs/figures/exposure.jpg, docs/_static/exposure.html; a minute
+    python benchmarks/focal_plane_picture.py     # docs/figures/exposure.jpg, docs/_static/exposure.html
 
-Reads Level-0 files: electrons above each channel's overscan, nothing else corrected, in means of STEP x STEP pixels.
+Makes the Level-0 files that are not there yet (twenty CPU-minutes, as `csstsim chip config/c9_w5.yaml --obsid
+10105000113 --chip N` does). Reads Level-0 files: electrons above each channel's overscan, nothing else corrected, in
+means of STEP x STEP pixels.
 Each chip has the colour of its filter, and an asinh stretch above its median. The page zooms (exposure_page.py).
 """
 
 import argparse
+import subprocess
+import sys
 from pathlib import Path
 from typing import NamedTuple
+
+from evidence.record import Record
 
 import matplotlib
 import numpy as np
@@ -26,9 +31,10 @@ from matplotlib import pyplot as plt
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.patches import ConnectionPatch, Rectangle
 from matplotlib.transforms import Affine2D
+from toy_campaign import made_frames
 
 CAMPAIGN, OBSID = ROOT / "config" / "c9_w5.yaml", "10105000113"
-FIGURE, PAGE = ROOT / "docs" / "figures" / "exposure.jpg", ROOT / "docs" / "_static" / "exposure.html"
+PAGE = ROOT / "docs" / "_static" / "exposure.html"
 BLACK, GREY = "#06070b", "#a3a9b6"  # of the page; of its text
 TINTS = {  # violet to red, as the eye sees them; gratings paler
     "NUV": "#a77bf3", "u": "#5f7dff", "g": "#27b7c4", "r": "#55c04a", "i": "#e8b92e", "z": "#f07f2e", "y": "#dd4a4a",
@@ -63,8 +69,8 @@ def stretched(image, tint, step):
     return colours(np.clip(shade, 0.0, 1.0), bytes=True)[..., :3]
 
 
-def pictures(run, obsid):
-    """Return ({chip: Shown of the whole chip}, [Shown of ZOOMS]) of an exposure's Level-0 files."""
+def pictures(run, obsid, zooms_of):
+    """Return ({chip: Shown of the whole chip}, [Shown of zooms_of, in the form of ZOOMS]) of an exposure's files."""
     whole, zooms = {}, {}
     for job in run.jobs:
         if job.obsid != obsid:
@@ -74,7 +80,7 @@ def pictures(run, obsid):
         whole[chip.id] = Shown(
             chip, chip.full_window, STEP, stretched(binned(file, chip.full_window, STEP), tint, STEP)
         )
-        for k, (number, x0, y0, side, step) in enumerate(ZOOMS):
+        for k, (number, x0, y0, side, step) in enumerate(zooms_of):
             if number == chip.id:
                 window = Window(x0, x0 + side, y0, y0 + side)
                 zooms[k] = Shown(chip, window, step, stretched(binned(file, window, step), tint, step))
@@ -166,19 +172,35 @@ def draw(run, whole, zooms, obsid, output):
     title = f"One exposure of the Survey Camera, simulated: {len(whole)} chips, {megapixels:,.0f} million pixels"
     figure.text(0.5, 1 - 0.5 * HEAD / height, title, color="white", size=15, ha="center", va="center")
     figure.savefig(output, dpi=DPI, facecolor=BLACK, pil_kwargs={"quality": 80, "optimize": True})
-    print(output, output.stat().st_size // 1000, "kB")
 
 
-def main():
+def main() -> None:
+    """Draw the picture and the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("campaign", nargs="?", type=Path, default=CAMPAIGN)
     parser.add_argument("--obsid", default=OBSID)
     parser.add_argument("--folder", type=Path, help="of the campaign's output, if it is another one")
-    options = parser.parse_args()
-    run = OpenCampaign(options.campaign, options.folder)
-    whole, zooms = pictures(run, options.obsid)
-    draw(run, whole, zooms, options.obsid, FIGURE)
-    write_page(PAGE, list(whole.values()), zooms, TINTS)
+    with Record(parser) as record:
+        options = record.options
+        if record.toy:
+            options.obsid, page = "10100000001", record.results / "exposure.html"
+            _, run = made_frames(record.results / "exposure", select={"types": ["SCIE"], "chips": [8, 9]})
+            zooms = (9, 20, 20, 100, 1), (9, 40, 40, 50, 1)
+        else:
+            run, page, zooms = OpenCampaign(options.campaign, options.folder), PAGE, ZOOMS
+            make_missing(options.campaign, run, options.obsid)
+        whole, zoomed = pictures(run, options.obsid, zooms)
+        draw(run, whole, zoomed, options.obsid, record.figure("exposure.jpg"))
+        write_page(page, list(whole.values()), zoomed, TINTS)
+
+
+def make_missing(campaign: Path, run: OpenCampaign, obsid: str) -> None:
+    """Make the Level-0 files of an exposure that are not there, each in a process of its own."""
+    program = Path(sys.executable).parent / "csstsim"
+    for job in run.jobs:
+        if job.obsid == obsid and not run.paths.level0(job).exists():
+            words = [program, "chip", campaign, "--obsid", obsid, "--chip", job.chip.id]
+            subprocess.run([str(word) for word in words], check=True, stdout=subprocess.DEVNULL)
 
 
 if __name__ == "__main__":

@@ -13,6 +13,8 @@ import math
 import sys
 from pathlib import Path
 
+from evidence.record import Record
+
 from csstsim.base.errors import CsstsimError
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.running.job_log import earlier_parts, parts, took
@@ -77,16 +79,21 @@ def per_file(run, made):
             ((False, "imaging"), (True, "spectroscopic"))}  # fmt: skip
 
 
-def print_jobs(jobs):
-    print("\n| rule | jobs | wall s, mean | CPU s, mean | CPU s, most | resident MB, most |\n|---|---|---|---|---|---|")
+def record_jobs(jobs, record):
+    """Record the jobs by rule."""
+    lines = []
     for rule, rows in jobs.items():
         wall, cpu, memory = zip(*[(said.wall_s, said.cpu_s, said.memory_mb) for _, said, *_ in rows], strict=True)
         n = len(rows)
-        print(f"| {rule} | {n} | {sum(wall) / n:.1f} | {sum(cpu) / n:.1f} | {max(cpu):.1f} | {max(memory):.0f} |")
+        lines.append([rule, n, *(f"{v:.1f}" for v in (sum(wall) / n, sum(cpu) / n, max(cpu))), f"{max(memory):.0f}"])
+    header = ["rule", "jobs", "wall s, mean", "CPU-s, mean", "CPU-s, maximum", "resident MB, maximum"]
+    record.table("jobs", header, lines)
+    record.value("memory_gb", max(said.memory_mb for rows in jobs.values() for _, said, *_ in rows) / 1e3,
+                 "largest resident memory of a job", unit="GB")  # fmt: skip
 
 
-def print_cycle9(run, made, beside, lost):
-    """Print Cycle 9 by this campaign's means (`each_product`); beside, lost: CPU s per file, or None."""
+def record_cycle9(run, made, beside, lost, record):
+    """Record Cycle 9 by this campaign's means (`each_product`); beside, lost: CPU s per file, or None."""
     mean = {rule: sum(cpu for _, cpu in rows) / len(rows) for rule, rows in made.items()}
     spectra = FILES * len(run.camera.slitless_chips) // CHIPS
     fields = [OpenCampaign(ROOT / f"config/c9_w{number}.yaml") for number in range(1, FIELDS + 1)]
@@ -101,23 +108,29 @@ def print_cycle9(run, made, beside, lost):
         ("merge, validate", merged, mean.get("merge", 0) + mean.get("validate", 0)),
         ("Snakemake, start and end of processes", FILES, beside), ("lost by kills", FILES, lost),
     ]  # fmt: skip
-    print("\n| Cycle 9 | number | CPU s each | CPU hours |\n|---|---|---|---|")
-    total = 0.0
+    total, lines = 0.0, []
     for name, number, cpu in rows:
         total += number * (cpu or 0.0) / 3600
-        print(f"| {name} | {number:,} | {'-' if cpu is None else f'{cpu:.1f}'} | {number * (cpu or 0) / 3600:,.0f} |")
+        hours = number * (cpu or 0) / 3600
+        lines.append([name, f"{number:,}", "-" if cpu is None else f"{cpu:.1f}", f"{hours:,.0f}"])
     level0 = sum(number * (cpu or 0) for _, number, cpu in rows[:2]) / 3600
-    print(f"| all | {FILES:,} | {3600 * total / FILES:.1f} | {total:,.0f} |")
-    print(f"| the paper | {FILES:,} | {3600 * PAPER / FILES:,.0f} | {PAPER:,} |")
+    lines.append(["all", f"{FILES:,}", f"{3600 * total / FILES:.1f}", f"{total:,.0f}"])
+    lines.append(["the paper", f"{FILES:,}", f"{3600 * PAPER / FILES:,.0f}", f"{PAPER:,}"])
+    record.table("cycle9", ["Cycle 9", "number", "CPU-s each", "CPU hours"], lines)
     seen = ", ".join(sorted({job.obsid for job in run.jobs}))
-    print(f"\nFewer than the paper's: Level-0 files alone {PAPER / level0:,.0f} times, all {PAPER / total:,.0f} times.")
+    record.value("cycle9_hours", total, "Cycle 9 with everything", unit="CPU hours")
+    record.value("cycle9_level0_hours", level0, "Cycle 9, Level-0 files alone", unit="CPU hours")
+    record.value("cpu_a_file", 3600 * total / FILES, "CPU time a file, with everything", unit="CPU-s")
+    record.value("level0_cpu", 3600 * level0 / FILES, "CPU time a file, Level-0 and truth", unit="CPU-s")
+    record.value("fewer", PAPER / total, "the paper's CPU hours over ours, with everything")
+    record.value("fewer_level0", PAPER / level0, "the paper's CPU hours over ours, Level-0 files alone")
     print("The paper does not say what its hours include, nor on which cores; neither has a pipeline's calibration.")
     print(f"csstsim's are from {len(run.jobs)} files of {seen}; some fields have more stars.")
     return total * 3600 / FILES
 
 
-def print_survey(run, found, cpu):
-    """Print a projection to 17,500 square degrees from this campaign's bytes, files and CPU s per Level-0 file."""
+def record_survey(run, found, cpu, record):
+    """Record a projection to 17,500 square degrees from this campaign's bytes, files and CPU s per Level-0 file."""
     chip = run.camera.detector.nx * run.camera.detector.ny * (run.camera.telescope.pixel_scale / 3600) ** 2
     exposures = math.ceil(AREA * VISITS / (2 * chip))  # two chips a filter
     files, area = exposures * CHIPS, 4 * 180**2 / math.pi / (12 * 256**2)
@@ -126,40 +139,48 @@ def print_survey(run, found, cpu):
         for kind, pair in found.items()
         if kind not in ("truth", "psf", "report", "chips") and "." not in kind.split()[0]
     }
-    print(f"\n| {AREA:,} deg2, {VISITS} visits a filter | |\n|---|---|")
-    print(
-        f"| exposures | {exposures:,} |\n| Level-0 files | {files / 1e6:.1f} million |\n| bricks | {AREA / area:,.0f} |"
-    )
+    lines = [["exposures", f"{exposures:,}"], ["Level-0 files", f"{files / 1e6:.1f} million"],
+             ["bricks", f"{AREA / area:,.0f}"]]  # fmt: skip
     for kind, (number, size) in kept.items():
         share = files / len(run.jobs)
-        print(f"| {kind} | {size * share / 1e12:,.1f} TB, {number * share / 1e6:.1f} million files |")
+        lines.append([kind, f"{size * share / 1e12:,.1f} TB, {number * share / 1e6:.1f} million files"])
     truth = found.get("truth", (1, 0))
-    print(f"| truth bricks | {truth[1] / truth[0] * AREA / area / 1e12:,.1f} TB |")
-    print(f"| CPU hours | {files * cpu / 3600 / 1e6:.2f} million |")
+    lines.append(["truth bricks", f"{truth[1] / truth[0] * AREA / area / 1e12:,.1f} TB"])
+    lines.append(["CPU hours", f"{files * cpu / 3600 / 1e6:.2f} million"])
+    record.table("survey", [f"{AREA:,} deg2, {VISITS} visits a filter", ""], lines)
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("campaign", nargs="?", default="examples/release.yaml")
-    parser.add_argument("--cpu", type=float, help="all CPU seconds spent on the campaign")
-    parser.add_argument("--lost", type=float, default=0.0, help="CPU seconds of them, of what was killed")
-    arguments = parser.parse_args()
-    try:
-        run = OpenCampaign(arguments.campaign)
-    except CsstsimError as error:
-        sys.exit(str(error))
+def project(run: OpenCampaign, cpu: float | None, lost: float, record: Record) -> None:
+    """Record the cost of a finished campaign, and what it means for surveys. cpu, lost: as the options of this script.
+
+    Ends the program if the campaign has no logs.
+    """
     jobs = spent(run.paths.output)
     made = each_product(jobs)
     if not made.keys() & set(MAKING):
         sys.exit(f"{run.paths.output}: no logs of Level-0 files; run the campaign first")
     known = sum(said.cpu_s for rows in jobs.values() for _, said, *_ in rows)
     kept = sum(sum(earlier.values()) for rows in jobs.values() for *_, earlier in rows)  # by what was killed
-    print_jobs(jobs)
-    beside = lost = None
-    if arguments.cpu is not None:
-        lost = (arguments.lost - kept) / len(run.jobs)
-        beside = (arguments.cpu - arguments.lost - known) / len(run.jobs)
-    print_survey(run, sizes(run.paths.output), print_cycle9(run, made, beside, lost))
+    record_jobs(jobs, record)
+    beside = lost_each = None
+    if cpu is not None:
+        lost_each = (lost - kept) / len(run.jobs)
+        beside = (cpu - lost - known) / len(run.jobs)
+    record_survey(run, sizes(run.paths.output), record_cycle9(run, made, beside, lost_each, record), record)
+
+
+def main() -> None:
+    """Project a campaign that is finished."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("campaign", nargs="?", default=str(ROOT / "examples" / "release.yaml"))
+    parser.add_argument("--cpu", type=float, help="all CPU seconds spent on the campaign")
+    parser.add_argument("--lost", type=float, default=0.0, help="CPU seconds of them, of what was killed")
+    with Record(parser) as record:
+        try:
+            run = OpenCampaign(record.options.campaign)
+        except CsstsimError as error:
+            sys.exit(str(error))
+        project(run, record.options.cpu, record.options.lost, record)
 
 
 if __name__ == "__main__":

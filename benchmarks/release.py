@@ -15,12 +15,20 @@ import ctypes
 import os
 import random
 import resource
+import shutil
 import subprocess
 import sys
 import time
 from pathlib import Path
 
+from evidence.record import Record
+
 import psutil
+from mini_campaign import write_campaign
+from projection import project
+from toy_catalogue import toy_catalogue
+
+from csstsim.campaign.opened import OpenCampaign
 
 ROOT = Path(__file__).parents[1]
 LOG = ROOT / ".snakemake" / "release.log"
@@ -101,13 +109,26 @@ def run(campaign, chips, every, dice):
             sys.exit("cannot be unlocked: .snakemake/release.log")
 
 
-def main():
+def main() -> None:
+    """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("campaign", nargs="?", default="examples/release.yaml")
     parser.add_argument("--chips", choices=CHIPS, default=CHIPS[0], help="what one process makes (docs/slurm.md)")
     parser.add_argument("--every", type=float, default=240.0, help="mean seconds between kills")
     parser.add_argument("--seed", type=int, default=1)
-    arguments = parser.parse_args()
+    with Record(parser) as record:
+        release(record, parser)
+
+
+def release(record: Record, parser: argparse.ArgumentParser) -> None:
+    """Run the campaign through the kills, verify it, and project its cost."""
+    arguments = record.options
+    if record.toy:
+        folder = record.results / "release"
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
+        few = toy_catalogue(folder, 60.15, -40.0, 20)
+        arguments.campaign, arguments.every = str(write_campaign(folder, catalog=few)), 15.0
     if not (ROOT / arguments.campaign).is_file():
         parser.error(f"CAMPAIGN: no such file, seen from {ROOT}")
     if not arguments.every > 0:
@@ -121,17 +142,19 @@ def main():
     wall = time.perf_counter() - begun
     spent = resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu = spent.ru_utime + spent.ru_stime
-    print(
-        f"{kills} kills, {starts} starts; wall {wall:.0f} s, CPU {cpu:.0f} s, {lost:.0f} of them of what was killed; "
-        f"{os.cpu_count()} cores"
-    )
+    record.value("kills", kills, "kill -9s that the campaign went through")
+    record.value("starts", starts, "starts of Snakemake")
+    record.value("wall", wall, f"wall time on {os.cpu_count()} cores", unit="s")
+    record.value("cpu", cpu, "CPU time of all processes, the killed ones included", unit="CPU-s")
+    record.value("lost", lost, "CPU time of what was killed", unit="CPU-s")
     csstsim = [str(Path(sys.executable).with_name("csstsim"))]
     for command in (["verify", arguments.campaign, "--manifest"], ["report", arguments.campaign, "--strict"]):
         done = subprocess.run(csstsim + command, cwd=ROOT, capture_output=True, text=True, check=False)
         lines = (done.stdout + done.stderr).splitlines()
-        print(f"csstsim {' '.join(command)}: exit code {done.returncode}; {lines[-1] if lines else ''}")
-    line = [sys.executable, "benchmarks/projection.py", arguments.campaign, f"--cpu={cpu}", f"--lost={lost}"]
-    subprocess.run(line, cwd=ROOT, check=True)
+        print(lines[-1] if lines else "no output")
+        what = f"exit code of `csstsim {command[0]} {command[2]}`"
+        record.value(command[0], done.returncode, what, below=None if record.toy else 0)
+    project(OpenCampaign(arguments.campaign), cpu, lost, record)
 
 
 if __name__ == "__main__":

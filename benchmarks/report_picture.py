@@ -1,33 +1,51 @@
 """Make docs/figures/report.png, the focal plane of a report, from the finished release (benchmarks/release.py).
 
-PYTHONPATH=tests:builders python benchmarks/report_picture.py [CAMPAIGN]     needs chromium and chromedriver
+python benchmarks/report_picture.py [CAMPAIGN]     needs chromium and chromedriver
 """
 
 import argparse
+import shutil
 import tempfile
 import time
 from pathlib import Path
+
+from evidence.record import Record
 
 from matplotlib.image import imread, imsave
 from webdriver import browser
 
 from csstsim.campaign.opened import OpenCampaign
 
-TARGET = Path(__file__).parents[1] / "docs" / "figures" / "report.png"
 
-
-def main():
+def main() -> None:
+    """Take the picture; at toy size, of a page of that form without a campaign."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("campaign", nargs="?", default="examples/release.yaml")
-    page = OpenCampaign(parser.parse_args().campaign).paths.report
+    with Record(parser) as record:
+        if not shutil.which("chromium"):
+            record.skip("chromium", "not installed")
+            return
+        page = toy_page(record.results) if record.toy else OpenCampaign(record.options.campaign).paths.report
+        picture(page, record.figure("report.png"))
+
+
+def toy_page(folder: Path) -> Path:
+    """Write a page with a focal plane alone; return its path."""
+    page = folder / "report_picture" / "index.html"
+    page.parent.mkdir(parents=True, exist_ok=True)
+    page.write_text("<h2 id=plane>Focal plane</h2><svg width=300 height=200><rect width=300 height=200 /></svg>")
+    return page
+
+
+def picture(page: Path, target: Path) -> None:
+    """Take a picture of a page's focal plane."""
     with tempfile.TemporaryDirectory() as profile, browser(profile) as window:
         window.open(page.resolve().as_uri())
         window.run("document.querySelector('#plane').scrollIntoView()")
         time.sleep(1)  # s, until it is drawn
-        right = window.run("return document.querySelector('#plane svg').getBoundingClientRect().right")
-        window.screenshot(TARGET)
-    imsave(TARGET, imread(TARGET)[:, : round(right) + 16])
-    print(TARGET)
+        right = window.run("return document.querySelector('#plane svg, #plane + svg').getBoundingClientRect().right")
+        window.screenshot(target)
+    imsave(target, imread(target)[:, : round(right) + 16])
 
 
 if __name__ == "__main__":

@@ -1,10 +1,11 @@
 """What `compress: true` saves and costs: Level-0 files stored as RICE tiles, beside gzip.
 
-    python benchmarks/rice.py FILE...      # Level-0 files that are not compressed
+    python benchmarks/rice.py [FILE...]
+
+FILE: Level-0 files that are not compressed; default: one a filter of the release.
 
 For each file: its size; the size as RICE tiles of one row (csstsim.io.fits.compress) and of all pixels through gzip
 (level 1); bits per pixel, with those that the noise alone needs; CPU seconds to write and to read a frame, both ways.
-Exit code 1 if a pixel of the compressed file differs.
 
 The noise of a Gaussian of sigma DN has log2(sigma sqrt(2 pi e)) bits of entropy: no lossless code of independent pixels
 of such noise is shorter. Copies are written to a temporary folder.
@@ -12,14 +13,18 @@ of such noise is shorter. Copies are written to a temporary folder.
 
 import argparse
 import shutil
-import sys
 import tempfile
 import time
 import zlib
 from pathlib import Path
 
-import numpy as np
+from evidence.record import Record
 
+import numpy as np
+from toy_campaign import made_frames
+
+from csstsim.base.shipped import ROOT
+from csstsim.campaign.opened import OpenCampaign
 from csstsim.io.fits_writing import compress
 from csstsim.io.level0 import read_level0
 
@@ -40,14 +45,23 @@ def entropy(frame):
     return float(np.log2(sigma * np.sqrt(2 * np.pi * np.e)))
 
 
-def main():
+def main() -> None:
+    """Compress copies of the files."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("files", nargs="+", type=Path)
-    print(
-        "| chip | filter | MB | RICE MB | share | bits a px | of noise | gzip share | write, CPU s | read | read RICE |"
-    )
-    print("|" + "---|" * 11)
-    for path in parser.parse_args().files:
+    parser.add_argument("files", nargs="*", type=Path)
+    with Record(parser) as record:
+        if record.toy:
+            _, run = made_frames(record.results / "rice")
+        else:
+            run = OpenCampaign(ROOT / "examples" / "release.yaml")
+        first = {job.chip.filter: run.paths.level0(job) for job in reversed(run.jobs)}
+        compare(record.options.files or list(first.values()), record)
+
+
+def compare(files: list[Path], record: Record) -> None:
+    """Record what compression saves and costs, by file."""
+    rows, fractions, same = [], [], True
+    for path in files:
         plain, reading = timed(lambda path=path: read_level0(path, verify=True).frame())
         level0 = read_level0(path)
         zipped = len(zlib.compress(level0.frame().tobytes(), 1)) / plain.nbytes
@@ -57,15 +71,16 @@ def main():
             _, writing = timed(lambda copy=copy: compress(copy))
             after = copy.stat().st_size
             packed, unpacking = timed(lambda copy=copy: read_level0(copy, verify=True).frame())
-        if not np.array_equal(plain, packed):
-            print(f"{path}: pixels differ", file=sys.stderr)
-            sys.exit(1)
+        same &= np.array_equal(plain, packed)
+        fractions.append(after / before)
         cells = [level0.header["CHIPLAB"], level0.header["FILTER"], f"{before / 1e6:.1f}", f"{after / 1e6:.1f}"]
         cells += [f"{after / before:.3f}", f"{16 * after / before:.2f}", f"{entropy(plain):.2f}", f"{zipped:.3f}"]
-        print(
-            "| " + " | ".join(map(str, [*cells, *(f"{t:.1f}" for t in (writing, reading, unpacking))])) + " |",
-            flush=True,
-        )
+        rows.append([*cells, *(f"{t:.1f}" for t in (writing, reading, unpacking))])
+    header = ["chip", "filter", "MB", "RICE MB", "fraction", "bits a px", "of noise", "gzip fraction", "write, CPU-s"]
+    record.table("files", [*header, "read", "read RICE"], rows)
+    record.value("fraction_min", min(fractions), "size of a compressed file over that of the plain one, minimum")
+    record.value("fraction_max", max(fractions), "the same, maximum")
+    record.value("same", int(same), "pixels of compressed files are the same (1: all)", above=1)
 
 
 if __name__ == "__main__":
