@@ -155,12 +155,15 @@ def figure(camera: Camera, plane: FocalPlane, field: FieldDistortion, record: Re
     for ax, title, text in zip(axes, titles, most, strict=True):
         ax.set_title(f"{title}\n{text}", fontsize=10)
     fig.savefig(record.figure("distortion.png"), dpi=68)
-    corners = []
+    corners, areas = [], []
     for chip in camera.chips.values():
         nx, ny = chip.detector.nx, chip.detector.ny
         at = np.array([-0.5, nx - 0.5, nx - 0.5, -0.5]), np.array([-0.5, -0.5, ny - 0.5, ny - 0.5])
         corners.append(distance(field.on(chip).forward(*at), at).max())
+        areas.append(np.linalg.det(field.on(chip).jacobian(*at)))
     record.value("offset", max(corners), "largest offset from the linear WCS (corner of the mosaic)", unit="px")
+    smaller = 1 - np.min(areas) / np.max(areas)
+    record.value("area", smaller, "least area of a pixel on the sky below the largest, over the mosaic")
     record.value("shear", peak[2], "largest shear that the distortion gives a round source, at 16 places of a chip")
 
 

@@ -186,9 +186,7 @@ def measure(optics: Optics, grids: Sequence[int]) -> list[tuple]:
     """Print the table of a band and return its rows: (method, grid, images kept, errors)."""
     truth = optics(optics.positions)
     print(f"\n{optics.band}, chip {optics.chip.id}, errors in 1e-5, centroid in mas")
-    print(
-        "method   grid kept | dR/R mean     most  de mean     most | box: the same                     | residual | mas"
-    )
+    print("method   grid kept | dR/R mean     most  de mean     most | the same in the box      | residual | mas")
     rows = []
     for name, grid, kept, (index, weight, _), images in cases(optics, grids):
         found = compare(truth, mixed(index, weight, images))

@@ -1,8 +1,8 @@
 """The light of a bright star: the point-spread function out to the chip's size, its joins, ghosts and cost.
 
-    python benchmarks/wings.py [--figures docs/figures]
+    python benchmarks/wings.py
 
-Prints, for r unless stated otherwise: the diffraction image against the closed form of its wing; the anchors of the
+Records, for r unless stated otherwise: the diffraction image against the closed form of its wing; the anchors of the
 halo and its light in each band; the light of a star summed over a large image; the join of box and wing in units of
 noise at magnitudes 5 to 20; the CPU time of a star by magnitude. Draws the profile and a 5th-magnitude star.
 """
@@ -12,18 +12,23 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
+from evidence.record import Record
+
+import matplotlib
 import numpy as np
 
+from csstsim.base.shipped import SHIPPED
 from csstsim.catalog.selection.reach import wing_reach
 from csstsim.catalog.selection.select import Noise
 from csstsim.catalog.table import ObjectTable
-from csstsim.instrument.camera import load_camera
+from csstsim.instrument.camera import Camera, load_camera
 from csstsim.instrument.chip import Window
 from csstsim.instrument.pointing import Pointing
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.psf.diffraction import Diffraction, blur
 from csstsim.optics.psf.psf_file import PsfSet, pixel_response
 from csstsim.optics.psf.psf_set import make_psf
+from csstsim.optics.psf.sampling import oversampling_of
 from csstsim.optics.psf.wavefront import load_wavefront
 from csstsim.optics.scatter.scattered_light import Scattered, read_scattered, scattered_light
 from csstsim.render.canvas import Canvas
@@ -31,7 +36,9 @@ from csstsim.render.drawing import Drawing
 from csstsim.render.imaging.reference import draw_objects
 from csstsim.render.wings import FADE
 
-SHIPPED = Path(__file__).resolve().parents[1] / "config" / "instrument"
+matplotlib.use("agg")
+from matplotlib import pyplot as plt
+
 CHIP, EXPTIME = 9, 150.0
 CELLS_PER_PIXEL = 2  # of the direct optics here
 CENTRE = 4600.2, 4500.4  # px
@@ -54,36 +61,63 @@ def ring(r, image, radius, width=0.05):
     return image[np.abs(r / radius - 1) < width].mean()
 
 
-def report_diffraction(camera):
-    print("diffraction image, ring means over the closed form L/(pi^3 r^3) of its wing")
-    radii = (10, 20, 30, 45, 60, 100, 200)
-    print("   nm", *(f"{r:7d} px" for r in radii))
-    for wavelength in (2900.0, 4800.0, 6200.0, 9500.0):
+def report_diffraction(camera: Camera, record: Record) -> None:
+    """Record ring means of the diffraction image over the closed form L / (pi^3 r^3) of its wing."""
+    radii, wavelengths = (10, 20, 30, 45, 60, 100, 200), (2900.0, 4800.0, 6200.0, 9500.0)
+    rows, far = [], []
+    for wavelength in wavelengths[: 1 if record.toy else None]:
         r, image = diffraction(camera, wavelength)
         lam_d = np.degrees(wavelength * 1e-10 / camera.telescope.diameter_m) * 3600 / camera.telescope.pixel_scale
         model = np.divide(lam_d, (np.pi * r) ** 3, out=np.zeros_like(r), where=r > 0)
-        print(f"{wavelength / 10:5.0f}", *(f"{ring(r, image, k) / ring(r, model, k):10.3f}" for k in radii))
+        ratios = [ring(r, image, k) / ring(r, model, k) for k in radii]
+        far += ratios[radii.index(60) :]
+        rows.append([f"{wavelength / 10:.0f}", *(f"{ratio:.3f}" for ratio in ratios)])
+    record.table("diffraction", ["nm", *(f"{radius} px" for radius in radii)], rows)
+    what = "direct optics over the closed form of its wing, 60 to 200 px"
+    record.value("diffraction_least", min(far), f"{what}, least", above=0.99)
+    record.value("diffraction_most", max(far), f"{what}, most", below=1.01)
 
 
 def halo_alone(wing):
     return replace(wing, airy=0 * wing.airy)
 
 
-def report_anchors(camera):
+def report_anchors(camera: Camera, record: Record) -> None:
+    """Record the halo where the paper has figures, and the light beyond some radii in each band."""
     r, image = diffraction(camera, LASER, 512)
     wing = scattered_light(camera, camera.filters["r"]).wing
     scattered = wing.scattered.mean()
     peak = (1 - scattered) * image.max() + wing.halo(0.0).mean()
-    print(f"\nat {LASER / 10} nm, relative to the peak of the pixel-integrated image ({peak:.4f} of the light):")
-    for radius in (5, 10, 20, 50, 100):
+    for radius in (10, 100):
+        where = f"at {radius} px, {LASER / 10} nm, over the peak of the pixel-integrated image"
+        halo = wing.halo(float(radius)).mean() / peak
+        published = 1e-2 / radius**2
+        record.value(f"halo_{radius}", halo, f"halo {where}", below=1.1 * published, above=0.9 * published)
         direct = (1 - scattered) * ring(r, image, radius) / peak
-        print(f"  {radius:4d} px: halo {wing.halo(float(radius)).mean() / peak:.2e}, diffraction {direct:.2e}")
-    print(f"scattered in all {scattered:.4f}; in the halo and the diffraction wing beyond r px (10 px = 0.74 arcsec):")
+        record.value(f"diffraction_{radius}", direct, f"diffraction image alone {where}")
+    record.value("scattered", scattered, "light of the halo, r band")
+    for radius, where in ((10, '10 px (0.74")'), (64, "64 px")):
+        beyond = halo_alone(wing).light_beyond(float(radius)).mean()
+        record.value(f"halo_beyond_{radius}", beyond, f"light of the halo beyond {where}, r band")
+    rows, radii = [], (10, 32, 64, 1000, 10000)
     for name, band in camera.filters.items():
         wing = scattered_light(camera, band).wing
-        halo = halo_alone(wing).light_beyond(10.0).mean()
-        rest = ", ".join(f"{wing.light_beyond(float(k)).mean():.4f} beyond {k}" for k in (10, 32, 64, 1000, 10000))
-        print(f"  {name:4s} halo alone {halo:.4f} beyond 10; both {rest}")
+        rows.append([name, *(f"{wing.light_beyond(float(radius)).mean():.4f}" for radius in radii)])
+    record.table("beyond", ["band", *(f"beyond {radius} px" for radius in radii)], rows)
+    outside = [np.mean(scattered_light(camera, band).wing.light_beyond(32.0)) for band in camera.filters.values()]
+    record.value("beyond_box_least", min(outside), "light beyond 32 px, halo and diffraction, least of bands")
+    record.value("beyond_box_most", max(outside), "light beyond 32 px, halo and diffraction, most of bands")
+    small = [name for name in camera.filters if oversampling_of(name, camera.psf) == 4]  # a box of 32 px, not 64
+    between = {name: np.mean(np.subtract(*diffraction_beyond(camera, name, (32.0, 64.0)))) for name in small}
+    for word, name in (("least", min(between, key=between.get)), ("most", max(between, key=between.get))):
+        what = f"light of the diffraction image between 32 and 64 px, {word} of bands with 4 cells ({name})"
+        record.value(f"between_boxes_{word}", between[name], what)
+
+
+def diffraction_beyond(camera: Camera, name: str, radii: tuple[float, ...]) -> list[np.ndarray]:
+    """Return the light of a band's mean diffraction wing, without any halo, beyond radii [px]."""
+    wing = scattered_light(camera, camera.filters[name]).wing
+    return [2 * wing.airy / (np.pi**2 * radius) for radius in radii]
 
 
 class Scene:
@@ -128,18 +162,19 @@ def distances(window):
     return np.hypot(np.arange(window.x0, window.x1) - CENTRE[0], np.arange(window.y0, window.y1)[:, None] - CENTRE[1])
 
 
-def report_energy(scene):
-    print("\nlight of a star within a square around it; 1 - what the closed form has beyond the circle of its area")
-    for mag, half in ((12, 500), (5, 1000), (5, 4000)):
+def report_energy(scene: Scene, record: Record) -> None:
+    """Record the light of a star within squares, and what the closed form has within the circle of the same area."""
+    rows, off = [], []
+    for mag, half in ((12, 200),) if record.toy else ((12, 500), (5, 1000), (5, 4000)):
         image, _ = scene.draw(mag, around(half))
-        r, electrons = (
-            distances(around(half)),
-            150 * 10 ** (0.4 * (scene.filter.zeropoint(scene.camera.telescope) - mag)),
-        )
+        electrons = EXPTIME * 10 ** (0.4 * (scene.filter.zeropoint(scene.camera.telescope) - mag))
         ghosts = scene.scattered.ghosts.light.sum() * bool(scene.scattered.ghosts.visible(electrons))
         closed = 1 - scene.scattered.wing.light_beyond((2 * half + 1) / np.sqrt(np.pi)).mean()
-        print(f"  mag {mag:2d}, {2 * half + 1:5d} px: {image.sum(dtype=float) / electrons - ghosts:.5f} {closed:.5f}")
-        del r
+        drawn = image.sum(dtype=float) / electrons - ghosts
+        off.append(abs(drawn - closed))
+        rows.append([f"r = {mag}", f"{2 * half + 1} px", f"{drawn:.5f}", f"{closed:.5f}"])
+    record.table("light", ["star", "square", "light drawn", "light of the closed form"], rows)
+    record.value("light_off", max(off), "light of a star drawn in a square less the closed form", below=1e-3)
 
 
 def second_difference(image):
@@ -155,16 +190,20 @@ def optics_texture(scene, inner, outer):
     return second_difference(image - mean)[((r > inner) & (r < outer))[:, 1:-1]].max()
 
 
-def report_joins(scene):
-    print("\nedges: largest second differences along x, less those of the smooth profile, in units of the sky's noise")
-    print("(texture: rings and speckles of the optics there, without any join; mean: of rings 1 px wide)")
+def report_joins(scene: Scene, record: Record) -> None:
+    """Record the join of box and wing, in units of the sky's noise.
+
+    Second differences along x, less those of the smooth profile: the texture of rings and speckles, and of the optics
+    there without any join. The step is that of a star without wing.
+    """
     inner, outer = scene.fade
-    fade = f"fade {inner}-{outer} px"
-    print(f" mag  wing px  light there / own noise  hard box: step  {fade}: texture (optics)  mean")
+    record.value("fade_inner", inner, "the box fades into the wing from", unit="px")
+    record.value("fade_outer", outer, "the box fades into the wing to", unit="px")
+    rows, missing = [], []
     texture = optics_texture(scene, inner, outer)
     sky = np.sqrt(scene.noise)
     smooth = replace(scene.scattered, ghosts=None)
-    for mag in MAGNITUDES:
+    for mag in MAGNITUDES[:2] if record.toy else MAGNITUDES:
         window = around(90)
         r = distances(window)
         image, truth = scene.draw(mag, window, scattered=smooth)
@@ -177,28 +216,47 @@ def report_joins(scene):
         rings = np.bincount(bins, (image - model).ravel()) / np.bincount(bins)
         mean = second_difference(rings[None, inner - 3 : outer + 3]).max()
         there = model[np.abs(r - 0.83 * scene.box) < 1].mean()
-        print(
-            f"{mag:4d} {reach:8.0f} {there:12.3g} / {np.sqrt(there + scene.noise):<9.3g}"
-            f" {boxed[scene.box, 1] / sky:13.2g}"
-            f" {excess / sky:16.1e} ({texture * electrons / sky:.1e}) {mean / sky:12.1e}"
-        )
+        optics = texture * electrons / sky
+        missing.append((optics - excess / sky) * sky / np.sqrt(there + scene.noise))
+        step = boxed[scene.box, 1] / sky
+        rows.append([f"r = {mag}", f"{reach:.0f}", *(f"{n:.2g}" for n in (step, excess / sky, optics, mean / sky))])
+    header = ["star", "wing above the noise to [px]", "step without a wing", "texture where the box fades"]
+    record.table("joins", [*header, "texture of the optics there", "texture of rings' means"], rows)
+    what = "texture that the join leaves out, in units of the noise of sky and star there, most of magnitudes"
+    record.value("texture_missing", max(missing), what)
+    record.value("sky_noise", sky, f"noise of the sky, r band, {EXPTIME:.0f} s", unit="e-")
 
 
-def report_cost(scene):
-    window = scene.chip.full_window
+def report_reach(scene: Scene, record: Record) -> None:
+    """Record to which radius the wing of a star is above the noise, and the magnitude from which it leaves the box."""
+    zero = scene.filter.zeropoint(scene.camera.telescope)
+
+    def reach(mag: np.ndarray) -> np.ndarray:
+        return wing_reach(EXPTIME * 10 ** (0.4 * (zero - mag)), scene.noise, scene.scattered.wing)
+
+    for mag in (5.0, 12.0, 16.0):
+        radius = reach(np.array([mag]))[0]
+        record.value(f"reach_{mag:.0f}", radius, f"wing of a star of r = {mag:.0f} above the noise to", unit="px")
+    grid = np.arange(15.0, 28.0, 0.05)
+    faintest = grid[reach(grid) > scene.box].max()
+    record.value("faintest", faintest, f"faintest star with a wing beyond {scene.box} px", unit="r mag")
+
+
+def report_cost(scene: Scene, record: Record) -> None:
+    """Record the CPU seconds of a star on the full chip."""
+    window = around(500) if record.toy else scene.chip.full_window
     scene.draw(20, around(100))
-    print("\nCPU-s of one star on the full chip")
+    rows = []
     for mag in (*MAGNITUDES, 23):
-        truth = scene.draw(mag, window)[1]
-        print(f"  mag {mag:2d}: {truth['ms'][0] / 1000:.4f} s, reach {max(truth['wing'][0], scene.box):.0f} px")
+        rows.append([f"r = {mag}", f"{scene.draw(mag, window)[1]['ms'][0] / 1000:.3f}"])
+    record.table("costs", ["star", "on a whole chip, CPU-s"], rows)
 
 
-def draw_profile(camera, scene, path):
-    import matplotlib.pyplot as plt
-
+def draw_profile(scene: Scene, path: Path, half: int) -> None:
+    """Draw the profile of a star, `half` px to each side, and the light beyond radii."""
     figure, axes = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
-    image, truth = scene.draw(5, around(4000))
-    r, electrons = distances(around(4000)), truth["electrons"][0]
+    image, truth = scene.draw(5, around(half))
+    r, electrons = distances(around(half)), truth["electrons"][0]
     edges = np.geomspace(1, 5600, 120)
     where = np.digitize(r, edges).ravel()
     count = np.bincount(where, minlength=121)
@@ -223,9 +281,8 @@ def draw_profile(camera, scene, path):
     figure.savefig(path, dpi=80)
 
 
-def draw_star(scene, path):
-    import matplotlib.pyplot as plt
-
+def draw_star(scene: Scene, path: Path) -> None:
+    """Draw a bright star on the chip, and its ghosts."""
     window = scene.chip.full_window
     figure, axes = plt.subplots(1, 2, figsize=(9.5, 4.6), layout="constrained")
     rng = np.random.default_rng(1)
@@ -244,23 +301,15 @@ def draw_star(scene, path):
     figure.savefig(path, dpi=62)
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--instrument", default=SHIPPED, help="folder of the camera's data files")
-    parser.add_argument("--figures", type=Path, help="folder for the figures")
-    args = parser.parse_args()
-    camera = load_camera(args.instrument)
-    report_diffraction(camera)
-    report_anchors(camera)
-    with tempfile.TemporaryDirectory() as folder:
-        scene = Scene(camera, folder)
-        report_energy(scene)
-        report_joins(scene)
-        report_cost(scene)
-        if args.figures:
-            draw_profile(camera, scene, args.figures / "wings.png")
-            draw_star(scene, args.figures / "ghosts.png")
-
-
 if __name__ == "__main__":
-    main()
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--instrument", default=SHIPPED / "instrument", help="folder of the camera's data files")
+    with Record(parser) as record, tempfile.TemporaryDirectory() as folder:
+        camera = load_camera(record.options.instrument)
+        report_diffraction(camera, record)
+        report_anchors(camera, record)
+        scene = Scene(camera, folder)
+        for report in (report_energy, report_joins, report_reach, report_cost):
+            report(scene, record)
+        draw_profile(scene, record.figure("wings.png"), 1000 if record.toy else 4000)
+        draw_star(scene, record.figure("ghosts.png"))
