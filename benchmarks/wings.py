@@ -43,6 +43,7 @@ CHIP, EXPTIME = 9, 150.0
 CELLS_PER_PIXEL = 2  # of the direct optics here
 CENTRE = 4600.2, 4500.4  # px
 LASER = 6328.0  # angstrom
+GHOSTS = Window(4800, 7200, 4800, 7200)  # of the second picture
 MAGNITUDES = (5, 8, 12, 15, 18, 20)
 
 
@@ -281,18 +282,23 @@ def draw_profile(scene: Scene, path: Path, half: int) -> None:
     figure.savefig(path, dpi=80)
 
 
-def draw_star(scene: Scene, path: Path) -> None:
-    """Draw a bright star on the chip, and its ghosts."""
-    window = scene.chip.full_window
+def draw_star(scene: Scene, path: Path, window: Window) -> None:
+    """Draw a bright star in a window of the chip, and its ghosts."""
     figure, axes = plt.subplots(1, 2, figsize=(9.5, 4.6), layout="constrained")
     rng = np.random.default_rng(1)
     sky = (scene.filter.sky + 0.02) * EXPTIME
     image, _ = scene.draw(5, window, (6000.0, 6000.0))
-    crop = image[4800:7200, 4800:7200]
+    crop = image[GHOSTS.y0 - window.y0 : GHOSTS.y1 - window.y0, GHOSTS.x0 - window.x0 : GHOSTS.x1 - window.x0]
     noisy = rng.poisson(crop[::3, ::3] + sky) - sky
     for ax, part, extent, limits, title in (
-        (axes[0], image[::12, ::12], (0, window.nx, 0, window.ny), (-1, 4.5), "r = 5 on chip 9, expected light"),
-        (axes[1], noisy, (4800, 7200, 4800, 7200), (0.5, 4), "its ghosts, with photon noise"),
+        (
+            axes[0],
+            image[::12, ::12],
+            (window.x0, window.x1, window.y0, window.y1),
+            (-1, 4.5),
+            "r = 5 on chip 9, expected light",
+        ),
+        (axes[1], noisy, (GHOSTS.x0, GHOSTS.x1, GHOSTS.y0, GHOSTS.y1), (0.5, 4), "its ghosts, with photon noise"),
     ):
         shown = ax.imshow(np.log10(np.maximum(part, 0.1)), origin="lower", extent=extent, cmap="magma")
         shown.set_clim(*limits)
@@ -311,5 +317,5 @@ if __name__ == "__main__":
         scene = Scene(camera, folder)
         for report in (report_energy, report_joins, report_reach, report_cost):
             report(scene, record)
-        draw_profile(scene, record.figure("wings.png"), 1000 if record.toy else 4000)
-        draw_star(scene, record.figure("ghosts.png"))
+        draw_profile(scene, record.figure("wings.png"), 300 if record.toy else 4000)
+        draw_star(scene, record.figure("ghosts.png"), GHOSTS if record.toy else scene.chip.full_window)
