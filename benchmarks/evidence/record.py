@@ -101,7 +101,8 @@ class Record:
         self.skipped: dict[str, str] = {}
         call = [sys.argv[0], *given]
         known = commands().values()
-        self.command: Command | None = next((c for c in known if c.is_run_by(call, self.toy)), None)
+        self.commands = [command for command in known if command.is_run_by(call, self.toy)]  # toy runs may be shared
+        self.command: Command | None = self.commands[0] if self.commands else None
         self.depends = depends(self.command) if self.command and not self.toy else {}  # when the work started
 
     def value(
@@ -178,8 +179,8 @@ class Record:
             return
         failed = [name for name, value in self.values.items() if value.verdict == FAIL]
         if self.toy:
-            if self.command:
-                write(self.command, self)
+            for command in self.commands:
+                write(command, self)
             print(f"toy size: {len(self.values)} values, {len(self.tables)} tables, {len(self.figures)} pictures")
         elif self.command and not self.skipped:
             write(self.command, self)
