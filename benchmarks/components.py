@@ -1,37 +1,38 @@
 """Accuracy and cost of galaxies of any profile, with knots, and of images.
 
-    python benchmarks/components.py                  # the tables of docs/galaxy_shapes.md (fifteen CPU-minutes)
-    python benchmarks/components.py --accuracy       # each kind by each method against direct optics
-    python benchmarks/standard_scene.py; python benchmarks/components.py --cost
-    python benchmarks/components.py --figure docs/figures/galaxy_shapes.png
+    python benchmarks/standard_scene.py; python benchmarks/components.py       # fifteen CPU-minutes
 
 Accuracy: one galaxy of each kind near a node of the PSF set, drawn by GalSim (reference), stamps and photons, against
 direct optics (csstsim.bench.imaging.truth). The response to shear is compared in the same way. Photons have PHOTONS
-electrons; their statistical errors follow in brackets. Exit code 1 if a goal is missed.
+electrons; their statistical errors follow in brackets.
 
 Cost: select and render of the standard scene as it is, with free indices and knots, and with an image of 101 x 101
 pixels in every tenth galaxy; all in turn, the least of three runs of each.
 """
 
 import argparse
-import sys
 import tempfile
 import time
+from functools import partial
 from pathlib import Path
+
+from evidence.record import Record
 
 import galsim
 import numpy as np
 import yaml
 from astropy.io import fits
+from bench_setting import setting_of
+from components_figure import draw_figure
+from standard_scene import campaign_of
 
 from csstsim.base.counter import object_keys
 from csstsim.base.rng import stream
-from csstsim.base.shipped import SHIPPED
 from csstsim.bench.imaging.cases import SHARES, Case, half_of, make_row, place
 from csstsim.bench.imaging.measures import errors, moments
 from csstsim.bench.imaging.methods import drawing_of, standard
 from csstsim.bench.imaging.truth import Truth
-from csstsim.bench.setting import make_setting
+from csstsim.bench.setting import Setting
 from csstsim.campaign.config import load_campaign
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.row_files import with_images
@@ -47,10 +48,10 @@ from csstsim.stages import render as render_stage
 from csstsim.stages import select as select_stage
 
 galsim.errors.raise_fft_size_error = True
-FOLDER, SCENE = Path("results/components"), Path("results/standard_scene")
 ELECTRONS, PHOTONS, GAMMA, SIGMA = 1e5, 3e7, 0.02, 4.0
 GOALS = np.array([1e-3, 1.0, 1.0, 1e-4, 1e-4, 1e-3])  # flux, x, y [mas], e1, e2, size^2
 RESPONSE = 1e-3
+LIMITS = {"free n and knots": 1.3, "free n, knots, images": 2.0}  # cost over that of the scene as it is
 KNOTS = {"size_disk": 0.5, "bulge_frac": 0.2, "size_bulge": 0.2, "knots": 20}
 KINDS = {
     "Sersic n = 1.5": {"size_disk": 0.3, "n_disk": 1.5},
@@ -62,28 +63,35 @@ KINDS = {
     "image of n = 1": {"sersic": (1.0, 0.3, 0.03, 201)},
     "image of n = 2.5": {"sersic": (2.5, 0.2, 0.05, 151)},
 }
+REACH, TOY_REACH, TOY_PHOTONS = 140, 30, 1e5  # px, px, electrons
+TOY_KINDS = {
+    "Sersic n = 2.5": KINDS["Sersic n = 2.5"], "4 knots": KNOTS | {"knots": 4, "knots_frac": 0.3},
+    "image of n = 1": {"sersic": (1.0, 0.2, 0.05, 31)},
+}  # fmt: skip
 
 
-def sersic_image(n, size, scale, side):
+def sersic_image(folder, n, size, scale, side):
     """Return the columns of a galaxy with an image of a Sersic profile, integrated over its pixels by GalSim."""
+    folder.mkdir(exist_ok=True)
     image = galsim.ImageD(side, side)
     galsim.Sersic(n, half_light_radius=size).shear(g1=0.25, g2=0.15).drawImage(image, scale=scale)
-    path = FOLDER / f"sersic_{n:g}.fits"
+    path = folder / f"sersic_{n:g}.fits"
     fits.writeto(path, image.array, overwrite=True)
     columns = {"image_file": np.array([str(path.resolve())]), "image_scale": np.array([scale])}
     return with_images(columns, np.array([GALAXY]), "columns")
 
 
-def case_of(setting, columns, gamma=0.0):
+def case_of(setting, columns, gamma=0.0, reach=REACH):
     """Return the Case of a galaxy near a node."""
     rng = stream(5, "components")
     row = make_row(setting, rng, 0, *place(setting, rng, True), SHARES, ELECTRONS, 0.0, 0.4, 0.3)
-    columns = sersic_image(*columns["sersic"]) if "sersic" in columns else columns
+    if "sersic" in columns:
+        columns = sersic_image(Path(setting.psf.path).parent / "images", *columns["sersic"])
     columns = {name: np.atleast_1d(value) for name, value in columns.items()} | {"gamma1": np.array([gamma])}
     row = row.with_columns(**columns)
     if "image_file" in columns:
         row = row.with_columns(e1=np.zeros(1), e2=np.zeros(1))
-    row = row.with_columns(reach=np.array([140], np.int32), lost=np.array([1e-4]))
+    row = row.with_columns(reach=np.array([reach], np.int32), lost=np.array([1e-4]))
     half = half_of(row)
     x, y = (round(float(row[name][0])) for name in "xy")
     window = Window(x - half, x + half + 1, y - half, y + half + 1)
@@ -96,51 +104,47 @@ def stamps(setting, case):
     return canvas.expected
 
 
-def photons(setting, case):
-    canvas, scene = Canvas(None, case.window), case.brighter(PHOTONS).scene
+def photons(setting, case, count=PHOTONS):
+    canvas, scene = Canvas(None, case.window), case.brighter(count).scene
     shoot = canvas.count()
     keys = part_keys(object_keys(np.uint64(3), np.zeros(1, np.int64)), scene)
     shoot_scene(canvas, scene, keys, setting.table)
-    return shoot * (ELECTRONS / PHOTONS)
+    return shoot * (ELECTRONS / count)
 
 
-METHODS = {"reference": (standard, np.inf), "stamps": (stamps, np.inf), "photons": (photons, PHOTONS)}
-
-
-def response(draw, setting, columns, sigma):
-    """Return the response of (e1, e2) to gamma1, by halving the difference of two draws."""
-    one, other = (moments(draw(case_of(setting, columns, sign * GAMMA)), sigma).value[3:5] for sign in (1, -1))
+def response(draw, make, sigma):
+    """Return the response of (e1, e2) to gamma1, by halving the difference of two draws; make(gamma1) -> Case."""
+    one, other = (moments(draw(make(sign * GAMMA)), sigma).value[3:5] for sign in (1, -1))
     return (one - other) / (2 * GAMMA)
 
 
-def accuracy():
-    """Print errors of each kind by each method; return whether all goals are met."""
-    FOLDER.mkdir(parents=True, exist_ok=True)
-    setting, good = make_setting(FOLDER, "r"), True
-    truth = Truth(setting)
-    print("| kind | method | flux | x, y [mas] | e1, e2 | size^2 | response to shear |\n|---|---|---|---|---|---|---|")
-    for kind, columns in KINDS.items():
-        case, sigma = case_of(setting, columns), 6.0
+def accuracy(record: Record, setting: Setting) -> None:
+    """Record errors of each kind by each method, and the largest over their goals."""
+    truth, count = Truth(setting), TOY_PHOTONS if record.toy else PHOTONS
+    methods = {"reference": (standard, np.inf), "stamps": (stamps, np.inf)}
+    methods["photons"] = partial(photons, count=count), count
+    rows, worst, sigma = [], {}, 6.0
+    for kind, columns in (TOY_KINDS if record.toy else KINDS).items():
+        make = partial(case_of, setting, columns, reach=TOY_REACH if record.toy else REACH)
+        case = make()
         direct = truth(case)
-        wanted = response(truth, setting, columns, sigma)[0]
-        for name, (draw, drawn) in METHODS.items():
+        wanted = response(truth, make, sigma)[0]
+        for name, (draw, drawn) in methods.items():
             found, chance = errors(draw(setting, case) / ELECTRONS, direct, 60.0, ELECTRONS, drawn, sigma=sigma)
             found, chance = found[:6], chance[:6]
-            random = np.isfinite(drawn)
-            seen = (
-                ""
-                if random
-                else f"{response(lambda c, d=draw: d(setting, c), setting, columns, sigma)[0] / wanted - 1:+.1e}"
-            )
-            met = (np.abs(found) < GOALS + SIGMA * chance * random).all() and (random or abs(float(seen)) < RESPONSE)
-            good &= bool(met)
+            random, seen = np.isfinite(drawn), ""
+            over = np.abs(found) / (GOALS + SIGMA * chance * random)
+            if not random:
+                off = response(lambda c, d=draw: d(setting, c), make, sigma)[0] / wanted - 1
+                seen, over = f"{off:+.1e}", [*over, abs(off) / RESPONSE]
+            worst.setdefault(name, []).append(max(over))
             cells = [f"{v:+.1e}" + (f" ({c:.0e})" if random else "") for v, c in zip(found, chance, strict=True)]
             flux, x, y, e1, e2, size2 = cells
-            print(
-                f"| {kind} | {name} | {flux} | {x}, {y} | {e1}, {e2} | {size2} | {seen} |{'' if met else ' MISSED'}",
-                flush=True,
-            )
-    return good
+            rows.append([kind, name, flux, f"{x}, {y}", f"{e1}, {e2}", size2, seen])
+    record.table("accuracy", ["kind", "method", "flux", "x, y [mas]", "e1, e2", "size^2", "response to shear"], rows)
+    for name, over in worst.items():
+        allowed = f" and {SIGMA:g} errors of chance" if name == "photons" else ""
+        record.value(name, max(over), f"{name}: largest error, in units of its goal{allowed}", below=1)
 
 
 def scene_with(scene, kind, folder):
@@ -180,26 +184,26 @@ def blobs(rng, path):
     return str(path.resolve())
 
 
-def cost(runs=3):
-    """Print the CPU seconds of select and render of each kind of scene; return whether the goals are met."""
-    template, scene = OpenCampaign(SHIPPED / "standard_scene.yaml"), ObjectTable.read(SCENE / "objects.parquet")
-    number = template.jobs[0].chip.id
+def cost(record: Record, runs: int) -> None:
+    """Record the CPU seconds of select and render of each kind of scene."""
+    file = campaign_of(record)
+    template = OpenCampaign(file)
+    scene = ObjectTable.read(Path(file).parent / template.config.catalog.options["file"])
+    number, where = template.jobs[0].chip.id, record.results / "components"
     for path, make in (
         (template.paths.psf(number), lambda: psf_stage.psf(template, number)),
         (template.paths.psf_tables(number), lambda: psf_stage.psf_tables(template, template.jobs[0].chip)),
     ):
         if not path.exists():
             make()
-    folder = SCENE / "images"
-    folder.mkdir(parents=True, exist_ok=True)
+    (where / "images").mkdir(parents=True, exist_ok=True)
     kinds = {}
-    for kind in ("as it is", "free n and knots", "free n, knots, images"):
-        file = SCENE / f"{kind.replace(' ', '_').replace(',', '')}.parquet"
-        scene_with(scene, kind, folder).write(file, {"product": kind})
-        content = load_campaign(SHIPPED / "standard_scene.yaml").model_dump(mode="json")
-        content["catalog"]["options"]["file"] = str(file.resolve())
-        content["output"] = str(SCENE.resolve())
-        path = file.with_suffix(".yaml")
+    for kind in ("as it is", *LIMITS):
+        table = where / f"{kind.replace(' ', '_').replace(',', '')}.parquet"
+        scene_with(scene, kind, where / "images").write(table, {"product": kind})
+        content = load_campaign(file).model_dump(mode="json")
+        content["catalog"]["options"]["file"] = str(table.resolve())
+        path = table.with_suffix(".yaml")
         path.write_text(yaml.safe_dump(content))
         kinds[kind] = OpenCampaign(path)
     spent = {kind: [] for kind in kinds}
@@ -211,35 +215,25 @@ def cost(runs=3):
             state = render_stage.rendered(run, run.jobs[0].exposure, objects, run.streams(run.jobs[0]))
             spent[kind].append((middle - start, time.process_time() - middle))
             del objects, state
-    print("| scene | select, CPU s | render, CPU s | over the scene as it is |\n|---|---|---|---|")
     best = {kind: min(times[1:], key=sum) for kind, times in spent.items()}
-    for kind, (select, render) in best.items():
-        ratio = (select + render) / sum(best["as it is"])
-        print(f"| {kind} | {select:.1f} | {render:.1f} | {ratio:.2f} |", flush=True)
-    plain, knots, images = (sum(best[kind]) for kind in kinds)
-    return knots <= 1.3 * plain and images <= 2.0 * plain
+    ratio = {kind: sum(times) / sum(best["as it is"]) for kind, times in best.items()}
+    rows = [[kind, f"{select:.1f}", f"{render:.1f}", f"{ratio[kind]:.2f}"] for kind, (select, render) in best.items()]
+    record.table("cost", ["scene", "select, CPU s", "render, CPU s", "over the scene as it is"], rows)
+    for key, (kind, limit) in zip(("knots_cost", "images_cost"), LIMITS.items(), strict=True):
+        record.value(key, ratio[kind], f"cost of the standard scene, {kind}, over that as it is", below=limit)
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--accuracy", action="store_true", help="accuracy alone")
-    parser.add_argument("--cost", action="store_true", help="cost alone")
-    parser.add_argument("--runs", type=int, default=3, help="runs of each scene after the first")
-    parser.add_argument("--figure", type=Path, help="draw the page's picture instead")
-    options = parser.parse_args()
-    if options.figure:
-        from components_figure import draw_figure
-
-        with tempfile.TemporaryDirectory() as folder:
-            draw_figure(options.figure, Path(folder))
-        return 0
-    every, good = not (options.accuracy or options.cost), True
-    if options.accuracy or every:
-        good &= accuracy()
-    if options.cost or every:
-        good &= cost(options.runs)
-    return 0 if good else 1
+def main(record: Record) -> None:
+    """Record accuracy and cost, and draw the page's picture."""
+    setting = setting_of(record, "r")
+    accuracy(record, setting)
+    cost(record, 1 if record.toy else record.options.runs)
+    with tempfile.TemporaryDirectory() as folder:
+        draw_figure(record.figure("galaxy_shapes.png"), setting, Path(folder))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--runs", type=int, default=3, help="runs of each scene after the first")
+    with Record(parser) as record:
+        main(record)

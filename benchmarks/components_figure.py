@@ -13,7 +13,7 @@ from astropy.io import fits
 from csstsim.base.rng import stream
 from csstsim.bench.imaging.cases import make_row
 from csstsim.bench.imaging.methods import drawing_of
-from csstsim.bench.setting import POINTING, make_setting
+from csstsim.bench.setting import POINTING, Setting
 from csstsim.catalog.row_files import with_images
 from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.instrument.chip import Window
@@ -27,7 +27,7 @@ from csstsim.render.drawing import Drawing
 from csstsim.render.imaging import draw
 from csstsim.render.slitless.draw_dispersed import draw_dispersed
 
-FOLDER, HALF, GV, LINE = Path("results/components"), 60, 29, 5300.0
+HALF, GV, LINE = 60, 29, 5300.0
 SHAPE = {"e1": 0.25, "e2": 0.2}
 DISK = {"size_disk": 1.0, "size_bulge": 0.25, "bulge_frac": 0.2} | SHAPE
 PANELS = {
@@ -88,9 +88,8 @@ def dispersed(camera, folder):
     return canvas.expected
 
 
-def draw_figure(path, folder):
-    """Draw the panels to a PNG file."""
-    setting = make_setting(FOLDER, "r")
+def draw_figure(path: Path, setting: Setting, folder: Path) -> None:
+    """Draw the panels to a PNG file; folder: for files on the way."""
     images = {name: panel(setting, columns) for name, columns in PANELS.items()}
     images["image of a spiral"] = panel(setting, spiral(folder))
     images["bulge, and knots in a line, GV"] = dispersed(setting.camera, folder)

@@ -21,6 +21,7 @@ from evidence.record import Record
 import numpy as np
 import yaml
 
+from csstsim.base.files.atomic import atomic_path
 from csstsim.base.process.progress import progress
 from csstsim.base.rng import stream
 from csstsim.base.shipped import SHIPPED
@@ -134,8 +135,8 @@ def campaign_of(record: Record, catalogue: bool = True) -> Path:
     content = load_campaign(CAMPAIGN).model_dump(mode="json") | TOY | {"output": str(folder)}
     content["catalog"]["options"] = {"file": str(folder / "objects.parquet")}
     file = folder / "campaign.yaml"
-    folder.mkdir(parents=True, exist_ok=True)
-    file.write_text(yaml.safe_dump(content, sort_keys=False))
+    with atomic_path(file) as part:  # several commands may do so at once
+        part.write_text(yaml.safe_dump(content, sort_keys=False))
     if catalogue and not (folder / "objects.parquet").exists():
         write_scene(source(OpenCampaign(file).camera, toy=True), file)
     return file
