@@ -31,7 +31,9 @@ SENSOR = "lsst_e2v_50_8"
 SIDE, SIGMA, SPOTS = 21, 0.9, 10  # pixels, pixels, averaged for each flux
 FLUXES = np.array([25_000, 100_000, 200_000, 300_000, 400_000, 500_000])
 LEVELS = np.array([1000.0, 10_000.0, 25_000.0, 50_000.0, 75_000.0])
-FLAT = 1500  # pixels a side
+FLAT, TOY_FLAT = 1500, 300  # pixels a side
+PEAK = 0.166  # part of a spot's light in its brightest pixel
+SHIPPED_KERNEL, NO_SKEW = "shipped kernel", "kernel of its areas without skew"
 
 
 def sensor_areas():
@@ -75,11 +77,12 @@ def spots(kernels, full_well, seed, count=SPOTS):
     return found
 
 
-def report_spots(found, record):
-    count = found["no effect"].shape[1]
+def report_spots(found: dict[str, np.ndarray], record: Record) -> None:
+    """Record how the widths of spots grow with flux, and compare the kernels with the sensor."""
+    count, width = found["no effect"].shape[1], found["no effect"].mean()
     growth = {name: values - found["no effect"] for name, values in found.items() if name != "no effect"}
-    print(f"growth of sigma_x, sigma_y [1e-3 pixel] of a spot of {found['no effect'].mean():.3f} pixels, {count} each")
-    print("      flux  peak  " + "".join(f"{name:>28s}" for name in growth))
+    print(f"growth of sigma_x, sigma_y [1e-3 pixel] of a spot of {width:.3f} pixels, {count} each")
+    print("      flux  peak  " + "".join(f"{name:>34s}" for name in growth))
     for i, flux in enumerate(FLUXES):
         cells = [
             f"{x:8.2f} {y:6.2f} +- {e:5.2f}  "
@@ -87,20 +90,28 @@ def report_spots(found, record):
                 (*(1e3 * g[i].mean(0)), 1e3 * g[i].std(0).max() / np.sqrt(g.shape[1] - 1)) for g in growth.values()
             )
         ]
-        print(f"{flux:10.0f} {flux * 0.166:6.0f}" + "".join(f"{cell:>28s}" for cell in cells))
-    slope = {name: (g.mean(1) * FLUXES[:, None]).sum(0) / (FLUXES**2.0).sum() for name, g in growth.items()}
-    for name, value in slope.items():
-        for axis, number, sensors in zip("xy", value, slope[SENSOR], strict=True):
-            key, what = name.replace(" ", "_"), f"growth of sigma_{axis} with flux, {name}"
-            record.value(f"{key}_{axis}", number, what, unit="pixel/e-")
+        print(f"{flux:10.0f} {flux * PEAK:6.0f}" + "".join(f"{cell:>34s}" for cell in cells))
+    slope = {name: (g * FLUXES[:, None, None]).sum(0) / (FLUXES**2.0).sum() for name, g in growth.items()}  # by spot
+    rows = []
+    for name, values in slope.items():
+        cells = []
+        for axis, number, sensors in zip("xy", values.T, slope[SENSOR].T, strict=True):
+            ratio = number.mean() / sensors.mean()
+            cells.append(f"{1e8 * number.mean():.2f}" + ("" if name == SENSOR else f" (x {ratio:.2f})"))
             if name != SENSOR:
-                record.value(f"{key}_{axis}_ratio", number / sensors, f"{what}, over that of {SENSOR}")
+                error = ratio * np.hypot(*(v.std() / v.mean() for v in (number, sensors))) / np.sqrt(count - 1)
+                what = f"growth of sigma_{axis} with flux by the {name} over that of {SENSOR}"
+                record.value(f"{name.replace(' ', '_')}_{axis}", ratio, what, error=error)
+        rows.append([name, *cells])
+    record.table("growth", ["growth with flux, 1e-8 pixel / e-", "sigma_x", "sigma_y"], rows)
+    for axis, number in zip("xy", growth[SHIPPED_KERNEL][-1].mean(0), strict=True):
+        what = f"growth of sigma_{axis} of a spot with {PEAK * FLUXES[-1]:.0f} e- in its peak, shipped kernel"
+        record.value(f"spot_{axis}", number / width, what)
 
 
-def transfer(areas, full_well, seed, side=FLAT):
-    """Return (means, covariances, errors) of pairs of flats; print them with the prediction."""
-    kernel, measured = bfe_kernel.kernel(areas), []
-    print(f"pairs of flats, {side} x {side}: covariance / mean by lag (dy, dx); in brackets the prediction")
+def transfer(areas: np.ndarray, full_well: float, seed: int, record: Record) -> list[np.ndarray]:
+    """Record variance and covariances of pairs of flats; return their means, covariances and errors."""
+    kernel, measured, rows, side = bfe_kernel.kernel(areas), [], [], TOY_FLAT if record.toy else FLAT
     for level in LEVELS:
         pair = [stream(seed, "flat", level, i).poisson(level, (side, side)).astype(np.float32) for i in range(2)]
         for image in pair:
@@ -108,18 +119,25 @@ def transfer(areas, full_well, seed, side=FLAT):
         measured.append(bfe_fit.measure(*pair))
         mean, cov, errors = measured[-1]
         wanted = bfe_fit.predict(areas, level)
-        print(f"{mean:9.1f} " + "  ".join(
-            f"({dy},{dx}) {cov[dy, dx] / mean:8.5f} +- {errors[dy, dx] / mean:.5f} [{wanted[dy, dx] / level:8.5f}]"
-            for dy, dx in ((0, 0), (1, 0), (0, 1), (1, 1))
-        ))  # fmt: skip
+        cells = (
+            f"{cov[lag] / mean:.4f} ± {errors[lag] / mean:.4f} [{wanted[lag] / level:.4f}]"
+            for lag in ((0, 0), (1, 0), (0, 1), (1, 1))
+        )
+        rows.append([f"{level:,.0f}", *cells])
+    record.table("photon_transfer", ["mean, e-", "variance", "lag (1, 0)", "lag (0, 1)", "lag (1, 1)"], rows)
     return [np.array(part) for part in zip(*measured, strict=True)]
 
 
-def report_fit(areas, measured):
+def report_fit(areas: np.ndarray, measured: list[np.ndarray], record: Record) -> None:
+    """Record the areas that are fitted to the flats."""
     fitted, errors = bfe_fit.fit(*measured)
     print("areas [1e-8 per e-]: true, fitted, error")
     for dy in range(3):
         print("   ".join(" ".join(f"{1e8 * v:8.2f}" for v in table[dy]) for table in (areas, fitted, errors)))
+    own = 1e8 * fitted[0, 0], 1e8 * errors[0, 0]
+    record.value("own_area", own[0], "fitted change of a pixel's own area", unit="1e-8 per e-", error=own[1])
+    off = (abs(fitted - areas) / errors).max()
+    record.value("areas_off", off, "largest difference of a fitted area from that configured", unit="sigma", below=4)
 
 
 def numpy_moved(image, kernel, skew, limit):
@@ -159,9 +177,6 @@ def report_cost(kernel, full_well, seed, record):
     quarter, numbers = image[: shape[0] // 4].copy(), (*kernel, full_well)
     five = bfe_kernel.unfold(kernel[0]).astype(np.float32)
 
-    def polynomial(i: np.ndarray) -> np.ndarray:
-        return i + i**2 * np.float32(-5e-7) + i**3 * np.float32(1e-20)
-
     seconds = {
         "`brighter_fatter`": cpu(lambda i: move_charge(i, *numbers), image),
         "numpy and scipy, the same": 4 * cpu(lambda i: numpy_moved(i, *numbers), quarter),
@@ -171,9 +186,10 @@ def report_cost(kernel, full_well, seed, record):
         "numpy, the polynomial alone": 4
         * cpu(lambda i: i + i**2 * np.float32(-5e-7) + i**3 * np.float32(1e-20), quarter),
     }
-    record.table(
-        "costs", ["on a whole chip, 2000 saturated cores", "CPU-s"], [[k, f"{v:.2f}"] for k, v in seconds.items()]
-    )
+    rows = [[name, f"{value:.2f}"] for name, value in seconds.items()]
+    record.table("costs", ["on a whole chip, 2000 saturated cores", "CPU-s"], rows)
+    ours, numpys = list(seconds.values())[:2]
+    record.value("times", numpys / ours, "CPU time of numpy and scipy over that of `brighter_fatter`")
 
 
 def draw(found, areas, measured, path):
@@ -183,7 +199,8 @@ def draw(found, areas, measured, path):
     import matplotlib.pyplot as plt
 
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), constrained_layout=True)
-    styles = dict(zip([name for name in found if name != "no effect"], ("o", "s", "-"), strict=True))
+    drawn = [name for name in found if name not in ("no effect", NO_SKEW)]
+    styles = dict(zip(drawn, ("o", "s", "-"), strict=True))
     for axis, colour in ((0, "C0"), (1, "C3")):
         for name, style in styles.items():
             growth = (found[name] - found["no effect"]).mean(1)[:, axis]  # without the scatter of the photons
@@ -214,14 +231,13 @@ def main(record: Record) -> None:
     areas = detector.brighter_fatter["scale"] * np.array(detector.brighter_fatter["areas"])
     own = sensor_areas()
     print(f"areas of {SENSOR} [1e-8 per e-]:\n{(1e8 * own).round(2)}\nshipped:\n{(1e8 * areas).round(2)}")
-    kernels = {"kernel of its areas": bfe_kernel.kernel(own), "shipped kernel": bfe_kernel.kernel(areas)}
+    own_kernel, shipped = bfe_kernel.kernel(own), bfe_kernel.kernel(areas)
+    kernels = {"kernel of its areas": own_kernel, NO_SKEW: (own_kernel[0], 0.0), SHIPPED_KERNEL: shipped}
     found = spots(kernels, detector.full_well, seed, 2 if toy else SPOTS)
-    with record.printed("spots"):
-        report_spots(found, record)
-    with record.printed("flats"):
-        measured = transfer(areas, detector.full_well, seed, 300 if toy else FLAT)
-        report_fit(areas, measured)
-    report_cost(kernels["shipped kernel"], detector.full_well, seed, record)
+    report_spots(found, record)
+    measured = transfer(areas, detector.full_well, seed, record)
+    report_fit(areas, measured, record)
+    report_cost(shipped, detector.full_well, seed, record)
     draw(found, areas, measured, record.figure("brighter_fatter.png"))
 
 

@@ -1,7 +1,7 @@
 """Charge transfer inefficiency: cost and accuracy, also of other methods, and the paper's figure of two stamps.
 
     python benchmarks/cti.py [--columns 512]
-    python benchmarks/cti.py --only-mcti --mcti MCTI
+    python benchmarks/cti.py --mcti MCTI
 
 1. CPU time per half-column and per chip (least of three) at 4, 40 and 200 e- of sky, on columns with a chip's density
    of objects and cosmic rays; for comparison, on fewer columns, every trap visits every packet.
@@ -10,11 +10,11 @@
    The spread of the errors against CPU time goes to docs/figures/cti_speed_accuracy.png.
 3. How arcticpy treats the traps of a packet's own first rows (docs/detector_cti.md).
 4. Input, output and trail of a stamp 147 and 4000 rows from the amplifier: docs/figures/cti_trails.png.
-5. Two whole chips.
+5. Whole chips.
 6. Rows through their registers: cost of a chip; trails of a spot and of a flat field.
-7. With --mcti, the paper's own code, of a checkout of github.com/ZunLuo/MCTI (alone with --only-mcti): losses and
-   trails of three spots in a column of Poisson sky, charge deferred into the overscan, cost. It is in the chart of
-   part 2, too.
+
+With --mcti, only the paper's own code, of a checkout of github.com/ZunLuo/MCTI: losses and trails of three spots in a
+column of Poisson sky, charge deferred into the overscan, cost.
 """
 
 import argparse
@@ -39,6 +39,7 @@ from csstsim.bench.readout.cti import (
     PARTS,
     ROWS,
     SKY,
+    SPOTS,
     TAU,
     WELL,
     cpu,
@@ -94,31 +95,75 @@ def plain_loop(image):
 SKIES = (4, 40, 200)  # e-
 
 
-def costs(columns):
-    """Print the table of costs."""
+def costs(columns: int, record: Record) -> None:
+    """Record the costs of half-columns and chips."""
     exact(np.ones((9, 9), np.float32))
-    print("sky e-        csstsim: ms/half-column  s/chip    every packet: ms/half-column  s/chip")
+    rows = []
     for sky in SKIES:
         plain = cpu(plain_loop, scene(np.random.default_rng(sky), FEW, sky), 2) / FEW
-        numbers = [t * s for t in (half_column(columns, sky), plain) for s in (1e3, HALF_COLUMNS)]
-        print("{:6d} {:22.3f} {:16.2f} {:25.2f} {:13.0f}".format(sky, *numbers), flush=True)
+        ours = half_column(columns, sky)
+        rows.append([
+            f"{sky} e-", f"{1e3 * ours:.3f} ms", f"{HALF_COLUMNS * ours:.1f} s",
+            f"{1e3 * plain:.1f} ms", f"{HALF_COLUMNS * plain:.0f} s",
+        ])  # fmt: skip
+    record.table("costs", ["sky", "this program", "a chip", "each packet visited by each trap", "a chip"], rows)
 
 
-def first_transfers():
-    """Print a spot of 5000 e- without sky, 60 rows from the amplifier: arcticpy with and without emptied traps."""
+def losses(columns: int, record: Record) -> None:
+    """Record cost and errors of each method, and what spots lose and trail."""
+    found = speed_accuracy(record.figure("cti_speed_accuracy.png"), print, columns, quick=record.toy)
+    ours = found["exact, event by event"]
+    rows = []
+    for name, method in found.items():
+        largest = abs(method.parts / ours.parts - 1).max()
+        rows.append([name, f"{method.cpu:.1f}", f"{method.error:.2%}", f"{largest:.1%}"])
+    record.table("methods", ["method", "CPU s per chip", "rms error", "largest error"], rows)
+    if not THERE:
+        record.skip("arcticpy", "not installed")
+        return
+    peer, far = found["arcticpy 5, overscan_start"].parts, [row > 1000 for _, row in SPOTS]
+    rows = [
+        [f"{flux:,}", row, *(f"{abs(a):.2f} / {abs(b):.2f}" for a, b in zip(*pair, strict=True))]
+        for (flux, row), *pair in zip(SPOTS, ours.parts, peer, strict=True)
+    ]
+    record.table("spots", ["e-", "row", "spot loses, ours / arcticpy", "rows 1-8 behind", "9-48", "49-198"], rows)
+    limit = "largest relative difference from arcticpy, express 5, of a spot's loss or trail"
+    record.value("arctic_difference", abs(ours.parts / peer - 1).max(), limit, below=0.03)
+    mean = found["mean field"].parts
+    record.value("mean_field", abs(mean / peer - 1)[far].max(), f"mean field, row 4000: {limit}")
+    default = found["arcticpy 5"].parts / ours.parts - 1
+    record.value("default_far", default[far, 1:].max(), "excess of arcticpy's default in a trail, row 4000, largest")
+    nearby = default[[row < 1000 for _, row in SPOTS], -1]
+    record.value("default_near", nearby.mean(), "excess of arcticpy's default 49 to 198 rows behind a spot at row 147")
+    for name in ("arcticpy 1", "arcticpy 5"):
+        record.value(f"{name.replace(' ', '_')}_cpu", found[name].cpu, f"a chip's transfer by {name}", unit="CPU-s")
+
+
+def first_transfers(record: Record) -> None:
+    """Record a spot of 5000 e- without sky, 60 rows from the amplifier: arcticpy with and without emptied traps."""
     column = np.zeros(160, np.float32)
     column[60:63] = 5000
+    rows = []
 
-    def say(name, moved):
+    def add(name: str, moved: np.ndarray) -> None:
         change = moved - column
-        parts = "".join(f"{change[60 + a : 60 + b].sum():9.2f}" for a, b in ((0, 3), (3, 11), (11, 51), (51, 100)))
-        print(f"{name:50s}{parts}   all {change.sum():7.2f}")
+        parts = [change[60 + a : 60 + b].sum() for a, b in ((0, 3), (3, 11), (11, 51), (51, 100))]
+        rows.append([name, *(f"{value:.2f}" for value in (*parts, change.sum()))])
 
-    print("\nspot 60 rows from the amplifier, no sky: electrons added to the spot, rows 1-8, 9-48, 49-97 behind it")
-    say("csstsim, 20000 columns", stochastic(1000)(column, 50))
-    for empty in (False, True):
+    count = 20 if record.toy else 1000  # times 20 columns at row 50
+    add(f"this program, {20 * count:,} columns", stochastic(count)(column, 50))
+    for empty, name in ((False, "default"), (True, "emptied")):
         moved = arctic(column, DENSITY, TAU, WELL, 0, empty_traps_for_first_transfers=empty)
-        say(f"arcticpy 0, empty_traps_for_first_transfers={empty}", moved)
+        add(f"arcticpy, express 0, {name}", moved)
+    head = "spot of 5000 e- at row 60, no sky"
+    record.table("first_transfers", [head, "spot", "rows 1-8", "9-48", "49-97", "all"], rows)
+    for name, kept in (("all", slice(None)), *((f"species_{k + 1}", slice(k, k + 1)) for k in range(len(TAU)))):
+        column = np.zeros(4000, np.float32)
+        column[60:63] = 5000
+        made = arctic(column, DENSITY[kept], TAU[kept], WELL, 5).sum(dtype=float) - column.sum(dtype=float)
+        record.value(
+            f"created_{name}", made, f"charge that arcticpy's default creates behind a spot ({name})", unit="e-"
+        )
 
 
 def chip(sky, columns=HALF_COLUMNS // 2):
@@ -136,17 +181,19 @@ def along_rows(image, species=REGISTER, register=1):
     return transfer_rows(image, *species, REGISTER_WELL, keys, prescan=PRESCAN, overscan=SERIAL_OVERSCAN)
 
 
-def serial(registers=1000):
-    """Print the cost of a chip's rows, and the trails of a spot and a flat field, means of many registers."""
+def serial(record: Record) -> None:
+    """Record the cost of a chip's rows, and the trails of a spot and a flat field, means of many registers."""
+    registers = 20 if record.toy else 1000
     along_rows(np.ones((1, 9), np.float32))
-    print("\nrows through their registers, CPU s per chip: densities of cti.yaml, of PyAutoCTI's examples")
+    lines = []
     for sky in SKIES:
-        image = scene(np.random.default_rng(sky), CHANNEL, sky)
-        rows = 16 * (ROWS + OVERSCAN) / ROWS
+        image = scene(np.random.default_rng(sky), CHANNEL, sky)[: 200 if record.toy else None]
+        rows = 16 * (ROWS + OVERSCAN) / len(image)
         seconds = [rows * cpu(lambda part, s=s: along_rows(part, s), image) for s in (REGISTER, EUCLID)]
-        print("sky {:3d} e-: {:6.2f} {:6.2f}".format(sky, *seconds), flush=True)
+        lines.append([f"{sky} e-", *(f"{value:.1f}" for value in seconds)])
+    record.table("registers", ["sky", "densities of `cti.yaml`, CPU s a chip", "of PyAutoCTI's examples"], lines)
 
-    def mean(row):
+    def mean(row: np.ndarray) -> np.ndarray:
         """Return the mean change by the registers of a row and its overscan."""
         total = np.zeros(CHANNEL + SERIAL_OVERSCAN)
         for register in range(registers):
@@ -155,31 +202,36 @@ def serial(registers=1000):
             total += np.hstack([image - row, trail]).mean(0, dtype=float) / registers
         return total
 
-    sky = np.full(CHANNEL, SKY, np.float32)
+    sky, lines = np.full(CHANNEL, SKY, np.float32), []
     for flux in (500, 5000, 30000):
         spot = sky.copy()
         spot[1000:1003] = flux
-        found = {"this program": mean(spot) - mean(sky)}
+        found = [mean(spot) - mean(sky)]
         if THERE:
             how = {"overscan_start": PRESCAN + 1003}
             rows = (np.pad(row, (PRESCAN, SERIAL_OVERSCAN)) for row in (spot, sky))
             moved = [arctic(row, *REGISTER, REGISTER_WELL, **how)[PRESCAN:] for row in rows]
-            found["arcticpy 5"] = moved[0] - moved[1] - np.pad(spot - sky, (0, SERIAL_OVERSCAN))
-        print(f"spot {flux} e- over columns 1000-1002: spot, 1-2, 3-8, 9-48 behind")
-        for name, change in found.items():
-            parts = [change[1000 + a : 1000 + b].sum() for a, b in ((0, 3), (3, 5), (5, 11), (11, 51))]
-            print(f"   {name:12s}", np.round(parts, 2))
+            found.append(moved[0] - moved[1] - np.pad(spot - sky, (0, SERIAL_OVERSCAN)))
+        parts = [
+            [abs(change[1000 + a : 1000 + b].sum()) for a, b in ((0, 3), (3, 5), (5, 11), (11, 51))] for change in found
+        ]
+        lines.append([f"{flux:,} e-", *(" / ".join(f"{v:.2f}" for v in both) for both in zip(*parts, strict=True))])
+    head = "spot over columns 1000-1002"
+    record.table("serial_spots", [head, "spot loses, ours / arcticpy", "1-2 behind", "3-8", "9-48"], lines)
+    lines = []
     for level in (1000, 20000):
         scan = mean(np.full(CHANNEL, level, np.float32))[CHANNEL:]
         eper = scan.sum() / level / (PRESCAN + CHANNEL)
-        print(f"flat {level} e-: overscan columns 1-5", np.round(scan[:5], 2), f"EPER {eper:.1e} per transfer")
+        lines.append([f"{level:,} e-", ", ".join(f"{v:.2f}" for v in scan[:5]), f"{eper:.1e}"])
+    record.table("serial_flats", ["flat", "overscan columns 1, 2, 3, 4, 5 [e-]", "EPER per transfer"], lines)
 
 
-def papers_code(mcti, columns=4000, batches=20):
-    """Print what three spots in columns of Poisson sky lose and trail, here and in the paper's code, and the cost.
+def papers_code(mcti: Mcti, record: Record, columns: int = 4000, batches: int = 20) -> None:
+    """Record what three spots in columns of Poisson sky lose and trail, here and in the paper's code, and the cost.
 
     The columns are divided into batches with traps of their own; their scatter gives the errors.
     """
+    lines, worst = [], []
     for sky in (5, 40):
         rng = np.random.default_rng(sky)
         image = rng.poisson(sky, (SPOT_ROWS[-1] + PARTS[-1][1], columns)).astype(np.float32)
@@ -198,20 +250,32 @@ def papers_code(mcti, columns=4000, batches=20):
                     moved, trail = out[: len(part)], out[len(part) :]
                 seconds[name] += time.process_time() - start
                 change = (moved - part).mean(1, dtype=float)
-                lines = [[change[row + a : row + b].sum() for a, b in PARTS] for row in SPOT_ROWS]
-                found[name].append([*np.ravel(lines), trail.mean(dtype=float)])
-        print(f"\nspots of {SPOT} e- over 3 rows, Poisson sky of {sky} e-, {columns} columns: csstsim, MCTI, ratio")
+                parts = [[change[row + a : row + b].sum() for a, b in PARTS] for row in SPOT_ROWS]
+                found[name].append([*np.ravel(parts), trail.mean(dtype=float)])
         ours, theirs = (np.array(found[name]) for name in found)
-        mean, other = ours.mean(0), theirs.mean(0)
-        error = np.hypot(ours.std(0), theirs.std(0)) / np.sqrt(batches - 1) / abs(other)
-        names = [
-            f"row {row:4d} {part}" for row in SPOT_ROWS for part in ("spot", "rows 1-8", "rows 9-48", "rows 49-198")
+        means = ours.mean(0), theirs.mean(0)
+        error = np.hypot(ours.std(0), theirs.std(0)) / np.sqrt(batches - 1)
+        spots = [f"{abs(a):.2f} / {abs(b):.2f}" for a, b in zip(*means, strict=True)][:-1]
+        lines += [
+            [f"{sky} e-", row, *spots[k : k + len(PARTS)]]
+            for row, k in zip(SPOT_ROWS, range(0, len(spots), len(PARTS)), strict=True)
         ]
-        for name, *numbers in zip(
-            [*names, f"overscan rows 1-{FIRST_ROWS}, each"], mean, other, mean / other, error, strict=True
-        ):
-            print("{:28s} {:9.4f} {:9.4f}   {:.4f} +- {:.4f}".format(name, *numbers))
-        print(f"CPU time: MCTI / csstsim {seconds['MCTI'] / seconds['csstsim']:.0f}", flush=True)
+        worst.append([abs(means[0] / means[1] - 1).max(), (abs(means[0] - means[1]) / error).max()])
+        for name, values in zip(("csstsim", "mcti"), (ours[:, -1], theirs[:, -1]), strict=True):
+            what = f"charge of each of the first {FIRST_ROWS} overscan rows by {name}, sky of {sky} e-"
+            spread = values.std() / np.sqrt(batches - 1)
+            record.value(f"overscan_{name}_{sky}", values.mean(), what, unit="e-", error=spread)
+        what = f"CPU time of MCTI over that of csstsim, columns of {len(image)} rows, sky of {sky} e-"
+        record.value(f"times_{sky}", seconds["MCTI"] / seconds["csstsim"], what)
+    head = ["sky", "row", "spot loses, ours / MCTI", "rows 1-8 behind", "9-48", "49-198"]
+    record.table("spots", head, lines)
+    relative, sigma = np.max(worst, axis=0)
+    record.value("largest", relative, "largest relative difference from MCTI", below=0.02)
+    record.value("largest_sigma", sigma, "largest difference from MCTI over its error", below=4)
+    image = scene(np.random.default_rng(5), 32, SKY)
+    theirs = cpu(lambda part: mcti.transfer(part, DENSITY, TAU, WELL, OVERSCAN), image, 1) / image.shape[1]
+    what = f"CPU time of MCTI over that of csstsim, half-columns of {ROWS} rows"
+    record.value("times_half_column", theirs / half_column(512, SKY), what)
 
 
 def trails(file):
@@ -243,39 +307,26 @@ def trails(file):
 
 
 def main(record: Record) -> None:
-    """Run the parts that are asked for."""
+    """Run all parts, or that with the paper's code."""
     given, toy = record.options, record.toy
-    mcti = given.mcti and Mcti(given.mcti)
-    if mcti:
-        with record.printed("papers_code"):
-            papers_code(mcti)
-    if given.only_mcti:
+    if given.mcti:
+        papers_code(Mcti(given.mcti), record)
         return
     columns = 16 if toy else given.columns
-    with record.printed("costs"):
-        costs(columns)
-    with record.printed("losses"):
-        found = speed_accuracy(record.figure("cti_speed_accuracy.png"), print, columns, mcti, quick=toy)
-    for key, name in (("arctic", "arcticpy 5"), ("exact", "exact, event by event")):
-        if name in found:
-            record.value(f"{key}_cpu", found[name].cpu, f"a chip's charge transfer by {name}", unit="CPU-s")
+    costs(columns, record)
+    losses(columns, record)
     if THERE:
-        with record.printed("first_transfers"):
-            first_transfers()
-    else:
-        record.skip("arcticpy", "not installed")
+        first_transfers(record)
     trails(record.figure("cti_trails.png"))
     for sky in (4, SKY):
         seconds = chip(sky, 256 if toy else HALF_COLUMNS // 2)
         record.value(f"chip_cpu_{sky}", seconds, f"charge transfer of a whole chip, sky of {sky} e-", unit="CPU-s")
-    with record.printed("registers"):
-        serial(20 if toy else 1000)
+    serial(record)
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--columns", type=int, default=512)
     parser.add_argument("--mcti", metavar="FOLDER", help="a checkout of github.com/ZunLuo/MCTI; it needs cc")
-    parser.add_argument("--only-mcti", action="store_true", help="the seventh part only")
     with Record(parser) as record:
         main(record)

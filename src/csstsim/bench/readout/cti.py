@@ -33,6 +33,7 @@ class MethodCost(NamedTuple):
 
     cpu: float  # s per chip
     error: float  # rms, relative, of spots' losses and trails
+    parts: np.ndarray  # (SPOTS, PARTS): electrons that spots lose and trail
 
 
 def speed_accuracy(file, say, columns=512, mcti=None, quick=False):
@@ -153,7 +154,6 @@ def by_mcti(mcti):
 def ways(seconds, mcti=None, quick=False):
     """Return {name: (CPU s per half-column, method for spot_change)}; `seconds`: those of the exact process."""
     image = scene(np.random.default_rng(5), 128, SKY)
-
     some = 100 if quick else 1
 
     def each(work, n=FEW):
@@ -189,7 +189,7 @@ def accuracy(methods, say):
         parts = np.array([spot_change(method, *spot) for spot in SPOTS])
         reference = parts if reference is None else reference
         error = parts / reference - 1
-        found[name] = MethodCost(cost * HALF_COLUMNS, np.sqrt((error**2).mean()))
+        found[name] = MethodCost(cost * HALF_COLUMNS, np.sqrt((error**2).mean()), parts)
         against = f"error against the first: rms {found[name].error:.2%}, largest {abs(error).max():.1%}"
         say(f"{name}: {found[name].cpu:.1f} CPU s per chip; {against}")
         for (flux, row), part in zip(SPOTS, parts, strict=True):
@@ -205,7 +205,7 @@ def chart(found, file):
     from matplotlib import pyplot as plt
 
     figure, axes = plt.subplots(figsize=(6, 4), layout="constrained")
-    for name, (seconds, rms) in found.items():
+    for name, (seconds, rms, _) in found.items():
         place = seconds, rms or 1e-3
         axes.plot(*place, "o" if rms else "k*", ms=6 if rms else 13)
         label = name if rms else "csstsim: exact (0; errors are against it)"

@@ -27,7 +27,8 @@ from csstsim.simulation.sim_steps import SimSteps
 from csstsim.simulation.state import State
 
 CHIP = 9
-WRITE = "writing the file"
+WRITE, TOTAL = "writing the file", "readout and file"
+PIXELS = 9216 * 9232
 SKIES = 40.0, 4.0  # electrons per pixel: a wide band, a narrow one
 STARS, SPOT, SIGMA = 5000, 12, 0.9  # number, half the side of a star's stamp [px], its width [px]
 _BRIGHT = 1e4  # electrons: fainter stars are drawn as photons, in the counted plane
@@ -44,29 +45,33 @@ def readout(folder, say, skies=SKIES, mcti=None):
     mcti: a checkout of MCTI (csstsim.bench.readout.mcti), or None. Raises InputError if it is not one.
     """
     mcti = mcti and Mcti(mcti)
-    camera = load_camera(SHIPPED / "instrument")
-    steps = _steps()
-    folder.mkdir(parents=True, exist_ok=True)
-    _seconds(_state(camera, skies[0], _WARM), steps, camera, folder)  # compiles before anything is timed
-    for sky in skies:
-        state = _state(camera, sky, camera.chips[CHIP].full_window)
-        pixels, others = state.image.size, _others(sky, camera)
-        took = _seconds(state, steps, camera, folder)
-        say(f"\nsky of {sky:g} electrons, {pixels / 1e6:.0f} million pixels, one core")
+    for sky, took, others in layer_costs(folder, skies):
+        say(f"\nsky of {sky:g} electrons, {PIXELS / 1e6:.0f} million pixels, one core")
         say("| layer | csstsim, CPU s | ns / pixel | others, CPU s |\n|---|---|---|---|")
-        light = {step.name for step in steps if step.module.STAGE == "render"}
-        took["readout and file"] = sum(seconds for layer, seconds in took.items() if layer not in light)
         for layer, seconds in took.items():
-            if layer == "prnu_effect":
-                continue
             peers = ", ".join(f"{name} {value:.1f}" for name, value in others.get(layer, {}).items())
-            say(f"| {layer} | {seconds:.2f} | {1e9 * seconds / pixels:.1f} | {peers} |")
+            say(f"| {layer} | {seconds:.2f} | {1e9 * seconds / PIXELS:.1f} | {peers} |")
     if not THERE:
         say("\narcticpy is not installed (csstsim.bench.readout.arctic says how): cte_effect has no peer")
     if mcti is None:
         say(f"\n{ABSENT}")
     speed_accuracy(folder / "cti_speed_accuracy.png", say, mcti=mcti)
     say(f"{folder}/cti_speed_accuracy.png")
+
+
+def layer_costs(folder, skies=SKIES, window=None):
+    """Yield, for each sky [electron / pixel], (sky, {layer: CPU s}, {layer: {peer: CPU s of a chip}}).
+
+    A file is written into `folder`. window: what is run of the chip, all by default.
+    """
+    camera, steps = load_camera(SHIPPED / "instrument"), _steps()
+    folder.mkdir(parents=True, exist_ok=True)
+    _seconds(_state(camera, skies[0], _WARM), steps, camera, folder)  # compiles before anything is timed
+    light = {step.name for step in steps if step.module.STAGE == "render"}
+    for sky in skies:
+        took = _seconds(_state(camera, sky, window or camera.chips[CHIP].full_window), steps, camera, folder)
+        took[TOTAL] = sum(seconds for layer, seconds in took.items() if layer not in light)
+        yield sky, {name: seconds for name, seconds in took.items() if name != "prnu_effect"}, _others(sky, camera)
 
 
 def _steps():
