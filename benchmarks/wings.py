@@ -43,6 +43,7 @@ CHIP, EXPTIME = 9, 150.0
 CELLS_PER_PIXEL = 2  # of the direct optics here
 CENTRE = 4600.2, 4500.4  # px
 LASER = 6328.0  # angstrom
+REACH = 2048.0  # px, to which objects outside a window are drawn
 GHOSTS = Window(4800, 7200, 4800, 7200)  # of the second picture
 MAGNITUDES = (5, 8, 12, 15, 18, 20)
 
@@ -113,6 +114,22 @@ def report_anchors(camera: Camera, record: Record) -> None:
     for word, name in (("least", min(between, key=between.get)), ("most", max(between, key=between.get))):
         what = f"light of the diffraction image between 32 and 64 px, {word} of bands with 4 cells ({name})"
         record.value(f"between_boxes_{word}", between[name], what)
+
+
+def report_ghosts(camera: Camera, record: Record) -> None:
+    """Record the light of the ghosts, and the faintest star whose ghosts are drawn."""
+    ghosts = {name: scattered_light(camera, band).ghosts for name, band in camera.filters.items()}
+    light = {name: each.light.sum() for name, each in ghosts.items()}
+    for word, name in (("least", min(light, key=light.get)), ("most", max(light, key=light.get))):
+        record.value(f"ghosts_{word}", light[name], f"light of the ghosts over the star's, {word} of bands ({name})")
+    for key, what, levels in (
+        ("disc", "one disc", [each.level.max() for each in ghosts.values()]),
+        ("overlap", "where all discs overlap", [each.level.sum() for each in ghosts.values()]),
+    ):
+        record.value(f"ghost_{key}", max(levels), f"light per pixel of a ghost over the star's, {what}, most of bands")
+    electrons = ghosts["r"].faintest / ghosts["r"].level.max()
+    mag = camera.filters["r"].zeropoint(camera.telescope) - 2.5 * np.log10(electrons / EXPTIME)
+    record.value("ghost_faintest", mag, f"faintest star whose ghosts are drawn, {EXPTIME:.0f} s", unit="r mag")
 
 
 def diffraction_beyond(camera: Camera, name: str, radii: tuple[float, ...]) -> list[np.ndarray]:
@@ -238,6 +255,12 @@ def report_reach(scene: Scene, record: Record) -> None:
     for mag in (5.0, 12.0, 16.0):
         radius = reach(np.array([mag]))[0]
         record.value(f"reach_{mag:.0f}", radius, f"wing of a star of r = {mag:.0f} above the noise to", unit="px")
+    for mag in (5, 9):
+        electrons = EXPTIME * 10 ** (0.4 * (zero - mag))
+        level = electrons * scene.scattered.wing.profile(REACH).mean() / np.sqrt(scene.noise)
+        record.value(
+            f"left_out_{mag}", level, f"light of a star of r = {mag} at {REACH:.0f} px", unit="noise of the sky"
+        )
     grid = np.arange(15.0, 28.0, 0.05)
     faintest = grid[reach(grid) > scene.box].max()
     record.value("faintest", faintest, f"faintest star with a wing beyond {scene.box} px", unit="r mag")
@@ -314,6 +337,7 @@ if __name__ == "__main__":
         camera = load_camera(record.options.instrument)
         report_diffraction(camera, record)
         report_anchors(camera, record)
+        report_ghosts(camera, record)
         scene = Scene(camera, folder)
         for report in (report_energy, report_joins, report_reach, report_cost):
             report(scene, record)
