@@ -14,8 +14,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+from evidence.record import Record
+
 import yaml
 from private_memory import PrivateMemory
+from toy_catalogue import toy_catalogue
 
 from csstsim.campaign.config import load_campaign
 from csstsim.campaign.opened import OpenCampaign
@@ -23,6 +26,7 @@ from csstsim.instrument.camera import load_camera
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "results" / "chip_stages" / load_camera(ROOT / "config/instrument").digest  # one per camera
+TOY = {"x0": 4300, "x1": 5000, "y0": 4300, "y1": 5000}
 RUNS = 3
 PAPER = 14_742  # CPU s a chip: 300,000 CPU-hours for 73,260 files (paper, section 5.6)
 
@@ -36,14 +40,20 @@ def observation(traps=1.0):
     return content
 
 
-def campaign():
-    """Write the campaign, the demo's exposures of whole chips with all layers; return its file."""
-    FOLDER.mkdir(parents=True, exist_ok=True)
-    (FOLDER / "science.yaml").write_text(yaml.safe_dump(observation(), sort_keys=False))
+def campaign(toy=False):
+    """Write the campaign, the demo's exposures of whole chips with all layers; return its file.
+
+    toy: of a small window, with a table of objects.
+    """
+    folder = ROOT / "results" / "toy" / "chip_stages" if toy else FOLDER
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "science.yaml").write_text(yaml.safe_dump(observation(), sort_keys=False))
     content = load_campaign(ROOT / "config/full_chip.yaml").model_dump(mode="json")
-    content |= {"name": "chip_stages", "output": str(FOLDER), "select": {"types": ["SCIE"]}}
-    content["observations"] = {"SCIE": str(FOLDER / "science.yaml")}
-    file = FOLDER / "campaign.yaml"
+    content |= {"name": "chip_stages", "output": str(folder), "select": {"types": ["SCIE"]}}
+    content["observations"] = {"SCIE": str(folder / "science.yaml")}
+    if toy:
+        content |= {"window": TOY, "catalog": toy_catalogue(folder, 300.092, -59.8671)}
+    file = folder / "campaign.yaml"
     file.write_text(yaml.safe_dump(content, sort_keys=False))
     return file
 
@@ -69,20 +79,30 @@ def measured(file, obsid, chip):
     return stages, used.ru_utime + used.ru_stime, memory.largest, said
 
 
-def main():
+def main() -> None:
+    """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--filters", nargs="+", default=["r", "NUV"])
-    file = campaign()
+    with Record(parser) as record:
+        report(record)
+
+
+def report(record: Record) -> None:
+    """Record the cost by filter and stage."""
+    file, runs = campaign(record.toy), 1 if record.toy else RUNS
     run = OpenCampaign(file)
-    for band, obsid, chip in jobs(run, parser.parse_args().filters):
+    for band, obsid, chip in jobs(run, record.options.filters[: 1 if record.toy else None]):
         measured(file, obsid, chip)
-        stages, total, memory, said = min((measured(file, obsid, chip) for _ in range(RUNS)), key=lambda run: run[1])
-        print(f"\n{band}, chip {chip}: {re.search(r'^[0-9]+ objects', said, re.MULTILINE)[0]}")
-        print("| stage | CPU s |\n|---|---|")
+        stages, total, memory, said = min((measured(file, obsid, chip) for _ in range(runs)), key=lambda run: run[1])
+        objects = int(re.search(r"^([0-9]+) objects", said, re.MULTILINE)[1])
+        record.value(f"{band}_objects", objects, f"objects that reach the {band} chip")
+        rows = []
         for name, cpu in (stages | {"start-up": total - sum(stages.values()), "all": total}).items():
-            print(f"| {name} | {cpu:.1f} |")
-        print(f"| the paper's mean over its files, with spectra | {PAPER} ({PAPER / total:.0f} times) |")
-        print(f"{memory:.2f} GB private memory", flush=True)
+            record.value(f"{band}_{name.replace('-', '_')}", cpu, f"{band} chip: {name}", unit="CPU-s")
+            rows.append([name, f"{cpu:.1f}"])
+        rows.append(["the paper's mean over its files, with spectra", f"{PAPER} ({PAPER / total:.0f} times)"])
+        record.table(f"{band}_stages", [f"{band} chip", "CPU-s"], rows)
+        record.value(f"{band}_gb", memory, f"{band} chip: private memory", unit="GB")
 
 
 if __name__ == "__main__":

@@ -12,9 +12,12 @@ import importlib.util
 import time
 from pathlib import Path
 
+from evidence.record import Record
+
 import numpy as np
 import yaml
 from scipy.ndimage import maximum_filter
+from toy_catalogue import toy_catalogue
 
 from csstsim.campaign.config import load_campaign
 from csstsim.campaign.opened import OpenCampaign
@@ -32,14 +35,21 @@ SNR_MIN = 20
 FULL_WELL = 85_000.0  # electrons, for astroscrappy
 
 
-def campaign():
-    """Write the demo's campaign with a truth mask; return it opened."""
+def campaign(toy):
+    """Write the demo's campaign with a truth mask, or a small window of it; return it opened."""
     FOLDER.mkdir(parents=True, exist_ok=True)
     observation = yaml.safe_load((ROOT / "config/observations/science.yaml").read_text())
     observation["layers"][-1]["quantization_and_output"]["mask"] = True
     (FOLDER / "science.yaml").write_text(yaml.safe_dump(observation, sort_keys=False))
     content = load_campaign(ROOT / "config/campaign.yaml").model_dump(mode="json")
     content |= {"output": str(FOLDER), "observations": {"SCIE": str(FOLDER / "science.yaml")}}
+    if toy:
+        window = {"x0": 4300, "x1": 4800, "y0": 4300, "y1": 4800}
+        content |= {
+            "output": str(FOLDER / "toy"),
+            "window": window,
+            "catalog": toy_catalogue(FOLDER, 300.092, -59.8671),
+        }
     (FOLDER / "campaign.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
     return OpenCampaign(FOLDER / "campaign.yaml")
 
@@ -56,13 +66,20 @@ def finders(calibrated, model):
         yield "astroscrappy", lambda: astroscrappy.detect_cosmics(image.copy(), inmask=saturated | bad, **how)[0]
 
 
-def main():
+def main() -> None:
+    """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--filters", nargs="+", default=["NUV", "r", "y"])
-    options = parser.parse_args()
-    run = campaign()
-    print("| filter | by | rays found | stars taken for one | ns a pixel |\n|---|---|---|---|---|")
-    for band in options.filters:
+    with Record(parser) as record:
+        if not importlib.util.find_spec("astroscrappy"):
+            record.skip("astroscrappy", "not installed")
+        compare(record)
+
+
+def compare(record: Record) -> None:
+    """Record what each code finds, by filter."""
+    run, rows = campaign(record.toy), []
+    for band in record.options.filters[: 1 if record.toy else None]:
         job = next(job for job in run.jobs if job.chip.filter == band)
         chip_stage.chip(run, job, say=lambda _: None)
         file, calibrated = calibrated_frame(run, job)
@@ -83,10 +100,12 @@ def main():
             found = find()
             cost = 1e9 * (time.process_time() - start) / found.size
             hit = maximum_filter(found, 3)[y, x] & alone
-            print(
-                f"| {band} | {name} | {found[strong].mean():.1%} | {hit.sum()} of {alone.sum()} | {cost:.0f} |",
-                flush=True,
-            )
+            if name == "csstsim":
+                what = f"pixels of cosmic rays above 5 sigma found in {band}, fraction"
+                record.value(f"found_{band}", float(found[strong].mean()), what)
+                record.value(f"hit_{band}", int(hit.sum()), f"stars of {alone.sum()} in {band} taken for a cosmic ray")
+            rows.append([band, name, f"{found[strong].mean():.1%}", f"{hit.sum()} of {alone.sum()}", f"{cost:.0f}"])
+    record.table("codes", ["filter", "by", "rays found", "stars taken for one", "ns a pixel"], rows)
 
 
 if __name__ == "__main__":

@@ -13,6 +13,8 @@ import argparse
 import time
 from itertools import pairwise
 
+from evidence.record import Record
+
 import numpy as np
 from chip_stages import campaign, measured
 
@@ -72,42 +74,42 @@ def spread(values):
     return 1.4826 * np.median(np.abs(values - np.median(values)))
 
 
-def fluxes(truth, found, row, judged):
-    """Print errors and pulls by kind and S/N."""
+def fluxes(truth, found, row, judged, record):
+    """Record errors and pulls by kind and S/N."""
     galaxy, bulge = truth["obj_type"] == GALAXY, np.nan_to_num(truth["bulge_frac"])
     kinds = {
-        "galaxies": galaxy, "bulge < 0.15": galaxy & (bulge < 0.15), "bulge > 0.5": galaxy & (bulge > 0.5),
-        "those between": galaxy & (bulge >= 0.15) & (bulge <= 0.5), "stars": ~galaxy,
+        "galaxies": galaxy, "discs": galaxy & (bulge < 0.15), "bulges": galaxy & (bulge > 0.5),
+        "mixed": galaxy & (bulge >= 0.15) & (bulge <= 0.5), "stars": ~galaxy,
     }  # fmt: skip
-    heading("objects", "S/N", "n", "total - true [mag]", "+-", "scatter", "pulls", "Kron - true", "scatter", "pulls")
+    header = ["S/N", "n", "`flux_total`", "scatter", "pulls", "`flux_kron`", "scatter", "pulls"]
     for kind, some in kinds.items():
+        lines = []
         for low, high in (*pairwise(SNR), TOGETHER):
             rows = np.flatnonzero(some & judged & (truth["snr"] >= low) & (truth["snr"] < high))
-            if len(rows) < FEW:
+            if len(rows) < (1 if record.toy else FEW):
                 continue
             true, cells = truth["electrons"][rows], []
             for name in ("total", "kron"):
                 flux, error = (found[f"flux_{name}{end}"][row[rows]] for end in ("", "_err"))
                 off = -2.5 * np.log10(np.maximum(flux / true, 0.01))
-                chance = [f"{1.25 * spread(off) / len(rows) ** 0.5:.3f}"] if name == "total" else []
-                cells += [
-                    f"{np.median(off):+.3f}",
-                    *chance,
-                    f"{spread(off):.3f}",
-                    f"{spread((flux - true) / error):.2f}",
-                ]
-            print(f"| {kind} | {low} to {high} | {len(rows)} | {' | '.join(cells)} |")
+                middle, chance = np.median(off), 1.25 * spread(off) / len(rows) ** 0.5
+                what = f"{kind}, S/N {low} to {high}: median {name} less true magnitude"
+                record.value(f"{kind}_{name}_{low}_{high}", middle, what, unit="mag", error=chance)
+                beside = f" ± {chance:.3f}" if name == "total" else ""
+                pulls = spread((flux - true) / error)
+                cells += [f"{middle:+.3f}{beside}", f"{spread(off):.3f}", f"{pulls:.2f}"]
+            lines.append([f"{low} to {high}", len(rows), *cells])
+        record.table(kind, header, lines)
 
 
-def separation(truth, found, row, judged):
-    """Print the share of galaxies and stars taken for such (complete), and of those taken for such that are (pure)."""
+def separation(truth, found, row, judged, record):
+    """Record fractions of galaxies and stars taken for such (complete), and of those taken for such that are (pure)."""
     galaxy = truth["obj_type"] == GALAXY
     taken = {"star": ~found["star"][row], "point": ~(found["point"][row] >= 0.5)}
     figures = [
         f"{kind} {what}, `{name}`" for kind in ("galaxies", "stars") for name in taken for what in ("complete", "pure")
     ]
-    print()
-    heading("magnitude", "galaxies", "stars", *figures)
+    lines = []
     for low, high in pairwise(MAGNITUDES):
         rows = np.flatnonzero(judged & (truth["mag"] >= low) & (truth["mag"] < high))
         cells = [f"{low:g} to {high:g}", galaxy[rows].sum(), (~galaxy[rows]).sum()]
@@ -115,26 +117,29 @@ def separation(truth, found, row, judged):
             true = galaxy[rows] == is_galaxy
             for said in (values[rows] == is_galaxy for values in taken.values()):
                 cells += [f"{(said & true).sum() / max(of.sum(), 1):.3f}" for of in (true, said)]
-        print("|", " | ".join(map(str, cells)), "|")
+        lines.append(cells)
+    record.table("separation", ["r [mag]", "galaxies", "stars", *figures], lines)
 
 
-def heading(*names):
-    print("|", " | ".join(names), "|")
-    print("|" + "---|" * len(names))
-
-
-def main():
-    from csstsim.command_line.main import main as csstsim
-
+def main() -> None:
+    """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("campaign", nargs="?")
-    file = parser.parse_args().campaign or campaign()
+    with Record(parser) as record:
+        report(record)
+
+
+def report(record: Record) -> None:
+    """Measure the chip, and compare with the truth."""
+    from csstsim.command_line.main import main as csstsim
+
+    file = record.options.campaign or campaign(record.toy)
     run = OpenCampaign(file)
     job = next(job for job in run.jobs if job.chip.filter == FILTER)
     if not run.paths.level0(job).exists():
         measured(file, job.obsid, job.chip.id)
     spent = timed()
-    for _ in range(2):  # the first compiles the kernels
+    for _ in range(1 if record.toy else 2):  # the first compiles the kernels
         spent.clear()
         csstsim(["measure", str(file), "--obsid", job.obsid, "--chip", str(job.chip.id)], standalone_mode=False)
     truth, found = read_truth(run.paths.level0_truth(job)), ObjectTable.read(run.paths.measure(*job.key))
@@ -149,9 +154,11 @@ def main():
     )
     inside = (np.minimum(x, y) > EDGE) & (x < job.chip.detector.nx - EDGE) & (y < job.chip.detector.ny - EDGE)
     judged = isolated(truth) & inside & (row >= 0) & ((found["flags"][row] & SPOILT) == 0)
-    fluxes(truth, found, row, judged)
-    separation(truth, found, row, judged)
-    print(f"\n{len(found)} detections, {judged.sum()} judged; total fluxes: {sum(spent):.2f} CPU-s")
+    fluxes(truth, found, row, judged, record)
+    separation(truth, found, row, judged, record)
+    record.value("detections", len(found), "detections")
+    record.value("evaluated", int(judged.sum()), "isolated objects that are evaluated")
+    record.value("total_cpu", sum(spent), "CPU time of the total fluxes", unit="CPU-s")
 
 
 if __name__ == "__main__":

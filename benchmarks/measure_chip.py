@@ -15,6 +15,8 @@ import subprocess
 import sys
 import time
 
+from evidence.record import Record
+
 from chip_stages import campaign, jobs, measured
 from private_memory import PrivateMemory
 
@@ -94,26 +96,34 @@ def measure(file, obsid, chip):
     return used.ru_utime + used.ru_stime, json.loads(said.splitlines()[-1]), memory.largest
 
 
-def main():
+def main() -> None:
+    """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--timed", nargs=argparse.REMAINDER, help=argparse.SUPPRESS)
-    if arguments := parser.parse_args().timed:
-        return timed(arguments)
-    file = campaign()
+    if "--timed" in sys.argv:
+        timed(parser.parse_args().timed)
+        return
+    with Record(parser) as record:
+        report(record)
+
+
+def report(record: Record) -> None:
+    """Record the cost of the measurement by part."""
+    file, runs = campaign(record.toy), 1 if record.toy else RUNS
     run = OpenCampaign(file)
     band, obsid, chip = next(jobs(run, ["r"]))
     job = run.job(obsid, chip)
     if not run.paths.level0(job).exists():
         measured(file, obsid, chip)
     measure(file, obsid, chip)
-    total, parts, memory = min((measure(file, obsid, chip) for _ in range(RUNS)), key=lambda run: run[0])
+    total, parts, memory = min((measure(file, obsid, chip) for _ in range(runs)), key=lambda run: run[0])
     sources = len(ObjectTable.read(run.paths.measure(*job.key), ["x"]))
-    print(f"{band}, chip {chip}: {sources} sources\n| part | CPU s |\n|---|---|")
-    for name, cpu in (parts | {"start-up and the rest": total - sum(parts.values()), "all": total}).items():
-        print(f"| {name} | {cpu:.1f} |")
-    print(f"{memory:.2f} GB private memory")
-    for name, value, limit in zip(("CPU s", "GB"), (total, memory), LIMITS, strict=True):
-        print(f"{'within' if value <= limit else 'ABOVE'} {limit:g} {name}")
+    record.value("sources", sources, f"detections of the {band} chip")
+    times = parts | {"start-up and the rest": total - sum(parts.values()), "all": total}
+    record.table("parts", ["part", "CPU-s"], [[name, f"{cpu:.1f}"] for name, cpu in times.items()])
+    record.value("charge_cpu", parts["charge moved back"], "charge transfer undone", unit="CPU-s")
+    for name, unit, value, limit in zip(("cpu", "gb"), ("CPU-s", "GB"), (total, memory), LIMITS, strict=True):
+        record.value(name, value, f"`csstsim measure` of the chip, {unit}", unit=unit, below=limit)
 
 
 if __name__ == "__main__":

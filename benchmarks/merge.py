@@ -16,6 +16,8 @@ import tempfile
 import time
 from pathlib import Path
 
+from evidence.record import Record
+
 import healpy
 import numpy as np
 from private_memory import PrivateMemory
@@ -29,6 +31,7 @@ BANDS = ("nuv", "u", "g", "r", "i", "z", "y")
 PIX = 550615
 ARCSEC = np.pi / 180.0 / 3600.0
 SIDE, CHIP = 13.0 * 60, 11.4 * 60  # arcsec: of a square inside the brick (rotated by half a right angle), of a chip
+LIMIT = 15.0  # CPU-s of the brick from its files
 CROWDED = 0.45  # sources per square arcsecond; with 1e6 detections the others have 0.03 to 0.15
 
 
@@ -108,38 +111,56 @@ def stream_brick(exposures, rows):
         measured(f"streamed, {len(paths)} files", (ObjectTable.read(path, DETECTION_COLUMNS) for path in paths))
 
 
-def main():
+def main() -> None:
+    """Run one case, or all."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sizes", nargs="+", type=float, default=[1e4, 1e5, 1e6])
     parser.add_argument("--exposures", type=int, default=50)
     parser.add_argument("--rows", type=int, default=20_000)
     parser.add_argument("--case", help=argparse.SUPPRESS)  # one row, in this process
-    given = parser.parse_args()
-    if given.case == "streamed":
-        stream_brick(given.exposures, given.rows)
-    elif given.case:
-        measured(given.case, in_memory(int(given.sizes[0]), given.case == "crowded"))
-    else:
-        table(given)
+    if "--case" in sys.argv:
+        given = parser.parse_args()
+        if given.case == "streamed":
+            stream_brick(given.exposures, given.rows)
+        else:
+            measured(given.case, in_memory(int(given.sizes[0]), given.case == "crowded"))
+        return
+    with Record(parser) as record:
+        if record.toy:
+            record.options.sizes, record.options.exposures, record.options.rows = [1e3, 3e3], 3, 500
+        table(record.options, record)
 
 
-def table(given):
-    """Print all rows, each run in its own process, and how the time grows."""
-    print("| case | detections | sources | merge CPU s | with the file CPU s | memory GB | of the whole process GB |")
-    print("|---|---|---|---|---|---|---|")
+def table(given, record: Record) -> None:
+    """Record all rows, each run in its own process, and how the time grows."""
+    lines = []
     for case in ("usual", "crowded"):
         rows = [run(case, "--sizes", f"{size:.0f}") for size in given.sizes]
         if len(rows) > 1:
             log = np.log([[float(row[1]), float(row[3])] for row in rows])
             growth = (log[-1, 1] - log[-2, 1]) / (log[-1, 0] - log[-2, 0])
-            print(f"{case}: time grows as detections^{growth:.2f} between the last two", flush=True)
-    run("streamed", "--exposures", f"{given.exposures}", "--rows", f"{given.rows}")
+            record.value(f"growth_{case}", growth, f"{case}: power of detections as which time grows, last two sizes")
+        for size, row in zip(given.sizes, rows, strict=True):
+            record.value(
+                f"cpu_{case}_{size:.0e}".replace("+0", ""),
+                float(row[4]),
+                f"{case}, {size:,.0f} detections",
+                unit="CPU-s",
+            )
+        lines += rows
+    lines.append(run("streamed", "--exposures", f"{given.exposures}", "--rows", f"{given.rows}"))
+    record.value("streamed_detections", int(lines[-1][1]), "detections in reach of the brick from files")
+    record.value(
+        "streamed_cpu", float(lines[-1][4]), "a brick from its files", unit="CPU-s", below=None if record.toy else LIMIT
+    )
+    record.value("streamed_gb", float(lines[-1][5]), "memory for the brick from its files", unit="GB")
+    header = ["case", "detections", "sources", "merge, CPU-s", "with the file, CPU-s", "memory, GB"]
+    record.table("cases", [*header, "of the whole process, GB"], lines)
 
 
 def run(case, *options):
     command = [sys.executable, __file__, "--case", case, *options]
     row = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout.strip().split("|")
-    print(f"| {' | '.join(row)} |", flush=True)
     return row
 
 

@@ -13,6 +13,8 @@ light. Its chi2 says how well one exposure tells the two apart. The light is how
 import argparse
 from itertools import pairwise
 
+from evidence.record import Record
+
 import galsim
 import numpy as np
 import yaml
@@ -35,8 +37,8 @@ SCALE, FWHM, SIDE, NOISE = 0.074, 0.16, 257, 7.5  # arcsec; px; electron a pixel
 galsim.errors.raise_fft_size_error = True
 
 
-def campaign():
-    """Write the galaxies' table and the campaign of one r chip; return the campaign's file."""
+def campaign(toy):
+    """Write the galaxies' table and the campaign of one r chip, or of a window of it; return the campaign's file."""
     FOLDER.mkdir(parents=True, exist_ok=True)
     content = yaml.safe_load((ROOT / "config/full_chip.yaml").read_text())
     content |= {"name": "profile_light", "output": str(FOLDER / "output")}
@@ -55,16 +57,18 @@ def campaign():
         "ra": ra, "dec": dec, "mag_r": rng.uniform(*MAGNITUDES, x.size), "size": size, "type": ["galaxy"] * x.size,
         "bulge_frac": bulge.astype(float), "e1": e * np.cos(angle), "e2": e * np.sin(angle),
     }).write(FOLDER / "galaxies.fits", overwrite=True)  # fmt: skip
+    if toy:
+        content |= {"window": {"x0": 4000, "x1": 4800, "y0": 4000, "y1": 4800}, "output": str(FOLDER / "toy")}
     file = FOLDER / "campaign.yaml"
     file.write_text(yaml.safe_dump(content, sort_keys=False))
     return file
 
 
-def of_the_chain():
-    """Print the errors of measured total magnitudes."""
+def of_the_chain(record):
+    """Record the errors of measured total magnitudes."""
     from csstsim.command_line.main import main as csstsim
 
-    file = campaign()
+    file = campaign(record.toy)
     run = OpenCampaign(file)
     job = run.jobs[0]
     measured(file, job.obsid, job.chip.id)
@@ -74,16 +78,22 @@ def of_the_chain():
     row = one_to_one(np.column_stack([truth["x"], truth["y"]]), np.column_stack([found["x"], found["y"]]), reach)
     judged = (row >= 0) & ((found["flags"][row] & SPOILT) == 0)
     off = -2.5 * np.log10(np.maximum(found["flux_total"][row] / truth["electrons"], 0.01))
-    print("| n | S/N | galaxies | found [%] | total - true [mag] | +- | scatter |\n|---|---|---|---|---|---|---|")
+    lines = []
     for n, some in (1, truth["bulge_frac"] < 0.5), (4, truth["bulge_frac"] > 0.5):
         for low, high in pairwise(SNR):
             inside = some & (truth["snr"] >= low) & (truth["snr"] < high)
             values = off[inside & judged]
+            if not len(values):
+                continue
             middle = np.median(values)
             scatter = 1.4826 * np.median(np.abs(values - middle))
             error = 1.25 * scatter / len(values) ** 0.5
-            share = 100 * (inside & (row >= 0)).sum() / inside.sum()
-            print(f"| {n} | {low}-{high} | {len(values)} | {share:.1f} | {middle:+.3f} | {error:.3f} | {scatter:.3f} |")
+            found_fraction = 100 * (inside & (row >= 0)).sum() / max(inside.sum(), 1)
+            what = f"galaxies of n = {n}, S/N {low} to {high}: median total less true magnitude"
+            record.value(f"n{n}_{low}_{high}", middle, what, unit="mag", error=error)
+            cells = f"{found_fraction:.1f}", f"{middle:+.3f} ± {error:.3f}", f"{scatter:.3f}"
+            lines.append([n, f"{low} to {high}", len(values), *cells])
+    record.table("chain", ["n", "S/N", "galaxies", "found [%]", "total - true [mag]", "scatter"], lines)
 
 
 def image(n, size):
@@ -93,24 +103,25 @@ def image(n, size):
     return seen.drawImage(nx=SIDE, ny=SIDE, scale=SCALE, dtype=float).array
 
 
-def told_apart():
-    """Print how well the best fit of the other profile fits."""
-    print("\n| true n | half-light radius | S/N | chi2 of the other n's best fit | its light - true [mag] |")
-    print("|---|---|---|---|---|")
+def told_apart(record):
+    """Record how well the best fit of the other profile fits."""
+    lines = []
     for n, other, size in (1, 4, 0.25), (1, 4, 0.4), (4, 1, 0.15), (4, 1, 0.25), (4, 1, 0.4):
         true = image(n, size)
         fits = []
-        for factor in np.geomspace(0.2, 3.0, 24):
+        for factor in np.geomspace(0.2, 3.0, 4 if record.toy else 24):
             model = image(other, factor * size)
             light = (model * true).sum() / (model**2).sum()
             fits.append((((true - light * model) ** 2).sum(), light))
         misfit, light = min(fits)
         for snr in 10, 20, 40:
             chi2 = misfit * snr**2 / (true**2).sum()
-            print(f'| {n} | {size}" | {snr} | {chi2:.1f} | {-2.5 * np.log10(light):+.2f} |')
+            lines.append([n, f'{size}"', snr, f"{chi2:.1f}", f"{-2.5 * np.log10(light):+.2f}"])
+    header = ["true n", "half-light radius", "S/N", "chi2 of the other n's best fit", "its flux - true [mag]"]
+    record.table("told_apart", header, lines)
 
 
 if __name__ == "__main__":
-    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
-    of_the_chain()
-    told_apart()
+    with Record(argparse.ArgumentParser(description=__doc__.splitlines()[0])) as record:
+        of_the_chain(record)
+        told_apart(record)
