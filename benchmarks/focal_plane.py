@@ -12,7 +12,7 @@ import matplotlib
 import numpy as np
 
 from csstsim.base.shipped import SHIPPED
-from csstsim.instrument.camera import load_camera
+from csstsim.instrument.camera import Camera, load_camera
 from csstsim.optics.geometry.pointing_for import light_on
 from csstsim.report.style import looks
 
@@ -20,9 +20,21 @@ matplotlib.use("agg")
 from matplotlib import pyplot as plt
 
 
-def draw(path: Path) -> None:
+def report_orders(camera: Camera, record: Record) -> None:
+    """Record how far a target's first order lands from its undispersed position, where it is aimed at."""
+    far = []
+    for number, gratings in camera.gratings.items():
+        target, _ = light_on(camera, camera.chips[number])
+        for grating, _ in gratings.pieces:
+            p, q, *_ = grating.orders[1].lines(*target)
+            far += [abs(p + q * wave) for wave in grating.orders[1].range]
+    for word, distance in (("least", min(far)), ("most", max(far))):
+        what = f"distance of the first order from the undispersed position, {word} of gratings and wavelengths"
+        record.value(f"first_order_{word}", distance, what, unit="px")
+
+
+def draw(camera: Camera, path: Path) -> None:
     """Draw the map, +x to the right and +y up, in arcmin from the boresight."""
-    camera = load_camera(SHIPPED / "instrument")
     scale, shown = camera.telescope.pixel_scale / 60.0, looks(camera.filters)
     figure, axes = plt.subplots(figsize=(8.0, 7.4), layout="constrained")
     for chip in camera.chips.values():
@@ -63,4 +75,6 @@ def draw(path: Path) -> None:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     with Record(parser) as record:
-        draw(record.figure("focal_plane.png"))
+        camera = load_camera(SHIPPED / "instrument")
+        draw(camera, record.figure("focal_plane.png"))
+        report_orders(camera, record)
