@@ -51,9 +51,14 @@ def campaign(toy=False):
     content = load_campaign(ROOT / "config/full_chip.yaml").model_dump(mode="json")
     content |= {"name": "chip_stages", "output": str(folder), "select": {"types": ["SCIE"]}}
     content["observations"] = {"SCIE": str(folder / "science.yaml")}
-    if toy:
-        content |= {"window": TOY, "catalog": toy_catalogue(folder, 300.092, -59.8671)}
     file = folder / "campaign.yaml"
+    if toy:
+        content["window"] = TOY
+        file.write_text(yaml.safe_dump(content, sort_keys=False))
+        run = OpenCampaign(file)
+        _, obsid, chip = next(jobs(run, ["r"]))
+        middle = (float(corner.mean()) for corner in run.job(obsid, chip).footprint())
+        content["catalog"] = toy_catalogue(folder, *middle)
     file.write_text(yaml.safe_dump(content, sort_keys=False))
     return file
 

@@ -31,6 +31,7 @@ from csstsim.stages.calibrate import calibrated_frame
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "results" / "cosmic_ray_rejection"
+FIELD = 300.092, -59.8671  # of the demo
 SNR_MIN = 20
 FULL_WELL = 85_000.0  # electrons, for astroscrappy
 
@@ -48,7 +49,7 @@ def campaign(toy):
         content |= {
             "output": str(FOLDER / "toy"),
             "window": window,
-            "catalog": toy_catalogue(FOLDER, 300.092, -59.8671),
+            "catalog": toy_catalogue(FOLDER, *FIELD),
         }
     (FOLDER / "campaign.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
     return OpenCampaign(FOLDER / "campaign.yaml")
