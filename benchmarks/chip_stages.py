@@ -57,6 +57,7 @@ def campaign(toy=False):
         file.write_text(yaml.safe_dump(content, sort_keys=False))
         run = OpenCampaign(file)
         _, obsid, chip = next(jobs(run, ["r"]))
+        content["select"] = content["select"] | {"obsids": [obsid]}
         middle = (float(corner.mean()) for corner in run.job(obsid, chip).footprint())
         content["catalog"] = toy_catalogue(folder, *middle)
     file.write_text(yaml.safe_dump(content, sort_keys=False))
