@@ -10,10 +10,13 @@ cut-outs cost too little. The caveats are printed with the numbers.
 
 import argparse
 import math
+import subprocess
 import sys
 from pathlib import Path
 
 from evidence.record import Record
+
+from toy_campaign import made_frames
 
 from csstsim.base.errors import CsstsimError
 from csstsim.campaign.opened import OpenCampaign
@@ -96,7 +99,7 @@ def record_cycle9(run, made, beside, lost, record):
     """Record Cycle 9 by this campaign's means (`each_product`); beside, lost: CPU s per file, or None."""
     mean = {rule: sum(cpu for _, cpu in rows) / len(rows) for rule, rows in made.items()}
     spectra = FILES * len(run.camera.slitless_chips) // CHIPS
-    fields = [OpenCampaign(ROOT / f"config/c9_w{number}.yaml") for number in range(1, FIELDS + 1)]
+    fields = [run] if record.toy else [OpenCampaign(ROOT / f"config/c9_w{n}.yaml") for n in range(1, FIELDS + 1)]
     truth = sum(len({pix for job in field.jobs for pix in field.truth_bricks(job)}) for field in fields)
     merged = SHAPES * sum(len(field.merge_bricks) for field in fields)
     level0 = per_file(run, made)
@@ -177,10 +180,22 @@ def main() -> None:
     parser.add_argument("--lost", type=float, default=0.0, help="CPU seconds of them, of what was killed")
     with Record(parser) as record:
         try:
-            run = OpenCampaign(record.options.campaign)
+            run = toy_campaign(record.results) if record.toy else OpenCampaign(record.options.campaign)
         except CsstsimError as error:
             sys.exit(str(error))
         project(run, record.options.cpu, record.options.lost, record)
+
+
+def toy_campaign(results: Path) -> OpenCampaign:
+    """Return a campaign of one tiny chip, which has a log as a job of Snakemake writes it."""
+    file, run = made_frames(results / "projection", select={"types": ["SCIE"], "chips": [9]})
+    job = run.jobs[0]
+    log = run.paths.output / "logs" / "chip" / f"{job.obsid}_09.log"
+    log.parent.mkdir(parents=True, exist_ok=True)
+    words = [Path(sys.executable).with_name("csstsim"), "chip", file, "--obsid", job.obsid, "--chip", "9"]
+    with open(log, "w") as output:
+        subprocess.run([str(word) for word in words], stdout=output, check=True)
+    return run
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ from pathlib import Path
 from evidence.record import Record
 
 import psutil
-from mini_campaign import write_campaign
+from mini_campaign import POINTINGS, write_campaign
 from projection import project
 from toy_catalogue import toy_catalogue
 
@@ -87,7 +87,7 @@ def orphans():
         spent += used.ru_utime + used.ru_stime
 
 
-def run(campaign, chips, every, dice):
+def run(campaign, chips, every, dice, kinds=KINDS):
     """Run a campaign to its end through the kills; return the numbers of kills and starts, and the CPU s lost."""
     begun, kills, starts, lost = time.perf_counter(), 0, 0, 0.0
     while True:
@@ -97,7 +97,7 @@ def run(campaign, chips, every, dice):
             time.sleep(0.5)
             if time.perf_counter() < due:
                 continue
-            if done := kill(KINDS[kills % len(KINDS)], process, dice):
+            if done := kill(kinds[kills % len(kinds)], process, dice):
                 kills, lost = kills + 1, lost + done[1]
                 print(f"{time.perf_counter() - begun:7.0f} s: kill -9: {done[0]}", flush=True)
                 due += dice.expovariate(1 / every)
@@ -128,7 +128,7 @@ def release(record: Record, parser: argparse.ArgumentParser) -> None:
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
         few = toy_catalogue(folder, 60.15, -40.0, 20)
-        arguments.campaign, arguments.every = str(write_campaign(folder, catalog=few)), 15.0
+        arguments.campaign, arguments.every = str(write_campaign(folder, POINTINGS[:1], catalog=few)), 60.0  # one kill
     if not (ROOT / arguments.campaign).is_file():
         parser.error(f"CAMPAIGN: no such file, seen from {ROOT}")
     if not arguments.every > 0:
@@ -138,7 +138,8 @@ def release(record: Record, parser: argparse.ArgumentParser) -> None:
         sys.exit("this system has no PR_SET_CHILD_SUBREAPER")
     begun = time.perf_counter()
     dice = random.Random(arguments.seed)
-    kills, starts, lost = run(arguments.campaign, arguments.chips, arguments.every, dice)
+    kinds = KINDS[1:] if record.toy else KINDS
+    kills, starts, lost = run(arguments.campaign, arguments.chips, arguments.every, dice, kinds)
     wall = time.perf_counter() - begun
     spent = resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu = spent.ru_utime + spent.ru_stime
