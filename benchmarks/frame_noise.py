@@ -1,4 +1,4 @@
-"""Whole-frame noise: CPU ns per pixel, and numpy's in the same run.
+"""Whole-frame noise and the response of pixels: CPU ns per pixel, and numpy's in the same run.
 
     python benchmarks/frame_noise.py
 
@@ -14,6 +14,7 @@ from evidence.record import Record
 import numpy as np
 
 from csstsim.base.rng import stream
+from csstsim.detector import prnu
 from csstsim.detector.noise import add_gaussian, add_poisson
 
 WIDTH, ROWS, REPEATS, KEY = 9216, 1024, 5, np.uint64(20271)
@@ -49,6 +50,10 @@ def main(record: Record) -> None:
         here = cost(lambda: ours(expected), frame.size) - copy
         there = cost(lambda: rng.poisson(expected), frame.size)
         lines.append([f"Poisson, mean {mean:g} ± 5%", f"{here:.1f}", f"{there:.1f}"])
+    frame[...] = 1
+    here = cost(lambda: prnu.multiply(frame, 0, 0, 0.01, KEY), frame.size)
+    there = cost(lambda: 1 + np.float32(0.01) * rng.standard_normal(frame.shape, np.float32), frame.size)
+    lines.append(["response of pixels (`PRNU_effect`)", f"{here:.1f}", f"{there:.1f}"])
     record.table("costs", ["CPU ns a pixel", "csstsim", "numpy"], lines)
 
 

@@ -30,25 +30,28 @@ UNITS = {"electron": "e\u207b", "DN": "DN"}
 
 
 def draw(stamp, names, path):
-    """Write the cells of these layers, two in a row, as one picture."""
+    """Write the cells of these layers, two in a row, as one picture; return what was measured of each."""
     size = np.array([2 * (CELL_X - EDGE), -(-len(names) // 2) * CELL_Y])
-    figure = Figure(figsize=size / DPI, dpi=DPI)
+    figure, found = Figure(figsize=size / DPI, dpi=DPI), []
     for i, name in enumerate(names):
         corner = EDGE + i % 2 * CELL_X, size[1] - i // 2 * CELL_Y
-        _draw_cell(figure, lambda x, y, corner=corner: (corner + np.array([x, -y])) / size, stamp, name)
+        found.append(_draw_cell(figure, lambda x, y, corner=corner: (corner + np.array([x, -y])) / size, stamp, name))
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     picture = np.asarray(canvas.buffer_rgba())[..., :3] | 3  # 64 greys, so that a palette holds all colours
     Image.fromarray(picture).quantize(256, dither=Image.Dither.NONE).save(path, optimize=True)
+    return found
 
 
 def _draw_cell(figure, place, stamp, name):
-    """Draw one layer's cell. place: function of px right and down from the cell's upper left corner."""
+    """Draw one layer's cell; return its name and number.
+
+    place: function of px right and down from the cell's upper left corner.
+    """
     cell, step = GALLERY[name], STEPS[name]
     before, after, laid, header = stamp.pair(cell.base, name)
     difference = cell.difference(laid, after)
     number = cell.number(before, after, difference, header)
-    print(f"{step.keyword:24s} {number}")
     figure.text(*place(0, 22), step.keyword, size=10.5, weight="bold")
     figure.text(*place(3 * PANEL + 2 * GAP, 22), number, size=9, ha="right")
     figure.text(*place(0, 37), f"{step.module.STAGE}: {cell.what}", size=8.5, color="0.3")
@@ -60,6 +63,7 @@ def _draw_cell(figure, place, stamp, name):
     _draw_bar(figure, place, (PANEL + GAP) // 2, shown)
     shown = _draw_panel(figure, place, 2, difference, _norm(-cell.colour[1], *cell.colour), "RdBu_r", cell.label)
     _draw_bar(figure, place, 2 * (PANEL + GAP), shown)
+    return [f"`{step.keyword}`", number]
 
 
 def _draw_panel(figure, place, column, image, norm, colours, title):
@@ -102,9 +106,9 @@ def main() -> None:
         stamp = find_stamp(make_setting(folder, "r"))
         print(f"chip {stamp.setting.chip.id}, seed {stamp.seed}, exposure {stamp.obsid}, {stamp.window}")
         names = list(GALLERY)
-        with record.printed("numbers"):
-            draw(stamp, names[: len(names) // 2], record.figure("layers_light.png"))
-            draw(stamp, names[len(names) // 2 :], record.figure("layers_charge.png"))
+        rows = draw(stamp, names[: len(names) // 2], record.figure("layers_light.png"))
+        rows += draw(stamp, names[len(names) // 2 :], record.figure("layers_charge.png"))
+        record.table("numbers", ["layer", "measured on the stamp"], rows)
 
 
 if __name__ == "__main__":
