@@ -4,12 +4,20 @@ from evidence.record import Record
 
 from csstsim.bench import setting
 from csstsim.bench.setting import Setting
+from csstsim.bench.slitless import cases, truth
 
-TOY_GRID = 3  # nodes along a side, at the size of seconds
+# At the size of seconds: nodes along a side; half of a spectrum's window [px], the largest half-light radius [arcsec],
+# wavelengths of direct optics
+TOY_GRID, TOY_HALF, TOY_LARGEST, TOY_NODES = 3, 36, 0.15, 8
+
+
+def small() -> None:
+    """Make the objects and the truth of `csstsim bench` those of the size of seconds."""
+    setting.GRID, cases.HALF_MAX, cases.LARGEST, truth.NODES = TOY_GRID, TOY_HALF, TOY_LARGEST, TOY_NODES
 
 
 def setting_of(record: Record, band: str) -> Setting:
     """Return the Setting of a filter."""
     if record.toy:
-        setting.GRID = TOY_GRID
+        small()
     return setting.make_setting(record.results / "bench", band)

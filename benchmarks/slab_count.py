@@ -1,6 +1,6 @@
 """Error and cost of slabs against their number per pixel, and those of photons: docs/figures/slab_count.png.
 
-    python benchmarks/slab_count.py [--filter GV] [--output results/bench_GV] [--figure docs/figures/slab_count.png]
+    python benchmarks/slab_count.py [--filter GV]
 
 Error: the visible error against the reference renderer on the same PSF set over the object's S/N, for objects of 1e6
 electrons on a node. The number of slabs is forced; large rings mark the largest that render.slitless.slabs uses (four,
@@ -9,13 +9,15 @@ fewer for large objects). Photons are drawn until chance alone would show a few 
 
 import argparse
 
+from evidence.record import Record
+
 import numpy as np
+from bench_setting import setting_of
 from matplotlib.figure import Figure
 
 from csstsim.base.rng import stream
 from csstsim.bench.imaging.measures import visible
 from csstsim.bench.imaging.methods import Method
-from csstsim.bench.setting import make_setting
 from csstsim.bench.slitless.cases import make_spectrum_case
 from csstsim.bench.slitless.methods import METHODS, slabs, standard
 from csstsim.bench.sweep import measured, significance
@@ -27,6 +29,7 @@ SHAPES = {
     "galaxy, n = 4, 0.1 arcsec": {"size": 0.1, "bulge": 1.0, "e": 0.3},
 }
 COUNTS, ELECTRONS, PHOTONS, SECONDS = (1, 2, 4, 8, 16), 1e6, 3e7, 0.05
+TOY_COUNTS, TOY_PHOTONS, TOY_SECONDS, TOY_SHAPES = (1, 4), 1e5, 0.0, 2
 COLOURS = "#0b6e99", "#1a7a3c", "#b5542d"
 LINES = {"flat": "--", "lines": "-"}
 
@@ -50,37 +53,42 @@ def forced(per_px):
     return Method(f"slabs {per_px}", prepare)
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--filter", default="GV")
-    parser.add_argument("--output", default="results/bench_GV", help="folder of the PSF set, as of csstsim bench")
-    parser.add_argument("--figure", default="docs/figures/slab_count.png")
-    args = parser.parse_args()
-    setting = make_setting(args.output, args.filter)
+def main(record: Record) -> None:
+    """Record and draw error and cost of each object by each number of slabs."""
+    toy, setting = record.toy, setting_of(record, record.options.filter)
+    counts, electrons, seconds = (TOY_COUNTS, TOY_PHOTONS, TOY_SECONDS) if toy else (COUNTS, PHOTONS, SECONDS)
     photons = next(method for method in METHODS if method.name == "photons")
     figure = Figure(figsize=(11, 4.6), layout="constrained")
     error_axis, cost_axis = figure.subplots(1, 2)
-    for (name, shape), colour in zip(SHAPES.items(), COLOURS, strict=True):
+    rows, lines, count = [], [], TOY_SHAPES if toy else len(SHAPES)
+    for (name, shape), colour in list(zip(SHAPES.items(), COLOURS, strict=True))[:count]:
         for spectrum, style in LINES.items():
             case = make_spectrum_case(setting, stream(7, "slab_count"), 0, ELECTRONS, spectrum=spectrum, **shape)
             wanted = standard(setting, case) / case.electrons
             snr, found = significance(wanted, case, setting), []
-            for method in (*map(forced, COUNTS), photons):
-                image, took, drawn = measured(method, setting, case, SECONDS, PHOTONS)
+            for method in (*map(forced, counts), photons):
+                image, took, drawn = measured(method, setting, case, seconds, electrons)
                 seen, chance = visible(image, wanted, setting.variance, case.electrons, drawn)
                 found.append((max(seen, chance if np.isfinite(drawn) else 0.0) / snr, took))
             errors, costs = np.array(found).T
-            used = COUNTS.index(int(engine.densities(case.scene, engine.PER_PX)[0]))
+            used = int(engine.densities(case.scene, engine.PER_PX)[0])
+            if spectrum == "lines":
+                lines += errors[:-1][np.array(counts) >= 4].tolist()
             label = f"{name}, {spectrum}"
-            print(f"{label:36s} S/N {snr:5.0f}: " + ", ".join(f"{e:.1e} ({t:.3f} s)" for e, t in found), flush=True)
+            rows.append([label, f"{snr:.0f}", used, *(f"{e:.1e} ({t:.2g} s)" for e, t in found)])
+            print(*rows[-1], sep="; ", flush=True)
             for axis, values in ((error_axis, errors), (cost_axis, costs)):
-                axis.plot(COUNTS, values[:-1], style, color=colour, marker="o", ms=4, label=label)
-                axis.plot(COUNTS[used], values[used], "o", ms=11, mfc="none", color=colour)
+                axis.plot(counts, values[:-1], style, color=colour, marker="o", ms=4, label=label)
+                if used in counts:
+                    axis.plot(used, values[counts.index(used)], "o", ms=11, mfc="none", color=colour)
                 axis.plot(26, values[-1], "v" if axis is error_axis else "*", ms=8, color=colour,
                           mfc=colour if spectrum == "lines" else "white")  # fmt: skip
+    heads = [f"{n} slab{'s' if n > 1 else ''} per pixel" for n in counts]
+    record.table("slabs", ["object", "S/N", "slabs in use", *heads, "photons, upper limit"], rows)
+    record.value("lines", max(lines), "spectrum of lines, four slabs or more: largest visible error over S/N")
     for axis, title in ((error_axis, "visible error against the reference / S/N"), (cost_axis, "CPU s per object")):
         axis.set(xscale="log", yscale="log", xlabel="slabs per pixel of the trace", title=title)
-        axis.set_xticks([*COUNTS, 26], [*map(str, COUNTS), "photons"])
+        axis.set_xticks([*counts, 26], [*map(str, counts), "photons"])
         axis.minorticks_off()
         axis.grid(color="0.9", lw=0.5)
     error_axis.legend(fontsize=8, loc="upper right")
@@ -88,8 +96,11 @@ def main():
         "Objects of 10$^6$ e$^-$. Rings: the number in use. Photons: triangles are upper limits, set by chance.",
         size=9.5,
     )
-    figure.savefig(args.figure, dpi=100)
+    figure.savefig(record.figure("slab_count.png"), dpi=100)
 
 
 if __name__ == "__main__":
-    main()
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--filter", default="GV")
+    with Record(parser) as record:
+        main(record)

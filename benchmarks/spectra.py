@@ -1,29 +1,34 @@
 """Cost of light through a grating, and accuracy by the number of slabs: the numbers of config/render.yaml.
 
-    python benchmarks/spectra.py [--filter GV] [--output results/bench_GV]
+    python benchmarks/spectra.py [--filter GV]
 
 * photons: ns per electron of all orders (stars, galaxies), and ns per object with almost no electrons;
 * slabs: a fit  constant + slab_pixel x slabs x (2 reach + 1)^2  over stamps of several sizes, at most four per pixel;
 * the paper's method (bench.slitless.peers) and GalSim's slabs, in the same run;
 * error of 1, 2, 4 and 8 slabs per pixel against 16, visible error over S/N: the largest over positions in a pixel. For
-  galaxies with the number that render.slitless.slabs uses.
+  galaxies with the number that render.slitless.slabs uses;
+* visible error of a star of 1e5 electrons on a node against direct optics, by four slabs per pixel and by the paper.
 """
 
 import argparse
 import time
 from dataclasses import replace
 
+from evidence.record import Record
+
 import galsim
 import numpy as np
+from bench_setting import setting_of
 
 from csstsim.base.counter import object_keys
 from csstsim.base.rng import stream
 from csstsim.bench.imaging.measures import visible
 from csstsim.bench.imaging.peers import BANDS, galaxy_of
-from csstsim.bench.setting import make_setting
+from csstsim.bench.setting import Setting
 from csstsim.bench.slitless import peers as spectrum_peers
-from csstsim.bench.slitless.cases import make_spectrum_case
+from csstsim.bench.slitless.cases import SPECTRA, make_spectrum_case
 from csstsim.bench.slitless.methods import METHODS, PER_PX, slabs
+from csstsim.bench.slitless.truth import SpectrumTruth
 from csstsim.bench.sweep import measured, significance
 from csstsim.optics.psf.psf_file import pixel_response
 from csstsim.render.canvas import Canvas
@@ -34,7 +39,8 @@ from csstsim.render.slitless.traces import Traces
 
 SHAPES = {"star": {}, "galaxy n = 1": {"size": 0.3, "e": 0.3}, "galaxy n = 4": {"size": 0.3, "bulge": 1.0, "e": 0.3}}
 BRIGHT, MANY, PLACES, FINEST = 1e5, 300, 4, 16
-REACHES = (32, 48, 80, 128)
+REACHES, TOY_REACHES = (32, 48, 80, 128), (16, 32)
+TOY_SHAPES = {"star": {}, "galaxy n = 1": {"size": 0.1, "e": 0.3}}
 
 
 def galsim_slabs(per_px):
@@ -107,14 +113,14 @@ def photons(setting, case, count):
     return 1e9 * took / count
 
 
-def slab_costs(setting, case):
+def slab_costs(setting, case, reaches=REACHES):
     """Return (constant, ns per pixel of the stamp for each slab)."""
     canvas, (one, traces) = Canvas(np.zeros(case.window.shape), case.window), copies(setting, case, 1)
     count = setting.disperser.length * engine.densities(case.scene, engine.PER_PX)[0]
-    pixels = np.array([count * (2.0 * reach + 1) ** 2 for reach in REACHES])
+    pixels = np.array([count * (2.0 * reach + 1) ** 2 for reach in reaches])
     took = [
         1e9 * cpu(lambda reach=reach: draw_spectra(canvas, one.sized(reach), traces, setting.mixer), 3)
-        for reach in REACHES
+        for reach in reaches
     ]
     slope, constant = np.polyfit(pixels, took, 1)
     return constant, slope
@@ -129,10 +135,10 @@ def finest_of(setting, case):
         engine._SLABS = as_it_is
 
 
-def shares(setting, spectrum, shape):
+def shares(setting, spectrum, shape, places=PLACES):
     """Return {per_px: largest visible error over S/N}."""
     out = dict.fromkeys(PER_PX, 0.0)
-    for place in range(PLACES):
+    for place in range(places):
         case = make_spectrum_case(setting, stream(place, "spectra"), 0, BRIGHT, spectrum=spectrum, **shape)
         finest = finest_of(setting, case)
         snr = significance(finest, case, setting)
@@ -143,35 +149,66 @@ def shares(setting, spectrum, shape):
     return out
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--filter", default="GV")
-    parser.add_argument("--output", default="results/bench_GV", help="folder of the PSF set, as of csstsim bench")
-    parser.add_argument("--no-peers", dest="peers", action="store_false", help="GalSim takes minutes")
-    args = parser.parse_args()
-    setting = make_setting(args.output, args.filter)
+def against_optics(setting: Setting) -> dict[str, tuple[float, float, float]]:
+    """Return {spectrum: (S/N, visible error of four slabs per pixel, of the paper's method)} of a star on a node."""
+    truth, found = SpectrumTruth(setting), {}
+    for spectrum in SPECTRA:
+        case = make_spectrum_case(setting, stream(2, "spectra"), 0, BRIGHT, spectrum=spectrum)
+        direct = truth(case)
+        images = [prepare(setting, case)(1) / BRIGHT for prepare in (slabs(4), spectrum_peers.paper)]
+        seen = [visible(image, direct, setting.variance, BRIGHT, np.inf)[0] for image in images]
+        found[spectrum] = significance(direct, case, setting), *seen
+    return found
+
+
+def main(record: Record) -> None:
+    """Record costs and errors."""
+    setting, toy = setting_of(record, record.options.filter), record.toy
     rates = setting.disperser.rates[0].sum(axis=1)
     orders = rates.sum() / rates[setting.disperser.orders.index(1)]
-    peers = {"as the paper": spectrum_peers.paper, "GalSim slabs 1": galsim_slabs(1)}
-    for name, shape in SHAPES.items():
+    record.value("orders", orders, "electrons of all orders over those of the first")
+    peers = {"the paper's method": spectrum_peers.paper, "GalSim slabs, 1 per pixel": galsim_slabs(1)}
+    shapes, rows = TOY_SHAPES if toy else SHAPES, []
+    for name, shape in shapes.items():
         case = make_spectrum_case(setting, stream(1, "spectra"), 0, BRIGHT, spectrum="flat", **shape)
         nothing = photons(setting, case.brighter(1e-3), MANY)
         each = photons(setting, case, 3) / (BRIGHT * orders)
-        few = photons(setting, case.brighter(100.0), MANY)
-        print(f"{name}: photons {each:.1f} ns / e- of {BRIGHT:.0e}; {nothing:.0f} ns per almost dark object, ", end="")
-        print(f"{few:.0f} ns of 100 e- in the first order ({orders * 100:.0f} in all)")
-        constant, slope = slab_costs(setting, case)
-        print(f"    slabs {constant / 1e6:.1f} ms + {slope:.2f} ns per pixel of each slab")
-        for peer, prepare in peers.items() if args.peers else ():
-            method = replace(METHODS[0], name=peer, prepare=prepare)
-            _, took, _ = measured(method, setting, case, 0.0, 0)
-            print(f"    {peer}: {1e3 * took:.0f} ms")
-    print("visible error over S/N, slabs per pixel " + ", ".join(map(str, PER_PX)))
-    for name, shape in SHAPES.items():
+        constant, slope = slab_costs(setting, case, TOY_REACHES if toy else REACHES)
+        ms = [each * BRIGHT * orders / 1e6]
+        for prepare in (slabs(4), *peers.values()):
+            ms.append(1e3 * measured(replace(METHODS[0], prepare=prepare), setting, case, 0.0, 0)[1])
+        key = name.replace(" ", "").replace("=", "").replace("galaxy", "")
+        record.value(f"{key}_ns", each, f"an electron of a {name} through the grating", unit="CPU-ns")
+        rows.append([
+            name, f"{each:.0f}", f"{nothing / 1e3:.0f}", f"{constant / 1e6:.1f}", f"{slope:.2f}",
+            *(f"{value:,.{1 if value < 20 else 0}f}" for value in ms),
+        ])  # fmt: skip
+        print(*rows[-1], sep="; ", flush=True)
+    record.table("costs", [
+        "object", "photons, ns an electron", "an object of none, us", "slabs: ms", "and ns a pixel of each slab",
+        f"{BRIGHT:.0e} electrons, ms: photons".replace("e+0", "e"), "slabs, 4 per pixel", *peers,
+    ], rows)  # fmt: skip
+    rows = []
+    for name, shape in shapes.items():
         for spectrum in ("flat", "lines"):
-            found = shares(setting, spectrum, shape)
-            print(f"    {name}, {spectrum}: " + ", ".join(f"{value:.1e}" for value in found.values()))
+            found = shares(setting, spectrum, shape, 1 if toy else PLACES)
+            rows.append([f"{name}, {spectrum}", *(f"{value:.1e}".replace("e-0", "e-") for value in found.values())])
+    record.table("slabs", ["slabs per pixel", *map(str, PER_PX)], rows)
+    found = against_optics(setting)
+    record.table("star", ["spectrum", "S/N", "slabs, 4 per pixel", "the paper's method"], [
+        [spectrum, f"{snr:.0f}", f"{ours:.2g}", f"{paper:.2g}"] for spectrum, (snr, ours, paper) in found.items()
+    ])  # fmt: skip
+    smooth = [ours for spectrum, (_, ours, _) in found.items() if spectrum != "lines"]
+    papers = [paper for *_, paper in found.values()]
+    star = f"star of {BRIGHT:.0e} electrons, visible error against direct optics"
+    record.value("star_smooth", max(smooth), f"{star}: smooth spectra, the largest", unit="of its noise")
+    record.value("star_lines", found["lines"][1], f"{star}: lines", unit="of its noise")
+    record.value("paper_least", min(papers), f"{star}: the paper's method, the least", unit="of its noise")
+    record.value("paper_most", max(papers), f"{star}: the paper's method, the largest", unit="of its noise")
 
 
 if __name__ == "__main__":
-    main()
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--filter", default="GV")
+    with Record(parser) as record:
+        main(record)

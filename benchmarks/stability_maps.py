@@ -1,21 +1,24 @@
 """Maps of the visible error of photons and stamps, and a check that the policy uses each only where it is accurate.
 
-    python benchmarks/stability_maps.py [--output results/bench] [--electrons 1e7]
+    python benchmarks/stability_maps.py [--electrons 1e7]
 
 The maps are: galaxies (disk, bulge; |e| = 0.4) over half-light radius and light, by both methods; stamps of stars over
 reach and light; stamps of galaxies of 1e5 electrons over Sersic index and half-light radius. All are at a node of the
 PSF set, in r, 150 s. Truth is the reference renderer on the same PSF set, or direct optics (bench.imaging.truth) for
 the map over Sersic indices. Errors are in units of the object's own noise (bench.imaging.measures, `visible`). A photon
 image has `--electrons` electrons. Photons' maps are upper limits: the root of the squared error plus two of its
-standard deviations, which dominate for bright objects. Writes docs/figures/stability.png and prints how often an error
-is above eps, or above the bound that the policy states, where the policy chooses that method.
+standard deviations, which dominate for bright objects. Recorded is how often an error is above eps,
+or above the bound that the policy states, where the policy chooses that method.
 """
 
 import argparse
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from evidence.record import Record
+
 import numpy as np
+from bench_setting import setting_of
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
@@ -25,7 +28,7 @@ from csstsim.bench.imaging.cases import make_case
 from csstsim.bench.imaging.measures import errors
 from csstsim.bench.imaging.methods import standard
 from csstsim.bench.imaging.truth import Truth
-from csstsim.bench.setting import make_setting
+from csstsim.bench.setting import Setting
 from csstsim.catalog.selection.reach import STAR_MIN
 from csstsim.profiles.sersic import sersic_b
 from csstsim.render import policy
@@ -43,7 +46,8 @@ SMALL = np.geomspace(0.05, 1.5, 6)  # arcsec, for the map over indices
 MIDDLE = 1e5  # electrons, for the same
 E = 0.4
 EPS = load_numbers().presets["standard"].eps
-FIGURE = Path(__file__).parents[1] / "docs" / "figures" / "stability.png"
+# Every third of the axes, and electrons of a photon image, at the size of seconds
+TOY_STEP, TOY_ELECTRONS = 3, 1e5
 
 
 def case_of(setting, electrons, **shape):
@@ -80,11 +84,21 @@ def choice_of(setting, case):
     return made.method[0], made.error[0]
 
 
-def galaxies(setting, bulge, electrons):
+@dataclass(frozen=True)
+class Axes:
+    """Where errors are measured: SIZES, LIGHT, REACHES, INDICES and SMALL, or every so many of them."""
+
+    step: int = 1
+
+    def __getattr__(self, name: str) -> np.ndarray:
+        return globals()[name.upper()][:: -self.step][::-1]
+
+
+def galaxies(setting, bulge, electrons, axes):
     """Return {method: (4, size, light)}: visible error, its chance, whether the policy chooses it, its stated bound."""
-    found = {method: np.zeros((4, len(SIZES), len(LIGHT))) for method in (policy.PHOTONS, policy.STAMP)}
-    for i, size in enumerate(SIZES):
-        cases = [case_of(setting, light, bulge=bulge, size=size, e=E) for light in LIGHT]
+    found = {method: np.zeros((4, len(axes.sizes), len(axes.light))) for method in (policy.PHOTONS, policy.STAMP)}
+    for i, size in enumerate(axes.sizes):
+        cases = [case_of(setting, light, bulge=bulge, size=size, e=E) for light in axes.light]
         widest = max(cases, key=lambda case: case.half)
         truth, shot = standard(setting, widest) / widest.electrons, photons(setting, widest, electrons)
         for j, case in enumerate(cases):
@@ -97,24 +111,24 @@ def galaxies(setting, bulge, electrons):
     return found
 
 
-def stars(setting):
+def stars(setting, axes):
     """Return the visible errors of stamps, (reach, light)."""
-    error = np.zeros((len(REACHES), len(LIGHT)))
-    for j, light in enumerate(LIGHT):
+    error = np.zeros((len(axes.reaches), len(axes.light)))
+    for j, light in enumerate(axes.light):
         case = case_of(setting, light)
         truth = standard(setting, case) / case.electrons
-        error[:, j] = [visible(setting, case, stamp(setting, case, reach), truth)[0] for reach in REACHES]
+        error[:, j] = [visible(setting, case, stamp(setting, case, reach), truth)[0] for reach in axes.reaches]
     return error
 
 
-def indices(setting):
+def indices(setting, axes):
     """Return the visible errors of stamps, (size, index), against direct optics."""
-    error, truth = np.zeros((len(SMALL), len(INDICES))), Truth(setting)
+    error, truth = np.zeros((len(axes.small), len(axes.indices))), Truth(setting)
     response = truth.psf(*(case_of(setting, MIDDLE).row[name][0] for name in "xy"))
     truth.psf = lambda x, y: response  # all have the same position
-    for i, size in enumerate(SMALL):
+    for i, size in enumerate(axes.small):
         case = case_of(setting, MIDDLE, bulge=1.0, size=size, e=E)
-        for j, index in enumerate(INDICES):
+        for j, index in enumerate(axes.indices):
             sersic = case.scene.sersic.copy()
             sersic[0, 1, :2] = index, sersic_b(index)
             other = replace(case, scene=replace(case.scene, sersic=sersic))
@@ -122,11 +136,11 @@ def indices(setting):
     return error
 
 
-def measure(setting, electrons):
+def measure(setting: Setting, electrons: float, axes: Axes) -> dict:
     """Return {name: maps}."""
     return {
-        "disks": galaxies(setting, 0.0, electrons), "bulges": galaxies(setting, 1.0, electrons),
-        "stars": stars(setting), "indices": indices(setting),
+        "disks": galaxies(setting, 0.0, electrons, axes), "bulges": galaxies(setting, 1.0, electrons, axes),
+        "stars": stars(setting, axes), "indices": indices(setting, axes),
     }  # fmt: skip
 
 
@@ -142,44 +156,72 @@ def panel(axis, x, y, error, title, labels, chosen=None, chance=0.0):
     return mesh
 
 
-def report(found):
+def passes(light: np.ndarray, error: np.ndarray) -> float:
+    """Return the least light at which the error of any size passes eps, between the map's own by power laws."""
+    found = []
+    for line in error:
+        above = int((line > EPS).argmax())
+        if line[above] > EPS and above:
+            x, y = np.log(light[above - 1 : above + 1]), np.log(line[above - 1 : above + 1])
+            found.append(np.exp(x[0] + (np.log(EPS) - y[0]) * (x[1] - x[0]) / (y[1] - y[0])))
+    return min(found, default=np.nan)
+
+
+def report(record: Record, found: dict, axes: Axes) -> None:
+    """Record where a chosen method's error is above eps or its bound, and limits of what the maps show."""
+    rows, limits, over = [], [], 0
     for name in ("disks", "bulges"):
         for kind, (error, chance, chosen, bound) in found[name].items():
             mine = chosen > 0
             signed, noise = (error * np.abs(error))[mine], 2 * chance[mine] ** 2
             above = [int((signed > limit**2 + noise).sum()) for limit in (EPS, np.maximum(bound[mine], EPS))]
-            print(
-                f"{policy.METHODS[kind]:8s} {name:7s} chosen {mine.sum():2d} of {mine.size}: {above[0]} above eps, "
-                f"{above[1]} above eps and the stated bound; bound at most {bound[mine].max(initial=0):.2f}, "
-                f"chance at most {chance[mine].max(initial=0):.2f}"
-            )
-    print(f"stars at the chosen reach: worst {found['stars'][-1].max():.2f}; indices: {found['indices'].max():.2f}")
+            over += above[1]
+            most = f"{bound[mine].max(initial=0):.2f}", f"{chance[mine].max(initial=0):.2f}"
+            rows.append([policy.METHODS[kind], name, f"{mine.sum()} of {mine.size}", *above, *most])
+        shot, chance = found[name][policy.PHOTONS][:2]
+        limits.append(np.sqrt(np.maximum(shot * np.abs(shot), 0) + 2 * chance**2).max(axis=0))
+        least, what = (
+            passes(axes.light, found[name][policy.STAMP][0]),
+            f"least light of {name} whose stamp is above eps",
+        )
+        record.value(f"{name}_from", least, what, unit="electrons")
+    head = ["method", "galaxies", "chosen", "above eps", "above eps and bound", "bound, at most", "chance, at most"]
+    record.table("chosen", head, rows)
+    record.value("over", over, "places where the chosen method's error is above eps and the stated bound", below=0)
+    lines = zip(axes.light, np.max(limits, axis=0), found["stars"][-1], strict=True)
+    record.table("by_light", ["electrons", "photons of galaxies, upper limit", "stamps of stars, full box"], [
+        [f"{light:.0e}".replace("e+0", "e"), f"{limit:.2g}", f"{star:.2g}"] for light, limit, star in lines
+    ])  # fmt: skip
+    steep = found["indices"][:, axes.indices >= 4]
+    record.value("steep", steep.max(), f"stamps of galaxies of {MIDDLE:.0e} electrons, n = 4 to 6.2: largest error")
 
 
-def draw(found, path):
+def draw(found: dict, path: Path, axes: Axes) -> None:
+    """Draw the maps."""
     figure = Figure(figsize=(9.5, 11.5), layout="constrained")
-    axes, light, radius = figure.subplots(3, 2), "electrons", "half-light radius [arcsec]"
-    for row, name in zip(axes, ("disks", "bulges"), strict=False):
+    panels, light, radius = figure.subplots(3, 2), "electrons", "half-light radius [arcsec]"
+    for row, name in zip(panels, ("disks", "bulges"), strict=False):
         for axis, (kind, (error, chance, chosen, _)) in zip(row, found[name].items(), strict=True):
             title = f"{policy.METHODS[kind]}: {name}" + (", upper limits" if chance.any() else "")
-            panel(axis, LIGHT, SIZES, error, title, (light, radius), chosen, chance)
-    chosen = np.broadcast_to(REACHES[:, None] >= STAR_MIN, found["stars"].shape)
-    panel(axes[2, 0], LIGHT, REACHES, found["stars"], "stamp: stars", (light, "reach [pixel]"), chosen)
-    title = "stamp: galaxies of 1e5 electrons"
-    mesh = panel(axes[2, 1], INDICES, SMALL, found["indices"], title, ("Sersic index", radius))
-    figure.colorbar(mesh, ax=axes, label="visible error [noise of the object]", shrink=0.5, extend="both")
+            panel(axis, axes.light, axes.sizes, error, title, (light, radius), chosen, chance)
+    chosen = np.broadcast_to(axes.reaches[:, None] >= STAR_MIN, found["stars"].shape)
+    panel(panels[2, 0], axes.light, axes.reaches, found["stars"], "stamp: stars", (light, "reach [pixel]"), chosen)
+    title = f"stamp: galaxies of {MIDDLE:.0e} electrons"
+    mesh = panel(panels[2, 1], axes.indices, axes.small, found["indices"], title, ("Sersic index", radius))
+    figure.colorbar(mesh, ax=panels, label="visible error [noise of the object]", shrink=0.5, extend="both")
     figure.savefig(path, dpi=75)
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--output", default="results/bench", help="folder of the PSF set, as of csstsim bench")
-    parser.add_argument("--electrons", type=float, default=1e7, help="electrons of a photon image")
-    args = parser.parse_args()
-    found = measure(make_setting(args.output, "r"), args.electrons)
-    report(found)
-    draw(found, FIGURE)
+def main(record: Record) -> None:
+    """Measure, record and draw the maps."""
+    axes, electrons = (Axes(TOY_STEP), TOY_ELECTRONS) if record.toy else (Axes(), record.options.electrons)
+    found = measure(setting_of(record, "r"), electrons, axes)
+    report(record, found, axes)
+    draw(found, record.figure("stability.png"), axes)
 
 
 if __name__ == "__main__":
-    main()
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--electrons", type=float, default=1e7, help="electrons of a photon image")
+    with Record(parser) as record:
+        main(record)
