@@ -1,7 +1,7 @@
 """Catalogues of one full-depth chip by several codes, judged by the truth: completeness, false sources, accuracy, cost.
 
     apt-get install source-extractor psfex; pip install photutils scikit-image
-    python benchmarks/catalogue_codes.py --figure docs/figures/catalogue_codes.png   # all codes, table and chart
+    python benchmarks/catalogue_codes.py                         # all codes, table and chart
     python benchmarks/catalogue_codes.py --codes csstsim sep     # these again, the others as stored
     python benchmarks/catalogue_codes.py --score TABLE.parquet   # a measured table of csstsim alone, in seconds
 
@@ -21,10 +21,13 @@ import tempfile
 import warnings
 from pathlib import Path
 
+from evidence.record import Record
+
 import astromatic
 import numpy as np
 from catalogue_chart import draw
 from catalogue_scores import Judge, own_catalogue, scores
+from chip_stages import campaign as chip_campaign
 from measure_chip import measure
 from source_extractor import csstsim, encircled, our_psf
 
@@ -112,8 +115,7 @@ def compare(run, job, codes, folder):
         csstsim("calibrate", run, job)
     folder.mkdir(parents=True, exist_ok=True)
     for code in sorted(codes, key=CODES.index):
-        if reason := why_not(code):
-            print(f"{code}: left out, {reason}", file=sys.stderr)
+        if why_not(code):
             continue
         table, cost = run_code(code, run, job, folder)
         table.write(folder / f"{code}.parquet", {"cost": cost})
@@ -142,42 +144,67 @@ def scored(run, job, paths):
     return columns
 
 
-def show(columns):
-    """Print the table. columns: {title: {"cost" (optional), "scores"}}."""
-    print(f"| | {' | '.join(columns)} |\n|---|{'---|' * len(columns)}")
+def show(columns, record):
+    """Record the table, and each number of ours. columns: {title: {"cost" (optional), "scores"}}."""
+    lines = []
     costs = [each.get("cost") for each in columns.values()]
     calibration = next((cost["calibration"] for cost in costs if cost and "calibration" in cost), np.nan)
     rows = {"CPU s": ("cpu", 0.0), "CPU s with calibration": ("cpu", calibration), "GB": ("memory", 0.0)}
     for row, (key, more) in rows.items():
         cells = [f"{cost[key] + more:.1f}" if cost else "-" for cost in costs]
-        print(f"| {row} | {' | '.join(cells)} |")
+        lines.append([row, *cells])
     for row in dict.fromkeys(row for each in columns.values() for row in each["scores"]):
         cells = [each["scores"].get(row, {"text": "-"})["text"] for each in columns.values()]
-        print(f"| {row} | {' | '.join(cells)} |")
+        lines.append([row, *cells])
+    record.table("scores", ["", *columns], lines)
+    for code, column in {name: columns[name] for name in columns if name in (OURS, SEX, DEEP)}.items():
+        if "cost" in column:
+            record.value(f"{key_of(code)}_cpu", column["cost"]["cpu"], f"{code}, of the calibrated image", unit="CPU-s")
+            record.value(f"{key_of(code)}_gb", column["cost"]["memory"], f"{code}: memory", unit="GB")
+        for row, score in column["scores"].items():
+            if score["value"] is not None and np.isfinite(score["value"]):
+                record.value(f"{key_of(code)}_{key_of(row)}", score["value"], f"{code}: {row}")
 
 
-def main():
+def key_of(text: str) -> str:
+    """Return the letters, digits and underscores of a text, as a key."""
+    return "_".join("".join(c if c.isalnum() else " " for c in text.lower()).split())
+
+
+def main() -> None:
+    """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--campaign", type=Path, default=ROOT / "config/full_chip.yaml")
     parser.add_argument("--output", type=Path, default=ROOT / "results/catalogue_codes", help="Tables and scores.")
     parser.add_argument("--codes", nargs="*", choices=CODES, default=CODES, help="None: only the scores and the chart.")
     parser.add_argument("--score", nargs="+", type=Path, metavar="TABLE", help="Score these measured tables only.")
-    parser.add_argument("--figure", type=Path, help="Write the chart.")
-    given = parser.parse_args()
+    with Record(parser) as record:
+        given = record.options
+        if record.toy:
+            given.campaign, given.output = chip_campaign(toy=True), record.results / "catalogue_codes"
+        for code in given.codes:
+            if reason := why_not(code):
+                record.skip(code, reason)
+        try:
+            evaluate(record)
+        except CsstsimError as error:
+            print(error, file=sys.stderr)
+            sys.exit(2)
+
+
+def evaluate(record: Record) -> None:
+    """Run the codes, or score tables, and record the scores."""
+    given = record.options
     warnings.simplefilter("ignore", RuntimeWarning)
-    try:
-        run = OpenCampaign(given.campaign, copied=bool(given.score))
-        job = run.jobs[0]
-        if given.score:
-            return show(stored(given.output) | scored(run, job, given.score))
-        compare(run, job, given.codes, given.output)
-    except CsstsimError as error:
-        print(error, file=sys.stderr)
-        sys.exit(2)
+    run = OpenCampaign(given.campaign, copied=bool(given.score))
+    job = next(job for job in run.jobs if job.chip.filter == "r")
+    if given.score:
+        show(stored(given.output) | scored(run, job, given.score), record)
+        return
+    compare(run, job, given.codes, given.output)
     columns = stored(given.output)
-    show(columns)
-    if given.figure:
-        draw(given.figure, columns)
+    show(columns, record)
+    draw(record.figure("catalogue_codes.png"), columns)
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@
     pip install ccdproc                                # for the sections; --early needs healpy and joblib, too
     python benchmarks/clients.py --chips 9             # one r chip, four dithered exposures: six CPU-minutes
     python benchmarks/clients.py --chips imaging --coadd 9   # the whole pointing, 18 chips: an hour of CPU time
-    python benchmarks/clients.py --only early --early FOLDER [--small]
+    python benchmarks/clients.py --only early --early CSST [--small]
 
 scamp     the frames' distortion, against a reference catalogue of the mock's stars (client_codes/scamp.py)
 swarp     the coadd of the middle of a chip, with SCAMP's solution: depth and PSF, by psfex (client_codes/coadd.py)
@@ -21,6 +21,8 @@ import importlib.util
 import shutil
 import sys
 from pathlib import Path
+
+from evidence.record import Record
 
 import numpy as np
 from client_codes import ccd, coadd, early, scamp
@@ -47,8 +49,8 @@ def absent(part, given):
     return f"not installed: {', '.join(missing)}" if missing else None
 
 
-def astrometry(run, given, swarp):
-    """Run SCAMP on all frames and print its residuals by chip; return (frames, stars, judgements by chip, passed).
+def astrometry(run, given, swarp, record):
+    """Run SCAMP on all frames and record its residuals by chip; return (frames, stars, judgements by chip, passed).
 
     swarp: whether images are needed afterwards.
     """
@@ -57,10 +59,7 @@ def astrometry(run, given, swarp):
     said = scamp.run_scamp(frames, true)
     for name, (every, bright, number) in scamp.reported(said).items():
         print(f"SCAMP says, {name}: {every} mas by axis of {number}, {bright} mas of S/N above {scamp.FITTED[1]}")
-    print("\nSCAMP's places less the truth, S/N 20 to 200: east, north [mas] rms, without what is beyond 3 sigma")
-    print("| chip | places | one exposure | stars | mean of all | fit - true WCS [px], rms, largest |")
-    print("|---|---|---|---|---|---|")
-    passed, judged = True, {}
+    passed, judged, rows = True, {}, []
     for chip in sorted({frame.job.chip.id for frame in frames}):
         of_chip = [frame for frame in frames if frame.job.chip.id == chip]
         found = [scamp.judge(frame, true) for frame in of_chip]
@@ -72,12 +71,13 @@ def astrometry(run, given, swarp):
         off = np.array([each["off"] for each in found])
         good = max(rms) < PLACE_MAX and off.max() < DISTORTION_MAX and number >= FEWEST
         passed &= good
-        print(
-            f"| {chip} ({of_chip[0].job.chip.filter}) | {len(east)} | {single[0]:.2f}, {single[1]:.2f} | {number} | "
-            f"{rms[0]:.2f}, {rms[1]:.2f} | {np.sqrt(np.mean(off**2)):.4f}, {off.max():.4f} |"
-            + ("" if good else " EXCEEDED"),
-            flush=True,
-        )
+        record.value(f"scamp_{chip}", max(rms), f"chip {chip}: SCAMP's mean positions less true ones, rms", unit="mas")
+        record.value(f"wcs_{chip}", off.max(), f"chip {chip}: SCAMP's WCS less the true one, largest", unit="px")
+        cells = f"{single[0]:.2f}, {single[1]:.2f}", number, f"{rms[0]:.2f}, {rms[1]:.2f}"
+        fit = f"{np.sqrt(np.mean(off**2)):.4f}, {off.max():.4f}"
+        rows.append([f"{chip} ({of_chip[0].job.chip.filter})", len(east), *cells, fit])
+    header = ["chip", "positions", "one exposure", "stars", "mean of all", "fit - true WCS [px], rms, largest"]
+    record.table("scamp", header, rows)
     return frames, true, judged, passed
 
 
@@ -86,8 +86,8 @@ def coadd_of(run, given):
     return given.coadd or run.jobs[0].chip.id
 
 
-def coadded(run, chip, frames, true):
-    """Run SWarp and psfex on a chip and print depth and PSF; return (results by chip, passed)."""
+def coadded(run, chip, frames, true, record):
+    """Run SWarp and psfex on a chip and record depth and PSF; return (results by chip, passed)."""
     of_chip = [frame for frame in frames if frame.job.chip.id == chip]
     image, weight = coadd.coadd(of_chip)
     measured, expected, count = coadd.depth(image, of_chip, run, np.random.default_rng(chip))
@@ -95,13 +95,11 @@ def coadded(run, chip, frames, true):
     theory, found = (np.array(shapes[f"the coadd, {name}"]) for name in ("theory", "psfex"))
     good = abs(measured / expected - 1) < DEPTH_MAX and abs(found[0] / theory[0] - 1) < WIDTH_MAX
     good &= bool((abs(found[1:] - theory[1:]) < LIGHT_MAX).all())
-    print(
-        f"\nSWarp, chip {chip}: rms of {count} empty apertures of {coadd.APERTURE:g} px {measured:.4f} e-/s, "
-        f"expected {expected:.4f}, ratio {measured / expected:.3f}" + ("" if good else " EXCEEDED")
-    )
-    print(f"| PSF ({number} stars) | FWHM [px] | light within 2, 3, 5 px of that within 6 |\n|---|---|---|")
-    for name, (width, *light) in shapes.items():
-        print(f"| {name} | {width:.3f} | {', '.join(f'{share:.4f}' for share in light)} |", flush=True)
+    what = f"SWarp, chip {chip}: rms of {count} empty apertures of {coadd.APERTURE:g} px over theory"
+    record.value("coadd_noise", measured / expected, what)
+    record.value("coadd_fwhm", found[0] / theory[0], "FWHM of the coadd's PSF by psfex over theory")
+    rows = [[n, f"{w:.3f}", ", ".join(f"{part:.4f}" for part in light)] for n, (w, *light) in shapes.items()]
+    record.table("coadd_psf", [f"PSF ({number} stars)", "FWHM [px]", "flux within 2, 3, 5 px of that within 6"], rows)
     return {chip: {"noise": (measured, expected), "psf": shapes}}, good
 
 
@@ -118,7 +116,8 @@ def sections(run):
     return found["trimmed"] and found["bias"] < 1.0
 
 
-def main():
+def main() -> None:
+    """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--chips", default="9", help="numbers, separated by commas, or `imaging` [default: 9]")
     parser.add_argument("--coadd", type=int, help="the chip that SWarp co-adds [default: the first]")
@@ -127,33 +126,44 @@ def main():
     parser.add_argument("--small", action="store_true", help="early: on a chip a quarter as wide, to try its steps")
     parser.add_argument("--keep", action="store_true", help="keep Level-0 and calibrated images, 1 GB a chip")
     parser.add_argument("--output", type=Path, default=ROOT / "results" / "clients")
-    parser.add_argument("--figure", type=Path, default=ROOT / "docs" / "figures" / "clients.png")
-    given = parser.parse_args()
+    with Record(parser) as record:
+        clients(record)
+
+
+def clients(record: Record) -> None:
+    """Run the programs, and record what came out."""
+    given = record.options
+    if record.toy:
+        given.output, given.small = record.results / "clients", True
     chips = given.chips if given.chips == "imaging" else [int(number) for number in given.chips.split(",")]
     wanted = []
     for part in given.only:
         if why := absent(part, given):
-            print(f"{part}: left out; {why}")
+            if part != "early" or given.only == [part]:  # the early pipeline is a command of its own
+                record.skip(part, why)
         else:
             wanted.append(part)
     passed = True
     try:
-        run = pointing(given.output, chips)
+        run = pointing(given.output, chips, toy=record.toy)
         if "ccdproc" in wanted:
-            passed &= sections(run)
+            with record.printed("sections"):
+                passed &= sections(run)
         if {"scamp", "swarp"} & set(wanted):
-            frames, true, judged, good = astrometry(run, given, "swarp" in wanted)
-            results, deep = coadded(run, coadd_of(run, given), frames, true) if "swarp" in wanted else ({}, True)
+            frames, true, judged, good = astrometry(run, given, "swarp" in wanted, record)
+            results, deep = (
+                coadded(run, coadd_of(run, given), frames, true, record) if "swarp" in wanted else ({}, True)
+            )
             passed &= good and deep
-            draw(given.figure, judged, results)
+            draw(record.figure("clients.png"), judged, results)
         if "early" in wanted:
             chip = chips[0] if isinstance(chips, list) else 9
-            for name, value in early.pipeline(given.early, given.output / "early", chip, given.small).items():
-                print(f"early pipeline, {name}: {value}")
+            found = early.pipeline(given.early, given.output / "early", chip, given.small)
+            record.table("early", ["early pipeline", ""], list(found.items()))
     except CsstsimError as error:
         print(error, file=sys.stderr)
         sys.exit(2)
-    sys.exit(0 if passed else 1)
+    record.value("passed", int(passed), "all residuals, depths and PSFs are within their limits (1: all)", above=1)
 
 
 if __name__ == "__main__":

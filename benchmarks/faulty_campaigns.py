@@ -1,6 +1,6 @@
 """Faults put into a campaign's chain: each must fail its gate, and a campaign without a fault must fail none.
 
-    PYTHONPATH=tests:builders python benchmarks/faulty_campaigns.py [--seeds 10] [--folder results/faulty_campaigns]
+    python benchmarks/faulty_campaigns.py [--seeds 10] [--folder results/faulty_campaigns]
 
 The campaign (tests/star_galaxy_field.py) has 1216 x 1216 px, four exposures in r and two in g. A fault
 (tests/faulty_chain.py) is in one exposure, or in the merge. Its margin is the gate's: the number over the largest
@@ -13,10 +13,11 @@ import contextlib
 import io
 import os
 import shutil
-import sys
 import time
 from contextlib import nullcontext
 from pathlib import Path
+
+from evidence.record import Record
 
 from faulty_chain import FAULTS
 from star_galaxy_field import write_field
@@ -90,40 +91,54 @@ def row_of(fault, judged, obsid):
     return (fault.words, fault.gate, *row), right and gate["margin"] >= MARGIN
 
 
-def main():
+def main() -> None:
+    """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--seeds", type=int, default=10, help="unfaulted campaigns")
     parser.add_argument("--folder", type=Path, default=Path("results/faulty_campaigns"))
-    options = parser.parse_args()
-    folder, good, start = options.folder.resolve(), True, time.process_time()
+    with Record(parser) as record:
+        compare(record)
+
+
+def compare(record: Record) -> None:
+    """Make campaigns without and with faults, and record which gates fail."""
+    seeds, faults = (1, FAULTS[:1]) if record.toy else (record.options.seeds, FAULTS)
+    folder, start = (record.results if record.toy else record.options.folder).resolve(), time.process_time()
+    folder = folder / "faulty_campaigns" if record.toy else folder
     shutil.rmtree(folder, ignore_errors=True)
-    print("| seed | gates judged | fail | nearest to failing | its margin |\n|---|---|---|---|---|", flush=True)
-    first = None
-    for seed in range(1, options.seeds + 1):
+    first, rows, failing, nearest = None, [], 0, []
+    for seed in range(1, seeds + 1):
         with contextlib.redirect_stdout(io.StringIO()):
             run, judged = campaign(folder / f"seed_{seed}", seed, folder / "psf")
         gates = [gate for gate in judged["gates"] if gate["passed"] is not None]
         near = max(gates, key=lambda gate: gate["margin"])
         fail = [f"{gate['name']} {gate['band']}" for gate in gates if not gate["passed"]]
-        nearest = f"{near['name']}, {near['band']} | {near['margin']:.2f}"
-        print(f"| {seed} | {len(gates)} | {', '.join(fail) or 0} | {nearest} |", flush=True)
-        good &= not fail
+        rows.append(
+            [seed, len(gates), ", ".join(fail) or 0, f"{near['name']}, {near['band']}", f"{near['margin']:.2f}"]
+        )
+        failing += len(fail)
+        nearest.append(near["margin"])
         first = first or run
         if run is not first:
             shutil.rmtree(folder / f"seed_{seed}")
+    record.table("sound", ["seed", "gates evaluated", "fail", "nearest to failing", "its margin"], rows)
+    record.value("sound_failing", failing, f"gates that fail in {seeds} campaigns without a fault", below=0)
+    record.value("sound_gates", rows[0][1], "gates evaluated in a campaign without a fault")
+    record.value("sound_nearest", max(nearest), "margin of the gate nearest to failing, without a fault")
+    record.value("sound_nearest_min", min(nearest), "the same in the campaign where it is smallest")
     kept = folder / "kept"
     shutil.copytree(first.paths.output, kept, copy_function=os.link)
-    print(
-        "\n| fault | gate | value | threshold | margin | other gates that fail |\n|---|---|---|---|---|---|", flush=True
-    )
-    for fault in FAULTS:
+    rows, unseen = [], []
+    for fault in faults:
         with contextlib.redirect_stdout(io.StringIO()):
             row, seen = row_of(fault, *faulty(first, kept, fault))
-        print("| " + " | ".join(map(str, row)) + " |" + ("" if seen else " NOT SEEN"), flush=True)
-        good &= seen
-    print(f"\n{time.process_time() - start:.0f} CPU-s; {'all as expected' if good else 'NOT AS EXPECTED'}")
-    return 0 if good else 1
+        rows.append(row)
+        unseen += [] if seen else [fault.words]
+    record.table("faults", ["fault", "gate that fails", "value", "threshold", "margin", "others that fail"], rows)
+    what = f"of {len(faults)} faults, not seen by their gate with a margin of {MARGIN}"
+    record.value("unseen", len(unseen), what + (f" ({', '.join(unseen)})" if unseen else ""), below=0)
+    record.value("cpu", time.process_time() - start, "all campaigns", unit="CPU-s")
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

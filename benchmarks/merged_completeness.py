@@ -9,7 +9,7 @@ its two; the joint S/N is that of all exposures of an object together. Colours a
 magnitudes that are meant for colours if the table has them, else Kron. Stars include quasars. A source is called a star
 if its `star` is above one half.
 
-Exit code 2 if the input cannot be used. Goals that are missed are printed as MISSED.
+Exit code 1 if a goal is missed, 2 if the input cannot be used.
 """
 
 import argparse
@@ -17,9 +17,12 @@ import sys
 from itertools import pairwise
 from pathlib import Path
 
+from evidence.record import Record
+
 import numpy as np
 import yaml
 from source_extractor import FIELD, csstsim, run_csstsim
+from toy_catalogue import toy_catalogue
 
 from csstsim.base.errors import CsstsimError
 from csstsim.base.healpix import brick_of
@@ -39,8 +42,8 @@ COLOUR_GOAL = 0.05  # mag
 COLOUR_MAGNITUDES = "gaap_mag_{}", "total_mag_{}", "kron_mag_{}"  # the first that there is
 
 
-def campaign(output, radius):
-    """Write the campaign of the field; return its file. radius: of the region [arcmin]."""
+def campaign(output, radius, toy=False):
+    """Write the campaign of the field; return its file. radius: of the region [arcmin]; toy: of a table of objects."""
     output.mkdir(parents=True, exist_ok=True)
     content = {
         "schema_version": 1, "name": "merged_completeness", "survey_table": str(ROOT / "survey_tables/demo.csv"),
@@ -50,6 +53,9 @@ def campaign(output, radius):
         },
         "window": "region", "observations": {"SCIE": str(ROOT / "config/observations/science.yaml")},
     }  # fmt: skip
+    if toy:
+        content["catalog"] = toy_catalogue(output, **FIELD, radius=radius / 60)
+        content["select"]["obsids"] = ["10100000002", "10100000003", "10100000004", "10100000005"]
     path = output / "campaign.yaml"
     path.write_text("# Written by benchmarks/merged_completeness.py\n" + yaml.safe_dump(content, sort_keys=False))
     return path
@@ -167,41 +173,63 @@ def kinds(truth, sources, match):
     return rows
 
 
-def report(truth, sources, match, real):
-    """Print the tables."""
-    print("| | % | of | goal |\n|---|---|---|---|")
+def report(truth, sources, match, real, record):
+    """Record the tables, and the figures that have a goal."""
+    lines = []
     for name, share, n, goal in completeness(truth, match):
+        if goal is not None and share is not None:
+            record.value(f"found_{name.split()[0]}", share, f"{name}, of {n}", unit="%", above=goal)
         told = "" if goal is None or share is None else f"{goal:g}: {'met' if share >= goal else 'MISSED'}"
-        print(f"| {name} | {'-' if share is None else f'{share:.1f}'} | {n} | {told} |")
+        lines.append([name, "-" if share is None else f"{share:.1f}", n, told])
     twice, n = compare.twice(truth, sources, match)
-    print(f"| merged sources with a true object | {100 * real.mean():.1f} | {len(real)} | |")
-    print(f"| counted twice | {'-' if twice is None else f'{100 * twice:.2f}'} | {n} | |")
-    print("\n| colour [mag] | median | scatter | n of possible | goal |\n|---|---|---|---|---|")
+    record.value("real", 100 * real.mean(), f"of {len(real)} merged sources, with a true object", unit="%")
+    lines.append(["merged sources with a true object", f"{100 * real.mean():.1f}", len(real), ""])
+    lines.append(["counted twice", "-" if twice is None else f"{100 * twice:.2f}", n, ""])
+    record.table("completeness", ["", "%", "of", "goal"], lines)
+    lines = []
     for name, seen, possible in colours(truth, sources, match):
         if seen["n"] < 2:
-            print(f"| {name} | - | - | {seen['n']} of {possible} | |")
+            lines.append([name, "-", "-", f"{seen['n']} of {possible}", ""])
             continue
         told = "met" if abs(seen["median"]) <= COLOUR_GOAL else "MISSED"
-        values = "{median:+.3f} +- {error:.3f} | {sigma:.3f} | {n}".format(**seen)
-        print(f"| {name} | {values} of {possible} | {COLOUR_GOAL:g}: {told} |")
-    print("\n| r [mag] | stars called stars [%] | of | called stars that are [%] | of |\n|---|---|---|---|---|")
-    for name, share, true, pure, told in kinds(truth, sources, match):
-        print(f"| {name} | {100 * share:.1f} | {true} | {100 * pure:.1f} | {told} |")
+        key = "_".join(name.split(" of ")[0].split(" - "))
+        record.value(
+            f"colour_{key}", seen["median"], f"{name}: median", unit="mag", error=seen["error"],
+            goal=abs(seen["median"]) <= COLOUR_GOAL,
+        )  # fmt: skip
+        median = "{median:+.3f} ± {error:.3f}".format(**seen)
+        lines.append([name, median, f"{seen['sigma']:.3f}", f"{seen['n']} of {possible}", f"{COLOUR_GOAL:g}: {told}"])
+    record.table("colours", ["colour [mag]", "median", "scatter", "n of possible", "goal"], lines)
+    lines = [
+        [name, f"{100 * share:.1f}", true, f"{100 * pure:.1f}", told]
+        for name, share, true, pure, told in kinds(truth, sources, match)
+    ]
+    record.table("kinds", ["r [mag]", "stars called stars [%]", "of", "called stars that are [%]", "of"], lines)
 
 
-def main():
+def main() -> None:
+    """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--output", type=Path, default=ROOT / "results/merged_completeness")
     parser.add_argument(
         "--radius", type=float, default=3.9, help="Of the field, arcmin; its windows are twice as wide."
     )
     parser.add_argument("--keep", action="store_true", help="Judge the merged bricks that there are.")
-    given = parser.parse_args()
+    with Record(parser) as record:
+        evaluate(record)
+
+
+def evaluate(record: Record) -> None:
+    """Make the field, and compare it with the truth."""
+    given = record.options
     try:
-        run = OpenCampaign(campaign(given.output, given.radius))
+        if record.toy:
+            run = OpenCampaign(campaign(record.results / "merged_completeness", 0.4, toy=True))
+        else:
+            run = OpenCampaign(campaign(given.output, given.radius))
         if not given.keep:
-            print(f"{make(run):.0f} CPU s", file=sys.stderr)
-        report(*judged(run))
+            record.value("cpu", make(run), "making what was missing, measuring, merging", unit="CPU-s")
+        report(*judged(run), record)
     except CsstsimError as error:
         print(error, file=sys.stderr)
         sys.exit(2)

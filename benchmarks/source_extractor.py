@@ -21,11 +21,14 @@ import sys
 import tempfile
 from pathlib import Path
 
+from evidence.record import Record
+
 import astromatic
 import numpy as np
 import yaml
 from astropy.io import fits
 from source_extractor_compare import Code, draw, report
+from toy_catalogue import toy_catalogue
 
 from csstsim.base.errors import CsstsimError, InputError
 from csstsim.bricks.validation.validate import MeasuredFrame, judged_truth
@@ -37,13 +40,15 @@ from csstsim.optics.psf.psf_file import half_pixels, pixel_response
 from csstsim.stages.psf import open_psf
 
 ROOT = Path(__file__).parents[1]
-FIGURE = ROOT / "docs" / "figures" / "source_extractor.png"
 FIELD = {"ra": 60.1172, "dec": -40.0330}  # the demo's
 OBSIDS = [f"101000000{number}" for number in ("04", "05", "11", "12")]  # its field, in r and i, twice
 
 
-def default_campaign(output, side, obsids=OBSIDS):
-    """Write the campaign of the default frames, `side` px wide, with perfect charge transfer; return its file."""
+def default_campaign(output, side, obsids=OBSIDS, toy=False):
+    """Write the campaign of the default frames, `side` px wide, with perfect charge transfer; return its file.
+
+    toy: of a table of objects.
+    """
     output.mkdir(parents=True, exist_ok=True)
     scale = load_telescope(ROOT / "config/instrument/telescope.yaml")[0].pixel_scale
     content = {
@@ -56,6 +61,8 @@ def default_campaign(output, side, obsids=OBSIDS):
         "window": "region",
         "observations": {"SCIE": str(ROOT / "examples/quarter_brick/science_no_cti.yaml")},
     }  # fmt: skip
+    if toy:
+        content["catalog"] = toy_catalogue(output, **FIELD, count=300, radius=0.5 * side * scale / 3600)
     path = output / "campaign.yaml"
     path.write_text("# Written by benchmarks/source_extractor.py\n" + yaml.safe_dump(content, sort_keys=False))
     return path
@@ -127,20 +134,30 @@ def compare_frame(run, job, ours, theirs):
     return given - judged[f"mag_{frames[0].band}"][star]
 
 
-def main():
+def main() -> None:
+    """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--campaign", type=Path, help="A campaign's file [default: one of the demo's field].")
     parser.add_argument(
         "--output", type=Path, default=ROOT / "results" / "source_extractor", help="... and its folder."
     )
     parser.add_argument("--side", type=int, default=4000, help="... side of its windows, px.")
-    parser.add_argument("--figure", type=Path, default=FIGURE)
-    given = parser.parse_args()
-    if absent := astromatic.missing():
-        print(f"{', '.join(absent)}: not installed; apt-get install source-extractor psfex", file=sys.stderr)
-        sys.exit(2)
+    with Record(parser) as record:
+        if absent := astromatic.missing():
+            record.skip(", ".join(absent), "not installed; apt-get install source-extractor psfex")
+        else:
+            compare(record)
+
+
+def compare(record: Record) -> None:
+    """Measure the frames with both codes, and record how they compare."""
+    given = record.options
     try:
-        run = OpenCampaign(given.campaign or default_campaign(given.output, given.side))
+        if record.toy:
+            file = default_campaign(record.results / "source_extractor", 900, OBSIDS[:2], toy=True)
+        else:
+            file = given.campaign or default_campaign(given.output, given.side)
+        run = OpenCampaign(file)
         jobs = [job for job in run.jobs if job.chip.kind == "imaging" and job.pointing.type == "SCIE"]
         if not jobs:
             raise InputError("no science frame of an imaging chip", file=run.file, key="select")
@@ -151,8 +168,9 @@ def main():
     except CsstsimError as error:
         print(error, file=sys.stderr)
         sys.exit(2)
-    draw(given.figure, bands)
-    sys.exit(int(any([report(band, *codes) for band, codes in bands.items()])))
+    draw(record.figure("source_extractor.png"), bands)
+    for band, codes in bands.items():
+        report(band, *codes, record)
 
 
 if __name__ == "__main__":

@@ -127,18 +127,16 @@ def _median(values):
     return float(np.median(values[np.isfinite(values)])) if np.isfinite(values).any() else np.inf
 
 
-def report(band, ours, theirs, header):
-    """Print a band's table and verdicts; return whether any difference is too large."""
+def report(band, ours, theirs, header, record):
+    """Record a band's table and verdicts. record: evidence.record.Record."""
     columns = [numbers(code) for code in (ours, theirs)]
-    print(f"\n| {band} | {' | '.join(CODES)} |\n|---|---|---|")
-    for name in dict.fromkeys([*columns[0], *columns[1]]):
-        print(f"| {name} | {' | '.join(column.get(name, '') for column in columns)} |")
-    failed = False
-    for what, difference, most in verdicts(ours, theirs, header):
-        good = abs(difference) <= most
-        print(f"{band}: {what}: {difference:+.4f}, at most {most:.4f}: {'the same' if good else 'DIFFERENT'}")
-        failed |= not good
-    return failed
+    names = dict.fromkeys([*columns[0], *columns[1]])
+    rows = [[name, *(column.get(name, "") for column in columns)] for name in names]
+    record.table(f"{band}_codes", [band, *CODES], rows)
+    keys = "completeness", "zeropoint", "file_zeropoint"
+    for key, (what, difference, most) in zip(keys, verdicts(ours, theirs, header), strict=True):
+        value = difference if np.isfinite(difference) else "nothing to compare"
+        record.value(f"{band}_{key}", value, f"{band}: {what}, ours less theirs", goal=abs(difference) <= most)
 
 
 def draw(path, bands):

@@ -13,6 +13,7 @@ import astromatic
 import numpy as np
 import yaml
 from astropy.io import fits
+from toy_catalogue import toy_catalogue
 
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import STAR
@@ -54,8 +55,8 @@ class Frame:
         return self.stem.with_suffix(".head")
 
 
-def pointing(output, chips):
-    """Write the campaign of four exposures of `chips` to a folder and return it opened."""
+def pointing(output, chips, toy=False):
+    """Write the campaign of four exposures of `chips` to a folder and return it opened; toy: of a small window."""
     output.mkdir(parents=True, exist_ok=True)
     rows = ["obsid,type,ra,dec,pa,time,exptime"]
     for number, ((east, north), time) in enumerate(zip(DITHERS, TIMES, strict=True), start=1):
@@ -66,8 +67,17 @@ def pointing(output, chips):
         "schema_version": 1, "name": "clients", "survey_table": "pointing.csv", "output": "out", "seed": 27,
         "select": {"types": ["SCIE"], "chips": chips},
     }  # fmt: skip
-    (output / "campaign.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
-    return OpenCampaign(output / "campaign.yaml")
+    file = output / "campaign.yaml"
+    if toy:
+        content["window"] = {"x0": 3000, "x1": 4500, "y0": 3000, "y1": 4500}
+    file.write_text(yaml.safe_dump(content, sort_keys=False))
+    run = OpenCampaign(file)
+    if toy:
+        ra, dec = (float(corner.mean()) for corner in run.jobs[0].footprint())
+        catalogue = toy_catalogue(output, ra, dec, count=800, radius=0.018)
+        file.write_text(yaml.safe_dump(content | {"catalog": catalogue}, sort_keys=False))
+        run = OpenCampaign(file)
+    return run
 
 
 def run_csstsim(*arguments):

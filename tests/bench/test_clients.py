@@ -100,4 +100,4 @@ def test_parts_left_out_say_why(tmp_path):
     command = [sys.executable, BENCHMARKS / "clients.py", "--only", "early", "--output", tmp_path]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0
-    assert "early: left out; --early names no checkout" in done.stdout
+    assert "skipped: early: --early names no checkout" in done.stdout

@@ -75,13 +75,12 @@ def test_every_layer_of_the_default_can_be_left_out_or_is_needed(benchmarks):
 
 def test_table_leaves_out_what_is_not_defined(benchmarks):
     row = {"effect": "sky", "yaml": "remove sky_background", "cost": 0.1, "rms": 1.0, "largest": 1e4, "light": 80.0}
-    text = benchmarks.table.table(
+    head, [line] = benchmarks.table.table(
         [row | {"first orders light": 1.0, "first orders size": 2.0, "first orders e": np.nan}]
     )
-    head, _, line = text.split("\n")
-    assert head.count("|") == line.count("|") == 9
+    assert len(head) == len(line) == 8
     assert "first orders: e" not in head
-    assert line.endswith("| +0.10 | 1 | 10,000 | 80 | 1 | 2 |")
+    assert line[2:] == ["+0.10", "1", "10,000", "80", "1", "2"]
 
 
 def test_the_page_places_a_chip_with_y_down(benchmarks, tmp_path):

@@ -67,18 +67,18 @@ def code(compare, n=400, seed=1, *, light=1.0, lost=0):
         ({}, 0.05, "MAGZERO"),
     ],
 )
-def test_what_differs_is_said(scripts, capsys, other, header, failing):
+def test_what_differs_is_said(scripts, record, other, header, failing):
     """1% and 4 of 400 are within what is allowed; 3% of light (0.032 mag), 30 stars and 0.05 mag are not."""
     compare = scripts.compare
-    failed = compare.report("r", code(compare), code(compare, seed=2, **other), np.full(9, header))
-    different = [line for line in capsys.readouterr().out.splitlines() if "DIFFERENT" in line]
-    assert failed == (failing is not None)
-    assert [failing in line for line in different] == [True] * failed
+    compare.report("r", code(compare), code(compare, seed=2, **other), np.full(9, header), record)
+    different = [value.what for value in record.values.values() if value.verdict == "fail"]
+    assert [failing in what for what in different] == [True] * (failing is not None)
 
 
-def test_nothing_to_compare_does_not_agree(scripts, capsys):
+def test_nothing_to_compare_does_not_agree(scripts, record, capsys):
     empty = [code(scripts.compare, n=0) for _ in range(2)]
-    assert scripts.compare.report("r", *empty, np.zeros(0))
+    scripts.compare.report("r", *empty, np.zeros(0), record)
+    assert record.values["r_zeropoint"].verdict == "fail"
     assert "100" not in capsys.readouterr().out
 
 
