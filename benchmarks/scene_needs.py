@@ -5,8 +5,8 @@
 CPU seconds: a complete frame less one without the effect, the least of --repeats. Changes: two frames that differ in
 the effect alone, electrons, with overscan and gain taken out. They have no photon noise (`fidelity: noise_free`), no
 cosmic rays, the same read noise (so that rounding is random), and objects to LIMIT; an effect that is noise is added
-to one of them. Ways to draw are compared with photon noise and all objects. Shares are of the default. Writes
-docs/scene_needs.csv, the figure and the page's tables.
+to one of them. Ways to draw are compared with photon noise and all objects. Shares are of the default. Writes also
+docs/scene_needs.csv.
 """
 
 import argparse
@@ -17,9 +17,11 @@ import warnings
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 
+from evidence.record import Record
+
 import numpy as np
 from scene_measures import changes, measurer
-from scene_table import FIELDS, FIGURE, TABLE, draw, write_page
+from scene_table import FIELDS, KINDS, by_chip, draw, table
 
 import csstsim
 from csstsim.base.shipped import SHIPPED
@@ -28,6 +30,10 @@ from csstsim.instrument.camera import load_camera
 RA, DEC, OBSID = 300.0, -60.0, "10100000001"
 LIMIT = {"imaging": 25.0, "slitless": 22.0}  # mag, of the frames without noise: 3 ms an object
 NOISE = ("poisson_and_dark", "cosmic_rays")
+# At the size of seconds: effects, and changes that keep truth bricks and PSF sets cheap
+TOY_EFFECTS = "flat field", "shutter", "photon noise, dark", "charge transfer, irradiated", "objects to 24 mag"
+TOY_SIZE, TOY_CATALOG, TOY_PSF = 150, {"structure": "none", "lensing": {"field": "none"}}, {"grid": 2}
+TOY_PLACE = 299.907, -60.245  # deg: the middle of a truth brick
 
 
 def layer(name, **values):
@@ -140,14 +146,19 @@ def costs(full, effects, chip, repeats):
     return {name: sign[name] * (least[None] - least[name]) for name in sign}, least[None]
 
 
-def scene(chip, size, repeats, cache):
+def scene(chip, size, repeats, cache, toy=False):
     """Return the rows of one chip's window, dicts of scene_table.FIELDS."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a window may cut an order
-        full = csstsim.Simulation(cache=cache).aim(RA, DEC, chip, size=size)
-    full = full.replace(catalog={"kind": "embedded"}, psf={"grid": 10}, fidelity="standard")
+        full = csstsim.Simulation(cache=cache).aim(*(TOY_PLACE if toy else (RA, DEC)), chip, size=size)
+    catalog, psf = (TOY_CATALOG, TOY_PSF) if toy else ({}, {"grid": 10})
+    full = full.replace(catalog={"kind": "embedded"} | catalog, psf=psf, fidelity="standard")
     frame = without_noise(full, chip).chip(OBSID, chip)
     effects = [effect for effect in EFFECTS if _kind(chip) in effect[2]]
+    if toy:
+        effects = [effect for effect in effects if effect[0] in TOY_EFFECTS]
+        effects = [(*some, {k: catalog | v if k == "catalog" else v for k, v in change.items()}, line)
+                   for *some, change, line in effects]  # fmt: skip
     measure, rows = measurer(frame), []
     counts = {name: len(ids) for name, (ids, _) in measure.items()}
     print(f"chip {chip}, {len(frame.truth)} objects, measured: {counts}", flush=True)
@@ -162,23 +173,48 @@ def scene(chip, size, repeats, cache):
     return rows
 
 
-def main():
+def figures(record: Record, rows: list[dict]) -> None:
+    """Record the numbers of one chip that the page's text has."""
+    chip, side = rows[0]["chip"], rows[0]["size"]
+    record.value(f"whole_{chip}", rows[0]["whole"], f"a window of {side} x {side} px of chip {chip}", unit="CPU-s")
+    found = {row["effect"]: row for row in rows}
+    for kind in KINDS:
+        if kind not in rows[0]:
+            continue
+        key, objects = kind.replace(" ", "_"), f"{kind} of chip {chip}"
+        record.value(f"{key}_{chip}", rows[0][kind], f"{objects} that are measured")
+        for name, effect in (
+            ("traps", "charge transfer, irradiated"), ("flat", "flat field"), ("shutter", "shutter"),
+            ("mag_24", "objects to 24 mag"),
+        ):  # fmt: skip
+            light = found[effect][f"{kind} light"]
+            record.value(f"{key}_{name}_{chip}", light, f"median change of light of {objects}: {effect}", unit="%")
+
+
+def main(record: Record) -> None:
+    """Measure the windows; record, draw and store what was found."""
+    options, toy = record.options, record.toy
+    cache = options.cache or (record.results / "cache" if toy else None)
+    with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor(1 if toy else len(options.chips)) as pool:
+        size, repeats = (TOY_SIZE, 1) if toy else (options.size, options.repeats)
+        run = partial(scene, size=size, repeats=repeats, cache=cache or folder, toy=toy)
+        found = [row for rows in pool.map(run, options.chips) for row in rows]
+    path = record.figure("scene_needs.png")
+    draw(found, path)
+    with open(path.parents[1] / "scene_needs.csv", "w", newline="") as file:
+        writer = csv.DictWriter(file, FIELDS, restval="")
+        writer.writeheader()
+        writer.writerows({k: f"{v:.4g}" if isinstance(v, float) else v for k, v in each.items()} for each in found)
+    for chip, rows in by_chip(found).items():
+        figures(record, rows)
+        record.table(f"chip_{chip}", *table(rows))
+
+
+if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--chips", type=int, nargs="+", default=[9, 29])
     parser.add_argument("--size", type=int, default=1200, help="side of the window [px]")
     parser.add_argument("--repeats", type=int, default=2)
     parser.add_argument("--cache", help="folder of truth bricks and PSF sets, if they are to be kept")
-    options = parser.parse_args()
-    with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor(len(options.chips)) as pool:
-        run = partial(scene, size=options.size, repeats=options.repeats, cache=options.cache or folder)
-        found = [row for rows in pool.map(run, options.chips) for row in rows]
-    with open(TABLE, "w", newline="") as file:
-        writer = csv.DictWriter(file, FIELDS, restval="")
-        writer.writeheader()
-        writer.writerows({k: f"{v:.4g}" if isinstance(v, float) else v for k, v in each.items()} for each in found)
-    draw(found, FIGURE)
-    write_page(found)
-
-
-if __name__ == "__main__":
-    main()
+    with Record(parser) as record:
+        main(record)

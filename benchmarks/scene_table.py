@@ -1,16 +1,13 @@
-"""The figure of scene_needs.py, docs/figures/scene_needs.png, and the tables of docs/model_no_more.md."""
+"""The figure of scene_needs.py and the tables of docs/model_no_more.md."""
 
 import matplotlib
 import numpy as np
 
-from csstsim.base.shipped import ROOT
 from csstsim.report.style import BLUE, GREEN, ORANGE, PURPLE
 
 matplotlib.use("agg")
 from matplotlib import pyplot as plt
 
-TABLE, FIGURE = ROOT / "docs" / "scene_needs.csv", ROOT / "docs" / "figures" / "scene_needs.png"
-PAGE = ROOT / "docs" / "model_no_more.md"
 KINDS = ("stars", "galaxies", "first orders")
 FIELDS = (
     "chip", "filter", "size", "whole", "effect", "kind", "yaml", "cost", "rms", "largest", "light",
@@ -23,13 +20,14 @@ LOOKS = {  # of a kind of effect: colour, marker, name
 LEAST, SCATTER = 0.003, 0.4  # e-, below which a change is drawn at the edge; CPU s by which times of two runs differ
 
 
-def _chips(rows):
+def by_chip(rows):
+    """Return the rows of each chip."""
     return {chip: [row for row in rows if row["chip"] == chip] for chip in dict.fromkeys(row["chip"] for row in rows)}
 
 
 def draw(rows, path):
     """Draw cost against change, one dot an effect, one panel a chip."""
-    chips = _chips(rows)
+    chips = by_chip(rows)
     figure, panels = plt.subplots(1, len(chips), figsize=(6.6 * len(chips), 7.4), layout="constrained", squeeze=False)
     for axes, (chip, mine) in zip(panels[0], chips.items(), strict=True):
         mine = [row for row in mine if np.isfinite(row["cost"])]
@@ -83,33 +81,16 @@ def _number(value, digits=2):
     return "0" if abs(value) < 1e-4 else f"{value:,.0f}" if abs(value) >= 10 else f"{value:.{digits}g}"
 
 
-def table(rows):
-    """Return the Markdown table of one chip's rows."""
+def table(rows: list[dict]) -> tuple[list[str], list[list[str]]]:
+    """Return the header and the rows of one chip's table."""
     names = [(kind, what) for kind in KINDS for what in ("light", "size", "e")]
     whats = [name for name in names if np.isfinite(rows[0].get(" ".join(name), np.nan))]
     units = {"light": "light [%]", "size": "size [%]", "e": "e"}
     head = ["effect", "line of YAML", "CPU-s", "rms [e-]", "largest [e-]", "total light [%]"]
     head += [f"{kind}: {units[what]}" for kind, what in whats]
-    lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
+    lines = []
     for row in rows:
-        values = [
-            f"{row['cost']:+.2f}" if np.isfinite(row["cost"]) else "",
-            *(_number(row[name]) for name in ("rms", "largest", "light")),
-        ]
-        values += [_number(row[f"{kind} {what}"]) for kind, what in whats]
-        lines.append(f"| {row['effect']} | `{row['yaml']}` | " + " | ".join(values) + " |")
-    return "\n".join(lines)
-
-
-def write_page(rows):
-    """Write the tables into the page, between its marks."""
-    text = PAGE.read_text()
-    for chip, mine in _chips(rows).items():
-        first, last = f"<!-- chip {chip} -->", f"<!-- end {chip} -->"
-        before, rest = text.split(first)
-        counts = ", ".join(f"{mine[0][kind]} {kind}" for kind in KINDS if kind in mine[0])
-        side, whole = mine[0]["size"], mine[0]["whole"]
-        note = f"A window of {side} x {side} px takes {whole:.1f} CPU-seconds with the defaults. Medians of {counts}."
-        text = f"{before}{first}\n{note}\n\n{table(mine)}\n{last}{rest.split(last)[1]}"
-    PAGE.write_text(text)
-    print(PAGE)
+        cost = f"{row['cost']:+.2f}" if np.isfinite(row["cost"]) else ""
+        values = [_number(row[name]) for name in ("rms", "largest", "light", *map(" ".join, whats))]
+        lines.append([row["effect"], f"`{row['yaml']}`", cost, *values])
+    return head, lines
