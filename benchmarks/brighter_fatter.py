@@ -55,11 +55,11 @@ def widths(image):
     return [np.sqrt((image * (axis - (image * axis).sum() / total) ** 2).sum() / total) for axis in axes]
 
 
-def spots(kernels, full_well, seed, count=SPOTS):
+def spots(kernels, full_well, seed, fluxes, count=SPOTS):
     """Return {name: (fluxes, spots, 2)}: (sigma_x, sigma_y) of spots made of the same photons."""
     names = ["no effect", SENSOR, *kernels]
-    found = {name: np.empty((len(FLUXES), count, 2)) for name in names}
-    for i, flux in enumerate(FLUXES):
+    found = {name: np.empty((len(fluxes), count, 2)) for name in names}
+    for i, flux in enumerate(fluxes):
         for spot in range(count):
             rng = galsim.BaseDeviate(int(stream(seed, "spot", flux, spot).integers(1, 2**31)))
             shot = galsim.Gaussian(sigma=SIGMA, flux=float(flux)).shoot(int(flux), rng)
@@ -77,13 +77,13 @@ def spots(kernels, full_well, seed, count=SPOTS):
     return found
 
 
-def report_spots(found: dict[str, np.ndarray], record: Record) -> None:
+def report_spots(found: dict[str, np.ndarray], fluxes: np.ndarray, record: Record) -> None:
     """Record how the widths of spots grow with flux, and compare the kernels with the sensor."""
     count, width = found["no effect"].shape[1], found["no effect"].mean()
     growth = {name: values - found["no effect"] for name, values in found.items() if name != "no effect"}
     print(f"growth of sigma_x, sigma_y [1e-3 pixel] of a spot of {width:.3f} pixels, {count} each")
     print("      flux  peak  " + "".join(f"{name:>34s}" for name in growth))
-    for i, flux in enumerate(FLUXES):
+    for i, flux in enumerate(fluxes):
         cells = [
             f"{x:8.2f} {y:6.2f} +- {e:5.2f}  "
             for x, y, e in (
@@ -91,7 +91,7 @@ def report_spots(found: dict[str, np.ndarray], record: Record) -> None:
             )
         ]
         print(f"{flux:10.0f} {flux * PEAK:6.0f}" + "".join(f"{cell:>34s}" for cell in cells))
-    slope = {name: (g * FLUXES[:, None, None]).sum(0) / (FLUXES**2.0).sum() for name, g in growth.items()}  # by spot
+    slope = {name: (g * fluxes[:, None, None]).sum(0) / (fluxes**2.0).sum() for name, g in growth.items()}  # by spot
     rows = []
     for name, values in slope.items():
         cells = []
@@ -105,7 +105,7 @@ def report_spots(found: dict[str, np.ndarray], record: Record) -> None:
         rows.append([name, *cells])
     record.table("growth", ["growth with flux, 1e-8 pixel / e-", "sigma_x", "sigma_y"], rows)
     for axis, number in zip("xy", growth[SHIPPED_KERNEL][-1].mean(0), strict=True):
-        what = f"growth of sigma_{axis} of a spot with {PEAK * FLUXES[-1]:.0f} e- in its peak, shipped kernel"
+        what = f"growth of sigma_{axis} of a spot with {PEAK * fluxes[-1]:.0f} e- in its peak, shipped kernel"
         record.value(f"spot_{axis}", number / width, what)
 
 
@@ -192,7 +192,7 @@ def report_cost(kernel, full_well, seed, record):
     record.value("times", numpys / ours, "CPU time of numpy and scipy over that of `brighter_fatter`")
 
 
-def draw(found, areas, measured, path):
+def draw(found, fluxes, areas, measured, path):
     import matplotlib
 
     matplotlib.use("agg")
@@ -206,7 +206,7 @@ def draw(found, areas, measured, path):
             growth = (found[name] - found["no effect"]).mean(1)[:, axis]  # without the scatter of the photons
             hollow = {"mfc": "none", "ms": 8} if style == "s" else {}
             label = rf"$\sigma_{'xy'[axis]}$ {name}"
-            left.plot(FLUXES / 1e5, np.sqrt(SIGMA**2 + 1 / 12) + growth, style, color=colour, label=label, **hollow)
+            left.plot(fluxes / 1e5, np.sqrt(SIGMA**2 + 1 / 12) + growth, style, color=colour, label=label, **hollow)
     left.set(xlabel="flux [10$^5$ e$^-$]", ylabel="width [pixel]")
     left.legend(fontsize=7)
     means, cov, errors = measured
@@ -233,12 +233,13 @@ def main(record: Record) -> None:
     print(f"areas of {SENSOR} [1e-8 per e-]:\n{(1e8 * own).round(2)}\nshipped:\n{(1e8 * areas).round(2)}")
     own_kernel, shipped = bfe_kernel.kernel(own), bfe_kernel.kernel(areas)
     kernels = {"kernel of its areas": own_kernel, NO_SKEW: (own_kernel[0], 0.0), SHIPPED_KERNEL: shipped}
-    found = spots(kernels, detector.full_well, seed, 2 if toy else SPOTS)
-    report_spots(found, record)
+    fluxes, count = (FLUXES // 10, 2) if toy else (FLUXES, SPOTS)
+    found = spots(kernels, detector.full_well, seed, fluxes, count)
+    report_spots(found, fluxes, record)
     measured = transfer(areas, detector.full_well, seed, record)
     report_fit(areas, measured, record)
     report_cost(shipped, detector.full_well, seed, record)
-    draw(found, areas, measured, record.figure("brighter_fatter.png"))
+    draw(found, fluxes, areas, measured, record.figure("brighter_fatter.png"))
 
 
 if __name__ == "__main__":

@@ -31,7 +31,7 @@ from csstsim.detector import mask as bits
 from csstsim.instrument.camera import load_camera
 
 LIMIT = 5.0  # sigma
-TOY_ROWS = 24
+TOY_ROWS, TOY_EACH = 24, {"BIAS": 3, "DARK": 3, "FLAT": 2}
 CHIP = 9
 LAMPS = ["590", "670"]
 
@@ -184,6 +184,8 @@ def show(rows, record):
 
 def main(record: Record) -> None:
     """Make the frames, reduce them, and compare."""
+    if record.toy:
+        EACH.update(TOY_EACH)
     began = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
         frames = list(make_frames(Path(folder), record.options.rows if not record.toy else TOY_ROWS))
