@@ -83,5 +83,5 @@ def numba_cache():
     else:
         ending = f".py{sys.version_info.major}{sys.version_info.minor}.nbi"
         count = sum(path.name.endswith(ending) for path in root.rglob("*.nbi"))
-        compiled = f"{count} compiled" if count else "nothing is compiled yet: the first run takes 20 CPU s more"
+        compiled = f"{count} compiled" if count else "nothing is compiled yet: the first runs take 90 CPU s more"
         yield Finding(OK, "numba cache", f"{root}: {compiled}")

@@ -1,0 +1,96 @@
+"""What compiling costs: CPU seconds of truth, psf, chip and measure on the demo, compiled code there and not.
+
+    python benchmarks/compile_times.py
+
+The verbs run one after another on one r chip of config/campaign.yaml and a truth brick of it, with a NUMBA_CACHE_DIR
+that is empty at the start, so that each compiles what those before it did not need; and again with what is there then.
+At last two processes of psf start at once with an empty folder. At toy size the chip is tiny, and the code compiled.
+"""
+
+import argparse
+import os
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from evidence.record import Record
+
+import yaml
+from mini_campaign import write_campaign
+
+from csstsim.campaign.config import load_campaign
+from csstsim.campaign.opened import OpenCampaign
+
+ROOT = Path(__file__).parents[1]
+CHIP = 9  # r
+
+
+def cpu_seconds(cache: Path | None, *lines: list[str]) -> float:
+    """Run commands of csstsim at once, with a folder for compiled code or the usual one; return their CPU seconds."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    program, environment = Path(sys.executable).with_name("csstsim"), dict(os.environ)
+    if cache:
+        environment["NUMBA_CACHE_DIR"] = str(cache)
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
+    started = [subprocess.Popen([program, *line], env=environment, **quiet) for line in lines]
+    for process, line in zip(started, lines, strict=True):
+        said = process.communicate()[1]
+        if process.returncode:
+            sys.exit(f"csstsim {' '.join(line)}: exit code {process.returncode}\n{said[-2000:]}")
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def campaign(folder: Path, toy: bool) -> Path:
+    """Return the file of a campaign in a folder: the demo, or one of a tiny chip."""
+    folder.mkdir()
+    if toy:
+        return write_campaign(folder)
+    content = load_campaign(ROOT / "config" / "campaign.yaml").model_dump(mode="json") | {"output": str(folder / "out")}
+    file = folder / "campaign.yaml"
+    file.write_text(yaml.safe_dump(content, sort_keys=False))
+    return file
+
+
+def calls(file: Path) -> dict[str, list[list[str]]]:
+    """Return the words of each verb's calls: as many of truth as the chip has bricks."""
+    run = OpenCampaign(file)
+    job = next(job for job in run.jobs if job.chip.id == CHIP)
+    found = {verb: [[verb, str(file), "--obsid", job.obsid, "--chip", str(CHIP)]] for verb in ("chip", "measure")}
+    bricks = [["truth", str(file), "--brick", str(pix)] for pix in run.truth_bricks(job)]
+    return {"truth": bricks, "psf": [["psf", str(file), "--chip", str(CHIP)]]} | found
+
+
+def main(record: Record) -> None:
+    """Run each verb with an empty folder of compiled code, and with a full one."""
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        files = [campaign(folder / name, record.toy) for name in ("first", "again", "one", "two")]
+        first, again, one, two = map(calls, files)
+        cache, other = (None, None) if record.toy else (folder / "cache", folder / "other")
+        rows, total = [], 0.0
+        for verb in first:
+            compiling, compiled = cpu_seconds(cache, first[verb][0]), cpu_seconds(cache, again[verb][0])
+            for line in again[verb][1:]:
+                cpu_seconds(cache, line)
+            if verb == "truth":  # the same bricks for both, so that chip makes none
+                source, target = (OpenCampaign(file).paths.output / "truth" for file in (files[1], files[0]))
+                shutil.copytree(source, target, dirs_exist_ok=True)
+            total += compiling - compiled
+            rows.append([f"`{verb}`", *(f"{cpu:.0f}" for cpu in (compiling, compiled, compiling - compiled))])
+            record.value(f"{verb}_first", compiling, f"`csstsim {verb}`, its first run", unit="CPU-s")
+            record.value(f"{verb}_again", compiled, f"`csstsim {verb}`, compiled", unit="CPU-s")
+        record.value("compiling", total, "compiling, of all four", unit="CPU-s")
+        rows.append(["all", "", "", f"{total:.0f}"])
+        record.table("verbs", ["verb", "first run, CPU-s", "compiled, CPU-s", "difference"], rows)
+        both = cpu_seconds(other, one["psf"][0], two["psf"][0])
+        record.value("two_at_once", both, "two first runs of `csstsim psf` at once", unit="CPU-s")
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    with Record(parser) as record:
+        main(record)
