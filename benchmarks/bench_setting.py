@@ -8,7 +8,7 @@ from csstsim.bench.slitless import cases, truth
 
 # At the size of seconds: nodes along a side; half of a spectrum's window [px], the largest half-light radius [arcsec],
 # wavelengths of direct optics
-TOY_GRID, TOY_HALF, TOY_LARGEST, TOY_NODES = 3, 36, 0.15, 8
+TOY_GRID, TOY_HALF, TOY_LARGEST, TOY_NODES = 3, 36, 0.15, 4
 
 
 def small() -> None:
