@@ -12,6 +12,7 @@ set, and biases against their goals.
 
 import argparse
 import shutil
+from pathlib import Path
 
 from evidence.record import Record
 
@@ -34,9 +35,14 @@ OWN = "photons", "stamps", "slabs 4", "standard", "noise_free"  # whose 95th per
 TRUTHS = {"flux": ("flux",), "size2": ("size2",), "e": ("e1", "e2")}  # in which the truths are compared
 
 
+def folder_of(record: Record) -> Path:
+    """Return the folder of the benchmark's own output."""
+    return record.results / f"bench{PARTS[record.options.part]}"
+
+
 def measured(record: Record) -> tuple[list[dict], list[dict]]:
     """Run the benchmark; return its summary and the rows of all objects."""
-    part, toy, folder = record.options.part, record.toy, record.results / "bench"
+    part, toy, folder = record.options.part, record.toy, folder_of(record)
     if toy:
         small()
     band, objects = ("GV" if part == "GV" else "r"), TOY_OBJECTS[part] if toy else None
@@ -50,7 +56,7 @@ def chart(record: Record) -> None:
     name = "speed_accuracy.png" if end in TOGETHER else f"speed_accuracy{end}.png"
     picture = record.figure(name)
     folder = picture.parents[1]
-    shutil.copyfile(record.results / "bench" / "speed_accuracy.csv", folder / f"speed_accuracy{end}.csv")
+    shutil.copyfile(folder_of(record) / "speed_accuracy.csv", folder / f"speed_accuracy{end}.csv")
     paths = [folder / f"speed_accuracy{one}.csv" for one in (TOGETHER if end in TOGETHER else (end,))]
     draw_chart(picture, [read(path) for path in paths if path.exists()])
 
