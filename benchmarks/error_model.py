@@ -75,18 +75,28 @@ def bright(record: Record, setting: Setting, numbers: Error) -> None:
         if size == SMALL and bulge:
             small.append(seen / bound)
         else:
-            found.setdefault((electrons, bulge), []).append(bound / seen)
+            found.setdefault((electrons, bulge), []).append((seen, bound))
         every.setdefault(electrons, []).append(snr[0])
         about = f'{electrons:.0e} e-, bulge {bulge}, {size}", |e| {e}: S/N {snr[0]:.0f}'
         print(f"{about}, seen {seen:.3f}, bound {bound:.3f}")
     rows = []
     for electrons, snr in every.items():
-        ranges = [f"{min(found[electrons, bulge]):.1f} to {max(found[electrons, bulge]):.1f}" for bulge in PROFILES]
-        rows.append([f"{electrons:.0e}".replace("e+0", "e"), f"{min(snr):.0f} to {max(snr):.0f}", *ranges])
-    record.table("bright", ["electrons", "S/N", *PROFILES.values()], rows)
-    least = min(min(ratios) for ratios in found.values())
+        ranges = [_ranges(found[electrons, bulge]) for bulge in PROFILES]
+        rows.append([f"{electrons:.0e}".replace("e+0", "e"), f"{min(snr):.0f} to {max(snr):.0f}", *sum(ranges, [])])
+    whats = "visible error", "bound, at most", "bound over visible error"
+    record.table(
+        "bright", ["electrons", "S/N", *(f"{name}: {what}" for name in PROFILES.values() for what in whats)], rows
+    )
+    least = min(bound / seen for pairs in found.values() for seen, bound in pairs)
     record.value("least", least, f"bound over visible error of bright galaxies but n = 4 of {SMALL} arcsec", above=1)
     record.value("small", max(small), f"visible error over bound of n = 4 of {SMALL} arcsec, the largest")
+
+
+def _ranges(pairs: list[tuple[float, float]]) -> list[str]:
+    """Return the range of visible errors, the largest bound, and the range of bound over visible error, as text."""
+    seen, bound = np.array(pairs).T
+    return [f"{seen.min():.2g} to {seen.max():.2g}", f"{bound.max():.2g}",
+            f"{(bound / seen).min():.1f} to {(bound / seen).max():.1f}"]  # fmt: skip
 
 
 def columns(rows, method, numbers, cells):
