@@ -81,8 +81,8 @@ def bright(record: Record, setting: Setting, numbers: Error) -> None:
         print(f"{about}, seen {seen:.3f}, bound {bound:.3f}")
     rows = []
     for electrons, snr in every.items():
-        ranges = [_ranges(found[electrons, bulge]) for bulge in PROFILES]
-        rows.append([f"{electrons:.0e}".replace("e+0", "e"), f"{min(snr):.0f} to {max(snr):.0f}", *sum(ranges, [])])
+        ranges = [cell for bulge in PROFILES for cell in _ranges(found[electrons, bulge])]
+        rows.append([f"{electrons:.0e}".replace("e+0", "e"), f"{min(snr):.0f} to {max(snr):.0f}", *ranges])
     whats = "visible error", "bound, at most", "bound over visible error"
     record.table(
         "bright", ["electrons", "S/N", *(f"{name}: {what}" for name in PROFILES.values() for what in whats)], rows
@@ -95,8 +95,9 @@ def bright(record: Record, setting: Setting, numbers: Error) -> None:
 def _ranges(pairs: list[tuple[float, float]]) -> list[str]:
     """Return the range of visible errors, the largest bound, and the range of bound over visible error, as text."""
     seen, bound = np.array(pairs).T
-    return [f"{seen.min():.2g} to {seen.max():.2g}", f"{bound.max():.2g}",
-            f"{(bound / seen).min():.1f} to {(bound / seen).max():.1f}"]  # fmt: skip
+    ends = [f"{value:.{0 if value >= 10 else 1}f}" for value in (seen.min(), seen.max(), bound.max())]
+    ratio = bound / seen
+    return [f"{ends[0]} to {ends[1]}", ends[2], f"{ratio.min():.1f} to {ratio.max():.1f}"]
 
 
 def columns(rows, method, numbers, cells):
