@@ -13,11 +13,13 @@ trend   pulls of measured fluxes against S/N, of four times 10,200 such stars, a
 Exit code 1 if a limit is not kept.
 """
 
-import sys
+import argparse
 import time
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
+
+from evidence.record import Record
 
 import numpy as np
 
@@ -56,7 +58,9 @@ LAYERS = {
 
 def simulation(size=None):
     """Return a Simulation of one r exposure with an empty sky; size: of a window [px]."""
-    sim = csstsim.Simulation(cache=FOLDER / "cache").aim(150.1, 2.2, chip=CHIP, size=size, obsid=OBSID)
+    sim = csstsim.Simulation(cache=FOLDER / f"cache_{size or 'chip'}").aim(
+        150.1, 2.2, chip=CHIP, size=size, obsid=OBSID
+    )
     return sim.replace(catalog=objects(sim, np.array([100.0]), np.array([100.0]), np.array([60.0])))
 
 
@@ -75,13 +79,13 @@ def quiet(_):
     """Say nothing."""
 
 
-def cost():
-    """Print CPU seconds; return whether the image's limits are kept."""
-    sim, good = simulation(), True
+def cost(record):
+    """Record CPU seconds."""
+    sim = simulation()
     run, job, frame = sim._run, sim._run.job(OBSID, CHIP), sim.chip(OBSID, CHIP)
     held = Held(FOLDER, frame.header, frame.header, frame.readout, "channels", None, frame.raw)
     planes = [np.full(job.window.shape, value, kind) for value, kind in ((0, "f4"), (0.05, "f4"), (0, "u1"))]
-    for count in (20, *LIMITS):  # the first loads what is compiled
+    for count in (20, min(LIMITS)) if record.toy else (20, *LIMITS):  # the first loads what is compiled
         rng = np.random.default_rng(count)
         x, y = rng.uniform(20, job.window.nx - 20, (2, count))
         kind = np.where(np.arange(count) % 2, "galaxy", "star")
@@ -97,35 +101,34 @@ def cost():
         raw = time.process_time()
         if count in LIMITS:
             snr = np.percentile(light.truth["snr"], [1, 99])
-            print(
-                f"{count} sources, S/N {snr[0]:.1f} to {snr[1]:.0f}: light {drawn - start:.1f} CPU-s; with it into the "
-                f"image {image - start:.1f} (limit {LIMITS[count]:g}), raw frame {drawn - start + raw - image:.1f}"
-            )
-            good &= image - start < LIMITS[count]
-    return good
+            what = f"{count:,} sources of S/N {snr[0]:.0f} to {snr[1]:.0f}"
+            record.value(f"light_{count}", drawn - start, f"{what}: their flux", unit="CPU-s")
+            record.value(f"image_{count}", image - start, f"{what}: into the image", unit="CPU-s", below=LIMITS[count])
+            record.value(f"raw_{count}", drawn - start + raw - image, f"{what}: into the raw frame", unit="CPU-s")
 
 
-def layers():
-    """Print the rms difference by layer; return whether each is below the limit."""
-    base, good = simulation(size=1200), True
+def layers(record):
+    """Record the rms difference by layer."""
+    base, rows = simulation(size=300 if record.toy else 1200), []
     off = dict.fromkeys(("brighter_fatter", "detector_defects", "blooming", "CTE_effect", "nonlinearity"))
     cases = {"none": off, "all": {}, "all, irradiated": {"CTE_effect": {"density_scale": 1.0}}}
     for name, param in LAYERS.items():
         keyword = name.split(",")[0]
         cases[f"{name} alone"] = {key: value for key, value in off.items() if key != keyword} | {keyword: param}
-    print("rms difference of a lit pixel [its sigma], of an object's light [its sigma]; mean of the lit pixels [e-]")
     for name, changes in cases.items():
-        pixels, light, mean = compared(base.replace(layers=changes))
-        print(f"{name:32s} {pixels:.4f} {light:.4f} {mean:+.4f}")
-        good &= light < DIFFERENCE and pixels < (IRRADIATED if "irradiated" in name else DIFFERENCE)
-    return good
+        pixels, light, mean = compared(base.replace(layers=changes), 20 if record.toy else 400)
+        key, most = name.replace(",", "").replace(" ", "_"), IRRADIATED if "irradiated" in name else DIFFERENCE
+        record.value(f"pixels_{key}", pixels, f"layers {name}: rms difference of a lit pixel in its sigma", below=most)
+        record.value(f"light_{key}", light, f"layers {name}: of an object's flux in its sigma", below=DIFFERENCE)
+        rows.append([name, f"{pixels:.3f}", f"{light:.3f}", f"{mean:+.3f}"])
+    header = ["layers", "lit pixel [its sigma], rms", "flux of an object [its sigma], rms", "mean of lit pixels [e-]"]
+    record.table("layers", header, rows)
 
 
-def compared(sim):
+def compared(sim, count):
     """Return the numbers of `layers`: injection less a readout with the same light, before rounding."""
     run, job = sim._run, sim._run.job(OBSID, CHIP)
     w, rng = job.window, np.random.default_rng(2)
-    count = 400
     x, y = rng.uniform(w.x0 + 10, w.x1 - 10, count), rng.uniform(w.y0 + 10, w.y1 - 10, count)
     table = objects(sim, x, y, rng.uniform(18.6, 25.5, count), np.where(np.arange(count) % 2, "galaxy", "star"))
     light = light_of(run, job, catalogue_of(run, job, table_of(table)), 1, quiet)
@@ -162,40 +165,43 @@ def _read_out(run, job, sky, light=None):
     return state.image
 
 
-def stars():
-    """Print bias and pulls of 5,000 stars; return whether they are within the limits."""
-    field = Field(71, 128)
+def stars(record):
+    """Record bias and pulls of 5,000 stars."""
+    field = Field(3, 100) if record.toy else Field(71, 128)
     found, _ = field.recovered(1)
-    print(f"{found.clean.sum()} of {len(found.clean)} stars, true S/N {found.snr.min():.0f} to {found.snr.max():.0f}")
+    record.value("stars", int(found.clean.sum()), f"of {len(found.clean)} stars recovered cleanly")
+    print(f"true S/N {found.snr.min():.0f} to {found.snr.max():.0f}")
     print(f"flux, all  {told(number(found.pull))}, of which")
     print(f"           {found.colour.mean():+.4f} by the star's colour, {found.noise.mean():+.4f} by noise")
-    good = True
-    for name, values in (("flux, rest", found.rest), ("place x", found.place_x), ("place y", found.place_y)):
-        one = number(values)
-        print(f"{name:10s} {told(one)}")
-        good &= abs(one.mean) < BIAS * one.mean_error
+    one = number(found.pull)
+    record.value("flux", one.mean, "mean pull of fluxes", error=one.mean_error)
+    for key, values in (("rest", found.rest), ("x", found.place_x), ("y", found.place_y)):
+        one, what = number(values), {"rest": "fluxes without colour and noise"}.get(key, f"positions in {key}")
+        within = abs(one.mean) < BIAS * one.mean_error
+        record.value(key, one.mean, f"mean pull of {what}", error=one.mean_error, goal=within)
     one = number(err_pulls(field, found.frame))
-    print(f"by ERR     {told(one)}")
-    return good and PULLS[0] < one.scatter < PULLS[1] and abs(one.mean) < BIAS * one.mean_error
+    within = abs(one.mean) < BIAS * one.mean_error
+    record.value("by_err", one.mean, "mean pull of a matched filter by ERR", error=one.mean_error, goal=within)
+    record.value("by_err_scatter", one.scatter, "scatter of these pulls", above=PULLS[0], below=PULLS[1])
 
 
-def trend():
-    """Print the pulls of measured fluxes against S/N, of four times 10,200 stars; return whether what is left is 0."""
-    field, good = Field(101, 90), True
-    runs = [field.recovered(realisation)[0] for realisation in range(1, 5)]
+def trend(record):
+    """Record the pulls of measured fluxes against S/N, of four times 10,200 stars, and what makes them."""
+    field, rows = Field(3, 100) if record.toy else Field(101, 90), []
+    runs = [field.recovered(realisation)[0] for realisation in range(1, 2 if record.toy else 5)]
     snr, pull, colour, noise, rest = (
         np.concatenate([getattr(run, name) for run in runs]) for name in ("snr", "pull", "colour", "noise", "rest")
     )
-    print("S/N         stars    mean pull    of colour   of noise   left")
     for low, high in (*pairwise(EDGES), (EDGES[0], EDGES[-1])):
-        rows = (snr >= low) & (snr < high)
-        one, left = number(pull[rows]), number(rest[rows])
-        print(
-            f"{low:3d} to {high:3d}  {one.n:6d}   {one.mean:+.3f} +- {one.mean_error:.3f}  {colour[rows].mean():+.3f}  "
-            f"{noise[rows].mean():+.3f}   {left.mean:+.3f} +- {left.mean_error:.3f}"
-        )
-        good &= abs(left.mean) < BIAS * left.mean_error
-    return good
+        some = (snr >= low) & (snr < high)
+        if some.sum() < 2:
+            continue
+        one, left = number(pull[some]), number(rest[some])
+        cells = f"{one.mean:+.3f} ± {one.mean_error:.3f}", f"{colour[some].mean():+.3f}", f"{noise[some].mean():+.3f}"
+        rows.append([f"{low} to {high}", one.n, *cells, f"{left.mean:+.3f} ± {left.mean_error:.3f}"])
+        what, within = f"S/N {low} to {high}: mean pull that is left", abs(left.mean) < BIAS * left.mean_error
+        record.value(f"left_{low}_{high}", left.mean, what, error=left.mean_error, goal=within)
+    record.table("trend", ["S/N", "stars", "mean pull", "of colour", "of noise", "left"], rows)
 
 
 @dataclass(frozen=True)
@@ -326,11 +332,16 @@ def err_pulls(field, frame):
     return np.array(pulls)
 
 
-def figure():
+def figure(record):
     """Inject 1,500 stars and galaxies into a window of the mock sky; draw docs/figures/recovered.png."""
     from csstsim.inject.placement import free_pixels, random
 
-    sim = csstsim.Simulation(cache=FOLDER / "sky").aim(150.1, 2.2, chip=CHIP, size=2500, obsid=OBSID)
+    sim = csstsim.Simulation(cache=FOLDER / "sky").aim(
+        150.1, 2.2, chip=CHIP, size=300 if record.toy else 2500, obsid=OBSID
+    )
+    if record.toy:
+        few = objects(sim, *np.random.default_rng(1).uniform(4500, 4800, (2, 30)), np.full(30, 21.0))
+        sim = sim.replace(catalog=few)
     run, job = sim._run, sim._run.job(OBSID, CHIP)
     if not run.paths.level0(job).exists():
         chip(run, job, quiet)
@@ -338,7 +349,7 @@ def figure():
     image, folder = run.paths.calibrated(*job.key), FOLDER / f"figure_{time.time_ns()}"
     with open_fits(image) as file:
         free = free_pixels(read_pixels(file["SCI"], image), read_pixels(file["DQ"], image) > 0, reach=0, sigma=50.0)
-    count, rng = 1500, np.random.default_rng(8)
+    count, rng = 20 if record.toy else 1500, np.random.default_rng(8)
     x, y = random(free, count, 8, apart=15.0)
     kind = np.where(np.arange(count) % 3, "galaxy", "star")
     table = objects(sim, x + job.window.x0, y + job.window.y0, rng.uniform(20.5, 26.5, count), kind)
@@ -347,11 +358,15 @@ def figure():
     table["e1"], table["e2"] = e * np.cos(angle), e * np.sin(angle)
     (new,) = inject([image], table, folder, print, campaign=run)
     recover(new, image, print, campaign=run)
-    Path("docs/figures/recovered.png").write_bytes(new.with_suffix(".recovered.png").read_bytes())
-    return True
+    record.figure("recovered.png").write_bytes(new.with_suffix(".recovered.png").read_bytes())
 
 
 if __name__ == "__main__":
-    DO = {"cost": cost, "layers": layers, "stars": stars, "trend": trend, "figure": figure}
-    parts = sys.argv[1:] or ("cost", "layers", "stars")
-    sys.exit(not all([DO[part]() for part in parts]))
+    PARTS = {"cost": cost, "layers": layers, "stars": stars, "trend": trend, "figure": figure}
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("parts", nargs="*", choices=[*PARTS, []], help="default: cost, layers and stars")
+    with Record(parser) as record:
+        if record.toy:
+            FOLDER = record.results / "injection"
+        for part in record.options.parts or ("cost", "layers", "stars"):
+            PARTS[part](record)

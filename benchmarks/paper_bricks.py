@@ -10,9 +10,12 @@ default radius they need six truth bricks that the ten images do not have. `--ra
 import argparse
 from pathlib import Path
 
+from evidence.record import Record
+
 import healpy
 import yaml
 from source_extractor import csstsim, run_csstsim
+from toy_catalogue import toy_catalogue
 
 from csstsim.base.healpix import NSIDE, brick_of
 from csstsim.campaign.aiming import aimed, chips_for, table_of
@@ -21,6 +24,7 @@ from csstsim.campaign.opened import OpenCampaign
 ROOT = Path(__file__).parents[1]
 IMAGES, OUTPUT = ROOT / "examples/ten_images.yaml", ROOT / "results/paper_bricks"
 BANDS = "u", "g", "r"
+TOY_RADIUS = 0.3
 RADIUS = 2.9  # arcmin, of the region; its windows are twice as wide, and lie in the brick at any angle
 
 
@@ -45,8 +49,12 @@ def campaign(images, folder, place, pointing, chips, **content):
     (folder / "table.csv").write_text(table_of(found, [f"{folder.name} in {', '.join(chip.filter for chip in chips)}"]))
     content = {
         "schema_version": 1, "name": folder.name, "survey_table": "table.csv", "output": "products",
-        "seed": images.config.seed, "share": str(Path(images.config.share).resolve()),
+        "seed": images.config.seed,
     } | content  # fmt: skip
+    if images.config.share:
+        content["share"] = str(Path(images.config.share).resolve())
+    if not images.embedded:  # at toy size
+        content["catalog"] = toy_catalogue(folder, *place, radius=0.01)
     (folder / "campaign.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
     return OpenCampaign(folder / "campaign.yaml")
 
@@ -76,14 +84,44 @@ def make(run, pix):
     return cpu
 
 
-def main():
+def main() -> None:
+    """Make the bricks."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--images", type=Path, default=IMAGES)
     parser.add_argument("--output", type=Path, default=OUTPUT)
     parser.add_argument("--radius", type=float, default=RADIUS, help="Half the width of the windows, arcmin.")
-    given = parser.parse_args()
-    for pix, run in campaigns(given.images, given.output, given.radius).items():
-        print(f"brick {pix}: {len(run.jobs)} frames, {make(run, pix):.0f} CPU s", flush=True)
+    with Record(parser) as record:
+        given = record.options
+        if record.toy:
+            given.images, given.radius = toy_images(record.results / "paper_images"), TOY_RADIUS
+            given.output = record.results / "paper_bricks"
+        cpu, frames = 0.0, 0
+        for pix, run in campaigns(given.images, given.output, given.radius).items():
+            seconds = make(run, pix)
+            print(f"brick {pix}: {len(run.jobs)} frames, {seconds:.0f} CPU s", flush=True)
+            cpu, frames = cpu + seconds, frames + len(run.jobs)
+        record.value("frames", frames, "frames of the bricks")
+        record.value("cpu", cpu, "making what was missing", unit="CPU-s")
+
+
+def toy_images(folder: Path) -> Path:
+    """Write a campaign of a small window of one r image, make and measure it; return its file."""
+    content = yaml.safe_load(IMAGES.read_text())
+    content |= {"survey_table": str(IMAGES.parent / content["survey_table"]), "output": str(folder)}
+    content |= {"window": {"x0": 4000, "x1": 4700, "y0": 4000, "y1": 4700}, "share": None}
+    file = folder / "campaign.yaml"
+    folder.mkdir(parents=True, exist_ok=True)
+    file.write_text(yaml.safe_dump(content))
+    run = OpenCampaign(file)
+    job = run.imaging_jobs[0]
+    middle = (float(corner.mean()) for corner in job.footprint())
+    content["select"] = content["select"] | {"obsids": [job.obsid], "chips": [job.chip.id]}
+    file.write_text(yaml.safe_dump(content | {"catalog": toy_catalogue(folder, *middle, count=600, radius=0.01)}))
+    run = OpenCampaign(file)
+    if not run.paths.measure(*job.key).exists():
+        csstsim("chip", run, job)
+        csstsim("measure", run, job)
+    return file
 
 
 if __name__ == "__main__":

@@ -12,9 +12,11 @@ and prints the main numbers of it.
 import argparse
 from pathlib import Path
 
+from evidence.record import Record
+
 import numpy as np
 from matplotlib.figure import Figure
-from paper_bricks import IMAGES, RADIUS, campaigns
+from paper_bricks import IMAGES, OUTPUT, RADIUS, TOY_RADIUS, campaigns, make, toy_images
 
 from csstsim.bricks.validation import compare
 from csstsim.bricks.validation.trials import joined, limit, matched, trials
@@ -25,8 +27,8 @@ from csstsim.report.colour_panel import colours
 from csstsim.report.style import BLACK, BLUE, ORANGE, looks
 from csstsim.stages.level0 import truth_of
 
-FIGURE = "docs/figures/paper_figures.png"
 EDGES = np.arange(16.0, 29.01, 0.25)
+FEWEST = 10  # objects of a bin
 KINDS = ("stars and quasars", BLUE, "psf"), ("galaxies", ORANGE, "kron")
 
 
@@ -42,7 +44,7 @@ def frames_of(run):
         yield frame, truth.with_columns(mag_out=np.where((row >= 0) & ~saturated, mag, np.nan))
 
 
-def magnitudes(axes, truths, band):
+def magnitudes(axes, truths, band, fewest):
     """Draw measured minus true magnitudes against true ones, for isolated stars and galaxies."""
     for mine, (kind, tint, light), panel in zip((False, True), KINDS, axes, strict=True):
         given, off = (
@@ -53,7 +55,9 @@ def magnitudes(axes, truths, band):
         good = alone & np.isfinite(off)
         panel.plot(given[good], off[good], ".", color=tint, ms=1.5, alpha=0.3, rasterized=True)
         which = np.digitize(given[good], EDGES)
-        bins = [(EDGES[k - 1] + 0.125, off[good][which == k]) for k in range(1, len(EDGES)) if (which == k).sum() > 9]
+        bins = [
+            (EDGES[k - 1] + 0.125, off[good][which == k]) for k in range(1, len(EDGES)) if (which == k).sum() >= fewest
+        ]
         x, parts = zip(*bins, strict=True)
         for share, line in ((50, "-"), (16, ":"), (84, ":")):
             panel.plot(x, [np.percentile(part, share) for part in parts], line, color=BLACK, lw=1.5)
@@ -81,22 +85,29 @@ def distributions(axes, truths, frames, band):
     axes.legend(fontsize=8, loc="upper left")
 
 
-def shares(axes, table, band, depth):
-    """Draw the share of isolated objects found against magnitude, and print where it is one half."""
+def shares(axes, record, table, band, depth):
+    """Draw the fraction of isolated objects found against magnitude, and record where it is one half."""
     galaxy, found = table["galaxy"].astype(bool), table["found"] > 0
     for mine, (kind, tint, _) in zip((False, True), KINDS, strict=True):
         some = galaxy == mine
         n, seen = (np.histogram(table["mag"][part], EDGES)[0] for part in (some, some & found))
         good = n > 9
         axes.plot(EDGES[:-1][good] + 0.125, seen[good] / n[good], "-o", color=tint, ms=3, label=kind)
-        print(f"{kind}: {some.sum()} isolated; half found at {band} = {limit(table['mag'][some], found[some]):.2f}")
+        half, key = limit(table["mag"][some], found[some]), kind.split()[0]
+        record.value(f"isolated_{key}", int(some.sum()), f"isolated {kind}")
+        if half is not None:
+            record.value(f"half_{key}", half, f"half of the isolated {kind} are found at this {band}", unit="mag")
     axes.axvline(depth, color="#666666", ls=":", label="5 sigma of a point source")
     axes.axhline(0.95, color="#666666", ls="--", lw=1, label="95%")
     axes.set(xlim=(20, 29), ylim=(0, 1.05), xlabel=f"true {band} [AB mag]", ylabel="share found in one exposure")
     axes.set_title("Detection", fontsize=10)
     axes.legend(fontsize=8, loc="lower left")
     judged = ~galaxy & (table["snr"] > 5.0) & (table["snr"] < compare.SNR_MAX)
-    print(f"point sources of S/N 5 to 500: {100 * found[judged].mean():.2f}% of {judged.sum()} found")
+    n, part = int(judged.sum()), float(found[judged].mean())
+    record.value("points", n, "isolated point sources of S/N 5 to 500")
+    record.value(
+        "points_found", part, "of them found, fraction", error=(part * (1 - part) / max(n, 1)) ** 0.5, above=0.95
+    )
 
 
 def brick_colours(runs):
@@ -119,33 +130,52 @@ def _chip(run):
     return run.camera.detector.channel_ny, run.camera.telescope.pixel_scale
 
 
-def main():
+def main() -> None:
+    """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--images", type=Path, default=IMAGES)
     parser.add_argument("--radius", type=float, default=RADIUS, help="That of paper_bricks.py, arcmin.")
-    options = parser.parse_args()
+    with Record(parser) as record:
+        figures(record)
+
+
+def figures(record: Record) -> None:
+    """Draw the figure, and record its main numbers."""
+    options, output = record.options, OUTPUT
+    if record.toy:
+        options.images, options.radius = toy_images(record.results / "paper_images_of_figures"), TOY_RADIUS
+        output = record.results / "paper_bricks_of_figures"
     run = OpenCampaign(options.images)
     frames, truths = zip(*frames_of(run), strict=True)
     band = frames[0].band
     table = joined([trials(truth, frame) for frame, truth in zip(frames, truths, strict=True)])
     figure = Figure(figsize=(13, 14), layout="constrained")
     panels = figure.subplots(3, 2)
-    magnitudes(panels[0], truths, band)
+    magnitudes(panels[0], truths, band, 1 if record.toy else FEWEST)
     distributions(panels[1, 0], truths, frames, band)
-    shares(panels[1, 1], table, band, float(np.median([frame.info["depth_5sigma"] for frame in frames])))
-    merged = campaigns(options.images, radius=options.radius)
+    shares(panels[1, 1], record, table, band, float(np.median([frame.info["depth_5sigma"] for frame in frames])))
+    galaxy = np.concatenate([truth["obj_type"] == GALAXY for truth in truths])
+    record.value("galaxies", int(galaxy.sum()), f"galaxies of the {len(frames)} images")
+    record.value("stars", int((~galaxy).sum()), f"stars and quasars of the {len(frames)} images")
+    merged = campaigns(options.images, output, options.radius)
+    for pix, one in merged.items() if record.toy else ():
+        make(one, pix)
     colour = brick_colours(merged)
     colours(panels[2, 0], colour, looks(run.camera.filters))
     off = np.hypot(*(colour["output"] - colour["input"]))
     for mine, (kind, tint, _) in zip((False, True), KINDS, strict=True):
         some = colour["galaxy"] == mine
         panels[2, 1].hist(off[some], np.linspace(0, 0.6, 25), histtype="step", color=tint, lw=1.5, label=kind)
-        print(f"colours of {some.sum()} {kind}: median distance, out from in, {np.median(off[some]):.3f} mag")
+        key = kind.split()[0]
+        record.value(f"coloured_{key}", int(some.sum()), f"{kind} with colours")
+        record.value(
+            f"colours_{key}", float(np.median(off[some])), f"colours of {kind}, out from in, median", unit="mag"
+        )
     panels[2, 1].set(xlabel="distance of measured from true colours [mag]", ylabel="sources")
     panels[2, 1].set_title("Colours of the same sources, out - in", fontsize=10)
     panels[2, 1].legend(fontsize=8)
     figure.suptitle(f"{len(frames)} whole {band} images; colours of {len(merged)} merged bricks")
-    figure.savefig(FIGURE, dpi=85)
+    figure.savefig(record.figure("paper_figures.png"), dpi=85)
 
 
 if __name__ == "__main__":

@@ -1,13 +1,14 @@
 """Two diagrams as in the paper: how an exposure is simulated, and how the layers of a chip are run.
 
-    python benchmarks/paper_flowcharts.py [--figures docs/figures]
+    python benchmarks/paper_flowcharts.py
 
 Draws workflow.png and orchestration.png. Stages and their inputs are those of csstsim.base.stages, the layers those
 of config/observations/science.yaml, so neither picture can show a step that the program lacks.
 """
 
 import argparse
-from pathlib import Path
+
+from evidence.record import Record
 
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
@@ -152,13 +153,11 @@ def orchestration():
     return figure
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--figures", type=Path, default=Path("docs/figures"))
-    folder = parser.parse_args().figures
-    for draw in (workflow, orchestration):
-        draw().savefig(folder / f"{draw.__name__}.png", dpi=100)
-        print(folder / f"{draw.__name__}.png")
+def main() -> None:
+    """Draw both."""
+    with Record(argparse.ArgumentParser(description=__doc__.splitlines()[0])) as record:
+        for draw in (workflow, orchestration):
+            draw().savefig(record.figure(f"{draw.__name__}.png"), dpi=100)
 
 
 if __name__ == "__main__":

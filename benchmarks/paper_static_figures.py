@@ -1,6 +1,6 @@
 """The paper's figures that need no simulation: throughputs, lamps, and the five fields on the sky.
 
-    PYTHONPATH=builders python benchmarks/paper_static_figures.py [--figures docs/figures]
+    python benchmarks/paper_static_figures.py
 
 Draws throughputs.png (the paper's figure of response curves, with the wavelengths of the PSFs), led_bands.png (the
 lamps' lines over the bands) and fields.png (the pointings of Cycle 9 on the sky), and prints their main numbers.
@@ -8,7 +8,8 @@ Everything is read from config/instrument/ and survey_tables/.
 """
 
 import argparse
-from pathlib import Path
+
+from evidence.record import Record
 
 import healpy
 import numpy as np
@@ -164,13 +165,14 @@ def sky(camera):
     return figure
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--figures", type=Path, default=Path("docs/figures"))
-    folder, camera = parser.parse_args().figures, load_camera()
-    for name, draw in (("throughputs", throughputs), ("led_bands", led_bands), ("fields", sky)):
-        draw(camera).savefig(folder / f"{name}.png", dpi=90)
-        print(folder / f"{name}.png")
+def main() -> None:
+    """Draw all three."""
+    with Record(argparse.ArgumentParser(description=__doc__.splitlines()[0])) as record:
+        camera = load_camera()
+        for name, draw in (("throughputs", throughputs), ("led_bands", led_bands), ("fields", sky)):
+            with record.printed(name):
+                figure = draw(camera)
+            figure.savefig(record.figure(f"{name}.png"), dpi=90)
 
 
 if __name__ == "__main__":

@@ -9,8 +9,9 @@ differ by more than csstsim.recreate.side_by_side allows.
 """
 
 import argparse
-import sys
 from pathlib import Path
+
+from evidence.record import Record
 
 import yaml
 from astropy.io import fits
@@ -70,12 +71,20 @@ def first(folder, window):
     return folder
 
 
-def main():
-    """Make the frames and print the comparisons."""
+def main() -> None:
+    """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--output", type=Path, default=Path("results/recreate"))
     parser.add_argument("--window", type=int, help="pixels along a side of the middle of the chip")
-    options = parser.parse_args()
+    with Record(parser) as record:
+        redraw(record)
+
+
+def redraw(record: Record) -> None:
+    """Make the frames, and record the comparisons."""
+    options = record.options
+    if record.toy:
+        options.output, options.window = record.results / "recreate", 400
     frame = drawn(first(options.output / "first", options.window))
     truth, differs = frame.with_suffix(".cat"), 0
     plain = as_the_missions(frame, options.output / frame.name)
@@ -88,9 +97,9 @@ def main():
         if name == "other":
             for file in (folder / "campaign.yaml", folder / "survey_table.csv"):
                 file.write_text(file.read_text().replace(OBSID, OTHER))
-        print(f"--- {name}")
-        differs += side_by_side(frame, drawn(folder), truth, print)
-    sys.exit(bool(differs))
+        with record.printed(name):
+            differs += side_by_side(frame, drawn(folder), truth, print)
+    record.value("differing", int(differs), "comparisons that differ by more than is allowed", below=0)
 
 
 if __name__ == "__main__":

@@ -14,11 +14,13 @@ import argparse
 import base64
 import re
 import shutil
-import sys
+
+from evidence.record import Record
 
 import keep_light
 import yaml
 from keep_light import BEFORE, JOB, MOST, ROOT, campaign, run
+from toy_catalogue import toy_catalogue
 
 from csstsim.campaign.config import load_campaign
 from csstsim.campaign.opened import OpenCampaign
@@ -47,19 +49,21 @@ def keys(name):
     return {"observations": {"SCIE": str((FOLDER / "science.yaml").rename(FOLDER / f"{name}.yaml"))}}
 
 
-def cost(names):
-    """Print the cost of variants; return whether all keep their limit. Ends the process if a bit differs."""
+def cost(names, record):
+    """Record the cost of variants. Ends the process if a bit differs."""
     variants = {name: keys(name) for name in names}
     keep_light.observe(BEFORE)
-    base = campaign("base", keep="light", variants=variants)
-    opened = OpenCampaign(base)
-    for pix in opened.sky_bricks:
+    small, runs = (keep_light.TOY | {"catalog": toy_catalogue(FOLDER, 300.09, -59.87)}, 1) if record.toy else ({}, RUNS)
+    base = campaign("base", keep="light", variants=variants, **small)
+    opened, rows = OpenCampaign(base), []
+    for pix in opened.sky_bricks if opened.embedded else ():
         if not opened.paths.truth(pix).exists():
             run("csstsim", "truth", base, "--brick", str(pix))
     run("csstsim", "psf", base, "--chip", JOB[-1])
     for stage in ("select", "render"):
-        print(f"{stage}: {run('csstsim', stage, base, *JOB)[0]:.1f} CPU s", flush=True)
-    good = True
+        record.value(
+            f"{stage}_cpu", run("csstsim", stage, base, *JOB)[0], f"`csstsim {stage}` of the chip", unit="CPU-s"
+        )
     for name, changed in variants.items():
         one = f"{base}@{name}"
         made = FOLDER / "base" / "variants" / name
@@ -67,49 +71,58 @@ def cost(names):
         drawn = 0.0
         if not OpenCampaign(one).in_base(JOB[1], int(JOB[-1]), "render"):
             drawn = sum(run("csstsim", stage, one, *JOB)[0] for stage in ("select", "render"))
-        cpu = [min(run("csstsim", stage, one, *JOB)[0] for _ in range(RUNS)) for stage in ("readout", "level0")]
-        limit = "" if name in UNLIMITED else f", most {MOST}"
-        light = f"light {drawn:.1f} + " if drawn else ""
-        print(f"{name}: {light}readout {cpu[0]:.1f} + level0 {cpu[1]:.1f} = {drawn + sum(cpu):.1f} CPU s{limit}")
-        good &= name in UNLIMITED or sum(cpu) <= MOST
-        alone = campaign("alone")
+        cpu = [min(run("csstsim", stage, one, *JOB)[0] for _ in range(runs)) for stage in ("readout", "level0")]
+        what = f"variant {name}: readout and level0"
+        record.value(f"{name}_cpu", sum(cpu), what, unit="CPU-s", below=None if name in UNLIMITED else MOST)
+        alone = campaign("alone", **small)
         alone.write_text(yaml.safe_dump(yaml.safe_load(alone.read_text()) | changed))
         shutil.rmtree(FOLDER / "alone", ignore_errors=True)
-        for kind in ("truth", "psf"):
+        for kind in ("truth", "psf") if opened.embedded else ("psf",):
             shutil.copytree(FOLDER / "base" / kind, FOLDER / "alone" / kind)
         whole, _ = run("csstsim", "chip", alone, *JOB)
         (file,) = (made / "level0").rglob("*.fits")
         other = FOLDER / "alone" / file.relative_to(made)
         said = run("csstsim", "compare", file, other)[1].strip()  # ends here if a bit differs
-        print(f"  from nothing {whole:.1f} CPU s; compare: {said}", flush=True)
-    return good
+        print(said)
+        rows.append([name, *(f"{v:.1f}" if v else "" for v in (drawn, *cpu, drawn + sum(cpu), whole))])
+    header = ["variant", "flux drawn again, CPU-s", "readout", "level0", "all", "from the beginning"]
+    record.table("costs", header, rows)
 
 
-def figure():
-    """Draw docs/figures/variants.png: irradiated less shipped device, in r and GI, corrected in three passes."""
+def figure(record):
+    """Draw variants.png: irradiated less shipped device, in r and GI, corrected in three passes."""
     changed = keys("irradiated")
     keep_light.observe(BEFORE)
     content = load_campaign(ROOT / "config/full_chip.yaml").model_dump(mode="json")
     select = content["select"] | {"chips": [9, 10]}
     measurement = content["measurement"] | {"cti_passes": 3}
+    small = {"window": WINDOW}
+    if record.toy:
+        field = toy_catalogue(FOLDER, 60.112, -40.035, 500, 0.03)  # about the middle of chip 9 in that exposure
+        small = {"window": {"x0": 4100, "x1": 5100, "y0": 4100, "y1": 5100}, "catalog": field}
+    name = "figure_toy" if record.toy else "figure"
     base = campaign(
-        "figure", keep="light", variants={"irradiated": changed}, window=WINDOW, select=select, measurement=measurement
+        name, keep="light", variants={"irradiated": changed}, select=select, measurement=measurement, **small
     )
     keep_light.snakemake(base)
     page = OpenCampaign(base).paths.variants_page.read_text()
     (found,) = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
-    (ROOT / "docs/figures/variants.png").write_bytes(base64.b64decode(found))
-    return True
+    record.figure("variants.png").write_bytes(base64.b64decode(found))
 
 
-def main():
+def main() -> None:
+    """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("variants", nargs="*", metavar="VARIANT", help=f"of {', '.join(VARIANTS)} [default: all]")
     parser.add_argument("--figure", action="store_true")
-    given = parser.parse_args()
-    FOLDER.mkdir(parents=True, exist_ok=True)
-    return not (figure() if given.figure else cost(given.variants or VARIANTS))
+    with Record(parser) as record:
+        given = record.options
+        FOLDER.mkdir(parents=True, exist_ok=True)
+        if given.figure:
+            figure(record)
+        else:
+            cost(given.variants or (list(VARIANTS)[:2] if record.toy else VARIANTS), record)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()
