@@ -1,11 +1,12 @@
 """Snakemake's own cost for a campaign of many exposures: to plan its jobs, and to run through them.
 
-    python benchmarks/graph_scale.py [--exposures 1 10 226 1221] [--chips stages whole exposure]
+    python benchmarks/graph_scale.py [--exposures 1 10 226 1221] [--chips stages whole exposure]    (an hour)
 
 Campaigns have the first 1, 10, ... Cycle-9 exposures (226: W1; 1221: all five fields in one) with all 30 chips. After a
 dry run comes a run in which every job is only marked as done (--touch on files that do not exist), so that Snakemake's
-scheduling remains. `stages`, `whole`, `exposure`: four jobs per Level-0 file, one, or one for an exposure's 30. Prints
-wall and CPU seconds, the largest resident memory, jobs per second including planning, and CPU seconds per file.
+scheduling remains. `stages`, `whole`, `exposure`: four jobs per Level-0 file, one, or one for an exposure's 30; above
+MOST_SMALL exposures the last alone. Prints wall and CPU seconds, the largest resident memory, jobs per second including
+planning, and CPU seconds per file; and the CPU seconds of `csstsim status` for the largest campaign.
 """
 
 import argparse
@@ -21,9 +22,11 @@ from pathlib import Path
 from evidence.record import Record
 
 import yaml
+from start_of_stages import MAIN, cpu_seconds
 
 ROOT = Path(__file__).parents[1]
 CHIPS, MODES = 30, ("stages", "whole", "exposure")
+MOST_SMALL = 300
 
 
 def campaign(folder, exposures):
@@ -78,7 +81,8 @@ def scale(record: Record) -> None:
     """Record the cost by exposures and by what a job is."""
     arguments, rows = record.options, []
     for exposures in [1] if record.toy else arguments.exposures:
-        for chips in MODES[-1:] if record.toy else arguments.chips:
+        few = record.toy or exposures > MOST_SMALL
+        for chips in [chips for chips in arguments.chips if chips == MODES[-1] or not few]:
             with tempfile.TemporaryDirectory() as folder:
                 file = campaign(Path(folder), exposures)
                 *plan, text = snakemake(file, chips, "--dry-run", "--quiet", "rules")
@@ -93,6 +97,9 @@ def scale(record: Record) -> None:
     columns = ["wall s", "CPU-s", "MB"]
     header = ["exposures", "chips", "jobs", *(f"{what}: {name}" for what in ("plan", "lead") for name in columns)]
     record.table("scale", [*header, "jobs/s", "CPU-s a file"], rows)
+    with tempfile.TemporaryDirectory() as folder:
+        cpu, _ = cpu_seconds("-c", MAIN, "status", campaign(Path(folder), exposures))
+    record.value("status", cpu, f"`csstsim status` of {exposures * CHIPS:,} chips of which none is made", unit="CPU-s")
 
 
 if __name__ == "__main__":

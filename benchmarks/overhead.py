@@ -21,6 +21,7 @@ from pathlib import Path
 
 from evidence.record import Record
 
+import projection
 import yaml
 from toy_catalogue import toy_catalogue
 
@@ -83,6 +84,8 @@ def measure(record: Record) -> None:
         shutil.rmtree(paths.output / "level0", ignore_errors=True)
         shutil.rmtree(paths.output / "logs", ignore_errors=True)
         spent[mode] = run(*files, "--config", f"campaign={file}", f"chips={mode}") / len(files)
+        if mode == "stages":
+            projection.record_jobs(projection.spent(paths.output), record)
     own = own_work(paths.output / "logs/exposure") / len(files)
     start = run(*files, "--config", f"campaign={file}", "chips=exposure", "--dry-run", "--forceall")
     record.value("own", own, f"own work of the stages, each of {len(files)} files", unit="CPU-s")

@@ -88,11 +88,28 @@ def record_jobs(jobs, record):
     for rule, rows in jobs.items():
         wall, cpu, memory = zip(*[(said.wall_s, said.cpu_s, said.memory_mb) for _, said, *_ in rows], strict=True)
         n = len(rows)
-        lines.append([rule, n, *(f"{v:.1f}" for v in (sum(wall) / n, sum(cpu) / n, max(cpu))), f"{max(memory):.0f}"])
-    header = ["rule", "jobs", "wall s, mean", "CPU-s, mean", "CPU-s, maximum", "resident MB, maximum"]
+        times = sum(wall) / n, max(wall), sum(cpu) / n, max(cpu)
+        lines.append([f"`{rule}`", n, *(f"{v:.1f}" for v in times), f"{max(memory):.0f}"])
+    words = ("wall s, mean", "maximum", "CPU-s, mean", "maximum", "resident MB, maximum")
+    header = ["rule", "jobs", *words]
     record.table("jobs", header, lines)
     record.value("memory_gb", max(said.memory_mb for rows in jobs.values() for _, said, *_ in rows) / 1e3,
                  "largest resident memory of a job", unit="GB")  # fmt: skip
+
+
+def record_filters(run, made, record):
+    """Record the CPU s of a chip by its filter; made: what `each_product` says."""
+    filters = {f"{chip.id:02d}": chip.filter for chip in run.camera.chips.values()}
+    lines = []
+    for name in run.camera.filters:
+        cells = []
+        for rules in (MAKING, ("measure", "extract")):
+            cpu = [cpu for rule in rules for chip, cpu in made.get(rule, []) if filters[chip[-2:]] == name]
+            files = len([job for job in run.jobs if job.chip.filter == name])
+            cells.append(f"{sum(cpu) / files:.1f}" if cpu else "-")
+        if cells != ["-", "-"]:
+            lines.append([name, *cells])
+    record.table("filters", ["filter", "catalogue to Level-0 file, CPU-s", "`measure` or `extract`, CPU-s"], lines)
 
 
 def record_cycle9(run, made, beside, lost, record):
@@ -165,6 +182,7 @@ def project(run: OpenCampaign, cpu: float | None, lost: float, record: Record) -
     known = sum(said.cpu_s for rows in jobs.values() for _, said, *_ in rows)
     kept = sum(sum(earlier.values()) for rows in jobs.values() for *_, earlier in rows)  # by what was killed
     record_jobs(jobs, record)
+    record_filters(run, made, record)
     beside = lost_each = None
     if cpu is not None:
         lost_each = (lost - kept) / len(run.jobs)

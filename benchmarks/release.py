@@ -12,6 +12,7 @@ they are lost but for the chips that the next attempt takes over.
 
 import argparse
 import ctypes
+import json
 import os
 import random
 import resource
@@ -150,12 +151,17 @@ def release(record: Record, parser: argparse.ArgumentParser) -> None:
     record.value("lost", lost, "CPU time of what was killed", unit="CPU-s")
     csstsim = [str(Path(sys.executable).with_name("csstsim"))]
     for command in (["verify", arguments.campaign, "--manifest"], ["report", arguments.campaign, "--strict"]):
-        done = subprocess.run(csstsim + command, cwd=ROOT, capture_output=True, text=True, check=False)
-        lines = (done.stdout + done.stderr).splitlines()
+        ended = subprocess.run(csstsim + command, cwd=ROOT, capture_output=True, text=True, check=False)
+        lines = (ended.stdout + ended.stderr).splitlines()
         print(lines[-1] if lines else "no output")
         what = f"exit code of `csstsim {command[0]} {command[2]}`"
-        record.value(command[0], done.returncode, what, below=None if record.toy else 0)
-    project(OpenCampaign(arguments.campaign), cpu, lost, record)
+        record.value(command[0], ended.returncode, what, below=None if record.toy else 0)
+    done = OpenCampaign(arguments.campaign)
+    verdict = json.loads(done.paths.report.with_name("verdict.json").read_text())["counts"]
+    record.value("gates", verdict["pass"], "gates that pass")
+    record.value("gates_few", verdict["not judged"], "gates with too few sources to be evaluated")
+    record.value("gates_failed", verdict["fail"], "gates that fail", below=0)
+    project(done, cpu, lost, record)
 
 
 if __name__ == "__main__":
