@@ -1,8 +1,5 @@
 """Reduction of the stacks of benchmarks/calibration_stacks.py, channel by channel, with ccdproc; numbers in DN."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 from astropy import units as u
 from astropy.modeling.models import Polynomial1D
@@ -12,9 +9,7 @@ from scipy import ndimage
 try:
     import ccdproc
 except ImportError:
-    sys.exit('this needs ccdproc: pip install -e ".[bench]"')
-
-sys.path.append(str(Path(__file__).resolve().parents[1] / "tests"))
+    ccdproc = None
 import stack_estimates as estimate
 
 SECONDS = (1.0, 2.5, 5.0, 8.0, 11.0, 15.0, 19.0)  # of light of both lamps; 2960 e- per second
