@@ -1,6 +1,6 @@
 """Traces, dispersion and line images by grismconf, from the files that csstsim writes of its gratings.
 
-    PYTHONPATH=tests:builders python benchmarks/grismconf_peer.py [--chips 1 2 3]
+    python benchmarks/grismconf_peer.py [--chips 1 2 3]
 
 Needs `pip install --no-deps grismconf`; without it the command says so and ends.
 
@@ -19,6 +19,8 @@ import tempfile
 from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
+
+from evidence.record import Record
 
 import galsim
 import numpy as np
@@ -126,31 +128,40 @@ def centre(image):
     return np.array([(image * x).sum(), (image * y).sum()]) / image.sum()
 
 
-def main():
+def main() -> None:
+    """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--chips", type=int, nargs="+", default=[1, 2, 3])
-    options = parser.parse_args()
+    with Record(parser) as record:
+        peer(record)
+
+
+def peer(record: Record) -> None:
+    """Compare with grismconf, and record the differences."""
+    options = record.options
     try:
         for name in ("jwst", "asdf"):  # which grismconf needs for JWST's own reference files only
             if find_spec(name) is None:
                 sys.modules[name] = SimpleNamespace(datamodels=None)
         from grismconf import Config
     except ImportError as error:
-        print(f"skipped: grismconf is not installed (pip install --no-deps grismconf): {error}")
+        record.skip("grismconf", f"not installed (pip install --no-deps grismconf): {error}")
         return
-    camera, good = load_camera(), True
+    camera, rows = load_camera(), []
     with tempfile.TemporaryDirectory() as folder:
-        for chip in options.chips:
+        for chip in options.chips[:1] if record.toy else options.chips:
             x, y = traces(camera, chip, folder, Config)
-            good &= max(x, y) < PX
-            print(f"chip {chip} ({camera.chips[chip].filter}): traces within {x:.1e} px along, {y:.1e} px across")
+            what = f"chip {chip} ({camera.chips[chip].filter}): largest difference of traces"
+            record.value(f"traces_{chip}", max(x, y), what, unit="px", below=PX)
             for name, kind, line, ratio, off, most in line_images(camera, chip, folder, Config):
-                good &= abs(ratio - 1) < FLUX_RATIO and np.abs(off).max() < PX
-                print(
-                    f"| {name} | {kind} | {line:.0f} | {ratio:.5f} | {off[0]:+.5f}, {off[1]:+.5f} | {most:.4f} |",
-                    flush=True,
-                )
-    sys.exit(0 if good else 1)
+                cells = f"{line:.0f}", f"{ratio:.5f}", f"{off[0]:+.5f}, {off[1]:+.5f}", f"{most:.4f}"
+                rows.append([name, kind, *cells])
+                off_most = float(np.abs(off).max())
+                key = f"{name}_{kind}_{line:.0f}".replace(" ", "_").replace("+", "").replace("-", "m")
+                record.value(f"line_{key}", off_most, f"{name}, {kind}, line at {line:.0f} A: off", unit="px", below=PX)
+                record.value(f"flux_{key}", abs(ratio - 1), "its electrons over ours, less 1", below=FLUX_RATIO)
+    header = ["grating", "object", "line [A]", "electrons over ours", "off x, y [px]", "largest difference"]
+    record.table("lines", header, rows)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """A thousand pointings in each of four formats, imported and compared with astropy; broken rows and their reasons.
 
-    PYTHONPATH=tests python benchmarks/import_pointings.py [--rows 1000]        ten seconds
+    python benchmarks/import_pointings.py [--rows 1000]
 
 Prints, for each format, the largest difference of the survey table's rows from the exposures that the list was written
 of, and CPU time; then the reason given for each kind of broken row. Exit code 1 if a row is lost, a difference exceeds
@@ -9,10 +9,11 @@ its limit, or a broken row is not refused.
 
 import argparse
 import csv
-import sys
 import tempfile
 import time
 from pathlib import Path
+
+from evidence.record import Record
 
 import numpy as np
 from astropy.coordinates import SkyCoord
@@ -51,31 +52,35 @@ def differences(table, truth):
     }
 
 
-def formats(folder, count):
-    """Print the table of formats; return the number of faults."""
-    truth, faults = exposures(count), 0
-    print("| format | rows | " + " | ".join(LIMITS) + " | CPU ms a row |\n|---" + "|---" * (len(LIMITS) + 2) + "|")
+def formats(folder, count, record):
+    """Record the table of formats; return the number of faults."""
+    truth, faults, lines, largest = exposures(count), 0, [], {}
     for number, kind in enumerate(FORMATS):
         file, arguments = write(kind, truth, folder)
         seconds = imported(file, folder / f"table{number}.csv", arguments)
         table = load_survey_table(folder / f"table{number}.csv")
         if len(table) != count:
-            print(f"| {kind} | {len(table)} |")
+            print(f"{kind}: {len(table)} rows of {count}")
             faults += 1
             continue
         found = differences(table, truth)
         if "sat_x" not in (folder / f"table{number}.csv").read_text():
             found["state [m]"] = None  # the model orbit's: the list has none
         faults += sum(value is not None and not value <= LIMITS[what] for what, value in found.items())
-        shown = " | ".join("-" if value is None else f"{value:.2g}" for value in found.values())
-        print(f"| {kind} | {len(table)} | {shown} | {1e3 * seconds / count:.2f} |")
+        for what, value in found.items():
+            largest[what] = max(largest.get(what, 0.0), value or 0.0)
+        shown = ["-" if value is None else f"{value:.2g}" for value in found.values()]
+        lines.append([kind, len(table), *shown, f"{1e3 * seconds / count:.2f}"])
+    record.table("formats", ["format", "rows", *LIMITS, "CPU ms a row"], lines)
+    for what, value in largest.items():
+        name, unit = what.removesuffix("]").split(" [")
+        record.value(name, value, f"{name}: largest difference, all formats", unit=unit, below=LIMITS[what])
     return faults
 
 
-def broken(folder):
-    """Print the reason of each broken row; return the number that were not refused for it."""
-    faults = 0
-    print("\n| broken | refused because |\n|---|---|")
+def broken(folder, record):
+    """Record the reason of each broken row; return the number that were not refused for it."""
+    faults, lines = 0, []
     for number, (what, (head, good, bad, reason)) in enumerate(BROKEN.items()):
         file, output = folder / f"broken{number}.csv", folder / f"broken{number}_table.csv"
         file.write_text(f"{head}\n{good}\n{bad}\n")
@@ -85,20 +90,20 @@ def broken(folder):
             len(rows) == 1 and rows[0][0] == "line 3" and reason in rows[0][1] and len(load_survey_table(output)) == 1
         )
         faults += not right
-        print(f"| {what} | {rows[0][1] if rows else 'not refused'}{'' if right else ' (WRONG)'} |")
+        lines.append([what, f"{rows[0][1] if rows else 'not refused'}{'' if right else ' (WRONG)'}"])
+    record.table("broken", ["broken", "refused because"], lines)
     return faults
 
 
-def main():
-    """Run both; return the exit code."""
+def main() -> None:
+    """Run both."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rows", type=int, default=1000)
-    count = parser.parse_args().rows
-    with tempfile.TemporaryDirectory() as folder:
-        faults = formats(Path(folder), count) + broken(Path(folder))
-    print(f"\n{faults} faults")
-    return int(faults > 0)
+    with Record(parser) as record, tempfile.TemporaryDirectory() as folder:
+        count = 50 if record.toy else record.options.rows
+        faults = formats(Path(folder), count, record) + broken(Path(folder), record)
+        record.value("faults", faults, "rows lost, off, or not refused", below=0)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

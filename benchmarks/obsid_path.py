@@ -16,6 +16,11 @@ import sys
 from collections import defaultdict
 from pathlib import Path
 
+from evidence.record import Record
+
+from mini_campaign import write_campaign
+from toy_catalogue import toy_catalogue
+
 import csstsim
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.command_line.main import main as command
@@ -71,13 +76,26 @@ def trace(obsid, run):
     return found
 
 
-def main():
+def main() -> None:
+    """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--campaign", default="config/campaign.yaml")
     parser.add_argument("--obsid", default="10100000004")
     parser.add_argument("--chip", default="9")
-    args = parser.parse_args()
-    words = ["-q", "chip", args.campaign, "--obsid", args.obsid, "--chip", args.chip, "--output", "results/obsid_path"]
+    with Record(parser) as record:
+        count(record)
+
+
+def count(record: Record) -> None:
+    """Follow the obsid, and record through how many modules it passes; at toy size, of a chip of 128 px."""
+    args, output = record.options, record.results / "obsid_path"
+    if record.toy:
+        output.mkdir(parents=True, exist_ok=True)
+        args.campaign, args.obsid = (
+            str(write_campaign(output, catalog=toy_catalogue(output, 60.15, -40.0, 20))),
+            "10100000001",
+        )
+    words = ["-q", "chip", args.campaign, "--obsid", args.obsid, "--chip", args.chip, "--output", str(output / "out")]
     sys.argv[1:] = words  # as a shell gives them
     found = trace(args.obsid, lambda: command(standalone_mode=False))
     passed = {module: what for module, what in found.items() if what}
@@ -85,8 +103,10 @@ def main():
     named = [module for module in found if re.search(r"\bobsid", (SOURCE / module).read_text(encoding="utf-8"))]
     for module, what in sorted(passed.items()):
         print(f"{module:40s} {', '.join(sorted(what))}")
-    print(f"{len(found)} modules ran; the obsid passed through {len(passed)}, {len(layers)} of them layers")
-    print(f"{len(named)} have the word: {', '.join(sorted(named))}")
+    record.value("modules", len(found), "modules that ran")
+    record.value("passed", len(passed), "modules through which the obsid passed")
+    record.value("layers", len(layers), "of them layers")
+    record.value("named", len(named), "modules that have the word in their code")
 
 
 if __name__ == "__main__":

@@ -10,18 +10,32 @@ cheapest counts.
 
 import argparse
 
+from evidence.record import Record
+
 import yaml
-from chip_stages import PAPER, ROOT, RUNS, measured, observation
+from chip_stages import PAPER, ROOT, RUNS, TOY, measured, observation
+from toy_catalogue import toy_catalogue
 
 from csstsim.campaign.opened import OpenCampaign
 
-TRAPS = {"traps as shipped": None, "the paper's traps": 1.0}
+TRAPS = {"shipped": None, "paper": 1.0}  # densities: of a young detector, of the paper's tests
 
 
-def campaign(number, traps):
-    """Write the campaign of the scene on a chip, with all layers; return its file."""
+def campaign(number, traps, toy=False):
+    """Write the campaign of the scene on a chip, with all layers, or of a window with few objects; return its file."""
     folder = ROOT / "results" / "standard_scene" / f"chip_{number:02d}"
-    content = yaml.safe_load((folder / "campaign.yaml").read_text())
+    if toy:
+        folder = ROOT / "results" / "toy" / "slitless_chip"
+        folder.mkdir(parents=True, exist_ok=True)
+        content = yaml.safe_load((ROOT / "config/full_chip.yaml").read_text())
+        content |= {"survey_table": str(ROOT / "survey_tables/demo.csv"), "output": str(folder), "window": TOY}
+        content["select"] = {"types": ["SCIE"], "obsids": ["10100000004"], "chips": [number]}
+        file = folder / "all_layers.yaml"
+        file.write_text(yaml.safe_dump(content))
+        middle = (float(corner.mean()) for corner in OpenCampaign(file).jobs[0].footprint())
+        content["catalog"] = toy_catalogue(folder, *middle, radius=0.01)
+    else:
+        content = yaml.safe_load((folder / "campaign.yaml").read_text())
     (folder / "science.yaml").write_text(yaml.safe_dump(observation(traps), sort_keys=False))
     content["observations"] = {"SCIE": str(folder / "science.yaml")}
     file = folder / "all_layers.yaml"
@@ -29,29 +43,34 @@ def campaign(number, traps):
     return file
 
 
-def main():
+def main() -> None:
+    """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--chips", type=int, nargs="+", default=[29, 1, 3])
     parser.add_argument("--runs", type=int, default=RUNS)
-    options = parser.parse_args()
-    for number in options.chips:
-        for name, traps in TRAPS.items():
-            show(number, name, campaign(number, traps), options.runs)
+    with Record(parser) as record:
+        options, rows = record.options, []
+        for number in options.chips[:1] if record.toy else options.chips:
+            for name, traps in TRAPS.items():
+                file, runs = campaign(number, traps, record.toy), 1 if record.toy else options.runs
+                rows.append(cost_of(number, name, file, runs, record))
+        header = ["chip", "objects", "traps", "select", "render", "readout", "level0", "start-up", "all", "GB"]
+        record.table("chips", header, rows)
 
 
-def show(number, name, file, count):
-    """Run the chip and print its cost."""
+def cost_of(number, name, file, count, record):
+    """Run the chip, record its cost, and return its row of the table."""
     job = OpenCampaign(file).jobs[0]
     runs = [measured(file, *map(str, job.key)) for _ in range(count + 1)][1:]
     stages, total, memory, said = min(runs, key=lambda run: run[1])
     objects = next(line.split()[0] for line in said.splitlines() if "objects reach" in line)
-    parts = ", ".join(f"{stage} {cpu:.1f}" for stage, cpu in stages.items())
-    print(
-        f"{job.chip.filter}, chip {number}, {objects} objects, {name}: {total:.1f} CPU s ({parts}, start-up "
-        f"{total - sum(stages.values()):.1f}), {memory:.2f} GB private; a factor {PAPER / total:.0f} below the "
-        "paper's mean; all runs " + ", ".join(f"{run[1]:.1f}" for run in runs),
-        flush=True,
-    )
+    key, what = f"{job.chip.filter}_{name}", f"{job.chip.filter} chip, {name} traps"
+    record.value(f"{key}_cpu", total, what, unit="CPU-s")
+    record.value(f"{key}_gb", memory, f"{what}: private memory", unit="GB")
+    record.value(f"{key}_fewer", PAPER / total, f"{what}: the paper's mean over it")
+    cells = [f"{stages.get(stage, 0.0):.1f}" for stage in ("select", "render", "readout", "level0")]
+    ends = f"{total - sum(stages.values()):.1f}", f"{total:.1f}", f"{memory:.2f}"
+    return [f"{job.chip.filter}, {number}", objects, name, *cells, *ends]
 
 
 if __name__ == "__main__":

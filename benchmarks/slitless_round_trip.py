@@ -1,6 +1,6 @@
 """Round trip of spectra: objects at nine positions of both gratings of a GU, a GV and a GI chip, drawn and extracted.
 
-    PYTHONPATH=benchmarks python benchmarks/slitless_round_trip.py [--chips 3 2 1]
+    python benchmarks/slitless_round_trip.py [--chips 3 2 1]
 
 Each position has an isolated star and an isolated galaxy (half-light radius 0.25", disk and bulge), each with a smooth
 continuum and one narrow emission line (sigma 2 A). The exposure of 150 s has every layer of science.yaml but charge
@@ -11,6 +11,8 @@ table of lines, which finds it without a redshift, over what was put in.
 
 import argparse
 from pathlib import Path
+
+from evidence.record import Record
 
 import numpy as np
 import yaml
@@ -135,8 +137,9 @@ def found_line(lines, row, kind, line):
     return float(mine["flux"][np.argmin(off)]) / given if len(mine) and off.min() < 4 * SIGMA else np.nan
 
 
-def report(run, job, table):
-    """Print a row for each grating and kind of object."""
+def report(run, job, table, record):
+    """Return a row for each grating and kind of object; record what a goal is of."""
+    out = []
     lines = ObjectTable.read(run.paths.lines(*job.key))
     truth, line = ObjectTable.read(run.paths.level0_truth(job)), LINE[job.chip.filter]
     gratings = run.camera.gratings[job.chip.id]
@@ -157,31 +160,42 @@ def report(run, job, table):
                 rows.append((light, flux, *line_of(part, line), found_line(lines, row, kind, line)))
             light, flux, centroid, power, found = np.array(rows).T
             found = found[np.isfinite(found)]
-            print(
-                f"| {grating.name} | {kind} | {len(rows)} "
-                f"| {light.mean():.4f} ({light.min():.4f} to {light.max():.4f}) | {flux.min():.4f} to {flux.max():.4f} "
-                f"| {centroid.mean():+.3f} (largest {np.abs(centroid).max():.3f}) "
-                f"| {power.min():.0f} to {power.max():.0f} "
-                f"| {found.sum() / max(len(found), 1):.3f} ({len(found)} found) |", flush=True,
-            )  # fmt: skip
+            key, what = f"{grating.name}_{kind}", f"{grating.name}, {kind}s"
+            record.value(f"light_{key}", light.mean(), f"{what}: electrons out over in, mean")
+            record.value(f"off_{key}", np.abs(centroid).max(), f"{what}: the line off its trace, largest", unit="px")
+            cells = (
+                f"{light.mean():.4f} ({light.min():.4f} to {light.max():.4f})",
+                f"{flux.min():.4f} to {flux.max():.4f}",
+            )
+            line_cells = (
+                f"{centroid.mean():+.3f} (largest {np.abs(centroid).max():.3f})",
+                f"{power.min():.0f} to {power.max():.0f}",
+            )
+            line_flux = f"{found.sum() / max(len(found), 1):.3f} ({len(found)} found)"
+            out.append([grating.name, kind, len(rows), *cells, *line_cells, line_flux])
+    return out
 
 
-def main():
+def main() -> None:
+    """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--chips", type=int, nargs="+", default=[3, 2, 1])
     parser.add_argument("--all", action="store_true", help="with charge transfer and cosmic rays")
-    options = parser.parse_args()
-    print(
-        "| grating | object | number | light out / in | flux out / in | line off its trace [px] | resolving power "
-        "| line flux out / in |"
-    )
-    print("|---|---|---|---|---|---|---|---|")
-    for number in options.chips:
-        run = campaign(ROOT / "results" / "slitless_round_trip" / f"chip_{number:02d}", number, options.all)
+    with Record(parser) as record:
+        trip(record)
+
+
+def trip(record: Record) -> None:
+    """Draw, read out and extract the spectra of each chip; record what came back."""
+    options, rows = record.options, []
+    for number in options.chips[:1] if record.toy else options.chips:
+        run = campaign(record.results / "slitless_round_trip" / f"chip_{number:02d}", number, options.all)
         job = run.job(OBSID, number)
         chip_stage.chip(run, job, say=lambda text: None)
         extract_stage.extract(run, job)
-        report(run, job, ObjectTable.read(run.paths.spectra(*job.key)))
+        rows += report(run, job, ObjectTable.read(run.paths.spectra(*job.key)), record)
+    header = ["grating", "object", "number", "electrons out / in", "flux out / in", "line off its trace [px]"]
+    record.table("spectra", [*header, "resolving power", "line flux out / in"], rows)
 
 
 if __name__ == "__main__":

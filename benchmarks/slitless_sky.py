@@ -1,11 +1,14 @@
-"""The sky through the gratings: levels, dependence on colour, cost: python benchmarks/slitless_sky.py
+"""The sky through the gratings: levels, dependence on colour, cost.
 
-Prints tables and draws docs/figures/slitless_sky.png, for the shipped numbers (config/instrument).
+    python benchmarks/slitless_sky.py
+
+Records tables and draws slitless_sky.png, for the shipped numbers (config/instrument).
 """
 
 import argparse
 import time
-from pathlib import Path
+
+from evidence.record import Record
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -22,7 +25,6 @@ from csstsim.simulation.state import State
 from csstsim.sky.dispersed import disperse, nominal_spectrum, order_rows, sky_spectrum
 from csstsim.sky.parameters import sky_numbers
 
-FIGURES = Path(__file__).parents[1] / "docs" / "figures"
 CAMERA = load_camera(SHIPPED / "instrument")
 NUMBERS = sky_numbers(CAMERA.sky)
 SHOWN = 5  # GV
@@ -49,34 +51,41 @@ def blank(chip, kind="SCIE"):
     return State.blank(Exposure(pointing, chip, chip.full_window, ChipWCS(chip, pointing), CAMERA))
 
 
-def levels():
-    print("sky over a whole first order (filter.sky); the middle 200 columns at the split; CPU s of the map")
-    print(f"{'chip':>4} {'':4}{'e-/s/px':>9}{'mean':>8}{'least':>8}{'most':>8}{'split':>8}{'CPU s':>8}")
+def levels(record):
+    """Record the sky over a whole first order (filter.sky), that at the split, and the CPU seconds of the map."""
+    lines = []
     shares(SHOWN, Window(0, 8, 0, 8))  # compiles
-    for chip in CAMERA.gratings:
+    for chip in [SHOWN] if record.toy else CAMERA.gratings:
         window, split = CAMERA.chips[chip].full_window, int(CAMERA.gratings[chip].split)
         start = time.process_time()
         out = shares(chip, window)
         cost = time.process_time() - start
         mean, middle = out.mean(dtype=float), out[:, split - 100 : split + 100].mean(dtype=float)
-        print(f"{chip:4d} {filter_of(chip).name:4}{mean * filter_of(chip).sky:9.4f}{mean:8.3f}", end="")
-        print(f"{out.min():8.3f}{out.max():8.3f}{middle:8.3f}{cost:8.2f}")
+        numbers = (f"{value:.3f}" for value in (mean, out.min(), out.max(), middle))
+        lines.append([chip, filter_of(chip).name, f"{mean * filter_of(chip).sky:.4f}", *numbers, f"{cost:.2f}"])
+        if chip == SHOWN:
+            record.value("map_cpu", cost, "the dispersed sky of a chip", unit="CPU-s")
+    header = ["chip", "grating", "e-/s/px", "mean over a first order", "minimum", "maximum", "at the split", "CPU-s"]
+    record.table("levels", header, lines)
 
 
-def colour():
-    """Print the effect of the sky's spectrum, which matters only where a piece's light ends."""
-    print("\nlargest difference from the nominal spectrum along a row of the chip; it is largest at the edges")
+def colour(record):
+    """Record the effect of the sky's spectrum, which matters only where a piece's light ends."""
+    lines = []
     for chip in (3, SHOWN, 1):
         row = Window(0, CAMERA.chips[chip].detector.nx, 4600, 4601)
         nominal = shares(chip, row)
         for name, parts in (("zodiacal", {"zodiacal": 1.0}), ("earth", {"earth": 1.0}), ("Sun, stars", {"sun": 1.0})):
             other = shares(chip, row, sky_spectrum(filter_of(chip), parts, 60.0, NUMBERS))
             ratio, mean = np.abs(other / nominal - 1).max(), other.mean() / nominal.mean() - 1
-            print(f"{filter_of(chip).name} {name:12}{ratio:8.4f}, mean level {mean:9.1e}")
+            lines.append([filter_of(chip).name, name, f"{ratio:.4f}", f"{mean:.1e}"])
+    header = ["grating", "spectrum", "largest difference from the nominal along a row", "of the mean level"]
+    record.table("colour", header, lines)
 
 
-def cost():
-    print("\nCPU s of the layer on a whole chip without its response, with gratings and as if there were none")
+def cost(record):
+    """Record the CPU seconds of the layer without its response, with gratings and as if there were none."""
+    lines = []
     for model, gratings in ((False, True), (False, True), (False, False), (True, True), (True, False)):
         state = blank(SHOWN, "SCIE" if gratings else "FLAT")
         state.image += 1.0
@@ -84,10 +93,16 @@ def cost():
         start = time.process_time()
         sky_background.apply(state, param, Streams(1, "1", SHOWN, "sky_background"))
         spent = time.process_time() - start
-        print(f"model {model!s:5} gratings {gratings!s:5} {spent:.2f}  {state.header['sky_rate']:.4f} e-/s/px")
+        lines.append(
+            ["yes" if v else "no" for v in (model, gratings)] + [f"{spent:.2f}", f"{state.header['sky_rate']:.4f}"]
+        )
+    record.table(
+        "cost", ["stray-light model", "gratings", "CPU-s of a chip", "e-/s/px"], lines[1:]
+    )  # the first compiles
 
 
-def figure():
+def figure(record):
+    """Draw the sky of a chip, by order."""
     chip, spectrum, gratings = CAMERA.chips[SHOWN], nominal_spectrum(filter_of(SHOWN), NUMBERS), CAMERA.gratings[SHOWN]
     nx, ny, row = chip.detector.nx, chip.detector.ny, chip.detector.ny // 2
     out, rate = shares(SHOWN, chip.full_window), filter_of(SHOWN).sky
@@ -116,13 +131,11 @@ def figure():
     for axis in (middle, near):
         axis.set(xlabel="x [px]", ylabel="e-/s/px")
         axis.legend(fontsize=6, loc="center left", bbox_to_anchor=(1.0, 0.5))
-    plot.savefig(FIGURES / "slitless_sky.png", dpi=85)
+    plot.savefig(record.figure("slitless_sky.png"), dpi=85)
     plt.close(plot)
 
 
 if __name__ == "__main__":
-    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
-    levels()
-    colour()
-    cost()
-    figure()
+    with Record(argparse.ArgumentParser(description=__doc__.splitlines()[0])) as record:
+        for part in (levels, colour, cost, figure):
+            part(record)
