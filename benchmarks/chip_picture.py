@@ -3,12 +3,12 @@
     python benchmarks/chip_picture.py [FILE]
 
 FILE is a Level-0 file; without it chip 24 (i, as in the paper's figure) of examples/release.yaml is made if it is not
-there.
-Shows DN over FLOOR, which lies below every channel's bias, as means of 8 x 8 pixels; the inset has single pixels. x, y
-count from 0 on the mosaic of 10000 x 9400 px (docs/level0.md).
+there. Shows DN over FLOOR, which lies below every channel's bias, as means of 8 x 8 pixels; the inset has single
+pixels. x, y count from 0 on the mosaic of 10000 x 9400 px (docs/level0.md). Also the CPU time of `csstsim show`.
 """
 
 import argparse
+import tempfile
 from pathlib import Path
 
 from evidence.record import Record
@@ -17,6 +17,7 @@ import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
+from start_of_stages import MAIN, cpu_seconds
 from toy_campaign import made_frames
 
 from csstsim.base.shipped import ROOT
@@ -37,9 +38,13 @@ def main() -> None:
     with Record(parser) as record:
         if record.toy:
             _, run = made_frames(record.results / "chip_picture")
-            picture(run.paths.level0(run.jobs[0]), (20, 20, 60), record.figure("i_chip.jpg"))
+            file, inset = run.paths.level0(run.jobs[0]), (20, 20, 60)
         else:
-            picture(record.options.file or shown_chip(), record.options.inset, record.figure("i_chip.jpg"))
+            file, inset = record.options.file or shown_chip(), record.options.inset
+        picture(file, inset, record.figure("i_chip.jpg"))
+        with tempfile.TemporaryDirectory() as folder:
+            cpu, _ = cpu_seconds("-c", MAIN, "show", file, "--output", Path(folder) / "chip.png")
+        record.value("show_cpu", cpu, "`csstsim show` of the whole chip", unit="CPU-s")
 
 
 def shown_chip() -> Path:

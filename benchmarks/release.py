@@ -22,7 +22,7 @@ import sys
 import time
 from pathlib import Path
 
-from evidence.record import Record
+from evidence.record import Record, cpu_seconds
 
 import psutil
 from mini_campaign import POINTINGS, write_campaign
@@ -149,14 +149,17 @@ def release(record: Record, parser: argparse.ArgumentParser) -> None:
     record.value("wall", wall, f"wall time on {os.cpu_count()} cores", unit="s")
     record.value("cpu", cpu, "CPU time of all processes, the killed ones included", unit="CPU-s")
     record.value("lost", lost, "CPU time of what was killed", unit="CPU-s")
+    done = OpenCampaign(arguments.campaign)
     csstsim = [str(Path(sys.executable).with_name("csstsim"))]
     for command in (["verify", arguments.campaign, "--manifest"], ["report", arguments.campaign, "--strict"]):
+        before = cpu_seconds()
         ended = subprocess.run(csstsim + command, cwd=ROOT, capture_output=True, text=True, check=False)
         lines = (ended.stdout + ended.stderr).splitlines()
         print(lines[-1] if lines else "no output")
         what = f"exit code of `csstsim {command[0]} {command[2]}`"
-        record.value(command[0], ended.returncode, what, below=None if record.toy else 0)
-    done = OpenCampaign(arguments.campaign)
+        record.value(command[0], ended.returncode, what, below=0)
+        what = f"`csstsim {command[0]} {command[2]}` of {len(done.jobs)} Level-0 files"
+        record.value(f"{command[0]}_cpu", cpu_seconds() - before, what, unit="CPU-s")
     verdict = json.loads(done.paths.report.with_name("verdict.json").read_text())["counts"]
     record.value("gates", verdict["pass"], "gates that pass")
     record.value("gates_few", verdict["not judged"], "gates with too few sources to be evaluated")
