@@ -1,20 +1,27 @@
 """Skewness of convergence from a fit of the bispectrum of matter to N-body simulations, without any halo.
 
-    python benchmarks/bispectrum.py        (ten seconds)
+    python benchmarks/bispectrum.py
 
     B(k1, k2, k3) = 2 F(k1, k2) P(k1) P(k2) + two more,      <kappa^3> = int dchi q^3 / chi^4 int int W W W B
 
 F: Scoccimarro & Couchman 2001 (MNRAS 325, 1312, equations 5 to 10), within 15% of their simulations; P: halofit.
-Prints S3 = <kappa^3> / <kappa^2>^2 and sigma in Gaussian windows at z = 1, 2, 3, in Limber's and Born's approximation.
+S3 = <kappa^3> / <kappa^2>^2 and sigma of convergence in Gaussian windows at z = 1, 2, 3, in Limber's and Born's
+approximation.
 """
+
+import argparse
+
+from evidence.record import Record
 
 import numpy as np
 
+from csstsim.universe.lensing.lens_spectra import Shells
 from csstsim.universe.parameters import load_universe
 
 _L = np.geomspace(3.0, 6e4, 56)  # multipoles
 _PHI = np.linspace(0, np.pi, 41)[:-1] + np.pi / 80  # between l1 and l2
-_NODES = 24  # of distance
+_NODES, _TOY_NODES = 24, 3  # of distance
+_SOURCES, _WINDOWS = (1.0, 2.0, 3.0), (1.0, 2.0, 4.0)  # redshifts; arcmin
 
 
 def kernel(power, k, z):
@@ -48,10 +55,10 @@ def bispectrum(power, k1, k2, k3, z):
     return total
 
 
-def moments(shells, z_source, windows):
+def moments(shells: Shells, z_source: float, windows: np.ndarray, count: int = _NODES) -> np.ndarray:
     """Return <kappa^2> and <kappa^3> (2, windows) in Gaussian windows of sigma [rad]."""
     source = float(shells.cosmology.comoving_distance(z_source))
-    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    nodes, weights = np.polynomial.legendre.leggauss(count)
     chi = 0.5 * source * (1 + nodes)
     l1, l2, cosine = _L[:, None, None], _L[None, :, None], np.cos(_PHI)
     l3 = np.sqrt(l1**2 + l2**2 + 2 * l1 * l2 * cosine)
@@ -69,17 +76,20 @@ def moments(shells, z_source, windows):
     return total
 
 
-def main():
+def main(record: Record) -> None:
     shells = load_universe().matter_field(1, False).shells
-    windows = (1.0, 2.0, 4.0)
-    for z in (1.0, 2.0, 3.0):
-        second, third = moments(shells, z, np.radians(np.array(windows) / 60))
-        told = (
-            f"{w:g}': sigma {1e3 * np.sqrt(s):.2f}e-3, S3 {t / s**2:.0f}"
-            for w, s, t in zip(windows, second, third, strict=True)
-        )
-        print(f"z {z:g}   " + "   ".join(told))
+    rows = [[f"{window:g}"] for window in _WINDOWS]
+    for z in _SOURCES:
+        count = _TOY_NODES if record.toy else _NODES
+        second, third = moments(shells, z, np.radians(np.array(_WINDOWS) / 60), count)
+        skewness = third / second**2
+        for row, deviation, s3 in zip(rows, 1e3 * np.sqrt(second), skewness, strict=True):
+            row += [f"{deviation:.2f}", f"{s3:.0f}"]
+        record.value(f"s3_{z:g}", skewness[0], f"S3 at z = {z:g} in a Gaussian window of {_WINDOWS[0]:g} arcmin")
+    names = [f"{what}, z = {z:g}" for z in _SOURCES for what in ("1000 sigma", "S3")]
+    record.table("windows", ["window [arcmin]", *names], rows)
 
 
 if __name__ == "__main__":
-    main()
+    with Record(argparse.ArgumentParser(description=__doc__.splitlines()[0])) as record:
+        main(record)
