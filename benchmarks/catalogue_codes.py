@@ -9,7 +9,7 @@ The chip is that of config/full_chip.yaml. Its Level-0 file is made if there is 
 gets that calibrated image, except csstsim, whose `measure` calibrates by itself: the same steps, timed apart. The codes
 run as shipped, those called "deep" with a kernel as wide as the PSF and a S/N of 3.75 as the threshold. A code
 without its program or library is left out. Tables and scores are stored in --output. catalogue_scores.py explains the
-scores; the number in brackets behind a completeness is the share [%] found by chance, for which it is corrected.
+scores; the number in brackets behind a completeness is the percentage found by chance, for which it is corrected.
 """
 
 import argparse
@@ -26,17 +26,21 @@ from evidence.record import Record
 import astromatic
 import numpy as np
 from catalogue_chart import draw
-from catalogue_scores import Judge, own_catalogue, scores
+from catalogue_scores import Judge, false_detections, own_catalogue, scores, well_inside
 from chip_stages import campaign as chip_campaign
 from measure_chip import measure
+from scipy.spatial import cKDTree
 from source_extractor import csstsim, encircled, our_psf
 
 from csstsim.base.errors import CsstsimError, InputError
 from csstsim.base.files.atomic import atomic_path
+from csstsim.bricks.validation.trials import MATCH_PX
+from csstsim.campaign.job import Job
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
 from csstsim.io.paths import made
 from csstsim.io.truth import read_truth
+from csstsim.measure.catalogue import SHARP
 from csstsim.stages.measure import measured_table
 
 ROOT = Path(__file__).parents[1]
@@ -45,6 +49,13 @@ SEX, DEEP = "source-extractor", "source-extractor-deep"
 CODES = OURS, SEX, DEEP, "sep", "sep-deep", "photutils", PSFEX
 CALIBRATION = "calibrate", "charge moved back"  # parts of `csstsim measure`, as measure_chip.py names them
 SCORES = "scores.json"
+CITED = {  # rows of the scores, without the number of objects, and their names in the record
+    "points, S/N > 5": "points", "galaxies, S/N > 5": "galaxies", "galaxies, S/N 12 - 30": "galaxies_12_30",
+    "galaxies, S/N > 12, 40 to 200 px from bright stars": "galaxies_near_stars", "detections": "detections",
+    "false, claimed S/N > 5": "false", "stars: magnitude bias": "stars_bias",
+    "galaxies: magnitude bias": "galaxies_bias",
+    "stars: position error [mas]": "stars_position", "galaxies: position error [mas]": "galaxies_position",
+}  # fmt: skip
 RUNS = 2  # of csstsim, the cheaper counts: the first may compile
 
 
@@ -145,7 +156,7 @@ def scored(run, job, paths):
 
 
 def show(columns, record):
-    """Record the table, and each number of ours. columns: {title: {"cost" (optional), "scores"}}."""
+    """Record the table, and what is cited. columns: {title: {"cost" (optional), "scores"}}."""
     lines = []
     costs = [each.get("cost") for each in columns.values()]
     calibration = next((cost["calibration"] for cost in costs if cost and "calibration" in cost), np.nan)
@@ -157,18 +168,32 @@ def show(columns, record):
         cells = [each["scores"].get(row, {"text": "-"})["text"] for each in columns.values()]
         lines.append([row, *cells])
     record.table("scores", ["", *columns], lines)
-    for code, column in {name: columns[name] for name in columns if name in (OURS, SEX, DEEP)}.items():
+    for code, column in columns.items():
+        key = "".join(c if c.isalnum() else "_" for c in code)
         if "cost" in column:
-            record.value(f"{key_of(code)}_cpu", column["cost"]["cpu"], f"{code}, of the calibrated image", unit="CPU-s")
-            record.value(f"{key_of(code)}_gb", column["cost"]["memory"], f"{code}: memory", unit="GB")
+            record.value(f"{key}_cpu", column["cost"]["cpu"], f"{code}, of the calibrated image", unit="CPU-s")
         for row, score in column["scores"].items():
-            if score["value"] is not None and np.isfinite(score["value"]):
-                record.value(f"{key_of(code)}_{key_of(row)}", score["value"], f"{code}: {row}")
+            if name := CITED.get(row.partition(" (")[0]):
+                known = score["value"] is not None and np.isfinite(score["value"])
+                if known or record.toy:
+                    record.value(f"{key}_{name}", score["value"] if known else np.nan, f"{code}: {row}")
+    if np.isfinite(calibration):
+        record.value("calibration_cpu", calibration, "the calibration", unit="CPU-s")
 
 
-def key_of(text: str) -> str:
-    """Return the letters, digits and underscores of a text, as a key."""
-    return "_".join("".join(c if c.isalnum() else " " for c in text.lower()).split())
+def sharp_among_false(run: OpenCampaign, job: Job, folder: Path, record: Record) -> None:
+    """Record the fraction of source-extractor's false detections that csstsim's table calls sharp, as cosmic rays."""
+    if not (folder / f"{SEX}.parquet").is_file():
+        return
+    table, ours = ObjectTable.read(folder / f"{SEX}.parquet"), measured_table(run, job, ["x", "y", "flags"])
+    judge = judge_of(run, job, ours.meta)
+    table = well_inside(judge, table)
+    false, _ = false_detections(judge, table)
+    table, ours = table.take(false & (table["snr"] > 5)), ours.take((ours["flags"] & SHARP) > 0)
+    places = [np.column_stack([some["x"], some["y"]]) for some in (ours, table)]
+    near = cKDTree(places[0]).query(places[1])[0] < MATCH_PX if len(ours) else np.zeros(len(table), bool)
+    what = f"of {len(table)} false detections of {SEX}, claimed S/N > 5: those with the flag SHARP in csstsim's table"
+    record.value("sharp_among_false", near.mean() if len(near) else np.nan, what)
 
 
 def main() -> None:
@@ -203,6 +228,10 @@ def evaluate(record: Record) -> None:
         return
     compare(run, job, given.codes, given.output)
     columns = stored(given.output)
+    objects = len(read_truth(run.paths.level0_truth(job)))
+    record.value("objects", objects, "true objects of the chip")
+    if (given.output / f"{OURS}.parquet").is_file():
+        sharp_among_false(run, job, given.output, record)
     show(columns, record)
     draw(record.figure("catalogue_codes.png"), columns)
 

@@ -127,9 +127,7 @@ def _completeness(judge, table, tried):
 
 def _false(judge, table):
     """Return the rows of false detections, by the S/N that the code gives, in the whole frame and around stars."""
-    x0, x1, y0, y1 = judge.info["window"]
-    inside = (table["x"] > x0 + EDGE) & (table["x"] < x1 - EDGE) & (table["y"] > y0 + EDGE) & (table["y"] < y1 - EDGE)
-    table = table.take(inside & np.isfinite(table["x"] + table["y"]))
+    table = well_inside(judge, table)
     false, again = false_detections(judge, table)
     snr, near = np.nan_to_num(table["snr"]), judge.away(table) < AROUND[1]
     everywhere = np.ones(len(table), bool)
@@ -145,6 +143,13 @@ def _false(judge, table):
     twice = int((again & (snr > CLAIMED[0])).sum())
     rows[f"second detections of an object, claimed S/N > {CLAIMED[0]}"] = {"value": twice, "text": f"{twice}"}
     return rows
+
+
+def well_inside(judge: Judge, table: ObjectTable) -> ObjectTable:
+    """Return the detections away from the edges of the frame."""
+    x0, x1, y0, y1 = judge.info["window"]
+    inside = (table["x"] > x0 + EDGE) & (table["x"] < x1 - EDGE) & (table["y"] > y0 + EDGE) & (table["y"] < y1 - EDGE)
+    return table.take(inside & np.isfinite(table["x"] + table["y"]))
 
 
 def false_detections(judge, table):

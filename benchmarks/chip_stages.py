@@ -20,6 +20,7 @@ import yaml
 from private_memory import PrivateMemory
 from toy_catalogue import toy_catalogue
 
+from csstsim.base.files.atomic import atomic_path
 from csstsim.campaign.config import load_campaign
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.instrument.camera import load_camera
@@ -43,25 +44,32 @@ def observation(traps=1.0):
 def campaign(toy=False):
     """Write the campaign, the demo's exposures of whole chips with all layers; return its file.
 
-    toy: of a small window, with a table of objects.
+    toy: of a small window, with a table of objects. Commands that run at once may share it.
     """
     folder = ROOT / "results" / "toy" / "chip_stages" if toy else FOLDER
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "science.yaml").write_text(yaml.safe_dump(observation(), sort_keys=False))
+    _write(folder / "science.yaml", observation())
     content = load_campaign(ROOT / "config/full_chip.yaml").model_dump(mode="json")
     content |= {"name": "chip_stages", "output": str(folder), "select": {"types": ["SCIE"]}}
     content["observations"] = {"SCIE": str(folder / "science.yaml")}
     file = folder / "campaign.yaml"
     if toy:
         content["window"] = TOY
-        file.write_text(yaml.safe_dump(content, sort_keys=False))
-        run = OpenCampaign(file)
+        draft = folder / f"draft_{os.getpid()}.yaml"
+        _write(draft, content)
+        run = OpenCampaign(draft, copied=True)
         _, obsid, chip = next(jobs(run, ["r"]))
         content["select"] = content["select"] | {"obsids": [obsid]}
         middle = (float(corner.mean()) for corner in run.job(obsid, chip).footprint())
         content["catalog"] = toy_catalogue(folder, *middle)
-    file.write_text(yaml.safe_dump(content, sort_keys=False))
+        draft.unlink()
+    _write(file, content)
     return file
+
+
+def _write(file: Path, content: dict) -> None:
+    with atomic_path(file) as temporary:
+        temporary.write_text(yaml.safe_dump(content, sort_keys=False))
 
 
 def jobs(run, filters):

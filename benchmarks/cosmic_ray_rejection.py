@@ -30,29 +30,24 @@ from csstsim.stages import psf as psf_stage
 from csstsim.stages.calibrate import calibrated_frame
 
 ROOT = Path(__file__).parents[1]
-FOLDER = ROOT / "results" / "cosmic_ray_rejection"
 FIELD = 300.092, -59.8671  # of the demo
 SNR_MIN = 20
 FULL_WELL = 85_000.0  # electrons, for astroscrappy
 
 
-def campaign(toy):
+def campaign(folder: Path, toy: bool) -> OpenCampaign:
     """Write the demo's campaign with a truth mask, or a small window of it; return it opened."""
-    FOLDER.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     observation = yaml.safe_load((ROOT / "config/observations/science.yaml").read_text())
     observation["layers"][-1]["quantization_and_output"]["mask"] = True
-    (FOLDER / "science.yaml").write_text(yaml.safe_dump(observation, sort_keys=False))
+    (folder / "science.yaml").write_text(yaml.safe_dump(observation, sort_keys=False))
     content = load_campaign(ROOT / "config/campaign.yaml").model_dump(mode="json")
-    content |= {"output": str(FOLDER), "observations": {"SCIE": str(FOLDER / "science.yaml")}}
+    content |= {"output": str(folder), "observations": {"SCIE": str(folder / "science.yaml")}}
     if toy:
-        window = {"x0": 4300, "x1": 4800, "y0": 4300, "y1": 4800}
-        content |= {
-            "output": str(FOLDER / "toy"),
-            "window": window,
-            "catalog": toy_catalogue(FOLDER, *FIELD),
-        }
-    (FOLDER / "campaign.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
-    return OpenCampaign(FOLDER / "campaign.yaml")
+        content["window"] = {"x0": 4300, "x1": 4800, "y0": 4300, "y1": 4800}
+        content["catalog"] = toy_catalogue(folder, *FIELD)
+    (folder / "campaign.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
+    return OpenCampaign(folder / "campaign.yaml")
 
 
 def finders(calibrated, model):
@@ -79,7 +74,7 @@ def main() -> None:
 
 def compare(record: Record) -> None:
     """Record what each code finds, by filter."""
-    run, rows = campaign(record.toy), []
+    run, rows = campaign(record.results / "cosmic_ray_rejection", record.toy), []
     for band in record.options.filters[: 1 if record.toy else None]:
         job = next(job for job in run.jobs if job.chip.filter == band)
         chip_stage.chip(run, job, say=lambda _: None)

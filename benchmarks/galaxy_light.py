@@ -3,10 +3,10 @@
     python benchmarks/galaxy_light.py [CAMPAIGN]
 
 Measures the first frame of the campaign (default: that of chip_stages.py, made first if it does not exist) and prints,
-by the truth's S/N and the bulge's share of the light, the median error, the scatter and the width of the pulls of total
-and Kron fluxes, then completeness and purity of galaxies and stars by magnitude with `star` and with `point` < 1/2, and
-the CPU seconds of the total fluxes in a run with compiled kernels. An object is isolated if all others within NEAR have
-less than SHARE of its light together, and none within FAR has more than BRIGHT times its light.
+by the truth's S/N and the bulge's fraction of the light, the median error, the scatter and the width of the pulls of
+total and Kron fluxes. Then galaxies and stars called such by magnitude, the pulls of stars' positions, detections
+without a shape, and the CPU seconds of the total fluxes in a run with compiled kernels. An object is isolated if all others within NEAR have less than SHARE of its light together, and none
+within FAR has more than BRIGHT times its light.
 """
 
 import argparse
@@ -30,7 +30,7 @@ REACH = 2.7  # px, or half the half-light radius, in which an object has its det
 SPOILT = catalogue.BLENDED | catalogue.TRUNCATED | catalogue.SATURATED | catalogue.SHARP | catalogue.BAD_PIXELS
 SNR = 5, 8, 13, 20, 35, 60, 120, 500
 TOGETHER = 20, 500
-MAGNITUDES = 18, 20, 21, 22, 23, 24, 24.5, 25, 25.5, 26
+MAGNITUDES = 18, 22, 23, 24, 24.5, 25, 25.5, 26
 FEW = 8
 FILTER = "r"
 
@@ -86,15 +86,16 @@ def fluxes(truth, found, row, judged, record):
         lines = []
         for low, high in (*pairwise(SNR), TOGETHER):
             rows = np.flatnonzero(some & judged & (truth["snr"] >= low) & (truth["snr"] < high))
-            if len(rows) < (1 if record.toy else FEW):
+            if len(rows) < FEW and not record.toy:
                 continue
             true, cells = truth["electrons"][rows], []
             for name in ("total", "kron"):
                 flux, error = (found[f"flux_{name}{end}"][row[rows]] for end in ("", "_err"))
                 off = -2.5 * np.log10(np.maximum(flux / true, 0.01))
-                middle, chance = np.median(off), 1.25 * spread(off) / len(rows) ** 0.5
+                middle, chance = np.median(off), 1.25 * spread(off) / max(len(rows), 1) ** 0.5
                 what = f"{kind}, S/N {low} to {high}: median {name} less true magnitude"
-                record.value(f"{kind}_{name}_{low}_{high}", middle, what, unit="mag", error=chance)
+                if kind in ("galaxies", "stars"):
+                    record.value(f"{kind}_{name}_{low}_{high}", middle, what, unit="mag", error=chance)
                 beside = f" ± {chance:.3f}" if name == "total" else ""
                 pulls = spread((flux - true) / error)
                 cells += [f"{middle:+.3f}{beside}", f"{spread(off):.3f}", f"{pulls:.2f}"]
@@ -103,22 +104,42 @@ def fluxes(truth, found, row, judged, record):
 
 
 def separation(truth, found, row, judged, record):
-    """Record fractions of galaxies and stars taken for such (complete), and of those taken for such that are (pure)."""
+    """Record fractions of galaxies and stars that are called such, and of those called stars that are."""
     galaxy = truth["obj_type"] == GALAXY
-    taken = {"star": ~found["star"][row], "point": ~(found["point"][row] >= 0.5)}
-    figures = [
-        f"{kind} {what}, `{name}`" for kind in ("galaxies", "stars") for name in taken for what in ("complete", "pure")
-    ]
+    star, narrow = found["star"][row], (found["spread"] < catalogue.STAR_SPREAD + 2.5 * found["spread_err"])[row]
     lines = []
+
+    def fraction(some: np.ndarray, of: np.ndarray) -> str:
+        return f"{(some & of).sum() / of.sum():.2f}" if of.any() else "-"
+
     for low, high in pairwise(MAGNITUDES):
-        rows = np.flatnonzero(judged & (truth["mag"] >= low) & (truth["mag"] < high))
-        cells = [f"{low:g} to {high:g}", galaxy[rows].sum(), (~galaxy[rows]).sum()]
-        for is_galaxy in (True, False):
-            true = galaxy[rows] == is_galaxy
-            for said in (values[rows] == is_galaxy for values in taken.values()):
-                cells += [f"{(said & true).sum() / max(of.sum(), 1):.3f}" for of in (true, said)]
-        lines.append(cells)
-    record.table("separation", ["r [mag]", "galaxies", "stars", *figures], lines)
+        inside = judged & (truth["mag"] >= low) & (truth["mag"] < high)
+        galaxies, stars = inside & galaxy, inside & ~galaxy
+        called = fraction(~star, galaxies), stars.sum(), fraction(star, stars)
+        pure = (fraction(~galaxy, inside & some) for some in (star, narrow))
+        lines.append([f"{low:g} to {high:g}", galaxies.sum(), *called, *pure])
+    header = ["r [mag]", "galaxies", "called such", "stars", "called such", "called stars that are"]
+    record.table("separation", [*header, "the same by `spread` alone"], lines)
+
+
+def positions_and_shapes(
+    truth: ObjectTable, found: ObjectTable, row: np.ndarray, judged: np.ndarray, record: Record
+) -> None:
+    """Record the width of the pulls of stars' positions, and the fraction of detections without a shape."""
+    stars = np.flatnonzero((truth["obj_type"] != GALAXY) & judged)
+    for low, high in (5, 20), (20, 100), (100, 500):
+        some = stars[(truth["snr"][stars] >= low) & (truth["snr"][stars] < high)]
+        off = np.cos(np.radians(truth["dec_epoch"][some])), np.ones(len(some))
+        off = [
+            3600 * (found[name][row[some]] - truth[f"{name}_epoch"][some]) * scale / found["pos_err"][row[some]]
+            for name, scale in zip(("ra", "dec"), off, strict=True)
+        ]
+        what = f"stars, S/N {low} to {high}: width of the pulls of positions, of {len(some)} stars"
+        pulls, chance = spread(np.concatenate(off)), 0.83 / max(len(some), 1) ** 0.5
+        record.value(f"position_pulls_{low}_{high}", pulls, what, error=chance * pulls)
+    without, faint = (found["flags"] & catalogue.NO_SHAPE) > 0, ~(found["snr"] >= 5)
+    record.value("no_shape_faint", without[faint].mean(), "detections of S/N < 5 without a shape, fraction")
+    record.value("no_shape_bright", without[~faint].mean(), "detections of S/N >= 5 without a shape, fraction")
 
 
 def main() -> None:
@@ -156,6 +177,7 @@ def report(record: Record) -> None:
     judged = isolated(truth) & inside & (row >= 0) & ((found["flags"][row] & SPOILT) == 0)
     fluxes(truth, found, row, judged, record)
     separation(truth, found, row, judged, record)
+    positions_and_shapes(truth, found, row, judged, record)
     record.value("detections", len(found), "detections")
     record.value("evaluated", int(judged.sum()), "isolated objects that are evaluated")
     record.value("total_cpu", sum(spent), "CPU time of the total fluxes", unit="CPU-s")

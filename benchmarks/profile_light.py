@@ -12,6 +12,7 @@ light. Its chi2 says how well one exposure tells the two apart. The light is how
 
 import argparse
 from itertools import pairwise
+from pathlib import Path
 
 from evidence.record import Record
 
@@ -28,7 +29,6 @@ from csstsim.catalog.table import ObjectTable
 from csstsim.io.truth import read_truth
 from csstsim.measure import catalogue
 
-FOLDER = ROOT / "results" / "profile_light"
 PITCH, SPREAD, SIZE = 100, 1.6, 0.25  # px; of a log-normal; arcsec
 MAGNITUDES = 20.5, 25.2
 SNR = 8, 13, 20, 35, 60, 120
@@ -37,13 +37,13 @@ SCALE, FWHM, SIDE, NOISE = 0.074, 0.16, 257, 7.5  # arcsec; px; electron a pixel
 galsim.errors.raise_fft_size_error = True
 
 
-def campaign(toy):
+def campaign(folder: Path, toy: bool) -> Path:
     """Write the galaxies' table and the campaign of one r chip, or of a window of it; return the campaign's file."""
-    FOLDER.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     content = yaml.safe_load((ROOT / "config/full_chip.yaml").read_text())
-    content |= {"name": "profile_light", "output": str(FOLDER / "output")}
+    content |= {"name": "profile_light", "output": str(folder / "output")}
     content["survey_table"] = str(ROOT / "survey_tables/demo.csv")
-    content["catalog"] = {"kind": TABLE_KIND, "options": {"file": str(FOLDER / "galaxies.fits")}}
+    content["catalog"] = {"kind": TABLE_KIND, "options": {"file": str(folder / "galaxies.fits")}}
     run = OpenCampaign(ROOT / "config/full_chip.yaml")
     exposure = run.jobs[0].exposure
     rng, half = np.random.default_rng(26), PITCH / 2
@@ -56,10 +56,10 @@ def campaign(toy):
     Table({
         "ra": ra, "dec": dec, "mag_r": rng.uniform(*MAGNITUDES, x.size), "size": size, "type": ["galaxy"] * x.size,
         "bulge_frac": bulge.astype(float), "e1": e * np.cos(angle), "e2": e * np.sin(angle),
-    }).write(FOLDER / "galaxies.fits", overwrite=True)  # fmt: skip
+    }).write(folder / "galaxies.fits", overwrite=True)  # fmt: skip
     if toy:
-        content |= {"window": {"x0": 4000, "x1": 4800, "y0": 4000, "y1": 4800}, "output": str(FOLDER / "toy")}
-    file = FOLDER / "campaign.yaml"
+        content["window"] = {"x0": 4000, "x1": 4800, "y0": 4000, "y1": 4800}
+    file = folder / "campaign.yaml"
     file.write_text(yaml.safe_dump(content, sort_keys=False))
     return file
 
@@ -68,7 +68,7 @@ def of_the_chain(record):
     """Record the errors of measured total magnitudes."""
     from csstsim.command_line.main import main as csstsim
 
-    file = campaign(record.toy)
+    file = campaign(record.results / "profile_light", record.toy)
     run = OpenCampaign(file)
     job = run.jobs[0]
     measured(file, job.obsid, job.chip.id)

@@ -36,10 +36,16 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import STAR, ObjectTable
 from csstsim.instrument.camera import load_telescope
 from csstsim.io.truth import read_truth
+from csstsim.measure.light.apertures import KRON_MIN_RADIUS
 from csstsim.optics.psf.psf_file import half_pixels, pixel_response
 from csstsim.stages.psf import open_psf
 
 ROOT = Path(__file__).parents[1]
+FACTS = {
+    "light_6": "light of csstsim's PSF within 6 px", "psfex": "light of psfex's model within 6 px",
+    "light_kron": f"light of csstsim's PSF within {KRON_MIN_RADIUS} px, its least Kron radius",
+    "failed": "fraction of source-extractor's detections whose fit of the PSF failed", "stars": "stars that psfex took",
+}  # fmt: skip
 FIELD = {"ra": 60.1172, "dec": -40.0330}  # the demo's
 OBSIDS = [f"101000000{number}" for number in ("04", "05", "11", "12")]  # its field, in r and i, twice
 
@@ -104,7 +110,7 @@ def encircled(psf, radius):
 def compare_frame(run, job, ours, theirs):
     """Measure a job's frame with both codes and add their results.
 
-    Returns the error of MAGZERO by each star, mag.
+    Returns (the error of MAGZERO by each star [mag], {what: value} of PSF models and fits).
     """
     if not run.paths.level0_truth(job).is_file():
         csstsim("chip", run, job)
@@ -124,6 +130,8 @@ def compare_frame(run, job, ours, theirs):
     chip = run.camera.detector.channel_ny, run.camera.telescope.pixel_scale
     measured = ObjectTable.read(run.paths.measure(*job.key))
     found = extracted.table
+    facts = {"light_6": share, "light_kron": encircled(psf, KRON_MIN_RADIUS), "psfex": modelled}
+    facts |= {"failed": float((found["flux_psf"] == 0).mean()), "stars": extracted.stars}
     found = found.with_columns(flux_psf=found["flux_psf"] * modelled / share)
     frames = MeasuredFrame(truth, measured, *chip), MeasuredFrame(truth, ObjectTable(dict(found), measured.meta), *chip)
     judged = judged_truth(frames[0])
@@ -131,7 +139,7 @@ def compare_frame(run, job, ours, theirs):
     theirs.add(judged, frames[1], astromatic.fwhm(extracted.psf, 0.5), extracted.cpu)
     star = judged["obj_type"] == STAR
     given = fits.getval(calibrated, "MAGZERO", "SCI") - 2.5 * np.log10(judged["electrons"][star] / exptime)
-    return given - judged[f"mag_{frames[0].band}"][star]
+    return given - judged[f"mag_{frames[0].band}"][star], facts
 
 
 def main() -> None:
@@ -161,16 +169,21 @@ def compare(record: Record) -> None:
         jobs = [job for job in run.jobs if job.chip.kind == "imaging" and job.pointing.type == "SCIE"]
         if not jobs:
             raise InputError("no science frame of an imaging chip", file=run.file, key="select")
-        bands = {}
+        bands, facts = {}, {}
         for job in jobs:
             ours, theirs, header = bands.setdefault(job.chip.filter, (Code(), Code(), []))
-            header.extend(compare_frame(run, job, ours, theirs))
+            errors, fact = compare_frame(run, job, ours, theirs)
+            header.extend(errors)
+            facts.setdefault(job.chip.filter, []).append(fact)
     except CsstsimError as error:
         print(error, file=sys.stderr)
         sys.exit(2)
     draw(record.figure("source_extractor.png"), bands)
     for band, codes in bands.items():
         report(band, *codes, record)
+        for key, what in FACTS.items():
+            values = sorted({f"{fact[key]:.4g}" for fact in facts[band]})
+            record.value(f"{band}_{key}", " to ".join((values[0], *values[1:][-1:])), f"{band}: {what}")
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from csstsim.io.truth import read_truth
 from csstsim.optics.psf.psf_file import half_pixels, pixel_response
 from csstsim.stages.psf import open_psf
 
-SIDE = 3000  # px of the coadd, about the middle of the chip
+SIDE, SHIFT = 3000, 300  # px of the coadd, about the middle of the chip; by which the exposures are shifted at most
 SCALE = 0.074  # arcsec
 APERTURE, EMPTY = 4.0, 12.0  # px: radius of an aperture; distance to the nearest object of the truth
 FEWEST = 200  # apertures
@@ -42,7 +42,8 @@ def coadd(frames):
         "IMAGEOUT_NAME": f"{name}.fits", "WEIGHTOUT_NAME": f"{name}.weight.fits", "WEIGHT_TYPE": "MAP_WEIGHT",
         "WEIGHT_SUFFIX": ".weight.fits", "RESCALE_WEIGHTS": "N", "COMBINE_TYPE": "WEIGHTED", "PROJECTION_TYPE": "TAN",
         "CENTER_TYPE": "MANUAL", "CENTER": f"{centre[0]:.8f},{centre[1]:.8f}", "PIXELSCALE_TYPE": "MANUAL",
-        "PIXEL_SCALE": SCALE, "IMAGE_SIZE": SIDE, "RESAMPLING_TYPE": "LANCZOS3", "SUBTRACT_BACK": "N",
+        "PIXEL_SCALE": SCALE, "IMAGE_SIZE": min(SIDE, window.nx - 2 * SHIFT), "RESAMPLING_TYPE": "LANCZOS3",
+        "SUBTRACT_BACK": "N",
         "FSCALE_KEYWORD": "NONE", "GAIN_KEYWORD": "NONE", "DELETE_TMPFILES": "Y", "WRITE_XML": "N",
         "VERBOSE_TYPE": "QUIET", "NTHREADS": 1,
     }  # fmt: skip
@@ -57,7 +58,7 @@ def depth(image, frames, run, rng):
     truth = read_truth(run.paths.level0_truth(frames[0].job))
     objects = np.transpose(wcs.all_world2pix(truth["ra_epoch"], truth["dec_epoch"], 0))
     objects, sizes = (values[np.isfinite(objects).all(1)] for values in (objects, truth["stamp"]))
-    places = rng.uniform(2 * APERTURE, SIDE - 2 * APERTURE, (20_000, 2))
+    places = rng.uniform(2 * APERTURE, len(pixels) - 2 * APERTURE, (20_000, 2))
     near = cKDTree(objects).query(places)[0] > EMPTY
     wide = sizes > 4 * EMPTY  # a large galaxy or a bright star covers more
     if wide.any():
