@@ -35,12 +35,14 @@ style: .venv/ready
 	python builders/make_products.py --check
 	python docs/check_prose.py
 	python benchmarks/evidence/pages.py --check
+	python tests/mutants/run.py --check
 
 evidence: .venv/ready
 	python benchmarks/evidence/run.py $(if $(ALL),--all) $(if $(MINUTES),--minutes $(MINUTES)) $(if $(LIST),--list)
 
 toys: .venv/ready
 	python benchmarks/evidence/run.py --toy
+	python benchmarks/evidence/pages.py --toy
 
 first-image: .venv/ready
 	python benchmarks/first_image.py

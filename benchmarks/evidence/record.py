@@ -130,7 +130,11 @@ class Record:
             raise ValueError(f"two figures of one record are named {name!r}")
         limits = [f"at most {below:g}"] if below is not None else []
         limits += [f"at least {above:g}"] if above is not None else []
-        missed = (goal is not None and not goal) or (below is not None and value > below) or (above is not None and value < above)
+        missed = (
+            (goal is not None and not goal)
+            or (below is not None and value > below)
+            or (above is not None and value < above)
+        )
         text = " and ".join(limits) or ("met" if goal is not None else "")
         verdict = "" if not text or self.toy else FAIL if missed else PASS
         spread = None if error is None else float(f"{error:.6g}")
