@@ -1,9 +1,9 @@
-"""Make docs/figures/demo.png, the picture of the quick start, from the finished demo (make run).
+"""Make docs/figures/demo.png and show.png, pictures of the quick start and of `csstsim show`, from the finished demo.
 
     python benchmarks/demo_picture.py [FOLDER]        of the demo; results/demo if not given
 
 Left: the report's picture of the field in g, r and i. Right: the windowed r-band readout, with the four channels' bias,
-gain, prescan and overscan.
+gain, prescan and overscan. The other picture is that of docs/look.md.
 """
 
 import argparse
@@ -18,10 +18,13 @@ from PIL import Image
 from toy_campaign import made_frames
 
 from csstsim.campaign.opened import OpenCampaign
+from csstsim.command_line.main import main as csstsim
 from csstsim.io.level0 import read_level0
 from csstsim.stages.parts.report_pictures import sky_pictures
 
 ROOT = Path(__file__).parents[1]
+SHOWN = ("10100000004", 9), ("5640", "4870", "200")  # frame; inset
+SHOW = "--subtract-overscan", "--truth", "--limit", "40", "--limits", "27", "300", "--size", "400"
 
 
 def main(record: Record) -> None:
@@ -45,6 +48,10 @@ def main(record: Record) -> None:
     right.set(title="the r readout: four channels, prescan, overscan", xlabel="column read", ylabel="row read")
     figure.colorbar(shown, ax=right, label="DN", shrink=0.8)
     figure.savefig(record.figure("demo.png"), dpi=80)
+    inset = ("40", "40", "20") if record.toy else SHOWN[1]
+    job = job if record.toy else run.job(*SHOWN[0])
+    words = [run.paths.level0(job), "--output", record.figure("show.png"), "--inset", *inset, *SHOW]
+    csstsim(["show", *map(str, words)], standalone_mode=False)
 
 
 if __name__ == "__main__":

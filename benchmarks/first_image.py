@@ -64,7 +64,7 @@ class Stranger:
 def main() -> None:
     """Go the way of a new user."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--keep", type=Path, help="folder that receives the picture and the wheel")
+    parser.add_argument("--keep", type=Path, help="folder that receives the wheel")
     with Record(parser) as record:
         go(record)
 
@@ -103,10 +103,10 @@ def go(record: Record) -> None:
         if count != OBJECTS.count("\n") - 1:
             sys.exit(f"{count} objects in the truth table")
         who.run(programs / "snakemake", "--cores", "2", "--dry-run", "--quiet", "rules", folder=sky)
+        shutil.copy(sky / "look.png", record.figure("first_image.png"))
         if keep:
             keep.mkdir(parents=True, exist_ok=True)
-            for file in (sky / "look.png", wheel):
-                shutil.copy(file, keep)
+            shutil.copy(wheel, keep)
 
 
 if __name__ == "__main__":

@@ -95,12 +95,15 @@ def measure(record: Record) -> None:
         slurm = spent[mode] + STARTS * start / count
         share = 1 - own / slurm
         here, there = spent[mode] - own, slurm - own
-        record.value(f"slurm_{mode}", there, f"beside the own work, with Slurm, chips={mode}", unit="CPU-s a file")
+        record.value(f"slurm_{mode}", there, f"overhead with Slurm, chips={mode}", unit="CPU-s a file")
         record.value(
-            f"fraction_{mode}", share, f"that over all, chips={mode}", below=LIMIT if mode == "exposure" else None
+            f"fraction_{mode}",
+            share,
+            f"fraction of all that is overhead, chips={mode}",
+            below=LIMIT if mode == "exposure" else None,
         )
         rows.append([mode, f"{spent[mode]:.1f}", f"{here:.1f}", f"{there:.1f}", count, f"{100 * share:.0f}%"])
-    header = ["chips", "CPU-s a file", "beside the own work", "with Slurm", "files a Slurm job", "fraction"]
+    header = ["chips", "CPU-s a file", "overhead", "with Slurm", "files a Slurm job", "fraction"]
     record.table("files", header, rows)
 
 

@@ -1,4 +1,4 @@
-"""What `compress: true` saves and costs: Level-0 files stored as RICE tiles, beside gzip.
+"""What `compress: true` saves and costs: Level-0 files stored as RICE tiles, compared with gzip.
 
     python benchmarks/rice.py [FILE...]
 
