@@ -11,7 +11,7 @@ from fabricated_frame import PIX, SCALE, make_frame
 from csstsim.base.rng import stream
 from csstsim.bricks.merge import merge_brick
 from csstsim.bricks.validation.exposures import clipped_mean, shape_slope
-from csstsim.bricks.validation.facts import LEAST, Facts, HeaderWCS
+from csstsim.bricks.validation.facts import LEAST, ChannelLevel, Facts, HeaderWCS, _uneven
 from csstsim.bricks.validation.gates import FEW, LARGEST, at_least, at_most, between, of_exposures
 from csstsim.bricks.validation.trials import joined, trials
 from csstsim.bricks.validation.validate import judged_truth, validate_brick
@@ -278,3 +278,33 @@ def test_slope_of_shapes(wrong, slope):
     table = ObjectTable(blank | columns | {"galaxy": np.ones(n), "snr": np.full(n, 50.0)})
     found, error, count = shape_slope(table)
     assert count > 0.95 * n and abs(found - slope) < 5 * error * np.sqrt(2) + 0.02
+
+
+def uneven(excess, light=0.001):
+    """Return [(channel, value, chance)] of eight channels, four in a row, whose backgrounds are off by `excess`."""
+    corners = [(100 * (k % 4), 200 * (k // 4)) for k in range(8)]
+    windows = [(x, x + 100, y, y + 200) for x, y in corners]
+    pairs = zip(windows, excess, strict=True)
+    return _uneven([ChannelLevel(k, window, 20_000, off, light, 1e-3) for k, (window, off) in enumerate(pairs, 1)])
+
+
+def test_one_channel_that_is_off_is_named():
+    found = uneven([0.02, *[0.0] * 7])
+    assert {channel for channel, *_ in found} == {*range(1, 9), None} and len(found) == 10  # halves in x, and in y
+    assert max(found, key=lambda row: abs(row[1]))[:2] == (1, pytest.approx(0.02 * 7 / 8))
+
+
+def test_halves_are_compared_with_each_other():
+    left = [0.02 if k % 4 < 2 else 0.0 for k in range(8)]
+    found = uneven(left)
+    assert {channel: value for channel, value, _ in found if channel}[1] == pytest.approx(0.01)
+    halves = [(value, chance) for channel, value, chance in found if channel is None]
+    assert max(abs(value) for value, _ in halves) == pytest.approx(0.02) and min(abs(v) for v, _ in halves) < 1e-12
+    assert all(chance == pytest.approx(1e-3 * np.sqrt(2 / 4)) for _, chance in halves)
+
+
+def test_light_that_differs_is_allowed_for():
+    pairs = (1, 0.004, 0.01), (2, 0.0, 0.0)
+    levels = [ChannelLevel(k, (k, k + 1, 0, 1), 10**5, off, light, 0.0) for k, off, light in pairs]
+    assert {value for _, value, _ in _uneven(levels)} == {0.0}
+    assert _uneven(levels[:1]) == []
