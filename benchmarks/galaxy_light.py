@@ -5,8 +5,8 @@
 Measures the first frame of the campaign (default: that of chip_stages.py, made first if it does not exist) and prints,
 by the truth's S/N and the bulge's fraction of the light, the median error, the scatter and the width of the pulls of
 total and Kron fluxes. Then galaxies and stars called such by magnitude, the pulls of stars' positions, detections
-without a shape, and the CPU seconds of the total fluxes in a run with compiled kernels. An object is isolated if all others within NEAR have less than SHARE of its light together, and none
-within FAR has more than BRIGHT times its light.
+without a shape, and the CPU seconds of the total fluxes in a run with compiled kernels. An object is isolated if all
+others within NEAR have less than SHARE of its light together, and none within FAR has more than BRIGHT times its light.
 """
 
 import argparse
