@@ -17,6 +17,8 @@ import sys
 import time
 from pathlib import Path
 
+from evidence.record import Record
+
 FIRST, APART, LIMIT, MEMORY = 100000, 4096, 1.5, 0.8  # bricks; times; GB
 SOURCE = Path(__file__).resolve().parents[1]
 
@@ -47,34 +49,43 @@ def make(structure, step, count):
     print(json.dumps([times[0], sum(times[1:]) / count, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6]))
 
 
-def main():
+def main() -> None:
+    """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--bricks", type=int, default=8, help="further bricks of a process")
     parser.add_argument("--before", help="checkout of an older version without structure")
     parser.add_argument("--make", nargs=2, help=argparse.SUPPRESS)
-    asked = parser.parse_args()
-    if asked.make:
-        return make(asked.make[0], int(asked.make[1]), asked.bricks)
+    if "--make" in sys.argv:
+        asked = parser.parse_args()
+        make(asked.make[0], int(asked.make[1]), asked.bricks)
+        return
+    with Record(parser) as record:
+        compare(record, parser)
+
+
+def compare(record: Record, parser: argparse.ArgumentParser) -> None:
+    """Make bricks in processes of their own, and record the cost."""
+    asked = record.options
+    if record.toy:
+        asked.bricks = 1
     if asked.bricks < 1 or (asked.before and not (Path(asked.before) / "src" / "csstsim").is_dir()):
         parser.error("--bricks is at least 1; --before is a folder with src/csstsim")
     sources = {"haloes": SOURCE, "none": SOURCE} | ({"before": asked.before} if asked.before else {})
-    failed = False
-    for name, folder in sources.items():
+    for name, folder in () if record.toy else sources.items():
         made(name, 1, 1, folder)  # compiles
-    for name, step in (("neighbours", 1), ("far apart", APART)):
+    for name, step in (("neighbours", 1), ("far apart", APART))[: 1 if record.toy else 2]:
         costs = {structure: made(structure, step, asked.bricks, folder) for structure, folder in sources.items()}
         for label, k in (("one alone", 0), (name, 1)) if step == 1 else ((name, 1),):
-            each = ", ".join(f"{structure} {cost[k]:.1f}" for structure, cost in costs.items())
-            print(f"{label}: {each} CPU s a brick", end="")
+            key = label.replace(" ", "_")
+            for structure, cost in costs.items():
+                record.value(f"{key}_{structure}", cost[k], f"{label}, {structure}: a brick", unit="CPU-s")
             if asked.before:
                 ratio = costs["haloes"][k] / costs["before"][k]
-                failed |= ratio > LIMIT
-                print(f"; haloes over before {ratio:.2f}", end="")
-            print(flush=True)
-        failed |= costs["haloes"][2] > MEMORY
-        each = ", ".join(f"{structure} {cost[2]:.2f}" for structure, cost in costs.items())
-        print(f"memory of a process of {asked.bricks + 1} {name}: {each} GB", flush=True)
-    sys.exit(int(failed))
+                record.value(f"{key}_ratio", ratio, f"{label}: haloes over the older version", below=LIMIT)
+        for structure, cost in costs.items():
+            what = f"memory of a process of {asked.bricks + 1} {name}, {structure}"
+            most = MEMORY if structure == "haloes" else None
+            record.value(f"{name.replace(' ', '_')}_{structure}_gb", cost[2], what, unit="GB", below=most)
 
 
 if __name__ == "__main__":

@@ -8,6 +8,8 @@ One truth brick is made at each field's first exposure; its counts are scaled to
 import argparse
 import time
 
+from evidence.record import Record
+
 import healpy
 import numpy as np
 
@@ -25,7 +27,8 @@ PAPER = (71_479, 5_159)
 LIMITS = (24.0, 26.0)  # r, AB
 
 
-def main():
+def main(record: Record) -> None:
+    """Make a brick at each field, and record its counts on a chip."""
     universe, camera = load_universe(SHIPPED / "universe"), load_camera(SHIPPED / "instrument")
     chip = camera.chips[9]
     share = chip.full_window.nx * chip.full_window.ny * (camera.telescope.pixel_scale / 3600) ** 2 / AREA_DEG2
@@ -40,8 +43,8 @@ def main():
         "A(V)",
         "CPU s a brick",
     ]
-    print("| " + " | ".join(head) + " |\n|" + "---|" * len(head))
-    for field in range(1, 6):
+    lines, stars_of = [], []
+    for field in range(1, 2 if record.toy else 6):
         table = load_survey_table(SHIPPED.parent / "survey_tables" / f"w{field}.csv", camera.orbit)
         first = next(iter(table.values()))
         pix = int(healpy.ang2pix(NSIDE, first.ra, first.dec, nest=True, lonlat=True))
@@ -53,10 +56,14 @@ def main():
         cells = [f"W{field}", f"{lon:.0f}", f"{lat:.0f}", f"{len(galaxies) * share:.0f}", f"{len(stars) * share:.0f}"]
         cells += [f"{(stars['mag_r'] < m).sum() * share:.0f}" for m in LIMITS]
         cells += [f"{len(quasars) * share:.0f}", f"{np.median(galaxies['av']):.2f}", f"{cpu:.1f}"]
-        print("| " + " | ".join(cells) + " |", flush=True)
-    print(f"| paper | | | {PAPER[0]} | {PAPER[1]} | | | | | |")
+        lines.append(cells)
+        stars_of.append(len(stars) * share)
+    lines.append(["paper", "", "", *map(str, PAPER), *[""] * 5])
+    record.table("fields", head, lines)
+    record.value("stars_min", round(min(stars_of), -1), "stars of an r image, the field with fewest")
+    record.value("stars_max", round(max(stars_of), -1), "stars of an r image, the field with most")
 
 
 if __name__ == "__main__":
-    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
-    main()
+    with Record(argparse.ArgumentParser(description=__doc__.splitlines()[0])) as record:
+        main(record)

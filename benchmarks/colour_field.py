@@ -1,6 +1,6 @@
 """A field in three colours: 24 exposures in g, r and i through every layer, aligned by their WCS and co-added.
 
-    python benchmarks/colour_field.py            # docs/figures/colour_field.jpg, a minute
+    python benchmarks/colour_field.py
 
 The sky is the embedded universe around RA, DEC. A cluster of galaxies at z = 0.3, three large galaxies and a star
 of 13.5 mag are added: the sky is that of `structure: none`, which has no clusters. The exposures are dithered, so the
@@ -11,6 +11,8 @@ import argparse
 import tempfile
 from pathlib import Path
 
+from evidence.record import Record
+
 import numpy as np
 from astropy.table import Table, vstack
 from astropy.visualization import make_lupton_rgb
@@ -19,10 +21,8 @@ from scipy.interpolate import RectBivariateSpline
 from scipy.ndimage import map_coordinates, maximum_filter
 
 import csstsim
-from csstsim.base.shipped import ROOT
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 
-FIGURE = ROOT / "docs" / "figures" / "colour_field.jpg"
 RA, DEC, PA, CHIPS = 300.0, -60.0, 0.0, {"g": 8, "r": 9, "i": 7}
 NX, NY, EXPOSURES, EXPTIME = 1800, 1250, 8, 250.0  # px of the picture; of each band; s
 SCALE, DITHER, EDGE = 0.074, 4.0, 300  # arcsec / px; arcsec, rms of the positions; px of the frames beyond the picture
@@ -130,15 +130,16 @@ def coloured(bands):
     return make_lupton_rgb(red, green, blue, minimum=LOW, stretch=STRETCH, Q=Q)[::-1, ::-1]
 
 
-def main():
+def main() -> None:
+    """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--output", type=Path, default=FIGURE)
     parser.add_argument("--exposures", type=int, default=EXPOSURES, help="of each band")
-    options = parser.parse_args()
-    with tempfile.TemporaryDirectory() as cache:
-        bands = field(cache, options.exposures)
-    Image.fromarray(coloured(bands)).save(options.output, quality=85, optimize=True)
-    print(options.output, options.output.stat().st_size // 1000, "kB")
+    with Record(parser) as record, tempfile.TemporaryDirectory() as cache:
+        if record.toy:
+            global NX, NY, FAINTEST
+            NX, NY, FAINTEST = 200, 150, 22.0
+        bands = field(cache, 1 if record.toy else record.options.exposures)
+        Image.fromarray(coloured(bands)).save(record.figure("colour_field.jpg"), quality=85, optimize=True)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Mean numbers of galaxies by redshift and mass on the sky with structure, beside the mass functions.
 
-    PYTHONPATH=benchmarks python benchmarks/mean_numbers.py [--bricks 24] [--structure haloes]
+    python benchmarks/mean_numbers.py [--bricks 24] [--structure haloes]
 
 Bricks at random places are far apart, so their numbers are independent. Without structure the mean is that of the mass
 functions in closed form; printed is the difference to it in percent, with the error from the scatter among the bricks,
@@ -10,9 +10,10 @@ are drawn (clustered_sky.DENSITY). Last come the published points from which the
 """
 
 import argparse
-import sys
 from itertools import pairwise
 from pathlib import Path
+
+from evidence.record import Record
 
 import numpy as np
 from clustered_sky import SEED, thin_universe
@@ -67,39 +68,49 @@ def departures():
     return out
 
 
-def main():
+def main() -> None:
+    """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--bricks", type=int, default=24)
     parser.add_argument("--structure", default="haloes", choices=("haloes", "field"))
-    args = parser.parse_args()
+    with Record(parser) as record:
+        compare(record)
+
+
+def compare(record: Record) -> None:
+    """Count galaxies in bricks, and record them over the mass functions."""
+    args = record.options
     universe, camera = thin_universe(), load_camera()
     grid = _population(universe, camera).grid
     mean = expected(grid)
-    bricks = np.random.default_rng(4).choice(BRICKS, args.bricks, replace=False)
+    bricks = np.random.default_rng(4).choice(BRICKS, 2 if record.toy else args.bricks, replace=False)
     counts = found(_clustered(SEED, universe, camera, args.structure), grid, bricks)
     error = counts.std(axis=0, ddof=1) / np.sqrt(len(counts))
     error = np.maximum(error, np.sqrt(mean / len(counts)))  # few galaxies: not less than Poisson's
     off = counts.mean(axis=0) - mean
     used = mean * len(counts) >= LEAST
-    print(f"{args.structure}, {len(counts)} bricks: galaxies over those of the mass functions - 1, and error [%]")
     names = [f"{a:g}-{b:g}" for a, b in pairwise(MASSES)]
-    print(f"{'z':>10}" + "".join(f"{name:>14}" for name in (*names, "all")))
+    lines = []
     every = np.concatenate([counts, counts.sum(axis=2, keepdims=True)], axis=2)
     total = np.concatenate([mean, mean.sum(axis=1, keepdims=True)], axis=1)
     spread = every.std(axis=0, ddof=1) / np.sqrt(len(counts))
     for k, low in enumerate(REDSHIFTS[:-1]):
         cells = [
-            f"{100 * (n / m - 1):+7.1f} +- {100 * s / m:3.1f}" if m * len(counts) >= LEAST else " " * 13
+            f"{100 * (n / m - 1):+.1f} ± {100 * s / m:.1f}" if m * len(counts) >= LEAST else ""
             for n, m, s in zip(every.mean(axis=0)[k], total[k], spread[k], strict=True)
         ]
-        print(f"{low:g}-{REDSHIFTS[k + 1]:g}".rjust(10) + "".join(cell.rjust(14) for cell in cells))
+        lines.append([f"{low:g}-{REDSHIFTS[k + 1]:g}", *cells])
+    record.table("numbers", ["z \\ log mass", *names, "all"], lines)
     sigma = off[used] / error[used]
     ratio = counts.sum() / mean.sum() / len(counts)
     worst, chi2 = np.abs(sigma).max(), (sigma**2).mean()
-    print(f"all: {ratio:.4f}; {used.sum()} cells, chi2 {chi2:.2f} each, largest {worst:.1f} sigma")
-    for name, z, log_mass, dex in departures():
-        print(f"{name}, z = {z[0]:g} to {z[1]:g}, log mass {log_mass:g}: {dex:+.2f} dex")
-    sys.exit(int(worst > WORST or chi2 > CHI2))
+    record.value("ratio", ratio, f"galaxies of {len(counts)} bricks over those of the mass functions")
+    record.value("cells", int(used.sum()), "cells of redshift and mass that are compared")
+    record.value("chi2", chi2, "reduced chi square of the cells", below=CHI2)
+    record.value("worst", worst, "largest departure of a cell", unit="sigma", below=WORST)
+    rows = [[name, f"{z[0]:g} to {z[1]:g}", f"{log_mass:g}", f"{dex:+.2f}"] for name, z, log_mass, dex in departures()]
+    record.value("departures", len(rows), f"published points that the mass functions miss by {FAR} dex or more")
+    record.table("departures_by_point", ["published", "z", "log mass", "off [dex]"], rows)
 
 
 if __name__ == "__main__":

@@ -9,9 +9,10 @@ two skies take turns. Exit code 1 if the chip with structure costs more than 1.1
 import argparse
 import resource
 import subprocess
-import sys
 import tempfile
 from pathlib import Path
+
+from evidence.record import Record
 
 import pyarrow.parquet as pq
 import yaml
@@ -22,15 +23,22 @@ ROOT = Path(__file__).resolve().parents[1]
 LIMIT = 1.1
 
 
-def main():
+def main() -> None:
+    """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--repeat", type=int, default=2)
     parser.add_argument("--folder", help="bricks of a run before are used again")
-    options = parser.parse_args()
+    with Record(parser) as record:
+        compare(record)
+
+
+def compare(record: Record) -> None:
+    """Select and render with both skies in turns; record the cost. At toy size the window is small."""
+    options = record.options
     folder = Path(options.folder or tempfile.mkdtemp(prefix="structure_chip_"))
-    runs = {structure: prepared(folder / structure, structure) for structure in ("none", "haloes")}
+    runs = {structure: prepared(folder / structure, structure, record.toy) for structure in ("none", "haloes")}
     cost = {structure: [] for structure in runs}
-    for _ in range(options.repeat):
+    for _ in range(1 if record.toy else options.repeat):
         for structure, run in runs.items():
             (job,) = run.jobs
             cost[structure].append(
@@ -40,18 +48,21 @@ def main():
         (job,) = run.jobs
         rows = pq.read_metadata(run.paths.stage(*job.key, "select.parquet")).num_rows
         select, render = (min(values) for values in zip(*cost[structure], strict=True))
-        print(f"{structure}: {rows} objects, select {select:.1f}, render {render:.1f} CPU s")
+        record.value(f"{structure}_objects", rows, f"structure {structure}: objects that reach the chip")
+        record.value(f"{structure}_select", select, f"structure {structure}: select", unit="CPU-s")
+        record.value(f"{structure}_render", render, f"structure {structure}: render", unit="CPU-s")
     ratio = min(map(sum, cost["haloes"])) / min(map(sum, cost["none"]))
-    print(f"haloes over none: {ratio:.2f}, at most {LIMIT}")
-    sys.exit(int(ratio > LIMIT))
+    record.value("ratio", ratio, "select and render with haloes over without structure", below=LIMIT)
 
 
-def prepared(folder, structure):
+def prepared(folder, structure, toy):
     """Return the campaign with its bricks and PSF made."""
     folder.mkdir(parents=True, exist_ok=True)
     data = yaml.safe_load((ROOT / "config" / "full_chip.yaml").read_text())
     data |= {"survey_table": str(ROOT / "survey_tables" / "demo.csv"), "output": "out"}
     data |= {"catalog": {"structure": structure}}
+    if toy:
+        data["window"] = {"x0": 4000, "x1": 4200, "y0": 4000, "y1": 4200}
     (folder / "campaign.yaml").write_text(yaml.safe_dump(data))
     run = OpenCampaign(folder / "campaign.yaml")
     (job,) = run.jobs
