@@ -23,6 +23,7 @@ sys.path.insert(0, str(Path(__file__).parent))  # execute_tutorials, mathml, pla
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))  # evidence
 from evidence.listing import MARK, listing
 from evidence.pages import for_site
+
 from execute_tutorials import EXECUTED, LONGEST
 
 project = "csstsim"

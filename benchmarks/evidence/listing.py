@@ -7,7 +7,7 @@ import datetime
 
 from evidence.commands import Command, commands
 from evidence.dependencies import changed
-from evidence.pages import record, shown, used
+from evidence.pages import anchor, record, shown, used
 from evidence.record import FAIL, PASS
 
 MARK = "<!-- all commands -->"
@@ -36,7 +36,7 @@ def _section(command: Command, pages: list[str]) -> list[str]:
     if needs:
         lines += [f"It needs {', '.join(needs)}.", ""]
     if command.after:
-        lines += [f"Run first: {', '.join(f'[{name}](#{name})' for name in command.after)}.", ""]
+        lines += [f"Run first: {', '.join(f'[{name}](#{anchor(name)})' for name in command.after)}.", ""]
     if content:
         lines += [
             f"Measured {content['date']} on commit `{content['commit']}`, in {content['cpu_seconds']:,.0f} CPU-s, on "
@@ -86,7 +86,7 @@ def listing() -> str:
     for name, content in contents.items():
         age = (datetime.date.today() - datetime.date.fromisoformat(str(content["date"]))).days if content else ""
         when, cost = (content["date"], f"{content['cpu_seconds']:,.0f}") if content else ("", "")
-        lines.append(f"| [{name}](#{name}) | {when} | {age} | {cost} | {states[name]} | {verdict(content)} |")
+        lines.append(f"| [{name}](#{anchor(name)}) | {when} | {age} | {cost} | {states[name]} | {verdict(content)} |")
     pages = used()
     sections = [line for command in known.values() for line in _section(command, pages.get(command.name, []))]
     return "\n".join([*lines, "", "## Each command", "", *sections])

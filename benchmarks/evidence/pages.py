@@ -137,19 +137,24 @@ def pages() -> list[Path]:
     return sorted({path for pattern in PAGES for path in ROOT.glob(pattern)})
 
 
+def anchor(name: str) -> str:
+    """Return the anchor of a command's section on the page of evidence: headings' are in lower case."""
+    return name.lower()
+
+
 def for_site(text: str, page: str) -> str:
     """Return the text of a page of the site (its name without .md): each figure leads to its command's section."""
     up = "../" * page.count("/")
 
     def number(found: re.Match) -> str:
         mark = STALE if is_stale(found[3]) else ""
-        return f"[{found[1]}{mark}]({up}evidence.md#{found[3]})"
+        return f"[{found[1]}{mark}]({up}evidence.md#{anchor(found[3])})"
 
     def table(found: re.Match) -> str:
         content = record(found[2])
         when = f"{content['date']}, commit {content['commit']}" if content else "not recorded"
         stale = f" {STALE} stale" if is_stale(found[2]) else ""
-        return f"{found[4]}\n*[{found[2]}]({up}evidence.md#{found[2]}): {when}{stale}*\n"
+        return f"{found[4]}\n*[{found[2]}]({up}evidence.md#{anchor(found[2])}): {when}{stale}*\n"
 
     return TABLE.sub(table, FIGURE.sub(number, filled(text, lambda fault: None)))
 
