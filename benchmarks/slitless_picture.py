@@ -1,8 +1,7 @@
 """A GV chip as in the paper's figure: the frame in a logarithmic stretch, with an inset of a star's orders.
 
-    python benchmarks/standard_scene.py --chip 29
-    csstsim chip results/standard_scene/chip_29/campaign.yaml --obsid 10101000001 --chip 29
-    python benchmarks/slitless_picture.py            # docs/figures/slitless.png
+    python benchmarks/standard_scene.py --chip 29 1 3     # makes the scene on a GV chip
+    python benchmarks/slitless_picture.py                 # docs/figures/slitless.png
 
 Shows electrons of the Level-0 file, after overscan and gain, as means of 8 x 8 pixels. The inset shows a star of some
 1e7 electrons whose orders 0, 1 and 2 all lie on the chip.
@@ -11,12 +10,18 @@ Shows electrons of the Level-0 file, after overscan and gain, as means of 8 x 8 
 import argparse
 from pathlib import Path
 
+from evidence import ROOT
+from evidence.record import Record
+
 import matplotlib
 import numpy as np
+import yaml
 from PIL import Image
+from slitless_toy import toy_campaign
 
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.io.orders import read_orders
+from csstsim.stages import chip as chip_stage
 from csstsim.stages.calibrate import calibrated_frame
 
 matplotlib.use("agg")
@@ -24,16 +29,22 @@ from matplotlib import pyplot as plt
 from matplotlib.colors import LogNorm
 from matplotlib.patches import Rectangle
 
-ROOT = Path(__file__).resolve().parents[1]
-CAMPAIGN = ROOT / "results" / "standard_scene" / "chip_29" / "campaign.yaml"
-FIGURE = ROOT / "docs" / "figures" / "slitless.png"
+SCENE = ROOT / "results" / "standard_scene" / "chip_29" / "campaign.yaml"
 BIN, ROWS = 8, 110
 ELECTRONS = 1e7
 NAMES = {0: "order 0", 1: "order +1", 2: "order +2"}
 
 
+def campaign(folder: Path) -> Path:
+    """Write the campaign of the scene with an output folder of its own; return its file."""
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / "campaign.yaml"
+    file.write_text(yaml.safe_dump(yaml.safe_load(SCENE.read_text()) | {"output": str(folder)}, sort_keys=False))
+    return file
+
+
 def star(orders):
-    """Return {order: (x0, x1, y)} of the star whose orders lie on the chip and whose light is nearest to ELECTRONS."""
+    """Return ({order: (x0, x1, y)}, electrons of the first) of the star on the chip with light nearest to ELECTRONS."""
     chosen = {}
     for row in np.unique(orders["row"][(orders["order"] == 1) & (orders["electrons"] > ELECTRONS / 4)]):
         mine = np.flatnonzero(orders["row"] == row)
@@ -47,17 +58,19 @@ def star(orders):
         wave = np.array([orders["wave_min"][k], orders["wave_max"][k]])
         ends = np.sort(orders["x"][k] + orders["p"][k] + orders["q"][k] * wave)
         out[order] = *ends, orders["y"][k] + orders["r"][k] + orders["s"][k] * wave.mean()
-    return out
+    return out, orders["electrons"][found[1]]
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--campaign", type=Path, default=CAMPAIGN)
-    run = OpenCampaign(parser.parse_args().campaign)
+def main(record: Record) -> None:
+    """Draw the chip, and its picture."""
+    folder = record.results / "slitless_picture"
+    run = OpenCampaign(toy_campaign(folder) if record.toy else campaign(folder))
     job = run.slitless_jobs[0]
+    chip_stage.chip(run, job, say=lambda text: None)
     _, calibrated = calibrated_frame(run, job)
     image = np.maximum(calibrated.electrons, 1.0)
-    places = star(read_orders(run.paths.level0_orders(job)))
+    places, electrons = star(read_orders(run.paths.level0_orders(job)))
+    record.value("electrons", float(electrons), "of the first order of the star in the inset")
     ny, nx = (n // BIN * BIN for n in image.shape)
     coarse = image[:ny, :nx].reshape(ny // BIN, BIN, nx // BIN, BIN).mean(axis=(1, 3))
     sky = np.median(coarse)
@@ -83,9 +96,9 @@ def main():
     figure.set_dpi(75)
     figure.canvas.draw()
     picture = Image.fromarray(np.asarray(figure.canvas.buffer_rgba())).convert("RGB")
-    picture.quantize(96).save(FIGURE, optimize=True)
-    print(FIGURE)
+    picture.quantize(96).save(record.figure("slitless.png"), optimize=True)
 
 
 if __name__ == "__main__":
-    main()
+    with Record(argparse.ArgumentParser(description=__doc__.splitlines()[0])) as record:
+        main(record)
