@@ -1,120 +1,144 @@
 """The embedded universe's galaxies against published counts, mass functions, sizes, colours and redshifts.
 
-    PYTHONPATH=tests:builders python benchmarks/galaxy_population.py [--data ../shared/data]
+    python benchmarks/galaxy_population.py [--samples FOLDER]
 
-Prints tables and draws docs/figures/galaxies.png. Two samples are used: galaxies placed evenly over mass and redshift,
+Tables, and docs/figures/galaxies.png. Two samples are used: galaxies placed evenly over mass and redshift,
 each representing a number per deg2 (so that rare ones have counts and mass functions, too), and galaxies drawn on 0.04
-deg2. Real samples, if the data folder exists: a box of COSMOS2020 (Weaver et al. 2022) and 100 HST galaxies (GalSim's
-COSMOS sample).
+deg2. With --samples only those in FOLDER are compared: a box of COSMOS2020 (Weaver et al. 2022) and 100 HST galaxies
+(GalSim's COSMOS sample).
 """
 
 import argparse
-import os
 import time
 from pathlib import Path
+
+from evidence.record import Record
 
 import galaxy_sample
 import matplotlib.pyplot as plt
 import numpy as np
+from astropy.io import fits
 
 from csstsim.base.rng import stream
 from csstsim.instrument.load import read_data
 from csstsim.universe.galaxies.galaxies import cumulative_counts
 
-ROOT = Path(__file__).resolve().parents[1]
-TARGET = ROOT / "docs" / "figures" / "galaxies.png"
-PUBLISHED = read_data(ROOT / "tests" / "universe" / "published_galaxies.yaml")
-AREA = 0.04  # deg2 drawn
-EACH = 12  # galaxies of a cell of the even sample
+Columns = dict[str, np.ndarray]
+
+PUBLISHED = read_data(Path(__file__).resolve().parents[1] / "tests" / "universe" / "published_galaxies.yaml")
+AREA, TOY_AREA = 0.04, 0.002  # deg2 drawn
+EACH, TOY_EACH = 12, 1  # galaxies of a cell of the even sample
 VISTA_Y = (9740, 10660)  # angstrom, half-power points
 GROUND = 0.38  # arcsec: flux radius of stars in the COSMOS2020 box, subtracted in quadrature
-COLOURS = (("nuv", "u"), ("u", "g"), ("g", "i"), ("r", "i"), ("i", "z"), ("z", "y"))
+COLOURS = (("g", "i"), ("r", "i"), ("i", "z"))
+BRIGHT = (19, 24.5)  # mag between which counts in i, r and z are evaluated
+GROUPS = (  # of published counts: name, survey, mag from and to
+    ("GAMA (180 deg²), 18-19.5; u to 20.5", "GAMA", 18, 20.5),
+    ("COSMOS (1 deg²), 20-21", "COSMOS", 20, 21),
+    ("COSMOS, 21.5-23.5", "COSMOS", 21.5, 23.5),
+    ("COSMOS, 24-24.5", "COSMOS", 24, 24.5),
+    ("HST (40 arcmin²; g: F435W), 23.25-24", "HST", 23.25, 24),
+    ("HST, 24.25-26", "HST", 24.25, 26),
+)
+HST_BANDS = {"F435W": "g", "F606W": "r", "F775W": "i", "F850LP": "z"}
+LINES = {"Hbeta with [OIII]": (4840, 5020), "[OII]": (3700, 3755)}  # angstrom at rest
+COSMOS_FILE, HST_FILE = "cosmos2020_box0p25deg2.parquet", "galsim_real_galaxy_catalog_23.5_example_fits.fits"
 
 
-def even_sample():
-    """Return columns of galaxies, and the number per deg2 that each represents."""
+def even_sample(each: int) -> tuple[Columns, np.ndarray]:
+    """Return columns of galaxies, `each` of a cell, and the number per deg2 that each represents."""
     model = galaxy_sample.population()
-    cells = np.repeat(np.argwhere(model.grid.density > 0), EACH, axis=0).T
+    cells = np.repeat(np.argwhere(model.grid.density > 0), each, axis=0).T
     columns = model.properties(lambda name: stream(2, name), *model.grid.place(stream(2, "place"), *cells))
-    return columns, model.grid.density[tuple(cells)] / EACH
+    return columns, model.grid.density[tuple(cells)] / each
 
 
 def select(columns, keep):
     return {name: values[keep] for name, values in columns.items()}
 
 
-def counts_table(ax, columns, weight):
+def report_counts(record: Record, ax: plt.Axes, columns: Columns, weight: np.ndarray) -> None:
     mag, total = cumulative_counts(galaxy_sample.numbers())
     columns, weight = select(columns, columns["i"] < 29), weight[columns["i"] < 29]
     m = galaxy_sample.magnitudes(columns)
     centre = np.arange(16.5, 27.1, 1.0)
     edges = np.append(centre - 0.5, centre[-1] + 0.5)
-    print("counts, deg-2 mag-1\n   mag   i wanted" + "".join(f"{band:>9}" for band in m))
     counts = {band: np.histogram(values, edges, weights=weight)[0] for band, values in m.items()}
     wanted = np.diff(np.interp(edges, mag, total))
-    for k, c in enumerate(centre):
-        print(f"{c:6.1f} {wanted[k]:10.0f}" + "".join(f"{counts[band][k]:9.0f}" for band in m))
-    slope = np.polyfit(centre[4:8], np.log10(counts["g"][4:8]), 1)[0]
-    print(f"g slope 20.5-23.5: {slope:.2f} dex/mag (B: 0.50 at 20-24, flattening fainter)")
-    limit = mag[-1]
-    print(f"limit i = {limit:.2f} gives {total[-1] / 3600:.0f} arcmin-2")
+    rows = [[f"{c:g}", f"{wanted[k]:,.0f}", *(f"{n[k]:,.0f}" for n in counts.values())] for k, c in enumerate(centre)]
+    record.table("counts", ["galaxies per deg² and mag at", "i wanted", *counts], rows)
+    record.value("limit", mag[-1], "the faintest i magnitude")
+    record.value("density", total[-1] / 3600, "galaxies to this limit", unit="arcmin-2")
     ax.semilogy(mag, np.gradient(total, mag), "k-", lw=0.8, label="i wanted")
     for band, colour in (("nuv", "m"), ("u", "b"), ("g", "c"), ("i", "r"), ("y", "brown")):
         ax.semilogy(centre, counts[band], ".-", color=colour, ms=4, lw=0.7, label=band)
-    beside_published(m, weight)
-    beside_hsc(ax, columns, weight, m["i"])
-    beside_surveys(columns, weight, m["i"])
+    report_cosmos(record, m, weight)
+    report_surveys(record, ax, columns, weight, m["i"])
     real = np.array(PUBLISHED["i_counts"])
     ax.semilogy(real[:, 0], 10 ** real[:, 1], "ro", mfc="none", label="i, Weaver+ 2022")
     u = np.array(PUBLISHED["u_counts"])
     ax.semilogy(u[:, 0], 10 ** u[:, 1], "bs", mfc="none", label="U, Grazian+ 2009")
     ax.set(xlabel="AB mag", ylabel="deg$^{-2}$ mag$^{-1}$", xlim=(16, 29), ylim=(3, 1e6))
     ax.legend(fontsize=6)
-    print("U_AB  log N published, csstsim's:")
-    for mag_u, log in PUBLISHED["u_counts"]:
-        found = np.log10(weight[np.abs(m["u"] - mag_u) < 0.5].sum())
-        print(f"{mag_u:6.2f} {log:6.2f} {found:6.2f}")
+    off = [np.log10(weight[np.abs(m["u"] - mag_u) < 0.5].sum()) - log for mag_u, log in PUBLISHED["u_counts"]]
+    header = ["U", *(f"{mag_u:.1f}" for mag_u, _ in PUBLISHED["u_counts"])]
+    record.table("u_counts", header, [["ours over Grazian et al. [dex]", *(f"{v:+.2f}" for v in off)]])
 
 
-def beside_published(m, weight):
-    """Print counts in half magnitudes beside those of COSMOS2020, and numbers brighter than limits in r."""
-    i, cosmos = dict(PUBLISHED["i_counts"]), {mag: (r, z) for mag, r, z in PUBLISHED["cosmos"]}
-    print("   mag  log N, found - published (COSMOS2020): i, r, z")
+def report_cosmos(record: Record, m: Columns, weight: np.ndarray) -> None:
+    """Record counts in half magnitudes over those of COSMOS2020, and numbers brighter than limits in r."""
+    i, cosmos, rows, off = dict(PUBLISHED["i_counts"]), {mag: two for mag, *two in PUBLISHED["cosmos"]}, [], []
     for mag in i:
-        found = {band: np.log10(weight[np.abs(m[band] - mag) < 0.25].sum() / 0.5) for band in "irz"}
-        r, z = cosmos.get(mag, (np.nan, np.nan))
-        print(f"{mag:6.2f}  {found['i'] - i[mag]:+.2f} {found['r'] - r:+.2f} {found['z'] - z:+.2f}")
-    for limit, number in PUBLISHED["r_cumulative"]:
-        print(f"r < {limit}: {weight[m['r'] < limit].sum():.0f} deg-2; published {number}")
+        known = {"i": i[mag], **dict(zip("rz", cosmos.get(mag, (np.nan, np.nan)), strict=True))}
+        with np.errstate(divide="ignore"):
+            found = {band: np.log10(weight[np.abs(m[band] - mag) < 0.25].sum() / 0.5) for band in known}
+        ratio = [10 ** (found[band] - known[band]) for band in known]
+        rows.append([f"{mag:g}", *("" if np.isnan(v) else f"{v:.2f}" for v in ratio)])
+        off += [abs(v - 1) for v in ratio if BRIGHT[0] <= mag <= BRIGHT[1]]
+    record.table("cosmos", ["mag", "i, ours over COSMOS2020", "r", "z"], rows)
+    words = f"largest departure of counts in i, r and z from COSMOS2020 at {BRIGHT[0]:g} to {BRIGHT[1]:g}"
+    record.value("cosmos_departure", np.nanmax(off), words, below=0.15)
+    limits = PUBLISHED["r_cumulative"]
+    rows = [
+        ["ours", *(f"{weight[m['r'] < limit].sum():,.0f}" for limit, _ in limits)],
+        ["published", *(f"{number:,}" for _, number in limits)],
+    ]
+    record.table("r_counts", ["galaxies per deg², r <", *(f"{limit:g}" for limit, _ in limits)], rows)
 
 
-def beside_hsc(ax, columns, weight, i):
-    """Print counts in HSC's bands over those of HSC, and over them the same ratio in i; draw HSC's in g and y."""
-    hsc, found = PUBLISHED["hsc_counts"], {}
-    edges, keep = np.array(hsc["edges"]), i < 27
+def report_surveys(record: Record, ax: plt.Axes, columns: Columns, weight: np.ndarray, i: np.ndarray) -> None:
+    """Record counts over those of other surveys, in their bands; draw HSC's in g and y."""
+    hsc, keep = PUBLISHED["hsc_counts"], i < 28
     columns, weight = select(columns, keep), weight[keep]
-    level = i[keep] - galaxy_sample.top_hat(columns, *hsc["bands"]["i"])  # of the bands' magnitudes, the same for all
+    level = np.median(i[keep] - galaxy_sample.top_hat(columns, *hsc["bands"]["i"]))  # of the bands' magnitudes
+    edges, ratios = np.array(hsc["edges"]), {}
     for band, limits in hsc["bands"].items():
-        magnitude = galaxy_sample.top_hat(columns, *limits) + np.median(level)
-        found[band] = np.histogram(magnitude, edges, weights=weight)[0] / np.diff(hsc[band])
-    print("mag  ours / HSC in " + " ".join(found) + "; the same over that in i")
-    for k, low in enumerate(edges[:-1]):
-        print(f"{low:g}-{low + 1:g}  " + " ".join(f"{v[k]:5.2f}" for v in found.values()) + "   "
-              + " ".join(f"{v[k] / found['i'][k]:5.2f}" for v in found.values()))  # fmt: skip
+        magnitude = galaxy_sample.top_hat(columns, *limits) + level
+        ratios[band] = np.histogram(magnitude, edges, weights=weight)[0] / np.diff(hsc[band])
+    others = {}
+    for survey, band, limits, entries in PUBLISHED["survey_counts"]:
+        magnitude = galaxy_sample.top_hat(columns, *limits) + level
+        found = {mag: weight[np.abs(magnitude - mag) < 0.25].sum() / number for mag, number in entries}
+        others[survey, HST_BANDS.get(band, band)] = found
+    rows = []
+    for name, survey, low, high in GROUPS:
+        cells = []
+        for band in "ugrizy":
+            some = [v for mag, v in others.get((survey, band), {}).items() if low <= mag <= high]
+            ends = [f"{v:.2f}" for v in (min(some), max(some))] if some else [""]
+            cells.append(ends[0] if ends[0] == ends[-1] else "-".join(ends))
+        rows.append([name, *cells])
+    middle = [[f"HSC, {low:g}-{low + 1:g}", "", *(f"{ratios[band][k]:.2f}" for band in "grizy")]
+              for k, low in enumerate(edges[:-1])]  # fmt: skip
+    record.table("surveys", ["survey, mag", *"ugrizy"], [rows[0], *middle, *rows[1:]])
+    record.value("g_over_hsc", (ratios["g"] / ratios["i"])[3], "counts in g relative to i, over HSC's at 22 to 23")
+    for band in "gu":
+        i_ratio, own = others["COSMOS", "i"], others["COSMOS", band]
+        most = max(own[mag] / i_ratio[mag] for mag in own if 21.5 <= mag <= 23.5)
+        what = f"counts in {band} relative to i, over those of COSMOS (Driver et al.) at 21.5 to 23.5, largest"
+        record.value(f"{band}_over_cosmos", most, what)
     for band, colour in (("g", "c"), ("y", "brown")):
         ax.semilogy(edges[:-1] + 0.5, np.diff(hsc[band]), "x", color=colour, ms=4, label=f"{band}, HSC")
-
-
-def beside_surveys(columns, weight, i):
-    """Print counts in half magnitudes over those of GAMA, of COSMOS in other catalogues, and of HST, in their bands."""
-    keep = i < 28
-    columns, weight = select(columns, keep), weight[keep]
-    level = np.median(i[keep] - galaxy_sample.top_hat(columns, *PUBLISHED["hsc_counts"]["bands"]["i"]))
-    for survey, band, limits, rows in PUBLISHED["survey_counts"]:
-        magnitude = galaxy_sample.top_hat(columns, *limits) + level
-        ratios = [weight[np.abs(magnitude - mag) < 0.25].sum() / number for mag, number in rows]
-        told = "  ".join(f"{mag:g}: {ratio:.2f}" for (mag, _), ratio in zip(rows, ratios, strict=True))
-        print(f"ours / {survey} {band}  {told}")
 
 
 def weighted_median(values, weight):
@@ -126,44 +150,54 @@ def weighted_median(values, weight):
     return middle, 1.25 * 0.5 * (high - low) / np.sqrt(effective)
 
 
-def medians(columns, weight):
-    """Print median colours beside COSMOS2020 and the Hubble Deep Field, and radii, all by magnitude."""
+def report_medians(record: Record, ax: plt.Axes, columns: Columns, weight: np.ndarray) -> None:
+    """Record median colours and radii by magnitude, beside COSMOS2020 and the Hubble Deep Field; draw r - z."""
     keep = columns["i"] < 27
     columns, weight = select(columns, keep), weight[keep]
-    m, half = galaxy_sample.magnitudes(columns), galaxy_sample.half_light(columns)
-    m["nuv"] = np.minimum(m["nuv"], 99.0)  # no light below the Lyman limit
+    m, half = galaxy_sample.magnitudes(columns, "griz"), galaxy_sample.half_light(columns)
 
-    def near(band, mag, values):
+    def near(band: str, mag: float, values: np.ndarray) -> tuple[float, float]:
         here = np.abs(m[band] - mag) < 0.5
         return weighted_median(values[here], weight[here])
 
-    print(" i    " + "   ".join(f"{a} - {b}" for a, b in COLOURS) + "   radius   (error of g - i)")
-    for mag in range(20, 27):
-        found = [near("i", mag, m[a] - m[b]) for a, b in COLOURS] + [near("i", mag, half)]
-        print(f"{mag}  " + "   ".join(f"{v:6.3f}" for v, _ in found) + f"   ({found[2][1]:.3f})")
     real = PUBLISHED["r_z"]
     r_z = np.subtract(*(galaxy_sample.top_hat(columns, *real[band]) for band in "rz"))  # HSC's bands
+    rows, ours = [], []
     for mag, colour in real["medians"]:
-        ours, error = near("z", mag, r_z)
-        print(f"r - z at z = {mag}: {ours:.2f} +- {error:.2f}; COSMOS2020 {colour:.2f}")
+        ours.append(near("z", mag, r_z)[0])
+        medians = [near("i", mag, m[a] - m[b])[0] for a, b in COLOURS]
+        radius = near("i", mag, half)[0]
+        rows.append([mag, f"{colour:.2f}", f"{ours[-1]:.2f}", mag, *(f"{v:.2f}" for v in medians), f'{radius:.2f}"'])
+        if mag == 21:
+            record.value("r_z_21", ours[-1] - colour, "median r - z at z = 21, ours minus COSMOS2020's", unit="mag")
+    header = ["z [AB]", "r - z, COSMOS2020", "r - z, ours", "i [AB]", *(f"{a} - {b}" for a, b in COLOURS), "radius"]
+    record.table("colours", header, rows)
+    mags, theirs = np.transpose(real["medians"])
+    ax.plot(mags, ours, "k-", label="csstsim, median")
+    ax.plot(mags, theirs, "ro", mfc="none", label="COSMOS2020, median")
+    ax.set(xlabel="z", ylabel="r - z, HSC's bands", ylim=(0, 1.5))
+    ax.legend(fontsize=6)
     real = PUBLISHED["hubble_deep_field"]
     colour = np.subtract(*(galaxy_sample.top_hat(columns, *real[band]) for band in ("f450w", "f814w")))
-    for mag, published, sigma in real["medians"]:
-        ours, error = near("i", mag, colour)
-        print(f"F450W - F814W at {mag}: {ours:.2f} +- {error:.2f}; Hubble Deep Field {published:.2f} +- {sigma:.2f}")
+    own = [f"{near('i', mag, colour)[0]:.2f}" for mag, _, _ in real["medians"]]
+    theirs = [f"{published:.2f} ± {sigma:.2f}" for _, published, sigma in real["medians"]]
+    header = ["F450W - F814W at", *(f"{mag:g}" for mag, _, _ in real["medians"])]
+    record.table("hubble", header, [["ours", *own], ["Hubble Deep Field (Fernández-Soto et al. 1999)", *theirs]])
 
 
-def line_widths():
-    """Print rest-frame equivalent widths of Halpha with [NII] by mass and redshift, beside those by rate."""
-    published = PUBLISHED["line_widths"]
-    print("Halpha + [NII] [A], log M 9, 9.5, 10, 10.5, 11; at 10 of its rate, published beyond z = 1")
-    for z in (0.1, 0.35, 0.5, *published["z"]):
-        found = [galaxy_sample.line_width(z, m, 6510, 6630) for m in (9.0, 9.5, published["log_mass"], 10.5, 11.0)]
-        widths = " ".join(f"{width:5.0f}" for width, _ in found)
-        print(f"z = {z}: {widths}; {published['per_rate'][0] * found[2][1]:.0f}")
+def report_lines(record: Record) -> None:
+    """Record rest-frame equivalent widths at 1e10 solar masses by redshift, and published ones by rate."""
+    published, count = PUBLISHED["line_widths"], 50 if record.toy else 400
+    rows = []
+    for z in (0.1, 0.5, *published["z"]):
+        width, rate = galaxy_sample.line_width(z, published["log_mass"], 6510, 6630, count)
+        theirs = f"{published['per_rate'][0] * rate:.0f}" if z in published["z"] else ""
+        others = (galaxy_sample.line_width(z, published["log_mass"], *ends, count)[0] for ends in LINES.values())
+        rows.append([f"{z:g}", f"{width:.0f}", theirs, *(f"{v:.1f}" for v in others)])
+    record.table("lines", ["z", "Halpha with [NII] [Å]", "published, of this rate", *LINES], rows)
 
 
-def mass_functions(ax, columns, weight):
+def mass_functions(ax: plt.Axes, columns: Columns, weight: np.ndarray) -> None:
     """Draw mass functions of the sample (cells of 0.2 dex), and the published points."""
     cosmology = galaxy_sample.cosmology()
     log_mass = np.log10(columns["bulgemass"] + columns["diskmass"])
@@ -182,57 +216,42 @@ def mass_functions(ax, columns, weight):
     ax.legend(fontsize=6, title="z", title_fontsize=6)
 
 
-def sizes(ax, columns, hst, even, weight):
+def report_sizes(record: Record, ax: plt.Axes, columns: Columns) -> None:
     half = galaxy_sample.half_light(columns)
     e = np.hypot(columns["e1"], columns["e2"])
     axis = half * np.sqrt((1 + e) / (1 - e))
-    print(
-        "half-light radius of the circle of equal area, arcsec; median semi-major axis, and that of Miller et al. 2013"
-    )
-    print(" i   csstsim: 16, 50, 84%   axis  Miller")
     centre = np.arange(19, 30)
-    rows = [np.percentile(half[np.abs(columns["i"] - m) < 0.5], [16, 50, 84]) for m in centre]
+    near = [np.abs(columns["i"] - m) < 0.5 for m in centre]
+    some = [np.percentile(half[here], [16, 50, 84]) if here.any() else np.full(3, np.nan) for here in near]
+    long = [np.median(axis[here]) if here.any() else np.nan for here in near]
     miller = 1.678347 * np.exp(-1.145 - 0.269 * (centre - 23))
-    for m, row, a in zip(centre, rows, miller, strict=True):
-        long = np.median(axis[np.abs(columns["i"] - m) < 0.5])
-        print(f"{m:3d}  " + " ".join(f"{r:6.3f}" for r in row) + f"  {long:6.3f} {a:6.3f}")
-    ax.fill_between(centre, *np.transpose(rows)[[0, 2]], color="0.8")
-    ax.semilogy(centre, np.transpose(rows)[1], "k-", label="csstsim: median, 68%")
-    ax.semilogy(
-        centre, [np.median(axis[np.abs(columns["i"] - m) < 0.5]) for m in centre], "k:", label="semi-major axis"
-    )
+    rows = [[m, *(f"{v:.3f}" for v in (*three, a, known))]
+            for m, three, a, known in zip(centre, some, long, miller, strict=True)]  # fmt: skip
+    header = ["i", "16% of radii [arcsec]", "50%", "84%", "median semi-major axis", "Miller et al. 2013"]
+    record.table("sizes", header, rows)
+    low, middle, high = np.transpose(some)
+    ax.fill_between(centre, low, high, color="0.8")
+    ax.semilogy(centre, middle, "k-", label="csstsim: median, 68%")
+    ax.semilogy(centre, long, "k:", label="semi-major axis")
     ax.semilogy(centre, miller, "r--", label="axis, Miller+ 2013")
-    if hst:
-        ax.semilogy(hst["i"], hst["hlr"], "b.", ms=3, label="HST, 100 galaxies")
-        for low, high in ((20, 21.5), (21.5, 22.5)):
-            real = np.log(hst["hlr"][(hst["i"] > low) & (hst["i"] < high)])
-            here = (even["i"] > low) & (even["i"] < high)
-            ours, _ = weighted_median(galaxy_sample.half_light(select(even, here)), weight[here])
-            error = 1.25 * np.std(real) / np.sqrt(len(real))
-            print(
-                f"HST {low} < i < {high}: median {np.exp(np.median(real)):.3f} +- {100 * error:.0f}%; ours {ours:.3f}"
-            )
     ax.set(xlabel="i", ylabel="half-light radius [arcsec]", xlim=(18, 30))
     ax.legend(fontsize=6)
 
 
-def redshifts(ax, columns, hst):
-    bins = np.arange(0, 6, 0.1)
+def report_redshifts(record: Record, ax: plt.Axes, columns: Columns) -> None:
+    bins, rows = np.arange(0, 6, 0.1), []
     for limit in (22, 24, 26, 28):
         inside = columns["i"] < limit
         z, quiescent = columns["z"][inside], columns["gal_type"][inside].mean()
         early = (columns["bulge_frac"][inside] > 0.5).mean()
-        print(f"i < {limit}: median z {np.median(z):.2f}, quiescent {quiescent:.3f}, B/T > 0.5 {early:.3f}")
+        rows.append([limit, f"{np.median(z):.2f}", f"{quiescent:.3f}", f"{early:.3f}"])
         ax.hist(z, bins, density=True, histtype="step", label=f"i < {limit}")
-    if hst:
-        ours = columns["z"][(columns["i"] > 20.5) & (columns["i"] < 22.5)]
-        real = hst["z"][(hst["i"] > 20.5) & (hst["i"] < 22.5)]
-        print(f"20.5 < i < 22.5: median z {np.median(ours):.2f}; HST photometric {np.median(real):.2f} ({len(real)})")
+    record.table("redshifts", ["i <", "median z", "quiescent", "bulge above half of the light"], rows)
     ax.set(xlabel="z")
     ax.legend(fontsize=6)
 
 
-def colours(two, by_z, columns, m):
+def draw_colours(two: plt.Axes, by_z: plt.Axes, columns: Columns, m: Columns) -> None:
     shown = (columns["i"] < 23) & (columns["z"] < 1.5)
     picture = two.scatter((m["g"] - m["r"])[shown], (m["u"] - m["g"])[shown], c=columns["z"][shown], s=1, cmap="turbo")
     plt.colorbar(picture, ax=two, label="z")
@@ -244,7 +263,8 @@ def colours(two, by_z, columns, m):
     by_z.set(xlabel="z", ylabel="g - i", xlim=(0, 4), ylim=(-0.5, 4), title="i < 24.5; red: quiescent")
 
 
-def cosmos(ax, path, columns, m):
+def compare_cosmos(record: Record, path: Path, columns: Columns, m: Columns) -> None:
+    """Record medians by z magnitude of a box of COSMOS2020, and ours."""
     import pyarrow.parquet as pq
 
     table = pq.read_table(path)
@@ -260,72 +280,78 @@ def cosmos(ax, path, columns, m):
     real_z_y = -2.5 * np.log10(flux["z"] / flux["Y"])
     ratio = column["acs_b_arcsec"][galaxy] / column["acs_a_arcsec"][galaxy]
     e = np.hypot(columns["e1"], columns["e2"])
-    print(
-        "z mag  r - z COSMOS 16, 50, 84%   csstsim, HSC bands  half-light COSMOS, own    axis ratio COSMOS (ACS), own"
-        "    z - Y COSMOS, own"
-    )
+    pairs = {"r - z": (r - z, r_z), "z - Y": (real_z_y, z_y), "radius": (size, half),
+             "axis ratio": (ratio, (1 - e) / (1 + e))}  # fmt: skip
+    rows = []
     for mag in range(20, 26):
         real, ours = np.abs(z - mag) < 0.5, np.abs(m["z"] - mag) < 0.5
-        print(f"{mag:4d}  " + "  ".join(
-            " ".join(f"{v:6.2f}" for v in np.percentile(c, [16, 50, 84]))
-            for c in ((r - z)[real], r_z[ours])
-        ) + f"   {np.median(size[real]):8.2f} {np.median(half[ours]):6.2f}"
-          f"      {np.nanmedian(ratio[real]):8.2f} {np.median((1 - e[ours]) / (1 + e[ours])):6.2f}"
-          f"     {np.nanmedian(real_z_y[real]):8.2f} {np.median(z_y[ours]):6.2f}")  # fmt: skip
-    bins = np.arange(-0.5, 3, 0.05)
-    for mag, colour in ((21, "r"), (24, "b")):
-        ax.hist((r - z)[np.abs(z - mag) < 0.5], bins, density=True, histtype="stepfilled", color=colour, alpha=0.25)
-        ours = np.abs(m["z"] - mag) < 0.5
-        ax.hist(r_z[ours], bins, density=True, histtype="step", color=colour, label=f"z = {mag}")
-    ax.set(xlabel="r - z", title="lines: csstsim; filled: COSMOS2020")
-    ax.legend(fontsize=6)
+        rows.append([mag, *(f"{np.nanmedian(v):.2f}" for a, b in pairs.values() for v in (a[real], b[ours]))])
+    header = [word for name in pairs for word in (f"{name}, COSMOS2020", "ours")]
+    record.table("cosmos", ["z [AB]", *header], rows)
 
 
-def hst_sample(path):
-    """Return {i, hlr [arcsec], z} of GalSim's example of the COSMOS sample: F814W, circle of equal area."""
-    from astropy.io import fits
-
+def compare_hst(record: Record, path: Path, columns: Columns, even: Columns, weight: np.ndarray) -> None:
+    """Record radii and redshifts of GalSim's example of the COSMOS sample (F814W, circle of equal area), and ours."""
     data = fits.getdata(path)
-    i, hlr = np.float64(data["mag_auto"]), np.float64(data["hlr"][:, 0])  # of the Sersic fit, freed of the PSF
-    return {"i": i, "hlr": hlr, "z": np.float64(data["zphot"])}
+    i, radii = np.float64(data["mag_auto"]), np.float64(data["hlr"][:, 0])  # of the Sersic fit, freed of the PSF
+    rows = []
+    for low, high in ((20, 21.5), (21.5, 22.5)):
+        real, here = np.log(radii[(i > low) & (i < high)]), (even["i"] > low) & (even["i"] < high)
+        ours, _ = weighted_median(galaxy_sample.half_light(select(even, here)), weight[here])
+        error = 1.25 * np.std(real) / np.sqrt(len(real))
+        rows.append([f"{low:g} to {high:g}", f'{np.exp(np.median(real)):.3f}" ± {error:.0%}', f'{ours:.3f}"'])
+    record.table("radii", ["i", "median radius, HST", "ours"], rows)
+    real = np.float64(data["zphot"])[(i > 20.5) & (i < 22.5)]
+    ours = columns["z"][(columns["i"] > 20.5) & (columns["i"] < 22.5)]
+    record.value("z_hst", np.median(real), f"median photometric redshift of {len(real)} HST galaxies, 20.5 < i < 22.5")
+    record.value("z_ours", np.median(ours), "the same of ours")
 
 
-def main():
+def compare_samples(record: Record, folder: Path, columns: Columns, even: Columns, weight: np.ndarray) -> None:
+    bright = select(columns, columns["i"] < 26.5)
+    for name, compare in ((COSMOS_FILE, compare_cosmos), (HST_FILE, compare_hst)):
+        if not (folder / name).exists():
+            record.skip(name, f"{folder / name} is missing")
+        elif compare is compare_cosmos:
+            compare(record, folder / name, bright, galaxy_sample.magnitudes(bright, "z"))
+        else:
+            compare(record, folder / name, columns, even, weight)
+
+
+def main(record: Record) -> None:
     plt.switch_backend("Agg")
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data", type=Path, default=os.environ.get("CSSTSIM_DATA", ROOT.parent / "shared" / "data"))
-    folder = Path(parser.parse_args().data) / "galaxies"
-    figure, axes = plt.subplots(2, 4, figsize=(17, 8), layout="constrained")
-    (counts, masses, size, redshift), (two, by_z, real, shapes) = axes
     begin = time.process_time()
     galaxy_sample.population()
-    print(f"set-up {time.process_time() - begin:.1f} CPU-s")
+    record.value("set_up", time.process_time() - begin, "set-up of the population", unit="CPU-s")
+    area = TOY_AREA if record.toy else AREA
     begin = time.process_time()
-    columns = galaxy_sample.sample(AREA)
-    print(f"{len(columns['i'])} galaxies on {AREA} deg2: {time.process_time() - begin:.1f} CPU-s")
-    path = folder / "galsim_real_galaxy_catalog_23.5_example_fits.fits"
-    hst = hst_sample(path) if path.exists() else None
-    counts_table(counts, *(sample := even_sample()))
-    medians(*sample)
-    line_widths()
-    mass_functions(masses, *sample)
-    sizes(size, columns, hst, *sample)
-    redshifts(redshift, columns, hst)
+    columns = galaxy_sample.sample(area)
+    count = len(columns["i"])
+    record.value("drawn", time.process_time() - begin, f"drawing {count:,} galaxies on {area:g} deg2", unit="CPU-s")
+    even, weight = even_sample(TOY_EACH if record.toy else EACH)
+    if record.options.samples:
+        compare_samples(record, record.options.samples, columns, even, weight)
+        return
+    figure, axes = plt.subplots(2, 4, figsize=(17, 8), layout="constrained")
+    (counts, masses, size, redshift), (two, by_z, red, shapes) = axes
+    report_counts(record, counts, even, weight)
+    report_medians(record, red, even, weight)
+    report_lines(record)
+    mass_functions(masses, even, weight)
+    report_sizes(record, size, columns)
+    report_redshifts(record, redshift, columns)
     bright = select(columns, columns["i"] < 26.5)
-    m = galaxy_sample.magnitudes(bright)
-    colours(two, by_z, bright, m)
-    path = folder / "cosmos2020_box0p25deg2.parquet"
-    if path.exists():
-        cosmos(real, path, bright, m)
+    draw_colours(two, by_z, bright, galaxy_sample.magnitudes(bright, "ugri"))
     e = np.hypot(bright["e1"], bright["e2"])
     for keep, name in ((bright["bulge_frac"] <= 0.5, "discs"), (bright["bulge_frac"] > 0.5, "B/T > 0.5")):
         shapes.hist(e[keep], 60, density=True, histtype="step", label=name)
     shapes.set(xlabel="|e| = (a - b)/(a + b)")
     shapes.legend(fontsize=6)
-    TARGET.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(TARGET, dpi=80)
-    print(TARGET)
+    figure.savefig(record.figure("galaxies.png"), dpi=80)
 
 
 if __name__ == "__main__":
-    main()
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--samples", type=Path, help="folder of real samples; only these are compared")
+    with Record(parser) as record:
+        main(record)
