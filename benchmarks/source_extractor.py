@@ -68,7 +68,7 @@ def default_campaign(output, side, obsids=OBSIDS, toy=False):
         "observations": {"SCIE": str(ROOT / "examples/quarter_brick/science_no_cti.yaml")},
     }  # fmt: skip
     if toy:
-        content["catalog"] = toy_catalogue(output, **FIELD, count=300, radius=0.5 * side * scale / 3600)
+        content["catalog"] = toy_catalogue(output, **FIELD, count=150, radius=0.5 * side * scale / 3600)
     path = output / "campaign.yaml"
     path.write_text("# Written by benchmarks/source_extractor.py\n" + yaml.safe_dump(content, sort_keys=False))
     return path
@@ -162,7 +162,7 @@ def compare(record: Record) -> None:
     given = record.options
     try:
         if record.toy:
-            file = default_campaign(record.results / "source_extractor", 900, OBSIDS[:2], toy=True)
+            file = default_campaign(record.results / "source_extractor", 800, OBSIDS[:2], toy=True)
         else:
             file = given.campaign or default_campaign(given.output, given.side)
         run = OpenCampaign(file)
