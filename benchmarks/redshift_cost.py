@@ -1,14 +1,11 @@
-"""Accuracy of redshifts against cost: what more galaxies, a second position angle, and contamination subtracted give.
+"""The picture of redshifts.py: what more galaxies, and neighbours subtracted, give and cost.
 
-    python benchmarks/redshift_cost.py FIGURE --galaxy 0.14 LABEL=redshift.json ...
-
-The files are those of `csstsim budget redshift`; --galaxy: CPU-s of a galaxy, from the sky to its redshift. The left
-panel has the error of completeness and purity, which falls with the root of the number of galaxies. The right one has
-their values, by magnitude, for each file.
+The left panel has the error of completeness and purity, which falls with the root of the number of galaxies. The right
+one has their values, by magnitude, for several sets of spectra.
 """
 
-import argparse
-import json
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -17,29 +14,20 @@ COLORS = "#2a6f97", "#d1495b", "#edae49", "#66a182"
 COUNTS = np.array([300.0, 1000.0, 3000.0, 1e4, 3e4, 1e5])
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("figure")
-    parser.add_argument("files", nargs="+", metavar="LABEL=FILE")
-    parser.add_argument("--galaxy", type=float, required=True, help="CPU-s of a galaxy")
-    options = parser.parse_args()
-    results = {}
-    for word in options.files:
-        label, _, path = word.partition("=")
-        with open(path, encoding="utf-8") as file:
-            results[label] = json.load(file)
+def draw(path: Path, results: dict[str, dict[str, Any]], galaxy: float, band: str) -> None:
+    """Draw scores {label: those of budget.redshift.scores}, with the CPU seconds of a galaxy."""
     drawn = Figure(figsize=(11, 4.2), layout="constrained")
     cost, values = drawn.subplots(1, 2)
     first = next(iter(results.values()))["all"]
-    share = first["good"] / first["objects"]
+    share = max(first["good"], 1) / first["objects"]
     for name, color, of in (("completeness", COLORS[0], 1.0), ("purity", COLORS[1], share)):
         error = np.sqrt(first[name] * (1 - first[name]) / (COUNTS * of))
-        cost.loglog(COUNTS * options.galaxy / 3600, error, "o-", color=color, label=name, ms=4)
+        cost.loglog(COUNTS * galaxy / 3600, error, "o-", color=color, label=name, ms=4)
         for n, e in zip(COUNTS, error, strict=True):
             if name == "purity":
-                where = n * options.galaxy / 3600, e
+                where = n * galaxy / 3600, e
                 cost.annotate(f"{n:.0g}".replace("e+0", "e"), where, (0, 6), textcoords="offset points", fontsize=8)
-    done = first["objects"] * options.galaxy / 3600
+    done = first["objects"] * galaxy / 3600
     cost.axvline(done, color="0.6", lw=0.8)
     cost.annotate(
         "done", (done, 0.98), xycoords=("data", "axes fraction"), fontsize=8, rotation=90, va="top", ha="right"
@@ -56,13 +44,9 @@ def main():
                 label=f"{label}: {name}" if name == "completeness" else None,
             )  # fmt: skip
     values.set(
-        xlabel=f"{next(iter(results.values()))['band']} [AB]",
+        xlabel=f"{band} [AB]",
         ylim=(0, 1.05),
         title="full: completeness, dotted: purity",
     )
     values.legend(fontsize=8)
-    drawn.savefig(options.figure, dpi=110)
-
-
-if __name__ == "__main__":
-    main()
+    drawn.savefig(path, dpi=110)

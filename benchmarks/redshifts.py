@@ -1,180 +1,228 @@
-"""Redshifts of stacked slitless spectra by fits of public templates, without photometry.
+"""How many redshifts of slitless spectra are right, by a fit of public templates, and what contamination costs.
 
-    python benchmarks/redshifts.py STACK OBJECTS ANSWER --templates FOLDER
+    python benchmarks/redshift_field.py
+    python benchmarks/redshifts.py --templates TEMPLATES
 
-STACK is the table that `csstsim budget redshift` writes, OBJECTS the one beside it with the sizes; ANSWER (CSV: id, z,
-good, dchi2) is what it scores. FOLDER has templates as texts of two columns, rest wavelength [A] and flux density per
-angstrom. Meant are the twelve of EAZY, templates/fsps_full/tweak_fsps_QSF_12_v3_*.dat of
-github.com/gbrammer/eazy-photoz (Brammer et al. 2008, ApJ 686, 1503), from FSPS: they share nothing with the spectra
-from which csstsim's galaxies are made. `--templates own` takes those, at two A(V).
-
-At each redshift a sum of templates with factors of 0 or more is fitted, as by redrock's NMF or EAZY, by coordinate
-descent. Templates are broadened by the line spread of the PSF and of an exponential disk of the object's size, in
-CLASSES of size. A redshift is good if any other one, further than NEAR (1 + z) from it, has a chi2 larger by GOOD.
+Stacks and scores the spectra of redshift_field.py with `csstsim budget redshift`; redshift_fit.py fits. TEMPLATES is a
+folder of texts of two columns, rest wavelength [A] and flux density per angstrom. Meant are the twelve of EAZY,
+templates/fsps_full/tweak_fsps_QSF_12_v3_*.dat of github.com/gbrammer/eazy-photoz (Brammer et al. 2008, ApJ 686, 1503),
+from FSPS: they share nothing with the spectra from which csstsim's galaxies are made, whose own are fitted, too.
+A redshift is good if any other one has a chi2 larger by GOOD. Draws budget_redshift.png and redshift_cost.png.
 """
 
 import argparse
 import csv
+import shutil
+import time
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
-import numba
+from evidence.record import Record
+
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
+import redshift_cost
+from redshift_field import KEPT, emptied, fields, made, opened, spent
+from redshift_fit import REST, STEP, TOY_STEP, fit, own_templates, public_templates
 
-from csstsim.base.units import C_A_S, H_J_S
+from csstsim.budget.redshift.extracted import extracted
+from csstsim.budget.redshift.line_biases import line_biases, mean
+from csstsim.budget.redshift.report import budget
+from csstsim.budget.redshift.scores import scores
+from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
 
-Z_MAX, STEP = 1.6, 0.0008  # of ln(1 + z)
-NEAR, GOOD = 0.01, 16.0
-SIZES = 0.0, 0.15, 0.25, 0.35, 0.5, 0.8  # arcsec, half-light radii of classes: the lower edges
-PIXEL, PSF = 0.074, 1.1  # arcsec; px rms along the trace, of PSF and pixel
-PER_PX = {"GV": (0.0, 6200.0, 3.4), "GI": (6200.0, 2e4, 4.7)}  # angstrom: first, last, of a pixel
-DUST = 0.0, 1.0  # mag, A(V) of `own` templates
-FINE = 1.0  # angstrom: grid of rest templates before broadening
-SWEEPS = 60
-BATCH = 200  # galaxies at a time
+GOOD, STRICTER = 16.0, (25.0, 40.0)
+BRIGHT = 21.0  # mag
+CLEAN = 0.1  # light of others over one's own
+SNR = 2.0, 3.0  # least true ones of subsets of the lines
+NEEDED = "complete", "pure"
+
+Fits = dict[int, tuple[float, float]]  # {id: (z, how much larger the chi2 of another one is)}
 
 
-def redshifts():
-    """Return the (n,) redshifts that are tried."""
-    return np.expm1(np.arange(0.0, np.log1p(Z_MAX), STEP))
+def answered(fits: Fits, least: float = GOOD) -> dict[int, tuple[float, bool]]:
+    """Return {id: (z, good)}, as budget.redshift.scores takes it."""
+    return {k: (z, above >= least) for k, (z, above) in fits.items()}
 
 
-def public_templates(folder):
-    """Return (wavelengths, (t, n) flux per angstrom, of mean 1) of a folder of texts."""
-    files = sorted(path for path in Path(folder).iterdir() if path.suffix == ".dat")
-    tables = [np.loadtxt(path) for path in files]
-    wave = np.arange(1400.0, 11000.0, FINE)
-    flux = np.array([_rebinned(table, wave) for table in tables])
-    return wave, flux / flux.mean(axis=1, keepdims=True)
+def stacked(runs: list[OpenCampaign], way: str, output: Path, band: str) -> tuple[ObjectTable, ObjectTable]:
+    """Stack the spectra of one of redshift_field.WAYS; return the stack and its galaxies."""
+    budget(runs, output, way, band=band, say=lambda text: None)
+    return ObjectTable.read(output / "stack.parquet"), ObjectTable.read(output / "objects.parquet")
 
 
-def _rebinned(table, wave):
-    """Return the means of a template over bins of FINE about `wave`: lines keep their light."""
-    x, y = table.T
-    total = np.concatenate([[0.0], np.cumsum(0.5 * (y[1:] + y[:-1]) * np.diff(x))])
-    edges = np.append(wave - FINE / 2, wave[-1] + FINE / 2)
-    return np.diff(np.interp(edges, x, total)) / FINE
-
-
-def own_templates():
-    """Return the same of the five templates of csstsim's galaxies, with each A(V) of DUST."""
-    from csstsim.universe.parameters import load_universe
-
-    seds = load_universe().galaxy_seds
-    nodes, basis = seds.cells
-    mix = np.repeat(np.eye(5), len(DUST), axis=0)
-    photons = seds.coefficients(mix, np.tile(DUST, 5), np.ones(len(mix))) @ basis
-    wave = np.arange(1400.0, 11000.0, FINE)
-    flux = np.array([np.interp(wave, nodes, row) for row in photons]) * H_J_S * C_A_S / wave
-    return wave, flux / flux.mean(axis=1, keepdims=True)
-
-
-def summed(wave, flux):
-    """Return (edges, (t, n + 1) light below them) of templates: bins of any width have it as differences."""
-    edges = np.append(wave - FINE / 2, wave[-1] + FINE / 2)
-    return edges, np.concatenate([np.zeros((len(flux), 1)), np.cumsum(flux, axis=1) * FINE], axis=1)
-
-
-def on_bins(templates, z, bins, size):
-    """Return (t, bins): templates (of `summed`) at a redshift in even bins [angstrom], broadened by PSF and disk."""
-    (edges, light), step = templates, bins[1] - bins[0]
-    ends = np.append(bins - step / 2, bins[-1] + step / 2) / (1 + z)
-    mean = np.diff(np.array([np.interp(ends, edges, row) for row in light]), axis=1)
-    out, along = np.zeros_like(mean), np.hypot(PSF, 1.03 * size / PIXEL)
-    for first, last, per_px in PER_PX.values():
-        mine = (bins >= first) & (bins < last)
-        out[:, mine] = gaussian_filter1d(mean, along * per_px / step, axis=1, mode="nearest")[:, mine]
-    return out
-
-
-def fitted(flux, weight, models):
-    """Return (n, z) chi2 less that of zero, of (n, bins) spectra and inverse variances; models (z, t, bins)."""
-    count, t, _ = models.shape
-    upper = np.triu_indices(t)
-    out = np.zeros((len(flux), count), np.float32)
-    for k in range(count):
-        model = models[k]
-        pairs = (model[upper[0]] * model[upper[1]]) @ weight.T  # (pairs, n)
-        right = model @ (flux * weight).T
-        matrix = np.zeros((len(flux), t, t))
-        matrix[:, upper[0], upper[1]] = matrix[:, upper[1], upper[0]] = pairs.T
-        out[:, k] = _best(matrix, np.ascontiguousarray(right.T, dtype=float))
-    return out
-
-
-@numba.njit(cache=True)
-def _best(matrix, right):
-    """Return (n,): the least x M x - 2 x r with x >= 0, by coordinate descent."""
-    out = np.zeros(len(right))
-    t = right.shape[1]
-    for i in range(len(right)):
-        x, slope = np.zeros(t), -right[i].copy()
-        for _ in range(SWEEPS):
-            moved = 0.0
-            for j in range(t):
-                if matrix[i, j, j] <= 0.0:
-                    continue
-                new = max(x[j] - slope[j] / matrix[i, j, j], 0.0)
-                step = new - x[j]
-                if step != 0.0:
-                    x[j] = new
-                    moved = max(moved, step * step * matrix[i, j, j])
-                    for m in range(t):
-                        slope[m] += step * matrix[i, m, j]
-            if moved < 1e-3:
-                break
-        for j in range(t):
-            out[i] += x[j] * (slope[j] - right[i, j])
-    return out
-
-
-def answer(chi2, z):
-    """Return (z, dchi2) of a galaxy: the minimum by a parabola, and how much higher the next one is elsewhere."""
-    k = int(np.argmin(chi2))
-    best = z[k]
-    if 0 < k < len(z) - 1:
-        a, b, c = chi2[k - 1 : k + 2].astype(float)
-        bend = a - 2 * b + c
-        best = np.expm1(np.log1p(z[k]) + STEP * (0.5 * (a - c) / bend if bend > 0 else 0.0))
-    far = np.abs(z - best) > NEAR * (1 + best)
-    return best, float(chi2[far].min() - chi2[k])
-
-
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("stack", type=Path)
-    parser.add_argument("objects", type=Path)
-    parser.add_argument("answer", type=Path)
-    parser.add_argument("--templates", required=True, help="folder, or `own`")
-    options = parser.parse_args()
-    stack, objects = ObjectTable.read(options.stack), ObjectTable.read(options.objects)
-    wave, templates = own_templates() if options.templates == "own" else public_templates(options.templates)
-    ids, row = np.unique(stack["id"], return_inverse=True)
-    step, first = np.diff(np.unique(stack["wavelength"])).min(), stack["wavelength"].min()
-    column = np.rint((stack["wavelength"] - first) / step).astype(int)
-    bins, templates = first + step * np.arange(column.max() + 1), summed(wave, templates)
-    flux, weight = np.zeros((2, len(ids), len(bins)), np.float32)
-    scale = np.median(np.abs(stack["flux"]))
-    flux[row, column] = stack["flux"] / scale
-    weight[row, column] = (scale / stack["flux_err"]) ** 2
-    size = dict(zip(objects["id"].tolist(), objects["size"].tolist(), strict=True))
-    group = np.searchsorted(SIZES, [size[int(k)] for k in ids], side="right") - 1
-    z, found = redshifts(), {}
-    for k in np.unique(group):
-        mine = np.flatnonzero(group == k)
-        middle = float(np.median([size[int(ids[i])] for i in mine]))
-        models = np.array([on_bins(templates, one, bins, middle) for one in z], np.float32)
-        for first in range(0, len(mine), BATCH):
-            some = mine[first : first + BATCH]
-            for i, chi2 in zip(some, fitted(flux[some], weight[some], models), strict=True):
-                found[int(ids[i])] = answer(chi2, z)
-        print(f"sizes about {middle:.2f} arcsec: {len(mine)} galaxies", flush=True)
-    with open(options.answer, "w", newline="") as file:
+def scored(runs: list[OpenCampaign], output: Path, fits: Fits, band: str) -> dict[str, Any]:
+    """Score the fits as a user does, by a CSV file; return the scores."""
+    answer = output / "redshifts.csv"
+    with open(answer, "w", newline="") as file:
         writer = csv.writer(file)
-        writer.writerow(["id", "z", "good", "dchi2"])
-        writer.writerows([k, f"{v:.5f}", int(d >= GOOD), f"{d:.2f}"] for k, (v, d) in sorted(found.items()))
+        writer.writerow(["id", "z", "good"])
+        writer.writerows([k, f"{z:.5f}", int(good)] for k, (z, good) in sorted(answered(fits).items()))
+    return budget(runs, output, "catalogue", answer, band, say=lambda text: None)
+
+
+def share(one: dict[str, Any], name: str) -> str:
+    """Return completeness or purity with its error, as a cell."""
+    key = {"complete": "completeness", "pure": "purity"}[name]
+    return f"{one[key]:.3f} +- {one[f'{key}_err']:.3f}" if np.isfinite(one[key]) else ""
+
+
+def scatter(one: dict[str, Any]) -> list[str]:
+    """Return scatter and bias of good redshifts, as cells."""
+    return [
+        format(one[key], form) if np.isfinite(one[key]) else "" for key, form in (("sigma", ".4f"), ("bias", "+.4f"))
+    ]
+
+
+def bounds(one: dict[str, Any], below: str = "below") -> str:
+    """Return the words of a class."""
+    if not np.isfinite(one["high"]):
+        return f"above {one['low']:g}"
+    return f"{below} {one['high']:g}" if one["low"] == 0 and below else f"{one['low']:g} to {one['high']:g}"
+
+
+def class_tables(record: Record, found: dict[str, Any]) -> None:
+    """Record completeness, purity, scatter and bias by magnitude, redshift, size and contamination."""
+    heads = {
+        "magnitude": "i", "redshift": "redshift", "size": "half-light radius [arcsec]",
+        "contamination": "light of others / own",
+    }  # fmt: skip
+    for name, head in heads.items():
+        rows = [(bounds(one, ""), one) for one in found[name]]
+        if name == "magnitude":
+            rows.append(("all", found["all"]))
+        cells = [[label, one["objects"], *(share(one, part) for part in NEEDED), *scatter(one)] for label, one in rows]
+        record.table(name, [head, "galaxies", *NEEDED, "sigma_NMAD of dz / (1 + z)", "bias"], cells)
+
+
+def one_score(record: Record, key: str, one: dict[str, Any], what: str) -> None:
+    """Record completeness and purity of a set of galaxies."""
+    for name, full in (("complete", "completeness"), ("pure", "purity")):
+        record.value(f"{name}_{key}", one[full], f"{what}: {name}", error=one[f"{full}_err"])
+
+
+def template_table(record: Record, fits: dict[str, Fits], objects: ObjectTable) -> None:
+    """Record what each set of templates gives, for all galaxies and for bright ones, and what stricter rules do."""
+    bright, rows = objects.take(objects["magnitude"] < BRIGHT), []
+    for name, one in fits.items():
+        parts = [scores(answered(one), some)["all"] for some in (objects, bright)]
+        rows.append([name, *(share(part, word) for part in parts for word in NEEDED)])
+    heads = [*NEEDED, f"i < {BRIGHT:g}: complete", "pure"]
+    record.table("templates", ["templates", *heads], rows)
+    first = next(iter(fits.values()))
+    for least in STRICTER:
+        one_score(record, f"{least:.0f}", scores(answered(first, least), objects)["all"], f"chi2 larger by {least:g}")
+
+
+def contamination_table(
+    record: Record, subtracted: Fits, kept: Fits, objects: ObjectTable
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Record completeness and purity of the same galaxies with neighbours subtracted and kept; return both scores.
+
+    objects: of the spectra with all light kept, whose contamination is the true one.
+    """
+    same = objects.take(np.isin(objects["id"], list(subtracted)))
+    found = [scores(answered(fits), same) for fits in (subtracted, kept)]
+    rows = []
+    pairs = [*zip(*(one["contamination"] for one in found), strict=True), tuple(one["all"] for one in found)]
+    for one, other in pairs:
+        label = bounds(one) if "low" in one else "all"
+        rows.append([label, one["objects"], *(share(both, word) for word in NEEDED for both in (one, other))])
+    heads = ["complete, subtracted", "kept", "pure, subtracted", "kept"]
+    record.table("kept", ["light of others / own", "galaxies", *heads], rows)
+    return found[0], found[1]
+
+
+def line_table(record: Record, runs: list[OpenCampaign], classes: list[dict[str, Any]]) -> None:
+    """Record flux and place of emission lines over the true ones, by contamination, and of those with little of it."""
+    rows = []
+    for one in classes:
+        flux, shift = f"{one['ratio']:.3f} +- {one['ratio_err']:.3f}", f"{one['shift']:+.2f} +- {one['shift_err']:.2f}"
+        rows.append([bounds(one), one["lines"], flux, shift])
+    record.table("lines", ["light of others / own, at the line", "lines", "flux over true", "shift [px]"], rows)
+    frames = extracted(runs, "catalogue", lambda text: None)
+    every = line_biases([table for table, *_ in frames], [lines for _, lines, _ in frames])
+    clean = [one for one in every if abs(one["contamination"]) < CLEAN]
+    subsets = {"clean": clean, "all": every}
+    subsets |= {f"snr_{least:.0f}": [one for one in clean if one["ratio_err"] * least <= 1] for least in SNR}
+    for name, some in subsets.items():
+        ratio, error, shift, off = columns(some, "ratio", "ratio_err", "shift", "shift_err")
+        what = {"clean": f"lines with contamination below {CLEAN:g}", "all": "all lines"}.get(
+            name, f"lines with contamination below {CLEAN:g}, of true S/N {name[4:]} or more"
+        )
+        middle, spread = mean(ratio, error)
+        record.value(f"lines_{name}", len(some), f"{what}: number")
+        record.value(f"flux_{name}", middle, f"{what}: flux over the true one", error=spread)
+        middle, spread = mean(shift, off)
+        record.value(f"shift_{name}", middle, f"{what}: shift", unit="px", error=spread)
+        width = np.std((ratio - 1) / error) if some else np.nan
+        record.value(f"pull_{name}", width, f"{what}: width of the pulls of fluxes")
+
+
+def columns(rows: Sequence[dict[str, Any]], *names: str) -> list[np.ndarray]:
+    """Return the columns of rows."""
+    return [np.array([row[name] for row in rows], float) for name in names]
+
+
+def toy_templates(folder: Path) -> Path:
+    """Write csstsim's own templates as texts; return their folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for k, row in enumerate(own_templates()):
+        np.savetxt(folder / f"{k}.dat", np.stack([REST, row], axis=1))
+    return folder
+
+
+def main(record: Record) -> None:
+    """Fit and score."""
+    toy, output = record.toy, record.results / "redshifts"
+    band, step = ("r", TOY_STEP) if toy else ("i", STEP)
+    templates = record.options.templates
+    if toy:
+        emptied(output / "fields", record)
+        folders = fields(output / "fields", toy)
+        runs, templates = [made(folder, toy) for folder in folders], toy_templates(output / "templates")
+    else:
+        folders = fields(record.results / "redshift_field", toy)
+        runs = [opened(folder, toy) for folder in folders]
+    begin = time.process_time()
+    stack, objects = stacked(runs, "catalogue", output, band)
+    fits = {"EAZY's": fit(stack, objects, public_templates(templates), step)}
+    fit_cpu = time.process_time() - begin
+    found = scored(runs, output, fits["EAZY's"], band)
+    shutil.copy(output / "redshift.png", record.figure("budget_redshift.png"))
+    record.value("galaxies", len(objects), "galaxies")
+    one_score(record, "all", found["all"], "all galaxies")
+    bright = scores(answered(fits["EAZY's"]), objects.take(objects["magnitude"] < BRIGHT))["all"]
+    one_score(record, "bright", bright, f"galaxies to i = {BRIGHT:g}")
+    for key, one in (("all", found["all"]), ("bright", bright)):
+        record.value(f"sigma_{key}", one["sigma"], f"{key} galaxies: sigma_NMAD of dz / (1 + z)")
+    class_tables(record, found)
+    last = found["redshift"][-1]
+    record.value("far_good", last["good"], f"galaxies beyond z = {last['low']:g}: good redshifts")
+    record.value("far_right", round(last["good"] * last["purity"]), "of them right")
+    fits["csstsim's"] = fit(stack, objects, own_templates(), step)
+    template_table(record, fits, objects)
+    line_table(record, runs, found["lines"])
+    stack, objects = stacked(runs[:KEPT], "kept", output / "kept", band)
+    kept = fit(stack, objects, public_templates(templates), step)
+    record.value("kept_galaxies", len(objects), "galaxies of the places whose light of others is also kept")
+    two = contamination_table(record, fits["EAZY's"], kept, objects)
+    parts = {"frames": spent(folders, "frame")[0], "extract": spent(folders, "catalogue")[0]}
+    galaxy = (len(folders) * sum(parts.values()) + fit_cpu) / found["all"]["objects"]
+    record.value("fit_cpu", fit_cpu / len(folders), "stack and fit of a place", unit="CPU-s")
+    record.value("galaxy_cpu", galaxy, "a galaxy, from the sky to its redshift", unit="CPU-s")
+    record.value("all_cpu", galaxy * found["all"]["objects"] / 60, "all galaxies", unit="CPU-min")
+    wanted = found["all"]["objects"] * (found["all"]["completeness_err"] / 1e-3) ** 2
+    record.value("wanted", wanted, "galaxies for an error of 0.001 in completeness")
+    record.value("wanted_hours", wanted * galaxy / 3600, "the same", unit="CPU-h")
+    labels = "neighbours subtracted", "subtracted, two places", "kept, two places"
+    results = dict(zip(labels, (found, *two), strict=True))
+    redshift_cost.draw(record.figure("redshift_cost.png"), results, galaxy, band)
 
 
 if __name__ == "__main__":
-    main()
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--templates", type=Path, metavar="TEMPLATES", help="folder of texts")
+    with Record(parser) as record:
+        main(record)

@@ -2,9 +2,10 @@
 
 from pathlib import Path
 
+from evidence import ROOT
+
 import numpy as np
 import yaml
-from evidence import ROOT
 
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.astrometry.reduction import icrs
