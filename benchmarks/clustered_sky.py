@@ -1,32 +1,26 @@
-"""Make the galaxies of a patch of sky once, for galaxy_clustering.py: places, redshifts, i magnitudes, haloes.
+"""Galaxies of a patch of sky, for galaxy_clustering.py and mean_numbers.py: positions, redshifts, i, haloes.
 
-    python benchmarks/clustered_sky.py [--bricks 64] [--first 409600] [--structure haloes]
-        [--output results/clustered_sky]
-
-The patch is a HEALPix pixel of as many bricks (4 to 256 of 0.0525 deg2 each). The galaxies are those of a campaign but
-for the faint limit: `DENSITY` keeps those to i = 26, so a brick takes two CPU seconds. Writes one npz file.
+They are those of a campaign but for the faint limit: `DENSITY` keeps those to i = 26, so a brick takes two CPU seconds.
 """
 
-import argparse
 import tempfile
 from pathlib import Path
 
 import numpy as np
 import yaml
 
-from csstsim.base.healpix import BRICKS
 from csstsim.base.process.progress import progress
 from csstsim.base.shipped import SHIPPED
 from csstsim.catalog.truth_bricks import AREA_DEG2, _clustered, _population, _streams, place
-from csstsim.instrument.camera import load_camera
-from csstsim.universe.parameters import load_universe
+from csstsim.instrument.camera import Camera, load_camera
+from csstsim.universe.parameters import Universe, load_universe
 
-SEED, FIRST = 7, 6400 * 64  # a patch at middle latitude, 3.4 deg2 of 64 bricks
+SEED = 7
 DENSITY = 80.0  # per arcmin2
 COLUMNS = ("ra", "dec", "z", "i", "gal_type", "halomass", "satellite", "log_mass")
 
 
-def thin_universe(density=DENSITY):
+def thin_universe(density: float = DENSITY) -> Universe:
     """Return the shipped universe with fewer galaxies."""
     with tempfile.TemporaryDirectory() as folder:
         for file in (SHIPPED / "universe").iterdir():
@@ -40,7 +34,7 @@ def thin_universe(density=DENSITY):
     return universe
 
 
-def galaxies(universe, camera, structure, pix):
+def galaxies(universe: Universe, camera: Camera, structure: str, pix: int) -> dict[str, np.ndarray]:
     """Return the COLUMNS of the galaxies of a brick."""
     streams, population = _streams(SEED, pix, "galaxies"), _population(universe, camera)
     if structure == "none":
@@ -56,25 +50,15 @@ def galaxies(universe, camera, structure, pix):
     return {name: sample[name][sample["i"] < population.limit] for name in COLUMNS}
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--bricks", type=int, default=64, choices=(1, 4, 16, 64, 256))
-    parser.add_argument("--first", type=int, default=FIRST, help="first brick, a multiple of `bricks`")
-    parser.add_argument("--structure", default="haloes", choices=("haloes", "field", "none"))
-    parser.add_argument("--output", type=Path, default=Path("results/clustered_sky"))
-    args = parser.parse_args()
-    if args.first % args.bricks or not 0 <= args.first < BRICKS:
-        parser.error(f"--first {args.first}: needs a multiple of {args.bricks} below {BRICKS}")
-    universe, camera = thin_universe(), load_camera()
-    parts = []
-    for pix in progress(range(args.first, args.first + args.bricks), "bricks"):
-        part = galaxies(universe, camera, args.structure, pix)
-        parts.append(part | {"brick": np.full(len(part["z"]), pix)})
-    args.output.mkdir(parents=True, exist_ok=True)
-    path = args.output / f"{args.structure}.npz"
-    np.savez(path, **{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
-    print(path, sum(len(part["z"]) for part in parts), "galaxies")
-
-
-if __name__ == "__main__":
-    main()
+def patch(structure: str, bricks: range, path: Path, density: float = DENSITY) -> dict[str, np.ndarray]:
+    """Return the COLUMNS and the `brick` of the galaxies of bricks, made or as kept in `path` (npz)."""
+    if not path.exists():
+        universe, camera, parts = thin_universe(density), load_camera(), []
+        for pix in progress(bricks, "bricks"):
+            found = galaxies(universe, camera, structure, pix)
+            parts.append(found | {"brick": np.full(len(found["z"]), pix)})
+        part = path.with_suffix(".part.npz")
+        np.savez(part, **{name: np.concatenate([each[name] for each in parts]) for name in parts[0]})
+        part.replace(path)
+    with np.load(path) as kept:
+        return dict(kept)
