@@ -1,21 +1,27 @@
-"""Richness of clusters against their mass, with and without the galaxies in front of and behind them.
+"""Satellites and richness against haloes' mass, with and without the galaxies in front of and behind clusters.
 
-    python benchmarks/cluster_richness.py [--bricks 1024] [--figure results/richness.png]        (ten CPU-minutes)
+    python benchmarks/cluster_richness.py [--bricks 1024]                                         (ten CPU-minutes)
+
+Satellites by halo mass at z = 0.1 are compared with Zehavi et al. (2011, ApJ 736, 59, table 3), at the same number
+density; their masses are scaled to our larger density of matter.
 
 Richness is the number of quiescent galaxies above 10^10.1 solar masses (0.2 L*) within R_lambda, as redMaPPer's. The
 members of a halo are known. An observer has a cylinder: galaxies within R_lambda on the sky and within a part of
 (1 + z) in redshift, less the mean number of such galaxies there. Each galaxy counts for the richest cluster alone, as
 where redMaPPer percolates. `WIDTHS` are the half-widths; Sunayama et al. (2020, MNRAS 496, 4468) found 60 Mpc / h to be
-that of SDSS, 0.018 (1 + z) at z = 0.25. Clusters are those of the mock, with their places on the sky.
+that of SDSS, 0.018 (1 + z) at z = 0.25. Clusters are those of the mock, with their positions on the sky.
 
-Its mean at given mass is beside Murata et al. (2018, ApJ 854, 120), who fitted the richness of haloes of given mass to
-SDSS. The mean mass at given richness is beside McClintock et al. (2019, MNRAS 482, 1352). The two are not each other's
-inverse, because richness scatters.
+Its mean at given mass is compared with Murata et al. (2018, ApJ 854, 120), who fitted the richness of haloes of given
+mass to SDSS. The mean mass at given richness is compared with McClintock et al. (2019, MNRAS 482, 1352). The two are
+not each other's inverse, because richness scatters.
 """
 
 import argparse
+from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
 from pathlib import Path
+
+from evidence.record import Record
 
 import matplotlib
 
@@ -31,10 +37,13 @@ from csstsim.base.sphere import frames
 from csstsim.catalog.truth_bricks import _clustered
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.load import read_data
+from csstsim.universe.galaxies.clustered import ClusteredGalaxies
 from csstsim.universe.galaxies.members import draw_members, redshift
+from csstsim.universe.galaxies.occupation import Occupation
 from csstsim.universe.parameters import load_universe
 
 SEED, FIRST = 7, 6400 * 64
+TOY_BRICKS = 16
 H = 0.6766
 FAINTEST = 10.1  # log10 solar masses in stars: 0.2 L*
 LIGHTEST = 11.8  # log10 solar masses of haloes whose galaxies are counted: lighter ones have none so massive
@@ -43,15 +52,16 @@ NEAR, FAR = 0.2, 0.45  # redshifts of clusters; galaxies are from 0.1 nearer to 
 WIDTHS = (0.018, 0.035, 0.05)  # half-widths of the slice over 1 + z
 SDSS_Z, PIVOT_Z = 0.25, 0.35  # of Murata et al. (0.1 to 0.33), of McClintock et al.
 RICHNESS = (20, 30, 45, 80)
+MASSES = ((13.8, 14.05), (14.05, 14.35), (14.35, 14.7))  # log10 solar, of clusters with projection
 PUBLISHED = read_data(Path(__file__).resolve().parents[1] / "tests" / "universe" / "published_galaxies.yaml")
 
 
-def reach(richness):
-    """R_lambda [physical Mpc]."""
+def reach(richness: np.ndarray | float) -> np.ndarray:
+    """Return R_lambda [physical Mpc]."""
     return (np.asarray(richness) / 100) ** 0.2 / H
 
 
-def settled(count, rounds=20):
+def settled(count: Callable, rounds: int = 20) -> np.ndarray:
     """Return the richness of objects whose number within a radius [physical Mpc] is count(radius) (n,)."""
     found = count(reach(20.0))
     for _ in range(rounds):
@@ -59,7 +69,7 @@ def settled(count, rounds=20):
     return found
 
 
-def of_members(clusters, mass, z):
+def of_members(clusters: ClusteredGalaxies, mass: np.ndarray, z: float) -> np.ndarray:
     """Return the richness of clusters drawn at log10 masses (n,), of their own members."""
     rng = np.random.default_rng(1)
     radius = clusters.matter.mass_function.virial_radius(10**mass)
@@ -72,7 +82,7 @@ def of_members(clusters, mass, z):
     return settled(lambda radius: np.bincount(halo[apart < np.broadcast_to(radius, len(mass))[halo]], None, len(mass)))
 
 
-def sky(clusters, bricks):
+def sky(clusters: ClusteredGalaxies, bricks: Iterable[int]) -> tuple[dict, np.ndarray, np.ndarray, np.ndarray]:
     """Return haloes of the bricks (columns with `vector`), and their red galaxies: vector, z, row of the halo."""
     parts = []
     for pix in progress(bricks, "bricks"):
@@ -94,8 +104,8 @@ def sky(clusters, bricks):
     return haloes | {"vector": centre, "chi": chi}, place, redshift(haloes["z"][halo], members.speed[red]), halo
 
 
-def inside(vectors, bricks, margin):
-    """Return which places are farther than `margin` [rad] from the outline of the patch of bricks."""
+def inside(vectors: np.ndarray, bricks: np.ndarray, margin: float) -> np.ndarray:
+    """Return which positions are farther than `margin` [rad] from the outline of the patch of bricks."""
     import healpy
 
     near = np.ones(len(vectors), bool)
@@ -106,11 +116,13 @@ def inside(vectors, bricks, margin):
     return near
 
 
-def _angles(vectors):
+def _angles(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.arctan2(vectors[:, 1], vectors[:, 0]), np.arcsin(np.clip(vectors[:, 2], -1, 1))
 
 
-def projected(haloes, place, z, chosen, width, area):
+def projected(
+    haloes: dict, place: np.ndarray, z: np.ndarray, chosen: np.ndarray, width: float, area: float
+) -> np.ndarray:
     """Return the richness of the `chosen` haloes in a slice of half-width `width` (1 + z), richest first served."""
     clusters = np.flatnonzero(chosen)
     tree = cKDTree(place)
@@ -139,7 +151,7 @@ def projected(haloes, place, z, chosen, width, area):
     return settled(lambda radius: count(radius, first[owner] >= best[galaxy]))
 
 
-def murata(log_mass):
+def murata(log_mass: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
     """Return the median and mean richness of haloes of these log10 masses by Murata et al. (2018)."""
     law = PUBLISHED["richness"]
     x = np.log(10**log_mass * H / law["pivot"])
@@ -147,13 +159,13 @@ def murata(log_mass):
     return median, median * np.exp(0.5 * (law["sigma"] + law["q"] * x) ** 2)
 
 
-def mcclintock(richness, z):
+def mcclintock(richness: np.ndarray | float, z: np.ndarray | float) -> np.ndarray:
     """Return the mean mass within 200 times the mean density [solar] at a richness by McClintock et al. (2019)."""
     law = PUBLISHED["richness_mass"]
     return law["mass"] * (richness / law["pivot"]) ** law["slope"] * ((1 + z) / (1 + law["z"])) ** law["growth"]
 
 
-def label(axes):
+def label(axes: Sequence[plt.Axes]) -> None:
     """Name the axes of the two panels: richness at given mass, mean mass at given richness."""
     axes[0].set(
         xlabel="mass, 200 times the mean density [solar]", ylabel="richness", xlim=(1.5e13, 2e15), ylim=(1, 200)
@@ -164,9 +176,34 @@ def label(axes):
         axis.legend(fontsize=8)
 
 
-def beside_published(axes, clusters):
-    """Draw and print the mean richness of members at given mass, and the mean mass at given richness."""
-    mass = np.repeat(np.arange(13.3, 15.21, 0.1), 60)
+def report_satellites(record: Record, occupation: Occupation) -> None:
+    """Record mean satellites by halo mass compared with Zehavi et al. (2011), at the same number densities."""
+    published, masses, z = PUBLISHED["satellites"], (13.0, 13.5, 14.0, 14.5), 0.1
+    matter = np.log10(occupation.grid.cosmology.omega_m / published["omega_m"])  # dex of halo mass
+    row = np.searchsorted(occupation.grid.z, z) - 1
+    density = occupation._density[row] / occupation.grid.volume[row]
+    mean = occupation.surviving[row][:, None] * occupation.satellite  # of a halo, above each proxy
+    every, rows = density @ (occupation.central + mean), []
+    for magnitude, m0, m1, alpha, number, fraction in published["rows"]:
+        least = np.interp(-number * H**3, -every, occupation.proxies)
+        found = np.interp(least, occupation.proxies, density @ mean / every)
+        cells = []
+        for m in masses:
+            ours = np.interp(least, occupation.proxies, mean[np.argmin(np.abs(occupation.mass - m))])
+            theirs = ((10 ** (m - matter) * H - 10**m0) / 10**m1) ** alpha
+            cells.append(f"{ours:.2g} ({theirs:.2g})")
+        rows.append([f"{magnitude:g}", *cells, f"{found:.2f} ({fraction:.2f})"])
+    header = ["M_r below", *(f"log mass {m:g}" for m in masses), "fraction of satellites"]
+    record.table("satellites", header, rows)
+    column = np.argmin(np.abs(occupation.grid.log_mass - 10.0))
+    for z in (0.1, 0.6, 1.0, 2.0):
+        found = occupation.satellite_share[np.searchsorted(occupation.grid.z, z) - 1, column]
+        record.value(f"satellites_{z:g}", found, f"fraction of satellites at 10^10 solar masses in stars, z = {z:g}")
+
+
+def report_members(record: Record, axes: Sequence[plt.Axes], clusters: ClusteredGalaxies) -> None:
+    """Draw and record the mean richness of members at given mass, and the mean mass at given richness."""
+    mass, rows = np.repeat(np.arange(13.3, 15.21, 0.1), 60), []
     found = of_members(clusters, mass, SDSS_Z)
     each = np.unique(mass)
     axes[0].plot(10**each, [found[mass == m].mean() for m in each], "C0", label="mean, members alone")
@@ -174,23 +211,27 @@ def beside_published(axes, clusters):
     for m in (13.9, 14.2, 14.5, 14.8):
         here = np.abs(mass - m) < 0.01
         scatter = np.log(np.maximum(found[here], 1)).std()
-        print(
-            f"z = {SDSS_Z}, members at 10^{m:.1f}: {found[here].mean():.1f}, scatter {scatter:.2f} in ln; "
-            f"published {murata(m)[1]:.1f}"
-        )
+        rows.append([f"{m:g}", f"{found[here].mean():.1f}", f"{scatter:.2f}", f"{murata(m)[1]:.1f}"])
+    record.table("members", ["log mass", "richness of members", "scatter in ln", "SDSS: Murata et al. 2018"], rows)
     found = of_members(clusters, mass, PIVOT_Z)
     weight = clusters.matter.mass_function.dn_dlnm(10**mass, PIVOT_Z)
+    ratios = []
     for low, high in pairwise(RICHNESS):
         here = (found >= low) & (found < high)
         mean, lam = (np.average(v[here], weights=weight[here]) for v in (10**mass, found))
-        print(f"z = {PIVOT_Z}, mass at {lam:.0f} members: {mean:.2e}, published {mcclintock(lam, PIVOT_Z):.2e}")
+        ratios.append(mean / mcclintock(lam, PIVOT_Z))
         axes[1].plot(lam, mean, "C0s", mfc="none", label="members alone" if low == RICHNESS[0] else None)
+    what = "mean mass at a number of members, over McClintock et al. (2019)"
+    record.value("members_ratio_min", min(ratios), f"least {what}")
+    record.value("members_ratio_max", max(ratios), f"largest {what}")
     grid = np.array([15, 100])
     axes[1].plot(grid, mcclintock(grid, PIVOT_Z), "k", label="McClintock et al. 2019")
 
 
-def with_projection(axes, clusters, bricks):
-    """Print and draw the same for the mock's own clusters with all galaxies in front of and behind them."""
+def report_projection(
+    record: Record, axes: Sequence[plt.Axes], clusters: ClusteredGalaxies, bricks: np.ndarray
+) -> None:
+    """Draw and record the same for the mock's own clusters with all galaxies in front of and behind them."""
     haloes, place, z, _ = sky(clusters, bricks)
     area = len(bricks) * 4 * np.pi / (12 * NSIDE**2)
     cosmology = clusters.population.cosmology
@@ -199,46 +240,63 @@ def with_projection(axes, clusters, bricks):
     rows = np.flatnonzero(candidates)
     kept = inside(haloes["vector"][rows], bricks, margin)
     mass, far = haloes["log_mass"][rows][kept], haloes["z"][rows][kept]
-    print(f"{area * (180 / np.pi) ** 2:.0f} deg2, {len(z)} red galaxies, {len(mass)} haloes above 10^{CLUSTER}")
+    record.value("area", area * (180 / np.pi) ** 2, "sky in which clusters are counted", unit="deg2")
+    record.value("clusters", len(mass), f"haloes above 10^{CLUSTER} solar masses in it, z = {NEAR:g} to {FAR:g}")
+    at_mass, at_richness, ratios = [], [], []
     for width in WIDTHS:
         found = projected(haloes, place, z, candidates, width, area)[kept]
-        words = []
-        for low, high in ((13.8, 14.05), (14.05, 14.35), (14.35, 14.7)):
+        for low, high in MASSES:
             here = (mass > low) & (mass < high)
+            if not here.any():
+                continue  # few bricks
             scatter = 0.5 * np.diff(np.log(np.maximum(np.percentile(found[here], [16, 84]), 1)))[0]
-            expected = murata(mass[here])[1].mean()
-            words.append(f"{mass[here].mean():.2f}: {found[here].mean():.1f} ({expected:.1f}), {scatter:.2f}")
-        print(
-            f"slice {width} (1 + z), richness at log mass (Murata et al.), half of the 68% range in ln: "
-            + "; ".join(words)
-        )
-        words = []
+            cells = [f"{mass[here].mean():.2f}", f"{found[here].mean():.1f}", f"{scatter:.2f}"]
+            at_mass.append([f"{width:g}", *cells, f"{murata(mass[here])[1].mean():.1f}"])
         for low, high in pairwise(RICHNESS):
             here = (found >= low) & (found < high)
+            if not here.any():
+                continue
             mean, error = (10 ** mass[here]).mean(), (10 ** mass[here]).std() / np.sqrt(here.sum())
             lam, expected = found[here].mean(), mcclintock(found[here], far[here]).mean()
-            words.append(f"{lam:.0f}: {mean:.2e} +- {error:.1e} of {here.sum()}, {mean / expected:.2f}")
+            ratios.append((mean / expected, error / expected))
+            cells = [f"{mean / 1e14:.2f} ± {error / 1e14:.2f}", here.sum(), f"{mean / expected:.2f}"]
+            at_richness.append([f"{width:g}", f"{lam:.0f}", *cells])
             if width == WIDTHS[0]:
                 told = "with projection" if low == RICHNESS[0] else None
                 axes[1].errorbar(lam, mean, error, fmt="rs", label=told)
-        print("    mass at richness, over McClintock et al.: " + "; ".join(words))
         if width == WIDTHS[0]:
             axes[0].plot(10**mass, found, "r.", ms=2, alpha=0.4, label="each, with projection")
+    header = [
+        "half-width over 1 + z",
+        "mean log mass",
+        "richness",
+        "half of the 68% range of ln",
+        "SDSS: Murata et al. 2018",
+    ]
+    record.table("richness", header, at_mass)
+    header = ["half-width over 1 + z", "richness", "mean mass [10¹⁴ solar]", "clusters", "over McClintock et al. 2019"]
+    record.table("mass", header, at_richness)
+    ratio, error = np.array(ratios or [(np.nan, np.nan)]).T
+    what = "mean mass at a richness with projection, over McClintock et al. (2019)"
+    record.value("ratio_min", ratio.min(), f"least {what}")
+    record.value("ratio_max", ratio.max(), f"largest {what}")
+    record.value("ratio_error_min", (error / ratio).min(), "least error of these, of the value")
+    record.value("ratio_error_max", (error / ratio).max(), "largest error of these, of the value")
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--bricks", type=int, default=1024, choices=(64, 256, 1024))
-    parser.add_argument("--figure", type=Path, default=Path("results/richness.png"))
-    args = parser.parse_args()
+def main(record: Record) -> None:
     clusters = _clustered(SEED, load_universe(), load_camera(), "haloes")
     figure, axes = plt.subplots(1, 2, figsize=(11, 4.6), layout="constrained")
-    beside_published(axes, clusters)
-    with_projection(axes, clusters, np.arange(FIRST, FIRST + args.bricks))
+    report_satellites(record, clusters.occupation)
+    report_members(record, axes, clusters)
+    report_projection(record, axes, clusters, np.arange(FIRST, FIRST + record.options.bricks))
     label(axes)
-    args.figure.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(args.figure, dpi=90)
+    figure.savefig(record.figure("cluster_richness.png"), dpi=90)
 
 
 if __name__ == "__main__":
-    main()
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--bricks", type=int, default=1024, choices=(TOY_BRICKS, 64, 256, 1024))
+    with Record(parser) as record:
+        record.options.bricks = TOY_BRICKS if record.toy else record.options.bricks
+        main(record)
