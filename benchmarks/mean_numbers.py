@@ -55,17 +55,20 @@ def found(clusters, grid, bricks):
     return np.array(out)
 
 
-def departures():
-    """Return rows (name, z range, log mass, dex) of published points that the mass functions miss by FAR or more."""
+def departures() -> tuple[int, list[tuple]]:
+    """Return the number of published points and those that the mass functions miss by FAR or more.
+
+    The latter are rows (name, z range, log mass, dex).
+    """
     numbers = read_data(Path(__file__).resolve().parents[1] / "config" / "universe" / "galaxies.yaml")["mass_function"]
-    out = []
-    for entry in read_data(PUBLISHED)["mass_functions"]:
+    out, entries = [], read_data(PUBLISHED)["mass_functions"]
+    for entry in entries:
         log_mass, log_phi, _ = np.transpose(entry["points"])
         off = np.log10(sum(mass_function(log_mass, np.mean(entry["z"]), kind, numbers, 70.0) for kind in TYPES))
         out += [
             (entry["name"], entry["z"], m, d) for m, d in zip(log_mass, off - log_phi, strict=True) if abs(d) >= FAR
         ]
-    return out
+    return sum(len(entry["points"]) for entry in entries), out
 
 
 def main() -> None:
@@ -108,7 +111,9 @@ def compare(record: Record) -> None:
     record.value("cells", int(used.sum()), "cells of redshift and mass that are compared")
     record.value("chi2", chi2, "reduced chi square of the cells", below=CHI2)
     record.value("worst", worst, "largest departure of a cell", unit="sigma", below=WORST)
-    rows = [[name, f"{z[0]:g} to {z[1]:g}", f"{log_mass:g}", f"{dex:+.2f}"] for name, z, log_mass, dex in departures()]
+    points, off = departures()
+    rows = [[name, f"{z[0]:g} to {z[1]:g}", f"{log_mass:g}", f"{dex:+.2f}"] for name, z, log_mass, dex in off]
+    record.value("published_points", points, "published points of mass functions")
     record.value("departures", len(rows), f"published points that the mass functions miss by {FAR} dex or more")
     record.table("departures_by_point", ["published", "z", "log mass", "off [dex]"], rows)
 
