@@ -34,7 +34,9 @@ def main(record: Record) -> None:
     pole = np.array([0.0, -np.sin(OBLIQUITY), np.cos(OBLIQUITY)])
     away = np.cos(np.radians(OFF)) * opposition + np.sin(np.radians(OFF)) * pole
     radius, faint = TOY_RADIUS if record.toy else RADIUS, numbers | {"faintest": FAINTEST}
-    record.value("orbits", int(population(numbers).count.sum()), f"orbits that can be brighter than V = {numbers['faintest']:g}")
+    record.value(
+        "orbits", int(population(numbers).count.sum()), f"orbits that can be brighter than V = {numbers['faintest']:g}"
+    )
     densities = []
     for direction in (opposition, away):
         found = len(asteroids_near(1, MJD, sun, direction, np.radians(radius), faint)["id"])
