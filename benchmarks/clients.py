@@ -28,6 +28,7 @@ import numpy as np
 from client_codes import ccd, coadd, early, scamp
 from client_codes.figure import draw
 from client_codes.frames import frames_of, pointing, run_csstsim, stars
+from source_extractor import emptied
 
 from csstsim.base.errors import CsstsimError
 from csstsim.campaign.opened import OpenCampaign
@@ -150,7 +151,9 @@ def clients(record: Record) -> None:
     """Run the programs, and record what came out."""
     given = record.options
     if record.toy:
-        given.output, given.small = record.results / "clients", True
+        given.output, given.small = record.results / ("clients_early" if given.only == ["early"] else "clients"), True
+        shutil.rmtree(given.output / "frames", ignore_errors=True)
+        emptied(given.output / "out")
     chips = given.chips if given.chips == "imaging" else [int(number) for number in given.chips.split(",")]
     wanted = []
     for part in given.only:

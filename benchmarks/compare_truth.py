@@ -10,12 +10,14 @@ import argparse
 import contextlib
 import re
 import shutil
+import subprocess
+import sys
+from pathlib import Path
 
 from evidence import ROOT
 from evidence.record import Record
 
 import yaml
-from source_extractor import run_csstsim
 from toy_catalogue import toy_catalogue
 
 from csstsim.campaign.opened import OpenCampaign
@@ -23,6 +25,12 @@ from csstsim.campaign.opened import OpenCampaign
 PAGE = ROOT / "docs/compare_truth.md"
 EXPOSURE = "10100000004"  # of the page's first example
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+def run_csstsim(*words: object) -> None:
+    """Run a command of csstsim; what it says goes to stderr."""
+    command = [Path(sys.executable).parent / "csstsim", *words]
+    subprocess.run([str(word) for word in command], stdout=sys.stderr, check=True)
 
 
 def campaign(record: Record) -> OpenCampaign:

@@ -3,7 +3,7 @@
     python benchmarks/merged_completeness.py              # half of a chip, two visits a band; ten CPU-minutes
     python benchmarks/merged_completeness.py --keep       # the tables as they are, judged again
 
-Level-0 files are made once; every frame is measured and every brick merged at each run. Isolated objects are those of
+Every frame is made and measured, and every brick merged, at each run. Isolated objects are those of
 `csstsim validate`. True S/N is that of one exposure, in the best band, for a colour in the worse of
 its two; the joint S/N is that of all exposures of an object together. Colours are measured less true, from the merged
 magnitudes that are meant for colours if the table has them, else Kron. Stars include quasars. A source is called a star
@@ -21,7 +21,7 @@ from evidence.record import Record
 
 import numpy as np
 import yaml
-from source_extractor import FIELD, csstsim, run_csstsim
+from source_extractor import FIELD, csstsim, emptied, run_csstsim
 from toy_catalogue import toy_catalogue
 
 from csstsim.base.errors import CsstsimError
@@ -62,12 +62,11 @@ def campaign(output, radius, toy=False):
 
 
 def make(run):
-    """Make what is missing of the campaign; measure all frames and merge all bricks. Returns the CPU seconds."""
+    """Make and measure all frames, and merge all bricks. Returns the CPU seconds."""
     cpu = 0.0
     for job in run.jobs:
-        if not run.paths.level0_truth(job).is_file():
-            cpu += csstsim("chip", run, job)
-        cpu += csstsim("measure", run, job)
+        for command in "chip", "measure":
+            cpu += csstsim(command, run, job)
     for pix in run.merge_bricks:
         cpu += run_csstsim("merge", run.file, "--brick", str(pix))
     return cpu
@@ -214,7 +213,7 @@ def main() -> None:
     parser.add_argument(
         "--radius", type=float, default=3.9, help="Of the field, arcmin; its windows are twice as wide."
     )
-    parser.add_argument("--keep", action="store_true", help="Judge the merged bricks that there are.")
+    parser.add_argument("--keep", action="store_true", help="Compare the merged bricks that there are.")
     with Record(parser) as record:
         evaluate(record)
 
@@ -223,12 +222,12 @@ def evaluate(record: Record) -> None:
     """Make the field, and compare it with the truth."""
     given = record.options
     try:
-        if record.toy:
-            run = OpenCampaign(campaign(record.results / "merged_completeness", 0.4, toy=True))
-        else:
-            run = OpenCampaign(campaign(given.output, given.radius))
+        output, radius = (record.results / "merged_completeness", 0.3) if record.toy else (given.output, given.radius)
         if not given.keep:
-            record.value("cpu", make(run), "making what was missing, measuring, merging", unit="CPU-s")
+            emptied(output)
+        run = OpenCampaign(campaign(output, radius, toy=record.toy))
+        if not given.keep:
+            record.value("cpu", make(run), "making, measuring and merging all frames", unit="CPU-s")
         report(*judged(run), record)
     except CsstsimError as error:
         print(error, file=sys.stderr)

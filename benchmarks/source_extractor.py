@@ -4,11 +4,12 @@
     python benchmarks/source_extractor.py                      # r and i windows of the demo's field, full depth
     python benchmarks/source_extractor.py --campaign FILE      # the imaging science frames of a campaign
 
-Missing Level-0 files are made; each frame is calibrated and measured (`csstsim calibrate`, `measure`), and the two
-programs detect and measure its sources as well (benchmarks/astromatic.py). Both catalogues are compared with the truth
-as by `csstsim validate`: isolated objects, S/N of the truth. Magnitudes are those of the measured over the true
-electrons, so 0 means all light. psfex's model ends 10 px from a star, and much light lies beyond. So the total light is
-taken as FLUX_PSF times the light of its model within 6 px, over the share of csstsim's PSF there.
+Level-0 files are made, those of a campaign of your own if they are missing. Each frame is calibrated and measured
+(`csstsim calibrate`, `measure`), and the two programs detect and measure its sources as well
+(benchmarks/astromatic.py). Both catalogues are compared with the truth as by `csstsim validate`: isolated objects, S/N
+of the truth. Magnitudes are those of the measured over the true electrons, so 0 means all light. psfex's model ends
+10 px from a star, and much light lies beyond. So the total light is taken as FLUX_PSF times the light of its model
+within 6 px, over the fraction of csstsim's PSF there.
 
 Exit code 1 if completeness above S/N 5 differs by more than 2% and two sigma of the number that only one code finds, or
 a zero point by more than 0.02 mag; 2 if the input cannot be used or the programs are not installed.
@@ -16,6 +17,7 @@ a zero point by more than 0.02 mag; 2 if the input cannot be used or the program
 
 import argparse
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -74,6 +76,14 @@ def default_campaign(output, side, obsids=OBSIDS, toy=False):
     return path
 
 
+def emptied(output: Path) -> Path:
+    """Remove what an earlier run made in a folder, but not PSF sets, which tell themselves whether they are current."""
+    for path in output.glob("*"):
+        if path.is_dir() and path.name != "psf":
+            shutil.rmtree(path)
+    return output
+
+
 def csstsim(command, run, job):
     """Run a csstsim command on a job; return its CPU seconds."""
     return run_csstsim(command, run.file, "--obsid", job.obsid, "--chip", job.chip.id)
@@ -84,7 +94,8 @@ def run_csstsim(*arguments):
     process = subprocess.Popen(
         [str(part) for part in (Path(sys.executable).parent / "csstsim", *arguments)], stdout=sys.stderr
     )
-    _, process.returncode, used = os.wait4(process.pid, 0)
+    _, status, used = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode:
         sys.exit(process.returncode)
     return used.ru_utime + used.ru_stime
@@ -162,9 +173,9 @@ def compare(record: Record) -> None:
     given = record.options
     try:
         if record.toy:
-            file = default_campaign(record.results / "source_extractor", 800, OBSIDS[:2], toy=True)
+            file = default_campaign(emptied(record.results / "source_extractor"), 800, OBSIDS[:2], toy=True)
         else:
-            file = given.campaign or default_campaign(given.output, given.side)
+            file = given.campaign or default_campaign(emptied(given.output), given.side)
         run = OpenCampaign(file)
         jobs = [job for job in run.jobs if job.chip.kind == "imaging" and job.pointing.type == "SCIE"]
         if not jobs:

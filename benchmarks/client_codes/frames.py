@@ -56,7 +56,7 @@ class Frame:
 
 
 def pointing(output, chips, toy=False):
-    """Write the campaign of four exposures of `chips` to a folder and return it opened; toy: of a small window."""
+    """Write the campaign of four exposures of `chips` to a folder and return it opened; toy: small windows of two."""
     output.mkdir(parents=True, exist_ok=True)
     rows = ["obsid,type,ra,dec,pa,time,exptime"]
     for number, ((east, north), time) in enumerate(zip(DITHERS, TIMES, strict=True), start=1):
@@ -70,6 +70,7 @@ def pointing(output, chips, toy=False):
     file = output / "campaign.yaml"
     if toy:
         content["window"] = {"x0": 3000, "x1": 4500, "y0": 3000, "y1": 4500}
+        content["select"]["obsids"] = ["10105900001", "10105900002"]
     file.write_text(yaml.safe_dump(content, sort_keys=False))
     run = OpenCampaign(file)
     if toy:
