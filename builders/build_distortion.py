@@ -1,17 +1,20 @@
 """Builder of config/instrument/distortion.fits, the field distortion that simulations use (optics.geometry.distortion).
 
-    python builders/build_distortion.py [config/instrument]
+    python builders/build_distortion.py [config/instrument]             writes it if it differs
+    python builders/build_distortion.py --check [config/instrument]     writes nothing; exit code 1 if it differs
     python builders/build_distortion.py --placement SEED       prints placement rows for distortion.yaml
 
 The model is fitted to 30 x 30 samples on each chip of the focal plane described by distortion.yaml
-(csstsim.optics.geometry.focal_plane).
+(csstsim.optics.geometry.focal_plane). Two files are the same if coefficients are equal to 1e-8 of the largest: 2e-6 px.
 """
 
+import argparse
 import sys
 from pathlib import Path
 
 import fitsio
 import numpy as np
+from kept import Keeper, same_fits
 from numba import njit
 
 from csstsim.base.files.atomic import atomic_path
@@ -35,15 +38,17 @@ ABOUT = [
 ]
 MARGIN_PX = 2600.0  # around the chip: light of objects up to 2048 px off, moved by up to 214 px, may reach it
 CELLS = (2, 2)  # of the global spline, and of each chip's
+RELATIVE = 1e-8
 RMS = (1.0, 1.0, 5e-5, 5.0, 1e-4, 1e-4)  # px, px, rad, um, 1, 1
 
 
-def build(folder, nodes=30, **options):
-    """Fit the model to the data files of an instrument folder and write its distortion.fits."""
+def build(folder, nodes=30, keeper=None, **options):
+    """Fit the model to the data files of an instrument folder and write its distortion.fits, if it differs."""
     folder = Path(folder)
     camera, plane = load_camera(folder), load_focal_plane(folder / "distortion.yaml")
     model = fit({n: samples(plane, chip, nodes) for n, chip in camera.chips.items()}, camera.chips, **options)
-    write_distortion(folder / "distortion.fits", model, ABOUT)
+    with (keeper or Keeper()).file(folder / "distortion.fits", same_fits(RELATIVE)) as new:
+        write_distortion(new, model, ABOUT)
 
 
 @one_thread
@@ -126,8 +131,20 @@ def placement(seed):
         )
 
 
+def main() -> int:
+    """Do what is asked for; return the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", nargs="?", type=Path, default=SHIPPED / "instrument")
+    parser.add_argument("--check", action="store_true", help="write nothing; exit code 1 if the file differs")
+    parser.add_argument("--placement", type=int, metavar="SEED", help="print placement rows for distortion.yaml")
+    options = parser.parse_args()
+    if options.placement is not None:
+        placement(options.placement)
+        return 0
+    keeper = Keeper(options.check)
+    build(options.folder, keeper=keeper)
+    return keeper.code()
+
+
 if __name__ == "__main__":
-    if sys.argv[1:2] == ["--placement"]:
-        placement(int(sys.argv[2]))
-    else:
-        build(*(sys.argv[1:] or [SHIPPED / "instrument"]))
+    sys.exit(main())

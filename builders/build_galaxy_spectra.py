@@ -10,14 +10,19 @@ bright red light.
 The file also has the projections of each template with each dust column, so a galaxy's coefficients are linear in its
 masses.
 
-    python builders/build_galaxy_spectra.py ../shared/data        # writes config/universe/galaxy_spectra.fits
+    python builders/build_galaxy_spectra.py ../shared/data             # writes galaxy_spectra.fits if it differs
+    python builders/build_galaxy_spectra.py --check ../shared/data     # writes nothing; exit code 1 if it differs
+
+Two files are the same if their arrays are equal to 1e-5 of the largest value.
 """
 
+import argparse
 import sys
 from pathlib import Path
 
 import numpy as np
 from astropy.io import fits
+from kept import Keeper, same_fits
 
 from csstsim.base.rng import stream
 from csstsim.base.shipped import SHIPPED
@@ -82,8 +87,13 @@ def mixtures(stars, lines, rng):
     return seds / seds[:, optical].mean(axis=1, keepdims=True)
 
 
-def main(data):
-    stars, lines, info = templates(Path(data) / "galsed" / "k_nmf_derived.default.fits")
+def main() -> int:
+    """Make the file, and print how well the components span galaxies; return the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("data", type=Path, help="folder of the reference data")
+    parser.add_argument("--check", action="store_true", help="write nothing; exit code 1 if the file differs")
+    options = parser.parse_args()
+    stars, lines, info = templates(options.data / "galsed" / "k_nmf_derived.default.fits")
     train = mixtures(stars, lines, stream(1, "galaxy spectra"))
     weight = 1.0 / np.exp(np.log(train).mean(axis=0))
     rows = train * weight
@@ -104,10 +114,13 @@ def main(data):
         for name, rows in (("all", mags > 0), ("brighter half", mags > np.median(mags))):
             rms, worst = error[rows][:, part].std(), np.quantile(np.abs(broad[rows]), 0.99)
             print(f"{low}-{high} A, {name}: rms per sample {rms:.5f}; 99% of |broad-band error| below {worst:.5f}")
-    write(basis, projections, info)
+    keeper = Keeper(options.check)
+    with keeper.file(SHIPPED / "universe" / "galaxy_spectra.fits", same_fits(1e-5)) as new:
+        write(new, basis, projections, info)
+    return keeper.code()
 
 
-def write(basis, projections, info):
+def write(path, basis, projections, info):
     head = fits.Header()
     head["SOURCE"] = "kcorrect NMF templates, Blanton & Roweis 2007, AJ 133, 734 (BSD-3)"
     head["DUST"] = "Calzetti et al. 2000, ApJ 533, 682, times (lambda/5500 A)^dust.slope"
@@ -124,8 +137,8 @@ def write(basis, projections, info):
         fits.ImageHDU(projections[1].astype(np.float32), name="LINES"),
         fits.ImageHDU(DUST.astype(np.float32), name="DUST"),
         fits.BinTableHDU.from_columns(columns, name="TEMPLATES"),
-    ]).writeto(SHIPPED / "universe" / "galaxy_spectra.fits", overwrite=True)  # fmt: skip
+    ]).writeto(path)  # fmt: skip
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    sys.exit(main())

@@ -1,6 +1,9 @@
 """Builder of config/universe/star_spectra.fits, the compact model of stellar atmospheres (universe.stars.star_sed).
 
-    python builders/build_star_spectra.py ../shared/data config/universe/star_spectra.fits Table_DA.txt
+    python builders/build_star_spectra.py ../shared/data config/universe/star_spectra.fits Table_DA.txt [--check]
+
+The file is written if it differs: two are the same if arrays are equal to 4e-5 of the largest value, a step of the 16
+bits of coefficients. `--check` writes nothing, and ends with exit code 1 if it differs.
 
 Steps, all in ln of photon density at the knots: (1) Castelli & Kurucz 2004 on (Teff, log g, [Fe/H]); (2) BT-Settl
 CIFIST (Baraffe+ 2015) for cool stars, with the [Fe/H] dependence of BT-Settl at log g 4.5 (grizli's copy) and the
@@ -13,6 +16,7 @@ smooth factor that gives the photometry of pure-hydrogen atmospheres (Holberg & 
 2021-01-13 (in the PyPI package WDPhotTools: wd_photometry/Table_DA_13012021.txt).
 """
 
+import argparse
 import sys
 from pathlib import Path
 
@@ -20,6 +24,7 @@ import numpy as np
 import speclite.filters
 from astropy.io import fits
 from astropy.table import Table
+from kept import Keeper, same_fits
 from star_grids import GridSeds, read_packed
 
 from csstsim.base.units import ab_photon_density
@@ -27,6 +32,7 @@ from csstsim.instrument.filter import GRID
 from csstsim.universe.stars.star_sed import KNOTS, cubic, linear
 
 COMPONENTS = 60
+RELATIVE = 4e-5  # of coefficients in 16 bits
 UV_FLOOR = 1e-6  # of the peak photon density: a cool star's light below it is not that of the photosphere
 FEH = np.array([-2.5, -2.0, -1.5, -1.0, -0.5, 0.0, 0.5])
 LOGG = np.array([0.0, 1.0, 2.0, 3.0, 3.5, 4.0, 4.5, 5.0, 5.5])
@@ -241,7 +247,7 @@ def write(out, nodes, mean, basis, coefficients):
     head["CRVAL1"], head["CDELT1"] = (KNOTS[0], "Angstrom, first knot"), (KNOTS[1] - KNOTS[0], "Angstrom")
     for line in SOURCES:
         head["HISTORY"] = line
-    fits.HDUList(hdus).writeto(out, overwrite=True)  # no checksum, whose comment has the date
+    fits.HDUList(hdus).writeto(out)  # no checksum, whose comment has the date
 
 
 def report(loss, used):
@@ -254,11 +260,17 @@ def report(loss, used):
         print(f"{low}-{high} K, from 2000 A:", *cells)
 
 
-def main(data, out, table_da):
-    """Write the file."""
-    ln_s, hot = atmospheres(data)
+def main() -> int:
+    """Make the file; return the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("data", type=Path, help="folder of the reference data")
+    parser.add_argument("out", type=Path, help="the file")
+    parser.add_argument("table_da", type=Path, help="Montreal table of pure-hydrogen atmospheres")
+    parser.add_argument("--check", action="store_true", help="write nothing; exit code 1 if the file differs")
+    options = parser.parse_args()
+    ln_s, hot = atmospheres(options.data)
     calibrate(ln_s)
-    white = white_dwarfs(hot, table_da)[:, :, None]
+    white = white_dwarfs(hot, options.table_da)[:, :, None]
     ln_s = np.concatenate([ln_s, np.repeat(white, len(FEH), axis=2)], axis=1)
     ln_s = np.logaddexp(ln_s, ln_s.max(axis=-1, keepdims=True) + np.log(UV_FLOOR))[::-1]  # theta rises
     weight = importance().reshape(ln_s.shape[:3])[::-1].ravel()
@@ -266,8 +278,11 @@ def main(data, out, table_da):
     loss = (mean + coefficients @ basis - ln_s.reshape(-1, len(KNOTS))).reshape(*ln_s.shape[:3], -1)
     report(loss, weight.reshape(ln_s.shape[:3]) >= 0.3)
     nodes = 5040.0 / TEFF[::-1], np.append(LOGG, WHITE), FEH
-    write(out, nodes, mean, basis, coefficients.reshape(*ln_s.shape[:3], COMPONENTS))
+    keeper = Keeper(options.check)
+    with keeper.file(options.out, same_fits(RELATIVE)) as new:
+        write(new, nodes, mean, basis, coefficients.reshape(*ln_s.shape[:3], COMPONENTS))
+    return keeper.code()
 
 
 if __name__ == "__main__":
-    main(*map(Path, sys.argv[1:]))
+    sys.exit(main())

@@ -1,17 +1,22 @@
 """Make every table of survey_tables/, and measure the coverage of each field.
 
-    python builders/make_tables.py [folder]       write the tables (default: survey_tables/)
-    python builders/make_tables.py --coverage     print each filter's coverage of the 5 deg2 circles
+    python builders/make_tables.py [folder]             write the tables that differ (default: survey_tables/)
+    python builders/make_tables.py --check [folder]     write nothing; exit code 1 if a table differs
+    python builders/make_tables.py --coverage           print each filter's coverage of the 5 deg2 circles
 
-Nothing is random: the same code and config/instrument/ give the same bytes. Field centres, sizes and numbers of
-exposures are those of the paper's Cycle-9 runs (Table 1); their real pointings are not public.
+Nothing is random: the same code and config/instrument/ give the same bytes. Tables are the same if numbers are equal to
+two units of their last digit, which is left to another machine's rounding, and words and times are equal. Field
+centres, sizes and numbers of exposures are those of the paper's Cycle-9 runs (Table 1); their real pointings are not
+public.
 """
 
+import argparse
 import sys
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
+from kept import Keeper
 from year_of_visits import iso, visited
 
 from csstsim.base.shipped import SHIPPED
@@ -167,7 +172,7 @@ def covered(camera, exposures, ra, dec, samples=4000):
     return counts
 
 
-def write(path, exposures, comment, states=False):
+def write_table(path, exposures, comment, states=False):
     """Write a survey table of {obsid: Pointing}; without spacecraft `states`, they follow from the orbit model."""
     lines = [f"# {comment}", "# made by make_tables.py; columns: README.md", "obsid,type,ra,dec,pa,time,exptime"]
     lines[-1] += ",sat_x,sat_y,sat_z,sat_vx,sat_vy,sat_vz" if states else ""
@@ -178,8 +183,30 @@ def write(path, exposures, comment, states=False):
     path.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
 
 
-def make_all(folder, camera):
-    """Write all tables into `folder`."""
+def same_table(one: Path, other: Path) -> bool:
+    """Tell whether two tables have the same words, and numbers equal to two units of their last digit."""
+    cells = [path.read_text(encoding="utf-8").replace("\n", ",\n,").split(",") for path in (one, other)]
+    return len(cells[0]) == len(cells[1]) and all(map(_same_cell, *cells))
+
+
+def _same_cell(one: str, other: str) -> bool:
+    decimals = len(one.partition(".")[2])
+    if one == other or not decimals or decimals != len(other.partition(".")[2]):
+        return one == other
+    try:
+        return abs(float(one) - float(other)) <= 2.5 * 10.0**-decimals
+    except ValueError:
+        return False
+
+
+def make_all(folder: Path, camera, keeper: Keeper | None = None) -> None:
+    """Write all tables into `folder`, if they differ."""
+    keeper = keeper or Keeper()
+
+    def write(path, *about, **options):
+        with keeper.file(path, same_table) as new:
+            write_table(new, *about, **options)
+
     write(folder / "calibration.csv", calibration(), "bias, dark and LED flat exposures")
     comment = "one target, seven bands, two position angles each; one GV chip"
     write(folder / "demo.csv", one_target(camera, DEMO_TARGET, DEMO_FIRST), comment)
@@ -211,17 +238,25 @@ def _angle(a, b):
     return np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), np.dot(a, b)))
 
 
-def main(arguments):
+def main() -> int:
+    """Do what is asked for; return the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", nargs="?", type=Path, default=SHIPPED.parent / "survey_tables")
+    parser.add_argument("--check", action="store_true", help="write nothing; exit code 1 if a table differs")
+    parser.add_argument("--coverage", action="store_true", help="print each filter's coverage of the fields")
+    options = parser.parse_args()
     camera = load_camera(SHIPPED / "instrument")
-    if arguments == ["--coverage"]:
+    if options.coverage:
         for name, (ra, dec, _, _) in FIELDS.items():
             counts = covered(camera, wide_field(camera, name, "10199"), ra, dec)
             print(f"{name}: part of the circle exposed once or more, twice or more; mean exposures of a point")
             for band, n in counts.items():
                 print(f"  {band:4s}{(n > 0).mean():.4f}  {(n > 1).mean():.3f}  {n.mean():.2f}")
-        return
-    make_all(Path(arguments[0]) if arguments else SHIPPED.parent / "survey_tables", camera)
+        return 0
+    keeper = Keeper(options.check)
+    make_all(options.folder, camera, keeper)
+    return keeper.code()
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    sys.exit(main())
