@@ -1,19 +1,25 @@
-"""A full-depth grating chip of the standard scene with all layers, catalogue to Level-0 file: CPU s by stage, memory.
+"""A full-depth grating chip of the standard scene with all layers, catalogue to spectra: CPU s by stage, memory.
 
     python benchmarks/standard_scene.py --chip 29 1 3     # makes the scene on a GV, a GI and a GU chip
     python benchmarks/slitless_chip.py [--chips 29 1 3]
 
 Runs `csstsim chip` with the layers of science.yaml, once with the shipped traps of a young detector, once with the
 density of traps of the paper's tests. A first run makes the PSF set and the compiled kernels; of three more the
-cheapest counts.
+cheapest counts. Then `csstsim extract` extracts the spectra of the frame with the shipped traps.
 """
 
 import argparse
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
 
 from evidence.record import Record
 
 import yaml
 from chip_stages import PAPER, ROOT, RUNS, TOY, measured, observation
+from private_memory import PrivateMemory
 from toy_catalogue import toy_catalogue
 
 from csstsim.campaign.opened import OpenCampaign
@@ -54,6 +60,8 @@ def main() -> None:
             for name, traps in TRAPS.items():
                 file, runs = campaign(number, traps, record.toy), 1 if record.toy else options.runs
                 rows.append(cost_of(number, name, file, runs, record))
+                if traps is None:
+                    extraction(file, runs, record)
         header = ["chip", "objects", "traps", "select", "render", "readout", "level0", "start-up", "all", "GB"]
         record.table("chips", header, rows)
 
@@ -71,6 +79,26 @@ def cost_of(number, name, file, count, record):
     cells = [f"{stages.get(stage, 0.0):.1f}" for stage in ("select", "render", "readout", "level0")]
     ends = f"{total - sum(stages.values()):.1f}", f"{total:.1f}", f"{memory:.2f}"
     return [f"{job.chip.filter}, {number}", objects, name, *cells, *ends]
+
+
+def extraction(file: Path, count: int, record: Record) -> None:
+    """Record the cost of the frame's spectra: the cheapest of several runs, start-up included."""
+    job = OpenCampaign(file).jobs[0]
+    line = [Path(sys.executable).parent / "csstsim", "extract", file, "--obsid", job.obsid, "--chip", job.chip.id]
+    runs = []
+    for _ in range(count):
+        process = subprocess.Popen([str(word) for word in line], stdout=subprocess.PIPE, text=True)
+        with PrivateMemory(process.pid) as memory:
+            said = process.stdout.read()
+            _, status, used = os.wait4(process.pid, 0)
+        if status:
+            sys.exit(f"csstsim extract failed: {said}")
+        runs.append((used.ru_utime + used.ru_stime, memory.largest, int(re.search(r"^(\d+) spectr", said, re.M)[1])))
+    cpu, gb, spectra = min(runs)
+    key, what = job.chip.filter, f"csstsim extract, {job.chip.filter} chip"
+    record.value(f"{key}_spectra", spectra, f"{what}: spectra")
+    record.value(f"{key}_extract_cpu", cpu, what, unit="CPU-s")
+    record.value(f"{key}_extract_gb", gb, f"{what}: private memory", unit="GB")
 
 
 if __name__ == "__main__":

@@ -137,8 +137,8 @@ def found_line(lines, row, kind, line):
     return float(mine["flux"][np.argmin(off)]) / given if len(mine) and off.min() < 4 * SIGMA else np.nan
 
 
-def report(run, job, table, record):
-    """Return a row for each grating and kind of object; record what a goal is of."""
+def report(run, job, table, record, flux_of_lines):
+    """Return a row for each grating and kind of object; add the mean flux of lines, out over in, to each kind's."""
     out = []
     lines = ObjectTable.read(run.paths.lines(*job.key))
     truth, line = ObjectTable.read(run.paths.level0_truth(job)), LINE[job.chip.filter]
@@ -171,7 +171,8 @@ def report(run, job, table, record):
                 f"{centroid.mean():+.3f} (largest {np.abs(centroid).max():.3f})",
                 f"{power.min():.0f} to {power.max():.0f}",
             )
-            line_flux = f"{found.sum() / max(len(found), 1):.3f} ({len(found)} found)"
+            flux_of_lines[kind].append(found.mean() if len(found) else np.nan)
+            line_flux = f"{flux_of_lines[kind][-1]:.3f} ({len(found)} found)"
             out.append([grating.name, kind, len(rows), *cells, *line_cells, line_flux])
     return out
 
@@ -187,13 +188,17 @@ def main() -> None:
 
 def trip(record: Record) -> None:
     """Draw, read out and extract the spectra of each chip; record what came back."""
-    options, rows = record.options, []
+    options, rows, flux_of_lines = record.options, [], {"star": [], "galaxy": []}
     for number in options.chips[:1] if record.toy else options.chips:
         run = campaign(record.results / "slitless_round_trip" / f"chip_{number:02d}", number, options.all)
         job = run.job(OBSID, number)
         chip_stage.chip(run, job, say=lambda text: None)
         extract_stage.extract(run, job)
-        rows += report(run, job, ObjectTable.read(run.paths.spectra(*job.key)), record)
+        rows += report(run, job, ObjectTable.read(run.paths.spectra(*job.key)), record, flux_of_lines)
+    for kind, fluxes in flux_of_lines.items():
+        what = f"flux of {kind}s' lines in the table of lines, out over in: mean of a grating, "
+        record.value(f"line_flux_{kind}_least", np.min(fluxes), what + "least")
+        record.value(f"line_flux_{kind}_most", np.max(fluxes), what + "largest")
     header = ["grating", "object", "number", "electrons out / in", "flux out / in", "line off its trace [px]"]
     record.table("spectra", [*header, "resolving power", "line flux out / in"], rows)
 
