@@ -3,7 +3,7 @@
     python benchmarks/mean_numbers.py [--bricks 64] [--structure haloes]
 
 Bricks at random places are far apart, so their numbers are independent. Without structure the mean is that of the mass
-functions in closed form; the table has the difference to it in percent, with the error from the scatter among the bricks,
+functions in closed form; the table has the difference to it in percent. Its error is from the scatter among bricks,
 which has Poisson's chance and that of structure (poorly known from fewer than 20 bricks). Only galaxies to i = 26 or so
 are drawn (clustered_sky.DENSITY). Last come the published points from which the mass functions differ by more than
 0.15 dex. The goal: differences are those of chance, no cell beyond 4 sigma and a reduced chi square of at most 2.
