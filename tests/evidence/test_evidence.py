@@ -219,9 +219,9 @@ def test_every_command_is_a_script_with_a_record_and_no_script_is_left_out():
         assert each.full.startswith("python benchmarks/") and set(each.after) <= set(known), each.name
     scripts = {each.script for each in known.values()}
     texts = {path: path.read_text() for path in sorted((ROOT / "benchmarks").glob("*.py"))}
-    for path, text in texts.items():
+    for path, text in texts.items():  # a script that another one starts has no record of its own
         started = any(path.name in other for file, other in texts.items() if file != path)
-        if "__main__" in text and not started and path.name not in WITHOUT:  # a script that another one starts has no record of its own
+        if "__main__" in text and not started and path.name not in WITHOUT:
             assert f"benchmarks/{path.name}" in scripts, f"{path.name} is not in commands.yaml"
 
 
