@@ -22,7 +22,7 @@ from evidence.record import Record
 
 import numpy as np
 import redshift_cost
-from redshift_field import KEPT, emptied, fields, made, opened, spent
+from redshift_field import CHIPS, KEPT, emptied, fields, jobs_of, made, opened, spent
 from redshift_fit import REST, STEP, TOY_STEP, fit, own_templates, public_templates
 
 from csstsim.budget.redshift.extracted import extracted
@@ -31,6 +31,7 @@ from csstsim.budget.redshift.report import budget
 from csstsim.budget.redshift.scores import scores
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
+from csstsim.measure.spectra.line_fluxes import judged
 
 GOOD, STRICTER = 16.0, (25.0, 40.0)
 BRIGHT = 21.0  # mag
@@ -160,6 +161,26 @@ def line_table(record: Record, runs: list[OpenCampaign], classes: list[dict[str,
         record.value(f"pull_{name}", width, f"{what}: width of the pulls of fluxes")
 
 
+def pull_table(record: Record, folders: list[Path], runs: list[OpenCampaign]) -> None:
+    """Record how all fluxes of isolated lines compare with the true ones, by grating, and how many limits hold."""
+    rows, blind = [], 0
+    for band, chip in CHIPS.items():
+        parts = []
+        for folder, run in zip(folders, runs, strict=True):
+            for job in (job for job in jobs_of(run) if job.chip.id == chip):
+                path = folder / "catalogue" / run.paths.lines(*job.key).name
+                parts.append(ObjectTable.read(path))
+        lines = ObjectTable.concat(parts)
+        one = judged(lines)
+        pulls = ["" if one[key] is None else f"{one[key]:.2f}" for key in ("pull_mean", "pull_width")]
+        limits = f"{one['limits_held']:,} of {one['limits']:,}"
+        rows.append([band, len(parts), f"{one['isolated']:,}", *pulls, limits])
+        blind += int((lines["line"] == "").sum())
+    header = ["grating", "frames of 300 s", "isolated lines", "mean pull", "width of pulls", "limits that hold"]
+    record.table("pulls", header, rows)
+    record.value("blind", blind, "lines found without a redshift")
+
+
 def columns(rows: Sequence[dict[str, Any]], *names: str) -> list[np.ndarray]:
     """Return the columns of rows."""
     return [np.array([row[name] for row in rows], float) for name in names]
@@ -204,6 +225,7 @@ def main(record: Record) -> None:
     fits["csstsim's"] = fit(stack, objects, own_templates(), step)
     template_table(record, fits, objects)
     line_table(record, runs, found["lines"])
+    pull_table(record, folders, runs)
     stack, objects = stacked(runs[:KEPT], "kept", output / "kept", band)
     kept = fit(stack, objects, public_templates(templates), step)
     record.value("kept_galaxies", len(objects), "galaxies of the places whose light of others is also kept")

@@ -1,6 +1,6 @@
 """Round trip of spectra: objects at nine positions of both gratings of a GU, a GV and a GI chip, drawn and extracted.
 
-    python benchmarks/slitless_round_trip.py [--chips 3 2 1]
+    python benchmarks/slitless_round_trip.py [--all] [--chips 3 2 1]
 
 Each position has an isolated star and an isolated galaxy (half-light radius 0.25", disk and bulge), each with a smooth
 continuum and one narrow emission line (sigma 2 A). The exposure of 150 s has every layer of science.yaml but charge
@@ -137,9 +137,9 @@ def found_line(lines, row, kind, line):
     return float(mine["flux"][np.argmin(off)]) / given if len(mine) and off.min() < 4 * SIGMA else np.nan
 
 
-def report(run, job, table, record, flux_of_lines):
-    """Return a row for each grating and kind of object; add the mean flux of lines, out over in, to each kind's."""
-    out = []
+def report(run, job, table):
+    """Return a row for each grating and kind of object, and [(kind, light, lines off [px], flux of lines)] of them."""
+    out, parts = [], []
     lines = ObjectTable.read(run.paths.lines(*job.key))
     truth, line = ObjectTable.read(run.paths.level0_truth(job)), LINE[job.chip.filter]
     gratings = run.camera.gratings[job.chip.id]
@@ -160,9 +160,7 @@ def report(run, job, table, record, flux_of_lines):
                 rows.append((light, flux, *line_of(part, line), found_line(lines, row, kind, line)))
             light, flux, centroid, power, found = np.array(rows).T
             found = found[np.isfinite(found)]
-            key, what = f"{grating.name}_{kind}", f"{grating.name}, {kind}s"
-            record.value(f"light_{key}", light.mean(), f"{what}: electrons out over in, mean")
-            record.value(f"off_{key}", np.abs(centroid).max(), f"{what}: the line off its trace, largest", unit="px")
+            parts.append((kind, light, np.abs(centroid), found.mean() if len(found) else np.nan))
             cells = (
                 f"{light.mean():.4f} ({light.min():.4f} to {light.max():.4f})",
                 f"{flux.min():.4f} to {flux.max():.4f}",
@@ -171,10 +169,9 @@ def report(run, job, table, record, flux_of_lines):
                 f"{centroid.mean():+.3f} (largest {np.abs(centroid).max():.3f})",
                 f"{power.min():.0f} to {power.max():.0f}",
             )
-            flux_of_lines[kind].append(found.mean() if len(found) else np.nan)
-            line_flux = f"{flux_of_lines[kind][-1]:.3f} ({len(found)} found)"
+            line_flux = f"{parts[-1][-1]:.3f} ({len(found)} found)"
             out.append([grating.name, kind, len(rows), *cells, *line_cells, line_flux])
-    return out
+    return out, parts
 
 
 def main() -> None:
@@ -188,17 +185,24 @@ def main() -> None:
 
 def trip(record: Record) -> None:
     """Draw, read out and extract the spectra of each chip; record what came back."""
-    options, rows, flux_of_lines = record.options, [], {"star": [], "galaxy": []}
+    options, rows, parts = record.options, [], []
+    folder = record.results / ("slitless_round_trip" + ("_all" if options.all else ""))
     for number in options.chips[:1] if record.toy else options.chips:
-        run = campaign(record.results / "slitless_round_trip" / f"chip_{number:02d}", number, options.all)
+        run = campaign(folder / f"chip_{number:02d}", number, options.all)
         job = run.job(OBSID, number)
         chip_stage.chip(run, job, say=lambda text: None)
         extract_stage.extract(run, job)
-        rows += report(run, job, ObjectTable.read(run.paths.spectra(*job.key)), record, flux_of_lines)
-    for kind, fluxes in flux_of_lines.items():
-        what = f"flux of {kind}s' lines in the table of lines, out over in: mean of a grating, "
-        record.value(f"line_flux_{kind}_least", np.min(fluxes), what + "least")
-        record.value(f"line_flux_{kind}_most", np.max(fluxes), what + "largest")
+        lines, more = report(run, job, ObjectTable.read(run.paths.spectra(*job.key)))
+        rows, parts = rows + lines, parts + more
+    for kind, many in (("star", "stars"), ("galaxy", "galaxies")):
+        light, off, fluxes = zip(*(part[1:] for part in parts if part[0] == kind), strict=True)
+        light = np.concatenate(light)
+        error = light.std(ddof=1) / np.sqrt(len(light))
+        record.value(f"light_{kind}", light.mean(), f"electrons of {many}, out over in", error=error)
+        record.value(f"off_{kind}", max(map(max, off)), f"lines of {many} off their traces, largest", unit="px")
+        for name, value in (("least", np.min(fluxes)), ("most", np.max(fluxes))):
+            what = f"flux of lines of {many}, out over in, mean of a grating: {name}"
+            record.value(f"line_flux_{kind}_{name}", value, what)
     header = ["grating", "object", "number", "electrons out / in", "flux out / in", "line off its trace [px]"]
     record.table("spectra", [*header, "resolving power", "line flux out / in"], rows)
 
