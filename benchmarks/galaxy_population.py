@@ -309,13 +309,14 @@ def compare_hst(record: Record, path: Path, columns: Columns, even: Columns, wei
 
 def compare_samples(record: Record, folder: Path, columns: Columns, even: Columns, weight: np.ndarray) -> None:
     bright = select(columns, columns["i"] < 26.5)
-    for name, compare in ((COSMOS_FILE, compare_cosmos), (HST_FILE, compare_hst)):
-        if not (folder / name).exists():
-            record.skip(name, f"{folder / name} is missing")
-        elif compare is compare_cosmos:
-            compare(record, folder / name, bright, galaxy_sample.magnitudes(bright, "z"))
-        else:
-            compare(record, folder / name, columns, even, weight)
+    missing = [name for name in (COSMOS_FILE, HST_FILE) if not (folder / name).exists()]
+    if missing:
+        record.skip(", ".join(missing), f"not in {folder}")
+        for name in ("cosmos", "radii"):
+            record.table(name, ["not compared"], [])
+        return
+    compare_cosmos(record, folder / COSMOS_FILE, bright, galaxy_sample.magnitudes(bright, "z"))
+    compare_hst(record, folder / HST_FILE, columns, even, weight)
 
 
 def main(record: Record) -> None:
