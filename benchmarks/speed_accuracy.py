@@ -28,7 +28,7 @@ TOGETHER = "", "_GV"  # share a chart
 TOY_OBJECTS = {"r": 4, "GV": 2, "shapes": 3}
 TOY_METHODS = {
     "r": "reference, photons, stamps, standard, noise_free, GalSim",
-    "GV": "reference, photons, slabs 4, standard, as the paper", "shapes": "reference, photons, standard, GalSim FFT",
+    "GV": "reference, photons, slabs 4, standard", "shapes": "reference, photons, standard, GalSim FFT",
 }  # fmt: skip
 REFERENCE = "reference"
 OWN = "photons", "stamps", "slabs 4", "standard", "noise_free"  # whose 95th percentiles the pages name
