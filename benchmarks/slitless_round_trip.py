@@ -160,7 +160,7 @@ def report(run, job, table):
                 rows.append((light, flux, *line_of(part, line), found_line(lines, row, kind, line)))
             light, flux, centroid, power, found = np.array(rows).T
             found = found[np.isfinite(found)]
-            parts.append((kind, light, np.abs(centroid), found.mean() if len(found) else np.nan))
+            parts.append((kind, light, np.abs(centroid), found))
             cells = (
                 f"{light.mean():.4f} ({light.min():.4f} to {light.max():.4f})",
                 f"{flux.min():.4f} to {flux.max():.4f}",
@@ -169,7 +169,7 @@ def report(run, job, table):
                 f"{centroid.mean():+.3f} (largest {np.abs(centroid).max():.3f})",
                 f"{power.min():.0f} to {power.max():.0f}",
             )
-            line_flux = f"{parts[-1][-1]:.3f} ({len(found)} found)"
+            line_flux = f"{found.mean():.3f} ({len(found)} found)" if len(found) else "none found"
             out.append([grating.name, kind, len(rows), *cells, *line_cells, line_flux])
     return out, parts
 
@@ -200,9 +200,12 @@ def trip(record: Record) -> None:
         error = light.std(ddof=1) / np.sqrt(len(light))
         record.value(f"light_{kind}", light.mean(), f"electrons of {many}, out over in", error=error)
         record.value(f"off_{kind}", max(map(max, off)), f"lines of {many} off their traces, largest", unit="px")
-        for name, value in (("least", np.min(fluxes)), ("most", np.max(fluxes))):
-            what = f"flux of lines of {many}, out over in, mean of a grating: {name}"
-            record.value(f"line_flux_{kind}_{name}", value, what)
+        record.value(f"lines_{kind}", sum(map(len, fluxes)), f"lines of {many} found without a redshift")
+        record.value(f"placed_{kind}", len(light), f"{many}")
+        if means := [flux.mean() for flux in fluxes if len(flux)]:
+            what = f"flux of found lines of {many}, out over in, mean of a grating"
+            record.value(f"line_flux_{kind}_least", min(means), f"{what}: least")
+            record.value(f"line_flux_{kind}_most", max(means), f"{what}: largest")
     header = ["grating", "object", "number", "electrons out / in", "flux out / in", "line off its trace [px]"]
     record.table("spectra", [*header, "resolving power", "line flux out / in"], rows)
 

@@ -3,8 +3,8 @@
     snakemake --cores 2                           # the demo
     python benchmarks/slitless_spectra.py [CAMPAIGN --obsid 10100000015 --chip 29]
 
-Shows the brightest star and the galaxy with the strongest emission line of a finished frame, and compares all spectra
-with the truth.
+Shows the star with the most light, and the galaxy or quasar with the strongest line, of a finished frame. Compares all
+spectra with the truth.
 """
 
 import argparse
@@ -66,7 +66,7 @@ def main(record: Record) -> None:
     record.value("ratio", np.median(ratios), "their light over the true one, median")
     record.value("width", np.median(widths), "width of their pulls, median")
     picture = Image.open(io.BytesIO(spectra_figure(truth, frame, orders, table, dpi=70))).convert("RGB")
-    picture.quantize(64).save(record.figure("slitless_spectra.png"), optimize=True)
+    picture.quantize(256).save(record.figure("slitless_spectra.png"), optimize=True)
 
 
 if __name__ == "__main__":
