@@ -44,6 +44,7 @@ from csstsim.stages.chip import chip
 from csstsim.stages.psf import open_psf
 
 OBSID, CHIP = "10100000001", 9
+TOY_SIZE = 500  # px
 FOLDER = Path("results/injection")
 LIMITS = {1000: 5.0, 10_000: 15.0}  # CPU s
 DIFFERENCE = 0.1  # sigma
@@ -81,13 +82,13 @@ def quiet(_):
 
 def cost(record):
     """Record CPU seconds."""
-    sim = simulation()
+    sim = simulation(TOY_SIZE if record.toy else None)
     run, job, frame = sim._run, sim._run.job(OBSID, CHIP), sim.chip(OBSID, CHIP)
     held = Held(FOLDER, frame.header, frame.header, frame.readout, "channels", None, frame.raw)
     planes = [np.full(job.window.shape, value, kind) for value, kind in ((0, "f4"), (0.05, "f4"), (0, "u1"))]
     for count in (20, min(LIMITS)) if record.toy else (20, *LIMITS):  # the first loads what is compiled
         rng = np.random.default_rng(count)
-        x, y = rng.uniform(20, job.window.nx - 20, (2, count))
+        x, y = (start + rng.uniform(20, job.window.nx - 20, count) for start in (job.window.x0, job.window.y0))
         kind = np.where(np.arange(count) % 2, "galaxy", "star")
         mag = np.where(kind == "star", rng.uniform(22.0, 25.6, count), rng.uniform(21.2, 24.7, count))
         table = table_of(objects(sim, x, y, mag, kind))
@@ -167,7 +168,7 @@ def _read_out(run, job, sky, light=None):
 
 def stars(record):
     """Record bias and pulls of 5,000 stars."""
-    field = Field(3, 100) if record.toy else Field(71, 128)
+    field = Field(3, 100, TOY_SIZE) if record.toy else Field(71, 128)
     found, _ = field.recovered(1)
     record.value("stars", int(found.clean.sum()), f"of {len(found.clean)} stars recovered cleanly")
     print(f"true S/N {found.snr.min():.0f} to {found.snr.max():.0f}")
@@ -187,7 +188,7 @@ def stars(record):
 
 def trend(record):
     """Record the pulls of measured fluxes against S/N, of four times 10,200 stars, and what makes them."""
-    field, rows = Field(3, 100) if record.toy else Field(101, 90), []
+    field, rows = Field(3, 100, TOY_SIZE) if record.toy else Field(101, 90), []
     runs = [field.recovered(realisation)[0] for realisation in range(1, 2 if record.toy else 5)]
     snr, pull, colour, noise, rest = (
         np.concatenate([getattr(run, name) for run in runs]) for name in ("snr", "pull", "colour", "noise", "rest")
@@ -224,10 +225,13 @@ class Found:
 
 
 class Field:
-    """Stars on a grid in a whole calibrated image of an empty sky, `side` times `side`, `step` px apart."""
+    """Stars on a grid in a calibrated image of an empty sky, `side` times `side`, `step` px apart.
 
-    def __init__(self, side, step):
-        sim = simulation()
+    size: of a window [px]; None: the whole chip.
+    """
+
+    def __init__(self, side, step, size=None):
+        sim = simulation(size)
         self.run, self.job = sim._run, sim._run.job(OBSID, CHIP)
         if not self.run.paths.level0(self.job).exists():
             chip(self.run, self.job, quiet)
@@ -235,12 +239,13 @@ class Field:
         rng = np.random.default_rng(5)
         lines = np.meshgrid(*[np.arange(side)] * 2)
         x, y = (v.ravel() * float(step) + 70 + rng.uniform(-8, 8, side**2) for v in lines)
-        self.table = objects(sim, x, y, rng.uniform(21.5, 24.8, side**2))
+        window = self.job.window
+        self.table = objects(sim, x + window.x0, y + window.y0, rng.uniform(21.5, 24.8, side**2))
         exact = Job(self.job.obsid, replace(self.job.exposure, fidelity="noise_free"))
         light = light_of(self.run, exact, catalogue_of(self.run, exact, table_of(self.table)), 1, quiet)
         self.truth, self.response = light.truth, calibration(self.run, self.job)[0]
-        share = self.response.at(*np.divmod(light.pixel, self.job.window.nx))
-        self.expected = np.zeros(self.job.window.shape, np.float32)  # electrons
+        share = self.response.at(*np.divmod(light.pixel, window.nx))
+        self.expected = np.zeros(window.shape, np.float32)  # electrons
         self.expected.reshape(-1)[light.pixel] = light.nominal / share
 
     def recovered(self, realisation):
@@ -271,7 +276,9 @@ class Field:
         The error follows the flux that was found: a pull of -(d ln error / d ln F) error / F.
         background [e-]: noise of a pixel without stars.
         """
-        window, model = self.job.window, psf_model(open_psf(self.run, self.job.chip), (0, 0), self.job.window.shape)
+        window = self.job.window
+        x, y = x - window.x0, y - window.y0
+        model = psf_model(open_psf(self.run, self.job.chip), (window.x0, window.y0), window.shape)
         sigma = point_window(model.kernel())
         place = *windowed_positions(self.expected, x, y, np.full(len(x), sigma))[:2], np.ones(len(x))
         cell, plane = model.cell(x, y), np.ones(window.shape, np.float32)

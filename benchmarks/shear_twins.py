@@ -8,8 +8,6 @@ galaxy and of its twin is the shear. m and c are those of sky, camera, `csstsim 
 
 import argparse
 import json
-from contextlib import redirect_stdout
-from io import StringIO
 from pathlib import Path
 
 from evidence import ROOT
@@ -18,9 +16,9 @@ from evidence.record import Record
 import yaml
 from campaign_gates import made
 from mini_campaign import write_campaign
+from paper_bricks import csstsim
 
 from csstsim.campaign.opened import OpenCampaign
-from csstsim.command_line.main import main as command
 from csstsim.stages.shear import shear
 
 TOY_SIDE = 768  # px of the chip, with galaxies of a 30th of the sky's density
@@ -41,12 +39,6 @@ def toy_campaign(folder: Path, like: Path) -> Path:
         for stage in ("chip", "measure"):
             csstsim(stage, file, "--obsid", job.obsid, "--chip", job.chip.id)
     return file
-
-
-def csstsim(*words: object) -> None:
-    """Run a command of csstsim in this process."""
-    with redirect_stdout(StringIO()):
-        command([str(word) for word in words], standalone_mode=False)
 
 
 def main() -> None:
