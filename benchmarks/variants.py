@@ -49,11 +49,16 @@ def keys(name):
     return {"observations": {"SCIE": str((FOLDER / "science.yaml").rename(FOLDER / f"{name}.yaml"))}}
 
 
+def few(*arguments):
+    """Return the keys of a campaign of few objects; arguments: of toy_catalogue."""
+    return {"catalog": toy_catalogue(FOLDER, *arguments), "psf": {"grid": 2}}
+
+
 def cost(names, record):
     """Record the cost of variants. Ends the process if a bit differs."""
     variants = {name: keys(name) for name in names}
     keep_light.observe(BEFORE)
-    small, runs = (keep_light.TOY | {"catalog": toy_catalogue(FOLDER, 300.09, -59.87)}, 1) if record.toy else ({}, RUNS)
+    small, runs = (keep_light.TOY | few(300.09, -59.87), 1) if record.toy else ({}, RUNS)
     base = campaign("base", keep="light", variants=variants, **small)
     opened, rows = OpenCampaign(base), []
     for pix in opened.sky_bricks if opened.embedded else ():
@@ -94,15 +99,13 @@ def figure(record):
     changed = keys("irradiated")
     keep_light.observe(BEFORE)
     content = load_campaign(ROOT / "config/full_chip.yaml").model_dump(mode="json")
-    select = content["select"] | {"chips": [9, 10]}
+    select = content["select"] | {"chips": [9] if record.toy else [9, 10]}
     measurement = content["measurement"] | {"cti_passes": 3}
     small = {"window": WINDOW}
     if record.toy:
-        field = toy_catalogue(FOLDER, 60.112, -40.035, 500, 0.03)  # about the middle of chip 9 in that exposure
-        small = {"window": {"x0": 4100, "x1": 5100, "y0": 4100, "y1": 5100}, "catalog": field}
-    name = "figure_toy" if record.toy else "figure"
+        small = {"window": {"x0": 4300, "x1": 4900, "y0": 4300, "y1": 4900}} | few(60.112, -40.035, 300, 0.02)
     base = campaign(
-        name, keep="light", variants={"irradiated": changed}, select=select, measurement=measurement, **small
+        "figure", keep="light", variants={"irradiated": changed}, select=select, measurement=measurement, **small
     )
     keep_light.snakemake(base)
     page = OpenCampaign(base).paths.variants_page.read_text()
@@ -112,11 +115,14 @@ def figure(record):
 
 def main() -> None:
     """Run what is asked for."""
+    global FOLDER
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("variants", nargs="*", metavar="VARIANT", help=f"of {', '.join(VARIANTS)} [default: all]")
     parser.add_argument("--figure", action="store_true")
     with Record(parser) as record:
         given = record.options
+        if record.toy:
+            FOLDER = keep_light.FOLDER = record.results / "variants"
         FOLDER.mkdir(parents=True, exist_ok=True)
         if given.figure:
             figure(record)
