@@ -3,7 +3,7 @@
     python benchmarks/paper_static_figures.py
 
 Draws throughputs.png (the paper's figure of response curves, with the wavelengths of the PSFs), led_bands.png (the
-lamps' lines over the bands) and fields.png (the pointings of Cycle 9 on the sky), and prints their main numbers.
+lamps' lines over the bands) and fields.png (the pointings of Cycle 9 on the sky), and records their main numbers.
 Everything is read from config/instrument/ and survey_tables/.
 """
 
@@ -21,12 +21,15 @@ from csstsim.base.healpix import NSIDE, brick_corners
 from csstsim.base.shipped import SHIPPED
 from csstsim.base.sphere import angle, offsets, unit_vectors
 from csstsim.campaign.survey_table import load_survey_table
+from csstsim.detector.channels import ReadoutFrame
 from csstsim.instrument.camera import load_camera
 from csstsim.optics.throughput.led import load_leds
 from csstsim.report.style import BLACK, BLUE, ORANGE, looks
 from csstsim.universe.dust.dust_map import galactic
 from csstsim.universe.parameters import load_universe
 
+PAPER = {"W1": 2.3, "W2": 2.3, "W3": 2.7, "W4": 2.7, "W5": 2.5, "all": 12.5}  # TB, its Table 1
+BRICKS, PIXEL = 366, 2  # the paper's number; bytes of a pixel of a Level-0 file
 SIDE = np.arange(0.25, 180.0, 0.5)  # deg, half the sky in cells of half a degree
 
 
@@ -38,11 +41,11 @@ def drawn_filters(camera):
         yield one, {"color": look.colour, "ls": look.line, "label": look.label}, one.kind == "slitless"
 
 
-def throughputs(camera):
-    """Return the Figure of the response curves; dashed lines are where the PSFs are sampled. Prints those."""
+def throughputs(camera, record):
+    """Return the Figure of the response curves; dashed lines are where the PSFs are sampled. Records those."""
     figure = Figure(figsize=(10, 6.4), layout="constrained")
     panels = dict(zip((False, True), figure.subplots(2, 1, sharex=True), strict=True))
-    print("band  peak  pivot [A]  zero point  PSF wavelengths [A]")
+    columns = {}
     for one, style, grating in drawn_filters(camera):
         panel, name = panels[grating], style.pop("label")
         some = one.throughput > 0
@@ -50,10 +53,12 @@ def throughputs(camera):
         tops = one.at(one.psf_wavelength)
         for wave, top in zip(0.1 * one.psf_wavelength, tops, strict=True):
             panel.plot([wave, wave], [0, top], color=style["color"], lw=0.8, ls=style["ls"] if grating else "--")
-        waves = " ".join(f"{wave:.0f}" for wave in one.psf_wavelength)
-        print(
-            f"{name:4s} {one.throughput.max():6.3f} {one.pivot:8.0f} {one.zeropoint(camera.telescope):10.2f}  {waves}"
-        )
+        waves = [f"{0.1 * wave:.0f}" for wave in one.psf_wavelength]
+        numbers = f"{one.throughput.max():.3f}", f"{0.1 * one.pivot:.0f}", f"{one.zeropoint(camera.telescope):.2f}"
+        columns[name] = [*waves, *numbers]
+    heads = *(f"PSF {k + 1} [nm]" for k in range(len(waves))), "highest throughput", "pivot [nm]", "zero point [AB mag]"
+    rows = [[head, *(cells[k] for cells in columns.values())] for k, head in enumerate(heads)]
+    record.table("throughputs", ["", *columns], rows)
     for grating, panel in panels.items():
         panel.set(xlim=(240, 1100), ylim=(0, None), ylabel="electrons per photon at the aperture")
         panel.set_title("gratings, first order" if grating else "imaging bands", fontsize=10)
@@ -62,8 +67,8 @@ def throughputs(camera):
     return figure
 
 
-def led_bands(camera):
-    """Return the Figure of the lamps' lines over the throughput of the bands; prints what each band receives."""
+def led_bands(camera, record):
+    """Return the Figure of the lamps' lines over the throughput of the bands; records what each band receives."""
     figure = Figure(figsize=(10, 5.6), layout="constrained")
     top, middle = figure.subplots(2, 1, sharex=True, height_ratios=(1, 1.4))
     leds = load_leds(camera.leds)
@@ -75,14 +80,15 @@ def led_bands(camera):
         top.annotate(led.name, (float(led.name), 1.03), rotation=90, ha="center", va="bottom", fontsize=8, color=tint)
     top.set(ylim=(0, 1.5), yticks=[0, 1], ylabel="line, peak 1")
     top.set_title("lamps [nm]: width as set in leds.yaml; orange: no flat of its own was taken", fontsize=10)
-    print("band  lamps that give it more than 1% of their photons")
+    rows = []
     for one, style, grating in drawn_filters(camera):
         name = style.pop("label")
         some = one.throughput > 0
         width = 1.0 if grating else 1.8
         middle.plot(0.1 * one.wavelength[some], one.throughput[some], **style, lw=width, label=name)
         share = {led.name: np.trapezoid(led.line * one.throughput, one.wavelength) for led in leds.values()}
-        print(f"{name:4s} ", ", ".join(f"{led} ({s:.2f})" for led, s in share.items() if s > 0.01))
+        rows.append([name, ", ".join(f"{led} ({part:.2f})" for led, part in share.items() if part > 0.01)])
+    record.table("led_bands", ["band", "lamps [nm] of whose photons it counts more than 1% (the fraction)"], rows)
     for led in leds.values():
         middle.axvline(float(led.name), color="#999999", lw=0.6, ls=":", zorder=0)
     middle.set(xlim=(240, 1100), ylim=(0, None), xlabel="wavelength [nm]", ylabel="electrons per photon")
@@ -110,8 +116,8 @@ def whole_bricks(ra, dec):
     return sum(int((angle(unit_vectors(*brick_corners(pix, 8)), centre) < RADIUS).all()) for pix in near)
 
 
-def sky(camera):
-    """Return the Figure of the fields on the sky, over the dust, and of each field's pointings; prints both."""
+def sky(camera, record):
+    """Return the Figure of the fields on the sky, over the dust, and of each field's pointings; records both."""
     figure = Figure(figsize=(10, 7.4), layout="constrained")
     whole, row = figure.subfigures(2, 1, height_ratios=(2.4, 1))
     axes = whole.add_subplot(projection="mollweide")
@@ -125,14 +131,19 @@ def sky(camera):
     curve(axes, Galactic(), "--", "Galactic equator")
     curve(axes, BarycentricMeanEcliptic(), ":", "ecliptic")
     small = row.subplots(1, len(FIELDS), sharex=True, sharey=True)
-    total = bricks = 0
-    print("field  exposures  within the circle    l    b  bricks wholly in it")
+    pixels = np.prod(ReadoutFrame.of(camera.detector, None).stored_shape("channels"))
+    rows, total, bricks = [], 0, 0
+
+    def cells(name, exposures, bricks, paper):
+        size = float(exposures * len(camera.chips) * pixels * PIXEL)
+        return [name, exposures, bricks, paper, f"{size / 1e12:.2f}", f"{2 * size / 2**40:.2f}"]
+
     for (name, (ra0, dec0, *_)), panel in zip(FIELDS.items(), small, strict=True):
         table = load_survey_table(SHIPPED.parent / "survey_tables" / f"{name}.csv", camera.orbit).values()
         name = name.upper()
         ra, dec = np.array([[pointing.ra, pointing.dec] for pointing in table]).T
         axes.plot(*on_map(ra, dec), ".", color=BLACK, ms=2)
-        lon, lat = (float(v) for v in galactic(ra0, dec0))
+        lat = float(galactic(ra0, dec0)[1])
         axes.annotate(
             f"{name}, b = {lat:.0f}°",
             on_map(ra0, dec0),
@@ -147,11 +158,20 @@ def sky(camera):
         panel.plot(RADIUS * np.cos(turn), RADIUS * np.sin(turn), color=ORANGE, lw=1.2)
         panel.set_title(f"{name} ({ra0:g}°, {dec0:g}°): {len(ra)}", fontsize=9)
         panel.set(aspect="equal", xlim=(1.8, -1.8), ylim=(-1.8, 1.8), xlabel="east [deg]")
-        inside = int((np.hypot(east, north) < RADIUS).sum())
         whole = whole_bricks(ra0, dec0)
-        print(f"{name:5s} {len(ra):9d} {inside:14d} {lon:9.0f} {lat:4.0f} {whole:10d}")
+        rows.append(cells(f"{name} ({ra0:g}°, {dec0:g}°)", len(ra), whole, PAPER[name]))
         total, bricks = total + len(ra), bricks + whole
-    print(f"all   {total:9d} {bricks:40d}")
+    heads = (
+        "bricks wholly in 5 deg²",
+        "paper [TB]",
+        "Level-0 files here, 10¹² bytes",
+        "with the rotated half, 2⁴⁰ bytes",
+    )
+    record.table(
+        "fields", ["field", "exposures, paper and here", *heads], [*rows, cells("all", total, bricks, PAPER["all"])]
+    )
+    record.value("bricks", bricks, "bricks wholly within the five circles", goal=bricks == BRICKS)
+    record.value("file", pixels * PIXEL / 1e6, "pixels of a Level-0 file", unit="MB")
     small[0].set_ylabel("north [deg]")
     hours = range(330, 0, -30)
     axes.set_xticks(np.radians([180 - h for h in hours]), [f"{h}°" for h in hours], fontsize=7)
@@ -170,8 +190,7 @@ def main() -> None:
     with Record(argparse.ArgumentParser(description=__doc__.splitlines()[0])) as record:
         camera = load_camera()
         for name, draw in (("throughputs", throughputs), ("led_bands", led_bands), ("fields", sky)):
-            with record.printed(name):
-                figure = draw(camera)
+            figure = draw(camera, record)
             figure.savefig(record.figure(f"{name}.png"), dpi=90)
 
 
