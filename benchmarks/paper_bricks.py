@@ -16,12 +16,14 @@ from pathlib import Path
 from evidence.record import Record
 
 import healpy
+import numpy as np
 import yaml
 from toy_catalogue import toy_catalogue
 
 from csstsim.base.healpix import NSIDE, brick_of
 from csstsim.campaign.aiming import aimed, chips_for, table_of
 from csstsim.campaign.opened import OpenCampaign
+from csstsim.catalog.table import ObjectTable
 from csstsim.command_line.main import main as command
 
 ROOT = Path(__file__).parents[1]
@@ -110,12 +112,15 @@ def main() -> None:
         if record.toy:
             given.images, given.radius = toy_images(record.results / "paper_images"), TOY_RADIUS
             given.output = record.results / "paper_bricks"
-        cpu, frames = 0.0, 0
+        cpu, frames, depths = 0.0, 0, []
         for pix, run in campaigns(given.images, given.output, given.radius).items():
             seconds = make(run, pix)
             print(f"brick {pix}: {len(run.jobs)} frames, {seconds:.0f} CPU s", flush=True)
             cpu, frames = cpu + seconds, frames + len(run.jobs)
+            of_g = (ObjectTable.read(run.paths.measure(*job.key)) for job in run.jobs if job.chip.filter == "g")
+            depths += [table.meta["depth_5sigma"] for table in of_g]
         record.value("frames", frames, "frames of the bricks")
+        record.value("depth_g", float(np.median(depths)), "depth of the g frames, 5 sigma, point source", unit="mag")
         record.value("cpu", cpu, "making what was missing", unit="CPU-s")
 
 

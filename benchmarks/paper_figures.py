@@ -29,6 +29,7 @@ from csstsim.stages.level0 import truth_of
 
 EDGES = np.arange(16.0, 29.01, 0.25)
 FEWEST = 10  # objects of a bin
+PSF_RANGE, KRON_RANGE = (19.0, 25.5), (19.0, 23.0)  # mag
 KINDS = ("stars and quasars", BLUE, "psf"), ("galaxies", ORANGE, "kron")
 
 
@@ -64,6 +65,22 @@ def magnitudes(axes, truths, band, fewest):
         panel.axhline(0.0, color="#666666", lw=0.8)
         panel.set(xlim=(16, 28), ylim=(-1, 1), xlabel=f"true {band} [AB mag]", ylabel=f"{light} out - in [mag]")
         panel.set_title(f"{kind}: {good.sum()} isolated ones found, of {len(given)}; median, 16 and 84%", fontsize=10)
+
+
+def offsets(record, truths, band):
+    """Record how far measured magnitudes of isolated stars and galaxies are from true ones."""
+    true = np.concatenate([t[f"mag_{band}"].astype(float) for t in truths])
+    off = np.concatenate([t["mag_out"] for t in truths]) - true
+    galaxy, alone = (np.concatenate([t[name] for t in truths]) for name in ("obj_type", "blended"))
+    good = np.isfinite(off) & ~alone.astype(bool)
+    for mine, key, what, (low, high) in (
+        (False, "psf", "PSF magnitudes of isolated stars", PSF_RANGE),
+        (True, "kron", "Kron magnitudes of isolated galaxies", KRON_RANGE),
+    ):
+        some = off[good & ((galaxy == GALAXY) == mine) & (true > low) & (true < high)]
+        error = 1.25 * float(np.std(some)) / max(len(some), 1) ** 0.5
+        what = f"{what} of {low:g} to {high:g} mag, out less in, median"
+        record.value(f"{key}_off", float(np.median(some)) if len(some) else np.nan, what, unit="mag", error=error)
 
 
 def distributions(axes, truths, frames, band):
@@ -154,6 +171,7 @@ def figures(record: Record) -> None:
     magnitudes(panels[0], truths, band, 1 if record.toy else FEWEST)
     distributions(panels[1, 0], truths, frames, band)
     shares(panels[1, 1], record, table, band, float(np.median([frame.info["depth_5sigma"] for frame in frames])))
+    offsets(record, truths, band)
     galaxy = np.concatenate([truth["obj_type"] == GALAXY for truth in truths])
     record.value("galaxies", int(galaxy.sum()), f"galaxies of the {len(frames)} images")
     record.value("stars", int((~galaxy).sum()), f"stars and quasars of the {len(frames)} images")
