@@ -86,7 +86,7 @@ def cost(record):
     run, job, frame = sim._run, sim._run.job(OBSID, CHIP), sim.chip(OBSID, CHIP)
     held = Held(FOLDER, frame.header, frame.header, frame.readout, "channels", None, frame.raw)
     planes = [np.full(job.window.shape, value, kind) for value, kind in ((0, "f4"), (0.05, "f4"), (0, "u1"))]
-    for count in (20, min(LIMITS)) if record.toy else (20, *LIMITS):  # the first loads what is compiled
+    for count in (20, *LIMITS):  # the first loads what is compiled
         rng = np.random.default_rng(count)
         x, y = (start + rng.uniform(20, job.window.nx - 20, count) for start in (job.window.x0, job.window.y0))
         kind = np.where(np.arange(count) % 2, "galaxy", "star")

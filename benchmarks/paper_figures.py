@@ -112,8 +112,8 @@ def shares(axes, record, table, band, depth):
         axes.plot(EDGES[:-1][good] + 0.125, seen[good] / n[good], "-o", color=tint, ms=3, label=kind)
         half, key = limit(table["mag"][some], found[some]), kind.split()[0]
         record.value(f"isolated_{key}", int(some.sum()), f"isolated {kind}")
-        if half is not None:
-            record.value(f"half_{key}", half, f"half of the isolated {kind} are found at this {band}", unit="mag")
+        what = f"half of the isolated {kind} are found at this {band}"
+        record.value(f"half_{key}", np.nan if half is None else half, what, unit="mag")
     axes.axvline(depth, color="#666666", ls=":", label="5 sigma of a point source")
     axes.axhline(0.95, color="#666666", ls="--", lw=1, label="95%")
     axes.set(xlim=(20, 29), ylim=(0, 1.05), xlabel=f"true {band} [AB mag]", ylabel="share found in one exposure")
