@@ -36,7 +36,7 @@ def spectra_checks(run, job, truth, table) -> dict[str, Any]:
 
 
 def _flux(truth, table) -> dict[str, float | int | None]:
-    good = ((table["flags"] & (DIM | LOST | CUT)) == 0) & np.isfinite(table["model"])
+    good = _known(table)
     good &= truth["obj_type"][table["row"]] != GALAXY
     spectra = np.stack([table["row"][good], table["order"][good]], axis=1)
     _, which = np.unique(spectra, axis=0, return_inverse=True)
@@ -49,6 +49,11 @@ def _flux(truth, table) -> dict[str, float | int | None]:
     return {"off": off, "error": sigma, "n": n}
 
 
+def _known(table) -> np.ndarray:
+    """Return (n,) bool: columns with a result whose light, their own and that of others, is known."""
+    return ((table["flags"] & (DIM | LOST | CUT)) == 0) & np.isfinite(table["model"])
+
+
 def _sky(run, job, table) -> dict[str, float | int | None]:
     steps = run.steps[job.pointing.type]
     step, dark = steps.step("sky_background"), steps.step("poisson_and_dark")
@@ -58,6 +63,6 @@ def _sky(run, job, table) -> dict[str, float | int | None]:
     row = np.clip(np.round(table["y"]).astype(int) - window.y0, 0, window.ny - 1)
     expected = image[row, table["column"] - window.x0]
     level = table["sky"] - (run.camera.detector.dark * job.pointing.exptime if dark else 0.0)
-    good = np.isfinite(level) & (expected > 0)
+    good = _known(table) & np.isfinite(level) & (expected > 0)
     off = float(np.median(level[good] / expected[good]) - 1) if good.any() else None
     return {"off": off, "n": int(np.unique(table["row"][good]).size)}

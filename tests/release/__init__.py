@@ -1,0 +1,1 @@
+"""A package, because benchmarks/release.py has this name too."""
