@@ -18,8 +18,9 @@ from astropy.io import fits
 
 from csstsim.base.shipped import ROOT
 from csstsim.campaign.opened import OpenCampaign
+from csstsim.recreate.objects import read_objects
 from csstsim.recreate.recreate import recreate
-from csstsim.recreate.side_by_side import side_by_side
+from csstsim.recreate.side_by_side import DIFFERS, LEVELS, compared
 from csstsim.stages.chip import chip
 
 OBSID, CHIP, SEED = "10100000004", 9, 5
@@ -32,6 +33,11 @@ KEPT = {
     *(f"{key}{n:02d}" for key in ("GAIN", "RON") for n in range(1, 17)),
     "CTYPE1", "CTYPE2", "CRPIX1", "CRPIX2", "CRVAL1", "CRVAL2", "CD1_1", "CD1_2", "CD2_1", "CD2_2",
 }  # fmt: skip
+WAYS = {
+    "same": "as it is", "other": "as another exposure: no noise in common",
+    "plain": "from the mission's keywords alone, with the seed",
+}  # fmt: skip
+SHOWN = *LEVELS, "light of points [e-]", "light of galaxies [e-]", "places, median [px]"
 STRUCTURE = {"BSCALE", "BZERO", "EXTNAME"}
 
 
@@ -86,9 +92,10 @@ def redraw(record: Record) -> None:
     if record.toy:
         options.output, options.window = record.results / "recreate", 400
     frame = drawn(first(options.output / "first", options.window))
-    truth, differs = frame.with_suffix(".cat"), 0
+    truth, differs, rows = frame.with_suffix(".cat"), 0, []
+    record.value("objects", len(read_objects(truth)["x"]), "objects of the frame's catalogue")
     plain = as_the_missions(frame, options.output / frame.name)
-    for name, shown in (("same", frame), ("other", frame), ("plain", plain)):
+    for name, shown in zip(WAYS, (frame, frame, plain), strict=True):
         folder = options.output / name
         if name == "plain" and options.window:
             continue  # the mission's frames are whole chips
@@ -97,8 +104,17 @@ def redraw(record: Record) -> None:
         if name == "other":
             for file in (folder / "campaign.yaml", folder / "survey_table.csv"):
                 file.write_text(file.read_text().replace(OBSID, OTHER))
-        with record.printed(name):
-            differs += side_by_side(frame, drawn(folder), truth, print)
+        print(name)
+        lines = compared(frame, drawn(folder), truth)
+        for line in lines:
+            print(f"{line.what:<24} {line.words}  {line.difference:+.4f} +- {line.error:.4f}  {line.verdict}")
+        differs += sum(line.verdict == DIFFERS for line in lines)
+        cells = {
+            line.what: f"{line.difference:+.4f} px" if "[px]" in line.what else f"{line.difference:+.2%}"
+            for line in lines
+        }
+        rows.append([WAYS[name], *(cells.get(what, "") for what in SHOWN)])
+    record.table("frames", ["frame drawn again", *(what.split(" [")[0] for what in SHOWN)], rows)
     record.value("differing", int(differs), "comparisons that differ by more than is allowed", below=0)
 
 
