@@ -129,8 +129,8 @@ def main() -> None:
         shutil.rmtree(folder, ignore_errors=True)
         pack(run, folder, print)
         record.value("pack_cpu", cpu_seconds() - before, "making the pack", unit="CPU-s")
-        if total := next((row for row in run_times(run) if row["step"] == "all"), None):
-            record.value("campaign_cpu", total["CPU [s]"], "all jobs of the campaign", unit="CPU-s")
+        total = {row["step"]: row for row in run_times(run)}.get("all", {"CPU [s]": np.nan})
+        record.value("campaign_cpu", total["CPU [s]"], "all jobs of the campaign", unit="CPU-s")
         report_size(record, folder)
         report_first(record, *follow(folder, record.results / "packs" / "read"))
         report_traces(record, folder)

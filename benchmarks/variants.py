@@ -25,7 +25,7 @@ from toy_catalogue import toy_catalogue
 from csstsim.campaign.config import load_campaign
 from csstsim.campaign.opened import OpenCampaign
 
-FOLDER = keep_light.FOLDER = ROOT / "results" / "variants"
+FOLDER = ROOT / "results" / "variants"
 VARIANTS = {  # name: changed numbers of the camera, or the density of traps
     "gain": {"detector.gain": 1.4, "detector.gain_spread": 0.03},
     "nonlinearity": {"detector.nonlinearity_quadratic": -1.0e-6, "detector.nonlinearity_cubic": 2.0e-12},
@@ -121,8 +121,7 @@ def main() -> None:
     parser.add_argument("--figure", action="store_true")
     with Record(parser) as record:
         given = record.options
-        if record.toy:
-            FOLDER = keep_light.FOLDER = record.results / "variants"
+        FOLDER = keep_light.FOLDER = record.results / ("variants_figure" if given.figure else "variants")
         FOLDER.mkdir(parents=True, exist_ok=True)
         if given.figure:
             figure(record)
