@@ -14,9 +14,9 @@ from pathlib import Path
 from evidence.record import Record
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 from astropy.io import fits
+
+from csstsim.catalog.table import ObjectTable
 
 SHAPE, TOY_SHAPE = (9232, 9216), (300, 300)  # px
 ROWS, TOY_ROWS, COLUMNS = 1_000_000, 1000, 71
@@ -47,7 +47,7 @@ def main() -> None:
         table = {"id": np.arange(count)} | {f"column_{k}": rng.random(count) for k in range(1, COLUMNS)}
         tables = [folder / f"{name}.parquet" for name in ("a", "b", "less")]
         for path in tables:
-            pq.write_table(pa.table(table), path)
+            ObjectTable(table).write(path)
             table["column_1"] = table["column_1"].copy()
             table["column_1"][count // 2] += 1
             if path == tables[1]:
