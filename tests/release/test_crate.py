@@ -7,12 +7,12 @@ from datetime import UTC, datetime
 import pytest
 import yaml
 from commands import done, refused
-from release.crates import checked, validated
 
 from csstsim import __version__
 from csstsim.base.shipped import ROOT
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.release.ran import ran
+from release.crates import checked, validated
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,6 @@ from astropy.io import fits
 from astropy.table import Table
 from astropy.wcs import WCS
 from commands import done, refused
-from release.crates import checked, validated
 
 from csstsim.base.errors import InputError
 from csstsim.campaign.opened import OpenCampaign
@@ -19,6 +18,7 @@ from csstsim.catalog.table import ObjectTable
 from csstsim.compare.compare import compare
 from csstsim.release import pack as pack_module
 from csstsim.release.pack_readme import readme
+from release.crates import checked, validated
 
 ALLOWED = {"MANIFEST.sha256", "MANIFEST.tsv", "ro-crate-metadata.json"}  # what a crate cannot have hashes of
 

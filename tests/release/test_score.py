@@ -4,12 +4,12 @@ import json
 
 import numpy as np
 import pytest
-from release.score_field import field, places, table
 
 from csstsim.base.errors import InputError
 from csstsim.release.score.catalogue import read_any, read_catalogue
 from csstsim.release.score.match import SHIFT, chance, matched, moved
 from csstsim.release.score.score import judge
+from release.score_field import field, places, table
 
 EXACT = 1e-9  # mag, mas, of means that have no scatter
 
