@@ -28,17 +28,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--repeat", type=int, default=2)
     parser.add_argument("--folder", help="bricks of a run before are used again")
-    with Record(parser) as record:
-        compare(record)
+    with Record(parser) as record, tempfile.TemporaryDirectory(prefix="structure_chip_") as made:
+        compare(record, Path(record.options.folder or made))
 
 
-def compare(record: Record) -> None:
+def compare(record: Record, folder: Path) -> None:
     """Select and render with both skies in turns; record the cost. At toy size the window is small."""
-    options = record.options
-    folder = Path(options.folder or tempfile.mkdtemp(prefix="structure_chip_"))
     runs = {structure: prepared(folder / structure, structure, record.toy) for structure in ("none", "haloes")}
     cost = {structure: [] for structure in runs}
-    for _ in range(1 if record.toy else options.repeat):
+    for _ in range(1 if record.toy else record.options.repeat):
         for structure, run in runs.items():
             (job,) = run.jobs
             cost[structure].append(

@@ -22,6 +22,7 @@ BY_NAME = {"csstsim.simulation.sim_steps": "csstsim.layers"}  # a module that im
 PROCESSES = {"subprocess", "click.testing", "csstsim.command_line", "snakemake"}  # importing it, all may be reached
 SELF = "evidence"  # how a record is written changes no figure
 WORKFLOW = ("Snakefile", "workflow")
+NO_DATA = (".md", ".pyc")
 _HEX = 12
 
 
@@ -109,7 +110,7 @@ def _data() -> dict[str, tuple[Path, ...]]:
     config = ROOT / "config"
     for path in sorted([*config.iterdir(), *(ROOT / "examples").iterdir(), *(ROOT / "survey_tables").iterdir()]):
         files = tuple(sorted(p for p in path.rglob("*") if p.is_file())) if path.is_dir() else (path,)
-        files = tuple(p for p in files if p.suffix not in (".md", ".pyc") and "data" not in p.relative_to(ROOT).parts)
+        files = tuple(p for p in files if p.suffix not in NO_DATA and "data" not in p.relative_to(ROOT).parts)
         for name in {str(path.relative_to(ROOT)), *([path.name] if path.parent == config else [])}:
             found[name] = files
     for path in sorted(p for folder in SCRIPTS[:2] for p in folder.iterdir() if p.suffix in (".yaml", ".csv")):
@@ -153,7 +154,7 @@ def depends(command: Command) -> dict[str, str]:
     extra += [ROOT / name for name in WORKFLOW] if everything else []
     data += [file for path in extra for file in (path.rglob("*") if path.is_dir() else [path])]
     for path in sorted(set(data)):
-        if path.is_file() and path.suffix != ".pyc":
+        if path.is_file() and path.suffix not in NO_DATA:
             parts.setdefault("/".join(path.relative_to(ROOT).parts[:2]), []).append(path.read_bytes())
     return {name: _digest(contents) for name, contents in sorted(parts.items())}
 

@@ -183,7 +183,7 @@ class Record:
             return
         failed = [name for name, value in self.values.items() if value.verdict == FAIL]
         if self.toy:
-            for command in self.commands:
+            for command in self.commands if not self.skipped else ():
                 write(command, self)
             print(f"toy size: {len(self.values)} values, {len(self.tables)} tables, {len(self.figures)} pictures")
         elif self.command and not self.skipped:
