@@ -21,9 +21,12 @@ import clustered_sky
 import matplotlib
 import numpy as np
 
+try:
+    import treecorr
+except ImportError:
+    treecorr = None
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
-import treecorr
 from scipy.special import j0
 from structure_lensing import kept_folder
 
@@ -46,7 +49,7 @@ SEAM = {"min_sep": 0.1, "max_sep": 6.0, "nbins": 6, "sep_units": "arcmin", "bin_
 COSMOS = (1.0, 0.014)  # arcmin, w: at a median i of 24 (McCracken et al. 2007, ApJS 172, 314)
 
 
-def catalogue(sky: Sky, chosen: np.ndarray, most: int, rng: np.random.Generator) -> treecorr.Catalog:
+def catalogue(sky: Sky, chosen: np.ndarray, most: int, rng: np.random.Generator) -> "treecorr.Catalog":
     """Return the treecorr.Catalog of at most so many of some rows, with their column `patch`."""
     rows = np.flatnonzero(chosen)
     rows = np.sort(rng.choice(rows, min(len(rows), most), replace=False))
@@ -55,7 +58,7 @@ def catalogue(sky: Sky, chosen: np.ndarray, most: int, rng: np.random.Generator)
     )
 
 
-def random_catalogue(bricks: np.ndarray, count: int, rng: np.random.Generator) -> treecorr.Catalog:
+def random_catalogue(bricks: np.ndarray, count: int, rng: np.random.Generator) -> "treecorr.Catalog":
     """Return a treecorr.Catalog of uniform positions on the bricks, in at most PARTS patches."""
     spots = [place(pix, rng, count // len(bricks))[:2] for pix in bricks]
     ra, dec = (np.concatenate(v) for v in zip(*spots, strict=True))
@@ -68,7 +71,7 @@ def part(bricks: np.ndarray) -> int:
     return max(len(bricks) // PARTS, 1)
 
 
-def pairs(bins: dict, first: treecorr.Catalog, second: treecorr.Catalog | None = None) -> treecorr.NNCorrelation:
+def pairs(bins: dict, first: "treecorr.Catalog", second: "treecorr.Catalog | None" = None) -> "treecorr.NNCorrelation":
     """Return the NNCorrelation of one or two catalogues."""
     found = treecorr.NNCorrelation(**bins, var_method="jackknife")
     found.process(first, second)
@@ -76,7 +79,7 @@ def pairs(bins: dict, first: treecorr.Catalog, second: treecorr.Catalog | None =
 
 
 def correlation(
-    data: treecorr.Catalog, randoms: treecorr.Catalog, rr: treecorr.NNCorrelation
+    data: "treecorr.Catalog", randoms: "treecorr.Catalog", rr: "treecorr.NNCorrelation"
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return theta [arcmin], w and its error; the integral constraint is added for a power law of slope -0.8."""
     dd, dr = pairs(BINS, data), pairs(BINS, data, randoms)
@@ -88,7 +91,9 @@ def correlation(
     return np.exp(dd.meanlogr), w + amplitude * fraction, np.sqrt(variance)
 
 
-def seam(data: treecorr.Catalog, randoms: treecorr.Catalog) -> tuple[np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
+def seam(
+    data: "treecorr.Catalog", randoms: "treecorr.Catalog"
+) -> tuple[np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
     """Return theta and w with its error of pairs within bricks, then across borders: jackknife over bricks."""
     dd, dr, rr = pairs(SEAM, data), pairs(SEAM, data, randoms), pairs(SEAM, randoms)
     patches = data.npatch
@@ -234,6 +239,9 @@ def main(record: Record) -> None:
     record.value("area", area, f"each of {len(patches)} patches", unit="deg2")
     for first in patches:
         sky = read_sky(folder, structure, first, toy)
+        if treecorr is None:
+            record.skip("correlations", "treecorr is not installed")
+            return
         found.append(patch_rows(sky, universe, most, None if found else axes))
         if len(found) == 1:
             report_seam(record, sky, most)
