@@ -28,6 +28,11 @@ FOLDER = ROOT / "results" / "start_of_stages"
 JOB = ("10100000001", 12)
 PIXEL = {"x0": 4972, "x1": 4973, "y0": 4498, "y1": 4499}  # no object reaches it, however faint
 MOST_EMPTY, MOST_DEMO = 1.5, 1.35
+TOY = {  # one small frame of the demo
+    "select": {"types": ["SCIE"], "obsids": [JOB[0]], "chips": [JOB[1]]},
+    "window": {"x0": 4800, "x1": 5100, "y0": 4400, "y1": 4700},
+    "psf": {"grid": 2},
+}
 MAIN = "import sys; from csstsim.command_line.main import main; sys.exit(main())"
 READ = """
 import sys, numba, pyarrow.parquet as parquet
@@ -92,11 +97,11 @@ def empty(runs, record):
 
 def demo(record):
     """Record the cost of the demo by stages and by whole chips, both compiled; return the ratio."""
-    took = {}
+    took, changes = {}, TOY if record.toy else {}
     for chips in ("whole", "stages", "whole"):  # the first compiles
         shutil.rmtree(FOLDER / chips, ignore_errors=True)
         line = "-m", "snakemake", "--profile", "profiles/default", "--cores", 1
-        took[chips] = cpu_seconds(*line, "--config", f"campaign={campaign(chips)}", f"chips={chips}")[0]
+        took[chips] = cpu_seconds(*line, "--config", f"campaign={campaign(chips, **changes)}", f"chips={chips}")[0]
     record.table("demo", ["demo, chips=", "CPU-s"], [[f"`{chips}`", f"{cpu:.0f}"] for chips, cpu in took.items()])
     return took["stages"] / took["whole"]
 
