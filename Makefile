@@ -52,9 +52,11 @@ docs: .venv/ready
 	sphinx-build -W --keep-going -q -b html docs results/docs
 	python docs/check_links.py results/docs
 
-# Some minutes: what is written as >>> in pages and docstrings, and all tutorials, executed; the site with what they show
+# Some minutes: what is written as >>> in pages and docstrings, the commands of pages, and all tutorials, executed; the
+# site with what the tutorials show
 tutorials: .venv/ready
 	pytest --doctest-modules --doctest-glob='*.md' src/csstsim docs
+	python docs/execute_commands.py
 	python docs/execute_tutorials.py
 	$(MAKE) docs
 
