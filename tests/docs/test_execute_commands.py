@@ -1,4 +1,4 @@
-"""What of a page is executed: its commands in order, its Python, with what stands for placeholders, less what others run."""
+"""What of a page is executed: its commands and Python in order, placeholders replaced, less what others run."""
 
 import runpy
 import subprocess
