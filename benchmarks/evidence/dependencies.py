@@ -2,12 +2,14 @@
 
 Comments, docstrings and blank lines do not count. Modules are followed from the script through those beside it (also
 of builders and tests) into csstsim, whose imports grimp knows. Two things are named, not imported: layers, by
-SimSteps; and the whole package, by a script that starts processes. Data files are those below config/, and beside the
-scripts, whose path or top folder stands in a reached module as a string.
+SimSteps; and commands, by a script that starts processes: those of csstsim whose names stand in it as words, and with
+Snakemake or pytest the whole package. Data files are those below config/, and beside the scripts, whose path or top
+folder stands in a reached module as a string.
 """
 
 import ast
 import hashlib
+import re
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
@@ -19,7 +21,9 @@ import grimp
 
 PACKAGE = "csstsim"
 BY_NAME = {"csstsim.simulation.sim_steps": "csstsim.layers"}  # a module that imports others by their names
-PROCESSES = {"subprocess", "click.testing", "csstsim.command_line", "snakemake"}  # importing it, all may be reached
+COMMANDS = "csstsim.command_line"
+PROCESSES = {"subprocess", "click.testing", COMMANDS, "snakemake"}  # importing it, a script may start commands
+WHOLE = {"snakemake", "pytest"}  # a script with this word may reach the whole package
 SELF = "evidence"  # how a record is written changes no figure
 WORKFLOW = ("Snakefile", "workflow")
 NO_DATA = (".md", ".pyc")
@@ -50,8 +54,13 @@ def code(path: Path) -> str:
 
 def _imported(path: Path) -> set[str]:
     """Return the dotted names that a module imports, at its top or within a function."""
+    return _imports(_tree(path))
+
+
+def _imports(tree: ast.AST) -> set[str]:
+    """Return the dotted names that a part of a module imports."""
     names = set()
-    for node in ast.walk(_tree(path)):
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
@@ -91,6 +100,29 @@ def _upstream(names: Iterable[str]) -> set[str]:
             for at in new & BY_NAME.keys():
                 waiting += [BY_NAME[at], *graph.find_descendants(BY_NAME[at])]
     return found
+
+
+def _is_command(node: ast.AST) -> bool:
+    """Tell whether a function is a command: a decorator of it ends in `command` or `command()`."""
+    marks = [mark.func if isinstance(mark, ast.Call) else mark for mark in getattr(node, "decorator_list", ())]
+    return any(isinstance(mark, ast.Attribute) and mark.attr == "command" for mark in marks)
+
+
+def _started(local: Iterable[Path], own: Iterable[str]) -> set[str]:
+    """Return the modules that scripts reach that start processes and import `own` of csstsim.
+
+    That is the command line without the commands whose names are no words of the scripts, or all.
+    """
+    words = {word for text in _constants(local) for word in re.findall(r"[a-zA-Z]+", text)}
+    if words & WHOLE:
+        return set(_graph().modules)
+    modules = {COMMANDS, *_graph().find_descendants(COMMANDS)}
+    reached = {name for name in own if name not in modules}
+    for module in modules:
+        commands = [node for node in _tree(_file(module)).body if _is_command(node)]
+        left_out = [node for node in commands if not words.issuperset(node.name.split("_"))]
+        reached |= {name for node in _tree(_file(module)).body if node not in left_out for name in _imports(node)}
+    return modules | _upstream(reached - modules)
 
 
 def _file(module: str) -> Path:
@@ -141,8 +173,9 @@ def depends(command: Command) -> dict[str, str]:
     """Return the digest of each part that a command depends on: scripts, packages of csstsim, files of data."""
     local = scripts(ROOT / command.script)
     names = {name for path in local for name in _imported(path)} | set(command.reaches)
-    everything = any(name.startswith(tuple(PROCESSES)) for name in names)
-    modules = set(_graph().modules) if everything else _upstream(name for name in names if name.startswith(PACKAGE))
+    starts = any(name.startswith(tuple(PROCESSES)) for name in names)
+    own = [name for name in names if name.startswith(PACKAGE)]
+    modules = _started(local, own) if starts else _upstream(own)
     files = {module: _file(module) for module in sorted(modules)}
     parts: dict[str, list[bytes]] = {}
     for path in local:
@@ -151,7 +184,7 @@ def depends(command: Command) -> dict[str, str]:
         parts.setdefault(".".join(module.split(".")[:2]), []).append(code(path).encode())
     data = _named(_constants([*local, *files.values()]))
     extra = [ROOT / name for name in command.reaches if (ROOT / name).exists()]
-    extra += [ROOT / name for name in WORKFLOW] if everything else []
+    extra += [ROOT / name for name in WORKFLOW] if modules == _graph().modules else []
     data += [file for path in extra for file in (path.rglob("*") if path.is_dir() else [path])]
     for path in sorted(set(data)):
         if path.is_file() and path.suffix not in NO_DATA:

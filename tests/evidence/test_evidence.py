@@ -78,8 +78,16 @@ def test_imports_of_the_package_are_followed():
     flats = dependencies.depends(commands.commands()["flats"])  # SimSteps names layers, and the camera is data
     assert {"csstsim.layers", "csstsim.optics", "config/instrument", "config/observations"} <= set(flats)
     assert "csstsim.command_line" not in flats
-    start = dependencies.depends(commands.commands()["start_up"])  # starts processes: all may be reached
-    assert {"csstsim.command_line", "csstsim.report", "Snakefile", "workflow/rules"} <= set(start)
+
+
+def test_a_script_reaches_the_commands_that_it_names():
+    chips = dependencies.depends(commands.commands()["chip_stages"])  # starts csstsim chip
+    assert {"csstsim.command_line", "csstsim.detector", "csstsim.layers"} <= set(chips)
+    assert not {"csstsim.budget", "csstsim.release", "csstsim.report", "Snakefile"} & set(chips)
+    measured = dependencies.depends(commands.commands()["measure_chip"])  # names measure as well
+    assert measured["csstsim.measure"] != chips["csstsim.measure"]
+    everything = dependencies.depends(commands.commands()["slow_tests_base"])  # so does Snakemake
+    assert {"csstsim.command_line", "csstsim.report", "Snakefile", "workflow/rules"} <= set(everything)
 
 
 def made(probe, monkeypatch, *arguments, **values):
