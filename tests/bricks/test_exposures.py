@@ -184,6 +184,19 @@ def test_wings_of_objects_are_no_sky(frames):
     assert found[LEVEL]["passed"] is False
 
 
+@pytest.mark.parametrize(("beyond", "passes"), [(140.0, True), (0.0, False)])
+def test_a_bright_star_beyond_the_edge_is_no_sky(frames, beyond, passes):
+    """All its light that falls into the frame is that of wings; of a star within, nearly none is seen as background."""
+    lit = in_channel(frames[0], level=1.05)
+    light = 0.05 * frames[0].info["channels"][1]["level"] * SIDE * SIDE / 2
+    last = np.arange(len(lit.truth)) == np.argmax(lit.truth["x"])
+    edge = lit.info["channels"][1]["window"][1]
+    star = lit.truth.with_columns(drawn=1.1 * light * last, x=np.where(last, edge - 1 + beyond, lit.truth["x"]))
+    found = {gate["name"]: gate for gate in gates([replace(lit, truth=star)])}
+    assert found[LEVEL]["passed"] is passes
+    assert found["background of a channel over that of all, less 1"]["passed"] is passes
+
+
 @pytest.mark.parametrize(("size", "index", "passes"), [(16.0, 4.0, True), (4.0, 0.5, False), (1.0, 4.0, False)])
 def test_outskirts_of_a_large_galaxy_are_no_sky(frames, size, index, passes):
     """A third of the light of a nearby elliptical galaxy lies below a pixel's noise; a compact one's does not."""

@@ -95,9 +95,10 @@ def pixels_off(channels, facts, truth, pixel):
 
     level, noise: measured over expected, less 1, of channels of LEAST px or more and of the whole frame (channel None);
     read_noise: the overscan's over the camera's, less 1; bias: the overscan's less the header's, DN. chance: one sigma.
-    The level may include all light of FAINT objects (`truth`: io.truth.read_truth), a share OUTSIDE of the others', and
-    the faint outskirts of LARGE galaxies. uneven: a channel's level over expected, less that of all channels; half of
-    such light is taken to be there, and may be by half more or less. pixel: its side [arcsec].
+    The level may include all light of FAINT objects (`truth`: io.truth.read_truth), a share OUTSIDE of the others', the
+    faint outskirts of LARGE galaxies, and the light of objects beyond the frame's edge. uneven: a channel's level over
+    expected, less that of all channels; half of such light is taken to be there, and may be by half more or less.
+    pixel: its side [arcsec].
     """
     out = {"level": [], "noise": [], "read_noise": [], "bias": [], "uneven": []}
     pixels = np.array([_size(part["window"]) for part in channels])
@@ -164,16 +165,17 @@ def _wings(channels, pixels, truth, pixel):
     """Return (n,): unmasked light of objects [e- per pixel] that each channel's level may include.
 
     It is the sum of two means: over the channel, of its own objects' light, and over the frame, of all objects' light.
-    An object outside the window counts in the nearest channel.
+    An object outside the window counts in the nearest channel, with all its light that falls into the window.
     """
     if not channels or "drawn" not in truth:
         return np.zeros(len(channels))
     drawn = np.nan_to_num(truth["drawn"].astype(float))
     share = np.maximum(OUTSIDE, _outskirts(truth, drawn, np.median([part["noise"] for part in channels]), pixel))
-    light = np.where(truth["snr"] < FAINT, 1.0, share) * np.maximum(drawn, 0.0)
     windows = np.array([part["window"] for part in channels])
     x = np.clip(truth["x"], windows[:, 0].min(), windows[:, 1].max() - 1)
     y = np.clip(truth["y"], windows[:, 2].min(), windows[:, 3].max() - 1)
+    outside = np.hypot(truth["x"] - x, truth["y"] - y) > 0.5
+    light = np.where((truth["snr"] < FAINT) | outside, 1.0, share) * np.maximum(drawn, 0.0)
     own = [
         light[(x >= x0 - 0.5) & (x < x1 - 0.5) & (y >= y0 - 0.5) & (y < y1 - 0.5)].sum() for x0, x1, y0, y1 in windows
     ]
