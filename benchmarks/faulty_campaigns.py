@@ -31,6 +31,7 @@ from csstsim.stages import merge as merge_stage
 from csstsim.stages import validate as validate_stage
 
 MARGIN = 1.5
+JUDGED = {"galaxy_completeness_min": 0.9, "lost_max": 0.02, "twice_max": 0.02}  # own catalogues must give them
 ONE_OF_FOUR, ONE_OF_TWO = "10100000002", "10100000005"
 
 
@@ -56,7 +57,7 @@ def verdict(run, context=nullcontext):
 
 def campaign(folder, seed, psf):
     """Make the campaign of a seed, with existing PSF sets if there are any; return (run, verdict)."""
-    run = OpenCampaign(write_field(folder, seed))
+    run = OpenCampaign(write_field(folder, seed, validation=JUDGED))
     if psf.exists():
         shutil.copytree(psf, run.paths.output / "psf", copy_function=os.link)
     for job in run.jobs:
