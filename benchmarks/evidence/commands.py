@@ -20,7 +20,8 @@ class Command:
 
     `modules`, `programs` and `folders` are what it needs besides the project's own environment. A word of `full` in
     capital letters is a folder that the user has (`--folder MCTI=path`). `after` are names of commands whose results
-    it reads. `reaches` names packages or files that it uses without importing or naming them.
+    it reads. `reaches` names packages or files that it uses without importing or naming them. `makes` are folders of
+    results/ in which it goes on after a stop; what other code or data made there is removed first.
     """
 
     name: str
@@ -32,6 +33,7 @@ class Command:
     folders: dict[str, str] = field(default_factory=dict, hash=False)
     after: tuple[str, ...] = ()
     reaches: tuple[str, ...] = ()
+    makes: tuple[str, ...] = ()
 
     @property
     def script(self) -> str:
@@ -67,6 +69,6 @@ def commands() -> dict[str, Command]:
     """Return all commands by name, in the order of the file."""
     found = {}
     for name, entry in yaml.safe_load(FILE.read_text()).items():
-        lists = {key: tuple(entry.pop(key, ())) for key in ("modules", "programs", "after", "reaches")}
+        lists = {key: tuple(entry.pop(key, ())) for key in ("modules", "programs", "after", "reaches", "makes")}
         found[name] = Command(name=name, **entry, **lists)
     return found

@@ -10,6 +10,7 @@ folder stands in a reached module as a string.
 import ast
 import hashlib
 import re
+import shutil
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
@@ -190,6 +191,17 @@ def depends(command: Command) -> dict[str, str]:
         if path.is_file() and path.suffix not in NO_DATA:
             parts.setdefault("/".join(path.relative_to(ROOT).parts[:2]), []).append(path.read_bytes())
     return {name: _digest(contents) for name, contents in sorted(parts.items())}
+
+
+def remove_old(command: Command) -> None:
+    """Remove the folders that a command fills and uses again, if other code or data filled them."""
+    now = _digest(f"{name} {digest}".encode() for name, digest in depends(command).items())
+    for name in command.makes:
+        folder, stamp = ROOT / "results" / name, ROOT / "results" / "made_by" / name
+        if not stamp.exists() or stamp.read_text() != now:
+            shutil.rmtree(folder, ignore_errors=True)
+        stamp.parent.mkdir(parents=True, exist_ok=True)
+        stamp.write_text(now)
 
 
 def changed(command: Command, recorded: dict[str, str]) -> list[str]:

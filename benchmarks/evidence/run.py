@@ -27,6 +27,7 @@ if __name__ == "__main__":  # started as a script, the folder on the path is thi
 
 from evidence import ROOT
 from evidence.commands import Command, commands
+from evidence.dependencies import remove_old
 from evidence.listing import state, verdict
 from evidence.pages import used
 from evidence.record import FAIL, read
@@ -150,6 +151,7 @@ def evidence(chosen: list[Command], minutes: float, folders: dict[str, str]) -> 
             print(f"{command.name}: left for another time ({cost:.0f} CPU-s); {where}")
             continue
         print(f"{command.name}: {command.full}", flush=True)
+        remove_old(command)
         code, _, seconds = _run(command, command.words(folders), None, True)
         new = read(command.name)
         if new is None or new == old:

@@ -90,6 +90,21 @@ def test_a_script_reaches_the_commands_that_it_names():
     assert {"csstsim.command_line", "csstsim.report", "Snakefile", "workflow/rules"} <= set(everything)
 
 
+def test_what_other_code_made_is_removed(probe):
+    half = probe.parent / "results" / "half" / "file"
+
+    def after():
+        half.parent.mkdir(parents=True, exist_ok=True)
+        half.touch()
+        digests()
+        dependencies.remove_old(command(makes=("half",)))
+        return half.exists()
+
+    assert not after() and after()
+    (probe / "beside.py").write_text("OTHER = 7\n")
+    assert not after() and after()
+
+
 def made(probe, monkeypatch, *arguments, **values):
     """Run a record as the script would; return its content."""
     monkeypatch.setattr(sys, "argv", [str(probe / "probe.py")])
