@@ -22,7 +22,7 @@ import yaml
 ROOT = Path(__file__).resolve().parents[1]
 SETTINGS = Path(__file__).with_suffix("").with_name("commands_of_pages.yaml")
 PAGES = ("README.md", "CONTRIBUTING.md", "docs/*.md", "*/README.md", "examples/*/README.md")
-PROGRAMS = ("csstsim", "snakemake", "python", "make", "pytest", "pip", "git", "cd", "for", "cp")
+PROGRAMS = ("csstsim ", "snakemake ", "python ", "make ", "pytest ", "pip ", "git ", "cd ", "for ", "cp ")
 BLOCK = re.compile(r"(?ms)^```([^\n]*)\n(.*?)^```|^((?: {4}[^\n]*\n)+)")
 REMARK = re.compile(r"(?m)^(\S.*?\S) {3,}[^-\s].*$|\s+#.*$")  # behind a command
 TAIL = 30  # lines shown of what failed
@@ -32,8 +32,8 @@ def blocks(page: Path) -> list[tuple[str, str]]:
     """Return (language, text) of a page's fences and indented lines; those that are commands have the language sh."""
     found = []
     for fence in BLOCK.finditer(page.read_text()):
-        language, text = (fence[1], fence[2]) if fence[2] else ("", re.sub(r"(?m)^ {4}", "", fence[3]))
-        shell = language in ("sh", "bash") or (not language and text.split()[0] in PROGRAMS)
+        language, text = ("", re.sub(r"(?m)^ {4}", "", fence[3])) if fence[3] else (fence[1], fence[2])
+        shell = language in ("sh", "bash") or (not language and text.strip().startswith(PROGRAMS))
         found.append(("sh" if shell else language, text))
     return found
 

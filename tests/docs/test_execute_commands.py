@@ -13,6 +13,9 @@ PAGE = """# A page
 no command
 ```
 
+```{toctree}
+```
+
     csstsim chip FILE --chip 9 \\
         --output one   # what it is for
     make test
