@@ -112,8 +112,6 @@ def test_the_programs_agree_on_a_small_window(scripts, tmp_path):
         pytest.skip(f"not installed: {', '.join(absent)}")
     campaign = scripts.command.default_campaign(tmp_path, 2500, scripts.command.OBSIDS[:1])
     line = [sys.executable, BENCHMARKS / "source_extractor.py", "--campaign", campaign]
-    line += ["--figure", tmp_path / "figure.png"]
     done = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert done.stdout.count(": the same") == 3
-    assert (tmp_path / "figure.png").stat().st_size > 10_000
+    assert done.stdout.count("(goal: met; pass)") == 3
