@@ -87,7 +87,7 @@ KEYS = {
     "select": ({"chips": [9]}, {"report"}),  # a chip less to report of
     "window": ({"x0": 0, "x1": 100, "y0": 0, "y1": 128}, CHIP | AFTER),
     "catalog.mag_limit": (22.0, CHIP | AFTER),
-    "catalog.lensing": ({"field": "none"}, {"truth"} | CHIP | AFTER),
+    "catalog.lensing": ({"field": "constant", "kappa": 0.01}, {"truth"} | CHIP | AFTER),
     "astrometry.planets": (True, CHIP | AFTER),
     "psf.grid": (3, {"psf"} | CHIP | AFTER),
     "fidelity": ("preview", CHIP | AFTER),
