@@ -5,6 +5,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+import yaml
 
 SCRIPT = runpy.run_path(str(Path(__file__).parents[2] / "docs" / "execute_commands.py"))
 PAGE = """# A page
@@ -63,6 +64,15 @@ def test_commands_and_python_run_in_order(page):
 def test_what_others_execute_is_left_out(page):
     whole = {"make ", "csstsim report FILE", "csstsim "}
     assert script_of(page, {}, whole).startswith("    --output one\npython")
+
+
+def test_settings_speak_of_pages_that_show_commands():
+    settings = yaml.safe_load(SCRIPT["SETTINGS"].read_text())
+    for name, entry in settings["pages"].items():
+        page = SCRIPT["ROOT"] / name
+        assert {language for language, _ in SCRIPT["blocks"](page)} & {"sh", "python"}, name
+        text = page.read_text()
+        assert not [old for old in entry.get("replace", {}) if old not in text], name
 
 
 def test_a_file_that_the_page_shows_is_written(page):
