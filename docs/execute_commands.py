@@ -20,7 +20,7 @@ from pathlib import Path
 import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
-SETTINGS = Path(__file__).with_suffix("").with_name("commands_of_pages.yaml")
+SETTINGS = Path(__file__).with_name("commands_of_pages.yaml")
 PAGES = ("README.md", "CONTRIBUTING.md", "docs/*.md", "*/README.md", "examples/*/README.md")
 PROGRAMS = ("csstsim ", "snakemake ", "python ", "make ", "pytest ", "pip ", "git ", "cd ", "for ", "cp ")
 BLOCK = re.compile(r"(?ms)^```([^\n]*)\n(.*?)^```|^((?: {4}[^\n]*\n)+)")
