@@ -1,4 +1,4 @@
-"""Headers of FITS files read block by block: data are not taken for a header."""
+"""Headers of FITS files read block by block: data and padding are not taken for a header, null characters refused."""
 
 import numpy as np
 import pytest
@@ -24,3 +24,21 @@ def test_data_that_look_like_cards_are_data(tmp_path, blocks):
     file.write_bytes(content.replace(b"NAXIS1  =                    7", b"NAXIS1  =                   -7"))
     with pytest.raises(InputError, match=r"NAXIS1.*-7"):
         check_headers(file)
+
+
+@pytest.mark.parametrize("place", [0, 4, 10, 79])
+def test_a_null_character_in_a_card_is_refused(tmp_path, place):
+    file = tmp_path / "null.fits"
+    fits.PrimaryHDU(header=fits.Header({"OBSERVER": "A"})).writeto(file)
+    content = bytearray(file.read_bytes())
+    content[content.index(b"OBSERVER") + place] = 0
+    file.write_bytes(content)
+    with pytest.raises(InputError, match="null character"):
+        check_headers(file)
+
+
+def test_null_characters_behind_the_last_hdu_are_padding(tmp_path):
+    file = tmp_path / "padded.fits"
+    fits.PrimaryHDU(np.zeros(7, np.int16)).writeto(file)
+    file.write_bytes(file.read_bytes() + bytes(2 * BLOCK))
+    check_headers(file)

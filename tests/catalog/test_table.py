@@ -49,6 +49,18 @@ def test_with_columns_does_not_touch_the_original(table):
     assert not more["ra"].any() and table["ra"][0] == 10.0
 
 
+@pytest.mark.parametrize("dtype", ["i1", "i8", "u2", "f4", "f8", "?", "U3"])
+def test_columns_of_any_memory_are_written_as_they_are(tmp_path, dtype):
+    values = np.arange(12).astype(dtype)
+    columns = {"whole": values[:4], "strided": values[::3], "reversed": values[3::-1]}
+    columns["repeated"] = np.broadcast_to(values[5], 4)
+    ObjectTable(columns, {}).write(tmp_path / "t.parquet")
+    back = ObjectTable.read(tmp_path / "t.parquet")
+    for name, expected in columns.items():
+        np.testing.assert_array_equal(back[name], expected)
+        assert dtype == "U3" or back[name].dtype == dtype
+
+
 @pytest.mark.parametrize("rows", [[0, 1, 2], [1], []])
 def test_file_round_trip(table, tmp_path, rows):
     part = table.take(np.array(rows, int))

@@ -122,7 +122,7 @@ class _Groups:
         """Whether two groups have magnitudes that agree in every band that both have."""
         one, other = self.rows(a), self.rows(b)
         for band in np.intersect1d(self.band[one], self.band[other]):
-            mags = [np.nanmedian(self.mag[rows[self.band[rows] == band]]) for rows in (one, other)]
+            mags = [_median(self.mag[rows[self.band[rows] == band]]) for rows in (one, other)]
             if not abs(mags[0] - mags[1]) < MAG_OFF:
                 return False
         return True
@@ -139,6 +139,12 @@ class _Groups:
             return False
         equations, axes = hull
         return bool((equations[:, :2] @ (axes @ place) + equations[:, 2] <= 1.0 * ARCSEC).all())
+
+
+def _median(mags):
+    """Return the median of what is not NaN; NaN if all are (no flux above zero)."""
+    known = mags[~np.isnan(mags)]
+    return np.median(known) if known.size else np.nan
 
 
 def _hull(vectors):

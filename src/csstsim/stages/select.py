@@ -46,11 +46,11 @@ def selected(run, exposure, catalog=None):
 
 def _changing(run, exposure):
     """Return what the embedded sky's catalogue needs of what moves and varies, as the campaign asks for it."""
-    from csstsim.catalog.changing.visitors import visitors
-
     kinds = run.config.catalog.changing
     key = {"varying": kinds}
     if {"asteroids", "satellites"} & set(kinds):
+        from csstsim.catalog.changing.visitors import visitors
+
         key["visitors"] = visitors(
             kinds, run.config.seed, run.universe, run.camera, exposure.pointing, exposure.observer, exposure.interval
         )

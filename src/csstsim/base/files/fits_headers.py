@@ -13,7 +13,7 @@ _INTEGER = re.compile(r"[+-]?\d{1,18}")
 
 
 def check_headers(path):
-    """Raise InputError for a length that is not a whole number, is negative, too large, or 0 where it divides.
+    """Raise InputError for a null character, or a length: no whole number, negative, too large, 0 where it divides.
 
     The reader itself refuses a file that is missing, truncated or not FITS.
     """
@@ -37,9 +37,13 @@ def _lengths(file, path):
     lengths, blocks = {}, 0
     while len(block := file.read(BLOCK)) == BLOCK:
         blocks += 1
+        if blocks == 1 and not block.strip(b"\0"):  # padding behind the last HDU
+            return None, blocks
         for at in range(0, BLOCK, CARD):
             card = block[at : at + CARD].decode("latin-1")
             key = card[:8].strip()
+            if "\0" in card:  # on which cfitsio ends the card, and fitsio's parser in errors of many types
+                raise InputError("a header is damaged: a null character", file=path, key=key)
             if card.rstrip() == "END":
                 return lengths, blocks
             if card[8] == "=" and _LENGTH.fullmatch(key):
