@@ -71,6 +71,7 @@ import numpy as np
 from csstsim.base.digest import digest
 from csstsim.base.errors import CsstsimError, InputError
 from csstsim.base.help_page import explained
+from csstsim.base.resampling import on_grid
 from csstsim.base.sphere import inside, unit_vectors
 from csstsim.catalog.changing import columns as changing
 from csstsim.catalog.galaxy_shapes.galsim_images import galsim_columns
@@ -240,7 +241,7 @@ class CatalogBase(ABC):
         with users_code(f"{name_of(self)}.load_sed, object {obj.id}"):
             table = self.load_sed(obj)
         wave, flux = read_columns(table, "FLUX", f"{name_of(self)}.load_sed, object {obj.id}")
-        sed = flux if np.array_equal(wave, GRID) else np.interp(GRID, wave, flux, left=0.0, right=0.0)
+        sed = flux if np.array_equal(wave, GRID) else on_grid(GRID, wave, flux)
         where = f"{name_of(self)}.load_norm_filt, object {obj.id}"
         with users_code(where):
             norm = self.load_norm_filt(obj)
@@ -250,7 +251,7 @@ class CatalogBase(ABC):
         target = getattr(obj, "mag_norm", None)
         if target is None:
             raise InputError("returned a filter, but the object has no mag_norm", key=where)
-        current = ab_mag(sed, GRID, np.interp(GRID, wave, response, left=0.0, right=0.0))
+        current = ab_mag(sed, GRID, on_grid(GRID, wave, response))
         with np.errstate(over="ignore", invalid="ignore"):  # a dark spectrum becomes NaN, and is flagged
             return sed * 10 ** (0.4 * (current - target))
 

@@ -23,6 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from csstsim.base.errors import InputError
+from csstsim.base.resampling import on_grid
 from csstsim.base.shipped import SHIPPED
 from csstsim.base.units import C_A_S, H_J_S
 from csstsim.catalog.astrometry.reduction import moved
@@ -127,7 +128,7 @@ class C9Catalog(CatalogBase):
 
         sdss_g = Table.read(SHIPPED / "curves" / "sdss2010_g.csv", format="ascii.csv", comment="#")
         camera = load_camera(self.options.get("instrument"))
-        response = np.interp(GRID, sdss_g["wavelength"], sdss_g["response"], left=0.0, right=0.0)
+        response = on_grid(GRID, sdss_g["wavelength"], sdss_g["response"])
         return {STAR: response, GALAXY: camera.filters[NORM_BAND].at(GRID)}
 
     @cached_property
@@ -189,7 +190,7 @@ class C9Catalog(CatalogBase):
         for row in np.flatnonzero(table["obj_type"] == GALAXY):
             wave, basis = self._basis
             flux = np.maximum(np.einsum("k,kw->w", mix[row], basis), 0.0)
-            out[row] = np.interp(GRID / (1.0 + table["z"][row]), wave, flux, left=0.0, right=0.0) * GRID
+            out[row] = on_grid(GRID, wave * (1.0 + table["z"][row]), flux) * GRID
         for row in np.flatnonzero(table["obj_type"] == QUASAR):
             wave, flux = self._quasar_spectra
             index = table["qsoindex"][row]
@@ -197,7 +198,7 @@ class C9Catalog(CatalogBase):
                 raise InputError(
                     "has too few rows", file=self._quasar_file, key="flux", value=flux.shape, allowed=f"row {index}"
                 )
-            out[row] = np.interp(GRID, wave, flux[index], left=0.0, right=0.0) * GRID * _PER_ERG
+            out[row] = on_grid(GRID, wave, flux[index]) * GRID * _PER_ERG
         return out
 
 

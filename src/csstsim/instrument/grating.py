@@ -15,6 +15,7 @@ from pydantic import Field
 
 from csstsim.base.errors import InputError
 from csstsim.base.model import Data, Whole, between, validate
+from csstsim.base.resampling import on_grid
 from csstsim.base.units import C_A_S, H_J_S
 from csstsim.instrument.axe import BEAMS, COEFFICIENTS, field_range, field_terms, read_axe
 from csstsim.instrument.filter import GRID
@@ -220,7 +221,7 @@ def _throughput(path, telescope):
     fine = wave.ndim == 1 and len(wave) > 1 and np.isfinite(wave).all() and np.isfinite(sensitivity).all()
     if not fine or wave[0] <= 0 or (np.diff(wave) <= 0).any() or (sensitivity < 0).any():
         raise InputError("wavelengths must rise and sensitivities be 0 or more, all finite", file=path)
-    throughput = np.interp(GRID, wave, sensitivity / _per_throughput(wave, telescope), left=0.0, right=0.0)
+    throughput = on_grid(GRID, wave, sensitivity / _per_throughput(wave, telescope))
     most = float(throughput.max())
     if not 0 < most <= 1:
         raise InputError(f"impossible electrons per photon at {GRID[0]:.0f}-{GRID[-1]:.0f} A", file=path,

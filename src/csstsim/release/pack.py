@@ -16,6 +16,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
 from csstsim.base.plural import number_of
 from csstsim.base.process.progress import progress
+from csstsim.base.resampling import on_grid
 from csstsim.base.shipped import ROOT
 from csstsim.delivery.manifest import CRATE, FILES, file_hash, write_manifest
 from csstsim.release.crate import Crate, licence_of, write_crate
@@ -132,7 +133,7 @@ def _curves(run, jobs):
     curves = [run.camera.filters[name] for name in names]
     low, high = min(c.wavelength[0] for c in curves), max(c.wavelength[-1] for c in curves)
     grid = np.arange(low, high + CURVE_STEP / 2, CURVE_STEP)
-    values = [np.interp(grid, c.wavelength, c.throughput, left=0.0, right=0.0) for c in curves]
+    values = [on_grid(grid, c.wavelength, c.throughput) for c in curves]
     kept = np.any(values, axis=0)
     columns = zip(grid[kept], *(value[kept] for value in values), strict=True)
     return [

@@ -1,7 +1,7 @@
 """Spectra from files, for rows of a table: the shape is the file's, the light that of the row's one magnitude.
 
 A file is .csv, .ecsv or .fits with WAVELENGTH [angstrom, rising] and FLUX [photon / s / m2 / angstrom, or a unit that
-converts], as observed. Between samples it is linear, beyond its ends dark.
+converts], as observed. Between samples it is linear, beyond its ends dark. On the paper's grid it keeps its integral.
 """
 
 from pathlib import Path
@@ -11,6 +11,7 @@ import numpy as np
 from csstsim.base.errors import InputError
 from csstsim.base.files.fits_headers import check_headers
 from csstsim.base.files.kept import kept
+from csstsim.base.resampling import on_grid
 from csstsim.catalog.light.photometry import ab_mag, bin_means
 from csstsim.instrument.filter import GRID
 
@@ -40,7 +41,7 @@ def read_spectrum(path):
     wave, flux = read_columns(table, "FLUX", str(path))
     if not np.isfinite(flux).all() or (flux < 0).any():
         raise InputError("holds values that are negative or not finite", file=path, key="FLUX")
-    shape = np.interp(GRID, wave, flux, left=0.0, right=0.0)
+    shape = on_grid(GRID, wave, flux)
     if not shape.any():
         allowed = f"light within {GRID[0]:g}-{GRID[-1]:g} angstrom"
         raise InputError("gives no light", file=path, key="FLUX", allowed=allowed)

@@ -1,0 +1,39 @@
+"""Densities on another grid: spectra, curves and sensitivities keep their integral, however fine or coarse they are.
+
+A density is piecewise linear between its samples and zero beyond its ends. Reading it at points loses or doubles what
+is narrower than the points' distance. So a bin gets the mean of the density over the bin, from the exact integral.
+"""
+
+import numpy as np
+
+_EXACT = 1e-9  # of a step: a sample so near to a point of the grid lies on it
+
+
+def bin_averages(edges: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Return (n,) the mean over each bin of a piecewise linear density.
+
+    edges: (n + 1,) rising bounds of the bins; x: (m,) rising positions of the samples, in the same unit; y: (m,)
+    samples.
+    """
+    x, y, at = np.asarray(x, float), np.asarray(y, float), np.clip(edges, x[0], x[-1])
+    total = np.concatenate([[0.0], np.cumsum(0.5 * (y[1:] + y[:-1]) * np.diff(x))])
+    k = np.clip(np.searchsorted(x, at, side="right") - 1, 0, len(x) - 2)
+    into, gap = at - x[k], x[k + 1] - x[k]
+    below = total[k] + into * (y[k] + 0.5 * (y[k + 1] - y[k]) * into / gap)
+    return np.diff(below) / np.diff(edges)
+
+
+def on_grid(grid: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Return (n,) values on an even grid, of which the trapezoid sum is the integral of a piecewise linear density.
+
+    They are the samples at the grid's points if all that is known lies on these points, or else means over bins as
+    wide as a step around each. A density that ends within the grid ends where its last sample is.
+
+    grid: (n,) even and rising; x: (m,) rising positions of the samples; y: (m,) samples.
+    """
+    x, y, step = np.asarray(x, float), np.asarray(y, float), grid[1] - grid[0]
+    off = (x[(x >= grid[0]) & (x <= grid[-1])] - grid[0]) / step
+    whole = (x[0] <= grid[0] or y[0] == 0) and (x[-1] >= grid[-1] or y[-1] == 0)
+    if whole and np.abs(off - np.rint(off)).max(initial=0.0) < _EXACT:
+        return np.interp(grid, x, y, left=0.0, right=0.0)
+    return bin_averages(np.append(grid - 0.5 * step, grid[-1] + 0.5 * step), x, y)
