@@ -365,4 +365,6 @@ def test_a_wcs_that_maps_the_image_to_a_line_is_refused(tmp_path, cards, key):
 
 def test_a_wcs_by_cdelt_is_read(tmp_path):
     cards = dict.fromkeys(CD) | {"CDELT1": -1e-5, "CDELT2": 2e-5}
-    assert read_foreign(write_image(tmp_path, **cards)).wcs.pixel_scale_matrix == pytest.approx(np.diag([-1e-5, 2e-5]))
+    assert read_foreign(write_image(tmp_path, **cards)).wcs.wcs.pixel_scale_matrix == pytest.approx(
+        np.diag([-1e-5, 2e-5])
+    )

@@ -74,7 +74,7 @@ def opened(frame, say, **given):
         from csstsim.inject.others.frame import read_foreign
 
         image = read_foreign(frame)
-        return image.image, None, lambda x, y: image.wcs.all_pix2world(x, y, 0)
+        return image.image, None, image.wcs.sky
     run, job = job_of(frame, say=say, **given)
 
     def to_sky(x, y):

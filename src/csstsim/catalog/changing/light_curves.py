@@ -6,13 +6,20 @@ fainter]. Columns dmag_<band> hold for that band or grating instead of `dmag`. B
 magnitude; before the first point and after the last one it keeps their value. Light is averaged over the exposure.
 """
 
+from itertools import pairwise
+from typing import NamedTuple
+
 import numpy as np
+from scipy.special import ive
 
 from csstsim.base.errors import InputError
 from csstsim.base.units import DAY_S
 
-_AT, _WEIGHT = np.polynomial.legendre.leggauss(5)  # over the exposure
+_AT, _WEIGHT = np.polynomial.legendre.leggauss(5)  # over the exposure, or over each panel of it
 _LARGEST = 1e3  # mag
+_LN_MAG = 0.4 * np.log(10.0)
+_PANELS = 8  # of a period; within one, five points give the mean light to 1e-7
+_CYCLES = 200.0  # in an exposure: with more, a sine counts by the mean of whole cycles, to 1e-3 of its amplitude
 
 
 def dimming(table, rows, interval, filter, curves=None):
@@ -24,27 +31,72 @@ def dimming(table, rows, interval, filter, curves=None):
     if not (sines or named):
         return None
     change = np.zeros(len(rows))
-    moving = np.zeros(len(rows), bool)
+    size, name = np.zeros(len(rows)), np.full(len(rows), "")
     if sines:
-        moving |= table["var_amplitude"][rows] != 0
+        size = table["var_amplitude"][rows].astype(float)
     if named:
-        moving |= table["light_curve"][rows] != ""
-    some = np.flatnonzero(moving)
+        name = table["light_curve"][rows].astype(str)
+    some = np.flatnonzero((size != 0) | (name != ""))
     if not len(some):
         return change
-    at = interval.start + interval.exptime * (0.5 + 0.5 * _AT) / DAY_S
-    mags = np.zeros((len(some), len(at)))
-    if sines:
-        period, size, phase = (_of(table, name, rows[some]) for name in ("var_period", "var_amplitude", "var_phase"))
-        lit = size != 0
-        turns = at / np.where(lit, period, 1.0)[:, None] + phase[:, None]
-        mags += np.where(lit, size, 0.0)[:, None] * np.sin(2 * np.pi * (turns % 1.0))
-    if named:
-        names = table["light_curve"][rows[some]]
-        for name in np.unique(names[names != ""]):
-            mags[names == name] += curves.at(name, at, filter.name)
-    change[some] = mean_mag(mags, 0.5 * _WEIGHT)
+    period, phase = (_of(table, column, rows[some]) for column in ("var_period", "var_phase"))
+    sine = _Sines(np.where(size[some] != 0, period, np.inf), size[some], phase)
+    mags = np.zeros(len(some))
+    seen = {curve: curves.breaks(curve, interval, filter.name) for curve in np.unique(name[some]) if curve}
+    cycles = interval.exptime / DAY_S / sine.period
+    fine = (cycles * _PANELS > 1) | [len(seen.get(curve, "")) > 0 for curve in name[some]]
+    for curve in np.unique(name[some]):
+        slow = np.flatnonzero((name[some] == curve) & ~fine)
+        mags[slow] = _mean(sine.take(slow), curve, curves, filter, _panels(interval, np.zeros(0), 1))
+    for row in np.flatnonzero(fine):
+        one, curve = sine.take([row]), name[some][row]
+        if cycles[row] > _CYCLES:
+            mags[row], one = one.mean()[0], one.still()
+        count = int(np.ceil(_PANELS * interval.exptime / DAY_S / one.period[0] * np.sqrt(1 + abs(one.size[0]))))
+        mags[row] += _mean(one, curve, curves, filter, _panels(interval, seen.get(curve, np.zeros(0)), max(count, 1)))[
+            0
+        ]
+    change[some] = mags
     return change
+
+
+class _Sines(NamedTuple):
+    """Periodic changes: period [day], amplitude [mag] and phase [turns] at MJD 0, (n,) each."""
+
+    period: np.ndarray
+    size: np.ndarray
+    phase: np.ndarray
+
+    def take(self, rows):
+        return _Sines(self.period[rows], self.size[rows], self.phase[rows])
+
+    def still(self):
+        return _Sines(np.full_like(self.period, np.inf), np.zeros_like(self.size), self.phase)
+
+    def at(self, mjd):
+        """Return (n, len(mjd)) mag."""
+        turns = mjd / self.period[:, None] + self.phase[:, None]
+        return self.size[:, None] * np.sin(2 * np.pi * (turns % 1.0))
+
+    def mean(self):
+        """Return (n,) the magnitude of the mean light of whole cycles: that of I0(0.4 ln 10 A), a Bessel function."""
+        x = _LN_MAG * np.abs(self.size)
+        return -(np.log(ive(0, x)) + x) / _LN_MAG
+
+
+def _panels(interval, breaks, count):
+    """Return (times [MJD], weights) of Gauss' rule in so many panels of an exposure, cut at breaks [MJD] as well."""
+    within = (breaks - interval.start) * DAY_S / interval.exptime
+    edges = np.unique(np.concatenate([np.linspace(0.0, 1.0, count + 1), within]))
+    width = np.diff(edges)[:, None]
+    at = edges[:-1, None] + width * (0.5 + 0.5 * _AT)
+    return interval.start + interval.exptime * at.ravel() / DAY_S, (0.5 * width * _WEIGHT).ravel()
+
+
+def _mean(sines, curve, curves, filter, panels):
+    """Return (n,) the magnitudes of the mean light of sines, and of one curve with them ("": none)."""
+    at, weights = panels
+    return mean_mag(sines.at(at) + (curves.at(curve, at, filter.name) if curve else 0.0), weights)
 
 
 def mean_mag(mags, weights):
@@ -105,6 +157,19 @@ class LightCurves:
 
     def at(self, name, mjd, band):
         """Return the change [mag] of a curve at times (m,) in a band or grating. Raises InputError if it has none."""
+        return np.interp(mjd, *self._curve(name, band))
+
+    def breaks(self, name, interval, band):
+        """Return the MJD within an exposure between which a curve changes evenly, by a magnitude at most."""
+        times, mags = self._curve(name, band)
+        ends = np.array([interval.start, interval.start + interval.exptime / DAY_S])
+        knots = np.unique([*ends, *times[(times > ends[0]) & (times < ends[1])]])
+        steps = np.ceil(np.abs(np.diff(np.interp(knots, times, mags)))).astype(int).clip(1)
+        cuts = [np.linspace(a, b, n + 1)[:-1] for (a, b), n in zip(pairwise(knots), steps, strict=True)]
+        return np.concatenate(cuts)[1:]
+
+    def _curve(self, name, band):
+        """Return (times [MJD], changes [mag]) of a curve in a band or grating. Raises InputError if it has none."""
         times, values = self._curves[str(name)]
         kind = next((k for k in self._kinds if k.lower() == f"dmag_{band.lower()}"), "dmag")
         if kind not in values:
@@ -112,7 +177,7 @@ class LightCurves:
                 f"the curves have no column for {band}", file=self.where, key=f"dmag_{band.lower()}",
                 allowed="dmag for all other bands",
             )  # fmt: skip
-        return np.interp(mjd, times, values[kind])
+        return times, values[kind]
 
 
 def _numbers(columns, name, where):

@@ -15,6 +15,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.files.fits_headers import check_headers
 from csstsim.base.files.hdf5_file import numbers
 from csstsim.base.files.kept import kept
+from csstsim.base.image_wcs import ImageWCS
 
 LARGEST = 1 << 24  # pixels
 NEGATIVE = 0.05  # of the light: the most in negative pixels, which are drawn dark
@@ -80,21 +81,24 @@ def _read_fits(path, part):
             hdus = [h for h in file if h.is_image and h.header["NAXIS"] > 0] if part is None else [file[where]]
             if not hdus or not hdus[0].is_image:
                 raise InputError("holds no image", file=path, key="image_file", value=part or "")
-            return hdus[0].data, _sky(hdus[0].header)
+            return hdus[0].data, _sky(hdus[0], file, path)
     except InputError:
         raise
     except Exception as exc:  # astropy raises exceptions of many types
         raise InputError(f"not an image that can be read: {str(exc).splitlines()[0]}", file=path, value=part) from None
 
 
-def _sky(header):
-    """Return (2, 2) arcsec of a header's celestial WCS, or None."""
+def _sky(hdu, file, path):
+    """Return (2, 2) arcsec east, north of a step in the middle of an image, by its celestial WCS, or None."""
     from astropy.wcs import WCS
 
-    if "CTYPE1" not in header:
+    if "CTYPE1" not in hdu.header or not WCS(hdu.header, file, naxis=2).has_celestial:
         return None
-    wcs = WCS(header, naxis=2)
-    return wcs.pixel_scale_matrix * 3600.0 if wcs.has_celestial else None
+    ny, nx = hdu.shape[-2:]
+    sky = ImageWCS(hdu.header, path, file).per_pixel((nx - 1) / 2, (ny - 1) / 2)
+    if not np.isfinite(sky).all():
+        raise InputError("the WCS has no sky in the middle of the image", file=path, key="image_file")
+    return sky
 
 
 def _read_hdf5(path, part):

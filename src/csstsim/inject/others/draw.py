@@ -1,11 +1,9 @@
 """Objects drawn into an image of any telescope, with its own WCS and a PSF that is given, by GalSim.
 
-Places are directions of the image's WCS. Shapes follow its local map from the sky to pixels. Each object has its own
+Places are ICRS. Shapes follow its local map from the sky to pixels. Each object has its own
 Poisson noise, from a stream of its id and the frame. The detector is left out, but for a stated SATURATE.
 """
 
-import warnings
-from dataclasses import dataclass
 from numbers import Real
 
 import numpy as np
@@ -32,30 +30,6 @@ ZEROPOINTS = 0.0, 50.0  # AB magnitude of 1 electron/s: that of any telescope
 MOST = 1e18  # electrons of an object; Poisson noise is drawn as a 64-bit integer
 LARGEST = 1024  # px, side of an object's stamp
 _BEYOND = 3  # samples of a PSF beyond its stamp that its interpolation reaches (psf_models)
-_STEP = 1.0 / 3600.0  # deg, of the differences that give the map from sky to pixels
-
-
-@dataclass(frozen=True, eq=False)
-class Sky:
-    """The map from the sky to the pixels of a ForeignFrame's WCS."""
-
-    wcs: object
-
-    def pixels(self, ra, dec):
-        """Return x, y (n,) px from 0 of directions [deg]; NaN where the WCS has none."""
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            try:
-                return self.wcs.all_world2pix(ra, dec, 0, quiet=True)
-            except Exception:  # astropy's are of many types
-                return np.full((2, len(ra)), np.nan)
-
-    def jacobian(self, ra, dec, seen=None):
-        """Return (n, 2, 2), d(pixel) / d(arcsec east, north)."""
-        east = np.cos(np.radians(dec))
-        steps = ((_STEP / east, 0.0), (0.0, _STEP))
-        ends = [[self.pixels(ra + k * a, dec + k * b) for k in (0.5, -0.5)] for a, b in steps]
-        return np.moveaxis([np.subtract(*pair) for pair in ends], (0, 1, 2), (2, 1, 0)) / (3600 * _STEP)
 
 
 def ready(frame, request):
@@ -130,14 +104,13 @@ def _objects(request, image, zeropoint):
 def _make(image, psf, objects, request, target, of):
     from csstsim.inject.inject import record
 
-    sky = Sky(image.wcs)
-    x, y = sky.pixels(objects["ra"], objects["dec"])
+    x, y = image.wcs.pixels(objects["ra"], objects["dec"])
     near = np.isfinite(x + y) & (np.abs(x - image.image.shape[1] / 2) < image.image.shape[1] / 2 + LARGEST / 2)
     near &= np.abs(y - image.image.shape[0] / 2) < image.image.shape[0] / 2 + LARGEST / 2
     objects = objects.take(near).with_columns(x=x[near], y=y[near])
     electrons = objects["electrons"]
     counts = np.zeros(image.image.shape)
-    drawn, shown = draw(counts, psf, sky, objects, electrons, request.realisation, of)
+    drawn, shown = draw(counts, psf, image.wcs, objects, electrons, request.realisation, of)
     truth = ObjectTable({
         "id": objects["id"], "ra": objects["ra"], "dec": objects["dec"], "xImage": objects["x"] + 1.0,
         "yImage": objects["y"] + 1.0, "mag": objects["mag"], "obj_type": objects["obj_type"], "electrons": electrons,
@@ -158,7 +131,7 @@ def _make(image, psf, objects, request, target, of):
     )
 
 
-def draw(counts, psf, sky, objects, electrons, realisation, of):
+def draw(counts, psf, wcs, objects, electrons, realisation, of):
     """Add the electrons of objects, Poisson noise included, to an image (ny, nx); return (drawn (n,), shown (n,) bool).
 
     objects: ObjectTable with x, y [px from 0]; electrons (n,): nominal; of: digest of the frame and its name.
@@ -168,7 +141,7 @@ def draw(counts, psf, sky, objects, electrons, realisation, of):
     galsim.errors.raise_fft_size_error = True  # otherwise GalSim only warns, and then uses all memory
 
     ny, nx = counts.shape
-    matrices = shape_matrix(objects.with_columns(ra_orig=objects["ra"], dec_orig=objects["dec"]), sky)
+    matrices = shape_matrix(objects.with_columns(ra_orig=objects["ra"], dec_orig=objects["dec"]), wcs)
     parts = components(objects)
     drawn, shown = np.zeros(len(objects)), np.zeros(len(objects), bool)
     for i in progress(range(len(objects)), "objects"):

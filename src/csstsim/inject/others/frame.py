@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from csstsim.base.errors import InputError
+from csstsim.base.image_wcs import ImageWCS
 from csstsim.inject.others.with_astropy import opened
 
 ELECTRONS = {"electron", "electrons", "e-", "e", "photoelectron"}
@@ -71,28 +72,26 @@ def read_foreign(path):
 
 
 def _wcs(path, file, number):
-    from astropy.wcs import WCS
-
-    try:
-        wcs = WCS(file[number].header, file)
-    except Exception as exc:  # astropy's are of many types
-        raise InputError(f"the WCS cannot be used: {str(exc).splitlines()[0]}", file=path) from None
-    if not wcs.has_celestial or wcs.naxis != 2:
-        raise InputError("no WCS", file=path, key="CTYPE1, CTYPE2", allowed="two axes on the sky")
-    matrix = _matrix(file[number].header, wcs)
-    if not np.linalg.cond(matrix) < LONGEST:
-        raise InputError(
-            "the WCS maps the image to a line", file=path, key="CD" if file[number].header["CD?_?"] else "CDELT, PC",
-            value=matrix.tolist(), allowed="a matrix from pixels to the sky that can be inverted",
-        )  # fmt: skip
+    header = file[number].header
+    _check_matrix(path, _cd(header), "CD")  # before WCSLIB, which takes 1 for the diagonal of a row of zeros
+    wcs = ImageWCS(header, path, file)
+    _check_matrix(path, None if header["CD?_?"] else wcs.wcs.pixel_scale_matrix, "CDELT, PC")
     return wcs
 
 
-def _matrix(header, wcs):
-    """Return (2, 2), deg per pixel; of CD as the header has it: WCSLIB takes 1 for the diagonal of a row of zeros."""
+def _cd(header):
+    """Return (2, 2) deg per pixel of CD as the header has it, or None."""
     if not header["CD?_?"]:
-        return wcs.pixel_scale_matrix
+        return None
     return np.array([[header.get(f"CD{i}_{j}", 0.0) for j in (1, 2)] for i in (1, 2)], float)
+
+
+def _check_matrix(path, matrix, key):
+    if matrix is not None and not np.linalg.cond(matrix) < LONGEST:
+        raise InputError(
+            "the WCS maps the image to a line", file=path, key=key, value=matrix.tolist(),
+            allowed="a matrix from pixels to the sky that can be inverted",
+        )  # fmt: skip
 
 
 def _number(header, names):

@@ -1,0 +1,101 @@
+"""The world coordinates of other people's images: any frame, axis order, projection and distortion that astropy knows.
+
+Places are ICRS, whatever the header's frame is; pixels count from 0.
+"""
+
+import warnings
+from functools import cached_property
+
+import numpy as np
+
+from csstsim.base.errors import InputError
+from csstsim.base.sphere import frames
+
+_STEP = 0.5  # px, and arcsec: half of the differences that give the local map
+
+
+class ImageWCS:
+    """The map between ICRS and the pixels of an image. Raises InputError if the header has none.
+
+    header: astropy Header; file: the HDUList that holds tables of a distortion, or None; path: named in errors.
+    """
+
+    def __init__(self, header, path, file=None):
+        from astropy.wcs import WCS
+        from astropy.wcs.utils import wcs_to_celestial_frame
+
+        self.path = path
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                self.wcs = WCS(header, file, naxis=2)
+        except Exception as exc:  # astropy's are of many types
+            raise InputError(f"the WCS cannot be used: {str(exc).splitlines()[0]}", file=path) from None
+        if not self.wcs.has_celestial:
+            raise InputError("no WCS", file=path, key="CTYPE1, CTYPE2", allowed="two axes on the sky")
+        try:
+            self.frame = wcs_to_celestial_frame(self.wcs)
+        except ValueError:
+            raise InputError(
+                "a frame that astropy does not know", file=path, key="CTYPE1, RADESYS",
+                value=", ".join([*self.wcs.wcs.ctype, self.wcs.wcs.radesys]), allowed="equatorial, galactic, ecliptic",
+            ) from None  # fmt: skip
+
+    @cached_property
+    def _is_icrs(self):
+        return self.frame.name == "icrs"
+
+    def pixels(self, ra, dec):
+        """Return x, y (n,) px of ICRS directions [deg]; NaN where the image has none."""
+        from astropy.coordinates import SkyCoord
+
+        ra, dec = np.asarray(ra, float), np.asarray(dec, float)
+        if not self._is_icrs:
+            there = SkyCoord(ra, dec, unit="deg").transform_to(self.frame).spherical
+            ra, dec = there.lon.deg, there.lat.deg
+        world = [ra, dec] if self.wcs.wcs.lng == 0 else [dec, ra]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            try:
+                return self.wcs.all_world2pix(*world, 0, quiet=True)
+            except Exception:  # astropy's are of many types
+                return np.full((2, *ra.shape), np.nan)
+
+    def sky(self, x, y):
+        """Return ICRS ra, dec (n,) deg of pixels; NaN where the projection has none."""
+        from astropy.coordinates import SkyCoord
+
+        world = self.wcs.all_pix2world(np.asarray(x, float), np.asarray(y, float), 0)
+        lon, lat = world if self.wcs.wcs.lng == 0 else world[::-1]
+        if self._is_icrs:
+            return lon, lat
+        here = SkyCoord(lon, lat, unit="deg", frame=self.frame).icrs
+        return here.ra.deg, here.dec.deg
+
+    def jacobian(self, ra, dec, seen=None):
+        """Return (n, 2, 2) d(pixel) / d(arcsec east, north) at ICRS directions [deg], the poles included.
+
+        `seen` is for maps with apparent directions; an image of others has none.
+        """
+        middle, *axes = frames(np.radians(ra), np.radians(dec))
+        step = np.radians(_STEP / 3600)
+        ends = [[self.pixels(*_angles(middle + k * step * axis)) for k in (1, -1)] for axis in axes]
+        return np.moveaxis([np.subtract(*pair) for pair in ends], (0, 1, 2), (2, 1, 0)) / (2 * _STEP)
+
+    def per_pixel(self, x, y):
+        """Return (2, 2) arcsec east, north of a step of one column, one row at a pixel."""
+        _, east, north = frames(*(np.radians(v) for v in self.sky(x, y)))
+        ends = [[_vectors(self.sky(x + k * a, y + k * b)) for k in (_STEP, -_STEP)] for a, b in ((1, 0), (0, 1))]
+        steps = [np.subtract(*pair) for pair in ends]
+        found = np.array([[axis @ step for step in steps] for axis in (east, north)]) / (2 * _STEP)
+        return np.degrees(found) * 3600
+
+
+def _angles(vectors):
+    """Return ra, dec (n,) deg of vectors (n, 3)."""
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    return np.degrees(np.arctan2(y, x)) % 360.0, np.degrees(np.arctan2(z, np.hypot(x, y)))
+
+
+def _vectors(angles):
+    return frames(*(np.radians(v) for v in angles))[0]
