@@ -368,3 +368,48 @@ def test_a_wcs_by_cdelt_is_read(tmp_path):
     assert read_foreign(write_image(tmp_path, **cards)).wcs.wcs.pixel_scale_matrix == pytest.approx(
         np.diag([-1e-5, 2e-5])
     )
+
+
+@pytest.mark.parametrize(("kind", "zero"), [("int16", 0), ("uint16", 32768), ("int32", 0)])
+def test_blank_pixels_of_an_image_of_integers_stay_blank(tmp_path, kind, zero):
+    """A star on a hole: the copy is of integers, the hole is BLANK, and light is beside it."""
+    path, raw = write_image(tmp_path, error=False), np.dtype(kind.removeprefix("u"))
+    blank = int(np.iinfo(raw).min)
+    pixels = np.full((SIDE, SIDE), 100, kind)
+    pixels[SIDE // 2 - 1 : SIDE // 2 + 2, SIDE // 2 - 1 : SIDE // 2 + 2] = blank + zero
+    with fits.open(path) as file:
+        header = file["SCI"].header
+        fits.HDUList([fits.PrimaryHDU(), fits.ImageHDU(pixels, header, "SCI")]).writeto(path, overwrite=True)
+    fits.setval(path, "BLANK", value=blank, ext=1)
+    ra, dec = read_foreign(path).wcs.sky([SIDE // 2], [SIDE // 2])
+    inject(tmp_path, path, Table({"ra": ra, "dec": dec, "mag": [18.0]}), write_psf(tmp_path), "--zeropoint", "25")
+    before, after = (raw_pixels(p) for p in (path, tmp_path / "out" / path.name))
+    hole = before == blank
+    assert after.dtype == before.dtype and hole.sum() == 9 and np.array_equal(after == blank, hole)
+    assert (after > before)[~hole].sum() > 20
+    assert fits.getval(tmp_path / "out" / path.name, "BLANK", ext=1) == blank
+
+
+def raw_pixels(path):
+    with fits.open(path, do_not_scale_image_data=True) as file:
+        return file["SCI"].data.copy()
+
+
+def test_a_catalogue_may_have_any_name(tmp_path):
+    """HISTORY holds it in the characters of FITS."""
+    image, psf = write_image(tmp_path, error=False), write_psf(tmp_path)
+    ra, dec = read_foreign(image).wcs.sky([SIDE // 2], [SIDE // 2])
+    Table({"ra": ra, "dec": dec, "mag": [18.0]}).write(tmp_path / "\u00e9toiles \u2728.csv")
+    call = [
+        "inject",
+        image,
+        "--catalogue",
+        tmp_path / "\u00e9toiles \u2728.csv",
+        "--output",
+        tmp_path / "out",
+        "--psf",
+        psf,
+    ]
+    result = CliRunner().invoke(main, [*map(str, call), "--zeropoint", "25"], catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    assert "\\xe9toiles" in "".join(fits.getheader(tmp_path / "out" / image.name)["HISTORY"])

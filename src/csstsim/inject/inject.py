@@ -17,6 +17,7 @@ from csstsim.inject.frames import CALIBRATED, LEVEL0, OTHER, job_of, kind_of
 from csstsim.inject.level0 import into_level0
 from csstsim.inject.light import catalogue_of, light_of, table_of
 from csstsim.inject.rewritten import rewrite
+from csstsim.io.fits_writing import as_ascii
 from csstsim.io.level0 import read_level0
 from csstsim.io.paths import ORDERS, TRUTH
 from csstsim.io.truth import truth_table
@@ -173,8 +174,8 @@ def record(request, count):
             ("INJREAL", request.realisation, "realisation of their noise"),
         ],
         "history": [
-            f"{number_of(count, 'object')} of {request.name}, digest {code}, realisation {request.realisation}, "
-            f"by csstsim {__version__}"
+            f"{number_of(count, 'object')} of {as_ascii(request.name)}, digest {code}, "
+            f"realisation {request.realisation}, by csstsim {__version__}"
         ],
     }
 

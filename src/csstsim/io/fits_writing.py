@@ -22,7 +22,7 @@ def card(keyword, value, comment=""):
     """
     if not (0 < len(keyword) <= 8 and all(c.isascii() and (c.isupper() or c.isdigit() or c in "-_") for c in keyword)):
         raise ValueError(f"not a FITS keyword: {keyword!r}")
-    tail = f" / {_ascii(comment)}" if comment else ""
+    tail = f" / {as_ascii(comment)}" if comment else ""
     if isinstance(value, bool | np.bool_):
         text = f"{'T' if value else 'F':>20}"
     elif isinstance(value, int | np.integer):
@@ -30,7 +30,7 @@ def card(keyword, value, comment=""):
     elif isinstance(value, float | np.floating) and math.isfinite(value):
         text = f"{float(value)!r:>20}".upper()
     elif isinstance(value, str):
-        return _string_card(keyword, _ascii(value).replace("'", "''"), tail)
+        return _string_card(keyword, as_ascii(value).replace("'", "''"), tail)
     else:
         raise ValueError(f"{keyword}: a FITS card cannot hold {value!r}")
     return f"{keyword:<8}= {text}{tail}"[:80].ljust(80)
@@ -50,11 +50,12 @@ def _string_card(keyword, text, tail):
 
 def remark(keyword, text=""):
     """Return COMMENT, HISTORY or blank cards for a text of any length."""
-    text = _ascii(text)
+    text = as_ascii(text)
     return "".join(f"{keyword:<8}{text[i : i + 72]}".ljust(80) for i in range(0, max(len(text), 1), 72))
 
 
-def _ascii(text):
+def as_ascii(text):
+    """Return a text in the characters that FITS allows: others as their codes, those that do not print as blanks."""
     text = str(text).encode("ascii", "backslashreplace").decode()
     return "".join(c if 32 <= ord(c) < 127 else " " for c in text)
 

@@ -186,7 +186,7 @@ def _galaxy(parts, i, matrix):
 def _write(image, counts, target, record):
     """Write the copy; return how many pixels reached SATURATE or the end of their type."""
     units = counts / image.electrons
-    lit = counts != 0
+    lit = (counts != 0) & ((image.image != image.blank) if image.blank is not None else True)
     value = image.image.astype(float) + units
     most = image.full
     if image.image.dtype.kind in "iu":
@@ -197,6 +197,8 @@ def _write(image, counts, target, record):
         sealed = any("CHECKSUM" in hdu.header for hdu in file)
         hdu = file[image.number]
         hdu.data = np.where(lit, value, image.image).astype(image.image.dtype)
+        if image.blank is None:
+            hdu.header.remove("BLANK", ignore_missing=True)  # floats say NaN
         if image.error is not None:
             noise = np.maximum(counts, 0) / image.electrons**2
             added = np.sqrt(image.error.astype(float) ** 2 + noise)

@@ -37,6 +37,7 @@ class ForeignFrame:
     others: int = 0
     error: np.ndarray | None = None
     error_number: int | None = None
+    blank: int | None = None  # the value of pixels without one, in an image of integers
 
 
 def read_foreign(path):
@@ -68,7 +69,15 @@ def read_foreign(path):
         return ForeignFrame(
             path, number, image, wcs, electrons, exptime, _zeropoint(header, gain), band,
             np.inf if full is None else full, others, error, None if error is None else error_number,
+            _blank(image, file[number].header),
         )  # fmt: skip
+
+
+def _blank(image, header):
+    """Return the value of BLANK among an image's integers; BZERO makes them unsigned."""
+    if image.dtype.kind not in "iu" or "BLANK" not in header:
+        return None
+    return int(header["BLANK"]) + int(header.get("BZERO", 0))
 
 
 def _wcs(path, file, number):
