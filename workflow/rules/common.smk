@@ -32,7 +32,14 @@ for key in config:
         raise WorkflowError(f"--config {key}: unknown; allowed: {', '.join(KEYS)}")
 atexit.register(gc.freeze)  # as of the commands (csstsim.command_line.group)
 # Snakemake knows a product by the text of its path: one text from wherever the campaign is named
-CAMPAIGN = os.path.abspath(config.get("campaign", "config/campaign.yaml"))
+CAMPAIGN = config.get("campaign", "config/campaign.yaml")
+if not isinstance(CAMPAIGN, str):  # Snakemake reads numbers and nothing as such
+    print(
+        f"{ERROR} --config campaign: not a file (got {CAMPAIGN}); allowed: the name of a campaign's YAML file",
+        file=sys.stderr,
+    )
+    sys.exit(2)
+CAMPAIGN = os.path.abspath(CAMPAIGN)
 if not MAIN:
     CAMPAIGN = str(named(CAMPAIGN, config["variant"]))
 

@@ -1,10 +1,11 @@
 """Reading and checking a user's table of objects: columns, units, blanks, placeholder numbers.
 
 Every fault is an InputError that names the table, the column and the row. Nothing in the table is ignored or
-reinterpreted silently.
+reinterpreted silently: a column of another name that has no single number or word in a row is left out with a warning.
 """
 
 import csv
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ from csstsim.catalog.table import COLUMNS, FILE_COLUMNS, GALAXY, OPTIONAL, STAR,
 FORMATS = {".csv": "ascii.csv", ".ecsv": "ascii.ecsv", ".fits": "fits", ".parquet": "parquet"}
 LARGE = 200_000_000  # bytes of a text from which reading it takes minutes, and tens of times as much memory
 BRIGHTEST, FAINTEST = -3.0, 90.0  # mag; -99, -9.99, 99, 99.99 and the like stand for "not known" in many catalogues
+_LARGEST_ID = np.iinfo(np.int64).max
 FASTEST = 1e6  # mas / yr; Barnard's star has 1e4
 _KNOWN = {*COLUMNS, *OPTIONAL, *changing.COLUMNS, *part_rows.SHORTHANDS, "type", "size", "n"}
 # Names that users type: similar ones count as misspelt. Magnitudes are added.
@@ -31,6 +33,7 @@ _TYPED = {
     "ra", "dec", "type", "size", "size_disk", "size_bulge", "bulge_frac", "e1", "e2", "n_disk", "n_bulge", "knots_frac",
     "part_of", "part_share", "image_file", "spectrum_file", *changing.COLUMNS,
 }  # fmt: skip
+_SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}
 _WORDS = "type", "light_curve", *FILE_COLUMNS  # columns of text
 _FILLED = {"e1", "e2", "bulge_frac", "z", "size_disk", "size_bulge", "kappa", "gamma1", "gamma2"}
 _UNITS = {
@@ -65,6 +68,7 @@ def read_table(path):
         if not any(line.strip() for line in lines):
             raise InputError("the table is empty: no heading", file=path)
         if form == "ascii.csv":
+            lines = _without_remarks(lines)
             _check_csv([line for line in lines if line.strip()], path)
     words = {}
     if form == "ascii.csv":  # whose reader takes names that begin with inf or nan for numbers
@@ -92,14 +96,16 @@ def _read_parquet(path):
         if twice:
             raise InputError("column given twice", file=path, key=twice)
         for name in names:  # one at a time is in memory twice
-            columns[name] = _of_arrow(file.read(columns=[name])[name].combine_chunks(), name, path)
+            column = _of_arrow(file.read(columns=[name])[name].combine_chunks(), name, path)
+            if column is not None:
+                columns[name] = column
     except (OSError, ValueError, pa.ArrowException) as exc:
         raise InputError(f"not a table that can be read: {str(exc).splitlines()[0]}", file=path) from None
     return plain_columns(Table(columns, copy=False), path)
 
 
 def _of_arrow(column, name, path):
-    """Return a column of a parquet file as an array, masked if it has whole numbers and blanks."""
+    """Return a column of a parquet file as an array, masked if it has whole numbers and blanks; None: left out."""
     import pyarrow as pa
     from astropy.table import MaskedColumn
 
@@ -107,10 +113,11 @@ def _of_arrow(column, name, path):
         column = column.dictionary_decode()
     if pa.types.is_decimal(column.type) or pa.types.is_null(column.type):
         column = column.cast(pa.float64())
+    if getattr(pa.types, "is_string_view", lambda _: False)(column.type):
+        column = column.cast(pa.large_string())
     words = pa.types.is_string(column.type) or pa.types.is_large_string(column.type)
     if not (words or pa.types.is_floating(column.type) or _is_whole(column.type)):
-        allowed = "numbers or words"
-        raise InputError("not a column of single values", file=path, key=name, value=str(column.type), allowed=allowed)
+        return _left_out(name, str(column.type), path)
     if words:
         coded = column.fill_null("").dictionary_encode()  # each word once, not an object for each row
         return np.array(coded.dictionary.to_pylist() or [""], dtype=str)[coded.indices.to_numpy()]
@@ -121,6 +128,20 @@ def _of_arrow(column, name, path):
     return column.to_numpy(zero_copy_only=False)
 
 
+def _left_out(name, kind, where):
+    """Warn that a column of others is left out; return None. Raises InputError for one that csstsim would use."""
+    if name in _KNOWN or name.startswith("mag_") or meant(name, _TYPED):
+        raise InputError("must hold one number or word per row", file=where, key=name, value=kind)
+    warnings.warn(f"{where}: column {name} is left out: {kind}, not one number or word per row", stacklevel=2)
+    return None
+
+
+def _without_remarks(lines):
+    """Return lines of CSV without those above the heading that begin with #."""
+    heading = next((k for k, line in enumerate(lines) if line.strip() and not line.startswith("#")), len(lines))
+    return lines[heading:]
+
+
 def _is_whole(kind):
     import pyarrow as pa
 
@@ -128,7 +149,12 @@ def _is_whole(kind):
 
 
 def _check_csv(lines, path):
-    """Refuse a name given twice, which astropy would change, and an open quote, which would take the rows after it."""
+    """Refuse other separators, names given twice, which astropy would change, and quotes that take the rows after."""
+    if not lines:
+        raise InputError("the table is empty: no heading", file=path)
+    other = next((name for mark, name in _SEPARATORS.items() if mark in lines[0] and "," not in lines[0]), None)
+    if other:
+        raise InputError(f"{other} separate the columns", file=path, value=lines[0][:80], allowed="commas")
     try:
         names = [name.strip() for name in next(csv.reader(lines))]
         rows = sum(1 for _ in csv.reader((f"{line}\n" for line in lines), strict=True))
@@ -146,7 +172,8 @@ def plain_columns(table, where="catalog"):
 
     Raises InputError for a unit that does not fit the column, or a column that is not of single numbers or words.
     """
-    return {name: _plain(name, table[name], where) for name in table.colnames}
+    columns = {name: _plain(name, table[name], where) for name in table.colnames}
+    return {name: values for name, values in columns.items() if values is not None}
 
 
 def _plain(name, column, where):
@@ -155,8 +182,9 @@ def _plain(name, column, where):
         column = _converted(name, column, unit, where)
     values = np.ma.asarray(getattr(column, "value", column))
     if values.dtype.kind not in "biufUS" or values.ndim != 1:
-        value = f"{values.dtype}, {values.shape}"
-        raise InputError("must hold one number or word per row", file=where, key=name, value=value)
+        return _left_out(name, f"{values.dtype}, {values.shape}", where)
+    if values.dtype.kind == "f" and values.dtype.itemsize > 8:
+        values = values.astype(float)  # a longdouble
     if values.dtype.kind == "S":
         values = values.astype(str)
     if values.dtype.kind in "biu" and np.ma.is_masked(values):
@@ -256,10 +284,31 @@ def _check_columns(columns, magnitudes, where):
         needed = f"ra, dec and one of {', '.join(magnitudes)}"
         found = ", ".join(columns)
         raise InputError(f"a column is missing; needed: {needed}; found: {found}", file=where, key=missing)
+    _check_ids(columns.get("id", np.zeros(0, int)), where)
     for name in known & set(columns) - {"type", "light_curve", *FILE_COLUMNS}:
         if columns[name].dtype.kind not in "iuf":
-            word = next((str(v) for v in columns[name] if not _number(v)), str(columns[name][:1]))
-            raise InputError("must be numbers", file=where, key=name, value=word)
+            row = next((k for k, value in enumerate(columns[name]) if not _number(value)), 0)
+            raise InputError("must be numbers", file=where, key=f"{name}, row {row + 1}", value=str(columns[name][row]))
+
+
+def _check_ids(ids, where):
+    """Raise InputError for the first id that is blank, no whole number, or none of 64 bits."""
+    if ids.dtype.kind == "i" or (ids.dtype.kind == "u" and (ids <= _LARGEST_ID).all()):
+        return
+    row = next((k for k, value in enumerate(ids.tolist()) if not _is_id(value)), None)
+    if row is not None:
+        value = ids[row] if ids.dtype.kind != "f" or np.isfinite(ids[row]) else "blank"
+        raise InputError(
+            "not a number of an object", file=where, key=f"id, row {row + 1}", value=str(value),
+            allowed=f"whole numbers from {-_LARGEST_ID - 1} to {_LARGEST_ID}, or no column id",
+        )  # fmt: skip
+
+
+def _is_id(value):
+    try:
+        return float(value).is_integer() and -_LARGEST_ID - 1 <= int(value) <= _LARGEST_ID
+    except (TypeError, ValueError, OverflowError):
+        return False
 
 
 def _check_magnitudes(columns, given, where):
