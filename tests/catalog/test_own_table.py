@@ -134,7 +134,7 @@ def test_a_table_out_of_excel(tmp_path):
     (tmp_path / "t.csv").write_bytes("\ufeffra,dec,mag_r\r\n10,0.1,20\r\n".encode())
     assert len(TableCatalog({"file": tmp_path / "t.csv"}, REGION).table) == 1
     (tmp_path / "t.csv").write_text("ra;dec;mag_r\n10;0.1;20\n")
-    with pytest.raises(InputError, match=r"ra: a column is missing; needed: .* found: ra;dec;mag_r"):
+    with pytest.raises(InputError, match="semicolons separate the columns"):
         TableCatalog({"file": tmp_path / "t.csv"}, REGION)
 
 
