@@ -5,13 +5,14 @@ import pytest
 from canvases import blank
 from test_reference import EXPTIME, objects
 
-from csstsim.catalog.flags import FFT_REDUCED, OFF_CHIP
-from csstsim.catalog.table import GALAXY
+from csstsim.catalog.flags import NEGATIVE_CLIPPED, OFF_CHIP
+from csstsim.catalog.table import GALAXY, STAR
 from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.scatter.scattered_light import Scattered
 from csstsim.render import policy
 from csstsim.render.drawing import Drawing
+from csstsim.render.imaging import stamps
 from csstsim.render.imaging.draw import draw_objects
 from csstsim.render.imaging.stamps import _clip_negative
 from csstsim.render.scene import make_scene
@@ -52,14 +53,13 @@ def test_an_object_beyond_an_edge_is_off_the_chip_and_one_that_reaches_over_is_n
     assert table["method"][0] == "none" and table["drawn"][0] == 0 and table["drawn"][1] > 0
 
 
-def test_what_the_stamps_flag_is_in_the_table(drawn):
-    """A needle of a galaxy, drawn by reduced transforms, and a round one beside it."""
-    shape = {
-        "obj_type": GALAXY, "size_disk": 20.0, "size_bulge": 0.1, "bulge_frac": 0.0, "e1": np.array([0.97, 0.0]),
-        "e2": np.zeros(2),
-    }  # fmt: skip
-    table, _, _ = drawn([X, X + 20], [Y, Y], 1e8, "noise_free", reach=900, **shape)
-    assert ((table["flags"] & FFT_REDUCED) > 0).tolist() == [True, False]
+def test_what_the_stamps_flag_is_in_the_table(drawn, monkeypatch):
+    """With a limit below zero every galaxy is said to be clipped; stars are never clipped."""
+    monkeypatch.setattr(stamps, "_NEGATIVE_LIMIT", -1.0)
+    shape = {"obj_type": np.array([GALAXY, STAR]), "size_disk": 0.3, "e1": np.array([0.97, 0.0]), "e2": np.zeros(2)}
+    shape |= {"size_bulge": 0.1, "bulge_frac": 0.0}
+    table, _, _ = drawn([X, X + 20], [Y, Y], 1e8, "noise_free", reach=30, **shape)
+    assert ((table["flags"] & NEGATIVE_CLIPPED) > 0).tolist() == [True, False]
 
 
 def test_time_is_shared_out_by_cost(drawn):

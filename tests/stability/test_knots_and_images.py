@@ -5,12 +5,12 @@ import pytest
 from astropy.io import fits
 from exposure import FIDELITIES, X, Y
 
-from csstsim.catalog.flags import FFT_REDUCED, NEGATIVE_CLIPPED, NOT_DRAWN
+from csstsim.catalog.flags import NEGATIVE_CLIPPED, NOT_DRAWN
 from csstsim.catalog.row_files import with_images
 from csstsim.catalog.table import GALAXY
 
 ELECTRONS = 1e5
-HARMLESS = FFT_REDUCED | NEGATIVE_CLIPPED
+HARMLESS = NEGATIVE_CLIPPED
 LIGHT = 3e-3  # of the electrons: what a stamp may leave out
 
 

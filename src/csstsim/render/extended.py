@@ -65,8 +65,12 @@ def parts_at(scene, i):
 
 
 def _rounded(size, ratio):
-    """Return a size [px], at least 2^-10, and an axis ratio, rounded to the values that tables are made for."""
-    if size < LARGE_PX:
+    """Return a size [px], at least 2^-10, and an axis ratio, rounded to the values that tables are made for.
+
+    An ellipse thinner than THINNEST keeps its long axis.
+    """
+    thin, size = ratio < THINNEST, size * np.sqrt(THINNEST / min(max(ratio, 1e-12), THINNEST))
+    if size < LARGE_PX and not thin:
         return _nearest(max(size, 2.0**-10), STEPS), 1.0
     return _nearest(size, STEPS_LARGE), max(_nearest(ratio, STEPS), THINNEST)
 

@@ -6,7 +6,8 @@ frequencies of the pixels (the aliasing of sampling), and transformed back. The 
 hardly changes it; it is added in real space. So no transform is larger than 1280 pixels and no wing wraps round.
 
 `plan_galaxies` chooses the radius of the split. Left out: the blurring of the outer part by the PSF, whose only effect
-on it is to remove the light outside the box (size of the error: benchmarks/stamps.py).
+on it is to remove the light outside the box (size of the error: benchmarks/stamps.py). A galaxy so long and thin that
+its outer part begins where the PSF changes it is blurred across its long axis (render.imaging.thin_galaxy).
 """
 
 from dataclasses import dataclass
@@ -18,10 +19,11 @@ import scipy.fft
 
 from csstsim.profiles.log_table import first_of, nodes, read
 from csstsim.profiles.sersic import CUT_NONE, K2_HIGH, K2_LOW, R2_HIGH, R2_LOW, cut_for, extent, tables
+from csstsim.render.imaging.thin_galaxy import across, add_band
 from csstsim.render.psf_mixture import BINS, transform
 
 _WORST = 3e-4  # of the peak: the most that blurring may change in the outer part ...
-_ROUGH = 3e-3  # of the peak: a larger change is flagged
+_BLURRED = 3e-3  # of the peak: a larger change is not left out
 _LOCAL = 0.05  # ... where the change is more than this fraction of the local value
 _CORE2 = 1.5  # px^2: half the variance of the PSF's core and the pixel
 _WINGS2 = 6.5  # px^2: the same of the box, with the curvature of the split (measured: benchmarks/stamps.py)
@@ -45,7 +47,7 @@ class Plan:
     cut: np.ndarray  # (n, 2) r_e of each component; inf: no outer part
     half: np.ndarray  # (n,) px, half the side of the square on which the inner part is computed
     size: np.ndarray  # (n,) px, period of the transform
-    rough: np.ndarray  # (n,) bool: so long and thin that the error may exceed the limit
+    thin: np.ndarray  # (n,) bool: so long and thin that the PSF changes the outer part, which is blurred
 
     def take(self, rows):
         """Return the plan of the galaxies at the rows of an index array, in that order."""
@@ -76,13 +78,13 @@ def plan_galaxies(scene, reach, box, rows):
     start = _RHO[np.minimum((wrong > _WORST).sum(axis=-1), len(_RHO) - 1)]
     radius = 2 * np.maximum(start, _START_PX / wide)
     most = np.minimum(2 * reach[:, None], _EXTENT_MAX) / wide
-    # Too long for a transform: take the better of a split too near the centre and no transform at all
+    # Too long for a transform: the better of a split too near the centre and no transform at all; or blur the outer
     capped = (radius > most) & (2 * reach[:, None] > _EXTENT_MAX)
     last = np.maximum((0.5 * most[..., None] > _RHO).sum(axis=-1) - 1, 0)
     near = np.take_along_axis(wrong, last[..., None], axis=-1)[..., 0]
     bare = b / n * short ** (-1 / n) * _CORE2  # the curvature one pixel from the centre
-    radius = np.where(capped & (bare < near), CUT_NONE, np.minimum(radius, most))
-    rough = (capped & there & (np.minimum(near, bare) > _ROUGH)).any(axis=1)
+    thin = (capped & there & (np.minimum(near, bare) > _BLURRED)).any(axis=1)
+    radius = np.where(capped & (bare < near) & ~thin[:, None], CUT_NONE, np.minimum(radius, most))
     cut, ends = np.full(n.shape, np.inf), np.zeros(n.shape)
     for i, c in np.argwhere(there).tolist():
         cut[i, c] = cut_for(n[i, c], radius[i, c])
@@ -94,7 +96,7 @@ def plan_galaxies(scene, reach, box, rows):
     half = np.minimum(reach, np.ceil(end + box)).astype(int)
     wanted = np.maximum(half + np.maximum(box, end + box / 4) + 1, 2 * half + 2)
     sizes = _SIZES[np.minimum(np.searchsorted(_SIZES, wanted), len(_SIZES) - 1)]
-    return Plan(cut, half, np.where(rows, sizes, 0), rough)
+    return Plan(cut, half, np.where(rows, sizes, 0), thin)
 
 
 def galaxy_stamp(stamper, i, share, bounds, many=False):
@@ -110,7 +112,7 @@ def galaxy_stamp(stamper, i, share, bounds, many=False):
     inner, outer = _component_tables(*(key for c in range(2) for key in (sersic[c, 0] * (light[c] > 0), cut[c])))
     if spots >= 0:  # their transform is part of the mixture: what the components' tables multiply is 1
         inner = _ONES
-    frequency = _cutoff(sersic, light, matrix, inner, mixer.envelope(node, share))
+    frequency = BINS[-1] if plan.thin[i] else _cutoff(sersic, light, matrix, inner, mixer.envelope(node, share))
     last = min(int(frequency * size) + 1, size)
     x0, x1, y0, y1 = (0, 0, 0, 0) if bounds is None else bounds
     stamp = np.zeros((y1 - y0, x1 - x0))
@@ -120,6 +122,8 @@ def galaxy_stamp(stamper, i, share, bounds, many=False):
     else:
         cells = mixer.mixed_cells(node, share)
         mixture = transform(cells if core is None else cells * core, size, mixer.per_pixel, last)
+    smooth = sersic, light, matrix, outer, cut
+    blurred = across(mixture, size, *smooth, 1.5 * reach + 1, mixer.half) if plan.thin[i] else None
     if spots >= 0:
         mixture *= scene.spots.transform(spots, matrix, size, last)
     folded = _convolved(mixture, sersic, light, matrix, inner, x - first_x, y - first_y, size)
@@ -132,10 +136,10 @@ def galaxy_stamp(stamper, i, share, bounds, many=False):
             low_y - first_y : high_y - first_y, low_x - first_x : high_x - first_x
         ]
     if np.isfinite(cut).any():
-        smooth = sersic, light, matrix, outer, cut
+        smooth = *smooth, blurred
         electrons = mixer.light(node, share, core is not None)
         before = stamp.sum()
-        _add_outer(stamp, *smooth, x - x0, y - y0, electrons)
+        _add_smooth(stamp, *smooth, x - x0, y - y0, electrons)
         if stamp.shape == (2 * reach + 1, 2 * reach + 1):
             whole += stamp.sum() - before
         else:
@@ -148,9 +152,17 @@ def _outer_light(smooth, x, y, side, electrons):
     total = 0.0
     for row in range(0, side, _ROWS):
         strip = np.zeros((min(_ROWS, side - row), side))
-        _add_outer(strip, *smooth, x, y - row, electrons)
+        _add_smooth(strip, *smooth, x, y - row, electrons)
         total += strip.sum()
     return total
+
+
+def _add_smooth(stamp, sersic, light, matrix, tables, cut, blurred, x, y, electrons):
+    """Add the outer parts to `stamp`, as they are or, within the band of an Across, blurred."""
+    side, band = (np.zeros(2), 0.0) if blurred is None else (blurred.axes[:, 1].copy(), blurred.band)
+    _add_outer(stamp, sersic, light, matrix, tables, cut, side, band, x, y, electrons)
+    if blurred is not None:
+        add_band(stamp, blurred.values, blurred.axes, blurred.band, x, y)
 
 
 @lru_cache(256)
@@ -230,8 +242,11 @@ def _convolved(mixture, sersic, light, matrix, tables, x, y, size):
 
 
 @numba.njit(cache=True)
-def _add_outer(stamp, sersic, light, matrix, tables, cut, x, y, electrons):
-    """Add the outer parts to `stamp` (float64), the galaxy's centre at x, y from its first pixel."""
+def _add_outer(stamp, sersic, light, matrix, tables, cut, side, band, x, y, electrons):
+    """Add the outer parts to `stamp` (float64), the galaxy's centre at x, y from its first pixel.
+
+    side: unit vector across the long axis; pixels within `band` [px] of that axis are left out.
+    """
     determinant = matrix[0, 0] * matrix[1, 1] - matrix[0, 1] * matrix[1, 0]
     line = np.empty(stamp.shape[1])
     bits = line.view(np.int64)
@@ -249,6 +264,10 @@ def _add_outer(stamp, sersic, light, matrix, tables, cut, x, y, electrons):
                 dx = column - x
                 u, v = a * dx + b * dy, d * dx + e * dy
                 line[column] = u * u + v * v
+            if band > 0:
+                for column in range(stamp.shape[1]):
+                    if -band <= side[0] * (column - x) + side[1] * dy < band:
+                        line[column] = -2.0  # below any `inside`
             for column in range(stamp.shape[1]):
                 if line[column] > inside:
                     stamp[row, column] += level * read(tables[c], _R2_FIRST, bits[column])

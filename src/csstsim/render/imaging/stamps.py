@@ -11,7 +11,7 @@ import numba
 import numpy as np
 
 from csstsim.base.process.progress import progress
-from csstsim.catalog.flags import FFT_REDUCED, NEGATIVE_CLIPPED, OFF_CHIP, OUTSIDE_PSF_HULL
+from csstsim.catalog.flags import NEGATIVE_CLIPPED, OFF_CHIP, OUTSIDE_PSF_HULL
 from csstsim.render.canvas import around
 from csstsim.render.imaging.stamper import Stamper
 from csstsim.render.psf_mixture import mixer_of
@@ -58,7 +58,7 @@ def draw_scene(canvas, scene, psf, scattered=None, chip=None):
         bounds, parts = _visible(*at, reach[i], window), []
         stamp, whole = stamper.stamp(i, share[i], bounds, many[i])
         if plan.size[i]:
-            out.flags[i] |= _clip_negative(stamp) | (FFT_REDUCED if plan.rough[i] else 0)
+            out.flags[i] |= _clip_negative(stamp)
         if bounds:
             cut = canvas.cut(bounds)
             parts.append((_put(image[cut], stamp, canvas.seen[cut]), bounds))

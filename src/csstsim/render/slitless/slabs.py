@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from csstsim.catalog.flags import FFT_REDUCED, OUTSIDE_PSF_HULL
+from csstsim.catalog.flags import OUTSIDE_PSF_HULL
 from csstsim.profiles.sersic import BULGE, DISK
 from csstsim.render.canvas import around
 from csstsim.render.imaging.stamper import Stamper
@@ -67,7 +67,7 @@ def draw_spectra(canvas, scene, traces, psf, scattered=None, per_px=PER_PX, allo
     density = densities(scene, counts.max(axis=1))
     for v, (i, *_) in enumerate(visits.tolist()):
         start = time.process_time()
-        out.flags[v] = (OUTSIDE_PSF_HULL if scene.outside[i] else 0) | (FFT_REDUCED if stamper.plan.rough[i] else 0)
+        out.flags[v] = OUTSIDE_PSF_HULL if scene.outside[i] else 0
         side = traces.side(scene, v)
         lit = max(side[0], -side[1], side[2], -side[3]) < reach[i] + 1
         stamps = held = None
