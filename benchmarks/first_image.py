@@ -90,10 +90,9 @@ def go(record: Record) -> None:
         sky = home / "mysky"
         who.run(programs / "csstsim", "check", "campaign.yaml", folder=sky)
         who.run(
-            programs / "csstsim", "chip", "campaign.yaml", "--obsid", "10100000002", "--chip", "9",
-            "--output", "one", folder=sky,
+            programs / "csstsim", "chip", "campaign.yaml", "--obsid", "10100000002", "--chip", "9", folder=sky,
         )  # fmt: skip
-        [image] = sky.glob("one/level0/*/*_L0_V01.fits")
+        [image] = sky.glob("results/level0/*/*_L0_V01.fits")
         who.run(
             programs / "csstsim", "show", image.relative_to(sky), "--truth", "--subtract-overscan",
             "--size", "500", "--output", "look.png", folder=sky,

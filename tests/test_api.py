@@ -90,7 +90,7 @@ def test_the_wcs_is_of_the_windows_pixels(sim):
     columns = {name: one_star(sim)[name].tolist() for name in ("ra", "dec", "mag_r")}
     star = sim.replace(catalog={"kind": TABLE_KIND, "options": {"columns": columns}})
     for each in (star.chip(OBSID, CHIP), star.replace(window=(30, 100, 20, 120)).chip(OBSID, CHIP)):
-        x, y = each.wcs.world_to_pixel_values(each.truth["ra"], each.truth["dec"])
+        x, y = each.wcs.world_to_pixel_values(each.truth["ra_epoch"], each.truth["dec_epoch"])
         assert len(x) == 1 and each.image.shape == each.window.shape
         assert np.abs(x - (each.truth["xImage"] - 1 - each.window.x0)).max() < 1e-2  # px
         assert np.abs(y - (each.truth["yImage"] - 1 - each.window.y0)).max() < 1e-2

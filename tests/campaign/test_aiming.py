@@ -86,10 +86,11 @@ def test_the_command_prints_or_writes_the_table(tmp_path):
         (["150", "2", "--filter", "q"], "--filter: no such filter"),
         (["150", "99"], "out of range"),
         (["nan", "2"], "out of range"),
-        (["10", "90"], "try another angle"),
+        (["10", "90"], "near a pole: take "),
         (["150", "2", "--time", "tomorrow"], "not an ISO UTC time"),
         (["150", "2", "--obsid", "12"], "not an observation id"),
         (["150", "2", "--exptime", "0"], "exptime above 0"),
+        (["150", "2", "--exptime", "1e12"], "to 100000 [s]"),
         (["150", "2", "--chip", "8", "--time", "2027-11-20T01:20:00", "--time", "2027-11-20T01:21:00"], "not ended"),
     ],
 )  # fmt: skip

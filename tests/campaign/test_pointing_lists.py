@@ -292,6 +292,23 @@ def test_exposures_with_the_earth_in_the_way_are_named(tmp_path):
     assert code == 0 and "Earth in the way of 1 exposure: 10100000002. " in said and "sat_x ... sat_vz" in said, said
 
 
+@pytest.mark.parametrize("order", [1, -1])
+def test_exposures_that_overlap_at_different_places_are_named_by_row(tmp_path, order):
+    """150 s each: the second begins in the first at another place, the third in the first at its place."""
+    day = float(DAY)
+    times = [(10.0, 0.0), (20.0, 60.0), (10.0, 120.0), (30.0, 280.0)]
+    rows = [f"{ra},2,10,{day + seconds / 86400:.9f},150" for ra, seconds in times][::order]
+    code, said = run(listed(tmp_path, rows), tmp_path / "t.csv", "--map", "time_mjd=mjd")
+    [line] = [line for line in said.splitlines() if "points elsewhere" in line]
+    first, second = ("line 2", "line 3") if order == 1 else ("line 5", "line 4")
+    assert code == 0 and line.startswith("2 exposures begin") and f"({second}) during" in line and first in line, said
+
+
+def test_a_quantity_named_by_a_form_of_time_is_proposed(tmp_path):
+    code, said = run(listed(tmp_path, [f"1,2,10,{DAY},150"]), tmp_path / "t.csv", "--map", "jd=mjd")
+    assert code == 2 and "a time in this form: time_jd" in said
+
+
 def one(tmp_path, text, *arguments, name="list.csv"):
     """Import a list of one row; return its Pointing."""
     (tmp_path / name).write_text(text)

@@ -11,6 +11,7 @@ from csst import BANDS
 from csstsim.base.errors import InputError
 from csstsim.catalog.base import CatalogBase, Region
 from csstsim.catalog.galaxy_shapes.images import NEGATIVE, read_picture, sky_of
+from csstsim.catalog.light.file_spectra import read_spectrum
 from csstsim.catalog.light.photometry import ab_mag, subband_weights
 from csstsim.catalog.mock_object import MockObject
 from csstsim.catalog.object_table import read_table
@@ -35,6 +36,43 @@ def folder(tmp_path):
     Table({"WAVELENGTH": wave, "FLUX": [1.0, 1.0, 9.0, 1.0, 2.0]}).write(tmp_path / "line.csv")
     Table({"WAVELENGTH": [3000.0, 3500.0], "FLUX": [1.0, 1.0]}).write(tmp_path / "blue.csv")
     return tmp_path
+
+
+HC, C = 1.98644586e-8, 2.99792458e18  # erg angstrom, angstrom / s
+OF_PHOTONS = {  # from photon / s / cm2 / angstrom at a wavelength [angstrom]
+    "FLAM": lambda n, w: n * HC / w,
+    "fnu": lambda n, w: n * HC * w / C,
+    "PHOTLAM": lambda n, _: n,
+    "photnu": lambda n, w: n * w**2 / C,
+    "Jy": lambda n, w: n * HC * w / C * 1e23,
+    "mJy": lambda n, w: n * HC * w / C * 1e26,
+    "ABMAG": lambda n, w: -2.5 * np.log10(n * HC * w / C) - 48.60,
+    "stmag": lambda n, w: -2.5 * np.log10(n * HC / w) - 21.10,
+    "erg / (s cm2 Angstrom)": lambda n, w: n * HC / w,
+}
+
+
+@pytest.mark.parametrize(
+    "wave_unit, length", [("ANGSTROMS", 1.0), ("Angstrom", 1.0), ("nanometers", 0.1), ("MICRONS", 1e-4)]
+)
+@pytest.mark.parametrize("unit", OF_PHOTONS)
+@pytest.mark.parametrize("form", ["fits", "ecsv"])
+def test_spectra_in_the_units_of_calspec(tmp_path, unit, wave_unit, length, form):
+    """Each unit of CALSPEC, pysynphot and astropy by its closed form; 1e-4, the digits of its constants."""
+    wave = np.linspace(4000.0, 9000.0, 501)
+    photons = 1e-3 * (2 + np.sin(wave / 500))
+    table = Table({"WAVELENGTH": wave * length, "FLUX": OF_PHOTONS[unit](photons, wave)})
+    file = tmp_path / f"s.{form}"
+    if form == "fits":
+        table.write(file)
+        with fits.open(file, mode="update") as hdus:
+            hdus[1].header["TUNIT1"], hdus[1].header["TUNIT2"] = wave_unit, unit
+    else:
+        table["WAVELENGTH"].unit, table["FLUX"].unit = wave_unit, unit
+        table.write(file)
+    seen = read_spectrum(str(file))
+    at = (GRID > 4100) & (GRID < 8900)
+    assert seen[at] == pytest.approx(1e4 * np.interp(GRID[at], wave, photons), rel=1e-3)
 
 
 def catalog(folder, **columns):
@@ -169,13 +207,13 @@ def test_a_wrong_spectrum_is_refused(folder, flux):
 
 
 def test_a_spectrum_from_a_file_has_its_row_s_magnitude_and_its_lines(folder, camera):
-    """By trapezoids over the file's own samples; rates, means of bins and samples are one light."""
+    """By trapezoids over the file's own samples; rates, means of bins and samples, which are means, are one light."""
     mine = catalog(folder, spectrum_file=["line.csv", ""])
     rows, band = np.array([1, 0, 0]), camera.filters["r"]
     seds = mine.load_seds(rows)
     assert [ab_mag(sed, GRID, band.at(GRID)) for sed in seds] == pytest.approx([21.0, 20.0, 20.0], abs=MAG)
     peak = np.searchsorted(GRID, 5000.0)
-    assert seds[1][peak] / seds[1][peak - 200] == pytest.approx(9.0) and not seds[1][GRID > 9000.5].any()
+    assert seds[1][peak] / seds[1][peak - 200] == pytest.approx(8.9) and not seds[1][GRID > 9000.5].any()
     weights = subband_weights(band, camera.telescope)
     assert mine.load_fluxes(rows, band, camera.telescope) == pytest.approx(seds @ weights.T, rel=1e-4)
     edges = GRID[3000:9000:40]

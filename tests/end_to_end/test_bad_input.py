@@ -198,6 +198,7 @@ def test_chip_does_not_write_into_the_folder_of_another_campaign(tmp_path):
 @pytest.mark.parametrize(
     ("instrument", "words"),
     [
+        ({"psf.jitter": 1.0}, ["psf.yaml: jitter", "too wide", "13.5 pixel rms", "1 arcsec, 4 um", "up to 2 pixel"]),
         ({"psf.jitter": -3}, ["psf.yaml: jitter", "(got -3)", ">= 0"]),
         ({"psf.filter_figure.rms.r": -1}, ["psf.yaml: filter_figure.rms.r", "(got -1)", ">= 0"]),
         ({"psf.oversampling.r": 3}, ["psf.yaml: oversampling.r", "(got 3)", "2, 4"]),

@@ -7,17 +7,19 @@ from astropy.io import fits
 from canvases import blank
 from test_reference import objects
 
+from csstsim.base.errors import InputError
 from csstsim.bench.imaging.measures import moments
 from csstsim.catalog.galaxy_shapes.galsim_images import image_of
 from csstsim.catalog.galaxy_shapes.images import read_picture
 from csstsim.catalog.galaxy_shapes.knots import knots_of
-from csstsim.catalog.table import GALAXY
+from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.scatter.scattered_light import Scattered
 from csstsim.render.drawing import Drawing
 from csstsim.render.imaging import draw, reference
 from csstsim.render.scene import make_scene
+from csstsim.simulation.frame import shown_table
 
 SCALE, EXPTIME, HALF = 0.074, 100.0, 60
 X, Y = 4200, 5150
@@ -128,6 +130,16 @@ def test_knots_belong_to_their_galaxy(show):
     assert np.array_equal(alone.u, again.u) and not np.isclose(alone.u, other.u).any()
     both = knots_of(objects_of(show, id=[6, 5], size_disk=[0.5, 0.5], knots=[9, 9], knots_frac=[0.5, 0.2]))
     assert np.array_equal(both.u[9:], alone.u) and np.array_equal(both.u[:9], other.u)
+
+
+def test_knots_of_a_frames_truth(show):
+    """As the astropy Table of a Frame, and as csstsim.io.truth reads it: the ids have another name there."""
+    table = objects_of(show, id=[6, 5], size_disk=[0.5, 0.5], knots=[9, 0], knots_frac=[0.5, 0.0])
+    named = {"obj_ID" if name == "id" else name: table[name] for name in table}
+    for truth in (shown_table(ObjectTable(named)), ObjectTable(named)):
+        assert all(np.array_equal(*pair) for pair in zip(knots_of(table), knots_of(truth), strict=True))
+    with pytest.raises(InputError, match="lacks a column"):
+        knots_of(ObjectTable({"knots": [3], "knots_frac": [0.5]}))
 
 
 def objects_of(show, **columns):

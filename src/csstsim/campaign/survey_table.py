@@ -16,7 +16,7 @@ from csstsim.base.help_page import explained
 from csstsim.base.shipped import SHIPPED
 from csstsim.base.units import EARTH_RADIUS_KM
 from csstsim.instrument.camera import load_telescope
-from csstsim.instrument.pointing import ExposureType, Pointing, SurveyPart, parse_utc
+from csstsim.instrument.pointing import EXPTIME_MAX, ExposureType, Pointing, SurveyPart, parse_utc
 
 OBSID, OBSID_ALLOWED = re.compile(r"[0-9]{9,14}"), "9 to 14 digits"
 REQUIRED = ("obsid", "type", "ra", "dec", "pa", "time", "exptime")
@@ -158,7 +158,7 @@ class Row:
     def exptime(self):
         """The exposure time [s]."""
         allowed = f"0 (BIAS only), or {_MIN_EXPTIME} to 100000 s"
-        value = self.number_in("exptime", 0.0, 1e5, allowed)
+        value = self.number_in("exptime", 0.0, EXPTIME_MAX, allowed)
         if 0 < value < _MIN_EXPTIME:
             raise self.error("out of range", "exptime", self.cells["exptime"], allowed)
         if value == 0 and self.type() != "BIAS":

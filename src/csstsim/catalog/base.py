@@ -307,6 +307,14 @@ def users_code(where):
             raise InputError(f"{type(exc).__name__}: {exc}{line}", key=where) from exc
 
 
+# Units of CALSPEC's files, by the names of pysynphot and synphot, in lower case
+SYNPHOT_UNITS = {
+    "angstroms": "AA", "nanometers": "nm", "microns": "um", "flam": "erg / (s cm2 AA)", "fnu": "erg / (s cm2 Hz)",
+    "photlam": "photon / (s cm2 AA)", "photnu": "photon / (s cm2 Hz)", "jy": "Jy", "mjy": "mJy", "abmag": "mag(AB)",
+    "stmag": "mag(ST)",
+}  # fmt: skip
+
+
 def read_columns(table, name, where):
     """Return WAVELENGTH [A] and `name` (FLUX or SENSITIVITY) of the table a user's method returned, in csstsim's units.
 
@@ -333,4 +341,4 @@ def _plain(column, unit, wave=None):
     from astropy import units as u
 
     per_wave = u.spectral_density(wave * u.AA) if wave is not None else []
-    return (values * u.Unit(own)).to_value(unit, per_wave)
+    return (values * u.Unit(SYNPHOT_UNITS.get(str(own).lower(), own))).to_value(unit, per_wave)

@@ -7,6 +7,7 @@ from typing import Literal
 
 ExposureType = Literal["SCIE", "BIAS", "DARK", "FLAT"]
 SurveyPart = Literal["WIDE", "DEEP"]  # of the survey, to which a science exposure belongs
+EXPTIME_MAX = 1e5  # s
 _ISO = re.compile(r"\d{4}-\d{2}-\d{2}[T ]\d{2}:\d{2}:\d{2}(\.\d{1,6})?Z?")
 _MJD_ZERO = datetime(1858, 11, 17, tzinfo=UTC)
 

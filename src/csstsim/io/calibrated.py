@@ -2,17 +2,17 @@
 
 SCI is corrected for bias, background, flat field, shutter and moved charge; BACKMED is the median of the subtracted
 background. ERR is a pixel's own noise: shot noise of all its electrons and read noise. The world
-coordinates have the field distortion as SIP polynomials (Shupe et al. 2005); directions are apparent, as in Level-0.
+coordinates are ICRS at the epoch of the exposure (optics.geometry.icrs_header), those of Level-0 are apparent.
 """
 
 from csstsim.base.files.atomic import atomic_path
 from csstsim.io.fits_writing import card, remark, write_hdus
-from csstsim.optics.geometry.sip import sip_header
+from csstsim.optics.geometry.icrs_header import icrs_header
 
 # Copied from the Level-0 file's primary header: the exposure, and the state of the spacecraft
 KEPT = (
-    "TELESCOP", "INSTRUME", "DETECTOR", "FILTER", "OBJECT", "OBSID", "RADESYS", "POSKIND", "EPHEM", "LDPLANET",
-    "DATE-OBS", "DATE-END", "EXPSTART", "EXPEND", "EXPTIME", "RA_PNT0", "DEC_PNT0", "POS_ANG0", "POSI0_X", "POSI0_Y",
+    "TELESCOP", "INSTRUME", "DETECTOR", "FILTER", "OBJECT", "OBSID", "EPHEM", "LDPLANET", "DATE-OBS", "DATE-END",
+    "EXPSTART", "EXPEND", "EXPTIME", "RA_PNT0", "DEC_PNT0", "POS_ANG0", "POSI0_X", "POSI0_Y",
     "POSI0_Z", "VELO0_X", "VELO0_Y", "VELO0_Z", "SIMVER", "SIMSEED", "CAMPHASH", "CAMHASH", "LAYHASH", "EXPHASH",
 )  # fmt: skip
 DQ = {1: "saturated", 2: "defect, known from calibration", 4: "cosmic ray"}
@@ -26,9 +26,8 @@ def write_calibrated(path, file, wcs, planes, *, background, zeropoint, read_noi
     """
     primary = [card(name, file.header0[name]) for name in KEPT if name in file.header0]
     primary += [remark("HISTORY", f" calibrated from {file.path.name}"), remark("HISTORY", f" {settings}")]
-    linear, window = sip_header(wcs), file.window
-    linear |= {"CRPIX1": linear["CRPIX1"] - window.x0, "CRPIX2": linear["CRPIX2"] - window.y0}
-    place = [card(key, value) for key, value in linear.items()]
+    window = file.window
+    place = [card(key, value) for key, value in icrs_header(wcs, file.observer, window).items()]
     place += [
         card("READX0", window.x0 + 1, "first column, on the chip, counted from 1"),
         card("READX1", window.x1, "last column"),

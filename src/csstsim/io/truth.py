@@ -49,7 +49,7 @@ ABOUT = {
     **SOMETIMES,
     "x": "FITS px of the assembled frame (centre of the first active pixel at 1)",
     "y": "the same",
-    "ra": "deg, apparent direction: with the WCS of `sip: true`, or csstsim.Frame's, it gives xImage, yImage",
+    "ra": "deg, apparent direction: with the WCS of `sip: true` it gives xImage, yImage",
     "dec": "deg, the same",
     "ra_orig": "deg, the catalogue's place, ICRS at J2000",
     "dec_orig": "deg, the same",

@@ -15,7 +15,7 @@ from csstsim.base.files.atomic import atomic_path
 from csstsim.base.process.one_thread import one_thread
 from csstsim.io.calibrated import DQ, KEPT
 from csstsim.io.fits_writing import card, compress, write_hdus
-from csstsim.release.icrs_header import corners, icrs_header
+from csstsim.optics.geometry.icrs_header import corners, icrs_header
 from csstsim.release.star_psf import chosen, star_psf, write_psfex
 
 RAW, CALIBRATED, PSF = "raw", "calibrated", "psf"

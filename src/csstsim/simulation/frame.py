@@ -17,7 +17,7 @@ class Frame:
     * image: (ny, nx), DN (uint16) from `Simulation.chip`, electrons (float32) from `Simulation.light`
     * truth: astropy Table, a row an object (docs: Products); xImage, yImage count from 1 on the whole chip, so
       `truth["xImage"] - 1 - window.x0` is the column of `image`
-    * wcs: astropy WCS of `image`, field distortion included; directions are apparent [deg]
+    * wcs: astropy WCS of `image`, field distortion included; ICRS at the epoch: ra_epoch, dec_epoch of the truth
     * window: x0, x1, y0, y1 [pixel] on the chip
     * header: astropy Header, both headers of the Level-0 file in one; None from `light`
     * raw: the window as read, with prescan and overscan, (rows, columns) DN; None from `light`
@@ -75,11 +75,9 @@ def shown_table(table):
 
 
 def _wcs(job):
-    """Return the astropy WCS of a job's window: TAN-SIP where the field is distorted, else linear."""
+    """Return the astropy WCS of a job's window in ICRS: aberration and deflection are undone."""
     from astropy.wcs import WCS
 
-    from csstsim.optics.geometry.sip import sip_header
+    from csstsim.optics.geometry.icrs_header import icrs_header
 
-    header = sip_header(job.wcs) if job.wcs.distortion else job.wcs.header()
-    header |= {"CRPIX1": header["CRPIX1"] - job.window.x0, "CRPIX2": header["CRPIX2"] - job.window.y0}
-    return WCS(header)
+    return WCS(icrs_header(job.wcs, job.observer, job.window))

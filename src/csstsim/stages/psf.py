@@ -72,7 +72,7 @@ def _nodes_uv(camera, chip, grid):
 def check_psf(run):
     """Check the numbers of psf.yaml with which the PSFs of the campaign's chips would be made. Raises InputError."""
     from csstsim.optics.psf.chip_errors import chip_coefficients
-    from csstsim.optics.psf.diffraction import blur
+    from csstsim.optics.psf.diffraction import check_blur
     from csstsim.optics.psf.sampling import oversampling_of
     from csstsim.optics.psf.wavefront import load_wavefront
 
@@ -81,7 +81,7 @@ def check_psf(run):
     numbers, cell = run.camera.psf, run.camera.telescope.pixel_scale
     try:
         wavefront = load_wavefront(numbers)
-        blur(numbers, cell, run.camera.detector.pixel_um)
+        check_blur(numbers, cell, run.camera.detector.pixel_um)
         for chip in map(run.camera.chips.get, run.sky_chips):
             chip_coefficients(wavefront, numbers, chip, 0.0, 0.0)
             oversampling_of(chip.filter, numbers, run.config.psf.oversampling)

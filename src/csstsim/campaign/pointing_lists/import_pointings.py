@@ -19,6 +19,7 @@ from csstsim.campaign.pointing_lists.messages import (
     say_blocked,
     say_catalogue_places,
     say_not_used,
+    say_overlaps,
     say_refused,
 )
 from csstsim.campaign.pointing_lists.read_list import read_list
@@ -56,7 +57,7 @@ def import_pointings(path, output, say, *, like=None, mapping=None, maps=(), set
         message = f"no row can be used; {count} of {number_of(len(refused), 'row')}: {reason}"
         raise InputError(f"{message}; {beside[REJECTED]} has all reasons", file=path)
     text = _table(made.rows.values(), f"{path.name}, by {beside[MAPPING].name}")
-    exposures_of(text, orbit, output)  # what the reader of tables would refuse is refused now
+    exposures = exposures_of(text, orbit, output)  # what the reader of tables would refuse is refused now
     _write(beside[MAPPING], given.text())
     if not refused:
         beside[REJECTED].unlink(missing_ok=True)  # of an earlier attempt
@@ -69,6 +70,7 @@ def import_pointings(path, output, say, *, like=None, mapping=None, maps=(), set
     if conventions.get("directions") is None:
         say_catalogue_places(given, table, say)
     say_blocked(made.blocked, say)
+    say_overlaps(exposures, {cells["obsid"]: table.rows[row][0] for row, cells in made.rows.items()}, say)
     return len(refused)
 
 

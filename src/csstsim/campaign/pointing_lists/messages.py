@@ -66,6 +66,26 @@ def say_blocked(obsids, say):
         )
 
 
+def say_overlaps(exposures, places, say):
+    """Print which exposures begin before another at a different place has ended: one telescope cannot take both.
+
+    exposures: {obsid: Pointing}; places: {obsid: where in the list it stands}.
+    """
+    found, before = [], None
+    for obsid, one in sorted(exposures.items(), key=lambda item: item[1].start):
+        if before and one.start < (other := exposures[before]).end and _aim(one) != _aim(other):
+            found.append(f"{obsid} ({places[obsid]}) during {before} ({places[before]})")
+        if before is None or one.end > exposures[before].end:
+            before = obsid
+    if found:
+        verb = "begins" if len(found) == 1 else "begin"
+        say(f"{number_of(len(found), 'exposure')} {verb} while the telescope points elsewhere: {_some_of(found)}")
+
+
+def _aim(pointing):
+    return pointing.type, pointing.ra, pointing.dec, pointing.pa
+
+
 def _some_of(names):
     """Return the first names in a line, and how many more there are."""
     return ", ".join(names[:MOST]) + (f" and {len(names) - MOST} more" if len(names) > MOST else "")

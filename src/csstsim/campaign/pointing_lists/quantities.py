@@ -55,7 +55,8 @@ def parse_key(text, file=None, place=None):
     """
     known = [name for name in KINDS if text == name or text.startswith(f"{name}_")]
     if not known:
-        raise InputError("unknown quantity", file=file, key=place, value=text, allowed=", ".join(KINDS))
+        time = f"; a time in this form: time_{text}" if _unit("time", text) else ""
+        raise InputError("unknown quantity", file=file, key=place, value=text, allowed=", ".join(KINDS) + time)
     name = max(known, key=len)
     suffix = text[len(name) + 1 :]
     if not suffix:

@@ -11,7 +11,9 @@ import numba
 import numpy as np
 
 from csstsim.base.counter import high, object_keys, word
+from csstsim.base.errors import InputError
 from csstsim.catalog.galaxy_shapes.components import KNOTS_WITHIN, has_knots
+from csstsim.catalog.table import ObjectTable
 from csstsim.profiles.sersic import DISK
 from csstsim.profiles.sersic_photons import ring, rings_for
 
@@ -36,7 +38,14 @@ class Knots(NamedTuple):
 
 
 def knots_of(table):
-    """Return the Knots of an ObjectTable."""
+    """Return the Knots of an ObjectTable, or of the truth of a frame as an astropy Table or ObjectTable.
+
+    Raises InputError for a table without a column that knots need.
+    """
+    names = table.names if isinstance(table, ObjectTable) else table.colnames
+    table = ObjectTable({"id" if name == "obj_ID" else name: np.asarray(table[name]) for name in names})
+    if missing := [name for name in ("id", "obj_type", "size_disk") if name not in table]:
+        raise InputError("the table lacks a column", key=missing[0])
     rows = np.flatnonzero(has_knots(table))
     if not len(rows):
         return Knots(rows, *(np.zeros(0) for _ in range(5)))

@@ -1,9 +1,10 @@
 """Spectra from files, for rows of a table: the shape is the file's, the light that of the row's one magnitude.
 
 A file is .csv, .ecsv or .fits with WAVELENGTH [angstrom, rising] and FLUX [photon / s / m2 / angstrom, or a unit that
-converts], as observed. Between samples it is linear, beyond its ends dark. On the paper's grid it keeps its integral.
+converts, also by its name in CALSPEC], as observed. Between samples it is linear, beyond its ends dark. On the paper's grid it keeps its integral.
 """
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,7 @@ _KEPT = 64
 def read_spectrum(path):
     """Return (18001,) photon / s / m2 / angstrom of a file on the paper's grid. Raises InputError."""
     from astropy.table import Table
+    from astropy.units import UnitsWarning
 
     from csstsim.catalog.base import read_columns
 
@@ -35,7 +37,9 @@ def read_spectrum(path):
     if form == "fits":
         check_headers(path)
     try:
-        table = Table.read(path, format=form)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UnitsWarning)  # of CALSPEC's units, which catalog.base reads
+            table = Table.read(path, format=form)
     except Exception as exc:  # astropy's readers raise exceptions of many types
         raise InputError(f"not a table that can be read: {str(exc).splitlines()[0]}", file=path) from None
     wave, flux = read_columns(table, "FLUX", str(path))

@@ -6,7 +6,7 @@ from dataclasses import replace
 from csstsim.base.errors import InputError
 from csstsim.catalog.astrometry.ephemeris import observer
 from csstsim.catalog.astrometry.reduction import apparent
-from csstsim.instrument.pointing import Pointing, mjd_utc
+from csstsim.instrument.pointing import EXPTIME_MAX, Pointing, mjd_utc
 from csstsim.optics.geometry.distortion import load_distortion
 from csstsim.optics.geometry.wcs import ChipWCS, gnomonic
 
@@ -30,7 +30,8 @@ def pointing_for(pointing, chip, target, pixel, distortion=None):
     found = [math.degrees(angle) for angle in (middle - half, middle + half) if abs(angle) <= math.pi / 2]
     if not found:
         where = f"{ra:.4f}, {dec:.4f} on chip {chip.id}"
-        raise ValueError(f"no boresight at position angle {pointing.pa:g} puts {where}, near a pole: try another angle")
+        good = (pointing.pa - math.degrees(phi) + (180.0 if dec < 0 else 0.0)) % 360.0  # the pole behind the pixel
+        raise ValueError(f"no boresight at position angle {pointing.pa:g} puts {where}, near a pole: take {good:.4f}")
     dec_b = min(found, key=lambda angle: abs(angle - dec))
     return replace(pointing, ra=(ra - float(_seen(pointing, dec_b, chip, pixel, distortion)[0])) % 360.0, dec=dec_b)
 
@@ -66,9 +67,9 @@ def centred_exposure(
         ra, dec, pa, exptime = (float(value) for value in (ra, dec, pa, exptime))
     except (TypeError, ValueError):
         raise InputError("must be numbers", key="ra, dec, pa, exptime", value=(ra, dec, pa, exptime)) from None
-    in_range = 0 <= ra <= 360 and -90 <= dec <= 90 and -360 <= pa <= 360 and 0 < exptime < math.inf
+    in_range = 0 <= ra <= 360 and -90 <= dec <= 90 and -360 <= pa <= 360 and 0 < exptime <= EXPTIME_MAX
     if not in_range:
-        allowed = "ra 0..360, dec -90..90, pa -360..360 [deg], exptime above 0 [s]"
+        allowed = f"ra 0..360, dec -90..90, pa -360..360 [deg], exptime above 0, to {EXPTIME_MAX:g} [s]"
         raise InputError("out of range", key="ra, dec, pa, exptime", value=(ra, dec, pa, exptime), allowed=allowed)
     (x, y), _ = light_on(camera, chip)
     try:

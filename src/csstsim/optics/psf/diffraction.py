@@ -9,7 +9,8 @@ fraction of all the light of a star that falls in that cell, so an array sums to
   above those of the lattice of cells are folded onto it (the aliasing of sampling).
 * The pupil has at least 256 samples across, more if needed for the period of the transform to be twice the box. Edge
   samples are weighted by the share of their square inside the disc; the resulting sinc envelope of the far wings is
-  divided out. Fluxes are accurate to 5e-5 of the star (tests: Airy's closed form).
+  divided out. Fluxes are accurate to 5e-5 of the star (tests: Airy's closed form). The envelope is divided out after
+  the blurring, which makes a blurred image too bright and too large: by 1e-3 of its light at BLUR_PX, the most allowed.
 * Single precision, with a noise of 1e-10 of the star's light per cell.
 
 Left out: polarisation, pupil vignetting over the field, diffusion that depends on wavelength.
@@ -26,6 +27,7 @@ from csstsim.base.units import ARCSEC_PER_RAD
 from csstsim.optics.psf.sampling import CELLS
 from csstsim.optics.psf.wavefront import number
 
+BLUR_PX = 2.0  # pixel rms per axis: the largest jitter and diffusion together
 _PUPIL_SAMPLES = 256
 _PERIOD = 2.0  # of the transform, in boxes
 _EDGE_STEPS = 32  # chords per pupil sample for the area of an edge sample
@@ -190,6 +192,16 @@ def blur(psf_params, cell_arcsec, cell_um, *, cell=True):
     jitter, diffusion = number(psf_params, "jitter"), number(psf_params, "diffusion")
     variance = (jitter / cell_arcsec) ** 2 + (diffusion / cell_um) ** 2
     return lambda f: np.exp(-2 * (np.pi * f) ** 2 * variance) * (np.sinc(f) if cell else 1.0)
+
+
+def check_blur(psf_params, pixel_arcsec, pixel_um):
+    """Raise InputError for numbers that `blur` refuses, or that blur by more than BLUR_PX."""
+    jitter, diffusion = number(psf_params, "jitter"), number(psf_params, "diffusion")
+    if (width := math.hypot(jitter / pixel_arcsec, diffusion / pixel_um)) > BLUR_PX:
+        raise InputError(
+            f"the PSF is too wide for its box: jitter and diffusion are {width:.1f} pixel rms", file="psf.yaml",
+            key="jitter, diffusion", value=f"{jitter:g} arcsec, {diffusion:g} um", allowed=f"up to {BLUR_PX:g} pixel",
+        )  # fmt: skip
 
 
 def windowed_centroid(image, sigma):

@@ -21,7 +21,7 @@ import numpy as np
 from csstsim.base.errors import InputError
 from csstsim.base.process.progress import progress
 from csstsim.optics.psf.chip_errors import chip_coefficients
-from csstsim.optics.psf.diffraction import Diffraction, blur
+from csstsim.optics.psf.diffraction import Diffraction, blur, check_blur
 from csstsim.optics.psf.psf_file import write_psf
 from csstsim.optics.psf.sampling import CELLS, oversampling_of
 from csstsim.optics.psf.wavefront import load_wavefront
@@ -80,7 +80,9 @@ def chip_optics(chip, filter, psf_params, wavefront, oversampling, cells=CELLS):
     """Return (one `Diffraction` per wavelength of the filter, kernel of the blurring, the cell included).
 
     oversampling: cells along a pixel; cells: along the box, which is cells / oversampling px wide.
+    Raises InputError for numbers of the blurring that are impossible or too large.
     """
+    check_blur(psf_params, chip.telescope.pixel_scale, chip.detector.pixel_um)
     cell_arcsec, cell_um = chip.telescope.pixel_scale / oversampling, chip.detector.pixel_um / oversampling
     diameter = chip.telescope.diameter_m
     optics = [Diffraction(w, diameter, cell_arcsec, wavefront, cells) for w in filter.psf_wavelength]

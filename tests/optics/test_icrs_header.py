@@ -9,8 +9,8 @@ from astropy.wcs import WCS
 from csstsim.base.shipped import SHIPPED
 from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.optics.geometry.distortion import load_distortion
+from csstsim.optics.geometry.icrs_header import corners, icrs_header
 from csstsim.optics.geometry.wcs import ChipWCS
-from csstsim.release.icrs_header import corners, icrs_header
 
 MAS = 0.1
 
