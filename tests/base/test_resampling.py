@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import InterpolatedUnivariateSpline
 
-from csstsim.base.resampling import bin_averages, on_grid
+from csstsim.base.resampling import bin_averages, on_grid, read_at
 
 GRID = np.arange(100.0, 200.25, 0.5)
 
@@ -71,3 +71,19 @@ def test_beyond_its_ends_it_is_zero():
     assert on_grid(GRID, np.array([120.0, 150.0]), np.ones(2)).sum() == pytest.approx(30 / 0.5)
     assert not on_grid(GRID, np.array([10.0, 20.0]), np.ones(2)).any()
     assert on_grid(GRID, np.array([150.1, 150.2]), np.ones(2)).sum() == pytest.approx(0.1 / 0.5)
+
+
+@settings(max_examples=300, deadline=None)
+@given(densities())
+def test_a_curve_is_read_at_points_or_keeps_its_integral(density):
+    """Coarse curves keep the values of their lines, to the bit; fine ones their integral over the grid, ends held."""
+    x, y = density
+    values = read_at(GRID, x, y)
+    within = x[(x > GRID[0] - 0.5) & (x < GRID[-1] + 0.5)]
+    if len(within) < 2 or np.diff(within).min() >= 0.5:
+        assert np.array_equal(values, np.interp(GRID, x, y))
+        return
+    at = np.unique([GRID[0] - 0.25, GRID[-1] + 0.25, *within[(within > GRID[0] - 0.25) & (within < GRID[-1] + 0.25)]])
+    expected = np.trapezoid(np.interp(at, x, y), at)
+    assert 0.5 * values.sum() == pytest.approx(expected, rel=1e-9, abs=1e-9 * max(y.max() * np.ptp(x), 1e-9))
+    assert read_at(GRID[7:8], x, y) == np.interp(GRID[7], x, y)

@@ -11,7 +11,7 @@ import yaml
 from mini import INSTRUMENT
 
 from csstsim.instrument.axe import sensitivity_file
-from csstsim.instrument.filter import GRID, sample_curve
+from csstsim.instrument.filter import GRID, curve_on_grid, sample_curve
 
 DATA = Path(os.environ.get("CSSTSIM_DATA", INSTRUMENT.parents[2] / "shared" / "data"))
 
@@ -230,3 +230,16 @@ def test_pivot_and_count_rate_agree_with_synphot(camera, band):
     observed = Observation(source, element, binset=curve.wavelength * u.AA)
     rate = observed.countrate(area=camera.telescope.area_m2 * u.m**2).to_value(u.ct / u.s)
     assert 10 ** (-0.4 * (20 - curve.zeropoint(camera.telescope))) == pytest.approx(rate, rel=1e-3)
+
+
+@pytest.mark.parametrize("start", [5000.0, 5000.13, 5000.25, 5000.37])
+def test_nodes_closer_than_the_grid_keep_the_integral(start):
+    """A comb of teeth 0.1 angstrom wide, wherever it lies; coarse nodes keep their values to the bit."""
+    x = start + 0.05 * np.arange(401)
+    nodes = np.stack([x, np.where(np.arange(401) % 20 < 2, 0.8, 0.0)], axis=1)
+    fine = np.linspace(x[0], x[-1], 400001)
+    expected = np.trapezoid(sample_curve(nodes, fine), fine)
+    assert 0.5 * curve_on_grid(nodes).sum() == pytest.approx(expected, rel=0.02)  # linear pieces between nodes
+    coarse = nodes[:, 0] * 100 - 99 * start, nodes[:, 1]
+    coarse = np.stack(coarse, axis=1)
+    assert np.array_equal(curve_on_grid(coarse), sample_curve(coarse))

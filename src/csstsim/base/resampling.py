@@ -37,3 +37,21 @@ def on_grid(grid: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     if whole and np.abs(off - np.rint(off)).max(initial=0.0) < _EXACT:
         return np.interp(grid, x, y, left=0.0, right=0.0)
     return bin_averages(np.append(grid - 0.5 * step, grid[-1] + 0.5 * step), x, y)
+
+
+def read_at(wave: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Return a piecewise linear curve at some positions; its means (`on_grid`) where its samples are closer.
+
+    wave: (n,) an even grid, or positions of any shape, which get the curve itself; x: (m,) rising positions of the
+    samples; y: (m,) samples, held beyond both ends.
+    """
+    wave, x, y = np.asarray(wave, float), np.asarray(x, float), np.asarray(y, float)
+    steps = np.diff(wave) if wave.ndim == 1 else np.zeros(0)
+    if not (steps.size and steps[0] > 0 and np.ptp(steps) < 1e-6 * steps[0]):
+        return np.interp(wave, x, y)
+    ends = wave[0] - steps[0], wave[-1] + steps[0]
+    within = x[(x > ends[0]) & (x < ends[1])]
+    if np.diff(within).min(initial=np.inf) >= steps[0] * (1 - _EXACT):
+        return np.interp(wave, x, y)
+    at = np.unique([*ends, *within])
+    return on_grid(wave, at, np.interp(at, x, y))

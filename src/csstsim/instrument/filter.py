@@ -17,6 +17,7 @@ import numpy as np
 from pydantic import AfterValidator, Field
 
 from csstsim.base.model import Data, NotNegative, Number
+from csstsim.base.resampling import on_grid
 from csstsim.base.units import ab_photon_density
 
 GRID = np.arange(2000.0, 11000.25, 0.5)  # angstrom
@@ -44,7 +45,7 @@ class FilterEntry(Data):
 
     def filter(self, name):
         """Return the Filter of this entry."""
-        curve = {"wavelength": GRID, "throughput": sample_curve(self.nodes)}
+        curve = {"wavelength": GRID, "throughput": curve_on_grid(self.nodes)}
         return Filter(name, self.kind, **curve, sky=self.sky, saturation_mag=self.saturation_mag,
                       limiting_mag=self.limiting_mag)  # fmt: skip
 
@@ -112,6 +113,15 @@ class Filter:
 def _cumulative(y, x):
     """Running trapezoidal integral of y dx, starting at 0; same length as x."""
     return np.concatenate([[0.0], np.cumsum(0.5 * (y[1:] + y[:-1]) * np.diff(x))])
+
+
+def curve_on_grid(nodes):
+    """Return the curve of `sample_curve` on GRID. Where nodes are closer than its points, these have means."""
+    x = np.asarray(nodes, dtype=float)[:, 0]
+    if np.diff(x).min() >= GRID[1] - GRID[0]:
+        return sample_curve(nodes)
+    at = np.unique(np.concatenate([x, GRID[(x[0] < GRID) & (x[-1] > GRID)]]))
+    return on_grid(GRID, at, sample_curve(nodes, at))
 
 
 def sample_curve(nodes, grid=GRID):

@@ -13,6 +13,7 @@ the field (0.1% of the diffuse sky scatters in); airglow, which above the orbit 
 import numpy as np
 
 from csstsim.base.errors import InputError
+from csstsim.base.resampling import read_at
 from csstsim.base.sphere import angle, unit_vectors
 from csstsim.sky import zodiacal
 from csstsim.sky.background_spectra import band, blackbody_over_sun, magnitude_ratio, pixel_etendue, sunlight
@@ -40,7 +41,7 @@ def band_rates(filter_, telescope, pixel_um, numbers):
     """
     wave, pixel = filter_.wavelength, (1e-6 * pixel_um) ** 2
     sun = sunlight(wave, numbers)
-    earth = numbers.earth.albedo * np.interp(wave, *numbers.earth.spectrum.T)
+    earth = numbers.earth.albedo * read_at(wave, *numbers.earth.spectrum.T)
     kelvins = [*np.unique(numbers.stars[:, 3]), numbers.starlight.temperature]
     shapes = pixel * np.array([band(filter_, blackbody_over_sun(wave, kelvin, numbers)) for kelvin in kelvins])
     return {

@@ -10,6 +10,7 @@ order; csstsim.sky.dispersed treats all orders and where they end.
 
 import numpy as np
 
+from csstsim.base.resampling import read_at
 from csstsim.base.units import C_A_S, H_J_S, K_J_K
 
 V_BAND = 5500.0  # angstrom, where spectra are normalised to the V magnitude
@@ -22,7 +23,7 @@ def photons(watts, wavelength):
 
 def sunlight(wavelength, numbers):
     """Return the Sun's irradiance at 1 au [photon / s / m2 / angstrom]; numbers: SkyNumbers."""
-    return photons(np.interp(wavelength, *numbers.solar_spectrum.T), wavelength)
+    return photons(read_at(wavelength, *numbers.solar_spectrum.T), wavelength)
 
 
 def magnitude_ratio(magnitude, numbers):
@@ -43,7 +44,7 @@ def blackbody_over_sun(wavelength, temperature, numbers):
 def solar_continuum(wavelength, numbers):
     """Return the mean solar irradiance [W m-2 um-1] within 250 angstrom of a wavelength."""
     near = wavelength + np.linspace(-250.0, 250.0, 51)
-    return np.interp(near, *numbers.solar_spectrum.T).mean()
+    return read_at(near, *numbers.solar_spectrum.T).mean()
 
 
 def band(filter_, spectrum):

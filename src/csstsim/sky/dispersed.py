@@ -16,6 +16,7 @@ and upper edges along X (a tenth of a pixel, and no row of the chip is near them
 import numba
 import numpy as np
 
+from csstsim.base.resampling import read_at
 from csstsim.instrument.filter import GRID
 from csstsim.sky import zodiacal
 from csstsim.sky.background_spectra import V_BAND, band, sunlight
@@ -29,7 +30,7 @@ _ITERATIONS = 5  # each reduces the error by a factor 500, because dF is that cl
 def nominal_spectrum(filter_, numbers):
     """Return S, as `sky_spectrum`, of the nominal sky of filters.yaml: zodiacal light far from the Sun + earthshine."""
     wave, here = filter_.wavelength, np.array([V_BAND])
-    earth = numbers.earth.nominal * np.interp(wave, *numbers.earth.spectrum.T)
+    earth = numbers.earth.nominal * read_at(wave, *numbers.earth.spectrum.T)
     zodi, zodi_v = (zodiacal.spectrum(at, numbers)[1] / sunlight(at, numbers) for at in (wave, here))
     shape = sunlight(wave, numbers) * (zodi / zodi_v + earth)
     return shape / band(filter_, shape)
@@ -45,7 +46,7 @@ def sky_spectrum(filter_, parts, sun_angle, numbers):
     sun = sunlight(wave, numbers)
     colours = {
         "zodiacal": zodiacal.mixture(sun_angle, numbers) @ zodiacal.spectrum(wave, numbers),
-        "earth": sun * np.interp(wave, *numbers.earth.spectrum.T),
+        "earth": sun * read_at(wave, *numbers.earth.spectrum.T),
     }
     shapes = {name: colours.get(name, sun) for name in parts}
     return sum(parts[name] * shapes[name] / band(filter_, shapes[name]) for name in parts) / sum(parts.values())

@@ -1,7 +1,8 @@
 """Spectra from files, for rows of a table: the shape is the file's, the light that of the row's one magnitude.
 
 A file is .csv, .ecsv or .fits with WAVELENGTH [angstrom, rising] and FLUX [photon / s / m2 / angstrom, or a unit that
-converts, also by its name in CALSPEC], as observed. Between samples it is linear, beyond its ends dark. On the paper's grid it keeps its integral.
+converts, also by its name in CALSPEC], as observed. Between samples it is linear, beyond its ends dark. On the paper's
+grid it keeps its integral.
 """
 
 import warnings
