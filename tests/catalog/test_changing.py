@@ -6,6 +6,8 @@ import pytest
 from astropy.coordinates import SkyCoord
 from astropy.table import Table
 from csst import BANDS
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from csstsim.base.errors import InputError
 from csstsim.base.rng import stream
@@ -41,6 +43,34 @@ def test_a_sine_is_averaged_over_the_exposure(camera):
         assert dmag[0] == pytest.approx(-2.5 * np.log10(light.mean()), abs=1e-4) and dmag[1] == 0
     assert catalogue().dimming([0, 1], INTERVAL, camera.filters["r"]) is None
     assert mean_mag(np.array([[0.0, np.inf]]), np.array([0.5, 0.5]))[0] == pytest.approx(2.5 * np.log10(2))
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    st.floats(-1.5, 4.0), st.floats(0.0, 3.0), st.floats(0.0, 1.0), st.integers(0, 12), st.integers(0, 2**31),
+    st.sampled_from([1.0, 150.0, 3000.0]),
+)  # fmt: skip
+def test_any_change_is_integrated_over_the_exposure(
+    camera, tmp_path_factory, log_period, size, phase, points, seed, exptime
+):
+    """A sine and a curve with points in the exposure: a sum over fifty times as many times; 1e-3 mag.
+
+    The period is 0.03 to 10,000 exposures; the curve jumps by up to 6 mag within a hundredth of an exposure.
+    """
+    period, rng = exptime * 10**log_period / 86400, np.random.default_rng(seed)
+    at = np.sort(np.unique(np.round(rng.uniform(-0.2, 1.2, points + 2), 4)))
+    mjd, mags = 61000.0 + at * exptime / 86400, rng.uniform(-3, 3, len(at))
+    path = tmp_path_factory.mktemp("curve") / "c.csv"
+    Table({"curve": ["a"] * len(mjd), "mjd": mjd, "dmag": mags}).write(path)
+    found = catalogue(
+        light_curve=["a", ""], light_curves=str(path), var_period=[period, np.nan], var_amplitude=[size, np.nan],
+        var_phase=[phase, np.nan],
+    )  # fmt: skip
+    dmag = found.dimming([0, 1], Interval(61000.0, exptime), camera.filters["r"])[0]
+    n = max(400 * len(at), int(40 / 10**log_period))
+    t = np.unique(np.concatenate([np.linspace(0, 1, 50 * n + 1), at[(at > 0) & (at < 1)]]))
+    mag = np.interp(t, at, mags) + size * np.sin(2 * np.pi * ((61000.0 + t * exptime / 86400) / period + phase))
+    assert dmag == pytest.approx(-2.5 * np.log10(np.trapezoid(10 ** (-0.4 * mag), t)), abs=1e-3)
 
 
 def test_a_curve_is_read_by_name_and_band(camera, tmp_path):

@@ -53,9 +53,9 @@ def dimming(table, rows, interval, filter, curves=None):
         if cycles[row] > _CYCLES:
             mags[row], one = one.mean()[0], one.still()
         count = int(np.ceil(_PANELS * interval.exptime / DAY_S / one.period[0] * np.sqrt(1 + abs(one.size[0]))))
-        mags[row] += _mean(one, curve, curves, filter, _panels(interval, seen.get(curve, np.zeros(0)), max(count, 1)))[
-            0
-        ]
+        panels = _panels(interval, seen.get(curve, np.zeros(0)), max(count, 1))
+        mags[row] += _mean(one, curve, curves, filter, panels)[0]
+
     change[some] = mags
     return change
 
