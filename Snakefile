@@ -44,6 +44,15 @@ onstart:
     take_folders()
 
 
+onerror:
+    if workflow.is_main_process:
+        if any(failed_since(run) for run in (RUN, *VARIANTS.values())):
+            print(
+                "Chips that failed among others are made by themselves from now on. The same command again makes all "
+                "that can be made; `csstsim status` names what failed. What cannot be made: `select.missing`."
+            )
+
+
 onsuccess:
     if workflow.is_main_process:
         remove_left(OUT)

@@ -6,13 +6,15 @@ from pathlib import Path
 import pytest
 from mini_campaign import POINTINGS, write_campaign
 
+from csstsim.base.errors import CsstsimError, InputError
 from csstsim.base.files.atomic import atomic_path
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.products import kinds
 from csstsim.campaign.running.job_log import earlier_parts, parts
-from csstsim.campaign.running.one_by_one import forget, one_by_one
+from csstsim.campaign.running.one_by_one import apart, failed_since, forget, one_by_one, started
 
 CHIPS = 8, 9, 14
+BIAS = POINTINGS[2].split(",")[0]
 
 
 @pytest.fixture
@@ -26,7 +28,7 @@ def attempt(file, fail_at=None, rule="level0", resume=True):
 
     def make(job):
         if job.chip.id == fail_at:
-            raise RuntimeError("the node dies")
+            raise KeyboardInterrupt("the node dies")
         made.append(job.chip.id)
         for path in kinds(run)[rule].files_of(job):
             with atomic_path(path) as temporary:
@@ -35,7 +37,7 @@ def attempt(file, fail_at=None, rule="level0", resume=True):
     if fail_at is None:
         one_by_one(run, rule, run.jobs, make, resume)
     else:
-        with pytest.raises(RuntimeError):
+        with pytest.raises(KeyboardInterrupt):
             one_by_one(run, rule, run.jobs, make, resume)
     return made
 
@@ -131,3 +133,45 @@ def test_a_finished_campaign_forgets(file):
     attempt(file, fail_at=14)
     forget(OpenCampaign(file))
     assert attempt(file) == list(CHIPS)
+
+
+@pytest.mark.parametrize("resume", [True, False])
+@pytest.mark.parametrize(
+    ("fault", "raised"),
+    [(InputError("no light", file="stars.csv"), InputError), (RuntimeError("a library"), CsstsimError)],
+)
+def test_a_chip_that_fails_does_not_take_the_others(file, fault, raised, resume):
+    run, made = OpenCampaign(file), []
+
+    def make(job):
+        if job.chip.id == 9:
+            raise fault
+        made.append(job.chip.id)
+        for path in kinds(run)["level0"].files_of(job):
+            with atomic_path(path) as temporary:
+                temporary.write_text("made")
+
+    with pytest.raises(raised, match=rf"1 chip of 3 failed, the others are made: chip 9: .*{fault}") as seen:
+        one_by_one(run, "level0", run.jobs, make, resume)
+    assert made == [8, 14] and isinstance(seen.value, InputError) == (raised is InputError)
+    obsid = run.jobs[0].obsid
+    assert failed_since(run) == resume and apart(run, "level0") == set()
+    assert apart(run, "level0", start=True) == ({(obsid, 9)} if resume else set())
+    if resume:  # the next start of the workflow makes the two in one job, and the third by itself
+        started(run)
+        assert apart(run, "level0") == {(obsid, 9)} and not failed_since(run) and apart(run, "measure") == set()
+        remove(file)
+        assert attempt(file) == [9]
+
+
+def test_pairs_that_are_declared_missing(tmp_path):
+    """They are left out of the campaign, and asked for they are refused with the reason; names must be right."""
+    select = {"types": ["BIAS"], "chips": list(CHIPS), "missing": {f"{BIAS}_09": "the amplifier burnt out"}}
+    run = OpenCampaign(write_campaign(tmp_path, [POINTINGS[2]], select=select))
+    assert [job.chip.id for job in run.jobs] == [8, 14]
+    with pytest.raises(InputError, match=r"declared missing.*burnt out"):
+        run.job(BIAS, 9)
+    for number, wrong in enumerate(("1_09", f"{BIAS}_99", BIAS, "_9")):
+        (folder := tmp_path / str(number)).mkdir()
+        with pytest.raises(InputError, match="OBSID_CHIP"):
+            _ = OpenCampaign(write_campaign(folder, [POINTINGS[2]], select=select | {"missing": {wrong: "why"}})).jobs

@@ -8,6 +8,7 @@ from pathlib import Path
 import psutil
 import pytest
 import yaml
+from click.testing import CliRunner
 from mini_campaign import POINTINGS, write_campaign
 from workflow_run import (
     ROOT,
@@ -23,6 +24,7 @@ from workflow_run import (
 )
 
 from csstsim.campaign.opened import OpenCampaign
+from csstsim.command_line.main import main
 
 FEW = POINTINGS[0], POINTINGS[2]  # a science exposure and a bias
 
@@ -173,6 +175,42 @@ def test_exposures_made_and_measured_by_a_process_each_give_the_same_bits(undist
     removed = next((campaign.parent / "out" / "measure").iterdir())
     removed.unlink()
     assert planned(campaign, "chips=exposure") == {"measure_exposure_0", "merge", "validate", "report"}
+
+
+@pytest.mark.slow
+def test_a_chip_that_always_fails_does_not_take_its_exposure(undisturbed, tmp_path):
+    """Its PSF set is damaged: the next run makes the other. It is declared missing. Mended, it has the same bits."""
+    campaign, how = with_prepared(make(tmp_path / "damaged", FEW), undisturbed), ("chips=exposure", "--keep-going")
+    bad = next((campaign.parent / "out" / "psf").glob("*29*.h5"))
+    sound = bad.read_bytes()
+    bad.write_bytes(sound[: len(sound) // 2])
+    said = snakemake(campaign, *how, "--cores", "2", fails=True)
+    assert "made by themselves from now on" in said
+    said = snakemake(campaign, *how, "--cores", "2", fails=True)
+    made = {path.name for path in (campaign.parent / "out").rglob("*_09_*.fits")}
+    assert made and {path.name for path in (undisturbed.parent / "out").rglob("*_09_*.fits")} == made
+    assert [path.stem for path in (campaign.parent / "out" / "measure").iterdir()] == ["10100000001_09"]
+    status = CliRunner().invoke(main, ["status", str(campaign)]).output
+    assert "failed:" in status and "chip_29" in status
+    text = campaign.read_text()
+    declared = yaml.safe_load(text)
+    declared["select"]["missing"] = {"10100000001_29": "its PSF set is damaged"}
+    campaign.write_text(yaml.safe_dump(declared))
+    snakemake(campaign, *how, "--cores", "2")
+    assert "its PSF set is damaged" in (campaign.parent / "out" / "report" / "index.html").read_text()
+    for path in (campaign.parent / "out" / "psf").glob("*29*"):  # of no use to a receiver
+        path.rename(tmp_path / path.name)
+    verified = CliRunner().invoke(main, ["verify", str(campaign), "--manifest"]).output
+    manifest = campaign.parent / "out" / "MANIFEST.missing"
+    assert "sound" in verified, verified
+    assert manifest.read_text().splitlines()[1:] == ["10100000001\t29\tits PSF set is damaged"]
+    campaign.write_text(text)
+    for path in tmp_path.glob("*.h5"):
+        path.rename(bad.parent / path.name)
+    bad.write_bytes(sound)
+    snakemake(campaign, *how, "--cores", "2")
+    assert content(campaign) == content(undisturbed) and measured(campaign) == measured(undisturbed)
+    assert planned(campaign, "chips=exposure") == set()
 
 
 @pytest.mark.parametrize("how", ["chips=whole", "chips=exposure", "scratch=/tmp"])

@@ -11,7 +11,7 @@ from csstsim.base.files.atomic import remove_left
 from csstsim.base.help_page import with_page
 from csstsim.campaign.checks import check_kept, check_maps
 from csstsim.campaign.running.job_log import ERROR
-from csstsim.campaign.running.one_by_one import forget
+from csstsim.campaign.running.one_by_one import apart, failed_since, forget, started
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.products import kinds, summary
 from csstsim.campaign.variants import named
@@ -113,6 +113,7 @@ def take_folders():
     try:
         for run in (RUN, *VARIANTS.values()):
             claim_output(run)
+            started(run)
     except CsstsimError as error:
         raise WorkflowError(str(error)) from None
 
@@ -254,6 +255,25 @@ def by_exposure(jobs):
     for job in jobs:
         found.setdefault(job.obsid, []).append(f"{job.chip.id:02d}")
     return found
+
+
+def groups_of(jobs, rule):
+    """[{obsid: [chip, ...]}, ...] of jobs: all, but for chips that failed among others once, then each of these alone."""
+    failed = apart(RUN, rule, start=workflow.is_main_process)
+    alone = [job for job in jobs if job.key in failed]
+    return [
+        by_exposure(job for job in jobs if job.key not in failed),
+        *(by_exposure([job]) for job in alone),
+    ]
+
+
+def groups_alike(jobs, rule, endings):
+    """(number, chips_of, files, obsids, log) of each of the groups whose files are named alike (`named_alike`)."""
+    number = 0
+    for k, chips_of in enumerate(groups_of(jobs, rule)):
+        for files, obsids in named_alike(chips_of, endings).items():
+            yield number, chips_of, files, obsids, f"_{files[0][0]}" if k else ""
+            number += 1
 
 
 def named_alike(chips_of, endings):

@@ -44,6 +44,16 @@ def check_selection(run):
             "unknown filter", file=run.file, key="select.filters", value=unknown[0],
             allowed=", ".join(run.camera.filters),
         )  # fmt: skip
+    chips = {chip.id for chip in run.camera.chips.values()}
+    for name, reason in select.missing.items():
+        obsid, _, chip = name.partition("_")
+        if obsid not in run.pointings or not chip.isdigit() or int(chip) not in chips:
+            raise InputError(
+                "no pair of an exposure and a chip", file=run.file, key="select.missing", value=name,
+                allowed="OBSID_CHIP, as in the names of files: 10100000004_09",
+            )  # fmt: skip
+        if not reason.strip():
+            raise InputError("the reason is missing", file=run.file, key=f"select.missing.{name}", value=reason)
     library = run.psf_library
     if library is not None and not library.is_dir():
         raise InputError("no such folder", file=run.file, key="psf.library", value=library)

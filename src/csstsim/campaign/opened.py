@@ -153,12 +153,19 @@ class OpenCampaign(JobLists):
     def jobs(self):
         """The jobs the campaign runs, in the order of the table and of the chips."""
         pairs = ((obsid, chip) for obsid in self.exposures for chip in self.chips)
+        pairs = (pair for pair in pairs if (pair[0], pair[1].id) not in self.declared_missing)
         jobs = tuple(job for pair in pairs if (job := self._job(*pair)))
         if not jobs:
             with explained("aiming"):
                 raise nothing_selected(self)
         check_masters(self, {job.chip.id for job in jobs if job.pointing.type == "SCIE"})
         return jobs
+
+    @cached_property
+    def declared_missing(self):
+        """{(obsid, chip number): reason} of the pairs that `select.missing` leaves out."""
+        pairs = {name: name.split("_") for name in self.config.select.missing}
+        return {(obsid, int(chip)): self.config.select.missing[name] for name, (obsid, chip) in pairs.items()}
 
     def job(self, obsid, chip_id):
         """Return one job of the campaign. Raises InputError if the campaign does not select it."""
@@ -173,6 +180,9 @@ class OpenCampaign(JobLists):
                 "not a chip of this campaign", file=self.file, key="chip", value=chip_id,
                 allowed=", ".join(map(str, sorted(chips))),
             )  # fmt: skip
+        if reason := self.declared_missing.get((obsid, chip_id)):
+            key = f"select.missing.{obsid}_{chip_id:02d}"
+            raise InputError("declared missing", file=self.file, key=key, value=reason)
         job = self._job(obsid, chips[chip_id])
         if job is None:
             with explained("aiming"):

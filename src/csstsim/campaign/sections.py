@@ -35,6 +35,10 @@ class Select(Model):
     region: Region | None = Field(
         None, description="only pairs whose chip (or its window) touches this circle; null = all"
     )
+    missing: dict[str, str] = Field(
+        {},
+        description="pairs that cannot be made, {OBSID_CHIP: reason}: left out; status, report and manifest name them",
+    )
 
     @field_validator("chips")
     @classmethod

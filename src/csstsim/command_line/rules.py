@@ -33,9 +33,14 @@ def psf(run, chip_id):
     For example:
       csstsim psf campaign.yaml --chip 9
     """
+    from csstsim.campaign.running.one_by_one import without_psf
     from csstsim.stages.psf import psf as run_stage
 
-    run_stage(run, chip_id)
+    try:
+        run_stage(run, chip_id)
+    except Exception as exc:
+        without_psf(run, chip_id, exc)
+        raise
 
 
 @click.command()

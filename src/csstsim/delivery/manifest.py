@@ -3,8 +3,9 @@
 MANIFEST.sha256   hash and path of every product, as `sha256sum -c MANIFEST.sha256` reads it
 MANIFEST.tsv      path, size in bytes and kind of every product, with a heading
 MANIFEST.content  hash of what each product holds, without dates and timings (compare.content)
+MANIFEST.missing  exposure, chip and reason of each frame that the campaign declares missing; no file if there is none
 
-The hashes of the other two are in MANIFEST.sha256.
+The hashes of the others are in MANIFEST.sha256.
 """
 
 import hashlib
@@ -14,22 +15,28 @@ from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
 from csstsim.base.process.progress import progress
 
-HASHES, SIZES, CONTENT = FILES = "MANIFEST.sha256", "MANIFEST.tsv", "MANIFEST.content"
+HASHES, SIZES, CONTENT, MISSING = FILES = "MANIFEST.sha256", "MANIFEST.tsv", "MANIFEST.content", "MANIFEST.missing"
 CRATE = "ro-crate-metadata.json", "workflow"  # of `csstsim release crate`: what hashes files cannot be hashed with them
 _LINE = re.compile(r"([0-9a-f]{64}) [ *]([A-Za-z0-9_.=/-]+)")
 _HEADING = "path\tbytes\tproduct"
 
 
-def write_manifest(folder, kinds):
-    """Write both files about {path below folder: kind of product}, sorted by path. The same files give the same bytes.
+def write_manifest(folder, kinds, missing=()):
+    """Write the files about {path below folder: kind of product}, sorted by path. The same files give the same bytes.
 
-    A path holds no character that sha256sum would escape. Raises OSError.
+    missing: (obsid, chip, reason) of each frame that is declared missing. A path holds no character that sha256sum
+    would escape. Raises OSError.
     """
     kinds = dict(sorted(kinds.items()))
     rows = [f"{name}\t{(folder / name).stat().st_size}\t{kind}" for name, kind in kinds.items()]
     with atomic_path(folder / SIZES) as temporary:
         temporary.write_text("\n".join([_HEADING, *rows]) + "\n", encoding="ascii")
-    names = [*progress(kinds, "hashing", len(kinds)), SIZES]
+    (folder / MISSING).unlink(missing_ok=True)
+    if missing:
+        lines = ["exposure\tchip\treason", *("\t".join(map(str, row)) for row in missing)]
+        with atomic_path(folder / MISSING) as temporary:
+            temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    names = [*progress(kinds, "hashing", len(kinds)), SIZES, *([MISSING] if missing else [])]
     _write_hashes(folder, {name: file_hash(folder / name) for name in names})
 
 
@@ -62,7 +69,7 @@ def manifest_faults(folder, present, expected):
         yield HASHES, str(exc)
         return
     for name in progress(sorted(listed), "checking the manifest", len(listed)):
-        if name not in (SIZES, CONTENT) and name not in present:
+        if name not in (SIZES, CONTENT, MISSING) and name not in present:
             if name not in expected:  # one that is expected is missed already
                 yield name, f"listed in {HASHES}, but missing" if not (folder / name).exists() else "no product"
         elif not (folder / name).is_file():

@@ -40,7 +40,9 @@ def verify(run, folder, say, manifest=False):
     verdict = number_of(count, "fault") if count else "sound"
     say(f"{root}: {number_of(len(present), 'product')}, {size / 1e9:.3g} GB: {verdict}")
     if manifest and not count:
-        write_manifest(root, {names[product.path]: product.kind for product in present})
+        missing = {} if run is None else run.declared_missing
+        rows = [(obsid, chip, " ".join(reason.split())) for (obsid, chip), reason in sorted(missing.items())]
+        write_manifest(root, {names[product.path]: product.kind for product in present}, rows)
         say(f"{root / HASHES} and {SIZES}: for the receiver, `sha256sum -c {HASHES}` in that folder")
     elif manifest:
         say("no manifest was written: the folder has faults")

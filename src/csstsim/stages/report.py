@@ -227,6 +227,8 @@ def _layers(run):
 
 def _summary(run):
     science = run.imaging_jobs + run.slitless_jobs
+    missing = "; ".join(f"{obsid} chip {chip}: {why}" for (obsid, chip), why in run.declared_missing.items())
+    missing = {"declared missing": missing} if missing else {}
     more = {"variants": _link(run, "side by side", run.paths.variants_page)} if run.variants else {}
     return {
         "name": run.title,
@@ -236,6 +238,7 @@ def _summary(run):
         "bricks": len(run.merge_bricks),
         "faintest magnitude drawn": run.config.catalog.mag_limit or "the whole truth",
         "rendering": run.config.fidelity,
+        **missing,
         **more,
     }
 

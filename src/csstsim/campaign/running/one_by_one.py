@@ -4,14 +4,22 @@ Snakemake removes all files of a job that failed before it runs it again. So wha
 link) in chips/ until all of the job's products are. The next attempt takes it from there if it has the same recipe. On
 a file system without hard links, the next attempt makes everything again. A process whose parent was killed keeps the
 second names: it is not known to be finished, and will be started again.
+
+A chip that fails does not take the others with it: they are made, then the process fails with the reasons. As Snakemake
+removes all files of that job, a file in logs/apart/ says which chip failed. From the next run on, the workflow makes
+such a chip by itself (`apart`), so the job of the others succeeds. Within a run the jobs stay as at its start.
 """
 
 import os
 import shutil
 import time
+import traceback
 from pathlib import Path
 
 from csstsim.base.digest import digest
+from csstsim.base.errors import CsstsimError, InputError
+from csstsim.base.files.atomic import atomic_path
+from csstsim.base.plural import number_of
 from csstsim.base.process.memory import release
 from csstsim.base.process.progress import progress
 from csstsim.campaign.products import kinds
@@ -19,29 +27,87 @@ from csstsim.campaign.running.job_log import finished_earlier, part_log
 
 RULES = "level0", "measure", "extract"
 CPU = "cpu_s"  # a file beside the second names: what they took
+_OLD, _NEW = ".txt", ".new"  # reasons of failures before and since the start of the workflow
 
 
 def one_by_one(run, rule, jobs, make, resume=False, say=print):
     """Call make(job) for the jobs of an exposure, one after the other.
 
-    rule: one of RULES, whose products `make` writes; resume: but for those that an earlier attempt finished.
+    rule: one of RULES, whose products `make` writes; resume: but for those that an earlier attempt finished. Raises
+    what `make` raised, for several jobs after all have been tried: InputError if that is all it was, CsstsimError else.
     """
-    folder, parent = _folder(run, jobs[0].obsid, rule), os.getppid()
+    folder, parent, failed = _folder(run, jobs[0].obsid, rule), os.getppid(), {}
     for job in progress(jobs, "chips"):
-        with job.named():
-            kept, files = _names(run, rule, job) if resume else (None, ())
-            if resume and kept.is_dir():
-                say(finished_earlier("chip", job.chip.id, _link(kept, files[0].parent)))
-                continue
-            begun = time.process_time()
-            with part_log("chip", job.chip.id):
+        kept, files = _names(run, rule, job) if resume else (None, ())
+        if resume and kept.is_dir():
+            say(finished_earlier("chip", job.chip.id, _link(kept, files[0].parent)))
+            continue
+        begun = time.process_time()
+        try:
+            with job.named(), part_log("chip", job.chip.id):
                 make(job)
-            if job is not jobs[-1]:  # the end of the process frees the rest
-                release()
+        except Exception as exc:
+            if len(jobs) == 1:
+                raise
+            if not isinstance(exc, CsstsimError):
+                traceback.print_exc()
+            failed[job.chip.id] = exc
             if resume:
-                _keep(files, kept, time.process_time() - begun)
+                _set_apart(run, rule, job, exc)
+            continue
+        if job is not jobs[-1]:  # the end of the process frees the rest
+            release()
+        if resume:
+            _keep(files, kept, time.process_time() - begun)
+    if failed:
+        reasons = "; ".join(f"chip {number}: {_reason(exc)}" for number, exc in failed.items())
+        kind = InputError if all(isinstance(exc, InputError) for exc in failed.values()) else CsstsimError
+        others = f"{number_of(len(failed), 'chip')} of {len(jobs)} failed, the others are made"
+        raise kind(f"exposure {jobs[0].obsid}: {others}: {reasons}")
     if resume and os.getppid() == parent:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def apart(run, rule, *, start=False):
+    """Return {(obsid, chip number), ...} that failed in a job of several chips before the workflow's last start.
+
+    start: now is a start, so failures since the last one count, too.
+    """
+    endings = (_OLD, _NEW) if start else (_OLD,)
+    names = [path.stem.split("_") for kind in endings for path in _apart(run, rule).glob(f"*_*{kind}")]
+    return {(obsid, int(chip)) for obsid, chip in names if chip.isdigit()}
+
+
+def without_psf(run, number, exc):
+    """Set a chip apart in all exposures of the sky, because its PSF set cannot be made: they would wait for it."""
+    for job in run.jobs:
+        if job.chip.id == number and job.pointing.type == "SCIE":
+            _set_apart(run, "level0", job, exc)
+
+
+def started(run):
+    """Let failures so far count: this is the start of the workflow."""
+    for path in [path for rule in RULES for path in _apart(run, rule).glob(f"*{_NEW}")]:
+        path.replace(path.with_suffix(_OLD))
+
+
+def failed_since(run):
+    """Whether chips have failed among others since the start of the workflow."""
+    return any(path for rule in RULES for path in _apart(run, rule).glob(f"*{_NEW}"))
+
+
+def _apart(run, rule):
+    return run.paths.output / "logs" / "apart" / rule
+
+
+def _set_apart(run, rule, job, exc):
+    path = _apart(run, rule) / f"{job.obsid}_{job.chip.id:02d}{_NEW}"
+    with atomic_path(path) as temporary:
+        Path(temporary).write_text(f"{_reason(exc)}\n")
+
+
+def _reason(exc):
+    return str(exc) if isinstance(exc, CsstsimError) else f"{type(exc).__name__}: {exc}"
 
 
 def _names(run, rule, job):

@@ -54,6 +54,7 @@ class Status:
     pace: Pace | None  # None: too little was made to tell
     disk: int  # bytes in the output folder, logs left out
     failed: list  # (path of the log, its line), newest first
+    missing: dict  # {(obsid, chip): reason}, declared in the campaign
 
     @property
     def missing_cpu(self):
@@ -101,7 +102,8 @@ def look(run, products):
     ]
     roots = (run.paths.output, *(one.paths.output for one in run.variants))
     size = sum(about.st_size for path, about in files.items() if "/logs/" not in path[len(root) :])
-    return Status(kinds, pace(kinds), size, failures(*(f"{folder}/logs" for folder in roots)))
+    failed = failures(*(f"{folder}/logs" for folder in roots))
+    return Status(kinds, pace(kinds), size, failed, run.declared_missing)
 
 
 def _files(folder, skip=(), links=False):
@@ -203,6 +205,7 @@ def summary(status, root, now=None):
         )
         if idle > PAUSE:
             said.append(f"nothing was made for {duration(idle)}: since {last:%Y-%m-%d %H:%M} UTC")
+    said += [f"declared missing: {obsid} chip {chip}: {reason}" for (obsid, chip), reason in status.missing.items()]
     return said + [f"failed: {path}: {line}" for path, line in status.failed if not status.done]
 
 
