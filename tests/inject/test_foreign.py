@@ -317,7 +317,7 @@ def test_stamps_whose_headers_lie(tmp_path, change):
 def test_a_column_of_words_is_named_with_its_file(tmp_path):
     table, image, psf = at(50, 50, mag=[20.0], obj_type=["star"]), write_image(tmp_path), write_psf(tmp_path)
     said = inject(tmp_path, image, table, psf, "--zeropoint", ZERO, code=2)
-    assert f"{tmp_path / 'new.csv'}: obj_type: must be numbers" in said
+    assert f"{tmp_path / 'new.csv'}: obj_type, row 1: must be numbers" in said
 
 
 @pytest.mark.parametrize("value", [1000.0, -0.1, 50.1, np.nan, np.inf, "text", 10**400])

@@ -68,10 +68,11 @@ def load(folders=(), root=ROOT):
 
 
 def _entry(folder, values, root):
-    named = values.pop("tests", None) or _mirror(values["file"], root)
+    named = values.pop("tests", None) or mirror(values["file"], root)
     return Mutation(folder=folder, **values, tests=tuple(named.split() if isinstance(named, str) else named))
 
 
-def _mirror(file, root):
+def mirror(file, root):
+    """Return the tests that mirror a module."""
     top, name = Path(file).parts[0], f"test_{Path(file).name}"
     return [str(path.relative_to(root / TESTS)) for path in sorted((root / TESTS / top).rglob(name))]

@@ -3,6 +3,7 @@
     python tests/mutants/run.py                    all folders; make mutants
     python tests/mutants/run.py --folder render    one folder (repeat it for more)
     python tests/mutants/run.py --match wings      entries with this text in the file's name or the fault
+    python tests/mutants/run.py --drawn 30         mutations drawn by rules from the code, new ones each day
     python tests/mutants/run.py --check            only check that each entry's text is there once
 
 Works on a copy of the tree in the scratch folder; the checkout is not changed. Prints a table by folder, then the
@@ -15,6 +16,7 @@ import os
 import sys
 import tempfile
 from collections import Counter
+from datetime import UTC, datetime
 from pathlib import Path
 
 SHARE = 0.9  # of a folder's mutants: what tests must see
@@ -24,6 +26,7 @@ ROOT = Path(__file__).resolve().parents[2]
 def main():
     """Parse, run, print."""
     sys.path.insert(0, str(Path(__file__).parent))
+    from drawn import draw
     from entries import load
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -37,11 +40,18 @@ def main():
     which.add_argument(
         "--survivors", action="store_const", dest="which", const="survivors", help="known survivors alone"
     )
+    parser.add_argument("--drawn", type=int, metavar="N", help="N mutations drawn by rules, in place of the set")
+    parser.add_argument("--seed", type=int, help="of what is drawn [default: the day]")
     parser.add_argument("--whole", action="store_true", help="by all tests of the folder, not those of the module")
     scratch = Path(os.environ.get("CSSTSIM_MUTANTS", Path(tempfile.gettempdir(), "csstsim_mutants")))
     parser.add_argument("--scratch", type=Path, default=scratch, help="folder for the copy, caches and results")
     args = parser.parse_args()
-    mutations = [m for m in load(args.folder) if args.match in m.file + " " + m.what]
+    if args.drawn:
+        seed = datetime.now(UTC).toordinal() if args.seed is None else args.seed
+        print(f"{args.drawn} mutations by seed {seed}")
+        mutations = draw(seed, args.drawn, tuple(args.folder))
+    else:
+        mutations = [m for m in load(args.folder) if args.match in m.file + " " + m.what]
     faults = [(m, fault) for m in mutations if (fault := m.fault())]
     for mutation, fault in faults:
         print(f"{mutation.folder}: {mutation.file}: {mutation.what}: {fault}")
