@@ -73,6 +73,15 @@ def test_any_change_is_integrated_over_the_exposure(
     assert dmag == pytest.approx(-2.5 * np.log10(np.trapezoid(10 ** (-0.4 * mag), t)), abs=1e-3)
 
 
+@pytest.mark.parametrize("size", [0.1, 1.0, 5.0])
+def test_a_sine_of_many_cycles_counts_by_its_mean_light(camera, size):
+    """Thousands of cycles in an exposure: the mean light of one, by a sum."""
+    found = catalogue(var_period=[0.05 / 86400, np.nan], var_amplitude=[size, np.nan], var_phase=[0.1, np.nan])
+    dmag = found.dimming([0, 1], INTERVAL, camera.filters["r"])[0]
+    light = 10 ** (-0.4 * size * np.sin(2 * np.pi * np.arange(4096) / 4096))
+    assert dmag == pytest.approx(-2.5 * np.log10(light.mean()), abs=1e-3 * size)
+
+
 def test_a_curve_is_read_by_name_and_band(camera, tmp_path):
     path = tmp_path / "curves.csv"
     text = "curve,mjd,dmag,dmag_r\nnova,60999,0,0\nnova,61001,2,4\nflat,61000,1,1\n"

@@ -141,6 +141,9 @@ def load_campaign(path):
     variants of a base are checked with it.
     """
     (base, variant), file = split(path), Path(path)
+    if Path(base).is_dir():
+        here = ", ".join(sorted(str(one) for one in Path(base).glob("*.yaml"))[:3]) or "the file of a campaign"
+        raise InputError("is a folder", file=base, allowed=here)
     data = read_yaml(base)
     config = make_campaign(data if variant is None else changed(data, variant, base), path)
     _check_variants(config, data, file)

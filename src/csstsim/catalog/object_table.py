@@ -5,7 +5,8 @@ reinterpreted silently: a column of another name that has no single number or wo
 """
 
 import csv
-import warnings
+import logging
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -132,8 +133,15 @@ def _left_out(name, kind, where):
     """Warn that a column of others is left out; return None. Raises InputError for one that csstsim would use."""
     if name in _KNOWN or name.startswith("mag_") or meant(name, _TYPED):
         raise InputError("must hold one number or word per row", file=where, key=name, value=kind)
-    warnings.warn(f"{where}: column {name} is left out: {kind}, not one number or word per row", stacklevel=2)
+    _say_left_out(str(where), name, kind)
     return None
+
+
+@lru_cache
+def _say_left_out(where, name, kind):
+    """Say once in a process that a column is left out."""
+    text = "%s: column %s is left out: %s, not one number or word per row"
+    logging.getLogger("csstsim").warning(text, where, name, kind)
 
 
 def _without_remarks(lines):

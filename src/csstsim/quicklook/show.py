@@ -25,6 +25,8 @@ def show(
     Raises InputError for a file that cannot be shown, an option that does not fit it, or an output that is not a PNG.
     """
     path = Path(path)
+    if not path.is_file():
+        raise InputError("no such file", file=path)
     target = _target(path, output)
     picture = read_picture(path, subtract_overscan)
     if damage := wrong_checksum(path):
