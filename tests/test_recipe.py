@@ -46,6 +46,7 @@ KEYS = {
     "select.obsids": (NOT, [OBSID], {}),
     "select.chips": (NOT, "imaging", {}),
     "select.filters": (NOT, ["r"], {}),
+    "select.missing": (NOT, {"10300000001_09": "its amplifier is dead"}, {}),
     "select.region.ra": (NOT, 60.001, {"select": {"chips": [CHIP], "region": REGION}}),
     "select.region.dec": (NOT, -40.001, {"select": {"chips": [CHIP], "region": REGION}}),
     "select.region.radius": (NOT, 31.0, {"select": {"chips": [CHIP], "region": REGION}}),

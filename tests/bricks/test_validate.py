@@ -10,6 +10,7 @@ from fabricated_frame import N_EFF, PIX, RMS, SCALE, ZEROPOINT, make_frame
 
 from csstsim.base import healpix
 from csstsim.bricks.merge import merge_brick
+from csstsim.bricks.validation.compare import twice
 from csstsim.bricks.validation.trials import trials
 from csstsim.bricks.validation.validate import MeasuredFrame, blended, completeness, judged_truth, validate_brick
 from csstsim.campaign.thresholds import ValidateConfig
@@ -257,3 +258,13 @@ def test_wide_galaxies_match_further_off_and_their_noise_is_that_of_their_area()
     count = [result["bands"]["g"]["galaxy"]["n"] for result in (near, lost, moved)]
     assert 0 < count[2] < 0.3 * count[0] and count[1] < 0.2 * count[0]
     assert 0.5 < moved["purity"] < 0.67 and lost["purity"] < 0.2  # 2 of 3 are galaxies
+
+
+def test_sources_counted_twice_are_those_of_isolated_objects_with_a_source():
+    """Of six objects four are alone and have a source, one of these has two; the blend and the lost one do not count."""
+    ra = 10.0 + 0.01 * np.arange(6)
+    none = np.zeros(6)
+    truth = {"ra_epoch": ra, "dec_epoch": none, "blended": np.array([0, 0, 0, 0, 0, 1]), "obj_type": none.astype(int)}
+    truth |= {"size_disk": none, "size_bulge": none, "bulge_frac": none}
+    sources = {"ra": np.concatenate([ra, ra[[2, 4, 5]] + 1e-6]), "dec": np.zeros(9)}
+    assert twice(ObjectTable(truth), ObjectTable(sources), np.array([0, 1, 2, 3, -1, 5])) == (0.25, 4)

@@ -433,3 +433,10 @@ def test_fields_of_another_release_are_not_used(file, monkeypatch):
 def test_options_that_do_not_go_together():
     for words in (["--blind", "a", "--plan"], ["--whole"], ["--reveal", "a", "b", "--effects", "noise"]):
         assert CliRunner().invoke(main, ["budget", "shear", *words]).exit_code == 2
+
+
+def test_fields_have_the_signs_of_the_second_component_in_turn(field):
+    """All chips have one sign, then all the other: what one component adds to the other cancels."""
+    plan = field.plan.model_copy(update={"chips": [8, 9]})
+    signs = [Field(field.simulation, plan, "r", "one", number).sign for number in range(6)]
+    assert signs == [1.0, 1.0, -1.0, -1.0, 1.0, 1.0]

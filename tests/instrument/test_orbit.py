@@ -5,8 +5,10 @@ import math
 import numpy as np
 import pytest
 from mini import INSTRUMENT
+from scipy.integrate import solve_ivp
 
 from csstsim.instrument.camera import load_camera
+from csstsim.instrument.orbit import orbit_after
 from csstsim.instrument.pointing import Pointing, mjd_utc, parse_utc
 
 TIME = "2027-10-10T01:08:00"
@@ -91,3 +93,16 @@ def test_pointing_times():
     assert p.end.isoformat() == "2028-01-01T00:01:30+00:00"
     assert (p.end - p.start).total_seconds() == 150.0
     assert p.mjd == mjd_utc(p.time)
+
+
+@pytest.mark.parametrize("seconds", [1.0, 150.0, 600.0])
+def test_the_state_after_an_exposure_is_that_of_two_bodies(orbit, seconds):
+    """DOP853 by scipy; a millimetre, and a thousandth of a millimetre a second."""
+    position, velocity = orbit.state("2027-11-20T01:08:00")
+
+    def motion(_, y):
+        return np.concatenate([y[3:], -398600.4418 * y[:3] / np.linalg.norm(y[:3]) ** 3])
+
+    expected = solve_ivp(motion, (0, seconds), [*position, *velocity], method="DOP853", rtol=1e-13, atol=1e-12).y[:, -1]
+    found = orbit_after(position, velocity, seconds)
+    assert found[0] == pytest.approx(expected[:3], abs=1e-6) and found[1] == pytest.approx(expected[3:], abs=1e-9)

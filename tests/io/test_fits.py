@@ -5,7 +5,7 @@ import pytest
 from astropy.io import fits
 
 from csstsim.base.errors import InputError
-from csstsim.io.fits import open_fits
+from csstsim.io.fits import open_fits, read_pixels
 from csstsim.io.fits_writing import card, remark, write_hdus
 
 VALUES = [
@@ -88,3 +88,12 @@ def test_a_file_that_lacks_its_end_is_refused(tmp_path):
         path.write_bytes(content[:-missing])
         with pytest.raises(InputError, match="cut short"):
             open_fits(path)
+
+
+@pytest.mark.parametrize("tile", [(1, 40), (30, 40), (7, 11), (1, 1)])
+def test_tiles_of_any_side_are_read(tmp_path, tile):
+    """Astropy's RICE tiles: rows, the whole image, sides that do not divide it, single pixels."""
+    data = np.random.default_rng(1).integers(0, 1000, (30, 40)).astype(np.int16)
+    fits.HDUList([fits.PrimaryHDU(), fits.CompImageHDU(data, tile_shape=tile)]).writeto(tmp_path / "x.fits")
+    with open_fits(tmp_path / "x.fits") as file:
+        assert np.array_equal(read_pixels(file[1], tmp_path / "x.fits"), data)

@@ -8,6 +8,7 @@ import pytest
 from csstsim.base.errors import InputError
 from csstsim.release.score.catalogue import read_any, read_catalogue
 from csstsim.release.score.match import SHIFT, chance, matched, moved
+from csstsim.release.score.numbers import half_found
 from csstsim.release.score.score import judge
 from release.score_field import field, places, table
 
@@ -361,3 +362,12 @@ def test_a_folder_of_bricks_is_one_catalogue(tmp_path):
     pq.write_table(pa.table({"ra": [1.0]}), tmp_path / "dataset" / "z.parquet")
     with pytest.raises(InputError, match="not bricks of one table"):
         read_any(tmp_path)
+
+
+def test_half_are_found_where_the_fraction_crosses_a_half():
+    """Bins of half a magnitude; the fraction is linear between their middles. None crosses: no magnitude."""
+    bins = [
+        {"low": 20 + 0.5 * k, "high": 20.5 + 0.5 * k, "n": 10, "found": found} for k, found in enumerate((10, 8, 3, 0))
+    ]
+    assert half_found(bins) == pytest.approx(20.75 + 0.5 * (0.8 - 0.5) / (0.8 - 0.3))
+    assert half_found(bins[:2]) is None and half_found([]) is None
