@@ -55,6 +55,8 @@ class Simulation:
     """
 
     def __init__(self, campaign=None, cache=None):
+        if not isinstance(campaign, str | Path | None):
+            raise InputError("not a campaign", key="campaign", value=type(campaign).__name__, allowed="a file's path")
         starter = ROOT / "config" / "starter" / "campaign.yaml"
         # What errors name, and where relative paths begin, also after the process has gone to another folder
         self._file = Path(campaign).absolute() if campaign else Path("csstsim.Simulation")
@@ -132,6 +134,7 @@ class Simulation:
         no pointing at this position angle puts it on the chip.
         """
         camera, science = self._run.camera, self._run.steps.get("SCIE")
+        chip = _whole(chip, "chip")
         if chip not in camera.chips:
             raise InputError("no such chip", key="chip", value=chip, allowed=", ".join(map(str, camera.chips)))
         obsid, count = str(obsid), _whole(exposures, "exposures")
@@ -141,6 +144,8 @@ class Simulation:
             raise InputError("no number of exposures", key="exposures", value=count, allowed=f"1 to {MOST}")
         pointings = {}
         for _ in range(count):
+            if not OBSID.fullmatch(obsid):
+                raise InputError("no observation id is left", key="obsid", value=obsid, allowed=OBSID_ALLOWED)
             pointing = centred_exposure(
                 camera, camera.chips[chip], ra, dec, pa=pa, time=time, exptime=exptime,
                 distorted=science is None or science.field_dist, **self._config.astrometry.model_dump(),
@@ -227,7 +232,10 @@ class Simulation:
         """
         from csstsim.inject.memory import into_frame
 
-        return into_frame(self._run, frame, table, _whole(realisation, "realisation"), _say, light_curves)
+        number = _whole(realisation, "realisation")
+        if number < 0:
+            raise InputError("no number of a realisation", key="realisation", value=number, allowed="0 and above")
+        return into_frame(self._run, frame, table, number, _say, light_curves)
 
     def _job(self, obsid, chip):
         return self._run.job(str(obsid), _whole(chip, "chip"))

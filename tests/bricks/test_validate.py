@@ -261,7 +261,7 @@ def test_wide_galaxies_match_further_off_and_their_noise_is_that_of_their_area()
 
 
 def test_sources_counted_twice_are_those_of_isolated_objects_with_a_source():
-    """Of six objects four are alone and have a source, one of these has two; the blend and the lost one do not count."""
+    """Of six objects four are alone with a source, one of them with two; the blend and the lost one do not count."""
     ra = 10.0 + 0.01 * np.arange(6)
     none = np.zeros(6)
     truth = {"ra_epoch": ra, "dec_epoch": none, "blended": np.array([0, 0, 0, 0, 0, 1]), "obj_type": none.astype(int)}

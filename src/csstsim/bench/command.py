@@ -8,6 +8,7 @@ from csstsim.bench.chart import draw_chart
 from csstsim.bench.setting import make_setting
 from csstsim.bench.summary import read, summarise, text, write
 from csstsim.bench.sweep import sweep
+from csstsim.instrument.camera import load_camera
 
 FULL = {"seconds": 0.2, "electrons": 3e7}
 QUICK = {"seconds": 0.01, "electrons": 1e6}
@@ -35,16 +36,17 @@ def bench(folder, band, names, quick, objects, seed, say, shapes=False):
     shapes: of galaxies of any index, with knots, of images (bench.imaging.shapes).
     """
     folder, start = Path(folder), time.process_time()
-    setting = make_setting(folder, band)
-    if shapes and setting.disperser is not None:
+    dispersed = band in {chip.filter for chip in load_camera().slitless_chips}
+    if shapes and dispersed:
         raise InputError("is for imaging filters", key="--shapes", value=band)
     if shapes:
         from csstsim.bench.imaging.benchmark import SHAPES as kind
-    elif setting.disperser is None:
+    elif not dispersed:
         from csstsim.bench.imaging.benchmark import IMAGING as kind
     else:
         from csstsim.bench.slitless.benchmark import SLITLESS as kind
     methods = chosen(names, kind.methods)
+    setting = make_setting(folder, band)
     say(f"chip {setting.chip.id}, {band} band: PSF set and tables ready, {time.process_time() - start:.0f} CPU s")
     full = OBJECTS_SHAPES if shapes else OBJECTS if setting.disperser is None else OBJECTS_SLITLESS
     count, largest = objects or (OBJECTS_QUICK if quick else full), LARGEST_QUICK if quick else LARGEST
@@ -66,7 +68,7 @@ def chart(folder, tables, say):
         try:
             found.append(read(path))
             _ = [(line["filter"], line["cpu_us"] + line["visible_median"], line["limit"]) for line in found[-1]]
-        except (OSError, KeyError, TypeError, UnicodeDecodeError) as exc:
-            raise InputError(f"is not a table of csstsim bench: {exc}", file=path) from None
+        except (KeyError, TypeError):
+            raise InputError("is not a table of csstsim bench", file=path, allowed="a speed_accuracy.csv") from None
     draw_chart(Path(folder) / "speed_accuracy.png", found)
     say(f"{folder}/speed_accuracy.png")

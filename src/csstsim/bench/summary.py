@@ -5,6 +5,7 @@ import csv
 import numpy as np
 
 from csstsim.base.files.atomic import atomic_path
+from csstsim.base.files.text_file import read_text
 
 # Kinds of objects, in this order, and how several are called
 KINDS = {"star": "stars", "galaxy": "galaxies", "free n": "any Sersic index", "knots": "with knots", "image": "images"}
@@ -21,8 +22,8 @@ def write(path, rows):
 
 def read(path):
     """Return the list of dicts that `write` wrote, numbers as numbers."""
-    with open(path, newline="", encoding="utf-8") as file:
-        return [{name: _value(text) for name, text in row.items()} for row in csv.DictReader(file)]
+    lines = read_text(path).splitlines()
+    return [{name: _value(text) for name, text in row.items()} for row in csv.DictReader(lines)]
 
 
 def _value(text):

@@ -72,6 +72,8 @@ def check_share(run):
     share, output = run.config.share, run.paths.output
     if share is None:
         return
+    if share.exists() and not share.is_dir():
+        raise InputError("not a folder", file=run.file, key="share", value=share)
     if output.resolve() in (share.resolve(), *share.resolve().parents):
         raise InputError("inside the output folder", file=run.file, key="share", value=share)
     if _there(share).stat().st_dev != _there(output).stat().st_dev:

@@ -16,7 +16,7 @@ from csstsim.base.help_page import explained
 from csstsim.base.shipped import SHIPPED
 from csstsim.base.units import EARTH_RADIUS_KM
 from csstsim.instrument.camera import load_telescope
-from csstsim.instrument.pointing import EXPTIME_MAX, ExposureType, Pointing, SurveyPart, parse_utc
+from csstsim.instrument.pointing import EXPTIME_MAX, YEARS, ExposureType, Pointing, SurveyPart, parse_utc
 
 OBSID, OBSID_ALLOWED = re.compile(r"[0-9]{9,14}"), "9 to 14 digits"
 REQUIRED = ("obsid", "type", "ra", "dec", "pa", "time", "exptime")
@@ -24,7 +24,6 @@ STATE = ("sat_x", "sat_y", "sat_z", "sat_vx", "sat_vy", "sat_vz")
 SURVEY = "survey"
 COLUMNS = (*REQUIRED, *STATE, SURVEY)
 TYPES, PARTS = get_args(ExposureType), get_args(SurveyPart)
-_YEARS = 1950, 2099  # where the Earth's ephemeris of catalog.astrometry.ephemeris holds
 _MIN_EXPTIME = 1e-3  # s
 _MAX_RADIUS_KM, _MAX_SPEED_KM_S = 50_000.0, 12.0  # beyond these a state is in another unit, not in Earth orbit
 
@@ -151,8 +150,8 @@ class Row:
         except ValueError:
             allowed = "UTC as YYYY-MM-DDThh:mm:ss[.ffffff]"
             raise self.error("not a time", "time", self.cells["time"], allowed) from None
-        if not _YEARS[0] <= year <= _YEARS[1]:
-            raise self.error("out of range", "time", self.cells["time"], f"years {_YEARS[0]} to {_YEARS[1]}")
+        if not YEARS[0] <= year <= YEARS[1]:
+            raise self.error("out of range", "time", self.cells["time"], f"years {YEARS[0]} to {YEARS[1]}")
         return self.cells["time"]
 
     def exptime(self):

@@ -161,9 +161,9 @@ class CatalogBase(ABC):
         Raises InputError if one is not a MockObject, or for an image that cannot be drawn.
         """
         if getattr(self, "_table", None) is None:
-            strange = next((obj for obj in self.objs if not isinstance(obj, MockObject)), None)
-            if strange is not None:
-                raise InputError("objs holds an item that is not a MockObject", key=name_of(self), value=strange)
+            strange = [obj for obj in self.objs if not isinstance(obj, MockObject)]
+            if strange:
+                raise InputError("objs holds an item that is not a MockObject", key=name_of(self), value=strange[0])
             names = sorted({name for obj in self.objs for name in obj.values})
             columns = {name: [getattr(obj, name, None) for obj in self.objs] for name in names}
             if type(self).galsim_object is not CatalogBase.galsim_object:
@@ -171,6 +171,9 @@ class CatalogBase(ABC):
                 columns |= galsim_columns(self._galsim_objects(), columns, folder)
             bands = self.region.bands
             ours = columns_with(bands) | OPTIONAL
+            for name in ours.keys() & columns.keys():
+                if arrays := [value for value in columns[name] if np.ndim(value)]:
+                    raise InputError("is not one value", key=f"{name_of(self)}, {name}", value=arrays[0])
             _refuse_units(name_of(self), {name: columns[name] for name in columns if name in ours})
             check_shapes(columns, columns.get("obj_type", ()), name_of(self))
             # Extras may be anything (a file name, an array); only plain values go to the table, as user_<name>.
@@ -315,6 +318,9 @@ SYNPHOT_UNITS = {
 }  # fmt: skip
 
 
+LARGEST_DENSITY = 1e100  # of a spectrum or a response: sums stay finite
+
+
 def read_columns(table, name, where):
     """Return WAVELENGTH [A] and `name` (FLUX or SENSITIVITY) of the table a user's method returned, in csstsim's units.
 
@@ -329,6 +335,10 @@ def read_columns(table, name, where):
         raise InputError(f"must return a table with the columns WAVELENGTH and {name}", key=where) from None
     if wave.ndim != 1 or len(wave) < 2 or wave.shape != values.shape or not (np.diff(wave) > 0).all():
         raise InputError("WAVELENGTH must rise and match its column in length", key=where)
+    if not wave[0] > 0:
+        raise InputError("WAVELENGTH must be above 0", key=where, value=float(wave[0]))
+    if (np.abs(values) > LARGEST_DENSITY).any():
+        raise InputError(f"{name} is too large", key=where, allowed=f"up to {LARGEST_DENSITY:g} in csstsim's unit")
     return wave, values
 
 

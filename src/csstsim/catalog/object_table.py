@@ -24,6 +24,7 @@ from csstsim.catalog.selection.drawable import STRONGLY_LENSED, reasons
 from csstsim.catalog.table import COLUMNS, FILE_COLUMNS, GALAXY, OPTIONAL, STAR, TYPES, ObjectTable, columns_with
 
 FORMATS = {".csv": "ascii.csv", ".ecsv": "ascii.ecsv", ".fits": "fits", ".parquet": "parquet"}
+FARTHEST, LIGHT_KM_S, NEAREST_MAS = 1e3, 299792.458, 1e4  # redshift; km/s; mas, ten times the nearest star
 LARGE = 200_000_000  # bytes of a text from which reading it takes minutes, and tens of times as much memory
 BRIGHTEST, FAINTEST = -3.0, 90.0  # mag; -99, -9.99, 99, 99.99 and the like stand for "not known" in many catalogues
 _LARGEST_ID = np.iinfo(np.int64).max
@@ -58,6 +59,7 @@ def read_table(path):
         return _read_parquet(path)
     if form == "fits":
         check_headers(path)
+        _say_tables(path)
     else:
         if path.is_file() and path.stat().st_size > LARGE:
             allowed = f"the same table as .fits or .parquet, or a text of less than {LARGE // 10**6} MB"
@@ -127,6 +129,20 @@ def _of_arrow(column, name, path):
         blank = False if pa.types.is_boolean(column.type) else 0
         return MaskedColumn(column.fill_null(blank).to_numpy(zero_copy_only=False), mask=empty)
     return column.to_numpy(zero_copy_only=False)
+
+
+def _say_tables(path):
+    """Say that only the first of several tables of a FITS file is read."""
+    from astropy.io import fits
+
+    try:
+        with fits.open(path) as file:
+            kinds = fits.BinTableHDU, fits.TableHDU
+            names = [hdu.name or f"HDU {number}" for number, hdu in enumerate(file) if isinstance(hdu, kinds)]
+    except Exception:  # astropy's are of many types; the reader refuses the file
+        return
+    if len(names) > 1:
+        logging.getLogger("csstsim").warning("%s: of its tables %s the first is read", path, ", ".join(names))
 
 
 def _left_out(name, kind, where):
@@ -339,7 +355,9 @@ def _check_rows(table, where):
         faults = {reason: mask for reason, mask in reasons(part).items() if reason != STRONGLY_LENSED}
         with np.errstate(invalid="ignore"):
             faults["ra is not within -180..360"] = ~((part["ra"] >= -180) & (part["ra"] <= 360))
-            faults["its z is not above -1"] = part["z"] <= -1
+            faults[f"its z is not above -1, to {FARTHEST:g}"] = (part["z"] <= -1) | (part["z"] > FARTHEST)
+            faults[f"its rv is not within {LIGHT_KM_S:g} km / s"] = np.abs(part["rv"]) >= LIGHT_KM_S
+            faults[f"its parallax is not within {NEAREST_MAS:g} mas"] = np.abs(part["parallax"]) > NEAREST_MAS
             motion = np.hypot(part["pmra"], part["pmdec"])
             faults[f"its proper motion is above {FASTEST:g} mas / yr"] = motion > FASTEST
         for reason, mask in faults.items():

@@ -6,6 +6,7 @@ stamps gets it here, pixel by pixel.
 """
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -53,7 +54,12 @@ def table_of(given):
     if hasattr(given, "colnames"):
         return plain_columns(given)
     if isinstance(given, dict):
+        if scalars := [name for name, values in given.items() if np.ndim(values) != 1]:
+            raise InputError("must have a value for each row", key=scalars[0], value=given[scalars[0]])
         return dict(given)
+    if not isinstance(given, str | Path):
+        allowed = "an astropy Table, {name: values} or the path of a file"
+        raise InputError("not a table of objects", key="table", value=type(given).__name__, allowed=allowed)
     columns = read_table(given)
     return columns | {name: named(columns, name, given) for name in FILE_COLUMNS if name in columns}
 

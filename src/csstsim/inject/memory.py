@@ -13,7 +13,7 @@ from csstsim.inject.light import catalogue_of, light_of, table_of
 from csstsim.io.level0 import Level0
 from csstsim.io.orders import orders_table
 from csstsim.io.truth import truth_table
-from csstsim.simulation.frame import shown_table
+from csstsim.simulation.frame import Frame, shown_table
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +33,8 @@ def into_frame(run, frame, table, realisation, say, light_curves=None):
 
     frame: of run's own campaign. Raises InputError for a frame of another one.
     """
+    if not isinstance(frame, Frame):
+        raise InputError("not a Frame", key="frame", value=type(frame).__name__, allowed="of Simulation.chip or light")
     if frame.key is None:
         raise InputError("the frame does not say of which exposure and chip it is", key="frame")
     job = run.job(*frame.key)

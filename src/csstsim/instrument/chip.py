@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field
 
-from csstsim.base.model import Data, NotNegative, Number, Positive, Whole, between, must
+from csstsim.base.model import Data, Number, Whole, between, must
 from csstsim.instrument.cosmic_rays import CosmicRays
 from csstsim.instrument.defects import Defects
 from csstsim.instrument.maps.chip_maps import NO_MAPS, ChipMaps
@@ -81,22 +81,22 @@ class DetectorNumbers(Data):
     prescan: Annotated[Whole, Field(ge=0)]
     overscan: Annotated[Whole, Field(ge=0)]
     parallel_overscan: Annotated[Whole, Field(ge=0)]
-    pixel_um: Positive
-    gain: Positive
+    pixel_um: between(1, 100)
+    gain: between(0.01, 1000)
     gain_spread: between(0, 0.5)
-    bias: NotNegative
-    bias_spread: NotNegative
-    read_noise: NotNegative
-    dark: NotNegative
-    full_well: Positive
+    bias: between(0, 1e6)
+    bias_spread: between(0, 1e6)
+    read_noise: between(0, 1e4)
+    dark: between(0, 1e5)
+    full_well: between(1, 1e9)
     bloom_row_share: between(0, 1)
     adc_max: between(1, 65535, Whole)
-    prnu: NotNegative
+    prnu: between(0, 0.2)
     nonlinearity_quadratic: Number
     nonlinearity_cubic: Number
     nonlinearity_spread: between(0, 1)
-    readout_time: NotNegative
-    temperature: NotNegative
+    readout_time: between(0, 1e4)
+    temperature: between(0, 400)
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,8 @@ from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
+
 from csstsim.base.digest import digest, file_digest
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
@@ -43,6 +45,7 @@ class InstrumentFiles:
             raise InputError("no such instrument folder", file=self.folder)
         self._changes = {}  # {file: {keys: number}}
         for name, value in flat(given).items():
+            value = _as_number(value)
             file, keys = self._place(str(name), value)
             if keys in self._changes.get(file, {}):
                 raise InputError("the number is given twice", key=f"instrument.{name}", value=value)
@@ -138,3 +141,13 @@ def _within(data, keys):
     for key in keys:
         data = next(value for name, value in data.items() if str(name) == key)
     return data
+
+
+def _as_number(value):
+    """Return numpy's numbers as Python's, and a text such as 1e-3, which YAML 1.1 takes for a word, as a number."""
+    if isinstance(value, np.number):
+        return value.item()
+    try:
+        return float(value) if isinstance(value, str) else value
+    except ValueError:
+        return value

@@ -8,13 +8,14 @@ from typing import Literal
 ExposureType = Literal["SCIE", "BIAS", "DARK", "FLAT"]
 SurveyPart = Literal["WIDE", "DEEP"]  # of the survey, to which a science exposure belongs
 EXPTIME_MAX = 1e5  # s
+YEARS = 1950, 2099  # where the Earth's ephemeris of catalog.astrometry.ephemeris holds
 _ISO = re.compile(r"\d{4}-\d{2}-\d{2}[T ]\d{2}:\d{2}:\d{2}(\.\d{1,6})?Z?")
 _MJD_ZERO = datetime(1858, 11, 17, tzinfo=UTC)
 
 
 def parse_utc(text):
     """Return an ISO UTC time 'YYYY-MM-DDThh:mm:ss[.ffffff][Z]' as an aware datetime; ValueError otherwise."""
-    if not _ISO.fullmatch(text):
+    if not isinstance(text, str) or not _ISO.fullmatch(text):
         raise ValueError(f"not an ISO UTC time: {text!r}")
     return datetime.fromisoformat(text.removesuffix("Z")).replace(tzinfo=UTC)
 

@@ -4,18 +4,18 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from csstsim.base.model import Data, NotNegative, Positive
+from csstsim.base.model import Data, Positive, between
 
 
 @dataclass(frozen=True)
 class Telescope(Data):
     """Numbers of telescope.yaml. The off-axis design has no obscuration, so the area is that of the whole disc."""
 
-    diameter_m: Positive
-    focal_length_m: Positive
-    pixel_scale: Positive  # arcsec / pixel
+    diameter_m: between(0.1, 100)
+    focal_length_m: between(0.1, 1000)
+    pixel_scale: between(0.001, 10)  # arcsec / pixel
     parity: Literal[1, -1]  # +1: the CD matrix has a positive determinant; -1: mosaic y is mirrored on the sky
-    shutter_time: NotNegative  # s, for a leaf to open or to close
+    shutter_time: between(0, 100)  # s, for a leaf to open or to close
     shutter_span_mm: Positive  # between the bearings of the two leaves
 
     @property

@@ -128,7 +128,7 @@ def _other(path):
     from astropy.io import fits
 
     try:
-        with fits.open(path, memmap=True) as file:
+        with fits.open(path, memmap=not _scaled(path)) as file:
             found = next((hdu for hdu in file if _is_image(hdu)), None)
             if found is None:
                 raise InputError("no extension holds a 2-d image", file=path, allowed=ALLOWED)
@@ -145,6 +145,14 @@ def _other(path):
     kind = {"SCI": "calibrated", "PRIMARY": "image", "": "image"}.get(name, f"extension {name}")
     unit = str(header.get("BUNIT", "" if bits is None else "bits of the mask"))
     return Picture(path, image, kind, unit, header, origin, wcs=wcs, remark=remark, bits=bits)
+
+
+def _scaled(path):
+    """Whether an image of a FITS file has a scale, which astropy applies to what it reads, not to mapped memory."""
+    from astropy.io import fits
+
+    with fits.open(path, memmap=True, do_not_scale_image_data=True) as file:
+        return any(keyword in hdu.header for hdu in file for keyword in ("BSCALE", "BZERO", "BLANK"))
 
 
 def _is_mask(image, name):

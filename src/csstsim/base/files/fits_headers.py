@@ -15,10 +15,13 @@ _INTEGER = re.compile(r"[+-]?\d{1,18}")
 def check_headers(path):
     """Raise InputError for a null character, or a length: no whole number, negative, too large, 0 where it divides.
 
-    The reader itself refuses a file that is missing, truncated or not FITS.
+    Also for a pipe or a device, and for a file that is cut short. The reader itself refuses one that is missing or not
+    FITS.
     """
-    if not os.path.isfile(path):
+    if not os.path.exists(path):
         return
+    if not os.path.isfile(path):
+        raise InputError("not a file", file=path)
     size, start = os.stat(path).st_size, 0
     with open(path, "rb") as file:
         while start < size:
@@ -29,6 +32,8 @@ def check_headers(path):
             sides = [value for key, value in lengths.items() if re.fullmatch(r"NAXIS\d+", key)]
             values = math.prod(sides) * lengths.get("GCOUNT", 1) if sides else 0
             data = abs(lengths.get("BITPIX", 8)) // 8 * (values + lengths.get("PCOUNT", 0))
+            if start + blocks * BLOCK + data > size:
+                raise InputError("the FITS file is cut short", file=path)
             start += (blocks + math.ceil(data / BLOCK)) * BLOCK
 
 

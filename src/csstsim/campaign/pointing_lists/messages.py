@@ -12,8 +12,8 @@ MOST = 8  # kinds of reasons, and names, that are printed
 
 def kinds_of(refused):
     """Return the Counter of reasons, values left out."""
-    value = r" \(got .*?\)(?=;|$)|; line \d+ has it|(?<=out of range): \S+ \w+|-?\d+\.\d+ deg"
-    return Counter(re.sub(value, "", reason) for _, _, reason in refused)
+    value = r" \(got .*?\)(?=;|$)|; line \d+ has it|(?<=out of range): \S+ \w+"
+    return Counter(re.sub(r"-?\d+\.\d+ deg", "N deg", re.sub(value, "", reason)) for _, _, reason in refused)
 
 
 def say_refused(file, kinds, say):

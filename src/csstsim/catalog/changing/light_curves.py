@@ -16,7 +16,8 @@ from csstsim.base.errors import InputError
 from csstsim.base.units import DAY_S
 
 _AT, _WEIGHT = np.polynomial.legendre.leggauss(5)  # over the exposure, or over each panel of it
-_LARGEST = 1e3  # mag
+_BRIGHTEST, _FAINTEST = -30.0, 1e3  # mag: as var_amplitude, and gone
+_LAST = 1e6  # MJD: a Julian date is above
 _LN_MAG = 0.4 * np.log(10.0)
 _PANELS = 8  # of a period; within one, five points give the mean light to 1e-7
 _CYCLES = 200.0  # in an exposure: with more, a sine counts by the mean of whole cycles, to 1e-3 of its amplitude
@@ -185,9 +186,13 @@ def _numbers(columns, name, where):
         values = np.asarray(columns[name], dtype=float)
     except (TypeError, ValueError):
         raise InputError("must be numbers", file=where, key=name) from None
-    bad = ~np.isfinite(values) | ((np.abs(values) > _LARGEST) & (name != "mjd"))
+    low, high = (0.0, _LAST) if name == "mjd" else (_BRIGHTEST, _FAINTEST)
+    with np.errstate(invalid="ignore"):
+        bad = ~((values >= low) & (values <= high))
     if bad.any():
+        row = np.flatnonzero(bad)[0]
         raise InputError(
-            f"row {np.flatnonzero(bad)[0] + 1} is blank, not finite or above 1000 mag", file=where, key=name
-        )
+            "blank, not finite or out of range", file=where, key=f"{name}, row {row + 1}", value=float(values[row]),
+            allowed=f"{low:g} to {high:g}",
+        )  # fmt: skip
     return values

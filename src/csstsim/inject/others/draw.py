@@ -158,7 +158,16 @@ def draw(counts, psf, wcs, objects, electrons, realisation, of):
         if not seen.isDefined():
             continue
         stamp = galsim.Image(seen, dtype=float)
-        profile.drawImage(stamp, method="no_pixel", center=galsim.PositionD(x, y), scale=1.0)
+        try:
+            profile.drawImage(stamp, method="no_pixel", center=galsim.PositionD(x, y), scale=1.0)
+        except galsim.GalSimFFTSizeError:
+            size = max(float(sizes[i]) for _, _, sizes in parts)
+            raise InputError(
+                "a galaxy is too large to be drawn into an image of others",
+                key=f"size, id {objects['id'][i]}",
+                value=size,
+                allowed="a smaller half-light radius [arcsec], or a smaller Sersic index",
+            ) from None
         mean = stamp.array
         rng = stream(realisation, "inject", of, int(objects["id"][i]))
         noisy = rng.poisson(np.maximum(mean, 0)) + np.minimum(mean, 0)
@@ -183,6 +192,14 @@ def _galaxy(parts, i, matrix):
     return galsim.Add(found).transform(*matrix.ravel().tolist()).withFlux(1.0)
 
 
+def _set(hdu, data):
+    """Give an HDU its values as they are: scaled integers have become floats, which have no scale."""
+    if data.dtype.kind == "f":
+        for keyword in ("BSCALE", "BZERO"):
+            hdu.header.remove(keyword, ignore_missing=True)
+    hdu.data = data
+
+
 def _write(image, counts, target, record):
     """Write the copy; return how many pixels reached SATURATE or the end of their type."""
     units = counts / image.electrons
@@ -196,13 +213,13 @@ def _write(image, counts, target, record):
     with opened(image.path) as file, atomic_path(target) as temporary:
         sealed = any("CHECKSUM" in hdu.header for hdu in file)
         hdu = file[image.number]
-        hdu.data = np.where(lit, value, image.image).astype(image.image.dtype)
+        _set(hdu, np.where(lit, value, image.image).astype(image.image.dtype))
         if image.blank is None:
             hdu.header.remove("BLANK", ignore_missing=True)  # floats say NaN
         if image.error is not None:
             noise = np.maximum(counts, 0) / image.electrons**2
             added = np.sqrt(image.error.astype(float) ** 2 + noise)
-            file[image.error_number].data = np.where(lit, added, image.error).astype(image.error.dtype)
+            _set(file[image.error_number], np.where(lit, added, image.error).astype(image.error.dtype))
         for keyword, held, comment in record["cards"]:
             file[0].header[keyword] = held, comment
         for text in record["history"]:

@@ -124,7 +124,7 @@ def _electrons(path, header, exptime):
     if time is not None and (unit in DN or not unit) and gain is not None:
         return time * gain, gain
     allowed = f"BUNIT of electrons or electrons/s; or of DN, with {', '.join(GAINS)}"
-    value = header.get("BUNIT")
+    value = {name: header[name] for name in ("BUNIT", *GAINS) if name in header}
     raise InputError(
         "neither a gain nor a unit of electrons", file=path, key="BUNIT, GAIN", value=value, allowed=allowed
     )

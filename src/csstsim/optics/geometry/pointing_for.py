@@ -6,7 +6,7 @@ from dataclasses import replace
 from csstsim.base.errors import InputError
 from csstsim.catalog.astrometry.ephemeris import observer
 from csstsim.catalog.astrometry.reduction import apparent
-from csstsim.instrument.pointing import EXPTIME_MAX, Pointing, mjd_utc
+from csstsim.instrument.pointing import EXPTIME_MAX, YEARS, Pointing, parse_utc
 from csstsim.optics.geometry.distortion import load_distortion
 from csstsim.optics.geometry.wcs import ChipWCS, gnomonic
 
@@ -73,7 +73,8 @@ def centred_exposure(
         raise InputError("out of range", key="ra, dec, pa, exptime", value=(ra, dec, pa, exptime), allowed=allowed)
     (x, y), _ = light_on(camera, chip)
     try:
-        mjd_utc(time)
+        if not YEARS[0] <= parse_utc(time).year <= YEARS[1]:
+            raise ValueError(f"{time} is out of range: years {YEARS[0]} to {YEARS[1]}")
         state = camera.orbit.state(time)
         pointing = Pointing("SCIE", ra, dec, pa, time, exptime, *state)
         target = tuple(map(float, apparent(ra, dec, observer(pointing.mjd, *state, **astrometry))))
