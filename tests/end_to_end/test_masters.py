@@ -10,6 +10,7 @@ from mini_campaign import POINTINGS, write_campaign, write_scene
 
 from csstsim.base.rng import Streams
 from csstsim.campaign.opened import OpenCampaign
+from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.detector import prnu
 from csstsim.io.frames import load_frame
 from csstsim.io.output_owner import FILE as OWNER
@@ -102,7 +103,7 @@ def test_calibrated_product(calibration, science, kind):
         wcs = WCS(file["SCI"].header)
     sky = image[quality == 0]
     assert abs(np.median(sky)) < 0.02 and np.median(error) == pytest.approx(1.4826 * np.median(abs(sky)), rel=0.1)
-    ra, dec = job.wcs.pixel_to_world(truth["x"], truth["y"])
+    ra, dec = icrs(*job.wcs.pixel_to_world(truth["x"], truth["y"]), job.observer)
     x, y = wcs.world_to_pixel_values(ra, dec)
     assert np.hypot(x - truth["x"], y - truth["y"]).max() < 0.1
     psf = open_psf(campaign, job.chip)

@@ -280,7 +280,7 @@ def test_other_bad_input(files, bare, sim, tmp_path):
     Table({"ra": [1.0], "dec": [2.0], "mag_r": [20.0], "obj_type": ["star"]}).write(words)
     for more, message in (
         (("--catalogue", bad), f"{bad}: mag_"),
-        (("--catalogue", words), f"{words}: obj_type: must be numbers (got 'star')"),
+        (("--catalogue", words), f"{words}: obj_type, row 1: must be numbers (got 'star')"),
         (("--catalogue", tmp_path / "none.csv"), "No such file"),
     ):
         assert message in run_command("inject", raw, *more, "--output", out, "--campaign", campaign, code=2)

@@ -318,9 +318,6 @@ SYNPHOT_UNITS = {
 }  # fmt: skip
 
 
-LARGEST_DENSITY = 1e100  # of a spectrum or a response: sums stay finite
-
-
 def read_columns(table, name, where):
     """Return WAVELENGTH [A] and `name` (FLUX or SENSITIVITY) of the table a user's method returned, in csstsim's units.
 
@@ -337,8 +334,6 @@ def read_columns(table, name, where):
         raise InputError("WAVELENGTH must rise and match its column in length", key=where)
     if not wave[0] > 0:
         raise InputError("WAVELENGTH must be above 0", key=where, value=float(wave[0]))
-    if (np.abs(values) > LARGEST_DENSITY).any():
-        raise InputError(f"{name} is too large", key=where, allowed=f"up to {LARGEST_DENSITY:g} in csstsim's unit")
     return wave, values
 
 

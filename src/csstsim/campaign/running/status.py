@@ -9,7 +9,7 @@ wrong: only differences count.
 import os
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 
 from csstsim.campaign.costs import expected
@@ -54,7 +54,7 @@ class Status:
     pace: Pace | None  # None: too little was made to tell
     disk: int  # bytes in the output folder, logs left out
     failed: list  # (path of the log, its line), newest first
-    missing: dict  # {(obsid, chip): reason}, declared in the campaign
+    missing: dict = field(default_factory=dict)  # {(obsid, chip): reason}, declared in the campaign
 
     @property
     def missing_cpu(self):

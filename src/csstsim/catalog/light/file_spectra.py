@@ -19,6 +19,7 @@ from csstsim.instrument.filter import GRID
 
 FORMATS = {".csv": "ascii.csv", ".ecsv": "ascii.ecsv", ".fits": "fits"}
 _KEPT = 64
+_LARGEST = 1e100  # photon / s / m2 / angstrom: sums stay finite
 
 
 @kept(_KEPT)
@@ -46,6 +47,8 @@ def read_spectrum(path):
     wave, flux = read_columns(table, "FLUX", str(path))
     if not np.isfinite(flux).all() or (flux < 0).any():
         raise InputError("holds values that are negative or not finite", file=path, key="FLUX")
+    if flux.max() > _LARGEST:
+        raise InputError("is too large", file=path, key="FLUX", value=float(flux.max()), allowed=f"up to {_LARGEST:g}")
     shape = on_grid(GRID, wave, flux)
     if not shape.any():
         allowed = f"light within {GRID[0]:g}-{GRID[-1]:g} angstrom"
