@@ -366,3 +366,38 @@ def test_what_an_own_layer_adds_to_the_header_is_in_its_history(sim, tmp_path, m
     file.write_text(yaml.safe_dump({"layers": [first, {"sticker.label": {}}, *others]}))
     frame = sim.replace(observations={"SCIE": str(file)}).chip(OBSID, CHIP)
     assert "value trail = 0.5" in [line.strip() for line in frame.header["HISTORY"]]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda sim: sim.aim(60.1, -40.0, time="1949-01-01T00:00:00"), "years 1950 to 2099"),
+        (lambda sim: sim.aim(60.1, -40.0, time=None), "not an ISO UTC time"),
+        (lambda sim: sim.aim(60.1, -40.0, time=61729.0), "not an ISO UTC time"),
+        (lambda sim: sim.aim(60.1, -40.0, chip=[9]), "chip: must be a whole number"),
+        (lambda sim: sim.aim(60.1, -40.0, obsid="99999999999999", exposures=2), "no observation id is left"),
+        (lambda sim: sim.inject(None, {}), "not a Frame"),
+        (lambda sim: sim.inject(np.zeros((3, 3)), {}), "not a Frame"),
+        (lambda _: csstsim.Simulation(5), "not a campaign"),
+        (lambda _: csstsim.Simulation({}), "not a campaign"),
+    ],
+)
+def test_values_of_a_wrong_kind_are_refused_in_a_line(sim, change, message):
+    with pytest.raises(InputError, match=message):
+        change(sim)
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        (None, "not a table"),
+        (5, "not a table"),
+        ([], "not a table"),
+        ({"ra": 1.0, "dec": 2.0, "mag_r": 3.0}, "for each row"),
+    ],
+)
+def test_what_is_no_table_is_not_injected(sim, frame, table, message):
+    with pytest.raises(InputError, match=message):
+        sim.inject(frame, table)
+    with pytest.raises(InputError, match="realisation"):
+        sim.inject(frame, {"ra": [1.0]}, realisation=-1)

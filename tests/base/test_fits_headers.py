@@ -1,5 +1,7 @@
 """Headers of FITS files read block by block: data and padding are not taken for a header, null characters refused."""
 
+import os
+
 import numpy as np
 import pytest
 from astropy.io import fits
@@ -41,4 +43,19 @@ def test_null_characters_behind_the_last_hdu_are_padding(tmp_path):
     file = tmp_path / "padded.fits"
     fits.PrimaryHDU(np.zeros(7, np.int16)).writeto(file)
     file.write_bytes(file.read_bytes() + bytes(2 * BLOCK))
+    check_headers(file)
+
+
+def test_pipes_and_cut_files_are_refused(tmp_path):
+    os.mkfifo(tmp_path / "pipe.fits")
+    with pytest.raises(InputError, match="not a file"):
+        check_headers(tmp_path / "pipe.fits")
+    file = tmp_path / "cut.fits"
+    fits.HDUList([fits.PrimaryHDU(), fits.BinTableHDU(np.zeros(1000, [("a", "f8")]))]).writeto(file)
+    content = file.read_bytes()
+    for length in (len(content) - BLOCK, 2 * BLOCK + 8):
+        file.write_bytes(content[:length])
+        with pytest.raises(InputError, match="cut short"):
+            check_headers(file)
+    file.write_bytes(content[: 3 * BLOCK + 8000 - BLOCK])  # without the padding behind the data
     check_headers(file)

@@ -313,3 +313,12 @@ def test_satellites_cross_at_the_published_rate():
         there = SkyCoord(found["ra"] * u.deg, found["dec"] * u.deg)
         towards = there.position_angle(SkyCoord(30 * u.deg, 80 * u.deg)).deg
         assert np.abs((found["angle"] - towards) % 180 - 90).max() < 1e-6
+
+
+@pytest.mark.parametrize("row", ["a,2461729,3", "a,61000,-100", "a,61000,1e4", "a,,1", "a,inf,1"])
+def test_points_of_a_curve_out_of_range_are_refused(tmp_path, row):
+    """A Julian date is no MJD; a change of a hundred magnitudes no light curve."""
+    path = tmp_path / "curves.csv"
+    path.write_text(f"curve,mjd,dmag\na,60999,0\n{row}\n")
+    with pytest.raises(InputError, match=r"(mjd|dmag), row 2: blank, not finite or out of range"):
+        catalogue(light_curve=["a", ""], light_curves=str(path))

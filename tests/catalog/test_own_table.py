@@ -5,6 +5,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from astropy import units as u
+from astropy.io import fits
 from astropy.table import QTable, Table
 from csst import BANDS
 
@@ -256,3 +257,24 @@ def test_options_of_another_kind_are_refused_in_words(options, message):
     for use in (lambda: TableCatalog(options, REGION), lambda: TableCatalog.files(options)):
         with pytest.raises(InputError, match=message):
             use()
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "word"),
+    [
+        ("z", np.inf, "its z"), ("z", 1e300, "its z"), ("rv", -1e9, "its rv"), ("rv", np.inf, "its rv"),
+        ("parallax", np.inf, "its parallax"), ("parallax", -1e5, "its parallax"),
+    ],
+)  # fmt: skip
+def test_values_that_no_object_has_are_refused(column, value, word):
+    with pytest.raises(InputError, match=rf"row 2 cannot be drawn: {word}"):
+        object_table({"ra": [1.0, 2.0], "dec": [0.0, 0.0], "mag_r": [20.0, 20.0], column: [0.0, value]}, BANDS, "t.csv")
+
+
+def test_of_several_tables_of_a_file_the_first_is_read_with_a_word(tmp_path, caplog):
+    tables = [
+        fits.BinTableHDU(Table({"ra": [ra], "dec": [0.0], "mag_r": [20.0]}), name=name)
+        for ra, name in ((1.0, "A"), (2.0, "B"))
+    ]
+    fits.HDUList([fits.PrimaryHDU(), *tables]).writeto(tmp_path / "two.fits")
+    assert read_table(tmp_path / "two.fits")["ra"].tolist() == [1.0] and "A, B the first is read" in caplog.text

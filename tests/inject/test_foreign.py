@@ -413,3 +413,30 @@ def test_a_catalogue_may_have_any_name(tmp_path):
     result = CliRunner().invoke(main, [*map(str, call), "--zeropoint", "25"], catch_exceptions=False)
     assert result.exit_code == 0, result.output
     assert "\\xe9toiles" in "".join(fits.getheader(tmp_path / "out" / image.name)["HISTORY"])
+
+
+@pytest.mark.parametrize("what", ["SCI", "ERR"])
+@pytest.mark.parametrize(
+    ("kind", "scale", "zero"),
+    [("i2", 0.1, 0.0), ("i2", 0.5, 500.0), ("i4", 0.001, 0.0), ("i2", 2.0, 32768.0), ("i2", 1, 32768)],
+)
+def test_scaled_images_keep_their_values(tmp_path, what, kind, scale, zero):
+    """Integers with BSCALE and BZERO, as others store floats: values far from the object are as they were."""
+    image, psf = write_image(tmp_path), write_psf(tmp_path)
+    with fits.open(image) as file:
+        stored = np.rint((file[what].data - zero) / scale).astype(kind)
+        raw = fits.ImageHDU(stored, file[what].header, what)
+        raw.header["BSCALE"], raw.header["BZERO"] = scale, zero
+        file[what] = raw
+        file.writeto(tmp_path / "scaled.fits")
+    values = fits.getdata(tmp_path / "scaled.fits", what).astype(float)
+    inject(tmp_path, tmp_path / "scaled.fits", at(90.3, 120.8, mag=[17.0]), psf, "--zeropoint", ZERO)
+    new = fits.getdata(tmp_path / "out/scaled.fits", what).astype(float)
+    assert np.array_equal(new[:50], values[:50]) and new[120, 90] > values[120, 90] + 1
+
+
+def test_a_galaxy_too_large_to_be_drawn_is_refused(tmp_path):
+    image, psf = write_image(tmp_path), write_psf(tmp_path)
+    table = at(100.0, 100.0, mag=[20.0], type=["galaxy"], size=[300.0], n=[4.0])
+    said = inject(tmp_path, image, table, psf, "--zeropoint", ZERO, code=2)
+    assert "too large to be drawn" in said and "(got 300.0)" in said and not list((tmp_path / "out").glob("*"))

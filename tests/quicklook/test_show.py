@@ -312,3 +312,19 @@ def test_a_file_with_a_wrong_checksum_is_shown_with_a_word(tmp_path, level0, cap
         file[0].header["OBJECT"] = "another"
     show(damaged, "--output", tmp_path / "bad.png", "--size", 300)
     assert any("wrong CHECKSUM of HDU primary" in message for message in caplog.messages)
+
+
+@pytest.mark.parametrize("cards", [{"BSCALE": 0.1, "BZERO": 3.0}, {"BZERO": 32768}, {"BLANK": -32768}])
+def test_scaled_images_are_shown_with_their_values(tmp_path, cards):
+    hdu = fits.PrimaryHDU(np.arange(600, dtype=np.int16).reshape(20, 30))
+    for keyword, value in cards.items():
+        hdu.header[keyword] = value
+    hdu.writeto(tmp_path / "scaled.fits")
+    assert np.array_equal(read_picture(tmp_path / "scaled.fits").image, fits.getdata(tmp_path / "scaled.fits"))
+    assert show(tmp_path / "scaled.fits").shape[2] == 4
+
+
+@pytest.mark.parametrize("name", [".", "..", "none.fits"])
+def test_what_is_no_file_is_refused(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    assert "no such file" in refused("show", name)

@@ -57,9 +57,10 @@ def read_table(path):
     form = FORMATS[path.suffix.lower()]
     if form == "parquet":
         return _read_parquet(path)
+    words = {}
     if form == "fits":
         check_headers(path)
-        _say_tables(path)
+        words = _first_table(path)
     else:
         if path.is_file() and path.stat().st_size > LARGE:
             allowed = f"the same table as .fits or .parquet, or a text of less than {LARGE // 10**6} MB"
@@ -73,7 +74,6 @@ def read_table(path):
         if form == "ascii.csv":
             lines = _without_remarks(lines)
             _check_csv([line for line in lines if line.strip()], path)
-    words = {}
     if form == "ascii.csv":  # whose reader takes names that begin with inf or nan for numbers
         words["converters"] = {name: [convert_numpy(str)] for name in _WORDS}
     try:
@@ -131,18 +131,21 @@ def _of_arrow(column, name, path):
     return column.to_numpy(zero_copy_only=False)
 
 
-def _say_tables(path):
-    """Say that only the first of several tables of a FITS file is read."""
+def _first_table(path):
+    """Return {"hdu": number} of the first of several tables of a FITS file, and say that it alone is read; else {}."""
     from astropy.io import fits
 
     try:
         with fits.open(path) as file:
             kinds = fits.BinTableHDU, fits.TableHDU
-            names = [hdu.name or f"HDU {number}" for number, hdu in enumerate(file) if isinstance(hdu, kinds)]
+            found = {k: hdu.name or f"HDU {k}" for k, hdu in enumerate(file) if isinstance(hdu, kinds)}
     except Exception:  # astropy's are of many types; the reader refuses the file
-        return
-    if len(names) > 1:
-        logging.getLogger("csstsim").warning("%s: of its tables %s the first is read", path, ", ".join(names))
+        return {}
+    if len(found) < 2:
+        return {}
+    text = "%s: of its tables %s the first is read"
+    logging.getLogger("csstsim").warning(text, path, ", ".join(found.values()))
+    return {"hdu": min(found)}
 
 
 def _left_out(name, kind, where):

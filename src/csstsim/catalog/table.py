@@ -260,7 +260,8 @@ def _typed(name, values, dtype):
 def _fit(values, dtype):
     """Return an array in `dtype`. Raises ValueError for an integer that would change: a fraction, NaN, too large."""
     if dtype.kind != "i" or values.dtype == dtype:
-        return values.astype(dtype, copy=False)
+        with np.errstate(over="ignore"):  # infinite: refused where that is no value
+            return values.astype(dtype, copy=False)
     with np.errstate(invalid="ignore"):
         fitted = values.astype(dtype)
     if values.dtype.kind not in "OU" and (fitted != values).any():
