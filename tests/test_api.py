@@ -393,7 +393,7 @@ def test_values_of_a_wrong_kind_are_refused_in_a_line(sim, change, message):
         (None, "not a table"),
         (5, "not a table"),
         ([], "not a table"),
-        ({"ra": 1.0, "dec": 2.0, "mag_r": 3.0}, "for each row"),
+        ({"ra": 1.0, "dec": 2.0}, "for each row"),
     ],
 )
 def test_what_is_no_table_is_not_injected(sim, frame, table, message):

@@ -272,9 +272,7 @@ def test_values_that_no_object_has_are_refused(column, value, word):
 
 
 def test_of_several_tables_of_a_file_the_first_is_read_with_a_word(tmp_path, caplog):
-    tables = [
-        fits.BinTableHDU(Table({"ra": [ra], "dec": [0.0], "mag_r": [20.0]}), name=name)
-        for ra, name in ((1.0, "A"), (2.0, "B"))
-    ]
+    rows = {name: Table({"ra": [ra], "dec": [0.0], "mag_r": [20.0]}) for ra, name in ((1.0, "A"), (2.0, "B"))}
+    tables = [fits.BinTableHDU(table, name=name) for name, table in rows.items()]
     fits.HDUList([fits.PrimaryHDU(), *tables]).writeto(tmp_path / "two.fits")
     assert read_table(tmp_path / "two.fits")["ra"].tolist() == [1.0] and "A, B the first is read" in caplog.text
