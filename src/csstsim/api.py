@@ -177,7 +177,7 @@ class Simulation:
             rows.setdefault(job.obsid, (job.pointing, []))[1].append(job.chip.id)
         names = "obsid", "type", "ra", "dec", "pa", "time", "exptime"
         values = [
-            (obsid, p.type, p.ra, p.dec, p.pa, f"{p.start:%Y-%m-%dT%H:%M:%S}", p.exptime)
+            (obsid, p.type, p.ra, p.dec, p.pa, p.start.replace(tzinfo=None).isoformat(), p.exptime)
             for obsid, (p, _) in rows.items()
         ]
         table = Table(rows=values, names=names, units={"ra": "deg", "dec": "deg", "pa": "deg", "exptime": "s"})

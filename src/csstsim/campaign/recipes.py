@@ -6,11 +6,12 @@ recipe has changed. So a key or a number belongs to the recipe of the stage that
 
 from functools import cached_property
 
-from csstsim.base.digest import digest
+from csstsim.base.digest import digest, large_file_digest
 from csstsim.base.release import release
 from csstsim.base.stages import behind, flat, read_by
 from csstsim.catalog.galaxy_shapes.full_components import load_numbers as components_numbers
 from csstsim.catalog.open import own_digests
+from csstsim.optics.psf.sampling import psf_cube
 from csstsim.universe.changing.numbers import digest_of
 
 # {key of the campaign file: the stages that read it first} (base.stages.read_by). Files and folders count by their
@@ -49,6 +50,7 @@ READERS = {
     "validation.*": ("validate",),
     "sky": ("truth", "select"),
     "changing.*": ("select",),
+    "library.*": ("psf", "select"),
 }
 
 
@@ -97,6 +99,9 @@ class Recipes:
         if (stars := self._run.bright_stars) is not None:
             sky = [sky, digest(stars.tolist())]
         read = {"rendering": self._run.rendering.model_dump(), "validation": self._run.limits.model_dump(mode="json")}
+        if library := self._run.psf_library:
+            files = {chip: psf_cube(library, chip) for chip in self._run.sky_chips}
+            read["library"] = {str(chip): large_file_digest(file) for chip, file in files.items() if file.is_file()}
         if config.catalog.components == "full":
             read["components"] = components_numbers().model_dump()
         if changing := config.catalog.changing:

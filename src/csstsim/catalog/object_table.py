@@ -28,6 +28,7 @@ FARTHEST, LIGHT_KM_S, NEAREST_MAS = 1e3, 299792.458, 1e4  # redshift; km/s; mas,
 LARGE = 200_000_000  # bytes of a text from which reading it takes minutes, and tens of times as much memory
 BRIGHTEST, FAINTEST = -3.0, 90.0  # mag; -99, -9.99, 99, 99.99 and the like stand for "not known" in many catalogues
 _LARGEST_ID = np.iinfo(np.int64).max
+_EXACT = 2.0**53  # larger whole numbers are no floats
 FASTEST = 1e6  # mas / yr; Barnard's star has 1e4
 _KNOWN = {*COLUMNS, *OPTIONAL, *changing.COLUMNS, *part_rows.SHORTHANDS, "type", "size", "n"}
 # Names that users type: similar ones count as misspelt. Magnitudes are added.
@@ -36,8 +37,11 @@ _TYPED = {
     "part_of", "part_share", "image_file", "spectrum_file", *changing.COLUMNS,
 }  # fmt: skip
 _SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}
-_WORDS = "type", "light_curve", *FILE_COLUMNS  # columns of text
-_FILLED = {"e1", "e2", "bulge_frac", "z", "size_disk", "size_bulge", "kappa", "gamma1", "gamma2"}
+_WORDS = "type", "light_curve", "curve", *FILE_COLUMNS  # columns of text
+_FILLED = {
+    "e1", "e2", "bulge_frac", "z", "size_disk", "size_bulge", "kappa", "gamma1", "gamma2", "host", "satellite",
+    "gal_type",
+}  # fmt: skip
 _UNITS = {
     **dict.fromkeys(("ra", "dec"), "deg"), **dict.fromkeys(("size", "size_disk", "size_bulge"), "arcsec"),
     **dict.fromkeys(("pmra", "pmdec"), "mas / yr"), "parallax": "mas", "rv": "km / s", "teff": "K", "av": "mag",
@@ -215,7 +219,10 @@ def _plain(name, column, where):
     if values.dtype.kind == "S":
         values = values.astype(str)
     if values.dtype.kind in "biu" and np.ma.is_masked(values):
-        values = values.astype(float)
+        whole, values = values.compressed(), values.astype(float)
+        if (np.abs(whole.astype(float)) > _EXACT).any():
+            allowed = "no blank cells, or a column of words"
+            raise InputError("has blank cells, and numbers of too many digits", file=where, key=name, allowed=allowed)
     return np.ma.filled(values, {"f": np.nan, "U": ""}.get(values.dtype.kind, 0))
 
 
@@ -385,6 +392,7 @@ def _number(value):
 
 def _types(names, where):
     found = np.full(len(names), -1, np.int8)
+    found[names == ""] = STAR  # blank
     for number, word in enumerate(TYPES):
         found[names == word] = number
     others = np.flatnonzero(found < 0)  # written in another way

@@ -18,6 +18,13 @@ STAR, GALAXY, QUASAR, ASTEROID, SATELLITE = 0, 1, 2, 3, 4
 TYPES = ("star", "galaxy", "quasar", "asteroid", "satellite")  # by obj_type; all but galaxies are points
 
 ROWS = 1_000_000  # of a part
+
+
+def lensed(obj_type):
+    """Return (n,) bool: objects behind the lens. Stars and what moves in the solar system are before it."""
+    return (np.asarray(obj_type) == GALAXY) | (np.asarray(obj_type) == QUASAR)
+
+
 _MOST = 1 << 28  # values in a file: the fullest possible brick (4 million objects), 2 GB
 _META_KEY, _SUMS_KEY = b"csstsim", b"csstsim_checksums"
 

@@ -116,7 +116,10 @@ def _cumulative(y, x):
 
 
 def curve_on_grid(nodes):
-    """Return the curve of `sample_curve` on GRID. Where nodes are closer than its points, these have means."""
+    """Return (18001,) the curve of `sample_curve` on GRID; its means where nodes are closer than points of the grid.
+
+    nodes: (m, 2) of rising (angstrom, electron / photon).
+    """
     x = np.asarray(nodes, dtype=float)[:, 0]
     if np.diff(x).min() >= GRID[1] - GRID[0]:
         return sample_curve(nodes)

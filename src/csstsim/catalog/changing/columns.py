@@ -50,7 +50,8 @@ def _names(values):
     """Return names as text: of numbers, too, which are whole where a column with blanks made floats of them."""
     if values.dtype.kind != "f":
         return values.astype(str)
-    return np.array(["" if np.isnan(v) else f"{v:g}" for v in np.atleast_1d(values)], dtype=str)
+    text = ("" if v != v else str(int(v)) if v.is_integer() else repr(v) for v in np.atleast_1d(values).tolist())
+    return np.array(list(text), dtype=str)
 
 
 def moves(table):

@@ -7,7 +7,7 @@ import numpy as np
 from csstsim.base.errors import InputError
 from csstsim.catalog.base import name_of, users_code
 from csstsim.catalog.galaxy_shapes.component_light import ComponentLight
-from csstsim.catalog.table import STAR
+from csstsim.catalog.table import lensed
 from csstsim.universe.lensing.lensing import magnification
 
 ROW = "catalog_row"  # column that `select` leaves on spectroscopic chips: the object's row in the catalogue
@@ -22,7 +22,7 @@ class Spectra:
         gradients: galaxy_shapes.component_light.ComponentLight if galaxies' components have spectra of their own.
         """
         mu, _ = magnification(*(objects[name] for name in ("kappa", "gamma1", "gamma2")))
-        self._mu, self._load, self.gradients = np.where(objects["obj_type"] == STAR, 1.0, mu), load, gradients
+        self._mu, self._load, self.gradients = np.where(lensed(objects["obj_type"]), mu, 1.0), load, gradients
         self._objects = objects
         if "dmag" in objects:  # light that varies
             self._mu = self._mu * 10 ** (-0.4 * objects["dmag"].astype(float))

@@ -27,7 +27,7 @@ from csstsim.catalog.selection.reach import (
     wing_reach,
 )
 from csstsim.catalog.selection.row_order import back, canonical_order
-from csstsim.catalog.table import GALAXY, STAR, ObjectTable
+from csstsim.catalog.table import GALAXY, STAR, ObjectTable, lensed
 from csstsim.universe.lensing.lensing import magnification
 
 
@@ -176,7 +176,7 @@ def _turned(table):
 def _magnification(table):
     """Return (mu, thin): magnification of each object, 1 for stars, and whether the lens is weak enough."""
     mu, thin = magnification(*(table[name] for name in ("kappa", "gamma1", "gamma2")))
-    return np.where(table["obj_type"] == STAR, 1.0, mu), thin
+    return np.where(lensed(table["obj_type"]), mu, 1.0), thin
 
 
 def _extent(table, bad, electrons, variance, scattered, box, chip, filter, telescope):

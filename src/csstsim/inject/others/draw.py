@@ -17,7 +17,7 @@ from csstsim.base.rng import stream
 from csstsim.catalog.changing.columns import moves
 from csstsim.catalog.galaxy_shapes.components import components, has_image, has_knots
 from csstsim.catalog.object_table import object_table
-from csstsim.catalog.table import GALAXY, ObjectTable
+from csstsim.catalog.table import GALAXY, ObjectTable, lensed
 from csstsim.inject.others.frame import read_foreign
 from csstsim.inject.others.psf_models import read_psf
 from csstsim.inject.others.with_astropy import opened
@@ -89,7 +89,7 @@ def _objects(request, image, zeropoint):
                 allowed="stars, disks and bulges that stay as they are",
             )  # fmt: skip
     mu, _ = magnification(*(objects[name] for name in ("kappa", "gamma1", "gamma2")))
-    mu = np.where(objects["obj_type"] == GALAXY, mu, 1.0)
+    mu = np.where(lensed(objects["obj_type"]), mu, 1.0)
     mag = objects[f"mag_{BAND}"] - 2.5 * np.log10(mu)
     electrons = image.exptime * 10 ** (0.4 * (zeropoint - mag))
     if (many := electrons > MOST).any():

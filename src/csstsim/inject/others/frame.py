@@ -1,5 +1,6 @@
 """What an image of any telescope says of itself: pixels, WCS, electrons in a unit, exposure time, zero point."""
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +14,8 @@ ELECTRONS = {"electron", "electrons", "e-", "e", "photoelectron"}
 DN = {"adu", "dn", "count", "counts", "ct", "cts", "adus"}
 GAINS, TIMES = ("GAIN", "EGAIN", "CCDGAIN", "ATODGAIN"), ("EXPTIME", "TEXPTIME", "XPOSURE", "EXPOSURE")
 LONGEST = 1e6  # ratio of the sides of a pixel, or of a direction's step: the matrix of a WCS counts as singular
-FILTERS = "FILTER", "FILTER1", "FILTNAM1", "BAND"
+FILTERS = "FILTER", "FILTER1", "FILTER2", "FILTNAM1", "PUPIL", "BAND"
+OPEN = "CLEAR", "OPEN", "NONE", "N/A", "EMPTY"  # beginnings of the names of empty places in a wheel
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +54,9 @@ def read_foreign(path):
             raise InputError("holds no image", file=path)
         header = {**file[0].header, **file[number].header}
         image = np.asarray(file[number].data)
+        if image.dtype.kind == "f" and "ZCMPTYPE" in getattr(file[number], "_bintable", file[number]).header:
+            allowed = "the image without compression, as by funpack"
+            raise InputError("tiles of floats would be quantised anew", file=path, key="ZCMPTYPE", allowed=allowed)
         wcs = _wcs(path, file, number)
         exptime = _number(header, TIMES)
         if exptime is None:
@@ -65,7 +70,8 @@ def read_foreign(path):
         full = _number(header, ("SATURATE",))
         name = file[number].name
         others = sum(hdu.name == name and hdu.header.get("NAXIS") == 2 for hdu in file) - 1 if name == "SCI" else 0
-        band = next((str(header[k]).strip() for k in FILTERS if str(header.get(k, "")).strip()), "")
+        named = (str(header.get(keyword, "")).strip() for keyword in FILTERS)
+        band = next((name for name in named if name and not name.upper().startswith(OPEN)), "")
         return ForeignFrame(
             path, number, image, wcs, electrons, exptime, _zeropoint(header, gain), band,
             np.inf if full is None else full, others, error, None if error is None else error_number,
@@ -117,7 +123,8 @@ def _number(header, names):
 
 def _electrons(path, header, exptime):
     """Return (electrons of one unit of the image, gain [e-/DN] or None where its unit is electrons)."""
-    unit, _, per = str(header.get("BUNIT", "")).lower().replace(" ", "").partition("/")
+    text = re.sub(r"[ .*]*s(ec|econd)?\s*(\^|\*\*)?\s*\(?-1\)?$", "/s", str(header.get("BUNIT", "")).lower())
+    unit, _, per = text.replace(" ", "").partition("/")
     gain, time = _number(header, GAINS), {"": 1.0, "s": exptime, "sec": exptime, "second": exptime}.get(per)
     if time is not None and unit in ELECTRONS:
         return time, None

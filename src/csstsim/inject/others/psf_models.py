@@ -36,7 +36,7 @@ class Stamps:
         near = np.argsort(distance2, kind="stable")[:NEAREST]
         weight = 1.0 / np.maximum(distance2[near], 1e-12)
         mixed = np.tensordot(weight / weight.sum(), self.stamps[near], axes=1)
-        return galsim.InterpolatedImage(galsim.Image(mixed), scale=self.step, flux=1.0, x_interpolant=_smooth())
+        return galsim.InterpolatedImage(galsim.Image(mixed), scale=self.step, flux=1.0, x_interpolant=galsim.Quintic())
 
 
 @dataclass(frozen=True, eq=False)

@@ -71,6 +71,8 @@ def in_our_unit(values, key, stated, column):
     stated: astropy unit that the file gives the column, or None.
     """
     known = UNITS[KINDS[key.name]]
+    if key.name == "mag_B" and stated is not None and str(stated) not in ("mag", "mag(AB)"):
+        raise InputError("magnitudes are AB", key=f"column {column}", value=str(stated), allowed="mag, mag(AB)")
     first = next(iter(known), None)
     said = key.unit
     if stated is not None and KINDS[key.name] in ("angle", "flux"):
