@@ -324,3 +324,18 @@ def test_a_threshold_given_as_it_is_by_default_counts_for_an_own_catalogue(tmp_p
     before = OpenCampaign(file).recipes.validation
     given = {"purity_min": ValidateConfig().purity_min}
     assert OpenCampaign(write_campaign(tmp_path, catalog=own, validation=given)).recipes.validation != before
+
+
+def test_a_library_of_psfs_counts_by_its_content(tmp_path):
+    """The same folder with other files, and another folder with the same ones."""
+    for name, byte in (("one", b"a"), ("two", b"a"), ("three", b"b")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / f"psfCube_{CHIP}.h5").write_bytes(
+            byte * 100_000_000 if byte == b"a" else b"a" * 99_999_999 + byte
+        )
+
+    def of(folder):
+        path = write_campaign(tmp_path / folder, [POINTINGS[0]], select={"chips": [CHIP]}, psf={"library": "."})
+        return OpenCampaign(path).recipes.psf
+
+    assert of("one") == of("two") != of("three")

@@ -322,3 +322,13 @@ def test_points_of_a_curve_out_of_range_are_refused(tmp_path, row):
     path.write_text(f"curve,mjd,dmag\na,60999,0\n{row}\n")
     with pytest.raises(InputError, match=r"(mjd|dmag), row 2: blank, not finite or out of range"):
         catalogue(light_curve=["a", ""], light_curves=str(path))
+
+
+@pytest.mark.parametrize("name", ["0012", "1e5", "1.50", "1234567", "007"])
+@pytest.mark.parametrize("blank", [True, False])
+def test_numbers_as_names_of_curves_are_what_was_written(tmp_path, name, blank):
+    curves, objects = tmp_path / "curves.csv", tmp_path / "objects.csv"
+    curves.write_text(f"curve,mjd,dmag\n{name},60999,1\n{name},61001,1\n")
+    objects.write_text(f"ra,dec,mag_r,light_curve\n10,0,20,{name}\n11,1,20,{'' if blank else name}\n")
+    found = TableCatalog({"file": str(objects), "light_curves": str(curves)}, REGION)
+    assert found.table["light_curve"].tolist() == [name, "" if blank else name]

@@ -276,3 +276,27 @@ def test_of_several_tables_of_a_file_the_first_is_read_with_a_word(tmp_path, cap
     tables = [fits.BinTableHDU(table, name=name) for name, table in rows.items()]
     fits.HDUList([fits.PrimaryHDU(), *tables]).writeto(tmp_path / "two.fits")
     assert read_table(tmp_path / "two.fits")["ra"].tolist() == [1.0] and "A, B the first is read" in caplog.text
+
+
+def test_blank_cells_of_whole_numbers_are_the_default(tmp_path):
+    path = tmp_path / "t.csv"
+    path.write_text("id,ra,dec,mag_r,type,size,host,gal_type\n1,150.1,2.2,20,galaxy,0.3,,\n2,150.1,2.2,20,,,1,0\n")
+    table = object_table(read_table(path), BANDS, path)
+    assert table["host"].tolist() == [-1, 1] and table["obj_type"].tolist() == [1, 0]
+
+
+@pytest.mark.parametrize("form", ["csv", "fits", "parquet"])
+def test_numbers_of_too_many_digits_beside_blanks_are_refused(tmp_path, form):
+    """A float would lose their last digits; without a blank they are whole."""
+    ids = np.ma.array([4295806720384589185, 0, 6144039378640938123], mask=[False, True, False])
+    table = Table({"ra": [1.0, 2, 3], "dec": [0.0, 0, 0], "mag_r": [20.0, 20, 20], "source_id": ids}, masked=True)
+    if form == "parquet":  # astropy writes what is below the mask
+        columns = {name: table[name].tolist() for name in table.colnames}
+        pq.write_table(pa.table(columns), tmp_path / "t.parquet")
+    else:
+        table.write(tmp_path / f"t.{form}")
+    with pytest.raises(InputError, match="too many digits"):
+        read_table(tmp_path / f"t.{form}")
+    table["source_id"] = ids.data
+    table.write(tmp_path / f"t.{form}", overwrite=True)
+    assert read_table(tmp_path / f"t.{form}")["source_id"].tolist() == ids.data.tolist()

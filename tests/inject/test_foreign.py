@@ -440,3 +440,53 @@ def test_a_galaxy_too_large_to_be_drawn_is_refused(tmp_path):
     table = at(100.0, 100.0, mag=[20.0], type=["galaxy"], size=[300.0], n=[4.0])
     said = inject(tmp_path, image, table, psf, "--zeropoint", ZERO, code=2)
     assert "too large to be drawn" in said and "(got 300.0)" in said and not list((tmp_path / "out").glob("*"))
+
+
+@pytest.mark.parametrize(("kind", "factor"), [("quasar", 1), ("galaxy", 1), ("star", 0), ("asteroid", 0)])
+def test_what_lies_behind_a_lens_is_magnified(tmp_path, kind, factor):
+    """mu = 1 / ((1 - kappa)^2 - gamma^2); stars and asteroids are before the lens."""
+    image, psf = write_image(tmp_path), write_psf(tmp_path)
+    shape = {"size": [0.3]} if kind == "galaxy" else {}
+    table = at(100.0, 100.0, mag=[14.0], type=[kind], kappa=[0.3], gamma1=[0.1], gamma2=[0.0], **shape)
+    inject(tmp_path, image, table, psf, "--zeropoint", ZERO)
+    truth = Table.read(tmp_path / "out/image.truth.parquet")
+    mu = 1 / (0.7**2 - 0.1**2) if factor else 1.0
+    assert truth["electrons"][0] == pytest.approx(mu * TIME * 10 ** (0.4 * (ZERO - 14.0)), rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("cards", "band"),
+    [
+        ({"FILTER": None, "FILTER1": "CLEAR1L", "FILTER2": "F814W"}, "F814W"),
+        ({"FILTER": "CLEAR", "PUPIL": "F606W"}, "F606W"), ({"FILTER": "F606W", "PUPIL": "CLEAR"}, "F606W"), ({"FILTER": "Clear"}, ""),
+    ],
+)  # fmt: skip
+def test_empty_places_of_a_wheel_are_no_filters(tmp_path, cards, band):
+    assert read_foreign(write_image(tmp_path, **cards)).band == band
+
+
+@pytest.mark.parametrize("unit", ["electron s-1", "electron/s", "e- s^-1", "electron.s-1", "electron s**-1"])
+def test_electrons_a_second_however_they_are_written(tmp_path, unit):
+    assert read_foreign(write_image(tmp_path, BUNIT=unit, GAIN=None)).electrons == TIME
+
+
+def test_tiles_of_floats_are_refused(tmp_path):
+    """They would be quantised anew, and every pixel change."""
+    with fits.open(write_image(tmp_path)) as file:
+        tiled = fits.CompImageHDU(
+            file["SCI"].data + np.random.default_rng(1).normal(size=(SIDE, SIDE)), file["SCI"].header
+        )
+        fits.HDUList([fits.PrimaryHDU(), tiled]).writeto(tmp_path / "tiled.fits")
+    said = inject(
+        tmp_path, tmp_path / "tiled.fits", at(90.0, 90.0, mag=[17.0]), write_psf(tmp_path), "--zeropoint", ZERO, code=2
+    )
+    assert "quantised anew" in said
+
+
+@pytest.mark.parametrize("step", [1.0, 0.5])
+def test_stamps_lie_where_they_should_between_pixels(tmp_path, step):
+    """Without noise: the centroid at tenths of a pixel, to a thousandth."""
+    psf = read_psf(write_psf(tmp_path, sigma=1.5, step=step))
+    for shift in (0.1, 0.2, 0.3, 0.4, 0.5):
+        image = psf.at(50.0, 50.0).drawImage(nx=81, ny=81, scale=1.0, method="no_pixel", offset=(shift, 0.0)).array
+        assert (image.sum(axis=0) @ np.arange(81)) / image.sum() - 40 == pytest.approx(shift, abs=1e-3)

@@ -50,7 +50,7 @@ READERS = {
     "validation.*": ("validate",),
     "sky": ("truth", "select"),
     "changing.*": ("select",),
-    "library.*": ("psf", "select"),
+    "library*": ("psf", "select"),
 }
 
 
