@@ -19,9 +19,10 @@ from csstsim.catalog.flags import SATURATED
 from csstsim.catalog.table import ObjectTable
 from csstsim.command_line.main import main
 from csstsim.detector.mask import SATURATED as FULL_WELL
+from csstsim.detector.random.normal import normal_table
 from csstsim.inject.level0 import difference
 from csstsim.inject.light import catalogue_of, light_of, table_of
-from csstsim.inject.likely_charge import likely_charges
+from csstsim.inject.likely_charge import BIN, _drawn, likely_charges
 from csstsim.inject.memory import Held
 from csstsim.io.level0 import read_level0
 from csstsim.simulation.state import State
@@ -330,3 +331,12 @@ def test_other_layouts_with_mask_and_compression(tmp_path, layout):
     assert added == pytest.approx(truth["drawn"][0], rel=0.03)
     fresh = new.mask() & ~old.mask()
     assert new.data_start is None and (fresh[180:200, 170:190] & FULL_WELL).sum() > 5 and not fresh[:100, :100].any()
+
+
+def test_the_charge_of_a_window_is_the_chips():
+    """Rows and columns have random numbers of their own place, so a part of a frame has the whole one's noise."""
+    shown = np.full((6 * BIN, 6 * BIN), 50.0, np.float32)
+    level, key = np.full((6, 6), 50.0 * BIN**2, np.float32), np.uint64(77)
+    whole = _drawn(shown, np.zeros((0, 0), np.float32), level, 5.0, 1.0, key, 0, 0, *normal_table())
+    part = _drawn(shown[BIN:], np.zeros((0, 0), np.float32), level[1:], 5.0, 1.0, key, BIN, 0, *normal_table())
+    assert np.array_equal(part, whole[BIN:]) and whole.std() > 1
