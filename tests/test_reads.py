@@ -70,7 +70,7 @@ UNSEEN = {
     ("astrometry.*", "select"), ("distortion.fits", "select"), ("distortion.yaml", "psf"), ("rendering.*", "render"),
     ("filters.*.saturation_mag", "validate"), ("seed", "select"), ("sky", "select"), ("sky", "truth"),
     ("telescope.orbit.*", "select"), ("fidelity", "render"), ("changing.*", "select"), ("components.*", "select"),
-    ("components.*", "render"),
+    ("components.*", "render"), ("library*", "psf"), ("library*", "select"),
 }  # fmt: skip
 COMPARED = {"__hash__", "__eq__", "<genexpr>", "__repr__", "_asdict_inner"}  # of a whole object: keys of caches
 

@@ -17,6 +17,7 @@ UNITS = {
     "ellipticity": {"g": None, "chi": None},  # (a - b) / (a + b), (a2 - b2) / (a2 + b2)
     "number": {},
 }  # fmt: skip
+NOT_AB = "mag(st)", "stmag", "vegamag", "mag(bol)"
 KINDS = {
     "ra": "angle", "dec": "angle", "pa": "angle", "e1": "ellipticity", "e2": "ellipticity", "a": "number",
     "b": "number", "q": "number", "z": "number", "mag_B": "number", "flux_B": "flux",
@@ -71,7 +72,7 @@ def in_our_unit(values, key, stated, column):
     stated: astropy unit that the file gives the column, or None.
     """
     known = UNITS[KINDS[key.name]]
-    if key.name == "mag_B" and stated is not None and str(stated) not in ("mag", "mag(AB)"):
+    if key.name == "mag_B" and str(stated).lower() in NOT_AB:
         raise InputError("magnitudes are AB", key=f"column {column}", value=str(stated), allowed="mag, mag(AB)")
     first = next(iter(known), None)
     said = key.unit
