@@ -88,3 +88,14 @@ def test_columns_near_marked_ones(marked, reach):
     lit = np.isin(np.arange(10), marked)
     wanted = [any(abs(k - m) <= reach for m in marked) for k in range(10)]
     assert spectrum_trust._near(lit, reach).tolist() == wanted
+
+
+@pytest.mark.parametrize("columns", [300, 411])
+def test_a_sky_that_rises_along_the_columns_is_read_where_it_is(columns):
+    """Without noise: the level in each column, between the middles of the outer blocks, is that of the column."""
+    offset = np.arange(-40, 41.0) + np.zeros((columns, 1))
+    level = 20.0 + 0.3 * np.arange(columns)
+    data = np.broadcast_to(level[:, None], offset.shape).astype(np.float32)
+    strips = local_sky.Strips.of(data, np.ones(offset.shape, bool), offset, np.zeros(offset.shape), 10, 20)
+    found, inner = strips.sky(np.zeros(columns)).level, slice(local_sky.BLOCK, -local_sky.BLOCK)
+    assert found[inner] == pytest.approx(level[inner], abs=0.02)
