@@ -75,6 +75,20 @@ def test_an_asteroid_is_one_source_of_its_own_kind():
         assert rate == pytest.approx(30.0, abs=4 * 0.014 / (np.ptp(times) * 24))
 
 
+@pytest.mark.parametrize(("gap", "rows"), [(36, 1), (42, 1), (44, 4), (72, 4), (144, 4)])
+def test_an_asteroid_is_linked_over_43_minutes_at_most(gap, rows):
+    """Four exposures `gap` minutes apart: links make one row of a chain of hours; longer gaps leave rows at rest."""
+    times = 61000.0 + np.arange(4) * gap / 1440
+    tables, rest = frames(times, lambda t: np.array([0.6, 0.8]) * 10 * 24 * (t - 61000.0), wide=1.5)
+    sources, _ = merge_brick(PIX, tables, BANDS)
+    moving = sources["motion"] == SOLAR
+    assert len(sources) == rest + rows and moving.sum() == (rows == 1)
+    if rows == 1:
+        rate = np.hypot(sources["pmra"][moving][0], sources["pmdec"][moving][0]) / 1000 / YEAR / 24
+        assert sources["n_detections"][moving][0] == 4
+        assert rate == pytest.approx(10.0, abs=4 * 0.01 / np.sqrt(4) / (np.std(times) * 24))
+
+
 def test_two_untrailed_lights_are_no_asteroid():
     times = 61000.0 + np.arange(2) * 300 / 86400
     tables, rest = frames(times, lambda t: np.array([0.6, 0.8]) * 30 * 24 * (t - 61000.0), wide=1.0)

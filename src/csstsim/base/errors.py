@@ -42,7 +42,7 @@ def _in_a_line(text):
 def _shown(value):
     """Return repr(value), cut to a length that can be read."""
     try:
-        text = repr(value)
+        text = repr(value.item() if getattr(value, "ndim", None) == 0 else value)  # a NumPy number as Python's
     except (ValueError, RecursionError):  # an integer of thousands of digits, a list nested without end
         return f"a {type(value).__name__}"
     return _cut(text)

@@ -7,9 +7,11 @@ and their magnitudes agree where they share a band. They are joined if one const
 * A star moves up to STAR_MOST arcsec a year, and its groups are joined at any distance in time. One group may be
   followed by several: a star whose motion is hidden by the error of a place leaves few groups, a faster one many.
 * Anything else that moves is an object of the solar system, up to SOLAR_MOST arcsec an hour. Its groups are single
-  detections within SOLAR_SPAN days: three or more on a line, or two within SOLAR_PAIR days of which neither has another
-  partner, and whose light is trailed as their speed says. Detection may cut a bright trail into pieces: within PIECES
-  arcsec in a frame the one of most Kron flux stands for all of them; the others are members without flux and weight.
+  detections. They are linked within SOLAR_PAIR days, if their light is trailed as their speed says: over hours it moves
+  by arcminutes, and too many unrelated detections lie on a line. A chain of links on a line within SOLAR_SPAN days is
+  one object, and so is one link of which neither end has another. Detection may cut a bright trail into pieces: within
+  PIECES arcsec in a frame the one of most Kron flux stands for all of them; the others are members without flux and
+  weight.
 
 Left out: parallax (it counts as an error of PARALLAX arcsec), and objects that cross into another brick.
 """
