@@ -10,6 +10,7 @@ from commands import done, refused
 from csstsim.base.rng import stream
 from csstsim.bench import setting as bench_setting
 from csstsim.bench.chart import ON_NODES
+from csstsim.bench.imaging.measures import EDGE_PX
 from csstsim.bench.slitless import cases as spectrum_cases
 from csstsim.bench.slitless import truth as spectrum_truth
 from csstsim.bench.slitless.benchmark import SLITLESS
@@ -112,6 +113,17 @@ def test_measures_find_known_errors(setting, lines):
     wider = truth + 0.5 * 0.03 * derivative(along, 1)
     got = dict(zip(NAMES, errors(setting, case, wider, truth, np.inf)[0], strict=True))
     assert got["line_width2"] == pytest.approx(0.03, rel=1e-6) and abs(got["flux"]) < 1e-6
+
+
+def test_an_error_counts_but_at_the_edge_of_the_psfs_box(setting, lines):
+    """The same pixel too bright, by row: what is judged are all rows but those within EDGE_PX of the box's edge."""
+    case, truth = lines
+    box, middle = setting.psf.image.shape[-1] / 2 / setting.psf.oversampling, (len(truth) - 1) / 2
+    for row in range(len(truth)):
+        wrong = truth.copy()
+        wrong[row, truth.shape[1] // 2] += 1e-3
+        got = dict(zip(NAMES, errors(setting, case, wrong, truth, np.inf)[0], strict=True))
+        assert (got["pixel"] > 0) == (abs(abs(row - middle) - box) > EDGE_PX), row
 
 
 def test_the_preset_draws_a_faint_object_as_photons_do(setting):

@@ -11,7 +11,7 @@ from fabricated_frame import N_EFF, PIX, RMS, SCALE, ZEROPOINT, make_frame
 from csstsim.base import healpix
 from csstsim.bricks.merge import merge_brick
 from csstsim.bricks.validation.compare import twice
-from csstsim.bricks.validation.trials import trials
+from csstsim.bricks.validation.trials import close_pairs, trials
 from csstsim.bricks.validation.validate import MeasuredFrame, blended, completeness, judged_truth, validate_brick
 from csstsim.campaign.thresholds import ValidateConfig
 from csstsim.catalog.table import ObjectTable
@@ -52,6 +52,22 @@ def test_completeness_counts():
     snr, found = np.array([0.5, 1.5, 1.6, 7.0, 7.5, 900.0]), np.array([1, 1, 0, 1, 1, 1], bool)
     n, seen = completeness(snr, found, (1, 2, 5, 10))
     assert n.tolist() == [2, 0, 2] and seen.tolist() == [1, 0, 2]
+
+
+def test_close_pairs_by_hand():
+    """Of five pairs within 12 px, two of a bright and a faint one; the fainter of the first is the first detection."""
+    x = np.array([5.0, 15.0, 205.0, 215.0, 405.0, 416.9, 605.0, 618.0, 800.0, 805.0])
+    electrons = np.array([2e4, 4e4, 3e4, 3.1e4, 3e4, 4e4, 3e4, 4e4, 60.0, 3e4])
+    truth = ObjectTable({
+        "x": x, "y": np.full(len(x), 50.0), "electrons": electrons, "half_light_px": np.zeros(len(x)),
+        "obj_type": np.zeros(len(x), int),
+    })  # fmt: skip
+    measured = ObjectTable({"x": x[[0, 1, 3, 4, 5, 7, 9]], "y": np.full(7, 50.0)})
+    frame = replace(make_frame("r", 1, side=2), truth=truth, measured=measured)
+    frame.measured.meta.update(n_eff=N_EFF, rms=RMS)
+    assert close_pairs(truth, frame).tolist() == [2, 3]  # not the pair 13 px apart, nor the one of S/N 3
+    empty = frame.truth.take(np.zeros(0, int))
+    assert close_pairs(empty, frame).tolist() == [0, 0]
 
 
 def test_blended_by_hand():

@@ -44,6 +44,7 @@ RUN = {
     "window": {"window": {"x0": 0, "x1": 100, "y0": 0, "y1": 90}},
     "one_more": {"catalog": {"options": {"file": "one_more.csv"}}},
     "without_the_saturated": {"catalog": {"options": {"file": "faint.csv"}}},
+    "without_the_neighbour": {"catalog": {"options": {"file": "alone.csv"}}},
     "limit": {"catalog": {"mag_limit": 22.0}},
     "full_well": {"instrument": {"detector.full_well": 90_000}},
     "shallow_well": {"instrument": {"detector.full_well": 400}},
@@ -105,13 +106,20 @@ def table(tmp_path_factory):
     folder = tmp_path_factory.mktemp("table")
     job, rng, count = OpenCampaign(write_campaign(folder)).job(OBSID, CHIP), np.random.default_rng(5), 24
     x, y = (rng.uniform(low + 10, high - 10, count) for low, high in ((job.window.x0, 118), (job.window.y0, 118)))
+    x[2], y[2] = x[4] + 1.0, y[4]  # in the saturated pixels of a star drawn as photons
     ra, dec = icrs(*job.wcs.pixel_to_world(x, y), job.observer)
     mag, size = np.array([15.0, *rng.uniform(21, 25, count - 1)]), np.where(np.arange(count) % 2, 0.3, np.nan)
+    mag[[2, 4]] = 25.0, 20.5
     rows = [
         f"{k},{ra[k]:.8f},{dec[k]:.8f},{mag[k]:.3f},{'galaxy' if k % 2 else 'star'},{size[k] if k % 2 else ''}"
         for k in range(count)
     ]
-    for name, some in (("objects", rows[:-1]), ("one_more", rows), ("faint", rows[1:-1])):
+    for name, some in (
+        ("objects", rows[:-1]),
+        ("one_more", rows),
+        ("faint", rows[1:-1]),
+        ("alone", rows[:4] + rows[5:-1]),
+    ):
         (folder / f"{name}.csv").write_text("\n".join(["id,ra,dec,mag_r,type,size", *some]) + "\n")
     file = _base(folder, RUN, well=1500, catalog=TABLE)
     _make(file)

@@ -14,6 +14,7 @@ from click.testing import CliRunner
 from fuzz.seeds import stamps
 
 from csstsim.base.errors import InputError
+from csstsim.catalog.table import ObjectTable
 from csstsim.command_line.main import main
 from csstsim.inject.inject import inject as run
 from csstsim.inject.others.frame import read_foreign
@@ -449,7 +450,7 @@ def test_what_lies_behind_a_lens_is_magnified(tmp_path, kind, factor):
     shape = {"size": [0.3]} if kind == "galaxy" else {}
     table = at(100.0, 100.0, mag=[14.0], type=[kind], kappa=[0.3], gamma1=[0.1], gamma2=[0.0], **shape)
     inject(tmp_path, image, table, psf, "--zeropoint", ZERO)
-    truth = Table.read(tmp_path / "out/image.truth.parquet")
+    truth = ObjectTable.read(tmp_path / "out/image.truth.parquet")
     mu = 1 / (0.7**2 - 0.1**2) if factor else 1.0
     assert truth["electrons"][0] == pytest.approx(mu * TIME * 10 ** (0.4 * (ZERO - 14.0)), rel=1e-5)
 

@@ -56,6 +56,14 @@ def test_unknown_lamps_and_long_times_are_refused(small, types, times, match):
         lit(small, types, times)
 
 
+def test_numbers_of_the_flat_are_checked_before_any_work(small, make_pointing):
+    from dataclasses import replace
+
+    wrong = replace(small, leds=small.leds | {"flat": {}})
+    with pytest.raises(InputError, match=r"leds\.yaml"):
+        led_calib_model.check(led_calib_model.Param(), wrong, make_pointing(type="FLAT"))
+
+
 @pytest.mark.parametrize(
     ("types", "times", "match"),
     [

@@ -60,6 +60,16 @@ def test_bad_pixels_do_not_count():
     assert np.array_equal(star_psf(spoilt, noise, quality, x, y, flux, 2.2).planes, good.planes)
 
 
+@pytest.mark.parametrize("fwhm", [1.6, 3.0])
+def test_stars_that_say_nothing_leave_the_gaussian_whose_pixels_add_up_to_one(tmp_path, fwhm):
+    image, x, y, flux = image_of(12)
+    model = star_psf(0 * image, np.full(image.shape, 1e9), np.zeros(image.shape, np.uint8), x, y, flux, fwhm)
+    write_psfex(tmp_path / "a.psf", model)
+    drawn = DES_PSFEx(str(tmp_path / "a.psf")).getPSF(galsim.PositionD(301, 301))
+    assert drawn.drawImage(nx=41, ny=41, scale=1.0, method="no_pixel").array.sum() == pytest.approx(1.0, abs=1e-3)
+    assert model.fwhm == pytest.approx(fwhm, abs=0.05)
+
+
 def test_few_stars_give_no_model():
     image, x, y, flux = image_of(4)
     assert star_psf(image, np.ones(image.shape), np.zeros(image.shape, np.uint8), x, y, flux, 2.0) is None

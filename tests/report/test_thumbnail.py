@@ -84,6 +84,15 @@ def test_steps_and_the_busiest_place():
     assert busiest(np.ones((4, 30), np.uint8), Window(0, 60, 0, 8), 2).shape == (8, 60)  # no larger than there is
 
 
+def test_a_window_about_a_place_has_it_in_its_middle():
+    window = Window(1000, 5000, 2000, 6000)
+    for x, y, found in (
+        (3000, 4000, (2900, 3100, 3900, 4100)), (3000.4, 2010, (2900, 3100, 2000, 2200)),
+        (4990, 5901, (4800, 5000, 5800, 6000)),
+    ):  # fmt: skip
+        assert around(x, y, window, 200) == Window(*found)
+
+
 def test_png_has_the_lowest_row_last():
     greys = np.array([[0, 50], [100, 255]], np.uint8)
     assert np.array_equal(np.asarray(Image.open(io.BytesIO(png(greys)))), greys[::-1])

@@ -88,8 +88,7 @@ def _spline(n, per_pixel):
 @lru_cache(maxsize=4)
 def _wing_below(wing, half):
     """Return the same for a wing outside the square of side 2 `half`, counted from the first of OFFSETS."""
-    place = np.arange(HALF + 0.5)
-    place[-1] = HALF
+    place = np.arange(HALF + 1.0)
     first = np.where(place < half, half, 1e-3)  # of the half line along which the wing is summed
     steps = np.geomspace(first, _WING, 200, axis=1)
     density = 2 * np.trapezoid(wing.profile(np.hypot(place[:, None], steps)), steps)
