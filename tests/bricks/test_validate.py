@@ -10,8 +10,8 @@ from fabricated_frame import N_EFF, PIX, RMS, SCALE, ZEROPOINT, make_frame
 
 from csstsim.base import healpix
 from csstsim.bricks.merge import merge_brick
-from csstsim.bricks.validation.compare import twice
-from csstsim.bricks.validation.trials import close_pairs, trials
+from csstsim.bricks.validation.compare import counts, twice
+from csstsim.bricks.validation.trials import close_pairs, matched, trials
 from csstsim.bricks.validation.validate import MeasuredFrame, blended, completeness, judged_truth, validate_brick
 from csstsim.campaign.thresholds import ValidateConfig
 from csstsim.catalog.table import ObjectTable
@@ -68,6 +68,29 @@ def test_close_pairs_by_hand():
     assert close_pairs(truth, frame).tolist() == [2, 3]  # not the pair 13 px apart, nor the one of S/N 3
     empty = frame.truth.take(np.zeros(0, int))
     assert close_pairs(empty, frame).tolist() == [0, 0]
+
+
+def test_a_galaxy_is_matched_within_half_its_half_light_radius():
+    """Of 3", 20.3 px from the middle; one of 0.2" and a star within 2.5 px."""
+    truth = ObjectTable({
+        "x": np.arange(4) * 100.0, "y": np.zeros(4), "obj_type": np.array([1, 1, 1, 0]),
+        "size_disk": np.array([3.0, 3.0, 0.2, np.nan]), "size_bulge": np.full(4, 0.1), "bulge_frac": np.zeros(4),
+    })  # fmt: skip
+    measured = ObjectTable({"x": np.array([20.0, 121.0, 202.6, 302.4]), "y": np.zeros(4)})
+    assert matched(truth, measured, 0.074).tolist() == [0, -1, -1, 3]
+
+
+def test_counts_have_stars_by_psf_and_galaxies_by_total_magnitudes():
+    truth = ObjectTable({
+        "mag_r": np.array([20.2, 21.2]), "blended": np.zeros(2, bool), "half_light_px": np.array([0.0, 2.0]),
+    })  # fmt: skip
+    sources = {
+        "star": np.array([1.0, 0.2]), "mag_r": np.array([20.5, 23.5]), "total_mag_r": np.array([24.5, 21.5]),
+        "n_r": np.array([1, 1]), "flux_r": np.ones(2), "flux_err_r": np.full(2, 0.01),
+    }  # fmt: skip
+    infos = [{"zeropoint": 31.5, "n_eff": 9.0, "rms": 7.7}]
+    found = counts("r", truth, sources, np.array([0, 1]), np.ones(2, bool), np.arange(20.0, 26.0), infos)
+    assert found["in"] == found["out"] == [1, 1, 0, 0, 0] and found["excess"] == 0.0 and found["n"] == 2
 
 
 def test_blended_by_hand():

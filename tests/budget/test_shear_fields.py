@@ -186,6 +186,9 @@ def test_bars_sum_and_cost(done):
     assert rows["all at once less the sum"]["m1"] == pytest.approx(rest - sum(added), abs=1e-12)
     galaxies, hours = volume(base, sigma_m(base) / 10)
     assert galaxies == pytest.approx(6400) and hours == pytest.approx(6400 * base["seconds"] / 3600)
+    fields = [np.load(path) for path in paths["one"]]
+    spent = sum(float(field["base|seconds"]) for field in fields) / sum(len(field["ring"]) for field in fields)
+    assert base["seconds"] == pytest.approx(spent) and spent > 0
     lines = report(list(rows.values()))
     assert lines[0].split()[3:5] == ["windows", "galaxies"] and lines[1].split()[3:5] == ["4", "64"]
     assert len(lines) == 1 + 5 + 2 + 2 and lines[-1].startswith("all bars by own to 1e-04")

@@ -1,4 +1,4 @@
-"""A variant of any key: it takes from its base what the base makes, all that is equal, and has the bits of a run alone."""
+"""A variant of any key: it takes from its base all that is equal and made there, and has the bits of a run alone."""
 
 import shutil
 
@@ -114,12 +114,8 @@ def table(tmp_path_factory):
         f"{k},{ra[k]:.8f},{dec[k]:.8f},{mag[k]:.3f},{'galaxy' if k % 2 else 'star'},{size[k] if k % 2 else ''}"
         for k in range(count)
     ]
-    for name, some in (
-        ("objects", rows[:-1]),
-        ("one_more", rows),
-        ("faint", rows[1:-1]),
-        ("alone", rows[:4] + rows[5:-1]),
-    ):
+    lists = {"objects": rows[:-1], "one_more": rows, "faint": rows[1:-1], "alone": rows[:4] + rows[5:-1]}
+    for name, some in lists.items():
         (folder / f"{name}.csv").write_text("\n".join(["id,ra,dec,mag_r,type,size", *some]) + "\n")
     file = _base(folder, RUN, well=1500, catalog=TABLE)
     _make(file)

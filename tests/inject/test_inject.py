@@ -120,6 +120,23 @@ def test_saturation_and_dead_pixels(sim, bare):
     assert (column > 1000).sum() > 15  # blooms along the column
 
 
+def test_saturated_light_in_a_calibrated_image_is_what_the_converter_holds(files, tmp_path, sim):
+    """65535 DN less the bias, before the image was divided by the response: less than the full well here."""
+    from csstsim.measure.calibration.bad_pixels import FULL
+    from csstsim.stages.calibrate import calibration
+
+    campaign, _, image, _ = files
+    objects(sim, [100.0], [60.0], [12.0]).write(tmp_path / "bright.csv")
+    run_command("inject", image, "--catalogue", tmp_path / "bright.csv", "--output", tmp_path, "--campaign", campaign)
+    run = OpenCampaign(campaign)
+    detector, response = run.camera.detector, calibration(run, run.job(OBSID, CHIP))[0]
+    with fits.open(tmp_path / image.name) as made:
+        row, column = np.nonzero(made["DQ"].data & FULL)
+        rate = made["SCI"].data[row, column] + made["SCI"].header["BACKMED"]
+    assert len(row) > 20 and detector.full_well > 65535 * detector.gain - detector.bias
+    assert rate * response.at(row, column) * 150.0 == pytest.approx(65535 * detector.gain - detector.bias, rel=1e-5)
+
+
 def run_command(*arguments, code=0):
     result = CliRunner().invoke(main, [str(a) for a in arguments], catch_exceptions=False)
     assert result.exit_code == code, result.output

@@ -5,7 +5,7 @@ import pytest
 
 from csstsim.base.errors import InputError
 from csstsim.base.rng import stream
-from csstsim.io.frames import load_frame, save_frame
+from csstsim.io.frames import _are_shapes, load_frame, save_frame
 
 META = {"recipe": {"campaign": "abc"}, "stage": "render", "header": {"gain": [1.1, 1.0], "long": "é" * 5000}, "n": None}
 
@@ -87,6 +87,14 @@ def test_files_that_are_no_frames(tmp_path):
     fits.HDUList([fits.PrimaryHDU(), fits.ImageHDU(np.zeros((2, 2)))]).writeto(tmp_path / "other.fits")
     with pytest.raises(InputError, match="no CHECKSUM"):
         load_frame(tmp_path / "other.fits")
+
+
+@pytest.mark.parametrize(("shapes", "good"), [
+    ({}, True), ({"counted": [2, 3]}, True), ({"a": [2, 3], "b": [2, 0]}, False), ({"a": [1, 2, 3]}, False),
+    ({"a": [2.0, 3]}, False), ({"a": "23"}, False), ({"a": {"1": 2, "3": 4}}, False), ([[2, 3]], False),
+])  # fmt: skip
+def test_shapes_of_sparse_planes_are_two_whole_numbers(shapes, good):
+    assert _are_shapes(shapes) == good
 
 
 @pytest.mark.parametrize("plane", [np.zeros((2, 2)), np.zeros(3, np.float32), np.zeros((0, 3), np.float32)])

@@ -6,7 +6,7 @@ import pytest
 from csstsim.base.errors import InputError
 from csstsim.catalog.table import ObjectTable
 from csstsim.quicklook.blocks import block_max, block_mean
-from csstsim.quicklook.marks import brightest, legend_title
+from csstsim.quicklook.marks import brightest, draw_marks, legend_title
 from csstsim.quicklook.stretch import BELOW, STRETCHES, make_norm, robust_limits, ticks
 
 
@@ -110,6 +110,22 @@ def test_marks_end_half_a_pixel_beyond_the_last_pixel_of_each_edge(axis, other):
     places = {axis: np.array([1.4, 1.6, 9.4, 9.6]), other: np.full(4, 5.0)}
     table = ObjectTable(places | {"electrons": np.arange(1.0, 5.0)})
     assert brightest(table, (2, 10, 2, 10), 9)["electrons"].tolist() == [3.0, 2.0]
+
+
+def test_each_kind_that_is_there_is_marked_where_it_is_and_stars_and_galaxies_are_always_named():
+    """obj_type: 0 star, 1 galaxy, 2 quasar, 3 asteroid, 4 satellite."""
+    from matplotlib.figure import Figure
+
+    axes = Figure().subplots()
+    kinds = {name: np.array([4.0, 5.0, 6.0]) for name in "xy"} | {"obj_type": np.array([1, 3, 1])}
+    draw_marks(axes, ObjectTable(kinds))
+    lines = {line.get_label(): line.get_xdata() for line in axes.lines}
+    assert {name: list(x) for name, x in lines.items()} == {
+        "0 stars": [], "2 galaxies": [4.0, 6.0], "1 asteroid": [5.0]
+    }  # fmt: skip
+    empty = Figure().subplots()
+    draw_marks(empty, ObjectTable({}))
+    assert [line.get_label() for line in empty.lines] == ["0 stars", "0 galaxies"]
 
 
 def test_no_object_to_mark():

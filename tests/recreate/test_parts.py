@@ -246,6 +246,18 @@ def test_a_difference_is_found_where_it_is(monkeypatch, change, differing):
     assert lines["noise [e-]"].difference == pytest.approx(change.get("noise", 7.0) / 7 - 1, abs=1e-2)  # 4 sigma
 
 
+def test_the_error_of_light_is_that_of_both_images_photons_and_noise_in_the_circle():
+    """To 3%: the noise is measured beside the stars, and their light is within the circle to 1e-5."""
+    noise, none = 300.0, np.zeros((400, 400), bool)
+    pair = [scene(noise=noise, seed=seed)[0] for seed in (1, 2)]
+    _, x, y = scene()
+    levels = [side_by_side.clipped(image[~none]) for image in pair]
+    [line] = side_by_side._Objects(pair, none, levels, x, y, np.zeros(30, np.int8)).light()
+    electrons = 30 * 2e5
+    variance = 2 * (electrons + 30 * np.pi * side_by_side.RADIUS**2 * noise**2)
+    assert line.error == pytest.approx(np.sqrt(variance) / electrons, rel=0.03)
+
+
 @pytest.mark.parametrize("kind, differing", [("imaging", 1), ("slitless", 0)])
 def test_that_no_object_could_be_compared_is_said(monkeypatch, kind, differing):
     """Behind gratings objects are never compared."""

@@ -59,6 +59,9 @@ def test_tables_hold_what_was_drawn(sky, tables, fidelity):
     assert image[~inside].sum(dtype=float) < 1.0
     assert counted is None or counted[~inside].sum() == 0
     lit = drawn["x1"] > 0
+    assert lit[orders["row"]].all() and lit.sum() > 10
+    for low, high in (("x0", "x1"), ("y0", "y1")):  # an object's box holds those of its orders
+        assert (drawn[low][orders["row"]] <= orders[low]).all() and (drawn[high][orders["row"]] >= orders[high]).all()
     assert (drawn["x0"][lit] >= WINDOW.x0).all() and (drawn["x1"][lit] <= WINDOW.x1).all()
     assert drawn["fraction"] == pytest.approx(drawn["drawn"] / drawn["electrons"])
 

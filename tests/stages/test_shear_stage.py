@@ -32,6 +32,9 @@ def test_convergence_is_in_the_shear_that_shapes_are_compared_with(tmp_path, mon
         shear_stage, "_twins", lambda runs: {key: [(complex(*key[1:]), turn) for turn in (1, -1)] for key in lensings}
     )
     monkeypatch.setattr(shear_stage, "_shapes_on", lambda twin: shapes(*twin))
-    assert shear_stage.shear(["a.yaml"], tmp_path / "out.json", say=str)
+    said = []
+    assert shear_stage.shear(["a.yaml"], tmp_path / "out.json", said.append)
+    number = len(shapes(0.0, 1)[0])
+    assert f"g = +0.0375, +0.0000: {number} galaxies in both twins" in said
     fits = json.loads((tmp_path / "out.json").read_text())["fits"]
     assert [fit["m"] for fit in fits] == pytest.approx([0.0, 0.0], abs=0.01)
