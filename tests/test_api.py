@@ -314,6 +314,7 @@ def test_nothing_is_written_but_the_cache(sim, folder):
         ({"seeds": 2}, "unknown key"),
         ({"window": (0, 1, 2)}, "window: must be four numbers"),
         ({"window": (0, 1.5, 0, 2)}, "must be a whole number"),
+        ({"window": (False, True, 0, 2)}, "must be a whole number"),
         ({"window": "region"}, "'region' needs select.region"),
         ({"catalog": type("Local", (), {})}, "derived from CatalogBase"),
         ({"window": (50, 50, 0, 10)}, "must exceed"),

@@ -316,6 +316,8 @@ def _window(given):
 def _whole(value, name):
     """Return a whole number as int. Raises InputError for anything else."""
     try:
+        if isinstance(value, bool | np.bool_):
+            raise TypeError
         return operator.index(value)
     except TypeError:
         raise InputError("must be a whole number", key=name, value=value) from None

@@ -57,10 +57,11 @@ NOT_A_CLASS = 3
 def lab(tmp_path, monkeypatch):
     (tmp_path / "their_lab.py").write_text(MODULE)
     (tmp_path / "broken_lab.py").write_text("import nosuchpackage_xyz\n")
+    (tmp_path / "leaving_lab.py").write_text(MODULE.replace('slope = self.options["slope"]', "raise SystemExit(3)"))
     (tmp_path / "worse_lab.py").write_text("class Pair(:\n")
     monkeypatch.syspath_prepend(tmp_path)
     yield
-    for name in ("their_lab", "broken_lab", "worse_lab"):
+    for name in ("their_lab", "broken_lab", "leaving_lab", "worse_lab"):
         sys.modules.pop(name, None)
 
 
@@ -102,6 +103,7 @@ def test_wrong_names_are_explained(lab, kind, message):
     [
         ("broken_lab:Pair", {}, r"importing broken_lab: ModuleNotFoundError: .*nosuchpackage_xyz.*lab.py, line 1"),
         ("worse_lab:Pair", {}, r"importing worse_lab: SyntaxError: .*worse_lab.py, line 1"),
+        ("leaving_lab:Pair", {"slope": 1.0}, r"Pair.__init__: SystemExit: 3 \(leaving_lab.py, line 14\)"),
         ("their_lab:Pair", {}, r"Pair.__init__: KeyError: 'slope' \(their_lab.py, line 14\)"),
         ("their_lab:Pair", {"slope": "x"}, r"Pair.load_sed, object 1: .*Error.*their_lab.py, line 20"),
     ],

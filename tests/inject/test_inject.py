@@ -266,6 +266,10 @@ def _no_wcs(file):
         del file["SCI"].header[key]
 
 
+def _moved(header):
+    header["CRVAL2"] += 1e-3
+
+
 def _nan(file):
     file["ERR"].data[3, 4] = np.nan
 
@@ -277,6 +281,8 @@ FAULTS = {
     "not of the window's size": lambda file: setattr(file["ERR"], "data", file["ERR"].data[:-1]),
     "read in another window": lambda file: file["SCI"].header.set("READX0", 3),
     "1 of the errors are not above 0 or no numbers": _nan,
+    "the campaign's exposure time (got 250.0); allowed: 150 s": lambda file: file[0].header.set("EXPTIME", 250.0),
+    "the WCS is not the campaign's (got '3.6 arcsec off')": lambda file: _moved(file["SCI"].header),
     "with another seed, catalogue or PSF": lambda file: file[0].header.set("CAMPHASH", "0"),
 }
 
@@ -288,6 +294,14 @@ def test_bad_frames_give_one_line_and_write_nothing(files, tmp_path, message):
     out = tmp_path / "out"
     said = run_command("inject", raw, frame, "--catalogue", table, "--output", out, "--campaign", campaign, code=2)
     assert message in said and len(said.strip().splitlines()) == 1 and not out.exists()
+
+
+@pytest.mark.parametrize(("key", "value"), [("--psf", "psf.fits"), ("--zeropoint", 25.0)])
+def test_what_is_for_frames_of_others_is_refused_for_ours(files, tmp_path, key, value):
+    campaign, raw, _, table = files
+    more = ("--campaign", campaign, key, value)
+    said = run_command("inject", raw, "--catalogue", table, "--output", tmp_path / "out", *more, code=2)
+    assert f"{key}: not for frames of csstsim" in said and not (tmp_path / "out").exists()
 
 
 def test_other_bad_input(files, bare, sim, tmp_path):

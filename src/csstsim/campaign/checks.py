@@ -1,5 +1,7 @@
 """Checks across a campaign's files. run: campaign.opened.OpenCampaign; all raise InputError."""
 
+from stat import S_ISDIR
+
 from csstsim.base.errors import BlockedError, InputError
 from csstsim.base.help_page import explained
 from csstsim.base.plural import number_of
@@ -13,13 +15,15 @@ from csstsim.optics.throughput import shutter
 def check_file(run, key, path):
     """The file that a key of the campaign names, survey_table or one of observations, is there."""
     try:
-        path.stat()
+        fault = "it is a folder" if S_ISDIR(path.stat().st_mode) else None
     except OSError as exc:
+        fault = exc.strerror
+    if fault:
         with explained("survey table" if key == "survey_table" else "observation"):
             raise InputError(
-                f"cannot read the file: {exc.strerror}", file=run.file, key=key, value=str(path),
+                f"cannot read the file: {fault}", file=run.file, key=key, value=str(path),
                 allowed="a file; its path begins in the campaign file's folder",
-            ) from exc  # fmt: skip
+            )  # fmt: skip
 
 
 @explained("campaign")

@@ -6,11 +6,16 @@ layers. The PSF is in neither. What is taken instead is said.
 
 from pathlib import Path
 
+import numpy as np
+from astropy.io.fits import Header
+
 from csstsim.base.errors import InputError
 from csstsim.campaign.kept import Kept, cache_folder
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.io.fits import open_fits, read_header
 from csstsim.io.keywords import RECIPE
+from csstsim.io.pointing_keywords import TOLERANCE, wcs_off
+from csstsim.optics.geometry.icrs_header import icrs_header
 from csstsim.recreate.frame import read_frame
 from csstsim.recreate.recreate import described, opened
 from csstsim.stages.level0 import MADE_WITH
@@ -45,6 +50,7 @@ def job_of(path, campaign=None, instrument=None, cache=None, say=print):
         run = campaign if isinstance(campaign, OpenCampaign) else OpenCampaign(campaign, copied=True)
         job = run.job(head.obsid, head.chip)
         _check_recipe(head, run.recipe(job))
+        _check_pointing(head, job)
     else:
         run, job = opened(head.path, *described(head, instrument, None))
         run.paths = Kept(cache_folder(cache), run)
@@ -63,6 +69,39 @@ def _check_recipe(head, recipe):
                 f"the frame was made with {MADE_WITH[name]} than the campaign's", file=head.path, key=keyword,
                 value=head.keys.get(keyword), allowed=recipe[name],
             )  # fmt: skip
+
+
+def _check_pointing(head, job):
+    """Raise InputError if a header's exposure time or WCS is not that of its job: the header was changed since."""
+    time, wanted = head.number("EXPTIME"), job.pointing.exptime
+    if time is None or abs(time - wanted) > 1e-3:
+        raise InputError(
+            "not the campaign's exposure time", file=head.path, key="EXPTIME", value=head.get("EXPTIME"),
+            allowed=f"{wanted:g} s",
+        )  # fmt: skip
+    if (off := _wcs_off(head.keys, job)) > TOLERANCE:
+        raise InputError(
+            "the WCS is not the campaign's", file=head.path, key="CRVAL, CD, ...", value=f"{off:.4g} arcsec off",
+            allowed=f"up to {TOLERANCE:g} arcsec",
+        )  # fmt: skip
+
+
+def _wcs_off(header, job):
+    """Return the arcsec by which a header's WCS is off its job's, of a raw frame or a calibrated one (in ICRS)."""
+    from astropy.wcs import WCS
+
+    from csstsim.base.sphere import offsets
+
+    if not str(header["CTYPE1"]).endswith("TPV"):
+        return wcs_off(header, job.wcs)
+    true = icrs_header(job.wcs, job.observer, job.window)
+    x, y = [0.0, job.window.nx - 1.0], [0.0, job.window.ny - 1.0]
+    try:
+        seen = WCS(Header({name: header[name] for name in true})).all_pix2world(x, y, 0)
+    except (ValueError, KeyError, ArithmeticError):
+        return np.inf
+    off = 3600.0 * np.hypot(*offsets(*seen, *WCS(Header(true)).all_pix2world(x, y, 0))).max()
+    return float(off) if np.isfinite(off) else np.inf
 
 
 def check_job(head, job):

@@ -60,12 +60,22 @@ def inject(frames, table, folder, say=print, **options):
     if folder.exists() and not folder.is_dir():
         raise InputError("is no folder", file=folder)
     request = Request(table_of(table), table if isinstance(table, str | Path) else "a table", **options)
+    _check_for_others(frames, request)
     for frame in frames:
         _check_fresh(frame, request.realisation)
     ready = [_ready(frame, request, say) for frame in frames]
     for make, frame, target in progress(list(zip(ready, frames, targets, strict=True)), "frames"):
         say(f"{target}: {make(frame, target, say)}")
     return targets
+
+
+def _check_for_others(frames, request):
+    """Raise InputError if a PSF or a zero point is given, and csstsim made all frames: those have their own."""
+    if all(kind_of(frame) != OTHER for frame in frames):
+        for key, value in (("--psf", request.psf), ("--zeropoint", request.zeropoint)):
+            if value is not None:
+                message, allowed = "not for frames of csstsim, which have their campaign's", "frames of others"
+                raise InputError(message, file=frames[0], key=key, value=str(value), allowed=allowed)
 
 
 def _check_fresh(frame, realisation):

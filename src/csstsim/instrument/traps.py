@@ -5,7 +5,7 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field
 
-from csstsim.base.model import Data, NotNegative, Number, Positive, validate
+from csstsim.base.model import Data, Number, between, validate
 
 
 @dataclass(frozen=True)
@@ -26,9 +26,9 @@ class Traps:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class _Well(Data):
-    beta: Positive
-    full_well: Positive
-    notch: NotNegative
+    beta: between(0.01, 5)
+    full_well: between(1, 1e9)
+    notch: between(0, 1e9)
 
 
 def _as_many(values, info):
