@@ -5,7 +5,7 @@
 #   make docs   set up .venv, then the documentation site, results/docs/index.html
 #   make evidence  run each benchmark whose record is stale (ALL=1: all; MINUTES=30: what fits; LIST=1: say which)
 #   make toys   run every benchmark at the size of seconds
-#   make mutants  faults put into the code one by one, and a table by folder of those that the tests see (an hour)
+#   make mutants  faults put into the code one by one, a set and forty drawn each day, and those that tests see (an hour)
 #   make fuzz   set up .venv, then eight minutes of hostile input to every reader, and what came of it
 PYTHON ?= python3
 BIN := .venv/bin
@@ -75,6 +75,7 @@ test-faults: .venv/ready
 # An hour the first time on an idle machine; what is known is kept (CSSTSIM_MUTANTS: where)
 mutants: .venv/ready
 	python tests/mutants/run.py
+	python tests/mutants/run.py --drawn 40
 
 format: .venv/ready
 	ruff check --fix .
