@@ -93,11 +93,9 @@ def scene(cache):
 
 def resampled(frame):
     """Return a frame's electrons less their median on the picture's pixels (NY, NX), x to the east, y to the north."""
-    truth, nodes = frame.truth, [np.linspace(0.0, n - 1.0, 20) for n in (NX, NY)]
-    shift = [np.median(truth[name] - truth[f"{name}_orig"]) for name in ("ra", "dec")]  # ICRS to apparent
+    nodes = [np.linspace(0.0, n - 1.0, 20) for n in (NX, NY)]
     x, y = np.meshgrid(*((at - (n - 1) / 2) * SCALE for at, n in zip(nodes, (NX, NY), strict=True)))
-    ra, dec = offset(x, y)
-    smooth = frame.wcs.all_world2pix(ra + shift[0], dec + shift[1], 0)
+    smooth = frame.wcs.all_world2pix(*offset(x, y), 0)
     px, py = (RectBivariateSpline(nodes[1], nodes[0], at)(np.arange(NY), np.arange(NX)) for at in smooth)
     image = frame.electrons
     return map_coordinates(image - np.median(image), [py, px], order=1, cval=np.nan, prefilter=False)

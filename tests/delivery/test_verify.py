@@ -15,7 +15,9 @@ from mini_campaign import POINTINGS, write_campaign
 from csstsim.campaign.job_lists import CALIBRATIONS
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
+from csstsim.delivery.contents import of_campaign
 from csstsim.delivery.frame_checks import _drawn
+from csstsim.delivery.products import products
 from csstsim.delivery.verify import verify
 from csstsim.io.frames import save_frame
 from csstsim.io.paths import Paths
@@ -174,6 +176,25 @@ def test_one_fault_is_one_line(copied, cases):
 @pytest.mark.parametrize("cases", rounds([case for case in ONE if ALONE in case], False))
 def test_one_fault_is_one_line_without_the_campaign(copied, cases):
     judged_faults(copied, cases, False)
+
+
+def test_what_may_be_missing_without_a_word(copied):
+    """Every file is removed: all are named, but what a user may have left out or taken away."""
+    file, folder = copied
+    had = {p.kind for p in products(of_campaign(opened_in(file, folder))) if p.path.is_file()}
+    for path in sorted(p for p in folder.rglob("*") if p.is_file()):
+        path.unlink()
+    lines = judged(file, folder, True)
+    named = {folder / line.split(": ")[0] for line in lines if ": missing (" in line}
+    wanted = products(of_campaign(opened_in(file, folder)))
+    silent = {product.kind for product in wanted if product.path not in named} | had - {p.kind for p in wanted}
+    assert silent == {"comparison of variants"} and len(had) > 12, (silent, had)
+
+
+def opened_in(file, folder):
+    run = opened(file)
+    run.paths = Paths(folder)
+    return run
 
 
 def test_two_sources_with_one_detection(copied):
