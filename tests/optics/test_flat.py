@@ -153,6 +153,17 @@ def test_each_detector_has_a_level_of_its_own_and_they_are_one_on_average(camera
         assert len(np.unique(values)) == 30 and values.mean() == pytest.approx(1.0, rel=1e-12)
 
 
+def test_the_scatter_of_detectors_levels_is_what_is_asked(camera):
+    """Without a pattern; of 24 seeds, 30 detectors: 5 sigma of a standard deviation are 13%."""
+    numbers = deepcopy(camera.leds)
+    numbers["flat"] |= {"pattern_rms": 0.0, "detector_rms": 0.02}
+    found = []
+    for seed in range(24):
+        field = FlatField(numbers, partial(stream, seed, "camera"))
+        found += [field.internal(chip, *_mosaic(chip), np.eye(12)[3]).mean() for chip in camera.chips.values()]
+    assert np.std(found) == pytest.approx(0.02 * np.sqrt(29 / 30), rel=0.13)
+
+
 @pytest.mark.parametrize("skew", [0.0, 0.3])
 def test_the_four_corners_lose_on_average_what_is_asked(camera, skew):
     """About the middle, whatever the skew, which takes from one axis what it gives to the other."""

@@ -84,8 +84,9 @@ def test_labels_across_right_ascension_zero(calibrated):
     assert "23" in text and "0" in text and len(found["RA", "t"]) >= 2
 
 
-def test_north_to_the_side_puts_right_ascension_on_the_right(calibrated):
-    cards = dict(tangent_header(pa=90.0))
+@pytest.mark.parametrize("pa", [90.0, 270.0])
+def test_north_to_the_side_puts_right_ascension_on_the_right(calibrated, pa):
+    cards = dict(tangent_header(pa=pa))
     found = labels(calibrated(np.random.default_rng(1).normal(size=(30, 40)), **cards))
     assert {key for key, texts in found.items() if len(texts) > 1} == {("RA", "r"), ("Dec", "t")}
 

@@ -260,6 +260,18 @@ def test_rates_are_the_integral_of_the_spectrum(seds, camera):
         np.testing.assert_allclose(seds.rates(teff, logg, feh, np.ones(40), weights), dimmed @ weights.T, rtol=1e-4)
 
 
+def test_bins_are_the_integrals_of_the_extincted_spectrum(seds):
+    """Bins that end anywhere between the knots, against a trapezium rule over knots and edges, which is exact."""
+    edges = np.sort(np.random.default_rng(6).uniform(3000.0, 9900.0, 300))
+    at = np.unique(np.concatenate([edges, KNOTS[(KNOTS > edges[0]) & (KNOTS < edges[-1])]]))
+    star = np.array([4500.0]), np.array([4.5]), np.array([0.0])
+    light = seds.surface(*star, KNOTS)[0] * 10 ** (-0.4 * 0.8 * np.interp(KNOTS, GRID, CURVE))
+    values = np.interp(at, KNOTS, light)
+    running = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(at) * (values[1:] + values[:-1]))])
+    exact = np.diff(running[np.searchsorted(at, edges)]) / np.diff(edges)
+    assert seds.binned(*star, [0.8], edges)[0] == pytest.approx(exact, rel=1e-6)
+
+
 def test_a_star_does_not_depend_on_its_company(seds, camera):
     weights = subband_weights(camera.filters["g"], camera.telescope)
     teff, logg, feh, av = np.array([2500.0, 5777, 9000, 40000]), np.array([5, 4.4, 4, 8.0]), np.zeros(4), np.arange(4.0)
