@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from csstsim.base.errors import InputError
 from csstsim.base.image_wcs import ImageWCS
 
+
 @settings(max_examples=200, deadline=None)
 @given(headers(), st.floats(0, SIDE), st.floats(0, SIDE))
 @pytest.mark.filterwarnings("ignore")

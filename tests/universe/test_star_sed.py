@@ -263,7 +263,7 @@ def test_rates_are_the_integral_of_the_spectrum(seds, camera):
 def test_bins_are_the_integrals_of_the_extincted_spectrum(seds):
     """Bins that end anywhere between the knots, against a trapezium rule over knots and edges, which is exact."""
     edges = np.sort(np.random.default_rng(6).uniform(3000.0, 9900.0, 300))
-    at = np.unique(np.concatenate([edges, KNOTS[(KNOTS > edges[0]) & (KNOTS < edges[-1])]]))
+    at = np.unique(np.concatenate([edges, KNOTS[(edges[0] < KNOTS) & (edges[-1] > KNOTS)]]))
     star = np.array([4500.0]), np.array([4.5]), np.array([0.0])
     light = seds.surface(*star, KNOTS)[0] * 10 ** (-0.4 * 0.8 * np.interp(KNOTS, GRID, CURVE))
     values = np.interp(at, KNOTS, light)
