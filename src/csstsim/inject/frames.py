@@ -6,7 +6,6 @@ layers. The PSF is in neither. What is taken instead is said.
 
 from pathlib import Path
 
-import numpy as np
 from astropy.io.fits import Header
 
 from csstsim.base.errors import InputError
@@ -14,7 +13,7 @@ from csstsim.campaign.kept import Kept, cache_folder
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.io.fits import open_fits, read_header
 from csstsim.io.keywords import RECIPE
-from csstsim.io.pointing_keywords import TOLERANCE, wcs_off
+from csstsim.io.pointing_keywords import TOLERANCE, sky_off, wcs_off
 from csstsim.optics.geometry.icrs_header import icrs_header
 from csstsim.recreate.frame import read_frame
 from csstsim.recreate.recreate import described, opened
@@ -90,18 +89,12 @@ def _wcs_off(header, job):
     """Return the arcsec by which a header's WCS is off its job's, of a raw frame or a calibrated one (in ICRS)."""
     from astropy.wcs import WCS
 
-    from csstsim.base.sphere import offsets
-
     if not str(header["CTYPE1"]).endswith("TPV"):
         return wcs_off(header, job.wcs)
-    true = icrs_header(job.wcs, job.observer, job.window)
-    x, y = [0.0, job.window.nx - 1.0], [0.0, job.window.ny - 1.0]
-    try:
-        seen = WCS(Header({name: header[name] for name in true})).all_pix2world(x, y, 0)
-    except (ValueError, KeyError, ArithmeticError):
-        return np.inf
-    off = 3600.0 * np.hypot(*offsets(*seen, *WCS(Header(true)).all_pix2world(x, y, 0))).max()
-    return float(off) if np.isfinite(off) else np.inf
+    cards = icrs_header(job.wcs, job.observer, job.window)
+    corners = [0.0, job.window.nx - 1.0], [0.0, job.window.ny - 1.0]
+    true = WCS(Header(cards)).all_pix2world(*corners, 0)
+    return sky_off({name: header[name] for name in cards if name in header}, *corners, true)
 
 
 def check_job(head, job):

@@ -75,11 +75,22 @@ def wcs_off(header: Mapping[str, Any], wcs: Any) -> float:
     if "CTYPE1" not in cards:
         return np.inf
     x, y = np.array([(wcs.chip.detector.nx - 1) / 2, 0.0]), np.array([(wcs.chip.detector.ny - 1) / 2, 0.0])
+    linear = str(cards.get("CTYPE1")) == LINEAR
+    true = WCS(Header(wcs.header())).all_pix2world(x, y, 0) if linear else wcs.pixel_to_world(x, y)
+    return sky_off(cards, x, y, true)
+
+
+def sky_off(cards: Mapping[str, Any], x: Any, y: Any, true: Any) -> float:
+    """Return the largest distance [arcsec] of a WCS at pixels x, y (n,) from `true`, their ra and dec [deg].
+
+    Of cards that are no WCS, and of places that are no numbers, it is infinite.
+    """
+    from astropy.io.fits import Header
+    from astropy.wcs import WCS
+
     try:
         seen = WCS(Header(cards)).all_pix2world(x, y, 0)
     except (ValueError, KeyError, ArithmeticError):
         return np.inf
-    linear = str(cards.get("CTYPE1")) == LINEAR
-    true = WCS(Header(wcs.header())).all_pix2world(x, y, 0) if linear else wcs.pixel_to_world(x, y)
     off = 3600.0 * np.hypot(*offsets(*seen, *true)).max()
     return float(off) if np.isfinite(off) else np.inf
