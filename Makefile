@@ -11,7 +11,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-.PHONY: run full-chip test checks style evidence toys first-image docs tutorials test-slurm test-faults mutants fuzz format clean
+.PHONY: run full-chip test checks style evidence toys first-image docs tutorials test-slurm test-faults suites mutants fuzz format clean
 
 run: .venv/ready
 	snakemake --profile profiles/default --config campaign=config/campaign.yaml
@@ -61,9 +61,14 @@ tutorials: .venv/ready
 	$(MAKE) docs
 
 # As root, after: apt-get install slurmctld slurmd slurm-client munge
-test-slurm: .venv/ready
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint requirements.lock --editable '.[slurm]'
+test-slurm: .venv/slurm
 	pytest -m slurm -rs --durations=0 tests/workflow/test_slurm.py
+
+# Suites that wait more than they work, one after the other
+suites: .venv/slurm
+	$(MAKE) test-slurm
+	$(MAKE) test-faults
+	$(MAKE) tutorials
 
 fuzz: .venv/ready
 	pytest -m slow tests/fuzz
@@ -96,6 +101,10 @@ format: .venv/ready
 	@# numba's compiled code names modules that an update may have moved
 	@find src -name '*.nb[ic]' -delete
 	@mv .venv/unfinished $@
+
+.venv/slurm: .venv/ready
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint requirements.lock --editable '.[slurm]'
+	@touch $@
 
 clean:
 	rm -rf .venv results

@@ -18,7 +18,7 @@ from evidence.record import Record
 
 import yaml
 from private_memory import PrivateMemory
-from toy_catalogue import toy_catalogue
+from toy_sky import toy_sky
 
 from csstsim.base.files.atomic import atomic_path
 from csstsim.campaign.config import load_campaign
@@ -61,7 +61,7 @@ def campaign(toy=False):
         _, obsid, chip = next(jobs(run, ["r"]))
         content["select"] = content["select"] | {"obsids": [obsid]}
         middle = (float(corner.mean()) for corner in run.job(obsid, chip).footprint())
-        content["catalog"] = toy_catalogue(folder, *middle)
+        content |= toy_sky(folder, *middle)
         draft.unlink()
     _write(file, content)
     return file

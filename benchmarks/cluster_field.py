@@ -47,12 +47,12 @@ def _around(pix):
     return [int(p) for p in healpy.get_all_neighbours(256, pix, nest=True) if p >= 0]
 
 
-def picture(structure, place, cache, side, faintest):
-    """Return the field (side, side, 3) uint8 under `catalog.structure`."""
+def picture(structure, place, cache, side, faintest, **keys):
+    """Return the field (side, side, 3) uint8 under `catalog.structure`. keys: further ones of the simulation."""
     colour_field.RA, colour_field.DEC = place
     colour_field.NX = colour_field.NY = side
     sim = csstsim.Simulation(cache=cache).replace(
-        seed=SEED, catalog={"structure": structure, "mag_limit": faintest, "lensing": {"field": "cosmic"}}
+        seed=SEED, catalog={"structure": structure, "mag_limit": faintest, "lensing": {"field": "cosmic"}}, **keys
     )
     sim, bands = sim.replace(layers={"cosmic_rays": None, "detector_defects": None}), {}
     for name, chip in colour_field.CHIPS.items():
@@ -72,14 +72,15 @@ def main() -> None:
 
 def draw_both(record: Record) -> None:
     """Find the cluster and draw it; at toy size the first one of few bricks, in a small picture."""
-    bricks, side, faintest = (24, 100, 21.0) if record.toy else (BRICKS, SIDE, FAINTEST)
-    ra, dec, z, log_mass = find_cluster(bricks) or (300.0, -60.0, 0.3, 14.0)
+    bricks, side, faintest = (2, 100, 21.0) if record.toy else (BRICKS, SIDE, FAINTEST)
+    keys = {"psf": {"grid": 2}} if record.toy else {}
+    ra, dec, z, log_mass = find_cluster(bricks) or (299.907, -60.245, 0.3, 14.0)  # the middle of a brick
     record.value("mass", 10 ** (log_mass - 14), "mass of the cluster", unit="1e14 solar masses")
     record.value("z", z, "its redshift")
     words = f"z = {z:.2f}, {10 ** (log_mass - 14):.1f} x 10^14 solar masses, ra {ra:.4f}, dec {dec:.4f}"
     print(words, flush=True)
     with tempfile.TemporaryDirectory() as cache:
-        sides = [picture(structure, (ra, dec), cache, side, faintest) for structure in ("haloes", "none")]
+        sides = [picture(structure, (ra, dec), cache, side, faintest, **keys) for structure in ("haloes", "none")]
     gap = np.full((side, GAP, 3), 255, np.uint8)
     image = Image.fromarray(np.concatenate([sides[0], gap, sides[1]], axis=1))
     draw = ImageDraw.Draw(image)

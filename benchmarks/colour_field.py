@@ -115,9 +115,9 @@ def band(sim, table, chip, exposures):
     return np.nanmedian(parts, axis=0)
 
 
-def field(cache, exposures):
-    """Return {filter: image (NY, NX) [electron / s]}."""
-    table, sim = scene(cache), csstsim.Simulation(cache=cache)
+def field(cache, exposures, **keys):
+    """Return {filter: image (NY, NX) [electron / s]}. keys: of the simulation."""
+    table, sim = scene(cache), csstsim.Simulation(cache=cache).replace(**keys)
     return {name: band(sim, table, chip, exposures) for name, chip in CHIPS.items()}
 
 
@@ -136,7 +136,7 @@ def main() -> None:
         if record.toy:
             global NX, NY, FAINTEST
             NX, NY, FAINTEST = 200, 150, 22.0
-        bands = field(cache, 1 if record.toy else record.options.exposures)
+        bands = field(cache, 1, psf={"grid": 2}) if record.toy else field(cache, record.options.exposures)
         Image.fromarray(coloured(bands)).save(record.figure("colour_field.jpg"), quality=85, optimize=True)
 
 

@@ -18,7 +18,7 @@ from evidence import ROOT
 from evidence.record import Record
 
 import yaml
-from toy_catalogue import toy_catalogue
+from toy_sky import toy_sky
 
 from csstsim.campaign.opened import OpenCampaign
 
@@ -42,7 +42,7 @@ def campaign(record: Record) -> OpenCampaign:
     if record.toy:
         content = yaml.safe_load(file.read_text())
         region = content["select"]["region"]
-        content["catalog"] = toy_catalogue(folder, region["ra"], region["dec"], count=100, radius=region["radius"] / 60)
+        content |= toy_sky(folder, region["ra"], region["dec"], count=100, radius=region["radius"] / 60)
         content["select"]["obsids"] = [EXPOSURE]
         file.write_text(yaml.safe_dump(content, sort_keys=False))
     run = OpenCampaign(file)

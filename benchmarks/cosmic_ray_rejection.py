@@ -17,7 +17,7 @@ from evidence.record import Record
 import numpy as np
 import yaml
 from scipy.ndimage import maximum_filter
-from toy_catalogue import toy_catalogue
+from toy_sky import toy_sky
 
 from csstsim.campaign.config import load_campaign
 from csstsim.campaign.opened import OpenCampaign
@@ -45,7 +45,7 @@ def campaign(folder: Path, toy: bool) -> OpenCampaign:
     content |= {"output": str(folder), "observations": {"SCIE": str(folder / "science.yaml")}}
     if toy:
         content["window"] = {"x0": 4300, "x1": 4800, "y0": 4300, "y1": 4800}
-        content["catalog"] = toy_catalogue(folder, *FIELD)
+        content |= toy_sky(folder, *FIELD)
     (folder / "campaign.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
     return OpenCampaign(folder / "campaign.yaml")
 

@@ -20,7 +20,7 @@ from evidence.record import Record
 
 import yaml
 from start_of_stages import cpu_seconds
-from toy_catalogue import toy_catalogue
+from toy_sky import toy_sky
 
 from csstsim.campaign.config import load_campaign
 from csstsim.campaign.opened import OpenCampaign
@@ -75,7 +75,7 @@ def compare(record: Record) -> None:
     """Make the campaign twice, of which one kept the light, and record what a changed readout costs."""
     runs, window = record.options.runs, {}
     if record.toy:
-        runs, window = 1, TOY | {"catalog": toy_catalogue(FOLDER, 300.09, -59.87)}
+        runs, window = 1, TOY | toy_sky(FOLDER, 300.09, -59.87)
     FOLDER.mkdir(parents=True, exist_ok=True)
     observe(BEFORE)
     kept, fresh = campaign("kept", keep="light", **window), campaign("fresh", **window)

@@ -22,7 +22,7 @@ from evidence.record import Record
 import numpy as np
 import yaml
 from source_extractor import FIELD, csstsim, emptied, run_csstsim
-from toy_catalogue import toy_catalogue
+from toy_sky import toy_sky
 
 from csstsim.base.errors import CsstsimError
 from csstsim.base.healpix import brick_of
@@ -54,7 +54,7 @@ def campaign(output, radius, toy=False):
         "window": "region", "observations": {"SCIE": str(ROOT / "config/observations/science.yaml")},
     }  # fmt: skip
     if toy:
-        content["catalog"] = toy_catalogue(output, **FIELD, radius=radius / 60)
+        content |= toy_sky(output, **FIELD, radius=radius / 60)
         content["select"]["obsids"] = ["10100000002", "10100000003", "10100000004", "10100000005"]
     path = output / "campaign.yaml"
     path.write_text("# Written by benchmarks/merged_completeness.py\n" + yaml.safe_dump(content, sort_keys=False))

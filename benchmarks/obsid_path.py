@@ -19,7 +19,7 @@ from pathlib import Path
 from evidence.record import Record
 
 from mini_campaign import write_campaign
-from toy_catalogue import toy_catalogue
+from toy_sky import toy_sky
 
 import csstsim
 from csstsim.campaign.opened import OpenCampaign
@@ -92,7 +92,7 @@ def count(record: Record) -> None:
     if record.toy:
         output.mkdir(parents=True, exist_ok=True)
         args.campaign, args.obsid = (
-            str(write_campaign(output, catalog=toy_catalogue(output, 60.15, -40.0, 20))),
+            str(write_campaign(output, **toy_sky(output, 60.15, -40.0, 20))),
             "10100000001",
         )
     words = ["-q", "chip", args.campaign, "--obsid", args.obsid, "--chip", args.chip, "--output", str(output / "out")]

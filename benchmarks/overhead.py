@@ -23,7 +23,7 @@ from evidence.record import Record
 
 import projection
 import yaml
-from toy_catalogue import toy_catalogue
+from toy_sky import toy_sky
 
 from csstsim.campaign.config import load_campaign
 from csstsim.campaign.opened import OpenCampaign
@@ -70,7 +70,7 @@ def measure(record: Record) -> None:
     content["select"]["chips"] = chips = CHIPS[:1] if record.toy else CHIPS
     if record.toy:
         output = FOLDER / "toy"
-        content |= {"window": TOY, "output": str(output), "catalog": toy_catalogue(output.parent, 30.0, -48.0)}
+        content |= {"window": TOY, "output": str(output)} | toy_sky(output.parent, 30.0, -48.0)
     FOLDER.mkdir(parents=True, exist_ok=True)
     file = FOLDER / "campaign.yaml"
     file.write_text(yaml.safe_dump(content, sort_keys=False))

@@ -18,7 +18,7 @@ from evidence.record import Record
 import healpy
 import numpy as np
 import yaml
-from toy_catalogue import toy_catalogue
+from toy_sky import toy_sky
 
 from csstsim.base.healpix import NSIDE, brick_of
 from csstsim.campaign.aiming import aimed, chips_for, table_of
@@ -59,7 +59,7 @@ def campaign(images, folder, place, pointing, chips, **content):
     if images.config.share:
         content["share"] = str(Path(images.config.share).resolve())
     if not images.embedded:  # at toy size
-        content |= {"catalog": toy_catalogue(folder, *place, radius=0.01), "psf": {"grid": 2}}
+        content |= toy_sky(folder, *place, radius=0.01)
     (folder / "campaign.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
     return OpenCampaign(folder / "campaign.yaml")
 
@@ -136,7 +136,7 @@ def toy_images(folder: Path) -> Path:
     job = run.imaging_jobs[0]
     middle = (float(corner.mean()) for corner in job.footprint())
     content["select"] = content["select"] | {"obsids": [job.obsid], "chips": [job.chip.id]}
-    file.write_text(yaml.safe_dump(content | {"catalog": toy_catalogue(folder, *middle, count=600, radius=0.01)}))
+    file.write_text(yaml.safe_dump(content | toy_sky(folder, *middle, count=600, radius=0.01)))
     run = OpenCampaign(file)
     if not run.paths.measure(*job.key).exists():
         for stage in ("chip", "measure"):

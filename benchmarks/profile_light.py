@@ -58,7 +58,7 @@ def campaign(folder: Path, toy: bool) -> Path:
         "bulge_frac": bulge.astype(float), "e1": e * np.cos(angle), "e2": e * np.sin(angle),
     }).write(folder / "galaxies.fits", overwrite=True)  # fmt: skip
     if toy:
-        content["window"] = {"x0": 4000, "x1": 4800, "y0": 4000, "y1": 4800}
+        content |= {"window": {"x0": 4000, "x1": 4800, "y0": 4000, "y1": 4800}, "psf": {"grid": 2}}
     file = folder / "campaign.yaml"
     file.write_text(yaml.safe_dump(content, sort_keys=False))
     return file

@@ -15,6 +15,7 @@ from evidence.record import Record
 
 import yaml
 from astropy.io import fits
+from toy_sky import toy_sky
 
 from csstsim.base.shipped import ROOT
 from csstsim.campaign.opened import OpenCampaign
@@ -63,7 +64,7 @@ def drawn(folder):
     return run.paths.level0(job)
 
 
-def first(folder, window):
+def first(folder, window, toy=False):
     """Write the campaign of the frame that is recreated; return its folder."""
     folder.mkdir(parents=True, exist_ok=True)
     data = {
@@ -73,6 +74,8 @@ def first(folder, window):
     if window:
         x0, y0 = (9216 - window) // 2, (9232 - window) // 2
         data["window"] = {"x0": x0, "x1": x0 + window, "y0": y0, "y1": y0 + window}
+    if toy:
+        data["catalog"] = toy_sky(folder, 60.112, -40.035)["catalog"]  # a campaign that is recreated has the full PSF
     (folder / "campaign.yaml").write_text(yaml.safe_dump(data))
     return folder
 
@@ -91,7 +94,7 @@ def redraw(record: Record) -> None:
     options = record.options
     if record.toy:
         options.output, options.window = record.results / "recreate", 400
-    frame = drawn(first(options.output / "first", options.window))
+    frame = drawn(first(options.output / "first", options.window, record.toy))
     truth, differs, rows = frame.with_suffix(".cat"), 0, []
     record.value("objects", len(read_objects(truth)["x"]), "objects of the frame's catalogue")
     plain = as_the_missions(frame, options.output / frame.name)

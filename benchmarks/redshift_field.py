@@ -20,7 +20,7 @@ from evidence.record import Record
 
 import numpy as np
 import yaml
-from toy_catalogue import toy_catalogue
+from toy_sky import toy_sky
 
 from csstsim.campaign.aiming import after, next_obsid, table_of
 from csstsim.campaign.opened import OpenCampaign
@@ -76,7 +76,7 @@ def opened(folder: Path, toy: bool) -> OpenCampaign:
         "catalog": {"mag_limit": LIMIT, "lensing": {"field": "none"}, "structure": "none"},
     }  # fmt: skip
     if toy:
-        content["catalog"] = toy_catalogue(folder, *place, TOY_COUNT, TOY_RADIUS)
+        content |= toy_sky(folder, *place, TOY_COUNT, TOY_RADIUS)
     (folder / "campaign.yaml").write_text(yaml.safe_dump(content))
     return OpenCampaign(folder / "campaign.yaml")
 

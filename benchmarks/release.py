@@ -27,7 +27,7 @@ from evidence.record import Record, cpu_seconds
 import psutil
 from mini_campaign import POINTINGS, write_campaign
 from projection import project
-from toy_catalogue import toy_catalogue
+from toy_sky import toy_sky
 
 from csstsim.campaign.opened import OpenCampaign
 
@@ -128,8 +128,8 @@ def release(record: Record, parser: argparse.ArgumentParser) -> None:
         folder = record.results / "release"
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
-        few = toy_catalogue(folder, 60.15, -40.0, 20)
-        arguments.campaign, arguments.every = str(write_campaign(folder, POINTINGS[:1], catalog=few)), 60.0  # one kill
+        few = toy_sky(folder, 60.15, -40.0, 20)
+        arguments.campaign, arguments.every = str(write_campaign(folder, POINTINGS[:1], **few)), 60.0  # one kill
     if not (ROOT / arguments.campaign).is_file():
         parser.error(f"CAMPAIGN: no such file, seen from {ROOT}")
     if not arguments.every > 0:

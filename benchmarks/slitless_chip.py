@@ -20,7 +20,7 @@ from evidence.record import Record
 import yaml
 from chip_stages import PAPER, ROOT, RUNS, TOY, measured, observation
 from private_memory import PrivateMemory
-from toy_catalogue import toy_catalogue
+from toy_sky import toy_sky
 
 from csstsim.campaign.opened import OpenCampaign
 
@@ -39,7 +39,7 @@ def campaign(number, traps, toy=False):
         file = folder / "all_layers.yaml"
         file.write_text(yaml.safe_dump(content))
         middle = (float(corner.mean()) for corner in OpenCampaign(file).jobs[0].footprint())
-        content["catalog"] = toy_catalogue(folder, *middle, radius=0.01)
+        content |= toy_sky(folder, *middle, radius=0.01)
     else:
         content = yaml.safe_load((folder / "campaign.yaml").read_text())
     (folder / "science.yaml").write_text(yaml.safe_dump(observation(traps), sort_keys=False))

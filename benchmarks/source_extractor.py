@@ -30,7 +30,7 @@ import numpy as np
 import yaml
 from astropy.io import fits
 from source_extractor_compare import Code, draw, report
-from toy_catalogue import toy_catalogue
+from toy_sky import toy_sky
 
 from csstsim.base.errors import CsstsimError, InputError
 from csstsim.bricks.validation.validate import MeasuredFrame, judged_truth
@@ -70,7 +70,7 @@ def default_campaign(output, side, obsids=OBSIDS, toy=False):
         "observations": {"SCIE": str(ROOT / "examples/quarter_brick/science_no_cti.yaml")},
     }  # fmt: skip
     if toy:
-        content["catalog"] = toy_catalogue(output, **FIELD, count=150, radius=0.5 * side * scale / 3600)
+        content |= toy_sky(output, **FIELD, count=150, radius=0.5 * side * scale / 3600)
     path = output / "campaign.yaml"
     path.write_text("# Written by benchmarks/source_extractor.py\n" + yaml.safe_dump(content, sort_keys=False))
     return path

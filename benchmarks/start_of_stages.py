@@ -19,6 +19,7 @@ from pathlib import Path
 from evidence.record import Record
 
 import yaml
+from toy_sky import toy_sky
 
 from csstsim.campaign.config import load_campaign
 from csstsim.campaign.opened import OpenCampaign
@@ -70,9 +71,10 @@ def campaign(name, **changes):
 
 def empty(runs, record):
     """Record the cost of select without objects; return it over the cost of its necessary imports and reads."""
-    file = campaign("empty", window=PIXEL)
+    sky = toy_sky(FOLDER / "far", 300.09, -59.8) if record.toy else {}
+    file = campaign("empty", window=PIXEL, **sky)
     run, (obsid, chip) = OpenCampaign(file), JOB
-    bricks = run.truth_bricks(run.job(obsid, chip))
+    bricks = run.truth_bricks(run.job(obsid, chip)) if run.embedded else ()
     for pix in bricks:
         if not run.paths.truth(pix).exists():
             cpu_seconds("-c", MAIN, "truth", file, "--brick", pix)
@@ -97,8 +99,9 @@ def empty(runs, record):
 
 def demo(record):
     """Record the cost of the demo by stages and by whole chips, both compiled; return the ratio."""
-    took, changes = {}, TOY if record.toy else {}
-    for chips in ("whole", "stages", "whole"):  # the first compiles
+    took = {}
+    changes = TOY | toy_sky(FOLDER, 300.09, -59.87) if record.toy else {}
+    for chips in ("whole",) * (not record.toy) + ("stages", "whole"):  # the first compiles
         shutil.rmtree(FOLDER / chips, ignore_errors=True)
         line = "-m", "snakemake", "--profile", "profiles/default", "--cores", 1
         took[chips] = cpu_seconds(*line, "--config", f"campaign={campaign(chips, **changes)}", f"chips={chips}")[0]

@@ -60,7 +60,8 @@ def prepared(folder, structure, toy):
     data |= {"survey_table": str(ROOT / "survey_tables" / "demo.csv"), "output": "out"}
     data |= {"catalog": {"structure": structure}}
     if toy:
-        data["window"] = {"x0": 4000, "x1": 4200, "y0": 4000, "y1": 4200}
+        data["window"] = {"x0": 2800, "x1": 3000, "y0": 4800, "y1": 5000}  # one brick reaches it
+        data["psf"] = {"grid": 2}
     (folder / "campaign.yaml").write_text(yaml.safe_dump(data))
     run = OpenCampaign(folder / "campaign.yaml")
     (job,) = run.jobs

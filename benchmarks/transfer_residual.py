@@ -17,7 +17,7 @@ from evidence.record import Record
 import numpy as np
 from matplotlib.figure import Figure
 from mini_campaign import write_campaign
-from toy_catalogue import toy_catalogue
+from toy_sky import toy_sky
 
 from csstsim.bricks.validation.trials import joined, trials
 from csstsim.bricks.validation.validate import MeasuredFrame, judged_truth
@@ -43,8 +43,8 @@ def toy_campaign(folder: Path) -> Path:
     pointing = "10100000001,SCIE,60.15,-40.0,20.0,2027-11-20T01:08:00,150"
     job = OpenCampaign(write_campaign(folder, [pointing], geometry=side)).job("10100000001", 9)
     ra, dec = (float(angle) for angle in icrs(*job.wcs.pixel_to_world(TOY_SIDE / 2, TOY_SIDE / 2), job.observer))
-    catalog = toy_catalogue(folder, ra, dec, radius=TOY_SIDE * 0.074 / 3600 / 2)
-    file = write_campaign(folder, [pointing], geometry=side, catalog=catalog)
+    sky = toy_sky(folder, ra, dec, radius=TOY_SIDE * 0.074 / 3600 / 2)
+    file = write_campaign(folder, [pointing], geometry=side, **sky)
     csstsim(["chip", str(file), "--obsid", job.obsid, "--chip", "9"], standalone_mode=False)
     return file
 

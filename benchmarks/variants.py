@@ -20,7 +20,7 @@ from evidence.record import Record
 import keep_light
 import yaml
 from keep_light import BEFORE, JOB, MOST, ROOT, campaign, run
-from toy_catalogue import toy_catalogue
+from toy_sky import toy_sky
 
 from csstsim.campaign.config import load_campaign
 from csstsim.campaign.opened import OpenCampaign
@@ -49,16 +49,11 @@ def keys(name):
     return {"observations": {"SCIE": str((FOLDER / "science.yaml").rename(FOLDER / f"{name}.yaml"))}}
 
 
-def few(*arguments):
-    """Return the keys of a campaign of few objects; arguments: of toy_catalogue."""
-    return {"catalog": toy_catalogue(FOLDER, *arguments), "psf": {"grid": 2}}
-
-
 def cost(names, record):
     """Record the cost of variants. Ends the process if a bit differs."""
     variants = {name: keys(name) for name in names}
     keep_light.observe(BEFORE)
-    small, runs = (keep_light.TOY | few(300.09, -59.87), 1) if record.toy else ({}, RUNS)
+    small, runs = (keep_light.TOY | toy_sky(FOLDER, 300.09, -59.87), 1) if record.toy else ({}, RUNS)
     base = campaign("base", keep="light", variants=variants, **small)
     opened, rows = OpenCampaign(base), []
     for pix in opened.sky_bricks if opened.embedded else ():
@@ -103,7 +98,9 @@ def figure(record):
     measurement = content["measurement"] | {"cti_passes": 3}
     small = {"window": WINDOW}
     if record.toy:
-        small = {"window": {"x0": 4300, "x1": 4900, "y0": 4300, "y1": 4900}} | few(60.112, -40.035, 300, 0.02)
+        small = {"window": {"x0": 4300, "x1": 4900, "y0": 4300, "y1": 4900}} | toy_sky(
+            FOLDER, 60.112, -40.035, 300, 0.02
+        )
     base = campaign(
         "figure", keep="light", variants={"irradiated": changed}, select=select, measurement=measurement, **small
     )

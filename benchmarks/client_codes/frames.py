@@ -13,7 +13,7 @@ import astromatic
 import numpy as np
 import yaml
 from astropy.io import fits
-from toy_catalogue import toy_catalogue
+from toy_sky import toy_sky
 
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import STAR
@@ -75,8 +75,8 @@ def pointing(output, chips, toy=False):
     run = OpenCampaign(file)
     if toy:
         ra, dec = (float(corner.mean()) for corner in run.jobs[0].footprint())
-        catalogue = toy_catalogue(output, ra, dec, count=800, radius=0.018)
-        file.write_text(yaml.safe_dump(content | {"catalog": catalogue}, sort_keys=False))
+        sky = toy_sky(output, ra, dec, count=800, radius=0.018)
+        file.write_text(yaml.safe_dump(content | sky, sort_keys=False))
         run = OpenCampaign(file)
     return run
 
