@@ -33,7 +33,7 @@ def _galaxies(seds, count, seed=3):
 
 
 def test_rates_are_the_sum_over_the_grid(seds, bands):
-    z, mix, av = _galaxies(seds, 240)
+    z, mix, av = _galaxies(seds, 100)
     direct = seds.spectra(z, mix, np.ones(len(z)), av) @ bands.weights.T
     allowed = TOLERANCE * direct + FAINT * direct.max(axis=1, keepdims=True)
     error = np.abs(bands.rates(z, mix, av) - direct)
@@ -67,9 +67,9 @@ def test_few_galaxies_are_summed_one_by_one(seds, bands):
 
 
 def test_one_alone_has_the_light_that_it_has_among_others(seds, bands):
-    z, mix, av = _galaxies(seds, 300)
+    z, mix, av = _galaxies(seds, 100)
     light = bands.rates(z, mix, av)
-    for k in (0, 17, 299):
+    for k in (0, 17, 99):
         one = bands.rates(z[k : k + 1], mix[k : k + 1], av[k : k + 1])[0]
         np.testing.assert_allclose(one, light[k], rtol=1e-4)  # those summed one by one share the mean dust of a call
     again = BandRates(seds, bands.weights, fewest=1).rates(z[::-1], mix[::-1], av[::-1])[::-1]

@@ -48,20 +48,6 @@ def test_the_profile_gives_the_same_bits(slurm, local, tmp_path):
     assert not list((campaign.parent / "out" / "chips").rglob("*")) and not list(slurm.on_node().iterdir())
 
 
-def test_stages_hand_on_by_way_of_a_scratch_nobody_else_sees(slurm, local, tmp_path):
-    campaign = with_prepared(make(tmp_path / "campaign"), local)
-    arguments = profile(slurm, "--group-components", "chip=3", "brick=4")
-    said = snakemake(campaign, "chips=stages", *arguments)
-    assert content(campaign) == content(local) and measured(campaign) == measured(local)
-    # two of three chips each, the first picture, the bricks, the report
-    jobs = [slurm.job(jobid) for jobid in submitted(said)]
-    assert len(jobs) == 5
-    assert {job["NumCPUs"] for job in jobs} == {"1"}
-    # Intermediates went through the node's disk alone, and are gone from it
-    assert not list((campaign.parent / "out" / "chips").rglob("*")) and not list(slurm.scratch.iterdir())
-    assert not list(slurm.on_node().iterdir())
-
-
 def test_a_job_short_of_memory_is_tried_again_with_more(slurm, tmp_path):
     catalog = {"kind": "mini_campaign:Hungry", "options": {"ra": [60.0], "dec": [-40.0], "mag": [20.0], "mb": 3600}}
     campaign = write_campaign(tmp_path, POINTINGS[:1], catalog=catalog)
@@ -74,11 +60,13 @@ def test_a_job_short_of_memory_is_tried_again_with_more(slurm, tmp_path):
     assert len(content(campaign)) == 1
 
 
-def test_a_cancelled_job_leaves_nothing_and_a_resumed_campaign_has_the_same_bits(slurm, local, tmp_path):
+def test_stages_hand_on_by_way_of_a_scratch_nobody_else_sees_and_go_on_after_a_cancelled_job(slurm, local, tmp_path):
     campaign = with_prepared(make(tmp_path / "campaign"), local)
-    arguments = "chips=stages", *profile(slurm, *level0_targets(campaign), "--group-components", "chip=3")
+    arguments = "chips=stages", *profile(slurm, "--group-components", "chip=3", "brick=4")
     line, environment = command(campaign, *arguments, "--retries", "0")
-    head = subprocess.Popen(line, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    first = tmp_path / "first"
+    with open(first, "w") as file:
+        head = subprocess.Popen(line, env=environment, stdout=file, stderr=subprocess.STDOUT)
     try:
         environment = running("render", head, campaign).environ()
         assert {environment[f"{library}_NUM_THREADS"] for library in ("OMP", "OPENBLAS", "MKL", "NUMBA")} == {"1"}
@@ -92,5 +80,12 @@ def test_a_cancelled_job_leaves_nothing_and_a_resumed_campaign_has_the_same_bits
     assert slurm.job(jobid)["JobState"] == "CANCELLED"
     assert not list(slurm.on_node().iterdir())
     assert len(content(campaign)) < len(content(local))
-    snakemake(campaign, *arguments)
-    assert content(campaign) == content(local)
+    said = snakemake(campaign, *arguments)
+    assert content(campaign) == content(local) and measured(campaign) == measured(local)
+    # two of three chips each, the cancelled one again, the first picture, the bricks, the report
+    jobs = [slurm.job(jobid) for jobid in submitted(first.read_text() + said)]
+    assert len(jobs) == 6
+    assert {job["NumCPUs"] for job in jobs} == {"1"}
+    # Intermediates went through the node's disk alone, and are gone from it
+    assert not list((campaign.parent / "out" / "chips").rglob("*")) and not list(slurm.scratch.iterdir())
+    assert not list(slurm.on_node().iterdir())

@@ -10,7 +10,6 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import ive
 
 from csstsim.base.errors import InputError
 from csstsim.base.units import DAY_S
@@ -81,6 +80,8 @@ class _Sines(NamedTuple):
 
     def mean(self):
         """Return (n,) the magnitude of the mean light of whole cycles: that of I0(0.4 ln 10 A), a Bessel function."""
+        from scipy.special import ive
+
         x = _LN_MAG * np.abs(self.size)
         return -(np.log(ive(0, x)) + x) / _LN_MAG
 

@@ -25,7 +25,7 @@ from csstsim.measure.detection.maps import BIN, binned, full_size, grown, light_
 from csstsim.measure.detection.peaks import find_peaks, smoothed_snr, smoothing
 from csstsim.measure.light.centroid import windowed_positions
 from csstsim.measure.light.half_light import half_light_radius
-from csstsim.optics.psf.psf_set import WINDOW_PX
+from csstsim.optics.psf.sampling import WINDOW_PX
 
 THRESHOLD = 3.75  # S/N of a peak
 GROWTH = 3  # binned px by which what is bright is grown to mask it

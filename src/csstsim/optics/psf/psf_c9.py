@@ -31,8 +31,7 @@ from csstsim.base.units import UM_PER_MM
 from csstsim.optics.psf.chip_errors import chip_position
 from csstsim.optics.psf.diffraction import windowed_centroid
 from csstsim.optics.psf.psf_file import WAVELENGTHS, intact, pixel_response, write_psf
-from csstsim.optics.psf.psf_set import WINDOW_PX
-from csstsim.optics.psf.sampling import LIBRARY_PX, psf_cube
+from csstsim.optics.psf.sampling import LIBRARY_PX, WINDOW_PX, psf_cube
 
 SAMPLES = ("cell_integral", "point")
 _OVERSAMPLING = {samples: samples // LIBRARY_PX for samples in (256, 512)}

@@ -23,10 +23,9 @@ from csstsim.base.process.progress import progress
 from csstsim.optics.psf.chip_errors import chip_coefficients
 from csstsim.optics.psf.diffraction import Diffraction, blur, check_blur
 from csstsim.optics.psf.psf_file import write_psf
-from csstsim.optics.psf.sampling import CELLS, oversampling_of
+from csstsim.optics.psf.sampling import CELLS, WINDOW_PX, oversampling_of
 from csstsim.optics.psf.wavefront import load_wavefront
 
-WINDOW_PX = 1.5  # sigma of the centring window
 _CENTRE_TOLERANCE_PX = 1e-6
 _CENTRE_STEPS = 50
 

@@ -4,6 +4,7 @@ from csstsim.base.errors import InputError
 
 CELLS = 256  # along the side of a stored PSF
 OVERSAMPLING = (2, 4)  # cells along the side of a pixel
+WINDOW_PX = 1.5  # sigma of the window by which a PSF is centred
 LIBRARY_PX = 128  # side of the box of an external library's PSF
 
 
