@@ -98,7 +98,7 @@ def figure(record):
     measurement = content["measurement"] | {"cti_passes": 3}
     small = {"window": WINDOW}
     if record.toy:
-        small = {"window": {"x0": 4300, "x1": 4900, "y0": 4300, "y1": 4900}} | toy_sky(
+        small = {"window": {"x0": 4400, "x1": 4700, "y0": 4400, "y1": 4700}} | toy_sky(
             FOLDER, 60.112, -40.035, 300, 0.02
         )
     base = campaign(
@@ -123,7 +123,7 @@ def main() -> None:
         if given.figure:
             figure(record)
         else:
-            cost(given.variants or (list(VARIANTS)[:2] if record.toy else VARIANTS), record)
+            cost(given.variants or (list(VARIANTS)[:1] if record.toy else VARIANTS), record)
 
 
 if __name__ == "__main__":

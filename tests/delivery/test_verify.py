@@ -16,7 +16,7 @@ from csstsim.campaign.job_lists import CALIBRATIONS
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
 from csstsim.delivery.contents import of_campaign
-from csstsim.delivery.frame_checks import _drawn
+from csstsim.delivery.frame_checks import _drawn, light
 from csstsim.delivery.products import products
 from csstsim.delivery.verify import verify
 from csstsim.io.frames import save_frame
@@ -60,6 +60,20 @@ def test_a_sound_campaign_has_no_fault(sound):
     assert faults(file) == [] and faults(folder) == []
     for name in ("logs", ".snakemake"):
         assert not (folder / name).exists()
+
+
+def test_satellites_have_no_orders(copied):
+    """A satellite crosses a spectroscopic chip: its light is in the truth alone, and that is sound."""
+    file, folder = copied
+    [path] = folder.glob(ORDERS.replace("orders", "truth"))
+    satellite = np.arange(len(ObjectTable.read(path))) == 0
+    spoil.column("method", lambda v: np.where(satellite, "track", v))(path)
+    [orders] = folder.glob(ORDERS)
+    table = ObjectTable.read(orders)
+    table.take(table["row"] != 0).write(orders)
+    assert not [line for line in faults(file, "--output", folder) if "add up" in line]
+    spoil.column("method", lambda v: np.where(satellite, "photons", v))(path)
+    assert any("the orders of 1 object do not add up" in line for line in faults(file, "--output", folder))
 
 
 def test_a_copy_need_not_lie_where_its_campaign_left_it(copied):
@@ -327,3 +341,34 @@ def test_an_object_whose_wing_alone_reaches_the_window_has_no_box():
 
     assert faults_of((100, 120, 0, 50), (0, 0, 0, 0)) == []
     assert faults_of((100, 120, 0, 50), (99, 120, 0, 50)) == ["1 object drawn in boxes beyond the window"]
+
+
+@pytest.mark.parametrize(("name", "value", "words"), [
+    ("drawn", -1.0, "negative or not finite"), ("drawn", np.nan, "negative or not finite"),
+    ("drawn", np.inf, "negative or not finite"), ("x", np.nan, "place is not finite"),
+    ("y", np.inf, "place is not finite"),
+])  # fmt: skip
+def test_light_and_places_that_no_object_can_have(name, value, words):
+    table = {column: np.ones(3) for column in ("x", "y", "drawn")}
+    frame = SimpleNamespace(window=None)
+    assert list(_drawn(ObjectTable(table), frame)) == []
+    table[name][1] = value
+    assert any(words in line for line in _drawn(ObjectTable(table), frame))
+
+
+@pytest.mark.parametrize("kind", ["frame", "table"])
+def test_kept_light_has_the_recipe_of_its_campaign(tmp_path, kind):
+    def found(recipe, expected):
+        path = tmp_path / ("render.fits" if kind == "frame" else "drawn.parquet")
+        if kind == "frame":
+            save_frame(path, {"image": np.zeros((2, 2), np.float32)}, {"recipe": recipe})
+        else:
+            table = ObjectTable({"id": np.arange(2)})
+            table.meta = {"recipe": recipe} if recipe else {}
+            table.write(path)
+        return list(light(path, expected))
+
+    ours, theirs = {"layers": "1", "psf": "2"}, {"layers": "1", "psf": "3"}
+    assert found(ours, ours) == [] and found(ours, None) == []
+    assert found(theirs, ours) == ["made for another campaign: psf '3', not '2'"]
+    assert found(None, ours) != []

@@ -107,6 +107,15 @@ def test_background():
         defects.background(image)
 
 
+@pytest.mark.parametrize(("sigmas", "counts"), [(4.5, True), (5.6, False), (-4.5, True), (-5.6, False)])
+def test_the_background_is_clipped_at_five_robust_sigma(sigmas, counts):
+    """Normal charges, and 1% of pixels at so many sigma: they are in the mean, or not."""
+    image = 1000.0 + 20.0 * stream(7, "clip").standard_normal((500, 500))
+    image.reshape(-1)[::100] = 1000.0 + 20.0 * sigmas
+    added = 0.01 * 20.0 * sigmas if counts else 0.0
+    assert defects.background(image) == pytest.approx(1000.0 + added, abs=5 * 20.0 / 500)
+
+
 def test_inside_a_window():
     which, y, x = defects.inside(np.array([0, 12, 25, 99]), 10, Window(2, 6, 1, 3))
     assert which.tolist() == [False, True, True, False] and y.tolist() == [0, 1] and x.tolist() == [0, 3]

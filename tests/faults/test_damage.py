@@ -7,7 +7,7 @@ from faults.small_run import BRICK, CHIP
 from csstsim.base.errors import InputError
 
 pytestmark = pytest.mark.faults
-FLIPS, SEED = 6, 5  # places in a file, besides its first and last bytes
+FLIPS, SEED = 3, 5  # places in a file, besides its first and last bytes
 # Each file, and the stage that reads it
 READERS = {
     "truth brick": "select", "psf": "render", "psf tables": "render", "select": "render", "render": "readout",

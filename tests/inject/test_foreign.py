@@ -202,6 +202,29 @@ def test_stamps_between_their_places():
         assert drawn == pytest.approx((1 - share) * stamps[0] + share * stamps[1], abs=0.02)
 
 
+def test_a_model_of_psfex_has_its_size_its_change_and_the_light_of_one(tmp_path):
+    """A Gaussian of sigma 2 at (51, 41) in FITS, which x adds 0.5 sigma^2 to in 100 px; sampled by 0.5 px."""
+    axis = (np.arange(61) - 30) * 0.5
+    plain = np.exp(-(axis**2 + axis[:, None] ** 2) / 8)
+    wider = plain * (axis**2 / 4 - 1) / 2 * 0.5  # d ln sigma_x^2 / 2
+    planes = np.stack([plain, wider, 0 * plain]).astype(np.float32)
+    mask = fits.Column("PSF_MASK", f"{planes.size}E", dim="(61,61,3)", array=planes[None])
+    hdu = fits.BinTableHDU.from_columns([mask], name="PSF_DATA")
+    hdu.header.update({
+        "POLNAXIS": 2, "POLNGRP": 1, "POLGRP1": 1, "POLGRP2": 1, "POLNAME1": "X_IMAGE", "POLNAME2": "Y_IMAGE",
+        "POLZERO1": 51.0, "POLSCAL1": 100.0, "POLZERO2": 41.0, "POLSCAL2": 100.0, "POLDEG1": 1, "PSF_SAMP": 0.5,
+        "PSFNAXIS": 3, "PSFAXIS1": 61, "PSFAXIS2": 61, "PSFAXIS3": 3, "LOADED": 9, "ACCEPTED": 9, "CHI2": 1.0,
+        "PSF_FWHM": 4.7,
+    })  # fmt: skip
+    fits.HDUList([fits.PrimaryHDU(), hdu]).writeto(tmp_path / "a.psf")
+    model = read_psf(tmp_path / "a.psf")
+    for x, width2 in ((50.0, 4.0), (150.0, 6.0)):
+        drawn = model.at(x, 40.0).drawImage(nx=61, ny=61, scale=0.5, method="no_pixel").array
+        assert drawn.sum() == pytest.approx(1.0, abs=2e-3)
+        assert (drawn * axis**2).sum() / drawn.sum() == pytest.approx(width2, rel=0.02)
+        assert (drawn * axis[:, None] ** 2).sum() / drawn.sum() == pytest.approx(4.0, rel=0.02)
+
+
 def test_units_and_zero_points(tmp_path):
     for cards, electrons in (
         ({"BUNIT": "ELECTRONS"}, 1.0), ({"BUNIT": "electron/s"}, TIME), ({"BUNIT": "DN / s"}, GAIN * TIME),

@@ -65,6 +65,10 @@ def test_the_ends_of_the_converter():
     frame = np.array([[65535, 65530, 3, 500]], np.uint16)
     assert convert(frame, np.array([[-40.0, 1e6, -1e6, 0.0]], np.float32), np.uint64(5), 65535) == (2, 1)
     assert frame.tolist() == [[65535, 65535, 0, 500]]
+    saturated = np.array(
+        [[65535, 65535, 65534]], np.uint16
+    )  # what was full before did not come to the end by this light
+    assert convert(saturated, np.array([[90.0, 0.0, 90.0]], np.float32), np.uint64(5), 65535) == (1, 1)
 
 
 def test_photons_are_those_of_a_simulation_to_the_bit(sim, bare):

@@ -18,7 +18,7 @@ from csstsim.command_line.main import main
 from csstsim.detector import mask
 from csstsim.detector.channels import ReadoutFrame
 from csstsim.instrument.camera import load_camera
-from csstsim.instrument.maps.chip_maps import needed
+from csstsim.instrument.maps.chip_maps import Entry, map_files, needed
 from csstsim.instrument.maps.kinds import DEFECTS, KINDS
 from csstsim.optics.throughput.flat import FlatField
 
@@ -288,3 +288,26 @@ def test_a_campaign_is_refused_before_its_first_stage(tmp_path):
     write_map(map_path(instrument, "prnu", 9), response((128, 128)))
     result = CliRunner().invoke(main, ["check", str(file)])
     assert result.exit_code == 0, result.output
+
+
+def test_which_files_of_the_folder_are_maps():
+    entries = {"prnu": Entry("maps/prnu_{chip}.fits"), "led_flats": Entry("./maps/led_{led}_{chip}.fits")}
+    maps = {"maps.yaml", "maps/prnu_09.fits", "maps/led_430_30.fits"}
+    others = {"detector.yaml", "maps/prnu_9.fits", "maps/led_{led}_30.fits.txt", "prnu_09.fits", "maps/bias_09.fits"}
+    assert map_files(entries, maps | others) == maps
+    assert map_files({}, maps | others) == {"maps.yaml"}
+
+
+@pytest.mark.parametrize("more", [fits.ImageHDU(np.zeros((2, 2))), fits.BinTableHDU.from_columns([]), fits.ImageHDU()])
+def test_a_map_is_alone_in_its_file(folder, more):
+    """Behind the image of an extension comes nothing: what it would mean, no one says."""
+    path = map_path(folder, "prnu", CHIP)
+    with fits.open(path) as file:
+        image = fits.ImageHDU(file[0].data, file[0].header)
+    for beside, words in ((), None), ((more,), "has not one image"):
+        fits.HDUList([fits.PrimaryHDU(), image.copy(), *beside]).writeto(path, overwrite=True)
+        if words:
+            with pytest.raises(InputError, match=words):
+                opened(folder)
+        else:
+            opened(folder)
