@@ -187,6 +187,15 @@ def test_an_answer_without_a_column_names_it_and_those_that_it_has(tmp_path, hea
         read_answer(tmp_path / "a.csv")
 
 
+def test_an_answer_says_good_or_not_and_nothing_else(tmp_path):
+    (tmp_path / "a.csv").write_text("id,z,good\n1,0.5,1\n90071992547409930,-0.1,0\n")
+    assert read_answer(tmp_path / "a.csv") == {1: (0.5, True), 90071992547409930: (-0.1, False)}
+    for value in ("2", "-1", "0.5", "nan", "", "yes"):
+        (tmp_path / "a.csv").write_text(f"id,z,good\n1,0.5,{value}\n")
+        with pytest.raises(InputError, match=r"line 2, good.*0 or 1"):
+            read_answer(tmp_path / "a.csv")
+
+
 def test_an_answer_with_a_byte_order_mark_is_read(tmp_path):
     (tmp_path / "a.csv").write_text("id,z,good\n1,0.5,1\n", encoding="utf-8-sig")
     assert read_answer(tmp_path / "a.csv") == {1: (0.5, True)}

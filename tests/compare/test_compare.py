@@ -120,6 +120,7 @@ ONE = {
     "a keyword": (
         LEVEL0, spoil.header(0, "EXPTIME", lambda v: v + 0.5), ["HDU 0: EXPTIME: 150.0 and 150.5, differ by 0.5"],
     ),
+    "a remark": (LEVEL0, spoil.header("IMAGE", "COMMENT", lambda _: "of another"), ["IMAGE: COMMENT: "]),
     "a keyword of the image": (LEVEL0, spoil.header("IMAGE", "GAIN03", lambda v: v + 0.25), ["IMAGE: GAIN03: 1."]),
     "a keyword of a calibrated image": (
         CALIBRATED, spoil.header("SCI", "RDNOISE", lambda v: v + 1), ["SCI: RDNOISE: 4.9"],

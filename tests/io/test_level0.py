@@ -128,6 +128,8 @@ def test_header(small, tmp_path, layout):
         layout,
         "ADU",
     )
+    says = "which is the stored array" if layout == "chip" else "not of the stored array"
+    assert f" WCS of the assembled active frame (DETSIZE), {says}" in list(header["COMMENT"])
     assert (header["CLIPHIGH"], header["CLIPLOW"], header["SATURATE"]) == (0, 0, 65535)
     assert set(REQUIRED) <= set(header)
 

@@ -62,6 +62,16 @@ def test_places_on_the_sky_and_magnitudes(star_field):
     assert 0.97 < kron < 1.01  # 3.5 px hold 99.8 % of this Gaussian
 
 
+def test_the_depth_is_that_of_a_star_of_five_times_its_noise(star_field):
+    """True S/N of the stars against their magnitude, at 5: by a line through those of 4 to 6; 0.05 mag."""
+    *_, flux, snr, table = star_field
+    near = np.abs(snr - 5.0) < 1.0
+    magnitude = 26.3 + 2.5 * np.log10(150.0) - 2.5 * np.log10(flux[near])
+    slope, at_five = np.polyfit(snr[near] - 5.0, magnitude, 1)
+    assert near.sum() > 100 and slope < 0
+    assert table.meta["depth_5sigma"] == pytest.approx(at_five, abs=0.05)
+
+
 def test_stars_are_called_stars_and_shapes_are_round(star_field):
     _, snr, found, row, table = matched(star_field)
     use = row[found & (snr > 10)]

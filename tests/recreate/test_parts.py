@@ -14,7 +14,7 @@ from csstsim.detector.channels import ReadoutFrame
 from csstsim.io.fits_writing import remark
 from csstsim.recreate import side_by_side
 from csstsim.recreate.frame import FrameHeader, read_frame
-from csstsim.recreate.objects import own_table
+from csstsim.recreate.objects import check_frame, own_table
 from csstsim.recreate.pixels import clipped, read_electrons
 from csstsim.recreate.recreate import _of_maps
 
@@ -289,3 +289,23 @@ def test_frames_that_have_nothing_in_common(monkeypatch, chips, windows, words):
     )
     with pytest.raises(InputError, match=words):
         side_by_side.compared("a", "b", "c")
+
+
+@pytest.mark.parametrize("names", [("x", "y"), ("ra", "dec"), ("x", "y", "ra", "dec", "mag")])
+@pytest.mark.parametrize("off", [0.0, 0.1, 5.0])  # deg
+def test_objects_that_do_not_lie_near_the_frame(names, off):
+    """By the places that the table has; one object near the frame is enough."""
+    plane = SimpleNamespace(pixel_to_world=lambda x, y: (10.0 + 1e-5 * (x - 500.0), 1e-5 * (y - 500.0)))
+    job = SimpleNamespace(
+        chip=SimpleNamespace(id=9, filter="r"), window=SimpleNamespace(x0=0, x1=1000, y0=0, y1=1000), wcs=plane
+    )
+    far = np.array([0.0, off, off + 1.0]) if off < 1 else np.array([off, off + 1.0])
+    places = {"x": 500.0 + far * 1e5, "y": 500.0 + 0 * far, "ra": 10.0 + far, "dec": 0 * far, "mag": 20.0 + 0 * far}
+    table = ObjectTable({name: places[name] for name in names})
+    if off < 1:
+        check_frame(table, "a.cat", job)
+    else:
+        with pytest.raises(InputError, match="no object lies near the frame"):
+            check_frame(table, "a.cat", job)
+    if "x" not in names:
+        check_frame(table, "a.cat", job, turned=False)

@@ -7,7 +7,7 @@ import pytest
 
 from csstsim.base.errors import InputError
 from csstsim.release.score.catalogue import read_any, read_catalogue
-from csstsim.release.score.match import SHIFT, chance, matched, moved
+from csstsim.release.score.match import MAG_SPREAD, RADIUS, SHIFT, chance, matched, moved
 from csstsim.release.score.numbers import half_found
 from csstsim.release.score.score import judge
 from release.score_field import field, places, table
@@ -161,6 +161,16 @@ def test_magnitudes_choose_among_near_objects():
     assert matched(truth, swapped, "r").row.tolist() == [1, 0]
     off = {"ra": truth["ra"][:1], "dec": truth["dec"][:1], "mag_r": np.array([28.0])}
     assert not matched({k: v[:1] for k, v in truth.items()}, off, "r").found.any()
+
+
+@pytest.mark.parametrize(("nearer", "fainter", "row"), [(0.3, 0.8, 0), (0.3, 0.7, 1), (0.6, 0.6, 1), (0.7, 0.5, 0)])
+def test_places_and_magnitudes_count_by_their_squares(nearer, fainter, row):
+    """A source at 0.8 of the radius with the right magnitude, another nearer and fainter: the smaller sum wins."""
+    truth = {"ra": np.array([10.0]), "dec": np.zeros(1), "size": np.zeros(1), "mag_r": np.array([20.0])}
+    distance = np.array([0.8, nearer]) * RADIUS / 3600
+    sources = {"ra": 10.0 + distance, "dec": np.zeros(2), "mag_r": 20.0 + np.array([0.0, fainter]) * MAG_SPREAD}
+    assert (nearer**2 + fainter**2 < 0.8**2) == (row == 1)
+    assert matched(truth, sources, "r").row.tolist() == [row]
 
 
 def test_one_source_and_none(tmp_path):
