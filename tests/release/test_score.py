@@ -163,7 +163,7 @@ def test_magnitudes_choose_among_near_objects():
     assert not matched({k: v[:1] for k, v in truth.items()}, off, "r").found.any()
 
 
-@pytest.mark.parametrize(("nearer", "fainter", "row"), [(0.3, 0.8, 0), (0.3, 0.7, 1), (0.6, 0.6, 1), (0.7, 0.5, 0)])
+@pytest.mark.parametrize(("nearer", "fainter", "row"), [(0.3, 0.8, 0), (0.3, 0.7, 1), (0.6, 0.5, 1), (0.7, 0.5, 0)])
 def test_places_and_magnitudes_count_by_their_squares(nearer, fainter, row):
     """A source at 0.8 of the radius with the right magnitude, another nearer and fainter: the smaller sum wins."""
     truth = {"ra": np.array([10.0]), "dec": np.zeros(1), "size": np.zeros(1), "mag_r": np.array([20.0])}
