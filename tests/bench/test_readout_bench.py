@@ -3,6 +3,7 @@
 import numpy as np
 
 from csstsim.base.shipped import SHIPPED
+from csstsim.bench.readout import cti
 from csstsim.bench.readout import layers as readout
 from csstsim.instrument.camera import load_camera
 from csstsim.simulation.sim_steps import SimSteps
@@ -17,6 +18,17 @@ def test_every_layer_is_timed_and_the_file_is_gone(tmp_path):
     assert [*took] == [*layers[1:], readout.WRITE]
     assert took["cte_effect"] > 0
     assert not list(tmp_path.iterdir())
+
+
+def test_the_change_of_a_spot_is_without_that_of_the_sky():
+    """A method that loses a tenth of all charge and puts a fifth of it behind by five pixels."""
+
+    def method(column, row):
+        behind = np.concatenate([np.zeros(5), column[:-5]])
+        return 0.9 * column + 0.02 * behind
+
+    spot = cti.spot_change(method, 1040.0, 300)
+    assert np.allclose(spot, [-0.1 * 3 * (1040 - cti.SKY), 0.02 * 3 * (1040 - cti.SKY), 0, 0], atol=0.01)
 
 
 def test_traps_are_the_papers():

@@ -77,11 +77,11 @@ def test_shape_of_a_psf():
     assert np.isnan(psf_shapes(np.zeros((1, SIDE, SIDE)))).all()
 
 
-def biased(n=4000, m=(0.01, -0.02), c=(1e-3, -2e-3), alpha=0.1, noise=0.0, seed=1):
+def biased(n=4000, m=(0.01, -0.02), c=(1e-3, -2e-3), alpha=0.1, noise=0.0, seed=1, psf_mean=0.0):
     """Return Arms and Frame of shapes with known biases; noise: of each shape, the same in both arms."""
     rng = np.random.default_rng(seed)
     psf = 0.05 * (rng.standard_normal(n) + 1j * rng.standard_normal(n))
-    psf -= psf.mean()
+    psf += psf_mean - psf.mean()
     sign = np.where(np.arange(n) % 2, 1.0, -1.0)
     shared = noise * (rng.standard_normal(n) + 1j * rng.standard_normal(n))
     e = [
@@ -97,6 +97,15 @@ def test_known_biases_are_returned():
         {"m1": 0.01, "m2": -0.02, "c1": 1e-3, "c2": -2e-3, "alpha": 0.1}, abs=1e-12
     )
     assert error[:2] == pytest.approx([0, 0], abs=1e-12)
+
+
+@pytest.mark.parametrize("mean", [0.02 + 0.05j, -0.3])
+def test_alpha_is_of_the_changes_of_the_psf(mean):
+    """A PSF that is the same everywhere adds to c; the mean of one that changes counts there, too."""
+    made, frame = biased(psf_mean=mean)
+    value = dict(zip(NAMES, estimates(sums(made, frame, made.used).sum(axis=0), G), strict=True))
+    c = complex(1e-3, -2e-3) + 0.1 * mean
+    assert value == pytest.approx({"m1": 0.01, "m2": -0.02, "c1": c.real, "c2": c.imag, "alpha": 0.1}, abs=1e-12)
 
 
 def test_responses_divide_shapes():
