@@ -232,7 +232,11 @@ def test_units_and_zero_points(tmp_path):
     ):  # fmt: skip
         assert read_foreign(write_image(tmp_path, **cards)).electrons == electrons
     acs = {"BUNIT": "ELECTRONS", "PHOTFLAM": 7.9064521e-20, "PHOTPLAM": 5921.1}  # of ACS WFC F606W in 2004
-    assert read_foreign(write_image(tmp_path, **acs)).zeropoint == pytest.approx(26.49, abs=0.02)  # AB, ACS ISR 2007-02
+    zeropoint = read_foreign(write_image(tmp_path, **acs)).zeropoint
+    assert zeropoint == pytest.approx(26.49, abs=0.02)  # AB, ACS ISR 2007-02
+    # The same camera in DN of 4 electrons: PHOTFLAM is of a DN a second
+    in_dn = acs | {"BUNIT": "COUNTS", "GAIN": None, "CCDGAIN": 4, "PHOTFLAM": 4 * acs["PHOTFLAM"]}
+    assert read_foreign(write_image(tmp_path, **in_dn)).zeropoint == pytest.approx(zeropoint, abs=1e-9)
 
 
 FAULTS = {
