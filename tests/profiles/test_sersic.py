@@ -18,6 +18,7 @@ from csstsim.profiles.sersic import (
     cut_for,
     extent,
     light_beyond,
+    radius_of,
     sersic_b,
     tables,
 )
@@ -94,6 +95,15 @@ def test_the_radius_of_a_brightness_is_galsims(index):
         radius = brightness_radius(limit, index)
         assert profile.xValue(0.0, radius) == pytest.approx(limit, rel=1e-4)
     assert brightness_radius(2 * brightness(0.0, index), index) == 0.0
+
+
+@pytest.mark.parametrize("index", [0.5, 1.0, 2.5, 4.0, 6.2])
+@pytest.mark.parametrize("fraction", [0.1, 0.5, 0.9, 0.99])
+def test_the_radius_of_a_fraction_of_the_light_is_galsims(index, fraction):
+    radius = radius_of(fraction, index)
+    galaxy = galsim.Sersic(index, half_light_radius=1.0)
+    within, _ = quad(lambda r: 2 * np.pi * r * galaxy.xValue(r, 0.0), 0.0, radius, points=[1e-4, 1e-2], limit=500)
+    assert within == pytest.approx(fraction, abs=1e-4)
 
 
 def test_the_light_beyond_a_radius_of_any_index_is_the_incomplete_gamma_function():
