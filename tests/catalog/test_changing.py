@@ -8,6 +8,7 @@ from astropy.table import Table
 from csst import BANDS
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from scipy.optimize import brentq
 
 from csstsim.base.errors import InputError
 from csstsim.base.rng import stream
@@ -291,6 +292,25 @@ def test_an_orbit_is_keplers(belt):
         back = asteroids.positions(one, 100.0 + period[k])
         assert np.abs(back - asteroids.positions(one, 100.0)).max() < 1e-5
     assert ((r >= a * (1 - e) - 1e-9) & (r <= a * (1 + e) + 1e-9)).all()
+
+
+def test_an_asteroid_is_seen_where_its_light_left_it():
+    """Light that arrives now left the orbit when it was as far away as light has gone since; to 1e-3 arcsec."""
+    rng, count, now = np.random.default_rng(8), 20, 800.0
+    angles = rng.uniform(0.0, 2 * np.pi, (3, count))
+    orbit = np.stack(
+        [rng.uniform(2.0, 5.2, count), rng.uniform(0.0, 0.3, count), rng.uniform(0.0, 0.4, count), *angles]
+    )
+    observer = np.array([0.6, -0.8, 0.0])
+    seen, _ = asteroids.observed(orbit, np.full(count, 15.0), asteroids.EPOCH + now, observer, 0.15)
+    for k in range(count):
+        one = orbit[:, k : k + 1]
+
+        def early(time, one=one):
+            return np.linalg.norm(asteroids.positions(one, time)[0] - observer) - (now - time) * asteroids.LIGHT_DAY_AU
+
+        left = asteroids.positions(one, brentq(early, now - 1.0, now))[0] - observer
+        assert np.linalg.norm(np.cross(seen[k], left / np.linalg.norm(left))) < np.radians(1e-3 / 3600)
 
 
 def test_satellites_cross_at_the_published_rate():
