@@ -14,6 +14,7 @@ from evidence.record import Record
 import colour_field
 import numpy as np
 from PIL import Image, ImageDraw
+from toy_sky import TOY_PSF
 
 import csstsim
 from csstsim.base.healpix import near_brick
@@ -71,9 +72,9 @@ def main() -> None:
 
 
 def draw_both(record: Record) -> None:
-    """Find the cluster and draw it; at toy size the first one of few bricks, in a small picture."""
+    """Find the cluster and draw it; at toy size one of two bricks, or else a place without, in a small picture."""
     bricks, side, faintest = (2, 100, 21.0) if record.toy else (BRICKS, SIDE, FAINTEST)
-    keys = {"psf": {"grid": 2}} if record.toy else {}
+    keys = {"psf": TOY_PSF} if record.toy else {}
     ra, dec, z, log_mass = find_cluster(bricks) or (299.907, -60.245, 0.3, 14.0)  # the middle of a brick
     record.value("mass", 10 ** (log_mass - 14), "mass of the cluster", unit="1e14 solar masses")
     record.value("z", z, "its redshift")

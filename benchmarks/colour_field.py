@@ -19,6 +19,7 @@ from astropy.visualization import make_lupton_rgb
 from PIL import Image
 from scipy.interpolate import RectBivariateSpline
 from scipy.ndimage import map_coordinates, maximum_filter
+from toy_sky import TOY_PSF
 
 import csstsim
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
@@ -136,7 +137,7 @@ def main() -> None:
         if record.toy:
             global NX, NY, FAINTEST
             NX, NY, FAINTEST = 200, 150, 22.0
-        bands = field(cache, 1, psf={"grid": 2}) if record.toy else field(cache, record.options.exposures)
+        bands = field(cache, 1, psf=TOY_PSF) if record.toy else field(cache, record.options.exposures)
         Image.fromarray(coloured(bands)).save(record.figure("colour_field.jpg"), quality=85, optimize=True)
 
 

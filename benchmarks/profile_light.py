@@ -21,6 +21,7 @@ import numpy as np
 import yaml
 from astropy.table import Table
 from chip_stages import ROOT, measured
+from toy_sky import TOY_PSF
 
 from csstsim.bricks.match import one_to_one
 from csstsim.campaign.opened import OpenCampaign
@@ -58,7 +59,7 @@ def campaign(folder: Path, toy: bool) -> Path:
         "bulge_frac": bulge.astype(float), "e1": e * np.cos(angle), "e2": e * np.sin(angle),
     }).write(folder / "galaxies.fits", overwrite=True)  # fmt: skip
     if toy:
-        content |= {"window": {"x0": 4000, "x1": 4800, "y0": 4000, "y1": 4800}, "psf": {"grid": 2}}
+        content |= {"window": {"x0": 4000, "x1": 4800, "y0": 4000, "y1": 4800}, "psf": TOY_PSF}
     file = folder / "campaign.yaml"
     file.write_text(yaml.safe_dump(content, sort_keys=False))
     return file

@@ -16,6 +16,7 @@ from evidence.record import Record
 
 import pyarrow.parquet as pq
 import yaml
+from toy_sky import TOY_PSF
 
 from csstsim.campaign.opened import OpenCampaign
 
@@ -61,7 +62,7 @@ def prepared(folder, structure, toy):
     data |= {"catalog": {"structure": structure}}
     if toy:
         data["window"] = {"x0": 2800, "x1": 3000, "y0": 4800, "y1": 5000}  # one brick reaches it
-        data["psf"] = {"grid": 2}
+        data["psf"] = TOY_PSF
     (folder / "campaign.yaml").write_text(yaml.safe_dump(data))
     run = OpenCampaign(folder / "campaign.yaml")
     (job,) = run.jobs

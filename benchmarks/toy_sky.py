@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+TOY_PSF = {"grid": 2}
+
 
 def toy_sky(folder: Path, ra: float, dec: float, count: int = 200, radius: float = 0.02) -> dict[str, Any]:
     """Write stars and galaxies of 19 to 24 mag within `radius` [deg] of a position; return the campaign's keys."""
@@ -22,4 +24,4 @@ def toy_sky(folder: Path, ra: float, dec: float, count: int = 200, radius: float
     rows = [",".join(map(str, row)) for row in zip(*columns.values(), strict=True)]
     file.write_text("\n".join([",".join(columns), *rows]) + "\n")
     catalog = {"kind": "csstsim.catalog.own_table:TableCatalog", "options": {"file": str(file)}}
-    return {"catalog": catalog, "psf": {"grid": 2}}
+    return {"catalog": catalog, "psf": TOY_PSF}

@@ -98,9 +98,8 @@ def figure(record):
     measurement = content["measurement"] | {"cti_passes": 3}
     small = {"window": WINDOW}
     if record.toy:
-        small = {"window": {"x0": 4400, "x1": 4700, "y0": 4400, "y1": 4700}} | toy_sky(
-            FOLDER, 60.112, -40.035, 300, 0.02
-        )
+        small = toy_sky(FOLDER, 60.112, -40.035, 300, 0.02)
+        small["window"] = {"x0": 4400, "x1": 4700, "y0": 4400, "y1": 4700}
     base = campaign(
         "figure", keep="light", variants={"irradiated": changed}, select=select, measurement=measurement, **small
     )
