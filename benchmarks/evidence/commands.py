@@ -68,7 +68,7 @@ class Command:
 def commands() -> dict[str, Command]:
     """Return all commands by name, in the order of the file."""
     found = {}
-    for name, entry in yaml.safe_load(FILE.read_text()).items():
+    for name, entry in yaml.load(FILE.read_text(), yaml.CSafeLoader).items():
         lists = {key: tuple(entry.pop(key, ())) for key in ("modules", "programs", "after", "reaches", "makes")}
         found[name] = Command(name=name, **entry, **lists)
     return found

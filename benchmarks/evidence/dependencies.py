@@ -42,10 +42,15 @@ def _tree(path: Path) -> ast.Module:
 
 
 @cache
+def _nodes(path: Path) -> list[ast.AST]:
+    return list(ast.walk(_tree(path)))
+
+
+@cache
 def code(path: Path) -> str:
     """Return a module's code without comments, docstrings and blank lines."""
     lines = path.read_text().split("\n")
-    for node in ast.walk(_tree(path)):
+    for node in _nodes(path):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
             first = node.body[0] if node.body else None
             if ast.get_docstring(node, clean=False) is not None and first is not None:
@@ -53,15 +58,16 @@ def code(path: Path) -> str:
     return "\n".join(line.rstrip() for line in lines if line.strip() and not line.lstrip().startswith("#"))
 
 
-def _imported(path: Path) -> set[str]:
+@cache
+def _imported(path: Path) -> frozenset[str]:
     """Return the dotted names that a module imports, at its top or within a function."""
-    return _imports(_tree(path))
+    return frozenset(_imports(_nodes(path)))
 
 
-def _imports(tree: ast.AST) -> set[str]:
-    """Return the dotted names that a part of a module imports."""
+def _imports(nodes: Iterable[ast.AST]) -> set[str]:
+    """Return the dotted names that nodes of a module import."""
     names = set()
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
@@ -122,7 +128,7 @@ def _started(local: Iterable[Path], own: Iterable[str]) -> set[str]:
     for module in modules:
         commands = [node for node in _tree(_file(module)).body if _is_command(node)]
         left_out = [node for node in commands if not words.issuperset(node.name.split("_"))]
-        reached |= {name for node in _tree(_file(module)).body if node not in left_out for name in _imports(node)}
+        reached |= {name for node in _tree(_file(module)).body if node not in left_out for name in _imports(ast.walk(node))}
     return modules | _upstream(reached - modules)
 
 
@@ -132,8 +138,13 @@ def _file(module: str) -> Path:
 
 
 def _constants(paths: Iterable[Path]) -> set[str]:
-    constants = (node.value for path in paths for node in ast.walk(_tree(path)) if isinstance(node, ast.Constant))
-    return {value for value in constants if isinstance(value, str)}
+    return set().union(*(_strings(path) for path in paths))
+
+
+@cache
+def _strings(path: Path) -> frozenset[str]:
+    constants = (node.value for node in _nodes(path) if isinstance(node, ast.Constant))
+    return frozenset(value for value in constants if isinstance(value, str))
 
 
 @cache
@@ -162,11 +173,15 @@ def _named(constants: set[str]) -> list[Path]:
     return sorted({file for word in words & data.keys() for file in data[word]})
 
 
+@cache
+def _file_digest(path: Path, as_code: bool) -> bytes:
+    """Return the digest of a file: of a module, that of its code."""
+    return hashlib.sha256(code(path).encode() if as_code else path.read_bytes()).digest()
+
+
 def _digest(parts: Iterable[bytes]) -> str:
-    total = hashlib.sha256()
-    for part in parts:
-        total.update(hashlib.sha256(part).digest())
-    return total.hexdigest()[:_HEX]
+    """Return the digest of digests, as text."""
+    return hashlib.sha256(b"".join(parts)).hexdigest()[:_HEX]
 
 
 @cache
@@ -180,22 +195,22 @@ def depends(command: Command) -> dict[str, str]:
     files = {module: _file(module) for module in sorted(modules)}
     parts: dict[str, list[bytes]] = {}
     for path in local:
-        parts.setdefault(str(path.relative_to(ROOT)), []).append(code(path).encode())
+        parts.setdefault(str(path.relative_to(ROOT)), []).append(_file_digest(path, True))
     for module, path in files.items():
-        parts.setdefault(".".join(module.split(".")[:2]), []).append(code(path).encode())
+        parts.setdefault(".".join(module.split(".")[:2]), []).append(_file_digest(path, True))
     data = _named(_constants([*local, *files.values()]))
     extra = [ROOT / name for name in command.reaches if (ROOT / name).exists()]
     extra += [ROOT / name for name in WORKFLOW] if modules == _graph().modules else []
     data += [file for path in extra for file in (path.rglob("*") if path.is_dir() else [path])]
     for path in sorted(set(data)):
         if path.is_file() and path.suffix not in NO_DATA:
-            parts.setdefault("/".join(path.relative_to(ROOT).parts[:2]), []).append(path.read_bytes())
+            parts.setdefault("/".join(path.relative_to(ROOT).parts[:2]), []).append(_file_digest(path, False))
     return {name: _digest(contents) for name, contents in sorted(parts.items())}
 
 
 def remove_old(command: Command) -> None:
     """Remove the folders that a command fills and uses again, if other code or data filled them."""
-    now = _digest(f"{name} {digest}".encode() for name, digest in depends(command).items())
+    now = _digest(hashlib.sha256(f"{name} {digest}".encode()).digest() for name, digest in depends(command).items())
     for name in command.makes:
         folder, stamp = ROOT / "results" / name, ROOT / "results" / "made_by" / name
         if not stamp.exists() or stamp.read_text() != now:

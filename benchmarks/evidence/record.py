@@ -260,4 +260,4 @@ def write(command: Command, record: Record) -> None:
 def read(name: str, toy: bool = False) -> dict | None:
     """Return a record's content; None if there is none."""
     file = path(name, toy)
-    return yaml.safe_load(file.read_text()) if file.exists() else None
+    return yaml.load(file.read_text(), yaml.CSafeLoader) if file.exists() else None

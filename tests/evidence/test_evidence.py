@@ -38,17 +38,20 @@ def probe(tmp_path, monkeypatch):
     known = {"probe": command()}
     for module in (record, pages, listing, run):
         monkeypatch.setattr(module, "commands", lambda: known, raising=False)
-    caches = dependencies.depends, dependencies.code, dependencies._tree, pages.record, pages.is_stale
-    for each in caches:
-        each.cache_clear()
+    forget(dependencies, pages)
     yield folder
-    for each in caches:
-        each.cache_clear()
+    forget(dependencies, pages)
+
+
+def forget(*modules):
+    """Empty the caches of modules, but the graph of the package's imports."""
+    for each in (value for module in modules for value in vars(module).values()):
+        if hasattr(each, "cache_clear") and each is not dependencies._graph:
+            each.cache_clear()
 
 
 def digests():
-    for each in (dependencies.depends, dependencies.code, dependencies._tree):
-        each.cache_clear()
+    forget(dependencies)
     return dependencies.depends(command())
 
 

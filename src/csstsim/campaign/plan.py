@@ -4,7 +4,7 @@ import os
 
 import numpy as np
 
-from csstsim.base.healpix import NSIDE
+from csstsim.base.healpix import NSIDE, pixel_centre
 from csstsim.base.plural import number_of
 from csstsim.base.stages import flat
 from csstsim.campaign.costs import INSTEAD, each_once, expected, expected_objects, megapixels
@@ -71,11 +71,9 @@ def _listed(bricks):
 
 def _covered(run):
     """Return the bricks that measured windows cover at every sampled point."""
-    import healpy
-
     covered = []
     for pix, jobs in run.merge_bricks.items():
-        ra, dec = healpy.pix2ang(NSIDE * 32, np.arange(pix * 1024, (pix + 1) * 1024), nest=True, lonlat=True)
+        ra, dec = pixel_centre(NSIDE * 32, np.arange(pix * 1024, (pix + 1) * 1024))
         seen = np.zeros(len(ra), bool)
         for job in jobs:
             x, y = job.wcs.world_to_pixel(*apparent(ra, dec, job.observer))

@@ -41,10 +41,10 @@ GALAXY_WIDE = {"ellipticity_true": 2, "shear": 2, "coeff": 20}
 
 def pixels(bricks):
     """Return the sorted (nested, ring) NSIDE-128 pixels that hold NSIDE-256 nested `bricks`, each an array."""
-    import healpy
+    import hpgeom
 
     nested = np.unique(np.asarray(bricks, dtype=np.int64) >> 2)
-    return nested, healpy.nest2ring(128, nested)
+    return nested, hpgeom.nest_to_ring(128, nested)
 
 
 def read_stars(files, bricks):
@@ -62,11 +62,11 @@ def read_stars(files, bricks):
 
 def read_galaxies(folder, bricks, partial):
     """Yield (pixel, {name: values}) as `read_stars`. If `partial`, a missing bundle is empty sky."""
-    import healpy
+    import hpgeom
 
     wanted = dict.fromkeys(GALAXY_COLUMNS) | GALAXY_WIDE
     for nested, pixel in zip(*pixels(bricks), strict=True):
-        file = Path(folder) / f"galaxies_C6_bundle{healpy.nest2ring(16, nested >> 6):06d}.h5"
+        file = Path(folder) / f"galaxies_C6_bundle{hpgeom.nest_to_ring(16, nested >> 6):06d}.h5"
         if partial and not file.exists():
             continue
         with _open(file) as h5:

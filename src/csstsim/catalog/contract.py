@@ -15,9 +15,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from csstsim.base.healpix import NSIDE
+from csstsim.base.healpix import NSIDE, disc
 from csstsim.base.plural import number_of
 from csstsim.base.shipped import SHIPPED
+from csstsim.base.sphere import unit_vectors
 from csstsim.catalog.base import Region, name_of, read_columns, users_code
 from csstsim.catalog.galaxy_shapes.part_rows import SHORTHANDS
 from csstsim.catalog.light.photometry import load_fluxes, rate_to_mag
@@ -56,14 +57,11 @@ def sky_region(ra, dec, radius, bands=()):
 
     bands: of the camera; `check` replaces them by those of its own camera.
     """
-    import healpy
-
     half = radius / np.cos(np.radians(abs(dec) + radius))
-    centre = healpy.ang2vec(ra, dec, lonlat=True)
-    bricks = healpy.query_disc(NSIDE, centre, np.radians(radius), inclusive=True, nest=True)
+    bricks = disc(NSIDE, unit_vectors(ra, dec), np.radians(radius), inclusive=True)
     corners = ra + np.array([-half, half, half, -half]), dec + np.array([-radius, -radius, radius, radius])
     corners = tuple((corners[0] % 360.0).tolist()), tuple(corners[1].tolist())
-    return Region(*corners, tuple(sorted(bricks.tolist())), tuple(bands))
+    return Region(*corners, tuple(bricks.tolist()), tuple(bands))
 
 
 def check(cls, options, region, camera=None, most=100):

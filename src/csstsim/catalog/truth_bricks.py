@@ -13,7 +13,7 @@ import numpy as np
 
 from csstsim.base.digest import digest
 from csstsim.base.errors import InputError
-from csstsim.base.healpix import BRICKS, HATS_ORDER, ORDER
+from csstsim.base.healpix import BRICKS, HATS_ORDER, ORDER, pixel_centre
 from csstsim.base.release import release
 from csstsim.base.rng import stream
 from csstsim.base.units import SOLAR_RADIUS_PC
@@ -100,11 +100,9 @@ def read_brick(path, expect=None):
 
 def place(pix, generator, count):
     """Return ra, dec [deg] and the order-29 nested HEALPix pixels of `count` random positions in brick `pix`."""
-    import healpy
-
     deep = 2 * (HATS_ORDER - ORDER)
     healpix = (np.int64(pix) << deep) + generator.integers(0, 1 << deep, count)
-    ra, dec = healpy.pix2ang(1 << HATS_ORDER, healpix, nest=True, lonlat=True)
+    ra, dec = pixel_centre(1 << HATS_ORDER, healpix)
     return ra, dec, healpix
 
 

@@ -12,6 +12,8 @@ enters K. Quadrants are indexed [dy, dx]: dy along the columns of the chip (para
 builders/bfe_fit.py derives the areas from the covariances of flats.
 """
 
+from functools import cache
+
 import numpy as np
 
 from csstsim.base.errors import InputError
@@ -48,9 +50,14 @@ def kernel(areas):
     skew = (areas[1, 0] - areas[0, 1]) / 4
     areas[1, 0] -= 2 * skew
     areas[0, 1] += 2 * skew
+    return np.linalg.solve(_laplacians(), areas.ravel() / 2).reshape(SIZE, SIZE), skew
+
+
+@cache
+def _laplacians():
+    """Return (9, 9): each column is the Laplacian of a quadrant with one 1 in it."""
     units = np.eye(SIZE**2).reshape(-1, SIZE, SIZE)
-    matrix = np.stack([laplacian(unit)[:SIZE, :SIZE].ravel() for unit in units], axis=1)
-    return np.linalg.solve(matrix, areas.ravel() / 2).reshape(SIZE, SIZE), skew
+    return np.stack([laplacian(unit)[:SIZE, :SIZE].ravel() for unit in units], axis=1)
 
 
 def detector_kernel(detector):

@@ -9,7 +9,7 @@ this choice of them is csstsim's). The PSF of each is computed at its mean wavel
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Annotated, Literal
 
@@ -45,9 +45,8 @@ class FilterEntry(Data):
 
     def filter(self, name):
         """Return the Filter of this entry."""
-        curve = {"wavelength": GRID, "throughput": curve_on_grid(self.nodes)}
-        return Filter(name, self.kind, **curve, sky=self.sky, saturation_mag=self.saturation_mag,
-                      limiting_mag=self.limiting_mag)  # fmt: skip
+        nodes = tuple(map(tuple, self.nodes))
+        return _filter(name, self.kind, nodes, self.sky, self.saturation_mag, self.limiting_mag)
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +107,14 @@ class Filter:
         """AB magnitude of a flat-f_nu source that gives 1 e-/s with this telescope's area."""
         rate = np.trapezoid(ab_photon_density(self.wavelength) * self.throughput, self.wavelength)
         return float(2.5 * np.log10(telescope.area_m2 * rate))
+
+
+@lru_cache(maxsize=64)
+def _filter(name, kind, nodes, sky, saturation_mag, limiting_mag):
+    """Return the Filter of numbers: the same one, with what it has calculated, for all cameras of a process."""
+    throughput = curve_on_grid(nodes)
+    throughput.flags.writeable = False
+    return Filter(name, kind, GRID, throughput, sky, saturation_mag, limiting_mag)
 
 
 def _cumulative(y, x):

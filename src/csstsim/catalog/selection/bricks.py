@@ -31,7 +31,7 @@ def region_for(footprint_ra, footprint_dec, margin_deg, bands):
 
 
 def _bricks(ra, dec):
-    import hpgeom  # not healpy, which takes more than a second to import
+    import hpgeom
 
     return np.sort(hpgeom.query_polygon(NSIDE, ra, dec, inclusive=True, fact=16))
 

@@ -7,7 +7,7 @@ redshift, mass and type comes from the brick's own streams, as without structure
 
 import numpy as np
 
-from csstsim.base.healpix import HATS_ORDER, ORDER
+from csstsim.base.healpix import HATS_ORDER, ORDER, pixel_centre, pixel_towards
 from csstsim.base.sphere import frames
 from csstsim.universe.galaxies.alignments import radial_alignment, sheared, tidal_alignment, turned_to
 from csstsim.universe.galaxies.field_galaxies import ORDER as FIELD_ORDER
@@ -43,23 +43,19 @@ class ClusteredGalaxies:
 
         offset, axis (n, 3): of members.Members, zero where there is no halo.
         """
-        import healpy
-
         parts = [self._field(pix, rng, area)]
         if self.matter.haloes is not None:
             parts.append(self._members(pix))
         sample = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-        ra, dec = healpy.pix2ang(1 << HATS_ORDER, sample["_healpix_29"], nest=True, lonlat=True)
+        ra, dec = pixel_centre(1 << HATS_ORDER, sample["_healpix_29"])
         return sample | {"ra": ra, "dec": dec}
 
     def _field(self, pix, rng, area):
         """Galaxies of haloes that are not drawn, in pixels of FIELD_ORDER and their redshift rows."""
-        import healpy
-
         occupation = self.occupation
         bits = 2 * (FIELD_ORDER - ORDER)
         pixels = (np.int64(pix) << bits) + np.arange(1 << bits)
-        ra, dec = healpy.pix2ang(1 << FIELD_ORDER, pixels, nest=True, lonlat=True)
+        ra, dec = pixel_centre(1 << FIELD_ORDER, pixels)
         delta, variance = self._density(ra, dec)
         kind, row, column, pixel = draw_field(
             rng("field"), occupation.remainder * (area / len(pixels)), occupation.bias, delta, variance
@@ -87,8 +83,6 @@ class ClusteredGalaxies:
 
     def _members(self, pix):
         """Galaxies of drawn haloes that lie in the brick."""
-        import healpy
-
         occupation, distance = self.occupation, self._cosmology.comoving_distance
         radius = self.matter.mass_function.virial_radius
         stretch = occupation.numbers["satellites"]["axis_ratio"] ** (-2 / 3)
@@ -103,7 +97,7 @@ class ClusteredGalaxies:
         centre, east, north = frames(np.radians(haloes["ra"]), np.radians(haloes["dec"]))
         x, y, outwards = (v[:, None] for v in members.offset.T)
         place = centre[halo] * (distance(z)[halo, None] + outwards) + east[halo] * x + north[halo] * y
-        healpix = healpy.vec2pix(1 << HATS_ORDER, *place.T, nest=True).astype(np.int64)
+        healpix = pixel_towards(1 << HATS_ORDER, place)
         inside = np.flatnonzero(healpix >> (2 * (HATS_ORDER - ORDER)) == pix)
         return {
             "z": redshift(z[halo], members.speed)[inside], "log_mass": members.log_mass[inside],

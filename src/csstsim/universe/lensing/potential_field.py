@@ -16,6 +16,7 @@ import numpy as np
 from numba import njit
 from scipy.special import ive
 
+from csstsim.base.healpix import disc, pixel_vector
 from csstsim.base.rng import stream
 from csstsim.universe.lensing.tangent_grid import TangentGrid, interpolate, prolong
 
@@ -94,11 +95,9 @@ class PotentialField:
 
     def pixels(self, grid, order, reach):
         """Return the HEALPix pixels (m,) within `reach` [rad] of the grid, rising, and their centres (m, 3)."""
-        import healpy
-
         nside, wide = 2**order, min(grid.radius + reach, np.pi)
-        pixels = np.sort(healpy.query_disc(nside, grid.centre, wide, nest=True))
-        return pixels, np.stack(healpy.pix2vec(nside, pixels, nest=True), axis=1)
+        pixels = disc(nside, grid.centre, wide)
+        return pixels, pixel_vector(nside, pixels)
 
     def deviates(self, s, pixels):
         """Return the deviates (m, shells) of width s at `pixels`, which rise."""

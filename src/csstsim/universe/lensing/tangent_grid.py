@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from numba import njit
 
-from csstsim.base.healpix import NSIDE
+from csstsim.base.healpix import NSIDE, pixel_border, pixel_vector
 from csstsim.base.sphere import ra_dec, unit_vectors
 
 _PAD = np.radians(1 / 60)  # around the brick
@@ -174,10 +174,8 @@ def lagrange(t, weights):
 
 def _frame(nside, pix, along):
     """Return the axes (3, 3) of a HEALPix pixel, the first towards `along`, and its half-widths (2,) in them [rad]."""
-    import healpy
-
-    centre = np.array(healpy.pix2vec(nside, pix, nest=True))
-    border = healpy.boundaries(nside, pix, step=8, nest=True).T
+    centre = pixel_vector(nside, pix)
+    border = pixel_border(nside, pix, step=8)
     side = np.cross(np.cross(centre, along), centre)
     side /= np.linalg.norm(side)
     axes = np.stack([side, np.cross(centre, side), centre])
@@ -186,9 +184,7 @@ def _frame(nside, pix, along):
 
 def _side(nside, pix):
     """Return the vector along the first side of a HEALPix pixel."""
-    import healpy
-
-    border = healpy.boundaries(nside, pix, step=8, nest=True).T
+    border = pixel_border(nside, pix, step=8)
     return border[8] - border[0]
 
 

@@ -10,7 +10,7 @@ companions that have left the main sequence, interaction.
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from csstsim.base.healpix import HATS_ORDER, ORDER
+from csstsim.base.healpix import HATS_ORDER, ORDER, pixel_centre, pixel_towards
 from csstsim.universe.stars.stellar_evolution import living, stage_ends
 
 PAIR = ("share", "m_v", "teff", "logg", "stellarmass", "radius", "log_a", "spread")  # of the companion; log10 of au
@@ -65,8 +65,6 @@ def wide(columns, pair, separation, turn, pix, seen, numbers):
     turn: (n,) even in 0..1, their directions. A companion that would stand beyond its brick's border stands on the
     other side of its star; if that is beyond, too, it stands at the star.
     """
-    import healpy
-
     rows = np.flatnonzero((separation > numbers["binaries"]["resolved"]) & np.isfinite(separation) & seen)
     new = {name: values[rows] for name, values in columns.items()}
     new |= dict(zip(OWN, pair[2:6, rows], strict=True))
@@ -75,18 +73,16 @@ def wide(columns, pair, separation, turn, pix, seen, numbers):
         healpix = _beside(columns, rows, sign * separation[rows], turn[rows])
         inside = healpix >> 2 * (HATS_ORDER - ORDER) == pix
         new["_healpix_29"] = np.where(inside, healpix, new["_healpix_29"])
-    new["ra"], new["dec"] = healpy.pix2ang(1 << HATS_ORDER, new["_healpix_29"], nest=True, lonlat=True)
+    new["ra"], new["dec"] = pixel_centre(1 << HATS_ORDER, new["_healpix_29"])
     return new
 
 
 def _beside(columns, rows, separation, turn):
     """Return the order-29 pixels at `separation` [arcsec] from stars, in the directions turn x 360 deg."""
-    import healpy
-
     ra, dec = np.radians(columns["ra"][rows]), np.radians(columns["dec"][rows])
     east = np.stack([-np.sin(ra), np.cos(ra), np.zeros_like(ra)])
     north = np.stack([-np.sin(dec) * np.cos(ra), -np.sin(dec) * np.sin(ra), np.cos(dec)])
     up = np.stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)])
     angle = 2.0 * np.pi * turn
     there = up + np.radians(separation / _ARCSEC_DEG) * (np.cos(angle) * north + np.sin(angle) * east)
-    return healpy.vec2pix(1 << HATS_ORDER, *there, nest=True)
+    return pixel_towards(1 << HATS_ORDER, there.T)

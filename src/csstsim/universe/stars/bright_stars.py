@@ -8,7 +8,7 @@ own. Left out: proper motion and parallax, companions, variability.
 import numpy as np
 
 from csstsim.base.errors import InputError
-from csstsim.base.healpix import HATS_ORDER, ORDER
+from csstsim.base.healpix import HATS_ORDER, ORDER, hats_index, pixel_centre
 from csstsim.base.units import ab_photon_density
 
 _WINDOW = 5250.0, 5750.0  # angstrom: single lines matter little in the mean
@@ -21,11 +21,9 @@ def bright_stars(pix, stars, seds, numbers):
     config/universe/stars.yaml. Columns: ra, dec [deg], _healpix_29, teff [K], logg, feh, sed_scale. Raises InputError
     if the numbers have no section `bright`.
     """
-    import healpy
-
-    healpix = healpy.ang2pix(1 << HATS_ORDER, stars[:, 0], stars[:, 1], nest=True, lonlat=True)
+    healpix = hats_index(stars[:, 0], stars[:, 1])
     here = np.flatnonzero(healpix >> 2 * (HATS_ORDER - ORDER) == pix)
-    ra, dec = healpy.pix2ang(1 << HATS_ORDER, healpix[here], nest=True, lonlat=True)
+    ra, dec = pixel_centre(1 << HATS_ORDER, healpix[here])
     magnitude, teff = stars[here, 2], stars[here, 3]
     try:
         giants, dwarfs = numbers["bright"]["logg"]

@@ -15,10 +15,11 @@ import json
 from dataclasses import dataclass
 from functools import lru_cache
 
+import hpgeom
 import numpy as np
 
 from csstsim.base.errors import InputError
-from csstsim.base.healpix import BRICKS, HATS_ORDER, NSIDE, ORDER
+from csstsim.base.healpix import BRICKS, HATS_ORDER, NSIDE, ORDER, every_other, pixel_border
 from csstsim.universe.stars.binaries import PAIR, join, separations, wide
 from csstsim.universe.stars.kinematics import galactic_velocity, sky_motion
 from csstsim.universe.stars.milky_way import components, density, direction
@@ -167,21 +168,11 @@ def _draw_types(rng, kind, distance, position, model):
 
 def _corners(pix):
     """Return ra, dec [deg] of the brick's corners: north, west, south, east."""
-    import healpy
-
-    vectors = healpy.boundaries(NSIDE, pix, nest=True)
-    return healpy.vec2ang(vectors.T, lonlat=True)
+    theta, phi = hpgeom.vector_to_angle(pixel_border(NSIDE, pix), lonlat=False)
+    return np.degrees(phi), 90.0 - np.degrees(theta)
 
 
 def _bilinear(healpix):
     """Return (n, 4) weights of the corners at order-29 pixels of a brick."""
-    x, y = (_every_other(healpix >> shift) / (1 << _BITS) for shift in (0, 1))
+    x, y = (every_other(healpix >> shift, _BITS) / (1 << _BITS) for shift in (0, 1))
     return np.stack([x * y, (1 - x) * y, (1 - x) * (1 - y), x * (1 - y)], axis=1)
-
-
-def _every_other(bits):
-    """Return the number made of the lowest _BITS even bits."""
-    out = np.zeros_like(bits)
-    for k in range(_BITS):
-        out |= ((bits >> (2 * k)) & 1) << k
-    return out

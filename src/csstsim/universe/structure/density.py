@@ -16,6 +16,7 @@ from functools import cache, lru_cache
 import numpy as np
 from numba import njit
 
+from csstsim.base.healpix import pixel_of
 from csstsim.base.sphere import unit_vectors
 from csstsim.universe.lensing.potential_field import WIDTHS, pixel
 from csstsim.universe.lensing.tangent_grid import TangentGrid
@@ -88,15 +89,13 @@ class ShellDensity:
 
     def at(self, ra, dec, shell, order):
         """Return delta (n,) at ra, dec [deg] in `shell` (n,), with kernels up to `order` (shells,)."""
-        import healpy
-
         ra, dec, shell = np.asarray(ra, float), np.asarray(dec, float), np.asarray(shell)
         delta, vectors = np.zeros(len(ra)), unit_vectors(ra, dec)
         orders = np.ceil(order)[shell]
         for o in np.unique(orders):
             rows = np.flatnonzero(orders == o)
             nside = 2 ** cell_order(int(o))
-            cells = healpy.ang2pix(nside, ra[rows], dec[rows], nest=True, lonlat=True)
+            cells = pixel_of(nside, ra[rows], dec[rows])
             ranked = np.argsort(cells, kind="stable")
             found, start = np.unique(cells[ranked], return_index=True)
             for cell, part in zip(found, np.split(rows[ranked], start[1:]), strict=True):

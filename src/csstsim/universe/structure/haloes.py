@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 from numba import njit
 
-from csstsim.base.healpix import NSIDE, brick_of
+from csstsim.base.healpix import NSIDE, brick_of, disc, pixel_border, pixel_centre, pixel_towards, pixel_vector
 from csstsim.base.rng import stream
 from csstsim.base.sphere import unit_vectors
 from csstsim.universe.structure.density import TAPS, angular_order, cell_order, interpolate_one, kernel_order
@@ -64,10 +64,8 @@ class Haloes:
         ra, dec [deg]; log_mass: log10 of solar masses within 200 times the mean density; key: uint64, unique on the
         sky. The order is fixed: the same halo comes before the same other for every brick.
         """
-        import healpy
-
-        centre = np.array(healpy.pix2vec(NSIDE, pix, nest=True))
-        border = healpy.boundaries(NSIDE, pix, step=16, nest=True).T
+        centre = pixel_vector(NSIDE, pix)
+        border = pixel_border(NSIDE, pix, step=16)
         radius = 2 * np.arcsin(0.5 * np.linalg.norm(border - centre, axis=1).max())
         found, tops = [], self.edges[1:] / np.log(10)
         asked = [t for t, top in enumerate(tops) if top > lowest]
@@ -109,8 +107,6 @@ class Haloes:
 
     def _draw(self, tier, order, cell):
         """Return the columns of the haloes of a tier in the shells of one order and one cell, with `vector` (n, 3)."""
-        import healpy
-
         shells, _, counts = self._depths[tier][order]
         table, variance = self._tables[tier], self._variance[tier][shells]
         at = self._cell_order(tier, order)
@@ -123,9 +119,7 @@ class Haloes:
         number = random.poisson(counts * bound * 4 * np.pi / (12 * 4**at))
         total, shell = number.sum(), np.repeat(np.arange(len(shells)), number)
         deep = 2 * (_DEEP - at)
-        ra, dec = healpy.pix2ang(
-            1 << _DEEP, (np.int64(cell) << deep) + random.integers(0, 1 << deep, total), nest=True, lonlat=True
-        )
+        ra, dec = pixel_centre(1 << _DEEP, (np.int64(cell) << deep) + random.integers(0, 1 << deep, total))
         u = random.random((4, total))
         near, far = (np.interp(distance, table.chi, table.cumulative) for distance in (near, far))
         z = table.redshift(near[shell] + u[0] * (far - near)[shell])
@@ -220,11 +214,9 @@ def _mass(node_of_mass, node, share, u, below, ln_mass, bias):
 
 def _cells(nside, centre, radius):
     """Return the HEALPix cells, rising, that reach into a disc of `radius` [rad]; a few may just not."""
-    import healpy
-
-    cells = np.sort(healpy.query_disc(nside, centre, radius, inclusive=True, nest=True))
-    own = healpy.vec2pix(nside, *centre, nest=True)
-    far = [_distance(centre[None], healpy.boundaries(nside, c, step=4, nest=True).T)[0] for c in cells.tolist()]
+    cells = disc(nside, centre, radius, inclusive=True)
+    own = pixel_towards(nside, centre)
+    far = [_distance(centre[None], pixel_border(nside, c, step=4))[0] for c in cells.tolist()]
     return cells[(np.array(far) < 2 * np.sin(0.5 * radius) + _SAGITTA / nside) | (cells == own)].tolist()
 
 
