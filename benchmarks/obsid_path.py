@@ -27,12 +27,12 @@ from csstsim.command_line.main import main as command
 
 SOURCE = Path(csstsim.__file__).parent
 LONGEST = 300  # characters: more are the text of a file
-DEPTH = 4  # steps from a value to the obsid
+DEPTH, TOY_DEPTH = 4, 2  # steps from a value to the obsid
 ITEMS = 64  # of a container, the first
 SKIPPED = OpenCampaign, type, Path
 
 
-def reaches(value, obsid, depth=DEPTH):
+def reaches(value, obsid, depth):
     """Whether the obsid is in a value, or in one of its attributes or items, at most `depth` steps away."""
     if isinstance(value, str):
         return obsid in value and len(value) < LONGEST
@@ -56,7 +56,7 @@ def parts(value):
     return []
 
 
-def trace(obsid, run):
+def trace(obsid, run, depth):
     """Return {module: types of what it held that has the obsid} for all modules that ran."""
     found = defaultdict(set)
 
@@ -66,7 +66,7 @@ def trace(obsid, run):
             seen = found[path.relative_to(SOURCE).as_posix()]
             if frame.f_code.co_name != "<module>":
                 values = *frame.f_locals.values(), result
-                seen.update(type(value).__name__ for value in values if reaches(value, obsid))
+                seen.update(type(value).__name__ for value in values if reaches(value, obsid, depth))
 
     sys.setprofile(look)
     try:
@@ -97,7 +97,7 @@ def count(record: Record) -> None:
         )
     words = ["-q", "chip", args.campaign, "--obsid", args.obsid, "--chip", args.chip, "--output", str(output / "out")]
     sys.argv[1:] = words  # as a shell gives them
-    found = trace(args.obsid, lambda: command(standalone_mode=False))
+    found = trace(args.obsid, lambda: command(standalone_mode=False), TOY_DEPTH if record.toy else DEPTH)
     passed = {module: what for module, what in found.items() if what}
     layers = [module for module in passed if module.startswith("layers/")]
     named = [module for module in found if re.search(r"\bobsid", (SOURCE / module).read_text(encoding="utf-8"))]

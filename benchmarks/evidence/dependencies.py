@@ -128,7 +128,9 @@ def _started(local: Iterable[Path], own: Iterable[str]) -> set[str]:
     for module in modules:
         commands = [node for node in _tree(_file(module)).body if _is_command(node)]
         left_out = [node for node in commands if not words.issuperset(node.name.split("_"))]
-        reached |= {name for node in _tree(_file(module)).body if node not in left_out for name in _imports(ast.walk(node))}
+        reached |= {
+            name for node in _tree(_file(module)).body if node not in left_out for name in _imports(ast.walk(node))
+        }
     return modules | _upstream(reached - modules)
 
 

@@ -50,10 +50,12 @@ def test_with_columns_does_not_touch_the_original(table):
 
 
 @pytest.mark.parametrize("dtype", ["i1", "i8", "u2", "f4", "f8", "?", "U3"])
-def test_columns_of_any_memory_are_written_as_they_are(tmp_path, dtype):
+@pytest.mark.parametrize("count", [4, 0])
+def test_columns_of_any_memory_are_written_as_they_are(tmp_path, dtype, count):
     values = np.arange(12).astype(dtype)
     columns = {"whole": values[:4], "strided": values[::3], "reversed": values[3::-1]}
     columns["repeated"] = np.broadcast_to(values[5], 4)
+    columns = {name: column[:count] for name, column in columns.items()}
     ObjectTable(columns, {}).write(tmp_path / "t.parquet")
     back = ObjectTable.read(tmp_path / "t.parquet")
     for name, expected in columns.items():

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from mini_campaign import write_campaign
 
-NEVER = {"astropy", "galsim", "healpy", "matplotlib", "rich", "sep", "snakemake"}
+NEVER = {"astropy", "galsim", "healpy", "matplotlib", "pandas", "rich", "sep", "snakemake"}
 OPENING = NEVER | {"h5py", "hpgeom", "numba", "pyarrow", "scipy"}  # what a campaign is opened without
 FORBIDDEN = {
     "select": NEVER | {"h5py", "scipy.interpolate", "scipy.linalg", "scipy.optimize", "scipy.fft"},
@@ -19,6 +19,11 @@ FORBIDDEN = {
 JOB = "--obsid", "10100000001", "--chip", "9"
 RUN = """
 import sys
+class Watch:  # what is looked for also counts where it is not installed
+    def find_spec(name, path=None, target=None):
+        if name == "pandas":
+            print(name, file=sys.stderr)
+sys.meta_path.insert(0, Watch)
 from csstsim.command_line.main import main
 try:
     main(sys.argv[1:])
@@ -55,6 +60,12 @@ def test_each_stage_in_turn(campaign):
         modules = loaded(verb, campaign, *JOB)
         assert f"csstsim.stages.{verb}" in modules and "numpy" in modules
         assert not (modules & forbidden), (verb, modules & forbidden)
+
+
+def test_a_brick(campaign):
+    """Astropy reads the map of dust."""
+    modules = loaded("truth", campaign, "--brick", 0)
+    assert "csstsim.catalog.truth_bricks" in modules and not modules & (NEVER - {"astropy"}), modules & NEVER
 
 
 @pytest.mark.parametrize("verb", FORBIDDEN)

@@ -7,7 +7,6 @@ angles go through co-latitudes for that. Only its borders differ, in the last bi
 
 import math
 
-import hpgeom
 import numpy as np
 
 from csstsim.base.sphere import ra_dec, unit_vectors
@@ -26,6 +25,8 @@ _COLUMNS = (1, 3, 5, 7, 0, 2, 4, 6, 1, 3, 5, 7)
 
 def pixel_of(nside, ra, dec):
     """Return the pixel (int64) that holds each position. Raises ValueError for one that is not on the sphere."""
+    import hpgeom
+
     if not np.isfinite(dec).all():
         raise ValueError("a declination is not finite")
     theta, phi = colatitude(ra, dec)
@@ -39,17 +40,23 @@ def pixel_of(nside, ra, dec):
 
 def pixel_towards(nside, vectors):
     """Return the pixel (int64) that holds the direction of each vector (..., 3)."""
+    import hpgeom
+
     return hpgeom.vector_to_pixel(nside, *np.moveaxis(np.asarray(vectors, float), -1, 0), nest=True)
 
 
 def pixel_centre(nside, pix):
     """Return ra, dec of the middle of pixels."""
+    import hpgeom
+
     theta, phi = hpgeom.pixel_to_angle(nside, pix, lonlat=False, nest=True)
     return np.degrees(phi), 90.0 - np.degrees(theta)
 
 
 def pixel_vector(nside, pix):
     """Return the unit vectors (..., 3) of the middle of pixels."""
+    import hpgeom
+
     return np.stack(hpgeom.pixel_to_vector(nside, pix, nest=True), axis=-1)
 
 
@@ -58,6 +65,8 @@ def disc(nside, centre, radius, inclusive=False):
 
     inclusive: those that reach into the disc, and a few that may just not.
     """
+    import hpgeom
+
     return np.sort(hpgeom.query_circle_vec(nside, centre, radius, inclusive=inclusive, nest=True))
 
 

@@ -15,7 +15,6 @@ import math
 from functools import cached_property
 from pathlib import Path
 
-import hpgeom
 import numpy as np
 
 from csstsim.base.errors import InputError
@@ -84,6 +83,8 @@ class DustMap:
         A pixel without value (not finite, or UNSEEN) is left out of the mean. Raises InputError for a direction that is
         not finite, where none of the four pixels has a value, or where the map has more than 1e4 mag.
         """
+        import hpgeom
+
         ra, dec = np.broadcast_arrays(*(np.atleast_1d(np.asarray(angle, dtype=float)) for angle in (ra, dec)))
         wrong = ~(np.isfinite(ra) & (np.abs(dec) <= 90))
         if wrong.any():
