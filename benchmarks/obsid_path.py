@@ -27,12 +27,12 @@ from csstsim.command_line.main import main as command
 
 SOURCE = Path(csstsim.__file__).parent
 LONGEST = 300  # characters: more are the text of a file
-DEPTH, TOY_DEPTH = 4, 2  # steps from a value to the obsid
+DEPTH = 4  # steps from a value to the obsid
 ITEMS = 64  # of a container, the first
 SKIPPED = OpenCampaign, type, Path
 
 
-def reaches(value, obsid, depth):
+def reaches(value, obsid, depth=DEPTH):
     """Whether the obsid is in a value, or in one of its attributes or items, at most `depth` steps away."""
     if isinstance(value, str):
         return obsid in value and len(value) < LONGEST
@@ -56,17 +56,23 @@ def parts(value):
     return []
 
 
-def trace(obsid, run, depth):
+@functools.cache
+def module_of(file):
+    """Return the path of a module of csstsim within the package; of another file None."""
+    path = Path(file)
+    return path.relative_to(SOURCE).as_posix() if path.is_relative_to(SOURCE) else None
+
+
+def trace(obsid, run):
     """Return {module: types of what it held that has the obsid} for all modules that ran."""
     found = defaultdict(set)
 
     def look(frame, event, result):
-        path = Path(frame.f_code.co_filename)
-        if event in ("call", "return") and path.is_relative_to(SOURCE):
-            seen = found[path.relative_to(SOURCE).as_posix()]
+        if event in ("call", "return") and (module := module_of(frame.f_code.co_filename)):
+            seen = found[module]
             if frame.f_code.co_name != "<module>":
                 values = *frame.f_locals.values(), result
-                seen.update(type(value).__name__ for value in values if reaches(value, obsid, depth))
+                seen.update(type(value).__name__ for value in values if reaches(value, obsid))
 
     sys.setprofile(look)
     try:
@@ -97,7 +103,7 @@ def count(record: Record) -> None:
         )
     words = ["-q", "chip", args.campaign, "--obsid", args.obsid, "--chip", args.chip, "--output", str(output / "out")]
     sys.argv[1:] = words  # as a shell gives them
-    found = trace(args.obsid, lambda: command(standalone_mode=False), TOY_DEPTH if record.toy else DEPTH)
+    found = trace(args.obsid, lambda: command(standalone_mode=False))
     passed = {module: what for module, what in found.items() if what}
     layers = [module for module in passed if module.startswith("layers/")]
     named = [module for module in found if re.search(r"\bobsid", (SOURCE / module).read_text(encoding="utf-8"))]
