@@ -11,7 +11,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-.PHONY: run full-chip test checks style evidence toys first-image docs tutorials test-slurm test-faults suites mutants fuzz format clean
+.PHONY: run full-chip test checks style evidence toys first-image docs tutorials executed test-slurm test-faults suites mutants fuzz format clean
 
 run: .venv/ready
 	snakemake --profile profiles/default --config campaign=config/campaign.yaml
@@ -52,13 +52,15 @@ docs: .venv/ready
 	sphinx-build -W --keep-going -q -b html docs results/docs
 	python docs/check_links.py results/docs
 
-# Some minutes: what is written as >>> in pages and docstrings, the commands of pages, and all tutorials, executed; the
-# site with what the tutorials show
-tutorials: .venv/ready
+# Some minutes: the tutorials executed, as all that pages show, and the site with their results
+tutorials: executed
+	$(MAKE) docs
+
+# What is written as >>> in pages and docstrings, the commands of pages, and all tutorials
+executed: .venv/ready
 	pytest --doctest-modules --doctest-glob='*.md' src/csstsim docs
 	python docs/execute_commands.py
 	python docs/execute_tutorials.py
-	$(MAKE) docs
 
 # As root, after: apt-get install slurmctld slurmd slurm-client munge
 test-slurm: .venv/slurm
@@ -68,7 +70,7 @@ test-slurm: .venv/slurm
 suites: .venv/slurm
 	$(MAKE) test-slurm
 	$(MAKE) test-faults
-	$(MAKE) tutorials
+	$(MAKE) executed
 
 fuzz: .venv/ready
 	pytest -m slow tests/fuzz
