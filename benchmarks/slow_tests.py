@@ -3,7 +3,7 @@
     python benchmarks/slow_tests.py tests/render [--only WORDS]
 
 Runs `pytest -m slow` of a folder or file of tests; `--only` is pytest's `-k`. Exit code 1 if a test fails. One toy is
-shared by all folders: those of the slow tests that take seconds, in one process.
+shared by all folders: a quick one of the slow tests of each but tests/workflow, in one process.
 """
 
 import argparse

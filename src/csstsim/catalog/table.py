@@ -220,7 +220,7 @@ class ObjectTable(Mapping):
 
 
 def _to_arrow(values):
-    """Return a column as an Arrow array by its memory: pyarrow's own way imports pandas, if it is there (0.4 CPU-s)."""
+    """Return a column as an Arrow array by its memory: pyarrow's own way imports pandas, if it is there."""
     import pyarrow as pa
 
     kind, count = values.dtype.kind, len(values)
