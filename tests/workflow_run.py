@@ -1,15 +1,18 @@
 """Runs the workflow on a small campaign and reads its products' contents, for tests that compare two runs."""
 
+import atexit
 import os
 import re
 import shutil
 import subprocess
 import sys
+from contextlib import ExitStack
+from functools import cache
 from pathlib import Path
 
 import fitsio
-from forked_snakemake import answer
 from mini_campaign import POINTINGS, write_campaign
+from warm import programs
 
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
@@ -18,12 +21,24 @@ from csstsim.compare.varying import varies
 ROOT = Path(__file__).resolve().parents[1]
 
 
+@cache
+def _forked():
+    """Return the folder of programs that are forked from a process with all libraries."""
+    running = ExitStack()
+    atexit.register(running.close)
+    return running.enter_context(programs())
+
+
 def command(campaign, *arguments):
-    """The snakemake command line and environment for a campaign, run from the repository's root."""
-    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    environment = os.environ | {"PATH": path}
+    """The snakemake command line and environment for a campaign, run from the repository's root.
+
+    On Slurm a job's processes start on its node, all others are forked.
+    """
+    cluster = str(ROOT / "profiles" / "slurm") in arguments
+    folder = Path(sys.executable).parent if cluster else _forked()
+    environment = os.environ | {"PATH": os.pathsep.join([str(folder), os.environ["PATH"]])}
     line = [
-        sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "Snakefile"),
+        str(folder / "snakemake"), "--snakefile", str(ROOT / "Snakefile"),
         "--directory", str(campaign.parent),
         "--config", f"campaign={campaign}", *arguments,
     ]  # fmt: skip
@@ -40,8 +55,11 @@ def snakemake(campaign, *arguments, fails=False):
 
 def dry_run(campaign, *arguments):
     """Return (exit code, what it says) of a dry run."""
-    line, _ = command(campaign, *arguments, "--dry-run")
-    return answer(line[3:])
+    line, environment = command(campaign, *arguments, "--dry-run")
+    done = subprocess.run(
+        line, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False
+    )
+    return done.returncode, done.stdout
 
 
 def planned(campaign, *arguments):

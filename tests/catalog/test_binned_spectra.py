@@ -10,7 +10,7 @@ from scipy.integrate import cumulative_trapezoid
 from csstsim.catalog.light.binned_spectra import binned
 from csstsim.catalog.light.embedded_spectra import spectra
 from csstsim.catalog.light.photometry import subband_fluxes
-from csstsim.catalog.table import GALAXY, QUASAR, STAR, ObjectTable
+from csstsim.catalog.table import ASTEROID, GALAXY, QUASAR, SATELLITE, STAR, ObjectTable
 from csstsim.instrument.filter import GRID
 from csstsim.universe.galaxies.galaxy_sed import COEFFICIENTS
 
@@ -120,6 +120,16 @@ def test_quasars_and_a_mixed_table_in_its_own_order(universe, camera):
     for k in (0, 5, 11):  # alone as among others, but for the dust they share: its series is good to 1e-9
         assert binned(universe, table.take(np.array([k])), edges)[0] == pytest.approx(found[k], rel=1e-8)
     assert binned(universe, table.take(np.zeros(0, int)), edges).shape == (0, len(edges) - 1)
+
+
+@pytest.mark.parametrize("kind", [ASTEROID, SATELLITE])
+def test_what_reflects_sunlight_has_the_spectrum_of_a_star_whatever_row_is_first(universe, camera, kind):
+    edges, table = disperser_of(camera, GV).edges, stars(3)
+    wanted = binned(universe, table, edges)
+    for first in (0, 2):
+        kinds = np.full(3, STAR)
+        kinds[first] = kind
+        np.testing.assert_array_equal(binned(universe, table.with_columns(obj_type=kinds), edges), wanted)
 
 
 @pytest.mark.parametrize("chip", CHIPS)

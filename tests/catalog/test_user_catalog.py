@@ -2,11 +2,13 @@
 
 import re
 import sys
+from pathlib import Path
 
+import healpy
 import numpy as np
 import pytest
 from astropy import units as u
-from astropy.table import Table
+from astropy.table import QTable, Table
 from csst import BANDS
 from synphot import Empirical1D, Observation, SourceSpectrum, SpectralElement
 from synphot.units import PHOTLAM
@@ -16,10 +18,11 @@ from csstsim.base.units import ab_photon_density
 from csstsim.campaign.sections import CatalogConfig
 from csstsim.catalog import base
 from csstsim.catalog.base import CatalogBase, Region
+from csstsim.catalog.changing.motion import Interval
 from csstsim.catalog.contract import check, sky_region
 from csstsim.catalog.light.photometry import ab_mag, rate_to_mag
 from csstsim.catalog.mock_object import MockObject
-from csstsim.catalog.open import open_catalog
+from csstsim.catalog.open import catalog_class, importable, open_catalog, options_beside, own_digests
 from csstsim.instrument.filter import GRID
 
 REGION = Region((), (), (), BANDS)
@@ -420,3 +423,199 @@ def test_the_hash_knows_values_and_their_names(lab):
         catalog.objs.append(MockObject(id=3, type="star", ra=10.2, dec=2.0, **own))
         found.append(catalog.truth_hash)
     assert len(set(found)) == 3
+
+
+@pytest.mark.parametrize(("ra", "dec", "radius"), [(10.0, -2.0, 0.1), (359.95, 60.0, 0.2), (0.01, -75.0, 0.5)])
+def test_a_region_of_the_sky_is_the_square_about_its_circle(ra, dec, radius):
+    """It holds the circle and not much more; bricks are healpy's; a band's name is kept."""
+    region = sky_region(ra, dec, radius, ("r",))
+    assert region.bands == ("r",) and np.ptp(region.dec) == pytest.approx(2 * radius)
+    assert np.mean(region.dec) == pytest.approx(dec)
+    wide = np.ptp((np.array(region.ra) - ra + 180) % 360) / 2
+    assert wide == pytest.approx(radius / np.cos(np.radians(abs(dec) + radius))) and min(region.ra) >= 0
+    angle = np.linspace(0, 2 * np.pi, 50)
+    for size, inside in ((0.97, True), (1.6, False)):
+        there = dec + size * radius * np.cos(angle)
+        beside = ra + size * radius * np.sin(angle) / np.cos(np.radians(there))
+        assert region.contains(beside % 360, there).all() if inside else not region.contains(beside % 360, there).all()
+    wanted = healpy.query_disc(256, healpy.ang2vec(ra, dec, lonlat=True), np.radians(radius), inclusive=True, nest=True)
+    touched = healpy.query_disc(256, healpy.ang2vec(ra, dec, lonlat=True), np.radians(radius), nest=True)
+    assert set(touched) <= set(region.bricks) and len(set(region.bricks) - set(wanted)) <= 0.5 * len(wanted) + 2
+
+
+def test_a_report_counts_kinds_and_names_some_of_many(camera):
+    """Seven objects without light: five ids and the number of the others; singular and plural."""
+    rows = [{"id": k, "type": "galaxy" if k % 2 else "quasar", "size_disk": 0.5} for k in range(1, 8)]
+    report = check(one(Table({"WAVELENGTH": [2000.0, 11000.0], "FLUX": [0.0, 0.0]}), rows=rows), {}, REGION, camera)
+    assert report.counts == {"galaxy": 4, "quasar": 3}
+    assert report.faults == (
+        "gives no light in any band (or its mag_norm's filter sees none): object 1, 2, 3, 4, 5 and 2 more",
+    )
+    assert str(report).splitlines() == ["7 objects: 4 of type galaxy, 3 of type quasar", f"fault: {report.faults[0]}"]
+
+
+def test_some_of_each_type_are_checked(camera):
+    """At most so many, from the first to the last of the table; those between are not asked."""
+    asked = []
+    rows = [{"id": k, "type": "star" if k < 9 else "quasar"} for k in range(12)]
+
+    class Asked(one(rows=rows)):
+        def load_sed(self, obj):
+            asked.append(obj.id)
+            return GOOD_20
+
+    check(Asked, {}, REGION, camera, most=3)
+    assert sorted(set(asked)) == [0, 4, 8, 9, 10, 11]
+
+
+@pytest.mark.parametrize(("factor", "found"), [(1.008, False), (1.012, True), (0.988, True)])
+def test_fast_light_may_differ_by_a_hundredth(camera, factor, found):
+    class Fast(one()):
+        def load_fluxes(self, rows, filter, telescope):
+            return super().load_fluxes(rows, filter, telescope) * [1.0, 1.0, 1.0, factor]
+
+    assert bool(check(Fast, {}, REGION, camera).faults) == found
+
+
+@pytest.mark.parametrize(("mag", "found"), [(20.04, False), (20.06, True), (19.94, True)])
+def test_magnitudes_may_differ_by_a_twentieth(camera, mag, found):
+    warnings = check(one(mag_i=mag), {}, REGION, camera).warnings
+    assert warnings == (("mag_i is not the spectrum's magnitude: object 9",) if found else ())
+
+
+@pytest.mark.parametrize(("mag", "found"), [(39.9, False), (40.2, True), (-0.2, True), (0.1, False)])
+def test_light_beyond_all_reason_is_said(camera, mag, found):
+    flux = Table({"WAVELENGTH": GRID, "FLUX": ab_photon_density(GRID, mag)})
+    warnings = check(one(flux), {}, REGION, camera).warnings
+    assert any("brighter than 0 or fainter than 40" in line for line in warnings) == found
+
+
+def test_an_objects_length_is_that_of_its_table(camera):
+    class Lost(one(rows=[{"id": 1}, {"id": 2}])):
+        @property
+        def table(self):
+            return super().table.take([0])
+
+    assert check(Lost, {}, REGION, camera).faults == ("objs has 2 objects, table 1 rows",)
+
+
+@pytest.mark.parametrize(("table", "message"), [
+    (Table({"WAVELENGTH": [0.0, 3000.0], "FLUX": [1.0, 1.0]}), "WAVELENGTH must be above 0"),
+    (Table({"WAVELENGTH": [3000.0], "FLUX": [1.0]}), "WAVELENGTH must rise"),
+    (Table({"WAVELENGTH": [3000.0, 3000.0], "FLUX": [1.0, 1.0]}), "WAVELENGTH must rise"),
+    ({"WAVELENGTH": [3000.0, 4000.0], "FLUX": [1.0, 1.0, 2.0]}, "match its column in length"),
+    ({"WAVELENGTH": ["a", "b"], "FLUX": [1.0, 1.0]}, "cannot be used"),
+])  # fmt: skip
+def test_columns_of_a_spectrum(table, message):
+    with pytest.raises(InputError, match=message):
+        base.read_columns(table, "FLUX", "here")
+
+
+def test_masked_samples_are_no_numbers_and_nanometres_are_exact():
+    flux = np.ma.array([1.0, 2.0, 3.0], mask=[False, True, False])
+    table = Table({"WAVELENGTH": [200.0, 700.0, 1100.0], "FLUX": flux})
+    table["WAVELENGTH"].unit = "nm"
+    wave, values = base.read_columns(table, "FLUX", "here")
+    assert wave.tolist() == [2000.0, 7000.0, 11000.0] and values.dtype == float
+    np.testing.assert_array_equal(values, [1.0, np.nan, 3.0])
+
+
+def test_columns_of_a_spectrum_may_be_quantities():
+    table = QTable({"WAVELENGTH": [300.0, 400.0] * u.nm, "FLUX": [1.0, 2.0] * u.Unit("photon / (s m2 nm)")})
+    wave, values = base.read_columns(table, "FLUX", "here")
+    assert wave.tolist() == [3000.0, 4000.0] and values == pytest.approx([0.1, 0.2], rel=1e-12)
+
+
+def test_a_class_is_dimmed_by_its_columns_and_bounds_nothing(camera):
+    """A sine at its faintest for one object and none for the other, from the base class."""
+    phase = 0.25 - 61000.0 % 1.0
+    rows = [{"id": 1, "var_period": 1e4, "var_amplitude": 0.4, "var_phase": phase - 6.1}, {"id": 2}]
+    catalog = one(rows=rows)({}, REGION)
+    assert set(catalog.table) >= {"var_period", "var_amplitude", "var_phase"} and "user_var_period" not in catalog.table
+    assert np.isnan(catalog.table["var_period"][1]) and catalog.table["var_phase"][1] == 0  # as in a table's blanks
+    dmag = catalog.dimming(np.array([1, 0]), Interval(61000.0, 150.0), camera.filters["r"])
+    assert dmag == pytest.approx([0.0, 0.4], abs=1e-6)
+    assert catalog.rate_bound([0], camera.filters["r"], camera.telescope) is None
+    assert catalog.component_shares([0], camera.filters["r"]) is None
+    assert one()({}, REGION).dimming([0], Interval(61000.0, 150.0), camera.filters["r"]) is None
+
+
+def test_rows_of_spectra_are_in_the_order_asked_and_normalised_one_by_one(camera):
+    norm = Table({"WAVELENGTH": [5999.0, 6000.0, 7000.0, 7001.0], "SENSITIVITY": [0.0, 1.0, 1.0, 0.0]})
+    rows = [{"id": k, "mag_norm": 18.0 + k} for k in range(4)]
+    catalog = one(norm=norm, rows=rows)({}, REGION)
+    seds = catalog.load_seds([3, 0, 2])
+    expected = ab_photon_density(GRID)[None] * 10 ** (-0.4 * np.array([[21.0], [18.0], [20.0]]))
+    np.testing.assert_allclose(seds, expected, rtol=1e-6)
+    edges = GRID[100:2001:100]
+    assert catalog.load_binned([3, 0], edges) == pytest.approx(expected[:2, 150:2000:100], rel=2e-3)
+
+
+@pytest.mark.parametrize("name", ["ra", "kappa", "image_file"])
+def test_a_value_that_is_several_is_refused_by_name(name):
+    with pytest.raises(InputError, match=f"One, {name}: is not one value"):
+        _ = one(**{name: np.ones(2)})({}, REGION).table
+
+
+def test_extras_of_several_kinds():
+    """True and false, numbers and words; what only some have is a number or a word, never both."""
+    rows = [{"id": 1, "good": True, "rank": 3, "word": "a"}, {"id": 2, "good": False, "rank": 2.5, "word": "b"}]
+    table = one(rows=rows)({}, REGION).table
+    assert table["user_good"].tolist() == [True, False] and table["user_rank"].tolist() == [3.0, 2.5]
+    assert table["user_word"].tolist() == ["a", "b"]
+
+
+def test_the_hash_knows_the_options():
+    class Optional(one()):
+        def __init__(self, options, region):
+            super().__init__(options, region)
+            self.options = options
+
+    first, again, other = (Optional({"slope": s}, REGION).truth_hash for s in (1, 1, 2))
+    assert first == again != other and len(first) == 16
+
+
+def test_paths_of_options_begin_beside_the_campaign(lab, tmp_path):
+    """Those that the class names as paths, one or a list; others and absolute ones stay."""
+    import their_lab
+
+    their_lab.Pair.PATHS = ("file", "more", "absent")
+    campaign = tmp_path / "deep" / "campaign.yaml"
+    options = {"file": "a.csv", "more": ["b.csv", "/abs/c.csv"], "slope": "d.csv"}
+    found = options_beside("their_lab:Pair", options, campaign)
+    there = tmp_path / "deep"
+    assert {n: v if isinstance(v, str) else list(map(Path, v)) for n, v in found.items() if n != "file"} == {
+        "more": [there / "b.csv", Path("/abs/c.csv")], "slope": "d.csv",
+    }  # fmt: skip
+    assert Path(found["file"]) == there / "a.csv" and options["file"] == "a.csv"
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "their_lab.py").write_text("")
+    with pytest.raises(InputError, match=r"was loaded under this name, not .*other/their_lab\.py"):
+        options_beside("their_lab:Pair", {}, other / "campaign.yaml")
+
+
+def test_a_folder_becomes_importable_once(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    before = list(sys.path)
+    for _ in range(2):
+        importable(tmp_path)
+    assert sys.path == [*before, str(tmp_path.resolve())]  # modules of the environment come first
+
+
+def test_digests_are_of_the_module_and_the_files_that_it_names(lab, tmp_path):
+    import their_lab
+
+    (tmp_path / "stars.csv").write_text("1")
+    their_lab.Pair.files = classmethod(lambda cls, options: (options["file"],))
+    config = CatalogConfig(kind="their_lab:Pair", options={"file": str(tmp_path / "stars.csv")})
+    assert catalog_class("their_lab:Pair") is their_lab.Pair
+    first = own_digests(config)
+    (tmp_path / "stars.csv").write_text("2")
+    second = own_digests(config)
+    assert len(first) == 2 and first[0] == second[0] and first[1] != second[1]
+    (tmp_path / "their_lab.py").write_text(MODULE + "# more\n")
+    assert own_digests(config)[0] != first[0]
+    (tmp_path / "stars.csv").unlink()
+    with pytest.raises(InputError, match=r"stars\.csv: catalog\.options: cannot read the file: No such file"):
+        own_digests(config)

@@ -2,14 +2,13 @@
 
 import signal
 import subprocess
-import time
 from pathlib import Path
 
-import psutil
 import pytest
 import yaml
 from click.testing import CliRunner
 from mini_campaign import POINTINGS, write_campaign
+from running import running
 from workflow_run import (
     ROOT,
     command,
@@ -231,7 +230,7 @@ def test_a_killed_and_resumed_campaign_gives_the_same_bits(undisturbed, tmp_path
     line, environment = command(campaign, "--cores", "1", target)
     process = subprocess.Popen(line, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
-        victim = wait_for(process, "render")
+        victim = running("render", process, campaign)
         victim.send_signal(signal.SIGKILL)
         assert process.wait(timeout=600) != 0
     finally:
@@ -241,21 +240,6 @@ def test_a_killed_and_resumed_campaign_gives_the_same_bits(undisturbed, tmp_path
     snakemake(campaign, "--cores", "1", "--rerun-incomplete", target)
     name = Path(target).name
     assert content(campaign) == {name: content(undisturbed)[name]}
-
-
-def wait_for(process, verb, seconds=240):
-    """Return the running `csstsim VERB` process below `process`."""
-    end = time.monotonic() + seconds
-    while time.monotonic() < end and process.poll() is None:
-        for child in psutil.Process(process.pid).children(recursive=True):
-            try:
-                words = child.cmdline()
-            except psutil.Error:
-                continue
-            if verb in words and any(Path(word).name == "csstsim" for word in words):
-                return child
-        time.sleep(0.02)
-    raise AssertionError(f"no csstsim {verb} was started")
 
 
 def test_calibration_campaign_has_no_sky_stages():

@@ -339,7 +339,7 @@ def read_columns(table, name, where):
 
 def _plain(column, unit, wave=None):
     """Return a column as a float array, masked values as NaN; in `unit` if both are given."""
-    values = np.ma.filled(np.ma.asarray(column, dtype=float), np.nan)
+    values = np.ma.filled(np.ma.asarray(getattr(column, "value", column), dtype=float), np.nan)  # a Quantity's numbers
     own = getattr(column, "unit", None)
     if own is None or unit is None:
         return values

@@ -27,7 +27,7 @@ def page_facts(a, b):
     (a, made_a), (b, made_b) = (steady_page(read_text(path)) for path in (a, b))
     if made_a != made_b:
         yield Fact("another section on provenance", "provenance")
-    yield from _line_facts(a.replace("<", "\n<"), b.replace("<", "\n<"), "tags")
+    yield from _line_facts(*(page.replace("<", "\n<").removeprefix("\n") for page in (a, b)), "tags")
 
 
 def text_facts(a, b):

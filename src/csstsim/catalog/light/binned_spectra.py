@@ -7,9 +7,9 @@ cell between rest-frame nodes, where spectra are linear, so an emission line kee
 import numba
 import numpy as np
 
-from csstsim.catalog.light.embedded_spectra import coefficients, kinds, pairs
+from csstsim.catalog.light.embedded_spectra import as_star, coefficients, kinds, pairs
 from csstsim.catalog.light.photometry import bin_means
-from csstsim.catalog.table import GALAXY, STAR
+from csstsim.catalog.table import GALAXY
 from csstsim.instrument.filter import GRID
 from csstsim.universe.galaxies.galaxy_rates import combine
 from csstsim.universe.galaxies.igm import Intergalactic, absorb
@@ -28,7 +28,7 @@ def binned(universe, table, edges):
             _galaxies(out, np.flatnonzero(chosen), universe, some, edges)
             continue
         scale = some["sed_scale"].astype(float)
-        if some["obj_type"][0] == STAR:
+        if as_star(some["obj_type"][0]):
             part = pairs(universe.star_seds.binned, some, some["av"], edges)
             out[chosen] = part * scale[:, None]
         else:

@@ -36,7 +36,7 @@ def rates(universe, table, weights, many=None):
     """
     out = np.zeros((len(table), len(weights)))
     for chosen, some in kinds(table):
-        if _as_star(some["obj_type"][0]):
+        if as_star(some["obj_type"][0]):
             part = pairs(universe.star_seds.rates, some, some["av"], weights)
         elif some["obj_type"][0] == GALAXY:
             light = some["z"], coefficients(some), some["av"]
@@ -66,7 +66,7 @@ def spectra(universe, table):
     out = np.zeros((len(table), len(GRID)))
     for chosen, some in kinds(table):
         scale = some["sed_scale"].astype(float)
-        if _as_star(some["obj_type"][0]):
+        if as_star(some["obj_type"][0]):
             dimming = 10 ** (-0.4 * some["av"].astype(float)[:, None] * universe.extinction)
             part = pairs(universe.star_seds.surface, some) * dimming * scale[:, None]
         else:
@@ -76,7 +76,7 @@ def spectra(universe, table):
     return out
 
 
-def _as_star(obj_type):
+def as_star(obj_type):
     """Whether objects have the spectrum of a star: stars, and what reflects sunlight."""
     return (obj_type == STAR) | (obj_type == ASTEROID) | (obj_type == SATELLITE)
 
@@ -85,6 +85,6 @@ def kinds(table):
     """Yield (mask, rows) of stars and what reflects sunlight, of galaxies and of quasars, where there are any."""
     table = light_columns(table)
     for kind in (STAR, GALAXY, QUASAR):
-        chosen = _as_star(table["obj_type"]) if kind == STAR else table["obj_type"] == kind
+        chosen = as_star(table["obj_type"]) if kind == STAR else table["obj_type"] == kind
         if chosen.any():
             yield chosen, table.take(chosen)
