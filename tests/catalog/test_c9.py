@@ -247,3 +247,56 @@ def test_quasars_have_the_spectra_that_their_galaxies_name():
     table = _quasars(columns, host, columns["qsoindex"] >= 0)
     assert table["qsoindex"].tolist() == [5, 2] and table["ra"].tolist() == [0.0, 3.0]
     assert table["host"].tolist() == host[[0, 3]].tolist() and len(set(table["id"]) | set(host)) == 6
+
+
+def test_each_column_of_a_galaxy_and_its_quasar_comes_from_its_own(sky, tmp_path):
+    """Values that all differ; of the quasar, place, redshift, lens and host are the galaxy's."""
+    rng = np.random.default_rng(8)
+    names = {"size": "size_disk", "kappa": "kappa", "bulgemass": "bulgemass", "diskmass": "diskmass",
+             "veldisp": "veldisp", "redshift": "z"}  # fmt: skip
+    given = {name: rng.uniform(0.1, 0.4, 3) for name in names} | {"type": np.array([0, 1, 1], np.int32)}
+    given |= {f"mag_csst_{band}": rng.uniform(20, 25, 3).astype(np.float32) for band in BANDS}
+    given |= {"shear": rng.normal(0, 0.02, (3, 2)), "ellipticity_true": rng.normal(0, 0.1, (3, 2))}
+    given |= {"coeff": rng.random((3, 20)).astype(np.float32), "qsoindex": np.array([-1, 1, -1], np.int32)}
+    ra, dec = RA + np.array([-0.01, 0.0, 0.01]), DEC + np.array([0.01, 0.02, -0.01])
+    options = {"galaxies": write_galaxies(tmp_path / "g", ra, dec, **given), "partial": True}
+    table = C9Catalog(sky[0] | options | {"stars": None}, REGION).table
+    galaxy = table.take(table["obj_type"] == GALAXY)
+    galaxy = galaxy.take(np.argsort(galaxy["ra"]))
+    columns = {ours: given[theirs] for theirs, ours in names.items()} | {"size_bulge": given["size"]}
+    columns |= {f"mag_{band}": given[f"mag_csst_{band}"] for band in ("nuv", "u", "g", "r", "i", "z", "y")}
+    columns |= {"mag_norm": given["mag_csst_i"], "gal_type": given["type"], "ra": ra, "dec": dec}
+    columns |= {f"coeff{k}": given["coeff"][:, k] for k in range(20)}
+    for k, part in enumerate(("1", "2")):
+        columns |= {f"e{part}": given["ellipticity_true"][:, k], f"gamma{part}": given["shear"][:, k]}
+    for name, values in columns.items():
+        np.testing.assert_allclose(galaxy[name], values, rtol=1e-6, err_msg=name)
+    quasar = table.take(table["obj_type"] == 2)
+    assert len(quasar) == 1 and quasar["host"][0] == galaxy["id"][1] != quasar["id"][0] and quasar["qsoindex"][0] == 1
+    for name in ("ra", "dec", "z", "kappa", "gamma1", "gamma2"):
+        assert quasar[name][0] == galaxy[name][1], name
+    assert (galaxy["qsoindex"] == -1).all() and (galaxy["host"] == -1).all()
+
+
+def test_the_sun_s_metals_are_an_option_and_masses_and_dust_are_the_files(sky, tmp_path):
+    _, (ra, dec), _ = sky
+    changes = {"z_met": np.geomspace(1e-4, 0.04, len(ra)), "mass": np.linspace(0.2, 3.0, len(ra))}
+    changes |= {"RV": np.linspace(-90, 90, len(ra)), "parallax": np.linspace(0.1, 9.0, len(ra))}
+    file = write_stars(tmp_path / "s.h5", ra, dec, **changes)
+    for options, solar in (({}, 0.02), ({"solar_z": 0.0134}, 0.0134)):
+        table = C9Catalog({"stars": file} | options, REGION).table
+        order = [int(np.flatnonzero(ra == one)[0]) for one in table["ra"]]
+        assert table["feh"] == pytest.approx(np.log10(changes["z_met"][order] / solar), abs=1e-5)
+    wanted = {"stellarmass": changes["mass"], "av": np.linspace(0, 1, len(ra)), "rv": changes["RV"],
+              "parallax": changes["parallax"], "mag_norm": np.linspace(18, 20, len(ra)), "dec": dec}  # fmt: skip
+    for name, values in wanted.items():
+        np.testing.assert_allclose(table[name], values[order], rtol=1e-6, atol=1e-6, err_msg=name)
+
+
+def test_a_quasar_beyond_the_table_of_spectra_is_named(sky, tmp_path):
+    ra, dec = np.array([RA]), np.array([DEC])
+    folder = write_galaxies(tmp_path / "g", ra, dec, qsoindex=np.array([2], np.int32))
+    catalog = C9Catalog(sky[0] | {"galaxies": folder, "stars": None}, REGION)
+    row = int(np.flatnonzero(catalog.table["obj_type"] == 2)[0])
+    with pytest.raises(InputError, match=r"quasars\.h5: flux: has too few rows .*row 2"):
+        catalog.load_seds([row])

@@ -9,17 +9,24 @@ from csst import BANDS
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
+from scipy.special import ndtri
+from scipy.stats import kstest
 
 from csstsim.base.errors import InputError
 from csstsim.base.rng import stream
 from csstsim.base.shipped import SHIPPED
+from csstsim.base.units import ARCSEC_PER_RAD
 from csstsim.catalog.astrometry.ephemeris import observer
+from csstsim.catalog.astrometry.reduction import apparent
 from csstsim.catalog.base import Region
+from csstsim.catalog.changing.columns import completed, moves, reasons
 from csstsim.catalog.changing.light_curves import LightCurves, mean_mag
-from csstsim.catalog.changing.motion import Interval, Motion, crosses
+from csstsim.catalog.changing.motion import Interval, Motion, crosses, seen_at, trails
 from csstsim.catalog.own_table import TableCatalog
 from csstsim.catalog.table import ObjectTable
 from csstsim.instrument.chip import Window
+from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.universe.changing import asteroids, satellites, variable_quasars, variable_stars
 from csstsim.universe.changing.numbers import numbers_of
 
@@ -352,3 +359,308 @@ def test_numbers_as_names_of_curves_are_what_was_written(tmp_path, name, blank):
     objects.write_text(f"ra,dec,mag_r,light_curve\n10,0,20,{name}\n11,1,20,{'' if blank else name}\n")
     found = TableCatalog({"file": str(objects), "light_curves": str(curves)}, REGION)
     assert found.table["light_curve"].tolist() == [name, "" if blank else name]
+
+
+RATE = {"rate_ra": [3.0], "rate_dec": [-4.0], "rate_mjd": [61000.0], "trail_width": [0.0]}
+
+
+@pytest.mark.parametrize("columns, words", [
+    ({}, None), ({"rate_ra": [0.0], "rate_dec": [0.0], "rate_mjd": [np.nan]}, None), ({"rate_mjd": [-1e6]}, None),
+    ({"rate_ra": [1e8], "rate_dec": [0.0], "trail_width": [60.0]}, None),
+    ({"rate_ra": [0.0], "rate_dec": [-216_000.0], "trail_width": [0.1]}, None),
+    ({"var_period": [0.1], "var_amplitude": [30.0], "var_phase": [-7.0]}, None),
+    ({"var_period": [np.nan], "var_amplitude": [0.0]}, None),
+    ({"rate_dec": [np.nan]}, "rate_ra or rate_dec is not finite"),
+    ({"rate_mjd": [np.nan]}, "a rate of motion without rate_mjd"),
+    ({"rate_mjd": [-1.1e6]}, "rate_mjd is beyond 1e+06"), ({"rate_mjd": [1.1e6]}, "rate_mjd is beyond"),
+    ({"rate_ra": [8e7], "rate_dec": [8e7]}, "a rate of motion above 1e+08 arcsec / hour"),
+    ({"rate_ra": [3e5], "trail_width": [60.1]}, "trail_width is not within 0..60 arcsec"),
+    ({"trail_width": [-0.1]}, "trail_width is not within"), ({"trail_width": [np.nan]}, "trail_width is not within"),
+    ({"rate_ra": [1.5e5], "rate_dec": [1.5e5], "trail_width": [0.1]}, "a trail_width, but slower than 1 arcmin / s"),
+    ({"var_period": [0.0], "var_amplitude": [0.1]}, "a var_amplitude without a var_period above 0"),
+    ({"var_period": [1.0], "var_phase": [np.inf]}, "var_phase is not finite"),
+    ({"var_period": [1.0], "var_amplitude": [30.1]}, "var_amplitude is not within 0..30 mag"),
+    ({"var_period": [1.0], "var_amplitude": [-0.1]}, "var_amplitude is not within"),
+])  # fmt: skip
+def test_changes_at_the_limits_and_beyond(columns, words):
+    found = [reason for reason, mask in reasons(ObjectTable(RATE | columns)).items() if mask.any()]
+    assert len(found) == (words is not None) and all(reason.startswith(words) for reason in found)
+
+
+def test_columns_of_changes_are_completed():
+    """One rate brings them all; blanks are the default, of a time no number; a table without any has none."""
+    assert completed({"ra": np.zeros(2)}, 2) == {}
+    made = completed({"rate_dec": np.array([5, -3])}, 2)
+    assert list(made) == ["rate_ra", "rate_dec", "rate_mjd", "trail_width"]
+    assert made["rate_dec"].tolist() == [5.0, -3.0] and made["rate_ra"].tolist() == [0.0, 0.0]
+    assert np.isnan(made["rate_mjd"]).all() and not made["trail_width"].any()
+    made = completed({"var_amplitude": np.array([0.2, np.nan]), "var_period": np.array([np.nan, 3.0])}, 2)
+    assert set(made) == {"var_amplitude", "var_period"} and made["var_amplitude"].tolist() == [0.2, 0.0]
+    assert np.isnan(made["var_period"][0]) and made["var_period"][1] == 3.0
+    assert completed({"light_curve": np.array([2.0, np.nan, 1.5])}, 3)["light_curve"].tolist() == ["2", "", "1.5"]
+
+
+def test_who_moves():
+    table = ObjectTable({"rate_ra": np.array([0.0, -1.0, 0.0, np.nan]), "rate_dec": np.array([0.0, 0.0, 2.0, 1.0])})
+    assert moves(table).tolist() == [False, True, True, False]
+    assert moves(ObjectTable({"ra": np.zeros(3)})).tolist() == [False] * 3
+
+
+def test_columns_are_exposed_between_the_leaves():
+    interval = Interval(61000.25, 150.0, lambda x: 0.001 * np.asarray(x))
+    assert interval.middle == pytest.approx(61000.25 + 75.0 / 86400, abs=1e-10)
+    first, last = interval.exposed(np.array([0.0, 2000.0, 9000.0]))
+    assert first.tolist() == [0.0, 1.0, 4.5] and last.tolist() == [150.0, 149.0, 145.5]
+    first, last = Interval(61000.25, 150.0).exposed(np.array([5.0, 6.0]))
+    assert first.tolist() == [0.0, 0.0] and last.tolist() == [150.0, 150.0]
+
+
+def test_the_direction_of_a_motion_is_that_of_its_great_circle():
+    """Far from where it began: against astropy's bearing of the place a second later, and times of several columns."""
+    columns = {"ra": [120.0, 359.99], "dec": [-60.0, 80.0], "rate_ra": [4e5, -1e5], "rate_dec": [2e5, 3e5],
+               "rate_mjd": [61000.0 - 0.02, 61000.002]}  # fmt: skip
+    motion = Motion(ObjectTable({name: np.array(v) for name, v in columns.items()}), INTERVAL)
+    assert motion.speed == pytest.approx(np.hypot([4e5, -1e5], [2e5, 3e5]) / 3600)
+    t = np.array([30.0, 120.0])
+    here, there = (SkyCoord(*(v * u.deg for v in motion.place(at))) for at in (t, t + 1.0))
+    assert motion.direction(t) == pytest.approx(here.position_angle(there).deg, abs=1e-3 + 0.01)
+    assert here.separation(there).arcsec == pytest.approx(motion.speed, rel=1e-6)
+    many = motion.place(np.stack([t, t + 1.0], axis=1))
+    np.testing.assert_allclose(many[0][:, 1], there.ra.deg, rtol=1e-12)
+
+
+def test_beyond_a_quarter_of_a_turn_an_object_is_nowhere():
+    """In front of its place by 80 deg it is near a place there, by 100 deg it is not, and so behind."""
+    speed = 3.6e6  # arcsec / hour: a degree in 3.6 s
+    for degrees, seen in ((80.0, True), (100.0, False), (-80.0, True), (-100.0, False)):
+        columns = {"ra": [30.0], "dec": [0.0], "rate_ra": [speed], "rate_dec": [0.0],
+                   "rate_mjd": [61000.0 - (degrees * 3.6 - 75.0) / 86400]}  # fmt: skip
+        motion = Motion(ObjectTable({name: np.array(v) for name, v in columns.items()}), INTERVAL)
+        first, last = motion.near((30.0 + degrees, 0.0), np.radians(0.5))
+        assert np.isfinite(first[0]) == seen
+        if seen:
+            assert [first[0], last[0]] == pytest.approx([75.0 - 1.8, 75.0 + 1.8], abs=1e-3)
+
+
+def test_a_trail_is_where_its_object_is_while_the_column_is_exposed(camera, make_pointing, observe):
+    """Slow and fast, and one elsewhere: places by the WCS, length by the speed, angle by astropy, times by leaves."""
+    pointing = make_pointing()
+    wcs, craft = ChipWCS(camera.chips[9], pointing), observe(pointing)
+    window, interval = Window(4000, 4600, 3000, 3500), Interval(pointing.mjd, 150.0, lambda x: 2.0 + 0 * x)
+    from csstsim.catalog.astrometry.reduction import icrs
+
+    ra, dec = (float(v) for v in icrs(*wcs.pixel_to_world(4300.0, 3250.0), craft))
+    columns = {"ra": [ra, ra, ra + 5], "dec": [dec] * 3, "rate_ra": [30.0, 2e5, 30.0], "rate_dec": [40.0, -5e5, 0.0],
+               "rate_mjd": [interval.middle, interval.start + 20.0 / 86400, interval.middle]}  # fmt: skip
+    table = ObjectTable({name: np.array(v) for name, v in columns.items()})
+    found, motion = trails(table, wcs, craft, window, interval, 100.0), Motion(table, interval)
+    assert all(np.isnan(values[2]) for values in found.values())
+    first, last = found["trail_start"][:2], found["trail_end"][:2]
+    assert [first[0], last[0]] == pytest.approx([1.0, 149.0])
+    half = (0.5 * np.hypot(600, 500) + 100) * 0.074 / (np.hypot(2e5, 5e5) / 3600)  # s
+    assert [first[1], last[1]] == pytest.approx([20 - half, 20 + half], abs=0.02)
+    assert found["trail_length"][:2] == pytest.approx(motion.speed[:2] * (last - first))
+    angle = np.degrees(np.arctan2(columns["rate_ra"], columns["rate_dec"])) % 360
+    assert found["trail_angle"][:2] == pytest.approx(angle[:2], abs=0.01)
+    for k, t in ((0, found["trail_start"]), (1, found["trail_end"])):
+        seen = wcs.world_to_pixel(*apparent(*motion.place(t), craft))
+        assert found[f"trail_x{k}"][:2] == pytest.approx(seen[0][:2]) and found[f"trail_y{k}"][:2] == pytest.approx(
+            seen[1][:2]
+        )
+    middle = seen_at(motion, wcs, craft, 0.5 * (found["trail_start"] + found["trail_end"]))
+    for name, values in zip(("ra", "dec", "ra_epoch", "dec_epoch", "x", "y"), middle, strict=True):
+        np.testing.assert_array_equal(found[name], values)
+    assert [found["x"][0], found["y"][0]] == pytest.approx([4300.0, 3250.0], abs=1e-3)
+    assert found["ra_epoch"][0] == pytest.approx(ra, abs=1e-9) and abs(found["ra"][0] - ra) > 1e-4
+
+
+def test_orbits_lie_as_their_angles_say():
+    """Perihelion and a quarter of the anomaly by turns about z, x, z of scipy; the mean motion is forwards."""
+    a, e, i, node, peri = 2.5, 0.2, 0.3, 1.1, 2.3
+    turn = Rotation.from_euler("ZXZ", [node, i, peri])
+    at = asteroids.positions(np.array([[a], [e], [i], [node], [peri], [0.0]]), 0.0)[0]
+    np.testing.assert_allclose(at, turn.apply([a * (1 - e), 0.0, 0.0]), atol=1e-12)
+    mean = 1.7
+    eccentric = brentq(lambda x: x - e * np.sin(x) - mean, 0.0, np.pi)
+    place = [a * (np.cos(eccentric) - e), a * np.sqrt(1 - e * e) * np.sin(eccentric), 0.0]
+    days = 400.0
+    anomaly = mean - days * 0.01720209895 / a**1.5
+    at = asteroids.positions(np.array([[a], [e], [i], [node], [peri], [anomaly]]), days)[0]
+    np.testing.assert_allclose(at, turn.apply(place), atol=1e-9)
+
+
+def test_the_ecliptic_is_that_of_astropy():
+    pole = SkyCoord(0 * u.deg, 90 * u.deg, frame="barycentricmeanecliptic").icrs.cartesian.xyz.value
+    east = SkyCoord(90 * u.deg, 0 * u.deg, frame="barycentricmeanecliptic").icrs.cartesian.xyz.value
+    made = asteroids._to_equator(np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]))
+    np.testing.assert_allclose(made, [pole, east], atol=1e-6)
+    np.testing.assert_allclose(asteroids._to_ecliptic(made), [[0, 0, 1], [0, 1, 0]], atol=1e-15)
+
+
+@pytest.mark.parametrize("phase", [0.0, 30.0, 110.0])
+def test_brightness_falls_with_both_distances_and_the_phase(phase):
+    """H, G of Bowell et al. 1989, G 0.15, at 2.5 au from the Sun and 1.5 au from us; light time moves it a little."""
+    orbit, angle = np.array([[2.5], [0.0], [0.0], [0.0], [0.0], [np.pi / 2]]), np.radians(phase)
+    place = np.array([1.5 * np.sin(angle), 2.5 - 1.5 * np.cos(angle), 0.0])
+    _, v = asteroids.observed(orbit, np.array([14.0]), asteroids.EPOCH, place, 0.15)
+    half = np.tan(angle / 2)
+    dims = -2.5 * np.log10(0.85 * np.exp(-3.33 * half**0.63) + 0.15 * np.exp(-1.87 * half**1.22))
+    assert v[0] == pytest.approx(14.0 + 5 * np.log10(2.5 * 1.5) + dims, abs=5e-3)
+
+
+def test_numbers_of_asteroids_are_read_both_ways():
+    """Slopes beyond the table's ends, and lines within; the inverse returns."""
+    points, log = np.array([11.0, 15.0, 18.1]), np.array([2.95, 4.9, 6.28])
+    h = np.array([9.0, 11.0, 13.0, 16.55, 18.1, 20.1])
+    wanted = [2.95 - 1.0, 2.95, 3.925, 5.59, 6.28, 6.28 + 0.56]
+    assert asteroids._log_number(h, points, log, 0.5, 0.28) == pytest.approx(wanted)
+    assert [asteroids._number(x, points, log, 0.5, 0.28) for x in h] == pytest.approx(wanted)
+    assert [asteroids._magnitude(n, points, log, 0.5, 0.28) for n in wanted] == pytest.approx(h)
+
+
+def test_cells_of_asteroids_hold_all_that_can_be_seen():
+    """Shares of zones at one limit of H; the faintest at opposition and perihelion; width of inclinations in rad."""
+    numbers = {**numbers_of(UNIVERSE, "asteroids"), "faintest": 22.0}
+    made, zones = asteroids.population(numbers), numbers["zones"]
+    assert made.cells.shape == (5 * 6 * 12, 6) and (made.limit, made.slope) == (22.0, 0.15)
+    share = made.count / 10 ** asteroids._log_number(made.bright, *made.counts)
+    of_zone = [share[made.cells[:, 5] == k].sum() for k in range(5)]
+    assert of_zone == pytest.approx(zones["share"], rel=0.02)
+    assert made.counts[1] == pytest.approx(np.array(numbers["counts"]["log_number"]) + np.log10(0.43))
+    for k, (first, last) in enumerate(zones["a"]):
+        mine = made.cells[made.cells[:, 5] == k]
+        assert (mine[:, 0].min(), mine[:, 1].max()) == pytest.approx((first, last)) and mine[:, 3].max() == 0.35
+        assert mine[:, 4] == pytest.approx(np.radians(zones["i"][k]))
+        inner = mine[:, 3] < 0.15
+        wanted = -np.expm1(-0.5 * (mine[inner, 3].max() / zones["e"][k]) ** 2)
+        wanted /= -np.expm1(-0.5 * (0.35 / zones["e"][k]) ** 2)
+        assert share[made.cells[:, 5] == k][inner].sum() / zones["share"][k] == pytest.approx(wanted, rel=0.03)
+    nearest = made.cells[:, 0] * (1 - made.cells[:, 3])
+    brightest = made.bright + 5 * np.log10(nearest * np.maximum(nearest - 1.017, 0.05))
+    assert brightest == pytest.approx(np.full(len(brightest), 22.0))
+
+
+@pytest.mark.parametrize("ecliptic", [(40.0, 3.0), (200.0, -25.0)])
+def test_no_asteroid_is_left_out_by_the_search(monkeypatch, ecliptic):
+    """With and without the shortcut by longitude and inclination, away from opposition."""
+    numbers = {**numbers_of(UNIVERSE, "asteroids"), "faintest": 18.8}
+    sun = np.array([0.3, -0.95, 0.1])
+    lon, lat = np.radians(ecliptic)
+    towards = asteroids._to_equator(np.array([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)]))
+    asked = 2, 61800.0, sun, towards, np.radians(9.0), numbers
+    quick = asteroids.asteroids_near(*asked)
+    monkeypatch.setattr(asteroids, "_window", lambda *_: (0.0, 0.0, np.pi))
+    every = asteroids.asteroids_near(*asked)
+    assert len(every["id"]) > 10 and quick["id"].tolist() == every["id"].tolist()
+    apart = np.arccos(np.clip(every["vector"] @ towards, -1, 1))
+    assert apart.max() <= np.radians(9.0) and every["V"].max() <= 18.8
+    first = np.array([zone[0] for zone in numbers["zones"]["a"]])[every["zone"]]
+    last = np.array([zone[1] for zone in numbers["zones"]["a"]])[every["zone"]]
+    assert ((every["a"] >= first) & (every["a"] <= last)).all()
+
+
+def test_satellites_are_as_far_fast_wide_and_bright_as_said():
+    """A thousand tracks: laws by KS tests, widths and magnitudes in closed form; growth multiplies their number."""
+    numbers = numbers_of(UNIVERSE, "satellites")
+    radius, orbits = np.radians(0.8), numbers["orbits"]
+    many = satellites.crossing(5, 61000.0, 150.0, (30.0, -40.0), radius, 2.0, {**numbers, "growth": 5000.0})
+    assert len(many["id"]) == 1000 == len(np.unique(many["id"]))
+    (near, far), km = orbits["distance"], many["distance"]
+    assert kstest(np.log(km / near) / np.log(far / near), "uniform").pvalue > 1e-4
+    assert kstest(many["speed"] / ARCSEC_PER_RAD * km, "uniform", (4.0, 10.0)).pvalue > 1e-4
+    assert kstest(many["time"], "uniform", (0.0, 150.0)).pvalue > 1e-4
+    assert many["width"] == pytest.approx((2.0 + 3.0) / (1000 * km) * 206264.806)
+    middle, scatter = orbits["magnitude"]
+    assert kstest((many["V"] - 5 * np.log10(km / 1000) - middle) / scatter, "norm").pvalue > 1e-4
+    assert kstest(many["angle"], "uniform", (0.0, 360.0)).pvalue > 1e-4
+    there, centre = SkyCoord(many["ra"] * u.deg, many["dec"] * u.deg), SkyCoord(30 * u.deg, -40 * u.deg)
+    assert kstest(centre.separation(there).deg / 0.8, "uniform").pvalue > 1e-4
+    assert kstest(centre.position_angle(there).deg, "uniform", (0.0, 360.0)).pvalue > 1e-4
+    assert abs(np.corrcoef(many["speed"] * km, many["time"])[0, 1]) < 0.16  # 5 sigma
+    tripled = {**numbers, "growth": 60.0}
+    counts = [
+        len(satellites.crossing(5, 61000.0 + k, 150.0, (30.0, 0.0), radius, 2.0, tripled)["id"]) for k in range(99)
+    ]
+    expected = 60 * -np.log(1 - 0.043) / (660 * 257) * 2 * 0.8 * 3600 * 150
+    assert np.mean(counts) == pytest.approx(expected, abs=5 * np.sqrt(expected / 99))
+
+
+def test_classes_of_stars_take_them_in_turn():
+    """Ranges from the lower limit on, shares, and period, amplitude and phase of the class that takes the star."""
+    classes = {
+        "names": ["a", "b"], "teff": [[4000, 6000], [5000, 7000]], "logg": [[1.0, 4.0], [2.0, 5.0]],
+        "share": [0.5, 0.3], "period": [[1.0, 100.0], [0.1, 10.0]], "amplitude": [[0.2, 0.5], [0.01, 0.1]],
+    }  # fmt: skip
+    teff = np.array([4000, 6000, 5500, 5500, 5500, 5500, 3999, 7000, 5500, 5500.0])
+    logg = np.array([3.0, 3.0, 3.0, 3.0, 4.0, 0.9, 3.0, 3.0, 1.0, 2.0])
+    draws = np.full((10, 16), 0.4)
+    draws[:, 0], draws[:, 1], draws[:, -1], draws[:, -2], draws[:, -3] = 0.49, 0.29, 0.25, 0.9, 0.7
+    draws[2, 0], draws[3, :2] = 0.5, (0.5, 0.3)
+    which, period, size, phase = variable_stars.drawn({"teff": teff, "logg": logg}, draws, classes)
+    assert which.tolist() == [0, 1, 1, -1, 1, -1, -1, -1, 0, 0]
+    assert period[[0, 1]] == pytest.approx([100**0.25, 0.1 * 100**0.25])
+    assert size[[0, 1]] == pytest.approx([0.2 * 10 ** (0.5 * ndtri(0.9)), 0.01 * 10 ** (0.1 * ndtri(0.9))])
+    assert (phase == 0.7).all()
+
+
+def test_forms_of_changes():
+    """A sine rises first; a saw brightens in 0.15 of its period from 1 to -1; an eclipse takes a tenth, 2 deep."""
+    forms = variable_stars._FORMS
+    assert forms["sine"](np.array([0.0, 0.25, 0.5, 0.75])) == pytest.approx([0.0, 1.0, 0.0, -1.0], abs=1e-12)
+    assert forms["saw"](np.array([0.0, 0.075, 0.15, 0.575])) == pytest.approx([1.0, 0.0, -1.0, 0.0])
+    assert forms["eclipse"](np.array([0.0, 0.025, 0.975, 0.05, 0.95, 0.0499])) == pytest.approx(
+        [2.0, 1.0, 1.0, 0.0, 0.0, 0.0], abs=1e-4
+    )
+
+
+def test_a_star_s_change_follows_its_period_and_the_wavelength():
+    """Of a class of one: the period's turns, the amplitude by wavelength, another curve for another seed."""
+    numbers = {"classes": {
+        "names": ["one"], "teff": [[0, 9e4]], "logg": [[-9, 9]], "share": [1.0], "period": [[2.0, 2.0]],
+        "amplitude": [[0.3, 0.0]], "slope": [-0.9], "form": ["sine"],
+    }}  # fmt: skip
+    table = ObjectTable({"id": np.arange(3) + 5, "teff": np.full(3, 5e3), "logg": np.full(3, 4.0)})
+    times = 61000.0 + np.linspace(0, 4, 401)
+    mags = variable_stars.star_changes(1, table, times, 5500.0, numbers)
+    np.testing.assert_allclose(mags[:, :200], mags[:, 200:400], atol=1e-9)
+    assert np.abs(mags).max(axis=1) == pytest.approx([0.3] * 3, rel=1e-3)
+    blue = variable_stars.star_changes(1, table, times, 2750.0, numbers)
+    np.testing.assert_allclose(blue, 2**0.9 * mags, rtol=1e-12)
+    assert np.ptp(mags[:, 0]) > 1e-3  # phases of their own
+    assert not np.allclose(variable_stars.star_changes(2, table, times, 5500.0, numbers), mags)
+
+
+def test_before_its_start_a_quasar_stands_still_and_its_walk_begins_as_it_goes_on():
+    """Variance from the first day on; half way between days the mean of both; a longer search is the same walk."""
+    numbers = numbers_of(UNIVERSE, "variable_quasars")
+    start, n = numbers["start"], 600
+    table = ObjectTable({"id": np.arange(n), "z": np.full(n, 0.5), "coeff0": np.full(n, -24.0)})
+    times = start + np.array([-500.0, 0.0, 10.0, 10.5, 11.0])
+    mags = variable_quasars.quasar_changes(1, table, times, 5000.0, numbers)
+    np.testing.assert_array_equal(mags[:, 0], mags[:, 1])
+    np.testing.assert_allclose(mags[:, 3], 0.5 * (mags[:, 2] + mags[:, 4]), atol=1e-12)
+    alone = variable_quasars.quasar_changes(1, table.take(np.array([3])), times[1:2], 5000.0, numbers)
+    assert alone[0, 0] == pytest.approx(mags[3, 1], abs=1e-12)
+    normal = np.array([stream(1, "quasar light", k).standard_normal() for k in range(n)])
+    rms = np.array([variable_quasars.walk_of(0.5, -24.0, x, 5000.0, numbers)[0] for x in normal])
+    assert ((mags[:, 1] / rms) ** 2).mean() == pytest.approx(1.0, abs=5 * np.sqrt(2 / n))
+    assert abs((mags[:, 1] / rms).mean()) < 5 / np.sqrt(n)
+
+
+def test_columns_of_bands_and_gratings_are_found_in_any_case():
+    curves = LightCurves({"curve": ["a", "a"], "mjd": [1.0, 3.0], "dmag_GV": [0.0, 2.0], "dmag_nuv": [1.0, 1.0],
+                          "dmag": [5.0, 7.0]}, "here", ("NUV", "r", "GV"))  # fmt: skip
+    for band, wanted in (("GV", [0.0, 1.0, 2.0]), ("NUV", [1.0, 1.0, 1.0]), ("r", [5.0, 6.0, 7.0])):
+        assert curves.at("a", [0.0, 2.0, 9.0], band).tolist() == wanted
+
+
+def test_points_of_curves_may_be_in_any_order_of_rows():
+    """Curves interleaved and backwards; a time twice is refused in one curve, not in two."""
+    columns = {"curve": ["b", "a", "b", "a"], "mjd": [3.0, 9.0, 1.0, 1.0], "dmag": [6.0, 0.9, 2.0, 0.1]}
+    curves = LightCurves(columns, "here")
+    assert curves.at("b", [2.0], "r")[0] == 4.0 and curves.at("a", [5.0], "r")[0] == pytest.approx(0.5)
+    curves.check(["a", "", "b"])
+    with pytest.raises(InputError, match=r"no such curve .*'c'.*allowed: a, b"):
+        curves.check(["a", "c"])
+    with pytest.raises(InputError, match="curve a has a time twice"):
+        LightCurves(columns | {"mjd": [3.0, 1.0, 1.0, 1.0]}, "here")

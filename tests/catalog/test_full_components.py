@@ -65,3 +65,26 @@ def test_no_mass_and_no_objects(galaxies):
     unknown = galaxies.with_columns(bulgemass=np.full(COUNT, np.nan))
     assert np.isfinite(full_components(unknown)["n_bulge"]).all()
     assert len(full_components(galaxies.take(slice(0, 0)))) == 0
+
+
+def test_disks_scatter_about_theirs_within_limits_and_draws_are_apart(galaxies):
+    """Steps of 1/32; mean, scatter and limits of the disk's law; number of knots and their share know nothing of it."""
+    made, law = full_components(galaxies), load_numbers().disk_index
+    disks = made["n_disk"].astype(float)
+    assert disks.std() == pytest.approx(law.scatter, rel=0.04)
+    assert disks.min() == pytest.approx(law.least, abs=1e-6) and disks.max() == pytest.approx(law.most, abs=1e-6)
+    inside = (disks > law.least + 1e-6) & (disks < law.most)
+    assert not ((disks[inside] * 32) % 1).any()
+    forming = galaxies["gal_type"] == 0
+    share = (made["knots_frac"] / np.maximum(1 - galaxies["bulge_frac"], 1e-6))[forming]
+    knots, disks = made["knots"][forming], disks[forming]
+    for one, other in ((knots, share), (disks, share), (disks, knots)):
+        assert abs(np.corrcoef(one, other)[0, 1]) < SIGMA / np.sqrt(forming.sum())
+    counts = np.bincount(made["knots"][forming])[5:31]
+    assert np.abs(counts / counts.mean() - 1).max() < SIGMA / np.sqrt(counts.mean()) and len(counts) == 26
+
+
+def test_a_galaxy_that_is_all_bulge_has_no_knots():
+    table = ObjectTable.complete({"id": [1, 2], "obj_type": GALAXY, "gal_type": 0, "bulge_frac": [1.0, 0.999]}, BANDS)
+    made = full_components(table)
+    assert made["knots"][0] == 0 < made["knots"][1] and made["knots_frac"][0] == 0 < made["knots_frac"][1] < 3.1e-4

@@ -41,3 +41,25 @@ def test_bands_that_do_not_cover(camera):
     half = dataclasses.replace(filter, kind="slitless", throughput=filter.throughput / 2)
     ((band, share),) = band_shares(half, only_r)
     assert band.name == "r" and 0.5 <= share < 0.62  # the foot of an edge counts for more within a constraint
+
+
+def test_the_margin_is_on_top_of_the_bands_rates(camera):
+    """Of a grating with half the throughput of r: 5% above the share that covers it, for each object."""
+    only_r = tuple(band for band in imaging(camera) if band.name == "r")
+    half = dataclasses.replace(only_r[0], kind="slitless", throughput=only_r[0].throughput / 2)
+    ((_, share),) = band_shares(half, only_r)
+    rates = np.array([3.0, 0.0, 70.0])
+    assert grating_rate(half, only_r, lambda band: rates) == pytest.approx(1.05 * share * rates, rel=1e-9)
+
+
+def test_a_block_of_samples_is_covered_where_the_bands_give_least(camera):
+    """Of two bands that meet with a step, each sample of the grating's curve is below the sum of their shares."""
+    r = camera.filters["r"]
+    flat = np.where((GRID >= 5000) & (GRID <= 7000), 1.0, 0.0)
+    low = dataclasses.replace(r, name="low", throughput=np.where(GRID < 6001.2, flat, 0.0))
+    high = dataclasses.replace(r, name="high", throughput=np.where(GRID >= 5998.2, 0.25 * flat, 0.0))
+    wanted = dataclasses.replace(r, kind="slitless", throughput=np.where(GRID < 6000, 0.5, 1.0) * flat)
+    shares = {band.name: share for band, share in band_shares(wanted, (low, high))}
+    assert shares == pytest.approx({"low": 0.5, "high": 4.0}, rel=1e-3)
+    cover = shares["low"] * low.throughput + shares["high"] * high.throughput
+    assert (cover - wanted.throughput).min() > -1e-3

@@ -300,3 +300,143 @@ def test_numbers_of_too_many_digits_beside_blanks_are_refused(tmp_path, form):
     table["source_id"] = ids.data
     table.write(tmp_path / f"t.{form}", overwrite=True)
     assert read_table(tmp_path / f"t.{form}")["source_id"].tolist() == ids.data.tolist()
+
+
+@pytest.mark.parametrize("name, given, value", [
+    ("ra", 0.5 * u.rad, np.degrees(0.5)), ("dec", 1800 * u.arcsec, 0.5), ("size", 2 * u.arcmin, 120.0),
+    ("size_disk", 0.001 * u.deg, 3.6), ("size_bulge", 500 * u.mas, 0.5), ("pmra", 0.2 * u.arcsec / u.yr, 200.0),
+    ("pmdec", 1.0 * u.arcsec / u.yr, 1000.0), ("parallax", 0.1 * u.arcsec, 100.0), ("rv", 7e3 * u.m / u.s, 7.0),
+    ("teff", 5.8 * u.kK, 5800.0), ("av", 0.3 * u.mag, 0.3), ("rate_dec", 1 * u.arcsec / u.min, 60.0),
+    ("rate_mjd", 24 * u.h, 1.0), ("trail_width", 0.1 * u.arcmin, 6.0), ("var_period", 12 * u.h, 0.5),
+    ("var_amplitude", 0.2 * u.mag, 0.2), ("kappa", 5 * u.percent, 0.05), ("mag_y", 21.0 * u.mag, 21.0),
+])  # fmt: skip
+def test_each_quantity_has_its_unit(name, given, value):
+    assert plain_columns(QTable({name: u.Quantity([given])}))[name].tolist() == pytest.approx([value])
+
+
+@pytest.mark.parametrize("column, at, beyond", [
+    ("ra", -180.0, -180.1), ("ra", 360.0, 360.1), ("z", 1000.0, 1001.0), ("z", -0.99, -1.0),
+    ("rv", 299792.0, 299793.0), ("parallax", -1e4, -10001.0), ("parallax", 1e4, 10001.0),
+    ("pmra", 1e6, 1.001e6), ("pmdec", -1e6, -1.001e6), ("mag_r", -3.0, -3.1), ("mag_r", 90.0, 90.1),
+])  # fmt: skip
+def test_values_up_to_the_limits_are_taken(column, at, beyond):
+    good = {"ra": [1.0, 2.0], "dec": [0.0, 0.0], "mag_r": [20.0, 20.0]}
+    if column not in good:
+        good[column] = [0.0, 0.0]
+    last = [good[column][0], at]
+    assert object_table(good | {column: last}, BANDS, "t.csv")[column][1] == np.float32(at)
+    with pytest.raises(InputError, match="row 2"):
+        object_table(good | {column: [good[column][0], beyond]}, BANDS, "t.csv")
+
+
+def test_both_parts_of_a_proper_motion_count():
+    with pytest.raises(InputError, match="row 1 cannot be drawn: its proper motion"):
+        object_table(columns(pmra=[8e5, 0.0], pmdec=[8e5, 0.0]), BANDS, "t.csv")
+
+
+@pytest.mark.parametrize("ids, good", [
+    (np.array([1, 2**63 - 1]), True), (np.array([1, 2**63], np.uint64), False), ([1.0, -2.0], True),
+    ([1.0, np.nan], False), ([1.0, 2.0**63], False), (["7", "8"], False), ([True, False], False),
+])  # fmt: skip
+def test_ids_are_whole_and_of_64_bits(ids, good):
+    if good:
+        assert object_table(columns(id=ids), BANDS, "t.csv")["id"].tolist() == [int(k) for k in ids]
+        return
+    with pytest.raises(InputError, match=r"id, row \d: not a number of an object|id"):
+        object_table(columns(id=ids), BANDS, "t.csv")
+
+
+def test_the_second_row_of_an_id_is_named_wherever_it_is():
+    rows = {"ra": [1.0, 2, 3, 4], "dec": [0.0] * 4, "mag_r": [20.0] * 4, "id": [9, 5, 7, 5]}
+    with pytest.raises(InputError, match="row 4 cannot be drawn: another row has the same id"):
+        object_table(rows, BANDS, "t.csv")
+
+
+def test_blanks_have_the_default_of_their_column():
+    """In the columns that are filled; one part's own size stays."""
+    nan = np.nan
+    blank = {name: [nan, 0.5] for name in ("e1", "e2", "bulge_frac", "z", "gamma1", "n_bulge")}
+    blank |= {"gamma2": [nan, 0.125], "kappa": [nan, -1.0]}
+    sizes = {"size": [0.5, 0.4], "size_bulge": [0.2, 0.1], "satellite": [nan, 1.0]}
+    table = object_table(columns(type=["galaxy"] * 2, **sizes) | blank, BANDS, "t")
+    for name in blank:
+        assert table[name].tolist() == [4.0 if name == "n_bulge" else 0.0, blank[name][1]], name
+    assert table["satellite"].tolist() == [-1, 1]
+    assert table["size_disk"] == pytest.approx([0.5, 0.4]) and table["size_bulge"] == pytest.approx([0.2, 0.1])
+    assert np.isnan(table["stellarmass"]).all()
+
+
+def test_types_in_any_spelling_and_by_number():
+    table = object_table(columns(type=[" QUASAR", ""]), BANDS, "t")
+    assert table["obj_type"].tolist() == [2, 0]
+    assert object_table(columns(obj_type=[2, 0]), BANDS, "t")["obj_type"].tolist() == [2, 0]
+    assert object_table(columns(type=["asteroid", "satellite"]), BANDS, "t")["obj_type"].tolist() == [3, 4]
+
+
+def test_a_parquet_table_of_many_types(tmp_path):
+    """Coded words, decimals, truths, whole numbers with blanks, columns of blanks, views; lists are left out."""
+    from decimal import Decimal
+
+    table = pa.table({
+        "ra": pa.array([Decimal("10.25"), Decimal("11.5")]), "dec": pa.array([0.5, None], pa.float32()).fill_null(1.0),
+        "mag_r": pa.array([20, 21], pa.int16()), "type": pa.array(["star", None]).dictionary_encode(),
+        "n_obs": pa.array([3, None]), "good": pa.array([True, None]), "sure": pa.array([True, False]),
+        "nothing": pa.nulls(2), "word": pa.array(["é", "b"], pa.large_string()), "many": pa.array([[1.0], [2.0, 3.0]]),
+        "text": pa.array(["x", None], pa.string_view()),
+    })  # fmt: skip
+    pq.write_table(table, tmp_path / "t.parquet")
+    found = read_table(tmp_path / "t.parquet")
+    assert found["ra"].tolist() == [10.25, 11.5] and found["dec"].tolist() == [0.5, 1.0]
+    assert found["type"].tolist() == ["star", ""] and found["word"].tolist() == ["é", "b"]
+    np.testing.assert_array_equal(found["n_obs"], [3.0, np.nan])
+    np.testing.assert_array_equal(found["good"], [1.0, np.nan])
+    assert found["sure"].tolist() == [True, False] and np.isnan(found["nothing"]).all()
+    assert found["text"].tolist() == ["x", ""] and "many" not in found
+    lists = pa.table({"ra": pa.array([[1.0]]), "dec": [0.0], "mag_r": [20.0]})
+    pq.write_table(lists, tmp_path / "l.parquet")
+    with pytest.raises(InputError, match="ra: must hold one number or word per row"):
+        read_table(tmp_path / "l.parquet")
+
+
+def test_remarks_above_the_heading_are_left_out_and_others_are_rows(tmp_path):
+    path = tmp_path / "t.csv"
+    path.write_text("# made by hand\n\n# twice\nra,dec,mag_r,note\n10,0,20,#1\n11,1,21,b\n")
+    found = read_table(path)
+    assert found["ra"].tolist() == [10, 11] and found["note"].tolist() == ["#1", "b"]
+    path.write_text("# only a remark\n")
+    with pytest.raises(InputError, match=r"t\.csv: the table is empty: no heading"):
+        read_table(path)
+
+
+def test_bytes_and_long_numbers_of_a_fits_table(tmp_path):
+    """Words of FITS come as bytes or text; masked whole numbers are floats with blanks."""
+    table = Table({"word": np.array([b"ab", b"c"]), "long": np.array([1.5, 2.5], np.longdouble)})
+    found = plain_columns(table)
+    assert found["word"].tolist() == ["ab", "c"] and found["long"].dtype == float
+    masked = Table({"k": np.ma.array([1, 2], mask=[True, False]), "w": np.ma.array(["a", "b"], mask=[False, True])})
+    found = plain_columns(masked)
+    np.testing.assert_array_equal(found["k"], [np.nan, 2.0])
+    assert found["w"].tolist() == ["a", ""]
+
+
+def test_files_are_those_that_are_given(tmp_path):
+    """Of a table without names of files its rows are not read; curves are among them; columns may name some."""
+    path = tmp_path / "t.csv"
+    path.write_text("ra,dec,mag_r\n10,0,20\n")
+    assert TableCatalog.files({"file": str(path)}) == (str(path),)
+    assert TableCatalog.files({"file": str(path), "light_curves": "c.csv"}) == (str(path), "c.csv")
+    named = columns(spectrum_file=["b.csv", "a.csv"], image_file=["a.fits[1]", ""])
+    assert TableCatalog.files({"columns": named}) == ("a.csv", "a.fits", "b.csv")
+    assert TableCatalog.files({"columns": columns(), "light_curves": None}) == ()
+
+
+def test_magnitudes_are_those_of_the_camera_that_is_meant(tmp_path):
+    """Spectra of rows asked in any order; a magnitude in another band moves the light by its colour alone."""
+    mine = TableCatalog({"columns": columns(mag_g=[21.0, np.nan])}, REGION)
+    seds = mine.load_seds([1, 0])
+    flat = ab_photon_density(GRID, 21.0)
+    np.testing.assert_allclose(seds[0], flat, rtol=1e-4)
+    red = seds[1] / ab_photon_density(GRID)
+    assert red[GRID == 6200.0] > 1.5 * red[GRID == 4700.0]
+    np.testing.assert_allclose(mine.load_sed(mine.objs[0])["FLUX"], seds[1], rtol=1e-12)
+    assert mine.load_norm_filt(mine.objs[0]) is None

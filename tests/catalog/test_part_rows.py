@@ -154,3 +154,56 @@ def test_ids_are_compared_exactly():
     for of, words in ((np.array([-1, big + 2]), "no row of that id"), ([BLANK, float(big)], "inexact")):
         with pytest.raises(InputError, match=words):
             load(id=[big, big + 1], part_of=of)
+
+
+def test_parts_of_several_objects_in_any_order_of_rows():
+    """Each gets its own object's place, lens, light and redshift; two parts of one share its light."""
+    lens = {"kappa": [BLANK, 0.1, BLANK, BLANK, 0.0, BLANK], "gamma1": [BLANK, 0.0, BLANK, 0.05, 0.0, BLANK]}
+    table = TableCatalog({"columns": {
+        "id": [40, 9, 31, 22, 7, 55], "part_of": [9, BLANK, 7, 9, BLANK, BLANK],
+        "ra": [BLANK, 10.0, BLANK, BLANK, 200.0, 30.0], "dec": [BLANK, 0.0, BLANK, BLANK, 60.0, 5.0],
+        "mag_r": [BLANK, 20.0, BLANK, BLANK, 22.0, 18.0], "mag_y": [BLANK, 19.0, BLANK, BLANK, BLANK, BLANK],
+        "z": [BLANK, 0.9, 0.2, BLANK, 0.3, 0.4], "offset_ra": [0.9, BLANK, 1.0, 0.0, BLANK, BLANK],
+        "offset_dec": [0.0, BLANK, 0.5, 0.9, BLANK, BLANK], "part_share": [0.5, BLANK, 0.1, 0.2, BLANK, BLANK],
+        "type": ["galaxy", "galaxy", "quasar", "galaxy", "quasar", "star"], "size": [0.1, 0.5, 0, 0.1, 0, 0],
+    } | lens}, REGION).table  # fmt: skip
+    assert table["id"].tolist() == [40, 9, 31, 22, 7, 55] and table["part_of"].tolist() == [9, -1, 7, 9, -1, -1]
+    light = 10 ** (-0.4 * (table["mag_r"].astype(float) - [20.0, 20.0, 22.0, 20.0, 22.0, 18.0]))
+    assert light == pytest.approx([0.5, 0.3, 0.1, 0.2, 0.9, 1.0], rel=1e-5)
+    assert 10 ** (-0.4 * (table["mag_y"][[0, 1, 3]].astype(float) - 19.0)) == pytest.approx([0.5, 0.3, 0.2], rel=1e-5)
+    assert np.isnan(table["mag_y"][[2, 4, 5]]).all()
+    assert table["z"] == pytest.approx([0.9, 0.9, 0.2, 0.9, 0.3, 0.4])
+    east = (table["ra"] - [10.0, 10.0, 200.0, 10.0, 200.0, 30.0]) * np.cos(np.radians(table["dec"])) * 3600
+    north = (table["dec"] - [0.0, 0.0, 60.0, 0.0, 60.0, 5.0]) * 3600
+    assert east == pytest.approx([0.9 / 0.9, 0.0, 1.0, 0.0, 0.0, 0.0], abs=MAS)
+    # behind kappa 0.1 of its object and gamma1 0.05 of its own
+    assert table["gamma1"] == pytest.approx([0.0, 0.0, 0.0, 0.05, 0.0, 0.0])
+    assert table["kappa"] == pytest.approx([0.1, 0.1, 0.0, 0.1, 0.0, 0.0])
+    assert north == pytest.approx([0.0, 0.0, 0.5, 1.0, 0.0, 0.0], abs=MAS)
+
+
+def test_a_part_of_no_object_and_none_at_all():
+    """-1 and a blank are the same; a table whose column is blank has objects alone."""
+    columns = {"ra": [10.0, 11.0], "dec": [0.0, 0.0], "mag_r": [20.0, 21.0], "part_of": [-1, BLANK]}
+    assert TableCatalog({"columns": columns}, REGION).table["part_of"].tolist() == [-1, -1]
+
+
+def test_a_part_with_a_share_follows_its_object_s_curve_and_one_with_light_of_its_own_does_not(tmp_path):
+    (tmp_path / "c.csv").write_text("curve,mjd,dmag\na,1,0\nb,1,1\n")
+    base = {
+        "id": [3, 4, 5], "ra": [10.0, BLANK, BLANK], "dec": [60.0, BLANK, BLANK], "mag_r": [20.0, BLANK, 22.0],
+        "type": ["galaxy"] * 3, "size": [0.5, 0.1, 0.1], "part_of": [BLANK, 3, 3], "part_share": [BLANK, 0.25, BLANK],
+        "light_curve": ["a", "", "b"], "var_period": [2.0, 9.0, 3.0], "var_amplitude": [0.1, 0.4, 0.2],
+        "rate_ra": [7.0, BLANK, 3.0], "rate_mjd": [61000.0, BLANK, 3.0],
+    }  # fmt: skip
+    table = TableCatalog({"columns": base, "light_curves": str(tmp_path / "c.csv")}, REGION).table
+    assert table["light_curve"].tolist() == ["a", "a", "b"]
+    assert table["var_period"].tolist() == [2.0, 2.0, 3.0]
+    assert table["var_amplitude"] == pytest.approx([0.1, 0.1, 0.2])
+    assert table["rate_ra"].tolist() == [7.0] * 3 and table["rate_mjd"].tolist() == [61000.0] * 3
+
+
+@pytest.mark.parametrize("value", [-3600.0, 3600.0])
+def test_offsets_up_to_a_degree_and_a_whole_share(value):
+    table = load(offset_ra=[BLANK, 0.0], offset_dec=[BLANK, value], ra=[10.0, BLANK], dec=[10.0, BLANK])
+    assert table["dec"][1] == pytest.approx(10.0 + value / 3600, abs=1e-3)

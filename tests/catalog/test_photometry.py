@@ -10,6 +10,7 @@ import synphot
 from embedded_sky import shipped
 from scipy.integrate import simpson
 
+from csstsim.base.errors import InputError
 from csstsim.base.units import C_A_S, H_J_S, ab_photon_density
 from csstsim.catalog.light.photometry import CHUNK, ab_mag, bin_means, load_fluxes, rate_to_mag, subband_fluxes
 from csstsim.instrument.filter import GRID
@@ -90,3 +91,27 @@ def test_bin_means_are_those_of_lines_between_samples(at):
             fine = np.linspace(a, b, 20 * (b - a) + 1)
             assert mean == pytest.approx(simpson(np.interp(fine, place, row), fine) / (b - a), rel=1e-9)
     assert found.shape == (3, len(at) - 1)
+
+
+def test_light_of_one_wavelength_is_in_its_own_sub_band(camera):
+    """From blue to red, rate = area x throughput x photons; grids of one's own count by their steps."""
+    filter_, area = camera.filters["r"], np.pi * 1.0**2
+    middles = 0.5 * (filter_.edges[1:] + filter_.edges[:-1])
+    at = np.searchsorted(GRID, middles)
+    lines = np.zeros((4, len(GRID)))
+    lines[np.arange(4), at] = [1.0, 2.0, 3.0, 4.0]
+    found = subband_fluxes(lines, filter_, camera.telescope)
+    wanted = area * filter_.throughput[at] * [1.0, 2.0, 3.0, 4.0] * 0.5
+    np.testing.assert_allclose(found, np.diag(wanted), rtol=1e-9, atol=1e-12)
+    loaded = load_fluxes(lambda rows: lines[rows], np.array([2, 0]), filter_, camera.telescope)
+    np.testing.assert_array_equal(loaded, found[[2, 0]])
+    coarse = np.concatenate([GRID[:8000:2], GRID[8000::4]])
+    flat = subband_fluxes(np.ones((1, len(coarse))), filter_, camera.telescope, coarse)
+    fine = subband_fluxes(np.ones((1, len(GRID))), filter_, camera.telescope)
+    assert flat.sum() == pytest.approx(fine.sum(), rel=1e-4) and flat[0] == pytest.approx(fine[0], rel=5e-3)
+
+
+@pytest.mark.parametrize("shape", [(1, 18001), (3, 18000), (3,)])
+def test_a_load_of_another_shape_is_refused(camera, shape):
+    with pytest.raises(InputError, match=r"load_seds gave a wrong shape .*allowed: .*3, 18001"):
+        load_fluxes(lambda rows: np.ones(shape), np.arange(3), camera.filters["r"], camera.telescope)

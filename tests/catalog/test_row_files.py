@@ -277,3 +277,76 @@ def test_a_name_that_begins_like_a_number_is_a_name(tmp_path, name):
     path.write_text(f"id,ra,dec,mag_r,type,image_file,spectrum_file\n1,150,2,20,galaxy,{name},\n")
     columns = read_table(path)
     assert columns["image_file"].tolist() == [name] and columns["spectrum_file"].tolist() == [""]
+
+
+def test_a_picture_that_is_no_square_and_not_in_its_middle(folder):
+    """Corners from the middle of 3 by 7 pixels; half of the light within the distance of the brighter one of two."""
+    pixels = np.zeros((3, 7))
+    pixels[0, 0], pixels[1, 5] = 2.0, 3.0
+    fits.writeto(folder / "oblong.fits", pixels)
+    picture = read_picture(f"{folder}/oblong.fits")
+    assert picture.pixels.sum() == pytest.approx(1.0) and picture.pixels[1, 5] == pytest.approx(0.6)
+    assert picture.radius == pytest.approx(0.5 * np.sqrt(58)) and picture.half_light == pytest.approx(2.0)
+    pixels[0, 0] = 4.0
+    fits.writeto(folder / "corner.fits", pixels)
+    assert read_picture(f"{folder}/corner.fits").half_light == pytest.approx(np.hypot(1, 3))
+    fits.writeto(folder / "dot.fits", np.pad([[1.0]], 1))
+    assert read_picture(f"{folder}/dot.fits").half_light == 0.5
+
+
+def test_an_image_with_a_wcs_is_turned_and_measured_by_it(folder):
+    """Pixels twice as long in one direction; an angle turns it from north to east; a scale takes the WCS's place."""
+    wcs = WCS(naxis=2)
+    wcs.wcs.ctype, wcs.wcs.crval = ["RA---TAN", "DEC--TAN"], [150.0, 2.0]
+    wcs.wcs.cd = np.array([[-0.04, 0.0], [0.0, 0.08]]) / 3600
+    wcs.wcs.crpix = 21.0, 21.0
+    fits.writeto(folder / "long.fits", gaussian(), wcs.to_header())
+    picture = read_picture(f"{folder}/long.fits")
+    np.testing.assert_allclose(sky_of(picture, 0.0, 0.0), [[-0.04, 0.0], [0.0, 0.08]], rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(sky_of(picture, 0.0, 90.0), [[0.0, 0.08], [0.04, 0.0]], rtol=1e-6, atol=1e-9)
+    half = np.radians(30.0)
+    turned = np.array([[np.cos(half), np.sin(half)], [-np.sin(half), np.cos(half)]])
+    np.testing.assert_allclose(sky_of(picture, np.nan, 30.0), turned @ [[-0.04, 0.0], [0.0, 0.08]], atol=1e-7)
+    np.testing.assert_allclose(sky_of(picture, 0.5, 30.0), 0.5 * turned @ [[-1.0, 0.0], [0.0, 1.0]], atol=1e-7)
+    table = catalog(folder, image_file=["long.fits"] * 2, image_scale=[0.0, 0.05], image_pa=[30.0, np.nan]).table
+    pixel = picture.half_light
+    assert table["image_radius"] == pytest.approx([0.08 * 41 / np.sqrt(2), 0.05 * 41 / np.sqrt(2)], rel=1e-5)
+    assert table["size_disk"] == pytest.approx([pixel * np.sqrt(0.04 * 0.08), pixel * 0.05], rel=1e-5)
+    np.testing.assert_array_equal(table["size_bulge"], table["size_disk"])
+    assert table["image_pa"].tolist() == [30.0, 0.0] and table["image_scale"][0] == 0.0
+
+
+def test_rows_have_the_spectra_of_their_own_files_and_bands(folder, camera):
+    """Two files and two bands, each with each; in any order of rows, by magnitudes measured in the row's own band."""
+    Table({"WAVELENGTH": [3000.0, 10000.0], "FLUX": [1.0, 9.0]}).write(folder / "red.csv")
+    nan, n = np.nan, 5
+    columns = {
+        "ra": [10.0] * n, "dec": [0.1] * n, "type": ["star"] * n, "size": [0.0] * n,
+        "spectrum_file": ["red.csv", "line.csv", "", "line.csv", "red.csv"],
+        "mag_r": [20.0, nan, 21.0, 19.0, nan], "mag_i": [nan, 18.0, nan, nan, 22.0],
+    }  # fmt: skip
+    mine = catalog(folder, **columns)
+    seds = mine.load_seds(np.array([4, 3, 1, 0]))
+    wanted = [("i", 22.0), ("r", 19.0), ("i", 18.0), ("r", 20.0)]
+    for sed, (band, mag) in zip(seds, wanted, strict=True):
+        assert ab_mag(sed, GRID, camera.filters[band].at(GRID)) == pytest.approx(mag, abs=MAG)
+    blue, red = (np.flatnonzero(wave == GRID)[0] for wave in (4500.0, 8500.0))
+    ratio = seds[:, red] / seds[:, blue]
+    assert ratio == pytest.approx([ratio[0], ratio[1], ratio[1], ratio[0]]) and ratio[0] > 2 > ratio[1]
+    weights = subband_weights(camera.filters["z"], camera.telescope)
+    found = mine.load_fluxes([4, 3, 1, 0], camera.filters["z"], camera.telescope)
+    assert found == pytest.approx(seds @ weights.T, rel=1e-6)
+    edges = GRID[6000:9001:100]
+    samples = np.stack([sed[6000:9001] for sed in seds])
+    means = (samples[:, :-1] + samples[:, 1:]).reshape(4, -1, 100).mean(axis=2) / 2
+    assert mine.load_binned([4, 3, 1, 0], edges) == pytest.approx(means, rel=1e-9)
+    assert mine.load_sed(mine.objs[1])["FLUX"] == pytest.approx(seds[2])
+
+
+def test_a_spectrum_too_large_for_sums_is_refused(folder):
+    Table({"WAVELENGTH": [3000.0, 9000.0], "FLUX": [1.0, 1e101]}).write(folder / "huge.csv")
+    with pytest.raises(InputError, match=r"huge\.csv: FLUX: is too large"):
+        read_spectrum(str(folder / "huge.csv"))
+    Table({"WAVELENGTH": [12000.0, 13000.0], "FLUX": [1.0, 1.0]}).write(folder / "far.csv")
+    with pytest.raises(InputError, match=r"far\.csv: FLUX: gives no light"):
+        read_spectrum(str(folder / "far.csv"))

@@ -13,12 +13,14 @@ from csstsim.base.units import ab_photon_density
 from csstsim.campaign.sections import Lensing
 from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.base import CatalogBase, Region
+from csstsim.catalog.changing.motion import Interval
 from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING, TRUNCATED_STAMP
 from csstsim.catalog.light.photometry import rate_to_mag, subband_fluxes
 from csstsim.catalog.mock_object import MockObject
 from csstsim.catalog.selection.bricks import region_for
+from csstsim.catalog.selection.places import lands, near, seconds_seen
 from csstsim.catalog.selection.select import Noise, select_objects
-from csstsim.catalog.table import columns_with
+from csstsim.catalog.table import ObjectTable, columns_with
 from csstsim.catalog.truth_bricks import ID_BITS
 from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
@@ -65,7 +67,7 @@ class Flat(CatalogBase):
 def pick(camera, make_pointing, observe):
     """Select from Flat objects placed at pixels of a pointing; (x, y) in the objects' place of ra, dec."""
 
-    def run(objects, window=WINDOW, mag_limit=None, scattered=None, **pointing):
+    def run(objects, window=WINDOW, mag_limit=None, scattered=None, interval=None, **pointing):
         pointing = make_pointing(**pointing)
         wcs, craft = ChipWCS(camera.chips[CHIP], pointing), observe(pointing)
         placed = []
@@ -84,6 +86,7 @@ def pick(camera, make_pointing, observe):
             NOISE,
             mag_limit,
             scattered=scattered,
+            interval=interval,
         )
 
     return run
@@ -313,3 +316,133 @@ def test_what_magnitudes_rule_out_would_not_have_been_there(camera, sky):
 
 def test_the_variance_of_a_pixel_is_of_all_that_it_counts():
     assert Noise(sky=0.2, dark=0.02, read_noise=5.0).variance(100.0) == pytest.approx(0.2 * 100 + 0.02 * 100 + 25)
+
+
+@pytest.mark.parametrize("axis", ["x", "y"])
+def test_light_lands_on_a_window_from_edge_to_edge(axis):
+    """Half a pixel before its first pixel counts as on it, half a pixel behind its last one does not."""
+    window = Window(10, 20, 10, 20)
+    ends = np.array([9.49, 9.5, 19.49, 19.5, 6.49, 6.5, 22.49, 22.5, np.nan])
+    far = np.array([0, 0, 0, 0, 3, 3, 3, 3, 9.0])
+    places = {"x": np.full(9, 15.0), "y": np.full(9, 15.0)} | {axis: ends}
+    assert lands(places, far, window, None).tolist() == [False, True, True, False, False, True, True, False, False]
+
+
+class Slit:
+    """Light of a place lands in a box 100 px to the right, and in one 40 px to the left if x is above 30."""
+
+    def visits(self, x, y, far):
+        rows = np.concatenate([np.arange(len(x)), np.flatnonzero(x > 30)])
+        return np.stack([rows, np.repeat([0, 1], [len(x), len(rows) - len(x)]), 0 * rows], axis=1)
+
+    def boxes(self, visits, x, y):
+        at = visits[:, 0]
+        shift = np.where(visits[:, 1] == 0, 100.0, -40.0)
+        box = [x[at] + shift, x[at] + shift + 10.0, y[at] + 2.0, y[at] + 4.0]
+        return np.stack([np.stack(box, axis=1), np.full((len(at), 4), np.nan)], axis=1)
+
+
+def test_dispersed_light_lands_where_its_boxes_do():
+    """Window of 0..10: each side of a box with and without reach; the other order's box is NaN."""
+    window, far = Window(0, 10, 0, 10), np.array([0.0, 0, 0, 0, 0, 3, 0, 0, 3, 0, 3])
+    x = np.array([-110.4, -110.6, -90.6, -90.4, 40.0, 46.0, 46.0, -100.0, -100.0, -100.0, -100.0])
+    y = np.array([5.0, 5.0, 5.0, 5.0, 5.0, 5.0, 60.0, -4.6, -4.6, 7.6, 7.6])
+    wanted = [True, False, True, False, True, True, False, False, True, False, True]
+    assert lands({"x": x, "y": y}, far, window, Slit()).tolist() == wanted
+
+
+def test_a_trail_lands_by_its_places_along_it():
+    """Imaged: where it crosses the window; dispersed: where the boxes of any of its places do; still ones as ever."""
+    window, ends = Window(0, 10, 0, 10), {"x0": [-50.0, -50, 0, -300], "y0": [5.0, 50, 0, 5]}
+    ends |= {"x1": [50.0, 50, 0, -150], "y1": [5.0, 50, 0, 5]}
+    places = {f"trail_{name}": np.array(v) for name, v in ends.items()}
+    places |= {"x": np.array([500.0, 500, 5, 500]), "y": np.full(4, 5.0), "trail_length": np.array([7.4, 7.4, 0, 11.1])}
+    far = np.zeros(4)
+    assert lands(places, far, window, None).tolist() == [True, False, True, False]
+    assert lands(places, np.full(4, 45.0), window, None).tolist() == [True, True, True, False]
+    passing = {name: np.array([value]) for name, value in (
+        ("trail_x0", -300.0), ("trail_y0", 5.0), ("trail_x1", 100.0), ("trail_y1", 5.0), ("x", 500.0), ("y", 500.0),
+        ("trail_length", 29.6),
+    )}  # fmt: skip
+    assert (
+        lands(passing, np.zeros(1), window, Slit())[0]
+        and lands(places, far, window, Slit()).tolist()[2:] == [False] * 2
+    )
+
+
+def test_the_time_that_decides_is_that_near_one_place():
+    """64 px of a trail at most; of what stays the whole exposure."""
+    still = {"x": np.zeros(3)}
+    assert seconds_seen(still, 150.0, 0.074).tolist() == [150.0] * 3
+    places = {"x": np.zeros(4), "trail_start": np.array([10.0, 10.0, 0.0, np.nan])}
+    places |= {"trail_end": np.array([50.0, 50.0, 9.0, np.nan])}
+    places |= {"trail_length": np.array([32 * 0.074, 256 * 0.074, 0.0, np.nan])}
+    assert seconds_seen(places, 150.0, 0.074) == pytest.approx([40.0, 10.0, 150.0, 150.0])
+
+
+def test_who_could_reach_a_window_by_place_alone(camera, make_pointing, observe):
+    """Within 2048 px of it, with a grating's reach further; places that are none are kept; stars alone move."""
+    pointing = make_pointing()
+    wcs, craft = ChipWCS(camera.chips[CHIP], pointing), observe(pointing)
+    offsets = np.array([-2048.4, -2048.6, -3047.0, -3050.0])
+    x, y = WINDOW.x0 + offsets, np.full(4, 3100.0)
+    ra, dec = icrs(*wcs.pixel_to_world(x, y), craft)
+    table = ObjectTable.complete(
+        {"id": np.arange(5), "obj_type": 1, "ra": [*ra, np.nan], "dec": [*dec, 0.0], "pmra": 1e5}, BANDS
+    )
+    rows, places = near(table, wcs, craft, WINDOW)
+    assert rows.tolist() == [0, 4] and places["x"][0] == pytest.approx(x[0], abs=1e-5)
+    assert np.isnan([values[1] for values in places.values()]).all()
+    assert near(table, wcs, craft, WINDOW, dispersed=1000.0)[0].tolist() == [0, 1, 2, 4]
+    rows, places = near(table, wcs, craft, WINDOW, interval=Interval(pointing.mjd, 150.0))
+    assert rows.tolist() == [0, 4] and "trail_length" not in places
+    moving = table.with_columns(
+        rate_ra=np.array([0.0, 0, 0, 500.0, 0]), rate_dec=np.zeros(5), trail_width=np.zeros(5),
+        rate_mjd=np.full(5, pointing.mjd - 0.5 / 24),
+    )  # fmt: skip
+    moving["dec"][3], moving["ra"][3] = dec[0], ra[0] - 0.07 / np.cos(np.radians(dec[0]))
+    rows, places = near(moving, wcs, craft, WINDOW, interval=Interval(pointing.mjd, 150.0))
+    assert rows.tolist() == [0, 3, 4] and places["trail_length"][0] == 0.0
+    assert places["trail_length"][1] == pytest.approx(500 * 150 / 3600) and np.isfinite(places["trail_x1"][1])
+
+
+def test_light_that_varies_is_dimmer_and_says_so(pick):
+    """A sine at its faintest: 0.3 mag in light and magnitude; what the catalogue says of its bands stays."""
+    interval = Interval(61217.858, 150.0)
+    phase = 0.25 - (interval.middle / 10.0) % 1.0
+    varies = {"var_period": 10.0, "var_amplitude": 0.3, "var_phase": phase, "mag_g": 21.0}
+    objects = [(4100, 3100, star(20.0, id=1) | varies), (4200, 3100, star(20.0, id=2, mag_g=21.0))]
+    table, plain = pick(objects, interval=interval), pick(objects)
+    assert table["dmag"] == pytest.approx([0.3, 0.0], abs=1e-6) and "dmag" not in plain
+    assert table["mag"] == pytest.approx([20.3, 20.0], abs=1e-5) and plain["mag"] == pytest.approx(20.0, abs=1e-5)
+    for k in range(4):
+        assert table[f"flux{k}"] == pytest.approx(plain[f"flux{k}"] * [10**-0.12, 1.0], rel=1e-6)
+    assert table["mag_g"].tolist() == [21.0, 21.0]
+
+
+def test_flags_of_catalogue_and_selection_are_joined(pick):
+    """A cut stamp, a strong lens, a value that is bad, each with a flag that the catalogue gave."""
+    table = pick([
+        (4100, 3100, galaxy(10, id=1, size_disk=60.0, flags=4)), (4200, 3100, galaxy(22, id=2, kappa=2.0, flags=1)),
+        (4200, 3150, galaxy(22, id=3, e1=2.0)), (4250, 3150, star(22, id=4, kappa=2.0, flags=16)),
+    ])  # fmt: skip
+    assert table["flags"].tolist() == [4 | TRUNCATED_STAMP, 1 | STRONG_LENSING, BAD_VALUE, 16]
+    assert table["flags"].dtype == np.int32
+
+
+def test_faint_objects_are_counted_apart_from_those_outside(pick):
+    """An object at the limit is in; those beyond the window are outside, however faint."""
+    objects = [(4100, 3100, star(25.0, id=1)), (4100, 3100, star(27.0, id=2)), (100, 100, star(27.0, id=3)),
+               (100, 100, star(20.0, id=4)), (4300, 3300, star(27.0, id=5))]  # fmt: skip
+    table = pick(objects, mag_limit=26.0)
+    assert table["id"].tolist() == [1] and table.meta["dropped"] == {"outside": 2, "faint": 2}
+    assert len(table.meta["truth_hash"]) == 16
+    assert len(pick(objects)) == 3
+
+
+def test_light_of_each_object_is_in_its_own_row(pick, camera):
+    """Ids that fall, so that sums are made in another order: magnitude and light belong to the id."""
+    ids = [9, 2, 7, 4]
+    table = pick([(4100 + 20 * k, 3100, star(18.0 + number / 2, id=number)) for k, number in enumerate(ids)])
+    assert table["id"].tolist() == ids and table["x"] == pytest.approx(4100 + 20.0 * np.arange(4), abs=1e-4)
+    assert table["mag"] == pytest.approx(18.0 + np.array(ids) / 2, abs=1e-5)

@@ -1,6 +1,7 @@
 """Bricks: exact tiling, determinism, densities against the anchors, damaged or foreign files refused."""
 
 import shutil
+from types import SimpleNamespace
 
 import healpy
 import numpy as np
@@ -14,6 +15,8 @@ from csstsim.base.errors import InputError
 from csstsim.base.healpix import NSIDE
 from csstsim.base.units import SOLAR_RADIUS_PC
 from csstsim.campaign.sections import Lensing
+from csstsim.catalog import truth_bricks as module
+from csstsim.catalog.flags import STRONG_LENSING
 from csstsim.catalog.light.embedded_spectra import rates
 from csstsim.catalog.light.photometry import rate_to_mag, subband_weights
 from csstsim.catalog.table import GALAXY, QUASAR, STAR, ObjectTable, columns_with
@@ -138,7 +141,18 @@ def test_damaged_and_foreign_files_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [("seed", 8), ("brick", 1), ("camera", "0"), ("lensing", [0.1, 0, 0]), ("structure", "field")]
+    ("name", "value"),
+    [
+        ("seed", 8),
+        ("brick", 1),
+        ("camera", "0"),
+        ("lensing", [0.1, 0, 0]),
+        ("structure", "field"),
+        ("universe", "0"),
+        ("csstsim", "0"),
+        ("bright_stars", "0"),
+        ("product", "x"),
+    ],
 )
 def test_brick_made_for_something_else_is_refused(tmp_path, name, value):
     path = tmp_path / "Npix=0.parquet"
@@ -236,3 +250,102 @@ def test_a_light_cone_s_columns_are_the_galaxies_own():
     for name in ("sfr", "metallicity", "stellarage"):
         assert (table[name][galaxy] > 0).all() and np.isnan(table[name][~galaxy]).all(), name
     assert np.isnan(table["halomass"]).all()
+
+
+def test_stars_lie_behind_the_dust_before_them_and_companions_are_stars():
+    """The map's dust up to each star's distance by its parallax; temperature, gravity and area of a companion."""
+    universe, _ = shipped()
+    table = brick(COMMON)
+    star = table.take((table["obj_type"] == STAR) & (table["parallax"] > 0))
+    before = universe.r_v * universe.dust.star_ebv(star["ra"], star["dec"], 1000.0 / star["parallax"].astype(float))
+    assert star["av"] == pytest.approx(before, rel=1e-5) and np.ptp(before) > 0.05 * before.max()
+    paired = star["coeff0"] > 0
+    assert 0.05 < paired.mean() < 0.5
+    assert (star["coeff0"][paired] > 1900).all() and (star["coeff0"][paired] < 60000).all()
+    assert (star["coeff1"][paired] < 9.5).all() and (star["coeff1"][paired] > 0).all()
+    assert (star["coeff2"][paired] > 0).all() and np.median(star["coeff2"][paired]) < 1.5
+    for name in ("coeff1", "coeff2"):
+        assert not star[name][~paired].any()
+
+
+def test_rows_are_numbered_stars_galaxies_quasars():
+    table = brick(COMMON)
+    np.testing.assert_array_equal(table["id"], (COMMON << 22) + np.arange(len(table)))
+    assert (np.diff(table["obj_type"]) >= 0).all() and set(table["obj_type"]) == {STAR, GALAXY, QUASAR}
+    lone = table["host"] < 0
+    assert (table["host"][lone] == -1).all() and (lone[table["obj_type"] != QUASAR]).all()
+
+
+class Field:
+    """A field of lenses next to critical: redshift 1 is stretched by 19, 2 by 21, 3 by a strong lens."""
+
+    def lens(self, pix, ra, dec, z):
+        kappa = np.select([z == 1, z == 2, z == 3], [0.5, 0.5, 1.2], 0.1)
+        gamma1 = np.select([z == 1, z == 2], [0.5 - 1 / 19, 0.5 - 1 / 21], 0.0)
+        return kappa, gamma1, np.zeros(len(z))
+
+
+@pytest.mark.parametrize(("structure", "field", "asked", "flagged"), [
+    ("haloes", "cosmic", [("matter", True)], True), ("field", "cosmic", [("matter", False)], False),
+    ("none", "cosmic", [("lensing", None)], False), ("haloes", "none", [], False),
+])  # fmt: skip
+def test_arcs_of_haloes_are_flagged(structure, field, asked, flagged):
+    """Stretched by more than 20, or strongly lensed; by the matter of the structure asked for."""
+    seen = []
+    universe = SimpleNamespace(
+        r_v=3.1, dust=SimpleNamespace(ebv=lambda ra, dec: 0.01 * ra + dec), numbers={"lensing": {"stretch_max": 20}},
+        lensing_field=lambda seed: seen.append(("lensing", None)) or Field(),
+        matter_field=lambda seed, haloes: seen.append(("matter", haloes)) or Field(),
+    )  # fmt: skip
+    columns = {"z": np.array([0.5, 1.0, 2.0, 3.0])}
+    ra, dec, healpix = np.array([1.0, 2, 3, 4]), np.array([0.0, 0.1, 0.2, 0.3]), np.arange(4)
+    module._put(columns, ra, dec, healpix, 7, 5, universe, Lensing(field=field), structure)
+    assert seen == asked
+    np.testing.assert_allclose(columns["av"], 3.1 * (0.01 * ra + dec))
+    assert columns["ra"] is ra and columns["dec"] is dec and columns["_healpix_29"] is healpix
+    assert ("flags" in columns) == flagged
+    if flagged:
+        assert columns["flags"].tolist() == [0, 0, STRONG_LENSING, STRONG_LENSING]
+    if field == "none":
+        assert not columns["kappa"].any()
+
+
+def test_a_brick_has_room_for_so_many_rows(monkeypatch):
+    """With two bits for rows: three fit, four do not; hosts are rows of galaxies, which stand behind the stars."""
+    universe, camera = shipped()
+    whole = brick(COMMON)
+    some = {kind: np.flatnonzero(whole["obj_type"] == kind) for kind in (STAR, GALAXY, QUASAR)}
+    counts = {STAR: 1, GALAXY: 1, QUASAR: 1}
+
+    def rows(kind):
+        return lambda *_: whole.take(some[kind][: counts[kind]]).with_columns(
+            host=np.full(counts[kind], 0 if kind == QUASAR else -1)
+        )
+
+    for name, kind in (("_stars", STAR), ("_galaxies", GALAXY), ("_quasars", QUASAR)):
+        monkeypatch.setattr(module, name, rows(kind))
+    monkeypatch.setattr(module, "ID_BITS", 2)
+    table = make_brick(SEED, 9, universe, camera, Lensing(), "none")
+    assert table["id"].tolist() == [36, 37, 38] and table["host"].tolist() == [-1, -1, 37]
+    assert table.meta == brick_meta(SEED, 9, universe, camera, Lensing(), "none")
+    counts[STAR] = 2
+    with pytest.raises(InputError, match="a brick holds at most 3 objects"):
+        make_brick(SEED, 9, universe, camera, Lensing(), "none")
+
+
+def test_what_a_brick_is_made_of_is_recorded():
+    universe, camera = shipped()
+    lensing, stars = Lensing(field="constant", kappa=0.1), np.array([[1.0, 2.0, 3.0, 4.0]])
+    meta = brick_meta(3, 8, universe, camera, lensing, "field", stars)
+    assert meta["product"] == "truth brick" and (meta["seed"], meta["brick"], meta["structure"]) == (3, 8, "field")
+    assert meta["universe"] == universe.digest and meta["camera"] == camera.digest_for("truth")
+    assert meta["lensing"]["kappa"] == 0.1 and meta["lensing"]["field"] == "constant"
+    assert meta["bright_stars"] != brick_meta(3, 8, universe, camera, lensing, "field", stars + 1)["bright_stars"]
+    assert brick_meta(3, 8, universe, camera, lensing)["bright_stars"] is None
+    assert brick_meta(3, 8, universe, camera, lensing)["structure"] == "haloes"
+
+
+@pytest.mark.parametrize("pix", [-1, 786432])
+def test_numbers_of_no_brick_are_refused(pix):
+    with pytest.raises(InputError, match=rf"no such brick .*{pix}.*0\.\.786431"):
+        make_brick(pix=pix, **key())

@@ -1,5 +1,7 @@
 """Charge in an image against its truth's sum: conserved through every layer, windows and clipping included."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from commands import done
@@ -7,6 +9,7 @@ from mini_campaign import POINTINGS, write_scene
 from small_delivery import science
 
 from csstsim.campaign.opened import OpenCampaign
+from csstsim.catalog.table import ObjectTable
 from csstsim.delivery.light import charge_of, light_faults
 from csstsim.io.level0 import read_level0
 from csstsim.io.truth import read_truth
@@ -86,3 +89,93 @@ def test_a_bright_star_moved_away_is_missed(tmp_path):
     file.__dict__["_stored"] = stored
     (fault,) = light_faults(file, truth)
     assert "the image holds" in fault
+
+
+def two_channels(layout="channels", nonlinearity=None):
+    """A file of two channels unlike each other in gain, level, sizes and sides, with one clipped pixel each."""
+    scan = (np.full((4, 10), 500, np.uint16), np.full((4, 10), 600, np.uint16))
+    rest = np.zeros((4, 0), np.uint16)
+    channels = [
+        SimpleNamespace(
+            number=1, active=np.array([[510] * 5, [500] * 4 + [65535]], np.uint16), parallel_overscan=scan[0][:1],
+            serial_overscan=scan[0] if layout != "chip" else rest,
+        ),
+        SimpleNamespace(
+            number=7, active=np.array([[630, 600, 65535]], np.uint16), parallel_overscan=scan[1][:0],
+            serial_overscan=scan[1] if layout != "chip" else rest,
+        ),
+    ]  # fmt: skip
+    blocks = [SimpleNamespace(flip_x=False), SimpleNamespace(flip_x=True)]
+    return SimpleNamespace(
+        header={"SATURATE": 65535}, readout=SimpleNamespace(blocks=blocks), channels=lambda: iter(channels),
+        gain={1: 1.5, 7: 2.0}, levels={1: (500.0, 6.0), 7: (600.0, 4.0)}, nonlinearity=nonlinearity or {},
+    )  # fmt: skip
+
+
+def test_the_charge_of_two_channels_by_hand():
+    """Each by its own gain and level; what is clipped, and where the lower of the two converters ends."""
+    charge = charge_of(two_channels(), 200_000.0)
+    ends = (65535 - 500) * 1.5, (65535 - 600) * 2.0
+    assert charge.electrons == pytest.approx(5 * 10 * 1.5 + ends[0] + 30 * 2.0 + ends[1], rel=1e-12)
+    assert (charge.clipped, charge.clipped_at) == (2, pytest.approx(min(ends)))
+    # 10 + 40 + 10 pixels by a level of 40, and 3 + 40 by one of 40; noise is that of rounding
+    variance = (1.5**2 * 60 * (1 + 60 / 40) + 2.0**2 * 43 * (1 + 43 / 40)) / 12
+    assert charge.error == pytest.approx(variance**0.5, rel=1e-12)
+
+
+def test_without_overscan_the_levels_are_those_that_the_file_states():
+    charge = charge_of(two_channels("chip"), 200_000.0)
+    ends = (65535 - 500) * 1.5, (65535 - 600) * 2.0
+    assert charge.electrons == pytest.approx(75 + ends[0] + 60 + ends[1], rel=1e-12)
+    assert charge.error == pytest.approx((6.0**2 * 20 + 4.0**2 * 3) ** 0.5, rel=1e-12)
+
+
+def test_each_channels_nonlinearity_is_undone():
+    """signal = x + a x2 + b x3, of the second channel alone: x of 60 electrons by numpy's roots."""
+    quadratic, cubic = -1e-3, 1e-6
+    file = two_channels(nonlinearity={7: (quadratic, cubic)})
+    (root,) = (r.real for r in np.roots([cubic, quadratic, 1.0, -60.0]) if abs(r.imag) < 1e-9 and 0 < r.real < 100)
+    channel = list(file.channels())[1]
+    channel.active[0, 2] = 600
+    found = charge_of(file, 300.0).electrons - (75 + (65535 - 500) * 1.5)
+    assert found == pytest.approx(root, rel=1e-8) and abs(root - 60) > 3
+
+
+def budget_of(**changes):
+    """The budget that the file of two channels has exactly, with changes to it."""
+    total = 75 + 60 + (65535 - 500) * 1.5 + (65535 - 600) * 2.0
+    budget = {"objects": 10.0, "light": total + 600, "dark": 30.0, "rays": 20.0, "defects": 50.0, "trapped": 700.0}
+    for name, more in changes.items():
+        budget[name] = budget.get(name, 0.0) + more
+    return budget
+
+
+@pytest.mark.parametrize(("changes", "full_well", "good"), [
+    ({}, 0.0, True), ({"bloomed": 0.0}, 0.0, True),
+    # 6 sigma of 227,000 electrons, and a thousandth of them: 3100
+    ({"light": 2900.0, "bloomed": 0.0}, 0.0, True), ({"light": 3400.0, "bloomed": 0.0}, 0.0, False),
+    ({"light": -2900.0, "bloomed": 0.0}, 0.0, True), ({"light": -3400.0, "bloomed": 0.0}, 0.0, False),
+    ({"bloomed": 3400.0}, 0.0, False), ({"bloomed": 3400.0, "dark": 3400.0}, 0.0, True),
+    ({"rays": 3400.0, "trapped": 3400.0, "bloomed": 0.0}, 0.0, True), ({"defects": 3400.0, "bloomed": 0.0}, 0.0, False),
+    ({"light": 3400.0, "bias_structure": 400.0, "bloomed": 0.0}, 0.0, True),
+    # two clipped pixels hide up to the full well each, or any charge where nothing limits a pixel
+    ({"light": 200_000.0, "bloomed": 0.0}, 200_000.0, True), ({"light": 211_000.0, "bloomed": 0.0}, 200_000.0, False),
+    ({"light": 1e7}, 0.0, True), ({"light": -3400.0}, 0.0, False),
+])  # fmt: skip
+def test_how_far_image_and_budget_may_be_apart(changes, full_well, good):
+    budget = budget_of(**changes)
+    table = ObjectTable({"drawn": np.array([4.0, 6.0])}, {"electrons": budget, "full_well": full_well or 97_000.0})
+    found = list(light_faults(two_channels(), table))
+    assert len(found) == (not good), found
+
+
+@pytest.mark.parametrize(
+    ("drawn", "good"), [([4.0, 6.9], True), ([4.0, 7.1], False), ([4.0, 5.1], True), ([8.9], False)]
+)
+def test_the_objects_sum_to_what_the_image_was_given(drawn, good):
+    budget = budget_of()
+    table = ObjectTable({"drawn": np.array(drawn)}, {"electrons": budget, "full_well": 1e5})
+    assert (list(light_faults(two_channels(), table)) == []) is good
+    budget["objects"] = 0.0
+    none = ObjectTable({"id": np.zeros(0)}, {"electrons": budget, "full_well": 1e5})
+    assert list(light_faults(two_channels(), none)) == []

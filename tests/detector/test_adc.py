@@ -1,10 +1,13 @@
 """The converter: rounding, limits that never wrap, and its noise of 1/12 DN^2."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from csstsim.base.rng import stream
-from csstsim.detector.adc import cut_noise, digitise
+from csstsim.detector.adc import channel_gains, cut_noise, digitise
+from csstsim.detector.mask import CLIPPED, HOT
 
 
 def test_rounding_and_limits():
@@ -47,3 +50,48 @@ def test_noise_cut_at_zero_is_told():
     assert "layer bias" in cut_noise(low, noise.size) and f"{100 * low / noise.size:.2g}%" in cut_noise(low, noise.size)
     _, _, low = digitise(noise + 500)
     assert (low, cut_noise(low, noise.size), cut_noise(40, noise.size)) == (0, "", "")
+
+
+def test_clipped_pixels_of_all_rows_are_counted_and_marked():
+    """Forty rows, more than are digitised at once; marks that are there stay, and only clipped pixels get one."""
+    image = np.arange(40 * 3, dtype=np.float32).reshape(40, 3)
+    mask = np.full(image.shape, HOT, np.uint8)
+    high, low = ([2, 17, 18, 39], [0, 2, 1, 0]), ([0, 20, 39], [1, 2, 2])
+    image[high], image[low] = 1e6, -1.0
+    digits, above, below = digitise(image, mask=mask)
+    assert (above, below) == (4, 3)
+    assert (digits[high] == 65535).all() and (digits[low] == 0).all()
+    rest = np.ones(image.shape, bool)
+    rest[high] = rest[low] = False
+    assert np.array_equal(digits[rest], image[rest]) and (mask[rest] == HOT).all()
+    assert (mask[~rest] == HOT | CLIPPED).all()
+
+
+@pytest.mark.parametrize("adc_max", [0, -1, 65536])
+def test_limits_that_no_converter_has_are_refused(adc_max):
+    with pytest.raises(ValueError, match=f"adc_max = {adc_max} does not fit"):
+        digitise(np.zeros((1, 1), np.float32), adc_max)
+
+
+def test_one_pixel_in_a_thousand_may_be_cut():
+    assert cut_noise(41, 40_000).startswith("the converter cut 0.1% of the pixels at 0 DN")
+    assert cut_noise(1000, 1_000_000) == "" and "0.11%" in cut_noise(1100, 1_000_000)
+
+
+class Levels:
+    """Streams whose uniform numbers from -1 to 1 are known: channel n gets n / 16 of the way, the chip -0.6."""
+
+    def channel(self, number, name):
+        assert name == "gain"
+        return SimpleNamespace(uniform=lambda low, high: low + (high - low) * number / 16)
+
+    def chip(self, name):
+        assert name == "gain"
+        return SimpleNamespace(uniform=lambda low, high: low + (high - low) * 0.2)
+
+
+def test_gains_spread_by_a_fraction_of_the_gain():
+    detector = SimpleNamespace(channels_x=8, channels_y=2, gain=1.5, gain_spread=0.02)
+    wanted = [1.5 * (1 + 0.02 * (number / 8 - 1)) for number in range(1, 17)]
+    assert channel_gains(detector, Levels(), one_each=True) == pytest.approx(wanted, rel=1e-12)
+    assert channel_gains(detector, Levels(), one_each=False) == pytest.approx([1.482] * 16, rel=1e-12)

@@ -171,3 +171,25 @@ def test_impossible_numbers_are_refused():
     for full_well, share in ((0.0, 0.0), (np.nan, 0.0), (1.0, -0.1), (1.0, 1.1), (1.0, np.nan)):
         with pytest.raises(ValueError, match="full well"):
             bloom(np.ones((2, 2), np.float32), full_well, share)
+
+
+def test_what_spills_along_a_row_is_marked_there():
+    """Two saturated pixels of unequal excess at the left edge: half of each share leaves, or goes to the right."""
+    image, mask = np.zeros((7, 6)), np.zeros((7, 6), np.uint8)
+    image[3, 0], image[3, 4] = FULL_WELL + 8000.0, FULL_WELL + 4000.0
+    after, number, lost = spilled(image, 0.25, mask)
+    assert (number, lost) == (2, 1000.0)
+    assert after[3].tolist() == [FULL_WELL, 1000.0, 0.0, 500.0, FULL_WELL, 500.0]
+    assert after[2].tolist() == after[4].tolist() == [3000.0, 0.0, 0.0, 0.0, 1500.0, 0.0]
+    wanted = np.zeros((7, 6), np.uint8)
+    wanted[3] = [SATURATED, BLED, 0, BLED, SATURATED, BLED]
+    wanted[2:5:2, [0, 4]] = BLED
+    assert np.array_equal(mask, wanted)
+
+
+def test_an_image_is_scanned_to_its_last_pixel():
+    for place in ((0, 0), (0, 8), (6, 0), (6, 8)):
+        image = np.zeros((7, 9))
+        image[place] = FULL_WELL + 2.0
+        after, number, lost = spilled(image)
+        assert (number, lost) == (1, 1.0) and after.sum() == FULL_WELL + 1.0

@@ -7,7 +7,7 @@ from scipy.ndimage import convolve
 
 from csstsim.base.rng import stream
 from csstsim.detector import bfe_kernel
-from csstsim.detector.brighter_fatter import move_charge
+from csstsim.detector.brighter_fatter import move_back, move_charge
 
 AREAS = np.array([[-1.6e-6, 0.7e-7, 2e-8], [2.1e-7, 7e-8, 2e-8], [4e-8, 2e-8, 1.6e-8]])
 KERNEL, SKEW = bfe_kernel.kernel(AREAS)
@@ -166,3 +166,24 @@ def test_impossible_kernels_are_refused():
         with pytest.raises(ValueError, match="limit"):
             move_charge(image, *numbers)
     assert (image == 1).all()
+
+
+def test_charge_is_moved_back():
+    """More rows than are moved at once, no two alike: what is left is a tenth of a per cent of what moved."""
+    y, x = np.mgrid[:300, :40]
+    image = (20_000 + 15_000 * np.sin(0.7 * x + 0.3 * y) * np.cos(0.11 * x * y)).astype(np.float32)
+    back = moved(image)
+    shifted = np.abs(back - image).max()
+    move_back(back, KERNEL, SKEW, FULL_WELL)
+    assert shifted > 100 and np.abs(back - image).max() < 0.02 * shifted
+
+
+def test_negative_charge_stays_where_it_is_when_moved_back():
+    image = np.full((9, 9), -4.0, np.float32)
+    move_back(image, KERNEL, SKEW, FULL_WELL)
+    assert (image == -4).all()
+    image[2, 3] = np.nan
+    with pytest.raises(ValueError, match=r"pixel\(s\) is negative or not finite"):
+        move_back(image, KERNEL, SKEW, FULL_WELL)
+    with pytest.raises(ValueError, match="need finite"):
+        move_back(image, KERNEL[:2], SKEW, FULL_WELL)

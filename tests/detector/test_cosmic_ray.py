@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from csstsim.base.rng import stream
-from csstsim.detector.cosmic_ray import Tracks, deposit, draw_tracks
+from csstsim.detector.cosmic_ray import Tracks, boxes, deposit, draw_tracks
 
 KEY = np.uint64(5)
 CHIP = (9232, 9216)
@@ -130,3 +130,18 @@ def test_a_frame_of_one_pixel(rays):
     tracks = draw_tracks((1, 1), 1e6, rays, stream(6, "one"))
     pixel, electrons, hits = deposit((1, 1), tracks, 0.2, KEY)
     assert pixel.tolist() == [0] and 0 < electrons[0] < tracks.electrons.sum() and hits >= 1
+
+
+def test_a_box_holds_a_track_whichever_way_it_runs():
+    tracks = tracks_of([10.2, 10.2], [20.6, 20.6], [5.0, -5.0], [-3.0, 3.0], [1, 1])
+    x0, y0, x1, y1 = boxes(tracks, 2)
+    assert x0.tolist() == [8, 3] and x1.tolist() == [19, 14]
+    assert y0.tolist() == [15, 18] and y1.tolist() == [24, 27]
+
+
+def test_tracks_start_anywhere_within_a_tracks_length_of_the_frame(rays):
+    """Uniform over the frame and its margin in either direction (KS, p > 1e-4), and no further."""
+    tracks = draw_tracks((200, 3000), 1e5, rays, stream(8, "starts"))
+    margin = rays.long_max + np.ceil(9 * rays.diffusion)
+    for place, n in ((tracks.x, 3000), (tracks.y, 200)):
+        assert stats.kstest(place, "uniform", (-margin - 0.5, n + 2 * margin)).pvalue > 1e-4

@@ -128,3 +128,40 @@ def test_the_background_is_a_mean_not_a_digit(mean):
     image = rng.poisson(mean, (1000, 1000)).astype(np.float32)
     image[rng.random(image.shape) < 0.01] += 5000.0
     assert defects.background(image) == pytest.approx(mean, abs=5 * np.sqrt(mean / 1e6) + 0.002)
+
+
+def test_a_quarter_of_defective_pixels_may_be_hot(numbers):
+    few = replace(numbers, defective=0.02, hot_share=0.25)
+    hot, dead = defects.places((50, 80), few, stream(8, "quarter"))
+    assert (len(hot), len(dead)) == (20, 60) and max(hot.max(), dead.max()) < 4000
+
+
+def test_the_background_of_stripes_is_that_of_both():
+    """Two million pixels, of which one in some is looked at, in columns of 18 and 22 e- by turns."""
+    image = np.tile(np.float32([18.0, 22.0]), (1000, 1000))
+    assert defects.background(image) == pytest.approx(20.0, abs=0.01)
+    assert defects.background(image.T.copy()) == pytest.approx(20.0, abs=0.01)
+
+
+def test_a_sum_that_is_known_is_not_made_again():
+    image = np.full((4, 5), 3.0, np.float32)
+    assert defects.background(image, 60.0) == 3.0
+    with pytest.raises(ValueError, match="not finite"):
+        defects.background(image, np.inf)
+
+
+def test_columns_of_a_chip_that_is_narrow(numbers):
+    """Where the range of columns is empty there is one, once in each half; of more columns than there are, all."""
+    one = replace(numbers, columns_from=0.5, columns_to=0.5, columns_min=3, columns_max=3)
+    found = defects.columns(32, 10, one, stream(4, "narrow"))
+    assert [entry[0] for entry in found] == [5, 5]
+    some = replace(one, columns_to=0.75, length_min=0.5, length_max=0.5)
+    found = defects.columns(32, 16, some, stream(4, "some"))
+    assert all(8 <= entry[0] < 12 for entry in found) and len(found) == 6
+    assert [entry[1:3] for entry in found] == [(16, 32)] * 3 + [(32, 48)] * 3
+
+
+def test_the_noise_of_a_dark_column_is_cut_at_zero(numbers):
+    dark = replace(numbers, low_factor=0.0, low_offset=0.0)
+    charge = defects.column_charge(4000, 0.0, 100.0, 5.0, dark, stream(5, "dark"))
+    assert charge.min() == 0 and abs((charge == 0).mean() - 0.5) < 5 * np.sqrt(0.25 / 4000)

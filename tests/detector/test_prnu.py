@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from csstsim.base.rng import Streams
-from csstsim.detector.prnu import CLIP, highest, multiply
+from csstsim.detector.prnu import CLIP, highest, multiply, multiply_at
 
 KEY = Streams(1, "1", 9, "x").chip_key("prnu")
 
@@ -46,3 +46,23 @@ def test_it_is_a_factor_with_a_bound():
 def test_what_makes_a_response_negative_is_refused(rms):
     with pytest.raises(ValueError, match="relative rms"):
         response((2, 2), rms=rms)
+
+
+def test_single_pixels_have_the_response_of_the_frame():
+    """Every bit, in any order and one of them twice, the least and the largest response, held at the bounds, too."""
+    frame = response((1500, 1501), 7, 4, 0.2)
+    ends = [divmod(int(at), 1501) for at in (frame.argmin(), frame.argmax())]
+    row, column = np.transpose([(3, 5), (1499, 0), (0, 1500), (3, 5), (8, 8), *ends])
+    values = np.arange(1, 8, dtype=np.float32)
+    multiply_at(values, column + 7, row + 4, 0.2, KEY)
+    np.testing.assert_array_equal(values, np.arange(1, 8, dtype=np.float32) * frame[row, column])
+    assert frame[ends[0]] == pytest.approx(1 - 0.2 * CLIP) and frame[ends[1]] == pytest.approx(highest(0.2))
+    still = np.ones(2, np.float32)
+    multiply_at(still, np.arange(2), np.arange(2), 0.0, KEY)
+    assert (still == 1).all()
+    with pytest.raises(ValueError, match="relative rms"):
+        multiply_at(still, np.arange(2), np.arange(2), 0.23, KEY)
+
+
+def test_the_bound_of_a_response_is_four_and_a_half_rms():
+    assert CLIP == 4.5 and highest(0.01) == pytest.approx(1.045) and highest(0.0) == 1.0

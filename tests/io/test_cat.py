@@ -108,3 +108,71 @@ def test_faults_name_the_line(tmp_path, text, words):
         read_cat(tmp_path / "a.cat")
     assert "a.cat" in str(caught.value) and "np.str_" not in str(caught.value)
     assert all(word in str(caught.value) for word in words.split(", not ")), str(caught.value)
+
+
+def test_the_text_of_a_row_is_what_it_was():
+    """By hand: the order of the columns, their digits, a word for the type."""
+    values = dict.fromkeys(CAT_COLUMNS, np.array([np.nan]))
+    values |= {
+        "obj_ID": np.array([2**53 + 1]), "ID_chip": np.array([9]), "filter": np.array(["r"]),
+        "xImage": np.array([1.0000049]), "yImage": np.array([9216.123456]), "ra": np.array([359.99999999994]),
+        "dec": np.array([-0.00000000006]), "obj_type": np.array([2]), "mag": np.array([20.1234564]),
+        "galType": np.array([-1]), "z": np.array([0.123456789]), "size": np.array([1e-9]),
+    }  # fmt: skip
+    head, row = "".join(cat_lines(ObjectTable(values))).splitlines()
+    assert head == "# " + " ".join(CAT_COLUMNS)
+    found = dict(zip(CAT_COLUMNS, row.split(" "), strict=True))
+    exact = "obj_ID", "ID_chip", "filter", "xImage", "yImage", "ra", "dec", "z", "mag"
+    assert [found.pop(name) for name in exact] == [
+        "9007199254740993", "9", "r", "1.00000", "9216.12346", "359.9999999999", "-0.0000000001", "0.12345679",
+        "20.123456",
+    ]  # fmt: skip
+    assert [found.pop(name) for name in ("obj_type", "galType", "size")] == ["quasar", "-1", "1e-09"]
+    assert set(found.values()) == {"nan"}
+
+
+def test_types_beyond_those_that_are_known_are_numbers():
+    values = {name: np.zeros(4) for name in CAT_COLUMNS} | {"obj_type": np.array([3, 4, 5, -1])}
+    at = list(CAT_COLUMNS).index("obj_type")
+    rows = "".join(cat_lines(ObjectTable(values))).splitlines()[1:]
+    assert [row.split()[at] for row in rows] == ["asteroid", "satellite", "5", "-1"]
+
+
+def test_both_axes_count_from_0_when_read(tmp_path):
+    (tmp_path / "a.cat").write_text("# xImage yImage pm_ra RV\n1.5 20.25 3 4\n")
+    table = read_cat(tmp_path / "a.cat")
+    assert {name: table[name].tolist() for name in table} == {"x": [0.5], "y": [19.25], "pmra": [3.0], "rv": [4.0]}
+
+
+@pytest.mark.parametrize(("text", "names", "first"), [
+    ("# a file of 3\n# ra dec\n1 2\n", ["ra", "dec"], [1.0]),
+    ("# ra dec\n\n# one\n1 2\n# dec ra\n3 4\n", ["ra", "dec"], [1.0, 3.0]),  # remarks between the rows
+    ("# ra z\n# ra dec\n1 2\n", ["ra", "dec"], [1.0]),  # the last of those that fit
+    ("## ra dec\n", ["ra", "dec"], []),
+])  # fmt: skip
+def test_which_remark_is_the_heading(tmp_path, text, names, first):
+    (tmp_path / "a.cat").write_text(text)
+    table = read_cat(tmp_path / "a.cat")
+    assert list(table) == names and table["ra"].tolist() == first
+
+
+def test_numbers_of_ids_are_exact_and_others_of_ours_are_refused_by_their_line(tmp_path):
+    (tmp_path / "a.cat").write_text(f"# obj_ID galType\n{2**53 + 1} -1\n\n{2**62} 1\n")
+    assert read_cat(tmp_path / "a.cat")["id"].tolist() == [2**53 + 1, 2**62]
+    (tmp_path / "a.cat").write_text("# ra z\n1 2\n\n# a remark\n1 2\n1 north\n")
+    with pytest.raises(InputError, match=r"z: line 6: must be a number.*'north'"):
+        read_cat(tmp_path / "a.cat")
+    (tmp_path / "a.cat").write_text("# ra obj_type\n1 star\n\n2 planet\n")
+    with pytest.raises(InputError, match=r"line 4: unknown type \(got 'planet'\); allowed: star, galaxy, quasar"):
+        read_cat(tmp_path / "a.cat")
+
+
+@pytest.mark.parametrize(("sizes", "types"), [
+    ((0.3, 0.4, 0.0), [1, 1, 0]), ((0.3, np.nan, 0.5), [0, 0, 1]), ((np.nan, np.nan, np.nan), [0, 0, 1]),
+    ((-99, -99, 0.1), [0, 0, 1]),
+])  # fmt: skip
+def test_those_with_sizes_are_the_galaxies(tmp_path, sizes, types):
+    """Of equally many on both sides our own numbers count; a size that is not known is none."""
+    rows = "\n".join(f"{kind} {size}" for kind, size in zip((0, 0, 1), sizes, strict=True))
+    (tmp_path / "a.cat").write_text(f"# obj_type size\n{rows}\n")
+    assert read_cat(tmp_path / "a.cat")["obj_type"].tolist() == types

@@ -5,8 +5,9 @@ import pytest
 from astropy.io import fits
 
 from csstsim.base.errors import InputError
-from csstsim.io.fits import open_fits, read_pixels
-from csstsim.io.fits_writing import card, remark, write_hdus
+from csstsim.io.fits import image_header, open_fits, read_header, read_pixels, verify_hdu
+from csstsim.io.fits_checksum import encoded, folded, sum_of_bytes, sum_of_words
+from csstsim.io.fits_writing import card, compress, remark, write_hdus
 
 VALUES = [
     True, False, 0, -12345678901234, 1.5, -8.174558361760018e-06, 1e300, 61582.85900462963, "", "r", "O'Neill",
@@ -97,3 +98,92 @@ def test_tiles_of_any_side_are_read(tmp_path, tile):
     fits.HDUList([fits.PrimaryHDU(), fits.CompImageHDU(data, tile_shape=tile)]).writeto(tmp_path / "x.fits")
     with open_fits(tmp_path / "x.fits") as file:
         assert np.array_equal(read_pixels(file[1], tmp_path / "x.fits"), data)
+
+
+def test_our_reader_gives_the_bits_of_every_type(tmp_path):
+    """Odd counts of bytes, unlike sides, all types, with and without the checksum in the same pass."""
+    rng, path = np.random.default_rng(2), tmp_path / "x.fits"
+    planes = {
+        kind: rng.integers(0, 2**16, (3, 7), dtype=np.uint16).astype(kind) for kind in ("uint8", "uint16", "int16")
+    } | {kind: rng.integers(0, 2**32, (3, 7), dtype=np.uint32).view(kind) for kind in ("int32", "float32")}
+    write_hdus(path, [("", [], None), *((kind.upper(), [], plane) for kind, plane in planes.items())])
+    with open_fits(path) as file:
+        for kind, plane in planes.items():
+            for verify in (False, True):
+                found = read_pixels(file[kind.upper()], path, verify)
+                assert found.dtype == plane.dtype and found.shape == (3, 7) and found.tobytes() == plane.tobytes()
+
+
+@pytest.mark.parametrize("kind", ["uint8", "uint16", "float32"])
+def test_a_bit_anywhere_in_an_hdu_is_missed_by_its_sum(tmp_path, kind):
+    """In the header, the first and the last value, and the filling of the last block."""
+    data, path = np.arange(1, 1442).astype(kind).reshape(11, 131), tmp_path / "x.fits"
+    write_hdus(path, [("", [], None), ("ONE", [card("A", 1, "a remark")], data)])
+    whole = path.read_bytes()
+    start = whole.index(b"XTENSION")
+    body = start + 2880
+    for place in (start + whole[start:].index(b"a remark"), body + 1, body + data.nbytes - 1, len(whole) - 1):
+        changed = bytearray(whole)
+        changed[place] ^= 2
+        path.write_bytes(changed)
+        with open_fits(path) as file:
+            with pytest.raises(InputError, match="HDU ONE: the file is damaged: wrong CHECKSUM"):
+                read_pixels(file[1], path, verify=True)
+            with pytest.raises(InputError, match="HDU ONE: the file is damaged: wrong CHECKSUM"):
+                verify_hdu(file[1], path)
+            verify_hdu(file[0], path)
+
+
+def test_a_header_is_read_as_astropy_reads_it(tmp_path):
+    """Types, blanks at the end, words that go on over several cards."""
+    path = tmp_path / "x.fits"
+    values = {"WHOLE": 7, "REAL": -2.5e-7, "YES": True, "NO": False, "WORD": "a b", "LONG": "x" * 150}
+    for kept in (("WHOLE", "REAL", "YES", "NO", "WORD"), tuple(values)):
+        cards = [card(name, values[name], "said") for name in kept]
+        write_hdus(path, [("", cards, None), ("ONE", [], np.ones((2, 3), np.int16))])
+        with open_fits(path) as file, fits.open(path) as theirs:
+            found = read_header(file[0], path)
+            assert {name: found[name] for name in kept} == {name: theirs[0].header[name] for name in kept}
+            assert all(type(found[name]) is type(values[name]) for name in kept)
+            one = image_header(file[1], path)
+            assert (one["NAXIS1"], one["NAXIS2"], one["BITPIX"]) == (3, 2, 16)
+
+
+def test_a_packed_image_has_the_header_of_the_plain_one(tmp_path):
+    data, path = np.arange(77, dtype=np.uint16).reshape(7, 11), tmp_path / "x.fits"
+    write_hdus(path, [("", [card("GONE", 1), card("STAYS", 2)], None), ("ONE", [card("B", 3)], data)])
+    compress(path, without=["GONE", "NEVER"])
+    with open_fits(path) as file:
+        assert "GONE" not in read_header(file[0], path) and read_header(file[0], path)["STAYS"] == 2
+        header = image_header(file["ONE"], path)
+        assert [header[name] for name in ("BITPIX", "NAXIS", "NAXIS1", "NAXIS2", "B")] == [16, 2, 11, 7, 3]
+        assert (header["ZTILE1"], header["ZTILE2"], header["ZCMPTYPE"]) == (11, 1, "RICE_1")
+        assert np.array_equal(read_pixels(file["ONE"], path, verify=True), data)
+
+
+def test_a_table_or_an_image_of_doubles_is_refused(tmp_path):
+    path = tmp_path / "x.fits"
+    table = fits.BinTableHDU(np.zeros(3, [("a", "i4")]), name="T")
+    fits.HDUList([fits.PrimaryHDU(), table, fits.ImageHDU(np.zeros((2, 3)), name="D")]).writeto(path)
+    with open_fits(path) as file:
+        with pytest.raises(InputError, match="T: a table where an image belongs"):
+            image_header(file["T"], path)
+        with pytest.raises(InputError, match=r"not an image that csstsim writes.*-64, \[2, 3\]"):
+            read_pixels(file["D"], path)
+
+
+def test_bytes_are_added_as_big_endian_words_with_their_carries():
+    """By hand: 0x01020304 + 0x05060000; and the carry of the ones' complement."""
+    assert sum_of_bytes(np.array([1, 2, 3, 4, 5, 6], np.uint8)) == 0x01020304 + 0x05060000
+    assert sum_of_words(np.full(3, 2**32 - 1, np.uint32)) == 3 * (2**32 - 1)
+    assert folded(0xFFFFFFFF) == 0xFFFFFFFF and folded(0x1_0000_0000) == 1 and folded(0x2_FFFF_FFFF) == 2
+    assert encoded(0) == "0" * 16  # the standard's own example of zeros
+
+
+def test_cards_keep_the_standards_columns():
+    assert card("A", 5, "said") == f"{'A       =                    5 / said':<80}"
+    assert card("LONGNAME", True) == f"{'LONGNAME=                    T':<80}"
+    assert card("A-_1", "x'y") == "A-_1    = 'x''y    '".ljust(80)
+    assert card("A", "x", "c").index(" / c") == 30 and card("A", 1e-5)[10:30] == f"{'1E-05':>20}"
+    assert remark("COMMENT", "a" * 73) == f"COMMENT {'a' * 72}{'COMMENT a':<80}"
+    assert remark("HISTORY") == f"{'HISTORY':<80}"

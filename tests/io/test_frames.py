@@ -5,6 +5,7 @@ import pytest
 
 from csstsim.base.errors import InputError
 from csstsim.base.rng import stream
+from csstsim.io.fits import open_fits
 from csstsim.io.frames import _are_shapes, load_frame, save_frame
 
 META = {"recipe": {"campaign": "abc"}, "stage": "render", "header": {"gain": [1.1, 1.0], "long": "é" * 5000}, "n": None}
@@ -110,3 +111,80 @@ def test_a_failed_write_leaves_the_old_file(saved):
         save_frame(saved, planes(), {"bad": float("nan")})
     assert saved.read_bytes() == old
     assert [p.name for p in saved.parent.iterdir()] == ["render.fits"]
+
+
+@pytest.fixture
+def counted():
+    """A plane with six counts, the first and the last pixel among them, and one that is negative."""
+    plane = np.zeros((4, 9), np.int32)
+    plane[[0, 1, 1, 2, 3, 3], [0, 2, 8, 5, 0, 8]] = [7, -3, 1, 2**31 - 1, 5, 4]
+    return plane
+
+
+def test_a_plane_of_few_counts_is_kept_as_their_places(tmp_path, counted):
+    from astropy.io import fits
+
+    path = tmp_path / "x.fits"
+    save_frame(path, {"counted": counted, "image": np.ones((4, 9), np.float32)}, {"a": 1}, sparse=["counted", "none"])
+    with fits.open(path, checksum=True) as file:
+        assert [hdu.name for hdu in file] == ["PRIMARY", "IMAGE", "COUNTED_AT", "COUNTED_IS", "META"]
+        assert file["COUNTED_AT"].data.tolist() == [[0, 11, 17, 23, 27, 35]]
+        assert file["COUNTED_IS"].data.tolist() == [[7, -3, 1, 2**31 - 1, 5, 4]]
+    found, meta = load_frame(path, {"a": 1, "shape": (4, 9)})
+    assert meta == {"a": 1} and set(found) == {"image", "counted"} and np.array_equal(found["counted"], counted)
+    plane = load_frame(path, sparse=True)[0]["counted"]
+    assert plane.shape == (4, 9) and np.array_equal(plane.dense(), counted) and len(plane.pixel) == 6
+
+
+def test_a_quarter_of_the_pixels_is_not_few(tmp_path, counted):
+    """8 of 36 pixels are kept as places, 9 are not; nor is a plane that is not named."""
+    names = []
+    for more in (2, 3):
+        plane = counted.copy()
+        plane[0, 1 : 1 + more] = 1
+        save_frame(tmp_path / "x.fits", {"counted": plane}, {}, sparse=["counted"])
+        with open_fits(tmp_path / "x.fits") as file:
+            names.append([hdu.get_extname() for hdu in file][1:-1])
+        assert np.array_equal(load_frame(tmp_path / "x.fits")[0]["counted"], plane)
+    assert names == [["COUNTED_AT", "COUNTED_IS"], ["COUNTED"]]
+    save_frame(tmp_path / "x.fits", {"counted": counted}, {})
+    assert isinstance(load_frame(tmp_path / "x.fits", sparse=True)[0]["counted"], np.ndarray)
+
+
+def test_a_plane_without_counts_comes_back(tmp_path):
+    save_frame(tmp_path / "x.fits", {"counted": np.zeros((3, 5), np.int32)}, {}, sparse=["counted"])
+    found = load_frame(tmp_path / "x.fits")[0]["counted"]
+    assert found.shape == (3, 5) and found.dtype == np.int32 and not found.any()
+
+
+@pytest.mark.parametrize(("at", "values", "shape"), [
+    ([0, 6], [1, 1], [2, 3]), ([-1, 5], [1, 1], [2, 3]), ([2, 2], [1, 1], [2, 3]), ([3, 1], [1, 1], [2, 3]),
+    ([0, 1], [1], [2, 3]), ([0, 5], [1, 1], [1 << 15, 1 << 15]), (None, [1], [2, 3]), ([0], None, [2, 3]),
+    ([0, 5], [1, 1], [2, 3]),
+])  # fmt: skip
+def test_places_that_do_not_fit_the_plane_are_refused(tmp_path, at, values, shape):
+    """All but the last."""
+    parts = {name: np.array([v], np.int32) for name, v in (("a_at", at), ("a_is", values)) if v is not None}
+    save_frame(tmp_path / "x.fits", parts, {"sparse": {"a": shape}})
+    if (at, values, shape) == ([0, 5], [1, 1], [2, 3]):
+        assert load_frame(tmp_path / "x.fits")[0]["a"].tolist() == [[1, 0, 0], [0, 0, 1]]
+        return
+    with pytest.raises(InputError, match=r"x\.fits: a: damaged: the parts of a plane do not fit it"):
+        load_frame(tmp_path / "x.fits")
+
+
+@pytest.mark.parametrize("exposure", ["x", 3, [1]])
+def test_a_record_of_another_kind_is_damage(tmp_path, exposure):
+    save_frame(tmp_path / "x.fits", {}, {"exposure": exposure})
+    with pytest.raises(InputError, match="META: damaged: its metadata"):
+        load_frame(tmp_path / "x.fits")
+    for good in (None, {"a": 1}):
+        save_frame(tmp_path / "x.fits", {}, {"exposure": good})
+        assert load_frame(tmp_path / "x.fits")[1] == {"exposure": good}
+
+
+def test_tuples_of_a_recipe_are_as_lists(tmp_path):
+    save_frame(tmp_path / "x.fits", {}, {"window": (1, 2)})
+    load_frame(tmp_path / "x.fits", {"window": (1, 2)})
+    with pytest.raises(InputError, match=r"window: made from another recipe.*\[1, 2\].*allowed: \[1, 3\]"):
+        load_frame(tmp_path / "x.fits", {"window": (1, 3)})

@@ -320,3 +320,69 @@ def test_the_spacecraft_is_in_the_header_or_missed(small, tmp_path):
     made(small, tmp_path / "old.fits", "channels")
     with pytest.raises(InputError, match="EPHEM"):
         _ = read_level0(tmp_path / "old.fits").observer
+
+
+def test_numbers_of_each_channel_are_its_own(small, tmp_path):
+    """Each keyword of each channel has a number of its own; a channel without one is left out."""
+    path = tmp_path / "x.fits"
+    made(small, path, "channels", window=(30, 66, 30, 34))
+    with fits.open(path, mode="update", checksum=True) as file:
+        for n in range(1, 17):
+            for k, name in enumerate(("GAIN", "DETBIA", "RON", "NLQ", "NLC")):
+                file["IMAGE"].header[f"{name}{n:02d}"] = 100.0 * k + n
+        del file["IMAGE"].header["RON02"], file["IMAGE"].header["NLQ16"], file["IMAGE"].header["GAIN03"]
+    file = read_level0(path, verify=True)
+    assert file.gain == {n: float(n) for n in range(1, 17) if n != 3}
+    assert file.levels == {n: (100.0 + n, 200.0 + n) for n in range(1, 17) if n != 2}
+    assert file.nonlinearity == {n: (300.0 + n, 400.0 + n) for n in range(1, 16)}
+    wanted = {  # by hand: columns 30 to 65 of channels of 32 x 32, lower half from the left, upper from the right
+        1: (30, 32, 30, 32), 2: (32, 64, 30, 32), 3: (64, 66, 30, 32), 14: (64, 66, 32, 34), 15: (32, 64, 32, 34),
+        16: (30, 32, 32, 34),
+    }  # fmt: skip
+    channels = {channel.number: channel for channel in file.channels()}
+    assert {n: (c.window.x0, c.window.x1, c.window.y0, c.window.y1) for n, c in channels.items()} == wanted
+    assert (channels[3].gain, channels[3].bias, channels[3].read_noise) == (None, 103.0, 203.0)
+    assert (channels[2].gain, channels[2].bias, channels[2].read_noise) == (2.0, 102.0, None)
+    assert (channels[2].prescan.shape, channels[2].serial_overscan.shape) == ((2, 3), (2, 7))
+    assert channels[2].parallel_overscan.shape == (4, 32)
+
+
+@pytest.mark.parametrize(("key", "value"), [("GAIN05", "many"), ("NLC02", "x")])
+def test_a_word_for_a_number_is_named(small, tmp_path, key, value):
+    made(small, tmp_path / "x.fits", "channels")
+    with fits.open(tmp_path / "x.fits", mode="update", checksum=True) as file:
+        file["IMAGE"].header[key] = value
+    file = read_level0(tmp_path / "x.fits")
+    with pytest.raises(InputError, match=rf"x\.fits: {key}: must be a number \(got '{value}'\)"):
+        file.per_channel(key[:-2])
+
+
+def test_a_mask_of_another_shape_is_refused(small, tmp_path):
+    made(small, tmp_path / "x.fits", "channels")
+    assert read_level0(tmp_path / "x.fits").mask() is None
+    fits.append(tmp_path / "x.fits", np.zeros((36, 671), np.uint8), fits.Header({"EXTNAME": "MASK"}))
+    with pytest.raises(InputError, match=r"MASK: not of the image's shape \(got \(36, 671\)\)"):
+        read_level0(tmp_path / "x.fits").mask()
+
+
+@pytest.mark.parametrize("size", ["[1:256,1:64]", "256 x 64"])
+def test_both_forms_of_the_size_are_read(small, tmp_path, size):
+    made(small, tmp_path / "x.fits", "channels")
+    with fits.open(tmp_path / "x.fits", mode="update") as file:
+        file["IMAGE"].header["DETSIZE"] = size
+    readout = read_level0(tmp_path / "x.fits").readout
+    assert (readout.nx, readout.ny, readout.channel_nx, readout.channel_ny) == (256, 64, 32, 32)
+    assert (readout.prescan, readout.overscan, readout.parallel_overscan, readout.n_channels) == (3, 7, 4, 16)
+
+
+def test_the_sky_of_a_mosaics_channels_is_said_to_be_theirs(small, tmp_path):
+    """Letters and names of channels, the remarks, and no letters where the distortion or the layout forbids them."""
+    made(small, tmp_path / "x.fits", "mosaic")
+    header = fits.getheader(tmp_path / "x.fits", "IMAGE")
+    assert {header[f"WCSNAME{letter}"]: letter for letter in "ABCDEFGHIJKLMNOP"} == {
+        f"channel {n}": "ABCDEFGHIJKLMNOP"[n - 1] for n in range(1, 17)
+    }  # fmt: skip
+    remarks = " ".join(header["COMMENT"])
+    assert header["WCSNAME"] == "assembled frame" and "apparent" in remarks and "distortion" not in remarks
+    made(small, tmp_path / "y.fits", "chip")
+    assert "WCSNAMEA" not in fits.getheader(tmp_path / "y.fits", "IMAGE")

@@ -6,8 +6,9 @@ from types import SimpleNamespace
 
 import pytest
 
+from csstsim.base.errors import InputError
 from csstsim.io.level0_names import FORMS, NEWEST, read_name
-from csstsim.io.paths import Paths
+from csstsim.io.paths import Paths, made
 
 # Names that stand in public files (csster/csst, data_manager.py; the W1 release), for the exposure below
 NAMES = {
@@ -64,3 +65,48 @@ def test_a_name_is_read_back(form, kind, obsid):
 )  # fmt: skip
 def test_other_names_are_not_ours(name):
     assert read_name(name) is None
+
+
+def test_every_product_has_its_own_place(tmp_path):
+    """By hand, with and without a scratch disk; bricks lie in folders of ten thousand."""
+    paths, made = Paths(tmp_path / "out", tmp_path / "fast"), job()
+    stem = f"level0/100000100/{NAMES['C9'][0]}"
+    wanted = {
+        "truth/dataset/Norder=8/Dir=120000/Npix=123456.parquet": paths.truth(123456), "truth": paths.truth_catalogue,
+        "merge/dataset/Norder=8/Dir=0/Npix=9999.parquet": paths.merge(9999), "merge": paths.merge_catalogue,
+        "merge/dataset/Norder=8/Dir=10000/Npix=10000.parquet": paths.merge(10000), "psf/chip_08.h5": paths.psf(8),
+        "psf/chip_08_tables.h5": paths.psf_tables(8), f"{stem}.truth.parquet": paths.level0_truth(made),
+        f"{stem}.cat": paths.level0_cat(made), f"{stem}.orders.parquet": paths.level0_orders(made),
+        f"{stem}.cosmic.fits": paths.level0_cosmic(made), "masters/chip_08.fits": paths.masters(8),
+        "calibrated/101_08.fits": paths.calibrated("101", 8), "measure/101_08.parquet": paths.measure("101", 8),
+        "spectra/101_08.parquet": paths.spectra("101", 8), "spectra/101_08_lines.parquet": paths.lines("101", 8),
+        "validate/77.json": paths.validate(77), "look/101_08.png": paths.look("101", 8),
+        "report/index.html": paths.report, "report/variants.html": paths.variants_page,
+    }  # fmt: skip
+    assert {name: tmp_path / "out" / name for name in wanted} == wanted
+    assert paths.stage("101", 8, "render.fits") == tmp_path / "fast" / "chips" / "101_08" / "render.fits"
+    assert Paths(tmp_path).stage("101", 8, "a") == tmp_path / "chips" / "101_08" / "a"
+
+
+def test_a_product_that_is_missing_names_its_command(tmp_path):
+    (tmp_path / "a").write_text("")
+    assert made(tmp_path / "a", "psf") == tmp_path / "a"
+    for name in (".", "b"):
+        with pytest.raises(InputError, match="not made yet; `csstsim psf` makes it"):
+            made(tmp_path / name, "psf")
+
+
+@pytest.mark.parametrize(("form", "codes"), [
+    ("C9", {"BIAS": "BIAS", "DARK": "DARK", "FLAT": "FLAT"}), ("C5.1", {"BIAS": "BIAS", "FLAT": "FLAT"}),
+    ("C3", {"BIAS": "CLB", "DARK": "CLD", "FLAT": "CLF"}),
+])  # fmt: skip
+def test_codes_of_calibrations(form, codes):
+    for kind, code in codes.items():
+        assert f"_{code}_" in FORMS[form].stem(job(kind)) and f"_{code}_" not in FORMS[form].stem(job())
+
+
+def test_numbers_of_the_older_catalogues():
+    """Seven digits and more of C3, none less than zero of C5.1; a name of another form has none."""
+    stem = FORMS["C3"].stem(job(obsid="100234567"))
+    assert FORMS["C3"].catalogue(stem, "r") == "MSC_270810081950_0234567_06"
+    assert FORMS["C5.1"].catalogue(stem, "r") is None and FORMS["C3"].read(NAMES["C9"][0]) is None

@@ -5,7 +5,7 @@ import pytest
 
 from csstsim.base.errors import InputError
 from csstsim.catalog.table import ObjectTable
-from csstsim.io.orders import check_orders, read_orders, write_orders
+from csstsim.io.orders import check_orders, orders_table, read_orders, write_orders
 
 
 @pytest.fixture
@@ -68,3 +68,36 @@ def test_orders_of_another_chip_or_table(orders, camera, change):
     bad = good.with_columns(**{name: np.array([good[name][0], value, good[name][2]])})
     with pytest.raises(InputError, match=r"orders\.parquet.*no such"):
         check_orders("orders.parquet", bad, 3, gratings)
+
+
+def test_a_row_beyond_the_table_is_named(orders, camera):
+    gratings = camera.gratings[29]
+    good = orders.with_columns(grating=np.full(3, gratings.left.name))
+    with pytest.raises(InputError, match=r"row: no such object.*got 2\); allowed: 0 to 1"):
+        check_orders("orders.parquet", good, 2, gratings)
+    with pytest.raises(InputError, match=r"grating, order: .*'XX9', 1"):
+        check_orders("o", good.with_columns(grating=np.array([good["grating"][0], "XX9", "YY9"])), 3, gratings)
+    check_orders("orders.parquet", good.with_columns(grating=np.full(3, gratings.right.name)), 3, gratings)
+
+
+@pytest.mark.parametrize("name", ["x", "y", "p", "q", "r", "s"])
+@pytest.mark.parametrize("value", [np.nan, -np.inf])
+def test_no_place_may_be_infinite(orders, tmp_path, name, value):
+    path = tmp_path / "orders.parquet"
+    write_orders(path, orders.with_columns(**{name: np.array([1.0, 2.0, value])}), {})
+    with pytest.raises(InputError, match={"x": "xImage", "y": "yImage"}.get(name, name) + ": not finite"):
+        read_orders(path)
+
+
+def test_rows_are_on_disk_from_1_in_both_axes(orders, tmp_path):
+    write_orders(tmp_path / "o.parquet", orders, {})
+    table = ObjectTable.read(tmp_path / "o.parquet")
+    assert table["yImage"].tolist() == [2.5, 1.0, 9232.0] and "y" not in table
+
+
+@pytest.mark.parametrize("name", ["id", "order", "grating", "cut", "yImage", "p", "r", "s", "electrons", "drawn"])
+def test_every_column_that_readers_use_is_missed(orders, tmp_path, name):
+    table = orders_table(orders)
+    ObjectTable({other: table[other] for other in table if other != name}).write(tmp_path / "o.parquet", {})
+    with pytest.raises(InputError, match=f"o.parquet: {name}: required column is missing"):
+        read_orders(tmp_path / "o.parquet")

@@ -1,5 +1,6 @@
 """An output folder belongs to one campaign: refused to others, and still its own after both have moved."""
 
+import json
 import threading
 from types import SimpleNamespace
 
@@ -51,3 +52,32 @@ def test_a_record_that_another_process_is_writing_is_waited_for(tmp_path):
     later.start()
     check_owner(mine)
     later.join()
+
+
+def test_what_the_record_says(tmp_path):
+    """The campaign's name, and its file as seen from the folder."""
+    (tmp_path / "deep").mkdir()
+    claim_output(run_of(tmp_path, name="mine", file="deep/a.yaml"))
+    assert json.loads((tmp_path / "out" / FILE).read_text()) == {"name": "mine", "file": "../deep/a.yaml"}
+    with pytest.raises(InputError, match=r"got .*'\.\./deep/a\.yaml'.*allowed: .*'\.\./b\.yaml'"):
+        check_owner(run_of(tmp_path, name="mine", file="b.yaml"))
+
+
+def test_a_folder_below_a_file_is_none(tmp_path):
+    (tmp_path / "out").write_text("")
+    with pytest.raises(InputError, match="output: is not a folder, or is below a file"):
+        check_owner(run_of(tmp_path))
+    with pytest.raises(InputError, match=r"cannot be written|is not a folder"):
+        claim_output(run_of(tmp_path))
+
+
+def test_a_folder_of_products_that_cannot_be_written_is_told(tmp_path, monkeypatch):
+    mine = run_of(tmp_path)
+    claim_output(mine)
+    (tmp_path / "out" / "level0").mkdir()
+    (tmp_path / "out" / "file").write_text("")
+    asked = []
+    monkeypatch.setattr("os.access", lambda path, mode: asked.append(path.name) or path.name != "level0")
+    with pytest.raises(InputError, match="level0: cannot be written"):
+        claim_output(mine)
+    assert asked == ["out", "level0"]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from csstsim.instrument.camera import load_camera
-from csstsim.io.pointing_keywords import Boresight, boresight_of, pointing_off, wcs_off
+from csstsim.io.pointing_keywords import Boresight, boresight_of, pointing_off, sky_off, wcs_off
 from csstsim.optics.geometry.distortion import load_distortion
 from csstsim.optics.geometry.sip import sip_header
 from csstsim.optics.geometry.wcs import ChipWCS
@@ -66,3 +66,32 @@ def test_the_wcs_of_both_forms():
         moved = header() | {"CRVAL2": header()["CRVAL2"] + 0.01}
         assert wcs_off(moved, wcs) == pytest.approx(36.0, rel=3e-3)
     assert wcs_off({}, wcs) == np.inf
+
+
+@pytest.mark.parametrize(("keyword", "off", "said", "arcsec"), [
+    ("RA_OBJ", -0.01, "RA_OBJ", 36.0 * np.cos(np.radians(DEC))), ("DEC_OBJ", 0.01, "RA_OBJ", 36.0),
+    ("DEC_PNT0", -0.01, "RA_PNT0", 36.0), ("RA_PNT1", 0.01, "RA_PNT1", 36.0 * np.cos(np.radians(DEC))),
+    ("EULER0_1", 0.01, "EULER0_1", 36.0 * np.cos(np.radians(DEC))), ("EULER1_2", 0.01, "EULER1_1", 36.0),
+    ("EULER1_1", 0.01, "EULER1_1", 36.0 * np.cos(np.radians(DEC))), ("POS_ANG1", -0.05, "POS_ANG1", 180.0),
+    ("EULER0_3", 0.05, "EULER0_3", 180.0), ("POS_ANG0", 180.0, "POS_ANG0", 180 * 3600.0),
+])  # fmt: skip
+def test_every_other_keyword_that_is_off(keyword, off, said, arcsec):
+    found = pointing_off(HEADER | {keyword: HEADER[keyword] + off}, BORESIGHT)
+    assert found.pop(said) == pytest.approx(arcsec, rel=1e-6) and max(found.values()) < 1e-6
+
+
+def test_keywords_that_a_header_lacks_are_left_out():
+    assert pointing_off({"RA_OBJ": RA, "EULER0_2": -DEC, "EULER1_3": -PA - 0.01}, BORESIGHT) == {
+        "EULER1_3": pytest.approx(36.0)
+    }
+    assert boresight_of({"CTYPE1": "RA---TAN", "CRVAL1": 1.0}) is None
+
+
+def test_the_largest_distance_counts():
+    cards = {"CTYPE1": "RA---TAN", "CTYPE2": "DEC--TAN", "CRVAL1": 10.0, "CRVAL2": 60.0, "CRPIX1": 1.0, "CRPIX2": 1.0}
+    cards |= {"CD1_1": -1e-4, "CD1_2": 0.0, "CD2_1": 0.0, "CD2_2": 1e-4}
+    zero = np.zeros(3)
+    for ra, dec, arcsec in ((0.001, 0.0, 1.8), (0.0, -0.001, 3.6), (-0.001, 0.001, np.hypot(1.8, 3.6))):
+        true = np.array([10.0, 10.0 + ra, 10.0]), np.array([60.0, 60.0 + dec, 60.0])
+        assert sky_off(cards, zero, zero, true) == pytest.approx(arcsec, rel=1e-3)
+    assert sky_off(cards, zero, zero, (np.array([10.0, np.nan, 10.0]), np.full(3, 60.0))) == np.inf

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import yaml
 from readout_state import change_exposure, flat_state, run
+from scipy.ndimage import convolve
 
 from csstsim.base.errors import InputError
 from csstsim.base.rng import Streams, stream
@@ -180,3 +181,46 @@ def test_negative_charge_stays_as_it_is(small, name):
     """What layers refuse, and what they make of all other images: test_edge_images."""
     state = flat_state(small, -3.0)
     assert (LAYERS[name].apply(state, LAYERS[name].Param(), RNG).image == -3).all()
+
+
+def test_the_kernel_of_areas_made_of_a_kernel():
+    """Areas as twice the Laplacian of a K, alike beside the middle, by scipy, and of a skew: both come back."""
+    quadrant = np.array([[5.0, 2.5, 0.8], [2.5, 1.5, 0.4], [0.8, 0.5, 0.2]]) * 1e-6
+    for skew in (3e-7, -2e-7):
+        whole = np.zeros((9, 9))
+        whole[2:7, 2:7] = bfe_kernel.unfold(quadrant)
+        areas = 2 * convolve(whole, [[0, 1, 0], [1, -4, 1], [0, 1, 0]], mode="constant")
+        areas[[3, 5], 4] += 2 * skew  # of the second difference along y
+        areas[4, [3, 5]] -= 2 * skew
+        potential, found = bfe_kernel.kernel(areas[4:7, 4:7])
+        assert found == pytest.approx(skew, rel=1e-9)
+        np.testing.assert_allclose(potential, quadrant, rtol=1e-9)
+
+
+def test_boundaries_may_move_by_less_than_a_quarter_pixel_at_full_well(small):
+    """The sum of all 25 numbers of K and the skew, times the full well, which is set just below and above."""
+    numbers = small.detector.brighter_fatter
+    potential, skew = bfe_kernel.kernel(numbers["scale"] * np.array(numbers["areas"]))
+    edge, middle = potential[1:, 0].sum() + potential[0, 1:].sum(), potential[0, 0]
+    whole = middle + 2 * edge + 4 * potential[1:, 1:].sum() + abs(skew)
+    assert (potential > 0).all()
+    bfe_kernel.detector_kernel(replace(small.detector, full_well=0.249 / whole))
+    with pytest.raises(InputError, match="boundaries move too far") as error:
+        bfe_kernel.detector_kernel(replace(small.detector, full_well=0.251 / whole))
+    assert "0.251" in str(error.value) and "0.25 pixels" in str(error.value)
+
+
+def test_one_polynomial_for_the_chip_unless_asked(small):
+    assert nonlinearity.Param().nonlinearity_16channel is False and blooming.Param().row_share is None
+    state = nonlinearity.apply(flat_state(small, 50_000.0), nonlinearity.Param(), RNG)
+    quadratic, cubic = small.detector.nonlinearity_quadratic, small.detector.nonlinearity_cubic
+    assert state.header == {"nonlinearity_quadratic": [quadratic] * 16, "nonlinearity_cubic": [cubic] * 16}
+
+
+@pytest.mark.parametrize("half", [0, 1])
+def test_channels_of_the_upper_half_are_bent_by_their_own_polynomial(small, half):
+    """Channels 9 to 16 run from right to left."""
+    state = nonlinearity.apply(flat_state(small, 50_000.0), nonlinearity.Param(nonlinearity_16channel=True), RNG)
+    quadratic = np.reshape(state.header["nonlinearity_quadratic"], (2, 8))[half]
+    found = state.image[48 if half else 16].reshape(8, 32)[:, 7]
+    assert found == pytest.approx(50_000 + (quadratic[::-1] if half else quadratic) * 2.5e9, abs=0.01)

@@ -12,6 +12,7 @@ from scipy import stats
 from csstsim.base.errors import InputError
 from csstsim.base.rng import Streams
 from csstsim.campaign.opened import OpenCampaign
+from csstsim.detector import mapped_defects
 from csstsim.detector.channels import ReadoutFrame
 from csstsim.detector.mask import BAD_COLUMN, DEAD, HOT
 from csstsim.instrument.camera import load_camera
@@ -341,3 +342,32 @@ def test_the_light_check_knows_what_a_bias_map_can_add(lab):
     assert state.header["bias_structure"] >= sum(abs(part.sum()) for part in parts) * (1 - 1e-6)
     assert electron_budget(state.header, 1)["bias_structure"] == state.header["bias_structure"]
     assert "bias_structure" not in electron_budget({}, 1)
+
+
+def test_mapped_charges_have_the_least_that_drawn_ones_have(lab):
+    """Rates of hot pixels are at least hot_min; no charge is below 0; Poisson mean to 5 sigma."""
+    numbers, n = lab[0].chips[CHIP].detector.defects, 4000
+    x, y, keys = np.arange(n) % 256, np.arange(n) // 256, (np.uint64(3), np.uint64(4))
+    cool = replace(numbers, hot_scale=1e-6)
+    charge = mapped_defects.hot_charge(x, y, 150.0, cool, *keys)
+    mean = 150.0 * numbers.hot_min
+    assert numbers.hot_min == 0.1 and abs(charge.mean() - mean) < 5 * np.sqrt(mean / n)
+    assert not mapped_defects.hot_charge(x, y, 0.0, numbers, *keys).any()
+    dead = mapped_defects.dead_charge(x, y, 0.0, numbers, *keys)
+    dark = replace(numbers, **dict.fromkeys(("low_factor", "low_offset", "high_factor", "high_offset"), 0.0))
+    column = mapped_defects.column_charge(x, y, 8, 100.0, 5.0, dark, *keys)
+    for values in (dead, column):  # noise about 0 alone
+        assert values.min() == 0 and abs((values == 0).mean() - 0.5) < 5 * np.sqrt(0.25 / n)
+
+
+def test_columns_of_a_window_are_counted_by_halves_of_the_chip(lab):
+    """Column 77 is bad below, 200 in both halves: rows 11 to 40 have three, 35 to 45 the upper part of one."""
+    camera, values = lab
+    bits = values["bad_pixels"] & BAD_COLUMN
+    for window in ((70, 210, 11, 40), (190, 210, 35, 45), (70, 80, 5, 20)):
+        x0, x1, y0, y1 = window
+        state = spoiled(camera, window=window, hot_pixels=False, dead_pixels=False)
+        part = bits[y0:y1, x0:x1] > 0
+        low, high = part[: max(32 - y0, 0)], part[max(32 - y0, 0) :]
+        assert state.header["bad_columns"] == low.any(axis=0).sum() + high.any(axis=0).sum() > 0
+        assert (state.header["hot_pixels"], state.header["dead_pixels"]) == (0, 0)

@@ -107,3 +107,34 @@ def test_lamps_light_pixels_by_their_response(small):
     multiply(wanted, state.window.x0, state.window.y0, state.chip.detector.prnu, STREAMS.chip_key("prnu"))
     np.testing.assert_allclose(ratio, wanted, rtol=1e-5)
     assert ratio.std() == pytest.approx(small.detector.prnu, rel=0.05)
+
+
+def test_lamps_add_to_what_is_there_and_the_header_says_so(small):
+    state = flat_state(small, 70.0)
+    led_calib_model.apply(state, led_calib_model.Param(LED_TYPE=["590"], LED_TIME=[7.0]), STREAMS)
+    np.testing.assert_allclose(state.image, 70.0 + lit(small, ["590"], [7.0]).image, rtol=1e-6)
+    assert state.header["led_flag"] is True
+    assert lit(small, ["275"], [30.0]).header["led_flag"] is True
+
+
+def test_lamps_may_be_lit_for_all_of_the_exposure_and_no_longer_together(small):
+    lit(small, ["590", "670"], [75.0, 75.0])
+    pointing, param = flat_state(small).pointing, led_calib_model.Param(LED_TYPE=["590", "670"], LED_TIME=[75.5, 75.0])
+    with pytest.raises(InputError, match=r"LED_TIME.*150\.5"):
+        led_calib_model.check(param, small, pointing)
+    with pytest.raises(InputError, match="unknown lamp"):
+        led_calib_model.check(led_calib_model.Param(LED_TYPE=["591"], LED_TIME=[1.0]), small, pointing)
+    led_calib_model.check(led_calib_model.Param(LED_TYPE=["670"], LED_TIME=[150.0]), small, pointing)
+
+
+def test_a_list_without_numbers_lights_one_lamp_for_ten_seconds():
+    assert led_calib_model.Param().model_dump() == {"LED_TYPE": ["670"], "LED_TIME": [10.0]}
+    assert led_calib_model.Param(LED_TYPE=[670], LED_TIME=[1]).LED_TYPE == ["670"]
+    with pytest.raises(ValueError, match="within 0 and 1e5 s"):
+        led_calib_model.Param(LED_TYPE=["670"], LED_TIME=[100_001.0])
+    led_calib_model.Param(LED_TYPE=["670"], LED_TIME=[0.0])
+
+
+def test_a_lamp_that_is_not_lit_shines_no_light(small):
+    assert not lit(small, ["590"], [0.0]).image.any()
+    np.testing.assert_array_equal(lit(small, ["590", "670"], [0.0, 3.0]).image, lit(small, ["670"], [3.0]).image)

@@ -266,3 +266,48 @@ def test_missing_and_faulty_numbers(tmp_path, small, name):
 
 def test_bits_are_apart():
     assert sum(mask.BITS.values()) == sum({*mask.BITS.values()}) == 127
+
+
+def test_bits_are_those_of_files_and_each_is_explained():
+    assert mask.BITS == {
+        "SATURATED": 1, "BLED": 2, "COSMIC_RAY": 4, "HOT": 8, "DEAD": 16, "BAD_COLUMN": 32, "CLIPPED": 64,
+    }  # fmt: skip
+    assert set(mask.ABOUT) == set(mask.BITS.values())
+    words = {HOT: "hot", DEAD: "dead", BAD_COLUMN: "bad column", COSMIC_RAY: "cosmic ray", mask.BLED: "into it"}
+    assert all(word in mask.ABOUT[bit] for bit, word in words.items())
+
+
+def test_what_lists_leave_out():
+    assert cosmic_rays.Param().model_dump() == {"exptime": None, "save_cosmic_image": False}
+    assert detector_defects.Param().model_dump() == {"hot_pixels": True, "dead_pixels": True, "bad_columns": True}
+
+
+def test_defects_electrons_are_what_the_image_gains(many):
+    state = spoiled(flat_state(many, 300.0))
+    assert state.header["defects_level"] == 300.0
+    gained = state.image.sum(dtype=float) - 300.0 * state.image.size
+    assert state.header["defects_electrons"] == pytest.approx(gained, rel=1e-6) and gained > 1e5
+
+
+def test_hot_pixels_add_and_dead_ones_replace(many):
+    """On a frame whose charge differs from pixel to pixel."""
+    state = masked(flat_state(many, 300.0))
+    state.image += np.arange(state.image.size, dtype=np.float32).reshape(state.image.shape) % 7
+    before = state.image.copy()
+    spoiled(state, bad_columns=False)
+    hot, dead = state.mask == HOT, state.mask == DEAD
+    plain = spoiled(masked(flat_state(many, 300.0)), bad_columns=False)
+    shift = before[hot] - 300.0
+    np.testing.assert_allclose(state.image[hot], plain.image[hot] + shift, rtol=1e-6)
+    level = state.header["defects_level"]
+    assert 302.5 < level < 303.5 and abs((state.image - plain.image)[dead]).max() < 0.8 * (level - 300.0)
+
+
+def test_weakly_and_strongly_struck_pixels(small):
+    """All electrons are counted, the weakest pixels are not marked; other marks stay."""
+    state = masked(flat_state(small, exptime=1e5))
+    state.mask[:] = 128
+    struck(state)
+    least = small.detector.cosmic_rays.marked_from
+    assert np.array_equal(state.mask == 128 | COSMIC_RAY, state.counted >= least)
+    assert ((state.mask == 128) == (state.counted < least)).all() and (state.counted == least).any()

@@ -1,6 +1,7 @@
 """Each readout layer against its closed form."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -184,3 +185,79 @@ def test_a_bias_exposure_has_no_light(small):
     state = run(flat_state(small, type="BIAS", exptime=0.0), plain_layers(off=["poisson_and_dark"]))
     g = np.mean(state.header["gain"])
     assert abs(state.image.mean() - np.mean(np.divide(state.header["bias"], state.header["gain"]))) < 5 * 5 / g / 150
+
+
+def test_the_header_says_how_much_dark_current_there_is(small):
+    state = poisson_and_dark.apply(flat_state(small, exptime=300.0), poisson_and_dark.Param(), RNG)
+    assert state.header == {"dark_electrons": pytest.approx(300.0 * small.detector.dark)}
+    assert small.detector.dark > 0
+
+
+class Levels:
+    """Streams whose uniform numbers from -1 to 1 are known: channel n gets n / 16 of the way, the chip -0.6."""
+
+    def channel(self, number, name):
+        return SimpleNamespace(uniform=lambda low, high: low + (high - low) * number / 16)
+
+    def chip(self, name):
+        return SimpleNamespace(uniform=lambda low, high: low + (high - low) * 0.2)
+
+
+def test_each_channel_has_its_own_bias_and_gain(small):
+    """Pixel by pixel; the mosaic's channels are 1 to 8 from the left below, 16 to 9 above."""
+    state, numbers = flat_state(small), small.detector
+    state.image = np.full(ReadoutFrame.of(numbers, None).shape, 40.0, np.float32)
+    bias.apply(state, bias.Param(), Levels())
+    levels = numbers.bias + numbers.bias_spread * (np.arange(1, 17) / 8 - 1)
+    assert state.header["bias"] == pytest.approx(levels)
+    rows, columns = (n // k for n, k in zip(state.image.shape, (2, 8), strict=True))
+    in_channel = np.vstack([np.repeat(order, columns) * np.ones((rows, 1)) for order in (levels[:8], levels[:7:-1])])
+    np.testing.assert_allclose(state.image, 40.0 + in_channel, rtol=1e-6)
+    state.image[:] = 40.0
+    gain.apply(state, gain.Param(), Levels())
+    gains = numbers.gain * (1 + numbers.gain_spread * (np.arange(1, 17) / 8 - 1))
+    in_channel = np.vstack([np.repeat(order, columns) * np.ones((rows, 1)) for order in (gains[:8], gains[:7:-1])])
+    np.testing.assert_allclose(state.image, 40.0 / in_channel, rtol=1e-6)
+    assert state.header["gain"] == pytest.approx(gains) and state.unit == "DN"
+    bias.apply(state, bias.Param(bias_16channel=False), Levels())
+    assert state.header["bias"] == pytest.approx([numbers.bias - 0.6 * numbers.bias_spread] * 16)
+
+
+@pytest.mark.parametrize("overscan", [3, 0])
+def test_the_most_that_a_bias_map_adds_beside_the_level(overscan):
+    """Two rows of two channels of 4 x 5 active pixels, 2 of prescan, 1 row of parallel overscan; numbers by hand.
+
+    Channel 1 has 3 e- more on its active pixels, the overscan of all is 1 e- high.
+    """
+    readout = ReadoutFrame((0, 8, 0, 10), 8, 10, 2, 2, 4, 5, 2, overscan, 1)
+    structure = np.zeros(readout.shape, np.float32)
+    for block in readout.blocks:
+        structure[block.serial_overscan] = 1.0
+    structure[readout.blocks[0].active] = 3.0
+    # Of a block the sum is 15 of 54 pixels: 39 e- from a level of 1; with the light 3 x 20 above the level of 0
+    wanted = 75.0 + 3 * 39.0 if overscan else 60.0
+    assert bias._beside_the_level(structure, readout) == wanted
+    assert bias._beside_the_level(-structure, readout) == wanted
+    structure[:] = 0.0
+    structure[readout.blocks[0].active], structure[readout.blocks[0].prescan] = 3.0, -4.0
+    assert bias._beside_the_level(structure, readout) == 60.0  # of the light; of the block 60 less 10 x 4
+
+
+def test_the_noise_of_a_chip_is_the_rms_of_its_channels(small):
+    """Without gains in the header nothing is scaled."""
+    state = prescan_overscan.apply(flat_state(small, 300.0), prescan_overscan.Param(), RNG)
+    state.header["read_noise"] = [1.0] * 8 + [7.0] * 8
+    param = quantization_and_output.Param(layout="chip", sip=True, compress=True)
+    state = quantization_and_output.apply(state, param, RNG)
+    assert state.header["one_read_noise"] == pytest.approx(5.0) and "one_gain" not in state.header
+    assert state.header["sip"] is True and state.header["compress"] is True and state.header["layout"] == "chip"
+    assert set(np.unique(state.image)) == {0, 300}
+
+
+def test_a_list_that_says_nothing_means_the_layers_usual_numbers():
+    assert bias.Param().bias_16channel is True and gain.Param().gain_16channel is True
+    usual = quantization_and_output.Param()
+    assert (usual.layout, usual.mask, usual.compress, usual.sip) == ("channels", False, False, False)
+    state_of = quantization_and_output.Param.model_validate
+    with pytest.raises(ValueError, match="layout"):
+        state_of({"layout": "tiles"})

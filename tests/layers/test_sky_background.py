@@ -155,3 +155,59 @@ def test_a_star_beside_the_frame_shines_on_it(camera):
     electrons = band(state.filter, blackbody_over_sun(wave, 6000.0, numbers)) * magnitude_ratio(0.0, numbers)
     expected = electrons * camera.telescope.area_m2 * scattered
     assert np.interp(4000.0, away[::-1], row[::-1]) == pytest.approx(expected, rel=0.25)  # azimuths differ by 20%
+
+
+def test_parts_and_weights_are_of_gauss_and_legendre():
+    nodes, weights = np.polynomial.legendre.leggauss(3)
+    assert pytest.approx(0.5 + nodes / 2) == sky_background.PARTS
+    assert pytest.approx(weights / 2) == sky_background.WEIGHTS
+
+
+def test_moments_are_dates_and_places_of_the_spacecraft(small):
+    """Of 400 s: 45.1, 200 and 354.9 s after the beginning, some 7.7 km/s on."""
+    pointing = flat_state(small, sat_position=HIGH, sat_velocity=(6.0, 3.0, -2.1)).pointing
+    seconds = 200 + 200 * np.sqrt(0.6) * np.array([-1, 0, 1])
+    found = sky_background.moments(pointing, 400.0)
+    assert [(mjd - pointing.mjd) * 86400 for mjd, *_ in found] == pytest.approx(seconds, abs=1e-3)
+    for (_, place, velocity), after in zip(found, seconds, strict=True):
+        there = orbit_after(HIGH, (6.0, 3.0, -2.1), after)
+        assert np.allclose(place, there[0]) and np.allclose(velocity, there[1])
+
+
+@pytest.mark.parametrize("model", [False, True])
+def test_the_mean_rate_and_the_dispersed_sky_are_those_of_the_layer(small, camera, model):
+    param = sky_background.Param(enable_straylight_model=model)
+    state = lit(small, model)
+    rate = sky_background.mean_rate(state.exposure, param)
+    assert rate == pytest.approx(state.header["sky_rate"], rel=1e-6)
+    assert rate * 150.0 == pytest.approx(state.image.mean(dtype=float), rel=1e-4)
+    where = {"chip": 1, "window": (3000, 3060, 4000, 4031)}
+    spectral = lit(camera, model, **where)
+    np.testing.assert_allclose(sky_background.dispersed_sky(spectral.exposure, param), spectral.image, rtol=1e-6)
+
+
+def test_a_dispersed_sky_loses_what_the_map_says(camera):
+    where = {"chip": 1, "window": (3000, 3060, 4000, 4031)}
+    whole, state = (lit(camera, False, losses=Losses(flat=on, shutter=on), **where) for on in (False, True))
+    share = response_map(
+        state.chip, state.window, state.filter, 150.0, camera.leds, STREAMS.camera, flat=True, shutter=True
+    )
+    np.testing.assert_allclose(state.image, whole.image * share, rtol=1e-5)
+    assert np.ptp(share) > 0 and not np.allclose(share, 1, rtol=1e-3)
+
+
+def test_numbers_are_checked_as_far_as_they_are_needed(small):
+    high = flat_state(small, sat_position=HIGH).pointing
+    flat, sky = replace(small, leds=small.leds | {"flat": {}}), replace(small, sky={})
+    with pytest.raises(InputError, match=r"leds\.yaml"):
+        sky_background.check(sky_background.Param(), flat, high)
+    sky_background.check(sky_background.Param(flat_fielding=False), flat, high)
+    sky_background.check(sky_background.Param(), sky, high)
+    with pytest.raises(InputError, match="no sky parameters"):
+        sky_background.check(sky_background.Param(enable_straylight_model=True), sky, high)
+
+
+def test_what_a_list_leaves_out():
+    assert sky_background.Param().model_dump() == {
+        "exptime": None, "flat_fielding": True, "shutter_effect": True, "enable_straylight_model": False,
+    }  # fmt: skip

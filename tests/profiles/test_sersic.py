@@ -9,6 +9,7 @@ from scipy.special import gammaincc, gammaincinv, j0
 
 from csstsim.profiles.log_table import first_of, nodes, read
 from csstsim.profiles.sersic import (
+    CUT_NONE,
     K2_HIGH,
     K2_LOW,
     R2_HIGH,
@@ -120,3 +121,38 @@ def test_a_profile_ends_where_its_light_does():
     assert (1 + x) * np.exp(-x) == pytest.approx(5e-5)  # the light beyond a disk's radius
     assert cut_for(1.0, 7.5) == np.inf and cut_for(1.0, 3.3) == pytest.approx(2**1.75)
     assert 3.3 <= cut_for(4.0, 3.3) <= 3.3 * 2**0.25
+
+
+@pytest.mark.parametrize("index", [0.5, 1.0, 2.0, 4.0, 5.5])
+def test_the_light_beyond_a_radius_of_one_index(index):
+    """A number in place of an array of indices: exact, but for what a disk's and a bulge's b is rounded to."""
+    radius, half = np.array([0.0, 0.3, 1.0, 4.0]), np.array([0.5, 0.5, 1.0, 0.8])
+    exact = gammaincc(2 * index, gammaincinv(2 * index, 0.5) * (radius / half) ** (1 / index))
+    assert light_beyond(radius, half, index) == pytest.approx(exact, rel=1e-5)
+    assert light_beyond(1.0, 1.0, index) == pytest.approx(0.5, rel=1e-6)
+    assert light_beyond(1.0, 0.0, index) < 1e-9  # of a point
+
+
+def test_indices_that_have_a_series_and_others_may_be_mixed():
+    index = np.array([4.0, 2.2, 1.0, 1.0, 4.0])
+    radius, half = np.array([2.0, 3.0, 1.5, 0.2, 0.1]), np.array([1.0, 2.0, 0.5, 0.4, 0.3])
+    found = light_beyond(radius, half, index)
+    for k in (0, 2, 3, 4):
+        assert found[k] == light_beyond(radius[k], half[k], index[k])
+    assert found[1] == pytest.approx(gammaincc(4.4, gammaincinv(4.4, 0.5) * 1.5 ** (1 / 2.2)), rel=1e-3)
+    far = light_beyond(np.array([1e9, 1e-9]), np.ones(2), np.array([2.2, 2.2]))  # beyond either end of the table
+    assert far == pytest.approx([0.0, 1.0], abs=1e-3)
+
+
+@pytest.mark.parametrize("index", [0.5, 2.0, 4.0])
+def test_a_profile_ends_with_five_in_a_hundred_thousand_of_its_light_beyond(index):
+    assert gammaincc(2 * index, gammaincinv(2 * index, 0.5) * extent(index) ** (1 / index)) == pytest.approx(5e-5)
+    assert cut_for(index, extent(index)) == np.inf and np.isfinite(cut_for(index, 0.7 * extent(index)))
+
+
+def test_a_cut_of_next_to_nothing_leaves_all_of_the_profile_outside():
+    assert cut_for(1.0, 0.0) == cut_for(1.0, 1e-9) == CUT_NONE == 2.0**-10
+    assert cut_for(1.0, 1.0) == 1.0 and cut_for(1.0, 1.01) == pytest.approx(2**0.25)
+    transform, outer = tables(1.0, CUT_NONE)
+    assert not transform.any()
+    assert outer == pytest.approx(1.678347**2 / (2 * np.pi) * np.exp(-1.678347 * np.sqrt(SQUARE)), rel=1e-6, abs=1e-9)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from dispersed_sky import EXPTIME, Sky
-from grating_scene import SPLIT, gaussian_psf
+from grating_scene import SPLIT, gaussian_psf, scene_of
 from scipy.special import erf
 
 from csstsim.catalog.flags import BAD_VALUE, OFF_CHIP, TRUNCATED_STAMP
@@ -11,9 +11,11 @@ from csstsim.catalog.light.object_spectra import catalog_spectra
 from csstsim.instrument.chip import Window
 from csstsim.optics.scatter.scattered_light import Scattered, scattered_light
 from csstsim.render import policy
+from csstsim.render.far_wings import WHOLE
 from csstsim.render.psf_table import make_table
 from csstsim.render.settings import load_numbers
 from csstsim.render.slitless import draw_dispersed as engine
+from csstsim.render.slitless.traces import Traces
 
 WINDOW = Window(4000, 7000, 4700, 5000)
 
@@ -224,3 +226,61 @@ def test_light_that_nobody_announced_is_flagged(sky, tables, fidelity, monkeypat
     image, drawn, _, counted = sky.draw(objects, WINDOW, fidelity, tables)
     assert not image.any() and (counted is None or not counted.any())
     assert (drawn["flags"] & BAD_VALUE > 0).all() and (drawn["method"] == "none").all()
+
+
+def test_the_range_of_wavelengths_on_a_window_is_that_of_its_edges():
+    """Lines with a rising, a falling and no slope in x, one that rises in y, too; limits; one that misses. By hand."""
+    window, limits = Window(100, 200, 40, 60), (3000.0, 9000.0)
+    x, y = np.array([90.0, 210.0, 150.0, 90.0, 90.0, 50.0]), np.array([50.0, 50.0, 50.0, 35.0, 61.0, 50.0])
+    lines = np.array([  # p, q, r, s
+        [0.0, 0.01, 0.0, 0.0],  # x = 90 + 0.01 w: the edges, 99.5 and 199.5, at 950 and 10,950
+        [0.0, -0.01, 0.0, 0.0],  # x = 210 - 0.01 w: 1050 to 11,050
+        [0.0, 0.0, -15.0, 0.002],  # y = 35 + 0.002 w: 2250 to 12,250
+        [-30.0, 0.02, 0.0, 0.002],  # x = 60 + 0.02 w: 1975 to 6975; y = 35 + 0.002 w: 2250 to 12,250
+        [0.0, 0.01, 0.0, 0.0],  # y = 61 is beyond the window
+        [-10.0, 0.01, 4.0, 0.001],  # x = 40 + 0.01 w: 5950 to 15,950; y = 54 + 0.001 w: up to 5500
+    ]).T  # fmt: skip
+    low, high = engine._range(lines, x, y, window, limits)
+    assert low[:4] == pytest.approx([3000.0, 3000.0, 3000.0, 3000.0]) and high[:4] == pytest.approx([9000] * 3 + [6975])
+    assert np.isnan(low[4:]).all() and np.isnan(high[4:]).all()
+    low, high = engine._range(lines[:, :4], x[:4], y[:4], window, (0.0, 20_000.0))
+    assert low == pytest.approx([950.0, 1050.0, 2250.0, 2250.0])
+    assert high == pytest.approx([10_950.0, 11_050.0, 12_250.0, 6975.0])
+
+
+def test_spectra_that_are_bad_are_told_from_those_that_are_bright():
+    """Eleven bins, more than are summed side by side: negative, NaN, too bright by the last bin, and sound."""
+    light = np.ones((5, 11))
+    light[0, 10], light[1, 3], light[2, 10], light[3, 0] = -1e-9, np.nan, 1e6, -1e-9
+    rates = np.arange(1.0, 12.0)
+    before = light.copy()
+    assert engine._bad(light, 2.0, rates, 1e6).tolist() == [True, True, True, True, False]
+    assert not light[:4].any() and (light[4] == 2.0).all()
+    assert engine._bad(before[4:].copy(), 2.0, rates, 132.0).tolist() == [False]  # 2 x 66 electrons
+    assert engine._bad(before[4:].copy(), 2.0, rates, 131.9).tolist() == [True]
+
+
+def test_electrons_of_orders_are_sums_over_bins():
+    """Six rows, more than are summed at a time, in any order."""
+    rng = np.random.default_rng(6)
+    light, rates, rows = rng.random((4, 9)), rng.random((3, 9)), np.array([3, 0, 0, 2, 1, 3])
+    np.testing.assert_allclose(engine._sums(light, rows, rates), light[rows] @ rates.T, rtol=1e-12)
+
+
+def test_visits_of_a_chunk_are_numbered_within_it():
+    visits = np.array([[0, 0, 0], [2, 0, 1], [2, 1, 1], [3, 1, 0], [1, 0, 0]])
+    at, some = engine._visits_of(np.array([3, 2]), visits, 4)
+    assert at.tolist() == [1, 2, 3] and some.tolist() == [[1, 0, 1], [1, 1, 1], [0, 1, 0]]
+
+
+def test_traces_say_where_an_order_lands_and_what_is_cut(disperser, psf):
+    scene = scene_of(psf, [3000.0, 5000.0], [700.0, 800.0])
+    spectra = np.random.default_rng(1).random((2, len(disperser.edges) - 1))
+    traces = Traces(spectra, np.array([[1, 0, 0], [0, 1, 1]]), disperser)
+    light, x, y = traces.order(scene, 1, 2, np.array([10.0, 0.02, -5.0, 0.003]))
+    middle = disperser.edges[:-1] + np.diff(disperser.edges) / 2
+    np.testing.assert_allclose(light, spectra[0] * disperser.rates[1, 2])
+    np.testing.assert_allclose(x, 3010.0 + 0.02 * middle)
+    np.testing.assert_allclose(y, 695.0 + 0.003 * middle)
+    assert traces.side(scene, 0) == WHOLE
+    assert np.array_equal(traces.side(scene, 1), disperser.rectangles[1] - np.array([3000.0, 3000.0, 700.0, 700.0]))

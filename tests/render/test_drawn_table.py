@@ -1,17 +1,27 @@
 """The table of drawn objects: which missed the window, flags of the stamps, time per object."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from canvases import blank
 from test_reference import EXPTIME, objects
 
-from csstsim.catalog.flags import NEGATIVE_CLIPPED, OFF_CHIP
-from csstsim.catalog.table import GALAXY, STAR
+from csstsim.catalog.flags import (
+    BAD_VALUE,
+    NEGATIVE_CLIPPED,
+    OFF_CHIP,
+    OUTSIDE_PSF_HULL,
+    STRONG_LENSING,
+    TRUNCATED_STAMP,
+)
+from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.scatter.scattered_light import Scattered
 from csstsim.render import policy
 from csstsim.render.drawing import Drawing
+from csstsim.render.drawn_table import ADDED, DrawnTable
 from csstsim.render.imaging import stamps
 from csstsim.render.imaging.draw import draw_objects
 from csstsim.render.imaging.stamps import _clip_negative
@@ -90,3 +100,63 @@ def test_the_box_keeps_the_same_on_all_sides(cells, per_pixel):
         np.testing.assert_allclose(share, mirrored, atol=1e-12)
     middle = slice(cells // 2 - 1, cells // 2 + 1)
     assert (share[middle, middle] == 1).all() and share[0, 0] == 0
+
+
+def blank_table(electrons, flags=0, wing=0.0):
+    n = len(electrons)
+    table = ObjectTable({"flags": np.full(n, flags, np.int32), "wing": np.full(n, wing), "id": np.arange(n)})
+    return DrawnTable(table, np.asarray(electrons, float))
+
+
+def test_rows_that_can_be_drawn_have_light_and_no_flag_against_it():
+    flags = np.array([0, BAD_VALUE, STRONG_LENSING, OFF_CHIP, 0], np.int32)
+    out = DrawnTable(ObjectTable({"flags": flags, "wing": np.array([0, 9, 9, 9.0, 0])}), np.array([1.0, 1, 1, 1, 0]))
+    assert out.rows.tolist() == [0, 3]
+    out.flag_optics(np.array([True, False]), None)
+    assert out.flags.tolist() == [OUTSIDE_PSF_HULL, BAD_VALUE, STRONG_LENSING, OFF_CHIP | TRUNCATED_STAMP, 0]
+    assert flags.tolist() == [0, BAD_VALUE, STRONG_LENSING, OFF_CHIP, 0]
+    some = blank_table([1.0], wing=9.0)
+    some.flag_optics(np.array([False]), object())
+    assert some.flags.tolist() == [0]
+
+
+def test_of_parts_errors_add_up_and_snr_in_squares():
+    """Objects 2, 0, 2, 2 of four: the last part has no light, so that its error is none."""
+    out = blank_table(np.ones(4))
+    choice = SimpleNamespace(snr=np.array([3.0, 7.0, 4.0, 12.0]), error=np.array([0.25, 0.5, 1.0, 8.0]))
+    out.judge(np.array([2, 0, 2, 2]), choice, np.array([1.0, 1.0, 1.0, 0.0]))
+    assert out.snr.tolist() == [7.0, 0.0, 13.0, 0.0] and out.error.tolist() == [0.5, 0.0, 1.25, 0.0]
+    whole = blank_table(np.ones(3))
+    whole.judge(np.array([2, 0]), SimpleNamespace(snr=np.array([3.0, 7.0]), error=np.array([0.25, 0.5])), None)
+    assert whole.snr.tolist() == [7.0, 0.0, 3.0] and whole.error.tolist() == [0.5, 0.0, 0.25]
+
+
+def test_what_is_noted_of_parts_adds_up_and_boxes_grow():
+    out = blank_table(np.full(3, 10.0))
+    out.note(np.array([2, 0, 2]), np.array([1.0, 2.0, 3.0]), np.array([[5, 9, 30, 34], [0, 0, 0, 0], [7, 12, 20, 31]]))
+    assert out.drawn.tolist() == [2.0, 0.0, 4.0] and out.box.tolist() == [[0] * 4, [0] * 4, [5, 12, 20, 34]]
+    out.note(np.array([0, 2]), np.array([5.0, 0.5]), np.array([[0, 3, 0, 2], [6, 40, 25, 26]]))
+    assert out.drawn.tolist() == [7.0, 0.0, 4.5] and out.box.tolist() == [[0, 3, 0, 2], [0] * 4, [5, 40, 20, 34]]
+    table = out.table()
+    assert table["fraction"] == pytest.approx([0.7, 0.0, 0.45])
+    assert [table[name].tolist() for name in ("x0", "x1", "y0", "y1")] == [
+        [0, 0, 5],
+        [3, 0, 40],
+        [0, 0, 20],
+        [2, 0, 34],
+    ]
+    dark = blank_table([0.0, 4.0])
+    dark.note(np.array([1]), np.array([5.0]), np.array([[1, 2, 1, 2]]))
+    assert dark.table()["fraction"].tolist() == [0.0, 1.25]  # a ghost is light on top
+
+
+def test_a_method_is_that_of_the_brightest_part_and_a_side_holds_stamp_and_wing():
+    out = blank_table(np.ones(3))
+    names = np.array(["photons", "stamp", "photons", "none"])
+    out.name_methods(np.array([1, 1, 2, 1]), names, np.array([5.0, 9.0, 1.0, 3.0]))
+    assert out.method.tolist() == ["none", "stamp", "photons"]
+    out.note_sides(np.array([2, 0]), np.array([20, 64]), np.array([30.2, 0.0]))
+    assert out.stamp.tolist() == [129, 0, 63]
+    out.miss(np.array([1]))
+    assert out.method.tolist() == ["none", "none", "photons"] and out.flags.tolist() == [0, OFF_CHIP, 0]
+    assert set(ADDED) <= set(out.table())

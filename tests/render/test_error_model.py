@@ -1,14 +1,17 @@
 """The predicted error: properties of any such bound, whatever its coefficients."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from csstsim.base.errors import InputError
 from csstsim.profiles.sersic import sersic_b
+from csstsim.render import policy
 from csstsim.render.error_model import predicted
 from csstsim.render.scene import Scene
-from csstsim.render.settings import load_numbers
+from csstsim.render.settings import FILE, load_numbers
 
 NUMBERS = load_numbers().error
 PER_ARCSEC = 1 / 0.074  # px
@@ -121,3 +124,123 @@ def test_sizes_are_in_pixels_of_the_area(radius):
     assert (wanted != bound("stamp", small, 50.0)).all()
     assert bound("stamp", doubled, 50.0) == pytest.approx(wanted, rel=1e-12)
     assert bound("stamp", stretched, 50.0) == pytest.approx(wanted, rel=1e-12)
+
+
+def test_the_bound_is_what_the_module_says():
+    """Numbers of config/render.yaml by hand, for a star, a disk of 2 px and a bulge of 8 px in stamps of 40 px."""
+    psf, cut, disk, bulge = 3.7e-4, 1.3e-2, 6.0e-4, 1.5e-3
+    star, small, large = scene([0.0], 0.0), scene([1.0], 2 / PER_ARCSEC), scene([4.0], 8 / PER_ARCSEC)
+    assert bound("stamp", star, 100.0, reach=40)[0] == pytest.approx(100 * (psf + cut / 40))
+    assert bound("photons", star, 100.0, reach=40)[0] == pytest.approx(100 * psf)
+    assert bound("photons", star, 100.0, cells=2)[0] == pytest.approx(100 * 6.5e-3)
+    assert bound("stamp", star, 100.0, reach=0)[0] == pytest.approx(100 * (psf + cut))
+    assert bound("stamp", small, 300.0, reach=40)[0] == pytest.approx(300 * (psf + disk * 0.5 * 2.0))
+    assert bound("stamp", large, 300.0, reach=40)[0] == pytest.approx(300 * (psf + bulge * 2.0))
+    assert bound("stamp", large, 1e6, reach=40)[0] == pytest.approx(1e6 * (psf + bulge * 4.5))
+    between = scene([2.5], 8 / PER_ARCSEC)  # half of each
+    assert bound("stamp", between, 300.0)[0] == pytest.approx(300 * (psf + 2.0 * (disk + bulge) / 2))
+
+
+def test_the_cost_of_a_method_is_the_sum_of_its_parts():
+    """Costs that are powers of ten: a star, a galaxy, and a galaxy of spots, with stamps of 7, 9 and 11 px."""
+    cost = SimpleNamespace(
+        photon_object=1e1, photon_star=1e2, photon_galaxy=1e3, stamp_star=1e4, stamp_galaxy=1e5, stamp_pixel=1e-1,
+        stamp_spots=1e6, wing_pixel=1e-6,
+    )  # fmt: skip
+    objects = scene([0.0, 1.0, 1.0], 0.3).sized(np.array([3, 4, 5]), np.array([0.0, 10.0, 500.0]))
+    photons, stamp = policy.costs(objects, np.array([2.0, 3.0, 5.0]), cost)
+    wing = 1e-6 * np.pi * np.array([0.0, 100.0, 192.0**2])
+    assert photons == pytest.approx([10 + 200, 10 + 3000, 10 + 5000])
+    assert stamp == pytest.approx(np.array([1e4, 1e5 + 8.1, 1e5 + 12.1]) + wing, rel=1e-12)
+    spotted = replace(objects, spots=object(), spot=np.array([-1, -1, 0]))
+    assert policy.costs(spotted, np.ones(3), cost)[1] - stamp == pytest.approx([0, 0, 1e6])
+
+
+def test_noise_is_of_the_light_and_of_the_pixels_under_the_object():
+    """A star and a galaxy of two components, stretched; along a trace the pixels are its length by the width."""
+    size = np.array([0.0, 0.3])
+    objects = replace(scene([0.0, 1.0], size, bulge=0.25), matrix=np.stack([np.diag([20.0, 5.0])] * 2))
+    objects.sersic[1, 1, 2] = 0.5
+    square = np.array([0.0, (0.75 * 0.09 + 0.25 * 0.25) * 100.0])
+    assert policy.half_light_px2(objects) == pytest.approx(square)
+    pixels = 4 * np.pi / (2 * np.log(2)) * (1.44 + square)
+    electrons = np.array([400.0, 900.0])
+    assert policy.noise(objects, electrons, 60.0) == pytest.approx(np.sqrt(electrons + 60 * pixels))
+    dispersed = policy.noise(objects, electrons, 60.0, length=200.0)
+    assert dispersed == pytest.approx(np.sqrt(electrons + 60 * (pixels + 200 * np.sqrt(pixels))))
+
+
+def drawing_of(fidelity="standard", ghosts=None, convex=True, variance=60.0):
+    psf = SimpleNamespace(convex=convex, oversampling=4)
+    return SimpleNamespace(fidelity=fidelity, variance=variance, psf=psf, ghosts=ghosts)
+
+
+def lit(objects, electrons, reach=30):
+    light = np.broadcast_to(np.asarray(electrons, float), len(objects))
+    return replace(objects, electrons=light[:, None] * [0.1, 0.2, 0.3, 0.4]).sized(reach)
+
+
+def test_what_is_faint_and_small_is_spread_and_what_is_faint_and_large_is_not():
+    """S/N below 1 in a preview: a star, a galaxy of 31 and one of 33 px half-light radius; no light, no method."""
+    objects = lit(
+        scene([0.0, 1.0, 1.0, 0.0, 0.0], np.array([0, 31, 33, 0, 0]) / PER_ARCSEC), [5.0, 5.0, 5.0, 0.0, 300.0]
+    )
+    choice = policy.choose(objects, drawing_of("preview"))
+    named = policy.METHODS[choice.method].tolist()
+    assert named == ["unresolved", "unresolved", "photons", "none", "photons"]
+    noise = policy.noise(objects, objects.electrons.sum(axis=1), 60.0)
+    assert choice.snr == pytest.approx(objects.electrons.sum(axis=1) / noise)
+    assert choice.error[:2] == pytest.approx(choice.snr[:2]) and choice.error[2] < 1e-2 * choice.snr[2]
+    assert "unresolved" not in policy.METHODS[policy.choose(objects, drawing_of()).method]
+
+
+def test_what_may_not_be_photons():
+    """Stars with ghosts, of a PSF with negative weights, without noise; of others the cheaper."""
+    ghosts = SimpleNamespace(visible=lambda electrons: electrons > 500)
+    objects = lit(scene([0.0] * 3, 0.0), [400.0, 600.0, 2e4])
+    assert policy.choose(objects, drawing_of()).method.tolist() == [policy.PHOTONS] * 3
+    haunted = policy.choose(objects, drawing_of(ghosts=ghosts)).method
+    assert haunted.tolist() == [policy.PHOTONS, policy.STAMP, policy.STAMP]
+    for drawing in (drawing_of(convex=False), drawing_of("noise_free")):
+        assert (policy.choose(objects, drawing).method == policy.STAMP).all()
+    # 17 ns an electron against 550,000 of a stamp: the methods change at 32,176 electrons, times the response
+    even = lit(scene([0.0] * 2, 0.0), [31_000.0, 33_000.0])
+    assert policy.choose(even, drawing_of()).method.tolist() == [policy.PHOTONS, policy.STAMP]
+    assert policy.choose(even, drawing_of(), 1.05).method.tolist() == [policy.STAMP, policy.STAMP]
+
+
+def test_numbers_of_the_renderer_that_cannot_be(tmp_path):
+    text = FILE.read_text(encoding="utf-8")
+    numbers = load_numbers()
+    assert {name: (p.eps, p.floor) for name, p in numbers.presets.items()} == {
+        "preview": (1.0, 1.0), "standard": (0.1, 0.0), "noise_free": (0.1, 0.0),
+    }  # fmt: skip
+    assert numbers.error.slabs[2] == 8.5e-3 and numbers.error.slabs_flat[8] == 3.7e-6
+    wrong = {
+        "photon_star: 17.0": "photon_star: -17.0", "size: 4.0": "size: 0.0", ", 8: 3.9e-5": "", "eps: 1.0": "eps: -1.0",
+        "disk: 6.0e-4": "disc: 6.0e-4", "bins: 0.26": "bins: 0",
+    }  # fmt: skip
+    for old, new in wrong.items():
+        assert text.count(old) == 1, old
+        (tmp_path / "render.yaml").write_text(text.replace(old, new), encoding="utf-8")
+        with pytest.raises(InputError, match=r"render\.yaml"):
+            load_numbers(tmp_path / "render.yaml")
+
+
+def test_spectra_are_photons_where_faint_and_slabs_where_bright(disperser):
+    """S/N over the pixels of a trace; the error of slabs; bins of a pixel up to S/N 0.1 / 0.26; the costs' order."""
+    electrons = np.array([0.0, 2.0, 60.0, 3e4, 1e8, 2e8])
+    objects, drawing = lit(scene(np.zeros(6), 0.0), electrons), drawing_of()
+    choice = policy.choose_dispersed(objects, drawing, disperser)
+    assert policy.METHODS[choice.method].tolist() == ["none", "photons", "photons", "photons", "stamp", "stamp"]
+    noise = policy.noise(objects, electrons, 60.0, length=disperser.length)
+    assert choice.snr == pytest.approx(electrons / noise) and disperser.length > 50
+    assert choice.allowed == pytest.approx(np.maximum(0.1 / np.maximum(choice.snr, 1e-9), 7.4e-4))
+    assert choice.coarse.tolist() == [False, *(choice.snr[1:4] <= 0.1 / 0.26), False, False]
+    assert choice.coarse[1] and not choice.coarse[3]
+    still = policy.choose_dispersed(objects, drawing_of("noise_free"), disperser)
+    assert (still.method[1:] == policy.STAMP).all() and not still.coarse.any()
+    # An electron counted costs 41 ns in all orders, a spectrum of slabs 10 ms and its pixels: losses shift the balance
+    even = lit(scene(np.zeros(400), 0.0), np.geomspace(1e3, 1e8, 400))
+    first = [(policy.choose_dispersed(even, drawing, disperser, m).method == policy.STAMP).argmax() for m in (1.0, 2.0)]
+    assert np.geomspace(1e3, 1e8, 400)[first[0]] / np.geomspace(1e3, 1e8, 400)[first[1]] == pytest.approx(2.0, rel=0.05)

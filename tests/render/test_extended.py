@@ -1,10 +1,12 @@
 """Light far from extended objects: wings and tails against sums over an object's points, and photons against stamps."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.special import gammaincc, gammaincinv
 
-from csstsim.render.extended import POINT, WIDE_PX, Part, beyond_stamp, parts_of, spread
+from csstsim.render.extended import POINT, WIDE_PX, Part, beyond_stamp, parts_at, parts_of, spread
 from csstsim.render.wing_tables import RADII, Far, light_of
 
 
@@ -107,3 +109,34 @@ def test_parts_of_an_object():
     assert disk == Part(0.75, 1.0, 8.0) and bulge == Part(0.25, 4.0, 16.0, 0.25)
     assert parts_of(np.array([0.0, 1.0]), sersic, matrix) == (bulge._replace(share=1.0),)
     assert parts_of(np.array([1.0, 0.0]), np.zeros((2, 3)), matrix) == POINT
+
+
+def test_knots_and_images_count_as_a_disk_of_their_size():
+    """The first object of a scene is a galaxy of two components, the second knots of 0.8 arcsec."""
+    sersic = np.array([[[2.0, 3.67, 0.4], [4.0, 7.67, 1.6]], [[0.0, 0.0, 0.8], [4.0, 7.67, 1.6]]])
+    light, matrix = np.array([[0.75, 0.25], [1.0, 0.0]]), np.stack([np.diag([20.0, 5.0])] * 2)
+    scene = SimpleNamespace(light=light, sersic=sersic, matrix=matrix, spots=object(), spot=np.array([-1, 0]))
+    assert parts_at(scene, 0) == (Part(0.75, 2.0, 4.0), Part(0.25, 4.0, 16.0, 0.25))
+    assert parts_at(scene, 1) == (Part(1.0, 1.0, 8.0),)
+    scene.spots = scene.spot = None
+    assert parts_at(scene, 1) == POINT
+
+
+def test_an_ellipse_thinner_than_tables_are_made_for_keeps_its_long_axis():
+    """64 x 0.25 px is a circle of 4 px; an ellipse of ratio 1 / 64 with the same long axis is one of 8 px."""
+    for matrix in (np.diag([64.0, 0.25]), np.diag([0.25, 64.0]), np.array([[0.0, 64.0], [0.25, 0.0]])):
+        [part] = parts_of(np.array([1.0, 0.0]), np.array([[1.0, 1.68, 1.0], [0.0, 0.0, 0.0]]), matrix)
+        assert part == Part(1.0, 1.0, 8.0, 1 / 64)
+    turned = np.array([[0.8, -0.6], [0.6, 0.8]])
+    [part] = parts_of(
+        np.array([1.0, 0.0]), np.array([[1.0, 1.68, 1.0], [0.0, 0.0, 0.0]]), turned @ np.diag([64.0, 16.0])
+    )
+    assert part == Part(1.0, 1.0, 32.0, 0.25)
+
+
+def test_sizes_are_rounded_to_the_nearest_of_four_or_of_thirty_two_in_an_octave():
+    def size(px):
+        return parts_of(np.array([1.0, 0.0]), np.array([[1.0, 1.68, px], [0.0, 0.0, 0.0]]), np.eye(2))[0].size
+
+    assert [size(px) for px in (5.0, 5.2, 6.0, 15.9)] == pytest.approx(2.0 ** np.array([2.25, 2.5, 2.5, 4.0]))
+    assert size(20.0) == pytest.approx(2 ** (138 / 32)) and size(1e-9) == 2.0**-10

@@ -6,7 +6,7 @@ from canvases import blank
 
 from csstsim.instrument.chip import Window
 from csstsim.optics.scatter.scattered_light import Scattered, scattered_light
-from csstsim.render.slitless.line_wings import LINE_STEP, add_line, order_wing, points_of
+from csstsim.render.slitless.line_wings import LINE_STEP, _box, add_line, order_wing, points_of
 from csstsim.render.wings import Held, Wings, wing_beyond
 
 WINDOW = Window(2800, 4200, 4300, 5400)
@@ -144,3 +144,23 @@ def test_no_order_loses_light_by_its_brightness(spectrum, scattered):
     assert full == pytest.approx([full[-1]] * len(full), rel=3e-3)
     assert np.subtract(small, full) == pytest.approx([0.05 * total] * len(full), rel=5e-3)
     assert half == full
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_points_are_steps_of_eight_pixels_weighted_by_light(sign):
+    """Five bins to two points, of which the second is empty; numbers by hand, whichever way the spectrum runs."""
+    x, y = np.array([10.0, 12.0, 17.5, 20.0, 30.0]), np.array([1.0, 3.0, 5.0, 7.0, 9.0])
+    light = np.zeros((4, 5))
+    light[0], light[2] = [1.0, 3.0, 0.0, 0.0, 2.0], [0.0, 4.0, 0.0, 0.0, 0.0]
+    places, flux = points_of(x[::sign], y[::sign], light[:, ::sign])
+    assert places.tolist() == [[11.75, 2.75], [30.0, 9.0]]
+    assert flux.tolist() == [[4.0, 0.0, 4.0, 0.0], [2.0, 0.0, 0.0, 0.0]]
+
+
+def test_the_box_of_a_wing_along_a_trace():
+    window = Window(100, 200, 40, 60)
+    places = np.array([[120.4, 50.0], [150.0, 45.2]])
+    assert _box(window, places, 4.0) == (117, 155, 42, 55)
+    assert _box(window, places, 300.0) == (100, 200, 40, 60)
+    for shift in ((-60.0, 0.0), (90.0, 0.0), (0.0, -20.0), (0.0, 20.0)):
+        assert _box(window, places + shift, 4.0) is None

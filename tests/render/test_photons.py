@@ -20,6 +20,8 @@ from csstsim.render.canvas import Canvas
 from csstsim.render.drawing import Drawing
 from csstsim.render.imaging.photons import shoot_scene
 from csstsim.render.imaging.reference import PSF_MAXK, draw_objects
+from csstsim.render.parts.spots import Spots
+from csstsim.render.photon_positions import profiles_of, tail_table
 from csstsim.render.psf_table import make_table
 from csstsim.render.scene import Scene, make_scene
 
@@ -405,3 +407,32 @@ def test_photons_beyond_the_middle_stand_where_the_psf_has_them(wide_and_narrow,
         information = (weight**2 * model).sum()
         assert SIGMA * error / information < 0.07  # px: half a cell is 0.125
         assert abs(shift) < SIGMA * error
+
+
+def test_the_table_of_the_wing_holds_the_radius_of_each_share_of_its_light(psf_r):
+    """Shares from 2^-10 to 1 of the light beyond 32 px, in 128 steps to an octave; it ends where the box does."""
+    wing = read_scattered(psf_r).wing
+    table = tail_table(wing, 32.0)
+    share = np.append(np.ldexp(1 + np.arange(128) / 128, np.arange(-10, 0)[:, None]).ravel(), 1.0)
+    assert len(table) == 10 * 128 + 1 and table[-1] == pytest.approx(32.0)
+    some = np.array([200, 500, 900, 1279])
+    beyond = wing.light_beyond(table[some]).mean(axis=0) / wing.light_beyond(np.array([32.0])).mean(axis=0)
+    assert beyond == pytest.approx(share[some], rel=1e-3)
+
+
+def test_what_photons_know_of_a_profile(psf_r):
+    """A point, a disk with a bulge, a bulge without light, an index between nodes, and spots in a disk's place."""
+    scene = make(psf_r, [4000.0] * 5, [5000.0] * 5, 10.0, index=1.0, size=0.4, bulge=0.5)
+    scene.sersic[0] = 0.0
+    scene.light[2], scene.light[3] = (1.0, 0.0), (0.25, 0.75)
+    scene.sersic[3, 0, 0], scene.sersic[1, 1, 2] = 2.5, 0.7
+    spots = Spots(counts=[2, 3], u=np.arange(5.0), v=np.zeros(5))
+    profile, shapes = profiles_of(replace(scene, spots=spots, spot=np.array([-1, -1, -1, -1, 1])))
+    assert profile[0, :, 0].tolist() == [-1, -1] and profile[1, :, 0].tolist() == [0, 1]
+    assert profile[2, :, 0].tolist() == [0, -1] and profile[3, 1, 0] == 1 and profile[4, 0, 0] == -3
+    assert profile[1, :, 2].tolist() == [0.4, 0.7] and 0 < profile[3, 0, 1] < 1 and profile[3, 0, 0] >= 2
+    assert not profile[[0, 1, 2, 4], :, 1].any()
+    rings, start, u, *_ = shapes
+    assert len(rings) > 2 and start.tolist() == [0, 2, 5] and u.tolist() == [0, 1, 2, 3, 4]
+    plain, (rings, start, *_) = profiles_of(scene.take(np.arange(3)))
+    assert len(rings) == 2 and start.tolist() == [0] and np.array_equal(plain, profile[:3])

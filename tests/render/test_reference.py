@@ -1,19 +1,20 @@
 """The reference renderer against exact sums, an independent convolution, and astropy's sky coordinates."""
 
+import galsim
 import numpy as np
 import pytest
 from astropy.wcs import WCS
 from canvases import blank
 from csst import BANDS
 
-from csstsim.catalog.flags import BAD_VALUE, FFT_REDUCED, OFF_CHIP
+from csstsim.catalog.flags import BAD_VALUE, FFT_REDUCED, NEGATIVE_CLIPPED, OFF_CHIP
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.psf.diffraction import windowed_centroid
 from csstsim.optics.psf.psf_file import pixel_response
 from csstsim.render.drawing import Drawing
-from csstsim.render.imaging.reference import draw_objects
+from csstsim.render.imaging.reference import clip_negative, draw_objects
 
 EXPTIME = 100.0
 WINDOW = Window(4000, 4400, 5000, 5300)
@@ -193,3 +194,36 @@ def test_extreme_sizes_are_drawn_or_flagged(scene, size):
     assert 0 < drawn["fraction"][0] < 1.001
     assert bool(drawn["flags"][0] & FFT_REDUCED) == (size > 10)
     assert drawn["fraction"][0] > {1e-4: 0.95, 3.0: 0.5, 60.0: 0.0}[size]  # the box holds 0.958
+
+
+def test_the_response_is_that_of_each_pixel(scene, camera, make_pointing, psf_r):
+    response = np.random.default_rng(3).uniform(0.5, 1.0, WINDOW.shape).astype(np.float32)
+    wcs, table = ChipWCS(camera.chips[9], make_pointing()), {"x": [4100.0, 4390.0], "y": [5080.0, 5290.0], "rate": 1e4}
+    canvas = blank(WINDOW, response=response)
+    drawn = draw_objects(canvas, objects(wcs, **table), Drawing(wcs, psf_r, EXPTIME))
+    plain, whole = scene(**table)
+    np.testing.assert_allclose(canvas.expected, plain * response, rtol=1e-5, atol=1e-6 * plain.max())
+    assert drawn["drawn"].sum() == pytest.approx(canvas.expected.sum(dtype=float), rel=1e-6)
+    assert drawn["electrons"] == pytest.approx([1e6, 1e6]) and (drawn["drawn"] < 0.9 * whole["drawn"]).all()
+    boxes = np.transpose([drawn[name] for name in ("x0", "x1", "y0", "y1")]).tolist()
+    assert boxes == [[4036, 4165, 5016, 5145], [4326, 4400, 5226, 5300]]  # 64 px either side, cut by the window
+    assert drawn["stamp"].tolist() == [129, 129] and (drawn["method"] == "reference").all()
+    assert np.isnan(drawn["snr"]).all() and np.isnan(drawn["error"]).all()
+
+
+def test_light_that_is_there_already_stays(camera, make_pointing, psf_r, scene):
+    wcs, table = ChipWCS(camera.chips[9], make_pointing()), {"x": [4100.0], "y": [5080.0]}
+    canvas = blank(WINDOW)
+    canvas.expected += 7.0
+    draw_objects(canvas, objects(wcs, **table), Drawing(wcs, psf_r, EXPTIME))
+    np.testing.assert_allclose(canvas.expected, scene(**table)[0] + 7.0, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("negative", "flag"), [(0.0, 0), (-0.9e-4, 0), (-1.2e-4, NEGATIVE_CLIPPED), (-5.0, NEGATIVE_CLIPPED)]
+)
+def test_negative_pixels_are_clipped_and_flagged_where_they_count(negative, flag):
+    image = galsim.ImageD(np.array([[0.25, 0.75, negative], [0.0, -negative, 0.0]]))
+    assert clip_negative(image) == flag
+    assert image.array.sum() == pytest.approx(1.0) and image.array.min() >= 0
+    assert image.array[0, 1] == pytest.approx(3 * image.array[0, 0]) and image.array[0, 2] == 0

@@ -10,6 +10,7 @@ from csstsim.instrument.chip import Window
 from csstsim.optics.psf.psf_file import pixel_response
 from csstsim.optics.scatter.scattered_light import Scattered, read_scattered
 from csstsim.render.imaging import stamps
+from csstsim.render.imaging.stamper import Stamper
 from csstsim.render.imaging.stamps import draw_scene
 
 WINDOW = Window(4000, 4400, 5000, 5300)
@@ -119,3 +120,32 @@ def test_a_bright_object_has_its_wing(psf_r, mixer, index):
     model = 1e8 * scattered.wing.profile(np.arange(41.0, 121, 2)).mean(axis=0)
     assert rings / model == pytest.approx(1.0, abs=0.02 if index == 0 else 0.1)
     assert drawn.drawn[0] == pytest.approx(image.sum(dtype=float), rel=1e-6)
+
+
+def test_the_light_in_the_box_is_that_of_the_nodes_by_band(psf_r, mixer):
+    """Two nodes of four, bands of different light; with a wing only what lies where the box is not faded out."""
+    node, share = np.array([2, 0, 3, 1]), np.zeros((4, 4))
+    share[0], share[3] = [1.0, 20.0, 300.0, 4000.0], [7.0, 0.0, 0.0, 500.0]
+    wanted = share[0] @ psf_r.flux[2] + share[3] @ psf_r.flux[1]
+    assert mixer.light(node, share, False) == pytest.approx(wanted, rel=1e-6)
+    cells, per_pixel = psf_r.image.shape[-1], psf_r.oversampling
+    assert mixer.half == cells / 2 / per_pixel
+    r = np.hypot(*np.meshgrid(*[(np.arange(cells) - (cells - 1) / 2) / per_pixel] * 2))
+    t = np.clip((r / mixer.half - 0.7) / 0.25, 0, 1)
+    kept = 1 - t**3 * (10 - 15 * t + 6 * t**2)
+    wanted = sum((share[k, :, None, None] * psf_r.node(n) * kept).sum() for k, n in ((0, 2), (3, 1)))
+    assert mixer.light(node, share, True) == pytest.approx(wanted, rel=1e-5)
+
+
+def test_stamps_are_as_large_as_the_box_where_there_is_no_wing(psf_r, mixer):
+    """Of 9 px and 50 px half a side, without wings, with them, and for stamps alone."""
+    scene = scene_of(psf_r, [4200.0, 4210.0], [5150.0, 5150.0], ALL, 0.0).sized(np.array([9, 50]))
+    wing = read_scattered(psf_r).wing
+    assert Stamper.of(mixer, scene, Scattered()).reach.tolist() == [32, 50]
+    assert Stamper.of(mixer, scene, Scattered(wing)).reach.tolist() == [9, 50]
+    alone = Stamper.of(mixer, scene, None)
+    assert alone.reach.tolist() == [9, 50] and alone.core is None and not alone.plan.size.any()
+    assert (
+        Stamper.of(mixer, scene, Scattered()).core is None
+        and Stamper.of(mixer, scene, Scattered(wing)).core is mixer.core
+    )

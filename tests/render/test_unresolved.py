@@ -50,3 +50,23 @@ def test_a_field_of_objects_is_as_flat_as_their_number_allows():
     image, *_ = spread(x, y, np.full(x.size, 256.0))
     inner = image[2 * MESH : -2 * MESH, 2 * MESH : -2 * MESH]
     assert np.ptp(inner) < 1e-9 and inner.mean() == pytest.approx(1.0, rel=1e-9)
+
+
+@pytest.mark.parametrize(("column", "row"), [(128, 192), (320, 64)])
+def test_an_object_on_a_mesh_point_is_a_pyramid_around_it(column, row):
+    """Half a mesh away it has half of its height, along either axis; under a response the pixel's own share."""
+    response = np.random.default_rng(2).uniform(0.5, 1.0, WINDOW.shape).astype(np.float32)
+    image, drawn, box = spread([WINDOW.x0 + column], [WINDOW.y0 + row], [4096.0], response)
+    y, x = np.indices(WINDOW.shape)
+    wanted = np.maximum(1 - abs(x - column) / MESH, 0) * np.maximum(1 - abs(y - row) / MESH, 0) * response
+    np.testing.assert_allclose(image, wanted, atol=1e-12)
+    assert drawn[0] == pytest.approx(wanted.sum())
+    x0, x1, y0, y1 = (box[0] - np.repeat([WINDOW.x0, WINDOW.y0], 2)).tolist()
+    assert (x0, y0) == (column - MESH, row - MESH) and x1 >= column + MESH and y1 >= row + MESH
+
+
+def test_boxes_end_with_the_window():
+    _, _, box = spread([WINDOW.x0 - 20.0, WINDOW.x1 + 10.0], [WINDOW.y1 + 5.0, WINDOW.y0 - 3.0], [1.0, 1.0])
+    assert (box[:, 0] >= WINDOW.x0).all() and (box[:, 1] <= WINDOW.x1).all()
+    assert (box[:, 2] >= WINDOW.y0).all() and (box[:, 3] <= WINDOW.y1).all()
+    assert box[0, 0] == WINDOW.x0 and box[0, 3] == WINDOW.y1 and box[1, 1] == WINDOW.x1 and box[1, 2] == WINDOW.y0

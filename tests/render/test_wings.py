@@ -19,8 +19,17 @@ from csstsim.render.drawing import Drawing
 from csstsim.render.imaging.reference import draw_objects
 from csstsim.render.imaging.stamps import draw_scene
 from csstsim.render.scene import make_scene
-from csstsim.render.wing_tables import step, tables
-from csstsim.render.wings import add_ghosts, box_share, ring_within, wing_beyond
+from csstsim.render.wing_tables import RADII, light_of, step, tables
+from csstsim.render.wings import (
+    add_ghosts,
+    box_on_window,
+    box_share,
+    near_light,
+    near_of,
+    ring_within,
+    wing_beyond,
+    wing_share,
+)
 from csstsim.simulation.exposure import Exposure
 from csstsim.simulation.state import State
 
@@ -251,3 +260,46 @@ def test_the_layer_switches_wings_and_ghosts(camera, make_pointing, psf_r):
     assert no_ghosts - neither == pytest.approx(0.034, abs=0.003)  # between the box (32 px) and 300 px
     assert both - no_ghosts == pytest.approx(no_wings - neither, rel=1e-3)
     assert peak == pytest.approx(bare, rel=1e-5)
+
+
+def test_the_box_of_pixels_within_a_reach():
+    """Centres at whole numbers: of 100.4 and 7 px those from 94 to 107; cut by the window, or beyond it."""
+    window = Window(90, 130, 40, 50)
+    assert box_on_window(window, 100.4, 45.0, 7.0) == (94, 108, 40, 50)
+    assert box_on_window(window, 100.4, 43.5, 2.5) == (98, 103, 41, 47)
+    assert box_on_window(window, 128.0, 45.0, 3.0) == (125, 130, 42, 49)
+    for x, y in ((86.9, 45.0), (133.1, 45.0), (100.0, 36.9), (100.0, 53.1)):
+        assert box_on_window(window, x, y, 3.0) is None
+    assert box_on_window(window, 87.0, 45.0, 3.0) == (90, 91, 42, 49)
+
+
+def test_where_meshes_take_over_and_what_a_stamp_may_leave_out():
+    assert [near_of(px) for px in (-1.0, 0.0, 1.0, 191.9, 192.0, 5000.0)] == [0.0, 0.0, 48.0, 48.0, 96.0, 96.0]
+    assert near_light(0.5, 100.0, None) == 0.5 and near_light(0.7, 100.0, None) == 0
+    assert near_light(7.9, 100.0, "wing") == 7.9 and near_light(8.1, 100.0, "wing") == 0
+    assert near_light(-0.5, 100.0, None) == -0.5 and near_light(-0.7, 100.0, None) == 0
+    flux, light = np.array([10.0, 20.0, 30.0, 40.0]), np.array([0.1, 0.2, 0.05, 0.0])
+    assert wing_share(flux, 90.0, light) == pytest.approx(10 / 6.5)  # 1 + 4 + 1.5 electrons of the wing
+    assert wing_share(flux, 101.0, light) == 0
+
+
+def test_a_ghost_that_misses_the_window_is_not_listed(camera, scene):
+    ghosts = scene(0.0, around(1))[2].ghosts
+    canvas = blank(Window(0, 20, 0, 20), float)
+    assert add_ghosts(canvas, camera.chips[9], (9000.0, 9000.0), 1e9, ghosts) == []
+    assert add_ghosts(canvas, camera.chips[9], (10.0, 10.0), 1.0, ghosts) == [] and not canvas.expected.any()
+
+
+def test_the_light_of_a_profile_is_its_integral_over_the_plane():
+    """Gaussians of 30 px and of 5 px, of different heights, the middle pixel included."""
+    sigma, height = np.array([30.0, 5.0, 30.0]), np.array([1.0, 4.0, 0.25])
+    profile = height[:, None] * np.exp(-0.5 * (RADII / sigma[:, None]) ** 2)
+    assert light_of(profile) == pytest.approx(2 * np.pi * sigma**2 * height, rel=2e-3)
+    assert RADII[0] == 1.0 and RADII[-1] == 65536.0
+
+
+def test_an_annulus_reaches_to_twice_its_edge(scene):
+    far = wing_beyond(scene(0.0, around(1))[2].wing, 32.0)
+    reach = [reach for *_, reach in tables(far, (48.0, 192.0, 384.0))]
+    assert reach[:3] == pytest.approx([96.0, 384.0, 768.0], rel=0.01) and reach[3] == 65536.0
+    assert all(least <= found for least, found in zip((96.0, 384.0, 768.0), reach, strict=False))

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from csstsim.base.errors import InputError
 from csstsim.campaign.thresholds import ValidateConfig
 from csstsim.stages import shear as shear_stage
 
@@ -38,3 +39,32 @@ def test_convergence_is_in_the_shear_that_shapes_are_compared_with(tmp_path, mon
     assert f"g = +0.0375, +0.0000: {number} galaxies in both twins" in said
     fits = json.loads((tmp_path / "out.json").read_text())["fits"]
     assert [fit["m"] for fit in fits] == pytest.approx([0.0, 0.0], abs=0.01)
+
+
+def twin(name, shapes, gamma=(0.01, 0.03), field="constant", seed=1):
+    lensing = SimpleNamespace(field=field, kappa=0.1, gamma1=gamma[0], gamma2=gamma[1])
+    catalog = SimpleNamespace(lensing=lensing, shapes=shapes)
+    return SimpleNamespace(file=name, config=SimpleNamespace(catalog=catalog), seed=seed)
+
+
+def test_twins_are_paired_by_their_shear_and_the_turned_one_is_second(monkeypatch):
+    monkeypatch.setattr(shear_stage, "_but_shapes", lambda run: run.seed)
+    runs = [twin("b", "rotated90"), twin("c", "normal", (0.03, 0.01)), twin("a", "normal"),
+            twin("d", "rotated90", (0.03, 0.01))]  # fmt: skip
+    found = shear_stage._twins(runs)
+    assert {key: [run.file for run in pair] for key, pair in found.items()} == {
+        (0.1, 0.01, 0.03): ["a", "b"], (0.1, 0.03, 0.01): ["c", "d"],
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(("others", "words"), [
+    ([], "a: catalog.shapes: has no twin"),
+    ([twin("b", "normal")], "b: catalog.shapes: has the same shear and shapes as a"),
+    ([twin("b", "rotated90", seed=2)], "a: catalog.shapes: has no twin of the same seed"),
+    ([twin("b", "rotated90", (0.03, 0.01))], "a: catalog.shapes: has no twin"),
+    ([twin("b", "rotated90", field="none")], r"b: catalog.lensing.field: the shear is not constant \(got 'none'\)"),
+])  # fmt: skip
+def test_campaigns_that_are_no_twins_are_refused(monkeypatch, others, words):
+    monkeypatch.setattr(shear_stage, "_but_shapes", lambda run: run.seed)
+    with pytest.raises(InputError, match=words):
+        shear_stage._twins([twin("a", "normal"), *others])

@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from csstsim.catalog.table import ObjectTable
+from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.instrument.chip import Window
-from csstsim.measure.spectra.spectrum_columns import DIM
+from csstsim.measure.spectra.spectrum_columns import CUT, DIM, LOST
 from csstsim.stages.parts import spectra_checks
 
 DARK = 0.02  # electron / s / px
@@ -42,3 +42,29 @@ def test_the_sky_beside_spectra_is_compared_without_the_dark_current(monkeypatch
         assert found["off"] == pytest.approx(0.03, abs=1e-9) and found["n"] == 2
     else:
         assert found == {"off": None, "n": 0}
+
+
+def test_the_flux_is_that_of_bright_stars_by_whole_spectra():
+    """Electrons of a spectrum are sums over its usable columns; orders of a star count apart, galaxies do not."""
+    spectra = [(0, 1, 60, 1.028), (0, 0, 60, 1.031), (1, 1, 60, 5.0), (2, 1, 49, 6.0), (3, 1, 50, 1.03)]
+    truth = ObjectTable({"obj_type": np.array([STAR, GALAXY, STAR, STAR, STAR])})
+    spectra.append((4, 1, 60, 7.0))  # of S/N below 50
+    row, order, share = (np.concatenate([np.full(n, v[k]) for v in spectra for n in v[2:3]]) for k in (0, 1, 3))
+    model = np.full(len(row), 200.0)
+    electrons, flags, error = share * model, np.zeros(len(row), int), np.where(row == 4, 50.0, 2.0)
+    for column, flag in ((3, DIM), (7, LOST), (11, CUT)):
+        flags[column], electrons[column] = flag, 1e7
+    model[20], electrons[20] = np.nan, 1e7
+    table = ObjectTable({"row": row, "order": order, "electrons": electrons, "electrons_err": error, "model": model,
+                         "flags": flags})  # fmt: skip
+    found = spectra_checks._flux(truth, table)
+    weight = 1 / (0.01**2 / np.array([56, 60, 50]) + 0.005**2)  # of n columns: 2 electrons of 200 / sqrt(n)
+    assert found["n"] == 3 and found["off"] == pytest.approx(np.average([0.028, 0.031, 0.03], weights=weight), abs=1e-9)
+    assert found["error"] == pytest.approx(weight.sum() ** -0.5, rel=1e-6)
+
+
+def test_no_spectrum_no_sky():
+    steps = {"SCIE": SimpleNamespace(step=lambda name: None, shipped=True)}
+    job = SimpleNamespace(pointing=SimpleNamespace(type="SCIE", exptime=1.0))
+    table = ObjectTable({"row": np.zeros(2)})
+    assert spectra_checks._sky(SimpleNamespace(steps=steps), job, table) == {"off": None, "n": 0}

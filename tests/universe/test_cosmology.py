@@ -57,3 +57,15 @@ def test_edges(cosmology):
 def test_not_a_flat_universe(wrong):
     with pytest.raises(ValueError, match="cosmology"):
         Cosmology(NUMBERS | wrong)
+
+
+def test_matter_fraction_and_signs(cosmology):
+    """The share of matter, by astropy; a volume inwards is negative, and volumes add."""
+    peer = FlatLambdaCDM(H0=67.66, Om0=0.3111, Tcmb0=0)
+    np.testing.assert_allclose(cosmology.matter_fraction(Z), peer.Om(Z), rtol=1e-9)
+    np.testing.assert_allclose(cosmology.expansion(Z), peer.efunc(Z), rtol=1e-9)
+    np.testing.assert_allclose(
+        cosmology.angular_diameter_distance(Z), peer.angular_diameter_distance(Z).value, rtol=1e-8
+    )
+    assert cosmology.volume(1.0, 0.5) == -cosmology.volume(0.5, 1.0) < 0
+    assert cosmology.volume(0.2, 0.5) + cosmology.volume(0.5, 1.0) == pytest.approx(cosmology.volume(0.2, 1.0))

@@ -17,6 +17,8 @@ from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.load import read_data
 from csstsim.universe.galaxies.galaxies import ARCMIN2_PER_DEG2, cumulative_counts
 from csstsim.universe.galaxies.galaxy_shapes import (
+    bulge_fraction,
+    bulge_radius,
     disk_radius,
     draw_ellipticity,
     ellipticity_density,
@@ -25,7 +27,14 @@ from csstsim.universe.galaxies.galaxy_shapes import (
     velocity_dispersion,
 )
 from csstsim.universe.galaxies.mass_function import TYPES, double_schechter, mass_function, smoothed_schechter
-from csstsim.universe.galaxies.star_formation import cosmic_age, main_sequence, mean_age, mixture, young_fractions
+from csstsim.universe.galaxies.star_formation import (
+    attenuation,
+    cosmic_age,
+    main_sequence,
+    mean_age,
+    mixture,
+    young_fractions,
+)
 
 AREA = 0.04  # deg2 of the sample
 PUBLISHED = read_data(Path(__file__).parent / "published_galaxies.yaml")
@@ -470,3 +479,171 @@ def test_streams_are_apart():
 def test_no_area_no_galaxies():
     columns = galaxy_sample.population().draw(lambda name: stream(1, name), 0.0)
     assert all(len(values) == 0 for values in columns.values()) and "coeff19" in columns
+
+
+def test_sizes_of_early_types_bend_and_shrink():
+    """Slopes above and below 10^10.3, joined there; 8 kpc at 10^11.01 today; (1 + z)^-1.3."""
+    numbers = galaxy_sample.numbers()["size"]["bulge"]
+    assert bulge_radius(11.01, 0.0, numbers) == pytest.approx(8.0)
+    mass = np.array([11.51, 10.3, 9.3, 8.3])
+    wanted = 8.0 * 10 ** np.array([0.28, 0.56 * -0.71, 0.56 * -0.71 - 0.1, 0.56 * -0.71 - 0.2])
+    np.testing.assert_allclose(bulge_radius(mass, 0.0, numbers), wanted)
+    np.testing.assert_allclose(bulge_radius(mass, np.full(4, 1.0), numbers), wanted * 2**-1.3)
+
+
+def test_shares_of_bulges_by_type_and_mass():
+    """Log-normal about 10^-0.635 and 10^-0.276 at 1e10; nothing is more than all bulge."""
+    numbers, kind = galaxy_sample.numbers()["bulge"], np.array([0, 1, 0, 1, 1, 0])
+    mass, normal = np.array([10.0, 10.0, 11.0, 9.0, 11.0, 10.0]), np.array([0.0, 0.0, 0.0, 0.0, 3.0, -2.0])
+    wanted = 10 ** np.array([-0.635, -0.276, -0.365, -0.376, 0.0, -1.035])
+    np.testing.assert_allclose(bulge_fraction(mass, kind, normal, numbers), wanted)
+
+
+def test_dust_of_the_mass_and_the_redshift():
+    """A cubic of log mass, held beyond 1.5 dex; (1 + z)^0.3."""
+    numbers = galaxy_sample.numbers()["dust"]
+    assert attenuation(10.0, 0.0, numbers) == pytest.approx(0.345)
+    assert attenuation(11.0, 0.0, numbers) == pytest.approx(0.345 + 0.165 - 0.07 - 0.03)
+    assert attenuation(9.0, 0.0, numbers) == pytest.approx(0.345 - 0.165 - 0.07 + 0.03)
+    low, high = 0.345 - 0.2475 - 0.1575 + 0.10125, 0.345 + 0.2475 - 0.1575 - 0.10125
+    np.testing.assert_allclose(attenuation([8.5, 7.0, 11.5, 13.0], 0.0, numbers), [low, low, high, high])
+    assert attenuation(10.0, 1.0, numbers) == pytest.approx(0.345 * 2**0.3)
+
+
+@cache
+def alike(kind, log_mass=10.0, z=0.9, count=6000):
+    """Columns of galaxies of one type, mass and redshift."""
+    full = np.full(count, 1.0)
+    return galaxy_sample.population().properties(
+        lambda name: stream(7, name), z * full, log_mass * full, np.full(count, kind, np.int8)
+    )
+
+
+def spread(values):
+    """Return mean and standard deviation; for normal values that of 6000 is good to 4% within 5 sigma."""
+    return values.mean(), values.std()
+
+
+def test_galaxies_of_one_mass_scatter_as_their_laws_say():
+    """Rates, sizes and bulges, of both types; medians of their laws, and nothing of one in the other."""
+    numbers, age = galaxy_sample.numbers(), cosmic_age(0.9, galaxy_sample.cosmology())
+    formation = numbers["star_formation"]
+    for kind, middle in ((0, main_sequence(10.0, 0.9, formation)), (1, -11.0)):
+        columns = alike(kind)
+        rate = np.log10(columns["sfr"].astype(float)) - 10.0
+        assert spread(rate) == pytest.approx((middle, 0.3), rel=0.04)
+        e = np.hypot(columns["e1"], columns["e2"])
+        axis = np.log10(columns["size_disk"] / to_arcsec(1.0, 0.9, galaxy_sample.cosmology()))
+        axis += 0.5 * np.log10((1 + e) / (1 - e))
+        law = np.log10(disk_radius(10.0, 0.9, numbers["size"]["disk"]))
+        assert spread(axis)[1] == pytest.approx(0.18, rel=0.04) and axis.mean() == pytest.approx(law, abs=0.012)
+        share = np.log10(columns["bulge_frac"].astype(float))
+        line = numbers["bulge"]["quiescent" if kind else "star_forming"][0]
+        assert np.median(share) == pytest.approx(line, abs=0.015)
+        low, _ = np.percentile(share, [15.87, 50])
+        assert line - low == pytest.approx(0.2, abs=0.02)
+        assert abs(np.corrcoef(rate, axis)[0, 1]) < 5 / np.sqrt(6000)
+        np.testing.assert_allclose(columns["bulgemass"] + columns["diskmass"], 1e10, rtol=1e-5)
+        radius = columns["bulge_frac"] * columns["size_bulge"] + (1 - columns["bulge_frac"]) * columns["size_disk"]
+        radius = radius * np.sqrt((1 + e) / (1 - e)) / to_arcsec(1.0, 0.9, galaxy_sample.cosmology())
+        np.testing.assert_allclose(columns["veldisp"], velocity_dispersion(10.0, radius, numbers["virial"]), rtol=1e-4)
+    history = columns["stellarage"].astype(float) * 1e9  # of old galaxies it grows with the age, 0.6 to 0.95
+    ends = [mean_age(rate, part * age * np.ones(6000)) for part in (0.6, 0.95)]
+    place = (history - ends[0]) / (ends[1] - ends[0])
+    assert -0.01 < place.min() < 0.02 and 0.98 < place.max() < 1.01 and 0.4 < np.median(place) < 0.6
+
+
+def test_bulges_of_disks_are_smaller_than_these():
+    """At most 0.6 of the disk's size where the disk has most light; an elliptical's size is that of its law."""
+    columns = alike(1, 10.9)
+    size, share = columns["size_bulge"] / columns["size_disk"], columns["bulge_frac"]
+    assert size[share <= 0.5].max() <= 0.6 * (1 + 1e-5) and (size[share > 0.5] > 0.6).mean() > 0.3
+    e = np.hypot(columns["e1"], columns["e2"])
+    some = share > 0.5
+    axis = np.log10(columns["size_bulge"] * np.sqrt((1 + e) / (1 - e)) / to_arcsec(1.0, 0.9, galaxy_sample.cosmology()))
+    law = np.log10(bulge_radius(10.9, 0.9, galaxy_sample.numbers()["size"]["bulge"]))
+    assert axis[some].std() == pytest.approx(0.2, rel=0.06) and axis[some].mean() == pytest.approx(law, abs=0.02)
+    assert e[some].max() <= 0.55 < e[~some].max()
+
+
+def test_dust_and_lines_of_galaxies_scatter():
+    """As the seds are given them: dust grows with the inclination of star-forming ones, up to 3 mag."""
+    model, count = galaxy_sample.population(), 6000
+    numbers, full = model.numbers["dust"], np.ones(6000)
+    for kind in (0, 1):
+        e = np.repeat([0.0, 0.5], count // 2)
+        mix, dust, lines, _ = model._stars(
+            lambda name: stream(8, name), 0.9 * full, 10.0 * full, np.full(count, kind), e
+        )
+        face, edge = (np.log10(part) for part in np.split(dust, 2))
+        middle = numbers["quiescent"] if kind else attenuation(10.0, 0.9, numbers)
+        assert spread(face) == pytest.approx((np.log10(middle), 0.2), abs=0.02)
+        assert np.median(edge) - np.median(face) == pytest.approx(0 if kind else 0.5 * np.log10(3.0), abs=0.025)
+        assert np.median(np.log10(lines)) == pytest.approx(0.0, abs=0.015)
+        assert np.log10(lines).std() == pytest.approx(0.2, rel=0.05)
+        assert abs(np.corrcoef(np.log10(lines), np.log10(dust))[0, 1]) < 5 / np.sqrt(count)
+        assert mix.shape == (count, 5)
+    dusty = model._stars(lambda name: stream(8, name), 6.0 * full, 11.3 * full, np.zeros(count, int), 0.8 * full)[1]
+    assert dusty.max() == 3.0
+
+
+@pytest.mark.parametrize("z, rate", [(0.0, -11.6), (0.15, -11.5), (0.45, -11.2), (2.0, -11.0)])
+def test_quiescent_galaxies_form_few_stars(z, rate):
+    columns = alike(1, 10.0, max(z, 1e-3), 400)
+    assert np.median(np.log10(columns["sfr"].astype(float))) - 10 == pytest.approx(rate, abs=0.08)
+
+
+def test_the_lightest_mass_is_that_of_a_blue_galaxy_at_the_limit():
+    """A galaxy 2 sigma above the main sequence at that mass and the margin is as faint as the faint limit."""
+    model = galaxy_sample.population()
+    z = np.array([0.1, 1.0, 3.0])
+    formation, mass = model.numbers["star_formation"], model._lightest(z) + model.numbers["margin"]["dex"]
+    rate = main_sequence(np.full(3, 7.0), z, formation) + 2 * formation["scatter"]
+    age = cosmic_age(z, galaxy_sample.cosmology()) * 0.775
+    mix = mixture(young_fractions(rate, age, formation["edges"]), formation) * 10 ** mass[:, None]
+    coefficients = model.seds.coefficients(mix, attenuation(np.full(3, 7.0), z, model.numbers["dust"]), np.ones(3))
+    scale = (galaxy_sample.cosmology().luminosity_distance(z) / 1e-5) ** -2.0
+    model_i = model._magnitude(z, coefficients, scale)
+    shift = np.interp(model_i, *np.transpose(model.numbers["shift"]))
+    assert model_i + shift == pytest.approx(np.full(3, model.limit), abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("kind", "z0", "z1", "wide"), [("star_forming", 1.3, 1.75, (0.1, 0.15)), ("quiescent", 0.35, 0.65, (0, 0))]
+)
+def test_mass_functions_are_the_table_s_rows_and_their_geometric_mean(kind, z0, z1, wide):
+    """At a row's redshift the smoothed function of that row; half way between two, the root of both."""
+    numbers, mass = galaxy_sample.numbers()["mass_function"], np.array([9.3, 10.4, 11.3])
+    rows = {row[0]: row[1:] for row in numbers[kind]}
+    one, other = (smoothed_schechter(mass, *rows[z], spread) for z, spread in zip((z0, z1), wide, strict=True))
+    np.testing.assert_allclose(mass_function(mass, z0, kind, numbers, 70.0), one, rtol=1e-9)
+    np.testing.assert_allclose(
+        mass_function(mass, 0.5 * (z0 + z1), kind, numbers, 70.0), np.sqrt(one * other), rtol=1e-9
+    )
+
+
+@pytest.mark.parametrize(("z", "slope"), [(0.0, -1.45), (1.25, -1.475), (3.0, -1.575), (7.0, -1.9)])
+def test_mass_functions_go_on_as_power_laws_below_the_pivot(z, slope):
+    numbers = galaxy_sample.numbers()["mass_function"]
+    low, at, high = mass_function([8.0, 9.0, 9.0001], z, "star_forming", numbers, 70.0)
+    assert np.log10(low / at) == pytest.approx(-(1 + slope)) and high == pytest.approx(at, rel=1e-2)
+
+
+def test_dust_of_the_milky_way_and_the_scale_multiply_a_galaxy_s_light():
+    seds = galaxy_sample.seds()
+    mix = seds.coefficients(np.eye(5)[[1, 3]], [0.2, 0.0], [1.0, 1.0])
+    dusty, clear = (
+        seds.spectra([0.3, 1.0], mix, scale, av) for scale, av in (([2.0, 5.0], [0.7, 0.2]), ([1, 1], [0, 0]))
+    )
+    factor = np.array([[2.0], [5.0]]) * 10 ** (-0.4 * np.array([[0.7], [0.2]]) * seds.extinction)
+    np.testing.assert_allclose(dusty, factor * clear, rtol=1e-9)
+
+
+def test_light_moves_and_thins_with_redshift():
+    """Photon densities: what leaves at rest wavelength arrives stretched by 1 + z; without the medium's absorption."""
+    seds = galaxy_sample.seds()
+    mix = seds.coefficients(np.eye(5)[[3]], [0.0], [0.0])
+    wave = np.linspace(3000.0, 5000.0, 41)
+    here = seds.spectra([0.0], mix, [1.0], [0.0], wave, igm=False)[0]
+    there = seds.spectra([0.8], mix, [1.0], [0.0], 1.8 * wave, igm=False)[0]
+    np.testing.assert_allclose(there, here, rtol=1e-9)

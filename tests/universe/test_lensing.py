@@ -76,3 +76,30 @@ def test_twin_campaign_is_known():
     assert validate(CatalogConfig, {"shapes": "rotated90"}, "campaign.yaml").shapes == "rotated90"
     with pytest.raises(InputError, match="shapes"):
         validate(CatalogConfig, {"shapes": "rotated45"}, "campaign.yaml")
+
+
+def test_images_are_magnified_and_stretched_by_the_eigenvalues():
+    """Of the Jacobian, by numpy, for asymmetric shears and both signs of convergence."""
+    rng = np.random.default_rng(5)
+    kappa, gamma1, gamma2 = rng.uniform(-0.3, 0.4, 50), rng.uniform(-0.2, 0.2, 50), rng.uniform(-0.2, 0.2, 50)
+    jacobian = np.moveaxis(np.array([[1 - kappa - gamma1, -gamma2], [-gamma2, 1 - kappa + gamma1]]), -1, 0)
+    mu, thin = magnification(kappa, gamma1, gamma2)
+    assert thin.all()
+    np.testing.assert_allclose(mu, 1 / np.linalg.det(jacobian))
+    np.testing.assert_allclose(stretch(kappa, gamma1, gamma2), 1 / np.linalg.eigvalsh(jacobian)[:, 0])
+
+
+def test_each_component_of_a_constant_field_is_its_own():
+    position = (PIX, np.zeros(2), np.zeros(2), np.array([0.0, 1.0]))
+    columns = lens(*position, Lensing(field="constant", kappa=0.1, gamma1=0.02, gamma2=-0.01))
+    assert list(columns) == ["kappa", "gamma1", "gamma2"]
+    np.testing.assert_array_equal(list(columns.values()), np.float32([[0.1] * 2, [0.02] * 2, [-0.01] * 2]))
+
+
+def test_a_cosmic_field_is_asked_at_the_objects():
+    class Field:
+        def lens(self, pix, ra, dec, z):
+            return pix + ra, pix + dec, pix + z
+
+    columns = lens(3, np.array([1.0]), np.array([20.0]), np.array([300.0]), Lensing(field="cosmic"), Field())
+    assert {name: values[0] for name, values in columns.items()} == {"kappa": 4.0, "gamma1": 23.0, "gamma2": 303.0}

@@ -207,3 +207,22 @@ def test_positions_at_the_edges(coarse):
     for ra, dec in ((0.0, 0.0), (np.nan, 0.0)):
         with pytest.raises(ValueError, match="outside the brick"):
             coarse.lens(COMMON, [ra], [dec], [1.0])
+
+
+def test_kernels_and_weights_of_shells(coarse):
+    """K by an integral through each shell; weights give the spectrum at l = 1000, and none to shells behind."""
+    shells, cosmology = coarse.shells, coarse.shells.cosmology
+    z = np.linspace(0.0, 3.5, 40001)
+    chi = cosmology.comoving_distance(z)
+    q = 1.5 * 0.3111 * (67.66 / 299792.458) ** 2 * (1 + z) * chi
+    running = np.concatenate([[0.0], np.cumsum(0.5 * (q[1:] + q[:-1]) * np.diff(chi))])
+    np.testing.assert_allclose(shells.kernel(), np.diff(np.interp(shells.edges, chi, running)), rtol=1e-5)
+    ell = np.array([1000.0])
+    for source in (0.4, 1.0, 3.0):
+        weights = shells.weights(np.array([source]))[0]
+        assert weights**2 @ shells.spectra(ell)[:, 0] == pytest.approx(shells.limber(ell, source)[0], rel=5e-3)
+        behind = shells.edges[:-1] >= cosmology.comoving_distance(source)
+        assert behind.any() == (source < 3) and not weights[behind].any() and (weights[~behind] > 0).all()
+    assert len(shells.edges) == NUMBERS["shells"] + 1 and shells.edges[-1] == pytest.approx(chi[-1])
+    near = np.diff(shells.edges)
+    assert (np.diff(near) > 0).all() and near.sum() == pytest.approx(chi[-1])

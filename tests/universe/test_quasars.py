@@ -196,3 +196,33 @@ def test_columns_repeat_and_have_their_types():
     spread = np.std([sample()[f"coeff{k}"] for k in range(1, 5)], axis=1)
     np.testing.assert_allclose(spread, NUMBERS["continuum"]["scatter"], rtol=0.06)
     assert (sample()["coeff19"] == 0).all() and (sample()["coeff0"] == sample()["m1450"]).all()
+
+
+def test_lines_scatter_by_family_and_draws_are_apart():
+    """In the order of the families; slopes and strengths know nothing of each other."""
+    names = [name for name in NUMBERS["families"] if name != "m1450"]
+    scatter = [NUMBERS["families"][name]["scatter"] for name in names]
+    assert names[10] == "narrow" and scatter[10] == 0.25 and len(names) == 12
+    own = np.array([sample()[f"coeff{k}"] for k in range(1, 17)], dtype=float)
+    n = own.shape[1]
+    np.testing.assert_allclose(own[4:].std(axis=1), scatter, rtol=5 / np.sqrt(2 * n))
+    assert (np.abs(own.mean(axis=1)) < 5 * own.std(axis=1) / np.sqrt(n)).all()
+    assert np.abs(np.corrcoef(own) - np.eye(16)).max() < 5 / np.sqrt(n)
+
+
+@pytest.mark.parametrize("z, value", [(0.5, -1.42), (1.6, -1.36), (5.0, -1.3)])
+def test_a_number_of_the_luminosity_function_at_a_redshift(z, value):
+    """Of the shipped one, whose faint slope is a table; by two magnitudes far below the break."""
+    numbers = NUMBERS | {"luminosity_function": "simqso"}
+    gained = np.diff(np.log10(luminosity_function([-5.0, -4.0], z, numbers)))[0]
+    assert gained == pytest.approx(-0.4 * (value + 1), abs=1e-4)
+
+
+def test_the_break_moves_with_redshift():
+    """Both terms are equal at M*(z) in closed form; their number falls beyond the switch."""
+    for z, chosen in ((1.0, "low"), (3.0, "high")):
+        law = NUMBERS["simqso"][chosen]
+        step = z - law["pivot"]
+        at = law["m_star"] + 1.486 - 2.5 * (law["k1"] * step + law["k2"] * step**2)
+        wanted = law["log_phi"] + law["log_phi_slope"] * step - np.log10(2)
+        assert np.log10(luminosity_function(at, z, NUMBERS)) == pytest.approx(wanted, abs=1e-9)

@@ -1,6 +1,7 @@
 """Stars of a brick: counts, limits, seams, local densities, against integrals, published numbers and Gaia's counts."""
 
 from functools import partial
+from itertools import pairwise
 
 import healpy
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from astropy.table import Table
 from fit_star_counts import TABLE, G, counts, places, steps
 from scipy import stats
+from scipy.integrate import quad
 from star_count_model import StarCounts
 
 from csstsim.base.errors import InputError
@@ -234,3 +236,85 @@ def test_missing_and_wrong_numbers_are_named():
         expected_counts(0.0, 0.0, without, 20.0)
     with pytest.raises(InputError):
         expected_counts(0.0, 0.0, NUMBERS | {"masses": ["a", "b"]}, 20.0)
+
+
+def test_metals_follow_the_radius_and_distances_the_volume():
+    """A type's [Fe/H] plus gradient times (R - R0); the far half of a step has more of its stars."""
+    model, rng = galaxy(NUMBERS), np.random.default_rng(3)
+    kind = np.full(400, next(k for k, t in enumerate(model.types) if t.component.gradient != 0))
+    r0, distance = NUMBERS["sun"]["r0"], np.full(400, 1000.0)
+    here, there = np.zeros((3, 400)), np.zeros((3, 400))
+    there[0], there[1] = 3.0, -2.0
+
+    def metals(position):
+        return module._draw_types(lambda name: stream(4, name), kind, distance, position, model)[0]["feh"]
+
+    gradient = model.types[kind[0]].component.gradient
+    change = gradient * (np.hypot(3.0 - r0, 2.0) - r0)
+    assert abs(change) > 0.05
+    np.testing.assert_allclose(metals(there) - metals(here), change, atol=1e-12)
+    del rng
+
+
+def test_companions_have_the_place_and_the_limits_of_stars():
+    """Wide ones at the end of the columns, within the limits of V at their star's distance; the others are lost."""
+    n, pix = 60, _pix(90, 30)
+    ra, dec, healpix = place(pix, np.random.default_rng(5), n)
+    columns = {"ra": ra, "dec": dec, "_healpix_29": healpix, "distance": np.full(n, 100.0)}
+    columns |= {"teff": np.full(n, 5800.0), "logg": np.full(n, 4.4), "stellarmass": np.ones(n), "radius": np.ones(n)}
+    m_v = np.tile([-1.0, 10.0, 24.0], n // 3)  # V of 4, 15 and 29: too bright, seen, too faint
+    own = [np.ones(n), m_v, np.full(n, 4000.0), np.full(n, 4.7), np.full(n, 0.6), np.full(n, 0.6)]
+    pair = np.stack([*own, np.full(n, 3.0), np.full(n, 0.01)])  # 1000 au: 10 arcsec
+    made = module._with_companions(lambda name: stream(6, name), columns, pair, pix, NUMBERS)
+    more = made["ra"][n:]
+    assert len(more) == n // 3 and (made["teff"][n:] == 4000.0).all() and (made["distance"][n:] == 100.0).all()
+    np.testing.assert_allclose(more, ra[1::3], atol=0.02)
+    np.testing.assert_array_equal(made["ra"][:n], ra)
+    none = module._with_companions(lambda name: stream(6, name), columns, pair * 0 + 1e-9, pix, NUMBERS)
+    assert len(none["ra"]) == n and not none["teff2"].any()
+
+
+def test_types_have_the_metals_and_the_masses_of_their_component():
+    """[Fe/H] by its mean and scatter over draws of equal weight; masses by the slopes of the component's law."""
+    for types in galaxy(NUMBERS).types[:10]:
+        weight, (feh, mass) = np.diff(types.total), types.table[[3, 4]]
+        mean = np.average(feh, weights=weight)
+        component = types.component
+        assert mean == pytest.approx(component.feh, abs=0.06 * max(component.feh_sd, 0.1) + 0.02), component.name
+        spread = np.sqrt(np.average((feh - mean) ** 2, weights=weight))
+        assert spread == pytest.approx(component.feh_sd, rel=0.12), component.name
+        edges = [0.1, 0.25, 0.5]
+        counts = np.histogram(mass, edges, weights=weight)[0]
+        power = component.imf[0] + 1
+        wanted = np.diff(np.power(edges, power))
+        assert counts[0] / counts[1] == pytest.approx(wanted[0] / wanted[1], rel=0.05), component.name
+
+
+def test_the_mass_function_is_three_power_laws_that_join():
+    """By quad over cells that straddle the breaks; one at the last break."""
+    from csstsim.universe.stars.star_types import _imf
+
+    component = next(t.component for t in galaxy(NUMBERS).types if len(set(t.component.imf)) == 3)
+    (a, b), (s0, s1, s2) = NUMBERS["imf_breaks"], component.imf
+
+    def law(m):
+        if m >= b:
+            return (m / b) ** s2
+        return (m / b) ** s1 if m >= a else (a / b) ** s1 * (m / a) ** s0
+
+    edges = np.array([0.1, 0.3, 0.7, 0.9, 1.5, 6.0])
+    wanted = [quad(law, low, high, points=[a, b])[0] for low, high in pairwise(edges)]
+    np.testing.assert_allclose(_imf(component, edges, NUMBERS["imf_breaks"]), wanted, rtol=1e-7)
+
+
+def test_a_type_is_chosen_within_the_limits_by_numbers():
+    """Of types of M_V 1 to 5: quantiles of those between; the next one if there is none; the last one beyond."""
+    from csstsim.universe.stars.star_types import Types
+
+    table = np.zeros((6, 5))
+    table[0] = np.arange(1.0, 6.0)
+    types = Types(None, table, np.zeros((8, 5)), np.array([0.0, 1.0, 3.0, 6.0, 10.0, 15.0]))
+    assert types.brighter(np.array([0.5, 1.0, 3.5, 9.0])).tolist() == [0.0, 0.0, 6.0, 15.0]
+    u = np.array([0.0, 0.39, 0.41, 0.999, 0.5, 0.5])
+    low, high = np.array([1.5, 1.5, 1.5, 1.5, 2.1, 7.0]), np.array([3.5, 3.5, 3.5, 3.5, 2.9, 8.0])
+    assert types.choose(u, low, high).tolist() == [1, 1, 2, 2, 2, 4]

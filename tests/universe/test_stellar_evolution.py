@@ -119,3 +119,69 @@ def test_white_dwarfs():
         assert radius == pytest.approx(0.0127, rel=0.02)
     newborn = white_dwarfs(np.array([2.0]), np.array([0.0]), NUMBERS)
     assert newborn[0][0] == pytest.approx(60000)
+
+
+def test_stars_that_burn_helium_in_closed_form():
+    """Luminosity by mass above 2.2, temperature by metals and place; poor ones reach far to the blue."""
+    mass, feh = np.array([1.0, 1.0, 1.0, 4.4, 1.0]), np.array([0.0, 0.0, 0.3, 0.0, -1.4])
+    place = np.array([0.5, 1.0, 0.0, 0.5, 1.0])
+    teff, logg, radius, m_v = living(mass, feh, np.full(5, 3.5), place, NUMBERS)
+    wanted = 3.679 + np.array([0.0, 0.008, -0.03 * 0.3 - 0.008, 0.0, 0.03 * 1.4 + 0.008 + 0.22 * 0.5])
+    np.testing.assert_allclose(np.log10(teff), wanted, atol=1e-9)
+    log_l = np.array([1.7, 1.7, 1.7, 1.7 + 3.4 * np.log10(2.0), 1.7])
+    np.testing.assert_allclose(radius, 10 ** (0.5 * log_l) * (5772.0 / teff) ** 2, rtol=1e-9)
+    np.testing.assert_allclose(logg, 4.438 + np.log10(mass) - 2 * np.log10(radius), atol=1e-9)
+    assert m_v[1] < m_v[0] + 0.1 and m_v[3] == pytest.approx(m_v[0] - 2.5 * 3.4 * np.log10(2.0), abs=1e-9)
+
+
+def test_giants_are_cooler_if_rich_and_hotter_if_massive():
+    """At one luminosity: 0.028 dex per dex of metals, 0.1 per dex of mass; the tip is that of the course."""
+    law = NUMBERS["giant"]
+    mass, feh = np.array([1.0, 1.0, 2.0]), np.array([0.0, -0.5, 0.0])
+    for stage in (2.3, 2.999999):
+        teff, _, radius, _ = living(mass, feh, np.full(3, stage), np.zeros(3), NUMBERS)
+        log_l = 2 * np.log10(radius) + 4 * np.log10(teff / 5772.0)
+        usual = np.interp(log_l, law["log_l"], law["log_teff"])
+        np.testing.assert_allclose(np.log10(teff) - usual, [0.0, 0.014, 0.1 * np.log10(2)], atol=1e-9)
+    course = NUMBERS["course"]
+    tip = np.interp(np.log(mass), np.log(course["mass"]), course["tip"])
+    np.testing.assert_allclose(log_l, tip, atol=1e-3)
+
+
+def test_metals_change_colours_below_the_sun_s():
+    """Main-sequence stars of one mass and stage: luminosity and temperature per dex, up to the limits of metals."""
+    full, stage = np.full(4, 0.5), np.full(4, 0.3)
+    feh = np.array([0.0, -1.0, -1.9, -4.0])
+    teff, _, radius, _ = living(full, feh, stage, np.zeros(4), NUMBERS)
+    log_l = 2 * np.log10(radius) + 4 * np.log10(teff / 5772.0)
+    np.testing.assert_allclose(log_l - log_l[0], [0.0, 0.17, 0.323, 0.323], atol=1e-9)
+    np.testing.assert_allclose(np.log10(teff / teff[0]), [0.0, 0.048, 0.0912, 0.0912], atol=1e-9)
+    from csstsim.universe.stars.stellar_evolution import correction
+
+    cool = np.array([3400.0, 3400.0, 3400.0, 6000.0])
+    bc = correction(cool, np.array([0.0, -1.0, -3.0, -1.0]), NUMBERS)
+    assert bc[1] - bc[0] == pytest.approx(0.32) and bc[2] - bc[0] == pytest.approx(0.32 * 1.5)
+    assert bc[3] - correction(cool[3:], np.zeros(1), NUMBERS)[0] == pytest.approx(-0.07)
+    assert bc[0] == pytest.approx(4.74 - 2.5 * np.log10(10 ** log_at(3400.0)) - v_at(3400.0))
+
+
+def log_at(teff):
+    """log L of the main sequence at a temperature, from the table's columns."""
+    table = np.array(NUMBERS["main_sequence"]).T
+    return np.interp(np.log(teff), np.log(table[1]), table[2])
+
+
+def v_at(teff):
+    table = np.array(NUMBERS["main_sequence"]).T
+    return np.interp(np.log(teff), np.log(table[1]), table[3])
+
+
+def test_white_dwarfs_cool_later_if_light():
+    """The age of 0.6 Msun counts times 0.6 over the mass; radius by Nauenberg; older ones than the table stay."""
+    first = (np.array([0.6, 0.9]) - 0.394) / 0.109
+    teff, logg, radius, _, mass = white_dwarfs(first, np.array([2.0, 3.0]), NUMBERS)
+    assert teff[0] == pytest.approx(teff[1]) and mass == pytest.approx([0.6, 0.9])
+    x = (np.array([0.6, 0.9]) / 1.44) ** (1 / 3)
+    np.testing.assert_allclose(radius, 0.0114 * np.sqrt(x**-2 - x**2), rtol=1e-9)
+    np.testing.assert_allclose(logg, 4.438 + np.log10(mass) - 2 * np.log10(radius), atol=1e-9)
+    assert white_dwarfs(first[:1], np.array([40.0]), NUMBERS)[0][0] == pytest.approx(3000.0)

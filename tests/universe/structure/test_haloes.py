@@ -9,7 +9,7 @@ from universe.structure.small_matter import NUMBERS, coarse, shipped
 from csstsim.base.healpix import BRICKS, brick_of
 from csstsim.base.sphere import angle, unit_vectors
 from csstsim.universe.structure.density import cell_order
-from csstsim.universe.structure.haloes import COLUMNS, Haloes, tier_orders
+from csstsim.universe.structure.haloes import COLUMNS, Haloes, concentration, tier_orders
 
 COMMON, POLE, WRAP = 100000, 65535, int(healpy.ang2pix(256, 0.0, 20.0, nest=True, lonlat=True))
 
@@ -147,3 +147,44 @@ def test_lensing_haloes_follow_no_finer_field_than_said():
     assert orders[1:].max() == pytest.approx(11.0, abs=1e-3) and orders[0].max() > 12
     np.testing.assert_array_equal(orders[0], usual[0])
     assert (orders[1:] <= usual[1:]).all() and (orders[1:, 0] == usual[1:, 0]).all()
+
+
+def test_redshifts_follow_numbers_and_volumes_within_a_shell(drawn):
+    """The shell with most clusters: by integration over mass, volume and depth."""
+    haloes, shells = coarse().haloes, coarse().shells
+    chi = haloes.mass_function.cosmology.comoving_distance(drawn["z"])
+    shell = np.searchsorted(shells.edges, chi) - 1
+    most = np.bincount(shell).argmax()
+    low, high = np.interp(shells.edges[most : most + 2], *shells.distances)
+    z = np.linspace(max(low, haloes.numbers["z_min"]), min(high, haloes.numbers["z_max"]), 200)
+    mass = np.geomspace(1e14, 5e15, 60)
+    number = np.trapezoid(haloes.mass_function.dn_dlnm(mass, z[:, None]), np.log(mass), axis=1)
+    distance = haloes.mass_function.cosmology.comoving_distance(z)
+    density = number * distance**2 * np.gradient(distance, z)
+    below = np.concatenate([[0], np.cumsum(0.5 * (density[1:] + density[:-1]))])
+    mine = drawn["z"][shell == most]
+    assert len(mine) > 300 and kstest(mine, lambda at: np.interp(at, z, below / below[-1])).pvalue > 1e-4
+
+
+def test_concentrations_have_their_pivot_and_slopes():
+    """Amplitude at 2e12 / h today; the powers of mass and of 1 + z; of a halo with the Hubble constant of its own."""
+    law = {"amplitude": 10.0, "pivot_h": 2e12, "mass_slope": -0.1, "redshift_slope": -1.0}
+    found = concentration([2e12 / 0.7, 2e13 / 0.7, 2e12 / 0.7], [0.0, 0.0, 1.0], law, 0.7)
+    np.testing.assert_allclose(found, [10.0, 10 * 10**-0.1, 5.0])
+
+
+def test_haloes_of_a_tier_are_counted_from_the_nearest_on():
+    """Cumulative numbers per sr against an integral; and back, to 1e-3; none before the least redshift."""
+    haloes, cosmology = coarse().haloes, coarse().mass_function.cosmology
+    table, mass = haloes._tables[0], np.geomspace(1e13, 1e14, 200)
+    for z in (0.4, 1.1):
+        at = np.linspace(haloes.numbers["z_min"], z, 600)
+        number = np.trapezoid(coarse().mass_function.dn_dlnm(mass, at[:, None]), np.log(mass), axis=1)
+        chi = cosmology.comoving_distance(at)
+        wanted = np.trapezoid(number * chi**2, chi)
+        assert np.interp(z, table.fine_z, table.cumulative) == pytest.approx(wanted, rel=2e-3)
+        assert table.redshift(wanted) == pytest.approx(z, abs=2e-3)
+    assert table.cumulative[0] == 0 and table.redshift(0.0) == pytest.approx(haloes.numbers["z_min"])
+    low, high = table.mass(np.full(4, 0.6), np.full(4, 0.5), np.array([0.0, 0.3, 0.9, 1.0]))
+    assert low[0] == pytest.approx(np.log(1e13)) and low[-1] == pytest.approx(np.log(1e14)) and (np.diff(low) > 0).all()
+    assert high == pytest.approx(coarse().mass_function.bias(np.exp(low), 0.6), rel=1e-3)

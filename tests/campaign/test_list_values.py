@@ -1,0 +1,149 @@
+"""Values of a list of pointings in each unit, its messages, and the borders of a survey table's cells."""
+
+import numpy as np
+import pytest
+
+from csstsim.base.errors import InputError
+from csstsim.campaign.pointing_lists.directions import places, position_angles
+from csstsim.campaign.pointing_lists.mapping import Mapping
+from csstsim.campaign.pointing_lists.messages import kinds_of, say_not_used, say_overlaps, say_refused
+from csstsim.campaign.pointing_lists.quantities import parse_key
+from csstsim.campaign.pointing_lists.read_list import PointingList
+from csstsim.campaign.pointing_lists.values import Values
+from csstsim.campaign.survey_table import exposures_of
+
+HEADER = "obsid,type,ra,dec,pa,time,exptime"
+
+
+def values_of(cells, **mapping):
+    """Return the Values of a list with one column a key; cells: {key: its texts}."""
+    rows = [(f"line {k + 2}", list(row)) for k, row in enumerate(zip(*cells.values(), strict=True))]
+    names = [f"c{k}" for k in range(len(cells))]
+    columns = dict(zip(cells, names, strict=True))
+    return Values(PointingList("list.csv", names, rows), Mapping(columns=columns, **mapping))
+
+
+@pytest.mark.parametrize(("key", "cell", "wanted"), [
+    ("ra", "33.5", 33.5), ("ra_hour", "3.5", 52.5), ("dec_rad", "-1", -57.29577951308232), ("pa_arcmin", "90", 1.5),
+    ("pa_arcsec", "-1800", -0.5), ("ra_hms", "1:30:36", 22.65), ("dec_dms", "-0:30:36", -0.51),
+    ("sat_x_m", "-7e6", -7e3), ("sat_z_au", "0.001", 149597.8707), ("sat_vy_m_s", "-7500", -7.5),
+    ("sat_vx", "7.25", 7.25),
+    ("exptime_ms", "500", 0.5),
+    ("exptime_min", "2.5", 150.0), ("exptime_hour", "0.5", 1800.0), ("exptime_day", "0.25", 21600.0),
+    ("moon_angle_rad", "2", 114.59155902616465), ("sun_x_au", "-1", -149597870.7),
+])  # fmt: skip
+def test_numbers_are_in_the_first_unit_of_their_kind(key, cell, wanted):
+    values = values_of({key: [cell]})
+    assert values.numbers(parse_key(key).name)[0] == pytest.approx(wanted, rel=1e-12) and not values.reasons
+
+
+@pytest.mark.parametrize(("key", "good", "bad"), [
+    ("ra", ("-180", "360"), ("-180.1", "360.1")), ("dec", ("-90", "90"), ("-90.1", "90.1")),
+    ("gal_lon", ("-180", "360"), ("-181", "361")), ("ecl_lat", ("-90", "90"), ("91", "-91")),
+    ("pa", ("-360", "360"), ("-361", "361")), ("sun_angle", ("0", "180"), ("-0.1", "180.1")),
+])  # fmt: skip
+def test_numbers_beyond_their_range_refuse_the_row(key, good, bad):
+    values = values_of({key: [*good, *bad, "", "1_0", "x", "inf"]})
+    found = values.numbers(key)
+    assert np.isfinite(found).tolist() == [True, True] + [False] * 6 and set(values.reasons) == {2, 3, 4, 5, 6, 7}
+    assert (
+        "out of range" in values.reasons[2] and "no value" in values.reasons[4] and "not a number" in values.reasons[6]
+    )
+    assert "not a finite number" in values.reasons[5] and "not a finite number" in values.reasons[7]
+
+
+def test_numbers_that_are_not_needed_may_be_empty():
+    values = values_of({"sat_x": ["", "-5.5", ""]})
+    found = values.numbers("sat_x", np.array([True, False, False]))
+    assert np.isnan(found[[0, 2]]).all() and found[1] == -5.5 and set(values.reasons) == {2}
+
+
+def test_words_whole_numbers_and_parts_of_the_survey():
+    values = values_of({"number": ["7", "12.0", "-1", "1.5"], "deep_index": ["-1", "0", "3.0", "two"]})
+    assert values.whole_numbers("number") == [7, 12, None, None] and set(values.reasons) == {2, 3}
+    assert values.deep()[:3] == [False, True, True] and "not a whole number" in values.reasons[3]
+    words = values_of({"deep": ["YES", "0", "deep", "Wide", "1.0", "perhaps"]})
+    assert words.deep() == [True, False, True, False, True, None] and list(words.reasons) == [5]
+
+
+def test_a_place_of_each_frame_is_that_of_the_icrs():
+    """The galactic centre and pole (IAU 1958, Hipparcos 1.5.3), and the ecliptic's pole at 23.44 deg from the north."""
+    values = values_of({"gal_lon": ["0", "0"], "gal_lat": ["0", "90"], "ecl_lon": ["90", "0"], "ecl_lat": ["90", "0"]})
+    ecliptic, galactic = places(values)
+    assert galactic.ra.deg == pytest.approx([266.40499, 192.85948], abs=1e-4)
+    assert galactic.dec.deg == pytest.approx([-28.93617, 27.12825], abs=1e-4)
+    assert (ecliptic.ra.deg[0], ecliptic.dec.deg[0]) == pytest.approx((270.0, 66.5607), abs=1e-3)
+    angles = position_angles(ecliptic, np.array([30.0, 350.0]), Mapping(pa_sense="west", pa_zero=20.0))
+    assert angles == pytest.approx([350.0, 30.0])
+
+
+def test_reasons_are_counted_without_their_values():
+    refused = [(f"line {k}", "", reason) for k, reason in enumerate([
+        "column ra: out of range: 400 deg (got '400'); allowed: -180 to 360 deg",
+        "column pa: not a number (got 'x')", "column ra: out of range: 500 deg (got '500'); allowed: -180 to 360 deg",
+    ])]  # fmt: skip
+    kinds, said = kinds_of(refused), []
+    assert sorted(kinds.values()) == [1, 2]
+    say_refused("a.csv", kinds, said.append)
+    assert said[0] == "a.csv: 3 rows rejected" and said[1].startswith("  2  column ra: out of range")
+    many = kinds_of([("line 1", "", f"{'a' * k}") for k in range(1, 11)])
+    said.clear()
+    say_refused("a.csv", many, said.append)
+    assert len(said) == 10 and said[-1] == "  2  of 2 other kinds"
+
+
+def test_columns_left_are_named_and_one_that_is_a_quantity_is_hinted_at():
+    said = []
+    given = Mapping(columns={"ra": "col2", "dec": "DEC"})
+    say_not_used(given, ["note", "RA", "DEC", "PA", "Dec"], said.append)
+    assert said == ["not used: note, PA, Dec (to use it: --map pa=PA)"]
+    said.clear()
+    say_not_used(given, ["DEC", "x"], said.append)
+    assert said == []
+
+
+def test_exposures_that_begin_during_a_longer_one_are_told():
+    """The third begins after the second, but while the first still lasts; the last when the first has ended."""
+    rows = ((1, 60, "00:00", 1000), (2, 60, "00:02", 60), (3, 61, "00:10", 60), (4, 62, "00:16:40", 60))
+    text = "\n".join([HEADER, *(f"10000000{n},SCIE,{ra},0,0,2027-11-20T{at}{':00' if len(at) == 5 else ''},{s}" for
+                                n, ra, at, s in rows)])  # fmt: skip
+    exposures, said = exposures_of(text), []
+    say_overlaps(exposures, {obsid: f"line {obsid[-1]}" for obsid in exposures}, said.append)
+    assert said == [
+        "1 exposure begins while the telescope points elsewhere: 100000003 (line 3) during 100000001 (line 1)"
+    ]
+
+
+def one(**cells):
+    values = {"obsid": "101000001", "type": "SCIE", "ra": "1", "dec": "2", "pa": "3", "time": "2027-11-20T01:08:00",
+              "exptime": "150"} | cells  # fmt: skip
+    [found] = exposures_of("\n".join([",".join(values), ",".join(values.values())])).values()
+    return found
+
+
+STATE = {"sat_x": "0", "sat_y": "0", "sat_z": "7000", "sat_vx": "0", "sat_vy": "12", "sat_vz": "0"}
+
+
+@pytest.mark.parametrize(("good", "bad"), [
+    ({"ra": "0"}, {"ra": "-0.000001"}), ({"ra": "359.999999"}, {"ra": "360"}), ({"dec": "-90"}, {"dec": "-90.0001"}),
+    ({"pa": "-360"}, {"pa": "-360.01"}), ({"pa": "360"}, {"pa": "360.01"}),
+    ({"exptime": "0.001"}, {"exptime": "0.00099"}),
+    ({"exptime": "100000"}, {"exptime": "100001"}),
+    ({"exptime": "0", "type": "BIAS"}, {"exptime": "0", "type": "DARK"}),
+    ({"time": "1950-01-01T00:00:00"}, {"time": "1949-12-31T23:59:59"}), ({"obsid": "1" * 14}, {"obsid": "1" * 15}),
+    ({"time": "2099-12-31T23:59:59"}, {"time": "2100-01-01T00:00:00"}), (STATE, STATE | {"sat_vx": "0.1"}),
+    (STATE | {"sat_z": "50000"}, STATE | {"sat_z": "49999", "sat_x": "400"}),
+    (STATE | {"sat_z": "-6378.2"}, STATE | {"sat_z": "-6378.1"}), (STATE, STATE | {"sat_vz": ""}),
+    ({"survey": "DEEP"}, {"survey": "deep"}), ({"survey": ""}, {"survey": "DEEP", "type": "FLAT"}),
+])  # fmt: skip
+def test_the_borders_of_cells(good, bad):
+    one(**good)
+    with pytest.raises(InputError):
+        one(**bad)
+
+
+def test_a_row_is_read_into_its_fields():
+    found = one(**STATE, survey="DEEP", ra="11.5", dec="-22.25", pa="-33", exptime="44")
+    assert (found.type, found.ra, found.dec, found.pa, found.exptime) == ("SCIE", 11.5, -22.25, -33.0, 44.0)
+    assert (found.sat_position, found.sat_velocity) == ((0.0, 0.0, 7000.0), (0.0, 12.0, 0.0))
+    assert found.survey == "DEEP" and one().survey == one(survey="").survey == "WIDE"

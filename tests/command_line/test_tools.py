@@ -1,0 +1,129 @@
+"""What commands that are no stages hand on, and with which code they end."""
+
+from types import SimpleNamespace
+
+import pytest
+from commands import command, done, refused
+from mini_campaign import POINTINGS, write_campaign
+
+from csstsim.command_line.doctor import machine, of_campaign
+from csstsim.delivery import verify as delivery_verify
+from csstsim.stages import shear as shear_stage
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory):
+    """A campaign with two variants."""
+    variants = {"dim": {"catalog": {"mag_limit": 20.0}}, "plain": {"fidelity": "noise_free"}}
+    return write_campaign(tmp_path_factory.mktemp("tools"), POINTINGS[:1], variants=variants)
+
+
+@pytest.mark.parametrize(("faulty", "code"), [((), 0), (("plain",), 1), ((None,), 1)])
+def test_a_campaign_is_verified_with_its_variants(campaign, monkeypatch, faulty, code):
+    seen = []
+
+    def check(run, folder, say, manifest):
+        seen.append((run.variant, folder, manifest))
+        return 2 if run.variant in faulty else 0
+
+    monkeypatch.setattr(delivery_verify, "verify", check)
+    assert command("verify", campaign).exit_code == code
+    assert seen == [(name, campaign, False) for name in (None, "dim", "plain")]
+
+
+def test_manifests_are_followed_by_contents_if_nothing_is_wrong(campaign, monkeypatch):
+    from csstsim.compare import content
+
+    made = []
+    monkeypatch.setattr(content, "write_contents", lambda folder: made.append(folder) or folder / "C")
+    for faults in (0, 1):
+        monkeypatch.setattr(delivery_verify, "verify", lambda run, folder, say, manifest, faults=faults: faults)
+        made.clear()
+        assert command("verify", campaign, "--manifest").exit_code == faults
+        output = campaign.parent / "out"
+        assert made == ([] if faults else [output, output / "variants" / "dim", output / "variants" / "plain"])
+    monkeypatch.setattr(delivery_verify, "verify", lambda *_: 0)
+    done("verify", campaign)
+    assert made == []
+
+
+def test_a_folder_is_verified_by_itself(tmp_path, monkeypatch):
+    seen = []
+    monkeypatch.setattr(delivery_verify, "verify", lambda *given: seen.append(given[:2]) or 0)
+    done("verify", tmp_path)
+    assert seen == [(None, tmp_path)]
+    assert command("verify", tmp_path, "--output", tmp_path).exit_code == 2
+
+
+@pytest.mark.parametrize(("good", "strict", "code"), [(True, True, 0), (False, False, 0), (False, True, 1)])
+def test_shear_ends_with_1_only_if_it_is_strict(monkeypatch, good, strict, code):
+    seen = []
+    monkeypatch.setattr(shear_stage, "shear", lambda files, output, say: seen.append((files, output)) or good)
+    found = command("shear", "a.yaml", "b.yaml", "--output", "x.json", *(["--strict"] if strict else []))
+    assert found.exit_code == code and seen == [(("a.yaml", "b.yaml"), "x.json")]
+
+
+@pytest.mark.parametrize(
+    ("passed", "strict", "code"), [(True, True, 0), (False, False, 0), (False, True, 1), (None, True, 0)]
+)
+def test_a_report_ends_with_1_only_if_it_is_strict(campaign, monkeypatch, passed, strict, code):
+    from csstsim.stages import report
+
+    monkeypatch.setattr(report, "report", lambda run: {"passed": passed})
+    assert command("report", campaign, *(["--strict"] if strict else [])).exit_code == code
+
+
+@pytest.mark.parametrize("options", [
+    ["--readout", "--quick"], ["--chart", "a.csv", "--seed", "1", "--shapes"], ["--readout", "--chart", "a.csv"],
+    ["--chart", "a.csv", "--methods", "x"], ["--mcti", "M"], ["--objects", "1"],
+])  # fmt: skip
+def test_bench_refuses_what_does_not_go_together(options):
+    assert command("bench", *options).exit_code == 2
+
+
+def test_layers_are_listed_with_their_stage_units_and_parameters():
+    said = done("layers", "Gain", "bias")
+    assert "gain  [readout, electron -> DN]\n" in said and "bias  [readout, electron -> electron]\n" in said
+    assert "      gain_16channel = True: " in said and "Keywords are those" not in said
+    assert done("layers").startswith("Keywords are those of the paper")
+    assert "nosuch" in refused("layers", "nosuch")
+
+
+@pytest.mark.parametrize(("most", "verdict", "words"), [
+    (1999, "ok", "a job of `render` takes up to 2 GB, 8 GB are free: enough for 4 at a time"),
+    (2700, "warning", "snakemake --cores 2, not 4"), (8100, "problem", "end other programs"),
+])  # fmt: skip
+def test_memory_is_that_of_the_largest_job_on_each_core(monkeypatch, most, verdict, words):
+    from csstsim.campaign.costs import Cost
+
+    monkeypatch.setattr(of_campaign, "free_memory", lambda: 8e9)
+    monkeypatch.setattr(of_campaign, "cores", lambda: 4)
+    costs = {"select": {1: Cost(9.0, 300.0)}, "render": {1: Cost(1.0, 50.0), 2: Cost(1.0, float(most))},
+             "chip": {1: Cost(1.0, 9e6)}}  # fmt: skip
+    [found] = of_campaign.memory(costs)
+    assert (found.verdict, found.what) == (verdict, "memory") and words in found.text
+
+
+@pytest.mark.parametrize(("need", "made", "all_done", "verdict", "left"), [
+    (9e9, 4e9, False, "ok", "5 GB"), (14e9, 4e9, False, "problem", "10 GB"), (9.5e9, 0.4e9, False, "warning", "9.1 GB"),
+    (14e9, 4e9, True, "ok", "0 GB"), (1e9, 4e9, False, "ok", "0 GB"),
+])  # fmt: skip
+def test_disk_is_what_is_left_to_be_written(tmp_path, monkeypatch, need, made, all_done, verdict, left):
+    monkeypatch.setattr(of_campaign, "free_disk", lambda folder: 9.9e9)
+    [found] = of_campaign.output(tmp_path / "out", need, SimpleNamespace(done=all_done, disk=made))
+    assert (found.verdict, found.what) == (verdict, "disk")
+    assert found.text.startswith(f"{left} to be written to {tmp_path / 'out'}, 9.9 GB free")
+
+
+@pytest.mark.parametrize(("value", "verdict"), [
+    ("4", None), ("5", "warning"), ("0", "problem"), ("two", "problem"), ("2,8", None), ("8,2", "warning"),
+    ("-1", "problem"),
+])  # fmt: skip
+def test_threads_beyond_the_cores_are_told(monkeypatch, value, verdict):
+    for name in machine.THREADS:
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(machine, "cores", lambda: 4)
+    monkeypatch.setenv("MKL_NUM_THREADS", value)
+    *found, last = machine.threads()
+    assert [one.verdict for one in found] == ([verdict] if verdict else [])
+    assert last.text.startswith(f"4; MKL_NUM_THREADS={value.split(',')[0] if False else value}; ")

@@ -1,0 +1,52 @@
+"""What is said of the objects selected, and who owns an entry of a catalogue."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from csstsim.catalog.table import STAR, ObjectTable
+from csstsim.instrument.chip import Window
+from csstsim.stages.parts.contamination import owners
+from csstsim.stages.parts.report_pictures import _caption, by_exposure, middle
+from csstsim.stages.select import say_selected
+
+
+@pytest.mark.parametrize(("count", "words"), [(0, "0 objects reach"), (1, "1 object reaches"), (3, "3 objects reach")])
+def test_how_many_objects_reach_the_window_and_why_others_do_not(camera, count, words):
+    said = []
+    table = ObjectTable.complete({"obj_type": np.full(count, STAR)}, camera.bands)
+    table.meta["dropped"] = {"outside": 7, "faint": 5}
+    say_selected(table, said.append)
+    assert said == [f"{words} the window; left out: 7 outside it, 5 fainter than mag_limit"]
+
+
+def test_an_entry_is_of_the_nearest_object_alone():
+    """The second object is nearer to entry 1 than the first; the third is out of reach along y only."""
+    x, y = np.array([10.0, 12.5, 40.0, np.nan, 50.0]), np.array([20.0, 20.0, 30.0, 5.0, 60.0])
+    known_x, known_y = np.array([50.4, 12.0, 40.0]), np.array([60.3, 20.0, 33.5])
+    assert owners(x, y, known_x, known_y, 3.0).tolist() == [-1, 1, -1, -1, 0]
+    assert owners(x, y, known_x, known_y, 3.6).tolist() == [-1, 1, 2, -1, 0]
+    assert owners(x[:0], y[:0], known_x, known_y, 3.0).tolist() == []
+
+
+def test_the_middle_of_a_window_is_cut_along_each_side():
+    assert middle(Window(10, 110, 200, 230), 40) == Window(40, 80, 200, 230)
+    assert middle(Window(0, 31, 5, 100), 50) == Window(0, 31, 27, 77)
+
+
+def test_jobs_are_sorted_by_exposure_in_their_order():
+    jobs = [SimpleNamespace(obsid=obsid, n=n) for n, obsid in enumerate("babca")]
+    found = by_exposure(SimpleNamespace(jobs=jobs))
+    assert [[job.n for job in some] for some in found] == [[0, 2], [1, 4], [3]]
+
+
+def test_the_caption_has_bands_frames_and_sides():
+    run = SimpleNamespace(camera=SimpleNamespace(telescope=SimpleNamespace(pixel_scale=0.075)))
+    grid = SimpleNamespace(shape=(400, 800), step=2)
+    said = _caption(run, {"g": [1, 2], "r": [1, 2], "i": [1, 2]}, grid)
+    assert said == "g, r, i as blue, green and red: 6 exposures, 2.0' x 1.0', asinh stretch (Lupton et al. 2004)."
+    said = _caption(run, {"r": [1]}, grid)
+    assert said.startswith("r in grey: 1 exposure, 2.0' x 1.0'") and said.endswith(
+        "Cosmic rays remain in bands of one exposure."
+    )
