@@ -39,10 +39,9 @@ IMPORTED = (
     "matplotlib.pyplot", "snakemake.cli", "snakemake.api", "csstsim.command_line.main", "csstsim.campaign.opened",
     *(f"csstsim.stages.{stage}" for stage in STAGES),
 )  # fmt: skip
-# Beginnings of variables that are read at imports
-FIXED = (
-    "NUMBA_", "OMP_", "OPENBLAS_", "MKL_", "MPL", "PYTHONHASHSEED", "PYTHONPATH", "PYTHONWARNINGS", "CSSTSIM_", "LD_",
-)  # fmt: skip
+# Beginnings of variables that are read at imports. All run on one thread, so nothing is said by a 1
+FIXED = "NUMBA_", "OMP_", "OPENBLAS_", "MKL_", "MPL", "PYTHONHASHSEED", "PYTHONPATH", "PYTHONWARNINGS", "LD_"
+THREADS = tuple(f"{library}_NUM_THREADS" for library in ("OMP", "OPENBLAS", "MKL", "NUMBA"))
 LIMITS = resource.RLIMIT_AS, resource.RLIMIT_FSIZE, resource.RLIMIT_NOFILE, resource.RLIMIT_CORE, resource.RLIMIT_CPU
 FORWARDED = signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1
 # A program of the folder that goes first on the path; -I -S: it needs the standard library alone, and starts in 15 ms
@@ -51,7 +50,8 @@ STARTER = '#!/bin/sh\nexec {python} -I -S {here} --program {socket} {name} "$@"\
 
 def _fixed() -> dict[str, str]:
     """Return the variables that libraries read when they are imported."""
-    return {name: value for name, value in os.environ.items() if name.startswith(FIXED)}
+    fixed = {name: value for name, value in os.environ.items() if name.startswith(FIXED)}
+    return {name: value for name, value in fixed.items() if name not in THREADS or value != "1"}
 
 
 def _script(name: str, words: list[str]) -> tuple[Path, list[str]] | None:
@@ -103,13 +103,14 @@ def _umask() -> int:
 
 def serve(address: str, ready: int) -> None:
     """Import the libraries, then fork a child for each connection until the parent closes the standard input."""
+    os.environ.update(dict.fromkeys(THREADS, "1"))
+    fixed, listener = _fixed(), socket.socket(socket.AF_UNIX)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         for name in IMPORTED:
             import_module(name)
     gc.freeze()  # else a collection in a child copies all that was imported
     assert threading.active_count() == 1, "a fork copies one thread alone"
-    fixed, listener = _fixed(), socket.socket(socket.AF_UNIX)
     listener.bind(address)
     listener.listen(64)
     os.write(ready, b".")

@@ -7,8 +7,11 @@ import pytest
 from click.testing import CliRunner
 from matplotlib.figure import Figure
 
+from csstsim.base.errors import InputError
 from csstsim.bench.chart import ON_NODES, Point, draw_chart, pareto, points
+from csstsim.bench.command import chart, chosen
 from csstsim.bench.imaging.measures import NAMES
+from csstsim.bench.imaging.methods import METHODS
 from csstsim.command_line.main import main
 
 
@@ -112,3 +115,27 @@ def test_other_shapes_are_drawn_as_direct_optics_say(bench_folder, tmp_path):
             assert abs(float(row[f"{name}_direct"])) < near * goal, (row, name)
     assert (tmp_path / "speed_accuracy.png").read_bytes().startswith(b"\x89PNG")
     assert run("--shapes", "--filter", "GV", "--output", str(tmp_path)).exit_code == 2
+
+
+def test_methods_are_chosen_by_how_their_names_begin():
+    names = [method.name for method in METHODS]
+    assert chosen(None, METHODS) is METHODS and chosen("", METHODS) is METHODS
+    assert [m.name for m in chosen("stamps, GALSIM f, photons", METHODS)] == ["stamps", "GalSim FFT", "photons"]
+    assert [m.name for m in chosen("galsim,GalSim FFT", METHODS)] == [n for n in names if n.startswith("GalSim")]
+    for wrong in ("photons,", "hotons"):
+        with pytest.raises(InputError, match=r'--methods: unknown method .*"reference", "photons"'):
+            chosen(wrong, METHODS)
+
+
+def test_a_table_of_another_kind_is_no_chart(tmp_path):
+    """One of the columns is missing, or a word."""
+    good = {"filter": "r", "cpu_us": 3.0, "visible_median": 0.1, "limit": True}
+    for number, change in enumerate(({"filter": None}, {"cpu_us": "much"}, {"limit": None}, {"visible_median": None})):
+        columns = {name: value for name, value in (good | change).items() if value is not None}
+        path = tmp_path / f"{number}.csv"
+        with path.open("w", newline="") as file:
+            writer = csv.DictWriter(file, columns)
+            writer.writeheader()
+            writer.writerow(columns)
+        with pytest.raises(InputError, match=rf"{number}\.csv: is not a table of csstsim bench"):
+            chart(tmp_path, [path], print)

@@ -443,3 +443,236 @@ def test_fields_have_the_signs_of_the_second_component_in_turn(field):
     plan = field.plan.model_copy(update={"chips": [8, 9]})
     signs = [Field(field.simulation, plan, "r", "one", number).sign for number in range(6)]
     assert signs == [1.0, 1.0, -1.0, -1.0, 1.0, 1.0]
+
+
+def test_an_answer_in_any_order_has_the_weights_of_its_errors(tmp_path):
+    """Against a weighted fit by numpy, of each component; chi2 is that of the answer against the key."""
+    rng = np.random.default_rng(3)
+    shears, errors = rng.uniform(-0.03, 0.03, (7, 2)), rng.uniform(0.001, 0.02, (7, 2))
+    answers = shears * [1.1, 0.8] + [0.002, -0.003] + errors * rng.standard_normal((7, 2))
+    key = tmp_path / "key.json"
+    key.write_text(json.dumps({"shears": shears.tolist(), "seed": 1, "salt": "a"}))
+    rows = [f"{k},{answers[k, 0]!r},{answers[k, 1]!r},{errors[k, 0]!r},{errors[k, 1]!r}".replace("np.float64", "")
+            .replace("(", "").replace(")", "") for k in (3, 0, 6, 1, 5, 2, 4)]  # fmt: skip
+    said = []
+    score = blinded.reveal(key, answer(tmp_path, rows), said.append)
+    for axis in range(2):
+        line, covariance = np.polyfit(shears[:, axis], answers[:, axis], 1, w=1 / errors[:, axis], cov="unscaled")
+        assert (score[f"m{axis + 1}"], score[f"c{axis + 1}"]) == pytest.approx((line[0] - 1, line[1]))
+        wanted = np.sqrt(np.diag(covariance))
+        assert (score[f"m{axis + 1}_err"], score[f"c{axis + 1}_err"]) == pytest.approx(tuple(wanted))
+    chi2 = (((answers - shears) / errors) ** 2).sum()
+    assert score["chi2"] == pytest.approx(chi2) and score["fields"] == 7
+    m = pair(score["m1"], score["m1_err"])
+    c = pair(score["c2"] * 1e4, score["c2_err"] * 1e4)
+    assert said == [f"m1 = {m}", said[1], said[2], f"c2 = ({c}) 1e-4", f"chi2 = {chi2:.1f} of 14 numbers"]
+    assert [line[:2] for line in said[:4]] == ["m1", "m2", "c1", "c2"]
+
+
+def test_one_field_and_shears_that_are_all_the_same_have_a_chi2_alone(tmp_path):
+    key = tmp_path / "key.json"
+    rows = ["0,0.03,0.02,0.01,1", "1,0.01,0.02,1,1"]
+    for count in (1, 2):
+        shears = [[0.01, 0.02]] * count
+        key.write_text(json.dumps({"shears": shears, "seed": 1, "salt": "a"}))
+        score = blinded.reveal(key, answer(tmp_path, rows[:count]), lambda line: None)
+        assert score == {"fields": count, "chi2": pytest.approx(4.0)}
+
+
+def test_the_table_of_volumes_has_each_bars_numbers():
+    """Errors of 4e-4 with 1000 galaxies of 7.2 s: 2 h; a third of the error needs nine times as much."""
+    rows = [
+        {"sample": "one", "estimator": kind, "effect": effect, "kind": what, "windows": 3, "galaxies": 1000,
+         "seconds": 7.2, "m1": 12e-4, "m2": -5e-4, "m1_err": 2e-4, "m2_err": 4e-4, "gain": 3.25}
+        for kind in ("own", "hsm")
+        for effect, what in (("base", "base"), ("cti", "bar"), ("flat", "bar"), ("all", "sum"))
+    ]  # fmt: skip
+    assert sigma_m(rows[0]) == 4e-4 and volume(rows[0], 1e-4) == pytest.approx((16_000, 32.0))
+    said = report(rows)
+    assert said[2].split() == ["one", "own", "cti", "3", "1000", "+12.0", "+-", "2.0", "-5.0", "+-", "4.0", "4.0e-04",
+                               "2", "3.6", "32", "3.2"]  # fmt: skip
+    assert len([line for line in said if line.startswith("one")]) == 6
+    assert said[-2].startswith("all bars by own to 3e-04: 7.1 CPU-hours: the 2 rows of effects")
+    assert said[-1].startswith("all bars by own to 1e-04: 64 CPU-hours")
+
+
+def test_the_chart_shows_what_each_error_costs(monkeypatch):
+    """Points where they were measured, on lines that fall with the root of the hours; by the first estimator alone."""
+    drawn = []
+    monkeypatch.setattr(figures, "_save", lambda figure, path: drawn.append(figure))
+    same = {"galaxies": 1000, "seconds": 7.2, "sample": "one", "kind": "bar"}
+    rows = [row("own", 1e-3) | same | {"m1_err": 2e-4, "m2_err": 4e-4, "about": "first"},
+            row("own", 1e-3) | same | {"m1_err": 9e-4, "m2_err": 1e-4, "about": "second", "seconds": 0.72},
+            row("own", 1e-3) | same | {"kind": "sum"}, row("hsm", 1e-3) | same,
+            row("own", 1e-3) | same | {"sample": "other"}]  # fmt: skip
+    figures.chart("x.png", rows, "one")
+    [axes] = drawn[0].axes
+    curves = {len(line.get_xdata()): line for line in axes.lines if len(line.get_xdata()) > 2}
+    points = {line.get_label(): (line.get_xdata()[0], line.get_ydata()[0]) for line in axes.lines
+              if len(line.get_xdata()) == 1}  # fmt: skip
+    assert points == {"first": (pytest.approx(2.0), 4e-4), "second": (pytest.approx(0.2), 9e-4)}
+    of_first = [line for line in axes.lines if len(line.get_xdata()) == 7][-1]
+    assert of_first.get_ydata() == pytest.approx(4e-4 * np.sqrt(2.0 / of_first.get_xdata())) and curves
+    assert axes.get_xlabel() == "CPU-hours" and (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
+
+
+def test_the_waterfall_has_a_bar_of_each_effect(monkeypatch):
+    """m in 1e-3, c in 1e-4, alpha in 1e-2; the first row on top; effects of the sum are marked."""
+    drawn = []
+    monkeypatch.setattr(figures, "_save", lambda figure, path: drawn.append(figure))
+    values = {"m1": 2e-3, "m2": -3e-3, "c1": 4e-4, "c2": -5e-4, "alpha": 0.06}
+    bar = row("own", 0.0) | values | {"effect": "cti", "kind": "bar", "about": "traps"}
+    figures.waterfall("x.png", [row("own", 1e-3), bar, bar | {"sample": "other"}], "one", ("cti",))
+    axes = drawn[0].axes
+    for ax, wanted in zip(axes, (2.0, -3.0, 4.0, -5.0, 6.0), strict=True):
+        first, second = ax.patches
+        assert second.get_width() == pytest.approx(wanted) and second.get_y() < first.get_y()
+    labels = {round(at): text.get_text() for at, text in zip(axes[0].get_yticks(), axes[0].get_yticklabels(),
+                                                             strict=True)}  # fmt: skip
+    assert labels == {1: "the base", 0: "+ traps"}
+    assert [ax.get_title() for ax in axes][::2] == [
+        "$m_1$  [$10^{-3}$]", "$c_1$  [$10^{-4}$]", "PSF leakage $\\alpha$  [$10^{-2}$]"
+    ]  # fmt: skip
+
+
+def test_the_page_has_a_row_of_each_bar(tmp_path):
+    from csstsim.budget.shear.page import write_page, write_rows
+
+    plan = load_plan()
+    plan = plan.model_copy(update={"samples": {"one": plan.samples["bright"], "none": plan.samples["bright"]}})
+    more = {"windows": 4, "galaxies": 640, "seconds": 1.0, "gain": 2.0}
+    rows = [row("own", -2e-3) | more | {"about": "a < b & c", "alpha": 0.031, "alpha_err": 0.012}]
+    for kind in ("waterfall", "chart"):
+        (tmp_path / f"{kind}_one.png").write_bytes(kind.encode())
+    write_page(tmp_path / "index.html", rows, plan, "csstsim budget <plan>")
+    text = (tmp_path / "index.html").read_text()
+    cells = ["own", "base", "a &lt; b &amp; c", "-20.00 &plusmn; 0.10", "+1.00 &plusmn; 0.10", "+1.00 &plusmn; 0.10",
+             "+1.00 &plusmn; 0.10", "+3.1 &plusmn; 1.2", "4", "640"]  # fmt: skip
+    assert "<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>" in text
+    assert "<h2>Sample one</h2>" in text and "Sample none" not in text and "<code>csstsim budget &lt;plan&gt;" in text
+    assert f"&plusmn;{plan.shear:g} in each component" in text
+    assert "d2F0ZXJmYWxs" in text.split('alt="waterfall of one"')[1][:80]  # the figure, in base 64
+    assert "Y2hhcnQ=" in text.split('alt="chart of one"')[1][:80] and "all bars by own" in text
+    write_rows(tmp_path / "rows.ecsv", rows, plan)
+    from astropy.table import Table
+
+    table = Table.read(tmp_path / "rows.ecsv")
+    assert table["m1"][0] == -2e-3 and table["about"][0] == "a < b & c" and table.meta["plan"]["seed"] == plan.seed
+
+
+def test_settings_change_what_they_name(field):
+    """Noise layers are off without noise, losses with it; stars have no sky; further layers are added."""
+    layers = lambda *given, **how: {k: v for one in field.made(*given, **how).layers for k, v in one.items()}  # noqa: E731
+    base = layers(Setting())
+    assert {"poisson_and_dark", "readout_noise"} <= set(base) and not {"cosmic_rays", "nonlinearity"} & set(base)
+    quiet = layers(Setting(noise=False))
+    assert not {"poisson_and_dark", "readout_noise"} & set(quiet) and "bias" in quiet
+    assert "sky_background" in base and "sky_background" not in layers(Setting(), stars=True)
+    for flat in (False, True):
+        found = layers(Setting(flat=flat, background="mesh", distortion=not flat, straylight=flat))
+        assert (found["scie_obs"]["flat_fielding"], found["scie_obs"]["shutter_effect"]) == (flat, flat)
+        assert found["scie_obs"]["field_dist"] is not flat and found["sky_background"]["flat_fielding"] is flat
+        assert found["sky_background"]["enable_straylight_model"] is flat
+    more = layers(Setting(layers={"nonlinearity": {}, "CTE_effect": {"density_scale": 0.5}}))
+    assert more["CTE_effect"]["density_scale"] == 0.5 and "nonlinearity" in more
+
+
+def test_fields_lie_on_other_chips_and_parts_of_them(field):
+    """Each has an exposure of its own; windows are in turn in the middle and the corners, after all chips had one."""
+    plan = field.plan.model_copy(update={"chips": [8, 9], "size": 232})
+    some = [Field(field.simulation, plan, "r", "one", number) for number in range(10)]
+    assert [one.chip for one in some] == [8, 9] * 5
+    assert [one.obsid for one in some] == [str(10100000001 + k) for k in range(10)]
+    assert [one.shear for one in some[1:3]] == [plan.shear * (1 + 1j), plan.shear * (1 - 1j)]
+    detector = field.simulation._run.camera.detector
+    room = detector.nx - 232, detector.ny - 232
+    corners = [(0.5, 0.5), (0.0, 0.0), (1.0, 1.0), (0.0, 1.0), (1.0, 0.0)]
+    windows = [one.aimed._run.config.window for one in some[::2]]
+    assert [(w.x0, w.x1, w.y0, w.y1) for w in windows] == [
+        (round(a * room[0]), round(a * room[0]) + 232, round(b * room[1]), round(b * room[1]) + 232) for a, b in corners
+    ]
+
+
+def test_stamps_are_cut_about_the_pixels_of_galaxies(field):
+    window = field.job(False).window
+    y, x = np.mgrid[window.y0 : window.y1, window.x0 : window.x1]
+    half = field.plan.stamp // 2
+    for plane, places in ((x, field.galaxies.x), (y, field.galaxies.y)):
+        stamps = field.stamps(plane.astype(np.float32))
+        assert stamps.shape == (16, 2 * half, 2 * half) and stamps[:, half, half].tolist() == np.rint(places).tolist()
+        assert field.stamps(plane, slice(3, 5))[:, half, half].tolist() == np.rint(places[3:5]).tolist()
+
+
+def test_the_level_is_of_sky_and_dark_current(field):
+    run = field.simulation._run
+    sky, dark = run.camera.filters["r"].sky * 150.0, run.camera.detector.dark * 150.0
+    assert (field.level(False), field.level(True)) == pytest.approx((sky, sky + dark)) and dark > 0
+
+
+def test_a_galaxy_is_found_within_four_pixels_at_ten_sigma(field):
+    """Blobs of known S/N beside the galaxies' places, on noise of 5 e-."""
+    window = field.job(False).window
+    y, x = np.mgrid[window.y0 : window.y1, window.x0 : window.x1]
+    image = np.random.default_rng(2).normal(0, 5, x.shape)
+    off, light = np.full(16, 0.0), np.full(16, 3000.0)
+    off[1], off[2], light[3], light[4] = 3.0, 5.5, 60.0, 1000.0
+    for k in range(16):
+        r2 = (x - field.galaxies.x[k] - off[k]) ** 2 + (y - field.galaxies.y[k]) ** 2
+        image += light[k] / (2 * np.pi * 4) * np.exp(-r2 / 8)
+    wanted = np.ones(16, bool)
+    wanted[2:4] = False
+    assert np.array_equal(field.found(image.astype(np.float32)), wanted)
+
+
+def test_the_noise_of_an_image_is_robust_and_without_its_edge():
+    image = np.random.default_rng(1).normal(100, 7, (200, 260))
+    image[:10], image[-10:], image[:, :10], image[:, -10:] = 1e6, 1e6, 1e6, -1e6
+    image[40:80, 40:80] += 1e4
+    assert noise_of(image) == pytest.approx(7, rel=0.12)
+
+
+def test_rows_are_in_order_and_the_rest_is_the_difference(done):
+    """Of all NAMES, and the scatter of half the arms' difference; errors of few windows are those of rings."""
+    _, plan, paths = done
+    common = plan.effects["nonlinearity"].model_copy(update={"common": True})
+    other = plan.model_copy(update={"effects": plan.effects | {"nonlinearity": common}})
+    one, two = (bars(which, paths["one"]) for which in (plan, other))
+    assert one[1]["m1_err"] == two[1]["m1_err"] > 0
+    assert [row["kind"] for row in one] == ["base", "bar", "bar", "bar", "bar", "sum", "all", "rest"]
+    added, whole, rest = one[5:]
+    for name in ("m1", "m2", "c1", "c2", "alpha"):
+        assert rest[name] == pytest.approx(whole[name] - added[name], abs=1e-12)
+    assert np.isnan(added["scatter"]) and one[0]["gain"] == pytest.approx(one[0]["scatter_two"] / one[0]["scatter"])
+
+
+@pytest.mark.parametrize("windows", [7, 8])
+@pytest.mark.parametrize("common", [True, False])
+def test_an_error_that_is_common_to_a_window_is_of_windows(file, tmp_path, windows, common):
+    """m of the effect is another in each window: of n windows its error is their scatter over the root of n.
+
+    With fewer than eight, or if it is not common, rings count as if each had its own. One galaxy has no shape.
+    """
+    plan = load_plan(file, fields=windows, effects=["nonlinearity"])
+    effect = plan.effects["nonlinearity"].model_copy(update={"common": common, "sum": False})
+    plan = plan.model_copy(update={"effects": {"nonlinearity": effect}})
+    m, g, paths = np.random.default_rng(5).normal(0.01, 0.005, windows), plan.shear, []
+    for k in range(windows):
+        sign = 1.0 if k % 2 == 0 else -1.0
+        shear = np.outer([1, -1], np.full(16, g * (1 + 1j * sign)))
+        arrays = {"ring": np.repeat(np.arange(4), 4), "sign": np.array(sign), "psf": 0.01 * np.exp(1j * np.arange(16))}
+        for name, change in (("base", 0.0), ("nonlinearity", m[k])):
+            arrays |= {f"{name}|own|e": (1 + change) * shear, f"{name}|own|response": np.ones((2, 16, 2)),
+                       f"{name}|used": np.ones((2, 16), bool), f"{name}|seconds": np.array(3.2),
+                       f"{name}|own|other": (1 + change) * shear[1]}  # fmt: skip
+        if k == 0:
+            arrays["nonlinearity|own|e"][1, 3] = np.nan
+        paths.append(tmp_path / f"{k}.npz")
+        np.savez(paths[-1], **arrays)
+    base, bar = bars(plan, paths)
+    weight = np.array([15, *[16] * (windows - 1)])
+    assert bar["m1"] == pytest.approx((weight * m).sum() / weight.sum()) == pytest.approx(bar["m2"])
+    assert base["m1"] == pytest.approx(0.0, abs=1e-12) and bar["c1"] == pytest.approx(0.0, abs=1e-12)
+    assert (bar["windows"], bar["galaxies"], base["galaxies"]) == (windows, 16 * windows - 1, 16 * windows)
+    assert bar["seconds"] == pytest.approx(0.4) and base["seconds"] == pytest.approx(0.2)
+    blocks = m if common and windows == 8 else np.repeat(m, 4)
+    assert bar["m1_err"] == pytest.approx(blocks.std(ddof=1) / np.sqrt(len(blocks)), rel=0.02)

@@ -9,7 +9,8 @@ from click.testing import CliRunner
 
 from csstsim.base.errors import InputError
 from csstsim.budget.shear import sample
-from csstsim.budget.shear.plan import ALL, BASE, DEFAULT, Lens, load_plan
+from csstsim.budget.shear.command import summary
+from csstsim.budget.shear.plan import ALL, BASE, DEFAULT, Lens, Neighbours, load_plan
 from csstsim.budget.shear.run import names, setting_of
 from csstsim.budget.shear.sample import OTHERS, RING, efficiency, galaxies, sheared_offset
 from csstsim.command_line.main import main
@@ -260,3 +261,131 @@ def test_a_budget_needs_bars(changed, tmp_path, effects, more, said):
         main, ["budget", "shear", path, "--blind", str(tmp_path / "key.json"), "--output", str(out)]
     )
     assert result.exit_code == 2 and "exists already" in result.stderr
+
+
+@pytest.mark.parametrize("full", [False, True])
+def test_every_column_of_the_table_is_that_of_its_galaxy(full):
+    """Galaxies first, then both kinds of neighbours, with ids of their own; disks where the profile is plain."""
+    plan = load_plan(NEIGHBOURS)
+    made = galaxies(plan, "bright", 0, WINDOW)
+    setting = plan.base.model_copy(
+        update={"undetected": True, "blended": True, "profile": "full" if full else "disk", "neighbour_shear": "same"}
+    )
+    turn = SimpleNamespace(pixel_to_world=lambda x, y: (x / 100, -y / 100), jacobian=lambda x, y: np.tile(
+        np.array([[3.0, 1.0], [-2.0, 5.0]]), (len(x), 1, 1)))  # fmt: skip
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sample, "icrs", lambda ra, dec, observer: (ra, dec))
+        job = SimpleNamespace(wcs=turn, observer=None)
+        columns = sample.table(made, setting, plan, job, 3, 0.02 - 0.01j, "r")
+    n, kinds = len(made), [made.others[name] for name in ("blended", "undetected")]
+    counts = [len(other["of"]) for other in kinds]
+    assert columns["id"].tolist() == [*range(3_000_001, 3_000_001 + n), *range(3_500_000, 3_500_000 + sum(counts))]
+    for name in ("bulge_frac", "n_disk", "n_bulge", "knots", "knots_frac"):
+        plain = {"bulge_frac": 0, "n_disk": 1, "n_bulge": 4, "knots": 0, "knots_frac": 0}[name]
+        assert columns[name][:n] == pytest.approx(made.columns[name] if full else np.full(n, plain)), name
+        assert set(columns[name][n:]) == {plain}, name
+    assert columns["size_disk"][:n] == pytest.approx(made.columns["size_disk"])
+    assert columns["size_bulge"][:n] == pytest.approx(made.columns["size_bulge" if full else "size_disk"])
+    assert columns["mag_r"][:n] == pytest.approx(made.columns["mag"]) and set(columns["type"]) == {"galaxy"}
+    e = np.concatenate([made.e, *(other["e"] for other in kinds)])
+    assert columns["e1"] == pytest.approx(e.real) and columns["e2"] == pytest.approx(e.imag)
+    assert columns["gamma1"] == pytest.approx(0.02) and columns["gamma2"] == pytest.approx(-0.01)
+    assert columns["ra"][:n] == pytest.approx(made.x / 100) and columns["dec"][:n] == pytest.approx(-made.y / 100)
+    at = n
+    for other, count in zip(kinds, counts, strict=True):
+        some = slice(at, at + count)
+        z = sheared_offset(other["offset"], 0.02 - 0.01j)
+        x, y = made.x[other["of"]], made.y[other["of"]]
+        assert columns["ra"][some] == pytest.approx((x + 3 * z.real + z.imag) / 100)
+        assert columns["dec"][some] == pytest.approx(-(y - 2 * z.real + 5 * z.imag) / 100)
+        assert columns["mag_r"][some] == pytest.approx(other["mag"])
+        assert columns["size_disk"][some] == pytest.approx(other["size"])
+        assert columns["size_bulge"][some] == pytest.approx(other["size"])
+        at += count
+
+
+def test_galaxies_lie_on_a_grid_of_rings_with_profiles_of_their_ring():
+    """Half a pixel about the places of the grid; all columns are common to a ring, in the ranges of the module."""
+    plan = load_plan()
+    made = galaxies(plan, "bright", 1, WINDOW)
+    cells, k = plan.cells, np.arange(len(made))
+    for values, start, cell in ((made.x, 1000, k % cells), (made.y, 3000, k // cells)):
+        off = values - (start + 10 + plan.spacing * (cell + 0.5))
+        assert np.abs(off).max() <= 0.5 and abs(off.mean()) < 5 / np.sqrt(12 * len(off)) and np.ptp(off) > 0.9
+    assert made.ring.tolist() == np.repeat(np.arange(len(made) // 4), 4).tolist()
+    columns = {name: values.reshape(-1, RING) for name, values in made.columns.items()}
+    assert all(np.ptp(values, axis=1).max() == 0 for values in columns.values())
+    of = {name: values[:, 0] for name, values in columns.items()}
+    low, high = plan.samples["bright"].size
+    assert low <= of["size_disk"].min() and of["size_disk"].max() <= high
+    share, n = of["bulge_frac"], len(of["mag"])
+    assert (share > 0).mean() == pytest.approx(1 / 3, abs=5 * np.sqrt(2 / 9 / n))
+    assert ((share == 0) | ((share >= 0.1) & (share <= 0.6))).all()
+    assert set(of["n_disk"]) == {0.75, 1.0, 1.25, 1.5} and set(of["n_bulge"]) == {2, 3, 4}
+    knots = of["knots"]
+    assert ((knots == 0) | ((knots >= 5) & (knots < 30))).all() and 0.2 < (knots > 0).mean() < 0.8
+    assert ((of["knots_frac"] > 0) == (knots > 0)).all() and of["knots_frac"].max() <= 0.3
+    ratio = of["size_bulge"] / of["size_disk"]
+    assert ratio.min() >= 0.3 and ratio.max() <= 0.7
+    e = made.e.reshape(-1, RING)
+    assert e[:, 1:] / e[:, :1] == pytest.approx(np.tile([1j, -1, -1j], (len(e), 1)))
+
+
+def test_magnitudes_and_shapes_are_spread_as_said():
+    """To five sigma: even without a slope, in any direction, and cut at 0.7."""
+    rng, n = np.random.default_rng(2), 20_000
+    mag = sample._magnitudes(rng, (20.0, 22.0), 0.0, n)
+    assert mag.min() >= 20 and mag.max() <= 22 and mag.mean() == pytest.approx(21, abs=5 * 2 / np.sqrt(12 * n))
+    falling = sample._magnitudes(rng, (20.0, 22.0), -0.5, n)
+    assert (falling < 21).mean() == pytest.approx((1 - 10**-0.5) / (1 - 0.1), abs=5 * 0.5 / np.sqrt(n))
+    e = sample._shapes(rng, 0.25, n)
+    assert np.abs(e).max() <= 0.7
+    cut = (0.7 / 0.25) ** 2 / 2
+    mean2 = 2 * 0.25**2 * (1 - (1 + cut) * np.exp(-cut)) / (1 - np.exp(-cut))  # of a Rayleigh number, cut
+    assert (np.abs(e) ** 2).mean() == pytest.approx(mean2, rel=5 / np.sqrt(n))
+    for part in (e.real, e.imag, (e**2).real, (e**2).imag):
+        assert part.mean() == pytest.approx(0, abs=5 * part.std() / np.sqrt(n))
+    assert not sample._shapes(rng, 0.0, 5).any()
+
+
+def test_neighbours_are_even_in_area():
+    """The mean square distance is that of a ring between its radii; sizes and magnitudes in their ranges."""
+    of = Neighbours(number=20.0, magnitude=(22.0, 24.0), distance=(1.0, 3.0), size=(0.1, 0.4))
+    found = sample._others(np.random.default_rng(1), of, np.tile(np.arange(4) * np.pi / 4, 100), 100)
+    one = found["offset"][::RING]
+    assert (np.abs(one) ** 2).mean() == pytest.approx(5.0, abs=5 * 8 / np.sqrt(12 * len(one)))
+    assert abs((one / np.abs(one)).mean()) < 5 / np.sqrt(len(one))
+    assert found["mag"].min() >= 22 and found["mag"].max() <= 24 and found["mag"].mean() == pytest.approx(23, abs=0.06)
+    assert found["size"].min() >= 0.1 and found["size"].max() <= 0.4
+    assert np.bincount(found["of"], minlength=400).mean() == pytest.approx(20, abs=5 * np.sqrt(20 / 100))
+
+
+def test_changes_of_layers_are_added_to_those_of_the_base(changed):
+    """Of one effect, and of all of the sum; the base's own stay."""
+    effects = {
+        "a": {"about": "x", "sum": True, "change": {"layers": {"nonlinearity": {}}, "wcs": "linear"}},
+        "b": {"about": "y", "sum": True, "change": {"layers": {"CTE_effect": {"density_scale": 0.1}}, "psf": "stars"}},
+        "c": {"about": "z", "change": {"profile": "full"}},
+        "none": {"about": "w", "change": {"layers": None}},
+    }
+    plan = load_plan(changed(effects=effects, base={"layers": {"cosmic_rays": {}}}))
+    assert plan.setting("a").layers == {"cosmic_rays": {}, "nonlinearity": {}} and plan.setting("a").psf == "truth"
+    whole = plan.setting(ALL)
+    assert whole.layers == {"cosmic_rays": {}, "nonlinearity": {}, "CTE_effect": {"density_scale": 0.1}}
+    assert (whole.wcs, whole.psf, whole.profile) == ("linear", "stars", "disk")
+    assert plan.setting("none").layers == {"cosmic_rays": {}} and plan.summed == ("a", "b")
+    assert plan.bars == ("a", "b", "c", "none")
+
+
+def test_the_plan_is_summed_up(changed):
+    effects = {"a": {"about": "x", "sum": True, "times": 3, "change": {"profile": "full"}}, "b": {"about": "y"}}
+    plan = load_plan(changed(effects=effects, fields=2, whole=2, chips=[9], shear=0.01, estimators=["own", "hsm"]))
+    bright = plan.samples["bright"].magnitude
+    said = summary(plan, None, False)
+    assert said[0] == "plan: config/budget/shear.yaml; shear 0.01; estimators own, hsm"
+    assert said[1].startswith(f"samples: bright, {bright[0]:g} to {bright[1]:g} mag; faint, ")
+    assert said[2] == "effects: a, b" and said[3].startswith(
+        f"windows: 2 of each sample, {plan.size} px wide, a galaxy"
+    )
+    assert said[3].endswith("chips 9; 6 of a, 4 of all") and "now 12 windows" in said[4] and "3 settings" in said[4]
+    assert "one window of each sample" in summary(plan, "my.yaml", True)[4]

@@ -1,11 +1,15 @@
 """Estimators and solutions of the budget of shear, against closed forms."""
 
+from types import SimpleNamespace
+
 import galsim
 import numpy as np
 import pytest
 
 from csstsim.base.errors import InputError
+from csstsim.budget.shear import run as running
 from csstsim.budget.shear.estimators import PACKAGES, Shapes, check_installed, estimator, psf_shapes
+from csstsim.budget.shear.plan import Setting
 from csstsim.budget.shear.response import NAMES, Arms, Frame, combined, estimates, scatter, sums
 from csstsim.budget.shear.run import to_sky
 
@@ -196,3 +200,161 @@ def test_shapes_go_to_the_sky_as_galaxies_do(angle, shear):
     assert found == pytest.approx(e, abs=1e-9)
     small = to_sky(Shapes(0.4 * sheared(1e-3 * e * np.exp(2j * angle), shear), np.full((2, 2), 0.4)), jacobian, False).e
     assert small == pytest.approx(0.4e-3 * e, abs=2e-5)
+
+
+def test_sums_are_by_block_and_estimates_of_them_by_hand():
+    """Three galaxies in two blocks, one of them without a shape in the second arm; responses by component differ."""
+    e = np.array([[0.3 + 0.1j, -0.2 + 0.4j, 0.1 - 0.1j], [0.2 - 0.1j, -0.3 + 0.2j, np.nan]])
+    response = np.array([[[0.9, 0.8], [1.1, 0.7], [1.0, 1.2]], [[0.5, 0.6], [0.7, 0.9], [np.nan, np.nan]]])
+    psf, sign = np.array([0.02 + 0.01j, -0.03j, 0.05 + 0j]), np.array([1.0, -1.0, -1.0])
+    made = Arms(e, response, np.ones((2, 3), bool))
+    assert made.finite.tolist() == [True, True, False]
+    counted = np.array([[True, True, True], [True, True, False]])
+    total = sums(made, Frame(G, sign, psf, np.array([1, 1, 0])), counted)
+    assert total[0] == pytest.approx([0.1, -0.1, 0.1, 1.0, 1.2, *[0.0] * 13])
+    mean = (e[0, :2] + e[1, :2]) / 2
+    r = (response[0, :2] + response[1, :2]).mean(axis=1) / 2
+    wanted = [0.1, 0.5, 0.1 - 0.4, 2.0, 1.5, -0.1, 0.1, -0.1 - 0.2, 1.2, 1.5, 2, 0.02, -0.02,
+              (np.conj(psf[:2]) * mean).real.sum(), (np.abs(psf[:2]) ** 2).sum(), mean.real.sum(), mean.imag.sum(),
+              r.sum()]  # fmt: skip
+    assert total[1] == pytest.approx(wanted)
+    found = estimates(total[1], G)
+    plus, minus = wanted[:5], wanted[5:10]
+    m = [(plus[k] / plus[j] - minus[k] / minus[j]) / (2 * G) - 1 for k, j in ((0, 3), (2, 4))]
+    c = [(plus[k] / plus[j] + minus[k] / minus[j]) / 2 for k, j in ((0, 3), (1, 4))]
+    away, shape = psf[:2] - psf[:2].mean(), mean - mean.mean()
+    alpha = (np.conj(away) * shape).real.sum() / (np.abs(away) ** 2).sum() / r.mean()
+    assert found == pytest.approx([*m, *c, alpha])
+    assert estimates(total, G).shape == (2, 5)
+
+
+@pytest.mark.parametrize("kind", ["hsm", "own"])
+def test_each_galaxy_has_its_own_shape_in_both_components(kind):
+    """Behind a PSF that is a Gaussian, to 5e-4; an empty stamp has none."""
+    e = np.array([0.3 + 0.1j, -0.2j, -0.15 + 0.05j, 0.0])
+    images, psf = drawn(e, 0.03)
+    images[3] = 0
+    found = estimator(kind)(images, psf, 1.0, SCALE, np.random.default_rng(1))
+    assert found.e[:3] == pytest.approx(e[:3], abs=5e-4) and np.isnan(found.e[3])
+    assert found.response.tolist() == [[1.0, 1.0]] * 4
+
+
+def test_the_scatter_is_robust_and_of_both_components():
+    """Half the difference: 1 in the first, 3 in the second component, each about its own median."""
+    n = 1001
+    step = np.linspace(-1, 1, n)
+    plus = 10 + 2 * step + 5j + 2j * step[::-1]
+    assert scatter(plus, np.zeros(n, complex)) == pytest.approx(1.4826 * 0.5, rel=1e-2)
+    plus[:3] = 1e6
+    assert scatter(plus, np.zeros(n, complex)) == pytest.approx(1.4826 * 0.5, rel=2e-2)
+
+
+def test_weak_shapes_lose_the_maps_shear_by_component():
+    """Of a map that stretches by 0.02 along x and 0.03 along y = x, and does not turn: r1 0.02, r2 0.03."""
+    g = 0.02 + 0.03j
+    jacobian = np.array([[[1 + g.real, g.imag], [g.imag, 1 - g.real]]])
+    found = to_sky(Shapes(np.array([0.1 - 0.2j]), np.array([[0.4, 0.7]])), jacobian, False)
+    assert found.e[0] == pytest.approx(0.1 - 0.4 * 0.02 + 1j * (-0.2 - 0.7 * 0.03), abs=2e-4)
+    assert found.response.tolist() == [[0.4, 0.7]]
+
+
+class Three:
+    """Three galaxies of three rings."""
+
+    ring = np.arange(3)
+
+    def __len__(self):
+        return 3
+
+
+class Window3:
+    """A field of three galaxies that draws its shear, its seed and its Setting into the pixels."""
+
+    sample, shear = "one", 0.02 - 0.02j
+
+    def __init__(self, plan, number=0):
+        self.plan, self.number, self.sign, self.drawn = plan, number, -1.0, []
+        self.galaxies = Three()
+        self.simulation = SimpleNamespace(
+            _run=SimpleNamespace(camera=SimpleNamespace(telescope=SimpleNamespace(pixel_scale=0.5)))
+        )
+
+    def arm(self, setting, g, seed=None):
+        self.drawn.append((setting.profile, g, seed))
+        return np.array([g.real, g.imag, 0.0 if setting.profile == "disk" else 0.1, 0.0 if seed is None else 0.001])
+
+    def stamps(self, image):
+        return np.tile(image, (3, 1))
+
+    def psf(self, setting):
+        self.drawn.append(("psf", setting.psf))
+        return np.full((3, 4), 0.25)
+
+    def jacobian(self, setting):
+        return np.tile(np.array([[0.0, -1.0], [1.0, 0.0]]) if setting.wcs == "known" else np.eye(2), (3, 1, 1))
+
+    def found(self, image):
+        return np.array([True, image[0] > 0, False])
+
+    def rng(self, kind):
+        return kind
+
+
+def test_shapes_of_a_field_are_of_both_arms_settings_and_seeds(monkeypatch):
+    """An estimator of the pixels themselves; maps that differ by a quarter turn change the sign of a shape.
+
+    A frame is drawn once for Settings that differ in the analysis, and shapes are measured once for those of one frame.
+    """
+    given = []
+
+    def shapes(stamps, psf, sigma, scale, rng):
+        given.append((len(stamps), sigma, scale, rng))
+        e = stamps[:, 0] + 1j * stamps[:, 1] + stamps[:, 2] + stamps[:, 3]
+        return Shapes(e, np.tile([0.5, 0.75], (len(stamps), 1)))
+
+    settings = {
+        "base": Setting(), "linear": Setting(wcs="linear"), "found": Setting(detection=True),
+        "full": Setting(profile="full"), "quiet": Setting(noise=False),
+    }  # fmt: skip
+    plan = SimpleNamespace(setting=settings.get, estimators=("metacal",), seed=7)
+    monkeypatch.setattr(running, "estimator", lambda kind: shapes)
+    monkeypatch.setattr(running, "names", lambda plan, number: list(settings))
+    monkeypatch.setattr(running, "noise_of", lambda image: 3.5)
+    monkeypatch.setattr(running, "psf_shapes", lambda psf: psf.sum(axis=1) + 0j)
+    field = Window3(plan)
+    found = running.measured(field)
+    g = 0.02 - 0.02j
+    for name, turned, more in (
+        ("base", -1, 0),
+        ("linear", 1, 0),
+        ("found", -1, 0),
+        ("full", -1, 0.1),
+        ("quiet", -1, 0),
+    ):
+        wanted = turned * np.array([[g + more] * 3, [-g + more] * 3])
+        assert found[f"{name}|metacal|e"] == pytest.approx(wanted), name
+        assert found[f"{name}|metacal|response"].tolist() == [[[0.5, 0.75]] * 3] * 2
+        assert found[f"{name}|metacal|other"] == pytest.approx(turned * np.full(3, -g + more + 0.001)), name
+        used = [[True, True, False], [True, False, False]] if name == "found" else [[True] * 3] * 2
+        assert found[f"{name}|used"].tolist() == used and found[f"{name}|seconds"] >= 0
+    assert found["psf"].tolist() == [1, 1, 1] and found["sign"] == -1 and found["ring"].tolist() == [0, 1, 2]
+    arms = [one for one in field.drawn if one[0] != "psf" and one[2] is None]
+    assert arms == [("disk", g, None), ("disk", -g, None), ("full", g, None), ("full", -g, None), ("disk", g, None),
+                    ("disk", -g, None)]  # fmt: skip
+    assert {one[2] for one in field.drawn if one[0] != "psf"} == {None, 7 + 1_000_003}
+    assert field.drawn.count(("psf", "truth")) == 1
+    assert [one[1] for one in given if one[3] == "metacal"] == [3.5] * 4 + [0.0] * 2
+    assert [one[1] for one in given if one[3] == "metacal other"] == [3.5] * 4 + [0.0] and given[0][2] == 0.5
+    assert not any("other" in name for name in running.measured(Window3(plan, 1)))
+
+
+def test_the_arrays_that_a_window_must_have(monkeypatch):
+    """Of 9 cells a side 80 galaxies in rings of four; the arm with another seed in the first window alone."""
+    plan = SimpleNamespace(cells=9, estimators=("own",))
+    monkeypatch.setattr(running, "names", lambda plan, number: ["base"])
+    wanted = {
+        "psf": "complex numbers (80,)", "ring": "integers (80,)", "sign": "floats ()", "base|used": "booleans (2, 80)",
+        "base|seconds": "floats ()", "base|own|e": "complex numbers (2, 80)", "base|own|response": "floats (2, 80, 2)",
+    }  # fmt: skip
+    assert running.contents(plan, 1) == wanted
+    assert running.contents(plan, 0) == wanted | {"base|own|other": "complex numbers (80,)"}

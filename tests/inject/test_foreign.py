@@ -519,3 +519,220 @@ def test_stamps_lie_where_they_should_between_pixels(tmp_path, step):
     for shift in (0.1, 0.2, 0.3, 0.4, 0.5):
         image = psf.at(50.0, 50.0).drawImage(nx=81, ny=81, scale=1.0, method="no_pixel", offset=(shift, 0.0)).array
         assert (image.sum(axis=0) @ np.arange(81)) / image.sum() - 40 == pytest.approx(shift, abs=1e-3)
+
+
+def write_wide(folder, kind=np.float32, shape=(120, 260), level=50, name="wide.fits", **cards):
+    """Write an image of other sides, wider than high."""
+    header = fits.Header(list((wcs_cards() | {"BUNIT": "electron", "EXPTIME": TIME} | cards).items()))
+    fits.HDUList([fits.PrimaryHDU(), fits.ImageHDU(np.full(shape, level, kind), header, "SCI")]).writeto(folder / name)
+    return folder / name
+
+
+def drawn_into(folder, path, columns, psf, **options):
+    """Inject {name: values} into an image with the zero point ZERO; return (light as it is in it, truth)."""
+    before = fits.getdata(path, "SCI").astype(float)
+    run([path], columns, folder / "out", lambda text: None, psf=psf, zeropoint=ZERO, **options)
+    truth = ObjectTable.read((folder / "out" / path.name).with_suffix(".truth.parquet"))
+    return fits.getdata(folder / "out" / path.name, "SCI").astype(float) - before, truth
+
+
+def test_the_truth_of_an_image_that_is_not_square(tmp_path):
+    """A star at the far end of the long side and a galaxy near the top: each column as given or worked out."""
+    psf, path = write_psf(tmp_path), write_wide(tmp_path)
+    table = at(
+        [250.3, 20.7, 131.0], [30.2, 110.4, 1500.0], mag=[15.0, 14.0, 12.0], id=[70, 80, 90], obj_type=[0, 1, 0],
+        size_disk=[0.0, 0.3, 0.0], size_bulge=[0.0, 0.2, 0.0], bulge_frac=[0.0, 0.25, 0.0], e1=[0.0, 0.1, 0.0],
+        e2=[0.0, -0.2, 0.0], kappa=[0.0, 0.05, 0.0],
+    )  # fmt: skip
+    light, truth = drawn_into(tmp_path, path, {name: np.array(table[name]) for name in table.colnames}, psf)
+    assert truth["id"].tolist() == [70, 80] and truth["obj_type"].tolist() == [0, 1]
+    assert truth["xImage"] == pytest.approx([251.3, 21.7], abs=1e-3)
+    assert truth["yImage"] == pytest.approx([31.2, 111.4], abs=1e-3)
+    assert truth["ra"] == pytest.approx(np.array(table["ra"][:2])) and truth["dec"] == pytest.approx(
+        np.array(table["dec"][:2])
+    )
+    mag = np.array([15.0, 14.0 - 5 * np.log10(1 / 0.95)])
+    assert truth["mag"] == pytest.approx(mag, abs=1e-6)
+    assert truth["electrons"] == pytest.approx(TIME * 10 ** (0.4 * (ZERO - mag)), rel=1e-5)
+    for name in ("size_disk", "size_bulge", "bulge_frac", "e1", "e2", "kappa"):
+        assert truth[name] == pytest.approx(np.array(table[name][:2])), name
+    assert light.sum() == pytest.approx(truth["drawn"].sum(), rel=1e-6)
+    star = light[10:51, 230:]
+    assert star.sum() == pytest.approx(truth["electrons"][0], rel=0.01)
+    assert light[90:, :50].sum() > 0.5 * truth["electrons"][1]
+    assert truth.meta["level0"] == "wide.fits" and truth.meta["realisation"] == "1"
+
+
+@pytest.mark.parametrize("angle", [20.0, 115.0])
+@pytest.mark.parametrize("names", [("e1", "e2"), ("gamma1", "gamma2")])
+def test_shape_and_shear_lie_on_axes_of_the_sky(tmp_path, names, angle):
+    """The second component is towards north-east, whatever way the image is turned; e = (a - b) / (a + b)."""
+    e = 0.2 * np.exp(2j * np.radians(angle))
+    table = at(100.0, 100.0, mag=[12.0], type=["galaxy"], size=[0.8], **{names[0]: [e.real], names[1]: [e.imag]})
+    path = write_image(tmp_path, error=False)
+    columns = {name: np.array(table[name]) for name in table.colnames}
+    light, _ = drawn_into(tmp_path, path, columns, write_psf(tmp_path, sigma=0.6, step=0.3))
+    matrix = np.array([[wcs_cards()[f"CD{i}_{j}"] for j in (1, 2)] for i in (1, 2)])  # deg east, north per px
+    direction = np.linalg.inv(matrix) @ [np.cos(np.radians(angle)), np.sin(np.radians(angle))]
+    _, _, xx, yy, xy = moments(light)
+    found = np.degrees(0.5 * np.arctan2(2 * xy, xx - yy)) - np.degrees(np.arctan2(direction[1], direction[0]))
+    assert (found + 90) % 180 - 90 == pytest.approx(0.0, abs=1.5)
+    along, across = (0.5 * (xx + yy) + k * np.hypot(0.5 * (xx - yy), xy) - 0.6**2 for k in (1, -1))
+    assert np.sqrt(across / along) == pytest.approx(0.8 / 1.2, rel=0.03)
+
+
+def test_an_image_of_whole_numbers_is_rounded_and_ends_with_its_type(tmp_path):
+    """Rounded, not cut: of nine units in a pixel half a unit would be 6%; photon noise is 0.2%."""
+    psf = write_psf(tmp_path, sigma=12.0, step=2.0)
+    path = write_wide(tmp_path, np.int16, level=32_000, BUNIT="adu", GAIN=7.0)
+    table = at([70.0, 200.0], [60.0, 60.0], mag=[16.0, 9.0])
+    light, truth = drawn_into(tmp_path, path, {name: np.array(table[name]) for name in table.colnames}, psf)
+    faint = light[20:101, 30:111].sum() * 7.0
+    inside = (1 - 2 * 0.000375) ** 2  # within 40.5 px of 12: 3.37 sigma
+    assert faint == pytest.approx(truth["electrons"][0] * inside, rel=0.01)
+    assert light.max() == 767 and (light == 767).sum() > 100
+
+
+def test_light_is_added_in_the_units_of_the_image_and_to_its_errors(tmp_path):
+    """Electrons a second of a gain that does not count; errors add in quadrature, in the same unit."""
+    path, psf = write_image(tmp_path, BUNIT="electron/s", GAIN=3.0, EXPTIME=400.0), write_psf(tmp_path)
+    table = at(60.0, 140.0, mag=[14.0])
+    light, truth = drawn_into(tmp_path, path, {name: np.array(table[name]) for name in table.colnames}, psf)
+    assert truth["electrons"][0] == pytest.approx(400 * 10 ** (0.4 * 11), rel=1e-6)
+    assert light.sum() * 400 == pytest.approx(truth["drawn"][0], rel=1e-4)
+    error = fits.getdata(tmp_path / "out/image.fits", "ERR").astype(float)
+    bright = light > 5
+    assert bright.sum() > 20 and error[bright] == pytest.approx(np.sqrt(25 + light[bright] / 400), rel=1e-5)
+    assert (error[:100] == 5).all()
+
+
+def test_pixels_that_are_full_already_stay(tmp_path):
+    """At 70 of 60.25 a pixel does not count; one at 50 goes to 60.25, between whole electrons, and counts."""
+    path = write_image(tmp_path, SATURATE=60.25, error=False)
+    with fits.open(path, mode="update") as file:
+        file["SCI"].data[120, 90] = 70.0
+    table = at(90.0, 120.0, mag=[12.0])
+    said = inject(tmp_path, path, table, write_psf(tmp_path), "--zeropoint", ZERO)
+    new = fits.getdata(tmp_path / "out/image.fits", "SCI")
+    assert new[120, 90] >= 70.0 and new[120, 91] == 60.25
+    full = int(" ".join(said.split()).split(" pixels are full")[0].split()[-1])
+    assert full == np.count_nonzero(new == 60.25) > 10
+
+
+@pytest.mark.parametrize(
+    ("names", "cards", "chosen"),
+    [
+        (("mag", "mag_f814w"), {}, "mag"), (("mag_f814w", "mag_f606w"), {}, "mag_f606w"),
+        (("mag_f814w",), {}, "mag_f814w"), (("mag_f814w", "mag_g"), {}, None),
+        (("mag_f814w", "mag_g"), {"FILTER": "G"}, "mag_g"),
+    ],
+)  # fmt: skip
+def test_the_magnitude_is_the_images(tmp_path, names, cards, chosen):
+    """17 mag of the wanted one, 20 of others."""
+    path, psf = write_image(tmp_path, error=False, **cards), write_psf(tmp_path)
+    table = at(90.0, 120.0)
+    columns = {name: np.array(table[name]) for name in table.colnames}
+    columns |= {name: np.array([17.0 if name == chosen else 20.0]) for name in names}
+    if chosen is None:
+        with pytest.raises(InputError, match=r"which magnitude is the image's.*mag_f814w, mag_g.*mag_f606w"):
+            drawn_into(tmp_path, path, columns, psf)
+    else:
+        _, truth = drawn_into(tmp_path, path, columns, psf)
+        assert truth["mag"].tolist() == [17.0]
+
+
+def test_what_an_image_says_of_itself(tmp_path):
+    """Each number from the first keyword that has one above 0, of the image before the primary."""
+    path = write_image(tmp_path, EXPTIME=0.0, TEXPTIME="long", XPOSURE=30.0, EXPOSURE=40.0, GAIN=-1.0, EGAIN=1.5,
+                       CCDGAIN=9.0, SATURATE=777.0)  # fmt: skip
+    with fits.open(path) as file:
+        file[0].header.update({"EXPTIME": 5.0, "FILTER2": "F1", "FILTER": "X"})
+        cube = fits.ImageHDU(np.zeros((2, 3, 3), np.float32), name="SCI")
+        first = fits.ImageHDU(np.zeros((2, 3), np.float32), name="ERR")
+        file["SCI"].header["FILTER"] = "F606W"
+        more = file["SCI"].copy()
+        fits.HDUList([file[0], first, cube, file["SCI"], file["ERR"], more, more.copy()]).writeto(
+            tmp_path / "many.fits"
+        )
+    found = read_foreign(tmp_path / "many.fits")
+    assert (found.number, found.error_number, found.others) == (3, 4, 2)
+    assert (found.exptime, found.electrons, found.full, found.band) == (30.0, 1.5, 777.0, "F606W")
+    assert found.image.shape == (SIDE, SIDE) and found.error[0, 0] == 5 and found.zeropoint is None
+    plain = write_wide(tmp_path, name="plain.fits")
+    with fits.open(plain) as file:
+        file["SCI"].name = "OTHER"
+        file.writeto(tmp_path / "other.fits")
+    other = read_foreign(tmp_path / "other.fits")
+    assert (other.number, other.others, other.error, other.full, other.electrons) == (1, 0, None, np.inf, 1.0)
+    for cards in ({"PHOTFLAM": 1e-19}, {"PHOTPLAM": 5000.0}):
+        assert read_foreign(write_image(tmp_path, **cards)).zeropoint is None
+
+
+def test_errors_of_pixels_without_a_value_may_be_anything(tmp_path):
+    """Flagged ones by DQ, or NaN where there is none; an error of 0 is one."""
+    path = write_image(tmp_path)
+    with fits.open(path) as file:
+        file["ERR"].data[3, 4], file["ERR"].data[5, 6] = np.nan, 0.0
+        quality = np.zeros((SIDE, SIDE), np.int16)
+        quality[3, 4] = 8
+        fits.HDUList([*(hdu.copy() for hdu in file), fits.ImageHDU(quality, name="DQ")]).writeto(tmp_path / "dq.fits")
+        file["SCI"].data[3, 4] = np.nan
+        file.writeto(tmp_path / "nan.fits")
+    for name in ("dq.fits", "nan.fits"):
+        assert np.isnan(read_foreign(tmp_path / name).error[3, 4])
+    for value in (-0.1, np.inf):
+        with fits.open(tmp_path / "dq.fits", mode="update") as file:
+            file["ERR"].data[7, 7] = value
+        with pytest.raises(InputError, match="1 of the errors of good pixels"):
+            read_foreign(tmp_path / "dq.fits")
+
+
+def write_cube(folder, count, x, y, step=0.5, level=1.0):
+    """Write stamps of 5 x 5 with all light in one pixel, each another, at FITS places x, y."""
+    cube = np.zeros((count, 5, 5), np.float32)
+    cube[np.arange(count), np.arange(count) // 5, np.arange(count) % 5] = level
+    places = fits.BinTableHDU.from_columns(
+        [fits.Column(n, "E", array=np.array(v, float)) for n, v in (("X", x), ("Y", y))]
+    )
+    fits.HDUList([fits.PrimaryHDU(cube, fits.Header({"PSFSAMP": step})), places]).writeto(
+        folder / "cube.fits", overwrite=True
+    )
+    return folder / "cube.fits"
+
+
+def test_stamps_are_mixed_of_the_four_nearest_by_the_square_of_their_distance(tmp_path):
+    """FITS places count from 1; of five stamps the farthest has no part; each has the light of one."""
+    x, y = [11.0, 11.0, 31.0, 11.0, 200.0], [21.0, 61.0, 21.0, 121.0, 200.0]
+    psf = read_psf(write_cube(tmp_path, 5, x, y, level=7.0))
+    assert psf.step == 0.5 and psf.x.tolist() == [10.0, 10.0, 30.0, 10.0, 199.0]
+    assert psf.stamps.sum(axis=(1, 2)) == pytest.approx(np.ones(5))
+    mixed = psf.at(10.0, 30.0).image.array
+    weight = 1 / np.array([10.0**2, 30.0**2, 20.0**2 + 10.0**2, 90.0**2])
+    assert mixed[0, :4] == pytest.approx(weight / weight.sum(), rel=1e-6) and mixed[0, 4] == 0
+    assert psf.at(10.0, 20.0).image.array[0, 0] == pytest.approx(1.0, abs=1e-9)
+    assert psf.at(10.0, 30.0).flux == pytest.approx(1.0) and psf.at(10.0, 30.0).image.scale == 0.5
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"step": 0.0}, "PSFSAMP: no step"), ({"step": "half"}, "PSFSAMP: no step"),
+        ({"x": [1.0], "y": [2.0]}, "X, Y: stamps without a place for each"), ({"level": 0.0}, "a stamp has no light"),
+        ({"level": np.nan}, "a stamp has no light"),
+    ],
+)  # fmt: skip
+def test_stamps_that_cannot_be_used_are_refused(tmp_path, change, words):
+    given = {"x": [1.0, 2.0], "y": [1.0, 2.0]} | change
+    with pytest.raises(InputError, match=words):
+        read_psf(write_cube(tmp_path, 2, **given))
+
+
+def test_a_psf_file_says_its_filter_or_none(tmp_path):
+    psf = write_psf(tmp_path, FILTER="F606W ")
+    assert read_psf(psf, "f606w").step == 0.5 and read_psf(psf).x.tolist() == [0.0]
+    fits.PrimaryHDU().writeto(tmp_path / "nothing.fits")
+    with pytest.raises(InputError, match="neither a model of PSFEx nor stamps"):
+        read_psf(tmp_path / "nothing.fits")
+    plain = fits.PrimaryHDU(np.ones((5, 5), np.float32))
+    plain.writeto(tmp_path / "plain.fits")
+    assert read_psf(tmp_path / "plain.fits").step == 1.0

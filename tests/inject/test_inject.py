@@ -1,7 +1,9 @@
 """Injection into frames of csstsim: what a simulation with the objects gives; errors; the input untouched."""
 
 import hashlib
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from astropy.table import Table
 from click.testing import CliRunner
 from inject.scene import CHIP, OBSID, empty, mixed, objects, read_out_with, simulation
 
+from csstsim import __version__
 from csstsim.base.errors import InputError
 from csstsim.base.rng import Streams
 from csstsim.base.shipped import ROOT
@@ -18,12 +21,18 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.flags import SATURATED
 from csstsim.catalog.table import ObjectTable
 from csstsim.command_line.main import main
+from csstsim.detector.channels import ReadoutFrame
 from csstsim.detector.mask import SATURATED as FULL_WELL
 from csstsim.detector.random.normal import normal_table
+from csstsim.inject.frames import check_job, kind_of
+from csstsim.inject.inject import Request, realisations, record
+from csstsim.inject.inject import inject as inject_into
 from csstsim.inject.level0 import difference
 from csstsim.inject.light import catalogue_of, light_of, table_of
 from csstsim.inject.likely_charge import BIN, _drawn, likely_charges
 from csstsim.inject.memory import Held
+from csstsim.inject.rewritten import rewrite
+from csstsim.instrument.chip import Window
 from csstsim.io.level0 import read_level0
 from csstsim.simulation.state import State
 
@@ -371,3 +380,200 @@ def test_the_charge_of_a_window_is_the_chips():
     whole = _drawn(shown, np.zeros((0, 0), np.float32), level, 5.0, 1.0, key, 0, 0, *normal_table())
     part = _drawn(shown[BIN:], np.zeros((0, 0), np.float32), level[1:], 5.0, 1.0, key, BIN, 0, *normal_table())
     assert np.array_equal(part, whole[BIN:]) and whole.std() > 1
+
+
+def test_the_charge_of_a_part_of_the_columns_is_the_chips():
+    shown = np.full((2 * BIN, 8 * BIN), 50.0, np.float32)
+    level, key, none = np.full((2, 8), 50.0 * BIN**2, np.float32), np.uint64(77), np.zeros((0, 0), np.float32)
+    whole = _drawn(shown, none, level, 5.0, 1.0, key, 4, 0, *normal_table())
+    part = _drawn(shown[:, 3 * BIN :].copy(), none, level[:, 3:].copy(), 5.0, 1.0, key, 4, 3 * BIN, *normal_table())
+    assert np.array_equal(part, whole[:, 3 * BIN :]) and whole.std() > 1
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_charge_is_drawn_about_the_best_estimate(sign):
+    """As the module's formula has it: b + b / (b + r^2) (q - b), variance b r^2 / (b + r^2), and 1/12 of rounding.
+
+    The level changes from bin to bin; what was moved comes off first; pixels beyond 4 sigma keep what they show.
+    """
+    levels, noise, side = (40.0, 90.0), 6.0, 100
+    level = np.repeat(np.array(levels, np.float32)[None] * BIN**2, side, axis=1).repeat(side, axis=0)
+    shape = level.shape[0] * BIN + 1, level.shape[1] * BIN + 1  # the last row and column lie beyond the bins
+    shown, moved = np.full(shape, 57.0, np.float32), np.full(shape, 3.0, np.float32)
+    shown[5, 7], shown[6, 7] = 5000.0, 1e-3
+    found = _drawn(shown, moved, level, noise, sign, np.uint64(9), 0, 0, *normal_table())
+    assert found[5, 7] == 4997.0 and found[6, 7] == 0.0 and (found == np.rint(found)).all()
+    for b, columns in zip(levels, (np.s_[10:, : side * BIN], np.s_[10:, side * BIN :]), strict=True):
+        values, ratio = found[columns], b / (b + noise**2)
+        variance = ratio * noise**2 + 1 / 12
+        assert values.mean() == pytest.approx(b + ratio * (54 - b), abs=SIGMAS * np.sqrt(variance / values.size))
+        assert values.var() == pytest.approx(variance, rel=SIGMAS * np.sqrt(2 / values.size))
+    other = _drawn(shown, moved, level, noise, -sign, np.uint64(9), 0, 0, *normal_table())
+    mean = 0.5 * (found + other)[10:, : side * BIN]
+    assert np.abs(mean - (40 + 40 / 76 * 14)).max() <= 1.0  # opposite noise: rounding alone is left
+    still = _drawn(shown, moved, 0 * level, 0.0, sign, np.uint64(9), 0, 0, *normal_table())
+    assert np.array_equal(still, np.maximum(shown - moved, 0))
+
+
+def two_images(path):
+    """Write two images, of other types, with cards and a HISTORY."""
+    primary = fits.PrimaryHDU()
+    primary.header["OBSID"], primary.header["INJCOUNT"] = ("7", "the exposure"), 3
+    primary.header.add_history(" injected 3 objects of a.csv, digest abc1, realisation 4, by csstsim 1")
+    first = fits.ImageHDU(np.arange(12, dtype=np.float32).reshape(3, 4), name="SCI")
+    first.header["BUNIT"] = ("electron/s", "unit")
+    second = fits.ImageHDU(np.arange(6, dtype=np.int16).reshape(2, 3), name="DQ")
+    fits.HDUList([primary, first, second]).writeto(path)
+    return path
+
+
+def test_a_file_written_again_has_its_cards_and_planes(tmp_path):
+    source = two_images(tmp_path / "a.fits")
+    before = source.read_bytes()
+    plane = np.full((2, 3), 9.0)
+    said = {"cards": [("INJCOUNT", 5, "objects"), ("INJREAL", 12, "noise")], "history": ["one", "two, realisation"]}
+    rewrite(source, tmp_path / "b.fits", {"DQ": plane}, said)
+    with fits.open(tmp_path / "b.fits", checksum=True) as made:
+        head = made[0].header
+        assert [hdu.name for hdu in made] == ["PRIMARY", "SCI", "DQ"] and head["OBSID"] == "7"
+        assert (head["INJCOUNT"], head["INJREAL"], head.count("INJCOUNT")) == (5, 12, 1)
+        assert [line.strip() for line in head["HISTORY"]] == [
+            "injected 3 objects of a.csv, digest abc1, realisation 4, by csstsim 1", "injected one",
+            "injected two, realisation",
+        ]  # fmt: skip
+        assert made["DQ"].data.dtype.kind == "i" and (made["DQ"].data == 9).all()
+        assert np.array_equal(made["SCI"].data.ravel(), np.arange(12)) and made["SCI"].header["BUNIT"] == "electron/s"
+        assert made["SCI"].header.comments["BUNIT"] == "unit"
+    assert source.read_bytes() == before
+    with pytest.raises(InputError, match="DQ: not an image of the expected size"):
+        rewrite(source, tmp_path / "c.fits", {"DQ": plane.T}, said)
+    assert not (tmp_path / "c.fits").exists()
+
+
+def test_every_realisation_of_a_history_is_known(tmp_path):
+    """However it is cut into cards; an original has none."""
+    said = "30 objects of a table of a rather long name.csv, digest abcdef0123, realisation"
+    source = two_images(tmp_path / "a.fits")
+    for number, (one, other) in enumerate(((17, 2), (1, 230))):
+        history = [f"{'x' * number}{said} {k}, by csstsim 1.0" for k in (one, other)]
+        rewrite(source, tmp_path / f"{number}.fits", {}, {"cards": [], "history": history})
+        assert realisations(tmp_path / f"{number}.fits") == {4, one, other}
+    fits.PrimaryHDU().writeto(tmp_path / "new.fits")
+    assert realisations(tmp_path / "new.fits") == set()
+
+
+def test_a_record_tells_tables_and_curves_apart(tmp_path):
+    """The digest is of all columns, and of the content of the curves."""
+    curves, others = tmp_path / "curves.csv", tmp_path / "others.csv"
+    curves.write_text("curve,mjd,dmag\n")
+    others.write_text("curve,mjd,dmag\na,5,1\n")
+    columns = {"ra": [1.0], "mag": [20.0]}
+    given = [
+        Request(columns, "/some/where/new.csv", 3), Request(columns | {"mag": [21.0]}, "new.csv", 3),
+        Request(columns, "new.csv", 3, light_curves=curves), Request(columns, "a table", 4),
+        Request(columns, "new.csv", 3, light_curves=others),
+    ]  # fmt: skip
+    made = [record(request, count) for request, count in zip(given, (1, 2, 2, 2, 2), strict=True)]
+    codes = [dict((key, value) for key, value, _ in one["cards"])["INJHASH"] for one in made]
+    assert codes[0] == codes[3] and len(set(codes)) == 4
+    assert [card[:2] for card in made[0]["cards"]] == [("INJCOUNT", 1), ("INJHASH", codes[0]), ("INJREAL", 3)]
+    assert made[0]["history"] == [f"1 object of new.csv, digest {codes[0]}, realisation 3, by csstsim {__version__}"]
+    assert made[3]["history"][0].startswith("2 objects of a table, digest") and "realisation 4" in made[3]["history"][0]
+
+
+@pytest.mark.parametrize(
+    ("ours", "names", "kind"),
+    [
+        (True, ["IMAGE"], "level0"), (True, ["SCI", "ERR", "DQ"], "calibrated"), (False, ["SCI", "ERR", "DQ"], "other"),
+        (False, ["IMAGE"], "other"), (True, ["SCI", "ERR"], None),
+    ],
+)  # fmt: skip
+def test_kinds_of_files(tmp_path, ours, names, kind):
+    primary = fits.PrimaryHDU()
+    if ours:
+        primary.header["SIMVER"] = "1.0"
+    fits.HDUList([primary, *(fits.ImageHDU(np.zeros((2, 2)), name=name) for name in names)]).writeto(
+        tmp_path / "a.fits"
+    )
+    if kind:
+        assert kind_of(tmp_path / "a.fits") == kind
+    else:
+        with pytest.raises(InputError, match="without IMAGE, and without SCI, ERR and DQ"):
+            kind_of(tmp_path / "a.fits")
+
+
+@pytest.mark.parametrize(("window", "key"), [((10, 50, 4, 8), None), ((10, 50, 4, 9), "READX0"), (None, "READX0"),
+                                             ((4, 8, 10, 50), "READX0")])  # fmt: skip
+def test_a_frame_is_of_the_jobs_window(window, key):
+    """As the header says; one that says nothing is of the whole chip."""
+    chip = SimpleNamespace(filter="r", detector=None, full_window=Window(0, 64, 0, 16))
+    job = SimpleNamespace(chip=chip, window=Window(10, 50, 4, 8))
+    head = SimpleNamespace(path="a.fits", get=lambda name: "R", window=lambda detector: window)
+    whole = SimpleNamespace(chip=chip, window=Window(0, 64, 0, 16))
+    if key is None:
+        check_job(head, job)
+        check_job(SimpleNamespace(path="a.fits", get=lambda name: None, window=lambda detector: None), whole)
+    else:
+        with pytest.raises(InputError, match=key):
+            check_job(head, job)
+
+
+def test_what_is_no_frame_is_refused(bare, sim):
+    table = objects(sim, 50, 50, 20.0)
+    with pytest.raises(InputError, match="frame: not a Frame"):
+        bare.inject(np.zeros((3, 3)), table)
+    with pytest.raises(InputError, match="does not say of which exposure"):
+        bare.inject(replace(bare.light(OBSID, CHIP), key=None), table)
+
+
+def test_frames_that_would_be_written_twice_are_refused(tmp_path):
+    """Before any is read: the same frame, two of one name, one that is there; and a folder that is a file."""
+    (tmp_path / "other").mkdir()
+    one, two = two_images(tmp_path / "a.fits"), two_images(tmp_path / "other" / "a.fits")
+    table = {"ra": [1.0], "dec": [2.0], "mag": [20.0]}
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "a.fits").write_text("mine")
+    for frames, folder in (([one, one], "new"), ([one, two], "new"), ([one], "out")):
+        with pytest.raises(InputError, match="written twice, or is there already"):
+            inject_into(frames, table, tmp_path / folder)
+    with pytest.raises(InputError, match="is no folder"):
+        inject_into([one], table, two)
+    assert not (tmp_path / "new").exists() and (tmp_path / "out" / "a.fits").read_text() == "mine"
+
+
+def test_what_a_mask_gains_and_how_a_chip_of_one_gain_is_read(monkeypatch):
+    """Two likely charges: the mean of what they add; a pixel is new in the mask if it is in one of them.
+
+    Of a file whose channels have one gain, what a channel adds is in DN of that gain, without prescan and overscan.
+    """
+    from csstsim.inject import level0
+
+    detector = SimpleNamespace(
+        nx=64, ny=16, channels_x=8, channels_y=2, channel_nx=8, channel_ny=8, prescan=3, overscan=6,
+        parallel_overscan=4, full_well=1e9,
+    )  # fmt: skip
+    window = Window(0, 64, 0, 16)
+    readout = ReadoutFrame.of(detector, window)
+    gains = np.linspace(1.0, 1.3, 16)
+    masks = iter([np.uint32(v) for v in (1, 1 | 2, 4, 4 | 8)])  # without and with the light, of each charge
+
+    def read_out(run, job, held):
+        electrons, frame = held.pop(), np.zeros(readout.shape, np.float32)
+        for block in readout.blocks:
+            frame[block.active] = electrons[block.image] / gains[block.channel - 1]
+        return SimpleNamespace(image=frame, mask=np.full(readout.shape, next(masks)), header={"gain": gains})
+
+    shown = np.arange(16 * 64, dtype=np.float32).reshape(16, 64)
+    monkeypatch.setattr(level0, "charge_in", lambda run, file: shown)
+    monkeypatch.setattr(level0, "likely_charges", lambda run, job, shown, streams: iter([shown.copy(), shown + 5]))
+    monkeypatch.setattr(level0, "_read_out", read_out)
+    pixel = np.array([3, 70, 1000])
+    light = SimpleNamespace(pixel=pixel, electrons=np.array([11.0, 22.0, 33.0], np.float32), truth="t", streams=None)
+    run = SimpleNamespace(camera=SimpleNamespace(detector=detector))
+    job = SimpleNamespace(chip=SimpleNamespace(kind="slitless"), window=window)
+    file = SimpleNamespace(layout="chip", gain=dict.fromkeys(range(1, 17), 1.1))
+    added, new, truth = difference(run, job, file, light)
+    wanted = np.zeros(16 * 64)
+    wanted[pixel] = light.electrons / 1.1
+    assert added.shape == (16, 64) and added.ravel() == pytest.approx(wanted, abs=1e-3)
+    assert truth == "t" and new.shape == (16, 64) and (new == 2 | 8).all()

@@ -1,14 +1,19 @@
 """The light of injected objects: its numbers, its noise, and that it is the simulator's."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from astropy.table import Table
 from inject.scene import CHIP, GEOMETRY, OBSID, empty, mixed, objects, simulation
 
 from csstsim.base.errors import InputError
+from csstsim.inject import inject as inject_module
 from csstsim.inject.level0 import convert
-from csstsim.inject.light import catalogue_of, light_of, table_of
+from csstsim.inject.light import Light, _of, catalogue_of, light_of, table_of
 from csstsim.inject.shot import places, shot
 from csstsim.instrument.chip import Window
+from csstsim.io.paths import ORDERS, TRUTH
 from csstsim.stages.chip import light
 
 SIGMAS = 5.0
@@ -144,3 +149,76 @@ def test_light_curves_dim_the_objects(sim, tmp_path):
     assert np.allclose(changed.truth["dmag"], 1.25)
     with pytest.raises(InputError, match="light curves"):
         catalogue_of(sim._run, job, table | {"light_curve": ["fade"] * count})
+
+
+def test_tables_of_every_form(tmp_path):
+    """A path, an astropy Table or a mapping: the same columns; what is none of them is named."""
+    table = Table({"id": [3, 4], "ra": [1.0, 2.0], "dec": [3.0, 4.0]})
+    table.write(tmp_path / "a.ecsv")
+    given = {name: np.array(table[name]) for name in table.colnames}
+    for form in (table, given, tmp_path / "a.ecsv", str(tmp_path / "a.ecsv")):
+        found = table_of(form)
+        assert list(found) == ["id", "ra", "dec"] and all(np.array_equal(found[name], given[name]) for name in given)
+    assert table_of(given) is not given
+    with pytest.raises(InputError, match="mag: must have a value for each row"):
+        table_of(given | {"mag": 20.0})
+    with pytest.raises(InputError, match=r"table: not a table of objects .*got 'list'"):
+        table_of([1.0, 2.0])
+
+
+def test_files_that_a_table_names_lie_beside_it(tmp_path):
+    """The names in a file are from its own folder."""
+    Table({"id": [1], "ra": [1.0], "dec": [2.0], "image_file": ["a.fits"]}).write(tmp_path / "t.csv")
+    assert table_of(tmp_path / "t.csv")["image_file"][0] == str(tmp_path / "a.fits")
+
+
+def test_light_without_noise_and_a_frame_without_objects(sim, bare):
+    """A frame without photon noise has the expected light; layers that draw no objects are refused."""
+    table = table_of(objects(sim, [60.0], [70.0], [18.0]))
+    quiet = bare.replace(layers={"poisson_and_dark": None, "cosmic_rays": None}, fidelity="noise_free")._run
+    job = quiet.job(OBSID, CHIP)
+    made = light_of(quiet, job, catalogue_of(quiet, job, table), 1, lambda text: None)
+    assert np.array_equal(made.electrons, made.nominal) and made.electrons.sum() == pytest.approx(
+        made.truth["drawn"].sum(), rel=1e-5
+    )
+    assert not np.array_equal(made.nominal, np.rint(made.nominal))
+    none = SimpleNamespace(
+        steps={"SCIE": SimpleNamespace(step=lambda name: None)}, file="a.yaml", region=lambda exposure: None
+    )
+    with pytest.raises(InputError, match="scie_obs is not among them"):
+        light_of(none, job, None)
+
+
+def test_numbers_of_counted_electrons_dense_and_sparse():
+    """The same pixels either way; and the plane of a Light has each where it belongs."""
+    plane = np.zeros((3, 5), np.int32)
+    plane[0, 4], plane[2, 1] = 7, 9
+    at, electrons = _of(plane)
+    assert at.tolist() == [4, 11] and electrons.tolist() == [7, 9]
+    sparse = SimpleNamespace(pixel=np.array([4, 11], np.uint32), electrons=np.array([7, 9]))
+    assert _of(sparse)[0].dtype == np.int64 and [v.tolist() for v in _of(sparse)] == [[4, 11], [7, 9]]
+    assert [len(v) for v in _of(None)] == [0, 0]
+    half = np.array([0.5, 1.5], np.float32)
+    assert Light(at, half, 2 * half, None, None, None).plane((3, 5)).ravel()[[4, 11, 0]].tolist() == [0.5, 1.5, 0.0]
+
+
+def test_orders_are_written_beside_the_frame(monkeypatch, tmp_path):
+    """With the truth, whose meta data say of which frame, table and realisation they are."""
+    written = []
+    monkeypatch.setattr(inject_module, "rewrite", lambda *given: written.append(given))
+    monkeypatch.setattr(
+        inject_module, "truth_table",
+        lambda truth, chip: SimpleNamespace(write=lambda path, about: written.append((path, about))),
+    )  # fmt: skip
+    monkeypatch.setattr("csstsim.io.orders.write_orders", lambda path, orders, about: written.append((path, orders)))
+    request = inject_module.Request({"ra": [1.0]}, "x/new.csv", 7)
+    light = SimpleNamespace(orders="orders")
+    target = tmp_path / "deep" / "b.fits"
+    inject_module._write(tmp_path / "a.fits", target, {"IMAGE": 1}, request, light, [0, 0], SimpleNamespace(chip=None))
+    about = {"level0": "b.fits", "injected": "new.csv", "realisation": "7"}
+    assert written[0] == (target.with_suffix(TRUTH), about) and written[1] == (target.with_suffix(ORDERS), "orders")
+    source, to, planes, said = written[2]
+    assert (source, to, planes) == (tmp_path / "a.fits", target, {"IMAGE": 1}) and target.parent.is_dir()
+    assert said["cards"][0][:2] == ("INJCOUNT", 2)
+    truth = {"drawn": np.array([3.0, 0.0, 1234.5])}
+    assert inject_module._told(truth) == "2 objects injected, 1237.5 electrons"

@@ -51,3 +51,28 @@ def test_what_no_image_may_have():
     ):  # fmt: skip
         with pytest.raises(InputError, match=key):
             check_planes("image", *fault, WINDOW)
+
+
+def test_a_full_pixel_keeps_its_bits_and_holds_less_light_where_the_response_is_small():
+    """The well is of counted electrons: 7e4 of them stand for 14e4 of light; the other pixel just fills it."""
+    given = planes(sci=5.0)
+    given[2].ravel()[6] = BAD
+    made = into_calibrated(
+        given, light_at([5, 6], [69_400.0, 8e4]), TIME, background=1.0, limit=7e4, response=np.full(2, SHARE, "f4")
+    )  # fmt: skip
+    sci, _, dq = made
+    most = 7e4 / (SHARE * TIME) - 1.0
+    assert sci.ravel()[[5, 6]] == pytest.approx([5.0 + 69_400 / (SHARE * TIME), most]) and sci.ravel()[4] == 5.0
+    assert dq.ravel()[5:7].tolist() == [0, BAD | FULL] and sci.ravel()[5] < most
+
+
+def test_light_below_zero_takes_rate_and_leaves_the_error():
+    sci, err, _ = into_calibrated(planes(sci=1.0), light_at([7], [-30.0]), TIME, background=0.0, limit=7e4)
+    assert sci.ravel()[7] == pytest.approx(0.7) and err.ravel()[7] == np.float32(0.3)
+
+
+@pytest.mark.parametrize(("err", "dq"), [(np.inf, 3), (-0.3, 3), (0.3, 2)])
+def test_errors_and_bits_that_no_image_may_have(err, dq):
+    sci, errors, bits = planes(err=err)
+    with pytest.raises(InputError, match="ERR" if dq == 3 else "DQ"):
+        check_planes("image", (sci, errors, bits[:dq]), {"BUNIT": "electron/s"}, WINDOW)

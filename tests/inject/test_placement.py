@@ -1,5 +1,7 @@
 """Places for objects: grids, free pixels, blends, second epochs; the command."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from astropy import units as u
@@ -13,7 +15,8 @@ from csstsim.base.errors import InputError
 from csstsim.catalog.object_table import read_table
 from csstsim.command_line.main import main
 from csstsim.inject.others.frame import read_foreign
-from csstsim.inject.placement import beside, free_pixels, grid, later, random
+from csstsim.inject.place import place
+from csstsim.inject.placement import _later_of, beside, free_pixels, grid, later, random
 
 ARCSEC = 1 / 3600
 
@@ -107,3 +110,113 @@ def test_the_command(tmp_path):
     for row, key in (("x,2.2", "ra, row 1"), ("nan,2.2", "ra, row 1"), ("500,2", "ra, row 1"), ("5,200", "dec, row 1")):
         (tmp_path / "off.csv").write_text(f"ra,dec\n{row}\n")
         assert key in run("no.csv", "--beside", tmp_path / "off.csv", "--distance", 1, 1, code=2)
+
+
+def test_a_grid_has_its_own_border_and_row_order():
+    """80 px inside the default border of 10: three places of 30 px, 5 px further in; x runs first."""
+    x, y = grid((81, 101), 30)
+    assert x.tolist() == [20.0, 50.0, 80.0] * 3 and y.tolist() == [10.0] * 3 + [40.0] * 3 + [70.0] * 3
+
+
+@pytest.mark.parametrize(("value", "taken"), [(4.9, False), (5.1, True), (-50.0, False)])
+def test_a_bright_pixel_is_five_robust_sigmas_above_the_median(value, taken):
+    """A third each lies at 98, 100 and 102: the scatter is 1.4826 times 2. A dark pixel is no object."""
+    image = 98 + 2.0 * (np.add.outer(np.arange(61), np.arange(81)) % 3)
+    image[30, 40] = 100 + value * 1.4826 * 2
+    free = free_pixels(image)
+    wanted = np.zeros(image.shape, bool)
+    wanted[10:51, 10:71] = True
+    wanted[22:39, 32:49] &= not taken
+    assert np.array_equal(free, wanted)
+
+
+def test_of_places_too_close_the_earlier_one_stays():
+    """The second is too close to the first and goes, so the third, close to the second alone, stays."""
+    assert _later_of(np.array([[1, 2], [0, 1], [2, 5], [4, 3]])) == [1, 3, 5]
+    assert _later_of(np.zeros((0, 2), int)) == []
+
+
+def test_objects_stand_beside_given_ones_in_turn_and_in_all_directions():
+    """Evenly spread in distance and angle, to five sigma; the seed decides."""
+    ra, dec = np.array([10.0, 200.0, 300.0]), np.array([60.0, -30.0, 0.0])
+    n = 6000
+    lon, lat = beside(ra, dec, n, 1.0, 3.0, seed=2)
+    to = np.arange(n) % 3
+    east, north = ((lon - ra[to]) * np.cos(np.radians(dec[to])) * 3600, (lat - dec[to]) * 3600)
+    away = np.hypot(east, north)
+    assert away.min() >= 1.0 - 1e-3 and away.max() <= 3.0 + 1e-3
+    assert away.mean() == pytest.approx(2.0, abs=5 * 2 / np.sqrt(12 * n))
+    for part in (east, north):
+        assert (part / away).mean() == pytest.approx(0, abs=5 * np.sqrt(0.5 / n))
+        assert ((part / away) ** 2).mean() == pytest.approx(0.5, abs=5 * np.sqrt(0.125 / n))
+    assert (east / away * north / away).mean() == pytest.approx(0, abs=5 * np.sqrt(0.125 / n))
+    assert not np.array_equal(beside(ra, dec, 9, 1.0, 3.0, seed=3)[0], lon[:9])
+
+
+def test_stars_without_one_motion_move_along_the_other():
+    """1000 mas a year for 3.6 years: a thousandth of a degree north; the table given stays."""
+    table = {"ra": np.array([10.0]), "dec": np.array([20.0]), "pmdec": np.array([1000.0]), "mag": np.array([3.0])}
+    moved = later(table, 3.6)
+    assert (moved["ra"][0], moved["dec"][0]) == pytest.approx((10.0, 20.001), abs=1e-9) and moved["mag"][0] == 3.0
+    assert table["dec"][0] == 20.0 and "pmra" not in moved
+
+
+def test_places_in_a_window_are_those_of_the_chip(monkeypatch):
+    """Pixels of the image begin at the window's corner; charge of a raw frame, rates and flags of a calibrated one."""
+    from csstsim.inject import place as module
+
+    window = SimpleNamespace(x0=1000, y0=20)
+    job = SimpleNamespace(window=window, observer="o", wcs=SimpleNamespace(pixel_to_world=lambda x, y: (x / 8, y / 4)))
+    monkeypatch.setattr(module, "icrs", lambda ra, dec, observer: (ra + 1, dec - 1, observer)[:2])
+    monkeypatch.setattr(module, "job_of", lambda frame, say, **given: ("run", job))
+    monkeypatch.setattr(module, "kind_of", lambda frame: "level0")
+    monkeypatch.setattr(module, "charge_in", lambda run, file: (run, file))
+    monkeypatch.setattr("csstsim.io.level0.read_level0", lambda frame: frame)
+    image, bad, to_sky = module.opened("a.fits", print)
+    assert image == ("run", "a.fits") and bad is None
+    ra, dec = to_sky(np.array([8.0, 16.0]), np.array([4.0, 12.0]))
+    assert ra.tolist() == [127.0, 128.0] and dec.tolist() == [5.0, 7.0]
+
+
+def test_a_calibrated_image_has_flagged_pixels(monkeypatch, tmp_path):
+    from astropy.io import fits
+
+    from csstsim.inject import place as module
+
+    sci, dq = np.arange(6, dtype=np.float32).reshape(2, 3), np.array([[0, 4, 0], [1, 0, 0]], np.uint8)
+    fits.HDUList([fits.PrimaryHDU(), fits.ImageHDU(sci, name="SCI"), fits.ImageHDU(dq, name="DQ")]).writeto(
+        tmp_path / "a.fits"
+    )
+    monkeypatch.setattr(module, "job_of", lambda frame, say, **given: (None, None))
+    monkeypatch.setattr(module, "kind_of", lambda frame: "calibrated")
+    image, bad, _ = module.opened(tmp_path / "a.fits", print)
+    assert np.array_equal(image, sci) and np.array_equal(bad, dq > 0)
+
+
+def test_what_the_command_writes_and_refuses(tmp_path):
+    """Ids are counted from 1 where there are none; ra, dec are replaced; random places are those of the seed."""
+    frame, kinds = write_image(tmp_path), tmp_path / "kinds.csv"
+    Table({"mag": [20.0, 21.0], "ra": [1.0, 2.0], "dec": [3.0, 4.0]}).write(kinds)
+    options = {"seed": 3, "apart": 40.0}
+    for name in ("a.csv", "b.csv"):
+        place(frame, kinds, tmp_path / name, print, **options)
+    made, again = (read_table(tmp_path / name) for name in ("a.csv", "b.csv"))
+    assert made["id"].tolist() == [1, 2] and np.array_equal(made["ra"], again["ra"])
+    foreign = read_foreign(frame)
+    x, y = foreign.wcs.pixels(made["ra"], made["dec"])
+    wanted = random(free_pixels(foreign.image), 2, 3, 40.0)
+    assert np.stack([x, y]) == pytest.approx(wanted, abs=1e-4) and np.hypot(*np.ptp([x, y], axis=1)) > 40
+    place(frame, kinds, tmp_path / "c.csv", print, near=kinds, distance=(0.25, 0.25), seed=9)
+    near = read_table(tmp_path / "c.csv")
+    wanted = beside(np.array([1.0, 2.0]), np.array([3.0, 4.0]), 2, 0.25, 0.25, 9)
+    assert np.stack([near["ra"], near["dec"]]) == pytest.approx(np.stack(wanted), abs=1e-9)
+    for columns, words in (({"part_of": [-1, 7]}, "cannot place parts of objects"),):
+        Table({"mag": [20.0, 21.0], **columns}).write(tmp_path / "parts.csv")
+        with pytest.raises(InputError, match=words):
+            place(frame, tmp_path / "parts.csv", tmp_path / "d.csv", print)
+    Table({"ra": [1.0]}).write(tmp_path / "no_dec.csv")
+    with pytest.raises(InputError, match="lacks a column"):
+        place(frame, kinds, tmp_path / "d.csv", print, near=tmp_path / "no_dec.csv")
+    for name in ("a.csv", "d.txt"):
+        with pytest.raises(InputError, match="--output: cannot be the table"):
+            place(frame, kinds, tmp_path / name, print)

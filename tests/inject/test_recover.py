@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import yaml
+from astropy.io import fits
 from astropy.table import Table
 from click.testing import CliRunner
 from inject.scene import CHIP, OBSID, objects, simulation
@@ -13,12 +14,12 @@ from scipy.stats import binom, binomtest, norm
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.command_line.main import main
-from csstsim.inject.recovery.bins import FEWEST, binned, number, share
+from csstsim.inject.recovery.bins import AGAINST, FEWEST, binned, number, share
 from csstsim.inject.recovery.figure import _objects, draw
-from csstsim.inject.recovery.recover import left_out
-from csstsim.inject.recovery.recovered import density, recovered
+from csstsim.inject.recovery.recover import _of_image, left_out, lines
+from csstsim.inject.recovery.recovered import COLUMNS, density, recovered
 from csstsim.instrument.chip import Window
-from csstsim.measure.catalogue import BAD_PIXELS, SATURATED
+from csstsim.measure.catalogue import BAD_PIXELS, SATURATED, TRUNCATED
 
 SIGMAS = 5.0
 WINDOW, SCALE, ZERO = Window(100, 300, 50, 250), 0.074, 30.0
@@ -220,3 +221,177 @@ def test_frames_that_do_not_belong_together(frames, tmp_path):
     ):
         said = command("recover", *pair, "--campaign", campaign, "--output", out, *given, code=2)
         assert message in said and not out.exists()
+
+
+def test_every_column_is_of_its_own_object_and_kind():
+    """A galaxy found second, a point found first, one star not found: values that no other column has."""
+    truth = truth_of(
+        [150.0, 120.0, 250.0], [100.0, 200.0, 60.0], id=[31, 32, 33], mag=[20.5, 21.5, 22.0],
+        obj_type=[GALAXY, STAR, STAR], e1=[0.2, 0.0, 0.0], e2=[-0.1, 0.0, 0.0], size=[0.4, 0.9, 0.9],
+    )  # fmt: skip
+    sources = sources_of(
+        [120.3, 150.1], [200.2, 99.6], mag_psf=[21.4, 1.0], mag_total=[2.0, 20.8], flux_psf=[900.0, 1.0],
+        flux_psf_err=[30.0, 2.0], flux_total=[3.0, 5000.0], flux_total_err=[4.0, 50.0], zeropoint=[28.5, 29.0],
+        snr=[17.0, 44.0], pos_err=[0.5 * SCALE, 0.2 * SCALE], flags=[0, BAD_PIXELS | 4096], g1=[9.0, 0.25],
+        g2=[9.0, 0.07],
+    )  # fmt: skip
+    before = sources_of([151.0 + 190.0, 260.0], [100.0, 60.0])
+    table = recovered(truth, sources, before, WINDOW, SCALE)
+    one, nan = 1 / (np.pi * 0.25**2), np.nan
+    light = 10 ** (0.4 * (29.0 - 20.5)), 10 ** (0.4 * (28.5 - 21.5))
+    wanted = {
+        "id": [31, 32, 33], "point": [False, True, True], "x": [150.0, 120.0, 250.0], "y": [100.0, 200.0, 60.0],
+        "mag": [20.5, 21.5, 22.0], "size": [0.4, 0.0, 0.0], "density": [2 * one, one, 2 * one],
+        "found": [True, True, False], "flags": [BAD_PIXELS | 4096, 0, 0], "clean": [False, True, False],
+        "snr": [44.0, 17.0, nan], "d_mag": [0.3, -0.1, nan],
+        "flux_pull": [(5000 - light[0]) / 50, (900 - light[1]) / 30, nan], "d_x": [0.1, 0.3, nan],
+        "d_y": [-0.4, 0.2, nan], "place_pull_x": [0.5, 0.6, nan], "place_pull_y": [-2.0, 0.4, nan],
+        "d_g1": [0.05, nan, nan], "d_g2": [0.17, nan, nan],
+    }  # fmt: skip
+    assert list(table) == list(COLUMNS) == list(wanted)
+    for name, values in wanted.items():
+        assert np.asarray(table[name], float) == pytest.approx(np.array(values, float), nan_ok=True, abs=1e-9), name
+
+
+@pytest.mark.parametrize(("off", "found"), [((2.1, 2.1), True), ((2.2, 2.1), False), ((0.0, -3.01), False)])
+def test_a_match_is_within_three_pixels(off, found):
+    table = recovered(truth_of([150.0], [100.0]), sources_of([150.0 + off[0]], [100.0 + off[1]]), sources_of([], []),
+                      WINDOW, SCALE)  # fmt: skip
+    assert bool(table["found"][0]) is found
+
+
+@pytest.mark.parametrize("flag", [SATURATED, TRUNCATED, BAD_PIXELS])
+def test_means_are_of_clean_sources(flag):
+    table = recovered(truth_of([150.0], [100.0]), sources_of([150.0], [100.0], flags=[flag]), sources_of([], []),
+                      WINDOW, SCALE)  # fmt: skip
+    assert table["found"][0] and not table["clean"][0]
+
+
+def rows(**columns):
+    """A recovered table of these columns, of points without light of others that were found clean."""
+    count = len(next(iter(columns.values())))
+    same = {name: np.zeros(count) for name in COLUMNS}
+    same |= {name: np.ones(count, bool) for name in ("point", "found", "clean")} | {"flags": np.zeros(count, int)}
+    return ObjectTable(same | {name: np.asarray(values) for name, values in columns.items()})
+
+
+def test_bins_begin_with_their_lower_edge():
+    mag = binned(rows(mag=[20.0, 20.49, 20.5, 21.2, 21.2], found=[True, False, True, True, True]), "mag")
+    assert [(one.low, one.high, one.objects, one.found) for one in mag] == [
+        (20.0, 20.5, 2, 1), (20.5, 21.0, 1, 1), (21.0, 21.5, 2, 2)
+    ]  # fmt: skip
+    assert [one.centre for one in mag] == pytest.approx([20.245, 20.5, 21.2])
+    assert mag[0].completeness == share(1, 2)
+    size = binned(rows(size=[0.0, 0.0999, 0.1, 0.79, 0.8, 1.3, 7.0]), "size")
+    assert [(one.low, one.high) for one in size] == [
+        (0.0, 1e-6), (1e-6, 0.1), (0.1, 0.2), (0.5, 0.8), (0.8, 1.3), (1.3, 2.0), (2.0, np.inf)
+    ]  # fmt: skip
+    density = binned(rows(density=[0.0, 19.9, 20.0, 401.0]), "density")
+    assert [(one.low, one.high, one.objects) for one in density] == [
+        (0.0, 20.0, 2), (20.0, 40.0, 1), (400.0, np.inf, 1)
+    ]  # fmt: skip
+
+
+def test_numbers_of_a_bin_are_of_its_clean_sources():
+    values = np.array([1.0, 2.0, 3.0, 4.0, 10.0, 50.0])
+    table = rows(mag=np.full(6, 20.1), d_mag=values, d_x=-values, clean=[True] * 5 + [False])
+    [one] = binned(table, "mag")
+    for name, sign in (("d_mag", 1), ("d_x", -1)):
+        held = one.numbers[name]
+        assert (held.n, held.mean, held.outliers) == (5, sign * 4.0, 0)
+        assert held.scatter == pytest.approx(np.sqrt(50 / 4)) and held.mean_error == pytest.approx(np.sqrt(50 / 20))
+        assert held.scatter_error == pytest.approx(np.sqrt(50 / 4 / 8))
+    assert one.objects == one.found == 6
+
+
+def test_values_beyond_five_robust_sigmas_are_outliers():
+    near = [-2.0] * 4 + [0.0] + [2.0] * 4  # the median deviation is 2: five sigmas are 14.826
+    held = number([*near, 14.8, -14.9])
+    assert (held.n, held.outliers) == (10, 1) and held.mean == pytest.approx(1.48)
+    assert number([1.0] * 9 + [2.0]).outliers == 1
+
+
+def test_the_figure_shows_shares_means_and_scatter():
+    """Bars of completeness end at the bounds; means have their errors, the scatter lies behind; two axes of a pair."""
+    from csstsim.inject.recovery import figure
+
+    calls = []
+    axes = SimpleNamespace(
+        errorbar=lambda *given, **how: calls.append((given, how)), set_ylim=lambda *ends: calls.append(ends),
+        axhline=lambda *given, **how: None,
+    )  # fmt: skip
+    mag = np.repeat([20.1, 21.1], [10, 6])
+    table = rows(mag=mag, found=mag < 21, d_x=np.arange(16.0), d_y=-(np.arange(16.0) ** 2))
+    bins = binned(table, "mag")
+    at = np.array([one.centre for one in bins])
+    figure._completeness(axes, at, bins)
+    (x, share_of, bars), _ = calls[0]
+    bounds = np.array([share(10, 10), share(0, 6)])
+    assert x.tolist() == at.tolist() and share_of == pytest.approx([1.0, 0.0])
+    assert np.array(bars) == pytest.approx(np.array([share_of - bounds[:, 1], bounds[:, 2] - share_of]))
+    calls.clear()
+    figure._values(axes, at, bins, "d_x")
+    held = [[one.numbers[name] for one in bins] for name in ("d_x", "d_y")]
+    drawn = [(given, how["label"]) for given, how in calls[:4]]
+    assert [label for _, label in drawn] == ["scatter", "mean of x", "scatter", "mean of y"]
+    for k, numbers in enumerate(held):
+        (place, mean, scatter), (_, again, error) = drawn[2 * k][0], drawn[2 * k + 1][0]
+        assert mean.tolist() == again.tolist() == [one.mean for one in numbers]
+        assert scatter.tolist() == [one.scatter for one in numbers]
+        assert error.tolist() == [one.mean_error for one in numbers] and place == pytest.approx(at + 0.012 * k)
+    most = max(abs(one.mean) + one.scatter for numbers in held for one in numbers)
+    assert calls[4] == pytest.approx((-1.2 * most, 1.2 * most))
+
+
+def test_the_lines_have_the_numbers_of_all_objects_and_of_each_bin():
+    count = 8
+    odd = np.arange(count) % 2 == 1
+    table = rows(
+        mag=np.full(count, 20.2), size=np.where(odd, 0.25, 0.0), point=~odd, density=np.full(count, 30.0),
+        found=[True] * 7 + [False], clean=[True] * 7 + [False], d_mag=np.full(count, 0.125),
+        d_x=np.full(count, -0.5), d_g1=np.full(count, 0.75),
+    )  # fmt: skip
+    table.meta |= {"outside": 0, "dark": 0}
+    said = list(lines(table))
+    low, high = share(3, 4)[1:]
+    assert said[0] == f"4 points: 4 found, 1.000 ({share(4, 4)[1]:.3f} to 1.000)"
+    assert said[1] == f"4 galaxies: 3 found, 0.750 ({low:.3f} to {high:.3f})"  # too few for a mean
+    cells = "+0.1250+-0.0000", "-0.5000+-0.0000", "+0.7500+-0.0000"
+    heads = [k for k, line in enumerate(said) if "objects   found" in line]
+    assert [said[k].split("  ")[0] for k in heads] == list(AGAINST.values())
+    assert said[heads[0] + 1].split() == ["20", "to", "20.5", "8", "0.875", *_span(7, 8), *cells]
+    assert said[heads[1] + 1].split() == ["points", "4", "1.000", *_span(4, 4), "-", "-", "-"]
+    assert said[heads[1] + 2].split()[:5] == ["0.2", "to", "0.3", "4", "0.750"]
+    assert said[heads[2] + 1].split()[:5] == ["20", "to", "40", "8", "0.875"]
+    many = rows(mag=np.full(9, 20.2), flux_pull=np.linspace(-1, 1, 9), d_y=np.full(9, 0.25))
+    many.meta |= {"outside": 0, "dark": 0}
+    text = list(lines(many))
+    scatter = np.linspace(-1, 1, 9).std(ddof=1)
+    assert (
+        text[0].startswith("9 points: 9 found")
+        and (
+            f"  pull of flux   bias +0.0000 +- {scatter / 3:.4f}, scatter {scatter:.4f} +- {scatter / 4:.4f}, of 9, "
+            "outliers 0"
+        )
+        in text
+    )
+    assert not any("place y" in line for line in text[:8])  # of all objects: pulls alone
+
+
+def _span(found, total):
+    _, low, high = share(found, total)
+    return [f"{low:.3f}-{high:.3f}"]
+
+
+def test_a_calibrated_image_is_measured_with_its_background_and_noise(frames):
+    """Electrons are the rate and the subtracted background, times the exposure time; the noise is the header's."""
+    campaign, (_, (image, _)) = frames
+    run = OpenCampaign(campaign)
+    job = run.job(OBSID, CHIP)
+    found = _of_image(run, job, image)
+    with fits.open(image) as file:
+        header, rate, dq = file["SCI"].header, file["SCI"].data, file["DQ"].data
+        background, noise = header["BACKMED"], header["RDNOISE"]
+    assert background > 0.1 and found.electrons == pytest.approx((rate + background) * 150.0, rel=1e-5, abs=1e-2)
+    assert set(found.read_noise.values()) == {noise} and set(found.bias.values()) == {0.0}
+    assert np.array_equal(found.marks, dq) and len(found.read_noise) == 16

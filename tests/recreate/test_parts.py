@@ -9,6 +9,7 @@ from astropy.io import fits
 from csst import BANDS
 
 from csstsim.base.errors import InputError
+from csstsim.catalog.object_table import BRIGHTEST, FAINTEST
 from csstsim.catalog.table import ObjectTable
 from csstsim.detector.channels import ReadoutFrame
 from csstsim.io.fits_writing import remark
@@ -309,3 +310,282 @@ def test_objects_that_do_not_lie_near_the_frame(names, off):
             check_frame(table, "a.cat", job)
     if "x" not in names:
         check_frame(table, "a.cat", job, turned=False)
+
+
+def test_a_frame_that_states_no_bias_has_that_of_the_camera_in_dn(tmp_path):
+    """550 e- at 1.1 e-/DN are 500 DN; the gain is that of the channel, or else of all, or else the camera's."""
+    dn = np.full((16, 64), 800, np.uint16)
+    for number, (keys, wanted) in enumerate((
+        ({}, 300 * 1.1), ({"GAIN": 2.0}, 300 * 2.0), ({"GAIN": 2.0, "GAIN1": 3.0}, 300 * 3.0),
+        ({"BIAS": 420.0, "GAIN1": 3.0}, 380 * 3.0),
+    )):  # fmt: skip
+        frame = write(tmp_path / f"{number}.fits", dn, **keys)
+        assert read_electrons(frame, DETECTOR).electrons == pytest.approx(wanted, rel=1e-6)
+        assert [note for note in frame.notes if "the level is the camera's, 500.0 DN" in note] == frame.notes
+        assert bool(frame.notes) is ("BIAS" not in keys)
+    some = write(tmp_path / "some.fits", dn, DETBIA01=400.0, GAIN02=2.0)
+    found = read_electrons(some, DETECTOR).electrons
+    first, second = ReadoutFrame.of(DETECTOR, None).blocks[:2]
+    assert found[first.image] == pytest.approx(400 * 1.1) and found[second.image] == pytest.approx(300 * 2.0)
+
+
+@pytest.mark.parametrize(("keys", "first"), [({}, 65535), ({"SATURATE": 60000.0}, 60000), ({"SATURATE": 1e6}, 65535)])
+def test_pixels_at_the_converters_end_or_the_stated_one_are_saturated(tmp_path, keys, first):
+    dn = np.full((16, 64), 800, np.uint16)
+    dn[3, 40:42] = first - 1, first
+    saturated = read_electrons(write(tmp_path / "a.fits", dn, BIAS=500.0, **keys), DETECTOR).saturated
+    assert np.argwhere(saturated).tolist() == [[3, 41]]
+
+
+def test_an_overscan_of_few_columns_is_taken_whole(tmp_path):
+    """Of six columns two would be left beside deferred charge: their mean is that of all."""
+    detector = SimpleNamespace(**(vars(DETECTOR) | {"overscan": 6}))
+    readout = ReadoutFrame.of(detector, None)
+    frame = np.full(readout.shape, 400, np.uint16)
+    for block in readout.blocks:
+        frame[block.serial_overscan][:, -1 if block.flip_x else 0] = 402
+    found = read_electrons(write(tmp_path / "a.fits", readout.to_stored(frame, "channels"), GAIN=3.0), detector)
+    assert found.electrons == pytest.approx(-1.0, abs=1e-3)
+
+
+def test_a_window_that_no_chip_has_is_refused(tmp_path):
+    frame = write(tmp_path / "a.fits", np.zeros((16, 64), np.uint16), READX0=1, READX1=900, READY0=1, READY1=4)
+    with pytest.raises(InputError, match=r"READX0\.\.READY1"):
+        read_electrons(frame, DETECTOR)
+
+
+def test_clipping_goes_on_until_nothing_is_far():
+    """100 lies within 3 sigma while 10000 is there."""
+    mean, sigma = clipped([*range(11), 100.0, 10_000.0])
+    assert (mean, sigma) == pytest.approx((5.0, np.sqrt(10)))
+
+
+def test_the_image_of_a_frame_is_its_extension_image_or_the_first_plane(tmp_path):
+    """Its header's values stand for those of the primary; HISTORY is the primary's."""
+    small, cube, wide = np.zeros((3, 5), np.int16), np.zeros((2, 2, 2), np.int16), np.zeros((4, 7), np.int16)
+    primary = fits.PrimaryHDU()
+    primary.header.update({"DETECTOR": "05", "GAIN": 1.0, "FILETYPE": "WIDE"})
+    primary.header.add_history(" layer bias {}")
+    other, image = fits.ImageHDU(small, name="OTHER"), fits.ImageHDU(wide, name="IMAGE")
+    other.header["GAIN"], image.header["GAIN"] = 2.0, 3.0
+    fits.HDUList([primary, fits.ImageHDU(cube), other, image]).writeto(tmp_path / "named.fits")
+    fits.HDUList([primary, fits.ImageHDU(cube), other]).writeto(tmp_path / "first.fits")
+    named, first = (read_frame(tmp_path / name) for name in ("named.fits", "first.fits"))
+    assert (named.shape, named.number("GAIN")) == ((4, 7), 3.0) and (first.shape, first.number("GAIN")) == ((3, 5), 2.0)
+    assert named.chip == 5 and named.layers() == [{"bias": {}}] and not named.ours
+    fits.HDUList([primary, fits.ImageHDU(cube)]).writeto(tmp_path / "none.fits")
+    with pytest.raises(InputError, match="holds no image"):
+        read_frame(tmp_path / "none.fits")
+    primary.header["FILETYPE"] = "FLAT"
+    fits.HDUList([primary, image]).writeto(tmp_path / "flat.fits")
+    with pytest.raises(InputError, match="FILETYPE: not an exposure of the sky"):
+        read_frame(tmp_path / "flat.fits")
+
+
+PLACES = {"CRVAL1": 11.0, "CRVAL2": 21.0, "RA_PNT0": 12.0, "DEC_PNT0": 22.0, "RA_OBJ": 13.0, "DEC_OBJ": 23.0,
+          "RA_PNT1": 14.0, "DEC_PNT1": 24.0}  # fmt: skip
+
+
+def test_an_exposure_has_every_column_of_its_header():
+    state = dict(zip(("POSI0_X", "POSI0_Y", "POSI0_Z", "VELO0_X", "VELO0_Y", "VELO0_Z"),
+                     (6700.0, 100.0, -200.0, 0.5, 7.0, -3.0), strict=True))  # fmt: skip
+    head = header(
+        OBSID="10160000004", **{"DATE-OBS": "2027-01-02T03:04:05"}, EXPTIME=250.0, POS_ANG0=12.5, SURVEY="deep",
+        **PLACES, **state,
+    )  # fmt: skip
+    assert head.exposure == {
+        "obsid": "10160000004", "type": "SCIE", "ra": 11.0, "dec": 21.0, "pa": 12.5, "time": "2027-01-02T03:04:05",
+        "exptime": 250.0, "sat_x": 6700.0, "sat_y": 100.0, "sat_z": -200.0, "sat_vx": 0.5, "sat_vy": 7.0,
+        "sat_vz": -3.0, "survey": "DEEP",
+    }  # fmt: skip
+    assert not head.notes
+
+
+@pytest.mark.parametrize("left", range(4))
+def test_the_place_is_that_of_the_first_keywords_which_are_there(left):
+    head = header(**dict(list(PLACES.items())[2 * left :]))
+    assert (head.exposure["ra"], head.exposure["dec"]) == (11.0 + left, 21.0 + left)
+
+
+@pytest.mark.parametrize(("radius", "taken"), [(6300.0, False), (6400.0, True), (49_000.0, True), (51_000.0, False)])
+def test_an_orbit_lies_between_the_earth_and_50000_km(radius, taken):
+    keys = dict(POSI0_X=0.0, POSI0_Y=0.6 * radius, POSI0_Z=0.8 * radius, VELO0_X=0.0, VELO0_Y=0.0, VELO0_Z=1.0)
+    assert ("sat_x" in header(CRVAL1=1.0, CRVAL2=2.0, **keys).exposure) is taken
+
+
+def test_what_is_assumed_of_an_empty_header():
+    """Each assumption is the value that the documentation names, and is said."""
+    head = header(CRVAL1=-30.0, CRVAL2=2.0, OBSID="x7", EXPTIME=0.0, CD1_1=0.0, CD1_2=0.0)
+    assert head.exposure == {
+        "obsid": "10100000001", "type": "SCIE", "ra": 330.0, "dec": 2.0, "pa": 0.0, "time": "2027-11-20T01:08:00",
+        "exptime": 150.0,
+    }  # fmt: skip
+    said = [note.split(":")[0] for note in head.notes]
+    assert said == ["OBSID", "POS_ANG0", "DATE-OBS", "EXPTIME", "POSI0_*, VELO0_*"]
+    assert header(name=NAME, OBSID="x7").obsid == "10160000004"
+    assert header(CRVAL1=1.0, CRVAL2=2.0, POS_ANG0=np.nan, POS_ANG1=7.0).exposure["pa"] == 7.0
+    with pytest.raises(InputError, match="no place of the boresight"):
+        _ = header(CRVAL1=1.0, CRVAL2="here").exposure
+    assert header(pieces("layer bias {not json")).layers() is None
+
+
+@pytest.mark.parametrize(("ends", "found"), [((1, 64, 1, 16), None), ((3, 64, 1, 16), (2, 64, 0, 16)),
+                                             ((1, 64, 1, 15), (0, 64, 0, 15))])  # fmt: skip
+def test_the_window_that_was_read(ends, found):
+    keys = dict(zip(("READX0", "READX1", "READY0", "READY1"), ends, strict=True))
+    assert header(**keys).window(DETECTOR) == found
+    assert header(**{name: keys[name] for name in list(keys)[:3]}).window(DETECTOR) is None
+
+
+def test_shear_and_magnitudes_of_a_lensed_galaxy_and_of_a_strong_lens(job):
+    """Both components differ; every magnitude of the table is taken through the lens; |det A| where det A < 0."""
+    kappa, g1, g2 = np.array([0.2, 1.6]), np.array([0.1, 0.05]), np.array([-0.3, 0.2])
+    table = dict(id=[5, 6], obj_type=np.array([1, 1], np.int8), x=[36.0, 72.0], y=[72.0, 9.0], mag=[20.0, 21.0],
+                 mag_r=[20.5, 21.5], mag_g=[22.0, 23.0], size=[0.4, 0.7], e1=[0.1, -0.2], e2=[0.3, 0.15], kappa=kappa,
+                 g1=g1, g2=g2, z=[0.5, -99.0])  # fmt: skip
+    found, left = own_table(objects(**table), job, BANDS, [])
+    det = (1 - kappa) ** 2 * (1 - g1**2 - g2**2)
+    for name in ("mag_r", "mag_g"):
+        assert found[name] == pytest.approx(np.array(table[name]) - 2.5 * np.log10(det))
+    assert found["gamma1"] == pytest.approx([0.08, -0.03]) and found["gamma2"] == pytest.approx([-0.24, -0.12])
+    assert list(found["e1"]) == [0.1, -0.2] and list(found["e2"]) == [0.3, 0.15] and not left
+    assert list(found["size_disk"]) == [0.4, 0.7] and not found["bulge_frac"].any()
+    assert found["z"][0] == 0.5 and np.isnan(found["z"][1]) and "mag_i" not in found
+    dark = objects(**(table | {"g1": [3.0, 0.05]}))
+    assert own_table(dark, job, BANDS, [])[0]["mag_r"][0] == pytest.approx(
+        20.5 - 2.5 * np.log10(abs(0.64 * (1 - 9 - 0.09)))
+    )
+
+
+def test_a_truth_table_has_the_sizes_of_both_components(job):
+    """Of galaxies alone; ids may be whole floats; a bright and a dark object are named, and none is of an image."""
+    notes = []
+    found, left = own_table(
+        objects(
+            id=[7.0, 8.0, 9.0, 10.0], obj_type=np.array([1, 0, 0, 0], np.int8), x=[1.0, 2.0, 3.0, 4.0], y=[0.0] * 4,
+            mag=[20.0, 21.0, -20.0, np.nan], size_disk=[0.4] * 4, size_bulge=[0.2] * 4, bulge_frac=[0.3] * 4,
+            n_disk=[1.5] * 4, n_bulge=[3.0] * 4, knots=[6] * 4, knots_frac=[0.1] * 4, image_file=["a.fits", "", "", ""],
+            **{name: np.zeros(4) for name in ("e1", "e2", "kappa", "g1", "g2")},
+        ), job, BANDS, notes,
+    )  # fmt: skip
+    assert found["id"].tolist() == [7, 8] and found["id"].dtype == np.int64
+    for name, of_galaxy, of_star in (
+        ("size_disk", 0.4, 0.0), ("size_bulge", 0.2, 0.0), ("bulge_frac", 0.3, 0.0), ("n_disk", 1.5, 1.0),
+        ("n_bulge", 3.0, 4.0), ("knots", 6, 0), ("knots_frac", 0.1, 0.0),
+    ):  # fmt: skip
+        assert found[name].tolist() == [of_galaxy, of_star], name
+    assert {reason: list(ids) for reason, ids in left.items()} == {
+        "no magnitude": [10.0],
+        f"a magnitude outside {BRIGHTEST:g} to {FAINTEST:g}": [9.0],
+    }
+    assert notes == ["image_file: galaxies of an image are disks of its size"]
+
+
+def test_the_bulges_share_is_that_of_masses_which_are_there(job):
+    found, _ = own_table(
+        objects(id=[1, 2, 3, 4], obj_type=np.array([1, 1, 1, 0], np.int8), x=[1.0] * 4, y=[1.0] * 4, mag=[20.0] * 4,
+                size=[0.5] * 4, bulgemass=[3.0, -5.0, -99.0, 3.0], diskmass=[1.0, 2.0, np.nan, 1.0]),
+        job, BANDS, [],
+    )  # fmt: skip
+    assert found["bulge_frac"].tolist() == [0.75, 0.0, 0.0, 0.0] and found["size_disk"].tolist() == [0.5, 0.5, 0.5, 0.0]
+
+
+@pytest.mark.parametrize(("chip", "filter_", "fault"), [
+    ("09", "R", None), ("9.0", "r", None), ("-", "", None), ("", "none", None), ("19", "r", "ID_chip"),
+    ("9", "i", "filter"),
+])  # fmt: skip
+def test_a_catalogue_is_of_the_frames_chip_and_filter(chip, filter_, fault):
+    plane = SimpleNamespace(pixel_to_world=lambda x, y: (10.0 + 1e-5 * x, 1e-5 * y))
+    job = SimpleNamespace(
+        chip=SimpleNamespace(id=9, filter="r"), window=SimpleNamespace(x0=0, x1=100, y0=0, y1=90), wcs=plane
+    )
+    table = objects(x=[5.0, 6.0], y=[5.0, 6.0], chip=["9", chip], filter=["r", filter_])
+    if fault is None:
+        return check_frame(table, "a.cat", job)
+    with pytest.raises(InputError, match=f"{fault}: not of this frame"):
+        check_frame(table, "a.cat", job)
+
+
+@pytest.mark.parametrize(("difference", "error", "verdict"), [
+    (0.01, 1.0, "same"), (-0.01, 0.0, "same"), (0.03, 0.01, "cannot be told"), (-0.03, 0.0099, "DIFFERS"),
+    (0.011, 0.0, "DIFFERS"), (np.nan, 0.1, "DIFFERS"),
+])  # fmt: skip
+def test_a_difference_beyond_two_errors_and_what_is_allowed_differs(difference, error, verdict):
+    assert side_by_side.Line("x", "", difference, error, 0.01).verdict == verdict
+
+
+def test_background_and_noise_are_compared_relative_to_the_first_frame():
+    """Relative to an electron where the level is less; the error is that of both means."""
+    level, noise = side_by_side._backgrounds([(40.0, 3.0), (41.0, 4.0)], 100)
+    assert (level.difference, level.error, level.allowed) == pytest.approx((1 / 40, 0.5 / 40, 0.01))
+    assert (noise.difference, noise.error) == pytest.approx((1 / 3, 0.5 / 3)) and level.words.split() == [
+        "40.000", "41.000",
+    ]  # fmt: skip
+    assert next(side_by_side._backgrounds([(0.2, 3.0), (-0.3, 4.0)], 25)).difference == pytest.approx(-0.5)
+
+
+def test_values_beyond_five_robust_sigmas_are_outliers():
+    near = [-2.0] * 4 + [0.0] + [2.0] * 4  # the median deviation is 2: five sigmas are 14.826
+    kept = side_by_side._without_outliers(10 + np.array([*near, 14.8, -14.9]))
+    assert kept.tolist() == [True] * 10 + [False]
+    assert side_by_side._without_outliers(np.array([1.0, 1.0, 1.0, 9.0])).all()
+
+
+@pytest.fixture
+def compare(monkeypatch):
+    """Return a function that compares two (image, saturated, window) at objects."""
+
+    def of(one, other, truth):
+        frames = iter(SimpleNamespace(electrons=a, saturated=b, window=c) for a, b, c in (one, other))
+        camera = SimpleNamespace(detector=None, chips={9: SimpleNamespace(kind="imaging")})
+        monkeypatch.setattr(side_by_side, "read_frame", lambda path: SimpleNamespace(chip=9))
+        monkeypatch.setattr(side_by_side, "load_camera", lambda folder: camera)
+        monkeypatch.setattr(side_by_side, "read_electrons", lambda *_: next(frames))
+        monkeypatch.setattr(side_by_side, "read_objects", lambda path: truth)
+        return {line.what: line for line in side_by_side.compared("a", "b", "c")}
+
+    return of
+
+
+def test_frames_of_two_windows_are_compared_where_both_have_pixels(compare):
+    """One scene, cut twice, with a little noise: nothing differs, and stars near the common edge are not compared.
+
+    A star saturated in one frame alone, one twice as bright in it, and one near the edge count nowhere.
+    """
+    image, x, y = scene()
+    none = np.zeros(image.shape, bool)
+    brighter = image + np.random.default_rng(5).normal(0, 1, image.shape).astype(np.float32)
+    full, kinds = none.copy(), np.where(np.arange(30) < 12, 1, 0).astype(np.int8)
+    full[round(y[14]), round(x[14])] = True
+    brighter[round(y[20]) - 5 : round(y[20]) + 6, round(x[20]) - 5 : round(x[20]) + 6] *= 2
+    truth = objects(x=x + 1000.0, y=y + 200.0, mag=np.full(30, 20.0), obj_type=kinds)
+    one = image[15:400, :390], none[15:400, :390], (1000, 1390, 215, 600)
+    other = brighter[:, 25:], full[:, 25:], (1025, 1400, 200, 600)
+    lines = compare(one, other, truth)
+    inside = (x > 25 + 12) & (x < 390 - 13) & (y > 15 + 12) & (y < 387)
+    assert 0 < inside.sum() < 30 and inside[[14, 20]].all()
+    galaxies = (inside & (kinds == 1)).sum()
+    assert lines["light of galaxies [e-]"].words.endswith(f"of {galaxies}")
+    assert lines["light of points [e-]"].words.endswith(f"of {inside.sum() - galaxies - 2}")
+    for what, most in (
+        ("light of points [e-]", 1e-4), ("light of galaxies [e-]", 1e-4), ("places along x [px]", 1e-3),
+        ("places along y [px]", 1e-3), ("places, median [px]", 2e-3), ("background [e-]", 2e-3),
+    ):  # fmt: skip
+        assert lines[what].difference == pytest.approx(0, abs=most), what
+
+
+def test_places_are_those_of_the_second_frame_less_the_first(compare):
+    """Down by 0.04 px and galaxies 3% fainter, in frames of little noise."""
+    first, y, x = scene(noise=1.0)
+    second = scene(noise=1.0, shift=-0.04, light=0.97, seed=2)[0]
+    none, window = np.zeros(first.shape, bool), (0, 400, 0, 400)
+    truth = objects(x=x, y=y, mag=np.full(30, 20.0), obj_type=np.ones(30, np.int8))
+    one, other = ((np.ascontiguousarray(image.T), none, window) for image in (first, second))
+    lines = compare(one, other, truth)
+    assert lines["places along y [px]"].difference == pytest.approx(-0.04, abs=2e-3)
+    assert lines["places along x [px]"].difference == pytest.approx(0.0, abs=2e-3)
+    assert lines["places, median [px]"].difference == pytest.approx(0.04, abs=2e-3)
+    assert lines["light of galaxies [e-]"].difference == pytest.approx(-0.03, abs=1e-3)
+    total, after, _, number = lines["light of galaxies [e-]"].words.split()
+    assert float(total) == pytest.approx(30 * 2e5, rel=2e-3) and float(after) == pytest.approx(0.97 * 6e6, rel=2e-3)
+    assert number == "30"

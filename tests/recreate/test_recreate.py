@@ -3,6 +3,7 @@
 import csv
 import shlex
 import shutil
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from astropy.table import Table
 from click.testing import CliRunner
 from lab_maps import map_path, name_maps, response, write_map
 from mini_campaign import POINTINGS, write_campaign
+from recreate.test_parts import PLACES, header, pieces
 
 from csstsim.base.shipped import ROOT
 from csstsim.campaign.opened import OpenCampaign
@@ -19,6 +21,7 @@ from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.command_line.main import main
 from csstsim.io.level0 import read_level0
 from csstsim.io.truth import read_truth
+from csstsim.recreate.recreate import _around, described
 from csstsim.recreate.side_by_side import compared
 
 OBSID, CHIP = "10100000001", 9
@@ -314,3 +317,54 @@ def test_a_window_of_2000_px_at_full_depth(tmp_path):
                 other.write("share: ../share\n")
     lines = compared(*frames, frames[0].with_suffix(".cat"))
     assert len(lines) == 7 and all(line.verdict == "same" for line in lines), lines
+
+
+def test_a_header_of_others_describes_a_campaign():
+    """Means of the channels that say something; the bias in electrons; the window; a seed of the caller's."""
+    state = {"READX0": 101, "READX1": 300, "READY0": 51, "READY1": 90}
+    gains = {"GAIN01": 1.0, "GAIN02": 2.0, "GAIN03": 0.0}
+    head = header(
+        DETECTOR="09", **PLACES, **state, **gains, RDNOIS01=4.0, RDNOIS02=8.0, DETBIA01=500.0, DETBIA02=520.0,
+        SIMSEED=4, EXPTIME=200.0, POS_ANG0=10.0, FILTER="R",
+    )  # fmt: skip
+    data, layers, table = described(head, None, 11)
+    assert data["instrument"] == {
+        "detector.gain": 1.5,
+        "detector.read_noise": 6.0,
+        "detector.bias": pytest.approx(510 * 1.5),
+    }
+    assert data["window"] == {"x0": 100, "x1": 300, "y0": 50, "y1": 90} and data["seed"] == 11
+    assert data["select"] == {"types": ["SCIE"], "obsids": ["10100000001"], "chips": [9]}
+    assert "fidelity" not in data and any("poisson_and_dark" in layer for layer in layers)
+    heads, row = table.splitlines()
+    assert dict(zip(heads.split(","), row.split(","), strict=True)) == {
+        "obsid": "10100000001", "type": "SCIE", "ra": "11.0", "dec": "21.0", "pa": "10.0",
+        "time": "2027-11-20T01:08:00", "exptime": "200.0",
+    }  # fmt: skip
+    assert "SIMSEED" not in " ".join(head.notes)
+
+
+def test_a_header_of_ours_describes_a_campaign():
+    head = header(
+        pieces("layer bias {}", "camera detector.gain = 1.25"), SIMVER="1", CHIPLAB="9", **PLACES, SIMSEED=4,
+        EPHEM="builtin", LDPLANET=True,
+    )  # fmt: skip
+    data, layers, _ = described(head, None, None)
+    assert data["instrument"] == {"detector.gain": 1.25} and layers == [{"bias": {}}] and data["seed"] == 4
+    assert data["astrometry"] == {"ephemeris": "builtin", "planets": True} and "window" not in data
+    assert data["fidelity"] == "noise_free" and any(note.startswith("fidelity: noise_free") for note in head.notes)
+
+
+def test_pixels_about_bright_objects_are_no_background(monkeypatch):
+    """A circle of 10 px times the cube root of the light over that of the faintest, at most 300 px."""
+    monkeypatch.setattr("csstsim.recreate.recreate.apparent", lambda ra, dec, observer: (ra, dec))
+    window = SimpleNamespace(x0=1000, x1=1400, y0=50, y1=350, shape=(300, 400))
+    job = SimpleNamespace(wcs=SimpleNamespace(world_to_pixel=lambda x, y: (x, y)), observer=None, window=window)
+    columns = {"ra": np.array([1100.0, 1300.0, 1200.0]), "dec": np.array([150.0, 250.0, 60.0])}
+    mask = _around(job, columns, np.array([8.0, 27.0, 1.0]))
+    y, x = np.mgrid[:300, :400]
+    wanted = (np.hypot(x - 100, y - 100) < 19.5) | (np.hypot(x - 300, y - 200) < 29.5)
+    outside = (np.hypot(x - 100, y - 100) > 20.5) & (np.hypot(x - 300, y - 200) > 30.5)
+    assert mask[wanted].all() and not mask[outside].any()
+    far = _around(job, {name: values[:1] for name, values in columns.items()}, np.array([1e9]))
+    assert not far[-1, -1] and far[100, 399]
