@@ -1,6 +1,7 @@
 """If one of four exposures is wrong, its own gate fails and names it, however few its sources are."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,14 +11,24 @@ from fabricated_frame import PIX, SCALE, make_frame
 
 from csstsim.base.rng import stream
 from csstsim.bricks.merge import merge_brick
-from csstsim.bricks.validation.exposures import clipped_mean, shape_slope
-from csstsim.bricks.validation.facts import LEAST, ChannelLevel, Facts, HeaderWCS, _uneven
-from csstsim.bricks.validation.gates import FEW, LARGEST, at_least, at_most, between, of_exposures
+from csstsim.bricks.validation.exposures import BORDER, _Gates, clipped_mean, count_gates, shape_slope
+from csstsim.bricks.validation.facts import (
+    LEAST,
+    ChannelLevel,
+    Facts,
+    HeaderWCS,
+    _outskirts,
+    _uneven,
+    _wings,
+    header_off,
+    pixels_off,
+)
+from csstsim.bricks.validation.gates import FEW, LARGEST, WORST, at_least, at_most, between, of_exposures
 from csstsim.bricks.validation.trials import joined, trials
 from csstsim.bricks.validation.validate import judged_truth, validate_brick
 from csstsim.bricks.validation.verdict import judge, sentence
 from csstsim.campaign.thresholds import ValidateConfig
-from csstsim.catalog.table import GALAXY, ObjectTable
+from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.catalog.truth_bricks import ID_BITS
 
 EXPTIME, SKY, DARK, READ_NOISE, GAIN, RESPONSE = 150.0, 31.0, 3.0, 5.0, 1.1, 0.95
@@ -321,3 +332,166 @@ def test_light_that_differs_is_allowed_for():
     levels = [ChannelLevel(k, (k, k + 1, 0, 1), 10**5, off, light, 0.0) for k, off, light in pairs]
     assert {value for _, value, _ in _uneven(levels)} == {0.0}
     assert _uneven(levels[:1]) == []
+
+
+def test_a_clipped_mean_by_hand():
+    """Sigmas 0.5 and 1.5 with the floor: weights 4 and 4/9 about a median of 1; the last is off by more than 4."""
+    values, errors = np.array([1.0, 1.0, 2.8, 9.0, np.nan, 1.0]), np.array([0.3, 0.3, np.sqrt(2.09), 0.3, 0.3, np.nan])
+    mean, error, n = clipped_mean(values, errors, 0.4)
+    weight = np.array([4.0, 4.0, 4 / 9])
+    expected = weight @ [1, 1, 2.8] / weight.sum()
+    scatter = np.sqrt(weight**2 @ (np.array([1, 1, 2.8]) - expected) ** 2) / weight.sum()
+    assert (mean, n) == (pytest.approx(expected), 3) and error == pytest.approx(max(weight.sum() ** -0.5, scatter))
+    apart = np.array([-10.0, 10.0, -10.0, 10.0])  # the scatter is larger than the errors
+    assert clipped_mean(apart, np.full(4, 3.0), 4.0) == (0.0, pytest.approx(5.0), 4)
+
+
+def test_objects_of_a_frame_are_counted_on_the_window_and_the_brick():
+    n, ids = 8, np.arange(8) + (np.int64(PIX) << ID_BITS)
+    truth = ObjectTable({
+        "id": ids + (np.arange(n) == 3) * (1 << ID_BITS), "x": np.array([9.4, 9.6, 20, 20, 20, 20, 39.4, 39.6]),
+        "y": np.array([50, 50, 119.6, 50, 50, 99.6, 100, 100.0]),
+        "obj_type": np.array([0, 0, 0, 0, GALAXY, STAR, GALAXY, GALAXY]),
+    })  # fmt: skip
+    info = {"window": [10, 40, 20, 120], "obsid": "4", "chip": 9}
+    frame = SimpleNamespace(
+        truth=truth, info=info, band="r", facts=SimpleNamespace(expected={"galaxies": 4, "stars": 8})
+    )
+    galaxies, stars = count_gates(frame, PIX, ValidateConfig(frame_counts_max=0.05))
+    assert galaxies["name"] == "galaxies of a frame over the catalogue's, less 1" and galaxies["value"] == -0.5
+    assert (stars["value"], stars["threshold"], stars["n"]) == (-0.75, 0.05, 8)
+    assert {k: stars[k] for k in ("band", "exposure", "chip")} == {"band": "r", "exposure": "4", "chip": 9}
+    assert stars["error"] == pytest.approx(BORDER / 8 / WORST)
+    frame.facts.expected = {"stars": 0}
+    assert count_gates(frame, PIX, ValidateConfig())[0]["value"] is None
+    for facts in (SimpleNamespace(expected={}), None):
+        frame.facts = facts
+        assert count_gates(frame, PIX, ValidateConfig()) == []
+
+
+def test_of_the_channels_the_one_nearest_to_failing_is_kept():
+    of = _Gates("r", {"exposure": "3", "chip": 9})
+    found = [(5, 0.3, 0.1), (6, -0.29, 0.01), (None, 0.0, 0.0)]
+    (gate,) = of.worst("a", found, 0.1)
+    assert (
+        gate["channel"] == 6 and gate["margin"] == pytest.approx(0.29 / 0.14) and gate["error"] == pytest.approx(0.01)
+    )
+    assert (gate["exposure"], gate["chip"], gate["band"], gate["n"]) == ("3", 9, "r", None)
+    (gate,) = of.worst("a", [(None, 0.3, 0.0)], 0.1)
+    assert "channel" not in gate and of.worst("a", [], 0.1) == []
+
+
+def odd_facts(**changes):
+    """Sky 20, dark current 3, read noise 4 electrons; gains 2 and 3."""
+    numbers = {
+        "exptime": 150.0,
+        "sky": 20.0,
+        "dark": 3.0,
+        "read_noise": 4.0,
+        "full_well": 9e4,
+        "gain": {1: 2.0, 2: 3.0},
+    }
+    return Facts(**(numbers | changes))
+
+
+def test_expected_background_and_noise_are_of_the_light_before_the_flat():
+    assert odd_facts().level(0.5) == pytest.approx(26.0)
+    assert odd_facts().noise(0.5, 2) == pytest.approx(np.sqrt(10 + 3 + 16 + 9 / 12) / 0.5)
+    assert odd_facts().noise(1.0, 7) == pytest.approx(np.sqrt(39.0))
+
+
+def odd_channels():
+    """Two channels of 320 x 400 and 640 x 400 px, the second 4% too bright; responses 0.5 and 0.6."""
+    common = {"read_noise": 4.1, "bias": 101.0}
+    return [
+        common | {"channel": 1, "window": [100, 420, 0, 400], "level": 26.0, "noise": 12.0, "response": 0.5,
+                  "overscan": 800},
+        common | {"channel": 2, "window": [420, 1060, 0, 400], "level": 26.0, "noise": 11.0, "response": 0.6,
+                  "overscan": 0},
+    ]  # fmt: skip
+
+
+def test_pixels_against_what_is_expected_by_hand():
+    """No light of objects. The whole frame has means weighted with 1 and 2 thirds."""
+    facts = odd_facts(header={"bias": {1: 100.5, 2: 7.0}})
+    out = pixels_off(odd_channels(), facts, {}, 0.074)
+    n = np.array([384_000, 128_000, 256_000])
+    level, noise, response = [26.0, 26.0, 26.0], [34 / 3, 12.0, 11.0], np.array([1.7 / 3, 0.5, 0.6])
+    expected = 20 + 3 / response
+    sigma = np.hypot(np.array(noise) / np.sqrt(n), [4 / 800**0.5, 4 / 800**0.5, 0.0])
+    for k, channel in enumerate((None, 1, 2)):
+        assert out["level"][k] == (channel, pytest.approx(level[k] / expected[k] - 1, abs=1e-12),
+                                   pytest.approx(sigma[k] / expected[k]))  # fmt: skip
+        gain = {None: 2.0, 1: 2.0, 2: 3.0}[channel]
+        right = np.sqrt(20 * response[k] + 3 + 16 + gain**2 / 12) / response[k]
+        assert out["noise"][k] == (channel, pytest.approx(noise[k] / right - 1), pytest.approx((2 * n[k]) ** -0.5))
+    assert out["read_noise"] == [(1, pytest.approx(4.1 / np.sqrt(16 + 4 / 12) - 1), pytest.approx(1 / 40))]
+    assert out["bias"] == [(1, pytest.approx(0.5), pytest.approx(np.hypot(4.1 / 2, 12**-0.5) / 800**0.5))]
+    off = out["uneven"][1][1]
+    assert off == pytest.approx((1 / 25) * 1 / 3) and out["uneven"][0][1] == pytest.approx(-(1 / 25) * 2 / 3)
+
+
+def test_light_of_objects_that_a_background_may_have():
+    """Faint objects count whole, others by a fiftieth, those beyond the edge in the nearest channel."""
+    channels = odd_channels()
+    truth = ObjectTable({
+        "x": np.array([150.0, 300.0, 800.0, 1200.0, 500.0]), "y": np.array([10.0, 10.0, 10.0, 10.0, -1.0]),
+        "drawn": np.array([1000.0, 5000.0, 30_000.0, 700.0, np.nan]), "snr": np.array([4.9, 5.1, 90.0, 90.0, 90.0]),
+    })  # fmt: skip
+    wings = _wings(channels, np.array([128_000, 256_000]), truth, 0.074)
+    own = np.array([1000 + 100.0, 600 + 700.0])
+    assert wings == pytest.approx(own / [128_000, 256_000] + own.sum() / 384_000)
+    assert _wings(channels, np.array([1, 1]), {}, 0.074).tolist() == [0, 0] and len(_wings([], [], truth, 0.074)) == 0
+
+
+def test_the_outskirts_of_an_exponential_disk_are_those_below_the_noise():
+    """I(r) = F / (2 pi h^2) exp(-r / h): beyond r the share (1 + r / h) exp(-r / h) of the light is left."""
+    half, drawn, noise = 40.0, 5e5, 12.0  # px, electrons
+    truth = ObjectTable({
+        "obj_type": np.array([GALAXY, GALAXY, STAR]), "size_disk": np.array([2.0, 1.5, 2.0]),
+        "size_bulge": np.zeros(3), "bulge_frac": np.zeros(3),
+    })  # fmt: skip
+    h = half / 1.67835
+    radius = np.log(drawn / (2 * np.pi * h**2) / noise)
+    share = _outskirts(truth, np.full(3, drawn), noise, 0.05)
+    assert share == pytest.approx([(1 + radius) * np.exp(-radius), 0.0, 0.0], rel=1e-3)
+
+
+def test_the_header_against_the_campaign_by_hand():
+    header = {
+        "exptime": 153.0,
+        "gain": {1: 2.2, 2: 2.7, 9: 1.0},
+        "read_noise": {2: 5.0},
+        "pointing": {"A": 0.1, "B": 0.4},
+    }
+    assert header_off(odd_facts(header=header)) == {
+        "exptime": [(None, pytest.approx(0.02), 0.0)],
+        "gain": [(1, pytest.approx(0.1), 0.0), (2, pytest.approx(-0.1), 0.0)],
+        "read_noise": [(2, pytest.approx(0.25), 0.0)], "pointing": [(None, 0.4, 0.0)],
+    }  # fmt: skip
+    empty = {"exptime": [], "gain": [], "read_noise": [], "pointing": []}
+    assert header_off(odd_facts(header={})) == empty
+    assert header_off(odd_facts(exptime=0.0, read_noise=0.0, gain={}, header=header | {"pointing": {}})) == empty
+
+
+def test_distortion_is_undone_before_the_headers_linear_map():
+    wcs = header_wcs(make_frame("g", 1, side=2))
+    moved = HeaderWCS(wcs.cards, SimpleNamespace(inverse=lambda x, y: (x + 2.0, y - 3.0)))
+    x, y = np.array([10.0, 90.0]), np.array([20.0, 60.0])
+    assert moved.pixel_to_world(x, y) == pytest.approx(np.array(wcs.pixel_to_world(x + 2.0, y - 3.0)), abs=1e-12)
+
+
+@pytest.mark.parametrize(("snr", "galaxy", "counts"), [(20.1, 1, 1), (19.9, 1, 0), (500.1, 1, 0), (50.0, 0, 0)])
+def test_whose_shapes_make_the_slope(snr, galaxy, counts):
+    """Three galaxies of slope 2i; the fourth, of slope 0, is judged or not."""
+    columns = {name: np.zeros(4) for name in joined([]).names}
+    columns |= {
+        "galaxy": np.array([1, 1, 1, galaxy]), "snr": np.array([50.0, 50.0, 50.0, snr]),
+        "true_g1": np.array([0.1, 0.0, 0.2, 0.3]), "true_g2": np.array([0.0, 0.2, 0.1, 0.0]),
+        "g1": np.array([0.0, -0.4, -0.2, 0.0]), "g2": np.array([0.2, 0.0, 0.4, 0.0]),
+    }  # fmt: skip
+    slope, error, n = shape_slope(ObjectTable(columns))
+    assert n == 3 + counts and slope == pytest.approx(2j * (0.1 / 0.19 if counts else 1.0))
+    square = 0.1 * abs(2j - slope) ** 2 + 0.09 * abs(slope) ** 2 * counts
+    assert error == pytest.approx(np.sqrt(square / (2 * (n - 1)) / (0.1 + 0.09 * counts)))
+    assert shape_slope(ObjectTable(columns).take([0])) == (None, 0.0, 1)

@@ -106,3 +106,18 @@ def test_truth_bricks_are_a_catalogue_too(tmp_path):
         return  # a peer reader, not a dependency
     assert is_valid_catalog(paths.truth_catalogue, strict=True)
     assert len(read_hats(paths.truth_catalogue).get_healpix_pixels()) == 2
+
+
+def test_properties_name_the_columns_the_size_and_the_standard(catalogue):
+    from csstsim import __version__
+
+    paths, bricks = catalogue
+    about = properties(paths)
+    columns = [about[f"hats_col_{name}"] for name in ("ra", "dec", "healpix")]
+    assert columns == ["ra", "dec", "_healpix_29"] and about["hats_col_healpix_order"] == "29"
+    assert (about["hats_order"], about["hats_version"]) == ("8", "v1.0")
+    assert int(about["hats_estsize"]) == sum(path.stat().st_size for path in bricks.values()) // 1024 > 0
+    assert about["hats_builder"] == f"csstsim v{__version__}" and "hats_release_date" in about
+    known = pq.read_metadata(paths.merge_catalogue / "dataset" / "_metadata")
+    files = [known.row_group(k).column(0).file_path for k in range(known.num_row_groups)]
+    assert sorted(set(files)) == sorted(f"Norder=8/Dir={pix // 10_000 * 10_000}/Npix={pix}.parquet" for pix in bricks)

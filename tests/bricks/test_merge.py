@@ -314,3 +314,40 @@ def test_places_are_weighted_by_their_errors():
     sources, _ = merge_brick(pix, [one, two], BANDS)
     assert (sources["dec"][0] - 2.0) / moved == pytest.approx(0.2, abs=1e-3)
     assert sources["pos_err"][0] == pytest.approx((0.01**-2 + 0.02**-2) ** -0.5, rel=1e-6)
+
+
+def test_every_kind_of_flux_is_its_own_mean_in_its_own_band():
+    """Two visits in r, one in i, in microjansky: each flux by its own errors, of profiles by those of the PSF's."""
+    pix = int(healpix.brick_of(150.0, 2.0))
+    kinds = {"psf": ("", 100.0, 4.0), "kron": ("kron_", 200.0, 8.0), "total": ("total_", 400.0, 30.0),
+             "gaap": ("gaap_", 800.0, 50.0)}  # fmt: skip
+    tables = [table([150.0], [2.0], obsid=str(k), band=band, zeropoint=23.9) for k, band in enumerate("RRi")]
+    for k, one in enumerate(tables):
+        for n, (kind, (_, flux, error)) in enumerate(kinds.items()):
+            one[f"flux_{kind}"][:] = flux + 10 * (n + 1) * k
+            one[f"flux_{kind}_err"][:] = error * (1 + (k == 1) * (n + 1))
+    sources, _ = merge_brick(pix, tables, BANDS)
+    for n, (prefix, flux, error) in enumerate(kinds.values()):
+        noise = np.array([4.0, 8.0]) if n > 1 else error * np.array([1.0, n + 2])
+        weight, errors = noise**-2.0 / (noise**-2.0).sum(), error * np.array([1.0, n + 2])
+        mean, sigma = weight @ [flux, flux + 10 * (n + 1)], np.sqrt(((weight * errors) ** 2).sum())
+        found = [sources[f"{prefix}{name}"][0] for name in ("flux_r", "flux_err_r", "mag_r", "mag_err_r")]
+        assert found == pytest.approx([mean, sigma, 23.9 - 2.5 * np.log10(mean), 2.5 / np.log(10) * sigma / mean])
+        assert sources[f"{prefix}flux_i"][0] == pytest.approx(flux + 20 * (n + 1))
+        assert sources[f"{prefix}flux_err_i"][0] == pytest.approx(error)
+    assert (sources["n_r"][0], sources["n_i"][0], sources["n_g"][0]) == (2, 1, 0)
+
+
+def test_epochs_are_weighted_as_places_are_and_unknown_ones_are_nan():
+    pix = int(healpix.brick_of(150.0, 2.0))
+    visits = [table([150.0, 150.001], [2.0, 2.0], obsid=str(k), pos_err=error) for k, error in enumerate((0.01, 0.02))]
+    times = [
+        one.with_columns(mjd=np.full(2, 61000.0 + 8 * k), exptime=np.full(2, 150.0)) for k, one in enumerate(visits)
+    ]
+    sources, found = merge_brick(pix, times, BANDS)
+    weight = 1 / (0.01**2 + FLOOR**2), 1 / (0.02**2 + FLOOR**2)
+    assert sources["epoch"] == pytest.approx(np.full(2, 61000.0 + 8 * weight[1] / sum(weight)), abs=1e-6)
+    assert not sources["pmra"].any() and not sources["pmdec"].any() and not sources["motion"].any()
+    assert sources["source_id"].tolist() == [pix * 2**20, pix * 2**20 + 1]
+    assert found["source"].tolist() == [0, 0, 1, 1] and sorted(found["obsid"][:2]) == ["0", "1"]
+    assert np.isnan(merge_brick(pix, visits, BANDS)[0]["epoch"]).all()

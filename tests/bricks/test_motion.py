@@ -8,8 +8,9 @@ from measured_table import table
 
 from csstsim.base import healpix
 from csstsim.base.rng import stream
+from csstsim.base.sphere import unit_vectors
 from csstsim.bricks.merge import merge_brick
-from csstsim.bricks.motion import SOLAR, STAR
+from csstsim.bricks.motion import MAG_OFF, SOLAR, STAR, fitted
 
 PIX = int(healpix.brick_of(150.0, 2.0))
 RA, DEC = healpy.pix2ang(healpix.NSIDE, PIX, nest=True, lonlat=True)
@@ -135,3 +136,74 @@ def test_two_lights_of_a_frame_are_never_one_star():
     assert len(sources) == rest + 2
     moving = sources["motion"] == STAR
     assert sources["n_detections"][moving].tolist() == [4]
+
+
+def test_a_line_through_places_is_numpys():
+    """Weighted slopes to the east and north at declination 60, residuals, and the mean time."""
+    rng = stream(6, "line")
+    time, error = 61000.0 + YEAR * np.array([0.0, 0.4, 1.0, 2.5]), np.array([0.01, 0.02, 0.05, 0.01])
+    east, north = 0.3 * (time - 61000.0) / YEAR, -0.7 * (time - 61000.0) / YEAR
+    east, north = east + error * rng.normal(size=4), north + error * rng.normal(size=4)
+    vectors = unit_vectors(200.0 + east / 3600 / np.cos(np.radians(60.0)), 60.0 + north / 3600)
+    _, speed, off, when = fitted(vectors, error, time)
+    assert when == pytest.approx(np.average(time, weights=error**-2.0), abs=1e-6)
+    for k, place in enumerate((east, north)):
+        slope, start = np.polyfit((time - when) / YEAR, place, 1, w=1 / error)
+        assert speed[k] == pytest.approx(slope, abs=1e-4)
+        assert off[:, k] == pytest.approx(place - start - slope * (time - when) / YEAR, abs=1e-4)
+    still = fitted(vectors, error, np.full(4, 61000.0))
+    assert still[1].tolist() == [0.0, 0.0] and still[3] == 61000.0
+
+
+def rows_of_a_star(tables):
+    return merge_brick(PIX, tables, BANDS)[0]
+
+
+@pytest.mark.parametrize(("change", "joined"), [(0.9 * MAG_OFF, 1), (1.1 * MAG_OFF, 0)])
+def test_groups_of_unlike_magnitudes_are_two(change, joined):
+    """A place seen in the first year and another a second on in the third; both bands in both."""
+    times = 61000.0 + YEAR * np.array([0.0, 0.001, 2.0, 2.001])
+    tables, rest = frames(times, lambda t: np.array([1.0 * (t > 61100.0), 0.0]))
+    fainter = 10 ** (-0.4 * change)
+    for one in tables[2:]:
+        one["flux_kron"][-1] *= fainter
+    sources = rows_of_a_star(tables)
+    assert len(sources) == rest + (1 if joined else 2) and sources["motion"].sum() == joined * STAR
+
+
+@pytest.mark.parametrize(("speed", "joined"), [(4.8, 1), (5.3, 0)])
+def test_no_star_is_faster_than_five_arcsec_a_year(speed, joined):
+    times = 61000.0 + YEAR * np.array([0.0, 0.001, 1.0, 1.001])
+    tables, rest = frames(times, lambda t: np.array([0.6, 0.8]) * speed * np.round((t - 61000.0) / YEAR))
+    sources = rows_of_a_star(tables)
+    assert (len(sources) == rest + 1) == bool(joined) and sources["motion"].sum() == joined * STAR
+
+
+@pytest.mark.parametrize(("rate", "linked"), [(0.8, 1), (110.0, 1), (130.0, 0)])
+def test_objects_of_the_solar_system_have_a_speed(rate, linked):
+    """110 arcsec an hour for half a minute is 0.9 arcsec."""
+    times = 61000.0 + np.arange(3) * (1200 if rate < 1 else 30) / 86400
+    tables, rest = frames(times, lambda t: np.array([0.6, 0.8]) * rate * 24 * (t - 61000.0), wide=1.5, error=0.003,
+                          exptime=20.0)  # fmt: skip
+    sources = rows_of_a_star(tables)
+    assert sources["motion"].sum() == linked * SOLAR and len(sources) == rest + (1 if linked else 3)
+
+
+def test_pieces_of_a_trail_are_members_without_flux_or_weight():
+    """Each trail is cut in two, 0.8 arcsec apart: the brighter piece stands for both."""
+    times = 61000.0 + np.arange(3) * 300 / 86400
+    tables, rest = frames(times, lambda t: np.array([0.6, 0.8]) * 30 * 24 * (t - 61000.0), wide=1.5)
+    cut = []
+    for one in tables:
+        piece = one.take([len(one) - 1])
+        piece = piece.with_columns(
+            dec=piece["dec"] + 0.8 / 3600, number=piece["number"] + 1, flux_kron=0.5 * piece["flux_kron"],
+            flux_psf=0.4 * piece["flux_psf"],
+        )  # fmt: skip
+        cut.append(type(one).concat([one, piece]))
+    whole, sources = rows_of_a_star(tables), rows_of_a_star(cut)
+    assert len(sources) == len(whole) == rest + 1
+    a, b = (table.take(table["motion"] == SOLAR) for table in (whole, sources))
+    assert (a["n_detections"].tolist(), b["n_detections"].tolist()) == ([3], [6])
+    for name in ("ra", "dec", "epoch", "pmra", "pmdec", "flux_g", "kron_flux_r", "flux_err_g"):
+        assert b[name][0] == pytest.approx(a[name][0], rel=1e-4), name

@@ -5,7 +5,11 @@ import pytest
 from commands import command
 from mini_campaign import POINTINGS, write_campaign
 
-from csstsim.bricks.validation.shear import calibration, judge, pair_means
+from csstsim.bricks.validation.gates import FEW
+from csstsim.bricks.validation.shear import LARGEST, SNR_MIN, calibration, judge, pair_means, shapes
+from csstsim.bricks.validation.trials import RESOLVED
+from csstsim.bricks.validation.validate import MeasuredFrame
+from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 
 SHEARS = [(0.03, 0.0), (-0.03, 0.0), (0.0, 0.03), (0.0, -0.03)]
 
@@ -89,3 +93,55 @@ def test_what_are_no_twins_is_refused(tmp_path, changes, words):
     found = command("shear", *files)
     assert found.exit_code == 2 and words in found.output.lower(), found.output
     assert len(found.output.splitlines()) == 1
+
+
+def test_which_galaxies_have_a_shape():
+    """One a row: what takes it out. The rest keep both components, by their own number."""
+    n = 14
+    truth = ObjectTable({
+        "id": 100 + np.arange(n), "x": 50.0 * np.arange(n), "y": np.full(n, 9.0),
+        "obj_type": np.where(np.arange(n) == 1, STAR, GALAXY), "blended": np.arange(n) == 2,
+        **{name: np.zeros(n) for name in ("size_disk", "size_bulge", "bulge_frac")},
+    })  # fmt: skip
+    columns = {
+        "x": truth["x"] + 0.4, "y": truth["y"] - 0.3, "snr": np.full(n, 50.0), "resolution": np.full(n, 0.9),
+        "flags": np.zeros(n, int), "g1": 0.01 * np.arange(n), "g2": -0.02 * np.arange(n),
+    }  # fmt: skip
+    columns["x"][3] += 3.0
+    columns["snr"][4], columns["resolution"][5] = SNR_MIN, RESOLVED
+    columns["flags"][6:11] = 1, 2, 4, 8, 128
+    columns["g2"][11] = np.nan
+    columns["g1"][12], columns["g2"][12] = 0.8 * LARGEST, -0.6 * LARGEST
+    columns["flags"][13] = 16 | 32 | 64 | 256
+    order = np.arange(n)[::-1]
+    measured = ObjectTable({name: values[order] for name, values in columns.items()}, {"filter": "r"})
+    found = shapes(MeasuredFrame(truth, measured, 5000, 0.074), truth)
+    assert {name: g.tolist() for name, g in found.items()} == {100: [0.0, 0.0], 113: [0.13, -0.26]}
+
+
+def test_a_fit_of_unequal_campaigns_in_closed_form():
+    """Three shears of 2, 3 and 4 galaxies: against numpy's weighted line, with the errors of the weights."""
+    shears = [(0.05, 0.01), (-0.02, 0.01), (0.03, 0.01)]
+    means = [
+        np.array([[0.04, 0.0], [0.08, 0.02]]), np.array([[-0.03, 0.02], [-0.01, 0.03], [-0.05, 0.04]]),
+        np.array([[0.02, 0.01], [0.04, 0.03], [0.05, 0.0], [0.03, 0.02]]),
+    ]  # fmt: skip
+    first, second = calibration(shears, means)
+    y, error = ([part(m[:, 0]) for m in means] for part in (np.mean, lambda v: np.std(v, ddof=1) / len(v) ** 0.5))
+    (slope, offset), covariance = np.polyfit([0.05, -0.02, 0.03], y, 1, w=1 / np.array(error), cov="unscaled")
+    assert (first["component"], first["n"], second["component"]) == (1, 9, 2)
+    assert (first["m"], first["c"]) == (pytest.approx(slope - 1), pytest.approx(offset))
+    assert [first["m_err"], first["c_err"]] == pytest.approx(np.sqrt(np.diag(covariance)))
+    weight = [len(m) / m[:, 1].var(ddof=1) for m in means]
+    assert second["m"] is None and second["c_err"] == pytest.approx(sum(weight) ** -0.5)
+    assert second["c"] == pytest.approx(np.dot(weight, [m[:, 1].mean() - 0.01 for m in means]) / sum(weight))
+
+
+@pytest.mark.parametrize(("m", "n", "passed"), [
+    (0.069, FEW, True), (-0.069, FEW, True), (0.071, FEW, False), (-0.071, FEW, False), (0.5, FEW - 1, None),
+])  # fmt: skip
+def test_gates_allow_five_errors_beyond_the_limit(m, n, passed):
+    fit = {"component": 2, "m": m, "m_err": 0.01, "c": 0.0, "c_err": 0.001, "n": n}
+    first, second = judge([fit], 0.02, None)
+    assert first == {"name": "shear m2", "band": "all", "value": m, "threshold": 0.02, "n": n, "passed": passed}
+    assert second["name"] == "shear c2" and second["passed"] is None

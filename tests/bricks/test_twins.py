@@ -161,3 +161,44 @@ def test_the_page_says_what_differs(tmp_path):
         word in text for word in ("0.5 (10.00) FAIL", "0.97 (0.30)", "0 of 1 judged", "psf.grid", shown, "&lt;odd&gt;")
     )
     assert text.count("data:image/png") == 1 and twin_figure([]) is None
+
+
+def test_far_is_beyond_five_robust_sigmas_of_the_median():
+    """Deviations from the median 0 have a median of 2: the limit is 5 x 1.4826 x 2 = 14.826."""
+    some = [-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0]
+    one = mean([*some, 14.8, -14.9])
+    assert (one.n, one.far) == (9, 1) and one.near == pytest.approx(14.8 / 8) and one.mean == pytest.approx(-0.1 / 9)
+    assert one.scatter == pytest.approx(np.std([*some, 14.8, -14.9], ddof=1))
+    assert one.near_error == pytest.approx(np.std([*some, 14.8], ddof=1) / 8**0.5)
+
+
+def test_every_quantity_is_its_own_column():
+    columns = {"y": 3.0, "hsm_e2": 0.4, "g2": 0.5, "hsm_sigma": np.e**2, "mag_psf": 19.5, "mag_total": 18.5}
+    frame = frame_of(**{name: np.full(COUNT, value) for name, value in columns.items() if name != "y"})
+    found, _ = seen(frame, truth_of())
+    for number, one in found.items():
+        star = number % 2 == 0
+        assert one["true"] == 20.0 + number - 100 and one["mag"] == (19.5 if star else 18.5)
+        assert (one["x"], one["y"]) == (50.0 + 20 * (number - 100),) * 2 and one["size"] == pytest.approx(2.0)
+        assert (one["e1"], one["e2"]) == (0.1, 0.4)
+        assert np.isnan(one["g2"]) if star else (one["g1"], one["g2"]) == (0.2, 0.5)
+    moved, _ = seen(frame_of(y=50.0 + 20.0 * np.arange(COUNT) + 0.5), truth_of())
+    assert differences(found, moved)[100]["y"] == 0.5 and differences(found, moved)[101]["g2"] == -0.5
+    blended = truth_of().with_columns(blended=np.arange(COUNT) == 1)
+    apart, _ = seen(frame, blended)
+    assert np.isnan([apart[101][name] for name in ("size", "e1", "e2", "g1", "g2")]).all() and apart[101]["mag"] == 18.5
+
+
+def test_orders_of_a_spectrum_are_columns_of_their_own():
+    first, other = spectrum(7, [100.0, 200.0]), spectrum(7, [130.0, 190.0])
+    second = [table.with_columns(order=np.full(2, 2)) for table in (spectrum(7, [40.0, 60.0]), spectrum(7, [0.0, 0.0]))]
+    both = [spectra(ObjectTable.concat(pair)) for pair in zip((first, other), second, strict=True)]
+    assert spectral_differences(*both)[7]["spectrum"] == pytest.approx((20.0 - 100.0) / 400.0)
+    lost = first.with_columns(electrons_err=np.array([np.nan, 1.0]))
+    assert spectra(lost) == {7: {(1, 1): (200.0, 1.0)}}
+
+
+def test_bins_are_of_whole_magnitudes():
+    objects = [{"kind": "star", "true": 20.0 + 0.1 * k, "mag": float(k >= 10)} for k in range(20)]
+    at, means = binned([*objects, {"kind": "star", "true": 25.0, "mag": 9.0}], "star", "mag")
+    assert at == pytest.approx([20.45, 21.45]) and [one.mean for one in means] == [0.0, 1.0]

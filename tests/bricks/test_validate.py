@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,10 +11,23 @@ from fabricated_frame import N_EFF, PIX, RMS, SCALE, ZEROPOINT, make_frame
 
 from csstsim.base import healpix
 from csstsim.bricks.merge import merge_brick
+from csstsim.bricks.validation.brick_gates import band_gates, colour_gate, fraction_at_most, law_gates
 from csstsim.bricks.validation.compare import counts, twice
+from csstsim.bricks.validation.gates import CHANCE, WORST
 from csstsim.bricks.validation.trials import close_pairs, matched, trials
-from csstsim.bricks.validation.validate import MeasuredFrame, blended, completeness, judged_truth, validate_brick
+from csstsim.bricks.validation.validate import (
+    EDGE,
+    MeasuredFrame,
+    _of_exposures,
+    blended,
+    completeness,
+    crowd,
+    distinct,
+    judged_truth,
+    validate_brick,
+)
 from csstsim.campaign.thresholds import ValidateConfig
+from csstsim.catalog import flags
 from csstsim.catalog.table import ObjectTable
 from csstsim.report.figures import brick_figure, sky_map
 
@@ -307,3 +321,149 @@ def test_sources_counted_twice_are_those_of_isolated_objects_with_a_source():
     truth |= {"size_disk": none, "size_bulge": none, "bulge_frac": none}
     sources = {"ra": np.concatenate([ra, ra[[2, 4, 5]] + 1e-6]), "dec": np.zeros(9)}
     assert twice(ObjectTable(truth), ObjectTable(sources), np.array([0, 1, 2, 3, -1, 5])) == (0.25, 4)
+
+
+def of_band():
+    """Numbers of a band: bins of galaxies, of charge transfer, stars, counts and pairs, all of different size."""
+    spread = {"sigma": 1.0}
+    return {
+        "star": spread | {"median": -0.03, "error": 0.001, "n": 50}, "point_sources": 77,
+        "counts": {"excess": -0.15, "n": 400}, "pairs": {"found": 30, "n": 60},
+        "galaxy_bins": [
+            spread | {"snr": [low, high], "median": off, "error": error, "n": n}
+            for low, high, off, error, n in (
+                (10, 20, 0.4, 0.05, 30), (20, 60, -0.2, 0.01, 40), (60, 500, 0.01, None, 3),
+            )
+        ],
+        "transfer": [
+            {name: spread | {"median": off, "error": error, "n": n} for name, off, error, n in rows}
+            for rows in (
+                (("deferred_mas", -3.0, 0.5, 25), ("across_mas", 1.5, 0.1, 25), ("light", 9.0, 0.0, 99)),
+                (("deferred_mas", 0.2, 0.2, 30), ("across_mas", 90.0, 0.1, 19), ("light", 9.0, 0.0, 99)),
+            )
+        ],
+    }  # fmt: skip
+
+
+def test_gates_of_a_band_by_hand():
+    """Of the four biases the largest less four errors is 1.5 - 0.4; that of 19 sources does not count."""
+    config = SimpleNamespace(galaxy_mag_max=(0.15, 0.1, 0.05), pair_completeness_min=0.6, mag_bias_max=0.02,
+                             position_bias_max=1.0, counts_max=0.1)  # fmt: skip
+    rows = [
+        ("magnitude bias of galaxies, S/N 10 to 20 [mag]", 0.4, 0.15, 30, 0.4 / (0.15 + CHANCE * 0.05), False),
+        ("magnitude bias of galaxies, S/N 20 to 60 [mag]", -0.2, 0.1, 40, 0.2 / (0.1 + CHANCE * 0.01), False),
+        ("magnitude bias of galaxies, S/N 60 to 500 [mag]", 0.01, 0.05, 3, None, None),
+        ("completeness of the fainter of close pairs", 0.5, 0.6, 60, 0.5 / (0.4 + 2 * np.sqrt(0.24 / 60)), True),
+        ("magnitude bias of stars", -0.03, 0.02, 50, 1.5, False),
+        ("position bias, any S/N [mas]", 1.1, 1.0, 77, 1.1, False),
+        ("number counts, out / in - 1", -0.15, 0.1, 400, 0.15 / (0.1 + CHANCE * np.sqrt(0.1 / 400)), False),
+    ]  # fmt: skip
+    gates = band_gates("r", of_band(), config)
+    found = [tuple(gate[k] for k in ("name", "value", "threshold", "n", "margin", "passed")) for gate in gates]
+    assert found == [(name, pytest.approx(v), t, n, m and pytest.approx(m), p) for name, v, t, n, m, p in rows]
+    assert {gate["band"] for gate in gates} == {"r"}
+    none = of_band() | {"pairs": {"found": 0, "n": 0}, "transfer": []}
+    assert [gate["passed"] for gate in band_gates("r", none, config)][3::2] == [None, None]
+
+
+def test_gates_of_colours_laws_and_fractions_by_hand():
+    part = {"bands": ["g", "r"], "snr": [10.0, 20.0], "median": -0.05, "error": 0.01, "n": 30}
+    gate = colour_gate(part, 0.03)
+    assert (gate["name"], gate["band"]) == ("colour bias of galaxies, S/N 10 to 20 [mag]", "g - r")
+    assert gate["margin"] == pytest.approx(0.05 / (0.03 + CHANCE * 0.01)) and gate["error"] == pytest.approx(0.01)
+    stars, galaxies = law_gates(
+        {"stars": (140, 100.0), "galaxies": (380, 400.0), "quasars": (3, 0.0)}, SimpleNamespace(laws_max=0.1)
+    )
+    assert stars["name"] == "stars of the brick over the universe's laws, less 1" and stars["band"] == "all"
+    assert stars["value"] == pytest.approx(0.4) and galaxies["value"] == pytest.approx(-0.05)
+    assert stars["margin"] == pytest.approx(0.4 / (0.1 + WORST / 10)) and stars["error"] == pytest.approx(0.1)
+    assert galaxies["error"] == pytest.approx(0.05) and stars["n"] is None
+    assert fraction_at_most("a", 0.08, 100, 0.04)["margin"] == pytest.approx(0.08 / (0.04 + CHANCE * 0.02))
+    assert (
+        fraction_at_most("a", 0.0, 0, 0.04)["passed"] is None and fraction_at_most("a", 0.1, 50, None)["error"] is None
+    )
+
+
+def test_which_true_objects_are_judged_and_with_what_magnitude():
+    """By hand, one object a row, far apart: what takes it out, and the magnitude of those that stay."""
+    n = 14
+    frame = make_frame("r", 1, side=2)
+    x, y = 100.0 + 200.0 * np.arange(n), np.full(n, 500.0)
+    y[1] = 300.0
+    x[0], x[1], y[2], y[3] = EDGE, EDGE + 0.5, 1000.0 - EDGE, 999.5 - EDGE
+    word, electrons, mag, dmag = np.zeros(n, int), np.full(n, 1000.0), np.full(n, 21.0), np.zeros(n)
+    word[4:7] = flags.OFF_CHIP, flags.STRONG_LENSING, flags.BAD_VALUE
+    electrons[7], mag[8], dmag[9], dmag[10] = 0.0, np.nan, 0.3, -0.01
+    trail, fraction, method = np.zeros(n), np.ones(n), np.full(n, "stamp", "U7")
+    trail[11], fraction[12], fraction[13], method[13] = 3.0, 0.9, 0.5, "photons"
+    none = np.zeros(n)
+    truth = ObjectTable({
+        "id": np.arange(n), "x": x, "y": y, "flags": word, "electrons": electrons, "mag_r": mag, "dmag": dmag,
+        "trail_length": trail, "fraction": fraction, "method": method, "obj_type": np.ones(n, int),
+        "size_disk": none + 0.74, "size_bulge": none, "bulge_frac": none,
+    })  # fmt: skip
+    info = frame.info | {"window": [0, 5000, 0, 1000], "zeropoint": 30.0}
+    judged = judged_truth(replace(frame, truth=truth, measured=ObjectTable(dict(frame.measured), info), pixel=0.074))
+    assert judged["id"].tolist() == [1, 3, 8, 9, 10, 13]
+    assert judged["mag_r"] == pytest.approx([21.0, 21.0, 30.0 - 7.5, 21.3, 20.99, 21.0])
+    assert judged["blended"].tolist() == [False, False, False, True, False, False]
+    assert judged["half_light"] == pytest.approx(np.full(6, 0.74)) and judged["half_light_px"] == pytest.approx(10.0)
+
+
+def test_the_light_around_an_object_is_that_of_its_neighbours():
+    x, y = np.array([0.0, 11.0, 11.0, 50.0]), np.array([0.0, 0.0, 11.0, 0.0])
+    assert crowd(x, y, np.array([1.0, 10.0, 100.0, 1e3])).tolist() == [10.0, 101.0, 10.0, 0.0]
+
+
+def test_objects_of_several_frames_are_one_row_each():
+    def seen(**columns):
+        n = len(columns["id"])
+        full = {"obj_type": np.ones(n, int), "half_light": np.zeros(n), "half_light_px": np.zeros(n)}
+        return ObjectTable({name: np.asarray(values) for name, values in (full | columns).items()})
+
+    one = seen(id=[7, 3], ra_epoch=[10.0, 359.999], dec_epoch=[5.0, 0.0], blended=[True, False], mag_r=[20.0, np.nan],
+               mag_g=[np.nan, np.nan])  # fmt: skip
+    two = seen(id=[3, 9, 7], ra_epoch=[0.003, 40.0, 10.0], dec_epoch=[0.002, -5.0, 5.0], blended=[False, False, False],
+               mag_r=[22.0, 23.0, np.nan], mag_g=[np.nan, 24.0, 21.0])  # fmt: skip
+    table = distinct([one, two], ["mag_r", "mag_g"])
+    assert table["id"].tolist() == [3, 7, 9] and table["blended"].tolist() == [False, True, False]
+    assert table["mag_r"] == pytest.approx([22.0, 20.0, 23.0])
+    assert table["mag_g"] == pytest.approx([np.nan, 21.0, 24.0], nan_ok=True)
+    assert table["ra_epoch"] == pytest.approx([0.001, 10.0, 40.0]) and table["dec_epoch"] == pytest.approx(
+        [1e-3, 5, -5]
+    )
+    empty = distinct([], ["mag_r"])
+    assert len(empty) == 0 and empty["blended"].dtype == bool and "mag_r" in empty
+
+
+def test_numbers_of_a_bands_exposures_by_hand():
+    """Trials of stars at S/N 4 to 600 and a galaxy: which of them each number is of."""
+    snr = np.array([4.0, 5.5, 30.0, 51.0, 51.0, 60.0, 600.0, 40.0])
+    n = len(snr)
+    table = {name: np.full(n, np.nan) for name in trials(*empty_trials()).names}
+    table |= {
+        "galaxy": np.array([0] * 7 + [1]), "snr": snr, "mag": 30 - 2.5 * np.log10(snr),
+        "found": np.array([1, 0, 1, 1, 1, 0, 1, 1]), "sound": np.array([1, 0, 1, 1, 0, 0, 1, 1]), "lonely": np.ones(n),
+        "pull": np.array([9.0, 9, 1.0, 3.0, 9, 9, 9, 9]), "psf_size": np.array([9.0, 9, 9, 0.1, 9, 9, 9, 9]),
+        "psf_e1": np.array([9.0, 9, 9, 0.2, 9, 9, 9, 9]), "psf_e2": np.array([9.0, 9, 9, 0.3, 9, 9, 9, 9]),
+        "deferred_mas": np.arange(1.0, n + 1), "across_mas": -np.arange(1.0, n + 1), "light": np.full(n, 1.25),
+    }  # fmt: skip
+    infos = [
+        {"zeropoint": z, "exptime": t, "depth_5sigma": d} for z, t, d in ((30, 1, 26.0), (33, 10, 25.0), (40, 1, 24.0))
+    ]
+    found = _of_exposures(ObjectTable(table), infos, ValidateConfig())
+    assert (found["frames"], found["depth_5sigma"], found["zeropoint"]) == (3, 25.0, pytest.approx(30.5))
+    assert found["point_sources"] == 5 and found["completeness"] == pytest.approx(3 / 5)
+    assert found["completeness_curve"]["n"] == [0, 0, 0, 1, 1, 0, 0, 0, 0, 0, 1, 3, 0]
+    assert found["completeness_curve"]["found"] == [0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 1, 2, 0]
+    assert (found["pull"]["n"], found["pull"]["median"]) == (2, 2.0)
+    assert [found["psf"][name]["median"] for name in ("psf_size", "psf_e1", "psf_e2")] == [0.1, 0.2, 0.3]
+    part = {tuple(part["snr"]): part for part in found["transfer"]}
+    assert (part[20, 50]["deferred_mas"]["median"], part[20, 50]["across_mas"]["median"]) == (3.0, -3.0)
+    assert (part[50, 100]["deferred_mas"]["n"], part[50, 100]["light"]["median"]) == (1, pytest.approx(0.25))
+    assert found["half_found"] == {"star": None, "galaxy": None} and part[5, 10]["light"]["n"] == 0
+
+
+def empty_trials():
+    frame = make_frame("g", 7, side=2)
+    return judged_truth(frame), frame

@@ -184,3 +184,65 @@ def test_without_overscan_the_levels_are_those_given():
     assert result.read_noise == {n: noise for n, (_, noise) in levels.items()}
     with pytest.raises(InputError, match="overscan"):
         calibrate(frame, readout, dict.fromkeys(levels, 1.5))
+
+
+class Slope:
+    """Stands for optics.throughput.response.Response: rises from 0.4 by 0.002 a row and 0.001 a column."""
+
+    def __init__(self, shape):
+        self.map = (0.4 + 0.002 * np.arange(shape[0])[:, None] + 0.001 * np.arange(shape[1])).astype(np.float32)
+
+    def rows(self, first, last):
+        return self.map[first:last]
+
+    def at(self, row, column):
+        return self.map[row, column]
+
+
+def test_a_response_is_that_of_each_pixel_and_of_the_nearest_one():
+    frame, readout, gain, _ = make_frame((0, 320, 0, 160), 21)
+    slope = Slope((160, 320))
+    plain, result = calibrate(frame, readout, gain), calibrate(frame, readout, gain, response=slope)
+    np.testing.assert_allclose(result.electrons, plain.electrons / slope.map, rtol=1e-5)
+    share = result.counted(np.array([10.4, 10.6, -5.0, 999.0]), np.array([100.0, 100.0, 3.4, 999.0]))
+    assert share == pytest.approx([0.61, 0.611, 0.406, 0.4 + 0.318 + 0.319], abs=1e-6)
+    assert plain.counted(np.zeros(3), np.zeros(3)).tolist() == [1.0, 1.0, 1.0]
+    noise = np.array([result.read_noise[block.channel] for block in readout.blocks])
+    block = readout.blocks[3]
+    pixel = block.image[0].start + 5, block.image[1].start + 7
+    light = max(plain.electrons[pixel], 0.0)
+    assert result.sigma()[pixel] == pytest.approx(np.sqrt(light + noise[3] ** 2) / slope.map[pixel], rel=1e-4)
+
+
+def test_structure_of_the_bias_is_taken_off_in_electrons():
+    """20 e- more on the active pixels of one row, 5 on all of the overscan: levels and pixels without them."""
+    frame, readout, gain, _ = make_frame((0, 320, 0, 160), 22)
+    structure = np.zeros(readout.shape)
+    for block in readout.blocks:
+        structure[block.serial_overscan] = 5.0
+    block = readout.blocks[2]
+    rows, columns = block.active
+    structure[rows.start + 3, columns] = 20.0
+    plain, result = calibrate(frame, readout, gain), calibrate(frame, readout, gain, structure=structure)
+    for one in readout.blocks:
+        n = one.channel
+        assert result.bias[n] == pytest.approx(plain.bias[n] - 5.0 / gain[n], abs=0.05)
+    difference = plain.electrons - result.electrons
+    line, columns = block.image[0].start + 3, block.image[1]
+    assert difference[line, columns] == pytest.approx(15.0, abs=0.1)
+    difference[line, columns] = -5.0
+    np.testing.assert_allclose(difference, -5.0, atol=0.1)
+
+
+def test_defects_and_full_pixels_are_marks_of_their_own():
+    frame, readout, gain, _ = make_frame((0, 320, 0, 160), 23)
+    block = readout.blocks[0]
+    frame[block.active][4, 6] = 65535
+    bad = np.zeros((160, 320), bool)
+    bad[7, 9] = True
+    result = calibrate(frame, readout, gain, bad=bad)
+    assert np.argwhere(result.bad).tolist() == [[7, 9]]
+    place = block.image[0].start + 4, block.image[1].start + 6
+    assert np.argwhere(result.saturated).tolist() == [list(place)]
+    moved = calibrate(frame, readout, gain, correct=lambda electrons: np.multiply(electrons, 2, out=electrons))
+    np.testing.assert_allclose(moved.electrons, 2 * result.electrons, rtol=1e-6)

@@ -1,10 +1,13 @@
 """Galaxies, cosmic rays, saturation, empty and refused frames."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from csstsim.base.errors import InputError
 from csstsim.measure import catalogue
+from csstsim.measure.detection.combine import CORE, CORE_SHARE, _own_peaks, _rest_of_stars, local_flux
 from csstsim.measure.light.photometry import HALF, psf_model
 
 galsim = pytest.importorskip("galsim")
@@ -136,3 +139,79 @@ def test_a_star_has_its_magnitude_and_an_error_of_its_place_on_the_sky(fabricate
     assert table["zeropoint"][row] == pytest.approx(26.3 + 2.5 * np.log10(150.0))
     width = np.hypot(fabricate.SIGMA, 12**-0.5) * 0.074  # arcsec
     assert 0.9 * width < table["pos_err"][row] * table["snr"][row] < 2.0 * width
+
+
+def test_a_local_flux_is_numpys_least_squares_fit_with_a_constant():
+    """On a plane and a star, off the middle: linear least squares of kernel and constant, and its error."""
+    rng = np.random.default_rng(3)
+    kernel = np.outer([1.0, 3, 9, 4, 1], [1.0, 5, 8, 2, 1])
+    image = (rng.normal(5.0, 2.0, (40, 50)) + 0.3 * np.arange(50)).astype(np.float32)
+    image[10:15, 20:25] += 3 * kernel
+    rms = rng.uniform(1.0, 3.0, image.shape).astype(np.float32)
+    x, y = np.array([22.4, 30.6]), np.array([11.6, 25.4])
+    flux, error = local_flux(image, rms, x, y, kernel)
+    for k, (i, j) in enumerate(((22, 12), (31, 25))):
+        part = np.s_[j - 2 : j + 3, i - 2 : i + 3]
+        design = np.stack([kernel.ravel(), np.ones(25)], axis=1)
+        inverse = np.linalg.pinv(design)
+        variance = rms[part].astype(float) ** 2 + np.maximum(image[part], 0)
+        assert flux[k] == pytest.approx(kernel.sum() * inverse[0] @ image[part].ravel(), rel=1e-5)
+        assert error[k] == pytest.approx(kernel.sum() * np.sqrt(inverse[0] ** 2 @ variance.ravel()), rel=1e-5)
+
+
+def test_what_is_left_of_a_bright_star_is_faint_and_near():
+    class Stars(SimpleNamespace):
+        def __len__(self):
+            return len(self.x)
+
+    stars = Stars(x=np.array([10.0, 100.0]), y=np.array([20.0, 20.0]), flux=np.array([1e4, 1e6]))
+    x = np.array([10 + CORE - 0.1, 10 + CORE + 0.1, 10.0, 10.0, 100.0])
+    y, flux = np.full(5, 20.0), np.array([1.0, 1.0, 0.99, 1.01, 60.0]) * np.array([1, 1, 1e4, 1e4, 1e4]) * CORE_SHARE
+    flux[4] = 40_000.0
+    assert _rest_of_stars(stars, x, y, flux).tolist() == [True, False, True, False, True]
+    none = Stars(x=x[:0], y=x[:0], flux=x[:0])
+    assert _rest_of_stars(none, x, y, flux).tolist() == [False] * 5 and len(_rest_of_stars(stars, *[x[:0]] * 3)) == 0
+
+
+def test_an_isophotes_own_peak_is_its_highest():
+    peaks = SimpleNamespace(segment=np.array([2, 0, 2, 4, 2, 0, 4]))
+    snr = np.array([5.0, 99.0, 8.0, 7.0, 6.0, 50.0, 7.0])
+    assert _own_peaks(peaks, snr, 4).tolist() == [-1, 2, -1, 6]
+
+
+def test_the_table_says_of_its_frame_what_it_was_given(fabricate):
+    """Off the chip's corner; rows by falling S/N; sizes, apertures and words of a star of 40,000 electrons."""
+    image = np.zeros((150, 220))
+    fabricate.add_stars(image, [60.3, 160.0, 110.0], [40.0, 90.4, 120.0], [40_000.0, 90_000.0, 900.0])
+    table = fabricate.measure(fabricate.add_noise(image, 34), origin=(1000, 3000))
+    assert table["number"].tolist() == list(range(len(table))) and (np.diff(table["snr"]) <= 0).all()
+    row = nearest(table, 1060.3, 3040.0)
+    assert (table["x"][row], table["y"][row]) == (pytest.approx(1060.3, abs=0.02), pytest.approx(3040.0, abs=0.02))
+    assert table["ra_apparent"][row] == pytest.approx(150 + table["x"][row] * 0.074 / 3600, abs=1e-12)
+    assert table["dec_apparent"][row] == pytest.approx(table["y"][row] * 0.074 / 3600, abs=1e-12)
+    assert (
+        0
+        < np.hypot(table["ra"][row] - table["ra_apparent"][row], table["dec"][row] - table["dec_apparent"][row])
+        < 0.01
+    )
+    for kind, tolerance in (("psf", 0.02), ("aper", 0.03), ("kron", 0.06), ("total", 0.03)):
+        assert table[f"flux_{kind}"][row] == pytest.approx(40_000.0, rel=tolerance)
+        assert table[f"mag_{kind}"][row] == pytest.approx(
+            table["zeropoint"][row] - 2.5 * np.log10(table[f"flux_{kind}"][row])
+        )
+        error = 2.5 / np.log(10) * table[f"flux_{kind}_err"][row] / table[f"flux_{kind}"][row]
+        assert table[f"mag_{kind}_err"][row] == pytest.approx(error)
+    assert table["snr"][row] == pytest.approx(table["flux_psf"][row] / table["flux_psf_err"][row], rel=1e-5)
+    width = np.hypot(fabricate.SIGMA, 12**-0.5)
+    assert table["fwhm"][row] == pytest.approx(2 * 1.1774 * width, rel=0.1) and table["star"][row]
+    assert table["hsm_sigma"][row] == pytest.approx(table["psf_sigma"][row], rel=0.02)
+    assert table["rms"][row] == pytest.approx(np.sqrt(fabricate.VARIANCE), rel=0.1)
+    meta = table.meta
+    assert meta["window"] == [1000, 1220, 3000, 3150] and meta["sources"] == len(table)
+    assert (meta["obsid"], meta["chip"], meta["filter"], meta["exptime"]) == ("10100000001", 8, "g", 150.0)
+    assert meta["background"] == pytest.approx(fabricate.SKY, abs=2.0)
+    assert meta["rms"] == pytest.approx(np.sqrt(fabricate.VARIANCE), rel=0.05)
+    assert meta["n_eff"] == pytest.approx(4 * np.pi * width**2, rel=0.03)
+    five = 12.5 + np.sqrt(12.5**2 + 25 * meta["n_eff"] * meta["rms"] ** 2)
+    assert meta["depth_5sigma"] == pytest.approx(meta["zeropoint"] - 2.5 * np.log10(five))
+    assert set(table["obsid"]) == {"10100000001"} and set(table["chip"]) == {8} and set(table["filter"]) == {"g"}

@@ -47,3 +47,28 @@ def test_each_channel_has_its_own_figures():
 def test_a_frame_without_a_readout_has_none():
     bare = SimpleNamespace(readout=None)
     assert channel_figures(bare, block_means(np.zeros((4, 4)), None), np.zeros((4, 4)), np.ones((4, 4))) == []
+
+
+def test_figures_are_of_the_channels_own_pixels_and_of_what_was_subtracted():
+    """Noise, background and response that rise from channel to channel, some of the background left in the image."""
+    blocks = {block.channel: block.image for block in READOUT.blocks}
+    shape = (128, 224)
+    plane = {name: np.zeros(shape, np.float32) for name in ("noise", "before", "image", "share")}
+    for n, where in blocks.items():
+        plane["noise"][where], plane["before"][where] = 5.0 + n, 100.0 + 10 * n
+        plane["image"][where], plane["share"][where] = 0.25 * n, 0.5 + n / 100
+    response = SimpleNamespace(at=lambda row, column: plane["share"][row, column])
+    calibrated = SimpleNamespace(
+        readout=READOUT, response=response, bias={n: 400.0 + n for n in blocks}, read_noise={n: 4.0 + n for n in blocks}
+    )
+    before = block_means(plane["before"], READOUT)
+    assert before == {n: 100.0 + 10 * n for n in blocks}
+    for part in channel_figures(calibrated, before, plane["image"], plane["noise"]):
+        n = part["channel"]
+        assert (part["bias"], part["read_noise"], part["noise"]) == (400.0 + n, 4.0 + n, 5.0 + n)
+        assert part["level"] == pytest.approx(100.0 + 9.75 * n) and part["response"] == pytest.approx(0.5 + n / 100)
+        rows, columns = blocks[n]
+        assert part["window"] == [32 + columns.start, 32 + columns.stop, 64 + rows.start, 64 + rows.stop]
+        assert part["overscan"] == READOUT.overscan * (rows.stop - rows.start)
+    calibrated.response = None
+    assert {part["response"] for part in channel_figures(calibrated, before, plane["image"], plane["noise"])} == {1.0}

@@ -5,6 +5,7 @@ import pytest
 
 from csstsim.measure.spectra import line_profile, local_sky, spectrum_trust
 from csstsim.measure.spectra.line_profile import OFFSETS
+from csstsim.measure.spectra.spectrum_columns import BESIDE, LOST, SATURATED, UNEVEN
 
 
 @pytest.mark.parametrize(("n", "per_pixel"), [(256, 2), (16, 4)])
@@ -99,3 +100,39 @@ def test_a_sky_that_rises_along_the_columns_is_read_where_it_is(columns):
     strips = local_sky.Strips.of(data, np.ones(offset.shape, bool), offset, np.zeros(offset.shape), 10, 20)
     found, inner = strips.sky(np.zeros(columns)).level, slice(local_sky.BLOCK, -local_sky.BLOCK)
     assert found[inner] == pytest.approx(level[inner], abs=0.02)
+
+
+def spectrum(electrons, error=10.0, flags=0):
+    n = len(electrons)
+    return {
+        "electrons": np.array(electrons, float),
+        "electrons_err": np.full(n, error),
+        "flags": flags + np.zeros(n, int),
+    }
+
+
+def test_columns_beside_saturated_and_lost_ones_are_not_trusted():
+    """3 columns from a saturated one; 63 from one that has no result; of a lost one alone, none."""
+    n, along = 300, np.tile((OFFSETS >= 0).astype(float), (4, 1))
+    flags = np.zeros(n, int)
+    flags[20], flags[150], flags[290] = SATURATED, SATURATED | LOST, LOST
+    bits = spectrum_trust.untrusted(spectrum(np.ones(n), flags=flags), along)
+    beside = np.flatnonzero(bits & BESIDE)
+    near = 63
+    wanted = [*range(17, 20), *range(21, 24), *range(150 - near, 150), *range(151, 151 + near)]
+    assert beside.tolist() == wanted and not (bits & UNEVEN).any()
+
+
+def test_wings_of_a_bright_column_make_the_faint_ones_uneven():
+    """A tenth of the light lies evenly 10 px about a column: 0.1 / 20 a column beyond the core of 3."""
+    wing = np.clip(OFFSETS / 20 + 0.5, 0, 1)
+    along = np.tile(0.9 * (OFFSETS >= 0) + 0.1 * wing, (4, 1))
+    light = np.zeros(200)
+    light[100] = 10_000.0
+    for error, marked in ((24.9, True), (25.1, False)):  # half of 10,000 x 0.005
+        bits = spectrum_trust.untrusted(spectrum(light, error), along)
+        uneven = np.flatnonzero(bits & UNEVEN)
+        beyond = [k for k in range(91, 110) if abs(k - 100) > spectrum_trust.CORE]
+        assert set(uneven) - {100} == (set(beyond) if marked else set())
+    even = spectrum_trust.untrusted(spectrum(np.full(200, 1e6), 1.0), along)
+    assert not even.any()  # what a column loses it gets from others, and the ends go on

@@ -6,7 +6,7 @@ from slitless import below
 
 from csstsim.measure.catalogue import point_source_snr
 from csstsim.measure.light.centroid import windowed_positions
-from csstsim.measure.light.photometry import fit_sources, psf_model
+from csstsim.measure.light.photometry import BLUR, CORE, fit_sources, psf_model, table_steps
 
 SIGMA = 5.0
 STAR = 0.95  # px, sigma of the fabricated PSF
@@ -139,3 +139,66 @@ def _mean_pull(fabricate, flux, dx, dy, window):
         a = w * u / (flux * (w * (1 - u**2 / window**2) * p).sum())
         bias += (a * q * variance).sum() - 0.5 * flux * (q**2).sum() * (a**2 * variance).sum()
     return bias / np.sqrt(noise) - 0.5 * (p**3).sum() / np.sqrt(noise)
+
+
+def fitted(fabricate, image, x, y, unusable=None, counted=1.0, rms=2.0):
+    """Return the rows of fit_sources (n, 6) on an image (ny, nx) of the fabricated PSF."""
+    model, n = psf_model(fabricate.psf, (0, 0), image.shape), len(x)
+    unusable = np.zeros(image.shape, np.uint8) if unusable is None else unusable
+    noise = np.full(image.shape, rms, np.float32)
+    return fit_sources(
+        image.astype(np.float32), noise, unusable, np.array(x, float), np.array(y, float), np.full(n, counted),
+        np.zeros(n, int), model.coefficients, model.blurred, model.per_pixel,
+    )  # fmt: skip
+
+
+def test_the_light_in_a_circle_is_that_of_the_gaussian(fabricate):
+    """Through pixels it is a Gaussian of variance 1/12 more: 1 - exp(-r2 / 2 sigma2), edge pixels in 25 parts."""
+    model = psf_model(fabricate.psf, (0, 0), (100, 100))
+    for radius in (1.5, 2.5, 4.0):
+        share = fabricate.LIGHT * (1 - np.exp(-0.5 * radius**2 / (STAR**2 + 1 / 12)))
+        assert model.enclosed(radius) == pytest.approx(share, abs=0.01)
+    assert model.kernel(2).shape == (5, 5) and model.kernel(2)[2, 2] == model.kernel(5).max()
+    assert [table_steps(cells) for cells in (1, 2, 4, 6, 8)] == [2, 2, 4, 2, 4]
+
+
+@pytest.mark.parametrize("wider", [0.0, 0.3, 0.8])
+def test_the_spread_of_a_wider_source_in_closed_form(fabricate, wider):
+    """Of Gaussians s, t the sum of products is 1 / (2 pi (s2 + t2)): spread is what the blur adds to the overlap."""
+    line = np.diff(below(np.arange(-25, 27) - 0.5, np.hypot(STAR, wider)))
+    fit = fitted(fabricate, 1e5 * np.outer(line, line), [25.0], [25.0])[0]
+    star, source = STAR**2 + 1 / 12, STAR**2 + wider**2 + 1 / 12
+    wanted = (star + source) / (star + BLUR**2 + source) - 2 * star / (2 * star + BLUR**2)
+    assert fit[3] == pytest.approx(wanted, abs=3e-4) and (fit[3] > 3e-3) == (wider > 0)
+
+
+def test_unusable_pixels_in_the_core_give_their_bits_and_others_none(fabricate):
+    """Columns of x, rows of y: 2 px off along x and 3 px along y is core, 4 px is not; edges leave pixels out."""
+    image = np.zeros((60, 80))
+    x, y = [30.2, 60.1, 3.0], [20.1, 40.2, 55.0]
+    for a, b in zip(x[:2], y[:2], strict=True):
+        fabricate.add_stars(image, [a], [b], [9000.0])
+    clean = fitted(fabricate, image, x, y)
+    unusable = np.zeros(image.shape, np.uint8)
+    unusable[20 + CORE, 30 - 2], unusable[20, 30 + CORE + 1], unusable[40 - CORE, 60 + CORE] = 4, 2, 1
+    spoilt = image.copy()
+    spoilt[unusable > 0] = 1e6
+    found = fitted(fabricate, spoilt, x, y, unusable)
+    assert found[:, 5].tolist() == [4, 1, 0] and (clean[:, 5] == 0).all()
+    assert found[:2, 0] == pytest.approx([9000.0, 9000.0], rel=5e-3) and found[2, 0] == 0.0
+    assert clean[:2, 2] == pytest.approx(0.0, abs=0.02)
+
+
+def test_chi2_and_errors_have_the_noise_of_pixels_and_light(fabricate):
+    """One pixel is 10 off where the noise is 2: of 441 pixels chi2 has 25 / 440; the error is that of n_eff pixels."""
+    image = np.zeros((61, 61))
+    n_eff = psf_model(fabricate.psf, (0, 0), image.shape).n_eff[0]
+    image[30 + 9, 30 - 9] = 10.0
+    fit = fitted(fabricate, image, [30.0], [30.0])[0]
+    assert fit[2] == pytest.approx(25 / 440, rel=1e-4) and fit[1] == pytest.approx(2 * np.sqrt(n_eff), rel=1e-3)
+    alone = np.zeros((61, 61))
+    fabricate.add_stars(alone, [30.0], [30.0], [1e5])
+    line = np.diff(below(np.arange(-10, 12) - 0.5, STAR))
+    p = fabricate.LIGHT * np.outer(line, line)
+    wanted = np.sqrt((p**2 * (4 + 1e5 * p / 0.5)).sum()) / (p**2).sum()
+    assert fitted(fabricate, alone, [30.0], [30.0], counted=0.5)[0, 1] == pytest.approx(wanted, rel=0.01)

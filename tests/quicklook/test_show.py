@@ -14,7 +14,7 @@ from csstsim.command_line.main import main
 from csstsim.io.frames import load_frame, save_frame
 from csstsim.io.level0 import read_level0
 from csstsim.io.truth import read_truth
-from csstsim.quicklook.figure import BAD, draw
+from csstsim.quicklook.figure import BAD, BOTTOM, FRAME, LEAST_WIDTH, TOP, draw
 from csstsim.quicklook.marks import STYLES
 from csstsim.quicklook.picture import read_picture
 
@@ -328,3 +328,104 @@ def test_scaled_images_are_shown_with_their_values(tmp_path, cards):
 def test_what_is_no_file_is_refused(tmp_path, monkeypatch, name):
     monkeypatch.chdir(tmp_path)
     assert "no such file" in refused("show", name)
+
+
+def test_a_figure_says_what_it_shows(calibrated):
+    """An oblong part in blocks of 3 x 3, whose last columns lie beyond it, with an inset: pixels, places, words."""
+    image = np.random.default_rng(8).normal(50.0, 5.0, (30, 40)).astype(np.float32)
+    image[20:24, 30:36] += 500.0
+    picture = read_picture(calibrated(image, BUNIT="electron"))
+    figure = draw(picture, (3, 38, 2, 29), "linear", inset=(30, 36, 20, 24), side=12)
+    axes, bar, closer, its_bar = figure.axes
+    shown = axes.images[0]
+    assert np.asarray(shown.get_array())[:, :11] == pytest.approx(
+        image[2:29, 3:36].reshape(9, 3, 11, 3).mean(axis=(1, 3)), rel=1e-5
+    )
+    last = image[2:29, 36:38].reshape(9, 6).mean(axis=1)  # of two columns
+    assert np.asarray(shown.get_array())[:, 11] == pytest.approx(last, rel=1e-5)
+    assert shown.get_extent() == [2.5, 38.5, 1.5, 28.5] and axes.get_xlim() == (2.5, 37.5)
+    assert axes.get_ylim() == (1.5, 28.5) and closer.get_xlim() == (29.5, 35.5) and closer.get_ylim() == (19.5, 23.5)
+    assert closer.images[0].norm.vmin > 400 > shown.norm.vmin  # limits of its own
+    assert bar.get_ylabel() == its_bar.get_ylabel() == "electron"
+    assert [axes.coords[k].get_axislabel() for k in (0, 1)] == ["x [px]", "y [px]"]
+    title, remark = figure.texts[:2]
+    assert title.get_text() == picture.title and remark.get_text() == picture.remark
+    assert title.get_position()[1] > 0.9 and remark.get_position()[1] < 0.1
+    assert to_rgb(axes.patches[-1].get_edgecolor()) == to_rgb(closer.spines["left"].get_edgecolor()) == to_rgb(FRAME)
+    width, height = figure.get_size_inches()
+    assert width == LEAST_WIDTH and height == pytest.approx(BOTTOM + 0.27 / 3 + TOP, abs=0.02)
+
+
+def test_an_image_without_a_unit_and_not_of_the_chip(tmp_path):
+    path = tmp_path / "frame.fits"
+    save_frame(path, {"image": NOISE}, {"stage": "readout"})
+    picture = read_picture(path)
+    figure = draw(picture, picture.bounds, None)
+    axes, bar = figure.axes[:2]
+    assert bar.get_ylabel() == "unit not given" and axes.coords[1].get_axislabel() == "y [px of the frame]"
+
+
+def test_marks_are_on_the_inset_too_and_counted_in_the_legend(level0):
+    from csstsim.quicklook.marks import brightest, legend_title, load_marks
+
+    picture = read_picture(level0)
+    marks = brightest(load_marks(level0), picture.bounds, 3)
+    figure = draw(picture, picture.bounds, "asinh", marks=marks, inset=(20, 50, 30, 60), side=200)
+    closer = next(axes for axes in figure.axes if axes.get_title() == "inset")
+    labels = [line.get_label() for line in closer.lines]
+    assert labels == ["1 star", "2 galaxies"]
+    (legend,) = figure.legends
+    assert legend.get_title().get_text() == legend_title(marks) and legend_title(marks).startswith("truth, brightest 3")
+    assert [text.get_text() for text in legend.get_texts()] == labels
+
+
+def test_a_laboratory_map_says_its_statistics(tmp_path):
+    path = tmp_path / "map.fits"
+    image = np.array([[0.5, 1.5, np.nan], [1.0, 3.0, 1.0]])
+    hdu = fits.PrimaryHDU(image)
+    hdu.header["DATAMAX"] = 3.0
+    hdu.writeto(path)
+    rms = np.sqrt(np.mean((np.array([0.5, 1.5, 1.0, 3.0, 1.0]) - 1.4) ** 2))
+    assert read_picture(path).remark == f"mean 1.4, rms {rms:.3g}, from 0.5 to 3"
+
+
+@pytest.mark.parametrize(("cards", "label"), [({}, "RA"), ({"POSKIND": "APPARENT"}, "RA (apparent)")])
+def test_the_grid_says_whether_places_are_apparent(calibrated, cards, label):
+    picture = read_picture(calibrated(NOISE, **cards))
+    figure = draw(picture, picture.bounds, "asinh")
+    lon, lat = figure.axes[0]._all_coords[1]
+    assert (lon.get_axislabel(), lat.get_axislabel()) == (label, label.replace("RA", "Dec"))
+
+
+def test_a_wrong_checksum_is_said_behind_the_remark(tmp_path, level0, monkeypatch):
+    from csstsim.quicklook import show as module
+
+    damaged, seen = tmp_path / level0.name, []
+    damaged.write_bytes(level0.read_bytes())
+    with fits.open(damaged, mode="update", checksum=False) as file:
+        file[0].header["OBJECT"] = "another"
+    monkeypatch.setattr(module, "draw", lambda picture, *rest: seen.append((picture, *rest)) or draw(picture, *rest))
+    module.show(
+        damaged, tmp_path / "a.png", region=(10, 70, 20, 90), inset=(60, 30, 12), size=200, limits=(400.0, 900.0)
+    )
+    ((picture, bounds, stretch, limits, marks, inset, size),) = seen
+    assert picture.remark.endswith("(wrong CHECKSUM of HDU primary: the file was changed or is damaged)")
+    assert (bounds, stretch, limits, marks, size) == ((10, 70, 20, 90), None, (400.0, 900.0), None, 200)
+    assert inset == (54, 66, 24, 36)
+
+
+def test_the_first_image_of_a_file_is_shown_with_its_origin_and_unit(tmp_path):
+    """Tables and cubes before it are passed over; cards of HDU 0 hold unless its own say otherwise."""
+    path = tmp_path / "several.fits"
+    primary = fits.PrimaryHDU()
+    primary.header.update({"OBSID": "42", "FILTER": "g", "BUNIT": "DN"})
+    images = [
+        fits.ImageHDU(np.zeros((2, 3, 4)), name="CUBE"),
+        fits.ImageHDU(NOISE, name="WHT"),
+        fits.ImageHDU(2 * NOISE),
+    ]
+    images[1].header.update({"FILTER": "r", "BUNIT": "1/s"})
+    fits.HDUList([primary, *images]).writeto(path)
+    picture = read_picture(path)
+    assert np.array_equal(picture.image, NOISE) and (picture.kind, picture.unit) == ("extension WHT", "1/s")
+    assert picture.title == "exposure 42, r, extension WHT\nseveral.fits" and picture.origin == (0, 0)
