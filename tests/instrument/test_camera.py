@@ -10,6 +10,7 @@ from mini import INSTRUMENT, mini_camera
 from csstsim.base.errors import InputError
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
+from csstsim.instrument.load import data_files, folder_digest
 
 
 def test_chip_counts_and_filters(camera):
@@ -168,3 +169,21 @@ def test_half_the_columns_go_to_each_side(tmp_path, channels, size):
         return
     with pytest.raises(InputError, match=r"half the columns are read out to each side|channels_x: input should be"):
         load_camera(mini_camera(tmp_path, **geometry))
+
+
+def test_every_kind_of_data_file_is_in_the_digest(tmp_path):
+    """Compressed FITS files, too, and a file's name; what is left out by name, pictures and hidden files are not."""
+    (tmp_path / "maps").mkdir()
+    names = ["a.yaml", "b.conf", "c.csv", "d.fits", "maps/e.fits.fz", "maps/f.fits.gz"]
+    for name in (*names, ".g.yaml", "h.png", "README.md", "maps/.i.fits"):
+        (tmp_path / name).write_text("one")
+    assert list(data_files(tmp_path)) == names
+    before, without = folder_digest(tmp_path), folder_digest(tmp_path, without=("c.csv",))
+    assert len(before) == 16 and before != without
+    for name in names:
+        (tmp_path / name).write_text("two")
+        assert folder_digest(tmp_path) != before, name
+        assert (folder_digest(tmp_path, without=("c.csv",)) == without) is (name == "c.csv")
+        (tmp_path / name).write_text("one")
+    (tmp_path / "a.yaml").rename(tmp_path / "aa.yaml")
+    assert folder_digest(tmp_path) != before

@@ -2,6 +2,7 @@
 
 from copy import deepcopy
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -177,3 +178,21 @@ def test_the_four_corners_lose_on_average_what_is_asked(camera, skew):
         assert corners.mean() == pytest.approx(0.8, rel=1e-12)
         seen.append(np.ptp(corners))
     assert (max(seen) > 0.01) == (skew > 0)
+
+
+def test_each_shape_has_an_equal_part_of_the_patterns_variance(camera):
+    """One shape of the first LED at a time: the mean square over the mosaic is rms^2 / 14, of one axis or of both."""
+    rms, (half_x, half_y) = camera.leds["flat"]["pattern_rms"], camera.leds["half_mosaic"]
+    step = (np.arange(40) + 0.5) / 20 - 1  # middles of cells: means of cosines are exact
+    x, y = np.meshgrid(half_x * step, half_y * step)
+    for shape in range(14):  # i + j = 1 to 4
+
+        def draw(size, shape=shape):
+            values = np.zeros(size)
+            if len(size) == 2:
+                values[0, shape] = 1.0
+            return values
+
+        field = FlatField(camera.leds, lambda name, draw=draw: SimpleNamespace(standard_normal=draw))
+        flat = field.internal(camera.chips[9], x, y, np.eye(12)[0])
+        assert flat.mean() == pytest.approx(1.0) and np.mean((flat - 1) ** 2) == pytest.approx(rms**2 / 14, rel=1e-6)

@@ -106,3 +106,51 @@ def test_panels_without_data_are_left_out():
     assert figure.get_figheight() == pytest.approx(figures.HEIGHT * 3 + 0.4)
     first, second = (axes.get_subplotspec() for axes in figure.axes)
     assert (first.rowspan.start, first.colspan.start) == (0, 0) and second.rowspan.start == 1
+
+
+def test_only_lonely_sound_stars_of_the_asked_snr_are_in_the_maps_of_shapes():
+    """One reason to be left out at a time; a whisker of e2 alone lies at 45 deg, a cell's width for 0.01."""
+    table = {name: values[:3000] for name, values in shapes_of(3000)["trials"]["r"].items()}
+    table |= {"psf_size": np.full(3000, 0.005), "psf_e1": np.zeros(3000), "psf_e2": np.full(3000, 0.006)}
+    changes = {"sound": 0.0, "galaxy": 1.0, "lonely": 0.0, "snr": 50.0, "psf_size": np.nan}
+    odd = [table | {"psf_e2": np.full(3000, -0.5)} | {name: np.full(3000, v)} for name, v in changes.items()]
+    odd.append(table | {"snr": np.full(3000, 500.0), "psf_e2": np.full(3000, -0.5)})
+    arrays = {"trials": {str(k): ObjectTable(one) for k, one in enumerate([table, *odd])}}
+    left, right = Figure().subplots(1, 2)
+    assert psf_panels.size(left, arrays) and psf_panels.ellipticity(right, arrays)
+    np.testing.assert_allclose(left.collections[0].get_array(), 0.5)
+    (whiskers,) = (child for child in right.get_children() if isinstance(child, Quiver))
+    np.testing.assert_allclose(whiskers.U, 0.006 * math.sqrt(0.5))
+    np.testing.assert_allclose(whiskers.V, 0.006 * math.sqrt(0.5))
+    cell = (table["x"].max() + 1 - table["x"].min()) / 8
+    assert whiskers.scale == pytest.approx(0.01 / cell)
+    assert whiskers.XY[:, 0].min() == pytest.approx(table["x"].min() + cell / 2)
+    assert right.get_xlim() == pytest.approx((table["x"].min(), table["x"].max() + 1))
+
+
+def test_a_cell_of_two_stars_is_empty_and_the_others_are_not():
+    table = {name: np.ones(11) for name in COLUMNS} | {"galaxy": np.zeros(11), "snr": np.full(11, 100.0)}
+    table |= {"x": np.r_[np.zeros(4), np.full(5, 799.0), 799.0, 799.0], "y": np.r_[np.zeros(9), 79.0, 79.0]}
+    table |= {"psf_size": np.r_[np.full(4, 0.01), [0.0, 0.0, 0.002, 0.9, 0.9], -0.01, -0.01]}
+    axes = Figure().add_subplot()
+    assert psf_panels.size(axes, {"trials": {"r": ObjectTable(table)}})
+    values = axes.collections[0].get_array().reshape(8, 8)  # rows are y
+    assert values[0, 0] == pytest.approx(1.0) and values[0, 7] == pytest.approx(0.2)
+    assert np.ma.count(np.ma.masked_invalid(values)) == 2
+
+
+def test_colours_measured_and_true_are_told_apart():
+    """Measured colours are filled, true ones open; u - g to the right, g - r upward."""
+    axes, colour = Figure().add_subplot(), colours_of(6, galaxies=2)
+    assert colour_panel.colours(axes, colour, LOOKS)
+    lines = {line.get_label(): np.array(line.get_data()) for line in axes.lines}
+    for kind, mine in (("galaxy", slice(0, 2)), ("star or quasar", slice(2, 6))):
+        n = mine.stop - mine.start
+        np.testing.assert_allclose(lines[f"{kind} ({n}), measured"], colour["output"][:, mine])
+        np.testing.assert_allclose(lines[f"{kind}, true"], colour["input"][:, mine])
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("u - g [AB mag]", "g - r [AB mag]")
+    assert axes.get_title().endswith("at S/N > 10 in u, g, r")
+    many = Figure().add_subplot()
+    colour_panel.colours(many, colours_of(7000), LOOKS)
+    assert len(many.lines[0].get_xdata()) == 2334  # every third of 7000
+    assert not colour_panel.colours(Figure().add_subplot(), {"bands": ()}, LOOKS)

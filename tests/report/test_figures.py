@@ -1,9 +1,15 @@
-"""The projection of the sky map against that of astropy."""
+"""The projection of the sky map against that of astropy; points, error bars and titles of a brick's figure."""
 
 import numpy as np
 import pytest
+from astropy.coordinates import SkyCoord
+from astropy.stats import binom_conf_interval
 from astropy.wcs import WCS
+from csst import LOOKS
+from matplotlib.figure import Figure
 
+from csstsim.base.healpix import brick_corners
+from csstsim.report import figures
 from csstsim.report.figures import _offsets
 
 
@@ -17,3 +23,130 @@ def test_the_sky_map_is_lamberts_equal_area_projection(centre):
     ra, dec = rng.uniform(0, 360, 500), np.degrees(np.arcsin(rng.uniform(-1, 1, 500)))
     ra[:3], dec[:3] = (0.0, 360.0, centre[0]), (10.0, 10.0, 0.9 * centre[1])
     np.testing.assert_allclose(_offsets(ra, dec, centre), wcs.all_world2pix(ra, dec, 0), atol=1e-9)
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """Functions return the figure in place of its PNG."""
+    monkeypatch.setattr(figures, "png", lambda figure: figure)
+
+
+def axes_of():
+    return Figure().add_subplot()
+
+
+def window(ra, dec, half=0.05):
+    return ra + half * np.array([-1, 1, 1, -1]), dec + half * np.array([-1, -1, 1, 1])
+
+
+def test_the_sky_map_has_windows_bricks_and_boresights_where_they_are(drawn):
+    """Offsets within a degree are those of astropy's tangent offsets, 1e-4 deg; east is to the left."""
+    footprints = [("g", *window(150.0, 2.0)), ("gu", *window(150.4, 2.3)), ("g", *window(150.2, 2.1))]
+    bricks, pointings = [100, 200_000], [(150.1, 2.2), (150.0, 1.9), (150.3, 2.6)]
+    figure = figures.sky_map(footprints, bricks, LOOKS, pointings)
+    near, far = figure.axes
+    corners = [brick_corners(pix) for pix in bricks]
+    polygons = [(ra, dec) for _, ra, dec in footprints] + corners
+    ra, dec = (np.concatenate(part) for part in zip(*polygons, strict=True))
+    mean = SkyCoord(ra, dec, unit="deg").cartesian.mean().xyz.value
+    centre = SkyCoord(*mean, representation_type="cartesian").spherical
+    centre = centre.lon.deg, centre.lat.deg
+    for axes in (near, far):
+        assert axes.xaxis_inverted() and not axes.yaxis_inverted()
+        assert (axes.get_xlabel(), axes.get_ylabel()) == ("offset east [deg]", "offset north [deg]")
+        for patch, (ra, dec) in zip(axes.patches, [*corners, *((ra, dec) for _, ra, dec in footprints)], strict=True):
+            np.testing.assert_allclose(patch.get_xy()[:4], np.transpose(_offsets(ra, dec, centre)), atol=1e-9)
+        assert [patch.get_linestyle() for patch in axes.patches[2:]] == ["-", LOOKS["gu"].line, "-"]
+    assert near.get_title() == f"Windows and bricks around RA {centre[0]:.4f}, Dec {centre[1]:+.4f} deg (ICRS)"
+    assert [text.get_text() for text in near.texts] == ["100", "200000"] and not far.texts
+    for text, (ra, dec) in zip(near.texts, corners, strict=True):
+        np.testing.assert_allclose(text.xy, np.mean(_offsets(ra, dec, centre), axis=1), atol=1e-9)
+    (plus,) = far.lines
+    np.testing.assert_allclose(plus.get_data(), _offsets(*np.transpose(pointings), centre), atol=1e-9)
+    assert far.get_title() == "Boresights (+): 3" and not near.lines
+    assert [text.get_text() for text in far.get_legend().get_texts()] == ["g", "GU"] and not near.get_legend()
+
+
+def test_the_sky_map_of_many_bricks_has_no_numbers_and_without_pointings_one_panel(drawn):
+    (axes,) = figures.sky_map([("r", *window(10.0, 0.0))], range(41), LOOKS).axes
+    assert not axes.texts and len(axes.patches) == 42 and axes.get_legend()
+    (axes,) = figures.sky_map([], range(40), LOOKS).axes
+    assert len(axes.texts) == 40 and not axes.get_legend()
+
+
+def test_completeness_has_wilsons_interval_in_each_bin_of_three_or_more():
+    """Edges 10-15 and 20-50 and 100-500; two bands lie 2% apart about the bin's geometric mean."""
+    n, found = np.zeros(13, int), np.zeros(13, int)
+    n[[1, 8, 10]], found[[1, 8, 10]] = (2, 20, 3), (1, 15, 3)
+    other, seen = np.zeros(13, int), np.zeros(13, int)
+    other[12], seen[12] = 7, 0
+    axes = axes_of()
+    curves = {"g": (n, found), "r": (np.zeros(13, int), np.zeros(13, int)), "i": (other, seen)}
+    assert figures._completeness(axes, curves, LOOKS, 0.9, 12.0)
+    for bar, band, x, k, m in (
+        (axes.containers[0], "g", np.sqrt([150.0, 1000.0]) / 1.02**0.5, [15, 3], [20, 3]),
+        (axes.containers[1], "i", np.sqrt([50_000.0]) * 1.02**0.5, [0], [7]),
+    ):
+        data, _, (lines,) = bar.lines
+        np.testing.assert_allclose(data.get_data(), [x, np.divide(k, m)])
+        ends = np.array(lines.get_segments())[:, :, 1]
+        interval = binom_conf_interval(k, m, 0.682689492137, "wilson").T
+        np.testing.assert_allclose(ends, interval, atol=1e-9)
+        assert data.get_color() == LOOKS[band].colour
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["g (25)", "i (7)"]
+    level, gate = (line for line in axes.lines if line.get_color() == "#666666")
+    assert set(level.get_ydata()) == {0.9} and set(gate.get_xdata()) == {12.0}
+    assert axes.get_xlim() == (1.0, 500.0) and axes.get_xscale() == "log"
+    bare = axes_of()
+    assert not figures._completeness(bare, {"g": (np.full(13, 2), np.ones(13))}, LOOKS, None, None) and not bare.lines
+
+
+def stat(n, median, error):
+    return {"n": n, "median": median, "error": error}
+
+
+def test_residuals_of_a_band_are_points_medians_and_two_lines_of_numbers():
+    """Running medians need ten sources in a half magnitude, and two such bins."""
+    mag = np.r_[np.full(10, 20.1), np.full(11, 21.9), np.full(9, 24.0)]
+    off = np.r_[np.arange(10) / 100, np.full(11, 0.3), np.full(9, 0.5)]
+    arrays = {"galaxy": (mag, off), "star": (np.array([18.0]), np.array([-0.02]))}
+    numbers = {"galaxy": stat(30, 0.0312, 0.0044), "star": stat(1, -0.02, None), "depth_5sigma": 26.25}
+    axes = axes_of()
+    assert figures._residuals(axes, LOOKS["nuv"], arrays, numbers)
+    _, galaxy, median, star, depth = axes.lines
+    np.testing.assert_allclose(galaxy.get_data(), [mag, off])
+    np.testing.assert_allclose(median.get_data(), [[20.25, 21.75], [0.045, 0.3]])
+    np.testing.assert_allclose(star.get_data(), [[18.0], [-0.02]])
+    assert set(depth.get_xdata()) == {26.25}
+    assert axes.texts[0].get_text() == "galaxy: +31 ± 4 mmag (30)\nstar: -20 mmag (1)"
+    assert axes.get_xlabel() == "NUV true [AB mag]" and axes.get_title() == "NUV"
+    many = np.full(6001, 20.0)
+    axes, none = axes_of(), (np.zeros(0), np.zeros(0))
+    empty = numbers | {"star": stat(0, None, None)}
+    assert figures._residuals(axes, LOOKS["g"], {"galaxy": (many, many), "star": none}, empty)
+    assert len(axes.lines[1].get_xdata()) == 2001 and len(axes.lines) == 4  # each third; one bin makes no median
+    assert "star" not in axes.texts[0].get_text()
+    assert not figures._residuals(axes_of(), LOOKS["g"], {"galaxy": none, "star": none}, empty)
+
+
+@pytest.mark.parametrize("purity, said", [(None, "3 merged sources, "), (0.954, "3 merged sources (95 % match a true")])
+def test_the_title_of_a_brick_counts_and_its_bands_are_in_order(drawn, purity, said):
+    mags = np.array([20.0]), np.array([0.01])
+    bands = {band: {"star": stat(1, 0.01, None), "galaxy": stat(0, None, None), "depth_5sigma": 26.0} for band in "ru"}
+    for numbers in bands.values():
+        numbers |= {"counts": {"edges": [20, 21], "in": [0], "out": [0]}, "transfer": []}
+    none = {"bands": (), "input": np.zeros((2, 0)), "output": np.zeros((2, 0)), "galaxy": np.zeros(0, bool)}
+    arrays = {
+        "completeness": {}, "colour": none, "locus": none, "trials": {},
+        "residual": {band: {"star": mags, "galaxy": (np.zeros(0), np.zeros(0))} for band in "ru"},
+    }  # fmt: skip
+    empty = {key: [0, 0] for key in ("objects", "found", "sources", "real")}
+    result = {
+        "brick": 12345, "sources": 3, "truth": 1, "frames": 2, "purity": purity, "bands": bands,
+        "density": {"edges": [0, 1]} | empty,
+    }  # fmt: skip
+    figure = figures.brick_figure(result, arrays, LOOKS)
+    assert [axes.get_title() for axes in figure.axes] == ["u", "r", ""]  # and the legend of kinds
+    title = figure.get_suptitle()
+    assert title.startswith("Brick 12345 (NSIDE 256, nested): ") and said in title
+    assert title.endswith("1 true object, 2 frames")

@@ -2,6 +2,7 @@
 
 import io
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -155,3 +156,119 @@ def test_the_picture_comes_before_any_table(reported):
     reader = Reader(run.paths.report.read_text(encoding="utf-8"))
     tags = [(tag, attrs.get("src", "")[:16]) for tag, attrs in reader.tags if tag in ("img", "table")]
     assert tags[0] == ("img", "data:image/jpeg;")
+
+
+def exposure_of(window, exptime=50.0, zeropoint=25.0):
+    """What `plane` asks of an exposure, with a filter of a given zero point [AB mag of 1 e-/s]."""
+    filter_ = SimpleNamespace(zeropoint=lambda telescope: zeropoint)
+    return SimpleNamespace(window=window, exptime=exptime, filter=filter_, telescope=None)
+
+
+def grid_of(x, y, step):
+    return SimpleNamespace(on=lambda exposure: (x, y), step=step, shape=x.shape)
+
+
+def test_a_plane_is_the_ab_flux_of_a_second_at_the_places_asked_for():
+    """5 x + 20 y DN, gain 2, on the chip's columns 100..180: bilinear in blocks of 3 px, above the median, / 50 s."""
+    window = Window(100, 180, 40, 90)
+    rows, columns = np.mgrid[40:90, 100:180]
+    channel = SimpleNamespace(
+        window=window, active=5 * columns + 20 * rows, serial_overscan=np.full((9, 9), 0), gain=2.0
+    )
+    x, y = np.meshgrid(np.linspace(110.3, 170.7, 21), np.linspace(50.1, 80.2, 11))
+    x = x[:, ::-1]
+    file = SimpleNamespace(channels=lambda: [channel])
+    for step in (1, 3):
+        got = sky.plane(grid_of(x, y, step), exposure_of(window), file)
+        expected = 2.0 * (5 * x + 20 * y) * 1e-10 / 50.0
+        np.testing.assert_allclose(got - got[0, 0], expected - expected[0, 0], atol=1e-9 * expected.max())
+        # The median of the ramp over the pixels in use is its value in their middle, to a block
+        middle = 2.0 * (5 * 140.5 + 20 * 65.15) * 1e-10 / 50.0
+        assert (expected - got).mean() == pytest.approx(middle, abs=2.0 * (5 + 20) * 3 * 1e-10 / 50.0)
+    beyond = x.copy()
+    beyond[:, 0] = 185.0
+    got = sky.plane(grid_of(beyond, y, 1), exposure_of(window), file)
+    assert np.isnan(got[:, 0]).all() and np.isfinite(got[:, 1:]).all()
+    assert np.isnan(sky.plane(grid_of(x + 500, y, 1), exposure_of(window), file)).all()
+
+
+def test_the_part_in_use_has_a_margin_of_two_within_the_window():
+    window = Window(100, 180, 40, 90)
+    x, y = np.array([110.3, 120.7]), np.array([41.2, 60.0])
+    assert sky._around(x, y, window) == Window(108, 124, 40, 63)
+    assert sky._around(x + 60, y + 40, window) == Window(168, 180, 79, 90)
+    assert sky._around(x - 30, y, window) is None and sky._around(x, y + 60, window) is None
+
+
+def test_noise_is_that_of_a_gaussian_and_its_outliers_and_holes_do_not_count():
+    """5 sigma of the median deviation of 40 000 values: 5 x 1.17 / sqrt(40 000)."""
+    image = stream(8, "noise").normal(7.0, 3.0, (200, 200))
+    image[:10, :3] = np.nan
+    image[50, :9] = 1e6
+    assert sky.noise_of(image) == pytest.approx(3.0, rel=0.03)
+    assert sky.noise_of(np.full((3, 3), np.nan)) == 0.0
+
+
+def test_a_ray_is_three_sigma_of_a_difference_and_three_times_the_fainter():
+    """Noise 1 in one plane and 0.1 in the other: the noisier counts, 3 sqrt 2 = 4.24."""
+    checks = np.where(np.indices((20, 20)).sum(axis=0) % 2, 0.67449, -0.67449)
+    first, second = checks.copy(), 0.1 * checks
+    cases = (((0, 0), 1.0, 5.0, 3.0), ((0, 2), 1.0, 5.5, 1.0), ((0, 4), 0.5, 4.5, 2.5), ((5, 5), 100.0, 300.0, 200.0),
+             ((7, 7), 100.0, 350.0, 100.0))  # fmt: skip
+    for (row, column), low, high, _ in cases:
+        first[row, column], second[row, column] = (low, high) if row else (high, low)
+    both = sky.combined([first, second])
+    for place, _, _, expected in cases:
+        assert both[place] == pytest.approx(expected), place
+    assert both[19, 0] == pytest.approx(0.55 * checks[19, 0])
+    three = sky.combined([np.full((2, 2), v) for v in (1.0, 4.0, np.nan)] + [np.full((2, 2), 10.0)])
+    assert three == pytest.approx(4.0) or (three == np.median([1.0, 1.0, 4.0, 10.0])).all()
+
+
+def test_the_stretch_follows_the_noise():
+    """Below -1 sigma is black, and what is 7 times as large with 7 times the noise looks the same."""
+    plane_ = stream(9, "grey").normal(0.0, 1.0, (16, 16))
+    plane_[5, 5] = 40.0
+    rgb = sky.colours([plane_], 1.0)
+    assert np.abs(rgb.astype(int) - sky.colours([7.0 * plane_], 7.0)).max() <= 1
+    assert (rgb[plane_ < -1.0] == 0).all() and rgb[5, 5].min() > 100
+    assert rgb[plane_ > 0].min() > 5, "the background is above black"
+
+
+class Pen:
+    """An ImageDraw that notes what is drawn."""
+
+    def __init__(self):
+        self.lines, self.texts = [], []
+
+    def line(self, places, **_):
+        self.lines.append(places)
+
+    def text(self, place, text, **_):
+        self.texts.append((text, place))
+
+
+def test_arrows_point_north_and_east_on_the_screen():
+    """The picture's y is up, the screen's down: north (0.6, 0.8) goes right and up, east (-0.8, 0.6) left and up."""
+    pen = Pen()
+    grid = SimpleNamespace(north_east=lambda: np.array([(0.6, 0.8), (-0.8, 0.6)]))
+    sky.compass(grid)(pen, (600, 400))
+    corner, length = (60.0, 340.0), 36.0
+    np.testing.assert_allclose(pen.lines[0], [*corner, 60 + 0.6 * length, 340 - 0.8 * length])
+    np.testing.assert_allclose(pen.lines[1], [*corner, 60 - 0.8 * length, 340 - 0.6 * length])
+    assert [text for text, _ in pen.texts] == ["N", "E"]
+    np.testing.assert_allclose(pen.texts[1][1], [60 - 0.8 * 1.35 * length, 340 - 0.6 * 1.35 * length])
+
+
+@pytest.mark.parametrize(
+    ("scale", "step", "text", "pixels"),
+    [(0.074, 2, '10"', 10 / 0.148), (1.0, 1, "1'", 60.0), (0.5, 6, "5'", 100.0), (0.001, 1, '0.1"', 100.0)],
+)
+def test_the_ruler_is_a_round_length_of_at_most_a_sixth(scale, step, text, pixels):
+    pen = Pen()
+    exposure = SimpleNamespace(telescope=SimpleNamespace(pixel_scale=scale))
+    sky.ruler(SimpleNamespace(exposure=exposure, step=step, shape=(500, 600)))(pen, (600, 500))
+    ((x0, y0, x1, y1),) = pen.lines
+    assert (x1 - x0, x1, y0, y1) == pytest.approx((pixels, 576.0, 480.0, 480.0))
+    ((said, (x, _)),) = pen.texts
+    assert said == text and x == pytest.approx(576.0 - pixels / 2)

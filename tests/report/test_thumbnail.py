@@ -2,6 +2,7 @@
 
 import io
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -185,3 +186,106 @@ def test_the_compass_points_north_and_east(small, tmp_path, pa, north):
     steps = wcs.jacobian(*here)  # px per arcsec, columns east and north
     for drawn, (x, y) in zip(angles, steps.T, strict=True):
         assert abs((drawn - np.degrees(np.arctan2(-y, x)) + 180) % 360 - 180) < 0.1
+
+
+def channels_of(*parts):
+    """A file of channels: (Window, its DN, DN of its overscan, gain)."""
+    names = "window", "active", "serial_overscan", "gain"
+    return SimpleNamespace(channels=lambda: [SimpleNamespace(**dict(zip(names, part, strict=True))) for part in parts])
+
+
+def test_each_channel_has_its_own_level_and_gain():
+    """Blocks of 3 across the border of two channels: 100 + x + 10 y DN of gain 2, 500 + y DN of unknown gain."""
+    y, x = np.mgrid[0:4, 0:10]
+    left = Window(0, 4, 0, 4), (100 + x + 10 * y)[:, :4], np.full((4, 3), 90), 2.0
+    right = Window(4, 10, 0, 4), (500 + y)[:, 4:], np.full((4, 3), 400), None
+    electrons = np.where(x < 4, 2.0 * (10 + x + 10 * y), 100.0 + y)
+    got = binned(channels_of(left, right), Window(1, 9, 1, 4), 3)
+    part = electrons[1:4, 1:9]
+    expected = [[part[:, k : k + 3].mean() for k in (0, 3, 6)]]
+    np.testing.assert_allclose(got, expected)
+
+
+def test_the_overscans_level_is_a_mean_without_outliers():
+    """4 robust sigmas, at least 4 DN: half 100, half 101, and one far off; no overscan is level 0."""
+
+    def level(values):
+        window, active = Window(0, 1, 0, 1), np.full((1, 1), 200)
+        return 200.0 - binned(channels_of((window, active, np.array([values]), None)), window, 1)[0, 0]
+
+    assert level([100] * 50 + [101] * 50 + [500, -300]) == pytest.approx(100.5)
+    assert level([100] * 99 + [104]) == pytest.approx(100.04) and level([100] * 99 + [105]) == pytest.approx(100.0)
+    ramp = [100, 110, 120, 130, 140] * 9  # 4 x 1.4826 x 10 = 59.3 about 120
+    assert level([*ramp, 170]) == pytest.approx((45 * 120 + 170) / 46) and level([*ramp, 189]) == pytest.approx(120.0)
+    assert level([]) == 0.0
+
+
+def test_the_stretch_is_asinh_from_black_to_white():
+    """Median 50, noise 2: -3 sigma is black, 30 sigma white; the background (asinh 1 of asinh 1 + asinh 10) is 58."""
+    values = np.full(5005, 50.0)
+    values[5:2503] -= 2 * 0.67449
+    values[2503:5001] += 2 * 0.67449
+    values[:6] = 44.0, 40.0, 110.0, 80.0, 50.0, np.nan
+    greys = stretch(values)
+    expected = [np.arcsinh(sigma / 3) + np.arcsinh(1.0) for sigma in (-3, -3, 30, 15, 0)]
+    expected = np.rint(255 * np.array(expected) / (np.arcsinh(1.0) + np.arcsinh(10.0)))
+    assert np.abs(greys[:5] - expected).max() <= 1 and greys[5] == 0 and greys[2] == 255
+    bright = values.copy()
+    bright[3000:3020] = 450.0  # 0.4% at 200 sigma: white begins there
+    assert stretch(bright)[3000] == 255
+    share = (np.arcsinh(5) + np.arcsinh(1)) / (np.arcsinh(200 / 3) + np.arcsinh(1))
+    assert stretch(bright)[3] == pytest.approx(255 * share, abs=1)
+    star = np.zeros(1000)
+    star[7] = 5.0  # no median deviation
+    assert stretch(star)[7] == 255 and stretch(star)[0] < 100
+
+
+def test_the_place_at_full_resolution_is_of_the_image_of_most_contrast(small, tmp_path):
+    """An imaging chip comes before a spectrum, however bright; without blocks there is nothing to show."""
+
+    def patch(electrons):
+        def put(image):
+            image[30:60, 180:220] += electrons
+
+        return put
+
+    shown = {29: patch(40_000), 8: patch(0), 9: patch(9_000), 14: patch(0)}
+    files = [(small.chips[n], level0(small, tmp_path / f"{n}.fits", put, chip=n)) for n, put in shown.items()]
+    exposure = take_exposure("x", 12.5, files, most=32)
+    assert (exposure.title, exposure.pa, len(exposure.pictures)) == ("x", 12.5, 4)
+    assert exposure.detail.chip.id == 9 and exposure.detail.step == 1
+    assert exposure.detail.window.shape == (32, 32) and exposure.detail.window.contains(200, 45)
+    assert [picture.chip.id for picture in exposure.pictures] == [29, 8, 9, 14]
+    assert {picture.step for picture in exposure.pictures} == {8}
+    picture = np.asarray(Image.open(io.BytesIO(exposure.pictures[2].png)))
+    assert picture.shape == (8, 32) and picture[7 - 45 // 8, 200 // 8] > 200 > 100 > picture[7 - 45 // 8, 170 // 8]
+    assert picture[7 - 12 // 8, 200 // 8] < 100, "the first row is at the bottom"
+    assert take_exposure("x", 0.0, files[:1], most=32).detail.chip.id == 29
+    assert take_exposure("x", 0.0, files, most=256).detail is None
+
+
+def test_boxes_enclose_the_windows_and_the_whole_plane(small, tmp_path):
+    """Of chips that are not turned: from the chips' centres by hand, y down."""
+    window, nx, ny = (40, 80, 8, 24), small.detector.nx, small.detector.ny
+    chips = [small.chips[n] for n in (8, 9)]
+    files = [(chip, level0(small, tmp_path / f"{chip.id}.fits", chip=chip.id, window=window)) for chip in chips]
+    plane = mosaic(chips, [take_exposure("a title", 0.0, files, most=20)], LOOKS)
+    left, low = (np.array([getattr(c, name) for c in chips]) for name in ("xc", "yc"))
+    left, low = left - nx / 2, low - ny / 2
+    (group,) = plane.groups
+    expected = left.min() + 40, -(low.max() + 24), np.ptp(left) + 40, np.ptp(low) + 16
+    assert [float(v) for v in group["box"].split()] == pytest.approx(expected, abs=0.06)
+    assert group["title"] == "a title" and len(group["detail"].split()) == 4
+    detail = [float(v) for v in group["detail"].split()]
+    assert detail[2:] == [20.0, 16.0]  # as wide as asked, no higher than the window
+    x, y, width, height = (float(v) for v in plane.box.split())
+    edge = 0.01 * (np.ptp(left) + nx)
+    assert (x, x + width) == pytest.approx((left.min() - edge, left.max() + nx + edge), abs=0.11)
+    assert y + height == pytest.approx(-low.min() + edge, abs=0.11)
+    assert y < -(low.max() + ny) - edge, "names of the upper row have room"
+    assert [label["text"] for label in plane.labels] == [f"{c.label} {c.filter}" for c in chips]
+    assert len(plane.outlines) == 2 and {outline["style"] for outline in plane.outlines} == {"idle"}
+    styles = [shape.get("style", shape["kind"]) for shape in group["shapes"]]
+    assert styles == ["image"] * 3 + ["chip"] * 2 + ["window", "label"] * 2 + ["cutout"]
+    colours = {outline["colour"] for outline in plane.outlines}
+    assert colours <= {LOOKS[c.filter.lower()].colour for c in chips} | {"#FFFFFF", "#888888"}

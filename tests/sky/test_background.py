@@ -1,5 +1,7 @@
 """The sum: the reference sky of the bands, units by synphot, occultation, the expansion over the chip."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from astropy.coordinates import get_body_barycentric
@@ -31,7 +33,7 @@ from csstsim.sky.bodies import bodies
 from csstsim.sky.directions import telescope_axes
 from csstsim.sky.earthshine import earthshine
 from csstsim.sky.starlight import faint_starlight
-from csstsim.sky.transmittance import angles, total
+from csstsim.sky.transmittance import angles, total, transmittance
 from csstsim.sky.zodiacal import spectrum
 
 CAMERA, N = camera(), numbers()
@@ -324,3 +326,38 @@ def test_a_finer_grid_is_the_same_image():
     step = (FINE_NODES - 1) // (NODES - 1)
     assert (fine.reshape(FINE_NODES, -1)[::step, ::step].ravel() == values).all()
     assert grid_mean(fine) == pytest.approx(grid_mean(values), rel=1e-12)
+
+
+def test_moonlight_and_planets_by_their_magnitudes():
+    """25 deg from the Moon, on the side away from the door: its V, of sunlight, as the transmittance lets it in.
+
+    Planets add up, each by its own magnitude and place; the door takes no light and sends none.
+    """
+    open_ = replace(N, door=replace(N.door, albedo=0.0, half_width_deg=1e-6))
+    mjd = mjd_utc("2027-07-18T15:45:00")
+    moon = bodies(mjd, PLACE, VELOCITY, N).moon
+    across = np.cross(moon, POLE)
+    across /= np.linalg.norm(across)
+    axes = boresight(np.cos(np.radians(25.0)) * moon + np.sin(np.radians(25.0)) * across)
+    place = 9 * over(axes[2])  # so high that the Earth hides little
+    sky = bodies(mjd, place, VELOCITY, N)
+    parts = sky_components(rates("r"), axes, axes[2][None], (mjd, tuple(place), VELOCITY), open_)
+
+    def seen(direction, magnitude):
+        if angle(direction, -place) < np.degrees(np.arcsin(6378.137 / np.linalg.norm(place))):
+            return 0.0
+        zenith, azimuth = angles(axes @ direction)
+        light = transmittance(zenith, azimuth, N)
+        return float(rates("r")["sun"] * light * 10 ** (-0.4 * (magnitude - N.bodies.sun_magnitude)))
+
+    assert parts["moon"][0] == pytest.approx(seen(sky.moon, sky.moon_magnitude), rel=1e-9) and parts["moon"][0] > 1e-5
+    planets = [seen(*one) for one in zip(sky.planets, sky.planet_magnitudes, strict=True)]
+    assert parts["planets"][0] == pytest.approx(sum(planets), rel=1e-9, abs=0) and sum(planets) > 0
+
+
+def test_some_rows_of_the_expansion_are_those_of_the_whole_window():
+    values = np.random.default_rng(11).uniform(1, 2, NODES**2)
+    whole, part = np.zeros((60, 37), np.float32), np.full((13, 37), 2.0, np.float32)
+    add_grid(whole, values)
+    add_grid(part, values, slice(21, 34), 60)
+    assert np.allclose(part, whole[21:34] + 2.0, rtol=1e-6)

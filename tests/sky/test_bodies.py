@@ -154,3 +154,39 @@ def test_the_angles_of_sun_and_moon_at_both_ends(make_pointing):
                 assert values[f"{body}_angle_{end}"] == pytest.approx(boresight.separation(seen).deg, abs=0.01)
     # The Moon moves by 0.55 deg an hour, the spacecraft's parallax by much more
     assert 0.05 < abs(values["moon_angle_end"] - values["moon_angle_start"]) < 3
+
+
+def test_the_sun_at_the_limb_is_its_height_over_the_nearest_ground_on_the_horizon():
+    """A boresight anywhere: the ground point where the line of sight's plane touches the Earth, found by search."""
+    mjd = mjd_utc("2027-06-26T20:35:58")
+    sun = bodies(mjd, PLACE, VELOCITY, numbers()).sun
+    place = np.array(PLACE)
+    zenith, reach = place / np.linalg.norm(place), np.linalg.norm(place)
+    horizon = np.arccos(6378.137 / reach)  # of the ground, from the sub-satellite point
+    side = np.cross(zenith, [0.0, 0.0, 1.0])
+    side /= np.linalg.norm(side)
+    turn = np.linspace(0, 2 * np.pi, 100_001)[:, None]
+    ring = np.cos(horizon) * zenith + np.sin(horizon) * (np.cos(turn) * side + np.sin(turn) * np.cross(zenith, side))
+    for ra, dec in ((200.0, 35.0), (310.0, -62.0), (80.0, 10.0)):
+        boresight = unit_vectors(ra, dec)
+        seen = ring * 6378.137 - place
+        nearest = ring[np.argmax(seen @ boresight / np.linalg.norm(seen, axis=1))]
+        found = exposure_angles(ra, dec, mjd, PLACE, VELOCITY)
+        assert found["limb_sun"] == pytest.approx(np.degrees(np.arcsin(nearest @ sun)), abs=0.02)
+        along = (nearest * 6378.137 - place) / np.linalg.norm(nearest * 6378.137 - place)
+        assert abs(found["limb"]) == pytest.approx(float(angle(boresight, along)), abs=0.01)
+
+
+def test_planets_by_the_law_of_their_phase():
+    """Astropy's distances and phase angles, magnitudes by sky.yaml's numbers, to 0.02; Venus is held at its largest."""
+    for time in ("2025-03-23T00:00:00", "2026-04-20T00:00:00"):  # Venus before the Sun, and 40 deg from it
+        moment, sky = Time(time), at(time)
+        sun, earth = (get_body_barycentric(name, moment).xyz.to_value("au") for name in ("sun", "earth"))
+        here = earth + np.array(PLACE) / 149_597_870.7
+        for k, name in enumerate(("venus", "mars", "jupiter", "saturn")):
+            planet = get_body_barycentric(name, moment).xyz.to_value("au")
+            _, bright, *law, largest = numbers().bodies.planets[k]
+            phase = min(angle(here - planet, sun - planet), largest)
+            wanted = bright + sum(c * phase ** (n + 1) for n, c in enumerate(law))
+            wanted += 5 * np.log10(np.linalg.norm(planet - here) * np.linalg.norm(planet - sun))
+            assert sky.planet_magnitudes[k] == pytest.approx(wanted, abs=0.02), name

@@ -9,7 +9,10 @@ from sky_places import camera, numbers
 
 from csstsim.base.errors import InputError
 from csstsim.base.sphere import unit_vectors
+from csstsim.catalog.astrometry.ephemeris import observer
+from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.selection.reach import REACH_MAX
+from csstsim.instrument.chip import Window
 from csstsim.instrument.pointing import Pointing
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.scatter.halo import make_wing
@@ -121,3 +124,13 @@ def test_stars_beside_a_frame(chip):
     assert away.tolist() == [False, False, False, False, False, True]
     behind = -unit_vectors(*FIELD)[None]
     assert pixels_off(behind, one) == [np.inf]
+
+
+def test_the_distance_from_a_window_is_the_larger_of_both_axes():
+    """A window of a chip, stars left, right, below, above and at corners; of apparent places, as nothing moves them."""
+    one = exposure(window=Window(1000, 3000, 2000, 2500))
+    x = np.array([400.0, 3500.0, 1500.0, 2900.0, 900.0, 4000.0])
+    y = np.array([2200.0, 2300.0, 1200.0, 3100.0, 1300.0, 2700.0])
+    seen_from = observer(one.pointing.mjd, one.pointing.sat_position, one.pointing.sat_velocity)
+    directions = unit_vectors(*icrs(*one.wcs.pixel_to_world(x, y), seen_from))
+    assert pixels_off(directions, one) == pytest.approx([600, 501, 800, 601, 700, 1001], abs=0.01)

@@ -89,7 +89,7 @@ def _own(truth, measured, at, mag, electrons):
         out |= {"mag_off": measured["mag_psf"][at] - mag, "mag_err": measured["mag_psf_err"][at]}
     if "g1" in measured and {"e1", "e2", "g1", "g2"} <= set(truth):
         e, g = (truth[f"{name}1"] + 1j * truth[f"{name}2"].astype(float) for name in "eg")
-        true = np.where(galaxy, (e + g) / (1 + np.conj(g) * e), np.nan)
+        true = np.where(galaxy, (e + g) / (1 + np.conj(g) * e), complex(np.nan, np.nan))
         resolved = galaxy & (measured["resolution"][at] > RESOLVED) & ((measured["flags"][at] & SHAPELESS) == 0)
         out |= {"true_g1": true.real, "true_g2": true.imag}
         out |= {name: np.where(resolved, measured[name][at], np.nan) for name in ("g1", "g2")}
