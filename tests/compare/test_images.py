@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from csstsim.compare.images import _place
+from csstsim.compare.images import _pixel, _place
 from csstsim.detector.channels import ReadoutFrame
 
 
@@ -25,3 +25,8 @@ def test_a_channels_pixel_is_named_by_the_chip_or_as_overscan(window):
             elif column < 3 or column >= 9 or row >= 6:
                 assert words.endswith("(overscan)")
     assert seen == (x1 - x0) * (y1 - y0)
+
+
+def test_a_pixel_is_named_by_columns_before_rows():
+    assert _pixel(20, 85) == "at x 85, y 20"
+    assert _pixel(2, 20, 85) == "at x 85, y 20, z 2"

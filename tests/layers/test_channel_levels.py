@@ -7,6 +7,7 @@ import pytest
 from readout_state import flat_state, run
 
 from csstsim.base.rng import Streams
+from csstsim.detector.channels import ReadoutFrame
 from csstsim.detector.mask import CLIPPED
 from csstsim.layers import bias, gain, nonlinearity, prescan_overscan, quantization_and_output
 
@@ -65,3 +66,19 @@ def test_the_mask_goes_into_the_readout_frame_and_knows_what_was_clipped(small):
 def test_without_a_mask_nothing_is_marked(small):
     state = run(flat_state(small, 100.0), [])
     assert prescan_overscan.apply(state, prescan_overscan.Param(), Streams(3, "1", 9, "any")).mask is None
+
+
+def test_each_pixel_of_the_readout_frame_gets_the_polynomial_of_its_channel(small):
+    """Prescan and overscan, too: charge that is left over comes out there."""
+    detector = replace(small.detector, nonlinearity_cubic=-1e-13, nonlinearity_spread=0.3)
+    camera = replace(small, chips={9: replace(small.chips[9], detector=detector)})
+    rng, charge = Streams(3, "1", 9, "any"), 30_000.0
+    state = prescan_overscan.apply(flat_state(camera, 100.0), prescan_overscan.Param(), rng)
+    state.image[:] = charge
+    header = nonlinearity.apply(state, nonlinearity.Param(nonlinearity_16channel=True), rng).header
+    wanted = np.zeros(state.image.shape)
+    for block in ReadoutFrame.of(detector, state.window).blocks:
+        quadratic, cubic = (header[f"nonlinearity_{name}"][block.channel - 1] for name in ("quadratic", "cubic"))
+        wanted[block.whole] = charge * (1 + charge * (quadratic + charge * cubic))
+    np.testing.assert_allclose(state.image, wanted, rtol=3e-7)
+    assert len(np.unique(state.image)) == 16

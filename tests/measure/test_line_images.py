@@ -13,7 +13,7 @@ from csstsim.instrument.filter import GRID
 from csstsim.measure.spectra.extract import DispersedImage, Sources, extract_spectra
 from csstsim.measure.spectra.line_fluxes import LineFluxes
 from csstsim.measure.spectra.line_image import LineImage, point_transforms
-from csstsim.measure.spectra.line_profile import ALONG, OFFSETS, Shapes, broadened, psf_profile
+from csstsim.measure.spectra.line_profile import ACROSS, ALONG, OFFSETS, Shapes, broadened, psf_profile
 from csstsim.measure.spectra.spectral_model import make_model
 from csstsim.stages.parts.shapes import shapes_of
 
@@ -149,3 +149,12 @@ def test_the_slant_is_that_of_the_matrix():
     found = Shapes.of(matrix, np.tile([1.0, 0.0], (3, 1)), np.ones((3, 2))).slant
     assert found[0] == pytest.approx(np.corrcoef(matrix[0] @ points)[0, 1], abs=0.01)
     assert found[1:].tolist() == [0.0, 0.0]
+
+
+@pytest.mark.parametrize("axis, offset", [(ALONG, 1.25), (ACROSS, -2.25)])
+def test_a_profile_is_that_of_its_axis(axis, offset):
+    """A point beside the middle, 1.25 px in x and -2.25 px in y: half of its flux lies below."""
+    cells = np.zeros((4, 32, 32))
+    cells[:, 16 - 5, 16 + 2] = 1.0  # [y, x], two to a pixel: from -2.5 to -2, from 1 to 1.5 px
+    for profile in psf_profile(cells, 2, axis):
+        assert np.interp(0.5, profile, OFFSETS) == pytest.approx(offset, abs=1e-9)

@@ -7,6 +7,7 @@ import pytest
 
 from csstsim.base.errors import InputError
 from csstsim.release.score.catalogue import read_any, read_catalogue
+from csstsim.release.score.field import Field
 from csstsim.release.score.match import MAG_SPREAD, RADIUS, SHIFT, chance, matched, moved
 from csstsim.release.score.numbers import half_found
 from csstsim.release.score.score import judge
@@ -381,3 +382,16 @@ def test_half_are_found_where_the_fraction_crosses_a_half():
     ]
     assert half_found(bins) == pytest.approx(20.75 + 0.5 * (0.8 - 0.5) / (0.8 - 0.3))
     assert half_found(bins[:2]) is None and half_found([]) is None
+
+
+def test_what_only_a_grating_sees_is_on_no_image():
+    corners = {"images": [[9.0, -1.0], [11.0, -1.0], [11.0, 1.0], [9.0, 1.0]]}
+    corners["spectra"] = [[ra + 10.0, dec] for ra, dec in corners["images"]]
+    frames = [
+        {"file": "a", "filter": "r", "kind": "imaging", "corners": corners["images"]},
+        {"file": "b", "filter": "GI", "kind": "slitless", "corners": corners["spectra"]},
+    ]
+    field = Field("two", None, frames)
+    ra, dec = np.array([10.0, 20.0, 10.0]), np.array([0.0, 0.0, 2.0])
+    for band, seen in ((None, [True, False, False]), ("r", [True, False, False]), ("gi", [False, False, False])):
+        assert field.has(ra, dec, band).tolist() == seen
