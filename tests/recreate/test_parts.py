@@ -1,20 +1,19 @@
 """What headers say, pixels of every form, objects as a table, and two frames side by side: against closed forms."""
 
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from astropy.io import fits
 from csst import BANDS
+from recreated_headers import PLACES, header, pieces
 
 from csstsim.base.errors import InputError
 from csstsim.catalog.object_table import BRIGHTEST, FAINTEST
 from csstsim.catalog.table import ObjectTable
 from csstsim.detector.channels import ReadoutFrame
-from csstsim.io.fits_writing import remark
 from csstsim.recreate import side_by_side
-from csstsim.recreate.frame import FrameHeader, read_frame
+from csstsim.recreate.frame import read_frame
 from csstsim.recreate.objects import check_frame, own_table
 from csstsim.recreate.pixels import clipped, read_electrons
 from csstsim.recreate.recreate import _of_maps
@@ -24,16 +23,6 @@ DETECTOR = SimpleNamespace(
     gain=1.1, bias=550.0, adc_max=65535,
 )  # fmt: skip
 NAME = "CSST_MSC_MS_WIDE_20270810081950_20270810082220_10160000004_09_L0_V01.fits"
-
-
-def header(history=(), name="x.fits", **keys):
-    return FrameHeader(Path(name), keys, list(history), (16, 64))
-
-
-def pieces(*lines):
-    """The HISTORY of a file: texts on cards of 72 characters."""
-    cards = "".join(remark("HISTORY", f" {line}") for line in lines)
-    return [cards[i + 8 : i + 80] for i in range(0, len(cards), 80)]
 
 
 @pytest.mark.parametrize("pad", range(60, 75))
@@ -380,10 +369,6 @@ def test_the_image_of_a_frame_is_its_extension_image_or_the_first_plane(tmp_path
     fits.HDUList([primary, image]).writeto(tmp_path / "flat.fits")
     with pytest.raises(InputError, match="FILETYPE: not an exposure of the sky"):
         read_frame(tmp_path / "flat.fits")
-
-
-PLACES = {"CRVAL1": 11.0, "CRVAL2": 21.0, "RA_PNT0": 12.0, "DEC_PNT0": 22.0, "RA_OBJ": 13.0, "DEC_OBJ": 23.0,
-          "RA_PNT1": 14.0, "DEC_PNT1": 24.0}  # fmt: skip
 
 
 def test_an_exposure_has_every_column_of_its_header():

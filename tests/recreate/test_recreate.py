@@ -13,7 +13,7 @@ from astropy.table import Table
 from click.testing import CliRunner
 from lab_maps import map_path, name_maps, response, write_map
 from mini_campaign import POINTINGS, write_campaign
-from recreate.test_parts import PLACES, header, pieces
+from recreated_headers import PLACES, header, pieces
 
 from csstsim.base.shipped import ROOT
 from csstsim.campaign.opened import OpenCampaign
