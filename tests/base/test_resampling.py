@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import InterpolatedUnivariateSpline
 
@@ -75,12 +75,14 @@ def test_beyond_its_ends_it_is_zero():
 
 @settings(max_examples=300, deadline=None)
 @given(densities())
+@example((np.array([200.0, 200.25]), np.array([0.0, 1.0])))  # fine beyond the grid's last point alone
 def test_a_curve_is_read_at_points_or_keeps_its_integral(density):
     """Coarse curves keep the values of their lines, to the bit; fine ones their integral over the grid, ends held."""
     x, y = density
     values = read_at(GRID, x, y)
     within = x[(x > GRID[0] - 0.5) & (x < GRID[-1] + 0.5)]
-    if len(within) < 2 or np.diff(within).min() >= 0.5:
+    of_grid = np.isin(x[(x >= GRID[0]) & (x <= GRID[-1])], GRID).all()
+    if len(within) < 2 or np.diff(within).min() >= 0.5 or of_grid:
         assert np.array_equal(values, np.interp(GRID, x, y))
         return
     at = np.unique([GRID[0] - 0.25, GRID[-1] + 0.25, *within[(within > GRID[0] - 0.25) & (within < GRID[-1] + 0.25)]])
