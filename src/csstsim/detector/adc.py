@@ -1,14 +1,23 @@
 """Electrons to DN: the channels' gains, and the analogue-digital converter (paper, Appendix B items 14 and 15)."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
+from csstsim.base.types import FloatArray, IntArray
 from csstsim.detector.mask import CLIPPED
+
+if TYPE_CHECKING:
+    from csstsim.base.rng import Streams
+    from csstsim.detector.instrument_parts import Gains
 
 CUT_MAX = 1e-3  # largest share of pixels at 0 DN that rounding and rare noise explain
 _ROWS = 16
 
 
-def digitise(image, adc_max=65535, mask=None):
+def digitise(image: FloatArray, adc_max: int = 65535, mask: IntArray | None = None) -> tuple[IntArray, int, int]:
     """Return (uint16 image, pixels clipped at adc_max, pixels clipped at 0) of float32 DN.
 
     Rounds to nearest (ties to even), never wraps. `mask`: uint8 of the image's shape, in which CLIPPED is set where a
@@ -37,7 +46,7 @@ def digitise(image, adc_max=65535, mask=None):
     return digits, high, low
 
 
-def cut_noise(low, pixels):
+def cut_noise(low: int, pixels: int) -> str:
     """Return what is wrong with a frame of which `low` pixels were clipped at 0, as text; "" if it is sound."""
     if low <= CUT_MAX * pixels:
         return ""
@@ -47,7 +56,7 @@ def cut_noise(low, pixels):
     )
 
 
-def channel_gains(detector, rng, *, one_each):
+def channel_gains(detector: Gains, rng: Streams, *, one_each: bool) -> list[float]:
     """Return the gains of all channels of a chip [e-/DN], a list.
 
     rng: rng.Streams; one_each: true: a gain for each channel; false: the same gain for all.

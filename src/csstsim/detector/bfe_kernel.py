@@ -12,37 +12,45 @@ enters K. Quadrants are indexed [dy, dx]: dy along the columns of the chip (para
 builders/bfe_fit.py derives the areas from the covariances of flats.
 """
 
+from __future__ import annotations
+
 from functools import cache
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from csstsim.base.errors import InputError
+from csstsim.base.types import FloatArray
+
+if TYPE_CHECKING:
+    from csstsim.detector.instrument_parts import PixelAreas
 
 SIZE = 3  # of the quadrant of K
 STABLE = 0.25  # of a pixel: larger shifts of boundaries are not small, and the kernel's limiter would act on them
 
 
-def unfold(quadrant):
+def unfold(quadrant: FloatArray) -> FloatArray:
     """Return the (2n - 1, 2n - 1) array, even in both directions, with the given quadrant (n, n)."""
     half = np.concatenate([quadrant[:0:-1], quadrant])
     return np.concatenate([half[:, :0:-1], half], axis=1)
 
 
-def fold(array):
+def fold(array: FloatArray) -> FloatArray:
     """Return the quadrant (n, n) of a (2n - 1, 2n - 1) array averaged with its mirror images [unit of the array]."""
     n = len(array) // 2
     mean = (array + array[::-1] + array[:, ::-1] + array[::-1, ::-1]) / 4
     return mean[n:, n:]
 
 
-def laplacian(quadrant):
+def laplacian(quadrant: FloatArray) -> FloatArray:
     """Return the discrete Laplacian, as a quadrant (n + 1, n + 1), of a quadrant (n, n) [unit of the quadrant]."""
     whole = np.pad(unfold(quadrant), 2)
     edges = whole[:-2, 1:-1] + whole[2:, 1:-1] + whole[1:-1, :-2] + whole[1:-1, 2:]
     return fold(edges - 4 * whole[1:-1, 1:-1])
 
 
-def kernel(areas):
+def kernel(areas: ArrayLike) -> tuple[FloatArray, float]:
     """Return (K (3, 3), skew) [per e-] of areas (3, 3) [per e-]. Raises ValueError unless these are finite (3, 3)."""
     areas = np.array(areas, float)
     if areas.shape != (SIZE, SIZE) or not np.isfinite(areas).all():
@@ -54,13 +62,13 @@ def kernel(areas):
 
 
 @cache
-def _laplacians():
+def _laplacians() -> FloatArray:
     """Return (9, 9): each column is the Laplacian of a quadrant with one 1 in it."""
     units = np.eye(SIZE**2).reshape(-1, SIZE, SIZE)
     return np.stack([laplacian(unit)[:SIZE, :SIZE].ravel() for unit in units], axis=1)
 
 
-def detector_kernel(detector):
+def detector_kernel(detector: PixelAreas) -> tuple[FloatArray, float]:
     """Return (K (3, 3), skew) [per e-] of a detector (brighter_fatter.yaml, full_well).
 
     Raises InputError if it has no areas, or if charge at full well could move a boundary by a quarter pixel.

@@ -18,13 +18,16 @@ the serial register, blooming during readout.
 import numba
 import numpy as np
 
+from csstsim.base.types import AnyArray, FloatArray, IntArray
 from csstsim.detector.mask import BLED, SATURATED
 
 # A run of saturated pixels between `start` and `end`: sum of excesses e_m, and of e_m (m - start).
 _RUN = np.dtype([("start", np.int64), ("end", np.int64), ("excess", np.float64), ("moment", np.float64)])
 
 
-def bloom(image, full_well, row_share=0.0, mask=None):
+def bloom(
+    image: FloatArray, full_well: float, row_share: float = 0.0, mask: IntArray | None = None
+) -> tuple[int, float]:
     """Spill the charge of `image` (ny, nx; electrons, float32) above `full_well` [e-], in place.
 
     `row_share` 0..1: part of each excess that spills along its row. `mask` (uint8, same shape) or None: SATURATED is
@@ -46,7 +49,7 @@ def bloom(image, full_well, row_share=0.0, mask=None):
 
 
 @numba.njit(cache=True)
-def _search(image, full_well):
+def _search(image: FloatArray, full_well: float) -> tuple[IntArray, IntArray, int]:
     """Return (saturated pixels of each row, of each column, pixels that are not finite)."""
     ny, nx = image.shape
     in_row, in_column = np.zeros(ny, np.int64), np.zeros(nx, np.int64)
@@ -63,7 +66,9 @@ def _search(image, full_well):
 
 
 @numba.njit(cache=True)
-def _spill_all(image, full_well, row_share, mask, in_row, in_column):
+def _spill_all(
+    image: FloatArray, full_well: float, row_share: float, mask: IntArray, in_row: IntArray, in_column: IntArray
+) -> float:
     """Spill along rows, then along columns; return the electrons that left. `mask` may have no columns."""
     ny, nx = image.shape
     lost, runs = 0.0, np.empty(max(ny, nx) // 2 + 1, _RUN)
@@ -93,7 +98,9 @@ def _spill_all(image, full_well, row_share, mask, in_row, in_column):
 
 
 @numba.njit(cache=True)
-def _spill(line, full_well, share, marks, saturated, runs):
+def _spill(
+    line: FloatArray, full_well: float, share: float, marks: IntArray, saturated: IntArray, runs: AnyArray
+) -> float:
     """Spill a share of each excess of a line; return the electrons that left. saturated: its pixels, ascending."""
     count = 0
     for p in saturated:
@@ -106,14 +113,14 @@ def _spill(line, full_well, share, marks, saturated, runs):
 
 
 @numba.njit(cache=True)
-def _excess(charge, full_well, share):
+def _excess(charge: float, full_well: float, share: float) -> float:
     """Return the charge that a pixel gives away (> 0), or minus its room."""
     excess = charge - full_well
     return excess * share if excess > 0 else excess
 
 
 @numba.njit(cache=True)
-def _grow(line, full_well, share, runs, count, p):
+def _grow(line: FloatArray, full_well: float, share: float, runs: AnyArray, count: int, p: int) -> int:
     """Grow a run from the saturated pixel p until both ends have room, merging runs; return the number of runs."""
     start, end = p - 1, p + 1
     excess = moment = _excess(line[p], full_well, share)
@@ -146,13 +153,13 @@ def _grow(line, full_well, share, runs, count, p):
 
 
 @numba.njit(cache=True)
-def _up(run):
+def _up(run: np.record) -> float:
     """Return the charge that a run gives to its upper end."""
     return run.moment / (run.end - run.start)
 
 
 @numba.njit(cache=True)
-def _fill(line, full_well, share, marks, run):
+def _fill(line: FloatArray, full_well: float, share: float, marks: IntArray, run: np.record) -> float:
     """Fill the pixels of a run and add charge to its ends; return the charge that leaves the line."""
     start, end, up = run.start, run.end, _up(run)
     down = run.excess - up

@@ -25,6 +25,8 @@ shifts are a few per cent of a pixel, noise is smoothed by as much).
 import numba
 import numpy as np
 
+from csstsim.base.types import FloatArray
+
 DONOR = 8.0  # more than the four boundaries, so that rounding cannot take a pixel below zero
 _PAD = 2  # reach of the kernel
 _RING = 2 * _PAD + 1
@@ -32,7 +34,7 @@ _REACH = 2 * (_PAD + 1)  # of two passes
 _BAND = 128  # rows that are moved back while they are in the cache
 
 
-def move_charge(image, kernel, skew, limit):
+def move_charge(image: FloatArray, kernel: FloatArray, skew: float, limit: float) -> None:
     """Move charge between neighbouring pixels of `image` (ny, nx; electrons, float32), in place.
 
     `kernel` (3, 3): the quadrant K[dy, dx] of the 5 x 5 kernel [per e-], `skew` [per e-]; `limit`: full well [e-].
@@ -44,7 +46,7 @@ def move_charge(image, kernel, skew, limit):
         _raise_bad(_move(image, image, image, kernel, np.float32(skew), np.float32(limit), False))
 
 
-def move_back(image, kernel, skew, limit):
+def move_back(image: FloatArray, kernel: FloatArray, skew: float, limit: float) -> None:
     """Undo `move_charge` on an image (ny, nx; electrons, float32, C-contiguous), in place.
 
     guess <- guess + (image - move_charge(guess)), twice, guess = image at first: charge moves by per cents, the second
@@ -65,7 +67,7 @@ def move_back(image, kernel, skew, limit):
         before = read[: len(read) - len(above)][-_REACH:].copy()
 
 
-def _checked(kernel, skew, limit):
+def _checked(kernel: FloatArray, skew: float, limit: float) -> FloatArray:
     """Return the kernel as float32. Raises ValueError as `move_charge`."""
     kernel = np.ascontiguousarray(kernel, np.float32)
     if kernel.shape != (_PAD + 1, _PAD + 1) or not np.isfinite(kernel.sum() + skew) or not limit > 0:
@@ -73,13 +75,21 @@ def _checked(kernel, skew, limit):
     return kernel
 
 
-def _raise_bad(number):
+def _raise_bad(number: int) -> None:
     if number:
         raise ValueError(f"the charge of {number} pixel(s) is negative or not finite")
 
 
 @numba.njit(cache=True)
-def _move(image, base, out, kernel, skew, limit, back):
+def _move(
+    image: FloatArray,
+    base: FloatArray,
+    out: FloatArray,
+    kernel: FloatArray,
+    skew: np.float32,
+    limit: np.float32,
+    back: bool,
+) -> int:
     """Fill `out` with `base` and the charge that moves in `image`, less it if `back`; return the number of bad pixels.
 
     A row is filled once the flow to the next is known, so the three may be the same. Back, negative values count as 0.
@@ -122,7 +132,18 @@ def _move(image, base, out, kernel, skew, limit, back):
 
 
 @numba.njit(cache=True)
-def _flow(phi_p, phi_q, skew, push_p, push_q, before, p, q, after, flux):
+def _flow(
+    phi_p: FloatArray,
+    phi_q: FloatArray,
+    skew: np.float32,
+    push_p: FloatArray,
+    push_q: FloatArray,
+    before: FloatArray,
+    p: FloatArray,
+    q: FloatArray,
+    after: FloatArray,
+    flux: FloatArray,
+) -> None:
     """Fill flux (at least as long as phi_p) with the charge that moves from p to q; before, p, q, after: in a line."""
     five, two, sixth, most = np.float32(5), np.float32(2), np.float32(1 / 6), np.float32(1 / DONOR)
     for x in range(len(phi_p)):
@@ -134,7 +155,7 @@ def _flow(phi_p, phi_q, skew, push_p, push_q, before, p, q, after, flux):
 
 
 @numba.njit(cache=True)
-def _load(row, least, limit, charge, push):
+def _load(row: FloatArray, least: np.float32, limit: np.float32, charge: FloatArray, push: FloatArray) -> int:
     """Fill a row of the ring buffers, of at least `least`, padded by repeating its ends; return the bad pixels."""
     nx, bad = len(row), 0
     for x in range(nx):
@@ -149,7 +170,7 @@ def _load(row, least, limit, charge, push):
 
 
 @numba.njit(cache=True)
-def _potential(ring, y, kernel, columns, phi):
+def _potential(ring: FloatArray, y: int, kernel: FloatArray, columns: FloatArray, phi: FloatArray) -> None:
     """Fill phi (nx,) of row y: sum along columns, then along the row; mirrored images give mirrored bits."""
     here = ring[y % _RING]
     near_below, near_above = ring[(y - 1) % _RING], ring[(y + 1) % _RING]

@@ -16,11 +16,20 @@ frame     the mosaic without the rows and columns that a windowed readout skips.
 Arrays and integers only. Not modelled: the time order of readout, electronic crosstalk.
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import TYPE_CHECKING, Self, cast
 
 import numpy as np
+
+from csstsim.base.types import AnyArray, IntArray
+
+if TYPE_CHECKING:
+    from csstsim.detector.instrument_parts import Area, Geometry
 
 LAYOUTS = ("channels", "mosaic", "chip")
 GEOMETRY = (
@@ -47,14 +56,15 @@ class Block:
     stored_x0: int  # first column in the `channels` layout
 
     @property
-    def whole(self):
+    def whole(self) -> tuple[slice, slice]:
         """Rows and columns of the whole block, prescan and overscan included."""
         return self.rows, self.cols
 
     @property
-    def as_read(self):
+    def as_read(self) -> tuple[slice, slice]:
         """Slices that flip a region of the block into readout order (first row and column read first), or back."""
-        return tuple(slice(None, None, -1 if flip else 1) for flip in (self.flip_y, self.flip_x))
+        y, x = (slice(None, None, -1 if flip else 1) for flip in (self.flip_y, self.flip_x))
+        return y, x
 
 
 @dataclass(frozen=True)
@@ -76,7 +86,7 @@ class ReadoutFrame:
     overscan: int
     parallel_overscan: int
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.channels_y != 2 or self.channels_x % 2 or self.channels_x < 2:
             raise ValueError(f"{self.channels_y} x {self.channels_x} channels; need 2 rows of an even number")
         if self.nx != self.channels_x * self.channel_nx or self.ny != self.channels_y * self.channel_ny:
@@ -86,40 +96,40 @@ class ReadoutFrame:
             raise ValueError(f"window {self.window} is empty or outside the chip of {self.nx} x {self.ny} pixels")
 
     @classmethod
-    def of(cls, detector, window):
+    def of(cls, detector: Geometry, window: Area | tuple[int, int, int, int] | None) -> Self:
         """Return the frame for a detector, any object with the attributes GEOMETRY; window None: the whole chip."""
         numbers = {name: int(getattr(detector, name)) for name in GEOMETRY}
         if window is None:
             window = (0, numbers["nx"], 0, numbers["ny"])
         elif not isinstance(window, tuple):
             window = (window.x0, window.x1, window.y0, window.y1)
-        return cls(window=tuple(map(int, window)), **numbers)
+        return cls(window=cast("tuple[int, int, int, int]", tuple(map(int, window))), **numbers)
 
     @property
-    def n_channels(self):
+    def n_channels(self) -> int:
         """Number of readout channels of the detector."""
         return self.channels_x * self.channels_y
 
     @property
-    def block_nx(self):
+    def block_nx(self) -> int:
         """Columns [px] of a whole channel: prescan, active, overscan."""
         return self.prescan + self.channel_nx + self.overscan
 
     @property
-    def block_ny(self):
+    def block_ny(self) -> int:
         """Rows [px] of a whole channel: active, parallel overscan."""
         return self.channel_ny + self.parallel_overscan
 
     @property
-    def shape(self):
+    def shape(self) -> tuple[int, int]:
         """(rows, columns) of the frame."""
         return len(self.rows), len(self.cols)
 
-    def of_file(self, layout):
+    def of_file(self, layout: str) -> Self:
         """Return the frame of the pixels that a file of `layout` holds: without prescan and overscan of 'chip'."""
         return replace(self, prescan=0, overscan=0, parallel_overscan=0) if layout == "chip" else self
 
-    def stored_shape(self, layout):
+    def stored_shape(self, layout: str) -> tuple[int, int]:
         """(rows, columns) of the whole detector in one of LAYOUTS; ValueError for another."""
         if layout == "channels":
             return self.block_ny, self.block_nx * self.n_channels
@@ -130,19 +140,19 @@ class ReadoutFrame:
         raise ValueError(f"unknown layout {layout!r}; known: {', '.join(LAYOUTS)}")
 
     @cached_property
-    def rows(self):
+    def rows(self) -> IntArray:
         """Mosaic row of each kept row, increasing (int array)."""
         return np.concatenate([np.r_[low, high] if half == 0 else np.r_[high, low] for half, low, high in self._halves])
 
     @cached_property
-    def cols(self):
+    def cols(self) -> IntArray:
         """Mosaic column of each kept column, increasing (int array)."""
         return np.concatenate([np.concatenate(parts) for _, parts in self._slots])
 
     @cached_property
-    def _halves(self):
+    def _halves(self) -> list[tuple[int, IntArray, IntArray]]:
         """(half, active mosaic rows, overscan mosaic rows) of the halves that the window touches."""
-        halves = []
+        halves: list[tuple[int, IntArray, IntArray]] = []
         for half in range(2):
             low, high = _overlap(self.window[2:], half, self.channel_ny)
             if low < high:
@@ -152,9 +162,9 @@ class ReadoutFrame:
         return halves
 
     @cached_property
-    def _slots(self):
+    def _slots(self) -> list[tuple[int, list[IntArray]]]:
         """(slot, [left, active, right] mosaic columns) of the slots that the window touches."""
-        slots = []
+        slots: list[tuple[int, list[IntArray]]] = []
         for slot in range(self.channels_x):
             low, high = _overlap(self.window[:2], slot, self.channel_nx)
             if low < high:
@@ -168,11 +178,11 @@ class ReadoutFrame:
                 )
         return slots
 
-    def _mirrored(self, slot):
+    def _mirrored(self, slot: int) -> bool:
         return slot >= self.channels_x // 2
 
     @cached_property
-    def blocks(self):
+    def blocks(self) -> list[Block]:
         """The channels that the window touches as `Block`s, in Level-0 order."""
         blocks, row = [], 0
         for half, active, scan in self._halves:
@@ -187,7 +197,7 @@ class ReadoutFrame:
                 blocks.append(self._block(half, slot, (y_active, y_scan), (x_left, x_active, x_right)))
         return sorted(blocks, key=lambda block: block.channel)
 
-    def _block(self, half, slot, y, x):
+    def _block(self, half: int, slot: int, y: tuple[slice, slice], x: tuple[slice, slice, slice]) -> Block:
         (y_active, y_scan), (x_left, x_active, x_right) = y, x
         mirrored = self._mirrored(slot)
         x_pre, x_over = (x_right, x_left) if mirrored else (x_left, x_right)
@@ -204,14 +214,14 @@ class ReadoutFrame:
             stored_x0=number * self.block_nx,
         )  # fmt: skip
 
-    def embed(self, image):
+    def embed(self, image: AnyArray) -> AnyArray:
         """Return a frame with the active `image` (shape of the window) at its position and zeros elsewhere."""
         frame = np.zeros(self.shape, image.dtype)
         for block in self.blocks:
             frame[block.active] = image[block.image]
         return frame
 
-    def active(self, frame):
+    def active(self, frame: AnyArray) -> AnyArray:
         """Return the active pixels of `frame` as one image (shape of the window): the inverse of `embed`."""
         x0, x1, y0, y1 = self.window
         image = np.empty((y1 - y0, x1 - x0), frame.dtype)
@@ -219,7 +229,7 @@ class ReadoutFrame:
             image[block.image] = frame[block.active]
         return image
 
-    def to_stored(self, frame, layout):
+    def to_stored(self, frame: AnyArray, layout: str) -> AnyArray:
         """Return the array of the whole detector (`stored_shape`) in `layout`; pixels that were not read out are 0.
 
         'chip' has no room for prescan and overscan. Raises ValueError for a frame that does not have `shape`.
@@ -233,7 +243,7 @@ class ReadoutFrame:
             stored[in_stored] = frame[in_frame]
         return stored
 
-    def from_stored(self, stored, layout):
+    def from_stored(self, stored: AnyArray, layout: str) -> AnyArray:
         """Return the frame (of `shape`) from a stored array: the inverse of `to_stored`; absent scans are 0.
 
         Raises ValueError for an array that does not have `stored_shape`.
@@ -247,7 +257,7 @@ class ReadoutFrame:
             frame[in_frame] = stored[in_stored]
         return frame
 
-    def pieces(self, layout):
+    def pieces(self, layout: str) -> Iterator[tuple[tuple[slice, slice], tuple[slice, slice]]]:
         """Yield (frame region, stored region), pairs of slices; a mirrored stored axis has step -1."""
         for block in self.blocks:
             y_parts = _runs(self.rows[block.rows], block.rows.start)
@@ -256,7 +266,7 @@ class ReadoutFrame:
                 for x_frame, x_mosaic in x_parts:
                     yield (y_frame, x_frame), self.stored_region(block, (y_mosaic, x_mosaic), layout)
 
-    def stored_region(self, block, mosaic_region, layout):
+    def stored_region(self, block: Block, mosaic_region: tuple[slice, slice], layout: str) -> tuple[slice, slice]:
         """Return the slices [px] of the stored array that hold a region of the mosaic inside `block`.
 
         Raises ValueError for a layout that is unknown, or 'chip' of a frame with prescan or overscan.
@@ -268,13 +278,13 @@ class ReadoutFrame:
         y = _local(y, block.half * self.block_ny, self.block_ny, block.flip_y, 0)
         return y, _local(x, block.slot * self.block_nx, self.block_nx, block.flip_x, block.stored_x0)
 
-    def _as_on_chip(self, layout):
+    def _as_on_chip(self, layout: str) -> bool:
         """True for 'mosaic', and for 'chip', which is the mosaic of a frame without scans (`of_file`)."""
         if layout == "chip" and self.of_file(layout) != self:
             raise ValueError("a stored chip has no prescan and overscan: ask the frame of `of_file`")
         return layout in ("mosaic", "chip")
 
-    def stored_axis(self, block, layout):
+    def stored_axis(self, block: Block, layout: str) -> tuple[tuple[int, int], tuple[int, int]]:
         """Return ((x0, step_x), (y0, step_y)): stored pixel (X, Y), 0-based, is chip pixel (x0 + step_x X, ...).
 
         Raises ValueError as `stored_region`.
@@ -292,13 +302,13 @@ class ReadoutFrame:
         )
 
 
-def _overlap(bounds, index, size, shift=0):
+def _overlap(bounds: tuple[int, int], index: int, size: int, shift: int = 0) -> tuple[int, int]:
     """Return the part of half-open `bounds` in tile `index`, relative to the tile's start, plus `shift`."""
     low = max(bounds[0] - index * size, 0)
     return low + shift, min(bounds[1] - index * size, size) + shift
 
 
-def _spans(start, parts):
+def _spans(start: int, parts: Sequence[IntArray]) -> list[slice]:
     spans = []
     for part in parts:
         spans.append(slice(start, start + len(part)))
@@ -306,14 +316,14 @@ def _spans(start, parts):
     return spans
 
 
-def _runs(index, start):
+def _runs(index: IntArray, start: int) -> list[tuple[slice, slice]]:
     """Split increasing integers into runs of neighbours: [(slice in the frame, slice of values)]."""
     cuts = np.flatnonzero(np.diff(index) != 1) + 1
     edges = [0, *cuts.tolist(), len(index)]
     return [(slice(start + a, start + b), slice(int(index[a]), int(index[b - 1]) + 1)) for a, b in pairwise(edges)]
 
 
-def _local(part, start, size, flip, offset):
+def _local(part: slice, start: int, size: int, flip: bool, offset: int) -> slice:
     """Return a mosaic slice as a slice of the stored block that begins at `offset`, mirrored if `flip`."""
     low, high = part.start - start, part.stop - start
     if not flip:

@@ -6,13 +6,20 @@ no shot noise may be added. Electrons are lost only beyond the edges. Left out: 
 and the earlier readout of rows near the amplifiers.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
 
 from csstsim.base.counter import word
+from csstsim.base.types import FloatArray, IntArray
 from csstsim.detector.random.normal import normal, normal_table
+
+if TYPE_CHECKING:
+    from csstsim.detector.instrument_parts import Rays
 
 _BATCH = 256  # tracks at a time; limits the work space
 _FARTHEST = 9  # sigma; larger than any normal number made from 52 bits
@@ -24,14 +31,14 @@ _S32 = np.uint64(32)
 class Tracks:
     """Arrays with a value per track: start x, y, extent dx, dy [px of the frame, pixel centres at integers], e-."""
 
-    x: np.ndarray
-    y: np.ndarray
-    dx: np.ndarray
-    dy: np.ndarray
-    electrons: np.ndarray
+    x: FloatArray
+    y: FloatArray
+    dx: FloatArray
+    dy: FloatArray
+    electrons: IntArray
 
 
-def draw_tracks(shape, seconds, rays, rng):
+def draw_tracks(shape: tuple[int, int], seconds: float, rays: Rays, rng: np.random.Generator) -> Tracks:
     """Return the Tracks of a frame of `shape` (ny, nx) exposed for `seconds`, including some that miss the frame.
 
     rays: instrument.cosmic_rays.CosmicRays; rng: numpy Generator.
@@ -47,7 +54,7 @@ def draw_tracks(shape, seconds, rays, rng):
     return Tracks(x, y, length * np.cos(angle), length * np.sin(angle), np.rint(electrons).astype(np.int64))
 
 
-def deposit(shape, tracks, diffusion, key):
+def deposit(shape: tuple[int, int], tracks: Tracks, diffusion: float, key: np.uint64) -> tuple[IntArray, IntArray, int]:
     """Return (pixel, electrons, hits): flat indices of hit pixels (ascending), their electrons, number of tracks.
 
     shape: (ny, nx); diffusion: Gaussian sigma [px]; key: uint64 for the diffusion of every electron. hits: number of
@@ -62,8 +69,10 @@ def deposit(shape, tracks, diffusion, key):
         room = int(area[part].sum())
         pixel, charge = np.empty(room, np.int64), np.empty(room, np.int32)
         work = np.zeros(int(area[part].max()), np.int32)
-        way = (a[part] for a in (tracks.x, tracks.y, tracks.dx, tracks.dy, tracks.electrons, x0, y0, x1, y1))
-        used, struck = _deposit(shape, *way, diffusion, key, first, work, pixel, charge, *normal_table())
+        used, struck = _deposit(
+            shape, tracks.x[part], tracks.y[part], tracks.dx[part], tracks.dy[part], tracks.electrons[part],
+            x0[part], y0[part], x1[part], y1[part], diffusion, key, first, work, pixel, charge, *normal_table(),
+        )  # fmt: skip
         pixels.append(pixel[:used].copy())
         electrons.append(charge[:used].copy())
         hits += struck
@@ -71,7 +80,7 @@ def deposit(shape, tracks, diffusion, key):
     return pixel, np.bincount(inverse, np.concatenate(electrons), len(pixel)).astype(np.int32), hits
 
 
-def boxes(tracks, margin):
+def boxes(tracks: Tracks, margin: float) -> tuple[IntArray, IntArray, IntArray, IntArray]:
     """Return x0, y0, x1, y1 (int64, half-open) around each track's ends, `margin` px wider."""
     ends = [np.stack([a, a + d]) for a, d in ((tracks.x, tracks.dx), (tracks.y, tracks.dy))]
     low = (np.floor(end.min(axis=0) - margin).astype(np.int64) for end in ends)
@@ -80,7 +89,26 @@ def boxes(tracks, margin):
 
 
 @numba.njit(cache=True)
-def _deposit(shape, x, y, dx, dy, n, x0, y0, x1, y1, diffusion, key, first, work, pixel, charge, start, step):
+def _deposit(
+    shape: tuple[int, int],
+    x: FloatArray,
+    y: FloatArray,
+    dx: FloatArray,
+    dy: FloatArray,
+    n: IntArray,
+    x0: IntArray,
+    y0: IntArray,
+    x1: IntArray,
+    y1: IntArray,
+    diffusion: float,
+    key: np.uint64,
+    first: int,
+    work: IntArray,
+    pixel: IntArray,
+    charge: IntArray,
+    start: FloatArray,
+    step: FloatArray,
+) -> tuple[int, int]:
     """Fill pixel and charge with the deposits of each track; return the number of entries and of tracks with any."""
     ny, nx = shape
     used = struck = 0

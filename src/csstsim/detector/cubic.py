@@ -6,18 +6,24 @@ It is continued by its tangents: f(x) = x below zero, slope f'(limit) above the 
 continuous, and f increases everywhere if it increases up to the limit.
 """
 
+from typing import TypeVar
+
 import numpy as np
+from numpy.typing import ArrayLike
+
+from csstsim.base.types import FloatArray
 
 _ROUNDS = 100  # largest number of steps, for bisection; Newton's method needs about five
 _NEAR = 1e-9  # of the limit: tolerance of the inverse
+Shaped = TypeVar("Shaped", float, FloatArray)
 
 
-def slope(x, quadratic, cubic):
+def slope(x: Shaped, quadratic: float, cubic: float) -> Shaped:
     """Return f', the signal per additional electron, at x [e-] (scalar or array) within 0..limit."""
     return 1 + x * (2 * quadratic + 3 * cubic * x)
 
 
-def lowest_slope(quadratic, cubic, limit):
+def lowest_slope(quadratic: float, cubic: float, limit: float) -> float:
     """Return the smallest f' within 0..limit [e-]; f increases there if it is positive."""
     places = [0.0, limit]
     if cubic:
@@ -25,14 +31,14 @@ def lowest_slope(quadratic, cubic, limit):
     return min(slope(x, quadratic, cubic) for x in places)
 
 
-def check_rising(quadratic, cubic, limit):
+def check_rising(quadratic: float, cubic: float, limit: float) -> None:
     """Raise ValueError, naming the range, if f does not increase over 0..limit."""
     lowest = lowest_slope(quadratic, cubic, limit)
     if not (limit > 0 and lowest > 0):
         raise ValueError(f"the signal does not rise over 0..{limit:g} e-: the lowest slope is {lowest:.3g}")
 
 
-def straighten(signal, quadratic, cubic, limit):
+def straighten(signal: ArrayLike, quadratic: float, cubic: float, limit: float) -> FloatArray:
     """Return the charge [e-] (float64) of `signal` [e-], an array of any shape: the inverse of f, to 1e-9 of the limit.
 
     Newton's method, with bisection where a step would leave the bracket. Values that are not finite are kept. Raises

@@ -11,13 +11,22 @@ is never below 0. Left out: hot pixels during readout, clusters, and defects of 
 instrument.defects.Defects; rng are numpy Generators.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
+
+from csstsim.base.types import AnyArray, BoolArray, FloatArray, Floats, IntArray
+
+if TYPE_CHECKING:
+    from csstsim.detector.instrument_parts import Area, DefectNumbers
 
 _SAMPLE = 1_000_000  # pixels used for the background
 _CLIP = 5.0  # robust sigma
 
 
-def background(image, total=None):
+def background(image: AnyArray, total: float | None = None) -> float:
     """Return the clipped mean [e-] of an image, without pixels of objects and defects; at least 0.
 
     total: the sum of its pixels, if it is known. Raises ValueError if the image has NaN or infinite values.
@@ -31,7 +40,7 @@ def background(image, total=None):
     return max(float(kept.mean()), 0.0)
 
 
-def places(shape, numbers, rng):
+def places(shape: tuple[int, int], numbers: DefectNumbers, rng: np.random.Generator) -> tuple[IntArray, IntArray]:
     """Return (hot, dead): flat indices of the defective pixels of a chip of shape (ny, nx); no pixel is both."""
     pixels = shape[0] * shape[1]
     chosen = rng.choice(pixels, round(numbers.defective * pixels), replace=False)
@@ -39,24 +48,30 @@ def places(shape, numbers, rng):
     return chosen[:hot], chosen[hot:]
 
 
-def hot_charge(count, seconds, numbers, rng_chip, rng):
+def hot_charge(
+    count: int, seconds: float, numbers: DefectNumbers, rng_chip: np.random.Generator, rng: np.random.Generator
+) -> IntArray:
     """Return (count,) electrons of hot pixels: Poisson noise from rng, rates (at least hot_min) from rng_chip."""
     rate = rng_chip.gamma(numbers.hot_shape, numbers.hot_scale, count) / numbers.hot_time
     return rng.poisson(np.maximum(rate, numbers.hot_min) * seconds)
 
 
-def dead_charge(count, level, numbers, rng_chip, rng):
+def dead_charge(
+    count: int, level: float, numbers: DefectNumbers, rng_chip: np.random.Generator, rng: np.random.Generator
+) -> FloatArray:
     """Return (count,) electrons of dead pixels under a background `level`."""
     share = rng_chip.uniform(0, numbers.dead_max, count)
     return np.maximum(share * level + numbers.dead_noise * rng.standard_normal(count), 0.0)
 
 
-def columns(half_rows, nx, numbers, rng):
+def columns(
+    half_rows: int, nx: int, numbers: DefectNumbers, rng: np.random.Generator
+) -> list[tuple[int, int, int, float]]:
     """Return a chip's bad columns as a list of (column, first row, end, u); chip rows [px], half-open."""
     first, end = int(numbers.columns_from * nx), max(int(numbers.columns_to * nx), int(numbers.columns_from * nx) + 1)
     found = []
     for half in range(2):
-        count = min(rng.integers(numbers.columns_min, numbers.columns_max + 1), end - first)
+        count = min(int(rng.integers(numbers.columns_min, numbers.columns_max + 1)), end - first)
         for column in first + rng.choice(end - first, count, replace=False):
             length = round(rng.uniform(numbers.length_min, numbers.length_max) * half_rows)
             rows = (half_rows - length, half_rows) if half == 0 else (half_rows, half_rows + length)
@@ -64,20 +79,22 @@ def columns(half_rows, nx, numbers, rng):
     return found
 
 
-def column_charge(rows, u, level, read_noise, numbers, rng):
+def column_charge(
+    rows: int, u: float, level: float, read_noise: float, numbers: DefectNumbers, rng: np.random.Generator
+) -> FloatArray:
     """Return (rows,) electrons of a bad column; its noise is complete after the readout has added read_noise [e-]."""
     mean, sigma = column_level(u, level, read_noise, numbers)
     return np.maximum(mean + sigma * rng.standard_normal(rows), 0.0)
 
 
-def column_level(u, level, read_noise, numbers):
+def column_level(u: Floats, level: float, read_noise: float, numbers: DefectNumbers) -> tuple[Floats, float]:
     """Return (mean, sigma) [e-] of a bad column's charge; u: float or array."""
     low = numbers.low_factor * level + numbers.low_offset
     high = numbers.high_factor * level + numbers.high_offset
     return (1 - u) * low + u * high, np.sqrt(numbers.column_noise**2 * (level + read_noise**2) - read_noise**2)
 
 
-def inside(index, nx, window):
+def inside(index: IntArray, nx: int, window: Area) -> tuple[BoolArray, IntArray, IntArray]:
     """Return (which, y, x): bool, whether flat indices of a chip of `nx` columns lie in a window; positions in it."""
     y, x = index // nx - window.y0, index % nx - window.x0
     which = (y >= 0) & (y < window.ny) & (x >= 0) & (x < window.nx)

@@ -3,10 +3,19 @@
 A second plane of a whole chip would cost 0.2 CPU s, most of it for the pages of new memory.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from csstsim.base.types import AnyArray
+    from csstsim.detector.channels import ReadoutFrame
+
+
 _ROWS = 16  # moved at a time, so that they stay in the cache
 
 
-def embedded(planes, readout):
+def embedded(planes: list[AnyArray], readout: ReadoutFrame) -> AnyArray:
     """Return `readout.embed(planes.pop())`, in the memory of that array if nothing else refers to it.
 
     planes: a list of the image (shape of the window), so that it can be taken from the caller; readout: a
@@ -21,7 +30,7 @@ def embedded(planes, readout):
     return image
 
 
-def _spread(frame, readout):
+def _spread(frame: AnyArray, readout: ReadoutFrame) -> None:
     """Move the active pixels, one after another at the beginning of `frame`, to their places; the others become 0.
 
     From the last row to the first: a pixel's place never lies before its old one.

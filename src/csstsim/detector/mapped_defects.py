@@ -6,14 +6,24 @@ exposure's. The pixels of a bad column in one half of the chip have one level. x
 uint64; `numbers` is instrument.defects.Defects.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numba
 import numpy as np
 
 from csstsim.base.counter import poisson, unit, word
+from csstsim.base.types import FloatArray, IntArray
 from csstsim.detector.random.normal import pixel_counter
 
+if TYPE_CHECKING:
+    from csstsim.detector.instrument_parts import DefectNumbers
 
-def hot_charge(x, y, seconds, numbers, chip, exposure):
+
+def hot_charge(
+    x: IntArray, y: IntArray, seconds: float, numbers: DefectNumbers, chip: np.uint64, exposure: np.uint64
+) -> FloatArray:
     """Return (n,) electrons of hot pixels. chip, exposure: their keys."""
     from scipy.special import gammaincinv
 
@@ -21,13 +31,24 @@ def hot_charge(x, y, seconds, numbers, chip, exposure):
     return _poisson(x, y, np.maximum(rate, numbers.hot_min) * seconds, exposure)
 
 
-def dead_charge(x, y, level, numbers, chip, exposure):
+def dead_charge(
+    x: IntArray, y: IntArray, level: float, numbers: DefectNumbers, chip: np.uint64, exposure: np.uint64
+) -> FloatArray:
     """Return (n,) electrons of dead pixels under a background `level`."""
     share = numbers.dead_max * _uniform(x, y, chip)
     return np.maximum(share * level + numbers.dead_noise * _normal(x, y, exposure), 0.0)
 
 
-def column_charge(x, y, half_rows, level, read_noise, numbers, chip, exposure):
+def column_charge(
+    x: IntArray,
+    y: IntArray,
+    half_rows: int,
+    level: float,
+    read_noise: float,
+    numbers: DefectNumbers,
+    chip: np.uint64,
+    exposure: np.uint64,
+) -> FloatArray:
     """Return (n,) electrons of pixels in bad columns; a half of the chip has `half_rows` rows."""
     from csstsim.detector.defects import column_level
 
@@ -35,14 +56,14 @@ def column_charge(x, y, half_rows, level, read_noise, numbers, chip, exposure):
     return np.maximum(mean + sigma * _normal(x, y, exposure), 0.0)
 
 
-def _normal(x, y, key):
+def _normal(x: IntArray, y: IntArray, key: np.uint64) -> FloatArray:
     from scipy.special import ndtri
 
     return ndtri(_uniform(x, y, key))
 
 
 @numba.njit(cache=True)
-def _uniform(x, y, key):
+def _uniform(x: IntArray, y: IntArray, key: np.uint64) -> FloatArray:
     out = np.empty(len(x))
     for i in range(len(x)):
         out[i] = unit(word(key, pixel_counter(x[i], y[i])))
@@ -50,7 +71,7 @@ def _uniform(x, y, key):
 
 
 @numba.njit(cache=True)
-def _poisson(x, y, mean, key):
+def _poisson(x: IntArray, y: IntArray, mean: FloatArray, key: np.uint64) -> FloatArray:
     out = np.empty(len(x))
     for i in range(len(x)):
         out[i], _ = poisson(mean[i], word(key, pixel_counter(x[i], y[i])), np.uint64(0))

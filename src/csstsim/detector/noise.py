@@ -8,6 +8,7 @@ the same pixels of the whole frame.
 import numba
 import numpy as np
 
+from csstsim.base.types import FloatArray, IntArray
 from csstsim.detector.random.normal import normal_row, normal_table
 from csstsim.detector.random.poisson import alias_tables, poisson_row
 from csstsim.detector.sparse_plane import SparsePlane
@@ -15,7 +16,9 @@ from csstsim.detector.sparse_plane import SparsePlane
 MOST = 1e9  # largest expected electrons drawn as 32-bit integers
 
 
-def add_poisson(image, key, *, dark=0.0, counted=None):
+def add_poisson(
+    image: FloatArray, key: np.uint64, *, dark: float = 0.0, counted: IntArray | SparsePlane | None = None
+) -> None:
     """Replace expected electrons by counted ones, in place: image = counted + Poisson(image + dark).
 
     `image`: float32 (ny, nx); `dark`: electrons (scalar); `counted`: int32 of the same shape, or a SparsePlane, which
@@ -36,13 +39,13 @@ def add_poisson(image, key, *, dark=0.0, counted=None):
     if far:
         image[bright] = MOST - dark
     _add_poisson(image, counted, pixel, electrons, np.float32(dark), key, *alias_tables())
-    if far:
+    if means is not None:
         others = counted[bright] if counted.size else 0.0
         image[bright] = means + (image[bright] - others - MOST) * np.sqrt(means / MOST) + others
 
 
 @numba.njit(cache=True)
-def _impossible(image, dark):
+def _impossible(image: FloatArray, dark: np.float32) -> tuple[int, int]:
     """Return how many expected values are negative or not finite, and how many are above MOST."""
     bad = far = 0
     for y in range(image.shape[0]):
@@ -53,7 +56,16 @@ def _impossible(image, dark):
 
 
 @numba.njit(cache=True)
-def _add_poisson(image, counted, pixel, electrons, dark, key, share, other):
+def _add_poisson(
+    image: FloatArray,
+    counted: IntArray,
+    pixel: IntArray,
+    electrons: IntArray,
+    dark: np.float32,
+    key: np.uint64,
+    share: IntArray,
+    other: IntArray,
+) -> None:
     """Draw row by row; add counted electrons, a plane (or one without pixels) and a list (SparsePlane) of them."""
     width, at = image.shape[1], 0
     words, over, counts = np.empty(width, np.uint64), np.empty(width, np.float32), np.empty(width, np.int32)
@@ -67,7 +79,7 @@ def _add_poisson(image, counted, pixel, electrons, dark, key, share, other):
         image[y] = counts
 
 
-def add_gaussian(image, sigma, key):
+def add_gaussian(image: FloatArray, sigma: float, key: np.uint64) -> None:
     """Add Gaussian noise of standard deviation `sigma` (scalar, image's unit) to `image` (float32), in place.
 
     `key` as for add_poisson. Raises ValueError for a sigma that is negative or NaN.
@@ -79,7 +91,7 @@ def add_gaussian(image, sigma, key):
 
 
 @numba.njit(cache=True)
-def _add_gaussian(image, sigma, key, start, step):
+def _add_gaussian(image: FloatArray, sigma: np.float32, key: np.uint64, start: FloatArray, step: FloatArray) -> None:
     width = image.shape[1]
     halves, noise = np.empty(width + 2, np.uint32), np.empty(width, np.float32)
     for y in range(image.shape[0]):

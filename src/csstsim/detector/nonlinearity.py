@@ -7,10 +7,11 @@ previous pixel) and change with temperature.
 import numba
 import numpy as np
 
+from csstsim.base.types import FloatArray
 from csstsim.detector.cubic import check_rising, slope
 
 
-def bend(image, quadratic, cubic, limit):
+def bend(image: FloatArray, quadratic: float, cubic: float, limit: float) -> None:
     """Replace charge by signal, in place: `image` (ny, nx) float32 [e-], which may be part of a larger array.
 
     `quadratic` [1/e-], `cubic` [1/e-^2], `limit` [e-]. Raises ValueError if f does not increase up to the limit (image
@@ -26,7 +27,7 @@ def bend(image, quadratic, cubic, limit):
 
 
 @numba.njit(cache=True)
-def _bend(image, quadratic, cubic, limit, steep):
+def _bend(image: FloatArray, quadratic: float, cubic: float, limit: float, steep: float) -> int:
     """Replace charge by signal; return the number of values that are not finite."""
     bad = 0
     for y in range(image.shape[0]):

@@ -3,21 +3,31 @@
 import numba
 import numpy as np
 
+from csstsim.base.types import FloatArray, IntArray
 from csstsim.detector.random.normal import normal_row, normal_table
 
 
-def multiply_rows(image, x0, y0, rms, key, clip):
+def multiply_rows(image: FloatArray, x0: int, y0: int, rms: float, key: np.uint64, clip: float) -> None:
     """Multiply as csstsim.detector.prnu.multiply; z is clipped to +-clip."""
     _multiply(image, x0, y0, np.float32(rms), key, np.float32(clip), *normal_table())
 
 
-def multiply_pixels(values, x, y, rms, key, clip):
+def multiply_pixels(values: FloatArray, x: IntArray, y: IntArray, rms: float, key: np.uint64, clip: float) -> None:
     """Multiply as csstsim.detector.prnu.multiply_at; z is clipped to +-clip."""
     _multiply_pixels(values, x, y, np.float32(rms), key, np.float32(clip), *normal_table())
 
 
 @numba.njit(cache=True)
-def _multiply(image, x0, y0, rms, key, clip, start, step):
+def _multiply(
+    image: FloatArray,
+    x0: int,
+    y0: int,
+    rms: np.float32,
+    key: np.uint64,
+    clip: np.float32,
+    start: FloatArray,
+    step: FloatArray,
+) -> None:
     ny, nx = image.shape
     halves, z = np.empty(nx + 2, np.uint32), np.empty(nx, np.float32)
     one = np.float32(1)
@@ -28,7 +38,16 @@ def _multiply(image, x0, y0, rms, key, clip, start, step):
 
 
 @numba.njit(cache=True)
-def _multiply_pixels(values, x, y, rms, key, clip, start, step):
+def _multiply_pixels(
+    values: FloatArray,
+    x: IntArray,
+    y: IntArray,
+    rms: np.float32,
+    key: np.uint64,
+    clip: np.float32,
+    start: FloatArray,
+    step: FloatArray,
+) -> None:
     halves, z = np.empty(3, np.uint32), np.empty(1, np.float32)
     for i in range(len(values)):
         normal_row(key, y[i], x[i], halves, z, start, step)

@@ -5,9 +5,19 @@ background. ERR is a pixel's own noise: shot noise of all its electrons and read
 coordinates are ICRS at the epoch of the exposure (optics.geometry.icrs_header), those of Level-0 are apparent.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
 from csstsim.base.files.atomic import atomic_path
 from csstsim.io.fits_writing import card, remark, write_hdus
 from csstsim.optics.geometry.icrs_header import icrs_header
+
+if TYPE_CHECKING:
+    from csstsim.base.types import FloatArray, IntArray, PathLike
+    from csstsim.io.level0 import Level0
+    from csstsim.optics.geometry.wcs import ChipWCS
 
 # Copied from the Level-0 file's primary header: the exposure, and the state of the spacecraft
 KEPT = (
@@ -18,7 +28,17 @@ KEPT = (
 DQ = {1: "saturated", 2: "defect, known from calibration", 4: "cosmic ray"}
 
 
-def write_calibrated(path, file, wcs, planes, *, background, zeropoint, read_noise, settings):
+def write_calibrated(
+    path: PathLike,
+    file: Level0,
+    wcs: ChipWCS,
+    planes: tuple[FloatArray, FloatArray, IntArray],
+    *,
+    background: float,
+    zeropoint: float,
+    read_noise: float,
+    settings: Mapping[str, Any],
+) -> None:
     """Write a calibrated image.
 
     file: io.level0.Level0; wcs: its ChipWCS; planes: (SCI, ERR, DQ) of its window; background [e-/s]; zeropoint: AB

@@ -7,11 +7,14 @@ there is no such quantity. `astropy.table.Table.read(path, format="ascii")` read
 fewer, obj_type as a word or a number.
 """
 
+from collections.abc import Iterator, Mapping, Sequence
+
 import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
 from csstsim.base.files.text_file import read_text
+from csstsim.base.types import AnyArray, IntArray, PathLike
 from csstsim.catalog.table import GALAXY, QUASAR, STAR, TYPES, ObjectTable
 from csstsim.io.truth import CAT_COLUMNS
 
@@ -24,13 +27,13 @@ _FORMS |= dict.fromkeys(("ra", "dec", "ra_orig", "dec_orig"), "%.10f")
 _WORDS = {"qso": "quasar", "agn": "quasar", "gal": "galaxy"}  # others' words for our types
 
 
-def write_cat(path, table):
+def write_cat(path: PathLike, table: ObjectTable) -> None:
     """Write the `.cat` of a truth table (io.truth.truth_table) (temporary name, fsync, rename)."""
     with atomic_path(path) as temporary, open(temporary, "w", encoding="ascii", newline="\n") as file:
         file.writelines(cat_lines(table))
 
 
-def cat_lines(table):
+def cat_lines(table: ObjectTable) -> Iterator[str]:
     """Yield the text of a truth table: the names, then many rows at a time."""
     yield "# " + " ".join(CAT_COLUMNS) + "\n"
     form = " ".join(_FORMS.get(name, "%.8g") for name in CAT_COLUMNS) + "\n"
@@ -41,11 +44,11 @@ def cat_lines(table):
         yield "".join(form % row for row in zip(*columns, strict=True))
 
 
-def _type_word(code):
+def _type_word(code: int) -> str:
     return TYPES[code] if 0 <= code < len(TYPES) else str(code)
 
 
-def read_cat(path):
+def read_cat(path: PathLike) -> ObjectTable:
     """Return the ObjectTable of a `.cat` file, with our column names and 0-based x, y, as io.truth.read_truth.
 
     Columns of other names keep theirs. `meta["types"]` says how numbers of obj_type were understood. Raises InputError
@@ -58,9 +61,9 @@ def read_cat(path):
         if len(words) != len(names):
             what = f"line {number} has {len(words)} words, not the {len(names)} of the heading"
             raise InputError(what, file=path)
-    words = np.array([row for _, row in rows], dtype=str).reshape(len(rows), len(names))
+    cells = np.array([row for _, row in rows], dtype=str).reshape(len(rows), len(names))
     numbers = [number for number, _ in rows]
-    columns = {name: _column(path, name, words[:, k], numbers) for k, name in enumerate(names)}
+    columns = {name: _column(path, name, cells[:, k], numbers) for k, name in enumerate(names)}
     types = {}
     if "obj_type" in columns:
         columns["obj_type"], types["types"] = _types(path, columns, numbers)
@@ -69,7 +72,7 @@ def read_cat(path):
     return ObjectTable(columns, types)
 
 
-def _names(path, lines, count):
+def _names(path: PathLike, lines: Sequence[str], count: int) -> list[str]:
     """Return the names of the columns: the last comment of as many words as a row has, before the first row."""
     found = None
     for line in lines:
@@ -89,7 +92,7 @@ def _names(path, lines, count):
     return found
 
 
-def _column(path, name, words, lines):
+def _column(path: PathLike, name: str, words: AnyArray, lines: Sequence[int]) -> AnyArray:
     """Return a column's numbers; the words of those that are words."""
     if name in ("filter", "obj_type"):
         return words
@@ -106,7 +109,7 @@ def _column(path, name, words, lines):
         raise InputError(f"line {lines[bad]}: must be a number", file=path, key=name, value=str(words[bad])) from None
 
 
-def _is_number(word):
+def _is_number(word: str) -> bool:
     try:
         float(word)
     except ValueError:
@@ -114,14 +117,14 @@ def _is_number(word):
     return True
 
 
-def _types(path, columns, lines):
+def _types(path: PathLike, columns: Mapping[str, AnyArray], lines: Sequence[int]) -> tuple[IntArray, str]:
     """Return (obj_type as in the truth table, how numbers were understood or "")."""
     words = np.char.lower(columns["obj_type"].astype(str))
     kinds, inverse = np.unique(words, return_inverse=True)
     known = {_WORDS.get(kind, kind) for kind in kinds}
     if known <= set(TYPES):
-        codes = [TYPES.index(_WORDS.get(kind, kind)) for kind in kinds]
-        return np.array(codes, np.int8)[inverse] if len(kinds) else np.zeros(0, np.int8), ""
+        own = [TYPES.index(_WORDS.get(kind, kind)) for kind in kinds]
+        return np.array(own, np.int8)[inverse] if len(kinds) else np.zeros(0, np.int8), ""
     try:
         numbers = np.array([int(float(kind)) for kind in kinds])
         if not set(numbers.tolist()) <= {STAR, GALAXY, QUASAR}:

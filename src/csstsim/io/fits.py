@@ -1,7 +1,11 @@
 """FITS images read, bit-exact, with their checksums compared (io.fits_writing writes them)."""
 
+from __future__ import annotations
+
 import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import fitsio
 import numpy as np
@@ -9,13 +13,19 @@ import numpy as np
 from csstsim.base.errors import InputError
 from csstsim.base.files.file_log import logged
 from csstsim.base.files.fits_headers import check_headers
+from csstsim.base.types import AnyArray, IntArray, PathLike
 from csstsim.io.fits_checksum import BLOCK, CHUNK, LITTLE, folded, sum_of_bytes, sum_of_words
+
+if TYPE_CHECKING:
+    from io import FileIO
+
+    from fitsio.hdu.base import HDUBase
 
 MOST = 1 << 28  # pixels of an image that are read: three chips
 _STORED = {8: "u1", 16: "i2", 32: "i4", -32: "f4"}
 
 
-def open_fits(path):
+def open_fits(path: PathLike) -> fitsio.FITS:
     """Return an open fitsio.FITS for reading; InputError if `path` is missing, cut short or not FITS."""
     path = Path(path)
     if not path.is_file():
@@ -35,7 +45,7 @@ def open_fits(path):
     return file
 
 
-def read_header(hdu, path):
+def read_header(hdu: HDUBase, path: PathLike) -> dict[str, Any]:
     """Return an HDU's header {keyword: value}. Raises InputError for a header with something that is not a value."""
     try:
         cards = raw_cards(hdu, path)
@@ -47,7 +57,7 @@ def read_header(hdu, path):
     return {key: value.rstrip() if isinstance(value, str) else value for key, value in header.items()}
 
 
-def raw_cards(hdu, path):
+def raw_cards(hdu: HDUBase, path: PathLike) -> list[str]:
     """Return the cards of an HDU's header, without END. Raises ValueError if they are not text, or have no END."""
     offsets = hdu.get_offsets()
     with open(path, "rb") as file:
@@ -57,13 +67,13 @@ def raw_cards(hdu, path):
     return cards[: cards.index("END".ljust(80))]
 
 
-def verify_hdu(hdu, path):
+def verify_hdu(hdu: HDUBase, path: PathLike) -> None:
     """Raise InputError if the checksum of an HDU of the file `path` is missing or wrong."""
     offsets = hdu.get_offsets()
     _check_sum(hdu, path, _sum_of(path, offsets["header_start"], offsets["data_end"]))
 
 
-def _sum_of(path, start, stop):
+def _sum_of(path: PathLike, start: int, stop: int) -> int:
     """Return the sum of the 32-bit words in bytes start..stop of a file."""
     total, left = 0, stop - start
     with open(path, "rb") as file:
@@ -74,7 +84,7 @@ def _sum_of(path, start, stop):
     return total
 
 
-def _check_sum(hdu, path, total):
+def _check_sum(hdu: HDUBase, path: PathLike, total: int) -> None:
     """Raise InputError if the checksum of an HDU whose words sum to `total` is missing or wrong."""
     key = f"HDU {hdu.get_extname() or 'primary'}"
     try:
@@ -87,7 +97,7 @@ def _check_sum(hdu, path, total):
         raise InputError("the file is damaged: wrong CHECKSUM", file=path, key=key)
 
 
-def image_header(hdu, path):
+def image_header(hdu: HDUBase, path: PathLike) -> dict[str, Any]:
     """Return an image extension's header {keyword: value}; of a compressed one as it would be uncompressed."""
     header = read_header(hdu, path)
     if not hasattr(hdu, "is_compressed"):
@@ -96,19 +106,18 @@ def image_header(hdu, path):
     return header | {key: header[f"Z{key}"] for key in kept if hdu.is_compressed() and f"Z{key}" in header}
 
 
-def read_pixels(hdu, path, verify=False):
+def read_pixels(hdu: HDUBase, path: PathLike, verify: bool = False) -> AnyArray:
     """Return an image extension's array with the bits that were written (uint16 where BZERO says so).
 
     verify: check its sum as verify_hdu does, in the same pass. Raises InputError for an image that does not match its
     header, or compressed data that cannot be unpacked.
     """
     header = image_header(hdu, path)
-    shape = [header.get(f"NAXIS{i}") for i in range(_number(header.get("NAXIS")), 0, -1)]
-    stored, size = _STORED.get(header.get("BITPIX")), math.prod(map(_number, shape))
+    bitpix: Any = header.get("BITPIX")
+    shape: list[Any] = [header.get(f"NAXIS{i}") for i in range(_number(header.get("NAXIS")), 0, -1)]
+    stored, size = _STORED.get(bitpix), math.prod(map(_number, shape))
     if stored is None or not 0 <= size <= MOST:
-        raise InputError(
-            "not an image that csstsim writes", file=path, key="BITPIX, NAXIS", value=(header.get("BITPIX"), shape)
-        )
+        raise InputError("not an image that csstsim writes", file=path, key="BITPIX, NAXIS", value=(bitpix, shape))
     if hdu.is_compressed():
         if verify:
             verify_hdu(hdu, path)
@@ -118,14 +127,14 @@ def read_pixels(hdu, path, verify=False):
         except OSError as exc:
             raise InputError(f"cannot be unpacked: {exc}", file=path) from None
     unsigned = header.get("BZERO") == 32768 and stored == "i2"
-    data, places = np.empty(shape, np.uint16 if unsigned else f"={stored}"), hdu.get_offsets()
+    data, places = np.empty(shape, "=u2" if unsigned else f"={stored}"), hdu.get_offsets()
     total = _fill(data.reshape(-1), path, places["data_start"], verify)
     if verify:
         _check_sum(hdu, path, total + _sum_of(path, places["header_start"], places["data_start"]))
     return data
 
 
-def _fill(data, path, start, verify):
+def _fill(data: AnyArray, path: PathLike, start: int, verify: bool) -> int:
     """Read the values of `data` (1-D) from byte `start` of a file on; return the sum of its 32-bit words if `verify`.
 
     Raises InputError for a file that ends before.
@@ -153,20 +162,21 @@ def _fill(data, path, start, verify):
     return total
 
 
-def _read_into(part, file):
+def _read_into(part: IntArray, file: FileIO) -> int:
     """Fill `part` (uint8) from a raw file; return the number of bytes, fewer at its end."""
     done = 0
-    while done < part.size and (count := file.readinto(part[done:])):
+    # numpy calls its arrays buffers from Python 3.12 on
+    while done < part.size and (count := file.readinto(part[done:])):  # type: ignore[arg-type]
         done += count
     return done
 
 
-def _number(value):
+def _number(value: object) -> int:
     """Return a length in a header; -1 if it is not a number."""
     return value if type(value) is int else -1
 
 
-def _check_tiles(header, shape, path):
+def _check_tiles(header: Mapping[str, Any], shape: Sequence[int], path: PathLike) -> None:
     """Raise InputError for sizes of tiles that would crash cfitsio."""
     sides = [_number(header.get(f"ZTILE{i}", 1 if i > 1 else shape[-1])) for i in range(len(shape), 0, -1)]
     parameters = {header[f"ZNAME{i}"]: header.get(f"ZVAL{i}") for i in range(1, 10) if f"ZNAME{i}" in header}

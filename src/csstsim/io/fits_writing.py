@@ -5,16 +5,20 @@ comment (so that two identical runs differ), and needs four times the CPU for a 
 """
 
 import math
+from collections.abc import Iterable, Sequence
+from typing import Any, BinaryIO, TypeAlias
 
 import numpy as np
 
+from csstsim.base.types import AnyArray, PathLike
 from csstsim.io.fits import open_fits, raw_cards
 from csstsim.io.fits_checksum import BLOCK, CHUNK, LITTLE, encoded, folded, sum_of_bytes, sum_of_words
 
 _BITPIX = {"uint8": 8, "uint16": 16, "int16": 16, "int32": 32, "float32": -32}
+CardValue: TypeAlias = str | float | np.bool_ | np.integer[Any] | np.floating[Any]
 
 
-def card(keyword, value, comment=""):
+def card(keyword: str, value: CardValue, comment: str = "") -> str:
     """Return the 80 characters of a header card; a string too long for one card continues in CONTINUE cards.
 
     A comment that does not fit is cut; characters outside ASCII are written as escapes. Raises ValueError for
@@ -36,7 +40,7 @@ def card(keyword, value, comment=""):
     return f"{keyword:<8}= {text}{tail}"[:80].ljust(80)
 
 
-def _string_card(keyword, text, tail):
+def _string_card(keyword: str, text: str, tail: str) -> str:
     if len(text) <= 68:
         quoted = f"'{text:<8}'"
         return f"{keyword:<8}= {quoted:<20}{tail}"[:80].ljust(80)
@@ -48,19 +52,19 @@ def _string_card(keyword, text, tail):
     return "".join([*lines, f"{lead}'{text}'{tail}"[:80].ljust(80)])
 
 
-def remark(keyword, text=""):
+def remark(keyword: str, text: str = "") -> str:
     """Return COMMENT, HISTORY or blank cards for a text of any length."""
     text = as_ascii(text)
     return "".join(f"{keyword:<8}{text[i : i + 72]}".ljust(80) for i in range(0, max(len(text), 1), 72))
 
 
-def as_ascii(text):
+def as_ascii(text: str) -> str:
     """Return a text in the characters that FITS allows: others as their codes, those that do not print as blanks."""
     text = str(text).encode("ascii", "backslashreplace").decode()
     return "".join(c if 32 <= ord(c) < 127 else " " for c in text)
 
 
-def write_hdus(path, hdus):
+def write_hdus(path: PathLike, hdus: Iterable[tuple[str, Sequence[str], AnyArray | None]]) -> None:
     """Write a FITS file of a data-less primary HDU and image extensions.
 
     `hdus` is a list of (name, cards, array): the first has array None; the others any type of _BITPIX, in C order;
@@ -80,7 +84,7 @@ def write_hdus(path, hdus):
             file.seek(end)
 
 
-def _structure(name, array):
+def _structure(name: str, array: AnyArray | None) -> list[str]:
     if array is None:
         return [card("SIMPLE", True, "conforms to the FITS standard"), card("BITPIX", 8), card("NAXIS", 0),
                 card("EXTEND", True, "extensions may follow")]  # fmt: skip
@@ -93,7 +97,7 @@ def _structure(name, array):
     return [*cards, card("EXTNAME", name, "name of this extension")]
 
 
-def _write_data(file, array):
+def _write_data(file: BinaryIO, array: AnyArray) -> int:
     flat = np.ascontiguousarray(array).reshape(-1)
     total = 0
     for start in range(0, flat.size, CHUNK):
@@ -105,11 +109,11 @@ def _write_data(file, array):
         if start + CHUNK >= flat.size:
             raw = np.concatenate([raw, np.zeros(-(flat.nbytes) % BLOCK, np.uint8)])
         total += sum_of_words(part.view(np.uint32)) if part.itemsize == 4 else sum_of_bytes(raw)
-        file.write(raw)
+        file.write(raw)  # type: ignore[call-overload] # numpy calls its arrays buffers from Python 3.12 on
     return folded(total)
 
 
-def _sealed_header(head, datasum):
+def _sealed_header(head: Sequence[str], datasum: int) -> bytes:
     """Return the header's bytes with DATASUM and a CHECKSUM that makes the HDU's sum all ones."""
     data = card("DATASUM", str(datasum), "checksum of the data")
     blank = _pad([*head, card("CHECKSUM", "0" * 16, "checksum of the HDU"), data])
@@ -117,12 +121,12 @@ def _sealed_header(head, datasum):
     return _pad([*head, card("CHECKSUM", encoded(0xFFFFFFFF - total), "checksum of the HDU"), data])
 
 
-def _pad(cards):
+def _pad(cards: Sequence[str]) -> bytes:
     text = "".join([*cards, "END".ljust(80)])
     return text.ljust(BLOCK * math.ceil(len(text) / BLOCK)).encode("ascii")
 
 
-def compress(path, without=()):
+def compress(path: PathLike, without: Iterable[str] = ()) -> None:
     """Replace the image extensions of a FITS file by tile-compressed ones (RICE, one row per tile), without loss.
 
     without: keywords that the primary header loses.
@@ -142,7 +146,7 @@ def compress(path, without=()):
     _reseal(path)
 
 
-def _reseal(path):
+def _reseal(path: PathLike) -> None:
     """Give every header the checksum cards of this module: astropy's have the time in their comments."""
     with open_fits(path) as file:
         headers = [(hdu.get_offsets()["header_start"], raw_cards(hdu, path)) for hdu in file]

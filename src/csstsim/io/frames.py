@@ -8,11 +8,14 @@ verifies. The file gets its name only when it is complete.
 
 import json
 import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Literal, cast, overload
 
 import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
+from csstsim.base.types import AnyArray, PathLike
 from csstsim.detector.sparse_plane import SparsePlane
 from csstsim.io.fits import MOST, open_fits, read_pixels, verify_hdu
 from csstsim.io.fits_writing import write_hdus
@@ -22,37 +25,40 @@ META = "META"
 _AT, _IS = "_at", "_is"
 
 
-def save_frame(path, planes, meta, sparse=()):
+def save_frame(
+    path: PathLike, planes: Mapping[str, AnyArray | None], meta: dict[str, Any], sparse: Iterable[str] = ()
+) -> None:
     """Write `planes` {name: 2-D array, or None to leave it out} and `meta` (JSON-like) to `path`.
 
     sparse: names of int32 planes of which only the pixels that are not 0 are written, if that is shorter.
     Raises ValueError for an array of another type than DTYPES or of other than two dimensions.
     """
-    planes = {name: plane for name, plane in planes.items() if plane is not None}
-    for name, plane in planes.items():
+    kept = {name: plane for name, plane in planes.items() if plane is not None}
+    for name, plane in kept.items():
         if plane.ndim != 2 or plane.dtype.name not in DTYPES or not plane.size:
             raise ValueError(f"plane {name!r}: {plane.dtype} of shape {plane.shape}; allowed: 2-D {', '.join(DTYPES)}")
-    shapes = {name: planes[name].shape for name in sparse if name in planes and _mostly_zero(planes[name])}
+    shapes = {name: kept[name].shape for name in sparse if name in kept and _mostly_zero(kept[name])}
     for name in shapes:
-        planes |= _parts(name, planes.pop(name))
+        kept |= _parts(name, kept.pop(name))
     meta = meta | {"sparse": shapes} if shapes else meta
     text = np.frombuffer(json.dumps(meta, sort_keys=True, allow_nan=False).encode(), np.uint8)
-    hdus = [("", [], None), *((name.upper(), [], plane) for name, plane in planes.items()), (META, [], text)]
+    hdus: list[tuple[str, list[str], AnyArray | None]]
+    hdus = [("", [], None), *((name.upper(), [], plane) for name, plane in kept.items()), (META, [], text)]
     with atomic_path(path) as temporary:
         write_hdus(temporary, hdus)
 
 
-def _mostly_zero(plane):
-    return np.count_nonzero(plane) < plane.size / 4
+def _mostly_zero(plane: AnyArray) -> bool:
+    return bool(np.count_nonzero(plane) < plane.size / 4)
 
 
-def _parts(name, plane):
+def _parts(name: str, plane: AnyArray) -> dict[str, AnyArray]:
     at = np.flatnonzero(plane).astype(np.int32)
     at = at if at.size else np.zeros(1, np.int32)  # FITS has no empty image
     return {name + _AT: at[None], name + _IS: plane.reshape(-1)[at][None]}
 
 
-def _join(planes, shapes, path):
+def _join(planes: dict[str, Any], shapes: Mapping[str, Sequence[int]], path: PathLike) -> None:
     """Make SparsePlanes of planes that are stored in parts. Raises InputError for parts that do not fit."""
     for name, shape in shapes.items():
         at, values = planes.pop(name + _AT, None), planes.pop(name + _IS, None)
@@ -60,16 +66,31 @@ def _join(planes, shapes, path):
         fits = at is not None and values is not None and at.dtype == values.dtype == np.int32 and at.size == values.size
         if not (fits and size <= MOST and at[0, 0] >= 0 and at[0, -1] < size and (at[0, 1:] > at[0, :-1]).all()):
             raise InputError("damaged: the parts of a plane do not fit it", file=path, key=name)
-        planes[name] = SparsePlane(tuple(shape), at[0], values[0])
+        planes[name] = SparsePlane(cast("tuple[int, int]", tuple(shape)), at[0], values[0])
 
 
-def load_frame(path, expect=None, sparse=False):
+@overload
+def load_frame(
+    path: PathLike, expect: Mapping[str, Any] | None = None, sparse: Literal[False] = False
+) -> tuple[dict[str, AnyArray], dict[str, Any]]: ...
+
+
+@overload
+def load_frame(
+    path: PathLike, expect: Mapping[str, Any] | None = None, *, sparse: Literal[True]
+) -> tuple[dict[str, AnyArray | SparsePlane], dict[str, Any]]: ...
+
+
+def load_frame(
+    path: PathLike, expect: Mapping[str, Any] | None = None, sparse: bool = False
+) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return (planes, meta) as given to `save_frame`; sparse: planes that are stored as two extensions as SparsePlanes.
 
     `expect` {key: value} gives required entries of `meta`, or, for the key 'shape', the shape of every plane.
     Raises InputError if the file is missing, truncated, altered, not a frame, or not what is expected.
     """
-    planes, meta = {}, None
+    planes: dict[str, Any] = {}
+    meta = None
     with open_fits(path) as file:
         for hdu in file:
             name = hdu.get_extname()
@@ -94,7 +115,7 @@ def load_frame(path, expect=None, sparse=False):
     return planes, meta
 
 
-def _record(pixels, path):
+def _record(pixels: AnyArray, path: PathLike) -> dict[str, Any]:
     try:
         meta = json.loads(pixels.tobytes())
     except (ValueError, RecursionError):  # also text that is not UTF-8
@@ -105,13 +126,13 @@ def _record(pixels, path):
     return meta
 
 
-def _are_shapes(found):
+def _are_shapes(found: object) -> bool:
     shapes = found.values() if isinstance(found, dict) else [None]
     return all(
         isinstance(shape, list) and len(shape) == 2 and all(type(n) is int and n > 0 for n in shape) for shape in shapes
     )
 
 
-def _compare(path, key, found, wanted):
+def _compare(path: PathLike, key: str, found: object, wanted: object) -> None:
     if found != wanted:
         raise InputError("made from another recipe; remove the file", file=path, key=key, value=found, allowed=wanted)

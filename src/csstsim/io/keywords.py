@@ -4,10 +4,14 @@ The table is config/instrument/level0_keywords.yaml (its head explains the entri
 quantity that an entry can name. Quantities without a source in the simulation (telemetry) do not exist.
 """
 
+from __future__ import annotations
+
 import json
 import math
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from functools import cache
+from typing import TYPE_CHECKING, Any, Protocol
 
 import csstsim
 from csstsim.base.errors import InputError
@@ -18,6 +22,13 @@ from csstsim.detector.channels import ReadoutFrame
 from csstsim.instrument.orbit import orbit_after
 from csstsim.io.fits_writing import card, remark
 from csstsim.io.sections import section_lists
+
+if TYPE_CHECKING:
+    from csstsim.base.types import AnyArray, IntArray, PathLike
+    from csstsim.instrument.chip import Chip, Detector, Window
+    from csstsim.instrument.pointing import Pointing
+    from csstsim.instrument.telescope import Telescope
+    from csstsim.optics.geometry.wcs import ChipWCS
 
 STAGES = ("select", "render", "readout", "level0")
 _FROM_LAYERS = (
@@ -35,13 +46,51 @@ RECIPE = {"campaign": "CAMPHASH", "camera": "CAMHASH", "layers": "LAYHASH", "exp
 _KEYS = {"hdu", "block", "keyword", "constant", "from", "repeat", "comment"}
 
 
-def recorded_recipe(header):
+class StateOfChip(Protocol):
+    """What a Level-0 file states of a simulation.state.State."""
+
+    @property
+    def chip(self) -> Chip:
+        """The chip."""
+
+    @property
+    def telescope(self) -> Telescope:
+        """The telescope."""
+
+    @property
+    def pointing(self) -> Pointing:
+        """The exposure's pointing."""
+
+    @property
+    def window(self) -> Window:
+        """The pixels that were read."""
+
+    @property
+    def wcs(self) -> ChipWCS:
+        """The chip's world coordinates."""
+
+    @property
+    def image(self) -> AnyArray:
+        """The readout frame."""
+
+    @property
+    def mask(self) -> IntArray | None:
+        """The truth mask (detector.mask), if there is one."""
+
+    @property
+    def header(self) -> dict[str, Any]:
+        """What the layers say."""
+
+
+def recorded_recipe(header: Mapping[str, Any]) -> dict[str, Any]:
     """Return the recipe stated in a primary header of Level-0 or a calibrated image; None for what it lacks."""
     recipe = {name: header.get(keyword) for name, keyword in RECIPE.items()}
     return recipe | {"csstsim": release(header["SIMVER"]) if "SIMVER" in header else None}
 
 
-def header_cards(entries, values, hdu, file="level0_keywords.yaml"):
+def header_cards(
+    entries: Sequence[Any], values: Mapping[str, Any], hdu: int, file: PathLike = "level0_keywords.yaml"
+) -> list[str]:
     """Return the cards of one HDU, in the table's order.
 
     `entries` is the table; `values` {name: value}, None for a quantity unknown in this exposure (its keyword is left
@@ -80,28 +129,28 @@ def header_cards(entries, values, hdu, file="level0_keywords.yaml"):
     return cards
 
 
-def _check(entry, values, file, where):
-    where = {"file": file, "key": where}
+def _check(entry: Any, values: Mapping[str, Any], file: PathLike, where: str) -> None:
+    place = {"file": file, "key": where}
     if not isinstance(entry, dict) or not set(entry) <= _KEYS or entry.get("hdu") not in (0, 1):
         raise InputError(
-            "not a header entry", value=entry, allowed=f"hdu 0 or 1, and {', '.join(sorted(_KEYS))}", **where
+            "not a header entry", value=entry, allowed=f"hdu 0 or 1, and {', '.join(sorted(_KEYS))}", **place
         )
     kinds = [name for name in ("block", "constant", "from") if name in entry]
     named = isinstance(entry.get("keyword", ""), str)
     if len(kinds) != 1 or ("keyword" in entry) == ("block" in entry) or not named:
-        raise InputError("an entry is a block, or a keyword with either constant or from", value=entry, **where)
+        raise InputError("an entry is a block, or a keyword with either constant or from", value=entry, **place)
     if "from" in entry and not (isinstance(entry["from"], str) and entry["from"] in values):
-        raise InputError("unknown quantity", value=entry["from"], allowed=", ".join(sorted(values)), **where)
+        raise InputError("unknown quantity", value=entry["from"], allowed=", ".join(sorted(values)), **place)
 
 
-def header_values(state, provenance, layout):
+def header_values(state: StateOfChip, provenance: Mapping[str, Any], layout: str) -> dict[str, Any]:
     """Return {name: value} of everything a Level-0 header can state.
 
     `provenance` holds obsid, filename (without suffix), recipe ({name: digest}, see RECIPE), truth_hash, psf_hash,
     seed, campaign_name, ephemeris, planets, layers (list of {keyword: parameters}), camera ({changed number: value})
     and stages (list of [stage, wall s, cpu s]); a missing entry gives None.
     """
-    values = dict.fromkeys(_FROM_LAYERS) | state.header
+    values: dict[str, Any] = dict.fromkeys(_FROM_LAYERS) | state.header
     values |= _exposure(state.pointing) | _detector(state, layout) | _simulation(provenance)
     values["layers"] += [f"value {name} = {json.dumps(state.header[name])}" for name in state.header.get("own", ())]
     if values["bias"] is not None and values["gain"] is not None:
@@ -109,7 +158,7 @@ def header_values(state, provenance, layout):
     return values | {"date": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%S}"}
 
 
-def _exposure(pointing):
+def _exposure(pointing: Pointing) -> dict[str, Any]:
     first = pointing.sat_position, pointing.sat_velocity
     last = orbit_after(*first, pointing.exptime)
     ra, dec, pa = float(pointing.ra), float(pointing.dec), float(pointing.pa)
@@ -127,11 +176,11 @@ def _exposure(pointing):
     return values
 
 
-def _iso(moment):
+def _iso(moment: datetime) -> str:
     return moment.replace(tzinfo=None).isoformat(timespec="milliseconds")
 
 
-def _designation(ra, dec):
+def _designation(ra: float, dec: float) -> str:
     """Return the IAU's designation of a place [deg], truncated to its digits: Jhhmmss.s+ddmmss."""
     tenths, seconds = (int(value + 1e-6) for value in (ra % 360.0 * 2400.0, abs(dec) * 3600.0))  # of time; of arc
     hours, degrees = divmod(tenths, 36000), divmod(seconds, 3600)
@@ -139,7 +188,7 @@ def _designation(ra, dec):
     return f"J{time}{'-' if dec < 0 else '+'}{degrees[0]:02d}{degrees[1] // 60:02d}{degrees[1] % 60:02d}"
 
 
-def _detector(state, layout):
+def _detector(state: StateOfChip, layout: str) -> dict[str, Any]:
     detector, window = state.chip.detector, state.window
     readout = ReadoutFrame.of(detector, window).of_file(layout)
     lists = section_lists(readout, layout)
@@ -159,13 +208,13 @@ def _detector(state, layout):
     }  # fmt: skip
 
 
-def _readout_speed(detector):
+def _readout_speed(detector: Detector) -> float:
     """Return the mean rate [MHz] at which a channel's pixels are read, prescan and overscans included."""
     columns = detector.channel_nx + detector.prescan + detector.overscan
     return columns * (detector.channel_ny + detector.parallel_overscan) / detector.readout_time / 1e6
 
 
-def _simulation(provenance):
+def _simulation(provenance: Mapping[str, Any]) -> dict[str, Any]:
     values = {"version": csstsim.__version__, "commit": git_commit(), "software": f"csstsim {csstsim.__version__}"}
     recipe = provenance.get("recipe", {})
     values |= {f"{name}_hash": recipe.get(name) for name in RECIPE}
@@ -182,7 +231,7 @@ def _simulation(provenance):
 
 
 @cache
-def git_commit():
+def git_commit() -> str | None:
     """Return the commit of the clone that csstsim runs from, or None; reads .git, starts no process."""
     git = ROOT / ".git"
     try:

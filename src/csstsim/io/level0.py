@@ -11,20 +11,28 @@ of each channel's pixels; Level0.extensions makes each channel an extension with
 the files.
 """
 
+from __future__ import annotations
+
 import re
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from csstsim.base.errors import InputError
-from csstsim.catalog.astrometry.ephemeris import observer
-from csstsim.detector.channels import LAYOUTS, ReadoutFrame
+from csstsim.base.types import IntArray, PathLike
+from csstsim.catalog.astrometry.ephemeris import Observer, observer
+from csstsim.detector.channels import LAYOUTS, Block, ReadoutFrame
 from csstsim.instrument.chip import Window
 from csstsim.io.fits import image_header, open_fits, read_header, read_pixels, verify_hdu
 from csstsim.io.sections import stored_slices
+
+if TYPE_CHECKING:
+    from astropy.io.fits import HDUList
+
 
 # The keywords of IMAGE that reading needs; level0_keywords.yaml must keep them.
 REQUIRED = (
@@ -42,10 +50,10 @@ class Channel:
 
     number: int
     window: Window  # of `active` on the chip
-    active: np.ndarray
-    prescan: np.ndarray
-    serial_overscan: np.ndarray
-    parallel_overscan: np.ndarray
+    active: IntArray
+    prescan: IntArray
+    serial_overscan: IntArray
+    parallel_overscan: IntArray
     gain: float | None  # e-/DN
     bias: float | None  # DN
     read_noise: float | None  # e-
@@ -63,34 +71,34 @@ class Level0:
     data_start: int | None  # byte in the file; None if compressed
 
     @property
-    def window(self):
+    def window(self) -> Window:
         """The Window of active pixels that was read."""
         return Window(*self.readout.window)
 
     @cached_property
-    def gain(self):
+    def gain(self) -> dict[int, float]:
         """{channel: e-/DN}; empty if the file does not state it."""
         return self.per_channel("GAIN")
 
     @cached_property
-    def nonlinearity(self):
+    def nonlinearity(self) -> dict[int, tuple[float, float]]:
         """{channel: (quadratic [1/e-], cubic [1/e-^2])}; empty if the file does not state it."""
         quadratic, cubic = self.per_channel("NLQ"), self.per_channel("NLC")
         return {n: (quadratic[n], cubic[n]) for n in quadratic.keys() & cubic.keys()}
 
     @cached_property
-    def levels(self):
+    def levels(self) -> dict[int, tuple[float, float]]:
         """{channel: (bias [DN], read noise [e-])} as the file states them; empty if it does not."""
         bias, noise = self.per_channel("DETBIA"), self.per_channel("RON")
         return {n: (bias[n], noise[n]) for n in bias.keys() & noise.keys()}
 
-    def per_channel(self, prefix):
+    def per_channel(self, prefix: str) -> dict[int, float]:
         """Return {channel: value} of the keywords PREFIXnn of IMAGE that the file states. Raises InputError."""
         names = {n: f"{prefix}{n:02d}" for n in range(1, self.readout.n_channels + 1)}
         return {n: self._number(self.header, name) for n, name in names.items() if name in self.header}
 
     @cached_property
-    def _stored(self):
+    def _stored(self) -> IntArray:
         """DN as on disk, less 32768: memory-mapped, or, if compressed, all read."""
         if self.data_start is None:
             with open_fits(self.path) as file:
@@ -102,7 +110,7 @@ class Level0:
         return np.memmap(self.path, ">i2", mode="r", offset=self.data_start, shape=shape)
 
     @cached_property
-    def observer(self):
+    def observer(self) -> Observer:
         """The spacecraft's state at the start: the catalog.astrometry.ephemeris.Observer of the apparent directions.
 
         Raises InputError if a keyword is missing.
@@ -113,13 +121,13 @@ class Level0:
         mjd, *state = (self._number(self.header0, name) for name in STATE)
         return observer(mjd, tuple(state[:3]), tuple(state[3:]), *(self.header0[name] for name in EPHEMERIS))
 
-    def _number(self, header, name):
+    def _number(self, header: Mapping[str, Any], name: str) -> float:
         try:
             return float(header[name])
         except (TypeError, ValueError):
             raise InputError("must be a number", file=self.path, key=name, value=header[name]) from None
 
-    def frame(self):
+    def frame(self) -> IntArray:
         """Return the readout frame [DN]: uint16, shape `readout.shape`, oriented as the silicon.
 
         Raises InputError if a compressed file's DN are not uint16.
@@ -131,7 +139,7 @@ class Level0:
         frame ^= np.uint16(0x8000)
         return frame
 
-    def mask(self):
+    def mask(self) -> IntArray | None:
         """Return the truth mask of the active pixels of the window, uint8 (detector.mask), or None.
 
         Raises InputError if its shape is not the image's.
@@ -142,7 +150,7 @@ class Level0:
             raise InputError("not of the image's shape", file=self.path, key="MASK", value=stored.shape)
         return None if stored is None else self.readout.active(self.readout.from_stored(stored, self.layout))
 
-    def assembled(self, full=False):
+    def assembled(self, full: bool = False) -> IntArray:
         """Return the active pixels of the window (or of the chip, 0 outside the window), uint16, chip coordinates."""
         window = self.window
         x0, y0 = (window.x0, window.y0) if full else (0, 0)
@@ -152,7 +160,7 @@ class Level0:
             image[y0 + y.start : y0 + y.stop, x0 + x.start : x0 + x.stop] = self._region(block, block.active)
         return image
 
-    def channels(self):
+    def channels(self) -> Iterator[Channel]:
         """Yield a `Channel` for each channel that was read, in Level-0 order."""
         window = self.window
         for block in self.readout.blocks:
@@ -170,14 +178,14 @@ class Level0:
                 read_noise=self.header.get(f"RON{number}"),
             )
 
-    def _region(self, block, region):
+    def _region(self, block: Block, region: tuple[slice, slice]) -> IntArray:
         """Return a region of a block (contiguous on the chip) from disk."""
         shape = tuple(part.stop - part.start for part in region)
         if not all(shape):
             return np.zeros(shape, np.uint16)
         return _unsigned(self._stored[stored_slices(self.readout, block, region, self.layout)])
 
-    def extensions(self):
+    def extensions(self) -> HDUList:
         """Return an astropy HDUList with one extension per channel that was read, a mosaic for ds9 and ccdproc.
 
         io.level0_extensions describes them; `.writeto(path)` makes a file.
@@ -187,12 +195,12 @@ class Level0:
         return extensions(self)
 
 
-def _unsigned(stored):
+def _unsigned(stored: IntArray) -> IntArray:
     """Return DN from big-endian int16 with BZERO 32768."""
     return stored.astype(np.int16).view(np.uint16) ^ np.uint16(0x8000)
 
 
-def read_level0(path, verify=False):
+def read_level0(path: PathLike, verify: bool = False) -> Level0:
     """Open a Level-0 file; `verify` also checks its checksums.
 
     Raises InputError if it is missing, cut short, damaged or not a Level-0 file of csstsim.
@@ -228,8 +236,9 @@ def read_level0(path, verify=False):
     return Level0(Path(path), dict(header0), dict(header), readout, layout, data_start)
 
 
-def _readout(header):
-    nx, ny = (int(n) for n in _SIZE.fullmatch(header["DETSIZE"]).groups())
+def _readout(header: Mapping[str, Any]) -> ReadoutFrame:
+    size = _SIZE.fullmatch(header["DETSIZE"])
+    nx, ny = (int(n) for n in size.groups())  # type: ignore[union-attr] # read_level0 catches the AttributeError
     channels_x = header["NCHAN"] // 2
     return ReadoutFrame(
         window=(header["READX0"] - 1, header["READX1"], header["READY0"] - 1, header["READY1"]),

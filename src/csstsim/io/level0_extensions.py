@@ -6,10 +6,20 @@ are. So a viewer shows the right sky on each, up to the distortion unless the fi
 program that knows IRAF's mosaics places them side by side by DETSEC.
 """
 
+from __future__ import annotations
+
 import re
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 from csstsim.io.level0_writing import channel_wcs
 from csstsim.io.sections import sections
+
+if TYPE_CHECKING:
+    from astropy.io.fits import Card, HDUList, Header
+
+    from csstsim.detector.channels import Block, ReadoutFrame
+    from csstsim.io.level0 import Level0
 
 # A channel's keyword in IMAGE's header (with its number), and its name in the channel's extension
 OF_CHANNEL = {"GAIN": "GAIN", "RON": "RDNOISE", "DETBIA": "DETBIA", "NLQ": "NLQ", "NLC": "NLC"}
@@ -25,7 +35,7 @@ _LEFT_OUT = re.compile(
 )
 
 
-def extensions(file):
+def extensions(file: Level0) -> HDUList:
     """Return an astropy HDUList of a level0.Level0: its keywords, then a CHANnn for each channel that was read."""
     from astropy.io import fits
 
@@ -50,11 +60,11 @@ def extensions(file):
     return out
 
 
-def _but_structure(header):
+def _but_structure(header: Header) -> list[Card]:
     return [card for card in header.cards if not _LEFT_OUT.fullmatch(card.keyword) or card.keyword == "HISTORY"]
 
 
-def _own_wcs(wcs, readout, block):
+def _own_wcs(wcs: Mapping[str, Any], readout: ReadoutFrame, block: Block) -> dict[str, Any]:
     """Return the assembled frame's WCS {keyword: value}, with or without SIP polynomials, in a channel's own pixels."""
     own = channel_wcs(wcs, readout, block, "channels")
     own["CRPIX1"] -= block.stored_x0

@@ -9,13 +9,36 @@ Start and end are YYYYMMDDhhmmss in UTC, of C3 without the century. Source of th
 Level-1 pipeline, whose file manager describes them (github.com/csster/csst, csst/msc/data_manager.py).
 """
 
+from __future__ import annotations
+
 import re
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from csstsim.instrument.chip import Chip
+    from csstsim.instrument.pointing import Pointing
 
 NEWEST = "C9"  # of the forms; the default
 
 _PATTERNS = {"kind": "[A-Z]+", "t": r"\d{14}", "t_end": r"\d{14}", "t_short": r"\d{12}", "obsid": r"\d{9,14}",
              "chip": r"\d{2}"}  # fmt: skip
+
+
+class NamedJob(Protocol):
+    """What names need of a campaign.job.Job."""
+
+    @property
+    def obsid(self) -> str:
+        """The exposure's number."""
+
+    @property
+    def chip(self) -> Chip:
+        """The chip."""
+
+    @property
+    def pointing(self) -> Pointing:
+        """The exposure's pointing."""
 
 
 @dataclass(frozen=True)
@@ -28,20 +51,20 @@ class Form:
 
     template: str
     truth: str
-    kinds: dict
+    kinds: dict[str, str]
     deep: str = ""
 
     @property
-    def ending(self):
+    def ending(self) -> str:
         """What follows {obsid}_{chip}_ in the name."""
         return self.template.partition("{chip}_")[2]
 
     @property
-    def beginning(self):
+    def beginning(self) -> str:
         """A regular expression of what stands before _{obsid}."""
         return self.template.partition("_{obsid}")[0].format(**_PATTERNS)
 
-    def stem(self, job):
+    def stem(self, job: NamedJob) -> str:
         """Return the name of a job's Level-0 file without suffix. job: campaign.job.Job."""
         pointing = job.pointing
         kind = self.deep if self.deep and pointing.survey == "DEEP" else self.kinds[pointing.type]
@@ -49,7 +72,7 @@ class Form:
         chip = f"{job.chip.id:02d}"
         return self.template.format(kind=kind, t=start, t_end=end, t_short=start[2:], obsid=job.obsid, chip=chip)
 
-    def catalogue(self, stem, filter):
+    def catalogue(self, stem: str, filter: str) -> str | None:
         """Return the name of the truth as text, without suffix, of a Level-0 file with this name; None if not ours."""
         if not (match := self._pattern().fullmatch(stem)):
             return None
@@ -58,13 +81,13 @@ class Form:
         words |= {"stem": stem, "band": band, "number": number - 90_000_000, "short": f"{number - 100_000_000:07d}"}
         return self.truth.format(**words)
 
-    def read(self, stem):
+    def read(self, stem: str) -> tuple[str, str, int] | None:
         """Return (exposure type, obsid, chip number) of a Level-0 file's name without suffix, or None."""
         match = self._pattern().fullmatch(stem)
         kind = match and {code: kind for kind, code in [*self.kinds.items(), ("SCIE", self.deep)]}.get(match["kind"])
-        return (kind, match["obsid"], int(match["chip"])) if kind else None
+        return (kind, match["obsid"], int(match["chip"])) if match and kind else None
 
-    def _pattern(self):
+    def _pattern(self) -> re.Pattern[str]:
         return re.compile(self.template.format(**{name: f"(?P<{name}>{text})" for name, text in _PATTERNS.items()}))
 
 
@@ -79,6 +102,6 @@ FORMS = {
 }  # fmt: skip
 
 
-def read_name(stem):
+def read_name(stem: str) -> tuple[str, str, int] | None:
     """Return (exposure type, obsid, chip number) of a Level-0 file's name without suffix, of any form, or None."""
     return next((found for form in FORMS.values() if (found := form.read(stem))), None)

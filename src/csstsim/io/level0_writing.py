@@ -1,16 +1,31 @@
 """Level-0 files written (io.level0 describes them): keywords of level0_keywords.yaml, world coordinates, pixels."""
 
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
 from csstsim.base.files.atomic import atomic_path
-from csstsim.detector.channels import ReadoutFrame
+from csstsim.base.types import PathLike
+from csstsim.detector.channels import Block, ReadoutFrame
 from csstsim.detector.mask import BITS
 from csstsim.io.fits_writing import card, compress, remark, write_hdus
-from csstsim.io.keywords import header_cards, header_values
+from csstsim.io.keywords import StateOfChip, header_cards, header_values
 from csstsim.optics.geometry.sip import sip_header
 
+if TYPE_CHECKING:
+    from csstsim.optics.geometry.wcs import ChipWCS
 
-def write_level0(path, state, keywords, provenance, layout=None):
+
+def write_level0(
+    path: PathLike,
+    state: StateOfChip,
+    keywords: Sequence[Any],
+    provenance: Mapping[str, Any],
+    layout: str | None = None,
+) -> None:
     """Write the Level-0 file of a digitised state (uint16 readout frame in state.image).
 
     `keywords` is the header table (Camera.keywords), `provenance` as in `io.keywords.header_values`; `layout` None
@@ -30,7 +45,9 @@ def write_level0(path, state, keywords, provenance, layout=None):
             compress(temporary)
 
 
-def level0_cards(state, keywords, provenance, layout):
+def level0_cards(
+    state: StateOfChip, keywords: Sequence[Any], provenance: Mapping[str, Any], layout: str
+) -> tuple[list[str], list[str]]:
     """Return the cards of HDU 0 and of IMAGE, two lists; arguments as of `write_level0`."""
     frame = ReadoutFrame.of(state.chip.detector, state.window).of_file(layout)
     values = header_values(state, provenance, layout)
@@ -38,12 +55,12 @@ def level0_cards(state, keywords, provenance, layout):
     return header_cards(keywords, values, 0), image
 
 
-def mask_cards():
+def mask_cards() -> list[str]:
     """Return the cards that say what the bits of MASK mean."""
     return [card(f"BIT{value.bit_length() - 1}", name, f"value {value}") for name, value in BITS.items()]
 
 
-def wcs_cards(wcs, frame, layout, sip=False):
+def wcs_cards(wcs: ChipWCS, frame: ReadoutFrame, layout: str, sip: bool | None = False) -> list[str]:
     """Return the cards of the assembled frame's WCS and of one alternate WCS per channel.
 
     `wcs`: the ChipWCS. In a channel's block, chip x = x0 + sx X with sx = +-1 (mirroring), so CRPIX' = sx (CRPIX - x0)
@@ -73,11 +90,11 @@ def wcs_cards(wcs, frame, layout, sip=False):
     return cards
 
 
-def _letter(block):
+def _letter(block: Block) -> str:
     return chr(ord("A") + block.channel - 1)
 
 
-def channel_wcs(wcs, frame, block, layout):
+def channel_wcs(wcs: Mapping[str, Any], frame: ReadoutFrame, block: Block, layout: str) -> dict[str, Any]:
     """Return the chip's WCS {keyword: value} in the stored pixels of one channel."""
     changed = dict(wcs)
     for axis, (start, step) in enumerate(frame.stored_axis(block, layout), start=1):

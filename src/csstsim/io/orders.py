@@ -3,10 +3,19 @@
 Orders of less than one electron, of which none was drawn, have no row.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
 from csstsim.base.errors import InputError
+from csstsim.base.types import PathLike
 from csstsim.catalog.table import ObjectTable, check_numbers
+
+if TYPE_CHECKING:
+    from csstsim.instrument.grating import Gratings
 
 COLUMNS = {
     "id": "the object",
@@ -31,18 +40,18 @@ TYPES = {  # of those that are not float64
 _NEEDED = ("id", "row", "order", "grating", "cut", "xImage", "yImage", "p", "q", "r", "s", "electrons", "drawn")
 
 
-def write_orders(path, orders, metadata):
+def write_orders(path: PathLike, orders: ObjectTable, metadata: Mapping[str, Any]) -> None:
     """Write the table of orders, x and y 0-based as render.slitless.draw_dispersed gives them."""
     orders_table(orders).write(path, metadata)
 
 
-def orders_table(orders):
+def orders_table(orders: ObjectTable) -> ObjectTable:
     """Return the columns of the file as an ObjectTable, from what render.slitless.draw_dispersed gives."""
     columns = {name: orders[name] for name in orders.names if name not in ("x", "y")}
     return ObjectTable(columns | {"xImage": orders["x"] + 1.0, "yImage": orders["y"] + 1.0})
 
 
-def read_orders(path):
+def read_orders(path: PathLike) -> ObjectTable:
     """Return the table of orders with 0-based x, y. Raises InputError, also for a place that is not finite."""
     table = ObjectTable.read(path)
     missing = [name for name in _NEEDED if name not in table]
@@ -56,7 +65,7 @@ def read_orders(path):
     return ObjectTable(columns | {"x": table["xImage"] - 1.0, "y": table["yImage"] - 1.0}, table.meta)
 
 
-def check_orders(path, orders, count, gratings):
+def check_orders(path: PathLike, orders: ObjectTable, count: int, gratings: Gratings) -> None:
     """Raise InputError if the orders read from `path` are not of `count` objects and instrument.grating.Gratings."""
     known = {(piece.name, number) for piece, _ in gratings.pieces for number in piece.orders}
     places = zip(map(str, orders["grating"]), orders["order"].tolist(), strict=True)

@@ -4,17 +4,48 @@ The workflow and `csstsim chip` write `campaign.json` there: the campaign's name
 the folder.
 """
 
+from __future__ import annotations
+
 import json
 import os
 import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
 
 from csstsim.base.errors import InputError
+
+if TYPE_CHECKING:
+    from csstsim.io.paths import Paths
 
 FILE = "campaign.json"
 PATIENCE = 1.0  # s, until a record that is still empty counts as damaged: another process may be writing it
 
 
-def check_owner(run):
+class Named(Protocol):
+    """What the folder's record states of a campaign's configuration."""
+
+    @property
+    def name(self) -> str:
+        """The campaign's name."""
+
+
+class Campaign(Protocol):
+    """What is asked here of a campaign.opened.OpenCampaign."""
+
+    @property
+    def file(self) -> Path:
+        """The campaign's file."""
+
+    @property
+    def paths(self) -> Paths:
+        """Where its products are."""
+
+    @property
+    def config(self) -> Named:
+        """Its configuration."""
+
+
+def check_owner(run: Campaign) -> None:
     """Raise InputError if the output folder of an open campaign belongs to another campaign."""
     path = run.paths.output / FILE
     try:
@@ -32,7 +63,7 @@ def check_owner(run):
         )  # fmt: skip
 
 
-def claim_output(run):
+def claim_output(run: Campaign) -> None:
     """Record once that the output folder is the campaign's.
 
     Raises InputError if it belongs to another campaign or cannot be written.
@@ -45,19 +76,20 @@ def claim_output(run):
     except FileExistsError:
         check_owner(run)
     except OSError as exc:
-        raise InputError(f"cannot be written: {os.strerror(exc.errno)}", file=path) from None
+        why = os.strerror(exc.errno)  # type: ignore[arg-type] # the system gives its errors a number
+        raise InputError(f"cannot be written: {why}", file=path) from None
     for folder in (path.parent, *(entry for entry in path.parent.iterdir() if entry.is_dir())):
         if not os.access(folder, os.W_OK):
             raise InputError("cannot be written", file=folder)
 
 
-def _text(path):
+def _text(path: Path) -> str:
     end = time.monotonic() + PATIENCE
     while not (text := path.read_text()) and time.monotonic() < end:
         time.sleep(PATIENCE / 50)
     return text
 
 
-def _about(run):
+def _about(run: Campaign) -> dict[str, str]:
     folder = run.paths.output.resolve()
     return {"name": run.config.name, "file": os.path.relpath(run.file.resolve(), folder)}

@@ -1,11 +1,17 @@
 """What the header of a Level-0 file says of the pointing, compared with the pointing itself."""
 
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from csstsim.base.sphere import offsets
+
+if TYPE_CHECKING:
+    from csstsim.optics.geometry.wcs import ChipWCS
 
 POSITIONS = ("RA_OBJ", "DEC_OBJ"), ("RA_PNT0", "DEC_PNT0"), ("RA_PNT1", "DEC_PNT1")  # apparent, as CRVAL
 ANGLES = ("POS_ANG0", 1), ("POS_ANG1", 1), ("EULER0_3", -1), ("EULER1_3", -1)  # keyword, sign of the position angle
@@ -61,7 +67,7 @@ def _separation(ra: float, dec: float, boresight: Boresight) -> float:
     return float(np.hypot(east, north)) * 3600.0
 
 
-def wcs_off(header: Mapping[str, Any], wcs: Any) -> float:
+def wcs_off(header: Mapping[str, Any], wcs: ChipWCS) -> float:
     """Return the arcsec by which an image header's WCS, TAN or TAN-SIP, is off at the chip's centre and a corner.
 
     wcs: the ChipWCS that it should be. A linear WCS is compared with its linear part. A header without a WCS, or with
@@ -80,7 +86,7 @@ def wcs_off(header: Mapping[str, Any], wcs: Any) -> float:
     return sky_off(cards, x, y, true)
 
 
-def sky_off(cards: Mapping[str, Any], x: Any, y: Any, true: Any) -> float:
+def sky_off(cards: Mapping[str, Any], x: ArrayLike, y: ArrayLike, true: Iterable[ArrayLike]) -> float:
     """Return the largest distance [arcsec] of a WCS at pixels x, y (n,) from `true`, their ra and dec [deg].
 
     Of cards that are no WCS, and of places that are no numbers, it is infinite.

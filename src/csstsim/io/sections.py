@@ -6,8 +6,16 @@ CCDSEC   position of the active pixels on the chip
 DETSEC   the same, from high to low along an axis on which the stored pixels are mirrored
 """
 
+from __future__ import annotations
 
-def sections(readout, block, layout, first=0):
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from csstsim.detector.channels import Block, ReadoutFrame
+
+
+def sections(readout: ReadoutFrame, block: Block, layout: str, first: int = 0) -> dict[str, str]:
     """Return {keyword: section} of a channel (detector.channels.Block of ReadoutFrame `readout`) in a stored layout.
 
     first: the stored column that counts as the first. Without overscan there is no BIASSEC.
@@ -21,21 +29,21 @@ def sections(readout, block, layout, first=0):
     return found | {"CCDSEC": _text(chip), "DETSEC": _text(chip, turned=[part.step == -1 for part in data])}
 
 
-def section_lists(readout, layout):
+def section_lists(readout: ReadoutFrame, layout: str) -> dict[str, list[str | None]]:
     """Return {keyword: [section of channel 1, 2, ...]}; None for a channel that was not read."""
     found = {block.channel: sections(readout, block, layout) for block in readout.blocks}
     names = "DATASEC", "TRIMSEC", "BIASSEC", "CCDSEC", "DETSEC"
     return {name: [found.get(n, {}).get(name) for n in range(1, readout.n_channels + 1)] for name in names}
 
 
-def stored_slices(readout, block, region, layout):
+def stored_slices(readout: ReadoutFrame, block: Block, region: tuple[slice, slice], layout: str) -> tuple[slice, slice]:
     """Return the slices of the stored array that hold a region of a block, contiguous on the chip and not empty."""
     rows, cols = readout.rows[region[0]], readout.cols[region[1]]
-    mosaic = tuple(slice(int(index[0]), int(index[-1]) + 1) for index in (rows, cols))
-    return readout.stored_region(block, mosaic, layout)
+    y, x = (slice(int(index[0]), int(index[-1]) + 1) for index in (rows, cols))
+    return readout.stored_region(block, (y, x), layout)
 
 
-def _text(slices, first=0, turned=(False, False)):
+def _text(slices: Sequence[slice], first: int = 0, turned: Sequence[bool] = (False, False)) -> str:
     spans = []
     for part, turn, lead in zip(slices, turned, (0, first), strict=True):
         start, end, step = part.indices(2**31)

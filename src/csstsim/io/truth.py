@@ -12,13 +12,21 @@ The file's metadata have the recipe, the Level-0 file's name, full_well [e-] and
 (`electron_budget`), with which `csstsim verify` compares image and table.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from csstsim.base.errors import InputError
+from csstsim.base.types import PathLike
 from csstsim.catalog.changing import columns as changing
 from csstsim.catalog.table import FILE_COLUMNS, ObjectTable, check_numbers
+
+if TYPE_CHECKING:
+    from csstsim.instrument.chip import Chip
 
 ENDS = "trail_x0", "trail_y0", "trail_x1", "trail_y1"  # columns of pixels, as x and y
 # .cat name: our column
@@ -92,7 +100,7 @@ TYPES = {
 TAKEN = {"chip", "filter", "detA", "dm", "g1", "g2", "size"} | (set(CAT_COLUMNS) - set(CAT_COLUMNS.values()))
 
 
-def truth_table(drawn, chip):
+def truth_table(drawn: ObjectTable, chip: Chip) -> ObjectTable:
     """Return the truth of one Level-0 file as an ObjectTable, one row per object drawn.
 
     drawn: ObjectTable from render, its x, y [px] from 0 become xImage, yImage from 1; chip: instrument.chip.Chip.
@@ -118,7 +126,7 @@ def truth_table(drawn, chip):
     return ObjectTable(columns | ours)
 
 
-def electron_budget(header, pixels):
+def electron_budget(header: Mapping[str, Any], pixels: int) -> dict[str, float]:
     """Return {name: electrons} of a window of `pixels`, from the layers' entries in State.header.
 
     light (which includes `objects`), dark, rays and defects add charge; trapped and bloomed charge is lost on the way
@@ -137,7 +145,7 @@ def electron_budget(header, pixels):
     return budget | ({"bloomed": float(header["bloom_lost"])} if "bloom_lost" in header else {})
 
 
-def read_truth(path):
+def read_truth(path: PathLike) -> ObjectTable:
     """Return the truth table with our column names and 0-based x, y. Raises InputError if it is not one."""
     table = ObjectTable.read(path)
     missing = [name for name in ("xImage", "yImage") if name not in table]

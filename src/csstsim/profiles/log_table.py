@@ -11,25 +11,27 @@ A compiled loop fills a line of float64 numbers, views it as int64 (`line.view(n
 import numba
 import numpy as np
 
+from csstsim.base.types import FloatArray
+
 BITS = 7
 _SHIFT = np.int64(52 - BITS)
 _BELOW = np.int64((1 << (52 - BITS)) - 1)
 _STEP = 2.0 ** -(52 - BITS)
 
 
-def nodes(low, high):
+def nodes(low: int, high: int) -> FloatArray:
     """Return the nodes from 2^low to 2^high (integers)."""
     mantissa = 1 + np.arange(1 << BITS) / (1 << BITS)
     return np.append(np.ldexp(mantissa, np.arange(low, high)[:, None]).ravel(), 2.0**high)
 
 
-def first_of(low):
+def first_of(low: int) -> int:
     """Return the index of the node 2^low, counted over all positive float64, which `read` subtracts."""
     return (low + 1023) << BITS
 
 
 @numba.njit(inline="always")
-def read(table, first, bits):
+def read(table: FloatArray, first: int, bits: int) -> float:
     """Return the table's value at a float64 given as its bits; first: from first_of; table: values on the nodes."""
     i = (bits >> _SHIFT) - first
     if i < 0:

@@ -19,8 +19,12 @@ the inner part, from the same integral.
 """
 
 from functools import lru_cache
+from typing import cast
 
 import numpy as np
+from numpy.typing import ArrayLike
+
+from csstsim.base.types import FloatArray, Floats
 
 DISK, BULGE = 1.0, 4.0  # indices of the two components of a galaxy, unless it has others
 INDEX_MIN, INDEX_MAX = 0.3, 6.2  # indices that are drawn
@@ -35,21 +39,21 @@ _LOG_RATIO = np.linspace(-7.0, 7.0, 351)  # of radii over half-light radii, for 
 _NEGLIGIBLE = 5e-5  # of the light: a profile ends at the radius with this much beyond it
 
 
-def sersic_b(index):
+def sersic_b(index: ArrayLike) -> FloatArray:
     """Return b(n): half of a Sersic profile's light lies within r_e. Exact (inverse incomplete gamma function)."""
     from scipy.special import gammaincinv
 
     return gammaincinv(2 * np.asarray(index, dtype=float), 0.5)
 
 
-def radius_of(share, index):
+def radius_of(share: Floats, index: Floats) -> FloatArray:
     """Return the radius [r_e] that contains a share of a circular profile's light."""
     from scipy.special import gammaincinv
 
     return (gammaincinv(2 * index, share) / gammaincinv(2 * index, 0.5)) ** index
 
 
-def light_beyond(radius, half_light, index):
+def light_beyond(radius: Floats, half_light: Floats, index: Floats) -> FloatArray:
     """Return the fraction of a circular profile's light beyond `radius`: Gamma(2n, x)/Gamma(2n).
 
     index: a number, or (n,) for each of the radii; indices other than a disk's and a bulge's are then interpolated in a
@@ -58,6 +62,7 @@ def light_beyond(radius, half_light, index):
     ratio = radius / np.maximum(half_light, 1e-12)
     if np.ndim(index):
         return _each_beyond(ratio, np.asarray(index, dtype=float))
+    index = cast("float", index)
     if index not in _B:
         from scipy.special import gammaincc
 
@@ -70,7 +75,7 @@ def light_beyond(radius, half_light, index):
     return np.exp(-x) * total
 
 
-def _each_beyond(ratio, index):
+def _each_beyond(ratio: FloatArray, index: FloatArray) -> FloatArray:
     """Return `light_beyond` of ratios (n,) [half-light radii] and indices (n,); the same for equal pairs."""
     out = np.empty(np.broadcast(ratio, index).shape)
     known = np.zeros(out.shape, bool)
@@ -92,7 +97,7 @@ def _each_beyond(ratio, index):
 
 
 @lru_cache
-def _beyond_table():
+def _beyond_table() -> tuple[float, float, FloatArray]:
     """Return (log of the first index, step, log of the light beyond exp(_LOG_RATIO) half-light radii, by index)."""
     from scipy.special import gammaincc
 
@@ -103,14 +108,14 @@ def _beyond_table():
 
 
 @lru_cache(1024)
-def extent(index):
+def extent(index: float) -> float:
     """Return the radius [r_e] that contains all but a fraction _NEGLIGIBLE of the light."""
     from scipy.special import gammainccinv
 
     return float((gammainccinv(2 * index, _NEGLIGIBLE) / sersic_b(index)) ** index)
 
 
-def cut_for(index, radius):
+def cut_for(index: float, radius: float) -> float:
     """Return the smallest tabulated cut [r_e] not below `radius`, or inf if the profile ends before `radius`."""
     if radius >= extent(index):
         return np.inf
@@ -118,7 +123,7 @@ def cut_for(index, radius):
 
 
 @lru_cache(512)
-def tables(index, cut):
+def tables(index: float, cut: float) -> tuple[FloatArray, FloatArray]:
     """Return (F on the nodes of (k r_e)^2, outer part on those of (r / r_e)^2) of a Sersic index and a cut [r_e].
 
     F is that of a profile of light 1 and any r_e; the outer part is per r_e^2.
@@ -139,7 +144,7 @@ def tables(index, cut):
     return spline(0.5 * np.log(k2)), outer
 
 
-def brightness(r, index):
+def brightness(r: Floats, index: float) -> FloatArray:
     """Return the profile per r_e^2 at r [r_e], of light 1."""
     from scipy.special import gammaln
 
@@ -148,12 +153,12 @@ def brightness(r, index):
         return np.exp(2 * index * np.log(b) - np.log(2 * np.pi * index) - gammaln(2 * index) - b * r ** (1 / index))
 
 
-def brightness_radius(limit, index):
+def brightness_radius(limit: float, index: float) -> float:
     """Return the radius [r_e] where a profile of light 1 falls to a brightness [per r_e^2]; 0: it is fainter."""
-    return (np.log(max(brightness(0.0, index) / limit, 1.0)) / sersic_b(index)) ** index
+    return (np.log(max(float(brightness(0.0, index) / limit), 1.0)) / sersic_b(index)) ** index
 
 
-def _inside(r, cut):
+def _inside(r: FloatArray, cut: float) -> FloatArray:
     if cut <= CUT_NONE:
         return np.zeros_like(r)
     t = np.clip(2 * r / cut - 1, 0.0, 1.0) if np.isfinite(cut) else np.zeros_like(r)

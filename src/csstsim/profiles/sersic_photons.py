@@ -15,8 +15,10 @@ from functools import cache
 
 import numba
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.special import gammainc, gammaincc, gammainccinv, gammaincinv, gammaln
 
+from csstsim.base.types import FloatArray, IntArray
 from csstsim.profiles.sersic import BULGE, DISK, INDEX_MAX, INDEX_MIN
 
 RINGED = DISK, BULGE  # Sersic indices whose rings need no interpolation
@@ -28,7 +30,7 @@ _HALF = np.uint64(0x7FFFFFFF)
 _S31, _ONE = np.uint64(31), np.uint64(1)
 
 
-def _rings(n):
+def _rings(n: float) -> FloatArray:
     """Return (2, rings, 2): a, b of r^2 / r_e^2 = a + b t; t / 2^32, t < 2^31, is the light inside, then outside, r."""
     octave, step = np.divmod(np.arange(_STEPS * _OCTAVES + 1), _STEPS)
     edges = 2.0 ** (octave - 1) * (1 + step / _STEPS)
@@ -48,11 +50,11 @@ RINGS = np.stack([_rings(n) for n in RINGED])
 
 
 @cache
-def _all_rings():
+def _all_rings() -> FloatArray:
     return np.concatenate([RINGS, np.stack([_rings(n) for n in NODES])])
 
 
-def rings_for(index):
+def rings_for(index: ArrayLike) -> tuple[FloatArray, IntArray, FloatArray]:
     """Return (rings, which, share) for Sersic indices (...): which (...), share (...) of `ring`; rings: all they need.
 
     Raises ValueError for an index outside INDEX_MIN..INDEX_MAX; 0 stands for no profile, and gets which = -1.
@@ -71,13 +73,13 @@ def rings_for(index):
     return _all_rings(), which, share
 
 
-def _mean_square(n):
+def _mean_square(n: FloatArray) -> FloatArray:
     """Return <r^2> in r_e^2."""
     return np.exp(gammaln(4 * n) - gammaln(2 * n) - 2 * n * np.log(gammaincinv(2 * n, 0.5)))
 
 
 @numba.njit(inline="always")
-def ring(rings, which, share, bits):
+def ring(rings: FloatArray, which: int | np.int64, share: float, bits: np.uint64) -> float:
     """Return a radius in r_e from the lower 32 bits; rings, which, share: from `rings_for`."""
     t = np.float64(bits & _HALF) + 0.5
     i = (np.float64(t).view(np.int64) >> _SHIFT) - _FIRST

@@ -22,17 +22,31 @@ import math
 
 import numba
 import numpy as np
+from numpy.typing import ArrayLike
 
 from csstsim.base.counter import unit, word
-from csstsim.detector.charge_transfer.packets import add, first_reaching, nth_below, padded, search_room, set_up
-from csstsim.detector.charge_transfer.traps import buffers, draw_traps
+from csstsim.base.types import FloatArray, IntArray
+from csstsim.detector.charge_transfer.packets import Search, add, first_reaching, nth_below, padded, search_room, set_up
+from csstsim.detector.charge_transfer.traps import Room, buffers, draw_traps
 
 COLUMNS = 64  # processed at once: their packets fit in cache
 LARGEST = 2.0**30  # electrons in a pixel
 _TILE = 16  # rows copied at a time, for use of the cache
 
 
-def transfer(image, density, timescale, well, keys, *, flip=False, lead=0, n_rows=None, overscan=0, x0=0):
+def transfer(
+    image: FloatArray,
+    density: ArrayLike,
+    timescale: ArrayLike,
+    well: tuple[float, float, float],
+    keys: tuple[np.uint64, np.uint64],
+    *,
+    flip: bool = False,
+    lead: int = 0,
+    n_rows: int | None = None,
+    overscan: int = 0,
+    x0: int = 0,
+) -> tuple[FloatArray, int]:
     """Transfer the charge of one half to its amplifier, in place; return (trail, trapped).
 
     image: float32 (ny, nx), electrons; row 0 is read first, or the last row if `flip`. density, timescale: of each
@@ -56,7 +70,7 @@ def transfer(image, density, timescale, well, keys, *, flip=False, lead=0, n_row
     return trail, trapped
 
 
-def checked_fill(image, n, lead, length):
+def checked_fill(image: FloatArray, n: int, lead: int, length: int) -> int:
     """Return the charge [e-] for the packets of a line of `length` px that lie outside an image of `n` px.
 
     lead: distance of the image from the line's end [px]. The charge is the image's median, or 0 if none lie outside.
@@ -71,7 +85,7 @@ def checked_fill(image, n, lead, length):
 
 
 @numba.njit(cache=True)
-def _count_good(image):
+def _count_good(image: FloatArray) -> int:
     """Return the number of pixels with a charge that is finite and at most LARGEST."""
     good = 0
     for y in range(image.shape[0]):
@@ -81,7 +95,20 @@ def _count_good(image):
 
 
 @numba.njit(cache=True)
-def _transfer(image, flip, lead, n_rows, fill, trail, keys, x0, density, timescale, well, room):
+def _transfer(
+    image: FloatArray,
+    flip: bool,
+    lead: int,
+    n_rows: int,
+    fill: int,
+    trail: FloatArray,
+    keys: tuple[np.uint64, np.uint64],
+    x0: int,
+    density: FloatArray,
+    timescale: FloatArray,
+    well: tuple[float, float, float],
+    room: Room,
+) -> int:
     """Transfer all columns, COLUMNS at a time. Packets after the last one are -1, below any trap's level."""
     nx = image.shape[1]
     n_packets = n_rows + len(trail)
@@ -107,7 +134,7 @@ def _transfer(image, flip, lead, n_rows, fill, trail, keys, x0, density, timesca
 
 
 @numba.njit(cache=True)
-def _exchange(image, flip, first, packets, back):
+def _exchange(image: FloatArray, flip: bool, first: int, packets: IntArray, back: bool) -> None:
     """Copy the whole electrons of columns first, first + 1, ... to `packets` (column, row), or from them if `back`.
 
     A tile of rows is turned in a small buffer: neighbours in a column of the image, or in a row of the packets, lie a
@@ -135,13 +162,24 @@ def _exchange(image, flip, first, packets, back):
 
 
 @numba.njit(inline="always")
-def whole(charge):
+def whole(charge: np.float32) -> np.int32:
     """Return the whole electrons in a pixel, at least 0."""
     return np.int32(max(charge, np.float32(0)))
 
 
 @numba.njit(cache=True)
-def _column(packets, n_packets, keys, density, timescale, well, fullest, head, room, search):
+def _column(
+    packets: IntArray,
+    n_packets: int,
+    keys: tuple[np.uint64, np.uint64],
+    density: FloatArray,
+    timescale: FloatArray,
+    well: tuple[float, float, float],
+    fullest: FloatArray,
+    head: IntArray,
+    room: Room,
+    search: Search,
+) -> int:
     """Draw a column's traps and follow them; return the electrons left in traps."""
     fill_fullest(packets, 0, well, fullest)
     draw_traps(keys[0], density, timescale, well, fullest, head, *room)
@@ -149,7 +187,7 @@ def _column(packets, n_packets, keys, density, timescale, well, fullest, head, r
 
 
 @numba.njit(cache=True)
-def fill_fullest(packets, more, well, fullest):
+def fill_fullest(packets: IntArray, more: int, well: tuple[float, float, float], fullest: FloatArray) -> None:
     """Fill (n_rows,): the share of a pixel that the fullest packet of a row, or behind it, fills with `more` e-."""
     beta, full_well, notch = well
     most, share = -1, 0.0
@@ -161,7 +199,7 @@ def fill_fullest(packets, more, well, fullest):
 
 
 @numba.njit(cache=True)
-def follow_all(packets, n_packets, key, head, room, search):
+def follow_all(packets: IntArray, n_packets: int, key: np.uint64, head: IntArray, room: Room, search: Search) -> int:
     """Follow each trap of a line, the farthest first; return the electrons left in traps.
 
     packets: int32, changed in place, `n_packets` and -1 up to the padded length (detector.charge_transfer.packets).
@@ -185,7 +223,19 @@ def follow_all(packets, n_packets, key, head, room, search):
 
 
 @numba.njit(inline="always")
-def follow_trap(charge, table, words, small, base, k, n_packets, level, tau, key, own):
+def follow_trap(
+    charge: IntArray,
+    table: IntArray,
+    words: IntArray,
+    small: IntArray,
+    base: int,
+    k: int,
+    n_packets: int,
+    level: int,
+    tau: float,
+    key: np.uint64,
+    own: np.uint64,
+) -> int:
     """Follow one trap through packets k, k + 1, ...; return the electrons left in it, 0 or 1."""
     captures = np.uint64(0)
     while True:

@@ -7,8 +7,12 @@ charge above `base`, from 0 to 127, and one subtraction compares eight of them w
 and the results are those of a plain loop.
 """
 
+from typing import TypeAlias
+
 import numba
 import numpy as np
+
+from csstsim.base.types import IntArray
 
 _BLOCK, _SUPER = 5, 9  # log2 of the packets in a block and in a super-block
 # Rows of the table: bounds (most, least) of the charge in blocks, and in super-blocks
@@ -17,16 +21,17 @@ _BELOW_SKY = 32  # electrons from `base` to the mean of the blocks' least charge
 _BYTE_MAX = 127
 _ONES, _TOPS, _ALL = np.uint64(0x0101010101010101), np.uint64(0x8080808080808080), np.uint64(0xFFFFFFFFFFFFFFFF)
 _U1, _U7, _U56 = np.uint64(1), np.uint64(7), np.uint64(56)
+Search: TypeAlias = tuple[IntArray, IntArray, IntArray]  # what `search_room` returns
 
 
 @numba.njit(cache=True)
-def padded(n):
+def padded(n: int) -> int:
     """Return the length of the arrays for n packets: a whole number of super-blocks."""
     return (((n - 1) >> _SUPER) + 1) << _SUPER
 
 
 @numba.njit(cache=True)
-def search_room(n):
+def search_room(n: int) -> Search:
     """Return (table, words, small) for the search among n packets, n from `padded`.
 
     table: int32, rows _MOST ... _LEAST_SUPER, a column for each block or super-block; small: the packets' bytes;
@@ -38,7 +43,7 @@ def search_room(n):
 
 
 @numba.njit(cache=True)
-def set_up(charge, table, small):
+def set_up(charge: IntArray, table: IntArray, small: IntArray) -> int:
     """Prepare the search among `charge` (int32 [e-], of padded length, -1 after the last packet); return `base`."""
     most, least = table[_MOST], table[_LEAST]
     table[_MOST_SUPER], table[_LEAST_SUPER] = -1, np.iinfo(np.int32).max
@@ -61,7 +66,7 @@ def set_up(charge, table, small):
 
 
 @numba.njit(inline="always")
-def add(charge, table, small, base, k, electrons):
+def add(charge: IntArray, table: IntArray, small: IntArray, base: int, k: int, electrons: int) -> None:
     """Add `electrons` to packet k; the bounds stay valid, but may not be the tightest."""
     value = charge[k] + electrons
     charge[k] = value
@@ -74,7 +79,7 @@ def add(charge, table, small, base, k, electrons):
 
 
 @numba.njit(inline="always")
-def first_reaching(charge, table, words, base, k, level):
+def first_reaching(charge: IntArray, table: IntArray, words: IntArray, base: int, k: int, level: int) -> int:
     """Return the index of the first packet at or after k with at least `level` electrons (>= 1), or the end."""
     end = len(charge)
     while k < end:
@@ -97,7 +102,7 @@ def first_reaching(charge, table, words, base, k, level):
 
 
 @numba.njit(inline="always")
-def nth_below(charge, table, words, base, k, level, n):
+def nth_below(charge: IntArray, table: IntArray, words: IntArray, base: int, k: int, level: int, n: int) -> int:
     """Return the index of the n-th packet (n from 1) at or after k with fewer than `level` electrons, or the end."""
     end = len(charge)
     while k < end:
@@ -120,7 +125,7 @@ def nth_below(charge, table, words, base, k, level, n):
                     for _ in range(n - 1):
                         found &= found - _U1
                     return ((k >> 3) << 3) + _place(found)
-                n -= here
+                n -= here  # type: ignore[assignment] # an int64 is an int to numba
                 k = ((k >> 3) + 1) << 3
         else:
             while k < stop:
@@ -132,19 +137,20 @@ def nth_below(charge, table, words, base, k, level, n):
 
 
 @numba.njit(inline="always")
-def _from(k):
+def _from(k: int) -> np.uint64:
     """Return a mask of the bytes of packet k and of those after it in its word."""
     return _ALL << np.uint64((k & 7) << 3)
 
 
 @numba.njit(inline="always")
-def _reaching(eight, level, k):
+def _reaching(eight: np.uint64, level: int, k: int) -> np.uint64:
     """Return a word with the top bit set in each byte, from that of k on, that is at least `level` (1 to 127)."""
     return ((eight | _TOPS) - np.uint64(level) * _ONES) & (_TOPS & _from(k))
 
 
 @numba.njit(inline="always")
-def _place(bits):
+def _place(bits: np.uint64) -> int:
     """Return the number of the byte with the lowest of the set top bits: (lowest bit - 1) fills the bytes below it."""
     lowest = bits & (~bits + _U1)
-    return np.int64((((lowest - _U1) >> _U7 & _ONES) * _ONES) >> _U56)
+    place = (((lowest - _U1) >> _U7 & _ONES) * _ONES) >> _U56
+    return np.int64(place)  # type: ignore[return-value] # an int64 is an int to numba

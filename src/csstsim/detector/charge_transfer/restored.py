@@ -7,26 +7,39 @@ passes of one are made while it is in the cache, and nothing of the size of the 
 is undone first, because rows were transferred last.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numba
 import numpy as np
+from numpy.typing import ArrayLike
 
 from csstsim.base.counter import word
+from csstsim.base.types import FloatArray, IntArray
 from csstsim.detector.channels import ReadoutFrame
 from csstsim.detector.charge_transfer.cti import COLUMNS, checked_fill, fill_fullest, follow_trap, whole
-from csstsim.detector.charge_transfer.packets import padded, search_room, set_up
+from csstsim.detector.charge_transfer.packets import Search, padded, search_room, set_up
 from csstsim.detector.charge_transfer.serial import transfer_rows
-from csstsim.detector.charge_transfer.traps import buffers, draw_traps
+from csstsim.detector.charge_transfer.traps import Room, buffers, draw_traps
+
+if TYPE_CHECKING:
+    from csstsim.base.rng import Streams
+    from csstsim.detector.instrument_parts import Area, Trapping
 
 _BLOCK = 64  # rows
 
 
-def restore(image, detector, window, rng, *, density, serial, passes):
+def restore(
+    image: FloatArray, detector: Trapping, window: Area, rng: Streams, *, density: float, serial: bool, passes: int
+) -> None:
     """Undo charge_transfer.transfer.transfer on a window's image [e-], float32 (ny, nx), in place.
 
     rng: rng.Streams of the traps; density: factor on the trap densities of cti.yaml; serial: transfer along the
     registers, too; passes: each leaves a tenth of the error before it, or less.
     """
     traps, n_rows = detector.traps, detector.channel_ny
+    assert traps is not None  # layers.cte_effect.check
     if serial:
         _restore_rows(image, detector, window, rng, density, passes)
     for half in range(2):
@@ -42,8 +55,19 @@ def restore(image, detector, window, rng, *, density, serial, passes):
 
 
 def restore_columns(
-    image, density, timescale, well, keys, passes, *, flip=False, lead=0, n_rows=None, overscan=0, x0=0
-):
+    image: FloatArray,
+    density: ArrayLike,
+    timescale: ArrayLike,
+    well: tuple[float, float, float],
+    keys: tuple[np.uint64, np.uint64],
+    passes: int,
+    *,
+    flip: bool = False,
+    lead: int = 0,
+    n_rows: int | None = None,
+    overscan: int = 0,
+    x0: int = 0,
+) -> None:
     """Undo charge_transfer.cti.transfer on an image [e-], float32 (ny, nx), in place, in `passes`.
 
     The other arguments, and what raises ValueError, are those of `transfer`; the charge of rows that are not in the
@@ -59,7 +83,18 @@ def restore_columns(
 
 
 @numba.njit(cache=True)
-def _restore(image, flip, line, keys, x0, density, timescale, well, room, passes):
+def _restore(
+    image: FloatArray,
+    flip: bool,
+    line: tuple[int, int, int, int],
+    keys: tuple[np.uint64, np.uint64],
+    x0: int,
+    density: FloatArray,
+    timescale: FloatArray,
+    well: tuple[float, float, float],
+    room: Room,
+    passes: int,
+) -> None:
     """Restore all columns, COLUMNS at a time. line: lead, n_rows, packets of a column and charge outside the image."""
     ny, nx = image.shape
     lead, n_rows, n_packets, fill = line
@@ -88,7 +123,9 @@ def _restore(image, flip, line, keys, x0, density, timescale, well, room, passes
 
 
 @numba.njit(cache=True)
-def _follow_rows(packets, n_packets, key, rows, head, room, search):
+def _follow_rows(
+    packets: IntArray, n_packets: int, key: np.uint64, rows: IntArray, head: IntArray, room: Room, search: Search
+) -> None:
     """Follow the traps of `rows`, the farthest first, as cti.follow_all."""
     level, tau, own, next_ = room
     table, words, small = search
@@ -106,7 +143,7 @@ def _follow_rows(packets, n_packets, key, rows, head, room, search):
 
 
 @numba.njit(cache=True)
-def _pack(guess, packets, lead, n_rows, n_packets, fill):
+def _pack(guess: FloatArray, packets: IntArray, lead: int, n_rows: int, n_packets: int, fill: int) -> None:
     """Fill the packets of a column: whole electrons of guess, `fill` beside the image, then empty ones, then -1."""
     packets[:lead] = fill
     for k in range(len(guess)):
@@ -117,7 +154,7 @@ def _pack(guess, packets, lead, n_rows, n_packets, fill):
 
 
 @numba.njit(cache=True)
-def _correct(read, guess, packets):
+def _correct(read: FloatArray, guess: FloatArray, packets: IntArray) -> int:
     """Add to guess what is missing in its transferred packets; return the number of pixels that change."""
     changed = 0
     for k in range(len(guess)):
@@ -128,7 +165,7 @@ def _correct(read, guess, packets):
 
 
 @numba.njit(cache=True)
-def _exchange(image, flip, first, lines, back):
+def _exchange(image: FloatArray, flip: bool, first: int, lines: FloatArray, back: bool) -> None:
     """Copy columns first, first + 1, ... of the image to `lines` (column, row in readout order), or back."""
     ny = image.shape[0]
     for k in range(ny):
@@ -140,9 +177,11 @@ def _exchange(image, flip, first, lines, back):
                 lines[c, k] = row[first + c]
 
 
-def _restore_rows(image, detector, window, rng, scale, passes):
+def _restore_rows(image: FloatArray, detector: Trapping, window: Area, rng: Streams, scale: float, passes: int) -> None:
     """Undo the transfer along the registers, channel by channel, in place."""
+    assert detector.traps is not None
     traps, x0, y0 = detector.traps.serial, window.x0, window.y0
+    assert traps is not None
     density = scale * np.array(traps.density, float)
     for block in ReadoutFrame.of(detector, window).blocks:
         rows, cols = block.image

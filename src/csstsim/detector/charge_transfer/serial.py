@@ -13,14 +13,28 @@ pixels have no charge. Left out: traps so slow that they stay filled from row to
 
 import numba
 import numpy as np
+from numpy.typing import ArrayLike
 
 from csstsim.base.counter import word
+from csstsim.base.types import FloatArray, IntArray
 from csstsim.detector.charge_transfer.cti import checked_fill, follow_all, whole
 from csstsim.detector.charge_transfer.packets import padded, search_room
-from csstsim.detector.charge_transfer.traps import buffers, draw_traps
+from csstsim.detector.charge_transfer.traps import Room, buffers, draw_traps
 
 
-def transfer_rows(image, density, timescale, well, keys, *, prescan=0, lead=0, n_columns=None, overscan=0, row0=0):
+def transfer_rows(
+    image: FloatArray,
+    density: ArrayLike,
+    timescale: ArrayLike,
+    well: tuple[float, float, float],
+    keys: tuple[np.uint64, np.uint64],
+    *,
+    prescan: int = 0,
+    lead: int = 0,
+    n_columns: int | None = None,
+    overscan: int = 0,
+    row0: int = 0,
+) -> tuple[FloatArray, int]:
     """Transfer rows of one channel through its register, in place; return (trail, trapped).
 
     image: float32 (ny, nx), electrons, in readout order: column 0 is read first. density, timescale: of each species
@@ -45,7 +59,17 @@ def transfer_rows(image, density, timescale, well, keys, *, prescan=0, lead=0, n
 
 
 @numba.njit(cache=True)
-def _transfer_rows(image, prescan, first, fill, trail, key, row0, head, room):
+def _transfer_rows(
+    image: FloatArray,
+    prescan: int,
+    first: int,
+    fill: int,
+    trail: FloatArray,
+    key: np.uint64,
+    row0: int,
+    head: IntArray,
+    room: Room,
+) -> int:
     """Transfer all rows one by one; `first`: element of column 0. Packets after the last one are -1."""
     ny, nx = image.shape
     n_elements = len(head)

@@ -6,22 +6,30 @@ Columns and rows of a window are transferred at full length: pixels outside the 
 inside.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from csstsim.base.types import FloatArray
 from csstsim.detector.channels import ReadoutFrame
+
+if TYPE_CHECKING:
+    from csstsim.base.rng import Streams
+    from csstsim.detector.instrument_parts import Area, Trapping
 
 
 @dataclass(frozen=True)
 class Trails:
     """Electrons trailed into the overscan, float32; the first row and the first column are read first."""
 
-    parallel: tuple[np.ndarray, np.ndarray]  # lower and upper half: (parallel_overscan, nx of the window)
+    parallel: tuple[FloatArray, FloatArray]  # lower and upper half: (parallel_overscan, nx of the window)
     # {channel: (rows of the window in the channel + parallel_overscan, overscan)}; none if rows were not transferred
-    serial: dict[int, np.ndarray] = field(default_factory=dict)
+    serial: dict[int, FloatArray] = field(default_factory=dict)
 
-    def lay(self, image, readout):
+    def lay(self, image: FloatArray, readout: ReadoutFrame) -> None:
         """Write the charge into the overscan of `image`, a frame of `readout` (detector.channels.ReadoutFrame)."""
         for block in readout.blocks:
             image[block.parallel_overscan] = self.parallel[block.half][:, block.image[1]][block.as_read[0]]
@@ -29,24 +37,30 @@ class Trails:
                 image[block.rows, block.serial_overscan[1]] = self.serial[block.channel][block.as_read]
 
 
-def transfer(image, detector, window, rng, *, density, serial):
+def transfer(
+    image: FloatArray, detector: Trapping, window: Area, rng: Streams, *, density: float, serial: bool
+) -> tuple[Trails, dict[str, int]]:
     """Transfer the charge of a window's image [e-], in place; return (Trails, header entries).
 
     rng: rng.Streams of the traps; density: factor on the trap densities of cti.yaml; serial: transfer along the
     registers too.
     """
     halves, trapped = _along_columns(image, detector, window, density, rng)
-    header, channels = {"cti_trapped": trapped}, {}
+    header = {"cti_trapped": trapped}
+    channels: dict[int, FloatArray] = {}
     if serial:
         channels, header["cti_serial_trapped"] = _along_rows(image, detector, window, halves, density, rng)
     return Trails(halves, channels), header
 
 
-def _along_columns(image, detector, window, scale, rng):
+def _along_columns(
+    image: FloatArray, detector: Trapping, window: Area, scale: float, rng: Streams
+) -> tuple[tuple[FloatArray, FloatArray], int]:
     """Transfer both halves to their registers; return (Trails.parallel, electrons left in traps)."""
     from csstsim.detector.charge_transfer import cti  # loads numba (0.5 s), which checking a campaign does not need
 
     traps, n_rows = detector.traps, detector.channel_ny
+    assert traps is not None  # layers.cte_effect.check
     trailed, trapped = [], 0
     for half in range(2):
         low, high = (min(max(y, half * n_rows), (half + 1) * n_rows) for y in (window.y0, window.y1))
@@ -59,17 +73,26 @@ def _along_columns(image, detector, window, scale, rng):
         )  # fmt: skip
         trailed.append(trail)
         trapped += left
-    return tuple(trailed), trapped
+    return (trailed[0], trailed[1]), trapped
 
 
-def _along_rows(image, detector, window, halves, scale, rng):
+def _along_rows(
+    image: FloatArray,
+    detector: Trapping,
+    window: Area,
+    halves: tuple[FloatArray, FloatArray],
+    scale: float,
+    rng: Streams,
+) -> tuple[dict[int, FloatArray], int]:
     """Transfer each channel's rows, and those of its parallel overscan in `halves`, to its amplifier.
 
     Returns (Trails.serial, electrons left in traps).
     """
     from csstsim.detector.charge_transfer.serial import transfer_rows
 
+    assert detector.traps is not None
     traps, x0, y0 = detector.traps.serial, window.x0, window.y0
+    assert traps is not None
     trailed, trapped = {}, 0
     for block in ReadoutFrame.of(detector, window).blocks:
         rows, cols = block.image

@@ -10,22 +10,27 @@ a packet of its row, or of a row behind it, reaches it. So it is cheap to draw t
 depend only on the column's key: nothing is stored on disk, and a window has the traps of the whole chip.
 """
 
+from typing import TypeAlias
+
 import numba
 import numpy as np
+from numpy.typing import ArrayLike
 
 from csstsim.base.counter import low, poisson, word
+from csstsim.base.types import FloatArray, Floats, IntArray
 
 EDGES = np.array([0.0, *2.0 ** np.arange(-6.0, 1.0)])  # of the strata; other edges give other traps for the same key
 _STRATUM = np.uint64(32)  # bits for the number of a trap in its stratum
 _ONE = np.uint64(1)
+Room: TypeAlias = tuple[IntArray, FloatArray, IntArray, IntArray]  # what `buffers` returns
 
 
-def volume(electrons, beta, full_well, notch):
+def volume(electrons: Floats | IntArray, beta: float, full_well: float, notch: float) -> Floats:
     """Return the share V of a pixel that `electrons` fill (array or scalar; above 1 beyond the full well)."""
     return (np.maximum(electrons - notch, 0.0) / full_well) ** beta
 
 
-def buffers(density, n_rows):
+def buffers(density: ArrayLike, n_rows: int) -> Room:
     """Return arrays (level, tau, word, next_), each (size,), large enough for the traps of any column.
 
     The number of traps is Poisson; size is 12 standard deviations above its mean.
@@ -36,7 +41,18 @@ def buffers(density, n_rows):
 
 
 @numba.njit(cache=True)
-def draw_traps(key, density, timescale, well, fullest, head, level, tau, words, next_):
+def draw_traps(
+    key: np.uint64,
+    density: FloatArray,
+    timescale: FloatArray,
+    well: tuple[float, float, float],
+    fullest: FloatArray,
+    head: IntArray,
+    level: IntArray,
+    tau: FloatArray,
+    words: IntArray,
+    next_: IntArray,
+) -> int:
     """Draw the traps of a column that packets can reach; return their number.
 
     key: uint64 of the column; density, timescale: of each species [traps/pixel, transfers]; well: (beta, full_well,

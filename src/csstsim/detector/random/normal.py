@@ -14,6 +14,7 @@ import numba
 import numpy as np
 
 from csstsim.base.counter import unit, word
+from csstsim.base.types import FloatArray, IntArray
 
 CELLS = 4096
 EDGE = 16
@@ -26,7 +27,7 @@ _ONE, _TWO = np.uint64(1), np.uint64(2)
 
 
 @cache
-def normal_table():
+def normal_table() -> tuple[FloatArray, FloatArray]:
     """Return (start, step), (CELLS,) float32: the number is start + step x position, position 0 to 2^20."""
     inverse = NormalDist().inv_cdf
     ends = np.array([inverse(i / CELLS) for i in range(EDGE, CELLS - EDGE + 1)])
@@ -38,13 +39,15 @@ def normal_table():
 
 
 @numba.njit(inline="always")
-def pixel_counter(x, y):
+def pixel_counter(x: int, y: int) -> np.uint64:
     """Return the counter of pixel column x, row y (both from 0 to 2^32 - 1)."""
     return (np.uint64(y) << _S32) + np.uint64(x)
 
 
 @numba.njit(cache=True)
-def normal_row(key, y, x0, halves, out, start, step):
+def normal_row(
+    key: np.uint64, y: int, x0: int, halves: IntArray, out: FloatArray, start: FloatArray, step: FloatArray
+) -> None:
     """Fill `out` (n,) float32 with the numbers of columns x0 to x0 + n - 1 of row y.
 
     halves: (n + 2,) uint32, work space; start, step: normal_table().
@@ -65,15 +68,15 @@ def normal_row(key, y, x0, halves, out, start, step):
 
 
 @numba.njit(inline="always")
-def normal(half, key, start, step):
+def normal(half: np.uint32, key: np.uint64, start: FloatArray, step: FloatArray) -> float:
     """Return the normal number of 32 bits (uint32); key: of words for the tail, not used elsewhere."""
     cell = half >> _PLACE_BITS
     z = np.float64(start[cell] + step[cell] * np.float32(np.int32(half & _PLACE_MASK)))
     return math.copysign(_tail(key), z) if abs(z) >= _BEYOND else z
 
 
-@numba.njit
-def _tail(key):
+@numba.njit()
+def _tail(key: np.uint64) -> float:
     """Return a normal number above TAIL."""
     counter = np.uint64(0)
     while True:

@@ -12,6 +12,7 @@ import numba
 import numpy as np
 
 from csstsim.base.counter import poisson, word
+from csstsim.base.types import FloatArray, IntArray
 from csstsim.detector.random.normal import pixel_counter
 
 TABLE_MAX = 128  # electrons; above the sky of a 250 s exposure and the wings of objects
@@ -27,7 +28,7 @@ _ZERO = np.uint64(0)
 
 
 @cache
-def alias_tables():
+def alias_tables() -> tuple[IntArray, IntArray]:
     """Return (share, other), uint32 and uint8: cell 256 i + n, mean i / 16, gives n with share / 2^32, else other."""
     mean = np.arange(int(TABLE_MAX * _STEPS)) / float(_STEPS)
     probability = np.exp(-mean)
@@ -43,7 +44,7 @@ def alias_tables():
 
 
 @numba.njit(cache=True)
-def _fill_alias(parts, share, other):
+def _fill_alias(parts: IntArray, share: IntArray, other: IntArray) -> None:
     """Divide 2^40 parts among 256 cells of 2^32, each with one or two outcomes."""
     size = 2**32
     small, large = np.empty(_CELLS, np.int64), np.empty(_CELLS, np.int64)
@@ -69,7 +70,17 @@ def _fill_alias(parts, share, other):
 
 
 @numba.njit(cache=True)
-def poisson_row(means, dark, key, y, words, over, counts, share, other):
+def poisson_row(
+    means: FloatArray,
+    dark: np.float32,
+    key: np.uint64,
+    y: int,
+    words: IntArray,
+    over: FloatArray,
+    counts: IntArray,
+    share: IntArray,
+    other: IntArray,
+) -> None:
     """Fill `counts` (n,) int32 with Poisson numbers of mean means + dark [>= 0, finite], columns 0 to n - 1 of row y.
 
     means: (n,) float32; dark: float32; words, over: (n,) uint64 and float32, work space; share, other: alias_tables().
@@ -98,8 +109,8 @@ def poisson_row(means, dark, key, y, words, over, counts, share, other):
                 counts[x] = poisson(np.float64(mean), word(~key, counter + np.uint64(x)), _ZERO)[0]
 
 
-@numba.njit
-def _invert(mean, u):
+@numba.njit()
+def _invert(mean: float, u: float) -> int:
     p = np.exp(-mean)
     k = 0
     while u >= p and k < _REST_MAX:

@@ -5,17 +5,25 @@ mosaic (optics.geometry.wcs.chip_plane), the global spline on mosaic positions, 
 ideal pixels.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numba import njit
 
+from csstsim.base.types import FloatArray
 from csstsim.optics.geometry.spline import ORDER, value
+
+if TYPE_CHECKING:
+    from csstsim.optics.geometry.few_points import Model
 
 _CLOSE_PX = 1e-10  # tolerance of the inverse
 _STEPS = 30
 
 
 @njit(cache=True)
-def _land(x, y, model, work):
+def _land(x: float, y: float, model: Model, work: FloatArray) -> tuple[float, float, float, float, float, float]:
     """Return (x', y', xx, xy, yx, yy): where ideal pixel x, y falls, and d(x', y')/d(x, y)."""
     rotation, origin, box, coefficients, chip_box, chip_coefficients = model
     c, s = rotation[0, 0], rotation[1, 0]
@@ -31,7 +39,7 @@ def _land(x, y, model, work):
 
 
 @njit(cache=True)
-def forward(x, y, model):
+def forward(x: FloatArray, y: FloatArray, model: Model) -> FloatArray:
     """Return (n, 6) of `_land` for ideal pixels x, y (n,)."""
     out = np.empty((x.size, 6))
     work = np.empty((4, ORDER + 1))
@@ -41,7 +49,7 @@ def forward(x, y, model):
 
 
 @njit(cache=True)
-def inverse(x, y, model):
+def inverse(x: FloatArray, y: FloatArray, model: Model) -> FloatArray:
     """Return the ideal pixels (n, 2) whose light falls on pixels x, y (n,), by Newton's method; NaN gives NaN."""
     out = np.full((x.size, 2), np.nan)
     work = np.empty((4, ORDER + 1))

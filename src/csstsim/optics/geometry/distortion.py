@@ -14,13 +14,24 @@ The fit is valid to 2600 px beyond each chip; further out the displacement is th
 map stays continuous and one-to-one. Left out: colour, and change with time.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import fitsio
 import numpy as np
+from numpy.typing import ArrayLike
 
 from csstsim.base.errors import InputError
+from csstsim.base.types import AnyArray, FloatArray, PathLike
 from csstsim.optics.geometry.wcs import chip_plane
+
+if TYPE_CHECKING:
+    from types import ModuleType
+
+    from csstsim.instrument.chip import Chip
+    from csstsim.optics.geometry.few_points import Model
 
 _CALL, _ENOUGH = 200, 200_000  # cost in points: of a call without points; of starting numba (0.5 s)
 _asked = 0  # cost so far
@@ -30,49 +41,51 @@ _asked = 0  # cost so far
 class ChipDistortion:
     """The distortion of one chip; positions are its 0-based pixels, of any shape."""
 
-    model: tuple  # see optics.geometry.chip_distortion
+    model: Model  # see optics.geometry.chip_distortion
 
-    def forward(self, x0, y0):
+    def forward(self, x0: ArrayLike, y0: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return the pixel x, y on which the light of ideal pixel x0, y0 falls."""
         landed = self._land(x0, y0)
         return landed[..., 0], landed[..., 1]
 
-    def inverse(self, x, y):
+    def inverse(self, x: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return the ideal pixel x0, y0 whose light falls on x, y: Newton's method, to 1e-10 px."""
         x, y = np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float))
         ideal = _splines(x.size).inverse(x.ravel(), y.ravel(), self.model).reshape(*x.shape, 2)
         return ideal[..., 0], ideal[..., 1]
 
-    def jacobian(self, x0, y0):
+    def jacobian(self, x0: ArrayLike, y0: ArrayLike) -> FloatArray:
         """Return d(x, y)/d(x0, y0), (..., 2, 2), at ideal pixels: the exact derivative of the splines."""
         landed = self._land(x0, y0)
         return landed[..., 2:].reshape(*landed.shape[:-1], 2, 2)
 
-    def _land(self, x0, y0):
+    def _land(self, x0: ArrayLike, y0: ArrayLike) -> FloatArray:
         x0, y0 = np.broadcast_arrays(np.asarray(x0, float), np.asarray(y0, float))
         return _splines(x0.size).forward(x0.ravel(), y0.ravel(), self.model).reshape(*x0.shape, 6)
 
 
-def _splines(points):
+def _splines(points: int) -> ModuleType:
     """Return the module that evaluates the splines at `points` points: the compiled one after many evaluations."""
     global _asked
     _asked += _CALL + points
     if _asked > _ENOUGH:
-        from csstsim.optics.geometry import chip_distortion as warp
-    else:
-        from csstsim.optics.geometry import few_points as warp
-    return warp
+        from csstsim.optics.geometry import chip_distortion
+
+        return chip_distortion
+    from csstsim.optics.geometry import few_points
+
+    return few_points
 
 
 @dataclass(frozen=True, eq=False)
 class FieldDistortion:
     """The fitted model: (box, coefficients) of the global spline and of each chip's, as in optics.geometry.spline."""
 
-    whole: tuple
-    chips: dict[int, tuple]
-    layout: dict[int, tuple]  # `chip_layout` of each chip at the time of the fit
+    whole: tuple[FloatArray, FloatArray]
+    chips: dict[int, tuple[FloatArray, FloatArray]]
+    layout: dict[int, tuple[float, ...]]  # `chip_layout` of each chip at the time of the fit
 
-    def on(self, chip):
+    def on(self, chip: Chip) -> ChipDistortion:
         """Return the `ChipDistortion` of a chip. Raises InputError if the model was fitted to another chip layout."""
         if self.layout.get(chip.id) != chip_layout(chip):
             raise InputError(
@@ -82,12 +95,12 @@ class FieldDistortion:
         return ChipDistortion((*chip_plane(chip), *self.whole, *self.chips[chip.id]))
 
 
-def chip_layout(chip):
+def chip_layout(chip: Chip) -> tuple[float, ...]:
     """Return the nominal geometry of a chip that the model depends on: nx, ny, xc, yc, rotation."""
     return tuple(map(float, (chip.detector.nx, chip.detector.ny, chip.xc, chip.yc, chip.rotation)))
 
 
-def load_distortion(path):
+def load_distortion(path: PathLike) -> FieldDistortion:
     """Read a FieldDistortion. Raises InputError for a file that is missing or not a field distortion."""
     try:
         with fitsio.FITS(path) as file:
@@ -110,5 +123,5 @@ def load_distortion(path):
     return FieldDistortion(whole[0], dict(zip(numbers, chips, strict=True)), dict(zip(numbers, layout, strict=True)))
 
 
-def _native(values):
+def _native(values: AnyArray) -> FloatArray:
     return np.ascontiguousarray(values, np.float64)

@@ -5,14 +5,19 @@ numpy evaluates all points at once, each sum in the order of the compiled loops.
 are those of that module.
 """
 
+from typing import TypeAlias
+
 import numpy as np
+
+from csstsim.base.types import FloatArray, IntArray
 
 _ORDER = 4  # of the splines: optics.geometry.spline, which compiles
 _CLOSE_PX, _STEPS = 1e-10, 30  # tolerance and steps of the inverse
 _SOME = 2000  # points at a time, so that their sums stay in cache
+Model: TypeAlias = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
 
 
-def forward(x, y, model):
+def forward(x: FloatArray, y: FloatArray, model: Model) -> FloatArray:
     """Return (n, 6): where ideal pixels x, y (n,) fall, and d(x', y')/d(x, y)."""
     out = np.empty((x.size, 6))
     with np.errstate(invalid="ignore", over="ignore"):
@@ -22,7 +27,7 @@ def forward(x, y, model):
     return out
 
 
-def _land(x, y, model):
+def _land(x: FloatArray, y: FloatArray, model: Model) -> tuple[FloatArray, ...]:
     rotation, origin, box, coefficients, chip_box, chip_coefficients = model
     c, s = rotation[0, 0], rotation[1, 0]
     u, v = x - origin[0], y - origin[1]
@@ -35,7 +40,7 @@ def _land(x, y, model):
     )  # fmt: skip
 
 
-def inverse(x, y, model):
+def inverse(x: FloatArray, y: FloatArray, model: Model) -> FloatArray:
     """Return the ideal pixels (n, 2) whose light falls on pixels x, y (n,), by Newton's method; NaN gives NaN."""
     out, left = np.full((x.size, 2), np.nan), np.arange(x.size)
     a, b = x, y
@@ -54,7 +59,7 @@ def inverse(x, y, model):
     return out
 
 
-def _value(box, coefficients, x, y):
+def _value(box: FloatArray, coefficients: FloatArray, x: FloatArray, y: FloatArray) -> tuple[FloatArray, ...]:
     """Return (f, g, f_x, f_y, g_x, g_y), each (n,): a spline's two functions and their derivatives. NaN gives NaN."""
     known = np.isfinite(x) & np.isfinite(y)
     i, bx, sx, per_x = _axis(np.where(known, x, box[0]), box[0], box[1], coefficients.shape[1] - _ORDER)
@@ -62,11 +67,11 @@ def _value(box, coefficients, x, y):
     after = np.arange(_ORDER + 1)
     near = coefficients[(j[:, None] + after)[:, :, None], (i[:, None] + after)[:, None, :]]  # (n, rows, columns, 2)
     near = np.ascontiguousarray(np.transpose(near, (2, 1, 3, 0)))  # (columns, rows, 2, n)
-    line = slope = 0.0
+    line = slope = np.zeros(())
     for column in after:
         line = line + bx[column] * near[column]
         slope = slope + sx[column] * near[column]
-    value = along = across = 0.0
+    value = along = across = np.zeros(())
     for row in after:
         value = value + by[row] * line[row]
         along = along + by[row] * slope[row]
@@ -75,7 +80,9 @@ def _value(box, coefficients, x, y):
     return out if known.all() else tuple(np.where(known, part, np.nan) for part in out)
 
 
-def _axis(x, low, high, cells):
+def _axis(
+    x: FloatArray, low: float, high: float, cells: int
+) -> tuple[IntArray, list[FloatArray], list[FloatArray], FloatArray]:
     """Return (first coefficient, basis (ORDER + 1, n), its slope, d(cell coordinate)/dx, 0 beyond the box)."""
     per_px = cells / (high - low)
     place = (np.minimum(np.maximum(x, low), high) - low) * per_px
@@ -83,13 +90,13 @@ def _axis(x, low, high, cells):
     return cell, *_basis(place - cell), np.where((low <= x) & (x <= high), per_px, 0.0)
 
 
-def _basis(t):
+def _basis(t: FloatArray) -> tuple[list[FloatArray], list[FloatArray]]:
     """Return the ORDER + 1 B-splines that are not zero at `t` (0..1 within the cell) and their d/dt (de Boor)."""
     b = [np.ones_like(t)]
     for d in range(1, _ORDER + 1):
         if d == _ORDER:
             slope = [-b[0], *(b[j - 1] - b[j] for j in range(1, d)), b[d - 1]]
-        saved, terms = 0.0, []
+        saved, terms = np.zeros(()), []
         for r in range(d):
             term = b[r] / d
             terms.append(saved + (r + 1 - t) * term)

@@ -16,14 +16,22 @@ The position of light is the windowed centroid on which the PSF is centred (opti
 shift by filters and their wedges would be absorbed by the fit of each chip), the CCDs' bow, foreshortening (1e-8).
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from csstsim.base.errors import InputError
 from csstsim.base.sphere import rotation
+from csstsim.base.types import FloatArray, Floats, PathLike
 from csstsim.instrument.load import read_data
 from csstsim.optics.geometry.wcs import chip_plane, mosaic_cd
+
+if TYPE_CHECKING:
+    from csstsim.instrument.chip import Chip
 
 _STEPS = 12  # of the inverse; each reduces the error by a factor of 50
 
@@ -45,11 +53,11 @@ class FocalPlane:
     """The numbers of distortion.yaml."""
 
     radius: float  # px
-    optics: dict
+    optics: dict[str, Any]
     exit_pupil: float  # mm
     placement: dict[int, Placement]
 
-    def forward(self, chip, x0, y0):
+    def forward(self, chip: Chip, x0: ArrayLike, y0: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return the pixel x, y on which the light of ideal pixel x0, y0 (0-based, arrays) of the chip falls."""
         chip_turn, origin = chip_plane(chip)
         seat = self.placement[chip.id]
@@ -65,7 +73,7 @@ class FocalPlane:
         on_chip -= z / (1000.0 * self.exit_pupil) * np.tensordot(to_chip, landed, axes=1)
         return on_chip[0] + centre[0], on_chip[1] + centre[1]
 
-    def ideal(self, chip, x, y):
+    def ideal(self, chip: Chip, x: Floats, y: Floats) -> tuple[FloatArray, FloatArray]:
         """Return the ideal pixel x0, y0 whose light falls on pixel x, y of the chip (to 1e-9 px)."""
         x0, y0 = np.asarray(x, float), np.asarray(y, float)
         for _ in range(_STEPS):
@@ -73,7 +81,7 @@ class FocalPlane:
             x0, y0 = x0 - (there[0] - x), y0 - (there[1] - y)
         return x0, y0
 
-    def _optics(self, x, y):
+    def _optics(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         o = self.optics
         qx, qy = x / self.radius, y / self.radius
         r2 = qx**2 + qy**2
@@ -84,11 +92,11 @@ class FocalPlane:
         return x + dx, y + dy
 
 
-def load_focal_plane(path):
+def load_focal_plane(path: PathLike) -> FocalPlane:
     """Read distortion.yaml. Raises InputError."""
     data = read_data(path)
     try:
-        optics = {name: np.asarray(data["optics"][name], float) for name in ("cubic", "quintic")}
+        optics: dict[str, Any] = {name: np.asarray(data["optics"][name], float) for name in ("cubic", "quintic")}
         optics |= {name: tuple(map(float, data["optics"][name])) for name in ("decentring", "astigmatic")}
         rows = {int(row[0]): Placement(*map(float, row[1:])) for row in data["placement"]}
         return FocalPlane(float(data["radius"]), optics, float(data["exit_pupil"]), rows)
@@ -96,7 +104,7 @@ def load_focal_plane(path):
         raise InputError(f"not a description of the focal plane: {exc!r}", file=path) from None
 
 
-def samples(plane, chip, nodes=30):
+def samples(plane: FocalPlane, chip: Chip, nodes: int = 30) -> FloatArray:
     """Return (nodes^2, 4) of u, v [deg], x, y [px] on a regular lattice of the chip's pixels, edge to edge.
 
     u, v are intermediate world coordinates (east, north of the boresight) at position angle 0 of the light that falls

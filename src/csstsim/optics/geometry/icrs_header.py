@@ -5,11 +5,22 @@ is the derivative in the middle of the window; polynomials PV1_k, PV2_k of degre
 distortion and the gradient of aberration. TPV: https://fits.gsfc.nasa.gov/registry/tpvwcs/tpv.html
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 from csstsim.base.sphere import frames, unit_vectors
+from csstsim.base.types import FloatArray
 from csstsim.catalog.astrometry.reduction import icrs
-from csstsim.optics.geometry.wcs import gnomonic
+from csstsim.optics.geometry.wcs import ChipWCS, gnomonic
+
+if TYPE_CHECKING:
+    from csstsim.catalog.astrometry.ephemeris import Observer
+    from csstsim.instrument.chip import Window
 
 ORDER = 4
 # PVi_k: (power of the axis' own coordinate, of the other's), without the odd powers of the radius (k = 3, 11)
@@ -20,18 +31,19 @@ TERMS = {
 _NODES, _STEP = 21, 8.0  # places along a side for the fit; px of the derivative
 
 
-def icrs_header(wcs, observer, window):
+def icrs_header(wcs: ChipWCS, observer: Observer, window: Window) -> dict[str, Any]:
     """Return the FITS keywords {name: value} of a window's world coordinates in ICRS, pixels counted in the window.
 
     wcs: ChipWCS; observer: catalog.astrometry.ephemeris.Observer; window: instrument.chip.Window. Within 0.1 mas of the
     reduction over a chip.
     """
 
-    def sky(x, y):
+    def sky(x: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
         return icrs(*wcs.pixel_to_world(np.asarray(x, float), np.asarray(y, float)), observer)
 
     middle = (window.x0 + window.x1 - 1) / 2, (window.y0 + window.y1 - 1) / 2
-    crval = tuple(float(v[0]) for v in sky([middle[0]], [middle[1]]))
+    ra, dec = (float(v[0]) for v in sky([middle[0]], [middle[1]]))
+    crval = ra, dec
     cd = _derivative(sky, middle, crval)
     x, y = (
         v.ravel()
@@ -41,7 +53,13 @@ def icrs_header(wcs, observer, window):
     )
     linear = cd @ np.stack([x - middle[0], y - middle[1]])
     wanted = np.degrees(gnomonic(crval, *sky(x, y)))
-    header = {"WCSAXES": 2, "CTYPE1": "RA---TPV", "CTYPE2": "DEC--TPV", "CUNIT1": "deg", "CUNIT2": "deg"}
+    header: dict[str, Any] = {
+        "WCSAXES": 2,
+        "CTYPE1": "RA---TPV",
+        "CTYPE2": "DEC--TPV",
+        "CUNIT1": "deg",
+        "CUNIT2": "deg",
+    }
     for axis in (0, 1):
         header[f"CRVAL{axis + 1}"] = crval[axis]
         header[f"CRPIX{axis + 1}"] = float(middle[axis] - (window.x0, window.y0)[axis] + 1)
@@ -59,7 +77,11 @@ def icrs_header(wcs, observer, window):
     return header | {"RADESYS": "ICRS", "EQUINOX": 2000.0}
 
 
-def _derivative(sky, middle, crval):
+def _derivative(
+    sky: Callable[[ArrayLike, ArrayLike], tuple[FloatArray, FloatArray]],
+    middle: tuple[float, float],
+    crval: tuple[float, float],
+) -> FloatArray:
     """Return d(east, north) / d(x, y) [deg / px] in the middle."""
     at = unit_vectors(*sky(middle[0] + _STEP * np.array([1, -1, 0, 0]), middle[1] + _STEP * np.array([0, 0, 1, -1])))
     _, east, north = frames(*np.radians(crval))
@@ -67,7 +89,7 @@ def _derivative(sky, middle, crval):
     return np.degrees(np.stack([moved @ east, moved @ north]))
 
 
-def corners(wcs, observer, window):
+def corners(wcs: ChipWCS, observer: Observer, window: Window) -> list[list[float]]:
     """Return [[ra, dec], ...] of a window's corners, deg, ICRS, in order round it."""
     x = np.array([window.x0, window.x1, window.x1, window.x0]) - 0.5
     y = np.array([window.y0, window.y0, window.y1, window.y1]) - 0.5

@@ -1,17 +1,31 @@
 """The pointing that puts a place on the sky on a pixel of a chip, and the pixel that suits the chip."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 from csstsim.base.errors import InputError
 from csstsim.catalog.astrometry.ephemeris import observer
 from csstsim.catalog.astrometry.reduction import apparent
 from csstsim.instrument.pointing import EXPTIME_MAX, YEARS, Pointing, parse_utc
-from csstsim.optics.geometry.distortion import load_distortion
+from csstsim.optics.geometry.distortion import FieldDistortion, load_distortion
 from csstsim.optics.geometry.wcs import ChipWCS, gnomonic
 
+if TYPE_CHECKING:
+    from csstsim.base.types import FloatArray
+    from csstsim.instrument.camera import Camera
+    from csstsim.instrument.chip import Chip
 
-def pointing_for(pointing, chip, target, pixel, distortion=None):
+
+def pointing_for(
+    pointing: Pointing,
+    chip: Chip,
+    target: tuple[float, float],
+    pixel: tuple[float, float],
+    distortion: FieldDistortion | None = None,
+) -> Pointing:
     """Return the Pointing with ra, dec changed so that an apparent direction falls on a 0-based pixel of a chip.
 
     target: (ra, dec) [deg]; pixel: (x, y). Position angle and time are kept. In the triangle of pole, boresight and
@@ -36,7 +50,7 @@ def pointing_for(pointing, chip, target, pixel, distortion=None):
     return replace(pointing, ra=(ra - float(_seen(pointing, dec_b, chip, pixel, distortion)[0])) % 360.0, dec=dec_b)
 
 
-def light_on(camera, chip):
+def light_on(camera: Camera, chip: Chip) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return (x, y) on which to put a target, and (x, y) on which the middle of its light then falls [0-based px].
 
     On an imaging chip both are the chip's middle. Behind gratings the light is the zeroth and the first order, and its
@@ -55,8 +69,9 @@ def light_on(camera, chip):
 
 
 def centred_exposure(
-    camera, chip, ra, dec, *, pa, time, exptime, shift=(0.0, 0.0), distorted=True, **astrometry
-):  # fmt: skip
+    camera: Camera, chip: Chip, ra: float, dec: float, *, pa: float, time: str, exptime: float,
+    shift: tuple[float, float] = (0.0, 0.0), distorted: bool = True, **astrometry: Any,
+) -> Pointing:  # fmt: skip
     """Return the Pointing of a science exposure that has ra, dec (ICRS, deg) where `light_on` wants it.
 
     camera: instrument.camera.Camera; pa [deg], time (ISO UTC), exptime [s] as in a survey table; shift: how far along
@@ -77,16 +92,18 @@ def centred_exposure(
             raise ValueError(f"{time} is out of range: years {YEARS[0]} to {YEARS[1]}")
         state = camera.orbit.state(time)
         pointing = Pointing("SCIE", ra, dec, pa, time, exptime, *state)
-        target = tuple(map(float, apparent(ra, dec, observer(pointing.mjd, *state, **astrometry))))
+        seen_ra, seen_dec = map(float, apparent(ra, dec, observer(pointing.mjd, *state, **astrometry)))
         return pointing_for(
-            pointing, chip, target, (x + shift[0], y + shift[1]),
+            pointing, chip, (seen_ra, seen_dec), (x + shift[0], y + shift[1]),
             load_distortion(camera.folder / "distortion.fits") if distorted else None,
         )  # fmt: skip
     except (ValueError, OverflowError) as exc:
         raise InputError(str(exc), key="ra, dec, time") from None
 
 
-def _seen(pointing, dec, chip, pixel, distortion):
+def _seen(
+    pointing: Pointing, dec: float, chip: Chip, pixel: tuple[float, float], distortion: FieldDistortion | None
+) -> tuple[FloatArray, FloatArray]:
     """Return the direction of the pixel with the boresight at right ascension 0."""
     here = replace(pointing, ra=0.0, dec=dec)
     return ChipWCS(chip, here, distortion).pixel_to_world(*map(float, pixel))

@@ -7,25 +7,29 @@ polynomials about a point up to 30,000 px away lose digits. So CRVAL is the sky 
 derivative there; A and B contain both the distortion and the change of tangent plane. AP and BP are the inverse.
 """
 
+from typing import Any
+
 import numpy as np
 
+from csstsim.base.types import FloatArray
 from csstsim.base.units import ARCSEC_PER_DEG
-from csstsim.optics.geometry.wcs import gnomonic
+from csstsim.optics.geometry.wcs import ChipWCS, gnomonic
 
 ORDER = 4
 _NODES = 25  # along a side of the chip, edge to edge
 
 
-def sip_header(wcs, order=ORDER):
+def sip_header(wcs: ChipWCS, order: int = ORDER) -> dict[str, Any]:
     """Return the FITS WCS keywords {name: value} of a ChipWCS, A_i_j, B_i_j, AP_i_j and BP_i_j fitted over the chip.
 
     order: 2 to 9. Measured against the model (benchmarks/distortion.py): within 2e-4 px on all chips at order 4.
     """
     detector = wcs.chip.detector
     middle = np.array([(detector.nx - 1) / 2, (detector.ny - 1) / 2])
-    crval = tuple(map(float, wcs.pixel_to_world(*middle)))
+    ra, dec = map(float, wcs.pixel_to_world(*middle))
+    crval = ra, dec
     # East at crval is the direction of xi, so the derivative on the tangent plane there is that on the sky.
-    cd = np.linalg.inv(wcs.jacobian(*crval)) / ARCSEC_PER_DEG
+    cd = np.linalg.inv(wcs.jacobian(ra, dec)) / ARCSEC_PER_DEG
     edge_x, edge_y = (np.linspace(-0.5, n - 0.5, _NODES) for n in (detector.nx, detector.ny))
     x, y = (a.ravel() for a in np.meshgrid(edge_x, edge_y))
     seen = np.stack([x - middle[0], y - middle[1]])
@@ -43,7 +47,7 @@ def sip_header(wcs, order=ORDER):
     return header
 
 
-def _polynomials(points, wanted, order):
+def _polynomials(points: FloatArray, wanted: FloatArray, order: int) -> dict[tuple[int, int], FloatArray]:
     """Return {(i, j): (a, b)} of x^i y^j, 2 <= i + j <= order, fitted to `wanted` (2, n) at `points` (2, n)."""
     powers = [(i, n - i) for n in range(2, order + 1) for i in range(n, -1, -1)]
     scale = np.abs(points).max()

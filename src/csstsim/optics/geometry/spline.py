@@ -9,12 +9,15 @@ Beyond the box the value is that of the nearest point of the box; polynomials ar
 
 import numpy as np
 from numba import njit
+from numpy.typing import ArrayLike
+
+from csstsim.base.types import FloatArray
 
 ORDER = 4
 
 
 @njit(cache=True)
-def _basis(t, b, slope):
+def _basis(t: float, b: FloatArray, slope: FloatArray) -> None:
     """Fill `b` with the ORDER + 1 B-splines not zero at `t` (0..1 within the cell), `slope` with d/dt (de Boor)."""
     b[0] = 1.0
     for d in range(1, ORDER + 1):
@@ -32,7 +35,7 @@ def _basis(t, b, slope):
 
 
 @njit(cache=True)
-def _axis(x, low, high, cells, b, slope):
+def _axis(x: float, low: float, high: float, cells: int, b: FloatArray, slope: FloatArray) -> tuple[int, float]:
     """Return (first coefficient, d(cell coordinate)/dx) at x, with `b` and `slope` filled; 0 slope beyond the box."""
     per_px = cells / (high - low)
     s = (min(max(x, low), high) - low) * per_px
@@ -42,7 +45,9 @@ def _axis(x, low, high, cells, b, slope):
 
 
 @njit(cache=True)
-def value(box, coefficients, x, y, work):
+def value(
+    box: FloatArray, coefficients: FloatArray, x: float, y: float, work: FloatArray
+) -> tuple[float, float, float, float, float, float]:
     """Return (f, g, f_x, f_y, g_x, g_y): the two functions at a point and their derivatives.
 
     box: (x0, x1, y0, y1); coefficients: see the module; work: (4, ORDER + 1) scratch array. NaN gives NaN.
@@ -71,7 +76,7 @@ def value(box, coefficients, x, y, work):
 
 
 @njit(cache=True)
-def _values(box, coefficients, x, y):
+def _values(box: FloatArray, coefficients: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:
     out = np.empty((x.size, 2))
     work = np.empty((4, ORDER + 1))
     for n in range(x.size):
@@ -80,6 +85,6 @@ def _values(box, coefficients, x, y):
     return out
 
 
-def values(box, coefficients, x, y):
+def values(box: ArrayLike, coefficients: FloatArray, x: ArrayLike, y: ArrayLike) -> FloatArray:
     """Return the two functions at points x, y (n,), as (n, 2)."""
     return _values(np.asarray(box, float), coefficients, np.asarray(x, float), np.asarray(y, float))

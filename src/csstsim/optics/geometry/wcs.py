@@ -18,12 +18,38 @@ Pixels are 0-based except in `crpix`, `nominal_crpix` and `header()`. Sky positi
 including aberration and light deflection (catalog.astrometry.reduction), on axes parallel to the ICRS.
 """
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from csstsim.base.sphere import rotation
+from csstsim.base.types import FloatArray
 from csstsim.base.units import ARCSEC_PER_RAD
+
+if TYPE_CHECKING:
+    from csstsim.instrument.chip import Chip, Window
+    from csstsim.instrument.telescope import Telescope
+    from csstsim.optics.geometry.distortion import FieldDistortion
+
+
+class Aim(Protocol):
+    """Where the boresight points: an instrument.pointing.Pointing has these."""
+
+    @property
+    def ra(self) -> float:
+        """Right ascension [deg], apparent."""
+
+    @property
+    def dec(self) -> float:
+        """Declination [deg], apparent."""
+
+    @property
+    def pa(self) -> float:
+        """Position angle of mosaic +y [deg]."""
 
 
 class ChipWCS:
@@ -32,7 +58,7 @@ class ChipWCS:
     distortion: an optics.geometry.distortion.FieldDistortion, or None for the ideal, linear pixels.
     """
 
-    def __init__(self, chip, pointing, distortion=None):
+    def __init__(self, chip: Chip, pointing: Aim, distortion: FieldDistortion | None = None) -> None:
         self.chip = chip
         self.distortion = distortion.on(chip) if distortion else None
         self.crval = (pointing.ra, pointing.dec)
@@ -43,18 +69,18 @@ class ChipWCS:
         self.crpix = origin + 1
         self._inverse = np.linalg.inv(self.cd) * math.degrees(1.0)  # pixel per radian
 
-    def world_to_pixel(self, ra, dec):
+    def world_to_pixel(self, ra: ArrayLike, dec: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return 0-based pixel x, y of ra, dec [deg]; NaN at and behind the horizon of the tangent plane."""
         ideal = self._ideal(ra, dec)
         return self.distortion.forward(*ideal) if self.distortion else ideal
 
-    def _ideal(self, ra, dec):
+    def _ideal(self, ra: ArrayLike, dec: ArrayLike) -> tuple[FloatArray, FloatArray]:
         xi, eta = gnomonic(self.crval, ra, dec)
         x = self._inverse[0, 0] * xi + self._inverse[0, 1] * eta + (self.crpix[0] - 1)
         y = self._inverse[1, 0] * xi + self._inverse[1, 1] * eta + (self.crpix[1] - 1)
         return x, y
 
-    def pixel_to_world(self, x, y):
+    def pixel_to_world(self, x: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return ra (0 <= ra < 360), dec [deg] of 0-based pixels x, y, with the same shape."""
         if self.distortion:
             x, y = self.distortion.inverse(x, y)
@@ -68,7 +94,7 @@ class ChipWCS:
         dec = np.degrees(np.arctan2(sin0 + eta * cos0, np.hypot(xi, meridian)))
         return np.where(ra == 360.0, 0.0, ra)[()], dec
 
-    def jacobian(self, ra, dec, seen=None):
+    def jacobian(self, ra: ArrayLike, dec: ArrayLike, seen: tuple[ArrayLike, ArrayLike] | None = None) -> FloatArray:
         """Return d(x, y)/d(east, north) at ra, dec [deg], (..., 2, 2) in pixel per arcsec of true angle.
 
         Axis -2 is x, y; axis -1 is the local tangent at the object: +RA (east), then north. At a pole, the given ra
@@ -87,7 +113,7 @@ class ChipWCS:
         linear = self._inverse @ plane / ARCSEC_PER_RAD
         return self.distortion.jacobian(*self._ideal(*(seen or (ra, dec)))) @ linear if self.distortion else linear
 
-    def header(self):
+    def header(self) -> dict[str, Any]:
         """Return the FITS WCS keywords of the chip's own active-pixel frame, without the distortion.
 
         LONPOLE is written because its default changes at dec = +90.
@@ -110,7 +136,7 @@ class ChipWCS:
             "RADESYS": "ICRS",
         }
 
-    def footprint(self, window=None, margin_px=0):
+    def footprint(self, window: Window | None = None, margin_px: float = 0) -> tuple[FloatArray, FloatArray]:
         """Return ra (4,), dec (4,) [deg] of the corners of `window` (default: the chip), at pixel edges plus a margin.
 
         Order: (x0, y0), (x1, y0), (x1, y1), (x0, y1).
@@ -121,18 +147,18 @@ class ChipWCS:
         return self.pixel_to_world(np.array([x0, x1, x1, x0]), np.array([y0, y0, y1, y1]))
 
 
-def mosaic_cd(pa, telescope):
+def mosaic_cd(pa: float, telescope: Telescope) -> FloatArray:
     """Return the CD matrix (2, 2) [deg / pixel] of the unturned mosaic at position angle `pa` [deg]."""
     s = telescope.pixel_scale / 3600.0
     return s * rotation(-math.radians(pa)) @ np.diag([1.0, float(telescope.parity)])
 
 
-def nominal_crpix(chip):
+def nominal_crpix(chip: Chip) -> FloatArray:
     """Return the FITS 1-based pixel (2,) of the boresight in the chip's frame, before any turn of the chip."""
     return np.array([chip.detector.nx / 2 - chip.xc, chip.detector.ny / 2 - chip.yc])
 
 
-def chip_plane(chip):
+def chip_plane(chip: Chip) -> tuple[FloatArray, FloatArray]:
     """Return (rotation (2, 2), origin (2,)): mosaic position [px] = rotation @ (0-based chip pixel - origin).
 
     This is the nominal position of the chip, turned about its centre; the mosaic's origin is the boresight.
@@ -143,14 +169,16 @@ def chip_plane(chip):
     return turn, centre - turn.T @ (centre - nominal) if chip.rotation else nominal
 
 
-def gnomonic(crval, ra, dec):
+def gnomonic(crval: tuple[float, float], ra: ArrayLike, dec: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Return xi, eta [rad], of the shape of ra, dec [deg], on the tangent plane at `crval`; NaN from 90 deg on."""
     east, north, depth, _ = _frame(crval, ra, dec)
     safe = np.where(depth > 0, depth, np.nan)
     return east / safe, north / safe
 
 
-def _frame(crval, ra, dec):
+def _frame(
+    crval: tuple[float, float], ra: ArrayLike, dec: ArrayLike
+) -> tuple[FloatArray, FloatArray, FloatArray, tuple[FloatArray, FloatArray, FloatArray, FloatArray]]:
     """Return the unit vector of ra, dec along the boresight's east, north and depth, and its sines and cosines."""
     sin_d, cos_d = _sin_cos(dec)
     sin0, cos0 = _sin_cos(crval[1])
@@ -163,6 +191,6 @@ def _frame(crval, ra, dec):
     return east, north, depth, (sin_d, cos_d, sin_a, cos_a)
 
 
-def _sin_cos(degrees):
+def _sin_cos(degrees: ArrayLike) -> tuple[FloatArray, FloatArray]:
     angle = np.radians(degrees)
     return np.sin(angle), np.cos(angle)

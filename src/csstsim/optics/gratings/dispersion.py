@@ -11,11 +11,19 @@ wavelengths; outside their range it is that of the nearest one. `Disperser.coars
 faint that the position of a line within a pixel is not visible.
 """
 
+from __future__ import annotations
+
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from csstsim.instrument.filter import GRID
+from csstsim.base.types import BoolArray, FloatArray, IntArray
+from csstsim.instrument.filter import GRID, Filter
+
+if TYPE_CHECKING:
+    from csstsim.instrument.grating import Gratings
+    from csstsim.instrument.telescope import Telescope
 
 _BINS_PER_PX = 4, 1  # smallest number of bins per pixel of the first order: in general, in `coarse`
 _STEP = GRID[1] - GRID[0]
@@ -24,7 +32,9 @@ _STEP = GRID[1] - GRID[0]
 class Disperser:
     """Dispersion and throughput of the two gratings of a chip; piece 0 is the left one, piece 1 the right one."""
 
-    def __init__(self, gratings, filter, telescope, bins_per_px=_BINS_PER_PX[0]):
+    def __init__(
+        self, gratings: Gratings, filter: Filter, telescope: Telescope, bins_per_px: int = _BINS_PER_PX[0]
+    ) -> None:
         self._made_of, self._bins_per_px = (gratings, filter, telescope), bins_per_px
         self.gratings, self.filter, self.area = gratings, filter, telescope.area_m2
         self.orders = gratings.numbers
@@ -33,12 +43,12 @@ class Disperser:
         self._pieces = [grating for grating, _ in gratings.pieces]
 
     @cached_property
-    def coarse(self):
+    def coarse(self) -> Disperser:
         """A Disperser of the same gratings with fewer bins, for faint objects."""
         return Disperser(*self._made_of, _BINS_PER_PX[1])
 
     @cached_property
-    def edges(self):
+    def edges(self) -> FloatArray:
         """(bins + 1,) angstrom: edges of the bins, samples of filter.GRID."""
         lit = np.any([order.throughput > 0 for piece in self._pieces for order in piece.orders.values()], axis=0)
         first, last = np.flatnonzero(lit)[[0, -1]]
@@ -51,14 +61,14 @@ class Disperser:
         return GRID[first : first + count * step + 1 : step]
 
     @cached_property
-    def length(self):
+    def length(self) -> float:
         """Length of the first order of a spectrum [px]."""
         middles = 0.5 * (self.rectangles[:, ::2] + self.rectangles[:, 1::2])
         pairs = zip(self._pieces, middles, strict=True)
         return max(abs(g.orders[1].lines(*at)[1]) * np.ptp(g.orders[1].range) for g, at in pairs)
 
     @cached_property
-    def rates(self):
+    def rates(self) -> FloatArray:
         """(2, orders, bins): electron / s for a mean density of 1 photon / s / m2 / angstrom in the bin."""
         at = np.searchsorted(GRID, self.edges)
         out = np.zeros((2, len(self.orders), len(self.edges) - 1))
@@ -70,21 +80,21 @@ class Disperser:
         return out
 
     @cached_property
-    def psf_mixture(self):
+    def psf_mixture(self) -> tuple[IntArray, FloatArray]:
         """(bins,) int64 and (bins,): the lower of two wavelengths of the PSF set, and the weight of the upper one."""
         place = np.interp(0.5 * (self.edges[1:] + self.edges[:-1]), self.wavelengths, np.arange(4.0))
         lower = np.minimum(place.astype(np.int64), 2)
         return lower, place - lower
 
     @cached_property
-    def psf_weights(self):
+    def psf_weights(self) -> FloatArray:
         """(4, bins): `psf_mixture` as a matrix, the weight of each wavelength of the PSF set."""
         out, (lower, upper) = np.zeros((4, len(self.edges) - 1)), self.psf_mixture
         bins = np.arange(len(lower))
         out[lower, bins], out[lower + 1, bins] = 1 - upper, upper
         return out
 
-    def lines(self, visits, x, y):
+    def lines(self, visits: IntArray, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return (v, orders, 4): p, q, r, s of objects at x, y [px] in each of their visits; 0 for a missing order."""
         out = np.zeros((len(visits), len(self.orders), 4))
         for piece, grating in enumerate(self._pieces):
@@ -94,7 +104,7 @@ class Disperser:
                 out[mine, self.orders.index(number)] = order.lines(x[at], y[at])
         return out
 
-    def visits(self, x, y, reach):
+    def visits(self, x: FloatArray, y: FloatArray, reach: FloatArray) -> IntArray:
         """Return (v, 3) int64, rows of object, piece, cut: the pieces that light within `reach` (n,) px of x, y meets.
 
         `cut` is 1 if part of that square lies outside the piece; light there must be left out.
@@ -107,13 +117,13 @@ class Disperser:
         visits[:, 2] = self.cut(visits, x, y, reach)
         return visits
 
-    def cut(self, visits, x, y, reach):
+    def cut(self, visits: IntArray, x: FloatArray, y: FloatArray, reach: FloatArray) -> BoolArray:
         """Return (v,) bool: part of the square of half side `reach` (n,) px about the object lies beyond the piece."""
         (x0, x1, y0, y1), at = self.rectangles[visits[:, 1]].T, visits[:, 0]
         x, y, reach = x[at], y[at], reach[at]
         return (x - reach < x0) | (x + reach > x1) | (y - reach < y0) | (y + reach > y1)
 
-    def boxes(self, visits, x, y):
+    def boxes(self, visits: IntArray, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return (visits, orders, 4): x0, x1, y0, y1 [px] where a point's light lands; NaN: no such order."""
         out = np.full((len(visits), len(self.orders), 4), np.nan)
         for piece, grating in enumerate(self._pieces):

@@ -11,13 +11,17 @@ thousandth of a pixel over the band, and the trace has no slope.
 
 import csv
 import re
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
 from csstsim.base.process.one_thread import one_thread
+from csstsim.base.types import FloatArray, PathLike
 from csstsim.instrument.axe import BEAMS, axe_text, field_terms, read_axe, sensitivity_file
 
 _SHORT = 5.0  # px, of an order's length, below which it is an image rather than a spectrum
@@ -27,7 +31,7 @@ PAPER = 0.2  # px, worst residual of the working orders (paper, section 4.2)
 COLUMNS = ("order", "m", "n", "wavelength", "x", "y")
 
 
-def fit_traces(samples):
+def fit_traces(samples: Mapping[int, ArrayLike]) -> dict[int, dict[str, Any]]:
     """Return {order: coefficients as in instrument.axe, with "extent"} fitted to samples {order: (k, 5)}.
 
     Rows of samples: m, n [0-based px], lambda [angstrom], x, y [px] where that light lands. Raises ValueError if the
@@ -36,7 +40,7 @@ def fit_traces(samples):
     return {order: _fit(np.asarray(rows, float), order) for order, rows in samples.items()}
 
 
-def _fit(rows, order):
+def _fit(rows: FloatArray, order: int) -> dict[str, Any]:
     m, n, wave, x, y = rows.T
     if np.ptp(wave) == 0:
         raise ValueError(f"order {order:+d}: two wavelengths are needed")
@@ -44,7 +48,7 @@ def _fit(rows, order):
     scale = np.abs(terms).max(axis=0)
     terms = terms / np.where(scale > 0, scale, 1.0)
 
-    def solve(columns, values):
+    def solve(columns: FloatArray, values: FloatArray) -> FloatArray:
         found, _, rank, _ = np.linalg.lstsq(columns, values)
         if rank < columns.shape[1]:
             raise ValueError(f"order {order:+d}: the samples do not determine the coefficients")
@@ -66,26 +70,26 @@ def _fit(rows, order):
         path = dx * np.sqrt(1.0 + (field_terms(m, n) @ a1) ** 2)
         both = solve(np.column_stack([terms, terms * path[:, None]]), wave)
         alpha0, alpha1 = both[:6] / scale, both[6:] / scale
-    found = {"xoff": zero, "yoff": zero, "a0": a0, "a1": a1, "alpha0": alpha0, "alpha1": alpha1}
-    both = np.concatenate([dx, _along(found, m, n, wave)[0]])
-    return found | {"extent": (float(np.floor(both.min())), float(np.ceil(both.max())))}
+    fitted = {"xoff": zero, "yoff": zero, "a0": a0, "a1": a1, "alpha0": alpha0, "alpha1": alpha1}
+    both = np.concatenate([dx, _along(fitted, m, n, wave)[0]])
+    return fitted | {"extent": (float(np.floor(both.min())), float(np.ceil(both.max())))}
 
 
-def residuals(fitted, rows):
+def residuals(fitted: Mapping[str, Any], rows: ArrayLike) -> FloatArray:
     """Return (k,) distances [px] between the fitted and the sampled positions of one order."""
     m, n, wave, x, y = np.asarray(rows, float).T
     dx, dy = _along(fitted, m, n, wave)
     return np.hypot(m + dx - x, n + dy - y)
 
 
-def _along(fitted, m, n, wave):
+def _along(fitted: Mapping[str, Any], m: FloatArray, n: FloatArray, wave: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return dx, dy [px] of light of wavelength `wave` from its direct image at m, n."""
     a0, a1, alpha0, alpha1 = (field_terms(m, n) @ fitted[name] for name in ("a0", "a1", "alpha0", "alpha1"))
     dx = (wave - alpha0) / (alpha1 * np.sqrt(1.0 + a1 * a1))
     return dx, a0 + a1 * dx
 
 
-def read_trajectories(path):
+def read_trajectories(path: PathLike) -> dict[int, FloatArray]:
     """Return {order: (k, 5)} of a CSV table with the columns COLUMNS. Raises InputError."""
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:
@@ -98,7 +102,7 @@ def read_trajectories(path):
             raise InputError("needs one such column", file=path, key=name, value=names, allowed=", ".join(COLUMNS))
     if not rows:
         raise InputError("no samples", file=path)
-    out = {}
+    out: dict[int, list[list[float]]] = {}
     for number, row in enumerate(rows, 2):
         try:
             order, *values = int(row["order"]), *(float(row[name]) for name in COLUMNS[1:])
@@ -113,7 +117,7 @@ def read_trajectories(path):
 
 
 @one_thread
-def fit_file(samples, output, stem=None):
+def fit_file(samples: PathLike, output: PathLike, stem: str | None = None) -> dict[int, FloatArray]:
     """Fit the trajectories of a CSV file, write a .conf; return {order: (k,) residuals [px] of the written file}.
 
     samples: path for `read_trajectories`; stem: start of the names of the sensitivity files listed in the .conf
@@ -140,7 +144,7 @@ def fit_file(samples, output, stem=None):
     return {order: residuals(written[order], rows[order]) for order in rows}
 
 
-def fit_report(worst):
+def fit_report(worst: Mapping[int, FloatArray]) -> list[str]:
     """Return the lines of a report on the fit; `worst`: the residuals returned by `fit_file`."""
     lines = ["order  samples  rms [px]  worst [px]"]
     for order, px in worst.items():

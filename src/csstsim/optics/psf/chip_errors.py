@@ -10,16 +10,27 @@ All are drawn once for the camera, with the rms in psf.yaml, from random streams
 (an image shift), chromatic focus and ghosts of the filter, curvature of a chip.
 """
 
+from __future__ import annotations
+
 import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from csstsim.base.rng import stream
+from csstsim.base.types import FloatArray, Floats, IntArray
 from csstsim.base.units import NM_PER_UM
-from csstsim.optics.psf.wavefront import filter_noll, number
+from csstsim.optics.psf.wavefront import Wavefront, filter_noll, number
+
+if TYPE_CHECKING:
+    from csstsim.instrument.chip import Chip
 
 
-def chip_coefficients(wavefront, params, chip, x, y):
+def chip_coefficients(
+    wavefront: Wavefront, params: Mapping[str, Any], chip: Chip, x: ArrayLike, y: ArrayLike
+) -> FloatArray:
     """Return Zernike coefficients, nm, shape (..., J), at pixels x, y of a chip: the telescope's and the chip's own.
 
     `wavefront` from `load_wavefront(params)`. Raises InputError for a missing or negative number.
@@ -33,21 +44,21 @@ def chip_coefficients(wavefront, params, chip, x, y):
     return wavefront.coefficients(*mosaic_position(chip, x, y)) + np.einsum("...k,jk->...j", place, own)
 
 
-def mosaic_position(chip, x, y):
+def mosaic_position(chip: Chip, x: Floats | IntArray, y: Floats | IntArray) -> tuple[Floats, Floats]:
     """Return the position in the mosaic (px, origin on the boresight) of chip pixels x, y."""
     turn = math.radians(chip.rotation)
     dx, dy = x - (chip.detector.nx - 1) / 2, y - (chip.detector.ny - 1) / 2
     return chip.xc + math.cos(turn) * dx - math.sin(turn) * dy, chip.yc + math.sin(turn) * dx + math.cos(turn) * dy
 
 
-def chip_position(chip, x, y):
+def chip_position(chip: Chip, x: Floats | IntArray, y: Floats | IntArray) -> tuple[Floats, Floats]:
     """Return the chip pixels x, y of a position in the mosaic: the inverse of `mosaic_position`."""
     turn, dx, dy = math.radians(chip.rotation), x - chip.xc, y - chip.yc
     middle_x, middle_y = (chip.detector.nx - 1) / 2, (chip.detector.ny - 1) / 2
     return middle_x + math.cos(turn) * dx + math.sin(turn) * dy, middle_y - math.sin(turn) * dx + math.cos(turn) * dy
 
 
-def detector_defocus(params, chip):
+def detector_defocus(params: Mapping[str, Any], chip: Chip) -> FloatArray:
     """Return Z4 (nm) of a chip's height and two tilts: (3,) factors of 1, X, Y, which are +-1 at the chip's edges."""
     rms = np.array([number(params, "detector", key) for key in ("height", "tilt", "tilt")])
     height = rms * stream(0, "optics", "detector", chip.id).standard_normal(3)
@@ -55,7 +66,7 @@ def detector_defocus(params, chip):
     return NM_PER_UM * height / (16 * math.sqrt(3) * ratio**2)
 
 
-def filter_figure(params, chip):
+def filter_figure(params: Mapping[str, Any], chip: Chip) -> dict[int, FloatArray]:
     """Return {Noll index: (3,) nm, factors of 1, X, Y} of the filter in front of a chip.
 
     `params` has the rms over the pupil, averaged over chips and over the chip's area.

@@ -17,17 +17,22 @@ Left out: polarisation, pupil vignetting over the field, diffusion that depends 
 """
 
 import math
+from collections.abc import Callable, Mapping
+from typing import Any, TypeAlias
 
 import numba
 import numpy as np
 import scipy.fft
+from numpy.typing import ArrayLike
 
 from csstsim.base.errors import InputError
+from csstsim.base.types import ComplexArray, FloatArray
 from csstsim.base.units import ARCSEC_PER_RAD
 from csstsim.optics.psf.sampling import CELLS
-from csstsim.optics.psf.wavefront import number
+from csstsim.optics.psf.wavefront import Wavefront, number
 
 BLUR_PX = 2.0  # pixel rms per axis: the largest jitter and diffusion together
+Kernel: TypeAlias = Callable[[FloatArray], FloatArray]  # of frequencies [cycles per cell] (see `blur`)
 _PUPIL_SAMPLES = 256
 _PERIOD = 2.0  # of the transform, in boxes
 _EDGE_STEPS = 32  # chords per pupil sample for the area of an edge sample
@@ -41,7 +46,9 @@ class Diffraction:
     transfer function's rows, in FFT order; its first size/2 + 1 are those of the columns.
     """
 
-    def __init__(self, wavelength, diameter_m, cell_arcsec, wavefront, cells=CELLS):
+    def __init__(
+        self, wavelength: float, diameter_m: float, cell_arcsec: float, wavefront: Wavefront, cells: int = CELLS
+    ) -> None:
         """`wavelength` in angstrom, `cell_arcsec` the side of a cell, `cells` (even) cells along the box."""
         lam_d = wavelength * 1e-10 / diameter_m * ARCSEC_PER_RAD / cell_arcsec  # cells
         self.cells = cells
@@ -60,11 +67,11 @@ class Diffraction:
         self.screen = (to_radian * wavefront.screen(u, u)[self.inside]).astype(np.float32)
         self.frequency = scipy.fft.fftfreq(self.size) * (self.size / self.period)
 
-    def phase(self, coefficients):
+    def phase(self, coefficients: ArrayLike) -> FloatArray:
         """Return the phase (radian) at the pupil samples inside the disc; their weights are `mask`."""
         return self.screen + np.asarray(coefficients, np.float32) @ self.basis
 
-    def transfer(self, coefficients):
+    def transfer(self, coefficients: ArrayLike) -> ComplexArray:
         """Return the transfer function (size, size/2+1), complex64, for Zernike coefficients in nm.
 
         It is 1 at frequency 0, except for the light beyond the transform's period.
@@ -79,7 +86,9 @@ class Diffraction:
         amplitude = scipy.fft.fft(amplitude, self.size, axis=1, overwrite_x=True)
         return scipy.fft.rfft2(_intensity(amplitude, 1 / (self.size**2 * self.light)))
 
-    def image(self, transfer, kernel, centre=(0.0, 0.0)):
+    def image(
+        self, transfer: ComplexArray, kernel: Kernel, centre: tuple[float, float] | FloatArray = (0.0, 0.0)
+    ) -> FloatArray:
         """Return the cells (cells, cells) around `centre` (x, y; in cells from the image of an untilted wavefront).
 
         `kernel(frequency)` is the one-dimensional transfer function of the blurring (see `blur`).
@@ -95,7 +104,9 @@ class Diffraction:
         envelope = [np.sinc((rows + 0.5 + c) / self.period) ** -2 for c in centre]
         return np.maximum(cells * (envelope[1][:, None] * envelope[0]), 0.0)  # clips rounding, 1e-9 of the peak
 
-    def smoothed(self, transfer, kernel, sigma, place):
+    def smoothed(
+        self, transfer: ComplexArray, kernel: Kernel, sigma: float, place: tuple[float, float] | FloatArray
+    ) -> FloatArray:
         """Return the image smoothed by a Gaussian of `sigma` at `place` (x, y): value, gradient and second derivatives.
 
         (6,): 1, x, y, xx, xy, yy, computed from the transforms, hence independent of the number of cells. The gradient
@@ -110,7 +121,7 @@ class Diffraction:
 
 
 @numba.njit(cache=True)
-def _derivatives(transfer, turn_x, turn_y, k):
+def _derivatives(transfer: ComplexArray, turn_x: ComplexArray, turn_y: ComplexArray, k: FloatArray) -> FloatArray:
     """Return the sums of the real part of turn_y turn_x transfer (i k)^n, n = 0, 1, 2 (see `smoothed`)."""
     out = np.zeros(6)
     for row in range(-len(k) + 1, len(k)):
@@ -133,7 +144,7 @@ def _derivatives(transfer, turn_x, turn_y, k):
 
 
 @numba.njit(cache=True)
-def _intensity(amplitude, scale):
+def _intensity(amplitude: ComplexArray, scale: float) -> FloatArray:
     out = np.empty(amplitude.shape, np.float32)
     for i in range(amplitude.shape[0]):
         for j in range(amplitude.shape[1]):
@@ -143,7 +154,7 @@ def _intensity(amplitude, scale):
 
 
 @numba.njit(cache=True)
-def _fold_rows(transfer, turn_x, turn_y, period):
+def _fold_rows(transfer: ComplexArray, turn_x: ComplexArray, turn_y: ComplexArray, period: int) -> ComplexArray:
     """Return turn_y[row] turn_x[column] transfer with its rows (frequencies in FFT order) summed modulo `period`."""
     size, columns = transfer.shape
     out = np.zeros((period, columns), np.complex64)
@@ -155,7 +166,7 @@ def _fold_rows(transfer, turn_x, turn_y, period):
 
 
 @numba.njit(cache=True)
-def _fold_columns(lines, period):
+def _fold_columns(lines: ComplexArray, period: int) -> ComplexArray:
     """Return the columns of a real image's half spectrum summed modulo `period`: (rows, period/2 + 1)."""
     rows, columns = lines.shape
     half = period // 2
@@ -172,7 +183,7 @@ def _fold_columns(lines, period):
     return out
 
 
-def _disc_coverage(u):
+def _disc_coverage(u: FloatArray) -> FloatArray:
     """Return the share of each grid square inside the unit disc; the squares are centred on `u` x `u`."""
     step = u[1] - u[0]
     quarter = u[: (u.size + 1) // 2]  # the rest by symmetry
@@ -184,7 +195,7 @@ def _disc_coverage(u):
     return np.vstack([half, half[: u.size // 2][::-1]]) / _EDGE_STEPS
 
 
-def blur(psf_params, cell_arcsec, cell_um, *, cell=True):
+def blur(psf_params: Mapping[str, Any], cell_arcsec: float, cell_um: float, *, cell: bool = True) -> Kernel:
     """Return kernel(frequency): jitter, charge diffusion and, if `cell`, the integral over a cell, along one axis.
 
     `psf_params`: `jitter` (arcsec rms per axis) and `diffusion` (um rms per axis). Frequency in cycles per cell.
@@ -194,7 +205,7 @@ def blur(psf_params, cell_arcsec, cell_um, *, cell=True):
     return lambda f: np.exp(-2 * (np.pi * f) ** 2 * variance) * (np.sinc(f) if cell else 1.0)
 
 
-def check_blur(psf_params, pixel_arcsec, pixel_um):
+def check_blur(psf_params: Mapping[str, Any], pixel_arcsec: float, pixel_um: float) -> None:
     """Raise InputError for numbers that `blur` refuses, or that blur by more than BLUR_PX."""
     jitter, diffusion = number(psf_params, "jitter"), number(psf_params, "diffusion")
     if (width := math.hypot(jitter / pixel_arcsec, diffusion / pixel_um)) > BLUR_PX:
@@ -204,7 +215,7 @@ def check_blur(psf_params, pixel_arcsec, pixel_um):
         )  # fmt: skip
 
 
-def windowed_centroid(image, sigma):
+def windowed_centroid(image: FloatArray, sigma: float) -> tuple[float, float]:
     """Return (x, y), in samples from the array's middle, where the Gaussian-windowed first moments vanish.
 
     `sigma` in samples. Raises InputError if the iteration leaves the array or does not converge: no compact source.

@@ -21,8 +21,10 @@ hull of the live nodes are flagged for all methods.
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from csstsim.base.errors import InputError
+from csstsim.base.types import BoolArray, FloatArray, IntArray, PathLike
 
 METHODS = ("idw", "bilinear", "bicubic")
 _SIMPLER = {"bilinear": "idw", "bicubic": "bilinear"}  # method used in the neighbourhood of a dead node
@@ -36,7 +38,16 @@ _ON_NODE_PX = 1e-6  # a position nearer than this is at the node, or on the hull
 class Interpolator:
     """Weights of the nodes at any position. Attributes: `method`; `convex`, whether no weight is ever negative."""
 
-    def __init__(self, nodes_xy, method="bilinear", *, beta=2.0, neighbours=4, dead=None, file=None):
+    def __init__(
+        self,
+        nodes_xy: ArrayLike,
+        method: str = "bilinear",
+        *,
+        beta: float = 2.0,
+        neighbours: int = 4,
+        dead: ArrayLike | None = None,
+        file: PathLike | None = None,
+    ) -> None:
         """`nodes_xy`: (m, 2) px; `beta` > 0, `neighbours` >= 1: of idw; `dead`: (m,) bool; `file`: named in errors.
 
         Raises InputError if no node is alive, or if the nodes do not form the grid that the method needs.
@@ -55,7 +66,7 @@ class Interpolator:
         if method != "idw":
             self._axes, self._grid = _rows_and_columns(nodes_xy, method, file)
 
-    def __call__(self, x, y):
+    def __call__(self, x: ArrayLike, y: ArrayLike) -> tuple[IntArray, FloatArray, BoolArray]:
         """Return (index, weight, outside) of the nodes that are mixed for the PSF at pixel positions x, y.
 
         For scalars the shapes are (k,), (k,), (); for arrays of N positions (N, k), (N, k), (N,). Weights sum to 1;
@@ -72,7 +83,7 @@ class Interpolator:
         k = index.shape[1]
         return index.reshape(*shape, k), weight.reshape(*shape, k), outside.reshape(shape)
 
-    def _mix(self, method, x, y):
+    def _mix(self, method: str, x: FloatArray, y: FloatArray) -> tuple[IntArray, FloatArray]:
         if method == "idw":
             return self._idw(x, y)
         index, weight = self._tensor(_STENCIL[method], x, y)
@@ -84,10 +95,10 @@ class Interpolator:
             index[bad], weight[bad] = _widen(*instead, k)
         return index, weight
 
-    def _idw(self, x, y):
+    def _idw(self, x: FloatArray, y: FloatArray) -> tuple[IntArray, FloatArray]:
         from csstsim.optics.psf.nearest_nodes import nearest_nodes  # loads numba, so only imported when used
 
-        found, distance = nearest_nodes(x, y, *self._live, self._neighbours)
+        found, distance = nearest_nodes(x, y, self._live[0], self._live[1], self._neighbours)
         closest = distance.argmin(axis=1)[:, None]
         least = np.take_along_axis(distance, closest, 1)
         on_node = least < _ON_NODE_PX
@@ -96,7 +107,7 @@ class Interpolator:
         weight = np.where(on_node, np.arange(self._neighbours) == closest, ratio**self.beta)
         return self._alive[found], weight / weight.sum(axis=1, keepdims=True)
 
-    def _tensor(self, width, x, y):
+    def _tensor(self, width: int, x: FloatArray, y: FloatArray) -> tuple[IntArray, FloatArray]:
         (column, wx), (row, wy) = (_lagrange(axis, at, width) for axis, at in zip(self._axes, (x, y), strict=True))
         index = self._grid[row.T[:, :, None], column.T[:, None, :]]
         weight = wy.T[:, :, None] * wx.T[:, None, :]
@@ -104,7 +115,7 @@ class Interpolator:
         return index.reshape(shape), weight.reshape(shape)
 
 
-def _lagrange(nodes, x, width):
+def _lagrange(nodes: FloatArray, x: FloatArray, width: int) -> tuple[IntArray, FloatArray]:
     """Return (index, weight), each (k, n), of the polynomial through the k = min(width, m) nodes (m,) around x (n,).
 
     x beyond the ends is replaced by the end.
@@ -122,13 +133,15 @@ def _lagrange(nodes, x, width):
     return index, weight
 
 
-def _widen(index, weight, k):
+def _widen(index: IntArray, weight: FloatArray, k: int) -> tuple[IntArray, FloatArray]:
     """Return index and weight padded to k columns by repeating the last node with weight 0."""
     extra = ((0, 0), (0, k - index.shape[1]))
     return np.pad(index, extra, mode="edge"), np.pad(weight, extra)
 
 
-def _rows_and_columns(nodes_xy, method, file):
+def _rows_and_columns(
+    nodes_xy: FloatArray, method: str, file: PathLike | None
+) -> tuple[tuple[FloatArray, FloatArray], IntArray]:
     """Return ((x of the columns, y of the rows), node index (rows, columns)). InputError if there is no such grid."""
     (x, column), (y, row) = (_lines(axis) for axis in nodes_xy.T)
     index = np.full((y.size, x.size), -1)
@@ -141,7 +154,7 @@ def _rows_and_columns(nodes_xy, method, file):
     return (x, y), index
 
 
-def _lines(at):
+def _lines(at: FloatArray) -> tuple[FloatArray, IntArray]:
     """Return (coordinate of each line of nodes, line of each node) for coordinates (m,)."""
     order = np.argsort(at, kind="stable")
     line = np.empty(at.size, int)
@@ -150,7 +163,7 @@ def _lines(at):
     return np.array([np.median(at[line == i]) for i in range(line.max() + 1)]), line
 
 
-def _half_planes(points):
+def _half_planes(points: FloatArray) -> list[tuple[float, float, float]]:
     """Return [(a, b, c), ...], the half-planes a x + b y <= c that bound the convex hull of `points` (2, m).
 
     The hull is computed by Andrew's monotone chain; the bounding box is added for points that are all on one line.
@@ -159,7 +172,7 @@ def _half_planes(points):
     planes = [(1.0, 0.0, high[0]), (-1.0, 0.0, -low[0]), (0.0, 1.0, high[1]), (0.0, -1.0, -low[1])]
     ordered = sorted(set(zip(*points.tolist(), strict=True)))
     for side in (ordered, ordered[::-1]):
-        chain = []
+        chain: list[tuple[float, float]] = []
         for p in side:
             while len(chain) > 1 and _turn(chain[-2], chain[-1], p) <= 0:
                 chain.pop()
@@ -170,6 +183,6 @@ def _half_planes(points):
     return planes
 
 
-def _turn(o, p, q):
+def _turn(o: tuple[float, float], p: tuple[float, float], q: tuple[float, float]) -> float:
     """Twice the signed area of the triangle o, p, q: positive if it turns left."""
     return (p[0] - o[0]) * (q[1] - o[1]) - (p[1] - o[1]) * (q[0] - o[0])

@@ -3,11 +3,15 @@
 import numpy as np
 from numba import njit
 
+from csstsim.base.types import FloatArray, IntArray
+
 _TIE = 1e-9  # relative difference of squared distances below which two nodes count as equally far
 
 
 @njit(cache=True)
-def nearest_nodes(x, y, node_x, node_y, k):
+def nearest_nodes(
+    x: FloatArray, y: FloatArray, node_x: FloatArray, node_y: FloatArray, k: int
+) -> tuple[IntArray, FloatArray]:
     """Return (index (n, k), distance (n, k) px) of the k <= m nearest of the nodes (m,), nearest first.
 
     Nodes that are equally far are ordered by index, independent of rounding.
@@ -41,5 +45,5 @@ def nearest_nodes(x, y, node_x, node_y, k):
 
 
 @njit(cache=True)
-def _before(d2, i, other_d2, other):
+def _before(d2: float, i: int, other_d2: float, other: int) -> bool:
     return d2 < other_d2 * (1 - _TIE) or (d2 <= other_d2 * (1 + _TIE) and i < other)

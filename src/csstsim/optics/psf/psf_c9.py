@@ -18,20 +18,30 @@ so it is assumed:
 Each position is centred as in optics.psf.psf_set; the file's provenance records these choices.
 """
 
+from __future__ import annotations
+
 import hashlib
 import math
 import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import h5py
 import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.hdf5_file import numbers
+from csstsim.base.types import FloatArray, IntArray, PathLike
 from csstsim.base.units import UM_PER_MM
 from csstsim.optics.psf.chip_errors import chip_position
 from csstsim.optics.psf.diffraction import windowed_centroid
 from csstsim.optics.psf.psf_file import WAVELENGTHS, intact, pixel_response, write_psf
 from csstsim.optics.psf.sampling import LIBRARY_PX, WINDOW_PX, psf_cube
+
+if TYPE_CHECKING:
+    from csstsim.instrument.chip import Chip
+    from csstsim.instrument.filter import Filter
 
 SAMPLES = ("cell_integral", "point")
 _OVERSAMPLING = {samples: samples // LIBRARY_PX for samples in (256, 512)}
@@ -40,7 +50,7 @@ _ANGSTROM = ((2.0, 1e4), (2000.0, 10.0), (math.inf, 1.0))  # (upper limit, angst
 _MARGIN_PX = 500  # largest distance of a position from the chip
 
 
-def convert(folder, path, chip, filter, *, sample, camera_digest):
+def convert(folder: Path, path: PathLike, chip: Chip, filter: Filter, *, sample: str, camera_digest: str) -> None:
     """Read `psfCube_{chip}.h5` of a library `folder` and write the PSF file `path` (layout: optics.psf.psf_file).
 
     `sample`: what a sample of psfMat is, one of `SAMPLES`. Raises InputError for a missing, damaged or foreign file.
@@ -81,7 +91,7 @@ def convert(folder, path, chip, filter, *, sample, camera_digest):
         write_psf(path, nodes[order], wavelength, images, cells=cells, about=about, provenance=provenance)
 
 
-def _numbered(group, prefix, source):
+def _numbered(group: h5py.Group, prefix: str, source: PathLike) -> list[str]:
     """Return the names `prefix`_<number> in a group, by number."""
     found = sorted((int(m[1]), name) for name in group if (m := re.fullmatch(rf"{prefix}_(\d+)", name)))
     if not found:
@@ -89,18 +99,18 @@ def _numbered(group, prefix, source):
     return [name for _, name in found]
 
 
-def _places(group, source):
+def _places(group: h5py.Group, source: Path) -> dict[str, h5py.Group]:
     return {name: group[name] for name in _numbered(group, "psf", source)}
 
 
-def _number(node, name):
+def _number(node: h5py.Group, name: str) -> float | None:
     """Return the number stored as a dataset or attribute of a group, or None."""
     if name in node:
         return float(numbers(node, name, node.file.filename).reshape(()))
     return float(np.asarray(node.attrs[name]).reshape(())) if name in node.attrs else None
 
 
-def _positions(places, chip, source):
+def _positions(places: Mapping[str, h5py.Group], chip: Chip, source: Path) -> tuple[FloatArray, str]:
     """Return chip pixels (n, 2) and a text with the names and units they were read from."""
     for names in _PLACES:
         found = [[_number(node, name) for name in names] for node in places.values()]
@@ -121,13 +131,13 @@ def _positions(places, chip, source):
     return xy, unit
 
 
-def _row_by_row(nodes, grid):
+def _row_by_row(nodes: FloatArray, grid: int) -> IntArray:
     """Return the order that sorts the positions of a square grid into rows of increasing y, x fastest."""
     rows = np.argsort(nodes[:, 1], kind="stable").reshape(grid, grid)
     return np.concatenate([row[np.argsort(nodes[row, 0], kind="stable")] for row in rows])
 
 
-def _wavelengths(file, cubes, filter):
+def _wavelengths(file: h5py.File, cubes: Sequence[Mapping[str, h5py.Group]], filter: Filter) -> tuple[FloatArray, str]:
     """Return the four wavelengths (angstrom) and where they come from."""
     found = []
     for name, places in zip(_numbered(file, "w", file.filename), cubes, strict=True):
@@ -138,7 +148,7 @@ def _wavelengths(file, cubes, filter):
     return np.array(found), "the library's"
 
 
-def _read(cubes, name, cells, source):
+def _read(cubes: Sequence[Mapping[str, h5py.Group]], name: str, cells: int, source: Path) -> FloatArray:
     """Return the images at one position, (4, cells, cells) float64, each of sum 1."""
     if any(cube[name]["psfMat"].shape != (cells, cells) for cube in cubes):
         raise InputError("not square images of one size", file=source, key=f"{name}/psfMat")
@@ -149,7 +159,7 @@ def _read(cubes, name, cells, source):
     return images / total[:, None, None]
 
 
-def _centred(images, sample, oversampling):
+def _centred(images: FloatArray, sample: str, oversampling: int) -> tuple[FloatArray, FloatArray]:
     """Return (cell integrals, shift (x, y) in px that was removed)."""
     frequency = np.fft.fftfreq(images.shape[-1])
     spectrum = np.fft.fft2(images)

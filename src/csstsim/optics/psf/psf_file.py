@@ -9,17 +9,21 @@ Between nodes the PSF is a weighted sum of nodes: optics.psf.interpolation.
 
 import json
 import os
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
+from typing import Any
 
 import h5py
 import numpy as np
+from numpy.typing import ArrayLike
 
 from csstsim import __version__
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
 from csstsim.base.files.file_log import logged
 from csstsim.base.files.hdf5_file import numbers
+from csstsim.base.types import BoolArray, FloatArray, IntArray, PathLike
 from csstsim.optics.psf.interpolation import Interpolator
 
 FORMAT = 2
@@ -52,7 +56,7 @@ _SMALL = tuple(DATASETS)[:-1]  # all but the image; these are read on opening
 _VERSIONS = ("v110", "v110")  # readable by HDF5 1.10 or newer; older layouts have no checksums in their headers
 
 
-def pixel_response(image, oversampling):
+def pixel_response(image: FloatArray, oversampling: int) -> FloatArray:
     """Return the integrals over 10 um pixels on the lattice of cells, (..., n-m+1, n-m+1), of cells (..., n, n).
 
     m = `oversampling` (even) is the number of cells along a pixel. The integrals are exact sums of m x m cells: sample
@@ -65,12 +69,12 @@ def pixel_response(image, oversampling):
     return image
 
 
-def half_pixels(image, oversampling):
+def half_pixels(image: FloatArray, oversampling: int) -> FloatArray:
     """Return cell integrals (..., n, n) summed to cells of half a pixel, centred on the middle of the array."""
     return larger_cells(image, oversampling, 2)
 
 
-def larger_cells(image, oversampling, per_pixel):
+def larger_cells(image: FloatArray, oversampling: int, per_pixel: int) -> FloatArray:
     """Return cell integrals (..., n, n) summed to `per_pixel` cells along a pixel, centred on the middle of the array.
 
     per_pixel: even, a divisor of `oversampling`.
@@ -82,7 +86,17 @@ def larger_cells(image, oversampling, per_pixel):
     return inner.reshape(*image.shape[:-2], size, step, size, step).sum(axis=(-3, -1))
 
 
-def write_psf(path, nodes, wavelength, images, *, cells, about, provenance, nodes_uv=None):
+def write_psf(
+    path: PathLike,
+    nodes: FloatArray,
+    wavelength: FloatArray,
+    images: Iterable[tuple[FloatArray, FloatArray]],
+    *,
+    cells: int,
+    about: dict[str, Any],
+    provenance: Mapping[str, Any],
+    nodes_uv: FloatArray | None = None,
+) -> None:
     """Write a PSF file. `images` yields, node by node, (image (4, cells, cells), tilt (2,)).
 
     `about`: the attributes of this chip (see ATTRIBUTES); `provenance`: a JSON-like mapping; `nodes_uv`: (n, 2).
@@ -103,14 +117,14 @@ def write_psf(path, nodes, wavelength, images, *, cells, about, provenance, node
             file.attrs[name] = np.bytes_(value.encode()) if isinstance(value, str) else value
 
 
-def _plain(value):
+def _plain(value: Any) -> Any:
     """Return an attribute as a Python number or str."""
     value = value.item() if isinstance(value, np.generic) else value
     return value.decode() if isinstance(value, bytes) else value
 
 
 @contextmanager
-def intact(path):
+def intact(path: PathLike) -> Iterator[None]:
     """Turn the exceptions that a damaged file raises in h5py or in the checks into an InputError."""
     try:
         with logged("read", path):
@@ -131,8 +145,16 @@ class PsfSet:
     """
 
     def __init__(
-        self, path, *, chip=None, filter=None, grid=None, oversampling=None, camera_digest=None, **interpolation
-    ):
+        self,
+        path: PathLike,
+        *,
+        chip: int | None = None,
+        filter: str | None = None,
+        grid: int | None = None,
+        oversampling: int | None = None,
+        camera_digest: str | None = None,
+        **interpolation: Any,
+    ) -> None:
         """Open and check a PSF file. Given values of chip (id), filter (name), grid, sampling and digest must match.
 
         `interpolation`: method, beta, neighbours of optics.psf.interpolation.Interpolator.
@@ -163,7 +185,7 @@ class PsfSet:
         except ValueError as exc:
             raise InputError("the file is shorter than its image", file=path, key="image") from exc
 
-    def _read(self):
+    def _read(self) -> tuple[dict[str, FloatArray], int, tuple[int, ...]]:
         with h5py.File(self.path, "r") as file:
             self.attributes = {name: _plain(value) for name, value in file.attrs.items()}
             missing = [k for k in ATTRIBUTES if k not in self.attributes]
@@ -175,7 +197,7 @@ class PsfSet:
                 raise InputError("must be contiguous float32", file=self.path, key="image", value=str(image.dtype))
             return {k: numbers(file, k, self.path) for k in _SMALL}, offset, image.shape
 
-    def _check(self, shape):
+    def _check(self, shape: tuple[int, ...]) -> None:
         n = self.attributes["grid"] ** 2
         cells = shape[-1]
         wanted = {
@@ -201,11 +223,11 @@ class PsfSet:
             raise InputError("fewer than three nodes are alive", file=self.path, key="flux")
 
     @property
-    def convex(self):
+    def convex(self) -> bool:
         """Whether weights are never negative, so that photons can be drawn from the nodes."""
         return self._mixture.convex
 
-    def node(self, index):
+    def node(self, index: int) -> FloatArray:
         """Return the images of one node, (4, cells, cells) float32. Raises InputError if they are damaged."""
         image = self.image[index]
         if not self._seen[index]:
@@ -217,7 +239,7 @@ class PsfSet:
             self._seen[index] = True
         return image
 
-    def weights(self, x, y):
+    def weights(self, x: ArrayLike, y: ArrayLike) -> tuple[IntArray, FloatArray, BoolArray]:
         """Return (index, weight, outside_hull) of the nodes that are mixed for the PSF at pixel positions x, y.
 
         For scalars the shapes are (k,), (k,), (); for arrays of N positions (N, k), (N, k), (N,). Weights sum to 1,
@@ -225,20 +247,20 @@ class PsfSet:
         """
         return self._mixture(x, y)
 
-    def at(self, x, y):
+    def at(self, x: float, y: float) -> FloatArray:
         """Return the PSF at one pixel position, (4, cells, cells) float64 cell integrals."""
         index, weight, _ = self.weights(float(x), float(y))
         used = weight != 0
         return sum(w * self.node(i).astype(np.float64) for i, w in zip(index[used], weight[used], strict=True))
 
-    def mixed(self, function):
+    def mixed(self, function: Callable[[FloatArray], FloatArray]) -> Callable[[float, float], FloatArray]:
         """Return a function of one pixel position x, y: `function` of the PSF there, for linear functions of images.
 
         function: of a node's images (4, cells, cells) float32, to an array. It is called once for each node in use.
         """
         of_node = cache(lambda index: function(self.node(index)))
 
-        def at(x, y):
+        def at(x: float, y: float) -> FloatArray:
             index, weight, _ = self.weights(float(x), float(y))
             used = weight != 0
             return sum(w * of_node(i) for i, w in zip(index[used].tolist(), weight[used], strict=True))

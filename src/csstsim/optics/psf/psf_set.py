@@ -16,21 +16,35 @@ and the ghosts are described in the file's attributes. Left out: polarisation, p
 diffusion that depends on wavelength, the 1 degree turn of the grating chips against the pupil.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.process.progress import progress
+from csstsim.base.types import ComplexArray, FloatArray, PathLike
 from csstsim.optics.psf.chip_errors import chip_coefficients
-from csstsim.optics.psf.diffraction import Diffraction, blur, check_blur
+from csstsim.optics.psf.diffraction import Diffraction, Kernel, blur, check_blur
 from csstsim.optics.psf.psf_file import write_psf
-from csstsim.optics.psf.sampling import CELLS, WINDOW_PX, oversampling_of
-from csstsim.optics.psf.wavefront import load_wavefront
+from csstsim.optics.psf.sampling import CELLS, WINDOW_PX, SubBands, oversampling_of
+from csstsim.optics.psf.wavefront import Wavefront, load_wavefront
+
+if TYPE_CHECKING:
+    from csstsim.instrument.chip import Chip
+    from csstsim.instrument.filter import Filter
+    from csstsim.instrument.telescope import Telescope
+    from csstsim.optics.scatter.scattered_light import Scattered
 
 _CENTRE_TOLERANCE_PX = 1e-6
 _CENTRE_STEPS = 50
 
 
-def node_psf(optics, coefficients, kernel, oversampling=2):
+def node_psf(
+    optics: Sequence[Diffraction], coefficients: FloatArray, kernel: Kernel, oversampling: int = 2
+) -> tuple[FloatArray, FloatArray]:
     """Return (images (4, cells, cells), tilt (2,) px) of one node, centred together.
 
     `optics`: one `Diffraction` per wavelength; `coefficients`: in nm; `kernel`: from `blur`, the cell included;
@@ -41,7 +55,9 @@ def node_psf(optics, coefficients, kernel, oversampling=2):
     return np.stack([o.image(t, kernel, centre) for o, t in zip(optics, transfers, strict=True)]), centre / oversampling
 
 
-def centre_of(optics, transfers, kernel, oversampling):
+def centre_of(
+    optics: Sequence[Diffraction], transfers: Sequence[ComplexArray], kernel: Kernel, oversampling: int
+) -> FloatArray:
     """Return the windowed centroid (x, y), in cells, of the mean image as pixels see it.
 
     It is the peak of the image smoothed by the Gaussian, where the first moments in the window are zero. Raises
@@ -49,7 +65,7 @@ def centre_of(optics, transfers, kernel, oversampling):
     """
     place, sigma = np.zeros(2), WINDOW_PX * oversampling
 
-    def seen(f):  # sum over the cells along a pixel
+    def seen(f: FloatArray) -> FloatArray:  # sum over the cells along a pixel
         return kernel(f) * oversampling * np.sinc(oversampling * f) / np.sinc(f)
 
     for _ in range(_CENTRE_STEPS):
@@ -68,14 +84,21 @@ def centre_of(optics, transfers, kernel, oversampling):
     raise InputError("the centroid of a PSF does not converge: its wavefront error is too large", file="psf.yaml")
 
 
-def node_positions(chip, grid):
+def node_positions(chip: Chip, grid: int) -> FloatArray:
     """Return (grid^2, 2) pixel positions (x, y) of the nodes; the outermost are on the outer edges of the chip."""
     x = np.linspace(-0.5, chip.detector.nx - 0.5, grid)
     y = np.linspace(-0.5, chip.detector.ny - 0.5, grid)
     return np.stack([np.tile(x, grid), np.repeat(y, grid)], axis=1)
 
 
-def chip_optics(chip, filter, psf_params, wavefront, oversampling, cells=CELLS):
+def chip_optics(
+    chip: Chip,
+    filter: SubBands,
+    psf_params: Mapping[str, Any],
+    wavefront: Wavefront,
+    oversampling: int,
+    cells: int = CELLS,
+) -> tuple[list[Diffraction], Kernel]:
     """Return (one `Diffraction` per wavelength of the filter, kernel of the blurring, the cell included).
 
     oversampling: cells along a pixel; cells: along the box, which is cells / oversampling px wide.
@@ -89,9 +112,10 @@ def chip_optics(chip, filter, psf_params, wavefront, oversampling, cells=CELLS):
 
 
 def make_psf(
-    path, chip, filter, telescope, psf_params, grid, *, camera_digest, oversampling="auto", provenance=None,
-    cells=CELLS, scattered=None, nodes_uv=None,
-):  # fmt: skip
+    path: PathLike, chip: Chip, filter: Filter, telescope: Telescope, psf_params: Mapping[str, Any], grid: int, *,
+    camera_digest: str, oversampling: int | str = "auto", provenance: Mapping[str, Any] | None = None,
+    cells: int = CELLS, scattered: Scattered | None = None, nodes_uv: FloatArray | None = None,
+) -> None:  # fmt: skip
     """Compute the PSFs of a chip and write them to `path` (layout: optics.psf.psf_file).
 
     `psf_params`: Camera.psf; `grid`: number of nodes along a side (>= 2); `camera_digest`: Camera.digest;
@@ -119,7 +143,9 @@ def make_psf(
     images = (node_psf(optics, row, kernel, oversampling) for row in progress(coefficients, "PSF nodes"))
     if scattered is not None:
         about |= scattered.attributes()
-        images = ((scattered.wing.add_to(image, oversampling), tilt) for image, tilt in images)
+        wing = scattered.wing
+        assert wing is not None  # scattered_light makes one
+        images = ((wing.add_to(image, oversampling), tilt) for image, tilt in images)
     write_psf(
         path, nodes, filter.psf_wavelength, images, cells=cells, about=about, provenance=provenance or {},
         nodes_uv=nodes_uv,

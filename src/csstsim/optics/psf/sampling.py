@@ -1,6 +1,15 @@
 """The sampling of stored PSFs."""
 
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
 from csstsim.base.errors import InputError
+
+if TYPE_CHECKING:
+    from csstsim.base.types import FloatArray
 
 CELLS = 256  # along the side of a stored PSF
 OVERSAMPLING = (2, 4)  # cells along the side of a pixel
@@ -8,7 +17,19 @@ WINDOW_PX = 1.5  # sigma of the window by which a PSF is centred
 LIBRARY_PX = 128  # side of the box of an external library's PSF
 
 
-def oversampling_of(filter, psf_params, asked="auto"):
+class SubBands(Protocol):
+    """What a point source's light needs of an instrument.filter.Filter."""
+
+    @property
+    def name(self) -> str:
+        """The filter's name."""
+
+    @property
+    def psf_wavelength(self) -> FloatArray:
+        """(4,) angstrom, of the sub-bands."""
+
+
+def oversampling_of(filter: str, psf_params: Mapping[str, Any], asked: int | str = "auto") -> int:
     """Return the cells along the side of a pixel for a filter (name): `asked` (2 or 4), or for "auto" as in psf.yaml.
 
     Raises InputError for any other number.
@@ -20,6 +41,6 @@ def oversampling_of(filter, psf_params, asked="auto"):
     return value
 
 
-def psf_cube(folder, chip_id):
+def psf_cube(folder: Path, chip_id: int) -> Path:
     """Return the path of a chip's file in an external library."""
     return folder / f"psfCube_{chip_id}.h5"

@@ -15,19 +15,23 @@ on mirrors away from the pupil, drift of the wavefront in time.
 """
 
 import math
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from csstsim.base.errors import InputError
 from csstsim.base.rng import stream
+from csstsim.base.types import ComplexArray, FloatArray, IntArray
 
 TERMS = 6  # 1, X, Y, X^2, X Y, Y^2
 _SCREEN_PERIOD = 2.0  # period of the screen in pupil diameters, so that the pupil contains no repetition
 _RMS_GRID = 301  # samples across the disc on which the screen's rms and tilt are defined
 
 
-def noll_to_nm(noll):
+def noll_to_nm(noll: int) -> tuple[int, int]:
     """Return (n, m) of Noll index `noll` >= 1; m < 0 means the sine term."""
     n = (math.isqrt(8 * noll - 7) - 1) // 2
     rest = noll - n * (n + 1) // 2 - 1
@@ -35,7 +39,7 @@ def noll_to_nm(noll):
     return n, (m if noll % 2 == 0 else -m)
 
 
-def zernike(noll, u, v):
+def zernike(noll: int, u: FloatArray, v: FloatArray) -> FloatArray:
     """Return the Noll Zernike polynomial at (u, v) (arrays of one shape), with rms 1 over the unit disc.
 
     Outside the disc it is the same polynomial.
@@ -60,18 +64,18 @@ def zernike(noll, u, v):
 class MirrorScreen:
     """A periodic Gaussian random surface as a finite Fourier series, so it can be evaluated exactly anywhere."""
 
-    mode: np.ndarray  # (K,) integer frequencies, cycles per period
-    amplitude: np.ndarray  # (K, K) complex, nm; axis 0 is v
-    plane: np.ndarray  # (3,) piston and tilts over the disc, nm, removed on evaluation
+    mode: IntArray  # (K,) integer frequencies, cycles per period
+    amplitude: ComplexArray  # (K, K) complex, nm; axis 0 is v
+    plane: FloatArray  # (3,) piston and tilts over the disc, nm, removed on evaluation
 
-    def __call__(self, u, v):
+    def __call__(self, u: FloatArray, v: FloatArray) -> FloatArray:
         """Return the optical path error (nm) on the grid v x u of pupil coordinates (1 = edge of the pupil)."""
         wave_u, wave_v = (np.exp(1j * math.pi / _SCREEN_PERIOD * np.outer(t, self.mode)) for t in (u, v))
         height = (wave_v @ self.amplitude @ wave_u.T).real
         return height - self.plane[0] - self.plane[1] * u - self.plane[2] * v[:, None]
 
 
-def mirror_screen(rms, slope, cycles):
+def mirror_screen(rms: float, slope: float, cycles: tuple[float, float]) -> MirrorScreen:
     """Return the camera's `MirrorScreen`.
 
     `rms`: nm of optical path over the pupil. The two-dimensional power spectrum is ~ f^-slope for f between
@@ -103,26 +107,26 @@ def mirror_screen(rms, slope, cycles):
 class Wavefront:
     """The camera's wavefront error: Zernike coefficients over the field, and the mirror screen."""
 
-    noll: tuple  # Noll indices of the coefficients
-    table: np.ndarray  # (J, 6) nm: polynomial of (X, Y) for each index
+    noll: tuple[int, ...]  # Noll indices of the coefficients
+    table: FloatArray  # (J, 6) nm: polynomial of (X, Y) for each index
     field_scale: float  # px of the mosaic at which X or Y is 1
     screen: MirrorScreen
 
-    def coefficients(self, x, y):
+    def coefficients(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
         """Return Zernike coefficients, nm, shape (..., J), at mosaic position x, y (px from the boresight)."""
         fx, fy = np.asarray(x, float) / self.field_scale, np.asarray(y, float) / self.field_scale
         field = np.stack([np.ones_like(fx), fx, fy, fx * fx, fx * fy, fy * fy], axis=-1)
         return field @ self.table.T
 
-    def basis(self, u, v):
+    def basis(self, u: FloatArray, v: FloatArray) -> FloatArray:
         """Return the Zernike polynomials, shape (J, len(v), len(u)), on a grid of pupil coordinates."""
         grid_u, grid_v = np.meshgrid(u, v)
         return np.stack([zernike(j, grid_u, grid_v) for j in self.noll])
 
 
-def number(params, *keys):
+def number(params: Mapping[str, Any], *keys: str) -> float:
     """Return the non-negative number at `keys` of the mapping `params`; InputError naming psf.yaml and the key."""
-    value = params
+    value: Any = params
     for key in keys:
         value = value.get(key) if isinstance(value, dict) else None
     if not _is_number(value) or value < 0:
@@ -130,11 +134,11 @@ def number(params, *keys):
     return float(value)
 
 
-def _is_number(value):
+def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300  # false for NaN
 
 
-def filter_noll(params):
+def filter_noll(params: Mapping[str, Any]) -> list[int]:
     """Return the sorted Noll indices of the filters' figure. Raises InputError unless all are integers above 3."""
     noll = (params.get("filter_figure") or {}).get("noll")
     if not isinstance(noll, list) or not noll or not all(type(j) is int and j > 3 for j in noll):
@@ -142,13 +146,13 @@ def filter_noll(params):
     return sorted(set(noll))
 
 
-def load_wavefront(params, *, parts=("design", "static", "mirror")):
+def load_wavefront(params: Mapping[str, Any], *, parts: Collection[str] = ("design", "static", "mirror")) -> Wavefront:
     """Return the `Wavefront` described by the mapping `params` (psf.yaml, unwrapped).
 
     `parts`: error sources to include, for studying them separately. Raises InputError for a missing
     or impossible number, and for a table whose rows are not a Noll index and six numbers.
     """
-    total = {}
+    total: dict[int, FloatArray] = {}
     for name in ("design", "static"):
         rows = params.get(name) or ()
         for row in rows if isinstance(rows, list | tuple) else [rows]:

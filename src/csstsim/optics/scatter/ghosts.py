@@ -19,28 +19,37 @@ Left out: vignetting and aberration of the discs, reflectance that changes over 
 dewar window, reflections from a neighbour's filter, more than two reflections.
 """
 
+from __future__ import annotations
+
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.sphere import rotation
+from csstsim.base.types import BoolArray, FloatArray, Floats
 from csstsim.optics.psf.chip_errors import mosaic_position
+
+if TYPE_CHECKING:
+    from csstsim.instrument.chip import Chip
+    from csstsim.instrument.telescope import Telescope
 
 
 @dataclass(frozen=True, eq=False)
 class Ghosts:
     """The ghosts of one band; lengths in pixels."""
 
-    way: np.ndarray  # (G,) added path P
-    radius: np.ndarray  # (G,)
-    light: np.ndarray  # (G,) fraction of the star's direct light
+    way: FloatArray  # (G,) added path P
+    radius: FloatArray  # (G,)
+    light: FloatArray  # (G,) fraction of the star's direct light
     pupil: float  # distance of the exit pupil
-    axis: np.ndarray  # (2,) mosaic position where chief rays are normal to the detector
+    axis: FloatArray  # (2,) mosaic position where chief rays are normal to the detector
     faintest: float  # electron per pixel below which a ghost is not drawn
 
-    def centres(self, chip, x, y):
+    def centres(self, chip: Chip, x: float, y: float) -> FloatArray:
         """Return the discs' centres (G, 2) [chip pixel] for a star at chip pixel x, y, which may be off the chip."""
         lean = (np.array(mosaic_position(chip, x, y)) - self.axis) / self.pupil
         turn = math.radians(chip.rotation)
@@ -48,15 +57,15 @@ class Ghosts:
         return np.array([x, y]) + self.way[:, None] * in_chip
 
     @property
-    def level(self):
+    def level(self) -> FloatArray:
         """Light per pixel of each ghost, as a fraction of the star's direct light, (G,)."""
         return self.light / (np.pi * self.radius**2)
 
-    def visible(self, electrons):
+    def visible(self, electrons: Floats) -> bool | BoolArray:
         """Whether a star's ghosts are drawn: the brightest one reaches `faintest`. electrons: float or array."""
         return electrons * self.level.max() >= self.faintest
 
-    def reach(self, chip):
+    def reach(self, chip: Chip) -> float:
         """Return the largest distance from a star on the chip that any of its ghosts extends to [pixel]."""
         nx, ny = chip.detector.nx, chip.detector.ny
         lean = max(
@@ -64,18 +73,18 @@ class Ghosts:
         )
         return float((self.way * lean / self.pupil + self.radius).max())
 
-    def as_dict(self):
+    def as_dict(self) -> dict[str, Any]:
         """Return the content as lists, for a file; `Ghosts.read` is the inverse."""
         return {name: np.asarray(value).tolist() for name, value in asdict(self).items()}
 
     @classmethod
-    def read(cls, data):
+    def read(cls, data: Mapping[str, Any]) -> Self:
         """Return the Ghosts of a mapping made by `as_dict`."""
         arrays = {name: np.asarray(data[name], float) for name in ("way", "radius", "light", "axis")}
         return cls(pupil=float(data["pupil"]), faintest=float(data["faintest"]), **arrays)
 
 
-def make_ghosts(params, band, telescope, pixel_um):
+def make_ghosts(params: Mapping[str, Any], band: str, telescope: Telescope, pixel_um: float) -> Ghosts | None:
     """Return the `Ghosts` of a filter (`band`, its name), or None if `params` (Camera.ghosts) is empty.
 
     Raises InputError for a band without three reflectances from 0 to 1, and for lengths that are not above 0.
@@ -92,7 +101,7 @@ def make_ghosts(params, band, telescope, pixel_um):
                 "bad length", file="ghosts.yaml", key=f"geometry.{name}", value=lengths.get(name), allowed="> 0"
             )
     gap, thickness, index, pupil, axis_x, axis_y, faintest = (float(lengths[name]) for name in names)
-    reflectance = reflectances.get(band)
+    reflectance: Any = reflectances.get(band)
     known = isinstance(reflectance, list) and len(reflectance) == 3
     if not (known and all(isinstance(r, int | float) and 0 <= r <= 1 for r in reflectance)):
         allowed = "three numbers from 0 to 1: detector, filter front, filter back"

@@ -17,12 +17,21 @@ Left out: change of the halo over the field, its dependence on the mirrors' agei
 aperture stop, reflections (optics.scatter.ghosts).
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from csstsim.base.errors import InputError
+from csstsim.base.types import FloatArray
 from csstsim.base.units import ARCSEC_PER_RAD
+
+if TYPE_CHECKING:
+    from csstsim.instrument.telescope import Telescope
 
 _GAUSS = 0.5 / np.sqrt(3.0)  # two-point quadrature: nodes at +- this many cells
 _RADII = np.geomspace(1.0, 1e5, 2001)  # px; for the inverse of the profile
@@ -32,36 +41,36 @@ _RADII = np.geomspace(1.0, 1e5, 2001)  # px; for the inverse of the profile
 class Wing:
     """The circular part of a point source's image in each of the four sub-bands; lengths in pixels."""
 
-    share: np.ndarray  # (4, K) fraction of all the light, by sub-band and term of the halo
-    knee: np.ndarray  # (K,)
-    slope: np.ndarray  # (K,)
-    airy: np.ndarray  # (4,) lambda / D
+    share: FloatArray  # (4, K) fraction of all the light, by sub-band and term of the halo
+    knee: FloatArray  # (K,)
+    slope: FloatArray  # (K,)
+    airy: FloatArray  # (4,) lambda / D
 
     @property
-    def scattered(self):
+    def scattered(self) -> FloatArray:
         """Share of the light in the halo, (4,)."""
         return self.share.sum(axis=1)
 
-    def halo(self, r):
+    def halo(self, r: ArrayLike) -> FloatArray:
         """Return the halo's light per pixel at radii r [px], (4, *r.shape)."""
         q = 1 + (np.asarray(r, float)[..., None] / self.knee) ** 2
         shape = (self.slope - 2) / (2 * np.pi * self.knee**2) * q ** (-self.slope / 2)
         return np.einsum("bk,...k->b...", self.share, shape)
 
-    def profile(self, r):
+    def profile(self, r: ArrayLike) -> FloatArray:
         """Return halo plus mean diffraction wing, light per pixel at radii r [px] > 0, (4, *r.shape)."""
         halo = self.halo(r)
         direct = ((1 - self.scattered) * self.airy).reshape(-1, *(1,) * np.ndim(r))
         return halo + direct / (np.pi * np.asarray(r, float)) ** 3
 
-    def light_beyond(self, r):
+    def light_beyond(self, r: ArrayLike) -> FloatArray:
         """Return the fraction of all the light beyond radii r [px] of the profile, (4, *r.shape)."""
         q = 1 + (np.asarray(r, float)[..., None] / self.knee) ** 2
         halo = np.einsum("bk,...k->b...", self.share, q ** (1 - self.slope / 2))
         direct = ((1 - self.scattered) * self.airy).reshape(-1, *(1,) * np.ndim(r))
         return halo + 2 * direct / (np.pi**2 * np.asarray(r, float))
 
-    def radius(self, level):
+    def radius(self, level: ArrayLike) -> FloatArray:
         """Return the radii [px] at which the mean profile of the sub-bands falls to `level` (per pixel, array).
 
         Log-log interpolation; the result is limited to 1 to 1e5 px.
@@ -70,28 +79,28 @@ class Wing:
         with np.errstate(divide="ignore"):
             return np.exp(np.interp(-np.log(level), -profile, np.log(_RADII)))
 
-    def cells(self, count, per_pixel):
+    def cells(self, count: int, per_pixel: int) -> FloatArray:
         """Return the halo's integrals over cells, `per_pixel` to a pixel, (4, count, count), about its centre."""
         axis = (np.arange(count) - (count - 1) / 2)[:, None] + np.array([-_GAUSS, _GAUSS])
         square = (axis.ravel() / per_pixel) ** 2
         value = self.halo(np.sqrt(square + square[:, None]))
         return value.reshape(4, count, 2, count, 2).mean(axis=(2, 4)) / per_pixel**2
 
-    def add_to(self, images, per_pixel):
+    def add_to(self, images: FloatArray, per_pixel: int) -> FloatArray:
         """Return diffraction images (4, cells, cells), cell integrals, with the light of the halo moved there."""
         return (1 - self.scattered)[:, None, None] * images + self.cells(images.shape[-1], per_pixel)
 
-    def as_dict(self):
+    def as_dict(self) -> dict[str, Any]:
         """Return the content as lists, for a file; `Wing.read` is the inverse."""
         return {name: value.tolist() for name, value in asdict(self).items()}
 
     @classmethod
-    def read(cls, data):
+    def read(cls, data: Mapping[str, Any]) -> Self:
         """Return the Wing of a mapping made by `as_dict`."""
         return cls(**{name: np.asarray(value, float) for name, value in data.items()})
 
 
-def make_wing(scatter, wavelength, telescope):
+def make_wing(scatter: Mapping[str, Any], wavelength: ArrayLike, telescope: Telescope) -> Wing:
     """Return the `Wing` at wavelengths (4,) angstrom. `scatter` is Camera.scatter; empty: no halo, diffraction only.
 
     Raises InputError for a row that is not share, knee, slope, power, or a halo with all the light or more.

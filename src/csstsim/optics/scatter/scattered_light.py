@@ -4,12 +4,20 @@ They are made from the camera's data and stored in the attributes of the PSF fil
 star's light. A set without these attributes (of another camera, or an external one) has no wings and no ghosts.
 """
 
+from __future__ import annotations
+
 import json
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 from csstsim.base.errors import InputError
 from csstsim.optics.scatter.ghosts import Ghosts, make_ghosts
 from csstsim.optics.scatter.halo import Wing, make_wing
+
+if TYPE_CHECKING:
+    from csstsim.instrument.camera import Camera
+    from csstsim.optics.psf.psf_file import PsfSet
+    from csstsim.optics.psf.sampling import SubBands
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,12 +27,12 @@ class Scattered:
     wing: Wing | None = None
     ghosts: Ghosts | None = None
 
-    def attributes(self):
+    def attributes(self) -> dict[str, str]:
         """Return {name: JSON} of the parts that are not None; `read_scattered` is the inverse."""
         return {name: json.dumps(part.as_dict()) for name, part in vars(self).items() if part is not None}
 
 
-def scattered_light(camera, filter):
+def scattered_light(camera: Camera, filter: SubBands) -> Scattered:
     """Return the `Scattered` of a camera's filter. Raises InputError (optics.scatter.halo, optics.scatter.ghosts)."""
     return Scattered(
         make_wing(camera.scatter, filter.psf_wavelength, camera.telescope),
@@ -32,9 +40,9 @@ def scattered_light(camera, filter):
     )
 
 
-def read_scattered(psf):
+def read_scattered(psf: PsfSet) -> Scattered:
     """Return the `Scattered` of a PsfSet. Raises InputError if its attributes are damaged."""
-    kinds = {"wing": Wing, "ghosts": Ghosts}
+    kinds: dict[str, Any] = {"wing": Wing, "ghosts": Ghosts}
     try:
         return Scattered(**{k: c.read(json.loads(psf.attributes[k])) for k, c in kinds.items() if k in psf.attributes})
     except (AttributeError, LookupError, TypeError, ValueError) as exc:

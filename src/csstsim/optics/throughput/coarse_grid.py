@@ -3,17 +3,26 @@
 The grid always spans the chip's active pixels, so a window has the same pixel values as the whole chip.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numba
 import numpy as np
 
+from csstsim.base.types import FloatArray, IntArray
 
-def grid_pixels(chip, nodes):
+if TYPE_CHECKING:
+    from csstsim.instrument.chip import Chip, Window
+
+
+def grid_pixels(chip: Chip, nodes: int) -> tuple[FloatArray, FloatArray]:
     """Return x, y (nodes, nodes): pixel positions of a chip's grid, rows along x, first and last on pixel centres."""
     detector = chip.detector
     return np.meshgrid(np.linspace(0, detector.nx - 1, nodes), np.linspace(0, detector.ny - 1, nodes))
 
 
-def expand(grid, chip, window):
+def expand(grid: FloatArray, chip: Chip, window: Window) -> FloatArray:
     """Return the bilinear map (window.ny, window.nx), float32, of a chip's grid (nodes, nodes)."""
     detector, nodes = chip.detector, len(grid)
     u = np.arange(window.x0, window.x1) * ((nodes - 1) / max(detector.nx - 1, 1))
@@ -23,7 +32,7 @@ def expand(grid, chip, window):
     return out
 
 
-def pick(grid, chip, x, y):
+def pick(grid: FloatArray, chip: Chip, x: IntArray, y: IntArray) -> FloatArray:
     """Return (n,) float32: the values of `expand` at single pixels of the chip, columns x and rows y (int, (n,))."""
     detector, last = chip.detector, len(grid) - 2
     u, v = x * ((last + 1) / max(detector.nx - 1, 1)), y * ((last + 1) / max(detector.ny - 1, 1))
@@ -35,7 +44,7 @@ def pick(grid, chip, x, y):
 
 
 @numba.njit(cache=True)
-def _bilinear(grid, u, v, out):
+def _bilinear(grid: FloatArray, u: FloatArray, v: FloatArray, out: FloatArray) -> None:
     last = len(grid) - 2
     columns = np.minimum(u.astype(np.int64), last)
     part = (u - columns).astype(np.float32)

@@ -12,13 +12,24 @@ points per chip and bilinear in between, with an error of 5e-6; they leave out s
 coatings of the filters.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from csstsim.base.errors import InputError
+from csstsim.base.types import FloatArray, IntArray, PathLike
 from csstsim.optics.geometry.wcs import chip_plane
+
+if TYPE_CHECKING:
+    from csstsim.instrument.chip import Chip, Window
+    from csstsim.instrument.filter import Filter
+    from csstsim.instrument.maps.lab_map import LabMap
 
 NODES = 65
 
@@ -31,21 +42,21 @@ class FlatField:
     Generator, the same in all exposures (rng.Streams.camera).
     """
 
-    numbers: dict
-    camera: object
+    numbers: Mapping[str, Any]
+    camera: Callable[[str], np.random.Generator]
 
-    def _unit(self, x, y):
+    def _unit(self, x: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return mosaic positions [px from the boresight] in units of half the mosaic."""
         half_x, half_y = self.numbers["half_mosaic"]
         return np.asarray(x) / half_x, np.asarray(y) / half_y
 
     @cached_property
-    def wavelengths(self):
+    def wavelengths(self) -> FloatArray:
         """(n,) nm: wavelengths of the LEDs that have a flat."""
         return np.asarray(self.numbers["flat"]["wavelengths"], dtype=float)
 
     @cached_property
-    def _modes(self):
+    def _modes(self) -> tuple[FloatArray, FloatArray]:
         """Coefficients (n, J) of the shapes and detector levels (n, columns, rows of the mosaic), by wavelength."""
         flat = self.numbers["flat"]
         gap = np.subtract.outer(np.log(self.wavelengths), np.log(self.wavelengths)) / flat["correlation"]
@@ -60,7 +71,7 @@ class FlatField:
         return flat["pattern_rms"] * pattern * size, levels / levels.mean(axis=(1, 2), keepdims=True)
 
     @cached_property
-    def _vignette(self):
+    def _vignette(self) -> tuple[float, float, float, float, float]:
         """(centre x, centre y, A, B, C): q = A u^2 + B u v + C v^2; u, v from the centre, in units of half a mosaic."""
         numbers, draw = self.numbers["vignetting"], self.camera("vignette")
         low, high = numbers["corner"]
@@ -68,14 +79,14 @@ class FlatField:
         centre = draw.uniform(-numbers["offset"], numbers["offset"], 2)
         return *centre, 0.5 * corner * (1 + skew[0]), corner * skew[1], 0.5 * corner * (1 - skew[0])
 
-    def vignetting(self, x, y):
+    def vignetting(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
         """Return the external flat at mosaic positions [px from the boresight]; at most 1."""
         cx, cy, a, b, c = self._vignette
         u, v = self._unit(x, y)
         u, v = u - cx, v - cy
         return 1 - (a * u * u + b * u * v + c * v * v)
 
-    def internal(self, chip, x, y, weights):
+    def internal(self, chip: Chip, x: ArrayLike, y: ArrayLike, weights: FloatArray) -> FloatArray:
         """Return the internal flat of a chip at mosaic positions, for weights (n,) of the wavelengths that sum to 1."""
         pattern, levels = self._modes
         u, v = (0.5 * np.pi * (1 + w) for w in self._unit(x, y))  # 0 to pi over the mosaic
@@ -83,13 +94,13 @@ class FlatField:
         flats = 1 + np.einsum("nj,j...->n...", pattern, shapes)
         return np.einsum("n,n...->...", weights * levels[:, chip.column - 1, chip.row - 1], flats)
 
-    def weights(self, wave, response):
+    def weights(self, wave: FloatArray, response: FloatArray) -> FloatArray:
         """Return (n,) weights of the LED wavelengths for a response at `wave` [A]; flats are constant outside them."""
         total = np.trapezoid(response, wave)
         hats = [np.interp(np.asarray(wave) / 10, self.wavelengths, row) for row in np.eye(len(self.wavelengths))]
         return np.array([np.trapezoid(response * hat, wave) for hat in hats]) / total
 
-    def external_grid(self, chip, filter):
+    def external_grid(self, chip: Chip, filter: Filter) -> FloatArray:
         """Return (NODES, NODES): the smooth flat for light from the sky, external x drawn internal flat of the filter.
 
         Of a chip with laboratory flats it is the external flat alone: `laboratory` has the internal one.
@@ -99,7 +110,7 @@ class FlatField:
             return self.vignetting(x, y)
         return self.vignetting(x, y) * self.internal(chip, x, y, self.weights(filter.wavelength, filter.throughput))
 
-    def laboratory(self, chip, wave, response):
+    def laboratory(self, chip: Chip, wave: FloatArray, response: FloatArray) -> LabFlat | None:
         """Return the LabFlat of a chip for a response, or None for a chip without laboratory flats."""
         flats = chip.maps.led_flats
         if not flats:
@@ -107,7 +118,7 @@ class FlatField:
         weights = zip(self.wavelengths, self.weights(wave, response), strict=True)
         return LabFlat(tuple((float(weight), flats[led]) for led, weight in weights if weight > 0))
 
-    def led_map(self, chip, window, wave, response):
+    def led_map(self, chip: Chip, window: Window, wave: FloatArray, response: FloatArray) -> FloatArray:
         """Return (ny, nx) float32: the internal flat for a given response, such as one LED through a filter."""
         from csstsim.optics.throughput.coarse_grid import expand
 
@@ -121,18 +132,18 @@ class FlatField:
 class LabFlat:
     """A mean of laboratory flats: pairs of a weight and an instrument.maps.lab_map.LabMap; the weights' sum is 1."""
 
-    flats: tuple
+    flats: tuple[tuple[float, LabMap], ...]
 
     @property
-    def maximum(self):
+    def maximum(self) -> float:
         """An upper bound of the values, from what the maps declare."""
         return sum(weight * flat.maximum for weight, flat in self.flats)
 
-    def part(self, rows, columns):
+    def part(self, rows: slice, columns: slice) -> FloatArray:
         """Return float32 (ny, nx) of slices of the chip's rows and columns. Raises InputError as the maps do."""
         return sum(np.float32(weight) * flat.part(rows, columns) for weight, flat in self.flats)
 
-    def at(self, row, column):
+    def at(self, row: IntArray, column: IntArray) -> FloatArray:
         """Return float32 (n,) of single pixels of the chip: the numbers of `part`."""
         return sum(np.float32(weight) * flat.at(row, column) for weight, flat in self.flats)
 
@@ -151,10 +162,10 @@ _RULES = (
 )
 
 
-def check_flat(numbers, file="leds.yaml"):
+def check_flat(numbers: Mapping[str, Any], file: PathLike = "leds.yaml") -> None:
     """Raise InputError if a number for the flat field in leds.yaml is missing or out of range."""
     for name, allowed, good in _RULES:
-        value = numbers
+        value: Any = numbers
         try:
             for key in name.split("."):
                 value = value[key]
@@ -167,14 +178,15 @@ def check_flat(numbers, file="leds.yaml"):
             raise InputError("missing or out of range", file=file, key=name, value=value, allowed=allowed)
 
 
-def _mosaic(chip):
+def _mosaic(chip: Chip) -> tuple[FloatArray, FloatArray]:
     """Return mosaic positions [px from the boresight] of a chip's grid."""
     rotation, origin = chip_plane(chip)
     from csstsim.optics.throughput.coarse_grid import grid_pixels
 
     x, y = grid_pixels(chip, NODES)
-    return (row[0] * (x - origin[0]) + row[1] * (y - origin[1]) for row in rotation)
+    along, across = (row[0] * (x - origin[0]) + row[1] * (y - origin[1]) for row in rotation)
+    return along, across
 
 
-def _orders(order):
+def _orders(order: int) -> list[tuple[int, int]]:
     return [(i, j) for i in range(order + 1) for j in range(order + 1 - i) if i + j > 0]

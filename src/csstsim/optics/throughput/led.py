@@ -4,11 +4,14 @@ A lamp's line is a Gaussian; a chip receives the part that its filter transmits.
 wavelength. For a lamp without its own flat (880 nm) it is interpolated between the neighbours, which the header states.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from csstsim.base.errors import InputError
+from csstsim.base.types import FloatArray, PathLike
 from csstsim.instrument.filter import GRID
 
 _FWHM = 2 * np.sqrt(2 * np.log(2))
@@ -23,13 +26,13 @@ class Led:
     rate: float
 
     @property
-    def line(self):
+    def line(self) -> FloatArray:
         """(18001,) the line on the paper's grid of 1 A steps, of integral 1 if all of it lies on the grid."""
         sigma = 10 * self.fwhm / _FWHM
         return np.exp(-0.5 * ((GRID - 10 * float(self.name)) / sigma) ** 2) / (sigma * np.sqrt(2 * np.pi))
 
 
-def load_leds(numbers, file="leds.yaml"):
+def load_leds(numbers: Mapping[str, Any], file: PathLike = "leds.yaml") -> dict[str, Led]:
     """Return {name: Led} of Camera.leds. Raises InputError."""
     found = {}
     for row in numbers.get("leds") or ():

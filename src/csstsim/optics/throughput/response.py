@@ -1,17 +1,34 @@
 """The response to light from the sky: flat field x shutter x pixel response (PRNU), the same for all sources."""
 
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from csstsim.base.types import FloatArray, IntArray
 from csstsim.detector import prnu as pixels
 from csstsim.optics.throughput.flat import FlatField, check_flat
 from csstsim.optics.throughput.shutter import exposed
 
+if TYPE_CHECKING:
+    from csstsim.instrument.chip import Chip, Window
+    from csstsim.instrument.filter import Filter
+
 _ROUNDING = 1e-6
 
 
-def response_maximum(chip, filter, leds, camera, *, flat, shutter):
+def response_maximum(
+    chip: Chip,
+    filter: Filter,
+    leds: Mapping[str, Any],
+    camera: Callable[[str], np.random.Generator],
+    *,
+    flat: bool,
+    shutter: bool,
+) -> float:
     """Return an upper limit of `response_map` for a chip, for all pixels in any window.
 
     Photons are drawn for this times the flux and then thinned (render.photon_positions). The maximum of the shutter is
@@ -29,18 +46,29 @@ def response_maximum(chip, filter, leds, camera, *, flat, shutter):
     return highest if lab is None else highest * lab.maximum
 
 
-def response_map(chip, window, filter, exptime, leds, camera, *, flat, shutter, prnu=None):
+def response_map(
+    chip: Chip,
+    window: Window,
+    filter: Filter,
+    exptime: float,
+    leds: Mapping[str, Any],
+    camera: Callable[[str], np.random.Generator],
+    *,
+    flat: bool,
+    shutter: bool,
+    prnu: np.uint64 | None = None,
+) -> FloatArray | None:
     """Return (ny, nx) float32, the fraction of nominal light that is detected; None if all losses are off.
 
     Arguments are those of `Response`. Raises InputError.
     """
     if not (flat or shutter) and prnu is None:
         return None
-    losses = {"flat": flat, "shutter": shutter, "prnu": prnu}
-    return Response(chip, window, filter, exptime, leds, camera, **losses).rows(0, window.ny)
+    losses = Response(chip, window, filter, exptime, leds, camera, flat=flat, shutter=shutter, prnu=prnu)
+    return losses.rows(0, window.ny)
 
 
-def pixel_response(image, chip, window, key):
+def pixel_response(image: FloatArray, chip: Chip, window: Window, key: np.uint64) -> None:
     """Multiply `image` (ny, nx) float32 of a Window by the response of its pixels, in place: the map, or drawn numbers.
 
     key: uint64, the chip's (rng.Streams.chip_key). Raises InputError as the map does.
@@ -55,7 +83,20 @@ def pixel_response(image, chip, window, key):
 class Response:
     """The fraction of nominal light that each pixel of a window detects, computed for the pixels that are asked for."""
 
-    def __init__(self, chip, window, filter, exptime, leds, camera, *, flat, shutter, prnu=None, master=None):
+    def __init__(
+        self,
+        chip: Chip,
+        window: Window,
+        filter: Filter,
+        exptime: float,
+        leds: Mapping[str, Any],
+        camera: Callable[[str], np.random.Generator],
+        *,
+        flat: bool,
+        shutter: bool,
+        prnu: np.uint64 | None = None,
+        master: FloatArray | None = None,
+    ) -> None:
         """Prepare the response of a chip's Window.
 
         leds: Camera.leds; camera: function of a name that returns a Generator, the same in all exposures
@@ -66,15 +107,15 @@ class Response:
             check_flat(leds)
         self._chip, self._window, self._prnu, self._master = chip, window, prnu, master
         field = FlatField(leds, camera) if flat else None
-        self._grid = field and field.external_grid(chip, filter)
-        self._lab = field and field.laboratory(chip, filter.wavelength, filter.throughput)
+        self._grid = None if field is None else field.external_grid(chip, filter)
+        self._lab = None if field is None else field.laboratory(chip, filter.wavelength, filter.throughput)
         self._exposed = exposed(chip, window, exptime).astype(np.float32) if shutter else None
 
-    def rows(self, first, last):
+    def rows(self, first: int, last: int) -> FloatArray:
         """Return float32 (last - first, nx), of the window's rows first to last - 1."""
         return self.part(slice(first, last), slice(0, self._window.nx))
 
-    def part(self, rows, columns):
+    def part(self, rows: slice, columns: slice) -> FloatArray:
         """Return float32, of slices of the window's rows and columns that have a start and a stop."""
         from csstsim.optics.throughput.coarse_grid import expand
 
@@ -93,7 +134,7 @@ class Response:
             out *= self._master[rows, columns]
         return out
 
-    def at(self, row, column):
+    def at(self, row: IntArray, column: IntArray) -> FloatArray:
         """Return float32 (n,), of single pixels of the window: the numbers of `rows`. row, column: int (n,)."""
         from csstsim.optics.throughput.coarse_grid import pick
 

@@ -12,16 +12,26 @@ distance d from its bearing loses 2 t(d), with L cos A(t) = d. With tau = 2 pi t
 Left out: the height of the leaves above the detectors; the edge of the shadow is wide but moves alike for all columns.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 from csstsim.base.errors import InputError
+from csstsim.base.types import AnyArray, FloatArray
 from csstsim.base.units import DAY_S
 from csstsim.optics.geometry.wcs import chip_plane
+
+if TYPE_CHECKING:
+    from csstsim.instrument.chip import Chip, Window
+    from csstsim.instrument.telescope import Telescope
 
 _HALVINGS = 60
 
 
-def deficit(x_mm, telescope):
+def deficit(x_mm: ArrayLike, telescope: Telescope) -> FloatArray:
     """Return the exposure time lost [s] at x [mm from the middle]: 0 in the middle, 2 t_s at a bearing."""
     half = telescope.shutter_span_mm / 2
     angle = np.arccos(np.clip(1 - np.abs(np.asarray(x_mm, float)) / half, 0.0, 1.0))
@@ -33,7 +43,7 @@ def deficit(x_mm, telescope):
     return telescope.shutter_time * (low + high) / (2 * np.pi)
 
 
-def moments(start, exptime, telescope):
+def moments(start: float, exptime: float, telescope: Telescope) -> dict[str, float]:
     """Return the times at which the shutter starts to open, is open, starts to close and is closed, {name: MJD UTC}.
 
     start: MJD; exptime [s]: from the first to the last of these, the exposure time of the middle of the focal plane.
@@ -45,7 +55,7 @@ def moments(start, exptime, telescope):
     }  # fmt: skip
 
 
-def exposed(chip, window, exptime):
+def exposed(chip: Chip, window: Window, exptime: float) -> FloatArray:
     """Return (window.nx,) float64: the fraction of `exptime` [s] for which each column of a chip's window is exposed.
 
     Grating chips are turned by 1 deg; their columns are evaluated at the chip's middle row, an error of up to 2e-5 of
@@ -55,12 +65,12 @@ def exposed(chip, window, exptime):
     return 1 - deficit(_across_mm(chip, np.arange(window.x0, window.x1)), chip.telescope) / exptime
 
 
-def lost(chip, x):
+def lost(chip: Chip, x: ArrayLike) -> FloatArray:
     """Return the exposure time lost [s] at columns x (n,) [px] of a chip, half of it at either end of the exposure."""
     return deficit(_across_mm(chip, np.asarray(x, float)), chip.telescope)
 
 
-def check(chip, exptime):
+def check(chip: Chip, exptime: float) -> None:
     """Raise InputError for an exposure [s] shorter than opening plus closing, or leaves that do not cover the chip."""
     shortest, span = 2 * chip.telescope.shutter_time, chip.telescope.shutter_span_mm
     if exptime < shortest:
@@ -71,7 +81,7 @@ def check(chip, exptime):
         raise InputError(message, file="telescope.yaml", key="shutter_span_mm", value=span, allowed=allowed)
 
 
-def _across_mm(chip, columns):
+def _across_mm(chip: Chip, columns: AnyArray) -> FloatArray:
     """Return mosaic x [mm] of a chip's columns, where they cross its middle row."""
     rotation, origin = chip_plane(chip)
     row = (chip.detector.ny - 1) / 2 - origin[1]

@@ -1,0 +1,15 @@
+"""Names for what arrays hold. Their shapes and units are in docstrings: (n,), (rows, columns), [deg], [e-]."""
+
+import os
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray: TypeAlias = NDArray[np.floating[Any]]
+IntArray: TypeAlias = NDArray[np.integer[Any]]
+BoolArray: TypeAlias = NDArray[np.bool_]
+ComplexArray: TypeAlias = NDArray[np.complexfloating[Any, Any]]
+AnyArray: TypeAlias = NDArray[Any]  # of several kinds of numbers, or of text
+Floats: TypeAlias = float | FloatArray  # a number, or an array of them: the result has its shape
+PathLike: TypeAlias = str | os.PathLike[str]
