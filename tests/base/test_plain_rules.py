@@ -2,6 +2,7 @@
 
 import hashlib
 from dataclasses import dataclass
+from typing import Annotated
 
 import h5py
 import numpy as np
@@ -146,7 +147,7 @@ class Numbers(Model):
     low: NotNegative = 0.0
     high: Positive = 1.0
     above: Number | None = None
-    share: between(0.25, 0.5) = 0.3
+    share: Annotated[Number, between(0.25, 0.5)] = 0.3
     count: WholeNumber = 1
     flag: bool = False
     several: list[float] = []  # noqa: RUF012

@@ -5,12 +5,18 @@ never give the same sequence. `object_keys` makes a key of each object's id. Obj
 numbers, so ids must differ. Functions that need several numbers take the counter and return it advanced.
 """
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
 
 import csstsim.base.process.no_blas  # noqa: F401
+
+if TYPE_CHECKING:
+    from csstsim.base.types import IntArray
 
 _GAMMA = np.uint64(0x9E3779B97F4A7C15)
 _MIX1, _MIX2 = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
@@ -24,7 +30,7 @@ _INVERSION_LAST = 100  # where rounding must not let the search run on: P(more) 
 
 
 @numba.njit(inline="always")
-def word(key, counter):
+def word(key: np.uint64, counter: np.uint64) -> np.uint64:
     """Return 64 random bits."""
     z = key + counter * _GAMMA
     z = (z ^ (z >> _S30)) * _MIX1
@@ -33,25 +39,25 @@ def word(key, counter):
 
 
 @numba.njit(inline="always")
-def high(bits):
+def high(bits: np.uint64) -> float:
     """Return a uniform number in (0, 1) from the upper 32 bits."""
     return (np.float64(bits >> _S32) + 0.5) * _UNIT32
 
 
 @numba.njit(inline="always")
-def low(bits):
+def low(bits: np.uint64) -> float:
     """Return a uniform number in (0, 1) from the lower 32 bits."""
     return (np.float64(bits & _LOW32) + 0.5) * _UNIT32
 
 
 @numba.njit(inline="always")
-def unit(bits):
+def unit(bits: np.uint64) -> float:
     """Return a uniform number in (0, 1) of 52 bits (one more would round to 1)."""
     return (np.float64(bits >> _S12) + 0.5) * _UNIT52
 
 
 @numba.njit(cache=True)
-def object_keys(base, ids):
+def object_keys(base: np.uint64, ids: IntArray) -> IntArray:
     """Return (n,) uint64 keys of integer ids under a base key (uint64)."""
     keys = np.empty(len(ids), np.uint64)
     for i in range(len(ids)):
@@ -60,7 +66,7 @@ def object_keys(base, ids):
 
 
 @numba.njit(cache=True)
-def poisson(mean, key, counter):
+def poisson(mean: float, key: np.uint64, counter: np.uint64) -> tuple[int, np.uint64]:
     """Return (a Poisson number of this mean >= 0, the counter advanced).
 
     Small means by inversion, large ones by transformed rejection (Hoermann 1993, PTRS).

@@ -1,23 +1,32 @@
 """Short digests of what decides a product: data, and the text of a user's own code (layers, catalogues)."""
 
+from __future__ import annotations
+
 import hashlib
 import json
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from types import ModuleType
+    from typing import Any
+
+    from csstsim.base.types import PathLike
 
 _PIECES, _PIECE = 256, 1 << 16  # and their bytes
 
 
-def digest(data):
+def digest(data: Any) -> str:
     """Return 16 hex digits of the SHA-256 of JSON-like data, independent of key order."""
     return hashlib.sha256(json.dumps(data, sort_keys=True, default=str).encode()).hexdigest()[:16]
 
 
-def file_digest(path):
+def file_digest(path: PathLike) -> str:
     """Return 16 hex digits of a file's content. Raises OSError if it cannot be read."""
     return hashlib.sha256(Path(path).read_bytes()).hexdigest()[:16]
 
 
-def large_file_digest(path):
+def large_file_digest(path: PathLike) -> str:
     """Return 16 hex digits of a large file: of its size and of 256 pieces, evenly spaced. Raises OSError."""
     size = Path(path).stat().st_size
     found = hashlib.sha256(str(size).encode())
@@ -28,11 +37,11 @@ def large_file_digest(path):
     return found.hexdigest()[:16]
 
 
-def module_digest(module):
+def module_digest(module: ModuleType) -> str | None:
     """Return 16 hex digits of the file of an imported module; None for csstsim's own and for one without a file."""
     if module.__name__.startswith("csstsim."):
         return None  # the release stands for it
     try:
-        return file_digest(module.__file__)
+        return file_digest(module.__file__)  # type: ignore[arg-type]  # None is caught below
     except (AttributeError, TypeError, OSError):
         return None

@@ -5,6 +5,13 @@ the value and what is allowed, and the command ends with exit code 2 and no trac
 exception through: it is a bug.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from typing import Any
+
 LONGEST = 160  # characters of a key or value in a message
 LINE = 1500  # ... of the whole message
 
@@ -12,13 +19,15 @@ LINE = 1500  # ... of the whole message
 class CsstsimError(Exception):
     """Base of the errors that end a command with exit code 2 and one line."""
 
-    page = None  # the page that explains what is allowed: csstsim.base.help_page
+    page: str | None = None  # the page that explains what is allowed: csstsim.base.help_page
 
 
 class InputError(CsstsimError):
     """A value in a file, table or command line that cannot be used."""
 
-    def __init__(self, message, *, file=None, key=None, value=None, allowed=None):
+    def __init__(
+        self, message: str, *, file: object = None, key: object = None, value: object = None, allowed: object = None
+    ) -> None:
         self.message, self.file, self.key, self.value, self.allowed = message, file, key, value, allowed
         where = ": ".join(text for part, text in ((file, str(file)), (key, _cut(str(key)))) if part is not None)
         text = f"{where}: {message}" if where else message
@@ -33,13 +42,13 @@ class BlockedError(InputError):
     """An exposure that a layer of the observation cannot have: the survey table, too, may be at fault."""
 
 
-def _in_a_line(text):
+def _in_a_line(text: str) -> str:
     """Return text as one printable line: names read from files may hold any characters."""
     text = _cut(" ".join(text.split()), LINE)
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
-def _shown(value):
+def _shown(value: Any) -> str:
     """Return repr(value), cut to a length that can be read."""
     try:
         text = repr(value.item() if getattr(value, "ndim", None) == 0 else value)  # a NumPy number as Python's
@@ -48,5 +57,5 @@ def _shown(value):
     return _cut(text)
 
 
-def _cut(text, most=LONGEST):
+def _cut(text: str, most: int = LONGEST) -> str:
     return text if len(text) <= most else f"{text[: most - 4]} ..."

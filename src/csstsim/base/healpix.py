@@ -6,10 +6,14 @@ angles go through co-latitudes for that. Only its borders differ, in the last bi
 """
 
 import math
+from typing import TypeVar
 
 import numpy as np
 
 from csstsim.base.sphere import ra_dec, unit_vectors
+from csstsim.base.types import BoolArray, FloatArray, Floats, IntArray
+
+BitsT = TypeVar("BitsT", int, IntArray)
 
 ORDER = 8
 NSIDE = 2**ORDER
@@ -23,7 +27,7 @@ _ROWS = (2, 2, 2, 2, 3, 3, 3, 3, 4, 4, 4, 4)
 _COLUMNS = (1, 3, 5, 7, 0, 2, 4, 6, 1, 3, 5, 7)
 
 
-def pixel_of(nside, ra, dec):
+def pixel_of(nside: int, ra: Floats, dec: Floats) -> IntArray:
     """Return the pixel (int64) that holds each position. Raises ValueError for one that is not on the sphere."""
     import hpgeom
 
@@ -38,14 +42,14 @@ def pixel_of(nside, ra, dec):
     return np.where(polar, exact, pix)
 
 
-def pixel_towards(nside, vectors):
+def pixel_towards(nside: int, vectors: FloatArray) -> IntArray:
     """Return the pixel (int64) that holds the direction of each vector (..., 3)."""
     import hpgeom
 
     return hpgeom.vector_to_pixel(nside, *np.moveaxis(np.asarray(vectors, float), -1, 0), nest=True)
 
 
-def pixel_centre(nside, pix):
+def pixel_centre(nside: int, pix: int | IntArray) -> tuple[FloatArray, FloatArray]:
     """Return ra, dec of the middle of pixels."""
     import hpgeom
 
@@ -53,14 +57,14 @@ def pixel_centre(nside, pix):
     return np.degrees(phi), 90.0 - np.degrees(theta)
 
 
-def pixel_vector(nside, pix):
+def pixel_vector(nside: int, pix: int | IntArray) -> FloatArray:
     """Return the unit vectors (..., 3) of the middle of pixels."""
     import hpgeom
 
     return np.stack(hpgeom.pixel_to_vector(nside, pix, nest=True), axis=-1)
 
 
-def disc(nside, centre, radius, inclusive=False):
+def disc(nside: int, centre: FloatArray, radius: float, inclusive: bool = False) -> IntArray:
     """Return the pixels, rising, whose middles lie within `radius` [rad] of a unit vector (3,).
 
     inclusive: those that reach into the disc, and a few that may just not.
@@ -70,23 +74,23 @@ def disc(nside, centre, radius, inclusive=False):
     return np.sort(hpgeom.query_circle_vec(nside, centre, radius, inclusive=inclusive, nest=True))
 
 
-def colatitude(ra, dec):
+def colatitude(ra: Floats, dec: Floats) -> tuple[FloatArray, FloatArray]:
     """Return theta, phi [rad], 0 <= phi <= 2 pi, of positions."""
     phi = np.radians(ra)
     return np.pi / 2 - np.radians(dec), np.where((phi < 0) | (phi > 2 * np.pi), phi % (2 * np.pi), phi)
 
 
-def brick_of(ra, dec):
+def brick_of(ra: Floats, dec: Floats) -> IntArray:
     """Return the brick (int64) that holds each position; every position is in exactly one."""
     return pixel_of(NSIDE, ra, dec)
 
 
-def hats_index(ra, dec):
+def hats_index(ra: Floats, dec: Floats) -> IntArray:
     """Return the nested HEALPix index of order 29 (int64), the row index of HATS catalogues."""
     return pixel_of(2**HATS_ORDER, ra, dec)
 
 
-def pixel_border(nside, pix, step=1):
+def pixel_border(nside: int, pix: int, step: int = 1) -> FloatArray:
     """Return unit vectors (4 step, 3) along the border of a pixel: `step` from each corner on, N, W, S, E."""
     face, within = divmod(int(pix), nside * nside)
     x, y = ((every_other(within >> shift) + 0.5) / nside for shift in (0, 1))
@@ -97,12 +101,12 @@ def pixel_border(nside, pix, step=1):
     return np.array([_vector(face, *point) for point in points])
 
 
-def every_other(bits, count=30):
+def every_other(bits: BitsT, count: int = 30) -> BitsT:
     """Return the number, or numbers, made of the lowest `count` even bits."""
-    return sum((bits >> 2 * k & 1) << k for k in range(count))
+    return sum((bits >> 2 * k & 1) << k for k in range(count))  # type: ignore[return-value]  # count is not 0
 
 
-def _vector(face, x, y):
+def _vector(face: int, x: float, y: float) -> tuple[float, float, float]:
     """Return the unit vector of a point in the square of a base pixel (Gorski et al. 2005, equations 4-9)."""
     row = _ROWS[face] - x - y
     if 1 <= row <= 3:  # equatorial
@@ -119,12 +123,12 @@ def _vector(face, x, y):
     return across * math.cos(phi), across * math.sin(phi), z
 
 
-def brick_corners(pix, step=1):
+def brick_corners(pix: int, step: int = 1) -> tuple[FloatArray, FloatArray]:
     """Return ra, dec (4 step,) along the border of a brick."""
     return ra_dec(pixel_border(NSIDE, pix, step))
 
 
-def near_brick(pix, ra, dec, margin):
+def near_brick(pix: int, ra: FloatArray, dec: FloatArray, margin: float) -> BoolArray:
     """Return a mask of the positions in brick `pix` or within `margin` (deg) of its border.
 
     A position outside is near when one of 16 directions at `margin`, or at half of it, leads into the brick: at the
@@ -152,6 +156,6 @@ def near_brick(pix, ra, dec, margin):
     return near
 
 
-def brick_centre(pix):
+def brick_centre(pix: int | IntArray) -> tuple[FloatArray, FloatArray]:
     """Return ra, dec of the middle of a brick."""
     return pixel_centre(NSIDE, pix)

@@ -1,10 +1,16 @@
 """Where an input is explained: a page that comes with csstsim, or the command that prints one."""
 
+from __future__ import annotations
+
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from csstsim.base.errors import CsstsimError
 from csstsim.base.shipped import ROOT
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 PAGES = {
     "campaign": "config/README.md",
@@ -20,7 +26,7 @@ PAGES = {
 
 
 @contextmanager
-def explained(kind):
+def explained(kind: str) -> Iterator[None]:
     """Errors raised inside name the page (PAGES) of this kind of input; of nested contexts the innermost counts."""
     try:
         yield
@@ -29,9 +35,9 @@ def explained(kind):
         raise
 
 
-def with_page(error):
+def with_page(error: CsstsimError) -> str:
     """Return a CsstsimError as one line, with the page that explains the input, if there is one."""
-    page = error.page
+    page: str | Path | None = error.page
     if page and (file := ROOT / page).is_file():
         page = file.relative_to(Path.cwd()) if file.is_relative_to(Path.cwd()) else file
     return f"{error}; see {page}" if page else str(error)

@@ -3,13 +3,21 @@
 Places are ICRS, whatever the header's frame is; pixels count from 0.
 """
 
+from __future__ import annotations
+
 import warnings
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.sphere import frames
+
+if TYPE_CHECKING:
+    from astropy.io.fits import HDUList, Header
+
+    from csstsim.base.types import FloatArray, Floats, PathLike
 
 _STEP = 0.5  # px, and arcsec: half of the differences that give the local map
 
@@ -20,7 +28,7 @@ class ImageWCS:
     header: astropy Header; file: the HDUList that holds tables of a distortion, or None; path: named in errors.
     """
 
-    def __init__(self, header, path, file=None):
+    def __init__(self, header: Header, path: PathLike, file: HDUList | None = None) -> None:
         from astropy.wcs import WCS
         from astropy.wcs.utils import wcs_to_celestial_frame
 
@@ -42,10 +50,10 @@ class ImageWCS:
             ) from None  # fmt: skip
 
     @cached_property
-    def _is_icrs(self):
+    def _is_icrs(self) -> bool:
         return self.frame.name == "icrs"
 
-    def pixels(self, ra, dec):
+    def pixels(self, ra: FloatArray, dec: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return x, y (n,) px of ICRS directions [deg]; NaN where the image has none."""
         from astropy.coordinates import SkyCoord
 
@@ -59,9 +67,9 @@ class ImageWCS:
             try:
                 return self.wcs.all_world2pix(*world, 0, quiet=True)
             except Exception:  # astropy's are of many types
-                return np.full((2, *ra.shape), np.nan)
+                return np.full(ra.shape, np.nan), np.full(ra.shape, np.nan)
 
-    def sky(self, x, y):
+    def sky(self, x: Floats, y: Floats) -> tuple[FloatArray, FloatArray]:
         """Return ICRS ra, dec (n,) deg of pixels; NaN where the projection has none."""
         from astropy.coordinates import SkyCoord
 
@@ -72,7 +80,9 @@ class ImageWCS:
         here = SkyCoord(lon, lat, unit="deg", frame=self.frame).icrs
         return here.ra.deg, here.dec.deg
 
-    def jacobian(self, ra, dec, seen=None):
+    def jacobian(
+        self, ra: FloatArray, dec: FloatArray, seen: tuple[FloatArray, FloatArray] | None = None
+    ) -> FloatArray:
         """Return (n, 2, 2) d(pixel) / d(arcsec east, north) at ICRS directions [deg], the poles included.
 
         `seen` is for maps with apparent directions; an image of others has none.
@@ -80,9 +90,11 @@ class ImageWCS:
         middle, *axes = frames(np.radians(ra), np.radians(dec))
         step = np.radians(_STEP / 3600)
         ends = [[self.pixels(*_angles(middle + k * step * axis)) for k in (1, -1)] for axis in axes]
-        return np.moveaxis([np.subtract(*pair) for pair in ends], (0, 1, 2), (2, 1, 0)) / (2 * _STEP)
+        return np.moveaxis(np.array([np.subtract(plus, minus) for plus, minus in ends]), (0, 1, 2), (2, 1, 0)) / (
+            2 * _STEP
+        )
 
-    def per_pixel(self, x, y):
+    def per_pixel(self, x: float, y: float) -> FloatArray:
         """Return (2, 2) arcsec east, north of a step of one column, one row at a pixel."""
         _, east, north = frames(*(np.radians(v) for v in self.sky(x, y)))
         ends = [[_vectors(self.sky(x + k * a, y + k * b)) for k in (_STEP, -_STEP)] for a, b in ((1, 0), (0, 1))]
@@ -91,11 +103,11 @@ class ImageWCS:
         return np.degrees(found) * 3600
 
 
-def _angles(vectors):
+def _angles(vectors: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return ra, dec (n,) deg of vectors (n, 3)."""
     x, y, z = np.moveaxis(vectors, -1, 0)
     return np.degrees(np.arctan2(y, x)) % 360.0, np.degrees(np.arctan2(z, np.hypot(x, y)))
 
 
-def _vectors(angles):
+def _vectors(angles: tuple[FloatArray, FloatArray]) -> FloatArray:
     return frames(*(np.radians(v) for v in angles))[0]

@@ -5,9 +5,10 @@ Files that a user writes become a `Model`. Numbers of the camera and the sky bec
 are read.
 """
 
+from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -17,10 +18,15 @@ from pydantic import (
     Field,
     TypeAdapter,
     ValidationError,
+    ValidationInfo,
     field_validator,
 )
+from pydantic.fields import FieldInfo
 
 from csstsim.base.model_faults import input_error
+from csstsim.base.types import PathLike
+
+T = TypeVar("T")
 
 
 class Model(BaseModel):
@@ -30,9 +36,9 @@ class Model(BaseModel):
 
     @field_validator("*", mode="before")
     @classmethod
-    def _no_true_for_a_number(cls, value, info):
+    def _no_true_for_a_number(cls, value: Any, info: ValidationInfo) -> Any:
         given = value if isinstance(value, list) else [value]
-        if bool not in _types(cls.model_fields[info.field_name].annotation) and any(
+        if bool not in _types(cls.model_fields[str(info.field_name)].annotation) and any(
             v is True or v is False for v in given
         ):
             raise ValueError("true and false are not allowed here")
@@ -51,15 +57,15 @@ NotNegative = Annotated[Number, Field(ge=0)]
 Whole = Annotated[int, Field(strict=True)]
 
 
-def between(low, high, kind=Number):
-    """Return the type of a number from `low` to `high`."""
-    return Annotated[kind, Field(ge=low, le=high)]
+def between(low: float, high: float) -> FieldInfo:
+    """Return what makes `Annotated[Number, between(low, high)]` the type of a number from `low` to `high`."""
+    return Field(ge=low, le=high)
 
 
-def at_least(other):
+def at_least(other: str) -> AfterValidator:
     """Return the check that a number is not below that of the field `other`, which must come before it."""
 
-    def check(value, info):
+    def check(value: float, info: ValidationInfo) -> float:
         if value < info.data.get(other, value):
             raise ValueError(f"must be at least {other}, {info.data[other]:g}")
         return value
@@ -67,10 +73,10 @@ def at_least(other):
     return AfterValidator(check)
 
 
-def must(test, message):
+def must(test: Callable[[Any], bool], message: str) -> AfterValidator:
     """Return the check that a value passes `test`; the error says `message`."""
 
-    def check(value):
+    def check(value: Any) -> Any:
         if not test(value):
             raise ValueError(message)
         return value
@@ -78,7 +84,7 @@ def must(test, message):
     return AfterValidator(check)
 
 
-def _real_path(value):
+def _real_path(value: Any) -> Any:
     if isinstance(value, str) and (not value.strip() or "\0" in value):
         raise ValueError("an empty path, or one with a NUL character")
     return value
@@ -87,10 +93,10 @@ def _real_path(value):
 FilePath = Annotated[Path, BeforeValidator(_real_path)]
 
 
-def validate(model, data, file, key=()):
+def validate(model: type[T], data: Any, file: PathLike, key: Sequence[str | int] = ()) -> T:
     """Return `model` built from `data`; the first fault becomes an InputError naming file, key, value, allowed."""
     try:
-        return model.model_validate(data) if issubclass(model, BaseModel) else _adapter(model).validate_python(data)
+        return model.model_validate(data) if issubclass(model, BaseModel) else _adapter(model).validate_python(data)  # type: ignore[arg-type]  # a class is hashable
     except ValidationError as exc:
         raise input_error(exc, model, file, key) from None
 
@@ -98,6 +104,6 @@ def validate(model, data, file, key=()):
 _adapter = cache(TypeAdapter)
 
 
-def _types(annotation):
+def _types(annotation: Any) -> list[Any]:
     args = getattr(annotation, "__args__", ())
     return [annotation, *(t for arg in args for t in _types(arg))]

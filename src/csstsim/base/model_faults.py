@@ -4,15 +4,17 @@ pydantic reports each branch of a union (`window`: four numbers, or 'region') by
 they become one fault: that of the branch which was meant, or what all branches want.
 """
 
+from collections.abc import Iterator, Sequence
 from dataclasses import is_dataclass
 from difflib import get_close_matches
 from itertools import groupby
 from types import UnionType
-from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Union, cast, get_args, get_origin, get_type_hints
 
-from pydantic import BaseModel
+from pydantic import BaseModel, ValidationError
 
 from csstsim.base.errors import InputError
+from csstsim.base.types import PathLike
 
 _UNKNOWN = "extra_forbidden", "unexpected_keyword_argument"  # of a Model, of Data
 _WANTED = {
@@ -21,7 +23,7 @@ _WANTED = {
 }  # fmt: skip
 
 
-def input_error(exc, model, file, key=()):
+def input_error(exc: ValidationError, model: type, file: PathLike, key: Sequence[str | int] = ()) -> InputError:
     """Turn a pydantic ValidationError about `model` into an InputError about its first fault."""
     faults = _faults(exc, model)
     fault = faults[0]
@@ -46,7 +48,7 @@ def input_error(exc, model, file, key=()):
     return InputError(message + more, file=file, key=where, value=fault["input"])
 
 
-def fields(model):
+def fields(model: Any) -> dict[str, Any]:
     """Return {name: type} of a Model's or dataclass' fields; {} for another type."""
     if is_dataclass(model):
         return get_type_hints(model)
@@ -55,10 +57,10 @@ def fields(model):
     return {}
 
 
-def _faults(exc, model):
+def _faults(exc: ValidationError, model: type) -> list[dict[str, Any]]:
     """Return pydantic's errors, those of one union made one, without names of branches in `loc`."""
-    found = []
-    for union, group in groupby(exc.errors(), lambda fault: _union(model, fault["loc"])):
+    found: list[dict[str, Any]] = []
+    for union, group in groupby(cast("list[dict[str, Any]]", exc.errors()), lambda fault: _union(model, fault["loc"])):
         faults = list(group)
         if union is None:
             found += faults
@@ -73,7 +75,7 @@ def _faults(exc, model):
     return [_of_key(fault | {"loc": tuple(part for part, _ in _steps(model, fault["loc"]))}) for fault in found]
 
 
-def _of_key(fault):
+def _of_key(fault: dict[str, Any]) -> dict[str, Any]:
     """Return the fault of a mapping's key, which pydantic marks, as one at that key."""
     if fault["loc"][-1:] != ("[key]",):
         return fault
@@ -81,7 +83,7 @@ def _of_key(fault):
     return fault | {"type": "unknown_key", "wanted": fault.get("ctx", {}).get("expected", "text")}
 
 
-def _wanted(fault, model):
+def _wanted(fault: dict[str, Any], model: type) -> str | None:
     """Return what a value must be, if it is of the wrong kind; else None."""
     if fault["type"] == "literal_error":
         return fault["ctx"]["expected"] if "wanted" in fault or _union(model, fault["loc"]) is not None else None
@@ -90,13 +92,13 @@ def _wanted(fault, model):
     return fault.get("wanted") or _WANTED.get(fault["type"])
 
 
-def _union(model, loc):
+def _union(model: type, loc: Sequence[str | int]) -> Sequence[str | int] | None:
     """Return the part of an error's place before the first name of a branch, or None without one."""
     kept = len(list(_steps(model, loc, to_branch=True)))
     return loc[:kept] if kept < len(loc) else None
 
 
-def _inside(model, loc):
+def _inside(model: type, loc: Sequence[str | int]) -> Any:
     """Return the type at a place."""
     kind = model
     for _, inner in _steps(model, loc):
@@ -105,7 +107,7 @@ def _inside(model, loc):
     return next((branch for branch in _branches(kind) if _named(branch, named)), _branches(kind)[0])
 
 
-def _steps(model, loc, *, to_branch=False):
+def _steps(model: type, loc: Sequence[str | int], *, to_branch: bool = False) -> Iterator[tuple[str | int, Any]]:
     """Yield (part, type there) of an error's place, names of branches left out; to_branch: end before the first."""
     kind = model
     for part in loc:
@@ -119,7 +121,7 @@ def _steps(model, loc, *, to_branch=False):
         yield part, kind
 
 
-def _branches(kind):
+def _branches(kind: Any) -> list[Any]:
     """Return the types that a union allows besides None, or the type itself."""
     while get_origin(kind) is Annotated:
         kind = get_args(kind)[0]
@@ -128,21 +130,21 @@ def _branches(kind):
     return [branch for one in get_args(kind) if one is not type(None) for branch in _branches(one)]
 
 
-def _named(branch, part):
+def _named(branch: Any, part: str | int) -> bool:
     """Whether pydantic calls a branch of a union so: PixelWindow, dict[str,any], literal['region']."""
     return getattr(get_origin(branch) or branch, "__name__", str(branch)).lower() == str(part).partition("[")[0].lower()
 
 
-def _within(kind, part):
+def _within(kind: Any, part: str | int) -> Any:
     """Return the type of the field, value or item `part` of a type."""
     inner = [one for one in get_args(kind) if one is not Ellipsis]
     if get_origin(kind) is dict:
         return inner[1]
     if get_origin(kind) in (list, tuple) and inner:
         return inner[part] if isinstance(part, int) and part < len(inner) else inner[-1]
-    return fields(kind).get(part, Any)
+    return fields(kind).get(part, Any) if isinstance(part, str) else Any
 
 
-def _in_a_line(message):
+def _in_a_line(message: str) -> str:
     """Return a message with a lower-case first letter; a name in capitals stays."""
     return message if message[1:2].isupper() else message[0].lower() + message[1:]

@@ -1,6 +1,6 @@
 """Counts in messages: 1 object, 2 objects."""
 
 
-def number_of(count, word, several=None):
+def number_of(count: int, word: str, several: str | None = None) -> str:
     """Return a count and what is counted; several: the plural, if it is not the word with an s."""
     return f"{count} {word if count == 1 else several or word + 's'}"

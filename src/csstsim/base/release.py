@@ -1,15 +1,25 @@
 """Products of another release or campaign are refused."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from csstsim import __version__
 from csstsim.base.errors import InputError
 
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from typing import Any
 
-def release(version=__version__):
+    from csstsim.base.types import PathLike
+
+
+def release(version: object = __version__) -> str:
     """Return the first two numbers of a version. Versions that share them make the same products, bit by bit."""
     return ".".join(str(version).split(".")[:2])
 
 
-def check_release(path, version):
+def check_release(path: PathLike, version: object) -> None:
     """Raise InputError for a product of another release. version: what the product records, or None."""
     if version is None or release(version) != release():
         raise InputError(
@@ -19,7 +29,7 @@ def check_release(path, version):
         )  # fmt: skip
 
 
-def check_recipe(path, meta, recipe):
+def check_recipe(path: PathLike, meta: Mapping[str, Any], recipe: object) -> None:
     """Raise InputError for a file that records another recipe than `recipe`, or another release."""
     found = meta.get("recipe")
     if found != recipe:

@@ -4,36 +4,42 @@ The generator is Philox (Salmon et al. 2011); a stream's key is the SHA-256 of "
 collide as sums of seeds and ids do, and nothing depends on the order of work, on threads or on jobs killed and resumed.
 """
 
+from __future__ import annotations
+
 import copy
 import hashlib
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
+if TYPE_CHECKING:
+    from hashlib import _Hash
 
-def _begun(seed, *key):
+
+def _begun(seed: int, *key: object) -> _Hash:
     """Return the hash of the first words of a key, to which `_digest` adds the others."""
     return hashlib.sha256("/".join(_words(seed, *key)).encode())
 
 
-def _digest(begun, *key):
+def _digest(begun: _Hash, *key: object) -> bytes:
     """Return the 32 bytes of a key of which the first words are hashed already."""
     whole = begun.copy()
     whole.update("".join(f"/{word}" for word in _words(*key)).encode())
     return whole.digest()
 
 
-def _words(*key):
+def _words(*key: object) -> list[str]:
     words = list(map(str, key))
     if any("/" in word for word in words):
         raise ValueError(f"a stream word holds '/': {words}")
     return words
 
 
-def _generator(digest):
+def _generator(digest: bytes) -> np.random.Generator:
     return np.random.Generator(np.random.Philox(key=int.from_bytes(digest[:16], "little")))
 
 
-def stream(seed, *key):
+def stream(seed: int, *key: object) -> np.random.Generator:
     """Return a `numpy.random.Generator` (Philox) for this campaign seed and these words.
 
     Raises ValueError for a word with a "/" in it.
@@ -41,7 +47,7 @@ def stream(seed, *key):
     return _generator(_digest(_begun(seed), *key))
 
 
-def counter_key(seed, *key):
+def counter_key(seed: int, *key: object) -> np.uint64:
     """Return 64 bits (numpy.uint64) for these words, for the counters of compiled loops (csstsim.base.counter)."""
     return _counter_key(_digest(_begun(seed), *key))
 
@@ -52,46 +58,46 @@ class Streams:
     It keeps hashes of seed, obsid and chip, not the words. keyword: the layer's.
     """
 
-    def __init__(self, seed, obsid, chip_id, keyword):
+    def __init__(self, seed: int, obsid: str, chip_id: int, keyword: str) -> None:
         self._exposure, self._keyword = _begun(seed, "exposure", obsid, chip_id), keyword
         self._object = _begun(seed, "object", obsid, chip_id)
         self._chip, self._channel = _begun(seed, "chip", chip_id), _begun(seed, "channel", chip_id)
         self._camera = _begun(seed, "camera")
 
-    def layer(self, keyword):
+    def layer(self, keyword: str) -> Self:
         """Return the Streams of another layer in the same exposure and chip."""
         other = copy.copy(self)
         other._keyword = keyword
         return other
 
-    def exposure(self, name):
+    def exposure(self, name: str) -> np.random.Generator:
         """New in each exposure and chip: shot noise, read noise, tracks."""
         return _generator(_digest(self._exposure, self._keyword, name))
 
-    def chip(self, name):
+    def chip(self, name: str) -> np.random.Generator:
         """Fixed for the chip. Keyed by the effect's name, not the layer: several layers may see one pattern."""
         return _generator(_digest(self._chip, name))
 
-    def channel(self, channel, name):
+    def channel(self, channel: int, name: str) -> np.random.Generator:
         """Fixed for one readout channel (1..16) of the chip."""
         return _generator(_digest(self._channel, channel, name))
 
-    def exposure_key(self, name):
+    def exposure_key(self, name: str) -> np.uint64:
         """Return 64 bits (numpy.uint64), as `exposure`, for the counters of compiled loops (csstsim.base.counter)."""
         return _counter_key(_digest(self._exposure, self._keyword, name))
 
-    def chip_key(self, name):
+    def chip_key(self, name: str) -> np.uint64:
         """Return 64 bits (numpy.uint64), as `chip`, for the counters of compiled loops."""
         return _counter_key(_digest(self._chip, name))
 
-    def camera(self, name):
+    def camera(self, name: str) -> np.random.Generator:
         """Fixed for the whole camera."""
         return _generator(_digest(self._camera, name))
 
-    def object(self, object_id):
+    def object(self, object_id: object) -> np.random.Generator:
         """One object in this exposure: independent of order, neighbours and threads."""
         return _generator(_digest(self._object, object_id))
 
 
-def _counter_key(digest):
+def _counter_key(digest: bytes) -> np.uint64:
     return np.uint64(int.from_bytes(digest[:8], "little"))

@@ -5,74 +5,79 @@ axis.
 """
 
 import math
+from typing import TypeVar
 
 import numpy as np
 
+from csstsim.base.types import BoolArray, FloatArray, Floats
 
-def unit_vectors(ra, dec):
+FloatsT = TypeVar("FloatsT", float, FloatArray)
+
+
+def unit_vectors(ra: Floats, dec: Floats) -> FloatArray:
     """Return unit vectors (..., 3) of places [deg]."""
     return _vectors(np.radians(ra), np.radians(dec))
 
 
-def _vectors(a, d):
+def _vectors(a: Floats, d: Floats) -> FloatArray:
     cos_d = np.cos(d)
     return np.stack(np.broadcast_arrays(cos_d * np.cos(a), cos_d * np.sin(a), np.sin(d)), axis=-1)
 
 
-def ra_dec(vectors):
+def ra_dec(vectors: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return ra (0 <= ra < 360), dec [deg] of vectors (..., 3) of any length."""
     x, y, z = np.moveaxis(np.asarray(vectors), -1, 0)
     return turned(np.degrees(np.arctan2(y, x))), np.degrees(np.arctan2(z, np.hypot(x, y)))
 
 
-def wrapped(degrees):
+def wrapped(degrees: FloatsT) -> FloatsT:
     """Return angles [deg] taken into -180 <= angle < 180."""
     return (degrees + 180.0) % 360.0 - 180.0
 
 
-def rotation(angle):
+def rotation(angle: float) -> FloatArray:
     """Return the matrix (2, 2) that turns x towards y by an angle [rad]."""
     c, s = math.cos(angle), math.sin(angle)
     return np.array([[c, -s], [s, c]])
 
 
-def turned(degrees):
+def turned(degrees: FloatsT) -> FloatsT:
     """Return angles [deg] taken into 0 <= angle < 360."""
     degrees = degrees % 360.0
-    return np.where(degrees == 360.0, 0.0, degrees)[()]
+    return np.where(degrees == 360.0, 0.0, degrees)[()]  # type: ignore[return-value]  # a number of a number
 
 
-def frames(a, d):
+def frames(a: Floats, d: Floats) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return unit vectors (..., 3) towards places [rad], and towards east and north there."""
     sin_a, cos_a, sin_d = np.sin(a), np.cos(a), np.sin(d)
     east = np.stack([-sin_a, cos_a, np.zeros_like(sin_a)], axis=-1)
     return _vectors(a, d), east, np.stack([-sin_d * cos_a, -sin_d * sin_a, np.cos(d)], axis=-1)
 
 
-def normalised(vectors):
+def normalised(vectors: FloatArray) -> FloatArray:
     """Return vectors (..., 3) of length 1."""
     return vectors / np.sqrt(np.einsum("...i,...i->...", vectors, vectors))[..., None]
 
 
-def angle(a, b):
+def angle(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return the angle [deg] between vectors along the last axis, accurate for small and large ones."""
     return np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), np.sum(a * b, axis=-1)))
 
 
-def offsets(ra, dec, from_ra, from_dec):
+def offsets(ra: Floats, dec: Floats, from_ra: Floats, from_dec: Floats) -> tuple[FloatArray, FloatArray]:
     """Return (east, north) [deg] of places from others close by."""
     east = wrapped(np.asarray(ra) - from_ra)
     return east * np.cos(np.radians(from_dec)), np.asarray(dec) - from_dec
 
 
-def inside(points, corners):
+def inside(points: FloatArray, corners: FloatArray) -> BoolArray:
     """Return a mask of unit vectors (n, 3) inside a convex polygon of corners (m, 3), any sense."""
     normals = np.cross(corners, np.roll(corners, -1, axis=0))
     normals *= np.sign(np.einsum("mi,i->m", normals, corners.mean(axis=0)))[:, None]
     return (np.einsum("ni,mi->nm", points, normals) >= 0).all(axis=1)
 
 
-def grown(corners, margin):
+def grown(corners: FloatArray, margin: float) -> FloatArray:
     """Move every edge of a convex polygon (m, 3) outwards by `margin` [rad] and return where the moved edges meet.
 
     An edge moved by m is the small circle n.v = -sin m; the plane it lies in and its neighbour's meet in the
@@ -86,10 +91,10 @@ def grown(corners, margin):
     return both + np.sqrt(1 - _dot(both, both)) * _inward(np.cross(before, after), centre)
 
 
-def _inward(vectors, centre):
+def _inward(vectors: FloatArray, centre: FloatArray) -> FloatArray:
     """Return vectors (n, 3) of length 1, on the side of `centre`."""
     return vectors * np.sign(vectors @ centre)[:, None] / np.sqrt(_dot(vectors, vectors))
 
 
-def _dot(a, b):
+def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.einsum("ni,ni->n", a, b)[:, None]

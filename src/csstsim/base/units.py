@@ -18,7 +18,17 @@
 Astropy quantities stay at the edges.
 """
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from typing import TypeVar
+
+    from csstsim.base.types import FloatArray
+
+    FloatsT = TypeVar("FloatsT", float, FloatArray)
 
 C_KM_S = 299_792.458  # speed of light, exact (SI)
 H_J_S = 6.626_070_15e-34  # Planck constant, exact (SI)
@@ -45,7 +55,7 @@ ARCSEC_PER_RAD = math.degrees(1.0) * 3600.0
 MAS_PER_RAD = 1000.0 * ARCSEC_PER_RAD
 
 
-def ab_photon_density(wavelength, magnitude=0.0):
+def ab_photon_density(wavelength: FloatsT, magnitude: float = 0.0) -> FloatsT:
     """Return the photon flux density of a source of constant AB magnitude.
 
     `wavelength` in angstrom (array or float); result in photon / s / m2 / angstrom:

@@ -13,12 +13,21 @@ The paper's L (equation 2) is the distance from the reference point; aXe's follo
 are equal where a0 = 0, and otherwise differ by a0^2 / 2L (1e-3 px).
 """
 
+from __future__ import annotations
+
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.text_file import read_text
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+    from typing import Any
+
+    from csstsim.base.types import FloatArray, Floats, PathLike
 
 BEAMS = {"A": 1, "B": 0, "C": 2, "D": -1, "E": -2}
 TERMS = ("1", "m", "n", "m^2", "m n", "n^2")
@@ -27,13 +36,13 @@ COEFFICIENTS = {"xoff": "XOFF_{}", "yoff": "YOFF_{}", "a0": "DYDX_{}_0", "a1": "
 _NOTHING = np.array([1e-9, 1e-13, 1e-13, 1e-17, 1e-17, 1e-17])  # a fit's rounding: less than 1e-9 on a chip
 
 
-def field_terms(m, n):
+def field_terms(m: Floats, n: Floats) -> FloatArray:
     """Return the terms, of shape (m.shape, 6), of a coefficient at pixels m, n (broadcast together), in aXe's order."""
     m, n = np.broadcast_arrays(np.asarray(m, float), np.asarray(n, float))
     return np.stack([np.ones_like(m), m, n, m * m, m * n, n * n], axis=-1)
 
 
-def field_range(coefficient, x0, x1, y0, y1):
+def field_range(coefficient: FloatArray, x0: float, x1: float, y0: float, y1: float) -> tuple[float, float]:
     """Return the exact (least, most) of a coefficient (6,) over direct images x0..x1, y0..y1 [px]."""
     _, b, c, d, e, f = coefficient
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -46,7 +55,7 @@ def field_range(coefficient, x0, x1, y0, y1):
     return float(values.min()), float(values.max())
 
 
-def read_axe(path):
+def read_axe(path: PathLike) -> dict[int, dict[str, Any]]:
     """Return {order: {"extent": (first, last), "sensitivity": file, coefficient: (6,) array}} of a .conf file.
 
     Other beams and keys are ignored. Raises InputError for an unreadable file, an incomplete beam, a used key that is
@@ -54,7 +63,7 @@ def read_axe(path):
     """
     path = Path(path)
     lines = read_text(path).splitlines()
-    entries = {}
+    entries: dict[str, list[list[str]]] = {}
     for line in lines:
         key, *values = line.split(";")[0].split("#")[0].split() or [""]
         if key.startswith("BEAM_"):
@@ -68,7 +77,7 @@ def read_axe(path):
     return {order: _beam(entries, beam, path) for beam, order in BEAMS.items() if f"BEAM{beam}" in entries}
 
 
-def _words(entries, key, path):
+def _words(entries: Mapping[str, list[list[str]]], key: str, path: Path) -> list[str]:
     given = entries.get(key, [])
     if len(given) > 1:
         raise InputError("given twice", file=path, key=key, value=[" ".join(words) for words in given])
@@ -77,7 +86,7 @@ def _words(entries, key, path):
     return given[0]
 
 
-def _numbers(entries, key, counts, path):
+def _numbers(entries: Mapping[str, list[list[str]]], key: str, counts: Sequence[int], path: Path) -> FloatArray:
     words = _words(entries, key, path)
     try:
         values = np.array(words, dtype=float)
@@ -89,7 +98,7 @@ def _numbers(entries, key, counts, path):
     return values
 
 
-def _beam(entries, beam, path):
+def _beam(entries: Mapping[str, list[list[str]]], beam: str, path: Path) -> dict[str, Any]:
     degrees = {key: _numbers(entries, key, (1,), path)[0] for key in (f"DYDX_ORDER_{beam}", f"DISP_ORDER_{beam}")}
     for (key, degree), allowed in zip(degrees.items(), ((0, 1), (1,)), strict=True):
         if degree not in allowed:
@@ -98,7 +107,7 @@ def _beam(entries, beam, path):
     extent = _numbers(entries, f"BEAM{beam}", (2,), path)
     if not extent[0] < extent[1]:
         raise InputError("must rise", file=path, key=f"BEAM{beam}", value=extent.tolist())
-    found = {"extent": tuple(extent.tolist())}
+    found: dict[str, Any] = {"extent": tuple(extent.tolist())}
     for name, pattern in COEFFICIENTS.items():
         level = name == "a1" and degrees[f"DYDX_ORDER_{beam}"] == 0
         values = np.zeros(1) if level else _numbers(entries, pattern.format(beam), (1, 3, 6), path)
@@ -109,12 +118,12 @@ def _beam(entries, beam, path):
     return found | {"sensitivity": _words(entries, f"SENSITIVITY_{beam}", path)[0]}
 
 
-def sensitivity_file(stem, order):
+def sensitivity_file(stem: str, order: int) -> str:
     """Return the name of an order's sensitivity file: STEM_p1.fits, STEM_m2.fits."""
     return f"{stem}_{'m' if order < 0 else 'p'}{abs(order)}.fits"
 
 
-def axe_text(orders, comments=()):
+def axe_text(orders: Mapping[int, Mapping[str, Any]], comments: Iterable[str] = ()) -> str:
     """Return the text of a .conf file; `orders` as `read_axe` gives them, each coefficient (6,)."""
     lines = [f"# {line}" for line in comments]
     for beam, order in BEAMS.items():

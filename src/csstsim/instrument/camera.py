@@ -1,8 +1,10 @@
 """The camera: every data file of an instrument folder (config/instrument/README.md), read and checked as one object."""
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 from csstsim.base.digest import digest
@@ -11,13 +13,14 @@ from csstsim.base.help_page import explained
 from csstsim.base.model import Data, validate
 from csstsim.base.shipped import SHIPPED
 from csstsim.base.stages import behind, read_by
+from csstsim.base.types import PathLike
 from csstsim.instrument.camera_parts import READERS
 from csstsim.instrument.chip import Chip, ChipPlace, Detector, DetectorNumbers
 from csstsim.instrument.cosmic_rays import CosmicRays
 from csstsim.instrument.defects import Defects
 from csstsim.instrument.files import InstrumentFiles
 from csstsim.instrument.filter import Filter, FilterEntry
-from csstsim.instrument.grating import load_gratings
+from csstsim.instrument.grating import Gratings, load_gratings
 from csstsim.instrument.load import read_data
 from csstsim.instrument.maps.chip_maps import NO_MAPS, ChipMaps, check_chips, needed, of_chip
 from csstsim.instrument.orbit import Orbit
@@ -51,36 +54,36 @@ class Camera:
     files: InstrumentFiles
 
     @property
-    def folder(self):
+    def folder(self) -> Path:
         """Path of the instrument folder."""
         return self.files.folder
 
     @property
-    def digest(self):
+    def digest(self) -> str:
         """16 hex digits of all data files, and of the numbers that a campaign changes."""
         return self.files.digest
 
     @property
-    def shipped(self):
+    def shipped(self) -> bool:
         """Whether this is the shipped camera, no number changed."""
         return self.folder == SHIPPED / "instrument" and not self.files.changes
 
     @cached_property
-    def bands(self):
+    def bands(self) -> dict[str, Filter]:
         """{name in lower case, as in columns' names: Filter} of the imaging filters, in the order of filters.yaml."""
         return {name.lower(): filter_ for name, filter_ in self.filters.items() if filter_.kind == "imaging"}
 
     @property
-    def imaging_chips(self):
+    def imaging_chips(self) -> list[Chip]:
         """Chips behind the imaging filters, by number."""
         return [chip for chip in self.chips.values() if chip.kind == "imaging"]
 
     @property
-    def slitless_chips(self):
+    def slitless_chips(self) -> list[Chip]:
         """Chips behind the gratings, by number."""
         return [chip for chip in self.chips.values() if chip.kind == "slitless"]
 
-    def digest_for(self, stage, *layers, chip=None):
+    def digest_for(self, stage: str, *layers: str, chip: Chip | None = None) -> str:
         """Return the digest, 16 hex digits, of the numbers read by a stage and those before it (camera_parts).
 
         layers: further stages whose numbers it may read; a user's own layer may read any. chip: a Chip whose laboratory
@@ -92,7 +95,7 @@ class Camera:
         return digest([numbers, maps]) if maps else numbers
 
     @cached_property
-    def gratings(self):
+    def gratings(self) -> dict[int, Gratings]:
         """{chip id: instrument.grating.Gratings} of the slitless chips. Raises InputError."""
         if not self.files.exists("gratings"):
             raise InputError("the instrument folder has no gratings", file=self.files.path("gratings"))
@@ -104,11 +107,13 @@ class Camera:
         return _GRATINGS[self.digest]
 
 
-_GRATINGS = {}  # {digest: gratings} of the camera whose were read last: a process opens its campaign many times
+_GRATINGS: dict[
+    str, dict[int, Gratings]
+] = {}  # {digest: gratings} of the camera whose were read last: a process opens its campaign many times
 
 
 @explained("instrument")
-def load_camera(instrument=None, campaign=None):
+def load_camera(instrument: PathLike | Mapping[str, Any] | None = None, campaign: PathLike | None = None) -> Camera:
     """Return the Camera of an instrument folder (config/instrument/README.md), or of the shipped one with changes.
 
     instrument: as instrument.files.InstrumentFiles takes it; campaign: the file that gives it, for errors. Raises
@@ -127,7 +132,7 @@ def load_camera(instrument=None, campaign=None):
         raise InputError(f"{error}; `instrument` has {changed}", file=campaign) from None
 
 
-def _camera(files):
+def _camera(files: InstrumentFiles) -> Camera:
     detector, filters = _detector(files), _filters(files)
     telescope, orbit = _telescope(files.data("telescope"), files.path("telescope"))
     more = {
@@ -149,9 +154,9 @@ def _camera(files):
     )
 
 
-def _detector(files):
+def _detector(files: InstrumentFiles) -> Detector:
     numbers = validate(DetectorNumbers, files.sections("detector"), files.path("detector"))
-    effects = {
+    effects: dict[str, Any] = {
         name: validate(kind, files.sections(name), files.path(name))
         for name, kind in (("cosmic_rays", CosmicRays), ("defects", Defects)) if files.exists(name)
     }  # fmt: skip
@@ -161,17 +166,17 @@ def _detector(files):
     return Detector(**vars(numbers), **effects, traps=traps)
 
 
-def load_telescope(path):
+def load_telescope(path: PathLike) -> tuple[Telescope, Orbit]:
     """Read telescope.yaml: (Telescope, Orbit). Raises InputError."""
     return _telescope(read_data(path), path)
 
 
-def _telescope(data, path):
+def _telescope(data: Mapping[str, Any], path: PathLike) -> tuple[Telescope, Orbit]:
     file = validate(_TelescopeFile, data, path)
     return file.telescope, file.orbit
 
 
-def _filters(files):
+def _filters(files: InstrumentFiles) -> dict[str, Filter]:
     path = files.path("filters")
     entries = {name: validate(FilterEntry, entry, path, (name,)) for name, entry in files.data("filters").items()}
     filters = {name: entry.filter(name) for name, entry in entries.items()}
@@ -183,8 +188,15 @@ def _filters(files):
     return filters
 
 
-def _chips(files, filters, detector, telescope, leds):
-    chips, path = {}, files.path("chips")
+def _chips(
+    files: InstrumentFiles,
+    filters: Mapping[str, Filter],
+    detector: Detector,
+    telescope: Telescope,
+    leds: Mapping[str, Any],
+) -> dict[int, Chip]:
+    chips: dict[int, Chip] = {}
+    path = files.path("chips")
     for i, row in enumerate(_only_list(files, "chips")):
         place = validate(ChipPlace, row, path, (f"chips[{i}]",))
         if place.filter not in filters:
@@ -200,23 +212,24 @@ def _chips(files, filters, detector, telescope, leds):
     return dict(sorted(chips.items()))
 
 
-def _maps(files, chip, detector, leds, filter):
+def _maps(files: InstrumentFiles, chip: int, detector: Detector, leds: Mapping[str, Any], filter: Filter) -> ChipMaps:
     """Return the ChipMaps of a chip behind a filter."""
-    entries, wavelengths = of_chip(files.maps, chip), ()
+    entries = of_chip(files.maps, chip)
+    seen: tuple[float, ...] = ()
     if "led_flats" in entries:
         flat = leds.get("flat")
-        wavelengths = flat.get("wavelengths") if isinstance(flat, dict) else None
+        wavelengths: Any = flat.get("wavelengths") if isinstance(flat, dict) else None
         number = isinstance(wavelengths, list) and all(type(wave) in (int, float) for wave in wavelengths)
         if not number or len(wavelengths) < 2 or sorted(set(wavelengths)) != wavelengths:
             raise InputError(
                 "missing or out of range, but maps.yaml has led_flats", file=files.path("leds"),
                 key="flat.wavelengths", value=wavelengths, allowed="two numbers or more, rising",
             )  # fmt: skip
-        wavelengths = needed(wavelengths, filter)
-    return ChipMaps(entries, files.folder, chip, detector, wavelengths) if entries else NO_MAPS
+        seen = needed(wavelengths, filter)
+    return ChipMaps(entries, files.folder, chip, detector, seen) if entries else NO_MAPS
 
 
-def _only_list(files, name):
+def _only_list(files: InstrumentFiles, name: str) -> list[Any]:
     """Return the one list that the file's sections hold."""
     lists = [value for value in files.data(name).values() if isinstance(value, list)]
     if len(lists) != 1:

@@ -6,9 +6,10 @@ Left out: chip tilts, height differences and the other sensors of the focal plan
 from dataclasses import dataclass, field
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, ValidationInfo
 
 from csstsim.base.model import Data, Number, Whole, between, must
+from csstsim.base.types import BoolArray, Floats
 from csstsim.instrument.cosmic_rays import CosmicRays
 from csstsim.instrument.defects import Defects
 from csstsim.instrument.maps.chip_maps import NO_MAPS, ChipMaps
@@ -26,36 +27,36 @@ class Window:
     y1: int
 
     @property
-    def nx(self):
+    def nx(self) -> int:
         """Columns [px]."""
         return self.x1 - self.x0
 
     @property
-    def ny(self):
+    def ny(self) -> int:
         """Rows [px]."""
         return self.y1 - self.y0
 
     @property
-    def shape(self):
+    def shape(self) -> tuple[int, int]:
         """(ny, nx), as of the numpy image."""
         return self.ny, self.nx
 
     @property
-    def slices(self):
+    def slices(self) -> tuple[slice, slice]:
         """The window's slices (rows, columns) in an image of the whole chip."""
         return slice(self.y0, self.y1), slice(self.x0, self.x1)
 
-    def contains(self, x, y):
+    def contains(self, x: Floats, y: Floats) -> bool | BoolArray:
         """Whether positions (pixel, pixel centres at integers; float or arrays) fall on a pixel of the window."""
         return (x >= self.x0 - 0.5) & (x < self.x1 - 0.5) & (y >= self.y0 - 0.5) & (y < self.y1 - 0.5)
 
 
-def _fits(axis):
+def _fits(axis: str) -> AfterValidator:
     """Return the check that the channels' pixels along an axis add up to the chip's."""
 
-    def check(size, info):
+    def check(size: int, info: ValidationInfo) -> int:
         channels, n = (info.data.get(name) for name in (f"channels_{axis}", f"n{axis}"))
-        if None not in (channels, n) and channels * size != n:
+        if channels is not None and n is not None and channels * size != n:
             raise ValueError(f"does not fit: channels_{axis} * channel_n{axis} = {channels * size}, n{axis} = {n}")
         return size
 
@@ -73,30 +74,30 @@ class DetectorNumbers(Data):
     ny: Size
     # Each channel has a letter in the header
     channels_x: Annotated[
-        between(2, 13, Whole), must(lambda n: n % 2 == 0, "must be even: half the columns are read out to each side")
+        Whole, between(2, 13), must(lambda n: n % 2 == 0, "must be even: half the columns are read out to each side")
     ]
-    channels_y: between(2, 2, Whole)  # half the rows are read out to each side
+    channels_y: Annotated[Whole, between(2, 2)]  # half the rows are read out to each side
     channel_nx: Annotated[Size, _fits("x")]
     channel_ny: Annotated[Size, _fits("y")]
     prescan: Annotated[Whole, Field(ge=0)]
     overscan: Annotated[Whole, Field(ge=0)]
     parallel_overscan: Annotated[Whole, Field(ge=0)]
-    pixel_um: between(1, 100)
-    gain: between(0.01, 1000)
-    gain_spread: between(0, 0.5)
-    bias: between(0, 1e6)
-    bias_spread: between(0, 1e6)
-    read_noise: between(0, 1e4)
-    dark: between(0, 1e5)
-    full_well: between(1, 1e9)
-    bloom_row_share: between(0, 1)
-    adc_max: between(1, 65535, Whole)
-    prnu: between(0, 0.2)
+    pixel_um: Annotated[Number, between(1, 100)]
+    gain: Annotated[Number, between(0.01, 1000)]
+    gain_spread: Annotated[Number, between(0, 0.5)]
+    bias: Annotated[Number, between(0, 1e6)]
+    bias_spread: Annotated[Number, between(0, 1e6)]
+    read_noise: Annotated[Number, between(0, 1e4)]
+    dark: Annotated[Number, between(0, 1e5)]
+    full_well: Annotated[Number, between(1, 1e9)]
+    bloom_row_share: Annotated[Number, between(0, 1)]
+    adc_max: Annotated[Whole, between(1, 65535)]
+    prnu: Annotated[Number, between(0, 0.2)]
     nonlinearity_quadratic: Number
     nonlinearity_cubic: Number
-    nonlinearity_spread: between(0, 1)
-    readout_time: between(0, 1e4)
-    temperature: between(0, 400)
+    nonlinearity_spread: Annotated[Number, between(0, 1)]
+    readout_time: Annotated[Number, between(0, 1e4)]
+    temperature: Annotated[Number, between(0, 400)]
 
 
 @dataclass(frozen=True)
@@ -109,7 +110,7 @@ class Detector(DetectorNumbers):
     brighter_fatter: dict[str, Any] = field(default_factory=dict, hash=False)  # brighter_fatter.yaml
 
     @property
-    def channels(self):
+    def channels(self) -> int:
         """The number of readout channels."""
         return self.channels_x * self.channels_y
 
@@ -118,7 +119,7 @@ class Detector(DetectorNumbers):
 class ChipPlace(Data):
     """A row of chips.yaml: number (two digits in the names of files), filter, and where the chip lies."""
 
-    id: between(1, 99, Whole)
+    id: Annotated[Whole, between(1, 99)]
     filter: str
     row: Size
     column: Size
@@ -141,11 +142,11 @@ class Chip(ChipPlace):
     maps: ChipMaps = field(default=NO_MAPS, repr=False, compare=False)  # of the laboratory
 
     @property
-    def label(self):
+    def label(self) -> str:
         """The number with two digits, as in file names."""
         return f"{self.id:02d}"
 
     @property
-    def full_window(self):
+    def full_window(self) -> Window:
         """The Window of all active pixels."""
         return Window(0, self.detector.nx, 0, self.detector.ny)

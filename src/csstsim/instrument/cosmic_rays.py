@@ -3,18 +3,18 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from csstsim.base.model import Data, Whole, at_least, between
+from csstsim.base.model import Data, Number, Whole, at_least, between
 
 
 @dataclass(frozen=True)
 class CosmicRays(Data):
     """Numbers of cosmic_rays.yaml, which explains them and gives their units."""
 
-    rate: between(0, 1e-3)
-    short_max: between(0, 1e4)
-    long_share: between(0, 1)
-    long_max: Annotated[between(0, 1e4), at_least("short_max")]
-    log_energy: between(0, 7)
-    log_energy_fwhm: between(0, 3)
-    diffusion: between(0, 10)
-    marked_from: between(1, 1e6, Whole)
+    rate: Annotated[Number, between(0, 1e-3)]
+    short_max: Annotated[Number, between(0, 1e4)]
+    long_share: Annotated[Number, between(0, 1)]
+    long_max: Annotated[Number, between(0, 1e4), at_least("short_max")]
+    log_energy: Annotated[Number, between(0, 7)]
+    log_energy_fwhm: Annotated[Number, between(0, 3)]
+    diffusion: Annotated[Number, between(0, 10)]
+    marked_from: Annotated[Whole, between(1, 1e6)]

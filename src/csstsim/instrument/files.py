@@ -5,11 +5,12 @@ The files state the source of each number (paper, section 2; config/instrument/R
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from copy import deepcopy
 from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,15 +18,20 @@ from csstsim.base.digest import digest, file_digest
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
 from csstsim.base.stages import flat
+from csstsim.base.types import PathLike
 from csstsim.instrument.load import data_files, folder_digest, read_data, sections
-from csstsim.instrument.maps.chip_maps import load_entries, map_files
+from csstsim.instrument.maps.chip_maps import Entry, load_entries, map_files
 
 # Files with numbers that may be changed: those a camera reads, but for lists (chips, keywords)
 CHANGEABLE = (
     "detector", "telescope", "filters", "psf", "scatter", "ghosts", "sky", "leds", "cosmic_rays", "defects", "cti",
     "brighter_fatter", "gratings",
 )  # fmt: skip
-BY_NUMBER = {"detector": sections, "filters": dict, "telescope": dict}  # whose numbers are parts, each by itself
+BY_NUMBER: dict[str, Callable[[dict[Any, Any]], dict[Any, Any]]] = {
+    "detector": sections,
+    "filters": dict,
+    "telescope": dict,
+}  # whose numbers are parts, each by itself
 
 
 class InstrumentFiles:
@@ -35,7 +41,7 @@ class InstrumentFiles:
     and `folder`, if it is not the shipped one. Raises InputError for a missing folder, and for a name without a number.
     """
 
-    def __init__(self, instrument=None):
+    def __init__(self, instrument: PathLike | Mapping[str, Any] | None = None) -> None:
         given = dict(instrument) if isinstance(instrument, Mapping) else {"folder": instrument}
         folder = given.pop("folder", None)
         if not isinstance(folder, str | Path | None):
@@ -43,7 +49,7 @@ class InstrumentFiles:
         self.folder = Path(folder or SHIPPED / "instrument")
         if not self.folder.is_dir():
             raise InputError("no such instrument folder", file=self.folder)
-        self._changes = {}  # {file: {keys: number}}
+        self._changes: dict[str, dict[tuple[str, ...], float]] = {}  # {file: {keys: number}}
         for name, value in flat(given).items():
             value = _as_number(value)
             file, keys = self._place(str(name), value)
@@ -54,45 +60,45 @@ class InstrumentFiles:
             ".".join((file, *keys)): value for file, of in self._changes.items() for keys, value in of.items()
         }
 
-    def path(self, name):
+    def path(self, name: str) -> Path:
         """Return the path of a YAML file, named without its suffix."""
         return self.folder / f"{name}.yaml"
 
-    def exists(self, name):
+    def exists(self, name: str) -> bool:
         """Whether there is such a file."""
         return self.path(name).exists()
 
-    def data(self, name):
+    def data(self, name: str) -> dict[Any, Any]:
         """Return a file's content as instrument.load.read_data gives it, changed. Raises InputError."""
         data = deepcopy(read_data(self.path(name))) if name in self._changes else read_data(self.path(name))
         for keys, value in self._changes.get(name, {}).items():
             _within(data, keys[:-1])[keys[-1]] = value
         return data
 
-    def sections(self, name):
+    def sections(self, name: str) -> dict[Any, Any]:
         """Return {key: value} of a file whose sections are only for the reader."""
         return sections(self.data(name))
 
     @cached_property
-    def maps(self):
+    def maps(self) -> dict[str, Entry]:
         """{kind: maps.chip_maps.Entry} of maps.yaml; {} without the file. Raises InputError."""
         return load_entries(self.folder)
 
     @cached_property
-    def _map_files(self):
+    def _map_files(self) -> set[str]:
         """Names of the files of laboratory maps, which are large: those of a chip count for that chip alone."""
         return map_files(self.maps, data_files(self.folder))
 
     @cached_property
-    def digest(self):
+    def digest(self) -> str:
         """16 hex digits of all files but laboratory maps, and of the changes."""
         content = folder_digest(self.folder, self._map_files)
         return digest([content, self.changes]) if self.changes else content
 
     @cached_property
-    def parts(self):
+    def parts(self) -> dict[str, Any]:
         """{part: its value, or the digest of its file}; see instrument.camera_parts. Without laboratory maps."""
-        parts = {}
+        parts: dict[str, Any] = {}
         for name, path in data_files(self.folder).items():
             if name in self._map_files:
                 continue
@@ -104,7 +110,7 @@ class InstrumentFiles:
                 parts[name] = digest([content, sorted(map(str, changes.items()))]) if changes else content
         return parts
 
-    def _place(self, name, value):
+    def _place(self, name: str, value: object) -> tuple[str, tuple[str, ...]]:
         """Return (file, keys) of a number that is to be changed. Raises InputError."""
         file, _, wanted = name.partition(".")
         known = self._numbers(file) if file in CHANGEABLE and self.exists(file) else {}
@@ -118,32 +124,32 @@ class InstrumentFiles:
             raise InputError("must be a number", key=f"instrument.{name}", value=value, allowed="finite numbers")
         return file, found[0]
 
-    def _near(self, name):
+    def _near(self, name: str) -> list[str]:
         every = [".".join((file, *keys)) for file in CHANGEABLE if self.exists(file) for keys in self._numbers(file)]
         last = {one: one.rpartition(".")[2] for one in every}
         same = [one for one in every if last[one] == name.rpartition(".")[2]]
         near = same or get_close_matches(name, every, 5, 0.5) or get_close_matches(name, set(last.values()), 5, 0.5)
         return near or [f"{file}.NAME, a number of {self.path(file)}" for file in CHANGEABLE[:2]]
 
-    def _numbers(self, file):
+    def _numbers(self, file: str) -> dict[tuple[str, ...], float]:
         """Return {keys: number} of a file."""
         numbers = {tuple(map(str, keys)): value for keys, value in _leaves(read_data(self.path(file)))}
         return {k: v for k, v in numbers.items() if isinstance(v, int | float) and not isinstance(v, bool)}
 
 
-def _leaves(data, above=()):
+def _leaves(data: Mapping[Any, Any], above: tuple[Any, ...] = ()) -> Iterator[tuple[tuple[Any, ...], Any]]:
     for key, value in data.items():
         yield from _leaves(value, (*above, key)) if isinstance(value, dict) else [((*above, key), value)]
 
 
-def _within(data, keys):
+def _within(data: dict[Any, Any], keys: tuple[str, ...]) -> dict[Any, Any]:
     """Return the mapping at keys, which may be written as text where the file has numbers."""
     for key in keys:
         data = next(value for name, value in data.items() if str(name) == key)
     return data
 
 
-def _as_number(value):
+def _as_number(value: Any) -> Any:
     """Return numpy's numbers as Python's, and a text such as 1e-3, which YAML 1.1 takes for a word, as a number."""
     if isinstance(value, np.number):
         return value.item()

@@ -14,17 +14,20 @@ from itertools import pairwise
 from typing import Annotated, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import AfterValidator, Field
 
 from csstsim.base.model import Data, NotNegative, Number
 from csstsim.base.resampling import on_grid
+from csstsim.base.types import FloatArray
 from csstsim.base.units import ab_photon_density
+from csstsim.instrument.telescope import Telescope
 
 GRID = np.arange(2000.0, 11000.25, 0.5)  # angstrom
 SUBBANDS = 4
 
 
-def _curve(nodes):
+def _curve(nodes: list[tuple[float, float]]) -> list[tuple[float, float]]:
     waves, throughputs = zip(*nodes, strict=True)
     if any(b <= a for a, b in pairwise(waves)) or waves[0] < GRID[0] or waves[-1] > GRID[-1]:
         raise ValueError("wavelengths must rise, within 2000-11000 A")
@@ -43,7 +46,7 @@ class FilterEntry(Data):
     saturation_mag: Number
     limiting_mag: Number
 
-    def filter(self, name):
+    def filter(self, name: str) -> "Filter":
         """Return the Filter of this entry."""
         nodes = tuple(map(tuple, self.nodes))
         return _filter(name, self.kind, nodes, self.sky, self.saturation_mag, self.limiting_mag)
@@ -55,14 +58,14 @@ class Filter:
 
     name: str
     kind: str  # "imaging" or "slitless"
-    wavelength: np.ndarray  # (n,) angstrom
-    throughput: np.ndarray  # (n,) electron / photon
+    wavelength: FloatArray  # (n,) angstrom
+    throughput: FloatArray  # (n,) electron / photon
     sky: float
     saturation_mag: float
     limiting_mag: float
 
     @cached_property
-    def edges(self):
+    def edges(self) -> FloatArray:
         """(5,) angstrom: bounds of the sub-bands; the outer two enclose all of the curve."""
         cumulative = _cumulative(self.throughput, self.wavelength)
         inner = np.interp(cumulative[-1] * np.arange(1, SUBBANDS) / SUBBANDS, cumulative, self.wavelength)
@@ -71,16 +74,16 @@ class Filter:
         return np.array([self.wavelength[first], *inner, self.wavelength[last]])
 
     @cached_property
-    def psf_wavelength(self):
+    def psf_wavelength(self) -> FloatArray:
         """(4,) angstrom: mean of lambda weighted with T over each sub-band."""
         bands, wave = self.subband(self.wavelength), self.wavelength
-        return np.trapezoid(bands * wave, wave) / np.trapezoid(bands, wave)
+        return np.asarray(np.trapezoid(bands * wave, wave) / np.trapezoid(bands, wave))
 
-    def at(self, wave):
+    def at(self, wave: FloatArray) -> FloatArray:
         """Throughput at wavelengths `wave` [angstrom]; zero outside the grid."""
         return np.interp(wave, self.wavelength, self.throughput, left=0.0, right=0.0)
 
-    def subband(self, wave):
+    def subband(self, wave: FloatArray) -> FloatArray:
         """Return T_i, (4, len(wave)): the throughput at increasing `wave` [angstrom], divided among the sub-bands.
 
         A sample whose cell (bounded by the mid-points to its neighbours) straddles an edge is shared in proportion
@@ -94,35 +97,37 @@ class Filter:
         return np.diff(below, axis=0) * self.at(wave)
 
     @cached_property
-    def log_integral(self):
+    def log_integral(self) -> np.float64:
         """Integral of T d(ln lambda)."""
-        return np.trapezoid(self.throughput / self.wavelength, self.wavelength)
+        return np.float64(np.trapezoid(self.throughput / self.wavelength, self.wavelength))
 
     @cached_property
-    def pivot(self):
+    def pivot(self) -> float:
         """Pivot wavelength of the photon-counting response [angstrom]."""
         return float(np.sqrt(np.trapezoid(self.throughput * self.wavelength, self.wavelength) / self.log_integral))
 
-    def zeropoint(self, telescope):
+    def zeropoint(self, telescope: Telescope) -> float:
         """AB magnitude of a flat-f_nu source that gives 1 e-/s with this telescope's area."""
         rate = np.trapezoid(ab_photon_density(self.wavelength) * self.throughput, self.wavelength)
         return float(2.5 * np.log10(telescope.area_m2 * rate))
 
 
 @lru_cache(maxsize=64)
-def _filter(name, kind, nodes, sky, saturation_mag, limiting_mag):
+def _filter(
+    name: str, kind: str, nodes: tuple[tuple[float, float], ...], sky: float, saturation_mag: float, limiting_mag: float
+) -> Filter:
     """Return the Filter of numbers: the same one, with what it has calculated, for all cameras of a process."""
     throughput = curve_on_grid(nodes)
     throughput.flags.writeable = False
     return Filter(name, kind, GRID, throughput, sky, saturation_mag, limiting_mag)
 
 
-def _cumulative(y, x):
+def _cumulative(y: FloatArray, x: FloatArray) -> FloatArray:
     """Running trapezoidal integral of y dx, starting at 0; same length as x."""
     return np.concatenate([[0.0], np.cumsum(0.5 * (y[1:] + y[:-1]) * np.diff(x))])
 
 
-def curve_on_grid(nodes):
+def curve_on_grid(nodes: ArrayLike) -> FloatArray:
     """Return (18001,) the curve of `sample_curve` on GRID; its means where nodes are closer than points of the grid.
 
     nodes: (m, 2) of rising (angstrom, electron / photon).
@@ -134,7 +139,7 @@ def curve_on_grid(nodes):
     return on_grid(GRID, at, sample_curve(nodes, at))
 
 
-def sample_curve(nodes, grid=GRID):
+def sample_curve(nodes: ArrayLike, grid: FloatArray = GRID) -> FloatArray:
     """Return the monotone cubic with flat ends through `nodes`, (m, 2) of rising (angstrom, T), on `grid`.
 
     It is zero outside them.
@@ -152,7 +157,7 @@ def sample_curve(nodes, grid=GRID):
     return np.where((grid >= x[0]) & (grid <= x[-1]), value, 0.0)
 
 
-def _pchip_slopes(x, y):
+def _pchip_slopes(x: FloatArray, y: FloatArray) -> FloatArray:
     """Return the nodes' slopes: weighted harmonic means of neighbouring secants, 0 at extrema and at both ends."""
     h, secant = np.diff(x), np.diff(y) / np.diff(x)
     slope = np.zeros_like(y)

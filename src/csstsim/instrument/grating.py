@@ -5,20 +5,24 @@ spectroscopic chip; light passes the one on whose side it would fall undispersed
 between two gratings are not divided, and a grating's frame blocks all of a beam or nothing.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
 
 from csstsim.base.errors import InputError
-from csstsim.base.model import Data, Whole, between, validate
+from csstsim.base.model import Data, Number, Whole, between, validate
 from csstsim.base.resampling import on_grid
+from csstsim.base.types import FloatArray, Floats, PathLike
 from csstsim.base.units import C_A_S, H_J_S
 from csstsim.instrument.axe import BEAMS, COEFFICIENTS, field_range, field_terms, read_axe
-from csstsim.instrument.filter import GRID
+from csstsim.instrument.chip import Chip
+from csstsim.instrument.filter import GRID, Filter
+from csstsim.instrument.telescope import Telescope
 
 _AGREE = 0.01  # of the peak: first order's sensitivity against the filter curve, which defines magnitudes
 _FAR = 20_000  # px, twice a chip: a coefficient is wrong if light lands further from its direct image
@@ -30,24 +34,24 @@ class Order:
     """One diffraction order of a grating."""
 
     number: int
-    extent: tuple  # (first, last) px along x from the direct image
-    coefficients: np.ndarray  # (6 coefficients, 6 terms): axe.COEFFICIENTS by axe.TERMS
-    throughput: np.ndarray  # on filter.GRID, electron / photon that enters the aperture
+    extent: tuple[float, float]  # (first, last) px along x from the direct image
+    coefficients: FloatArray  # (6 coefficients, 6 terms): axe.COEFFICIENTS by axe.TERMS
+    throughput: FloatArray  # on filter.GRID, electron / photon that enters the aperture
 
-    def lines(self, x, y):
+    def lines(self, x: Floats, y: Floats) -> FloatArray:
         """Return (n, 4): p, q, r, s of dx = p + q lambda, dy = r + s lambda [px from the direct image at x, y]."""
         xoff, yoff, a0, a1, alpha0, alpha1 = self.coefficients_at(x, y).values()
         q = 1.0 / (alpha1 * np.sqrt(1.0 + a1 * a1))
         p = xoff - alpha0 * q
         return np.stack([p, q, yoff + a0 + a1 * (p - xoff), a1 * q], axis=-1)
 
-    def coefficients_at(self, x, y):
+    def coefficients_at(self, x: Floats, y: Floats) -> dict[str, FloatArray]:
         """Return {name: array} of the trace's coefficients (axe.COEFFICIENTS) at direct images x, y [0-based px]."""
         values = np.einsum("ck,...k->c...", self.coefficients, field_terms(x, y))
         return dict(zip(COEFFICIENTS, values, strict=True))
 
     @property
-    def range(self):
+    def range(self) -> tuple[float, float]:
         """(first, last) wavelength [angstrom] that the order passes."""
         used = np.flatnonzero(self.throughput)
         return float(GRID[used[0]]), float(GRID[used[-1]])
@@ -58,7 +62,7 @@ class Grating:
     """One grating; `orders` {number: Order}, rising."""
 
     name: str
-    orders: dict
+    orders: dict[int, Order]
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,21 +72,21 @@ class Gratings:
     left: Grating
     right: Grating
     split: float  # the left grating's light falls at x < split - 0.5, that is on columns below `split`
-    bounds: tuple
+    bounds: tuple[float, float, float, float]
 
     @property
-    def pieces(self):
+    def pieces(self) -> list[tuple[Grating, tuple[float, float, float, float]]]:
         """[(grating, (x0, x1, y0, y1) of its direct images)], left, then right."""
         x0, x1, y0, y1 = self.bounds
         line = self.split - 0.5
         return [(self.left, (x0, line, y0, y1)), (self.right, (line, x1, y0, y1))]
 
     @property
-    def numbers(self):
+    def numbers(self) -> list[int]:
         """Orders of either grating, rising."""
         return sorted(set(self.left.orders) | set(self.right.orders))
 
-    def span(self, x, y):
+    def span(self, x: float, y: float) -> tuple[float, float, float, float]:
         """Return how far the zeroth and first order of an object at x, y lie from it: left, right, down, up [px]."""
         grating = self.pieces[int(x >= self.split - 0.5)][0]
         ends = [(0.0, 0.0)]
@@ -93,12 +97,12 @@ class Gratings:
         return min(along), max(along), min(across), max(across)
 
     @cached_property
-    def reach(self):
+    def reach(self) -> float:
         """The largest distance of light from its direct image, along x or y [px]."""
         return max(_reach(order, piece) for grating, piece in self.pieces for order in grating.orders.values())
 
 
-def _reach(order, piece):
+def _reach(order: Order, piece: tuple[float, float, float, float]) -> float:
     x0, x1, y0, y1 = piece
     x, y = (v.ravel() for v in np.meshgrid(np.linspace(x0, x1, 5), np.linspace(y0, y1, 5)))
     p, q, r, s = order.lines(x, y).T
@@ -106,7 +110,7 @@ def _reach(order, piece):
 
 
 Name = Annotated[str, Field(min_length=1)]  # of a .conf file
-Reach = between(0, _FAR)
+Reach = Annotated[Number, between(0, _FAR)]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -119,13 +123,21 @@ class _Row(Data):
     reach: tuple[Reach, Reach, Reach, Reach]
 
 
-def load_gratings(folder, data, chips, filters, telescope):
+def load_gratings(
+    folder: PathLike,
+    data: Mapping[str, Any],
+    chips: Mapping[int, Chip],
+    filters: Mapping[str, Filter],
+    telescope: Telescope,
+) -> dict[int, Gratings]:
     """Return {chip id: Gratings} of the spectroscopic `chips` {id: Chip}; their bounds are in pixels.
 
     folder: that of the .conf files; data: gratings.yaml as instrument.load.read_data gives it. Raises InputError for a
     missing chip or file, traces that reverse within a piece, or sensitivities that differ from the filters'.
     """
-    folder, read, out = Path(folder), {}, {}
+    folder = Path(folder)
+    read: dict[tuple[str, str], Grating] = {}
+    out: dict[int, Gratings] = {}
     file, rows = folder.with_name("gratings.yaml"), data.get("chips")
     if not isinstance(rows, dict):
         raise InputError("must be a mapping of chips", file=file, key="chips", value=rows)
@@ -140,13 +152,13 @@ def load_gratings(folder, data, chips, filters, telescope):
             read[name] = load_grating(folder / f"{name[0]}.conf", filters[chip.filter], telescope)
         left, right, low, high = row.reach
         bounds = -0.5 - left, nx - 0.5 + right, -0.5 - low, ny - 0.5 + high
-        out[number] = Gratings(*(read[name, chip.filter] for name in (row.left, row.right)), float(row.split), bounds)
+        out[number] = Gratings(read[row.left, chip.filter], read[row.right, chip.filter], float(row.split), bounds)
         for grating, piece in out[number].pieces:
             _check_traces(grating, piece, folder / f"{grating.name}.conf")
     return out
 
 
-def _check_traces(grating, piece, file):
+def _check_traces(grating: Grating, piece: tuple[float, float, float, float], file: Path) -> None:
     """Raise InputError unless each order has the right sign over the whole piece and its light lands in its extent."""
     letters, first = {order: beam for beam, order in BEAMS.items()}, 0.0
     where = "direct images at x {:g}..{:g}, y {:g}..{:g}".format(*piece)
@@ -178,9 +190,10 @@ def _check_traces(grating, piece, file):
                 )  # fmt: skip
 
 
-def load_grating(path, filter, telescope):
+def load_grating(path: PathLike, filter: Filter, telescope: Telescope) -> Grating:
     """Return the Grating of an aXe file: coefficients (6,), throughputs [e- / photon]. Raises InputError."""
-    path, orders = Path(path), {}
+    path = Path(path)
+    orders: dict[int, Order] = {}
     for number, one in sorted(read_axe(path).items()):
         _check_beside(path, one["sensitivity"])
         throughput = _throughput(path.parent / one["sensitivity"], telescope)
@@ -196,7 +209,7 @@ def load_grating(path, filter, telescope):
     return Grating(path.stem, orders)
 
 
-def _check_beside(path, name):
+def _check_beside(path: Path, name: str) -> None:
     """Raise InputError for a sensitivity file that the camera's digest would not know (load.data_files)."""
     file = Path(name)
     if file.is_absolute() or ".." in file.parts or file.name.startswith(".") or ".fits" not in file.suffixes:
@@ -206,7 +219,7 @@ def _check_beside(path, name):
         )  # fmt: skip
 
 
-def _throughput(path, telescope):
+def _throughput(path: Path, telescope: Telescope) -> FloatArray:
     """Return the electrons per photon on GRID that an aXe sensitivity file gives."""
     import fitsio
 
@@ -229,10 +242,10 @@ def _throughput(path, telescope):
     return throughput
 
 
-def sensitivity(wavelength, throughput, telescope):
+def sensitivity(wavelength: FloatArray, throughput: FloatArray, telescope: Telescope) -> FloatArray:
     """Return aXe's sensitivity [e-/s/A per erg/s/cm2/A] for a throughput at `wavelength` [angstrom]."""
     return throughput * _per_throughput(wavelength, telescope)
 
 
-def _per_throughput(wavelength, telescope):
+def _per_throughput(wavelength: FloatArray, telescope: Telescope) -> FloatArray:
     return _ERG_CM2 * telescope.area_m2 * wavelength / (H_J_S * C_A_S)

@@ -11,7 +11,10 @@ the factor sqrt(1 + a1^2), of the trace's slope, which is fitted; `write_grismco
 rows before columns, as the reader takes it. See github.com/npirzkal/GRISMCONF.
 """
 
+from __future__ import annotations
+
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,15 +23,23 @@ from csstsim.instrument.axe import TERMS, field_terms, sensitivity_file
 from csstsim.instrument.filter import GRID
 from csstsim.instrument.grating import sensitivity
 
+if TYPE_CHECKING:
+    from csstsim.base.types import FloatArray, PathLike
+    from csstsim.instrument.chip import Chip
+    from csstsim.instrument.grating import Grating, Order
+    from csstsim.instrument.telescope import Telescope
+
 FITTED = 12  # direct images along each side of a grating's piece to which the wavelength is fitted
 
 
-def order_name(number):
+def order_name(number: int) -> str:
     """Return grismconf's name of an order: +1, 0, -1."""
     return f"{number:+d}" if number else "0"
 
 
-def write_grismconf(folder, grating, piece, chip, telescope):
+def write_grismconf(
+    folder: PathLike, grating: Grating, piece: tuple[float, float, float, float], chip: Chip, telescope: Telescope
+) -> tuple[list[Path], float]:
     """Write {grating}.conf and the sensitivity of each order into a folder; return (paths, worst error [px]).
 
     grating: instrument.grating.Grating; piece: (x0, x1, y0, y1) px of its direct images; chip: instrument.chip.Chip.
@@ -54,7 +65,7 @@ def write_grismconf(folder, grating, piece, chip, telescope):
     return [path, *paths], worst
 
 
-def dispersion(order, piece):
+def dispersion(order: Order, piece: tuple[float, float, float, float]) -> tuple[dict[str, FloatArray], float]:
     """Return ({DISPX, DISPY, DISPL: (2, 6)}, largest error of the wavelength [px]) of an instrument.grating.Order."""
     xoff, yoff, a0, a1, alpha0, alpha1 = order.coefficients
     middle = field_terms(0.5 * (piece[0] + piece[1]), 0.5 * (piece[2] + piece[3]))
@@ -73,7 +84,7 @@ def dispersion(order, piece):
     return {"DISPX": along, "DISPY": ends, "DISPL": waves}, float(off.max())
 
 
-def _write_sensitivity(path, order, telescope):
+def _write_sensitivity(path: Path, order: Order, telescope: Telescope) -> None:
     """Write the sensitivity of an order where it is not zero, with a zero on either side."""
     from astropy.io import fits
 

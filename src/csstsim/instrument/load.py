@@ -10,12 +10,21 @@ and a section with `source` and `confidence` of its own, which covers everything
 '-medium' may be added, and codes are joined by '/' or '+' where parts differ.
 """
 
+from __future__ import annotations
+
 import hashlib
 import re
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.yaml_file import read_yaml
+
+if TYPE_CHECKING:
+    from collections.abc import Container, Mapping
+    from typing import Any
+
+    from csstsim.base.types import PathLike
 
 DATA = ".yaml", ".conf", ".csv"  # and FITS: what a camera's or a universe's folder is read for
 _PROVENANCE = ("source", "confidence")
@@ -23,7 +32,7 @@ _ABOUT = (*_PROVENANCE, "unit", "note")
 _CODE = re.compile(r"[SDKE](-low|-medium)?([/+][SDKE](-low|-medium)?)*")
 
 
-def read_data(path):
+def read_data(path: PathLike) -> dict[Any, Any]:
     """Return the content of a data file; each number's provenance is checked and removed.
 
     Raises InputError, naming file and key, for an unreadable file, a number without source and
@@ -32,12 +41,12 @@ def read_data(path):
     return _unwrap(read_yaml(path), Path(path), key="", covered=False)
 
 
-def sections(data):
+def sections(data: Mapping[Any, Any]) -> dict[Any, Any]:
     """Return {key: value} of the content of a data file whose sections are only for the reader."""
     return {key: value for section in data.values() if isinstance(section, dict) for key, value in section.items()}
 
 
-def _unwrap(node, path, key, covered):
+def _unwrap(node: Any, path: Path, key: str, covered: bool) -> Any:
     if isinstance(node, dict):
         covered = _check(node, path, key) or covered
         for name in ("value", "values"):
@@ -54,7 +63,7 @@ def _unwrap(node, path, key, covered):
     return node
 
 
-def _check(node, path, key):
+def _check(node: Mapping[Any, Any], path: Path, key: str) -> bool:
     """Return whether this mapping states its provenance; InputError if half of it is missing or the code is unknown."""
     stated = [name for name in _PROVENANCE if node.get(name) not in (None, "")]
     if len(stated) == 1:
@@ -68,21 +77,21 @@ def _check(node, path, key):
     return bool(stated)
 
 
-def _join(key, name):
+def _join(key: str, name: object) -> str:
     return f"{key}.{name}" if key else str(name)
 
 
-def data_files(folder):
+def data_files(folder: PathLike) -> dict[str, Path]:
     """Return {name: path} of every data file below `folder`, sorted; READMEs, pictures, hidden files are left out."""
     found = sorted(p for p in Path(folder).rglob("*") if p.is_file() and _is_data(p))
     return {path.relative_to(folder).as_posix(): path for path in found}
 
 
-def _is_data(path):
+def _is_data(path: Path) -> bool:
     return not path.name.startswith(".") and (path.suffix in DATA or ".fits" in path.suffixes)
 
 
-def folder_digest(folder, without=()):
+def folder_digest(folder: PathLike, without: Container[str] = ()) -> str:
     """Return 16 hex digits of the SHA-256 of every data file below `folder`, names and bytes; some names left out."""
     total = hashlib.sha256()
     for name, path in data_files(folder).items():

@@ -8,6 +8,7 @@ ephemeris.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -20,7 +21,7 @@ from csstsim.instrument.pointing import mjd_utc
 _DAY_S = 86_400.0
 
 
-def _utc(text):
+def _utc(text: str) -> str:
     mjd_utc(text)
     return text
 
@@ -36,22 +37,22 @@ class Orbit(Data):
     epoch: Annotated[str, AfterValidator(_utc)]
 
     @property
-    def radius_km(self):
+    def radius_km(self) -> float:
         """Radius of the orbit, from the centre of the Earth [km]."""
         return EARTH_RADIUS_KM + self.altitude_km
 
     @property
-    def mean_motion(self):
+    def mean_motion(self) -> float:
         """Mean motion [rad / s]."""
         return math.sqrt(EARTH_GM_KM3_S2 / self.radius_km**3)
 
     @property
-    def node_rate(self):
+    def node_rate(self) -> float:
         """Precession of the ascending node, rad / s (negative: westward)."""
         ratio = (EARTH_RADIUS_KM / self.radius_km) ** 2
         return -1.5 * EARTH_J2 * self.mean_motion * ratio * math.cos(math.radians(self.inclination))
 
-    def state(self, time):
+    def state(self, time: str | float) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
         """Return position [km] and velocity [km/s], tuples of 3, geocentric GCRS, at an ISO UTC time or an MJD."""
         mjd = mjd_utc(time) if isinstance(time, str) else float(time)
         t = (mjd - mjd_utc(self.epoch)) * _DAY_S
@@ -67,10 +68,13 @@ class Orbit(Data):
         # The node's precession adds up to 8 m/s; with it, velocity is the derivative of position.
         drift = (-self.node_rate * y, self.node_rate * x, 0.0)
         speed = self.radius_km * self.mean_motion
-        return (x, y, z), tuple(speed * a + d for a, d in zip(along, drift, strict=True))
+        vx, vy, vz = (speed * a + d for a, d in zip(along, drift, strict=True))
+        return (x, y, z), (vx, vy, vz)
 
 
-def orbit_after(position, velocity, seconds):
+def orbit_after(
+    position: Sequence[float], velocity: Sequence[float], seconds: float
+) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
     """Return position [km], velocity [km/s] `seconds` later, on the Kepler orbit about the Earth.
 
     Runge-Kutta steps of at most 10 s are accurate to a millimetre in an exposure; J2 (metres in 150 s) is left out.
@@ -84,9 +88,9 @@ def orbit_after(position, velocity, seconds):
         k3 = _motion([a + h / 2 * b for a, b in zip(y, k2, strict=True)])
         k4 = _motion([a + h * b for a, b in zip(y, k3, strict=True)])
         y = [a + h / 6 * (p + 2 * q + 2 * r + s) for a, p, q, r, s in zip(y, k1, k2, k3, k4, strict=True)]
-    return tuple(y[:3]), tuple(y[3:])
+    return (y[0], y[1], y[2]), (y[3], y[4], y[5])
 
 
-def _motion(y):
+def _motion(y: Sequence[float]) -> list[float]:
     pull = -EARTH_GM_KM3_S2 / math.hypot(*y[:3]) ** 3
     return [*y[3:], *(pull * x for x in y[:3])]

@@ -13,14 +13,14 @@ _ISO = re.compile(r"\d{4}-\d{2}-\d{2}[T ]\d{2}:\d{2}:\d{2}(\.\d{1,6})?Z?")
 _MJD_ZERO = datetime(1858, 11, 17, tzinfo=UTC)
 
 
-def parse_utc(text):
+def parse_utc(text: str) -> datetime:
     """Return an ISO UTC time 'YYYY-MM-DDThh:mm:ss[.ffffff][Z]' as an aware datetime; ValueError otherwise."""
     if not isinstance(text, str) or not _ISO.fullmatch(text):
         raise ValueError(f"not an ISO UTC time: {text!r}")
     return datetime.fromisoformat(text.removesuffix("Z")).replace(tzinfo=UTC)
 
 
-def mjd_utc(text):
+def mjd_utc(text: str) -> float:
     """Return the UTC modified Julian date [day] of an ISO UTC time."""
     return (parse_utc(text) - _MJD_ZERO) / timedelta(days=1)
 
@@ -45,16 +45,16 @@ class Pointing:
     survey: str = "WIDE"  # or DEEP
 
     @property
-    def start(self):
+    def start(self) -> datetime:
         """Aware UTC datetime of the start."""
         return parse_utc(self.time)
 
     @property
-    def end(self):
+    def end(self) -> datetime:
         """Aware UTC datetime of start + exptime."""
         return self.start + timedelta(seconds=self.exptime)
 
     @property
-    def mjd(self):
+    def mjd(self) -> float:
         """UTC modified Julian date of the start [day]."""
         return mjd_utc(self.time)

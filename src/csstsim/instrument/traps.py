@@ -1,11 +1,12 @@
 """Numbers of the charge traps: config/instrument/cti.yaml."""
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, ValidationInfo
 
 from csstsim.base.model import Data, Number, between, validate
+from csstsim.base.types import PathLike
 
 
 @dataclass(frozen=True)
@@ -26,12 +27,12 @@ class Traps:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class _Well(Data):
-    beta: between(0.01, 5)
-    full_well: between(1, 1e9)
-    notch: between(0, 1e9)
+    beta: Annotated[Number, between(0.01, 5)]
+    full_well: Annotated[Number, between(1, 1e9)]
+    notch: Annotated[Number, between(0, 1e9)]
 
 
-def _as_many(values, info):
+def _as_many(values: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...]:
     if len(values) != len(info.data.get("density", values)):
         raise ValueError("density and timescale must be lists of the same length")
     return values
@@ -51,7 +52,7 @@ class _Place(Data):
     well: _Well
     species: _Species
 
-    def traps(self, serial=None):
+    def traps(self, serial: Traps | None = None) -> Traps:
         return Traps(**vars(self.well), **vars(self.species), serial=serial)
 
 
@@ -60,7 +61,7 @@ class _File(_Place):
     serial: _Place | None = None
 
 
-def load_traps(data, path):
+def load_traps(data: Any, path: PathLike) -> Traps:
     """Return the Traps of the content of cti.yaml; `path`: what errors name. Raises InputError."""
     file = validate(_File, data, path)
-    return file.traps(file.serial and file.serial.traps())
+    return file.traps(file.serial.traps() if file.serial else None)

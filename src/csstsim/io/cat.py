@@ -61,9 +61,9 @@ def read_cat(path: PathLike) -> ObjectTable:
         if len(words) != len(names):
             what = f"line {number} has {len(words)} words, not the {len(names)} of the heading"
             raise InputError(what, file=path)
-    words = np.array([row for _, row in rows], dtype=str).reshape(len(rows), len(names))
+    cells = np.array([row for _, row in rows], dtype=str).reshape(len(rows), len(names))
     numbers = [number for number, _ in rows]
-    columns = {name: _column(path, name, words[:, k], numbers) for k, name in enumerate(names)}
+    columns = {name: _column(path, name, cells[:, k], numbers) for k, name in enumerate(names)}
     types = {}
     if "obj_type" in columns:
         columns["obj_type"], types["types"] = _types(path, columns, numbers)

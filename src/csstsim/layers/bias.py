@@ -5,12 +5,21 @@ detector's `bias`. A laboratory map (instrument.maps) adds the structure within 
 exposures, and structure without such a map.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 from pydantic import Field
 
 from csstsim.detector.channels import ReadoutFrame
 from csstsim.instrument.maps.lab_map import frame_of
 from csstsim.layers.param import LayerParam
+
+if TYPE_CHECKING:
+    from csstsim.base.rng import Streams
+    from csstsim.base.types import FloatArray
+    from csstsim.simulation.state import State
 
 STAGE = "readout"
 UNITS = ("electron", "electron")
@@ -24,7 +33,7 @@ class Param(LayerParam):
     bias_16channel: bool = Field(True, description="true: one level per readout channel; false: one for the chip")
 
 
-def apply(state, param, rng):
+def apply(state: State, param: Param, rng: Streams) -> State:
     """Add the bias to every pixel of the readout frame, in place; the levels [e-] of all channels go to the header.
 
     Raises InputError for a map with a value that is not allowed.
@@ -47,7 +56,7 @@ def apply(state, param, rng):
     return state
 
 
-def _beside_the_level(structure, frame):
+def _beside_the_level(structure: FloatArray, frame: ReadoutFrame) -> float:
     """Return the most electrons that a map's structure can add to the sum of a frame less its channels' levels.
 
     The level is that of the serial overscan, or without it the one that the header states.

@@ -5,9 +5,17 @@ Electrons that reach the window's border leave it and are counted (csstsim.detec
 between wells.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from pydantic import Field
 
 from csstsim.layers.param import LayerParam
+
+if TYPE_CHECKING:
+    from csstsim.base.rng import Streams
+    from csstsim.simulation.state import State
 
 STAGE = "readout"
 UNITS = ("electron", "electron")
@@ -23,7 +31,7 @@ class Param(LayerParam):
     )
 
 
-def apply(state, param, rng):
+def apply(state: State, param: Param, rng: Streams) -> State:
     """Spill the excess charge of state.image, in place, and set bits of state.mask.
 
     The numbers of saturated pixels and of electrons that left go to the header.

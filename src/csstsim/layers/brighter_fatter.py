@@ -4,8 +4,18 @@ Charge moves between neighbouring pixels without loss (csstsim.detector.brighter
 electrons, so the layer must follow poisson_and_dark. Left out: differences between chips and wavelengths.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from csstsim.detector.bfe_kernel import detector_kernel
 from csstsim.layers.param import LayerParam
+
+if TYPE_CHECKING:
+    from csstsim.base.rng import Streams
+    from csstsim.instrument.camera import Camera
+    from csstsim.instrument.pointing import Pointing
+    from csstsim.simulation.state import State
 
 STAGE = "readout"
 UNITS = ("electron", "electron")
@@ -17,12 +27,12 @@ class Param(LayerParam):
     """obs_param of `brighter_fatter`: none; the areas are those of the detector (brighter_fatter.yaml)."""
 
 
-def check(param, camera, pointing):
+def check(param: Param, camera: Camera, pointing: Pointing) -> None:
     """Raise InputError if the camera has no areas, or if charge at full well could shift a boundary by 0.25 pixel."""
     detector_kernel(camera.detector)
 
 
-def apply(state, param, rng):
+def apply(state: State, param: Param, rng: Streams) -> State:
     """Move the charge of state.image, in place; the change of a pixel's own area [per e-] goes to the header.
 
     Raises ValueError if counted electrons were not merged, or a pixel is negative or not finite.

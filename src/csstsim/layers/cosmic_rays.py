@@ -5,10 +5,20 @@ Their electrons are added to the counted ones, which poisson_and_dark must then 
 csstsim.detector.cosmic_ray.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from pydantic import Field
 
 from csstsim.base.errors import InputError
 from csstsim.layers.param import EXPTIME, LayerParam
+
+if TYPE_CHECKING:
+    from csstsim.base.rng import Streams
+    from csstsim.instrument.camera import Camera
+    from csstsim.instrument.pointing import Pointing
+    from csstsim.simulation.state import State
 
 STAGE = "readout"
 UNITS = ("electron", "electron")
@@ -23,13 +33,13 @@ class Param(LayerParam):
     save_cosmic_image: bool = Field(False, description="true: write the rays' electrons beside the Level-0 file")
 
 
-def check(param, camera, pointing):
+def check(param: Param, camera: Camera, pointing: Pointing) -> None:
     """Raise InputError if the camera has no numbers for cosmic rays."""
     if camera.detector.cosmic_rays is None:
         raise InputError("the layer cosmic_rays needs this file", file=camera.folder / "cosmic_rays.yaml")
 
 
-def apply(state, param, rng):
+def apply(state: State, param: Param, rng: Streams) -> State:
     """Add the rays' electrons to state.counted, in place (made if it is None), and set bits of state.mask.
 
     Statistics go to the header.

@@ -5,11 +5,21 @@ Charge is transferred to the registers and, with `serial`, along them to the amp
 prescan_overscan puts it into the overscan. Left out: the rise of trap density over the mission (use `density_scale`).
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from pydantic import Field
 
 from csstsim.base.errors import InputError
 from csstsim.detector.charge_transfer.transfer import transfer
 from csstsim.layers.param import LayerParam
+
+if TYPE_CHECKING:
+    from csstsim.base.rng import Streams
+    from csstsim.instrument.camera import Camera
+    from csstsim.instrument.pointing import Pointing
+    from csstsim.simulation.state import State
 
 STAGE = "readout"
 UNITS = ("electron", "electron")
@@ -26,7 +36,7 @@ class Param(LayerParam):
     serial: bool = Field(False, description="true: traps of the serial registers act, too (cti.yaml: serial)")
 
 
-def check(param, camera, pointing):
+def check(param: Param, camera: Camera, pointing: Pointing) -> None:
     """Raise InputError if the camera has no traps, or no serial traps although `serial` is set."""
     traps = camera.detector.traps
     if traps is None:
@@ -35,7 +45,7 @@ def check(param, camera, pointing):
         raise InputError("the instrument's cti.yaml has no `serial` traps", key="serial", value=True, allowed="false")
 
 
-def apply(state, param, rng):
+def apply(state: State, param: Param, rng: Streams) -> State:
     """Move the charge of state.image, in place, and set state.trailed; electrons left in traps go to the header.
 
     Raises ValueError if counted electrons were not merged, or for values that are not finite.

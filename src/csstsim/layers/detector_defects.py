@@ -4,11 +4,24 @@ Their positions are fixed for each chip, drawn or of a laboratory map (instrumen
 kinds. Their charge depends on the background of the image. Left out: see csstsim.detector.defects.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 from pydantic import Field
 
 from csstsim.base.errors import InputError
 from csstsim.layers.param import LayerParam
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from csstsim.base.rng import Streams
+    from csstsim.base.types import AnyArray, IntArray
+    from csstsim.instrument.camera import Camera
+    from csstsim.instrument.pointing import Pointing
+    from csstsim.simulation.state import State
 
 STAGE = "readout"
 UNITS = ("electron", "electron")
@@ -24,13 +37,13 @@ class Param(LayerParam):
     bad_columns: bool = Field(True, description="columns brighter and noisier than the background")
 
 
-def check(param, camera, pointing):
+def check(param: Param, camera: Camera, pointing: Pointing) -> None:
     """Raise InputError if the camera has no numbers for defects."""
     if camera.detector.defects is None:
         raise InputError("the layer detector_defects needs this file", file=camera.folder / "defects.yaml")
 
 
-def apply(state, param, rng):
+def apply(state: State, param: Param, rng: Streams) -> State:
     """Put the defects into state.image, in place; their numbers in the window go to the header.
 
     Raises ValueError if counted electrons were not merged, or if the image has values that are not finite.
@@ -53,10 +66,11 @@ def apply(state, param, rng):
     return state
 
 
-def _pixels(state, param, level, rng):
+def _pixels(state: State, param: Param, level: float, rng: Streams) -> None:
     from csstsim.detector import defects, mask
 
     detector, numbers = state.chip.detector, state.chip.detector.defects
+    charge: AnyArray
     hot, dead = defects.places((detector.ny, detector.nx), numbers, rng.chip("defective pixels"))
     if param.hot_pixels:
         draws = rng.chip("hot pixels"), rng.exposure("hot pixels")
@@ -74,7 +88,7 @@ def _pixels(state, param, level, rng):
         state.header["dead_pixels"] = len(y)
 
 
-def _columns(state, level, rng):
+def _columns(state: State, level: float, rng: Streams) -> None:
     from csstsim.detector import defects, mask
 
     detector, numbers, window = state.chip.detector, state.chip.detector.defects, state.window
@@ -89,7 +103,7 @@ def _columns(state, level, rng):
             state.header["bad_columns"] += 1
 
 
-def _mapped(state, param, level, rng):
+def _mapped(state: State, param: Param, level: float, rng: Streams) -> None:
     """Put the defects of the laboratory map into the window, in the order of drawn ones."""
     from csstsim.detector import mapped_defects as defects
     from csstsim.detector import mask
@@ -97,7 +111,9 @@ def _mapped(state, param, level, rng):
     detector, window, numbers = state.chip.detector, state.window, state.chip.detector.defects
     bits = state.chip.maps.bad_pixels.part(*window.slices)
 
-    def found(bit, name):
+    def found(
+        bit: int, name: str
+    ) -> tuple[tuple[IntArray, IntArray], tuple[IntArray, IntArray], tuple[np.uint64, np.uint64]]:
         y, x = np.nonzero(bits & bit)
         _mark(state, (y, x), bit)
         return (y, x), (x + window.x0, y + window.y0), (rng.chip_key(name), rng.exposure_key(name))
@@ -117,6 +133,6 @@ def _mapped(state, param, level, rng):
         state.header["bad_columns"] = len(np.unique(2 * x + y // half))
 
 
-def _mark(state, place, bit):
+def _mark(state: State, place: tuple[Any, Any], bit: int) -> None:
     if state.mask is not None:
         state.mask[place] |= bit

@@ -6,6 +6,10 @@ has the pixel response if the list has PRNU_effect. The light of several lamps i
 its filter transmits. Left out: warming up and ageing of the lamps, fringes.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
@@ -15,6 +19,16 @@ from csstsim.layers.param import LayerParam
 from csstsim.optics.throughput.flat import FlatField, check_flat
 from csstsim.optics.throughput.led import load_leds
 from csstsim.optics.throughput.response import pixel_response
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from typing import Any, Self
+
+    from csstsim.base.rng import Streams
+    from csstsim.instrument.camera import Camera
+    from csstsim.instrument.pointing import Pointing
+    from csstsim.optics.throughput.led import Led
+    from csstsim.simulation.state import State
 
 STAGE = "render"
 UNITS = ("electron", "electron")
@@ -31,7 +45,7 @@ class Param(LayerParam):
     LED_TIME: list[float] = Field([10.0], min_length=1, description="seconds for which each lamp is lit")
 
     @model_validator(mode="after")
-    def _a_time_for_each(self):
+    def _a_time_for_each(self) -> Self:
         if len(self.LED_TYPE) != len(self.LED_TIME):
             raise ValueError(f"LED_TYPE has {len(self.LED_TYPE)} lamps, LED_TIME {len(self.LED_TIME)} times")
         if len(set(self.LED_TYPE)) != len(self.LED_TYPE):
@@ -41,13 +55,13 @@ class Param(LayerParam):
         return self
 
 
-def check(param, camera, pointing):
+def check(param: Param, camera: Camera, pointing: Pointing) -> None:
     """Raise InputError for invalid numbers of the flat, an unknown lamp, or lamps lit longer than the exposure."""
     check_flat(camera.leds)
     _lamps(param, camera.leds, pointing)
 
 
-def _lamps(param, numbers, pointing):
+def _lamps(param: Param, numbers: Mapping[str, Any], pointing: Pointing) -> list[Led]:
     """Return the Led of each entry of LED_TYPE, checked."""
     known, seconds = load_leds(numbers), sum(param.LED_TIME)
     if seconds > pointing.exptime:
@@ -59,7 +73,7 @@ def _lamps(param, numbers, pointing):
     return [known[name] for name in param.LED_TYPE]
 
 
-def apply(state, param, rng):
+def apply(state: State, param: Param, rng: Streams) -> State:
     """Add the lamps' light [e-] to state.image, in place; lamps and times go to the header.
 
     Raises InputError as `check` does.

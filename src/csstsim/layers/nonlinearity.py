@@ -6,6 +6,10 @@ polynomial for the chip, or one for each channel, scaled by a factor within the 
 Left out: memory of the amplifier.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 from pydantic import Field
 
@@ -13,6 +17,14 @@ from csstsim.base.errors import InputError
 from csstsim.detector.channels import ReadoutFrame
 from csstsim.detector.cubic import lowest_slope
 from csstsim.layers.param import LayerParam
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from csstsim.base.rng import Streams
+    from csstsim.instrument.camera import Camera
+    from csstsim.instrument.pointing import Pointing
+    from csstsim.simulation.state import State
 
 STAGE = "readout"
 UNITS = ("electron", "electron")
@@ -27,7 +39,7 @@ class Param(LayerParam):
     )
 
 
-def check(param, camera, pointing):
+def check(param: Param, camera: Camera, pointing: Pointing) -> None:
     """Raise InputError if the signal [e-] might not increase up to the full well in some channel."""
     detector = camera.detector
     spread = detector.nonlinearity_spread if param.nonlinearity_16channel else 0.0
@@ -40,7 +52,7 @@ def check(param, camera, pointing):
             )  # fmt: skip
 
 
-def apply(state, param, rng):
+def apply(state: State, param: Param, rng: Streams) -> State:
     """Replace charge by signal in state.image, in place; coefficients of all channels go to the header.
 
     Raises ValueError if a pixel is not finite or the signal does not increase up to the full well.
@@ -55,10 +67,11 @@ def apply(state, param, rng):
         scales = [1 + detector.nonlinearity_spread * draw.uniform(-1.0, 1.0) for draw in draws]
     pairs = [[scale * detector.nonlinearity_quadratic, scale * detector.nonlinearity_cubic] for scale in scales]
     active = state.image.shape == state.window.shape
-    parts = {block.channel: block.image if active else block.whole for block in frame.blocks}
+    parts: dict[int, Any] = {block.channel: block.image if active else block.whole for block in frame.blocks}
     if not param.nonlinearity_16channel:  # in one pass
         parts = {1: np.s_[:]}
     for channel, part in parts.items():
-        bend(state.image[part], *pairs[channel - 1], detector.full_well)
+        quadratic, cubic = pairs[channel - 1]
+        bend(state.image[part], quadratic, cubic, detector.full_well)
     state.header["nonlinearity_quadratic"], state.header["nonlinearity_cubic"] = map(list, zip(*pairs, strict=True))
     return state

@@ -4,9 +4,17 @@ The image becomes counted + Poisson(expected + dark rate x exposure time). Count
 have Poisson noise. Left out: warm pixels (detector_defects) and dark gradients.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from pydantic import Field
 
 from csstsim.layers.param import EXPTIME, LayerParam
+
+if TYPE_CHECKING:
+    from csstsim.base.rng import Streams
+    from csstsim.simulation.state import State
 
 STAGE = "readout"
 UNITS = ("electron", "electron")
@@ -19,7 +27,7 @@ class Param(LayerParam):
     exptime: float | None = Field(None, ge=0, le=1e5, description=EXPTIME)
 
 
-def apply(state, param, rng):
+def apply(state: State, param: Param, rng: Streams) -> State:
     """Turn expected electrons into counted ones, in place; state.counted is merged and set to None.
 
     Raises ValueError if an expected value is negative or not finite.

@@ -6,9 +6,19 @@ truth counts the accepted ones. The map is fixed for each chip: that of the labo
 (instrument.maps), else one that is drawn (detector.prnu), with the detector's rms. Left out: colour of the response.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from csstsim.base.errors import InputError
 from csstsim.detector.prnu import CLIP
 from csstsim.layers.param import LayerParam
+
+if TYPE_CHECKING:
+    from csstsim.base.rng import Streams
+    from csstsim.instrument.camera import Camera
+    from csstsim.instrument.pointing import Pointing
+    from csstsim.simulation.state import State
 
 STAGE = "render"
 UNITS = ("electron", "electron")
@@ -21,14 +31,14 @@ class Param(LayerParam):
     """obs_param of `PRNU_effect`: none; the rms is the detector's."""
 
 
-def check(param, camera, pointing):
+def check(param: Param, camera: Camera, pointing: Pointing) -> None:
     """Raise InputError if the detector's rms makes a pixel's response negative."""
     rms = camera.detector.prnu
     if not 0 <= rms < 1 / CLIP:
         raise InputError("out of range", file="detector.yaml", key="prnu", value=rms, allowed=f"0 to 1 / {CLIP}")
 
 
-def apply(state, param, rng):
+def apply(state: State, param: Param, rng: Streams) -> State:
     """Record the rms in the header, of a laboratory map that of the window's pixels.
 
     Raises ValueError if the light was drawn without PRNU.

@@ -6,7 +6,9 @@ mean gain before they are rounded, as if all amplifiers were equal. Left out: mi
 non-linearity of the converter.
 """
 
-from typing import Literal
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from pydantic import Field
@@ -14,6 +16,10 @@ from pydantic import Field
 from csstsim.detector.adc import digitise
 from csstsim.detector.channels import ReadoutFrame
 from csstsim.layers.param import LayerParam
+
+if TYPE_CHECKING:
+    from csstsim.base.rng import Streams
+    from csstsim.simulation.state import State
 
 STAGE = "level0"
 UNITS = ("DN", "DN")
@@ -41,7 +47,7 @@ class Param(LayerParam):
     )
 
 
-def apply(state, param, rng):
+def apply(state: State, param: Param, rng: Streams) -> State:
     """Replace state.image by its digitised DN, uint16 (a new array of half the size).
 
     Raises ValueError if a value is not finite.
@@ -54,7 +60,7 @@ def apply(state, param, rng):
     return state
 
 
-def _even(state):
+def _even(state: State) -> None:
     """Scale the channels to their mean gain, in place; the header then has it for each, and once for the chip."""
     gains = state.header.get("gain")
     if gains is not None:

@@ -3,7 +3,15 @@
 Left out: correlated noise, 1/f drifts and differences between channels.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from csstsim.layers.param import LayerParam
+
+if TYPE_CHECKING:
+    from csstsim.base.rng import Streams
+    from csstsim.simulation.state import State
 
 STAGE = "readout"
 UNITS = ("electron", "electron")
@@ -14,7 +22,7 @@ class Param(LayerParam):
     """obs_param of `readout_noise`: none; the level is that of the detector."""
 
 
-def apply(state, param, rng):
+def apply(state: State, param: Param, rng: Streams) -> State:
     """Add the noise to state.image, in place; the level [e-] of each channel goes to the header."""
     from csstsim.detector.noise import add_gaussian  # loads numba (0.5 s), which checking a campaign does not need
 

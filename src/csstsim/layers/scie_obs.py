@@ -5,7 +5,10 @@ plane. The truth table lists the electrons drawn for each object. On spectroscop
 two gratings (section 4.2), and there is also a truth table of orders. Left out: ghosts of dispersed light.
 """
 
+from __future__ import annotations
+
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 from pydantic import Field
 
@@ -16,6 +19,16 @@ from csstsim.optics.gratings.dispersion import Disperser
 from csstsim.optics.scatter.scattered_light import Scattered, read_scattered, scattered_light
 from csstsim.optics.throughput.flat import check_flat
 from csstsim.optics.throughput.response import response_maximum
+
+if TYPE_CHECKING:
+    from csstsim.base.rng import Streams
+    from csstsim.base.types import IntArray
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.instrument.camera import Camera
+    from csstsim.instrument.pointing import Pointing
+    from csstsim.render.canvas import Canvas
+    from csstsim.render.drawing import Drawing
+    from csstsim.simulation.state import State
 
 STAGE = "render"
 UNITS = ("electron", "electron")
@@ -35,7 +48,7 @@ class Param(LayerParam):
     ghosts: bool = Field(True, description="reflections of bright stars between filter and detector")
 
 
-def check(param, camera, pointing):
+def check(param: Param, camera: Camera, pointing: Pointing) -> None:
     """Raise InputError if the camera's numbers for the flat, the scattered light or the ghosts are wrong."""
     if param.flat_fielding:
         check_flat(camera.leds)
@@ -43,12 +56,12 @@ def check(param, camera, pointing):
 
 
 @lru_cache(1)  # once a camera, not once an exposure
-def _check_scattered(camera):
+def _check_scattered(camera: Camera) -> None:
     for filter in camera.filters.values():
         scattered_light(camera, filter)
 
 
-def apply(state, param, rng):
+def apply(state: State, param: Param, rng: Streams) -> State:
     """Draw state.catalog into state.image [e-], in place; state.truth becomes the table of drawn objects, same rows.
 
     Objects are drawn in the order of their ids, so that the pixels do not depend on the order of the catalogue's rows.
@@ -58,12 +71,12 @@ def apply(state, param, rng):
     canvas, drawing = _canvas(state, rng), _drawing(state, param, rng)
     truth, *orders = _drawn(state, canvas, order, drawing)
     state.counted, state.truth = canvas.counted, truth.take(back(order))
-    state.orders = orders_back(*orders, order) if orders else None
+    state.orders = orders_back(orders[0], order) if orders else None
     state.header["objects_electrons"] = state.electrons() - before
     return state
 
 
-def _canvas(state, rng):
+def _canvas(state: State, rng: Streams) -> Canvas:
     from csstsim.render.canvas import Canvas
 
     exposure, (flat, shutter, _) = state.exposure, state.exposure.losses
@@ -72,9 +85,10 @@ def _canvas(state, rng):
     return Canvas(state.image, state.window, state.response(rng), maximum, state.counted)
 
 
-def _drawing(state, param, rng):
+def _drawing(state: State, param: Param, rng: Streams) -> Drawing:
     from csstsim.render.drawing import Drawing  # loads numba (seconds), which checking a campaign does not need
 
+    assert state.psf is not None  # the stage render gives it
     exposure, detector, there = state.exposure, state.chip.detector, read_scattered(state.psf)
     noise = Noise(exposure.filter.sky, detector.dark, detector.read_noise)
     return Drawing(
@@ -85,10 +99,11 @@ def _drawing(state, param, rng):
     )  # fmt: skip
 
 
-def _drawn(state, canvas, order, drawing):
+def _drawn(state: State, canvas: Canvas, order: IntArray, drawing: Drawing) -> tuple[ObjectTable, ...]:
     """Draw the objects in this order; return (table of objects,), with gratings (table of objects, table of orders)."""
     from csstsim.render.parts.trails import draw_trailed
 
+    assert state.catalog is not None  # the stage select gives it
     exposure, objects, reference = state.exposure, state.catalog.take(order), drawing.fidelity == "reference"
     if exposure.gratings is None:
         if reference:
@@ -97,8 +112,9 @@ def _drawn(state, canvas, order, drawing):
             from csstsim.render.imaging.draw import draw_objects
         return draw_trailed(draw_objects, canvas, objects, drawing)
     if reference:
-        from csstsim.render.slitless.reference_dispersed import draw_objects
+        from csstsim.render.slitless.reference_dispersed import draw_objects as draw_dispersed
     else:
-        from csstsim.render.slitless.draw_dispersed import draw_dispersed as draw_objects
+        from csstsim.render.slitless.draw_dispersed import draw_dispersed
+    assert state.spectra is not None  # behind gratings render gives them
     disperser = Disperser(exposure.gratings, exposure.filter, exposure.telescope)
-    return draw_trailed(draw_objects, canvas, objects, drawing, state.spectra.take(order), disperser)
+    return draw_trailed(draw_dispersed, canvas, objects, drawing, state.spectra.take(order), disperser)

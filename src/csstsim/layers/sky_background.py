@@ -6,6 +6,10 @@ order; csstsim.sky.dispersed replaces it by all orders with their edges. The sky
 effect as the objects. Left out: change of the sky during the motion of the shutter, which differs between columns.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 from pydantic import Field
 
@@ -20,6 +24,16 @@ from csstsim.sky.bodies import exposure_angles
 from csstsim.sky.directions import telescope_axes
 from csstsim.sky.near_stars import stars_about
 from csstsim.sky.parameters import sky_numbers
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+    from typing import Any
+
+    from csstsim.base.rng import Streams
+    from csstsim.base.types import FloatArray, Floats
+    from csstsim.instrument.camera import Camera
+    from csstsim.instrument.pointing import Pointing
+    from csstsim.simulation.exposure import Exposure
 
 STAGE = "render"
 UNITS = ("electron", "electron")
@@ -41,7 +55,7 @@ class Param(LayerParam):
     )  # fmt: skip
 
 
-def check(param, camera, pointing):
+def check(param: Param, camera: Camera, pointing: Pointing) -> None:
     """Raise InputError if the camera's numbers for the flat or the model are wrong, BlockedError before the Earth."""
     if param.flat_fielding:
         check_flat(camera.leds)
@@ -54,7 +68,7 @@ def check(param, camera, pointing):
         raise BlockedError(f"the exposure of {pointing.time} looks at the Earth: limb angle {limb:.2f} deg")
 
 
-def apply(state, param, rng):
+def apply(state: State, param: Param, rng: Streams) -> State:
     """Add the sky [e-] to state.image (of the window's shape), in place; rates go to the header.
 
     Raises InputError if the model is enabled and the telescope looks at the Earth or close to the Sun.
@@ -71,14 +85,14 @@ def apply(state, param, rng):
     return state
 
 
-def mean_rate(exposure, param):
+def mean_rate(exposure: Exposure, param: Param) -> float:
     """Return the mean sky of an imaging chip's window [e-/s/px] before all losses; exposure: an Exposure."""
     if not param.enable_straylight_model:
         return exposure.filter.sky
     return sum(background.grid_mean(part) for part in _components(exposure).values())
 
 
-def dispersed_sky(exposure, param):
+def dispersed_sky(exposure: Exposure, param: Param) -> FloatArray:
     """Return the sky [e-] of a spectroscopic chip's window before all losses, (ny, nx) float32; exposure: Exposure."""
     state = State.blank(exposure)
     sky, _, means = _model(state) if param.enable_straylight_model else _constant(state)
@@ -86,30 +100,30 @@ def dispersed_sky(exposure, param):
     return state.image
 
 
-def _sun_angle(pointing):
+def _sun_angle(pointing: Pointing) -> float:
     return exposure_angles(pointing.ra, pointing.dec, pointing.mjd, pointing.sat_position, pointing.sat_velocity)["sun"]
 
 
-def _constant(state):
+def _constant(state: State) -> tuple[float, float, dict[str, float]]:
     """Return the sky [e-], a number; its rate [e-/s/px]; {} for no components."""
     return background.sky_electrons(state.filter, state.exposure.exptime), state.filter.sky, {}
 
 
-def _model(state):
+def _model(state: State) -> tuple[FloatArray, float, dict[str, float]]:
     """Return the sky [e-] at the nodes of a grid, its mean rate [e-/s/px], and {component: mean rate}."""
     parts = _components(state.exposure)
-    rate = sum(parts.values())
+    rate: Any = sum(parts.values())
     means = {name: background.grid_mean(part) for name, part in parts.items()}
     return state.exposure.exptime * rate, background.grid_mean(rate), means
 
 
-def _rows(sky, shape):
+def _rows(sky: Floats, shape: tuple[int, int]) -> Callable[[slice], FloatArray]:
     """Return the function that csstsim.sky.dispersed.disperse takes: slice of rows -> (rows, nx) float32."""
     if np.ndim(sky) == 0:
         even = np.broadcast_to(np.float32(sky), shape)
         return lambda rows: np.ascontiguousarray(even[rows])
 
-    def model(rows):
+    def model(rows: slice) -> FloatArray:
         part = np.zeros((rows.stop - rows.start, shape[1]), np.float32)
         background.add_grid(part, sky, rows, shape[0])
         return part
@@ -117,7 +131,9 @@ def _rows(sky, shape):
     return model
 
 
-def _disperse(state, sky, means, sun_angle, response):
+def _disperse(
+    state: State, sky: Floats, means: Mapping[str, float], sun_angle: float, response: FloatArray | None
+) -> float:
     """Add a sky through the gratings; return its mean before losses [e-]. sky, means: of `_constant` or `_model`."""
     from csstsim.sky.dispersed import disperse, nominal_spectrum, sky_spectrum
 
@@ -127,7 +143,7 @@ def _disperse(state, sky, means, sun_angle, response):
     return disperse(state.image, rows, state.exposure.gratings, state.window, spectrum, response)
 
 
-def _add(image, sky, response):
+def _add(image: FloatArray, sky: Floats, response: FloatArray | None) -> None:
     """Add the sky of an imaging chip, a number or the values at a grid's nodes, in place."""
     if np.ndim(sky):
         values, sky = sky, np.zeros_like(image)
@@ -140,7 +156,7 @@ def _add(image, sky, response):
     add_product(image, np.broadcast_to(np.asarray(sky, np.float32), image.shape), response)
 
 
-def _components(exposure):
+def _components(exposure: Exposure) -> dict[str, FloatArray]:
     """Return {component: e-/s/px at the nodes of a grid}, averaged in time; the grid is fine if a star is beside."""
     pointing, telescope, numbers = exposure.pointing, exposure.telescope, sky_numbers(exposure.camera.sky)
     rates = background.band_rates(exposure.filter, telescope, exposure.chip.detector.pixel_um, numbers)
@@ -158,12 +174,14 @@ def _components(exposure):
     return parts
 
 
-def moments(pointing, exptime):
+def moments(
+    pointing: Pointing, exptime: float
+) -> list[tuple[float, tuple[float, float, float], tuple[float, float, float]]]:
     """Return [(UTC MJD, position, velocity)] of the spacecraft at PARTS of an exposure of `exptime` seconds."""
     state = pointing.sat_position, pointing.sat_velocity
     return [(pointing.mjd + after / DAY_S, *orbit_after(*state, after)) for after in exptime * PARTS]
 
 
-def _mean(values):
+def _mean(values: Sequence[FloatArray]) -> FloatArray:
     """Return the mean over the exposure of values at PARTS."""
     return sum(weight * value for weight, value in zip(WEIGHTS, values, strict=True))

@@ -1,11 +1,15 @@
 """Exposure: one exposure of one chip. Everything its layers look up is resolved once, before any work."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:  # names alone: a stage imports what it uses
+    from csstsim.base.types import FloatArray
     from csstsim.catalog.astrometry.ephemeris import Observer
+    from csstsim.catalog.changing.motion import Interval
     from csstsim.instrument.camera import Camera
     from csstsim.instrument.chip import Chip, Window
     from csstsim.instrument.filter import Filter
@@ -33,12 +37,12 @@ class Exposure:
     The pointing has the exposure time that the layers ask for (SimSteps.exptime); the wcs has their field distortion.
     """
 
-    pointing: "Pointing"
-    chip: "Chip"
-    window: "Window"
-    wcs: "ChipWCS"
-    camera: "Camera" = field(repr=False, compare=False)
-    observer: "Observer | None" = None  # at the start of the exposure
+    pointing: Pointing
+    chip: Chip
+    window: Window
+    wcs: ChipWCS
+    camera: Camera = field(repr=False, compare=False)
+    observer: Observer | None = None  # at the start of the exposure
     losses: Losses = NO_LOSSES
     mask: bool = False  # a truth mask is kept
     fidelity: str = "standard"  # the campaign's: how objects are drawn
@@ -49,17 +53,17 @@ class Exposure:
         return self.pointing.exptime
 
     @property
-    def filter(self) -> "Filter":
+    def filter(self) -> Filter:
         """The chip's filter or grating."""
         return self.camera.filters[self.chip.filter]
 
     @property
-    def telescope(self) -> "Telescope":
+    def telescope(self) -> Telescope:
         """The camera's telescope."""
         return self.camera.telescope
 
     @cached_property
-    def interval(self):
+    def interval(self) -> Interval:
         """The catalog.changing.motion.Interval of the exposure, with the shutter's times if the layers have them."""
         from functools import partial
 
@@ -69,12 +73,12 @@ class Exposure:
         return Interval(self.pointing.mjd, self.exptime, partial(lost, self.chip) if self.losses.shutter else None)
 
     @cached_property
-    def gratings(self) -> "Gratings | None":
+    def gratings(self) -> Gratings | None:
         """The gratings that light of the sky goes through, or None."""
         dispersed = self.chip.kind == "slitless" and self.pointing.type == "SCIE"
         return self.camera.gratings[self.chip.id] if dispersed else None
 
-    def footprint(self, margin_px=0.0):
+    def footprint(self, margin_px: float = 0.0) -> tuple[FloatArray, FloatArray]:
         """Return ra[4], dec[4] of the window's corners, grown by a margin: ICRS at the epoch, not apparent."""
         from csstsim.catalog.astrometry.reduction import icrs
 

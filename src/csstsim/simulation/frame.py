@@ -3,11 +3,24 @@
 io.level0 describes the header, io.truth the columns of the truth.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from astropy.table import Table
+    from astropy.wcs import WCS
+
+    from csstsim.base.types import AnyArray, FloatArray
+    from csstsim.catalog.astrometry.ephemeris import Observer
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.instrument.chip import Chip, Window
+    from csstsim.optics.geometry.wcs import ChipWCS
+    from csstsim.simulation.state import State
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,10 +46,10 @@ class Frame:
     raw: np.ndarray | None = None
     orders: Any = None
     readout: Any = None  # detector.channels.ReadoutFrame of `raw`
-    key: tuple | None = None
+    key: tuple[str, int] | None = None
 
     @cached_property
-    def electrons(self):
+    def electrons(self) -> FloatArray:
         """(ny, nx) float32, electrons: bias subtracted and gain applied in each channel; nothing else is corrected.
 
         Raises ValueError for a frame from `light`, or without bias and gain in its header (their layers were left out).
@@ -53,17 +66,33 @@ class Frame:
         return result
 
 
-def frame_of(job, state, image, **parts):
+class FramedJob(Protocol):
+    """What `frame_of` takes of a campaign.job.Job."""
+
+    @property
+    def key(self) -> tuple[str, int]: ...  # noqa: D102
+    @property
+    def chip(self) -> Chip: ...  # noqa: D102
+    @property
+    def window(self) -> Window: ...  # noqa: D102
+    @property
+    def wcs(self) -> ChipWCS: ...  # noqa: D102
+    @property
+    def observer(self) -> Observer: ...  # noqa: D102
+
+
+def frame_of(job: FramedJob, state: State, image: AnyArray, **parts: Any) -> Frame:
     """Return the Frame of a job.Job: its image (ny, nx), and the truth that is in its State; parts: of a Frame."""
     from csstsim.io.orders import orders_table
     from csstsim.io.truth import truth_table
 
+    assert state.truth is not None  # the light is drawn
     truth = shown_table(truth_table(state.truth, job.chip))
     orders = None if state.orders is None else shown_table(orders_table(state.orders))
     return Frame(image=image, truth=truth, wcs=_wcs(job), window=job.window, orders=orders, key=job.key, **parts)
 
 
-def shown_table(table):
+def shown_table(table: ObjectTable) -> Table:
     """Return an ObjectTable as an astropy Table that prints well."""
     from astropy.table import Table
 
@@ -74,7 +103,7 @@ def shown_table(table):
     return shown
 
 
-def _wcs(job):
+def _wcs(job: FramedJob) -> WCS:
     """Return the astropy WCS of a job's window in ICRS: aberration and deflection are undone."""
     from astropy.wcs import WCS
 

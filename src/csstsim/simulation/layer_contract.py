@@ -12,6 +12,8 @@ text. A layer that cannot be loaded raises InputError, as it would in a campaign
 shipped layers pass the same checks (tests/layers/test_contract.py).
 """
 
+from __future__ import annotations
+
 import gc
 import inspect
 import json
@@ -19,7 +21,7 @@ import random
 import re
 import weakref
 from functools import cache
-from typing import get_args
+from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 
@@ -34,6 +36,14 @@ from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.simulation.exposure import Exposure, Losses
 from csstsim.simulation.sim_steps import known_layers, load_layer
 from csstsim.simulation.state import State
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from types import ModuleType
+    from typing import Any
+
+    from csstsim.base.types import AnyArray
+    from csstsim.instrument.camera import Camera
 
 CHIP = 9
 SOURCE = re.compile(
@@ -50,7 +60,9 @@ FRAMES = ("active", "readout")
 SHAPES = (64, 64), (48, 80)  # (ny, nx), px
 
 
-def check_layer(layer, param=None, state=None):
+def check_layer(
+    layer: ModuleType | str, param: Mapping[str, Any] | None = None, state: Callable[[], State] | None = None
+) -> tuple[str, ...]:
     """Return the faults of a layer, a tuple of lines; empty if it fulfils the contract.
 
     layer: its module, or the name an observation file would give; param: {parameter: value}, else the defaults;
@@ -74,7 +86,7 @@ def check_layer(layer, param=None, state=None):
     return faults
 
 
-def form_faults(module):
+def form_faults(module: ModuleType) -> tuple[str, ...]:
     """Return the faults found without running the layer (docstrings, parameters, order), a tuple of lines."""
     faults = [f"{what} has no docstring" for what, thing in _documented(module) if not (thing.__doc__ or "").strip()]
     if module.__doc__ and not SOURCE.search(module.__doc__):
@@ -82,14 +94,15 @@ def form_faults(module):
     return (*faults, *_declared_faults(module), *_param_faults(module))
 
 
-def _documented(module):
+def _documented(module: ModuleType) -> list[tuple[str, Any]]:
     """Return (name, object) of everything that needs a docstring."""
     named = [(name, getattr(module, name)) for name in ("Param", "apply", "check") if hasattr(module, name)]
     return [("the module", module), *named]
 
 
-def _declared_faults(module):
+def _declared_faults(module: ModuleType) -> Iterator[str]:
     """Yield what is wrong with UNITS, FRAME, AFTER, BEFORE, EXPOSURES and the form of apply."""
+    allowed: Sequence[str]
     for name, allowed in (("UNITS", ("electron", "DN")), ("FRAME", FRAMES)):
         value = getattr(module, name, allowed)
         if not isinstance(value, tuple) or len(value) != 2 or any(word not in allowed for word in value):
@@ -109,7 +122,7 @@ def _declared_faults(module):
         yield f"apply takes {inspect.signature(module.apply)}; it must take (state, param, rng)"
 
 
-def _param_faults(module):
+def _param_faults(module: ModuleType) -> Iterator[str]:
     """Yield what is wrong with the parameters."""
     if not (inspect.isclass(module.Param) and issubclass(module.Param, LayerParam)):
         yield "Param is not a class of csstsim.layers.param.LayerParam"
@@ -123,23 +136,23 @@ def _param_faults(module):
             yield f"parameter {key} is a number without a unit: {field.description!r}"
 
 
-def _numeric(annotation):
+def _numeric(annotation: Any) -> bool:
     """Whether a parameter may be a number."""
     return annotation in (int, float) or any(_numeric(part) for part in getattr(annotation, "__args__", ()))
 
 
-def _scenes():
+def _scenes() -> Iterator[tuple[tuple[int, int], float]]:
     """Yield (shape, peak [e- or DN] of the star and a hundredth of it of sky)."""
     yield from ((shape, 2e4) for shape in SHAPES)
     yield SHAPES[0], 0.0
 
 
 @cache
-def _camera():
+def _camera() -> Camera:
     return load_camera(SHIPPED / "instrument")
 
 
-def _maker(module, frame, shape, light):
+def _maker(module: ModuleType, frame: str, shape: tuple[int, int], light: float) -> Callable[[], State]:
     """Return a function that gives a fresh State of the shipped camera: chip 9 (r), where four channels meet."""
     from csstsim.detector.channels import ReadoutFrame
 
@@ -159,7 +172,7 @@ def _maker(module, frame, shape, light):
     return lambda: State(exposure, image.copy(), unit=module.UNITS[0])
 
 
-def _run_faults(module, param, make):
+def _run_faults(module: ModuleType, param: LayerParam, make: Callable[[], State]) -> Iterator[str]:
     """Yield what goes wrong when the layer runs on the states of `make`."""
     known = repr(np.random.get_state()), random.getstate()  # noqa: NPY002 - the very thing that must not change
     results = []
@@ -194,7 +207,7 @@ def _run_faults(module, param, make):
         yield "keeps a reference to the state or its image after apply; a chip's image is 340 MB"
 
 
-def _image_faults(module, state, before, image):
+def _image_faults(module: ModuleType, state: State, before: State, image: AnyArray) -> Iterator[str]:
     """Yield what is wrong with the image a layer leaves; before: a state as the layer found it."""
     from csstsim.detector.channels import ReadoutFrame
 
@@ -215,7 +228,7 @@ def _image_faults(module, state, before, image):
         yield f"leaves counted electrons of {state.counted.dtype}, {state.counted.shape}; int32, {before.window.shape}"
 
 
-def _header_faults(header):
+def _header_faults(header: Mapping[str, Any]) -> Iterator[str]:
     """Yield what is wrong with what a layer added to the header: {name: value}, to be kept as JSON."""
     for name, value in header.items():
         try:

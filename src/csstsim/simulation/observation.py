@@ -1,6 +1,7 @@
 """Observation files: the layers an exposure is made with, in order. config/README.md is generated from the model."""
 
 import copy
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pydantic import Field, field_validator
@@ -9,6 +10,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.files.yaml_file import read_yaml
 from csstsim.base.help_page import explained
 from csstsim.base.model import Model, validate
+from csstsim.base.types import PathLike
 
 
 class Observation(Model):
@@ -18,7 +20,9 @@ class Observation(Model):
 
     @field_validator("layers")
     @classmethod
-    def _one_key_each(cls, value):
+    def _one_key_each(
+        cls, value: tuple[dict[str, dict[str, Any] | None], ...]
+    ) -> tuple[dict[str, dict[str, Any] | None], ...]:
         for entry in value:
             if len(entry) != 1:
                 raise ValueError(f"each layer is one 'keyword: parameters' entry, not {sorted(entry)}")
@@ -26,12 +30,16 @@ class Observation(Model):
 
 
 @explained("observation")
-def load_observation(path):
+def load_observation(path: PathLike) -> Observation:
     """Read and check an observation file (layers' own parameters are checked by SimSteps). Raises InputError."""
     return validate(Observation, read_yaml(path), path)
 
 
-def changed_layers(changes, entries, file):
+def changed_layers(
+    changes: Mapping[str, dict[str, Any] | None],
+    entries: Sequence[Mapping[str, dict[str, Any] | None]] | None,
+    file: PathLike,
+) -> tuple[dict[str, dict[str, Any] | None], ...]:
     """Return a list of layers with parameters changed, and layers left out.
 
     changes: {keyword: {parameter: value}, or None to leave it out}; entries: the list as Observation.layers, None for

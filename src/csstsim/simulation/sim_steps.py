@@ -16,11 +16,14 @@ by dotted path, with
 csstsim.simulation.layer_contract checks a layer against this.
 """
 
+from __future__ import annotations
+
 import importlib
 import pkgutil
 import time
 from dataclasses import dataclass
 from types import ModuleType
+from typing import TYPE_CHECKING
 
 import csstsim.layers
 from csstsim.base.digest import digest, module_digest
@@ -31,11 +34,21 @@ from csstsim.base.process.progress import progress
 from csstsim.simulation.exposure import Losses
 from csstsim.simulation.observation import load_observation
 
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+    from typing import Any
+
+    from csstsim.base.rng import Streams
+    from csstsim.base.types import PathLike
+    from csstsim.instrument.camera import Camera
+    from csstsim.instrument.pointing import Pointing
+    from csstsim.simulation.state import State
+
 STAGES = ("render", "readout", "level0")
 BEFORE = ("truth", "psf", "select")  # stages of the workflow that run no layers
 
 
-def known_layers():
+def known_layers() -> list[str]:
     """Return the keywords of the layers in csstsim.layers, sorted."""
     return sorted(info.name for info in pkgutil.iter_modules(csstsim.layers.__path__) if info.name != "param")
 
@@ -47,9 +60,9 @@ class Step:
     keyword: str
     name: str  # names the step's random streams: the lower-case keyword, "#2" added on its second use
     module: ModuleType
-    param: object
+    param: Any
 
-    def describe(self):
+    def describe(self) -> dict[str, dict[str, Any]]:
         """Return {keyword: parameters}, for the provenance of the products."""
         return {self.keyword: self.param.model_dump(mode="json")}
 
@@ -64,10 +77,15 @@ class SimSteps:
     """
 
     @explained("observation")
-    def __init__(self, file, kind=None, layers=None):
+    def __init__(
+        self,
+        file: PathLike,
+        kind: str | None = None,
+        layers: Sequence[Mapping[str, dict[str, Any] | None]] | None = None,
+    ) -> None:
         self.file = file
-        self.steps = []
-        uses = {}
+        self.steps: list[Step] = []
+        uses: dict[str, int] = {}
         for number, entry in enumerate(load_observation(file).layers if layers is None else layers):
             [(keyword, param)] = entry.items()
             name = keyword.lower()
@@ -75,7 +93,7 @@ class SimSteps:
             module = load_layer(keyword, file)
             if uses[name] > 1 and "." not in name:
                 raise self._error("given twice", keyword)
-            exposures = getattr(module, "EXPOSURES", (kind,))
+            exposures: Any = getattr(module, "EXPOSURES", (kind,))
             if kind not in (None, *exposures):
                 raise self._error("does not belong in this kind of exposure", keyword, kind, ", ".join(exposures))
             checked = validate(module.Param, param or {}, file, ("layers", number, keyword))
@@ -86,33 +104,33 @@ class SimSteps:
         for option in ("flat_fielding", "shutter_effect"):
             self._check_agree(option)
 
-    def _asked(self, option):
+    def _asked(self, option: str) -> bool:
         """Whether a layer has this option on."""
         return any(getattr(step.param, option, False) for step in self.steps)
 
-    def _check_agree(self, option):
+    def _check_agree(self, option: str) -> None:
         """Raise InputError if layers differ in an option: objects and sky have the same optics and shutter."""
         asked = {step.keyword: getattr(step.param, option) for step in self.steps if hasattr(step.param, option)}
         if len(set(asked.values())) > 1:
             *_, last = asked
             raise self._error(f"layers differ in {option}", f"{last}.{option}", asked[last], "the same for all")
 
-    def step(self, name):
+    def step(self, name: str) -> Step | None:
         """Return the Step of a layer of csstsim, by its lower-case keyword, or None."""
         return next((step for step in self.steps if step.name == name), None)
 
     @property
-    def losses(self):
+    def losses(self) -> Losses:
         """The Losses of light with this list."""
         return Losses(self._asked("flat_fielding"), self._asked("shutter_effect"), self.step("prnu_effect") is not None)
 
     @property
-    def mask(self):
+    def mask(self) -> bool:
         """Whether a truth mask is to be kept."""
         return self._asked("mask")
 
     @explained("observation")
-    def check(self, camera, pointing):
+    def check(self, camera: Camera, pointing: Pointing) -> None:
         """Let each layer check its parameters against the camera and an exposure.
 
         Raises InputError, and BlockedError, which does not name the list, for an exposure that a layer cannot have.
@@ -125,10 +143,10 @@ class SimSteps:
             except InputError as exc:
                 raise InputError(str(exc), file=self.file, key=f"layers.{step.keyword}") from None
 
-    def _error(self, message, keyword, value=None, allowed=None):
+    def _error(self, message: str, keyword: str, value: object = None, allowed: object = None) -> InputError:
         return InputError(message, file=self.file, key=f"layers.{keyword}", value=value, allowed=allowed)
 
-    def _check_order(self):
+    def _check_order(self) -> None:
         stage, unit, frame = 0, "electron", "active"
         names = [step.name for step in self.steps]
         for number, step in enumerate(self.steps, start=1):
@@ -155,7 +173,7 @@ class SimSteps:
             missing = next(name for name, lacks in needed.items() if lacks)
             raise self._error("a layer is missing: the list does not end in a Level-0 file", missing)
 
-    def _exptime(self):
+    def _exptime(self) -> float | None:
         """Return the exposure time [s] that the layers ask for; None: the pointing's."""
         asked = {step.keyword: getattr(step.param, "exptime", None) for step in self.steps}
         asked = {keyword: time for keyword, time in asked.items() if time is not None}
@@ -164,33 +182,33 @@ class SimSteps:
             raise self._error("layers ask for different exposure times", last, asked[last], "one for all, or null")
         return next(iter(asked.values()), None)
 
-    def __iter__(self):
+    def __iter__(self) -> Iterator[Step]:
         return iter(self.steps)
 
-    def stage(self, name):
+    def stage(self, name: str) -> list[Step]:
         """Return the steps of one stage: 'render', 'readout' or 'level0'."""
         return [step for step in self.steps if name == step.module.STAGE]
 
     @property
-    def shipped(self):
+    def shipped(self) -> bool:
         """Whether every layer is one of csstsim's."""
         return not self._own
 
     @property
-    def _own(self):
+    def _own(self) -> list[ModuleType]:
         """The modules of the user's own layers."""
         return _own(self.steps)
 
-    def has_own(self, stage):
+    def has_own(self, stage: str) -> bool:
         """Whether a layer up to a stage is the user's, which may read any number of the camera."""
         return bool(_own(self._up_to(stage)))
 
-    def _up_to(self, stage):
+    def _up_to(self, stage: str) -> list[Step]:
         """Return the steps of a stage and those before it; all of them for a stage after the last."""
         stages = STAGES[: STAGES.index(stage) + 1] if stage in STAGES else () if stage in BEFORE else STAGES
         return [step for step in self.steps if step.module.STAGE in stages]
 
-    def digest(self, stage):
+    def digest(self, stage: str) -> str:
         """Return 16 hex digits of what in the list decides the pixels up to a stage.
 
         These are the layers, their parameters, the files of the user's own layers, the distortion, from render on the
@@ -198,16 +216,16 @@ class SimSteps:
         """
         steps = self._up_to(stage)
         own = _own(steps)
-        found = [[step.describe() for step in steps], *map(module_digest, own), self.field_dist]
+        found: list[Any] = [[step.describe() for step in steps], *map(module_digest, own), self.field_dist]
         if stage not in BEFORE:
             found += [self.losses, self.mask if own or stage != "render" else None]
         return digest(found)
 
-    def describe(self):
+    def describe(self) -> list[dict[str, dict[str, Any]]]:
         """Return the list of {keyword: parameters}."""
         return [step.describe() for step in self.steps]
 
-    def run(self, state, stage, rng):
+    def run(self, state: State, stage: str, rng: Streams) -> State:
         """Run the layers of one stage on `state` and return it; rng: the job's rng.Streams.
 
         Wall and CPU seconds of each layer are appended to state.header["timing"] as [name, wall, cpu]; the names of
@@ -233,12 +251,12 @@ class SimSteps:
         return state
 
 
-def _own(steps):
+def _own(steps: Sequence[Step]) -> list[ModuleType]:
     """Return the modules of the user's own layers."""
     return [step.module for step in steps if not step.module.__name__.startswith(f"{csstsim.layers.__name__}.")]
 
 
-def load_layer(keyword, file=None):
+def load_layer(keyword: str, file: PathLike | None = None) -> ModuleType:
     """Return the module of a layer: a keyword of csstsim, in upper or lower case, or the dotted path of your own.
 
     file: the list that names it, for the message. Raises InputError if it is unknown or lacks a part.

@@ -1,7 +1,9 @@
 """State: what a layer takes and returns (paper, section 4.3)."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -9,6 +11,8 @@ from csstsim.detector.sparse_plane import SparsePlane
 from csstsim.optics.throughput.response import response_map
 
 if TYPE_CHECKING:  # names alone: a stage imports what it uses
+    from csstsim.base.rng import Streams
+    from csstsim.base.types import FloatArray, IntArray
     from csstsim.catalog.light.object_spectra import Spectra
     from csstsim.catalog.table import ObjectTable
     from csstsim.detector.charge_transfer.transfer import Trails
@@ -30,21 +34,21 @@ class State:
     are the exposure's.
     """
 
-    exposure: "Exposure"
+    exposure: Exposure
     image: np.ndarray
-    catalog: "ObjectTable | None" = None  # objects that reach the window
-    spectra: "Spectra | None" = None  # theirs, of a slitless chip
-    psf: "PsfSet | None" = None
-    tables: "PsfTable | None" = None  # of `psf`; the reference renderer needs none
+    catalog: ObjectTable | None = None  # objects that reach the window
+    spectra: Spectra | None = None  # theirs, of a slitless chip
+    psf: PsfSet | None = None
+    tables: PsfTable | None = None  # of `psf`; the reference renderer needs none
     counted: np.ndarray | None = None  # int32; may be set to a SparsePlane
     mask: np.ndarray | None = None  # uint8 of the image's shape (detector.mask)
-    trailed: "Trails | None" = None  # charge that trails into the overscan
+    trailed: Trails | None = None  # charge that trails into the overscan
     cosmic_rays: tuple[np.ndarray, np.ndarray] | None = None  # (flat indices in the window, electrons) to be written
     unit: str = "electron"
-    header: dict = field(default_factory=dict)
-    truth: "ObjectTable | None" = None  # drawn objects
-    orders: "ObjectTable | None" = None  # those of a slitless chip, order by order (io.orders)
-    _response: tuple = ()  # (what `response` gave last,)
+    header: dict[str, Any] = field(default_factory=dict)
+    truth: ObjectTable | None = None  # drawn objects
+    orders: ObjectTable | None = None  # those of a slitless chip, order by order (io.orders)
+    _response: tuple[FloatArray | None, ...] = ()  # (what `response` gave last,)
 
     chip = property(lambda self: self.exposure.chip, doc="instrument.chip.Chip")
     filter = property(lambda self: self.exposure.filter, doc="instrument.filter.Filter")
@@ -54,7 +58,7 @@ class State:
     wcs = property(lambda self: self.exposure.wcs, doc="optics.geometry.wcs.ChipWCS")
 
     @classmethod
-    def blank(cls, exposure, objects=None):
+    def blank(cls, exposure: Exposure, objects: ObjectTable | None = None) -> Self:
         """Return the State of an Exposure before its first layer: planes of the window (ny, nx) without light.
 
         objects: its catalogue, or None.
@@ -63,7 +67,7 @@ class State:
         mask = np.zeros(shape, np.uint8) if exposure.mask else None
         return cls(exposure, np.zeros(shape, np.float32), objects, mask=mask)
 
-    def response(self, rng):
+    def response(self, rng: Streams) -> FloatArray | None:
         """Return the response_map (optics.throughput) of this exposure, made once for all layers that ask.
 
         rng: the asking layer's rng.Streams.
@@ -77,11 +81,14 @@ class State:
             self._response = (made,)
         return self._response[0]
 
-    def electrons(self):
+    def electrons(self) -> float:
         """Return the electrons in both planes, a float64 sum."""
         return sum(float(plane.sum(dtype=np.float64)) for plane in (self.image, self.counted) if plane is not None)
 
-    def add_counted(self, pixel, electrons):
+    def _keep_counted(self, counted: IntArray | SparsePlane | None) -> None:
+        self._counted: IntArray | SparsePlane | None = counted
+
+    def add_counted(self, pixel: IntArray, electrons: IntArray) -> None:
         """Add electrons (n,) int32 to the counted ones, at ascending flat indices (n,) of the window."""
         if isinstance(self._counted, np.ndarray):
             self._counted.reshape(-1)[pixel] += electrons
@@ -89,22 +96,19 @@ class State:
             held = self._counted or SparsePlane(self.window.shape, *np.zeros((2, 0), np.int32))
             self._counted = held.plus(pixel.astype(np.int32), electrons)
 
-    def take_counted(self):
+    def take_counted(self) -> IntArray | SparsePlane | None:
         """Return the counted electrons as they are kept, an array, a SparsePlane or None; none are left."""
         taken, self._counted = self._counted, None
         return taken
 
-    def _plane_of_counted(self):
+    def _plane_of_counted(self) -> IntArray | None:
         if isinstance(self._counted, SparsePlane):
             self._counted = self._counted.dense()
         return self._counted
 
-    def _keep_counted(self, counted):
-        self._counted = counted
-
-    def forget(self):
+    def forget(self) -> None:
         """Drop what is kept only to save time."""
         self._response = ()
 
 
-State.counted = property(State._plane_of_counted, State._keep_counted)
+State.counted = property(State._plane_of_counted, State._keep_counted)  # type: ignore[assignment]  # a field, too

@@ -5,6 +5,8 @@ it for a product. The next process on that host that writes the same file remove
 them at the end of a campaign.
 """
 
+from __future__ import annotations
+
 import errno
 import glob
 import os
@@ -12,9 +14,15 @@ import re
 import socket
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.file_log import logged
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from csstsim.base.types import PathLike
 
 HOST = socket.gethostname()
 # What the disk, not the program, is at fault for
@@ -23,7 +31,7 @@ _LEFT = re.compile(r"\..+\.(?P<pid>\d+)\.tmp(\.\w+)?")
 
 
 @contextmanager
-def atomic_path(path):
+def atomic_path(path: PathLike) -> Iterator[Path]:
     """Yield a temporary path beside `path`; on success it is flushed to disk and renamed to `path`.
 
     On any exception the temporary file is removed and `path` is left as it was. The parent folder is made if
@@ -48,7 +56,7 @@ def atomic_path(path):
         temporary.unlink(missing_ok=True)
 
 
-def remove_left(folder):
+def remove_left(folder: PathLike) -> int:
     """Remove the temporary files below a folder, except those of running processes of this host; return how many.
 
     Files of other hosts are removed unchecked: call it when the campaign's jobs have ended.
@@ -56,14 +64,14 @@ def remove_left(folder):
     return _remove_dead(Path(folder).rglob(".*.tmp*"))
 
 
-def _remove_dead(paths):
+def _remove_dead(paths: Iterable[Path]) -> int:
     dead = [path for path in paths if (match := _LEFT.fullmatch(path.name)) and not _writes(path.name, match["pid"])]
     for path in dead:
         path.unlink(missing_ok=True)
     return len(dead)
 
 
-def _writes(name, pid):
+def _writes(name: str, pid: str) -> bool:
     """Whether the temporary file belongs to a running process of this host."""
     if f".{HOST}.{pid}.tmp" not in name:
         return False
@@ -76,7 +84,7 @@ def _writes(name, pid):
     return True
 
 
-def _flush(path):
+def _flush(path: Path) -> None:
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)

@@ -1,10 +1,16 @@
 """Paths that a file names, relative to its own folder."""
 
+from __future__ import annotations
+
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from csstsim.base.types import PathLike
 
 
-def beside(file, path):
+def beside(file: PathLike, path: PathLike) -> Path:
     """Return a path that `file` names: a relative one begins in the folder of that file."""
     folder = Path(file).parent
     if ".." in Path(path).parts and folder.resolve() != Path(os.path.abspath(folder)):

@@ -1,14 +1,22 @@
 """Turns the exceptions that libraries raise for a damaged file into one line that names the file."""
 
+from __future__ import annotations
+
 import lzma
 import sys
 import warnings
 import zlib
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.file_log import logged
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from csstsim.base.types import PathLike
 
 _DAMAGE = (
     AssertionError, OSError, EOFError, LookupError, AttributeError, TypeError, ValueError, ArithmeticError, zlib.error,
@@ -17,7 +25,7 @@ _DAMAGE = (
 
 
 @contextmanager
-def reading(path, what, strict=True):
+def reading(path: PathLike, what: str, strict: bool = True) -> Iterator[None]:
     """Turn an exception raised inside into an InputError: the file cannot be read as `what`.
 
     `strict`: a warning counts as damage, too (astropy only warns of a truncated file).

@@ -1,10 +1,18 @@
 """Checks the headers of a FITS file before a library reads it: damaged ones crash cfitsio or hang astropy."""
 
+from __future__ import annotations
+
 import math
 import os
 import re
+from typing import TYPE_CHECKING
 
 from csstsim.base.errors import InputError
+
+if TYPE_CHECKING:
+    from typing import BinaryIO
+
+    from csstsim.base.types import PathLike
 
 BLOCK, CARD = 2880, 80
 MOST, FIELDS, AXES = 1 << 28, 999, 999  # values of a packed image; columns and axes, by the standard
@@ -12,7 +20,7 @@ _LENGTH = re.compile(r"(BITPIX|NAXIS\d*|PCOUNT|GCOUNT|TFIELDS|ZNAXIS\d*|ZTILE\d+
 _INTEGER = re.compile(r"[+-]?\d{1,18}")
 
 
-def check_headers(path):
+def check_headers(path: PathLike) -> None:
     """Raise InputError for a null character, or a length: no whole number, negative, too large, 0 where it divides.
 
     Also for a pipe or a device, and for a file that is cut short. The reader itself refuses one that is missing or not
@@ -37,9 +45,10 @@ def check_headers(path):
             start += (blocks + math.ceil(data / BLOCK)) * BLOCK
 
 
-def _lengths(file, path):
+def _lengths(file: BinaryIO, path: PathLike) -> tuple[dict[str, int] | None, int]:
     """Return ({keyword: length}, blocks) of the header at the file's place; (None, blocks) if it does not end."""
-    lengths, blocks = {}, 0
+    lengths: dict[str, int] = {}
+    blocks = 0
     while len(block := file.read(BLOCK)) == BLOCK:
         blocks += 1
         if blocks == 1 and not block.strip(b"\0"):  # padding behind the last HDU
@@ -56,9 +65,14 @@ def _lengths(file, path):
     return None, blocks
 
 
-def _length(key, text, path):
+def _length(key: str, text: str, path: PathLike) -> int:
     value = int(text) if _INTEGER.fullmatch(text) else None
     most = FIELDS if key == "TFIELDS" else AXES if key.endswith("NAXIS") else MOST if key.startswith("Z") else value
-    if value is None or value > most or (key != "BITPIX" and value < 0) or (key.startswith("Z") and value == 0):
+    if (
+        value is None
+        or (most is not None and value > most)
+        or (key != "BITPIX" and value < 0)
+        or (key.startswith("Z") and value == 0)
+    ):
         raise InputError("a header is damaged: no length", file=path, key=key, value=text)
     return value

@@ -3,12 +3,21 @@
 A dataset may claim more bytes than any machine holds, or take its bytes from another file or device.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from csstsim.base.errors import InputError
+
+if TYPE_CHECKING:
+    import h5py
+
+    from csstsim.base.types import AnyArray, PathLike
 
 LARGEST = 1 << 28  # bytes of a dataset that is read whole
 
 
-def group(parent, name, path):
+def group(parent: h5py.Group, name: str, path: PathLike) -> h5py.Group:
     """Return the group `name` of an h5py group in the file `path`. Raises InputError if there is none."""
     import h5py
 
@@ -18,7 +27,7 @@ def group(parent, name, path):
     return found
 
 
-def numbers(parent, name, path):
+def numbers(parent: h5py.Group, name: str, path: PathLike) -> AnyArray:
     """Return the dataset `name` of an h5py group in the file `path`, an array of integers or floats.
 
     Raises InputError if it is missing, not of numbers, larger than LARGEST, or kept elsewhere.

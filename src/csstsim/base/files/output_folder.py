@@ -1,12 +1,18 @@
 """Whether a command can write to the folder that it is given, asked before any work."""
 
+from __future__ import annotations
+
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from csstsim.base.errors import InputError
 
+if TYPE_CHECKING:
+    from csstsim.base.types import PathLike
 
-def output_folder(folder, key="--output"):
+
+def output_folder(folder: PathLike, key: str = "--output") -> Path:
     """Return a folder's Path; it is not made. Raises InputError, naming the option `key`, if it cannot be written."""
     folder = Path(folder)
     there = next((path for path in (folder, *folder.absolute().parents) if path.exists()), Path("/"))

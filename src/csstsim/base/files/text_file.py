@@ -1,15 +1,23 @@
 """Reads small text files (YAML, JSON, tables, configurations) whole, up to a size limit."""
 
+from __future__ import annotations
+
 import json
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.file_log import logged
 
+if TYPE_CHECKING:
+    from typing import Any
+
+    from csstsim.base.types import PathLike
+
 LARGEST = 64_000_000  # bytes; a survey of 73,260 files has a table of 2 MB
 
 
-def read_text(path, encoding="utf-8", largest=LARGEST):
+def read_text(path: PathLike, encoding: str = "utf-8", largest: int = LARGEST) -> str:
     """Return the text of a file, up to `largest` bytes.
 
     Raises InputError if it is missing, no plain file, too large or not `encoding`.
@@ -32,7 +40,7 @@ def read_text(path, encoding="utf-8", largest=LARGEST):
         raise InputError("cannot read the file: not UTF-8 text", file=path) from exc
 
 
-def read_json(path):
+def read_json(path: PathLike) -> Any:
     """Return what a JSON file holds. Raises InputError as `read_text`, and for what is no JSON."""
     text = read_text(path)
     try:

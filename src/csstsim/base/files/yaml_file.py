@@ -5,37 +5,44 @@ more than a million values. Values that aliases repeat count each time: ten line
 1:30 and 010 stay text (YAML 1.1 makes them 90 and 8).
 """
 
+from __future__ import annotations
+
 import pickle
 import re
 from functools import lru_cache
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import yaml
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.text_file import read_text
 
+if TYPE_CHECKING:
+    from typing import Any
+
+    from csstsim.base.types import PathLike
+
 DEPTH, VALUES = 100, 1_000_000
 _BASE = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml parses ten times faster
 _TEXT, _NOT_A_NUMBER = "tag:yaml.org,2002:str", re.compile(r"[-+]?[0-9][0-9_]*(:[0-9_.]+)+$|[-+]?0[0-9_]+$")
 
 
-class _Loader(_BASE):
-    yaml_implicit_resolvers: ClassVar = {  # the first that matches counts
+class _Loader(_BASE):  # type: ignore[misc, valid-type]  # either of two
+    yaml_implicit_resolvers: ClassVar[dict[str, list[tuple[str, re.Pattern[str]]]]] = {  # the first that matches counts
         first: [(_TEXT, _NOT_A_NUMBER), *resolvers] if first in list("-+0123456789") else resolvers
         for first, resolvers in _BASE.yaml_implicit_resolvers.items()
     }
 
-    def construct_mapping(self, node, deep=False):
-        seen = {}
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen: dict[Any, yaml.ScalarNode] = {}
         for key, _ in node.value:
             if isinstance(key, yaml.ScalarNode) and seen.setdefault(key.value, key) is not key:
                 raise yaml.constructor.ConstructorError(None, None, f"key {key.value!r} given twice", key.start_mark)
         return super().construct_mapping(node, deep)
 
 
-def read_yaml(path):
+def read_yaml(path: PathLike) -> dict[Any, Any]:
     """Return the mapping in a YAML file; InputError if missing, unreadable or not a mapping."""
     path = Path(path)
     text = read_text(path)
@@ -53,19 +60,21 @@ def read_yaml(path):
 
 
 @lru_cache(maxsize=100)
-def _parsed(text):
+def _parsed(text: str) -> bytes:
     """Return the content of a YAML text, pickled: a camera's files are read again for each Simulation."""
     _check_size(text)
     return pickle.dumps(yaml.load(text, Loader=_Loader))
 
 
-def _check_size(text):
+def _check_size(text: str) -> None:
     """Raise YAMLError for text that is nested too deeply or has too many values.
 
     Deep nesting would overflow the stack of the C parser and crash the process. Values that an alias repeats count
     again, because a walk through the data meets them again.
     """
-    open_, known = [], {}  # [anchor, values, levels] of collections not yet at their end; (values, levels) of anchors
+    open_: list[list[Any]] = []
+    known: dict[Any, tuple[int, int]] = {}
+    # [anchor, values, levels] of collections not yet at their end; (values, levels) of anchors
     for event in yaml.parse(text, Loader=_BASE):
         if isinstance(event, yaml.CollectionStartEvent):
             open_.append([event.anchor, 1, 0])

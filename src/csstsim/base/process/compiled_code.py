@@ -3,10 +3,16 @@
 numba writes beside the package, else below the home, else it raises. Compiling anew takes each process 50 CPU-seconds.
 """
 
+from __future__ import annotations
+
 import os
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import MutableMapping
 
 
-def choose_folder(environment, package):
+def choose_folder(environment: MutableMapping[str, str], package: str) -> str | None:
     """Set NUMBA_CACHE_DIR in the temporary folder, if numba would find no place; call it before numba is imported.
 
     environment: as os.environ. Returns the folder, or None if there is nothing to choose. Only the user may write

@@ -5,7 +5,7 @@ import gc
 from contextlib import suppress
 
 
-def release():
+def release() -> None:
     """Give back what is free: reference cycles hold a chip's PSF set, and glibc keeps freed memory for itself."""
     gc.collect()
     with suppress(AttributeError, OSError, TypeError):  # another C library has no such function

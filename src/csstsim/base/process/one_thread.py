@@ -9,10 +9,14 @@ It limits the libraries that are loaded when it is entered. Numpy's always is, a
 """
 
 import threading
+from collections.abc import Callable
 from contextlib import ContextDecorator
+from typing import TypeVar
 
 import numpy as np  # noqa: F401  its library must be there to be limited
 from threadpoolctl import OpenBLASController, threadpool_limits
+
+ResultT = TypeVar("ResultT")
 
 
 class _OneThread(ContextDecorator):
@@ -22,23 +26,25 @@ class _OneThread(ContextDecorator):
     limit and the last restores the number before it.
     """
 
-    def __init__(self):
-        self._lock, self._inside, self._limits = threading.Lock(), 0, None
+    def __init__(self) -> None:
+        self._lock, self._inside = threading.Lock(), 0
+        self._limits: threadpool_limits | None = None
 
-    def __enter__(self):
+    def __enter__(self) -> None:
         with self._lock:
             if self._inside == 0:
                 self._limits = self._set(lambda: threadpool_limits(1))
             self._inside += 1
 
-    def __exit__(self, *error):
+    def __exit__(self, *error: object) -> None:
         with self._lock:
             self._inside -= 1
             if self._inside == 0:
+                assert self._limits is not None  # set on entering
                 self._set(self._limits.restore_original_limits)
 
     @staticmethod
-    def _set(change):
+    def _set(change: Callable[[], ResultT]) -> ResultT:
         """Return change(), from whichever thread of Python: threadpoolctl else heeds the first that ever set a number.
 
         A script that limits its libraries in the main thread and makes chips in others would not be limited here.

@@ -1,12 +1,24 @@
 """Progress bars of long loops, at a terminal only; logs have none."""
 
+from __future__ import annotations
+
 import sys
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
-_screen = {"hidden": False, "bars": None}  # one a process: rich draws one set of bars at a time
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from pathlib import Path
+    from typing import Any, TypeVar
+
+    from rich.progress import Progress
+
+    ItemT = TypeVar("ItemT")
+
+_screen: dict[str, Any] = {"hidden": False, "bars": None}  # one a process: rich draws one set of bars at a time
 
 
-def progress(items, what, total=None):
+def progress(items: Iterable[ItemT], what: str, total: int | None = None) -> Iterator[ItemT]:
     """Yield the items; at a terminal, show a bar named `what` on standard error, below the bars of outer loops.
 
     Text printed with `print` appears above the bars (with click.echo it does not). total: the number of items, if they
@@ -24,7 +36,7 @@ def progress(items, what, total=None):
 
 
 @contextmanager
-def hidden():
+def hidden() -> Iterator[None]:
     """Show no bars inside."""
     before, _screen["hidden"] = _screen["hidden"], True
     try:
@@ -34,7 +46,7 @@ def hidden():
 
 
 @contextmanager
-def _bars():
+def _bars() -> Iterator[Progress]:
     """Yield the rich.progress.Progress on the screen, begun here if there is none."""
     if _screen["bars"]:
         yield _screen["bars"]
@@ -52,7 +64,7 @@ def _bars():
             _screen["bars"] = None
 
 
-def make_missing(wanted, say):
+def make_missing(wanted: Mapping[Path, Callable[[], object]], say: Callable[[str], object]) -> None:
     """Make the missing files of {path: function that makes it}."""
     for path in progress([path for path in wanted if not path.exists()], "made first"):
         if not path.exists():  # tables come with a new PSF set

@@ -7,10 +7,12 @@
 without `chips` all have one.
 """
 
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatch
 from functools import cached_property
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
@@ -20,8 +22,9 @@ from csstsim.base.files.beside import beside
 from csstsim.base.files.yaml_file import read_yaml
 from csstsim.base.help_page import explained
 from csstsim.base.model import Data, Whole, validate
+from csstsim.base.types import FloatArray, PathLike
 from csstsim.instrument.load import read_data
-from csstsim.instrument.maps.kinds import KINDS
+from csstsim.instrument.maps.kinds import KINDS, ReadoutShape
 from csstsim.instrument.maps.lab_map import LabMap, open_map
 
 # The stage that reads a kind first (base.stages.read_by)
@@ -46,13 +49,13 @@ class ChipMaps:
     wavelengths: the LEDs [nm] whose flats the chip needs, because its filter lets some of their light pass.
     """
 
-    entries: dict
+    entries: dict[str, Entry]
     folder: Path
     chip: int
-    detector: object
-    wavelengths: tuple = ()
+    detector: ReadoutShape | None
+    wavelengths: tuple[float, ...] = ()
 
-    def __bool__(self):
+    def __bool__(self) -> bool:
         return bool(self.entries)
 
     @cached_property
@@ -73,28 +76,29 @@ class ChipMaps:
     @cached_property
     def led_flats(self) -> dict[float, LabMap]:
         """{wavelength [nm]: flat} of the wavelengths that the chip needs; {} without maps of flats."""
-        return {wave: self._open("led_flats", f"{wave:g}") for wave in self.wavelengths if "led_flats" in self.entries}
+        opened = {wave: self._open("led_flats", f"{wave:g}") for wave in self.wavelengths}
+        return {wave: flat for wave, flat in opened.items() if flat is not None}
 
-    def of(self, stages):
+    def of(self, stages: Container[str]) -> dict[str, LabMap]:
         """Return {name: LabMap} of the maps that one of some stages (base.stages) reads first."""
         kinds = [kind for kind in self.entries if STAGES[kind] in stages]
         found = {kind: getattr(self, kind) for kind in kinds if kind != "led_flats"}
         flats = self.led_flats if "led_flats" in kinds else {}
         return found | {f"led_flats.{wave:g}": flat for wave, flat in flats.items()}
 
-    def digest(self, stages):
+    def digest(self, stages: Container[str]) -> str | None:
         """Return 16 hex digits of the content of these maps, or None if there are none."""
         found = self.of(stages)
         return digest({name: [one.shape, one.datasum, one.maximum] for name, one in found.items()}) if found else None
 
     @property
-    def record(self):
+    def record(self) -> dict[str, str]:
         """{name: file and DATASUM} of all maps, for headers."""
         found = self.of(STAGES.values())
         return {f"maps.{name}": f"{one.path.name}, DATASUM {one.datasum}" for name, one in found.items()}
 
-    def _open(self, kind, led=""):
-        if kind not in self.entries:
+    def _open(self, kind: str, led: str = "") -> LabMap | None:
+        if kind not in self.entries or self.detector is None:
             return None
         name = self.entries[kind].files.replace("{chip}", f"{self.chip:02d}").replace("{led}", led)
         return open_map(beside(self.folder / FILE, name), KINDS[kind], self.detector)
@@ -104,7 +108,7 @@ NO_MAPS = ChipMaps({}, Path(), 0, None)
 
 
 @explained("laboratory map")
-def load_entries(folder):
+def load_entries(folder: PathLike) -> dict[str, Entry]:
     """Return {kind: Entry} of the maps.yaml of an instrument folder; {} without the file.
 
     Raises InputError for an unknown kind or place in a name, and for a kind without source and confidence.
@@ -124,7 +128,7 @@ def load_entries(folder):
     return entries
 
 
-def _check_name(name, kind, path):
+def _check_name(name: str, kind: str, path: Path) -> None:
     """Raise InputError if a name lacks a place that each of its files fills, or has characters of patterns."""
     places = ("{chip}", "{led}") if kind == "led_flats" else ("{chip}",)
     rest = name
@@ -135,7 +139,16 @@ def _check_name(name, kind, path):
         raise InputError("cannot be the files' name", file=path, key=f"{kind}.files", value=name, allowed=allowed)
 
 
-def needed(wavelengths, filter):
+class Curve(Protocol):
+    """What `needed` takes of a Filter."""
+
+    @property
+    def wavelength(self) -> FloatArray: ...  # noqa: D102
+    @property
+    def throughput(self) -> FloatArray: ...  # noqa: D102
+
+
+def needed(wavelengths: Sequence[float], filter: Curve) -> tuple[float, ...]:
     """Return those LED wavelengths [nm], rising, whose flats count for a Filter: flats are linear between them."""
     seen = filter.wavelength[filter.throughput > 0] / 10
     below, above = [-np.inf, *wavelengths[:-1]], [*wavelengths[1:], np.inf]
@@ -144,7 +157,7 @@ def needed(wavelengths, filter):
 
 
 @explained("laboratory map")
-def check_chips(entries, folder, chips):
+def check_chips(entries: Mapping[str, Entry], folder: PathLike, chips: Iterable[int]) -> None:
     """Raise InputError if maps.yaml names a chip that is not one of `chips`, the camera's numbers."""
     for kind, entry in entries.items():
         unknown = sorted(set(entry.chips or ()) - set(chips))
@@ -153,12 +166,12 @@ def check_chips(entries, folder, chips):
             raise InputError("no such chip", file=path, key=f"{kind}.chips", value=unknown[0], allowed=allowed)
 
 
-def of_chip(entries, chip):
+def of_chip(entries: Mapping[str, Entry], chip: int) -> dict[str, Entry]:
     """Return the entries of one chip."""
     return {kind: entry for kind, entry in entries.items() if entry.chips is None or chip in entry.chips}
 
 
-def map_files(entries, names):
+def map_files(entries: Mapping[str, Entry], names: Iterable[str]) -> set[str]:
     """Return those of some names of files, relative to the instrument folder, that are maps.yaml or its maps."""
     patterns = [entry.files.replace("{chip}", "[0-9][0-9]").replace("{led}", "*") for entry in entries.values()]
     return {name for name in names if name == FILE or any(fnmatch(name, one.removeprefix("./")) for one in patterns)}

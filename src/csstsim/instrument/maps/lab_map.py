@@ -5,8 +5,10 @@ recipes, and DATAMAX, with which photons are drawn before they are lost one by o
 `check` reads the whole file, before any work.
 """
 
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -15,7 +17,8 @@ from csstsim.base.files.file_log import logged
 from csstsim.base.files.fits_headers import check_headers
 from csstsim.base.help_page import explained
 from csstsim.base.plural import number_of
-from csstsim.instrument.maps.kinds import DEFECTS, Kind
+from csstsim.base.types import AnyArray, IntArray, PathLike
+from csstsim.instrument.maps.kinds import DEFECTS, Kind, ReadoutShape
 
 _TYPES = {">f4": "BITPIX -32 (float32)", "u1": "BITPIX 8 (uint8)"}
 _BITPIX = {">f4": -32, "u1": 8}
@@ -39,7 +42,7 @@ class LabMap:
     _data: tuple[int, int]  # its first byte in the file, and the first byte behind it
 
     @explained("laboratory map")
-    def part(self, rows, columns):
+    def part(self, rows: slice, columns: slice) -> AnyArray:
         """Return the values of slices of rows and columns (ny, nx), float32 or uint8; steps may be negative.
 
         Raises InputError for a value that is not allowed.
@@ -49,12 +52,12 @@ class LabMap:
         return self._checked(np.ascontiguousarray(self._pixels()[rows, columns]), place)
 
     @explained("laboratory map")
-    def at(self, row, column):
+    def at(self, row: IntArray, column: IntArray) -> AnyArray:
         """Return the values (n,) of single pixels, row and column int (n,). Raises InputError as `part`."""
         return self._checked(self._pixels()[row, column], (row, column))
 
     @explained("laboratory map")
-    def check(self):
+    def check(self) -> None:
         """Read the whole map. Raises InputError for a value that is not allowed, a wrong mean or another DATASUM."""
         mean = self.kind.mean(self.part(slice(None), slice(None)))
         low, high = self.kind.mean_low, self.kind.mean_high
@@ -67,11 +70,11 @@ class LabMap:
                 allowed=f"{self._sum()}; write the file with checksum=True",
             )  # fmt: skip
 
-    def _pixels(self):
+    def _pixels(self) -> AnyArray:
         with logged("opened", self.path):
             return np.memmap(self.path, self.kind.stored, "r", self._data[0], self.shape)
 
-    def _checked(self, values, place):
+    def _checked(self, values: AnyArray, place: Sequence[IntArray]) -> AnyArray:
         """Return values as the machine's numbers; place: their rows and columns, arrays that broadcast to values."""
         values = values.astype(values.dtype.newbyteorder("="), copy=False)
         if self.kind.name == "bad_pixels":
@@ -83,20 +86,20 @@ class LabMap:
         if wrong.any():
             first = np.unravel_index(wrong.argmax(), wrong.shape)
             y, x = (int(np.broadcast_to(axis, wrong.shape)[first]) for axis in place)
-            count = number_of(np.count_nonzero(wrong), "pixel")
+            count = number_of(int(np.count_nonzero(wrong)), "pixel")
             raise InputError(
                 f"{count} out of range or not finite, the first at x {x}, y {y} (from 0)", file=self.path,
                 value=values[first].item(), allowed=self._allowed(),
             )  # fmt: skip
         return values
 
-    def _allowed(self):
+    def _allowed(self) -> str:
         if self.kind.name == "bad_pixels":
             return f"0, or a sum of {', '.join(f'{bit} {name}' for name, bit in DEFECTS.items())}"
         declared = " (DATAMAX)" if self.kind.loss else ""
         return f"{self.kind.low:g} to {self.maximum:g}{declared} {self.kind.unit}"
 
-    def _sum(self):
+    def _sum(self) -> int:
         """Return the ones' complement sum of the data's 32-bit words (FITS standard 4.0, appendix J)."""
         start, stop = self._data
         words = np.memmap(self.path, ">u4", "r", start, ((stop - start) // 4,))
@@ -106,7 +109,15 @@ class LabMap:
         return total
 
 
-def frame_of(one, frame):
+class ReadoutPieces(Protocol):
+    """What `frame_of` takes of a detector.channels.ReadoutFrame."""
+
+    @property
+    def shape(self) -> tuple[int, int]: ...  # noqa: D102
+    def pieces(self, layout: str) -> Iterator[tuple[tuple[slice, slice], tuple[slice, slice]]]: ...  # noqa: D102
+
+
+def frame_of(one: LabMap, frame: ReadoutPieces) -> AnyArray:
     """Return the values (frame.shape) of a readout's LabMap in a detector.channels.ReadoutFrame, as on the chip.
 
     Raises InputError for a value that is not allowed.
@@ -118,7 +129,7 @@ def frame_of(one, frame):
 
 
 @explained("laboratory map")
-def open_map(path, kind, detector):
+def open_map(path: PathLike, kind: Kind, detector: ReadoutShape) -> LabMap:
     """Return the LabMap of a file, of which only headers are read.
 
     Raises InputError for a file that is missing or not FITS, has not one image, or one of another shape or type, and
@@ -144,7 +155,7 @@ def open_map(path, kind, detector):
     return LabMap(path, kind, shape, shapes[shape], _maximum(header, kind, path), datasum, data)
 
 
-def _maximum(header, kind, path):
+def _maximum(header: Mapping[str, Any], kind: Kind, path: Path) -> float:
     """Return DATAMAX of a map that multiplies light, else the upper bound of its kind."""
     if not kind.loss:
         return kind.high
@@ -156,7 +167,7 @@ def _maximum(header, kind, path):
     return float(value)
 
 
-def _only_image(path):
+def _only_image(path: Path) -> tuple[Mapping[str, Any], tuple[int, int]]:
     """Return (header, (first byte of the data, first byte behind)) of a file's only image."""
     import fitsio
 

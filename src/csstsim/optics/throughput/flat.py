@@ -141,11 +141,11 @@ class LabFlat:
 
     def part(self, rows: slice, columns: slice) -> FloatArray:
         """Return float32 (ny, nx) of slices of the chip's rows and columns. Raises InputError as the maps do."""
-        return sum(np.float32(weight) * flat.part(rows, columns) for weight, flat in self.flats)
+        return np.asarray(sum(np.float32(weight) * flat.part(rows, columns) for weight, flat in self.flats))
 
     def at(self, row: IntArray, column: IntArray) -> FloatArray:
         """Return float32 (n,) of single pixels of the chip: the numbers of `part`."""
-        return sum(np.float32(weight) * flat.at(row, column) for weight, flat in self.flats)
+        return np.asarray(sum(np.float32(weight) * flat.at(row, column) for weight, flat in self.flats))
 
 
 # Keys of leds.yaml, what they may be, and the test of it
