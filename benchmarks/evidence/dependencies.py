@@ -33,7 +33,7 @@ _HEX = 12
 
 @cache
 def _graph() -> grimp.ImportGraph:
-    return grimp.build_graph(PACKAGE, cache_dir=None)
+    return grimp.build_graph(PACKAGE, cache_dir=None, exclude_type_checking_imports=True)
 
 
 @cache
@@ -115,6 +115,10 @@ def _is_command(node: ast.AST) -> bool:
     return any(isinstance(mark, ast.Attribute) and mark.attr == "command" for mark in marks)
 
 
+def _for_a_type_checker(node: ast.AST) -> bool:
+    return isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
+
+
 def _started(local: Iterable[Path], own: Iterable[str]) -> set[str]:
     """Return the modules that scripts reach that start processes and import `own` of csstsim.
 
@@ -128,9 +132,8 @@ def _started(local: Iterable[Path], own: Iterable[str]) -> set[str]:
     for module in modules:
         commands = [node for node in _tree(_file(module)).body if _is_command(node)]
         left_out = [node for node in commands if not words.issuperset(node.name.split("_"))]
-        reached |= {
-            name for node in _tree(_file(module)).body if node not in left_out for name in _imports(ast.walk(node))
-        }
+        nodes = [node for node in _tree(_file(module)).body if node not in left_out and not _for_a_type_checker(node)]
+        reached |= {name for node in nodes for name in _imports(ast.walk(node))}
     return modules | _upstream(reached - modules)
 
 

@@ -40,7 +40,7 @@ class CodeGraph:
 
     @staticmethod
     def _mentioned(statement, known):
-        for node in ast.walk(statement):
+        for node in _without_annotations(statement):
             if isinstance(node, ast.Name) and node.id in known:
                 yield known[node.id]
             elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
@@ -87,3 +87,14 @@ def forget(cache, names):
     for path in Path(cache).rglob("*.nb[ic]"):
         if path.name.startswith(stale):
             path.unlink()
+
+
+def _without_annotations(statement):
+    """Yield the nodes of a statement but for annotations of functions, which do nothing when it runs."""
+    waiting = [statement]
+    while waiting:
+        node = waiting.pop()
+        yield node
+        for name, value in ast.iter_fields(node):
+            if name != "returns" and not (name == "annotation" and isinstance(node, ast.arg)):
+                waiting += [one for one in (value if isinstance(value, list) else [value]) if isinstance(one, ast.AST)]
