@@ -11,7 +11,7 @@ from csstsim.detector.mask import CLIPPED
 
 if TYPE_CHECKING:
     from csstsim.base.rng import Streams
-    from csstsim.detector.instrument_parts import Gains
+    from csstsim.instrument.chip import Detector
 
 CUT_MAX = 1e-3  # largest share of pixels at 0 DN that rounding and rare noise explain
 _ROWS = 16
@@ -56,7 +56,7 @@ def cut_noise(low: int, pixels: int) -> str:
     )
 
 
-def channel_gains(detector: Gains, rng: Streams, *, one_each: bool) -> list[float]:
+def channel_gains(detector: Detector, rng: Streams, *, one_each: bool) -> list[float]:
     """Return the gains of all channels of a chip [e-/DN], a list.
 
     rng: rng.Streams; one_each: true: a gain for each channel; false: the same gain for all.

@@ -24,7 +24,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.types import FloatArray
 
 if TYPE_CHECKING:
-    from csstsim.detector.instrument_parts import PixelAreas
+    from csstsim.instrument.chip import Detector
 
 SIZE = 3  # of the quadrant of K
 STABLE = 0.25  # of a pixel: larger shifts of boundaries are not small, and the kernel's limiter would act on them
@@ -68,7 +68,7 @@ def _laplacians() -> FloatArray:
     return np.stack([laplacian(unit)[:SIZE, :SIZE].ravel() for unit in units], axis=1)
 
 
-def detector_kernel(detector: PixelAreas) -> tuple[FloatArray, float]:
+def detector_kernel(detector: Detector) -> tuple[FloatArray, float]:
     """Return (K (3, 3), skew) [per e-] of a detector (brighter_fatter.yaml, full_well).
 
     Raises InputError if it has no areas, or if charge at full well could move a boundary by a quarter pixel.

@@ -29,7 +29,7 @@ import numpy as np
 from csstsim.base.types import AnyArray, IntArray
 
 if TYPE_CHECKING:
-    from csstsim.detector.instrument_parts import Area, Geometry
+    from csstsim.instrument.chip import Detector, Window
 
 LAYOUTS = ("channels", "mosaic", "chip")
 GEOMETRY = (
@@ -96,7 +96,7 @@ class ReadoutFrame:
             raise ValueError(f"window {self.window} is empty or outside the chip of {self.nx} x {self.ny} pixels")
 
     @classmethod
-    def of(cls, detector: Geometry, window: Area | tuple[int, int, int, int] | None) -> Self:
+    def of(cls, detector: Detector | ReadoutFrame, window: Window | tuple[int, int, int, int] | None) -> Self:
         """Return the frame for a detector, any object with the attributes GEOMETRY; window None: the whole chip."""
         numbers = {name: int(getattr(detector, name)) for name in GEOMETRY}
         if window is None:

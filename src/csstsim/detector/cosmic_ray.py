@@ -19,7 +19,7 @@ from csstsim.base.types import FloatArray, IntArray
 from csstsim.detector.random.normal import normal, normal_table
 
 if TYPE_CHECKING:
-    from csstsim.detector.instrument_parts import Rays
+    from csstsim.instrument.cosmic_rays import CosmicRays
 
 _BATCH = 256  # tracks at a time; limits the work space
 _FARTHEST = 9  # sigma; larger than any normal number made from 52 bits
@@ -38,7 +38,7 @@ class Tracks:
     electrons: IntArray
 
 
-def draw_tracks(shape: tuple[int, int], seconds: float, rays: Rays, rng: np.random.Generator) -> Tracks:
+def draw_tracks(shape: tuple[int, int], seconds: float, rays: CosmicRays, rng: np.random.Generator) -> Tracks:
     """Return the Tracks of a frame of `shape` (ny, nx) exposed for `seconds`, including some that miss the frame.
 
     rays: instrument.cosmic_rays.CosmicRays; rng: numpy Generator.

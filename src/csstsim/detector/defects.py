@@ -20,7 +20,8 @@ import numpy as np
 from csstsim.base.types import AnyArray, BoolArray, FloatArray, Floats, IntArray
 
 if TYPE_CHECKING:
-    from csstsim.detector.instrument_parts import Area, DefectNumbers
+    from csstsim.instrument.chip import Window
+    from csstsim.instrument.defects import Defects
 
 _SAMPLE = 1_000_000  # pixels used for the background
 _CLIP = 5.0  # robust sigma
@@ -40,7 +41,7 @@ def background(image: AnyArray, total: float | None = None) -> float:
     return max(float(kept.mean()), 0.0)
 
 
-def places(shape: tuple[int, int], numbers: DefectNumbers, rng: np.random.Generator) -> tuple[IntArray, IntArray]:
+def places(shape: tuple[int, int], numbers: Defects, rng: np.random.Generator) -> tuple[IntArray, IntArray]:
     """Return (hot, dead): flat indices of the defective pixels of a chip of shape (ny, nx); no pixel is both."""
     pixels = shape[0] * shape[1]
     chosen = rng.choice(pixels, round(numbers.defective * pixels), replace=False)
@@ -49,7 +50,7 @@ def places(shape: tuple[int, int], numbers: DefectNumbers, rng: np.random.Genera
 
 
 def hot_charge(
-    count: int, seconds: float, numbers: DefectNumbers, rng_chip: np.random.Generator, rng: np.random.Generator
+    count: int, seconds: float, numbers: Defects, rng_chip: np.random.Generator, rng: np.random.Generator
 ) -> IntArray:
     """Return (count,) electrons of hot pixels: Poisson noise from rng, rates (at least hot_min) from rng_chip."""
     rate = rng_chip.gamma(numbers.hot_shape, numbers.hot_scale, count) / numbers.hot_time
@@ -57,16 +58,14 @@ def hot_charge(
 
 
 def dead_charge(
-    count: int, level: float, numbers: DefectNumbers, rng_chip: np.random.Generator, rng: np.random.Generator
+    count: int, level: float, numbers: Defects, rng_chip: np.random.Generator, rng: np.random.Generator
 ) -> FloatArray:
     """Return (count,) electrons of dead pixels under a background `level`."""
     share = rng_chip.uniform(0, numbers.dead_max, count)
     return np.maximum(share * level + numbers.dead_noise * rng.standard_normal(count), 0.0)
 
 
-def columns(
-    half_rows: int, nx: int, numbers: DefectNumbers, rng: np.random.Generator
-) -> list[tuple[int, int, int, float]]:
+def columns(half_rows: int, nx: int, numbers: Defects, rng: np.random.Generator) -> list[tuple[int, int, int, float]]:
     """Return a chip's bad columns as a list of (column, first row, end, u); chip rows [px], half-open."""
     first, end = int(numbers.columns_from * nx), max(int(numbers.columns_to * nx), int(numbers.columns_from * nx) + 1)
     found = []
@@ -80,21 +79,21 @@ def columns(
 
 
 def column_charge(
-    rows: int, u: float, level: float, read_noise: float, numbers: DefectNumbers, rng: np.random.Generator
+    rows: int, u: float, level: float, read_noise: float, numbers: Defects, rng: np.random.Generator
 ) -> FloatArray:
     """Return (rows,) electrons of a bad column; its noise is complete after the readout has added read_noise [e-]."""
     mean, sigma = column_level(u, level, read_noise, numbers)
     return np.maximum(mean + sigma * rng.standard_normal(rows), 0.0)
 
 
-def column_level(u: Floats, level: float, read_noise: float, numbers: DefectNumbers) -> tuple[Floats, float]:
+def column_level(u: Floats, level: float, read_noise: float, numbers: Defects) -> tuple[Floats, float]:
     """Return (mean, sigma) [e-] of a bad column's charge; u: float or array."""
     low = numbers.low_factor * level + numbers.low_offset
     high = numbers.high_factor * level + numbers.high_offset
     return (1 - u) * low + u * high, np.sqrt(numbers.column_noise**2 * (level + read_noise**2) - read_noise**2)
 
 
-def inside(index: IntArray, nx: int, window: Area) -> tuple[BoolArray, IntArray, IntArray]:
+def inside(index: IntArray, nx: int, window: Window) -> tuple[BoolArray, IntArray, IntArray]:
     """Return (which, y, x): bool, whether flat indices of a chip of `nx` columns lie in a window; positions in it."""
     y, x = index // nx - window.y0, index % nx - window.x0
     which = (y >= 0) & (y < window.ny) & (x >= 0) & (x < window.nx)

@@ -18,11 +18,11 @@ from csstsim.base.types import FloatArray, IntArray
 from csstsim.detector.random.normal import pixel_counter
 
 if TYPE_CHECKING:
-    from csstsim.detector.instrument_parts import DefectNumbers
+    from csstsim.instrument.defects import Defects
 
 
 def hot_charge(
-    x: IntArray, y: IntArray, seconds: float, numbers: DefectNumbers, chip: np.uint64, exposure: np.uint64
+    x: IntArray, y: IntArray, seconds: float, numbers: Defects, chip: np.uint64, exposure: np.uint64
 ) -> FloatArray:
     """Return (n,) electrons of hot pixels. chip, exposure: their keys."""
     from scipy.special import gammaincinv
@@ -32,7 +32,7 @@ def hot_charge(
 
 
 def dead_charge(
-    x: IntArray, y: IntArray, level: float, numbers: DefectNumbers, chip: np.uint64, exposure: np.uint64
+    x: IntArray, y: IntArray, level: float, numbers: Defects, chip: np.uint64, exposure: np.uint64
 ) -> FloatArray:
     """Return (n,) electrons of dead pixels under a background `level`."""
     share = numbers.dead_max * _uniform(x, y, chip)
@@ -45,7 +45,7 @@ def column_charge(
     half_rows: int,
     level: float,
     read_noise: float,
-    numbers: DefectNumbers,
+    numbers: Defects,
     chip: np.uint64,
     exposure: np.uint64,
 ) -> FloatArray:

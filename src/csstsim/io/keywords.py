@@ -11,7 +11,7 @@ import math
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from functools import cache
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import csstsim
 from csstsim.base.errors import InputError
@@ -24,11 +24,10 @@ from csstsim.io.fits_writing import card, remark
 from csstsim.io.sections import section_lists
 
 if TYPE_CHECKING:
-    from csstsim.base.types import AnyArray, IntArray, PathLike
-    from csstsim.instrument.chip import Chip, Detector, Window
+    from csstsim.base.types import PathLike
+    from csstsim.instrument.chip import Detector
     from csstsim.instrument.pointing import Pointing
-    from csstsim.instrument.telescope import Telescope
-    from csstsim.optics.geometry.wcs import ChipWCS
+    from csstsim.simulation.state import State
 
 STAGES = ("select", "render", "readout", "level0")
 _FROM_LAYERS = (
@@ -44,42 +43,6 @@ _FROM_LAYERS = (
 # The keyword of each part of a recipe (campaign.opened.OpenCampaign.recipe); readers check them.
 RECIPE = {"campaign": "CAMPHASH", "camera": "CAMHASH", "layers": "LAYHASH", "exposure": "EXPHASH"}
 _KEYS = {"hdu", "block", "keyword", "constant", "from", "repeat", "comment"}
-
-
-class StateOfChip(Protocol):
-    """What a Level-0 file states of a simulation.state.State."""
-
-    @property
-    def chip(self) -> Chip:
-        """The chip."""
-
-    @property
-    def telescope(self) -> Telescope:
-        """The telescope."""
-
-    @property
-    def pointing(self) -> Pointing:
-        """The exposure's pointing."""
-
-    @property
-    def window(self) -> Window:
-        """The pixels that were read."""
-
-    @property
-    def wcs(self) -> ChipWCS:
-        """The chip's world coordinates."""
-
-    @property
-    def image(self) -> AnyArray:
-        """The readout frame."""
-
-    @property
-    def mask(self) -> IntArray | None:
-        """The truth mask (detector.mask), if there is one."""
-
-    @property
-    def header(self) -> dict[str, Any]:
-        """What the layers say."""
 
 
 def recorded_recipe(header: Mapping[str, Any]) -> dict[str, Any]:
@@ -143,7 +106,7 @@ def _check(entry: Any, values: Mapping[str, Any], file: PathLike, where: str) ->
         raise InputError("unknown quantity", value=entry["from"], allowed=", ".join(sorted(values)), **place)
 
 
-def header_values(state: StateOfChip, provenance: Mapping[str, Any], layout: str) -> dict[str, Any]:
+def header_values(state: State, provenance: Mapping[str, Any], layout: str) -> dict[str, Any]:
     """Return {name: value} of everything a Level-0 header can state.
 
     `provenance` holds obsid, filename (without suffix), recipe ({name: digest}, see RECIPE), truth_hash, psf_hash,
@@ -188,7 +151,7 @@ def _designation(ra: float, dec: float) -> str:
     return f"J{time}{'-' if dec < 0 else '+'}{degrees[0]:02d}{degrees[1] // 60:02d}{degrees[1] % 60:02d}"
 
 
-def _detector(state: StateOfChip, layout: str) -> dict[str, Any]:
+def _detector(state: State, layout: str) -> dict[str, Any]:
     detector, window = state.chip.detector, state.window
     readout = ReadoutFrame.of(detector, window).of_file(layout)
     lists = section_lists(readout, layout)

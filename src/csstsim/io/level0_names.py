@@ -13,32 +13,15 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from csstsim.instrument.chip import Chip
-    from csstsim.instrument.pointing import Pointing
+    from csstsim.campaign.job import Job
 
 NEWEST = "C9"  # of the forms; the default
 
 _PATTERNS = {"kind": "[A-Z]+", "t": r"\d{14}", "t_end": r"\d{14}", "t_short": r"\d{12}", "obsid": r"\d{9,14}",
              "chip": r"\d{2}"}  # fmt: skip
-
-
-class NamedJob(Protocol):
-    """What names need of a campaign.job.Job."""
-
-    @property
-    def obsid(self) -> str:
-        """The exposure's number."""
-
-    @property
-    def chip(self) -> Chip:
-        """The chip."""
-
-    @property
-    def pointing(self) -> Pointing:
-        """The exposure's pointing."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +47,7 @@ class Form:
         """A regular expression of what stands before _{obsid}."""
         return self.template.partition("_{obsid}")[0].format(**_PATTERNS)
 
-    def stem(self, job: NamedJob) -> str:
+    def stem(self, job: Job) -> str:
         """Return the name of a job's Level-0 file without suffix. job: campaign.job.Job."""
         pointing = job.pointing
         kind = self.deep if self.deep and pointing.survey == "DEEP" else self.kinds[pointing.type]

@@ -12,16 +12,17 @@ from csstsim.base.types import PathLike
 from csstsim.detector.channels import Block, ReadoutFrame
 from csstsim.detector.mask import BITS
 from csstsim.io.fits_writing import card, compress, remark, write_hdus
-from csstsim.io.keywords import StateOfChip, header_cards, header_values
+from csstsim.io.keywords import header_cards, header_values
 from csstsim.optics.geometry.sip import sip_header
 
 if TYPE_CHECKING:
     from csstsim.optics.geometry.wcs import ChipWCS
+    from csstsim.simulation.state import State
 
 
 def write_level0(
     path: PathLike,
-    state: StateOfChip,
+    state: State,
     keywords: Sequence[Any],
     provenance: Mapping[str, Any],
     layout: str | None = None,
@@ -46,7 +47,7 @@ def write_level0(
 
 
 def level0_cards(
-    state: StateOfChip, keywords: Sequence[Any], provenance: Mapping[str, Any], layout: str
+    state: State, keywords: Sequence[Any], provenance: Mapping[str, Any], layout: str
 ) -> tuple[list[str], list[str]]:
     """Return the cards of HDU 0 and of IMAGE, two lists; arguments as of `write_level0`."""
     frame = ReadoutFrame.of(state.chip.detector, state.window).of_file(layout)

@@ -10,42 +10,18 @@ import json
 import os
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from csstsim.base.errors import InputError
 
 if TYPE_CHECKING:
-    from csstsim.io.paths import Paths
+    from csstsim.campaign.opened import OpenCampaign
 
 FILE = "campaign.json"
 PATIENCE = 1.0  # s, until a record that is still empty counts as damaged: another process may be writing it
 
 
-class Named(Protocol):
-    """What the folder's record states of a campaign's configuration."""
-
-    @property
-    def name(self) -> str:
-        """The campaign's name."""
-
-
-class Campaign(Protocol):
-    """What is asked here of a campaign.opened.OpenCampaign."""
-
-    @property
-    def file(self) -> Path:
-        """The campaign's file."""
-
-    @property
-    def paths(self) -> Paths:
-        """Where its products are."""
-
-    @property
-    def config(self) -> Named:
-        """Its configuration."""
-
-
-def check_owner(run: Campaign) -> None:
+def check_owner(run: OpenCampaign) -> None:
     """Raise InputError if the output folder of an open campaign belongs to another campaign."""
     path = run.paths.output / FILE
     try:
@@ -63,7 +39,7 @@ def check_owner(run: Campaign) -> None:
         )  # fmt: skip
 
 
-def claim_output(run: Campaign) -> None:
+def claim_output(run: OpenCampaign) -> None:
     """Record once that the output folder is the campaign's.
 
     Raises InputError if it belongs to another campaign or cannot be written.
@@ -90,6 +66,6 @@ def _text(path: Path) -> str:
     return text
 
 
-def _about(run: Campaign) -> dict[str, str]:
+def _about(run: OpenCampaign) -> dict[str, str]:
     folder = run.paths.output.resolve()
     return {"name": run.config.name, "file": os.path.relpath(run.file.resolve(), folder)}

@@ -18,10 +18,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from csstsim.base.errors import InputError
-from csstsim.io.level0_names import FORMS, NEWEST, NamedJob
+from csstsim.io.level0_names import FORMS, NEWEST
 
 if TYPE_CHECKING:
     from csstsim.base.types import PathLike
+    from csstsim.campaign.job import Job
 
 # Suffixes of the files that accompany a Level-0 file under its name.
 TRUTH, CAT, ORDERS, COSMIC = ".truth.parquet", ".cat", ".orders.parquet", ".cosmic.fits"
@@ -78,27 +79,27 @@ class Paths:
         """Intermediate of a chip: 'select.parquet', 'render.fits', 'drawn.parquet', ..."""
         return self.chips / f"{obsid}_{chip_id:02d}" / name
 
-    def level0(self, job: NamedJob) -> Path:
+    def level0(self, job: Job) -> Path:
         """A chip's Level-0 FITS file; job: campaign.job.Job."""
         return self.output / "level0" / job.obsid / f"{self._form.stem(job)}.fits"
 
-    def level0_truth(self, job: NamedJob) -> Path:
+    def level0_truth(self, job: Job) -> Path:
         """The table of drawn objects beside the Level-0 file, parquet."""
         return self.level0(job).with_suffix(TRUTH)
 
-    def level0_cat(self, job: NamedJob) -> Path:
+    def level0_cat(self, job: Job) -> Path:
         """The same table as text (io.cat), if the campaign's `truth` asks for it."""
         return self.level0(job).with_suffix(CAT)
 
-    def level0_catalogue(self, job: NamedJob) -> Path:
+    def level0_catalogue(self, job: Job) -> Path:
         """Where programs that read the campaign's form of names look for the text: of C9 `level0_cat` itself."""
         return self.output / "level0" / job.obsid / f"{self._form.catalogue(self._form.stem(job), job.chip.filter)}.cat"
 
-    def level0_orders(self, job: NamedJob) -> Path:
+    def level0_orders(self, job: Job) -> Path:
         """The truth of dispersed light, order by order (io.orders), of a spectroscopic chip's science exposure."""
         return self.level0(job).with_suffix(ORDERS)
 
-    def level0_cosmic(self, job: NamedJob) -> Path:
+    def level0_cosmic(self, job: Job) -> Path:
         """The electrons of cosmic rays alone, if cosmic_rays saves them (io.frames, plane `cosmic`)."""
         return self.level0(job).with_suffix(COSMIC)
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,10 +16,8 @@ if TYPE_CHECKING:
     from astropy.wcs import WCS
 
     from csstsim.base.types import AnyArray, FloatArray
-    from csstsim.catalog.astrometry.ephemeris import Observer
+    from csstsim.campaign.job import Job
     from csstsim.catalog.table import ObjectTable
-    from csstsim.instrument.chip import Chip, Window
-    from csstsim.optics.geometry.wcs import ChipWCS
     from csstsim.simulation.state import State
 
 
@@ -66,22 +64,7 @@ class Frame:
         return result
 
 
-class FramedJob(Protocol):
-    """What `frame_of` takes of a campaign.job.Job."""
-
-    @property
-    def key(self) -> tuple[str, int]: ...  # noqa: D102
-    @property
-    def chip(self) -> Chip: ...  # noqa: D102
-    @property
-    def window(self) -> Window: ...  # noqa: D102
-    @property
-    def wcs(self) -> ChipWCS: ...  # noqa: D102
-    @property
-    def observer(self) -> Observer: ...  # noqa: D102
-
-
-def frame_of(job: FramedJob, state: State, image: AnyArray, **parts: Any) -> Frame:
+def frame_of(job: Job, state: State, image: AnyArray, **parts: Any) -> Frame:
     """Return the Frame of a job.Job: its image (ny, nx), and the truth that is in its State; parts: of a Frame."""
     from csstsim.io.orders import orders_table
     from csstsim.io.truth import truth_table
@@ -103,7 +86,7 @@ def shown_table(table: ObjectTable) -> Table:
     return shown
 
 
-def _wcs(job: FramedJob) -> WCS:
+def _wcs(job: Job) -> WCS:
     """Return the astropy WCS of a job's window in ICRS: aberration and deflection are undone."""
     from astropy.wcs import WCS
 

@@ -25,13 +25,13 @@ from csstsim.detector.charge_transfer.traps import Room, buffers, draw_traps
 
 if TYPE_CHECKING:
     from csstsim.base.rng import Streams
-    from csstsim.detector.instrument_parts import Area, Trapping
+    from csstsim.instrument.chip import Detector, Window
 
 _BLOCK = 64  # rows
 
 
 def restore(
-    image: FloatArray, detector: Trapping, window: Area, rng: Streams, *, density: float, serial: bool, passes: int
+    image: FloatArray, detector: Detector, window: Window, rng: Streams, *, density: float, serial: bool, passes: int
 ) -> None:
     """Undo charge_transfer.transfer.transfer on a window's image [e-], float32 (ny, nx), in place.
 
@@ -177,7 +177,9 @@ def _exchange(image: FloatArray, flip: bool, first: int, lines: FloatArray, back
                 lines[c, k] = row[first + c]
 
 
-def _restore_rows(image: FloatArray, detector: Trapping, window: Area, rng: Streams, scale: float, passes: int) -> None:
+def _restore_rows(
+    image: FloatArray, detector: Detector, window: Window, rng: Streams, scale: float, passes: int
+) -> None:
     """Undo the transfer along the registers, channel by channel, in place."""
     assert detector.traps is not None
     traps, x0, y0 = detector.traps.serial, window.x0, window.y0

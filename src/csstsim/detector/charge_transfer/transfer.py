@@ -18,7 +18,7 @@ from csstsim.detector.channels import ReadoutFrame
 
 if TYPE_CHECKING:
     from csstsim.base.rng import Streams
-    from csstsim.detector.instrument_parts import Area, Trapping
+    from csstsim.instrument.chip import Detector, Window
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Trails:
 
 
 def transfer(
-    image: FloatArray, detector: Trapping, window: Area, rng: Streams, *, density: float, serial: bool
+    image: FloatArray, detector: Detector, window: Window, rng: Streams, *, density: float, serial: bool
 ) -> tuple[Trails, dict[str, int]]:
     """Transfer the charge of a window's image [e-], in place; return (Trails, header entries).
 
@@ -54,7 +54,7 @@ def transfer(
 
 
 def _along_columns(
-    image: FloatArray, detector: Trapping, window: Area, scale: float, rng: Streams
+    image: FloatArray, detector: Detector, window: Window, scale: float, rng: Streams
 ) -> tuple[tuple[FloatArray, FloatArray], int]:
     """Transfer both halves to their registers; return (Trails.parallel, electrons left in traps)."""
     from csstsim.detector.charge_transfer import cti  # loads numba (0.5 s), which checking a campaign does not need
@@ -78,8 +78,8 @@ def _along_columns(
 
 def _along_rows(
     image: FloatArray,
-    detector: Trapping,
-    window: Area,
+    detector: Detector,
+    window: Window,
     halves: tuple[FloatArray, FloatArray],
     scale: float,
     rng: Streams,

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from fnmatch import fnmatch
 from functools import cached_property
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,10 +22,14 @@ from csstsim.base.files.beside import beside
 from csstsim.base.files.yaml_file import read_yaml
 from csstsim.base.help_page import explained
 from csstsim.base.model import Data, Whole, validate
-from csstsim.base.types import FloatArray, PathLike
+from csstsim.base.types import PathLike
 from csstsim.instrument.load import read_data
-from csstsim.instrument.maps.kinds import KINDS, ReadoutShape
+from csstsim.instrument.maps.kinds import KINDS
 from csstsim.instrument.maps.lab_map import LabMap, open_map
+
+if TYPE_CHECKING:
+    from csstsim.instrument.chip import Detector
+    from csstsim.instrument.filter import Filter
 
 # The stage that reads a kind first (base.stages.read_by)
 STAGES = {"led_flats": "render", "prnu": "render", "bad_pixels": "readout", "bias": "readout"}
@@ -52,7 +56,7 @@ class ChipMaps:
     entries: dict[str, Entry]
     folder: Path
     chip: int
-    detector: ReadoutShape | None
+    detector: "Detector | None"
     wavelengths: tuple[float, ...] = ()
 
     def __bool__(self) -> bool:
@@ -139,16 +143,7 @@ def _check_name(name: str, kind: str, path: Path) -> None:
         raise InputError("cannot be the files' name", file=path, key=f"{kind}.files", value=name, allowed=allowed)
 
 
-class Curve(Protocol):
-    """What `needed` takes of a Filter."""
-
-    @property
-    def wavelength(self) -> FloatArray: ...  # noqa: D102
-    @property
-    def throughput(self) -> FloatArray: ...  # noqa: D102
-
-
-def needed(wavelengths: Sequence[float], filter: Curve) -> tuple[float, ...]:
+def needed(wavelengths: Sequence[float], filter: "Filter") -> tuple[float, ...]:
     """Return those LED wavelengths [nm], rising, whose flats count for a Filter: flats are linear between them."""
     seen = filter.wavelength[filter.throughput > 0] / 10
     below, above = [-np.inf, *wavelengths[:-1]], [*wavelengths[1:], np.inf]

@@ -9,36 +9,14 @@ A response of 0 would make light of a pixel unknowable, so dead pixels belong in
 """
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from csstsim.base.types import AnyArray
 
+if TYPE_CHECKING:
+    from csstsim.instrument.chip import Detector
+
 DEFECTS = {"HOT": 8, "DEAD": 16, "BAD_COLUMN": 32}  # as of detector.mask, which knows arrays only
-
-
-class ReadoutShape(Protocol):
-    """The numbers of a Detector (instrument.chip) that give the shapes of maps."""
-
-    @property
-    def nx(self) -> int: ...  # noqa: D102
-    @property
-    def ny(self) -> int: ...  # noqa: D102
-    @property
-    def channels_x(self) -> int: ...  # noqa: D102
-    @property
-    def channels_y(self) -> int: ...  # noqa: D102
-    @property
-    def channel_nx(self) -> int: ...  # noqa: D102
-    @property
-    def channel_ny(self) -> int: ...  # noqa: D102
-    @property
-    def prescan(self) -> int: ...  # noqa: D102
-    @property
-    def overscan(self) -> int: ...  # noqa: D102
-    @property
-    def parallel_overscan(self) -> int: ...  # noqa: D102
-    @property
-    def channels(self) -> int: ...  # noqa: D102
 
 
 @dataclass(frozen=True)
@@ -58,7 +36,7 @@ class Kind:
     loss: bool = False
     readout: bool = False  # it covers the readout frame, not the active pixels alone
 
-    def shapes(self, detector: ReadoutShape) -> dict[tuple[int, int], str]:
+    def shapes(self, detector: "Detector") -> dict[tuple[int, int], str]:
         """Return {(ny, nx): layout} of the shapes that a map may have."""
         if not self.readout:
             return {(detector.ny, detector.nx): "active"}

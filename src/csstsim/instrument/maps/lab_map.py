@@ -5,10 +5,10 @@ recipes, and DATAMAX, with which photons are drawn before they are lost one by o
 `check` reads the whole file, before any work.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,7 +18,11 @@ from csstsim.base.files.fits_headers import check_headers
 from csstsim.base.help_page import explained
 from csstsim.base.plural import number_of
 from csstsim.base.types import AnyArray, IntArray, PathLike
-from csstsim.instrument.maps.kinds import DEFECTS, Kind, ReadoutShape
+from csstsim.instrument.maps.kinds import DEFECTS, Kind
+
+if TYPE_CHECKING:
+    from csstsim.detector.channels import ReadoutFrame
+    from csstsim.instrument.chip import Detector
 
 _TYPES = {">f4": "BITPIX -32 (float32)", "u1": "BITPIX 8 (uint8)"}
 _BITPIX = {">f4": -32, "u1": 8}
@@ -109,15 +113,7 @@ class LabMap:
         return total
 
 
-class ReadoutPieces(Protocol):
-    """What `frame_of` takes of a detector.channels.ReadoutFrame."""
-
-    @property
-    def shape(self) -> tuple[int, int]: ...  # noqa: D102
-    def pieces(self, layout: str) -> Iterator[tuple[tuple[slice, slice], tuple[slice, slice]]]: ...  # noqa: D102
-
-
-def frame_of(one: LabMap, frame: ReadoutPieces) -> AnyArray:
+def frame_of(one: LabMap, frame: "ReadoutFrame") -> AnyArray:
     """Return the values (frame.shape) of a readout's LabMap in a detector.channels.ReadoutFrame, as on the chip.
 
     Raises InputError for a value that is not allowed.
@@ -129,7 +125,7 @@ def frame_of(one: LabMap, frame: ReadoutPieces) -> AnyArray:
 
 
 @explained("laboratory map")
-def open_map(path: PathLike, kind: Kind, detector: ReadoutShape) -> LabMap:
+def open_map(path: PathLike, kind: Kind, detector: "Detector") -> LabMap:
     """Return the LabMap of a file, of which only headers are read.
 
     Raises InputError for a file that is missing or not FITS, has not one image, or one of another shape or type, and

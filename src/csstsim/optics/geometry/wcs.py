@@ -21,7 +21,7 @@ including aberration and light deflection (catalog.astrometry.reduction), on axe
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,24 +32,9 @@ from csstsim.base.units import ARCSEC_PER_RAD
 
 if TYPE_CHECKING:
     from csstsim.instrument.chip import Chip, Window
+    from csstsim.instrument.pointing import Pointing
     from csstsim.instrument.telescope import Telescope
     from csstsim.optics.geometry.distortion import FieldDistortion
-
-
-class Aim(Protocol):
-    """Where the boresight points: an instrument.pointing.Pointing has these."""
-
-    @property
-    def ra(self) -> float:
-        """Right ascension [deg], apparent."""
-
-    @property
-    def dec(self) -> float:
-        """Declination [deg], apparent."""
-
-    @property
-    def pa(self) -> float:
-        """Position angle of mosaic +y [deg]."""
 
 
 class ChipWCS:
@@ -58,7 +43,7 @@ class ChipWCS:
     distortion: an optics.geometry.distortion.FieldDistortion, or None for the ideal, linear pixels.
     """
 
-    def __init__(self, chip: Chip, pointing: Aim, distortion: FieldDistortion | None = None) -> None:
+    def __init__(self, chip: Chip, pointing: Pointing, distortion: FieldDistortion | None = None) -> None:
         self.chip = chip
         self.distortion = distortion.on(chip) if distortion else None
         self.crval = (pointing.ra, pointing.dec)

@@ -29,7 +29,7 @@ from csstsim.base.types import ComplexArray, FloatArray, PathLike
 from csstsim.optics.psf.chip_errors import chip_coefficients
 from csstsim.optics.psf.diffraction import Diffraction, Kernel, blur, check_blur
 from csstsim.optics.psf.psf_file import write_psf
-from csstsim.optics.psf.sampling import CELLS, WINDOW_PX, SubBands, oversampling_of
+from csstsim.optics.psf.sampling import CELLS, WINDOW_PX, oversampling_of
 from csstsim.optics.psf.wavefront import Wavefront, load_wavefront
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ def node_positions(chip: Chip, grid: int) -> FloatArray:
 
 def chip_optics(
     chip: Chip,
-    filter: SubBands,
+    filter: Filter,
     psf_params: Mapping[str, Any],
     wavefront: Wavefront,
     oversampling: int,

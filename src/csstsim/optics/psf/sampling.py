@@ -4,29 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from csstsim.base.errors import InputError
 
 if TYPE_CHECKING:
-    from csstsim.base.types import FloatArray
+    pass
 
 CELLS = 256  # along the side of a stored PSF
 OVERSAMPLING = (2, 4)  # cells along the side of a pixel
 WINDOW_PX = 1.5  # sigma of the window by which a PSF is centred
 LIBRARY_PX = 128  # side of the box of an external library's PSF
-
-
-class SubBands(Protocol):
-    """What a point source's light needs of an instrument.filter.Filter."""
-
-    @property
-    def name(self) -> str:
-        """The filter's name."""
-
-    @property
-    def psf_wavelength(self) -> FloatArray:
-        """(4,) angstrom, of the sub-bands."""
 
 
 def oversampling_of(filter: str, psf_params: Mapping[str, Any], asked: int | str = "auto") -> int:

@@ -16,8 +16,8 @@ from csstsim.optics.scatter.halo import Wing, make_wing
 
 if TYPE_CHECKING:
     from csstsim.instrument.camera import Camera
+    from csstsim.instrument.filter import Filter
     from csstsim.optics.psf.psf_file import PsfSet
-    from csstsim.optics.psf.sampling import SubBands
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class Scattered:
         return {name: json.dumps(part.as_dict()) for name, part in vars(self).items() if part is not None}
 
 
-def scattered_light(camera: Camera, filter: SubBands) -> Scattered:
+def scattered_light(camera: Camera, filter: Filter) -> Scattered:
     """Return the `Scattered` of a camera's filter. Raises InputError (optics.scatter.halo, optics.scatter.ghosts)."""
     return Scattered(
         make_wing(camera.scatter, filter.psf_wavelength, camera.telescope),
