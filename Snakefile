@@ -35,9 +35,14 @@ if VARIANTS:
 rule all:
     default_target: True
     input:
-        first_picture(),
-        targets(RUN),
-        [targets(variant) for variant in VARIANTS.values()],
+        # the picture of the first frame: no product, but made with them
+        [str(RUN.paths.look(*job.key)) for job in RUN.first_frames],
+        [
+            kind.files()
+            for run in (RUN, *VARIANTS.values())
+            for kind in kinds(run).values()
+            if kind.target
+        ],
 
 
 onstart:

@@ -1,6 +1,6 @@
 rule merge:
     input:
-        on_brick("measure"),
+        FILES.on_brick("measure"),
     output:
         f"{OUT}/merge/dataset/Norder=8/Dir={{dir}}/Npix={{pix}}.parquet",
     log:
@@ -16,9 +16,9 @@ rule merge:
 
 rule validate:
     input:
-        merged,
-        on_brick("measure"),
-        on_brick("level0"),
+        FILES.merged,
+        FILES.on_brick("measure"),
+        FILES.on_brick("level0"),
     output:
         f"{OUT}/validate/{{pix}}.json",
         f"{OUT}/validate/{{pix}}.png",

@@ -1,8 +1,8 @@
 # Calibrated images, for campaigns that keep them (measurement.keep_calibrated).
 rule calibrate:
     input:
-        level0_of,
-        measured_with,
+        FILES.level0,
+        FILES.measured_with,
     output:
         f"{OUT}/calibrated/{{obsid}}_{{chip}}.fits",
     log:
@@ -13,6 +13,6 @@ rule calibrate:
         mem_mb=more(2500),
         runtime=more(3),
     params:
-        recipe=recipe("measure"),
+        recipe=FILES.recipe("measure"),
     shell:
         "csstsim calibrate {CAMPAIGN:q} --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1"

@@ -4,7 +4,7 @@ include: "measure.smk"
 
 rule chip:
     input:
-        unless_equal("level0", truth_of, psf_of),
+        FILES.unless_equal("level0", FILES.truth, FILES.psf),
     output:
         f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_{ENDING}.fits",
         f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_{ENDING}.truth.parquet",
@@ -17,7 +17,7 @@ rule chip:
         mem_mb=more(3500),
         runtime=more(SELECTING + RENDERING + 4),
     params:
-        recipe=recipe("level0"),
+        recipe=FILES.recipe("level0"),
     shell:
         "csstsim chip {CAMPAIGN:q} --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1"
 

@@ -1,6 +1,5 @@
 # All chips of an exposure in one process, at choice: `--config chips=exposure`. A process sees (exec) if Snakemake was killed. Where a region is selected, exposures have
 # different chips: a rule for each set of chips. A chip that failed among others has a rule of its own.
-DISPERSED = by_exposure(RUN.slitless_jobs)
 
 
 def level0_endings(obsid, chip):
@@ -9,95 +8,98 @@ def level0_endings(obsid, chip):
     return "fits", "truth.parquet", *text, *orders
 
 
-for number, chips_of, files, obsids, alone in groups_alike(
-    RUN.jobs, "level0", level0_endings
-):
+for alike in FILES.groups(RUN.jobs, "level0", level0_endings):
 
     rule:
         name:
-            f"exposure_{number}"
+            f"exposure_{alike.number}"
         input:
-            of_exposure(unless_equal("level0", truth_of, psf_of), chips_of),
+            of_exposure(FILES.unless_equal("level0", FILES.truth, FILES.psf), alike),
         output:
             [
                 f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{chip}_{ENDING}.{end}"
-                for chip, ends in files
+                for chip, ends in alike.files
                 for end in ends
             ],
         log:
-            f"{OUT}/logs/exposure/{{name}}_{{obsid}}{alone}.log",
+            f"{OUT}/logs/exposure/{{name}}_{{obsid}}{alike.log}.log",
         wildcard_constraints:
-            obsid="|".join(obsids),
+            obsid="|".join(alike.obsids),
         group:
             "chip"
         resources:
             mem_mb=more(3500),
             # Twice what a chip takes, and more where one part of it may be long
-            runtime=more(4 + max(SELECTING, RENDERING) * len(files)),
+            runtime=more(4 + max(SELECTING, RENDERING) * len(alike.files)),
         params:
-            recipe=recipes_of("level0", chips_of),
-            chips=options_of(files),
+            recipe=FILES.recipes("level0", alike),
+            chips=alike.options,
         shell:
             "exec csstsim chip {CAMPAIGN:q} --resume --obsid {wildcards.obsid} {params.chips} > {log:q} 2>&1"
 
 
-for number, chips_of, files, obsids, alone in groups_alike(
-    RUN.imaging_jobs, "measure", lambda *_: (".parquet",)
-):
+for alike in FILES.groups(RUN.imaging_jobs, "measure", lambda *_: (".parquet",)):
 
     rule:
         name:
-            f"measure_exposure_{number}"
+            f"measure_exposure_{alike.number}"
         input:
-            of_exposure(unless_equal("measure", level0_of, measured_with), chips_of),
+            of_exposure(
+                FILES.unless_equal("measure", FILES.level0, FILES.measured_with), alike
+            ),
         output:
             [
                 f"{OUT}/measure/{{obsid}}_{chip}{end}"
-                for chip, ends in files
+                for chip, ends in alike.files
                 for end in ends
             ],
         log:
-            f"{OUT}/logs/measure_exposure/{{obsid}}{alone}.log",
+            f"{OUT}/logs/measure_exposure/{{obsid}}{alike.log}.log",
         wildcard_constraints:
-            obsid="|".join(obsids),
+            obsid="|".join(alike.obsids),
         group:
             "chip"
         resources:
             mem_mb=more(3500),
-            runtime=more(2 + 2 * len(files)),
+            runtime=more(2 + 2 * len(alike.files)),
         params:
-            recipe=recipes_of("measure", chips_of),
-            chips=options_of(files),
+            recipe=FILES.recipes("measure", alike),
+            chips=alike.options,
         shell:
             "exec csstsim measure {CAMPAIGN:q} --resume --obsid {wildcards.obsid} {params.chips} > {log:q} 2>&1"
 
 
-for number, chips_of, files, obsids, alone in groups_alike(
+for alike in FILES.groups(
     RUN.slitless_jobs, "extract", lambda *_: (".parquet", ".png", "_lines.parquet")
 ):
 
     rule:
         name:
-            f"extract_exposure_{number}"
+            f"extract_exposure_{alike.number}"
         input:
-            of_exposure(unless_equal("extract", with_truth, measured_with), chips_of),
+            of_exposure(
+                FILES.unless_equal(
+                    "extract", FILES.level0_and_truth, FILES.measured_with
+                ),
+                alike,
+            ),
         output:
             [
                 f"{OUT}/spectra/{{obsid}}_{chip}{end}"
-                for chip, ends in files
+                for chip, ends in alike.files
                 for end in ends
             ],
         log:
-            f"{OUT}/logs/extract_exposure/{{obsid}}{alone}.log",
+            f"{OUT}/logs/extract_exposure/{{obsid}}{alike.log}.log",
         wildcard_constraints:
-            obsid="|".join(obsids),
+            obsid="|".join(alike.obsids),
         group:
             "chip"
         resources:
             mem_mb=more(3500),
-            runtime=more(2 + 2 * len(files)),
+            runtime=more(2 + 2 * len(alike.files)),
         params:
-            recipe=recipes_of("measure", chips_of),
-            chips=options_of(files),
+            recipe=FILES.recipes("measure", alike),
+            chips=alike.options,
         shell:
             "exec csstsim extract {CAMPAIGN:q} --resume --obsid {wildcards.obsid} {params.chips} > {log:q} 2>&1"

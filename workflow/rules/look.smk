@@ -2,8 +2,8 @@
 # (prioritize in profiles/). The wildcards keep Snakemake from making it a target wherever it is prioritized.
 rule look:
     input:
-        frame=level0_of,
-        truth=with_truth,
+        frame=FILES.level0,
+        truth=FILES.level0_and_truth,
     output:
         f"{OUT}/look/{{obsid}}_{{chip}}.png",
     log:

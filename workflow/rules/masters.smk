@@ -1,7 +1,7 @@
 # Master calibration frames of a chip, for the campaigns that name this one in measurement.masters.
 rule masters:
     input:
-        calibration_frames_of,
+        FILES.calibration_frames,
     output:
         f"{OUT}/masters/chip_{{chip}}.fits",
     log:

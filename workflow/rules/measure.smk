@@ -1,7 +1,7 @@
 # What is measured on a chip: sources of imaging chips and spectra, a process a chip.
 rule measure:
     input:
-        unless_equal("measure", level0_of, measured_with),
+        FILES.unless_equal("measure", FILES.level0, FILES.measured_with),
     output:
         f"{OUT}/measure/{{obsid}}_{{chip}}.parquet",
     log:
@@ -12,7 +12,7 @@ rule measure:
         mem_mb=more(3500),
         runtime=more(4),
     params:
-        recipe=recipe("measure"),
+        recipe=FILES.recipe("measure"),
     shell:
         "csstsim measure {CAMPAIGN:q} --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1"
 
@@ -20,7 +20,7 @@ rule measure:
 # Of spectroscopic chips, along the traces of the truth beside the Level-0 file.
 rule extract:
     input:
-        unless_equal("extract", with_truth, measured_with),
+        FILES.unless_equal("extract", FILES.level0_and_truth, FILES.measured_with),
     output:
         f"{OUT}/spectra/{{obsid}}_{{chip}}.parquet",
         f"{OUT}/spectra/{{obsid}}_{{chip}}.png",
@@ -33,6 +33,6 @@ rule extract:
         mem_mb=more(2500),
         runtime=more(4),
     params:
-        recipe=recipe("measure"),
+        recipe=FILES.recipe("measure"),
     shell:
         "csstsim extract {CAMPAIGN:q} --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1"

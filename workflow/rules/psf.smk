@@ -1,6 +1,6 @@
 rule psf:
     input:
-        library_of,
+        FILES.library,
     output:
         f"{OUT}/psf/chip_{{chip}}.h5",
         f"{OUT}/psf/chip_{{chip}}_tables.h5",

@@ -1,11 +1,11 @@
 rule report:
     input:
-        made("merge"),
-        made("validate"),
-        made("extract"),
-        made("level0"),
+        FILES.made("merge"),
+        FILES.made("validate"),
+        FILES.made("extract"),
+        FILES.made("level0"),
     output:
-        made("report") or f"{OUT}/report/index.html",
+        FILES.made("report") or f"{OUT}/report/index.html",
     log:
         f"{OUT}/logs/report.log",
     resources:

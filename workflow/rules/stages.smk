@@ -5,7 +5,7 @@ include: "measure.smk"
 
 rule select:
     input:
-        truth_of,
+        FILES.truth,
     output:
         temp(f"{CHIPS}/{{obsid}}_{{chip}}/select.parquet"),
     log:
@@ -16,14 +16,14 @@ rule select:
         mem_mb=more(1500),
         runtime=more(SELECTING),
     params:
-        recipe=recipe("select"),
+        recipe=FILES.recipe("select"),
     shell:
         "csstsim select {CAMPAIGN:q} --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1"
 
 
 rule render:
     input:
-        objects_of,
+        FILES.objects,
     output:
         kept(f"{CHIPS}/{{obsid}}_{{chip}}/render.fits"),
         kept(f"{CHIPS}/{{obsid}}_{{chip}}/drawn.parquet"),
@@ -35,14 +35,14 @@ rule render:
         mem_mb=more(3000),
         runtime=more(RENDERING),
     params:
-        recipe=recipe("render"),
+        recipe=FILES.recipe("render"),
     shell:
         "csstsim render {CAMPAIGN:q} --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1"
 
 
 rule readout:
     input:
-        stage_before("render"),
+        FILES.stage_before("render"),
     output:
         temp(f"{CHIPS}/{{obsid}}_{{chip}}/readout.fits"),
     log:
@@ -53,14 +53,14 @@ rule readout:
         mem_mb=more(1500),
         runtime=more(2),
     params:
-        recipe=recipe("readout"),
+        recipe=FILES.recipe("readout"),
     shell:
         "csstsim readout {CAMPAIGN:q} --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1"
 
 
 rule level0:
     input:
-        unless_equal("level0", stage_before("readout"), drawn_before),
+        FILES.unless_equal("level0", FILES.stage_before("readout"), FILES.rendered),
     output:
         f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_{ENDING}.fits",
         f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_{ENDING}.truth.parquet",
@@ -73,7 +73,7 @@ rule level0:
         mem_mb=more(1500),
         runtime=more(2),
     params:
-        recipe=recipe("level0"),
+        recipe=FILES.recipe("level0"),
     shell:
         "csstsim level0 {CAMPAIGN:q} --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1"
 

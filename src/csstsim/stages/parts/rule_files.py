@@ -1,0 +1,220 @@
+"""The files that the jobs of the workflow read, and what decides them.
+
+The rules (workflow/rules) say what a job runs, what it writes and what it may use. What it reads depends on the
+campaign: they ask here. Snakemake calls an `Input` with the wildcards of a job: obsid and chip, or pix of a brick.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any, Protocol, TypeVar, cast
+
+from csstsim.campaign.job import Job
+from csstsim.campaign.opened import OpenCampaign
+from csstsim.campaign.products import kinds
+from csstsim.campaign.running.one_by_one import apart
+from csstsim.optics.psf.sampling import psf_cube
+from csstsim.stages.parts.redraw import may_redraw
+
+
+class Wildcards(Protocol):
+    """What the names of a job's products say of it, as text; a job has those that its rule names."""
+
+    obsid: str
+    chip: str  # two digits
+    pix: str
+
+
+ItemT = TypeVar("ItemT")
+Recipe = dict[str, Any]
+Input = Callable[[Wildcards], list[str]]
+Endings = tuple[tuple[str, tuple[str, ...]], ...]  # of each chip of an exposure, the endings of its files
+
+
+@dataclass(frozen=True)
+class Group:
+    """Exposures that one rule makes, each of them in one process.
+
+    chips_of: {obsid: chips}; files: (chip, endings of its files) of each chip, the same for all of these exposures;
+    log: what the names of their logs end in.
+    """
+
+    number: int
+    chips_of: Mapping[str, list[str]]
+    files: Endings
+    obsids: list[str]
+    log: str
+
+    @property
+    def options(self) -> str:
+        """The options that name the chips on the command line."""
+        return " ".join(f"--chip {int(chip)}" for chip, _ in self.files)
+
+
+class RuleFiles:
+    """The files that the jobs of a campaign read.
+
+    ancient: Snakemake's mark of a file whose date decides nothing; main: whether this is the process that plans.
+    """
+
+    def __init__(self, run: OpenCampaign, ancient: Callable[[str], str], *, main: bool) -> None:
+        self.run = run
+        self.kinds = kinds(run)
+        self.jobs = {(job.obsid, f"{job.chip.id:02d}"): job for job in run.jobs}
+        self._ancient, self._main = ancient, main
+
+    def made(self, rule: str, some: Iterable[Any] | None = None) -> list[str]:
+        """Return the files that a rule makes for some jobs, chips or bricks, or for all."""
+        return self.kinds[rule].files(some)
+
+    def job(self, wildcards: Wildcards) -> Job:
+        """Return the job of an exposure and a chip."""
+        return self.jobs[wildcards.obsid, wildcards.chip]
+
+    def recipe(self, stage: str) -> Callable[[Wildcards], Recipe]:
+        """Return what decides the product of a stage: a change of it, and of nothing else, reruns the stage."""
+        return lambda wildcards: self.run.recipe(self.job(wildcards), stage)
+
+    # Inputs of the stages of a chip
+
+    def truth(self, wildcards: Wildcards) -> list[str]:
+        """Return the truth bricks whose objects may reach a chip's window, for exposures that see the sky."""
+        if not self.run.embedded or not self._sees_the_sky(wildcards):
+            return []
+        return self._shared(self.made("truth", self.run.truth_bricks(self.job(wildcards))))
+
+    def library(self, wildcards: Wildcards) -> list[str]:
+        """Return the file of a chip in a library of PSFs, where the campaign takes its sets from one."""
+        library = self.run.psf_library
+        return [str(psf_cube(library, int(wildcards.chip)))] if library else []
+
+    def psf(self, wildcards: Wildcards) -> list[str]:
+        """Return the PSF set of a chip and its tables, for exposures that see the sky."""
+        return self._shared(self.made("psf", [int(wildcards.chip)])) if self._sees_the_sky(wildcards) else []
+
+    def objects(self, wildcards: Wildcards) -> list[str]:
+        """Return the selected objects, the PSF, and the light of the base that a variant's may be made from."""
+        psf = self.psf(wildcards)
+        return psf and [self._handed_on(wildcards, "select.parquet"), *psf, *self._light_of_base(wildcards)]
+
+    def stage_before(self, stage: str) -> Input:
+        """Return the input of what follows a stage: the stage's image, if it has layers."""
+
+        def product(wildcards: Wildcards) -> list[str]:
+            has = self.run.has_stage(self.run.pointings[wildcards.obsid], stage)
+            return [self._handed_on(wildcards, f"{stage}.fits")] if has else []
+
+        return product
+
+    def rendered(self, wildcards: Wildcards) -> list[str]:
+        """Return the table of rendered objects, and that of their orders, where there is a render stage."""
+        if not self.run.has_stage(self.run.pointings[wildcards.obsid], "render"):
+            return []
+        spectra = self.run.has_orders(self.job(wildcards))
+        names = ("drawn.parquet", "orders.parquet") if spectra else ("drawn.parquet",)
+        return [self._handed_on(wildcards, name) for name in names]
+
+    def level0(self, wildcards: Wildcards) -> list[str]:
+        """Return a Level-0 file."""
+        return self.made("level0", [self.job(wildcards)])[:1]
+
+    def level0_and_truth(self, wildcards: Wildcards) -> list[str]:
+        """Return a Level-0 file and the truth beside it."""
+        return self.made("level0", [self.job(wildcards)])
+
+    def measured_with(self, wildcards: Wildcards) -> list[str]:
+        """Return what a Level-0 file is measured with: the PSF set, master frames."""
+        chip = int(wildcards.chip)
+        masters = [str(self.run.masters(chip))] if self.run.config.measurement.calibration == "frames" else []
+        return [*self._shared(self.made("psf", [chip])[:1]), *masters]
+
+    def unless_equal(self, rule: str, *inputs: Input) -> Input:
+        """Return the input of a rule: `inputs`, or the base's products of the rule, if a variant's are equal."""
+        stage = "measure" if rule == "extract" else rule
+
+        def files(wildcards: Wildcards) -> list[str]:
+            job = self.job(wildcards)
+            if self.run.in_base(*job.key, stage):
+                return self._made_by_base(rule, job)
+            return [file for some in inputs for file in some(wildcards)]
+
+        return files
+
+    # Inputs of masters and bricks
+
+    def calibration_frames(self, wildcards: Wildcards) -> list[str]:
+        """Return the bias, dark and lamp exposures of a chip."""
+        return self.made("level0", self.run.calibration_jobs[int(wildcards.chip)])
+
+    def on_brick(self, rule: str) -> Input:
+        """Return the input of a brick: the products of a rule, of the frames on the brick."""
+        return lambda wildcards: self.made(rule, self.run.merge_bricks[int(wildcards.pix)])
+
+    def merged(self, wildcards: Wildcards) -> list[str]:
+        """Return the merged catalogue of a brick."""
+        return self.made("merge", [int(wildcards.pix)])
+
+    # Exposures whose chips one process makes
+
+    def groups(self, jobs: Iterable[Job], rule: str, endings: Callable[[str, str], tuple[str, ...]]) -> Iterator[Group]:
+        """Yield the Groups of jobs. endings: of an exposure's number and a chip, the endings of the chip's files.
+
+        Exposures are of one group if their files are named alike. A chip that failed among others is one by itself.
+        """
+        failed = apart(self.run, rule, start=self._main)
+        jobs = list(jobs)
+        alone = [job for job in jobs if job.key in failed]
+        number = 0
+        for k, some in enumerate([[job for job in jobs if job.key not in failed], *([job] for job in alone)]):
+            chips_of = by_exposure(some)
+            alike: dict[Endings, list[str]] = {}
+            for obsid, chips in chips_of.items():
+                alike.setdefault(tuple((chip, endings(obsid, chip)) for chip in chips), []).append(obsid)
+            for files, obsids in alike.items():
+                yield Group(number, chips_of, files, obsids, f"_{files[0][0]}" if k else "")
+                number += 1
+
+    def recipes(self, stage: str, group: Group) -> Callable[[Wildcards], list[Recipe]]:
+        """Return what decides the products of a stage for the chips of an exposure."""
+        return of_exposure(lambda wildcards: [self.recipe(stage)(wildcards)], group)
+
+    def _sees_the_sky(self, wildcards: Wildcards) -> bool:
+        return self.run.pointings[wildcards.obsid].type == "SCIE"
+
+    def _shared(self, files: Sequence[str]) -> list[str]:
+        """If campaigns share truth bricks or PSF sets, the youngest link sets their date, which then says nothing."""
+        return [self._ancient(file) for file in files] if self.run.config.share else list(files)
+
+    def _handed_on(self, wildcards: Wildcards, name: str) -> str:
+        """Return a file that one stage of a chip hands to another."""
+        return str(self.run.paths.stage(wildcards.obsid, int(wildcards.chip), name))
+
+    def _light_of_base(self, wildcards: Wildcards) -> list[str]:
+        """Return the kept light of the base, where a variant's differs by objects at most."""
+        job, base = self.job(wildcards), self.run.base
+        kept = base is not None and base.config.keep == "light" and may_redraw(self.run, job)
+        return self._made_by_base("render", job) if kept else []
+
+    def _made_by_base(self, rule: str, job: Job) -> list[str]:
+        return kinds(self.run.base)[rule].files([job])
+
+
+def by_exposure(jobs: Iterable[Job]) -> dict[str, list[str]]:
+    """Return {obsid: [chip, ...]} of jobs."""
+    found: dict[str, list[str]] = {}
+    for job in jobs:
+        found.setdefault(job.obsid, []).append(f"{job.chip.id:02d}")
+    return found
+
+
+def of_exposure(one: Callable[[Wildcards], list[ItemT]], group: Group) -> Callable[[Wildcards], list[ItemT]]:
+    """Return the function of an exposure: what `one` returns for each of its chips, in one list, nothing twice."""
+
+    def gathered(wildcards: Wildcards) -> list[ItemT]:
+        found: list[ItemT] = []
+        for chip in group.chips_of[wildcards.obsid]:
+            place = cast("Wildcards", SimpleNamespace(obsid=wildcards.obsid, chip=chip))
+            found += [item for item in one(place) if item not in found]
+        return found
+
+    return gathered
