@@ -207,3 +207,15 @@ def test_pieces_of_a_trail_are_members_without_flux_or_weight():
     assert (a["n_detections"].tolist(), b["n_detections"].tolist()) == ([3], [6])
     for name in ("ra", "dec", "epoch", "pmra", "pmdec", "flux_g", "kron_flux_r", "flux_err_g"):
         assert b[name][0] == pytest.approx(a[name][0], rel=1e-4), name
+
+
+def test_a_light_with_two_followers_is_none_of_theirs():
+    """Any two lie on a line: an asteroid and two trails five minutes on, each as fast, are three sources."""
+    times = 61000.0 + np.arange(2) * 300 / 86400
+    tables, rest = frames(times, lambda t: np.array([2.5, 0.0]) * (t > 61000.001), wide=1.5)
+    assert rows_of_a_star(tables)["motion"].sum() == SOLAR
+    other = tables[1].take([len(tables[1]) - 1])
+    other = other.with_columns(ra=np.array([RA]), dec=np.array([DEC - 2.5 / 3600]), number=other["number"] + 1)
+    both = [tables[0], type(other).concat([tables[1], other])]
+    sources = rows_of_a_star(both)
+    assert not sources["motion"].any() and len(sources) == rest + 3

@@ -9,7 +9,9 @@ from csstsim.measure.detection.background import (
     CLIP,
     CLIP_LOSS,
     SECOND_BOX,
+    Mesh,
     _clipped,
+    _filled,
     crude_background,
     masked_background,
 )
@@ -47,3 +49,43 @@ def test_the_mode_of_skewed_noise_is_made_a_mean(fabricate):
     level, rms = crude_background(small)
     assert float(level.mean()) == pytest.approx(4 * fabricate.SKY, abs=0.12)
     assert float(rms.mean()) == pytest.approx(2 * np.sqrt(fabricate.VARIANCE), rel=0.02)
+
+
+def test_masked_and_unusable_pixels_do_not_count():
+    """A frame of one mesh: half of it masked at another level, a row unusable at a third."""
+    image = np.full((60, 80), 30.0, np.float32)
+    image[:, ::2] = 34.0
+    mask = np.zeros((30, 40), bool)
+    mask[:, 20:], image[:, 40:] = True, 900.0
+    unusable = np.zeros(image.shape, np.uint8)
+    unusable[10], image[10] = 4, -500.0
+    mesh = masked_background(image, mask, unusable)
+    assert mesh.level.tolist() == [[pytest.approx(32.0)]] and mesh.rms[0, 0] == pytest.approx(2.0 / CLIP_LOSS)
+    assert [axis.tolist() for axis in mesh.middle] == [[29.5], [39.5]]
+    assert masked_background(image, np.ones_like(mask), unusable) is None
+
+
+@pytest.mark.parametrize(("good", "used"), [(1024, True), (1023, False)])
+def test_a_mesh_needs_a_quarter_of_its_pixels(good, used):
+    """Of 64 px; with less it has the level of its neighbour, in front of the median of nine."""
+    image = np.full((64, 192), 20.0, np.float32)
+    image[:, 64:] = 50.0
+    unusable = np.zeros(image.shape, np.uint8)
+    unusable[:, :64] = (np.arange(64 * 64) >= good).reshape(64, 64)
+    level = masked_background(image, np.zeros((32, 96), bool), unusable, box=64).level
+    assert level.shape == (1, 3) and level[0, 0] == (20.0 if used else 50.0)
+
+
+def test_noise_of_binned_pixels_is_that_of_sums_at_their_middles():
+    """Two meshes, 3 and 7 e-: twice that on 2 x 2 pixels, whose middles lie at (m - 0.5) / 2; never nothing."""
+    mesh = Mesh(np.zeros((1, 2)), np.array([[3.0, 7.0]]), (np.array([9.5]), np.array([10.5, 30.5])))
+    assert mesh.noise((20, 41))[4, [0, 10, 11, 40]] == pytest.approx([3.0, 3.0, 3.1, 7.0])
+    assert mesh.noise((10, 20), 2)[4, [0, 5, 10, 15, 19]] == pytest.approx([6.0, 6.0, 10.0, 14.0, 14.0])
+    dark = Mesh(np.zeros((1, 1)), np.zeros((1, 1)), (np.zeros(1), np.zeros(1)))
+    assert (dark.noise((3, 4)) == np.float32(1e-3)).all()
+
+
+def test_missing_meshes_are_those_next_to_them_and_outliers_their_median():
+    mesh = np.array([[1.0, 2.0, np.nan], [1.0, 90.0, 3.0], [2.0, 2.0, 3.0]])
+    filled = _filled(mesh)
+    assert filled[1, 1] == 2.0 and np.isfinite(filled).all() and filled.max() == 3.0

@@ -1,5 +1,6 @@
 """Bright stars are fitted and taken out: fluxes, places and what is left, also of saturated ones."""
 
+from functools import partial
 from types import SimpleNamespace
 
 import galsim
@@ -9,8 +10,10 @@ from slitless import below
 
 from csstsim.base.rng import stream
 from csstsim.instrument.chip import Window
-from csstsim.measure.calibration.bad_pixels import FULL
-from csstsim.measure.detection.bright_stars import MODEL_ERROR, WING_STEP, bright_stars
+from csstsim.measure.calibration.bad_pixels import BAD, FULL
+from csstsim.measure.detection import bright_stars as module
+from csstsim.measure.detection.bright_stars import MODEL_ERROR, WING_STEP, BrightStars, bright_stars
+from csstsim.measure.light import photometry
 from csstsim.optics.scatter.ghosts import Ghosts
 from csstsim.optics.scatter.halo import Wing
 from csstsim.optics.scatter.scattered_light import Scattered
@@ -148,3 +151,116 @@ def test_two_runs_have_the_same_bits(fabricate):
     places, flux = rng.uniform(30, SIZE - 30, (40, 2)), 10 ** rng.uniform(4.3, 6.5, 40)
     one, two = (fitted(fabricate, *frame(fabricate, places, flux)) for _ in range(2))
     assert (one.flux == two.flux).all() and len(one) > 20
+
+
+def test_saturated_pixels_are_stars_where_they_are_widest():
+    """A bleeding star of rows 4, 5 and 3 px wide (3 is below 0.7 of 5), a pair 3 px apart, one 3.2 px from it."""
+    star = {(y, 10) for y in range(21)} | {(9, x) for x in range(9, 13)} | {(10, x) for x in range(8, 13)}
+    pixels = sorted(star | {(11, x) for x in range(8, 11)} | {(30, 30), (33, 30), (34, 33)})
+    x, y = module._groups(*np.transpose(pixels))
+    assert sorted(zip(x, y, strict=True)) == [
+        (pytest.approx((4 * 10.5 + 5 * 10) / 9), pytest.approx((4 * 9 + 5 * 10) / 9)),
+        (30.0, 31.5),
+        (33.0, 34.0),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("lit", "marked", "found"),  # {place: electron}, {place: bits}, peaks
+    [
+        ({(5, 7): 4000.0}, {}, [(5, 7)]),
+        ({(5, 7): 3999.0}, {}, []),
+        ({(5, 7): 5000.0, (7, 5): 5001.0}, {}, [(7, 5)]),
+        ({(5, 7): 5000.0, (5, 8): 5000.0}, {}, [(5, 7)]),  # of two alike the first
+        ({(5, 7): 5000.0, (8, 7): 6000.0}, {}, [(5, 7), (8, 7)]),
+        ({(2, 11): 5000.0, (1, 5): 5000.0, (7, 12): 5000.0}, {}, [(2, 11)]),  # not at the edge
+        ({(9, 2): 5000.0, (10, 7): 5000.0, (5, 1): 5000.0}, {}, [(9, 2)]),
+        ({(5, 7): 5000.0}, {(3, 9): BAD}, []),
+        ({(5, 7): 5000.0}, {(5, 10): BAD}, [(5, 7)]),
+        ({(5, 7): 5000.0}, {(5, 7): BAD}, []),
+    ],
+)
+def test_peaks_exceed_the_24_pixels_around_them(lit, marked, found):
+    electrons, unusable = np.zeros((12, 14), np.float32), np.zeros((12, 14), np.uint8)
+    for place, value in lit.items():
+        electrons[place] = value
+    for place, bits in marked.items():
+        unusable[place] = bits
+    unusable[0, 0] = FULL
+    full, peaks = module._pixels(electrons, unusable, np.float32(4000.0))
+    assert full.T.tolist() == [[0, 0]] and peaks.T.tolist() == [list(place) for place in found]
+
+
+def test_charge_is_spilled_two_steps_along_the_axes():
+    unusable = np.zeros((9, 12), np.uint8)
+    unusable[8, 11] = BAD
+    spilled = module._spilled(unusable, np.array([4, 0]), np.array([5, 11]))
+    row, column = np.indices(unusable.shape)
+    near = np.minimum(abs(row - 4) + abs(column - 5), abs(row) + abs(column - 11)) <= 2
+    assert (spilled == np.where(near, FULL, unusable)).all() and unusable.sum() == BAD
+
+
+def test_of_fits_that_ended_on_one_star_the_brightest_is_left():
+    fit = np.array([[10, 0, 0, 1], [20, 2, 2, 1], [30, 4.9, 2.1, 1], [99, 0, 0, 1], [7, 50, 0, 1], [8, 50, 3.1, 1]])
+    assert module._repeated(fit, fit[:, 0] != 99).tolist() == [True, True, False, False, False, False]
+    alike = np.array([[10.0, 0, 0, 1], [10, 0, 1, 1]])
+    assert module._repeated(alike, np.ones(2, bool)).sum() == 1
+
+
+def test_psfs_are_those_of_the_middles_of_cells():
+    psf = SimpleNamespace(oversampling=2, mixed=lambda function: lambda x, y: np.array([[x, y]]))
+    number, tables = module._tables(psf, np.array([1151.9, 1152.0, 10.0]), np.array([5.0, 2304.1, 3.0]))
+    assert tables[number, 0].tolist() == [[575.5, 575.5], [1727.5, 2879.5], [575.5, 575.5]] and len(tables) == 2
+
+
+def test_places_on_the_chip_are_those_of_the_frame_and_its_origin(fabricate):
+    """The PSF's cell; where its light ends: the mean wing of four unlike bands at FAINTEST of the noise of a pixel."""
+    asked = []
+
+    class Psf(WingedPsf):
+        def mixed(self, function):
+            return lambda x, y: asked.append((x, y)) or function(self.at(x, y))
+
+    wing = Wing(np.array([[0.01], [0.02], [0.03], [0.06]]), np.array([20.0]), np.array([3.0]), np.full(4, 1e-9))
+    electrons, unusable = frame(fabricate, [(200.2, 199.7)], [3e6])
+    window = Window(2000, 2000 + SIZE, 50, 50 + SIZE)
+    stars = bright_stars(electrons, unusable, Psf(), Scattered(wing), None, window, fabricate.READ_NOISE)
+    assert asked == [(1.5 * 1152 - 0.5, 575.5)]
+    assert stars.x[0] == pytest.approx(200.2, abs=0.05) and not len(stars.ghosts)
+    level = 0.03 / (2 * np.pi * 20**2) * (1 + (stars.reach[0] / 20) ** 2) ** -1.5 * stars.flux[0]
+    assert level == pytest.approx(0.04 * np.sqrt(fabricate.VARIANCE), rel=0.02)
+
+
+def test_ghosts_are_in_pixels_of_the_frame():
+    ghosts = SimpleNamespace(
+        visible=lambda flux: flux > 100,
+        centres=lambda chip, x, y: np.array([[x + 10, y - 20], [2 * x, y]]),
+        radius=np.array([5.0, 7.0]),
+        level=np.array([0.01, 0.02]),
+    )
+    at = (np.array(v) for v in ([1.0, 2.0], [3.0, 4.0], [50.0, 200.0]))
+    found = module._ghosts(ghosts, None, SimpleNamespace(x0=100, y0=50), *at)
+    assert found.tolist() == [[12.0, -16.0, 5.0, 2.0], [104.0, 4.0, 7.0, 4.0]]
+
+
+def test_a_star_is_its_psf_then_its_wing_as_far_as_it_reaches(fabricate):
+    """The PSF to 0.7 of the box's half side, 62 px, the wing from 0.95, a smooth step between; nothing beyond."""
+    psf, flux, (x, y), reach = WingedPsf(), 1e6, (200.3, 150.8), 120.0
+    tables = psf.mixed(partial(photometry._whole_table, oversampling=2))(0, 0)[None]
+    wing = 1e-4 / (1 + WING_STEP * np.arange(4000))
+    one = [np.array([v]) for v in (x, y, flux)]
+    for far, edge in ((reach, reach), (0.0, 62.0)):
+        stars = BrightStars(
+            *one, np.ones(1, bool), np.zeros(1, np.int64), tables, 2, wing, np.array([far]), np.zeros((0, 4))
+        )
+        image = np.zeros((301, 351), np.float32)
+        stars.restore_to(image)
+        for u, v in ((201, 150), (205, 153), (160, 150), (200, 100), (246, 165), (150, 150), (200, 210), (200, 30)):
+            r = np.hypot(u - x, v - y)
+            line = [np.diff(below(np.array([n - 0.5, n + 0.5]) - at, sigma))[0] for sigma, _ in PARTS
+                    for n, at in ((u, x), (v, y))]  # fmt: skip
+            core = sum(share * line[2 * k] * line[2 * k + 1] for k, (_, share) in enumerate(PARTS))
+            t = np.clip((r / 62 - 0.7) / 0.25, 0, 1)
+            t = t * t * (3 - 2 * t)
+            wanted = flux * ((1 - t) * core + t * 1e-4 / (1 + r)) if r <= edge else 0.0
+            assert image[v, u] == pytest.approx(wanted, rel=1e-3, abs=0.3), (u, v, far)

@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 from slitless import GaussianPsf, draw, frame_of, setting, sources_of, window_about
 
+from csstsim.catalog.table import ObjectTable
 from csstsim.instrument.filter import GRID
 from csstsim.measure.calibration.bad_pixels import BAD, FULL
 from csstsim.measure.spectra import line_fluxes
 from csstsim.measure.spectra.extract import extract_spectra
-from csstsim.measure.spectra.line_columns import BLENDED, BLIND, COLUMNS, LINES
+from csstsim.measure.spectra.line_columns import BLENDED, BLIND, COLUMNS, LINES, PART
 from csstsim.measure.spectra.line_fluxes import LineFluxes, judged
-from csstsim.measure.spectra.spectrum_columns import LOST
+from csstsim.measure.spectra.spectrum_columns import LOST, SATURATED
 
 ERG = 1.986446e-12  # erg / cm2 of one photon / m2 at 1 angstrom
 PLACE = (2000.3, 4000.27)
@@ -168,3 +169,84 @@ def test_the_table_is_judged_by_its_isolated_lines(emitter):
     assert figures["isolated"] == isolated.sum() and figures["lines"] == len(table)
     assert figures["pull_width"] == pytest.approx(pull.std(ddof=1), rel=1e-4)
     assert figures["limits"] == np.isfinite(table["limit"]).sum() >= figures["limits_held"]
+
+
+def test_judgement_of_a_table_by_hand():
+    """Two isolated lines of pulls 1 and -3, a flagged one, one without a true flux, two limits of which one holds."""
+    values = {
+        "flux": [5.0, 2.0, 2.0, 1.0], "flux_err": [2.0, 1.0, 1.0, 1.0], "flux_true": [3.0, 5.0, 4.0, np.nan],
+        "snr": [2.5, 3.0, 90.0, 1.0], "limit": [11.0, np.nan, 3.0, 4.0], "flags": [0, 0, BLENDED, 0],
+    }  # fmt: skip
+    zero = {name: np.zeros(4, dtype) for name, (dtype, _) in COLUMNS.items()}
+    table = ObjectTable(zero | {name: np.array(v, COLUMNS[name][0]) for name, v in values.items()})
+    assert judged(table) == {
+        "lines": 4, "detected": 2, "isolated": 2, "pull_mean": -1.0, "pull_width": pytest.approx(8**0.5),
+        "limits": 2, "limits_held": 1,
+    }  # fmt: skip
+    one = judged(table.take([1]))
+    assert one["isolated"] == 1 and one["pull_mean"] is None and one["pull_width"] is None
+
+
+def test_lines_say_whose_they_are_and_where(camera, emitter):
+    s, _, _ = emitter
+    table = lines_of(emitter, Z)
+    [one] = np.flatnonzero(s.orders["order"] == 1)
+    wanted = s.orders["x"][one] + s.orders["p"][one] + s.orders["q"][one] * table["wavelength"]
+    assert table["column"] == pytest.approx(wanted)
+    assert (
+        set(table["id"].tolist()) == {100} and set(table["row"].tolist()) == {0} and set(table["order"].tolist()) == {1}
+    )
+    assert table["snr"] == pytest.approx(table["flux"] / table["flux_err"])
+
+
+@pytest.mark.parametrize(("first", "kept", "part"), [(1, True, True), (3, True, False), (-1, False, None)])
+def test_a_line_with_a_part_of_its_light(emitter, first, kept, part):
+    """Its columns from `first` on are lost: between a half and 0.8 of it flagged, less left out; fluxes hold."""
+    s, image, _ = emitter
+    whole = lines_of(emitter, Z)
+    [k] = np.flatnonzero(whole["line"] == "[OII]")
+    place = round(float(whole["column"][k])) - s.window.x0
+    marks = np.zeros(image.shape, np.uint8)
+    marks[:, place + first : place + 9] = BAD
+    marks[:, place] = 0
+    table = lines_of(emitter, Z, marks=marks)
+    found = table["line"] == "[OII]"
+    assert found.any() == kept
+    if kept:
+        assert bool(table["flags"][found][0] & PART) == part
+        assert table["flux"][found][0] == pytest.approx(whole["flux"][k], rel=0.05)
+
+
+def test_the_top_of_a_parabola_through_three_points():
+    spectrum = line_fluxes._Spectrum.__new__(line_fluxes._Spectrum)
+    spectrum.column = np.arange(100.0, 105.0)
+    signal = 9.0 - 2.0 * (np.arange(5.0) - 2.3) ** 2
+    assert spectrum._peak(signal, 2) == pytest.approx(102.3)
+    assert spectrum._peak(signal, 4) == 104.0 and spectrum._peak(signal, 0) == 100.0
+    assert spectrum._peak(np.full(5, 7.0), 2) == 102.0  # no bend
+    assert spectrum._peak(np.array([0.0, 1.0, 2.0, 4.0, 0.0]), 2) == 102.0  # bent upwards
+    assert spectrum._peak(np.array([0.0, 0.0, 5.0, 5.0 + 1e-9, 0.0]), 2) == pytest.approx(102.5)
+
+
+def test_columns_near_a_line_are_within_one_and_a_half_widths_of_a_part():
+    line = line_fluxes.Line("", np.array([10.0, 14.0]), 5000.0, np.zeros(3), np.zeros(3), 2.0)
+    assert line.near(np.array([6.9, 7.1, 12.0, 16.9, 17.1])).tolist() == [False, True, True, True, False]
+
+
+def test_at_most_three_lines_are_found_the_highest_first(monkeypatch):
+    """Peaks of 9, 30, 7, 20 and 40: one in a line of the list, one on a column beside a saturated one, 20 px about."""
+    spectrum = line_fluxes._Spectrum.__new__(line_fluxes._Spectrum)
+    spectrum.column, spectrum.good = np.arange(1000.0, 1400.0), np.ones(400, bool)
+    spectrum.start, spectrum.per = 1000.0, 0.5
+    signal = np.zeros(400)
+    signal[[60, 81, 120, 160, 200, 230, 270, 300]] = 9.0, 8.0, 30.0, 7.0, 20.0, 40.0, 50.0, 4.9
+    signal[[105, 135]] = 29.0  # beside the second
+    signal[[19, 380]] = 99.0  # no continuum on either side
+    monkeypatch.setattr(spectrum, "_significance", lambda usable: signal.copy(), raising=False)
+    monkeypatch.setattr(spectrum, "_line", lambda name, parts, flags: (name, parts, flags), raising=False)
+    monkeypatch.setattr(spectrum, "_flags", lambda line: SATURATED if line[1][0][0] == 460.0 else 0, raising=False)
+    known = line_fluxes.Line("Ha", np.array([1269.0]), 538.0, np.zeros(3), np.zeros(3), 2.0)
+    wanted = [("", [(2.0 * k, 1.0)], BLIND) for k in (120, 200, 60)]
+    assert spectrum.search([known]) == wanted
+    spectrum.good[40:] = False
+    assert spectrum.search([known]) == []

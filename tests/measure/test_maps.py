@@ -6,7 +6,7 @@ from scipy.interpolate import RegularGridInterpolator
 from scipy.ndimage import binary_dilation, correlate
 
 from csstsim.base.rng import stream
-from csstsim.measure.detection.maps import binned, full_size, grown, interpolated, solid
+from csstsim.measure.detection.maps import add_interpolated, binned, full_size, grown, interpolated, light_within, solid
 
 SHAPES = [(1, 1), (1, 5), (4, 1), (2, 2), (7, 9), (30, 41)]
 
@@ -58,3 +58,18 @@ def test_solid_pixels_are_in_groups():
     image[10] = image[:, 5] = 9.0
     assert not solid(image, 1.0).any()
     assert not solid(np.full((3, 3), np.nan, np.float32), 1.0).any()
+
+
+def test_a_mesh_is_added_times_its_factor():
+    """To an image that is not zero, with meshes whose middles lie unevenly: bilinear at three places by hand."""
+    image = np.full((9, 12), 5.0, np.float32)
+    mesh, middle = np.array([[1.0, 3.0], [5.0, 11.0]]), (np.array([2.0, 6.0]), np.array([1.0, 9.0]))
+    add_interpolated(image, mesh, middle, -2.0)
+    assert image[2, 1] == 5 - 2 * 1.0 and image[6, 9] == 5 - 2 * 11.0 and image[8, 0] == 5 - 2 * 5.0
+    assert image[3, 5] == pytest.approx(5 - 2 * (0.75 * 2.0 + 0.25 * 8.0)) and image[0, 11] == 5 - 2 * 3.0
+
+
+def test_light_is_summed_by_the_number_of_its_segment():
+    segments = np.array([[0, 1, 1], [3, 3, 0]], np.int32)
+    image = np.array([[100.0, 2.0, 3.0], [7.0, -1.0, 50.0]], np.float32)
+    assert light_within.py_func(image, segments, 4).tolist() == [5.0, 0.0, 6.0, 0.0]

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from csstsim.catalog.table import ObjectTable
+from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
+from csstsim.measure.spectra import near_orders
 from csstsim.measure.spectra.line_profile import ACROSS, ALONG, HALF, OFFSETS, Shapes
-from csstsim.measure.spectra.spectral_model import _counted, _draw, _share
+from csstsim.measure.spectra.spectral_model import SpectralModel, _counted, _draw, _share
 
 EDGES = np.arange(3000.0, 9000.0, 37.0)
 STEP = GRID[1] - GRID[0]
@@ -72,3 +74,38 @@ def test_light_between_classes_of_size_is_all_drawn(place, light):
     )  # fmt: skip
     bins = np.clip(np.minimum(EDGES[1:], 6500.0) - np.maximum(EDGES[:-1], 4500.0), 0, None)
     assert image.sum() == pytest.approx(0.5 * (spectrum[0] * bins).sum(), rel=1e-3) and image.min() >= 0
+
+
+def test_orders_fainter_than_a_pixel_s_least_are_left_out():
+    """1000 angstrom at a quarter of a pixel each: 250 px, times 1 + 0.25 x 4 + 0.75 x 8 px of a galaxy; a dot is 1."""
+    radius = np.zeros((2, 2, 2))
+    radius[1, ACROSS], radius[1, ALONG] = (4.0, 8.0), (90.0, 90.0)
+    shapes = Shapes(np.array([[1.0, 0.0], [0.25, 0.75]]), radius, np.zeros(2), np.zeros(2, bool))
+    model = SpectralModel(1.0, {}, None, np.array([[4000.0, 5000.0], [4000.0, 4800.0]]), None, None, None)
+    orders = ObjectTable({
+        "row": np.array([0, 0, 1, 1, 0, 0]), "q": np.array([0.25, -0.25, 0.25, 0.25, 0.0, 0.0]),
+        "electrons": np.array([500.0, 499.9, 4000.0, 3200.0, 2.0, 1.9]),
+    })  # fmt: skip
+    seen = model._seen(orders, np.array([0, 0, 0, 1, 0, 0]), shapes, 2.0)
+    assert seen.tolist() == [True, False, True, True, True, False]
+    assert not model._seen(orders, np.array([0, 0, 0, 0, 0, 0]), shapes, 2.0)[3]
+
+
+def test_pairs_are_those_of_the_grating_and_the_order():
+    names = {("GU", 0): 0, ("GU", 1): 1, ("GV", 1): 2}
+    model = SpectralModel(1.0, names, None, None, None, None, None)
+    orders = ObjectTable({"grating": np.array(["GV", "GU", "GU"]), "order": np.array([1, 1, 0])})
+    assert model.pairs(orders).tolist() == [2, 1, 0]
+    assert [model.pair(orders.take([k])) for k in range(3)] == [2, 1, 0]
+
+
+def test_tiles_that_boxes_touch_and_orders_cross():
+    """Tiles of a window that begins off 0: counts of touched ones below and left of each corner."""
+    tile = near_orders.TILE
+    window = Window(100, 100 + 3 * tile, 50, 50 + 2 * tile)
+    box = np.array([[100 + tile - 1, 100 + tile + 1, 50, 50 + tile]])  # two tiles of the lower row
+    assert near_orders._marked(box, window).tolist() == [[0, 0, 0, 0], [0, 1, 2, 2], [0, 1, 2, 2]]
+    exact = np.array([[100 + tile, 100 + 2 * tile, 50 + tile, 50 + 2 * tile]])
+    assert near_orders._marked(exact, window).tolist() == [[0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 1, 1]]
+    first, after = near_orders._tiles([-500.0, 100.0, 99 + tile], [99.0, 100.0 + tile, 1e9], 100, 3)
+    assert first.tolist() == [0, 0, 0] and after.tolist() == [0, 2, 3]

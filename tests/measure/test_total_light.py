@@ -9,7 +9,7 @@ from scipy.integrate import quad
 from csstsim.base.rng import stream
 from csstsim.measure.detection.maps import BIN
 from csstsim.measure.light.profile_tables import GAAP_FWHM, profile_tables
-from csstsim.measure.light.total_light import total_light
+from csstsim.measure.light.total_light import _nearest_ratio, total_light
 from csstsim.profiles.sersic import brightness
 
 galsim = pytest.importorskip("galsim")
@@ -192,3 +192,32 @@ def test_a_source_at_the_edge_is_measured_on_the_pixels_there_are(fabricate, tab
 def test_a_galaxy_larger_than_the_tables_reach_is_finite(fabricate, tables):
     light = fit([1e6 * drawn(fabricate, 1.0, 60.0)], tables, half_light=60.0)
     assert 0.5e6 < light["flux_total"][0] < 2e6
+
+
+@pytest.mark.parametrize(
+    ("ratio", "index"),  # the borders are geometric means of 1, 0.8, 0.6, 0.45, 0.3 and 0.2
+    [(1, 0), (0.9, 0), (0.89, 1), (0.7, 1), (0.69, 2), (0.525, 2), (0.515, 3), (0.37, 3), (0.365, 4), (0.24, 5)],
+)  # fmt: skip
+def test_the_nearest_axis_ratio(ratio, index):
+    e = np.exp(0.7j) * (1 - ratio**2) / (1 + ratio**2)
+    assert _nearest_ratio(np.array([e]), np.zeros(1)).tolist() == [index]
+
+
+def test_noise_of_a_shape_does_not_make_it_long():
+    """Distortions of 0.6: without noise 0.50, with 0.09 of shear 0.535; none left, round; no shape, 0.7."""
+    e, error = np.array([0.6, 0.6j, -0.6, np.nan, 0.6]), np.array([0.0, 0.09, 0.9, 0.1, np.nan])
+    assert _nearest_ratio(e, error).tolist() == [3, 2, 0, 1, 1]
+
+
+def test_without_light_only_the_prior_is_known(tables):
+    """27% points, sizes about 0.25 arcsec."""
+    light = fit([np.zeros((SIDE, SIDE))], tables)
+    assert light["point"][0] == pytest.approx(0.27, rel=1e-6)
+    assert light["half_light"][0] == pytest.approx(0.25, rel=0.01)
+    assert light["flux_total"][0] == light["flux_gaap"][0] == 0.0 and light["flux_total_err"][0] > 20
+
+
+def test_the_error_of_a_point_is_that_of_its_psf_flux(fabricate, tables):
+    light = fit([1e5 * drawn(fabricate, 1.0, 0.0)], tables, half_light=1.2, flux_psf=1e5)
+    assert light["point"][0] > 0.999
+    assert light["flux_total_err"][0] == pytest.approx(30, rel=0.02) == light["flux_gaap_err"][0]

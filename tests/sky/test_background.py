@@ -361,3 +361,59 @@ def test_some_rows_of_the_expansion_are_those_of_the_whole_window():
     add_grid(whole, values)
     add_grid(part, values, slice(21, 34), 60)
     assert np.allclose(part, whole[21:34] + 2.0, rtol=1e-6)
+
+
+@pytest.mark.parametrize("kelvin", [3500.0, 9700.0])
+def test_a_black_body_has_the_photons_of_astropys(kelvin):
+    """Over a wide range of wavelengths, scaled to the mean of the Sun's spectrum from 5250 to 5750 angstrom."""
+    from astropy import units as u
+    from astropy.modeling.models import BlackBody
+
+    wave = np.array([2600.0, 4000.0, 5500.0, 7300.0, 9900.0])
+    energy = BlackBody(kelvin * u.K, scale=1 * u.erg / (u.cm**2 * u.s * u.AA * u.sr))(wave * u.AA).value
+    light = energy * wave  # in photons, to a constant
+    fine = np.linspace(5250.0, 5750.0, 5001)
+    sun = np.interp(fine, *N.solar_spectrum.T).mean() * 1e-4 * 5500e-10 / (6.62607015e-34 * 2.99792458e8)
+    assert blackbody_over_sun(wave, kelvin, N) == pytest.approx(sun * light / light[2], rel=2e-3)
+
+
+def test_rates_of_kinds_of_light_are_their_spectra_in_the_band():
+    """Sunlight off the Earth by its albedo and colour; stars by temperature, rising; the faint ones' last."""
+    filter_ = CAMERA.filters["g"]
+    wave, found, area = filter_.wavelength, rates("g"), (10e-6) ** 2
+    sun = np.interp(wave, *N.solar_spectrum.T) * 1e-4 * wave * 1e-10 / (6.62607015e-34 * 2.99792458e8)
+    step = np.trapezoid(filter_.throughput * sun, wave)
+    earth = np.trapezoid(filter_.throughput * sun * np.interp(wave, *N.earth.spectrum.T), wave)
+    assert found["sun"] == pytest.approx(area * step, rel=1e-2)
+    assert found["earth"] / found["sun"] == pytest.approx(N.earth.albedo * earth / step, rel=1e-3)
+    kelvins = np.unique(N.stars[:, 3])
+    assert len(found["stars"]) == len(kelvins)
+    for k in (0, len(kelvins) - 1):
+        wanted = area * band(filter_, blackbody_over_sun(wave, kelvins[k], N))
+        assert found["stars"][k] == pytest.approx(wanted)
+    wanted = area * band(filter_, blackbody_over_sun(wave, N.starlight.temperature, N))
+    assert found["starlight"] == pytest.approx(wanted)
+    assert band_rates(filter_, CAMERA.telescope, 20.0, N)["sun"] == pytest.approx(4 * found["sun"])
+
+
+def test_light_becomes_components_each_by_its_own_rate():
+    own = {
+        "zodiacal": np.array([2.0, 3.0]), "sun": 5.0, "earth": 7.0, "stars": np.array([11.0, 13.0]), "starlight": 17.0,
+    }  # fmt: skip
+    light = {
+        "zodiacal": np.array([[1.0, 2.0], [0.5, 0.0]]), "earth": np.array([1.0, 3.0]), "sun": np.array([0.1, 0.2]),
+        "moon": np.array([0.3, 0.4]), "planets": np.array([0.5, 0.6]), "stars": np.array([[1.0, 0.0], [0.0, 2.0]]),
+        "starlight": 0.5,
+    }  # fmt: skip
+    found = in_band(light, own)
+    wanted = {"zodiacal": [3.5, 4.0], "earth": [7.0, 21.0], "sun": [0.5, 1.0], "moon": [1.5, 2.0],
+              "planets": [2.5, 3.0], "stars": [19.5, 34.5]}  # fmt: skip
+    assert set(found) == set(wanted) == set(COMPONENTS)
+    for name, values in wanted.items():
+        assert found[name] == pytest.approx(np.array(values)), name
+
+
+def test_the_faults_name_the_limb_angle():
+    with pytest.raises(InputError) as raised:
+        sky_at(towards_limb(-1.5))
+    assert "limb angle [deg]" in str(raised.value) and "-1.5" in str(raised.value) and "> 0" in str(raised.value)

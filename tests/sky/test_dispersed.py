@@ -14,8 +14,9 @@ from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
 from csstsim.instrument.grating import Grating, Gratings, Order
 from csstsim.layers import sky_background
-from csstsim.sky.background_spectra import band
+from csstsim.sky.background_spectra import band, sunlight
 from csstsim.sky.dispersed import disperse, node_rows, nominal_spectrum, order_rows, sky_spectrum
+from csstsim.sky.zodiacal import spectrum
 
 CAMERA, N = camera(), numbers()
 SLITLESS = [chip.id for chip in CAMERA.slitless_chips]
@@ -208,3 +209,29 @@ def test_the_colour_of_the_sky_is_needed():
     state = flat_state(grey, chip=3, window=(3000, 3010, 50, 60), sat_position=(2596.0, 4496.0, -4357.0))
     with pytest.raises(InputError, match="no sky parameters"):
         sky_background.apply(state, sky_background.Param(), Streams(5, "1", 3, "sky_background"))
+
+
+def test_the_nominal_spectrum_is_zodiacal_light_with_earthshine():
+    """In the V band one part of the first, of the colour far from the Sun, and `nominal` of the second."""
+    filter_ = CAMERA.filters["GV"]
+    wave = filter_.wavelength
+    zodi = spectrum(wave, N)[1]
+    sun, sun_v = sunlight(wave, N), sunlight(np.array([5500.0]), N)[0]
+    earth = sun * np.interp(wave, *N.earth.spectrum.T)
+    shape = zodi * sun_v / spectrum(np.array([5500.0]), N)[1, 0] + N.earth.nominal * earth
+    found = nominal_spectrum(filter_, N)
+    lit = shape > 0
+    np.testing.assert_allclose(found[lit] * band(filter_, shape) / shape[lit], 1.0, rtol=1e-3)
+    assert band(filter_, found) == pytest.approx(1.0)
+
+
+def test_zodiacal_light_has_the_colour_of_its_angle_from_the_sun():
+    filter_ = CAMERA.filters["GI"]
+    near, far = spectrum(filter_.wavelength, N)
+    for angle, share in ((20.0, 1.0), (60.0, 0.5), (120.0, 0.0)):
+        shape = share * near + (1 - share) * far
+        found = sky_spectrum(filter_, {"zodiacal": 0.3}, angle, N)
+        np.testing.assert_allclose(found, shape / band(filter_, shape), rtol=1e-9)
+    sun = sunlight(filter_.wavelength, N)
+    for name in ("sun", "moon", "planets", "stars"):
+        np.testing.assert_allclose(sky_spectrum(filter_, {name: 2.0}, 60.0, N), sun / band(filter_, sun), rtol=1e-12)

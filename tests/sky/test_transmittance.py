@@ -135,3 +135,83 @@ def test_azimuths_are_those_seen_from_the_line_of_sight():
     assert azimuth_from(sight[None], source[None])[0, 0] == pytest.approx(0.0, abs=1e-6)
     assert azimuth_from(AHEAD, source[None])[0, 0] == pytest.approx(45.0, abs=0.1)
     assert azimuth_from(sight[None], AHEAD)[0, 0] == pytest.approx(-90.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("zenith", "azimuth"), [(20.0, 180.0), (70.0, 130.0), (85.0, 230.0), (60.0, 95.0), (80.0, 0.0)]
+)
+def test_the_door_is_lit_as_its_normal_faces_the_beam(zenith, azimuth):
+    """Hinge to rim (sin d, cos d) in the plane of azimuth 0: the inside's normal is (-cos d, sin d)."""
+    turn = math.radians(DOOR.opening_deg - 90)
+    onto = max(float(beam(zenith, azimuth) @ [0.0, -math.cos(turn), math.sin(turn)]), 0.0)
+    found = float(scattered(zenith, azimuth + 77.0, 77.0, DOOR))
+    assert found == pytest.approx(DOOR.albedo / math.pi * solid_angle(DOOR) * onto, abs=1e-15)
+
+
+@pytest.mark.parametrize("zenith", [92.0, 100.0, 110.0, 125.0])
+def test_the_far_rim_shades_the_foot_of_the_door(zenith):
+    """A ray from below the aperture past the rim at -R is (2 R) / tan(zenith) higher at the door, of height D cos d."""
+    turn = math.radians(DOOR.opening_deg - 90)
+    height = 2 * DOOR.tube_radius_m * math.tan(math.radians(zenith - 90.0))
+    lit = max(1.0 - height / (DOOR.length_m * math.cos(turn)), 0.0)
+    onto = max(math.cos(turn) * math.sin(math.radians(zenith)) + math.sin(turn) * math.cos(math.radians(zenith)), 0.0)
+    wanted = DOOR.albedo / math.pi * solid_angle(DOOR) * onto * lit
+    assert float(scattered(zenith, 180.0, 0.0, DOOR)) == pytest.approx(wanted, abs=1e-15)
+
+
+def test_the_doors_middle_is_seen_where_it_stands():
+    turn, half = math.radians(DOOR.opening_deg - 90), DOOR.length_m / 2
+    x, z = DOOR.tube_radius_m + half * math.sin(turn), half * math.cos(turn)
+    assert zenith_angle(DOOR) == pytest.approx(math.degrees(math.atan2(x, z)))
+    cosine = (x * math.cos(turn) - z * math.sin(turn)) / math.hypot(x, z)
+    area = 2 * DOOR.tube_radius_m * DOOR.length_m
+    assert solid_angle(DOOR) == pytest.approx(area * cosine / (x**2 + z**2))
+
+
+@pytest.mark.parametrize(
+    ("section", "change", "why"),
+    [
+        ("zodiacal", {"longitude": [0.0, 5.0, 5.0]}, "must rise"),
+        ("transmittance", {"zenith": [0.0, 1.0]}, "must start above 0"),
+        ("transmittance", {"azimuth": [0.0, 360.0]}, r"must lie in 0\.\.360"),
+        ("transmittance", {"azimuth": [-1.0, 90.0]}, r"must lie in 0\.\.360"),
+        ("transmittance", {"zenith": [0.1, 1.0]}, "rows and columns must fit its axes"),
+        ("zodiacal", {"colour": [[1.0, 2.0], [3.0, 4.0]]}, r"shape \(2, 3\)"),
+        ("bodies", {"planets": [[1.0] * 6]}, r"shape \(None, 7\)"),
+        ("starlight", {"brightness": [-1.0, 2.0]}, "must not be negative"),
+        ("starlight", {"temperature": 0.0}, "temperature"),
+    ],
+)
+def test_what_is_wrong_with_numbers_is_said(section, change, why):
+    from sky_places import camera
+
+    data = camera().sky
+    with pytest.raises(InputError, match=why):
+        sky_numbers(data | {section: data[section] | change})
+
+
+def test_stars_are_rows_of_a_text_or_lists():
+    from sky_places import camera
+
+    data = camera().sky
+    rows = [[10.0, -20.0, 3.5, 4000.0], [350.5, 45.0, -1.4, 9900.0]]
+    for stars in (rows, "10 -20 3.5 4000, 350.5 45 -1.4 9900"):
+        assert sky_numbers(data | {"stars": stars}).stars.tolist() == rows
+    with pytest.raises(InputError, match="stars"):
+        sky_numbers(data | {"stars": "10 -20 3.5, 350.5 45 -1.4"})
+
+
+def test_positive_tables_may_have_unknown_cells_but_no_zero():
+    from sky_places import camera
+
+    data = camera().sky
+    table = np.array(data["transmittance"]["matrix"], float)
+    for value, good in ((None, True), (0.0, False)):
+        matrix = table.tolist()
+        matrix[1][1] = value
+        changed = data | {"transmittance": data["transmittance"] | {"matrix": matrix}}
+        if good:
+            assert np.isnan(sky_numbers(changed).transmittance.matrix[1, 1])
+        else:
+            with pytest.raises(InputError, match="must be positive"):
+                sky_numbers(changed)

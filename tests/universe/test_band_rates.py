@@ -6,6 +6,7 @@ from embedded_sky import shipped
 
 from csstsim.catalog.light.photometry import subband_weights
 from csstsim.instrument.filter import GRID
+from csstsim.universe.galaxies import band_rates
 from csstsim.universe.galaxies.band_rates import BandRates
 from csstsim.universe.parameters import COEFFICIENTS
 
@@ -92,3 +93,35 @@ def test_edges_of_the_input(seds, bands):
     assert not bands.rates([30.0], mix, [0.0]).any()  # all below 600 A at rest
     dark = BandRates(seds, np.zeros((2, len(GRID))), fewest=1)
     assert not dark.rates([0.5], mix, [0.0]).any()
+
+
+def test_a_galaxy_of_a_table_is_cubic_in_the_steps_of_redshift_and_a_series_in_dust():
+    """Two components and two bands of three moments, a cubic of ln(1 + z) each: exp(-d m) sum (-d)^n / n! R_n."""
+    step, first, rng = 1e-3, 128, np.random.default_rng(7)
+    order, spread = np.arange(4), rng.normal(size=(2, 6, 4))
+    nodes = (first - 1 + np.arange(20))[:, None] * 0.01
+    table = np.stack([nodes**order @ part.T for part in spread], axis=1) + 9.0  # (nodes, k, bands x moments)
+    z = np.expm1(step * (first + np.array([0.0, 0.3, 7.5, 16.9, 5.0])))
+    coefficients, depth, mean = (
+        rng.uniform(0.5, 1.0, (5, 2)),
+        np.array([0.0, 0.3, -0.2, 0.1, 0.4]),
+        np.array([0.8, 1.4]),
+    )
+    out = np.full((5, 2), -7.0)
+    rows = np.array([3, 0, 2, 1])
+    band_rates.interpolate(out, rows, table, first, z, coefficients, depth, mean)
+    for g in rows:
+        at = (np.log1p(z[g]) / step * 0.01) ** order
+        light = sum(c * (part @ at + 9.0) for c, part in zip(coefficients[g], spread, strict=True)).reshape(2, 3)
+        d = depth[g]
+        wanted = np.exp(-d * mean) * (light @ [1.0, -d, d**2 / 2])
+        assert out[g] == pytest.approx(np.maximum(wanted, 0.0), rel=1e-9)
+    assert (out[4] == -7.0).all()
+    band_rates.interpolate(out, rows, -table, first, z, coefficients, np.zeros(5), mean)
+    assert (out[rows] == 0.0).all()
+
+
+def test_which_sums_of_components_are_positive():
+    basis = np.array([[1.0, 1.0, 1.0], [0.0, 1.0, 2.0]], np.float32)
+    mix = np.array([[1.0, 0.0], [1.0, -0.5], [1.0, -0.6], [-0.1, 1.0], [np.nan, 1.0], [0.0, 0.0]], np.float32)
+    assert band_rates.positive(mix, basis).tolist() == [True, True, False, False, False, True]

@@ -21,6 +21,7 @@ from csstsim.instrument.load import read_data
 from csstsim.universe.stars.binaries import PAIR, companions, join, separations, wide
 from csstsim.universe.stars.milky_way import equatorial
 from csstsim.universe.stars.stars import draw_stars
+from csstsim.universe.stars.stellar_evolution import living, stage_ends
 
 NUMBERS = read_data(SHIPPED / "universe" / "stars.yaml")
 LAW = NUMBERS["binaries"]
@@ -155,3 +156,42 @@ def test_the_light_of_a_pair_is_the_sum_of_two_stars():
     ):
         np.testing.assert_allclose(light(some), light(first) + light(second), rtol=1e-5)
     assert (light(some) > light(first)).all()
+
+
+@pytest.mark.parametrize(("ratio", "close"), [(1.02, True), (0.98, False)])
+def test_a_companion_counts_from_a_share_of_all_light_on(ratio, close):
+    """Of radius times temperature squared, squared: `faintest` of the star's; within `resolved`, inclusive."""
+    _, columns = _columns(3)
+    columns["radius"][:], columns["teff"][:] = 2.0, 5000.0
+    radius = 2.0 * np.sqrt(ratio * LAW["faintest"]) * (5000.0 / 4000.0) ** 2
+    pair = np.tile(np.array([1.0, 8.0, 4000.0, 4.7, 0.6, radius, 1.6, 1.5])[:, None], 3)
+    join(columns, pair, np.array([0.0, LAW["resolved"], 1.001 * LAW["resolved"]]), NUMBERS)
+    for name, value in (("teff2", 4000.0), ("logg2", 4.7), ("area2", (radius / 2) ** 2)):
+        assert columns[name] == pytest.approx([value * close, value * close, 0.0]), name
+
+
+def test_separations_by_hand():
+    """Medians and one sigma of orbits cut at `widest`, foreshortened by their tilt, at 20 pc."""
+    pair = np.zeros((len(PAIR), 4))
+    pair[6], pair[7] = 1.6, 0.5
+    widest = 10.0 ** (1.6 + 0.5)  # one sigma
+    share = stats.norm.cdf(1.0)
+    u = np.array([0.5, stats.norm.cdf(-1.0), 0.5, 1.0]) / np.array([share, share, share, 1.0])
+    found = separations(u, np.array([0.0, 0.0, 0.6, 0.0]), pair, 20.0, widest)
+    assert found == pytest.approx(np.array([10**1.6, 10**1.1, 0.8 * 10**1.6, widest]) / 20.0)
+
+
+def test_a_pair_is_of_one_age_and_metallicity_and_none_has_left_the_main_sequence():
+    """Of a solar star and of one as old as may be; the companion is that of its own mass; none of a dead star."""
+    mass = np.full(200, 1.0)
+    for age, feh in ((1.0, 0.0), (9.0, -0.5)):
+        pair = companions(np.random.default_rng(6), mass, np.full(200, feh), np.full(200, age), NUMBERS)
+        second = pair[PAIR.index("stellarmass")]
+        stage = np.minimum(age / stage_ends(second, np.full(200, feh), NUMBERS)[0], 1.0)
+        assert stage.max() > 0.1 * age / 9.0
+        teff, logg, radius, m_v = living(second, np.full(200, feh), stage, np.zeros(200), NUMBERS)
+        for name, values in (("teff", teff), ("logg", logg), ("radius", radius), ("m_v", m_v)):
+            np.testing.assert_allclose(pair[PAIR.index(name)], values, rtol=1e-12)
+        for name in ("log_a", "spread"):
+            law = np.interp(0.0, np.log(LAW["laws"]["mass"]), LAW["laws"][name])
+            np.testing.assert_allclose(pair[PAIR.index(name)], law)

@@ -8,6 +8,7 @@ from test_occupation import PowerLawHaloes
 
 from csstsim.base.counter import object_keys
 from csstsim.base.units import C_KM_S
+from csstsim.universe.galaxies import members as members_module
 from csstsim.universe.galaxies.mass_function import MassGrid
 from csstsim.universe.galaxies.members import draw_members, nfw_radius, redshift
 from csstsim.universe.galaxies.occupation import Occupation
@@ -114,3 +115,35 @@ def _by_mass(tables, members, kind, weight, row, kept):
     square = np.histogram(members.log_mass[mine], edges, weights=weight[mine] ** 2)[0]
     used = square > 0
     return found[used], wanted[used], np.hypot(np.sqrt(square[used]), 3e-3 * wanted[used])
+
+
+def test_tables_of_members_are_linear_and_held_at_their_ends():
+    table = np.array([8.0, 5.0, 5.0, 1.0])
+    for at, value in ((-1.0, 8.0), (0.0, 8.0), (0.25, 7.25), (1.5, 5.0), (2.75, 2.0), (3.0, 1.0), (9.0, 1.0)):
+        assert members_module._at.py_func(table, at) == pytest.approx(value)
+
+
+@pytest.mark.parametrize(
+    ("number", "lowest", "at"),
+    [(8.0, 0.0, 0.0), (7.25, 0.0, 0.25), (2.0, 0.0, 2.75), (1.0, 0.0, 3.0), (7.9, 0.5, 0.5), (6.0, 0.5, 2 / 3)],
+)
+def test_the_place_of_a_number_in_a_falling_table(number, lowest, at):
+    """8, 5, 5, 1: the inverse of the table above the lowest place."""
+    assert members_module._where.py_func(np.array([8.0, 5.0, 5.0, 1.0]), number, lowest) == pytest.approx(at)
+
+
+def test_centrals_are_quiescent_by_their_own_share_and_satellites_by_their_haloes(tables):
+    """One redshift, 14 in log mass: shares of both kinds in half a decade of stellar mass, to 4 sigma."""
+    members = draw_members(tables, *haloes(1500, log_mass=14.0))
+    row = np.searchsorted(tables.grid.z, 0.5, side="right") - 1
+    column = np.rint((members.log_mass - tables.grid.log_mass[0]) / tables.grid.step - 0.5).astype(int)
+    column = np.clip(column, 0, tables.quiescent.shape[1] - 1)
+    bin_ = np.argmin(np.abs(tables.mass - 14.0))
+    f = tables.quiescent[row, column]
+    raised = f + (1 - f) * tables.scale[row, column] * tables.eps[row, bin_]
+    wanted = np.where(members.satellite == 1, raised, tables.quiescent_central[row, column])
+    for satellite in (0, 1):
+        some = (members.satellite == satellite) & (members.log_mass > 9.5)
+        error = np.sqrt((wanted * (1 - wanted))[some].sum()) / some.sum()
+        assert abs(members.kind[some].mean() - wanted[some].mean()) < 4 * error + 0.01, satellite
+    assert abs(raised - f)[members.satellite == 1].mean() > 0.1

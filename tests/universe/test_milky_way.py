@@ -95,3 +95,48 @@ def test_a_flaring_disc_keeps_the_stars_of_a_column(name):
         height = [np.sqrt((rho * z**2).sum() / rho.sum()) for rho in (flaring, level)]
         assert height[0] / height[1] == pytest.approx(wider, rel=5e-3)
     assert wider > 1.2
+
+
+def test_the_bulge_along_its_axes_and_beyond_its_cut():
+    """exp(-r_s^2 / 2), r_s^4 = ((a / x0)^2 + (b / y0)^2)^2 + (z / z0)^4, with a Gaussian edge (Robin et al. 2003)."""
+    x0, y0, z0, cut, width, angle = NUMBERS["laws"]["bulge"]
+    near = np.radians(angle)
+
+    def at(a, b, z):
+        turn = np.pi / 2 - near
+        x, y = -a * np.cos(turn) + b * np.sin(turn), a * np.sin(turn) + b * np.cos(turn)
+        return density(BY_NAME["bulge"], np.array([R0 + x, y, z - Z_SUN]), NUMBERS)
+
+    for a, b, z in ((0.7, 0, 0), (0, 0.3, 0), (0, 0, 0.4), (0.9, -0.35, 0.25), (-1.1, 0.2, -0.5)):
+        law = ((a / x0) ** 2 + (b / y0) ** 2) ** 2 + (z / z0) ** 4
+        assert at(a, b, z) == pytest.approx(np.exp(-0.5 * np.sqrt(law)), rel=1e-9)
+    far = cut + 0.8 * width
+    assert at(far, 0, 0) == pytest.approx(np.exp(-0.5 * (far / x0) ** 2 - 0.5 * 0.8**2), rel=1e-9)
+
+
+@pytest.mark.parametrize(("name", "law", "first"), [("thin1", "young", 0.0), ("thin4", "disc", 0.25)])
+def test_thin_discs_have_a_hole_in_their_middle(name, law, first):
+    """exp(-a^2 / h^2) less that of the hole for the youngest, exp(-sqrt(1 / 4 + a^2 / h^2)) for others."""
+    outer, inner = NUMBERS["laws"][law]
+    eps, start = BY_NAME[name].eps, NUMBERS["laws"]["flare"][0]
+    assert BY_NAME[name].law == law and start > R0
+
+    def shape(r, z):
+        a2 = r**2 + (z / eps) ** 2
+        if law == "young":
+            return np.exp(-a2 / outer**2) - np.exp(-a2 / inner**2)
+        return np.exp(-np.sqrt(first + a2 / outer**2)) - np.exp(-np.sqrt(first + a2 / inner**2))
+
+    for x, y, z in ((3.0, 2.0, 0.03), (R0 - 1.0, 0.0, 0.0), (-0.5, 0.4, -0.05)):
+        found = density(BY_NAME[name], np.array([x, y, z - Z_SUN]), NUMBERS)
+        assert found == pytest.approx(shape(np.hypot(x - R0, y), z) / shape(R0, Z_SUN), rel=1e-9)
+
+
+def test_the_thick_disc_is_a_parabola_near_the_plane():
+    _, hz, xl = NUMBERS["laws"]["thick"]
+
+    def at(z):
+        return density(BY_NAME["thick"], np.array([0.0, 0.0, z - Z_SUN]), NUMBERS)
+
+    assert at(0.5 * xl) / at(0.0) == pytest.approx(1 - 0.25 * xl / (2 * hz + xl), rel=1e-9)
+    assert at(-0.5 * xl) == pytest.approx(at(0.5 * xl), rel=1e-12)

@@ -97,3 +97,37 @@ def test_impossible_numbers_are_refused(section, name, value):
     changed = universe.numbers | {"occupation": numbers | {section: numbers[section] | {name: value}}}
     with pytest.raises(InputError, match=rf"occupation.yaml: {section}.{name}: .*up to 1"):
         Universe(universe.folder, changed).check()
+
+
+def test_rows_and_bins_that_are_drawn_in_part(make, grid):
+    """Between redshifts that cut two rows, above a mass that halves a bin: shares of volume and of the bin."""
+    row, last = 20, 40
+    z = grid.z
+    near, far = z[row] + 0.25 * (z[row + 1] - z[row]), z[last] + 0.5 * (z[last + 1] - z[last])
+    tables = make(drawn=(12.0, near, far))
+    step = tables.mass[1] - tables.mass[0]
+    share = tables._drawn / np.where(tables._density > 0, tables._density, 1.0)
+    volume = grid.cosmology.volume
+    heavy = tables.mass > 12.0 + step
+    assert share[row, heavy] == pytest.approx(volume(near, z[row + 1]) / volume(z[row], z[row + 1]), rel=1e-9)
+    assert share[last, heavy] == pytest.approx(volume(z[last], far) / volume(z[last], z[last + 1]), rel=1e-9)
+    assert share[row + 1 : last, heavy] == pytest.approx(np.ones((last - row - 1, heavy.sum())))
+    assert not share[:row].any() and not share[last + 1 :].any()
+    inside = np.clip((tables.mass + 0.5 * step - 12.0) / step, 0, 1)  # of a bin about its middle
+    assert share[row + 1] == pytest.approx(inside, abs=1e-9) and 0 <= inside.min() < inside.max() == 1
+
+
+def test_the_bias_of_the_remainder_is_the_mean_over_its_haloes(make):
+    """Galaxies above the lightest: centrals and surviving satellites of each halo that is not drawn."""
+    tables = make()
+    row = 10
+    k = np.searchsorted(tables.proxies, tables.least[row])
+    x = (tables.least[row] - tables.proxies[k - 1]) / (tables.proxies[k] - tables.proxies[k - 1])
+    each = sum(
+        part * ((1 - x) * table[:, k - 1] + x * table[:, k])
+        for part, table in ((1.0, tables.central), (tables.surviving[row], tables.satellite))
+    )
+    number = (tables._density - tables._drawn)[row] * each
+    z = 0.5 * (tables.grid.z[row] + tables.grid.z[row + 1])
+    bias = 0.5 + (10**tables.mass / 1e13) ** 0.3 * (1 + z)
+    assert tables.bias[row] == pytest.approx((number * bias).sum() / number.sum(), rel=1e-6)

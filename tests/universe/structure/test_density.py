@@ -8,7 +8,7 @@ from universe.structure.small_matter import coarse
 from csstsim.base.sphere import ra_dec, unit_vectors
 from csstsim.universe.lensing.potential_field import WIDTHS, pixel
 from csstsim.universe.lensing.tangent_grid import TangentGrid
-from csstsim.universe.structure.density import ShellDensity, cell_order, kernel_order, kernel_weights
+from csstsim.universe.structure.density import ShellDensity, angular_order, cell_order, kernel_order, kernel_weights
 
 SHELL = 4
 PLACES = {"common": (200.0, -35.0), "RA 0": (0.0, 5.0), "pole": (10.0, 89.99), "polar cap": (90.0, 60.0)}
@@ -127,3 +127,14 @@ def test_a_fraction_of_an_order_is_that_share_of_its_kernels(low, high, share=0.
     sigma = np.sqrt(density.variance(np.full(count, high))[SHELL])
     np.testing.assert_allclose(between, one + share * (two - one), atol=0.01 * sigma)
     assert np.std(two - one) > 0.1 * sigma
+
+
+def test_weights_of_kernels_by_order():
+    """Order 5.3: in full up to 5, 0.3 of those of order 6, none beyond; cells are four orders wider, from 1 on."""
+    matter = coarse()
+    weights = kernel_weights(matter, np.full(matter.shells.count, 5.3))
+    for s, (order, _) in enumerate(matter.widths):
+        assert weights[:, s] == pytest.approx(np.full(len(weights), 1.0 if order <= 5 else 0.3 if order == 6 else 0.0))
+    assert [cell_order(order) for order in (3, 5, 6, 9)] == [1, 1, 2, 5]
+    ends = angular_order(matter, np.array([9.0, WIDTHS[-1] * pixel(4), 1e-9]))
+    assert ends.tolist() == [3.0, 4.0, matter.orders - 1]

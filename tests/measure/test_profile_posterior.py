@@ -1,0 +1,174 @@
+"""The posterior's parts by hand and against numpy: fits of profiles, cubics, medians, the columns of a source."""
+
+import math
+
+import numpy as np
+import pytest
+
+from csstsim.measure.light import profile_posterior, total_light
+from csstsim.measure.light.profile_posterior import _coarse, _cubic, _median, _moments, _narrowed, _refine, posterior
+
+
+@pytest.mark.parametrize("place", [0.0, 0.4, 1.0, 3.7, 5.2, 7.0])
+def test_a_cubic_through_four_neighbours_is_itself(place):
+    weight = np.empty(4)
+    first = _cubic.py_func(place, 8, weight)
+    at = first + np.arange(4)
+    assert 0 <= first <= 4 and abs(np.clip(place, 1, 6) - (first + 1.5)) <= 0.5 + 1e-9
+    assert weight @ (2 - at + 0.5 * at**2 - 0.3 * at**3) == pytest.approx(2 - place + 0.5 * place**2 - 0.3 * place**3)
+
+
+def test_fluxes_of_profiles_are_a_weighted_least_squares_fit(monkeypatch):
+    """Pixel by pixel with numpy: flux and sky, its own prior, rings that weigh by their own mean light; errors."""
+    rng = np.random.default_rng(6)
+    nodes, (x, y), counted, noise = np.array([0.0, 4.0, 16.0, 49.0, 81.0]), (11.3, 9.6), 0.8, 3.0
+    image = rng.normal(5.0, 3.0, (22, 24)).astype(np.float32)
+    image[2, 8] = np.nan
+    unusable, segments = np.zeros(image.shape, np.uint8), np.zeros(image.shape, np.int32)
+    unusable[12, 13], segments[14:18, 4:8], segments[8:12, 8:12] = 1, 7, 3
+    image[14:18, 4:8] += 1e4
+    profiles = np.array([[0.08, 0.05], [0.05, 0.04], [0.02, 0.03], [0.004, 0.02], [0.001, 0.01]])
+    b = total_light.BIN
+    which = (np.searchsorted(nodes, 0.25 + 0.5 * np.arange(162), side="right") - 1).astype(np.uint8)
+    rings, normal, fits = np.empty((4, 5)), np.empty((5, 5)), np.empty((3, 2))
+    monkeypatch.setattr(total_light, "_add", total_light._add.py_func)
+    total_light._rings.py_func(image, unusable, segments[::b, ::b], 3, x, y, nodes, 1 / np.diff(nodes), which, rings)
+    assert total_light._normal.py_func(rings, noise**2, counted, normal) == rings[:, 0].sum()
+    profile_posterior.project.py_func(profiles, normal, fits)
+
+    row, column = np.indices(image.shape)
+    square = (row - y) ** 2 + (column - x) ** 2
+    bins = segments[::b, ::b].repeat(b, 0).repeat(b, 1)[:22, :24]
+    used = (square < 81) & np.isfinite(image) & (unusable == 0) & ((bins == 0) | (bins == 3))
+    ring, data = np.digitize(square[used], nodes) - 1, image[used].astype(float)
+    mean = np.bincount(ring, data) / np.bincount(ring)
+    weight = 1 / (noise**2 + np.maximum(mean, 0) / counted)[ring]
+    assert used.sum() == rings[:, 0].sum() and (mean != 0).all()
+    for k in range(2):
+        design = np.column_stack([np.interp(square[used], nodes, profiles[:, k]), np.ones(used.sum())])
+        matrix = design.T @ (weight[:, None] * design) + np.diag([0, 0.03**-2])
+        wanted, covariance = np.linalg.solve(matrix, design.T @ (weight * data)), np.linalg.inv(matrix)
+        assert fits[1, k] / fits[0, k] == pytest.approx(wanted[0], rel=1e-9)
+        assert 1 / fits[0, k] == pytest.approx(covariance[0, 0], rel=1e-9)
+
+
+def test_rings_darker_than_the_sky_have_its_noise():
+    normal = np.empty((5, 3))
+    total_light._normal.py_func(np.array([[4.0, 1.0, 0.5, -80.0, -20.0], [0.0] * 5]), 2.0, 0.5, normal)
+    assert normal[3].tolist() == pytest.approx([0.5 * 3, 0.5 * 1, 0])
+    assert normal[0].tolist() == pytest.approx([0.5 * (4 - 2 + 0.5), 0.5 * 0.5, 0])
+    assert normal[1, 0] == 0.25 and normal[2].tolist() == [-30.0, -10.0, 0.0]
+    assert normal[4, :2].tolist() == pytest.approx([1 / 0.0009 + 2, -40])
+
+
+def test_points_of_the_tables_are_their_own_fits():
+    """(inverse variance, F times it, share, ln prior) of two sizes and two kinds; a flux below 0 is unlikely."""
+    maps, points = np.empty((4, 2, 2)), np.empty((6, 4))
+    maps[0], maps[1] = [[4.0, 2.0], [1.0, 0.5]], [[8.0, 6.0], [-3.0, 0.0]]
+    maps[2], maps[3] = [[0.1, 0.2], [0.3, 0.4]], [[-1.0, -2.0], [-3.0, -4.0]]
+    _coarse.py_func(maps, points)
+    assert points.tolist() == [
+        [8.0 - 1, 9.0 - 2, -4.5 - 3, -4.0], [2.0, 3.0, -3.0, 0.0], [0.25, 0.5, 1.0, 2.0], [0.1, 0.2, 0.3, 0.4],
+        [0.0, 0.0, 1.0, 1.0], [0.0, 1.0, 0.0, 1.0],
+    ]  # fmt: skip
+
+
+def test_between_the_tables_sizes_are_cubic_and_kinds_linear(monkeypatch):
+    for name in ("project", "_cubic"):
+        monkeypatch.setattr(profile_posterior, name, getattr(profile_posterior, name).py_func)
+    sizes, kinds = 6, 3
+
+    def profile(size, kind):
+        return np.array([3.0 + 0.1 * size + 0.02 * size**3 + kind, 2.0 + 0.3 * size**2 - 0.4 * kind, 1.0 + size])
+
+    grid = [(size, kind) for size in range(sizes) for kind in range(kinds)]
+    profiles = np.transpose([profile(*at) for at in grid])
+    normal = np.array([[2.0, 3.0, 1.5], [0.5, 0.2, 0], [9.0, 5.0, 2.0], [1.0, 1.2, 0.7], [40.0, 11.0, 0]])
+    maps, points = np.full((4, sizes, kinds), np.nan), np.empty((6, 9))
+    maps[2], maps[3] = (np.array([at for at in grid]) @ np.array([[0.1, 1.0], [0.02, -0.5]])).T.reshape(2, sizes, kinds)
+    _refine.py_func(profiles, normal, maps, (0.5, 4.5, 0.25, 1.75), points)
+    wanted = [(size, kind) for size in (0.5, 2.5, 4.5) for kind in (0.25, 1.0, 1.75)]
+    assert points[4:].T.tolist() == [list(at) for at in wanted]
+    for k, (size, kind) in enumerate(wanted):
+        p = profile(size, kind)
+        matrix = np.diag(normal[0]) + np.diag(normal[1, :2], 1) + np.diag(normal[1, :2], -1)
+        inverse = p @ matrix @ p - (p @ normal[3]) ** 2 / 40
+        product = p @ normal[2] - (p @ normal[3]) * 11 / 40
+        assert points[:4, k] == pytest.approx(
+            [0.5 * product**2 / inverse + size - 0.5 * kind, product / inverse, 1 / inverse, 0.1 * size + 0.02 * kind]
+        )
+
+
+def test_moments_are_those_of_probabilities():
+    rng = np.random.default_rng(8)
+    points = rng.normal(0.0, 2.0, (6, 300))
+    points[[0, 4, 5]] += np.array([[900.0], [12.0], [5.0]])
+    points[0, 4] -= 1e4
+    best, total, *rest = _moments.py_func(points)
+    w = np.exp(points[0] - points[0].max())
+    mean = [np.average(v, weights=w) for v in points[4:]]
+    scatter = [np.sqrt(np.average((v - m) ** 2, weights=w)) for v, m in zip(points[4:], mean, strict=True)]
+    assert best == points[0].max() and total == pytest.approx(w.sum())
+    assert rest == pytest.approx([mean[0], scatter[0], mean[1], scatter[1]])
+
+
+def test_medians_are_those_of_weighted_values():
+    """Skew values of unequal weights: against the sorted sum of weights, a tenth of the scatter."""
+    rng = np.random.default_rng(9)
+    value, weight = rng.gamma(2.0, 50.0, 4000), rng.random(4000)
+    weight[value > 150] *= 4
+    order = np.argsort(value)
+    share = np.cumsum(weight[order]) / weight.sum()
+    low, middle, high = np.interp([0.1587, 0.5, 0.8413], share, value[order])
+    found, half = _median.py_func(value, weight)
+    assert found == pytest.approx(middle, abs=4) and half == pytest.approx((high - low) / 2, abs=4)
+    assert _median.py_func(np.full(5, 3.0), weight[:5]) == (pytest.approx(3.0), 0.0)
+
+
+def test_columns_of_a_source_are_those_of_four_profiles_and_a_point(monkeypatch):
+    """Weights 0.1, 0.3, 0.2, 0.4 of profiles of area 1/2 and 0.25 of the point: medians, intervals, errors by hand."""
+    fluxes, variance, share = (
+        np.array([100.0, 200, 300, 400]),
+        np.array([9.0, 16, 25, 36]),
+        np.array([0.5, 0.8, 0.4, 0.6]),
+    )
+    points = np.array([np.log([0.2, 0.6, 0.4, 0.8]) + 700, fluxes, variance, share, np.zeros(4), np.zeros(4)])
+    moments = (points[0].max(), 2.5, 17.5, 3.0, 4.0, 1.0)
+    monkeypatch.setattr(profile_posterior, "_narrowed", lambda *given: (points, 0.5, moments))
+    monkeypatch.setattr(profile_posterior, "_median", _median.py_func)
+    out = np.empty(6)
+    posterior.py_func(
+        None, None, None, np.array([700 + math.log(0.25), 250.0, 49.0]), None, None, np.empty((2, 9)), out
+    )
+    weight = np.array([0.1, 0.3, 0.2, 0.4])
+    noise = (weight @ variance + 0.25 * 49) / 1.25
+    assert out[0] == pytest.approx(400)  # the weights' third powers: 1, 27, 16 (the point), 8, 64
+    assert out[1] == pytest.approx(math.sqrt(100**2 + noise + (0.8 * 0.025 * 400) ** 2))  # 200 to 400
+    assert out[2] == pytest.approx(240)  # 50, 120, 160, 240 and 250
+    assert out[3] == pytest.approx(math.sqrt(65**2 + (weight @ (variance * share**2) + 0.25 * 49) / 1.25))  # 120 to 250
+    assert out[4:].tolist() == pytest.approx([17.5, 0.2])
+
+
+@pytest.mark.parametrize(("star", "called"), [(-1e9, 2), (107.0, 2), (108.0, 0)])
+def test_a_narrow_posterior_is_refined_about_its_mean_unless_it_is_a_point(monkeypatch, star, called):
+    """Twice here: first 1.5 steps of the tables either way, cut at their ends, then three of its scatter."""
+    windows = []
+
+    def refine(profiles, normal, maps, window, points):
+        windows.append(list(window))
+
+    found = iter(
+        [(100.0, 1.5, 20.0, 0.4, 8.5, 0.2), (100.0, 1.5, 20.5, 0.5, 8.0, 0.15), (100.0, 1.5, 21.0, 0.5, 8.0, 0.4)]
+    )
+    monkeypatch.setattr(profile_posterior, "_coarse", lambda maps, points: None)
+    monkeypatch.setattr(profile_posterior, "_moments", lambda points: next(found))
+    monkeypatch.setattr(profile_posterior, "_refine", refine)
+    maps, coarse, fine = np.empty((4, 33, 10)), "coarse", "fine"
+    points, area, moments = _narrowed.py_func(None, None, maps, np.array([star]), coarse, fine)
+    assert len(windows) == called and points == (fine if called else coarse)
+    if called:
+        assert windows[0] == pytest.approx([18.5, 21.5, 7.0, 9.0])
+        assert windows[1] == pytest.approx([19.0, 22.0, 7.55, 8.45])
+        assert area == pytest.approx(3 / 12 * 0.9 / 12) and moments[2] == 21.0
+    else:
+        assert area == 1.0 and moments[2] == 20.0
