@@ -52,3 +52,18 @@ def test_no_function_lets_the_compiler_reorder_its_sums():
     """With fastmath the bits depend on the order in which functions were compiled, which no two processes share."""
     files = list(Path(csstsim.__file__).parent.rglob("*.py"))
     assert len(files) > 300 and [str(path) for path in files if "fastmath" in path.read_text()] == []
+
+
+def test_a_link_or_a_file_in_the_folders_place_is_not_trusted(read_only, tmp_path):
+    """Whoever made the link decides what it leads to."""
+    place, own = tmp_path / f"csstsim-compiled-{os.getuid()}", tmp_path / "own"
+    own.mkdir(mode=0o700)
+    place.symlink_to(own)
+    environment = {"HOME": "/proc/nowhere"}
+    assert choose_folder(environment, read_only) is None and "NUMBA_CACHE_DIR" not in environment
+    place.unlink()
+    place.write_text("a file")
+    assert choose_folder(environment, read_only) is None
+    place.unlink()
+    place.mkdir(mode=0o750)
+    assert choose_folder(environment, read_only) is None, "others can read it"

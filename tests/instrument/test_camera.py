@@ -10,7 +10,6 @@ from mini import INSTRUMENT, mini_camera
 from csstsim.base.errors import InputError
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
-from csstsim.instrument.load import data_files, folder_digest
 
 
 def test_chip_counts_and_filters(camera):
@@ -60,6 +59,8 @@ def test_window():
     x = np.array([9.49, 9.5, 19.49, 19.5, np.nan])
     assert w.contains(x, 2.0).tolist() == [False, True, True, False, False]
     assert not w.contains(15.0, -0.51) and w.contains(15.0, -0.5) and not w.contains(15.0, 4.5)
+    image = np.arange(8 * 25).reshape(8, 25)
+    assert image[Window(10, 20, 2, 7).slices].tolist() == image[2:7, 10:20].tolist()
     assert Window(3, 3, 0, 5).shape == (5, 0) and not Window(3, 3, 0, 5).contains(3.0, 1.0)
 
 
@@ -171,19 +172,40 @@ def test_half_the_columns_go_to_each_side(tmp_path, channels, size):
         load_camera(mini_camera(tmp_path, **geometry))
 
 
-def test_every_kind_of_data_file_is_in_the_digest(tmp_path):
-    """Compressed FITS files, too, and a file's name; what is left out by name, pictures and hidden files are not."""
-    (tmp_path / "maps").mkdir()
-    names = ["a.yaml", "b.conf", "c.csv", "d.fits", "maps/e.fits.fz", "maps/f.fits.gz"]
-    for name in (*names, ".g.yaml", "h.png", "README.md", "maps/.i.fits"):
-        (tmp_path / name).write_text("one")
-    assert list(data_files(tmp_path)) == names
-    before, without = folder_digest(tmp_path), folder_digest(tmp_path, without=("c.csv",))
-    assert len(before) == 16 and before != without
-    for name in names:
-        (tmp_path / name).write_text("two")
-        assert folder_digest(tmp_path) != before, name
-        assert (folder_digest(tmp_path, without=("c.csv",)) == without) is (name == "c.csv")
-        (tmp_path / name).write_text("one")
-    (tmp_path / "a.yaml").rename(tmp_path / "aa.yaml")
-    assert folder_digest(tmp_path) != before
+def test_chips_come_by_number_whatever_the_files_order(tmp_path):
+    """The mosaic of the flats' levels is that of the chips' columns and rows."""
+    folder = mini_camera(tmp_path)
+    text = yaml.safe_load((folder / "chips.yaml").read_text())
+    text["chips"]["values"].reverse()
+    (folder / "chips.yaml").write_text(yaml.safe_dump(text))
+    camera = load_camera(folder)
+    assert list(camera.chips) == list(range(1, 31)) and camera.chips[9].filter == "r"
+    assert [chip.id for chip in camera.slitless_chips] == sorted(chip.id for chip in camera.slitless_chips)
+    assert camera.leds["mosaic"] == (6, 5)
+
+
+def test_gratings_are_those_of_the_camera_asked_last_or_first(camera, tmp_path):
+    """They are kept for the process: another camera has its own, and the first gets its own again."""
+    mini, shipped = load_camera(mini_camera(tmp_path)), camera.digest
+    assert mini.gratings[29].split < 256 < load_camera().gratings[29].split == 5531
+    assert load_camera().gratings[29].split == 5531 and mini.digest != shipped
+    assert load_camera(mini.folder).gratings[29].split == mini.gratings[29].split
+    (mini.folder / "gratings.yaml").unlink()
+    with pytest.raises(InputError, match=r"gratings.yaml: the instrument folder has no gratings"):
+        load_camera(mini.folder).gratings  # noqa: B018
+
+
+def test_what_a_camera_may_lack(tmp_path):
+    """Without their files there are no halo, ghosts, lamps, keywords, rays, defects, traps; lists must be one."""
+    folder = mini_camera(tmp_path)
+    light, charge = ("psf", "scatter", "ghosts", "sky", "leds"), ("cosmic_rays", "defects", "cti", "brighter_fatter")
+    for name in (*light, *charge, "level0_keywords"):
+        (folder / f"{name}.yaml").unlink()
+    bare = load_camera(folder)
+    assert bare.psf == bare.scatter == bare.ghosts == bare.sky == bare.leds == {} and bare.keywords == []
+    detector = bare.detector
+    assert detector.cosmic_rays is detector.defects is detector.traps is None and detector.brighter_fatter == {}
+    chips = (folder / "chips.yaml").read_text()
+    (folder / "chips.yaml").write_text(chips + "\nmore: []\n")
+    with pytest.raises(InputError, match=r"chips.yaml: the file must hold one list, not 2"):
+        load_camera(folder)

@@ -243,3 +243,28 @@ def test_nodes_closer_than_the_grid_keep_the_integral(start):
     coarse = nodes[:, 0] * 100 - 99 * start, nodes[:, 1]
     coarse = np.stack(coarse, axis=1)
     assert np.array_equal(curve_on_grid(coarse), sample_curve(coarse))
+
+
+def test_numbers_of_a_filter_are_those_of_its_entry(camera):
+    """Sky and limits, each in its place; all that the curve lets pass lies between the outer edges."""
+    entries = yaml.safe_load((INSTRUMENT / "filters.yaml").read_text())
+    assert list(camera.filters) == list(entries)
+    for name, entry in entries.items():
+        one = camera.filters[name]
+        assert one.name == name and one.kind == entry["kind"]
+        for key in ("sky", "saturation_mag", "limiting_mag"):
+            stated = entry[key]["value"] if isinstance(entry[key], dict) else entry[key]
+            assert getattr(one, key) == stated, (name, key)
+        lit = GRID[one.throughput > 0]
+        assert one.edges[0] == lit[0] - 0.5 and one.edges[-1] == lit[-1] + 0.5
+        assert one.at(np.array([1999.0, 11001.0])).tolist() == [0.0, 0.0]
+    assert list(camera.bands) == [name.lower() for name, entry in entries.items() if entry["kind"] == "imaging"]
+    assert all(camera.bands[name.lower()] is camera.filters[name] for name in ("NUV", "r"))
+
+
+def test_inner_edges_quarter_the_integral(camera):
+    for one in camera.filters.values():
+        for part, edge in zip((0.25, 0.5, 0.75), one.edges[1:-1], strict=True):
+            fine = np.append(GRID[edge > GRID], edge)
+            below = np.trapezoid(one.at(fine), fine)
+            assert below == pytest.approx(part * np.trapezoid(one.throughput, GRID), rel=1e-4)

@@ -133,3 +133,21 @@ def test_an_order_may_be_missing_from_one(load):
 
 def test_small_letters_in_a_table(load):
     assert load(table(WAVELENGTH=None, wavelength=lambda t: t["WAVELENGTH"])).numbers == [-2, -1, 0, 1, 2]
+
+
+def test_pieces_bounds_and_span_of_a_chips_gratings(load):
+    """Light from 654 px left to 1600 px right and 1600 px below to 449 px above the chip; columns below 3685 left."""
+    two = load(row(reach=[654, 1600, 1500, 449]))
+    assert two.bounds == (-654.5, 9215.5 + 1600, -1500.5, 9231.5 + 449) and two.split == 3685.0
+    (left, to_left), (right, to_right) = two.pieces
+    assert (left.name, right.name) == ("GI2", "GI1")
+    assert to_left == (-654.5, 3684.5, -1500.5, 9680.5) and to_right == (3684.5, 10815.5, -1500.5, 9680.5)
+    assert left.orders[1].extent != right.orders[1].extent
+    for x, grating in ((3684.4, left), (3684.5, right)):
+        ends = [(0.0, 0.0)]
+        for number in (0, 1):
+            p, q, r, s = grating.orders[number].lines(x, 5000.0)
+            ends += [(p + q * wave, r + s * wave) for wave in grating.orders[number].range]
+        (x0, y0), (x1, y1) = np.min(ends, axis=0), np.max(ends, axis=0)
+        assert two.span(x, 5000.0) == pytest.approx((x0, x1, y0, y1))
+        assert x1 - x0 > 300

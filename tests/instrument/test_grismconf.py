@@ -41,6 +41,25 @@ def test_light_lands_where_the_gratings_send_it(camera, tmp_path, chip):
                     assert (t > -0.1).all() and (t < 1.1).all()
 
 
+def test_the_head_of_a_file_says_which_images_it_is_for(camera, tmp_path):
+    """Of rows before columns; ranges of direct images as their distances from the image's corners, order by order."""
+    chip, two = camera.chips[1], camera.gratings[1]
+    nx, ny = chip.detector.nx, chip.detector.ny
+    for grating, (x0, x1, y0, y1) in two.pieces:
+        paths, _ = write_grismconf(tmp_path / "new", grating, (x0, x1, y0, y1), chip, camera.telescope)
+        lines = paths[0].read_text().splitlines()
+        assert lines[:2] == [f"# Grating {grating.name}, of chip 1", f"NAXIS {ny} {nx}"]
+        beams = [line for line in lines if line.startswith("BEAM")]
+        assert beams == ["BEAM_-2", "BEAM_-1", "BEAM_0", "BEAM_+1", "BEAM_+2"]
+        words = dict(line.split(maxsplit=1) for line in lines if line and not line.startswith(("#", "BEAM")))
+        for name, file in (("-2", "m2"), ("0", "p0"), ("+1", "p1")):
+            assert [float(v) for v in words[f"XRANGE_{name}"].split()] == [x0, x1 - nx]
+            assert [float(v) for v in words[f"YRANGE_{name}"].split()] == [y0, y1 - ny]
+            assert words[f"SENSITIVITY_{name}"] == f"{grating.name}_{file}.fits"
+        assert [path.name for path in paths[1:]] == [f"{grating.name}_{k}.fits" for k in ("m2", "m1", "p0", "p1", "p2")]
+        assert all(path.exists() for path in paths)
+
+
 def test_the_sensitivity_counts_the_same_electrons(camera, tmp_path):
     """1 erg / s / cm2 / A: photons through the order's throughput, by hand; nothing beyond the ends."""
     grating, piece = camera.gratings[2].pieces[0]

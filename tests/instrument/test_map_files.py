@@ -311,3 +311,26 @@ def test_a_map_is_alone_in_its_file(folder, more):
                 opened(folder)
         else:
             opened(folder)
+
+
+def test_a_chips_maps_are_told_by_file_and_sum_and_by_stage(folder):
+    """The header's words; which stage reads a kind first; a digest of shape, sum and largest value, not of names."""
+    maps = load_camera(folder).chips[CHIP].maps
+    path = map_path(folder, "prnu", CHIP)
+    assert maps.record == {"maps.prnu": f"prnu_09.fits, DATASUM {fits.getheader(path)['DATASUM']}"}
+    assert list(maps.of({"render", "level0"})) == ["prnu"] and maps.of({"readout"}) == {}
+    assert maps.digest({"readout"}) is None and len(maps.digest({"render"})) == 16
+    name_maps(folder, "bad_pixels", "led_flats", bad_pixels={"chips": [CHIP]}, led_flats={"chips": [CHIP]})
+    write_map(map_path(folder, "bad_pixels", CHIP), np.zeros(SHAPE, np.uint8))
+    for led in (525, 590, 670, 760):
+        write_map(map_path(folder, "led_flats", CHIP, led), response(SHAPE, led))
+    more = load_camera(folder).chips[CHIP].maps
+    flats = [f"led_flats.{led}" for led in (525, 590, 670, 760)]
+    assert list(more.of({"render"})) == flats and list(more.of({"readout"})) == ["bad_pixels"]
+    assert set(more.record) == {f"maps.{name}" for name in (*flats, "bad_pixels")}
+    before = maps.digest({"render"})
+    write_map(path, response(SHAPE), DATAMAX=1.9)
+    name_maps(folder, "prnu", prnu={"chips": [CHIP]})
+    chips = load_camera(folder).chips
+    assert chips[CHIP].maps.prnu.maximum == 1.9 and chips[CHIP].maps.digest({"render"}) != before
+    assert chips[8].maps.record == {} and chips[8].maps.digest({"render"}) is None

@@ -1,14 +1,18 @@
 """The orbit model against Kepler's laws and the published rate of the node; times against astropy."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from mini import INSTRUMENT
 from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
 
+from csstsim.base.errors import InputError
+from csstsim.base.model import validate
 from csstsim.instrument.camera import load_camera
-from csstsim.instrument.orbit import orbit_after
+from csstsim.instrument.orbit import Orbit, orbit_after
 from csstsim.instrument.pointing import Pointing, mjd_utc, parse_utc
 
 TIME = "2027-10-10T01:08:00"
@@ -106,3 +110,32 @@ def test_the_state_after_an_exposure_is_that_of_two_bodies(orbit, seconds):
     expected = solve_ivp(motion, (0, seconds), [*position, *velocity], method="DOP853", rtol=1e-13, atol=1e-12).y[:, -1]
     found = orbit_after(position, velocity, seconds)
     assert found[0] == pytest.approx(expected[:3], abs=1e-6) and found[1] == pytest.approx(expected[3:], abs=1e-9)
+
+
+def test_node_and_phase_turn_the_orbit_as_rotations_do():
+    """At the epoch: R_z(node) R_x(inclination) R_z(phase) of the x axis; velocity a quarter turn ahead, and J2's."""
+    orbit = Orbit(700.0, 98.0, 30.0, 50.0, "2026-03-01T12:00:00")
+    turn = Rotation.from_euler("ZXZ", [30.0, 98.0, 50.0], degrees=True).as_matrix()
+    position, velocity = orbit.state(orbit.epoch)
+    assert position == pytest.approx(7078.137 * turn[:, 0], abs=2e-3)
+    drift = np.cross([0, 0, orbit.node_rate], position)
+    assert np.array(velocity) - drift == pytest.approx(np.sqrt(398600.4418 / 7078.137) * turn[:, 1], abs=1e-5)
+    yearly = np.degrees(replace(orbit, inclination=98.19).node_rate) * 365.2422 * 86400
+    assert yearly == pytest.approx(360, rel=3e-3)  # sun-synchronous
+    # a sixth of a day later: by its mean motion and the node's rate
+    seconds = 4 * 3600.0
+    u, node = 50.0 + np.degrees(orbit.mean_motion) * seconds, 30.0 + np.degrees(orbit.node_rate) * seconds
+    later = Rotation.from_euler("ZXZ", [node, 98.0, u], degrees=True).as_matrix()
+    assert orbit.state("2026-03-01T16:00:00")[0] == pytest.approx(7078.137 * later[:, 0], abs=2e-3)
+
+
+def test_an_orbit_needs_a_time():
+    numbers = {"altitude_km": 400.0, "inclination": 41.5, "node": 0.0, "phase": 0.0}
+    assert validate(Orbit, numbers | {"epoch": "2025-01-01T00:00:00"}, "a.yaml").altitude_km == 400.0
+    with pytest.raises(InputError, match=r"a.yaml: epoch"):
+        validate(Orbit, numbers | {"epoch": "61000"}, "a.yaml")
+
+
+def test_fractions_of_a_second_and_the_z_of_utc():
+    assert parse_utc("2027-12-31T23:59:00.25Z").isoformat() == "2027-12-31T23:59:00.250000+00:00"
+    assert Pointing("SCIE", 0, 0, 0, TIME, 1.0, (0, 0, 0), (0, 0, 0)).survey == "WIDE"

@@ -9,13 +9,15 @@ import pytest
 
 from csstsim.base.errors import InputError
 from csstsim.base.rng import stream
+from csstsim.detector.prnu import highest
 from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
 from csstsim.optics.geometry.wcs import chip_plane
 from csstsim.optics.throughput.coarse_grid import expand, grid_pixels
 from csstsim.optics.throughput.flat import FlatField, _mosaic, check_flat
 from csstsim.optics.throughput.led import load_leds
-from csstsim.optics.throughput.response import response_map
+from csstsim.optics.throughput.response import Response, response_map, response_maximum
+from csstsim.optics.throughput.shutter import exposed
 
 EXPANSION = 1e-5  # relative: bilinear grid against the polynomials
 
@@ -196,3 +198,71 @@ def test_each_shape_has_an_equal_part_of_the_patterns_variance(camera):
         field = FlatField(camera.leds, lambda name, draw=draw: SimpleNamespace(standard_normal=draw))
         flat = field.internal(camera.chips[9], x, y, np.eye(12)[0])
         assert flat.mean() == pytest.approx(1.0) and np.mean((flat - 1) ** 2) == pytest.approx(rms**2 / 14, rel=1e-6)
+
+
+EDGES = {  # key: (values that are taken, values that are not)
+    "half_mosaic": ([[1, 2]], [[1, 0], [1], [1, 2, 3]]),
+    "flat.wavelengths": ([[400, 500]], [[400], [400, 400], [500, 400]]),
+    "flat.order": ([1, 8], [0, 9]),
+    "flat.correlation": ([1e-3], [0, -1]),
+    "flat.pattern_rms": ([0, 0.1], [-0.01, 0.11]),
+    "flat.detector_rms": ([0, 0.1], [-0.01, 0.11]),
+    "vignetting.corner": ([[0, 0.5], [0.1, 0.1]], [[-0.1, 0.1], [0.1, 0.6], [0.2, 0.1], [0.1]]),
+    "vignetting.skew": ([0, 0.5], [-0.1, 0.6]),
+    "vignetting.offset": ([0, 0.5], [-0.1, 0.6]),
+}
+
+
+@pytest.mark.parametrize("name", EDGES)
+def test_each_number_of_the_lamps_has_its_bounds(camera, name):
+    fine, wrong = EDGES[name]
+    *above, last = name.split(".")
+    for value in (*fine, *wrong):
+        numbers = deepcopy(camera.leds)
+        (numbers[above[0]] if above else numbers)[last] = value
+        if value in fine:
+            check_flat(numbers)
+        else:
+            with pytest.raises(InputError, match=rf"leds.yaml: {name}: missing or out of range"):
+                check_flat(numbers)
+
+
+def test_a_lamps_line_has_the_width_and_place_of_its_row():
+    """Half its top at half the full width [nm] on either side; rows give name, width, rate in that order."""
+    leds = load_leds({"leds": [["500", 20, 3.5], [670, 8.0, 0]]})
+    assert list(leds) == ["500", "670"] and (leds["500"].fwhm, leds["500"].rate) == (20.0, 3.5)
+    line = leds["500"].line
+    assert GRID[line.argmax()] == 5000.0
+    for off in (-100.0, 100.0):
+        assert line[np.searchsorted(GRID, 5000.0 + off)] == pytest.approx(line.max() / 2, rel=1e-9)
+    assert load_leds({}) == {} and leds["670"].rate == 0
+    for row in (["500", 10, 1, 2], ["1100", 10, 1], ["200", 10, 1], ["500", 10, np.inf]):
+        with pytest.raises(InputError, match="bad row"):
+            load_leds({"leds": [row]})
+
+
+def test_the_response_is_the_product_of_its_losses_for_any_pixels(camera):
+    """A window off the corner: parts, rows and single pixels are cuts of the whole; each loss can be left out."""
+    chip, window, filter_ = camera.chips[9], Window(3001, 3060, 7002, 7042), camera.filters["r"]
+    master = np.random.default_rng(4).uniform(0.9, 1.1, window.shape).astype(np.float32)
+    ask = partial(Response, chip, window, filter_, 20.0, camera.leds, partial(stream, 1, "camera"))
+    whole = ask(flat=True, shutter=True, prnu=np.uint64(9), master=master)
+    image = whole.rows(0, window.ny)
+    assert image.shape == window.shape and image.dtype == np.float32
+    assert np.array_equal(whole.rows(5, 9), image[5:9])
+    assert np.array_equal(whole.part(slice(3, 20), slice(11, 50)), image[3:20, 11:50])
+    row, column = np.array([0, 39, 7, 20]), np.array([58, 0, 3, 31])
+    assert whole.at(row, column) == pytest.approx(image[row, column], rel=1e-6)
+    off = {"flat": False, "shutter": False}
+    alone = [
+        ask(**off | {"flat": True}).rows(0, 40), ask(**off | {"shutter": True}).rows(0, 40),
+        ask(**off, prnu=np.uint64(9)).rows(0, 40), ask(**off, master=master).rows(0, 40),
+    ]  # fmt: skip
+    assert image == pytest.approx(np.prod(alone, axis=0), rel=1e-6)
+    field = flats(camera, 1)
+    assert np.array_equal(alone[0], expand(field.external_grid(chip, filter_), chip, window))
+    assert alone[1][0] == pytest.approx(exposed(chip, window, 20.0), rel=1e-6) and (alone[1] == alone[1][0]).all()
+    assert alone[2].std() == pytest.approx(chip.detector.prnu, rel=0.1) and np.array_equal(alone[3], master)
+    limit = partial(response_maximum, chip, filter_, camera.leds, partial(stream, 1, "camera"), shutter=True)
+    assert limit(flat=False) == pytest.approx(highest(chip.detector.prnu), rel=1e-5)
+    assert limit(flat=True) == pytest.approx(limit(flat=False) * field.external_grid(chip, filter_).max())

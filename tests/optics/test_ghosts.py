@@ -1,13 +1,15 @@
 """Ghosts: reflection geometry and the light in them."""
 
+import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from csstsim.base.errors import InputError
-from csstsim.optics.scatter.ghosts import make_ghosts
-from csstsim.optics.scatter.scattered_light import scattered_light
+from csstsim.optics.scatter.ghosts import Ghosts, make_ghosts
+from csstsim.optics.scatter.scattered_light import Scattered, read_scattered, scattered_light
 
 GEOMETRY = {
     "gap": 20.0,
@@ -91,3 +93,42 @@ def test_bad_numbers_are_refused(camera, geometry, reflectance):
     with pytest.raises(InputError, match=r"ghosts\.yaml"):
         make_ghosts({"geometry": GEOMETRY | geometry, "reflectance": {"r": reflectance}}, "r", camera.telescope, 10.0)
     assert make_ghosts({}, "r", camera.telescope, 10.0) is None
+
+
+def test_reach_is_that_of_the_corner_furthest_from_the_axis(camera):
+    """An axis beyond one corner: the lean of the opposite one, whichever corner it is."""
+    chip = centre_chip(camera)
+    for sx, sy in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
+        g = ghosts(camera, axis_x=sx * 6000.0, axis_y=sy * 3000.0)
+        lean = np.hypot(6000 + 4608, 3000 + 4616)
+        assert g.reach(chip) == pytest.approx(6000 * lean / 2e5 + 6000 / 28, abs=0.1)
+
+
+def test_lengths_are_millimetres_but_for_the_axis(camera):
+    """Pixels of 5 um have twice the numbers; the axis is in pixels of the mosaic."""
+    params = {"geometry": GEOMETRY | {"axis_x": 30.0, "axis_y": -7.0}, "reflectance": {"r": [0.1, 0.02, 0.01]}}
+    g = make_ghosts(params, "r", camera.telescope, 5.0)
+    assert g.way == pytest.approx([8000, 12000, 4000]) and g.pupil == pytest.approx(4e5)
+    assert g.axis.tolist() == [30.0, -7.0] and g.faintest == 0.05
+    with pytest.raises(InputError, match=r"ghosts.yaml: reflectance.i: bad reflectance"):
+        make_ghosts(params, "i", camera.telescope, 10.0)
+
+
+def test_a_psf_file_gives_wing_and_ghosts_back(camera):
+    """Each value, through JSON; none, or one of them; and what is damaged."""
+    given = scattered_light(camera, camera.filters["i"])
+    found = read_scattered(SimpleNamespace(attributes=given.attributes(), path="a.h5"))
+    for part in ("wing", "ghosts"):
+        one, other = getattr(given, part).as_dict(), getattr(found, part).as_dict()
+        assert one == other and list(one) == list(vars(getattr(given, part)))
+    assert not np.array_equal(found.ghosts.way, found.ghosts.radius) and found.ghosts.light.shape == (3,)
+    assert Scattered().attributes() == {}
+    none = read_scattered(SimpleNamespace(attributes={"chip": 3}, path="a.h5"))
+    assert none.wing is None and none.ghosts is None
+    alone = read_scattered(SimpleNamespace(attributes=Scattered(ghosts=given.ghosts).attributes(), path="a.h5"))
+    assert alone.wing is None and isinstance(alone.ghosts, Ghosts)
+    short = json.loads(given.attributes()["ghosts"])
+    del short["pupil"]
+    for text in ("{", json.dumps(short), json.dumps(short | {"pupil": "far"}), "3"):
+        with pytest.raises(InputError, match=r"a.h5: wing, ghosts: the PSF file is damaged"):
+            read_scattered(SimpleNamespace(attributes={"ghosts": text}, path="a.h5"))

@@ -8,7 +8,7 @@ from csstsim.base.errors import InputError
 from csstsim.catalog.astrometry.ephemeris import observer
 from csstsim.catalog.astrometry.reduction import apparent
 from csstsim.optics.geometry.distortion import load_distortion
-from csstsim.optics.geometry.pointing_for import centred_exposure, pointing_for
+from csstsim.optics.geometry.pointing_for import centred_exposure, light_on, pointing_for
 from csstsim.optics.geometry.wcs import ChipWCS, gnomonic
 
 PIXEL = 4500.0, 4700.0
@@ -85,3 +85,42 @@ def test_of_two_boresights_near_a_pole_the_nearer_one_is_taken(camera, make_poin
             both += 1
             assert abs(found.dec - dec) <= abs(other - dec) + 1e-9
     assert both >= 1
+
+
+def test_light_falls_in_the_middle_of_a_chip_or_of_its_wider_grating(camera):
+    """Imaging: the middle. Chip 1 splits at 3685, chip 29 at 5531: light of orders 0 and 1 about the wider part."""
+    assert light_on(camera, camera.chips[9]) == ((4607.5, 4615.5), (4607.5, 4615.5))
+    for number, wanted in ((1, (3684.5 + 9215.5) / 2), (29, (5530.5 - 0.5) / 2)):
+        target, middle = light_on(camera, camera.chips[number])
+        assert middle == (pytest.approx(wanted), 4615.5)
+        grating = camera.gratings[number].right if number == 1 else camera.gratings[number].left
+        ends = []
+        for order in (grating.orders[0], grating.orders[1]):
+            p, q, r, s = order.lines(*middle)
+            ends += [(p + q * wave, r + s * wave) for wave in order.range]
+        for axis in (0, 1):
+            moved = [end[axis] for end in ends] + [0.0]
+            assert target[axis] + (min(moved) + max(moved)) / 2 == pytest.approx(middle[axis], abs=1e-9)
+        assert abs(target[0] - middle[0]) > 100
+
+
+def test_a_target_may_lie_off_the_middle_and_without_distortion(camera):
+    """Shifted by 300 px along x and -200 px along y; the linear projection has it there exactly."""
+    chip, how = camera.chips[6], {"pa": 10.0, "time": "2027-11-20T01:20:00", "exptime": 150.0}
+    found = centred_exposure(camera, chip, 150.0, 2.2, shift=(300.0, -200.0), distorted=False, **how)
+    seen = apparent(150.0, 2.2, observer(found.mjd, found.sat_position, found.sat_velocity))
+    x, y = ChipWCS(chip, found).world_to_pixel(*seen)
+    assert (float(x), float(y)) == pytest.approx((4907.5, 4415.5), abs=CLOSE)
+    assert (found.type, found.pa, found.time, found.exptime) == ("SCIE", 10.0, "2027-11-20T01:20:00", 150.0)
+    assert found.sat_position == camera.orbit.state(found.time)[0] and 0 <= found.ra < 360
+
+
+@pytest.mark.parametrize(
+    "edge", [{"ra": 0.0, "pa": -360.0}, {"ra": 360.0, "pa": 360.0}, {"exptime": 1e5}, {"time": "2099-12-31T00:00:00"}]
+)
+def test_values_at_the_edge_of_their_range_are_taken(camera, edge):
+    values = {"ra": 1.0, "dec": 1.0, "pa": 0.0, "time": "2027-11-20T01:20:00", "exptime": 1.0}
+    centred_exposure(camera, camera.chips[9], distorted=False, **(values | edge))
+    for wrong in ({"ra": -0.1}, {"pa": 361.0}, {"pa": -361.0}, {"exptime": 1.1e5}, {"time": "2101-01-01T00:00:00"}):
+        with pytest.raises(InputError):
+            centred_exposure(camera, camera.chips[9], distorted=False, **(values | wrong))

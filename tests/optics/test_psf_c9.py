@@ -11,7 +11,7 @@ from mini_campaign import write_campaign
 from csstsim.base.errors import InputError
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.optics.psf.chip_errors import chip_coefficients, mosaic_position
-from csstsim.optics.psf.psf_c9 import convert
+from csstsim.optics.psf.psf_c9 import _numbered, _row_by_row, _wavelengths, convert
 from csstsim.optics.psf.psf_file import PsfSet
 from csstsim.optics.psf.psf_set import chip_optics, make_psf, node_psf
 from csstsim.optics.psf.wavefront import load_wavefront
@@ -160,3 +160,37 @@ def test_a_campaign_takes_its_library(own, tmp_path):
     assert psf.nodes_xy == pytest.approx(corners)
     assert psf.image.shape == (4, 4, 256, 256)
     assert psf.attributes["filter"] == "r"
+
+
+@pytest.mark.parametrize("unit", [1e-4, 0.1, 1.0])
+@pytest.mark.parametrize("of", ["w", "psf", "dataset"])
+def test_wavelengths_in_um_nm_or_angstrom(camera, tmp_path, unit, of):
+    """Of the group of a wavelength or of its first place, by number, not by name; without one, the filter's."""
+    given = np.array([2550.0, 5000.0, 8800.0, 10300.0])
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        names = "w_2", "w_9", "w_10", "w_11"
+        for name, value in zip(names[::-1], given[::-1] * unit, strict=True):
+            place = file.create_group(f"{name}/psf_0")
+            if of == "dataset":
+                place["wavelength"] = value
+            else:
+                (file[name] if of == "w" else place).attrs["wavelength"] = value
+        assert _numbered(file, "w", tmp_path / "a.h5") == list(names)
+        cubes = [{"psf_0": file[name]["psf_0"]} for name in names]
+        found, known = _wavelengths(file, cubes, camera.filters["z"])
+        assert found == pytest.approx(given) and known == "the library's"
+        part = file["w_9/psf_0"] if of != "w" else file["w_9"]
+        if of == "dataset":
+            del part["wavelength"]
+        else:
+            del part.attrs["wavelength"]
+        found, known = _wavelengths(file, cubes, camera.filters["z"])
+        assert found is camera.filters["z"].psf_wavelength and known == "the filter's"
+
+
+def test_places_are_sorted_into_rows_whatever_their_order():
+    """Rows by y, a little uneven; x fastest."""
+    x, y = np.meshgrid([10.0, 500.0, 900.0], [20.0, 700.0, 1500.0])
+    nodes = np.stack([x.ravel(), (y + 0.01 * x).ravel()], axis=1)
+    mixed = np.random.default_rng(2).permutation(9)
+    assert nodes[mixed][_row_by_row(nodes[mixed], 3)].tolist() == nodes.tolist()

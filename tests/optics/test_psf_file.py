@@ -18,7 +18,7 @@ from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.psf.chip_errors import chip_coefficients
 from csstsim.optics.psf.diffraction import Diffraction, blur
 from csstsim.optics.psf.interpolation import METHODS, Interpolator
-from csstsim.optics.psf.psf_file import PsfSet, pixel_response
+from csstsim.optics.psf.psf_file import PsfSet, half_pixels, larger_cells, pixel_response
 from csstsim.optics.psf.psf_set import make_psf, node_psf
 from csstsim.optics.psf.wavefront import load_wavefront
 from csstsim.stages.psf import open_psf
@@ -304,3 +304,28 @@ def test_a_linear_function_of_nodes_is_that_of_the_mixture(made, method):
     for place in ((4000.0, 7000.0), (100.0, 30.0), (4000.0, 7000.0)):
         np.testing.assert_allclose(at(*place), psf.at(*place).mean(axis=0)[::3], rtol=0, atol=1e-15)
     assert len(asked) <= GRID**2  # once a node
+
+
+def test_three_live_nodes_are_enough_and_two_are_not(copy):
+    with h5py.File(copy, "r+") as file:
+        flux = file["flux"][()]
+        flux[3:, 1] = np.nan
+        file["flux"][...] = flux
+    assert PsfSet(copy, method="idw").dead.tolist() == [False] * 3 + [True] * 6
+    with h5py.File(copy, "r+") as file:
+        flux[2, 0] = np.nan
+        file["flux"][...] = flux
+    with pytest.raises(InputError, match="fewer than three nodes are alive"):
+        PsfSet(copy, method="idw")
+
+
+def test_larger_cells_are_sums_about_the_middle():
+    """8 x 8 numbers that all differ: what fills no whole cell on both sides is left out."""
+    image = np.arange(2 * 64.0).reshape(2, 8, 8) ** 1.5
+    found = larger_cells(image, 4, 2)
+    assert found.shape == (2, 4, 4) and found[1, 0, 3] == pytest.approx(image[1, :2, 6:].sum())
+    odd = image[:, :6, :6]
+    found = larger_cells(odd, 4, 2)  # one cell left over on each side
+    assert found.shape == (2, 2, 2)
+    assert found[0] == pytest.approx(odd[0, 1:5, 1:5].reshape(2, 2, 2, 2).sum(axis=(1, 3)))
+    assert np.array_equal(larger_cells(image, 4, 4), image) and np.array_equal(half_pixels(odd, 4), found)

@@ -8,7 +8,7 @@ import pytest
 from csstsim.base.errors import InputError
 from csstsim.optics.geometry.wcs import chip_plane
 from csstsim.optics.psf.chip_errors import mosaic_position
-from csstsim.optics.throughput.shutter import deficit, exposed
+from csstsim.optics.throughput.shutter import check, deficit, exposed, lost, moments
 
 TIME_S = 1e-5  # what the exposure of a column may be off
 
@@ -76,3 +76,27 @@ def test_turned_chips_see_what_lies_on_their_middle_row(camera):
         np.testing.assert_allclose(seen, wanted, atol=5e-6)
         turned += bool(chip.rotation)
     assert turned == 12
+
+
+def test_the_shutter_opens_first_and_closes_last(camera):
+    """Four moments of a 100 s exposure: opening and closing take 1.3 s each, within the exposure."""
+    found = moments(61000.25, 100.0, camera.telescope)
+    seconds = {name: (mjd - 61000.25) * 86400 for name, mjd in found.items()}
+    wanted = {"shutter_open_0": 0.0, "shutter_open_1": 1.3, "shutter_close_0": 98.7, "shutter_close_1": 100.0}
+    assert list(found) == list(wanted) and seconds == pytest.approx(wanted, abs=1e-5)
+
+
+def test_lost_time_is_what_a_column_is_not_exposed(camera):
+    """Also of columns beyond the chip; the shortest exposure is taken, leaves that end before the chip are not."""
+    chip = camera.chips[29]
+    columns = np.array([0.0, 17.0, 9215.0])
+    share = exposed(chip, chip.full_window, 50.0)[columns.astype(int)]
+    assert lost(chip, columns) == pytest.approx(50.0 * (1 - share), abs=1e-9)
+    assert chip.xc < 0 and lost(chip, [-500.0])[0] > lost(chip, [0.0])[0]
+    check(chip, 2.6)
+    narrow = replace(chip, telescope=replace(chip.telescope, shutter_span_mm=500.0))
+    with pytest.raises(InputError, match=r"telescope.yaml: shutter_span_mm: the leaves do not cover chip 29"):
+        check(narrow, 150.0)
+    needed = 2 * 0.01 * (abs(chip.xc) + 9216 / 2)  # mm, to half a pixel and the chip's turn
+    enough = replace(chip, telescope=replace(chip.telescope, shutter_span_mm=needed + 0.1))
+    check(enough, 150.0)

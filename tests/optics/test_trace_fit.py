@@ -10,7 +10,7 @@ from csstsim.base.shipped import SHIPPED
 from csstsim.command_line.main import main
 from csstsim.instrument.axe import COEFFICIENTS, field_terms, read_axe
 from csstsim.instrument.load import read_data
-from csstsim.optics.gratings.trace_fit import COLUMNS, fit_traces, read_trajectories, residuals
+from csstsim.optics.gratings.trace_fit import COLUMNS, fit_report, fit_traces, read_trajectories, residuals
 
 KNOWN = {  # over a whole chip: angstrom / px to 1%, slopes to 1e-3
     "a0": [2.0, 1e-4, -2e-4, 1e-9, 3e-9, -2e-9],
@@ -165,3 +165,14 @@ def test_sensitivities_have_plain_names(tmp_path, stem):
     result = run(tmp_path / "s.csv", "--output", tmp_path / "s.conf", "--sensitivity", stem)
     assert result.exit_code == 2 and "sensitivity: must be a name" in result.output
     assert not (tmp_path / "s.conf").exists()
+
+
+def test_the_report_gives_number_rms_and_worst_of_each_order():
+    """The paper's 0.2 px are for the working orders, 0 and 1, and for the worst sample."""
+    lines = fit_report({0: np.array([0.2]), 1: np.array([0.1, 0.1, 0.1, 0.25]), 2: np.array([3.0, 4.0])})
+    assert [" ".join(line.split()) for line in lines] == [
+        "order samples rms [px] worst [px]",
+        "+0 1 0.2000 0.2000",
+        "+1 4 0.1521 0.2500 above the 0.2 px of the paper",
+        "+2 2 3.5355 4.0000",
+    ]

@@ -92,3 +92,19 @@ def test_the_meshes_are_fine_where_they_take_over():
     """A mesh's step is at most a sixth of the radius from which it is used."""
     starts = NEAR[0], *OVER
     assert all(MESH * FACTOR**level <= start / 6 for level, start in enumerate(starts))
+
+
+def test_edges_cut_each_side_of_a_wing_at_its_own_distance():
+    """A flat table on the finest mesh, four limits softened over 16 px: 28 px off them all of it, or nothing."""
+    window, at, side = Window(100, 400, 50, 231), (250.3, 120.2), (-90.0, 60.0, -40.0, 75.0)
+    canvas = blank(window, float)
+    far = FarWings(canvas)
+    account = far.add(0, at, (np.full(len(nodes(0, 40)), 2.5), first_of(0), 1e5), side, 16.0)
+    far.lay()
+    dx, dy = np.arange(100, 400) - at[0], (np.arange(50, 231) - at[1])[:, None]
+    inner = (dx > side[0] + 28) & (dx < side[1] - 28) & (dy > side[2] + 28) & (dy < side[3] - 28)
+    outer = (dx < side[0] - 28) | (dx > side[1] + 28) | (dy < side[2] - 28) | (dy > side[3] + 28)
+    assert inner.sum() > 3000 and outer.sum() > 3000
+    assert canvas.expected[inner] == pytest.approx(2.5, rel=0.02) and canvas.expected[outer].max() < 0.05
+    assert canvas.expected.sum() == pytest.approx(2.5 * 150 * 115, rel=0.02)
+    assert account == pytest.approx(canvas.expected.sum(), rel=0.01)

@@ -164,3 +164,20 @@ def test_the_box_of_a_wing_along_a_trace():
     assert _box(window, places, 300.0) == (100, 200, 40, 60)
     for shift in ((-60.0, 0.0), (90.0, 0.0), (0.0, -20.0), (0.0, 20.0)):
         assert _box(window, places + shift, 4.0) is None
+
+
+@pytest.mark.parametrize("wing", [0.0, 150.0, 900.0])
+def test_an_edge_across_the_trace_cuts_rows(spectrum, scattered, wing):
+    """Light up to 20.3 px above the object and from 11 px below: 80 px off the edges all of the wing, or nothing."""
+    whole, *_ = draw(spectrum, scattered, wing)
+    rows = np.arange(WINDOW.y0, WINDOW.y1) - 4851.4  # the trace rises by 2 px
+    for low, high in ((-np.inf, 20.3), (-11.0, np.inf)):
+        part, light, _ = draw(spectrum, scattered, wing, side=(-np.inf, np.inf, low, high))
+        kept, dark = (rows > low + 80) & (rows < high - 80), (rows < low - 80) | (rows > high + 80)
+        assert kept.sum() > 100 and dark.sum() > 100
+        assert np.abs(part[kept] - whole[kept]).max() < 2e-3 * whole[kept].max()
+        assert part[dark].max() < 1e-2 * whole[dark].max()  # far out many points are merged, and their edge is soft
+        assert light == pytest.approx(part.sum(), rel=1e-4)
+        if wing > 0 and high < 99:  # near the trace its wing is cut by the pixel, with an edge of 8 px
+            beside = (rows > high + 20) & (rows < high + 35)
+            assert part[beside].max() < 0.3 * whole[beside].max()

@@ -1,5 +1,7 @@
 """Knots and images: photons, stamps and reference against each other, and images against the profile they are of."""
 
+from dataclasses import replace
+
 import galsim
 import numpy as np
 import pytest
@@ -18,6 +20,8 @@ from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.scatter.scattered_light import Scattered
 from csstsim.render.drawing import Drawing
 from csstsim.render.imaging import draw, reference
+from csstsim.render.parts import object_parts
+from csstsim.render.parts.object_parts import _cut, _reach_of, part_keys
 from csstsim.render.scene import make_scene
 from csstsim.simulation.frame import shown_table
 
@@ -215,3 +219,89 @@ def test_shear_moves_second_moments_as_the_formula_says(show, tmp_path, kind, ax
         wanted.append([q[0, 0] - q[1, 1], 2 * q[0, 1]])
     difference, formula = np.subtract(*got), np.subtract(*wanted)
     assert np.abs(difference - formula).max() < 1e-3 * np.abs(formula).max()
+
+
+def test_a_large_image_is_cut_in_tiles():
+    """4 rows by 6 columns: by how many pixels a column and a row cover; dark tiles are left out."""
+    image = np.arange(24.0).reshape(4, 6) / 276
+    wide = list(_cut(image, (100.0, 50.0), 7))  # 600 x 200 px
+    assert [group for group, *_ in wide] == [7, 8]
+    assert [middle.tolist() for _, _, middle, _ in wide] == [[-1.5, 0.0], [1.5, 0.0]]
+    assert [share for _, share, *_ in wide] == pytest.approx([120 / 276, 156 / 276])
+    for (*_, tile), part in zip(wide, (image[:, :3], image[:, 3:]), strict=True):
+        assert tile == pytest.approx(part / part.sum())
+    tall = list(_cut(image, (50.0, 200.0), 0))  # 300 x 800 px
+    assert [middle.tolist() for _, _, middle, _ in tall] == [[0.0, -1.5], [0.0, 0.0], [0.0, 1.5]]
+    assert [tile.shape for *_, tile in tall] == [(1, 6), (2, 6), (1, 6)]
+    image[1:3] = 0.0
+    dark = list(_cut(image, (50.0, 200.0), 3))
+    assert [(group, middle.tolist()) for group, _, middle, _ in dark] == [(3, [0.0, -1.5]), (4, [0.0, 1.5])]
+    assert len(list(_cut(image, (64.0, 96.0), 0))) == 1  # 384 px each: just one
+
+
+def test_tiles_reach_as_far_as_their_light_and_the_blur_of_the_whole():
+    """Extent times the matrix' longer axis, and what the object reaches beyond its farthest tile, 16 to 64 px."""
+    matrix = np.tile(np.diag([1.0, 2.0]), (4, 1, 1))
+    at, extent = np.array([[3.0, 4.0]] * 4), np.array([10.0, 10.0, 10.0, 10.3])
+    reach = np.array([60, 30, 200, 24], np.int32)  # the tile ends at 5 + 20 px; the last was cut off before
+    got = _reach_of(reach, at, extent, matrix)
+    assert got.tolist() == [20 + 35, 30, 20 + 64, 24] and got.dtype == np.int32
+    assert _reach_of(np.array([500]), at[:1], np.array([100.2]), matrix[:1]).tolist() == [265]
+
+
+def test_parts_of_an_object_share_out_its_light(show):
+    """Half of a galaxy's light in knots, a fifth in its bulge: 0.3 disk; all knots: nothing else is left."""
+    scene = show.scene(**KNOTS)
+    assert scene.parent.tolist() == [0, 0] and scene.spot.tolist() == [-1, 0] and scene.objects == 1
+    assert scene.share == pytest.approx([0.5, 0.5])
+    assert scene.light == pytest.approx(np.array([[0.6, 0.4], [1.0, 0.0]]), abs=1e-6)
+    assert not scene.sersic[1, 1].any() and scene.sersic[1, 0] == pytest.approx([0, 0, 0.4])
+    assert scene.electrons[1] == pytest.approx(scene.electrons[0])
+    assert scene.electrons.sum() == pytest.approx(EXPTIME)
+    alone = show.scene(**KNOTS | {"knots_frac": 1.0, "bulge_frac": 0.0})
+    assert alone.share.tolist() == [0, 1] and alone.light.tolist() == [[1, 0], [1, 0]]
+
+
+def test_tiles_of_images_are_those_of_the_largest_that_is_drawn(camera, make_pointing, psf_r, tmp_path, monkeypatch):
+    """An image of 40 x 20 pixels, 2 and 1 px of the chip a pixel: cut at 45 px along its 80, in both objects alike."""
+    monkeypatch.setattr(object_parts, "TILE_PX", 45.0)
+    y, x = np.mgrid[:20, :40]
+    fits.writeto(tmp_path / "a.fits", np.exp(-0.5 * (((x - 22) / 7) ** 2 + ((y - 8) / 4) ** 2)))
+    columns = {
+        "image_file": np.array([str(tmp_path / "a.fits")] * 2), "image_scale": np.array([1.0, 2.0]) * SCALE,
+        "image_pa": np.zeros(2),
+    }  # fmt: skip
+    wcs = ChipWCS(camera.chips[9], make_pointing())
+    table = objects(wcs, [X - 300.0, X + 300.0], [Y, Y + 9.0], GALAXY, 200, 1.0, **columns)
+    scene = make_scene(table, wcs, psf_r, EXPTIME)
+    assert scene.parent.tolist() == [0, 1, 0, 1] and scene.spot.tolist() == [0, 0, 1, 1]
+    for first, second in ((0, 2), (1, 3)):
+        assert scene.share[first] + scene.share[second] == pytest.approx(1)
+        light = scene.share[[first, second]]
+        places = np.stack([scene.x, scene.y], axis=1)[[first, second]]
+        apart = np.hypot(*(places[1] - places[0]))
+        assert apart == pytest.approx(21 * (1.0, 2.0)[first], rel=0.02)  # half of the 42 columns of coefficients
+        middle = np.array([table["x"][first], table["y"][first]])
+        assert np.abs(places.mean(axis=0) - middle).max() < 0.01 and light[1] > light[0]
+    assert scene.sersic[:, 0, 2] == pytest.approx(0.35 * 21)  # of the shorter side of a tile: 22 x 21
+    assert scene.electrons.sum() == pytest.approx(2 * EXPTIME)
+    whole = [image.shape for image in (scene.spots.image(0), scene.spots.image(1))]
+    assert whole == [(22, 21), (22, 21)]
+
+
+def test_keys_of_parts_depend_on_their_object_alone(show):
+    """All differ; an object's first part has the same key whatever stands before it in the table."""
+    one = show.scene(**KNOTS)
+    keys = np.array([5, 11], np.uint64)
+    rows = np.array([0, 1, 1, 0, 1])
+    both = replace(one.take(np.array([0] * 5)), parent=rows)
+    made = part_keys(keys, both)
+    assert made[:2].tolist() == [5, 11] and len(set(made.tolist())) == 5
+    # rows 0 and 1 are the objects; of the parts, two are of object 1 and one is of object 0
+    swapped = part_keys(keys[::-1].copy(), replace(both, parent=np.array([0, 1, 0, 1, 0])))
+    assert swapped[2:].tolist() == made[2:].tolist()
+    behind = part_keys(keys, replace(one.take(np.array([0] * 4)), parent=np.array([0, 1, 0, 1])))
+    assert behind[3] == made[2]  # the first of object 1, behind one of object 0
+    fewer = part_keys(keys, replace(one.take(np.array([0] * 3)), parent=np.array([0, 1, 1])))
+    assert fewer[2] == made[2]
+    assert part_keys(keys, one.take(np.array([0, 0]))) is keys

@@ -8,19 +8,24 @@ from astropy.coordinates import SkyCoord
 from astropy.wcs import WCS
 from canvases import blank
 from dispersed_sky import EXPTIME, NOISE, Flat, Sky
+from grating_scene import SIGMA_PX
+from scipy.integrate import quad
 
 from csstsim.catalog.astrometry.reduction import apparent, icrs
 from csstsim.catalog.changing.motion import Interval
+from csstsim.catalog.flags import OFF_CHIP
 from csstsim.catalog.light.object_spectra import catalog_spectra
 from csstsim.catalog.mock_object import MockObject
 from csstsim.catalog.selection.select import select_objects
 from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS
-from csstsim.optics.scatter.scattered_light import Scattered
+from csstsim.optics.psf.psf_file import pixel_response
+from csstsim.optics.scatter.scattered_light import Scattered, read_scattered
 from csstsim.render.drawing import Drawing
 from csstsim.render.imaging import draw, reference
-from csstsim.render.parts import trails
+from csstsim.render.parts import tracks, trails
 from csstsim.render.slitless import draw_dispersed, reference_dispersed
+from csstsim.render.wings import box_share
 
 WINDOW = Window(4000, 4200, 4000, 4180)
 SCALE = 0.074  # arcsec / px
@@ -32,7 +37,10 @@ MIDDLE = 61582.0
 def moving(camera, make_pointing, observe, psf_r, psf_tables):
     """Return a function: (expected, counted, table) of one object that moves over chip 9, and its frame's wcs."""
 
-    def made(rate_ra=0.0, rate_dec=0.0, fidelity="noise_free", pa=-113.4333, lost=None, window=WINDOW, **values):
+    def made(
+        rate_ra=0.0, rate_dec=0.0, fidelity="noise_free", pa=-113.4333, lost=None, window=WINDOW, wing=None,
+        response=None, shown=None, psf=psf_r, **values
+    ):  # fmt: skip
         pointing = make_pointing(pa=pa)
         wcs, craft = ChipWCS(camera.chips[9], pointing), observe(pointing)
         ra, dec = icrs(*wcs.pixel_to_world(4100.3, 4090.2), craft)
@@ -43,9 +51,9 @@ def moving(camera, make_pointing, observe, psf_r, psf_tables):
         table = select_objects(
             catalog, wcs, craft, window, camera.filters["r"], camera.telescope, EXPTIME, NOISE, interval=interval
         )
-        canvas = blank(window, np.float64)
+        canvas = blank(shown or window, np.float64, response=response)
         drawing = Drawing(
-            wcs, psf_r, EXPTIME, Scattered(), fidelity, 60.0, np.uint64(7), psf_tables, craft, interval
+            wcs, psf, EXPTIME, Scattered(wing), fidelity, 60.0, np.uint64(7), psf_tables, craft, interval
         )  # fmt: skip
         how = reference.draw_objects if fidelity == "reference" else draw.draw_objects
         (drawn,) = trails.draw_trailed(how, canvas, table, drawing)
@@ -189,6 +197,138 @@ def test_a_satellite_crosses_the_window_in_its_time(moving):
     assert other.sum() == 0
 
 
+SPEED, ANGLE = 250_000.0, np.radians(25.0)  # arcsec / hour; position angle
+SATELLITE = {"type": "satellite", "rate_ra": SPEED * np.sin(ANGLE), "rate_dec": SPEED * np.cos(ANGLE), "ab": 8.0}
+
+
+@pytest.fixture
+def track(moving, psf):
+    """Return a function: as `moving`, of a satellite behind Gaussian PSFs in a box of 32 px."""
+    return lambda **values: moving(**SATELLITE, psf=psf, **values)
+
+
+def from_line(table, window):
+    """Return the signed distances [px] of a window's pixels from the line through a track's ends."""
+    x0, y0, x1, y1 = (table[f"trail_{name}"][0] for name in ("x0", "y0", "x1", "y1"))
+    x, y = np.arange(window.x0, window.x1), np.arange(window.y0, window.y1)[:, None]
+    return ((x1 - x0) * (y - y0) - (y1 - y0) * (x - x0)) / np.hypot(x1 - x0, y1 - y0)
+
+
+def densities(table):
+    """Return the electrons of each sub-band for each px of the track."""
+    return np.array([table[f"flux{i}"][0] for i in range(4)]) / (SPEED / 3600 / SCALE)
+
+
+def test_a_track_is_the_psf_across(track, psf):
+    """Pixel by pixel the sub-bands' Gaussians at the distance from the line, to 1% of the top; box, losses, columns."""
+    image, _, table, _ = track()
+    across = from_line(table, WINDOW)
+    wanted = sum(
+        light * np.exp(-0.5 * across**2 / (s**2 + 1 / 12)) / np.sqrt(2 * np.pi * (s**2 + 1 / 12))
+        for light, s in zip(densities(table), SIGMA_PX, strict=True)
+    )
+    assert np.abs(image - wanted).max() < 0.01 * wanted.max()
+    rows, columns = np.nonzero(image)
+    box = [table[name][0] for name in ("x0", "x1", "y0", "y1")]
+    assert box == [*(columns.min() + 4000, columns.max() + 4001), *(rows.min() + 4000, rows.max() + 4001)]
+    length = np.hypot(*(table[f"trail_{axis}1"][0] - table[f"trail_{axis}0"][0] for axis in "xy"))
+    assert table["electrons"][0] == pytest.approx(length * densities(table).sum(), rel=2e-3)
+    assert table["drawn"][0] == pytest.approx(image.sum(), rel=1e-9)
+    assert table["fraction"][0] == pytest.approx(image.sum() / table["electrons"][0])
+    assert table["method"][0] == "track" and table["flags"][0] & OFF_CHIP == 0
+    assert table["snr"][0] == table["stamp"][0] == 0 and table["ms"][0] > 0
+    response = np.linspace(0.4, 1.0, image.size, dtype=np.float32).reshape(image.shape)
+    seen, _, table, _ = track(response=response)
+    assert seen == pytest.approx(image * response, rel=1e-6)
+    assert table["drawn"][0] == pytest.approx(seen.sum(), rel=1e-9)
+
+
+@pytest.mark.parametrize(("angle", "axis", "sign"), [(0.0, 2, 1), (np.pi / 2, 1, -1)])
+def test_the_light_across_a_line_is_the_psf_summed_along_it(psf_r, angle, axis, sign):
+    """Along x: rows of the pixels' response; along y: columns, to the left first. With a wing, what the box keeps."""
+    cells, per_pixel = psf_r.at(4100.0, 4090.0), psf_r.oversampling
+    for wing in (None, read_scattered(psf_r).wing):
+        kept = cells if wing is None else cells * box_share(cells.shape[-1], per_pixel)
+        rows = pixel_response(kept, per_pixel).sum(axis=axis) / per_pixel
+        place = sign * (np.arange(rows.shape[1]) - (rows.shape[1] - 1) / 2) / per_pixel
+        d, bands = tracks._box_spread(Drawing(None, psf_r, EXPTIME, Scattered(wing)), (4100.0, 4090.0), angle)
+        assert bands.shape == (4, len(d)) and d == pytest.approx(-d[::-1])
+        inner = np.abs(place) < d[-1] - 1
+        for band, row in zip(bands, rows, strict=True):
+            assert np.abs(np.interp(place, d, band) - row)[inner].max() < 2e-3 * row.max()
+        assert bands.sum(axis=1) * np.diff(d[:2]) == pytest.approx(rows.sum(axis=1) / per_pixel, rel=1e-3)
+
+
+def test_a_track_does_not_depend_on_the_blocks_it_is_drawn_in(track, monkeypatch):
+    """Sixteen blocks of 300 px, of which two meet on the window: each ends as the next begins."""
+    whole, *_ = track()
+    monkeypatch.setattr(tracks, "_BLOCK", 300.0)
+    parts, *_ = track()
+    assert np.abs(parts - whole).max() < 5e-3 * whole.max()
+    assert parts.sum() == pytest.approx(whole.sum(), rel=1e-4)
+
+
+def test_a_track_that_misses_the_window_is_said_to(track):
+    image, _, table, _ = track(shown=Window(2000, 2100, 7000, 7080))
+    assert not image.any() and table["drawn"][0] == 0 and table["flags"][0] & OFF_CHIP
+    assert table["method"][0] == "none" and table["electrons"][0] > 0
+    assert [table[name][0] for name in ("x0", "x1", "y0", "y1")] == [0, 0, 0, 0]
+
+
+def test_a_wide_track_is_the_chord_of_a_disc_about_the_line(track):
+    """Centroid of rows within 0.02 px, and the level in the middle; an odd and an even number of steps."""
+    for width in (1.0, 2.3):
+        image, _, table, _ = track(trail_width=width)
+        across = from_line(table, WINDOW)
+        half = 0.5 * width / SCALE
+        wanted = densities(table).sum() * 2 * np.sqrt(np.maximum(1 - (across / half) ** 2, 0)) / np.pi / half
+        inner = np.abs(across) < half - 5
+        assert image[inner] == pytest.approx(wanted[inner], rel=0.03)
+        assert not image[np.abs(across) > half + 25].any()
+        for row in (70, 90, 110):
+            assert (image[row] * across[row]).sum() / image[row].sum() == pytest.approx(0.0, abs=0.02), width
+
+
+def test_the_wing_of_a_track_is_the_wing_summed_along_it(track, psf_r):
+    """25 to 90 px from the line, and on windows beside it; electrons for each px of length, quad of the profile, 1%."""
+    wing = read_scattered(psf_r).wing
+    image, _, table, _ = track(wing=wing)
+
+    def wanted(distance):
+        return 2 * quad(lambda s: densities(table) @ wing.profile(np.hypot(distance, s)), 0, 4000, limit=400)[0]
+
+    across = from_line(table, WINDOW)
+    for off in (-80, -45, 25, 60, 90):
+        at = np.unravel_index(np.abs(across - off).argmin(), across.shape)
+        assert image[at] == pytest.approx(wanted(across[at]), rel=0.01), off
+    assert image[np.abs(across) < 60].sum() > 0.95 * track()[0].sum()  # the box keeps the rest
+    for shift in (400, -400):
+        window = Window(WINDOW.x0 + shift, WINDOW.x0 + shift + 30, WINDOW.y0, WINDOW.y0 + 30)
+        across_there = from_line(table, window)
+        beside, *_ = track(wing=wing, shown=window)
+        assert np.abs(across_there).min() > 100
+        assert beside[10, 20] == pytest.approx(wanted(across_there[10, 20]), rel=0.02)
+
+
+def test_a_shutter_that_moves_along_a_track_ends_it_as_its_points_end(moving, psf, monkeypatch):
+    """Columns lose 37 to 43 s: the line's light and where it lies are those of its points."""
+    wide = Window(3950, 4250, 3950, 4230)
+    speed = 250 * SCALE / EXPTIME * 3600
+
+    def lost(x):
+        return np.interp(np.asarray(x, float), [3950, 4250], [37.0, 43.0])
+
+    images = []
+    for limit in (1000.0, 10.0):
+        monkeypatch.setattr(trails, "LINE_PX", limit)
+        image, _, table, _ = moving(0.6 * speed, 0.8 * speed, window=wide, ab=17.0, lost=lost, psf=psf)
+        images.append((image, table["electrons"][0]))
+    (points, a), (line, b) = images
+    assert b == pytest.approx(a, rel=0.02)
+    assert line.sum() == pytest.approx(points.sum(), rel=0.02)
+    assert np.abs(line - points).sum() < 0.05 * points.sum()
+
+
 def test_a_trail_through_a_grating(camera, make_pointing, observe, psf, tables):
     """The light of all orders is that of the star at rest, in one row each; all fidelities."""
     pointing = make_pointing()
@@ -225,6 +365,9 @@ def test_a_trail_through_a_grating(camera, make_pointing, observe, psf, tables):
     assert first.max() < 0.5 * found["rest", "noise_free"][0].max()
 
 
+LAID = 0.06  # of a track's light may lie elsewhere than that of its points: the ends, and photons' noise
+
+
 def test_a_track_through_a_grating_is_as_bright_as_its_points(camera, make_pointing, observe, psf, tables, monkeypatch):
     pointing = make_pointing()
     speed = 250 * SCALE / EXPTIME * 3600
@@ -237,7 +380,7 @@ def test_a_track_through_a_grating_is_as_bright_as_its_points(camera, make_point
         sky = Sky(camera, pointing, observe(pointing), psf, [(2900.0, 4750.0, {"id": 1, "ab": 17.0} | motion)])
         interval = Interval(pointing.mjd, EXPTIME)
         objects = sky.select(window, interval=interval)
-        images = {}
+        images, bright = {}, {}
         for limit in (1000.0, 10.0):
             monkeypatch.setattr(trails, "LINE_PX", limit)
             canvas = blank(window, np.float64)
@@ -250,6 +393,15 @@ def test_a_track_through_a_grating_is_as_bright_as_its_points(camera, make_point
                 draw_dispersed.draw_dispersed, canvas, objects, drawing, spectra, sky.disperser
             )
             images[limit] = canvas.expected + (0 if canvas.counted is None else canvas.counted)
+            bright[limit] = table["electrons"][0]
         assert table["method"][0] == "track" and len(orders) == 0
         points, line = images[1000.0], images[10.0]
         assert line.sum() == pytest.approx(points.sum(), rel=0.03)
+        # in squares of 20 px: where the light lies, along and across
+        some, other = (v.reshape(25, 20, 35, 20).sum(axis=(1, 3)) for v in (points, line))
+        assert np.abs(some - other).sum() < LAID * points.sum()
+        assert table["electrons"][0] == pytest.approx(bright[1000.0], rel=1e-3)
+        rows, columns = np.nonzero(line)
+        box = [table[name][0] for name in ("x0", "x1", "y0", "y1")]
+        assert box == [*(columns.min() + 2600, columns.max() + 2601), *(rows.min() + 4500, rows.max() + 4501)]
+        assert table["drawn"][0] == pytest.approx(line.sum())
