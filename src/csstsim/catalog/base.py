@@ -127,7 +127,7 @@ class CatalogBase(ABC):
     def __init__(self, options: Mapping[str, Any], region: Region) -> None:
         self.options = dict(options)
         self.region = region
-        self.objs: Sequence[MockObject] = []
+        self.objs: list[MockObject] = []
 
     @abstractmethod
     def _load(self) -> None:

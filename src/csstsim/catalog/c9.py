@@ -108,7 +108,7 @@ class C9Catalog(CatalogBase):
             if active.any() and self._quasar_file:
                 parts.append(_quasars(columns, host, active))
         self._table = ObjectTable.concat(parts or [_complete({})])
-        self.objs = MockObjects(self._table)
+        self.objs = MockObjects(self._table)  # type: ignore[assignment] # a list, but that each is made when asked for
 
     def _stars(self, columns: Mapping[str, AnyArray], ids: IntArray) -> ObjectTable:
         with np.errstate(invalid="ignore"):

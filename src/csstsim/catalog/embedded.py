@@ -61,7 +61,8 @@ class SceneCatalog(CatalogBase):
         self._set(table, table.meta)
 
     def _set(self, table: ObjectTable, record: dict[str, Any] | list[dict[str, Any] | str]) -> None:
-        self._table, self._record, self.objs = table, record, MockObjects(table)
+        self._table, self._record = table, record
+        self.objs = MockObjects(table)  # type: ignore[assignment] # a list, but that each is made when asked for
 
     @property
     def truth_hash(self) -> str:

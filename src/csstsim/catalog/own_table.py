@@ -75,7 +75,7 @@ class TableCatalog(CatalogBase):
         file = self.options.get("file")
         columns = read_table(file) if file else self.options["columns"]
         self._table = object_table(columns, self._bands, file or COLUMNS_KEY)
-        self.objs = MockObjects(self._table)
+        self.objs = MockObjects(self._table)  # type: ignore[assignment] # a list, but that each is made when asked for
         curves = self.options.get("light_curves")
         self._curves = LightCurves(read_table(curves), curves, self._camera.filters) if curves else None
         names = self._table.get("light_curve", np.zeros(0, str))
