@@ -13,6 +13,8 @@ to `replace` start at the folder Python runs in, but for psf.library and a catal
 the files that are made, and the objects that are not drawn.
 """
 
+from __future__ import annotations
+
 import copy
 import logging
 import math
@@ -20,6 +22,7 @@ import operator
 import warnings
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -39,11 +42,28 @@ from csstsim.optics.geometry.pointing_for import centred_exposure, light_on
 from csstsim.simulation.frame import Frame, frame_of
 from csstsim.simulation.observation import changed_layers
 
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from datetime import datetime
+    from typing import Any, TypeAlias
+
+    from astropy.table import Table
+
+    from csstsim.base.types import IntArray, PathLike
+    from csstsim.campaign.config import Campaign
+    from csstsim.campaign.job import Job
+    from csstsim.instrument.camera import Camera
+    from csstsim.instrument.chip import Chip
+    from csstsim.instrument.filter import Filter
+    from csstsim.instrument.pointing import Pointing
+
+    Layers: TypeAlias = dict[str, Sequence[Mapping[str, dict[str, Any] | None]]]  # {exposure type: Observation.layers}
+
 __all__ = ["Frame", "Simulation"]
 
 
 MOST = 1000  # exposures of one `aim`
-_AIMED = {}  # (seed, obsid): start; what this process has aimed
+_AIMED: dict[tuple[int, str], datetime] = {}  # (seed, obsid): start; what this process has aimed
 
 
 class Simulation:
@@ -54,7 +74,7 @@ class Simulation:
     Raises InputError for any fault in the campaign's files.
     """
 
-    def __init__(self, campaign=None, cache=None):
+    def __init__(self, campaign: str | Path | None = None, cache: PathLike | None = None) -> None:
         if not isinstance(campaign, str | Path | None):
             raise InputError("not a campaign", key="campaign", value=type(campaign).__name__, allowed="a file's path")
         starter = ROOT / "config" / "starter" / "campaign.yaml"
@@ -68,19 +88,25 @@ class Simulation:
         self._cache = cache_folder(cache)
         self._open(config, {}, None)
 
-    def __getstate__(self):
+    def __getstate__(self) -> tuple[Path, Path, Campaign, Layers, dict[str, Pointing] | None]:
         return self._file, self._cache, self._config, self._layers, self._pointings
 
-    def __setstate__(self, state):
-        self._file, self._cache, *opened = state
-        self._open(*opened)
+    def __setstate__(self, state: tuple[Path, Path, Campaign, Layers, dict[str, Pointing] | None]) -> None:
+        self._file, self._cache, config, layers, pointings = state
+        self._open(config, layers, pointings)
 
-    def _open(self, config, layers, pointings):
+    def _open(self, config: Campaign, layers: Layers, pointings: dict[str, Pointing] | None) -> None:
         self._config, self._layers, self._pointings = config, layers, pointings  # as given: a copy is made of these
         self._run = OpenCampaign(self._file, copied=True, config=config, layers=layers, pointings=pointings)
         self._run.paths = Kept(self._cache, self._run)
 
-    def replace(self, *, layers=None, catalog=None, **keys):
+    def replace(
+        self,
+        *,
+        layers: Mapping[str, dict[str, Any] | None] | None = None,
+        catalog: Table | str | Path | type[CatalogBase] | dict[str, Any] | None = None,
+        **keys: Any,
+    ) -> Simulation:
         """Return a copy of this Simulation with the given changes.
 
         keys: those of a campaign file (docs: Configuration), whole, as there or as Python has them: `seed=2`,
@@ -108,20 +134,26 @@ class Simulation:
             keys["catalog"] = _catalog(catalog, config["catalog"], bands)
         return self._with(config | keys, kept, pointings, layers)
 
-    def _with(self, config, layers, pointings, changes=None):
+    def _with(
+        self,
+        config: dict[str, Any],
+        layers: Layers,
+        pointings: dict[str, Pointing] | None,
+        changes: Mapping[str, dict[str, Any] | None] | None = None,
+    ) -> Simulation:
         made = object.__new__(Simulation)
         made._file, made._cache = self._file, self._cache
-        config = make_campaign(config, self._file)
+        campaign = make_campaign(config, self._file)
         if changes is not None:
-            file = config.observation_file("SCIE")
+            file = campaign.observation_file("SCIE")
             layers = layers | {"SCIE": changed_layers(changes, layers.get("SCIE"), file)}
-        made._open(config, layers, pointings)
+        made._open(campaign, layers, pointings)
         return made
 
     def aim(
-        self, ra, dec, chip=9, *, size=1000, pa=0.0, time="2027-11-20T01:20:00", exptime=150.0, obsid="10100000001",
-        exposures=1,
-    ):  # fmt: skip
+        self, ra: float, dec: float, chip: int = 9, *, size: int | None = 1000, pa: float = 0.0,
+        time: str = "2027-11-20T01:20:00", exptime: float = 150.0, obsid: str | int = "10100000001", exposures: int = 1,
+    ) -> Simulation:  # fmt: skip
         """Return a Simulation of exposures with a place on the middle of one chip, and of the pixels around it.
 
         ra, dec [deg, ICRS]; chip: its number (its filter is the image's); size: side of the window [pixel], None for
@@ -158,21 +190,21 @@ class Simulation:
         return self._with(self._config.model_dump() | changes, self._layers, pointings)
 
     @property
-    def config(self):
+    def config(self) -> Campaign:
         """The campaign as csstsim.campaign.config.Campaign: every key, a copy."""
         return self._config.model_copy(deep=True)
 
     @property
-    def layers(self):
+    def layers(self) -> list[dict[str, dict[str, Any]]]:
         """The layers of science exposures with all their parameters: a list of {keyword: {name: value}}, in order."""
         return self._run.steps["SCIE"].describe() if "SCIE" in self._run.steps else []
 
     @cached_property
-    def exposures(self):
+    def exposures(self) -> Table:
         """astropy Table, one row a selected exposure: obsid, type, ra, dec, pa [deg], time, exptime [s], chips."""
         from astropy.table import Table
 
-        rows = {}
+        rows: dict[str, tuple[Pointing, list[int]]] = {}
         for job in self._run.jobs:
             rows.setdefault(job.obsid, (job.pointing, []))[1].append(job.chip.id)
         names = "obsid", "type", "ra", "dec", "pa", "time", "exptime"
@@ -187,7 +219,7 @@ class Simulation:
             table["chips"][row] = tuple(chips)
         return table
 
-    def chip(self, obsid, chip):
+    def chip(self, obsid: str | int, chip: int) -> Frame:
         """Return the Frame of one chip, by number, in one exposure, read out: DN, all layers.
 
         Raises InputError for an exposure or chip that the campaign does not select.
@@ -206,7 +238,7 @@ class Simulation:
         header = Header.fromstring("".join(text for part in cards for text in part))
         return frame_of(job, state, readout.active(state.image), header=header, raw=state.image, readout=readout)
 
-    def light(self, obsid, chip):
+    def light(self, obsid: str | int, chip: int) -> Frame:
         """Return the Frame of the light alone, before the detector: electrons of objects and sky.
 
         Bright objects and the sky are expected electrons; faint objects are counted electrons, with Poisson noise. With
@@ -220,7 +252,14 @@ class Simulation:
         image = state.image if state.counted is None else state.image + state.counted.astype(np.float32)
         return frame_of(job, state, image)
 
-    def inject(self, frame, table, *, realisation=1, light_curves=None):
+    def inject(
+        self,
+        frame: Frame,
+        table: Table | dict[str, Any] | str | Path,
+        *,
+        realisation: int = 1,
+        light_curves: PathLike | None = None,
+    ) -> Frame:
         """Return a copy of a Frame with the objects of a table in it (docs: Injection); `frame` stays as it is.
 
         frame: of this Simulation's `chip` or `light`; table: astropy Table, {name: values} or the path of a file, with
@@ -237,14 +276,14 @@ class Simulation:
             raise InputError("no number of a realisation", key="realisation", value=number, allowed="0 and above")
         return into_frame(self._run, frame, table, number, _say, light_curves)
 
-    def _job(self, obsid, chip):
+    def _job(self, obsid: str | int, chip: int) -> Job:
         return self._run.job(str(obsid), _whole(chip, "chip"))
 
 
-def _from_here(keys):
+def _from_here(keys: dict[str, Any]) -> dict[str, Any]:
     """Return changed keys with absolute paths: the process may go to another folder."""
 
-    def absolute(value):
+    def absolute(value: Any) -> Any:
         return Path(value).absolute() if isinstance(value, str | Path) and str(value) else value
 
     for name in {"survey_table", "universe", "instrument", "output"}.intersection(keys):
@@ -255,7 +294,7 @@ def _from_here(keys):
     return keys
 
 
-def _window_about(camera, chip, size):
+def _window_about(camera: Camera, chip: Chip, size: int) -> dict[str, int]:
     """Return the window of `size` px about the middle of the light that `aim` puts on a chip. Raises InputError."""
     nx, ny = chip.detector.nx, chip.detector.ny
     size, most = _whole(size, "size"), min(nx, ny)
@@ -271,7 +310,7 @@ def _window_about(camera, chip, size):
     return {"x0": x0, "x1": x0 + size, "y0": y0, "y1": y0 + size}
 
 
-def _warn_of_one_noise(seed, pointings):
+def _warn_of_one_noise(seed: int, pointings: Mapping[str, Pointing]) -> None:
     """Warn where an obsid was aimed before, with this seed, at another time."""
     for obsid, pointing in pointings.items():
         before = _AIMED.setdefault((seed, obsid), pointing.start)
@@ -280,7 +319,11 @@ def _warn_of_one_noise(seed, pointings):
             warnings.warn(f"{message}; give another `obsid`, or ask for more `exposures`", stacklevel=3)
 
 
-def _catalog(given, before, bands):
+def _catalog(
+    given: Table | str | Path | type[CatalogBase] | dict[str, Any],
+    before: Mapping[str, Any],
+    bands: Mapping[str, Filter],
+) -> dict[str, Any]:
     """Return the campaign's `catalog` for a table, its file, a class or a mapping; shapes stay as they were."""
     if isinstance(given, dict):
         return copy.deepcopy(given)
@@ -306,14 +349,14 @@ def _catalog(given, before, bands):
     }
 
 
-def _window(given):
+def _window(given: Sequence[int] | IntArray) -> dict[str, int]:
     """Return the mapping of (x0, x1, y0, y1)."""
     if len(given) != 4:
         raise InputError("must be four numbers", key="window", value=tuple(given), allowed="(x0, x1, y0, y1)")
     return {name: _whole(value, f"window.{name}") for name, value in zip(("x0", "x1", "y0", "y1"), given, strict=True)}
 
 
-def _whole(value, name):
+def _whole(value: Any, name: str) -> int:
     """Return a whole number as int. Raises InputError for anything else."""
     try:
         if isinstance(value, bool | np.bool_):
@@ -323,6 +366,6 @@ def _whole(value, name):
         raise InputError("must be a whole number", key=name, value=value) from None
 
 
-def _say(text):
+def _say(text: object) -> None:
     """Pass on what a command would print; objects that are not drawn are worth a warning."""
     logging.getLogger("csstsim").log(logging.WARNING if "not drawn" in str(text) else logging.INFO, text)

@@ -55,7 +55,7 @@ ARCSEC_PER_RAD = math.degrees(1.0) * 3600.0
 MAS_PER_RAD = 1000.0 * ARCSEC_PER_RAD
 
 
-def ab_photon_density(wavelength: FloatsT, magnitude: float = 0.0) -> FloatsT:
+def ab_photon_density(wavelength: FloatsT, magnitude: FloatsT | float = 0.0) -> FloatsT:
     """Return the photon flux density of a source of constant AB magnitude.
 
     `wavelength` in angstrom (array or float); result in photon / s / m2 / angstrom:

@@ -1,6 +1,9 @@
 """Checks across a campaign's files. run: campaign.opened.OpenCampaign; all raise InputError."""
 
+from __future__ import annotations
+
 from stat import S_ISDIR
+from typing import TYPE_CHECKING, cast
 
 from csstsim.base.errors import BlockedError, InputError
 from csstsim.base.help_page import explained
@@ -11,8 +14,18 @@ from csstsim.campaign.sections import PixelWindow
 from csstsim.instrument.maps.chip_maps import STAGES
 from csstsim.optics.throughput import shutter
 
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+    from pathlib import Path
 
-def check_file(run, key, path):
+    from csstsim.campaign.opened import OpenCampaign
+    from csstsim.instrument.chip import Chip
+    from csstsim.instrument.pointing import Pointing
+    from csstsim.io.keywords import StateOfChip
+    from csstsim.simulation.sim_steps import SimSteps
+
+
+def check_file(run: OpenCampaign, key: str, path: Path) -> None:
     """The file that a key of the campaign names, survey_table or one of observations, is there."""
     try:
         fault = "it is a folder" if S_ISDIR(path.stat().st_mode) else None
@@ -27,10 +40,10 @@ def check_file(run, key, path):
 
 
 @explained("campaign")
-def check_selection(run):
+def check_selection(run: OpenCampaign) -> None:
     """Exposures, chips, filters, window and PSF library of the campaign file exist."""
     select = run.config.select
-    unknown = sorted(set(select.obsids or ()) - set(run.pointings))
+    unknown: list[str] | list[int] = sorted(set(select.obsids or ()) - set(run.pointings))
     if unknown:
         raise InputError(
             "not in the survey table", file=run.file, key="select.obsids", value=unknown[0],
@@ -71,7 +84,7 @@ def check_selection(run):
 
 
 @explained("campaign")
-def check_share(run):
+def check_share(run: OpenCampaign) -> None:
     """The folder of shared products, if there is one, can have links into the output folder, and is not inside it."""
     share, output = run.config.share, run.paths.output
     if share is None:
@@ -84,13 +97,13 @@ def check_share(run):
         raise InputError("not on the file system of the output folder", file=run.file, key="share", value=share)
 
 
-def _there(folder):
+def _there(folder: Path) -> Path:
     """Return a folder, or the nearest folder above it that exists."""
     return next(path for path in (folder.resolve(), *folder.resolve().parents) if path.exists())
 
 
 @explained("instrument")
-def check_maps(chips, *, read=False):
+def check_maps(chips: Iterable[Chip], *, read: bool = False) -> None:
     """The laboratory maps of these Chips can be used: by their headers, and if `read` by all their pixels."""
     maps = [one for chip in chips for one in chip.maps.of(STAGES.values()).values()]
     for one in progress(maps, "laboratory maps") if read and maps else ():
@@ -98,7 +111,7 @@ def check_maps(chips, *, read=False):
 
 
 @explained("instrument")
-def check_header(run, chip):
+def check_header(run: OpenCampaign, chip: Chip) -> None:
     """The header's table of an own camera asks for what a header can state. chip: a Chip of the campaign."""
     from types import SimpleNamespace
 
@@ -108,16 +121,16 @@ def check_header(run, chip):
     own_layers = not all(steps.shipped for steps in run.steps.values())  # which may add quantities
     if own_layers or camera.files.folder.resolve() == (SHIPPED / "instrument").resolve():
         return
-    state = SimpleNamespace(
+    state = cast("StateOfChip", SimpleNamespace(
         header={}, mask=None, pointing=next(iter(run.pointings.values())), chip=chip, window=chip.full_window,
         telescope=camera.telescope, wcs=SimpleNamespace(distortion=None),
-    )  # fmt: skip
+    ))  # fmt: skip
     for hdu in (0, 1):
         header_cards(camera.keywords, header_values(state, {}, "channels"), hdu, file)
 
 
 @explained("campaign")
-def check_photons(run):
+def check_photons(run: OpenCampaign) -> None:
     """Counted photons and cosmic rays need the layer poisson_and_dark, which adds them to the image."""
     drawn = run.config.fidelity in ("preview", "standard")
     for steps in run.steps.values():
@@ -129,7 +142,7 @@ def check_photons(run):
 
 
 @explained("survey table")
-def check_layers(run, exposures):
+def check_layers(run: OpenCampaign, exposures: Mapping[str, Pointing]) -> None:
     """The layers can have the camera and each of the exposures {obsid: Pointing}."""
     blocked = {}
     for obsid, pointing in exposures.items():
@@ -154,7 +167,7 @@ def check_layers(run, exposures):
 
 
 @explained("campaign")
-def check_shutter(steps, exptime, chips):
+def check_shutter(steps: SimSteps, exptime: float, chips: Iterable[Chip]) -> None:
     """An exposure [s] of these SimSteps is not shorter than the shutter allows, on any of the chips."""
     for chip in chips if steps.losses.shutter else ():
         try:
@@ -164,7 +177,7 @@ def check_shutter(steps, exptime, chips):
 
 
 @explained("campaign")
-def check_masters(run, chips):
+def check_masters(run: OpenCampaign, chips: Iterable[int]) -> None:
     """The master frames with which science exposures of these chips (numbers) are calibrated exist."""
     for chip_id in sorted(chips) if run.config.measurement.calibration == "frames" else ():
         path = run.masters(chip_id)
@@ -176,7 +189,7 @@ def check_masters(run, chips):
 
 
 @explained("campaign")
-def check_kept(run, chips_as, scratch):
+def check_kept(run: OpenCampaign, chips_as: str, scratch: bool) -> None:
     """`keep: light` works: the render stage writes its files, and not on a node's own disk."""
     if run.config.keep == "light" and (chips_as != "stages" or scratch):
         message = "light is kept by the four stages of a chip, in the output folder"

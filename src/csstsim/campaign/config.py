@@ -7,7 +7,7 @@ null for `instrument`, `universe` or an observation means the one shipped in con
 
 import re
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 from pydantic import Field, field_validator
 
@@ -18,6 +18,7 @@ from csstsim.base.files.yaml_file import read_yaml
 from csstsim.base.help_page import explained
 from csstsim.base.model import FilePath, Model, validate
 from csstsim.base.shipped import SHIPPED
+from csstsim.base.types import PathLike
 from csstsim.campaign.sections import AstrometryConfig, CatalogConfig, MeasurementConfig, PixelWindow, PsfConfig, Select
 from csstsim.campaign.thresholds import ValidateConfig
 from csstsim.campaign.variants import changed, named, split
@@ -30,7 +31,7 @@ LAYOUTS = {1: "give schema_version: 1, and the keys of config/README.md"}
 NEWEST = max(LAYOUTS)
 
 
-def check_layout(version):
+def check_layout(version: int) -> int:
     """Return a campaign file's schema_version. Raises ValueError, which says what to change, for another layout."""
     if 0 <= version < NEWEST:
         steps = "; ".join(LAYOUTS[number] for number in range(version + 1, NEWEST + 1))
@@ -82,7 +83,7 @@ class Campaign(Model):
         description="'light': keep the rendered light of each chip (0.4 GB for a whole one), so that a change of the "
         "detector reruns the readout but not render; only with --config chips=stages",
     )
-    level0_names: Literal[tuple(FORMS)] = Field(
+    level0_names: Literal[tuple(FORMS)] = Field(  # type: ignore[valid-type]  # pydantic reads it
         NEWEST_NAMES,
         description="form of the names of Level-0 files: 'C9', that of Cycle 9 and W1; 'C5.2', 'C5.1' or 'C3', those "
         "of older mocks, for programs that look for them",
@@ -102,7 +103,7 @@ class Campaign(Model):
 
     @field_validator("variants")
     @classmethod
-    def _names_of_folders(cls, value):
+    def _names_of_folders(cls, value: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
         for name in value:
             if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
                 raise ValueError(f"{name}: a name has letters, digits and _, and begins with a letter")
@@ -110,30 +111,32 @@ class Campaign(Model):
 
     @field_validator("truth")
     @classmethod
-    def _parquet_is_there(cls, value):
+    def _parquet_is_there(cls, value: tuple[str, ...]) -> tuple[str, ...]:
         if "parquet" not in value or len(set(value)) < len(value):
             raise ValueError("must be [parquet] or [parquet, cat]")
         return value
 
     _layout = field_validator("schema_version")(check_layout)
 
-    def observation_file(self, exposure_type):
+    def observation_file(self, exposure_type: str) -> Path:
         """Return the path of the layer list for 'SCIE', 'BIAS', 'DARK' or 'FLAT'."""
         names = {"SCIE": "science", "BIAS": "bias", "DARK": "dark", "FLAT": "led_flat"}
-        return self.observations.get(exposure_type, SHIPPED / "observations" / f"{names[exposure_type]}.yaml")
+        return self.observations.get(
+            cast(ExposureType, exposure_type), SHIPPED / "observations" / f"{names[exposure_type]}.yaml"
+        )
 
     @property
-    def universe_folder(self):
+    def universe_folder(self) -> Path:
         """The universe folder: the campaign's, or the shipped one."""
         return self.universe or SHIPPED / "universe"
 
-    def digest(self):
+    def digest(self) -> str:
         """Return 16 hex digits of what decides a chip's pixels: not which chips run, not folders, not thresholds."""
         return digest(self.model_dump(mode="json", include={"seed", "catalog", "astrometry", "psf", "fidelity"}))
 
 
 @explained("campaign")
-def load_campaign(path):
+def load_campaign(path: PathLike) -> Campaign:
     """Read and check a campaign file; its files and folders are found beside it. Raises InputError.
 
     psf.library, measurement.masters and a catalogue's options stay as they are written, for they are part of recipes:
@@ -160,7 +163,7 @@ def load_campaign(path):
     })  # fmt: skip
 
 
-def _check_variants(config, data, file):
+def _check_variants(config: Campaign, data: dict[str, Any], file: Path) -> None:
     """Each variant of a base is a campaign, and none is equal to another."""
     seen = {_what(config): "the base"}
     for name in config.variants:
@@ -170,11 +173,11 @@ def _check_variants(config, data, file):
         seen[what] = f"the variant {name}"
 
 
-def _what(config):
+def _what(config: Campaign) -> str:
     return config.model_dump_json(exclude={"variants"})
 
 
-def _there(file, path):
+def _there(file: Path, path: Path) -> Path:
     """Return `beside`; the error of a file that is only found from the current directory says so."""
     found = beside(file, path)
     if not found.exists() and path.exists():
@@ -185,7 +188,7 @@ def _there(file, path):
     return found
 
 
-def make_campaign(data, path):
+def make_campaign(data: dict[Any, Any], path: PathLike) -> Campaign:
     """Return the Campaign of a mapping; errors name `path`. Raises InputError."""
     campaign = validate(Campaign, data, path)
     if campaign.window == "region" and campaign.select.region is None:

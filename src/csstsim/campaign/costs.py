@@ -3,10 +3,12 @@
 A cost is a sum of terms, each a number times a quantity of the job. The file lists the terms and what measured them.
 """
 
+from __future__ import annotations
+
 from collections import Counter
 from dataclasses import dataclass
 from functools import cache
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -15,6 +17,18 @@ from csstsim.base.model import Model, validate
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.variants import made_by_base
 from csstsim.instrument.load import read_data
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+    from pathlib import Path
+    from typing import Any, TypeAlias
+
+    from csstsim.base.types import PathLike
+    from csstsim.campaign.job import Job
+    from csstsim.campaign.opened import OpenCampaign
+
+    Key: TypeAlias = tuple[str, int] | int | str | None  # of a job: `expected` says which rule has which
+    Costs: TypeAlias = dict[str, dict[Any, "Cost"]]  # {rule: {Key: Cost}}
 
 FILE = SHIPPED / "costs.yaml"
 STAGES = ("select", "render", "readout", "level0")  # of a chip, one process each
@@ -36,7 +50,7 @@ class Numbers(Model):
     cpu_s: Terms = Field(min_length=1)
     memory_mb: Terms = Field(min_length=1)
 
-    def cost(self, quantities):
+    def cost(self, quantities: Mapping[Quantity, float]) -> Cost:
         """Return the Cost of a job. quantities: {Quantity: number}; what is not there is 0."""
         sums = (
             sum(number * quantities.get(name, 0.0) for name, number in terms.items())
@@ -78,13 +92,13 @@ class Cost:
 
 
 @cache
-def load_costs(file=FILE):
+def load_costs(file: PathLike = FILE) -> dict[str, Numbers]:
     """Return {rule: Numbers} of config/costs.yaml. Raises InputError."""
     rules = validate(Rules, read_data(file), file)
     return {field.alias or name: getattr(rules, name) for name, field in Rules.model_fields.items()}
 
 
-def expected(run):
+def expected(run: OpenCampaign) -> Costs:
     """Return {rule: {key: Cost}} of the jobs of a campaign, in the order of the workflow. run: an OpenCampaign.
 
     Keys are (obsid, chip) of jobs, bricks, chips (psf, masters), exposures, or None (report). The INSTEAD rules are
@@ -92,7 +106,7 @@ def expected(run):
     set that another campaign has made (`share`) costs what linking it does. What a variant's base makes is left out.
     """
     numbers = load_costs()
-    found = {rule: {} for rule in numbers if not rule.endswith("_spectra")}
+    found: Costs = {rule: {} for rule in numbers if not rule.endswith("_spectra")}
     for rule, key, quantities in _quantities(run):
         if made_by_base(run, rule.removesuffix("_spectra"), key):
             continue
@@ -105,15 +119,15 @@ def expected(run):
     return {rule: costs for rule, costs in found.items() if costs}
 
 
-def _is_shared(run, path):
+def _is_shared(run: OpenCampaign, path: Path) -> bool:
     """Whether a product is only to be linked, or was: another campaign has made it, or has it, too."""
     common = run.in_share(path)
     return common is not None and common.exists() and (not path.exists() or common.stat().st_nlink > 2)
 
 
-def _exposures(chips, start):
+def _exposures(chips: Mapping[tuple[str, int], Cost], start: float) -> dict[str, Cost]:
     """Return {obsid: Cost} of exposures, a process each, from {(obsid, chip): Cost}; `start`: CPU s of starting one."""
-    found = {}
+    found: dict[str, list[Cost]] = {}
     for (obsid, _), cost in chips.items():
         found.setdefault(obsid, []).append(cost)
     return {
@@ -122,12 +136,12 @@ def _exposures(chips, start):
     }
 
 
-def each_once(costs):
+def each_once(costs: Costs) -> Costs:
     """Return {rule: {key: Cost}} of the workflow as it is by default: each job once, without INSTEAD."""
     return {rule: jobs for rule, jobs in costs.items() if rule not in INSTEAD}
 
 
-def _quantities(run):
+def _quantities(run: OpenCampaign) -> Iterator[tuple[str, Key, dict[Quantity, float]]]:
     """Yield (rule or NAME_spectra, key, {Quantity: number}) of each job."""
     science = run.imaging_jobs + run.slitless_jobs
     for pix in run.sky_bricks:
@@ -146,11 +160,15 @@ def _quantities(run):
         yield "report", None, {"job": 1, "read_mpix": read, "brick": len(run.merge_bricks)}
 
 
-def _of_chips(run, objects):
+def _of_chips(
+    run: OpenCampaign, objects: Mapping[tuple[str, int], float]
+) -> Iterator[tuple[str, Key, dict[Quantity, float]]]:
     """Yield the rules of each (exposure, chip). objects: {job.key: how many}."""
     for job in run.jobs:
         thousands = objects.get(job.key, 0.0) / 1000.0
-        quantities = {"job": 1, "mpix": megapixels(job), "kobject": thousands, run.config.fidelity: thousands}
+        quantities: dict[Quantity, float] = {
+            "job": 1, "mpix": megapixels(job), "kobject": thousands, run.config.fidelity: thousands
+        }  # fmt: skip
         spectra, science = run.has_orders(job), job.pointing.type == "SCIE"
         suffix = "_spectra" if spectra else ""
         if science:
@@ -167,23 +185,23 @@ def _of_chips(run, objects):
         yield "measure", job.key, {"job": 1, "mpix": megapixels(job)}
 
 
-def _of_bricks(run):
+def _of_bricks(run: OpenCampaign) -> Iterator[tuple[str, Key, dict[Quantity, float]]]:
     """Yield the rules of each brick. A frame's pixels are shared out among the bricks it touches."""
     touched = Counter(job.key for jobs in run.merge_bricks.values() for job in jobs)
     for pix, jobs in run.merge_bricks.items():
         pixels = [megapixels(job) for job in jobs]
         on_it = sum(size / touched[job.key] for size, job in zip(pixels, jobs, strict=True))
-        quantities = {"job": 1, "frame": len(jobs), "read_mpix": sum(pixels), "mpix": on_it}
+        quantities: dict[Quantity, float] = {"job": 1, "frame": len(jobs), "read_mpix": sum(pixels), "mpix": on_it}
         yield "merge", pix, quantities
         yield "validate", pix, quantities
 
 
-def megapixels(job):
+def megapixels(job: Job) -> float:
     """Return the pixels of a job's window, in millions."""
     return job.window.nx * job.window.ny / 1e6
 
 
-def expected_objects(run, jobs):
+def expected_objects(run: OpenCampaign, jobs: Sequence[Job]) -> dict[tuple[str, int], float]:
     """Return {job.key: galaxies and stars expected on its window}: i and V counts down to the campaign's limit.
 
     Empty for a user's catalogue.
@@ -195,12 +213,12 @@ def expected_objects(run, jobs):
 
     numbers, limit = run.universe.numbers, run.config.catalog.mag_limit
     mag, galaxies = cumulative_counts(numbers["galaxies"])
-    galaxies = galaxies[-1] if limit is None else np.interp(limit, mag, galaxies)
+    total = galaxies[-1] if limit is None else np.interp(limit, mag, galaxies)
     faint = numbers["stars"]["limits"][1]
     pointings = {job.obsid: (job.pointing.ra, job.pointing.dec) for job in jobs}
-    places = np.transpose(list(pointings.values()))
+    ra, dec = np.transpose(list(pointings.values()))
     with run.universe.faults_of("stars"):
-        stars = expected_counts(*places, numbers["stars"], min(limit or faint, faint))
-    density = {obsid: float(galaxies + count) for obsid, count in zip(pointings, stars, strict=True)}  # deg-2
+        stars = expected_counts(ra, dec, numbers["stars"], min(limit or faint, faint))
+    density = {obsid: float(total + count) for obsid, count in zip(pointings, stars, strict=True)}  # deg-2
     pixel = (run.camera.telescope.pixel_scale / 3600.0) ** 2
     return {job.key: megapixels(job) * 1e6 * pixel * density[job.obsid] for job in jobs}

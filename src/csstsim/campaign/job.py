@@ -1,10 +1,22 @@
 """The unit of work: one exposure of one chip."""
 
+from __future__ import annotations
+
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, cast
 
 from csstsim.base.digest import digest
 from csstsim.simulation.exposure import Exposure
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from csstsim.base.types import FloatArray
+    from csstsim.catalog.astrometry.ephemeris import Observer
+    from csstsim.instrument.chip import Chip, Window
+    from csstsim.instrument.pointing import Pointing
+    from csstsim.optics.geometry.wcs import ChipWCS
 
 
 @dataclass(frozen=True)
@@ -17,25 +29,48 @@ class Job:
     obsid: str
     exposure: Exposure
 
-    chip = property(lambda self: self.exposure.chip, doc="instrument.chip.Chip")
-    pointing = property(lambda self: self.exposure.pointing, doc="instrument.pointing.Pointing")
-    window = property(lambda self: self.exposure.window, doc="instrument.chip.Window")
-    wcs = property(lambda self: self.exposure.wcs, doc="optics.geometry.wcs.ChipWCS")
-    observer = property(lambda self: self.exposure.observer, doc="catalog.astrometry.ephemeris.Observer")
-    footprint = property(lambda self: self.exposure.footprint, doc="Exposure.footprint")
+    @property
+    def chip(self) -> Chip:
+        """instrument.chip.Chip."""
+        return self.exposure.chip
 
     @property
-    def key(self):
+    def pointing(self) -> Pointing:
+        """instrument.pointing.Pointing."""
+        return self.exposure.pointing
+
+    @property
+    def window(self) -> Window:
+        """instrument.chip.Window."""
+        return self.exposure.window
+
+    @property
+    def wcs(self) -> ChipWCS:
+        """optics.geometry.wcs.ChipWCS."""
+        return self.exposure.wcs
+
+    @property
+    def observer(self) -> Observer:
+        """catalog.astrometry.ephemeris.Observer."""
+        return cast("Observer", self.exposure.observer)  # a campaign's exposures have one
+
+    @property
+    def footprint(self) -> Callable[..., tuple[FloatArray, FloatArray]]:
+        """Exposure.footprint."""
+        return self.exposure.footprint
+
+    @property
+    def key(self) -> tuple[str, int]:
         """(obsid, chip number)."""
         return self.obsid, self.chip.id
 
     @property
-    def options(self):
+    def options(self) -> str:
         """The command-line options that name the job."""
         return f"--obsid {self.obsid} --chip {self.chip.id}"
 
     @property
-    def digest(self):
+    def digest(self) -> str:
         """16 hex digits of the row of the survey table, the window and the chip."""
         row = {"obsid": self.obsid} | vars(self.pointing)
         if self.pointing.survey == "WIDE":  # said of deep exposures alone: other products keep their digest
@@ -44,7 +79,7 @@ class Job:
         return digest([text, str(self.window), self.chip.id])
 
     @contextmanager
-    def named(self):
+    def named(self) -> Iterator[None]:
         """Annotate an exception inside with obsid and chip."""
         try:
             yield

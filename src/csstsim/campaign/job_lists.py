@@ -1,8 +1,16 @@
 """Which of a campaign's jobs, chips and bricks each rule of the workflow works on."""
 
+from __future__ import annotations
+
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 from csstsim.catalog.selection.bricks import bricks_for
+
+if TYPE_CHECKING:
+    from csstsim.campaign.job import Job
+    from csstsim.instrument.camera import Camera
+    from csstsim.simulation.exposure import Exposure
 
 MERGE_MARGIN_DEG = 2.0 / 3600.0  # a merged brick takes detections up to 2" beyond its border
 CALIBRATIONS = "BIAS", "DARK", "FLAT"
@@ -13,42 +21,55 @@ EDGE_PX = 3.0  # field distortion bends a chip's edges on the sky: by up to 2.4 
 class JobLists:
     """The part of an OpenCampaign that sorts its `jobs` by what is made of them."""
 
+    if TYPE_CHECKING:  # what an OpenCampaign has
+        camera: Camera
+
+        @property
+        def jobs(self) -> tuple[Job, ...]: ...  # noqa: D102
+
+        @property
+        def embedded(self) -> bool: ...  # noqa: D102
+
+        def has_orders(self, job: Job) -> bool: ...  # noqa: D102
+
+        def truth_bricks(self, exposure: Exposure | Job) -> tuple[int, ...]: ...  # noqa: D102
+
     @cached_property
-    def science_jobs(self):
+    def science_jobs(self) -> tuple[Job, ...]:
         """The jobs of exposures that see the sky."""
         return tuple(job for job in self.jobs if job.pointing.type == "SCIE")
 
     @cached_property
-    def sky_chips(self):
+    def sky_chips(self) -> list[int]:
         """The numbers of chips that see the sky, sorted: each has a PSF set."""
         return sorted({job.chip.id for job in self.science_jobs})
 
     @cached_property
-    def sky_bricks(self):
+    def sky_bricks(self) -> list[int]:
         """The bricks of the embedded universe that the jobs need, sorted."""
         return sorted({pix for job in self.science_jobs for pix in self.truth_bricks(job)} if self.embedded else ())
 
     @cached_property
-    def imaging_jobs(self):
+    def imaging_jobs(self) -> tuple[Job, ...]:
         """The jobs that are measured: science exposures of imaging chips."""
         return tuple(job for job in self.science_jobs if job.chip.kind == "imaging")
 
     @cached_property
-    def first_frames(self):
+    def first_frames(self) -> tuple[Job, ...]:
         """The science job whose picture is made first, in a tuple: of the middle band, the deepest; or ()."""
         bands = [name for name in self.camera.filters if any(job.chip.filter == name for job in self.imaging_jobs)]
-        jobs = [job for job in self.imaging_jobs if job.chip.filter == bands[len(bands) // 2]]
+        jobs = tuple(job for job in self.imaging_jobs if job.chip.filter == bands[len(bands) // 2])
         return (jobs or self.science_jobs)[:1]
 
     @cached_property
-    def slitless_jobs(self):
+    def slitless_jobs(self) -> tuple[Job, ...]:
         """The jobs whose spectra are extracted: science exposures of spectroscopic chips."""
         return tuple(job for job in self.jobs if self.has_orders(job))
 
     @cached_property
-    def calibration_jobs(self):
+    def calibration_jobs(self) -> dict[int, list[Job]]:
         """{chip: its jobs} of the chips with enough bias, dark and lamp exposures for master frames."""
-        chips = {}
+        chips: dict[int, list[Job]] = {}
         for job in self.jobs:
             if job.pointing.type != "SCIE" and job.window == job.chip.full_window:
                 chips.setdefault(job.chip.id, []).append(job)
@@ -58,9 +79,9 @@ class JobLists:
         }  # fmt: skip
 
     @cached_property
-    def merge_bricks(self):
+    def merge_bricks(self) -> dict[int, list[Job]]:
         """{brick: its jobs} of the bricks that a measured window touches."""
-        bricks = {}
+        bricks: dict[int, list[Job]] = {}
         for job in self.imaging_jobs:
             for pix in bricks_for(*job.footprint(EDGE_PX), MERGE_MARGIN_DEG):
                 bricks.setdefault(int(pix), []).append(job)

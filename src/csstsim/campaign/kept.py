@@ -1,15 +1,22 @@
 """Truth bricks and PSF sets kept for the user, outside any campaign's output: for Python and for frames of others."""
 
+from __future__ import annotations
+
 import os
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from csstsim.base.digest import digest
 from csstsim.base.errors import InputError
 from csstsim.io.paths import Paths
 
+if TYPE_CHECKING:
+    from csstsim.base.types import PathLike
+    from csstsim.campaign.opened import OpenCampaign
 
-def cache_folder(given=None):
+
+def cache_folder(given: PathLike | None = None) -> Path:
     """Return the folder, made if need be: given, $CSSTSIM_CACHE, or csstsim in the user's cache. Raises InputError."""
     folder = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     folder = Path(given or os.environ.get("CSSTSIM_CACHE") or Path(folder) / "csstsim").absolute()
@@ -24,26 +31,26 @@ def cache_folder(given=None):
 class Kept(Paths):
     """Paths of an OpenCampaign: truth bricks and PSF sets in a cache, in folders named by digests of their inputs."""
 
-    def __init__(self, cache, run):
+    def __init__(self, cache: Path, run: OpenCampaign) -> None:
         super().__init__(cache / "products")
         self._cache, self._recipes = cache, run.recipes
 
     @cached_property
-    def _truth(self):
+    def _truth(self) -> Paths:
         return Paths(self._cache / digest(self._recipes.truth))
 
     @cached_property
-    def _psf(self):
+    def _psf(self) -> Paths:
         return Paths(self._cache / digest(self._recipes.psf))
 
-    def truth(self, pix):
+    def truth(self, pix: int) -> Path:
         """As Paths.truth."""
         return self._truth.truth(pix)
 
-    def psf(self, chip_id):
+    def psf(self, chip_id: int) -> Path:
         """As Paths.psf."""
         return self._psf.psf(chip_id)
 
-    def psf_tables(self, chip_id):
+    def psf_tables(self, chip_id: int) -> Path:
         """As Paths.psf_tables."""
         return self._psf.psf_tables(chip_id)

@@ -4,9 +4,12 @@ Every fault of the input is found here, before any work starts. The CLI and the 
 the same object.
 """
 
+from __future__ import annotations
+
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from csstsim.base.digest import digest, file_digest
 from csstsim.base.errors import InputError
@@ -45,13 +48,37 @@ from csstsim.render.settings import load_numbers
 from csstsim.simulation.exposure import Exposure
 from csstsim.simulation.sim_steps import SimSteps
 
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping, Sequence
+    from typing import Any
+
+    from csstsim.base.types import FloatArray, PathLike
+    from csstsim.campaign.config import Campaign
+    from csstsim.campaign.sections import CatalogConfig
+    from csstsim.campaign.thresholds import ValidateConfig
+    from csstsim.catalog.astrometry.ephemeris import Observer
+    from csstsim.catalog.base import CatalogBase, Region
+    from csstsim.instrument.chip import Chip
+    from csstsim.instrument.pointing import Pointing
+    from csstsim.optics.geometry.distortion import FieldDistortion
+    from csstsim.universe.parameters import Universe
+
 
 class OpenCampaign(JobLists):
     """A checked campaign. Raises InputError for any fault in its files."""
 
     def __init__(
-        self, file, output=None, scratch=None, *, copied=False, config=None, layers=None, pointings=None, only=None
-    ):
+        self,
+        file: PathLike,
+        output: PathLike | None = None,
+        scratch: PathLike | None = None,
+        *,
+        copied: bool = False,
+        config: Campaign | None = None,
+        layers: Mapping[str, Sequence[Mapping[str, dict[str, Any] | None]]] | None = None,
+        pointings: dict[str, Pointing] | None = None,
+        only: tuple[str, Collection[int]] | None = None,
+    ) -> None:
         """Open a campaign; file: FILE@NAME for a variant, whose `output` and `scratch` are the base's.
 
         copied: the output folder is only read, and may be a copy of the one that `campaign.json` names. config
@@ -62,16 +89,17 @@ class OpenCampaign(JobLists):
         self.file, self.variant = Path(file), split(file)[1]
         importable(self.file.parent)
         self.config = config or load_campaign(file)
-        self._folders = {"output": output or self.config.output, "scratch": scratch}
-        self._opened, self._in_base = {"copied": copied, "only": only}, {}
+        self._folders: dict[str, Any] = {"output": output or self.config.output, "scratch": scratch}
+        self._opened: dict[str, Any] = {"copied": copied, "only": only}
+        self._in_base: dict[tuple[str, int, str], bool] = {}
         folders = *self._folders.values(), self.config.level0_names
-        self.paths = VariantPaths(self, *folders) if self.variant else Paths(*folders)
+        self.paths: Paths = VariantPaths(self, *folders) if self.variant else Paths(*folders)
         if not copied:
             check_owner(self)
             check_share(self)
         self.camera = load_camera(self.config.instrument, self.file)
         self.rendering = load_numbers()
-        self.table = "what was aimed" if pointings else self.config.survey_table  # for errors
+        self.table: str | Path = "what was aimed" if pointings else self.config.survey_table  # for errors
         if not pointings:
             check_file(self, "survey_table", self.config.survey_table)
         self.pointings = pointings or load_survey_table(self.config.survey_table, self.camera.orbit)
@@ -85,7 +113,7 @@ class OpenCampaign(JobLists):
         types = sorted({p.type for p in self.exposures.values()})
         layers = layers or {}
         for kind in set(types) & set(self.config.observations) - set(layers):
-            check_file(self, f"observations.{kind}", self.config.observations[kind])
+            check_file(self, f"observations.{kind}", self.config.observation_file(kind))
         self.steps = {kind: SimSteps(self.config.observation_file(kind), kind, layers.get(kind)) for kind in types}
         # One exposure time: that of the layers, if they give one, replaces the table's everywhere.
         asked = {kind: steps.exptime for kind, steps in self.steps.items() if steps.exptime is not None}
@@ -110,12 +138,12 @@ class OpenCampaign(JobLists):
             check_shutter(self.steps[p.type], p.exptime, chips)
 
     @property
-    def title(self):
+    def title(self) -> str:
         """The campaign's name, and the variant's."""
         return f"{self.config.name}, variant {self.variant}" if self.variant else self.config.name
 
     @cached_property
-    def variants(self):
+    def variants(self) -> tuple[OpenCampaign, ...]:
         """The variants of a base, opened, in the order of its file. Raises InputError for a fault in one."""
         found = tuple(
             OpenCampaign(named(self.file, name), **self._folders, **self._opened) for name in self.config.variants
@@ -125,18 +153,18 @@ class OpenCampaign(JobLists):
         return found
 
     @cached_property
-    def base(self):
+    def base(self) -> OpenCampaign | None:
         """The campaign of which this is a variant, opened; None of a base."""
         return OpenCampaign(split(self.file)[0], **self._folders, **self._opened) if self.variant else None
 
-    def in_base(self, obsid, chip_id, stage):
+    def in_base(self, obsid: str, chip_id: int, stage: str) -> bool:
         """Whether the base of a variant makes a stage's product of a job, with the same bits."""
         key = obsid, chip_id, stage
         if key not in self._in_base:
             self._in_base[key] = self.base is not None and equal(self, *key)
         return self._in_base[key]
 
-    def base_files(self, job, rule):
+    def base_files(self, job: Job, rule: str) -> list[tuple[Path, Path]]:
         """Return [(file of the base, file of this variant)] of a job's products that the base made with the same bits.
 
         rule: level0, measure or extract. [] if the products differ, if the base has not made them, and of a base.
@@ -145,12 +173,14 @@ class OpenCampaign(JobLists):
             return []
         return pairs_of_base(self, job, rule)
 
-    def masters(self, chip_id):
+    def masters(self, chip_id: int) -> Path:
         """Return the file of the master frames with which a chip's exposures are calibrated."""
-        return Paths(beside(self.file, self.config.measurement.masters)).masters(chip_id)
+        masters = self.config.measurement.masters
+        assert masters is not None  # with calibration: frames
+        return Paths(beside(self.file, masters)).masters(chip_id)
 
     @cached_property
-    def jobs(self):
+    def jobs(self) -> tuple[Job, ...]:
         """The jobs the campaign runs, in the order of the table and of the chips."""
         pairs = ((obsid, chip) for obsid in self.exposures for chip in self.chips)
         pairs = (pair for pair in pairs if (pair[0], pair[1].id) not in self.declared_missing)
@@ -162,12 +192,12 @@ class OpenCampaign(JobLists):
         return jobs
 
     @cached_property
-    def declared_missing(self):
+    def declared_missing(self) -> dict[tuple[str, int], str]:
         """{(obsid, chip number): reason} of the pairs that `select.missing` leaves out."""
         pairs = {name: name.split("_") for name in self.config.select.missing}
         return {(obsid, int(chip)): self.config.select.missing[name] for name, (obsid, chip) in pairs.items()}
 
-    def job(self, obsid, chip_id):
+    def job(self, obsid: str, chip_id: int) -> Job:
         """Return one job of the campaign. Raises InputError if the campaign does not select it."""
         if obsid not in self.exposures:
             more = ", ..." if len(self.exposures) > 3 else ""
@@ -190,7 +220,7 @@ class OpenCampaign(JobLists):
         check_masters(self, {chip_id} if job.pointing.type == "SCIE" else ())
         return job
 
-    def _job(self, obsid, chip):
+    def _job(self, obsid: str, chip: Chip) -> Job | None:
         pointing = self.exposures[obsid]
         steps = self.steps[pointing.type]
         wcs, craft = self.maps(pointing, chip)
@@ -202,42 +232,42 @@ class OpenCampaign(JobLists):
         )
         return Job(obsid, exposure)
 
-    def streams(self, job, keyword=""):
+    def streams(self, job: Job, keyword: str = "") -> Streams:
         """Return the rng.Streams of a job, for what `keyword` names: a layer, or a stage that needs the layers'."""
         return Streams(self.config.seed, job.obsid, job.chip.id, keyword)
 
-    def maps(self, pointing, chip):
+    def maps(self, pointing: Pointing, chip: Chip) -> tuple[ChipWCS, Observer]:
         """Return the ChipWCS of a pair, and where the observer is."""
         wcs = ChipWCS(chip, pointing, self.distortion if self.steps[pointing.type].field_dist else None)
         astrometry = self.config.astrometry.model_dump()
         return wcs, observer(pointing.mjd, pointing.sat_position, pointing.sat_velocity, **astrometry)
 
     @cached_property
-    def distortion(self):
+    def distortion(self) -> FieldDistortion:
         """The camera's field distortion; the observation's `field_dist` says whether an exposure has it."""
         return load_distortion(self.camera.folder / "distortion.fits")
 
-    def has_stage(self, pointing, stage):
+    def has_stage(self, pointing: Pointing, stage: str) -> bool:
         """True if exposures of this type have layers in the stage (others skip it)."""
         return bool(self.steps[pointing.type].stage(stage))
 
-    def has_orders(self, job):
+    def has_orders(self, job: Job) -> bool:
         """True if a job's truth is kept order by order: spectra of objects."""
         return job.chip.kind == "slitless" and bool(self.steps[job.pointing.type].step("scie_obs"))
 
     @property
-    def psf_library(self):
+    def psf_library(self) -> Path | None:
         """The folder of the campaign's library of PSFs, or None."""
         library = self.config.psf.library
         return library and beside(self.file, library)
 
-    def in_share(self, path):
+    def in_share(self, path: Path) -> Path | None:
         """Return where a truth brick or a PSF set of the output folder lies in the shared one, or None without one."""
         share = self.config.share
         return share and share / path.relative_to(self.paths.output)
 
     @cached_property
-    def catalog(self):
+    def catalog(self) -> CatalogConfig:
         """The campaign's CatalogConfig, with files beside the campaign's, and a table's camera."""
         given = self.config.catalog
         if self.embedded:
@@ -248,11 +278,11 @@ class OpenCampaign(JobLists):
         return given.model_copy(update={"options": options})
 
     @property
-    def embedded(self):
+    def embedded(self) -> bool:
         """Whether objects come from the embedded universe, not from a user's catalogue."""
         return self.config.catalog.kind == "embedded"
 
-    def universe_key(self):
+    def universe_key(self) -> dict[str, Any]:
         """Return what decides the embedded bricks: {seed, universe, camera, lensing, structure, bright_stars}."""
         config = self.config
         return {
@@ -265,7 +295,7 @@ class OpenCampaign(JobLists):
         }
 
     @cached_property
-    def bright_stars(self):
+    def bright_stars(self) -> FloatArray | None:
         """The real stars among the objects (sky.parameters.SkyNumbers.stars), or None. Raises InputError."""
         from csstsim.sky.parameters import sky_numbers
 
@@ -273,27 +303,27 @@ class OpenCampaign(JobLists):
         return sky_numbers(self.camera.sky).stars if wanted else None
 
     @cached_property
-    def universe(self):
+    def universe(self) -> Universe:
         """The embedded universe's numbers (universe.parameters.Universe). Raises InputError."""
         from csstsim.universe.parameters import load_universe
 
         return load_universe(self.config.universe_folder)
 
-    def open_truth(self):
+    def open_truth(self) -> Universe | type[CatalogBase]:
         """Return the embedded Universe, or the class of the user's catalogue. Raises InputError for a fault in it."""
         if not self.embedded:
             return catalog_class(self.config.catalog.kind)
         self.universe.check()
         return self.universe
 
-    def disperser(self, exposure):
+    def disperser(self, exposure: Exposure | Job) -> Disperser | None:
         """Return the optics.gratings.dispersion.Disperser of an Exposure's chip, or None for an imaging chip."""
         chip = exposure.chip
         if chip.kind != "slitless":
             return None
         return Disperser(self.camera.gratings[chip.id], self.camera.filters[chip.filter], self.camera.telescope)
 
-    def margin_deg(self, exposure):
+    def margin_deg(self, exposure: Exposure | Job) -> float:
         """Return the margin around an Exposure's window [deg] from which light of objects can reach it."""
         scale = self.camera.telescope.pixel_scale
         margin = BRICK_MARGIN_PX * scale / 3600.0
@@ -301,34 +331,34 @@ class OpenCampaign(JobLists):
             return margin
         return margin + self.camera.gratings[exposure.chip.id].reach * scale / 3600.0
 
-    def region(self, exposure):
+    def region(self, exposure: Exposure | Job) -> Region:
         """Return the catalog.base.Region whose objects may reach an Exposure's window."""
         return region_for(*exposure.footprint(), self.margin_deg(exposure), self.camera.bands)
 
-    def truth_bricks(self, exposure):
+    def truth_bricks(self, exposure: Exposure | Job) -> tuple[int, ...]:
         """Return the truth bricks whose objects may reach an Exposure's window, as a tuple."""
         return tuple(int(pix) for pix in bricks_for(*exposure.footprint(), self.margin_deg(exposure)))
 
     @cached_property
-    def recipes(self):
+    def recipes(self) -> Recipes:
         """What decides each product (campaign.recipes.Recipes)."""
         return Recipes(self)
 
-    def recipe(self, job, stage="level0"):
+    def recipe(self, job: Job, stage: str = "level0") -> dict[str, str]:
         """Return {name: digest} of everything that decides a stage's product of a job; the product records it."""
         return self.recipes.of_exposures(job.pointing.type, stage, job.chip) | {"exposure": job.digest}
 
-    def brick_recipe(self, pix):
+    def brick_recipe(self, pix: int) -> str:
         """Return the digest of everything that decides a merged brick: the recipes of the frames on it."""
         return digest([self.recipe(job, "measure") for job in self.merge_bricks[pix]])
 
     @cached_property
-    def limits(self):
+    def limits(self) -> ValidateConfig:
         """The thresholds of gates that are judged (thresholds.ValidateConfig)."""
         return self.config.validation.for_catalogue(self.embedded)
 
     @property
-    def measurement(self):
+    def measurement(self) -> dict[str, Any]:
         """The keys of `measurement` that decide measurements, JSON-like; not which products are kept."""
         keys = self.config.measurement.model_dump(mode="json", exclude={"keep_calibrated"})
         if self.config.measurement.contamination.table is not None:
@@ -336,9 +366,11 @@ class OpenCampaign(JobLists):
         return keys
 
     @property
-    def contamination_table(self):
+    def contamination_table(self) -> Path:
         """The file of the catalogue from which contamination is known. Raises InputError if there is none."""
-        path = beside(self.file, self.config.measurement.contamination.table)
+        table = self.config.measurement.contamination.table
+        assert table is not None  # its callers look
+        path = beside(self.file, table)
         if not path.is_file():
             raise InputError("no such file", file=self.file, key="measurement.contamination.table", value=str(path))
         return path

@@ -1,6 +1,9 @@
 """What a campaign would make, and its cost, before anything runs (`csstsim plan`; costs: campaign.costs)."""
 
+from __future__ import annotations
+
 import os
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,6 +15,15 @@ from csstsim.campaign.products import kinds
 from csstsim.catalog.astrometry.reduction import apparent
 from csstsim.io.paths import LIGHT
 
+if TYPE_CHECKING:
+    from collections.abc import Collection
+
+    from rich.table import Table
+
+    from csstsim.base.types import PathLike
+    from csstsim.campaign.costs import Costs
+    from csstsim.campaign.opened import OpenCampaign
+
 SNAKEMAKE = 3.0  # s, until the first job starts
 # Each waits for the one before; of rules that run side by side the longest counts
 CHAIN = (
@@ -22,7 +34,7 @@ KEPT_BYTES = {"imaging": 5, "slitless": 8}  # of a pixel: expected electrons, th
 BYTES_PER_NODE = 4 * (256 * 256 + 256 * 256 + 64 * 64) * 4  # images, and the tables photons are drawn from
 
 
-def plan(run):
+def plan(run: OpenCampaign) -> tuple[dict[str, float | str], dict[str, float], Costs]:
     """Return the plan as (counts, disk, costs). run: campaign.opened.OpenCampaign.
 
     counts: {name: number or string}; disk: {name: bytes}; costs: those of csstsim.campaign.costs.
@@ -34,7 +46,7 @@ def plan(run):
     frame = 2 * detector.channels * (detector.channel_nx + detector.prescan + detector.overscan)
     frame *= detector.channel_ny + detector.parallel_overscan
     drawn = sum(expected_objects(run, science).values())
-    counts = {
+    counts: dict[str, float | str] = {
         "exposures": len({job.obsid for job in jobs}),
         "chips": len({job.chip.id for job in jobs}),
         "Level-0 files": len(jobs),
@@ -46,7 +58,7 @@ def plan(run):
         "bricks fully covered": len(_covered(run)),
         "jobs": sum(map(len, each_once(costs).values())),
     }
-    disk = {
+    disk: dict[str, float] = {
         "Level-0": len(jobs) * frame,
         "PSF tables": nodes * BYTES_PER_NODE,
         "largest intermediates (a job)": 8 * max(job.window.nx * job.window.ny for job in jobs),
@@ -56,20 +68,24 @@ def plan(run):
     return counts, disk, costs
 
 
-def _shared(run):
+def _shared(run: OpenCampaign) -> dict[str, int]:
     """Return {name: how many truth bricks and PSF sets lie in the shared folder}; {} without one."""
     if run.config.share is None:
         return {}
     files = [*map(run.paths.truth, run.sky_bricks), *map(run.paths.psf, run.sky_chips)]
-    return {"truth bricks, PSF sets shared": sum(run.in_share(path).exists() for path in files)}
+    return {
+        "truth bricks, PSF sets shared": sum(
+            (there := run.in_share(path)) is not None and there.exists() for path in files
+        )
+    }
 
 
-def _listed(bricks):
+def _listed(bricks: Collection[int]) -> str | int:
     """Return the number of bricks as text, and which they are if they are few."""
     return f"{len(bricks)}: {', '.join(map(str, sorted(bricks)))}" if 0 < len(bricks) <= 8 else len(bricks)
 
 
-def _covered(run):
+def _covered(run: OpenCampaign) -> list[int]:
     """Return the bricks that measured windows cover at every sampled point."""
     covered = []
     for pix, jobs in run.merge_bricks.items():
@@ -83,7 +99,7 @@ def _covered(run):
     return covered
 
 
-def print_plan(run, sky=None):
+def print_plan(run: OpenCampaign, sky: PathLike | None = None) -> None:
     """Print the plan of an open campaign: what it would do, what the jobs of each rule would take, and the sky.
 
     sky: the new CSV file for the sky by exposure (campaign.sky_ranges), or None. Raises InputError if it cannot be.
@@ -122,7 +138,7 @@ def print_plan(run, sky=None):
     _print_sky(run, sky)
 
 
-def _print_sky(run, file):
+def _print_sky(run: OpenCampaign, file: PathLike | None) -> None:
     """Print the sky's range by band, if the layers use the stray-light model; write it by exposure to a CSV file."""
     from rich.console import Console
 
@@ -139,7 +155,7 @@ def _print_sky(run, file):
         Console().print(f"{file}: the sky of each exposure and band", soft_wrap=True, highlight=False)
 
 
-def wall(costs, cores):
+def wall(costs: Costs, cores: int) -> float:
     """Return the wall time [s] of a campaign on `cores`: the longest chain, and the other jobs beside it.
 
     Jobs never take longer than this in any order that leaves no core idle (Graham 1969, SIAM J. Appl. Math. 17, 416).
@@ -149,13 +165,13 @@ def wall(costs, cores):
     return SNAKEMAKE + chain + (cpu - chain) / cores
 
 
-def _chain(costs):
+def _chain(costs: Costs) -> float:
     """Return the CPU time [s] of the largest job of each rule that one product waits for, one after the other."""
     largest = {rule: max(cost.cpu_s for cost in jobs.values()) for rule, jobs in costs.items()}
     return sum(max((largest.get(rule, 0.0) for rule in rules), default=0.0) for rules in CHAIN)
 
 
-def _cost_table(costs):
+def _cost_table(costs: Costs) -> Table:
     """Return the table of the rules: how many jobs, CPU of one (mean) and of all, memory of the largest."""
     from rich.table import Table
 
@@ -171,7 +187,7 @@ def _cost_table(costs):
     return table
 
 
-def _variants_table(run):
+def _variants_table(run: OpenCampaign) -> Table:
     """Return the table of the variants of a base: what each changes, and what it makes that the base does not."""
     from rich.table import Table
 
@@ -179,6 +195,7 @@ def _variants_table(run):
     for column in ("variant", "keys that differ", "jobs", "CPU h", "Level-0 GB"):
         table.add_column(column, justify="left" if column.startswith(("variant", "keys")) else "right")
     for one in run.variants:
+        assert one.variant is not None
         counts, disk, costs = plan(one)
         cpu = sum(cost.cpu_s for jobs in each_once(costs).values() for cost in jobs.values()) / 3600
         keys = ", ".join(f"{key}: {value}" for key, value in flat(run.config.variants[one.variant]).items())
@@ -186,7 +203,7 @@ def _variants_table(run):
     return table
 
 
-def _drawn_again(run):
+def _drawn_again(run: OpenCampaign) -> int:
     """Return how many chips of a base have Level-0 files, but no more the light that a variant reads out."""
     wanted = {
         job.key for one in run.variants for job in one.jobs
@@ -196,7 +213,7 @@ def _drawn_again(run):
     return sum(run.paths.level0(job).exists() for job in gone)
 
 
-def duration(seconds):
+def duration(seconds: float) -> str:
     """Return a span of time as text."""
     if seconds < 60:
         return f"{seconds:.0f} s"

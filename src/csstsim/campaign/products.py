@@ -4,16 +4,27 @@ The workflow's targets and inputs, its last message, `csstsim status` and what `
 io.paths has the paths of files, campaign.costs the cost of a rule.
 """
 
+from __future__ import annotations
+
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import TYPE_CHECKING
 
 from csstsim.bricks.hats import ABOUT
 from csstsim.bricks.validation.verdict import headline, sentence
 from csstsim.campaign.costs import STAGES
 from csstsim.campaign.variants import made_by_base
 from csstsim.io.paths import LIGHT
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterable, Mapping
+    from pathlib import Path
+    from typing import Any
+
+    from csstsim.campaign.job import Job
+    from csstsim.campaign.opened import OpenCampaign
 
 SHOWN = 10  # failing gates in the workflow's last message
 
@@ -24,25 +35,26 @@ class Kind:
 
     name: str
     rules: tuple[str, ...]  # the last one writes the product; the others only prepare it
-    look_up: Callable  # () -> `made_for`
-    files_of: Callable  # job, chip or brick -> its files, a list: the product first, then others the rule writes
+    look_up: Callable[[], Collection[Any]]  # () -> `made_for`
+    # job, chip or brick -> its files: the product first, then others the rule writes
+    files_of: Callable[[Any], list[Path]]
     target: bool = True  # made again if it is missing from a finished campaign, and not only if a job needs it
     end: str = ""  # part of the workflow's last message, with {n} for their number and {s} for a plural
 
     @property
-    def made_for(self):
+    def made_for(self) -> Collection[Any]:
         """The jobs, chips' numbers or bricks that have one each; [None] for one of the whole campaign.
 
         Looked up only when asked: one job of a survey need not know all bricks.
         """
         return self.look_up()
 
-    def files(self, some=None):
+    def files(self, some: Iterable[Any] | None = None) -> list[str]:
         """Return the files of some jobs, chips or bricks, or of all, as strings."""
         return [str(path) for one in (self.made_for if some is None else some) for path in self.files_of(one)]
 
 
-def kinds(run):
+def kinds(run: OpenCampaign) -> dict[str, Kind]:
     """Return {rule: Kind} of an opened.OpenCampaign, in the order of the workflow; a kind may have no products.
 
     Truth bricks and PSF sets are not targets: a new one would be newer than all chips, and all would be made again.
@@ -97,50 +109,51 @@ def kinds(run):
     return {kind.rules[-1]: kind for kind in table}
 
 
-def pairs_of_base(run, job, rule):
+def pairs_of_base(run: OpenCampaign, job: Job, rule: str) -> list[tuple[Path, Path]]:
     """Return [(file of the base, file of the variant)] of what a rule makes of a job; [] if the base has not yet."""
+    assert run.base is not None  # it is a variant
     theirs, own = (kinds(owner)[rule].files_of(job) for owner in (run.base, run))
     if not all(path.is_file() for path in theirs):
         return []
     pairs = list(zip(theirs, own, strict=True))
     rays = [owner.paths.level0_cosmic(job) for owner in (run.base, run)]  # which a layer may save
-    return [*pairs, tuple(rays)] if rule == "level0" and rays[0].is_file() else pairs
+    return [*pairs, (rays[0], rays[1])] if rule == "level0" and rays[0].is_file() else pairs
 
 
-def _own(run, rule, numbers):
+def _own(run: OpenCampaign, rule: str, numbers: Iterable[int]) -> list[int]:
     """Return the bricks or chips whose product the campaign makes, and not the base of which it is a variant."""
     return [number for number in numbers if not made_by_base(run, rule, number)]
 
 
-def _light(run, job):
+def _light(run: OpenCampaign, job: Job) -> list[Path]:
     return [run.paths.stage(*job.key, name) for name in (LIGHT if run.has_orders(job) else LIGHT[:-1])]
 
 
-def _level0(run, job):
+def _level0(run: OpenCampaign, job: Job) -> list[Path]:
     orders = [run.paths.level0_orders(job)] if run.has_orders(job) else []
     text = [run.paths.level0_cat(job)] if "cat" in run.config.truth else []
     return [run.paths.level0(job), run.paths.level0_truth(job), *text, *orders]
 
 
-def _drawn(path):
+def _drawn(path: Path) -> list[Path]:
     """Return a product and its figure."""
     return [path, path.with_suffix(".png")]
 
 
-def _report(run):
+def _report(run: OpenCampaign) -> list[Path]:
     page = run.paths.report
     catalogue = [run.paths.merge_catalogue / name for name in ABOUT] if run.merge_bricks else []
     return [page, page.with_name("verdict.json"), *catalogue]
 
 
-def summary(run, made):
+def summary(run: OpenCampaign, made: Mapping[str, Kind]) -> str:
     """Return what the campaign made, where to look, and the verdict, in lines. made: what `kinds` returned."""
     counts = [(kind.end, len(kind.made_for)) for kind in made.values() if kind.end]
     said = [end.format(n=n, s="" if n == 1 else "s") for end, n in counts if n]
     return "\n".join([f"\n{run.title}, in {run.paths.output}:", *(f"  {line}" for line in said), *_verdict(run)])
 
 
-def _verdict(run):
+def _verdict(run: OpenCampaign) -> list[str]:
     """Return the verdict in a sentence, and one for each gate that fails; [] of a campaign without gates."""
     file = run.paths.report.with_name("verdict.json")
     if not (run.merge_bricks and file.is_file()):

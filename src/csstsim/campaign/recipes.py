@@ -4,7 +4,10 @@ Each product records its recipe. A stage refuses an input with another recipe, a
 recipe has changed. So a key or a number belongs to the recipe of the stage that reads it first, and to no earlier one.
 """
 
+from __future__ import annotations
+
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 from csstsim.base.digest import digest, large_file_digest
 from csstsim.base.release import release
@@ -13,6 +16,13 @@ from csstsim.catalog.galaxy_shapes.full_components import load_numbers as compon
 from csstsim.catalog.open import own_digests
 from csstsim.optics.psf.sampling import psf_cube
 from csstsim.universe.changing.numbers import digest_of
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from csstsim.campaign.opened import OpenCampaign
+    from csstsim.instrument.chip import Chip
+    from csstsim.instrument.maps.chip_maps import ChipMaps
 
 # {key of the campaign file: the stages that read it first} (base.stages.read_by). Files and folders count by their
 # content, under other names: exposures, layers, camera, `sky`
@@ -60,10 +70,11 @@ OBJECTS = "catalog.", "components.", "changing.", "sky"  # beginnings of the key
 class Recipes:
     """The recipes of a campaign.opened.OpenCampaign."""
 
-    def __init__(self, run):
-        self._run, self._known = run, {}
+    def __init__(self, run: OpenCampaign) -> None:
+        self._run = run
+        self._known: dict[tuple[str, str, ChipMaps | int], dict[str, str]] = {}
 
-    def of_exposures(self, kind, stage, chip):
+    def of_exposures(self, kind: str, stage: str, chip: Chip) -> dict[str, str]:
         """Return {name: digest} of what decides a stage's product in exposures of a kind, beside the job itself.
 
         stage: select, render, readout, level0 or measure; chip: the Chip, which may have laboratory maps.
@@ -73,7 +84,7 @@ class Recipes:
             self._known[key] = self._of_kind(kind, stage, chip)
         return self._known[key] | {"csstsim": release()}
 
-    def _of_kind(self, kind, stage, chip):
+    def _of_kind(self, kind: str, stage: str, chip: Chip) -> dict[str, str]:
         steps = self._run.steps[kind]
         own = ("readout", "level0") if steps.has_own(stage) else ()  # a layer of the user's sees the whole camera
         apart = {"measurement": digest(self._run.measurement)} if stage == "measure" else {}
@@ -83,22 +94,25 @@ class Recipes:
             "layers": steps.digest(stage),
         } | apart
 
-    def but_objects(self, kind, chip):
+    def but_objects(self, kind: str, chip: Chip) -> dict[str, str]:
         """Return {name: digest}, as of_exposures, of what decides a chip's light, but for which objects there are."""
         keys = {name: value for name, value in self._keys.items() if not name.startswith(OBJECTS)}
         return self.of_exposures(kind, "render", chip) | {"campaign": digest(read_by(behind("render"), keys, READERS))}
 
-    def _campaign(self, stage):
+    def _campaign(self, stage: str) -> str:
         return digest(read_by(behind(stage), self._keys, READERS))
 
     @cached_property
-    def _keys(self):
+    def _keys(self) -> dict[str, Any]:
         """{dotted key: value} of the campaign file, config/render.yaml and components.yaml, and digests of the sky."""
         config = self._run.config
-        sky = self._run.universe.digest if self._run.embedded else own_digests(self._run.catalog)
+        sky: str | list[Any] = self._run.universe.digest if self._run.embedded else own_digests(self._run.catalog)
         if (stars := self._run.bright_stars) is not None:
             sky = [sky, digest(stars.tolist())]
-        read = {"rendering": self._run.rendering.model_dump(), "validation": self._run.limits.model_dump(mode="json")}
+        read: dict[str, Any] = {
+            "rendering": self._run.rendering.model_dump(),
+            "validation": self._run.limits.model_dump(mode="json"),
+        }
         if library := self._run.psf_library:
             files = {chip: psf_cube(library, chip) for chip in self._run.sky_chips}
             read["library"] = {str(chip): large_file_digest(file) for chip, file in files.items() if file.is_file()}
@@ -109,19 +123,19 @@ class Recipes:
         return flat(config.model_dump(mode="json") | read | {"sky": sky})
 
     @property
-    def truth(self):
+    def truth(self) -> dict[str, str] | None:
         """What decides the embedded bricks; None for a user's catalogue."""
         return self._of_shared("truth") if self._run.embedded else None
 
     @property
-    def psf(self):
+    def psf(self) -> dict[str, str]:
         """What decides the PSF sets."""
         return self._of_shared("psf")
 
     @property
-    def validation(self):
+    def validation(self) -> dict[str, str]:
         """What decides a verdict beside the merged brick and the truth: limits of gates, and of the camera."""
         return self._of_shared("validate")
 
-    def _of_shared(self, stage):
+    def _of_shared(self, stage: str) -> dict[str, str]:
         return {"csstsim": release(), "campaign": self._campaign(stage), "camera": self._run.camera.digest_for(stage)}

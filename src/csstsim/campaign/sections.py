@@ -4,9 +4,9 @@ Keys, types, defaults and descriptions are here alone; config/README.md and conf
 """
 
 import math
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
-from pydantic import ConfigDict, Field, field_validator, model_validator
+from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
 from csstsim.base.model import FilePath, Model
 from csstsim.instrument.pointing import ExposureType
@@ -42,7 +42,7 @@ class Select(Model):
 
     @field_validator("chips")
     @classmethod
-    def _known_chips(cls, value):
+    def _known_chips(cls, value: str | tuple[int, ...]) -> str | tuple[int, ...]:
         good = value in CHIP_GROUPS if isinstance(value, str) else value and min(value) >= 1
         if not good:
             raise ValueError(f"must be {', '.join(CHIP_GROUPS)} or a list of chip numbers")
@@ -59,10 +59,11 @@ class PixelWindow(Model):
 
     @field_validator("x1", "y1")
     @classmethod
-    def _not_empty(cls, value, info):
-        low = info.data.get(info.field_name[0] + "0")
+    def _not_empty(cls, value: int, info: ValidationInfo) -> int:
+        lower = f"{str(info.field_name)[0]}0"
+        low = info.data.get(lower)
         if low is not None and value <= low:
-            raise ValueError(f"must exceed {info.field_name[0]}0 = {low}")
+            raise ValueError(f"must exceed {lower} = {low}")
         return value
 
 
@@ -79,7 +80,7 @@ class Lensing(Model):
     gamma2: float = Field(0.0, allow_inf_nan=False, description="constant shear at 45 deg, from +RA towards north")
 
     @model_validator(mode="after")
-    def _weak_and_used(self):
+    def _weak_and_used(self) -> Self:
         if self.field != "constant" and (self.kappa, self.gamma1, self.gamma2) != (0.0, 0.0, 0.0):
             raise ValueError(f"kappa, gamma1 and gamma2 need field: constant, not {self.field}")
         if math.hypot(self.gamma1, self.gamma2) >= 1 - self.kappa:
@@ -136,12 +137,12 @@ class CatalogConfig(Model):
     options: dict[str, Any] = Field({}, description="passed on to a catalogue of your own")
 
     @property
-    def changing(self):
+    def changing(self) -> tuple[str, ...]:
         """The names of the keys, of those for what moves and varies on the embedded sky, that are true."""
         return tuple(kind for kind in KINDS if getattr(self, kind))
 
     @model_validator(mode="after")
-    def _lensing_has_an_object(self):
+    def _lensing_has_an_object(self) -> Self:
         if self.kind != "embedded" and self.lensing.field == "constant":
             raise ValueError("lensing is for the embedded universe: give kappa, gamma1, gamma2 in your own catalogue")
         if self.kind != "embedded" and self.structure != "haloes":
@@ -215,7 +216,7 @@ class ContaminationConfig(Model):
     subtract: bool = Field(True, description="false: the column `contamination` is given, but not subtracted")
 
     @model_validator(mode="after")
-    def _table_where_used(self):
+    def _table_where_used(self) -> Self:
         if self.table is not None and self.known_from != "catalogue":
             raise ValueError("table goes with known_from: catalogue")
         return self
@@ -239,7 +240,7 @@ class MeasurementConfig(Model):
     contamination: ContaminationConfig = Field(default_factory=ContaminationConfig)
 
     @model_validator(mode="after")
-    def _masters_where_used(self):
+    def _masters_where_used(self) -> Self:
         if (self.calibration == "frames") != (self.masters is not None):
             raise ValueError("masters must be given with calibration: frames, and only there")
         return self

@@ -1,26 +1,45 @@
 """What `select` and `window` of a campaign choose: chips and their pixels. run: opened.OpenCampaign."""
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 from csstsim.base.errors import InputError
 from csstsim.campaign.sections import PixelWindow
 from csstsim.catalog.astrometry.reduction import apparent, icrs
 from csstsim.instrument.chip import Window
 
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from csstsim.base.types import FloatArray
+    from csstsim.campaign.opened import OpenCampaign
+    from csstsim.campaign.sections import Select
+    from csstsim.catalog.astrometry.ephemeris import Observer
+    from csstsim.instrument.camera import Camera
+    from csstsim.instrument.chip import Chip
+    from csstsim.instrument.pointing import Pointing
+    from csstsim.optics.geometry.wcs import ChipWCS
+
 NEAREST = 3  # chips that an error names
 
 
-def selected_chips(select, camera):
+def selected_chips(select: Select, camera: Camera) -> list[Chip]:
     """Return the Chips of select.chips and select.filters, by number."""
-    groups = {"all": camera.chips.values(), "imaging": camera.imaging_chips, "slitless": camera.slitless_chips}
+    groups: dict[str, Iterable[Chip]] = {
+        "all": camera.chips.values(),
+        "imaging": camera.imaging_chips,
+        "slitless": camera.slitless_chips,
+    }
     if isinstance(select.chips, str):
-        chips = groups[select.chips]
+        chips: Iterable[Chip] = groups[select.chips]
     else:
         chips = [camera.chips[i] for i in sorted(set(select.chips))]
     return [chip for chip in chips if select.filters is None or chip.filter in select.filters]
 
 
-def window_of(run, pointing, chip, wcs, craft):
+def window_of(run: OpenCampaign, pointing: Pointing, chip: Chip, wcs: ChipWCS, craft: Observer) -> Window | None:
     """Return the pixels of this pair to simulate, or None if it does not touch the region."""
     window, region = _window(run, chip), run.config.select.region
     if region is None or pointing.type != "SCIE":
@@ -37,7 +56,7 @@ def window_of(run, pointing, chip, wcs, craft):
     return Window(x0, x1, y0, y1) if x1 > x0 and y1 > y0 else None
 
 
-def nothing_selected(run):
+def nothing_selected(run: OpenCampaign) -> InputError:
     """Return the InputError of a campaign that selects no (exposure, chip) pair: what is nearest, and what to do."""
     select = run.config.select
     if not run.exposures:
@@ -58,14 +77,16 @@ def nothing_selected(run):
     return _missed(run, pairs, "the region touches no chip; it misses")
 
 
-def pair_missed(run, obsid, chip):
+def pair_missed(run: OpenCampaign, obsid: str, chip: Chip) -> InputError:
     """Return the InputError of one (exposure, chip) pair that the region misses: by how much, and what to do."""
     return _missed(run, [(obsid, chip)], "the region misses")
 
 
-def _missed(run, pairs, message):
+def _missed(run: OpenCampaign, pairs: Iterable[tuple[str, Chip]], message: str) -> InputError:
     """Return the InputError of a region that misses all (obsid, chip) pairs: the nearest, and a place that works."""
     circle, arcmin = run.config.select.region, run.camera.telescope.pixel_scale / 60.0
+
+    assert circle is not None  # without one nothing is missed
     missed = [
         (_miss(run, *run.maps(run.exposures[obsid], chip), _window(run, chip))[-1], obsid, chip)
         for obsid, chip in pairs
@@ -83,32 +104,35 @@ def _missed(run, pairs, message):
     )  # fmt: skip
 
 
-def _far(arcmin):
+def _far(arcmin: float) -> str:
     """Return a distance in the tangent plane as text; a far one as the angle on the sky that it is."""
     angle = math.degrees(math.atan(math.radians(arcmin / 60.0)))
     return f"{arcmin:.1f}'" if arcmin < 120.0 else f"about {angle:.0f} deg"
 
 
-def _middle(run, obsid, chip):
+def _middle(run: OpenCampaign, obsid: str, chip: Chip) -> tuple[FloatArray, FloatArray]:
     """Return ra, dec [deg, ICRS] of the middle of a chip, or of the window on it, in an exposure."""
     window = _window(run, chip)
     wcs, craft = run.maps(run.exposures[obsid], chip)
     return icrs(*wcs.pixel_to_world((window.x0 + window.x1 - 1) / 2, (window.y0 + window.y1 - 1) / 2), craft)
 
 
-def _window(run, chip):
+def _window(run: OpenCampaign, chip: Chip) -> Window:
     """Return the pixels that the campaign's window leaves of a chip, whatever its region."""
     wanted = run.config.window
     return Window(**wanted.model_dump()) if isinstance(wanted, PixelWindow) else chip.full_window
 
 
-def _radius(run):
-    return run.config.select.region.radius * 60.0 / run.camera.telescope.pixel_scale
+def _radius(run: OpenCampaign) -> float:
+    region = run.config.select.region
+    assert region is not None  # its callers look
+    return region.radius * 60.0 / run.camera.telescope.pixel_scale
 
 
-def _miss(run, wcs, craft, window):
+def _miss(run: OpenCampaign, wcs: ChipWCS, craft: Observer, window: Window) -> tuple[float, float, float]:
     """Return where the middle of select.region falls, x, y, and by how much its circle misses a window [px]."""
     region = run.config.select.region
+    assert region is not None  # its callers look
     x, y = (float(v) for v in wcs.world_to_pixel(*apparent(region.ra, region.dec, craft)))
     near = (min(max(v, low), high) for v, low, high in ((x, window.x0, window.x1), (y, window.y0, window.y1)))
     return x, y, math.dist((x, y), tuple(near)) - _radius(run)

@@ -3,8 +3,11 @@
 For each exposure and band one chip is asked, at the middle of its window. No pixel is simulated.
 """
 
+from __future__ import annotations
+
 import csv
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,6 +22,22 @@ from csstsim.sky.directions import telescope_axes
 from csstsim.sky.near_stars import stars_about
 from csstsim.sky.parameters import sky_numbers
 
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from typing import TypeAlias
+
+    from rich.table import Table
+
+    from csstsim.base.types import FloatArray, PathLike
+    from csstsim.campaign.job import Job
+    from csstsim.campaign.opened import OpenCampaign
+    from csstsim.instrument.pointing import Pointing
+    from csstsim.simulation.exposure import Exposure
+    from csstsim.sky.parameters import SkyNumbers
+
+    Levels: TypeAlias = dict[str, dict[str, dict[str, float]]]  # {band: {obsid: {component: e-/s/px}}}
+    Angles: TypeAlias = dict[str, dict[str, float]]  # {obsid: {angle: deg}}
+
 MUCH = 0.1  # of zodiacal light: the share of exposures with more earthshine is shown
 FAINT = 1e-6  # e-/s/px: components below it in every exposure have no row in the table
 ANGLES = {
@@ -32,7 +51,7 @@ HEAD = (
 )  # fmt: skip
 
 
-def skies(run):
+def skies(run: OpenCampaign) -> tuple[Levels, Angles]:
     """Return ({band: {obsid: {component: e-/s/px}}}, {obsid: {angle: deg}}) of exposures with the stray-light model.
 
     run: campaign.opened.OpenCampaign. Both are empty if no layer uses the model. Levels are means over the exposure, as
@@ -41,10 +60,13 @@ def skies(run):
     """
     exposures = with_the_model(run)
     numbers = sky_numbers(run.camera.sky) if exposures else None
-    rates, levels, angles = {}, {}, {}
+    rates: dict[str, dict[str, FloatArray]] = {}
+    levels: Levels = {}
+    angles: Angles = {}
     for obsid, jobs in progress(exposures.items(), "sky of exposures"):
         chips = {band: job.exposure for band, job in jobs.items()}
         angles[obsid] = _angles(next(iter(chips.values())).pointing)
+        assert numbers is not None  # there are exposures
         try:
             light = _light(list(chips.values()), numbers)
         except Exception as exc:
@@ -59,7 +81,7 @@ def skies(run):
     return {band: levels[band] for band in run.camera.filters if band in levels}, angles
 
 
-def check_file(run, path):
+def check_file(run: OpenCampaign, path: PathLike) -> None:
     """Raise InputError if `write_skies` could not write `path`, or would have nothing to write."""
     if Path(path).exists():
         raise InputError("exists already; name another file", file=path, key="--sky")
@@ -68,7 +90,7 @@ def check_file(run, path):
         raise InputError("no exposure uses the stray-light model", file=run.file, key="--sky", allowed=allowed)
 
 
-def write_skies(path, levels, angles):
+def write_skies(path: PathLike, levels: Levels, angles: Angles) -> None:
     """Write `skies` as CSV, one row for each exposure and band, in the order of exposures and filters."""
     rows = [
         (obsid, band, *(f"{at[obsid][name]:.4g}" for name in COMPONENTS), *(f"{own[name]:.2f}" for name in ANGLES))
@@ -80,7 +102,7 @@ def write_skies(path, levels, angles):
         csv.writer(file, lineterminator="\n").writerows([HEAD, *rows])
 
 
-def sky_table(levels):
+def sky_table(levels: Levels) -> Table:
     """Return a rich table: a row for each band and component, and their sum; least, median and most of exposures."""
     from rich.table import Table
 
@@ -98,9 +120,10 @@ def sky_table(levels):
     return table
 
 
-def sky_lines(levels, angles):
+def sky_lines(levels: Levels, angles: Angles) -> list[str]:
     """Return lines of text: what the table lacks, the exposures of least and most sky, the range of each angle."""
-    few, lines = faint(levels), []
+    few = faint(levels)
+    lines: list[str] = []
     if few:
         lines.append(f"Left out, because below {FAINT:g} e-/s/px in every exposure: {', '.join(few)}.")
     single = len(angles) == 1
@@ -115,40 +138,40 @@ def sky_lines(levels, angles):
     return lines
 
 
-def faint(levels):
+def faint(levels: Levels) -> list[str]:
     """Return the components that are below FAINT in all bands and exposures."""
     every = [parts for at in levels.values() for parts in at.values()]
     return [name for name in COMPONENTS if all(parts[name] < FAINT for parts in every)]
 
 
-def totals(at):
+def totals(at: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
     """Return {obsid: e-/s/px} of all components of a band."""
     return {obsid: sum(parts.values()) for obsid, parts in at.items()}
 
 
-def much_earthshine(parts):
+def much_earthshine(parts: Mapping[str, FloatArray]) -> float:
     """Return the share of exposures whose earthshine exceeds MUCH of their zodiacal light."""
     return float(np.mean(parts["earth"] > MUCH * parts["zodiacal"]))
 
 
-def _extremes(levels):
+def _extremes(levels: Levels) -> list[str]:
     """Return a line for each pair of exposures that have the least and the most sky of some bands."""
-    bands = {}
+    bands: dict[tuple[str, str], list[str]] = {}
     for band, at in levels.items():
         whole = totals(at)
-        bands.setdefault((min(whole, key=whole.get), max(whole, key=whole.get)), []).append(band)
+        bands.setdefault((min(whole, key=whole.__getitem__), max(whole, key=whole.__getitem__)), []).append(band)
     return [
         f"Least sky: obsid {least}; most: obsid {most} ({', '.join(names)})." for (least, most), names in bands.items()
     ]
 
 
-def _arrays(at):
+def _arrays(at: Mapping[str, Mapping[str, float]]) -> dict[str, FloatArray]:
     return {name: np.array([parts[name] for parts in at.values()]) for name in COMPONENTS}
 
 
-def with_the_model(run):
+def with_the_model(run: OpenCampaign) -> dict[str, dict[str, Job]]:
     """Return {obsid: {band: Job}} of the science exposures whose layers use the stray-light model, one chip a band."""
-    found = {}
+    found: dict[str, dict[str, Job]] = {}
     for job in run.science_jobs:
         step = run.steps["SCIE"].step("sky_background")
         if step is not None and step.param.enable_straylight_model:
@@ -156,12 +179,12 @@ def with_the_model(run):
     return found
 
 
-def _angles(pointing):
+def _angles(pointing: Pointing) -> dict[str, float]:
     found = exposure_angles(pointing.ra, pointing.dec, pointing.mjd, pointing.sat_position, pointing.sat_velocity)
     return {name: found[name] for name in ANGLES}
 
 
-def _light(exposures, numbers):
+def _light(exposures: Sequence[Exposure], numbers: SkyNumbers) -> dict[str, FloatArray]:
     """Return the `sky_light` along the middle of each Exposure's window, averaged over the exposure."""
     first = exposures[0]
     pointing = first.pointing
@@ -172,7 +195,7 @@ def _light(exposures, numbers):
     return {name: np.tensordot(WEIGHTS, [light[name] for light in lights], 1) for name in lights[0]}
 
 
-def _middle(exposure):
+def _middle(exposure: Exposure) -> FloatArray:
     window = exposure.window
     middle = 0.5 * (window.x0 + window.x1 - 1), 0.5 * (window.y0 + window.y1 - 1)
     return unit_vectors(*exposure.wcs.pixel_to_world(*(np.array([value]) for value in middle)))

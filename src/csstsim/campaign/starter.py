@@ -1,16 +1,25 @@
 """`csstsim init DIR` writes a folder with a campaign that runs as it is, for the user to change."""
 
+from __future__ import annotations
+
 import json
 import os
 import re
 import shlex
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
 from csstsim.base.shipped import ROOT
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from csstsim.base.types import AnyArray, PathLike
+    from csstsim.catalog.table import ObjectTable
 
 # Files of a new folder: what they are copies of, and what they are for.
 FILES = {
@@ -35,7 +44,9 @@ PA, TIME = -113.4333, "2027-11-20T01:16:00"  # deg; of the first exposure
 MARGIN, LARGEST = 0.2, 5.0  # arcmin: beyond the outermost object; a chip's half side is 5.7
 
 
-def init(folder, say, catalogue=None, example=None):
+def init(
+    folder: PathLike, say: Callable[[str], object], catalogue: PathLike | None = None, example: str | None = None
+) -> None:
     """Write the files of FILES into a folder, new or without any of them.
 
     catalogue: a table of objects (csstsim.catalog.own_table) to copy there, too, and to point at; example: one of
@@ -73,10 +84,11 @@ def init(folder, say, catalogue=None, example=None):
     say(f"\nNext:  cd {shlex.quote(str(folder))}\n       {then}")
 
 
-def _example(name, content, meanings):
+def _example(name: str, content: dict[str, bytes], meanings: dict[str, str]) -> tuple[dict[str, bytes], dict[str, str]]:
     """Return ({file: bytes}, {file: meaning}) of an example's folder, with the workflow and the files it shares."""
     workflow = [file for file in FILES if file not in ("campaign.yaml", "science.yaml", "survey_table.csv")]
-    folder, found = ROOT / "examples" / EXAMPLES[name], {}
+    folder = ROOT / "examples" / EXAMPLES[name]
+    found: dict[str, bytes] = {}
     for path in sorted(p for p in folder.rglob("*") if p.is_file() and not SKIPPED.intersection(p.parts)):
         data = path.read_bytes()
         if path.parent == folder and path.suffix == ".yaml":
@@ -89,7 +101,7 @@ def _example(name, content, meanings):
     return found, {file: told.get(file) or KINDS.get(Path(file).suffix, "data") for file in found}
 
 
-def _alone(campaign):
+def _alone(campaign: str) -> tuple[str, dict[str, bytes]]:
     """Return (text, {file: bytes}): an example's campaign, and what it shares with others, to lie beside it."""
     files = {}
     for name in set(re.findall(r"\.\./\.\./([\w./-]+)", campaign)):
@@ -103,7 +115,7 @@ def _alone(campaign):
     return campaign, files
 
 
-def _aimed(file, content):
+def _aimed(file: Path, content: dict[str, bytes]) -> dict[str, bytes]:
     """Return {name: bytes} of the files that differ for a user's catalogue: the table, the campaign, the pointings."""
     from csstsim.base.shipped import SHIPPED
     from csstsim.campaign.aiming import aimed, table_of
@@ -123,18 +135,22 @@ def _aimed(file, content):
     for pattern, new in (
         (r"one small field, [^.]*\.", about), (r"region: \{[^}]*\}", region), (r"(?s)catalog:.*?psf:", own)
     ):  # fmt: skip
-        text, count = re.subn(pattern, lambda found, new=new: new, text, count=1)
+
+        def literal(_: re.Match[str], new: str = new) -> str:
+            return new
+
+        text, count = re.subn(pattern, literal, text, count=1)
         changed += count
     if changed != 3:
         raise ValueError("config/starter/campaign.yaml: heading, region and catalog are not where they are looked for")
     table = table_of(found).encode()
-    own = _named_by(columns, file) | {file.name: file.read_bytes()}
-    if taken := sorted(set(content).intersection(own)):
+    named = _named_by(columns, file) | {file.name: file.read_bytes()}
+    if taken := sorted(set(content).intersection(named)):
         raise InputError("another file of the folder has this name; rename yours", file=file, value=taken[0])
-    return {"campaign.yaml": text.encode(), "survey_table.csv": table} | own
+    return {"campaign.yaml": text.encode(), "survey_table.csv": table} | named
 
 
-def _named_by(columns, file):
+def _named_by(columns: Mapping[str, AnyArray], file: Path) -> dict[str, bytes]:
     """Return {name: bytes} of images and spectra that a table names relative to itself; others stay where they are."""
     from csstsim.catalog.table import FILE_COLUMNS
 
@@ -155,7 +171,7 @@ def _named_by(columns, file):
     return found
 
 
-def _circle(file, table):
+def _circle(file: Path, table: ObjectTable) -> tuple[float, float, float]:
     """Return ra, dec [deg] of the middle of a table's objects, and the radius of a circle about it [arcmin]."""
     from csstsim.base.sphere import ra_dec, unit_vectors
 

@@ -4,11 +4,13 @@ Columns go by name, in any order; lines that start with '#' are comments. Every 
 value and what is allowed, because a table of thousands of rows is made by other people's scripts.
 """
 
+from __future__ import annotations
+
 import csv
 import math
 import re
 from pathlib import Path
-from typing import get_args
+from typing import TYPE_CHECKING, get_args
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.text_file import read_text
@@ -17,6 +19,15 @@ from csstsim.base.shipped import SHIPPED
 from csstsim.base.units import EARTH_RADIUS_KM
 from csstsim.instrument.camera import load_telescope
 from csstsim.instrument.pointing import EXPTIME_MAX, YEARS, ExposureType, Pointing, SurveyPart, parse_utc
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from typing import TypeAlias
+
+    from csstsim.base.types import PathLike
+    from csstsim.instrument.orbit import Orbit
+
+    SpacecraftState: TypeAlias = tuple[tuple[float, float, float], tuple[float, float, float]]  # position, velocity
 
 OBSID, OBSID_ALLOWED = re.compile(r"[0-9]{9,14}"), "9 to 14 digits"
 REQUIRED = ("obsid", "type", "ra", "dec", "pa", "time", "exptime")
@@ -29,13 +40,13 @@ _MAX_RADIUS_KM, _MAX_SPEED_KM_S = 50_000.0, 12.0  # beyond these a state is in a
 
 
 @explained("survey table")
-def load_survey_table(path, orbit=None):
+def load_survey_table(path: PathLike, orbit: Orbit | None = None) -> dict[str, Pointing]:
     """Return the exposures of a file as `exposures_of` does. Raises InputError for the first fault."""
     return exposures_of(read_text(Path(path), "utf-8-sig"), orbit, Path(path))
 
 
 @explained("survey table")
-def exposures_of(text, orbit=None, path=None):
+def exposures_of(text: str, orbit: Orbit | None = None, path: PathLike | None = None) -> dict[str, Pointing]:
     """Return the exposures in a table's text, {obsid: Pointing} in the order of its lines.
 
     `orbit` (instrument.orbit.Orbit; None = the shipped one) gives the spacecraft's state where a row has none; `path`
@@ -45,7 +56,8 @@ def exposures_of(text, orbit=None, path=None):
     if not lines:
         raise InputError("the table is empty: no header line", file=path)
     header = _header(path, *lines[0])
-    pointings, seen = {}, {}
+    pointings: dict[str, Pointing] = {}
+    seen: dict[str, int] = {}
     for number, cells in lines[1:]:
         row = Row(path, f"line {number}", header, cells)
         obsid = row.obsid()
@@ -62,14 +74,14 @@ def exposures_of(text, orbit=None, path=None):
     return pointings
 
 
-def _lines(path, text):
+def _lines(path: PathLike | None, text: str) -> list[tuple[int, list[str]]]:
     """(line number, cells) of every line that is neither blank nor a comment."""
     lines = enumerate(text.splitlines(), start=1)
     kept = [(number, line) for number, line in lines if line.strip() and not line.lstrip().startswith("#")]
     return [(number, _cells(path, number, line)) for number, line in kept]
 
 
-def _cells(path, number, line):
+def _cells(path: PathLike | None, number: int, line: str) -> list[str]:
     try:
         if "\0" in line:
             raise csv.Error("a NUL character")
@@ -78,8 +90,8 @@ def _cells(path, number, line):
         raise InputError(f"not a line of CSV: {exc}", file=path, key=f"line {number}") from None
 
 
-def _header(path, number, names):
-    def fault(message, name, allowed=None):
+def _header(path: PathLike | None, number: int, names: list[str]) -> list[str]:
+    def fault(message: str, name: str, allowed: str | None = None) -> InputError:
         return InputError(message, file=path, key=f"line {number}", value=name, allowed=allowed)
 
     for name in names:
@@ -99,18 +111,20 @@ def _header(path, number, names):
 class Row:
     """One line of the table, each cell checked as it is asked for; an InputError names path, place and column."""
 
-    def __init__(self, path, place, header, cells):
+    def __init__(self, path: PathLike | None, place: str, header: Sequence[str], cells: Sequence[str]) -> None:
         self.path, self.place = path, place
         if len(cells) != len(header):
             raise self.error(f"{len(cells)} cells under {len(header)} columns")
         self.cells = dict(zip(header, cells, strict=True))
 
-    def error(self, message, column=None, value=None, allowed=None):
+    def error(
+        self, message: str, column: str | None = None, value: object = None, allowed: object = None
+    ) -> InputError:
         """Return the InputError about a cell."""
         key = ", ".join(part for part in (self.place, column and f"column {column}") if part)
         return InputError(message, file=self.path, key=key or None, value=value, allowed=allowed)
 
-    def number_in(self, column, low, high, allowed, *, open_high=False):
+    def number_in(self, column: str, low: float, high: float, allowed: str, *, open_high: bool = False) -> float:
         """Return a column's number from `low` to `high`."""
         text = self.cells[column]
         try:
@@ -121,20 +135,20 @@ class Row:
             raise self.error("out of range", column, text, allowed)
         return value
 
-    def obsid(self):
+    def obsid(self) -> str:
         """The observation id."""
         text = self.cells["obsid"]
         if not OBSID.fullmatch(text):
             raise self.error("not an observation id", "obsid", text, OBSID_ALLOWED)
         return text
 
-    def type(self):
+    def type(self) -> str:
         """One of TYPES."""
         if self.cells["type"] not in TYPES:
             raise self.error("unknown exposure type", "type", self.cells["type"], ", ".join(TYPES))
         return self.cells["type"]
 
-    def survey(self):
+    def survey(self) -> str:
         """One of PARTS."""
         part = self.cells.get(SURVEY) or "WIDE"
         if part not in PARTS:
@@ -143,7 +157,7 @@ class Row:
             raise self.error("of a science exposure only", SURVEY, part, "empty, or type SCIE")
         return part
 
-    def time(self):
+    def time(self) -> str:
         """The start, ISO UTC."""
         try:
             year = parse_utc(self.cells["time"]).year
@@ -154,7 +168,7 @@ class Row:
             raise self.error("out of range", "time", self.cells["time"], f"years {YEARS[0]} to {YEARS[1]}")
         return self.cells["time"]
 
-    def exptime(self):
+    def exptime(self) -> float:
         """The exposure time [s]."""
         allowed = f"0 (BIAS only), or {_MIN_EXPTIME} to 100000 s"
         value = self.number_in("exptime", 0.0, EXPTIME_MAX, allowed)
@@ -164,7 +178,7 @@ class Row:
             raise self.error("zero exposure time", "exptime", self.cells["exptime"], "0 for BIAS only")
         return value
 
-    def state(self):
+    def state(self) -> SpacecraftState | None:
         """(position, velocity), or None where the row leaves all six cells empty or the table has no such columns."""
         given = [name for name in STATE if self.cells.get(name, "") != ""]
         if not given:
@@ -172,10 +186,10 @@ class Row:
         for name in STATE:
             if name not in given:
                 raise self.error("spacecraft state needs all six values or none; this one is empty", name)
-        values = [
+        x, y, z, vx, vy, vz = (
             self.number_in(name, -_MAX_RADIUS_KM, _MAX_RADIUS_KM, "km and km/s, geocentric GCRS") for name in STATE
-        ]
-        position, velocity = tuple(values[:3]), tuple(values[3:])
+        )
+        position, velocity = (x, y, z), (vx, vy, vz)
         radius, speed = math.hypot(*position), math.hypot(*velocity)
         if not EARTH_RADIUS_KM < radius <= _MAX_RADIUS_KM:
             raise self.error(
@@ -188,7 +202,7 @@ class Row:
             raise self.error("speed [km/s] out of range", "sat_vx", speed, f"up to {_MAX_SPEED_KM_S:g}")
         return position, velocity
 
-    def pointing(self, state):
+    def pointing(self, state: SpacecraftState) -> Pointing:
         """Return the Pointing of the row; state: the spacecraft's (position, velocity)."""
         return Pointing(
             type=self.type(),

@@ -1,6 +1,6 @@
 """Thresholds of the report's gates (docs/validation.md): keys of a campaign file."""
 
-from typing import Annotated
+from typing import Annotated, Self
 
 from pydantic import Field, field_validator
 
@@ -20,7 +20,7 @@ class ValidateConfig(Model):
     With a catalogue of your own, null is the default of those OF_THE_SKY.
     """
 
-    def for_catalogue(self, embedded):
+    def for_catalogue(self, embedded: bool) -> Self:
         """Return the thresholds that are judged: those OF_THE_SKY for the embedded one, or if they are given."""
         free = () if embedded else set(OF_THE_SKY) - self.model_fields_set
         return self.model_copy(update=dict.fromkeys(free))
@@ -162,7 +162,7 @@ class ValidateConfig(Model):
 
     @field_validator("pull_width")
     @classmethod
-    def _rising(cls, value):
+    def _rising(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
         if value is not None and not 0 <= value[0] < value[1]:
             raise ValueError("must be two numbers, the smaller first")
         return value

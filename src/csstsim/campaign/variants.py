@@ -5,30 +5,40 @@ Truth bricks, PSF sets and light of chips whose recipes are the base's are the b
 measurements the variant's folder has copies (stages.parts.shared).
 """
 
+from __future__ import annotations
+
 from pathlib import Path
+from typing import TYPE_CHECKING, cast
 
 from csstsim.base.errors import InputError
 from csstsim.io.paths import LIGHT, Paths
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from csstsim.base.types import PathLike
+    from csstsim.campaign.costs import Key
+    from csstsim.campaign.opened import OpenCampaign
 
 MARK, FOLDER = "@", "variants"
 OF_BASE = "schema_version", "name", "output", "share", "variants"  # keys that no variant changes
 STAGE_OF = {"select.parquet": "select"} | dict.fromkeys(LIGHT, "render")  # of the files that a variant may take over
 
 
-def split(file):
+def split(file: PathLike) -> tuple[Path, str | None]:
     """Return the campaign file and the variant's name of FILE@NAME; None for the name of a base."""
     path = Path(file)
     before, mark, name = path.name.rpartition(MARK)
     return (path.with_name(before), name) if before and mark and name and not path.exists() else (path, None)
 
 
-def named(file, name):
+def named(file: PathLike, name: str) -> Path:
     """Return FILE@NAME as a path."""
     path = Path(file)
     return path.with_name(f"{path.name}{MARK}{name}")
 
 
-def changed(data, name, file):
+def changed(data: dict[str, Any], name: str, file: PathLike) -> dict[str, Any]:
     """Return the mapping of a variant: the base's with the variant's keys. Raises InputError.
 
     data: the mapping of the base's file. Within a mapping, keys that the variant does not give stay.
@@ -44,13 +54,14 @@ def changed(data, name, file):
     return _with({key: value for key, value in data.items() if key != "variants"}, keys)
 
 
-def _with(base, keys):
+def _with(base: dict[str, Any], keys: dict[str, Any]) -> dict[str, Any]:
     both = {key for key in keys if isinstance(keys[key], dict) and isinstance(base.get(key), dict)}
     return base | keys | {key: _with(base[key], keys[key]) for key in both}
 
 
-def equal(run, obsid, chip_id, stage):
+def equal(run: OpenCampaign, obsid: str, chip_id: int, stage: str) -> bool:
     """Whether the base of a variant, an OpenCampaign, makes a stage's product of a job with the same bits."""
+    assert run.base is not None  # it is a variant
     alike = ("level0_names", "truth") if stage in ("level0", "measure") else ()
     if any(getattr(run.config, key) != getattr(run.base.config, key) for key in alike):
         return False
@@ -61,7 +72,7 @@ def equal(run, obsid, chip_id, stage):
     return run.base.recipe(theirs, stage) == run.recipe(run.job(obsid, chip_id), stage)
 
 
-def made_by_base(run, rule, key):
+def made_by_base(run: OpenCampaign, rule: str, key: Key) -> bool:
     """Whether the base makes what a job of a rule would: nothing is left for the variant but a copy.
 
     key: (obsid, chip), a brick or a chip, as in campaign.costs. False for a base.
@@ -71,7 +82,7 @@ def made_by_base(run, rule, key):
     if rule in ("truth", "psf"):
         return not getattr(run.paths, rule)(key).is_relative_to(run.paths.output)
     stage = {"readout": "level0", "chip": "level0", "extract": "measure"}.get(rule, rule)
-    return stage in ("select", "render", "level0", "measure") and run.in_base(*key, stage)
+    return stage in ("select", "render", "level0", "measure") and run.in_base(*cast("tuple[str, int]", key), stage)
 
 
 class VariantPaths(Paths):
@@ -80,18 +91,23 @@ class VariantPaths(Paths):
     run: the campaign.opened.OpenCampaign of the variant; output, scratch: the base's folders.
     """
 
-    def __init__(self, run, output, scratch=None, *names):
+    def __init__(self, run: OpenCampaign, output: PathLike, scratch: PathLike | None = None, *names: str) -> None:
+        assert run.variant is not None
         below = Path(FOLDER, run.variant)
         super().__init__(Path(output) / below, scratch and Path(scratch) / below, *names)
         self._run = run
 
-    def _of(self, equal):
+    def _of(self, equal: bool) -> Paths:
         """Return the paths of the base where a product is equal, else those of this folder."""
-        return self._run.base.paths if equal else super()
+        if not equal:
+            return cast("Paths", super())
+        assert self._run.base is not None  # it is a variant
+        return self._run.base.paths
 
-    def _shared(self, rule, number, numbers):
+    def _shared(self, rule: str, number: int, numbers: str) -> bool:
         """Whether the base makes the product of a brick or chip. numbers: the property with all of the base's."""
         run, base = self._run, self._run.base
+        assert base is not None  # it is a variant
         if getattr(base.recipes, rule) != getattr(run.recipes, rule):
             return False
         alike = all(
@@ -100,19 +116,19 @@ class VariantPaths(Paths):
         geometry = run.camera.digest_for("select") == base.camera.digest_for("select")
         return (alike and geometry) or number in getattr(base, numbers)  # the latter opens all jobs
 
-    def truth(self, pix):
+    def truth(self, pix: int) -> Path:
         """As Paths.truth."""
         return self._of(self._shared("truth", pix, "sky_bricks")).truth(pix)
 
-    def psf(self, chip_id):
+    def psf(self, chip_id: int) -> Path:
         """As Paths.psf."""
         return self._of(self._shared("psf", chip_id, "sky_chips")).psf(chip_id)
 
-    def psf_tables(self, chip_id):
+    def psf_tables(self, chip_id: int) -> Path:
         """As Paths.psf_tables."""
         return self._of(self._shared("psf", chip_id, "sky_chips")).psf_tables(chip_id)
 
-    def stage(self, obsid, chip_id, name):
+    def stage(self, obsid: str, chip_id: int, name: str) -> Path:
         """As Paths.stage."""
         equal = name in STAGE_OF and self._run.in_base(obsid, chip_id, STAGE_OF[name])
         return self._of(equal).stage(obsid, chip_id, name)

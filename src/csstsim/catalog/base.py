@@ -58,6 +58,8 @@ the catalogue on the campaign's first exposure and lists its faults (catalog.con
 Speed: a catalogue with many objects overrides `load_seds`, or `load_fluxes` to skip spectra altogether.
 """
 
+from __future__ import annotations
+
 import hashlib
 import inspect
 import traceback
@@ -65,6 +67,7 @@ from abc import ABC, abstractmethod
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -80,7 +83,17 @@ from csstsim.catalog.light.photometry import ab_mag, bin_means, load_fluxes
 from csstsim.catalog.mock_object import MockObject
 from csstsim.catalog.row_files import with_images
 from csstsim.catalog.table import OPTIONAL, STAR, ObjectTable, columns_with
-from csstsim.instrument.filter import GRID
+from csstsim.instrument.filter import GRID, Filter
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from astropy.table import Column, Table
+    from galsim import GSObject
+
+    from csstsim.base.types import AnyArray, BoolArray, FloatArray, IntArray, PathLike
+    from csstsim.catalog.changing.motion import Interval
+    from csstsim.instrument.telescope import Telescope
 
 
 @dataclass(frozen=True)
@@ -96,9 +109,9 @@ class Region:
     bricks: tuple[int, ...]
     bands: tuple[str, ...] = ()
 
-    def contains(self, ra, dec):
+    def contains(self, ra: FloatArray, dec: FloatArray) -> BoolArray:
         """Whether places [deg, arrays of one length] lie between the corners, which bound a convex polygon."""
-        return inside(unit_vectors(ra, dec), unit_vectors(self.ra, self.dec))
+        return inside(unit_vectors(ra, dec), unit_vectors(np.array(self.ra), np.array(self.dec)))
 
 
 class CatalogBase(ABC):
@@ -108,29 +121,30 @@ class CatalogBase(ABC):
     campaign file.
     """
 
-    PATHS = ()
+    PATHS: ClassVar[tuple[str, ...]] = ()
+    _table: ObjectTable
 
-    def __init__(self, options, region):
+    def __init__(self, options: Mapping[str, Any], region: Region) -> None:
         self.options = dict(options)
         self.region = region
-        self.objs = []
+        self.objs: list[MockObject] = []
 
     @abstractmethod
-    def _load(self):
+    def _load(self) -> None:
         """Fill `self.objs` with the MockObjects of `self.region`. More are allowed: selection is by position."""
 
     @abstractmethod
-    def load_sed(self, obj):
+    def load_sed(self, obj: MockObject) -> Table:
         """Return the spectrum of one MockObject: astropy Table, WAVELENGTH [A] rising within 2000-11000, FLUX."""
 
-    def load_norm_filt(self, obj):
+    def load_norm_filt(self, obj: MockObject) -> Table | None:
         """Return None, or the Table (WAVELENGTH, SENSITIVITY) through which the spectrum has AB `obj.mag_norm`.
 
         A class whose spectra are absolute leaves it out (paper, Appendix A: "if applicable").
         """
         return None
 
-    def galsim_object(self, obj):
+    def galsim_object(self, obj: MockObject) -> GSObject | None:
         """Return a galsim.GSObject with which to draw a galaxy, x to the east and y to the north, or None.
 
         It becomes an image (catalog.galaxy_shapes.galsim_images), in the folder of the option `images`, which is by
@@ -138,7 +152,7 @@ class CatalogBase(ABC):
         """
         return None
 
-    def _galsim_objects(self):
+    def _galsim_objects(self) -> Iterator[tuple[str, GSObject | None]]:
         """Yield (where, for messages, and the galsim_object) of each of `objs`."""
         for obj in self.objs:
             where = f"{name_of(self)}.galsim_object, object {obj.id}"
@@ -147,7 +161,7 @@ class CatalogBase(ABC):
             yield where, profile
 
     @classmethod
-    def files(cls, options):
+    def files(cls, options: Mapping[str, Any]) -> Sequence[PathLike]:
         """Return the paths of the files in `options` whose content affects the chips.
 
         Each is read completely whenever a campaign is opened; leave out files that are too large for that.
@@ -155,7 +169,7 @@ class CatalogBase(ABC):
         return ()
 
     @property
-    def table(self):
+    def table(self) -> ObjectTable:
         """The objects as an ObjectTable in the order of `self.objs`, units of its columns.
 
         Raises InputError if one is not a MockObject, or for an image that cannot be drawn.
@@ -165,7 +179,7 @@ class CatalogBase(ABC):
             if strange:
                 raise InputError("objs holds an item that is not a MockObject", key=name_of(self), value=strange[0])
             names = sorted({name for obj in self.objs for name in obj.values})
-            columns = {name: [getattr(obj, name, None) for obj in self.objs] for name in names}
+            columns: dict[str, list[Any]] = {name: [getattr(obj, name, None) for obj in self.objs] for name in names}
             if type(self).galsim_object is not CatalogBase.galsim_object:
                 folder = self.options.get("images") or Path(inspect.getfile(type(self))).parent / "galsim_images"
                 columns |= galsim_columns(self._galsim_objects(), columns, folder)
@@ -180,34 +194,34 @@ class CatalogBase(ABC):
             timed = {name: column for name, column in columns.items() if name in changing.COLUMNS}
             extras = {f"user_{n}": column for n, column in columns.items() if n not in ours and n not in timed}
             plain = {name: _plain_column(column) for name, column in extras.items()}
-            known = {name: column for name, column in columns.items() if name in ours}
+            known: dict[str, list[Any] | AnyArray] = {n: column for n, column in columns.items() if n in ours}
             if "image_file" in known:
                 kinds = np.asarray(columns.get("obj_type", np.full(len(self.objs), STAR)))
-                known = with_images(known, kinds, name_of(self))
+                known |= with_images(known, kinds, name_of(self))
             known |= {n: v for n, v in plain.items() if v is not None} | _timed(timed, len(self.objs))
             self._table = ObjectTable.complete(known, bands)
         return self._table
 
     @property
-    def truth_hash(self):
+    def truth_hash(self) -> str:
         """16 hex digits of the options and the columns of `table` (spectra are not part of it)."""
         total = hashlib.sha256(digest(self.options).encode())
         for name in self.table:
             total.update(name.encode() + self.table[name].tobytes())
         return total.hexdigest()[:16]
 
-    def load_seds(self, rows):
+    def load_seds(self, rows: IntArray) -> FloatArray:
         """Return (len(rows), 18001) spectra [photon / s / m2 / A] on 2000-11000 A by 0.5 A for rows of `table`.
 
         Raises InputError if `load_sed` or `load_norm_filt` raises an exception or returns the wrong form.
         """
         return np.array([self._load_on_grid(self.objs[row]) for row in rows]).reshape(len(rows), len(GRID))
 
-    def load_fluxes(self, rows, filter, telescope):
+    def load_fluxes(self, rows: IntArray, filter: Filter, telescope: Telescope) -> FloatArray:
         """Return (len(rows), 4) electrons / s in the filter's sub-bands, before lensing magnification."""
         return load_fluxes(self.load_seds, rows, filter, telescope)
 
-    def load_binned(self, rows, edges):
+    def load_binned(self, rows: IntArray, edges: FloatArray) -> FloatArray:
         """Return (len(rows), len(edges) - 1) photon / s / m2 / angstrom: means over bins of `edges` [angstrom].
 
         Edges are samples of the paper's grid. Slitless spectra are drawn from these means, made from `load_seds`.
@@ -216,21 +230,21 @@ class CatalogBase(ABC):
         seds = np.asarray(self.load_seds(rows), dtype=float)[:, at[0] : at[-1] + 1]
         return bin_means(seds, at - at[0])
 
-    def rate_bound(self, rows, filter, telescope):
+    def rate_bound(self, rows: IntArray, filter: Filter, telescope: Telescope) -> FloatArray | None:
         """Return (len(rows),) electrons / s that no row's `load_fluxes` exceeds, or None if that is not known.
 
         With it, `load_fluxes` is not called for objects that cannot reach a chip.
         """
         return None
 
-    def component_shares(self, rows, filter):
+    def component_shares(self, rows: IntArray, filter: Filter) -> dict[str, FloatArray] | None:
         """Return {"bulge_frac": (len(rows),), "knots_frac": ...}: shares of the light in a band, or None: the table's.
 
         Override it for galaxies with a colour gradient on imaging chips.
         """
         return None
 
-    def dimming(self, rows, interval, filter):
+    def dimming(self, rows: IntArray, interval: Interval, filter: Filter) -> FloatArray | None:
         """Return (len(rows),) mag by which objects are fainter in an exposure than the catalogue says, or None: never.
 
         interval: catalog.changing.motion.Interval of the exposure. Here: the periodic changes of the table's columns
@@ -240,7 +254,7 @@ class CatalogBase(ABC):
 
         return dimming(self.table, np.asarray(rows, dtype=int), interval, filter)
 
-    def _load_on_grid(self, obj):
+    def _load_on_grid(self, obj: MockObject) -> FloatArray:
         with users_code(f"{name_of(self)}.load_sed, object {obj.id}"):
             table = self.load_sed(obj)
         wave, flux = read_columns(table, "FLUX", f"{name_of(self)}.load_sed, object {obj.id}")
@@ -259,7 +273,7 @@ class CatalogBase(ABC):
             return sed * 10 ** (0.4 * (current - target))
 
 
-def _refuse_units(catalog, columns):
+def _refuse_units(catalog: str, columns: Mapping[str, Sequence[Any]]) -> None:
     """Raise InputError for a quantity with a unit where csstsim needs a number."""
     for name, values in columns.items():
         value = next((value for value in values if hasattr(value, "unit")), None)
@@ -269,7 +283,7 @@ def _refuse_units(catalog, columns):
             )
 
 
-def _timed(columns, count):
+def _timed(columns: Mapping[str, Sequence[Any]], count: int) -> dict[str, AnyArray]:
     """Return the columns of objects that change (catalog.changing.columns); an object without one has its default."""
     filled = {}
     for name, values in columns.items():
@@ -278,7 +292,7 @@ def _timed(columns, count):
     return changing.completed(filled, count)
 
 
-def _plain_column(values):
+def _plain_column(values: Sequence[Any]) -> AnyArray | None:
     """Return a column of scalars, blanks (NaN or "") where an object has none; None if they are not plain values."""
     given = [value for value in values if value is not None]
     if not all(map(np.isscalar, given)):
@@ -290,13 +304,13 @@ def _plain_column(values):
     return np.array(given if len(given) == len(values) else [blank if value is None else value for value in values])
 
 
-def name_of(catalog):
+def name_of(catalog: CatalogBase) -> str:
     """Return the name of a catalogue's class, for messages."""
     return type(catalog).__name__
 
 
 @contextmanager
-def users_code(where):
+def users_code(where: str) -> Iterator[None]:
     """Turn an exception of user code in the block into a one-line InputError: where, what, and the user's line."""
     with explained("catalogue"):
         try:
@@ -318,7 +332,7 @@ SYNPHOT_UNITS = {
 }  # fmt: skip
 
 
-def read_columns(table, name, where):
+def read_columns(table: Table, name: str, where: str) -> tuple[FloatArray, FloatArray]:
     """Return WAVELENGTH [A] and `name` (FLUX or SENSITIVITY) of the table a user's method returned, in csstsim's units.
 
     Both are float64 and of one length. `where` begins the message. Raises InputError for anything not of that form.
@@ -337,9 +351,10 @@ def read_columns(table, name, where):
     return wave, values
 
 
-def _plain(column, unit, wave=None):
+def _plain(column: Column, unit: str | None, wave: FloatArray | None = None) -> FloatArray:
     """Return a column as a float array, masked values as NaN; in `unit` if both are given."""
-    values = np.ma.filled(np.ma.asarray(getattr(column, "value", column), dtype=float), np.nan)  # a Quantity's numbers
+    numbers = getattr(column, "value", column)  # of a Quantity
+    values: FloatArray = np.ma.filled(np.ma.asarray(numbers, dtype=float), np.nan)
     own = getattr(column, "unit", None)
     if own is None or unit is None:
         return values

@@ -17,8 +17,11 @@ is gamma; ellipticity and shear have csstsim's axes; magnitudes are before magni
 contain.
 """
 
+from __future__ import annotations
+
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -27,15 +30,23 @@ from csstsim.base.resampling import on_grid
 from csstsim.base.shipped import SHIPPED
 from csstsim.base.units import C_A_S, H_J_S
 from csstsim.catalog.astrometry.reduction import moved
-from csstsim.catalog.base import CatalogBase
+from csstsim.catalog.base import CatalogBase, Region
 from csstsim.catalog.c9_files import BANDS, read_array, read_galaxies, read_stars
 from csstsim.catalog.light.embedded_spectra import coefficients
 from csstsim.catalog.light.photometry import ab_mag
-from csstsim.catalog.mock_object import MockObjects
+from csstsim.catalog.mock_object import MockObject, MockObjects
 from csstsim.catalog.table import GALAXY, QUASAR, STAR, ObjectTable
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID
-from csstsim.universe.parameters import COEFFICIENTS, load_universe
+from csstsim.universe.parameters import COEFFICIENTS, Universe, load_universe
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from astropy.table import Table
+    from numpy.typing import ArrayLike
+
+    from csstsim.base.types import AnyArray, BoolArray, FloatArray, IntArray, PathLike
 
 OPTIONS = (
     "stars", "galaxies", "basis", "quasars", "partial", "metallicity", "solar_z", "epoch", "universe", "instrument",
@@ -63,9 +74,9 @@ class C9Catalog(CatalogBase):
     Raises InputError for a missing or unknown option, file, dataset or shape.
     """
 
-    PATHS = ("stars", "galaxies", "basis", "quasars", "universe", "instrument")
+    PATHS: ClassVar[tuple[str, ...]] = ("stars", "galaxies", "basis", "quasars", "universe", "instrument")
 
-    def __init__(self, options, region):
+    def __init__(self, options: Mapping[str, Any], region: Region) -> None:
         super().__init__(options, region)
         for name in set(self.options) - set(OPTIONS):
             raise InputError("unknown key", key="catalog.options", value=name, allowed=", ".join(OPTIONS))
@@ -81,10 +92,11 @@ class C9Catalog(CatalogBase):
             raise InputError("not an epoch", key="catalog.options.epoch", value=epoch, allowed=allowed)
         self._load()
 
-    def _load(self):
+    def _load(self) -> None:
         files = self.options.get("stars") or []
         folder, bricks = self.options.get("galaxies"), self.region.bricks
-        parts, seen = [_complete({"id": np.zeros(0, np.int64)})], {}
+        parts = [_complete({"id": np.zeros(0, np.int64)})]
+        seen: dict[int, int] = {}
         for pixel, columns in read_stars([files] if isinstance(files, str | Path) else files, bricks):
             first = seen.get(pixel, 0)
             seen[pixel] = first + len(columns["RA"])
@@ -96,9 +108,9 @@ class C9Catalog(CatalogBase):
             if active.any() and self._quasar_file:
                 parts.append(_quasars(columns, host, active))
         self._table = ObjectTable.concat(parts or [_complete({})])
-        self.objs = MockObjects(self._table)
+        self.objs = MockObjects(self._table)  # type: ignore[assignment] # a list, but that each is made when asked for
 
-    def _stars(self, columns, ids):
+    def _stars(self, columns: Mapping[str, AnyArray], ids: IntArray) -> ObjectTable:
         with np.errstate(invalid="ignore"):
             metals = columns["z_met"]
             if self.options.get("metallicity") != "dex":
@@ -107,22 +119,23 @@ class C9Catalog(CatalogBase):
                  "logg": "grav", "av": "AV", "stellarmass": "mass", "mag_norm": "app_sdss_g"}  # fmt: skip
         given = {ours: columns[theirs] for ours, theirs in names.items() if theirs in columns}
         given |= self._places(given)
-        return _complete({"id": ids, "obj_type": STAR, "teff": 10.0 ** columns["teff"], "feh": metals} | given)
+        own: dict[str, ArrayLike] = {"id": ids, "obj_type": STAR, "teff": 10.0 ** columns["teff"], "feh": metals}
+        return _complete(own | given)
 
-    def _places(self, star):
+    def _places(self, star: Mapping[str, AnyArray]) -> dict[str, AnyArray]:
         """Return ra, dec [deg] at J2000 of stars whose places are of another epoch; {} if they are of that."""
         years = 2000.0 - self.options.get("epoch", 2000.0)
         if years == 0 or not {"pmra", "pmdec"} <= set(star):
             return {}
-        ra, dec = moved(*(star[name] for name in ("ra", "dec", "pmra", "pmdec")), years)
+        ra, dec = moved(star["ra"], star["dec"], star["pmra"], star["pmdec"], years)
         return {"ra": ra, "dec": dec}
 
     @cached_property
-    def _universe(self):
+    def _universe(self) -> Universe:
         return load_universe(self.options.get("universe") or SHIPPED / "universe")
 
     @cached_property
-    def _curves(self):
+    def _curves(self) -> dict[int, FloatArray]:
         """{type: response on GRID} that mag_norm of stars and galaxies refers to."""
         from astropy.table import Table
 
@@ -132,14 +145,14 @@ class C9Catalog(CatalogBase):
         return {STAR: response, GALAXY: camera.filters[NORM_BAND].at(GRID)}
 
     @cached_property
-    def _basis(self):
+    def _basis(self) -> tuple[FloatArray, FloatArray]:
         """Rest wavelengths (n,) and components (20, n) of the galaxies' spectra."""
         if not self.options.get("basis"):
             raise InputError("required key is missing: galaxies need it", key="catalog.options.basis")
         return _spectra_file(self.options["basis"], "components", COEFFICIENTS)
 
     @property
-    def _quasar_file(self):
+    def _quasar_file(self) -> PathLike | None:
         if "quasars" not in self.options:
             raise InputError(
                 "required key is missing: the galaxies have quasars", key="catalog.options.quasars",
@@ -148,18 +161,19 @@ class C9Catalog(CatalogBase):
         return self.options["quasars"]
 
     @cached_property
-    def _quasar_spectra(self):
+    def _quasar_spectra(self) -> tuple[FloatArray, FloatArray]:
         """Observed wavelengths (n,) and f_lambda (m, n) of the quasars."""
+        assert self._quasar_file is not None  # there are quasars
         return _spectra_file(self._quasar_file, "flux")
 
-    def load_sed(self, obj):
+    def load_sed(self, obj: MockObject) -> Table:
         """Return the spectrum of one object before normalisation: Table of WAVELENGTH [A] and FLUX."""
         from astropy.table import Table
 
         row = ObjectTable({name: [value] for name, value in obj.values.items()})
         return Table({"WAVELENGTH": GRID, "FLUX": self._shapes(row)[0]})
 
-    def load_norm_filt(self, obj):
+    def load_norm_filt(self, obj: MockObject) -> Table | None:
         """Return SDSS g for a star, CSST's i for a galaxy, None for a quasar: Table of WAVELENGTH and SENSITIVITY."""
         from astropy.table import Table
 
@@ -167,7 +181,7 @@ class C9Catalog(CatalogBase):
             return None
         return Table({"WAVELENGTH": GRID, "SENSITIVITY": self._curves[int(obj.obj_type)]})
 
-    def load_seds(self, rows):
+    def load_seds(self, rows: IntArray) -> FloatArray:
         """Return (len(rows), 18001) spectra [photon / s / m2 / A] on the paper's grid; NaN for unusable parameters."""
         table = self._table.take(np.asarray(rows, dtype=int))
         seds = self._shapes(table)
@@ -178,7 +192,7 @@ class C9Catalog(CatalogBase):
                 seds[some] *= 10 ** (0.4 * excess)[:, None]
         return seds
 
-    def _shapes(self, table):
+    def _shapes(self, table: ObjectTable) -> FloatArray:
         """Return (n, 18001) photon densities, those of stars and galaxies up to a factor."""
         out = np.full((len(table), len(GRID)), np.nan)
         star = (table["obj_type"] == STAR) & np.isfinite(table["teff"] + table["logg"] + table["feh"] + table["av"])
@@ -202,7 +216,7 @@ class C9Catalog(CatalogBase):
         return out
 
 
-def _galaxies(columns, ids):
+def _galaxies(columns: Mapping[str, AnyArray], ids: IntArray) -> ObjectTable:
     bulge, disk = (columns[name].astype(float) for name in ("bulgemass", "diskmass"))
     with np.errstate(invalid="ignore"):
         share = bulge / (bulge + disk)
@@ -217,7 +231,7 @@ def _galaxies(columns, ids):
     )  # fmt: skip
 
 
-def _quasars(columns, host, active):
+def _quasars(columns: Mapping[str, AnyArray], host: IntArray, active: BoolArray) -> ObjectTable:
     shear = columns["shear"][active].T
     return _complete(
         {"id": host[active] - GALAXY + QUASAR, "obj_type": QUASAR, "ra": columns["ra"][active],
@@ -226,20 +240,20 @@ def _quasars(columns, host, active):
     )  # fmt: skip
 
 
-def _complete(columns):
+def _complete(columns: Mapping[str, ArrayLike]) -> ObjectTable:
     """Return the ObjectTable of one kind of object, defaults in the columns of other kinds; magnitudes are CSST's."""
-    extras = {"mag_norm": np.float32(np.nan), "qsoindex": np.int64(-1)}
+    extras: dict[str, np.generic] = {"mag_norm": np.float32(np.nan), "qsoindex": np.int64(-1)}
     extras |= {f"coeff{k}": np.float32(0.0) for k in range(COEFFICIENTS)}
     full = {name: np.asarray(columns.get(name, default), default.dtype) for name, default in extras.items()}
-    return ObjectTable.complete(columns | full, BANDS)
+    return ObjectTable.complete({**columns, **full}, BANDS)
 
 
-def _ids(pixel, first, count, kind):
+def _ids(pixel: int, first: int, count: int, kind: int) -> IntArray:
     """Return ids unique to pixel, row and kind: pixel x 2^32 + 4 row + kind."""
     return (np.int64(pixel) << 32) + 4 * (first + np.arange(count, dtype=np.int64)) + kind
 
 
-def _spectra_file(file, name, rows=None):
+def _spectra_file(file: PathLike, name: str, rows: int | None = None) -> tuple[FloatArray, FloatArray]:
     """Return `wavelength` (n,) and dataset `name` (rows, n) of an HDF5 file."""
     wave, values = read_array(file, "wavelength", 1), read_array(file, name, 2)
     if len(wave) < 2 or not (np.diff(wave) > 0).all():

@@ -20,14 +20,25 @@ Cirrus012/make_c9_star_cat), commit accee8d:
 DM, detA and the magnitudes of gratings are not read: they follow from other columns.
 """
 
+from __future__ import annotations
+
 import os
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.hdf5_file import group, numbers
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    import h5py
+    from numpy.typing import ArrayLike
+
+    from csstsim.base.types import AnyArray, FloatArray, IntArray, PathLike
 
 STAR_COLUMNS = ("RA", "DEC", "app_sdss_g", "teff", "grav", "z_met", "AV", "mass")
 STAR_OPTIONAL = ("pmra", "pmdec", "RV", "parallax")
@@ -39,7 +50,7 @@ GALAXY_COLUMNS = (
 GALAXY_WIDE = {"ellipticity_true": 2, "shear": 2, "coeff": 20}
 
 
-def pixels(bricks):
+def pixels(bricks: ArrayLike) -> tuple[IntArray, IntArray]:
     """Return the sorted (nested, ring) NSIDE-128 pixels that hold NSIDE-256 nested `bricks`, each an array."""
     import hpgeom
 
@@ -47,7 +58,7 @@ def pixels(bricks):
     return nested, hpgeom.nest_to_ring(128, nested)
 
 
-def read_stars(files, bricks):
+def read_stars(files: Iterable[PathLike], bricks: ArrayLike) -> Iterator[tuple[int, dict[str, AnyArray]]]:
     """Yield (pixel, {name: values}) of every pixel under `bricks`, once for each file that has it."""
     for file in files:
         with _open(file) as h5:
@@ -60,7 +71,7 @@ def read_stars(files, bricks):
                     )
 
 
-def read_galaxies(folder, bricks, partial):
+def read_galaxies(folder: PathLike, bricks: ArrayLike, partial: bool) -> Iterator[tuple[int, dict[str, AnyArray]]]:
     """Yield (pixel, {name: values}) as `read_stars`. If `partial`, a missing bundle is empty sky."""
     import hpgeom
 
@@ -75,7 +86,7 @@ def read_galaxies(folder, bricks, partial):
                 yield int(pixel), _columns(group(root, str(pixel), file), wanted, (), file)
 
 
-def read_array(file, name, ndim):
+def read_array(file: PathLike, name: str, ndim: int) -> FloatArray:
     """Return dataset `name` of an HDF5 file as float64. Raises InputError if it is not an array of `ndim` axes."""
     with _open(file) as h5:
         values = numbers(h5, name, file)
@@ -85,7 +96,7 @@ def read_array(file, name, ndim):
 
 
 @contextmanager
-def _open(file):
+def _open(file: PathLike) -> Iterator[h5py.File]:
     import h5py
 
     try:
@@ -97,7 +108,9 @@ def _open(file):
         raise InputError(f"cannot read the catalogue: {reason}", file=file) from exc
 
 
-def _columns(pixel, wanted, optional, file):
+def _columns(
+    pixel: h5py.Group, wanted: dict[str, int | None], optional: Iterable[str], file: PathLike
+) -> dict[str, AnyArray]:
     """Return {name: values} of a pixel's group; wanted: {name: number of columns, None for one axis}."""
     wanted = wanted | {name: None for name in optional if name in pixel}
     found = {name: np.atleast_1d(numbers(pixel, name, file)) for name in wanted}

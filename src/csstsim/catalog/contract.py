@@ -10,8 +10,11 @@ A fault means that an object or all objects would be drawn wrongly or not at all
 intended. An exception raised by the catalogue's own code becomes an InputError with class, method and object.
 """
 
+from __future__ import annotations
+
 from collections import defaultdict
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -19,20 +22,27 @@ from csstsim.base.healpix import NSIDE, disc
 from csstsim.base.plural import number_of
 from csstsim.base.shipped import SHIPPED
 from csstsim.base.sphere import unit_vectors
-from csstsim.catalog.base import Region, name_of, read_columns, users_code
+from csstsim.catalog.base import CatalogBase, Region, name_of, read_columns, users_code
 from csstsim.catalog.galaxy_shapes.part_rows import SHORTHANDS
 from csstsim.catalog.light.photometry import load_fluxes, rate_to_mag
 from csstsim.catalog.misspelt import meant, unused_magnitude
 from csstsim.catalog.open import make_catalog
 from csstsim.catalog.selection.drawable import reasons
 from csstsim.catalog.table import STAR, TYPES, ObjectTable, columns_with
-from csstsim.instrument.camera import load_camera
+from csstsim.instrument.camera import Camera, load_camera
 from csstsim.instrument.filter import GRID, SUBBANDS
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterable, Mapping
+
+    from csstsim.base.types import IntArray
+    from csstsim.catalog.mock_object import MockObject
 
 PLAUSIBLE_MAG = (0.0, 40.0)  # AB, in an object's brightest band: outside it FLUX is probably in a wrong unit
 MAG_TOLERANCE = 0.05
 FLUX_TOLERANCE = 0.01  # between load_fluxes and the integral of load_seds, relative
 SHOWN = 5  # ids named in one message
+Found: TypeAlias = defaultdict[str, list[int]]  # {message: ids of objects}
 
 
 @dataclass(frozen=True)
@@ -40,11 +50,11 @@ class Report:
     """The result of the test: the objects, their counts by type, faults and warnings, one line each."""
 
     table: ObjectTable
-    counts: dict
+    counts: dict[str, int]
     faults: tuple[str, ...]
     warnings: tuple[str, ...]
 
-    def __str__(self):
+    def __str__(self) -> str:
         counts = ", ".join(f"{count} of type {kind}" for kind, count in self.counts.items())
         total = len(self.table)
         lines = [f"{number_of(total, 'object')}: {counts}" if total else "no objects in the region"]
@@ -52,19 +62,21 @@ class Report:
         return "\n".join(lines)
 
 
-def sky_region(ra, dec, radius, bands=()):
+def sky_region(ra: float, dec: float, radius: float, bands: Iterable[str] = ()) -> Region:
     """Return the Region of a circle's bounding square, by corners [deg, ICRS]. The circle must not contain a pole.
 
     bands: of the camera; `check` replaces them by those of its own camera.
     """
     half = radius / np.cos(np.radians(abs(dec) + radius))
     bricks = disc(NSIDE, unit_vectors(ra, dec), np.radians(radius), inclusive=True)
-    corners = ra + np.array([-half, half, half, -half]), dec + np.array([-radius, -radius, radius, radius])
-    corners = tuple((corners[0] % 360.0).tolist()), tuple(corners[1].tolist())
+    east, north = ra + np.array([-half, half, half, -half]), dec + np.array([-radius, -radius, radius, radius])
+    corners = tuple((east % 360.0).tolist()), tuple(north.tolist())
     return Region(*corners, tuple(bricks.tolist()), tuple(bands))
 
 
-def check(cls, options, region, camera=None, most=100):
+def check(
+    cls: type[CatalogBase], options: Mapping[str, Any], region: Region, camera: Camera | None = None, most: int = 100
+) -> Report:
     """Return the Report of the CatalogBase class `cls` with `options` on a Region.
 
     camera: instrument.camera.Camera (None: the shipped one); most: number of objects of each type whose spectra are
@@ -78,7 +90,8 @@ def check(cls, options, region, camera=None, most=100):
             raise TypeError(f"{type(table).__name__} is not an ObjectTable")
     if len(catalog.objs) != len(table):
         return Report(table, {}, (f"objs has {len(catalog.objs)} objects, table {len(table)} rows",), ())
-    faults, warnings = defaultdict(list), defaultdict(list)
+    faults: Found = defaultdict(list)
+    warnings: Found = defaultdict(list)
     ids, times = np.unique(table["id"], return_counts=True)
     faults["an id given more than once"] = list(ids[times > 1])
     _check_columns(table, camera.bands, faults, warnings)
@@ -90,7 +103,7 @@ def check(cls, options, region, camera=None, most=100):
     return Report(table, {k: n for k, n in counts.items() if n}, _lines(faults), _lines(warnings))
 
 
-def _sample(kinds, most):
+def _sample(kinds: IntArray, most: int) -> IntArray:
     """Return rows, at most `most` of each type, spread evenly over the table."""
     picked = []
     for kind in range(len(TYPES)):
@@ -99,7 +112,7 @@ def _sample(kinds, most):
     return np.sort(np.concatenate(picked))
 
 
-def _check_columns(table, bands, faults, warnings):
+def _check_columns(table: ObjectTable, bands: Collection[str], faults: Found, warnings: Found) -> None:
     """Check the objects' parameters."""
     drawn = 0
     for _, part in table.parts():
@@ -107,7 +120,7 @@ def _check_columns(table, bands, faults, warnings):
         for reason, mask in reasons(part).items():
             warnings[f"would not be drawn: {reason}"] += list(part["id"][mask])
             not_drawn |= mask
-        drawn += np.count_nonzero(~not_drawn)
+        drawn += int(np.count_nonzero(~not_drawn))
         flagged = part["flags"] != 0
         warnings["flags are csstsim's own, and keep an object from being drawn"] += list(part["id"][flagged])
         shaped = (part["obj_type"] == STAR) & (np.hypot(part["e1"], part["e2"]) + part["size_disk"] > 0)
@@ -123,7 +136,7 @@ def _check_columns(table, bands, faults, warnings):
             warnings[text] = list(table["id"])
 
 
-def _check_spectrum(catalog, obj, faults, warnings):
+def _check_spectrum(catalog: CatalogBase, obj: MockObject, faults: Found, warnings: Found) -> None:
     """Check the samples of one object's spectrum as `load_sed` gives them."""
     where = f"{name_of(catalog)}.load_sed, object {obj.id}"
     with users_code(where):
@@ -151,7 +164,7 @@ def _check_spectrum(catalog, obj, faults, warnings):
         warnings["load_norm_filt's filter reaches beyond 2000-11000 angstrom and is cut there"].append(obj.id)
 
 
-def _check_light(catalog, rows, camera, faults, warnings):
+def _check_light(catalog: CatalogBase, rows: IntArray, camera: Camera, faults: Found, warnings: Found) -> None:
     """Check the electrons and magnitudes of `rows` in every imaging band."""
     ids = catalog.table["id"][rows]
     mags = np.empty((len(camera.bands), len(rows)))
@@ -176,7 +189,7 @@ def _check_light(catalog, rows, camera, faults, warnings):
     warnings["is brighter than 0 or fainter than 40 mag: is FLUX in photon / s / m2 / angstrom?"] = list(ids[odd])
 
 
-def _lines(found):
+def _lines(found: Found) -> tuple[str, ...]:
     lines = []
     for message, ids in found.items():
         if ids:

@@ -1,25 +1,37 @@
 """The embedded mock universe as a catalogue: tables read from parquet, spectra made from their coefficients."""
 
+from __future__ import annotations
+
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from csstsim.base.digest import digest
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
-from csstsim.catalog.base import CatalogBase
+from csstsim.catalog.base import CatalogBase, Region
 from csstsim.catalog.changing import columns as changing
 from csstsim.catalog.galaxy_shapes.component_light import ComponentLight
 from csstsim.catalog.galaxy_shapes.full_components import full_components, load_numbers
 from csstsim.catalog.light.embedded_spectra import light_columns, rates, spectra
 from csstsim.catalog.light.grating_bound import MARGIN, grating_rate
 from csstsim.catalog.light.photometry import subband_weights
-from csstsim.catalog.mock_object import MockObjects
+from csstsim.catalog.mock_object import MockObject, MockObjects
 from csstsim.catalog.table import OPTIONAL, QUASAR, STAR, ObjectTable
 from csstsim.catalog.truth_bricks import SED_COLUMNS, brick_meta, read_brick
-from csstsim.instrument.filter import GRID
+from csstsim.instrument.filter import GRID, Filter
 from csstsim.universe.changing.numbers import numbers_of, wrong
 from csstsim.universe.parameters import load_universe
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from astropy.table import Table
+
+    from csstsim.base.types import FloatArray, IntArray
+    from csstsim.catalog.changing.motion import Interval
+    from csstsim.instrument.telescope import Telescope
 
 
 class SceneCatalog(CatalogBase):
@@ -29,14 +41,14 @@ class SceneCatalog(CatalogBase):
     folder of the spectra's numbers (default: the shipped one). Raises InputError for a damaged or foreign file.
     """
 
-    PATHS = ("file", "universe")
+    PATHS: ClassVar[tuple[str, ...]] = ("file", "universe")
 
-    def __init__(self, options, region):
+    def __init__(self, options: Mapping[str, Any], region: Region) -> None:
         super().__init__(options, region)
         self.universe = load_universe(self.options.get("universe") or SHIPPED / "universe")
         self._load()
 
-    def _load(self):
+    def _load(self) -> None:
         for name in set(self.options) - {"file", "universe"}:
             raise InputError("unknown key", key="catalog.options", value=name, allowed="file, universe")
         if "file" not in self.options:
@@ -48,35 +60,36 @@ class SceneCatalog(CatalogBase):
             raise InputError("not a table of the embedded universe", file=file, key=missing[0])
         self._set(table, table.meta)
 
-    def _set(self, table, record):
-        self._table, self._record, self.objs = table, record, MockObjects(table)
+    def _set(self, table: ObjectTable, record: dict[str, Any] | list[dict[str, Any] | str]) -> None:
+        self._table, self._record = table, record
+        self.objs = MockObjects(table)  # type: ignore[assignment] # a list, but that each is made when asked for
 
     @property
-    def truth_hash(self):
+    def truth_hash(self) -> str:
         """16 hex digits of the records of the files read."""
         return digest(self._record)
 
-    def load_sed(self, obj):
+    def load_sed(self, obj: MockObject) -> Table:
         """Return the spectrum of one object: Table of WAVELENGTH [A] and FLUX [photon / s / m2 / A]."""
         from astropy.table import Table
 
         row = ObjectTable({name: [value] for name, value in obj.values.items()})
         return Table({"WAVELENGTH": GRID, "FLUX": spectra(self.universe, row)[0]})
 
-    def load_norm_filt(self, obj):
+    def load_norm_filt(self, obj: MockObject) -> None:
         """Return None: the spectra are absolute."""
         return None
 
-    def load_seds(self, rows):
+    def load_seds(self, rows: IntArray) -> FloatArray:
         """Return (len(rows), 18001) spectra on the paper's grid."""
         return spectra(self.universe, self._table.take(np.asarray(rows, dtype=int)))
 
-    def load_fluxes(self, rows, filter, telescope):
+    def load_fluxes(self, rows: IntArray, filter: Filter, telescope: Telescope) -> FloatArray:
         """Return (len(rows), 4) electrons / s by linear algebra: the same light as `load_seds`, to 1e-4."""
         some = light_columns(self._table).take(np.asarray(rows, dtype=int))
         return rates(self.universe, some, subband_weights(filter, telescope))
 
-    def load_binned(self, rows, edges):
+    def load_binned(self, rows: IntArray, edges: FloatArray) -> FloatArray:
         """Return the means of spectra over bins, as CatalogBase.load_binned, without sampling each spectrum."""
         from csstsim.catalog.light.binned_spectra import binned
 
@@ -91,25 +104,27 @@ class EmbeddedCatalog(SceneCatalog):
     catalog.galaxy_shapes.full_components. Raises InputError for a missing, damaged or foreign brick.
     """
 
-    def __init__(self, options, region):
+    _light: ComponentLight | None
+
+    def __init__(self, options: Mapping[str, Any], region: Region) -> None:
         CatalogBase.__init__(self, options, region)
         self.universe, self._light = self.options["universe"], None
         self._load()
 
-    def component_shares(self, rows, filter):
+    def component_shares(self, rows: IntArray, filter: Filter) -> dict[str, FloatArray] | None:
         """Return {column: (len(rows),)} as CatalogBase.component_shares, with `components: full`; otherwise None."""
         if self._light is None:
             return None
         bulge, _, knots = self._light.through(filter, self._table.take(rows)).astype(np.float32).T
         return {"bulge_frac": bulge, "knots_frac": knots}
 
-    def rate_bound(self, rows, filter, telescope):
+    def rate_bound(self, rows: IntArray, filter: Filter, telescope: Telescope) -> FloatArray | None:
         """Return the rates of the bricks' magnitudes plus 5% (for a grating, from the bands that cover it), or None."""
 
-        def column(band):
+        def column(band: Filter) -> str:
             return f"mag_{band.name.lower()}"
 
-        def rates(band):
+        def rates(band: Filter) -> FloatArray:
             return 10.0 ** (0.4 * (band.zeropoint(telescope) - self._table[column(band)][rows]))
 
         if column(filter) in self._table:
@@ -117,11 +132,12 @@ class EmbeddedCatalog(SceneCatalog):
         bands = tuple(band for band in self.options["camera"].filters.values() if column(band) in self._table)
         return grating_rate(filter, bands, rates)
 
-    def _load(self):
+    def _load(self) -> None:
         brick_file = self.options["brick_file"]
         key = {name: self.options[name] for name in ("seed", "universe", "camera", "lensing", "structure")}
         key["bright_stars"] = self.options.get("bright_stars")
-        parts, records = [], []
+        parts: list[ObjectTable] = []
+        records: list[dict[str, Any] | str] = []
         for pix in self.region.bricks:
             brick = read_brick(brick_file(pix), brick_meta(pix=pix, **key))
             parts.append(brick.take(self.region.contains(brick["ra"], brick["dec"])))
@@ -140,7 +156,7 @@ class EmbeddedCatalog(SceneCatalog):
             records = [*records, digest([visitors[name].tolist() for name in ("id", "ra", "dec")])]
         self._set(table, records)
 
-    def dimming(self, rows, interval, filter):
+    def dimming(self, rows: IntArray, interval: Interval, filter: Filter) -> FloatArray | None:
         """Return (len(rows),) mag by which stars and quasars are fainter, as CatalogBase.dimming.
 
         option `varying`: which kinds vary, of universe.changing.numbers.KINDS.

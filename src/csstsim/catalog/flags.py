@@ -1,5 +1,7 @@
 """Bits of the `flags` column: what happened to an object when it was selected and drawn."""
 
+from __future__ import annotations
+
 TRUNCATED_STAMP = 1
 STRONG_LENSING = 2
 SATURATED = 4

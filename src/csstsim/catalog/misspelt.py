@@ -1,14 +1,20 @@
 """Which of csstsim's columns is meant by a name that is none of them."""
 
+from __future__ import annotations
+
 import re
 from difflib import get_close_matches
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
 
 LIKE = 0.81  # similarity from which a name counts as misspelt: typ does
 _ONE_LETTER = re.compile(r"mag[^a-z0-9]?[a-z]")  # mag_v is another survey's band, not a slip for mag_nuv
 _MAGNITUDE = re.compile(r"(^|[^a-z])mag([^a-z]|$)")
 
 
-def meant(name, known):
+def meant(name: str, known: Collection[str]) -> str | None:
     """Return the name of `known` that `name` misspells, or None.
 
     A name with the same letters in another order is a slip, too: siez, rmag and R_MAG for size and mag_r.
@@ -20,7 +26,7 @@ def meant(name, known):
     return next(iter(get_close_matches(name.lower(), known, 1, LIKE)), None)
 
 
-def unused_magnitude(name, bands):
+def unused_magnitude(name: str, bands: Collection[str]) -> str | None:
     """Return what to say of a column that looks like a magnitude, and is not used; None if it does not look so.
 
     bands: names of the camera's. The catalogue's own mag_norm, and errors of magnitudes, are left out.
@@ -33,5 +39,5 @@ def unused_magnitude(name, bands):
     return f"{name} is not used: the camera's magnitudes are {', '.join(f'mag_{band}' for band in bands)}"
 
 
-def _letters(name):
+def _letters(name: str) -> list[str]:
     return sorted(re.sub(r"[^a-z0-9]", "", name.lower()))

@@ -1,9 +1,15 @@
 """MockObject: one astronomical object, the paper's unit of input (section 4, Appendix A)."""
 
-from collections.abc import Sequence
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Self, overload
 
 from csstsim.base.errors import InputError
-from csstsim.catalog.table import COLUMNS, MAGNITUDE, OPTIONAL, TYPES
+from csstsim.catalog.table import COLUMNS, MAGNITUDE, OPTIONAL, TYPES, ObjectTable
+
+if TYPE_CHECKING:
+    from csstsim.base.types import AnyArray
 
 
 class MockObject:
@@ -16,8 +22,10 @@ class MockObject:
     """
 
     __slots__ = ("_columns", "_row")
+    _columns: Mapping[str, Sequence[Any] | AnyArray]
+    _row: int
 
-    def __init__(self, *, type=None, **values):
+    def __init__(self, *, type: str | None = None, **values: Any) -> None:
         if type is not None:
             if type not in TYPES:
                 raise InputError(
@@ -29,13 +37,13 @@ class MockObject:
         self._row = 0
 
     @classmethod
-    def view(cls, table, row):
+    def view(cls, table: ObjectTable, row: int) -> Self:
         """Return row `row` of an ObjectTable as an object; it sees later changes of the table's arrays."""
         self = cls.__new__(cls)
         self._columns, self._row = table, row
         return self
 
-    def __getattr__(self, name):
+    def __getattr__(self, name: str) -> Any:
         if name.startswith("__") or name in MockObject.__slots__:
             raise AttributeError(name)
         if name in self._columns:
@@ -48,34 +56,40 @@ class MockObject:
         raise AttributeError(f"object has no {name!r}; it has {', '.join(sorted(self._columns))}")
 
     @property
-    def type(self):
+    def type(self) -> str:
         """'star', 'galaxy' or 'quasar'; 'unknown' for any other obj_type."""
         return dict(enumerate(TYPES)).get(int(self.obj_type), "unknown")
 
     @property
-    def position(self):
+    def position(self) -> tuple[float, float]:
         """(ra, dec) [deg, ICRS]."""
         return self.ra, self.dec
 
     @property
-    def values(self):
+    def values(self) -> dict[str, Any]:
         """The object's values by name, without defaults."""
         return {name: self._columns[name][self._row] for name in self._columns}
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"MockObject({self.type} {self.id} at ra={self.ra}, dec={self.dec})"
 
 
-class MockObjects(Sequence):
+class MockObjects(Sequence[MockObject]):
     """The rows of an ObjectTable as MockObjects, made when asked for."""
 
-    def __init__(self, table):
+    def __init__(self, table: ObjectTable) -> None:
         self._table = table
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self._table)
 
-    def __getitem__(self, row):
+    @overload
+    def __getitem__(self, row: int) -> MockObject: ...
+
+    @overload
+    def __getitem__(self, row: slice) -> MockObjects: ...
+
+    def __getitem__(self, row: int | slice) -> MockObject | MockObjects:
         if isinstance(row, slice):
             return MockObjects(self._table.take(row))
         if not -len(self) <= row < len(self):

@@ -4,10 +4,13 @@ Every fault is an InputError that names the table, the column and the row. Nothi
 reinterpreted silently: a column of another name that has no single number or word in a row is left out with a warning.
 """
 
+from __future__ import annotations
+
 import csv
 import logging
 from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,6 +25,16 @@ from csstsim.catalog.misspelt import meant
 from csstsim.catalog.row_files import check_spectra, named, with_images
 from csstsim.catalog.selection.drawable import STRONGLY_LENSED, reasons
 from csstsim.catalog.table import COLUMNS, FILE_COLUMNS, GALAXY, OPTIONAL, STAR, TYPES, ObjectTable, columns_with
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping
+
+    import pyarrow as pa
+    from astropy.table import Column, Table
+    from astropy.units import UnitBase
+    from numpy.typing import ArrayLike
+
+    from csstsim.base.types import AnyArray, IntArray, PathLike
 
 FORMATS = {".csv": "ascii.csv", ".ecsv": "ascii.ecsv", ".fits": "fits", ".parquet": "parquet"}
 FARTHEST, LIGHT_KM_S, NEAREST_MAS = 1e3, 299792.458, 1e4  # redshift; km/s; mas, ten times the nearest star
@@ -50,7 +63,7 @@ _UNITS = {
 
 
 @explained("table of objects")
-def read_table(path):
+def read_table(path: PathLike) -> dict[str, AnyArray]:
     """Return {name: (n,) values} of a table's file, blanks as NaN or "". Raises InputError if it is not a table."""
     from astropy.io.ascii import convert_numpy
     from astropy.table import Table
@@ -61,7 +74,7 @@ def read_table(path):
     form = FORMATS[path.suffix.lower()]
     if form == "parquet":
         return _read_parquet(path)
-    words = {}
+    words: dict[str, Any] = {}
     if form == "fits":
         check_headers(path)
         words = _first_table(path)
@@ -88,7 +101,7 @@ def read_table(path):
         raise InputError(f"not a table that can be read: {str(exc).splitlines()[0]}", file=path) from None
 
 
-def _read_parquet(path):
+def _read_parquet(path: Path) -> dict[str, AnyArray]:
     import pyarrow as pa
     import pyarrow.parquet as pq
     from astropy.table import Table
@@ -111,7 +124,7 @@ def _read_parquet(path):
     return plain_columns(Table(columns, copy=False), path)
 
 
-def _of_arrow(column, name, path):
+def _of_arrow(column: pa.Array, name: str, path: Path) -> AnyArray | None:
     """Return a column of a parquet file as an array, masked if it has whole numbers and blanks; None: left out."""
     import pyarrow as pa
     from astropy.table import MaskedColumn
@@ -124,7 +137,8 @@ def _of_arrow(column, name, path):
         column = column.cast(pa.large_string())
     words = pa.types.is_string(column.type) or pa.types.is_large_string(column.type)
     if not (words or pa.types.is_floating(column.type) or _is_whole(column.type)):
-        return _left_out(name, str(column.type), path)
+        _left_out(name, str(column.type), path)
+        return None
     if words:
         coded = column.fill_null("").dictionary_encode()  # each word once, not an object for each row
         return np.array(coded.dictionary.to_pylist() or [""], dtype=str)[coded.indices.to_numpy()]
@@ -135,7 +149,7 @@ def _of_arrow(column, name, path):
     return column.to_numpy(zero_copy_only=False)
 
 
-def _first_table(path):
+def _first_table(path: Path) -> dict[str, int]:
     """Return {"hdu": number} of the first of several tables of a FITS file, and say that it alone is read; else {}."""
     from astropy.io import fits
 
@@ -152,34 +166,33 @@ def _first_table(path):
     return {"hdu": min(found)}
 
 
-def _left_out(name, kind, where):
-    """Warn that a column of others is left out; return None. Raises InputError for one that csstsim would use."""
+def _left_out(name: str, kind: str, where: PathLike) -> None:
+    """Warn that a column of others is left out. Raises InputError for one that csstsim would use."""
     if name in _KNOWN or name.startswith("mag_") or meant(name, _TYPED):
         raise InputError("must hold one number or word per row", file=where, key=name, value=kind)
     _say_left_out(str(where), name, kind)
-    return None
 
 
 @lru_cache
-def _say_left_out(where, name, kind):
+def _say_left_out(where: str, name: str, kind: str) -> None:
     """Say once in a process that a column is left out."""
     text = "%s: column %s is left out: %s, not one number or word per row"
     logging.getLogger("csstsim").warning(text, where, name, kind)
 
 
-def _without_remarks(lines):
+def _without_remarks(lines: list[str]) -> list[str]:
     """Return lines of CSV without those above the heading that begin with #."""
     heading = next((k for k, line in enumerate(lines) if line.strip() and not line.startswith("#")), len(lines))
     return lines[heading:]
 
 
-def _is_whole(kind):
+def _is_whole(kind: pa.DataType) -> bool:
     import pyarrow as pa
 
     return pa.types.is_integer(kind) or pa.types.is_boolean(kind)
 
 
-def _check_csv(lines, path):
+def _check_csv(lines: list[str], path: Path) -> None:
     """Refuse other separators, names given twice, which astropy would change, and quotes that take the rows after."""
     if not lines:
         raise InputError("the table is empty: no heading", file=path)
@@ -198,7 +211,7 @@ def _check_csv(lines, path):
 
 
 @explained("table of objects")
-def plain_columns(table, where="catalog"):
+def plain_columns(table: Table, where: PathLike = "catalog") -> dict[str, AnyArray]:
     """Return {name: (n,) values} of an astropy Table, blanks as NaN or "", converted to csstsim's units.
 
     Raises InputError for a unit that does not fit the column, or a column that is not of single numbers or words.
@@ -207,26 +220,28 @@ def plain_columns(table, where="catalog"):
     return {name: values for name, values in columns.items() if values is not None}
 
 
-def _plain(name, column, where):
+def _plain(name: str, column: Column, where: PathLike) -> AnyArray | None:
     unit = getattr(column, "unit", None)
     if unit is not None and (name in _KNOWN or name.startswith("mag_")):
         column = _converted(name, column, unit, where)
-    values = np.ma.asarray(getattr(column, "value", column))
+    values: AnyArray = np.ma.asarray(getattr(column, "value", column))
     if values.dtype.kind not in "biufUS" or values.ndim != 1:
-        return _left_out(name, f"{values.dtype}, {values.shape}", where)
+        _left_out(name, f"{values.dtype}, {values.shape}", where)
+        return None
     if values.dtype.kind == "f" and values.dtype.itemsize > 8:
         values = values.astype(float)  # a longdouble
     if values.dtype.kind == "S":
         values = values.astype(str)
     if values.dtype.kind in "biu" and np.ma.is_masked(values):
-        whole, values = values.compressed(), values.astype(float)
+        whole, values = np.ma.compressed(values), values.astype(float)
         if (np.abs(whole.astype(float)) > _EXACT).any():
             allowed = "no blank cells, or a column of words"
             raise InputError("has blank cells, and numbers of too many digits", file=where, key=name, allowed=allowed)
-    return np.ma.filled(values, {"f": np.nan, "U": ""}.get(values.dtype.kind, 0))
+    blanks: dict[str, float | str] = {"f": np.nan, "U": ""}
+    return np.ma.filled(values, blanks.get(values.dtype.kind, 0))
 
 
-def _converted(name, column, unit, where):
+def _converted(name: str, column: Column, unit: UnitBase, where: PathLike) -> Column | AnyArray:
     """Return a column's values in csstsim's unit. Magnitudes are not converted: they must be AB."""
     magnitude = name.startswith("mag_")
     wanted = "mag(AB)" if magnitude else _UNITS.get(name, "")
@@ -242,49 +257,47 @@ def _converted(name, column, unit, where):
 
 
 @explained("table of objects")
-def object_table(columns, bands, where):
+def object_table(columns: Mapping[str, ArrayLike], bands: Collection[str], where: PathLike) -> ObjectTable:
     """Return columns {name: (n,) values} as an ObjectTable with ids, types and sizes [arcsec]; all rows can be drawn.
 
     bands: of the camera; a magnitude in at least one is needed. Raises InputError, which names `where`, the column and
     the row.
     """
-    columns = {name: np.asarray(values) for name, values in columns.items()}
+    found = {name: np.asarray(values) for name, values in columns.items()}
     known = {*columns_with(bands), *OPTIONAL} - {"flags"}  # flags of other programs do not mean what csstsim's do
-    _check_columns(columns, [f"mag_{band}" for band in bands], where)
-    count = len(columns["ra"])
-    columns.setdefault("id", np.arange(1, count + 1))
-    magnitudes = [f"mag_{band}" for band in bands if f"mag_{band}" in columns]
-    if "type" in columns:
-        columns["obj_type"] = _types(columns.pop("type"), where)
-    obj_type = np.asarray(columns.get("obj_type", np.full(count, STAR, np.int8)))
-    if "spectrum_file" in columns:
-        columns["spectrum_file"] = named(columns, "spectrum_file", where)
-    if {"part_of", *part_rows.SHORTHANDS} & set(columns):
-        columns = part_rows.resolve(columns, obj_type, bands, where)
-    _check_magnitudes(columns, magnitudes, where)
-    if "n" in columns:
-        columns["n_disk"] = columns.pop("n")
-    check_shapes(columns, obj_type, where)
-    if "size" in columns:
-        size = np.where(obj_type == GALAXY, columns.pop("size"), 0.0)
+    _check_columns(found, [f"mag_{band}" for band in bands], where)
+    count = len(found["ra"])
+    found.setdefault("id", np.arange(1, count + 1))
+    magnitudes = [f"mag_{band}" for band in bands if f"mag_{band}" in found]
+    if "type" in found:
+        found["obj_type"] = _types(found.pop("type"), where)
+    obj_type = np.asarray(found.get("obj_type", np.full(count, STAR, np.int8)))
+    if "spectrum_file" in found:
+        found["spectrum_file"] = named(found, "spectrum_file", where)
+    if {"part_of", *part_rows.SHORTHANDS} & set(found):
+        found = part_rows.resolve(found, obj_type, bands, where)
+    _check_magnitudes(found, magnitudes, where)
+    if "n" in found:
+        found["n_disk"] = found.pop("n")
+    check_shapes(found, obj_type, where)
+    if "size" in found:
+        size = np.where(obj_type == GALAXY, found.pop("size"), 0.0)
         for part in ("size_disk", "size_bulge"):
-            columns.setdefault(part, size)
-    if "image_file" in columns:
-        columns = with_images(columns, obj_type, where)
-    if "spectrum_file" in columns:
-        light = {
-            bands[b] if isinstance(bands, dict) else b: columns[f"mag_{b}"] for b in bands if f"mag_{b}" in columns
-        }
-        check_spectra(columns["spectrum_file"], light, where)
-    if "knots" in columns:  # without a share all of the disk's light
-        disk = 1.0 - np.nan_to_num(np.asarray(columns.get("bulge_frac", np.zeros(count)), float))
-        share = np.asarray(columns.get("knots_frac", np.full(count, np.nan)), float)
-        columns["knots_frac"] = np.where(np.isnan(share), np.where(columns["knots"] > 0, disk, 0.0), share)
-    for name in set(columns) & (_FILLED | set(OPTIONAL)) - set(FILE_COLUMNS):
-        if not np.isfinite(columns[name]).all():
-            columns[name] = np.nan_to_num(columns[name], nan=(COLUMNS | OPTIONAL)[name][1])  # a blank gets the default
-    timed = changing.completed(columns, count)
-    ours = {name if name in known else f"user_{name}": v for name, v in columns.items() if name not in timed} | timed
+            found.setdefault(part, size)
+    if "image_file" in found:
+        found = with_images(found, obj_type, where)
+    if "spectrum_file" in found:
+        light = {bands[b] if isinstance(bands, dict) else b: found[f"mag_{b}"] for b in bands if f"mag_{b}" in found}
+        check_spectra(found["spectrum_file"], light, where)
+    if "knots" in found:  # without a share all of the disk's light
+        disk = 1.0 - np.nan_to_num(np.asarray(found.get("bulge_frac", np.zeros(count)), float))
+        share = np.asarray(found.get("knots_frac", np.full(count, np.nan)), float)
+        found["knots_frac"] = np.where(np.isnan(share), np.where(found["knots"] > 0, disk, 0.0), share)
+    for name in set(found) & (_FILLED | set(OPTIONAL)) - set(FILE_COLUMNS):
+        if not np.isfinite(found[name]).all():
+            found[name] = np.nan_to_num(found[name], nan=(COLUMNS | OPTIONAL)[name][1])  # a blank gets the default
+    timed = changing.completed(found, count)
+    ours = {name if name in known else f"user_{name}": v for name, v in found.items() if name not in timed} | timed
     try:
         table = ObjectTable.complete(ours, bands, compact=True)
     except InputError as error:
@@ -293,7 +306,7 @@ def object_table(columns, bands, where):
     return table
 
 
-def _check_columns(columns, magnitudes, where):
+def _check_columns(columns: Mapping[str, AnyArray], magnitudes: list[str], where: PathLike) -> None:
     known, typed = _KNOWN | set(magnitudes), _TYPED | set(magnitudes)
     lengths = {name: len(values) if values.ndim == 1 else values.shape for name, values in columns.items()}
     if len(set(lengths.values())) > 1:
@@ -325,7 +338,7 @@ def _check_columns(columns, magnitudes, where):
             raise InputError("must be numbers", file=where, key=f"{name}, row {row + 1}", value=str(columns[name][row]))
 
 
-def _check_ids(ids, where):
+def _check_ids(ids: AnyArray, where: PathLike) -> None:
     """Raise InputError for the first id that is blank, no whole number, or none of 64 bits."""
     if ids.dtype.kind == "i" or (ids.dtype.kind == "u" and (ids <= _LARGEST_ID).all()):
         return
@@ -338,14 +351,14 @@ def _check_ids(ids, where):
         )  # fmt: skip
 
 
-def _is_id(value):
+def _is_id(value: Any) -> bool:
     try:
         return float(value).is_integer() and -_LARGEST_ID - 1 <= int(value) <= _LARGEST_ID
     except (TypeError, ValueError, OverflowError):
         return False
 
 
-def _check_magnitudes(columns, given, where):
+def _check_magnitudes(columns: Mapping[str, AnyArray], given: list[str], where: PathLike) -> None:
     none, odd = np.ones(len(columns["ra"]), bool), np.zeros(len(columns["ra"]), bool)
     for name in given:
         none &= ~np.isfinite(columns[name])
@@ -359,7 +372,7 @@ def _check_magnitudes(columns, given, where):
             raise InputError(f"row {np.flatnonzero(bad)[0] + 1} {message}", file=where, key=", ".join(given))
 
 
-def _check_rows(table, where):
+def _check_rows(table: ObjectTable, where: PathLike) -> None:
     """Raise InputError for the first row that cannot be drawn, or an id that another row has."""
     for start, part in table.parts():
         faults = {reason: mask for reason, mask in reasons(part).items() if reason != STRONGLY_LENSED}
@@ -382,7 +395,7 @@ def _check_rows(table, where):
         raise InputError(f"row {again.min() + 1} cannot be drawn: another row has the same id", file=where)
 
 
-def _number(value):
+def _number(value: Any) -> bool:
     try:
         float(value)
     except ValueError:
@@ -390,7 +403,7 @@ def _number(value):
     return True
 
 
-def _types(names, where):
+def _types(names: AnyArray, where: PathLike) -> IntArray:
     found = np.full(len(names), -1, np.int8)
     found[names == ""] = STAR  # blank
     for number, word in enumerate(TYPES):

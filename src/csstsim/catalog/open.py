@@ -1,19 +1,30 @@
 """Opening the catalogue that a campaign names: the embedded bricks, or a class of the user's."""
 
+from __future__ import annotations
+
 import importlib
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from csstsim.base.digest import file_digest, module_digest
 from csstsim.base.errors import InputError
 from csstsim.base.files.beside import beside
 from csstsim.base.help_page import explained
-from csstsim.catalog.base import CatalogBase, name_of, users_code
+from csstsim.catalog.base import CatalogBase, Region, name_of, users_code
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from csstsim.base.types import PathLike
+    from csstsim.campaign.sections import CatalogConfig
 
 TABLE_KIND = "csstsim.catalog.own_table:TableCatalog"
 
 
-def open_catalog(config, region, brick_file, key):
+def open_catalog(
+    config: CatalogConfig, region: Region, brick_file: Callable[[int], PathLike], key: Mapping[str, Any]
+) -> CatalogBase:
     """Return the loaded catalogue of a region.
 
     config: sections.CatalogConfig; region: base.Region (select.region_for); brick_file: brick number -> path; key: the
@@ -28,7 +39,7 @@ def open_catalog(config, region, brick_file, key):
 
 
 @explained("catalogue")
-def make_catalog(cls, options, region):
+def make_catalog(cls: type[CatalogBase], options: Mapping[str, Any], region: Region) -> CatalogBase:
     """Return `cls(options, region)`. Raises InputError for what the user's code raises or leaves out."""
     with users_code(f"{cls.__name__}.__init__"):
         catalog = cls(options, region)
@@ -37,14 +48,14 @@ def make_catalog(cls, options, region):
     return catalog
 
 
-def importable(folder):
+def importable(folder: PathLike) -> None:
     """Let dotted paths name modules that lie in a campaign's folder; modules of the environment come first."""
     folder = str(Path(folder).resolve())
     if folder not in sys.path:
         sys.path.append(folder)
 
 
-def options_beside(kind, options, file):
+def options_beside(kind: str, options: Mapping[str, Any], file: Path) -> dict[str, Any]:
     """Return a class's options, relative paths in them (CatalogBase.PATHS) made those beside the campaign's file.
 
     Raises InputError for a class that cannot be used, and if its module hides one that lies beside the file.
@@ -60,7 +71,7 @@ def options_beside(kind, options, file):
     return options
 
 
-def _not_hidden(name, file):
+def _not_hidden(name: str, file: Path) -> None:
     """Raise InputError if the module `name` beside a campaign's file is hidden by another that was loaded."""
     folder, loaded = file.parent.resolve(), getattr(sys.modules.get(name), "__file__", None)
     there = [path for path in (folder / f"{name}.py", folder / name / "__init__.py") if path.is_file()]
@@ -72,7 +83,7 @@ def _not_hidden(name, file):
 
 
 @explained("catalogue")
-def catalog_class(kind):
+def catalog_class(kind: str) -> type[CatalogBase]:
     """Return the CatalogBase class named 'module.path:ClassName'. Raises InputError if there is none."""
     module_name, colon, class_name = kind.partition(":")
     if not (colon and module_name and class_name):
@@ -98,7 +109,7 @@ def catalog_class(kind):
     return found
 
 
-def own_digests(config):
+def own_digests(config: CatalogConfig) -> list[str | None]:
     """Return the digests of a user's catalogue: of its module, and of the files that its `files` names.
 
     config: sections.CatalogConfig. Raises InputError for a file that cannot be read.

@@ -15,26 +15,37 @@ trail_width, var_period, var_amplitude, var_phase and light_curve (catalog.chang
 to the truth table as `user_<name>`.
 """
 
+from __future__ import annotations
+
 import hashlib
 import mmap
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.help_page import explained
-from csstsim.catalog.base import CatalogBase
+from csstsim.catalog.base import CatalogBase, Region
 from csstsim.catalog.changing.light_curves import LightCurves, dimming
 from csstsim.catalog.light.photometry import subband_weights
-from csstsim.catalog.mock_object import MockObjects
+from csstsim.catalog.mock_object import MockObject, MockObjects
 from csstsim.catalog.object_table import object_table, read_table
 from csstsim.catalog.row_files import digest_of, files_of
 from csstsim.catalog.table import FILE_COLUMNS
-from csstsim.instrument.camera import load_camera
-from csstsim.instrument.filter import GRID
+from csstsim.instrument.camera import Camera, load_camera
+from csstsim.instrument.filter import GRID, Filter
+
+if TYPE_CHECKING:
+    from astropy.table import Table
+
+    from csstsim.base.types import FloatArray, IntArray, PathLike
+    from csstsim.catalog.changing.motion import Interval
+    from csstsim.catalog.light.file_spectra import FileSpectra
+    from csstsim.instrument.telescope import Telescope
 
 _NEEDLE = re.compile(rb"image_file|spectrum_file")
 COLUMNS_KEY = "catalog.options.columns"  # what errors name instead of a file
@@ -50,21 +61,21 @@ class TableCatalog(CatalogBase):
     InputError for a table that cannot be used.
     """
 
-    PATHS = ("file", "instrument", "light_curves")
+    PATHS: ClassVar[tuple[str, ...]] = ("file", "instrument", "light_curves")
 
     @explained("table of objects")
-    def __init__(self, options, region):
+    def __init__(self, options: Mapping[str, Any], region: Region) -> None:
         super().__init__(options, region)
         _check_options(self.options)
         if ("file" in self.options) == ("columns" in self.options):
             raise InputError("give either file or columns", key="catalog.options")
         self._load()
 
-    def _load(self):
+    def _load(self) -> None:
         file = self.options.get("file")
         columns = read_table(file) if file else self.options["columns"]
         self._table = object_table(columns, self._bands, file or COLUMNS_KEY)
-        self.objs = MockObjects(self._table)
+        self.objs = MockObjects(self._table)  # type: ignore[assignment] # a list, but that each is made when asked for
         curves = self.options.get("light_curves")
         self._curves = LightCurves(read_table(curves), curves, self._camera.filters) if curves else None
         names = self._table.get("light_curve", np.zeros(0, str))
@@ -76,12 +87,12 @@ class TableCatalog(CatalogBase):
                 key="catalog.options.light_curves", value=str(names[names != ""][0]),
             )  # fmt: skip
 
-    def dimming(self, rows, interval, filter):
+    def dimming(self, rows: IntArray, interval: Interval, filter: Filter) -> FloatArray | None:
         """Return (len(rows),) mag by which objects are fainter, as CatalogBase.dimming, with the curves of the file."""
         return dimming(self._table, np.asarray(rows, dtype=int), interval, filter, self._curves)
 
     @classmethod
-    def files(cls, options):
+    def files(cls, options: Mapping[str, Any]) -> tuple[PathLike, ...]:
         """Return the files of the table, of its light curves, and those that its rows name: they decide the pixels.
 
         Raises InputError for options of another kind, and for columns of files that hold other values.
@@ -94,7 +105,7 @@ class TableCatalog(CatalogBase):
         return (file, *named, *(files_of(read_table(file), file) if _may_name_files(file) else ()))
 
     @cached_property
-    def truth_hash(self):
+    def truth_hash(self) -> str:
         """16 hex digits of the table's (n,) columns and of the files that they name."""
         total = hashlib.sha256()
         for name in self._table:
@@ -105,19 +116,19 @@ class TableCatalog(CatalogBase):
         return total.hexdigest()[:16]
 
     @cached_property
-    def _camera(self):
+    def _camera(self) -> Camera:
         return load_camera(self.options.get("instrument"))
 
     @property
-    def _bands(self):
+    def _bands(self) -> dict[str, Filter]:
         """{band: Filter} of the camera."""
         return self._camera.bands
 
     @property
-    def _filters(self):
+    def _filters(self) -> list[Filter]:
         return list(self._bands.values())
 
-    def load_seds(self, rows):
+    def load_seds(self, rows: IntArray) -> FloatArray:
         """Return (len(rows), 18001) spectra [photon / s / m2 / A] on the paper's grid."""
         from csstsim.catalog.light.colours import colour_spectra
 
@@ -125,7 +136,7 @@ class TableCatalog(CatalogBase):
             rows, len(GRID), lambda mags: colour_spectra(mags, self._filters), lambda own, at: own.spectra(at)
         )
 
-    def load_fluxes(self, rows, filter, telescope):
+    def load_fluxes(self, rows: IntArray, filter: Filter, telescope: Telescope) -> FloatArray:
         """Return (len(rows), 4) electrons / s: the same light as `load_seds`, to 1e-9, without its samples."""
         from csstsim.catalog.light.colours import colour_rates
 
@@ -135,7 +146,7 @@ class TableCatalog(CatalogBase):
             lambda own, at: own.rates(at, weights),
         )  # fmt: skip
 
-    def load_binned(self, rows, edges):
+    def load_binned(self, rows: IntArray, edges: FloatArray) -> FloatArray:
         """Return (len(rows), bins) photon / s / m2 / angstrom, as CatalogBase.load_binned, without samples of each."""
         from csstsim.catalog.light.colours import colour_bins
 
@@ -144,7 +155,13 @@ class TableCatalog(CatalogBase):
             lambda own, at: own.bins(at, edges),
         )  # fmt: skip
 
-    def _mixed(self, rows, width, coloured, from_files):
+    def _mixed(
+        self,
+        rows: IntArray,
+        width: int,
+        coloured: Callable[[FloatArray], FloatArray],
+        from_files: Callable[[FileSpectra, IntArray], FloatArray],
+    ) -> FloatArray:
         """Return (len(rows), width) light: coloured(mags) of most rows, from_files(FileSpectra, its rows) of others."""
         rows = np.asarray(rows, dtype=int)
         if self._own is None:
@@ -156,7 +173,7 @@ class TableCatalog(CatalogBase):
         return out
 
     @cached_property
-    def _own(self):
+    def _own(self) -> tuple[FileSpectra, IntArray] | None:
         """(FileSpectra, (n,) the rows' places in it or -1), or None if no row has a spectrum from a file."""
         files = self._table.get("spectrum_file")
         if files is None or not (files != "").any():
@@ -168,12 +185,12 @@ class TableCatalog(CatalogBase):
         place[rows] = np.arange(len(rows))
         return FileSpectra(files[rows], self._mags(rows), self._filters), place
 
-    def _mags(self, rows):
+    def _mags(self, rows: IntArray) -> FloatArray:
         """Return (len(rows), bands) AB magnitudes, NaN where the table gives none."""
         rows = np.asarray(rows, dtype=int)
         return np.stack([self._table[f"mag_{band}"][rows] for band in self._bands], axis=1)
 
-    def load_sed(self, obj):
+    def load_sed(self, obj: MockObject) -> Table:
         """Return the spectrum of one object: Table of WAVELENGTH [A] and FLUX [photon / s / m2 / A]."""
         from astropy.table import Table
 
@@ -187,12 +204,12 @@ class TableCatalog(CatalogBase):
             )
         return Table({"WAVELENGTH": GRID, "FLUX": colour_spectra(mags, self._filters)[0]})
 
-    def load_norm_filt(self, obj):
+    def load_norm_filt(self, obj: MockObject) -> None:
         """Return None: the spectra are absolute."""
         return None
 
 
-def _check_options(options):
+def _check_options(options: Mapping[str, Any]) -> None:
     """Raise InputError for options that TableCatalog does not have, or whose values are of another kind."""
     for name in set(options) - set(_OPTIONS):
         raise InputError("unknown key", key="catalog.options", value=name, allowed=", ".join(_OPTIONS))
@@ -211,7 +228,7 @@ def _check_options(options):
             raise InputError("must hold one number or word per row", key=f"catalog.options.columns.{name}") from None
 
 
-def _may_name_files(file):
+def _may_name_files(file: PathLike) -> bool:
     """Whether a table's bytes hold the name of a column of files; if not, its rows need not be read for them."""
     if not Path(file).is_file() or not Path(file).stat().st_size:
         return False

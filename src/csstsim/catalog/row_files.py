@@ -1,7 +1,10 @@
 """Files that rows of a table name: images and spectra, found beside the table, read once and checked row by row."""
 
+from __future__ import annotations
+
 import hashlib
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,10 +13,21 @@ from csstsim.base.files.kept import kept
 from csstsim.catalog.galaxy_shapes.images import read_picture, sky_of
 from csstsim.catalog.light.file_spectra import read_spectrum
 from csstsim.catalog.table import FILE_COLUMNS, GALAXY
-from csstsim.instrument.filter import GRID
+from csstsim.instrument.filter import GRID, Filter
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from typing import TypeVar
+
+    from numpy.typing import ArrayLike
+
+    from csstsim.base.types import AnyArray, PathLike
+
+    ColumnT = TypeVar("ColumnT", bound=ArrayLike)
+    ResultT = TypeVar("ResultT")
 
 
-def named(columns, name, where):
+def named(columns: Mapping[str, ArrayLike], name: str, where: PathLike) -> AnyArray:
     """Return (n,) paths of a column of files, relative ones beside the table `where`; "" for blanks."""
     values = np.asarray(columns[name])
     if values.dtype.kind not in "US":
@@ -29,19 +43,21 @@ def named(columns, name, where):
     return np.array([found[text] for text in values.tolist()], dtype=str)
 
 
-def with_images(columns, obj_type, where):
+def with_images(columns: Mapping[str, ColumnT], obj_type: AnyArray, where: PathLike) -> dict[str, ColumnT | AnyArray]:
     """Return columns with the sizes of images: size_disk, size_bulge (half-light radius) and image_radius [arcsec].
 
     Raises InputError, which names `where` and the first row with an image that cannot be drawn.
     """
-    columns, count = dict(columns), len(obj_type)
-    files = columns["image_file"] = named(columns, "image_file", where)
+    found: dict[str, ColumnT | AnyArray] = {**columns}
+    count = len(obj_type)
+    files = found["image_file"] = named(columns, "image_file", where)
     scale, angle = (
         np.nan_to_num(np.asarray(columns.get(name, np.zeros(count)), float)) for name in ("image_scale", "image_pa")
     )
-    columns["image_scale"], columns["image_pa"], columns["image_radius"] = scale, angle, np.zeros(count)
-    for part in ("size_disk", "size_bulge"):
-        columns[part] = np.array(columns.get(part, np.zeros(count)), float)
+    radius = np.zeros(count)
+    found["image_scale"], found["image_pa"], found["image_radius"] = scale, angle, radius
+    disk, bulge = (np.array(columns.get(part, np.zeros(count)), float) for part in ("size_disk", "size_bulge"))
+    found["size_disk"], found["size_bulge"] = disk, bulge
     for row in np.flatnonzero(files != ""):
         picture = _of_row(read_picture, files[row], row, where)
         if obj_type[row] != GALAXY:
@@ -50,12 +66,12 @@ def with_images(columns, obj_type, where):
             message = f"row {row + 1}: the image has no WCS, so its scale is needed"
             raise InputError(message, file=where, key="image_scale", value=scale[row], allowed="arcsec per pixel")
         sky = sky_of(picture, scale[row], angle[row])
-        columns["image_radius"][row] = picture.radius * np.linalg.norm(sky, 2)
-        columns["size_disk"][row] = columns["size_bulge"][row] = picture.half_light * np.sqrt(abs(np.linalg.det(sky)))
-    return columns
+        radius[row] = picture.radius * np.linalg.norm(sky, 2)
+        disk[row] = bulge[row] = picture.half_light * np.sqrt(abs(np.linalg.det(sky)))
+    return found
 
 
-def check_spectra(files, mags, where):
+def check_spectra(files: AnyArray, mags: Mapping[Filter | str, AnyArray], where: PathLike) -> None:
     """Raise InputError for the first row whose spectrum's file cannot be used.
 
     files (n,); mags {band: (n,)}: the keys are Filters, or names, and then light within the band is not checked.
@@ -73,14 +89,14 @@ def check_spectra(files, mags, where):
             raise InputError(message, file=where, key="spectrum_file", value=f"{files[row]}, {band.name}")
 
 
-def _of_row(read, name, row, where):
+def _of_row(read: Callable[[str], ResultT], name: str, row: np.intp, where: PathLike) -> ResultT:
     try:
         return read(name)
     except InputError as error:
         raise InputError(f"row {row + 1}: {error}", file=where) from None
 
 
-def files_of(columns, where):
+def files_of(columns: Mapping[str, ArrayLike], where: PathLike) -> tuple[str, ...]:
     """Return the files, each once, that a table's columns name."""
     found = set()
     for name in FILE_COLUMNS:
@@ -90,7 +106,7 @@ def files_of(columns, where):
 
 
 @kept(4096)
-def digest_of(name):
+def digest_of(name: str) -> str:
     """Return a hash of the content of a named file, with the part of it that is meant; "" of no name."""
     if not name:
         return ""

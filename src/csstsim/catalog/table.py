@@ -4,23 +4,35 @@ A chip holds some 76,000 objects; one Python object each, with its own spectrum,
 `MockObject` (the paper's unit of input) is a view of one row.
 """
 
+from __future__ import annotations
+
 import json
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
 from csstsim.base.files.file_log import logged
+from csstsim.base.types import AnyArray, BoolArray, PathLike
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+    from numpy.typing import ArrayLike
+
 
 STAR, GALAXY, QUASAR, ASTEROID, SATELLITE = 0, 1, 2, 3, 4
 TYPES = ("star", "galaxy", "quasar", "asteroid", "satellite")  # by obj_type; all but galaxies are points
 
 ROWS = 1_000_000  # of a part
 
+ColumnKind: TypeAlias = tuple[type[Any], Any, str]  # type of the values, default value, meaning
 
-def lensed(obj_type):
+
+def lensed(obj_type: ArrayLike) -> BoolArray:
     """Return (n,) bool: objects behind the lens. Stars and what moves in the solar system are before it."""
     return (np.asarray(obj_type) == GALAXY) | (np.asarray(obj_type) == QUASAR)
 
@@ -30,7 +42,7 @@ _META_KEY, _SUMS_KEY = b"csstsim", b"csstsim_checksums"
 
 # Columns every catalogue has: type, default value, and meaning. NaN means "not known": a galaxy
 # without a size is flagged, one without a parallax is not. Magnitudes in the camera's bands come after z (MAGNITUDE).
-COLUMNS = {
+COLUMNS: dict[str, ColumnKind] = {
     "id": (np.int64, 0, "the object's number"),
     "obj_type": (np.int8, STAR, "0 star, 1 galaxy, 2 quasar, 3 asteroid, 4 satellite"),
     "ra": (np.float64, np.nan, "deg, ICRS at J2000; moved by pmra ... parallax if a star"),
@@ -71,7 +83,7 @@ COLUMNS = {
     "flags": (np.int32, 0, "bits of csstsim.catalog.flags"),
 }
 # Columns that only some tables have, in the same form; a table without one is as if it had the default in every row.
-OPTIONAL = {
+OPTIONAL: dict[str, ColumnKind] = {
     "n_disk": (np.float32, 1.0, "Sersic index of the disk, 0.3 to 6.2"),
     "n_bulge": (np.float32, 4.0, "Sersic index of the bulge, 0.3 to 6.2"),
     "part_of": (np.int64, -1, "id of the object of which the row is a part, with light of its own; -1: of none"),
@@ -85,24 +97,24 @@ OPTIONAL = {
     "spectrum_file": (np.str_, "", "file of the spectrum's shape (tables; a class has load_sed)"),
 }
 FILE_COLUMNS = "image_file", "spectrum_file"
-MAGNITUDE = (np.float32, np.nan, "AB, of the catalogue's spectrum")
+MAGNITUDE: ColumnKind = (np.float32, np.nan, "AB, of the catalogue's spectrum")
 
 
-def columns_with(bands):
+def columns_with(bands: Iterable[str]) -> dict[str, ColumnKind]:
     """Return COLUMNS with a magnitude mag_B for each of `bands`, the names of Camera.bands."""
     known = list(COLUMNS.items())
     at = list(COLUMNS).index("z") + 1
     return dict(known[:at] + [(f"mag_{band}", MAGNITUDE) for band in bands] + known[at:])
 
 
-class ObjectTable(Mapping):
+class ObjectTable(Mapping[str, AnyArray]):
     """Named columns of equal length; `meta` is a JSON-like dict that is stored with the table.
 
     `len(table)` is the number of rows; iteration and `in` are over column names. Raises ValueError for columns of
     different length.
     """
 
-    def __init__(self, columns, meta=None):
+    def __init__(self, columns: Mapping[str, ArrayLike], meta: Mapping[str, Any] | None = None) -> None:
         self._columns = {name: np.asarray(values) for name, values in columns.items()}
         self.meta = dict(meta or {})
         lengths = {name: len(values) for name, values in self._columns.items()}
@@ -110,22 +122,22 @@ class ObjectTable(Mapping):
             raise ValueError(f"columns of different length: {lengths}")
         self._length = next(iter(lengths.values()), 0)
 
-    def __getitem__(self, name):
+    def __getitem__(self, name: str) -> AnyArray:
         return self._columns[name]
 
-    def __iter__(self):
+    def __iter__(self) -> Iterator[str]:
         return iter(self._columns)
 
-    def __len__(self):
+    def __len__(self) -> int:
         return self._length
 
-    def __contains__(self, name):
+    def __contains__(self, name: object) -> bool:
         return name in self._columns
 
-    def __bool__(self):
+    def __bool__(self) -> bool:
         return self._length > 0
 
-    def __eq__(self, other):
+    def __eq__(self, other: object) -> bool:
         if not isinstance(other, ObjectTable):
             return NotImplemented
         same_names = list(self) == list(other)
@@ -134,30 +146,37 @@ class ObjectTable(Mapping):
             for a, b in ((self[name], other[name]) for name in self)
         )
 
-    __hash__ = None
+    __hash__ = None  # type: ignore[assignment]  # tables cannot be keys
 
     @property
-    def names(self):
+    def names(self) -> tuple[str, ...]:
         """Column names, in order."""
         return tuple(self._columns)
 
-    def take(self, rows):
+    def take(self, rows: AnyArray | slice) -> ObjectTable:
         """Return the rows of an index array (m,), a slice or a boolean mask (n,), in that order."""
         if isinstance(rows, np.ndarray) and rows.dtype.kind == "b":  # row numbers are three times as fast
             rows = np.flatnonzero(rows)
         return ObjectTable({name: values[rows] for name, values in self._columns.items()}, self.meta)
 
-    def parts(self):
+    def parts(self) -> Iterator[tuple[int, ObjectTable]]:
         """Yield (first row, ObjectTable) of ROWS rows each: what is computed of one has left memory at the next."""
         for start in range(0, max(len(self), 1), ROWS):
             yield start, self.take(slice(start, start + ROWS))
 
-    def with_columns(self, **columns):
+    def with_columns(self, **columns: ArrayLike) -> ObjectTable:
         """Return a table with these columns added or replaced; the others are shared, not copied."""
         return ObjectTable({**self._columns, **columns}, self.meta)
 
     @classmethod
-    def complete(cls, columns, bands, meta=None, *, compact=False):
+    def complete(
+        cls,
+        columns: Mapping[str, ArrayLike],
+        bands: Iterable[str],
+        meta: Mapping[str, Any] | None = None,
+        *,
+        compact: bool = False,
+    ) -> Self:
         """Return a table with every column of `columns_with(bands)` in its type, absent ones at their default.
 
         Other columns follow, those of OPTIONAL in their type. A scalar fills a whole column; compact: in the memory of
@@ -175,14 +194,14 @@ class ObjectTable(Mapping):
         return cls(full | {name: v if v.ndim else fill(v, count) for name, v in extras.items()}, meta)
 
     @classmethod
-    def concat(cls, tables):
+    def concat(cls, tables: Iterable[ObjectTable]) -> Self:
         """Return every row of the tables, in order; all must have the columns of the first. Metadata of the first."""
         tables = list(tables)
         if not tables:
             return cls.complete({}, ())
         return cls({name: np.concatenate([t[name] for t in tables]) for name in tables[0]}, tables[0].meta)
 
-    def write(self, path, meta=None):
+    def write(self, path: PathLike, meta: Mapping[str, Any] | None = None) -> None:
         """Write a parquet file (temporary name, fsync, rename) with `meta` (default: the table's) as JSON metadata."""
         import pyarrow as pa
 
@@ -190,7 +209,7 @@ class ObjectTable(Mapping):
         write_parquet(path, table, self.meta if meta is None else meta)
 
     @classmethod
-    def read(cls, path, columns=None):
+    def read(cls, path: PathLike, columns: Iterable[str] | None = None) -> Self:
         """Return the table in a file by `write`, or some columns. Raises InputError for a damaged or foreign file."""
         import pyarrow as pa
         import pyarrow.parquet as pq
@@ -211,6 +230,7 @@ class ObjectTable(Mapping):
             raise InputError("a parquet file, but not one of csstsim's tables (no metadata)", file=path)
         if missing:
             raise InputError("the table lacks a column", file=path, key=missing[0])
+        assert table is not None  # it has been read
         found = cls({name: _to_numpy(table[name]) for name in names}, _load_meta(path, meta))
         sums = _load_meta(path, about.get(_SUMS_KEY, b"{}"))
         if sums.get("") != _checksum(meta) or any(sums.get(name) != _checksum(found[name]) for name in names):
@@ -219,7 +239,7 @@ class ObjectTable(Mapping):
         return found
 
 
-def _to_arrow(values):
+def _to_arrow(values: AnyArray) -> pa.Array:
     """Return a column as an Arrow array by its memory: pyarrow's own way imports pandas, if it is there."""
     import pyarrow as pa
 
@@ -244,7 +264,7 @@ def _to_arrow(values):
     return pa.Array.from_buffers(pa.from_numpy_dtype(values.dtype), count, [nothing_null, memory])
 
 
-def _to_numpy(column):
+def _to_numpy(column: pa.ChunkedArray) -> AnyArray:
     """Return an Arrow column as an array, read-only; without nulls as `_to_arrow` has them, without pandas."""
     import pyarrow as pa
 
@@ -264,7 +284,7 @@ def _to_numpy(column):
     return values
 
 
-def footer(path):
+def footer(path: PathLike) -> pq.FileMetaData:
     """Return the metadata of a parquet file (pyarrow.parquet.FileMetaData). Raises InputError for what is none."""
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -275,21 +295,21 @@ def footer(path):
         raise InputError(f"not a readable parquet file: {str(exc).splitlines()[0]}", file=path) from None
 
 
-def check_numbers(path, table, names):
+def check_numbers(path: PathLike, table: ObjectTable, names: Iterable[str]) -> None:
     """Raise InputError if a column of `names` in the table of a file does not hold one number per row."""
     for name in names:
         if name in table and (table[name].dtype.kind not in "biuf" or table[name].ndim != 1):
             raise InputError("must be numbers", file=path, key=name, value=str(table[name].dtype))
 
 
-def _typed(name, values, dtype):
+def _typed(name: str, values: AnyArray, dtype: type[Any]) -> AnyArray:
     try:
         return _fit(values, np.dtype(dtype))
     except (TypeError, ValueError, OverflowError):
         raise InputError("does not fit the column", key=name, allowed=np.dtype(dtype).name) from None
 
 
-def _fit(values, dtype):
+def _fit(values: AnyArray, dtype: np.dtype[Any]) -> AnyArray:
     """Return an array in `dtype`. Raises ValueError for an integer that would change: a fraction, NaN, too large."""
     if dtype.kind != "i" or values.dtype == dtype:
         with np.errstate(over="ignore"):  # infinite: refused where that is no value
@@ -301,7 +321,7 @@ def _fit(values, dtype):
     return fitted
 
 
-def write_parquet(path, table, meta):
+def write_parquet(path: PathLike, table: pa.Table, meta: Mapping[str, Any]) -> None:
     """Write an Arrow table with `meta` and a checksum of each column (temporary name, fsync, rename)."""
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -315,7 +335,7 @@ def write_parquet(path, table, meta):
         pq.write_table(table.replace_schema_metadata(about), temporary, compression="zstd", use_dictionary=repeating)
 
 
-def _checksum(values):
+def _checksum(values: bytes | AnyArray) -> int:
     """CRC-32 of bytes or of a column; of their text for strings and lists, which have no plain bytes."""
     if isinstance(values, np.ndarray) and values.dtype == object:
         listed = values.tolist()
@@ -325,7 +345,7 @@ def _checksum(values):
     return zlib.crc32(values.tobytes() if isinstance(values, np.ndarray) else values)
 
 
-def _load_meta(path, text):
+def _load_meta(path: PathLike, text: bytes) -> dict[str, Any]:
     try:
         return json.loads(text)
     except ValueError:  # also text that is not UTF-8

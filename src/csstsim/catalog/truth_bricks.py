@@ -7,7 +7,10 @@ exactly inside. Such pixels have equal area: stars are uniform on the brick, and
 The files follow the HATS layout, with its `_healpix_29` column.
 """
 
+from __future__ import annotations
+
 from functools import lru_cache, partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,8 +24,19 @@ from csstsim.catalog.flags import STRONG_LENSING
 from csstsim.catalog.light.embedded_spectra import rates
 from csstsim.catalog.light.photometry import rate_to_mag, subband_weights
 from csstsim.catalog.table import COLUMNS, GALAXY, QUASAR, STAR, ObjectTable
-from csstsim.instrument.camera import load_camera
-from csstsim.universe.parameters import COEFFICIENTS
+from csstsim.instrument.camera import Camera, load_camera
+from csstsim.universe.parameters import COEFFICIENTS, Universe
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from csstsim.base.types import AnyArray, FloatArray, IntArray, PathLike
+    from csstsim.campaign.sections import Lensing
+    from csstsim.universe.galaxies.band_rates import BandRates
+    from csstsim.universe.galaxies.clustered import ClusteredGalaxies
+    from csstsim.universe.galaxies.galaxies import GalaxyPopulation
+    from csstsim.universe.lensing.lensing_field import LensingField
+    from csstsim.universe.structure.matter_field import MatterField
 
 AREA_DEG2 = 4 * 180.0**2 / np.pi / BRICKS
 ID_BITS = 22  # id = brick x 2^22 + row
@@ -30,7 +44,15 @@ COMPANION = {"coeff0": "teff2", "coeff1": "logg2", "coeff2": "area2"}  # of a st
 SED_COLUMNS = ("sed_scale", *(f"coeff{k}" for k in range(COEFFICIENTS)))
 
 
-def make_brick(seed, pix, universe, camera, lensing, structure="haloes", bright_stars=None):
+def make_brick(
+    seed: int,
+    pix: int,
+    universe: Universe,
+    camera: Camera,
+    lensing: Lensing,
+    structure: str = "haloes",
+    bright_stars: FloatArray | None = None,
+) -> ObjectTable:
     """Return the ObjectTable of brick `pix`: stars, galaxies, quasars, then real bright stars.
 
     universe: universe.parameters.Universe; camera: instrument.camera.Camera; lensing: sections.Lensing; structure:
@@ -58,7 +80,15 @@ def make_brick(seed, pix, universe, camera, lensing, structure="haloes", bright_
     return table
 
 
-def brick_meta(seed, pix, universe, camera, lensing, structure="haloes", bright_stars=None):
+def brick_meta(
+    seed: int,
+    pix: int,
+    universe: Universe,
+    camera: Camera,
+    lensing: Lensing,
+    structure: str = "haloes",
+    bright_stars: FloatArray | None = None,
+) -> dict[str, Any]:
     """Return the inputs on which a brick's content depends, as recorded in its file."""
     return {
         "product": "truth brick",
@@ -73,12 +103,22 @@ def brick_meta(seed, pix, universe, camera, lensing, structure="haloes", bright_
     }
 
 
-def write_brick(path, pix, *, seed, universe, camera, lensing, structure="haloes", bright_stars=None):
+def write_brick(
+    path: PathLike,
+    pix: int,
+    *,
+    seed: int,
+    universe: Universe,
+    camera: Camera,
+    lensing: Lensing,
+    structure: str = "haloes",
+    bright_stars: FloatArray | None = None,
+) -> None:
     """Make brick `pix` and write it (temporary name, fsync, rename)."""
     make_brick(seed, pix, universe, camera, lensing, structure, bright_stars).write(path)
 
 
-def read_brick(path, expect=None):
+def read_brick(path: PathLike, expect: Mapping[str, Any] | None = None) -> ObjectTable:
     """Read a brick's file. Raises InputError if it is unreadable or its record differs from `expect` (brick_meta)."""
     table = ObjectTable.read(path)
     if table.meta.get("product") != "truth brick":
@@ -98,7 +138,7 @@ def read_brick(path, expect=None):
     return table
 
 
-def place(pix, generator, count):
+def place(pix: int, generator: np.random.Generator, count: int) -> tuple[FloatArray, FloatArray, IntArray]:
     """Return ra, dec [deg] and the order-29 nested HEALPix pixels of `count` random positions in brick `pix`."""
     deep = 2 * (HATS_ORDER - ORDER)
     healpix = (np.int64(pix) << deep) + generator.integers(0, 1 << deep, count)
@@ -106,7 +146,7 @@ def place(pix, generator, count):
     return ra, dec, healpix
 
 
-def _stars(seed, pix, universe, camera):
+def _stars(seed: int, pix: int, universe: Universe, camera: Camera) -> ObjectTable:
     from csstsim.universe.stars.stars import draw_stars
 
     with universe.faults_of("stars"):
@@ -120,7 +160,7 @@ def _stars(seed, pix, universe, camera):
     return _complete(STAR, columns, camera)
 
 
-def _bright(pix, universe, camera, stars):
+def _bright(pix: int, universe: Universe, camera: Camera, stars: FloatArray) -> ObjectTable:
     from csstsim.universe.stars.bright_stars import bright_stars
 
     with universe.faults_of("stars"):
@@ -128,25 +168,25 @@ def _bright(pix, universe, camera, stars):
     return _complete(STAR, columns, camera)
 
 
-def _galaxies(seed, pix, universe, camera, lensing, structure):
+def _galaxies(seed: int, pix: int, universe: Universe, camera: Camera, lensing: Lensing, structure: str) -> ObjectTable:
     streams = _streams(seed, pix, "galaxies")
     if structure == "none":
         columns = _population(universe, camera).draw(streams, AREA_DEG2)
-        spot = place(pix, streams("position"), len(columns["z"]))
+        ra, dec, healpix = place(pix, streams("position"), len(columns["z"]))
     else:
         columns = _clustered(seed, universe, camera, structure).draw(pix, streams, AREA_DEG2)
-        spot = [columns[name] for name in ("ra", "dec", "_healpix_29")]
-    _put(columns, *spot, seed, pix, universe, lensing, structure)
+        ra, dec, healpix = (columns[name] for name in ("ra", "dec", "_healpix_29"))
+    _put(columns, ra, dec, healpix, seed, pix, universe, lensing, structure)
     return _complete(GALAXY, columns, camera)
 
 
 @lru_cache(maxsize=4)
-def _clustered(seed, universe, camera, structure):
+def _clustered(seed: int, universe: Universe, camera: Camera, structure: str) -> ClusteredGalaxies:
     """The galaxy population in haloes or along the smooth density of one campaign seed."""
     from csstsim.universe.galaxies.clustered import ClusteredGalaxies
     from csstsim.universe.galaxies.occupation import Occupation
 
-    population, matter = _population(universe, camera), _matter(seed, universe, structure)
+    population, matter = _population(universe, camera), universe.matter_field(seed, haloes=structure == "haloes")
     haloes, drawn = universe.numbers["structure"]["haloes"], None
     if matter.haloes is not None:
         drawn = np.log10(haloes["tiers"][0]), haloes["z_min"], haloes["z_max"]
@@ -155,7 +195,7 @@ def _clustered(seed, universe, camera, structure):
 
 
 @lru_cache(maxsize=4)
-def _population(universe, camera):
+def _population(universe: Universe, camera: Camera) -> GalaxyPopulation:
     """The galaxy population, with counts in the i band of CSST without the Milky Way's dust.
 
     So the galaxies do not depend on the camera (config/universe/galaxies.yaml).
@@ -169,22 +209,35 @@ def _population(universe, camera):
     return GalaxyPopulation(universe.numbers["galaxies"], universe.galaxy_seds, universe.cosmology, weights, zeropoint)
 
 
-def _quasars(seed, pix, universe, camera, galaxies, lensing, structure):
+def _quasars(
+    seed: int, pix: int, universe: Universe, camera: Camera, galaxies: ObjectTable, lensing: Lensing, structure: str
+) -> ObjectTable:
     """Quasars have the positions of their hosts; one without a host has a random position."""
     from csstsim.universe.quasars.quasars import draw_quasars
 
     streams = _streams(seed, pix, "quasars")
     columns = draw_quasars(streams, AREA_DEG2, galaxies, universe.numbers["quasars"], universe.cosmology)
-    spot = place(pix, streams("position"), len(columns["z"]))
+    spot: Sequence[AnyArray] = place(pix, streams("position"), len(columns["z"]))
     host = columns["host"]
     if len(galaxies):
         at = [galaxies[name][np.maximum(host, 0)] for name in ("ra", "dec", "_healpix_29")]
         spot = [np.where(host >= 0, there, own) for there, own in zip(at, spot, strict=True)]
-    _put(columns, *spot, seed, pix, universe, lensing, structure)
+    ra, dec, healpix = spot
+    _put(columns, ra, dec, healpix, seed, pix, universe, lensing, structure)
     return _complete(QUASAR, columns, camera)
 
 
-def _put(columns, ra, dec, healpix, seed, pix, universe, lensing, structure):
+def _put(
+    columns: dict[str, AnyArray],
+    ra: FloatArray,
+    dec: FloatArray,
+    healpix: IntArray,
+    seed: int,
+    pix: int,
+    universe: Universe,
+    lensing: Lensing,
+    structure: str,
+) -> None:
     """Add position, extinction by the whole dust column and lensing to the columns of extragalactic objects."""
     from csstsim.universe.lensing.lensing import lens, stretch
 
@@ -198,14 +251,14 @@ def _put(columns, ra, dec, healpix, seed, pix, universe, lensing, structure):
         columns["flags"] = np.where(arc > universe.numbers["lensing"]["stretch_max"], STRONG_LENSING, 0)
 
 
-def _matter(seed, universe, structure):
+def _matter(seed: int, universe: Universe, structure: str) -> MatterField | LensingField:
     """The matter that lenses: the MatterField that galaxies follow, too, or the LensingField of `none`."""
     if structure == "none":
         return universe.lensing_field(seed)
     return universe.matter_field(seed, haloes=structure == "haloes")
 
 
-def _complete(obj_type, columns, camera):
+def _complete(obj_type: int, columns: Mapping[str, AnyArray], camera: Camera) -> ObjectTable:
     """Return the ObjectTable of one kind of object, its columns in order; magnitudes are added later."""
     count = len(columns["ra"])
     tail = {name: np.asarray(columns.get(name, np.zeros(count)), np.float32) for name in SED_COLUMNS}
@@ -214,7 +267,7 @@ def _complete(obj_type, columns, camera):
     return ObjectTable.complete(head | {"obj_type": np.full(count, obj_type, np.int8)} | tail, camera.bands)
 
 
-def with_magnitudes(table, universe, camera):
+def with_magnitudes(table: ObjectTable, universe: Universe, camera: Camera) -> ObjectTable:
     """Return a table of the embedded sky with the magnitudes of its spectra in the camera's bands."""
     weights = _weights(camera)
     many = _band_rates(universe, camera) if (table["obj_type"] == GALAXY).any() else None
@@ -226,7 +279,7 @@ def with_magnitudes(table, universe, camera):
 
 
 @lru_cache(maxsize=4)
-def _band_rates(universe, camera):
+def _band_rates(universe: Universe, camera: Camera) -> BandRates | None:
     """Tables of galaxies' light in the shipped bands, for all bricks of a process; None for a camera with others.
 
     Those may be too sharp for tables.
@@ -239,9 +292,9 @@ def _band_rates(universe, camera):
     return BandRates(universe.galaxy_seds, weights)
 
 
-def _weights(camera):
+def _weights(camera: Camera) -> FloatArray:
     return np.stack([subband_weights(f, camera.telescope).sum(axis=0) for f in camera.bands.values()])
 
 
-def _streams(seed, pix, kind):
+def _streams(seed: int, pix: int, kind: str) -> Callable[[str], np.random.Generator]:
     return lambda name: stream(seed, "brick", pix, kind, name)

@@ -1,8 +1,12 @@
 """`csstsim compare`: two folders or files, product by product."""
 
+from __future__ import annotations
+
 import filecmp
 import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from csstsim.base.errors import InputError
 from csstsim.base.plural import number_of
@@ -10,6 +14,9 @@ from csstsim.base.process.progress import progress
 from csstsim.compare import hdf5, images, tables, texts
 from csstsim.compare.facts import Fact
 from csstsim.compare.varying import BESIDE_PRODUCTS
+
+if TYPE_CHECKING:
+    from csstsim.base.types import PathLike
 
 BY_SUFFIX = {
     ".fits": images.fits_facts, ".h5": hdf5.hdf5_facts, ".hdf5": hdf5.hdf5_facts, ".parquet": tables.table_facts,
@@ -19,7 +26,7 @@ BY_SUFFIX = {
 BY_NAME = dict.fromkeys(("_metadata", "_common_metadata"), tables.footer_facts)
 
 
-def compare(a, b, say, provenance=False):
+def compare(a: PathLike, b: PathLike, say: Callable[[str], object], provenance: bool = False) -> int:
     """Print each difference between two folders or two files, then the number of products that differ; return it.
 
     `provenance`: differences in how a product was made count, too; otherwise one line lists them. A product that cannot
@@ -43,7 +50,7 @@ def compare(a, b, say, provenance=False):
     )
 
 
-def facts(a, b):
+def facts(a: Path, b: Path) -> Iterator[Fact]:
     """Yield the Facts that differ between two files. Raises InputError for one that cannot be read."""
     for path in (a, b):
         if not path.is_file():
@@ -58,9 +65,10 @@ def facts(a, b):
         yield from (BY_NAME.get(a.name) or BY_SUFFIX.get(a.suffix.lower(), texts.text_facts))(a, b)
 
 
-def _tell(found, total, say, provenance):
+def _tell(found: Iterable[tuple[str, list[Fact]]], total: int, say: Callable[[str], object], provenance: bool) -> int:
     """Print the Facts of (product, Facts) pairs, then a summary; return how many products differ."""
-    unlike, made = 0, {}
+    unlike = 0
+    made: dict[str | None, set[str]] = {}
     for name, facts in found:
         counted = [fact for fact in facts if provenance or not fact.provenance]
         for fact in facts:
@@ -71,13 +79,14 @@ def _tell(found, total, say, provenance):
     made.pop(None, None)
     if made and not provenance:
         products = len(set().union(*made.values()))
-        say(f"provenance differs in {number_of(products, 'product')}, which does not count: {', '.join(sorted(made))}")
+        names = ", ".join(sorted(filter(None, made)))
+        say(f"provenance differs in {number_of(products, 'product')}, which does not count: {names}")
     verdict = f"{unlike} {'differs' if unlike == 1 else 'differ'}" if unlike else "all the same"
     say(f"{number_of(total, 'product')} compared, {verdict}")
     return unlike
 
 
-def _found(a, b, name, names):
+def _found(a: Path, b: Path, name: str, names: Sequence[set[str]]) -> list[Fact]:
     for side, mine, other in (("A", *names), ("B", *names[::-1])):
         if name in mine and name not in other:
             return [Fact(f"only {side} has it")]
@@ -87,7 +96,7 @@ def _found(a, b, name, names):
         return [Fact(f"cannot be compared: {exc}")]
 
 
-def _products(folder):
+def _products(folder: Path) -> set[str]:
     """Return the names of all products below a folder, without half-written files."""
     found = set()
     for place, below, files in os.walk(folder):

@@ -6,17 +6,19 @@ compares (compare.varying).
 
 import hashlib
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from csstsim.base.files.atomic import atomic_path
 from csstsim.base.process.progress import progress
+from csstsim.base.types import PathLike
 from csstsim.compare.varying import KEYWORDS, steady_page, varies
 from csstsim.delivery.manifest import CONTENT, FILES, HASHES, list_content, read_manifest
 
 
-def write_contents(folder):
+def write_contents(folder: PathLike) -> Path:
     """Write MANIFEST.content of the products that MANIFEST.sha256 lists, a hash and a path a line; return its path.
 
     MANIFEST.sha256 then lists it, too.
@@ -30,7 +32,7 @@ def write_contents(folder):
     return folder / CONTENT
 
 
-def content_hash(path):
+def content_hash(path: Path) -> str:
     """Return 64 hex digits of what a product holds. Raises OSError or InputError for a file that cannot be read."""
     kinds = {".fits": _of_fits, ".parquet": _of_table, ".json": _of_json, ".html": _of_page, ".h5": _of_hdf5}
     total = hashlib.sha256()
@@ -39,7 +41,7 @@ def content_hash(path):
     return total.hexdigest()
 
 
-def _of_fits(path):
+def _of_fits(path: Path) -> Iterator[str]:
     from csstsim.io.fits import open_fits
 
     with open_fits(path) as file:
@@ -50,7 +52,7 @@ def _of_fits(path):
                     yield f"{name}={card['value']!r}\n"
 
 
-def _of_table(path):
+def _of_table(path: Path) -> Iterator[str | bytes]:
     import pyarrow.parquet as pq
 
     with pq.ParquetFile(path) as file:
@@ -65,15 +67,15 @@ def _of_table(path):
     yield _steady(json.loads(about.get("csstsim", b"{}")))
 
 
-def _of_json(path):
+def _of_json(path: Path) -> Iterator[str]:
     yield _steady(json.loads(path.read_text()))
 
 
-def _of_page(path):
+def _of_page(path: Path) -> Iterator[str]:
     yield steady_page(path.read_text())[0]
 
 
-def _of_hdf5(path):
+def _of_hdf5(path: Path) -> Iterator[str | bytes]:
     import h5py
 
     with h5py.File(path, "r") as file:
@@ -87,16 +89,16 @@ def _of_hdf5(path):
             yield values.tobytes() if values.dtype != object else repr(values.tolist())
 
 
-def _of_bytes(path):
+def _of_bytes(path: Path) -> Iterator[bytes]:
     with path.open("rb") as file:
         while part := file.read(1 << 20):
             yield part
 
 
-def _steady(record):
+def _steady(record: object) -> str:
     """Return the JSON of a record without what varies between runs."""
 
-    def kept(value):
+    def kept(value: object) -> object:
         if isinstance(value, dict):
             return {key: kept(inner) for key, inner in value.items() if not varies(key)}
         return [kept(inner) for inner in value] if isinstance(value, list) else value

@@ -1,8 +1,16 @@
 """Facts: differences between two products, one line each, and how large they are between arrays."""
 
-from typing import NamedTuple
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+
+from csstsim.base.types import AnyArray, BoolArray, FloatArray
+
+if TYPE_CHECKING:
+    from h5py import Dataset
 
 NAMED = 5  # differing values or names that are listed
 
@@ -21,13 +29,13 @@ class Difference:
     the values that differ. `things`: what a value is called.
     """
 
-    def __init__(self, things, unit=""):
+    def __init__(self, things: str, unit: str = "") -> None:
         self.things, self.unit = things, f" {unit}" if unit else ""
         self.count = self.total = self.sized = self.odd = 0
         self.largest = self.squares = 0.0
         self.first = ""
 
-    def add(self, a, b, place):
+    def add(self, a: AnyArray, b: AnyArray, place: Callable[[int], str]) -> None:
         """Add two arrays of one shape and dtype; place(index): where the element of the flat array is, in words."""
         a, b = np.ravel(a), np.ravel(b)
         self.total += a.size
@@ -47,7 +55,7 @@ class Difference:
             self.largest = max(self.largest, size.max(initial=0.0))
             self.squares += float((size**2).sum())
 
-    def text(self):
+    def text(self) -> str:
         """Return the difference in words; "" if there is none."""
         if not self.count:
             return ""
@@ -60,7 +68,16 @@ class Difference:
         return ", ".join([*parts, self.first])
 
 
-def array_facts(name, a, b, *, things, unit="", place, step=1 << 22):
+def array_facts(
+    name: str,
+    a: AnyArray | Dataset,
+    b: AnyArray | Dataset,
+    *,
+    things: str,
+    unit: str = "",
+    place: Callable[..., str],
+    step: int = 1 << 22,
+) -> Iterator[Fact]:
     """Yield Facts about two arrays: dtype, shape, values; place(*index): where an element is, in words."""
     if a.shape != b.shape:
         yield Fact(f"{name}: shape {a.shape} and {b.shape}")
@@ -73,7 +90,12 @@ def array_facts(name, a, b, *, things, unit="", place, step=1 << 22):
             if a.dtype != b.dtype:
                 parts = [part.astype(np.float64) for part in parts]
             offset = start * (a[:1].size if a.ndim else 1)
-            difference.add(*parts, lambda i, offset=offset: place(*np.unravel_index(i + offset, a.shape)))
+            one, other = parts
+
+            def where(i: int, offset: int = offset) -> str:
+                return place(*np.unravel_index(i + offset, a.shape))
+
+            difference.add(one, other, where)
     if a.dtype != b.dtype:
         same = ", the same values" if numbers and not difference.count else ""
         yield Fact(f"{name}: {_kind(a)} and {_kind(b)}{same}")
@@ -81,7 +103,7 @@ def array_facts(name, a, b, *, things, unit="", place, step=1 << 22):
         yield Fact(f"{name}: {difference.text()}")
 
 
-def alone(what, a, b):
+def alone(what: str, a: Collection[str | int], b: Collection[str | int]) -> Iterator[Fact]:
     """Yield Facts about names (or ids) that only one of A and B has, sorted as they come."""
     for side, mine, other in (("A", a, b), ("B", b, a)):
         known = set(other)
@@ -91,24 +113,24 @@ def alone(what, a, b):
             yield Fact(f"only {side} has the {what} {', '.join(map(str, names[:NAMED]))}{more}")
 
 
-def shown(value):
+def shown(value: object) -> str:
     """Return a value as text, cut to a readable length."""
     text = repr(value.item() if isinstance(value, np.generic) else value)
     return text if len(text) <= 60 else f"{text[:56]} ..."
 
 
-def _kind(array):
+def _kind(array: AnyArray | Dataset) -> str:
     return "text" if array.dtype.kind == "O" else str(array.dtype)
 
 
-def _unlike(a, b):
+def _unlike(a: AnyArray, b: AnyArray) -> BoolArray:
     if a.dtype.kind != "f":
         return a != b
     bits = f"u{a.itemsize}"
     return (np.ascontiguousarray(a).view(bits) != np.ascontiguousarray(b).view(bits)) & ~(np.isnan(a) & np.isnan(b))
 
 
-def _size(a, b):
+def _size(a: AnyArray, b: AnyArray) -> FloatArray:
     """Return |a - b| as float64; of integers exact before it is rounded."""
     if a.dtype.kind == "f":
         with np.errstate(invalid="ignore", over="ignore"):

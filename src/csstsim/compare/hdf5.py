@@ -1,6 +1,11 @@
 """HDF5 files compared (PSF sets and their tables), a node at a time."""
 
+from __future__ import annotations
+
+from collections.abc import Iterator
 from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.hdf5_file import LARGEST
@@ -8,10 +13,15 @@ from csstsim.compare.facts import alone, array_facts
 from csstsim.compare.records import record_facts
 from csstsim.optics.psf.psf_file import intact
 
+if TYPE_CHECKING:
+    from h5py import Dataset, File
+
+    from csstsim.compare.facts import Fact
+
 UNITS = {"nodes_xy": "px", "nodes_uv": "deg", "wavelength": "angstrom", "tilt": "px"}  # optics.psf.psf_file.DATASETS
 
 
-def hdf5_facts(a, b):
+def hdf5_facts(a: Path, b: Path) -> Iterator[Fact]:
     """Yield Facts about two HDF5 files of numbers. Raises InputError for one that is damaged or holds other things."""
     with ExitStack() as stack:
         (attributes_a, first), (attributes_b, second) = (_opened(path, stack) for path in (a, b))
@@ -22,7 +32,7 @@ def hdf5_facts(a, b):
             yield from array_facts(f"dataset {name}", *pair, things="values", unit=unit, place=_place)
 
 
-def _opened(path, stack):
+def _opened(path: Path, stack: ExitStack) -> tuple[dict[str, object], dict[str, Dataset]]:
     """Return ({name: attribute}, {name: dataset}) of a file that `stack` closes. Raises InputError if it is damaged."""
     import h5py
 
@@ -35,7 +45,7 @@ def _opened(path, stack):
         return {name: _plain(value) for name, value in file.attrs.items()}, found
 
 
-def _datasets(file, path):
+def _datasets(file: File, path: Path) -> dict[str, Dataset]:
     """Return {name: dataset} of a file. Raises InputError for one that cannot be compared."""
     import h5py
 
@@ -51,10 +61,10 @@ def _datasets(file, path):
     return found
 
 
-def _place(*index):
+def _place(*index: int) -> str:
     return f"at [{', '.join(str(int(i)) for i in index)}]"
 
 
-def _plain(value):
+def _plain(value: object) -> object:
     value = value.tolist() if hasattr(value, "tolist") else value
     return value.decode("utf-8", "backslashreplace") if isinstance(value, bytes) else value

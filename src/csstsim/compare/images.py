@@ -1,7 +1,12 @@
 """FITS files compared: headers, planes of pixels, records; Level-0 whatever its layout."""
 
+from __future__ import annotations
+
 import json
 import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from csstsim.base.errors import InputError
 from csstsim.compare.facts import Difference, Fact, alone, array_facts
@@ -10,6 +15,13 @@ from csstsim.compare.records import record_facts
 from csstsim.compare.varying import is_provenance, varies
 from csstsim.io.fits import open_fits, read_header, read_pixels, verify_hdu
 from csstsim.io.frames import META
+
+if TYPE_CHECKING:
+    from fitsio import FITS
+    from fitsio.hdu.base import HDUBase
+
+    from csstsim.compare.raw_image import RawImage
+    from csstsim.detector.channels import Block, ReadoutFrame
 
 # Of the form in which the pixels are stored: shape and type are compared as such
 _STRUCTURE = re.compile(
@@ -23,7 +35,7 @@ _LAYOUT = re.compile(
 _UNITS = {"ADU": "DN"}
 
 
-def fits_facts(a, b):
+def fits_facts(a: Path, b: Path) -> Iterator[Fact]:
     """Yield Facts about two FITS files. Raises InputError for one that is damaged."""
     with open_fits(a) as first, open_fits(b) as second:
         files = (first, a), (second, b)
@@ -31,14 +43,14 @@ def fits_facts(a, b):
             for hdu in file:
                 if "CHECKSUM" in read_header(hdu, path):
                     verify_hdu(hdu, path)
-        raw = [raw_image(*file) for file in files]
-        if all(raw):
+        raw = [image for image in [raw_image(*file) for file in files] if image is not None]
+        if len(raw) == 2:
             yield from _raw_facts(files, raw)
         else:
             yield from _plane_facts(files)
 
 
-def _plane_facts(files):
+def _plane_facts(files: Sequence[tuple[FITS, Path]]) -> Iterator[Fact]:
     """Yield Facts about headers, planes and the record of two files, plane by plane."""
     hdus = [{hdu.get_extname() or f"HDU {i}": hdu for i, hdu in enumerate(file)} for file, _ in files]
     yield from alone("planes", *hdus)
@@ -51,20 +63,20 @@ def _plane_facts(files):
             continue
         heads = [_cards(*hdu) for hdu in pair]
         yield from record_facts(f"{name}: ", *heads)
-        planes = [read_pixels(*hdu) if read_header(*hdu).get("NAXIS") else None for hdu in pair]
-        if any(plane is None for plane in planes):
-            if planes[0] is not planes[1]:
+        one, other = (read_pixels(*hdu) if read_header(*hdu).get("NAXIS") else None for hdu in pair)
+        if one is None or other is None:
+            if one is not other:
                 yield Fact(f"{name}: pixels in one file only")
             continue
-        unit = heads[0].get("BUNIT", units[0]) if planes[0].dtype.itemsize > 1 else ""  # bytes are bits of masks
-        yield from array_facts(name, *planes, things="pixels", unit=_UNITS.get(unit, unit), place=_pixel)
+        unit = heads[0].get("BUNIT", units[0]) if one.dtype.itemsize > 1 else ""  # bytes are bits of masks
+        yield from array_facts(name, one, other, things="pixels", unit=_UNITS.get(unit, unit), place=_pixel)
 
 
-def _pixel(*index):
+def _pixel(*index: int) -> str:
     return f"at {', '.join(f'{axis} {i}' for axis, i in zip('xyz', index[::-1], strict=False))}"
 
 
-def _record(hdus, path):
+def _record(hdus: Mapping[str, HDUBase], path: Path) -> dict[str, Any]:
     """Return the record in META, or {}."""
     if META not in hdus:
         return {}
@@ -77,7 +89,7 @@ def _record(hdus, path):
     return found
 
 
-def _raw_facts(files, raw):
+def _raw_facts(files: Sequence[tuple[FITS, Path]], raw: Sequence[RawImage]) -> Iterator[Fact]:
     """Yield Facts about two Level-0 files: headers without what is the layout's own, pixels channel by channel."""
     layouts = {image.layout for image in raw}
     for name, hdu in (("HDU 0", 0), ("IMAGE", "IMAGE")):
@@ -96,23 +108,27 @@ def _raw_facts(files, raw):
             yield from _channel_facts(plane, raw)
 
 
-def _channel_facts(plane, raw):
+def _channel_facts(plane: str, raw: Sequence[RawImage]) -> Iterator[Fact]:
     readout = raw[0].readout
     difference = Difference("pixels", "DN" if plane == "IMAGE" else "")
     types = []
     for block in readout.blocks:
         if all(block.channel in image.channels for image in raw):
-            pair = [image.pixels(plane, block) for image in raw]
-            types = [pixels.dtype for pixels in pair]
+            one, other = (image.pixels(plane, block) for image in raw)
+            types = [one.dtype, other.dtype]
             if types[0] == types[1]:
-                difference.add(*pair, lambda i, block=block: _place(readout, block, *divmod(i, readout.block_nx)))
+
+                def where(i: int, block: Block = block) -> str:
+                    return _place(readout, block, *divmod(i, readout.block_nx))
+
+                difference.add(one, other, where)
     if types and types[0] != types[1]:
         yield Fact(f"{plane}: {types[0]} and {types[1]}")
     if difference.count:
         yield Fact(f"{plane}: {difference.text()}")
 
 
-def _place(readout, block, row, column):
+def _place(readout: ReadoutFrame, block: Block, row: int, column: int) -> str:
     """Return in words where a channel's pixel is: as it is read, and on the chip if it is an active one."""
     (x0, step_x), (y0, step_y) = readout.stored_axis(block, "channels")
     x, y = x0 + step_x * (column + block.stored_x0), y0 + step_y * row
@@ -120,13 +136,13 @@ def _place(readout, block, row, column):
     return f"in channel {block.channel}, column {column}, row {row} ({f'chip x {x}, y {y}' if inside else 'overscan'})"
 
 
-def _cards(hdu, path):
+def _cards(hdu: HDUBase, path: Path) -> dict[str, Any]:
     """Return {keyword: value} and {"comment of KEYWORD": comment} of an HDU, but for its structure."""
     try:
         records = hdu.read_header().records()
     except (OSError, ValueError) as exc:  # also bytes that are no text
         raise InputError(f"a header is damaged: {type(exc).__name__}", file=path) from exc
-    found = {}
+    found: dict[str, Any] = {}
     for card in records:
         name = card["name"] or ""
         if name in ("COMMENT", "HISTORY", ""):

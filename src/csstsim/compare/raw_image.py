@@ -1,11 +1,21 @@
 """The stored pixels of a Level-0 file by readout channel: the same for every layout, compressed or not."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from csstsim.base.errors import InputError
 from csstsim.detector.channels import ReadoutFrame
 from csstsim.io.fits import image_header, read_header, read_pixels
 from csstsim.io.level0 import read_level0
+
+if TYPE_CHECKING:
+    from fitsio import FITS
+
+    from csstsim.base.types import AnyArray
+    from csstsim.detector.channels import Block
 
 PLANES = ("IMAGE", "MASK")
 
@@ -20,10 +30,10 @@ class RawImage:
 
     readout: ReadoutFrame
     layout: str
-    planes: dict
-    channels: tuple
+    planes: dict[str, AnyArray]
+    channels: tuple[int, ...]
 
-    def pixels(self, plane, block):
+    def pixels(self, plane: str, block: Block) -> AnyArray:
         """Return a channel's pixels, (block_ny, block_nx), its first to be read first; block: of `readout`."""
         stored = self.planes[plane]
         if self.layout != "channels":
@@ -31,7 +41,7 @@ class RawImage:
         return stored[:, block.stored_x0 : block.stored_x0 + self.readout.block_nx]
 
 
-def raw_image(file, path):
+def raw_image(file: FITS, path: Path) -> RawImage | None:
     """Return the RawImage of an open FITS file, or None if it is not Level-0. Raises InputError if it is damaged."""
     if "IMAGE" not in file or not {"LAYOUT", "NCHAN"} <= read_header(file["IMAGE"], path).keys():
         return None

@@ -1,10 +1,13 @@
 """Records compared: mappings and lists of plain values, from headers, metadata, JSON files and attributes."""
 
+from collections.abc import Iterator
+from typing import Any
+
 from csstsim.compare.facts import NAMED, Fact, shown
 from csstsim.compare.varying import is_provenance, varies
 
 
-def record_facts(where, a, b):
+def record_facts(where: str, a: object, b: object) -> Iterator[Fact]:
     """Yield Facts about two records, except values that vary between runs; `where` precedes each name."""
     try:
         found = list(_leaves("", a, b))
@@ -20,7 +23,7 @@ def record_facts(where, a, b):
         yield Fact(f"{where}and {len(rest) - NAMED} more values")
 
 
-def _leaves(name, a, b, made=None):
+def _leaves(name: str, a: object, b: object, made: str | None = None) -> Iterator[tuple[str, str, str | None]]:
     """Yield (name, what differs, name of the provenance or None) of each value that differs."""
     if isinstance(a, dict) and isinstance(b, dict):
         for key in [*a, *(key for key in b if key not in a)]:
@@ -43,7 +46,7 @@ def _leaves(name, a, b, made=None):
         yield name, text, made
 
 
-def _apart(a, b):
+def _apart(a: Any, b: Any) -> float | None:
     """Return |a - b| of two numbers; None of what are no numbers, or too large."""
     if any(isinstance(x, bool) or not isinstance(x, int | float) for x in (a, b)):
         return None

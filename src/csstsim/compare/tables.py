@@ -1,10 +1,14 @@
 """Parquet tables compared, a column at a time."""
 
 import re
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from csstsim.base.types import AnyArray, BoolArray
 from csstsim.catalog.table import ObjectTable, footer
 from csstsim.compare.facts import Fact, alone, array_facts
 from csstsim.compare.records import record_facts
@@ -22,7 +26,7 @@ _WRITTEN = {
 _AS_BEFORE = re.compile("its error|(deg, )?the same")
 
 
-def table_facts(a, b):
+def table_facts(a: Path, b: Path) -> Iterator[Fact]:
     """Yield Facts about two table files of csstsim's. Raises InputError for one that is damaged or no table."""
     metas = [ObjectTable.read(path, []).meta for path in (a, b)]
     yield from record_facts("metadata: ", *metas)
@@ -43,7 +47,7 @@ def table_facts(a, b):
             )
 
 
-def footer_facts(a, b):
+def footer_facts(a: Path, b: Path) -> Iterator[Fact]:
     """Yield Facts about two files of parquet metadata: columns, and how many rows the files they are of have."""
     files = [footer(path) for path in (a, b)]
     if files[0].num_rows != files[1].num_rows:
@@ -54,7 +58,7 @@ def footer_facts(a, b):
     yield from record_facts("columns", *columns)
 
 
-def _column(path, name):
+def _column(path: Path, name: str) -> AnyArray:
     """Return a column, lists as text."""
     values = ObjectTable.read(path, [name])[name]
     if values.dtype == object and len(values) and isinstance(values[0], np.ndarray):
@@ -62,11 +66,11 @@ def _column(path, name):
     return values
 
 
-def _key(path, names):
+def _key(path: Path, names: Sequence[str]) -> tuple[str, AnyArray] | None:
     return next(((name, _column(path, name)) for name in IDS if name in names), None)
 
 
-def _common_rows(a, b, names):
+def _common_rows(a: Path, b: Path, names: Sequence[str]) -> tuple[Sequence[slice | BoolArray] | None, list[Fact]]:
     """Return ((rows of A, rows of B) to be compared, or None; a list of Facts)."""
     counts = [footer(path).num_rows for path in (a, b)]
     if counts[0] == counts[1]:
@@ -80,23 +84,25 @@ def _common_rows(a, b, names):
     return [np.isin(mine, other) for mine, other in (ids, ids[::-1])], facts
 
 
-def _column_facts(name, columns, key, rows):
+def _column_facts(
+    name: str, columns: Sequence[AnyArray], key: tuple[str, AnyArray] | None, rows: Sequence[slice | BoolArray]
+) -> Iterator[Fact]:
     """Yield Facts about a column of both; key: (name of the id, its values in A) or None."""
 
-    def place(i):
+    def place(i: int) -> str:
         row = int(np.arange(len(key[1]))[rows[0]][i]) if key else i
         return f"in row {row}" + (f" ({key[0]} {key[1][row]})" if key and key[0] != name else "")
 
     yield from array_facts(f"column {name}", *columns, things="rows", unit=unit_of(name), place=place)
 
 
-def unit_of(name):
+def unit_of(name: str) -> str:
     """Return the unit of a column of any table, "" if it has none; of a band's, that of name_B."""
     return units().get(name) or units().get(f"{name.rpartition('_')[0]}_B", "")
 
 
 @cache
-def units():
+def units() -> dict[str, str]:
     """Return {column: its unit} of all tables, as their descriptions begin; what has none is left out. B: any band."""
     from csstsim.bricks import merge
     from csstsim.catalog.table import OPTIONAL, columns_with
@@ -104,7 +110,7 @@ def units():
     from csstsim.measure import catalogue
     from csstsim.measure.spectra import line_columns, spectrum_columns
 
-    found = {}
+    found: dict[str, str] = {}
     for described in (
         columns_with("B"), OPTIONAL, orders.COLUMNS, truth.ABOUT, catalogue.COLUMNS, spectrum_columns.COLUMNS,
         line_columns.COLUMNS, merge.ABOUT, merge.ABOUT_BAND,
@@ -113,7 +119,7 @@ def units():
     return found | {name: found[ours] for name, ours in truth.CAT_COLUMNS.items() if ours in found}
 
 
-def units_of(described):
+def units_of(described: Mapping[str, str | tuple[Any, ...]]) -> dict[str, str]:
     """Return {column: its unit} of a table, {column: text, or a tuple that ends with it}."""
     found, unit = {}, ""
     for name, text in described.items():

@@ -31,17 +31,17 @@ MADE_FROM = {
 _PROVENANCE = re.compile(r'(?s)<section id="provenance">.*?</section>')
 
 
-def varies(name):
+def varies(name: str) -> bool:
     """Whether a FITS keyword, a column or a key of this name may differ between two runs of one campaign."""
     return name in COLUMNS or name in KEYS or bool(KEYWORDS.fullmatch(name))
 
 
-def is_provenance(name):
+def is_provenance(name: str) -> bool:
     """Whether a FITS keyword or a key of this name says how a product was made, not what it is."""
     return name in MADE_FROM or bool(MADE_BY.fullmatch(name))
 
 
-def steady_page(text):
+def steady_page(text: str) -> tuple[str, str]:
     """Return (the HTML of a report without run times and its campaign's folder, of it the section on provenance)."""
     text = _PAGE.sub("", text)
     made = _PROVENANCE.search(text)

@@ -6,15 +6,35 @@ the bit "saturated" of DQ, and has no more charge than that. The detector is tak
 left of charge transfer and of the brighter-fatter effect, are left out.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.measure.calibration.bad_pixels import FULL
 
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from typing import Any
+
+    from csstsim.base.types import AnyArray, FloatArray, IntArray, PathLike
+    from csstsim.inject.light import Light
+    from csstsim.instrument.chip import Window
+
 UNIT = "electron/s"
 
 
-def into_calibrated(planes, light, exptime, *, background, limit, response=None):
+def into_calibrated(
+    planes: tuple[AnyArray, ...],
+    light: Light,
+    exptime: float,
+    *,
+    background: float,
+    limit: float,
+    response: FloatArray | None = None,
+) -> tuple[FloatArray, FloatArray, IntArray]:
     """Return (SCI, ERR, DQ), copies, with a light.Light.
 
     planes: (SCI, ERR [e-/s], DQ), (ny, nx) each; exptime [s]; background [e-/s]: what was subtracted from SCI; limit:
@@ -35,7 +55,7 @@ def into_calibrated(planes, light, exptime, *, background, limit, response=None)
     return sci, err, dq
 
 
-def check_planes(path, planes, header, window):
+def check_planes(path: PathLike, planes: tuple[AnyArray, ...], header: Mapping[str, Any], window: Window) -> None:
     """Raise InputError if (SCI, ERR, DQ) cannot be injected into: sizes, unit, errors that are no numbers."""
     sci, err, dq = planes
     if header.get("BUNIT") != UNIT:

@@ -4,7 +4,10 @@ A header of Level-0 states layers, seed and changed numbers of the camera (recre
 layers. The PSF is in neither. What is taken instead is said.
 """
 
+from __future__ import annotations
+
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from astropy.io.fits import Header
 
@@ -19,10 +22,18 @@ from csstsim.recreate.frame import read_frame
 from csstsim.recreate.recreate import described, opened
 from csstsim.stages.level0 import MADE_WITH
 
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from typing import Any
+
+    from csstsim.base.types import PathLike
+    from csstsim.campaign.job import Job
+    from csstsim.recreate.frame import FrameHeader
+
 LEVEL0, CALIBRATED, OTHER = "level0", "calibrated", "other"
 
 
-def kind_of(path):
+def kind_of(path: PathLike) -> str:
     """Return what a FITS file is: LEVEL0 or CALIBRATED of csstsim, or OTHER. Raises InputError."""
     with open_fits(path) as file:
         if "SIMVER" not in read_header(file[0], path):
@@ -35,7 +46,13 @@ def kind_of(path):
     raise InputError("a file of csstsim without IMAGE, and without SCI, ERR and DQ", file=path)
 
 
-def job_of(path, campaign=None, instrument=None, cache=None, say=print):
+def job_of(
+    path: PathLike,
+    campaign: PathLike | OpenCampaign | None = None,
+    instrument: PathLike | None = None,
+    cache: PathLike | None = None,
+    say: Callable[[str], object] = print,
+) -> tuple[OpenCampaign, Job]:
     """Return (OpenCampaign, job.Job) of a frame of csstsim.
 
     campaign: its file, or an OpenCampaign; None: the header tells. instrument: the camera's folder, without a campaign;
@@ -61,7 +78,7 @@ def job_of(path, campaign=None, instrument=None, cache=None, say=print):
     return run, job
 
 
-def _check_recipe(head, recipe):
+def _check_recipe(head: FrameHeader, recipe: Mapping[str, str]) -> None:
     for name, keyword in RECIPE.items():
         if head.keys.get(keyword) != recipe[name]:
             raise InputError(
@@ -70,7 +87,7 @@ def _check_recipe(head, recipe):
             )  # fmt: skip
 
 
-def _check_pointing(head, job):
+def _check_pointing(head: FrameHeader, job: Job) -> None:
     """Raise InputError if a header's exposure time or WCS is not that of its job: the header was changed since."""
     time, wanted = head.number("EXPTIME"), job.pointing.exptime
     if time is None or abs(time - wanted) > 1e-3:
@@ -85,7 +102,7 @@ def _check_pointing(head, job):
         )  # fmt: skip
 
 
-def _wcs_off(header, job):
+def _wcs_off(header: Mapping[str, Any], job: Job) -> float:
     """Return the arcsec by which a header's WCS is off its job's, of a raw frame or a calibrated one (in ICRS)."""
     from astropy.wcs import WCS
 
@@ -97,7 +114,7 @@ def _wcs_off(header, job):
     return sky_off({name: header[name] for name in cards if name in header}, *corners, true)
 
 
-def check_job(head, job):
+def check_job(head: FrameHeader, job: Job) -> None:
     """Raise InputError if a FrameHeader is of another filter or window than a job: its PSF or places would not fit."""
     named = str(head.get("FILTER") or job.chip.filter)
     if named.lower() != job.chip.filter.lower():

@@ -1,8 +1,11 @@
 """`csstsim inject`: objects of a table put into frames; copies of the frames, with truth tables, in a new folder."""
 
+from __future__ import annotations
+
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,6 +26,24 @@ from csstsim.io.paths import ORDERS, TRUTH
 from csstsim.io.truth import truth_table
 from csstsim.stages.select import say_selected
 
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping
+    from typing import Any
+
+    from astropy.table import Table
+
+    from csstsim.base.types import AnyArray, IntArray, PathLike
+    from csstsim.campaign.job import Job
+    from csstsim.campaign.opened import OpenCampaign
+    from csstsim.catalog.own_table import TableCatalog
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.inject.light import Light
+    from csstsim.inject.rewritten import Record
+    from csstsim.io.level0 import Level0
+
+    Say = Callable[[str], object]
+    Make = Callable[[Path, Path, Say], str]  # of a frame, its copy and who is told: what was done
+
 _USED = re.compile(r"digest\s*\w+,\s*realisation\s*(\d+),\s*by")  # in the HISTORY that `record` writes
 
 
@@ -30,46 +51,52 @@ _USED = re.compile(r"digest\s*\w+,\s*realisation\s*(\d+),\s*by")  # in the HISTO
 class Request:
     """What to inject and how: arguments of `inject` that are the same for all frames."""
 
-    columns: dict  # {name: values} of the table
-    table: object  # its file, or words for one in memory
+    columns: dict[str, Any]  # {name: values} of the table
+    table: PathLike  # its file, or words for one in memory
     realisation: int = 1
-    campaign: object = None  # file or OpenCampaign
-    instrument: object = None
-    cache: object = None
-    psf: object = None  # file of a PSF, for frames of others
+    campaign: PathLike | OpenCampaign | None = None  # file or OpenCampaign
+    instrument: PathLike | None = None
+    cache: PathLike | None = None
+    psf: PathLike | None = None  # file of a PSF, for frames of others
     zeropoint: float | None = None  # AB magnitude of 1 electron / s, likewise
-    light_curves: object = None  # file of the curves that the table names
+    light_curves: PathLike | None = None  # file of the curves that the table names
 
     @property
-    def name(self):
+    def name(self) -> str:
         """The name of the table, for HISTORY."""
         return Path(self.table).name
 
 
-def inject(frames, table, folder, say=print, **options):
+def inject(
+    frames: Iterable[PathLike],
+    table: Table | Mapping[str, Any] | PathLike,
+    folder: PathLike,
+    say: Say = print,
+    **options: Any,
+) -> list[Path]:
     """Put a table's objects into copies of frames, in a folder, each with its truth table; return the new files.
 
     frames: FITS files; table: path, astropy Table or {name: values}, columns of catalog.own_table. options: of Request.
     Every frame is opened and checked before the first is written. Raises InputError.
     """
-    folder, frames = Path(folder), [Path(frame) for frame in frames]
-    targets = [folder / frame.name for frame in frames]
-    for frame, target in zip(frames, targets, strict=True):
-        if target.exists() or frames.count(frame) > 1 or targets.count(target) > 1:
+    folder, paths = Path(folder), [Path(frame) for frame in frames]
+    targets = [folder / path.name for path in paths]
+    for path, target in zip(paths, targets, strict=True):
+        if target.exists() or paths.count(path) > 1 or targets.count(target) > 1:
             raise InputError("would be written twice, or is there already; name another folder", file=target)
     if folder.exists() and not folder.is_dir():
         raise InputError("is no folder", file=folder)
     request = Request(table_of(table), table if isinstance(table, str | Path) else "a table", **options)
-    _check_for_others(frames, request)
-    for frame in frames:
-        _check_fresh(frame, request.realisation)
-    ready = [_ready(frame, request, say) for frame in frames]
-    for make, frame, target in progress(list(zip(ready, frames, targets, strict=True)), "frames"):
-        say(f"{target}: {make(frame, target, say)}")
+    _check_for_others(paths, request)
+    for path in paths:
+        _check_fresh(path, request.realisation)
+    ready = [_ready(path, request, say) for path in paths]
+    for make, path, target in progress(list(zip(ready, paths, targets, strict=True)), "frames"):
+        say(f"{target}: {make(path, target, say)}")
     return targets
 
 
-def _check_for_others(frames, request):
+def _check_for_others(frames: list[Path], request: Request) -> None:
     """Raise InputError if a PSF or a zero point is given, and csstsim made all frames: those have their own."""
     if all(kind_of(frame) != OTHER for frame in frames):
         for key, value in (("--psf", request.psf), ("--zeropoint", request.zeropoint)):
@@ -78,14 +105,14 @@ def _check_for_others(frames, request):
                 raise InputError(message, file=frames[0], key=key, value=str(value), allowed=allowed)
 
 
-def _check_fresh(frame, realisation):
+def _check_fresh(frame: Path, realisation: int) -> None:
     """Raise InputError if the frame has injected objects of this realisation: their noise would be the same."""
     if realisation in realisations(frame):
         message, allowed = "the frame has injected objects with this noise", "another whole number"
         raise InputError(message, file=frame, key="--realisation", value=realisation, allowed=allowed)
 
 
-def realisations(frame):
+def realisations(frame: Path) -> set[int]:
     """Return the set of the realisations that were injected into a frame, by its HISTORY: empty of an original."""
     from csstsim.io.fits import open_fits, raw_cards
 
@@ -94,7 +121,7 @@ def realisations(frame):
     return {int(number) for number in _USED.findall(history)}
 
 
-def _ready(frame, request, say):
+def _ready(frame: Path, request: Request, say: Say) -> Make:
     """Return a function (frame, target, say) that injects into a frame which was checked. Raises InputError."""
     kind = kind_of(frame)
     if kind == OTHER:
@@ -110,7 +137,9 @@ def _ready(frame, request, say):
 
 
 @one_thread
-def _make_level0(run, job, catalogue, request, frame, target, say):
+def _make_level0(
+    run: OpenCampaign, job: Job, catalogue: TableCatalog, request: Request, frame: Path, target: Path, say: Say
+) -> str:
     light = light_of(run, job, catalogue, request.realisation, say)
     say_selected(light.truth, say)
     file = read_level0(frame)
@@ -122,7 +151,7 @@ def _make_level0(run, job, catalogue, request, frame, target, say):
     return f"{_told(made.truth)}; {made.changed} pixels changed, {made.saturated} more at the converter's end"
 
 
-def _mask_of(file):
+def _mask_of(file: Level0) -> IntArray:
     from csstsim.io.fits import open_fits, read_pixels
 
     with open_fits(file.path) as hdus:
@@ -130,7 +159,9 @@ def _mask_of(file):
 
 
 @one_thread
-def _make_calibrated(run, job, catalogue, request, frame, target, say):
+def _make_calibrated(
+    run: OpenCampaign, job: Job, catalogue: TableCatalog, request: Request, frame: Path, target: Path, say: Say
+) -> str:
     from csstsim.stages.calibrate import calibration
 
     light = light_of(run, job, catalogue, request.realisation, say)
@@ -148,7 +179,7 @@ def _make_calibrated(run, job, catalogue, request, frame, target, say):
     return _told(light.truth)
 
 
-def _read_calibrated(frame, job):
+def _read_calibrated(frame: Path, job: Job) -> tuple[tuple[AnyArray, ...], dict[str, Any]]:
     """Return ((SCI, ERR, DQ), header of SCI) of a calibrated image, checked. Raises InputError."""
     from csstsim.io.fits import image_header, open_fits, read_pixels
 
@@ -159,7 +190,15 @@ def _read_calibrated(frame, job):
     return planes, header
 
 
-def _write(frame, target, planes, request, light, truth, job):
+def _write(
+    frame: Path,
+    target: Path,
+    planes: Mapping[str, AnyArray],
+    request: Request,
+    light: Light,
+    truth: ObjectTable,
+    job: Job,
+) -> None:
     """Write the truth tables, then the frame, which says that they are whole."""
     target.parent.mkdir(parents=True, exist_ok=True)
     about = {"level0": target.name, "injected": request.name, "realisation": str(request.realisation)}
@@ -171,9 +210,9 @@ def _write(frame, target, planes, request, light, truth, job):
     rewrite(frame, target, planes, record(request, len(truth)))
 
 
-def record(request, count):
+def record(request: Request, count: int) -> Record:
     """Return what a header says of an injection (rewritten.rewrite)."""
-    content = [{name: np.asarray(values).tolist() for name, values in request.columns.items()}]
+    content: list[Any] = [{name: np.asarray(values).tolist() for name, values in request.columns.items()}]
     if request.light_curves:
         content.append(file_digest(request.light_curves))
     code = digest(content)
@@ -190,6 +229,6 @@ def record(request, count):
     }
 
 
-def _told(truth):
+def _told(truth: ObjectTable) -> str:
     shown = int(np.count_nonzero(truth["drawn"] > 0))
     return f"{number_of(shown, 'object')} injected, {truth['drawn'].sum():.6g} electrons"

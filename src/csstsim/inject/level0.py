@@ -8,17 +8,28 @@ brighter-fatter effect has moved the shown charge already enters in second order
 to half a step of charge; the sum is rounded with a random fraction, as the converter would have rounded it.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
 
 from csstsim.base.counter import unit, word
+from csstsim.base.types import FloatArray, IntArray
 from csstsim.detector.channels import ReadoutFrame
 from csstsim.inject.likely_charge import likely_charges
 from csstsim.measure.calibration.calibrate import calibrate
 from csstsim.render.imaging.saturated import flag_saturated
 from csstsim.simulation.state import State
+
+if TYPE_CHECKING:
+    from csstsim.campaign.job import Job
+    from csstsim.campaign.opened import OpenCampaign
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.inject.light import Light
+    from csstsim.io.level0 import Level0
 
 # Layers that add charge or noise which does not depend on the light: both runs would have the same
 ALIKE = {"poisson_and_dark", "cosmic_rays", "bias", "readout_noise"}
@@ -31,14 +42,14 @@ class Injected:
     truth: ObjectTable; changed, saturated: numbers of pixels whose DN changed, and that reached the converter's end.
     """
 
-    frame: np.ndarray
-    mask: np.ndarray | None
-    truth: object
+    frame: IntArray
+    mask: IntArray | None
+    truth: ObjectTable
     changed: int
     saturated: int
 
 
-def into_level0(run, job, file, light):
+def into_level0(run: OpenCampaign, job: Job, file: Level0, light: Light) -> Injected:
     """Return the Injected of a job's io.level0.Level0 and a light.Light; the file stays as it is. Raises InputError."""
     added, mask, truth = difference(run, job, file, light)
     frame = file.frame()
@@ -46,19 +57,23 @@ def into_level0(run, job, file, light):
     return Injected(frame, mask, truth, changed, full)
 
 
-def difference(run, job, file, light):
+def difference(
+    run: OpenCampaign, job: Job, file: Level0, light: Light
+) -> tuple[FloatArray, IntArray | None, ObjectTable]:
     """Return (DN that a Light adds to a Level-0 file, float32; new bits of its mask or None; ObjectTable of the light).
 
     Arrays have the shape of file.frame(). Raises InputError.
     """
-    truth, parts, new = light.truth, [], None
+    truth, new = light.truth, None
+    parts: list[FloatArray] = []
     for charge in likely_charges(run, job, charge_in(run, file), light.streams):
         before = _read_out(run, job, [charge.copy()])
         charge.reshape(-1)[light.pixel] += light.electrons
         if job.chip.kind == "imaging" and not parts:
             truth = flag_saturated(truth, charge, None, job.window, run.camera.detector.full_well)
-        after, charge = _read_out(run, job, [charge]), None
-        if after.mask is not None:
+        after = _read_out(run, job, [charge])
+        del charge
+        if after.mask is not None and before.mask is not None:
             new = after.mask & ~before.mask | (0 if new is None else new)
         after.image -= before.image
         parts.append(after.image)
@@ -74,7 +89,7 @@ def difference(run, job, file, light):
     return added, new, truth
 
 
-def charge_in(run, file):
+def charge_in(run: OpenCampaign, file: Level0) -> FloatArray:
     """Return the electrons (ny, nx) float32 that the pixels of a Level-0 file show, negative ones as 0.
 
     Raises InputError.
@@ -87,7 +102,7 @@ def charge_in(run, file):
     return np.maximum(seen.electrons, np.float32(0.0), out=seen.electrons)
 
 
-def _read_out(run, job, charge):
+def _read_out(run: OpenCampaign, job: Job, charge: list[FloatArray]) -> State:
     """Return the State after the readout (DN) of electrons (ny, nx), taken from a list so that nobody else has them."""
     steps, streams = run.steps[job.pointing.type], run.streams(job)
     state = State.blank(job.exposure)
@@ -100,7 +115,7 @@ def _read_out(run, job, charge):
 
 
 @numba.njit(cache=True)
-def convert(frame, added, key, top):
+def convert(frame: IntArray, added: FloatArray, key: np.uint64, top: int) -> tuple[int, int]:
     """Add DN (float32) to a frame (uint16, same shape), in place; return (pixels changed, pixels that came to `top`).
 
     Each sum is rounded with a random fraction within half a DN. A pixel at the converter's end, `top`, stays there: how

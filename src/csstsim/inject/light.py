@@ -5,13 +5,17 @@ campaign's are (stages.select, layers.scie_obs). What was drawn as photons has i
 stamps gets it here, pixel by pixel.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.rng import Streams
+from csstsim.base.types import FloatArray, IntArray
 from csstsim.catalog.object_table import plain_columns, read_table
 from csstsim.catalog.own_table import COLUMNS_KEY, TableCatalog
 from csstsim.catalog.row_files import named
@@ -20,6 +24,17 @@ from csstsim.inject.shot import places, shot
 from csstsim.simulation.state import State
 from csstsim.stages.psf import missing_psf, open_psf
 from csstsim.stages.select import selected
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from astropy.table import Table
+
+    from csstsim.base.types import PathLike
+    from csstsim.campaign.job import Job
+    from csstsim.campaign.opened import OpenCampaign
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.detector.sparse_plane import SparsePlane
 
 SAME = 0  # the realisation whose photons are those of a simulation of the same ids
 SHOT_MOST = 1e9  # electrons in a pixel that are drawn as integers
@@ -35,21 +50,21 @@ class Light:
     rng.Streams of this injection.
     """
 
-    pixel: np.ndarray
-    electrons: np.ndarray
-    nominal: np.ndarray
-    truth: object
-    orders: object
+    pixel: IntArray
+    electrons: FloatArray
+    nominal: FloatArray
+    truth: ObjectTable
+    orders: ObjectTable | None
     streams: Streams
 
-    def plane(self, shape):
+    def plane(self, shape: tuple[int, ...]) -> FloatArray:
         """Return the counted electrons as float32 of `shape`."""
         out = np.zeros(shape, np.float32)
         out.reshape(-1)[self.pixel] = self.electrons
         return out
 
 
-def table_of(given):
+def table_of(given: Table | Mapping[str, Any] | PathLike) -> dict[str, Any]:
     """Return {name: values} of a table of objects: a file's path, an astropy Table or a mapping. Raises InputError."""
     if hasattr(given, "colnames"):
         return plain_columns(given)
@@ -64,7 +79,13 @@ def table_of(given):
     return columns | {name: named(columns, name, given) for name in FILE_COLUMNS if name in columns}
 
 
-def catalogue_of(run, job, columns, light_curves=None, file=None):
+def catalogue_of(
+    run: OpenCampaign,
+    job: Job,
+    columns: Mapping[str, Any],
+    light_curves: PathLike | None = None,
+    file: PathLike | None = None,
+) -> TableCatalog:
     """Return the TableCatalog of {name: values} for a job of an OpenCampaign. Raises InputError.
 
     light_curves: file of the curves that the column light_curve names (catalog.changing.light_curves); file: which the
@@ -83,7 +104,9 @@ def catalogue_of(run, job, columns, light_curves=None, file=None):
         raise named_by_file from None
 
 
-def light_of(run, job, catalogue, realisation=1, say=print):
+def light_of(
+    run: OpenCampaign, job: Job, catalogue: TableCatalog, realisation: int = 1, say: Callable[[str], object] = print
+) -> Light:
     """Return the Light of a catalogue's objects in a job's frame.
 
     realisation: number of the noise; SAME gives the photons of a simulation of the same ids, and so those of the
@@ -102,7 +125,7 @@ def light_of(run, job, catalogue, realisation=1, say=print):
     return _counted(state, streams, noisy)
 
 
-def _prepared(run, job, objects, catalogue):
+def _prepared(run: OpenCampaign, job: Job, objects: ObjectTable, catalogue: TableCatalog) -> State:
     """Return the State with which the renderer begins."""
     state = State.blank(replace(job.exposure, mask=False), objects)
     state.psf = open_psf(run, job.chip)
@@ -117,7 +140,7 @@ def _prepared(run, job, objects, catalogue):
     return state
 
 
-def _counted(state, streams, noisy):
+def _counted(state: State, streams: Streams, noisy: bool) -> Light:
     expected, counted = state.image.reshape(-1), state.take_counted()
     lit = np.flatnonzero(expected)
     mean = expected[lit]
@@ -125,6 +148,7 @@ def _counted(state, streams, noisy):
         drawn = shot(mean, places(lit, state.window, state.chip.detector.nx), streams.exposure_key("shot"))
     else:
         drawn = mean
+    assert state.truth is not None  # scie_obs leaves it
     at, electrons = _of(counted)
     if not len(lit):
         same = electrons.astype(np.float32)
@@ -134,13 +158,14 @@ def _counted(state, streams, noisy):
     sums = np.zeros((2, len(pixel)), np.float32)
     sums[:, np.searchsorted(pixel, lit)] = drawn, mean
     sums[:, np.searchsorted(pixel, at)] += electrons
-    return Light(pixel, *sums, state.truth, state.orders, streams)
+    noisy_sum, nominal = sums
+    return Light(pixel, noisy_sum, nominal, state.truth, state.orders, streams)
 
 
-def _of(counted):
+def _of(counted: IntArray | SparsePlane | None) -> tuple[IntArray, IntArray]:
     """Return (flat indices, electrons) of a plane of counted electrons, dense, sparse or None."""
     if counted is None:
-        return np.zeros((2, 0), np.int64)
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
     if isinstance(counted, np.ndarray):
         at = np.flatnonzero(counted)
         return at, counted.reshape(-1)[at]

@@ -11,7 +11,10 @@ draw, by the layer itself. Two charges are drawn, with opposite z. The mean of w
 bias, and less noise than one alone (docs/injection.md).
 """
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
@@ -21,11 +24,19 @@ from csstsim.detector.random.normal import normal_row, normal_table
 from csstsim.measure.detection.background import crude_background
 from csstsim.measure.detection.maps import BIN, binned
 
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from csstsim.base.rng import Streams
+    from csstsim.base.types import FloatArray
+    from csstsim.campaign.job import Job
+    from csstsim.campaign.opened import OpenCampaign
+
 FEW = 0.1  # of the paper's traps: with fewer, what is shown does, to 0.05 sigma of a pixel, at less than half the cost
 NEAR = 4.0  # sigma: pixels within it of the background are drawn anew
 
 
-def likely_charges(run, job, shown, streams):
+def likely_charges(run: OpenCampaign, job: Job, shown: FloatArray, streams: Streams) -> Iterator[FloatArray]:
     """Yield arrays of electrons (ny, nx) float32, each as likely as another, that a job's raw frame may have had.
 
     shown: what its pixels show (level0.charge_in), not below 0; streams: rng.Streams of the injection. Without charge
@@ -54,7 +65,18 @@ def likely_charges(run, job, shown, streams):
 
 
 @numba.njit(cache=True)
-def _drawn(shown, moved, level, noise, sign, key, y0, x0, start, step):
+def _drawn(
+    shown: FloatArray,
+    moved: FloatArray,
+    level: FloatArray,
+    noise: float,
+    sign: float,
+    key: np.uint64,
+    y0: int,
+    x0: int,
+    start: FloatArray,
+    step: FloatArray,
+) -> FloatArray:
     """Return a charge; moved: what was moved into each pixel, or of size 0; level: background of BIN x BIN pixels."""
     ny, nx = shown.shape
     out, z, halves = np.empty_like(shown), np.empty(nx, np.float32), np.empty(nx + 2, np.uint32)

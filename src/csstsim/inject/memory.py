@@ -1,12 +1,14 @@
 """Light into a Frame in memory (Simulation.inject)."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from pathlib import Path
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from csstsim.base.errors import InputError
 from csstsim.base.process.one_thread import one_thread
+from csstsim.base.types import IntArray
 from csstsim.inject.inject import Request, record
 from csstsim.inject.level0 import into_level0
 from csstsim.inject.light import catalogue_of, light_of, table_of
@@ -15,20 +17,40 @@ from csstsim.io.orders import orders_table
 from csstsim.io.truth import truth_table
 from csstsim.simulation.frame import Frame, shown_table
 
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from typing import Any
+
+    from astropy.table import Table
+
+    from csstsim.base.types import PathLike
+    from csstsim.campaign.job import Job
+    from csstsim.campaign.opened import OpenCampaign
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.inject.light import Light
+
 
 @dataclass(frozen=True, eq=False)
 class Held(Level0):
     """A Level-0 frame in memory: `raw`, DN of the readout frame."""
 
-    raw: np.ndarray | None = None
+    raw: IntArray | None = None
 
-    def frame(self):
+    def frame(self) -> IntArray:
         """Return a copy of the readout frame [DN]."""
+        assert self.raw is not None  # a field after those with defaults
         return self.raw.copy()
 
 
 @one_thread
-def into_frame(run, frame, table, realisation, say, light_curves=None):
+def into_frame(
+    run: OpenCampaign,
+    frame: Frame,
+    table: Table | Mapping[str, Any] | PathLike,
+    realisation: int,
+    say: Callable[[str], object],
+    light_curves: PathLike | None = None,
+) -> Frame:
     """Return a simulation.frame.Frame with a table's objects; its truth is that of the injected objects alone.
 
     frame: of run's own campaign. Raises InputError for a frame of another one.
@@ -58,7 +80,7 @@ def into_frame(run, frame, table, realisation, say, light_curves=None):
     return replace(frame, **parts, **_truth(made.truth, light, job))
 
 
-def _truth(truth, light, job):
+def _truth(truth: ObjectTable, light: Light, job: Job) -> dict[str, Any]:
     """Return the Frame's tables of the injected objects, {"truth", "orders"}."""
     orders = None if light.orders is None else shown_table(orders_table(light.orders))
     return {"truth": shown_table(truth_table(truth, job.chip)), "orders": orders}

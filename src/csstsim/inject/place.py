@@ -1,6 +1,9 @@
 """`csstsim place`: a table of objects gets places in a frame, to be injected there."""
 
+from __future__ import annotations
+
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,10 +16,25 @@ from csstsim.inject.frames import LEVEL0, OTHER, job_of, kind_of
 from csstsim.inject.level0 import charge_in
 from csstsim.inject.placement import beside, free_pixels, grid, random
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from csstsim.base.types import AnyArray, BoolArray, FloatArray, PathLike
+
 
 def place(
-    frame, objects, target, say=print, *, spacing=None, apart=0.0, near=None, distance=(0.5, 2.0), seed=1, **given
-):
+    frame: PathLike,
+    objects: PathLike,
+    target: PathLike,
+    say: Callable[[str], object] = print,
+    *,
+    spacing: float | None = None,
+    apart: float = 0.0,
+    near: PathLike | None = None,
+    distance: tuple[float, float] = (0.5, 2.0),
+    seed: int = 1,
+    **given: Any,
+) -> None:
     """Write a table of objects with the columns ra, dec added, or replaced, by places in a frame.
 
     objects: table's file, a row an object; target: .csv, .ecsv or .fits. spacing [px]: on a grid of it; near: a table's
@@ -67,7 +85,9 @@ def place(
     say(f"{target}: {number_of(count, 'object')}")
 
 
-def opened(frame, say, **given):
+def opened(
+    frame: PathLike, say: Callable[[str], object], **given: Any
+) -> tuple[AnyArray, BoolArray | None, Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]]:
     """Return (image (ny, nx), bad pixels or None, function of x, y to ra, dec as a table has them) of a frame."""
     kind = kind_of(frame)
     if kind == OTHER:
@@ -77,7 +97,7 @@ def opened(frame, say, **given):
         return image.image, None, image.wcs.sky
     run, job = job_of(frame, say=say, **given)
 
-    def to_sky(x, y):
+    def to_sky(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         return icrs(*job.wcs.pixel_to_world(x + job.window.x0, y + job.window.y0), job.observer)
 
     if kind == LEVEL0:

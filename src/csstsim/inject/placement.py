@@ -4,18 +4,29 @@ x, y are pixels of the image, the first at 0. A table whose stars have `pmra`, `
 each frame of csstsim they stand where its epoch puts them. `later` moves them for frames of others.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.sphere import frames, ra_dec
 from csstsim.catalog.astrometry.reduction import moved
 
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import ArrayLike
+
+    from csstsim.base.types import BoolArray, FloatArray, IntArray
+
 SIGMA, REACH, EDGE = 5.0, 8, 10  # of a bright pixel; px kept free around it; px of the frame's border
 _TRIES = 50
 _SAMPLE = 1_000_000
 
 
-def grid(shape, spacing, edge=EDGE):
+def grid(shape: Sequence[int], spacing: float, edge: int = EDGE) -> tuple[FloatArray, FloatArray]:
     """Return x, y (n,) of a square grid in an image (ny, nx), row by row; spacing, edge [px]. Raises InputError."""
     if not 1 <= spacing < np.inf:
         raise InputError("no spacing of a grid", key="spacing", value=spacing, allowed="1 px or more")
@@ -30,7 +41,9 @@ def grid(shape, spacing, edge=EDGE):
     return x.ravel(), y.ravel()
 
 
-def free_pixels(image, bad=None, sigma=SIGMA, reach=REACH, edge=EDGE):
+def free_pixels(
+    image: ArrayLike, bad: BoolArray | None = None, sigma: float = SIGMA, reach: int = REACH, edge: int = EDGE
+) -> BoolArray:
     """Return (ny, nx) bool: pixels without a bad or bright one within `reach` px along rows and columns.
 
     bad: (ny, nx) bool, or None; bright: `sigma` times the robust scatter above the median.
@@ -53,7 +66,7 @@ def free_pixels(image, bad=None, sigma=SIGMA, reach=REACH, edge=EDGE):
     return free & inside
 
 
-def random(free, count, seed, apart=0.0):
+def random(free: BoolArray, count: int, seed: int, apart: float = 0.0) -> FloatArray:
     """Return x, y (count,) at random in free pixels (ny, nx) bool, at least `apart` px from each other.
 
     Raises InputError if there is not enough room.
@@ -77,7 +90,7 @@ def random(free, count, seed, apart=0.0):
     return places.T
 
 
-def _later_of(pairs):
+def _later_of(pairs: IntArray) -> list[int]:
     """Return the members to remove so that no pair is left: each pair's later one, if the first stays."""
     gone = set()
     for first, second in pairs[np.lexsort((pairs[:, 0], pairs[:, 1]))].tolist():
@@ -86,7 +99,9 @@ def _later_of(pairs):
     return sorted(gone)
 
 
-def beside(ra, dec, count, low, high, seed):
+def beside(
+    ra: Sequence[float] | FloatArray, dec: Sequence[float] | FloatArray, count: int, low: float, high: float, seed: int
+) -> tuple[FloatArray, FloatArray]:
     """Return ra, dec (count,) [deg] at `low` to `high` arcsec from given objects, in turn, in any direction.
 
     Raises InputError for distances that are not possible, or no objects.
@@ -102,9 +117,10 @@ def beside(ra, dec, count, low, high, seed):
     return ra_dec(np.cos(distance)[:, None] * star + np.sin(distance)[:, None] * away)
 
 
-def later(columns, years):
+def later(columns: Mapping[str, ArrayLike], years: float) -> dict[str, ArrayLike]:
     """Return {name: values} with ra, dec moved by pmra, pmdec [mas / yr] for a number of years: a second epoch."""
     made = dict(columns)
-    motion = (np.nan_to_num(np.asarray(columns.get(name, 0.0), float)) for name in ("pmra", "pmdec"))
-    made["ra"], made["dec"] = moved(np.asarray(columns["ra"], float), np.asarray(columns["dec"], float), *motion, years)
+    pmra, pmdec = (np.nan_to_num(np.asarray(columns.get(name, 0.0), float)) for name in ("pmra", "pmdec"))
+    ra, dec = np.asarray(columns["ra"], float), np.asarray(columns["dec"], float)
+    made["ra"], made["dec"] = moved(ra, dec, pmra, pmdec, years)
     return made

@@ -8,6 +8,7 @@ fewer, obj_type as a word or a number.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -39,7 +40,7 @@ def cat_lines(table: ObjectTable) -> Iterator[str]:
     form = " ".join(_FORMS.get(name, "%.8g") for name in CAT_COLUMNS) + "\n"
     for start in range(0, len(table), _ROWS):
         part = table.take(slice(start, start + _ROWS))
-        columns = [part[name] for name in CAT_COLUMNS]
+        columns: list[Any] = [part[name] for name in CAT_COLUMNS]
         columns[list(CAT_COLUMNS).index("obj_type")] = [_type_word(code) for code in part["obj_type"]]
         yield "".join(form % row for row in zip(*columns, strict=True))
 

@@ -67,6 +67,7 @@ def apply(state: State, param: Param, rng: Streams) -> State:
     Objects are drawn in the order of their ids, so that the pixels do not depend on the order of the catalogue's rows.
     The electrons added to the planes go to the header, for comparison with the table.
     """
+    assert state.catalog is not None
     before, order = state.electrons(), canonical_order(state.catalog)
     canvas, drawing = _canvas(state, rng), _drawing(state, param, rng)
     truth, *orders = _drawn(state, canvas, order, drawing)

@@ -119,7 +119,7 @@ def _model(state: State) -> tuple[FloatArray, float, dict[str, float]]:
 
 def _rows(sky: Floats, shape: tuple[int, int]) -> Callable[[slice], FloatArray]:
     """Return the function that csstsim.sky.dispersed.disperse takes: slice of rows -> (rows, nx) float32."""
-    if np.ndim(sky) == 0:
+    if not isinstance(sky, np.ndarray):
         even = np.broadcast_to(np.float32(sky), shape)
         return lambda rows: np.ascontiguousarray(even[rows])
 
@@ -140,12 +140,13 @@ def _disperse(
     numbers, filter_ = sky_numbers(state.exposure.camera.sky), state.filter
     spectrum = sky_spectrum(filter_, means, sun_angle, numbers) if means else nominal_spectrum(filter_, numbers)
     rows = _rows(sky, state.image.shape)
+    assert state.exposure.gratings is not None
     return disperse(state.image, rows, state.exposure.gratings, state.window, spectrum, response)
 
 
 def _add(image: FloatArray, sky: Floats, response: FloatArray | None) -> None:
     """Add the sky of an imaging chip, a number or the values at a grid's nodes, in place."""
-    if np.ndim(sky):
+    if isinstance(sky, np.ndarray):
         values, sky = sky, np.zeros_like(image)
         background.add_grid(sky, values)
     if response is None:

@@ -6,9 +6,15 @@ proper motion and parallax still included. Fluxes are electrons of the exposure;
 zero point (no atmosphere).
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 from csstsim.base.errors import InputError
+from csstsim.base.types import AnyArray, BoolArray, ComplexArray, FloatArray, Floats, IntArray
 from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.table import ObjectTable
 from csstsim.measure.calibration.bad_pixels import BAD, FULL, RAY, mend
@@ -24,6 +30,19 @@ from csstsim.measure.light.photometry import fit_sources, psf_model
 from csstsim.measure.light.profile_tables import profile_tables
 from csstsim.measure.light.total_light import total_light
 from csstsim.optics.scatter.scattered_light import read_scattered
+
+if TYPE_CHECKING:
+    from csstsim.catalog.astrometry.ephemeris import Observer
+    from csstsim.instrument.chip import Chip, Window
+    from csstsim.instrument.filter import Filter
+    from csstsim.instrument.pointing import Pointing
+    from csstsim.instrument.telescope import Telescope
+    from csstsim.measure.calibration.calibrate import Calibrated
+    from csstsim.measure.detection.detect import Frame, Sources
+    from csstsim.measure.light.photometry import PsfModel
+    from csstsim.measure.light.profile_tables import ProfileTables
+    from csstsim.optics.geometry.wcs import ChipWCS
+    from csstsim.optics.psf.psf_file import PsfSet
 
 # Bits of `flags`.
 BLENDED, TRUNCATED, SATURATED, NEGATIVE_FLUX = 1, 2, 4, 8
@@ -112,7 +131,19 @@ COLUMNS = {
 }
 
 
-def measure_frame(calibrated, psf, wcs, observer, *, obsid, chip, filter, telescope, pointing, window):
+def measure_frame(
+    calibrated: Calibrated,
+    psf: PsfSet,
+    wcs: ChipWCS,
+    observer: Observer,
+    *,
+    obsid: str,
+    chip: Chip,
+    filter: Filter,
+    telescope: Telescope,
+    pointing: Pointing,
+    window: Window,
+) -> ObjectTable:
     """Return the ObjectTable of one frame; the background is subtracted from `calibrated.electrons` in place.
 
     `calibrated`: measure.calibration.calibrate.Calibrated of `window`; `psf`: PsfSet of the chip; `wcs`: ChipWCS;
@@ -163,7 +194,9 @@ def measure_frame(calibrated, psf, wcs, observer, *, obsid, chip, filter, telesc
     table |= {"obsid": np.full(n, obsid), "filter": np.full(n, filter.name)}
     order = np.lexsort((table["x"], table["y"], -table["snr"]))
     table["number"] = np.argsort(order)
-    columns = {name: np.asarray(table[name])[order].astype(kind) for name, (kind, _) in COLUMNS.items()}
+    columns: dict[str, AnyArray] = {
+        name: np.asarray(table[name])[order].astype(kind) for name, (kind, _) in COLUMNS.items()
+    }
     n_eff = float(np.median(model.n_eff))
     info = {
         "obsid": obsid, "chip": chip.id, "filter": filter.name, "exptime": pointing.exptime,
@@ -175,7 +208,14 @@ def measure_frame(calibrated, psf, wcs, observer, *, obsid, chip, filter, telesc
     return ObjectTable(columns, info)
 
 
-def _measured(found, calibrated, unusable, model, window, profiles):
+def _measured(
+    found: Detections,
+    calibrated: Calibrated,
+    unusable: IntArray,
+    model: PsfModel,
+    window: Window,
+    profiles: ProfileTables,
+) -> dict[str, AnyArray]:
     """Return the columns of `combine.Detections`, from measurements on the frame."""
     counted = calibrated.counted(found.x, found.y)
     table = _sources(found, counted, unusable, model, window)
@@ -183,7 +223,7 @@ def _measured(found, calibrated, unusable, model, window, profiles):
     return table | {"star": np.where(np.isfinite(table["point"]), table["point"] >= STAR_POINT, table["star"])}
 
 
-def _of_stars(frame, kernel):
+def _of_stars(frame: Frame, kernel: FloatArray) -> Detections:
     """Return the combine.Detections of the bright stars of a detect.Frame whose image has their light."""
     sources = star_sources(frame, kernel)
     n = len(frame.stars)
@@ -193,7 +233,14 @@ def _of_stars(frame, kernel):
     )  # fmt: skip
 
 
-def _fit(frame, sources, counted, unusable, model, window):
+def _fit(
+    frame: Frame | Detections,
+    sources: Sources,
+    counted: FloatArray,
+    unusable: IntArray,
+    model: PsfModel,
+    window: Window,
+) -> FloatArray:
     cell = model.cell(sources.x + window.x0, sources.y + window.y0)
     return fit_sources(
         frame.image, frame.rms, unusable, sources.x, sources.y, counted, cell, model.coefficients, model.blurred,
@@ -201,7 +248,9 @@ def _fit(frame, sources, counted, unusable, model, window):
     )  # fmt: skip
 
 
-def _sources(found, counted, unusable, model, window):
+def _sources(
+    found: Detections, counted: FloatArray, unusable: IntArray, model: PsfModel, window: Window
+) -> dict[str, AnyArray]:
     x, y = found.x + window.x0, found.y + window.y0
     flux, error, chi2, spread, spread_error, why = _fit(found, found, counted, unusable, model, window).T
     why = why.astype(int)
@@ -237,7 +286,9 @@ def _sources(found, counted, unusable, model, window):
     }  # fmt: skip
 
 
-def _shapes(found, bright, counted, unusable, model, cell):
+def _shapes(
+    found: Detections, bright: BoolArray, counted: FloatArray, unusable: IntArray, model: PsfModel, cell: IntArray
+) -> dict[str, AnyArray]:
     """Return the columns of shapes of `bright` sources; `e`, complex, is the distortion without the PSF, pixel axes."""
     shapes = measure_shapes(
         found.image, found.rms, unusable, found.segments, found.segment, found.x, found.y,
@@ -251,12 +302,12 @@ def _shapes(found, bright, counted, unusable, model, cell):
     }  # fmt: skip
 
 
-def _sky_shapes(e, jacobian):
+def _sky_shapes(e: ComplexArray, jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
     g = reduced(on_sky(e, jacobian))
     return g.real, g.imag
 
 
-def magnitude(flux, error, zeropoint):
+def magnitude(flux: ArrayLike, error: ArrayLike, zeropoint: float) -> tuple[FloatArray, FloatArray]:
     """Return AB magnitude and error of a flux and its error, electron; NaN where the flux is not positive."""
     good = np.asarray(flux) > 0
     safe = np.where(good, flux, 1.0)
@@ -264,7 +315,7 @@ def magnitude(flux, error, zeropoint):
     return mag, np.where(good, 2.5 / np.log(10.0) * np.asarray(error) / safe, np.nan)
 
 
-def point_source_snr(flux, variance, n_eff):
+def point_source_snr(flux: Floats, variance: Floats, n_eff: Floats) -> FloatArray:
     """Return the S/N of optimal photometry: flux / sqrt(flux + n_eff variance).
 
     `flux` electron, `variance` of the background and read noise electron^2 / px, `n_eff` = 1 / sum(p^2) px.
@@ -272,7 +323,7 @@ def point_source_snr(flux, variance, n_eff):
     return np.asarray(flux) / np.sqrt(np.maximum(flux, 0.0) + n_eff * variance)
 
 
-def point_source_flux(snr, variance, n_eff):
+def point_source_flux(snr: Floats, variance: Floats, n_eff: Floats) -> Floats:
     """Return the flux (electron) of a point source of the given S/N: the inverse of `point_source_snr`.
 
     >>> float(point_source_flux(5.0, 0.0, 16.0))  # without background its own noise is all: snr^2

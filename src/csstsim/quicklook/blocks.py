@@ -2,8 +2,10 @@
 
 import numpy as np
 
+from csstsim.base.types import AnyArray, FloatArray, IntArray
 
-def block_mean(image, step):
+
+def block_mean(image: AnyArray, step: int) -> FloatArray:
     """Return the means of `step` x `step` blocks of a 2-D image, float32; blocks at the far edges may be smaller.
 
     Pixels that are not finite are left out; a block without finite pixels is NaN. Strips of `step` rows are processed
@@ -20,7 +22,7 @@ def block_mean(image, step):
     return means
 
 
-def block_max(image, step):
+def block_max(image: IntArray, step: int) -> IntArray:
     """Return the largest values of `step` x `step` blocks of a 2-D mask of integers: one bad pixel of many is seen."""
     rows, columns = (np.arange(0, size, step) for size in image.shape)
     return np.maximum.reduceat(np.maximum.reduceat(np.asarray(image), columns, axis=1), rows, axis=0)

@@ -1,11 +1,23 @@
 """Marks of the brightest true objects on a picture. Colours are Okabe & Ito's (2008); shapes differ as well."""
 
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 from csstsim.base.errors import InputError
 from csstsim.catalog.light.object_spectra import ROW
 from csstsim.catalog.table import TYPES
 from csstsim.io.truth import read_truth
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.quicklook.picture import Bounds
 
 STYLES = {"star": ("o", "#E69F00"), "galaxy": ("s", "#56B4E9"), "quasar": ("D", "#CC79A7")}
 STYLES |= {"asteroid": ("^", "#009E73"), "satellite": ("v", "#D55E00")}
@@ -13,7 +25,7 @@ PLURALS = {"galaxy": "galaxies"} | {name: f"{name}s" for name in ("star", "quasa
 _SIZE = 7.0  # points
 
 
-def load_marks(path, table=None):
+def load_marks(path: Path, table: Path | None = None) -> ObjectTable:
     """Return the truth table of the Level-0 file `path`, in the same folder, or that of the file `table`.
 
     Raises InputError if there is none or it lacks a column that is drawn.
@@ -31,7 +43,7 @@ def load_marks(path, table=None):
     return truth
 
 
-def brightest(truth, bounds, limit):
+def brightest(truth: ObjectTable, bounds: Bounds, limit: int) -> ObjectTable:
     """Return the rows of the `limit` objects with the most electrons in `bounds` (x0, x1, y0, y1), brightest first."""
     if not len(truth):
         return truth
@@ -42,19 +54,20 @@ def brightest(truth, bounds, limit):
     return truth.take(rows[np.argsort(-electrons[rows], kind="stable")[:limit]])
 
 
-def draw_marks(axes, chosen):
+def draw_marks(axes: Axes, chosen: ObjectTable) -> None:
     """Mark the rows of a truth table on axes of chip pixels, with a legend below."""
     for number, name in enumerate(TYPES):
         rows = chosen.take(chosen["obj_type"] == number) if len(chosen) else chosen
         if not len(rows) and name not in ("star", "galaxy"):
             continue  # most frames have none
         marker, colour = STYLES[name]
-        x, y = (rows["x"], rows["y"]) if len(rows) else ([], [])
+        x: ArrayLike = rows["x"] if len(rows) else []
+        y: ArrayLike = rows["y"] if len(rows) else []
         label = f"{len(rows)} {name if len(rows) == 1 else PLURALS[name]}"
         axes.plot(x, y, marker, ms=_SIZE, mfc="none", mec=colour, mew=1.2, label=label)
 
 
-def legend_title(chosen):
+def legend_title(chosen: ObjectTable) -> str:
     """Return the title of the legend for the marked rows, on an image in a filter or behind a grating."""
     if not len(chosen):
         return "truth: no object in this part"

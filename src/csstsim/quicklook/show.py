@@ -1,8 +1,11 @@
 """`csstsim show`: check the options, draw the picture, write the PNG."""
 
+from __future__ import annotations
+
 import logging
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
@@ -11,13 +14,28 @@ from csstsim.quicklook.figure import DPI, SIDE, draw
 from csstsim.quicklook.marks import brightest, load_marks
 from csstsim.quicklook.picture import read_picture
 
+if TYPE_CHECKING:
+    from csstsim.base.types import PathLike
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.quicklook.picture import Bounds, Picture
+
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
 def show(
-    path, output=None, *, stretch=None, limits=None, region=None, inset=None, truth=False, truth_table=None,
-    limit=100, size=SIDE, subtract_overscan=False,
-):  # fmt: skip
+    path: PathLike,
+    output: PathLike | None = None,
+    *,
+    stretch: str | None = None,
+    limits: tuple[float, float] | None = None,
+    region: Bounds | None = None,
+    inset: tuple[int, int, int] | None = None,
+    truth: bool = False,
+    truth_table: PathLike | None = None,
+    limit: int = 100,
+    size: int = SIDE,
+    subtract_overscan: bool = False,
+) -> Path:
     """Write a PNG of the file `path` to `output` (default: next to it, .png) and return its path.
 
     stretch: one of stretch.STRETCHES; None: asinh, of a mask log. limits: (low, high) in the file's unit; region: x0,
@@ -41,7 +59,7 @@ def show(
     return target
 
 
-def wrong_checksum(path):
+def wrong_checksum(path: PathLike) -> str | None:
     """Return what is wrong with the checksums of a FITS file that has some, or None."""
     with open_fits(path) as file:
         for hdu in file:
@@ -53,7 +71,7 @@ def wrong_checksum(path):
     return None
 
 
-def _target(path, output):
+def _target(path: Path, output: PathLike | None) -> Path:
     """Return the path of the PNG; an existing file that is not a PNG is not overwritten."""
     target = Path(output) if output is not None else path.with_suffix(".png")
     if target.suffix.lower() != ".png":
@@ -65,7 +83,7 @@ def _target(path, output):
     return target
 
 
-def _region(picture, region):
+def _region(picture: Picture, region: Bounds) -> Bounds:
     x0, x1, y0, y1 = region
     left, right, low, high = picture.bounds
     if not (left <= x0 < x1 <= right and low <= y0 < y1 <= high):
@@ -74,7 +92,7 @@ def _region(picture, region):
     return region
 
 
-def _inset(path, bounds, inset):
+def _inset(path: Path, bounds: Bounds, inset: tuple[int, int, int]) -> Bounds:
     """Return the bounds of an inset, clipped to `bounds`."""
     x, y, size = inset
     x0, x1, y0, y1 = bounds
@@ -85,7 +103,7 @@ def _inset(path, bounds, inset):
     return max(left, x0), min(left + size, x1), max(low, y0), min(low + size, y1)
 
 
-def _marks(picture, bounds, table, limit):
+def _marks(picture: Picture, bounds: Bounds, table: PathLike | None, limit: int) -> ObjectTable:
     if not picture.on_chip:
         raise InputError(
             "the frame's pixels are not the chip's, so the truth cannot be marked on it", file=picture.path,

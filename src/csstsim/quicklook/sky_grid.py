@@ -5,13 +5,23 @@ was made with the shipped camera (CAMHASH), the distortion is known and is inclu
 the header's WCS is drawn, with a remark.
 """
 
+from __future__ import annotations
+
 import re
 import warnings
+from collections.abc import Mapping
 from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from csstsim.base.sphere import wrapped
+from csstsim.base.types import FloatArray
+
+if TYPE_CHECKING:
+    from astropy.io.fits import Header
+    from astropy.visualization.wcsaxes import WCSAxes
+    from astropy.wcs import WCS, Sip
 
 _KEYWORD = re.compile(
     r"WCSAXES|(CTYPE|CUNIT|CRVAL|CRPIX)[12]|CD[12]_[12]|LONPOLE|LATPOLE|RADESYS|(A|B|AP|BP)_(ORDER|\d_\d)"
@@ -20,7 +30,7 @@ GRID_COLOUR = "#E0C060"
 LINEAR = "grid: the header's linear WCS, without the field distortion of the light"
 
 
-def exposure_wcs(header):
+def exposure_wcs(header: Mapping[str, Any]) -> tuple[WCS | None, str]:
     """Return (astropy WCS of 0-based chip pixels or None, remark or '') from the keywords of a csstsim exposure.
 
     header: those of HDU 0 and 1 of a Level-0 file together; frames between the stages have the same names.
@@ -36,7 +46,7 @@ def exposure_wcs(header):
     return (header_wcs(header), LINEAR) if true is None else (header_wcs(true), "")
 
 
-def _distorted(header):
+def _distorted(header: Mapping[str, Any]) -> dict[str, Any] | None:
     """Return the TAN-SIP header of the exposure if its camera is the shipped one, else None."""
     from csstsim.base.shipped import SHIPPED
     from csstsim.instrument.camera import load_camera
@@ -52,7 +62,7 @@ def _distorted(header):
     return sip_header(ChipWCS(camera.chips[int(header["DETECTOR"])], pointing, distortion))
 
 
-def header_wcs(header, origin=(0, 0)):
+def header_wcs(header: Mapping[str, Any] | Header, origin: tuple[int, int] = (0, 0)) -> WCS | None:
     """Return the astropy WCS of FITS keywords (mapping), or None if they give no celestial one.
 
     origin: the 0-based chip pixel of the array's first pixel; the WCS returned is in chip pixels.
@@ -74,18 +84,18 @@ def header_wcs(header, origin=(0, 0)):
     return wcs
 
 
-def _main(header):
+def _main(header: Mapping[str, Any]) -> dict[str, Any]:
     """Return the keywords of the primary WCS (without a letter); parsing those of channels would only take time."""
     return {key: value for key, value in header.items() if _KEYWORD.fullmatch(key)}
 
 
-def _moved(sip, crpix):
+def _moved(sip: Sip, crpix: FloatArray) -> Sip:
     from astropy.wcs import Sip
 
     return Sip(sip.a, sip.b, sip.ap, sip.bp, crpix)
 
 
-def draw_grid(axes, wcs, apparent):
+def draw_grid(axes: WCSAxes, wcs: WCS, apparent: bool) -> None:
     """Draw the grid of `wcs` over WCSAxes in chip pixels; labels at the top and on the right."""
     lon, lat = overlay = axes.get_coords_overlay(wcs)
     overlay.grid(color=GRID_COLOUR, alpha=0.8, linewidth=0.8)
@@ -99,7 +109,7 @@ def draw_grid(axes, wcs, apparent):
         coordinate.set_ticklabel(exclude_overlapping=True, size=8)
 
 
-def _sides(wcs, axes):
+def _sides(wcs: WCS, axes: WCSAxes) -> tuple[str, str]:
     """Return the sides for the labels of right ascension and of declination: those that more of their lines cross."""
     (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
     x, y = (x0 + x1) / 2, (y0 + y1) / 2

@@ -1,8 +1,17 @@
 """From pixel values to grey levels: limits from the background and its noise, and three stretches."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, cast
+
 import numpy as np
 
 from csstsim.base.errors import InputError
+from csstsim.base.types import AnyArray, FloatArray, PathLike
+
+if TYPE_CHECKING:
+    from astropy.visualization import ImageNormalize
+    from matplotlib.colors import Normalize
 
 STRETCHES = ("asinh", "log", "linear")
 BELOW = 2.0  # sigma below the background: the black level
@@ -12,24 +21,31 @@ MOST_ABOVE = {"asinh": 1000.0, "log": np.inf}  # ... and so many sigma
 SOFT = 3.0  # sigma up to which asinh and log are linear
 
 
-def robust_limits(values, stretch):
+def robust_limits(values: FloatArray, stretch: str) -> tuple[float, float, float]:
     """Return (low, high, sigma) for finite `values` (any shape): black, white, and the background's scatter."""
-    level = np.median(values)
+    level = cast("float", np.median(values))
     sigma = _scatter(values, level)
     above = LEAST_ABOVE
     if stretch in MOST_ABOVE:
-        above = np.clip((np.percentile(values, BRIGHT) - level) / sigma, LEAST_ABOVE, MOST_ABOVE[stretch])
+        above = float(np.clip((np.percentile(values, BRIGHT) - level) / sigma, LEAST_ABOVE, MOST_ABOVE[stretch]))
     return float(level - BELOW * sigma), float(level + above * sigma), float(sigma)
 
 
-def _scatter(values, level):
+def _scatter(values: FloatArray, level: float) -> float:
     """Return the background's scatter; it is above zero even if most or all pixels have one value."""
     spreads = (1.4826 * np.median(np.abs(values - level)), np.ptp(np.percentile(values, (0.1, 99.9))), np.ptp(values))
     floor = 1e-6 * abs(level)  # smaller differences are float32 rounding
-    return next((s for s in spreads if s > floor), 0.01 * abs(level) or 1.0)
+    return cast("float", next((s for s in spreads if s > floor), 0.01 * abs(level) or 1.0))
 
 
-def make_norm(image, stretch, limits=None, *, file=None, bits=None):
+def make_norm(
+    image: AnyArray,
+    stretch: str | None,
+    limits: tuple[float, float] | None = None,
+    *,
+    file: PathLike | None = None,
+    bits: int | None = None,
+) -> ImageNormalize:
     """Return the matplotlib norm of an image (NaN allowed) with one of STRETCHES; `limits` (low, high) or robust ones.
 
     stretch None: asinh, of a mask log. bits: the sum of a mask's bits, which has no background: limits are 0 and bits.
@@ -52,14 +68,14 @@ def make_norm(image, stretch, limits=None, *, file=None, bits=None):
     return ImageNormalize(vmin=low, vmax=high, stretch=shape[stretch](), clip=False)
 
 
-def bit_ticks(norm):
+def bit_ticks(norm: Normalize) -> tuple[list[int], list[str]]:
     """Return (values, labels) at 0 and the powers of 2 within a norm's limits, for the colour bar of a mask."""
     every = [0, *(2**k for k in range(64))]
     values = [value for value in every if norm.vmin <= value <= norm.vmax]
     return values, [str(value) for value in values]
 
 
-def ticks(norm, count=7):
+def ticks(norm: Normalize, count: int = 7) -> tuple[FloatArray, list[str]]:
     """Return (values, labels) at even steps of grey, for a colour bar; labels have just enough digits to differ."""
     values = np.asarray(norm.inverse(np.linspace(0.0, 1.0, count)), float)
     digits = max(0, int(np.ceil(-np.log10(np.diff(values).min()))) + 1)

@@ -1,7 +1,10 @@
 """Drawing: the optics, exposure time and fidelity with which the objects of a chip are drawn."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,6 +15,10 @@ from csstsim.optics.psf.psf_file import PsfSet
 from csstsim.optics.scatter.scattered_light import Scattered
 from csstsim.render.psf_mixture import Mixer
 from csstsim.render.psf_table import PsfTable
+
+if TYPE_CHECKING:
+    from csstsim.optics.scatter.ghosts import Ghosts
+    from csstsim.optics.scatter.halo import Wing
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,16 +38,16 @@ class Drawing:
     kept: Mixer | None = None  # of the PSF; keeping it between calls saves about 10 ms
 
     @cached_property
-    def mixer(self):
+    def mixer(self) -> Mixer:
         """The Mixer of the PSF."""
         return self.kept or Mixer(self.psf)
 
     @property
-    def wing(self):
+    def wing(self) -> Wing | None:
         """The PSF's wing, or None."""
         return None if self.scattered is None else self.scattered.wing
 
     @property
-    def ghosts(self):
+    def ghosts(self) -> Ghosts | None:
         """The filter's ghosts, or None."""
         return None if self.scattered is None else self.scattered.ghosts

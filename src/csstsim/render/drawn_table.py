@@ -1,8 +1,18 @@
 """How each object was drawn: recorded by the renderers and returned as the truth columns described in io.truth."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from csstsim.catalog.flags import NOT_DRAWN, OFF_CHIP, OUTSIDE_PSF_HULL, TRUNCATED_STAMP
+
+if TYPE_CHECKING:
+    from csstsim.base.types import AnyArray, BoolArray, FloatArray, IntArray
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.optics.scatter.halo import Wing
+    from csstsim.render.policy import Choice
 
 NONE = "none"  # method of objects that are not drawn
 # Columns that drawing adds
@@ -25,7 +35,7 @@ class DrawnTable:
     * flags: catalog.flags
     """
 
-    def __init__(self, objects, electrons):
+    def __init__(self, objects: ObjectTable, electrons: FloatArray) -> None:
         """electrons: (n,) nominal."""
         count = len(objects)
         self.objects, self.electrons, self.flags = objects, electrons, objects["flags"].copy()
@@ -34,13 +44,13 @@ class DrawnTable:
         self.ms, self.error, self.snr = (np.zeros(count, np.float32) for _ in range(3))
         self.stamp, self.box = np.zeros(count, np.int32), np.zeros((count, 4), np.int32)
 
-    def flag_optics(self, outside, wing):
+    def flag_optics(self, outside: BoolArray, wing: Wing | None) -> None:
         """Flag the drawable objects `outside` the PSF's nodes and, if `wing` is None, those that should have a wing."""
         self.flags[self.rows[outside]] |= OUTSIDE_PSF_HULL
         if wing is None:
             self.flags[self.rows[self.objects["wing"][self.rows] > 0]] |= TRUNCATED_STAMP
 
-    def judge(self, rows, choice, electrons):
+    def judge(self, rows: IntArray, choice: Choice, electrons: FloatArray) -> None:
         """Record S/N and predicted error of a Scene's rows, which belong to the objects `rows`, of so many electrons.
 
         Of an object of several parts, errors add up and S/N adds in squares.
@@ -54,7 +64,7 @@ class DrawnTable:
         self.error[rows] = 0.0
         np.add.at(self.error, rows[lit], choice.error[lit])
 
-    def note(self, rows, drawn, box):
+    def note(self, rows: IntArray, drawn: FloatArray | IntArray, box: IntArray) -> None:
         """Add to what was drawn of the objects `rows`, in which one may be named several times: electrons and boxes."""
         np.add.at(self.drawn, rows, drawn)
         lit = box[:, 1] > 0
@@ -65,21 +75,21 @@ class DrawnTable:
         low[high[:, 0] == 0] = 0
         self.box[:, ::2], self.box[:, 1::2] = low, high
 
-    def name_methods(self, rows, names, electrons):
+    def name_methods(self, rows: IntArray, names: AnyArray, electrons: FloatArray) -> None:
         """Record how objects were drawn: of one of several parts, how the brightest was."""
         order = np.argsort(electrons, kind="stable")
         self.method[rows[order]] = names[order]
 
-    def note_sides(self, rows, reach, wing):
+    def note_sides(self, rows: IntArray | slice, reach: AnyArray, wing: FloatArray) -> None:
         """Record the stamp sides of objects from the half sides of stamps and the radii of wings [px]."""
         self.stamp[rows] = (2 * np.maximum(reach, np.ceil(wing)) + 1).astype(np.int32)
 
-    def miss(self, rows):
+    def miss(self, rows: IntArray | BoolArray) -> None:
         """Flag objects whose light misses the window as OFF_CHIP and not drawn."""
         self.flags[rows] |= OFF_CHIP
         self.method[rows] = NONE
 
-    def table(self):
+    def table(self) -> ObjectTable:
         """Return the ObjectTable with the recorded values as columns."""
         electrons, drawn = self.electrons, self.drawn
         fraction = np.divide(drawn, electrons, out=np.zeros(len(drawn)), where=electrons > 0)

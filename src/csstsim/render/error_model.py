@@ -20,12 +20,23 @@ whole stamp: 1e-5 of the peak in thousands of pixels is ten times the noise. Lef
 nodes, wings, ghosts.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
+
+if TYPE_CHECKING:
+    from csstsim.base.types import FloatArray
+    from csstsim.render.scene import Scene
+    from csstsim.render.settings import Error
 
 TERMS = ("cut", "disk", "bulge")  # of stamps
 
 
-def predicted(method, scene, reach, snr, numbers, per_pixel):
+def predicted(
+    method: str, scene: Scene, reach: FloatArray, snr: FloatArray, numbers: Error, per_pixel: int
+) -> FloatArray:
     """Return the bound (n,) of the error of `method` ("photons", "stamp"), in units of each object's noise.
 
     scene: render.scene.Scene; reach (n,): half the side of the stamp [px]; snr (n,): light over noise, by policy.noise;
@@ -37,7 +48,7 @@ def predicted(method, scene, reach, snr, numbers, per_pixel):
     return snr * share
 
 
-def terms(scene, reach, snr, numbers):
+def terms(scene: Scene, reach: FloatArray, snr: FloatArray, numbers: Error) -> FloatArray:
     """Return the factors of the coefficients TERMS, (n, 3)."""
     index, radius = scene.sersic[:, :, 0], scene.sersic[:, :, 2]
     there = np.where(index > 0, scene.light, 0.0)

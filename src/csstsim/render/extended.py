@@ -6,15 +6,22 @@ cent of the light and are smooth, so tables are radial (ellipses are averaged ov
 few values per octave. Galaxies above LARGE_PX are few, so their sizes are rounded less and their axis ratios are used.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from functools import lru_cache
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.fft import fht, fhtoffset
 
+from csstsim.base.types import FloatArray
 from csstsim.profiles.log_table import nodes
 from csstsim.profiles.sersic import DISK, K2_HIGH, K2_LOW, brightness, tables
 from csstsim.render.wing_tables import KEPT, RADII, Far, light_of, step
+
+if TYPE_CHECKING:
+    from csstsim.render.scene import Scene
 
 # px, half-light radius from which the object's size counts: in a wing that shows, whose inner edge lies in the box's
 # ring; in smoother light
@@ -35,7 +42,7 @@ class Part(NamedTuple):
     """
 
     share: float
-    index: float
+    index: float  # type: ignore[assignment]  # a tuple has one
     size: float
     ratio: float = 1.0
 
@@ -43,7 +50,7 @@ class Part(NamedTuple):
 POINT = (Part(1.0, 0.0, 0.0),)
 
 
-def parts_of(light, sersic, matrix):
+def parts_of(light: FloatArray, sersic: FloatArray, matrix: FloatArray) -> tuple[Part, ...]:
     """Return the Parts of an object of a render.scene.Scene: light (2,), sersic (2, 3), matrix (2, 2) px / arcsec."""
     area = abs(matrix[0, 0] * matrix[1, 1] - matrix[0, 1] * matrix[1, 0])
     square = (matrix**2).sum()  # of the axes, a^2 + b^2, and a b is the area
@@ -56,15 +63,15 @@ def parts_of(light, sersic, matrix):
     return tuple(parts) or POINT
 
 
-def parts_at(scene, i):
+def parts_at(scene: Scene, i: int) -> tuple[Part, ...]:
     """Return the Parts of object i of a Scene; knots and images count as a disk of their half-light radius."""
     sersic = scene.sersic[i]
-    if scene.spots is not None and scene.spot[i] >= 0:
+    if scene.spot is not None and scene.spot[i] >= 0:
         sersic = np.array([[DISK, 0.0, sersic[0, 2]], [0.0, 0.0, 0.0]])
     return parts_of(scene.light[i], sersic, scene.matrix[i])
 
 
-def _rounded(size, ratio):
+def _rounded(size: float, ratio: float) -> tuple[float, float]:
     """Return a size [px], at least 2^-10, and an axis ratio, rounded to the values that tables are made for.
 
     An ellipse thinner than THINNEST keeps its long axis.
@@ -75,24 +82,24 @@ def _rounded(size, ratio):
     return _nearest(size, STEPS_LARGE), max(_nearest(ratio, STEPS), THINNEST)
 
 
-def _nearest(value, steps):
+def _nearest(value: float, steps: int) -> float:
     """Return the nearest of the values that are spaced by `steps` to the octave."""
     return float(2.0 ** (np.round(steps * np.log2(value)) / steps))
 
 
-def _stretch(ratio):
+def _stretch(ratio: float) -> FloatArray:
     """Return the squared extent of an ellipse in evenly spaced directions, relative to the circle of the same area."""
     angle = np.pi * (np.arange(DIRECTIONS if ratio != 1 else 1) + 0.5) / DIRECTIONS
     return np.cos(angle) ** 2 / ratio + np.sin(angle) ** 2 * ratio
 
 
-def spread(far, part, least=WIDE_PX):
+def spread(far: Far, part: Part, least: float = WIDE_PX) -> Far:
     """Return the Far `far` of a point convolved with a Part; `far` itself if the part is smaller than `least` px."""
     return far if part.size < least else _spread(far, *part[1:])
 
 
 @lru_cache(KEPT)
-def _spread(far, index, size, ratio):
+def _spread(far: Far, index: float, size: float, ratio: float) -> Far:
     """Convolve by Hankel transforms on a logarithmic grid (Hamilton 2000): transform, multiply, transform back."""
     offset = fhtoffset(_STEP, mu=0.0)
     k = np.exp(offset - _LOG_R[::-1])
@@ -106,7 +113,7 @@ def _spread(far, index, size, ratio):
     return Far(wide * (light_of(far.profile) / light_of(wide))[:, None], far.light)
 
 
-def beyond_stamp(parts, reach):
+def beyond_stamp(parts: Sequence[Part], reach: float) -> list[tuple[float, Far]]:
     """Return [(share, Far of light 1), ...]: the light of the Parts beyond a stamp of half side `reach` [px].
 
     The shares sum to 1. [] if less than _LEAST of the light lies beyond the stamp.
@@ -120,7 +127,7 @@ def beyond_stamp(parts, reach):
 
 
 @lru_cache(KEPT)
-def _tail(index, size, ratio, reach):
+def _tail(index: float, size: float, ratio: float, reach: float) -> tuple[float, Far]:
     """Return (light, Far of light 1) of a profile beyond a square of half side `reach`, faded in around its corners."""
     axis = size / np.sqrt(_stretch(1 / ratio))  # radius of a contour; _stretch is that of the transform
     profile = brightness(RADII / axis[:, None], index).mean(axis=0) / size**2

@@ -13,17 +13,27 @@ The electrons that each object puts on the window are returned too. They are lin
 by what a mesh point of value 1 puts on the window, response included (`_collect`, the transpose of spline evaluation).
 """
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING, TypeAlias
 
 import numba
 import numpy as np
 
 from csstsim.profiles.log_table import read
 
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from csstsim.base.types import FloatArray
+    from csstsim.render.canvas import Canvas
+
 MESH = 8  # px, of the finest mesh
 FACTOR = 2  # from one mesh to the next
 OVER = 192.0, 384.0, 768.0, 1536.0  # px: from each radius to twice that, the next mesh takes over
 LEVELS = len(OVER) + 1
+Side: TypeAlias = tuple[float, float, float, float]  # x0, x1, y0, y1 [px] from an object
 WHOLE = -math.inf, math.inf, -math.inf, math.inf  # limits of a wing that no edge cuts
 _MARGIN = 14  # mesh points beyond the window; the spline is zero at its ends, an effect of 0.27^14 = 1e-8 inside
 _PHASE = np.arange(MESH) / MESH
@@ -36,20 +46,27 @@ _FINER = np.array([1, 4, 6, 4, 1]) / 8  # a cubic B-spline as a sum of those of 
 class FarWings:
     """The meshes of one render.canvas.Canvas. Call `add` for each wing, then `lay` once."""
 
-    def __init__(self, canvas):
+    def __init__(self, canvas: Canvas) -> None:
         self._canvas = canvas
         steps = [MESH * FACTOR**level for level in range(LEVELS)]
         self._meshes = [np.zeros([-(-n // step) + 2 * _MARGIN + 3 for n in canvas.window.shape]) for step in steps]
-        self._weights = None
+        self._weights: list[FloatArray] = []
 
-    def add(self, level, at, annulus, side=WHOLE, soft=1.0):
+    def add(
+        self,
+        level: int,
+        at: Sequence[float],
+        annulus: tuple[FloatArray, int, float],
+        side: Side = WHOLE,
+        soft: float = 1.0,
+    ) -> float:
         """Add the values of an annulus about `at` (x, y) [chip pixel] to the mesh `level`.
 
         annulus: (table, number of its first node, its reach [px]), from render.wing_tables.tables; side: (x0, x1, y0,
         y1) px from x, y beyond which the values are cut off, over `soft` px. Returns the electrons on the window; for a
         wing outside the window, ripples of the spline may make them negative by 1e-8 of the light.
         """
-        if self._weights is None:
+        if not self._weights:
             self._weigh()
         step, window, (table, first, reach) = MESH * FACTOR**level, self._canvas.window, annulus
         u, v = ((place - low) / step + _MARGIN for place, low in zip(at, (window.x0, window.y0), strict=True))
@@ -57,7 +74,7 @@ class FarWings:
         mesh, weight = self._meshes[level], self._weights[level]
         return _add(mesh, weight, u, v, reach / step, table, first, edges, soft / step, float(step))
 
-    def _weigh(self):
+    def _weigh(self) -> None:
         self._weights = [np.zeros(mesh.shape) for mesh in self._meshes]
         _collect(self._weights[0], self._canvas.seen, _SPLINE)
         for fine, coarse in zip(self._weights[:-1], self._weights[1:], strict=True):
@@ -65,9 +82,9 @@ class FarWings:
         for weight in self._weights:
             _coefficients(weight)
 
-    def lay(self):
+    def lay(self) -> None:
         """Add the wings to the expected electrons."""
-        if self._weights is None:
+        if not self._weights:
             return
         total = None
         for mesh in reversed(self._meshes):
@@ -75,25 +92,26 @@ class FarWings:
             if total is not None:
                 mesh += _refined(total, *mesh.shape)
             total = mesh
+        assert total is not None and self._canvas.expected is not None  # None: for photons alone
         _spread(self._canvas.expected, total, self._canvas.seen, _SPLINE)
 
 
 @numba.njit(cache=True)
-def _refined(coarse, rows, columns):
+def _refined(coarse: FloatArray, rows: int, columns: int) -> FloatArray:
     """Return the coefficients (rows, columns) of the same spline on the next finer mesh."""
     tall = _finer_rows(coarse, rows)
     return np.ascontiguousarray(_finer_rows(np.ascontiguousarray(tall.T), columns).T)
 
 
 @numba.njit(cache=True)
-def _gathered(fine, rows, columns):
+def _gathered(fine: FloatArray, rows: int, columns: int) -> FloatArray:
     """Return (rows, columns): the transpose of `_refined`."""
     flat = _coarser_rows(fine, rows)
     return np.ascontiguousarray(_coarser_rows(np.ascontiguousarray(flat.T), columns).T)
 
 
 @numba.njit(cache=True)
-def _finer_rows(coarse, rows):
+def _finer_rows(coarse: FloatArray, rows: int) -> FloatArray:
     out = np.zeros((rows, coarse.shape[1]))
     for k in range(coarse.shape[0]):
         for i in range(len(_FINER)):
@@ -104,7 +122,7 @@ def _finer_rows(coarse, rows):
 
 
 @numba.njit(cache=True)
-def _coarser_rows(fine, rows):
+def _coarser_rows(fine: FloatArray, rows: int) -> FloatArray:
     out = np.zeros((rows, fine.shape[1]))
     for k in range(rows):
         for i in range(len(_FINER)):
@@ -115,7 +133,7 @@ def _coarser_rows(fine, rows):
 
 
 @numba.njit(cache=True)
-def _coefficients(mesh):
+def _coefficients(mesh: FloatArray) -> None:
     """Turn values in place into coefficients of the cubic B-spline that is zero beyond the mesh; a symmetric map."""
     _along(mesh)
     turned = np.ascontiguousarray(mesh.T)
@@ -124,7 +142,7 @@ def _coefficients(mesh):
 
 
 @numba.njit(cache=True)
-def _along(mesh):
+def _along(mesh: FloatArray) -> None:
     """Solve c[k-1] + 4 c[k] + c[k+1] = 6 f[k] along axis 0, c zero beyond the ends."""
     n, width = mesh.shape
     ratio = np.empty(n)
@@ -141,13 +159,24 @@ def _along(mesh):
 
 
 @numba.njit(inline="always")
-def between(at, low, high, soft):
+def between(at: float, low: float, high: float, soft: float) -> float:
     """Return 1 for a place between low and high, 0 outside, with a linear ramp of width `soft` at each limit."""
     return min(max((at - low) / soft + 0.5, 0.0), 1.0) * min(max((high - at) / soft + 0.5, 0.0), 1.0)
 
 
 @numba.njit(cache=True)
-def _add(mesh, weight, u, v, reach, table, first, side, soft, step):
+def _add(
+    mesh: FloatArray,
+    weight: FloatArray,
+    u: float,
+    v: float,
+    reach: float,
+    table: FloatArray,
+    first: int,
+    side: tuple[float, ...],
+    soft: float,
+    step: float,
+) -> float:
     """Add a radial table around mesh position u, v; return the weighted sum of the added values. step: mesh [px]."""
     ny, nx = mesh.shape
     place, total, across = np.empty(1), 0.0, np.empty(nx)
@@ -166,7 +195,7 @@ def _add(mesh, weight, u, v, reach, table, first, side, soft, step):
 
 
 @numba.njit(cache=True)
-def _spread(image, mesh, response, spline):
+def _spread(image: FloatArray, mesh: FloatArray, response: FloatArray, spline: FloatArray) -> None:
     """Add the spline's value at each pixel, times the response."""
     line, value = np.empty(mesh.shape[1]), np.empty(MESH)
     for y in range(image.shape[0]):
@@ -187,7 +216,7 @@ def _spread(image, mesh, response, spline):
 
 
 @numba.njit(cache=True)
-def _collect(weight, response, spline):
+def _collect(weight: FloatArray, response: FloatArray, spline: FloatArray) -> None:
     """Add to `weight` the sum of response x spline of each mesh point: the transpose of `_spread`."""
     ny, nx = response.shape
     sums = np.empty((4, -(-nx // MESH) * MESH))

@@ -5,14 +5,27 @@ centre. Random words come from a key and a counter (csstsim.base.counter); each 
 except from_psf, which uses two words an electron.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, TypeAlias
+
 import numba
 import numpy as np
 
 from csstsim.base.counter import high, low, unit, word
+from csstsim.base.types import FloatArray, IntArray
 from csstsim.profiles.log_table import first_of, nodes, read
 from csstsim.profiles.sersic_photons import ring, rings_for
 from csstsim.render.parts.spots import Spots
 
+if TYPE_CHECKING:
+    from csstsim.optics.scatter.halo import Wing
+    from csstsim.render.psf_table import PsfTable
+    from csstsim.render.scene import Scene
+
+# What compiled loops take of a PsfTable (words, share, bits, cells, per_pixel) and of profiles (rings, Spots.sampled)
+Cells: TypeAlias = tuple[IntArray, FloatArray, tuple[int, int], int, int]
+Shapes: TypeAlias = tuple[FloatArray, IntArray, FloatArray, FloatArray, FloatArray, IntArray, FloatArray]
 _ONE, _TWO = np.uint64(1), np.uint64(2)
 _S10, _S16, _S20, _S32 = (np.uint64(s) for s in (10, 16, 20, 32))
 _MASK16, _LOW32 = np.uint64(0xFFFF), np.uint64(0xFFFFFFFF)
@@ -26,7 +39,7 @@ _RAREST = -10  # the table ends at a share of 2^-10 of the wing's light, 1000 bo
 _TAIL_FIRST = first_of(_RAREST)
 
 
-def tail_table(wing, half):
+def tail_table(wing: Wing, half: float) -> FloatArray:
     """Return the radii [px] beyond which a share u of the light outside radius `half` lies, on octaves of u up to 1."""
     r = np.geomspace(half, half * 2.0**-_RAREST, 4096)
     share = wing.light_beyond(r).mean(axis=0)
@@ -34,7 +47,7 @@ def tail_table(wing, half):
     return np.exp(np.interp(np.log(nodes(_RAREST, 0)), np.log(share[::-1]), np.log(r[::-1])))
 
 
-def check_scene(scene, table, maximum):
+def check_scene(scene: Scene, table: PsfTable, maximum: float) -> None:
     """Raise ValueError for a Scene whose photons cannot be drawn: bad values, nodes without tables, too much light."""
     for name in ("x", "y", "electrons", "light", "sersic", "matrix", "weight"):
         values = getattr(scene, name)
@@ -50,29 +63,29 @@ def check_scene(scene, table, maximum):
         raise ValueError("a PSF node has no tables")
 
 
-def contiguous(response):
+def contiguous(response: FloatArray | None) -> FloatArray:
     """Return a Canvas's response as a contiguous float32 array, of shape (0, 0) if all light is counted."""
     return np.empty((0, 0), np.float32) if response is None else np.ascontiguousarray(response, np.float32)
 
 
-def profiles_of(scene):
+def profiles_of(scene: Scene) -> tuple[FloatArray, Shapes]:
     """Return (profile (n, 2, 3), tables) of a Scene: what `from_profile` needs of each component, and of all."""
     rings, which, share = rings_for(np.where(scene.light > 0, scene.sersic[:, :, 0], 0.0))
-    if scene.spots is not None:
+    if scene.spot is not None:
         which[:, 0] = np.where(scene.spot >= 0, _POINT - 1 - scene.spot, which[:, 0])
     spots = _NO_SPOTS if scene.spots is None else scene.spots.sampled
     return np.stack([which, share, scene.sersic[:, :, 2]], axis=-1).astype(np.float64), (rings, *spots)
 
 
 @numba.njit(inline="always")
-def first_word(node, f, part, sides):
+def first_word(node: int, f: int, part: int, sides: tuple[int, int]) -> int:
     """Return 2 x (index of the first word of a table) + part, where part 0 is the middle and 1 the rest."""
     inner, outer = 1 << 2 * sides[0], 1 << 2 * sides[1]
     return 2 * ((4 * node + f) * (inner + outer) + part * inner) + part
 
 
 @numba.njit(inline="always")
-def cumulative(values, sums):
+def cumulative(values: FloatArray, sums: FloatArray) -> FloatArray:
     """Put the running sums of `values` into `sums`, of the same length, and return it."""
     total = 0.0
     for j in range(len(values)):
@@ -82,16 +95,18 @@ def cumulative(values, sums):
 
 
 @numba.njit(inline="always")
-def pick(sums, u):
+def pick(sums: FloatArray, u: float) -> int:
     """Return the index of the interval of `sums` that u lies in; without branches, which would be mispredicted."""
     passed = 0
     for j in range(len(sums) - 1):
-        passed += np.int64(u >= sums[j])
+        passed += np.int64(u >= sums[j])  # type: ignore[assignment]  # an int64 is an int to numba
     return passed
 
 
 @numba.njit(cache=True)
-def from_wing(count, tail, half, px, py, key, counter):
+def from_wing(
+    count: int, tail: FloatArray, half: float, px: FloatArray, py: FloatArray, key: np.uint64, counter: np.uint64
+) -> np.uint64:
     """Set px, py [pixel] to draws from the wing outside the square of half side `half`; return the counter."""
     share = np.empty(1)
     bits = share.view(np.int64)
@@ -107,7 +122,9 @@ def from_wing(count, tail, half, px, py, key, counter):
 
 
 @numba.njit(cache=True)
-def from_psf(count, psf, first, px, py, key, counter):
+def from_psf(
+    count: int, psf: Cells, first: IntArray, px: FloatArray, py: FloatArray, key: np.uint64, counter: np.uint64
+) -> None:
     """Set px, py [pixel] to draws from the PSF; two words each, of which the upper half of the first is not used."""
     words, _, sides, cells, per_pixel = psf
     inner, outer = sides
@@ -130,7 +147,16 @@ def from_psf(count, psf, first, px, py, key, counter):
 
 
 @numba.njit(cache=True)
-def from_profile(count, matrix, profile, tables, px, py, key, counter):
+def from_profile(
+    count: int,
+    matrix: FloatArray,
+    profile: FloatArray,
+    tables: Shapes,
+    px: FloatArray,
+    py: FloatArray,
+    key: np.uint64,
+    counter: np.uint64,
+) -> np.uint64:
     """Add to px, py draws from a component's profile, a row of `profiles_of`; return the counter."""
     which, share, radius = np.int64(profile[0]), profile[1], profile[2]
     if which == _POINT:
@@ -151,7 +177,16 @@ def from_profile(count, matrix, profile, tables, px, py, key, counter):
 
 
 @numba.njit(cache=True)
-def _from_spots(count, matrix, group, tables, px, py, key, counter):
+def _from_spots(
+    count: int,
+    matrix: FloatArray,
+    group: int | np.int64,
+    tables: Shapes,
+    px: FloatArray,
+    py: FloatArray,
+    key: np.uint64,
+    counter: np.uint64,
+) -> np.uint64:
     """Add to px, py draws from a group of spots (render.parts.spots), two words each; return the counter."""
     _, start, u, v, keep, other, blur = tables
     first, number, side = start[group], start[group + 1] - start[group], blur[group]

@@ -8,9 +8,13 @@ import math
 import numba
 import numpy as np
 
+from csstsim.base.types import FloatArray
+
 
 @numba.njit(cache=True)
-def pixel_sums(cells, start_y, start_x, per_pixel, step, out):
+def pixel_sums(
+    cells: FloatArray, start_y: float, start_x: float, per_pixel: int, step: int, out: FloatArray
+) -> FloatArray:
     """Fill `out` (rows, columns) with the integrals over pixels and return it.
 
     cells: (ny, nx) float32 coefficients, cell i covers i to i + 1, and there is no light beyond them; the first pixel
@@ -50,7 +54,7 @@ def pixel_sums(cells, start_y, start_x, per_pixel, step, out):
 
 
 @numba.njit(cache=True)
-def _taps(start, per_pixel):
+def _taps(start: float, per_pixel: int) -> tuple[int, FloatArray]:
     """Return (first cell, weights): the fraction of each cell's spline that falls in a pixel beginning at `start`."""
     first = math.floor(start) - 1
     taps = np.empty(per_pixel + 3, np.float32)
@@ -61,7 +65,7 @@ def _taps(start, per_pixel):
 
 
 @numba.njit(cache=True)
-def _spline_integral(t):
+def _spline_integral(t: float) -> float:
     """Return the integral of the quadratic B-spline from -3/2 to t."""
     if t <= -1.5:
         return 0.0

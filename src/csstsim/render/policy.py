@@ -12,7 +12,10 @@ below `eps`, as for the brightest objects, the cheapest method within three time
 column `error` of the truth table has the predicted error.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -22,6 +25,13 @@ from csstsim.render.settings import load_numbers
 from csstsim.render.slitless.line_wings import LINE_NEAR, LINE_STEP
 from csstsim.render.slitless.slab_counts import allowed_error, fewest
 from csstsim.render.slitless.slabs import densities
+
+if TYPE_CHECKING:
+    from csstsim.base.types import BoolArray, FloatArray, IntArray
+    from csstsim.optics.gratings.dispersion import Disperser
+    from csstsim.render.drawing import Drawing
+    from csstsim.render.scene import Scene
+    from csstsim.render.settings import Cost, Fidelity
 
 NONE, UNRESOLVED, PHOTONS, STAMP = range(4)
 METHODS = np.array(["none", "unresolved", "photons", "stamp"])
@@ -37,14 +47,14 @@ _GAUSSIAN = 4 * np.pi / (2 * np.log(2))  # effective number of pixels / half-lig
 class Choice:
     """Method and predicted error of n objects."""
 
-    method: np.ndarray  # (n,) int8
-    error: np.ndarray  # (n,) predicted, in units of the object's own noise
-    snr: np.ndarray  # (n,)
-    allowed: np.ndarray | None = None  # (n,) allowed error of slabs as a share of S/N, for dispersed light
-    coarse: np.ndarray | None = None  # (n,) whether the bins of Disperser.coarse are fine enough
+    method: IntArray  # (n,) int8
+    error: FloatArray  # (n,) predicted, in units of the object's own noise
+    snr: FloatArray  # (n,)
+    allowed: FloatArray | None = None  # (n,) allowed error of slabs as a share of S/N, for dispersed light
+    coarse: BoolArray | None = None  # (n,) whether the bins of Disperser.coarse are fine enough
 
 
-def choose(scene, drawing, maximum=1.0):
+def choose(scene: Scene, drawing: Drawing, maximum: float = 1.0) -> Choice:
     """Return the `Choice` for a Scene.
 
     drawing: render.drawing.Drawing, of which fidelity, variance, PSF and ghosts are used; maximum: largest response;
@@ -59,19 +69,20 @@ def choose(scene, drawing, maximum=1.0):
         photons &= ~np.asarray(drawing.ghosts.visible(electrons))
     choice = _cheapest(scene, snr, cost, photons, drawing)
     # An object larger than the mesh would be made smaller by it, and so become visible
-    faint = (snr < numbers.presets[fidelity].floor) & (half_light_px2(scene) < (MESH / 2) ** 2)
+    faint = (snr < numbers.presets[cast("Fidelity", fidelity)].floor) & (half_light_px2(scene) < (MESH / 2) ** 2)
     method = np.where(faint, UNRESOLVED, choice.method)
     method[electrons <= 0] = NONE
     return Choice(method, np.where(faint, snr, choice.error), snr)
 
 
-def choose_dispersed(scene, drawing, disperser, maximum=1.0):
+def choose_dispersed(scene: Scene, drawing: Drawing, disperser: Disperser, maximum: float = 1.0) -> Choice:
     """Return the `Choice` for a Scene whose light is dispersed: photons or slabs (STAMP), never unresolved.
 
     Arguments as in `choose`; scene.electrons: of the first order; disperser: optics.gratings.dispersion.Disperser.
     """
+    assert scene.reach is not None and scene.wing is not None  # select gives them
     numbers = load_numbers()
-    electrons, eps = scene.electrons.sum(axis=1), numbers.presets[drawing.fidelity].eps
+    electrons, eps = scene.electrons.sum(axis=1), numbers.presets[cast("Fidelity", drawing.fidelity)].eps
     px = disperser.length
     snr = scene.whole / noise(scene, scene.whole, drawing.variance, length=px)
     cost, galaxy = numbers.cost, scene.extended
@@ -89,43 +100,48 @@ def choose_dispersed(scene, drawing, disperser, maximum=1.0):
     return replace(choice, allowed=allowed, coarse=coarse)
 
 
-def _may_be_photons(electrons, drawing):
+def _may_be_photons(electrons: FloatArray, drawing: Drawing) -> BoolArray:
     """Whether electrons may be drawn one by one: at most PHOTONS_MAX, a convex PSF mixture, not noise-free."""
     return (electrons < PHOTONS_MAX) & drawing.psf.convex & (drawing.fidelity != "noise_free")
 
 
-def _cheapest(scene, snr, cost, photons, drawing):
+def _cheapest(
+    scene: Scene, snr: FloatArray, cost: tuple[FloatArray, FloatArray], photons: BoolArray, drawing: Drawing
+) -> Choice:
     """Return the Choice of the cheapest accurate method: photons, where `photons` (n,) allows them, or stamps."""
+    assert scene.reach is not None and scene.wing is not None  # select gives them
     # A wing takes over where a point's stamp ends
     shown, numbers, per_pixel = np.maximum(scene.reach, scene.wing), load_numbers(), drawing.psf.oversampling
-    error = [predicted(m, scene, shown, snr, numbers.error, per_pixel) for m in ("photons", "stamp")]
-    error = np.stack(error, axis=1)
+    errors = [predicted(m, scene, shown, snr, numbers.error, per_pixel) for m in ("photons", "stamp")]
+    error = np.stack(errors, axis=1)
     allowed = np.stack(np.broadcast_arrays(photons, np.ones(len(scene), bool)), axis=1)
     least = np.where(allowed, error, np.inf).min(axis=1)
-    good = allowed & (error <= np.maximum(numbers.presets[drawing.fidelity].eps, _AS_GOOD * least)[:, None])
+    eps = numbers.presets[cast("Fidelity", drawing.fidelity)].eps
+    good = allowed & (error <= np.maximum(eps, _AS_GOOD * least)[:, None])
     best = np.where(good, np.stack(cost, axis=1), np.inf).argmin(axis=1)
     method = np.where(best == 0, PHOTONS, STAMP).astype(np.int8)
     return Choice(method, np.take_along_axis(error, best[:, None], 1)[:, 0], snr)
 
 
-def noise(scene, electrons, variance, length=0.0):
+def noise(scene: Scene, electrons: FloatArray, variance: float, length: float = 0.0) -> FloatArray:
     """Return the noise of each object's own light and of the pixels it covers [electron], (n,); length: of a trace."""
     size2 = _PSF_HALF_LIGHT**2 + half_light_px2(scene)
     return np.sqrt(electrons + (_GAUSSIAN * size2 + length * np.sqrt(_GAUSSIAN * size2)) * variance)
 
 
-def half_light_px2(scene):
+def half_light_px2(scene: Scene) -> FloatArray:
     """Return the light-weighted mean of the squared circular half-light radii [pixel^2] of each object's components."""
     stretch2 = np.abs(np.linalg.det(scene.matrix))
     return (scene.light * scene.sersic[:, :, 2] ** 2).sum(axis=1) * stretch2
 
 
-def costs(scene, electrons, cost):
+def costs(scene: Scene, electrons: FloatArray, cost: Cost) -> tuple[FloatArray, FloatArray]:
     """Return (photons, stamp): CPU ns of each object, (n,). cost: render.settings.Cost."""
+    assert scene.reach is not None and scene.wing is not None  # select gives them
     galaxy = scene.extended
     photons = cost.photon_object + electrons * np.where(galaxy, cost.photon_galaxy, cost.photon_star)
     pixels = (2.0 * scene.reach + 1) ** 2
     stamp = np.where(galaxy, cost.stamp_galaxy + cost.stamp_pixel * pixels, cost.stamp_star)
-    if scene.spots is not None:
+    if scene.spot is not None:
         stamp = stamp + cost.stamp_spots * (scene.spot >= 0)
     return photons, stamp + cost.wing_pixel * np.pi * np.minimum(scene.wing, WING_NEAR) ** 2

@@ -5,7 +5,10 @@ render.pixel_sums), so it reaches 1 cycle per pixel; above that, the optics, jit
 than 1e-4 of any band. It is computed at the frequencies j / size of a periodic image of `size` pixels.
 """
 
+from __future__ import annotations
+
 from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
@@ -15,6 +18,10 @@ from csstsim.render.pixel_sums import pixel_sums
 from csstsim.render.psf_table import spline_coefficients
 from csstsim.render.wings import box_share
 
+if TYPE_CHECKING:
+    from csstsim.base.types import ComplexArray, FloatArray, IntArray
+    from csstsim.optics.psf.psf_file import PsfSet
+
 BINS = np.geomspace(1e-4, 1.0, 64)  # cycles a pixel
 _NODES_KEPT = 128  # at least one row of the finest grids; 1 MB each
 _TRANSFORMS_KEPT = 64
@@ -23,44 +30,46 @@ _TRANSFORMS_KEPT = 64
 class Mixer:
     """The nodes of a PsfSet as spline coefficients and as transforms; the most recently used ones are cached."""
 
-    def __init__(self, psf):
+    def __init__(self, psf: PsfSet) -> None:
         self.psf, self.per_pixel, self.cells, self._flux = psf, psf.oversampling, psf.image.shape[-1], psf.flux
 
         @lru_cache(_NODES_KEPT)
-        def coefficients(node):
+        def coefficients(node: int) -> FloatArray:
             return np.stack([spline_coefficients(image)[0].astype(np.float32) for image in psf.node(node)])
 
         @lru_cache(_TRANSFORMS_KEPT)
-        def transforms(node, size, cored=False):
+        def transforms(node: int, size: int, cored: bool = False) -> ComplexArray:
             core = self.core if cored else np.float32(1)
             return np.stack([transform(c * core, size, self.per_pixel, size) for c in coefficients(node)])
 
         @lru_cache(_NODES_KEPT)
-        def core_flux(node):
+        def core_flux(node: int) -> FloatArray:
             return (coefficients(node) * self.core).sum(axis=(1, 2), dtype=np.float64)
 
         @lru_cache(_NODES_KEPT)
-        def envelope(node):
+        def envelope(node: int) -> FloatArray:
             return _envelope(transforms(node, 2 * self.cells // self.per_pixel))
 
         self.coefficients, self.transforms, self._envelope = coefficients, transforms, envelope
         self._core_flux = core_flux
 
     @property
-    def half(self):
+    def half(self) -> float:
         """Half the side of the PSF's box [px]."""
         return self.cells / 2 / self.per_pixel
 
-    def envelope(self, node, share):
+    def envelope(self, node: IntArray, share: FloatArray) -> FloatArray:
         """Return the largest modulus of an object's transforms at or beyond each of BINS, of light 1."""
         return np.max([self._envelope(k) for k in node[share.any(axis=1)].tolist()], axis=0)
 
     @cached_property
-    def core(self):
+    def core(self) -> FloatArray:
         """Return the share of each cell that is kept where the box fades into the wing, (cells, cells) float32."""
         return box_share(self.cells, self.per_pixel).astype(np.float32)
 
-    def mixed_cells(self, node, share, first=(0, 0), last=None):
+    def mixed_cells(
+        self, node: IntArray, share: FloatArray, first: tuple[int, ...] = (0, 0), last: tuple[int, ...] | None = None
+    ) -> FloatArray:
         """Return the mixture of one object, float32 (rows, columns) of spline coefficients in electrons.
 
         node (k,), share (k, 4): electrons from each node and sub-band; first, last: cells (row, column), half-open.
@@ -69,23 +78,25 @@ class Mixer:
         parts = [self.coefficients(k) for k in node[share.any(axis=1)].tolist()]
         return _mixed(parts, share, first, (last[0] - first[0], last[1] - first[1]))
 
-    def light(self, node, share, cored):
+    def light(self, node: IntArray, share: FloatArray, cored: bool) -> float:
         """Return the electrons of an object within the box; cored: times `core`, the part not replaced by the wing."""
         flux = self._core_flux if cored else self._flux.__getitem__
         return sum(float((row * flux(k)).sum()) for k, row in zip(node.tolist(), share, strict=True) if row.any())
 
-    def mixed_transforms(self, node, share, size, last, cored=False):
+    def mixed_transforms(
+        self, node: IntArray, share: FloatArray, size: int, last: int, cored: bool = False
+    ) -> ComplexArray:
         """Return the mixture of one object as a transform (see `transform`), times `core` if `cored`."""
         parts = [self.transforms(k, size, cored).view(np.float32) for k in node[share.any(axis=1)].tolist()]
         return _mixed(parts, share, (size - last, 0), (2 * last + 1, 2 * (last + 1))).view(np.complex64)
 
 
-def mixer_of(psf):
+def mixer_of(psf: PsfSet | Mixer) -> Mixer:
     """Return the Mixer of a PsfSet; a Mixer is returned as it is (keeping it between calls saves about 10 ms)."""
     return psf if isinstance(psf, Mixer) else Mixer(psf)
 
 
-def _envelope(transforms):
+def _envelope(transforms: ComplexArray) -> FloatArray:
     """Return the largest modulus of transforms (4, 2 J + 1, J + 1) of light 1 at or beyond each of BINS."""
     last = transforms.shape[2] - 1
     f = np.hypot(np.arange(-last, last + 1)[:, None], np.arange(last + 1)) / last
@@ -96,14 +107,14 @@ def _envelope(transforms):
     return np.maximum.accumulate(largest[::-1])[::-1][: len(BINS)]
 
 
-def _mixed(parts, share, first, shape):
+def _mixed(parts: list[FloatArray], share: FloatArray, first: tuple[int, ...], shape: tuple[int, ...]) -> FloatArray:
     out = np.zeros(shape, np.float32)
     for part, light in zip(parts, share[share.any(axis=1)].astype(np.float32), strict=True):
         _add(out, part, light, *first)
     return out
 
 
-def transform(cells, size, per_pixel, last):
+def transform(cells: FloatArray, size: int, per_pixel: int, last: int) -> ComplexArray:
     """Return the transform, complex64 (2 last + 1, last + 1): rows j_y = -last..last, columns j_x = 0..last <= size.
 
     cells: (n, n) float32 spline coefficients with the star at their centre, which is the origin of the transform.
@@ -121,7 +132,7 @@ def transform(cells, size, per_pixel, last):
 
 
 @numba.njit(cache=True)
-def _add(out, parts, share, first_row, first_column):
+def _add(out: FloatArray, parts: FloatArray, share: FloatArray, first_row: int, first_column: int) -> None:
     """Add to `out` the sum of share x sub-band of parts (4, rows, columns), from a first row and column on."""
     a, b, c, d = share
     last_column = first_column + out.shape[1]
@@ -135,7 +146,7 @@ def _add(out, parts, share, first_row, first_column):
 
 
 @numba.njit(cache=True)
-def _folded(cells, period):
+def _folded(cells: FloatArray, period: int) -> FloatArray:
     """Return the cells summed modulo `period`."""
     out = np.zeros((period, period), np.float32)
     for row in range(len(cells)):

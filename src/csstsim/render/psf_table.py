@@ -20,8 +20,10 @@ identifies its PSF set by a digest of the set's attributes, nodes and fluxes.
 import hashlib
 import math
 import zlib
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numba
@@ -29,6 +31,7 @@ import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
+from csstsim.base.types import FloatArray, IntArray, PathLike
 from csstsim.optics.psf.psf_file import WAVELENGTHS, PsfSet, intact
 
 INNER_PX = 8  # half the side of the middle, in pixel
@@ -45,29 +48,29 @@ class PsfTable:
     first cell of the middle (inner table) or of the box (outer table)."""
 
     psf: PsfSet
-    words: np.ndarray  # (n, 4, 4^inner + 4^outer) uint32: alias table of the middle, then of the box without the middle
-    share: np.ndarray  # (n, 4, 2) light of middle and rest; the remainder to 1 lies outside the box
-    negative: np.ndarray  # (n, 4) light of the coefficients that were below zero
-    crc: np.ndarray  # (n,) uint32 CRC-32 of a node's words
+    words: IntArray  # (n, 4, 4^inner + 4^outer) uint32: alias table of the middle, then of the box without the middle
+    share: FloatArray  # (n, 4, 2) light of middle and rest; the remainder to 1 lies outside the box
+    negative: FloatArray  # (n, 4) light of the coefficients that were below zero
+    crc: IntArray  # (n,) uint32 CRC-32 of a node's words
     path: Path | None = None  # of the file, if there is one
-    verified: set = field(default_factory=set)  # nodes whose words have been checked against their CRC
+    verified: set[int] = field(default_factory=set)  # nodes whose words have been checked against their CRC
 
     @property
-    def bits(self):
+    def bits(self) -> tuple[int, int]:
         """Base-2 logarithms of the sides of the inner and the outer table."""
         return _bits(self.psf)
 
     @property
-    def per_pixel(self):
+    def per_pixel(self) -> int:
         """Cells to a pixel, along a side."""
         return self.psf.oversampling
 
     @property
-    def cells(self):
+    def cells(self) -> int:
         """Cells to a side of the box."""
         return self.psf.image.shape[-1]
 
-    def verify(self, nodes):
+    def verify(self, nodes: IntArray) -> None:
         """Check the words of nodes used for the first time against their CRC. Raises InputError if they differ."""
         if self.path is None:
             return
@@ -76,23 +79,23 @@ class PsfTable:
                 raise InputError(f"damaged at node {node}; {_AGAIN}", file=self.path, key="words")
             self.verified.add(node)
 
-    def node_coefficients(self, node):
+    def node_coefficients(self, node: int) -> FloatArray:
         """Return (4, cells, cells) float64: c >= 0 of a live node, as a share of a star's light."""
         return np.stack([spline_coefficients(image)[0] for image in self.psf.node(node)])
 
 
-def make_table(psf, nodes=None):
+def make_table(psf: PsfSet, nodes: Iterable[int] | None = None) -> PsfTable:
     """Return the PsfTable of a PsfSet in memory, with tables for `nodes` (indices; None: all live ones), else zeros."""
-    arrays = {name: np.zeros(*layout) for name, layout in _layout(psf).items()}
+    arrays: dict[str, Any] = {name: np.zeros(*layout) for name, layout in _layout(psf).items()}
     for node, values in _live(psf, nodes):
         for name, value in values.items():
             arrays[name][node] = value
-    for values in arrays.values():
-        values.flags.writeable = False  # as a mapped file is
+    for array in arrays.values():
+        array.flags.writeable = False  # as a mapped file is
     return PsfTable(psf, **arrays)
 
 
-def write_tables(path, psf):
+def write_tables(path: PathLike, psf: PsfSet) -> None:
     """Write the tables of all live nodes of a PsfSet to `path`, node by node; dead nodes stay zero."""
     with atomic_path(path) as temporary, h5py.File(temporary, "w", libver=("v110", "v110")) as file:
         file.attrs["format"], file.attrs["digest"] = FORMAT, np.bytes_(_digest(psf))
@@ -103,7 +106,7 @@ def write_tables(path, psf):
                 file[name][node] = value
 
 
-def read_tables(path, psf):
+def read_tables(path: PathLike, psf: PsfSet) -> PsfTable:
     """Return the PsfTable of a PsfSet from its file, with the words memory-mapped.
 
     Raises InputError if the file is missing, damaged, of another format, or made of another PSF set.
@@ -112,8 +115,8 @@ def read_tables(path, psf):
         for name, mine in (("format", FORMAT), ("digest", np.bytes_(_digest(psf)))):
             if name not in file.attrs or file.attrs[name] != mine:
                 raise InputError(f"not the tables of this PSF set; {_AGAIN}", file=path, key=name)
-        arrays, layout = {}, _layout(psf)
-        for name, (shape, dtype) in layout.items():
+        arrays: dict[str, Any] = {}
+        for name, (shape, dtype) in _layout(psf).items():
             data = file[name]
             if data.shape != shape or data.dtype != dtype:
                 raise InputError("wrong shape or type", file=path, key=name, value=data.shape, allowed=shape)
@@ -126,7 +129,7 @@ def read_tables(path, psf):
     return PsfTable(psf, **arrays, path=Path(path))
 
 
-def spline_coefficients(image):
+def spline_coefficients(image: FloatArray) -> tuple[FloatArray, float]:
     """Return (c >= 0, light below zero) of one image of cell integrals (cells, cells); c sums to the image's light."""
     c = image.astype(np.float64)
     for _ in range(2):
@@ -138,7 +141,7 @@ def spline_coefficients(image):
     return (c * (total / c.sum()) if total > 0 else c), below
 
 
-def _bits(psf):
+def _bits(psf: PsfSet) -> tuple[int, int]:
     """Return the base-2 logarithms of the sides of inner and outer tables."""
     cells = psf.image.shape[-1]
     if cells > _MAX_CELLS:
@@ -147,7 +150,7 @@ def _bits(psf):
     return inner.bit_length() - 1, (cells - 1).bit_length()
 
 
-def _layout(psf):
+def _layout(psf: PsfSet) -> dict[str, tuple[tuple[int, ...], np.dtype[Any]]]:
     n, (inner, outer) = len(psf.nodes_xy), _bits(psf)
     return {
         "words": ((n, WAVELENGTHS, 4**inner + 4**outer), np.dtype(np.uint32)),
@@ -157,15 +160,16 @@ def _layout(psf):
     }
 
 
-def _digest(psf):
+def _digest(psf: PsfSet) -> str:
     parts = repr(sorted(psf.attributes.items())), INNER_PX, *(a.tobytes() for a in (psf.nodes_xy, psf.flux))
     return hashlib.sha256(repr(parts).encode()).hexdigest()
 
 
-def _live(psf, nodes=None):
+def _live(psf: PsfSet, nodes: Iterable[int] | None = None) -> Iterator[tuple[int, dict[str, Any]]]:
     """Yield (node, {name: its rows of the tables})."""
-    for node in np.flatnonzero(~psf.dead) if nodes is None else nodes:
-        rows = {name: np.zeros(shape[1:], dtype) for name, (shape, dtype) in _layout(psf).items()}
+    live: Iterable[int] = np.flatnonzero(~psf.dead) if nodes is None else nodes
+    for node in live:
+        rows: dict[str, Any] = {name: np.zeros(shape[1:], dtype) for name, (shape, dtype) in _layout(psf).items()}
         for band, image in enumerate(psf.node(node)):
             c, rows["negative"][band] = spline_coefficients(image)
             rows["share"][band] = _fill(c, *_bits(psf), rows["words"][band])
@@ -173,7 +177,7 @@ def _live(psf, nodes=None):
         yield node, rows
 
 
-def _fill(c, inner_bits, outer_bits, words):
+def _fill(c: FloatArray, inner_bits: int, outer_bits: int, words: IntArray) -> tuple[float, float]:
     """Fill both alias tables of one image; return the light of the middle and of the rest."""
     first = (len(c) - (1 << inner_bits)) // 2
     middle = slice(first, first + (1 << inner_bits))
@@ -187,7 +191,7 @@ def _fill(c, inner_bits, outer_bits, words):
 
 
 @numba.njit(cache=True)
-def _prefilter(c):
+def _prefilter(c: FloatArray) -> None:
     """Turn samples of a cubic spline into its coefficients, along axis 0, mirrored at the ends, in place."""
     n, width = c.shape
     power = _POLE
@@ -210,7 +214,7 @@ def _prefilter(c):
 
 
 @numba.njit(cache=True)
-def _alias(weight, table):
+def _alias(weight: FloatArray, table: IntArray) -> None:
     """Fill `table` (n <= 65536) with words: probability x 65536 in the upper, alias in the lower 16 bits."""
     n = len(weight)
     total = weight.sum()

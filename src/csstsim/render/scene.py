@@ -1,13 +1,25 @@
 """The objects of a chip as plain arrays, as the compiled renderers need them."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from csstsim.base.types import AnyArray, BoolArray, FloatArray, IntArray
 from csstsim.catalog.galaxy_shapes.components import components
 from csstsim.catalog.table import GALAXY
 from csstsim.profiles.sersic import sersic_b
 from csstsim.render.parts.spots import Spots
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from csstsim.base.image_wcs import ImageWCS
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.optics.geometry.wcs import ChipWCS
+    from csstsim.optics.psf.psf_file import PsfSet
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,70 +29,71 @@ class Scene:
     The two components are disk and bulge; a component of Sersic index 0 is a point.
     """
 
-    ids: np.ndarray  # (n,) int64
-    x: np.ndarray  # (n,) float64, chip pixel
-    y: np.ndarray
-    electrons: np.ndarray  # (n, 4) float64, of the exposure, by sub-band
-    light: np.ndarray  # (n, 2) float64, share of each component
-    sersic: np.ndarray  # (n, 2, 3) float64: index, b, half-light radius [arcsec]
-    matrix: np.ndarray  # (n, 2, 2) float64, pixel per arcsec: shape, lensing and the sky's map to pixels
-    node: np.ndarray  # (n, k) int64, PSF nodes
-    weight: np.ndarray  # (n, k) float64, of the nodes
-    outside: np.ndarray  # (n,) bool: outside the grid of PSF nodes
-    reach: np.ndarray | None = None  # (n,) px, half the side of the stamp
-    wing: np.ndarray | None = None  # (n,) px, radius to which the wing exceeds the noise; 0: nowhere
+    ids: IntArray  # (n,) int64
+    x: FloatArray  # (n,) float64, chip pixel
+    y: FloatArray
+    electrons: FloatArray  # (n, 4) float64, of the exposure, by sub-band
+    light: FloatArray  # (n, 2) float64, share of each component
+    sersic: FloatArray  # (n, 2, 3) float64: index, b, half-light radius [arcsec]
+    matrix: FloatArray  # (n, 2, 2) float64, pixel per arcsec: shape, lensing and the sky's map to pixels
+    node: IntArray  # (n, k) int64, PSF nodes
+    weight: FloatArray  # (n, k) float64, of the nodes
+    outside: BoolArray  # (n,) bool: outside the grid of PSF nodes
+    reach: AnyArray | None = None  # (n,) px, half the side of the stamp
+    wing: FloatArray | None = None  # (n,) px, radius to which the wing exceeds the noise; 0: nowhere
     # Of a scene with knots or images: rows beyond the objects are parts of them, with a share of their light
-    parent: np.ndarray | None = None  # (n,) int64, object that a row belongs to; None: one row for each object
-    share: np.ndarray | None = None  # (n,) of the object's light; None: all
-    spot: np.ndarray | None = None  # (n,) int64, group of `spots` that is the profile, or -1; None: nowhere
+    parent: IntArray | None = None  # (n,) int64, object that a row belongs to; None: one row for each object
+    share: FloatArray | None = None  # (n,) of the object's light; None: all
+    spot: IntArray | None = None  # (n,) int64, group of `spots` that is the profile, or -1; None: nowhere
     spots: Spots | None = None
-    piece: np.ndarray | None = None  # (n,) of an object's light that this piece of its trail has; None: all of it
+    piece: FloatArray | None = None  # (n,) of an object's light that this piece of its trail has; None: all of it
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.x)
 
-    def take(self, rows):
+    def take(self, rows: IntArray) -> Scene:
         """Return the objects of an index array, in that order."""
         whole = {name: values for name, values in vars(self).items() if name == "spots" or values is None}
         return Scene(**whole, **{name: v[rows] for name, v in vars(self).items() if name not in whole})
 
-    def sized(self, reach, wing=0.0):
+    def sized(self, reach: ArrayLike, wing: ArrayLike = 0.0) -> Scene:
         """Return the Scene with these half sides of stamps and radii of wings [px], (n,) or one for all."""
         reach, wing = (np.broadcast_to(np.asarray(v), len(self)).copy() for v in (reach, wing))
         return replace(self, reach=reach, wing=wing)
 
     @property
-    def whole(self):
+    def whole(self) -> FloatArray:
         """(n,) electrons of the object of which each is a piece."""
         electrons = self.electrons.sum(axis=1)
         return electrons if self.piece is None else electrons / self.piece
 
     @property
-    def extended(self):
+    def extended(self) -> BoolArray:
         """(n,) bool: whether the object is not a point."""
-        sersic = ((self.sersic[:, :, 0] > 0) & (self.light > 0)).any(axis=1)
+        sersic: BoolArray = np.any((self.sersic[:, :, 0] > 0) & (self.light > 0), axis=1)
         return sersic if self.spot is None else sersic | (self.spot >= 0)
 
     @property
-    def objects(self):
+    def objects(self) -> int:
         """The number of objects: rows from there on are parts of them."""
         return len(self) if self.parent is None else int(self.parent.max(initial=-1)) + 1
 
 
-def make_scene(objects, wcs, psf, exptime):
+def make_scene(objects: ObjectTable, wcs: ChipWCS, psf: PsfSet, exptime: float) -> Scene:
     """Return the Scene of an ObjectTable from catalog.selection.select, all of whose rows must be drawable."""
     flux = np.stack([objects[f"flux{i}"] for i in range(4)], axis=1) * exptime
     galaxy, parts = objects["obj_type"] == GALAXY, components(objects)
     sersic = np.zeros((len(objects), 2, 3))
     for i, (_, index, size) in enumerate(parts):
-        index = index[galaxy] if np.ndim(index) else index
+        index = index[galaxy] if isinstance(index, np.ndarray) else index
         sersic[galaxy, i] = np.stack(np.broadcast_arrays(index, sersic_b(index), size[galaxy]), axis=-1)
     node, weight, outside = psf.weights(objects["x"], objects["y"])
+    names = ("reach", "reach"), ("wing", "wing"), ("piece", "trail_share")
+    known: dict[str, Any] = {name: objects[column] for name, column in names if column in objects}
     scene = Scene(
         objects["id"].astype(np.int64), objects["x"].astype(float), objects["y"].astype(float), flux,
         np.stack([light for light, *_ in parts], axis=1), sersic, shape_matrix(objects, wcs), node.astype(np.int64),
-        weight, outside,
-        **{n: objects[c] for n, c in (("reach", "reach"), ("wing", "wing"), ("piece", "trail_share")) if c in objects},
+        weight, outside, **known,
     )  # fmt: skip
     if not {"knots", "image_file"} & set(objects):
         return scene
@@ -90,7 +103,7 @@ def make_scene(objects, wcs, psf, exptime):
     return with_parts(scene, objects, psf, lambda rows: shape_matrix(objects.with_columns(**round_).take(rows), wcs))
 
 
-def shape_matrix(objects, wcs):
+def shape_matrix(objects: ObjectTable, wcs: ChipWCS | ImageWCS) -> FloatArray:
     """Return (n, 2, 2): intrinsic shear, then lensing, both on the sky, then d(pixel) / d(arcsec).
 
     Shapes refer to east and north at the catalogue position. Aberration does not rotate them, but near a pole east at

@@ -1,7 +1,8 @@
 """config/render.yaml, checked: presets, costs and the coefficients of the predicted error."""
 
 from functools import cache
-from typing import Literal
+from pathlib import Path
+from typing import Literal, TypeAlias
 
 from pydantic import Field
 
@@ -10,6 +11,7 @@ from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.load import read_data
 
 FILE = SHIPPED / "render.yaml"
+Fidelity: TypeAlias = Literal["preview", "standard", "noise_free"]
 
 
 class Preset(Model):
@@ -64,12 +66,12 @@ class Error(Model):
 class Numbers(Model):
     """The contents of config/render.yaml."""
 
-    presets: dict[Literal["preview", "standard", "noise_free"], Preset] = Field(min_length=3)
+    presets: dict[Fidelity, Preset] = Field(min_length=3)
     cost: Cost
     error: Error
 
 
 @cache
-def load_numbers(file=FILE):
+def load_numbers(file: Path = FILE) -> Numbers:
     """Return the Numbers of config/render.yaml. Raises InputError."""
     return validate(Numbers, read_data(file), file)

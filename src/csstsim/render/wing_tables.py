@@ -6,6 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from csstsim.base.types import FloatArray
 from csstsim.profiles.log_table import BITS, first_of, nodes
 
 KEPT = 256  # tables, some 100 kB each
@@ -17,29 +18,30 @@ RADII = np.sqrt(nodes(0, _OCTAVES))
 class Far:
     """Surface brightness per pixel on the nodes of a table, by sub-band, for an object of light 1 in each."""
 
-    profile: np.ndarray  # (4, nodes)
-    light: np.ndarray  # (4,) its integral over the plane
+    profile: FloatArray  # (4, nodes)
+    light: FloatArray  # (4,) its integral over the plane
 
 
-def step(r, inner, outer):
+def step(r: FloatArray, inner: float, outer: float) -> FloatArray:
     """Return 1 within radius `inner`, 0 beyond `outer`, and a quintic in between."""
     t = np.clip((r - inner) / (outer - inner), 0.0, 1.0)
     return 1 - t**3 * (10 - 15 * t + 6 * t * t)
 
 
-def light_of(profile):
+def light_of(profile: FloatArray) -> FloatArray:
     """Return the integrals over the plane of profiles (k, nodes), taken as constant within the first node."""
     return np.trapezoid(2 * np.pi * RADII * profile, RADII, axis=1) + np.pi * profile[:, 0] * RADII[0] ** 2
 
 
 @lru_cache(KEPT)
-def tables(far, radii):
+def tables(far: Far, radii: tuple[float, ...]) -> list[tuple[FloatArray, int, float]]:
     """Return [(table (4, n) on octaves of r^2, number of its first node, its reach [px]), ...], one to each annulus.
 
     radii: edges of the annuli; from each edge to twice that edge one annulus fades into the next. An annulus that ends
     at edge 0, or at an edge out of order, is empty; its reach is 0.
     """
-    out, before = [], np.zeros(len(RADII))
+    out: list[tuple[FloatArray, int, float]] = []
+    before: FloatArray = np.zeros(len(RADII))
     for edge in (*radii, math.inf):
         until = np.ones(len(RADII)) if edge == math.inf else step(RADII, edge, 2 * edge) if edge else before
         until = np.maximum(before, until)

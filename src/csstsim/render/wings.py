@@ -14,17 +14,29 @@ A wing is read from a table in r^2 (profiles.log_table), with a relative error o
 at a pixel's centre is used for the pixel, an error of 4e-4 at 45 px and less beyond. Cost: benchmarks/wings.py.
 """
 
+from __future__ import annotations
+
 import math
 from functools import lru_cache
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numba
 import numpy as np
 
+from csstsim.base.types import FloatArray, Floats
 from csstsim.profiles.log_table import read
 from csstsim.render.extended import POINT, SHARP_PX, WIDE_PX, beyond_stamp, spread
 from csstsim.render.far_wings import OVER, FarWings
 from csstsim.render.wing_tables import RADII, Far, light_of, step, tables
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from csstsim.instrument.chip import Chip, Window
+    from csstsim.optics.scatter.ghosts import Ghosts
+    from csstsim.optics.scatter.halo import Wing
+    from csstsim.render.canvas import Box, Canvas
+    from csstsim.render.extended import Part
 
 FADE = 0.7, 0.95  # of the box's half side
 NEAR = 48.0, 96.0  # px: the meshes take over from here to twice that, for short wings and for others
@@ -32,14 +44,14 @@ SMOOTH_PX = 16.0  # half-light radius from which a ring is smooth enough for the
 _NEAR_LIGHT = 0.006, 0.08  # of the light: the most that a stamp may leave out; without and with a wing
 
 
-def box_share(cells, per_pixel):
+def box_share(cells: int, per_pixel: int) -> FloatArray:
     """Return the share (cells, cells) of each cell of the box, `per_pixel` to a pixel, not replaced by the wing."""
     axis = (np.arange(cells) - (cells - 1) / 2) / per_pixel
     return step(np.hypot(axis, axis[:, None]), *(f * cells / 2 / per_pixel for f in FADE))
 
 
 @lru_cache
-def wing_beyond(wing, half, shows=True):
+def wing_beyond(wing: Wing, half: float, shows: bool = True) -> Far:
     """Return the Far of a wing (optics.scatter.halo.Wing) beyond a box of half side `half` [px].
 
     shows: whether it is faded in where the box is faded out; otherwise it is faded in from the centre, as a haze.
@@ -50,14 +62,14 @@ def wing_beyond(wing, half, shows=True):
 
 
 @lru_cache
-def ring_within(half):
+def ring_within(half: float) -> Far:
     """Return the Far of a smooth ring of light 1 within a box of half side `half` [px], zero at the centre."""
     widest = FADE[0] * half
     ring = (1 - step(RADII, 0.0, widest)) * step(RADII, widest, half)
     return Far(np.tile(ring / light_of(ring[None]), (4, 1)), np.ones(4))
 
 
-def near_of(wing_px):
+def near_of(wing_px: float) -> float:
     """Return the radius [px] from which the meshes draw a wing that shows up to wing_px; 0: they draw all of it."""
     return 0.0 if wing_px <= 0 else NEAR[int(wing_px >= 2 * NEAR[1])]
 
@@ -65,23 +77,31 @@ def near_of(wing_px):
 class Held(NamedTuple):
     """The light of an object that its PSF's box and its stamp hold."""
 
-    inside: float  # electrons in the PSF's box, without those replaced by the wing
-    drawn: float  # electrons in the stamp
+    inside: Floats  # electrons in the PSF's box, without those replaced by the wing
+    drawn: Floats  # electrons in the stamp
     reach: int = 0  # px, half the side of the stamp
 
 
 class Wings:
     """Adds the light that the stamps of objects leave out to one Canvas."""
 
-    def __init__(self, canvas, wing, half):
+    def __init__(self, canvas: Canvas, wing: Wing | None, half: float) -> None:
         """wing: optics.scatter.halo.Wing, light beyond the PSF's box, or None; half: half the side of the box [px]."""
         self.canvas, self.wing, self.half, self.meshes = canvas, wing, half, FarWings(canvas)
 
-    def lay(self):
+    def lay(self) -> None:
         """Add the light on the meshes to the canvas; call it once, after all objects."""
         self.meshes.lay()
 
-    def add(self, at, flux, held, wing_px, parts=POINT, near=None):
+    def add(
+        self,
+        at: tuple[float, float],
+        flux: FloatArray,
+        held: Held,
+        wing_px: float,
+        parts: Sequence[Part] = POINT,
+        near: float | None = None,
+    ) -> float:
         """Add the light around an object at `at` (x, y) [chip pixel]; return the electrons on the window.
 
         flux (4,): all electrons of the object; held: Held; wing_px: radius [px] beyond which noise hides the wing, 0:
@@ -111,7 +131,7 @@ class Wings:
             added += laid[0] if laid else 0.0
         return added
 
-    def _add(self, at, flux, far, near):
+    def _add(self, at: tuple[float, float], flux: FloatArray, far: Far, near: float) -> float:
         """Add light of a Far, times flux (4,), on the meshes from `near` [px] on; return electrons on the window."""
         first, *others = tables(far, (near, *OVER))
         drawn = 0.0
@@ -125,11 +145,11 @@ class Wings:
         return drawn
 
 
-def _one_band(light):
+def _one_band(light: Floats) -> FloatArray:
     return np.array([light, 0.0, 0.0, 0.0])
 
 
-def near_light(missing, inside, wing):
+def near_light(missing: Floats, inside: Floats, wing: Wing | None) -> FloatArray:
     """Return the `missing` light, but 0 where there is so much of it that the profile must be larger than its stamp.
 
     Such light is far from the object and not drawn; TRUNCATED_STAMP or the truth's `fraction` show this.
@@ -137,7 +157,7 @@ def near_light(missing, inside, wing):
     return np.where(np.abs(missing) < _NEAR_LIGHT[wing is not None] * inside, missing, 0.0)
 
 
-def wing_share(flux, inside, light):
+def wing_share(flux: FloatArray, inside: Floats, light: FloatArray) -> Floats:
     """Return the ratio of the electrons that the box does not hold to those of the wing.
 
     flux: electrons of the object; inside: electrons in the box; light: of the wing, per electron of the object.
@@ -145,11 +165,13 @@ def wing_share(flux, inside, light):
     return np.maximum(np.sum(flux) - inside, 0.0) / np.sum(flux * light)
 
 
-def _mixed(flux, table):
+def _mixed(flux: FloatArray, table: FloatArray) -> FloatArray:
     return np.einsum("b,br->r", flux, table)  # not BLAS, whose bits depend on the machine
 
 
-def add_ghosts(canvas, chip, at, electrons, ghosts):
+def add_ghosts(
+    canvas: Canvas, chip: Chip | None, at: tuple[float, float], electrons: float, ghosts: Ghosts
+) -> list[tuple[float, Box]]:
     """Add the ghosts (optics.scatter.ghosts.Ghosts) of an object at x, y [chip pixel], if it is bright enough.
 
     Returns [(electrons on the window, box), ...]; boxes are (x0, x1, y0, y1) on the chip, half-open; ghosts that miss
@@ -157,6 +179,7 @@ def add_ghosts(canvas, chip, at, electrons, ghosts):
     """
     if not ghosts.visible(electrons):
         return []
+    assert chip is not None  # given with ghosts
     parts = []
     for centre, radius, light in zip(ghosts.centres(chip, *at), ghosts.radius, ghosts.light, strict=True):
         # The integral of the soft disc; its sum over pixels is within 5e-5 of it for radii above 40 px
@@ -165,25 +188,30 @@ def add_ghosts(canvas, chip, at, electrons, ghosts):
     return [part for part in parts if part is not None]
 
 
-def box_on_window(window, x, y, reach):
+def box_on_window(window: Window, x: float, y: float, reach: float) -> Box | None:
     """Return (x0, x1, y0, y1) of the window's pixels within `reach` of x, y along both axes, or None."""
     x0, x1 = max(math.ceil(x - reach), window.x0), min(math.floor(x + reach) + 1, window.x1)
     y0, y1 = max(math.ceil(y - reach), window.y0), min(math.floor(y + reach) + 1, window.y1)
     return (x0, x1, y0, y1) if x0 < x1 and y0 < y1 else None
 
 
-def _on_window(add, canvas, at, reach, *what):
+def _on_window(
+    add: Callable[..., float], canvas: Canvas, at: tuple[float, float], reach: float, *what: FloatArray | float
+) -> tuple[float, Box] | None:
     """Call `add` on the window's pixels within `reach` of x, y; return (electrons, box), or None without pixels."""
     x, y = at
     box = box_on_window(canvas.window, x, y, reach)
     if box is None:
         return None
+    assert canvas.expected is not None  # None: for photons alone
     cut = canvas.cut(box)
     return add(canvas.expected[cut], canvas.seen[cut], float(x - box[0]), float(y - box[2]), float(reach), *what), box
 
 
 @numba.njit(cache=True)
-def _add_radial(image, response, x, y, reach, table, first):
+def _add_radial(
+    image: FloatArray, response: FloatArray, x: float, y: float, reach: float, table: FloatArray, first: int
+) -> float:
     """Add the table's value at r^2 around pixel position x, y of `image`; return the sum."""
     columns = image.shape[1]
     total = 0.0
@@ -204,7 +232,7 @@ def _add_radial(image, response, x, y, reach, table, first):
 
 
 @numba.njit(cache=True)
-def _add_soft_disc(image, response, x, y, reach, level):
+def _add_soft_disc(image: FloatArray, response: FloatArray, x: float, y: float, reach: float, level: float) -> float:
     """Add a uniform disc whose edge falls from `level` to 0 over the pixel that ends at `reach`; return the sum."""
     total = 0.0
     for row in range(image.shape[0]):

@@ -82,4 +82,5 @@ class Exposure:
         """Return ra[4], dec[4] of the window's corners, grown by a margin: ICRS at the epoch, not apparent."""
         from csstsim.catalog.astrometry.reduction import icrs
 
+        assert self.observer is not None
         return icrs(*self.wcs.footprint(self.window, margin_px), self.observer)

@@ -7,12 +7,19 @@ inside is a Lambert surface of small albedo, treated as one source seen from the
 Sun (nominal roll). Left out: diffraction at the edge, the door's round outline, reflection by the tube's wall.
 """
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+if TYPE_CHECKING:
+    from csstsim.base.types import FloatArray, Floats
+    from csstsim.sky.parameters import Door
 
-def shade(zenith, azimuth, door_azimuth, door):
+
+def shade(zenith: FloatArray, azimuth: FloatArray, door_azimuth: Floats, door: Door) -> FloatArray:
     """Return the fraction (0..1) of the aperture that is shaded, for beams from zenith, azimuth [deg], any shape."""
     slant, side, turn = np.radians(zenith), np.cos(np.radians(azimuth - door_azimuth)), _turn(door)
     front = (side > math.cos(math.radians(door.half_width_deg))) & (slant < math.pi / 2)
@@ -20,7 +27,7 @@ def shade(zenith, azimuth, door_azimuth, door):
     return np.where(front, np.clip(reach / (2 * door.tube_radius_m), 0.0, 1.0), 0.0)
 
 
-def scattered(zenith, azimuth, door_azimuth, door):
+def scattered(zenith: FloatArray, azimuth: FloatArray, door_azimuth: Floats, door: Door) -> FloatArray:
     """Return the aperture's irradiance by light off the door's inside, over the beam's normal irradiance.
 
     The far rim shades the door's foot from a beam that comes from behind the aperture's plane.
@@ -33,21 +40,21 @@ def scattered(zenith, azimuth, door_azimuth, door):
     return door.albedo / math.pi * solid_angle(door) * onto * lit
 
 
-def zenith_angle(door):
+def zenith_angle(door: Door) -> float:
     """Return the zenith angle [deg] of the door's middle, from the aperture's centre."""
     return math.degrees(math.atan2(*_middle(door)))
 
 
-def solid_angle(door):
+def solid_angle(door: Door) -> float:
     """Return the door's solid angle [sr] from the aperture's centre, taken as a small surface at the door's middle."""
     area = 2 * door.tube_radius_m * door.length_m
     return area * door.tube_radius_m * math.cos(_turn(door)) / math.hypot(*_middle(door)) ** 3
 
 
-def _middle(door):
+def _middle(door: Door) -> tuple[float, float]:
     half, turn = door.length_m / 2, _turn(door)
     return door.tube_radius_m + half * math.sin(turn), half * math.cos(turn)
 
 
-def _turn(door):
+def _turn(door: Door) -> float:
     return math.radians(door.opening_deg - 90.0)

@@ -10,6 +10,10 @@ Left out: scattered light and ghosts of objects that are drawn, which are not ba
 the field (0.1% of the diffuse sky scatters in); airglow, which above the orbit has only lines shortward of the bands.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, TypeAlias
+
 import numpy as np
 
 from csstsim.base.errors import InputError
@@ -23,17 +27,29 @@ from csstsim.sky.earthshine import earthshine
 from csstsim.sky.starlight import FAINT_MAGNITUDE, faint_starlight, star_directions
 from csstsim.sky.transmittance import angles, total
 
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from csstsim.base.types import BoolArray, FloatArray, Floats
+    from csstsim.instrument.chip import Window
+    from csstsim.instrument.filter import Filter
+    from csstsim.instrument.telescope import Telescope
+    from csstsim.optics.geometry.wcs import ChipWCS
+    from csstsim.sky.parameters import SkyNumbers
+
 COMPONENTS = ("zodiacal", "earth", "sun", "moon", "planets", "stars")
 NODES = 5  # per side; bilinear interpolation errs by 2% for a star 0.4 deg off the chip
 FINE_NODES = 65  # of stars that are nearer: 1% for one whose wings just end before the frame
 
+Moment: TypeAlias = tuple[float, tuple[float, float, float], tuple[float, float, float]]  # MJD, position, velocity
 
-def sky_electrons(filter_, exptime):
+
+def sky_electrons(filter_: Filter, exptime: float) -> float:
     """Return the expected nominal sky in one pixel [e-] for an exposure of `exptime` seconds."""
     return filter_.sky * exptime
 
 
-def band_rates(filter_, telescope, pixel_um, numbers):
+def band_rates(filter_: Filter, telescope: Telescope, pixel_um: float, numbers: SkyNumbers) -> dict[str, FloatArray]:
     """Return what each kind of `sky_light` gives in a band [e-/s/px], {name: float or array}, for `in_band`.
 
     zodiacal (2,): for I = 1 in the law's two colours. The others are for transmittance 1. sun: at 1 au; earth: the
@@ -53,7 +69,9 @@ def band_rates(filter_, telescope, pixel_um, numbers):
     }
 
 
-def sky_light(axes, sights, moment, numbers, stars=None):
+def sky_light(
+    axes: FloatArray, sights: FloatArray, moment: Moment, numbers: SkyNumbers, stars: BoolArray | None = None
+) -> dict[str, FloatArray]:
     """Return the light of every source along lines of sight (m, 3), of no band yet: `in_band` makes components of it.
 
     axes: sky.directions.telescope_axes; sights: unit vectors on GCRS axes; moment: (UTC MJD, position [km], velocity
@@ -86,7 +104,9 @@ def sky_light(axes, sights, moment, numbers, stars=None):
     }
 
 
-def star_light(axes, sights, moment, numbers, stars=None):
+def star_light(
+    axes: FloatArray, sights: FloatArray, moment: Moment, numbers: SkyNumbers, stars: BoolArray | None = None
+) -> FloatArray:
     """Return (kinds, m): light of the stars of the list by temperature, over that of the Sun at 1 au (`sky_light`)."""
     directions, kinds = star_directions(numbers), np.unique(numbers.stars[:, 3], return_inverse=True)[1]
     shine = np.ones(len(kinds), bool) if stars is None else stars
@@ -100,7 +120,14 @@ def star_light(axes, sights, moment, numbers, stars=None):
     return summed
 
 
-def seen_past_the_earth(directions, axes, own, place, door_azimuth, numbers):
+def seen_past_the_earth(
+    directions: FloatArray,
+    axes: FloatArray,
+    own: FloatArray,
+    place: FloatArray,
+    door_azimuth: Floats,
+    numbers: SkyNumbers,
+) -> FloatArray:
     """Return (m, n): the transmittance of sources (n, 3) to lines of sight `own` (m, 3); 0 for those behind the Earth.
 
     directions: GCRS; own: in the telescope's frame; place: array [km].
@@ -109,7 +136,7 @@ def seen_past_the_earth(directions, axes, own, place, door_azimuth, numbers):
     return light * (angle(directions, -place) > np.degrees(earth_radius(place)))
 
 
-def in_band(light, rates):
+def in_band(light: Mapping[str, FloatArray], rates: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
     """Return {component: (m,) e-/s/px} of a `sky_light` in the band of `rates` (`band_rates`)."""
     parts = {name: rates["sun"] * light[name] for name in ("sun", "moon", "planets")}
     return {
@@ -120,18 +147,25 @@ def in_band(light, rates):
     }
 
 
-def sky_components(rates, axes, sights, moment, numbers, stars=None):
+def sky_components(
+    rates: Mapping[str, FloatArray],
+    axes: FloatArray,
+    sights: FloatArray,
+    moment: Moment,
+    numbers: SkyNumbers,
+    stars: BoolArray | None = None,
+) -> dict[str, FloatArray]:
     """Return {component: (m,) e-/s/px} for lines of sight (m, 3): `in_band` of `sky_light`."""
     return in_band(sky_light(axes, sights, moment, numbers, stars), rates)
 
 
-def lines_of_sight(wcs, window, nodes=NODES):
+def lines_of_sight(wcs: ChipWCS, window: Window, nodes: int = NODES) -> FloatArray:
     """Return (nodes^2, 3): unit vectors of the grid over the window's pixel centres, rows along x."""
     x, y = np.meshgrid(np.linspace(window.x0, window.x1 - 1, nodes), np.linspace(window.y0, window.y1 - 1, nodes))
     return unit_vectors(*wcs.pixel_to_world(x.ravel(), y.ravel()))
 
 
-def grid_mean(values):
+def grid_mean(values: FloatArray) -> float:
     """Return the mean of the bilinear image that `add_grid` makes from the values at `lines_of_sight`."""
     nodes = _side(values)
     end = np.ones(nodes)
@@ -139,7 +173,7 @@ def grid_mean(values):
     return float(np.einsum("i,j,ij->", end, end, values.reshape(nodes, nodes)) / (nodes - 1) ** 2)
 
 
-def refined(values, nodes):
+def refined(values: FloatArray, nodes: int) -> FloatArray:
     """Return (nodes^2,): the bilinear image of `values` at the nodes of a finer grid, which has those of `values`."""
     side = _side(values)
     old, new = np.linspace(0.0, 1.0, side), np.linspace(0.0, 1.0, nodes)
@@ -147,11 +181,11 @@ def refined(values, nodes):
     return np.array([np.interp(new, old, column) for column in along.T]).T.ravel()
 
 
-def _side(values):
+def _side(values: FloatArray) -> int:
     return round(len(values) ** 0.5)
 
 
-def add_grid(image, values, rows=slice(None), height=None):
+def add_grid(image: FloatArray, values: FloatArray, rows: slice = slice(None), height: int | None = None) -> None:
     """Add to `image` (float32), in place, the bilinear expansion of values at `lines_of_sight`.
 
     image may be some `rows`, a slice, of a window of this height.

@@ -5,8 +5,11 @@ spacecraft's parallax; planets from plan94, within arcminutes. Directions are ge
 do not matter for stray light. V magnitudes depend on distance and phase angle by the polynomials in sky.yaml.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +18,13 @@ from csstsim.base.units import AU_KM, DAY_S, EARTH_RADIUS_KM
 from csstsim.catalog.astrometry.ephemeris import mjd_tt, observer
 from csstsim.instrument.orbit import orbit_after
 
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from csstsim.base.types import FloatArray, Floats
+    from csstsim.instrument.pointing import Pointing
+    from csstsim.sky.parameters import SkyNumbers
+
 _MJD_ZERO = 2_400_000.5
 
 
@@ -22,15 +32,15 @@ _MJD_ZERO = 2_400_000.5
 class Bodies:
     """Unit vectors from the spacecraft, GCRS: the Sun (3,), the Moon (3,), planets (n, 3); V magnitudes."""
 
-    sun: np.ndarray
+    sun: FloatArray
     sun_au: float
-    moon: np.ndarray
+    moon: FloatArray
     moon_magnitude: float
-    planets: np.ndarray
-    planet_magnitudes: np.ndarray
+    planets: FloatArray
+    planet_magnitudes: FloatArray
 
 
-def bodies(mjd, position, velocity, numbers):
+def bodies(mjd: float, position: Sequence[float], velocity: Sequence[float], numbers: SkyNumbers) -> Bodies:
     """Return the Bodies at `mjd` (UTC) for a spacecraft at `position` [km], `velocity` [km/s], geocentric GCRS."""
     import erfa
 
@@ -52,7 +62,9 @@ def bodies(mjd, position, velocity, numbers):
     return Bodies(sun, sun_au, moon / distance, float(moon_magnitude), np.array(planets), np.array(magnitudes))
 
 
-def exposure_angles(ra, dec, mjd, position, velocity):
+def exposure_angles(
+    ra: float, dec: float, mjd: float, position: Sequence[float], velocity: Sequence[float]
+) -> dict[str, float]:
     """Return {"sun", "moon", "limb", "limb_sun"} [deg] of a boresight at ra, dec [deg].
 
     sun, moon: angle to the boresight; limb: boresight's angle from the Earth's limb, negative if the Earth is in the
@@ -73,7 +85,7 @@ def exposure_angles(ra, dec, mjd, position, velocity):
     }
 
 
-def angles_at_ends(pointing):
+def angles_at_ends(pointing: Pointing) -> dict[str, float]:
     """Return {"sun_angle_start", "sun_angle_end", ...} [deg]: `exposure_angles` as an exposure begins and ends."""
     first = pointing.sat_position, pointing.sat_velocity
     ends = ("start", 0.0, first), ("end", pointing.exptime, orbit_after(*first, pointing.exptime))
@@ -84,23 +96,23 @@ def angles_at_ends(pointing):
     }
 
 
-def earth_radius(place):
+def earth_radius(place: FloatArray) -> float:
     """Return the angular radius of the Earth [rad] at `place` [km]."""
     return math.asin(min(EARTH_RADIUS_KM / float(np.linalg.norm(place)), 1.0))
 
 
-def _sun(mjd, position, velocity):
+def _sun(mjd: float, position: Sequence[float], velocity: Sequence[float]) -> tuple[FloatArray, float]:
     astrom = observer(mjd, tuple(position), tuple(velocity)).astrom
     return -np.array(astrom["eh"]), float(astrom["em"])
 
 
-def _moon(tt, position):
+def _moon(tt: float, position: Sequence[float]) -> FloatArray:
     """The Moon from the spacecraft [km]."""
     import erfa
 
     return erfa.moon98(_MJD_ZERO, tt)["p"] * AU_KM - np.array(position, dtype=float)
 
 
-def _polynomial(coefficients, x):
+def _polynomial(coefficients: Iterable[float], x: Floats) -> Floats:
     """Return the polynomial whose first coefficient is that of x; it has no constant term."""
     return sum(c * x ** (k + 1) for k, c in enumerate(coefficients))

@@ -4,16 +4,22 @@ The telescope's frame is (x, y, z): mosaic +x and +y, and the boresight. Zenith 
 towards +x.
 """
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from csstsim.base.sphere import frames, wrapped
 
+if TYPE_CHECKING:
+    from csstsim.base.types import FloatArray
+
 OBLIQUITY = math.radians(84_381.406 / 3600.0)  # of the ecliptic at J2000 (IAU 2006)
 
 
-def telescope_axes(ra, dec, pa, parity=1):
+def telescope_axes(ra: float, dec: float, pa: float, parity: int = 1) -> FloatArray:
     """Return the telescope's x, y and z as rows (3, 3): `axes @ v` takes v into its frame.
 
     ra, dec [deg]: the boresight; pa [deg]: position angle of mosaic +y, north through east; parity: Telescope.parity.
@@ -25,19 +31,19 @@ def telescope_axes(ra, dec, pa, parity=1):
     return np.stack([x, y, z])
 
 
-def in_telescope(axes, directions):
+def in_telescope(axes: FloatArray, directions: FloatArray) -> FloatArray:
     """Return vectors (n, 3) on GCRS axes in the telescope's frame; axes: `telescope_axes`."""
     return np.einsum("ij,nj->ni", axes, directions)
 
 
-def helioecliptic(direction, sun):
+def helioecliptic(direction: FloatArray, sun: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return ecliptic longitude from the Sun (-180..180) and latitude [deg] of unit vectors (..., 3) on ICRS axes."""
     longitude, latitude = _ecliptic(direction)
     from_sun = longitude - _ecliptic(sun)[0]
     return wrapped(from_sun), latitude
 
 
-def _ecliptic(v):
+def _ecliptic(v: FloatArray) -> tuple[FloatArray, FloatArray]:
     x, y, z = np.moveaxis(np.asarray(v), -1, 0)
     c, s = math.cos(OBLIQUITY), math.sin(OBLIQUITY)
     return np.degrees(np.arctan2(c * y + s * z, x)), np.degrees(np.arctan2(c * z - s * y, np.hypot(x, c * y + s * z)))

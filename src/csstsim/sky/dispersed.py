@@ -13,13 +13,25 @@ PSF (it smooths the steps by about a pixel), the gradient of the sky between x a
 and upper edges along X (a tenth of a pixel, and no row of the chip is near them in the shipped gratings).
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numba
 import numpy as np
 
 from csstsim.base.resampling import read_at
-from csstsim.instrument.filter import GRID
+from csstsim.instrument.filter import GRID, Filter
 from csstsim.sky import zodiacal
 from csstsim.sky.background_spectra import V_BAND, band, sunlight
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from csstsim.base.types import FloatArray, Floats
+    from csstsim.instrument.chip import Window
+    from csstsim.instrument.grating import Gratings, Order
+    from csstsim.sky.parameters import SkyNumbers
 
 _LANES = 8  # sums side by side, which the compiler puts into one register
 NODE = 1024  # px between computed rows, and between columns where |dF| is computed: linear to 2e-5 of the sky
@@ -27,7 +39,7 @@ _STRIP = 32  # rows added at a time: they stay in cache, and the sky needs no fr
 _ITERATIONS = 5  # each reduces the error by a factor 500, because dF is that close to 1
 
 
-def nominal_spectrum(filter_, numbers):
+def nominal_spectrum(filter_: Filter, numbers: SkyNumbers) -> FloatArray:
     """Return S, as `sky_spectrum`, of the nominal sky of filters.yaml: zodiacal light far from the Sun + earthshine."""
     wave, here = filter_.wavelength, np.array([V_BAND])
     earth = numbers.earth.nominal * read_at(wave, *numbers.earth.spectrum.T)
@@ -36,7 +48,7 @@ def nominal_spectrum(filter_, numbers):
     return shape / band(filter_, shape)
 
 
-def sky_spectrum(filter_, parts, sun_angle, numbers):
+def sky_spectrum(filter_: Filter, parts: Mapping[str, float], sun_angle: float, numbers: SkyNumbers) -> FloatArray:
     """Return S on the filter's grid [1 / angstrom], normalised to one electron in a whole first order.
 
     parts: {component of sky.background: e-/s/px}; sun_angle: from boresight to Sun [deg], sets the colour of zodiacal
@@ -52,7 +64,14 @@ def sky_spectrum(filter_, parts, sun_angle, numbers):
     return sum(parts[name] * shapes[name] / band(filter_, shapes[name]) for name in parts) / sum(parts.values())
 
 
-def disperse(image, sky, gratings, window, spectrum, response=None):
+def disperse(
+    image: FloatArray,
+    sky: Callable[[slice], FloatArray],
+    gratings: Gratings,
+    window: Window,
+    spectrum: FloatArray,
+    response: FloatArray | None = None,
+) -> float:
     """Add a sky to `image` (ny, nx) float32 of a window, in place, through all orders; return its mean before losses.
 
     sky: slice of rows -> (rows, nx) float32, the electrons of a whole first order; gratings: Gratings of the chip;
@@ -72,7 +91,9 @@ def disperse(image, sky, gratings, window, spectrum, response=None):
     return total / image.size
 
 
-def order_rows(order, piece, rows, window, spectrum):
+def order_rows(
+    order: Order, piece: tuple[float, float, float, float], rows: FloatArray, window: Window, spectrum: FloatArray
+) -> FloatArray:
     """Return (len(rows), nx): light of one order of a piece on rows of the chip, over one whole first order.
 
     piece: (x0, x1, y0, y1) of its direct images.
@@ -92,7 +113,7 @@ def order_rows(order, piece, rows, window, spectrum):
     return out.sum(axis=0)
 
 
-def node_rows(gratings, window):
+def node_rows(gratings: Gratings, window: Window) -> FloatArray:
     """Return the rows to compute: every multiple of NODE, and all rows that the end of a piece crosses."""
     regular = _nodes(window.y0, window.y1)
     rows = set(regular)
@@ -103,17 +124,17 @@ def node_rows(gratings, window):
     return np.array(sorted(row for row in rows if regular[0] <= row <= regular[-1]))
 
 
-def _nodes(first, stop):
+def _nodes(first: int, stop: int) -> FloatArray:
     return NODE * np.arange(first // NODE, (stop - 1) // NODE + 2, dtype=float)
 
 
-def landing(order, x, y, wave):
+def landing(order: Order, x: Floats, y: Floats, wave: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return X, Y of direct images at x, y [px] in `wave` [angstrom]."""
     p, q, r, s = np.moveaxis(order.lines(x, y), -1, 0)
     return x + p + q * wave, y + r + s * wave
 
 
-def _edge(order, x, rows, wave):
+def _edge(order: Order, x: float, rows: FloatArray, wave: FloatArray) -> FloatArray:
     """Return (rows, 2): X where light of direct images at x lands on `rows`, at the two ends of the band."""
     y = rows + 0.0 * wave
     for _ in range(_ITERATIONS):
@@ -121,13 +142,13 @@ def _edge(order, x, rows, wave):
     return landing(order, x, y, wave)[0]
 
 
-def _ends(order, piece, wave):
+def _ends(order: Order, piece: tuple[float, float, float, float], wave: FloatArray) -> list[FloatArray]:
     """Return [(2,), (2,)]: Y of a piece's lower and upper end, at its middle in x, at the two ends of the band."""
     x0, x1, *ends = piece
     return [landing(order, np.full(2, 0.5 * (x0 + x1)), y, wave)[1] for y in ends]
 
 
-def _density(order, columns, rows, wave):
+def _density(order: Order, columns: FloatArray, rows: FloatArray, wave: FloatArray) -> FloatArray:
     """Return |dF|^-1 of the light that lands on columns, rows."""
     x, y = (v + 0.0 * (columns + rows + wave) for v in (columns, rows))
     for _ in range(_ITERATIONS):
@@ -142,7 +163,9 @@ def _density(order, columns, rows, wave):
 
 
 @numba.njit(cache=True)
-def _add_steps(out, weights, left, right, low, high):
+def _add_steps(
+    out: FloatArray, weights: FloatArray, left: FloatArray, right: FloatArray, low: FloatArray, high: FloatArray
+) -> None:
     """Add an order's light to `out` (2, rows, nx) as differences along x, shared between the two ends of its band.
 
     left, right: (rows, 2) where it begins and ends, from the window's left side; low, high: the same in y, from the
@@ -158,13 +181,13 @@ def _add_steps(out, weights, left, right, low, high):
 
 
 @numba.njit(cache=True)
-def _above(edge):
+def _above(edge: float) -> float:
     """Return the share of the pixel 0..1 that is above an edge."""
     return min(max(1.0 - edge, 0.0), 1.0)
 
 
 @numba.njit(cache=True)
-def _add_step(out, place, t, weight):
+def _add_step(out: FloatArray, place: float, t: float, weight: float) -> None:
     column = int(np.floor(place))
     part = place - column  # fraction of pixel `column` before the step
     for k, share in ((column, 1.0 - part), (column + 1, part)):
@@ -174,7 +197,7 @@ def _add_step(out, place, t, weight):
 
 
 @numba.njit(cache=True)
-def _add_strip(image, sky, response, rows, lines):
+def _add_strip(image: FloatArray, sky: FloatArray, response: FloatArray, rows: FloatArray, lines: FloatArray) -> float:
     """Add `sky` times `lines` (n, nx) times the response; return the sum before the response.
 
     lines: given at `rows` (n,) from the image's first row; linear in between.

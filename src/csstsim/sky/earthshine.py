@@ -6,7 +6,10 @@ solid angle. The night side is dark: no airglow, cities or moonlit clouds. Left 
 cloud cover, the glint on the oceans, twilight in the atmosphere.
 """
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,8 +17,12 @@ from csstsim.base.units import EARTH_RADIUS_KM
 from csstsim.sky.bodies import earth_radius
 from csstsim.sky.transmittance import total
 
+if TYPE_CHECKING:
+    from csstsim.base.types import FloatArray, Floats
+    from csstsim.sky.parameters import SkyNumbers
 
-def segments(place, sun, rings):
+
+def segments(place: FloatArray, sun: FloatArray, rings: int) -> tuple[FloatArray, FloatArray]:
     """Return directions (n, 3) from `place` [km] and weights (n,) of the lit segments, on the axes of `place`.
 
     A weight is solid angle [sr] times the cosine of the Sun's zenith angle there, over pi. Times the albedo it is the
@@ -38,7 +45,9 @@ def segments(place, sun, rings):
     return seen[lit], weight[lit]
 
 
-def earthshine(place, sun, axes, sights, door_azimuth, numbers):
+def earthshine(
+    place: FloatArray, sun: FloatArray, axes: FloatArray, sights: FloatArray, door_azimuth: Floats, numbers: SkyNumbers
+) -> FloatArray:
     """Return (m,): the focal plane's irradiance by the Earth over the Sun's at 1 au, for albedo 1.
 
     place [km], sun: GCRS; axes: sky.directions.telescope_axes; sights (m, 3) in that frame.

@@ -1,11 +1,18 @@
 """Compiled loops that add the sky to a frame; separate, so that code that only needs sky levels does not load them."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numba
 import numpy as np
 
+if TYPE_CHECKING:
+    from csstsim.base.types import FloatArray, IntArray
+
 
 @numba.njit(cache=True)
-def expand(image, grid, rows, v, starts, u):
+def expand(image: FloatArray, grid: FloatArray, rows: IntArray, v: FloatArray, starts: IntArray, u: FloatArray) -> None:
     """Add the bilinear expansion of `grid` (n, n) to `image`, in place; arguments: csstsim.sky.background.add_grid."""
     for y in range(image.shape[0]):
         line = (1 - v[y]) * grid[rows[y]] + v[y] * grid[rows[y] + 1]
@@ -17,7 +24,7 @@ def expand(image, grid, rows, v, starts, u):
 
 
 @numba.njit(cache=True)
-def add_product(image, sky, response):
+def add_product(image: FloatArray, sky: FloatArray, response: FloatArray) -> None:
     """Add sky * response to `image`, all (ny, nx) float32, in place, without a temporary frame."""
     for y in range(image.shape[0]):
         for x in range(image.shape[1]):

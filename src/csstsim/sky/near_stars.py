@@ -5,6 +5,10 @@ the same, which falls with the third power of its distance. The coarse grid of t
 NEAR_PX from the frame have a grid of their own.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from csstsim.base.sphere import angle, ra_dec, unit_vectors
@@ -13,11 +17,16 @@ from csstsim.catalog.astrometry.reduction import apparent
 from csstsim.catalog.selection.reach import REACH_MAX
 from csstsim.sky.starlight import star_directions
 
+if TYPE_CHECKING:
+    from csstsim.base.types import BoolArray, FloatArray
+    from csstsim.simulation.exposure import Exposure
+    from csstsim.sky.parameters import SkyNumbers
+
 NEAR_PX = 20_000.0
 _LOOKED_AT = 5.0  # deg from the boresight: no star further off is near a chip
 
 
-def pixels_off(directions, exposure):
+def pixels_off(directions: FloatArray, exposure: Exposure) -> FloatArray:
     """Return how far sources (n, 3), ICRS unit vectors, lie from an Exposure's window [pixel]: 0 on it, (n,).
 
     The larger of the distances along x and y, as objects are selected; inf more than 5 deg from the boresight.
@@ -32,7 +41,7 @@ def pixels_off(directions, exposure):
     return off
 
 
-def stars_about(exposure, numbers):
+def stars_about(exposure: Exposure, numbers: SkyNumbers) -> tuple[BoolArray, BoolArray]:
     """Return the stars of the list that are not drawn with an Exposure, as bool (n,): those far away, those beside it.
 
     numbers: SkyNumbers.

@@ -1,19 +1,26 @@
 """The numbers of the sky (config/instrument/sky.yaml); the comments there give units and meaning."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator
+from pydantic import AfterValidator, BeforeValidator, ValidationInfo
 
 from csstsim.base.errors import InputError
 from csstsim.base.model import Data, Number, Positive, Whole, must, validate
+from csstsim.base.types import FloatArray, PathLike
+
+if TYPE_CHECKING:
+    Array: TypeAlias = FloatArray
+else:
+    Array = Any  # pydantic knows no arrays: `_array` makes and checks them
 
 
-def _array(*shape):
-    """Return the type of a float array of the given shape, where None means any length; null is read as NaN."""
+def _array(*shape: int | None) -> BeforeValidator:
+    """Return what makes a float array of a value: of this shape, where None means any length; null is read as NaN."""
 
-    def made(value):
+    def made(value: Any) -> FloatArray:
         try:
             values = np.array(value, dtype=float)
         except TypeError as exc:
@@ -22,30 +29,30 @@ def _array(*shape):
             raise ValueError(f"must be numbers of shape {shape} (None: any length)")
         return values
 
-    return Annotated[Any, BeforeValidator(made)]
+    return BeforeValidator(made)
 
 
-def _table(*axes):
-    """Return the type of a table of positive numbers with the fields `axes` along its rows and columns."""
+def _table(*axes: str) -> AfterValidator:
+    """Return the check that a table is of positive numbers, with the fields `axes` along its rows and columns."""
 
-    def check(values, info):
+    def check(values: FloatArray, info: ValidationInfo) -> FloatArray:
         if values.shape != tuple(len(info.data[axis]) for axis in axes if axis in info.data):
             raise ValueError("rows and columns must fit its axes")
         if (values <= 0).any():  # NaN passes
             raise ValueError("must be positive")
         return values
 
-    return Annotated[_array(None, None), AfterValidator(check)]
+    return AfterValidator(check)
 
 
-def _rows(value):
+def _rows(value: Any) -> Any:
     """Return the rows of numbers in a text, "1 2, 3 4": YAML reads thousands of numbers as one scalar; lists as is."""
     if not isinstance(value, str):
         return value
     return [[float(number) for number in row.split()] for row in value.split(",")]
 
 
-Axis = Annotated[_array(None), must(lambda axis: (np.diff(axis) > 0).all(), "must rise")]
+Axis = Annotated[Array, _array(None), must(lambda axis: (np.diff(axis) > 0).all(), "must rise")]
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +61,8 @@ class Zodiacal(Data):
 
     longitude: Axis
     latitude: Axis
-    intensity: _table("longitude", "latitude")
-    colour: _array(2, 3)
+    intensity: Annotated[Array, _array(None, None), _table("longitude", "latitude")]
+    colour: Annotated[Array, _array(2, 3)]
     nearest: Number
 
 
@@ -64,7 +71,7 @@ class Earth(Data):
     """The Earth in sunlight."""
 
     albedo: Number
-    spectrum: _array(None, 2)
+    spectrum: Annotated[Array, _array(None, 2)]
     rings: Whole
     nominal: Number
 
@@ -86,7 +93,7 @@ class Transmittance(Data):
 
     zenith: Annotated[Axis, must(lambda axis: axis[0] > 0, "must start above 0")]
     azimuth: Annotated[Axis, must(lambda axis: axis[0] >= 0 and axis[-1] < 360, "must lie in 0..360")]
-    matrix: _table("zenith", "azimuth")
+    matrix: Annotated[Array, _array(None, None), _table("zenith", "azimuth")]
 
 
 @dataclass(frozen=True)
@@ -104,7 +111,7 @@ class Bodies(Data):
 
     sun_magnitude: Number
     moon: Moon
-    planets: _array(None, 7)
+    planets: Annotated[Array, _array(None, 7)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +119,7 @@ class Starlight(Data):
     """Stars too faint for the list, together: stars of V = 10 per square degree by |galactic latitude| [deg]."""
 
     latitude: Axis
-    brightness: Annotated[_array(None), must(lambda light: (light >= 0).all(), "must not be negative")]
+    brightness: Annotated[Array, _array(None), must(lambda light: (light >= 0).all(), "must not be negative")]
     temperature: Positive
 
 
@@ -120,17 +127,17 @@ class Starlight(Data):
 class SkyNumbers(Data):
     """All of sky.yaml."""
 
-    solar_spectrum: _array(None, 2)
+    solar_spectrum: Annotated[Array, _array(None, 2)]
     zodiacal: Zodiacal
     earth: Earth
     door: Door
     transmittance: Transmittance
     bodies: Bodies
     starlight: Starlight
-    stars: Annotated[_array(None, 4), BeforeValidator(_rows)]
+    stars: Annotated[Array, _array(None, 4), BeforeValidator(_rows)]
 
 
-def sky_numbers(data, file="sky.yaml"):
+def sky_numbers(data: Mapping[str, Any], file: PathLike = "sky.yaml") -> SkyNumbers:
     """Return the SkyNumbers of `data`, as instrument.load.read_data returns it for sky.yaml.
 
     Raises InputError for a missing or malformed entry, and if the file is missing (empty `data`).

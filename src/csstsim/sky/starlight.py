@@ -6,6 +6,10 @@ drawn wings end (the first zenith angle of the transmittance) to the aperture's 
 a frame. Left out: single stars of V 5 to 9 that lie further off than their wings are drawn.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from csstsim.base.sphere import angle, unit_vectors
@@ -13,17 +17,21 @@ from csstsim.sky.bodies import earth_radius
 from csstsim.sky.transmittance import total
 from csstsim.universe.stars.milky_way import GALACTIC
 
+if TYPE_CHECKING:
+    from csstsim.base.types import FloatArray, Floats
+    from csstsim.sky.parameters import SkyNumbers
+
 FAINT_MAGNITUDE = 10.0  # V of the stars that `starlight.brightness` counts
 RINGS, TURNS = 40, 24  # twice as many of both change the light by less than 1%
 AHEAD = np.array([[0.0, 0.0, 1.0]])
 
 
-def star_directions(numbers):
+def star_directions(numbers: SkyNumbers) -> FloatArray:
     """Return the unit vectors (n, 3) of the stars of the list, ICRS; numbers: SkyNumbers."""
     return unit_vectors(*numbers.stars[:, :2].T)
 
 
-def faint_starlight(axes, place, door_azimuth, numbers):
+def faint_starlight(axes: FloatArray, place: FloatArray, door_azimuth: Floats, numbers: SkyNumbers) -> float:
     """Return the focal plane's irradiance by unresolved stars over that of one star of FAINT_MAGNITUDE.
 
     axes: sky.directions.telescope_axes; place [km]: the spacecraft, GCRS; door_azimuth [deg]; numbers: SkyNumbers.
@@ -36,7 +44,7 @@ def faint_starlight(axes, place, door_azimuth, numbers):
     return float(np.einsum("n,n->", total(seen, AHEAD, door_azimuth, numbers)[0], weights))
 
 
-def _rings(first):
+def _rings(first: float) -> tuple[FloatArray, FloatArray]:
     """Return unit vectors (n, 3) in the telescope's frame from zenith angle `first` to 90 [deg], their areas [deg2]."""
     edges = np.radians(np.geomspace(first, 90.0, RINGS + 1))
     slant, turn = np.sqrt(edges[1:] * edges[:-1]), 2 * np.pi * (np.arange(TURNS) + 0.5) / TURNS

@@ -5,13 +5,21 @@ angle is measured from the pixel's line of sight, so stray light varies over a c
 plane enters only off the door. `total` adds the direct light and the light off the door.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from csstsim.base.sphere import angle
 from csstsim.sky.aperture_door import scattered, shade, zenith_angle
 
+if TYPE_CHECKING:
+    from csstsim.base.types import FloatArray, Floats, IntArray
+    from csstsim.sky.parameters import SkyNumbers
 
-def transmittance(zenith, azimuth, numbers):
+
+def transmittance(zenith: FloatArray, azimuth: FloatArray, numbers: SkyNumbers) -> FloatArray:
     """Return PST at zenith, azimuth [deg], of one shape; held below the first zenith angle, 0 beyond the last."""
     table = numbers.transmittance
     first, log = table.azimuth[0], np.log(table.matrix)
@@ -22,13 +30,13 @@ def transmittance(zenith, azimuth, numbers):
     return np.where(np.asarray(zenith) > table.zenith[-1], 0.0, np.exp((1 - u) * near + u * far))
 
 
-def _cell(nodes, x):
+def _cell(nodes: FloatArray, x: FloatArray) -> tuple[IntArray, FloatArray]:
     """Return the cell of rising `nodes` that holds x, and the place (0..1) in it; x is clipped to the nodes' range."""
     i = np.clip(np.searchsorted(nodes, x, side="right") - 1, 0, len(nodes) - 2)
     return i, np.clip((x - nodes[i]) / (nodes[i + 1] - nodes[i]), 0.0, 1.0)
 
 
-def total(sources, sights, door_azimuth, numbers):
+def total(sources: FloatArray, sights: FloatArray, door_azimuth: Floats, numbers: SkyNumbers) -> FloatArray:
     """Return (m, n): the transmittance from sources (n, 3) to lines of sight (m, 3), direct plus off the door.
 
     Unit vectors in the telescope's frame (csstsim.sky.directions); door_azimuth [deg].
@@ -40,18 +48,18 @@ def total(sources, sights, door_azimuth, numbers):
     direct = np.zeros((len(sights), len(sources)))
     slant = angle(sights[:, None, :], ahead[None, :, :])
     direct[:, front] = open_ * transmittance(slant, azimuth_from(sights, ahead), numbers)
-    slant, turn = np.radians([zenith_angle(door), door_azimuth])
+    slant, turn = np.radians(zenith_angle(door)), np.radians(door_azimuth)
     middle = np.array([[np.sin(slant) * np.sin(turn), np.sin(slant) * np.cos(turn), np.cos(slant)]])
     off_door = transmittance(angle(sights, middle), azimuth_from(sights, middle)[:, 0], numbers)
     return direct + off_door[:, None] * scattered(zenith, azimuth, door_azimuth, door)
 
 
-def angles(v):
+def angles(v: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return zenith angle and azimuth [deg] of vectors (..., 3) in the telescope's frame."""
     return angle(v, np.array([0.0, 0.0, 1.0])), np.degrees(np.arctan2(v[..., 0], v[..., 1]))
 
 
-def azimuth_from(sights, sources):
+def azimuth_from(sights: FloatArray, sources: FloatArray) -> FloatArray:
     """Return (m, n) [deg]: azimuths of sources (n, 3) as seen from lines of sight (m, 3) near the boresight."""
     step = sources[None, :, :2] - sights[:, None, :2]
     return np.degrees(np.arctan2(step[..., 0], step[..., 1]))

@@ -7,6 +7,10 @@ ends, which are lines of symmetry. S is the Sun's spectrum, S(5000) its mean wit
 elongation (their equation 22). Left out: seasonal change as the Earth moves in the dust cloud (10%), faint structures.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from csstsim.base.errors import InputError
@@ -14,10 +18,14 @@ from csstsim.base.units import ARCSEC_PER_RAD
 from csstsim.instrument.filter import sample_curve
 from csstsim.sky.background_spectra import solar_continuum, sunlight
 
+if TYPE_CHECKING:
+    from csstsim.base.types import FloatArray, Floats
+    from csstsim.sky.parameters import SkyNumbers
+
 REFERENCE = 5000.0  # angstrom, of Table 17
 
 
-def intensity(longitude, latitude, numbers):
+def intensity(longitude: Floats, latitude: Floats, numbers: SkyNumbers) -> FloatArray:
     """Return I [1e-8 W m-2 sr-1 um-1 at 5000 A] at helio-ecliptic longitude and latitude [deg], any shape.
 
     Raises InputError closer to the Sun than the table reaches.
@@ -36,12 +44,12 @@ def intensity(longitude, latitude, numbers):
     return np.exp(np.reshape(log, lon.shape))
 
 
-def elongation(longitude, latitude):
+def elongation(longitude: Floats, latitude: Floats) -> FloatArray:
     """Return the angle [deg] from the Sun."""
     return np.degrees(np.arccos(np.clip(np.cos(np.radians(longitude)) * np.cos(np.radians(latitude)), -1.0, 1.0)))
 
 
-def _filled(numbers):
+def _filled(numbers: SkyNumbers) -> FloatArray:
     """Return log I with the cells near the Sun filled.
 
     They only support the interpolation beyond 15 deg. Each extrapolates its column as a power law of elongation
@@ -57,7 +65,7 @@ def _filled(numbers):
     return log
 
 
-def spectrum(wavelength, numbers):
+def spectrum(wavelength: FloatArray, numbers: SkyNumbers) -> FloatArray:
     """Return (2, n): photon / s / m2 / angstrom / arcsec2 for I = 1, with the colours at the law's two elongations.
 
     The light at any elongation is a mixture of the two: `mixture`.
@@ -68,7 +76,7 @@ def spectrum(wavelength, numbers):
     return over_sun * np.array(colour) * sunlight(wavelength, numbers)
 
 
-def mixture(angle, numbers):
+def mixture(angle: Floats, numbers: SkyNumbers) -> FloatArray:
     """Return (2, ...): the shares of the two colours at an angle [deg] from the Sun; they sum to 1."""
     near, far = numbers.zodiacal.colour[:, 0]
     share = np.clip((far - angle) / (far - near), 0.0, 1.0)

@@ -6,7 +6,10 @@ calibration: frames    masters of `csstsim masters` for pixel response and defec
                        a channel without its structure
 """
 
+from __future__ import annotations
+
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,9 +22,19 @@ from csstsim.stages.level0 import own_level0
 from csstsim.stages.masters import masters_recipe
 from csstsim.stages.psf import open_psf
 
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from csstsim.base.types import BoolArray, FloatArray
+    from csstsim.campaign.job import Job
+    from csstsim.campaign.opened import OpenCampaign
+    from csstsim.io.level0 import Level0
+    from csstsim.measure.calibration.calibrate import Calibrated
+    from csstsim.optics.throughput.response import Response
+
 
 @one_thread
-def calibrate(run, job):
+def calibrate(run: OpenCampaign, job: Job) -> None:
     """Write the calibrated image of an imaging chip's science exposure."""
     from csstsim.io.calibrated import write_calibrated
     from csstsim.measure.calibration.bad_pixels import mend
@@ -50,13 +63,13 @@ def calibrate(run, job):
     print(f"{path}: {100 * (quality > 0).mean():.3f}% of the pixels are flagged")
 
 
-def calibrated_frame(run, job):
+def calibrated_frame(run: OpenCampaign, job: Job) -> tuple[Level0, Calibrated]:
     """Return (io.level0.Level0, measure.calibration.calibrate.Calibrated) of a job's file. Raises InputError."""
     file = own_level0(run, job)
     return file, calibrated_of(run, job, file, *calibration(run, job))
 
 
-def calibration(run, job):
+def calibration(run: OpenCampaign, job: Job) -> tuple[Response | None, BoolArray | None, dict[int, float] | None]:
     """Return (response, known defects, residual bias) as the campaign's `measurement` says. Raises InputError.
 
     They are arguments of measure.calibration.calibrate: Response or None, bool (ny, nx) or None, {channel: e-} or None.
@@ -65,7 +78,14 @@ def calibration(run, job):
     return (_by_masters if from_frames else _by_truth)(run, job, run.streams(job, "measure"))
 
 
-def calibrated_of(run, job, file, response=None, bad=None, offset=None):
+def calibrated_of(
+    run: OpenCampaign,
+    job: Job,
+    file: Level0,
+    response: Response | None = None,
+    bad: BoolArray | None = None,
+    offset: Mapping[int, float] | None = None,
+) -> Calibrated:
     """Return the measure.calibration.calibrate.Calibrated of an io.level0.Level0 of a job's pixels.
 
     The other arguments are those of `calibration`. Raises InputError.
@@ -79,18 +99,20 @@ def calibrated_of(run, job, file, response=None, bad=None, offset=None):
     own = None if from_frames or not steps.step("bias") else job.chip.maps.bias
     traps, passes = steps.step("cte_effect"), run.config.measurement.cti_passes
     correct = partial(
-        put_back, detector=detector, window=job.window, traps=traps and traps.param, passes=passes,
+        put_back, detector=detector, window=job.window, traps=traps.param if traps else None, passes=passes,
         spread=steps.step("brighter_fatter") is not None,
         rng=Streams(run.config.seed, job.obsid, -job.chip.id, "measure") if from_frames else streams,
     )  # fmt: skip
     return to_electrons(
         file.frame(), file.readout, file.gain, nonlinearity=file.nonlinearity, adc_max=detector.adc_max,
         full_well=detector.full_well, response=response, bad=bad, offset=offset,
-        structure=own and frame_of(own, file.readout), correct=correct, levels=file.levels,
+        structure=frame_of(own, file.readout) if own else None, correct=correct, levels=file.levels,
     )  # fmt: skip
 
 
-def _response(run, job, streams, *, prnu, master=None):
+def _response(
+    run: OpenCampaign, job: Job, streams: Streams, *, prnu: bool, master: FloatArray | None = None
+) -> Response | None:
     """Return the optics.throughput.response.Response of a job's frame; None if it is 1 everywhere."""
     from csstsim.optics.throughput.response import Response
 
@@ -104,7 +126,7 @@ def _response(run, job, streams, *, prnu, master=None):
     )  # fmt: skip
 
 
-def _by_truth(run, job, streams):
+def _by_truth(run: OpenCampaign, job: Job, streams: Streams) -> tuple[Response | None, BoolArray | None, None]:
     from csstsim.measure.calibration.bad_pixels import known_defects
 
     layer = run.steps[job.pointing.type].step("detector_defects")
@@ -112,7 +134,7 @@ def _by_truth(run, job, streams):
     return _response(run, job, streams, prnu=True), bad, None
 
 
-def _by_masters(run, job, streams):
+def _by_masters(run: OpenCampaign, job: Job, streams: Streams) -> tuple[Response | None, BoolArray, dict[int, float]]:
     from csstsim.io.frames import load_frame
 
     planes, meta = load_frame(run.masters(job.chip.id), masters_recipe(run, job.chip.id))

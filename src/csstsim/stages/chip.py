@@ -1,5 +1,9 @@
 """Chip: the four stages of a job in memory, without workflow and without files between them."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from csstsim.base.process.one_thread import one_thread
 from csstsim.io.output_owner import claim_output
 from csstsim.stages.level0 import digitised, write_products
@@ -11,9 +15,17 @@ from csstsim.stages.render import rendered
 from csstsim.stages.select import say_selected, selected
 from csstsim.stages.truth import missing_bricks
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from typing import Any
+
+    from csstsim.campaign.job import Job
+    from csstsim.campaign.opened import OpenCampaign
+    from csstsim.simulation.state import State
+
 
 @one_thread
-def chip(run, job, say=print):
+def chip(run: OpenCampaign, job: Job, say: Callable[[str], object] = print) -> State | None:
     """Run one job in memory and write its Level-0 file and truth; return the State at the end.
 
     None for a job of a variant whose Level-0 file is that of the base.
@@ -37,7 +49,7 @@ def chip(run, job, say=print):
 
 
 @one_thread
-def simulate(run, job, say=print):
+def simulate(run: OpenCampaign, job: Job, say: Callable[[str], object] = print) -> tuple[State, dict[str, Any]]:
     """Run one job in memory. Missing truth bricks and a missing PSF set are made first.
 
     Returns its State at the end (image: DN, uint16, the window's readout frame) and its provenance, from which
@@ -50,14 +62,15 @@ def simulate(run, job, say=print):
 
 
 @one_thread
-def light(run, job, say=print):
+def light(run: OpenCampaign, job: Job, say: Callable[[str], object] = print) -> State:
     """Return the State of a job after the render stage: expected and counted electrons of objects and sky, truth.
 
     Missing truth bricks and a missing PSF set are made first.
     """
     from csstsim.catalog.table import ObjectTable
 
-    header, objects = {"stages": []}, None
+    header: dict[str, Any] = {"stages": []}
+    objects = None
     if job.pointing.type == "SCIE":
         missing_bricks(run, run.truth_bricks(job), say)
         timer = Timer("select")
@@ -75,7 +88,7 @@ def light(run, job, say=print):
     return state
 
 
-def missing(run, job, say):
+def missing(run: OpenCampaign, job: Job, say: Callable[[str], object]) -> None:
     """Make what a science job lacks: bricks of the embedded universe, the chip's PSF set."""
     if job.pointing.type == "SCIE":
         missing_bricks(run, run.truth_bricks(job), say)

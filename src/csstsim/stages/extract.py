@@ -1,7 +1,10 @@
 """Extract: spectra of a Level-0 file of a spectroscopic chip, along the traces of its truth."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,11 +21,32 @@ from csstsim.stages.parts.shared import copied
 from csstsim.stages.parts.spectra_checks import spectra_checks
 from csstsim.stages.psf import open_psf
 
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from csstsim.base.types import FloatArray
+    from csstsim.campaign.job import Job
+    from csstsim.campaign.opened import OpenCampaign
+    from csstsim.campaign.sections import ContaminationConfig
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.measure.spectra.extract import DispersedImage, Sources
+    from csstsim.measure.spectra.spectral_model import SpectralModel
+    from csstsim.optics.psf.psf_file import PsfSet
+    from csstsim.optics.scatter.halo import Wing
+
 SNR_MIN = 5.0  # of the workflow's spectra
 
 
 @one_thread
-def extract(run, job, snr_min=SNR_MIN, ids=None, contamination=None, image=False):
+def extract(
+    run: OpenCampaign,
+    job: Job,
+    snr_min: float = SNR_MIN,
+    ids: Sequence[int] | None = None,
+    contamination: ContaminationConfig | None = None,
+    image: bool = False,
+) -> None:
     """Extract the first-order spectra of a Level-0 file of a spectroscopic chip, and draw some of them.
 
     snr_min: least S/N; ids: of these objects only; contamination: campaign.sections.ContaminationConfig in place of the
@@ -40,13 +64,13 @@ def extract(run, job, snr_min=SNR_MIN, ids=None, contamination=None, image=False
     workflows = snr_min == SNR_MIN and ids is None and contamination == usual and not image
     if workflows and copied(run.base_files(job, "extract")):
         return
-    truth, frame, orders, *others = spectra_of_frame(run, job, contamination)
+    truth, frame, orders, sources, model, psf, wing = spectra_of_frame(run, job, contamination)
     unknown = [] if ids is None else sorted(set(ids) - set(orders["id"].tolist()))
     if unknown:
         raise InputError("no object of this chip's table of orders", key="--ids", value=unknown[0])
     lines = LineFluxes(np.where(truth["obj_type"] == GALAXY, truth["z"], np.nan))
-    table = extract_spectra(frame, orders, *others, snr_min=snr_min, ids=ids, lines=lines)
-    paths = run.paths.spectra(*job.key), run.paths.lines(*job.key)
+    table = extract_spectra(frame, orders, sources, model, psf, wing, snr_min=snr_min, ids=ids, lines=lines)
+    paths: Sequence[Path] = (run.paths.spectra(*job.key), run.paths.lines(*job.key))
     chosen = run.paths.output / "chosen"
     if not workflows:
         paths = [chosen / path.name for path in paths]
@@ -58,8 +82,8 @@ def extract(run, job, snr_min=SNR_MIN, ids=None, contamination=None, image=False
     if workflows:
         table.meta["checks"] = spectra_checks(run, job, truth, table)
     table.write(path, table.meta | recipe)
-    lines = lines.table()
-    lines.write(paths[1], judged(lines) | recipe)
+    found = lines.table()
+    found.write(paths[1], judged(found) | recipe)
     count = number_of(table.meta["spectra"], "spectrum", "spectra")
     print(f"{count} of S/N {snr_min:g} and more, in a resolution element or a line: {path}")
     if table.meta["cut"]:
@@ -71,7 +95,9 @@ def extract(run, job, snr_min=SNR_MIN, ids=None, contamination=None, image=False
         _write_image(chosen / f"{path.stem}_contamination.fits", run, job, frame, contamination)
 
 
-def _write_image(path, run, job, frame, contamination):
+def _write_image(
+    path: Path, run: OpenCampaign, job: Job, frame: DispersedImage, contamination: ContaminationConfig
+) -> None:
     """Write the expected light of all orders of all objects, whose part without its own light is each one's
     contamination: plane LIGHT, electrons of the window."""
     from csstsim.base.files.atomic import atomic_path
@@ -84,13 +110,16 @@ def _write_image(path, run, job, frame, contamination):
         card("BUNIT", "electron"), card("FAINTEST", frame.faintest, "[electron] less in a pixel is left out"),
         card("X0", window.x0, "first column, on the chip, from 0"), card("Y0", window.y0, "first row"),
     ]  # fmt: skip
+    assert callable(frame.others)  # as spectra_of_frame gives it
     with atomic_path(path) as temporary:
         light = frame.others(faintest=frame.faintest)
         write_hdus(temporary, [("", primary, None), ("LIGHT", plane, light)])
     print(f"expected light of all orders: {path}")
 
 
-def spectra_of_frame(run, job, contamination=None):
+def spectra_of_frame(
+    run: OpenCampaign, job: Job, contamination: ContaminationConfig | None = None
+) -> tuple[ObjectTable, DispersedImage, ObjectTable, Sources, SpectralModel, PsfSet, Wing | None]:
     """Return (truth, *what measure.spectra.extract.extract_spectra takes) of a job's Level-0 file and its tables.
 
     contamination: as for `extract`. Raises InputError, also for a chip without a grating.
@@ -117,14 +146,17 @@ def spectra_of_frame(run, job, contamination=None):
     check_recipe(path, orders.meta, run.recipe(job))
     check_orders(path, orders, len(truth), gratings)
     truth.meta["truth_hash"] = file.header0.get("TRUTHASH")  # a catalogue is opened again only if it is the same
-    sources = Sources(shapes_of(truth, job.wcs), object_spectra(run, job, truth), run.disperser(job).edges)
+    shapes, spectra, disperser = shapes_of(truth, job.wcs), object_spectra(run, job, truth), run.disperser(job)
+    assert spectra is not None and disperser is not None  # of a spectroscopic chip
+    sources = Sources(shapes, spectra, disperser.edges)
     middle = 0.5 * (job.window.x0 + job.window.x1), 0.5 * (job.window.y0 + job.window.y1)
     wing, photons = read_scattered(psf).wing, run.camera.telescope.area_m2 * job.pointing.exptime
     model = make_model(gratings, photons, psf.at(*middle), psf.oversampling, psf.wavelength, wing)
     frame = DispersedImage.of(calibrated, job.window)
     settings, own = contamination or run.config.measurement.contamination, None
+    others: Callable[..., FloatArray]
     if settings.known_from == "truth":
-        others = partial(model.image, orders, sources.shapes, sources.spectra, sources.edges, job.window)
+        others = partial(model.image, orders, shapes, spectra, sources.edges, job.window)
     else:
         others, own = catalogued_light(run, job, truth, sources, orders, model, settings).known(job.window)
     frame = replace(frame, others=others, own=own, subtract=settings.subtract)

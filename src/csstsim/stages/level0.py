@@ -1,11 +1,25 @@
 """Level0: digitises the DN, and writes the Level-0 file and its truth."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from csstsim.base.errors import InputError
 from csstsim.base.process.one_thread import one_thread
 from csstsim.base.release import check_recipe, check_release
 from csstsim.io.paths import made
 from csstsim.stages.parts.shared import copied
 from csstsim.stages.parts.stage_frames import Timer, state_before
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from typing import Any
+
+    from csstsim.campaign.job import Job
+    from csstsim.campaign.opened import OpenCampaign
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.io.level0 import Level0
+    from csstsim.simulation.state import State
 
 MADE_WITH = {
     "campaign": "another seed, catalogue or PSF", "camera": "another camera", "layers": "other layers",
@@ -14,7 +28,7 @@ MADE_WITH = {
 
 
 @one_thread
-def level0(run, job):
+def level0(run: OpenCampaign, job: Job) -> None:
     """Run the layers of the level0 stage and write the Level-0 file with its truth beside it."""
     from csstsim.catalog.table import ObjectTable
 
@@ -33,7 +47,7 @@ def level0(run, job):
     write_products(run, job, *digitised(run, job, state, timer))
 
 
-def digitised(run, job, state, timer):
+def digitised(run: OpenCampaign, job: Job, state: State, timer: Timer) -> tuple[State, dict[str, Any]]:
     """Return the State after the level0 stage and its provenance (io.keywords.header_values)."""
     from csstsim.detector.adc import cut_noise
     from csstsim.optics.throughput import shutter
@@ -64,7 +78,7 @@ def digitised(run, job, state, timer):
     return state, provenance
 
 
-def write_products(run, job, state, provenance):
+def write_products(run: OpenCampaign, job: Job, state: State, provenance: Mapping[str, Any]) -> None:
     """Write the Level-0 file with its truth, and that of orders, beside it."""
     from csstsim.catalog.table import ObjectTable
     from csstsim.io.cat import write_cat
@@ -74,7 +88,7 @@ def write_products(run, job, state, provenance):
 
     path = run.paths.level0(job)
     drawn = state.truth if state.truth is not None else ObjectTable.complete({}, run.camera.bands)
-    about = {"recipe": run.recipe(job), "level0": path.name, "full_well": run.camera.detector.full_well}
+    about: dict[str, Any] = {"recipe": run.recipe(job), "level0": path.name, "full_well": run.camera.detector.full_well}
     if run.steps[job.pointing.type].shipped:  # a user's layer may add charge that is not accounted for
         about["electrons"] = electron_budget(state.header, job.window.nx * job.window.ny)
     table = truth_table(drawn, job.chip)
@@ -83,12 +97,12 @@ def write_products(run, job, state, provenance):
         for text in {run.paths.level0_cat(job), run.paths.level0_catalogue(job)}:
             write_cat(text, table)
     if state.orders is not None:
-        orders = {"recipe": run.recipe(job), "level0": path.name}
+        orders: dict[str, Any] = {"recipe": run.recipe(job), "level0": path.name}
         write_orders(run.paths.level0_orders(job), state.orders, orders)
     write_level0(path, state, run.camera.keywords, provenance)
 
 
-def truth_of(run, job):
+def truth_of(run: OpenCampaign, job: Job) -> ObjectTable:
     """Return the truth table beside a job's Level-0 file (io.truth.read_truth). Raises InputError."""
     from csstsim.io.truth import read_truth
 
@@ -98,7 +112,7 @@ def truth_of(run, job):
     return table
 
 
-def own_level0(run, job):
+def own_level0(run: OpenCampaign, job: Job) -> Level0:
     """Return the io.level0.Level0 of a job. Raises InputError for a file of another campaign or release."""
     from csstsim.io.keywords import RECIPE
     from csstsim.io.level0 import read_level0

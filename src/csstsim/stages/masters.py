@@ -1,6 +1,9 @@
 """Masters: a chip's master calibration frames from the campaign's bias, dark and lamp exposures."""
 
+from __future__ import annotations
+
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,9 +14,14 @@ from csstsim.base.process.progress import progress
 from csstsim.campaign.job_lists import CALIBRATIONS, FEWEST_CALIBRATIONS
 from csstsim.stages.level0 import own_level0
 
+if TYPE_CHECKING:
+    from csstsim.campaign.job import Job
+    from csstsim.campaign.opened import OpenCampaign
+    from csstsim.measure.calibration.calibrate import Calibrated
+
 
 @one_thread
-def masters(run, chip_id):
+def masters(run: OpenCampaign, chip_id: int) -> None:
     """Make the master calibration frames of a chip from the campaign's bias, dark and lamp exposures."""
     from csstsim.io.frames import save_frame
     from csstsim.measure.calibration.masters import make_masters
@@ -41,13 +49,13 @@ def masters(run, chip_id):
     print(f"{path}: {100 * made.bad.mean():.3f}% of the pixels are bad, dark {made.dark:.4f} e-/s")
 
 
-def masters_recipe(run, chip_id):
+def masters_recipe(run: OpenCampaign, chip_id: int) -> dict[str, str | int]:
     """Return what decides the detector: masters of another detector do not fit."""
     camera, chip = run.camera, run.camera.chips[chip_id]
     return {"camera": camera.digest_for("level0", chip=chip), "seed": run.config.seed, "chip": chip_id}
 
 
-def _raw(run, job):
+def _raw(run: OpenCampaign, job: Job) -> Calibrated:
     """Return a calibration exposure in electrons, as Calibrated."""
     from csstsim.measure.calibration.calibrate import calibrate as to_electrons
 

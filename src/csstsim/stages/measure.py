@@ -1,5 +1,9 @@
 """Measure: the sources of a Level-0 file detected and measured."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from csstsim.base.plural import number_of
 from csstsim.base.process.one_thread import one_thread
 from csstsim.base.release import check_recipe
@@ -8,9 +12,16 @@ from csstsim.stages.calibrate import calibrated_frame
 from csstsim.stages.parts.shared import copied
 from csstsim.stages.psf import open_psf
 
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from csstsim.campaign.job import Job
+    from csstsim.campaign.opened import OpenCampaign
+    from csstsim.catalog.table import ObjectTable
+
 
 @one_thread
-def measure(run, job):
+def measure(run: OpenCampaign, job: Job) -> None:
     """Detect and measure the sources of a Level-0 file."""
     from csstsim.measure.catalogue import measure_frame
 
@@ -26,7 +37,7 @@ def measure(run, job):
     print(f"{number_of(len(table), 'source')}, 5 sigma at {table.meta['depth_5sigma']:.2f} AB")
 
 
-def measured_table(run, job, columns=None):
+def measured_table(run: OpenCampaign, job: Job, columns: Iterable[str] | None = None) -> ObjectTable:
     """Return the table of a job's measured sources; `columns` of it, or all. Raises InputError."""
     from csstsim.catalog.table import ObjectTable
 

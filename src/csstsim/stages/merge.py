@@ -1,5 +1,9 @@
 """Merge: the measurements on a brick, one row for each source."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from csstsim import __version__
 from csstsim.base.errors import InputError
 from csstsim.base.plural import number_of
@@ -7,9 +11,14 @@ from csstsim.base.process.one_thread import one_thread
 from csstsim.base.process.progress import progress
 from csstsim.stages.measure import measured_table
 
+if TYPE_CHECKING:
+    from csstsim.campaign.job import Job
+    from csstsim.campaign.opened import OpenCampaign
+    from csstsim.catalog.table import ObjectTable
+
 
 @one_thread
-def merge(run, pix):
+def merge(run: OpenCampaign, pix: int) -> None:
     """Merge the measurements of a brick: one row per source."""
     from csstsim.bricks.merge import DETECTION_COLUMNS, merge_brick, write_merged
 
@@ -26,7 +35,7 @@ def merge(run, pix):
     print(f"{number_of(len(sources), 'source')} from {number_of(len(detections), 'detection')}")
 
 
-def _timed(table, job):
+def _timed(table: ObjectTable, job: Job) -> ObjectTable:
     """Return a job's measured table with the columns bricks.merge.TIMES."""
     import numpy as np
 
@@ -34,7 +43,7 @@ def _timed(table, job):
     return table.with_columns(mjd=np.full(count, interval.middle), exptime=np.full(count, interval.exptime))
 
 
-def jobs_on(run, pix):
+def jobs_on(run: OpenCampaign, pix: int) -> list[Job]:
     """Return the jobs that were measured on a brick. Raises InputError if there are none."""
     if pix not in run.merge_bricks:
         raise InputError(

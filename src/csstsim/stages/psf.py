@@ -1,6 +1,9 @@
 """PSF: the set of one chip, computed or taken from a library, and the tables photons are drawn from."""
 
+from __future__ import annotations
+
 from functools import partial
+from typing import TYPE_CHECKING
 
 from csstsim.base.errors import InputError
 from csstsim.base.help_page import explained
@@ -9,9 +12,19 @@ from csstsim.base.process.progress import make_missing
 from csstsim.base.release import check_release
 from csstsim.stages.parts.shared import make_or_link
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from typing import Any
+
+    from csstsim.base.types import FloatArray, PathLike
+    from csstsim.campaign.opened import OpenCampaign
+    from csstsim.instrument.camera import Camera
+    from csstsim.instrument.chip import Chip
+    from csstsim.optics.psf.psf_file import PsfSet
+
 
 @one_thread
-def psf(run, chip_id, say=print):
+def psf(run: OpenCampaign, chip_id: int, say: Callable[[str], object] = print) -> None:
     """Make the PSF set of one chip, or take it from the campaign's library; then the tables photons are drawn from."""
     camera = run.camera
     if chip_id not in camera.chips:
@@ -26,29 +39,26 @@ def psf(run, chip_id, say=print):
     psf_tables(run, chip, say)
 
 
-def _make_set(run, chip):
+def _make_set(run: OpenCampaign, chip: Chip) -> None:
     """Write the PSF set of a chip."""
     from csstsim.optics.psf.psf_c9 import convert
     from csstsim.optics.psf.psf_set import make_psf
     from csstsim.optics.scatter.scattered_light import scattered_light
 
     camera, config = run.camera, run.config.psf
-    path, filter_, digests = (
-        run.paths.psf(chip.id),
-        camera.filters[chip.filter],
-        {"camera_digest": camera.digest_for("psf")},
-    )
-    if config.library:
-        convert(run.psf_library, path, chip, filter_, sample=config.library_sample, **digests)
+    path, filter_, digest = run.paths.psf(chip.id), camera.filters[chip.filter], camera.digest_for("psf")
+    if library := run.psf_library:
+        convert(library, path, chip, filter_, sample=config.library_sample, camera_digest=digest)
     else:
         make_psf(
             path, chip, filter_, camera.telescope, camera.psf, config.grid, oversampling=config.oversampling,
-            scattered=scattered_light(camera, filter_), nodes_uv=_nodes_uv(camera, chip, config.grid), **digests,
+            scattered=scattered_light(camera, filter_), nodes_uv=_nodes_uv(camera, chip, config.grid),
+            camera_digest=digest,
         )  # fmt: skip
 
 
 @one_thread
-def psf_tables(run, chip, say=print):
+def psf_tables(run: OpenCampaign, chip: Chip, say: Callable[[str], object] = print) -> None:
     """Make the tables photons are drawn from, for an existing PSF set."""
     from csstsim.render.psf_table import read_tables, write_tables
 
@@ -60,7 +70,7 @@ def psf_tables(run, chip, say=print):
         make_or_link(run, path, make, partial(read_tables, psf=of), say)
 
 
-def _nodes_uv(camera, chip, grid):
+def _nodes_uv(camera: Camera, chip: Chip, grid: int) -> FloatArray | None:
     """Where on the sky the nodes of a chip's PSF set lie; None for a camera without a description of its distortion."""
     from csstsim.optics.geometry.focal_plane import load_focal_plane, samples
 
@@ -69,7 +79,7 @@ def _nodes_uv(camera, chip, grid):
 
 
 @explained("instrument")
-def check_psf(run):
+def check_psf(run: OpenCampaign) -> None:
     """Check the numbers of psf.yaml with which the PSFs of the campaign's chips would be made. Raises InputError."""
     from csstsim.optics.psf.chip_errors import chip_coefficients
     from csstsim.optics.psf.diffraction import check_blur
@@ -82,14 +92,14 @@ def check_psf(run):
     try:
         wavefront = load_wavefront(numbers)
         check_blur(numbers, cell, run.camera.detector.pixel_um)
-        for chip in map(run.camera.chips.get, run.sky_chips):
+        for chip in [run.camera.chips[number] for number in run.sky_chips]:
             chip_coefficients(wavefront, numbers, chip, 0.0, 0.0)
             oversampling_of(chip.filter, numbers, run.config.psf.oversampling)
     except InputError as error:
         raise InputError(str(error), file=run.camera.folder) from None
 
 
-def missing_psf(run, chip, say):
+def missing_psf(run: OpenCampaign, chip: Chip, say: Callable[[str], object]) -> None:
     """Make the PSF set of a chip and its tables, if they are missing."""
     sets = {
         run.paths.psf(chip.id): partial(psf, run, chip.id, say),
@@ -98,17 +108,18 @@ def missing_psf(run, chip, say):
     make_missing(sets, say)
 
 
-def open_psf(run, chip):
+def open_psf(run: OpenCampaign, chip: Chip) -> PsfSet:
     """Return the checked PsfSet of a chip, with the campaign's interpolation."""
     config = run.config.psf
     return _open(run, chip, method=config.interpolation, beta=config.beta, neighbours=config.neighbours)
 
 
-def _open(run, chip, path=None, **interpolation):
+def _open(run: OpenCampaign, chip: Chip, path: PathLike | None = None, **interpolation: Any) -> PsfSet:
     from csstsim.optics.psf.psf_file import PsfSet
     from csstsim.optics.psf.sampling import oversampling_of
 
-    config, own = run.config.psf, {}
+    config = run.config.psf
+    own: dict[str, Any] = {}
     if not config.library:
         own = {"grid": config.grid, "oversampling": oversampling_of(chip.filter, run.camera.psf, config.oversampling)}
     psf = PsfSet(
@@ -119,7 +130,7 @@ def _open(run, chip, path=None, **interpolation):
     return psf
 
 
-def psf_box(run, chip):
+def psf_box(run: OpenCampaign, chip: Chip) -> float:
     """Half the side of a chip's stored PSF [pixel]."""
     from csstsim.optics.psf.sampling import CELLS, LIBRARY_PX, oversampling_of
 

@@ -1,13 +1,26 @@
 """Readout: the detector's layers turn electrons into DN."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from csstsim.base.process.one_thread import one_thread
 from csstsim.stages.parts.stage_frames import Timer, frame_meta, state_before
 
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from csstsim.base.rng import Streams
+    from csstsim.campaign.job import Job
+    from csstsim.campaign.opened import OpenCampaign
+    from csstsim.simulation.state import State
+
 
 @one_thread
-def readout(run, job):
+def readout(run: OpenCampaign, job: Job) -> None:
     """Run the layers of the readout stage: electrons to DN."""
     from csstsim.io.frames import save_frame
 
@@ -22,12 +35,12 @@ def readout(run, job):
     )
 
 
-def read_out(run, state, rng):
+def read_out(run: OpenCampaign, state: State, rng: Streams) -> State:
     """Return the State after the readout stage; rng: the job's rng.Streams."""
     return run.steps[state.pointing.type].run(state, "readout", rng)
 
 
-def save_cosmic_rays(path, state, recipe):
+def save_cosmic_rays(path: Path, state: State, recipe: Mapping[str, str]) -> None:
     """Write the electrons of cosmic rays alone (int32, the window's active pixels), if the layer asks for it.
 
     The file lies beside the Level-0 file. If the layer does not ask for it, an old one is removed.

@@ -1,5 +1,9 @@
 """Render: draws objects and sky, as expected and as counted electrons."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from csstsim.base.digest import digest
 from csstsim.base.process.one_thread import one_thread
 from csstsim.base.release import check_recipe
@@ -8,9 +12,18 @@ from csstsim.stages.parts.redraw import redrawn
 from csstsim.stages.parts.stage_frames import Timer, frame_meta
 from csstsim.stages.psf import open_psf
 
+if TYPE_CHECKING:
+    from csstsim.base.rng import Streams
+    from csstsim.base.types import IntArray
+    from csstsim.campaign.job import Job
+    from csstsim.campaign.opened import OpenCampaign
+    from csstsim.catalog.light.object_spectra import Spectra
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.simulation.exposure import Exposure
+
 
 @one_thread
-def render(run, job):
+def render(run: OpenCampaign, job: Job) -> None:
     """Run the layers of the render stage: expected electrons, counted electrons, drawn objects."""
     from csstsim.catalog.table import ObjectTable
     from csstsim.io.frames import save_frame
@@ -36,18 +49,19 @@ def render(run, job):
     save_frame(path, planes, frame_meta(run, job, state), sparse=("counted",))
 
 
-def _marked(mask):
+def _marked(mask: IntArray | None) -> IntArray | None:
     """Return a truth mask if any of its bits is set, else None: the file of light must not depend on the detector."""
     return mask if mask is not None and mask.any() else None
 
 
-def rendered(run, exposure, objects, rng):
+def rendered(run: OpenCampaign, exposure: Exposure, objects: ObjectTable | None, rng: Streams) -> State:
     """Return the State of an Exposure after the render stage.
 
     objects: as `selected` gives them; None but for science exposures. rng: the job's rng.Streams.
     """
     state, chip = State.blank(exposure, objects), exposure.chip
     if exposure.pointing.type == "SCIE":
+        assert objects is not None  # `selected` gives them
         state.psf = open_psf(run, chip)
         if exposure.fidelity != "reference":
             from csstsim.render.psf_table import read_tables
@@ -60,7 +74,7 @@ def rendered(run, exposure, objects, rng):
     return _finished(run, exposure, state)
 
 
-def _finished(run, exposure, state):
+def _finished(run: OpenCampaign, exposure: Exposure, state: State) -> State:
     """Return the State with what is said of the whole light: which objects saturate, and its electrons."""
     if state.truth is not None and exposure.chip.kind == "imaging":
         from csstsim.render.imaging.saturated import flag_saturated
@@ -72,7 +86,7 @@ def _finished(run, exposure, state):
     return state
 
 
-def object_spectra(run, exposure, objects):
+def object_spectra(run: OpenCampaign, exposure: Exposure | Job, objects: ObjectTable) -> Spectra | None:
     """Return the catalog.light.object_spectra.Spectra of a slitless chip's objects, None for an imaging chip's."""
     if exposure.chip.kind != "slitless":
         return None

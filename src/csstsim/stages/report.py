@@ -1,11 +1,14 @@
 """The report of a campaign, from its products: the page, and the verdict beside it as JSON."""
 
+from __future__ import annotations
+
 import json
 import os
 import socket
 import zlib
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 from urllib.parse import quote
 
 from csstsim import __version__
@@ -23,13 +26,19 @@ from csstsim.report.parts import Link
 from csstsim.stages.parts.report_pictures import by_exposure, focal_plane, sky_pictures
 from csstsim.stages.parts.sky_of_frames import sky_of_frames
 
+if TYPE_CHECKING:
+    from typing import Any
+
+    from csstsim.campaign.job import Job
+    from csstsim.campaign.opened import OpenCampaign
+
 EMBEDDED = 5_000_000  # bytes of figures of bricks and spectra in the page; the others are linked
 LINKED = 500  # files of a kind that the page links one by one
 PNG = b"\x89PNG\r\n\x1a\n"  # its first bytes
 
 
 @one_thread
-def report(run):
+def report(run: OpenCampaign) -> dict[str, Any]:
     """Write report/index.html and verdict.json of a campaign, and the files that make its bricks HATS catalogues.
 
     Prints the gates; returns the verdict (validation.verdict). Raises InputError if a product is missing or belongs to
@@ -81,10 +90,10 @@ def report(run):
 class Budget:
     """Reads figures while there is room for them in the page."""
 
-    def __init__(self, size):
+    def __init__(self, size: int) -> None:
         self.left = size
 
-    def read(self, path):
+    def read(self, path: Path) -> bytes | None:
         """Return a PNG's bytes, or None when there is no room left. Raises InputError if it is missing or damaged."""
         try:
             self.left -= path.stat().st_size
@@ -96,9 +105,10 @@ class Budget:
         return figure
 
 
-def _is_png(data):
+def _is_png(data: bytes) -> bool:
     """Whether bytes are a whole PNG: its signature, chunks with the checksums they state, the last one IEND."""
-    start, kind = len(PNG), None
+    start = len(PNG)
+    kind: bytes | None = None
     while len(data) >= start + 12 and kind != b"IEND":
         size, kind = int.from_bytes(data[start : start + 4]), data[start + 4 : start + 8]
         content, start = data[start + 4 : start + 8 + size], start + 12 + size
@@ -107,7 +117,7 @@ def _is_png(data):
     return data.startswith(PNG) and kind == b"IEND" and start == len(data)
 
 
-def _validation(run, pix):
+def _validation(run: OpenCampaign, pix: int) -> dict[str, Any]:
     from csstsim.bricks.validation.result_file import read_result
 
     path = made(run.paths.validate(pix), f"validate {run.file} --brick {pix}")
@@ -123,7 +133,7 @@ def _validation(run, pix):
     return result
 
 
-def _merged(run, pix):
+def _merged(run: OpenCampaign, pix: int) -> Path:
     """Return the path of a merged brick. Raises InputError if it belongs to another campaign."""
     from csstsim.catalog.table import ObjectTable
 
@@ -132,11 +142,11 @@ def _merged(run, pix):
     return path
 
 
-def _link(run, label, path):
+def _link(run: OpenCampaign, label: str, path: Path) -> Link:
     return Link(label, quote(os.path.relpath(path, run.paths.report.parent)))
 
 
-def _brick_links(run, pix, png):
+def _brick_links(run: OpenCampaign, pix: int, png: Path) -> tuple[Link, Link, Link]:
     return (
         _link(run, "merged catalogue", run.paths.merge(pix)),
         _link(run, "validation", run.paths.validate(pix)),
@@ -144,7 +154,7 @@ def _brick_links(run, pix, png):
     )
 
 
-def _spectra_gates(run, job):
+def _spectra_gates(run: OpenCampaign, job: Job) -> list[dict[str, Any]]:
     """Return the gates of a spectroscopic frame. Raises InputError for spectra of an older version."""
     from csstsim.bricks.validation.spectra_gates import spectra_gates
     from csstsim.catalog.table import ObjectTable
@@ -158,7 +168,7 @@ def _spectra_gates(run, job):
     return spectra_gates(meta["checks"], run.limits, **where)
 
 
-def _spectra(run, job, budget):
+def _spectra(run: OpenCampaign, job: Job, budget: Budget) -> tuple[str, bytes | None, Link, Link, Link]:
     """Return (title, PNG bytes or None, *Links) of a spectroscopic frame for the report."""
     from csstsim.catalog.table import ObjectTable
 
@@ -175,7 +185,7 @@ def _spectra(run, job, budget):
     return title, budget.read(figure), *links
 
 
-def _products(run):
+def _products(run: OpenCampaign) -> list[tuple[str, int, str, tuple[Link, ...]]]:
     """Return [(kind of product, number of files, their size, Links)]; of many files, a Link to their folder."""
     found, table = [], kinds(run)
     written = [Path(path) for path in table.pop("report").files()]  # after the page: their sizes are not known yet
@@ -188,22 +198,22 @@ def _products(run):
         folder = run.paths.output / paths[0].relative_to(run.paths.output).parts[0]
         links = few if len(paths) <= LINKED else [_link(run, f"the folder {folder.name}", folder)]
         found.append((kind.name, len(paths), _size(size), tuple(links)))
-    links = tuple(_link(run, path.name, path) for path in written if path != run.paths.report)
+    beside = tuple(_link(run, path.name, path) for path in written if path != run.paths.report)
     folders = [run.paths.output / name for name in ("look", "logs")]
     more = tuple(_link(run, f"the folder {folder.name}", folder) for folder in folders if folder.is_dir())
-    return [*found, ("beside this page", len(links), "and what the workflow leaves", links + more)]
+    return [*found, ("beside this page", len(beside), "and what the workflow leaves", beside + more)]
 
 
-def _size(size):
+def _size(size: float) -> str:
     """Return a number of bytes as text of two or three digits."""
     for unit in ("bytes", "kB", "MB", "GB"):
         if size < 1000 or unit == "GB":
             return f"{size:.3g} {unit}" if size < 1000 else f"{size:.0f} {unit}"
         size /= 1000
-    return None
+    raise AssertionError("of any size, there are so many GB")
 
 
-def _provenance(run):
+def _provenance(run: OpenCampaign) -> dict[str, str | int | Path | None]:
     """Return {label: value} of what made the campaign, and of the report itself."""
     changes = run.camera.files.changes
     changed = {"camera changes": ", ".join(f"{k} = {v}" for k, v in changes.items())} if changes else {}
@@ -216,7 +226,7 @@ def _provenance(run):
     }  # fmt: skip
 
 
-def _layers(run):
+def _layers(run: OpenCampaign) -> list[tuple[str, str, str]]:
     """Return [(exposure type, layer, its parameters as JSON)] in order."""
     return [
         (kind, step.keyword, json.dumps(step.param.model_dump(mode="json"), sort_keys=True))
@@ -225,10 +235,10 @@ def _layers(run):
     ]
 
 
-def _summary(run):
+def _summary(run: OpenCampaign) -> dict[str, str | float | Link]:
     science = run.imaging_jobs + run.slitless_jobs
-    missing = "; ".join(f"{obsid} chip {chip}: {why}" for (obsid, chip), why in run.declared_missing.items())
-    missing = {"declared missing": missing} if missing else {}
+    said = "; ".join(f"{obsid} chip {chip}: {why}" for (obsid, chip), why in run.declared_missing.items())
+    missing = {"declared missing": said} if said else {}
     more = {"variants": _link(run, "side by side", run.paths.variants_page)} if run.variants else {}
     return {
         "name": run.title,
@@ -243,7 +253,7 @@ def _summary(run):
     }
 
 
-def _exposures(run):
+def _exposures(run: OpenCampaign) -> list[dict[str, str | float | tuple[Link, ...]]]:
     return [
         {
             "obsid": jobs[0].obsid, "type": jobs[0].pointing.type, "ra [deg]": f"{jobs[0].pointing.ra:.6f}",

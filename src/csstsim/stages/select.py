@@ -1,5 +1,9 @@
 """Select: the objects that reach a chip's window, with their light."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from csstsim.base.errors import InputError
 from csstsim.base.help_page import explained
 from csstsim.base.plural import number_of
@@ -7,11 +11,21 @@ from csstsim.base.process.one_thread import one_thread
 from csstsim.stages.parts.stage_frames import Timer
 from csstsim.stages.psf import psf_box
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from typing import Any
+
+    from csstsim.campaign.job import Job
+    from csstsim.campaign.opened import OpenCampaign
+    from csstsim.catalog.base import CatalogBase
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.simulation.exposure import Exposure
+
 TRIED = 30  # chips on which `check` looks for objects
 
 
 @one_thread
-def select(run, job):
+def select(run: OpenCampaign, job: Job) -> None:
     """Find the objects that reach a job's window."""
     timer = Timer("select")
     table = selected(run, job.exposure)
@@ -22,7 +36,7 @@ def select(run, job):
     say_selected(table, print)
 
 
-def selected(run, exposure, catalog=None):
+def selected(run: OpenCampaign, exposure: Exposure, catalog: CatalogBase | None = None) -> ObjectTable:
     """Return the ObjectTable of what reaches an Exposure's window (catalog.selection.select).
 
     catalog: a CatalogBase in place of the campaign's; all its objects are taken, as they are.
@@ -36,6 +50,7 @@ def selected(run, exposure, catalog=None):
     if catalog is None:
         key = run.universe_key() | _changing(run, exposure) if run.embedded else {}
         catalog = open_catalog(config, run.region(exposure), run.paths.truth, key)
+    assert exposure.observer is not None  # a campaign's exposures have one
     noise = Noise(filter_.sky, detector.dark, detector.read_noise)
     return select_objects(
         catalog, exposure.wcs, exposure.observer, exposure.window, filter_, camera.telescope, exposure.exptime, noise,
@@ -44,12 +59,14 @@ def selected(run, exposure, catalog=None):
     )  # fmt: skip
 
 
-def _changing(run, exposure):
+def _changing(run: OpenCampaign, exposure: Exposure) -> dict[str, Any]:
     """Return what the embedded sky's catalogue needs of what moves and varies, as the campaign asks for it."""
     kinds = run.config.catalog.changing
-    key = {"varying": kinds}
+    key: dict[str, Any] = {"varying": kinds}
     if {"asteroids", "satellites"} & set(kinds):
         from csstsim.catalog.changing.visitors import visitors
+
+        assert exposure.observer is not None  # a campaign's exposures have one
 
         key["visitors"] = visitors(
             kinds, run.config.seed, run.universe, run.camera, exposure.pointing, exposure.observer, exposure.interval
@@ -57,7 +74,7 @@ def _changing(run, exposure):
     return key
 
 
-def say_selected(table, say):
+def say_selected(table: ObjectTable, say: Callable[[str], object]) -> None:
     """Say how many objects reach the window, and how many of them will not be drawn, and why."""
     from csstsim.catalog.flags import NOT_DRAWN
     from csstsim.catalog.selection.drawable import why_not_drawn
@@ -66,11 +83,11 @@ def say_selected(table, say):
     dropped = table.meta["dropped"]
     out = f"{dropped['outside']} outside it, {dropped['faint']} fainter than mag_limit"
     say(f"{number_of(len(table), 'object')} {verb} the window; left out: {out}")
-    for reason, count in why_not_drawn(table, table["flags"] & NOT_DRAWN).items():
+    for reason, count in why_not_drawn(table, (table["flags"] & NOT_DRAWN) != 0).items():
         say(f"{count} not drawn: {reason}")
 
 
-def check_catalog(run, say):
+def check_catalog(run: OpenCampaign, say: Callable[[str], object]) -> None:
     """Open the campaign's catalogue; test a user's catalogue on the first science job (catalog.contract)."""
     from csstsim.catalog.open import TABLE_KIND
 
@@ -78,7 +95,7 @@ def check_catalog(run, say):
         _check_catalog(run, say)
 
 
-def _check_catalog(run, say):
+def _check_catalog(run: OpenCampaign, say: Callable[[str], object]) -> None:
     from csstsim.catalog.contract import check
     from csstsim.catalog.selection.places import near
 
@@ -86,6 +103,7 @@ def _check_catalog(run, say):
     jobs = run.imaging_jobs or run.slitless_jobs
     if run.embedded or not jobs:
         return
+    assert isinstance(source, type)  # the user's catalogue
     for job in jobs[:TRIED]:  # until one has objects
         report = check(source, run.catalog.options, run.region(job), run.camera)
         parts = (part for _, part in report.table.parts())

@@ -1,6 +1,9 @@
 """Shear: m and c of finished twin campaigns (paper, section 5.3.1)."""
 
+from __future__ import annotations
+
 import json
+from typing import TYPE_CHECKING
 
 from csstsim.base.errors import InputError
 from csstsim.base.plural import number_of
@@ -10,9 +13,15 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.stages.level0 import truth_of
 from csstsim.stages.measure import measured_table
 
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from csstsim.base.types import FloatArray, PathLike
+    from csstsim.render.settings import Numbers
+
 
 @one_thread
-def shear(files, output, say):
+def shear(files: Iterable[PathLike], output: PathLike | None, say: Callable[[str], object]) -> bool:
     """Print m and c of finished twin campaigns (validation.shear), write them as JSON; return whether all gates pass.
 
     Raises InputError for campaigns that are not pairs, or too few galaxies.
@@ -47,9 +56,9 @@ def shear(files, output, say):
     return not any(gate["passed"] is False for gate in gates)
 
 
-def _twins(runs):
+def _twins(runs: Iterable[OpenCampaign]) -> dict[tuple[float, float, float], tuple[OpenCampaign, OpenCampaign]]:
     """Return {(kappa, gamma1, gamma2): (campaign, the one with shapes turned)}."""
-    found = {}
+    found: dict[tuple[float, float, float], dict[str, OpenCampaign]] = {}
     for run in runs:
         catalog = run.config.catalog
         if catalog.lensing.field != "constant":
@@ -75,14 +84,14 @@ def _twins(runs):
     return {key: (pair["normal"], pair["rotated90"]) for key, pair in found.items()}
 
 
-def _but_shapes(run):
+def _but_shapes(run: OpenCampaign) -> tuple[str | None, Numbers, list[dict[str, str]]]:
     """Return what twins share: all that decides their pixels and measurements, except `catalog.shapes`."""
     config = run.config.model_copy(update={"catalog": run.config.catalog.model_copy(update={"shapes": "normal"})})
     recipes = [run.recipe(job, "measure") | {"campaign": config.digest()} for job in run.imaging_jobs]
     return run.universe.digest if run.embedded else None, run.rendering, recipes
 
 
-def _shapes_on(run):
+def _shapes_on(run: OpenCampaign) -> list[dict[int, FloatArray]]:
     """Return validation.shear.shapes of each measured frame of a campaign."""
     from csstsim.bricks.validation.shear import shapes
     from csstsim.bricks.validation.validate import MeasuredFrame, judged_truth

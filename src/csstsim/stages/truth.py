@@ -1,15 +1,24 @@
 """Truth: bricks of the embedded universe, shared by all chips on them."""
 
+from __future__ import annotations
+
 from functools import partial
+from typing import TYPE_CHECKING
 
 from csstsim.base.errors import InputError
 from csstsim.base.process.one_thread import one_thread
 from csstsim.base.process.progress import make_missing
 from csstsim.stages.parts.shared import make_or_link
 
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+    from typing import Any
+
+    from csstsim.campaign.opened import OpenCampaign
+
 
 @one_thread
-def truth(run, pix, say=print):
+def truth(run: OpenCampaign, pix: int, say: Callable[[Any], object] = print) -> None:
     """Make one brick of the embedded universe."""
     from csstsim.catalog.truth_bricks import brick_meta, read_brick, write_brick
 
@@ -24,7 +33,7 @@ def truth(run, pix, say=print):
     say(path)
 
 
-def missing_bricks(run, bricks, say):
+def missing_bricks(run: OpenCampaign, bricks: Iterable[int], say: Callable[[str], object]) -> None:
     """Make the missing ones of some bricks of the embedded universe; none for a user's catalogue."""
     if run.embedded:
         make_missing({run.paths.truth(pix): partial(truth, run, pix, say) for pix in bricks}, say)

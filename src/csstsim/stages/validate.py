@@ -1,5 +1,9 @@
 """Validate: compares a merged brick with the truth of the frames on it."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from csstsim import __version__
@@ -15,12 +19,16 @@ from csstsim.stages.merge import jobs_on
 from csstsim.stages.parts.catalogue_counts import brick_objects
 from csstsim.stages.parts.frame_facts import frame_facts
 
+if TYPE_CHECKING:
+    from csstsim.campaign.job import Job
+    from csstsim.campaign.opened import OpenCampaign
+
 LIMITS = SHIPPED / "limits.yaml"
 LIMIT_SECONDS = 150.0  # of the limiting magnitudes there and in filters.yaml
 
 
 @one_thread
-def validate(run, pix):
+def validate(run: OpenCampaign, pix: int) -> None:
     """Compare a merged brick with the truth of the frames on it."""
     from csstsim.base.files.atomic import atomic_path
     from csstsim.bricks.validation.result_file import write_result
@@ -63,7 +71,7 @@ def validate(run, pix):
         print(f"{NAMES[gate['passed']]}: {sentence({'brick': pix, **gate})}{sources}{allowed}")
 
 
-def _depth(run, job):
+def _depth(run: OpenCampaign, job: Job) -> tuple[float, float]:
     """Return (low, high): the published 5-sigma magnitudes of the filter, scaled to the exposure's time.
 
     Another camera has only those of its filters.yaml.
@@ -71,4 +79,5 @@ def _depth(run, job):
     camera, name = run.camera, job.chip.filter
     computed = read_yaml(LIMITS)["computed"]["values"] if camera.shipped else {}
     stated = camera.filters[name].limiting_mag
-    return tuple(np.sort([stated, computed.get(name, stated)]) + 1.25 * np.log10(job.pointing.exptime / LIMIT_SECONDS))
+    values = np.sort([stated, computed.get(name, stated)]) + 1.25 * np.log10(job.pointing.exptime / LIMIT_SECONDS)
+    return values[0], values[1]

@@ -1,6 +1,9 @@
 """Variants: the page that sets a campaign's variants side by side, and says what each measures otherwise."""
 
+from __future__ import annotations
+
 import json
+from typing import TYPE_CHECKING
 
 from csstsim.base.errors import InputError
 from csstsim.base.process.one_thread import one_thread
@@ -10,9 +13,16 @@ from csstsim.io.paths import made
 from csstsim.stages.level0 import truth_of
 from csstsim.stages.measure import measured_table
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from typing import Any
+
+    from csstsim.campaign.job import Job
+    from csstsim.campaign.opened import OpenCampaign
+
 
 @one_thread
-def variants(run, say=print):
+def variants(run: OpenCampaign, say: Callable[[Any], object] = print) -> None:
     """Write report/variants.html of a base whose campaigns are finished. Raises InputError if a product is missing."""
     from csstsim.base.stages import flat
     from csstsim.report.variants_page import Study, write_variants
@@ -25,6 +35,7 @@ def variants(run, say=print):
     studies = [
         Study(one.variant, flat(run.config.variants[one.variant]), *own.compared(one))
         for one in progress(run.variants, "variants")
+        if one.variant is not None  # all have a name
     ]
     page = run.paths.variants_page
     write_variants(page, run.title, verdicts, studies)
@@ -33,7 +44,7 @@ def variants(run, say=print):
     say(page)
 
 
-def _verdict(run):
+def _verdict(run: OpenCampaign) -> dict[str, Any]:
     path = made(run.paths.report.with_name("verdict.json"), f"report {run.file}")
     try:
         return json.loads(path.read_text())
@@ -44,15 +55,16 @@ def _verdict(run):
 class _Measured:
     """What a base has measured, a frame at a time, to be compared with its variants."""
 
-    def __init__(self, run):
+    def __init__(self, run: OpenCampaign) -> None:
         self._run = run
 
-    def compared(self, other):
+    def compared(self, other: OpenCampaign) -> tuple[list[dict[str, Any]], dict[str, dict[str, int]]]:
         """Return ([differences of objects and spectra], {"base" or "variant": counts}) of frames that both have."""
         from csstsim.bricks.validation.twins import differences, spectral_differences
 
-        theirs, objects = {job.key: job for job in other.science_jobs}, []
-        counts = {"base": {}, "variant": {}}
+        theirs = {job.key: job for job in other.science_jobs}
+        objects: list[dict[str, Any]] = []
+        counts: dict[str, dict[str, int]] = {"base": {}, "variant": {}}
         for job in self._run.science_jobs:
             twin = theirs.get(job.key)
             if twin is None:
@@ -68,7 +80,7 @@ class _Measured:
         return objects, counts
 
 
-def _seen(run, job):
+def _seen(run: OpenCampaign, job: Job) -> tuple[dict[int, dict[str, Any]], dict[str, int]]:
     from csstsim.bricks.validation.twins import seen
     from csstsim.bricks.validation.validate import MeasuredFrame, judged_truth
 
@@ -77,7 +89,7 @@ def _seen(run, job):
     return seen(frame, judged_truth(frame))
 
 
-def _spectra(run, job):
+def _spectra(run: OpenCampaign, job: Job) -> dict[int, dict[tuple[int, int], tuple[float, float]]]:
     from csstsim.bricks.validation.twins import spectra
     from csstsim.catalog.table import ObjectTable
 

@@ -3,12 +3,16 @@
 There is one YAML file per subject, each number with its source. FITS files hold the fitted coefficients of the spectra.
 """
 
+from __future__ import annotations
+
 import math
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache, cached_property, reduce
+from functools import cache, cached_property, partial, reduce
 from operator import getitem
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from csstsim.base.digest import digest
 from csstsim.base.errors import InputError
@@ -16,6 +20,15 @@ from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.filter import GRID
 from csstsim.instrument.load import folder_digest, read_data
 from csstsim.universe.dust.dust_map import DustMap
+
+if TYPE_CHECKING:
+    from csstsim.base.types import FloatArray, PathLike
+    from csstsim.universe.galaxies.galaxy_sed import GalaxySeds
+    from csstsim.universe.lensing.cosmology import Cosmology
+    from csstsim.universe.lensing.lensing_field import LensingField
+    from csstsim.universe.quasars.quasar_sed import QuasarSeds
+    from csstsim.universe.stars.star_sed import StarSeds
+    from csstsim.universe.structure.matter_field import MatterField
 
 Z_MAX = 20.0  # largest redshift allowed for galaxies
 _POSITIVE = (
@@ -35,15 +48,15 @@ class Universe:
     """The embedded universe: `numbers`, one mapping per file, and the models they define, built on first use."""
 
     folder: Path
-    numbers: dict
+    numbers: dict[str, Any]
 
     @cached_property
-    def digest(self):
+    def digest(self) -> str:
         """16 hex digits for the folder and the dust map, which may be stored elsewhere."""
         return digest([folder_digest(self.folder), self.dust.digest])
 
     @contextmanager
-    def faults_of(self, part):
+    def faults_of(self, part: str) -> Iterator[None]:
         """Name this universe's own file in an InputError about the numbers of a part, which models do not know."""
         try:
             yield
@@ -52,50 +65,50 @@ class Universe:
             raise InputError(exc.message, file=self.folder / f"{part}.yaml", **told) from None
 
     @cached_property
-    def cosmology(self):
+    def cosmology(self) -> Cosmology:
         """The universe.lensing.cosmology.Cosmology of cosmology.yaml."""
         from csstsim.universe.lensing.cosmology import Cosmology
 
         return Cosmology(self.numbers["cosmology"])
 
     @cached_property
-    def dust(self):
+    def dust(self) -> DustMap:
         """The universe.dust.dust_map.DustMap of dust.yaml."""
         return DustMap(self.numbers["dust"], self.folder)
 
     @property
-    def r_v(self):
+    def r_v(self) -> float:
         """A(V) / E(B - V) of the Milky Way's dust."""
         return self.numbers["dust"]["r_v"]
 
     @cached_property
-    def extinction(self):
+    def extinction(self) -> FloatArray:
         """A(lambda) / A(V) on the paper's grid."""
         return self.dust.curve(GRID)
 
     @cached_property
-    def star_seds(self):
+    def star_seds(self) -> StarSeds:
         """Spectra of stars (universe.stars.star_sed.StarSeds)."""
         from csstsim.universe.stars.star_sed import StarSeds  # imports numba; most stages need only the digest
 
         return StarSeds(self.folder / "star_spectra.fits", self.extinction)
 
     @cached_property
-    def galaxy_seds(self):
+    def galaxy_seds(self) -> GalaxySeds:
         """Spectra of galaxies (universe.galaxies.galaxy_sed.GalaxySeds)."""
         from csstsim.universe.galaxies.galaxy_sed import GalaxySeds
 
         return GalaxySeds(self.folder / "galaxy_spectra.fits", self.numbers["galaxies"]["igm"], self.extinction)
 
     @cached_property
-    def quasar_seds(self):
+    def quasar_seds(self) -> QuasarSeds:
         """Spectra of quasars (universe.quasars.quasar_sed.QuasarSeds)."""
         from csstsim.universe.quasars.quasar_sed import QuasarSeds
 
         return QuasarSeds(self.numbers["quasars"], self.numbers["galaxies"]["igm"], self.extinction)
 
     @cache  # noqa: B019 - a universe lives as long as its process
-    def lensing_field(self, seed):
+    def lensing_field(self, seed: int) -> LensingField:
         """Return the LensingField of a campaign's seed. Raises InputError."""
         from csstsim.universe.lensing.lensing_field import LensingField
 
@@ -107,17 +120,17 @@ class Universe:
             ) from exc
 
     @cache  # noqa: B019 - as above
-    def matter_field(self, seed, haloes=True):
+    def matter_field(self, seed: int, haloes: bool = True) -> MatterField:
         """Return the structure.matter_field.MatterField of a campaign's seed. Raises InputError."""
         from csstsim.universe.structure.matter_field import MatterField
 
         try:
-            numbers = (self.numbers[name] for name in ("cosmology", "lensing", "structure"))
-            return MatterField(seed, *numbers, haloes=haloes)
+            cosmology, lensing, structure = (self.numbers[name] for name in ("cosmology", "lensing", "structure"))
+            return MatterField(seed, cosmology, lensing, structure, haloes)
         except (KeyError, TypeError, ValueError) as exc:
             raise InputError(f"no structure: {type(exc).__name__} {exc}", file=self.folder / "structure.yaml") from exc
 
-    def check(self):
+    def check(self) -> None:
         """Build the models that the numbers define, but draw no objects. Raises InputError for a bad number."""
         from csstsim.universe.galaxies.galaxies import cumulative_counts, try_laws
         from csstsim.universe.stars.stars import galaxy
@@ -148,7 +161,7 @@ class Universe:
             raise InputError(f"a number is missing or wrong: {type(exc).__name__} {exc}", file=self.folder) from exc
         self._check_lines()
 
-    def _check_laws(self):
+    def _check_laws(self) -> None:
         """Raise InputError for density laws of stars that cannot be."""
         from csstsim.universe.stars.milky_way import LAWS, components
 
@@ -160,10 +173,7 @@ class Universe:
                 )  # fmt: skip
         laws, r0 = _shipped("stars")["laws"], self.numbers["stars"]["sun"]["r0"]
         for name, count in ((name, len(law)) for name, law in laws.items() if isinstance(law, list)):
-            self._refuse_unless(
-                lambda value, n=count: isinstance(value, list) and len(value) == n, f"stars.laws.{name}",
-                f"{count} numbers",
-            )  # fmt: skip
+            self._refuse_unless(partial(_has, count), f"stars.laws.{name}", f"{count} numbers")
         for name in ("young", "disc", "thick"):
             self._refuse_unless(lambda value: min(value) > 0, f"stars.laws.{name}", "lengths above 0 kpc")
         self._refuse_unless(  # at the Sun all densities are known
@@ -171,7 +181,7 @@ class Universe:
             f"a radius from {r0:g} kpc on, and a growth from 0 to 10 per kpc",
         )  # fmt: skip
 
-    def _check_lines(self):
+    def _check_lines(self) -> None:
         """Raise InputError for galaxy_spectra.fits of other emission lines than galaxies.yaml says."""
         from astropy.io import fits
 
@@ -184,7 +194,7 @@ class Universe:
                     file=self.folder / "galaxies.yaml", key=f"lines.{name}", value=value, allowed=f"{built}",
                 )  # fmt: skip
 
-    def _refuse_unless(self, good, key, allowed):
+    def _refuse_unless(self, good: Callable[[Any], bool], key: str, allowed: str) -> None:
         part, _, inside = key.partition(".")
         value = reduce(getitem, inside.split("."), self.numbers[part])
         if not good(value):
@@ -192,11 +202,11 @@ class Universe:
 
 
 @cache
-def _shipped(part):
+def _shipped(part: str) -> dict[str, Any]:
     return read_data(SHIPPED / "universe" / f"{part}.yaml")
 
 
-def _check_like(mine, shipped, file, key=""):
+def _check_like(mine: Any, shipped: Any, file: Path, key: str = "") -> None:
     """Raise InputError where `mine` lacks a key of the shipped numbers, or a finite number that these have."""
     if isinstance(shipped, dict):
         if not isinstance(mine, dict):
@@ -215,11 +225,15 @@ def _check_like(mine, shipped, file, key=""):
         raise InputError("must be a number", file=file, key=key, value=mine, allowed=f"such as {shipped}")
 
 
-def _number(value):
+def _has(count: int, value: object) -> bool:
+    return isinstance(value, list) and len(value) == count
+
+
+def _number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
-def load_universe(folder=SHIPPED / "universe"):
+def load_universe(folder: PathLike = SHIPPED / "universe") -> Universe:
     """Read a universe folder. Raises InputError for a missing or unreadable file or a number without source."""
     folder = Path(folder)
     return Universe(folder, {name: read_data(folder / f"{name}.yaml") for name in PARTS})

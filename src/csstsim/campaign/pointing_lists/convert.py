@@ -3,7 +3,10 @@
 Each row is checked as the survey table's reader checks it, and against what the list itself states, and refused alone.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +21,14 @@ from csstsim.catalog.astrometry.ephemeris import observer
 from csstsim.instrument.pointing import mjd_utc
 from csstsim.sky.bodies import exposure_angles
 
+if TYPE_CHECKING:
+    from typing import Any
+
+    from csstsim.base.types import FloatArray
+    from csstsim.campaign.pointing_lists.mapping import Mapping
+    from csstsim.campaign.pointing_lists.read_list import PointingList
+    from csstsim.instrument.orbit import Orbit
+
 
 @dataclass(frozen=True)
 class Converted:
@@ -26,27 +37,32 @@ class Converted:
     blocked: obsids that have the Earth in the way, among those whose spacecraft the model orbit places.
     """
 
-    rows: dict
-    reasons: dict
-    blocked: list
+    rows: dict[int, dict[str, str]]
+    reasons: dict[int, str]
+    blocked: list[str]
 
 
 class _Stated(Row):
     """A row of a survey table, whose errors name what states the value; said: {column of a survey table: that}."""
 
-    def __init__(self, cells, said):
+    def __init__(self, cells: dict[str, Any], said: dict[str, str]) -> None:
         self.said = said
         super().__init__(None, "", list(cells), list(cells.values()))
 
-    def error(self, message, column=None, value=None, allowed=None):
-        return InputError(message, key=self.said.get(column, f"column {column}"), value=value, allowed=allowed)
+    def error(
+        self, message: str, column: str | None = None, value: object = None, allowed: object = None
+    ) -> InputError:
+        return InputError(message, key=self.said.get(column or "", f"column {column}"), value=value, allowed=allowed)
 
 
-def convert(table, mapping, orbit):
+def convert(table: PointingList, mapping: Mapping, orbit: Orbit) -> Converted:
     """Return the Converted of a PointingList. orbit (instrument.orbit.Orbit): of rows without a spacecraft's state."""
     values = Values(table, mapping)
     columns, bodies = _columns(values, mapping), _bodies(values)
-    said, found, first, blocked = _said(values), {}, {}, []
+    said = _said(values)
+    found: dict[int, dict[str, str]] = {}
+    first: dict[str, int] = {}
+    blocked: list[str] = []
     for row in progress(range(values.rows), "rows"):
         if row in values.reasons:
             continue
@@ -66,7 +82,7 @@ def convert(table, mapping, orbit):
     return Converted(found, values.reasons, blocked)
 
 
-def _columns(values, mapping):
+def _columns(values: Values, mapping: Mapping) -> dict[str, list[str] | FloatArray]:
     """Return {column of a survey table: value of each row}: ra, dec and pa are numbers [deg], ICRS; the rest text."""
     there, *others = places(values)
     for other in others:
@@ -80,7 +96,8 @@ def _columns(values, mapping):
         "exptime": [f"{seconds:.10g}" for seconds in values.numbers("exptime")],
     }  # fmt: skip
     if STATE[0] in values:
-        empty = np.array([[cell == "" for cell in values.words(name)] for name in STATE]).all(axis=0)
+        blank = np.array([[cell == "" for cell in values.words(name)] for name in STATE])
+        empty = np.asarray(blank.all(axis=0))
         for name in STATE:
             numbers = values.numbers(name, empty)
             columns[name] = ["" if none else f"{number:.9f}" for number, none in zip(numbers, empty, strict=True)]
@@ -89,7 +106,7 @@ def _columns(values, mapping):
     return columns
 
 
-def _said(values):
+def _said(values: Values) -> dict[str, str]:
     """Return {column of a survey table: what states its values}."""
     said = {name: values.said(name) for name in COLUMNS if name in values}
     said |= [(SURVEY, values.said(name)) for name in ("deep", "deep_index") if name in values]
@@ -97,7 +114,7 @@ def _said(values):
     return {"obsid": f"--first-obsid and {counted}"} | said
 
 
-def _obsids(values, mapping):
+def _obsids(values: Values, mapping: Mapping) -> list[str]:
     """Return the obsids: the list's own, or counted from the first by its number or by the row."""
     if "obsid" in values:
         return values.words("obsid")
@@ -106,11 +123,11 @@ def _obsids(values, mapping):
     return [str(int(first) + (number or 0)).zfill(len(first)) for number in numbers]
 
 
-def _types(values):
+def _types(values: Values) -> list[str]:
     return [word.upper() for word in values.words("type")] if "type" in values else ["SCIE"] * values.rows
 
 
-def _bodies(values):
+def _bodies(values: Values) -> dict[str, FloatArray]:
     """Return {what the list states of the Sun and the Moon: (rows,) angles [deg] or (rows, 3) positions [km]}."""
     found = {f"{body}_angle": values.numbers(f"{body}_angle") for body in BODIES if f"{body}_angle" in values}
     for body in BODIES:
@@ -119,7 +136,7 @@ def _bodies(values):
     return found
 
 
-def _checked(row, bodies, mapping, orbit):
+def _checked(row: _Stated, bodies: dict[str, Any], mapping: Mapping, orbit: Orbit) -> tuple[str, bool]:
     """Complete a row's cells; return its obsid, and whether a spacecraft on the model orbit sees the sky.
 
     Raises InputError if a survey table would refuse the row, if the Earth is in the way of a spacecraft whose state the

@@ -3,9 +3,12 @@
 Beside the table stand the mapping that was followed and, if rows were refused, those rows with the reason.
 """
 
+from __future__ import annotations
+
 import csv
 import io
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
@@ -26,12 +29,29 @@ from csstsim.campaign.pointing_lists.read_list import read_list
 from csstsim.campaign.survey_table import exposures_of
 from csstsim.instrument.camera import load_telescope
 
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+    from typing import Any
+
+    from csstsim.base.types import PathLike
+    from csstsim.campaign.pointing_lists.read_list import PointingList
+
 MAPPING, REJECTED = ".mapping.yaml", ".rejected.csv"
 REJECTED_HEAD = "place,reason,row\n"
 
 
 @explained("list of pointings")
-def import_pointings(path, output, say, *, like=None, mapping=None, maps=(), sets=(), **conventions):
+def import_pointings(
+    path: PathLike,
+    output: PathLike,
+    say: Callable[[str], object],
+    *,
+    like: str | None = None,
+    mapping: PathLike | None = None,
+    maps: Iterable[str] = (),
+    sets: Iterable[str] = (),
+    **conventions: Any,
+) -> int:
     """Write the survey table of a list and what stands beside it; return how many rows were refused.
 
     like: a list of known_lists(); mapping: a file; maps, sets: texts KEY=COLUMN, KEY=VALUE; conventions: fields of
@@ -74,7 +94,7 @@ def import_pointings(path, output, say, *, like=None, mapping=None, maps=(), set
     return len(refused)
 
 
-def _check_free(output, beside):
+def _check_free(output: Path, beside: dict[str, Path]) -> None:
     """Raise InputError if the table exists, or a file beside it that is not left of an import without a table."""
     heads = {beside[MAPPING]: HEAD, beside[REJECTED]: REJECTED_HEAD}
     for file in (output, *heads):
@@ -82,22 +102,24 @@ def _check_free(output, beside):
             raise InputError("exists already; name another table", file=file, key="--output")
 
 
-def _begins(file, head):
+def _begins(file: Path, head: str) -> bool:
     with open(file, "rb") as content:
         return content.read(len(head)) == head.encode()
 
 
-def _given(like, mapping):
+def _given(like: str | None, mapping: PathLike | None) -> Mapping:
     if like and mapping:
         raise InputError("--like and --mapping exclude each other", key="--mapping", value=mapping)
     if like and like not in known_lists():
         raise InputError("no such list", key="--like", value=like, allowed=", ".join(known_lists()))
-    return load_mapping(LISTS / f"{like}.yaml" if like else Path(mapping)) if like or mapping else Mapping()
+    if like:
+        return load_mapping(LISTS / f"{like}.yaml")
+    return load_mapping(Path(mapping)) if mapping else Mapping()
 
 
-def _pairs(texts, option):
+def _pairs(texts: Iterable[str], option: str) -> dict[str, str]:
     """Return {key: name} of texts KEY=NAME."""
-    found = {}
+    found: dict[str, str] = {}
     for text in texts:
         key, equals, name = (part.strip() for part in text.partition("="))
         if not (key and equals and name):
@@ -108,22 +130,22 @@ def _pairs(texts, option):
     return found
 
 
-def _said(conventions):
+def _said(conventions: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in conventions.items() if value is not None}
 
 
-def _row(table, row):
+def _row(table: PointingList, row: int) -> tuple[str, str]:
     place, cells = table.rows[row]
     return place, _line(cells)
 
 
-def _line(cells):
+def _line(cells: Iterable[str]) -> str:
     text = io.StringIO()
     csv.writer(text, lineterminator="").writerow(cells)
     return text.getvalue()
 
 
-def _table(rows, source):
+def _table(rows: Iterable[dict[str, str]], source: str) -> str:
     rows = list(rows)
     return (
         "\n".join([f"# csstsim import-pointings from {source}", _line(rows[0]), *(_line(r.values()) for r in rows)])
@@ -131,14 +153,14 @@ def _table(rows, source):
     )
 
 
-def _rejected(refused):
+def _rejected(refused: Iterable[tuple[str, str, str]]) -> str:
     """Return the text of the table of refused rows, in the list's order: place, reason and the row itself."""
     ordered = sorted(refused, key=lambda row: int(row[0].split()[1]))
     rows = [_line([place, reason, line]) for place, line, reason in ordered]
     return REJECTED_HEAD + "\n".join(rows) + "\n"
 
 
-def _write(path, text):
+def _write(path: Path, text: str) -> None:
     try:
         with atomic_path(path) as temporary:
             Path(temporary).write_text(text, encoding="utf-8")

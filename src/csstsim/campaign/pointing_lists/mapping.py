@@ -4,7 +4,9 @@ Files of this form come with csstsim for known lists (survey_tables/lists); `css
 it followed beside its table, and reads it again.
 """
 
-from typing import Annotated, Literal, NamedTuple
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 import yaml
 from pydantic import BeforeValidator, Field, PrivateAttr
@@ -15,11 +17,18 @@ from csstsim.base.model import Model, validate
 from csstsim.base.shipped import ROOT
 from csstsim.campaign.pointing_lists.quantities import BODIES, PLACES, STATE, Key, parse_key
 
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from typing import Any
+
+    from csstsim.base.types import PathLike
+    from csstsim.campaign.pointing_lists.read_list import PointingList
+
 LISTS = ROOT / "survey_tables" / "lists"
 HEAD = "# Written by csstsim import-pointings, which reads it again with --mapping\n"
 
 
-def _text(value):
+def _text(value: Any) -> Any:
     """Return a number or a truth value of YAML as text, and the rest as it is."""
     return str(value).lower() if isinstance(value, bool | int | float) else value
 
@@ -33,7 +42,7 @@ class Source(NamedTuple):
     key: Key
     column: str | None
     value: str | None
-    told: tuple
+    told: tuple[PathLike | None, str]
 
 
 class Mapping(Model):
@@ -50,11 +59,12 @@ class Mapping(Model):
     )
     tolerance: float = Field(1.0, gt=0, le=180, description="largest difference from what the list states, deg")
 
-    _told: dict = PrivateAttr(default_factory=dict)  # {"columns.ra": (file, key)} of entries that a person wrote
+    # {"columns.ra": (file, key)} of entries that a person wrote
+    _told: dict[str, tuple[PathLike | None, str]] = PrivateAttr(default_factory=dict)
 
-    def keys(self):
+    def keys(self) -> dict[str, Source]:
         """Return {quantity: Source}. Raises InputError for unknown and repeated ones."""
-        found = {}
+        found: dict[str, Source] = {}
         for part in ("columns", "values"):
             for text, name in getattr(self, part).items():
                 told = self._told.get(f"{part}.{text}", (None, f"{part}.{text}"))
@@ -62,10 +72,11 @@ class Mapping(Model):
                 if key.name in found:
                     message = f"given twice, by {found[key.name].told[1]} and {told[1]}"
                     raise InputError(message, file=told[0], key=key.name)
-                found[key.name] = Source(key, *((name, None) if part == "columns" else (None, name)), told)
+                column, value = (name, None) if part == "columns" else (None, name)
+                found[key.name] = Source(key, column, value, told)
         return found
 
-    def completed(self, names):
+    def completed(self, names: Iterable[str]) -> Mapping:
         """Return this mapping with the list's columns (names) that are called as a quantity, if it has none yet."""
         columns, known = dict(self.columns), set(self.keys())
         for name in names:
@@ -78,7 +89,7 @@ class Mapping(Model):
                 known.add(key.name)
         return self.model_copy(update={"columns": columns})
 
-    def check(self, table):
+    def check(self, table: PointingList) -> None:
         """Raise InputError if a PointingList lacks a column, or a quantity is missing that a survey table needs."""
         for source in self.keys().values():
             if source.column is not None:
@@ -99,7 +110,7 @@ class Mapping(Model):
             if {one, other} <= known:
                 raise InputError(f"{one} and {other} exclude each other", file=file, key=other)
 
-    def changed(self, maps, sets, conventions):
+    def changed(self, maps: dict[str, str], sets: dict[str, str], conventions: dict[str, Any]) -> Mapping:
         """Return this mapping with columns (maps) and values (sets) by key, and conventions, in place of its own."""
         told = {f"columns.{text}": (None, f"--map {text}") for text in maps}
         told |= {f"values.{text}": (None, f"--set {text}") for text in sets}
@@ -113,12 +124,12 @@ class Mapping(Model):
         changed._told = self._told | told
         return changed
 
-    def text(self):
+    def text(self) -> str:
         """Return the file's text."""
         return HEAD + yaml.safe_dump(self.model_dump(), sort_keys=False, allow_unicode=True)
 
 
-def load_mapping(path):
+def load_mapping(path: PathLike) -> Mapping:
     """Return the Mapping in a YAML file. Raises InputError."""
     mapping = validate(Mapping, read_yaml(path), path)
     mapping._told = {
@@ -129,6 +140,6 @@ def load_mapping(path):
     return mapping
 
 
-def known_lists():
+def known_lists() -> list[str]:
     """Return the names of the lists whose mappings come with csstsim."""
     return sorted(path.stem for path in LISTS.glob("*.yaml"))

@@ -4,14 +4,20 @@ A key is a quantity's name, then, if it is not the first of its kind, the unit: 
 `time_mjd_tai`. Words (obsid, type, deep) have none.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from astropy import units as u
 
 from csstsim.base.errors import InputError
 
+if TYPE_CHECKING:
+    from csstsim.base.types import PathLike
+
 # The units of each kind, the first where none is said; None: text that is parsed
-UNITS = {
+UNITS: dict[str, dict[str, u.UnitBase | None]] = {
     "angle": {
         "deg": u.deg, "hour": u.hourangle, "rad": u.rad, "arcmin": u.arcmin, "arcsec": u.arcsec, "hms": None,
         "dms": None,
@@ -43,12 +49,12 @@ class Key:
     unit: str | None
 
     @property
-    def kind(self):
+    def kind(self) -> str:
         """One of UNITS."""
         return KINDS[self.name]
 
 
-def parse_key(text, file=None, place=None):
+def parse_key(text: str, file: PathLike | None = None, place: str | None = None) -> Key:
     """Return the Key that a mapping's text names. Raises InputError for an unknown quantity or unit.
 
     file, place: where it is said, for the message.
@@ -71,7 +77,7 @@ def parse_key(text, file=None, place=None):
     return Key(name, unit)
 
 
-def _unit(kind, suffix):
+def _unit(kind: str, suffix: str) -> str | None:
     """Return the unit that a suffix names, or None; of a time, form and scale, as `mjd_tai`."""
     if kind != "time":
         return suffix if suffix in UNITS[kind] else None
@@ -79,7 +85,7 @@ def _unit(kind, suffix):
     return f"{form}_{scale or SCALES[0]}" if form in UNITS[kind] and scale in (*SCALES, "") else None
 
 
-def unit_of(key, column, stated):
+def unit_of(key: Key, column: str, stated: u.UnitBase | None) -> str | None:
     """Return the unit of a column: what the key says, the list (`stated`, an astropy unit) or the column's name.
 
     The first of its kind if none does. Raises InputError if two differ, or the list's is of another kind.
@@ -88,22 +94,26 @@ def unit_of(key, column, stated):
         return None
     words = column.lower().split("_")
     named = [unit for k in range(len(words)) if (unit := _unit(key.kind, "_".join(words[k:])))]
-    said = {"the mapping": key.unit, "the list": _of_list(key, stated, column), "the column's name": None}
+    said: dict[str, str | None] = {
+        "the mapping": key.unit,
+        "the list": _of_list(key, stated, column),
+        "the column's name": None,
+    }
     if named and (not key.unit if key.kind == "time" else len(words) > 1):  # MJD may be of any scale
         said["the column's name"] = named[0]
-    said = {who: unit for who, unit in said.items() if unit}
-    first = next(iter(said.values()), next(iter(UNITS[key.kind])))
+    given = {who: unit for who, unit in said.items() if unit}
+    first = next(iter(given.values()), next(iter(UNITS[key.kind])))
     if key.kind == "time" and "_" not in first:
         first = f"{first}_{SCALES[0]}"
-    for who, unit in said.items():
+    for who, unit in given.items():
         if unit != first:
             raise InputError(
-                f"two units of {key.name}: {who} says {unit}, {next(iter(said))} {first}", key=f"column {column}"
+                f"two units of {key.name}: {who} says {unit}, {next(iter(given))} {first}", key=f"column {column}"
             )
     return first
 
 
-def _of_list(key, stated, column):
+def _of_list(key: Key, stated: u.UnitBase | None, column: str) -> str | None:
     """Return the unit that a FITS or ECSV file states as one of UNITS; None: it states none, or a time's day."""
     if stated is None:
         return None

@@ -4,15 +4,27 @@ Cells stay text until a quantity is asked of them, so that a row is refused alon
 ECSV; it would refuse a whole text for one row that is too long.
 """
 
+from __future__ import annotations
+
 import csv
 import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.damage import reading
 from csstsim.base.files.fits_headers import check_headers
 from csstsim.base.files.text_file import read_text
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from typing import Any
+
+    import numpy as np
+    from astropy.units import UnitBase
+
+    from csstsim.base.types import PathLike
 
 _DELIMITERS = ",;\t|"  # that tell CSV; none of them: blanks
 
@@ -25,12 +37,12 @@ class PointingList:
     """
 
     path: Path
-    names: list
-    rows: list
-    broken: list = field(default_factory=list)
-    units: dict = field(default_factory=dict)
+    names: list[str]
+    rows: list[tuple[str, list[str]]]
+    broken: list[tuple[str, str, str]] = field(default_factory=list)
+    units: dict[str, UnitBase] = field(default_factory=dict)
 
-    def column(self, name, told=(None, "columns")):
+    def column(self, name: str, told: tuple[PathLike | None, str] = (None, "columns")) -> int:
         """Return the index of the column `name`, or of colN, the N-th. Raises InputError if there is none.
 
         told: the (file, key) that asks for it, for the message.
@@ -48,7 +60,7 @@ class PointingList:
         )
 
 
-def read_list(path):
+def read_list(path: PathLike) -> PointingList:
     """Return the PointingList in a file. Raises InputError if it is no list, or has no row."""
     path = Path(path)
     read = _fits if path.is_file() and _begins_as_fits(path) else _text
@@ -58,12 +70,12 @@ def read_list(path):
     return found
 
 
-def _begins_as_fits(path):
+def _begins_as_fits(path: Path) -> bool:
     with open(path, "rb") as file:
         return file.read(9) == b"SIMPLE  ="
 
 
-def _fits(path):
+def _fits(path: Path) -> PointingList:
     """Return the first table of a FITS file."""
     import numpy as np
     from astropy.io import fits
@@ -82,7 +94,7 @@ def _fits(path):
     return PointingList(path, list(table.colnames), rows, units=units)
 
 
-def _texts(column):
+def _texts(column: np.ma.MaskedArray[Any, Any]) -> list[str]:
     """Return a column's values as text that gives the same number again; masked: empty."""
     values = column.filled() if column.dtype.kind in "SU" else column.tolist()
     return [
@@ -91,7 +103,7 @@ def _texts(column):
     ]
 
 
-def _text(path):
+def _text(path: Path) -> PointingList:
     lines = list(enumerate(read_text(path, "utf-8-sig").splitlines(), start=1))
     told = [line for _, line in lines if line.lstrip().startswith("#")]
     lines = [(n, line) for n, line in lines if line.strip() and not line.lstrip().startswith("#")]
@@ -115,7 +127,7 @@ def _text(path):
     return PointingList(path, names, rows, broken, units)
 
 
-def _ecsv(path, told, heading):
+def _ecsv(path: Path, told: Sequence[str], heading: str) -> tuple[dict[str, UnitBase], str]:
     """Return ({column: unit}, delimiter) that the heading of an ECSV text states."""
     from astropy.table import Table
 
@@ -129,7 +141,7 @@ def _ecsv(path, told, heading):
     return units, "," if "delimiter: ','" in " ".join(told) else " "
 
 
-def _cells(line, delimiter):
+def _cells(line: str, delimiter: str) -> list[str] | None:
     """Return the cells of a line, or None."""
     if "\0" in line:
         return None
@@ -144,7 +156,7 @@ def _cells(line, delimiter):
         return None
 
 
-def _names_told(told, delimiter, count):
+def _names_told(told: Sequence[str], delimiter: str, count: int) -> list[str] | None:
     """Return the names in the last comment that has as many words as a row has cells, or None."""
     for line in reversed(told):
         names = _cells(line.lstrip().lstrip("#"), delimiter) or []
@@ -153,7 +165,7 @@ def _names_told(told, delimiter, count):
     return None
 
 
-def _is_number(text):
+def _is_number(text: str) -> bool:
     try:
         float(text)
     except ValueError:

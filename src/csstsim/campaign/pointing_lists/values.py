@@ -1,10 +1,13 @@
 """The values of a list's quantities: arrays in csstsim's units, and why a row has none."""
 
+from __future__ import annotations
+
 import re
 import warnings
 from datetime import datetime
 from decimal import Decimal, InvalidOperation
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from astropy import units as u
@@ -12,6 +15,13 @@ from astropy.coordinates import Angle
 from astropy.time import Time
 
 from csstsim.campaign.pointing_lists.quantities import KINDS, UNITS, unit_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from csstsim.base.types import BoolArray, FloatArray
+    from csstsim.campaign.pointing_lists.mapping import Mapping
+    from csstsim.campaign.pointing_lists.read_list import PointingList
 
 _ISO = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}T[0-9]{2}:[0-9]{2}(:[0-9]{2}(\.[0-9]{1,12})?)?")
 _LONGITUDE, _LATITUDE, _TURN, _SEPARATION = (-180.0, 360.0), (-90.0, 90.0), (-360.0, 360.0), (0.0, 180.0)
@@ -28,10 +38,13 @@ _YES, _NO = ("1", "yes", "y", "true", "t", "deep"), ("0", "no", "n", "false", "f
 class Values:
     """The quantities of a list's rows; `reasons` {row: why it is refused} grows as they are asked for."""
 
-    def __init__(self, table, mapping):
-        self.rows, self.reasons, self._sources = len(table.rows), {}, {}
+    def __init__(self, table: PointingList, mapping: Mapping) -> None:
+        self.rows = len(table.rows)
+        self.reasons: dict[int, str] = {}
+        self._sources: dict[str, tuple[list[str], str | None, str]] = {}
         for name, (key, column, value, told) in mapping.keys().items():
             if column is None:
+                assert value is not None  # one of both is given
                 cells, unit = [value] * self.rows, unit_of(key, "", None)
                 said = ": ".join(str(part) for part in told if part)
             else:
@@ -40,23 +53,23 @@ class Values:
                 cells, said = [cells[index] for _, cells in table.rows], f"column {table.names[index]}"
             self._sources[name] = cells, unit, said
 
-    def __contains__(self, name):
+    def __contains__(self, name: str) -> bool:
         return name in self._sources
 
-    def refuse(self, row, message, name, value, allowed=None):
+    def refuse(self, row: int, message: str, name: str, value: str, allowed: str | None = None) -> None:
         """Note why a row is refused; the first reason counts."""
         said = f"{self.said(name)}: {message} (got {value!r:.60})"
         self.reasons.setdefault(row, f"{said}; allowed: {allowed}" if allowed else said)
 
-    def said(self, name):
+    def said(self, name: str) -> str:
         """Return what states a quantity: a column of the list, or what gives all rows a value."""
         return self._sources[name][2]
 
-    def words(self, name):
+    def words(self, name: str) -> list[str]:
         """Return the cells of a quantity, text."""
         return self._sources[name][0]
 
-    def numbers(self, name, empty=()):
+    def numbers(self, name: str, empty: Sequence[bool] | BoolArray = ()) -> FloatArray:
         """Return a quantity (rows,) in the first unit of its kind, NaN where the row is refused.
 
         empty: (rows,) of which need no value, and have NaN.
@@ -65,11 +78,12 @@ class Values:
         if len(empty):
             cells = ["0" if none else cell for cell, none in zip(cells, empty, strict=True)]
         kind = UNITS[KINDS[name]]
-        if kind[unit] is None:
+        assert unit is not None  # words alone have none
+        if (scale := kind[unit]) is None:
             found = np.array([self._angle(name, row, cell, unit) for row, cell in enumerate(cells)], float)
         else:
             found = np.array([self._number(name, row, cell) for row, cell in enumerate(cells)], float)
-            found = found * kind[unit].to(next(iter(kind.values())))
+            found = found * scale.to(next(iter(kind.values())))
         low, high = RANGES.get(name, (-np.inf, np.inf))
         for row in np.flatnonzero((found < low) | (found > high)):
             allowed = f"{low:g} to {high:g} {next(iter(kind))}"
@@ -77,9 +91,9 @@ class Values:
             found[row] = np.nan
         return np.where(empty, np.nan, found) if len(empty) else found
 
-    def _number(self, name, row, cell):
+    def _number(self, name: str, row: int, cell: str) -> float:
         try:
-            value = float(cell) if "_" not in cell else np.nan
+            value: float | None = float(cell) if "_" not in cell else np.nan
         except ValueError:
             value = None
         if value is None or not np.isfinite(value):
@@ -90,7 +104,7 @@ class Values:
             return np.nan
         return value
 
-    def _angle(self, name, row, cell, unit):
+    def _angle(self, name: str, row: int, cell: str, unit: str) -> float:
         """Return a sexagesimal angle [deg]: hours (hms) or degrees (dms), minutes and seconds."""
         try:
             with warnings.catch_warnings():
@@ -101,11 +115,14 @@ class Values:
             self.refuse(row, "not a sexagesimal angle", name, cell, allowed)
             return np.nan
 
-    def utc(self):
+    def utc(self) -> list[str]:
         """Return the start of each exposure, ISO UTC to a microsecond; "" where the row is refused."""
         cells, unit, _ = self._sources["time"]
+        assert unit is not None
         form, scale = unit.split("_")
-        read = self._iso if form == "iso" else partial(self._days, form=form)
+        read: Callable[[int, str], str | tuple[float, float] | None] = (
+            self._iso if form == "iso" else partial(self._days, form=form)
+        )
         parts = {row: part for row, cell in enumerate(cells) if (part := read(row, cell)) is not None}
         found = [""] * self.rows
         if parts:
@@ -117,19 +134,21 @@ class Values:
                     found[row] = str(text).rstrip("0").rstrip(".")
         return found
 
-    def _days(self, row, cell, form):
+    def _days(self, row: int, cell: str, form: str) -> tuple[float, float] | None:
         """Return (whole days, fraction) of the MJD that a JD, MJD or Unix time is, without loss; None: refused."""
         try:
             value = Decimal(cell) if "_" not in cell else Decimal("nan")
             mjd = value / 86_400 + _UNIX_MJD if form == "unix" else value - _ZERO[form]
         except InvalidOperation:
-            return self.refuse(row, "not a number" if cell else "no value", "time", cell)
+            self.refuse(row, "not a number" if cell else "no value", "time", cell)
+            return None
         if not (mjd.is_finite() and _MJD[0] <= mjd < _MJD[1]):
             allowed = f"a time as {form} of the years 1950 to 2099"
-            return self.refuse(row, "out of range", "time", cell, allowed + _other_form(value))
+            self.refuse(row, "out of range", "time", cell, allowed + _other_form(value))
+            return None
         return float(int(mjd)), float(mjd % 1)
 
-    def _iso(self, row, cell):
+    def _iso(self, row: int, cell: str) -> str | None:
         """Return an ISO time as astropy reads it; None: refused."""
         allowed = "YYYY-MM-DDThh:mm:ss[.ffffff], years 1950 to 2099"
         text = cell.removesuffix("Z").replace(" ", "T")
@@ -140,19 +159,21 @@ class Values:
         if good:
             return text
         more = "; or map time_jd or time_mjd" if re.fullmatch(r"[0-9.]+", cell) else ""
-        return self.refuse(row, "not a time" if cell else "no value", "time", cell, allowed + more)
+        self.refuse(row, "not a time" if cell else "no value", "time", cell, allowed + more)
+        return None
 
-    def whole_numbers(self, name):
+    def whole_numbers(self, name: str) -> list[int | None]:
         """Return a quantity that counts, [int], None where the row is refused."""
         cells = self.words(name)
         return [self._whole(name, row, cell) for row, cell in enumerate(cells)]
 
-    def _whole(self, name, row, cell, allowed="0, 1, 2, ..."):
+    def _whole(self, name: str, row: int, cell: str, allowed: str = "0, 1, 2, ...") -> int | None:
         if re.fullmatch(r"[0-9]{1,14}(\.0*)?", cell):
             return int(cell.split(".")[0])
-        return self.refuse(row, "not a whole number", name, cell, allowed)
+        self.refuse(row, "not a whole number", name, cell, allowed)
+        return None
 
-    def deep(self):
+    def deep(self) -> list[bool | None]:
         """Return which exposures belong to the deep survey, [bool]; False or None where refused."""
         if "deep_index" in self:  # -1 is wide
             cells = enumerate(self.words("deep_index"))
@@ -163,14 +184,15 @@ class Values:
             ]
         return [self._deep(row, cell) for row, cell in enumerate(self.words("deep"))]
 
-    def _deep(self, row, cell):
+    def _deep(self, row: int, cell: str) -> bool | None:
         word = cell.lower().removesuffix(".0")
         if word not in (*_YES, *_NO):
-            return self.refuse(row, "neither deep nor wide", "deep", cell, ", ".join((*_YES, *_NO)))
+            self.refuse(row, "neither deep nor wide", "deep", cell, ", ".join((*_YES, *_NO)))
+            return None
         return word in _YES
 
 
-def _other_form(value):
+def _other_form(value: Decimal) -> str:
     """Return the hint at the other form of a time that a number out of range may be."""
     if not value.is_finite():
         return ""

@@ -3,6 +3,8 @@
 A terminal shows none of them.
 """
 
+from __future__ import annotations
+
 import os
 import re
 import resource
@@ -12,8 +14,12 @@ import time
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from typing import TYPE_CHECKING
 
 from csstsim import __version__
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 _START = time.monotonic()  # the commands import this first: nearly the start of the process
 _FIRST = re.compile(r"csstsim \S+ \w+: .*, (\S+) pid (\d{1,9}), \S+Z")
@@ -33,7 +39,7 @@ class Took:
 
 
 @contextmanager
-def job_log(verb, campaign, digest, what):
+def job_log(verb: str | None, campaign: str, digest: str, what: str) -> Iterator[None]:
     """Print the first line of a job's log and, if the work inside succeeds, the last one.
 
     verb: the command; campaign: its name; digest: of its content; what: the exposure, chip or brick, in words.
@@ -50,7 +56,7 @@ def job_log(verb, campaign, digest, what):
 
 
 @contextmanager
-def part_log(kind, number):
+def part_log(kind: str, number: int) -> Iterator[None]:
     """Print what one part of a job took, of a job that makes several. kind: "chip" or "brick"."""
     wall, cpu = time.monotonic(), time.process_time()
     yield
@@ -59,28 +65,28 @@ def part_log(kind, number):
         print(f"{kind} {number} done: {wall:.1f} s, CPU {cpu:.1f} s", flush=True)
 
 
-def finished_earlier(kind, number, cpu):
+def finished_earlier(kind: str, number: int, cpu: float) -> str:
     """Return the line of a part that an earlier attempt of the job made, in `cpu` seconds."""
     return f"{kind} {number} was finished earlier: CPU {cpu:.1f} s"
 
 
-def parts(log):
+def parts(log: str) -> dict[int, float]:
     """Return {number: CPU s} of the chips or bricks of a log; {} of a job that makes one."""
     return {int(number): float(cpu) for number, cpu in _PART.findall(log)}
 
 
-def earlier_parts(log):
+def earlier_parts(log: str) -> dict[int, float]:
     """Return {number: CPU s} of the chips or bricks that an earlier attempt of the job made: not in its own CPU s."""
     return {int(number): float(cpu) for number, cpu in _EARLIER.findall(log)}
 
 
-def took(log):
+def took(log: str) -> Took | None:
     """Return the Took of a log's last line; None if the job failed, still runs, or is of an older release."""
     found = _LAST.findall(log)
     return Took(*map(float, found[-1])) if found else None
 
 
-def killed(log):
+def killed(log: str) -> int | None:
     """Return the pid of a log's process if it ran on this host and was killed before its last line; else None."""
     first = _FIRST.match(log)
     if not first or first[1] != socket.gethostname() or took(log) or os.path.exists(f"/proc/{first[2]}"):
@@ -88,7 +94,7 @@ def killed(log):
     return int(first[2]) if os.path.exists("/proc/self") else None
 
 
-def _peak_memory_mb():
+def _peak_memory_mb() -> float:
     """Return the largest resident memory, if possible not getrusage's, which includes memory of the parent process."""
     try:
         with open("/proc/self/status") as file:

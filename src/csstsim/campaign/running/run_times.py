@@ -3,19 +3,32 @@
 The figures are those of the last lines of the jobs' logs.
 """
 
+from __future__ import annotations
+
 from statistics import fmean
+from typing import TYPE_CHECKING
 
 from csstsim.campaign.costs import expected
 from csstsim.campaign.running.job_log import took
 
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterable, Sequence
+    from pathlib import Path
 
-def run_times(run):
+    from csstsim.campaign.costs import Cost
+    from csstsim.campaign.opened import OpenCampaign
+    from csstsim.campaign.running.job_log import Took
+
+
+def run_times(run: OpenCampaign) -> list[dict[str, str | float | None]]:
     """Return the rows of the table, {heading: value}: a rule each, all of them, and that for each Level-0 file.
 
     Empty if there are no logs with figures. run: campaign.opened.OpenCampaign.
     """
     found = measured(run.paths.output)
-    costs, rows, sums = expected(run) if found else {}, [], [0.0, 0.0, 0.0]
+    costs = expected(run) if found else {}
+    rows: list[dict[str, str | float | None]] = []
+    sums = [0.0, 0.0, 0.0]
     for rule, jobs in found.items():
         known = costs.get(rule, {}).values()
         rows.append(_row(rule, jobs, known))
@@ -25,16 +38,16 @@ def run_times(run):
     return rows and [*rows, _total("all", 1, sums), _total("all, for a Level-0 file", len(run.jobs), sums)]
 
 
-def measured(output):
+def measured(output: Path) -> dict[str, list[Took]]:
     """Return {rule: [Took of each job]} from the logs of an output folder; those without a last line are left out."""
-    found = {}
+    found: dict[str, list[Took]] = {}
     for path in sorted((output / "logs").glob("*/*.log")):
         if said := took(path.read_text(errors="replace")):
             found.setdefault(path.parent.name, []).append(said)
     return found
 
 
-def _row(rule, jobs, costs):
+def _row(rule: str, jobs: Sequence[Took], costs: Collection[Cost]) -> dict[str, str | float | None]:
     """Return a rule's row: sums, then CPU time and memory of a job, measured and expected."""
     wall, cpu, memory = ([getattr(job, name) for job in jobs] for name in ("wall_s", "cpu_s", "memory_mb"))
     cpu_mean = fmean(cpu)
@@ -49,7 +62,7 @@ def _row(rule, jobs, costs):
     }  # fmt: skip
 
 
-def _total(name, count, sums):
+def _total(name: str, count: int, sums: Iterable[float]) -> dict[str, str | float | None]:
     """Return a row of sums over all rules, divided by `count`."""
     wall, cpu, should = (total / count for total in sums)
     return {
@@ -58,9 +71,9 @@ def _total(name, count, sums):
     }  # fmt: skip
 
 
-def _shown(value, digits=None):
+def _shown(value: float | None, digits: int | None = None) -> float | None:
     return None if value is None else round(value, digits)
 
 
-def _ratio(value, should):
+def _ratio(value: float, should: float | None) -> float | None:
     return round(value / should, 2) if should else None

@@ -6,16 +6,29 @@ time left is the CPU time of the missing products over the pace. Times are those
 wrong: only differences count.
 """
 
+from __future__ import annotations
+
 import os
 import sys
 import time
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from typing import TYPE_CHECKING
 
 from csstsim.campaign.costs import expected
 from csstsim.campaign.plan import duration
 from csstsim.campaign.products import kinds
 from csstsim.campaign.running.job_log import ERROR, killed
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+    from typing import Any
+
+    from rich.console import Group
+
+    from csstsim.base.types import PathLike
+    from csstsim.campaign.opened import OpenCampaign
+    from csstsim.campaign.products import Kind as Product
 
 LATELY, PAUSE = 3600.0, 900.0  # s: the pace is that of the last hour, after the last pause; jobs of hours look further
 LOGS, TAIL, FAILURES = 5000, 4096, 5  # newest logs looked into, bytes of each, failures named
@@ -27,11 +40,11 @@ class Kind:
     """Products of one kind: the expected cost of each, and when the existing ones were made."""
 
     name: str
-    wanted: dict  # {path: CPU s}
-    made: dict  # {path: s since 1970}
+    wanted: dict[str, float]  # {path: CPU s}
+    made: dict[str, float]  # {path: s since 1970}
 
     @property
-    def missing_cpu(self):
+    def missing_cpu(self) -> float:
         """Expected CPU seconds of the missing products."""
         return sum(cpu for path, cpu in self.wanted.items() if path not in self.made)
 
@@ -42,7 +55,7 @@ class Pace:
 
     span: float  # s
     cpu: float  # CPU s expected of them
-    counts: dict  # {kind: products}
+    counts: dict[str, int]  # {kind: products}
     last: float  # s since 1970
 
 
@@ -50,36 +63,37 @@ class Pace:
 class Status:
     """Progress of a campaign."""
 
-    kinds: list
+    kinds: list[Kind]
     pace: Pace | None  # None: too little was made to tell
     disk: int  # bytes in the output folder, logs left out
-    failed: list  # (path of the log, its line), newest first
-    missing: dict = field(default_factory=dict)  # {(obsid, chip): reason}, declared in the campaign
+    failed: list[tuple[str, str]]  # (path of the log, its line), newest first
+    # {(obsid, chip): reason}, declared in the campaign
+    missing: dict[tuple[str, int], str] = field(default_factory=dict)
 
     @property
-    def missing_cpu(self):
+    def missing_cpu(self) -> float:
         """Expected CPU seconds of the missing products of all kinds."""
         return sum(kind.missing_cpu for kind in self.kinds)
 
     @property
-    def done(self):
+    def done(self) -> bool:
         """Whether every product exists."""
         return all(len(kind.made) == len(kind.wanted) for kind in self.kinds)
 
     @property
-    def left(self):
+    def left(self) -> float | None:
         """Seconds left at the pace, None if that is not known."""
         return None if self.pace is None else self.missing_cpu * self.pace.span / self.pace.cpu
 
 
-def wanted(run):
+def wanted(run: OpenCampaign) -> dict[str, dict[str, float]]:
     """Return {kind: {path: CPU s}} of the products of a campaign.opened.OpenCampaign, in the order of the workflow.
 
     Those of its variants follow, as "variant: kind".
     """
     costs = expected(run)
 
-    def cpu(kind, one):
+    def cpu(kind: Product, one: Any) -> float:
         key = getattr(one, "key", one)
         return sum(costs[rule][key].cpu_s for rule in kind.rules if key in costs.get(rule, ()))
 
@@ -91,7 +105,7 @@ def wanted(run):
     return own | variants
 
 
-def look(run, products):
+def look(run: OpenCampaign, products: Mapping[str, dict[str, float]]) -> Status:
     """Return the Status of a campaign now. products: what `wanted` returned; run: campaign.opened.OpenCampaign."""
     root = str(run.paths.output)
     found = _files(root, skip={"logs", ".snakemake"}, links=True)
@@ -106,7 +120,7 @@ def look(run, products):
     return Status(kinds, pace(kinds), size, failed, run.declared_missing)
 
 
-def _files(folder, skip=(), links=False):
+def _files(folder: str, skip: Container[str] = (), links: bool = False) -> Iterator[tuple[str, os.stat_result]]:
     """Yield (path, stat) of the files below a folder, except those that cannot be read or vanish meanwhile.
 
     links: follow links to folders directly in it (products on another disk), but not further down.
@@ -126,7 +140,7 @@ def _files(folder, skip=(), links=False):
             continue
 
 
-def pace(kinds):
+def pace(kinds: Sequence[Kind]) -> Pace | None:
     """Return the Pace of the last hour of work since its last pause; None if no hour has two products.
 
     The hour ends with the last product, so a wrong clock or a night since then does not matter. If work has only just
@@ -148,20 +162,20 @@ def pace(kinds):
     return None
 
 
-def failures(*folders):
+def failures(*folders: str) -> list[tuple[str, str]]:
     """Return [(path, line)] of the newest logs with an error in folders of logs, newest first."""
     logs = sorted((file for folder in folders for file in _files(folder)), key=lambda file: -file[1].st_mtime)[:LOGS]
     found = ((path, line) for path, _ in logs if (line := _complaint(path)))
     return [failure for failure, _ in zip(found, range(FAILURES), strict=False)]
 
 
-def _complaint(path):
+def _complaint(path: str) -> str | None:
     """Return the line of a log with the reason why its job failed, or None."""
     try:
         with open(path, "rb") as file:
-            text = file.readline(TAIL)
-            file.seek(max(os.fstat(file.fileno()).st_size - TAIL, len(text)))
-            text = (text + file.read(TAIL)).decode(errors="replace")
+            head = file.readline(TAIL)
+            file.seek(max(os.fstat(file.fileno()).st_size - TAIL, len(head)))
+            text = (head + file.read(TAIL)).decode(errors="replace")
     except OSError:
         return None
     lines = [line for line in text.splitlines() if line.strip()]
@@ -172,24 +186,24 @@ def _complaint(path):
     return found and "".join(c if c.isprintable() else "?" for c in found)
 
 
-def lines(status, root, now=None):
+def lines(status: Status, root: PathLike, now: float | None = None) -> list[str]:
     """Return the status in words, a line each: kinds, time left, disk, failures. root: the output folder."""
     return [*(_kind_line(status, kind) for kind in status.kinds), *summary(status, root, now)]
 
 
-def _kind_line(status, kind):
+def _kind_line(status: Status, kind: Kind) -> str:
     parts = f"{kind.name}: {len(kind.made):,} of {len(kind.wanted):,}", rate(status, kind)
     return ", ".join(part for part in parts if part)
 
 
-def rate(status, kind):
+def rate(status: Status, kind: Kind) -> str:
     """Return in words how many of a kind are made in an hour, "" if none lately."""
     pace = status.pace
     count = pace.counts[kind.name] if pace else 0
-    return f"{count / pace.span * 3600:,.3g} an hour" if count and len(kind.made) < len(kind.wanted) else ""
+    return f"{count / pace.span * 3600:,.3g} an hour" if pace and count and len(kind.made) < len(kind.wanted) else ""
 
 
-def summary(status, root, now=None):
+def summary(status: Status, root: PathLike, now: float | None = None) -> list[str]:
     """Return the lines that concern all kinds: time left, disk, idle time, failures."""
     now = time.time() if now is None else now
     said = [f"{root}: {status.disk / 1e9:.3g} GB"]
@@ -198,10 +212,12 @@ def summary(status, root, now=None):
     elif status.pace is None:
         said.append(f"{duration(status.missing_cpu)} of CPU time to go, estimated; the time left is not known yet")
     else:
+        left = status.left
+        assert left is not None  # there is a pace
         last, idle = datetime.fromtimestamp(status.pace.last, UTC), now - status.pace.last
         said.append(
             f"{duration(status.missing_cpu)} of CPU time to go, estimated; at the pace of the last "
-            f"{duration(status.pace.span)} of work {duration(status.left)} left"
+            f"{duration(status.pace.span)} of work {duration(left)} left"
         )
         if idle > PAUSE:
             said.append(f"nothing was made for {duration(idle)}: since {last:%Y-%m-%d %H:%M} UTC")
@@ -209,7 +225,7 @@ def summary(status, root, now=None):
     return said + [f"failed: {path}: {line}" for path, line in status.failed if not status.done]
 
 
-def show(run, watch, say):
+def show(run: OpenCampaign, watch: float | None, say: Callable[[str], object]) -> None:
     """Show the status of a campaign, with bars on a terminal; every `watch` seconds, if given, until all is made."""
     products, root = wanted(run), run.paths.output
     if sys.stdout.isatty():
@@ -223,7 +239,7 @@ def show(run, watch, say):
             say("\n".join(lines(status, root)))
 
 
-def _repeat(run, products, watch):
+def _repeat(run: OpenCampaign, products: Mapping[str, dict[str, float]], watch: float | None) -> Iterator[Status]:
     """Yield the Status now and, if `watch` is given, every so many seconds until all is made."""
     while True:
         status = look(run, products)
@@ -233,7 +249,7 @@ def _repeat(run, products, watch):
         time.sleep(watch)
 
 
-def _picture(status, root):
+def _picture(status: Status, root: PathLike) -> Group:
     """Return a rich table of the kinds, with bars, and the other lines below."""
     from rich.console import Group
     from rich.progress_bar import ProgressBar

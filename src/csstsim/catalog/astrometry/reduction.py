@@ -23,17 +23,36 @@ Left out: light travel in the star's own motion (second order in v/c; erfa.pmpx 
 deflection (0.6 mas at the limb), the Doppler factor of the flux (1e-4).
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from csstsim.base.sphere import frames, normalised, ra_dec, turned, unit_vectors
 from csstsim.base.units import AU_KM, C_KM_S, DAY_S, JULIAN_YEAR_DAYS, MAS_PER_RAD
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from csstsim.base.types import FloatArray, Floats
+    from csstsim.catalog.astrometry.ephemeris import Observer
 
 _AU_YEAR = DAY_S * JULIAN_YEAR_DAYS / AU_KM  # au / yr of 1 km / s
 _LIGHT_YEARS_AU = AU_KM / C_KM_S / DAY_S / JULIAN_YEAR_DAYS  # light time of 1 au, yr
 _PASSES = 6  # of the inverses: each reduces the error by 1e4 far from the Sun, by 50 inside its disc
 
 
-def at_epoch(ra, dec, observer, *, pmra=0.0, pmdec=0.0, parallax=0.0, rv=0.0):
+def at_epoch(
+    ra: Floats,
+    dec: Floats,
+    observer: Observer,
+    *,
+    pmra: Floats = 0.0,
+    pmdec: Floats = 0.0,
+    parallax: Floats = 0.0,
+    rv: Floats = 0.0,
+) -> tuple[FloatArray, FloatArray]:
     """Return geometric ra, dec [deg] of J2000 catalogue places, at the observer's epoch and position.
 
     pmra (with cos dec), pmdec [mas/yr], parallax [mas], rv [km/s]: floats or arrays like ra, dec.
@@ -42,7 +61,16 @@ def at_epoch(ra, dec, observer, *, pmra=0.0, pmdec=0.0, parallax=0.0, rv=0.0):
     return _degrees(_geometric(np.radians(ra), np.radians(dec), motion, observer))
 
 
-def at_j2000(ra, dec, observer, *, pmra=0.0, pmdec=0.0, parallax=0.0, rv=0.0):
+def at_j2000(
+    ra: Floats,
+    dec: Floats,
+    observer: Observer,
+    *,
+    pmra: Floats = 0.0,
+    pmdec: Floats = 0.0,
+    parallax: Floats = 0.0,
+    rv: Floats = 0.0,
+) -> tuple[FloatArray, FloatArray]:
     """Return the J2000 catalogue place that `at_epoch` takes to ra, dec.
 
     It does not converge if the object is closer to a pole than it has moved: east turns on the way.
@@ -51,7 +79,7 @@ def at_j2000(ra, dec, observer, *, pmra=0.0, pmdec=0.0, parallax=0.0, rv=0.0):
     return _degrees(_inverse(lambda p: _geometric(*_angles(p), motion, observer), unit_vectors(ra, dec)))
 
 
-def moved(ra, dec, pmra, pmdec, years):
+def moved(ra: Floats, dec: Floats, pmra: Floats, pmdec: Floats, years: float) -> tuple[FloatArray, FloatArray]:
     """Return ra, dec [deg] after some years (negative: before) of uniform motion in space, without radial velocity.
 
     It brings places of another epoch to J2000. pmra (with cos dec), pmdec [mas/yr]; NaN counts as zero.
@@ -61,17 +89,19 @@ def moved(ra, dec, pmra, pmdec, years):
     return ra_dec(star + along * east + up * north)
 
 
-def apparent(ra, dec, observer):
+def apparent(ra: Floats, dec: Floats, observer: Observer) -> tuple[FloatArray, FloatArray]:
     """Return the apparent ra, dec [deg] for the observer of what lies at ra, dec (ICRS at the epoch)."""
     return _degrees(aberration(light_deflection(unit_vectors(ra, dec), observer), observer))
 
 
-def icrs(ra, dec, observer):
+def icrs(ra: Floats, dec: Floats, observer: Observer) -> tuple[FloatArray, FloatArray]:
     """Return the ICRS ra, dec [deg] at the epoch of what is seen at ra, dec: the inverse of `apparent`."""
     return _degrees(_inverse(lambda p: aberration(light_deflection(p, observer), observer), unit_vectors(ra, dec)))
 
 
-def space_motion(ra, dec, pmra, pmdec, parallax, rv, observer):
+def space_motion(
+    ra: Floats, dec: Floats, pmra: Floats, pmdec: Floats, parallax: Floats, rv: Floats, observer: Observer
+) -> FloatArray:
     """Return vectors (n, 3) from the barycentre to the stars at the epoch, in units of their distance at J2000.
 
     ra, dec in rad; pmra (with cos dec), pmdec [mas/yr]; parallax [mas, >= 0]; rv [km/s].
@@ -84,13 +114,13 @@ def space_motion(ra, dec, pmra, pmdec, parallax, rv, observer):
     return star + (observer.astrom["pmt"] + roemer)[..., None] * velocity
 
 
-def parallax_shift(star, parallax, observer):
+def parallax_shift(star: FloatArray, parallax: Floats, observer: Observer) -> FloatArray:
     """Return the unit vectors (n, 3) from the observer to stars (n, 3) as `space_motion` gives them; parallax [mas]."""
     shift = np.broadcast_to(parallax, star.shape[:-1])[..., None] / MAS_PER_RAD * observer.astrom["eb"]
     return normalised(star - shift)
 
 
-def light_deflection(direction, observer):
+def light_deflection(direction: FloatArray, observer: Observer) -> FloatArray:
     """Return unit vectors (n, 3) after deflection by the Sun (and planets), for an observer at rest."""
     import erfa
 
@@ -100,7 +130,7 @@ def light_deflection(direction, observer):
         return erfa.ldsun(direction, observer.astrom["eh"], observer.astrom["em"])
 
 
-def aberration(direction, observer):
+def aberration(direction: FloatArray, observer: Observer) -> FloatArray:
     """Return unit vectors (n, 3) as the moving observer sees them."""
     import erfa
 
@@ -109,11 +139,12 @@ def aberration(direction, observer):
         return erfa.ab(direction, astrom["v"], astrom["em"], astrom["bm1"])
 
 
-def _geometric(ra, dec, motion, observer):
-    return parallax_shift(space_motion(ra, dec, *motion, observer), motion[2], observer)
+def _geometric(ra: FloatArray, dec: FloatArray, motion: Sequence[FloatArray], observer: Observer) -> FloatArray:
+    pmra, pmdec, parallax, rv = motion
+    return parallax_shift(space_motion(ra, dec, pmra, pmdec, parallax, rv, observer), parallax, observer)
 
 
-def _inverse(forward, target):
+def _inverse(forward: Callable[[FloatArray], FloatArray], target: FloatArray) -> FloatArray:
     """Return the unit vectors that `forward`, a small displacement, takes to `target`.
 
     The number of passes is fixed, so that no object's place depends on the others in its array.
@@ -124,17 +155,17 @@ def _inverse(forward, target):
     return guess
 
 
-def _known(values):
+def _known(values: Floats) -> FloatArray:
     values = np.asarray(values, dtype=float)
     return np.where(np.isfinite(values), values, 0.0)
 
 
-def _angles(vectors):
+def _angles(vectors: FloatArray) -> tuple[FloatArray, FloatArray]:
     import erfa
 
     return erfa.c2s(vectors)
 
 
-def _degrees(vectors):
+def _degrees(vectors: FloatArray) -> tuple[FloatArray, FloatArray]:
     ra, dec = _angles(vectors)
     return turned(np.degrees(ra)), np.degrees(dec)

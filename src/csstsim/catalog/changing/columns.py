@@ -1,8 +1,20 @@
 """Columns of objects that change with time; a table without them has objects that stay as they are."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-MOTION = {
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import ArrayLike
+
+    from csstsim.base.types import AnyArray, BoolArray
+    from csstsim.catalog.table import ColumnKind, ObjectTable
+
+MOTION: dict[str, ColumnKind] = {
     "rate_ra": (np.float64, 0.0, "arcsec / hour, motion on the sky as seen from the telescope, includes cos(dec)"),
     "rate_dec": (np.float64, 0.0, "arcsec / hour"),
     "rate_mjd": (np.float64, np.nan, "MJD, UTC, at which the object is at ra, dec; needed with a rate"),
@@ -12,7 +24,7 @@ MOTION = {
         "arcsec, full width of a satellite's track before the PSF, as of a disc out of focus",
     ),
 }
-LIGHT = {
+LIGHT: dict[str, ColumnKind] = {
     "var_period": (np.float64, np.nan, "day, of a periodic change of the magnitude"),
     "var_amplitude": (np.float64, 0.0, "mag, half the range of the periodic change: a sine about the given magnitude"),
     "var_phase": (np.float64, 0.0, "turns, of the sine at MJD 0 (UTC)"),
@@ -27,14 +39,14 @@ WIDEST, AMPLITUDE_MOST, RATE_MOST, MJD_MOST = 60.0, 30.0, 1e8, 1e6  # arcsec, ma
 TRACK_RATE = 216_000.0  # arcsec / hour, 1 arcmin / s: only what is faster may have a width
 
 
-def completed(columns, count):
+def completed(columns: Mapping[str, ArrayLike], count: int) -> dict[str, AnyArray]:
     """Return {name: (count,) values} of the columns of COLUMNS among `columns`, in their types, blanks at the default.
 
     If one of MOTION is given, all of them are returned.
     """
     given = {name: columns[name] for name in COLUMNS if name in columns}
     if set(given) & set(MOTION):
-        given = {name: given.get(name, default) for name, (_, default, _) in MOTION.items()} | given
+        given = {name: default for name, (_, default, _) in MOTION.items()} | given
     made = {}
     for name, values in given.items():
         dtype, default, _ = COLUMNS[name]
@@ -46,7 +58,7 @@ def completed(columns, count):
     return made
 
 
-def _names(values):
+def _names(values: AnyArray) -> AnyArray:
     """Return names as text: of numbers, too, which are whole where a column with blanks made floats of them."""
     if values.dtype.kind != "f":
         return values.astype(str)
@@ -54,14 +66,14 @@ def _names(values):
     return np.array(list(text), dtype=str)
 
 
-def moves(table):
+def moves(table: ObjectTable) -> BoolArray:
     """Return (n,) bool: the objects of a table with a rate of motion on the sky."""
     if "rate_ra" not in table:
         return np.zeros(len(table), bool)
     return np.hypot(table["rate_ra"], table["rate_dec"]) > 0
 
 
-def reasons(table):
+def reasons(table: ObjectTable) -> dict[str, BoolArray]:
     """Return {reason: (n,) bool} for which an object of a table cannot be drawn as it says."""
     found = {}
     if "rate_ra" in table:

@@ -6,13 +6,23 @@ fainter]. Columns dmag_<band> hold for that band or grating instead of `dmag`. B
 magnitude; before the first point and after the last one it keeps their value. Light is averaged over the exposure.
 """
 
+from __future__ import annotations
+
 from itertools import pairwise
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.units import DAY_S
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping
+
+    from csstsim.base.types import AnyArray, FloatArray, IntArray, PathLike
+    from csstsim.catalog.changing.motion import Interval
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.instrument.filter import Filter
 
 _AT, _WEIGHT = np.polynomial.legendre.leggauss(5)  # over the exposure, or over each panel of it
 _BRIGHTEST, _FAINTEST = -30.0, 1e3  # mag: as var_amplitude, and gone
@@ -22,7 +32,9 @@ _PANELS = 8  # of a period; within one, five points give the mean light to 1e-7
 _CYCLES = 200.0  # in an exposure: with more, a sine counts by the mean of whole cycles, to 1e-3 of its amplitude
 
 
-def dimming(table, rows, interval, filter, curves=None):
+def dimming(
+    table: ObjectTable, rows: IntArray, interval: Interval, filter: Filter, curves: LightCurves | None = None
+) -> FloatArray | None:
     """Return (len(rows),) mag by which rows of a table are fainter in an exposure; None if none of them may change.
 
     interval: catalog.changing.motion.Interval; curves: LightCurves, or None.
@@ -42,7 +54,7 @@ def dimming(table, rows, interval, filter, curves=None):
     period, phase = (_of(table, column, rows[some]) for column in ("var_period", "var_phase"))
     sine = _Sines(np.where(size[some] != 0, period, np.inf), size[some], phase)
     mags = np.zeros(len(some))
-    seen = {curve: curves.breaks(curve, interval, filter.name) for curve in np.unique(name[some]) if curve}
+    seen = {curve: curves.breaks(curve, interval, filter.name) for curve in np.unique(name[some]) if curve and curves}
     cycles = interval.exptime / DAY_S / sine.period
     fine = (cycles * _PANELS > 1) | [len(seen.get(curve, "")) > 0 for curve in name[some]]
     for curve in np.unique(name[some]):
@@ -63,22 +75,22 @@ def dimming(table, rows, interval, filter, curves=None):
 class _Sines(NamedTuple):
     """Periodic changes: period [day], amplitude [mag] and phase [turns] at MJD 0, (n,) each."""
 
-    period: np.ndarray
-    size: np.ndarray
-    phase: np.ndarray
+    period: FloatArray
+    size: FloatArray
+    phase: FloatArray
 
-    def take(self, rows):
+    def take(self, rows: IntArray | list[np.intp]) -> _Sines:
         return _Sines(self.period[rows], self.size[rows], self.phase[rows])
 
-    def still(self):
+    def still(self) -> _Sines:
         return _Sines(np.full_like(self.period, np.inf), np.zeros_like(self.size), self.phase)
 
-    def at(self, mjd):
+    def at(self, mjd: FloatArray) -> FloatArray:
         """Return (n, len(mjd)) mag."""
         turns = mjd / self.period[:, None] + self.phase[:, None]
         return self.size[:, None] * np.sin(2 * np.pi * (turns % 1.0))
 
-    def mean(self):
+    def mean(self) -> FloatArray:
         """Return (n,) the magnitude of the mean light of whole cycles: that of I0(0.4 ln 10 A), a Bessel function."""
         from scipy.special import ive
 
@@ -86,7 +98,7 @@ class _Sines(NamedTuple):
         return -(np.log(ive(0, x)) + x) / _LN_MAG
 
 
-def _panels(interval, breaks, count):
+def _panels(interval: Interval, breaks: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
     """Return (times [MJD], weights) of Gauss' rule in so many panels of an exposure, cut at breaks [MJD] as well."""
     within = (breaks - interval.start) * DAY_S / interval.exptime
     edges = np.unique(np.concatenate([np.linspace(0.0, 1.0, count + 1), within]))
@@ -95,19 +107,21 @@ def _panels(interval, breaks, count):
     return interval.start + interval.exptime * at.ravel() / DAY_S, (0.5 * width * _WEIGHT).ravel()
 
 
-def _mean(sines, curve, curves, filter, panels):
+def _mean(
+    sines: _Sines, curve: str, curves: LightCurves | None, filter: Filter, panels: tuple[FloatArray, FloatArray]
+) -> FloatArray:
     """Return (n,) the magnitudes of the mean light of sines, and of one curve with them ("": none)."""
     at, weights = panels
-    return mean_mag(sines.at(at) + (curves.at(curve, at, filter.name) if curve else 0.0), weights)
+    return mean_mag(sines.at(at) + (curves.at(curve, at, filter.name) if curve and curves else 0.0), weights)
 
 
-def mean_mag(mags, weights):
+def mean_mag(mags: FloatArray, weights: FloatArray) -> FloatArray:
     """Return (n,) the magnitudes of the mean light of magnitudes (n, m) with weights (m,) whose sum is 1."""
     best = mags.min(axis=1, keepdims=True)
     return best[:, 0] - 2.5 * np.log10((10 ** (-0.4 * (mags - best)) * weights).sum(axis=1))
 
 
-def _of(table, name, rows):
+def _of(table: ObjectTable, name: str, rows: IntArray) -> FloatArray:
     return table[name][rows].astype(float) if name in table else np.zeros(len(rows))
 
 
@@ -117,7 +131,7 @@ class LightCurves:
     bands: names of the camera's bands and gratings, or None: any. Raises InputError.
     """
 
-    def __init__(self, columns, where, bands=None):
+    def __init__(self, columns: Mapping[str, AnyArray], where: PathLike, bands: Collection[str] | None = None) -> None:
         for name in ("curve", "mjd"):
             if name not in columns:
                 raise InputError("a column is missing", file=where, key=name, allowed="curve, mjd, dmag or dmag_<band>")
@@ -139,7 +153,7 @@ class LightCurves:
                 raise InputError(f"curve {names[first]} has a time twice", file=where, key="mjd")
             self._curves[str(names[first])] = mjd[part], {kind: values[kind][part] for kind in self._kinds}
 
-    def _check_kinds(self, bands):
+    def _check_kinds(self, bands: Collection[str] | None) -> None:
         """Raise InputError for columns dmag_<band> of one band twice, or of a band that the camera does not have."""
         lower = [kind.lower() for kind in self._kinds]
         twice = next((kind for kind in self._kinds if lower.count(kind.lower()) > 1), None)
@@ -150,18 +164,18 @@ class LightCurves:
         if unknown:
             raise InputError("of no band of the camera", file=self.where, key=unknown[0], allowed=", ".join(known))
 
-    def check(self, names):
+    def check(self, names: AnyArray) -> None:
         """Raise InputError for the first of `names` (n,) that is no curve; "" stands for no curve."""
         unknown = sorted({str(name) for name in names} - {""} - set(self._curves))
         if unknown:
             some = ", ".join(sorted(self._curves)[:5])
             raise InputError("no such curve", file=self.where, key="light_curve", value=unknown[0], allowed=some)
 
-    def at(self, name, mjd, band):
+    def at(self, name: str, mjd: FloatArray, band: str) -> FloatArray:
         """Return the change [mag] of a curve at times (m,) in a band or grating. Raises InputError if it has none."""
         return np.interp(mjd, *self._curve(name, band))
 
-    def breaks(self, name, interval, band):
+    def breaks(self, name: str, interval: Interval, band: str) -> FloatArray:
         """Return the MJD within an exposure between which a curve changes evenly, by a magnitude at most."""
         times, mags = self._curve(name, band)
         ends = np.array([interval.start, interval.start + interval.exptime / DAY_S])
@@ -170,7 +184,7 @@ class LightCurves:
         cuts = [np.linspace(a, b, n + 1)[:-1] for (a, b), n in zip(pairwise(knots), steps, strict=True)]
         return np.concatenate(cuts)[1:]
 
-    def _curve(self, name, band):
+    def _curve(self, name: str, band: str) -> tuple[FloatArray, FloatArray]:
         """Return (times [MJD], changes [mag]) of a curve in a band or grating. Raises InputError if it has none."""
         times, values = self._curves[str(name)]
         kind = next((k for k in self._kinds if k.lower() == f"dmag_{band.lower()}"), "dmag")
@@ -182,7 +196,7 @@ class LightCurves:
         return times, values[kind]
 
 
-def _numbers(columns, name, where):
+def _numbers(columns: Mapping[str, AnyArray], name: str, where: PathLike) -> FloatArray:
     try:
         values = np.asarray(columns[name], dtype=float)
     except (TypeError, ValueError):

@@ -6,14 +6,23 @@ satellite for one passage. Left out: the curvature of a trail by the telescope's
 150 s up to 0.02 arcsec).
 """
 
-from collections.abc import Callable
-from typing import NamedTuple
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from csstsim.base.sphere import frames, ra_dec, turned, unit_vectors
 from csstsim.base.units import ARCSEC_PER_RAD, DAY_S
 from csstsim.catalog.astrometry.reduction import apparent, icrs
+
+if TYPE_CHECKING:
+    from csstsim.base.types import BoolArray, FloatArray
+    from csstsim.catalog.astrometry.ephemeris import Observer
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.instrument.chip import Window
+    from csstsim.optics.geometry.wcs import ChipWCS
 
 FURTHEST = np.pi / 2  # rad from ra, dec
 HOUR_S = 3600.0
@@ -24,14 +33,15 @@ class Interval(NamedTuple):
 
     start: float  # MJD, UTC
     exptime: float  # s
-    lost: Callable | None = None  # columns [px] -> s that the leaves take from them, half of it at either end
+    # columns [px] -> s that the leaves take from them, half of it at either end
+    lost: Callable[[FloatArray], FloatArray] | None = None
 
     @property
-    def middle(self):
+    def middle(self) -> float:
         """MJD of the middle of the exposure, the same for all columns of a chip."""
         return self.start + 0.5 * self.exptime / DAY_S
 
-    def exposed(self, x):
+    def exposed(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return (first, last) [s after the start]: when columns x [px] of the chip are exposed."""
         wait = np.zeros(np.shape(x)) if self.lost is None else 0.5 * self.lost(x)
         return wait, self.exptime - wait
@@ -40,7 +50,7 @@ class Interval(NamedTuple):
 class Motion:
     """The motion of the rows of a table that has rates (catalog.changing.columns)."""
 
-    def __init__(self, table, interval):
+    def __init__(self, table: ObjectTable, interval: Interval) -> None:
         self.interval = interval
         self._start, east, north = frames(np.radians(table["ra"]), np.radians(table["dec"]))
         along, up = table["rate_ra"], table["rate_dec"]
@@ -50,19 +60,19 @@ class Motion:
         self.speed = speed / HOUR_S  # arcsec / s
         self._before = (interval.start - table["rate_mjd"]) * DAY_S  # s from rate_mjd to the start of the exposure
 
-    def angle(self, t):
+    def angle(self, t: FloatArray) -> FloatArray:
         """Return the angle [rad] from ra, dec at t (n, ...) [s after the start]."""
         t = np.asarray(t, float)
         shape = (-1,) + (1,) * (t.ndim - 1)
         return self.speed.reshape(shape) / ARCSEC_PER_RAD * (self._before.reshape(shape) + t)
 
-    def place(self, t):
+    def place(self, t: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return ra, dec [deg], ICRS, at t (n, ...) [s after the start of the exposure]."""
         phi = self.angle(t)[..., None]
         shape = (len(self.speed),) + (1,) * (phi.ndim - 2) + (3,)
         return ra_dec(np.cos(phi) * self._start.reshape(shape) + np.sin(phi) * self._towards.reshape(shape))
 
-    def direction(self, t):
+    def direction(self, t: FloatArray) -> FloatArray:
         """Return the position angle of the motion [deg, north through east] at t (n,) [s after the start]."""
         phi = self.angle(t)[:, None]
         velocity = np.cos(phi) * self._towards - np.sin(phi) * self._start
@@ -70,7 +80,7 @@ class Motion:
         e, n = (np.einsum("ni,ni->n", velocity, axis) for axis in (east, north))
         return turned(np.degrees(np.arctan2(e, n)))
 
-    def near(self, centre, radius):
+    def near(self, centre: tuple[FloatArray, FloatArray], radius: float) -> tuple[FloatArray, FloatArray]:
         """Return (first, last) (n,) [s after the start]: when within `radius` [rad] of a place (ra, dec) [deg].
 
         Only times of the exposure count; NaN: at none of them.
@@ -89,7 +99,9 @@ class Motion:
         return np.where(never, np.nan, first), np.where(never, np.nan, last)
 
 
-def trails(table, wcs, observer, window, interval, margin):
+def trails(
+    table: ObjectTable, wcs: ChipWCS, observer: Observer, window: Window, interval: Interval, margin: float
+) -> dict[str, FloatArray]:
     """Return {name: (n,)} of the trails of a table's rows that move; NaN where they do not come near the window.
 
     margin [px]: how far from the window light may come from. trail_start, trail_end [s after the start]: while the
@@ -117,22 +129,24 @@ def trails(table, wcs, observer, window, interval, margin):
     }  # fmt: skip
 
 
-def crosses(places, far, window):
+def crosses(places: Mapping[str, FloatArray], far: FloatArray, window: Window) -> BoolArray:
     """Return (n,) bool: the trail of `trails` comes within `far` (n,) px of the window, along either axis."""
     x, y = (places[f"trail_{axis}0"] for axis in "xy")
     dx, dy = places["trail_x1"] - x, places["trail_y1"] - y
     enter, leave = np.zeros(len(x)), np.ones(len(x))
     with np.errstate(divide="ignore", invalid="ignore"):
         for at, step, low, high in ((x, dx, window.x0, window.x1), (y, dy, window.y0, window.y1)):
-            low, high = low - 0.5 - far, high - 0.5 + far
-            ends = np.sort([(low - at) / step, (high - at) / step], axis=0)
-            still, within = step == 0, (at >= low) & (at < high)
+            lower, upper = low - 0.5 - far, high - 0.5 + far
+            ends = np.sort([(lower - at) / step, (upper - at) / step], axis=0)
+            still, within = step == 0, (at >= lower) & (at < upper)
             enter = np.maximum(enter, np.where(still, np.where(within, 0.0, np.inf), ends[0]))
             leave = np.minimum(leave, np.where(still, 1.0, ends[1]))
         return enter <= leave
 
 
-def seen_at(motion, wcs, observer, t):
+def seen_at(
+    motion: Motion, wcs: ChipWCS, observer: Observer, t: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return apparent ra, dec, ICRS ra, dec at the epoch [deg] and pixels x, y at t (n, ...) [s after the start]."""
     place = motion.place(t)
     seen = apparent(*place, observer)

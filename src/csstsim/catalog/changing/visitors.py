@@ -3,7 +3,10 @@
 They reflect sunlight, so their spectra are those of stars like the Sun (asteroids of type S: of a cooler one).
 """
 
+from __future__ import annotations
+
 from functools import lru_cache
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,13 +14,22 @@ from csstsim.base.errors import CsstsimError
 from csstsim.base.healpix import hats_index
 from csstsim.base.sphere import frames, ra_dec, unit_vectors
 from csstsim.base.units import ARCSEC_PER_RAD, DAY_S, ab_photon_density
-from csstsim.catalog.astrometry.ephemeris import mjd_tt
+from csstsim.catalog.astrometry.ephemeris import Observer, mjd_tt
 from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.changing.columns import MOTION
-from csstsim.catalog.changing.motion import HOUR_S
+from csstsim.catalog.changing.motion import HOUR_S, Interval
 from csstsim.catalog.table import ASTEROID, SATELLITE, ObjectTable
 from csstsim.catalog.truth_bricks import SED_COLUMNS, with_magnitudes
 from csstsim.universe.changing.numbers import numbers_of, wrong
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping
+
+    from csstsim.base.types import AnyArray
+    from csstsim.instrument.camera import Camera
+    from csstsim.instrument.pointing import Pointing
+    from csstsim.instrument.telescope import Telescope
+    from csstsim.universe.parameters import Universe
 
 FIRST_ASTEROID, FIRST_SATELLITE = 1 << 50, 1 << 52  # ids; those of bricks are below
 _SUN = {"teff": 5770.0, "logg": 4.44, "feh": 0.0}
@@ -25,12 +37,21 @@ _MARGIN = 0.05  # deg around the focal plane
 _V = np.arange(5100.0, 5901.0, 10.0)  # angstrom, whose mean light has the magnitude V
 
 
-def visitors(kinds, seed, universe, camera, pointing, observer, interval):
+def visitors(
+    kinds: Collection[str],
+    seed: int,
+    universe: Universe,
+    camera: Camera,
+    pointing: Pointing,
+    observer: Observer,
+    interval: Interval,
+) -> ObjectTable:
     """Return the ObjectTable of the asteroids and satellites (kinds: which) near the focal plane in an exposure.
 
     Its columns are those of truth bricks and catalog.changing.columns.MOTION. Raises InputError for a wrong number.
     """
-    boresight = tuple(float(v) for v in icrs(pointing.ra, pointing.dec, observer))
+    ra, dec = icrs(pointing.ra, pointing.dec, observer)
+    boresight = float(ra), float(dec)
     radius = _radius(camera)
     made = [_table({"ra": np.zeros(0)}, universe, camera)]
     for kind, make in (("asteroids", _asteroids), ("satellites", _satellites)):
@@ -47,7 +68,7 @@ def visitors(kinds, seed, universe, camera, pointing, observer, interval):
     return ObjectTable.concat(made)
 
 
-def _radius(camera):
+def _radius(camera: Camera) -> float:
     """Return the radius [rad] about the boresight that holds all chips."""
     corners = [
         np.hypot(abs(chip.xc) + 0.6 * chip.detector.nx, abs(chip.yc) + 0.6 * chip.detector.ny)
@@ -56,7 +77,15 @@ def _radius(camera):
     return max(corners) * camera.telescope.pixel_scale / ARCSEC_PER_RAD + np.radians(_MARGIN)
 
 
-def _asteroids(seed, observer, interval, boresight, radius, _telescope, numbers):
+def _asteroids(
+    seed: int,
+    observer: Observer,
+    interval: Interval,
+    boresight: tuple[float, float],
+    radius: float,
+    _telescope: Telescope,
+    numbers: Mapping[str, Any],
+) -> dict[str, AnyArray]:
     from csstsim.universe.changing.asteroids import LIGHT_DAY_AU, seen_from
 
     sun = observer.astrom["eh"] * observer.astrom["em"]
@@ -81,7 +110,9 @@ def _asteroids(seed, observer, interval, boresight, radius, _telescope, numbers)
 
 
 @lru_cache(4)
-def _found(seed, mjd, sun, boresight, radius, numbers):
+def _found(
+    seed: int, mjd: float, sun: tuple[float, ...], boresight: tuple[float, float], radius: float, numbers: str
+) -> dict[str, AnyArray]:
     """Return the asteroids of an exposure, found once for all of its chips in a process."""
     import ast
 
@@ -90,7 +121,15 @@ def _found(seed, mjd, sun, boresight, radius, numbers):
     return asteroids_near(seed, mjd, sun, unit_vectors(*boresight), radius, ast.literal_eval(numbers))
 
 
-def _satellites(seed, _observer, interval, boresight, radius, telescope, numbers):
+def _satellites(
+    seed: int,
+    _observer: Observer,
+    interval: Interval,
+    boresight: tuple[float, float],
+    radius: float,
+    telescope: Telescope,
+    numbers: Mapping[str, Any],
+) -> dict[str, AnyArray]:
     from csstsim.universe.changing.satellites import crossing
 
     found = crossing(seed, interval.start, interval.exptime, boresight, radius, telescope.diameter_m, numbers)
@@ -102,13 +141,13 @@ def _satellites(seed, _observer, interval, boresight, radius, telescope, numbers
     }  # fmt: skip
 
 
-def _table(columns, universe, camera):
+def _table(columns: Mapping[str, AnyArray], universe: Universe, camera: Camera) -> ObjectTable:
     """Return the ObjectTable of visitors with the light of their magnitudes V."""
     count = len(columns["ra"])
     star = {name: np.asarray(columns.get(name, np.full(count, value)), float) for name, value in _SUN.items()}
-    tail = dict.fromkeys(SED_COLUMNS, np.zeros(count, np.float32))
+    tail: dict[str, AnyArray] = dict.fromkeys(SED_COLUMNS, np.zeros(count, np.float32))
     if count:
-        surface = universe.star_seds.surface(*star.values(), _V).mean(axis=1)
+        surface = universe.star_seds.surface(star["teff"], star["logg"], star["feh"], _V).mean(axis=1)
         scale = 10 ** (-0.4 * columns["V"]) * ab_photon_density(_V).mean() / surface
         tail["sed_scale"] = scale.astype(np.float32)
     tail["_healpix_29"] = hats_index(columns["ra"], columns.get("dec", columns["ra"]))

@@ -15,14 +15,21 @@ Through a band, the shares are those of the populations' light in it. Left out: 
 within a band, and differences between the sub-bands of the PSF.
 """
 
+from __future__ import annotations
+
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from csstsim.catalog.galaxy_shapes.full_components import STAR_FORMING, load_numbers
-from csstsim.catalog.table import GALAXY
-from csstsim.instrument.filter import GRID
+from csstsim.catalog.table import GALAXY, ObjectTable
+from csstsim.instrument.filter import GRID, Filter
 from csstsim.universe.galaxies.star_formation import mixture
+
+if TYPE_CHECKING:
+    from csstsim.base.types import BoolArray, FloatArray
+    from csstsim.universe.parameters import Universe
 
 BULGE, DISK, KNOTS = range(3)
 _STEP = 4  # samples of GRID: 2 angstrom, finer than the populations' spectra
@@ -35,11 +42,11 @@ class ComponentLight:
     universe: universe.parameters.Universe, whose spectra of populations are used.
     """
 
-    def __init__(self, universe):
+    def __init__(self, universe: Universe) -> None:
         self._universe = universe
 
     @cached_property
-    def spectra(self):
+    def spectra(self) -> FloatArray:
         """(3, n) photon density of bulge, disk and knots at the rest wavelengths of GalaxySeds.wavelength."""
         seds, numbers = self._universe.galaxy_seds, load_numbers()
         laws = [numbers.populations[name] for name in ("bulge", "disk", "knots")]
@@ -49,24 +56,24 @@ class ComponentLight:
         bulge, knots = (self._near(light, at) for at in (numbers.equal.bulge, numbers.equal.knots))
         return light / np.array([bulge[BULGE] / bulge[DISK], 1.0, knots[KNOTS] / knots[DISK]])[:, None]
 
-    def _near(self, light, wavelength):
+    def _near(self, light: FloatArray, wavelength: float) -> FloatArray:
         near = np.abs(self._universe.galaxy_seds.wavelength - wavelength) < _FLAT
         return light[:, near].mean(axis=1)
 
     @cached_property
-    def _running(self):
+    def _running(self) -> tuple[FloatArray, FloatArray]:
         """Edges of the samples [A, rest frame] (n + 1,) and integrals of the spectra up to them (3, n + 1)."""
         seds = self._universe.galaxy_seds
         edges = seds.start + seds.step * (np.arange(self.spectra.shape[1] + 1) - 0.5)
         return edges, np.pad(np.cumsum(self.spectra, axis=1) * seds.step, ((0, 0), (1, 0)))
 
     @staticmethod
-    def coloured(table):
+    def coloured(table: ObjectTable) -> BoolArray:
         """Return (n,) bool: the galaxies of a table with several components, which have spectra of their own."""
         parts = np.stack([table["bulge_frac"], table["knots_frac"], 1.0 - table["bulge_frac"] - table["knots_frac"]])
         return _forming(table) & ((parts > 0).sum(axis=0) > 1)
 
-    def through(self, filter, table):
+    def through(self, filter: Filter, table: ObjectTable) -> FloatArray:
         """Return (n, 3) shares of the light of a table's objects through a Filter that are of bulge, disk and knots."""
         wave = GRID[::_STEP]
         seen, own = filter.at(wave), self._universe.galaxy_seds.wavelength
@@ -78,7 +85,7 @@ class ComponentLight:
         at = np.log1p(np.maximum(table["z"].astype(float), 0.0))
         return _shares(table, np.stack([np.interp(at, nodes, part) for part in light.T], axis=-1))
 
-    def binned(self, table, edges):
+    def binned(self, table: ObjectTable, edges: FloatArray) -> FloatArray:
         """Return (n, bins, 3) shares as `through`, in bins of observed wavelength with these edges [angstrom]."""
         places, running = self._running
         rest = np.asarray(edges, float) / (1.0 + table["z"].astype(float)[:, None])
@@ -86,11 +93,11 @@ class ComponentLight:
         return _shares(table, light)
 
 
-def _forming(table):
+def _forming(table: ObjectTable) -> BoolArray:
     return (table["obj_type"] == GALAXY) & (table["gal_type"] == STAR_FORMING)
 
 
-def _shares(table, light):
+def _shares(table: ObjectTable, light: FloatArray) -> FloatArray:
     """Return the shares (n, ..., 3) of light in components, each of `light` (n, ..., 3) where all of it is theirs.
 
     One spectrum, and the shares of the table: in galaxies that form no stars, and at wavelengths without light.

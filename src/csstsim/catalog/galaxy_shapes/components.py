@@ -1,14 +1,21 @@
 """The Sersic components of the objects of a table: the only definition of a galaxy's profiles."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from csstsim.catalog.table import GALAXY
+from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.profiles.sersic import BULGE, DISK
+
+if TYPE_CHECKING:
+    from csstsim.base.types import BoolArray, FloatArray, Floats
 
 KNOTS_WITHIN = 0.98  # of the disk's light: knots lie within the radius that holds so much
 
 
-def components(table):
+def components(table: ObjectTable) -> tuple[tuple[FloatArray, Floats, FloatArray], ...]:
     """Return ((light, index, size), ...) of disk and bulge of an ObjectTable's objects.
 
     light (n,): share of the object's light, that of knots in the disk's; index: Sersic's, a number, or (n,)
@@ -25,14 +32,14 @@ def components(table):
     return tuple(out)
 
 
-def has_knots(table):
+def has_knots(table: ObjectTable) -> BoolArray:
     """Return (n,) bool: whether an object has light in knots."""
     if "knots" not in table or "knots_frac" not in table:
         return np.zeros(len(table), bool)
     return (table["obj_type"] == GALAXY) & (table["knots"] > 0) & (table["knots_frac"] > 0)
 
 
-def has_image(table):
+def has_image(table: ObjectTable) -> BoolArray:
     """Return (n,) bool: whether an object's light is that of an image."""
     if "image_file" not in table:
         return np.zeros(len(table), bool)

@@ -13,7 +13,8 @@ from pydantic import Field
 
 from csstsim.base.model import Model, validate
 from csstsim.base.shipped import SHIPPED
-from csstsim.catalog.table import GALAXY
+from csstsim.base.types import FloatArray, Floats, PathLike
+from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.instrument.load import read_data
 from csstsim.profiles.sersic import INDEX_MAX, INDEX_MIN
 
@@ -67,12 +68,12 @@ class Numbers(Model):
 
 
 @cache
-def load_numbers(file=FILE):
+def load_numbers(file: PathLike = FILE) -> Numbers:
     """Return the Numbers of config/components.yaml. Raises InputError."""
     return validate(Numbers, read_data(file), file)
 
 
-def full_components(table):
+def full_components(table: ObjectTable) -> ObjectTable:
     """Return an ObjectTable of the embedded universe with the columns n_disk, n_bulge, knots and knots_frac."""
     from csstsim.base.counter import object_keys
 
@@ -92,7 +93,7 @@ def full_components(table):
     )
 
 
-def _indices(law, draws, decades=0.0):
+def _indices(law: Index, draws: FloatArray, decades: Floats = 0.0) -> FloatArray:
     from scipy.special import ndtri
 
     n = law.index + law.slope * decades + law.scatter * ndtri(np.clip(draws, 1e-9, 1 - 1e-9))

@@ -9,14 +9,24 @@ GalSim's transform, as points and Sersic profiles of high index, are blurred: 0,
 to the mean square radius. Images are files in a folder, named by the object that they show.
 """
 
+from __future__ import annotations
+
 import hashlib
 import pickle
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from galsim import GSObject
+
+    from csstsim.base.types import FloatArray, PathLike
 
 SCALE = 0.0185  # arcsec per pixel
 SIDE, TRANSFORM = 2049, 4096  # pixels: the most of an image, of a transform
@@ -25,7 +35,9 @@ BLUR = 0.4 * SCALE
 WAYS = (0.0, 1e-3), (BLUR, 1e-3), (BLUR, 5e-3), (BLUR, 2e-2)
 
 
-def galsim_columns(profiles, columns, folder):
+def galsim_columns(
+    profiles: Iterable[tuple[str, GSObject | None]], columns: Mapping[str, Sequence[Any]], folder: PathLike
+) -> dict[str, list[Any]]:
     """Return {column: list} of the images of GalSim objects; rows of None keep what `columns` {name: list} has.
 
     profiles: (where, for messages, and a galsim.GSObject or None) of each row; folder: of the images' files.
@@ -40,7 +52,7 @@ def galsim_columns(profiles, columns, folder):
     return {name: [blank[name] if given is None else given for given in values] for name, values in made.items()}
 
 
-def image_of(profile, folder, where):
+def image_of(profile: GSObject, folder: PathLike, where: str) -> dict[str, str | float]:
     """Return {column: value} of a GalSim object's image, drawn into a file of `folder` unless the file is there.
 
     Raises InputError, which begins with `where`, for what is no galsim.GSObject, or cannot be drawn.
@@ -68,7 +80,7 @@ def image_of(profile, folder, where):
     }  # fmt: skip
 
 
-def _drawn(profile, where):
+def _drawn(profile: GSObject, where: str) -> tuple[FloatArray, float, float]:
     """Return (pixels, arcsec per pixel, sigma of the blur [arcsec]): the light in each pixel, y upwards."""
     import galsim
 

@@ -5,9 +5,12 @@ that falls on it, in any unit: an object's light comes from its magnitudes. The 
 place. Without a WCS in its header, north is up and east left, turned by `image_pa` from north through east.
 """
 
+from __future__ import annotations
+
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +19,11 @@ from csstsim.base.files.fits_headers import check_headers
 from csstsim.base.files.hdf5_file import numbers
 from csstsim.base.files.kept import kept
 from csstsim.base.image_wcs import ImageWCS
+
+if TYPE_CHECKING:
+    from astropy.io.fits import CompImageHDU, HDUList, ImageHDU, PrimaryHDU
+
+    from csstsim.base.types import AnyArray, FloatArray
 
 LARGEST = 1 << 24  # pixels
 NEGATIVE = 0.05  # of the light: the most in negative pixels, which are drawn dark
@@ -28,17 +36,17 @@ _HALF = 0.5  # of the light, for the half-light radius
 class Picture:
     """Pixels (rows, columns) float64 of total 1 and none negative, and where they lie."""
 
-    pixels: np.ndarray
-    sky: np.ndarray | None  # (2, 2) arcsec: east, north of a step of one column, one row; None: the file does not say
+    pixels: FloatArray
+    sky: FloatArray | None  # (2, 2) arcsec: east, north of a step of one column, one row; None: the file does not say
     negative: float  # share of the light that was in negative pixels
 
     @property
-    def radius(self):
+    def radius(self) -> float:
         """The distance of the corners from the middle [pixel]."""
         return 0.5 * float(np.hypot(*self.pixels.shape))
 
     @property
-    def half_light(self):
+    def half_light(self) -> float:
         """The radius about the middle that holds half of the light [pixel]."""
         rows, columns = ((np.arange(n) - (n - 1) / 2) for n in self.pixels.shape)
         r = np.hypot(rows[:, None], columns).ravel()
@@ -47,7 +55,7 @@ class Picture:
         return float(max(r[order][np.searchsorted(light, _HALF * light[-1])], 0.5))
 
 
-def sky_of(picture, scale, angle):
+def sky_of(picture: Picture, scale: float, angle: float) -> FloatArray:
     """Return (2, 2) arcsec, as Picture.sky, for a scale [arcsec per pixel] and an angle [deg]; scale 0: of the file."""
     if not scale > 0:
         turn = np.radians(angle)
@@ -57,7 +65,7 @@ def sky_of(picture, scale, angle):
 
 
 @kept(_KEPT)
-def read_picture(name):
+def read_picture(name: str) -> Picture:
     """Return the Picture of a file. Raises InputError for one that is missing, damaged or not an image."""
     found = _PLACE.fullmatch(str(name))
     if not found:
@@ -71,7 +79,7 @@ def read_picture(name):
     return _checked(np.asarray(values), sky, name)
 
 
-def _read_fits(path, part):
+def _read_fits(path: Path, part: str | None) -> tuple[AnyArray, FloatArray | None]:
     from astropy.io import fits
 
     check_headers(path)
@@ -88,7 +96,7 @@ def _read_fits(path, part):
         raise InputError(f"not an image that can be read: {str(exc).splitlines()[0]}", file=path, value=part) from None
 
 
-def _sky(hdu, file, path):
+def _sky(hdu: PrimaryHDU | ImageHDU | CompImageHDU, file: HDUList, path: Path) -> FloatArray | None:
     """Return (2, 2) arcsec east, north of a step in the middle of an image, by its celestial WCS, or None."""
     from astropy.wcs import WCS
 
@@ -101,7 +109,7 @@ def _sky(hdu, file, path):
     return sky
 
 
-def _read_hdf5(path, part):
+def _read_hdf5(path: Path, part: str | None) -> tuple[AnyArray, None]:
     import h5py
 
     try:
@@ -115,7 +123,7 @@ def _read_hdf5(path, part):
         raise InputError(f"not an image that can be read: {str(exc).splitlines()[0]}", file=path, value=part) from None
 
 
-def _checked(values, sky, name):
+def _checked(values: AnyArray, sky: FloatArray | None, name: str) -> Picture:
     """Return the Picture of pixel values."""
     if values.ndim != 2 or values.dtype.kind not in "iuf" or not 0 < values.size <= LARGEST:
         allowed = f"two axes of numbers, up to {LARGEST} pixels"

@@ -5,7 +5,9 @@ index and the number of its knots alone, so that each exposure of each campaign 
 radius that holds KNOTS_WITHIN of the disk's light.
 """
 
-from typing import NamedTuple
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
 
 import numba
 import numpy as np
@@ -16,6 +18,11 @@ from csstsim.catalog.galaxy_shapes.components import KNOTS_WITHIN, has_knots
 from csstsim.catalog.table import ObjectTable
 from csstsim.profiles.sersic import DISK
 from csstsim.profiles.sersic_photons import ring, rings_for
+
+if TYPE_CHECKING:
+    from astropy.table import Table
+
+    from csstsim.base.types import FloatArray, IntArray
 
 _STREAM = np.uint64(0x6B6E6F74735F3031)  # the word "knots_01": of no other random number
 _BEYOND = np.uint64(int((1 - KNOTS_WITHIN) * 2**32))
@@ -29,15 +36,15 @@ class Knots(NamedTuple):
     share, counts, size (m,); u, v (sum of counts,): arcsec in the galaxy's circle; size: arcsec.
     """
 
-    rows: np.ndarray
-    share: np.ndarray
-    counts: np.ndarray
-    u: np.ndarray
-    v: np.ndarray
-    size: np.ndarray
+    rows: IntArray
+    share: FloatArray
+    counts: IntArray
+    u: FloatArray
+    v: FloatArray
+    size: FloatArray
 
 
-def knots_of(table):
+def knots_of(table: ObjectTable | Table) -> Knots:
     """Return the Knots of an ObjectTable, or of the truth of a frame as an astropy Table or ObjectTable.
 
     Raises InputError for a table without a column that knots need.
@@ -48,7 +55,7 @@ def knots_of(table):
         raise InputError("the table lacks a column", key=missing[0])
     rows = np.flatnonzero(has_knots(table))
     if not len(rows):
-        return Knots(rows, *(np.zeros(0) for _ in range(5)))
+        return Knots(rows, *(np.zeros(0) for _ in range(5)))  # type: ignore[arg-type]  # no counts
     some = table.take(rows)
     counts, size = some["knots"].astype(np.int64), some["size_disk"].astype(float)
     index = some["n_disk"].astype(float) if "n_disk" in some else np.full(len(rows), DISK)
@@ -62,7 +69,16 @@ def knots_of(table):
 
 
 @numba.njit(cache=True)
-def _place(u, v, counts, size, keys, rings, which, share):
+def _place(
+    u: FloatArray,
+    v: FloatArray,
+    counts: IntArray,
+    size: FloatArray,
+    keys: IntArray,
+    rings: FloatArray,
+    which: IntArray,
+    share: FloatArray,
+) -> None:
     k = 0
     for i in range(len(counts)):
         counter = np.uint64(0)

@@ -11,6 +11,10 @@ the light it varies as that does. A part is drawn, selected and listed in the tr
 as an object is.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from csstsim.base.errors import InputError
@@ -18,6 +22,11 @@ from csstsim.base.sphere import frames, ra_dec
 from csstsim.base.units import ARCSEC_PER_RAD
 from csstsim.catalog.changing import columns as changing
 from csstsim.catalog.table import STAR
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+
+    from csstsim.base.types import AnyArray, BoolArray, FloatArray, IntArray, PathLike
 
 SHORTHANDS = {
     "offset_ra": "arcsec, to the east, of a part from the object it is of, before lensing",
@@ -29,7 +38,9 @@ DARK = 89.0  # mag, of an object that has given all of its light away
 _LENS = "kappa", "gamma1", "gamma2"
 
 
-def resolve(columns, obj_type, bands, where):
+def resolve(
+    columns: Mapping[str, AnyArray], obj_type: IntArray, bands: Collection[str], where: PathLike
+) -> dict[str, AnyArray]:
     """Return columns {name: (n,) values} with place, lens and light of parts filled in, and without SHORTHANDS.
 
     obj_type (n,). Raises InputError, which names `where`, the row and the object that it is a part of.
@@ -57,7 +68,7 @@ def resolve(columns, obj_type, bands, where):
     order = np.argsort(ids, kind="stable")
     at = order[np.minimum(np.searchsorted(ids[order], of[rows]), count - 1)]
 
-    def refuse(bad, message, **more):
+    def refuse(bad: BoolArray | np.bool_, message: str, **more: str) -> None:
         if np.any(bad):
             row = rows[np.flatnonzero(bad)[0]]
             raise InputError(f"row {row + 1}, a part of object {of[row]}: {message}", file=where, **more)
@@ -85,7 +96,7 @@ def resolve(columns, obj_type, bands, where):
     return columns
 
 
-def _follow(columns, rows, at, shared):
+def _follow(columns: dict[str, AnyArray], rows: IntArray, at: IntArray, shared: BoolArray) -> None:
     """Give parts the motion of their objects, and those that have a share of the light its changes and its spectrum."""
     for name, some in [(n, np.ones(len(rows), bool)) for n in changing.MOTION] + [(n, shared) for n in changing.LIGHT]:
         if name in columns:
@@ -99,7 +110,7 @@ def _follow(columns, rows, at, shared):
         columns["spectrum_file"] = files
 
 
-def _place(columns, rows, at, offset):
+def _place(columns: dict[str, AnyArray], rows: IntArray, at: IntArray, offset: Sequence[FloatArray]) -> None:
     """Fill in ra, dec of parts: that of the object plus the offset, as its lens shows it."""
     lens = [
         np.nan_to_num(np.asarray(columns[name], float)[at]) if name in columns else np.zeros(len(at)) for name in _LENS
@@ -119,7 +130,7 @@ def _place(columns, rows, at, offset):
     columns["ra"], columns["dec"] = ra, dec
 
 
-def _refuse_strangers(columns, of, none, where):
+def _refuse_strangers(columns: Mapping[str, AnyArray], of: AnyArray, none: BoolArray, where: PathLike) -> None:
     """Raise InputError for a part_of that is neither an id nor a blank, and for what only parts have in other rows."""
     with np.errstate(invalid="ignore"):
         odd = ~none & ~(np.isfinite(of) & (of >= 0) & (of == np.floor(of)))
@@ -135,7 +146,15 @@ def _refuse_strangers(columns, of, none, where):
             raise InputError(f"row {row + 1}: {message}", file=where, key=name, value=value, allowed=allowed)
 
 
-def _share_light(columns, rows, at, share, bands, refuse, all_rows):
+def _share_light(
+    columns: dict[str, AnyArray],
+    rows: IntArray,
+    at: IntArray,
+    share: FloatArray,
+    bands: Iterable[str],
+    refuse: Callable[..., None],
+    all_rows: IntArray,
+) -> None:
     """Give parts with a share their magnitudes, and take that light from their objects."""
     if not len(rows):
         return

@@ -5,12 +5,22 @@ size_bulge, bulge_frac, n_disk, n_bulge, e1, e2, kappa, gamma1 and gamma2. A sha
 ignored without a warning: the galaxy would be round, or have another profile. So such columns are refused.
 """
 
+from __future__ import annotations
+
 import re
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.catalog.table import COLUMNS, GALAXY, OPTIONAL
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from numpy.typing import ArrayLike
+
+    from csstsim.base.types import AnyArray, PathLike
 
 # (columns to give instead, how to fill them, names refused, compared without case, punctuation, units and bands)
 _PARTS = (
@@ -54,7 +64,7 @@ _UNIT = re.compile(r"[^a-z0-9](arcsecs?|as|deg|degrees?|rad|radians?|pix|pixels?
 _BAND = re.compile(r"(^[nq]|(?<=[a-z0-9_]{2}))[^a-z0-9](nuv|u|g|r|i|z|y|vis)$")
 
 
-def advice_for(name, given):
+def advice_for(name: str, given: Iterable[str]) -> str | None:
     """Return advice on what to give instead of a galaxy's column `name`.
 
     Return None if it is not a shape, or if a column to give instead is present. given: the names of all columns.
@@ -68,7 +78,7 @@ def advice_for(name, given):
     return None if set(own) & set(given) else advice
 
 
-def check_shapes(columns, obj_type, where):
+def check_shapes(columns: Mapping[str, list[Any] | AnyArray], obj_type: ArrayLike, where: PathLike) -> None:
     """Raise InputError for a column of galaxies' shapes that is ignored, if the columns to give instead are missing.
 
     columns: {name: (n,) values}, names as the user has them; obj_type (n,). Columns that are blank for every galaxy are
@@ -81,7 +91,7 @@ def check_shapes(columns, obj_type, where):
             raise InputError("galaxies are not drawn from this column", file=where, key=name, allowed=advice)
 
 
-def _blank(value):
+def _blank(value: Any) -> bool:
     return (
         value is None or (isinstance(value, str) and not value.strip()) or bool(np.isscalar(value) and value != value)
     )

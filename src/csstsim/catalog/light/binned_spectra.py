@@ -4,21 +4,29 @@ The light is that of catalog.light.embedded_spectra, without 18,001 samples per 
 cell between rest-frame nodes, where spectra are linear, so an emission line keeps its light whatever bins it falls in.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numba
 import numpy as np
 
 from csstsim.catalog.light.embedded_spectra import as_star, coefficients, kinds, pairs
 from csstsim.catalog.light.photometry import bin_means
-from csstsim.catalog.table import GALAXY
+from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.instrument.filter import GRID
 from csstsim.universe.galaxies.galaxy_rates import combine
 from csstsim.universe.galaxies.igm import Intergalactic, absorb
+
+if TYPE_CHECKING:
+    from csstsim.base.types import FloatArray, IntArray
+    from csstsim.universe.parameters import Universe
 
 _SMALL = 0.02  # limit of A(V) ln 10 / 2.5 below which the series of exp is exact to 1e-9
 _LN_MAG = 0.4 * np.log(10.0)
 
 
-def binned(universe, table, edges):
+def binned(universe: Universe, table: ObjectTable, edges: FloatArray) -> FloatArray:
     """Return (n, bins) photon / s / m2 / angstrom: means of a table's spectra over bins of `edges`, samples of GRID."""
     out = np.zeros((len(table), len(edges) - 1))
     at = np.searchsorted(GRID, edges)
@@ -37,7 +45,7 @@ def binned(universe, table, edges):
     return out
 
 
-def _galaxies(out, rows, universe, some, edges):
+def _galaxies(out: FloatArray, rows: IntArray, universe: Universe, some: ObjectTable, edges: FloatArray) -> None:
     """Fill `rows` of `out` with the means of galaxies, the table `some`."""
     seds = universe.galaxy_seds
     centres = 0.5 * (edges[1:] + edges[:-1])
@@ -53,9 +61,24 @@ def _galaxies(out, rows, universe, some, edges):
 
 @numba.njit(cache=True, error_model="numpy")
 def _integrate(
-    out, rows, z, mix, scale, dust, dimmed, curve, edges, nodes, basis, centres, lines, depths, continuum, limits,
-    powers,
-):  # fmt: skip
+    out: FloatArray,
+    rows: IntArray,
+    z: FloatArray,
+    mix: FloatArray,
+    scale: FloatArray,
+    dust: FloatArray,
+    dimmed: FloatArray,
+    curve: FloatArray,
+    edges: FloatArray,
+    nodes: FloatArray,
+    basis: FloatArray,
+    centres: FloatArray,
+    lines: FloatArray,
+    depths: FloatArray,
+    continuum: FloatArray,
+    limits: FloatArray,
+    powers: FloatArray,
+) -> None:
     rest, slope, running = np.empty(len(nodes)), np.empty(len(nodes)), np.empty(len(nodes))
     last = len(nodes) - 1
     for n in range(len(z)):

@@ -7,8 +7,15 @@ The series is exact to 1e-10 for steps of up to STEEPEST mag from pivot to pivot
 Newton's method may try, are summed sample by sample.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numba
 import numpy as np
+
+if TYPE_CHECKING:
+    from csstsim.base.types import FloatArray, IntArray
 
 TERMS = 34
 STEEPEST = 10.0  # mag
@@ -19,7 +26,7 @@ _C = 0.4 * np.log(10.0)
 class Knots:
     """Moments of weights (m, len(wave)) over the segments between pivots (b,), which are logarithms of wavelength."""
 
-    def __init__(self, pivots, wave, weights):
+    def __init__(self, pivots: FloatArray, wave: FloatArray, weights: FloatArray) -> None:
         """wave: (w,) angstrom, of the weights; of the b + 1 segments the first and last lie beyond the pivots."""
         at = np.log(wave)
         self.segment = np.searchsorted(pivots, at)
@@ -31,17 +38,17 @@ class Knots:
         self.moments = _moments(self.segment, self.place, self.weights, len(pivots) + 1)
 
     @property
-    def arrays(self):
+    def arrays(self) -> tuple[FloatArray, IntArray, FloatArray, FloatArray]:
         """What compiled loops need: moments, segment, place, weights."""
         return self.moments, self.segment, self.place, self.weights
 
-    def sums(self, nodes):
+    def sums(self, nodes: FloatArray) -> FloatArray:
         """Return (n, m): sums of the light for magnitudes at pivots (n, b); magnitude 0 is flux density 1."""
         return _sums(np.ascontiguousarray(nodes, dtype=float), *self.arrays)
 
 
 @numba.njit(cache=True)
-def _moments(segment, place, weights, segments):
+def _moments(segment: IntArray, place: FloatArray, weights: FloatArray, segments: int) -> FloatArray:
     out = np.zeros((len(weights), segments, TERMS))
     for m in range(len(weights)):
         for i in range(len(place)):
@@ -54,7 +61,9 @@ def _moments(segment, place, weights, segments):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _segment(m, s, nodes, moments, segment, place, weights):
+def _segment(
+    m: int, s: int, nodes: FloatArray, moments: FloatArray, segment: IntArray, place: FloatArray, weights: FloatArray
+) -> tuple[float, float]:
     """Return the sum of a segment's light, and its derivative in c."""
     last = len(nodes) - 1
     if s == 0 or s > last:
@@ -75,7 +84,9 @@ def _segment(m, s, nodes, moments, segment, place, weights):
 
 
 @numba.njit(cache=True)
-def _sums(nodes, moments, segment, place, weights):
+def _sums(
+    nodes: FloatArray, moments: FloatArray, segment: IntArray, place: FloatArray, weights: FloatArray
+) -> FloatArray:
     out = np.zeros((len(nodes), len(moments)))
     for k in range(len(nodes)):
         for m in range(len(moments)):
@@ -85,7 +96,7 @@ def _sums(nodes, moments, segment, place, weights):
     return out
 
 
-def newton(mags, knots, tolerance, passes):
+def newton(mags: FloatArray, knots: Knots, tolerance: float, passes: int) -> FloatArray:
     """Return (n, b) magnitudes at the pivots that reproduce `mags` through each band, to `tolerance`.
 
     knots: Knots of the bands, each of weight 1. Rows without a solution keep `mags` at the pivots.
@@ -96,7 +107,15 @@ def newton(mags, knots, tolerance, passes):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _newton(nodes, tolerance, passes, moments, segment, place, weights):
+def _newton(
+    nodes: FloatArray,
+    tolerance: float,
+    passes: int,
+    moments: FloatArray,
+    segment: IntArray,
+    place: FloatArray,
+    weights: FloatArray,
+) -> None:
     bands = nodes.shape[1]
     slopes, off = np.empty((bands, bands)), np.empty(bands)
     for k in range(len(nodes)):
@@ -128,7 +147,7 @@ def _newton(nodes, tolerance, passes, moments, segment, place, weights):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _solve(matrix, values):
+def _solve(matrix: FloatArray, values: FloatArray) -> bool:
     """Put the solution of matrix x = values into `values`; False if the matrix is not finite or nearly singular."""
     n = len(values)
     size = np.sqrt((matrix**2).sum())
@@ -157,7 +176,7 @@ def _solve(matrix, values):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def bins(nodes, pivots, edges):
+def bins(nodes: FloatArray, pivots: FloatArray, edges: FloatArray) -> FloatArray:
     """Return (n, bins): integrals over wavelength of flux density / wavelength, magnitude 0 being 1.
 
     nodes: (n, b) magnitudes at pivots (b,); edges: rising; pivots and edges are logarithms of wavelength.

@@ -9,19 +9,27 @@ Such a spectrum is a power law between pivots. So neither its light through a ba
 wavelength needs its 18001 samples (catalog.light.colour_sums). BLAS and LAPACK are not used.
 """
 
+from __future__ import annotations
+
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from csstsim.base.units import ab_photon_density
 from csstsim.catalog.light.colour_sums import Knots, bins, newton
-from csstsim.instrument.filter import GRID
+from csstsim.instrument.filter import GRID, Filter
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from csstsim.base.types import FloatArray, IntArray
 
 MAG_TOLERANCE, PASSES = 1e-4, 30  # of the spectra's magnitudes [mag]; Newton's steps, three or four for most
 _STEP = 4  # samples of GRID: bands are smooth, the magnitudes the same to 1e-5
 
 
-def colour_spectra(mags, filters):
+def colour_spectra(mags: FloatArray, filters: list[Filter] | tuple[Filter, ...]) -> FloatArray:
     """Return (n, 18001) spectra [photon / s / m2 / A] of AB magnitudes (n, len(filters)), NaN where not known."""
     spectra = np.zeros((len(mags), len(GRID)))
     for rows, bands, nodes in _groups(mags, filters):
@@ -30,7 +38,7 @@ def colour_spectra(mags, filters):
     return spectra
 
 
-def colour_rates(mags, filters, weights):
+def colour_rates(mags: FloatArray, filters: list[Filter] | tuple[Filter, ...], weights: FloatArray) -> FloatArray:
     """Return (n, len(weights)): sums of the spectra times weights (m, 18001), as photometry.subband_weights gives."""
     rates = np.zeros((len(mags), len(weights)))
     for rows, bands, nodes in _groups(mags, filters):
@@ -38,7 +46,7 @@ def colour_rates(mags, filters, weights):
     return rates
 
 
-def colour_bins(mags, filters, edges):
+def colour_bins(mags: FloatArray, filters: list[Filter] | tuple[Filter, ...], edges: FloatArray) -> FloatArray:
     """Return (n, len(edges) - 1) photon / s / m2 / A: means of the spectra over bins of `edges` [angstrom]."""
     means, edges = np.zeros((len(mags), len(edges) - 1)), np.asarray(edges, dtype=float)
     for rows, bands, nodes in _groups(mags, filters):
@@ -46,7 +54,9 @@ def colour_bins(mags, filters, edges):
     return means
 
 
-def _groups(mags, filters):
+def _groups(
+    mags: FloatArray, filters: list[Filter] | tuple[Filter, ...]
+) -> Iterator[tuple[IntArray, tuple[Filter, ...], FloatArray]]:
     """Yield (rows, filters by pivot, (rows, filters) AB magnitudes at the pivots) of rows with the same bands known."""
     mags = np.asarray(mags, dtype=float)
     known, kind = np.unique(np.isfinite(mags), axis=0, return_inverse=True)
@@ -58,17 +68,17 @@ def _groups(mags, filters):
 
 
 @lru_cache(128)
-def _through(filters):
+def _through(filters: tuple[Filter, ...]) -> Knots:
     """Return the Knots of the bands; their sums are the light through each band, 1 for a flat spectrum."""
     wave = GRID[::_STEP]
     weights = np.stack([f.at(wave) for f in filters]) * ab_photon_density(wave)
     return Knots(_pivots(filters), wave, weights / weights.sum(axis=1, keepdims=True))
 
 
-def _pivots(filters):
+def _pivots(filters: Sequence[Filter]) -> FloatArray:
     return np.log([f.pivot for f in filters])
 
 
-def _hats(filters, wave):
+def _hats(filters: Sequence[Filter], wave: FloatArray) -> FloatArray:
     """Return (bands, len(wave)): 1 at a band's pivot, 0 at its neighbours', linear in the logarithm of wavelength."""
     return np.stack([np.interp(np.log(wave), _pivots(filters), row) for row in np.eye(len(filters))])

@@ -7,28 +7,38 @@ intergalactic absorption (z, coeff0..19) for galaxies and quasars. The light of 
 own: an atmosphere (coeff0, coeff1, feh) times coeff2, the squared ratio of the radii; coeff0 = 0 if there is none.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
 import csstsim.base.process.no_blas  # noqa: F401
 from csstsim.catalog.table import ASTEROID, GALAXY, QUASAR, SATELLITE, STAR, ObjectTable
 from csstsim.instrument.filter import GRID
-from csstsim.universe.parameters import COEFFICIENTS
+from csstsim.universe.parameters import COEFFICIENTS, Universe
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
+    from csstsim.base.types import AnyArray, BoolArray, FloatArray, IntArray
+    from csstsim.universe.galaxies.band_rates import BandRates
 
 _MIX = tuple(f"coeff{k}" for k in range(COEFFICIENTS))
 _LIGHT = ("obj_type", "z", "teff", "logg", "feh", "av", "sed_scale", *_MIX)
 
 
-def light_columns(table):
+def light_columns(table: ObjectTable) -> ObjectTable:
     """Return the columns of a table that its spectra depend on: a third of them, so rows are taken faster."""
     return ObjectTable({name: table[name] for name in _LIGHT if name in table})
 
 
-def coefficients(columns):
+def coefficients(columns: Mapping[str, AnyArray]) -> FloatArray:
     """Return the (n, 20) coefficients of a table or mapping of columns."""
     return np.column_stack([columns[name] for name in _MIX])
 
 
-def rates(universe, table, weights, many=None):
+def rates(universe: Universe, table: ObjectTable, weights: FloatArray, many: BandRates | None = None) -> FloatArray:
     """Return (n, bands): int S w dlambda for `weights` (bands, 18001) on the paper's grid.
 
     The same light as `spectra` to 1e-4; with `many`, galaxies to 1e-3 in a fifth of the time. many:
@@ -47,7 +57,7 @@ def rates(universe, table, weights, many=None):
     return out
 
 
-def pairs(light, some, *args):
+def pairs(light: Callable[..., FloatArray], some: ObjectTable, *args: FloatArray) -> FloatArray:
     """Return light(teff, logg, feh, *args) of the stars `some`, (n, m), with that of their companions.
 
     The first of `args`, if any, is A(V) of each star.
@@ -61,7 +71,7 @@ def pairs(light, some, *args):
     return out
 
 
-def spectra(universe, table):
+def spectra(universe: Universe, table: ObjectTable) -> FloatArray:
     """Return (n, 18001) spectra on the paper's grid."""
     out = np.zeros((len(table), len(GRID)))
     for chosen, some in kinds(table):
@@ -76,12 +86,12 @@ def spectra(universe, table):
     return out
 
 
-def as_star(obj_type):
+def as_star(obj_type: np.integer[Any] | IntArray) -> BoolArray:
     """Whether objects have the spectrum of a star: stars, and what reflects sunlight."""
     return (obj_type == STAR) | (obj_type == ASTEROID) | (obj_type == SATELLITE)
 
 
-def kinds(table):
+def kinds(table: ObjectTable) -> Iterator[tuple[BoolArray, ObjectTable]]:
     """Yield (mask, rows) of stars and what reflects sunlight, of galaxies and of quasars, where there are any."""
     table = light_columns(table)
     for kind in (STAR, GALAXY, QUASAR):

@@ -5,8 +5,11 @@ converts, also by its name in CALSPEC], as observed. Between samples it is linea
 grid it keeps its integral.
 """
 
+from __future__ import annotations
+
 import warnings
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,7 +18,12 @@ from csstsim.base.files.fits_headers import check_headers
 from csstsim.base.files.kept import kept
 from csstsim.base.resampling import on_grid
 from csstsim.catalog.light.photometry import ab_mag, bin_means
-from csstsim.instrument.filter import GRID
+from csstsim.instrument.filter import GRID, Filter
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from csstsim.base.types import AnyArray, FloatArray, IntArray, PathLike
 
 FORMATS = {".csv": "ascii.csv", ".ecsv": "ascii.ecsv", ".fits": "fits"}
 _KEPT = 64
@@ -23,7 +31,7 @@ _LARGEST = 1e100  # photon / s / m2 / angstrom: sums stay finite
 
 
 @kept(_KEPT)
-def read_spectrum(path):
+def read_spectrum(path: PathLike) -> FloatArray:
     """Return (18001,) photon / s / m2 / angstrom of a file on the paper's grid. Raises InputError."""
     from astropy.table import Table
     from astropy.units import UnitsWarning
@@ -59,7 +67,7 @@ def read_spectrum(path):
 class FileSpectra:
     """The spectra of n rows: names (n,) of files, and AB magnitudes (n, bands), of which one is known, in `filters`."""
 
-    def __init__(self, names, mags, filters):
+    def __init__(self, names: Sequence[str] | AnyArray, mags: FloatArray, filters: Sequence[Filter]) -> None:
         files, self._file = np.unique(np.asarray(names, str), return_inverse=True)
         self._shapes = np.array([read_spectrum(name) for name in files]).reshape(-1, len(GRID))
         band = np.argmax(np.isfinite(mags), axis=1)
@@ -70,15 +78,15 @@ class FileSpectra:
         with np.errstate(over="ignore", invalid="ignore"):  # dark in its band: NaN, which is flagged
             self._scale = 10 ** (0.4 * (own[self._file, band] - np.asarray(mags, float)[rows, band]))
 
-    def spectra(self, rows):
+    def spectra(self, rows: list[int] | IntArray) -> FloatArray:
         """Return (len(rows), 18001) photon / s / m2 / angstrom."""
         return self._shapes[self._file[rows]] * self._scale[rows, None]
 
-    def rates(self, rows, weights):
+    def rates(self, rows: IntArray, weights: FloatArray) -> FloatArray:
         """Return (len(rows), len(weights)): sums of the spectra times weights (m, 18001)."""
         return np.einsum("fw,mw->fm", self._shapes, weights)[self._file[rows]] * self._scale[rows, None]
 
-    def bins(self, rows, edges):
+    def bins(self, rows: IntArray, edges: FloatArray) -> FloatArray:
         """Return (len(rows), len(edges) - 1): means over bins of `edges`, samples of the grid."""
         at = np.searchsorted(GRID, edges)
         means = bin_means(self._shapes[:, at[0] : at[-1] + 1], at - at[0])

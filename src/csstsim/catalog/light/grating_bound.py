@@ -8,9 +8,18 @@ The bands' curves end 10 angstrom inside the blue end of GU's. Wavelengths of le
 spectrum's electrons, are therefore left out; `MARGIN` covers them for spectra up to 16 times as bright there.
 """
 
+from __future__ import annotations
+
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from csstsim.base.types import FloatArray
+    from csstsim.instrument.filter import Filter
 
 SPILL = 0.003  # of a flat spectrum's electrons
 MARGIN = 1.05  # also covers the error of the magnitudes, 2e-3
@@ -18,7 +27,7 @@ _BLOCK = 4  # samples of filter.GRID (2 angstrom) that one constraint covers
 
 
 @lru_cache(maxsize=16)
-def band_shares(grating, bands):
+def band_shares(grating: Filter, bands: tuple[Filter, ...]) -> tuple[tuple[Filter, float], ...] | None:
     """Return ((band, c_b), ...) of a Filter and a tuple of Filters, c_b > 0; None if the bands do not cover it."""
     from scipy.optimize import linprog  # 0.2 s that few commands need
 
@@ -38,10 +47,14 @@ def band_shares(grating, bands):
     return tuple((band, float(c)) for band, c in zip(bands, shares, strict=True) if c > 1e-9)
 
 
-def grating_rate(grating, bands, rates):
+def grating_rate(
+    grating: Filter, bands: tuple[Filter, ...], rates: Callable[[Filter], FloatArray]
+) -> FloatArray | None:
     """Return electrons / s that no spectrum exceeds through `grating`, MARGIN included, or None.
 
     bands: tuple of Filters; rates(band) -> (n,) electrons / s through one of them; NaN where a rate is not known.
     """
     shares = band_shares(grating, bands)
-    return shares and MARGIN * sum(c * rates(band) for band, c in shares)
+    if shares is None:
+        return None
+    return MARGIN * sum(c * rates(band) for band, c in shares)  # type: ignore[return-value]  # of a band at least

@@ -7,16 +7,26 @@ The paper prints F = int(S T) / int(T), a mean density, but uses it as a rate. T
 S in photon / s / m2 / angstrom, T_i in electron / photon. Integrals are trapezoidal on the spectra's own grid.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.units import ab_photon_density
-from csstsim.instrument.filter import GRID, SUBBANDS
+from csstsim.instrument.filter import GRID, SUBBANDS, Filter
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from csstsim.base.types import FloatArray, Floats, IntArray
+    from csstsim.instrument.telescope import Telescope
 
 CHUNK = 256  # spectra integrated at a time: 256 x 18,001 samples are 37 MB
 
 
-def subband_weights(filter, telescope, wavelength=GRID):
+def subband_weights(filter: Filter, telescope: Telescope, wavelength: FloatArray = GRID) -> FloatArray:
     """Return (4, n) weights w such that `sed @ w.T` is electrons / s: A T_i(lambda) dlambda (trapezoid rule)."""
     step = np.zeros_like(wavelength)
     gaps = 0.5 * np.diff(wavelength)
@@ -25,7 +35,7 @@ def subband_weights(filter, telescope, wavelength=GRID):
     return telescope.area_m2 * filter.subband(wavelength) * step
 
 
-def subband_fluxes(seds, filter, telescope, wavelength=GRID):
+def subband_fluxes(seds: FloatArray, filter: Filter, telescope: Telescope, wavelength: FloatArray = GRID) -> FloatArray:
     """Return (n, 4) electrons / s of spectra (n, len(wavelength)) [photon / s / m2 / angstrom]."""
     weights = subband_weights(filter, telescope, wavelength)
     used = np.flatnonzero(weights.any(axis=0))
@@ -34,7 +44,9 @@ def subband_fluxes(seds, filter, telescope, wavelength=GRID):
     return np.einsum("nw,fw->nf", np.asarray(seds)[:, band], weights[:, band])
 
 
-def load_fluxes(load_seds, rows, filter, telescope):
+def load_fluxes(
+    load_seds: Callable[[IntArray], FloatArray], rows: IntArray, filter: Filter, telescope: Telescope
+) -> FloatArray:
     """Return (len(rows), 4) electrons / s, loading spectra in chunks by `load_seds(rows) -> (n, 18001)`."""
     fluxes = np.zeros((len(rows), SUBBANDS))
     for start in range(0, len(rows), CHUNK):
@@ -48,13 +60,13 @@ def load_fluxes(load_seds, rows, filter, telescope):
     return fluxes
 
 
-def rate_to_mag(rate, filter, telescope):
+def rate_to_mag(rate: Floats, filter: Filter, telescope: Telescope) -> FloatArray:
     """Return the AB magnitude of a total rate [electron / s]; inf for zero light, NaN for a bad rate."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return filter.zeropoint(telescope) - 2.5 * np.log10(np.asarray(rate, dtype=float))
 
 
-def ab_mag(sed, wavelength, throughput):
+def ab_mag(sed: FloatArray, wavelength: FloatArray, throughput: FloatArray) -> FloatArray:
     """Return the AB magnitude of one spectrum through any photon-counting response on the same grid."""
     counts = np.trapezoid(sed * throughput, wavelength)
     reference = np.trapezoid(ab_photon_density(wavelength) * throughput, wavelength)
@@ -62,7 +74,7 @@ def ab_mag(sed, wavelength, throughput):
         return -2.5 * np.log10(counts / reference)
 
 
-def bin_means(spectra, at):
+def bin_means(spectra: FloatArray, at: IntArray) -> FloatArray:
     """Return (n, len(at) - 1): means of evenly sampled spectra (n, samples), linear between, from sample to sample."""
     running = np.zeros(spectra.shape)
     np.cumsum(0.5 * (spectra[:, 1:] + spectra[:, :-1]), axis=1, out=running[:, 1:])

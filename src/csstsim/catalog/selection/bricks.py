@@ -3,6 +3,10 @@
 Footprints are in the ICRS at the epoch (job.Job.footprint), with aberration removed.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from csstsim.base.healpix import NSIDE
@@ -10,12 +14,17 @@ from csstsim.base.sphere import grown, ra_dec, unit_vectors
 from csstsim.catalog.base import Region
 from csstsim.catalog.selection.reach import REACH_MAX
 
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from csstsim.base.types import FloatArray, IntArray
+
 DISTORTION_PX = 200  # at the field's edge (paper, section 5.2)
 # Stars may move 147" (4.1" a year until 2036) within this margin; wings of bright stars beyond it are not drawn.
 BRICK_MARGIN_PX = DISTORTION_PX + REACH_MAX
 
 
-def bricks_for(footprint_ra, footprint_dec, margin_deg):
+def bricks_for(footprint_ra: FloatArray, footprint_dec: FloatArray, margin_deg: float) -> IntArray:
     """Return the sorted NSIDE-256 nested pixels that touch a convex footprint grown by a margin.
 
     Corners in order round the polygon [deg]; RA wrap and poles need no care. Bricks that only come close may be
@@ -24,18 +33,18 @@ def bricks_for(footprint_ra, footprint_dec, margin_deg):
     return _bricks(*_grown(footprint_ra, footprint_dec, margin_deg))
 
 
-def region_for(footprint_ra, footprint_dec, margin_deg, bands):
+def region_for(footprint_ra: FloatArray, footprint_dec: FloatArray, margin_deg: float, bands: Iterable[str]) -> Region:
     """Return the `Region` that a catalogue must cover: footprint with margin, its bricks, the camera's bands."""
     ra, dec = _grown(footprint_ra, footprint_dec, margin_deg)
     return Region(tuple(ra.tolist()), tuple(dec.tolist()), tuple(_bricks(ra, dec).tolist()), tuple(bands))
 
 
-def _bricks(ra, dec):
+def _bricks(ra: FloatArray, dec: FloatArray) -> IntArray:
     import hpgeom
 
     return np.sort(hpgeom.query_polygon(NSIDE, ra, dec, inclusive=True, fact=16))
 
 
-def _grown(ra, dec, margin_deg):
+def _grown(ra: FloatArray, dec: FloatArray, margin_deg: float) -> tuple[FloatArray, FloatArray]:
     """Return the corners [deg] of a footprint grown by a margin."""
     return ra_dec(grown(unit_vectors(ra, dec), np.radians(margin_deg)))

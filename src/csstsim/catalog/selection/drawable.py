@@ -1,13 +1,20 @@
 """Why an object cannot be drawn: the reasons behind the flag BAD_VALUE, in words."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, cast
+
 import numpy as np
 
 from csstsim.catalog.changing import columns as changing
 from csstsim.catalog.flags import STRONG_LENSING
 from csstsim.catalog.galaxy_shapes.components import has_image
-from csstsim.catalog.table import GALAXY, STAR, TYPES
+from csstsim.catalog.table import GALAXY, STAR, TYPES, ObjectTable
 from csstsim.profiles.sersic import INDEX_MAX, INDEX_MIN
 from csstsim.universe.lensing.lensing import magnification
+
+if TYPE_CHECKING:
+    from csstsim.base.types import BoolArray, FloatArray
 
 KNOTS_MOST = 10_000
 LARGEST = 3600.0  # arcsec, half-light radius
@@ -15,7 +22,7 @@ STRONGLY_LENSED = "strongly lensed"
 NO_LIGHT = "its light in the band is negative or not a number"
 
 
-def reasons(table):
+def reasons(table: ObjectTable) -> dict[str, BoolArray]:
     """Return {reason: (n,) bool} from the columns of an ObjectTable; its light is not checked."""
     galaxy = table["obj_type"] == GALAXY
     share = table["bulge_frac"]
@@ -40,15 +47,15 @@ def reasons(table):
             outside = ~((n >= np.float32(INDEX_MIN)) & (n <= np.float32(INDEX_MAX)))
             found[f"a galaxy whose {index} is not within {INDEX_MIN:g}..{INDEX_MAX:g}"] = galaxy & used & outside
     if "knots" in table or "knots_frac" in table:
-        knots, part = (table.get(name, np.zeros(len(share))) for name in ("knots", "knots_frac"))
+        knots, clumped = (table.get(name, np.zeros(len(share))) for name in ("knots", "knots_frac"))
         found["a galaxy whose knots_frac and bulge_frac are not within 0..1 together"] = galaxy & ~(
-            (part >= 0) & (part + share <= 1 + 1e-6)
+            (clumped >= 0) & (clumped + share <= 1 + 1e-6)
         )
         found["a negative number of knots"] = knots < 0
-        found["a star or quasar with knots"] = ~galaxy & ((knots != 0) | (part != 0))
-        found["a galaxy with knots_frac but no knots"] = galaxy & (part > 0) & ~(knots > 0)
+        found["a star or quasar with knots"] = ~galaxy & ((knots != 0) | (clumped != 0))
+        found["a galaxy with knots_frac but no knots"] = galaxy & (clumped > 0) & ~(knots > 0)
         found[f"a galaxy of more than {KNOTS_MOST} knots"] = galaxy & (knots > KNOTS_MOST)
-        found["a galaxy with knots and an image"] = (part > 0) & has_image(table)
+        found["a galaxy with knots and an image"] = (clumped > 0) & has_image(table)
     if "image_file" in table:
         found["a star or quasar with an image"] = ~galaxy & (table["image_file"] != "")
         found["a galaxy with an image and a bulge"] = has_image(table) & (share > 0)
@@ -58,15 +65,15 @@ def reasons(table):
     return found | changing.reasons(table)
 
 
-def unusable(table, flux):
+def unusable(table: ObjectTable, flux: FloatArray) -> BoolArray:
     """Return (n,) bool: a value that drawing needs is missing, not finite or impossible; flux: (n, 4) electron / s."""
-    bad = ~np.isfinite(flux).all(axis=1) | (flux < 0).any(axis=1)
+    bad = cast("BoolArray", ~np.isfinite(flux).all(axis=1) | (flux < 0).any(axis=1))
     for reason, mask in reasons(table).items():
         bad |= mask & (reason != STRONGLY_LENSED)  # has a flag of its own
     return bad
 
 
-def why_not_drawn(table, dark):
+def why_not_drawn(table: ObjectTable, dark: BoolArray) -> dict[str, int]:
     """Return {reason: number of objects}, each object under its first reason; `dark` (n,) bool: those not drawn."""
     left, counts = np.array(dark, dtype=bool), {}
     every = reasons(table)

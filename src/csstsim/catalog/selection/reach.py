@@ -15,12 +15,23 @@ default loses 0.5% of the light. Here a stamp may end only where this chip's noi
   the reach of a point source of that flux.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from csstsim.base.units import ARCSEC_PER_RAD
 from csstsim.catalog.galaxy_shapes.components import KNOTS_WITHIN, components, has_image, has_knots
 from csstsim.profiles.sersic import BULGE, DISK, light_beyond, radius_of
 from csstsim.universe.lensing.lensing import magnification
+
+if TYPE_CHECKING:
+    from csstsim.base.types import FloatArray
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.instrument.filter import Filter
+    from csstsim.instrument.telescope import Telescope
+    from csstsim.optics.scatter.halo import Wing
 
 POINT_MIN, POINT_MAX = 16, 64  # pixel; no stored PSF extends beyond 64
 # pixel; a smaller stamp loses 1% of a faint star's light: noise hides that for one star, but not on average
@@ -34,7 +45,9 @@ _PSF_HALF_LIGHT = 1.2  # pixel, for the number of pixels that bring noise
 _GAUSSIAN = 4 * np.pi / (2 * np.log(2))  # effective number of pixels / half-light radius^2 of a Gaussian
 
 
-def point_reach(electrons, variance, filter, telescope, box=POINT_MAX):
+def point_reach(
+    electrons: FloatArray, variance: float, filter: Filter, telescope: Telescope, box: float = POINT_MAX
+) -> FloatArray:
     """Return the reach [pixel], at most `box`.
 
     electrons: (n,) in the exposure; variance: of one pixel without the object [e-^2].
@@ -47,7 +60,7 @@ def point_reach(electrons, variance, filter, telescope, box=POINT_MAX):
     return np.clip(np.maximum(by_pixel, by_light), POINT_MIN, box)
 
 
-def wing_reach(electrons, variance, wing):
+def wing_reach(electrons: FloatArray, variance: float, wing: Wing | None) -> FloatArray:
     """Return the radius [pixel] at which an object's wing hides in the noise, not clipped; 0 for no light or no wing.
 
     electrons: (n,); variance: of one pixel without the object [e-^2]; wing: optics.scatter.halo.Wing or None.
@@ -58,7 +71,9 @@ def wing_reach(electrons, variance, wing):
     return np.where(lit, wing.radius(_HIDDEN_WING * np.sqrt(variance) / np.where(lit, electrons, 1.0)), 0.0)
 
 
-def galaxy_radius(table, electrons, variance, pixel_scale):
+def galaxy_radius(
+    table: ObjectTable, electrons: FloatArray, variance: float, pixel_scale: float
+) -> tuple[FloatArray, FloatArray]:
     """Return (radius, lost): radius of the profile's visible light before the PSF [pixel; may exceed REACH_MAX], and
     fraction of light that may lie beyond it."""
     stretch = _stretch(table) / pixel_scale
@@ -78,7 +93,7 @@ def galaxy_radius(table, electrons, variance, pixel_scale):
     return parts_radius(table, outer, pixel_scale), lost
 
 
-def parts_radius(table, radius, pixel_scale):
+def parts_radius(table: ObjectTable, radius: FloatArray, pixel_scale: float) -> FloatArray:
     """Return the radius (n,) [pixel] of the visible light of galaxies: at least that of disk and bulge.
 
     Knots lie within a share of the disk's light (catalog.galaxy_shapes.knots); an image is as large as its corners.
@@ -97,7 +112,7 @@ def parts_radius(table, radius, pixel_scale):
     return radius
 
 
-def _stretch(table):
+def _stretch(table: ObjectTable) -> FloatArray:
     """Longest axis over the circular radius: ellipticity at constant area, then lensing."""
     e = np.hypot(table["e1"].astype(float), table["e2"].astype(float))
     kappa, gamma1, gamma2 = (table[name].astype(float) for name in ("kappa", "gamma1", "gamma2"))

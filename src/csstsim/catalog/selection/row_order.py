@@ -5,12 +5,20 @@ decides which random numbers each gets. Objects are therefore summed and drawn b
 numeric columns, so the rows of a catalogue may be shuffled.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from csstsim.catalog.light.object_spectra import ROW
 
+if TYPE_CHECKING:
+    from csstsim.base.types import IntArray
+    from csstsim.catalog.table import ObjectTable
 
-def canonical_order(table):
+
+def canonical_order(table: ObjectTable) -> IntArray:
     """Return (n,) rows of an ObjectTable in canonical order; rows with the same id and numbers keep their order.
 
     The embedded universe's rows are in this order already.
@@ -25,14 +33,14 @@ def canonical_order(table):
     return np.lexsort((*numbers, ids))
 
 
-def back(order):
+def back(order: IntArray) -> IntArray:
     """Return (n,) the inverse of the permutation `order`."""
     rows = np.empty(len(order), np.int64)
     rows[order] = np.arange(len(order))
     return rows
 
 
-def orders_back(orders, order):
+def orders_back(orders: ObjectTable, order: IntArray) -> ObjectTable:
     """Return a table of spectral orders (io.orders) of objects taken in `order`, with their original rows.
 
     `row` gets the original row; the table is sorted by row, then by order.

@@ -7,7 +7,10 @@ Shapes stay as in the catalogue. Aberration is conformal: it only stretches leng
 light shears by 2e-8 at 90 deg from the Sun. Both are left out.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -30,6 +33,20 @@ from csstsim.catalog.selection.row_order import back, canonical_order
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable, lensed
 from csstsim.universe.lensing.lensing import magnification
 
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from csstsim.base.types import BoolArray, FloatArray, IntArray
+    from csstsim.catalog.astrometry.ephemeris import Observer
+    from csstsim.catalog.base import CatalogBase
+    from csstsim.catalog.changing.motion import Interval
+    from csstsim.instrument.chip import Chip, Window
+    from csstsim.instrument.filter import Filter
+    from csstsim.instrument.telescope import Telescope
+    from csstsim.optics.geometry.wcs import ChipWCS
+    from csstsim.optics.gratings.dispersion import Disperser
+    from csstsim.optics.scatter.scattered_light import Scattered
+
 
 @dataclass(frozen=True)
 class Noise:
@@ -39,15 +56,27 @@ class Noise:
     dark: float  # electron / s / pixel
     read_noise: float  # electron
 
-    def variance(self, exptime):
+    def variance(self, exptime: float) -> float:
         """Return the variance of one pixel [electron^2]."""
         return (self.sky + self.dark) * exptime + self.read_noise**2
 
 
 def select_objects(
-    catalog, wcs, observer, window, filter, telescope, exptime, noise, mag_limit=None, rotated=False, scattered=None,
-    box=POINT_MAX, disperser=None, interval=None,
-):  # fmt: skip
+    catalog: CatalogBase,
+    wcs: ChipWCS,
+    observer: Observer,
+    window: Window,
+    filter: Filter,
+    telescope: Telescope,
+    exptime: float,
+    noise: Noise,
+    mag_limit: float | None = None,
+    rotated: bool = False,
+    scattered: Scattered | None = None,
+    box: float = POINT_MAX,
+    disperser: Disperser | None = None,
+    interval: Interval | None = None,
+) -> ObjectTable:
     """Return the ObjectTable of the objects that reach `window` of a chip, with the columns the renderer needs.
 
     catalog: a CatalogBase; wcs: optics.geometry.wcs.ChipWCS; observer: ephemeris.Observer; window:
@@ -103,14 +132,14 @@ def select_objects(
 class Candidates:
     """Objects that may reach a window, before their light is known; n of them."""
 
-    rows: np.ndarray  # (n,) of the catalogue
+    rows: IntArray  # (n,) of the catalogue
     table: ObjectTable  # of n rows, the catalogue's
-    places: dict  # {name: (n,) values}, of `near`
-    seconds: np.ndarray  # (n,) s, of `seconds_seen`
-    dmag: np.ndarray | None  # (n,) mag by which they are fainter in this exposure, if the catalogue's light varies
-    dimmed: np.ndarray  # (n,) the same as a factor; 1 without dmag
+    places: dict[str, FloatArray]  # {name: (n,) values}, of `near`
+    seconds: FloatArray  # (n,) s, of `seconds_seen`
+    dmag: FloatArray | None  # (n,) mag by which they are fainter in this exposure, if the catalogue's light varies
+    dimmed: FloatArray  # (n,) the same as a factor; 1 without dmag
 
-    def take(self, chosen):
+    def take(self, chosen: BoolArray) -> Candidates:
         """Return those of a mask (n,)."""
         return Candidates(
             self.rows[chosen], self.table.take(chosen), {name: v[chosen] for name, v in self.places.items()},
@@ -118,7 +147,17 @@ class Candidates:
         )  # fmt: skip
 
 
-def _candidates(catalog, wcs, observer, window, filter, telescope, exptime, disperser, interval):
+def _candidates(
+    catalog: CatalogBase,
+    wcs: ChipWCS,
+    observer: Observer,
+    window: Window,
+    filter: Filter,
+    telescope: Telescope,
+    exptime: float,
+    disperser: Disperser | None,
+    interval: Interval | None,
+) -> Candidates:
     """Return the Candidates of a catalogue by their places alone; arguments as of `select_objects`."""
     dispersed = 0.0 if disperser is None else disperser.gratings.reach
     rows, places = near(catalog.table, wcs, observer, window, dispersed, interval)
@@ -130,14 +169,21 @@ def _candidates(catalog, wcs, observer, window, filter, telescope, exptime, disp
     return Candidates(rows, table, places, seconds_seen(places, exptime, telescope.pixel_scale), dmag, dimmed)
 
 
-def _flags(table, bad, truncated, thin):
+def _flags(table: ObjectTable, bad: BoolArray, truncated: BoolArray, thin: BoolArray) -> IntArray:
     """Return (n,) int32, the catalogue's flags with those of unusable values, cut stamps and lenses that are strong."""
     flags = table["flags"] | np.where(bad, BAD_VALUE, 0) | np.where(truncated, TRUNCATED_STAMP, 0)
     strong = (table["obj_type"] != STAR) & ~thin & ~bad
     return (flags | np.where(strong, STRONG_LENSING, 0)).astype(np.int32)
 
 
-def _could_reach(table, places, electrons, window, disperser, optics):
+def _could_reach(
+    table: ObjectTable,
+    places: Mapping[str, FloatArray],
+    electrons: FloatArray,
+    window: Window,
+    disperser: Disperser | None,
+    optics: tuple[float, Scattered | None, float, Chip, Filter, Telescope],
+) -> BoolArray:
     """Return (n,) bool: whether objects of up to so many electrons could reach the window, or are of unknown light.
 
     optics: the last arguments of `_extent`, which is asked only for objects that are not on the window anyway.
@@ -151,13 +197,13 @@ def _could_reach(table, places, electrons, window, disperser, optics):
     return could
 
 
-def _magnified(table, bands, mu):
+def _magnified(table: ObjectTable, bands: Iterable[str], mu: FloatArray) -> dict[str, FloatArray]:
     """Return {mag_B: observed magnitudes}; NaN in a band for which the catalogue's table has none."""
     given = {f"mag_{band}": table.get(f"mag_{band}", np.full(len(mu), np.nan)) for band in bands}
     return {name: (values - 2.5 * np.log10(mu)).astype(np.float32) for name, values in given.items()}
 
 
-def _turned(table):
+def _turned(table: ObjectTable) -> ObjectTable:
     """Return the table with all shapes turned by 90 degrees: ellipticities, knots and images.
 
     Raises InputError for parts of objects, whose places are no shape of theirs.
@@ -173,24 +219,36 @@ def _turned(table):
     return table.with_columns(**columns)
 
 
-def _magnification(table):
+def _magnification(table: ObjectTable) -> tuple[FloatArray, BoolArray]:
     """Return (mu, thin): magnification of each object, 1 for stars, and whether the lens is weak enough."""
     mu, thin = magnification(*(table[name] for name in ("kappa", "gamma1", "gamma2")))
     return np.where(lensed(table["obj_type"]), mu, 1.0), thin
 
 
-def _extent(table, bad, electrons, variance, scattered, box, chip, filter, telescope):
+def _extent(
+    table: ObjectTable,
+    bad: BoolArray,
+    electrons: FloatArray,
+    variance: float,
+    scattered: Scattered | None,
+    box: float,
+    chip: Chip,
+    filter: Filter,
+    telescope: Telescope,
+) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, BoolArray]:
     """Return how far light goes [pixel]: reach, lost, wing (see `select_objects`), ghosts, and whether it was cut."""
     wing_px, ghosts = _scattered_reach(scattered, electrons, variance, chip)
     extended = (table["obj_type"] == GALAXY) & ~bad
     reach, lost = _reach(table, extended, electrons, variance, wing_px, box, filter, telescope)
     truncated = reach > REACH_MAX
-    reach = np.ceil(np.minimum(reach, REACH_MAX)).astype(np.int32)
+    sides = np.ceil(np.minimum(reach, REACH_MAX)).astype(np.int32)
     wing = np.where(wing_px > box, wing_px, 0.0)
-    return reach, lost, wing, ghosts, truncated
+    return sides, lost, wing, ghosts, truncated
 
 
-def _scattered_reach(scattered, electrons, variance, chip):
+def _scattered_reach(
+    scattered: Scattered | None, electrons: FloatArray, variance: float, chip: Chip
+) -> tuple[FloatArray, FloatArray]:
     """Return the radius to which each object's wing is drawn, and the distance of its visible ghosts [pixel]."""
     if scattered is None:
         return np.zeros_like(electrons), np.zeros_like(electrons)
@@ -198,7 +256,16 @@ def _scattered_reach(scattered, electrons, variance, chip):
     return wing_reach(electrons, variance, scattered.wing), np.broadcast_to(ghosts, electrons.shape)
 
 
-def _reach(table, extended, electrons, variance, wing_px, box, filter, telescope):
+def _reach(
+    table: ObjectTable,
+    extended: BoolArray,
+    electrons: FloatArray,
+    variance: float,
+    wing_px: FloatArray,
+    box: float,
+    filter: Filter,
+    telescope: Telescope,
+) -> tuple[FloatArray, FloatArray]:
     """Return (reach [pixel], lost: fraction of a galaxy's light that may lie beyond its stamp)."""
     reach = point_reach(electrons, variance, filter, telescope, box)
     reach = np.where(extended, reach, np.clip(np.maximum(wing_px, STAR_MIN), reach, box))

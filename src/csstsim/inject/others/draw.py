@@ -4,7 +4,10 @@ Places are ICRS. Shapes follow its local map from the sky to pixels. Each object
 Poisson noise, from a stream of its id and the frame. The detector is left out, but for a stated SATURATE.
 """
 
+from __future__ import annotations
+
 from numbers import Real
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,6 +28,19 @@ from csstsim.io.paths import TRUTH
 from csstsim.render.scene import shape_matrix
 from csstsim.universe.lensing.lensing import magnification
 
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import galsim
+    from astropy.io.fits.hdu.base import _BaseHDU
+
+    from csstsim.base.image_wcs import ImageWCS
+    from csstsim.base.types import AnyArray, BoolArray, FloatArray, Floats
+    from csstsim.inject.inject import Make, Request
+    from csstsim.inject.others.frame import ForeignFrame
+    from csstsim.inject.others.psf_models import Psfex, Stamps
+    from csstsim.inject.rewritten import Record
+
 BAND = "here"  # the name of the only band of an image
 ZEROPOINTS = 0.0, 50.0  # AB magnitude of 1 electron/s: that of any telescope
 MOST = 1e18  # electrons of an object; Poisson noise is drawn as a 64-bit integer
@@ -32,7 +48,7 @@ LARGEST = 1024  # px, side of an object's stamp
 _BEYOND = 3  # samples of a PSF beyond its stamp that its interpolation reaches (psf_models)
 
 
-def ready(frame, request):
+def ready(frame: Path, request: Request) -> Make:
     """Return a function (frame, target, say) that injects into a frame of others. Raises InputError."""
     image = read_foreign(frame)
     if request.light_curves:
@@ -57,7 +73,7 @@ def ready(frame, request):
     return lambda frame, target, say: _make(image, psf, objects, request, target, of)
 
 
-def _objects(request, image, zeropoint):
+def _objects(request: Request, image: ForeignFrame, zeropoint: float) -> ObjectTable:
     """Return the ObjectTable of the request, with `mag`, magnified, and `electrons` in the image. Raises InputError."""
     columns, band = dict(request.columns), image.band
     names = [name for name in columns if name == "mag" or name.startswith("mag_")]
@@ -101,7 +117,9 @@ def _objects(request, image, zeropoint):
     return objects.with_columns(mag=mag, electrons=electrons)
 
 
-def _make(image, psf, objects, request, target, of):
+def _make(
+    image: ForeignFrame, psf: Psfex | Stamps, objects: ObjectTable, request: Request, target: Path, of: str
+) -> str:
     from csstsim.inject.inject import record
 
     x, y = image.wcs.pixels(objects["ra"], objects["dec"])
@@ -131,7 +149,15 @@ def _make(image, psf, objects, request, target, of):
     )
 
 
-def draw(counts, psf, wcs, objects, electrons, realisation, of):
+def draw(
+    counts: FloatArray,
+    psf: Psfex | Stamps,
+    wcs: ImageWCS,
+    objects: ObjectTable,
+    electrons: FloatArray,
+    realisation: int,
+    of: str,
+) -> tuple[FloatArray, BoolArray]:
     """Add the electrons of objects, Poisson noise included, to an image (ny, nx); return (drawn (n,), shown (n,) bool).
 
     objects: ObjectTable with x, y [px from 0]; electrons (n,): nominal; of: digest of the frame and its name.
@@ -176,12 +202,12 @@ def draw(counts, psf, wcs, objects, electrons, realisation, of):
     return drawn, shown
 
 
-def _side(psf):
+def _side(psf: galsim.InterpolatedImage) -> int:
     """Return the side [px] that holds all of a PSF's stamp, wherever in a pixel it is centred."""
     return int(np.ceil((max(psf.image.array.shape) + 2 * _BEYOND) * psf.image.scale)) + 2
 
 
-def _galaxy(parts, i, matrix):
+def _galaxy(parts: tuple[tuple[FloatArray, Floats, FloatArray], ...], i: int, matrix: FloatArray) -> galsim.GSObject:
     """Return the profile of a galaxy in pixels, of light 1."""
     import galsim
 
@@ -192,7 +218,7 @@ def _galaxy(parts, i, matrix):
     return galsim.Add(found).transform(*matrix.ravel().tolist()).withFlux(1.0)
 
 
-def _set(hdu, data):
+def _set(hdu: _BaseHDU, data: AnyArray) -> None:
     """Give an HDU its values as they are: scaled integers have become floats, which have no scale."""
     if data.dtype.kind == "f":
         for keyword in ("BSCALE", "BZERO"):
@@ -200,7 +226,7 @@ def _set(hdu, data):
     hdu.data = data
 
 
-def _write(image, counts, target, record):
+def _write(image: ForeignFrame, counts: FloatArray, target: Path, record: Record) -> int:
     """Write the copy; return how many pixels reached SATURATE or the end of their type."""
     units = counts / image.electrons
     lit = (counts != 0) & ((image.image != image.blank) if image.blank is not None else True)

@@ -1,14 +1,26 @@
 """What an image of any telescope says of itself: pixels, WCS, electrons in a unit, exposure time, zero point."""
 
+from __future__ import annotations
+
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.image_wcs import ImageWCS
+from csstsim.base.types import AnyArray
 from csstsim.inject.others.with_astropy import opened
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from typing import Any
+
+    from astropy.io.fits import HDUList, Header
+
+    from csstsim.base.types import FloatArray, PathLike
 
 ELECTRONS = {"electron", "electrons", "e-", "e", "photoelectron"}
 DN = {"adu", "dn", "count", "counts", "ct", "cts", "adus"}
@@ -29,20 +41,20 @@ class ForeignFrame:
 
     path: Path
     number: int
-    image: np.ndarray
-    wcs: object
+    image: AnyArray
+    wcs: ImageWCS
     electrons: float
     exptime: float
     zeropoint: float | None
     band: str
     full: float
     others: int = 0
-    error: np.ndarray | None = None
+    error: AnyArray | None = None
     error_number: int | None = None
     blank: int | None = None  # the value of pixels without one, in an image of integers
 
 
-def read_foreign(path):
+def read_foreign(path: PathLike) -> ForeignFrame:
     """Return the ForeignFrame of a FITS file: of its extension SCI, or else its first 2-d image. Raises InputError."""
     path = Path(path)
     with opened(path) as file:
@@ -79,14 +91,14 @@ def read_foreign(path):
         )  # fmt: skip
 
 
-def _blank(image, header):
+def _blank(image: AnyArray, header: Header) -> int | None:
     """Return the value of BLANK among an image's integers; BZERO makes them unsigned."""
     if image.dtype.kind not in "iu" or "BLANK" not in header:
         return None
     return int(header["BLANK"]) + int(header.get("BZERO", 0))
 
 
-def _wcs(path, file, number):
+def _wcs(path: Path, file: HDUList, number: int) -> ImageWCS:
     header = file[number].header
     _check_matrix(path, _cd(header), "CD")  # before WCSLIB, which takes 1 for the diagonal of a row of zeros
     wcs = ImageWCS(header, path, file)
@@ -94,14 +106,14 @@ def _wcs(path, file, number):
     return wcs
 
 
-def _cd(header):
+def _cd(header: Header) -> FloatArray | None:
     """Return (2, 2) deg per pixel of CD as the header has it, or None."""
     if not header["CD?_?"]:
         return None
     return np.array([[header.get(f"CD{i}_{j}", 0.0) for j in (1, 2)] for i in (1, 2)], float)
 
 
-def _check_matrix(path, matrix, key):
+def _check_matrix(path: Path, matrix: FloatArray | None, key: str) -> None:
     if matrix is not None and not np.linalg.cond(matrix) < LONGEST:
         raise InputError(
             "the WCS maps the image to a line", file=path, key=key, value=matrix.tolist(),
@@ -109,7 +121,7 @@ def _check_matrix(path, matrix, key):
         )  # fmt: skip
 
 
-def _number(header, names):
+def _number(header: Mapping[str, Any], names: Sequence[str]) -> float | None:
     """Return the first keyword's value that is a number above 0, or None."""
     for name in names:
         try:
@@ -121,7 +133,7 @@ def _number(header, names):
     return None
 
 
-def _electrons(path, header, exptime):
+def _electrons(path: Path, header: Mapping[str, Any], exptime: float) -> tuple[float, float | None]:
     """Return (electrons of one unit of the image, gain [e-/DN] or None where its unit is electrons)."""
     text = re.sub(r"[ .*]*s(ec|econd)?\s*(\^|\*\*)?\s*\(?-1\)?$", "/s", str(header.get("BUNIT", "")).lower())
     unit, _, per = text.replace(" ", "").partition("/")
@@ -137,7 +149,7 @@ def _electrons(path, header, exptime):
     )
 
 
-def _zeropoint(header, gain):
+def _zeropoint(header: Mapping[str, Any], gain: float | None) -> float | None:
     """Return the AB magnitude of 1 electron/s from PHOTFLAM and PHOTPLAM (HST data handbooks: ABMAG), or None.
 
     PHOTFLAM is of one unit a second: of DN where the image has a gain.
@@ -148,7 +160,7 @@ def _zeropoint(header, gain):
     return -2.5 * np.log10(flam / (gain or 1.0)) - 5 * np.log10(plam) - 2.408
 
 
-def _check_error(path, image, error, quality):
+def _check_error(path: Path, image: AnyArray, error: AnyArray, quality: AnyArray | None) -> None:
     if error.shape != image.shape:
         raise InputError("not of the image's size", file=path, key="ERR", value=error.shape, allowed=image.shape)
     good = np.isfinite(image) if quality is None or quality.shape != image.shape else (quality == 0)

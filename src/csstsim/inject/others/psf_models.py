@@ -6,13 +6,24 @@ the places of the stamps (FITS pixels, the first at 1). PSFSAMP [pixel] in the i
 mixed, weighted with the inverse square of their distance.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from csstsim.base.errors import InputError
+from csstsim.base.types import FloatArray
 from csstsim.inject.others.with_astropy import opened
+
+if TYPE_CHECKING:
+    import galsim
+    import galsim.des
+    from astropy.io.fits import HDUList
+
+    from csstsim.base.types import PathLike
 
 NEAREST = 4
 PSFEX = "PSF_DATA"  # the extension of its models (PSFEx manual, section 6)
@@ -23,12 +34,12 @@ STEP = "PSFSAMP"
 class Stamps:
     """Stamps (n, side, side), each of sum 1, of `step` pixels a sample, at x, y (n,) px from 0."""
 
-    stamps: np.ndarray
-    x: np.ndarray
-    y: np.ndarray
+    stamps: FloatArray
+    x: FloatArray
+    y: FloatArray
     step: float
 
-    def at(self, x, y):
+    def at(self, x: float, y: float) -> galsim.GSObject:
         """Return the galsim profile at a place [px, from 0]; its unit is a pixel, its light 1."""
         import galsim
 
@@ -43,9 +54,9 @@ class Stamps:
 class Psfex:
     """A model of PSFEx."""
 
-    model: object  # galsim.des.DES_PSFEx
+    model: galsim.des.DES_PSFEx
 
-    def at(self, x, y):
+    def at(self, x: float, y: float) -> galsim.GSObject:
         """As Stamps.at."""
         import galsim
 
@@ -53,13 +64,13 @@ class Psfex:
         return galsim.InterpolatedImage(stamp, scale=self.model.sample_scale, flux=1.0, x_interpolant=_smooth())
 
 
-def _smooth():
+def _smooth() -> galsim.Lanczos:
     import galsim
 
     return galsim.Lanczos(3)
 
 
-def read_psf(path, band=""):
+def read_psf(path: PathLike, band: str = "") -> Psfex | Stamps:
     """Return the Psfex or Stamps of a file. Raises InputError, also if it states another filter than `band`."""
     path = Path(path)
     with opened(path, "--psf") as file:
@@ -71,7 +82,7 @@ def read_psf(path, band=""):
         return _stamps(path, file)
 
 
-def _psfex(path):
+def _psfex(path: Path) -> Psfex:
     import galsim.des
 
     try:
@@ -80,7 +91,7 @@ def _psfex(path):
         raise InputError(f"not a model of PSFEx that can be read: {str(exc).splitlines()[0]}", file=path) from None
 
 
-def _stamps(path, file):
+def _stamps(path: Path, file: HDUList) -> Stamps:
     held = next((h for h in file if h.is_image and h.header.get("NAXIS", 0) in (2, 3) and h.data is not None), None)
     if held is None:
         raise InputError("holds neither a model of PSFEx nor stamps", file=path, key="--psf")

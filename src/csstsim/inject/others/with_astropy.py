@@ -1,15 +1,26 @@
 """FITS files of others, opened by astropy: what it raises or warns of becomes one InputError, or silence."""
 
+from __future__ import annotations
+
 import warnings
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from csstsim.base.errors import InputError
 from csstsim.io.fits import open_fits
 
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from astropy.io.fits import HDUList, Header
+
+    from csstsim.base.types import PathLike
+
 
 @contextmanager
-def opened(path, key=None):
+def opened(path: PathLike, key: str | None = None) -> Iterator[HDUList]:
     """Yield the HDUList of a FITS file, all of it in memory. Raises InputError, also for faults found inside.
 
     Pixels of BLANK are NaN in an image that BSCALE makes one of floats, and stay as they are in one of integers.
@@ -35,7 +46,7 @@ def opened(path, key=None):
         raise InputError(what.rstrip(), file=path, key=key) from None
 
 
-def _integers(headers):
+def _integers(headers: Sequence[Header]) -> dict[str, bool]:
     """Return how astropy opens a file so that images of integers stay such: it turns those with BLANK into floats."""
     if not any("BLANK" in header for header in headers) or any(header.get("BSCALE", 1) != 1 for header in headers):
         return {}

@@ -1,10 +1,17 @@
 """Completeness, bias and scatter of recovered objects in bins, with errors."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from csstsim.bricks.validation.density import EDGES as DENSITIES
+
+if TYPE_CHECKING:
+    from csstsim.base.types import BoolArray, FloatArray
+    from csstsim.catalog.table import ObjectTable
 
 LEAST = 1e-6  # arcsec: smaller ones are points
 SIZES = (0.0, LEAST, 0.1, 0.2, 0.3, 0.5, 0.8, 1.3, 2.0, np.inf)  # arcsec
@@ -30,7 +37,7 @@ class Number:
     outliers: int
 
 
-def number(values):
+def number(values: FloatArray) -> Number:
     """Return the Number of values, NaN left out; mean and scatter are NaN with fewer than FEWEST values.
 
     Values farther than CLIP robust sigmas from the median are outliers.
@@ -38,7 +45,7 @@ def number(values):
     values = np.asarray(values, float)
     values = values[np.isfinite(values)]
     if len(values) < FEWEST:
-        return Number(len(values), *[np.nan] * 4, 0)
+        return Number(len(values), np.nan, np.nan, np.nan, np.nan, 0)
     away = np.abs(values - np.median(values))
     kept = values[away <= max(CLIP * 1.4826 * np.median(away), np.finfo(float).tiny)]
     scatter = kept.std(ddof=1) if len(kept) > 1 else 0.0
@@ -48,7 +55,7 @@ def number(values):
     )  # fmt: skip
 
 
-def share(found, total):
+def share(found: int, total: int) -> tuple[float, float, float]:
     """Return (share, its lower and upper 68% bound) of `found` of `total`, after Wilson (1927); NaN of none."""
     if not total:
         return np.nan, np.nan, np.nan
@@ -67,20 +74,20 @@ class Bin:
     centre: float  # mean of the objects
     objects: int
     found: int
-    numbers: dict  # {name of QUANTITIES: Number}, of clean sources
+    numbers: dict[str, Number]  # {name of QUANTITIES: Number}, of clean sources
 
     @property
-    def completeness(self):
+    def completeness(self) -> tuple[float, float, float]:
         """(share, lower, upper bound) of objects that were found."""
         return share(self.found, self.objects)
 
 
-def binned(table, against):
+def binned(table: ObjectTable, against: str) -> list[Bin]:
     """Return the Bins with objects of a recovered table against `mag`, `size` or `density`."""
     values = np.asarray(table[against], float)
     if not len(values):
         return []
-    edges = {"size": SIZES, "density": DENSITIES}.get(against)
+    edges: tuple[float, ...] | FloatArray | None = {"size": SIZES, "density": DENSITIES}.get(against)
     if edges is None:
         first = np.floor(np.nanmin(values) / MAG_STEP)
         edges = MAG_STEP * np.arange(first, np.floor(np.nanmax(values) / MAG_STEP) + 2)
@@ -88,7 +95,7 @@ def binned(table, against):
     return [of_rows(table, at == k, edges[k], edges[k + 1], values) for k in range(len(edges) - 1) if (at == k).any()]
 
 
-def of_rows(table, rows, low, high, values):
+def of_rows(table: ObjectTable, rows: BoolArray, low: float, high: float, values: FloatArray) -> Bin:
     """Return the Bin of a mask of rows."""
     clean = rows & table["clean"]
     numbers = {name: number(table[name][clean]) for name in QUANTITIES}

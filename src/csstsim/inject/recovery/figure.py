@@ -1,10 +1,21 @@
 """The figure of recovered objects: completeness, magnitude, place and shape against magnitude, size and density."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from csstsim.base.files.atomic import atomic_path
 from csstsim.inject.recovery.bins import AGAINST, binned
 from csstsim.report.style import BLUE, VERMILION
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from csstsim.base.types import FloatArray, PathLike
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.inject.recovery.bins import Bin
 
 ROWS = {
     "completeness": "found", "d_mag": "magnitude,\nmeasured - true", "d_x": "place x, y [px],\nmeasured - true",
@@ -13,7 +24,7 @@ ROWS = {
 PAIR = {"d_x": "d_y", "d_g1": "d_g2"}
 
 
-def draw(table, path):
+def draw(table: ObjectTable, path: PathLike) -> None:
     """Draw a recovered table (recovered.recovered) into a PNG."""
     import matplotlib
 
@@ -39,23 +50,23 @@ def draw(table, path):
     plt.close(figure)
 
 
-def _completeness(axes, at, bins):
+def _completeness(axes: Axes, at: FloatArray, bins: list[Bin]) -> None:
     share, low, high = np.transpose([one.completeness for one in bins])
     axes.errorbar(at, share, [share - low, high - share], fmt="o", color=BLUE, markersize=4)
     axes.set_ylim(-0.05, 1.05)
 
 
-def _objects(axes, table, against, name, bins):
+def _objects(axes: Axes, table: ObjectTable, against: str, name: str, bins: list[Bin]) -> None:
     """Draw the objects of bins that have too few for a mean, one by one."""
     values = np.asarray(table[against], float)
     for key, colour in ((name, BLUE), (PAIR.get(name), VERMILION)):
         few = [one for one in bins if key is not None and not np.isfinite(one.numbers[key].mean)]
-        rows = table["clean"] & np.any([(values >= one.low) & (values < one.high) for one in few] or [False], axis=0)
-        if rows.any():
+        rows = table["clean"] & np.any([(values >= one.low) & (values < one.high) for one in few] or [False], axis=0)  # type: ignore[list-item]  # for all
+        if key is not None and rows.any():
             axes.plot(values[rows], table[key][rows], ".", color=colour, markersize=4, label=f"one object{_axis(key)}")
 
 
-def _values(axes, at, bins, name):
+def _values(axes: Axes, at: FloatArray, bins: list[Bin], name: str) -> None:
     """Draw means with errors, and the scatter as bars behind them; of a pair of axes, the other in another colour."""
     axes.axhline(0.0, color="#999999", linewidth=0.8)
     most = 0.0
@@ -73,5 +84,5 @@ def _values(axes, at, bins, name):
         axes.set_ylim(-1.2 * most, 1.2 * most)
 
 
-def _axis(key):
+def _axis(key: str) -> str:
     return f" of {key.removeprefix('d_')}" if key in PAIR or key in PAIR.values() else ""

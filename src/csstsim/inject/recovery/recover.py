@@ -1,6 +1,9 @@
 """`csstsim recover`: an injected frame and its original measured, and what became of the injected objects."""
 
+from __future__ import annotations
+
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,11 +20,29 @@ from csstsim.io.truth import read_truth
 from csstsim.stages.calibrate import calibrated_of, calibration
 from csstsim.stages.psf import missing_psf, open_psf
 
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from typing import Any
+
+    from csstsim.base.types import PathLike
+    from csstsim.campaign.job import Job
+    from csstsim.campaign.opened import OpenCampaign
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.inject.recovery.bins import Bin, Number
+    from csstsim.measure.calibration.calibrate import Calibrated
+
 PULLS = "pull", "pull_x", "pull_y"  # of all objects: values in px and mag differ too much with their light
 TABLE, FIGURE = ".recovered.parquet", ".recovered.png"
 
 
-def recover(injected, original, say=print, output=None, truth=None, **given):
+def recover(
+    injected: PathLike,
+    original: PathLike,
+    say: Callable[[str], object] = print,
+    output: PathLike | None = None,
+    truth: PathLike | None = None,
+    **given: Any,
+) -> ObjectTable:
     """Measure two frames, print the bins of what was found, write table and figure; return the recovered table.
 
     injected, original: Level-0 files or calibrated images of one exposure, of csstsim; output: folder [default: that of
@@ -56,7 +77,7 @@ def recover(injected, original, say=print, output=None, truth=None, **given):
     return table
 
 
-def _check_order(injected, original):
+def _check_order(injected: Path, original: Path) -> None:
     """Raise InputError unless `injected` has all that was injected into `original`, and more."""
     first, second = realisations(injected), realisations(original)
     if not second < first:
@@ -67,7 +88,7 @@ def _check_order(injected, original):
 
 
 @one_thread
-def measured(run, job, path, kind):
+def measured(run: OpenCampaign, job: Job, path: Path, kind: str) -> ObjectTable:
     """Return the measured table (measure.catalogue) of a job's Level-0 file or calibrated image."""
     from csstsim.measure.catalogue import measure_frame
 
@@ -78,13 +99,13 @@ def measured(run, job, path, kind):
     )  # fmt: skip
 
 
-def _of_level0(run, job, path):
+def _of_level0(run: OpenCampaign, job: Job, path: Path) -> Calibrated:
     from csstsim.io.level0 import read_level0
 
     return calibrated_of(run, job, read_level0(path, verify=True), *calibration(run, job))
 
 
-def _of_image(run, job, path):
+def _of_image(run: OpenCampaign, job: Job, path: Path) -> Calibrated:
     """Return the Calibrated of a calibrated image: its electrons with the median of the subtracted background."""
     from csstsim.detector.channels import ReadoutFrame
     from csstsim.io.fits import image_header, open_fits, read_pixels
@@ -100,7 +121,7 @@ def _of_image(run, job, path):
     return Calibrated(electrons, planes[2], dict.fromkeys(noise, 0.0), noise, readout, calibration(run, job)[0])
 
 
-def lines(table):
+def lines(table: ObjectTable) -> Iterator[str]:
     """Yield the lines that `recover` prints: all objects, then bins against magnitude, size and density."""
     yield from left_out(table)
     every = np.ones(len(table), bool)
@@ -117,7 +138,7 @@ def lines(table):
             yield f"{span:<28} {one.objects:>7}   {p:.3f} {low:.3f}-{high:.3f}  {'  '.join(cells)}"
 
 
-def left_out(table):
+def left_out(table: ObjectTable) -> Iterator[str]:
     """Yield a line for each reason for which injected objects are not in the table, or found ones not in its means."""
     for name, why in (("outside", "lie outside the frame"), ("dark", "have no light in the frame")):
         if count := table.meta[name]:
@@ -133,7 +154,7 @@ def left_out(table):
                 yield f"{number_of(count, 'found object')} left out of the means of {label}: not measured"
 
 
-def _of_kind(name, one):
+def _of_kind(name: str, one: Bin) -> Iterator[str]:
     p, low, high = one.completeness
     yield f"{one.objects} {name}: {one.found} found, {p:.3f} ({low:.3f} to {high:.3f})"
     for key, label in QUANTITIES.items():
@@ -145,5 +166,5 @@ def _of_kind(name, one):
             )
 
 
-def _cell(held):
+def _cell(held: Number) -> str:
     return f"{held.mean:+.4f}+-{held.mean_error:.4f}".ljust(21) if np.isfinite(held.mean) else "-".ljust(21)

@@ -4,12 +4,20 @@ A source of the injected frame belongs to the closest of all injected objects an
 that the original has unchanged lies at the same place to the bit, so no injected object takes it.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, cast
+
 import numpy as np
 
 from csstsim.bricks.match import one_to_one
 from csstsim.bricks.validation.density import RADIUS
 from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.measure.catalogue import BAD_PIXELS, SATURATED, TRUNCATED
+
+if TYPE_CHECKING:
+    from csstsim.base.types import BoolArray, ComplexArray, FloatArray
+    from csstsim.instrument.chip import Window
 
 REACH = 3.0  # px: the farthest match
 WHY = {SATURATED: "saturated", TRUNCATED: "cut by the edge", BAD_PIXELS: "on bad pixels"}  # flags, not judged
@@ -39,14 +47,16 @@ COLUMNS = {
 }
 
 
-def recovered(truth, sources, before, window, pixel_scale):
+def recovered(
+    truth: ObjectTable, sources: ObjectTable, before: ObjectTable, window: Window, pixel_scale: float
+) -> ObjectTable:
     """Return the ObjectTable of COLUMNS, a row an injected object whose place is on the window.
 
     truth: of the injected objects, io.truth.read_truth; sources, before: measured tables (measure.catalogue) of the
     injected and the original frame; window: instrument.chip.Window; pixel_scale [arcsec]. Its meta says how many
     injected objects have no row: those `outside` the window, and those of which no light was drawn, `dark`.
     """
-    inside, lit = window.contains(truth["x"], truth["y"]), truth["drawn"] > 0
+    inside, lit = cast("BoolArray", window.contains(truth["x"], truth["y"])), truth["drawn"] > 0
     meta = {"outside": int((~inside).sum()), "dark": int((inside & ~lit).sum())}
     truth = truth.take(np.flatnonzero(inside & lit))
     count = len(truth)
@@ -56,7 +66,7 @@ def recovered(truth, sources, before, window, pixel_scale):
     found, point = match >= 0, truth["obj_type"] != GALAXY
     row = np.where(found, match, 0)
 
-    def measured(name):
+    def measured(name: str) -> FloatArray:
         return np.where(found, sources[name][row], np.nan) if len(sources) else np.full(count, np.nan)
 
     flux, error, mag = (np.where(point, measured(f"{a}_psf{b}"), measured(f"{a}_total{b}")) for a, b in _KINDS)
@@ -81,7 +91,7 @@ def recovered(truth, sources, before, window, pixel_scale):
 _KINDS = ("flux", ""), ("flux", "_err"), ("mag", "")
 
 
-def density(places, others, pixel_scale):
+def density(places: FloatArray, others: FloatArray, pixel_scale: float) -> FloatArray:
     """Return (n,) arcmin-2: how many others (m, 2) lie within RADIUS of places (n, 2), all in px."""
     from scipy.spatial import cKDTree
 
@@ -91,7 +101,7 @@ def density(places, others, pixel_scale):
     return near / (np.pi * (RADIUS / 60.0) ** 2)
 
 
-def _true_shape(truth):
+def _true_shape(truth: ObjectTable) -> ComplexArray:
     """Return the complex ellipticity (a - b) / (a + b) of each object, sheared by its lens (Seitz & Schneider 1997)."""
     e, g = (truth[f"{n}1"].astype(float) + 1j * truth[f"{n}2"].astype(float) for n in "eg")
     return (e + g) / (1 + np.conj(g) * e)

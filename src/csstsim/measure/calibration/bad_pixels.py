@@ -7,12 +7,23 @@ pixels already found, until none is added. The result is grown by one pixel on a
 out: rays on bright objects.
 """
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
 
+from csstsim.base.types import BoolArray, FloatArray, IntArray
 from csstsim.detector import defects, mask
+
+if TYPE_CHECKING:
+    from csstsim.base.rng import Streams
+    from csstsim.instrument.chip import Chip, Window
+    from csstsim.layers import detector_defects
+    from csstsim.measure.calibration.calibrate import Calibrated
+    from csstsim.measure.light.photometry import PsfModel
 
 FULL, BAD, RAY = np.uint8(1), np.uint8(2), np.uint8(4)  # bits of `mend`
 _LEFT_OUT, _FOUND = np.uint8(8), np.uint8(16)  # bits while rays are looked for: not tested; a ray, without its rim
@@ -25,7 +36,7 @@ FAR = 8  # px
 _PLACES = np.linspace(-0.5, 0.5, 5)  # px, positions of a star within its pixel
 
 
-def mend(calibrated, model):
+def mend(calibrated: Calibrated, model: PsfModel) -> IntArray:
     """Fill defects and cosmic rays of `calibrated.electrons` (calibrate.Calibrated), in place.
 
     Returns its `marks`, to which the bit RAY is added: uint8 (ny, nx), the reasons not to use a pixel, FULL
@@ -37,7 +48,7 @@ def mend(calibrated, model):
     return why
 
 
-def known_defects(chip, window, param, rng):
+def known_defects(chip: Chip, window: Window, param: detector_defects.Param, rng: Streams) -> BoolArray:
     """Return bool (ny, nx): hot and dead pixels and bad columns in `window`, as made by layer detector_defects.
 
     chip: instrument.chip.Chip; param: the layer's; rng: rng.Streams of the chip. Raises InputError for a laboratory map
@@ -48,6 +59,7 @@ def known_defects(chip, window, param, rng):
         wanted = sum(bit for bit, there in kinds if there)
         return (chip.maps.bad_pixels.part(*window.slices) & wanted) > 0
     detector, out = chip.detector, np.zeros(window.shape, bool)
+    assert detector.defects is not None  # layers.detector_defects.check
     pixels = defects.places((detector.ny, detector.nx), detector.defects, rng.chip("defective pixels"))
     for some, there in zip(pixels, (param.hot_pixels, param.dead_pixels), strict=True):
         _, y, x = defects.inside(some, detector.nx, window)
@@ -60,7 +72,9 @@ def known_defects(chip, window, param, rng):
     return out
 
 
-def cosmic_rays(electrons, saturated, known, read_noise, model):
+def cosmic_rays(
+    electrons: FloatArray, saturated: BoolArray, known: BoolArray, read_noise: float, model: PsfModel
+) -> BoolArray:
     """Return bool (ny, nx): pixels struck by cosmic rays, or hot.
 
     electrons: float32 (ny, nx), sky included; saturated, known: bool (ny, nx), pixels not tested, nor those within NEAR
@@ -72,7 +86,7 @@ def cosmic_rays(electrons, saturated, known, read_noise, model):
 
 
 @numba.njit(cache=True)
-def _leave_out(why):
+def _leave_out(why: IntArray) -> None:
     """Set the bit _LEFT_OUT of bad pixels and of those within NEAR of a saturated one."""
     ny, nx = why.shape
     for y in range(ny):
@@ -86,7 +100,7 @@ def _leave_out(why):
                         why[v, u] |= _LEFT_OUT
 
 
-def _mark_rays(electrons, why, read_noise, model):
+def _mark_rays(electrons: FloatArray, why: IntArray, read_noise: float, model: PsfModel) -> None:
     """Set the bit RAY of `why` (FULL, BAD), for pixels of rays and those around them."""
     _leave_out(why)
     sky, read_variance = float(np.median(electrons[::8, ::8])), read_noise**2
@@ -96,7 +110,9 @@ def _mark_rays(electrons, why, read_noise, model):
 
 
 @numba.njit(cache=True)
-def _find(electrons, why, sky, read_variance, pairs, level):
+def _find(
+    electrons: FloatArray, why: IntArray, sky: float, read_variance: float, pairs: FloatArray, level: float
+) -> None:
     """Test all pixels, then those next to each found one, and mark rays. pairs (4,): right, up, diagonals."""
     ny, nx = electrons.shape
     found = [(0, 0) for _ in range(0)]
@@ -122,7 +138,17 @@ def _find(electrons, why, sky, read_variance, pairs, level):
 
 
 @numba.njit(cache=True)
-def _is_ray(electrons, why, sky, read_variance, pairs, y, x, least, doubt):
+def _is_ray(
+    electrons: FloatArray,
+    why: IntArray,
+    sky: float,
+    read_variance: float,
+    pairs: FloatArray,
+    y: int,
+    x: int,
+    least: float,
+    doubt: float,
+) -> bool:
     """Return whether a new pixel is `least` sigma bright and too sharp, with `doubt` sigma in favour of a star."""
     value, variance = electrons[y, x] - sky, max(electrons[y, x], 0.0) + read_variance
     if value * abs(value) < least**2 * variance or why[y, x] & _OUT:
@@ -142,7 +168,7 @@ def _is_ray(electrons, why, sky, read_variance, pairs, y, x, least, doubt):
     return False
 
 
-def fill(electrons, bad):
+def fill(electrons: FloatArray, bad: BoolArray) -> None:
     """Replace `bad` pixels, in place, by the mean of the good ones in the smallest square around them that has any.
 
     If none is within FAR pixels, it is the median of a sample of the good pixels. If all are bad, nothing is done.
@@ -150,7 +176,7 @@ def fill(electrons, bad):
     _fill_marked(electrons, bad.view(np.uint8), np.uint8(1))
 
 
-def _fill_marked(electrons, why, bits):
+def _fill_marked(electrons: FloatArray, why: IntArray, bits: np.uint8) -> None:
     """Fill the pixels of `why` (uint8) with one of `bits`, as `fill`."""
     others = electrons[::8, ::8][(why[::8, ::8] & bits) == 0]
     if others.size == 0:
@@ -160,7 +186,7 @@ def _fill_marked(electrons, why, bits):
 
 
 @numba.njit(cache=True)
-def _fill(electrons, why, bits, level):
+def _fill(electrons: FloatArray, why: IntArray, bits: np.uint8, level: np.float32) -> None:
     ny, nx = electrons.shape
     for y in range(ny):
         for x in range(nx):

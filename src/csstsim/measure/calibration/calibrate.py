@@ -6,14 +6,23 @@ moves charge back to where light created it. The result is divided by the respon
 current and sky are part of the background in `detect`.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
 
 from csstsim.base.errors import InputError
+from csstsim.base.types import BoolArray, FloatArray, IntArray
 from csstsim.detector.cubic import straighten
 from csstsim.measure.calibration.bad_pixels import BAD, FULL
+
+if TYPE_CHECKING:
+    from csstsim.detector.channels import ReadoutFrame
+    from csstsim.optics.throughput.response import Response
 
 # Deferred and bloomed charge leaks into the first overscan columns; they are not pure bias.
 OVERSCAN_SKIP = 4
@@ -32,24 +41,24 @@ class Calibrated:
     frame, {channel: value}.
     """
 
-    electrons: np.ndarray
-    marks: np.ndarray
-    bias: dict
-    read_noise: dict
-    readout: object
-    response: object = None
+    electrons: FloatArray
+    marks: IntArray
+    bias: dict[int, float]
+    read_noise: dict[int, float]
+    readout: ReadoutFrame
+    response: Response | None = None
 
     @property
-    def saturated(self):
+    def saturated(self) -> BoolArray:
         """Bool (ny, nx): pixels at the converter's limit or the full well."""
         return (self.marks & FULL) > 0
 
     @property
-    def bad(self):
+    def bad(self) -> BoolArray:
         """Bool (ny, nx): known defects."""
         return (self.marks & BAD) > 0
 
-    def sigma(self):
+    def sigma(self) -> FloatArray:
         """Return the noise of each pixel, electron (ny, nx): own Poisson noise (>= 0) and read noise in quadrature."""
         sigma = np.maximum(self.electrons, np.float32(0.0))
         for rows, share in self._shares():
@@ -61,10 +70,10 @@ class Calibrated:
             sigma[rows] /= share
         return sigma
 
-    def _shares(self):
+    def _shares(self) -> Iterable[tuple[slice, FloatArray]]:
         return () if self.response is None else _by_rows(self.response, len(self.electrons))
 
-    def counted(self, x, y):
+    def counted(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the share of light that was counted at frame positions (n,) [px], from the nearest pixel."""
         if self.response is None:
             return np.ones(np.shape(x))
@@ -73,7 +82,7 @@ class Calibrated:
         return self.response.at(row, column).astype(float)
 
 
-def _by_rows(response, ny):
+def _by_rows(response: Response, ny: int) -> Iterator[tuple[slice, FloatArray]]:
     """Yield (slice of rows, response of these), a few rows at a time."""
     for first in range(0, ny, _ROWS):
         rows = slice(first, min(first + _ROWS, ny))
@@ -81,9 +90,20 @@ def _by_rows(response, ny):
 
 
 def calibrate(
-    frame, readout, gain, *, nonlinearity=None, adc_max=65535, full_well=None, response=None, bad=None, offset=None,
-    structure=None, correct=None, levels=None,
-):  # fmt: skip
+    frame: IntArray,
+    readout: ReadoutFrame,
+    gain: Mapping[int, float],
+    *,
+    nonlinearity: Mapping[int, tuple[float, float]] | None = None,
+    adc_max: int = 65535,
+    full_well: float | None = None,
+    response: Response | None = None,
+    bad: BoolArray | None = None,
+    offset: Mapping[int, float] | None = None,
+    structure: FloatArray | None = None,
+    correct: Callable[[FloatArray], object] | None = None,
+    levels: Mapping[int, tuple[float, float]] | None = None,
+) -> Calibrated:
     """Turn a raw frame into electrons.
 
     `frame`: uint16 DN of shape `readout.shape`; `readout`: detector.channels.ReadoutFrame of its window;
@@ -104,7 +124,7 @@ def calibrate(
     bias, read_noise = {}, {}
     for block in readout.blocks:
         n, factor = block.channel, _factor(gain, block.channel)
-        if readout.overscan or n not in (levels or {}):
+        if readout.overscan or levels is None or n not in levels:
             overscan = frame[block.serial_overscan]
             if structure is not None:
                 overscan = overscan - structure[block.serial_overscan] / factor
@@ -132,7 +152,7 @@ def calibrate(
     return Calibrated(electrons, marks, bias, read_noise, readout, response)
 
 
-def _factor(gain, channel):
+def _factor(gain: Mapping[int, float], channel: int) -> float:
     factor = gain.get(channel)
     if factor is None or not 0 < factor < GAIN_MAX:
         raise InputError(
@@ -142,12 +162,14 @@ def _factor(gain, channel):
     return factor
 
 
-def _charge_of_dn(zero, factor):
+def _charge_of_dn(zero: float, factor: float) -> FloatArray:
     """Return the electrons (DN,) float32 of each DN of a channel whose bias is `zero` DN."""
     return (np.arange(DN, dtype=np.uint16) - np.float32(zero)) * np.float32(factor)
 
 
-def _straight(charge, nonlinearity, channel, limit):
+def _straight(
+    charge: FloatArray, nonlinearity: Mapping[int, tuple[float, float]], channel: int, limit: float
+) -> FloatArray:
     """Return `charge` with the channel's nonlinearity undone."""
     if channel not in nonlinearity:
         raise InputError("missing, though other channels have it", key=f"NLQ{channel:02d}, NLC")
@@ -156,7 +178,7 @@ def _straight(charge, nonlinearity, channel, limit):
 
 
 @numba.njit(cache=True)
-def _look_up(frame, charge, full, electrons, marks):
+def _look_up(frame: IntArray, charge: FloatArray, full: IntArray, electrons: FloatArray, marks: IntArray) -> None:
     """Fill electrons and marks (ny, nx) from tables (DN,) of what each DN of `frame` means."""
     for y in range(frame.shape[0]):
         for x in range(frame.shape[1]):
@@ -164,7 +186,9 @@ def _look_up(frame, charge, full, electrons, marks):
             electrons[y, x], marks[y, x] = charge[dn], full[dn]
 
 
-def overscan_level(overscan, *, from_right=False, clip=4.0):
+def overscan_level(
+    overscan: IntArray | FloatArray, *, from_right: bool = False, clip: float = 4.0
+) -> tuple[float, float]:
     """Return (level, scatter) of an overscan region in its own unit: clipped mean and standard deviation.
 
     The columns next to the active pixels are left out (the last ones when `from_right`). Clipping is at
@@ -184,7 +208,7 @@ def overscan_level(overscan, *, from_right=False, clip=4.0):
     return float(mean), float(np.sqrt(np.average((values[kept] - mean) ** 2, weights=counts[kept])))
 
 
-def _counted(pixels):
+def _counted(pixels: IntArray | FloatArray) -> tuple[FloatArray, IntArray]:
     """Return (values, how many pixels have each), values rising; of whole DN without sorting the pixels."""
     if pixels.dtype.kind != "u":
         return np.unique(pixels, return_counts=True)
@@ -193,7 +217,7 @@ def _counted(pixels):
     return values.astype(float), counts[values]
 
 
-def _median(values, counts):
+def _median(values: FloatArray, counts: IntArray) -> float:
     """Return the median of rising values, each `counts` times."""
     until = np.cumsum(counts)
     middle = np.searchsorted(until, [(until[-1] - 1) // 2, until[-1] // 2], side="right")

@@ -3,12 +3,23 @@
 They include the share of light that was counted, because dividing the image by it raised noise and dark current.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
+
+from csstsim.base.types import FloatArray
+
+if TYPE_CHECKING:
+    from csstsim.detector.channels import ReadoutFrame
+    from csstsim.measure.calibration.calibrate import Calibrated
 
 SAMPLE = 8  # every eighth pixel each way: medians of maps that vary over hundreds of pixels
 
 
-def block_means(image, readout):
+def block_means(image: FloatArray, readout: ReadoutFrame | None) -> dict[int, float]:
     """Return {channel: mean} of a sample of an image (ny, nx) in each channel; empty without a readout.
 
     The difference of two images that differ by a smooth map is that map's, without noise.
@@ -18,7 +29,9 @@ def block_means(image, readout):
     return {block.channel: float(image[block.image][sample].mean(dtype=np.float64)) for block in blocks}
 
 
-def channel_figures(calibrated, before, image, rms):
+def channel_figures(
+    calibrated: Calibrated, before: Mapping[int, float], image: FloatArray, rms: FloatArray
+) -> list[dict[str, Any]]:
     """Return a list of {channel, window, bias [DN], read_noise, level, noise [e-], response, overscan}, JSON-like.
 
     calibrated: calibrate.Calibrated; before: `block_means` before the background was subtracted, so that level

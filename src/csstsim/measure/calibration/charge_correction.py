@@ -5,12 +5,31 @@ treated as charge, though it never was in the silicon: the correction of charge 
 (docs/calibration.md). Electrons that a trap releases after the last row was read are restored, too.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from csstsim.detector.bfe_kernel import detector_kernel
 from csstsim.detector.brighter_fatter import move_back
 from csstsim.detector.charge_transfer.restored import restore
 
+if TYPE_CHECKING:
+    from csstsim.base.rng import Streams
+    from csstsim.base.types import FloatArray
+    from csstsim.instrument.chip import Detector, Window
+    from csstsim.layers import cte_effect
 
-def put_back(electrons, detector, window, rng, *, traps, passes, spread):
+
+def put_back(
+    electrons: FloatArray,
+    detector: Detector,
+    window: Window,
+    rng: Streams,
+    *,
+    traps: cte_effect.Param | None,
+    passes: int,
+    spread: bool,
+) -> None:
     """Move charge back to where light made it, in place.
 
     electrons: float32 (ny, nx) of a window; rng: rng.Streams of the traps; traps: parameters of layer CTE_effect, or

@@ -9,14 +9,23 @@ Exposures are averaged pixel by pixel, without values that a cosmic ray raised. 
 overscan in each exposure; the bias exposures give the remaining offset.
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
 
 from csstsim.base.errors import InputError
+from csstsim.base.types import BoolArray, FloatArray
 from csstsim.measure.detection.maps import interpolated
+
+if TYPE_CHECKING:
+    from csstsim.detector.channels import ReadoutFrame
+    from csstsim.measure.calibration.calibrate import Calibrated
 
 BOX = 64  # px
 RAY_SIGMA = 5.0  # above the median of the exposures
@@ -29,13 +38,13 @@ FAINTEST = 100.0  # e-
 class Masters:
     """flat (ny, nx) float32; bad (ny, nx) bool; dark [e-/s]; offset {channel: e-}, the remaining bias."""
 
-    flat: np.ndarray
-    bad: np.ndarray
+    flat: FloatArray
+    bad: BoolArray
     dark: float
-    offset: dict
+    offset: dict[int, float]
 
 
-def make_masters(exposures, exptime):
+def make_masters(exposures: Mapping[str, Iterable[Calibrated]], exptime: float) -> Masters:
     """Return the Masters of a chip.
 
     exposures: {"BIAS", "DARK", "FLAT": iterable of calibrate.Calibrated}, all their pixels; exptime: s, of the dark
@@ -57,19 +66,20 @@ def make_masters(exposures, exptime):
     return Masters(lit, bad, rate / exptime, offset)
 
 
-def _mean(kind, exposures):
+def _mean(kind: str, exposures: Mapping[str, Iterable[Calibrated]]) -> tuple[FloatArray, float, ReadoutFrame]:
     """Return (mean (ny, nx) float32 of exposures of a kind without cosmic rays, read noise of one, readout)."""
-    images, noise = [], []
+    images: list[FloatArray] = []
+    noise: list[float] = []
     for frame in exposures[kind]:
         images.append(frame.electrons)
         noise += frame.read_noise.values()
         readout = frame.readout
-    noise = float(np.mean(noise))
-    return _average(tuple(images), np.float32(noise)), noise, readout
+    mean = float(np.mean(noise))
+    return _average(tuple(images), np.float32(mean)), mean, readout
 
 
 @numba.njit(cache=True)
-def _average(images, read_noise):
+def _average(images: tuple[FloatArray, ...], read_noise: np.float32) -> FloatArray:
     """Return the mean of a tuple of images, without values more than RAY_SIGMA above their median."""
     ny, nx = images[0].shape
     out, values = np.empty((ny, nx), np.float32), np.empty(len(images), np.float32)
@@ -83,20 +93,20 @@ def _average(images, read_noise):
             total, count = 0.0, 0
             for value in values:
                 if value <= limit:
-                    total += value
+                    total += value  # type: ignore[assignment]  # a float64 to numba
                     count += 1
             out[y, x] = total / count
     return out
 
 
-def _hot(charge, read_noise):
+def _hot(charge: FloatArray, read_noise: float) -> tuple[BoolArray, float]:
     """Return (outlying pixels, mean charge of the others)."""
     middle = float(np.median(charge))
     bad = charge > middle + HOT_SIGMA * np.sqrt(max(middle, 0.0) + read_noise**2)
     return bad, float(charge[~bad].mean(dtype=float))
 
 
-def _large_scales(image):
+def _large_scales(image: FloatArray) -> FloatArray:
     """Return the medians of boxes of an image, bilinear between their middles."""
     edges = [np.linspace(0, n, max(1, round(n / BOX)) + 1).astype(int) for n in image.shape]
     rows, columns = (list(pairwise(e)) for e in edges)

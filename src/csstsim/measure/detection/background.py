@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
+from csstsim.base.types import BoolArray, FloatArray, IntArray
 from csstsim.measure.detection.maps import BIN, add_interpolated, interpolated
 
 FIRST_BOX, SECOND_BOX = 64, 256  # px; 4.7 arcsec to find sources and in crowded fields, 19 arcsec with sources masked
@@ -28,21 +29,21 @@ FLOOR = np.float32(1e-3)  # electron; a noise-free image has rms 0: a floor keep
 class Mesh:
     """Level and noise (rows, columns), electron, at the `middle` (rows, columns) of parts of a frame, px."""
 
-    level: np.ndarray
-    rms: np.ndarray
-    middle: tuple
+    level: FloatArray
+    rms: FloatArray
+    middle: tuple[FloatArray, FloatArray]
 
-    def subtract_from(self, image):
+    def subtract_from(self, image: FloatArray) -> None:
         """Take the level from an image of the frame, in place."""
         add_interpolated(image, self.level, self.middle, -1.0)
 
-    def noise(self, shape, scale=1):
+    def noise(self, shape: tuple[int, ...], scale: int = 1) -> FloatArray:
         """Return the noise, float32 of `shape`, of sums of `scale` x `scale` pixels of the frame."""
         middle = tuple((axis - 0.5 * (scale - 1)) / scale for axis in self.middle)
         return interpolated(np.maximum(scale * self.rms, FLOOR), middle, shape)
 
 
-def crude_background(image):
+def crude_background(image: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return (level, rms) of Source Extractor's mode on a fine mesh, in the unit of `image` per pixel."""
     import sep
 
@@ -52,7 +53,7 @@ def crude_background(image):
     return _unskewed(background.back(dtype=np.float32), rms), rms
 
 
-def masked_background(image, mask, unusable, box=SECOND_BOX):
+def masked_background(image: FloatArray, mask: BoolArray, unusable: IntArray, box: int = SECOND_BOX) -> Mesh | None:
     """Return the `Mesh` of an image (ny, nx) without the pixels in the binned `mask` or where `unusable` is not 0.
 
     None when all parts are masked.
@@ -73,7 +74,16 @@ def masked_background(image, mask, unusable, box=SECOND_BOX):
 
 
 @numba.njit(cache=True)
-def _unmasked(image, mask, unusable, top, bottom, left, right, out):
+def _unmasked(
+    image: FloatArray,
+    mask: BoolArray,
+    unusable: IntArray,
+    top: int,
+    bottom: int,
+    left: int,
+    right: int,
+    out: FloatArray,
+) -> int:
     """Fill `out` with the pixels of a part that are neither in `mask` nor unusable; return their number."""
     n = 0
     for y in range(top, bottom):
@@ -84,7 +94,7 @@ def _unmasked(image, mask, unusable, top, bottom, left, right, out):
     return n
 
 
-def _clipped(values):
+def _clipped(values: FloatArray) -> tuple[float, float]:
     """Return mean and standard deviation within CLIP sigma; three rounds from the median and scatter of a sample."""
     some = values[:: max(values.size // SAMPLE, 1)]
     centre = float(np.median(some))
@@ -96,7 +106,7 @@ def _clipped(values):
 
 
 @numba.njit(cache=True)
-def _moments_within(values, centre, reach):
+def _moments_within(values: FloatArray, centre: float, reach: float) -> tuple[float, float]:
     """Return mean and standard deviation of the values within `reach` of `centre`, NaN if there are none."""
     n, total, squares = 0, 0.0, 0.0
     for value in values:
@@ -111,7 +121,7 @@ def _moments_within(values, centre, reach):
     return centre + mean, math.sqrt(max(squares / n - mean * mean, 0.0))
 
 
-def _filled(mesh):
+def _filled(mesh: FloatArray) -> FloatArray:
     """Replace missing meshes by the nearest one; then remove isolated outliers with a median over 3 x 3."""
     from scipy.ndimage import distance_transform_edt, median_filter
 
@@ -120,7 +130,7 @@ def _filled(mesh):
 
 
 @numba.njit(cache=True)
-def _unskewed(level, rms):
+def _unskewed(level: FloatArray, rms: FloatArray) -> FloatArray:
     """Return the mean of Poisson + Gaussian noise whose mode estimate is `level`, electron; changes `level`.
 
     Source Extractor takes 2.5 median - 1.5 mean as the background. For slightly skewed noise the median is

@@ -9,14 +9,24 @@ Left out: stars off the frame, whose wings and ghosts count as background; a sec
 another.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
 
+from csstsim.base.types import BoolArray, FloatArray, IntArray
 from csstsim.measure.calibration.bad_pixels import FULL
 from csstsim.measure.light.photometry import draw_psf, psf_tables, table_steps
+
+if TYPE_CHECKING:
+    from csstsim.instrument.chip import Chip, Window
+    from csstsim.optics.psf.psf_file import PsfSet
+    from csstsim.optics.scatter.ghosts import Ghosts
+    from csstsim.optics.scatter.scattered_light import Scattered
 
 PEAK = 4000.0  # electron above the sky: least pixel of a candidate; in r a star of 16,000 electrons
 CORE_HALF = 6  # px, half the side of the stamp of a candidate without saturated pixels
@@ -42,39 +52,47 @@ class BrightStars:
     to which it is followed; `ghosts` (g, 4): x, y, radius [px], electron per pixel.
     """
 
-    x: np.ndarray
-    y: np.ndarray
-    flux: np.ndarray
-    saturated: np.ndarray
-    table: np.ndarray
-    tables: np.ndarray
+    x: FloatArray
+    y: FloatArray
+    flux: FloatArray
+    saturated: BoolArray
+    table: IntArray
+    tables: FloatArray
     per_pixel: int
-    wing: np.ndarray
-    reach: np.ndarray
-    ghosts: np.ndarray
+    wing: FloatArray
+    reach: FloatArray
+    ghosts: FloatArray
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.x)
 
-    def subtract_from(self, image):
+    def subtract_from(self, image: FloatArray) -> None:
         """Take the light of all stars out of an image (ny, nx), in place."""
         self._add(image, -1.0, np.empty((0, 0), np.float32))
 
-    def restore_to(self, image):
+    def restore_to(self, image: FloatArray) -> None:
         """Put the light back, in place."""
         self._add(image, 1.0, np.empty((0, 0), np.float32))
 
-    def add_noise_to(self, rms):
+    def add_noise_to(self, rms: FloatArray) -> None:
         """Add the stars' own noise, and MODEL_ERROR of their light, to a noise map (ny, nx), in place."""
         self._add(np.empty((0, 0), np.float32), 0.0, rms)
 
-    def _add(self, image, sign, rms):
+    def _add(self, image: FloatArray, sign: float, rms: FloatArray) -> None:
         where = self.x, self.y, self.flux, self.table
         _add_stars(image, sign, rms, *where, self.tables, self.per_pixel, self.wing, self.reach)
         _add_ghosts(image, sign, rms, self.ghosts)
 
 
-def bright_stars(electrons, unusable, psf, scattered, chip, window, read_noise):
+def bright_stars(
+    electrons: FloatArray,
+    unusable: IntArray,
+    psf: PsfSet,
+    scattered: Scattered,
+    chip: Chip,
+    window: Window,
+    read_noise: float,
+) -> BrightStars:
     """Return the BrightStars of a calibrated frame.
 
     `electrons` float32 (ny, nx), sky included; `unusable` uint8 (ny, nx), bad_pixels.mend; `psf`: PsfSet of the chip;
@@ -106,7 +124,7 @@ def bright_stars(electrons, unusable, psf, scattered, chip, window, read_noise):
     return BrightStars(x, y, flux, saturated[good], table[good], tables, per_pixel, wing, reach.astype(float), ghosts)
 
 
-def _groups(row, column):
+def _groups(row: IntArray, column: IntArray) -> tuple[FloatArray, FloatArray]:
     """Return (x, y) of the groups of pixels within JOIN of each other, by the rows where each is widest."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -128,7 +146,7 @@ def _groups(row, column):
 
 
 @numba.njit(cache=True)
-def _pixels(electrons, unusable, least):
+def _pixels(electrons: FloatArray, unusable: IntArray, least: np.float32) -> tuple[IntArray, IntArray]:
     """Return (y, x) of the saturated pixels, and of peaks.
 
     A peak is a usable pixel of at least `least` that exceeds the 24 around it, all of which are usable.
@@ -155,7 +173,7 @@ def _pixels(electrons, unusable, least):
 
 
 @numba.njit(cache=True)
-def _spilled(unusable, row, column):
+def _spilled(unusable: IntArray, row: IntArray, column: IntArray) -> IntArray:
     """Return `unusable` (ny, nx) with what lies within SPILL steps along the axes of the pixels `row`, `column`."""
     ny, nx = unusable.shape
     out = unusable.copy()
@@ -167,14 +185,14 @@ def _spilled(unusable, row, column):
 
 
 @numba.njit(cache=True)
-def _rows(pairs):
+def _rows(pairs: list[tuple[int, int]]) -> IntArray:
     out = np.empty((2, len(pairs)), np.int64)
     for k in range(len(pairs)):
         out[0, k], out[1, k] = pairs[k]
     return out
 
 
-def _tables(psf, x, y):
+def _tables(psf: PsfSet, x: FloatArray, y: FloatArray) -> tuple[IntArray, FloatArray]:
     """Return (number, tables): the PSFs in the middles of the cells of PSF_CELL in which chip positions lie."""
     places = np.floor(np.column_stack([x, y]) / PSF_CELL).astype(int)
     cells, number = np.unique(places, axis=0, return_inverse=True)
@@ -185,13 +203,24 @@ def _tables(psf, x, y):
 
 
 @numba.njit(cache=True)
-def _half(tables, per_pixel):
+def _half(tables: FloatArray, per_pixel: int) -> int:
     """Return half the side [px] of the largest stamp that tables (m, t, t) hold, wherever in a pixel it is centred."""
     return (tables.shape[-1] - per_pixel - 5) // (2 * per_pixel)
 
 
 @numba.njit(cache=True)
-def _fit_stars(electrons, unusable, tables, per_pixel, table, x, y, half, sky, read_variance):
+def _fit_stars(
+    electrons: FloatArray,
+    unusable: IntArray,
+    tables: FloatArray,
+    per_pixel: int,
+    table: IntArray,
+    x: FloatArray,
+    y: FloatArray,
+    half: IntArray,
+    sky: float,
+    read_variance: float,
+) -> FloatArray:
     """Return (n, 4): flux (electron), x, y, reduced chi2 of each candidate; flux NaN where no fit is possible."""
     out = np.full((x.size, 4), np.nan)
     for k in range(x.size):
@@ -214,7 +243,18 @@ def _fit_stars(electrons, unusable, tables, per_pixel, table, x, y, half, sky, r
 
 
 @numba.njit(cache=True)
-def _step(electrons, unusable, table, per_pixel, half, state, read_variance, p, along, clip):
+def _step(
+    electrons: FloatArray,
+    unusable: IntArray,
+    table: FloatArray,
+    per_pixel: int,
+    half: int,
+    state: FloatArray,
+    read_variance: float,
+    p: FloatArray,
+    along: FloatArray,
+    clip: bool,
+) -> tuple[float, float]:
     """Improve `state` (flux, x, y, constant) by one step in place; return (the shift [px], reduced chi2), NaN: none."""
     ny, nx = electrons.shape
     column, row = round(state[1]), round(state[2])
@@ -268,7 +308,7 @@ def _step(electrons, unusable, table, per_pixel, half, state, read_variance, p, 
     return shift, chi2 / (n - 4)
 
 
-def _repeated(fit, good):
+def _repeated(fit: FloatArray, good: BoolArray) -> BoolArray:
     """Return a mask of fits that ended on a brighter one."""
     from scipy.spatial import cKDTree
 
@@ -281,7 +321,7 @@ def _repeated(fit, good):
     return out
 
 
-def _ghosts(ghosts, chip, window, x, y, flux):
+def _ghosts(ghosts: Ghosts, chip: Chip, window: Window, x: FloatArray, y: FloatArray, flux: FloatArray) -> FloatArray:
     """Return (g, 4): x, y [px of the frame], radius [px], electron per pixel of the visible ghosts."""
     parts = [np.zeros((0, 4))]
     for star in np.flatnonzero(ghosts.visible(flux)):
@@ -291,7 +331,19 @@ def _ghosts(ghosts, chip, window, x, y, flux):
 
 
 @numba.njit(cache=True)
-def _add_stars(image, sign, rms, x, y, flux, table, tables, per_pixel, wing, reach):
+def _add_stars(
+    image: FloatArray,
+    sign: float,
+    rms: FloatArray,
+    x: FloatArray,
+    y: FloatArray,
+    flux: FloatArray,
+    table: IntArray,
+    tables: FloatArray,
+    per_pixel: int,
+    wing: FloatArray,
+    reach: FloatArray,
+) -> None:
     """Add `sign` times the stars' light to `image` (or none, of size 0), and its noise to `rms` (or none)."""
     ny, nx = rms.shape if rms.size else image.shape
     if tables.shape[-1] == 0:
@@ -320,7 +372,7 @@ def _add_stars(image, sign, rms, x, y, flux, table, tables, per_pixel, wing, rea
 
 
 @numba.njit(cache=True)
-def _add_ghosts(image, sign, rms, ghosts):
+def _add_ghosts(image: FloatArray, sign: float, rms: FloatArray, ghosts: FloatArray) -> None:
     ny, nx = rms.shape if rms.size else image.shape
     for k in range(len(ghosts)):
         x, y, radius, level = ghosts[k]
@@ -331,7 +383,7 @@ def _add_ghosts(image, sign, rms, ghosts):
 
 
 @numba.njit(cache=True)
-def _put(image, sign, rms, v, u, light):
+def _put(image: FloatArray, sign: float, rms: FloatArray, v: int, u: int, light: float) -> None:
     if image.size:
         image[v, u] += np.float32(sign * light)
     if rms.size:

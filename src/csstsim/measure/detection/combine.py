@@ -15,12 +15,20 @@ What lies within `CORE` of a bright star that was taken out, and has less than `
 of the star, and no source.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
 
+from csstsim.base.types import BoolArray, FloatArray, IntArray
 from csstsim.measure.detection.detect import Sources
+
+if TYPE_CHECKING:
+    from csstsim.measure.detection.bright_stars import BrightStars
+    from csstsim.measure.detection.detect import Frame
 
 LOCAL_SNR = 4.0
 LOCAL_SHARE, CLOSE = 0.02, 12.0  # px
@@ -38,14 +46,14 @@ class Detections(Sources):
     `extended`: with an isophote's ellipse; `snr`: of the peak, 0 without one.
     """
 
-    extended: np.ndarray
-    snr: np.ndarray
-    image: np.ndarray
-    rms: np.ndarray
-    segments: np.ndarray
+    extended: BoolArray
+    snr: FloatArray
+    image: FloatArray
+    rms: FloatArray
+    segments: IntArray
 
 
-def combine(frame, peaks, snr, fit, kernel):
+def combine(frame: Frame, peaks: Sources, snr: FloatArray, fit: FloatArray, kernel: FloatArray) -> Detections:
     """Return the `Detections` of a detect.Frame without its bright stars.
 
     `peaks` (Sources) and their S/N (n,): detect.peaks; `fit` (n, 6): photometry.fit_sources of them; `kernel`: the PSF,
@@ -60,7 +68,9 @@ def combine(frame, peaks, snr, fit, kernel):
     return _joined(frame, peaks, snr, top, kept, extended)
 
 
-def _kept(frame, peaks, snr, flux, top, kernel):
+def _kept(
+    frame: Frame, peaks: Sources, snr: FloatArray, flux: FloatArray, top: IntArray, kernel: FloatArray
+) -> BoolArray:
     """Return bool (n,): the peaks that are sources, an isophote's own among them; `top`: `_own_peaks`."""
     r2 = np.arange(-WIDE_HALF, WIDE_HALF + 1) ** 2
     wide = np.exp(-0.5 * (r2[:, None] + r2) / WIDE**2)
@@ -74,7 +84,7 @@ def _kept(frame, peaks, snr, flux, top, kernel):
     return _distinct(peaks.x, peaks.y, peaks.segment, order, own, flux, local, narrow, broad)
 
 
-def _is_extended(frame, peaks, fit, top, kept):
+def _is_extended(frame: Frame, peaks: Sources, fit: FloatArray, top: IntArray, kept: BoolArray) -> BoolArray:
     """Return bool (m,): the isophotes that are sources, because points do not account for their light."""
     isophotes, inside = frame.extended, kept & (peaks.segment > 0)
     flux, spread, spread_error = (fit[:, k] for k in (0, 3, 4))
@@ -87,7 +97,9 @@ def _is_extended(frame, peaks, fit, top, kept):
     return ((top < 0) | excess | blurred) & ~rest
 
 
-def _joined(frame, peaks, snr, top, kept, extended):
+def _joined(
+    frame: Frame, peaks: Sources, snr: FloatArray, top: IntArray, kept: BoolArray, extended: BoolArray
+) -> Detections:
     """Return the `Detections`: the peaks that are `kept`, then the isophotes that are `extended`."""
     isophotes, rows = frame.extended, (np.flatnonzero(kept), np.flatnonzero(extended))
     columns = {
@@ -110,12 +122,12 @@ def _joined(frame, peaks, snr, top, kept, extended):
     )  # fmt: skip
 
 
-def _rows_of(sources, rows):
+def _rows_of(sources: Sources, rows: BoolArray) -> Sources:
     """Return the `Sources` of some rows."""
     return Sources(*(getattr(sources, f.name)[rows] for f in fields(Sources)))
 
 
-def _rest_of_stars(stars, x, y, flux):
+def _rest_of_stars(stars: BrightStars, x: FloatArray, y: FloatArray, flux: FloatArray) -> BoolArray:
     """Return bool (n,): what is left of a bright star (bright_stars.BrightStars) at x, y, with `flux` electrons."""
     from scipy.spatial import cKDTree
 
@@ -126,7 +138,17 @@ def _rest_of_stars(stars, x, y, flux):
 
 
 @numba.njit(cache=True)
-def _distinct(x, y, segment, order, own, flux, local, narrow, broad):
+def _distinct(
+    x: FloatArray,
+    y: FloatArray,
+    segment: IntArray,
+    order: IntArray,
+    own: BoolArray,
+    flux: FloatArray,
+    local: FloatArray,
+    narrow: BoolArray,
+    broad: BoolArray,
+) -> BoolArray:
     """Return bool (n,): which peaks are sources; `order`: the highest first; the rest (n,), see the top of the file."""
     kept = segment == 0
     first, after = np.full(segment.max() + 1 if segment.size else 1, -1), np.full(x.size, -1)  # chains of kept peaks
@@ -147,7 +169,7 @@ def _distinct(x, y, segment, order, own, flux, local, narrow, broad):
     return kept
 
 
-def _own_peaks(peaks, snr, count):
+def _own_peaks(peaks: Sources, snr: FloatArray, count: int) -> IntArray:
     """Return the row of the highest peak on each of `count` isophotes, -1 for none; ties: the later row."""
     own = np.full(count + 1, -1)
     order = np.argsort(snr, kind="stable")
@@ -155,7 +177,9 @@ def _own_peaks(peaks, snr, count):
     return own[1:]
 
 
-def local_flux(image, rms, x, y, kernel):
+def local_flux(
+    image: FloatArray, rms: FloatArray, x: FloatArray, y: FloatArray, kernel: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Return (flux, error): the kernel fitted with a constant on its stamp at the nearest pixels, electron.
 
     The flux is the light within the kernel; pixels off the image count as zero.

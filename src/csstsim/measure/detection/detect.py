@@ -14,10 +14,14 @@
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
+from csstsim.base.types import AnyArray, BoolArray, FloatArray, IntArray
 from csstsim.measure.calibration.bad_pixels import FULL
 from csstsim.measure.detection.background import MASK_MAX, crude_background, masked_background
 from csstsim.measure.detection.bright_stars import BrightStars
@@ -47,18 +51,18 @@ class Sources:
     the isophote; `window` sigma of the position's window.
     """
 
-    x: np.ndarray
-    y: np.ndarray
-    a: np.ndarray
-    b: np.ndarray
-    theta: np.ndarray
-    half_light: np.ndarray
-    area: np.ndarray
-    sep_flag: np.ndarray
-    window_failed: np.ndarray
-    segment: np.ndarray
-    flux: np.ndarray
-    window: np.ndarray
+    x: FloatArray
+    y: FloatArray
+    a: FloatArray
+    b: FloatArray
+    theta: FloatArray
+    half_light: FloatArray
+    area: AnyArray
+    sep_flag: IntArray
+    window_failed: BoolArray
+    segment: IntArray
+    flux: FloatArray
+    window: FloatArray
 
 
 @dataclass(frozen=True)
@@ -70,14 +74,21 @@ class Frame:
     elsewhere; `stars`: bright_stars.BrightStars.
     """
 
-    image: np.ndarray
-    rms: np.ndarray
-    segments: np.ndarray
+    image: FloatArray
+    rms: FloatArray
+    segments: IntArray
     extended: Sources
     stars: BrightStars
 
 
-def isophotes(electrons, stars, unusable):
+class Noise(Protocol):
+    """The noise of a frame."""
+
+    def __call__(self, shape: tuple[int, ...], size: int = 1, /) -> FloatArray:
+        """Return the map [electron], of `shape`, of the noise of sums of `size` x `size` pixels."""
+
+
+def isophotes(electrons: FloatArray, stars: BrightStars, unusable: IntArray) -> Frame:
     """Return the `Frame` of an electrons image, float32 (ny, nx), which is changed in place.
 
     `stars`: its bright_stars.BrightStars, not yet subtracted; `unusable` (ny, nx): pixels left out of the background
@@ -93,7 +104,9 @@ def isophotes(electrons, stars, unusable):
     return Frame(electrons, noise(electrons.shape), segments, _sources(electrons, found, segments, BIN, None), stars)
 
 
-def peaks(frame, kernel, unusable, threshold=THRESHOLD):
+def peaks(
+    frame: Frame, kernel: FloatArray, unusable: IntArray, threshold: float = THRESHOLD
+) -> tuple[Sources, FloatArray]:
     """Return (Sources, S/N (n,)) of the peaks of a `Frame`; `kernel`: the PSF on pixels, (n, n), n odd.
 
     A peak has no isophote: its ellipse is that of the kernel's Gaussian.
@@ -104,7 +117,7 @@ def peaks(frame, kernel, unusable, threshold=THRESHOLD):
     return _sources(frame.image, found, frame.segments, 1, point_window(kernel)), snr
 
 
-def star_sources(frame, kernel):
+def star_sources(frame: Frame, kernel: FloatArray) -> Sources:
     """Return the `Sources` of the bright stars of a `Frame` whose image has their light again.
 
     Windowed positions fail on saturated stars: theirs are those of the fit.
@@ -118,19 +131,20 @@ def star_sources(frame, kernel):
     )  # fmt: skip
 
 
-def point_window(kernel):
+def point_window(kernel: FloatArray) -> float:
     """Return the sigma [px] of the window of points, that of the kernel: a wider one would drift to others."""
     half = len(kernel) // 2
-    return float(_window(half_light_radius(kernel, *np.full((2, 1), float(half)), np.array([half + 0.5])))[0])
+    x, y = np.full((2, 1), float(half))
+    return float(_window(half_light_radius(kernel, x, y, np.array([half + 0.5])))[0])
 
 
-def _window(half_light):
+def _window(half_light: FloatArray) -> FloatArray:
     """Return sigma [px] of windows for half-light radii (n,)."""
     # Never narrower than the window the PSF nodes are centred in: coma would shift a star by 0.01-0.03 px otherwise.
     return np.maximum(2.0 * half_light / FWHM_TO_SIGMA, WINDOW_PX)
 
 
-def _points(x, y, kernel):
+def _points(x: FloatArray, y: FloatArray, kernel: FloatArray) -> dict[str, AnyArray]:
     """Return a table as sep's of points at x, y: round, as wide as the kernel, without flags."""
     n, r2 = len(x), (np.arange(len(kernel)) - len(kernel) // 2) ** 2
     width = math.sqrt(float((kernel * r2).sum() / kernel.sum()))
@@ -138,7 +152,7 @@ def _points(x, y, kernel):
     return table | dict.fromkeys(("theta", "npix", "flux"), np.zeros(n))
 
 
-def subtract_background(electrons, unusable):
+def subtract_background(electrons: FloatArray, unusable: IntArray) -> Noise:
     """Subtract the background in place, with what is bright masked, and pixels where `unusable` (ny, nx) is not 0.
 
     Returns a function of a shape and a bin, 1 or BIN px: the map of the noise of sums of so many pixels, electron.
@@ -156,12 +170,12 @@ def subtract_background(electrons, unusable):
     return lambda shape, size=1: noise if size == BIN else full_size(noise, shape) / np.float32(BIN)
 
 
-def _weight():
+def _weight() -> FloatArray:
     """Return the Gaussian (9,) with which the binned image is smoothed along both axes."""
     return np.exp(-0.5 * (np.arange(-4, 5) / (COLD_FWHM / FWHM_TO_SIGMA)) ** 2).astype(np.float32)
 
 
-def _cold_pass(image, noise):
+def _cold_pass(image: FloatArray, noise: FloatArray) -> tuple[NDArray[np.void], IntArray]:
     """Return (sep's table, segmentation map) of the isophotes of a binned image; `flux` is the light within each."""
     import sep
 
@@ -176,7 +190,13 @@ def _cold_pass(image, noise):
     return found, segments
 
 
-def _sources(image, found, segments, scale, window):
+def _sources(
+    image: FloatArray,
+    found: NDArray[np.void] | Mapping[str, AnyArray],
+    segments: IntArray,
+    scale: int,
+    window: float | None,
+) -> Sources:
     """Return the `Sources` of sep's table `found`, made on pixels of `scale` px; `window`: sigma of the positions'
     window [px], None: of each source's own half-light radius."""
     x, y = (scale * found[key] + 0.5 * (scale - 1) for key in "xy")

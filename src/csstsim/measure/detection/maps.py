@@ -1,13 +1,17 @@
 """Whole-frame maps made from one another, in one pass each and without temporary frames."""
 
+from collections.abc import Sequence
+
 import numba
 import numpy as np
+
+from csstsim.base.types import BoolArray, FloatArray, IntArray
 
 BIN = 2  # px
 
 
 @numba.njit(cache=True)
-def binned(image):
+def binned(image: FloatArray) -> FloatArray:
     """Return sums of BIN x BIN pixels, float32; a last odd row or column is left out, a single one counts twice."""
     ny, nx = image.shape
     out = np.empty((max(ny // BIN, 1), max(nx // BIN, 1)), np.float32)
@@ -21,7 +25,7 @@ def binned(image):
 
 
 @numba.njit(cache=True)
-def full_size(small, shape):
+def full_size(small: FloatArray, shape: tuple[int, ...]) -> FloatArray:
     """Return a binned map (C-contiguous) at the frame's shape; a last odd row or column has its neighbour's value."""
     out = np.empty(shape, small.dtype)
     for y in range(shape[0]):
@@ -32,7 +36,7 @@ def full_size(small, shape):
 
 
 @numba.njit(cache=True)
-def grown(mask, reach):
+def grown(mask: BoolArray, reach: int) -> BoolArray:
     """Return `mask`, bool (ny, nx), grown by `reach` px in steps along the axes."""
     ny, nx = mask.shape
     out = mask.copy()
@@ -50,7 +54,7 @@ def grown(mask, reach):
 
 
 @numba.njit(cache=True)
-def solid(image, threshold):
+def solid(image: FloatArray, threshold: float) -> BoolArray:
     """Return bool (ny, nx): pixels above the threshold of which at least five neighbours of eight are, too."""
     ny, nx = image.shape
     out = np.zeros((ny, nx), np.bool_)
@@ -67,7 +71,7 @@ def solid(image, threshold):
 
 
 @numba.njit(cache=True)
-def light_within(image, segments, count):
+def light_within(image: FloatArray, segments: IntArray, count: int) -> FloatArray:
     """Return (count,): the sum of `image` over the pixels with number k + 1 in `segments`, both (ny, nx)."""
     out = np.zeros(count)
     for y in range(image.shape[0]):
@@ -77,26 +81,28 @@ def light_within(image, segments, count):
     return out
 
 
-def interpolated(mesh, middle, shape):
+def interpolated(mesh: FloatArray, middle: Sequence[FloatArray], shape: tuple[int, ...]) -> FloatArray:
     """Return float32 of `shape`, bilinear between the meshes' middles (rows, columns), constant beyond the last."""
     out = np.empty(shape, np.float32)
     _between(out, *_lines_between(mesh, middle, shape), np.float32(0), np.float32(1))
     return out
 
 
-def add_interpolated(image, mesh, middle, factor):
+def add_interpolated(image: FloatArray, mesh: FloatArray, middle: Sequence[FloatArray], factor: float) -> None:
     """Add `factor` times the `interpolated` mesh to an image (ny, nx), in place."""
     _between(image, *_lines_between(mesh, middle, image.shape), np.float32(1), np.float32(factor))
 
 
-def _lines_between(mesh, middle, shape):
+def _lines_between(
+    mesh: FloatArray, middle: Sequence[FloatArray], shape: tuple[int, ...]
+) -> tuple[FloatArray, FloatArray]:
     """Return (the mesh's lines at full width, each row's place among them)."""
     wide = np.array([np.interp(np.arange(shape[1]), middle[1], line) for line in mesh], np.float32)
     return wide, np.interp(np.arange(shape[0]), middle[0], np.arange(len(mesh)))
 
 
 @numba.njit(cache=True)
-def _between(image, lines, place, old, factor):
+def _between(image: FloatArray, lines: FloatArray, place: FloatArray, old: np.float32, factor: np.float32) -> None:
     """Make each row `old` times what it is, plus `factor` times what lies at its `place` between `lines`."""
     for y in range(place.size):
         low = min(int(place[y]), max(len(lines) - 2, 0))

@@ -11,11 +11,13 @@ import math
 import numba
 import numpy as np
 
+from csstsim.base.types import FloatArray, IntArray
+
 WIDER = 1.2  # of the Gaussian that suits the PSF best
 _WIDTHS = np.linspace(0.5, 3.0, 101)  # px
 
 
-def smoothing(kernel):
+def smoothing(kernel: FloatArray) -> FloatArray:
     """Return the Gaussian (2 r + 1,) for a PSF's stamp (n, n) on pixels, n odd; its largest value is 1."""
     axis = np.arange(len(kernel)) - len(kernel) // 2
     trial = np.exp(-0.5 * (axis / _WIDTHS[:, None]) ** 2)
@@ -26,7 +28,9 @@ def smoothing(kernel):
 
 
 @numba.njit(cache=True)
-def _next_row(image, hidden, fresh, weight, line, into):
+def _next_row(
+    image: FloatArray, hidden: IntArray, fresh: int, weight: FloatArray, line: FloatArray, into: FloatArray
+) -> None:
     """Fill `into` with row `fresh` of `image` smoothed along x; 0 beyond the frame and where `hidden` is not 0."""
     ny, nx = image.shape
     reach = weight.size // 2
@@ -46,7 +50,9 @@ def _next_row(image, hidden, fresh, weight, line, into):
 
 
 @numba.njit(cache=True)
-def _row_of_snr(across, rms, y, weight, norm, here):
+def _row_of_snr(
+    across: FloatArray, rms: FloatArray, y: int, weight: FloatArray, norm: np.float32, here: FloatArray
+) -> None:
     """Fill `here` with the S/N of row y from the rows around it, smoothed along x: row v at v % weight.size."""
     here[:] = 0.0
     for k in range(weight.size):
@@ -58,7 +64,7 @@ def _row_of_snr(across, rms, y, weight, norm, here):
 
 
 @numba.njit(cache=True)
-def smoothed_snr(image, rms, weight):
+def smoothed_snr(image: FloatArray, rms: FloatArray, weight: FloatArray) -> FloatArray:
     """Return float32 (ny, nx): the S/N at each pixel of a source that is `weight` (2 r + 1,) along both axes."""
     ny, nx = image.shape
     reach, norm = weight.size // 2, np.float32((weight**2).sum())
@@ -74,7 +80,9 @@ def smoothed_snr(image, rms, weight):
 
 
 @numba.njit(cache=True)
-def find_peaks(image, rms, hidden, weight, threshold):
+def find_peaks(
+    image: FloatArray, rms: FloatArray, hidden: IntArray, weight: FloatArray, threshold: float
+) -> FloatArray:
     """Return (x, y, snr), (3, n), of the peaks above `threshold`, by rows.
 
     `image`, `rms` float32 (ny, nx); `hidden` uint8 (ny, nx): pixels without light of their own where it is not 0;
@@ -108,7 +116,7 @@ def find_peaks(image, rms, hidden, weight, threshold):
 
 
 @numba.njit(cache=True)
-def _highest(above, middle, below, x):
+def _highest(above: FloatArray, middle: FloatArray, below: FloatArray, x: int) -> bool:
     """Return whether pixel x of `middle` exceeds its neighbours; of equal ones the last counts."""
     value, last = middle[x], middle.size - 1
     for u in range(max(x - 1, 0), min(x + 1, last) + 1):

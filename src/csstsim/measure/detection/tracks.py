@@ -12,6 +12,8 @@ from functools import lru_cache
 import numba
 import numpy as np
 
+from csstsim.base.types import BoolArray, FloatArray, IntArray
+
 ANGLES = 24
 LENGTH = 5.0  # px, half of the strip
 NARROW, WIDE = 0.5, 1.2  # px, sigmas of the two strips across
@@ -22,13 +24,13 @@ LONG = 1.2  # least S/N of the strip over the peak's
 SHIFTS = 2  # steps of a quarter of a pixel that the strip may lie beside the source
 
 
-def tracks(image, rms, x, y, snr):
+def tracks(image: FloatArray, rms: FloatArray, x: FloatArray, y: FloatArray, snr: FloatArray) -> BoolArray:
     """Return bool (n,): which sources are tracks. `image`, `rms` float32 (ny, nx); x, y px; `snr` as of peaks."""
     return _tracks(image, rms, x, y, snr, *_strips())
 
 
 @lru_cache
-def _strips():
+def _strips() -> tuple[IntArray, FloatArray, FloatArray]:
     """Return (offsets, narrow, wide) of all directions and shifts: (k, m, 2) rows and columns, and weights (k, m)."""
     reach = math.ceil(LENGTH) + 3
     v, u = np.mgrid[-reach : reach + 1, -reach : reach + 1]
@@ -41,11 +43,21 @@ def _strips():
             parts.append((np.column_stack([v[some], u[some]]), *weights))
     most = max(len(part[1]) for part in parts)
     padded = [[np.pad(a, [(0, most - len(a))] + [(0, 0)] * (a.ndim - 1)) for a in part] for part in parts]
-    return tuple(np.ascontiguousarray(np.array(some)) for some in zip(*padded, strict=True))
+    offsets, narrow, wide = (np.ascontiguousarray(np.array(some)) for some in zip(*padded, strict=True))
+    return offsets, narrow, wide
 
 
 @numba.njit(cache=True)
-def _tracks(image, rms, x, y, snr, offsets, narrow, wide):
+def _tracks(
+    image: FloatArray,
+    rms: FloatArray,
+    x: FloatArray,
+    y: FloatArray,
+    snr: FloatArray,
+    offsets: IntArray,
+    narrow: FloatArray,
+    wide: FloatArray,
+) -> BoolArray:
     ny, nx = image.shape
     out = np.zeros(x.size, np.bool_)
     for k in range(x.size):
@@ -65,7 +77,7 @@ def _tracks(image, rms, x, y, snr, offsets, narrow, wide):
 
 
 @numba.njit(cache=True)
-def _light(image, row, column, offsets, weights):
+def _light(image: FloatArray, row: int, column: int, offsets: IntArray, weights: FloatArray) -> tuple[float, float]:
     """Return (weighted light, sum of squared weights) of the pixels at `offsets` that are on the frame."""
     ny, nx = image.shape
     light, norm = 0.0, 0.0

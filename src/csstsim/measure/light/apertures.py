@@ -8,12 +8,19 @@ The sums are those of `sep` (Barbary 2016) with subpix=5. Its functions need the
 to fill such a map of a whole frame takes longer than the sums.
 """
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
 
+from csstsim.base.types import BoolArray, FloatArray, IntArray
 from csstsim.measure.detection.maps import BIN
+
+if TYPE_CHECKING:
+    from csstsim.measure.detection.combine import Detections
 
 KRON_FACTOR, KRON_MIN_RADIUS = 2.5, 3.5  # Source Extractor's PHOT_AUTOPARAMS; the radius in px
 KRON_REACH = 6.0  # of the ellipse: where the Kron radius is measured
@@ -22,7 +29,7 @@ SUBPIXELS = 5  # an edge pixel counts by those of its 5 x 5 parts whose middles 
 _HALF_DIAGONAL = 0.7072  # px
 
 
-def aperture_flux(found, counted, share):
+def aperture_flux(found: Detections, counted: FloatArray, share: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return (flux, error) of `combine.Detections` in circles of APERTURE, divided by the PSF's `share` (n,) there.
 
     `counted` (n,) as in `photometry.fit_sources`; electrons.
@@ -32,7 +39,7 @@ def aperture_flux(found, counted, share):
     return flux / share, error / share
 
 
-def kron_flux(found, counted):
+def kron_flux(found: Detections, counted: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Return (flux, error, failed) of `combine.Detections` in Kron apertures, electron; failed: minimum circle used.
 
     `counted` (n,) as in `photometry.fit_sources`.
@@ -46,7 +53,9 @@ def kron_flux(found, counted):
     return *_flux(found, axis_a, axis_b, theta, counted), failed
 
 
-def _flux(found, a, b, theta, counted):
+def _flux(
+    found: Detections, a: FloatArray, b: FloatArray, theta: FloatArray, counted: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Return (flux, error) within ellipses; the error has the source's own noise as counted."""
     sums = ellipse_sums(found.image, found.rms, found.segments, found.segment, found.x, found.y, a, b, theta)
     flux, variance = sums.T
@@ -54,7 +63,16 @@ def _flux(found, a, b, theta, counted):
 
 
 @numba.njit(cache=True)
-def kron_radius(image, segments, number, x, y, a, b, theta):
+def kron_radius(
+    image: FloatArray,
+    segments: IntArray,
+    number: IntArray,
+    x: FloatArray,
+    y: FloatArray,
+    a: FloatArray,
+    b: FloatArray,
+    theta: FloatArray,
+) -> FloatArray:
     """Return (n,): the first moment of the light within KRON_REACH of an ellipse, in its axes; 0 without light.
 
     `image` (ny, nx); `segments`: numbers of isophotes on bins of BIN px, `number` (n,) of each source's own, 0 for
@@ -86,7 +104,17 @@ def kron_radius(image, segments, number, x, y, a, b, theta):
 
 
 @numba.njit(cache=True)
-def ellipse_sums(image, rms, segments, number, x, y, a, b, theta):
+def ellipse_sums(
+    image: FloatArray,
+    rms: FloatArray,
+    segments: IntArray,
+    number: IntArray,
+    x: FloatArray,
+    y: FloatArray,
+    a: FloatArray,
+    b: FloatArray,
+    theta: FloatArray,
+) -> FloatArray:
     """Return (n, 2): light within ellipses and variance of the background there, electron; NaN where all is others'.
 
     Arrays as in `kron_radius`; `rms` (ny, nx).
@@ -125,25 +153,25 @@ def ellipse_sums(image, rms, segments, number, x, y, a, b, theta):
 
 
 @numba.njit(cache=True)
-def _coefficients(a, b, theta):
+def _coefficients(a: float, b: float, theta: float) -> tuple[float, float, float]:
     """Return (xx, yy, xy): the ellipse is xx dx^2 + yy dy^2 + xy dx dy = 1."""
     c, s = math.cos(theta), math.sin(theta)
     return (c / a) ** 2 + (s / b) ** 2, (s / a) ** 2 + (c / b) ** 2, 2.0 * c * s * (a**-2.0 - b**-2.0)
 
 
 @numba.njit(cache=True)
-def _height(a, b, theta):
+def _height(a: float, b: float, theta: float) -> float:
     """Return the distance of an ellipse's highest point from its middle."""
     return math.hypot(a * math.sin(theta), b * math.cos(theta))
 
 
 @numba.njit(cache=True)
-def _rows(y, reach, ny):
+def _rows(y: float, reach: float, ny: int) -> tuple[int, int]:
     return max(math.ceil(y - reach), 0), min(math.floor(y + reach) + 1, ny)
 
 
 @numba.njit(cache=True)
-def _columns(x, dy, xx, yy, xy, limit, nx):
+def _columns(x: float, dy: float, xx: float, yy: float, xy: float, limit: float, nx: int) -> tuple[int, int]:
     """Return the first column and the one after the last within xx dx^2 + yy dy^2 + xy dx dy = limit on a row."""
     middle = x - 0.5 * xy * dy / xx
     half = math.sqrt(max((limit - yy * dy * dy) / xx + (0.5 * xy * dy / xx) ** 2, 0.0))
@@ -151,7 +179,7 @@ def _columns(x, dy, xx, yy, xy, limit, nx):
 
 
 @numba.njit(cache=True)
-def _share(dx, dy, xx, yy, xy):
+def _share(dx: float, dy: float, xx: float, yy: float, xy: float) -> float:
     """Return the share of a pixel's parts whose middles lie within the ellipse."""
     inside = 0
     for j in range(SUBPIXELS):

@@ -11,6 +11,7 @@ import math
 import numba
 import numpy as np
 
+from csstsim.base.types import BoolArray, FloatArray, IntArray
 from csstsim.measure.light.photometry import HALF, draw_psf
 
 REACH = 4.0  # window sigma: where the window ends
@@ -19,7 +20,9 @@ MAX_STEPS = 16
 
 
 @numba.njit(cache=True)
-def windowed_positions(image, x, y, window):
+def windowed_positions(
+    image: FloatArray, x: FloatArray, y: FloatArray, window: FloatArray
+) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Return (x, y, failed), each (n,), px, from a first guess `x`, `y`; `window` (n,) px.
 
     failed: no positive light in the window, where the search ended. `image` float32 (ny, nx).
@@ -57,7 +60,19 @@ def windowed_positions(image, x, y, window):
 
 
 @numba.njit(cache=True)
-def position_errors(image, rms, x, y, window, extended, flux, counted, cell, coefficients, per_pixel):
+def position_errors(
+    image: FloatArray,
+    rms: FloatArray,
+    x: FloatArray,
+    y: FloatArray,
+    window: FloatArray,
+    extended: BoolArray,
+    flux: FloatArray,
+    counted: FloatArray,
+    cell: IntArray,
+    coefficients: FloatArray,
+    per_pixel: int,
+) -> FloatArray:
     """Return the error (n,) of x and y (root of the mean square of both), px; infinite if the source has no light.
 
     `image`, `rms` float32 (ny, nx); `x`, `y`, `window` (n,) px of the frame; `flux` electron, of the PSF fit, used

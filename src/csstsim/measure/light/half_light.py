@@ -5,13 +5,15 @@ import math
 import numba
 import numpy as np
 
+from csstsim.base.types import FloatArray
+
 BIN = 0.1  # px
 FINE, PARTS = 5.0, 4  # px; nearer pixels are split into PARTS x PARTS
 LEAST = 0.5  # px, also where there is no light
 
 
 @numba.njit(cache=True)
-def half_light_radius(image, x, y, reach):
+def half_light_radius(image: FloatArray, x: FloatArray, y: FloatArray, reach: FloatArray) -> FloatArray:
     """Return (n,) px: the radius of half the light that `image` (ny, nx) has within `reach` (n,) px of x, y.
 
     Light beyond the frame is zero. Pixels far from the source count with their centres. LEAST where there is no light.

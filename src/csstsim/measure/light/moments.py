@@ -19,10 +19,12 @@ without an isophote, re-Gaussianisation, noise bias.
 """
 
 import math
+from typing import TypeAlias
 
 import numba
 import numpy as np
 
+from csstsim.base.types import BoolArray, ComplexArray, FloatArray, IntArray
 from csstsim.measure.detection.maps import BIN
 from csstsim.measure.light.photometry import HALF, draw_psf
 
@@ -34,23 +36,24 @@ MAX_GROWTH = 4.0  # of sigma from its start; a fit that grows beyond has run int
 MIN_USABLE = 0.5  # least share of the fitted, weighted light on usable pixels
 RESOLUTION_MIN = 0.1  # below it noise and errors of the PSF model dominate the correction
 SIZE_MIN = 0.8  # px: least sigma to start with, about a star's
+_Symmetric: TypeAlias = tuple[float, float, float]  # a matrix: xx, xy, yy
 
 
 @numba.njit(cache=True)
-def _inverse(xx, xy, yy):
+def _inverse(xx: float, xy: float, yy: float) -> _Symmetric:
     """Return the inverse of a symmetric matrix; such matrices are tuples (xx, xy, yy)."""
     det = xx * yy - xy * xy
     return yy / det, -xy / det, xx / det
 
 
 @numba.njit(cache=True)
-def _product(a, b):
+def _product(a: _Symmetric, b: _Symmetric) -> _Symmetric:
     """Return the product of symmetric matrices with common axes, symmetric too."""
     return a[0] * b[0] + a[1] * b[1], a[0] * b[1] + a[1] * b[2], a[1] * b[1] + a[2] * b[2]
 
 
 @numba.njit(cache=True)
-def _matrices(gauss, smooth):
+def _matrices(gauss: FloatArray, smooth: float) -> tuple[_Symmetric, _Symmetric, _Symmetric]:
     """Return (V^-1, K, inverse of the pixels' own Gaussian), each (xx, xy, yy), of `gauss` (5,): x, y, Mxx, Mxy, Myy.
 
     The own Gaussian is M less the smoothing, of which at most 0.7 of the short axis squared is taken.
@@ -64,18 +67,18 @@ def _matrices(gauss, smooth):
 
 
 @numba.njit(cache=True)
-def _trace(a, b):
+def _trace(a: _Symmetric, b: _Symmetric) -> float:
     """Return the trace of the product of two symmetric matrices."""
     return a[0] * b[0] + 2.0 * a[1] * b[1] + a[2] * b[2]
 
 
 @numba.njit(cache=True)
-def _quadratic(m, dx, dy):
+def _quadratic(m: _Symmetric, dx: float, dy: float) -> float:
     return m[0] * dx * dx + 2.0 * m[1] * dx * dy + m[2] * dy * dy
 
 
 @numba.njit(cache=True)
-def _within(inverse, x, dy):
+def _within(inverse: _Symmetric, x: float, dy: float) -> tuple[int, int]:
     """Return the columns, first and last (half-open), where rho^2 <= REACH^2 in the row at `dy` from the centre."""
     a, b, c = inverse
     middle, half = -b * dy / a, math.sqrt(max((b * b - a * c) * dy * dy + a * REACH * REACH, 0.0)) / a
@@ -83,7 +86,9 @@ def _within(inverse, x, dy):
 
 
 @numba.njit(cache=True)
-def _add_row(sums, square, dy, one, two, three, four, five):
+def _add_row(
+    sums: FloatArray, square: _Symmetric, dy: float, one: float, two: float, three: float, four: float, five: float
+) -> None:
     """Add to `sums` (7,) those of a row at `dy`: of light, light x dx, ..., light x dx^4."""
     a, b, c = square[0], 2.0 * square[1] * dy, square[2] * dy * dy
     sums[0] += one
@@ -96,7 +101,15 @@ def _add_row(sums, square, dy, one, two, three, four, five):
 
 
 @numba.njit(cache=True)
-def _sums(image, unusable, segments, number, gauss, smooth, out):
+def _sums(
+    image: FloatArray,
+    unusable: IntArray,
+    segments: IntArray,
+    number: int,
+    gauss: FloatArray,
+    smooth: float,
+    out: FloatArray,
+) -> tuple[float, float, float]:
     """Fill `out` (6,): means of dx, dy, dx^2, dx dy, dy^2, (r K V^-1 r)^2 with the widened weight.
 
     Returns (light, amplitude, usable share); light: sum of weight times image, amplitude: of the own Gaussian.
@@ -143,7 +156,7 @@ def _sums(image, unusable, segments, number, gauss, smooth, out):
 
 
 @numba.njit(cache=True)
-def _smoothed(means, gauss, smooth):
+def _smoothed(means: FloatArray, gauss: FloatArray, smooth: float) -> tuple[float, float, float, float, float, float]:
     """Return (dx, dy, xx, xy, yy, kurtosis) of the smoothed image about `gauss`, from the pixels' `means` (6,)."""
     s2 = smooth * smooth
     inverse, k, _ = _matrices(gauss, smooth)
@@ -160,7 +173,17 @@ def _smoothed(means, gauss, smooth):
 
 
 @numba.njit(cache=True)
-def adaptive_moments(image, unusable, segments, number, x, y, sigma, smooth, gauss):
+def adaptive_moments(
+    image: FloatArray,
+    unusable: IntArray,
+    segments: IntArray,
+    number: int,
+    x: float,
+    y: float,
+    sigma: float,
+    smooth: float,
+    gauss: FloatArray,
+) -> tuple[float, float, float]:
     """Fit an elliptical Gaussian, starting round at (x, y) px with `sigma` px; `smooth` px: the smoothing of the image.
 
     `image` (ny, nx); `unusable` (ny, nx), 0 for good; `segments`, on bins of BIN px: pixels of other sources than
@@ -195,7 +218,16 @@ def adaptive_moments(image, unusable, segments, number, x, y, sigma, smooth, gau
 
 
 @numba.njit(cache=True)
-def _distortion_error(rms, unusable, segments, number, counted, gauss, smooth, fit):
+def _distortion_error(
+    rms: FloatArray,
+    unusable: IntArray,
+    segments: IntArray,
+    number: int,
+    counted: float,
+    gauss: FloatArray,
+    smooth: float,
+    fit: tuple[float, float, float],
+) -> float:
     """Return the error of e1 and e2 (root of the mean square of both) from the noise of the pixels.
 
     `fit`: of adaptive_moments. A quadrupole q of the moments makes the Gaussian's own larger by 4 q / (1 - kurtosis).
@@ -227,7 +259,21 @@ def _distortion_error(rms, unusable, segments, number, counted, gauss, smooth, f
 
 
 @numba.njit(cache=True)
-def measure_shapes(image, rms, unusable, segments, number, x, y, size, wanted, counted, cell, coefficients, per_pixel):
+def measure_shapes(
+    image: FloatArray,
+    rms: FloatArray,
+    unusable: IntArray,
+    segments: IntArray,
+    number: IntArray,
+    x: FloatArray,
+    y: FloatArray,
+    size: FloatArray,
+    wanted: BoolArray,
+    counted: FloatArray,
+    cell: IntArray,
+    coefficients: FloatArray,
+    per_pixel: int,
+) -> FloatArray:
     """Measure sources and the PSF at their positions; all lengths px.
 
     `image`, `rms` float32, `unusable` uint8 (ny, nx); `segments` int32 on bins of BIN px; `number` (n,) of each
@@ -260,14 +306,14 @@ def measure_shapes(image, rms, unusable, segments, number, x, y, size, wanted, c
 
 
 @numba.njit(cache=True)
-def _write(gauss, out):
+def _write(gauss: FloatArray, out: FloatArray) -> None:
     xx, xy, yy = gauss[2:]
     out[0] = (xx * yy - xy * xy) ** 0.25
     out[1] = (xx - yy) / (xx + yy)
     out[2] = 2.0 * xy / (xx + yy)
 
 
-def without_psf(shapes):
+def without_psf(shapes: FloatArray) -> tuple[ComplexArray, FloatArray, FloatArray]:
     """Return (distortion, error, resolution): e1 + i e2 (n,) without the PSF, pixel axes; error per axis.
 
     `shapes` (n, 11): from `measure_shapes`. The distortion is NaN unless it is below 1 and the resolution is
@@ -287,7 +333,7 @@ def without_psf(shapes):
 
 
 @np.errstate(invalid="ignore")  # NaN in, NaN out
-def _sheared(e, by):
+def _sheared(e: ComplexArray, by: ComplexArray) -> ComplexArray:
     """Return the distortion of an ellipse of distortion `e` after the shear that makes a circle into `by`, complex."""
     # M' = S M S with S = (1 + g-matrix); in terms of the reduced shear the law is a Moebius map
     g, s = reduced(e), reduced(by)
@@ -296,13 +342,13 @@ def _sheared(e, by):
 
 
 @np.errstate(invalid="ignore")  # NaN in, NaN out
-def reduced(e):
+def reduced(e: ComplexArray) -> ComplexArray:
     """Return the ellipticity |g| = (a - b)/(a + b) of distortions |e| = (a2 - b2)/(a2 + b2), complex."""
     return e / (1.0 + np.sqrt(1.0 - np.abs(e) ** 2))
 
 
 @np.errstate(invalid="ignore")  # NaN in, NaN out
-def on_sky(e, jacobian):
+def on_sky(e: ComplexArray, jacobian: FloatArray) -> ComplexArray:
     """Return complex distortions (n,) turned from pixel axes to east, north; `jacobian` (n, 2, 2) d(x, y)/d(e, n)."""
     shape = np.moveaxis(np.array([[1.0 + e.real, e.imag], [e.imag, 1.0 - e.real]]), -1, 0)
     inverse = np.linalg.inv(jacobian)

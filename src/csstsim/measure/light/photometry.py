@@ -12,12 +12,22 @@ spread (as SPREAD_MODEL, Desai et al. 2012):
 Left out: simultaneous fits of neighbours.
 """
 
+from __future__ import annotations
+
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
+from numpy.typing import ArrayLike
+
+from csstsim.base.types import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from csstsim.optics.psf.psf_file import PsfSet
 
 HALF = 10  # px; the stamp is 21 x 21
 CORE = 3  # px; unusable pixels outside the core are left out without a flag
@@ -35,40 +45,40 @@ class PsfModel:
     index = row * cells + column of the part of shape (ny, nx) / cells. `n_eff` (ncell,) = 1 / sum(p^2), px.
     """
 
-    coefficients: np.ndarray
-    blurred: np.ndarray
-    n_eff: np.ndarray
-    origin: tuple
-    step: tuple
+    coefficients: FloatArray
+    blurred: FloatArray
+    n_eff: FloatArray
+    origin: tuple[int, int]
+    step: tuple[float, float]
     cells: int
     per_pixel: int
 
-    def cell(self, x, y):
+    def cell(self, x: ArrayLike, y: ArrayLike) -> IntArray:
         """Return the cell index of chip positions (px), positions outside taking the nearest cell."""
         column = np.clip((np.asarray(x) - self.origin[0]) // self.step[0], 0, self.cells - 1).astype(np.int64)
         row = np.clip((np.asarray(y) - self.origin[1]) // self.step[1], 0, self.cells - 1).astype(np.int64)
         return row * self.cells + column
 
-    def smallest_pairs(self, offsets):
+    def smallest_pairs(self, offsets: ArrayLike) -> FloatArray:
         """Return (4,): the least ratio of the mean of two opposite neighbours to the pixel, for a star at `offsets`.
 
         The pairs are left and right, above and below, and both diagonals; offsets (n,) px in x and y.
         """
         return _smallest_pairs(self.coefficients, self.per_pixel, np.asarray(offsets, float))
 
-    def enclosed(self, radius):
+    def enclosed(self, radius: float) -> FloatArray:
         """Return (ncell,): the share of a point's light in a circle [px], centred on a pixel."""
         import sep
 
         stamps = [_sample(table, self.per_pixel, HALF) for table in self.coefficients]
         return np.array([float(sep.sum_circle(stamp, [HALF], [HALF], radius, subpix=5)[0][0]) for stamp in stamps])
 
-    def kernel(self, half=3):
+    def kernel(self, half: int = 3) -> FloatArray:
         """Return the centred PSF of the middle cell on (2 half + 1)^2 pixels: the detection kernel."""
         return _sample(self.coefficients[self.cells // 2 * (self.cells + 1)], self.per_pixel, half)
 
 
-def psf_model(psf, origin, shape, *, cell_px=CELL_PX):
+def psf_model(psf: PsfSet, origin: tuple[int, int], shape: tuple[int, int], *, cell_px: int = CELL_PX) -> PsfModel:
     """Build the `PsfModel` of a frame.
 
     psf: optics.psf.psf_file.PsfSet, or an object with its `mixed` and `oversampling`: `psf.mixed(function)(x, y)` is a
@@ -81,10 +91,11 @@ def psf_model(psf, origin, shape, *, cell_px=CELL_PX):
     middles = [[start + (n + 0.5) * size - 0.5 for n in range(cells)] for start, size in zip(origin, step, strict=True)]
     tables = np.array([tables_at(x, y) for y in middles[1] for x in middles[0]])
     n_eff = np.array([1.0 / np.sum(_sample(table, per_pixel, HALF) ** 2) for table in tables[:, 0]])
-    return PsfModel(*np.ascontiguousarray(tables.transpose(1, 0, 2, 3)), n_eff, origin, step, cells, per_pixel)
+    coefficients, blurred = np.ascontiguousarray(tables.transpose(1, 0, 2, 3))
+    return PsfModel(coefficients, blurred, n_eff, origin, step, cells, per_pixel)
 
 
-def _tables(images, oversampling):
+def _tables(images: FloatArray, oversampling: int) -> FloatArray:
     """Return (2, t, t), rows of PsfModel.coefficients and blurred, of a PSF's cell integrals (sub-bands, n, n)."""
     from scipy.ndimage import gaussian_filter, spline_filter
 
@@ -98,7 +109,7 @@ def _tables(images, oversampling):
     return np.array([spline_filter(i, order=3)[keep, keep] for i in (table, gaussian_filter(table, n * BLUR))])
 
 
-def table_steps(oversampling):
+def table_steps(oversampling: int) -> int:
     """Return the steps of a table along a pixel, 4 or 2, for a PSF with `oversampling` cells along one.
 
     On the PSF's own cells the cubic spline is the pixel-integrated PSF itself: stars are drawn from splines through
@@ -108,7 +119,7 @@ def table_steps(oversampling):
     return 4 if oversampling % 4 == 0 else 2
 
 
-def psf_tables(psf):
+def psf_tables(psf: PsfSet) -> Callable[[float, float], FloatArray]:
     """Return a function of the chip position [px]: spline coefficients of the pixel-integrated PSF, as far as it goes.
 
     psf: as in `psf_model`. The steps are those of `table_steps`.
@@ -116,7 +127,7 @@ def psf_tables(psf):
     return psf.mixed(partial(_whole_table, oversampling=psf.oversampling))
 
 
-def _whole_table(images, oversampling):
+def _whole_table(images: FloatArray, oversampling: int) -> FloatArray:
     from scipy.ndimage import spline_filter
 
     from csstsim.optics.psf.psf_file import larger_cells, pixel_response
@@ -127,7 +138,7 @@ def _whole_table(images, oversampling):
 
 
 @numba.njit(cache=True)
-def _weights(t, out):
+def _weights(t: float, out: FloatArray) -> None:
     out[0] = (1.0 - t) ** 3 / 6.0
     out[1] = (4.0 - 6.0 * t * t + 3.0 * t**3) / 6.0
     out[2] = (1.0 + 3.0 * t + 3.0 * t * t - 3.0 * t**3) / 6.0
@@ -135,7 +146,7 @@ def _weights(t, out):
 
 
 @numba.njit(cache=True)
-def draw_psf(table, per_pixel, dx, dy, half, out):
+def draw_psf(table: FloatArray, per_pixel: int, dx: float, dy: float, half: int, out: FloatArray) -> None:
     """Fill `out` (2 half + 1)^2 with the PSF at pixel offsets -half..half from a source at (dx, dy), |dx| <= 0.5.
 
     per_pixel: steps of the table along a pixel.
@@ -158,7 +169,7 @@ def draw_psf(table, per_pixel, dx, dy, half, out):
 
 
 @numba.njit(cache=True)
-def _smallest_pairs(tables, per_pixel, offsets):
+def _smallest_pairs(tables: FloatArray, per_pixel: int, offsets: FloatArray) -> FloatArray:
     stamp, least = np.empty((3, 3)), np.full(4, np.inf)
     for table in tables:
         for dy in offsets:
@@ -169,14 +180,25 @@ def _smallest_pairs(tables, per_pixel, offsets):
     return least
 
 
-def _sample(table, per_pixel, half):
+def _sample(table: FloatArray, per_pixel: int, half: int) -> FloatArray:
     out = np.empty((2 * half + 1, 2 * half + 1))
     draw_psf(table, per_pixel, 0.0, 0.0, half, out)
     return out
 
 
 @numba.njit(cache=True)
-def fit_sources(image, rms, unusable, x, y, counted, cell, coefficients, blurred, per_pixel):
+def fit_sources(
+    image: FloatArray,
+    rms: FloatArray,
+    unusable: IntArray,
+    x: FloatArray,
+    y: FloatArray,
+    counted: FloatArray,
+    cell: IntArray,
+    coefficients: FloatArray,
+    blurred: FloatArray,
+    per_pixel: int,
+) -> FloatArray:
     """Fit one PSF to each source; positions in the frame's own pixels.
 
     `image`, `rms` float32 and `unusable` uint8 (ny, nx), bits that say why, 0 for good; the rest (n,) and the tables
@@ -225,7 +247,18 @@ def fit_sources(image, rms, unusable, x, y, counted, cell, coefficients, blurred
 
 
 @numba.njit(cache=True)
-def _variances(image, rms, unusable, iy, ix, p, g, flux, ratio, counted):
+def _variances(
+    image: FloatArray,
+    rms: FloatArray,
+    unusable: IntArray,
+    iy: int,
+    ix: int,
+    p: FloatArray,
+    g: FloatArray,
+    flux: float,
+    ratio: float,
+    counted: float,
+) -> tuple[float, float, float]:
     """Return the sums behind a fit's flux error, spread error and chi2."""
     ny, nx = image.shape
     noise, spread_noise, chi2 = 0.0, 0.0, 0.0

@@ -9,6 +9,8 @@ import math
 import numba
 import numpy as np
 
+from csstsim.base.types import FloatArray
+
 SHAPE_ERROR = 0.025  # of the flux: galaxies are not the profiles of the tables
 LATTICE, LEVELS = 13, 4  # points on a side; how often it is narrowed
 # Power of the probabilities of which the flux is the median. At S/N 10 bulges are 0.09 mag too faint by the median of
@@ -20,7 +22,7 @@ _NEGLIGIBLE = 20.0  # ln of a probability over the largest
 
 
 @numba.njit(cache=True)
-def project(profiles, normal, fits):
+def project(profiles: FloatArray, normal: FloatArray, fits: FloatArray) -> None:
     """Fill `fits` (3, n) with the inverse variance of F of each of `profiles` (K, n), F times it, and room.
 
     `normal` (5, K): of total_light._normal, the sky's inverse variance and weighted data in its last row.
@@ -43,7 +45,7 @@ def project(profiles, normal, fits):
 
 
 @numba.njit(cache=True)
-def _cubic(place, count, weight):
+def _cubic(place: float, count: int, weight: FloatArray) -> int:
     """Fill `weight` (4,) with those of a cubic through four neighbours of `place`; return the first one's index."""
     first = min(max(math.floor(place) - 1, 0), count - 4)
     t = place - first - 1.0
@@ -55,7 +57,7 @@ def _cubic(place, count, weight):
 
 
 @numba.njit(cache=True)
-def _coarse(maps, points):
+def _coarse(maps: FloatArray, points: FloatArray) -> None:
     """Fill `points` (6, n): ln probability, F, its variance, Gaussian share, size, kind; steps of the tables.
 
     `maps` (4, sizes, kinds): inverse variance, F times it, Gaussian share, ln prior.
@@ -73,7 +75,7 @@ def _coarse(maps, points):
 
 
 @numba.njit(cache=True)
-def _refine(profiles, normal, maps, window, points):
+def _refine(profiles: FloatArray, normal: FloatArray, maps: FloatArray, window: FloatArray, points: FloatArray) -> None:
     """As `_coarse` for a square lattice in `window`: first and last size and kind.
 
     `profiles` (K, sizes x kinds) are cubic in the size and mixed between neighbouring kinds; `normal`: as in `project`.
@@ -109,7 +111,7 @@ def _refine(profiles, normal, maps, window, points):
 
 
 @numba.njit(cache=True)
-def _moments(points):
+def _moments(points: FloatArray) -> tuple[float, float, float, float, float, float]:
     """Return (largest ln probability, sum of probabilities over it, mean and scatter of size, of kind)."""
     best = -math.inf
     for g in range(points.shape[1]):
@@ -129,7 +131,7 @@ def _moments(points):
 
 
 @numba.njit(cache=True)
-def _median(value, weight):
+def _median(value: FloatArray, weight: FloatArray) -> tuple[float, float]:
     """Return (median, half of the interval of 68.3 %) of weighted values, to a few hundredths of their scatter."""
     total, mean, square = 0.0, 0.0, 0.0
     for k in range(value.size):
@@ -160,7 +162,9 @@ def _median(value, weight):
 
 
 @numba.njit(cache=True)
-def _narrowed(profiles, normal, maps, star, coarse, fine):
+def _narrowed(
+    profiles: FloatArray, normal: FloatArray, maps: FloatArray, star: FloatArray, coarse: FloatArray, fine: FloatArray
+) -> tuple[FloatArray, float, tuple[float, float, float, float, float, float]]:
     """Return (points, area of one, moments) of the part of the tables that holds the posterior, finely enough."""
     _, sizes, kinds = maps.shape
     points, du, dv = coarse, 1.0, 1.0
@@ -181,13 +185,23 @@ def _narrowed(profiles, normal, maps, star, coarse, fine):
 
 
 @numba.njit(cache=True)
-def posterior(profiles, normal, maps, star, coarse, fine, room, out):
+def posterior(
+    profiles: FloatArray,
+    normal: FloatArray,
+    maps: FloatArray,
+    star: FloatArray,
+    coarse: FloatArray,
+    fine: FloatArray,
+    room: FloatArray,
+    out: FloatArray,
+) -> None:
     """Fill `out` (6,) with the columns of a source; `star` (3,): ln probability, flux and variance of a point.
 
     `coarse`, `fine`: room for points; `room` (2, n): for one more than either.
     """
     points, area, moments = _narrowed(profiles, normal, maps, star, coarse, fine)
-    top, n = max(moments[0], star[0]), points.shape[1]
+    top = max(moments[0], star[0])
+    n: int = points.shape[1]
     value, weight = room[0, : n + 1], room[1, : n + 1]
     noise, gaap_noise, every = 0.0, 0.0, 0.0
     for g in range(n):

@@ -14,11 +14,19 @@ makes a disc with a bulge too bright: the index that fits the bulge gives the di
 Between nodes a profile is linear in r^2; at the nodes it has the least-squares values.
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from csstsim.base.types import FloatArray, IntArray
 from csstsim.profiles.sersic import light_beyond
+
+if TYPE_CHECKING:
+    from csstsim.optics.psf.psf_file import PsfSet
 
 SIZES = 0.25 * 2.0 ** (np.arange(33) / 4)  # px: half-light radii sqrt(a b)
 # Kinds of profile by concentration: Sersic index of the disc and the bulge, the bulge's share of the light
@@ -49,16 +57,16 @@ class ProfileTables:
     in a row.
     """
 
-    nodes: np.ndarray
-    point: np.ndarray
-    galaxy: np.ndarray
-    gaap: np.ndarray
+    nodes: FloatArray
+    point: FloatArray
+    galaxy: FloatArray
+    gaap: FloatArray
     pixel: float
-    origin: tuple
-    step: tuple
+    origin: tuple[int, int]
+    step: tuple[float, float]
     across: int
 
-    def part(self, x, y):
+    def part(self, x: FloatArray, y: FloatArray) -> IntArray:
         """Return the index (n,) of the part at positions on the chip, px; outside the frame that of the nearest."""
         column, row = (
             np.clip((np.nan_to_num(v) - start) // step, 0, self.across - 1).astype(np.int64)
@@ -67,7 +75,7 @@ class ProfileTables:
         return row * self.across + column
 
 
-def profile_tables(psf, origin, shape, pixel):
+def profile_tables(psf: PsfSet, origin: tuple[int, int], shape: tuple[int, int], pixel: float) -> ProfileTables:
     """Return the `ProfileTables` of a frame; `psf`, `origin`, `shape` as in `photometry.psf_model`, `pixel`: arcsec."""
     from scipy.special import j0
 
@@ -90,7 +98,7 @@ def profile_tables(psf, origin, shape, pixel):
     return ProfileTables(nodes, np.array(point), np.array(seen), gaap, pixel, origin, step, across)
 
 
-def _nodes(top):
+def _nodes(top: float) -> FloatArray:
     """Return squared radii from 0 to `top` or a little more, multiples of 1/2."""
     nodes = [0.0]
     while nodes[-1] < top:
@@ -98,7 +106,7 @@ def _nodes(top):
     return np.array(nodes)
 
 
-def _wavenumbers(reach):
+def _wavenumbers(reach: float) -> tuple[FloatArray, FloatArray]:
     """Return (k, weight) of a Gauss-Legendre quadrature to _K_MAX that follows J_0(k r) up to r = `reach` px."""
     step = _ORDER / _PER_CYCLE * 2.0 * np.pi / reach
     inner = step * 2.0 ** np.arange(-7, 1)  # the wings of large galaxies
@@ -108,7 +116,7 @@ def _wavenumbers(reach):
     return (middle + half * x).ravel(), (half * w).ravel()
 
 
-def _projection(nodes, samples=6):
+def _projection(nodes: FloatArray, samples: int = 6) -> tuple[FloatArray, FloatArray]:
     """Return (r (m,), matrix (K, m)): values at r times the matrix are the least-squares values at the nodes."""
     x, w = np.polynomial.legendre.leggauss(samples)
     low, width = nodes[:-1, None], np.diff(nodes)[:, None]
@@ -116,12 +124,12 @@ def _projection(nodes, samples=6):
     hats = np.zeros((nodes.size, nodes.size - 1, samples))
     row = np.arange(nodes.size - 1)
     hats[row, row], hats[row + 1, row] = 1.0 - t, t
-    hats = hats.reshape(nodes.size, -1)
-    weighted = hats * (0.5 * width * w).ravel()
-    return np.sqrt((low + width * t).ravel()), np.linalg.solve(weighted @ hats.T, weighted)
+    flat = hats.reshape(nodes.size, -1)
+    weighted = flat * (0.5 * width * w).ravel()
+    return np.sqrt((low + width * t).ravel()), np.linalg.solve(weighted @ flat.T, weighted)
 
 
-def _psf_transforms(psf, places, k):
+def _psf_transforms(psf: PsfSet, places: Iterable[tuple[float, float]], k: FloatArray) -> Iterator[FloatArray]:
     """Yield the Hankel transform at `k` of the PSF with its pixel, mean over the angle, at places on the chip."""
     from scipy.special import j0
 
@@ -137,7 +145,7 @@ def _psf_transforms(psf, places, k):
         yield 0.25 * np.bincount(ring.ravel(), image.ravel()) @ bessel  # cells of half a pixel
 
 
-def _galaxy_transforms(k):
+def _galaxy_transforms(k: FloatArray) -> FloatArray:
     """Return the transforms (AXIS_RATIOS, SIZES, KINDS, k) of galaxies of light 1, mean over the angle."""
     from csstsim.profiles.log_table import nodes
     from csstsim.profiles.sersic import K2_HIGH, K2_LOW, tables
@@ -162,7 +170,7 @@ def _galaxy_transforms(k):
     return out
 
 
-def _component_sizes(disc, bulge, share):
+def _component_sizes(disc: float, bulge: float, share: float) -> tuple[float, float]:
     """Return the half-light radii of disc and bulge for a galaxy of half-light radius 1."""
     if share in (0.0, 1.0):
         return 1.0, 1.0

@@ -16,14 +16,23 @@ Left out: the source's ellipticity within the rings (the mean over the angle cou
 without an isophote.
 """
 
+from __future__ import annotations
+
 import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
 
+from csstsim.base.types import AnyArray, ComplexArray, FloatArray, IntArray
 from csstsim.measure.detection.maps import BIN
 from csstsim.measure.light.profile_posterior import LATTICE, posterior, project
 from csstsim.measure.light.profile_tables import AXIS_RATIOS, REACH, SIZES
+
+if TYPE_CHECKING:
+    from csstsim.measure.detection.combine import Detections
+    from csstsim.measure.light.profile_tables import ProfileTables
 
 SKY = 0.03  # electron / px
 SIZE_PRIOR, SIZE_SPREAD = 0.25, 0.85  # arcsec; of its logarithm
@@ -34,7 +43,9 @@ TYPICAL_RATIO = 0.7  # axis ratio of a source without a measured one
 RADIUS, RADIUS_MIN = 4.0, 14.0  # measured half-light radii, px: how far the pixels are used
 
 
-def total_light(found, table, unusable, counted, tables):
+def total_light(
+    found: Detections, table: Mapping[str, AnyArray], unusable: IntArray, counted: FloatArray, tables: ProfileTables
+) -> dict[str, FloatArray]:
     """Return {column: (n,)} of `combine.Detections`: flux_total, flux_gaap and their errors, half_light, point.
 
     `table`: has x, y (px of the chip), flux_psf, flux_psf_err and, of measure.light.moments, e and g_err; `unusable`
@@ -45,11 +56,11 @@ def total_light(found, table, unusable, counted, tables):
     ring = np.searchsorted(tables.nodes, 0.25 + 0.5 * np.arange(int(2.0 * tables.nodes[-1])), side="right") - 1
     prior = np.exp(-0.5 * (np.log(SIZES * tables.pixel / SIZE_PRIOR) / SIZE_SPREAD) ** 2)[:, None] * KIND_PRIOR
     prior = np.log((1.0 - POINT_SHARE) * prior / prior.sum())
-    columns = fit_light(
+    flux, error = (np.ascontiguousarray(table[name], float) for name in ("flux_psf", "flux_psf_err"))
+    columns = fit_light(  # of contiguous columns: one compiled version
         found.image, found.rms, unusable, found.segments, found.segment, found.x, found.y,
         np.clip(RADIUS * found.half_light, RADIUS_MIN, REACH), counted,
-        *(np.ascontiguousarray(table[name], float) for name in ("flux_psf", "flux_psf_err")),  # one compiled version
-        tables.part(table["x"], table["y"]),
+        flux, error, tables.part(table["x"], table["y"]),
         _nearest_ratio(table["e"], table["g_err"]), tables.nodes, ring.astype(np.uint8), tables.point, tables.galaxy,
         tables.gaap, prior,
     ).T  # fmt: skip
@@ -60,7 +71,7 @@ def total_light(found, table, unusable, counted, tables):
 
 
 @np.errstate(invalid="ignore")  # NaN: no shape
-def _nearest_ratio(e, error):
+def _nearest_ratio(e: ComplexArray, error: FloatArray) -> IntArray:
     """Return the index in AXIS_RATIOS of distortions, complex; their noise, which makes sources long, is taken off."""
     square = np.abs(e) ** 2
     noise = (error * (1.0 + np.sqrt(1.0 - square))) ** 2
@@ -71,7 +82,18 @@ def _nearest_ratio(e, error):
 
 
 @numba.njit(cache=True)
-def _rings(image, unusable, segments, number, x, y, squares, inverse, which, out):
+def _rings(
+    image: FloatArray,
+    unusable: IntArray,
+    segments: IntArray,
+    number: int,
+    x: float,
+    y: float,
+    squares: FloatArray,
+    inverse: FloatArray,
+    which: IntArray,
+    out: FloatArray,
+) -> None:
     """Fill `out` (K - 1, 5) with n, sum t, sum t^2, sum d, sum t d of the usable pixels between `squares` (K,).
 
     t: 0 to 1 from one squared radius to the next; `inverse`: of their differences; `which`: the ring of r^2 in steps of
@@ -107,7 +129,7 @@ def _rings(image, unusable, segments, number, x, y, squares, inverse, which, out
 
 
 @numba.njit(cache=True, inline="always")
-def _add(ring, n, t, tt, d, td):
+def _add(ring: FloatArray, n: float, t: float, tt: float, d: float, td: float) -> None:
     ring[0] += n
     ring[1] += t
     ring[2] += tt
@@ -116,7 +138,7 @@ def _add(ring, n, t, tt, d, td):
 
 
 @numba.njit(cache=True)
-def _normal(rings, variance, counted, normal):
+def _normal(rings: FloatArray, variance: float, counted: float, normal: FloatArray) -> float:
     """Fill `normal` (5, K): diagonal and upper diagonal of the matrix, data and ones projected on the nodes; the sky.
 
     The last row begins with the inverse variance of the sky and the sum of the weighted data. Returns the number of
@@ -145,9 +167,26 @@ def _normal(rings, variance, counted, normal):
 
 @numba.njit(cache=True)
 def fit_light(
-    image, rms, unusable, segments, number, x, y, radius, counted, flux_psf, flux_psf_err, part, ratio, nodes, which,
-    points, galaxies, gaap, prior,
-):  # fmt: skip
+    image: FloatArray,
+    rms: FloatArray,
+    unusable: IntArray,
+    segments: IntArray,
+    number: IntArray,
+    x: FloatArray,
+    y: FloatArray,
+    radius: FloatArray,
+    counted: FloatArray,
+    flux_psf: FloatArray,
+    flux_psf_err: FloatArray,
+    part: IntArray,
+    ratio: IntArray,
+    nodes: FloatArray,
+    which: IntArray,
+    points: FloatArray,
+    galaxies: FloatArray,
+    gaap: FloatArray,
+    prior: FloatArray,
+) -> FloatArray:
     """Return (n, 6): total flux, error, Gaussian-aperture flux, error, size (steps of the tables), point.
 
     `image`, `rms` float32 (ny, nx), electron; `segments` on bins of BIN px; `number` (n,): each source's own; `x`, `y`,

@@ -1,9 +1,21 @@
 """The choice of slitless spectra to extract: those whose mean light, or a line, stands out from the noise."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 import numpy as np
 
+from csstsim.base.types import BoolArray, FloatArray
 from csstsim.instrument.filter import GRID
 from csstsim.measure.spectra.line_profile import ACROSS, ALONG
+
+if TYPE_CHECKING:
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.measure.spectra.extract import DispersedImage, Sources
+    from csstsim.measure.spectra.line_profile import Shapes
+    from csstsim.measure.spectra.spectral_model import SpectralModel
 
 ELEMENT, ELEMENT_ROWS = 3.0, 6.0  # px of a resolution element, for the choice of spectra
 LINES_FROM = 0.03  # of the least S/N: the mean S/N from which lines are looked for
@@ -15,7 +27,7 @@ LEFT_OUT = {
 }
 
 
-def predicted_snr(orders, shapes, noise):
+def predicted_snr(orders: ObjectTable, shapes: Shapes, noise: float) -> FloatArray:
     """Return (n,) S/N in a resolution element of each row, from its drawn electrons; noise: of a pixel of sky."""
     columns = np.maximum(np.abs(orders["q"]) * (orders["wave_max"] - orders["wave_min"]), 1.0)
     light, radius = shapes.light[orders["row"]], shapes.radius[orders["row"], ACROSS]
@@ -24,7 +36,7 @@ def predicted_snr(orders, shapes, noise):
     return signal / np.sqrt(np.maximum(signal, 0.0) + ELEMENT * rows * noise**2)
 
 
-def line_snr(orders, sources, model, noise):
+def line_snr(orders: ObjectTable, sources: Sources, model: SpectralModel, noise: float) -> FloatArray:
     """Return (n,) S/N of the brightest resolution element of each row: that of an emission line, if there is one.
 
     The element is longer by the object's size along the trace.
@@ -46,7 +58,16 @@ def line_snr(orders, sources, model, noise):
     return snr
 
 
-def chosen_orders(frame, orders, sources, model, *, wanted=(1,), snr_min=5.0, ids=None):
+def chosen_orders(
+    frame: DispersedImage,
+    orders: ObjectTable,
+    sources: Sources,
+    model: SpectralModel,
+    *,
+    wanted: Sequence[int] = (1,),
+    snr_min: float = 5.0,
+    ids: Sequence[int] | None = None,
+) -> tuple[BoolArray, dict[str, int]]:
     """Return (mask (n,), {reason of LEFT_OUT: count}): the rows of the orders' table whose spectra are extracted.
 
     Chosen are rows of the `wanted` orders with light on the window, and S/N of at least snr_min per resolution element,
@@ -63,13 +84,13 @@ def chosen_orders(frame, orders, sources, model, *, wanted=(1,), snr_min=5.0, id
     return asked & light & largest & bright, {name: int((asked & mask).sum()) for name, mask in masks.items()}
 
 
-def shortened(orders, model):
+def shortened(orders: ObjectTable, model: SpectralModel) -> BoolArray:
     """Return (n,) bool: the rows of the orders' table that lack more than an ELEMENT of their range on the window."""
     low, high = model.limits[model.pairs(orders)].T
     return ((high - low) - (orders["wave_max"] - orders["wave_min"])) * np.abs(orders["q"]) > ELEMENT
 
 
-def _largest(orders):
+def _largest(orders: ObjectTable) -> BoolArray:
     """Return (n,) bool: the row of each object and order with the most light."""
     order = np.lexsort((-orders["drawn"], orders["order"], orders["row"]))
     first = np.ones(len(order), bool)

@@ -10,14 +10,21 @@ correction: it scales e to all of the light, whatever is missing (edges, defects
 sigma off the fit are removed one by one (cosmic rays).
 """
 
-from typing import NamedTuple
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
 
 import numba
 import numpy as np
 
-from csstsim.measure.spectra.cutout import FULL, GOOD, INSIDE
+from csstsim.base.types import AnyArray, BoolArray, FloatArray, IntArray
+from csstsim.measure.calibration.bad_pixels import FULL
+from csstsim.measure.spectra.cutout import GOOD, INSIDE
 from csstsim.measure.spectra.local_sky import Strips
 from csstsim.measure.spectra.spectrum_columns import CONTAMINATED, COSMIC, EDGE, LOST, MASKED, SATURATED
+
+if TYPE_CHECKING:
+    from csstsim.measure.spectra.cutout import Cutout
 
 GAP, STRIP = 4.0, 16.0  # px: from the aperture to a strip of sky, and its width
 CONTAMINATED_FROM = 0.1  # of the electrons
@@ -31,11 +38,11 @@ _LIGHT, _DATA, _OTHERS, _NOISE, _WEIGHT = range(5)
 class Weights(NamedTuple):
     """How pixels (n, rows) make the electrons of columns: `each`, and `offset` [px] from the trace."""
 
-    each: np.ndarray
-    offset: np.ndarray
+    each: FloatArray
+    offset: FloatArray
 
 
-def measured(cutout, shares, half, read_noise):
+def measured(cutout: Cutout, shares: FloatArray, half: float, read_noise: float) -> tuple[dict[str, AnyArray], Weights]:
     """Return ({name: (n,)}, Weights): electrons, box, their errors, contamination (NaN: not known), sky, flags.
 
     cutout: cutout.Cutout; shares: of the object's light in each of its pixels; half: of the aperture [px]; read_noise:
@@ -45,14 +52,14 @@ def measured(cutout, shares, half, read_noise):
     known = cutout.others is not None
     cutout, shares = cutout.within(half, shares)
     overlap, used = _overlap(cutout.offset, half), (cutout.seen & GOOD) > 0
-    others = cutout.others if known else np.zeros_like(cutout.data)
+    others = np.zeros_like(cutout.data) if cutout.others is None else cutout.others
     enough = WHOLE * _light(overlap, shares, np.ones_like(used))
     sky = strips.sky_less_own(cutout.data, used, shares, overlap, _light(overlap, shares, used) >= enough)
     data, level = cutout.data - sky.level[:, None], sky.level
     used, variance = used & (overlap > 0), np.ones_like(data)
     _horne(data, shares, used, variance, level, others, cutout.response, float(read_noise))
     lost = ~(_light(overlap, shares, used) >= enough) | ~np.isfinite(level)
-    out = {"sky": level, "flags": _flags(cutout.seen, overlap > 0, used) | np.where(lost, LOST, 0)}
+    out: dict[str, AnyArray] = {"sky": level, "flags": _flags(cutout.seen, overlap > 0, used) | np.where(lost, LOST, 0)}
     for name in ("electrons", "box"):
         sums = _sums(overlap, shares, used, variance, data, others, name == "electrons")
         total, weight = np.where(lost | ~(sums[_LIGHT] > 0), np.nan, sums[_LIGHT]), sums[_WEIGHT]
@@ -67,7 +74,7 @@ def measured(cutout, shares, half, read_noise):
 
 
 @numba.njit(cache=True)
-def _overlap(offset, half):
+def _overlap(offset: FloatArray, half: float) -> FloatArray:
     """Return the share of each pixel within `half` of the trace."""
     out = np.empty(offset.shape)
     for i in range(offset.shape[0]):
@@ -78,7 +85,7 @@ def _overlap(offset, half):
 
 
 @numba.njit(cache=True)
-def _light(overlap, shares, kept):
+def _light(overlap: FloatArray, shares: FloatArray, kept: BoolArray) -> FloatArray:
     """Return (n,): the share of the object's light in the aperture's pixels that are `kept`."""
     out = np.zeros(len(overlap))
     for i in range(overlap.shape[0]):
@@ -89,7 +96,16 @@ def _light(overlap, shares, kept):
 
 
 @numba.njit(cache=True)
-def _horne(data, shares, used, variance, level, others, response, read_noise):
+def _horne(
+    data: FloatArray,
+    shares: FloatArray,
+    used: BoolArray,
+    variance: FloatArray,
+    level: FloatArray,
+    others: FloatArray,
+    response: FloatArray,
+    read_noise: float,
+) -> None:
     """Fit all columns; each round takes at most one outlier per column from `used`. Fills `variance` where used."""
     n, rows = data.shape
     base = np.ones_like(data)
@@ -124,7 +140,7 @@ def _horne(data, shares, used, variance, level, others, response, read_noise):
 
 
 @numba.njit(cache=True)
-def _fitted(data, shares, used, variance):
+def _fitted(data: FloatArray, shares: FloatArray, used: BoolArray, variance: FloatArray) -> float:
     """Return the electrons of a column that fit its used pixels best; 0 without any."""
     norm, total = 0.0, 0.0
     for j in range(len(data)):
@@ -136,7 +152,15 @@ def _fitted(data, shares, used, variance):
 
 
 @numba.njit(cache=True)
-def _sums(overlap, shares, used, variance, data, others, optimal):
+def _sums(
+    overlap: FloatArray,
+    shares: FloatArray,
+    used: BoolArray,
+    variance: FloatArray,
+    data: FloatArray,
+    others: FloatArray,
+    optimal: bool,
+) -> FloatArray:
     """Return (5, n): the sums of a column's weights with shares, data, others and variance, and of the weights."""
     out = np.zeros((5, len(data)))
     for i in range(data.shape[0]):
@@ -152,7 +176,7 @@ def _sums(overlap, shares, used, variance, data, others, optimal):
 
 
 @numba.njit(cache=True)
-def _weights(shares, used, variance, total):
+def _weights(shares: FloatArray, used: BoolArray, variance: FloatArray, total: FloatArray) -> FloatArray:
     """Return (n, rows): by how much a column's electrons rise with those of a pixel, optimal; 0 where not known."""
     out = np.zeros(shares.shape)
     for i in range(len(shares)):
@@ -163,7 +187,7 @@ def _weights(shares, used, variance, total):
 
 
 @numba.njit(cache=True)
-def _flags(seen, within, used):
+def _flags(seen: IntArray, within: BoolArray, used: BoolArray) -> IntArray:
     """Return (n,) the bits that the pixels `within` the aperture give their column."""
     out = np.zeros(len(seen), np.int64)
     for i in range(seen.shape[0]):

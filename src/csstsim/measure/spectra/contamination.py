@@ -6,13 +6,23 @@ is its catalogue entry's light, not its true light: an emission line that the ca
 spectrum of its own object, and is not subtracted from that of a neighbour.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from csstsim.base.types import FloatArray, IntArray
 from csstsim.catalog.table import ObjectTable
 from csstsim.instrument.chip import Window
+
+if TYPE_CHECKING:
+    from csstsim.measure.spectra.extract import Sources
+    from csstsim.measure.spectra.spectral_model import BinnedSpectra, SpectralModel
+    from csstsim.optics.gratings.dispersion import Disperser
 
 CHUNK = 500  # objects whose spectra are held at a time
 NOBODY = -1  # of `owner`: the catalogue lacks the object
@@ -25,18 +35,19 @@ class CataloguedLight:
     """
 
     orders: ObjectTable
-    sources: object
-    model: object
-    owner: np.ndarray
+    sources: Sources
+    model: SpectralModel
+    owner: IntArray
 
-    def image(self, window, faintest=0.0, boxes=None):
+    def image(self, window: Window, faintest: float = 0.0, boxes: FloatArray | None = None) -> FloatArray:
         """Return SpectralModel.image of all objects of the catalogue."""
         sources = self.sources
+        assert sources.spectra is not None  # a catalogue knows them
         return self.model.image(
             self.orders, sources.shapes, sources.spectra, sources.edges, window, faintest=faintest, boxes=boxes
         )
 
-    def own(self, one, window: Window, faintest=0.0):
+    def own(self, one: ObjectTable, window: Window, faintest: float = 0.0) -> FloatArray:
         """Return what the object of one row of the truth's table of orders has in `image` there, in that order."""
         row = int(self.owner[int(one["row"][0])])
         low, high = np.searchsorted(self.orders["row"], [row, row + 1])
@@ -44,15 +55,20 @@ class CataloguedLight:
         mine = mine.take((mine["order"] == one["order"][0]) & (mine["grating"] == one["grating"][0]))
         if row == NOBODY or len(mine) == 0:
             return np.zeros(window.shape, np.float32)
+        assert self.sources.spectra is not None
         spectrum = np.asarray(self.sources.spectra(np.array([row]), self.sources.edges), float)[0]
         return self.model.image_of_one(mine, self.sources.shapes, spectrum, self.sources.edges, window, faintest)
 
-    def known(self, window):
+    def known(
+        self, window: Window
+    ) -> tuple[Callable[..., FloatArray], Callable[[ObjectTable, Window, float], FloatArray]]:
         """Return (others, own) of extract.DispersedImage, functions of this light."""
         return partial(self.image, window), self.own
 
 
-def expected_orders(rows, x, y, spectra, disperser, exptime):
+def expected_orders(
+    rows: IntArray, x: FloatArray, y: FloatArray, spectra: BinnedSpectra, disperser: Disperser, exptime: float
+) -> ObjectTable:
     """Return the table of orders, as io.orders.read_orders gives it, that objects of a catalogue are expected to have.
 
     rows (n,): of the catalogue, rising; x, y (n,) px where their light would fall without the grating; spectra: of

@@ -1,11 +1,18 @@
 """Pixels about a trace, turned so that a row holds one column of the chip: what is measured together lies together."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self, cast
 
 import numba
 import numpy as np
 
+from csstsim.base.types import AnyArray, FloatArray, IntArray
 from csstsim.measure.calibration.bad_pixels import FULL
+
+if TYPE_CHECKING:
+    from csstsim.measure.spectra.extract import DispersedImage
 
 INSIDE, GOOD = np.uint8(8), np.uint8(16)  # bits of `seen`, beside FULL
 _NOTHING = np.zeros((0, 0), np.float32)
@@ -20,14 +27,16 @@ class Cutout:
     (saturated); `response`.
     """
 
-    data: np.ndarray
-    others: np.ndarray
-    offset: np.ndarray
-    seen: np.ndarray
-    response: np.ndarray
+    data: FloatArray
+    others: FloatArray | None
+    offset: FloatArray
+    seen: IntArray
+    response: FloatArray
 
     @classmethod
-    def of(cls, frame, columns, rows, centre, own):
+    def of(
+        cls, frame: DispersedImage, columns: IntArray, rows: IntArray, centre: FloatArray, own: FloatArray | None
+    ) -> Self:
         """Return the Cutout of columns and rows (consecutive px of the chip) about a trace.
 
         frame: extract.DispersedImage; centre: rows of the trace, by column; own: what the object itself has in
@@ -40,25 +49,39 @@ class Cutout:
         data, others, response, seen = np.zeros(shape), np.zeros(shape), np.ones(shape), np.zeros(shape, np.uint8)
         if frame.response is not None:
             response[:, inside] = frame.response.part(*part).T
-        light = (_NOTHING, _NOTHING) if own is None else (frame.others[part], own[inside])
+        light, mine = _NOTHING, _NOTHING
+        if own is not None:
+            light, mine = cast("FloatArray", frame.others)[part], own[inside]
         planes = data[:, inside], others[:, inside], seen[:, inside]
-        _fill(frame.electrons[part], frame.marks[part], *light, float(frame.subtract), *planes)
+        _fill(frame.electrons[part], frame.marks[part], light, mine, float(frame.subtract), *planes)
         return cls(data, None if own is None else others, rows - centre[:, None], seen, response)
 
-    def within(self, half, shares):
+    def within(self, half: float, shares: FloatArray) -> tuple[Cutout, FloatArray]:
         """Return (Cutout, shares) of the rows with pixels of an aperture, up to `half` [px] from the trace.
 
         shares (columns, rows): any plane of the cutout.
         """
         near = np.flatnonzero((self.offset.min(axis=0) < half + 0.5) & (self.offset.max(axis=0) > -half - 0.5))
         part = slice(near[0], near[-1] + 1)
-        planes = self.data, self.others, self.offset, self.seen, self.response, shares
-        *own, shares = (None if plane is None else np.ascontiguousarray(plane[:, part]) for plane in planes)
-        return Cutout(*own), shares
+
+        def cut(plane: AnyArray) -> AnyArray:
+            return np.ascontiguousarray(plane[:, part])
+
+        others = None if self.others is None else cut(self.others)
+        return Cutout(cut(self.data), others, cut(self.offset), cut(self.seen), cut(self.response)), cut(shares)
 
 
 @numba.njit(cache=True)
-def _fill(electrons, marks, light, own, taken, data, others, seen):
+def _fill(
+    electrons: FloatArray,
+    marks: IntArray,
+    light: FloatArray,
+    own: FloatArray,
+    taken: float,
+    data: FloatArray,
+    others: FloatArray,
+    seen: IntArray,
+) -> None:
     """Fill the (columns, rows) of a Cutout from (rows, columns); light, own: of others, or nothing; taken: 1 if they
     are subtracted, else 0."""
     for y in range(electrons.shape[0]):

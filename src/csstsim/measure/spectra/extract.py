@@ -10,11 +10,16 @@ columns and fainter beside them than its light (measure.spectra.line_image), and
 a strong one. Sums over the whole line are right.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
+from csstsim.base.types import AnyArray, BoolArray, ComplexArray, FloatArray, IntArray
 from csstsim.base.units import C_A_S, H_J_S
 from csstsim.catalog.table import ObjectTable
 from csstsim.instrument.chip import Window
@@ -36,6 +41,15 @@ from csstsim.measure.spectra.line_profile import (
 from csstsim.measure.spectra.spectrum_columns import COLUMNS, CUT, DIM, IMAGED, LOST
 from csstsim.measure.spectra.spectrum_trust import untrusted
 
+if TYPE_CHECKING:
+    from csstsim.measure.calibration.calibrate import Calibrated
+    from csstsim.measure.spectra.line_fluxes import LineFluxes
+    from csstsim.measure.spectra.line_profile import Shapes
+    from csstsim.measure.spectra.spectral_model import BinnedSpectra, SpectralModel
+    from csstsim.optics.psf.psf_file import PsfSet
+    from csstsim.optics.scatter.halo import Wing
+    from csstsim.optics.throughput.response import Response
+
 APERTURE_LIGHT = 0.9  # of the light in the aperture's rows
 LEAST, MOST = 4.0, 20.0  # px, half the aperture
 PAD = 4  # columns beyond the order's ends: light that the PSF spreads
@@ -55,22 +69,22 @@ class DispersedImage:
     whether others are subtracted, or only stated."""
 
     window: Window
-    electrons: np.ndarray
-    marks: np.ndarray
-    response: object
+    electrons: FloatArray
+    marks: IntArray
+    response: Response | None
     read_noise: float
-    others: object = None
-    own: object = None
+    others: FloatArray | Callable[..., FloatArray] | None = None
+    own: Callable[[ObjectTable, Window, float], FloatArray] | None = None
     subtract: bool = True
 
     @classmethod
-    def of(cls, calibrated, window, others=None):
+    def of(cls, calibrated: Calibrated, window: Window, others: FloatArray | None = None) -> Self:
         """Return the DispersedImage of a calibrate.Calibrated."""
         noise = float(np.mean(list(calibrated.read_noise.values())))
         return cls(window, calibrated.electrons, calibrated.marks, calibrated.response, noise, others)
 
     @cached_property
-    def noise(self):
+    def noise(self) -> float:
         """Return the noise of a pixel of sky [electron]."""
         sample, marks = self.electrons[::8, ::8], self.marks[::8, ::8]
         sample = sample[(marks & BAD == 0) & np.isfinite(sample)]
@@ -78,7 +92,7 @@ class DispersedImage:
         return float(np.sqrt(max(sky + self.read_noise**2, FLOOR)))
 
     @property
-    def faintest(self):
+    def faintest(self) -> float:
         """Electrons of a pixel below which others are not modelled."""
         return FAINTEST * self.noise
 
@@ -88,11 +102,11 @@ class Sources:
     """The objects: `shapes` line_profile.Shapes by row of the truth table; `spectra` (rows, edges) ->
     (n, bins) photon / s / m2 / angstrom as observed in bins of `edges` [angstrom]; None: not known."""
 
-    shapes: object
-    spectra: object = None
-    edges: np.ndarray | None = None
+    shapes: Shapes
+    spectra: BinnedSpectra | None = None
+    edges: FloatArray = None  # type: ignore[assignment]  # None where spectra are not known
 
-    def each(self, rows):
+    def each(self, rows: IntArray) -> Iterator[tuple[int, FloatArray | None]]:
         """Yield (k, spectrum (bins,) of rows[k]) in order, made CHUNK at a time; None where spectra are not known."""
         for first in range(0, len(rows), CHUNK):
             some = rows[first : first + CHUNK]
@@ -100,7 +114,19 @@ class Sources:
             yield from enumerate((s if s is None else np.asarray(s, float) for s in spectra), first)
 
 
-def extract_spectra(frame, orders, sources, model, psf, wing=None, *, wanted=(1,), snr_min=5.0, ids=None, lines=None):
+def extract_spectra(
+    frame: DispersedImage,
+    orders: ObjectTable,
+    sources: Sources,
+    model: SpectralModel,
+    psf: PsfSet,
+    wing: Wing | None = None,
+    *,
+    wanted: Sequence[int] = (1,),
+    snr_min: float = 5.0,
+    ids: Sequence[int] | None = None,
+    lines: LineFluxes | None = None,
+) -> ObjectTable:
     """Return the ObjectTable of spectra (spectrum_columns.COLUMNS), one row per column of a spectrum.
 
     orders: ObjectTable of io.orders; sources: Sources; model: spectral_model.SpectralModel; psf: PsfSet, or an object
@@ -113,7 +139,9 @@ def extract_spectra(frame, orders, sources, model, psf, wing=None, *, wanted=(1,
     chosen, left_out = chosen_orders(frame, orders, sources, model, wanted=wanted, snr_min=snr_min, ids=ids)
     parts, short, counts, cut = [_nothing()], shortened(orders, model), 0, 0
     point = psf.mixed(partial(_points, per_pixel=psf.oversampling, wing=wing))
-    waves = psf.mixed(partial(point_transforms, per_pixel=psf.oversampling))
+    waves: Callable[[float, float], ComplexArray] = psf.mixed(
+        partial(point_transforms, per_pixel=psf.oversampling)  # type: ignore[arg-type]  # linear, too, but complex
+    )  # type: ignore[assignment]
     rows = np.flatnonzero(chosen)
     boxes = _boxes(orders.take(rows), model)
     pictured = _of_images(frame, orders, sources, model, boxes)
@@ -132,7 +160,7 @@ def extract_spectra(frame, orders, sources, model, psf, wing=None, *, wanted=(1,
     return ObjectTable(columns, about | {"left_out": left_out})
 
 
-def _boxes(orders, model):
+def _boxes(orders: ObjectTable, model: SpectralModel) -> FloatArray:
     """Return (n, 4): x0, x1, y0, y1 [px] that hold all pixels from which the spectra of the orders are extracted."""
     wave = model.limits[model.pairs(orders)]
     ends, heights = ((orders[a] + orders[b])[:, None] + orders[c][:, None] * wave for a, b, c in ("xpq", "yrs"))
@@ -142,7 +170,9 @@ def _boxes(orders, model):
     ], axis=1)  # fmt: skip
 
 
-def _of_images(frame, orders, sources, model, boxes):
+def _of_images(
+    frame: DispersedImage, orders: ObjectTable, sources: Sources, model: SpectralModel, boxes: FloatArray
+) -> FloatArray | None:
     """Return the expected electrons, in boxes, of objects with an image, taken for disks; None: there are none."""
     some = orders.take(np.flatnonzero(sources.shapes.image[orders["row"]]))
     if not len(some) or sources.spectra is None:
@@ -150,7 +180,9 @@ def _of_images(frame, orders, sources, model, boxes):
     return model.image(some, sources.shapes, sources.spectra, sources.edges, frame.window, frame.faintest, boxes)
 
 
-def _imaged(pictured, window, columns, centre, half, electrons):
+def _imaged(
+    pictured: FloatArray, window: Window, columns: IntArray, centre: FloatArray, half: float, electrons: FloatArray
+) -> BoolArray:
     """Return (n,) bool: columns near which `pictured` of `_of_images` has more than CONTAMINATED_FROM of theirs.
 
     Near is the aperture with its strips of sky: a disk's light lies elsewhere than the image's, so that the light in
@@ -162,16 +194,27 @@ def _imaged(pictured, window, columns, centre, half, electrons):
     return light > CONTAMINATED_FROM * np.abs(electrons)
 
 
-def _nothing():
+def _nothing() -> dict[str, AnyArray]:
     return {name: np.zeros(0, dtype) for name, (dtype, _) in COLUMNS.items()}
 
 
-def _points(cells, per_pixel, wing):
+def _points(cells: FloatArray, per_pixel: int, wing: Wing | None) -> FloatArray:
     """Return (2, 4, len(OFFSETS)): psf_profile of both axes."""
     return np.array([psf_profile(cells, per_pixel, axis, wing) for axis in (ALONG, ACROSS)])
 
 
-def _extract_one(frame, one, shapes, spectrum, edges, model, point, waves, lines, pictured):
+def _extract_one(
+    frame: DispersedImage,
+    one: ObjectTable,
+    shapes: Shapes,
+    spectrum: FloatArray | None,
+    edges: FloatArray,
+    model: SpectralModel,
+    point: Callable[[float, float], FloatArray],
+    waves: Callable[[float, float], ComplexArray],
+    lines: LineFluxes | None,
+    pictured: FloatArray | None,
+) -> dict[str, AnyArray] | None:
     """Return {name: (n,)} of one row of the orders' table; None if none of its columns is usable.
 
     spectrum: its object's in bins of `edges`, or None; point, waves: functions of x, y that return `_points` and
@@ -192,7 +235,8 @@ def _extract_one(frame, one, shapes, spectrum, edges, model, point, waves, lines
     if frame.others is not None:
         here = Window(int(columns[0]), int(columns[-1]) + 1, int(rows[0]), int(rows[-1]) + 1)
         if frame.own is None:
-            own = model.image_of_one(one, shapes, spectrum, edges, here, frame.faintest)
+            # others that are of the truth come with its spectra
+            own = model.image_of_one(one, shapes, spectrum, edges, here, frame.faintest)  # type: ignore[arg-type]
         else:
             own = frame.own(one, here, frame.faintest)
     cutout = Cutout.of(frame, columns, rows, centre, own)
@@ -206,8 +250,8 @@ def _extract_one(frame, one, shapes, spectrum, edges, model, point, waves, lines
     elif pictured is not None:
         much = _imaged(pictured, window, columns, centre, half, found["electrons"])
         found["flags"] |= np.where(much, IMAGED, 0)
-    unit, true = ([1.0], GRID[[0, -1]]), (spectrum, edges)
-    flat, expected = model.electrons(one, columns, along, unit, unit if spectrum is None else true)
+    unit = [1.0], GRID[[0, -1]]
+    flat, expected = model.electrons(one, columns, along, unit, unit if spectrum is None else (spectrum, edges))
     if spectrum is None:
         expected = np.full(len(columns), np.nan)
     found |= _fluxes(found, flat, wave)
@@ -220,7 +264,7 @@ def _extract_one(frame, one, shapes, spectrum, edges, model, point, waves, lines
     return {name: found[name].astype(dtype) for name, (dtype, _) in COLUMNS.items()}
 
 
-def _trace(one, model, window):
+def _trace(one: ObjectTable, model: SpectralModel, window: Window) -> tuple[IntArray, FloatArray, FloatArray]:
     """Return (columns, wavelengths, y) of the trace in the window, PAD columns longer than the order."""
     x, y, p, q, r, s = (float(one[name][0]) for name in ("x", "y", "p", "q", "r", "s"))
     limits = model.limits[model.pair(one)]
@@ -231,7 +275,7 @@ def _trace(one, model, window):
     return columns, wave, y + r + s * np.clip(wave, *limits)
 
 
-def _half(across):
+def _half(across: FloatArray) -> float:
     """Return half the aperture [px]: APERTURE_LIGHT of a profile's light, at all of its wavelengths."""
     out = OFFSETS >= 0
     inside = across[:, out] - across[:, len(OFFSETS) - 1 - np.flatnonzero(out)]
@@ -239,7 +283,7 @@ def _half(across):
     return float(np.clip(np.ceil(OFFSETS[out][np.argmax(enough)]), LEAST, MOST))
 
 
-def _fluxes(found, flat, wave):
+def _fluxes(found: Mapping[str, AnyArray], flat: FloatArray, wave: FloatArray) -> dict[str, AnyArray]:
     """Return flux, flux_err, flux_erg and the flags with DIM."""
     dim = flat < DIM_BELOW * flat.max()
     per = np.where(dim, np.nan, flat)

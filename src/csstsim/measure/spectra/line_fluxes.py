@@ -16,10 +16,15 @@ a significance of at least FOUND are lines; where the spectrum is uneven, signif
 Left out: lines wider than the object's image, such as quasars'.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from csstsim.base.types import AnyArray, BoolArray, FloatArray, IntArray
 from csstsim.base.units import C_A_S, H_J_S
 from csstsim.catalog.table import ObjectTable
 from csstsim.instrument.filter import GRID
@@ -27,6 +32,11 @@ from csstsim.measure.spectra.line_columns import BLENDED, BLIND, COLUMNS, LINES,
 from csstsim.measure.spectra.line_profile import OFFSETS, mixed
 from csstsim.measure.spectra.spectral_model import ONE_REACH
 from csstsim.measure.spectra.spectrum_columns import BESIDE, COSMIC, CUT, DIM, LOST, SATURATED
+
+if TYPE_CHECKING:
+    from csstsim.measure.spectra.column_sums import Weights
+    from csstsim.measure.spectra.line_image import LineImage
+    from csstsim.measure.spectra.spectral_model import SpectralModel
 
 SIDE = 30.0  # columns beyond twice a line's full width, for the continuum
 DETECTED = 3.0  # S/N
@@ -46,26 +56,35 @@ class Line:
     """
 
     name: str
-    places: np.ndarray
+    places: FloatArray
     wavelength: float
-    seen: np.ndarray
-    light: np.ndarray
+    seen: FloatArray
+    light: FloatArray
     width: float
     flags: int = 0
 
-    def near(self, columns):
+    def near(self, columns: FloatArray) -> BoolArray:
         """Return bool (n,): columns within APART widths of a part."""
-        return (np.abs(np.subtract.outer(columns, self.places)) < APART * self.width).any(axis=-1)
+        return np.any(np.abs(np.subtract.outer(columns, self.places)) < APART * self.width, axis=-1)
 
 
 class LineFluxes:
     """Measures the lines of one spectrum after another (`add`), and returns them as a table (`table`)."""
 
-    def __init__(self, redshift):
+    def __init__(self, redshift: FloatArray) -> None:
         """redshift (rows,): of the objects by row of the truth table; NaN: not known."""
-        self.redshift, self._found = redshift, []
+        self.redshift = redshift
+        self._found: list[dict[str, Any]] = []
 
-    def add(self, one, found, along, model, image, weights):
+    def add(
+        self,
+        one: ObjectTable,
+        found: Mapping[str, AnyArray],
+        along: FloatArray,
+        model: SpectralModel,
+        image: LineImage,
+        weights: Weights,
+    ) -> None:
         """Measure the lines of a spectrum.
 
         one: its row of the orders' table; found: {name: (n,)} of spectrum_columns.COLUMNS; along: profile (4, n) ALONG
@@ -80,7 +99,7 @@ class LineFluxes:
             if values is not None and not (line.flags & BLIND and values["snr"] < FOUND):
                 self._found.append({name: one[name][0] for name in ("id", "row", "order")} | values)
 
-    def table(self):
+    def table(self) -> ObjectTable:
         """Return the ObjectTable of line_columns.COLUMNS."""
         return ObjectTable({
             name: np.array([line[name] for line in self._found], dtype) for name, (dtype, _) in COLUMNS.items()
@@ -88,7 +107,15 @@ class LineFluxes:
 
 
 class _Spectrum:
-    def __init__(self, one, found, along, model, image, weights):
+    def __init__(
+        self,
+        one: ObjectTable,
+        found: Mapping[str, AnyArray],
+        along: FloatArray,
+        model: SpectralModel,
+        image: LineImage,
+        weights: Weights,
+    ) -> None:
         self.found, self.along, self.model, self.image, self.weights = found, along, model, image, weights
         self.column, self.error = found["column"].astype(float), found["electrons_err"].astype(float)
         self.good = (found["flags"] & (LOST | DIM) == 0) & np.isfinite(found["electrons"]) & (self.error > 0)
@@ -96,14 +123,14 @@ class _Spectrum:
         self.sensitivity = found["sensitivity"].astype(float)
         self.passed = model.photons * np.gradient(model.cumulative[model.pair(one)], GRID)
 
-    def known(self, redshift):
+    def known(self, redshift: float) -> list[Line]:
         """Return the Lines of LINES that lie in the spectrum at a redshift; none if it is NaN or not above 0."""
         if not redshift > 0:
             return []
         lines = [self._line(name, [(w * (1 + redshift), s) for w, s in parts]) for name, parts in LINES.items()]
         return [line for line in lines if line is not None]
 
-    def _line(self, name, parts, flags=0):
+    def _line(self, name: str, parts: Sequence[tuple[float, float]], flags: int = 0) -> Line | None:
         """Return the Line of parts (wavelength, share); None unless all lie on usable columns."""
         places = np.array([self.start + self.per * w for w, _ in parts])
         seen, light = np.zeros((2, len(self.column)))
@@ -117,37 +144,38 @@ class _Spectrum:
         wavelength = sum(w * s for w, s in parts)
         return Line(name, places, wavelength, seen, light, self._width(wavelength), flags)
 
-    def _profile(self, wavelength):
+    def _profile(self, wavelength: float) -> FloatArray:
         """Return the share of a line's light below OFFSETS, as SpectralModel.electrons: all of it within ONE_REACH."""
         band, share = mixed(wavelength, self.model.bands)
         profile = (1 - share) * self.along[band] + share * self.along[band + 1]
         ends = np.interp([-ONE_REACH - 0.5, ONE_REACH + 0.5], OFFSETS, profile)
         return np.clip((profile - ends[0]) / (ends[1] - ends[0]), 0.0, 1.0)
 
-    def _shares(self, column, wavelength):
+    def _shares(self, column: float, wavelength: float) -> FloatArray:
         """Return (n,): the share of a line's light in each column."""
         profile, offset = self._profile(wavelength), self.column - column
         return np.interp(offset + 0.5, OFFSETS, profile) - np.interp(offset - 0.5, OFFSETS, profile)
 
-    def _seen(self, column, wavelength):
+    def _seen(self, column: float, wavelength: float) -> FloatArray:
         """Return (n,): the share of a line's light that is extracted in each column."""
         here = float(np.interp(column, self.column, self.found["y"]))
         rows = self.weights.offset[0] + self.found["y"][0] - here
         return self.image.seen(wavelength, self.column - column, rows, self.weights.each)
 
-    def _width(self, wavelength):
+    def _width(self, wavelength: float) -> float:
         steps = np.diff(self._profile(wavelength))
         return float(np.count_nonzero(steps > steps.max() / 2) * (OFFSETS[1] - OFFSETS[0]))
 
-    def search(self, lines):
+    def search(self, lines: Sequence[Line]) -> list[Line]:
         """Return Lines that are not among `lines`: the MOST highest points above the continuum."""
-        found, usable = [], np.flatnonzero(self.good)
+        found: list[Line] = []
+        usable = np.flatnonzero(self.good)
         if len(usable) < MEDIAN:
             return []
         signal = self._significance(usable)
         signal[: usable[0] + MEDIAN // 2] = signal[usable[-1] - MEDIAN // 2 + 1 :] = 0.0  # no continuum on either side
-        for line in lines:
-            signal[line.near(self.column)] = 0.0
+        for known in lines:
+            signal[known.near(self.column)] = 0.0
         while len(found) < MOST:
             k = int(np.argmax(signal))
             if not signal[k] >= FOUND:
@@ -158,12 +186,12 @@ class _Spectrum:
             signal[max(k - MEDIAN // 2, 0) : k + MEDIAN // 2 + 1] = 0.0
         return found
 
-    def _flags(self, line):
+    def _flags(self, line: Line) -> int:
         """Return the bits of the columns of a line's own light, with its own."""
         light = line.light > 0.05 * line.light.max()
         return int(np.bitwise_or.reduce(self.found["flags"][light].astype(int), initial=line.flags))
 
-    def _significance(self, usable):
+    def _significance(self, usable: IntArray) -> FloatArray:
         """Return (n,): S/N of a line on each column above the running median; 0 where columns cannot be used."""
         sensitivity = np.maximum(self.found["sensitivity"], 1e-30)
         shape = np.interp(self.column, self.column[usable], (self.found["electrons"] / sensitivity)[usable])
@@ -179,7 +207,7 @@ class _Spectrum:
         spread = 1.4826 * np.median(np.abs(out[usable] - np.median(out[usable])))
         return np.where(self.good, out / max(spread, 1.0), 0.0)
 
-    def _peak(self, signal, k):
+    def _peak(self, signal: FloatArray, k: int) -> float:
         """Return the place [px] of the parabola's top through the significance at k and its neighbours."""
         if not 0 < k < len(signal) - 1:
             return self.column[k]
@@ -187,7 +215,7 @@ class _Spectrum:
         bend = before - 2 * here + after
         return self.column[k] + (float(np.clip(0.5 * (before - after) / bend, -0.5, 0.5)) if bend < 0 else 0.0)
 
-    def measured(self, line, lines):
+    def measured(self, line: Line, lines: Sequence[Line]) -> dict[str, Any] | None:
         """Return {name: value} of line_columns.COLUMNS; None where too little of the line can be used."""
         middle = self.start + self.per * line.wavelength
         reach = SIDE + 2 * line.width + np.abs(line.places - middle).max()
@@ -220,7 +248,7 @@ class _Spectrum:
         }  # fmt: skip
 
 
-def _fit(matrix, data, error):
+def _fit(matrix: FloatArray, data: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return (values (k, m), errors (k,)) of a linear least-squares fit of (n, m) data with errors (n,)."""
     scale = np.abs(matrix).max(axis=0)
     scaled = matrix / np.where(scale > 0, scale, 1.0) / error[:, None]
@@ -230,7 +258,7 @@ def _fit(matrix, data, error):
     return inverse @ (scaled.T @ (data / error[:, None])) / per[:, None], np.sqrt(np.diag(inverse)) / per
 
 
-def judged(table):
+def judged(table: ObjectTable) -> dict[str, float | None]:
     """Return {name: number}: how a table of lines compares with its flux_true, JSON-like.
 
     Isolated lines have no flag. Their pull is (flux - flux_true) / flux_err; `limits` counts lines that are not

@@ -13,10 +13,13 @@ number sqrt(a^2 kx^2 + b^2 ky^2 + 2 rho a b kx ky), with a, b its half-light rad
 The lattice is half a pixel and repeats after a side of SIDES. Left out: light of the PSF beyond SIDES[0].
 """
 
+from collections.abc import Callable
 from functools import cached_property, lru_cache
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from csstsim.base.types import ComplexArray, FloatArray
 from csstsim.measure.spectra.line_profile import mixed
 from csstsim.optics.psf.psf_file import half_pixels
 from csstsim.profiles.sersic import BULGE, DISK, radius_of
@@ -30,14 +33,16 @@ _WAVES = np.concatenate([[0.0], np.geomspace(1e-2, 1e3, 500)])  # wave numbers t
 class LineImage:
     """The image of one object at one place, at any wavelength."""
 
-    def __init__(self, psf, bands, light, radius, slant):
+    def __init__(
+        self, psf: Callable[[], ComplexArray], bands: FloatArray, light: FloatArray, radius: FloatArray, slant: float
+    ) -> None:
         """psf: function without arguments that returns point_transforms of the PSF at `bands` [angstrom]; light (2,),
         radius (2 axes, 2) px, slant: of line_profile.Shapes."""
         self._psf, self._bands, self._shape = psf, bands, (light, radius, slant)
         self._n = 2 * SIDES[int((light * radius.max(axis=0)).sum() > LARGE)]
-        self._made = {}  # what lines ask for
+        self._made: dict[int, ComplexArray] = {}  # what lines ask for
 
-    def seen(self, wavelength, x, y, weights):
+    def seen(self, wavelength: float, x: FloatArray, y: FloatArray, weights: FloatArray) -> FloatArray:
         """Return (n,): sums over rows of weights (n, rows) with the share of light in pixels.
 
         x (n,): whole columns, from the line [px]; y (rows,): rows, from the trace at the line [px].
@@ -51,7 +56,7 @@ class LineImage:
         out[inside] = (weights[some] * whole.T[np.ix_(i[inside], j[rows])]).sum(axis=1)
         return out
 
-    def _pixels(self, wavelength, dx, dy):
+    def _pixels(self, wavelength: float, dx: float, dy: float) -> FloatArray:
         """Return (side, side) shares of light in pixels [y, x]; those of the middle are at dx, dy [px] off the line."""
         n = self._n
         band, share = mixed(wavelength, self._bands)
@@ -73,7 +78,7 @@ class LineImage:
         half[1:] += np.conj(mirrored[:0:-1])
         return np.fft.irfft2(half, (n // 2, n // 2)) / 4
 
-    def _transform(self, band):
+    def _transform(self, band: int) -> ComplexArray:
         """Return complex64 (n, n // 2 + 1), the transform of the object in cells at a band."""
         if band not in self._made:
             point = self._point[band]
@@ -84,22 +89,22 @@ class LineImage:
         return self._made[band]
 
     @cached_property
-    def _galaxy(self):
+    def _galaxy(self) -> FloatArray:
         return _galaxy(self._n, *self._shape)
 
     @cached_property
-    def _point(self):
+    def _point(self) -> ComplexArray:
         return self._psf()
 
 
 @lru_cache
-def _wave_numbers(n):
+def _wave_numbers(n: int) -> tuple[FloatArray, FloatArray]:
     """Return (ky (n,), kx (n // 2 + 1,)) of a lattice of half pixels [1 / px]; without the sign of the highest."""
     ky, kx = np.fft.fftfreq(n, 0.5) * 2 * np.pi, np.fft.rfftfreq(n, 0.5) * 2 * np.pi
     return ky, kx
 
 
-def _galaxy(n, light, radius, slant):
+def _galaxy(n: int, light: FloatArray, radius: FloatArray, slant: float) -> FloatArray:
     """Return float32 (n, n // 2 + 1): the transform of an object's components."""
     ky, kx = _wave_numbers(n)
     out = np.zeros((n, len(kx)))
@@ -112,7 +117,7 @@ def _galaxy(n, light, radius, slant):
 
 
 @lru_cache
-def _sersic(index):
+def _sersic(index: float) -> FloatArray:
     """Return the transform of a circular Sersic profile at _WAVES."""
     from scipy.special import j0
 
@@ -120,7 +125,7 @@ def _sersic(index):
     return np.array([j0(k * radius).mean() for k in _WAVES])
 
 
-def point_transforms(cells, per_pixel):
+def point_transforms(cells: ArrayLike, per_pixel: int) -> ComplexArray:
     """Return (4, n, n // 2 + 1) complex64, transforms of a PSF in half pixels within SIDES[0], from its cells."""
     half, n = half_pixels(np.asarray(cells, float), per_pixel), 2 * SIDES[0]
     edge, before = (max(difference, 0) // 2 for difference in (half.shape[-1] - n, n - half.shape[-1]))

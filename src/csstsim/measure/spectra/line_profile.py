@@ -10,13 +10,22 @@ wavelengths, on OFFSETS; between wavelengths they are interpolated linearly. Lef
 columns of a line (measure.spectra.line_image), light beyond HALF px of the axis.
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING, Self, cast, overload
 
 import numba
 import numpy as np
+from numpy.typing import ArrayLike
 
+from csstsim.base.types import BoolArray, FloatArray, Floats, IntArray
 from csstsim.profiles.sersic import BULGE, DISK, radius_of
+
+if TYPE_CHECKING:
+    from csstsim.optics.scatter.halo import Wing
 
 PER_PX = 8
 HALF = 64  # px
@@ -32,18 +41,18 @@ class Shapes:
     and component, r_e |M_i|; `slant` (n,) of their images, M_x M_y / (|M_x| |M_y|), 0 if they lie along an axis;
     `image` (n,) bool, drawn from an image, which is taken for a disk. A point has light (1, 0) and radius 0."""
 
-    light: np.ndarray
-    radius: np.ndarray
-    slant: np.ndarray
-    image: np.ndarray
+    light: FloatArray
+    radius: FloatArray
+    slant: FloatArray
+    image: BoolArray
 
     @classmethod
-    def points(cls, count):
+    def points(cls, count: int) -> Self:
         """Return the shapes of points."""
         return cls(np.tile([1.0, 0.0], (count, 1)), np.zeros((count, 2, 2)), np.zeros(count), np.zeros(count, bool))
 
     @classmethod
-    def of(cls, matrix, light, sizes, image=None):
+    def of(cls, matrix: FloatArray, light: FloatArray, sizes: FloatArray, image: BoolArray | None = None) -> Self:
         """Shapes of matrices (n, 2, 2) [px / arcsec], shares (n, 2) and half-light radii (n, 2) [arcsec]; image (n,),
         or None: nowhere."""
         norm = np.linalg.norm(matrix, axis=2)
@@ -54,7 +63,7 @@ class Shapes:
         return cls(light, radius, np.nan_to_num(slant), image)
 
 
-def psf_profile(cells, per_pixel, axis, wing=None):
+def psf_profile(cells: ArrayLike, per_pixel: int, axis: int, wing: Wing | None = None) -> FloatArray:
     """Return (4, len(OFFSETS)): the share of all light below OFFSETS of a point.
 
     cells: (4, n, n) [y, x] integrals of the PSF, `per_pixel` to a pixel; wing: optics.scatter.halo.Wing beyond them, or
@@ -68,7 +77,7 @@ def psf_profile(cells, per_pixel, axis, wing=None):
 
 
 @lru_cache
-def _spline(n, per_pixel):
+def _spline(n: int, per_pixel: int) -> FloatArray:
     """Return (n + 1, len(OFFSETS)): the weights of n + 1 even samples in their natural cubic spline at OFFSETS.
 
     The samples end at +-n / 2 / per_pixel; beyond, the spline is as at its ends.
@@ -86,19 +95,19 @@ def _spline(n, per_pixel):
 
 
 @lru_cache(maxsize=4)
-def _wing_below(wing, half):
+def _wing_below(wing: Wing, half: float) -> FloatArray:
     """Return the same for a wing outside the square of side 2 `half`, counted from the first of OFFSETS."""
     place = np.arange(HALF + 1.0)
     first = np.where(place < half, half, 1e-3)  # of the half line along which the wing is summed
     steps = np.geomspace(first, _WING, 200, axis=1)
-    density = 2 * np.trapezoid(wing.profile(np.hypot(place[:, None], steps)), steps)
+    density = 2 * cast("FloatArray", np.trapezoid(wing.profile(np.hypot(place[:, None], steps)), steps))
     middle = 0.5 * (OFFSETS[1:] + OFFSETS[:-1])
     each = np.stack([np.interp(np.abs(middle), place, band) for band in density]) / PER_PX
     return np.concatenate([np.zeros((4, 1)), np.cumsum(each, axis=1)], axis=1)
 
 
 @lru_cache
-def _projected(index):
+def _projected(index: float) -> tuple[FloatArray, FloatArray]:
     """Return (t, share of a Sersic profile's light beyond t along an axis), t in half-light radii, rising from 0."""
     light = (np.arange(_RINGS) + 0.5) / _RINGS
     radius = radius_of(light, index)
@@ -106,7 +115,7 @@ def _projected(index):
     return t, np.array([np.mean(0.5 - np.arcsin(np.minimum(v / radius, 1.0)) / np.pi) for v in t])
 
 
-def sersic_steps(index, radius):
+def sersic_steps(index: float, radius: float) -> FloatArray:
     """Return the light of a collapsed Sersic profile in steps of 1 / PER_PX px centred on OFFSETS; radius > 0 in px."""
     t, share_beyond = _projected(index)
     edges = (np.arange(len(OFFSETS) + 1) - len(OFFSETS) / 2) / PER_PX
@@ -114,7 +123,7 @@ def sersic_steps(index, radius):
     return np.diff(np.where(edges > 0, 1 - share, share))
 
 
-def broadened(point, light, radius):
+def broadened(point: FloatArray, light: Iterable[float], radius: Iterable[float]) -> FloatArray:
     """Return the profile of an object: that of a point (4, n), and light and radius (2,) px of its components."""
     shape = np.zeros(len(OFFSETS))
     for index, share, size in zip((DISK, BULGE), light, radius, strict=True):
@@ -128,7 +137,15 @@ def broadened(point, light, radius):
     return np.concatenate([np.zeros((len(point), 1)), np.cumsum(whole[:, n // 2 : n // 2 + n], axis=1)], axis=1)
 
 
-def mixed(wavelength, bands):
+@overload
+def mixed(wavelength: float, bands: FloatArray) -> tuple[int, float]: ...
+
+
+@overload
+def mixed(wavelength: FloatArray, bands: FloatArray) -> tuple[IntArray, FloatArray]: ...
+
+
+def mixed(wavelength: Floats, bands: FloatArray) -> tuple[int | IntArray, Floats]:
     """Return (band, share): profiles at `wavelength` are (1 - share) of `band` and share of the next one."""
     place = np.interp(wavelength, bands, np.arange(len(bands)))
     band = np.minimum(place.astype(int), len(bands) - 2)
@@ -136,7 +153,7 @@ def mixed(wavelength, bands):
 
 
 @numba.njit(cache=True)
-def pixel_shares(profile, band, share, offset):
+def pixel_shares(profile: FloatArray, band: IntArray, share: FloatArray, offset: FloatArray) -> FloatArray:
     """Return (n, rows): the share of a profile's light in pixels at `offset` [px]; band, share (n,): of `mixed`."""
     out = np.empty(offset.shape)
     for i in range(offset.shape[0]):
@@ -150,13 +167,13 @@ def pixel_shares(profile, band, share, offset):
 
 
 @numba.njit(inline="always")
-def _place(offset):
+def _place(offset: float) -> float:
     """Return where an offset [px] lies among OFFSETS."""
     return min(max((offset + HALF) * PER_PX, 0.0), len(OFFSETS) - 1.001)
 
 
 @numba.njit(inline="always")
-def _at(profile, place):
+def _at(profile: FloatArray, place: float) -> float:
     k = int(place)
     rest = place - k
     return (1.0 - rest) * profile[k] + rest * profile[k + 1]

@@ -6,9 +6,12 @@ the object's own far light, so bright columns raise the sky of dim ones; `sky_le
 """
 
 from dataclasses import dataclass
+from typing import Self
 
 import numba
 import numpy as np
+
+from csstsim.base.types import BoolArray, FloatArray, IntArray
 
 BLOCK = 48  # columns
 CLIP, ROUNDS = 4.0, 3  # robust sigma about the median
@@ -20,9 +23,9 @@ OWN_ROUNDS = 4  # the object's light in the strips is a few per cent; each round
 class Sky:
     """By column, (n,): `level` electron / px, `variance` of it, `own` share of the object's light in a strip's px."""
 
-    level: np.ndarray
-    variance: np.ndarray
-    own: np.ndarray
+    level: FloatArray
+    variance: FloatArray
+    own: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,15 +36,17 @@ class Strips:
     (strips,): pixels of each, 0 of those with too few; middle (blocks,): column; columns: n.
     """
 
-    data: np.ndarray
-    share: np.ndarray
-    column: np.ndarray
-    count: np.ndarray
-    middle: np.ndarray
+    data: FloatArray
+    share: FloatArray
+    column: IntArray
+    count: IntArray
+    middle: FloatArray
     columns: int
 
     @classmethod
-    def of(cls, data, good, offset, share, inner, width):
+    def of(
+        cls, data: FloatArray, good: BoolArray, offset: FloatArray, share: FloatArray, inner: float, width: float
+    ) -> Self:
         """Return the Strips of a cutout (n, rows) at |offset| from `inner` to `inner` + `width` [px].
 
         data: electrons; good: bool; offset: rows from the trace; share: of the object's light.
@@ -51,7 +56,7 @@ class Strips:
         found = _pixels(data, good, offset, share, edges, float(inner), float(width))
         return cls(*found, 0.5 * (edges[1:] + edges[:-1] - 1), n)
 
-    def sky(self, light):
+    def sky(self, light: FloatArray) -> Sky:
         """Return the Sky of the electrons less light (n,) of the object; NaN where no strip is usable."""
         found = self.by_block(light)
         there = np.isfinite(found[0])
@@ -59,12 +64,14 @@ class Strips:
             return Sky(*np.full((3, self.columns), np.nan))
         return Sky(*(np.interp(np.arange(self.columns), self.middle[there], one[there]) for one in found))
 
-    def by_block(self, light):
+    def by_block(self, light: FloatArray) -> FloatArray:
         """Return (3, blocks): the values of `sky` in the middle of each block; NaN where no strip is usable."""
         values = _values(self.data, self.share, self.column, self.count, light)
         return _by_block(values, np.sort(values, axis=1), self.share, self.count)
 
-    def sky_less_own(self, data, good, share, overlap, known):
+    def sky_less_own(
+        self, data: FloatArray, good: BoolArray, share: FloatArray, overlap: FloatArray, known: BoolArray
+    ) -> Sky:
         """Return the Sky without the light of the object itself in the strips.
 
         Each round measures the object's light in the good pixels of an aperture, sum of overlap (data - sky) over that
@@ -81,7 +88,15 @@ class Strips:
 
 
 @numba.njit(cache=True)
-def _pixels(data, good, offset, share, edges, inner, width):
+def _pixels(
+    data: FloatArray,
+    good: BoolArray,
+    offset: FloatArray,
+    share: FloatArray,
+    edges: IntArray,
+    inner: float,
+    width: float,
+) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
     """Return Strips.data, share, column and count."""
     rows, most = good.shape[1], (edges[1:] - edges[:-1]).max() * (int(width) + 1)
     count = np.zeros(2 * (len(edges) - 1), np.int64)
@@ -100,7 +115,7 @@ def _pixels(data, good, offset, share, edges, inner, width):
 
 
 @numba.njit(cache=True)
-def _values(data, share, column, count, light):
+def _values(data: FloatArray, share: FloatArray, column: IntArray, count: IntArray, light: FloatArray) -> FloatArray:
     """Return (strips, most): the electrons of the strips' pixels less the object's; inf after the last one."""
     out = np.full((len(count), max(count.max(), 1)), np.inf)
     for strip in range(len(count)):
@@ -110,7 +125,7 @@ def _values(data, share, column, count, light):
 
 
 @numba.njit(cache=True)
-def _by_block(values, ranked, own, count):
+def _by_block(values: FloatArray, ranked: FloatArray, own: FloatArray, count: IntArray) -> FloatArray:
     """Return (3, blocks): level, its variance and the object's share, means of the usable sides; NaN: none is.
 
     values, own (strips, most): of Strips; ranked: values in rising order.
@@ -130,7 +145,7 @@ def _by_block(values, ranked, own, count):
 
 
 @numba.njit(cache=True)
-def _clipped(values, ranked, own):
+def _clipped(values: FloatArray, ranked: FloatArray, own: FloatArray) -> FloatArray:
     """Return (3,): mean of the values within CLIP robust sigma about their median, its variance, mean of their own."""
     low, high = 0, len(ranked)
     for _ in range(ROUNDS):
@@ -158,7 +173,7 @@ def _clipped(values, ranked, own):
 
 
 @numba.njit(cache=True)
-def _deviation(ranked, centre):
+def _deviation(ranked: FloatArray, centre: float) -> float:
     """Return the median distance from `centre` of values in rising order."""
     n, total = len(ranked), 0.0
     for nearest in ((n + 1) // 2, n // 2 + 1):  # the distance of the farthest of so many nearest ones
@@ -174,7 +189,9 @@ def _deviation(ranked, centre):
 
 
 @numba.njit(cache=True)
-def _electrons(data, good, share, overlap, level):
+def _electrons(
+    data: FloatArray, good: BoolArray, share: FloatArray, overlap: FloatArray, level: FloatArray
+) -> FloatArray:
     """Return (n,): an object's electrons from the good pixels of the aperture; NaN without any."""
     out = np.empty(len(data))
     for i in range(data.shape[0]):

@@ -4,15 +4,33 @@ The pixels are marked in tiles. Along the dispersion an order's light ends with 
 all of its electrons in a single column would be fainter than what is drawn.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
+from csstsim.base.types import BoolArray, FloatArray, IntArray
 from csstsim.measure.spectra.line_profile import HALF, OFFSETS, PER_PX
+
+if TYPE_CHECKING:
+    from csstsim.instrument.chip import Window
 
 TILE = 16  # px
 SAFETY = 2.0  # electrons by the model over those of the orders' table, at most
 
 
-def near_orders(ends, heights, electrons, light, size, tables, window, boxes, faintest):
+def near_orders(
+    ends: FloatArray,
+    heights: FloatArray,
+    electrons: FloatArray,
+    light: FloatArray,
+    size: IntArray,
+    tables: FloatArray,
+    window: Window,
+    boxes: FloatArray,
+    faintest: float,
+) -> BoolArray:
     """Return (n,) bool: the orders that may put light of at least `faintest` electrons on a pixel in one of the boxes.
 
     ends, heights (n, 2): first and last column that an order may light, and its trace there [px]; light (n, 2), size
@@ -27,7 +45,7 @@ def near_orders(ends, heights, electrons, light, size, tables, window, boxes, fa
     return marked[y1, x1] - marked[y0, x1] - marked[y1, x0] + marked[y0, x0] > 0
 
 
-def _marked(boxes, window):
+def _marked(boxes: FloatArray, window: Window) -> IntArray:
     """Return int (tiles of y + 1, tiles of x + 1): how many tiles below and left of each corner touch a box."""
     touched = np.zeros((-(-window.ny // TILE) + 1, -(-window.nx // TILE) + 1), np.int64)
     x0, x1 = _tiles(boxes[:, 0], boxes[:, 1] - 1, window.x0, touched.shape[1] - 1)
@@ -37,13 +55,13 @@ def _marked(boxes, window):
     return touched.cumsum(axis=0).cumsum(axis=1)
 
 
-def _tiles(first, last, start, count):
+def _tiles(first: FloatArray, last: FloatArray, start: int, count: int) -> tuple[IntArray, IntArray]:
     """Return (first tile, tile after the last one) of pixels from `first` to `last`, of `count` tiles from `start`."""
     low, high = (np.floor((np.asarray(v, float) - start) / TILE) for v in (first, last))
     return np.clip(low, 0, count).astype(int), np.clip(high + 1, 0, count).astype(int)
 
 
-def _reach(electrons, light, size, tables, faintest):
+def _reach(electrons: FloatArray, light: FloatArray, size: IntArray, tables: FloatArray, faintest: float) -> IntArray:
     """Return (n,): how far from its trace an order's pixels may have `faintest` electrons [px]."""
     pixel = tables[..., PER_PX:] - tables[..., :-PER_PX]
     centre = np.abs(OFFSETS[PER_PX:] - 0.5)

@@ -1,14 +1,25 @@
 """Figures of extracted spectra: compared with the truth, and their pixels with the traces of all orders."""
 
+from __future__ import annotations
+
 import io
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from csstsim.base.plural import number_of
+from csstsim.base.types import FloatArray, IntArray
 from csstsim.catalog.table import STAR, TYPES
 from csstsim.measure.spectra.spectrum_columns import BESIDE, CONTAMINATED, CUT, DIM, IMAGED, LOST, SATURATED, UNEVEN
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.measure.spectra.extract import DispersedImage
 
 COLOURS = {1: "#D55E00", 0: "#0072B2", 2: "#009E73", -1: "#CC79A7", -2: "#E69F00"}  # Okabe & Ito (2008), by order
 OURS, TRUE = "#0072B2", "#D55E00"
@@ -17,7 +28,9 @@ LEAST = 200  # columns without a flag that a shown spectrum has
 MARKED = 2.0  # electrons per pixel of its trace from which an order is marked
 
 
-def spectra_figure(truth, frame, orders, table, dpi=90):
+def spectra_figure(
+    truth: ObjectTable, frame: DispersedImage, orders: ObjectTable, table: ObjectTable, dpi: int = 90
+) -> bytes:
     """Return the PNG bytes of a frame's figure: extracted and true spectra, and their pixels, of `chosen` objects.
 
     truth: table of io.truth; frame: measure.spectra.extract.DispersedImage; orders: of io.orders; table: of
@@ -29,10 +42,12 @@ def spectra_figure(truth, frame, orders, table, dpi=90):
         figure.text(0.5, 0.5, none_shown(table), ha="center", va="center")
         return _png(figure, dpi)
     figure = Figure(figsize=(max(6.5 * len(rows), 10), 5.5 + 2.4 * len(rows)), layout="constrained")
-    above, below = figure.subfigures(2, 1, height_ratios=(5.5, 2.4 * len(rows)))
+    above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=(5.5, 2.4 * len(rows)))[:, 0]
     axes = above.subplots(2, len(rows), sharex="col", squeeze=False, height_ratios=(2.2, 1))
     for column, row in zip(axes.T, rows, strict=True):
-        spectrum_panels(column, table, good_rows(table, row), title(truth, row))
+        mine = good_rows(table, row)
+        assert mine is not None  # it is chosen
+        spectrum_panels(column, table, mine, title(truth, row))
     cutouts = below.subplots(len(rows), 1, squeeze=False)[:, 0]
     for axis, row in zip(cutouts, rows, strict=True):
         cutout_panel(axis, frame, orders, row, title(truth, row))
@@ -43,25 +58,25 @@ def spectra_figure(truth, frame, orders, table, dpi=90):
     return _png(figure, dpi)
 
 
-def _png(figure, dpi):
+def _png(figure: Figure, dpi: int) -> bytes:
     data = io.BytesIO()
     figure.savefig(data, format="png", dpi=dpi)
     return data.getvalue()
 
 
-def chosen(truth, table):
+def chosen(truth: ObjectTable, table: ObjectTable) -> list[int]:
     """Return rows of the truth table: the star with the most light, the galaxy with the strongest line.
 
     Both have enough columns that are not saturated or contaminated (`good_rows`).
     """
-    spectra = {int(row): good_rows(table, row) for row in np.unique(table["row"])}
-    spectra = {row: mine for row, mine in spectra.items() if mine is not None}
+    good = {int(row): good_rows(table, row) for row in np.unique(table["row"])}
+    spectra = {row: mine for row, mine in good.items() if mine is not None}
     stars = {r: table["model"][m].sum() for r, m in spectra.items() if truth["obj_type"][r] == STAR}
     others = {r: line_strength(table, m) for r, m in spectra.items() if truth["obj_type"][r] != STAR}
-    return [max(some, key=some.get) for some in (stars, others) if some]
+    return [max(some, key=some.__getitem__) for some in (stars, others) if some]
 
 
-def title(truth, row):
+def title(truth: ObjectTable, row: int) -> str:
     """Return the title of an object's panel."""
     kind = TYPES[truth["obj_type"][row]]
     text = f"{kind}, {truth['mag'][row]:.2f} mag"
@@ -70,7 +85,7 @@ def title(truth, row):
     return text
 
 
-def none_shown(table):
+def none_shown(table: ObjectTable) -> str:
     """Return why a table has no spectrum for the figure."""
     count = len(np.unique(table["row"]))
     if not count:
@@ -79,14 +94,14 @@ def none_shown(table):
     return f"{several} extracted, none with {LEAST} columns free of contamination and defects"
 
 
-def good_rows(table, row, least=LEAST):
+def good_rows(table: ObjectTable, row: int, least: int = LEAST) -> IntArray | None:
     """Return the rows of one object in a table of measure.spectra.extract; None: under `least` good columns."""
     mine = np.flatnonzero(table["row"] == row)
     good = (table["flags"][mine] & (DIM | LOST | CUT | SATURATED | CONTAMINATED | BESIDE | UNEVEN | IMAGED) == 0).sum()
     return mine if good >= least else None
 
 
-def line_strength(table, mine):
+def line_strength(table: ObjectTable, mine: IntArray) -> float:
     """Return how many sigma the strongest line of a spectrum's model stands above its continuum."""
     good = mine[table["flags"][mine] & (DIM | LOST) == 0]
     shape = table["model"][good] / table["sensitivity"][good]
@@ -97,7 +112,7 @@ def line_strength(table, mine):
     return float(np.nanmax(excess))
 
 
-def spectrum_panels(axes, table, mine, title):
+def spectrum_panels(axes: Iterable[Axes], table: ObjectTable, mine: IntArray, title: str) -> None:
     """Draw one spectrum into two axes: electrons extracted and true, and their difference in sigma."""
     part = table.take(mine)
     wave, good = part["wavelength"], part["flags"] & (LOST | CUT) == 0
@@ -120,7 +135,7 @@ def spectrum_panels(axes, table, mine, title):
                transform=below.transAxes)  # fmt: skip
 
 
-def cutout_panel(axis, frame, orders, row, title, order=1):
+def cutout_panel(axis: Axes, frame: DispersedImage, orders: ObjectTable, row: int, title: str, order: int = 1) -> None:
     """Draw the pixels about one object's spectrum, and the traces of every order of every object there.
 
     frame: measure.spectra.extract.DispersedImage; orders: table of io.orders; row: of the truth table. Lines
@@ -136,11 +151,11 @@ def cutout_panel(axis, frame, orders, row, title, order=1):
     y0, y1 = max(int(height.mean()) - ROWS, window.y0), min(int(height.mean()) + ROWS, window.y1)
     image = frame.electrons[y0 - window.y0 : y1 - window.y0, x0 - window.x0 : x1 - window.x0]
     level, spread = np.nanmedian(image), frame.noise
-    axis.imshow(image, origin="lower", cmap="gray_r", vmin=level - 3 * spread, vmax=level + 12 * spread, aspect="auto",
-                extent=(x0 - 0.5, x1 - 0.5, y0 - 0.5, y1 - 0.5), interpolation="nearest")  # fmt: skip
+    axis.imshow(image, origin="lower", cmap="gray_r", vmin=float(level - 3 * spread), vmax=float(level + 12 * spread),
+                aspect="auto", extent=(x0 - 0.5, x1 - 0.5, y0 - 0.5, y1 - 0.5), interpolation="nearest")  # fmt: skip
     for k in _seen(orders, x0, x1, y0, y1):
         ends, height = _ends(orders, k, np.array([orders["wave_min"][k], orders["wave_max"][k]]))
-        style = {"color": COLOURS[int(orders["order"][k])], "lw": 0.8}
+        style: dict[str, Any] = {"color": COLOURS[int(orders["order"][k])], "lw": 0.8}
         if np.ptp(ends) < 5:
             axis.plot(ends.mean(), height.mean(), "o", ms=8, mfc="none", mec=style["color"])
             continue
@@ -153,7 +168,7 @@ def cutout_panel(axis, frame, orders, row, title, order=1):
     axis.set_ylabel("y [px]")
 
 
-def _seen(orders, x0, x1, y0, y1):
+def _seen(orders: ObjectTable, x0: int, x1: int, y0: int, y1: int) -> IntArray:
     """Return the rows of orders that are MARKED and whose traces touch the box."""
     ends, height = _ends(orders, slice(None), np.array([orders["wave_min"], orders["wave_max"]]))  # NaN: nothing
     there = (
@@ -162,6 +177,6 @@ def _seen(orders, x0, x1, y0, y1):
     return np.flatnonzero(there & (orders["drawn"] > MARKED * np.maximum(np.ptp(ends, axis=0), 1.0)))
 
 
-def _ends(orders, k, wave):
+def _ends(orders: ObjectTable, k: int | slice, wave: FloatArray) -> tuple[FloatArray, FloatArray]:
     return (orders["x"][k] + orders["p"][k] + orders["q"][k] * wave,
             orders["y"][k] + orders["r"][k] + orders["s"][k] * wave)  # fmt: skip

@@ -10,14 +10,27 @@ spectrum gets as much from others. Left out: light beyond HALF px across, the PS
 by the line between two gratings.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
 
 import numba
 import numpy as np
+from numpy.typing import ArrayLike
 
+from csstsim.base.types import BoolArray, FloatArray, IntArray
 from csstsim.instrument.filter import GRID
 from csstsim.measure.spectra.line_profile import ACROSS, ALONG, HALF, PER_PX, broadened, psf_profile
 from csstsim.measure.spectra.near_orders import near_orders
+
+if TYPE_CHECKING:
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.instrument.chip import Window
+    from csstsim.instrument.grating import Gratings
+    from csstsim.measure.spectra.line_profile import Shapes
+    from csstsim.optics.scatter.halo import Wing
 
 CLASS, SMALLEST, CLASSES = 1.2, 0.1, 38  # radii [px]: SMALLEST CLASS^k; class 0 is a point
 CHUNK = 500  # objects whose spectra are held at a time
@@ -25,6 +38,8 @@ _STEP = GRID[1] - GRID[0]
 _REACH = 7, 4.0, 40  # px along the dispersion: least, per half-light radius, most
 ONE_REACH = HALF // 2  # px along the dispersion: of the light of one spectrum
 _FINE, _COARSE = 4, 2  # cells per column: for one spectrum, for all
+# Of rows (n,) and edges (bins + 1,) [angstrom]: (n, bins) photon / s / m2 / angstrom
+BinnedSpectra: TypeAlias = Callable[[IntArray, FloatArray], FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,14 +52,16 @@ class SpectralModel:
     """
 
     photons: float
-    names: dict
-    cumulative: np.ndarray
-    limits: np.ndarray
-    bands: np.ndarray
-    tables: np.ndarray
-    kernels: np.ndarray
+    names: dict[tuple[str, int], int]
+    cumulative: FloatArray
+    limits: FloatArray
+    bands: FloatArray
+    tables: FloatArray
+    kernels: FloatArray
 
-    def electrons(self, one, columns, profile, *spectra):
+    def electrons(
+        self, one: ObjectTable, columns: IntArray, profile: FloatArray, *spectra: tuple[ArrayLike, ArrayLike]
+    ) -> FloatArray:
         """Return (len(spectra), len(columns)) electrons of a row of the orders' table, summed ACROSS the trace.
 
         one: ObjectTable of one row; columns: consecutive chip columns; profile: (4, n), ALONG; spectra: pairs of
@@ -57,7 +74,16 @@ class SpectralModel:
             _along(sums, np.asarray(edges, float), spectrum, at, per, float(columns[0]), kernel, self.bands, row)
         return out
 
-    def image(self, orders, shapes, spectra, edges, window, faintest=0.0, boxes=None):
+    def image(
+        self,
+        orders: ObjectTable,
+        shapes: Shapes,
+        spectra: BinnedSpectra,
+        edges: FloatArray,
+        window: Window,
+        faintest: float = 0.0,
+        boxes: FloatArray | None = None,
+    ) -> FloatArray:
         """Return float32 `window.shape`: expected electrons of the rows of an orders' table.
 
         shapes: Shapes by row of the truth table; spectra(rows, edges): (len(rows), len(edges) - 1); faintest: electrons
@@ -81,14 +107,34 @@ class SpectralModel:
             self._add(image, window, *part, shapes, some, spectra(some, edges), edges, faintest)
         return image
 
-    def image_of_one(self, one, shapes, spectrum, edges, window, faintest=0.0):
+    def image_of_one(
+        self,
+        one: ObjectTable,
+        shapes: Shapes,
+        spectrum: FloatArray,
+        edges: FloatArray,
+        window: Window,
+        faintest: float = 0.0,
+    ) -> FloatArray:
         """Return what one row of the orders' table, with its spectrum in bins of edges, has in `image`."""
         image, pairs = np.zeros(window.shape, np.float32), np.array([self.pair(one)])
         if self._seen(one, pairs, shapes, faintest)[0]:
             self._add(image, window, one, pairs, np.zeros(1, int), shapes, one["row"], spectrum[None], edges, faintest)
         return image
 
-    def _add(self, image, window, orders, pairs, owner, shapes, rows, spectra, edges, faintest):
+    def _add(
+        self,
+        image: FloatArray,
+        window: Window,
+        orders: ObjectTable,
+        pairs: IntArray,
+        owner: IntArray,
+        shapes: Shapes,
+        rows: IntArray,
+        spectra: FloatArray,
+        edges: FloatArray,
+        faintest: float,
+    ) -> None:
         """Add orders to the image; owner: the place of their objects in `rows` (of shapes) and `spectra`."""
         traces = np.stack([orders["x"] + orders["p"], orders["q"], orders["y"] + orders["r"], orders["s"]], axis=1)
         _draw(
@@ -98,7 +144,7 @@ class SpectralModel:
             self.bands, faintest,
         )  # fmt: skip
 
-    def _seen(self, orders, pairs, shapes, faintest):
+    def _seen(self, orders: ObjectTable, pairs: IntArray, shapes: Shapes, faintest: float) -> BoolArray:
         """Return (n,) bool: orders of at least `faintest` electrons per pixel if their light were spread evenly."""
         limits = self.limits[pairs]
         length = np.maximum(np.abs(orders["q"]) * (limits[:, 1] - limits[:, 0]), 1.0)
@@ -106,7 +152,9 @@ class SpectralModel:
         radius = (shapes.light[rows] * shapes.radius[rows, ACROSS]).sum(axis=1)
         return orders["electrons"] >= faintest * length * (1 + radius)
 
-    def _near(self, orders, pairs, shapes, window, faintest, boxes):
+    def _near(
+        self, orders: ObjectTable, pairs: IntArray, shapes: Shapes, window: Window, faintest: float, boxes: FloatArray
+    ) -> BoolArray:
         """Return near_orders of the rows of an orders' table."""
         wide = self.kernels.shape[4] // 2 + 1
         ends = (orders["x"] + orders["p"])[:, None] + orders["q"][:, None] * self.limits[pairs]
@@ -119,11 +167,11 @@ class SpectralModel:
             ends, heights, orders["electrons"], light, size, self.tables[ACROSS], window, boxes, faintest
         )
 
-    def pair(self, one):
+    def pair(self, one: ObjectTable) -> int:
         """Return the pair in `names` of an orders' table of one row."""
         return self.names[str(one["grating"][0]), int(one["order"][0])]
 
-    def pairs(self, orders):
+    def pairs(self, orders: ObjectTable) -> IntArray:
         """Return (n,): the pair in `names` of each row of an orders' table."""
         out = np.full(len(orders), -1)
         lit = {name: orders["grating"] == name for name, _ in self.names}
@@ -132,7 +180,9 @@ class SpectralModel:
         return out
 
 
-def make_model(gratings, photons, cells, per_pixel, bands, wing=None):
+def make_model(
+    gratings: Gratings, photons: float, cells: FloatArray, per_pixel: int, bands: ArrayLike, wing: Wing | None = None
+) -> SpectralModel:
     """Return the SpectralModel of a chip.
 
     gratings: instrument.grating.Gratings; photons: m2 s; cells (4, n, n), per_pixel, wing: of a PSF, as
@@ -150,19 +200,19 @@ def make_model(gratings, photons, cells, per_pixel, bands, wing=None):
     return SpectralModel(photons, names, cumulative, limits, np.asarray(bands, float), tables, kernels)
 
 
-def _share(orders):
+def _share(orders: ObjectTable) -> FloatArray:
     """Return (n,): the share of an order's light that went through its grating; 1 except on the piece's edge."""
     share = np.clip(orders["drawn"] / np.maximum(orders["electrons"], 1e-9), 0.0, 1.0)
     return np.where(orders["cut"], share, 1.0)
 
 
-def _place_of(radius):
+def _place_of(radius: FloatArray) -> FloatArray:
     """Return where radii [px] lie among the classes of size: k is class k, k + 1/2 between it and the next one."""
     place = np.log(np.maximum(radius, 1e-9) / SMALLEST) / np.log(CLASS) + 1
     return np.where(radius < SMALLEST, np.clip(radius / SMALLEST, 0.0, 1.0), np.minimum(place, CLASSES - 1.0))
 
 
-def _kernels(profile, per_column, reach):
+def _kernels(profile: FloatArray, per_column: int, reach: int) -> FloatArray:
     """Return (4, per_column, 2 reach + 1): where the light of a cell of a column lands, in columns about its own."""
     offset = (np.arange(per_column) + 0.5) / per_column - 0.5
     edges = np.arange(-reach, reach + 2)[None] - 0.5 - offset[:, None]
@@ -173,14 +223,16 @@ def _kernels(profile, per_column, reach):
 
 
 @numba.njit(cache=True)
-def _summed(wave, cumulative):
+def _summed(wave: float, cumulative: FloatArray) -> float:
     place = (wave - GRID[0]) / _STEP
     k = min(max(int(place), 0), len(cumulative) - 2)
     return cumulative[k] + min(max(place - k, 0.0), 1.0) * (cumulative[k + 1] - cumulative[k])
 
 
 @numba.njit(cache=True)
-def _counted(low, high, cumulative, edges, spectrum, k):
+def _counted(
+    low: float, high: float, cumulative: FloatArray, edges: FloatArray, spectrum: FloatArray, k: int
+) -> tuple[float, int]:
     """Return (int S T dlambda from `low` to `high` [angstrom], the bin of `low`); k: a bin near it, or -1."""
     while k + 1 < len(edges) and edges[k + 1] <= low:
         k += 1
@@ -203,7 +255,7 @@ def _counted(low, high, cumulative, edges, spectrum, k):
 
 
 @numba.njit(cache=True)
-def _band(wave, bands):
+def _band(wave: float, bands: FloatArray) -> tuple[int, float]:
     """Return (band, share of the next one), as line_profile.mixed."""
     k = 0
     while k < len(bands) - 2 and wave > bands[k + 1]:
@@ -212,7 +264,17 @@ def _band(wave, bands):
 
 
 @numba.njit(cache=True)
-def _along(cumulative, edges, spectrum, at, per, first, kernel, bands, out):
+def _along(
+    cumulative: FloatArray,
+    edges: FloatArray,
+    spectrum: FloatArray,
+    at: float,
+    per: float,
+    first: float,
+    kernel: FloatArray,
+    bands: FloatArray,
+    out: FloatArray,
+) -> None:
     """Add the electrons of one order to columns first, first + 1, ..."""
     per_column, width = kernel.shape[1], kernel.shape[2]
     reach, n = width // 2, len(out)
@@ -233,9 +295,23 @@ def _along(cumulative, edges, spectrum, at, per, first, kernel, bands, out):
 
 @numba.njit(cache=True)
 def _draw(
-    image, bounds, owner, pairs, traces, shares, spectra, edges, light, size, tables, kernels, cumulative, limits,
-    bands, faintest,
-):  # fmt: skip
+    image: FloatArray,
+    bounds: IntArray,
+    owner: IntArray,
+    pairs: IntArray,
+    traces: FloatArray,
+    shares: FloatArray,
+    spectra: FloatArray,
+    edges: FloatArray,
+    light: FloatArray,
+    size: FloatArray,
+    tables: FloatArray,
+    kernels: FloatArray,
+    cumulative: FloatArray,
+    limits: FloatArray,
+    bands: FloatArray,
+    faintest: float,
+) -> None:
     """Add orders to the image; owner: their object's row of spectra, light (n, 2) and size (n, 2 axes, 2), places of
     `_place_of`."""
     x0, x1, y0 = bounds
@@ -268,20 +344,33 @@ def _draw(
 
 
 @numba.njit(cache=True)
-def _between(place, count):
+def _between(place: float, count: int) -> tuple[int, float]:
     """Return (class, share of the next one) of a place among `count` classes."""
     low = min(int(place), count - 2)
     return low, place - low
 
 
 @numba.njit(cache=True)
-def _radius(place):
+def _radius(place: float) -> float:
     """Return the radius [px] of a place among the classes of size."""
     return SMALLEST * (CLASS ** (place - 1.0) if place > 1.0 else place)
 
 
 @numba.njit(cache=True)
-def _across(image, x0, y0, column, first, at, per, middle, slope, profile, bands, faintest):
+def _across(
+    image: FloatArray,
+    x0: int,
+    y0: int,
+    column: FloatArray,
+    first: int,
+    at: float,
+    per: float,
+    middle: float,
+    slope: float,
+    profile: FloatArray,
+    bands: FloatArray,
+    faintest: float,
+) -> None:
     """Spread columns of electrons over the rows of the image, which begins at x0, y0."""
     ny = image.shape[0]
     for i in range(len(column)):
@@ -307,7 +396,7 @@ def _across(image, x0, y0, column, first, at, per, middle, slope, profile, bands
 
 
 @numba.njit(inline="always")
-def _below(profile, band, share, offset):
+def _below(profile: FloatArray, band: int, share: float, offset: float) -> float:
     """Return the share of light below `offset` [px] of a profile between two bands."""
     place = (offset + HALF) * PER_PX
     k = min(int(place), profile.shape[1] - 2)

@@ -1,7 +1,10 @@
 """Columns of a spectrum whose electrons are measured, but are less certain than their error says."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
+from csstsim.base.types import AnyArray, BoolArray, FloatArray, IntArray
 from csstsim.measure.spectra.line_profile import OFFSETS
 from csstsim.measure.spectra.spectrum_columns import BESIDE, LOST, SATURATED, UNEVEN
 
@@ -11,7 +14,7 @@ LEAK = 3  # columns: charge that blooms along a row
 REACH = int(OFFSETS[-1]) - 1  # px: how far wings are followed
 
 
-def untrusted(found, along):
+def untrusted(found: Mapping[str, AnyArray], along: FloatArray) -> IntArray:
     """Return the bits BESIDE and UNEVEN of (n,) columns; along: profile of a column's light (4, len(OFFSETS)).
 
     Light spread from a column to others, and from them to it, has another profile across than P. In an even spectrum
@@ -26,10 +29,11 @@ def untrusted(found, along):
     far[np.abs(steps) <= CORE] = 0.0
     off = np.convolve(light, far, "valid") - far.sum() * light[REACH:-REACH]
     uneven = UNKNOWN * np.abs(off) > found["electrons_err"]
-    return np.where(beside & ~saturated, BESIDE, 0) | np.where(uneven, UNEVEN, 0)
+    bits: IntArray = np.where(beside & ~saturated, BESIDE, 0)
+    return bits | np.where(uneven, UNEVEN, 0)
 
 
-def _near(marked, reach):
+def _near(marked: BoolArray, reach: int) -> BoolArray:
     """Return (n,) bool: the columns within `reach` of a marked one."""
     count = np.cumsum(np.pad(marked, (reach + 1, reach)))
     return count[2 * reach + 1 :] > count[: len(marked)]

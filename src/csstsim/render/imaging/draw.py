@@ -4,8 +4,11 @@ Photons go to the plane `counted`, whole electrons with their Poisson noise. All
 expected electrons, whose Poisson noise is added once, in `poisson_and_dark`.
 """
 
+from __future__ import annotations
+
 import time
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,8 +23,17 @@ from csstsim.render.parts.object_parts import part_keys
 from csstsim.render.scene import make_scene
 from csstsim.render.settings import load_numbers
 
+if TYPE_CHECKING:
+    from csstsim.base.types import BoolArray, FloatArray, IntArray
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.instrument.chip import Window
+    from csstsim.optics.psf.psf_file import PsfSet
+    from csstsim.render.canvas import Canvas
+    from csstsim.render.drawing import Drawing
+    from csstsim.render.scene import Scene
 
-def draw_objects(canvas, objects, drawing):
+
+def draw_objects(canvas: Canvas, objects: ObjectTable, drawing: Drawing) -> ObjectTable:
     """Draw the objects of an imaging chip on a Canvas; return the table with what was drawn (render.drawn_table).
 
     objects: ObjectTable from catalog.selection.select; drawing: render.drawing.Drawing.
@@ -30,8 +42,10 @@ def draw_objects(canvas, objects, drawing):
     rows, wing, scattered = out.rows, drawing.wing, drawing.scattered
     scene = make_scene(objects.take(rows), drawing.wcs, drawing.psf, drawing.exptime)
     out.flag_optics(scene.outside[: len(rows)], wing)
+    assert scene.reach is not None  # select gives it
     scene = scene if wing is not None else scene.sized(scene.reach)
     choice = policy.choose(scene, drawing, canvas.maximum)
+    assert drawing.key is not None
     keys = part_keys(object_keys_of(drawing.key, scene.ids[: len(rows)]), scene)
     of_row = rows if scene.parent is None else rows[scene.parent]
     electrons = scene.electrons.sum(axis=1)
@@ -50,8 +64,10 @@ def draw_objects(canvas, objects, drawing):
             out.note(at, result.drawn, result.box)
             np.add.at(out.ms, at, result.ms)
             np.bitwise_or.at(out.flags, at, result.flags)
+            assert some.reach is not None and some.wing is not None
             out.note_sides(at, some.reach, some.wing)
         else:
+            assert drawing.tables is not None
             canvas.count()
             drawn, _, box = shoot_scene(canvas, some, keys[mine], drawing.tables, wing)
             out.note(at, drawn, box)
@@ -64,20 +80,21 @@ def draw_objects(canvas, objects, drawing):
     return out.table()
 
 
-def _misses(window, scene, wing):
+def _misses(window: Window, scene: Scene, wing: FloatArray) -> BoolArray:
     """Whether the stamp and wing of each object miss the window; an object may have no electrons there by chance."""
+    assert scene.reach is not None
     reach = np.maximum(scene.reach, wing) + 0.5
     spans = (scene.x, window.x0, window.x1), (scene.y, window.y0, window.y1)
     return np.logical_or(*((at + reach < low - 0.5) | (at - reach > high - 0.5) for at, low, high in spans))
 
 
-def _boxed(scene, psf):
+def _boxed(scene: Scene, psf: PsfSet) -> Scene:
     """Return the Scene with only the light that falls within the PSF's box."""
     inside = np.einsum("nk,nkb->nb", scene.weight, np.where(scene.weight[..., None] > 0, psf.flux[scene.node], 0.0))
     return replace(scene, electrons=scene.electrons * inside)
 
 
-def object_keys_of(base, ids):
+def object_keys_of(base: np.uint64, ids: IntArray) -> IntArray:
     """Return a key for each object, from its id and, for repeated ids, the position among the objects of that id."""
     order = np.argsort(ids, kind="stable")
     first = np.r_[True, np.diff(ids[order]) != 0]

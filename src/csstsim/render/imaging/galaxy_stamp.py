@@ -10,18 +10,29 @@ on it is to remove the light outside the box (size of the error: benchmarks/stam
 its outer part begins where the PSF changes it is blurred across its long axis (render.imaging.thin_galaxy).
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING, TypeAlias
 
 import numba
 import numpy as np
 import scipy.fft
 
+from csstsim.base.types import BoolArray, ComplexArray, FloatArray, IntArray
 from csstsim.profiles.log_table import first_of, nodes, read
 from csstsim.profiles.sersic import CUT_NONE, K2_HIGH, K2_LOW, R2_HIGH, R2_LOW, cut_for, extent, tables
-from csstsim.render.imaging.thin_galaxy import across, add_band
+from csstsim.render.imaging.thin_galaxy import Across, across, add_band
 from csstsim.render.psf_mixture import BINS, transform
 
+if TYPE_CHECKING:
+    from csstsim.render.canvas import Box
+    from csstsim.render.imaging.stamper import Stamper
+    from csstsim.render.scene import Scene
+
+# sersic, light, matrix, tables and cut of the outer parts, and how they are blurred
+Smooth: TypeAlias = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, Across | None]
 _WORST = 3e-4  # of the peak: the most that blurring may change in the outer part ...
 _BLURRED = 3e-3  # of the peak: a larger change is not left out
 _LOCAL = 0.05  # ... where the change is more than this fraction of the local value
@@ -44,17 +55,17 @@ _SIZES = np.array([*range(48, 128, 16), *range(128, 256, 32), *range(256, 512, 6
 class Plan:
     """How n galaxies are split and how large their transforms are."""
 
-    cut: np.ndarray  # (n, 2) r_e of each component; inf: no outer part
-    half: np.ndarray  # (n,) px, half the side of the square on which the inner part is computed
-    size: np.ndarray  # (n,) px, period of the transform
-    thin: np.ndarray  # (n,) bool: so long and thin that the PSF changes the outer part, which is blurred
+    cut: FloatArray  # (n, 2) r_e of each component; inf: no outer part
+    half: IntArray  # (n,) px, half the side of the square on which the inner part is computed
+    size: IntArray  # (n,) px, period of the transform
+    thin: BoolArray  # (n,) bool: so long and thin that the PSF changes the outer part, which is blurred
 
-    def take(self, rows):
+    def take(self, rows: IntArray) -> Plan:
         """Return the plan of the galaxies at the rows of an index array, in that order."""
         return Plan(**{name: values[rows] for name, values in vars(self).items()})
 
 
-def plan_galaxies(scene, reach, box, rows):
+def plan_galaxies(scene: Scene, reach: IntArray, box: float, rows: BoolArray) -> Plan:
     """Return the Plan of a Scene whose objects `rows` (n,) bool are galaxies.
 
     reach: (n,) px, half sides of the stamps; box: half the side of the PSF's box [px]. The outer part is not blurred.
@@ -90,7 +101,7 @@ def plan_galaxies(scene, reach, box, rows):
         cut[i, c] = cut_for(n[i, c], radius[i, c])
         ends[i, c] = extent(n[i, c]) if cut[i, c] > CUT_NONE else 0.0
     end = (np.minimum(cut, ends) * wide).max(axis=1, where=there, initial=0.0)
-    if scene.spots is not None:
+    if scene.spots is not None and scene.spot is not None:
         grown = np.linalg.norm(scene.matrix, ord=2, axis=(1, 2))
         end = np.where(scene.spot >= 0, grown * scene.spots.extent[scene.spot], end)
     half = np.minimum(reach, np.ceil(end + box)).astype(int)
@@ -99,7 +110,9 @@ def plan_galaxies(scene, reach, box, rows):
     return Plan(cut, half, np.where(rows, sizes, 0), thin)
 
 
-def galaxy_stamp(stamper, i, share, bounds, many=False):
+def galaxy_stamp(
+    stamper: Stamper, i: int, share: FloatArray, bounds: Box | None, many: bool = False
+) -> tuple[FloatArray, float]:
     """Return (stamp, light) of a Stamper's galaxy i, as Stamper.stamp.
 
     many: whether many galaxies share size and nodes, so that keeping the nodes' transforms saves time. The stamp may
@@ -108,7 +121,7 @@ def galaxy_stamp(stamper, i, share, bounds, many=False):
     mixer, scene, plan, reach, core = stamper.mixer, stamper.scene, stamper.plan, stamper.reach[i], stamper.core
     node, light, sersic, matrix = scene.node[i], scene.light[i], scene.sersic[i], scene.matrix[i]
     x, y, cut, half, size = scene.x[i], scene.y[i], plan.cut[i], plan.half[i], int(plan.size[i])
-    spots = -1 if scene.spots is None else scene.spot[i]
+    spots = -1 if scene.spot is None else scene.spot[i]
     inner, outer = _component_tables(*(key for c in range(2) for key in (sersic[c, 0] * (light[c] > 0), cut[c])))
     if spots >= 0:  # their transform is part of the mixture: what the components' tables multiply is 1
         inner = _ONES
@@ -122,9 +135,9 @@ def galaxy_stamp(stamper, i, share, bounds, many=False):
     else:
         cells = mixer.mixed_cells(node, share)
         mixture = transform(cells if core is None else cells * core, size, mixer.per_pixel, last)
-    smooth = sersic, light, matrix, outer, cut
-    blurred = across(mixture, size, *smooth, 1.5 * reach + 1, mixer.half) if plan.thin[i] else None
-    if spots >= 0:
+    profiles = sersic, light, matrix, outer, cut
+    blurred = across(mixture, size, *profiles, 1.5 * reach + 1, mixer.half) if plan.thin[i] else None
+    if spots >= 0 and scene.spots is not None:
         mixture *= scene.spots.transform(spots, matrix, size, last)
     folded = _convolved(mixture, sersic, light, matrix, inner, x - first_x, y - first_y, size)
     image = scipy.fft.irfft2(folded, s=(size, size), overwrite_x=True)[: 2 * half + 1, : 2 * half + 1]
@@ -136,7 +149,7 @@ def galaxy_stamp(stamper, i, share, bounds, many=False):
             low_y - first_y : high_y - first_y, low_x - first_x : high_x - first_x
         ]
     if np.isfinite(cut).any():
-        smooth = *smooth, blurred
+        smooth = *profiles, blurred
         electrons = mixer.light(node, share, core is not None)
         before = stamp.sum()
         _add_smooth(stamp, *smooth, x - x0, y - y0, electrons)
@@ -147,7 +160,7 @@ def galaxy_stamp(stamper, i, share, bounds, many=False):
     return stamp, whole
 
 
-def _outer_light(smooth, x, y, side, electrons):
+def _outer_light(smooth: Smooth, x: float, y: float, side: int, electrons: float) -> float:
     """Return the light of the outer parts on a square of `side` px, computed in strips of _ROWS rows."""
     total = 0.0
     for row in range(0, side, _ROWS):
@@ -157,7 +170,18 @@ def _outer_light(smooth, x, y, side, electrons):
     return total
 
 
-def _add_smooth(stamp, sersic, light, matrix, tables, cut, blurred, x, y, electrons):
+def _add_smooth(
+    stamp: FloatArray,
+    sersic: FloatArray,
+    light: FloatArray,
+    matrix: FloatArray,
+    tables: FloatArray,
+    cut: FloatArray,
+    blurred: Across | None,
+    x: float,
+    y: float,
+    electrons: float,
+) -> None:
     """Add the outer parts to `stamp`, as they are or, within the band of an Across, blurred."""
     side, band = (np.zeros(2), 0.0) if blurred is None else (blurred.axes[:, 1].copy(), blurred.band)
     _add_outer(stamp, sersic, light, matrix, tables, cut, side, band, x, y, electrons)
@@ -166,14 +190,17 @@ def _add_smooth(stamp, sersic, light, matrix, tables, cut, blurred, x, y, electr
 
 
 @lru_cache(256)
-def _component_tables(disk, disk_cut, bulge, bulge_cut):
+def _component_tables(disk: float, disk_cut: float, bulge: float, bulge_cut: float) -> tuple[FloatArray, FloatArray]:
     """Return (inner (2, m), outer (2, l)): tables of profiles.sersic for disk and bulge; zeros for index 0."""
     both = [tables(*key) if key[0] > 0 else _NONE for key in ((disk, disk_cut), (bulge, bulge_cut))]
-    return tuple(np.stack(parts) for parts in zip(*both, strict=True))
+    inner, outer = (np.stack(parts) for parts in zip(*both, strict=True))
+    return inner, outer
 
 
 @numba.njit(cache=True)
-def _cutoff(sersic, light, matrix, tables, envelope):
+def _cutoff(
+    sersic: FloatArray, light: FloatArray, matrix: FloatArray, tables: FloatArray, envelope: FloatArray
+) -> float:
     """Return the frequency [cycles per pixel] above which the sum of all amplitudes is below _TAIL of the peak.
 
     tables (2, m): transforms of the components; envelope: the PSF's transform at BINS, of light 1.
@@ -201,7 +228,16 @@ def _cutoff(sersic, light, matrix, tables, envelope):
 
 
 @numba.njit(cache=True)
-def _convolved(mixture, sersic, light, matrix, tables, x, y, size):
+def _convolved(
+    mixture: ComplexArray,
+    sersic: FloatArray,
+    light: FloatArray,
+    matrix: FloatArray,
+    tables: FloatArray,
+    x: float,
+    y: float,
+    size: int,
+) -> ComplexArray:
     """Return the folded transform, (size, size // 2 + 1) complex64, of the inner part at x, y from the first pixel.
 
     mixture: the PSF's, of psf_mixture.transform.
@@ -242,7 +278,19 @@ def _convolved(mixture, sersic, light, matrix, tables, x, y, size):
 
 
 @numba.njit(cache=True)
-def _add_outer(stamp, sersic, light, matrix, tables, cut, side, band, x, y, electrons):
+def _add_outer(
+    stamp: FloatArray,
+    sersic: FloatArray,
+    light: FloatArray,
+    matrix: FloatArray,
+    tables: FloatArray,
+    cut: FloatArray,
+    side: FloatArray,
+    band: float,
+    x: float,
+    y: float,
+    electrons: float,
+) -> None:
     """Add the outer parts to `stamp` (float64), the galaxy's centre at x, y from its first pixel.
 
     side: unit vector across the long axis; pixels within `band` [px] of that axis are left out.

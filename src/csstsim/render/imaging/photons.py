@@ -12,11 +12,18 @@ response / maximum. A thinned Poisson number is Poisson, so mean = variance hold
 Electrons beyond the PSF's box follow the radial wing (optics.scatter.halo) at all radii, also where noise hides it.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, TypeAlias
+
 import numba
 import numpy as np
 
 from csstsim.base.counter import high, low, poisson, word
+from csstsim.base.types import AnyArray, FloatArray, IntArray
 from csstsim.render.photon_positions import (
+    Cells,
+    Shapes,
     check_scene,
     contiguous,
     cumulative,
@@ -29,13 +36,27 @@ from csstsim.render.photon_positions import (
     tail_table,
 )  # fmt: skip
 
+if TYPE_CHECKING:
+    from csstsim.optics.scatter.halo import Wing
+    from csstsim.render.canvas import Canvas
+    from csstsim.render.psf_table import PsfTable
+    from csstsim.render.scene import Scene
+
+# What compiled loops pass on: counted, response and maximum; of an object x, y, matrix, profile, shapes and row;
+# on_window, outside_box and box; of each electron first word, px and py
+Image: TypeAlias = tuple[IntArray, FloatArray, float]
+Place: TypeAlias = tuple[float, float, FloatArray, FloatArray, Shapes, int]
+Results: TypeAlias = tuple[IntArray, IntArray, IntArray]
+Work: TypeAlias = tuple[IntArray, FloatArray, FloatArray]
 _ONE, _TWO = np.uint64(1), np.uint64(2)
 _MANY = 300.0  # electrons above which numbers are drawn for each (component, sub-band, node)
 _BATCH = 512  # electrons drawn at a time; a Poisson number of mean _MANY exceeds it with P < 1e-25
 _STRIP = 64  # px: objects of a node are drawn strip by strip, so that their pixels stay in cache
 
 
-def shoot_scene(canvas, scene, keys, table, wing=None):
+def shoot_scene(
+    canvas: Canvas, scene: Scene, keys: IntArray, table: PsfTable, wing: Wing | None = None
+) -> tuple[IntArray, IntArray, IntArray]:
     """Draw the objects of a Scene into the counted plane of a Canvas, which must be there.
 
     keys: (n,) uint64, all different (counter.object_keys). table: PsfTable with the tables of all nodes of the scene.
@@ -48,6 +69,7 @@ def shoot_scene(canvas, scene, keys, table, wing=None):
     weights (a PSF interpolation that is not convex) and nodes without tables.
     """
     counted, window, maximum = canvas.counted, canvas.window, canvas.maximum
+    assert counted is not None
     if counted.shape != window.shape or counted.dtype != np.int32:
         raise ValueError(f"counted is {counted.dtype} {counted.shape}, not int32 {window.shape}")
     check_scene(scene, table, maximum)
@@ -59,6 +81,7 @@ def shoot_scene(canvas, scene, keys, table, wing=None):
     order = np.lexsort((scene.x, np.floor(scene.y / _STRIP), scene.node[:, 0])) if n else np.zeros(0, np.int64)
     profile, shapes = profiles_of(scene)
     floats = (scene.matrix, scene.light, profile, scene.electrons)
+    objects: tuple[AnyArray, ...]
     objects = scene.x - window.x0, scene.y - window.y0, *(np.ascontiguousarray(a, np.float64) for a in floats)
     objects += np.ascontiguousarray(scene.node), np.ascontiguousarray(scene.weight), keys
     psf = table.words.reshape(-1), table.share, table.bits, table.cells, table.per_pixel
@@ -69,7 +92,15 @@ def shoot_scene(canvas, scene, keys, table, wing=None):
 
 
 @numba.njit(cache=True)
-def _shoot(image, objects, shapes, psf, tail, results, order):
+def _shoot(
+    image: Image,
+    objects: tuple[AnyArray, ...],
+    shapes: Shapes,
+    psf: Cells,
+    tail: FloatArray,
+    results: Results,
+    order: IntArray,
+) -> None:
     counted, _, maximum = image
     x, y, matrix, light, profile, electrons, index, weight, keys = objects
     share, sides = psf[1], psf[2]
@@ -110,7 +141,17 @@ def _shoot(image, objects, shapes, psf, tail, results, order):
 
 
 @numba.njit(cache=True)
-def _choose(number, bands, nodes, index, share, sides, key, counter, work):
+def _choose(
+    number: int,
+    bands: FloatArray,
+    nodes: FloatArray,
+    index: IntArray,
+    share: FloatArray,
+    sides: tuple[int, int],
+    key: np.uint64,
+    counter: np.uint64,
+    work: Work,
+) -> tuple[int, np.uint64]:
     """Choose node, sub-band and part for each electron; return (number inside the PSF's box, counter)."""
     first, count = work[0], 0
     for _ in range(number):
@@ -118,13 +159,15 @@ def _choose(number, bands, nodes, index, share, sides, key, counter, work):
         counter += _TWO
         f, k = pick(bands, high(which) * bands[3]), pick(nodes, low(which) * nodes[-1])
         inner, outer = share[index[k], f]
-        first[count] = first_word(index[k], f, np.int64(u >= inner), sides)
-        count += np.int64(u < inner + outer)
+        first[count] = first_word(index[k], f, np.int64(u >= inner), sides)  # type: ignore[arg-type]  # an int64 is an int to numba
+        count += np.int64(u < inner + outer)  # type: ignore[assignment]  # an int64 is an int to numba
     return count, counter
 
 
 @numba.njit(cache=True)
-def _draw(count, place, image, psf, results, work, key, counter):
+def _draw(
+    count: int, place: Place, image: Image, psf: Cells, results: Results, work: Work, key: np.uint64, counter: np.uint64
+) -> np.uint64:
     """Draw and count the electrons whose tables are listed in `work`; return the counter."""
     x, y, matrix, profile, shapes, i = place
     first, px, py = work
@@ -136,7 +179,17 @@ def _draw(count, place, image, psf, results, work, key, counter):
 
 
 @numba.njit(cache=True)
-def _draw_beyond(number, place, image, psf, tail, results, work, key, counter):
+def _draw_beyond(
+    number: int,
+    place: Place,
+    image: Image,
+    psf: Cells,
+    tail: FloatArray,
+    results: Results,
+    work: Work,
+    key: np.uint64,
+    counter: np.uint64,
+) -> np.uint64:
     """Draw electrons from the wing beyond the PSF's box, and add their number to `results`; return the counter."""
     x, y, matrix, profile, shapes, i = place
     _, px, py = work
@@ -153,7 +206,18 @@ def _draw_beyond(number, place, image, psf, tail, results, work, key, counter):
 
 
 @numba.njit(cache=True)
-def _count(count, x, y, px, py, image, results, i, key, counter):
+def _count(
+    count: int,
+    x: float,
+    y: float,
+    px: FloatArray,
+    py: FloatArray,
+    image: Image,
+    results: Results,
+    i: int,
+    key: np.uint64,
+    counter: np.uint64,
+) -> None:
     """Count the electrons that fall on the window and are kept."""
     counted, response, maximum = image
     on_window, _, box = results
@@ -167,7 +231,7 @@ def _count(count, x, y, px, py, image, results, i, key, counter):
             seen = response[row, column] if response.size > 0 else np.float32(1.0)
             kept = np.int64(high(word(key, counter + _TWO * np.uint64(j))) * maximum < seen)
             counted[row, column] += kept
-            hit += kept
+            hit += kept  # type: ignore[assignment]  # an int64 is an int to numba
             x0, x1 = min(x0, np.int64(column)), max(x1, np.int64(column))
             y0, y1 = min(y0, np.int64(row)), max(y1, np.int64(row))
     on_window[i] += hit

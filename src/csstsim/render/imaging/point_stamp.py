@@ -3,14 +3,22 @@
 No transform is needed; the mixture is computed only for the cells under the stamp.
 """
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from csstsim.render.pixel_sums import pixel_sums
 
+if TYPE_CHECKING:
+    from csstsim.base.types import FloatArray
+    from csstsim.render.canvas import Box
+    from csstsim.render.imaging.stamper import Stamper
 
-def point_stamp(stamper, i, share, bounds):
+
+def point_stamp(stamper: Stamper, i: int, share: FloatArray, bounds: Box | None) -> tuple[FloatArray, float]:
     """Return (stamp, light) of a Stamper's point i, as Stamper.stamp."""
     reach, column, row = stamper.reach[i], round(stamper.scene.x[i]), round(stamper.scene.y[i])
     whole = column - reach, column + reach + 1, row - reach, row + reach + 1
@@ -21,7 +29,7 @@ def point_stamp(stamper, i, share, bounds):
     return stamp[bounds[2] - whole[2] : bounds[3] - whole[2], bounds[0] - whole[0] : bounds[1] - whole[0]], light
 
 
-def _pixels(stamper, i, share, bounds):
+def _pixels(stamper: Stamper, i: int, share: FloatArray, bounds: Box) -> FloatArray:
     """Return the light of a point on the pixels of `bounds`."""
     mixer, core, x, y = stamper.mixer, stamper.core, stamper.scene.x[i], stamper.scene.y[i]
     m, (x0, x1, y0, y1) = mixer.per_pixel, bounds

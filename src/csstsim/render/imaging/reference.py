@@ -14,9 +14,12 @@ as far as it exceeds the noise, and at least to NEAR px.
 All light goes to the plane of expected electrons; Poisson noise is added once, in `poisson_and_dark`.
 """
 
+from __future__ import annotations
+
 import math
 import time
 from functools import partial
+from typing import TYPE_CHECKING
 
 import galsim
 import numpy as np
@@ -32,6 +35,16 @@ from csstsim.render.drawn_table import DrawnTable
 from csstsim.render.extended import parts_at
 from csstsim.render.scene import make_scene
 from csstsim.render.wings import Held, Wings, add_ghosts, box_on_window, box_share
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from csstsim.base.types import FloatArray, IntArray
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.optics.geometry.wcs import ChipWCS
+    from csstsim.optics.psf.psf_file import PsfSet
+    from csstsim.render.drawing import Drawing
+    from csstsim.render.scene import Scene
 
 galsim.errors.raise_fft_size_error = True  # otherwise GalSim 2.8 only warns and then uses all memory
 
@@ -50,7 +63,7 @@ SIZE_MIN = 1e-5  # arcsec, half-light radius: a smaller galaxy is a point, and G
 PSF_MAXK = 2 * np.pi
 
 
-def draw_objects(canvas, objects, drawing):
+def draw_objects(canvas: Canvas, objects: ObjectTable, drawing: Drawing) -> ObjectTable:
     """Draw the objects of an imaging chip on a Canvas; return the table with what was drawn (render.drawn_table).
 
     objects: ObjectTable from catalog.selection.select; drawing: render.drawing.Drawing. snr and error of the table are
@@ -72,6 +85,7 @@ def draw_objects(canvas, objects, drawing):
     image = galsim.ImageD(np.zeros(window.shape), xmin=window.x0, ymin=window.y0)
     plane = Canvas(image.array, window, canvas.response)
     wings = Wings(plane, wing, half)
+    assert canvas.expected is not None
     for k, i in enumerate(progress(of_row, "drawing objects")):
         start = time.process_time()
         light = scene.electrons[k]
@@ -104,22 +118,22 @@ def draw_objects(canvas, objects, drawing):
             out.method[i] = "reference"
         out.ms[i] += 1000 * (time.process_time() - start)
     wings.lay()
-    canvas.expected += plane.expected.astype(np.float32)
+    canvas.expected += image.array.astype(np.float32)
     return out.table()
 
 
-def _cells(psf, nodes, weights, flux):
+def _cells(psf: PsfSet, nodes: IntArray, weights: FloatArray, flux: FloatArray) -> FloatArray:
     """Return the PSF's cells in electrons: the sum over nodes and sub-bands."""
     return sum(w * np.tensordot(flux, psf.node(n), axes=1) for n, w in zip(nodes, weights, strict=True))
 
 
-def point(mixture, oversampling):
+def point(mixture: FloatArray, oversampling: int) -> galsim.GSObject:
     """Return the GSObject in pixels, pixel response included, of a point with PSF cells `mixture` (n, n)."""
     # A sample is the light that falls in a pixel centred there: a surface brightness per pixel area.
     return lattice(galsim.ImageD(pixel_response(mixture, oversampling)), 1 / oversampling, "sb")
 
 
-def lattice(image, step, normalization):
+def lattice(image: galsim.Image, step: float, normalization: str) -> galsim.GSObject:
     """Return the GSObject of an image sampled every `step` px, pixel response included."""
     return galsim.InterpolatedImage(
         image,
@@ -133,7 +147,7 @@ def lattice(image, step, normalization):
     )
 
 
-def convolved(parts, folding=None):
+def convolved(parts: list[galsim.GSObject], folding: float | None = None) -> galsim.GSObject:
     """Return the convolution of GSObjects; a `folding` that is not None allows a larger transform than usual."""
     limit = {"maximum_fft_size": FFT_LOOSE} if folding else {}
     return galsim.Convolve(parts, gsparams=galsim.GSParams(**(GSPARAMS | limit)), propagate_gsparams=False)
@@ -142,7 +156,7 @@ def convolved(parts, folding=None):
 class Galaxies:
     """Profiles of the rows of a Scene in pixels: intrinsic shape, lensing and local WCS as matrices."""
 
-    def __init__(self, objects, wcs, scene):
+    def __init__(self, objects: ObjectTable, wcs: ChipWCS, scene: Scene) -> None:
         """objects: the ObjectTable of which the Scene was made; disks and bulges are made of its columns."""
         # Shapes refer to east and north at the catalogue position. Aberration does not rotate them, but near a pole
         # east at the apparent position, up to 26" away, is another direction.
@@ -150,19 +164,19 @@ class Galaxies:
         self._objects, self._parts, self._scene = objects, components(objects), scene
         self._extended = (objects["obj_type"] == GALAXY)[slice(None) if scene.parent is None else scene.parent]
 
-    def seen(self, i, cells, oversampling, folding=None):
+    def seen(self, i: int, cells: FloatArray, oversampling: int, folding: float | None = None) -> galsim.GSObject:
         """Return the GSObject of object i, pixel response included; `cells` (n, n) is its PSF in electrons.
 
         `folding`: larger folding_threshold for the galaxy's profile, which makes the FFT smaller.
         """
-        star = point(cells, oversampling)
-        return convolved([self.profile(i, folding).withFlux(1.0), star], folding) if self._extended[i] else star
+        star, profile = point(cells, oversampling), self.profile(i, folding)
+        return star if profile is None else convolved([profile.withFlux(1.0), star], folding)
 
-    def profile(self, i, folding):
+    def profile(self, i: int, folding: float | None) -> galsim.GSObject | None:
         """Return the GSObject of galaxy i without the PSF, of light 1; None for a point."""
         if not self._extended[i]:
             return None
-        if self._scene.spots is not None and self._scene.spot[i] >= 0:
+        if self._scene.spot is not None and self._scene.spot[i] >= 0:
             return _spots(self._scene, i)
         names = "e1", "e2", "lost", "kappa", "gamma1", "gamma2"
         e1, e2, lost, kappa, gamma1, gamma2 = (float(self._objects[name][i]) for name in names)
@@ -172,7 +186,7 @@ class Galaxies:
                 budget = folding or min(max(lost / light[i], FOLDING_MIN), FOLDING_MAX)
                 gsparams = galsim.GSParams(**GSPARAMS, folding_threshold=budget)
                 how = {"half_light_radius": max(size[i], SIZE_MIN), "flux": light[i], "gsparams": gsparams}
-                n = float(index[i]) if np.ndim(index) else index
+                n = float(index[i]) if isinstance(index, np.ndarray) else index
                 kind = {DISK: galsim.Exponential, BULGE: galsim.DeVaucouleurs}.get(n)
                 parts.append(kind(**how) if kind else galsim.Sersic(n, **how))
         profile = parts[0] if len(parts) == 1 else galsim.Add(parts, propagate_gsparams=False)
@@ -181,8 +195,9 @@ class Galaxies:
         return profile.transform(*self._jacobian[i].ravel())
 
 
-def _spots(scene, i):
+def _spots(scene: Scene, i: int) -> galsim.GSObject:
     """Return the GSObject, light 1, of knots or an image: points, or a lattice of boxes convolved with two more."""
+    assert scene.spots is not None and scene.spot is not None
     image, gsparams = scene.spots.image(scene.spot[i]), galsim.GSParams(**GSPARAMS)
     if image is None:
         points = zip(*scene.spots.group(scene.spot[i]), strict=True)
@@ -197,7 +212,7 @@ def _spots(scene, i):
     return profile.transform(*scene.matrix[i].ravel())
 
 
-def _draw(profile, x, y, reach):
+def _draw(profile: Callable[..., galsim.GSObject], x: float, y: float, reach: int) -> tuple[galsim.Image, int]:
     """Return the stamp of `profile(folding=...)` centred on pixel position x, y, and flags.
 
     The whole stamp is drawn, also the part beyond the chip: GalSim's FFT box is centred on the image, so light
@@ -208,7 +223,7 @@ def _draw(profile, x, y, reach):
     return image, fill(image, profile, x, y)
 
 
-def fill(image, profile, x, y):
+def fill(image: galsim.Image, profile: Callable[..., galsim.GSObject], x: float, y: float) -> int:
     """Fill a GalSim image with `profile(folding=...)`, its origin at pixel position x, y; return flags."""
     for folding, flag in ((None, 0), *((f, FFT_REDUCED) for f in FOLDING_LOOSE)):
         try:
@@ -220,7 +235,7 @@ def fill(image, profile, x, y):
     return TOO_LARGE
 
 
-def clip_negative(image):
+def clip_negative(image: galsim.Image) -> int:
     """Set negative pixels to zero and scale the others to keep the total light; return NEGATIVE_CLIPPED or 0."""
     negative = np.minimum(image.array, 0).sum()
     if negative == 0:

@@ -1,11 +1,22 @@
 """Flag saturated objects: those with more light than the full well in a pixel at their position, from any source."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from csstsim.catalog.flags import SATURATED
 
+if TYPE_CHECKING:
+    from csstsim.base.types import FloatArray, IntArray
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.instrument.chip import Window
 
-def flag_saturated(truth, image, counted, window, full_well):
+
+def flag_saturated(
+    truth: ObjectTable, image: FloatArray, counted: IntArray | None, window: Window, full_well: float
+) -> ObjectTable:
     """Return the truth table with SATURATED where one of the 3 x 3 pixels at an object's place is above the full well.
 
     image, counted: electrons, (window.ny, window.nx), counted may be None; full_well: electrons. The light is that

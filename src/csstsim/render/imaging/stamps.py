@@ -4,18 +4,30 @@ Points: render.imaging.point_stamp. Galaxies: render.imaging.galaxy_stamp. Light
 render.wings. For the part of a stamp outside the window only the total light is computed, which the wings need.
 """
 
+from __future__ import annotations
+
 import time
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
 
 from csstsim.base.process.progress import progress
+from csstsim.base.types import FloatArray, IntArray
 from csstsim.catalog.flags import NEGATIVE_CLIPPED, OFF_CHIP, OUTSIDE_PSF_HULL
 from csstsim.render.canvas import around
 from csstsim.render.imaging.stamper import Stamper
 from csstsim.render.psf_mixture import mixer_of
 from csstsim.render.wings import Held, Wings, add_ghosts, box_on_window
+
+if TYPE_CHECKING:
+    from csstsim.instrument.chip import Chip, Window
+    from csstsim.optics.psf.psf_file import PsfSet
+    from csstsim.optics.scatter.scattered_light import Scattered
+    from csstsim.render.canvas import Box, Canvas
+    from csstsim.render.psf_mixture import Mixer
+    from csstsim.render.scene import Scene
 
 _NEGATIVE_LIMIT = 1e-4  # of an object's light, in negative pixels, above which clipping is flagged
 _MANY = 8  # above so many galaxies with equal transform size and PSF nodes, the nodes' transforms are computed and kept
@@ -26,19 +38,22 @@ _SIZE_KEPT = 160  # px, period of the largest transforms that are kept
 class Drawn:
     """What was drawn of n objects; wings hidden by noise are in `drawn`, not in `box`."""
 
-    drawn: np.ndarray  # (n,) float64, electrons put on the window
-    box: np.ndarray  # (n, 4) int64: x0, x1, y0, y1 of the pixels touched, half-open, on the chip; zeros: none
-    flags: np.ndarray  # (n,) int32, catalog.flags
-    ms: np.ndarray  # (n,) float32, CPU
+    drawn: FloatArray  # (n,) float64, electrons put on the window
+    box: IntArray  # (n, 4) int64: x0, x1, y0, y1 of the pixels touched, half-open, on the chip; zeros: none
+    flags: IntArray  # (n,) int32, catalog.flags
+    ms: FloatArray  # (n,) float32, CPU
 
 
-def draw_scene(canvas, scene, psf, scattered=None, chip=None):
+def draw_scene(
+    canvas: Canvas, scene: Scene, psf: PsfSet | Mixer, scattered: Scattered | None = None, chip: Chip | None = None
+) -> Drawn:
     """Draw the objects of a Scene as expected electrons; return Drawn.
 
     psf: PsfSet, or the Mixer of one; scattered: optics.scatter.scattered_light.Scattered, or None: only stamps are
     drawn; chip: instrument.chip.Chip, for the ghosts. The drawing order is fixed (points, then galaxies by size of
     transform, both sorted by PSF nodes), so the same scene gives the same bits.
     """
+    assert canvas.expected is not None and scene.wing is not None
     n, mixer, image, window = len(scene), mixer_of(psf), canvas.expected, canvas.window
     out = Drawn(np.zeros(n), np.zeros((n, 4), np.int64), np.zeros(n, np.int32), np.zeros(n, np.float32))
     flux, wing_px = scene.electrons, np.asarray(scene.wing, float)
@@ -55,7 +70,8 @@ def draw_scene(canvas, scene, psf, scattered=None, chip=None):
     for i in progress(order[lit[order]], "stamps"):
         start = time.process_time()
         at = scene.x[i], scene.y[i]
-        bounds, parts = _visible(*at, reach[i], window), []
+        bounds = _visible(*at, reach[i], window)
+        parts: list[tuple[float, Box]] = []
         stamp, whole = stamper.stamp(i, share[i], bounds, many[i])
         if plan.size[i]:
             out.flags[i] |= _clip_negative(stamp)
@@ -80,7 +96,7 @@ def draw_scene(canvas, scene, psf, scattered=None, chip=None):
     return out
 
 
-def _visible(x, y, reach, window):
+def _visible(x: float, y: float, reach: int, window: Window) -> Box | None:
     """Return (x0, x1, y0, y1) of the stamp's pixels on the window, or None."""
     column, row = round(x), round(y)
     x0, x1 = max(column - reach, window.x0), min(column + reach + 1, window.x1)
@@ -89,7 +105,7 @@ def _visible(x, y, reach, window):
 
 
 @numba.njit(cache=True)
-def _put(image, stamp, response):
+def _put(image: FloatArray, stamp: FloatArray, response: FloatArray) -> float:
     """Add a stamp times the response; return the sum of what was added."""
     total = 0.0
     for row in range(stamp.shape[0]):
@@ -103,12 +119,12 @@ def _put(image, stamp, response):
 
 
 @numba.njit(cache=True)
-def _clip(stamp):
+def _clip(stamp: FloatArray) -> tuple[float, float]:
     """Set negative pixels to zero, keeping the total light; return (light, sum of what was below zero)."""
     total = below = 0.0
     for value in stamp.flat:
-        total += value
-        below -= min(value, 0.0)
+        total += value  # type: ignore[assignment]  # a number to numba
+        below -= min(value, 0.0)  # type: ignore[operator]  # the same
     if below > 0:
         scale = max(total, 0.0) / (total + below)
         for row in range(stamp.shape[0]):
@@ -117,6 +133,6 @@ def _clip(stamp):
     return total, below
 
 
-def _clip_negative(stamp):
+def _clip_negative(stamp: FloatArray) -> int:
     total, below = _clip(stamp)
     return NEGATIVE_CLIPPED if below > _NEGATIVE_LIMIT * abs(total) else 0

@@ -5,6 +5,7 @@ across it with the PSF's integral along it, whose transform is the PSF's own on 
 projection-slice theorem). It is computed on a table of distances along and across, from which the pixels are read.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numba
@@ -12,6 +13,7 @@ import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.ndimage import map_coordinates
 
+from csstsim.base.types import ComplexArray, FloatArray
 from csstsim.profiles.log_table import first_of, read
 from csstsim.profiles.sersic import R2_LOW
 
@@ -29,12 +31,22 @@ _R2_FIRST = first_of(R2_LOW)
 class Across:
     """The light of the outer parts [electron / px^2] at distances along and across the long axis."""
 
-    values: np.ndarray  # (lines, samples) float64, from 0 along and from -band across
-    axes: np.ndarray  # (2, 2): unit vectors along and across, in columns
+    values: FloatArray  # (lines, samples) float64, from 0 along and from -band across
+    axes: FloatArray  # (2, 2): unit vectors along and across, in columns
     band: float  # px: |distance across| of the samples
 
 
-def across(mixture, size, sersic, light, matrix, tables, cut, far, half):
+def across(
+    mixture: ComplexArray,
+    size: int,
+    sersic: FloatArray,
+    light: FloatArray,
+    matrix: FloatArray,
+    tables: FloatArray,
+    cut: FloatArray,
+    far: float,
+    half: float,
+) -> Across:
     """Return the Across of a galaxy's outer parts.
 
     mixture: the PSF's transform (psf_mixture.transform) of period `size`; sersic, light, matrix: of the scene; tables
@@ -66,7 +78,7 @@ def across(mixture, size, sersic, light, matrix, tables, cut, far, half):
     return Across(values, axes, -kept[0] / _KEPT)
 
 
-def _cells(step):
+def _cells(step: float) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Yield (distances across, weights) of the means over the samples near the long axis, without the inner part."""
     middle = 0.5 * step * np.geomspace(1e-4, 1.0, _INSIDE)  # the profile may be steep
     yield middle, np.gradient(middle) / np.gradient(middle).sum()
@@ -74,7 +86,7 @@ def _cells(step):
         yield step * (cell - 0.5 + (np.arange(_INSIDE) + 0.5) / _INSIDE), np.full(_INSIDE, 1 / _INSIDE)
 
 
-def _slice(mixture, size, direction, frequency):
+def _slice(mixture: ComplexArray, size: int, direction: FloatArray, frequency: FloatArray) -> ComplexArray:
     """Return the transform at frequencies [cycles per pixel] along a unit vector; 0 beyond the last."""
     last = mixture.shape[1] - 1
     turned = direction if direction[0] >= 0 else -direction  # columns of negative frequencies are not stored
@@ -84,7 +96,7 @@ def _slice(mixture, size, direction, frequency):
 
 
 @numba.njit(cache=True)
-def _profile(along2, across2, table):
+def _profile(along2: FloatArray, across2: FloatArray, table: FloatArray) -> FloatArray:
     """Return a profile at squared distances (lines, 1) along and (samples,) across, both in half-light radii."""
     out = np.empty((len(along2), len(across2)))
     line = np.empty(len(across2))
@@ -97,7 +109,7 @@ def _profile(along2, across2, table):
 
 
 @numba.njit(cache=True)
-def add_band(stamp, values, axes, band, x, y):
+def add_band(stamp: FloatArray, values: FloatArray, axes: FloatArray, band: float, x: float, y: float) -> None:
     """Add an Across to the pixels of a stamp within its band, the galaxy's centre at x, y from the first pixel."""
     for row in range(stamp.shape[0]):
         for column in range(stamp.shape[1]):

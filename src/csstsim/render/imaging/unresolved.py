@@ -5,14 +5,24 @@ interpolated bilinearly on the window, so an object becomes a pyramid two meshes
 first moments are conserved, and so is all structure larger than the mesh.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numba
 import numpy as np
+
+if TYPE_CHECKING:
+    from csstsim.base.types import FloatArray, IntArray
+    from csstsim.render.canvas import Canvas
+    from csstsim.render.scene import Scene
 
 MESH = 64
 
 
-def add_unresolved(canvas, scene):
+def add_unresolved(canvas: Canvas, scene: Scene) -> tuple[FloatArray, IntArray]:
     """Add the light of a Scene as expected electrons; return ((n,) electrons on the window, (n, 4) boxes)."""
+    assert canvas.expected is not None  # None: for photons alone
     window, response = canvas.window, canvas.seen
     electrons = scene.electrons.sum(axis=1)
     # Mesh point k is at pixel (k - 1) MESH of the window; objects beyond the outermost points add no light
@@ -31,7 +41,7 @@ def add_unresolved(canvas, scene):
 
 
 @numba.njit(cache=True)
-def _scatter(mesh, u, v, light):
+def _scatter(mesh: FloatArray, u: FloatArray, v: FloatArray, light: FloatArray) -> None:
     for i in range(len(u)):
         column, row = int(np.floor(u[i])), int(np.floor(v[i]))
         if 0 <= column < mesh.shape[1] - 1 and 0 <= row < mesh.shape[0] - 1:
@@ -43,7 +53,7 @@ def _scatter(mesh, u, v, light):
 
 
 @numba.njit(cache=True)
-def _gather(out, mesh, u, v, light):
+def _gather(out: FloatArray, mesh: FloatArray, u: FloatArray, v: FloatArray, light: FloatArray) -> None:
     for i in range(len(u)):
         column, row = int(np.floor(u[i])), int(np.floor(v[i]))
         if 0 <= column < mesh.shape[1] - 1 and 0 <= row < mesh.shape[0] - 1:
@@ -54,7 +64,7 @@ def _gather(out, mesh, u, v, light):
 
 
 @numba.njit(cache=True)
-def _spread(image, mesh, response):
+def _spread(image: FloatArray, mesh: FloatArray, response: FloatArray) -> None:
     for y in range(image.shape[0]):
         row, b = y // MESH + 1, (y % MESH) / MESH
         for x in range(image.shape[1]):
@@ -65,7 +75,7 @@ def _spread(image, mesh, response):
 
 
 @numba.njit(cache=True)
-def _collect(level, response):
+def _collect(level: FloatArray, response: FloatArray) -> None:
     for y in range(response.shape[0]):
         row, b = y // MESH + 1, (y % MESH) / MESH
         for x in range(response.shape[1]):

@@ -4,15 +4,34 @@ A galaxy whose components have spectra of their own (catalog.galaxy_shapes.compo
 objects, and is one row in the tables. There its bulge_frac and knots_frac are those of the electrons.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from csstsim.catalog.galaxy_shapes.component_light import BULGE, KNOTS
 from csstsim.render.parts.piece_tables import SHARE, gathered, orders_of
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from csstsim.catalog.light.object_spectra import Spectra
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.optics.gratings.dispersion import Disperser
+    from csstsim.render.canvas import Canvas
+    from csstsim.render.drawing import Drawing
+
+    DrawDispersed = Callable[
+        [Canvas, ObjectTable, Spectra, Disperser, Drawing], tuple[ObjectTable, ObjectTable]
+    ]  # of objects, of their orders
+
 _WHOLE = -1
 
 
-def draw_components(draw, canvas, objects, spectra, disperser, drawing):
+def draw_components(
+    draw: DrawDispersed, canvas: Canvas, objects: ObjectTable, spectra: Spectra, disperser: Disperser, drawing: Drawing
+) -> tuple[ObjectTable, ObjectTable]:
     """Draw objects with a function of render.slitless; return its tables, with one row for each object.
 
     The arguments are those of the function. Without colour gradients this is a call of `draw`.

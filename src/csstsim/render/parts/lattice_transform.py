@@ -15,6 +15,8 @@ import numba
 import numpy as np
 import scipy.fft
 
+from csstsim.base.types import ComplexArray, FloatArray
+
 _WIDTH = 6  # values along an axis
 _SHAPE = 2.30 * _WIDTH
 _FINER = 1024  # of the window's table, to a value's distance
@@ -27,7 +29,7 @@ _WINDOW = np.where(
 class LatticeTransform:
     """The transform of (rows, columns) coefficients; its origin is the centre of pixel (rows // 2, columns // 2)."""
 
-    def __init__(self, coefficients):
+    def __init__(self, coefficients: FloatArray) -> None:
         shape = tuple(scipy.fft.next_fast_len(2 * max(n, _WIDTH)) for n in coefficients.shape)
         padded = np.zeros(shape)
         rows, columns = (np.arange(n) - n // 2 for n in coefficients.shape)
@@ -35,7 +37,7 @@ class LatticeTransform:
         padded[np.ix_(rows % shape[0], columns % shape[1])] = coefficients / even
         self._values = scipy.fft.fft2(padded).astype(np.complex64)
 
-    def at(self, matrix, size, last):
+    def at(self, matrix: FloatArray, size: int, last: int) -> ComplexArray:
         """Return (2 last + 1, last + 1) complex64: rows -last..last, columns 0..last, in 1 / size cycles per pixel.
 
         matrix (2, 2): chip pixel per pixel of the image. Frequencies of a modulus above `last` are 0.
@@ -45,7 +47,7 @@ class LatticeTransform:
         return out
 
 
-def _window_transform(x):
+def _window_transform(x: FloatArray) -> FloatArray:
     """Return the transform of the window at |x| <= 1/4 cycles per value."""
     nodes, weights = np.polynomial.legendre.leggauss(60)
     t = nodes * _WIDTH / 2
@@ -54,14 +56,14 @@ def _window_transform(x):
 
 
 @numba.njit(inline="always")
-def _sinc3(f):
+def _sinc3(f: float) -> float:
     x = math.pi * f
     s = 1.0 if abs(x) < 1e-8 else math.sin(x) / x
     return s * s * s
 
 
 @numba.njit(cache=True)
-def _weights(out, place, table):
+def _weights(out: FloatArray, place: float, table: FloatArray) -> int:
     """Fill `out` with the window's values around a place; return the index of the first."""
     first = math.ceil(place - 0.5 * len(out))
     for j in range(len(out)):
@@ -72,7 +74,7 @@ def _weights(out, place, table):
 
 
 @numba.njit(cache=True)
-def _sum(out, values, matrix, table):
+def _sum(out: ComplexArray, values: ComplexArray, matrix: FloatArray, table: FloatArray) -> None:
     last = out.shape[1] - 1
     rows, columns = values.shape
     across, along = np.empty(_WIDTH), np.empty(_WIDTH)

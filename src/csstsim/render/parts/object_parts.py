@@ -5,23 +5,35 @@ order, as they are without parts. Knots are a row of their own. An image takes i
 pixels it is cut in tiles, each with the PSF of its own place and a transform of moderate size.
 """
 
+from __future__ import annotations
+
 from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numba
 import numpy as np
 
 from csstsim.base.counter import word
+from csstsim.base.types import AnyArray, FloatArray, IntArray
 from csstsim.catalog.galaxy_shapes.components import has_image
 from csstsim.catalog.galaxy_shapes.images import read_picture, sky_of
 from csstsim.catalog.galaxy_shapes.knots import knots_of
 from csstsim.catalog.selection.reach import POINT_MAX, POINT_MIN
 from csstsim.render.parts.spots import Spots, image_coefficients
 
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from csstsim.catalog.galaxy_shapes.knots import Knots
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.optics.psf.psf_file import PsfSet
+    from csstsim.render.scene import Scene
+
 TILE_PX = 384.0  # pixels of the chip: the longest side of an image, or of a tile of one
 _PART = np.uint64(1) << np.uint64(40)  # a word of the keys of parts: beyond those of twins (render.imaging.draw)
 
 
-def with_parts(scene, objects, psf, lens):
+def with_parts(scene: Scene, objects: ObjectTable, psf: PsfSet, lens: Callable[[IntArray], FloatArray]) -> Scene:
     """Return the Scene of objects with the rows of their knots and images; the same Scene if there are none.
 
     objects: the ObjectTable of which `scene` has one row each; lens(rows) -> (m, 2, 2) pixel per arcsec of the sky
@@ -45,18 +57,21 @@ def with_parts(scene, objects, psf, lens):
         rows[0] = _replaced(main, made.take(np.flatnonzero(first)))
         rows.append(made.take(np.flatnonzero(~first)))
     whole = _joined(rows)
+    assert whole.share is not None  # from here on
     return replace(whole, electrons=whole.share[:, None] * scene.electrons[whole.parent])
 
 
-def _replaced(main, made):
+def _replaced(main: Scene, made: Scene) -> Scene:
     """Return the Scene `main` with the rows of `made` in place of those of their objects."""
-    columns = {name: values.copy() for name, values in vars(main).items() if isinstance(values, np.ndarray)}
+    columns: dict[str, Any] = {
+        name: values.copy() for name, values in vars(main).items() if isinstance(values, np.ndarray)
+    }
     for name, values in columns.items():
         values[made.parent] = getattr(made, name)
     return replace(main, **columns)
 
 
-def part_keys(keys, scene):
+def part_keys(keys: IntArray, scene: Scene) -> IntArray:
     """Return the keys of a Scene's rows from those of its objects: parts have others."""
     if scene.parent is None or len(scene) == len(keys):
         return keys
@@ -65,7 +80,7 @@ def part_keys(keys, scene):
 
 
 @numba.njit(cache=True)
-def _other_keys(keys, parent):
+def _other_keys(keys: IntArray, parent: IntArray) -> IntArray:
     """Return a key for each of the parts, from its object's and the number of the object's parts before it."""
     before, out = np.zeros(len(keys), np.uint64), np.empty(len(parent), np.uint64)
     for i in range(len(parent)):
@@ -75,7 +90,7 @@ def _other_keys(keys, parent):
     return out
 
 
-def _knot_rows(main, knots):
+def _knot_rows(main: Scene, knots: Knots) -> Scene:
     """Return the rows of objects' knots."""
     made = main.take(knots.rows)
     made.light[:] = 1.0, 0.0
@@ -87,12 +102,16 @@ def _knot_rows(main, knots):
 class _Tile:
     """A part of an object's image: its row, share, group of spots, place [px] from the object, matrix and size."""
 
-    def __init__(self, row, share, group, at, matrix, size, first):
+    def __init__(
+        self, row: int, share: float, group: int, at: FloatArray, matrix: FloatArray, size: float, first: bool
+    ) -> None:
         self.row, self.share, self.group, self.at = row, share, group, at
         self.matrix, self.size, self.first = matrix, size, first
 
 
-def _tiles(objects, rows, lens):
+def _tiles(
+    objects: ObjectTable, rows: IntArray, lens: Callable[[IntArray], FloatArray]
+) -> tuple[list[FloatArray], list[_Tile]]:
     """Return (images, tiles): coefficients of all tiles of images, and the _Tiles of the objects `rows`."""
     if not len(rows):
         return [], []
@@ -104,7 +123,8 @@ def _tiles(objects, rows, lens):
         skies.append(sky_of(read_picture(name), scale, angle))
     matrices = lens(rows) @ np.array(skies)
     steps = np.linalg.norm(matrices, axis=1)  # px per column, per row
-    images, cut, tiles = [], {}, []
+    images: list[FloatArray] = []
+    cut, tiles = {}, []
     for name in dict.fromkeys(names.tolist()):
         picture, largest = read_picture(name), steps[names == name].max(axis=0)
         cut[name] = list(_cut(image_coefficients(picture.pixels), largest, len(images)))
@@ -116,7 +136,9 @@ def _tiles(objects, rows, lens):
     return images, tiles
 
 
-def _cut(coefficients, steps, first):
+def _cut(
+    coefficients: FloatArray, steps: FloatArray, first: int
+) -> Iterator[tuple[int, float, FloatArray, FloatArray]]:
     """Yield (group, share of the light, middle (column, row) from that of the image, coefficients) of each tile."""
     sides = [max(int(np.ceil(n * step / TILE_PX)), 1) for n, step in zip(coefficients.shape, steps[::-1], strict=True)]
     edges = [np.linspace(0, n, k + 1).round().astype(int) for n, k in zip(coefficients.shape, sides, strict=True)]
@@ -130,8 +152,9 @@ def _cut(coefficients, steps, first):
                 first += 1
 
 
-def _tile_rows(main, tiles, first, psf):
+def _tile_rows(main: Scene, tiles: list[_Tile], first: int, psf: PsfSet) -> Scene:
     """Return the Scene of tiles; first: the group of the first image."""
+    assert main.spots is not None
     made = main.take(np.array([tile.row for tile in tiles]))
     made.light[:], made.sersic[:] = (1.0, 0.0), 0.0
     made.sersic[:, 0, 2] = [tile.size for tile in tiles]
@@ -146,7 +169,7 @@ def _tile_rows(main, tiles, first, psf):
     )  # fmt: skip
 
 
-def _reach_of(reach, at, extent, matrix):
+def _reach_of(reach: AnyArray, at: FloatArray, extent: FloatArray, matrix: FloatArray) -> AnyArray:
     """Return the reach (n,) of tiles: their own extent, and what the objects' reach had in addition to all tiles."""
     extent = extent * np.linalg.norm(matrix, ord=2, axis=(1, 2))
     farthest = np.hypot(*at.T) + extent
@@ -154,10 +177,11 @@ def _reach_of(reach, at, extent, matrix):
     return np.minimum(reach, np.ceil(extent + np.clip(blur, POINT_MIN, POINT_MAX))).astype(reach.dtype)
 
 
-def _joined(scenes):
+def _joined(scenes: list[Scene]) -> Scene:
     """Return the rows of several Scenes of the same spots."""
     one = vars(scenes[0])
-    return replace(scenes[0], **{
+    columns: dict[str, Any] = {
         name: np.concatenate([getattr(scene, name) for scene in scenes])
         for name, values in one.items() if name != "spots" and values is not None
-    })  # fmt: skip
+    }  # fmt: skip
+    return replace(scenes[0], **columns)

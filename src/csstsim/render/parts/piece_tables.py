@@ -1,13 +1,21 @@
 """Tables of what was drawn of objects in several pieces, of a trail or by components: one row for each object."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from csstsim.render.drawn_table import NONE
 
+if TYPE_CHECKING:
+    from csstsim.base.types import FloatArray, IntArray
+    from csstsim.catalog.table import ObjectTable
+
 SHARE = "trail_share"  # column of the pieces: their share of the object's light
 
 
-def gathered(objects, owner, drawn):
+def gathered(objects: ObjectTable, owner: IntArray, drawn: ObjectTable) -> ObjectTable:
     """Return the table of `objects` with what was drawn of their pieces (render.drawn_table), a row for each object."""
     count = len(objects)
     ends = np.r_[np.flatnonzero(np.r_[True, owner[1:] != owner[:-1]]), len(owner)] if count else np.zeros(1, int)
@@ -16,7 +24,7 @@ def gathered(objects, owner, drawn):
     chosen = starts.copy()  # the first piece that was drawn
     rows = np.flatnonzero(lit)
     chosen[owner[rows[::-1]]] = rows[::-1]
-    box = {}
+    box: dict[str, IntArray] = {}
     there = drawn["x1"] > drawn["x0"]
     for low, high in (("x0", "x1"), ("y0", "y1")):
         least, most = np.full(count, np.iinfo(np.int32).max, np.int32), np.zeros(count, np.int32)
@@ -38,7 +46,7 @@ def gathered(objects, owner, drawn):
     )  # fmt: skip
 
 
-def orders_of(orders, row, light):
+def orders_of(orders: ObjectTable, row: IntArray, light: FloatArray) -> ObjectTable:
     """Return the table of orders of pieces with one row for each object, order and grating, that of most light.
 
     row (m,): the object of each piece; light (m,). Electrons are sums, the box encloses all, `cut` is any piece's.
@@ -54,7 +62,8 @@ def orders_of(orders, row, light):
     order = np.lexsort((np.arange(len(group)), -orders["electrons"], group))
     best = order[np.r_[True, np.diff(group[order]) != 0]]
     kept = orders.take(best)
-    box, there = {}, orders["x1"] > orders["x0"]
+    box: dict[str, IntArray] = {}
+    there = orders["x1"] > orders["x0"]
     for low, high in (("x0", "x1"), ("y0", "y1")):
         least, most = np.full(count, np.iinfo(np.int32).max, np.int32), np.zeros(count, np.int32)
         np.minimum.at(least, group[there], orders[low][there])

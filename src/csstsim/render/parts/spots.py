@@ -7,15 +7,24 @@ is smooth between pixels and does not ring. Places are in arcsec (knots) or pixe
 of the object.
 """
 
+from __future__ import annotations
+
 import math
 from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
 from scipy.ndimage import convolve1d
 
+from csstsim.base.types import ComplexArray, FloatArray, IntArray
 from csstsim.render.parts.lattice_transform import LatticeTransform
 from csstsim.render.psf_table import spline_coefficients
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike
 
 _TRANSFORMS_KEPT = 16
 _RINGS = 1e-3  # of the light in negative coefficients, above which they are found by steps ...
@@ -29,7 +38,13 @@ class Spots:
     pixel, 0 for knots; extent (groups,): the largest distance of light from the origin.
     """
 
-    def __init__(self, counts=(), u=(), v=(), images=()):
+    def __init__(
+        self,
+        counts: Sequence[int] | IntArray = (),
+        u: ArrayLike = (),
+        v: ArrayLike = (),
+        images: Sequence[FloatArray] = (),
+    ) -> None:
         """counts (k,), u, v (sum of counts,): knots; images: coefficients (rows, columns) of each, none negative."""
         lattices = [_lattice(image) for image in images]
         sizes = [*np.asarray(counts, int), *(len(light) for _, _, light in lattices)]
@@ -42,11 +57,11 @@ class Spots:
         transform = lru_cache(_TRANSFORMS_KEPT)(lambda k: LatticeTransform(images[k]))
         self._transform = transform
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.blur)
 
     @cached_property
-    def extent(self):
+    def extent(self) -> FloatArray:
         """(groups,) the largest distance of light from the origin."""
         r = np.hypot(self.u, self.v)
         return np.array([r[a:b].max(initial=0.0) for a, b in zip(self.start[:-1], self.start[1:], strict=True)]) + (
@@ -54,7 +69,7 @@ class Spots:
         )
 
     @cached_property
-    def sampled(self):
+    def sampled(self) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, IntArray, FloatArray]:
         """Arrays for compiled loops: start, u, v, alias table (keep, other) and blur; knots need no table."""
         keep, other = np.ones(len(self.u)), np.zeros(len(self.u), np.int32)
         for k, light in enumerate(self._light, self._knots):
@@ -62,23 +77,24 @@ class Spots:
             keep[part], other[part] = alias_table(light)
         return self.start, self.u, self.v, keep, other, self.blur
 
-    def group(self, k):
+    def group(self, k: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return (u, v, light) of the spots of group k, light summing to 1."""
         part = slice(self.start[k], self.start[k + 1])
         count = self.start[k + 1] - self.start[k]
         light = np.full(count, 1 / count) if k < self._knots else self._light[k - self._knots]
         return self.u[part], self.v[part], light
 
-    def image(self, k):
+    def image(self, k: int) -> FloatArray | None:
         """Return the coefficients (rows, columns) of group k, an image; None for knots."""
         return None if k < self._knots else self._images[k - self._knots]
 
-    def transform(self, k, matrix, size, last):
+    def transform(self, k: int, matrix: FloatArray, size: int, last: int) -> ComplexArray:
         """Return the transform of group k, light 1, at the frequencies of render.psf_mixture.transform, complex64."""
         image = self.image(k)
         if image is None:
             u, v, _ = self.group(k)
-            return _knots_transform(*(matrix @ np.stack([u, v])), size, last)
+            x, y = matrix @ np.stack([u, v])
+            return _knots_transform(x, y, size, last)
         out = self._transform(k - self._knots).at(matrix, size, last)
         # Its origin is a pixel's centre; that of the group is the middle of the image
         shift = matrix @ [n // 2 - (n - 1) / 2 for n in image.shape[::-1]]
@@ -90,7 +106,7 @@ class Spots:
         return out
 
 
-def _lattice(coefficients):
+def _lattice(coefficients: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return (u, v, light) of the pixels of an image that have light, from its middle."""
     rows, columns = np.nonzero(coefficients > 0)
     light = coefficients[rows, columns]
@@ -98,7 +114,7 @@ def _lattice(coefficients):
     return columns - (nx - 1) / 2, rows - (ny - 1) / 2, light / light.sum()
 
 
-def image_coefficients(pixels):
+def image_coefficients(pixels: FloatArray) -> FloatArray:
     """Return the B-spline coefficients (rows + 2, columns + 2), none negative and of sum 1, of an image's pixels.
 
     An image sampled well has no negative ones, and they reproduce each pixel. Others, as single bright pixels, get the
@@ -114,7 +130,7 @@ def image_coefficients(pixels):
     return coefficients / coefficients.sum()
 
 
-def in_pixels(coefficients):
+def in_pixels(coefficients: FloatArray) -> FloatArray:
     """Return the light in pixels of splines with these coefficients."""
     for axis in (0, 1):
         coefficients = convolve1d(coefficients, [1 / 6, 2 / 3, 1 / 6], axis=axis, mode="constant")
@@ -122,7 +138,7 @@ def in_pixels(coefficients):
 
 
 @numba.njit(cache=True)
-def alias_table(light):
+def alias_table(light: FloatArray) -> tuple[FloatArray, IntArray]:
     """Return (keep, other): a draw of j evenly, then of j with probability keep[j] and else other[j] (Vose 1991)."""
     n = len(light)
     keep, other = np.empty(n), np.empty(n, np.int32)
@@ -154,7 +170,7 @@ def alias_table(light):
 
 
 @numba.njit(cache=True)
-def _knots_transform(x, y, size, last):
+def _knots_transform(x: FloatArray, y: FloatArray, size: int, last: int) -> ComplexArray:
     """Return (2 last + 1, last + 1) complex64: the mean of exp(-2 pi i (k_x x + k_y y) / size) over knots."""
     out = np.zeros((2 * last + 1, last + 1), np.complex64)
     step, n = 2 * math.pi / size, len(x)

@@ -12,8 +12,11 @@ _WING px. Left out: ghosts; the wing beyond the ends; the dispersion along a lin
 grating's piece to the other's.
 """
 
+from __future__ import annotations
+
 import time
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
@@ -26,6 +29,19 @@ from csstsim.render.drawn_table import DrawnTable
 from csstsim.render.wing_tables import RADII
 from csstsim.render.wings import box_share, wing_beyond
 
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from csstsim.base.types import FloatArray, IntArray
+    from csstsim.catalog.light.object_spectra import Spectra
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.instrument.chip import Window
+    from csstsim.instrument.grating import Order
+    from csstsim.optics.gratings.dispersion import Disperser
+    from csstsim.optics.scatter.halo import Wing
+    from csstsim.render.canvas import Canvas
+    from csstsim.render.drawing import Drawing
+
 METHOD = "track"
 _STEP = 0.125  # px, of the profiles across a line
 _NODE = 4.0  # px along the line between the places that are computed
@@ -33,7 +49,13 @@ _BLOCK = 512.0  # px
 _WING = 512.0  # px
 
 
-def draw_tracks(canvas, objects, drawing, spectra=None, disperser=None):
+def draw_tracks(
+    canvas: Canvas,
+    objects: ObjectTable,
+    drawing: Drawing,
+    spectra: Spectra | None = None,
+    disperser: Disperser | None = None,
+) -> ObjectTable:
     """Draw objects that move as lines on a Canvas; return the table with what was drawn (render.drawn_table).
 
     objects: ObjectTable of catalog.selection.select with rates, all of whose rows have a trail; the others as in
@@ -47,8 +69,9 @@ def draw_tracks(canvas, objects, drawing, spectra=None, disperser=None):
         line = _Line(objects.take(np.array([i])), drawing)
         out.electrons[i] = flux[i].sum() * line.exposed
         if disperser is None:
-            parts = [(line, flux[i], None)]
+            parts: Iterable[tuple[_Line, FloatArray, Order | None]] = [(line, flux[i], None)]
         else:
+            assert spectra is not None  # given with a disperser
             light = spectra(np.array([i]), disperser.edges)[0]
             out.electrons[i] = (light * disperser.rates.sum(axis=1).max(axis=0)).sum() * line.exposed
             parts = _orders(line, light, disperser)
@@ -67,8 +90,9 @@ def draw_tracks(canvas, objects, drawing, spectra=None, disperser=None):
 class _Line:
     """Places x, y [px] along a track and the seconds of light for each pixel of length, as the response asks for it."""
 
-    def __init__(self, row, drawing):
+    def __init__(self, row: ObjectTable, drawing: Drawing) -> None:
         interval, chip = drawing.interval, drawing.wcs.chip
+        assert interval is not None and drawing.observer is not None  # given for objects that move
         start, end = float(row["trail_start"][0]), float(row["trail_end"][0])
         count = max(int(np.ceil(row["trail_length"][0] / chip.telescope.pixel_scale / _NODE)), 2) + 1
         t = np.linspace(start, end, count)
@@ -82,14 +106,14 @@ class _Line:
         self.seconds = lit * np.gradient(t) / along * more
         self.exposed = float(np.trapezoid(more, t))
 
-    def taken(self, rows):
+    def taken(self, rows: IntArray) -> _Line:
         """Return the part of the line at an array of rows, all next to each other."""
         part = object.__new__(_Line)
         part.x, part.y, part.seconds = self.x[rows], self.y[rows], self.seconds[rows]
         return part
 
 
-def _orders(line, light, disperser):
+def _orders(line: _Line, light: FloatArray, disperser: Disperser) -> Iterator[tuple[_Line, FloatArray, Order]]:
     """Yield (part of the line, (bins,) electron / s, (piece, order)) of the orders of each grating's piece."""
     for piece, (grating, _) in enumerate(disperser.gratings.pieces):
         x0, x1, y0, y1 = disperser.rectangles[piece]
@@ -102,7 +126,15 @@ def _orders(line, light, disperser):
                 yield line.taken(rows), rates, order
 
 
-def _draw(canvas, line, rates, order, drawing, width, disperser):
+def _draw(
+    canvas: Canvas,
+    line: _Line,
+    rates: FloatArray,
+    order: Order | None,
+    drawing: Drawing,
+    width: float,
+    disperser: Disperser | None,
+) -> tuple[float, IntArray | None]:
     """Draw a line, one order of it or all; return (electrons on the window, box on the chip or None)."""
     length = np.r_[0.0, np.cumsum(np.hypot(np.diff(line.x), np.diff(line.y)))]
     blocks = max(round(length[-1] / _BLOCK), 1)
@@ -118,17 +150,17 @@ def _draw(canvas, line, rates, order, drawing, width, disperser):
         if order is None and not _meets(canvas.window, x, y):
             continue
         d, spread, shift = _profile(rates, order, middle, angle, drawing, width, disperser)
-        mix = rates if order is None else disperser.psf_weights @ rates
+        mix = rates if disperser is None else disperser.psf_weights @ rates
         found, box = _lay(canvas, part, angle, d, spread, shift, *_end(mix, middle, angle, drawing, width))
         drawn += found
         boxes += [box] if box is not None else []
     if not boxes:
         return 0.0, None
-    boxes = np.array(boxes)
-    return drawn, np.array([boxes[:, 0].min(), boxes[:, 1].max(), boxes[:, 2].min(), boxes[:, 3].max()])
+    box = np.array(boxes)
+    return drawn, np.array([box[:, 0].min(), box[:, 1].max(), box[:, 2].min(), box[:, 3].max()])
 
 
-def _meets(window, x, y):
+def _meets(window: Window, x: FloatArray, y: FloatArray) -> bool:
     """Whether light of a stretch may reach a window."""
     reach = 2 * _WING
     return not (
@@ -137,7 +169,16 @@ def _meets(window, x, y):
     )  # fmt: skip
 
 
-def _lay(canvas, part, angle, d, spread, shift, before, rise):
+def _lay(
+    canvas: Canvas,
+    part: _Line,
+    angle: float,
+    d: FloatArray,
+    spread: FloatArray,
+    shift: float,
+    before: float,
+    rise: FloatArray,
+) -> tuple[float, IntArray | None]:
     """Add a straight stretch to a Canvas; return (electrons, box or None).
 
     spread: light at distances d [px] across; shift: of its light along [px]; before, rise: of `_end`.
@@ -149,6 +190,7 @@ def _lay(canvas, part, angle, d, spread, shift, before, rise):
     grid = np.arange(0.0, along[-1] + 1.0)  # px
     seconds, bend = np.interp(grid, along, part.seconds), np.interp(grid, along, off)
     touched = np.array([window.nx, 0, window.ny, 0])
+    assert canvas.expected is not None  # None: for photons alone
     total = _fill(
         canvas.expected, canvas.seen, corner, (cos, sin), float(along[-1]), seconds, bend, float(d[0]), spread, before,
         rise, touched,
@@ -157,7 +199,7 @@ def _lay(canvas, part, angle, d, spread, shift, before, rise):
 
 
 @numba.njit(cache=True)
-def _rises(rise, before, s):
+def _rises(rise: FloatArray, before: float, s: float) -> float:
     """Return the share of an end's light before a place s [px] from it."""
     place = (s - before) / _STEP
     if place <= 0.0:
@@ -169,7 +211,20 @@ def _rises(rise, before, s):
 
 
 @numba.njit(cache=True)
-def _fill(image, response, corner, turn, length, seconds, bend, first, spread, before, rise, touched):
+def _fill(
+    image: FloatArray,
+    response: FloatArray,
+    corner: tuple[float, float],
+    turn: tuple[float, float],
+    length: float,
+    seconds: FloatArray,
+    bend: FloatArray,
+    first: float,
+    spread: FloatArray,
+    before: float,
+    rise: FloatArray,
+    touched: IntArray,
+) -> float:
     cos, sin = turn
     total, last = 0.0, first + (len(spread) - 1) * _STEP
     reach = max(-first, last) + np.abs(bend).max() + 1.0
@@ -207,7 +262,15 @@ def _fill(image, response, corner, turn, length, seconds, bend, first, spread, b
     return total
 
 
-def _profile(rates, order, middle, angle, drawing, width, disperser):
+def _profile(
+    rates: FloatArray,
+    order: Order | None,
+    middle: tuple[float, float],
+    angle: float,
+    drawing: Drawing,
+    width: float,
+    disperser: Disperser | None,
+) -> tuple[FloatArray, FloatArray, float]:
     """Return (d, spread, along): electron / s for each px across at distances d [px], and the mean shift along [px].
 
     rates: (4,) of sub-bands, or (bins,) of an order.
@@ -218,6 +281,7 @@ def _profile(rates, order, middle, angle, drawing, width, disperser):
         d = d[0] + _STEP * (np.arange(bands.shape[1]) - (bands.shape[1] - len(d)) / 2)
     if order is None:
         return d, rates @ bands, 0.0
+    assert disperser is not None  # of which it is an order
     p, q, r, s = order.lines(np.array([middle[0]]), np.array([middle[1]]))[0]
     waves = 0.5 * (disperser.edges[1:] + disperser.edges[:-1])
     dx, dy = p + q * waves, r + s * waves
@@ -233,11 +297,13 @@ def _profile(rates, order, middle, angle, drawing, width, disperser):
     for band in range(4):
         np.add.at(spots[band], k, (1 - f) * weights[band])
         np.add.at(spots[band], np.minimum(k + 1, spots.shape[1] - 1), f * weights[band])
-    spread = sum(np.convolve(spots[band], bands[band]) for band in range(4))
+    spread: FloatArray = sum(np.convolve(spots[band], bands[band]) for band in range(4))  # type: ignore[assignment]  # not 0
     return first + _STEP * np.arange(len(spread)), spread, float(np.average(along[lit], weights=rates[lit]))
 
 
-def _end(mix, middle, angle, drawing, width):
+def _end(
+    mix: FloatArray, middle: tuple[float, float], angle: float, drawing: Drawing, width: float
+) -> tuple[float, FloatArray]:
     """Return (before [px], (n,) shares): how the light of a line rises at its end, by _STEP from `before` the end.
 
     mix: (4,) light of the sub-bands. An end is as round as the PSF's box makes it.
@@ -250,7 +316,7 @@ def _end(mix, middle, angle, drawing, width):
     return -_STEP * (len(along) - 1) / 2, rise / along.sum()
 
 
-def _line_spread(drawing, middle, angle):
+def _line_spread(drawing: Drawing, middle: tuple[float, float], angle: float) -> tuple[FloatArray, FloatArray]:
     """Return (d, (4, n)): light of each sub-band for each px across a line, of light 1 for each px along it.
 
     angle [rad]: of the line, from x to y.
@@ -266,7 +332,7 @@ def _line_spread(drawing, middle, angle):
     return d, wide
 
 
-def _box_spread(drawing, middle, angle):
+def _box_spread(drawing: Drawing, middle: tuple[float, float], angle: float) -> tuple[FloatArray, FloatArray]:
     """Return `_line_spread` of the light in the PSF's box."""
     psf = drawing.psf
     node, weight, _ = psf.weights(*(np.array([v]) for v in middle))
@@ -288,7 +354,7 @@ def _box_spread(drawing, middle, angle):
 
 
 @lru_cache(16)
-def _wing(wing, half):
+def _wing(wing: Wing, half: float) -> tuple[FloatArray, FloatArray]:
     """Return (d, (4, n)): the wing beyond a box of half side `half` [px] summed along a line, at distances d [px]."""
     d = np.arange(-_WING, _WING + _STEP, _STEP)
     s = np.concatenate([[0.0], np.geomspace(0.5, 4096.0, 120)])
@@ -299,7 +365,7 @@ def _wing(wing, half):
     return d, np.stack([np.interp(np.abs(d), some, of_band) for of_band in sums])
 
 
-def _widened(bands, width):
+def _widened(bands: FloatArray, width: float) -> FloatArray:
     """Return the line-spread functions (4, n) convolved with a disc of `width` px seen edge-on."""
     edges = np.arange(-np.ceil(width / 2 / _STEP) - 0.5, np.ceil(width / 2 / _STEP) + 1) * _STEP
     z = np.clip(2 * edges / width, -1.0, 1.0)

@@ -7,7 +7,10 @@ this sum cannot be told from a line; the tests compare it with GalSim's. A piece
 column is exposed. The response of the pixels, in which the shutter is, multiplies it (optics.throughput.response).
 """
 
+from __future__ import annotations
+
 from functools import lru_cache
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
@@ -17,20 +20,56 @@ from csstsim.render.parts.component_pieces import draw_components
 from csstsim.render.parts.piece_tables import SHARE, gathered, orders_of
 from csstsim.render.parts.tracks import draw_tracks
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from csstsim.base.types import FloatArray, IntArray
+    from csstsim.catalog.changing.motion import Interval
+    from csstsim.catalog.light.object_spectra import Spectra
+    from csstsim.optics.gratings.dispersion import Disperser
+    from csstsim.render.canvas import Canvas
+    from csstsim.render.drawing import Drawing
+    from csstsim.render.parts.component_pieces import DrawDispersed
+
 SPACING, FEWEST = 0.5, 4  # px; points in addition
 LINE_PX = 256.0  # longer trails, and those with a width, are lines
 
 
-def draw_trailed(draw, canvas, objects, drawing, spectra=None, disperser=None):
+@overload
+def draw_trailed(
+    draw: Callable[[Canvas, ObjectTable, Drawing], ObjectTable], canvas: Canvas, objects: ObjectTable, drawing: Drawing
+) -> tuple[ObjectTable]: ...
+
+
+@overload
+def draw_trailed(
+    draw: DrawDispersed,
+    canvas: Canvas,
+    objects: ObjectTable,
+    drawing: Drawing,
+    spectra: Spectra,
+    disperser: Disperser,
+) -> tuple[ObjectTable, ObjectTable]: ...
+
+
+def draw_trailed(
+    draw: Callable[..., Any],
+    canvas: Canvas,
+    objects: ObjectTable,
+    drawing: Drawing,
+    spectra: Spectra | None = None,
+    disperser: Disperser | None = None,
+) -> tuple[ObjectTable, ...]:
     """Draw objects with a function of render.imaging or render.slitless; return what it returns, as a tuple.
 
     draw(canvas, objects, drawing), with a disperser draw(canvas, objects, spectra, disperser, drawing). Objects that
     move are drawn along their trails, each with one row in the tables. Without such objects this is a call of `draw`.
     """
 
-    def drawn(some, light):
+    def drawn(some: ObjectTable, light: Spectra | None) -> tuple[ObjectTable, ...]:
         if disperser is None:
             return (draw(canvas, some, drawing),)
+        assert light is not None  # given with a disperser
         return draw_components(draw, canvas, some, light, disperser, drawing)
 
     if "trail_length" not in objects or not (objects["trail_length"] > 0).any():
@@ -50,7 +89,7 @@ def draw_trailed(draw, canvas, objects, drawing, spectra=None, disperser=None):
     return (whole, *(orders_of(part, rest[owner], light) for part in orders))
 
 
-def cut(objects, drawing):
+def cut(objects: ObjectTable, drawing: Drawing) -> tuple[ObjectTable, IntArray, FloatArray]:
     """Return (pieces, owner (m,), light (m,)): the pieces as an ObjectTable, the rows they are of, and their light.
 
     light: that of the exposure is 1. A row that does not move is one piece. Pieces of a row are together, in time.
@@ -64,6 +103,7 @@ def cut(objects, drawing):
     pieces = objects.take(owner)
     if not len(moving):
         return pieces.with_columns(**{SHARE: light}), owner, light
+    assert interval is not None and drawing.observer is not None  # given for objects that move
     mine = owner[moving]
     rules = [_rule(n) for n in count[np.unique(mine)].tolist()]
     step, part = (np.concatenate(values) for values in zip(*rules, strict=True))
@@ -83,18 +123,18 @@ def cut(objects, drawing):
 
 
 @lru_cache(512)
-def _rule(n):
+def _rule(n: int) -> tuple[FloatArray, FloatArray]:
     """Return (places from -0.5 to 0.5, weights whose sum is 1) of n points."""
     nodes, weights = np.polynomial.legendre.leggauss(n)
     return 0.5 * nodes, 0.5 * weights
 
 
-def motion_of(objects, interval):
+def motion_of(objects: ObjectTable, interval: Interval) -> Motion:
     """Return the Motion of objects as selected."""
     return Motion(objects.with_columns(ra=objects["ra_orig"], dec=objects["dec_orig"]), interval)
 
 
-def exposed_more(interval, x):
+def exposed_more(interval: Interval, x: FloatArray) -> FloatArray:
     """Return (n,) by how much more the light of a time counts at columns x, because the response has less of it."""
     first, last = interval.exposed(x)
     return interval.exptime / (last - first)

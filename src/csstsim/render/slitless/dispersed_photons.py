@@ -12,11 +12,18 @@ with p, q, r, s at the object's centre; they change by a thousandth across a gal
 thinned by losses as in render.imaging.photons.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, TypeAlias
+
 import numba
 import numpy as np
 
 from csstsim.base.counter import high, low, poisson, unit, word
+from csstsim.base.types import AnyArray, FloatArray, IntArray
 from csstsim.render.photon_positions import (
+    Cells,
+    Shapes,
     check_scene,
     contiguous,
     cumulative,
@@ -29,6 +36,22 @@ from csstsim.render.photon_positions import (
     tail_table,
 )
 
+if TYPE_CHECKING:
+    from csstsim.optics.gratings.dispersion import Disperser
+    from csstsim.optics.scatter.halo import Wing
+    from csstsim.render.canvas import Canvas
+    from csstsim.render.psf_table import PsfTable
+    from csstsim.render.scene import Scene
+    from csstsim.render.slitless.traces import Traces
+
+# What compiled loops pass on: counted, response and maximum; what an electron's wavelength and node are drawn from
+# (running, guide, shares, between, first, step, nodes, index, lines); of a visit x, y, matrix, profile, shapes, number,
+# side and whether it cuts; drawn and box; of each electron first word, order, px, py and shifts
+Image: TypeAlias = tuple[IntArray, FloatArray, float]
+Draw: TypeAlias = tuple[FloatArray, IntArray, FloatArray, FloatArray, float, float, FloatArray, IntArray, FloatArray]
+Place: TypeAlias = tuple[float, float, FloatArray, FloatArray, Shapes, int, FloatArray, bool]
+Results: TypeAlias = tuple[IntArray, IntArray]
+Work: TypeAlias = tuple[IntArray, IntArray, FloatArray, FloatArray, FloatArray, FloatArray]
 _ONE, _TWO, _FOUR = (np.uint64(k) for k in (1, 2, 4))
 _S26, _S36 = np.uint64(26), np.uint64(36)  # a word in three: 26, 10 and 28 bits
 _LOW26, _LOW10 = np.uint64((1 << 26) - 1), np.uint64((1 << 10) - 1)
@@ -39,7 +62,9 @@ _DENSE = 8.0  # electrons a bin above which each bin has its own Poisson numbers
 _AWAY = 1e9  # px: position given to electrons outside the piece, off any window
 
 
-def shoot_spectra(canvas, scene, traces, keys, table, wing=None):
+def shoot_spectra(
+    canvas: Canvas, scene: Scene, traces: Traces, keys: IntArray, table: PsfTable, wing: Wing | None = None
+) -> tuple[IntArray, IntArray]:
     """Draw the orders of a Scene's objects into the counted plane of a Canvas, which must be there.
 
     traces: Traces of the objects; keys: (v,) uint64 of their visits, all different; scene.electrons is not used. table,
@@ -48,6 +73,7 @@ def shoot_spectra(canvas, scene, traces, keys, table, wing=None):
     half-open, 0 if none. The result does not depend on the order of the visits.
     """
     (spectra, visits, disperser), window = traces, canvas.window
+    assert canvas.counted is not None
     check_scene(scene, table, canvas.maximum)
     if not _usable(spectra):
         raise ValueError("a spectrum is negative or not finite")
@@ -59,6 +85,7 @@ def shoot_spectra(canvas, scene, traces, keys, table, wing=None):
     shares = (np.cumsum(rates, axis=1) / np.where(total > 0, total, 1.0)[:, None]).astype(np.float32)
     profile, shapes = profiles_of(scene)
     floats = (scene.matrix, scene.light, profile, scene.weight)
+    objects: tuple[AnyArray, ...]
     objects = scene.x - window.x0, scene.y - window.y0, *(np.ascontiguousarray(a, np.float64) for a in floats)
     objects += (np.ascontiguousarray(scene.node),)
     psf = table.words.reshape(-1), table.share, table.bits, table.cells, table.per_pixel
@@ -73,7 +100,7 @@ def shoot_spectra(canvas, scene, traces, keys, table, wing=None):
 
 
 @numba.njit(cache=True)
-def _usable(spectra):
+def _usable(spectra: FloatArray) -> bool:
     """Whether no value of `spectra` (n, bins) is negative or not finite."""
     wrong = 0
     for i in range(len(spectra)):
@@ -82,14 +109,25 @@ def _usable(spectra):
     return wrong == 0
 
 
-def _wavelengths(disperser):
+def _wavelengths(disperser: Disperser) -> tuple[FloatArray, float, float]:
     """Return the position of each bin among the PSF set's wavelengths, 0 to 3, and the bins' first edge and step."""
     lower, upper = disperser.psf_mixture
     return (lower + upper).astype(np.float32), float(disperser.edges[0]), float(np.diff(disperser.edges[:2])[0])
 
 
 @numba.njit(cache=True)
-def _shoot(image, objects, shapes, light, optics, visits, keys, psf, tail, results):
+def _shoot(
+    image: Image,
+    objects: tuple[AnyArray, ...],
+    shapes: Shapes,
+    light: tuple[FloatArray, FloatArray, FloatArray],
+    optics: tuple[FloatArray, float, float, FloatArray, AnyArray],
+    visits: IntArray,
+    keys: IntArray,
+    psf: Cells,
+    tail: FloatArray,
+    results: Results,
+) -> None:
     maximum = image[2]
     x, y, matrix, parts, profile, weight, index = objects
     spectra, total, shares = light
@@ -129,7 +167,7 @@ def _shoot(image, objects, shapes, light, optics, visits, keys, psf, tail, resul
 
 
 @numba.njit(cache=True)
-def _fill(guide, running, maximum):
+def _fill(guide: IntArray, running: FloatArray, maximum: float) -> int:
     """Fill the guide: entry j is the bin at which the share j / entries of the light is reached; return `entries`."""
     bins, light = len(running) - 1, running[-1]
     entries = 8
@@ -144,7 +182,9 @@ def _fill(guide, running, maximum):
 
 
 @numba.njit(cache=True)
-def _choose(number, draw, psf, work, key, counter):
+def _choose(
+    number: int, draw: Draw, psf: Cells, work: Work, key: np.uint64, counter: np.uint64
+) -> tuple[int, np.uint64]:
     """Choose each electron's bin, then call `_assign`; return (number inside the PSF's box, counter)."""
     running, guide = draw[0], draw[1]
     light, entries, last = running[-1], len(guide) - 1, len(running) - 2
@@ -155,13 +195,24 @@ def _choose(number, draw, psf, work, key, counter):
         at *= light
         while running[b + 1] <= at and b < last:
             b += 1
-        near, far = _assign(b, near, far, draw, psf, work, key, counter + _ONE)
+        near, far = _assign(b, near, far, draw, psf, work, key, counter + _ONE)  # type: ignore[arg-type]  # an int64 is an int to numba
         counter += _FOUR
     return near, counter
 
 
 @numba.njit(cache=True)
-def _by_bins(mean, draw, place, image, psf, tail, work, results, key, counter):
+def _by_bins(
+    mean: float,
+    draw: Draw,
+    place: Place,
+    image: Image,
+    psf: Cells,
+    tail: FloatArray,
+    work: Work,
+    results: Results,
+    key: np.uint64,
+    counter: np.uint64,
+) -> np.uint64:
     """Draw an object of many electrons, with a Poisson number per node, PSF wavelength and bin; return the counter.
 
     mean: electrons per unit of the light in `running`.
@@ -188,9 +239,9 @@ def _by_bins(mean, draw, place, image, psf, tail, work, results, key, counter):
                     o = pick(share, (np.float64(np.int64(bits & _LOW26)) + 0.5) * _UNIT26)
                     wave = start + step * (b + (np.float64(np.int64((bits >> _S26) & _LOW10)) + 0.5) * _UNIT10)
                     inside = u < inner + outer
-                    far -= np.int64(not inside)
+                    far -= np.int64(not inside)  # type: ignore[assignment]  # an int64 is an int to numba
                     slot = near if inside else far
-                    near += np.int64(inside)
+                    near += np.int64(inside)  # type: ignore[assignment]  # an int64 is an int to numba
                     first[slot] = word_inner if u < inner else word_outer
                     order[slot] = o
                     shift_x[slot] = lines[o, 0] + lines[o, 1] * wave
@@ -208,7 +259,9 @@ def _by_bins(mean, draw, place, image, psf, tail, work, results, key, counter):
 
 
 @numba.njit(inline="always")
-def _assign(b, near, far, draw, psf, work, key, counter):
+def _assign(
+    b: int, near: int, far: int, draw: Draw, psf: Cells, work: Work, key: np.uint64, counter: np.uint64
+) -> tuple[int, int]:
     """Draw wavelength, order, node and part of the PSF of an electron of bin b from three words; return (near, far).
 
     The first `near` entries of the work arrays are electrons in the PSF's box, those from `far` on are beyond it.
@@ -222,17 +275,28 @@ def _assign(b, near, far, draw, psf, work, key, counter):
     wave, u = start + step * (b + low(three)), high(three)
     inner, outer = psf[1][node, f]
     inside = u < inner + outer
-    far -= np.int64(not inside)
+    far -= np.int64(not inside)  # type: ignore[assignment]  # an int64 is an int to numba
     slot = near if inside else far
-    first[slot] = first_word(node, f, np.int64(u >= inner), psf[2])
+    first[slot] = first_word(node, f, np.int64(u >= inner), psf[2])  # type: ignore[arg-type]  # an int64 is an int to numba
     order[slot] = o
     shift_x[slot] = lines[o, 0] + lines[o, 1] * wave
     shift_y[slot] = lines[o, 2] + lines[o, 3] * wave
-    return near + np.int64(inside), far
+    return near + np.int64(inside), far  # type: ignore[return-value]  # an int64 is an int to numba
 
 
 @numba.njit(cache=True)
-def _land(near, number, place, image, psf, tail, work, results, key, counter):
+def _land(
+    near: int,
+    number: int,
+    place: Place,
+    image: Image,
+    psf: Cells,
+    tail: FloatArray,
+    work: Work,
+    results: Results,
+    key: np.uint64,
+    counter: np.uint64,
+) -> np.uint64:
     """Draw the positions of electrons, from `near` on in the wing, and count them; return the counter."""
     x, y, matrix, profile, shapes, v, side, cut = place
     first, order, px, py, shift_x, shift_y = work
@@ -261,7 +325,21 @@ def _land(near, number, place, image, psf, tail, work, results, key, counter):
 
 
 @numba.njit(cache=True)
-def _count(count, x, y, px, py, shift_x, shift_y, order, image, results, v, key, counter):
+def _count(
+    count: int,
+    x: float,
+    y: float,
+    px: FloatArray,
+    py: FloatArray,
+    shift_x: FloatArray,
+    shift_y: FloatArray,
+    order: IntArray,
+    image: Image,
+    results: Results,
+    v: int,
+    key: np.uint64,
+    counter: np.uint64,
+) -> None:
     """Count the electrons that fall on the window and are kept."""
     counted, response, maximum = image
     drawn, box = results

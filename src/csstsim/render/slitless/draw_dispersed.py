@@ -5,8 +5,11 @@ are drawn in chunks, because all spectra together would not fit in memory. Truth
 chips, and one of orders.
 """
 
+from __future__ import annotations
+
 import time
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
@@ -24,6 +27,17 @@ from csstsim.render.slitless.dispersed_photons import shoot_spectra
 from csstsim.render.slitless.slabs import draw_spectra
 from csstsim.render.slitless.traces import Traces
 
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from csstsim.base.types import BoolArray, FloatArray, IntArray
+    from csstsim.instrument.chip import Window
+    from csstsim.optics.gratings.dispersion import Disperser
+    from csstsim.render.canvas import Canvas
+    from csstsim.render.drawing import Drawing
+    from csstsim.render.policy import Choice
+    from csstsim.render.scene import Scene
+
 # Objects in a chunk, by method and whether bins are coarse: spectra stay in cache; stamps need few passes for far wings
 CHUNK = {(policy.STAMP, False): 2048, (policy.PHOTONS, False): 512, (policy.PHOTONS, True): 2048}
 FAINTEST = 1.0  # electron: an order with fewer, and none drawn, has no row in the table of orders
@@ -32,7 +46,13 @@ _LANES = 8  # sums side by side, which the compiler puts into one register
 _STRIP = 64  # px: objects are drawn strip by strip, so that their pixels stay in cache
 
 
-def draw_dispersed(canvas, objects, spectra, disperser, drawing):
+def draw_dispersed(
+    canvas: Canvas,
+    objects: ObjectTable,
+    spectra: Callable[[IntArray, FloatArray], FloatArray],
+    disperser: Disperser,
+    drawing: Drawing,
+) -> tuple[ObjectTable, ObjectTable]:
     """Draw the objects of a spectroscopic chip on a Canvas; return (table with what was drawn, table of orders).
 
     Arguments as in render.imaging.draw.draw_objects; spectra: catalog.light.object_spectra.Spectra of `objects`;
@@ -45,6 +65,7 @@ def draw_dispersed(canvas, objects, spectra, disperser, drawing):
     choice = policy.choose_dispersed(scene, drawing, disperser, canvas.maximum)
     if (choice.method == policy.PHOTONS).any():
         canvas.count()
+    assert drawing.key is not None and choice.allowed is not None
     keys = part_keys(object_keys_of(drawing.key, scene.ids[: work.count]), scene)
     own = _visit_keys(keys, visits)
     for kind, optics, chunk in progress(_chunks(scene, choice, disperser), "spectra"):
@@ -59,15 +80,17 @@ def draw_dispersed(canvas, objects, spectra, disperser, drawing):
             result.drawn[at], result.box[at], result.ms[at] = drawn.drawn, drawn.box, drawn.ms
             np.bitwise_or.at(work.out.flags, work.rows[visits[at, 0]], drawn.flags)
             continue
+        assert drawing.tables is not None
         result.drawn[at], result.box[at] = shoot_spectra(canvas, few, traces, own[at], drawing.tables, wing)
         result.ms[at] = 1000 * (time.process_time() - begin) / max(len(at), 1)
     return tables_of(work, choice, canvas.window)
 
 
-def _chunks(scene, choice, disperser):
+def _chunks(scene: Scene, choice: Choice, disperser: Disperser) -> Iterator[tuple[int, Disperser, IntArray]]:
     """Yield (method, Disperser with sufficiently fine bins, rows of objects) of each chunk, sorted by strip."""
     if len(scene) == 0:
         return
+    assert choice.coarse is not None
     order = np.lexsort((scene.x, np.floor(scene.y / _STRIP), scene.node[:, 0]))
     for (kind, coarse), size in CHUNK.items():
         mine = order[(choice.method[order] == kind) & (choice.coarse[order] == coarse)]
@@ -75,7 +98,7 @@ def _chunks(scene, choice, disperser):
             yield kind, disperser.coarse if coarse else disperser, mine[start : start + size]
 
 
-def _visits_of(chunk, visits, count):
+def _visits_of(chunk: IntArray, visits: IntArray, count: int) -> tuple[IntArray, IntArray]:
     """Return (indices of a chunk's visits, the visits with objects numbered within the chunk); count: all objects."""
     place = np.full(count, -1)
     place[chunk] = np.arange(len(chunk))
@@ -83,7 +106,14 @@ def _visits_of(chunk, visits, count):
     return at, np.column_stack([place[visits[at, 0]], visits[at, 1:]])
 
 
-def _light(work, choice, chunk, spectra, optics, most):
+def _light(
+    work: Work,
+    choice: Choice,
+    chunk: IntArray,
+    spectra: Callable[[IntArray, FloatArray], FloatArray],
+    optics: Disperser,
+    most: float,
+) -> FloatArray:
     """Return a chunk's (n, bins) spectra times the exposure time; bad ones are set to zero, flagged and not drawn.
 
     Bad: negative, not finite, or of more than `most` electrons, although the fluxes at selection were smaller.
@@ -98,7 +128,7 @@ def _light(work, choice, chunk, spectra, optics, most):
 
 
 @numba.njit(cache=True)
-def _bad(light, exptime, rates, most):
+def _bad(light: FloatArray, exptime: float, rates: FloatArray, most: float) -> BoolArray:
     """Multiply spectra (n, bins) by the exposure time in place and set bad ones to zero; return (n,) bool: bad."""
     bad, bins = np.zeros(len(light), np.bool_), light.shape[1]
     lanes, least = np.empty(_LANES), np.empty(_LANES)
@@ -124,7 +154,7 @@ def _bad(light, exptime, rates, most):
 class Work:
     """The objects to draw: their Scene, its rows in the table, its visits to the grating's pieces, results."""
 
-    def __init__(self, objects, disperser, drawing):
+    def __init__(self, objects: ObjectTable, disperser: Disperser, drawing: Drawing) -> None:
         self.disperser, self.exptime = disperser, drawing.exptime
         self.out = DrawnTable(objects, np.sum([objects[f"flux{i}"] for i in range(4)], axis=0) * drawing.exptime)
         self.rows, wing = self.out.rows, drawing.wing
@@ -134,20 +164,22 @@ class Work:
         if scene.parent is not None:
             self.rows = self.rows[scene.parent]
         self.count = count
-        self.scene = replace(scene, wing=scene.wing * np.float64(wing is not None))
-        self.visits = disperser.visits(scene.x, scene.y, np.maximum(scene.reach, self.scene.wing))
+        assert scene.reach is not None and scene.wing is not None  # select gives them
+        wide = scene.wing * np.float64(wing is not None)
+        self.scene = replace(scene, wing=wide)
+        self.visits = disperser.visits(scene.x, scene.y, np.maximum(scene.reach, wide))
         self.result = _Result(self.visits, disperser)
 
 
 class _Result:
     """Electrons, drawn electrons, box and time of each visit, by order."""
 
-    def __init__(self, visits, disperser):
+    def __init__(self, visits: IntArray, disperser: Disperser) -> None:
         shape = len(visits), len(disperser.orders)
         self.electrons, self.drawn, self.box = np.zeros(shape), np.zeros(shape), np.zeros((*shape, 4), np.int64)
         self.ms = np.zeros(len(visits))
 
-    def nominal(self, at, visits, light, rates):
+    def nominal(self, at: IntArray, visits: IntArray, light: FloatArray, rates: FloatArray) -> None:
         """Record the electrons of visits from the (n, bins) light of their objects and a Disperser's rates."""
         for piece in range(2):
             mine = visits[:, 1] == piece
@@ -155,7 +187,7 @@ class _Result:
 
 
 @numba.njit(cache=True)
-def _visit_keys(keys, visits):
+def _visit_keys(keys: IntArray, visits: IntArray) -> IntArray:
     """Return a key for each visit; an object that visits both pieces has two keys."""
     out = np.empty(len(visits), np.uint64)
     for v in range(len(visits)):
@@ -164,7 +196,7 @@ def _visit_keys(keys, visits):
 
 
 @numba.njit(cache=True)
-def _sums(light, rows, rates):
+def _sums(light: FloatArray, rows: IntArray, rates: FloatArray) -> FloatArray:
     """Return (len(rows), orders): electrons of each order. Four spectra at a time, so that no sum waits for itself."""
     count, sums = len(rows), np.empty(4)
     out = np.zeros((count, len(rates)))
@@ -185,7 +217,7 @@ def _sums(light, rows, rates):
     return out
 
 
-def tables_of(work, choice, window, slabs="slabs"):
+def tables_of(work: Work, choice: Choice, window: Window, slabs: str = "slabs") -> tuple[ObjectTable, ObjectTable]:
     """Return (table of objects, table of their orders); `slabs`: name of the method where STAMP was chosen."""
     out, rows, scene, visits, result = work.out, work.rows, work.scene, work.visits, work.result
     count, at = len(out.drawn), rows[visits[:, 0]]
@@ -198,6 +230,7 @@ def tables_of(work, choice, window, slabs="slabs"):
     drawn_as, electrons = choice.method == policy.STAMP, scene.electrons.sum(axis=1)
     out.judge(rows, choice, electrons)
     out.name_methods(rows, np.where(drawn_as, slabs, policy.METHODS[choice.method]), electrons)
+    assert scene.reach is not None and scene.wing is not None
     out.note_sides(rows[drawn_as], scene.reach[drawn_as], scene.wing[drawn_as])
     lit = result.box[..., 1] > 0
     low, high = np.full((count, 2), np.iinfo(np.int32).max), np.zeros((count, 2), np.int64)
@@ -214,9 +247,10 @@ def tables_of(work, choice, window, slabs="slabs"):
     return out.table(), _orders(work, at, window)
 
 
-def _of_objects(work):
+def _of_objects(work: Work) -> tuple[IntArray, _Result]:
     """Return (visits, _Result) of the objects, each with what was drawn of its parts: an object's order is one row."""
     visits, result, scene = work.visits, work.result, work.scene
+    assert scene.parent is not None
     mine = np.flatnonzero(visits[:, 0] < work.count)
     place = np.full((work.count, 2), -1)
     place[visits[mine, 0], visits[mine, 1]] = np.arange(len(mine))
@@ -234,9 +268,10 @@ def _of_objects(work):
     return visits[mine], merged
 
 
-def _orders(work, at, window):
+def _orders(work: Work, at: IntArray, window: Window) -> ObjectTable:
     """Return the table of orders, one row per visit and order; at: (v,) rows of the objects table."""
     objects, scene, visits, result, disperser = work.out.objects, work.scene, work.visits, work.result, work.disperser
+    assert scene.reach is not None
     cut = disperser.cut(visits, scene.x, scene.y, scene.reach)
     columns = []
     for piece, (grating, _) in enumerate(disperser.gratings.pieces):
@@ -267,7 +302,9 @@ def _orders(work, at, window):
     return ObjectTable({name: values[sort] for name, values in table.items()})
 
 
-def _range(lines, x, y, window, limits):
+def _range(
+    lines: FloatArray, x: FloatArray, y: FloatArray, window: Window, limits: tuple[float, float]
+) -> tuple[FloatArray, FloatArray]:
     """Return the (first, last) wavelengths, within `limits`, whose light lands on the window; NaN: none."""
     p, q, r, s = lines
     low, high = np.full(len(x), limits[0]), np.full(len(x), limits[1])

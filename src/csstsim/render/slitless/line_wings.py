@@ -7,16 +7,29 @@ render.far_wings, with more points merged at larger radii. Where the edge of a g
 of each point's wing is softened over the distance between points, so that the sum has no steps.
 """
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
 
 from csstsim.profiles.log_table import read
 from csstsim.render.extended import POINT, SHARP_PX, WIDE_PX, beyond_stamp, spread
-from csstsim.render.far_wings import OVER, WHOLE, between
+from csstsim.render.far_wings import OVER, WHOLE, Side, between
 from csstsim.render.wing_tables import tables
 from csstsim.render.wings import NEAR, near_light, ring_within, wing_beyond, wing_share
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from csstsim.base.types import FloatArray, Floats
+    from csstsim.instrument.chip import Window
+    from csstsim.render.canvas import Box, Canvas
+    from csstsim.render.extended import Part
+    from csstsim.render.wing_tables import Far
+    from csstsim.render.wings import Held, Wings
 
 LINE_STEP = 8.0  # px
 LINE_NEAR = NEAR[0]  # px: from here to twice that the meshes take over
@@ -33,7 +46,7 @@ CUBIC = np.stack([  # weights of four values, at -1, 0, 1, 2, at each place betw
 ])  # fmt: skip
 
 
-def points_of(x, y, light):
+def points_of(x: FloatArray, y: FloatArray, light: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return ((m, 2) positions, (m, 4) light): a spectrum at x, y (bins,) [px] as points about LINE_STEP apart.
 
     light: (4, bins) electrons of each wavelength of the PSF.
@@ -47,7 +60,7 @@ def points_of(x, y, light):
     return places, sums[used]
 
 
-def order_wing(wing_px, share, half):
+def order_wing(wing_px: float, share: float, half: float) -> float:
     """Return the radius [px] beyond which noise hides the wing of an order; 0: it hides all of it.
 
     wing_px: that radius for the object's light; share: the order's light over the object's; half: half the side of the
@@ -57,7 +70,14 @@ def order_wing(wing_px, share, half):
     return reach if reach > half else 0.0
 
 
-def add_line(wings, points, held, wing_px, parts=POINT, side=WHOLE):
+def add_line(
+    wings: Wings,
+    points: tuple[FloatArray, FloatArray],
+    held: Held,
+    wing_px: float,
+    parts: Sequence[Part] = POINT,
+    side: Side = WHOLE,
+) -> tuple[float, Box | None]:
     """Add the light that the stamps along a spectrum leave out; return (electrons on the window, box or None).
 
     wings: render.wings.Wings; points: from `points_of`, with all electrons of the spectrum; held: Held, (4,) fractions
@@ -66,7 +86,8 @@ def add_line(wings, points, held, wing_px, parts=POINT, side=WHOLE):
     box (x0, x1, y0, y1 on the chip, half-open) is that of the wing as far as it shows.
     """
     (places, flux), wing, half = points, wings.wing, wings.half
-    haze, added, box = 0.0, 0.0, None
+    haze: Floats = 0.0
+    added, box = 0.0, None
     if wing is not None and len(places):
         far, shown = wing_beyond(wing, half, wing_px > 0), wing_beyond(wing, half)
         total = flux.sum(axis=0)
@@ -86,7 +107,14 @@ def add_line(wings, points, held, wing_px, parts=POINT, side=WHOLE):
     return added, box
 
 
-def _add(wings, places, flux, far, annuli, side):
+def _add(
+    wings: Wings,
+    places: FloatArray,
+    flux: FloatArray,
+    far: Far,
+    annuli: tuple[tuple[float, ...], tuple[int, ...], tuple[int | None, ...]],
+    side: Side,
+) -> float:
     """Add the light of a Far around each position; return the electrons on the window."""
     edges, together, levels = annuli
     drawn, add = 0.0, wings.meshes.add
@@ -105,16 +133,18 @@ def _add(wings, places, flux, far, annuli, side):
     return drawn
 
 
-def _box(window, places, reach):
+def _box(window: Window, places: FloatArray, reach: float) -> Box | None:
     """Return (x0, x1, y0, y1) of the window's pixels within `reach` of the places along both axes, or None."""
     (x0, y0), (x1, y1) = places.min(axis=0) - reach, places.max(axis=0) + reach
-    box = max(math.ceil(x0), window.x0), min(math.floor(x1) + 1, window.x1)
-    box += max(math.ceil(y0), window.y0), min(math.floor(y1) + 1, window.y1)
+    box = (
+        max(math.ceil(x0), window.x0), min(math.floor(x1) + 1, window.x1),
+        max(math.ceil(y0), window.y0), min(math.floor(y1) + 1, window.y1),
+    )  # fmt: skip
     return box if box[0] < box[1] and box[2] < box[3] else None
 
 
 @numba.njit(cache=True)
-def _merged(places, flux, points, profile):
+def _merged(places: FloatArray, flux: FloatArray, points: int, profile: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the positions (g, 2) and profiles (g, nodes) of groups of `points` consecutive points, merged into one.
 
     places (m, 2), flux (m, 4), by sub-band; profile: (4, nodes). A group stands at its mean place, weighted by light.
@@ -138,19 +168,29 @@ def _merged(places, flux, points, profile):
     return at, lines
 
 
-def _near(canvas, places, lines, first, reach, side):
+def _near(canvas: Canvas, places: FloatArray, lines: FloatArray, first: int, reach: float, side: Side) -> float:
     """Add the tables' values around places on the chip, pixel by pixel; return the electrons on the window."""
     window = canvas.window
     box = _box(window, places, reach)
     if box is None:
         return 0.0
+    assert canvas.expected is not None  # None: for photons alone
     cut = box[0] - window.x0, box[1] - window.x0, box[2] - window.y0, box[3] - window.y0
     corner = np.array([box[0], box[2]], float)
     return _add_near(canvas.expected, canvas.seen, cut, places - corner, reach, lines, first, side)
 
 
 @numba.njit(cache=True)
-def _add_near(image, response, box, places, reach, lines, first_node, side):
+def _add_near(
+    image: FloatArray,
+    response: FloatArray,
+    box: Box,
+    places: FloatArray,
+    reach: float,
+    lines: FloatArray,
+    first_node: int,
+    side: Side,
+) -> float:
     """Add the tables' values around positions (m, 2), relative to the corner of a box of pixels; return the sum."""
     x0, x1, y0, y1 = box
     ny, nx = y1 - y0, x1 - x0

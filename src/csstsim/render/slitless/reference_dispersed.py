@@ -14,9 +14,12 @@ and pixel response are those of render.imaging.reference. At the edge of a grati
 each pixel. Wings: render.slitless.line_wings. Left out: ghosts of dispersed light.
 """
 
+from __future__ import annotations
+
 import time
 from dataclasses import replace
 from functools import cache, partial
+from typing import TYPE_CHECKING
 
 import galsim
 import numpy as np
@@ -25,7 +28,7 @@ from csstsim.base.process.progress import progress
 from csstsim.catalog.flags import TOO_LARGE, TRUNCATED_STAMP
 from csstsim.render import policy
 from csstsim.render.canvas import Canvas, around
-from csstsim.render.far_wings import WHOLE
+from csstsim.render.far_wings import WHOLE, Side
 from csstsim.render.imaging.reference import REACH_FFT, Galaxies, convolved, fill, lattice, point
 from csstsim.render.imaging.stamper import Stamper
 from csstsim.render.slitless.draw_dispersed import Work, tables_of
@@ -35,13 +38,29 @@ from csstsim.render.slitless.subpixel_stamps import inside, light_inside
 from csstsim.render.slitless.traces import Traces
 from csstsim.render.wings import Wings
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from csstsim.base.types import FloatArray, IntArray
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.optics.gratings.dispersion import Disperser
+    from csstsim.render.canvas import Box
+    from csstsim.render.drawing import Drawing
+    from csstsim.render.scene import Scene
+
 _BLOCK = 32  # px of the trace drawn together
 LATTICE = 128  # px: half the side of the largest uncut image that is drawn on the lattice first
 _FINE = 4  # points of the lattice to a pixel
 _THIN = 1e-3  # px: width of the box across the trace
 
 
-def draw_objects(canvas, objects, spectra, disperser, drawing):
+def draw_objects(
+    canvas: Canvas,
+    objects: ObjectTable,
+    spectra: Callable[[IntArray, FloatArray], FloatArray],
+    disperser: Disperser,
+    drawing: Drawing,
+) -> tuple[ObjectTable, ObjectTable]:
     """Draw the objects of a spectroscopic chip on a Canvas; return (table of objects, table of orders).
 
     Arguments and tables are those of render.slitless.draw_dispersed. snr and error of the table are NaN: the reference
@@ -49,11 +68,14 @@ def draw_objects(canvas, objects, spectra, disperser, drawing):
     """
     work = Work(objects, disperser, drawing)
     scene, result, wing, psf = work.scene, work.result, drawing.wing, drawing.psf
+    assert scene.reach is not None and scene.wing is not None  # select gives them
     part = objects.take(work.rows[: work.count])
     work.out.flags[work.rows[scene.reach > REACH_FFT]] |= TRUNCATED_STAMP
     stamper = Stamper.of(drawing.mixer, replace(scene, reach=np.minimum(scene.reach, REACH_FFT)), drawing.scattered)
     galaxies, reach, half = Galaxies(part, drawing.wcs, scene), stamper.reach, drawing.mixer.half
-    plane = Canvas(np.zeros(canvas.window.shape), canvas.window, canvas.response)
+    assert canvas.expected is not None
+    expected = np.zeros(canvas.window.shape)
+    plane = Canvas(expected, canvas.window, canvas.response)
     wings = Wings(plane, wing, half)
     lines = disperser.lines(work.visits, scene.x, scene.y)
     for v in progress(range(len(work.visits)), "drawing objects"):
@@ -81,7 +103,7 @@ def draw_objects(canvas, objects, spectra, disperser, drawing):
             result.box[v, o] = around([box for _, box in parts if box is not None])
         result.ms[v] = 1000 * (time.process_time() - start)
     wings.lay()
-    canvas.expected += plane.expected.astype(np.float32)
+    canvas.expected += expected.astype(np.float32)
     unknown = np.full(len(scene), np.nan, np.float32)
     choice = policy.Choice(np.full(len(scene), policy.STAMP, np.int8), unknown, unknown)
     return tables_of(work, choice, canvas.window, "reference")
@@ -90,13 +112,13 @@ def draw_objects(canvas, objects, spectra, disperser, drawing):
 class _Trace:
     """The bins of an order: positions x, y (bins,) [px], light [electron] and length along x [px]."""
 
-    def __init__(self, traces, scene, o, line):
+    def __init__(self, traces: Traces, scene: Scene, o: int, line: FloatArray) -> None:
         disperser = traces.disperser
         self.light, self.x, self.y = traces.order(scene, 0, o, line)
         self.length = abs(line[1]) * (disperser.edges[1] - disperser.edges[0])
         self.weights = disperser.psf_weights * self.light
 
-    def around(self, rows, band, column, row):
+    def around(self, rows: IntArray, band: int, column: int, row: int) -> galsim.GSObject | None:
         """Return bins `rows` at one wavelength of the PSF set, as delta functions relative to a pixel's centre."""
         lit = rows[self.weights[band, rows] > 0]
         flux, x, y = self.weights[band, lit], self.x[lit] - column, self.y[lit] - row
@@ -104,7 +126,13 @@ class _Trace:
         return galsim.Sum(points) if points else None
 
 
-def _profiles(galaxy, cells, oversampling, reach, side):
+def _profiles(
+    galaxy: Callable[[float | None], galsim.GSObject | None],
+    cells: FloatArray,
+    oversampling: int,
+    reach: int,
+    side: Side,
+) -> Callable[[int, float | None], list[galsim.GSObject]]:
     """Return a function of (band, folding): the GSObjects to convolve for the object at one wavelength, of unit flux.
 
     galaxy: function of folding that returns the profile without the PSF, or None; cells: (4, n, n) of the PSF; side:
@@ -112,7 +140,7 @@ def _profiles(galaxy, cells, oversampling, reach, side):
     """
 
     @cache
-    def profile(band, folding):
+    def profile(band: int, folding: float | None) -> list[galsim.GSObject]:
         parts = [point(cells[band], oversampling)]
         shape = galaxy(folding)
         if shape is not None:
@@ -130,9 +158,13 @@ def _profiles(galaxy, cells, oversampling, reach, side):
     return profile
 
 
-def _draw_order(plane, profiles, trace, reach):
+def _draw_order(
+    plane: Canvas, profiles: Callable[[int, float | None], list[galsim.GSObject]], trace: _Trace, reach: int
+) -> tuple[list[tuple[float, Box | None]], int]:
     """Add an order to a Canvas; return ([(electrons, box on the chip)], flags)."""
-    parts, flags, window = [], 0, plane.window
+    assert plane.expected is not None
+    parts: list[tuple[float, Box | None]] = []
+    flags, window = 0, plane.window
     bins = np.flatnonzero(trace.light > 0)
     block = np.floor(trace.x[bins] / _BLOCK).astype(int)
     for b in np.unique(block):
@@ -158,7 +190,12 @@ def _draw_order(plane, profiles, trace, reach):
     return parts, flags
 
 
-def _spread(profiles, spots, length, folding=None):
+def _spread(
+    profiles: Callable[[int, float | None], list[galsim.GSObject]],
+    spots: list[galsim.GSObject | None],
+    length: float,
+    folding: float | None = None,
+) -> galsim.GSObject:
     """Return the GSObject of part of a spectrum, summed over PSF wavelengths, each bin uniform over its length."""
     even = galsim.Box(length, _THIN)
     lit = [band for band in range(4) if spots[band] is not None]

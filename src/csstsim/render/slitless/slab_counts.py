@@ -11,6 +11,7 @@ lines of 2 angstrom. It is 0.01 for most stars and 0.2 for galaxies with emissio
 
 import numpy as np
 
+from csstsim.base.types import BoolArray, FloatArray, Floats, IntArray
 from csstsim.render.settings import load_numbers
 
 _WIDTH = 13  # bins of the running mean: three pixels
@@ -18,13 +19,13 @@ _LINES = 0.77  # rms about the running mean of lines of 2 angstrom, over the rms
 _WEAK = 0.5  # fraction of the allowed error that an order weaker than the brightest may add
 
 
-def allowed_error(snr, per_pixel, eps):
+def allowed_error(snr: FloatArray, per_pixel: int, eps: float) -> FloatArray:
     """Return the allowed error of slabs as a share of S/N, (n,): eps of the noise, or twice the stored PSF's error."""
     psf = load_numbers().error.psf[4 if per_pixel >= 4 else 2]
     return np.maximum(eps / np.maximum(snr, 1e-9), 2 * psf)
 
 
-def roughness(light):
+def roughness(light: FloatArray) -> FloatArray:
     """Return the roughness (n,), 0 to 1, of spectra (n, bins) [electrons]."""
     running = np.cumsum(np.pad(light, ((0, 0), (_WIDTH // 2 + 1, _WIDTH // 2))), axis=1)
     mean = (running[:, _WIDTH:] - running[:, :-_WIDTH]) / _WIDTH
@@ -33,7 +34,7 @@ def roughness(light):
     return np.minimum(rough / _LINES, 1.0)
 
 
-def fewest(rough, allowed):
+def fewest(rough: Floats, allowed: FloatArray) -> IntArray:
     """Return the fewest slabs per pixel whose error is allowed, else the largest number; arrays are broadcast."""
     error = load_numbers().error
     counts = sorted(error.slabs)
@@ -41,7 +42,7 @@ def fewest(rough, allowed):
     return np.array(counts)[np.minimum(np.sum(wrong, axis=0), len(counts) - 1)]
 
 
-def fewest_by_order(electrons, rough, short, allowed):
+def fewest_by_order(electrons: FloatArray, rough: FloatArray, short: BoolArray, allowed: FloatArray) -> IntArray:
     """Return (n, orders): the fewest slabs to a pixel of each order.
 
     electrons: (n, orders); rough, allowed: (n,); short: (orders,) bool, an order much shorter than the first, where

@@ -10,13 +10,17 @@ order (render.slitless.slab_counts), the fewer slabs are needed. Light beyond th
 of a galaxy by the share of each, and from the wings. Left out: ghosts of dispersed light.
 """
 
+from __future__ import annotations
+
 import math
 import time
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self
 
 import numba
 import numpy as np
 
+from csstsim.base.types import FloatArray, IntArray
 from csstsim.catalog.flags import OUTSIDE_PSF_HULL
 from csstsim.profiles.sersic import BULGE, DISK
 from csstsim.render.canvas import around
@@ -26,6 +30,16 @@ from csstsim.render.slitless.line_wings import add_line, order_wing, points_of
 from csstsim.render.slitless.slab_counts import fewest_by_order, roughness
 from csstsim.render.slitless.subpixel_stamps import light_inside, subpixel_stamps
 from csstsim.render.wings import Wings
+
+if TYPE_CHECKING:
+    from csstsim.instrument.chip import Window
+    from csstsim.optics.gratings.dispersion import Disperser
+    from csstsim.optics.psf.psf_file import PsfSet
+    from csstsim.optics.scatter.scattered_light import Scattered
+    from csstsim.render.canvas import Box, Canvas
+    from csstsim.render.psf_mixture import Mixer
+    from csstsim.render.scene import Scene
+    from csstsim.render.slitless.traces import Traces
 
 PER_PX = 4  # slabs to a pixel of a point's spectrum
 _SLABS = 8.0, 24.0  # per half-light radius of a disk, of a bulge (more peaked)
@@ -37,25 +51,34 @@ _SIDE = 2  # px that a slab's four neighbours may lie beyond a block
 class Drawn:
     """What was drawn of v visits, order by order; wings are in `drawn`, not in `box`."""
 
-    drawn: np.ndarray  # (v, orders) float64, electrons put on the window
-    box: np.ndarray  # (v, orders, 4) int64: x0, x1, y0, y1 of the pixels touched, half-open, on the chip; zeros: none
-    flags: np.ndarray  # (v,) int32, catalog.flags
-    ms: np.ndarray  # (v,) float32, CPU
+    drawn: FloatArray  # (v, orders) float64, electrons put on the window
+    box: IntArray  # (v, orders, 4) int64: x0, x1, y0, y1 of the pixels touched, half-open, on the chip; zeros: none
+    flags: IntArray  # (v,) int32, catalog.flags
+    ms: FloatArray  # (v,) float32, CPU
 
     @classmethod
-    def blank(cls, count, orders):
+    def blank(cls, count: int, orders: int) -> Self:
         """Return the Drawn of `count` visits with nothing drawn."""
         box = np.zeros((count, orders, 4), np.int64)
         return cls(np.zeros((count, orders)), box, np.zeros(count, np.int32), np.zeros(count, np.float32))
 
 
-def draw_spectra(canvas, scene, traces, psf, scattered=None, per_px=PER_PX, allowed=None):
+def draw_spectra(
+    canvas: Canvas,
+    scene: Scene,
+    traces: Traces,
+    psf: PsfSet | Mixer,
+    scattered: Scattered | None = None,
+    per_px: int | IntArray = PER_PX,
+    allowed: FloatArray | None = None,
+) -> Drawn:
     """Draw the orders of a Scene's objects as expected electrons; return Drawn.
 
     traces: Traces of the objects; psf: PsfSet, or the Mixer of one; scattered:
     optics.scatter.scattered_light.Scattered, or None: only stamps are drawn; per_px: slabs per pixel for points, one
     number or (n,); allowed: (n,) allowed error as a share of S/N, from which the number of slabs is derived instead.
     """
+    assert canvas.expected is not None and scene.wing is not None
     (spectra, visits, disperser), mixer, window = traces, mixer_of(psf), canvas.window
     out = Drawn.blank(len(visits), len(disperser.orders))
     wing = None if scattered is None else scattered.wing
@@ -75,7 +98,7 @@ def draw_spectra(canvas, scene, traces, psf, scattered=None, per_px=PER_PX, allo
             light, x, y = traces.order(scene, v, o, line)
             if not light.sum() > 0:
                 continue
-            parts = []
+            parts: list[tuple[float, Box | IntArray | None]] = []
             if lit and meets(x, y, reach[i] + 2 * _BLOCK, window):
                 if stamps is None:
                     stamps = subpixel_stamps(stamper, i, int(density[i]), side)
@@ -99,14 +122,14 @@ def draw_spectra(canvas, scene, traces, psf, scattered=None, per_px=PER_PX, allo
     return out
 
 
-def _counts(spectra, disperser, q, allowed):
+def _counts(spectra: FloatArray, disperser: Disperser, q: FloatArray, allowed: FloatArray) -> IntArray:
     """Return (n, orders) slabs per pixel for points; q: (orders,) dispersion of one visit [px / angstrom]."""
     first, rates = disperser.orders.index(1), disperser.rates.max(axis=0)  # an order may be missing on one piece
     electrons = np.einsum("nb,ob->no", spectra, rates)
     return fewest_by_order(electrons, roughness(spectra * rates[first]), np.abs(q) < 0.9 * np.abs(q[first]), allowed)
 
 
-def densities(scene, per_px):
+def densities(scene: Scene, per_px: int | IntArray) -> IntArray:
     """Return the slabs per pixel of each object, (n,) powers of two: the light-weighted mean need of its components.
 
     per_px: of points, which is the maximum; a number or (n,). A component needs _SLABS per half-light radius, measured
@@ -117,19 +140,19 @@ def densities(scene, per_px):
     wanted = _SLABS[0] + (_SLABS[1] - _SLABS[0]) * steep
     wanted = wanted / np.maximum(chord[:, None] * scene.sersic[:, :, 2], 1e-3)
     most = np.broadcast_to(per_px, len(scene))
-    if scene.spots is not None:  # as sharp as points
+    if scene.spot is not None:  # as sharp as points
         wanted = np.where(scene.spot[:, None] >= 0, most[:, None], wanted)
     mean = (scene.light * np.clip(wanted, 1, most[:, None])).sum(axis=1)
     return np.clip(2 ** np.round(np.log2(mean)), 1, most).astype(int)
 
 
-def meets(x, y, reach, window):
+def meets(x: FloatArray, y: FloatArray, reach: float, window: Window) -> bool:
     """Whether stamps of this reach around the positions x, y may overlap the window (test of their bounding box)."""
     across = x.max() + reach >= window.x0 and x.min() - reach < window.x1
     return across and y.max() + reach >= window.y0 and y.min() - reach < window.y1
 
 
-def _padded(phases):
+def _padded(phases: FloatArray) -> FloatArray:
     """Return phases (4, density, heights, size, size) with zeros after each row, as room for shifts along a block."""
     out = np.zeros((*phases.shape[:4], phases.shape[3] + _BLOCK + 2 * _SIDE), np.float32)
     out[..., : phases.shape[4]] = phases
@@ -137,14 +160,22 @@ def _padded(phases):
 
 
 @numba.njit(inline="always")
-def _cubic(t):
+def _cubic(t: float) -> tuple[float, float, float, float]:
     """Return the weights of four values, at -1, 0, 1, 2, of the cubic through them at t within 0..1."""
     a, b, c = t + 1, t - 1, t - 2
     return -t * b * c / 6, a * b * c / 2, -a * t * c / 2, a * t * b / 6
 
 
 @numba.njit(cache=True)
-def _add_slabs(image, response, x, y, light, mixture, phases):
+def _add_slabs(
+    image: FloatArray,
+    response: FloatArray,
+    x: FloatArray,
+    y: FloatArray,
+    light: FloatArray,
+    mixture: FloatArray,
+    phases: FloatArray,
+) -> tuple[float, IntArray]:
     """Add slabs of light (bins,) at x, y [px of `image`], block by block of x; return (electrons, box on the image).
 
     phases: from `_padded`; x must be monotonic. The box is x0, x1, y0, y1, half-open; all 0: nothing was added.
@@ -194,7 +225,9 @@ def _add_slabs(image, response, x, y, light, mixture, phases):
 
 
 @numba.njit(cache=True)
-def _raise(stamps, phases, bands, cubic, first, low, high):
+def _raise(
+    stamps: FloatArray, phases: FloatArray, bands: IntArray, cubic: FloatArray, first: int, low: int, high: int
+) -> None:
     """Fill rows low to high of stamps (bands x density, rows x pitch) with phases moved up by `first` heights and more.
 
     cubic: the weights of four heights for the fraction. There is one row more on each side than in a stamp.
@@ -214,7 +247,7 @@ def _raise(stamps, phases, bands, cubic, first, low, high):
 
 
 @numba.njit(cache=True)
-def _lay(out, stamps, factors, begin, end):
+def _lay(out: FloatArray, stamps: FloatArray, factors: FloatArray, begin: int, end: int) -> None:
     """Add pixels begin to end of stamps (n, pixels) times factors (n, shifts), shifted by 0, 1, ... pixels.
 
     Four stamps at a time; what is shifted beyond `end` is left out.
@@ -240,7 +273,16 @@ def _lay(out, stamps, factors, begin, end):
 
 
 @numba.njit(cache=True)
-def _deal(slabs, x, light, mixture, begin, end, start, density):
+def _deal(
+    slabs: FloatArray,
+    x: FloatArray,
+    light: FloatArray,
+    mixture: FloatArray,
+    begin: int,
+    end: int,
+    start: int,
+    density: int,
+) -> None:
     """Fill slabs (4, ...), by wavelength of the PSF set, `density` per pixel from `start` on, with the light of bins.
 
     The light of a bin is divided among four slabs by cubic weights.
@@ -258,7 +300,7 @@ def _deal(slabs, x, light, mixture, begin, end, start, density):
 
 
 @numba.njit(cache=True)
-def _put(image, response, stamp, x0, y0):
+def _put(image: FloatArray, response: FloatArray, stamp: FloatArray, x0: int, y0: int) -> float:
     """Add a stamp with its corner at x0, y0, clipped at zero, times the response; return the sum added."""
     total, lanes = 0.0, np.zeros(8)
     low, high = max(-x0, 0), min(stamp.shape[1], image.shape[1] - x0)

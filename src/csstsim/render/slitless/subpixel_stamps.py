@@ -1,22 +1,33 @@
 """Monochromatic stamps of an object at the sub-pixel phases from which render.slitless.slabs makes slabs."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from csstsim.render.far_wings import WHOLE
+from csstsim.render.far_wings import WHOLE, Side
 from csstsim.render.pixel_sums import pixel_sums
 from csstsim.render.wings import Held
+
+if TYPE_CHECKING:
+    from csstsim.base.types import FloatArray, IntArray
+    from csstsim.render.canvas import Box
+    from csstsim.render.imaging.stamper import Stamper
+    from csstsim.render.scene import Scene
 
 HEIGHTS = 8, 4  # sub-pixel heights of the trace between which stamps are interpolated: of points, of galaxies
 
 
-def subpixel_stamps(stamper, i, density, side):
+def subpixel_stamps(stamper: Stamper, i: int, density: int, side: Side) -> FloatArray:
     """Return (4, density, heights, size, size) float32: object i, of light 1, at each wavelength of the PSF set.
 
     stamper: render.imaging.stamper.Stamper. The object is column / density, row / heights px from a pixel's centre.
     side: (x0, x1, y0, y1) px from the object, beyond which its light is cut off.
     """
     mixer, scene, reach, galaxy = stamper.mixer, stamper.scene, int(stamper.reach[i]), int(stamper.plan.size[i] > 0)
-    size, bounds, heights = 2 * reach + 1, (-reach, reach + 1) * 2, HEIGHTS[galaxy]
+    size, heights = 2 * reach + 1, HEIGHTS[galaxy]
+    bounds: Box = (-reach, reach + 1, -reach, reach + 1)
     out, pixels = np.empty((4, density, heights, size, size), np.float32), np.arange(-reach, reach + 1)
     alone = stamper.alone(i)
     for band in range(4):
@@ -38,24 +49,25 @@ def subpixel_stamps(stamper, i, density, side):
     return out
 
 
-def light_inside(stamper, i):
+def light_inside(stamper: Stamper, i: int) -> Held:
     """Return the Held, with arrays (4,), of object i of light 1 at each wavelength of the PSF set."""
     mixer, node, light = stamper.mixer, stamper.scene.node[i], np.empty((2, 4))
     for band in range(4):
         share = _of_band(stamper.scene, i, band)
-        _, drawn = stamper.stamp(i, share, None)
-        light[:, band] = mixer.light(node, share, stamper.cored), drawn
-    return Held(*light, stamper.reach[i])
+        _, whole = stamper.stamp(i, share, None)
+        light[:, band] = mixer.light(node, share, stamper.cored), whole
+    inside, drawn = light
+    return Held(inside, drawn, stamper.reach[i])
 
 
-def _of_band(scene, i, band):
+def _of_band(scene: Scene, i: int, band: int) -> FloatArray:
     """Return (k, 4): the shares of an object's PSF nodes in light 1 of one wavelength."""
     share = np.zeros((len(scene.node[i]), 4))
     share[:, band] = scene.weight[i]
     return share
 
 
-def _fill_points(out, cells, per_pixel):
+def _fill_points(out: FloatArray, cells: FloatArray, per_pixel: int) -> None:
     """Fill `out` (density, heights, size, size) with the sums over pixels of a point's cells at each of its phases.
 
     Phases that differ by a whole number of cells use the same sums, so one pass gives all of them.
@@ -74,13 +86,13 @@ def _fill_points(out, cells, per_pixel):
                     out[column, row] = whole[:size, :size]
 
 
-def inside(places, low, high, per_pixel=1):
+def inside(places: FloatArray | IntArray, low: float, high: float, per_pixel: int = 1) -> FloatArray:
     """Return the shares of pixels (or cells, `per_pixel` to a pixel) centred at `places` [px] that lie in low..high."""
     half = 0.5 / per_pixel
     return np.clip((np.minimum(places + half, high) - np.maximum(places - half, low)) * per_pixel, 0.0, 1.0)
 
 
-def _inside(places, per_pixel, side, x=0.0, y=0.0):
+def _inside(places: FloatArray | IntArray, per_pixel: int, side: Side, x: float = 0.0, y: float = 0.0) -> FloatArray:
     """Return (n, n) float32: the shares of squares centred at `places` [px], relative to x, y, that lie in `side`."""
     across, along = inside(places - y, *side[2:], per_pixel), inside(places - x, *side[:2], per_pixel)
     return (across[:, None] * along).astype(np.float32)

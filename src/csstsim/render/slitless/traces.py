@@ -1,11 +1,17 @@
 """Traces: the spectra of objects and where the gratings send their light."""
 
-from typing import NamedTuple
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from csstsim.base.types import FloatArray, IntArray
 from csstsim.optics.gratings.dispersion import Disperser
-from csstsim.render.far_wings import WHOLE
+from csstsim.render.far_wings import WHOLE, Side
+
+if TYPE_CHECKING:
+    from csstsim.render.scene import Scene
 
 
 class Traces(NamedTuple):
@@ -16,16 +22,19 @@ class Traces(NamedTuple):
     * disperser: optics.gratings.dispersion.Disperser
     """
 
-    spectra: np.ndarray
-    visits: np.ndarray
+    spectra: FloatArray
+    visits: IntArray
     disperser: Disperser
 
-    def side(self, scene, v):
+    def side(self, scene: Scene, v: int) -> Side:
         """Return (x0, x1, y0, y1) px from a visit's object, beyond which its light is cut off before dispersion."""
         i, piece, cut = self.visits[v].tolist()
-        return tuple(self.disperser.rectangles[piece] - np.repeat([scene.x[i], scene.y[i]], 2)) if cut else WHOLE
+        if not cut:
+            return WHOLE
+        x0, x1, y0, y1 = self.disperser.rectangles[piece] - np.repeat([scene.x[i], scene.y[i]], 2)
+        return x0, x1, y0, y1
 
-    def order(self, scene, v, o, line):
+    def order(self, scene: Scene, v: int, o: int, line: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return (light [electron], x, y [px]), each (bins,), of order o of visit v; line: its p, q, r, s."""
         (i, piece, _), disperser, (p, q, r, s) = self.visits[v].tolist(), self.disperser, line.tolist()
         centres = 0.5 * (disperser.edges[1:] + disperser.edges[:-1])

@@ -3,6 +3,10 @@
 They are counted in the truth brick by positions and magnitudes, without what selection does.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from csstsim.base.healpix import brick_centre
@@ -10,6 +14,10 @@ from csstsim.catalog.astrometry.reduction import apparent, at_epoch
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.catalog.truth_bricks import AREA_DEG2
 from csstsim.universe.lensing.lensing import magnification
+
+if TYPE_CHECKING:
+    from csstsim.campaign.job import Job
+    from csstsim.campaign.opened import OpenCampaign
 
 KINDS = {"galaxies": GALAXY, "stars": STAR}
 LENSING = "kappa", "gamma1", "gamma2"
@@ -22,12 +30,12 @@ class BrickObjects:
     run: campaign.opened.OpenCampaign; pix: the brick. Raises InputError if its file is damaged.
     """
 
-    def __init__(self, run, pix):
+    def __init__(self, run: OpenCampaign, pix: int) -> None:
         self._run, self._pix = run, pix
         bands = [f"mag_{band}" for band in run.camera.bands]
         self._table = ObjectTable.read(run.paths.truth(pix), (*COLUMNS, *bands))
 
-    def on_frame(self, job) -> dict[str, int]:
+    def on_frame(self, job: Job) -> dict[str, int]:
         """Return {kind: number} on a job's window and brighter than the campaign's limit; empty without magnitudes.
 
         Proper motion and parallax are left out: they move some stars across the border of the window.
@@ -57,6 +65,6 @@ class BrickObjects:
         return {name: (int((kinds == KINDS[name]).sum()), AREA_DEG2 * density) for name, density in expected.items()}
 
 
-def brick_objects(run, pix):
+def brick_objects(run: OpenCampaign, pix: int) -> BrickObjects | None:
     """Return the BrickObjects of a brick; None for a user's catalogue, or if the brick's file is gone."""
     return BrickObjects(run, pix) if run.embedded and run.paths.truth(pix).exists() else None

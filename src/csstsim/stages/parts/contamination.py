@@ -1,15 +1,36 @@
 """The catalogue from which the light of neighbours under spectra is known, as a campaign's `measurement` says."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.bricks.match import one_to_one
 from csstsim.catalog.table import GALAXY, QUASAR, STAR, ObjectTable
 
+if TYPE_CHECKING:
+    from csstsim.base.types import FloatArray, IntArray
+    from csstsim.campaign.job import Job
+    from csstsim.campaign.opened import OpenCampaign
+    from csstsim.campaign.sections import ContaminationConfig
+    from csstsim.measure.spectra.contamination import CataloguedLight
+    from csstsim.measure.spectra.extract import Sources
+    from csstsim.measure.spectra.spectral_model import SpectralModel
+
 MATCH = 0.3  # arcsec: an entry of a table is one object of the truth at most, within this distance; the nearest first
 
 
-def catalogued_light(run, job, truth, sources, orders, model, settings):
+def catalogued_light(
+    run: OpenCampaign,
+    job: Job,
+    truth: ObjectTable,
+    sources: Sources,
+    orders: ObjectTable,
+    model: SpectralModel,
+    settings: ContaminationConfig,
+) -> CataloguedLight:
     """Return the measure.spectra.contamination.CataloguedLight of a job's catalogue.
 
     truth: its table; sources, orders, model: as measure.spectra.extract.extract_spectra takes them; settings:
@@ -17,6 +38,7 @@ def catalogued_light(run, job, truth, sources, orders, model, settings):
     """
     from csstsim.measure.spectra.contamination import CataloguedLight
 
+    found: tuple[ObjectTable, Sources | None, IntArray]
     if settings.table is None:
         found = _of_truth(run, truth, sources, orders, settings.depth)
     else:
@@ -28,10 +50,13 @@ def catalogued_light(run, job, truth, sources, orders, model, settings):
             allowed="objects with a magnitude in one of the camera's bands, within the depth",
         )  # fmt: skip
     some, known, owner = found
+    assert known is not None  # of these objects
     return CataloguedLight(some, known, model, owner)
 
 
-def _of_truth(run, truth, sources, orders, depth):
+def _of_truth(
+    run: OpenCampaign, truth: ObjectTable, sources: Sources, orders: ObjectTable, depth: float
+) -> tuple[ObjectTable, Sources, IntArray]:
     """Return (orders, Sources, owner): the truth's objects to a depth, their spectra from their magnitudes."""
     from csstsim.catalog.light.colours import colour_bins
     from csstsim.measure.spectra.extract import Sources
@@ -46,7 +71,9 @@ def _of_truth(run, truth, sources, orders, depth):
     return orders.take(known[orders["row"]]), light, owner
 
 
-def _of_table(run, job, sources, truth):
+def _of_table(
+    run: OpenCampaign, job: Job, sources: Sources, truth: ObjectTable
+) -> tuple[ObjectTable, Sources | None, IntArray]:
     """Return the same of a table: its objects seen by this exposure, matched with those of the truth."""
     from csstsim.catalog.flags import NOT_DRAWN
     from csstsim.catalog.light.object_spectra import catalog_spectra
@@ -60,6 +87,7 @@ def _of_table(run, job, sources, truth):
     catalog = TableCatalog({k: v for k, v in options.items() if v is not None}, run.region(job.exposure))
     table = selected(run, job.exposure, catalog)
     spectra, disperser = catalog_spectra(table, catalog), run.disperser(job)
+    assert disperser is not None  # of a spectroscopic chip
     rows = np.flatnonzero((table["flags"] & NOT_DRAWN == 0) & np.isfinite(table["x"] + table["y"]))
     owner = np.full(len(truth), NOBODY)
     if len(rows) == 0:
@@ -72,7 +100,7 @@ def _of_table(run, job, sources, truth):
     return orders, Sources(shapes_of(table, job.wcs), spectra, sources.edges), owner
 
 
-def owners(x, y, known_x, known_y, reach):
+def owners(x: FloatArray, y: FloatArray, known_x: FloatArray, known_y: FloatArray, reach: float) -> IntArray:
     """Return for each object of the truth the entry that is its own, (n,) int: one at most, of no other; -1: none.
 
     x, y (n,) and known_x, known_y (m,) px, NaN where there is no place; reach: px. The nearest pairs are taken first,

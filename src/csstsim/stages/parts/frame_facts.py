@@ -1,5 +1,9 @@
 """The validation.facts.Facts of a job: what the campaign expects of its frame, and what the Level-0 header says."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from csstsim.bricks.validation.facts import Facts, HeaderWCS
@@ -9,6 +13,13 @@ from csstsim.io.paths import made
 from csstsim.io.pointing_keywords import Boresight, pointing_off, wcs_off
 from csstsim.layers import sky_background
 
+if TYPE_CHECKING:
+    from csstsim.campaign.job import Job
+    from csstsim.campaign.opened import OpenCampaign
+    from csstsim.io.level0 import Level0
+    from csstsim.simulation.sim_steps import SimSteps
+    from csstsim.stages.parts.catalogue_counts import BrickObjects
+
 # Of the world coordinates of the assembled frame; channels' have a letter behind.
 WCS_KEYS = (
     "WCSAXES", "CTYPE1", "CTYPE2", "CUNIT1", "CUNIT2", "CRVAL1", "CRVAL2", "CRPIX1", "CRPIX2", "CD1_1", "CD1_2",
@@ -17,7 +28,7 @@ WCS_KEYS = (
 SIP = "A_", "B_", "AP_", "BP_"
 
 
-def frame_facts(run, job, objects=None):
+def frame_facts(run: OpenCampaign, job: Job, objects: BrickObjects | None = None) -> Facts:
     """Return the Facts of an imaging science job; reads the header of its Level-0 file. Raises InputError.
 
     objects: catalogue_counts.BrickObjects of the brick that is validated, or None.
@@ -44,7 +55,7 @@ def frame_facts(run, job, objects=None):
     )  # fmt: skip
 
 
-def _sky(run, job, steps):
+def _sky(run: OpenCampaign, job: Job, steps: SimSteps) -> float | None:
     """Return the sky [e- in a pixel, before all losses]; None if a user's layer may add light."""
     step = steps.step("sky_background")
     if not steps.shipped:
@@ -52,7 +63,7 @@ def _sky(run, job, steps):
     return sky_background.mean_rate(job.exposure, step.param) * job.pointing.exptime if step else 0.0
 
 
-def _wcs(file, job):
+def _wcs(file: Level0, job: Job) -> HeaderWCS | None:
     """Return the HeaderWCS of a Level-0 file, None where the header has no such cards."""
     cards = {key: value for key, value in file.header.items() if key in WCS_KEYS or key.startswith(SIP)}
     if not {"CTYPE1", "CRVAL1", "CRPIX1", "CD1_1"} <= set(cards):

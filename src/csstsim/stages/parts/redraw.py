@@ -7,7 +7,10 @@ a sum depends on its order, that of wings and of objects below the floor on all 
 differs, None is returned, and the chip is drawn in full.
 """
 
+from __future__ import annotations
+
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,12 +24,20 @@ from csstsim.simulation.state import State
 from csstsim.stages.parts.stage_frames import state_before
 from csstsim.stages.psf import open_psf
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from csstsim.base.types import IntArray
+    from csstsim.campaign.job import Job
+    from csstsim.campaign.opened import OpenCampaign
+    from csstsim.catalog.table import ObjectTable
+
 PHOTONS = "photons"  # render.policy
 SOURCES = "scie_obs", "sky_background", "prnu_effect"  # layers after which the planes of objects can be told apart
 ROW = "catalog_row"  # differs with the table's rows, and decides nothing
 
 
-def may_redraw(run, job):
+def may_redraw(run: OpenCampaign, job: Job) -> bool:
     """Whether a variant's job differs from one of its base in nothing but objects, if in anything."""
     if run.base is None or job.chip.kind != "imaging" or run.config.fidelity in ("noise_free", "reference"):
         return False
@@ -42,7 +53,7 @@ def may_redraw(run, job):
     return not own and run.recipes.but_objects(*kind) == run.base.recipes.but_objects(*kind)
 
 
-def redrawn(run, job, objects, say=print):
+def redrawn(run: OpenCampaign, job: Job, objects: ObjectTable, say: Callable[[str], object] = print) -> State | None:
     """Return the State of a variant's job after the render stage, or None if it must be drawn in full.
 
     objects: as stages.select.selected gives them. The header's `objects_electrons`, a sum of floats, may differ from a
@@ -50,12 +61,13 @@ def redrawn(run, job, objects, say=print):
     """
     from csstsim.catalog.table import ObjectTable
 
-    files = [run.base.paths.stage(*job.key, name) for name in LIGHT[:2]] if may_redraw(run, job) else []
-    if not files or not all(path.is_file() for path in files):
+    base = run.base
+    files = [base.paths.stage(*job.key, name) for name in LIGHT[:2]] if base and may_redraw(run, job) else []
+    if base is None or not files or not all(path.is_file() for path in files):
         return None
-    theirs = run.base.job(*job.key)
+    theirs = base.job(*job.key)
     drawn = ObjectTable.read(files[1])
-    check_recipe(files[1], drawn.meta, run.base.recipe(theirs, "render"))
+    check_recipe(files[1], drawn.meta, base.recipe(theirs, "render"))
     rows = _same_rows(objects, drawn)
     if rows is None:
         return None
@@ -63,7 +75,7 @@ def redrawn(run, job, objects, say=print):
     added, taken = _shot(run, job, objects.take(new)), _shot(run, job, _as_selected(drawn.take(gone), objects))
     if added is None or taken is None:
         return None
-    state = state_before(run.base, theirs, "render")
+    state = state_before(base, theirs, "render")
     counted = np.zeros(state.image.shape, np.int32) if state.counted is None else state.counted
     truth = _joined(drawn, rows, added.truth, new, objects)
     if not (truth["method"] == PHOTONS).any():
@@ -76,7 +88,7 @@ def redrawn(run, job, objects, say=print):
     return state
 
 
-def _same_rows(objects, drawn):
+def _same_rows(objects: ObjectTable, drawn: ObjectTable) -> IntArray | None:
     """Return (n,) rows of equal objects in the base's table, -1 for others; None if the tables cannot be compared."""
     names = [name for name in objects.names if name not in (ROW, "flags")]
     if set(names) != set(drawn.names) - {ROW, "flags", *ADDED} or "image_file" in names:
@@ -95,12 +107,12 @@ def _same_rows(objects, drawn):
     return np.where(same, at, -1)
 
 
-def _as_selected(drawn, objects):
+def _as_selected(drawn: ObjectTable, objects: ObjectTable) -> ObjectTable:
     """Return rows of the base's drawn table with the columns of a table of selected objects."""
     return type(drawn)({name: drawn[name] for name in objects.names if name in drawn.names}, objects.meta)
 
 
-def _shot(run, job, objects):
+def _shot(run: OpenCampaign, job: Job, objects: ObjectTable) -> State | None:
     """Return the State of some objects drawn alone, or None if not all of their light is photons."""
     state = State.blank(replace(job.exposure, mask=False), objects)
     if not len(objects):
@@ -111,16 +123,20 @@ def _shot(run, job, objects):
     state.psf = open_psf(run, job.chip)
     state.tables = read_tables(run.paths.psf_tables(job.chip.id), state.psf)
     step = run.steps[job.pointing.type].step("scie_obs")
+    assert step is not None  # it draws objects
     state = step.module.apply(state, step.param, run.streams(job).layer(step.name))
     return None if state.image.any() else state
 
 
-def _joined(drawn, rows, added, new, objects):
+def _joined(
+    drawn: ObjectTable, rows: IntArray, added: ObjectTable | None, new: IntArray, objects: ObjectTable
+) -> ObjectTable:
     """Return the drawn table of all objects, in their order, before saturation is flagged."""
     columns = {}
     for name in drawn.names:
         first = drawn[name][np.maximum(rows, 0)].copy() if len(drawn) else np.zeros(len(rows), drawn[name].dtype)
         if len(new):
+            assert added is not None  # they were drawn
             first = first.astype(np.result_type(first.dtype, added[name].dtype)) if first.dtype.kind in "US" else first
             first[new] = added[name]
         columns[name] = objects[name] if name == ROW else first

@@ -1,6 +1,9 @@
 """The report's pictures from Level-0 files: the sky in colour, cutouts of objects, and the focal plane."""
 
+from __future__ import annotations
+
 from itertools import islice
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +17,19 @@ from csstsim.report.parts import Figure, Gallery
 from csstsim.report.thumbnail import around
 from csstsim.stages.level0 import truth_of
 
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+    from csstsim.base.types import BoolArray, FloatArray
+    from csstsim.campaign.job import Job
+    from csstsim.campaign.opened import OpenCampaign
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.instrument.chip import Chip
+    from csstsim.io.level0 import Level0
+    from csstsim.report.mosaic import Exposure, FocalPlane
+    from csstsim.report.sky_picture import Grid
+    from csstsim.report.style import Look
+
 SIDE = 1200  # px of the picture of the sky, at most
 FIELD = 2400  # px of the chip that it shows, at most: 3 arcmin
 ANCHORS = 40  # frames of a brick that are tried as the grid of the picture
@@ -24,7 +40,7 @@ TRIED = 300  # brightest objects that a cutout may show
 FULL = 0.5  # of the full well: a brighter pixel counts as saturated (the ADC clips before the full well)
 
 
-def sky_pictures(run):
+def sky_pictures(run: OpenCampaign) -> tuple[Figure, Gallery] | tuple[None, None]:
     """Return (Figure of the sky, Gallery of objects on it) of a campaign, or (None, None) without imaging frames."""
     from csstsim.io.level0 import read_level0
     from csstsim.report import sky_picture as sky
@@ -37,7 +53,7 @@ def sky_pictures(run):
     window = middle(anchor.window, FIELD)
     grid = sky.Grid(anchor.exposure, window, -(-max(window.shape) // SIDE))
 
-    def planes(grid):
+    def planes(grid: Grid) -> list[FloatArray]:
         return [
             sky.combined([sky.plane(grid, job.exposure, files[job.key]) for job in jobs]) for jobs in bands.values()
         ]
@@ -54,7 +70,7 @@ def sky_pictures(run):
     return picture, Gallery(cutouts)
 
 
-def colour_frames(run):
+def colour_frames(run: OpenCampaign) -> tuple[Job, dict[str, list[Job]]]:
     """Return (job whose pixels are the grid, {band: its jobs there}) with three bands, the bluest first, or one.
 
     The place is the middle of a window that as many bands and frames as possible see; of more than three bands, those
@@ -63,7 +79,7 @@ def colour_frames(run):
     jobs = max(run.merge_bricks.values(), key=lambda some: (len({job.chip.filter for job in some}), len(some)))
     tried = jobs[:ANCHORS]
     x, y = np.transpose([_centre(job) for job in tried])
-    seen = [[] for _ in tried]
+    seen: list[list[Job]] = [[] for _ in tried]
     for job in jobs:
         for place, inside in enumerate(_sees(job, x, y)):
             seen[place] += [job] if inside else []
@@ -77,11 +93,11 @@ def colour_frames(run):
     return list(bands.values())[n // 2][0], bands
 
 
-def _bands(jobs):
+def _bands(jobs: Iterable[Job]) -> int:
     return len({job.chip.filter for job in jobs})
 
 
-def _centre(job):
+def _centre(job: Job) -> list[float]:
     """Return the ICRS place [deg] of the middle of a job's window."""
     from csstsim.catalog.astrometry.reduction import icrs
 
@@ -89,21 +105,21 @@ def _centre(job):
     return [float(v) for v in icrs(*job.wcs.pixel_to_world((w.x0 + w.x1) / 2, (w.y0 + w.y1) / 2), job.observer)]
 
 
-def _sees(job, ra, dec):
+def _sees(job: Job, ra: FloatArray, dec: FloatArray) -> BoolArray:
     """Return the mask of the places [deg] on a job's window."""
     from csstsim.catalog.astrometry.reduction import apparent
 
-    return job.window.contains(*job.wcs.world_to_pixel(*apparent(ra, dec, job.observer)))
+    return np.asarray(job.window.contains(*job.wcs.world_to_pixel(*apparent(ra, dec, job.observer))))
 
 
-def middle(window, most):
+def middle(window: Window, most: int) -> Window:
     """Return the middle of a Window, `most` px a side or fewer."""
     nx, ny = min(window.nx, most), min(window.ny, most)
     x0, y0 = window.x0 + (window.nx - nx) // 2, window.y0 + (window.ny - ny) // 2
     return Window(x0, x0 + nx, y0, y0 + ny)
 
 
-def chosen(run, job, window, file):
+def chosen(run: OpenCampaign, job: Job, window: Window, file: Level0) -> Iterator[tuple[str, Window]]:
     """Yield (label, Window) of the galaxies and stars that the cutouts show."""
     truth = truth_of(run, job)
     for kind, count in CHOSEN.items():
@@ -112,7 +128,9 @@ def chosen(run, job, window, file):
             yield f"{kind}, {job.chip.filter} {truth['mag'][row]:.1f}", place
 
 
-def bright_objects(run, truth, rows, window, file):
+def bright_objects(
+    run: OpenCampaign, truth: ObjectTable, rows: BoolArray, window: Window, file: Level0
+) -> Iterator[tuple[int, Window]]:
     """Yield (row, Window of CUTOUT px about it) of objects of a truth table, brightest first.
 
     They lie in `window`, and are brighter than all else in their own Window; no pixel there is saturated. rows: mask of
@@ -123,15 +141,15 @@ def bright_objects(run, truth, rows, window, file):
     x, y, light = (np.asarray(truth[name], float) for name in ("x", "y", "electrons"))
     half = CUTOUT // 2
     inside = Window(window.x0 + half, window.x1 - half, window.y0 + half, window.y1 - half).contains(x, y)
-    rows = np.flatnonzero(inside & rows)
-    for row in rows[np.argsort(-light[rows])][:TRIED]:
+    found = np.flatnonzero(inside & rows)
+    for row in found[np.argsort(-light[found])][:TRIED]:
         place = around(x[row], y[row], window, CUTOUT)
         brighter = (light > light[row]) & place.contains(x, y)
         if not brighter.any() and binned(file, place, 1).max() < FULL * run.camera.detector.full_well:
             yield row, place
 
 
-def _caption(run, bands, grid):
+def _caption(run: OpenCampaign, bands: Mapping[str, Sequence[Job]], grid: Grid) -> str:
     """Return the caption of the picture of the sky."""
     names = ", ".join(bands)
     what = f"{names} as blue, green and red" if len(bands) == 3 else f"{names} in grey"
@@ -142,15 +160,17 @@ def _caption(run, bands, grid):
     return f"{what}: {frames}, {side[0]:.1f}' x {side[1]:.1f}', asinh stretch (Lupton et al. 2004).{rays}"
 
 
-def focal_plane(run, looks):
+def focal_plane(run: OpenCampaign, looks: Mapping[str, Look]) -> FocalPlane | None:
     """Return the focal plane of the exposures with the most chips, science before calibration."""
     from csstsim.io.level0 import read_level0
     from csstsim.report.mosaic import mosaic, take_exposure
 
-    taken, exposures = 0, []
+    taken = 0
+    exposures: list[Exposure] = []
     first = {job.obsid for job in run.first_frames}
 
-    def rank(jobs):  # of equals, the exposure of the first picture is shown first
+    def rank(jobs: Sequence[Job]) -> tuple[bool, int, bool]:
+        # Of equals, the exposure of the first picture is shown first
         return jobs[0].pointing.type != "SCIE", -len(jobs), jobs[0].obsid not in first
 
     for jobs in sorted(by_exposure(run), key=rank):
@@ -162,14 +182,14 @@ def focal_plane(run, looks):
         files = ((job.chip, read_level0(run.paths.level0(job))) for job in progress(jobs, "frames"))
         by_chip = {job.chip.id: job for job in jobs}
 
-        def spot(chip, file, side, by_chip=by_chip):
+        def spot(chip: Chip, file: Level0, side: int, by_chip: Mapping[int, Job] = by_chip) -> Window | None:
             return detail(run, by_chip[chip.id], file, side)
 
         exposures.append(take_exposure(title, pointing.pa, files, spot=spot))
     return mosaic(list(run.camera.chips.values()), exposures, looks)
 
 
-def detail(run, job, file, side):
+def detail(run: OpenCampaign, job: Job, file: Level0, side: int) -> Window | None:
     """Return the Window of a frame to show at full resolution: about a galaxy or a spectrum, or None if none is fit."""
     if job.pointing.type != "SCIE":
         return None
@@ -186,9 +206,9 @@ def detail(run, job, file, side):
     return found and around(truth["x"][found[0]], truth["y"][found[0]], job.window, side)
 
 
-def by_exposure(run):
+def by_exposure(run: OpenCampaign) -> list[list[Job]]:
     """Return the jobs as a list of lists, one for each exposure."""
-    exposures = {}
+    exposures: dict[str, list[Job]] = {}
     for job in run.jobs:
         exposures.setdefault(job.obsid, []).append(job)
     return list(exposures.values())

@@ -6,14 +6,29 @@ The file in the shared folder is whole when it appears there and is never writte
 that makes its own anew, leaves it as it is.
 """
 
+from __future__ import annotations
+
 import os
 import shutil
+from typing import TYPE_CHECKING
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
 
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
 
-def make_or_link(run, path, make, check, say):
+    from csstsim.campaign.opened import OpenCampaign
+
+
+def make_or_link(
+    run: OpenCampaign,
+    path: Path,
+    make: Callable[[], object],
+    check: Callable[[Path], object],
+    say: Callable[[str], object],
+) -> None:
     """Make a product of the output folder, or link it to the one in the campaign's shared folder, if it has one.
 
     make(): writes the product to `path`; check(file): raises InputError if the file is not what this campaign would
@@ -40,7 +55,7 @@ def make_or_link(run, path, make, check, say):
     say(f"shared, not made: {common}")
 
 
-def copied(pairs, say=print):
+def copied(pairs: Sequence[tuple[Path, Path]], say: Callable[[str], object] = print) -> bool:
     """Copy what the base of a variant has made to the variant's folder; return whether there is anything to copy.
 
     pairs: those of OpenCampaign.base_files. No links: Snakemake dates what a job leaves anew, and the base's

@@ -1,5 +1,9 @@
 """The report's section on the sky of exposures with the stray-light model, from the headers of Level-0 files."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from csstsim.base.process.progress import progress
@@ -8,8 +12,15 @@ from csstsim.io.fits import open_fits, read_header
 from csstsim.report.parts import Figure, Paragraph, Table
 from csstsim.sky.background import COMPONENTS
 
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
-def sky_of_frames(run, looks):
+    from csstsim.base.types import FloatArray
+    from csstsim.campaign.opened import OpenCampaign
+    from csstsim.report.style import Look
+
+
+def sky_of_frames(run: OpenCampaign, looks: Mapping[str, Look]) -> list[Paragraph | Figure | Table]:
     """Return the parts of the section: a figure and a table by band; [] without the model, or without its keywords.
 
     One chip a band is read in each exposure. looks: report.style.looks. Raises InputError for an unreadable file.
@@ -22,26 +33,26 @@ def sky_of_frames(run, looks):
     jobs = [job for chips in with_the_model(run).values() for job in chips.values()]
     if None in wanted.values() or not jobs:
         return []
-    found = {}
+    found: dict[str, dict[str, list[float]]] = {}
     for job in progress(sorted(jobs, key=lambda job: job.pointing.mjd), "sky of frames"):
         path = run.paths.level0(job)
         with open_fits(path) as file:
             header = read_header(file[0], path)
         rows = found.setdefault(job.chip.filter, {name: [] for name in wanted})
         for name, keyword in wanted.items():
-            rows[name].append(float(header[keyword]))
+            rows[name].append(float(header[str(keyword)]))
     bands = [band for band in run.camera.filters if band in found]
     levels = {band: {name: np.array(values) for name, values in found[band].items()} for band in bands}
     limbs = {band: rows.pop("limb") for band, rows in levels.items()}
     text = "The stray-light model is on. Rates are means over one chip a band, from the headers: least, median, most."
     head = "band", *(f"{name} [e-/s/px]" for name in COMPONENTS), f"earthshine above {MUCH:.0%} of zodiacal light"
-    rows = [
+    lines = [
         (band, *(_three(parts[name]) for name in COMPONENTS), f"{much_earthshine(parts):.0%} of exposures")
         for band, parts in levels.items()
     ]
     figure = Figure(sky_by_exposure(levels, limbs, looks), "The sky by exposure, and earthshine by limb angle")
-    return [Paragraph(text), figure, Table(head, rows, "bands")]
+    return [Paragraph(text), figure, Table(head, lines, "bands")]
 
 
-def _three(values):
+def _three(values: FloatArray) -> str:
     return ", ".join(f"{value:.2g}" for value in (values.min(), np.median(values), values.max()))

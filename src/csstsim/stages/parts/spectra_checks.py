@@ -3,7 +3,9 @@
 They are written with the spectra of a frame (`checks` of the table's metadata), so that the report reads no image.
 """
 
-from typing import Any
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,12 +16,18 @@ from csstsim.io.pointing_keywords import Boresight, pointing_off, wcs_off
 from csstsim.layers.sky_background import dispersed_sky
 from csstsim.measure.spectra.spectrum_columns import CUT, DIM, LOST
 
+if TYPE_CHECKING:
+    from csstsim.base.types import BoolArray
+    from csstsim.campaign.job import Job
+    from csstsim.campaign.opened import OpenCampaign
+    from csstsim.catalog.table import ObjectTable
+
 SNR_BRIGHT = 50.0  # of a whole spectrum: stars above it are compared with the truth
 COLUMNS = 50  # a spectrum has at least so many usable columns
 FLOOR = 0.005  # added to a spectrum's stated error: a few must not dominate the mean
 
 
-def spectra_checks(run, job, truth, table) -> dict[str, Any]:
+def spectra_checks(run: OpenCampaign, job: Job, truth: ObjectTable, table: ObjectTable) -> dict[str, Any]:
     """Return {"flux": {off, error, n}, "sky": {off, n}, "pointing": {keyword: arcsec}} of a job's spectra.
 
     flux: electrons of stars' spectra over those of the truth, less 1, a clipped mean; sky: the sky beside spectra over
@@ -35,7 +43,7 @@ def spectra_checks(run, job, truth, table) -> dict[str, Any]:
     }
 
 
-def _flux(truth, table) -> dict[str, float | int | None]:
+def _flux(truth: ObjectTable, table: ObjectTable) -> dict[str, float | int | None]:
     good = _known(table)
     good &= truth["obj_type"][table["row"]] != GALAXY
     spectra = np.stack([table["row"][good], table["order"][good]], axis=1)
@@ -49,12 +57,12 @@ def _flux(truth, table) -> dict[str, float | int | None]:
     return {"off": off, "error": sigma, "n": n}
 
 
-def _known(table) -> np.ndarray:
+def _known(table: ObjectTable) -> BoolArray:
     """Return (n,) bool: columns with a result whose light, their own and that of others, is known."""
     return ((table["flags"] & (DIM | LOST | CUT)) == 0) & np.isfinite(table["model"])
 
 
-def _sky(run, job, table) -> dict[str, float | int | None]:
+def _sky(run: OpenCampaign, job: Job, table: ObjectTable) -> dict[str, float | int | None]:
     steps = run.steps[job.pointing.type]
     step, dark = steps.step("sky_background"), steps.step("poisson_and_dark")
     if not (steps.shipped and step and len(table)):

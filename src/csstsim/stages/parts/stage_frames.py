@@ -1,24 +1,34 @@
 """The frame that a stage writes for the next one, and the time that a stage took."""
 
+from __future__ import annotations
+
 import time
+from typing import TYPE_CHECKING, cast
 
 from csstsim.base.errors import InputError
 from csstsim.base.release import check_recipe
 from csstsim.simulation.state import State
 
+if TYPE_CHECKING:
+    from typing import Any
+
+    from csstsim.base.types import AnyArray, IntArray
+    from csstsim.campaign.job import Job
+    from csstsim.campaign.opened import OpenCampaign
+
 
 class Timer:
     """Wall and CPU seconds of a stage, for the provenance of its product."""
 
-    def __init__(self, stage):
+    def __init__(self, stage: str) -> None:
         self.stage, self.wall, self.cpu = stage, time.perf_counter(), time.process_time()
 
-    def entry(self):
+    def entry(self) -> list[str | float]:
         """Return [stage, wall s, CPU s] since it began."""
         return [self.stage, time.perf_counter() - self.wall, time.process_time() - self.cpu]
 
 
-def state_before(run, job, stage):
+def state_before(run: OpenCampaign, job: Job, stage: str) -> State:
     """Return the state the given stage left on disk, or a blank one if this exposure has no such stage."""
     from csstsim.io.frames import load_frame
 
@@ -29,21 +39,22 @@ def state_before(run, job, stage):
         check_recipe(path, meta, run.recipe(job, stage))
         if "image" not in planes or not {"unit", "header"} <= meta.keys():
             raise InputError("damaged: it lacks the plane image, or unit or header in its metadata", file=path)
-        state.image, state.counted = planes["image"], planes.get("counted")
+        state.image = cast("AnyArray", planes["image"])
+        state.counted = cast("IntArray | None", planes.get("counted"))  # or a SparsePlane
         if state.mask is not None:
             state.mask = planes.get("mask", state.mask)
         state.unit, state.header = meta["unit"], meta["header"]
     return state
 
 
-def frame_meta(run, job, state):
+def frame_meta(run: OpenCampaign, job: Job, state: State) -> dict[str, Any]:
     """Return the metadata of a frame that one stage writes for the next."""
     stage = state.header["stages"][-1][0]
     frame = {"recipe": run.recipe(job, stage), "stage": stage, "unit": state.unit, "header": state.header}
     return frame | {"exposure": _exposure(run, job)}
 
 
-def _exposure(run, job):
+def _exposure(run: OpenCampaign, job: Job) -> dict[str, Any]:
     """Return the exposure and chip of a frame, by the names of the Level-0 header, which `csstsim show` reads."""
     pointing, window = job.pointing, job.window
     return job.wcs.header() | {

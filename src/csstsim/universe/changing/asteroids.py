@@ -8,15 +8,17 @@ A search goes through all of them, and leaves most after two random numbers: the
 Left out: perturbations by planets, rotation, families, other populations than the main belt and Hildas.
 """
 
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
 
 from csstsim.base.counter import high, low, word
 from csstsim.base.rng import counter_key
+from csstsim.base.types import AnyArray, FloatArray, Floats, IntArray
 from csstsim.base.units import ARCSEC_PER_RAD
 
 OBLIQUITY = 84381.406 / ARCSEC_PER_RAD  # of the ecliptic, J2000 (IAU 2006)
@@ -31,21 +33,22 @@ _NEAREST, _FURTHEST = 1.3, 5.2  # au from the Sun
 class Population(NamedTuple):
     """The cells of a population and the number of asteroids in each."""
 
-    count: np.ndarray  # (cells,) int64
-    cells: np.ndarray  # (cells, 6): a [au] first and last, e first and last, Rayleigh width of i [rad], zone
-    bright: np.ndarray  # (cells,) mag, the faintest H
-    counts: tuple  # H and log10 of the numbers, at whose ends the slopes hold: (H, log N, bright, faint)
+    count: IntArray  # type: ignore[assignment]  # (cells,) int64; hides a method that nobody needs
+    cells: FloatArray  # (cells, 6): a [au] first and last, e first and last, Rayleigh width of i [rad], zone
+    bright: FloatArray  # (cells,) mag, the faintest H
+    # H and log10 of the numbers, at whose ends the slopes hold: (H, log N, bright, faint)
+    counts: tuple[FloatArray, FloatArray, float, float]
     limit: float  # mag, faintest V
     slope: float  # G
 
 
-def population(numbers):
+def population(numbers: Mapping[str, Any]) -> Population:
     """Return the Population of the numbers of asteroids.yaml."""
     return _population(repr(numbers))
 
 
 @lru_cache(4)
-def _population(text):
+def _population(text: str) -> Population:
     import ast
 
     numbers = ast.literal_eval(text)
@@ -68,13 +71,20 @@ def _population(text):
     return Population(count, np.array(cells), np.array(faintest), law, limit, slope)
 
 
-def _log_number(h, points, log, bright, faint):
+def _log_number(h: Floats, points: FloatArray, log: FloatArray, bright: float, faint: float) -> FloatArray:
     """Return log10 of the number of asteroids brighter than H."""
     inside = np.interp(h, points, log)
     return inside + bright * np.minimum(h - points[0], 0) + faint * np.maximum(h - points[-1], 0)
 
 
-def asteroids_near(seed, mjd, sun, direction, radius, numbers):
+def asteroids_near(
+    seed: int,
+    mjd: float,
+    sun: Sequence[float] | FloatArray,
+    direction: Sequence[float] | FloatArray,
+    radius: float,
+    numbers: Mapping[str, Any],
+) -> dict[str, AnyArray]:
     """Return {name: (n,)} of the asteroids within `radius` [rad] of a direction, as seen by an observer.
 
     mjd: TDB (TT will do); sun (3,): the observer's place from the Sun [au] on axes of the ICRS; direction (3,): unit
@@ -106,13 +116,17 @@ def asteroids_near(seed, mjd, sun, direction, radius, numbers):
     }  # fmt: skip
 
 
-def seen_from(orbit, h, mjd, sun, slope):
+def seen_from(
+    orbit: Sequence[FloatArray] | FloatArray, h: FloatArray, mjd: float, sun: Sequence[float] | FloatArray, slope: float
+) -> tuple[FloatArray, FloatArray]:
     """Return (directions (n, 3) on axes of the ICRS, V) of orbits (6, n) from a place (3,) [au from the Sun, ICRS]."""
     seen, v = observed(orbit, h, mjd, _to_ecliptic(np.asarray(sun, float)), slope)
     return _to_equator(seen), v
 
 
-def observed(orbit, h, mjd, o, slope):
+def observed(
+    orbit: Sequence[FloatArray] | FloatArray, h: FloatArray, mjd: float, o: FloatArray, slope: float
+) -> tuple[FloatArray, FloatArray]:
     """Return (unit vectors (n, 3), V) of orbits from a place o [au from the Sun], ecliptic axes, with light time."""
     delay = np.zeros(len(h))
     for _ in range(3):
@@ -125,7 +139,7 @@ def observed(orbit, h, mjd, o, slope):
     return away / distance[:, None], h + 5 * np.log10(r * distance) + _phase(cosine, slope)
 
 
-def positions(orbit, days):
+def positions(orbit: Sequence[FloatArray] | FloatArray, days: Floats) -> FloatArray:
     """Return places (n, 3) [au from the Sun], ecliptic axes, of orbits days after EPOCH.
 
     orbit: a [au], e, i, node, argument of perihelion, mean anomaly at EPOCH [rad], each (n,).
@@ -141,13 +155,13 @@ def positions(orbit, days):
     return np.stack([u * np.cos(node) - w * np.sin(node), u * np.sin(node) + w * np.cos(node), v * np.sin(i)], axis=1)
 
 
-def _phase(cosine, slope):
+def _phase(cosine: FloatArray, slope: float) -> FloatArray:
     """Return the magnitudes by which phase dims, of the H, G system (Bowell et al. 1989)."""
     half = np.sqrt(np.maximum((1 - cosine) / (1 + cosine), 0.0))  # tan of half the phase angle
     return -2.5 * np.log10((1 - slope) * np.exp(-3.33 * half**0.63) + slope * np.exp(-1.87 * half**1.22))
 
 
-def _window(o, c, radius):
+def _window(o: FloatArray, c: FloatArray, radius: float) -> tuple[float, float, float]:
     """Return (longitude, least inclination, half width) [rad] of asteroids on a line of sight, seen from the Sun."""
     r = np.linspace(_NEAREST, _FURTHEST, 64)
     along = -(o @ c) + np.sqrt(np.maximum((o @ c) ** 2 - o @ o + r**2, 0.0))
@@ -163,8 +177,24 @@ def _window(o, c, radius):
 
 @numba.njit(cache=True)
 def _search(
-    key, count, cells, faintest, points, log, bright, faint, days, o, c, radius, longitude, wide, least_i, limit, out
-):
+    key: np.uint64,
+    count: IntArray,
+    cells: FloatArray,
+    faintest: FloatArray,
+    points: FloatArray,
+    log: FloatArray,
+    bright: float,
+    faint: float,
+    days: float,
+    o: FloatArray,
+    c: FloatArray,
+    radius: float,
+    longitude: float,
+    wide: float,
+    least_i: float,
+    limit: float,
+    out: FloatArray,
+) -> int:
     """Write the asteroids near a direction, as far as there is room; return how many there are."""
     size, number, turn = 0, 0, 2 * np.pi
     cosine = np.cos(radius)
@@ -214,7 +244,7 @@ def _search(
 
 
 @numba.njit(cache=True)
-def _number(h, points, log, bright, faint):
+def _number(h: float, points: FloatArray, log: FloatArray, bright: float, faint: float) -> float:
     """As _log_number, of one H."""
     if h <= points[0]:
         return log[0] + bright * (h - points[0])
@@ -224,7 +254,7 @@ def _number(h, points, log, bright, faint):
 
 
 @numba.njit(cache=True)
-def _magnitude(number, points, log, bright, faint):
+def _magnitude(number: float, points: FloatArray, log: FloatArray, bright: float, faint: float) -> float:
     """The inverse of _number: the H of which so many (log10) are brighter."""
     if number <= log[0]:
         return points[0] + (number - log[0]) / bright
@@ -233,13 +263,13 @@ def _magnitude(number, points, log, bright, faint):
     return np.interp(number, log, points)
 
 
-def _to_ecliptic(v):
+def _to_ecliptic(v: FloatArray) -> FloatArray:
     cos, sin = np.cos(OBLIQUITY), np.sin(OBLIQUITY)
     x, y, z = np.moveaxis(v, -1, 0)
     return np.stack([x, cos * y + sin * z, cos * z - sin * y], axis=-1)
 
 
-def _to_equator(v):
+def _to_equator(v: FloatArray) -> FloatArray:
     cos, sin = np.cos(OBLIQUITY), np.sin(OBLIQUITY)
     x, y, z = np.moveaxis(v, -1, 0)
     return np.stack([x, cos * y - sin * z, cos * z + sin * y], axis=-1)

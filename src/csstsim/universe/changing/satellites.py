@@ -5,16 +5,28 @@ directions, distances from the centre and times are uniform. They depend on the 
 the telescope looks, so all chips of an exposure see the same ones. Left out: their orbits, the Earth's shadow, flashes.
 """
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 
 from csstsim.base.rng import stream
 from csstsim.base.sphere import frames, normalised, ra_dec
+from csstsim.base.types import AnyArray
 from csstsim.base.units import ARCSEC_PER_RAD
 
 _MOST = 1000  # tracks in an exposure
 
 
-def crossing(seed, start, exptime, boresight, radius, diameter, numbers):
+def crossing(
+    seed: int,
+    start: float,
+    exptime: float,
+    boresight: tuple[float, float],
+    radius: float,
+    diameter: float,
+    numbers: Mapping[str, Any],
+) -> dict[str, AnyArray]:
     """Return {name: (n,)} of the satellites that cross a circle of `radius` [rad] about `boresight` (ra, dec) [deg].
 
     start: MJD; exptime: s; diameter: of the mirror [m]. id, ra, dec [deg], where it is nearest to the boresight, time

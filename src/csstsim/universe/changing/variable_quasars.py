@@ -6,14 +6,24 @@ and before the start it stands still. In each band the same steps are scaled by 
 The damping time is stretched by 1 + z.
 """
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
 import numpy as np
 
 from csstsim.base.rng import stream
+from csstsim.base.types import AnyArray, FloatArray
 
 PIVOT, MASS = 4000.0, 1e9  # angstrom; solar masses
 
 
-def quasar_changes(seed, table, mjd, wavelength, numbers):
+def quasar_changes(
+    seed: int,
+    table: Mapping[str, AnyArray],
+    mjd: Sequence[float] | FloatArray,
+    wavelength: float,
+    numbers: Mapping[str, Any],
+) -> FloatArray:
     """Return (n, times) mag by which quasars are fainter than on average at MJDs (times,), at a wavelength [angstrom].
 
     table: ids, z, coeff0 (M1450) of quasars.
@@ -34,7 +44,9 @@ def quasar_changes(seed, table, mjd, wavelength, numbers):
     return out
 
 
-def walk_of(z, m1450, normal, wavelength, numbers):
+def walk_of(
+    z: float, m1450: float, normal: float, wavelength: float, numbers: Mapping[str, Any]
+) -> tuple[float, float]:
     """Return (rms [mag], damping time [day, rest frame]) of a quasar; normal: a standard normal number, of its mass."""
     m_i = m1450 + numbers["walk"]["shift"]
     mean, width = (a + b * m_i for a, b in (numbers["mass"]["mean"], numbers["mass"]["width"]))

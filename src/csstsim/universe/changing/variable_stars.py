@@ -4,11 +4,15 @@ Class, period, amplitude and phase of a star depend on the campaign's seed and t
 one period, irregular changes, spots that come and go, flares, the second eclipse of a binary.
 """
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
 import numba
 import numpy as np
 
 from csstsim.base.counter import object_keys, unit, word
 from csstsim.base.rng import counter_key
+from csstsim.base.types import AnyArray, FloatArray, IntArray
 
 _WORDS = 16  # of a star
 _ECLIPSE = 0.1  # of a period
@@ -16,7 +20,13 @@ _RISE = 0.15  # of a period, of a saw
 REFERENCE = 5500.0  # angstrom, of the amplitudes
 
 
-def star_changes(seed, table, mjd, wavelength, numbers):
+def star_changes(
+    seed: int,
+    table: Mapping[str, AnyArray],
+    mjd: Sequence[float] | FloatArray,
+    wavelength: float,
+    numbers: Mapping[str, Any],
+) -> FloatArray:
     """Return (n, times) mag by which stars are fainter than on average at MJDs (times,), at a wavelength [angstrom].
 
     table: ids, teff, logg of stars. The mean of sine and saw is zero; an eclipse only dims.
@@ -35,7 +45,9 @@ def star_changes(seed, table, mjd, wavelength, numbers):
     return out
 
 
-def drawn(table, draws, classes):
+def drawn(
+    table: Mapping[str, AnyArray], draws: FloatArray, classes: Mapping[str, Any]
+) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
     """Return (class, -1: none; period [day]; amplitude [mag]; phase [turns]) of stars from uniform numbers (n, 16)."""
     from scipy.special import ndtri
 
@@ -55,12 +67,12 @@ def drawn(table, draws, classes):
     return which, period, median * 10 ** (scatter * ndtri(draws[:, -2])), draws[:, -3]
 
 
-def _saw(turn):
+def _saw(turn: FloatArray) -> FloatArray:
     """Brightens for _RISE of the period, then fades: 1 to -1 and back, mean 0."""
     return np.where(turn < _RISE, 1 - 2 * turn / _RISE, -1 + 2 * (turn - _RISE) / (1 - _RISE))
 
 
-def _eclipse(turn):
+def _eclipse(turn: FloatArray) -> FloatArray:
     """Dims by up to 2 (twice the amplitude is the depth) around turn 0."""
     away = np.minimum(turn, 1 - turn) / (_ECLIPSE / 2)
     return np.where(away < 1, 1 + np.cos(np.pi * away), 0.0)
@@ -70,13 +82,13 @@ _FORMS = {"sine": lambda turn: np.sin(2 * np.pi * turn), "saw": _saw, "eclipse":
 
 
 @numba.njit(cache=True)
-def _fill(keys, out):
+def _fill(keys: IntArray, out: FloatArray) -> None:
     for i in range(len(keys)):
         for k in range(out.shape[1]):
             out[i, k] = unit(word(keys[i], np.uint64(k)))
 
 
-def _uniforms(key, ids):
+def _uniforms(key: np.uint64, ids: IntArray) -> FloatArray:
     """Return (n, _WORDS) uniform numbers of objects by their ids."""
     out = np.empty((len(ids), _WORDS))
     _fill(object_keys(key, np.asarray(ids, np.int64)), out)

@@ -12,8 +12,10 @@ Milky Way.
 
 import hashlib
 import math
+from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +24,7 @@ from csstsim.base.files.damage import reading
 from csstsim.base.files.fits_headers import check_headers
 from csstsim.base.healpix import colatitude
 from csstsim.base.shipped import SHIPPED
+from csstsim.base.types import AnyArray, FloatArray, Floats, IntArray, PathLike
 from csstsim.universe.dust.extinction import odonnell, star_ebv
 
 SFD = "sfd"
@@ -45,7 +48,7 @@ class DustMap:
     Raises InputError for a file that is missing or not a full-sky HEALPix table of E(B-V).
     """
 
-    def __init__(self, numbers, folder=SHIPPED / "universe"):
+    def __init__(self, numbers: Mapping[str, Any], folder: PathLike = SHIPPED / "universe") -> None:
         self._numbers, name, columns = numbers, numbers["map"], numbers["columns"]
         source = Path(folder) / "dust.yaml"
         if not isinstance(name, str) or not name.strip():
@@ -60,24 +63,24 @@ class DustMap:
             raise InputError(f"no such file: {self.path}", file=source, key="map", value=name, allowed=_ALLOWED)
 
     @cached_property
-    def _map(self):
+    def _map(self) -> tuple[list[AnyArray], int, bool, bool]:
         """Columns (memory-mapped), nside, nested, galactic; read on first use: most stages need only the digest."""
         columns, header = _open(self.path, self._numbers["columns"])
         galactic_frame = _is_galactic(header["COORDSYS"] or self._numbers["coordsys"], self.path)
         return columns, *_pixelisation(columns[0].size, header, self.path), galactic_frame
 
     @property
-    def nside(self):
+    def nside(self) -> int:
         """HEALPix NSIDE of the map."""
         return self._map[1]
 
     @cached_property
-    def digest(self):
+    def digest(self) -> str:
         """16 hex digits of the map file's BLAKE2b (twice as fast as SHA-256: a Planck map is 2 GB)."""
         with open(self.path, "rb") as file:
             return hashlib.file_digest(file, "blake2b").hexdigest()[:16]
 
-    def ebv(self, ra, dec):
+    def ebv(self, ra: Floats, dec: Floats) -> FloatArray:
         """Return E(B-V) [mag, at least 0] of the whole column towards `ra`, `dec` [deg, ICRS], which broadcast.
 
         A pixel without value (not finite, or UNSEEN) is left out of the mean. Raises InputError for a direction that is
@@ -97,9 +100,9 @@ class DustMap:
         pixels, where = np.unique(near, return_inverse=True)
         value = self._pixels(pixels)
         if (value > _MOST).any():
-            wrong, allowed = np.argmax(value > _MOST), f"to {_MOST:g}"
+            worst, allowed = np.argmax(value > _MOST), f"to {_MOST:g}"
             raise InputError(
-                "no E(B-V)", file=self.path, key=f"pixel {pixels[wrong]}", value=float(value[wrong]), allowed=allowed
+                "no E(B-V)", file=self.path, key=f"pixel {pixels[worst]}", value=float(value[worst]), allowed=allowed
             )
         value = value[where.reshape(near.shape)]
         weight = np.where(np.isnan(value), 0.0, weight)
@@ -111,16 +114,16 @@ class DustMap:
         scale = self._numbers["sfd_scale"] if self._numbers["map"] == SFD else 1.0
         return np.maximum(scale * (weight * np.nan_to_num(value)).sum(axis=0) / total, 0.0)
 
-    def star_ebv(self, ra, dec, distance):
+    def star_ebv(self, ra: Floats, dec: Floats, distance: Floats) -> FloatArray:
         """Return E(B-V) [mag] in front of stars at `ra`, `dec` [deg, ICRS] and `distance` [pc]; extinction.star_ebv."""
         latitude = galactic(ra, dec)[1]
         return star_ebv(self.ebv(ra, dec), distance, latitude, self._numbers["height"], self._numbers["reach"])
 
-    def curve(self, wavelength):
+    def curve(self, wavelength: Floats) -> FloatArray:
         """Return A(lambda)/A(V) at `wavelength` [angstrom] for this configuration's R_V."""
         return odonnell(wavelength, self._numbers["r_v"])
 
-    def _pixels(self, pixels):
+    def _pixels(self, pixels: IntArray) -> FloatArray:
         """Return E(B-V) of whole pixels, NaN where the map has no value."""
         columns = self._map[0]
         first = _take(columns[0], pixels)
@@ -132,7 +135,7 @@ class DustMap:
         return first
 
 
-def galactic(ra, dec):
+def galactic(ra: Floats, dec: Floats) -> tuple[FloatArray, FloatArray]:
     """Return galactic longitude and latitude [deg] of ICRS `ra`, `dec` [deg]."""
     ra, dec = np.broadcast_arrays(ra, dec)
     theta, phi = colatitude(ra.ravel(), dec.ravel())
@@ -143,13 +146,13 @@ def galactic(ra, dec):
     return lon.reshape(ra.shape), lat.reshape(ra.shape)
 
 
-def _take(column, pixels):
+def _take(column: AnyArray, pixels: IntArray) -> FloatArray:
     """Return the values of `pixels`; a row of a map's table may hold one pixel or many."""
     value = column[np.unravel_index(pixels, column.shape)].astype(float)
     return np.where(np.isfinite(value) & (value > _BAD), value, np.nan)
 
 
-def _open(path, wanted):
+def _open(path: Path, wanted: list[str]) -> tuple[list[AnyArray], dict[str, str]]:
     """Return the `wanted` columns (or the only one), memory-mapped, and the header keywords that describe the map."""
     from astropy.io import fits
 
@@ -172,7 +175,7 @@ def _open(path, wanted):
         return columns, about
 
 
-def _pixelisation(size, header, path):
+def _pixelisation(size: int, header: Mapping[str, str], path: Path) -> tuple[int, bool]:
     """Return (nside, nested) of a full-sky map of `size` pixels. Raises InputError."""
     ordering = header["ORDERING"].strip().upper()
     if ordering not in ("RING", "NESTED", "NEST"):
@@ -186,7 +189,7 @@ def _pixelisation(size, header, path):
     return nside, ordering != "RING"
 
 
-def _is_galactic(frame, path):
+def _is_galactic(frame: object, path: Path) -> bool:
     try:
         return _GALACTIC[str(frame).strip().upper()]
     except KeyError:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.polynomial.polynomial import polyval
 
 from csstsim.base.errors import InputError
+from csstsim.base.types import FloatArray, Floats
 
 # The published polynomials, (a, b) each, lowest power first.
 _INFRARED = 0.574, -0.527  # times x^1.61
@@ -26,7 +27,7 @@ _RISE = (0.0, 0.0, -0.04473, -0.009779), (0.0, 0.0, 0.2130, 0.1207)  # in x - 5.
 _FAR = (-1.073, -0.628, 0.137, -0.070), (13.670, 4.257, -0.420, 0.374)  # in x - 8, above 8 um-1
 
 
-def odonnell(wavelength, r_v=3.1):
+def odonnell(wavelength: Floats, r_v: float = 3.1) -> FloatArray:
     """Return A(lambda)/A(V) at `wavelength` [angstrom, 1000 to 33,333] for R_V = A(V)/E(B-V).
 
     Raises InputError for a wavelength outside the law's range (also NaN).
@@ -45,7 +46,7 @@ def odonnell(wavelength, r_v=3.1):
     return a + b / r_v
 
 
-def star_ebv(ebv_inf, distance, b, height, reach):
+def star_ebv(ebv_inf: Floats, distance: Floats, b: Floats, height: float, reach: float) -> FloatArray:
     """Return E(B-V) [mag] in front of a star at `distance` [pc] and galactic latitude `b` [deg].
 
     E(d) = E_inf (1 - exp(-d / s)), s = height / |sin b|: the column through an exponential layer of scale height
@@ -58,14 +59,14 @@ def star_ebv(ebv_inf, distance, b, height, reach):
     return -ebv_inf * np.expm1(-np.maximum(distance, 0.0) / scale)
 
 
-def _infrared(x, k):
+def _infrared(x: FloatArray, k: int) -> FloatArray:
     return _INFRARED[k] * x**1.61
 
 
-def _ultraviolet(x, k):
+def _ultraviolet(x: FloatArray, k: int) -> FloatArray:
     c = _ULTRAVIOLET[k]
     return c[0] + c[1] * x + c[2] / ((x - c[3]) ** 2 + c[4]) + polyval(np.maximum(x - 5.9, 0.0), _RISE[k])
 
 
-def _far(x, k):
+def _far(x: FloatArray, k: int) -> FloatArray:
     return polyval(x - 8.0, _FAR[k])

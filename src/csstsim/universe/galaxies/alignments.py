@@ -9,28 +9,42 @@ King 2007, NJP 9, 444) it is
 gamma being the shear of a convergence equal to the overdensity: quiescent galaxies point to overdensities.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
+from csstsim.base.types import ComplexArray, FloatArray
 
-def sheared(e, g):
+if TYPE_CHECKING:
+    from csstsim.universe.lensing.cosmology import Cosmology
+
+
+def sheared(e: ComplexArray, g: ComplexArray) -> ComplexArray:
     """Return complex ellipticities e after a mean ellipticity g (complex, |g| < 1), each (n,)."""
     return (e + g) / (1 + np.conj(g) * e)
 
 
-def tidal_alignment(z, tide, cosmology, numbers):
+def tidal_alignment(
+    z: FloatArray, tide: ComplexArray, cosmology: Cosmology, numbers: Mapping[str, Any]
+) -> ComplexArray:
     """Return g (n,) of the NLA model for red galaxies; tide (n,) complex: shear of the overdensity as convergence."""
     strength = numbers["tidal"] * numbers["normalisation"] * cosmology.omega_m / cosmology.growth(z)
     return -strength * tide
 
 
-def radial_alignment(east, north, numbers):
+def radial_alignment(east: FloatArray, north: FloatArray, numbers: Mapping[str, Any]) -> ComplexArray:
     """Return g (n,) of satellites at these offsets from their halo's centre: the long axis points to the centre."""
     place = np.asarray(east, float) + 1j * np.asarray(north, float)
     length = np.abs(place)
     return numbers["radial"] * np.divide(place, length, out=np.zeros(place.shape, complex), where=length > 0) ** 2
 
 
-def turned_to(e, east, north, normal, numbers):
+def turned_to(
+    e: ComplexArray, east: FloatArray, north: FloatArray, normal: FloatArray, numbers: Mapping[str, Any]
+) -> ComplexArray:
     """Return e (n,) turned so that long axes lie along (east, north), but for an angle of rms `central_angle`."""
     angle = np.arctan2(north, east) + np.radians(numbers["central_angle"]) * normal
     return np.abs(e) * np.exp(2j * angle)

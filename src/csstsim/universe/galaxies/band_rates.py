@@ -11,13 +11,20 @@ of redshift, and light in a band of 100 A with sharp edges errs by up to 3%.
 Spectra with negative sums of components, which count as 0, are summed by GalaxySeds.rates: some 2% of all.
 """
 
+from __future__ import annotations
+
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
 
+from csstsim.base.types import BoolArray, FloatArray, IntArray
 from csstsim.universe.galaxies.galaxy_sed import used_range
 from csstsim.universe.galaxies.igm import absorb
+
+if TYPE_CHECKING:
+    from csstsim.universe.galaxies.galaxy_sed import GalaxySeds
 
 _STEP = 1e-3  # of ln(1 + z): cubic interpolation errs by 1e-3 where the forest's edge leaves a band, by 1e-4 elsewhere
 _BLOCK = 128  # steps of a table
@@ -35,14 +42,14 @@ class BandRates:
     fewest: of galaxies that share a table; fewer are summed by GalaxySeds.rates.
     """
 
-    def __init__(self, seds, weights, fewest=_FEWEST):
+    def __init__(self, seds: GalaxySeds, weights: FloatArray, fewest: int = _FEWEST) -> None:
         self.seds, self.weights, self._fewest = seds, np.asarray(weights, dtype=float), fewest
         nodes, basis = seds.cells
         self._signs = np.ascontiguousarray(basis[:, nodes < _BLUE], np.float32)
         self._table = lru_cache(maxsize=_TABLES)(self._make)
         self._behind = lru_cache(maxsize=1)(self._moments)
 
-    def rates(self, z, coefficients, av):
+    def rates(self, z: FloatArray, coefficients: FloatArray, av: FloatArray) -> FloatArray:
         """Return (n, bands): int S w dlambda at unit scale; z, av [mag] (n,), coefficients (n, 20)."""
         z, av = np.asarray(z, dtype=float), np.asarray(av, dtype=float)
         coefficients = np.ascontiguousarray(coefficients, dtype=float)
@@ -60,7 +67,7 @@ class BandRates:
         out[exact] = self.seds.rates(z[exact], coefficients[exact], av[exact], self.weights)
         return out
 
-    def _make(self, dust, block):
+    def _make(self, dust: int, block: int) -> tuple[FloatArray, FloatArray]:
         """Return R (nodes, k, bands x moments) for A(V) of `dust` steps, and the mean of the curve (bands,)."""
         moments, mean = self._behind(dust)
         ranges = np.array([used_range(row) for row in self.weights]).reshape(len(self.weights), 2)
@@ -68,7 +75,7 @@ class BandRates:
         table = tabulate(stretch, moments, ranges, *self.seds.cells, *self.seds.forest.arrays)
         return table.reshape(*table.shape[:2], -1), mean
 
-    def _moments(self, dust):
+    def _moments(self, dust: int) -> tuple[FloatArray, FloatArray]:
         """Return w (curve - m)^n (bands, moments, samples) behind dust, and m (bands,)."""
         curve = self.seds.extinction
         weights = self.weights * np.exp(-self.seds.depth(dust * _DUST) * curve)
@@ -80,7 +87,7 @@ class BandRates:
 
 
 @numba.njit(cache=True)
-def positive(coefficients, basis):
+def positive(coefficients: FloatArray, basis: FloatArray) -> BoolArray:
     """Return a mask (n,) of galaxies whose sum of components is positive at all nodes of `basis` (k, nodes)."""
     out, total = np.empty(len(coefficients), np.bool_), np.empty(basis.shape[1], basis.dtype)
     for g in range(len(coefficients)):
@@ -97,7 +104,16 @@ def positive(coefficients, basis):
 
 
 @numba.njit(cache=True)
-def tabulate(stretches, weights, ranges, nodes, basis, grid, edges, *forest):
+def tabulate(
+    stretches: FloatArray,
+    weights: FloatArray,
+    ranges: IntArray,
+    nodes: FloatArray,
+    basis: FloatArray,
+    grid: FloatArray,
+    edges: FloatArray,
+    *forest: FloatArray,
+) -> FloatArray:
     """Return (nodes of redshift, k, bands, moments): sums of components at 1 + z = `stretches` times the weights.
 
     weights: (bands, moments, samples), used in `ranges` (bands, 2); nodes, basis: as of GalaxySeds.cells;
@@ -148,7 +164,9 @@ def tabulate(stretches, weights, ranges, nodes, basis, grid, edges, *forest):
 
 
 @numba.njit(cache=True)
-def _running(running, weights, through, grid, begin, end):
+def _running(
+    running: FloatArray, weights: FloatArray, through: FloatArray, grid: FloatArray, begin: int, end: int
+) -> None:
     """Put into `running` the sums before each sample of weights (moments, samples) x through, and of these x lambda."""
     for n in range(len(weights)):
         total, moment = 0.0, 0.0
@@ -161,7 +179,16 @@ def _running(running, weights, through, grid, begin, end):
 
 
 @numba.njit(cache=True)
-def interpolate(out, rows, table, first, z, coefficients, depth, mean):
+def interpolate(
+    out: FloatArray,
+    rows: IntArray,
+    table: FloatArray,
+    first: int,
+    z: FloatArray,
+    coefficients: FloatArray,
+    depth: FloatArray,
+    mean: FloatArray,
+) -> None:
     """Fill out[rows] (bands); table: of _make, from step `first` - 1 on; depth (n,), mean (bands,): d and m_b."""
     w, terms = np.empty(_TAPS), table.shape[2] // len(mean)
     light = np.empty(table.shape[2])

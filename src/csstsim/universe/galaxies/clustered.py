@@ -5,15 +5,26 @@ lie in it. So no galaxy is lost or doubled at a border, whichever bricks are mad
 redshift, mass and type comes from the brick's own streams, as without structure (universe.galaxies.galaxies).
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from csstsim.base.healpix import HATS_ORDER, ORDER, pixel_centre, pixel_towards
 from csstsim.base.sphere import frames
+from csstsim.base.types import AnyArray, ComplexArray, FloatArray, Floats
 from csstsim.universe.galaxies.alignments import radial_alignment, sheared, tidal_alignment, turned_to
 from csstsim.universe.galaxies.field_galaxies import ORDER as FIELD_ORDER
 from csstsim.universe.galaxies.field_galaxies import draw_field
 from csstsim.universe.galaxies.galaxies import QUIESCENT
 from csstsim.universe.galaxies.members import draw_members, redshift
+
+if TYPE_CHECKING:
+    from csstsim.universe.galaxies.galaxies import GalaxyPopulation
+    from csstsim.universe.galaxies.occupation import Occupation
+    from csstsim.universe.structure.matter_field import MatterField
 
 SATELLITE, CENTRAL, NO_HALO = 1, 0, -1  # of the column `satellite`
 
@@ -21,11 +32,11 @@ SATELLITE, CENTRAL, NO_HALO = 1, 0, -1  # of the column `satellite`
 class ClusteredGalaxies:
     """population: a GalaxyPopulation; occupation: its Occupation; matter: structure.matter_field.MatterField."""
 
-    def __init__(self, population, occupation, matter):
+    def __init__(self, population: GalaxyPopulation, occupation: Occupation, matter: MatterField) -> None:
         self.population, self.occupation, self.matter = population, occupation, matter
         self._cosmology, self._grid = population.cosmology, population.grid
 
-    def draw(self, pix, rng, area):
+    def draw(self, pix: int, rng: Callable[[str], np.random.Generator], area: float) -> dict[str, AnyArray]:
         """Return the columns of the galaxies of brick `pix` of `area` [deg2], as GalaxyPopulation.draw.
 
         Further columns: ra, dec [deg], _healpix_29, halomass [solar], satellite. `rng(name)` gives the brick's
@@ -38,7 +49,7 @@ class ClusteredGalaxies:
         columns |= {"e1": e.real.astype(np.float32), "e2": e.imag.astype(np.float32)}
         return self.population.bright(columns)
 
-    def sample(self, pix, rng, area):
+    def sample(self, pix: int, rng: Callable[[str], np.random.Generator], area: float) -> dict[str, AnyArray]:
         """Return places, z, log_mass, gal_type, halomass, satellite, offset and axis of the galaxies, also faint ones.
 
         offset, axis (n, 3): of members.Members, zero where there is no halo.
@@ -50,7 +61,7 @@ class ClusteredGalaxies:
         ra, dec = pixel_centre(1 << HATS_ORDER, sample["_healpix_29"])
         return sample | {"ra": ra, "dec": dec}
 
-    def _field(self, pix, rng, area):
+    def _field(self, pix: int, rng: Callable[[str], np.random.Generator], area: float) -> dict[str, AnyArray]:
         """Galaxies of haloes that are not drawn, in pixels of FIELD_ORDER and their redshift rows."""
         occupation = self.occupation
         bits = 2 * (FIELD_ORDER - ORDER)
@@ -70,26 +81,27 @@ class ClusteredGalaxies:
             "offset": nothing, "axis": nothing,
         }  # fmt: skip
 
-    def _density(self, ra, dec):
+    def _density(self, ra: FloatArray, dec: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the overdensity (rows, places) of each redshift row, of the shell of its middle, and its variance."""
         z = 0.5 * (self._grid.z[1:] + self._grid.z[:-1])
         shell = np.searchsorted(self.matter.shells.edges, self._cosmology.comoving_distance(z))
         _, first, row = np.unique(shell, return_index=True, return_inverse=True)
-        places = [np.tile(v, len(first)) for v in (ra, dec)]
+        ra_of, dec_of = (np.tile(v, len(first)) for v in (ra, dec))
         delta, variance = (
-            v.reshape(len(first), -1) for v in self.matter.density(*places, np.repeat(z[first], len(ra)))
+            v.reshape(len(first), -1) for v in self.matter.density(ra_of, dec_of, np.repeat(z[first], len(ra)))
         )
         return delta[row], variance[row, 0]
 
-    def _members(self, pix):
+    def _members(self, pix: int) -> dict[str, AnyArray]:
         """Galaxies of drawn haloes that lie in the brick."""
         occupation, distance = self.occupation, self._cosmology.comoving_distance
         radius = self.matter.mass_function.virial_radius
         stretch = occupation.numbers["satellites"]["axis_ratio"] ** (-2 / 3)
 
-        def reach(z, log_mass):
+        def reach(z: Floats, log_mass: FloatArray) -> FloatArray:
             return np.arctan2(stretch * radius(10.0 ** np.asarray(log_mass)), distance(z))
 
+        assert self.matter.haloes is not None  # `sample` asks for their members
         haloes = self.matter.haloes.near(pix, reach)
         z, mass = haloes["z"], haloes["log_mass"]
         members = draw_members(occupation, z, mass, haloes["concentration"], radius(10**mass), haloes["key"])
@@ -105,7 +117,13 @@ class ClusteredGalaxies:
             "satellite": members.satellite[inside], "offset": members.offset[inside], "axis": members.axis[inside],
         }  # fmt: skip
 
-    def _aligned(self, pix, rng, columns, sample):
+    def _aligned(
+        self,
+        pix: int,
+        rng: Callable[[str], np.random.Generator],
+        columns: Mapping[str, AnyArray],
+        sample: Mapping[str, AnyArray],
+    ) -> ComplexArray:
         """Return complex ellipticities that follow haloes and tidal field."""
         numbers = self.occupation.numbers["alignment"]
         e = columns["e1"].astype(float) + 1j * columns["e2"]

@@ -7,10 +7,14 @@ Cells of the sky are HEALPix pixels of `ORDER`, some 13 arcsec wide; inside, pla
 
 import numpy as np
 
+from csstsim.base.types import FloatArray, IntArray
+
 ORDER = 14  # nested; 4096 pixels a brick
 
 
-def draw_field(generator, mean, bias, delta, variance):
+def draw_field(
+    generator: np.random.Generator, mean: FloatArray, bias: FloatArray, delta: FloatArray, variance: FloatArray
+) -> tuple[IntArray, IntArray, IntArray, IntArray]:
     """Return (type, row, column, pixel): indices of a Poisson number of galaxies.
 
     mean (types, rows, columns): galaxies of a pixel without structure; bias, variance (rows,); delta (rows, pixels).

@@ -7,8 +7,14 @@ its own random stream, so a change to one leaves the others as they were. Their 
 universe.galaxies.clustered. Left out: merging, spiral arms.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
+from csstsim.base.types import AnyArray, FloatArray, IntArray
 from csstsim.universe.galaxies.band_rates import BandRates
 from csstsim.universe.galaxies.galaxy_sed import distance_scale
 from csstsim.universe.galaxies.galaxy_shapes import (
@@ -30,13 +36,17 @@ from csstsim.universe.galaxies.star_formation import (
     young_fractions,
 )
 
+if TYPE_CHECKING:
+    from csstsim.universe.galaxies.galaxy_sed import GalaxySeds
+    from csstsim.universe.lensing.cosmology import Cosmology
+
 ARCMIN2_PER_DEG2 = 3600.0
 YR_PER_GYR = 1e9
 QUIESCENT = 1
 _STEP = 0.01  # mag, of the cumulative counts
 
 
-def cumulative_counts(numbers):
+def cumulative_counts(numbers: Mapping[str, Any]) -> tuple[FloatArray, FloatArray]:
     """Return (i, N(<i) [deg-2]) from the brightest tabulated magnitude to the faint limit that gives `density`."""
     knots = np.asarray(numbers["counts"], dtype=float)
     target = numbers["density"] * ARCMIN2_PER_DEG2
@@ -53,7 +63,7 @@ def cumulative_counts(numbers):
     return np.append(mag[:end], limit), np.append(total[:end], target)
 
 
-def try_laws(numbers, cosmology):
+def try_laws(numbers: Mapping[str, Any], cosmology: Cosmology) -> None:
     """Evaluate the laws of one galaxy. Raises KeyError, TypeError or ValueError for a missing or wrong number."""
     one, size = np.array([10.0]), numbers["size"]
     for kind in TYPES:
@@ -63,7 +73,7 @@ def try_laws(numbers, cosmology):
     disk_radius(one, 1.0, size["disk"]), bulge_radius(one, 1.0, size["bulge"])
 
 
-def _bright_slope(knots):
+def _bright_slope(knots: FloatArray) -> float:
     """d ln N / dm of the first two counts."""
     return np.log(knots[1, 1] / knots[0, 1]) / (knots[1, 0] - knots[0, 0])
 
@@ -75,14 +85,16 @@ class GalaxyPopulation:
     photon density of the i filter, zeropoint: its AB magnitude of one electron / s.
     """
 
-    def __init__(self, numbers, seds, cosmology, weights, zeropoint):
+    def __init__(
+        self, numbers: Mapping[str, Any], seds: GalaxySeds, cosmology: Cosmology, weights: FloatArray, zeropoint: float
+    ) -> None:
         self.numbers, self.seds, self.cosmology = numbers, seds, cosmology
         self._light, self._zeropoint = BandRates(seds, weights), zeropoint
         self.limit = cumulative_counts(numbers)[0][-1]
         self._shift = np.transpose(np.asarray(numbers["shift"], float))
         self.grid = MassGrid(numbers["mass_function"], cosmology, self._lightest)
 
-    def draw(self, rng, area):
+    def draw(self, rng: Callable[[str], np.random.Generator], area: float) -> dict[str, AnyArray]:
         """Return the columns of a Poisson number of galaxies on `area` [deg2], except position.
 
         `rng(name)` gives the generator of one quantity. Columns: z, i, size_disk, size_bulge [arcsec, half light],
@@ -93,12 +105,14 @@ class GalaxyPopulation:
         z, log_mass, kind = self.grid.draw(rng("mass"), count)
         return self.bright(self.properties(rng, z, log_mass, kind))
 
-    def bright(self, columns):
+    def bright(self, columns: Mapping[str, AnyArray]) -> dict[str, AnyArray]:
         """Return the rows above the faint limit."""
         keep = columns["i"] < self.limit
         return {name: values[keep] for name, values in columns.items()}
 
-    def properties(self, rng, z, log_mass, kind):
+    def properties(
+        self, rng: Callable[[str], np.random.Generator], z: FloatArray, log_mass: FloatArray, kind: IntArray
+    ) -> dict[str, AnyArray]:
         """Return the columns of galaxies of given redshift, log10 mass and type (0 star-forming, 1 quiescent)."""
         n, numbers = len(z), self.numbers
         share = bulge_fraction(log_mass, kind, rng("bulge").standard_normal(n), numbers["bulge"])
@@ -117,11 +131,18 @@ class GalaxyPopulation:
         columns = {name: values.astype(np.float32) for name, values in columns.items()}
         return columns | {"i": model + shift, "gal_type": kind}
 
-    def _magnitude(self, z, coefficients, scale):
+    def _magnitude(self, z: FloatArray, coefficients: FloatArray, scale: FloatArray) -> FloatArray:
         rate = self._light.rates(z, coefficients, np.zeros(len(z)))[:, 0] * scale
         return self._zeropoint - 2.5 * np.log10(np.maximum(rate, 1e-300))
 
-    def _stars(self, rng, z, log_mass, kind, e):
+    def _stars(
+        self,
+        rng: Callable[[str], np.random.Generator],
+        z: FloatArray,
+        log_mass: FloatArray,
+        kind: IntArray,
+        e: FloatArray,
+    ) -> tuple[FloatArray, FloatArray, FloatArray, dict[str, FloatArray]]:
         """Return the mixture per solar mass (n, templates), A_V (n,), that of lines (n,), {truth column: (n,)}."""
         formation, dust = self.numbers["star_formation"], self.numbers["dust"]
         quiescent, n = kind == QUIESCENT, len(z)
@@ -145,7 +166,14 @@ class GalaxyPopulation:
         }  # fmt: skip
         return mix, np.minimum(dusty, dust["max"]), lines, history
 
-    def _sizes(self, rng, z, log_mass, share, e):
+    def _sizes(
+        self,
+        rng: Callable[[str], np.random.Generator],
+        z: FloatArray,
+        log_mass: FloatArray,
+        share: FloatArray,
+        e: FloatArray,
+    ) -> dict[str, FloatArray]:
         size = self.numbers["size"]
         noise = rng("size").standard_normal((2, len(z)))
         disk = disk_radius(log_mass, z, size["disk"]) * 10 ** (size["disk"]["scatter"] * noise[0])
@@ -159,7 +187,7 @@ class GalaxyPopulation:
             "veldisp": velocity_dispersion(log_mass, radius, self.numbers["virial"]),
         }
 
-    def _lightest(self, z):
+    def _lightest(self, z: FloatArray) -> FloatArray:
         """log10 of the mass at which a blue star-forming galaxy of redshift z is as faint as the limit."""
         formation, margin = self.numbers["star_formation"], self.numbers["margin"]
         rate = main_sequence(np.full(len(z), 7.0), z, formation) + margin["rate_sigmas"] * formation["scatter"]

@@ -11,6 +11,7 @@ time. Only the samples of tables, which are anywhere, are read one by one. A cel
 import numba
 import numpy as np
 
+from csstsim.base.types import FloatArray, IntArray
 from csstsim.universe.galaxies.igm import LYMAN_LIMIT, continuum_depth
 
 _SMALL = 0.01  # optical depth below which the series of exp is exact to 1e-9: nearly all galaxies
@@ -19,8 +20,10 @@ _NEVER = np.int64(1 << 60)  # beyond any sample
 
 @numba.njit(cache=True, error_model="numpy")
 def integrate(
-    z, coefficients, dust, moments, ranges, nodes, basis, curve, cuts, grid, edges, depths, continuum, limits, powers
-):  # fmt: skip
+    z: FloatArray, coefficients: FloatArray, dust: FloatArray, moments: FloatArray, ranges: IntArray, nodes: FloatArray,
+    basis: FloatArray, curve: FloatArray, cuts: IntArray, grid: FloatArray, edges: FloatArray, depths: FloatArray,
+    continuum: FloatArray, limits: FloatArray, powers: FloatArray,
+) -> FloatArray:  # fmt: skip
     """Return (n, bands): sums of spectra x weights over the samples of `grid`; arguments as in GalaxySeds.rates.
 
     ranges: (bands, 2), first and last sample (half-open) of each band's weights.
@@ -61,7 +64,7 @@ def integrate(
 
 
 @numba.njit(cache=True, error_model="numpy")
-def combine(rest, low, high, coefficients, basis):
+def combine(rest: FloatArray, low: int, high: int, coefficients: FloatArray, basis: FloatArray) -> None:
     """Put max(0, sum_k c_k P_k) into rest[low:high]; NaN stays NaN. basis: (k, nodes), k a multiple of 4."""
     part = rest[low:high]  # slices let the compiler see that no index is out of bounds: seven times faster
     part[:] = 0.0
@@ -77,14 +80,22 @@ def combine(rest, low, high, coefficients, basis):
 
 
 @numba.njit(inline="always")
-def _span(nodes, blue, red):
+def _span(nodes: FloatArray, blue: float, red: float) -> tuple[int, int]:
     """Return the first and last node of the cells that reach from one rest-frame wavelength to another."""
     last = min(np.searchsorted(nodes, red, side="right"), len(nodes) - 1)
-    return max(np.searchsorted(nodes, blue, side="right") - 1, 0), last
+    return max(np.searchsorted(nodes, blue, side="right") - 1, 0), last  # type: ignore[return-value]  # int64
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _lines(lines, nodes, low, high, stretch, zero, per_step):
+def _lines(
+    lines: tuple[FloatArray, FloatArray, FloatArray, IntArray],
+    nodes: FloatArray,
+    low: int,
+    high: int,
+    stretch: float,
+    zero: float,
+    per_step: float,
+) -> None:
     """Fill the observed wavelength of nodes low to high, the spectrum's slope from there on, and where its cell stops.
 
     lines: (spectrum, wavelength from `zero` on, slope, sample after the cell's last), each (nodes,).
@@ -104,7 +115,15 @@ def _lines(lines, nodes, low, high, stretch, zero, per_step):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _light(work, first, last, low, top, lines, running):
+def _light(
+    work: tuple[FloatArray, IntArray],
+    first: int,
+    last: int,
+    low: int,
+    top: int,
+    lines: tuple[FloatArray, FloatArray, FloatArray, IntArray],
+    running: FloatArray,
+) -> IntArray:
     """Put the light and centre of cells low to top into `work`; return (cells + 1,) the samples where they begin.
 
     first, last: samples, half-open; work: (light, centre, w, w lambda) and integers.
@@ -133,7 +152,15 @@ def _light(work, first, last, low, top, lines, running):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _absorb(work, at, low, slope, nodes, running, forest):
+def _absorb(
+    work: tuple[FloatArray, IntArray],
+    at: IntArray,
+    low: int,
+    slope: FloatArray,
+    nodes: FloatArray,
+    running: FloatArray,
+    forest: tuple[float, FloatArray, FloatArray, float, FloatArray, FloatArray, FloatArray, FloatArray],
+) -> None:
     """Multiply the light of cells from node `low` on by the intergalactic transmission; `at`: from `_light`."""
     blue, reach, grid, step, edges, clear, continuum, limits = forest
     light, centre = work[0][0], work[0][1]
@@ -160,7 +187,9 @@ def _absorb(work, at, low, slope, nodes, running, forest):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _behind_dust(total, work, at, more, per_step, curve):
+def _behind_dust(
+    total: float, work: tuple[FloatArray, IntArray], at: IntArray, more: float, per_step: float, curve: FloatArray
+) -> float:
     """Return `total` plus the light of the cells behind dust of optical depth -more x curve; `at`: from `_light`."""
     (floats, integers), cells = work, len(at) - 1
     light, centre, x, depth = floats[0, :cells], floats[1, :cells], floats[2, :cells], floats[3, :cells]
@@ -187,6 +216,6 @@ def _behind_dust(total, work, at, more, per_step, curve):
 
 
 @numba.njit(inline="always")
-def _series(x):
+def _series(x: float) -> float:
     """Return exp(x) for small x."""
     return 1.0 + x * (1.0 + x * (0.5 + x * (1.0 / 6.0 + x / 24.0)))

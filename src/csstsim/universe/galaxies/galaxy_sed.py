@@ -8,13 +8,18 @@ stellar populations and their emission lines under a dust screen; coefficients a
 Sums of components below zero, which occur where a spectrum is a thousand times fainter than usual, are set to zero.
 """
 
+from collections.abc import Mapping
+from typing import Any
+
 import fitsio
 import numba
 import numpy as np
+from numpy.typing import ArrayLike
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.damage import reading
 from csstsim.base.files.fits_headers import check_headers
+from csstsim.base.types import FloatArray, Floats, PathLike
 from csstsim.instrument.filter import GRID
 from csstsim.universe.galaxies.galaxy_rates import integrate
 from csstsim.universe.galaxies.igm import LYMAN_LIMIT, Intergalactic
@@ -32,7 +37,7 @@ class GalaxySeds:
     InputError for a file that is not of that form.
     """
 
-    def __init__(self, path, igm, extinction):
+    def __init__(self, path: PathLike, igm: Mapping[str, Any], extinction: FloatArray) -> None:
         check_headers(path)
         with reading(path, "galaxies' spectra"), fitsio.FITS(path) as file:
             self.start, self.step = (float(file[0].read_header()[key]) for key in ("WAVE0", "DWAVE"))
@@ -50,7 +55,7 @@ class GalaxySeds:
         self.igm, self.forest = igm, Intergalactic(GRID, igm)
         self.cells = self._make_cells()
 
-    def _make_cells(self):
+    def _make_cells(self) -> tuple[FloatArray, FloatArray]:
         """Return nodes [A, rest frame] (n,) and components there (20, n); spectra are linear between them.
 
         The nodes are those of the basis, with added ones at the edges of the forest's transmission and where it falls
@@ -61,11 +66,11 @@ class GalaxySeds:
         return nodes, np.array([np.interp(nodes, self.wavelength, row) for row in self.basis])
 
     @staticmethod
-    def depth(av):
+    def depth(av: Floats) -> FloatArray:
         """Return the optical depth in V of A(V) [mag]."""
         return _LN_MAG * np.asarray(av, dtype=float)
 
-    def coefficients(self, mix, dust, lines):
+    def coefficients(self, mix: FloatArray, dust: ArrayLike, lines: FloatArray) -> FloatArray:
         """Return (n, 20) coefficients of galaxies at 10 pc.
 
         mix: (n, 5) solar masses formed in each template; dust: (n,) A(V) [mag] of the galaxy's own dust, at most 3;
@@ -75,12 +80,20 @@ class GalaxySeds:
         mix = np.asarray(mix, dtype=float)
         return mixed(x, mix, mix * np.asarray(lines, dtype=float)[:, None], self._stars, self._lines)
 
-    def metallicity(self, mix):
+    def metallicity(self, mix: FloatArray) -> FloatArray:
         """Return the mass fraction of metals (n,) in the living stars of mixtures (n, 5), as of `coefficients`."""
         living = np.asarray(mix, dtype=float) * self.templates["surviving"]
         return living @ self.templates["metals"] / living.sum(axis=1)
 
-    def spectra(self, z, coefficients, scale, av, wavelength=GRID, igm=True):
+    def spectra(
+        self,
+        z: FloatArray,
+        coefficients: FloatArray,
+        scale: FloatArray,
+        av: FloatArray,
+        wavelength: FloatArray = GRID,
+        igm: bool = True,
+    ) -> FloatArray:
         """Return (n, len(wavelength)) spectra; z, scale and av [mag] (n,), coefficients (n, 20).
 
         `igm=False` leaves the intergalactic medium out.
@@ -97,7 +110,7 @@ class GalaxySeds:
             out[i] *= np.exp(-_LN_MAG * float(av[i]) * curve)
         return out
 
-    def rates(self, z, coefficients, av, weights):
+    def rates(self, z: FloatArray, coefficients: FloatArray, av: FloatArray, weights: FloatArray) -> FloatArray:
         """Return (n, bands): int S w dlambda at unit scale, for `weights` (bands, 18001) on the paper's grid.
 
         The same as summing `spectra` over the grid, to 1e-4 (see galaxy_rates).
@@ -116,7 +129,7 @@ class GalaxySeds:
         )  # fmt: skip
 
 
-def distance_scale(luminosity_distance):
+def distance_scale(luminosity_distance: Floats) -> FloatArray:
     """Return the factor from a galaxy's photon density at 10 pc to that at `luminosity_distance` [Mpc].
 
     S(lambda) = S_10(lambda / (1 + z)) (10 pc / d_L)^2: in photon density the factors (1 + z) from the stretched
@@ -126,7 +139,9 @@ def distance_scale(luminosity_distance):
 
 
 @numba.njit(cache=True)
-def mixed(x, stars, lines, star_tables, line_tables):
+def mixed(
+    x: FloatArray, stars: FloatArray, lines: FloatArray, star_tables: FloatArray, line_tables: FloatArray
+) -> FloatArray:
     """Return (n, k): tables (templates, dust, k), linear between dust of x steps, times the masses (n, templates)."""
     out = np.zeros((len(x), star_tables.shape[2]))
     for g in range(len(x)):
@@ -140,7 +155,7 @@ def mixed(x, stars, lines, star_tables, line_tables):
     return out
 
 
-def used_range(weights):
+def used_range(weights: FloatArray) -> tuple[int, int]:
     """Return the first sample of nonzero weights (samples,), and the one after the last."""
     used = np.flatnonzero(weights)
     return (used[0], used[-1] + 1) if len(used) else (0, 0)

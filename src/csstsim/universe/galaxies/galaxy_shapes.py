@@ -6,14 +6,23 @@ bulge has the same fraction of the light as of the mass (one spectrum for both).
 wavelength, spiral arms, clumps, mergers. Alignments with haloes are in universe.galaxies.alignments.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
+from csstsim.base.types import BoolArray, ComplexArray, FloatArray, Floats, IntArray
 from csstsim.base.units import ARCSEC_PER_RAD
+
+if TYPE_CHECKING:
+    from csstsim.universe.lensing.cosmology import Cosmology
 
 G_KPC_KM2_S2_MSUN = 4.300_917e-6
 
 
-def disk_radius(log_mass, z, numbers):
+def disk_radius(log_mass: FloatArray, z: Floats, numbers: Mapping[str, Any]) -> FloatArray:
     """Return the median half-light semi-major axis [kpc] of a disc.
 
     log10 radius = offset(z) + slope(z) (log_mass - numbers["log_mass"]); offset and slope are linear in z between the
@@ -24,7 +33,7 @@ def disk_radius(log_mass, z, numbers):
     return 10 ** (offset + slope * (log_mass - numbers["log_mass"]))
 
 
-def bulge_radius(log_mass, z, numbers):
+def bulge_radius(log_mass: FloatArray, z: Floats, numbers: Mapping[str, Any]) -> FloatArray:
     """Return the median half-light semi-major axis [kpc] of a bulge-dominated galaxy."""
     x = log_mass - numbers["log_mass"]
     bend = numbers["bend"] - numbers["log_mass"]
@@ -32,20 +41,20 @@ def bulge_radius(log_mass, z, numbers):
     return numbers["radius"] * 10 ** (steep + numbers["growth"] * np.log10(1 + z))
 
 
-def bulge_fraction(log_mass, kind, normal, numbers):
+def bulge_fraction(log_mass: FloatArray, kind: IntArray, normal: FloatArray, numbers: Mapping[str, Any]) -> FloatArray:
     """Return B/T (n,), at most 1: log-normal about a line in log mass, one line per type."""
     line = np.asarray([numbers["star_forming"], numbers["quiescent"]], float)[kind]
     log = line[:, 0] + line[:, 1] * (log_mass - 10.0) + numbers["scatter"] * normal
     return np.minimum(10 ** np.minimum(log, 0.0), 1.0)
 
 
-def ellipticity_density(e, numbers):
+def ellipticity_density(e: FloatArray, numbers: Mapping[str, Any]) -> FloatArray:
     """Return the unnormalised prior P(|e|) of discs, |e| = (a - b)/(a + b)."""
     cut = 1 - np.exp((e - numbers["e_max"]) / numbers["a"])
     return e * cut / ((1 + e) * np.sqrt(e**2 + numbers["e0"] ** 2))
 
 
-def draw_ellipticity(generator, round_, numbers):
+def draw_ellipticity(generator: np.random.Generator, round_: BoolArray, numbers: Mapping[str, Any]) -> ComplexArray:
     """Return complex e (n,), isotropic: from the disc prior; where `round_`, from a Rayleigh law cut at `round_max`."""
     grid = np.linspace(0, numbers["e_max"], 2001)
     total = np.cumsum(ellipticity_density(grid, numbers))
@@ -56,16 +65,16 @@ def draw_ellipticity(generator, round_, numbers):
     return np.where(round_, bulge, disc) * np.exp(2j * np.pi * generator.random(len(u)))
 
 
-def to_arcsec(radius_kpc, z, cosmology):
+def to_arcsec(radius_kpc: Floats, z: Floats, cosmology: Cosmology) -> FloatArray:
     """Return the angular size [arcsec] of a length [kpc] at redshift z."""
     return radius_kpc * 1e-3 * (1 + z) / cosmology.comoving_distance(z) * ARCSEC_PER_RAD
 
 
-def equal_area(axis, e):
+def equal_area(axis: FloatArray, e: FloatArray) -> FloatArray:
     """Return the radius of the circle with the area of an ellipse: semi-major axis `axis`, e = (a - b)/(a + b)."""
     return axis * np.sqrt((1 - e) / (1 + e))
 
 
-def velocity_dispersion(log_mass, radius_kpc, virial):
+def velocity_dispersion(log_mass: FloatArray, radius_kpc: FloatArray, virial: float) -> FloatArray:
     """Return sigma [km/s] from the virial theorem, sigma^2 = G M / (virial R)."""
     return np.sqrt(G_KPC_KM2_S2_MSUN * 10**log_mass / (virial * radius_kpc))

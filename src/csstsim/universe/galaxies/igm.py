@@ -8,8 +8,13 @@ The four terms of the continuum, which include Lyman limit systems, are in Madau
 Left out: scatter between sight-lines, damped systems.
 """
 
+from collections.abc import Mapping
+from typing import Any
+
 import numba
 import numpy as np
+
+from csstsim.base.types import FloatArray
 
 LYMAN_LIMIT = 912.0  # angstrom
 
@@ -17,7 +22,7 @@ LYMAN_LIMIT = 912.0  # angstrom
 class Intergalactic:
     """Mean absorption by the intergalactic medium at observed wavelengths [A, rising]."""
 
-    def __init__(self, wavelength, numbers):
+    def __init__(self, wavelength: FloatArray, numbers: Mapping[str, Any]) -> None:
         wavelength = np.asarray(wavelength, dtype=float)
         lines = sorted(numbers["lines"], reverse=True)  # Lyman alpha first
         edges = np.array([line for line, _ in lines], dtype=float)
@@ -30,14 +35,25 @@ class Intergalactic:
         # The arguments of `absorb` as plain arrays; kernels elsewhere take them too.
         self.arrays = (wavelength, edges, depths, continuum, (continuum * limit**reach).sum(axis=0), reach[:, 0])
 
-    def absorb(self, values, z):
+    def absorb(self, values: FloatArray, z: float) -> FloatArray:
         """Multiply `values`, one per wavelength, by the transmission towards redshift z, in place; return them."""
         absorb(values, 0, len(values), float(z), *self.arrays)
         return values
 
 
 @numba.njit(cache=True)
-def absorb(values, begin, end, z, wavelength, edges, depths, continuum, limits, powers):
+def absorb(
+    values: FloatArray,
+    begin: int,
+    end: int,
+    z: float,
+    wavelength: FloatArray,
+    edges: FloatArray,
+    depths: FloatArray,
+    continuum: FloatArray,
+    limits: FloatArray,
+    powers: FloatArray,
+) -> None:
     """Multiply values[begin:end] by the transmission towards redshift z; the rest are Intergalactic.arrays."""
     reach = (1.0 + z) ** powers
     for i in range(begin, end):
@@ -54,7 +70,7 @@ def absorb(values, begin, end, z, wavelength, edges, depths, continuum, limits, 
 
 
 @numba.njit(inline="always")
-def continuum_depth(i, reach, continuum, limits):
+def continuum_depth(i: int, reach: FloatArray, continuum: FloatArray, limits: FloatArray) -> float:
     """Return the optical depth of the Lyman continuum at wavelength i; reach = (1 + z)^powers."""
     tau = -limits[i]
     for term in range(len(reach)):

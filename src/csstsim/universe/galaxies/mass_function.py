@@ -8,8 +8,12 @@ errors that the counts need; phi is smoothed by it. Below `pivot`, where the pub
 power law of slope `faint_slope(z)`. Masses are of living stars and remnants, given as log10 of solar masses.
 """
 
+from collections.abc import Callable, Mapping
+from typing import Any
+
 import numpy as np
 
+from csstsim.base.types import FloatArray, Floats, IntArray
 from csstsim.universe.lensing.cosmology import Cosmology
 
 TYPES = ("star_forming", "quiescent")  # index = gal_type
@@ -18,13 +22,17 @@ _DX = 0.01  # of ln(1 + z)
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(9)  # smoothing by 0.2 dex is exact to 0.3% at 1e11.5
 
 
-def double_schechter(log_mass, log_mstar, phi1, alpha1, phi2, alpha2):
+def double_schechter(
+    log_mass: Floats, log_mstar: float, phi1: float, alpha1: float, phi2: float, alpha2: float
+) -> FloatArray:
     """Return phi [Mpc-3 dex-1] at log10 masses (array)."""
     x = 10 ** (np.asarray(log_mass, float) - log_mstar)
     return np.log(10) * np.exp(-x) * (phi1 * x ** (1 + alpha1) + phi2 * x ** (1 + alpha2))
 
 
-def smoothed_schechter(log_mass, log_mstar, phi1, alpha1, phi2, alpha2, spread):
+def smoothed_schechter(
+    log_mass: FloatArray, log_mstar: float, phi1: float, alpha1: float, phi2: float, alpha2: float, spread: float
+) -> FloatArray:
     """Return double_schechter at log10 masses (n,), convolved with a Gaussian of `spread` [dex]."""
     if spread == 0:
         return double_schechter(log_mass, log_mstar, phi1, alpha1, phi2, alpha2)
@@ -32,7 +40,7 @@ def smoothed_schechter(log_mass, log_mstar, phi1, alpha1, phi2, alpha2, spread):
     return double_schechter(shifted, log_mstar, phi1, alpha1, phi2, alpha2) @ _WEIGHTS / np.sqrt(2 * np.pi)
 
 
-def mass_function(log_mass, z, kind, numbers, h0):
+def mass_function(log_mass: FloatArray, z: float, kind: str, numbers: Mapping[str, Any], h0: float) -> FloatArray:
     """Return phi [Mpc-3 dex-1] at log_mass (n,) and one redshift, for h = h0 / 100 (published: numbers["h"]).
 
     kind: name in TYPES; numbers: the section `mass_function` of galaxies.yaml.
@@ -45,7 +53,7 @@ def mass_function(log_mass, z, kind, numbers, h0):
     low = min(int(at), len(table) - 2)
     spread = np.interp(table[low : low + 2, 0], *np.transpose(np.asarray(numbers["spread"], float)))
     before, after = (
-        np.log(smoothed_schechter(bright, *row[1:], wide) + 1e-300)
+        np.log(smoothed_schechter(bright, *(*row[1:], wide)) + 1e-300)
         for row, wide in zip(table[low : low + 2], spread, strict=True)
     )
     log_phi = before + (at - low) * (after - before)
@@ -60,7 +68,9 @@ class MassGrid:
     lightest: function of z (n,) giving the log10 mass below which no galaxy is wanted.
     """
 
-    def __init__(self, numbers, cosmology: Cosmology, lightest):
+    def __init__(
+        self, numbers: Mapping[str, Any], cosmology: Cosmology, lightest: Callable[[FloatArray], FloatArray]
+    ) -> None:
         self.cosmology = cosmology
         self.z = np.expm1(np.arange(0.0, np.log1p(numbers["z_max"]) + _DX, _DX))
         middle = 0.5 * (self.z[1:] + self.z[:-1])
@@ -78,21 +88,23 @@ class MassGrid:
         self._cumulative = np.cumsum(density.ravel())
 
     @property
-    def step(self):
+    def step(self) -> float:
         """Width of a cell in log mass [dex]."""
         return _DLOGM
 
     @property
-    def total(self):
+    def total(self) -> float:
         """Galaxies per deg2."""
         return self._cumulative[-1]
 
-    def draw(self, generator, count):
+    def draw(self, generator: np.random.Generator, count: int) -> tuple[FloatArray, FloatArray, IntArray]:
         """Return (z, log mass, type), each (count,)."""
         cell = np.searchsorted(self._cumulative, generator.random(count) * self.total, side="right")
         return self.place(generator, *np.unravel_index(np.minimum(cell, self.density.size - 1), self.density.shape))
 
-    def place(self, generator, kind, row, column):
+    def place(
+        self, generator: np.random.Generator, kind: IntArray, row: IntArray, column: IntArray
+    ) -> tuple[FloatArray, FloatArray, IntArray]:
         """Return (z, log mass, type) of galaxies in given cells (indices), uniform in volume and log mass inside."""
         cube = self.cosmology.comoving_distance(self.z) ** 3
         distance = np.cbrt(cube[row] + generator.random(len(row)) * (cube[row + 1] - cube[row]))

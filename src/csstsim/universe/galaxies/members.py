@@ -7,16 +7,23 @@ sight. Mass in the NFW radius y = r c / r_200 goes as m(y) = ln(1 + y) - y / (1 
 anisotropy, satellites beyond that radius, subhaloes as places of their own.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
 
 from csstsim.base.counter import poisson, unit, word
+from csstsim.base.types import FloatArray, IntArray
 from csstsim.base.units import C_KM_S
 from csstsim.universe.galaxies.galaxy_shapes import G_KPC_KM2_S2_MSUN
 from csstsim.universe.galaxies.subhaloes import STEP
+
+if TYPE_CHECKING:
+    from csstsim.universe.galaxies.occupation import Occupation
 
 _ONE = np.uint64(1)
 _G_MPC = 1e-3 * G_KPC_KM2_S2_MSUN
@@ -31,16 +38,23 @@ class Members:
     1 quiescent; speed: along the line of sight [km / s]; axis (n, 3): the halo's long axis in the frame of `offset`.
     """
 
-    halo: np.ndarray
-    satellite: np.ndarray
-    log_mass: np.ndarray
-    kind: np.ndarray
-    offset: np.ndarray
-    speed: np.ndarray
-    axis: np.ndarray
+    halo: IntArray
+    satellite: IntArray
+    log_mass: FloatArray
+    kind: IntArray
+    offset: FloatArray
+    speed: FloatArray
+    axis: FloatArray
 
 
-def draw_members(occupation, z, log_mass, concentration, radius, keys):
+def draw_members(
+    occupation: Occupation,
+    z: FloatArray,
+    log_mass: FloatArray,
+    concentration: FloatArray,
+    radius: FloatArray,
+    keys: IntArray,
+) -> Members:
     """Return the Members of haloes, in their order.
 
     occupation: occupation.Occupation; z, log_mass (200 times the mean density), concentration, radius [comoving Mpc]
@@ -57,22 +71,34 @@ def draw_members(occupation, z, log_mass, concentration, radius, keys):
     own = numbers["concentration"] * np.asarray(concentration, float), np.asarray(radius, float), speed
     law = occupation.log_mass, occupation.quiescent_central, occupation.quiescent, occupation.scale, occupation.eps
     columns = grid.log_mass[0], grid.step, numbers["axis_ratio"]
+    total = counts.sum()
     out = Members(
-        np.repeat(np.arange(len(z)), counts), *(np.empty(counts.sum(), t) for t in (np.int8, float, np.int8)),
-        np.zeros((counts.sum(), 3)), np.zeros(counts.sum()), np.zeros((counts.sum(), 3)),
+        np.repeat(np.arange(len(z)), counts), np.empty(total, np.int8), np.empty(total), np.empty(total, np.int8),
+        np.zeros((total, 3)), np.zeros(total), np.zeros((total, 3)),
     )  # fmt: skip
-    places = out.satellite, out.log_mass, out.kind, out.offset, out.speed, out.axis
-    _fill(*drawn, row, *own, *law, *columns, *places)
+    _fill(
+        *drawn, row, *own, *law, *columns, out.satellite, out.log_mass, out.kind, out.offset, out.speed, out.axis
+    )  # fmt: skip
     return out
 
 
-def redshift(z, speed):
+def redshift(z: FloatArray, speed: FloatArray) -> FloatArray:
     """Return the redshift of a galaxy that moves at `speed` [km / s] away from a place of redshift z."""
     return z + (1 + z) * speed / C_KM_S
 
 
 @njit(cache=True)
-def _numbers(i, log_mass, scatter, bins, least, surviving, table, first, keys):
+def _numbers(
+    i: int,
+    log_mass: FloatArray,
+    scatter: FloatArray,
+    bins: IntArray,
+    least: FloatArray,
+    surviving: FloatArray,
+    table: FloatArray,
+    first: float,
+    keys: IntArray,
+) -> tuple[float, int, np.uint64]:
     """Return the central's proxy, the number of satellites and the counter to go on with."""
     proxy = log_mass[i] + scatter[i] * _normal(keys[i], np.uint64(0))
     mean = surviving[i] * _above(table[bins[i]], (least[i] - first) / STEP)
@@ -81,7 +107,16 @@ def _numbers(i, log_mass, scatter, bins, least, surviving, table, first, keys):
 
 
 @njit(cache=True)
-def _count(log_mass, scatter, bins, least, surviving, table, first, keys):
+def _count(
+    log_mass: FloatArray,
+    scatter: FloatArray,
+    bins: IntArray,
+    least: FloatArray,
+    surviving: FloatArray,
+    table: FloatArray,
+    first: float,
+    keys: IntArray,
+) -> IntArray:
     counts = np.zeros(len(log_mass), np.int64)
     for i in range(len(log_mass)):
         proxy, count, _ = _numbers(i, log_mass, scatter, bins, least, surviving, table, first, keys)
@@ -91,9 +126,12 @@ def _count(log_mass, scatter, bins, least, surviving, table, first, keys):
 
 @njit(cache=True)
 def _fill(
-    log_mass, scatter, bins, least, surviving, table, first, keys, row, concentration, radius, dispersion, stars,
-    red_central, red, scale, eps, column0, width, ratio, satellite, out_mass, kind, offset, speed, axis,
-):  # fmt: skip
+    log_mass: FloatArray, scatter: FloatArray, bins: IntArray, least: FloatArray, surviving: FloatArray,
+    table: FloatArray, first: float, keys: IntArray, row: IntArray, concentration: FloatArray, radius: FloatArray,
+    dispersion: FloatArray, stars: FloatArray, red_central: FloatArray, red: FloatArray, scale: FloatArray,
+    eps: FloatArray, column0: float, width: float, ratio: float, satellite: IntArray, out_mass: FloatArray,
+    kind: IntArray, offset: FloatArray, speed: FloatArray, axis: FloatArray,
+) -> None:  # fmt: skip
     g = 0
     place = np.empty(3)
     for i in range(len(log_mass)):
@@ -128,7 +166,7 @@ def _fill(
 
 
 @njit(cache=True)
-def nfw_radius(share, concentration):
+def nfw_radius(share: float, concentration: float) -> float:
     """Return the radius over r_200 within which an NFW halo has this share (0 to 1) of its mass.
 
     With w = 1 / (1 + y) the mass is m = w - ln(w) - 1; Newton's steps from below rise to the root.
@@ -144,14 +182,14 @@ def nfw_radius(share, concentration):
 
 
 @njit(cache=True)
-def _normal(key, counter):
+def _normal(key: np.uint64, counter: np.uint64) -> float:
     """A normal deviate of two words."""
     radius = math.sqrt(-2 * math.log(unit(word(key, counter))))
     return radius * math.cos(2 * math.pi * unit(word(key, counter + _ONE)))
 
 
 @njit(cache=True)
-def _direction(key, counter, out):
+def _direction(key: np.uint64, counter: np.uint64, out: FloatArray) -> np.uint64:
     """Fill a random unit vector of two words; return the counter advanced."""
     out[2] = 2 * unit(word(key, counter)) - 1
     angle, flat = 2 * math.pi * unit(word(key, counter + _ONE)), math.sqrt(1 - out[2] ** 2)
@@ -160,7 +198,7 @@ def _direction(key, counter, out):
 
 
 @njit(cache=True)
-def _at(table, t):
+def _at(table: FloatArray, t: float) -> float:
     """Linear interpolation at index t, held at the ends."""
     k = min(max(int(t), 0), len(table) - 2)
     return table[k] + min(max(t - k, 0.0), 1.0) * (table[k + 1] - table[k])
@@ -170,7 +208,7 @@ _above = _at  # cumulative numbers above a proxy
 
 
 @njit(cache=True)
-def _where(table, number, lowest):
+def _where(table: FloatArray, number: float, lowest: float) -> float:
     """Return the index above `lowest` at which a falling table is `number`."""
     low, high = int(lowest), len(table) - 1
     while high - low > 1:

@@ -12,10 +12,15 @@ with f the quiescent share and S the share of satellites at (M*, z). Where q_cen
 to make it zero. Rows are the redshift steps of the MassGrid, columns its masses. Left out: assembly bias, conformity.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping
 from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from csstsim.base.types import FloatArray, Floats
 from csstsim.universe.galaxies.subhaloes import (
     STEP,
     host_masses,
@@ -26,6 +31,10 @@ from csstsim.universe.galaxies.subhaloes import (
     surviving,
 )
 
+if TYPE_CHECKING:
+    from csstsim.universe.galaxies.mass_function import MassGrid
+    from csstsim.universe.structure.mass_function import HaloMassFunction
+
 
 class Occupation:
     """Tables of galaxies in haloes. Raises KeyError or ValueError for a number that is missing or out of range.
@@ -34,7 +43,13 @@ class Occupation:
     (least log10 mass, least z, greatest z) of haloes that are drawn one by one, or None if none is.
     """
 
-    def __init__(self, numbers, grid, haloes, drawn=None):
+    def __init__(
+        self,
+        numbers: Mapping[str, Any],
+        grid: MassGrid,
+        haloes: HaloMassFunction,
+        drawn: tuple[float, float, float] | None = None,
+    ) -> None:
         self.numbers, self.grid = numbers, grid
         self.mass, self.proxies = host_masses(), proxies()
         self.central = proxy_above(numbers)
@@ -50,7 +65,7 @@ class Occupation:
         self._match()
         self._types()
 
-    def _shares(self, drawn):
+    def _shares(self, drawn: tuple[float, float, float] | None) -> FloatArray:
         """Return (rows, H): the share of haloes that are drawn."""
         if drawn is None:
             return np.zeros((len(self.grid.volume), len(self.mass)))
@@ -60,16 +75,17 @@ class Occupation:
         rows = volume(inside[:-1], inside[1:]) / self.grid.volume
         return rows[:, None] * np.clip((self.mass - least) / STEP + 0.5, 0.0, 1.0)
 
-    def _counts(self, haloes, eps=1.0):
+    def _counts(self, haloes: FloatArray, eps: Floats = 1.0) -> tuple[FloatArray, FloatArray]:
         """Return (rows, X) centrals, and satellites weighted with eps, above each proxy, of haloes (rows, H)."""
         return haloes @ self.central, (haloes * eps * self.surviving) @ self.satellite
 
-    def _match(self):
+    def _match(self) -> None:
         """F as `log_mass` (rows, X), `least` (rows,), the proxy of the lightest galaxy, and of each column's edge."""
         galaxies = self.grid.density.sum(axis=0)
         above = np.concatenate([np.cumsum(galaxies[:, ::-1], axis=1)[:, ::-1], np.zeros((len(galaxies), 1))], axis=1)
         edges = np.append(self.grid.log_mass, self.grid.log_mass[-1] + self.grid.step)
-        total = sum(self._counts(self._density))
+        central, satellite = self._counts(self._density)
+        total = central + satellite
         self.log_mass = np.empty(total.shape)
         self._edge = np.empty(above.shape)  # proxy of each column's lower edge
         for row, (n_galaxies, n_haloes) in enumerate(zip(above, total, strict=True)):
@@ -78,12 +94,12 @@ class Occupation:
             self._edge[row] = np.interp(n_galaxies, n_haloes[::-1], self.proxies[::-1])
         self.least = self._edge.min(axis=1)
 
-    def _in_columns(self, counts):
+    def _in_columns(self, counts: FloatArray) -> FloatArray:
         """Return (rows, columns) of the MassGrid: differences of cumulative numbers (rows, X) at the columns' edges."""
         at = np.stack([np.interp(edge, self.proxies, row) for edge, row in zip(self._edge, counts, strict=True)])
         return at[:, :-1] - at[:, 1:]
 
-    def _types(self):
+    def _types(self) -> None:
         star_forming, quiescent = self.grid.density
         total = star_forming + quiescent
         f = np.divide(quiescent, total, out=np.zeros(total.shape), where=total > 0)
@@ -103,25 +119,25 @@ class Occupation:
         self.in_drawn = np.stack([central + satellite - red, red])
 
     @cached_property
-    def remainder(self):
+    def remainder(self) -> FloatArray:
         """(types, rows, columns) galaxies per deg2 in haloes that are not drawn."""
         return np.maximum(self.grid.density - self.in_drawn, 0.0)
 
     @cached_property
-    def bias(self):
+    def bias(self) -> FloatArray:
         """(rows,): mean bias of the haloes of the remainder's galaxies; 1 where there are none."""
         rest = self._density - self._drawn
         number = self._hosted(rest)
         return np.divide(self._hosted(rest * self._bias), number, out=np.ones(len(number)), where=number > 0)
 
-    def _hosted(self, haloes):
+    def _hosted(self, haloes: FloatArray) -> FloatArray:
         """Return (rows,): galaxies of haloes (rows, H)."""
-        return np.array([
-            np.interp(x, self.proxies, row) for x, row in zip(self.least, sum(self._counts(haloes)), strict=True)
-        ])  # fmt: skip
+        central, satellite = self._counts(haloes)
+        above = zip(self.least, central + satellite, strict=True)
+        return np.array([np.interp(x, self.proxies, row) for x, row in above])
 
 
-def quenching(log_mass, z, numbers):
+def quenching(log_mass: Floats, z: Floats, numbers: Mapping[str, Any]) -> FloatArray:
     """Return eps: the share of satellites, star-forming otherwise, that a halo of this log10 mass has quenched."""
     eps = numbers["at_1e12"] + numbers["slope"] * (np.asarray(log_mass, float) - 12.0)
     return np.clip(eps * (1 + np.asarray(z, float)) ** numbers["growth"], 0.0, numbers["most"])

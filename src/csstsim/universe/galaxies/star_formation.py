@@ -12,21 +12,31 @@ ages, and some ages have no template of their own. Left out: bursts beyond the s
 independent variable.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
+
+from csstsim.base.types import FloatArray, Floats
+
+if TYPE_CHECKING:
+    from csstsim.universe.lensing.cosmology import Cosmology
 
 _X = np.concatenate([-np.logspace(3, -4, 3000), np.logspace(-4, np.log10(600.0), 3000)])
 _EVEN = 1e-3  # A / tau below which the rate counts as constant, to 1e-10
 _LOG_SA = np.log(_X / np.expm1(_X))  # decreasing
 
 
-def cosmic_age(z, cosmology):
+def cosmic_age(z: Floats, cosmology: Cosmology) -> FloatArray:
     """Return the age of the flat universe [yr] at redshift z."""
     ratio = np.sqrt(cosmology.omega_lambda / cosmology.omega_m) * (1 + np.asarray(z, float)) ** -1.5
     hubble_time = 977.792e9 / cosmology.h0  # yr: Mpc / (km / s) = 977.792 Gyr
     return hubble_time * 2 / (3 * np.sqrt(cosmology.omega_lambda)) * np.arcsinh(ratio)
 
 
-def main_sequence(log_mass, z, numbers):
+def main_sequence(log_mass: Floats, z: Floats, numbers: Mapping[str, Any]) -> FloatArray:
     """Return log10 of the specific star-formation rate [yr-1] of star-forming galaxies.
 
     numbers["near"], rows of z and dex, is added: the published law is of z > 0.5, the nearby sequence is lower.
@@ -38,7 +48,7 @@ def main_sequence(log_mass, z, numbers):
     return -9.0 - numbers["m0"] + numbers["a0"] * r - numbers["a1"] * bend**2 + near
 
 
-def young_fractions(log_rate, age, edges):
+def young_fractions(log_rate: FloatArray, age: FloatArray, edges: Sequence[float]) -> FloatArray:
     """Return (n, len(edges) + 1): shares of the mass formed, by age: below the first edge, between, above the last.
 
     log_rate: log10 of the specific rate [yr-1] (n,); age: since the first star [yr] (n,); edges: ages [yr] rising.
@@ -49,7 +59,7 @@ def young_fractions(log_rate, age, edges):
     return np.diff(below, prepend=0.0, append=1.0, axis=1)
 
 
-def mean_age(log_rate, age):
+def mean_age(log_rate: FloatArray, age: FloatArray) -> FloatArray:
     """Return the mean age [yr] of the mass formed; log_rate and age (n,) of `young_fractions`."""
     age = np.asarray(age, float)
     x = _steepness(log_rate, age)
@@ -58,12 +68,12 @@ def mean_age(log_rate, age):
     return age * np.where(even, 0.5 + x / 12, -1 / np.expm1(-safe) - 1 / safe)
 
 
-def _steepness(log_rate, age):
+def _steepness(log_rate: FloatArray, age: FloatArray) -> FloatArray:
     """Return A / tau of the specific rate now [log10 yr-1] and the age A [yr]."""
     return np.interp(-(np.asarray(log_rate) * np.log(10) + np.log(age)), -_LOG_SA, _X)
 
 
-def mixture(fractions, numbers):
+def mixture(fractions: FloatArray, numbers: Mapping[str, Any]) -> FloatArray:
     """Return (n, templates): solar masses of each template per solar mass of living stars and remnants.
 
     fractions: (n, ages), shares of the mass formed; numbers["light"]: (ages, templates), template masses with the light
@@ -73,7 +83,7 @@ def mixture(fractions, numbers):
     return shining / np.einsum("na,a->n", fractions, np.asarray(numbers["surviving"], float))[:, None]
 
 
-def attenuation(log_mass, z, numbers):
+def attenuation(log_mass: Floats, z: Floats, numbers: Mapping[str, Any]) -> FloatArray:
     """Return the median A_V [mag] of star-forming galaxies seen face-on, a cubic of log mass held outside its range.
 
     It falls with redshift as (1 + z)^growth.

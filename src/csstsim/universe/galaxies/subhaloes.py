@@ -9,24 +9,29 @@ stellar mass is one of scatter / slope in the proxy, with the slope of Moster, N
 Left out: scatter in the number of subhaloes beyond Poisson's, and its dependence on a halo's age.
 """
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from scipy.special import gamma, gammaincc, ndtr
+
+from csstsim.base.types import FloatArray, Floats
 
 STEP = 0.025  # dex, of all tables of masses and proxies
 _LOWEST, _HIGHEST = 7.0, 17.0  # log10 solar masses; lighter haloes host no galaxy
 
 
-def host_masses():
+def host_masses() -> FloatArray:
     """Return log10 masses [solar] at the middle of the bins of haloes (H,)."""
     return np.arange(_LOWEST, _HIGHEST, STEP) + STEP / 2
 
 
-def proxies():
+def proxies() -> FloatArray:
     """Return the proxies (X,) at which cumulative numbers are tabulated."""
     return np.arange(_LOWEST, _HIGHEST + STEP / 2, STEP)
 
 
-def scatter_in_proxy(log_mass, numbers):
+def scatter_in_proxy(log_mass: FloatArray, numbers: Mapping[str, Any]) -> FloatArray:
     """Return the scatter of the proxy [dex] of haloes of log_mass (n,); numbers: `stellar_to_halo`."""
     y = 10.0 ** (np.asarray(log_mass, float) - numbers["log_m1"])
     low, high = y ** -numbers["beta"], y ** numbers["gamma"]
@@ -34,7 +39,7 @@ def scatter_in_proxy(log_mass, numbers):
     return numbers["scatter"] / slope
 
 
-def subhaloes_above(x, numbers):
+def subhaloes_above(x: FloatArray, numbers: Mapping[str, Any]) -> FloatArray:
     """Return the number of accreted subhaloes above the mass ratio x (> 0; array); numbers: `subhaloes`.
 
     int_x dN/dlnx = gamma / omega beta^(-a) Gamma(a, beta x^omega), a = alpha / omega.
@@ -45,20 +50,20 @@ def subhaloes_above(x, numbers):
     return numbers["gamma"] / omega * beta**-a * upper
 
 
-def surviving(log_mass, z, numbers):
+def surviving(log_mass: Floats, z: Floats, numbers: Mapping[str, Any]) -> FloatArray:
     """Return the share of subhaloes that have a galaxy in hosts of log_mass at z (broadcast); numbers: `surviving`."""
     share = numbers["today"] * 10 ** (numbers["host"] * (np.asarray(log_mass, float) - 13.0))
     return np.minimum(share * (1 + np.asarray(z, float)) ** numbers["growth"], numbers["most"])
 
 
-def proxy_above(numbers):
+def proxy_above(numbers: Mapping[str, Any]) -> FloatArray:
     """Return (H, X): the share of haloes of each mass whose proxy exceeds each one."""
     mass = host_masses()
     scatter = scatter_in_proxy(mass, numbers["stellar_to_halo"])
     return ndtr((mass[:, None] - proxies()) / scatter[:, None])
 
 
-def satellite_counts(numbers, central):
+def satellite_counts(numbers: Mapping[str, Any], central: FloatArray) -> FloatArray:
     """Return (H, X): mean satellites of a halo of each mass whose proxy exceeds each one, if all survive.
 
     central: of proxy_above. Subhaloes are no more massive than their host at accretion.

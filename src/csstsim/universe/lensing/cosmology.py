@@ -5,10 +5,14 @@
 Radiation and neutrino masses are left out: at z = 6 they shorten chi by 2e-4.
 """
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 from scipy.special import hyp2f1
 
+from csstsim.base.types import FloatArray, Floats
 from csstsim.base.units import C_KM_S
 
 _Z_MAX = 1200.0
@@ -22,13 +26,13 @@ class Cosmology:
     z is an array or float, 0 <= z <= 1200; outside (and for NaN) the results are NaN.
     """
 
-    def __init__(self, numbers):
+    def __init__(self, numbers: Mapping[str, Any]) -> None:
         self.omega_m, self.omega_lambda, self.h0 = (float(numbers[k]) for k in ("omega_m", "omega_lambda", "h0"))
         if not (0 < self.omega_m <= 1 and self.h0 > 0 and abs(self.omega_m + self.omega_lambda - 1) < 1e-9):
             raise ValueError("cosmology: needs 0 < omega_m <= 1, omega_lambda = 1 - omega_m and h0 > 0")
         x = np.linspace(0.0, np.log1p(_Z_MAX), _NODES)
 
-        def slope(x):  # d chi / d ln(1 + z)
+        def slope(x: FloatArray) -> FloatArray:  # d chi / d ln(1 + z)
             return self.hubble_distance * np.exp(x) / self.expansion(np.expm1(x))
 
         nodes, weights = np.polynomial.legendre.leggauss(5)
@@ -37,41 +41,41 @@ class Cosmology:
         self._distance = CubicHermiteSpline(x, np.append(0.0, np.cumsum(pieces)), slope(x), extrapolate=False)
 
     @property
-    def hubble_distance(self):
+    def hubble_distance(self) -> float:
         """c / H0 [Mpc]."""
         return C_KM_S / self.h0
 
-    def expansion(self, z):
+    def expansion(self, z: Floats) -> FloatArray:
         """Return E(z) = H(z) / H0."""
         return np.sqrt(self.omega_m * (1.0 + np.asarray(z, float)) ** 3 + self.omega_lambda)
 
-    def comoving_distance(self, z):
+    def comoving_distance(self, z: Floats) -> FloatArray:
         """Return the line-of-sight comoving distance [Mpc] (flat: also the transverse one)."""
         return self._distance(np.log1p(np.asarray(z, float)))
 
-    def luminosity_distance(self, z):
+    def luminosity_distance(self, z: Floats) -> FloatArray:
         """Return the luminosity distance [Mpc]."""
         return (1.0 + np.asarray(z, float)) * self.comoving_distance(z)
 
-    def angular_diameter_distance(self, z):
+    def angular_diameter_distance(self, z: Floats) -> FloatArray:
         """Return the angular diameter distance [Mpc]: a length of d Mpc there spans d / distance [rad]."""
         return self.comoving_distance(z) / (1.0 + np.asarray(z, float))
 
-    def distance_modulus(self, z):
+    def distance_modulus(self, z: Floats) -> FloatArray:
         """Return m - M [mag] without K correction; -inf at z = 0."""
         with np.errstate(divide="ignore"):
             return 5.0 * np.log10(self.luminosity_distance(z)) + 25.0
 
-    def volume(self, z0, z1):
+    def volume(self, z0: Floats, z1: Floats) -> FloatArray:
         """Return the comoving volume between two redshifts [Mpc3 per deg2 of sky]; negative if z1 < z0."""
         near, far = self.comoving_distance(z0), self.comoving_distance(z1)
         return 4 * np.pi / 3 * (far**3 - near**3) / _SKY_DEG2
 
-    def matter_fraction(self, z):
+    def matter_fraction(self, z: Floats) -> FloatArray:
         """Return Om(z) = Om (1 + z)^3 / E^2."""
         return self.omega_m * (1.0 + np.asarray(z, float)) ** 3 / self.expansion(z) ** 2
 
-    def growth(self, z):
+    def growth(self, z: Floats) -> FloatArray:
         """Return the linear growth factor, 1 at z = 0; exact for matter and a cosmological constant.
 
         D ~ a 2F1(1/3, 1; 11/6; -a^3 OL / Om) (for example Silveira & Waga 1994).

@@ -7,13 +7,23 @@ w_i(z_s)^2 = C_l,i(z_s) / D_i at l = 1000. So the power is exact at l = 1000 and
 zero where the source enters the shell. Convergences of two sources at different depth in a shell are fully correlated.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
+
+from csstsim.base.types import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from csstsim.universe.lensing.cosmology import Cosmology
+    from csstsim.universe.lensing.power_spectrum import MatterPower
 
 _PIVOT = np.array([1000.0])  # multipole of the weights
 _NODES, _GAUSS = np.polynomial.legendre.leggauss(12)  # of the integral through a shell
 
 
-def even_edges(cosmology, z_max, count):
+def even_edges(cosmology: Cosmology, z_max: float, count: int) -> FloatArray:
     """Return the edges [Mpc] of `count` shells to z_max, finer near the observer."""
     return cosmology.comoving_distance(z_max) * np.linspace(0.0, 1.0, count + 1) ** 1.5
 
@@ -26,7 +36,9 @@ class Shells:
     `sources` [Mpc], evenly spaced from 0, and `table` (sources, shells), the weights there.
     """
 
-    def __init__(self, power, edges, z_end, z_max=None, nodes=20):
+    def __init__(
+        self, power: MatterPower, edges: FloatArray, z_end: float, z_max: float | None = None, nodes: int = 20
+    ) -> None:
         self.cosmology, self.power, self.edges = power.cosmology, power, edges
         self.count, self.z_max = len(edges) - 1, z_end if z_max is None else z_max
         self._z = np.linspace(0.0, z_end, 4000)
@@ -36,40 +48,40 @@ class Shells:
         parts = np.stack([self._pieces(_PIVOT, s)[:, 0] for s in self.sources])
         self.table = np.sqrt(parts / self.spectra(_PIVOT)[:, 0])
 
-    def spectra(self, ell):
+    def spectra(self, ell: FloatArray | IntArray) -> FloatArray:
         """Return D_i (shells, len(ell)): the convergence spectra of the shells for sources at infinity."""
         return self._pieces(ell, np.inf)
 
-    def kernel(self):
+    def kernel(self) -> FloatArray:
         """Return K_i = int q dchi (shells,): the convergence of overdensity 1 for sources at infinity."""
         near, far = self.edges[:-1, None], self.edges[1:, None]
         chi = 0.5 * (near + far) + 0.5 * (far - near) * _NODES
         z = np.interp(chi, self._chi, self._z)
         return (0.5 * (far - near) * _GAUSS * self.strength(z) * chi).sum(axis=1)
 
-    def strength(self, z):
+    def strength(self, z: FloatArray) -> FloatArray:
         """Return q / chi [1 / Mpc^2] at redshift z for sources at infinity."""
         return 1.5 * self.cosmology.omega_m / self.cosmology.hubble_distance**2 * (1 + z)
 
-    def limber(self, ell, z):
+    def limber(self, ell: FloatArray | IntArray, z: float) -> FloatArray:
         """Return C_l of the convergence of sources at redshift z (float, 0 < z <= z_max), without shell weights."""
         return self._pieces(ell, float(self.cosmology.comoving_distance(z))).sum(axis=0)
 
-    def weights(self, z):
+    def weights(self, z: FloatArray) -> FloatArray:
         """Return w_i (len(z), shells) of source redshifts; constant beyond z_max, 0 where z <= 0 or NaN."""
         chi = self.source_distance(z)
         return np.stack([np.interp(chi, self.sources, column) for column in self.table.T], axis=1)
 
-    def source_distance(self, z):
+    def source_distance(self, z: FloatArray) -> FloatArray:
         """Return the distance [Mpc] as which sources at z count; 0 where z <= 0 or NaN."""
         return self.cosmology.comoving_distance(np.clip(np.nan_to_num(z, nan=0.0), 0.0, self.z_max))
 
     @property
-    def distances(self):
+    def distances(self) -> tuple[FloatArray, FloatArray]:
         """Tables of comoving distance [Mpc] and redshift."""
         return self._chi, self._z
 
-    def _pieces(self, ell, source):
+    def _pieces(self, ell: FloatArray | IntArray, source: float) -> FloatArray:
         """Return each shell's part of C_l (shells, len(ell)) for sources at the comoving distance `source` [Mpc]."""
         near, far = np.minimum(self.edges, source)[:-1, None], np.minimum(self.edges, source)[1:, None]
         chi = np.maximum(0.5 * (near + far) + 0.5 * (far - near) * _NODES, 1e-3)  # > 0 also for sources at 0

@@ -6,10 +6,20 @@ A field with |g| >= 1, kappa >= 1 or mu <= 0 is strong lensing, which thin-shear
 galaxies are flagged, never turned into NaN. Positions are in the image plane: there is no deflection.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
+from csstsim.base.types import BoolArray, FloatArray, Floats
 
-def magnification(kappa, gamma1, gamma2):
+if TYPE_CHECKING:
+    from csstsim.campaign.sections import Lensing
+    from csstsim.universe.lensing.potential_field import PotentialField
+
+
+def magnification(kappa: Floats, gamma1: Floats, gamma2: Floats) -> tuple[FloatArray, BoolArray]:
     """Return (mu, valid); where `valid` is False the field is strong or not a number, and mu is 1."""
     kappa, gamma1, gamma2 = (np.asarray(v, dtype=float) for v in (kappa, gamma1, gamma2))
     gamma2_total = gamma1**2 + gamma2**2
@@ -18,13 +28,15 @@ def magnification(kappa, gamma1, gamma2):
     return np.divide(1.0, inverse, out=np.ones(np.shape(inverse)), where=valid), valid
 
 
-def stretch(kappa, gamma1, gamma2):
+def stretch(kappa: Floats, gamma1: Floats, gamma2: Floats) -> FloatArray:
     """Return by how much an image is stretched along its longer axis, 1 / (1 - kappa - |gamma|), or inf."""
     least = 1 - kappa - np.hypot(gamma1, gamma2)
     return np.divide(1.0, least, out=np.full(np.shape(least), np.inf), where=least > 0)
 
 
-def lens(pix, ra, dec, z, lensing, field=None):
+def lens(
+    pix: int, ra: FloatArray, dec: FloatArray, z: FloatArray, lensing: Lensing, field: PotentialField | None = None
+) -> dict[str, FloatArray]:
     """Return {kappa, gamma1, gamma2} (float32, each (n,)) of galaxies in brick `pix`, axes east and north.
 
     ra, dec: deg, inside the brick; z: redshifts; lensing: sections.Lensing; field: lensing_field.LensingField, needed
@@ -32,5 +44,5 @@ def lens(pix, ra, dec, z, lensing, field=None):
     """
     names = ("kappa", "gamma1", "gamma2")
     if lensing.field == "cosmic":
-        return dict(zip(names, field.lens(pix, ra, dec, z), strict=True))
+        return dict(zip(names, field.lens(pix, ra, dec, z), strict=True))  # type: ignore[union-attr]  # it is given
     return {name: np.full(len(z), getattr(lensing, name), np.float32) for name in names}  # zeros for `none`

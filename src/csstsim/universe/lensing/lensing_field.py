@@ -8,9 +8,13 @@ The amplitudes are fitted such that kappa_i has the shell's Limber spectrum of h
 Left out: everything beyond the two-point function (haloes, skewness), deflection, lens-lens coupling, rotation.
 """
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from scipy.optimize import nnls
 
+from csstsim.base.types import FloatArray, IntArray
 from csstsim.universe.lensing.cosmology import Cosmology
 from csstsim.universe.lensing.lens_spectra import Shells, even_edges
 from csstsim.universe.lensing.potential_field import PotentialField
@@ -24,7 +28,7 @@ class LensingField(PotentialField):
     KeyError or ValueError for a number that is missing or out of range.
     """
 
-    def __init__(self, seed, cosmology_numbers, lensing_numbers):
+    def __init__(self, seed: int, cosmology_numbers: Mapping[str, Any], lensing_numbers: Mapping[str, Any]) -> None:
         z_max, count, l_max = (lensing_numbers[name] for name in ("z_max", "shells", "l_max"))
         if not (0 < z_max <= 20 and 1 <= count <= 100 and 50 <= l_max <= 40000):
             raise ValueError("lensing: needs 0 < z_max <= 20, 1 <= shells <= 100 and 50 <= l_max <= 40000")
@@ -35,7 +39,7 @@ class LensingField(PotentialField):
         fits = [nnls(powers / wanted[:, None], ones)[0] for wanted in shells.spectra(self.ell)]
         self.amplitude = np.sqrt(fits)  # (shells, widths)
 
-    def spectrum(self, ell, z):
+    def spectrum(self, ell: FloatArray | IntArray, z: float) -> FloatArray:
         """Return the C_l of kappa from which the field is drawn, for sources at redshift z (float)."""
         weights = self.shells.weights(np.array([z]))[0]
         return np.einsum("i,is,ls->l", weights**2, self.amplitude**2, self.powers(ell))

@@ -10,7 +10,10 @@ exactly (no B mode), also at the poles. The widths run in steps of sqrt(2) from 
 are interpolated on a tangent grid. The spectra of the kappa_i are set by the amplitudes a_is, which a subclass fits.
 """
 
+from __future__ import annotations
+
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
@@ -18,7 +21,11 @@ from scipy.special import ive
 
 from csstsim.base.healpix import disc, pixel_vector
 from csstsim.base.rng import stream
+from csstsim.base.types import FloatArray, Floats, IntArray
 from csstsim.universe.lensing.tangent_grid import TangentGrid, interpolate, prolong
+
+if TYPE_CHECKING:
+    from csstsim.universe.lensing.lens_spectra import Shells
 
 _FINEST = 1.65  # l_max x sigma of the narrowest kernel: its half power lies at l_max x 1.35
 WIDTHS = (1.3 * np.sqrt(2), 1.3)  # sigma in pixels; at 1.3 they change the local variance by 0.3 % at most
@@ -35,43 +42,50 @@ class PotentialField:
     the spectra are fitted; name: of the random streams.
     """
 
-    reach, samples, precision = _REACH, _SAMPLES, float  # of the maps; a subclass may take others
+    reach: float = _REACH  # of the maps, as the next two; a subclass may take others
+    samples: float = _SAMPLES
+    precision: type[float | np.float32] = float
+    amplitude: FloatArray
 
-    def __init__(self, seed, shells, lenses, l_max, name):
+    def __init__(self, seed: int, shells: Shells, lenses: int, l_max: float, name: str) -> None:
         self.seed, self.shells, self.lenses, self._name = seed, shells, lenses, name
         self.orders = int(np.ceil(np.log2(WIDTHS[-1] * pixel(0) * l_max / _FINEST)))
         self.widths = [(order, width * pixel(order)) for order in range(1, self.orders + 1) for width in WIDTHS]
         self.ell = np.unique(np.geomspace(2, l_max, 160).astype(int))  # at which spectra are fitted
-        self.amplitude = None
-        self._brick = None, None  # the last brick and its maps: galaxies and quasars use the same
+        # The last brick and its maps: galaxies and quasars use the same
+        self._brick: tuple[int, tuple[TangentGrid, FloatArray]] | None = None
         self._block = lru_cache(maxsize=_BLOCKS)(self._draw_block)
 
-    def powers(self, ell):
+    def powers(self, ell: FloatArray | IntArray) -> FloatArray:
         """Return C_l of kappa (len(ell), widths) for amplitude 1: deviates of variance 1 per pixel are white noise."""
         return np.stack([kernel_power(ell, sigma) / pixel(order) ** 2 for order, sigma in self.widths], axis=1)
 
-    def lens(self, pix, ra, dec, z):
+    def lens(self, pix: int, ra: Floats, dec: Floats, z: Floats) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return kappa, gamma1, gamma2 (float32, each (n,)) of sources in brick `pix`.
 
         ra, dec: deg, within 1 arcmin of the brick, else ValueError; z: redshift; beyond z_max it counts as z_max, and
         where it is zero, negative or NaN the values are 0. Axes: east, north.
         """
         ra, dec, z = (np.atleast_1d(np.asarray(v, float)) for v in (ra, dec, z))
-        return tuple(v.astype(np.float32) for v in self._interpolated(pix, ra, dec, self.shells.weights(z)))
+        total = self._interpolated(pix, ra, dec, self.shells.weights(z))
+        kappa, gamma1, gamma2 = (v.astype(np.float32) for v in total)
+        return kappa, gamma1, gamma2
 
-    def _interpolated(self, pix, ra, dec, weights):
+    def _interpolated(
+        self, pix: int, ra: FloatArray, dec: FloatArray, weights: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return kappa, gamma1, gamma2 (each (n,)): the shells' maps at places of brick `pix`, weighted (n, shells)."""
         grid, values = self._grid_of(pix)
         kappa, gamma1, gamma2 = interpolate(values, grid.cells(ra, dec), weights[:, : self.lenses]).T
         return kappa, *grid.to_east_north(ra, dec, gamma1, gamma2)
 
-    def _grid_of(self, pix):
+    def _grid_of(self, pix: int) -> tuple[TangentGrid, FloatArray]:
         """Return _brick_grid of a brick, as kept for the last one."""
-        if self._brick[0] != pix:
+        if self._brick is None or self._brick[0] != pix:
             self._brick = pix, self._brick_grid(pix)
         return self._brick[1]
 
-    def _brick_grid(self, pix):
+    def _brick_grid(self, pix: int) -> tuple[TangentGrid, FloatArray]:
         """Return the finest TangentGrid and its maps (rows, columns, 3, shells): kappa, gamma1, gamma2 in its frame."""
         grids = TangentGrid.pyramid(pix, self.widths[-1][1] / self.samples)
         values, done = np.zeros((*grids[0].shape, 3, self.lenses), self.precision), 0
@@ -83,23 +97,34 @@ class PotentialField:
                 done += 1
         return grids[-1], values
 
-    def _add(self, values, grid, s):
+    def _add(self, values: FloatArray, grid: TangentGrid, s: int) -> None:
         sigma = self.widths[s][1]
         reach = min(self.reach * sigma, np.pi)
         pixels, points = self.pixels(grid, self.widths[s][0], reach)
         deviates = self.deviates(s, pixels)[:, : self.lenses] * self.amplitude[: self.lenses, s].astype(self.precision)
         self._splat(values, *grid.frames, points, grid.boxes(points, reach), deviates, 1 / sigma**2, reach)
 
-    def _splat(self, *arguments):
-        splat(*arguments)
+    def _splat(
+        self,
+        values: FloatArray,
+        n: FloatArray,
+        t1: FloatArray,
+        t2: FloatArray,
+        points: FloatArray,
+        boxes: IntArray,
+        deviates: FloatArray,
+        u: float,
+        reach: float,
+    ) -> None:
+        splat(values, n, t1, t2, points, boxes, deviates, u, reach)
 
-    def pixels(self, grid, order, reach):
+    def pixels(self, grid: TangentGrid, order: int, reach: float) -> tuple[IntArray, FloatArray]:
         """Return the HEALPix pixels (m,) within `reach` [rad] of the grid, rising, and their centres (m, 3)."""
         nside, wide = 2**order, min(grid.radius + reach, np.pi)
         pixels = disc(nside, grid.centre, wide)
         return pixels, pixel_vector(nside, pixels)
 
-    def deviates(self, s, pixels):
+    def deviates(self, s: int, pixels: IntArray) -> FloatArray:
         """Return the deviates (m, shells) of width s at `pixels`, which rise."""
         bits = 2 * min(self.widths[s][0], _BLOCK_ORDERS)
         deviates = np.empty((len(pixels), self.shells.count), self.precision)
@@ -109,12 +134,12 @@ class PotentialField:
             deviates[first:end] = self._block(s, block)[rows[first:end]]
         return deviates
 
-    def _draw_block(self, s, block):
+    def _draw_block(self, s: int, block: int) -> FloatArray:
         bits = 2 * min(self.widths[s][0], _BLOCK_ORDERS)
         return stream(self.seed, self._name, s, block).standard_normal((1 << bits, self.shells.count), self.precision)
 
 
-def kernel_power(ell, sigma):
+def kernel_power(ell: FloatArray | IntArray, sigma: float) -> FloatArray:
     """Return C_l of kappa if the potential is noise of C_l = 1 convolved with exp((n.p - 1) / sigma^2)."""
     ell, u = np.asarray(ell, float), sigma**-2
     if u < 1e4:  # the Legendre transform 4 pi e^-u i_l(u) ...
@@ -124,13 +149,23 @@ def kernel_power(ell, sigma):
     return (0.5 * ell * (ell + 1) * kernel) ** 2
 
 
-def pixel(order):
+def pixel(order: int) -> float:
     """Side of a HEALPix pixel [rad]."""
     return np.sqrt(4 * np.pi / 12) / 2**order
 
 
 @njit(cache=True)
-def splat(values, n, t1, t2, points, boxes, deviates, u, reach):
+def splat(
+    values: FloatArray,
+    n: FloatArray,
+    t1: FloatArray,
+    t2: FloatArray,
+    points: FloatArray,
+    boxes: IntArray,
+    deviates: FloatArray,
+    u: float,
+    reach: float,
+) -> None:
     """Add kappa, gamma1, gamma2 of psi = deviate exp(-u (1 - n . p)) of every point p to values.
 
     values: (rows, columns, 3, shells); n, t1, t2: direction and tangent frame of each grid point (rows, columns, 3);

@@ -6,13 +6,23 @@ k in 1 / Mpc, P in Mpc^3 (no h). The fits are good to about 2 % (transfer functi
 5 to 10 % (halofit, k < 30). Left out: massive neutrinos, baryonic feedback, dark energy other than Lambda.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
+
+from csstsim.base.types import FloatArray, Floats
+
+if TYPE_CHECKING:
+    from csstsim.universe.lensing.cosmology import Cosmology
 
 _LN_K = np.linspace(np.log(1e-5), np.log(1e4), 1200)  # of the variance integrals [ln 1 / Mpc]
 _LN_R = np.linspace(np.log(1e-4), np.log(50.0), 150)  # Gaussian radii searched for sigma = 1 [ln Mpc]
 
 
-def transfer(k, numbers):
+def transfer(k: Floats, numbers: Mapping[str, Any]) -> FloatArray:
     """Return T(k), 1 at k = 0: Eisenstein & Hu 1998, ApJ 496, 605, equations 2 to 24, with the acoustic wiggles.
 
     `numbers`: the mapping of config/universe/cosmology.yaml.
@@ -39,7 +49,7 @@ def transfer(k, numbers):
 
     q = k / (13.41 * k_eq)
 
-    def tilde(alpha, beta):
+    def tilde(alpha: float, beta: float) -> FloatArray:
         log = np.log(np.e + 1.8 * beta * q)
         return log / (log + (14.2 / alpha + 386 / (1 + 69.9 * q**1.08)) * q**2)
 
@@ -54,9 +64,9 @@ def transfer(k, numbers):
 class MatterPower:
     """Linear and nonlinear P(k, z). `cosmology`: cosmology.Cosmology; `numbers`: the same file's mapping."""
 
-    def __init__(self, cosmology, numbers):
+    def __init__(self, cosmology: Cosmology, numbers: Mapping[str, Any]) -> None:
         self.cosmology, self.numbers = cosmology, numbers
-        self._amplitude = 1.0
+        self._amplitude: Floats = 1.0
         k, h = np.exp(_LN_K), numbers["h0"] / 100.0
         x = k * 8.0 / h
         # Below x = 0.01 the closed form of the top hat loses digits by cancellation; 1 - x^2 / 10 is exact to 1e-11.
@@ -65,15 +75,16 @@ class MatterPower:
         # Variance in Gaussian spheres with its first and second derivative in ln R, today (Smith et al. 2003, C6-C8).
         y2 = (k * np.exp(_LN_R)[:, None]) ** 2
         shell = self._delta2(k) * np.exp(-y2)
-        variance, first, second = (_integral(shell * f) for f in (1.0, y2, y2 * (1 - y2)))
+        factors: tuple[Floats, ...] = 1.0, y2, y2 * (1 - y2)
+        variance, first, second = (_integral(shell * f) for f in factors)
         self._variance, self._slope = variance, 2 * first / variance  # - dln s2 / dlnR
         self._curvature = self._slope**2 + 4 * second / variance  # - d2ln s2 / dlnR2
 
-    def linear(self, k, z):
+    def linear(self, k: Floats, z: Floats) -> FloatArray:
         """Return P_lin [Mpc^3]; k [1 / Mpc] > 0 and z broadcast."""
         return 2 * np.pi**2 / k**3 * self._delta2(k) * self.cosmology.growth(z) ** 2
 
-    def nonlinear(self, k, z):
+    def nonlinear(self, k: Floats, z: Floats) -> FloatArray:
         """Return the halofit P [Mpc^3]; k [1 / Mpc] > 0 and z (>= 0) broadcast. Linear where nothing has collapsed."""
         k, z = np.asarray(k, float), np.asarray(z, float)
         growth2 = self.cosmology.growth(z) ** 2
@@ -84,11 +95,13 @@ class MatterPower:
         quasi, halo = _halofit(k * np.exp(ln_r), linear, n, c, self.cosmology.matter_fraction(z))
         return 2 * np.pi**2 / k**3 * (quasi + halo)
 
-    def _delta2(self, k):
+    def _delta2(self, k: Floats) -> FloatArray:
         return self._amplitude * k ** (3 + self.numbers["n_s"]) * transfer(k, self.numbers) ** 2
 
 
-def _halofit(y, linear, n, c, omega):
+def _halofit(
+    y: FloatArray, linear: FloatArray, n: FloatArray, c: FloatArray, omega: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Return the two terms of Delta^2: Takahashi et al. 2012, ApJ 761, 152, equations A1 to A14, for w = -1.
 
     y = k / k_sigma; n, c: effective slope and curvature; omega: matter fraction at that redshift.
@@ -106,7 +119,7 @@ def _halofit(y, linear, n, c, omega):
     return quasi, halo
 
 
-def _integral(values):
+def _integral(values: FloatArray) -> FloatArray:
     """Integrate over ln k (trapezium; the last axis)."""
     step = _LN_K[1] - _LN_K[0]
     return step * (values.sum(axis=-1) - 0.5 * (values[..., 0] + values[..., -1]))

@@ -5,6 +5,9 @@ components on the grid are in the frame carried from c to n along the great circ
 around a pole. They are rotated to local east and north only at the sources.
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,6 +16,7 @@ from numba import njit
 
 from csstsim.base.healpix import NSIDE, pixel_border, pixel_vector
 from csstsim.base.sphere import ra_dec, unit_vectors
+from csstsim.base.types import FloatArray, IntArray
 
 _PAD = np.radians(1 / 60)  # around the brick
 TAPS = 8  # points of the Lagrange interpolation along an axis
@@ -25,16 +29,17 @@ _LEVELS = 6  # grids of a pyramid
 class TangentGrid:
     """Points (x, y) = step x (-columns..columns, -rows..rows) [rad] on a plane. `axes` (3, 3): e1, e2, centre."""
 
-    axes: np.ndarray
+    axes: FloatArray
     step: float
     rows: int
     columns: int
 
     @staticmethod
-    def pyramid(pix, step):
+    def pyramid(pix: int, step: float) -> list[TangentGrid]:
         """Return grids around brick `pix` with steps ... 4, 2, 1 x `step`, each reaching beyond the next."""
-        axes, half = _frame(NSIDE, pix, _side(NSIDE, pix))
-        half, grids = half + _PAD, []
+        axes, inner = _frame(NSIDE, pix, _side(NSIDE, pix))
+        half: Iterable[float] = inner + _PAD
+        grids: list[TangentGrid] = []
         for _ in range(_LEVELS):
             columns, rows = (int(np.ceil(h / step)) + TAPS // 2 for h in half)
             grids.append(TangentGrid(axes, step, rows, columns))
@@ -42,7 +47,7 @@ class TangentGrid:
         return grids[::-1]
 
     @staticmethod
-    def around(order, pix, step, root):
+    def around(order: int, pix: int, step: float, root: int) -> TangentGrid:
         """Return the grid of a HEALPix cell, reaching beyond the grids of `step` / 2 of the four cells in it.
 
         All cells of one cell of order `root` have its orientation. So a cell's grid lies in that of the cell around it.
@@ -52,12 +57,12 @@ class TangentGrid:
         return TangentGrid(axes, step, rows, columns)
 
     @property
-    def shape(self):
+    def shape(self) -> tuple[int, int]:
         """(rows, columns) of points."""
         return 2 * self.rows + 1, 2 * self.columns + 1
 
     @cached_property
-    def frames(self):
+    def frames(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """n, t1, t2 (each rows, columns, 3): direction and carried frame of every point."""
         e1, e2, centre = self.axes
         x = self.step * np.arange(-self.columns, self.columns + 1)[None, :, None]
@@ -66,16 +71,16 @@ class TangentGrid:
         return n, *_carry(self.axes, n)
 
     @property
-    def centre(self):
+    def centre(self) -> FloatArray:
         """(3,) unit vector of the middle."""
         return self.axes[2]
 
     @property
-    def radius(self):
+    def radius(self) -> float:
         """Angle from the centre to the corners [rad]."""
         return np.arctan(self.step * np.hypot(self.rows, self.columns))
 
-    def boxes(self, points, reach):
+    def boxes(self, points: FloatArray, reach: float) -> IntArray:
         """Return (m, 4) y0, y1, x0, x1: index ranges with all grid points within `reach` [rad] of `points` (m, 3)."""
         rows, columns = self.shape
         angle = np.arccos(np.clip(np.einsum("mk,k->m", points, self.centre), -1, 1))
@@ -88,11 +93,11 @@ class TangentGrid:
         x0, x1 = (np.clip(v[:, 0] + self.columns, 0, columns) for v in (low, high))
         return np.stack([y0, y1, x0, x1], axis=1)
 
-    def cells(self, ra, dec):
+    def cells(self, ra: FloatArray, dec: FloatArray) -> FloatArray:
         """Return grid coordinates (n, 2) x, y in steps from the first point. ValueError outside, or if not finite."""
         return self.places(unit_vectors(ra, dec))
 
-    def places(self, vectors, taps=TAPS):
+    def places(self, vectors: FloatArray, taps: int = TAPS) -> FloatArray:
         """Return grid coordinates (n, 2), as `cells`, of unit vectors (n, 3); taps: points of the interpolation."""
         place = _project(vectors, self.axes) / self.step + (self.columns, self.rows)
         inside = (place >= taps // 2 - 1) & (place <= np.array(self.shape)[::-1] - 1 - taps // 2)
@@ -101,7 +106,9 @@ class TangentGrid:
             raise ValueError(f"position ra {ra} dec {dec} lies outside the brick")
         return place
 
-    def to_east_north(self, ra, dec, gamma1, gamma2):
+    def to_east_north(
+        self, ra: FloatArray, dec: FloatArray, gamma1: FloatArray, gamma2: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
         """Return shear (n,), given in the carried frame, along east and north at each position."""
         t1, t2 = _carry(self.axes, unit_vectors(ra, dec))
         ra = np.radians(ra)
@@ -111,7 +118,7 @@ class TangentGrid:
         return gamma1 * c2 + gamma2 * s2, gamma2 * c2 - gamma1 * s2
 
 
-def prolong(values, coarse, fine):
+def prolong(values: FloatArray, coarse: TangentGrid, fine: TangentGrid) -> FloatArray:
     """Return maps (rows, columns, ...) interpolated from the `coarse` grid to the `fine` one of half its step."""
     for axis, (n, m) in enumerate([(coarse.rows, fine.rows), (coarse.columns, fine.columns)]):
         v = np.moveaxis(values, axis, 0)
@@ -124,7 +131,7 @@ def prolong(values, coarse, fine):
 
 
 @njit(cache=True)
-def interpolate(values, places, weights):
+def interpolate(values: FloatArray, places: FloatArray, weights: FloatArray) -> FloatArray:
     """Return (n, 3): maps (rows, columns, 3, shells), weighted by (n, shells), at grid coordinates (n, 2) x, y.
 
     Lagrange polynomials through 8 points along each axis.
@@ -152,7 +159,7 @@ def interpolate(values, places, weights):
 
 
 @njit(cache=True)
-def _span(weights):
+def _span(weights: FloatArray) -> tuple[int, int]:
     """Return the first weight that is not 0, and the one after the last."""
     first, last = 0, len(weights)
     while first < last and weights[first] == 0:
@@ -163,7 +170,7 @@ def _span(weights):
 
 
 @njit(cache=True)
-def lagrange(t, weights):
+def lagrange(t: float, weights: FloatArray) -> None:
     """Fill the weights of points 0..TAPS - 1 for the polynomial at t."""
     for i in range(TAPS):
         weights[i] = 1.0
@@ -172,7 +179,7 @@ def lagrange(t, weights):
                 weights[i] *= (t - j) / (i - j)
 
 
-def _frame(nside, pix, along):
+def _frame(nside: int, pix: int, along: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the axes (3, 3) of a HEALPix pixel, the first towards `along`, and its half-widths (2,) in them [rad]."""
     centre = pixel_vector(nside, pix)
     border = pixel_border(nside, pix, step=8)
@@ -182,20 +189,21 @@ def _frame(nside, pix, along):
     return axes, np.abs(_project(border, axes)).max(axis=0)
 
 
-def _side(nside, pix):
+def _side(nside: int, pix: int) -> FloatArray:
     """Return the vector along the first side of a HEALPix pixel."""
     border = pixel_border(nside, pix, step=8)
     return border[8] - border[0]
 
 
-def _carry(axes, n):
+def _carry(axes: FloatArray, n: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return e1 and e2, carried from the centre to n (..., 3) by the shortest rotation."""
     e1, e2, centre = axes
     middle = (centre + n) / (1 + np.einsum("...k,k->...", n, centre)[..., None])
-    return tuple(e - np.einsum("...k,k->...", n, e)[..., None] * middle for e in (e1, e2))
+    t1, t2 = (e - np.einsum("...k,k->...", n, e)[..., None] * middle for e in (e1, e2))
+    return t1, t2
 
 
-def _project(vectors, axes):
+def _project(vectors: FloatArray, axes: FloatArray) -> FloatArray:
     """Return x, y (m, 2) on the tangent plane of vectors (m, 3) in the hemisphere of its centre."""
     along = np.einsum("mk,ak->ma", vectors, axes)
     return along[:, :2] / along[:, 2:]

@@ -12,8 +12,12 @@ The form is that of simqso (McGreer, Moustakas & Schindler 2021, ascl:2106.008).
 broad absorption troughs, dust of the host, variability, asymmetric lines.
 """
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 
+from csstsim.base.types import FloatArray
 from csstsim.base.units import ab_photon_density
 from csstsim.instrument.filter import GRID
 from csstsim.universe.galaxies.igm import Intergalactic
@@ -31,7 +35,9 @@ class QuasarSeds:
     on the paper's grid, (18001,). Raises KeyError, TypeError or ValueError for invalid numbers.
     """
 
-    def __init__(self, numbers, igm_numbers, extinction_curve):
+    def __init__(
+        self, numbers: Mapping[str, Any], igm_numbers: Mapping[str, Any], extinction_curve: FloatArray
+    ) -> None:
         self._igm_numbers = igm_numbers
         self._extinction_curve = np.asarray(extinction_curve, dtype=float)
         continuum = numbers["continuum"]
@@ -48,7 +54,9 @@ class QuasarSeds:
         rows = [*numbers["lines"]["table"], *numbers["small_blue_bump"]["table"]]
         self._lines = [(float(w), float(ew), float(sigma), names.index(name)) for w, ew, sigma, name in rows]
 
-    def spectra(self, z, coefficients, scale, av, wavelength=GRID):
+    def spectra(
+        self, z: FloatArray, coefficients: FloatArray, scale: FloatArray, av: FloatArray, wavelength: FloatArray = GRID
+    ) -> FloatArray:
         """Return (n, len(wavelength)) photon / s / m2 / angstrom.
 
         z, scale, av (n,); coefficients (n, 20); wavelength [A], rising. Beyond the paper's grid the extinction curve is
@@ -66,7 +74,7 @@ class QuasarSeds:
             out[i] *= float(scale[i]) * np.exp(float(av[i]) * curve)
         return out
 
-    def rates(self, z, coefficients, av, weights):
+    def rates(self, z: FloatArray, coefficients: FloatArray, av: FloatArray, weights: FloatArray) -> FloatArray:
         """Return (n, bands): int S w dlambda at scale 1, for `weights` (bands, 18001) on the paper's grid."""
         used = np.flatnonzero(np.any(weights, axis=0))
         band = slice(used[0], used[-1] + 1) if len(used) else slice(0, 0)
@@ -79,7 +87,7 @@ class QuasarSeds:
             total[part] = np.einsum("nw,bw->nb", seds, weights[:, band])
         return total
 
-    def widths(self, coefficients):
+    def widths(self, coefficients: FloatArray) -> FloatArray:
         """Return the rest equivalent width [A] of each line of one quasar, in the order of the tables."""
         own = np.asarray(coefficients, dtype=float)
         luminosity = -0.4 * (own[0] - self._m1450)  # dex
@@ -89,7 +97,7 @@ class QuasarSeds:
         ]
         return np.array([width * factor[k] for _, width, _, k in self._lines])
 
-    def _continuum(self, rest, own):
+    def _continuum(self, rest: FloatArray, own: FloatArray) -> FloatArray:
         """Return the photon density [photon / s / m2 / A of rest wavelength]; AB 0 at 1450 A."""
         ln_wave, ln_breaks = np.log(rest), np.log(self._breaks[1:-1])
         slopes = self._slopes + own[1 : self.first_family]
@@ -105,7 +113,7 @@ class QuasarSeds:
         ln_f = value[anchor] - all_slopes[piece] * (ln_wave - knots[anchor])
         return np.exp(ln_f) * ab_photon_density(rest)
 
-    def _emission(self, rest, own):
+    def _emission(self, rest: FloatArray, own: FloatArray) -> FloatArray:
         """Return 1 + the lines over the continuum."""
         out = np.ones_like(rest)
         for (centre, _, sigma, _), width in zip(self._lines, self.widths(own), strict=True):

@@ -11,14 +11,23 @@ quasars, lensed quasars, and the conversion from the fit's cosmology (H0 70, Om 
 distance moduli 0.06 mag smaller than ours.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
+from csstsim.base.types import AnyArray, FloatArray, Floats, IntArray
 from csstsim.universe.parameters import COEFFICIENTS
+
+if TYPE_CHECKING:
+    from csstsim.universe.lensing.cosmology import Cosmology
 
 _DZ, _DM = 0.02, 0.02  # steps of the tabulated counts
 
 
-def luminosity_function(m1450, z, numbers):
+def luminosity_function(m1450: Floats, z: Floats, numbers: Mapping[str, Any]) -> FloatArray:
     """Return phi [Mpc-3 mag-1] at `m1450` (AB) and `z` (arrays that broadcast).
 
     Each number of the chosen set holds at all its redshifts, or is a table of (z, value), linear in between.
@@ -33,7 +42,7 @@ def luminosity_function(m1450, z, numbers):
     return 10**log_phi / (10 ** (0.4 * (p["alpha"] + 1) * x) + 10 ** (0.4 * (p["beta"] + 1) * x))
 
 
-def cumulative_counts(numbers, cosmology):
+def cumulative_counts(numbers: Mapping[str, Any], cosmology: Cosmology) -> tuple[FloatArray, FloatArray]:
     """Return (z, N(<z) [deg-2]) of quasars brighter than the faint limit in M1450."""
     first, last = numbers["redshift"]
     edges = np.linspace(first, last, round((last - first) / _DZ) + 1)
@@ -43,7 +52,13 @@ def cumulative_counts(numbers, cosmology):
     return edges, np.concatenate([[0.0], np.cumsum(density * cosmology.volume(edges[:-1], edges[1:]))])
 
 
-def draw_quasars(rng, area, galaxies, numbers, cosmology):
+def draw_quasars(
+    rng: Callable[[str], np.random.Generator],
+    area: float,
+    galaxies: Mapping[str, AnyArray],
+    numbers: Mapping[str, Any],
+    cosmology: Cosmology,
+) -> dict[str, AnyArray]:
     """Return the columns of a Poisson number of quasars on `area` [deg2], except position and magnitudes.
 
     `rng(name)` gives the generator of one quantity; `galaxies` has arrays z and bulgemass (solar masses) of the same
@@ -64,7 +79,13 @@ def draw_quasars(rng, area, galaxies, numbers, cosmology):
     return columns | {f"coeff{k}": own[:, k] for k in range(COEFFICIENTS)} | {"host": host}
 
 
-def match_hosts(generator, z, m1450, galaxies, numbers):
+def match_hosts(
+    generator: np.random.Generator,
+    z: FloatArray,
+    m1450: FloatArray,
+    galaxies: Mapping[str, AnyArray],
+    numbers: Mapping[str, Any],
+) -> IntArray:
     """Return the row of the host of each quasar, -1 for none; a galaxy hosts at most one.
 
     Galaxies without a redshift, a bulge mass or a bulge host none.
@@ -84,17 +105,17 @@ def match_hosts(generator, z, m1450, galaxies, numbers):
     return host
 
 
-def _at(z, value):
+def _at(z: FloatArray, value: Any) -> Floats:
     """Return a number of the luminosity function at z."""
     return np.interp(z, *np.transpose(np.asarray(value, dtype=float))) if np.ndim(value) else value
 
 
-def _magnitudes(numbers):
+def _magnitudes(numbers: Mapping[str, Any]) -> FloatArray:
     bright, faint = numbers["m1450"]
     return np.linspace(bright, faint, round((faint - bright) / _DM) + 1)
 
 
-def _luminosity(generator, z, numbers):
+def _luminosity(generator: np.random.Generator, z: FloatArray, numbers: Mapping[str, Any]) -> FloatArray:
     """Draw M1450 from the luminosity function at each redshift, by its cumulative integral."""
     magnitude = _magnitudes(numbers)
     chance = generator.random(len(z))
@@ -106,7 +127,9 @@ def _luminosity(generator, z, numbers):
     return out
 
 
-def _coefficients(rng, m1450, numbers):
+def _coefficients(
+    rng: Callable[[str], np.random.Generator], m1450: FloatArray, numbers: Mapping[str, Any]
+) -> FloatArray:
     """Return (n, 20) float32 coefficients as defined in quasar_sed."""
     continuum = numbers["continuum"]
     scatter = np.array([part["scatter"] for name, part in numbers["families"].items() if name != "m1450"])

@@ -7,10 +7,14 @@ Left out: third stars, companions of white dwarfs and of the catalogued bright s
 companions that have left the main sequence, interaction.
 """
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from scipy.special import ndtr, ndtri
 
 from csstsim.base.healpix import HATS_ORDER, ORDER, pixel_centre, pixel_towards
+from csstsim.base.types import AnyArray, BoolArray, FloatArray, IntArray
 from csstsim.universe.stars.stellar_evolution import living, stage_ends
 
 PAIR = ("share", "m_v", "teff", "logg", "stellarmass", "radius", "log_a", "spread")  # of the companion; log10 of au
@@ -19,7 +23,9 @@ _LEAST_RATIO = 0.1
 _ARCSEC_DEG = 3600.0
 
 
-def companions(generator, mass, feh, age, numbers):
+def companions(
+    generator: np.random.Generator, mass: FloatArray, feh: FloatArray, age: FloatArray, numbers: Mapping[str, Any]
+) -> FloatArray:
     """Return (PAIR, n): a possible companion of each star of `mass` [Msun], [Fe/H] and age [Gyr].
 
     Its `share` is the probability that it exists; 0 where it would be no star.
@@ -36,7 +42,7 @@ def companions(generator, mass, feh, age, numbers):
     return np.stack([at["share"] * star, m_v, teff, logg, second, radius, at["log_a"], at["spread"]])
 
 
-def separations(u, tilt, pair, distance, widest):
+def separations(u: FloatArray, tilt: FloatArray, pair: FloatArray, distance: FloatArray, widest: float) -> FloatArray:
     """Return separations [arcsec] on the sky of pairs (PAIR, n) at `distance` [pc], none wider than `widest` [au].
 
     u, tilt: (n,) even in 0..1, the quantile of the semi-major axis and the cosine of the orbit's tilt.
@@ -46,7 +52,7 @@ def separations(u, tilt, pair, distance, widest):
     return 10.0 ** (log_a + spread * ndtri(u * most)) * np.sqrt(1.0 - tilt**2) / distance
 
 
-def join(columns, pair, separation, numbers):
+def join(columns: dict[str, AnyArray], pair: FloatArray, separation: FloatArray, numbers: Mapping[str, Any]) -> None:
     """Add teff2, logg2 and area2 (squared ratio of the radii) of companions within `resolved`; 0 where there is none.
 
     columns: of stars; pair: (PAIR, n); separation: (n,) arcsec, inf for a star without companion. One that gives less
@@ -59,7 +65,15 @@ def join(columns, pair, separation, numbers):
         columns[name] = np.where(close, values, 0.0)
 
 
-def wide(columns, pair, separation, turn, pix, seen, numbers):
+def wide(
+    columns: Mapping[str, AnyArray],
+    pair: FloatArray,
+    separation: FloatArray,
+    turn: FloatArray,
+    pix: int,
+    seen: BoolArray,
+    numbers: Mapping[str, Any],
+) -> dict[str, AnyArray]:
     """Return the columns of the companions beyond `resolved` that are `seen`, as stars of their own; see `join`.
 
     turn: (n,) even in 0..1, their directions. A companion that would stand beyond its brick's border stands on the
@@ -77,7 +91,7 @@ def wide(columns, pair, separation, turn, pix, seen, numbers):
     return new
 
 
-def _beside(columns, rows, separation, turn):
+def _beside(columns: Mapping[str, AnyArray], rows: IntArray, separation: FloatArray, turn: FloatArray) -> IntArray:
     """Return the order-29 pixels at `separation` [arcsec] from stars, in the directions turn x 360 deg."""
     ra, dec = np.radians(columns["ra"][rows]), np.radians(columns["dec"][rows])
     east = np.stack([-np.sin(ra), np.cos(ra), np.zeros_like(ra)])

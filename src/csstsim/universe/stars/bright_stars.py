@@ -5,16 +5,25 @@ of 0 within 0.002 mag (Bessell, Castelli & Plez 1998, A&A 333, 231). V includes 
 own. Left out: proper motion and parallax, companions, variability.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.healpix import HATS_ORDER, ORDER, hats_index, pixel_centre
+from csstsim.base.types import AnyArray, FloatArray
 from csstsim.base.units import ab_photon_density
+
+if TYPE_CHECKING:
+    from csstsim.universe.stars.star_sed import StarSeds
 
 _WINDOW = 5250.0, 5750.0  # angstrom: single lines matter little in the mean
 
 
-def bright_stars(pix, stars, seds, numbers):
+def bright_stars(pix: int, stars: FloatArray, seds: StarSeds, numbers: Mapping[str, Any]) -> dict[str, AnyArray]:
     """Return the columns of the bright stars in brick `pix` as a dict of arrays of one length.
 
     stars: (n, 4) ra, dec [deg], V, temperature [K]; seds: universe.stars.star_sed.StarSeds; numbers: those of

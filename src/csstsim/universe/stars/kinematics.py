@@ -6,15 +6,26 @@ e_R, e_phi are taken at the star's position; s is 1 for discs and 0 for the halo
 the growth of the dispersions towards the centre, streams, binaries' orbits.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
+from csstsim.base.types import FloatArray
 from csstsim.base.units import AU_KM, DAY_S, JULIAN_YEAR_DAYS
 from csstsim.universe.stars.milky_way import GALACTIC
+
+if TYPE_CHECKING:
+    from csstsim.universe.stars.milky_way import Component
 
 KM_S_PER_AU_YR = AU_KM / (JULIAN_YEAR_DAYS * DAY_S)
 
 
-def galactic_velocity(component, normal, position, numbers):
+def galactic_velocity(
+    component: Component, normal: FloatArray, position: FloatArray, numbers: Mapping[str, Any]
+) -> FloatArray:
     """Return (3, n) heliocentric velocities [km/s] along the galactic axes.
 
     component: milky_way.Component; normal: (3, n) standard normal deviates; position: (3, n) galactic, kpc.
@@ -35,7 +46,9 @@ def galactic_velocity(component, normal, position, numbers):
     )
 
 
-def sky_motion(ra, dec, kpc, velocity):
+def sky_motion(
+    ra: FloatArray, dec: FloatArray, kpc: FloatArray, velocity: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return pmra (with cos dec), pmdec [mas/yr] and rv [km/s] of galactic velocities (3, n) [km/s] at ICRS places."""
     ra, dec = np.radians(ra), np.radians(dec)
     vx, vy, vz = np.einsum("ij,in->jn", GALACTIC, velocity)

@@ -4,17 +4,20 @@ Galactic axes: X towards the centre, Y towards l = 90 deg, Z towards the north p
 warp, spiral arms, streams, clusters, the bulge's tilt out of the plane.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from csstsim.base.sphere import frames, ra_dec, unit_vectors
+from csstsim.base.types import FloatArray, Floats
 
 # Galactic frame in the ICRS (ESA 1997, Hipparcos vol. 1, 1.5.3): north pole, longitude of the ascending node.
 _POLE, _NODE = np.radians([192.85948, 27.12825]), np.radians(32.93192)
 
 
-def _axes():
+def _axes() -> FloatArray:
     pole, node, _ = frames(*_POLE)  # the galactic plane rises through the equator at the pole's east
     third = np.cross(pole, node)
     return np.array([np.cos(_NODE) * node - np.sin(_NODE) * third, np.sin(_NODE) * node + np.cos(_NODE) * third, pole])
@@ -23,13 +26,13 @@ def _axes():
 GALACTIC = _axes()  # rows: the galactic axes in the ICRS
 
 
-def direction(ra, dec):
+def direction(ra: Floats, dec: Floats) -> FloatArray:
     """Return (3, ...) galactic unit vectors of ICRS positions [deg]."""
     vectors = np.ascontiguousarray(np.moveaxis(unit_vectors(ra, dec), -1, 0))  # einsum's rounding depends on the order
     return np.einsum("ij,j...->i...", GALACTIC, vectors)
 
 
-def equatorial(l, b):  # noqa: E741
+def equatorial(l: Floats, b: Floats) -> tuple[FloatArray, FloatArray]:  # noqa: E741
     """Return ra, dec [deg] of galactic positions [deg]."""
     return ra_dec(unit_vectors(l, b) @ GALACTIC)
 
@@ -51,16 +54,16 @@ class Component:
     sigma_v: float
     sigma_w: float
     rotation: float
-    imf: tuple
+    imf: Sequence[float]
 
 
-def components(numbers):
+def components(numbers: Mapping[str, Any]) -> list[Component]:
     """Return the Components of the numbers (config/universe/stars.yaml)."""
     table = numbers["components"]
     return [Component(**dict(zip(table["columns"], row, strict=True))) for row in table["rows"]]
 
 
-def density(component, position, numbers):
+def density(component: Component, position: FloatArray, numbers: Mapping[str, Any]) -> FloatArray:
     """Return the density at (3, ...) galactic positions [kpc], 1 at the Sun (the bulge: 1 at the centre)."""
     sun, laws = numbers["sun"], numbers["laws"]
     x, y, z = position[0] - sun["r0"], position[1], position[2] + sun["z"]
@@ -74,30 +77,30 @@ def density(component, position, numbers):
     return here / shape(sun["r0"], sun["z"], -sun["r0"], 0.0, component.eps, sun["r0"], laws[component.law])
 
 
-def _young(r, z, x, y, eps, r0, law):
+def _young(r: Floats, z: Floats, x: Floats, y: Floats, eps: float, r0: float, law: Sequence[float]) -> FloatArray:
     a2 = r**2 + (z / eps) ** 2
     return np.exp(-a2 / law[0] ** 2) - np.exp(-a2 / law[1] ** 2)
 
 
-def _disc(r, z, x, y, eps, r0, law):
+def _disc(r: Floats, z: Floats, x: Floats, y: Floats, eps: float, r0: float, law: Sequence[float]) -> FloatArray:
     a2 = r**2 + (z / eps) ** 2
     return np.exp(-np.sqrt(0.25 + a2 / law[0] ** 2)) - np.exp(-np.sqrt(0.25 + a2 / law[1] ** 2))
 
 
-def _thick(r, z, x, y, eps, r0, law):
+def _thick(r: Floats, z: Floats, x: Floats, y: Floats, eps: float, r0: float, law: Sequence[float]) -> FloatArray:
     scale, hz, xl = law
     z = np.abs(z)
     low = 1.0 - z**2 / (xl * (2 * hz + xl))
     return np.exp(-(r - r0) / scale) * np.where(z < xl, low, np.exp((xl - z) / hz) / (1.0 + xl / (2 * hz)))
 
 
-def _halo(r, z, x, y, eps, r0, law):
+def _halo(r: Floats, z: Floats, x: Floats, y: Floats, eps: float, r0: float, law: Sequence[float]) -> FloatArray:
     power, core, edge, steep = law
     a = np.maximum(np.sqrt(r**2 + (z / eps) ** 2), core)
     return (a / r0) ** power * (np.maximum(a, edge) / edge) ** (steep - power)
 
 
-def _bulge(r, z, x, y, eps, r0, law):
+def _bulge(r: Floats, z: Floats, x: Floats, y: Floats, eps: float, r0: float, law: Sequence[float]) -> FloatArray:
     x0, y0, z0, cut, width, angle = law
     turn = np.radians(90.0 - angle)
     # The near end of the long axis lies at positive longitude.

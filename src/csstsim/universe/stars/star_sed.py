@@ -14,6 +14,9 @@ dwarfs below 5200 K; white dwarfs at log g 7 to 9 are tied to published photomet
 out: chromospheres, rotation, alpha enhancement as an axis, helium white dwarfs.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from pathlib import Path
 
 import fitsio
@@ -23,6 +26,7 @@ from numba import njit
 from csstsim.base.errors import InputError
 from csstsim.base.files.damage import reading
 from csstsim.base.files.fits_headers import check_headers
+from csstsim.base.types import FloatArray, Floats, IntArray, PathLike
 from csstsim.instrument.filter import GRID
 
 _STEP = 10  # samples of the paper's grid between two knots
@@ -34,14 +38,14 @@ _SOME = 64  # stars at a time: their knots stay in cache
 class Seds:
     """Spectra ln S = sum_m w_m rows[i_m]; a subclass defines the rows and weights of a star (`_mix`)."""
 
-    def __init__(self, nodes, rows, extinction_curve):
+    def __init__(self, nodes: Sequence[FloatArray], rows: FloatArray, extinction_curve: FloatArray) -> None:
         self._nodes = nodes  # rising theta, log g, [Fe/H]
         self._rows = np.ascontiguousarray(rows, dtype=float)
         self._curve = np.asarray(extinction_curve, dtype=float)[::_STEP]
         theta, logg, feh = ((float(axis[0]), float(axis[-1])) for axis in nodes)
         self.limits = {"teff": (5040.0 / theta[1], 5040.0 / theta[0]), "logg": logg, "feh": feh}
 
-    def surface(self, teff, logg, feh, wavelength=GRID):
+    def surface(self, teff: Floats, logg: Floats, feh: Floats, wavelength: FloatArray = GRID) -> FloatArray:
         """Return (n, len(wavelength)) photon / s / m2 / angstrom leaving the surface, without extinction.
 
         `wavelength` in angstrom; outside 2000-11000 the end values hold. Raises InputError for a value that is not
@@ -53,7 +57,7 @@ class Seds:
             star[:] = np.interp(wavelength, KNOTS, np.exp(np.einsum("m,mw->w", w, self._rows[i])))
         return out
 
-    def binned(self, teff, logg, feh, av, edges):
+    def binned(self, teff: Floats, logg: Floats, feh: Floats, av: Floats, edges: FloatArray) -> FloatArray:
         """Return (n, len(edges) - 1): means of surface x 10^(-0.4 av k) over bins of rising `edges` [angstrom].
 
         As in `rates`, k is applied at the knots, between which the spectrum is linear.
@@ -74,7 +78,7 @@ class Seds:
             out[some] = np.diff(sums, axis=1) / np.diff(edges)
         return out
 
-    def rates(self, teff, logg, feh, av, weights):
+    def rates(self, teff: Floats, logg: Floats, feh: Floats, av: Floats, weights: FloatArray) -> FloatArray:
         """Return (n, bands): sum of surface x 10^(-0.4 av k) x weights over the paper's grid.
 
         `weights` (bands, 18001) hold throughput, area and the step of the grid
@@ -92,7 +96,13 @@ class Seds:
             _integrate(index, weight, rows, av, self._curve[band], hats, _spans(hats), out)
         return out
 
-    def _cells(self, teff, logg, feh):
+    def _mix(self, teff: FloatArray, logg: FloatArray, feh: FloatArray) -> tuple[IntArray, FloatArray]:
+        """Return the rows and weights, (n, m), that make the spectra of stars."""
+        raise NotImplementedError
+
+    def _cells(
+        self, teff: FloatArray, logg: FloatArray, feh: FloatArray
+    ) -> tuple[tuple[IntArray, FloatArray], tuple[IntArray, FloatArray], tuple[IntArray, FloatArray]]:
         theta, *rest = self._nodes
         return cubic(theta, 5040.0 / teff), linear(rest[0], logg), cubic(rest[1], feh)
 
@@ -103,10 +113,13 @@ class StarSeds(Seds):
     Raises InputError for a file that cannot be read as such a model.
     """
 
-    def __init__(self, path, extinction_curve):
+    def __init__(self, path: PathLike, extinction_curve: FloatArray) -> None:
         check_headers(path)
         with reading(path, "star spectra"), fitsio.FITS(path) as file:
-            nodes = [np.float64(file[name].read()) for name in ("THETA", "LOGG", "FEH")]
+            nodes: list[FloatArray] = [
+                np.float64(file[name].read())  # type: ignore[misc]  # an array of an array
+                for name in ("THETA", "LOGG", "FEH")
+            ]
             coefficients, basis = (_scaled(file[name]) for name in ("COEFF", "BASIS"))
             shape = (*map(len, nodes), len(basis) - 1)
         finite = all(np.isfinite(part).all() for part in (*nodes, coefficients, basis))
@@ -117,7 +130,7 @@ class StarSeds(Seds):
         self._table = np.concatenate([np.ones((*shape[:3], 1)), coefficients], axis=3)
         super().__init__(nodes, basis, extinction_curve)
 
-    def _mix(self, teff, logg, feh):
+    def _mix(self, teff: FloatArray, logg: FloatArray, feh: FloatArray) -> tuple[IntArray, FloatArray]:
         (i, a), (j, b), (k, c) = self._cells(teff, logg, feh)
         mix = np.zeros((len(teff), len(self._rows)))
         for p in range(4):
@@ -128,14 +141,15 @@ class StarSeds(Seds):
         return np.broadcast_to(np.arange(len(self._rows)), mix.shape), mix
 
 
-def _scaled(hdu):
+def _scaled(hdu: fitsio.hdu.ImageHDU) -> FloatArray:
     """Return an image as float64. Integers are scaled here, in float32, because cfitsio rounds differently."""
     hdu.ignore_scaling = True
     values, scale = hdu.read(), hdu.read_header().get("BSCALE", 1.0)
-    return np.float64(values.astype(np.float32) * np.float32(scale) if values.dtype.kind == "i" else values)
+    values = values.astype(np.float32) * np.float32(scale) if values.dtype.kind == "i" else values
+    return np.float64(values)  # type: ignore[return-value]  # an array of an array
 
 
-def linear(nodes, x):
+def linear(nodes: FloatArray, x: FloatArray) -> tuple[IntArray, FloatArray]:
     """Return (n, 2) indices and weights of the nodes about x, held at both ends of the rising `nodes`."""
     x = np.clip(x, nodes[0], nodes[-1])
     i = np.clip(np.searchsorted(nodes, x, side="right") - 1, 0, len(nodes) - 2)
@@ -143,7 +157,7 @@ def linear(nodes, x):
     return np.stack([i, i + 1], axis=1), np.stack([1 - t, t], axis=1)
 
 
-def cubic(nodes, x):
+def cubic(nodes: FloatArray, x: FloatArray) -> tuple[IntArray, FloatArray]:
     """Return (n, 4) indices and weights of the cubic with parabolic slopes through uneven nodes, held at both ends."""
     (i, _), (_, t) = (column.T for column in linear(nodes, x))
     index = np.clip(i[:, None] + np.arange(-1, 3), 0, len(nodes) - 1)
@@ -166,7 +180,7 @@ def cubic(nodes, x):
     return index, weight
 
 
-def _parameters(*values):
+def _parameters(*values: Floats) -> tuple[FloatArray, ...]:
     """Return teff, logg and feh as float64 arrays of one length."""
     values = np.broadcast_arrays(*(np.atleast_1d(np.asarray(v, dtype=float)) for v in values))
     for name, value in zip(("teff", "logg", "feh"), values, strict=True):
@@ -175,7 +189,7 @@ def _parameters(*values):
     return values
 
 
-def _on_knots(weights):
+def _on_knots(weights: FloatArray) -> FloatArray:
     """Return (bands, 1801): weights on the paper's grid distributed to the knots, exact for S linear in between."""
     t = np.arange(_STEP) / _STEP
     cells = weights[:, :-1].reshape(len(weights), -1, _STEP)
@@ -186,14 +200,23 @@ def _on_knots(weights):
     return out
 
 
-def _spans(hats):
+def _spans(hats: FloatArray) -> IntArray:
     """Return (bands, 2): first and one past the last knot in use."""
     used = [np.flatnonzero(row) for row in hats]
     return np.array([(u[0], u[-1] + 1) if len(u) else (0, 0) for u in used])
 
 
 @njit(cache=True)
-def _integrate(index, weight, rows, av, curve, hats, spans, out):
+def _integrate(
+    index: IntArray,
+    weight: FloatArray,
+    rows: FloatArray,
+    av: FloatArray,
+    curve: FloatArray,
+    hats: FloatArray,
+    spans: IntArray,
+    out: FloatArray,
+) -> None:
     line = np.empty(rows.shape[1])
     for s in range(len(index)):
         line[:] = -0.4 * np.log(10.0) * av[s] * curve

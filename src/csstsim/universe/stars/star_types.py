@@ -7,12 +7,15 @@ are those of living mass at the Sun (Robin et al. 2003), companions included; wh
 to observed numbers. Each type has its own possible companion.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.special import ndtri
 
 from csstsim.base.rng import stream
+from csstsim.base.types import FloatArray, IntArray
 from csstsim.universe.stars.binaries import PAIR, companions
 from csstsim.universe.stars.milky_way import Component, components
 from csstsim.universe.stars.stellar_evolution import STAGES, living, stage_ends, white_dwarfs
@@ -33,15 +36,15 @@ class Types:
     """
 
     component: Component
-    table: np.ndarray
-    pair: np.ndarray
-    total: np.ndarray
+    table: FloatArray
+    pair: FloatArray
+    total: FloatArray
 
-    def brighter(self, m_v):
+    def brighter(self, m_v: FloatArray) -> FloatArray:
         """Return the local number [pc-3] of stars brighter than M_V."""
         return self.total[np.searchsorted(self.table[0], m_v)]
 
-    def choose(self, u, brightest, faintest):
+    def choose(self, u: FloatArray, brightest: FloatArray, faintest: FloatArray) -> IntArray:
         """Return the types (n,) at the quantile u (n,) of brightest <= M_V < faintest; if none, the next type."""
         low, high = (np.searchsorted(self.table[0], m) for m in (brightest, faintest))
         aim = self.total[low] + u * (self.total[high] - self.total[low])
@@ -49,17 +52,17 @@ class Types:
         return np.minimum(row, self.table.shape[1] - 1)
 
 
-def make_types(numbers):
+def make_types(numbers: Mapping[str, Any]) -> list[Types]:
     """Return the Types of every component: the living stars of each, then the white dwarfs of each."""
     living_, white = zip(*(_component_types(c, numbers) for c in components(numbers)), strict=True)
-    scale = {}
+    scale: dict[str, float] = {}
     for laws, wanted in numbers["white_dwarfs"]["density"]:
         made = sum(types.total[-1] for types in white if types.component.law in laws)
         scale |= dict.fromkeys(laws, _MILLI * wanted / made)
     return [*living_, *(replace(w, total=w.total * scale.get(w.component.law, 1.0)) for w in white)]
 
 
-def _component_types(component, numbers):
+def _component_types(component: Component, numbers: Mapping[str, Any]) -> tuple[Types, Types]:
     generator = stream(0, "star types", component.name)
     draws, cells = numbers["binning"]
     # Latin hypercube: every slice of age and of [Fe/H] once.
@@ -88,20 +91,22 @@ def _component_types(component, numbers):
     )
 
 
-def _sorted(component, columns, pair, weight):
+def _sorted(component: Component, columns: Sequence[FloatArray], pair: FloatArray, weight: FloatArray) -> Types:
     keep = np.flatnonzero(weight > 0)
     order = keep[np.argsort(columns[0][keep], kind="stable")]
     total = np.concatenate([[0.0], np.cumsum(weight[order])])
     return Types(component, np.stack(columns)[:, order], pair[:, order], total)
 
 
-def _isochrone(component, age, feh, cells, generator, numbers):
+def _isochrone(
+    component: Component, age: float, feh: float, cells: int, generator: np.random.Generator, numbers: Mapping[str, Any]
+) -> tuple[FloatArray, FloatArray]:
     """Return (4, n) mass, [Fe/H], stage, number of living stars, and (4, m) first mass, [Fe/H], cooling age, number."""
     low, high = numbers["masses"]
     ends = stage_ends(_TRIALS, np.full_like(_TRIALS, feh), numbers)
     ends = np.concatenate([_EARLY * ends[:1], ends])
-    limit = [np.interp(-np.log(age), -np.log(end), np.log(_TRIALS)) for end in ends]
-    limit = np.minimum(np.exp(limit), high)
+    ln_limit = [np.interp(-np.log(age), -np.log(end), np.log(_TRIALS)) for end in ends]
+    limit = np.minimum(np.exp(ln_limit), high)
     counts = np.maximum(np.round(cells * np.array(_SPLIT)).astype(int), 1)
     edges = [np.geomspace(low, limit[0], counts[0] + 1)]
     for k in range(STAGES):
@@ -127,10 +132,10 @@ def _isochrone(component, age, feh, cells, generator, numbers):
     return np.concatenate(parts, axis=1), remnants
 
 
-def _imf(component, edges, breaks):
+def _imf(component: Component, edges: FloatArray, breaks: Sequence[float]) -> FloatArray:
     """Integral of the initial mass function over each cell; 1 / Msun at the last break."""
     bounds = [0.0, *breaks, np.inf]
-    height, out = 1.0, 0.0
+    height, out = 1.0, np.zeros(len(edges) - 1)
     for k in range(len(breaks), -1, -1):
         # From the top down: each piece starts at the height where the one above ended.
         start = breaks[min(k, len(breaks) - 1)]

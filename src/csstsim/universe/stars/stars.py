@@ -12,14 +12,17 @@ dim the selected stars).
 """
 
 import json
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import hpgeom
 import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.healpix import BRICKS, HATS_ORDER, NSIDE, ORDER, every_other, pixel_border
+from csstsim.base.types import AnyArray, FloatArray, Floats, IntArray
 from csstsim.universe.stars.binaries import PAIR, join, separations, wide
 from csstsim.universe.stars.kinematics import galactic_velocity, sky_motion
 from csstsim.universe.stars.milky_way import components, density, direction
@@ -39,10 +42,10 @@ _FEH = COLUMNS.index("feh")
 class Galaxy:
     """The model of the Galaxy defined by the numbers; cached by `galaxy`."""
 
-    numbers: dict
+    numbers: dict[str, Any]
     types: list[Types]
 
-    def rates(self, ra, dec, faint):
+    def rates(self, ra: FloatArray, dec: FloatArray, faint: float) -> Iterator[FloatArray]:
         """Yield, for each of the types, (p, steps): stars deg-2 with V < faint in each step of distance at ra, dec."""
         middle = 0.5 * (_MODULUS[1:] + _MODULUS[:-1])
         position = direction(ra, dec)[:, :, None] * (_parsec(middle) / _PC_PER_KPC)
@@ -55,11 +58,11 @@ class Galaxy:
             )
 
 
-def _parsec(modulus):
+def _parsec(modulus: FloatArray) -> FloatArray:
     return 10.0 ** (0.2 * modulus + 1.0)
 
 
-def galaxy(numbers):
+def galaxy(numbers: Mapping[str, Any]) -> Galaxy:
     """Return the Galaxy of the numbers (config/universe/stars.yaml as read).
 
     Raises InputError for a number that is missing or wrong.
@@ -68,7 +71,7 @@ def galaxy(numbers):
 
 
 @lru_cache(maxsize=4)
-def _galaxy(text):
+def _galaxy(text: str) -> Galaxy:
     numbers = json.loads(text)
     try:
         return Galaxy(numbers, make_types(numbers))
@@ -77,7 +80,7 @@ def _galaxy(text):
         raise InputError(what, file="universe/stars.yaml") from exc
 
 
-def expected_counts(ra, dec, numbers, v_max):
+def expected_counts(ra: Floats, dec: Floats, numbers: Mapping[str, Any], v_max: float) -> FloatArray:
     """Return the expected stars per deg2 between the bright limit and V = v_max (float), in the shape of ra, dec."""
     model = galaxy(numbers)
     ra, dec = np.broadcast_arrays(np.asarray(ra, float), np.asarray(dec, float))
@@ -87,7 +90,12 @@ def expected_counts(ra, dec, numbers, v_max):
     return out.reshape(ra.shape)
 
 
-def draw_stars(rng, pix, place, numbers):
+def draw_stars(
+    rng: Callable[[str], np.random.Generator],
+    pix: int,
+    place: Callable[[np.random.Generator, int], tuple[FloatArray, FloatArray, IntArray]],
+    numbers: Mapping[str, Any],
+) -> dict[str, AnyArray]:
     """Return the columns of the stars of brick `pix` as a dict of arrays of one length.
 
     rng(name): the numpy Generator of one quantity; place(generator, count): ra, dec [deg] and order-29 HEALPix pixels
@@ -109,7 +117,13 @@ def draw_stars(rng, pix, place, numbers):
     return _with_companions(rng, columns, pair, pix, numbers)
 
 
-def _with_companions(rng, columns, pair, pix, numbers):
+def _with_companions(
+    rng: Callable[[str], np.random.Generator],
+    columns: dict[str, AnyArray],
+    pair: FloatArray,
+    pix: int,
+    numbers: Mapping[str, Any],
+) -> dict[str, AnyArray]:
     """Return the columns with close companions in teff2, logg2 and area2, and wide ones as rows at the end."""
     exists, quantile, tilt, turn = rng("companions").random((4, pair.shape[1]))
     distance = columns["distance"]
@@ -122,7 +136,12 @@ def _with_companions(rng, columns, pair, pix, numbers):
     return {name: np.concatenate([values, more[name]]) for name, values in columns.items()}
 
 
-def _draw_cells(rng, pix, place, model):
+def _draw_cells(
+    rng: Callable[[str], np.random.Generator],
+    pix: int,
+    place: Callable[[np.random.Generator, int], tuple[FloatArray, FloatArray, IntArray]],
+    model: Galaxy,
+) -> tuple[FloatArray, FloatArray, IntArray, IntArray, IntArray]:
     """Return ra, dec, healpix, index of the types and of the step of distance of each star."""
     rates = np.stack(list(model.rates(*_corners(pix), model.numbers["limits"][1])), axis=1)
     totals = rates.sum(axis=(1, 2))
@@ -149,7 +168,9 @@ def _draw_cells(rng, pix, place, model):
     return ra, dec, healpix, *np.divmod(cell, rates.shape[2])
 
 
-def _draw_types(rng, kind, distance, position, model):
+def _draw_types(
+    rng: Callable[[str], np.random.Generator], kind: IntArray, distance: FloatArray, position: FloatArray, model: Galaxy
+) -> tuple[dict[str, AnyArray], FloatArray, FloatArray]:
     """Return the columns that the types give, (PAIR, n) companions, and (3, n) galactic velocities [km/s]."""
     bright, faint = model.numbers["limits"]
     modulus = 5.0 * np.log10(distance) - 5.0
@@ -166,13 +187,13 @@ def _draw_types(rng, kind, distance, position, model):
     return dict(zip(COLUMNS[1:], table[1:], strict=True)), pair, velocity
 
 
-def _corners(pix):
+def _corners(pix: int) -> tuple[FloatArray, FloatArray]:
     """Return ra, dec [deg] of the brick's corners: north, west, south, east."""
     theta, phi = hpgeom.vector_to_angle(pixel_border(NSIDE, pix), lonlat=False)
     return np.degrees(phi), 90.0 - np.degrees(theta)
 
 
-def _bilinear(healpix):
+def _bilinear(healpix: IntArray) -> FloatArray:
     """Return (n, 4) weights of the corners at order-29 pixels of a brick."""
     x, y = (every_other(healpix >> shift, _BITS) / (1 << _BITS) for shift in (0, 1))
     return np.stack([x * y, (1 - x) * y, (1 - x) * (1 - y), x * (1 - y)], axis=1)

@@ -8,13 +8,18 @@ log Teff - log L between anchors. White dwarfs cool at constant radius. Numbers:
 pre-main sequence, brown dwarfs' cooling, the asymptotic giant branch, mass loss before the white dwarf.
 """
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
+
+from csstsim.base.types import FloatArray, Floats
 
 STAGES = 4
 _YEAR_GYR = 1e9
 
 
-def stage_ends(mass, feh, numbers):
+def stage_ends(mass: FloatArray, feh: FloatArray, numbers: Mapping[str, Any]) -> FloatArray:
     """Return (4, n) ages [Gyr] at which stars of `mass` [Msun] and [Fe/H] end each stage."""
     law, course = numbers["lifetime"], numbers["course"]
     zeta = np.clip(feh, *law["limits"])
@@ -24,7 +29,9 @@ def stage_ends(mass, feh, numbers):
     return base * np.stack([main, np.ones_like(main), 1.0 + giant, 1.0 + giant + helium])
 
 
-def living(mass, feh, stage, deviate, numbers):
+def living(
+    mass: FloatArray, feh: FloatArray, stage: FloatArray, deviate: FloatArray, numbers: Mapping[str, Any]
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return Teff [K], log g, radius [Rsun], M_V of stars at `stage`; all (n,).
 
     deviate: (n,) within 0..1, the star's place on the horizontal branch.
@@ -38,7 +45,9 @@ def living(mass, feh, stage, deviate, numbers):
     return _observed(mass, 10**log_t, log_l, correction(10**log_t, feh, numbers), numbers)
 
 
-def white_dwarfs(initial_mass, cooling_gyr, numbers):
+def white_dwarfs(
+    initial_mass: FloatArray, cooling_gyr: FloatArray, numbers: Mapping[str, Any]
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return Teff [K], log g, radius [Rsun], M_V and mass [Msun] of white dwarfs that have cooled for `cooling_gyr`."""
     law = numbers["white_dwarfs"]
     slope, start = law["final_mass"]
@@ -55,7 +64,7 @@ def white_dwarfs(initial_mass, cooling_gyr, numbers):
     return *_observed(mass, teff, log_l, bc, numbers), mass
 
 
-def correction(teff, feh, numbers):
+def correction(teff: Floats, feh: Floats, numbers: Mapping[str, Any]) -> FloatArray:
     """Return BC_V = M_bol - M_V [mag] at `teff` [K]: that of the main sequence, plus the change with [Fe/H]."""
     _, knots, log_l, m_v = np.asarray(numbers["main_sequence"], float).T
     solar = np.interp(np.log(teff), np.log(knots), numbers["solar"][0] - 2.5 * log_l - m_v)
@@ -64,13 +73,17 @@ def correction(teff, feh, numbers):
     return solar - slope * np.clip(feh, *metals["limits"])
 
 
-def _observed(mass, teff, log_l, bc, numbers):
+def _observed(
+    mass: FloatArray, teff: FloatArray, log_l: FloatArray, bc: FloatArray, numbers: Mapping[str, Any]
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     m_bol, t_sun, logg_sun = numbers["solar"]
     radius = np.sqrt(10**log_l) * (t_sun / teff) ** 2
     return teff, logg_sun + np.log10(mass) - 2 * np.log10(radius), radius, m_bol - 2.5 * log_l - bc
 
 
-def _main(mass, feh, u, numbers):
+def _main(
+    mass: FloatArray, feh: FloatArray, u: FloatArray, numbers: Mapping[str, Any]
+) -> tuple[FloatArray, FloatArray]:
     """Return log Teff and log L on the main sequence at the fraction u of its life."""
     table, law = np.asarray(numbers["main_sequence"], float).T, numbers["main"]
     x = np.log(mass)
@@ -85,7 +98,15 @@ def _main(mass, feh, u, numbers):
     return log_t, log_l
 
 
-def _after(turn_t, turn_l, mass, feh, stage, deviate, numbers):
+def _after(
+    turn_t: FloatArray,
+    turn_l: FloatArray,
+    mass: FloatArray,
+    feh: FloatArray,
+    stage: FloatArray,
+    deviate: FloatArray,
+    numbers: Mapping[str, Any],
+) -> tuple[FloatArray, FloatArray]:
     """Return log Teff and log L beyond the turn-off (turn_t, turn_l)."""
     law = numbers["giant"]
     step = _at(numbers["course"], "crossing", mass) + numbers["main"]["crossing_per_dex"] * np.minimum(feh, 0.0)
@@ -102,16 +123,18 @@ def _after(turn_t, turn_l, mass, feh, stage, deviate, numbers):
     return np.where(stage < 3, log_t, clump_t), np.where(stage < 3, log_l, clump_l)
 
 
-def _giant_teff(log_l, mass, feh, law):
+def _giant_teff(log_l: FloatArray, mass: FloatArray, feh: FloatArray, law: Mapping[str, Any]) -> FloatArray:
     return np.interp(log_l, law["log_l"], law["log_teff"]) + law["per_dex"] * feh + law["per_log_mass"] * np.log10(mass)
 
 
-def _helium(mass, feh, deviate, law):
+def _helium(
+    mass: FloatArray, feh: FloatArray, deviate: FloatArray, law: Mapping[str, Any]
+) -> tuple[FloatArray, FloatArray]:
     (level, slope), (log_t, per_dex) = law["log_l"], law["log_teff"]
     log_l = level + slope * np.maximum(np.log10(mass / 2.2), 0.0)
     blue = law["blue_per_dex"] * np.maximum(law["blue"] - feh, 0.0) * deviate
     return log_t + per_dex * feh + law["spread"] * (2 * deviate - 1) + blue, log_l
 
 
-def _at(course, name, mass):
+def _at(course: Mapping[str, Any], name: str, mass: FloatArray) -> FloatArray:
     return np.interp(np.log(mass), np.log(course["mass"]), course[name])

@@ -11,16 +11,23 @@ Interpolation takes some variance of narrow kernels, 1% in all. `variance` is wh
 would be too few by about b^2 / 2 times the difference.
 """
 
+from __future__ import annotations
+
 from functools import cache, lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
 
 from csstsim.base.healpix import pixel_of
 from csstsim.base.sphere import unit_vectors
+from csstsim.base.types import FloatArray, Floats, IntArray
 from csstsim.universe.lensing.potential_field import WIDTHS, pixel
 from csstsim.universe.lensing.tangent_grid import TangentGrid
 from csstsim.universe.structure.kernels import add_density
+
+if TYPE_CHECKING:
+    from csstsim.universe.lensing.potential_field import PotentialField
 
 _FINER = 4  # orders of the kernels below that of their cell
 _ROOT = 1  # order of the widest cells; they have all wider kernels
@@ -33,7 +40,7 @@ TAPS = 4  # points of the interpolation along an axis
 _ELL = np.geomspace(0.5, 3e5, 4000)  # of the variances
 
 
-def kernel_order(field, scale):
+def kernel_order(field: PotentialField, scale: float) -> FloatArray:
     """Return for each shell the order of the kernels down to which matter is smooth on `scale` [Mpc, sigma].
 
     Orders step by a factor of two. Of a fractional order 5.3, kernels up to order 5 count in full and those of order 6
@@ -43,17 +50,17 @@ def kernel_order(field, scale):
     return angular_order(field, scale / chi)
 
 
-def angular_order(field, sigma):
+def angular_order(field: PotentialField, sigma: Floats) -> FloatArray:
     """Return the order, as kernel_order, of the kernels down to an angular scale [rad, sigma]."""
     return np.clip(np.log2(WIDTHS[-1] * pixel(0) / sigma), _WIDEST, field.orders - 1)
 
 
-def kernel_weights(field, order):
+def kernel_weights(field: PotentialField, order: FloatArray) -> FloatArray:
     """Return the weights (shells, widths) of the kernels in matter smooth down to each shell's `order` (shells,)."""
     return np.clip(np.asarray(order)[:, None] + 1 - np.array([o for o, _ in field.widths]), 0.0, 1.0)
 
 
-def cell_order(order):
+def cell_order(order: int) -> int:
     """Return the HEALPix order of the cells in which maps of kernels up to `order` are made."""
     return max(order - _FINER, _ROOT)
 
@@ -64,7 +71,7 @@ class ShellDensity:
     weights: factors (shells, widths) of the amplitudes, of what is followed over the smooth field (halo_spectra).
     """
 
-    def __init__(self, field, finest, weights=1.0):
+    def __init__(self, field: PotentialField, finest: FloatArray, weights: Floats = 1.0) -> None:
         self.field, self._finest = field, np.ceil(finest)
         self._scale = weights * field.amplitude / field.shells.kernel()[:, None]  # of delta (shells, widths)
         step = np.gradient(np.log(_ELL)) * _ELL**2 / (2 * np.pi)
@@ -72,12 +79,12 @@ class ShellDensity:
         self._kept = self._variance_kept()
         self.maps = lru_cache(maxsize=_CELLS)(self._make)
 
-    def variance(self, order):
+    def variance(self, order: FloatArray) -> FloatArray:
         """Return the variance of delta for each shell, of kernels up to its `order` (shells,), mean over places."""
         left = self._kept[:, np.ceil(order).astype(int)].T  # (shells, widths)
         return (self._scale**2 * self._variances * left * kernel_weights(self.field, order) ** 2).sum(axis=1)
 
-    def _variance_kept(self):
+    def _variance_kept(self) -> FloatArray:
         """Return the share (widths, orders) of each width's variance in maps of kernels up to each order."""
         left = np.ones((len(self.field.widths), self.field.orders + 1))
         for s, (own, sigma) in enumerate(self.field.widths):
@@ -87,7 +94,7 @@ class ShellDensity:
             left[s, : _ROOT + _FINER] = left[s, _ROOT + _FINER]  # these share the grids of the lowest order
         return left
 
-    def at(self, ra, dec, shell, order):
+    def at(self, ra: FloatArray, dec: FloatArray, shell: IntArray, order: FloatArray) -> FloatArray:
         """Return delta (n,) at ra, dec [deg] in `shell` (n,), with kernels up to `order` (shells,)."""
         ra, dec, shell = np.asarray(ra, float), np.asarray(dec, float), np.asarray(shell)
         delta, vectors = np.zeros(len(ra)), unit_vectors(ra, dec)
@@ -103,7 +110,7 @@ class ShellDensity:
                 delta[part] = interpolate_one(maps, grid.places(vectors[part], TAPS), shell[part])
         return delta
 
-    def smooth(self, highest, cell, shells, order):
+    def smooth(self, highest: int, cell: int, shells: IntArray, order: FloatArray) -> tuple[TangentGrid, FloatArray]:
         """Return the TangentGrid of a cell and maps of delta (rows, columns, len(shells)), smooth down to `order`.
 
         order: of all shells (shells,); those asked for have the same next whole order, `highest`.
@@ -113,7 +120,7 @@ class ShellDensity:
         wide = self._wide(highest, cell, grid, shells)
         return grid, wide + share * (maps[:, :, shells] - wide)
 
-    def _make(self, order, cell):
+    def _make(self, order: int, cell: int) -> tuple[TangentGrid, FloatArray]:
         """Return the TangentGrid of a cell and its maps of delta (rows, columns, shells)."""
         field, at = self.field, cell_order(order)
         grid = TangentGrid.around(at, cell, WIDTHS[-1] * pixel(at + _FINER) / _SAMPLES, _ROOT)
@@ -132,7 +139,7 @@ class ShellDensity:
         maps[..., first:] += added[..., :count]
         return grid, maps
 
-    def _wide(self, order, cell, grid, shells):
+    def _wide(self, order: int, cell: int, grid: TangentGrid, shells: IntArray) -> FloatArray:
         """Return the maps (rows, columns, len(shells)) of the kernels of lower orders, on the grid of a cell."""
         if order > _ROOT + _FINER:
             around, maps = self.maps(order - 1, cell >> 2)
@@ -144,7 +151,7 @@ class ShellDensity:
 
 
 @cache  # steps are few: widths and grids go by powers of two
-def _kept(step):
+def _kept(step: float) -> float:
     """Return the share of a kernel's variance left by interpolation from points `step` x sigma apart, mean over places.
 
     The variance is of kappa, whose spectrum is l^4 exp(-l^2 sigma^2) on small scales.
@@ -162,7 +169,7 @@ def _kept(step):
 
 
 @njit(cache=True)
-def interpolate_all(maps, places):
+def interpolate_all(maps: FloatArray, places: FloatArray) -> FloatArray:
     """Return (n, shells): maps (rows, columns, shells) at grid coordinates (n, 2) x, y, as `interpolate_one`."""
     out = np.zeros((len(places), maps.shape[2]), maps.dtype)
     wx, wy = np.empty(TAPS), np.empty(TAPS)
@@ -181,7 +188,7 @@ def interpolate_all(maps, places):
 
 
 @njit(cache=True)
-def interpolate_one(maps, places, shell):
+def interpolate_one(maps: FloatArray, places: FloatArray, shell: IntArray) -> FloatArray:
     """Return (n,): maps (rows, columns, shells) of each place's own shell, cubic through 4 points along each axis."""
     out = np.empty(len(places))
     wx, wy = np.empty(TAPS), np.empty(TAPS)
@@ -199,7 +206,7 @@ def interpolate_one(maps, places, shell):
 
 
 @njit(cache=True)
-def _cubic(t, weights):
+def _cubic(t: float, weights: FloatArray) -> None:
     """Fill the Lagrange weights of points 0..3 for the polynomial at t."""
     for i in range(TAPS):
         weights[i] = 1.0

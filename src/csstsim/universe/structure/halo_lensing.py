@@ -6,16 +6,27 @@ Radii are chords on the unit sphere times chi_h. In them areas on the sphere are
 its disc cancel exactly, and gamma_t = mean (1 - g) / (1 - g / 2) - kappa with g = chord^2 / 2 has no B mode. Born.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 from numba import njit
 
 from csstsim.base.sphere import frames
+from csstsim.base.types import AnyArray, FloatArray, IntArray
 from csstsim.universe.structure.halo_profile import disc_radius, nfw_mass, nfw_projected, whole_mass
+
+if TYPE_CHECKING:
+    from csstsim.universe.structure.mass_function import HaloMassFunction
 
 _BUCKET = np.radians(1.4 / 60)  # side of the squares into which sources are sorted
 
 
-def halo_lenses(haloes, mass_function, numbers):
+def halo_lenses(
+    haloes: Mapping[str, AnyArray], mass_function: HaloMassFunction, numbers: Mapping[str, Any]
+) -> FloatArray:
     """Return what `halo_shear` needs of haloes (n, 7 + cuts); numbers: section haloes of structure.yaml.
 
     haloes: the columns of haloes.Haloes. Columns: direction (3), chi [Mpc], strength (kappa x chord^2), radius of the
@@ -31,7 +42,7 @@ def halo_lenses(haloes, mass_function, numbers):
     return np.column_stack([frames(a, d)[0], chi, strength, disc, scale, np.outer(c, numbers["cuts"])])
 
 
-def halo_shear(lenses, ra, dec, chi):
+def halo_shear(lenses: FloatArray, ra: FloatArray, dec: FloatArray, chi: FloatArray) -> FloatArray:
     """Return kappa, gamma1, gamma2 (n,) by `lenses` (halo_lenses) of sources at ra, dec [deg] and distance chi [Mpc].
 
     Sources at chi <= 0 or NaN are not lensed. Axes: east, north. Sources lie within a few degrees of each other.
@@ -61,7 +72,16 @@ def halo_shear(lenses, ra, dec, chi):
 
 
 @njit(cache=True)
-def _add(sums, at, inverse, starts, columns, lenses, centres, bucket):
+def _add(
+    sums: FloatArray,
+    at: FloatArray,
+    inverse: FloatArray,
+    starts: IntArray,
+    columns: int,
+    lenses: FloatArray,
+    centres: FloatArray,
+    bucket: float,
+) -> None:
     """Add every lens to sums (3, sources); sources are sorted by bucket, the farthest first, `starts` of each."""
     disc, cuts = lenses[:, 5], lenses[:, 7:]
     masses, sphere = nfw_mass(cuts), np.empty(len(lenses))
@@ -83,7 +103,16 @@ def _add(sums, at, inverse, starts, columns, lenses, centres, bucket):
 
 
 @njit(cache=True, error_model="numpy")
-def _disc(added, east, north, inverse, behind, lens, disc2, sphere2):
+def _disc(
+    added: tuple[FloatArray, FloatArray, FloatArray],
+    east: tuple[FloatArray, FloatArray, FloatArray],
+    north: tuple[FloatArray, FloatArray, FloatArray],
+    inverse: FloatArray,
+    behind: int,
+    lens: FloatArray,
+    disc2: float,
+    sphere2: float,
+) -> None:
     """Add what is not in the spheres: the disc, and outside of them their mass."""
     (kappas, shear1, shear2), (e0, e1, e2), (n0, n1, n2) = added, east, north
     p0, p1, p2, chi, strength, _ = lens
@@ -103,7 +132,16 @@ def _disc(added, east, north, inverse, behind, lens, disc2, sphere2):
 
 
 @njit(cache=True, error_model="numpy")
-def _sphere(added, east, north, inverse, behind, lens, cuts, masses):
+def _sphere(
+    added: tuple[FloatArray, FloatArray, FloatArray],
+    east: tuple[FloatArray, FloatArray, FloatArray],
+    north: tuple[FloatArray, FloatArray, FloatArray],
+    inverse: FloatArray,
+    behind: int,
+    lens: FloatArray,
+    cuts: FloatArray,
+    masses: FloatArray,
+) -> None:
     """Add the spheres to the sources within them."""
     (kappas, shear1, shear2), (e0, e1, e2), (n0, n1, n2) = added, east, north
     p0, p1, p2, chi, strength, _, scale = lens
@@ -122,7 +160,7 @@ def _sphere(added, east, north, inverse, behind, lens, cuts, masses):
 
 
 @njit(inline="always")
-def _apart(a, b):
+def _apart(a: float, b: float) -> tuple[float, float]:
     """Return s = a^2 + b^2 and the square of the chord c of lens and source: s = c^2 (1 - c^2 / 4).
 
     a, b: components of the lens along the source's east and north.

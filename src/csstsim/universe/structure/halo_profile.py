@@ -13,15 +13,25 @@ halo was made of: beyond R_c there is neither convergence nor shear, and the mea
     u(k): of a cut NFW sphere (Cooray & Sheth 2002, equation 81),     g(k) = 384 J_4(k R_c) / (k R_c)^4
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 from numba import njit
 from scipy.special import jv, sici
+
+from csstsim.base.types import FloatArray, Floats
+
+if TYPE_CHECKING:
+    from csstsim.universe.structure.mass_function import HaloMassFunction
 
 _NEAR_ONE = 2e-3  # of x^2: there F and G lose digits, and are taken from both sides
 _CENTRE = 1e-6  # least x: F has no limit at the centre
 
 
-def nfw_transform(k, radius, c):
+def nfw_transform(k: Floats, radius: Floats, c: Floats) -> FloatArray:
     """Return u(k), 1 at k = 0: k [1 / Mpc], virial radius [Mpc] and concentration broadcast."""
     x = np.asarray(k * radius / c, float)
     (si0, ci0), (si1, ci1) = sici(x), sici(x * (1 + c))
@@ -29,29 +39,30 @@ def nfw_transform(k, radius, c):
 
 
 @njit(cache=True)
-def nfw_mass(c):
+def nfw_mass(c: Floats) -> FloatArray:
     """Return m(c) = ln(1 + c) - c / (1 + c)."""
     return np.log1p(c) - c / (1 + c)
 
 
-def whole_mass(c, cuts):
+def whole_mass(c: Floats, cuts: Sequence[float]) -> FloatArray:
     """Return mu, the mass of a halo of concentration c (broadcasts) over that within its virial radius."""
     return sum(nfw_mass(t * c) for t in cuts) / (len(cuts) * nfw_mass(c))
 
 
-def halo_transform(k, radius, c, cuts):
+def halo_transform(k: Floats, radius: Floats, c: Floats, cuts: Sequence[float]) -> FloatArray:
     """Return the transform of a halo's density, 1 at k = 0; arguments as for `nfw_transform`."""
     parts = [nfw_mass(t * c) for t in cuts]
-    return sum(m * nfw_transform(k, t * radius, t * c) for m, t in zip(parts, cuts, strict=True)) / sum(parts)
+    whole = sum(m * nfw_transform(k, t * radius, t * c) for m, t in zip(parts, cuts, strict=True))
+    return whole / sum(parts)  # type: ignore[return-value]  # there are cuts
 
 
-def disc_radius(mass_function, mass, numbers):
+def disc_radius(mass_function: HaloMassFunction, mass: Floats, numbers: Mapping[str, Any]) -> FloatArray:
     """Return R_c [Mpc, comoving] of haloes of `mass` [solar]; numbers: section haloes of structure.yaml."""
     ratio = np.interp(np.log(mass), np.log(numbers["compensation"]["mass"]), numbers["compensation"]["ratio"])
     return ratio * mass_function.lagrangian_radius(mass)
 
 
-def disc_transform(k, radius):
+def disc_transform(k: Floats, radius: Floats) -> FloatArray:
     """Return g(k), 1 at k = 0, of the disc of `radius` R_c."""
     x = np.maximum(np.asarray(k * radius, float), 0.1)  # nearer to 0 the quotient loses digits
     exact = 384 * jv(4, x) / x**4
@@ -59,7 +70,7 @@ def disc_transform(k, radius):
 
 
 @njit(cache=True)
-def nfw_projected(x, cuts, masses):
+def nfw_projected(x: float, cuts: FloatArray, masses: FloatArray) -> tuple[float, float]:
     """Return the sums of F and G at x = R / r_s over NFW spheres cut at `cuts`, up to 4; masses: nfw_mass(cuts).
 
     Beyond its cut a sphere has F = 0 and G = 2 m / x^2.
@@ -74,7 +85,7 @@ def nfw_projected(x, cuts, masses):
 
 
 @njit(cache=True)
-def _projected(x, cuts, masses):
+def _projected(x: float, cuts: FloatArray, masses: FloatArray) -> tuple[float, float]:
     """The spheres' logarithms and angles, of less than pi / 2 each, add up: those of their products are taken."""
     x2, gap = x * x, 1 - x * x
     side = np.sqrt(abs(gap))

@@ -18,18 +18,27 @@ the first term already. There b is the mean of a tier, weighted by its part. Hal
 than b times its own spectrum, but they have with other haloes (`around`).
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping
 from functools import cached_property
 from itertools import combinations_with_replacement
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline, RectBivariateSpline
 from scipy.optimize import nnls
 from scipy.special import j0
 
+from csstsim.base.types import FloatArray, Floats, IntArray
 from csstsim.universe.structure.density import kernel_weights
 from csstsim.universe.structure.halo_profile import disc_radius, disc_transform, halo_transform, whole_mass
 from csstsim.universe.structure.haloes import concentration, tier_orders
 from csstsim.universe.structure.intensity import excess, series
+
+if TYPE_CHECKING:
+    from csstsim.universe.lensing.potential_field import PotentialField
+    from csstsim.universe.structure.mass_function import HaloMassFunction
 
 _NODES, _GAUSS = np.polynomial.legendre.leggauss(4)  # of a shell's depth
 _MASSES = 24  # nodes of a tier
@@ -44,7 +53,7 @@ _SHARE = 1e-5  # of matter, times bias, below which a tier has no C_ln: so few h
 class HaloSpectra:
     """The haloes' part of the spectra. Arguments: those of haloes.Haloes, and the PotentialField that they follow."""
 
-    def __init__(self, field, mass_function, numbers):
+    def __init__(self, field: PotentialField, mass_function: HaloMassFunction, numbers: Mapping[str, Any]) -> None:
         haloes = numbers["haloes"]
         self.field, self.limits = field, (haloes["z_min"], haloes["z_max"])
         tiers = np.array(haloes["tiers"])
@@ -59,7 +68,7 @@ class HaloSpectra:
         self._nodes()
         self.weights = self._weights()
 
-    def _nodes(self):
+    def _nodes(self) -> None:
         shells, cosmology = self.field.shells, self.field.shells.cosmology
         near, far = shells.edges[:-1, None], shells.edges[1:, None]
         low, high = cosmology.comoving_distance(np.array(self.limits))
@@ -70,37 +79,37 @@ class HaloSpectra:
         self._weight = 0.5 * (end - begin) * _GAUSS * strength**2  # of P in C_l of the shell
         self._share = 0.5 * (end - begin) * _GAUSS * strength * self._chi / shells.kernel()[:, None]  # of delta
 
-    def one_halo(self, ell):
+    def one_halo(self, ell: FloatArray | IntArray) -> FloatArray:
         """Return C_1h (shells, len(ell)) for sources at infinity."""
         return np.einsum("in,inl->il", self._weight, self._at(self._one, ell))
 
-    def response(self, ell, power=1):
+    def response(self, ell: FloatArray | IntArray, power: int = 1) -> FloatArray:
         """Return h_t (shells, tiers, len(ell)) with that power of the bias, as shares of the shell's overdensity."""
         return np.stack([np.einsum("in,inl->il", self._share, self._at(h[power - 1], ell)) for h in self._h], axis=1)
 
-    def _at(self, spline, ell):
+    def _at(self, spline: RectBivariateSpline, ell: FloatArray | IntArray) -> FloatArray:
         ln_k = np.log((np.asarray(ell) + 0.5) / self._chi[..., None])
         z = np.broadcast_to(self._z[..., None], ln_k.shape)
         return np.where(ln_k < _LN_K[-1], spline(z, np.maximum(ln_k, _LN_K[0]), grid=False), 0.0)
 
-    def _weights(self):
+    def _weights(self) -> FloatArray:
         """Return f_s (shells, widths) from the response at the multipole where each kernel has most power."""
         peak = np.sqrt(2) / np.array([sigma for _, sigma in self.field.widths])
         response = np.einsum("tis,its->is", self.wide(), self.response(peak))
         return 1 / (1 - response)
 
-    def wide(self):
+    def wide(self) -> FloatArray:
         """Return w_ts (tiers, shells, widths)."""
         return np.stack([kernel_weights(self.field, orders) for orders in self.orders])
 
-    def factors(self, ell):
+    def factors(self, ell: FloatArray | IntArray) -> FloatArray:
         """Return (1 + f_s sum_t w_ts h_t)^2 (shells, len(ell), widths)."""
         return (1 + self.weights[:, None] * np.einsum("tis,itl->ils", self.wide(), self.response(ell))) ** 2
 
-    def fit(self, ell, wanted):
+    def fit(self, ell: FloatArray | IntArray, wanted: FloatArray) -> FloatArray:
         """Return the amplitudes a_is (shells, widths) with which C_l is `wanted` (shells, len(ell))."""
         bases, rest = self.field.powers(ell) * self.factors(ell), wanted - self.one_halo(ell)
-        extra = 0.0
+        extra: Floats = 0.0
         for _ in range(4):  # C_ln depends on the amplitudes, which it changes by 10 % at most; then they have converged
             fits = [
                 nnls(b / w[:, None], r / w, maxiter=_ITERATIONS)[0]
@@ -110,7 +119,7 @@ class HaloSpectra:
             extra = self.lognormal(ell, amplitude)
         return amplitude
 
-    def lognormal(self, ell, amplitude):
+    def lognormal(self, ell: FloatArray | IntArray, amplitude: FloatArray) -> FloatArray:
         """Return C_ln (shells, len(ell)) for amplitudes (shells, widths)."""
         kernel, (second, bias, transform, shapes) = self.field.shells.kernel()[:, None], self._clustering
         wide, total = self.wide(), np.zeros((len(kernel), len(_ELL)))
@@ -128,7 +137,9 @@ class HaloSpectra:
             )
         return CubicSpline(np.log(_ELL), total * kernel**2, axis=1)(np.log(ell))
 
-    def around(self, ell, amplitude, shell, tier, bias):
+    def around(
+        self, ell: FloatArray | IntArray, amplitude: FloatArray, shell: int, tier: int, bias: float
+    ) -> FloatArray:
         """Return the spectrum (len(ell),) of haloes with the other matter of their shell, both as overdensities.
 
         tier: of the lensing ones, from 0; amplitude: as for `lognormal`. Its Hankel transform is the mean overdensity
@@ -148,7 +159,7 @@ class HaloSpectra:
         return linear + CubicSpline(np.log(_ELL), extra)(np.log(ell))
 
     @cached_property
-    def _clustering(self):
+    def _clustering(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Responses with b^2 and biases (shells, tiers), transform and correlations, of C_ln at multipoles _ELL."""
         first, second = self.response(_ELL), self.response(_ELL, 2)
         strongest = np.argmax(np.abs(second), axis=2, keepdims=True)
@@ -158,7 +169,9 @@ class HaloSpectra:
         return second, bias, transform, np.stack([_correlation(sigma, order) for order, sigma in self.field.widths])
 
 
-def _moments(mass_function, low, high, z, numbers):
+def _moments(
+    mass_function: HaloMassFunction, low: float, high: float, z: float, numbers: Mapping[str, Any]
+) -> FloatArray:
     """Return int dlnM n V b^p <u - g> for p = 1, 2, and int dlnM n V^2 <(u - g)^2> (3, k), of one tier."""
     nodes, weights = np.polynomial.legendre.leggauss(_MASSES)
     ln_mass = 0.5 * np.log(low * high) + 0.5 * np.log(high / low) * nodes
@@ -177,7 +190,7 @@ def _moments(mass_function, low, high, z, numbers):
     return np.stack([np.einsum("km,m->k", *part) for part in parts])
 
 
-def _correlation(sigma, order):
+def _correlation(sigma: float, order: int) -> FloatArray:
     """Return the correlation of kappa at _THETA of one width with amplitude 1; flat sky, so for narrow kernels.
 
     The Hankel transform of l^5 exp(-l^2 sigma^2) is exp(-x) L_2(x) / sigma^6, with x = theta^2 / (4 sigma^2).

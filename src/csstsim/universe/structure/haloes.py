@@ -9,7 +9,11 @@ bricks that see a cell see the same haloes. Redshifts are cosmological. Left out
 than the first tier, exclusion, triaxial shapes, subhaloes.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
 from functools import lru_cache
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numba import njit
@@ -17,8 +21,14 @@ from numba import njit
 from csstsim.base.healpix import NSIDE, brick_of, disc, pixel_border, pixel_centre, pixel_towards, pixel_vector
 from csstsim.base.rng import stream
 from csstsim.base.sphere import unit_vectors
+from csstsim.base.types import AnyArray, BoolArray, FloatArray, Floats, IntArray
 from csstsim.universe.structure.density import TAPS, angular_order, cell_order, interpolate_one, kernel_order
 from csstsim.universe.structure.intensity import intensity
+
+if TYPE_CHECKING:
+    from csstsim.universe.lensing.potential_field import PotentialField
+    from csstsim.universe.structure.density import ShellDensity
+    from csstsim.universe.structure.mass_function import HaloMassFunction
 
 _DEEP = 29  # order of the pixels whose centres are the places
 _STEP_Z, _MASSES = 0.05, 160  # nodes of the tables
@@ -30,7 +40,7 @@ _CELLS = 1024  # kept; a brick needs up to 720, and its neighbours most of them 
 COLUMNS = ("ra", "dec", "z", "log_mass", "concentration", "key")
 
 
-def tier_orders(field, mass_function, numbers):
+def tier_orders(field: PotentialField, mass_function: HaloMassFunction, numbers: Mapping[str, Any]) -> FloatArray:
     """Return for each tier (tiers, shells) the order of the kernels down to which its haloes follow the field."""
     haloes, lightest = numbers["haloes"], np.array(numbers["haloes"]["tiers"][:-1])
     scales = np.array(haloes["placement"]) * mass_function.lagrangian_radius(lightest)
@@ -47,17 +57,23 @@ class Haloes:
     structure.yaml.
     """
 
-    def __init__(self, seed, density, mass_function, numbers):
+    def __init__(
+        self, seed: int, density: ShellDensity, mass_function: HaloMassFunction, numbers: Mapping[str, Any]
+    ) -> None:
         self.seed, self.density, self.mass_function = seed, density, mass_function
         self.numbers = numbers["haloes"]
         self.edges = np.log(self.numbers["tiers"])
         self._orders = tier_orders(density.field, mass_function, numbers)
         self._variance = [density.variance(order) for order in self._orders]
-        self._tables = [_Table(mass_function, *self.edges[t : t + 2], self.numbers) for t in range(len(self._orders))]
+        self._tables = [
+            _Table(mass_function, self.edges[t], self.edges[t + 1], self.numbers) for t in range(len(self._orders))
+        ]
         self._depths = self._shell_depths()
         self.cell = lru_cache(maxsize=_CELLS)(self._draw)
 
-    def near(self, pix, reach, lowest=0.0):
+    def near(
+        self, pix: int, reach: Callable[[Floats, FloatArray], FloatArray], lowest: float = 0.0
+    ) -> dict[str, AnyArray]:
         """Return a dict of COLUMNS of all haloes whose centre lies in brick `pix` or within `reach` of it.
 
         reach(z, log_mass): angle [rad] (broadcasts), falling with z. lowest: log10 of the least mass [solar].
@@ -80,18 +96,18 @@ class Haloes:
                     found.append({name: some[name][keep] for name in COLUMNS})
         return {name: np.concatenate([part[name] for part in found]) for name in COLUMNS}
 
-    def mean_concentration(self, mass, z):
+    def mean_concentration(self, mass: Floats, z: Floats) -> FloatArray:
         """Return the median concentration at `mass` [solar] and z."""
         return concentration(mass, z, self.numbers["concentration"], self.mass_function.cosmology.h0 / 100)
 
-    def _shell_depths(self):
+    def _shell_depths(self) -> list[dict[int, tuple[IntArray, float, FloatArray]]]:
         """Return for each tier {highest order: (its shells, nearest z, haloes per sr of each)}."""
         edges, table_z = self.density.field.shells.edges, self._tables[0].fine_z
         chi = self.mass_function.cosmology.comoving_distance(table_z)
         found = []
         for orders, table in zip(self._orders, self._tables, strict=True):
             counts = np.diff(np.interp(edges, chi, table.cumulative))
-            depth = {}
+            depth: dict[int, tuple[IntArray, float, FloatArray]] = {}
             highest = np.ceil(orders)
             for order in np.unique(highest[counts > 0]):
                 shells = np.flatnonzero((highest == order) & (counts > 0))
@@ -100,12 +116,12 @@ class Haloes:
             found.append(depth)
         return found
 
-    def _cell_order(self, tier, order):
+    def _cell_order(self, tier: int, order: int) -> int:
         """Return the HEALPix order of the cells in which haloes are drawn: that of the maps, finer for light ones."""
         light = self.edges[tier] < np.log(0.999 * self.numbers["lens_mass"])
         return max(cell_order(order), _FINE if light else 0)
 
-    def _draw(self, tier, order, cell):
+    def _draw(self, tier: int, order: int, cell: int) -> dict[str, AnyArray]:
         """Return the columns of the haloes of a tier in the shells of one order and one cell, with `vector` (n, 3)."""
         shells, _, counts = self._depths[tier][order]
         table, variance = self._tables[tier], self._variance[tier][shells]
@@ -140,7 +156,7 @@ class Haloes:
         }  # fmt: skip
 
 
-def concentration(mass, z, numbers, h):
+def concentration(mass: Floats, z: Floats, numbers: Mapping[str, Any], h: float) -> FloatArray:
     """Return the median concentration a (M / m)^b (1 + z)^d; numbers: haloes.concentration of structure.yaml."""
     scaled = np.asarray(mass, float) * h / numbers["pivot_h"]
     return numbers["amplitude"] * scaled ** numbers["mass_slope"] * (1 + np.asarray(z)) ** numbers["redshift_slope"]
@@ -149,7 +165,7 @@ def concentration(mass, z, numbers, h):
 class _Table:
     """Numbers and biases of the haloes of one tier, linear in z between nodes, and their inverses for drawing."""
 
-    def __init__(self, mass_function, low, high, numbers):
+    def __init__(self, mass_function: HaloMassFunction, low: float, high: float, numbers: Mapping[str, Any]) -> None:
         z_min, z_max = numbers["z_min"], numbers["z_max"]
         cosmology = mass_function.cosmology
         self.nodes = np.linspace(0.0, z_max, int(np.ceil(z_max / _STEP_Z)) + 1)
@@ -167,7 +183,7 @@ class _Table:
         self.cumulative = np.append(0.0, np.cumsum(slices))  # haloes per sr nearer than fine_z
         self._chi3 = self.chi**3
 
-    def largest(self, peak, variance, near, far):
+    def largest(self, peak: FloatArray, variance: FloatArray, near: FloatArray, far: FloatArray) -> FloatArray:
         """Return the largest intensity for delta up to `peak` and all masses, each (shells,).
 
         near, far: the comoving distances of the shells' edges. The bias rises with mass and redshift.
@@ -175,16 +191,16 @@ class _Table:
         low, high = (self._at(distance, edge) for distance, edge in ((near, 0), (far, -1)))
         return _BETWEEN * intensity(peak, np.linspace(low, high, _BIASES), variance).max(axis=0)
 
-    def _at(self, distance, edge):
+    def _at(self, distance: FloatArray, edge: int) -> FloatArray:
         """Return the bias of the lightest (edge 0) or heaviest (-1) haloes of the tier at comoving distances."""
         return np.interp(np.interp(distance, self.chi, self.fine_z), self.nodes, self.bias[:, edge])
 
-    def redshift(self, cumulative):
+    def redshift(self, cumulative: FloatArray) -> FloatArray:
         """Return the redshift with so many haloes per sr in front of it."""
         chi3 = np.interp(cumulative, self.cumulative, self._chi3)
         return np.interp(np.cbrt(chi3), self.chi, self.fine_z)
 
-    def mass(self, z, chosen, u):
+    def mass(self, z: FloatArray, chosen: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return ln M and the bias at redshifts z; chosen, u: uniform deviates for the node of z and for the mass."""
         step = self.nodes[1]
         node = np.minimum((z / step).astype(int), len(self.nodes) - 2)
@@ -196,7 +212,15 @@ class _Table:
 
 
 @njit(cache=True)
-def _mass(node_of_mass, node, share, u, below, ln_mass, bias):
+def _mass(
+    node_of_mass: IntArray,
+    node: IntArray,
+    share: FloatArray,
+    u: FloatArray,
+    below: FloatArray,
+    ln_mass: FloatArray,
+    bias: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
     mass, b = np.empty(len(u)), np.empty(len(u))
     step = ln_mass[1] - ln_mass[0]
     for i in range(len(u)):
@@ -212,7 +236,7 @@ def _mass(node_of_mass, node, share, u, below, ln_mass, bias):
     return mass, b
 
 
-def _cells(nside, centre, radius):
+def _cells(nside: int, centre: FloatArray, radius: float) -> list[int]:
     """Return the HEALPix cells, rising, that reach into a disc of `radius` [rad]; a few may just not."""
     cells = disc(nside, centre, radius, inclusive=True)
     own = pixel_towards(nside, centre)
@@ -220,7 +244,15 @@ def _cells(nside, centre, radius):
     return cells[(np.array(far) < 2 * np.sin(0.5 * radius) + _SAGITTA / nside) | (cells == own)].tolist()
 
 
-def _within(v, centre, radius, border, reach, pix, columns):
+def _within(
+    v: FloatArray,
+    centre: FloatArray,
+    radius: float,
+    border: FloatArray,
+    reach: FloatArray,
+    pix: int,
+    columns: Mapping[str, AnyArray],
+) -> BoolArray:
     """Return a mask of unit vectors (n, 3) in the brick, or within `reach` (n,) [rad] of its border."""
     apart = np.linalg.norm(v - centre, axis=1)
     near = apart < 2 * np.sin(0.5 * np.minimum(radius + reach, np.pi))
@@ -233,7 +265,7 @@ def _within(v, centre, radius, border, reach, pix, columns):
 
 
 @njit(cache=True)
-def _distance(points, border):
+def _distance(points: FloatArray, border: FloatArray) -> FloatArray:
     """Return the distance (n,) of points (n, 3) from the closed polygon of chords between `border` (m, 3)."""
     out = np.empty(len(points))
     for i in range(len(points)):

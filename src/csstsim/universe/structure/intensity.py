@@ -14,13 +14,15 @@ from math import factorial
 import numpy as np
 from scipy.special import ndtr
 
+from csstsim.base.types import FloatArray, Floats
+
 _BEND = 1.5  # sigma: up to there haloes are lognormal, as matter nearly is
 _BETA = np.linspace(0.0, 8.0, 801)
 _ORDERS = 24  # of the series
 _X, _W = np.polynomial.hermite_e.hermegauss(120)
 
 
-def _table():
+def _table() -> tuple[FloatArray, FloatArray]:
     """Return b sigma and ln c at _BETA."""
     beta, bend = _BETA, np.maximum(_BEND, _BETA)
     below = np.exp(0.5 * beta**2) * ndtr(bend - beta)
@@ -32,7 +34,7 @@ def _table():
 _STRENGTH, _LN_C = _table()
 
 
-def intensity(delta, bias, variance):
+def intensity(delta: Floats, bias: Floats, variance: Floats) -> FloatArray:
     """Return f; delta, bias and variance broadcast. 1 where the variance is 0."""
     sigma = np.sqrt(np.asarray(variance, float))
     x = np.divide(delta, sigma, out=np.zeros(np.broadcast(delta, sigma).shape), where=sigma > 0)
@@ -42,14 +44,14 @@ def intensity(delta, bias, variance):
     return np.exp(np.interp(beta, _BETA, _LN_C) + beta * low) * (1 + beta * (x - low))
 
 
-def series(strength):
+def series(strength: Floats) -> FloatArray:
     """Return a_n (n, ...) for n = 0 to 23 at b sigma = `strength`."""
     strength = np.asarray(strength, float)
     f = intensity(_X, strength[..., None], 1.0) * _W / np.sqrt(2 * np.pi)
     return np.stack([f @ np.polynomial.hermite_e.hermeval(_X, np.eye(n + 1)[n]) for n in range(_ORDERS)])
 
 
-def excess(first, second, r):
+def excess(first: FloatArray, second: FloatArray, r: FloatArray) -> FloatArray:
     """Return xi_12 less its linear part (..., theta) of series `first`, `second` (n, ...) and r (..., theta)."""
     total = np.zeros(np.shape(r))
     for n in range(_ORDERS - 1, 1, -1):

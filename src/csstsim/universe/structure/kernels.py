@@ -6,11 +6,13 @@ Linear between nodes, the tables err by 4e-6 of the peak.
 import numpy as np
 from numba import njit
 
+from csstsim.base.types import FloatArray, IntArray
+
 _NODES = 2048  # of a table, from the kernel's centre to its end
 
 
 @njit(cache=True)
-def _table(u, far):
+def _table(u: float, far: float) -> tuple[FloatArray, float]:
     """Return u^2 exp(-u gap) at evenly spaced gaps from 0 to beyond `far`, and nodes per gap."""
     table = np.empty(_NODES + 2)
     for i in range(_NODES + 2):
@@ -19,7 +21,9 @@ def _table(u, far):
 
 
 @njit(cache=True)
-def add_density(values, n, points, boxes, deviates, u, reach):
+def add_density(
+    values: FloatArray, n: FloatArray, points: FloatArray, boxes: IntArray, deviates: FloatArray, u: float, reach: float
+) -> None:
     """Add kappa of psi = deviate exp(-u (1 - n . p)) of every point p to values (rows, columns, shells), float32.
 
     n: direction of each grid point (rows, columns, 3); points (m, 3), deviates (m, shells) float32; boxes:
@@ -49,7 +53,17 @@ def add_density(values, n, points, boxes, deviates, u, reach):
 
 
 @njit(cache=True)
-def add_lensing(values, n, t1, t2, points, boxes, deviates, u, reach):
+def add_lensing(
+    values: FloatArray,
+    n: FloatArray,
+    t1: FloatArray,
+    t2: FloatArray,
+    points: FloatArray,
+    boxes: IntArray,
+    deviates: FloatArray,
+    u: float,
+    reach: float,
+) -> None:
     """Add kappa, gamma1, gamma2 likewise to values (rows, columns, 3, shells); t1, t2: frames of the grid points."""
     far = 2 * np.sin(0.5 * reach) ** 2
     table, scale = _table(u, far)

@@ -8,10 +8,19 @@ equation 6 and table 2), with nu = 1.686 / sigma. A halo's mass is that inside t
 Left out: baryons, neutrinos, the dependence of clustering on anything but mass.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from csstsim.base.types import FloatArray, Floats
 from csstsim.base.units import CRITICAL_DENSITY_H2
+
+if TYPE_CHECKING:
+    from csstsim.universe.lensing.cosmology import Cosmology
+    from csstsim.universe.lensing.power_spectrum import MatterPower
 
 CONTRAST = 200.0  # of a halo's mean density to that of all matter
 COLLAPSE = 1.686  # linear overdensity at collapse
@@ -25,7 +34,7 @@ class HaloMassFunction:
     Masses [solar], 1e7 to 1e17; lengths comoving [Mpc]; no h. mass and z broadcast.
     """
 
-    def __init__(self, cosmology, power):
+    def __init__(self, cosmology: Cosmology, power: MatterPower) -> None:
         self.cosmology, self.power = cosmology, power
         self.density = cosmology.omega_m * CRITICAL_DENSITY_H2 * (cosmology.h0 / 100) ** 2  # solar / Mpc^3, comoving
         k = np.exp(_LN_K)
@@ -36,23 +45,23 @@ class HaloMassFunction:
         self._ln_sigma = CubicSpline(_LN_M, 0.5 * np.log(variance), extrapolate=False)
         self._slope = self._ln_sigma.derivative()
 
-    def lagrangian_radius(self, mass):
+    def lagrangian_radius(self, mass: Floats) -> FloatArray:
         """Return the radius of the sphere of mean density that holds `mass`."""
         return np.cbrt(np.asarray(mass, float) / (4 * np.pi / 3 * self.density))
 
-    def virial_radius(self, mass):
+    def virial_radius(self, mass: Floats) -> FloatArray:
         """Return the radius within which a halo has 200 times the mean density (comoving)."""
         return self.lagrangian_radius(mass) / np.cbrt(CONTRAST)
 
-    def sigma(self, mass, z):
+    def sigma(self, mass: Floats, z: Floats) -> FloatArray:
         """Return the linear rms overdensity in spheres of `mass`."""
         return np.exp(self._ln_sigma(np.log(mass))) * self.cosmology.growth(z)
 
-    def peak_height(self, mass, z):
+    def peak_height(self, mass: Floats, z: Floats) -> FloatArray:
         """Return nu = 1.686 / sigma."""
         return COLLAPSE / self.sigma(mass, z)
 
-    def dn_dlnm(self, mass, z):
+    def dn_dlnm(self, mass: Floats, z: Floats) -> FloatArray:
         """Return haloes per Mpc^3 and unit of ln mass."""
         mass, z = np.asarray(mass, float), np.asarray(z, float)
         sigma = self.sigma(mass, z)
@@ -61,7 +70,7 @@ class HaloMassFunction:
         f = 0.186 * (1 + z) ** -0.14 * ((sigma / b) ** -a + 1) * np.exp(-1.19 / sigma**2)
         return f * self.density / mass * -self._slope(np.log(mass))
 
-    def bias(self, mass, z):
+    def bias(self, mass: Floats, z: Floats) -> FloatArray:
         """Return the linear bias."""
         nu, y = self.peak_height(mass, z), np.log10(CONTRAST)
         step = np.exp(-((4 / y) ** 4))

@@ -8,11 +8,16 @@ haloes and galaxies follow (density), and the tidal field that aligns galaxies.
 Left out: deflection of positions, lens-lens coupling, rotation, baryons, structure in depth within a shell.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping
 from functools import lru_cache
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.optimize import nnls
 
+from csstsim.base.types import BoolArray, FloatArray, Floats, IntArray
 from csstsim.universe.lensing.cosmology import Cosmology
 from csstsim.universe.lensing.lens_spectra import Shells
 from csstsim.universe.lensing.potential_field import PotentialField
@@ -26,6 +31,9 @@ from csstsim.universe.structure.kernels import add_lensing
 from csstsim.universe.structure.mass_function import HaloMassFunction
 from csstsim.universe.structure.source_maps import add_shells, interpolate_depth
 
+if TYPE_CHECKING:
+    from csstsim.universe.lensing.tangent_grid import TangentGrid
+
 
 class MatterField(PotentialField):
     """The matter of one campaign seed.
@@ -37,7 +45,14 @@ class MatterField(PotentialField):
 
     reach, samples, precision = 5.0, 2.7, np.float32  # of the smooth maps: they err by 1e-3 of the narrowest kernel
 
-    def __init__(self, seed, cosmology_numbers, lensing_numbers, numbers, haloes=True):
+    def __init__(
+        self,
+        seed: int,
+        cosmology_numbers: Mapping[str, Any],
+        lensing_numbers: Mapping[str, Any],
+        numbers: Mapping[str, Any],
+        haloes: bool = True,
+    ) -> None:
         check_numbers(lensing_numbers, numbers)
         self.numbers, cosmology = numbers, Cosmology(cosmology_numbers)
         power = MatterPower(cosmology, cosmology_numbers)
@@ -50,7 +65,7 @@ class MatterField(PotentialField):
         self.mass_function = HaloMassFunction(cosmology, power)
         wanted = shells.spectra(self.ell)
         self.spectra = HaloSpectra(self, self.mass_function, numbers) if haloes else None
-        if haloes:
+        if self.spectra is not None:
             self.amplitude = self.spectra.fit(self.ell, wanted)
         else:
             self.amplitude = np.sqrt([nnls(self.powers(self.ell) / w[:, None], np.ones(len(w)))[0] for w in wanted])
@@ -60,12 +75,14 @@ class MatterField(PotentialField):
         self._galaxy_order = kernel_order(self, numbers["galaxy_scale"])
         tiers = tier_orders(self, self.mass_function, numbers)
         self.shell_density = ShellDensity(
-            self, np.maximum(self._galaxy_order, tiers.max(axis=0)), self.spectra.weights if haloes else 1.0
+            self,
+            np.maximum(self._galaxy_order, tiers.max(axis=0)),
+            1.0 if self.spectra is None else self.spectra.weights,
         )
         self._variance = self.shell_density.variance(self._galaxy_order)
         self.haloes = Haloes(seed, self.shell_density, self.mass_function, numbers) if haloes else None
 
-    def _refuse_misfit(self, lensing):
+    def _refuse_misfit(self, lensing: Mapping[str, Any]) -> None:
         """Raise ValueError if the matter cannot have halofit's spectrum: in thin shells haloes alone have more."""
         ell, z = np.geomspace(30, lensing["l_max"], 12), lensing["z_max"]
         off = np.abs(self.spectrum(ell, z) / self.shells.limber(ell, z) - 1).max()
@@ -75,7 +92,7 @@ class MatterField(PotentialField):
                 "it needs shells.thickness of 80 or more, and omega_m of 0.2 or more"
             )
 
-    def lens(self, pix, ra, dec, z):
+    def lens(self, pix: int, ra: Floats, dec: Floats, z: Floats) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return kappa, gamma1, gamma2 (float32, each (n,)) of sources in brick `pix`.
 
         ra, dec: deg, within 1 arcmin of the brick, else ValueError; z: redshift; beyond z_max it counts as z_max, and
@@ -88,29 +105,42 @@ class MatterField(PotentialField):
         total = np.stack([kappa, *grid.to_east_north(ra, dec, gamma1, gamma2)])
         if self.haloes is not None:
             total += halo_shear(self.lens_haloes(pix), ra, dec, chi)
-        return tuple(v.astype(np.float32) for v in total)
+        kappa, gamma1, gamma2 = (v.astype(np.float32) for v in total)
+        return kappa, gamma1, gamma2
 
-    def _make_source_maps(self, pix):
+    def _make_source_maps(self, pix: int) -> tuple[TangentGrid, FloatArray]:
         """Return a brick's grid and smooth maps (rows, columns, distances, 3) for sources at shells.sources."""
         grid, values = self._grid_of(pix)
         return grid, add_shells(values, self.shells.table[:, : self.lenses].T.astype(np.float32))
 
-    def _splat(self, *arguments):
-        add_lensing(*arguments)
+    def _splat(
+        self,
+        values: FloatArray,
+        n: FloatArray,
+        t1: FloatArray,
+        t2: FloatArray,
+        points: FloatArray,
+        boxes: IntArray,
+        deviates: FloatArray,
+        u: float,
+        reach: float,
+    ) -> None:
+        add_lensing(values, n, t1, t2, points, boxes, deviates, u, reach)
 
-    def _lens_haloes(self, pix):
+    def _lens_haloes(self, pix: int) -> FloatArray:
         """Return the haloes that lens sources in brick `pix` as halo_lensing.halo_lenses."""
+        assert self.haloes is not None  # `lens` asks for them
         numbers = self.numbers["haloes"]
         return halo_lenses(
             self.haloes.near(pix, self.disc_angle, np.log10(numbers["lens_mass"])), self.mass_function, numbers
         )
 
-    def disc_angle(self, z, log_mass):
+    def disc_angle(self, z: Floats, log_mass: FloatArray) -> FloatArray:
         """Return the angle [rad] beyond which a halo does not lens."""
         radius = disc_radius(self.mass_function, 10.0**log_mass, self.numbers["haloes"])
         return 2 * np.arcsin(np.minimum(0.5 * radius / self.shells.cosmology.comoving_distance(z), 1.0)) + _MARGIN
 
-    def density(self, ra, dec, z):
+    def density(self, ra: Floats, dec: Floats, z: Floats) -> tuple[FloatArray, FloatArray]:
         """Return delta and its variance (each (n,)): overdensity of each place's shell, smoothed.
 
         Galaxies of bias b that follow it have the intensity exp(b delta - b^2 variance / 2), of mean 1. Beyond the last
@@ -122,7 +152,7 @@ class MatterField(PotentialField):
         delta[valid] = self.shell_density.at(ra[valid], dec[valid], shell[valid], self._galaxy_order)
         return delta, variance
 
-    def tidal(self, pix, ra, dec, z):
+    def tidal(self, pix: int, ra: Floats, dec: Floats, z: Floats) -> tuple[FloatArray, FloatArray]:
         """Return the two components (each (n,)) of the projected tidal field of each place's shell in brick `pix`.
 
         In Fourier space delta (l_E^2 - l_N^2, 2 l_E l_N) / l^2: what shear is to convergence, axes east and north, with
@@ -136,13 +166,13 @@ class MatterField(PotentialField):
         weights[np.flatnonzero(valid), shell[valid]] = 1 / self.shells.kernel()[shell[valid]]
         return self._interpolated(pix, ra, dec, weights)[1:]
 
-    def _shell(self, z):
+    def _shell(self, z: FloatArray) -> tuple[IntArray, BoolArray]:
         """Return the shell of each redshift (n,), and whether there is one."""
         chi = self.shells.cosmology.comoving_distance(np.nan_to_num(z, nan=-1.0).clip(0.0, 1000.0))
         valid = (z > 0) & (chi < self.shells.edges[-1])
         return np.clip(np.searchsorted(self.shells.edges, chi, side="right") - 1, 0, self.shells.count - 1), valid
 
-    def spectrum(self, ell, z):
+    def spectrum(self, ell: FloatArray | IntArray, z: float) -> FloatArray:
         """Return the C_l of kappa, smooth part and haloes, from which maps are drawn, for sources at redshift z."""
         weights = self.shells.weights(np.array([z]))[0] ** 2
         if self.spectra is None:
@@ -156,7 +186,7 @@ _MARGIN = 1e-6  # rad, of rounding
 _MISFIT = 0.05  # of the spectrum of matter
 
 
-def check_numbers(lensing, numbers):
+def check_numbers(lensing: Mapping[str, Any], numbers: Mapping[str, Any]) -> None:
     """Raise ValueError for numbers of lensing.yaml and structure.yaml that make no matter."""
     haloes, shells = numbers["haloes"], numbers["shells"]
     tiers = haloes["tiers"]

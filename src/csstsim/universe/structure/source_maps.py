@@ -7,11 +7,12 @@ what the sum over all shells would.
 import numpy as np
 from numba import njit
 
+from csstsim.base.types import FloatArray
 from csstsim.universe.lensing.tangent_grid import TAPS, lagrange
 
 
 @njit(cache=True)
-def add_shells(values, weights):
+def add_shells(values: FloatArray, weights: FloatArray) -> FloatArray:
     """Return maps (rows, columns, distances, 3): maps (rows, columns, 3, shells) times weights (shells, distances)."""
     rows, columns, _, shells = values.shape
     count = weights.shape[1]
@@ -36,7 +37,7 @@ def add_shells(values, weights):
 
 
 @njit(cache=True)
-def interpolate_depth(maps, places, depth):
+def interpolate_depth(maps: FloatArray, places: FloatArray, depth: FloatArray) -> FloatArray:
     """Return (n, 3): maps of add_shells at grid coordinates (n, 2) x, y, and depth (n,) in steps of distance.
 
     Linear in depth, Lagrange polynomials through 8 points along each axis. A depth beyond the last distance is there.
