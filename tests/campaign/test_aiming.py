@@ -3,6 +3,8 @@
 import csv
 import itertools
 import math
+from datetime import datetime
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,9 +12,9 @@ from click.testing import CliRunner
 from mini_campaign import write_campaign
 
 from csstsim.base.errors import InputError
-from csstsim.campaign.aiming import aimed, chips_for, table_of
+from csstsim.campaign.aiming import CHIP, after, aimed, chips_for, next_obsid, table_of
 from csstsim.campaign.opened import OpenCampaign
-from csstsim.campaign.survey_table import load_survey_table
+from csstsim.campaign.survey_table import exposures_of, load_survey_table
 from csstsim.catalog.astrometry.ephemeris import observer
 from csstsim.catalog.astrometry.reduction import apparent
 from csstsim.command_line.main import main
@@ -123,3 +125,74 @@ def test_check_does_not_call_a_scene_good_that_no_chip_sees(tmp_path, place):
     catalog = {"kind": "csstsim.catalog.own_table:TableCatalog", "options": {"file": "objects.csv"}}
     result = CliRunner().invoke(main, ["check", str(write_campaign(tmp_path, catalog=catalog))])
     assert result.exit_code == 2 and "no object of the catalogue reaches any chip" in result.output
+
+
+def test_the_next_obsid_has_as_many_digits():
+    assert [next_obsid(obsid) for obsid in ("000000099", "10100000001", "099999999")] == [
+        "000000100", "10100000002", "100000000",
+    ]  # fmt: skip
+
+
+def test_exposures_follow_each_other_with_a_gap(camera):
+    """Two chips and two shifts at two times: four rows each, the next a minute after the end."""
+    chips, times = [camera.chips[9], camera.chips[7]], ("2027-11-20T01:20:00", "2027-12-20T01:20:00")
+    shifts = ((0.0, 0.0), (30.0, -7.4))
+    found = aimed(camera, 60.0, -40.0, chips, pa=20.0, times=times, shifts=shifts, exptime=90.0, obsid="000000098")
+    assert list(found) == [f"{number:09d}" for number in range(98, 106)]
+    starts = [datetime.fromisoformat(pointing.time) for pointing in found.values()]
+    assert [(b - a).total_seconds() for a, b in itertools.pairwise(starts[:4])] == [150.0] * 3
+    assert starts[4] == datetime.fromisoformat(times[1]) and {p.exptime for p in found.values()} == {90.0}
+    for k, pointing in enumerate(list(found.values())[:4]):
+        chip, (dx, dy) = chips[k // 2], shifts[k % 2]
+        craft = observer(pointing.mjd, pointing.sat_position, pointing.sat_velocity)
+        x, y = ChipWCS(chip, pointing).world_to_pixel(*apparent(60.0, -40.0, craft))
+        middle = (chip.detector.nx - 1) / 2, (chip.detector.ny - 1) / 2
+        off = float(x) - middle[0], float(y) - middle[1]
+        assert off == pytest.approx((dx / 0.074, dy / 0.074), abs=40.0)  # but for the field distortion
+    assert after(found["000000098"]) == "2027-11-20T01:22:30"
+
+
+def test_a_table_of_aimed_exposures_is_read_back(camera):
+    found = aimed(camera, 359.9999, 89.0, [camera.chips[9]], pa=-20.5, exptime=33.25)
+    text = table_of(found, ["of mine", "twice"])
+    assert text.splitlines()[:3] == ["# of mine", "# twice", "obsid,type,ra,dec,pa,time,exptime"] and text[-1] == "\n"
+    [(obsid, read)] = exposures_of(text, camera.orbit).items()
+    [made] = found.values()
+    assert (obsid, read.type, read.exptime, read.time) == ("10100000001", "SCIE", 33.25, made.time)
+    assert (read.ra, read.dec, read.pa) == pytest.approx((made.ra, made.dec, made.pa), abs=5.1e-5)
+    [row] = table_of({"1" * 9: SimpleNamespace(**(vars(made) | {"ra": 359.9999999}))}).splitlines()[1:]
+    assert row.split(",")[2] == "0.000000"
+
+
+def test_chips_are_those_numbered_and_the_innermost_of_each_filter(camera):
+    assert [chip.id for chip in chips_for(camera)] == [9]
+    assert [chip.id for chip in chips_for(camera, (29, 8))] == [29, 8]
+    near = {
+        name: min((math.hypot(c.xc, c.yc), c.id) for c in camera.chips.values() if c.filter == name)[1]
+        for name in ("y", "GI")
+    }
+    assert [chip.id for chip in chips_for(camera, (), ("y", "GI"))] == [near["y"], near["GI"]]
+    assert [chip.id for chip in chips_for(camera, (8,), ("GI",))] == [8, near["GI"]]
+    for given, words in ((((99,),), "no such chip"), (((), ("H",)), "no such filter")):
+        with pytest.raises(InputError, match=words):
+            chips_for(camera, *given)
+
+
+@pytest.mark.parametrize(("options", "words"), [
+    ({"obsid": "12345678"}, "not an observation id"), ({"shifts": ((0.0, 3600.5),)}, "too far"),
+    ({"shifts": ((math.nan, 0.0),)}, "too far"), ({"shifts": ((-3601.0, 0.0),)}, "too far"),
+    ({"times": ("2027-11-20T01:20:00", "2027-11-20T01:22:29")}, "exposures overlap"),
+])  # fmt: skip
+def test_exposures_that_cannot_be_are_refused(camera, options, words):
+    with pytest.raises(InputError, match=words):
+        aimed(camera, 60.0, -40.0, [camera.chips[9]], **options)
+
+
+def test_an_exposure_may_begin_when_another_ends(camera):
+    times = "2027-11-20T01:22:30", "2027-11-20T01:20:00"
+    assert len(aimed(camera, 60.0, -40.0, [camera.chips[9]], times=times)) == 2
+
+
+def test_the_default_time_and_chip_are_those_of_the_help(camera):
+    [pointing] = aimed(camera, 60.0, -40.0, chips_for(camera)).values()
+    assert (pointing.time, pointing.exptime, pointing.pa % 360, CHIP) == ("2027-11-20T01:20:00", 150.0, 0.0, 9)

@@ -1,15 +1,20 @@
 """Expected costs of jobs: the list of jobs, how their costs grow, an unusable file."""
 
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 from mini_campaign import POINTINGS, THIN, write_campaign, write_scene
 
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
+from csstsim.campaign import costs as rules
 from csstsim.campaign.costs import (
     FILE,
     INSTEAD,
     STAGES,
     Cost,
+    Numbers,
     _exposures,
     each_once,
     expected,
@@ -18,6 +23,8 @@ from csstsim.campaign.costs import (
 )
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.plan import SNAKEMAKE, _chain, wall
+from csstsim.universe.galaxies.galaxies import cumulative_counts
+from csstsim.universe.stars.stars import expected_counts
 
 WHOLE = 9216 * 9232 / 1e6  # megapixels of a chip
 
@@ -140,3 +147,148 @@ def test_many_cores_do_not_shorten_the_longest_chain(tmp_path):
     assert wall(costs, 1) == pytest.approx(SNAKEMAKE + cpu) and wall(costs, 10**9) == pytest.approx(SNAKEMAKE + chain)
     one_each = [max(cost.cpu_s for cost in costs[rule].values()) for rule in ("select", "render", "readout", "level0")]
     assert sum(one_each) < chain < cpu
+
+
+def test_a_cost_is_a_sum_of_terms_and_what_is_not_there_is_0():
+    numbers = Numbers(cpu_s={"job": 2.0, "mpix": 0.5, "image": 9.0}, memory_mb={"job": 300.0, "kobject": 10.0})
+    assert numbers.cost({"job": 1, "mpix": 8.0, "kobject": 3.0, "brick": 5}) == Cost(6.0, 330.0)
+
+
+def job(obsid, number, kind="SCIE", chip="imaging", size=(2000, 500)):
+    window = SimpleNamespace(nx=size[0], ny=size[1])
+    return SimpleNamespace(
+        obsid=obsid, key=(obsid, number), chip=SimpleNamespace(id=number, kind=chip), window=window,
+        pointing=SimpleNamespace(type=kind),
+    )  # fmt: skip
+
+
+SKY, SPECTRUM, HALF = job("1", 9), job("1", 21, chip="slitless"), job("2", 9, size=(1000, 500))
+DARK, FLAT = job("3", 9, "DARK"), job("4", 9, "FLAT", size=(100, 100))
+
+
+def made_up(**changes):
+    """Return what costs reads of an OpenCampaign of two imaging frames, a slitless one, a dark and a flat."""
+    config = SimpleNamespace(
+        psf=SimpleNamespace(grid=3), fidelity="preview", measurement=SimpleNamespace(keep_calibrated=False)
+    )
+    stages = {"SCIE": ("render", "readout", "level0"), "DARK": ("readout", "level0"), "FLAT": STAGES[1:]}
+    given = {
+        "jobs": [SKY, SPECTRUM, HALF, DARK, FLAT], "imaging_jobs": (SKY, HALF), "slitless_jobs": (SPECTRUM,),
+        "has_orders": lambda job: job is SPECTRUM, "has_stage": lambda p, stage: stage in stages[p.type],
+        "sky_bricks": [7, 30], "sky_chips": [9, 21], "merge_bricks": {7: [SKY, HALF], 30: [SKY]},
+        "calibration_jobs": {9: [DARK] * 4}, "config": config,
+    }  # fmt: skip
+    return SimpleNamespace(**(given | changes))
+
+
+def test_the_quantities_of_each_chip_are_its_own():
+    """SKY has a megapixel, HALF half of one; spectra are named apart, calibrations have neither select nor objects."""
+    run, objects = made_up(), {("1", 9): 4000.0, ("1", 21): 500.0}
+    found = list(rules._of_chips(run, objects))
+    by_job = {}
+    for rule, key, quantities in found:
+        by_job.setdefault(key, {})[rule] = quantities
+    sky = {"job": 1, "mpix": 1.0, "kobject": 4.0, "preview": 4.0}
+    measured = {"measure": {"job": 1, "mpix": 1.0}}
+    assert by_job["1", 9] == dict.fromkeys(("select", "render", "readout", "level0", "chip"), sky) | measured
+    spectra = {"job": 1, "mpix": 1.0, "kobject": 0.5, "preview": 0.5}
+    names = "select_spectra", "render_spectra", "readout", "level0_spectra", "chip_spectra", "extract"
+    assert by_job["1", 21] == dict.fromkeys(names, spectra)
+    none = {"job": 1, "mpix": 0.5, "kobject": 0.0, "preview": 0.0}
+    assert by_job["2", 9] == dict.fromkeys(("select", "render", "readout", "level0", "chip"), none) | {
+        "measure": {"job": 1, "mpix": 0.5}
+    }
+    assert by_job["3", 9].keys() == {"readout", "level0", "chip"}
+    assert by_job["4", 9].keys() == {"render", "readout", "level0", "chip"} and by_job["4", 9]["chip"]["mpix"] == 0.01
+    assert len(found) == sum(map(len, by_job.values()))
+    run.config.measurement.keep_calibrated = True
+    kept = {key: q for rule, key, q in rules._of_chips(run, objects) if rule == "calibrate"}
+    assert kept == {("1", 9): {"job": 1, "mpix": 1.0}, ("2", 9): {"job": 1, "mpix": 0.5}}
+
+
+def test_the_quantities_of_bricks_share_out_frames_but_read_them_whole():
+    found = {(rule, pix): quantities for rule, pix, quantities in rules._of_bricks(made_up())}
+    seven = {"job": 1, "frame": 2, "read_mpix": 1.5, "mpix": 1.0}  # half of SKY, all of HALF
+    thirty = {"job": 1, "frame": 1, "read_mpix": 1.0, "mpix": 0.5}
+    assert found == {
+        ("merge", 7): seven, ("validate", 7): seven, ("merge", 30): thirty, ("validate", 30): thirty,
+    }  # fmt: skip
+
+
+def test_the_quantities_of_what_is_made_once(monkeypatch):
+    monkeypatch.setattr(rules, "expected_objects", lambda run, jobs: {jobs[2].key: 1e3 * len(jobs)})
+    some = "truth", "psf", "masters", "report", "chip_spectra"
+    found = [one for one in rules._quantities(made_up()) if one[0] in some]
+    assert [(rule, key) for rule, key, _ in found] == [
+        ("truth", 7), ("truth", 30), ("psf", 9), ("psf", 21), ("chip_spectra", ("1", 21)), ("masters", 9),
+        ("report", None),
+    ]  # fmt: skip
+    _, _, _, set_of_21, spectra, masters, report = (quantities for *_, quantities in found)
+    assert set_of_21 == {"job": 1, "image": 36}  # 3 x 3 nodes at 4 wavelengths
+    assert spectra["kobject"] == 3.0  # the slitless job is the third
+    assert masters == {"job": 1, "mpix": 1.0, "read_mpix": 4.0}
+    assert report == {"job": 1, "read_mpix": pytest.approx(3.51), "brick": 2}  # all five frames are shown
+
+
+def test_the_report_shows_thirty_frames_or_a_whole_exposure(monkeypatch):
+    monkeypatch.setattr(rules, "expected_objects", lambda run, jobs: {})
+    for exposures, shown in ((60, 30), (1, 60), (2, 30), (3, 30)):
+        jobs = [job(str(k % exposures), k) for k in range(60)]
+        run = made_up(jobs=jobs, imaging_jobs=tuple(jobs), slitless_jobs=(), merge_bricks={}, calibration_jobs={})
+        *_, (rule, _, quantities) = rules._quantities(run)
+        assert rule == "report" and quantities["read_mpix"] == pytest.approx(shown)
+    none = made_up(jobs=[DARK], imaging_jobs=(), slitless_jobs=())
+    assert "report" not in {rule for rule, *_ in rules._quantities(none)}
+
+
+def test_objects_expected_are_those_of_each_place_down_to_the_limit(tmp_path):
+    """Galaxies of the shipped counts, thinned, and stars of each exposure's own place: more of them at low latitude."""
+    rows = POINTINGS[0], POINTINGS[1].replace("60.1505,-40.0003", "266.0,-20.0")
+    run = OpenCampaign(write_campaign(tmp_path, rows))
+    found = expected_objects(run, run.jobs)
+    area, stars = (128 * 0.074 / 3600) ** 2, run.universe.numbers["stars"]
+    for one in run.jobs:
+        wanted = expected_counts(one.pointing.ra, one.pointing.dec, stars, stars["limits"][1])
+        assert found[one.key] == pytest.approx(area * (THIN * 3600 + float(wanted)), rel=1e-3)
+    assert found["10100000002", 9] > 10 * found["10100000001", 9]
+    bright = OpenCampaign(write_campaign(tmp_path, rows, catalog={"mag_limit": 21.5}))
+    mag, counts = cumulative_counts(run.universe.numbers["galaxies"])
+    for one in bright.jobs:
+        wanted = expected_counts(one.pointing.ra, one.pointing.dec, stars, 21.5)
+        galaxies = float(np.interp(21.5, mag, counts))
+        found = expected_objects(bright, bright.jobs)[one.key]
+        assert found == pytest.approx(area * (galaxies + float(wanted)), rel=1e-6)
+    assert expected_objects(bright, ()) == {}
+
+
+def test_a_product_is_shared_if_another_campaign_made_it_or_has_it(tmp_path):
+    """One's own file and the shared one are two links; a third is another campaign's."""
+    own, common = tmp_path / "own", tmp_path / "common"
+    run = SimpleNamespace(in_share=lambda path: common)
+    assert not rules._is_shared(run, own) and not rules._is_shared(SimpleNamespace(in_share=lambda path: None), own)
+    common.touch()
+    assert rules._is_shared(run, own)
+    own.hardlink_to(common)
+    assert not rules._is_shared(run, own)
+    (tmp_path / "other").hardlink_to(common)
+    assert rules._is_shared(run, own)
+
+
+def test_what_is_shared_costs_a_link_and_what_the_base_makes_nothing(tmp_path, monkeypatch):
+    numbers = load_costs()
+    monkeypatch.setattr(rules, "expected_objects", lambda run, jobs: {})
+    of_base = ("chip", ("1", 21)), ("merge", 30)
+    monkeypatch.setattr(rules, "made_by_base", lambda run, rule, key: (rule, key) in of_base)
+    shared = tmp_path / "psf21"
+    shared.touch()
+    paths = SimpleNamespace(truth=lambda pix: tmp_path / f"truth{pix}", psf=lambda chip: tmp_path / f"psf{chip}")
+    run = made_up(paths=paths, in_share=lambda path: path.with_name(path.name) if path == shared else None)
+    monkeypatch.setattr(rules, "_is_shared", lambda run, path: path == shared)
+    found = expected(run)
+    assert found["psf"] == {9: numbers["psf"].cost({"job": 1, "image": 36}), 21: numbers["shared"].cost({"job": 1})}
+    assert found["truth"] == dict.fromkeys((7, 30), numbers["truth"].cost({"job": 1}))
+    assert found["merge"].keys() == {7} and found["validate"].keys() == {7, 30}
+    assert ("1", 21) not in found["chip"] and ("1", 21) in found["level0"]
+    assert found["exposure"]["1"] == found["chip"]["1", 9]  # its other chip is the base's
+    assert found["extract_exposure"] == {"1": found["extract"]["1", 21]}
+    assert found["measure_exposure"].keys() == {"1", "2"} and "calibrate" not in found

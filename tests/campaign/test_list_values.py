@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from csstsim.base.errors import InputError
 from csstsim.campaign.pointing_lists.directions import places, position_angles
 from csstsim.campaign.pointing_lists.mapping import Mapping
 from csstsim.campaign.pointing_lists.messages import kinds_of, say_not_used, say_overlaps, say_refused
@@ -112,38 +111,3 @@ def test_exposures_that_begin_during_a_longer_one_are_told():
     assert said == [
         "1 exposure begins while the telescope points elsewhere: 100000003 (line 3) during 100000001 (line 1)"
     ]
-
-
-def one(**cells):
-    values = {"obsid": "101000001", "type": "SCIE", "ra": "1", "dec": "2", "pa": "3", "time": "2027-11-20T01:08:00",
-              "exptime": "150"} | cells  # fmt: skip
-    [found] = exposures_of("\n".join([",".join(values), ",".join(values.values())])).values()
-    return found
-
-
-STATE = {"sat_x": "0", "sat_y": "0", "sat_z": "7000", "sat_vx": "0", "sat_vy": "12", "sat_vz": "0"}
-
-
-@pytest.mark.parametrize(("good", "bad"), [
-    ({"ra": "0"}, {"ra": "-0.000001"}), ({"ra": "359.999999"}, {"ra": "360"}), ({"dec": "-90"}, {"dec": "-90.0001"}),
-    ({"pa": "-360"}, {"pa": "-360.01"}), ({"pa": "360"}, {"pa": "360.01"}),
-    ({"exptime": "0.001"}, {"exptime": "0.00099"}),
-    ({"exptime": "100000"}, {"exptime": "100001"}),
-    ({"exptime": "0", "type": "BIAS"}, {"exptime": "0", "type": "DARK"}),
-    ({"time": "1950-01-01T00:00:00"}, {"time": "1949-12-31T23:59:59"}), ({"obsid": "1" * 14}, {"obsid": "1" * 15}),
-    ({"time": "2099-12-31T23:59:59"}, {"time": "2100-01-01T00:00:00"}), (STATE, STATE | {"sat_vx": "0.1"}),
-    (STATE | {"sat_z": "50000"}, STATE | {"sat_z": "49999", "sat_x": "400"}),
-    (STATE | {"sat_z": "-6378.2"}, STATE | {"sat_z": "-6378.1"}), (STATE, STATE | {"sat_vz": ""}),
-    ({"survey": "DEEP"}, {"survey": "deep"}), ({"survey": ""}, {"survey": "DEEP", "type": "FLAT"}),
-])  # fmt: skip
-def test_the_borders_of_cells(good, bad):
-    one(**good)
-    with pytest.raises(InputError):
-        one(**bad)
-
-
-def test_a_row_is_read_into_its_fields():
-    found = one(**STATE, survey="DEEP", ra="11.5", dec="-22.25", pa="-33", exptime="44")
-    assert (found.type, found.ra, found.dec, found.pa, found.exptime) == ("SCIE", 11.5, -22.25, -33.0, 44.0)
-    assert (found.sat_position, found.sat_velocity) == ((0.0, 0.0, 7000.0), (0.0, 12.0, 0.0))
-    assert found.survey == "DEEP" and one().survey == one(survey="").survey == "WIDE"

@@ -5,7 +5,7 @@ import csv
 import astropy.units as u
 import numpy as np
 import pytest
-from astropy.coordinates import GCRS, CartesianRepresentation, SkyCoord
+from astropy.coordinates import GCRS, CartesianRepresentation, SkyCoord, get_body
 from astropy.io import fits
 from astropy.table import Table
 from astropy.time import Time
@@ -14,7 +14,10 @@ from pointing_lists import ABOVE, BROKEN, DAY, FORMATS, GOOD, HEAD, STATE, expos
 
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
+from csstsim.campaign.pointing_lists.convert import convert
+from csstsim.campaign.pointing_lists.mapping import Mapping
 from csstsim.campaign.pointing_lists.quantities import parse_key, unit_of
+from csstsim.campaign.pointing_lists.read_list import PointingList
 from csstsim.campaign.survey_table import load_survey_table
 from csstsim.command_line.main import main
 from csstsim.instrument.camera import load_telescope
@@ -404,3 +407,76 @@ def test_masked_and_whole_numbers_of_fits(tmp_path):
     code, _ = run(tmp_path / "list.fits", tmp_path / "table.csv", "--map", "time=MJD")
     assert code == 1 and len(load_survey_table(tmp_path / "table.csv")) == 1
     assert "row 2,column exptime: no value" in (tmp_path / "table.rejected.csv").read_text()
+
+
+ORBIT = load_telescope(SHIPPED / "instrument" / "telescope.yaml")[1]
+PLAIN = {"ra": "60", "dec": "-40", "pa": "10", "time": "2027-11-20T03:00:00", "exptime": "150"}
+
+
+def converted(rows, **conventions):
+    """Return the Converted of rows {key: text}, over PLAIN, of one list whose columns are called as their keys."""
+    rows = [PLAIN | row for row in rows]
+    names = list(rows[0])
+    cells = [(f"line {k + 2}", [row[name] for name in names]) for k, row in enumerate(rows)]
+    mapping = Mapping(columns={name: name for name in names}, **conventions)
+    return convert(PointingList("list.csv", names, cells), mapping, ORBIT)
+
+
+def test_cells_have_their_digits_and_stated_numbers_count_from_the_first_obsid():
+    found = converted(
+        [{"number": "0", "ra": "359.9999999999", "pa": "-10.25"}, {"number": "37", "exptime": "33.25"}],
+        first_obsid="000000123",
+    )  # fmt: skip
+    assert not found.reasons and list(found.rows) == [0, 1]
+    assert found.rows[0] == {
+        "obsid": "000000123", "type": "SCIE", "ra": "0.000000000", "dec": "-40.000000000", "pa": "349.7500000",
+        "time": "2027-11-20T03:00:00", "exptime": "150",
+    }  # fmt: skip
+    assert (found.rows[1]["obsid"], found.rows[1]["exptime"]) == ("000000160", "33.25")
+    assert [row["obsid"] for row in converted([{}, {}]).rows.values()] == ["10100000001", "10100000002"]
+    typed = converted([{"type": "dark", "deep": "no"}, {"type": "Scie", "deep": "yes"}]).rows
+    assert [(row["type"], row["survey"]) for row in typed.values()] == [("DARK", "WIDE"), ("SCIE", "DEEP")]
+
+
+@pytest.mark.parametrize(("tolerance", "refused"), [(2.0, [2]), (0.5, [1, 2]), (4.0, [])])
+def test_a_second_direction_may_be_off_by_the_tolerance(tolerance, refused):
+    """Galactic places of the row's own, of one a degree and of one three degrees to the north."""
+    places = [SkyCoord(60.0, dec, unit="deg").galactic for dec in (-40.0, -39.0, -37.0)]
+    rows = [{"gal_lon": f"{place.l.deg:.9f}", "gal_lat": f"{place.b.deg:.9f}"} for place in places]
+    found = converted(rows, tolerance=tolerance)
+    assert list(found.reasons) == refused and list(found.rows) == [k for k in range(3) if k not in refused]
+    for row in refused:
+        apart = {1: 1, 2: 3}[row]
+        assert found.reasons[row] == (f"two directions, {apart} deg from each other; allowed: up to {tolerance:g} deg")
+    assert all(row["dec"] == "-40.000000000" for row in found.rows.values())  # the first frame counts
+
+
+def test_the_earth_in_the_way_of_the_model_orbit_is_noted_of_science_exposures_alone():
+    """Towards the zenith of the model orbit, towards the nadir, and a dark there."""
+    x, y, z = ORBIT.state(PLAIN["time"])[0]
+    ra, dec = np.degrees([np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))])
+    up, down = {"ra": f"{ra % 360}", "dec": f"{dec}"}, {"ra": f"{(ra + 180) % 360}", "dec": f"{-dec}"}
+    found = converted([up | {"type": "SCIE"}, down | {"type": "SCIE"}, down | {"type": "DARK"}])
+    assert found.blocked == ["10100000002"] and len(found.rows) == 3 and not found.reasons
+
+
+@pytest.mark.parametrize("body", ["sun", "moon"])
+def test_the_angle_of_a_body_is_that_of_its_place_seen_from_the_spacecraft(body):
+    """astropy's place of it, 10 deg off or 0.5; both ways of stating it are compared, within a degree."""
+    rows = []
+    names, state = STATE[1:].replace("_km", "").split(","), ABOVE.split(",")[5:]
+    craft = dict(zip(names, state, strict=True))
+    seen = get_body(body, Time(PLAIN["time"])).cartesian.xyz.to_value(u.km)
+    away = seen - np.array([2596.6, 4497.4, 4357.5])
+    boresight = SkyCoord(60, 40, unit="deg", frame=GCRS())
+    there = SkyCoord(CartesianRepresentation(away * u.km), frame=GCRS()).separation(boresight).deg
+    for off in (0.0, 0.5, -0.5, 1.5, -1.5):
+        rows.append({"dec": "40", f"{body}_angle": f"{there + off:.6f}"} | craft)
+    assert list(converted(rows).reasons) == [3, 4]
+    rows = []
+    for shift in (0.0, 0.9, 3.0):  # in units of a degree of the distance, along the boresight
+        moved = seen + np.radians(shift) * np.linalg.norm(away) * boresight.cartesian.xyz.value
+        place = {f"{body}_{axis}": f"{value:.3f}" for axis, value in zip("xyz", moved, strict=True)}
+        rows.append({"dec": "40"} | place | craft)
+    refused = converted(rows, tolerance=1.0).reasons
+    assert list(refused) == [2] and f"from the {body.capitalize()}" in refused[2]

@@ -1,5 +1,6 @@
 """`csstsim init`: the folder works unchanged, with the shipped sky and with a user's own objects."""
 
+import math
 import os
 import re
 import runpy
@@ -14,9 +15,10 @@ import pytest
 from astropy.io import fits
 from click.testing import CliRunner
 
+from csstsim.base.errors import InputError
 from csstsim.base.shipped import ROOT
 from csstsim.campaign.opened import OpenCampaign
-from csstsim.campaign.starter import EXAMPLES, FILES
+from csstsim.campaign.starter import EXAMPLES, FILES, _circle
 from csstsim.command_line.main import main
 
 OBJECTS = "ra,dec,mag_r,type,size\n359.999,2.2,20,star,\n0.001,2.201,21,galaxy,0.5\n"
@@ -201,3 +203,18 @@ def test_the_camera_of_an_installed_csstsim_is_made_again_by_its_script(tmp_path
         assert done.returncode == 0, done.stderr
     made = tmp_path / "camera" / "instrument" / "filters.yaml"
     assert made.read_text() == (ROOT / "examples/my_camera/instrument/filters.yaml").read_text()
+
+
+def test_the_circle_about_objects_reaches_the_outermost():
+    """At the meridian 0 and dec 60: 0.04 deg of ra are 0.02 deg."""
+    table = {"ra": np.array([359.98, 0.02, 0.0]), "dec": np.array([60.0, 60.0, 60.0])}
+    ra, dec, radius = _circle("a.csv", table)
+    assert (min(ra, 360 - ra), dec) == pytest.approx((0, 60.0), abs=1e-5)
+    assert radius == pytest.approx(60 * 0.02 * math.cos(math.radians(60)) + 0.2, abs=1e-3)
+    for distance, good in ((4.79, True), (4.81, False)):
+        wide = {"ra": np.array([10.0, 10.0]), "dec": np.array([0.0, 2 * distance / 60])}
+        if good:
+            assert _circle("a.csv", wide)[1:] == pytest.approx((distance / 60, distance + 0.2), abs=1e-5)
+            continue
+        with pytest.raises(InputError, match=r"got '4\.8 arcmin from their middle'\); allowed: 4\.8 arcmin"):
+            _circle("a.csv", wide)

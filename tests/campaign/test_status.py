@@ -14,6 +14,7 @@ from csstsim.campaign.costs import each_once, expected
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.plan import duration
 from csstsim.campaign.products import kinds as table
+from csstsim.campaign.running import status
 from csstsim.campaign.running.status import FAILURES, Kind, Status, failures, lines, look, pace, wanted
 from csstsim.delivery.contents import YES, of_campaign
 from csstsim.delivery.products import products
@@ -220,3 +221,24 @@ def test_watch_is_a_second_at_least(run, seconds):
 )
 def test_a_span_of_time_in_words(seconds, words):
     assert duration(seconds) == words
+
+
+def test_a_status_in_words():
+    """Of 4 frames at 10 CPU s 3 are made, of 2 tables at 100 s one: 110 s to go, at 2 CPU s a second."""
+    frames = status.Kind("frames", dict.fromkeys("abcd", 10.0), {"a": 0.0, "b": 1.0, "c": 2.0})
+    tables = status.Kind("tables", dict.fromkeys("ef", 100.0), {"e": 9.0})
+    pace = status.Pace(60.0, 120.0, {"frames": 2, "tables": 1}, 1_000_000.0)
+    found = status.Status([frames, tables], pace, 2_345_000_000, [("log", "no disk")], {("7", 9): "its amplifier"})
+    assert not found.done and found.missing_cpu == 110.0 and found.left == 55.0
+    assert status.lines(found, "out", 1_000_900.0) == [
+        "frames: 3 of 4, 120 an hour", "tables: 1 of 2, 60 an hour", "out: 2.35 GB",
+        "1.8 min of CPU time to go, estimated; at the pace of the last 1.0 min of work 55 s left",
+        "declared missing: 7 chip 9: its amplifier", "failed: log: no disk",
+    ]  # fmt: skip
+    assert "nothing was made for 15.0 min: since 1970-01-12 13:46 UTC" in status.lines(found, "out", 1_000_901.0)
+    slow = status.Status([frames, tables], None, 0, [])
+    assert slow.left is None and status.summary(slow, "out", 0.0)[1].startswith(
+        "1.8 min of CPU time to go, estimated; "
+    )
+    done = status.Status([status.Kind("frames", {"a": 1.0}, {"a": 5.0})], pace, 0, [("log", "no disk")])
+    assert done.done and status.lines(done, "out", 0.0) == ["frames: 1 of 1", "out: 0 GB", "all is made"]

@@ -16,6 +16,7 @@ from rich.console import Console
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
 from csstsim.base.units import EARTH_RADIUS_KM
+from csstsim.campaign import sky_ranges
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.sky_ranges import ANGLES, faint, much_earthshine, skies, sky_lines, sky_table, totals
 from csstsim.campaign.survey_table import load_survey_table
@@ -227,3 +228,20 @@ def test_an_exposure_of_the_earth_is_named(tmp_path):
 
 def test_much_earthshine():
     assert much_earthshine({"earth": np.array([0.0, 0.09, 0.11, 3.0]), "zodiacal": np.ones(4)}) == 0.5
+
+
+def test_sums_and_shares_of_the_sky():
+    def sky(**parts):
+        return dict.fromkeys(sky_ranges.COMPONENTS, 0.0) | parts
+
+    levels = {
+        "g": {"1": sky(zodiacal=0.5, earth=0.05), "2": sky(zodiacal=0.2, earth=0.021), "3": sky(zodiacal=0.3)},
+        "r": {"1": sky(zodiacal=0.1, moon=2e-6), "2": sky(zodiacal=0.2), "3": sky(zodiacal=0.4)},
+    }
+    assert sky_ranges.totals(levels["g"]) == pytest.approx({"1": 0.55, "2": 0.221, "3": 0.3})
+    assert set(sky_ranges.faint(levels)) == set(sky_ranges.COMPONENTS) - {"zodiacal", "earth", "moon"}
+    assert sky_ranges._extremes(levels) == [
+        "Least sky: obsid 2; most: obsid 1 (g).", "Least sky: obsid 1; most: obsid 3 (r).",
+    ]  # fmt: skip
+    shares = sky_ranges._arrays(levels["g"])
+    assert sky_ranges.much_earthshine(shares) == pytest.approx(1 / 3)  # exactly a tenth is not more

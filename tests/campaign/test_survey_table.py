@@ -9,7 +9,7 @@ import pytest
 from mini import INSTRUMENT
 
 from csstsim.base.errors import InputError
-from csstsim.campaign.survey_table import load_survey_table
+from csstsim.campaign.survey_table import exposures_of, load_survey_table
 from csstsim.optics.geometry.wcs import ChipWCS
 
 TABLES = INSTRUMENT.parents[1] / "survey_tables"
@@ -229,3 +229,38 @@ def test_one_target_is_brought_to_each_imaging_band_twice(camera, name, target):
     assert set(seen) == {"NUV", "u", "g", "r", "i", "z", "y"}
     for band, angles in seen.items():
         assert sorted(angles) == pytest.approx([-113.4333, -23.4333]), band
+
+
+CRAFT = {"sat_x": "0", "sat_y": "0", "sat_z": "7000", "sat_vx": "0", "sat_vy": "12", "sat_vz": "0"}
+
+
+def one(**cells):
+    values = {"obsid": "101000001", "type": "SCIE", "ra": "1", "dec": "2", "pa": "3", "time": "2027-11-20T01:08:00",
+              "exptime": "150"} | cells  # fmt: skip
+    [found] = exposures_of("\n".join([",".join(values), ",".join(values.values())])).values()
+    return found
+
+
+@pytest.mark.parametrize(("good", "bad"), [
+    ({"ra": "0"}, {"ra": "-0.000001"}), ({"ra": "359.999999"}, {"ra": "360"}), ({"dec": "-90"}, {"dec": "-90.0001"}),
+    ({"pa": "-360"}, {"pa": "-360.01"}), ({"pa": "360"}, {"pa": "360.01"}),
+    ({"exptime": "0.001"}, {"exptime": "0.00099"}),
+    ({"exptime": "100000"}, {"exptime": "100001"}),
+    ({"exptime": "0", "type": "BIAS"}, {"exptime": "0", "type": "DARK"}),
+    ({"time": "1950-01-01T00:00:00"}, {"time": "1949-12-31T23:59:59"}), ({"obsid": "1" * 14}, {"obsid": "1" * 15}),
+    ({"time": "2099-12-31T23:59:59"}, {"time": "2100-01-01T00:00:00"}), (CRAFT, CRAFT | {"sat_vx": "0.1"}),
+    (CRAFT | {"sat_z": "50000"}, CRAFT | {"sat_z": "49999", "sat_x": "400"}),
+    (CRAFT | {"sat_z": "-6378.2"}, CRAFT | {"sat_z": "-6378.1"}), (CRAFT, CRAFT | {"sat_vz": ""}),
+    ({"survey": "DEEP"}, {"survey": "deep"}), ({"survey": ""}, {"survey": "DEEP", "type": "FLAT"}),
+])  # fmt: skip
+def test_the_borders_of_cells(good, bad):
+    one(**good)
+    with pytest.raises(InputError):
+        one(**bad)
+
+
+def test_a_row_is_read_into_its_fields():
+    found = one(**CRAFT, survey="DEEP", ra="11.5", dec="-22.25", pa="-33", exptime="44")
+    assert (found.type, found.ra, found.dec, found.pa, found.exptime) == ("SCIE", 11.5, -22.25, -33.0, 44.0)
+    assert (found.sat_position, found.sat_velocity) == ((0.0, 0.0, 7000.0), (0.0, 12.0, 0.0))
+    assert found.survey == "DEEP" and one().survey == one(survey="").survey == "WIDE"

@@ -2,6 +2,8 @@
 
 import re
 import shutil
+from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import yaml
@@ -10,10 +12,11 @@ from mini_campaign import POINTINGS, write_campaign
 from workflow_run import dry_run
 
 from csstsim.base.errors import InputError
+from csstsim.campaign import variants
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.plan import _drawn_again
 from csstsim.campaign.running.status import wanted
-from csstsim.io.paths import LIGHT
+from csstsim.io.paths import LIGHT, Paths
 
 BASE = {"select": {"types": ["SCIE"], "chips": [9]}, "keep": "light"}
 VARIANTS = {
@@ -210,3 +213,106 @@ def test_the_workflow_refuses_a_variant_without_its_base(base):
 def test_a_file_with_the_mark_in_its_name_is_a_base(tmp_path):
     file = make(tmp_path, {"a": {"seed": 4}}).rename(tmp_path / "mine@home.yaml")
     assert OpenCampaign(file).variant is None and OpenCampaign(f"{file}@a").config.seed == 4
+
+
+def test_keys_of_a_variant_replace_those_of_the_base_one_by_one():
+    data = {
+        "name": "a", "psf": {"grid": 2, "beta": 3}, "window": {"x0": 1}, "seed": 4,
+        "variants": {"v": {"psf": {"grid": 5}, "window": "region", "seed": 0}, "w": None},
+    }  # fmt: skip
+    assert variants.changed(data, "v", "a.yaml") == {
+        "name": "a", "psf": {"grid": 5, "beta": 3}, "window": "region", "seed": 0,
+    }  # fmt: skip
+    assert variants.changed(data, "w", "a.yaml") == {k: v for k, v in data.items() if k != "variants"}
+    assert data["psf"] == {"grid": 2, "beta": 3}
+    with pytest.raises(InputError, match=r"no such variant \(got 'x'\); allowed: v, w"):
+        variants.changed(data, "x", "a.yaml")
+    for key in variants.OF_BASE:
+        with pytest.raises(InputError, match=rf"variants\.v\.{key}: cannot differ"):
+            variants.changed({"variants": {"v": {key: 1}}}, "v", "a.yaml")
+
+
+def pair(**given):
+    """Return a made-up variant and its base, of equal keys but for those given of the variant."""
+
+    def opened(**own):
+        keys = {"level0_names": "C9", "truth": ("parquet",), "survey_table": "t", "select": "s", "window": None}
+        recipes = {name: own.pop(name, "same") for name in ("truth_recipe", "psf_recipe")}
+        digest, made = own.pop("camera", "c"), own.pop("recipe", "made")
+        camera = SimpleNamespace(digest_for=lambda stage: f"{stage} {digest}")
+        return SimpleNamespace(
+            config=SimpleNamespace(**(keys | own)), camera=camera, sky_bricks=[7], sky_chips=[9],
+            recipes=SimpleNamespace(truth=recipes["truth_recipe"], psf=recipes["psf_recipe"]),
+            job=lambda obsid, chip: _job(obsid, chip), recipe=lambda job, stage: (job, stage, made),
+        )  # fmt: skip
+
+    base, run = opened(), opened(**given)
+    run.base, run.variant = base, "v"
+    base.paths = Paths("/out")
+    return run
+
+
+def _job(obsid, chip):
+    if chip == 8:
+        raise InputError("not one of its jobs")
+    return obsid, chip
+
+
+@pytest.mark.parametrize(("given", "stages"), [
+    ({}, ("select", "render", "level0", "measure")), ({"recipe": "otherwise"}, ()),
+    ({"level0_names": "C3"}, ("select", "render")), ({"truth": ("parquet", "cat")}, ("select", "render")),
+])  # fmt: skip
+def test_products_are_equal_by_their_recipe_and_frames_by_their_names_too(given, stages):
+    run = pair(**given)
+    assert tuple(s for s in ("select", "render", "level0", "measure") if variants.equal(run, "1", 9, s)) == stages
+    assert not variants.equal(run, "1", 8, "render")
+
+
+def test_rules_of_which_nothing_is_left_are_those_whose_stage_is_equal():
+    run, asked = pair(), []
+    equal = {"select", "level0"}
+    run.in_base = lambda obsid, chip, stage: asked.append((obsid, chip)) or stage in equal
+    found = {rule for rule in (
+        "select", "render", "readout", "level0", "chip", "measure", "extract", "calibrate", "merge", "masters",
+    ) if variants.made_by_base(run, rule, ("1", 9))}  # fmt: skip
+    assert found == {"select", "readout", "level0", "chip"} and set(asked) == {("1", 9)}
+    equal |= {"measure"}
+    assert variants.made_by_base(run, "extract", ("1", 9)) and not variants.made_by_base(run, "calibrate", ("1", 9))
+    run.paths = Paths("/out/variants/v")
+    run.paths.psf = lambda chip: Path("/out/psf") if chip == 9 else Path("/out/variants/v/psf")
+    assert variants.made_by_base(run, "psf", 9) and not variants.made_by_base(run, "psf", 8)
+    run.base = None
+    assert not any(variants.made_by_base(run, rule, ("1", 9)) for rule in ("select", "psf"))
+
+
+@pytest.mark.parametrize(("given", "bricks", "chips"), [
+    ({}, {7, 8}, {8, 9}), ({"select": "other"}, {7}, {9}), ({"window": "region"}, {7}, {9}),
+    ({"survey_table": "u"}, {7}, {9}), ({"camera": "d"}, {7}, {9}), ({"truth_recipe": "other"}, set(), {8, 9}),
+    ({"psf_recipe": "other"}, {7, 8}, set()), ({"select": "other", "psf_recipe": "other"}, {7}, set()),
+])  # fmt: skip
+def test_bricks_and_sets_are_the_bases_if_it_makes_them_and_they_are_equal(given, bricks, chips):
+    """The base has brick 7 and chip 9; of an equal selection it has all that the variant needs."""
+    run = pair(**given)
+    run.in_base = lambda obsid, chip, stage: stage == "render"
+    paths = variants.VariantPaths(run, "/out", "/disk")
+    own = Path("/out/variants/v")
+    assert paths.output == own and paths.chips == Path("/disk/variants/v/chips")
+    assert {pix for pix in (7, 8) if paths.truth(pix) == Paths("/out").truth(pix)} == bricks
+    assert all(paths.truth(pix) == Paths(own).truth(pix) for pix in {7, 8} - bricks)
+    for name in ("psf", "psf_tables"):
+        theirs, ours = getattr(Paths("/out"), name), getattr(Paths(own), name)
+        assert {chip for chip in (8, 9) if getattr(paths, name)(chip) == theirs(chip)} == chips
+        assert all(getattr(paths, name)(chip) == ours(chip) for chip in {8, 9} - chips)
+    assert all(paths.stage("1", 9, name) == Paths("/out").stage("1", 9, name) for name in LIGHT)
+    assert paths.stage("1", 9, "select.parquet") == Path("/disk/variants/v/chips/1_09/select.parquet")
+    assert paths.stage("1", 9, "readout.fits") == Path("/disk/variants/v/chips/1_09/readout.fits")
+
+
+def test_the_name_of_a_variant_stands_behind_the_mark(tmp_path):
+    assert variants.split("a/c.yaml@v") == (Path("a/c.yaml"), "v")
+    assert variants.named("a/c.yaml", "v") == Path("a/c.yaml@v")
+    for name in ("a/c.yaml", "a/@v", "a/c.yaml@"):
+        assert variants.split(name) == (Path(name), None)
+    assert variants.split("a@b/c.yaml@w@v") == (Path("a@b/c.yaml@w"), "v")
+    (tmp_path / "c@v").touch()
+    assert variants.split(tmp_path / "c@v") == (tmp_path / "c@v", None)

@@ -43,3 +43,64 @@ def test_chosen_contamination(campaign, monkeypatch, name, known_from, subtract)
 )
 def test_what_does_not_go_together(campaign, options):
     assert command("extract", campaign, "--obsid", OBSID, "--chip", 29, *options).exit_code == 2
+
+
+@pytest.fixture
+def handed(campaign, monkeypatch):
+    """Return a function that runs a stage's command and returns what the stage got."""
+
+    def run(rule, *words, module=None, result=None):
+        seen = []
+        monkeypatch.setattr(f"csstsim.stages.{module or rule}.{rule}", lambda *given: seen.append(given) or result)
+        done(rule, campaign, *words)
+        assert all(given[0].file == campaign for given in seen)
+        return [given[1:] for given in seen]
+
+    return run
+
+
+JOB = "--obsid", OBSID, "--chip", 29
+
+
+@pytest.mark.parametrize("rule", ["select", "render", "readout", "level0", "calibrate"])
+def test_a_stage_of_a_chip_gets_its_job(handed, rule):
+    [(job,)] = handed(rule, *JOB)
+    assert job.key == (OBSID, 29)
+
+
+@pytest.mark.parametrize("rule", ["psf", "masters"])
+def test_a_stage_of_a_detector_gets_its_number(handed, rule):
+    assert handed(rule, "--chip", 12) == [(12,)]
+
+
+def test_stages_of_bricks_get_one_at_a_time(handed):
+    assert handed("truth", "--brick", 5) == [(5,)]
+    for rule in ("merge", "validate"):
+        assert handed(rule, "--brick", 7, "--brick", 5) == [(7,), (5,)]
+    assert handed("report", result={"passed": True}) == handed("variants") == [()]
+
+
+@pytest.mark.parametrize("resume", [True, False])
+@pytest.mark.parametrize(("verb", "module"), [("measure", "measure"), ("extract", "extract"), ("chip", "chip")])
+def test_chips_of_an_exposure_are_made_one_by_one(campaign, monkeypatch, verb, module, resume):
+    """The rule under which what is finished is kept is level0 for whole chips, else the command's."""
+    seen = []
+    monkeypatch.setattr(
+        "csstsim.campaign.running.one_by_one.one_by_one",
+        lambda run, rule, jobs, make, resume: seen.append((rule, [job.key for job in jobs], resume)) or make(jobs[0]),
+    )
+    monkeypatch.setattr(f"csstsim.stages.{module}.{verb}", lambda run, job, **named: seen.append((job.key, named)))
+    done(verb, campaign, *JOB, *(["--resume"] if resume else []))
+    named = {"say": print} if verb == "chip" else {}
+    assert seen == [("level0" if verb == "chip" else verb, [(OBSID, 29)], resume), ((OBSID, 29), named)]
+
+
+def test_a_chip_whose_psf_cannot_be_made_is_set_apart(campaign, monkeypatch):
+    seen, error = [], ZeroDivisionError("no wavefront")
+
+    def fails(run, chip_id):
+        raise error
+
+    monkeypatch.setattr("csstsim.stages.psf.psf", fails)
+    monkeypatch.setattr("csstsim.campaign.running.one_by_one.without_psf", lambda run, *given: seen.append(given))
+    assert command("psf", campaign, "--chip", 29).exception is error and seen == [(29, error)]
