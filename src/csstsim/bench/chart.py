@@ -4,14 +4,22 @@ A point is the median over objects; a thin bar leads from it to the 95th percent
 runs (bench.summary), one column per filter, so imaging and dispersed light share their axes.
 """
 
-from typing import NamedTuple
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 
 from csstsim.base.files.atomic import atomic_path
+from csstsim.base.types import PathLike
 from csstsim.bench.summary import KINDS
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.text import Annotation
 
 ON_NODES = "direct optics, on nodes"
 LEAST = 1e-6  # error, below which an axis has no use for it
@@ -33,20 +41,21 @@ class Point(NamedTuple):
     limit: bool
 
 
-def points(lines: list[dict], kind: str) -> dict[str, Point]:
+def points(lines: Iterable[Mapping[str, Any]], kind: str) -> dict[str, Point]:
     """Return the Point of each method."""
     return {
         line["method"]: Point(
-            1e-6 * line["cpu_us"], *(max(line[f"visible_{what}"], LEAST) for what in ("median", "95")), line["limit"]
+            1e-6 * line["cpu_us"], max(line["visible_median"], LEAST), max(line["visible_95"], LEAST), line["limit"]
         )
         for line in lines
         if (line["kind"], line["against"]) == (kind, ON_NODES) and np.isfinite(line["visible_median"])
     }
 
 
-def pareto(found: dict[str, Point]) -> list[str]:
+def pareto(found: Mapping[str, Point]) -> list[str]:
     """Return the methods that no other beats in both cost and error, by rising cost."""
-    front, best = [], np.inf
+    front: list[str] = []
+    best = np.inf
     for name, point in sorted(found.items(), key=lambda item: item[1][:2]):
         if point.error < best:
             front.append(name)
@@ -54,7 +63,7 @@ def pareto(found: dict[str, Point]) -> list[str]:
     return front
 
 
-def draw_chart(path, tables):
+def draw_chart(path: PathLike, tables: Sequence[Sequence[Mapping[str, Any]]]) -> None:
     """Write the chart (PNG). tables: one list of bench.summary.summarise per filter."""
     kinds = [kind for kind in KINDS if any(line["kind"] == kind for lines in tables for line in lines)]
     figure = Figure(figsize=(2 + 5.2 * len(tables), 1 + 4 * len(kinds)), layout="constrained")
@@ -62,7 +71,7 @@ def draw_chart(path, tables):
     every = [point for lines in tables for kind in kinds for point in points(lines, kind).values()]
     costs = np.array([point.cost for point in every] or [1.0])
     for row, kind in zip(axes, kinds, strict=True):
-        seen = np.array([(p.error, p.high) for lines in tables for p in points(lines, kind).values()] or [1.0])
+        seen = np.array([(p.error, p.high) for lines in tables for p in points(lines, kind).values()] or [(1.0, 1.0)])
         for axis, lines in zip(row, tables, strict=True):
             number = max((int(x["objects"]) for x in lines if (x["kind"], x["against"]) == (kind, ON_NODES)), default=0)
             axis.set(xscale="log", yscale="log", title=f"{KINDS[kind]}, {lines[0]['filter']} ({number} objects)")
@@ -86,7 +95,7 @@ def draw_chart(path, tables):
         figure.savefig(temporary, dpi=100)
 
 
-def _panel(axis, found):
+def _panel(axis: Axes, found: Mapping[str, Point]) -> None:
     """Draw the methods of one panel."""
     front = pareto(found)
     axis.axhspan(1e-7, 0.1, color="0.95", zorder=0)
@@ -100,11 +109,11 @@ def _panel(axis, found):
     axis.grid(color="0.9", lw=0.5)
 
 
-def _colour(method):
+def _colour(method: str) -> str:
     return OURS if method.startswith(_OWN) else PRESET if method in _PRESETS else PEERS
 
 
-def _joined(names):
+def _joined(names: Sequence[str]) -> str:
     """Return the names in a line; what numbered ones begin with is written once: slabs 1, 2."""
     out = []
     for name in names:
@@ -114,9 +123,9 @@ def _joined(names):
     return ", ".join(out)
 
 
-def _groups(found):
+def _groups(found: Mapping[str, Point]) -> list[tuple[list[str], tuple[float, float]]]:
     """Return [(names, place)]: methods of one colour that lie close together share a label."""
-    groups = []
+    groups: list[tuple[list[str], tuple[float, float]]] = []
     for name, (cost, error, *_) in sorted(found.items(), key=lambda item: item[1].cost):
         for names, place in groups:
             near = np.abs(np.log10([cost / place[0], error / place[1]])) < _NEAR
@@ -128,15 +137,15 @@ def _groups(found):
     return groups
 
 
-def _label(axis, found):
+def _label(axis: Axes, found: Mapping[str, Point]) -> None:
     """Write the names beside the methods, each where it overlaps the fewest points, names and edges of the panel."""
     ends = axis.transData.transform([(point.cost, end) for point in found.values() for end in point[1:3]])
     taken = [Bbox.from_bounds(x - 7, y - 7, 14, 14) for x, y in ends[::2]]
     taken += [Bbox.from_extents(x - 1, y, x + 1, top) for (x, y), (_, top) in zip(ends[::2], ends[1::2], strict=True)]
     for names, place in _groups(found):
-        tries = []
+        tries: list[tuple[int, int, Annotation, Bbox]] = []
         for x, y in _OFFSETS:
-            how = {"textcoords": "offset points", "color": _colour(names[0]), "size": 9}
+            how: dict[str, Any] = {"textcoords": "offset points", "color": _colour(names[0]), "size": 9}
             text = axis.annotate(_joined(names), place, (x, y), ha="left" if x > 0 else "right", **how)
             box = text.get_window_extent()
             text.remove()

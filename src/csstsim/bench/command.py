@@ -1,7 +1,11 @@
 """The command `csstsim bench`: setting, cases, sweep, table, chart."""
 
+from __future__ import annotations
+
 import time
+from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from csstsim.base.errors import InputError
 from csstsim.bench.chart import draw_chart
@@ -10,17 +14,22 @@ from csstsim.bench.summary import read, summarise, text, write
 from csstsim.bench.sweep import sweep
 from csstsim.instrument.camera import load_camera
 
+if TYPE_CHECKING:
+    from csstsim.base.types import PathLike
+    from csstsim.bench.imaging.methods import Method
+    from csstsim.bench.sweep import Bench, CaseT
+
 FULL = {"seconds": 0.2, "electrons": 3e7}
 QUICK = {"seconds": 0.01, "electrons": 1e6}
 OBJECTS, OBJECTS_SHAPES, OBJECTS_SLITLESS, OBJECTS_QUICK = 320, 48, 24, 24
 LARGEST, LARGEST_QUICK = 5.0, 0.5  # arcsec
 
 
-def chosen(names, methods):
+def chosen(names: str | None, methods: tuple[Method[CaseT], ...]) -> tuple[Method[CaseT], ...]:
     """Return the `methods` whose names begin with one of `names` (comma-separated text), or all. Raises InputError."""
     if not names:
         return methods
-    found = []
+    found: list[Method[CaseT]] = []
     for name in (part.strip() for part in names.split(",")):
         same = [method for method in methods if name and method.name.lower().startswith(name.lower())]
         if not same:
@@ -30,7 +39,16 @@ def chosen(names, methods):
     return tuple(found)
 
 
-def bench(folder, band, names, quick, objects, seed, say, shapes=False):
+def bench(
+    folder: PathLike,
+    band: str,
+    names: str | None,
+    quick: bool,
+    objects: int | None,
+    seed: int,
+    say: Callable[[str], object],
+    shapes: bool = False,
+) -> None:
     """Run the benchmark into `folder`: cases.csv (every object and method), speed_accuracy.csv and .png.
 
     shapes: of galaxies of any index, with knots, of images (bench.imaging.shapes).
@@ -39,6 +57,7 @@ def bench(folder, band, names, quick, objects, seed, say, shapes=False):
     dispersed = band in {chip.filter for chip in load_camera().slitless_chips}
     if shapes and dispersed:
         raise InputError("is for imaging filters", key="--shapes", value=band)
+    kind: Bench[Any]
     if shapes:
         from csstsim.bench.imaging.benchmark import SHAPES as kind
     elif not dispersed:
@@ -61,7 +80,7 @@ def bench(folder, band, names, quick, objects, seed, say, shapes=False):
     say(f"{time.process_time() - start:.0f} CPU s in all; {folder}/speed_accuracy.png, speed_accuracy.csv, cases.csv")
 
 
-def chart(folder, tables, say):
+def chart(folder: PathLike, tables: Iterable[PathLike], say: Callable[[str], object]) -> None:
     """Draw the tables (paths of speed_accuracy.csv) of several runs as one chart. Raises InputError."""
     found = []
     for path in tables:

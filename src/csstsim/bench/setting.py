@@ -1,8 +1,10 @@
 """The setting of a benchmark: one chip of the shipped camera, its PSF set, an exposure, and the noise of a pixel."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
@@ -17,6 +19,14 @@ from csstsim.optics.scatter.scattered_light import scattered_light
 from csstsim.render.psf_mixture import Mixer
 from csstsim.render.psf_table import read_tables, write_tables
 
+if TYPE_CHECKING:
+    from csstsim.base.types import PathLike
+    from csstsim.instrument.camera import Camera
+    from csstsim.instrument.chip import Chip
+    from csstsim.instrument.filter import Filter
+    from csstsim.optics.scatter.scattered_light import Scattered
+    from csstsim.render.psf_table import PsfTable
+
 EXPTIME = 150.0  # s
 GRID = 10  # nodes along a side, a campaign's default
 POINTING = Pointing("SCIE", 60.0, -40.0, -113.4333, "2027-06-26T20:35:58", EXPTIME, (6778.0, 0.0, 0.0), (0.0, 7.0, 3.0))
@@ -26,20 +36,26 @@ POINTING = Pointing("SCIE", 60.0, -40.0, -113.4333, "2027-06-26T20:35:58", EXPTI
 class Setting:
     """The inputs that all methods share."""
 
-    camera: Any
-    chip: Any
-    filter: Any
-    psf: Any  # optics.psf.psf_file.PsfSet
-    table: Any  # render.psf_table.PsfTable of the same set, for photons
-    mixer: Any  # render.psf_mixture.Mixer of the same set, for stamps
-    scattered: Any  # optics.scatter.scattered_light.Scattered: its halo is in the PSF set
-    wcs: Any
+    camera: Camera
+    chip: Chip
+    filter: Filter
+    psf: PsfSet
+    table: PsfTable  # of the same set, for photons
+    mixer: Mixer  # of the same set, for stamps
+    scattered: Scattered  # its halo is in the PSF set
+    wcs: ChipWCS
     exptime: float
     variance: float  # of a pixel without the object [electron^2]: sky, dark current, read noise
-    disperser: Any = None  # optics.gratings.dispersion.Disperser of a spectroscopic chip
+    disperser: Disperser | None = None  # of a spectroscopic chip
 
 
-def make_setting(folder, band):
+def disperser_of(setting: Setting) -> Disperser:
+    """Return the Disperser of the Setting of a spectroscopic chip."""
+    assert setting.disperser is not None
+    return setting.disperser
+
+
+def make_setting(folder: PathLike, band: str) -> Setting:
     """Return the Setting of the filter `band`. Its PSF set is made in `folder`, or reused if it is there.
 
     The set's file name holds the camera's digest, so another camera's set is never used. Raises InputError.

@@ -1,17 +1,25 @@
 """Summary of a sweep: one line for each method, kind of object and standard; its CSV files and its text."""
 
+from __future__ import annotations
+
 import csv
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from csstsim.base.files.atomic import atomic_path
 from csstsim.base.files.text_file import read_text
+from csstsim.base.types import FloatArray, PathLike
+
+if TYPE_CHECKING:
+    from csstsim.bench.sweep import Bench
 
 # Kinds of objects, in this order, and how several are called
 KINDS = {"star": "stars", "galaxy": "galaxies", "free n": "any Sersic index", "knots": "with knots", "image": "images"}
 
 
-def write(path, rows):
+def write(path: PathLike, rows: Sequence[Mapping[str, Any]]) -> None:
     """Write a list of dicts of the same keys as CSV."""
     with atomic_path(path) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, rows[0])
@@ -20,13 +28,13 @@ def write(path, rows):
             writer.writerow({k: f"{v:.4g}" if isinstance(v, float) else v for k, v in row.items()})
 
 
-def read(path):
+def read(path: PathLike) -> list[dict[str, Any]]:
     """Return the list of dicts that `write` wrote, numbers as numbers."""
     lines = read_text(path).splitlines()
     return [{name: _value(text) for name, text in row.items()} for row in csv.DictReader(lines)]
 
 
-def _value(text):
+def _value(text: str) -> bool | float | str:
     if text in ("True", "False"):
         return text == "True"
     try:
@@ -35,7 +43,7 @@ def _value(text):
         return text
 
 
-def summarise(rows, bench, band):
+def summarise(rows: Sequence[Mapping[str, Any]], bench: Bench[Any], band: str) -> list[dict[str, Any]]:
     """Return [{column: value}], with the mean of each of the Bench's goals over the objects and that mean's error.
 
     `against`: the reference renderer on the same PSF set; direct optics, for objects on a node of the set; direct
@@ -58,8 +66,10 @@ def summarise(rows, bench, band):
     return lines
 
 
-def _line(bench, band, method, kind, against, rows, which):
-    def column(name):
+def _line(
+    bench: Bench[Any], band: str, method: str, kind: str, against: str, rows: Sequence[Mapping[str, Any]], which: str
+) -> dict[str, Any]:
+    def column(name: str) -> FloatArray:
         return np.array([row[name] for row in rows])
 
     drawn = column("drawn")
@@ -84,7 +94,7 @@ def _line(bench, band, method, kind, against, rows, which):
     return line
 
 
-def text(lines, bench):
+def text(lines: Iterable[Mapping[str, Any]], bench: Bench[Any]) -> list[str]:
     """Return the summary as lines to print; a bias beyond its goal by more than two of its errors is marked with !."""
     out = [
         f"bias +- its error of {', '.join(bench.shown)}; ! marks one that exceeds its goal by two errors.",

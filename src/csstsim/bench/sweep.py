@@ -3,21 +3,32 @@
 A `Bench` holds what differs between imaging and dispersed light: objects, methods, truth and measures.
 """
 
+from __future__ import annotations
+
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
 from galsim import GalSimError
 
 from csstsim.base.process.progress import progress
+from csstsim.base.types import AnyArray, FloatArray
+
+if TYPE_CHECKING:
+    from csstsim.bench.imaging.cases import Case
+    from csstsim.bench.imaging.methods import Method
+    from csstsim.bench.setting import Setting
 
 SLOW = 1.0  # CPU seconds of one object; its set-up is then negligible
 TOO_LONG = 5.0  # times the wanted CPU seconds; after that no more electrons are drawn
+CaseT = TypeVar("CaseT", bound="Case")
+Draw: TypeAlias = Callable[[int], AnyArray]  # of so many copies of an object: the image [electron]
 
 
 @dataclass(frozen=True)
-class Bench:
+class Bench(Generic[CaseT]):
     """make_cases(setting, count, seed, largest) -> cases, which have star, electrons, `about` and `brighter`.
 
     truth(setting) -> function of a case; standard(setting, case) -> image; errors(setting, case, image, truth, drawn)
@@ -25,17 +36,25 @@ class Bench:
     largest bias}; shown: names to print.
     """
 
-    methods: tuple
-    make_cases: Callable
-    truth: Callable
-    standard: Callable
-    errors: Callable
-    names: tuple
-    goals: dict
-    shown: tuple
+    methods: tuple[Method[CaseT], ...]
+    make_cases: Callable[[Setting, int, int, float], Sequence[CaseT]]
+    truth: Callable[[Setting], Callable[[CaseT], FloatArray]]
+    standard: Callable[[Setting, CaseT], FloatArray]
+    errors: Callable[[Setting, CaseT, FloatArray, FloatArray, float], tuple[FloatArray, FloatArray]]
+    names: tuple[str, ...]
+    goals: dict[str, float]
+    shown: tuple[str, ...]
 
 
-def sweep(bench, setting, cases, methods, *, seconds, electrons):
+def sweep(
+    bench: Bench[CaseT],
+    setting: Setting,
+    cases: Sequence[CaseT],
+    methods: Sequence[Method[CaseT]],
+    *,
+    seconds: float,
+    electrons: float,
+) -> list[dict[str, Any]]:
     """Return a list of rows (dicts, see `row`).
 
     A cost is measured over at least `seconds` of CPU time, or one object if that takes longer; methods that draw random
@@ -55,7 +74,16 @@ def sweep(bench, setting, cases, methods, *, seconds, electrons):
     return rows
 
 
-def row(bench, method, setting, case, direct, reference, seconds, electrons):
+def row(
+    bench: Bench[CaseT],
+    method: Method[CaseT],
+    setting: Setting,
+    case: CaseT,
+    direct: FloatArray,
+    reference: FloatArray,
+    seconds: float,
+    electrons: float,
+) -> dict[str, Any]:
     """Return {column: value}: the object, CPU seconds, errors against the standard and direct optics, chance."""
     about = {"method": method.name} | case.about() | {"snr": significance(direct, case, setting)}
     try:
@@ -76,7 +104,9 @@ def row(bench, method, setting, case, direct, reference, seconds, electrons):
     return about | {"cpu_s": cost, "drawn": drawn} | columns
 
 
-def measured(method, setting, case, seconds, electrons):
+def measured(
+    method: Method[CaseT], setting: Setting, case: CaseT, seconds: float, electrons: float
+) -> tuple[AnyArray, float, float]:
     """Return (image of an object of unit light, CPU s per object, electrons drawn: infinite if none is random)."""
     used = min(case.electrons, method.most)
     draw = method.prepare(setting, case.brighter(used))
@@ -95,13 +125,13 @@ def measured(method, setting, case, seconds, electrons):
     return image / (copies * used), took / copies * case.electrons / used, drawn
 
 
-def _timed(draw, copies):
+def _timed(draw: Draw, copies: int) -> tuple[AnyArray, float]:
     start = time.process_time()
     image = draw(copies)
     return image, time.process_time() - start
 
 
-def significance(light, case, setting):
+def significance(light: FloatArray, case: Case, setting: Setting) -> float:
     """Return the S/N of an object in an ideal filter, including the noise of its own light."""
     light = case.electrons * np.maximum(light, 0)
     return float(np.sqrt((light**2 / (light + setting.variance)).sum()))

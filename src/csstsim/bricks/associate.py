@@ -8,18 +8,30 @@ detections that are left over are grouped in the same way among themselves. So t
 source agree with its seed. The work is linear in the number of detections, at a given density.
 """
 
+from typing import TypeAlias
+
 import numba
 import numpy as np
 
+from csstsim.base.types import BoolArray, FloatArray, IntArray
 from csstsim.bricks.match import share_out
 
 ARCSEC = np.pi / 180.0 / 3600.0
 FLOOR = 0.010  # arcsec: residuals of the astrometry, and a slow star's motion over months
 N_SIGMA = 5.0  # in two dimensions 4e-6 of the true pairs are further apart
 CAP = 0.4  # arcsec: the largest error that noise gives a faint galaxy; beyond lies another source
+Place: TypeAlias = tuple[FloatArray, FloatArray, IntArray, float, float]  # unit vectors, sigma, frame; n_sigma, cap
 
 
-def associate(vectors, error, frame, *, floor=FLOOR, n_sigma=N_SIGMA, cap=CAP):
+def associate(
+    vectors: FloatArray,
+    error: FloatArray,
+    frame: IntArray,
+    *,
+    floor: float = FLOOR,
+    n_sigma: float = N_SIGMA,
+    cap: float = CAP,
+) -> IntArray:
     """Return the source number (n,) of each detection; sources are numbered in the order of their seeds.
 
     Detections are in order of brightness and within a few degrees: `vectors` (n, 3) are unit vectors, `error` (n,)
@@ -29,18 +41,18 @@ def associate(vectors, error, frame, *, floor=FLOOR, n_sigma=N_SIGMA, cap=CAP):
     seed_of = np.full(len(vectors), -1)
     left = np.arange(len(vectors))
     while len(left):
-        place = vectors[left], sigma[left], frame[left], n_sigma, cap * ARCSEC
+        place: Place = vectors[left], sigma[left], frame[left], n_sigma, cap * ARCSEC
         grid = _grid(vectors[left], cap * ARCSEC)
-        seed = _seeds(*grid, *place)
+        seed = _seeds(*grid + place)
         seed_of[left[seed]] = left[seed]
-        pair = _agreeing(*grid, seed, *place)
+        pair = _agreeing(*grid, seed, place)
         taken, by = _share_out(pair, frame[left])
         seed_of[left[taken]] = left[by]
         left = left[seed_of[left] < 0]
     return np.unique(seed_of, return_inverse=True)[1]
 
 
-def _share_out(pair, frame):
+def _share_out(pair: tuple[IntArray, IntArray], frame: IntArray) -> tuple[IntArray, IntArray]:
     """Return (detections, seeds) of the pairs that are taken, likeliest first; a seed takes one of each frame."""
     detection, seed = pair
     _, slot = np.unique(seed * (frame.max(initial=0) + 1) + frame[detection], return_inverse=True)
@@ -48,22 +60,24 @@ def _share_out(pair, frame):
     return detection[taken], seed[taken]
 
 
-def _agreeing(key, order, width, cell, seed, *place):
+def _agreeing(
+    key: IntArray, order: IntArray, width: int, cell: IntArray, seed: BoolArray, place: Place
+) -> tuple[IntArray, IntArray]:
     """Return (detections, seeds) of all pairs that agree, likeliest first."""
     of_seed = seed[order]
     grid = key[of_seed], order[of_seed], width, cell
-    size = _pairs(*grid, seed, *place, *_room(0))
+    size = _pairs(*(*grid, seed, *place, *_room(0)))
     detections, seeds, rarity = pairs = _room(size)
-    _pairs(*grid, seed, *place, *pairs)
+    _pairs(*(*grid, seed, *place, *pairs))
     order = np.lexsort((seeds, detections, rarity))
     return detections[order], seeds[order]
 
 
-def _room(size):
+def _room(size: int) -> tuple[IntArray, IntArray, FloatArray]:
     return np.empty(size, np.int64), np.empty(size, np.int64), np.empty(size)
 
 
-def _grid(vectors, size):
+def _grid(vectors: FloatArray, size: float) -> tuple[IntArray, IntArray, int, IntArray]:
     """Return (sorted keys, their detections, cells per line, cell of each) of a grid of cells `size` radians wide."""
     centre = vectors.mean(axis=0)
     axis = np.eye(3)[np.abs(centre).argmin()]
@@ -80,7 +94,17 @@ def _grid(vectors, size):
 
 
 @numba.njit(cache=True)
-def _seeds(key, order, width, cell, vectors, sigma, frame, n_sigma, cap):
+def _seeds(
+    key: IntArray,
+    order: IntArray,
+    width: int,
+    cell: IntArray,
+    vectors: FloatArray,
+    sigma: FloatArray,
+    frame: IntArray,
+    n_sigma: float,
+    cap: float,
+) -> BoolArray:
     """Return a mask of the detections that agree with no seed before them."""
     seed = np.zeros(len(vectors), np.bool_)
     for i in range(len(vectors)):
@@ -97,7 +121,21 @@ def _seeds(key, order, width, cell, vectors, sigma, frame, n_sigma, cap):
 
 
 @numba.njit(cache=True)
-def _pairs(key, order, width, cell, seed, vectors, sigma, frame, n_sigma, cap, detections, seeds, rarity):
+def _pairs(
+    key: IntArray,
+    order: IntArray,
+    width: int,
+    cell: IntArray,
+    seed: BoolArray,
+    vectors: FloatArray,
+    sigma: FloatArray,
+    frame: IntArray,
+    n_sigma: float,
+    cap: float,
+    detections: IntArray,
+    seeds: IntArray,
+    rarity: FloatArray,
+) -> int:
     """Write the pairs of a detection and a seed that agree, as far as the arrays have room; return how many there are.
 
     `rarity`: minus twice the logarithm of the density of their joint error, up to a constant.
@@ -119,7 +157,7 @@ def _pairs(key, order, width, cell, seed, vectors, sigma, frame, n_sigma, cap, d
 
 
 @numba.njit(cache=True)
-def _apart(vectors, sigma, i, j, cap):
+def _apart(vectors: FloatArray, sigma: FloatArray, i: int, j: int, cap: float) -> float:
     """Return the distance of two detections in units of their joint error; infinite beyond the cap."""
     square = 0.0
     for axis in range(3):

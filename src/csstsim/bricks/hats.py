@@ -3,6 +3,9 @@
 hats.properties  partition_info.csv  dataset/_metadata _common_metadata Norder=8/Dir=D/Npix=P.parquet
 """
 
+from collections.abc import Mapping
+from pathlib import Path
+
 from csstsim import __version__
 from csstsim.base.files.atomic import atomic_path
 from csstsim.base.healpix import BRICKS, HATS_ORDER, ORDER
@@ -12,7 +15,7 @@ ABOUT = "hats.properties", "partition_info.csv", "dataset/_metadata", "dataset/_
 STANDARD = {"hats_version": "v1.0", "hats_release_date": "2025-08-22"}  # of the standard that the layout follows
 
 
-def write_catalogue(folder, name, bricks):
+def write_catalogue(folder: Path, name: str, bricks: Mapping[int, Path]) -> None:
     """Write the files of the catalogue `name` in `folder`, of `bricks`: {brick: its parquet file}, at least one.
 
     The same bricks give the same bytes. Raises InputError for a file that is missing or damaged.

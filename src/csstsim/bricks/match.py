@@ -8,8 +8,10 @@ the order of a search.
 import numba
 import numpy as np
 
+from csstsim.base.types import BoolArray, FloatArray, IntArray
 
-def one_to_one(places, others, reach):
+
+def one_to_one(places: FloatArray, others: FloatArray, reach: FloatArray) -> IntArray:
     """Return for each place the row of its match among the others, -1 if there is none, (n,) int.
 
     places (n, d) and others (m, d) are points, reach (n,) the largest distance of each place's match, in the same
@@ -32,7 +34,7 @@ def one_to_one(places, others, reach):
 
 
 @numba.njit(cache=True)
-def share_out(first, second):
+def share_out(first: IntArray, second: IntArray) -> BoolArray:
     """Return a mask of the pairs (first[k], second[k]) that are taken: no better taken pair has one of their members.
 
     Pairs come best first; first and second (k,) are numbers from 0.

@@ -20,10 +20,14 @@ of the solar system. Its ra, dec are those at `epoch`. Gaia and LSST keep the la
 Left out: forced photometry in the bands without a detection (NaN).
 """
 
+from collections.abc import Iterable
+from typing import Any
+
 import numpy as np
 
 from csstsim.base.healpix import brick_of, hats_index, near_brick
 from csstsim.base.sphere import ra_dec, unit_vectors
+from csstsim.base.types import AnyArray, BoolArray, FloatArray, IntArray, PathLike
 from csstsim.bricks.associate import ARCSEC, FLOOR, associate
 from csstsim.bricks.motion import joined
 from csstsim.catalog.table import ObjectTable, write_parquet
@@ -96,7 +100,9 @@ TYPES = {  # of those that are not float64
 }  # fmt: skip
 
 
-def merge_brick(pix, tables, bands, *, margin=MARGIN):
+def merge_brick(
+    pix: int, tables: Iterable[ObjectTable], bands: Iterable[str], *, margin: float = MARGIN
+) -> tuple[ObjectTable, ObjectTable]:
     """Return (sources, detections) of brick `pix`.
 
     `tables`: iterable of measured tables (measure.catalogue columns, and TIMES), read one by one; only rows in the
@@ -114,7 +120,7 @@ def merge_brick(pix, tables, bands, *, margin=MARGIN):
         found = found.with_columns(**nothing, pos_err=np.where(piece, ERROR_MAX, found["pos_err"]))
     count = len(motion)
     weight = np.maximum(found["pos_err"], ERROR_MIN) ** -2.0
-    mean = np.stack([np.bincount(source, weight * vectors[:, axis], count) for axis in range(3)], axis=1)
+    mean: AnyArray = np.stack([np.bincount(source, weight * vectors[:, axis], count) for axis in range(3)], axis=1)
     ra, dec = ra_dec(mean)
     inside = brick_of(ra, dec) == pix
     at = np.where(motion[source][:, None] > 0, at, (mean / np.linalg.norm(mean, axis=1)[:, None])[source])
@@ -147,7 +153,7 @@ def merge_brick(pix, tables, bands, *, margin=MARGIN):
     return ObjectTable(columns | _photometry(detections, bands, len(owned)), meta), detections
 
 
-def _credible(found, source, close, count):
+def _credible(found: ObjectTable, source: IntArray, close: BoolArray, count: int) -> BoolArray:
     """Return the mask (count,) of the sources kept for the S/N of a good detection or the number of `close` ones."""
     good = (found["flags"] & (NOT_CENTRED | BAD_PIXELS)) == 0
     psf = np.where(good, np.maximum(found["snr"], 0.0), 0.0)
@@ -162,7 +168,7 @@ def _credible(found, source, close, count):
     return (np.bincount(source, alone, count) > 0) | (visits >= VISITS_ALONE) | ((visits >= 2) & (joint >= SNR_PAIR))
 
 
-def _gather(pix, tables, margin):
+def _gather(pix: int, tables: Iterable[ObjectTable], margin: float) -> tuple[ObjectTable, dict[str, int]]:
     """Return (found, counts): the usable detections near a brick, brightest first, and the numbers by kind."""
     counts = dict.fromkeys(("near", "sharp", "no_error", "repeated", "no_position"), 0)
     parts = [{name: np.zeros(0, kind) for name, kind in (DETECTION_COLUMNS | TIMES).items()}]
@@ -193,10 +199,10 @@ def _gather(pix, tables, margin):
 
 
 @np.errstate(all="ignore")  # invalid measurements give NaN or infinity, each in its own row
-def _photometry(found, bands, count):
+def _photometry(found: ObjectTable, bands: Iterable[str], count: int) -> dict[str, AnyArray]:
     source, band = found["source"], found["filter"]
     to_flux = 10.0 ** (0.4 * (AB_MICROJANSKY - found["zeropoint"]))  # microjansky per electron
-    columns = {}
+    columns: dict[str, AnyArray] = {}
     for name in bands:
         rows = np.flatnonzero(band == name)
         columns[f"n_{name}"] = np.bincount(source[rows], minlength=count).astype(np.int32)
@@ -220,7 +226,9 @@ def _photometry(found, bands, count):
     return columns | {"n_detections": total, "star": star, "flags": flags}
 
 
-def _weighted_mean(source, flux, error, noise, count):
+def _weighted_mean(
+    source: IntArray, flux: FloatArray, error: FloatArray, noise: FloatArray, count: int
+) -> tuple[FloatArray, FloatArray]:
     """Return the mean weighted with noise^-2 and its error per source, fluxes of any sign; NaN if none is usable."""
     weight = np.where((error > 0) & (noise > 0), noise, np.inf) ** -2.0
     good = np.isfinite(flux) & np.isfinite(error) & np.isfinite(weight) & (weight > 0)
@@ -233,7 +241,7 @@ def _weighted_mean(source, flux, error, noise, count):
     return np.where(some, mean, np.nan), np.where(some, sigma, np.nan)
 
 
-def write_merged(path, sources, detections, metadata):
+def write_merged(path: PathLike, sources: ObjectTable, detections: ObjectTable, metadata: dict[str, Any]) -> None:
     """Write one brick's parquet file in HATS form: the sources, each with the lists of its detections.
 
     List columns obsid, chip, filter and number lead to the rows of the measured tables. `metadata`: JSON-like,

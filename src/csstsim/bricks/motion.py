@@ -16,12 +16,21 @@ and their magnitudes agree where they share a band. They are joined if one const
 Left out: parallax (it counts as an error of PARALLAX arcsec), and objects that cross into another brick.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from csstsim.base.sphere import frames as tangent
 from csstsim.base.sphere import normalised, ra_dec
+from csstsim.base.types import BoolArray, FloatArray, IntArray
 from csstsim.base.units import JULIAN_YEAR_DAYS
+
+if TYPE_CHECKING:
+    from csstsim.catalog.table import ObjectTable
 
 ARCSEC = np.pi / 180.0 / 3600.0
 STAR, SOLAR = 1, 2  # column `motion`; 0: at rest
@@ -37,7 +46,9 @@ PIECES = 1.5  # arcsec, half a trail of 60 arcsec / hour in 150 s, and some
 _MOST_PAIRS, _UNKNOWN = 2_000_000, 10.0  # arcsec, error of a place without weight
 
 
-def joined(found, vectors, source):
+def joined(
+    found: ObjectTable, vectors: FloatArray, source: IntArray
+) -> tuple[IntArray, IntArray, FloatArray, FloatArray, FloatArray, BoolArray]:
     """Return (source (n,), motion (sources,), speed (sources, 2), at (n, 3), epoch (sources,), piece (n,)).
 
     found: ObjectTable of bricks.merge.DETECTION_COLUMNS with frame, mjd [day, NaN: not known] and exptime [s]; vectors
@@ -66,7 +77,7 @@ def joined(found, vectors, source):
     return (source, kind[names], *_places(found, vectors, source, kind[names], piece), piece)
 
 
-def _alone(found, source):
+def _alone(found: ObjectTable, source: IntArray) -> tuple[IntArray, IntArray]:
     """Return (source, host): groups of one bright detection without the faint ones that lie there by chance.
 
     Those are groups of their own, behind the others, which go back to their hosts if these do not move.
@@ -85,7 +96,7 @@ def _alone(found, source):
 class _Groups:
     """Groups of detections: places, times, frames, fluxes."""
 
-    def __init__(self, found, vectors, source, count):
+    def __init__(self, found: ObjectTable, vectors: FloatArray, source: IntArray, count: int) -> None:
         self.found, self.vectors, self.source = found, vectors, source
         self.order = np.argsort(source, kind="stable")
         self.starts = np.searchsorted(source[self.order], np.arange(count + 1))
@@ -100,16 +111,18 @@ class _Groups:
         number = np.unique(found["frame"], return_inverse=True)[1]
         self.bits = np.zeros((count, int(number.max(initial=0)) // 64 + 1), np.uint64)
         np.bitwise_or.at(self.bits, (source, number // 64), np.uint64(1) << (number % 64).astype(np.uint64))
-        self.number, self._hulls, self.pieces = number, {}, []
+        self.number = number
+        self._hulls: dict[int, tuple[FloatArray, FloatArray] | None] = {}
+        self.pieces: list[tuple[int, int]] = []
         self.band = np.unique(found["filter"], return_inverse=True)[1]
         with np.errstate(divide="ignore", invalid="ignore"):
             self.mag = found["zeropoint"] - 2.5 * np.log10(found["flux_kron"])
 
-    def rows(self, group):
+    def rows(self, group: int | Sequence[int]) -> IntArray:
         """Return the detections of a group, or of several."""
         return np.concatenate([self.order[self.starts[g] : self.starts[g + 1]] for g in np.atleast_1d(group)])
 
-    def pairs(self, some, distance):
+    def pairs(self, some: IntArray, distance: float) -> tuple[IntArray, IntArray]:
         """Return (a, b) of groups `some` within a distance [arcsec] and without a common frame."""
         tree = cKDTree(self.place[some])
         near = tree.query_pairs(distance * ARCSEC, output_type="ndarray")
@@ -120,7 +133,7 @@ class _Groups:
         apart = ((self.bits[a] & self.bits[b]) == 0).all(axis=1)
         return a[apart], b[apart]
 
-    def alike(self, a, b):
+    def alike(self, a: int, b: int) -> bool:
         """Whether two groups have magnitudes that agree in every band that both have."""
         one, other = self.rows(a), self.rows(b)
         for band in np.intersect1d(self.band[one], self.band[other]):
@@ -129,11 +142,11 @@ class _Groups:
                 return False
         return True
 
-    def seen(self, a, b):
+    def seen(self, a: int, b: int) -> bool:
         """Whether a frame of group a covers the place of group b."""
         return any(self._covers(number, self.place[b]) for number in np.unique(self.number[self.rows(a)]))
 
-    def _covers(self, number, place):
+    def _covers(self, number: int, place: FloatArray) -> bool:
         if number not in self._hulls:
             self._hulls[number] = _hull(self.vectors[self.number == number])
         hull = self._hulls[number]
@@ -143,13 +156,13 @@ class _Groups:
         return bool((equations[:, :2] @ (axes @ place) + equations[:, 2] <= 1.0 * ARCSEC).all())
 
 
-def _median(mags):
+def _median(mags: FloatArray) -> float:
     """Return the median of what is not NaN; NaN if all are (no flux above zero)."""
     known = mags[~np.isnan(mags)]
-    return np.median(known) if known.size else np.nan
+    return float(np.median(known)) if known.size else np.nan
 
 
-def _hull(vectors):
+def _hull(vectors: FloatArray) -> tuple[FloatArray, FloatArray] | None:
     """Return (equations, axes) of the convex hull of a frame's detections on a plane; None of fewer than three."""
     centre = normalised(vectors.mean(axis=0))
     axes = _axes(centre)
@@ -159,13 +172,13 @@ def _hull(vectors):
         return None
 
 
-def _axes(centre):
+def _axes(centre: FloatArray) -> FloatArray:
     """Return the unit vectors (2, 3) towards east and north at a unit vector."""
     _, east, north = tangent(*np.radians(ra_dec(centre)))
     return np.stack([east, north])
 
 
-def _star_pairs(groups):
+def _star_pairs(groups: _Groups) -> IntArray:
     """Return the pairs of groups that may be a star, nearest in place first."""
     some = np.flatnonzero((groups.snr >= SNR_LEAST) & np.isfinite(groups.time))
     if len(some) < 2:
@@ -178,9 +191,9 @@ def _star_pairs(groups):
     return np.stack([a[good][order], b[good][order]], axis=1)
 
 
-def _solar_pairs(groups, free):
+def _solar_pairs(groups: _Groups, free: BoolArray) -> IntArray:
     """Return the pairs of single detections that may be an object of the solar system, nearest in time first."""
-    some = np.flatnonzero(free & (groups.size == 1) & (groups.snr >= SNR_LEAST) & np.isfinite(groups.time))
+    some: IntArray = np.flatnonzero(free & (groups.size == 1) & (groups.snr >= SNR_LEAST) & np.isfinite(groups.time))
     some = _whole(groups, some)
     if len(some) < 2:
         return np.zeros((0, 2), int)
@@ -195,7 +208,7 @@ def _solar_pairs(groups, free):
     return np.stack([a[good][order], b[good][order]], axis=1)
 
 
-def _whole(groups, some):
+def _whole(groups: _Groups, some: IntArray) -> IntArray:
     """Return the single detections `some` without those that another one of the frame stands for; notes both."""
     if len(some) < 2:
         return some
@@ -213,7 +226,7 @@ def _whole(groups, some):
     return some[~taken]
 
 
-def _trailed(groups, group, speed):
+def _trailed(groups: _Groups, group: IntArray, speed: FloatArray) -> BoolArray:
     """Whether the light of single detections is wide enough for a speed [arcsec / hour]."""
     rows = groups.order[groups.starts[group]]
     found = groups.found
@@ -222,11 +235,11 @@ def _trailed(groups, group, speed):
     return wide | ~(speed * found["exptime"][rows] / 3600.0 > TRAIL_PX)
 
 
-def _join(groups, owner, kind, pairs, which):
+def _join(groups: _Groups, owner: IntArray, kind: IntArray, pairs: IntArray, which: int) -> None:
     """Join pairs of groups (m, 2) one after the other where one speed explains all; changes owner and kind."""
     good = [(a, b) for a, b in pairs.tolist() if groups.alike(a, b) and groups.seen(a, b) and groups.seen(b, a)]
     partners = np.bincount(np.array(good, int).ravel(), minlength=len(owner)) if good else np.zeros(len(owner), int)
-    members = {}
+    members: dict[int, list[int]] = {}
     for a, b in good:
         one, other = owner[a], owner[b]
         if one == other:
@@ -248,7 +261,7 @@ def _join(groups, owner, kind, pairs, which):
             kind[name] = 0
 
 
-def _straight(groups, members, which):
+def _straight(groups: _Groups, members: Sequence[int], which: int) -> bool:
     """Whether all detections of groups lie on one line at constant speed, within their errors, and not too fast."""
     rows = groups.rows(members)
     found = groups.found
@@ -263,7 +276,9 @@ def _straight(groups, members, which):
     return bool(np.hypot(*speed) <= most and (np.hypot(*off.T) <= tolerance).all())
 
 
-def fitted(vectors, error, time):
+def fitted(
+    vectors: FloatArray, error: FloatArray, time: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, float]:
     """Return (mean vector, speed (2,) [arcsec / yr], residuals (n, 2) [arcsec], mean time) of a line through places.
 
     error: arcsec on an axis; time: MJD; east and north.
@@ -279,7 +294,9 @@ def fitted(vectors, error, time):
     return mean, speed, plane - weight @ plane - years[:, None] * speed, when
 
 
-def _places(found, vectors, source, kind, piece):
+def _places(
+    found: ObjectTable, vectors: FloatArray, source: IntArray, kind: IntArray, piece: BoolArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return (speed, at, epoch) as of `joined`; sources at rest have no speed."""
     count = len(kind)
     sigma = np.where(piece, _UNKNOWN, np.hypot(found["pos_err"], FLOOR))

@@ -1,13 +1,20 @@
 """The rows of an answer: a CSV table that somebody else's program wrote, and that a budget scores."""
 
+from __future__ import annotations
+
 import csv
+from collections.abc import Callable, Mapping, Sequence
 from math import isfinite, nan
+from typing import TYPE_CHECKING, Any
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.text_file import read_text
 
+if TYPE_CHECKING:
+    from csstsim.base.types import PathLike
 
-def answer_rows(path, columns, key=None):
+
+def answer_rows(path: PathLike, columns: Sequence[str], key: str | None = None) -> list[tuple[int, dict[str, Any]]]:
     """Return [(line, {column: text})] of a CSV file with these columns and at least one row.
 
     A byte-order mark does no harm, nor do blank lines. key: the option that names the file. Raises InputError.
@@ -21,20 +28,29 @@ def answer_rows(path, columns, key=None):
         raise InputError(f"not a CSV table: {exc}", file=path, key=key) from None
     if not rows:
         raise InputError("not an answer: no row", file=path, allowed=", ".join(columns))
-    if missing := [name for name in columns if name not in reader.fieldnames]:
-        lacks, found = f"not an answer: it lacks {', '.join(missing)}", ", ".join(reader.fieldnames)
+    names = reader.fieldnames
+    assert names is not None  # there are rows
+    if missing := [name for name in columns if name not in names]:
+        lacks, found = f"not an answer: it lacks {', '.join(missing)}", ", ".join(names)
         raise InputError(lacks, file=path, key="columns", value=found, allowed=", ".join(columns))
-    if twice := [name for name in dict.fromkeys(reader.fieldnames) if name and reader.fieldnames.count(name) > 1]:
+    if twice := [name for name in dict.fromkeys(names) if name and names.count(name) > 1]:
         raise InputError("the column is given twice", file=path, key=twice[0], allowed="one column of each name")
     for line, row in rows:
         if None in row:  # where csv puts cells beyond the heading
-            value, allowed = len(reader.fieldnames) + len(row[None]), len(reader.fieldnames)
+            value, allowed = len(names) + len(row[None]), len(names)
             more = "more cells than the heading"
             raise InputError(more, file=path, key=f"line {line}", value=value, allowed=allowed)
     return rows
 
 
-def answer_number(path, line, row, name, good=lambda value: True, allowed="a finite number"):
+def answer_number(
+    path: PathLike,
+    line: int,
+    row: Mapping[str, Any],
+    name: str,
+    good: Callable[[float], bool] = lambda value: True,
+    allowed: str = "a finite number",
+) -> float:
     """Return the number in a row's cell. Raises InputError for one that is not finite, or not good(number)."""
     text = row[name]
     try:

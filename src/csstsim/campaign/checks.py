@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from csstsim.campaign.opened import OpenCampaign
     from csstsim.instrument.chip import Chip
     from csstsim.instrument.pointing import Pointing
-    from csstsim.io.keywords import StateOfChip
     from csstsim.simulation.sim_steps import SimSteps
+    from csstsim.simulation.state import State
 
 
 def check_file(run: OpenCampaign, key: str, path: Path) -> None:
@@ -121,7 +121,7 @@ def check_header(run: OpenCampaign, chip: Chip) -> None:
     own_layers = not all(steps.shipped for steps in run.steps.values())  # which may add quantities
     if own_layers or camera.files.folder.resolve() == (SHIPPED / "instrument").resolve():
         return
-    state = cast("StateOfChip", SimpleNamespace(
+    state = cast("State", SimpleNamespace(
         header={}, mask=None, pointing=next(iter(run.pointings.values())), chip=chip, window=chip.full_window,
         telescope=camera.telescope, wcs=SimpleNamespace(distortion=None),
     ))  # fmt: skip

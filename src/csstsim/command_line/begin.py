@@ -1,11 +1,17 @@
 """Commands of a newcomer: a folder to begin in, a look at the installation, completion in the shell."""
 
+from __future__ import annotations
+
 import sys
+from typing import TYPE_CHECKING
 
 import click
 
 from csstsim.command_line.completion import INSTALL
 from csstsim.command_line.group import QUIET
+
+if TYPE_CHECKING:
+    from typing import Any
 
 
 @click.command()
@@ -14,7 +20,7 @@ from csstsim.command_line.group import QUIET
 @click.option(
     "--example", type=click.Choice(["layer", "catalogue", "camera", "shear", "slitless", "lens"]), help="An example."
 )
-def init(folder, catalogue, example):
+def init(folder: str, catalogue: str | None, example: str | None) -> None:
     """Write a folder with a campaign that runs, yours to change.
 
     \b
@@ -58,7 +64,7 @@ def init(folder, catalogue, example):
 @click.option("--obsid", default="10100000001", show_default=True, help="Number of the first exposure.")
 @click.option("--instrument", type=click.Path(), help="Folder of the camera [default: the shipped one].")
 @click.option("--output", type=click.Path(), help="New file for the table [default: print it].")
-def aim(ra, dec, output, instrument, **values):
+def aim(ra: float, dec: float, output: str | None, instrument: str | None, **values: Any) -> None:
     """Write exposures of one place as a survey table.
 
     RA and DEC are in deg, ICRS. The ra and dec of a survey table's row are the direction of the focal plane's middle.
@@ -98,7 +104,7 @@ def aim(ra, dec, output, instrument, **values):
 )
 @click.option("--first-obsid", help="obsid of the list's number 0, or of its first row [default: 10100000001].")
 @click.option("--tolerance", type=float, help="Largest difference from what the list states, deg [default: 1].")
-def import_pointings(file, output, **options):
+def import_pointings(file: str, output: str, **options: Any) -> None:
     """Make a survey table of another's list of pointings.
 
     FILE is CSV, ECSV, FITS or columns between blanks. A text without names has columns col1, col2, ...; in any list,
@@ -138,7 +144,7 @@ def import_pointings(file, output, **options):
 
 @click.command()
 @click.argument("campaign", required=False, type=click.Path())
-def doctor(campaign):
+def doctor(campaign: str | None) -> None:
     """Check the installation, and a campaign if one is named.
 
     Prints one line for each check: ok, warning or problem, and what to do. Checked are versions, numba's cache, data,
@@ -164,7 +170,7 @@ def doctor(campaign):
 
 @click.command()
 @click.argument("shell", type=click.Choice(list(INSTALL)))
-def completion(shell):
+def completion(shell: str) -> None:
     """Print what makes the shell complete csstsim's commands.
 
     It completes commands, options, files, layers, and a campaign's exposures and chips. The first lines of the output

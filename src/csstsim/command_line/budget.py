@@ -1,15 +1,21 @@
 """`csstsim budget`: what each effect costs a measurement of shear, or of redshifts."""
 
+from __future__ import annotations
+
 import functools
+from typing import TYPE_CHECKING
 
 import click
 
 from csstsim.command_line.group import Commands
 from csstsim.command_line.options import of_campaign
 
+if TYPE_CHECKING:
+    from csstsim.campaign.opened import OpenCampaign
+
 
 @click.group(cls=Commands)
-def budget():
+def budget() -> None:
     """Say what each effect costs a measurement: shear, redshifts.
 
     \b
@@ -19,7 +25,7 @@ def budget():
     """
 
 
-def _names(ctx, option, value):
+def _names(ctx: click.Context, option: click.Parameter, value: str | None) -> list[str] | str | None:
     return value and [name.strip() for name in value.split(",")]
 
 
@@ -39,7 +45,18 @@ def _names(ctx, option, value):
 @click.option("--blind", type=click.Path(), metavar="KEY", help="Write frames of hidden shear; the key goes to KEY.")
 @click.option("--whole", is_flag=True, help="With --blind: frames with all effects of the sum at once.")
 @click.option("--reveal", nargs=2, type=click.Path(), metavar="KEY ANSWER", help="Score an answer, a CSV table.")
-def shear(file, output, only_plan, count, samples, effects, estimators, blind, whole, reveal):
+def shear(
+    file: str | None,
+    output: str,
+    only_plan: bool,
+    count: int | None,
+    samples: list[str] | None,
+    effects: list[str] | None,
+    estimators: list[str] | None,
+    blind: str | None,
+    whole: bool,
+    reveal: tuple[str, str] | None,
+) -> None:
     """Measure what each effect adds to the bias of shear.
 
     PLAN lists samples of galaxies, effects and estimators [default: config/budget/shear.yaml]. Every effect is
@@ -89,7 +106,9 @@ def shear(file, output, only_plan, count, samples, effects, estimators, blind, w
     "--output", "folder", type=click.Path(), default="results/budget_redshift", show_default=True,
     help="Folder of results.",
 )  # fmt: skip
-def redshift(run, also, spectra, answer, band, folder):
+def redshift(
+    run: OpenCampaign, also: tuple[str, ...], spectra: str | None, answer: str | None, band: str, folder: str
+) -> None:
     """Stack slitless spectra; score redshifts fitted to them.
 
     Spectra of one galaxy from all frames of a campaign are added: stack.parquet and objects.parquet are for the program

@@ -4,11 +4,20 @@ The shell waits for the answer. So only the readers of the two files are importe
 cannot be read offers nothing.
 """
 
+from __future__ import annotations
+
 import csv
 from pathlib import Path
+from typing import TYPE_CHECKING, cast
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.text_file import read_text
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from click import Command, Context, Parameter
+    from click.shell_completion import ShellComplete
 
 INSTALL = {
     "bash": 'eval "$(csstsim completion bash)"    # at the end of ~/.bashrc; bash 4.4 or newer',
@@ -17,7 +26,7 @@ INSTALL = {
 }
 
 
-def obsids_of(ctx, param, incomplete):
+def obsids_of(ctx: Context, param: Parameter, incomplete: str) -> list[str]:
     """Return the exposures of the campaign named before on the line that begin with `incomplete`."""
     campaign = _campaign(ctx)
     select, found = campaign.get("select") or {}, []
@@ -33,7 +42,7 @@ def obsids_of(ctx, param, incomplete):
     return found
 
 
-def chips_of(ctx, param, incomplete):
+def chips_of(ctx: Context, param: Parameter, incomplete: str) -> list[str]:
     """Return the numbers of the chips that the campaign lists, or of all, that begin with `incomplete`."""
     select = _campaign(ctx).get("select")
     chips = select.get("chips") if isinstance(select, dict) else None
@@ -41,7 +50,7 @@ def chips_of(ctx, param, incomplete):
     return [str(chip) for chip in listed if str(chip).startswith(incomplete)]
 
 
-def _all_chips(ctx):
+def _all_chips(ctx: Context) -> list[int]:
     """Return the numbers of all chips of the campaign's camera."""
     from csstsim.base.files.yaml_file import read_yaml
     from csstsim.base.shipped import SHIPPED
@@ -56,23 +65,23 @@ def _all_chips(ctx):
         return []
 
 
-def layers_of(ctx, param, incomplete):
+def layers_of(ctx: Context, param: Parameter, incomplete: str) -> list[str]:
     """Return the keywords of csstsim's layers that begin with `incomplete`, in small letters."""
     from csstsim.simulation.sim_steps import known_layers
 
     return [name for name in known_layers() if name.startswith(incomplete.lower())]
 
 
-def _file(ctx):
+def _file(ctx: Context) -> str | None:
     return ctx.params.get("campaign") or next(iter(ctx.args), None)  # click stops at the option that has no value yet
 
 
-def _beside(ctx, path):
+def _beside(ctx: Context, path: object) -> Path:
     """Return a path of the campaign, relative to its file."""
     return Path(_file(ctx) or "").parent / str(path)
 
 
-def _campaign(ctx):
+def _campaign(ctx: Context) -> dict[str, Any]:
     """Return the campaign's file as a mapping, unchecked; an empty one if there is none."""
     from csstsim.base.files.yaml_file import read_yaml
 
@@ -83,9 +92,10 @@ def _campaign(ctx):
         return {}
 
 
-def script(shell, command):
+def script(shell: str, command: Command) -> str:
     """Return the shell code that completes the click `command`; a comment in it says how to install it."""
     from click.shell_completion import get_completion_class
 
-    complete = get_completion_class(shell)(command, {}, "csstsim", "_CSSTSIM_COMPLETE")
+    kind = cast("type[ShellComplete]", get_completion_class(shell))  # click knows all of INSTALL
+    complete = kind(command, {}, "csstsim", "_CSSTSIM_COMPLETE")
     return f"# To install it:\n#   {INSTALL[shell]}\n{complete.source()}"

@@ -7,7 +7,7 @@ import click
 @click.argument("samples", type=click.Path())
 @click.option("--output", required=True, type=click.Path(), help="The aXe configuration to write, NAME.conf.")
 @click.option("--sensitivity", "stem", help="Stem of its sensitivity files, STEM_p1.fits, ... [default: NAME].")
-def fit_grating(samples, output, stem):
+def fit_grating(samples: str, output: str, stem: str | None) -> None:
     """Fit a grating's traces and dispersion to ray tracing.
 
     Equations 1 to 4 of the paper are fitted to trajectories.
@@ -37,7 +37,7 @@ def fit_grating(samples, output, stem):
 @click.argument("chip", type=click.IntRange(1))
 @click.option("--output", required=True, type=click.Path(), help="Folder for the files.")
 @click.option("--instrument", type=click.Path(), help="Folder of the camera [default: the shipped one].")
-def export_grating(chip, output, instrument):
+def export_grating(chip: int, output: str, instrument: str | None) -> None:
     """Write a chip's gratings in grismconf's form.
 
     A .conf and the sensitivity of each order are written for both gratings. grismconf and what is built on it read

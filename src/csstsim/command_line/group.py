@@ -1,5 +1,7 @@
 """The group of all commands: help in sections, the switches -v and -q, one line for each error, exit codes."""
 
+from __future__ import annotations
+
 import atexit
 import gc
 import logging
@@ -8,6 +10,7 @@ import signal
 import sys
 import traceback
 from contextlib import contextmanager, nullcontext, redirect_stdout
+from typing import TYPE_CHECKING
 
 import click
 
@@ -15,6 +18,11 @@ from csstsim.base.errors import CsstsimError
 from csstsim.base.help_page import with_page
 from csstsim.base.process.progress import hidden
 from csstsim.campaign.running.job_log import ERROR
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from types import FrameType
+    from typing import Any, NoReturn
 
 SECTIONS = {
     "Begin": ("init", "aim", "import-pointings", "doctor", "check", "plan", "completion"),
@@ -36,7 +44,7 @@ LOUD, QUIET = "csstsim.loud", "csstsim.quiet"  # in the context of the command
 class GivenPath(click.Path):
     """The name of a file or folder: not an empty one, which a script's unset variable leaves."""
 
-    def convert(self, value, param, ctx):
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Return the name. Fails for an empty one."""
         if value == "":
             self.fail("an empty name", param, ctx)
@@ -46,7 +54,7 @@ class GivenPath(click.Path):
 class Commands(click.Group):
     """A click group whose commands understand -v and -q after their name, and refuse empty names of files."""
 
-    def add_command(self, cmd, name=None):
+    def add_command(self, cmd: click.Command, name: str | None = None) -> None:
         """Add a command."""
         for param in cmd.params:
             if type(param.type) is click.Path:
@@ -58,14 +66,14 @@ class Commands(click.Group):
 class Group(Commands):
     """The group of all. An input error prints one line and exits with code 2; SIGTERM ends it silently."""
 
-    def main(self, *args, **options):
+    def main(self, *args: Any, **options: Any) -> Any:
         """Run the command; from here on SIGTERM ends it silently."""
         signal.signal(signal.SIGTERM, _stop)
         gc.set_threshold(GARBAGE)
         atexit.register(gc.freeze)  # the interpreter's end would search all that was imported: half a CPU s
         return super().main(*args, **options)
 
-    def format_commands(self, ctx, formatter):
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the commands, by section, each in one line."""
         for title, names in SECTIONS.items():
             width = max(map(len, names))
@@ -76,7 +84,7 @@ class Group(Commands):
             with formatter.section(title):
                 formatter.write_dl(rows)
 
-    def invoke(self, ctx):
+    def invoke(self, ctx: click.Context) -> Any:
         """Run the sub-command and end with its exit code."""
         try:
             result = super().invoke(ctx)
@@ -98,24 +106,26 @@ class Group(Commands):
         sys.exit(2)
 
 
-def _stop(number, frame):
+def _stop(number: int, frame: FrameType | None) -> NoReturn:
     """Raise an exception, so that half-written files are removed (csstsim.base.files.atomic)."""
     sys.exit(128 + number)
 
 
-def _forget_output():
+def _forget_output() -> None:
     """Discard what is still to be printed, also at exit."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, sys.stdout.fileno())
     os.close(nowhere)
 
 
-def _switch(letter, callback, **options):
+def _switch(
+    letter: str, callback: Callable[[click.Context, click.Parameter, bool], None], **options: Any
+) -> click.Option:
     name = {"-v": "--verbose", "-q": "--quiet"}[letter]
     return click.Option([letter, name], is_flag=True, expose_value=False, callback=callback, **options)
 
 
-def _loud(ctx, option, value):
+def _loud(ctx: click.Context, option: click.Parameter, value: bool) -> None:
     """Begin -v: until the command ends, say on standard error which files are read and written."""
     if value and LOUD not in ctx.meta:
         ctx.meta[LOUD] = True
@@ -123,7 +133,7 @@ def _loud(ctx, option, value):
         ctx.find_root().with_resource(hidden())  # lines and bars would mix
 
 
-def _quiet(ctx, option, value):
+def _quiet(ctx: click.Context, option: click.Parameter, value: bool) -> None:
     """Begin -q: no bars; `hushed` lets the rest go."""
     if value and QUIET not in ctx.meta:
         ctx.meta[QUIET] = sys.stdout
@@ -137,7 +147,7 @@ SWITCHES = [
 
 
 @contextmanager
-def _files_logged():
+def _files_logged() -> Iterator[None]:
     log, handler = logging.getLogger("csstsim.files"), logging.StreamHandler()
     handler.setFormatter(logging.Formatter("csstsim: %(asctime)s.%(msecs)03d %(message)s", "%H:%M:%S"))
     log.addHandler(handler)
@@ -150,13 +160,13 @@ def _files_logged():
 
 
 @contextmanager
-def hushed():
+def hushed() -> Iterator[None]:
     """Under -q, discard what is printed inside."""
     quiet = QUIET in click.get_current_context().meta
     with open(os.devnull, "w") as nowhere, redirect_stdout(nowhere) if quiet else nullcontext():
         yield
 
 
-def result(text):
+def result(text: str) -> None:
     """Print the result that was asked for, also under -q."""
     print(text, file=click.get_current_context().meta.get(QUIET))

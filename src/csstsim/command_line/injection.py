@@ -1,8 +1,15 @@
 """The commands that put objects into frames, and that say how well they are found again."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import click
 
 from csstsim.command_line.options import Finite
+
+if TYPE_CHECKING:
+    from typing import Any
 
 
 @click.command()
@@ -20,7 +27,9 @@ from csstsim.command_line.options import Finite
 @click.option(
     "--zeropoint", type=Finite(0, 50), help="Frames of others: AB magnitude of 1 electron/s [default: the header's]."
 )
-def inject(frames, catalogue, output, campaign, instrument, **options):
+def inject(
+    frames: tuple[str, ...], catalogue: str, output: str, campaign: str | None, instrument: str | None, **options: Any
+) -> None:
     """Put objects of a table into frames that exist.
 
     FRAME is a Level-0 file or a calibrated image of csstsim, or any FITS image with a WCS, a gain or an electron unit,
@@ -52,7 +61,17 @@ def inject(frames, catalogue, output, campaign, instrument, **options):
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Seed of random places.")
 @click.option("--campaign", type=click.Path(), help="Campaign that made the frame [default: the header tells].")
 @click.option("--instrument", type=click.Path(), help="Folder of the camera, without --campaign [default: shipped].")
-def place(frame, objects, output, spacing, apart, near, distance, seed, **given):
+def place(
+    frame: str,
+    objects: str,
+    output: str,
+    spacing: float | None,
+    apart: float | None,
+    near: str | None,
+    distance: tuple[float, float] | None,
+    seed: int,
+    **given: Any,
+) -> None:
     """Give objects places in a frame, to be injected there.
 
     OBJECTS is a table of objects; its columns ra and dec are added or replaced. Without an option, places are random:
@@ -68,7 +87,13 @@ def place(frame, objects, output, spacing, apart, near, distance, seed, **given)
 
     if sum(v is not None for v in (spacing, apart, near)) > 1 or (distance and near is None):
         raise click.UsageError("give one of --grid, --apart and --beside; --distance goes with --beside")
-    how = {"spacing": spacing, "apart": apart or 0.0, "near": near, "distance": distance or (0.5, 2.0), "seed": seed}
+    how: dict[str, Any] = {
+        "spacing": spacing,
+        "apart": apart or 0.0,
+        "near": near,
+        "distance": distance or (0.5, 2.0),
+        "seed": seed,
+    }
     run(frame, objects, output, click.echo, **how, **given)
 
 
@@ -79,7 +104,9 @@ def place(frame, objects, output, spacing, apart, near, distance, seed, **given)
 @click.option("--campaign", type=click.Path(), help="Campaign that made the frames [default: the header tells].")
 @click.option("--instrument", type=click.Path(), help="Folder of the camera, without --campaign [default: shipped].")
 @click.option("--truth", type=click.Path(), help="Truth of the injected objects [default: beside INJECTED].")
-def recover(injected, original, output, campaign, instrument, truth):
+def recover(
+    injected: str, original: str, output: str | None, campaign: str | None, instrument: str | None, truth: str | None
+) -> None:
     """Say how well injected objects are found and measured.
 
     INJECTED and ORIGINAL are measured by the same code. Injected objects are matched with sources that ORIGINAL lacks.

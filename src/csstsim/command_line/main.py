@@ -5,7 +5,10 @@ difference; 2 the input cannot be used (one line says what is wrong, where, and 
 pipe has gone; 143 SIGTERM.
 """
 
+from __future__ import annotations
+
 import functools
+from typing import TYPE_CHECKING
 
 import click
 
@@ -16,12 +19,16 @@ from csstsim.command_line.budget import budget
 from csstsim.command_line.group import SWITCHES, Group, result
 from csstsim.command_line.options import of_campaign, of_jobs
 
+if TYPE_CHECKING:
+    from csstsim.campaign.job import Job
+    from csstsim.campaign.opened import OpenCampaign
+
 
 @click.group(
     cls=Group, params=SWITCHES, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110}
 )
 @click.version_option(__version__, prog_name="csstsim")
-def main():
+def main() -> None:
     """Simulate the CSST Survey Camera: from a pointing table to Level-0 files, truth and catalogues.
 
     \b
@@ -42,7 +49,7 @@ def main():
 @of_jobs
 @click.option("--output", type=click.Path(), help="Folder for the products [default: the campaign's].")
 @click.option("--profile", is_flag=True, help="Print the time of each layer, drawing method and function.")
-def chip(run, jobs, resume, profile):
+def chip(run: OpenCampaign, jobs: list[Job], resume: bool, profile: bool) -> None:
     """Run chips in memory, from catalogue to Level-0 file.
 
     Chips run one after the other. Missing truth bricks and PSF sets are made first, in the output folder.
@@ -58,7 +65,7 @@ def chip(run, jobs, resume, profile):
     from csstsim.stages.chip import chip as run_chip
     from csstsim.stages.chip import missing
 
-    def make(job):
+    def make(job: Job) -> None:
         if profile:
             from csstsim.command_line.profile import profiled
 
@@ -74,7 +81,7 @@ def chip(run, jobs, resume, profile):
 @main.command()
 @of_campaign
 @click.option("--sky", type=click.Path(), metavar="FILE", help="With the stray-light model: write each sky to a CSV.")
-def plan(run, sky):
+def plan(run: OpenCampaign, sky: str | None) -> None:
     """Print what a campaign would make and cost; run nothing.
 
     Printed are its exposures, chips, bricks and jobs, and the disk, CPU and memory they need. With the stray-light
@@ -94,7 +101,7 @@ def plan(run, sky):
 
 @main.command()
 @of_campaign
-def check(run):
+def check(run: OpenCampaign) -> None:
     """Check a campaign's files and count the chips it would run.
 
     A catalogue of your own is tested on the first exposure.

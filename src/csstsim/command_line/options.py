@@ -1,7 +1,10 @@
 """Shared by commands: opening the campaign, options of exposure, chip and brick, the first and last line of a log."""
 
+from __future__ import annotations
+
 import functools
 import math
+from typing import TYPE_CHECKING
 
 import click
 
@@ -10,11 +13,17 @@ from csstsim.campaign.running.job_log import job_log, part_log
 from csstsim.command_line.completion import chips_of, obsids_of
 from csstsim.command_line.group import hushed
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from typing import Any
+
+    from csstsim.campaign.opened import OpenCampaign
+
 
 class Finite(click.FloatRange):
     """A number that is neither NaN nor infinite."""
 
-    def convert(self, value, param, ctx):
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Return the number. Fails for anything else."""
         value = super().convert(value, param, ctx)
         if not math.isfinite(value):
@@ -32,7 +41,7 @@ brick_opt = click.option(
 )
 
 
-def _once(context, option, numbers):
+def _once(context: click.Context, option: click.Parameter, numbers: tuple[int, ...]) -> tuple[int, ...]:
     return tuple(dict.fromkeys(numbers))
 
 
@@ -53,26 +62,26 @@ scratch_opt = click.option(
 )  # fmt: skip
 
 
-def of_campaign(function):
+def of_campaign(function: Callable[..., object]) -> Callable[..., object]:
     """Give the command an opened campaign; import only what the command needs."""
 
     @functools.wraps(function)
-    def command(campaign, **options):
+    def command(campaign: str, **options: Any) -> object:
         from csstsim.campaign.opened import OpenCampaign
 
         folders = options.pop("output", None), options.pop("scratch", None)
-        chips = options.get("chip_ids") or (options.get("chip_id"),)
+        chips: tuple[Any, ...] = options.get("chip_ids") or (options.get("chip_id"),)
         only = (options["obsid"], chips) if "obsid" in options and chips != (None,) else None
         return function(OpenCampaign(campaign, *folders, only=only), **options)
 
     return campaign_arg(command)
 
 
-def stage(function):
+def stage(function: Callable[..., object]) -> Callable[..., object]:
     """As of_campaign, for commands that make products: the first line of a log has the job, the last its cost."""
 
     @functools.wraps(function)
-    def logged(run, **options):
+    def logged(run: OpenCampaign, **options: Any) -> object:
         names = {"obsid": "exposure", "chip_id": "chip", "chip_ids": "chip", "pix": "brick", "bricks": "brick"}
         named = [(word, options[key]) for key, word in names.items() if key in options]
         parts = [(word, *(value if isinstance(value, tuple) else (value,))) for word, value in named]
@@ -84,10 +93,10 @@ def stage(function):
     return of_campaign(logged)
 
 
-def of_job(function):
+def of_job(function: Callable[..., object]) -> Callable[..., object]:
     """As stage, for one chip of one exposure: the function gets a job."""
 
-    def command(run, obsid, chip_id, **options):
+    def command(run: OpenCampaign, obsid: str, chip_id: int, **options: Any) -> object:
         job = run.job(obsid, chip_id)
         with job.named():
             return function(run, job, **options)
@@ -95,19 +104,19 @@ def of_job(function):
     return obsid_opt(chip_opt(stage(functools.update_wrapper(command, function))))
 
 
-def of_jobs(function):
+def of_jobs(function: Callable[..., object]) -> Callable[..., object]:
     """As stage, for chips of one exposure: the function gets a list of jobs."""
 
-    def command(run, obsid, chip_ids, **options):
+    def command(run: OpenCampaign, obsid: str, chip_ids: tuple[int, ...], **options: Any) -> object:
         return function(run, [run.job(obsid, chip_id) for chip_id in chip_ids], **options)
 
     return obsid_opt(chips_opt(resume_opt(stage(functools.update_wrapper(command, function)))))
 
 
-def of_bricks(function):
+def of_bricks(function: Callable[..., object]) -> Callable[..., object]:
     """As stage, for bricks, one after the other: the function gets a brick at a time."""
 
-    def command(run, bricks, **options):
+    def command(run: OpenCampaign, bricks: tuple[int, ...], **options: Any) -> None:
         for pix in progress(bricks, "bricks"):
             with part_log("brick", pix):
                 function(run, pix, **options)

@@ -1,9 +1,16 @@
 """`csstsim release`: a release described, a public benchmark packed, a catalogue scored against its truth."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import click
 
 from csstsim.command_line.group import Commands
 from csstsim.command_line.options import Finite, of_campaign
+
+if TYPE_CHECKING:
+    from csstsim.campaign.opened import OpenCampaign
 
 by = click.option("--author", "authors", multiple=True, metavar="NAME", help="Name of an author; repeat.")
 under = click.option(
@@ -16,7 +23,7 @@ under = click.option(
 
 
 @click.group(cls=Commands)
-def release():
+def release() -> None:
     """Describe a release, pack a public benchmark, score catalogues.
 
     \b
@@ -32,7 +39,7 @@ def release():
 @of_campaign
 @by
 @under
-def crate(run, authors, licence):
+def crate(run: OpenCampaign, authors: tuple[str, ...], licence: str) -> None:
     """Write the RO-Crate metadata of a finished campaign.
 
     ro-crate-metadata.json says what each file is and how all were made: workflow, campaign, recipes, the run's times.
@@ -53,7 +60,7 @@ def crate(run, authors, licence):
 @click.option("--output", required=True, type=click.Path(), help="Folder of the pack: new, or empty.")
 @by
 @under
-def pack(campaign, output, authors, licence):
+def pack(campaign: str, output: str, authors: tuple[str, ...], licence: str) -> None:
     """Pack a public benchmark from a finished campaign.
 
     OUTPUT/public has frames as read and calibrated, PSFs of their stars, gratings, a README for strangers, checksums
@@ -80,7 +87,7 @@ def pack(campaign, output, authors, licence):
 @click.option(
     "--radius", type=Finite(0.01, 10.0), default=0.3, show_default=True, help="Least reach of a match, arcsec."
 )
-def score(catalogue, truth, output, maps, band, radius):
+def score(catalogue: str, truth: str, output: str, maps: tuple[str, ...], band: str | None, radius: float) -> None:
     """Score a catalogue against the truth of a pack.
 
     Printed, drawn and written: completeness, purity and matches by chance, and bias and scatter of magnitudes, places,

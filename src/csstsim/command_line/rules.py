@@ -1,17 +1,26 @@
 """The commands of the workflow's rules: each calls the function of its name in csstsim.stages."""
 
+from __future__ import annotations
+
 import functools
 import sys
+from typing import TYPE_CHECKING
 
 import click
 
 from csstsim.command_line.options import Finite, brick_opt, chip_opt, of_bricks, of_job, of_jobs, scratch_opt, stage
 
+if TYPE_CHECKING:
+    from typing import Any
+
+    from csstsim.campaign.job import Job
+    from csstsim.campaign.opened import OpenCampaign
+
 
 @click.command()
 @stage
 @brick_opt
-def truth(run, pix):
+def truth(run: OpenCampaign, pix: int) -> None:
     """Make one brick of the embedded True Universe.
 
     \b
@@ -26,7 +35,7 @@ def truth(run, pix):
 @click.command()
 @stage
 @chip_opt
-def psf(run, chip_id):
+def psf(run: OpenCampaign, chip_id: int) -> None:
     """Make the PSF set of one chip.
 
     \b
@@ -46,7 +55,7 @@ def psf(run, chip_id):
 @click.command()
 @of_job
 @scratch_opt
-def select(run, job):
+def select(run: OpenCampaign, job: Job) -> None:
     """Find the objects that reach a chip, and their electrons/s.
 
     \b
@@ -61,7 +70,7 @@ def select(run, job):
 @click.command()
 @of_job
 @scratch_opt
-def render(run, job):
+def render(run: OpenCampaign, job: Job) -> None:
     """Draw the objects and the sky: expected electrons.
 
     \b
@@ -76,7 +85,7 @@ def render(run, job):
 @click.command()
 @of_job
 @scratch_opt
-def readout(run, job):
+def readout(run: OpenCampaign, job: Job) -> None:
     """Turn electrons into DN: noise, overscan, bias, gain.
 
     \b
@@ -91,7 +100,7 @@ def readout(run, job):
 @click.command()
 @of_job
 @scratch_opt
-def level0(run, job):
+def level0(run: OpenCampaign, job: Job) -> None:
     """Digitise; write the Level-0 file and its truth table.
 
     \b
@@ -106,7 +115,7 @@ def level0(run, job):
 @click.command()
 @stage
 @chip_opt
-def masters(run, chip_id):
+def masters(run: OpenCampaign, chip_id: int) -> None:
     """Make a chip's master frames from bias, dark and lamp exposures.
 
     \b
@@ -120,7 +129,7 @@ def masters(run, chip_id):
 
 @click.command()
 @of_job
-def calibrate(run, job):
+def calibrate(run: OpenCampaign, job: Job) -> None:
     """Write the calibrated image of a Level-0 file, in e-/s.
 
     \b
@@ -134,7 +143,7 @@ def calibrate(run, job):
 
 @click.command()
 @of_jobs
-def measure(run, jobs, resume):
+def measure(run: OpenCampaign, jobs: list[Job], resume: bool) -> None:
     """Detect and measure the sources of Level-0 files.
 
     \b
@@ -160,7 +169,16 @@ def measure(run, jobs, resume):
     "[default: the campaign's].",
 )  # fmt: skip
 @click.option("--image", is_flag=True, help="Write that light, of all objects, as an image, too.")
-def extract(run, jobs, resume, snr, ids, everything, contamination, image):
+def extract(
+    run: OpenCampaign,
+    jobs: list[Job],
+    resume: bool,
+    snr: float | None,
+    ids: str | None,
+    everything: bool,
+    contamination: str | None,
+    image: bool,
+) -> None:
     """Extract the spectra of spectroscopic chips' Level-0 files.
 
     An emission line counts by itself: its object may have no other light. What is left out is counted, with the reason.
@@ -183,23 +201,26 @@ def extract(run, jobs, resume, snr, ids, everything, contamination, image):
         wanted = None if ids is None else [int(word) for word in ids.split(",")]
     except ValueError:
         raise click.BadParameter("numbers, separated by commas", param_hint="--ids") from None
-    if not (everything or image) and snr is wanted is contamination is None:
+    if not (everything or image) and snr is None and wanted is None and contamination is None:
         one_by_one(run, "extract", jobs, functools.partial(run_stage, run), resume)
         return
+    neighbours = None
     if contamination is not None:
-        changed = {"subtract": False} if contamination == "kept" else {"known_from": contamination, "subtract": True}
+        changed: dict[str, Any] = (
+            {"subtract": False} if contamination == "kept" else {"known_from": contamination, "subtract": True}
+        )
         if contamination == "truth":
             changed["table"] = None
-        contamination = run.config.measurement.contamination.model_copy(update=changed)
+        neighbours = run.config.measurement.contamination.model_copy(update=changed)
     for job in jobs:
         with job.named():
             least = 0.0 if everything else SNR_MIN if snr is None else snr
-            run_stage(run, job, least, wanted, contamination, image)
+            run_stage(run, job, least, wanted, neighbours, image)
 
 
 @click.command()
 @of_bricks
-def merge(run, pix):
+def merge(run: OpenCampaign, pix: int) -> None:
     """Merge the measurements of a brick: one row for each source.
 
     \b
@@ -213,7 +234,7 @@ def merge(run, pix):
 
 @click.command()
 @of_bricks
-def validate(run, pix):
+def validate(run: OpenCampaign, pix: int) -> None:
     """Compare a merged brick with the truth.
 
     \b
@@ -228,7 +249,7 @@ def validate(run, pix):
 @click.command()
 @stage
 @click.option("--strict", is_flag=True, help="End with exit code 1 if a gate fails.")
-def report(run, strict):
+def report(run: OpenCampaign, strict: bool) -> None:
     """Write the report of a campaign: one web page.
 
     The page shows the validation of every brick. A JSON file beside it has the verdict on the gates.
@@ -245,7 +266,7 @@ def report(run, strict):
 
 @click.command()
 @stage
-def variants(run):
+def variants(run: OpenCampaign) -> None:
     """Compare the variants of a finished campaign: one web page.
 
     The page has the gates side by side. For each variant it shows counts, magnitudes, places, shapes and spectra less

@@ -1,8 +1,11 @@
 """Commands that are not stages: benchmarks, pictures, shear, verification, comparison, layers, status."""
 
+from __future__ import annotations
+
 import signal
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -10,6 +13,9 @@ from csstsim.command_line.completion import layers_of
 from csstsim.command_line.gratings import export_grating, fit_grating
 from csstsim.command_line.injection import inject, place, recover
 from csstsim.command_line.release import release
+
+if TYPE_CHECKING:
+    from typing import Any
 
 
 @click.command()
@@ -31,7 +37,18 @@ from csstsim.command_line.release import release
 @click.option(
     "--chart", multiple=True, type=click.Path(), help="Draw the chart from a table of an earlier run; repeat."
 )
-def bench(output, quick, band, methods, objects, seed, shapes, readout, mcti, chart):
+def bench(
+    output: str,
+    quick: bool,
+    band: str,
+    methods: str | None,
+    objects: int | None,
+    seed: int,
+    shapes: bool,
+    readout: bool,
+    mcti: str | None,
+    chart: tuple[str, ...],
+) -> None:
     """Measure speed and accuracy of every way to draw an object.
 
     GalSim and direct optics are the references.
@@ -57,9 +74,9 @@ def bench(output, quick, band, methods, objects, seed, shapes, readout, mcti, ch
 
         draw(output, chart, say=print)
     elif readout:
-        from csstsim.bench.readout.layers import readout as run
+        from csstsim.bench.readout.layers import readout as time_layers
 
-        run(Path(output), say=print, mcti=mcti)
+        time_layers(Path(output), say=print, mcti=mcti)
     else:
         from csstsim.bench.command import bench as run
 
@@ -92,7 +109,7 @@ def bench(output, quick, band, methods, objects, seed, shapes, readout, mcti, ch
     help="Longer side of the image in the PNG, px.",
 )
 @click.option("--subtract-overscan", is_flag=True, help="Subtract each channel's overscan level (Level-0).")
-def show(file, output, **options):
+def show(file: str, output: str | None, **options: Any) -> None:
     """Make a picture of a FITS file.
 
     FILE is a Level-0 file, a frame of the render or readout stage, a calibrated image, a laboratory map, or any FITS
@@ -117,7 +134,7 @@ def show(file, output, **options):
 
 @click.command()
 @click.argument("names", metavar="[LAYER]...", nargs=-1, shell_complete=layers_of)
-def layers(names):
+def layers(names: tuple[str, ...]) -> None:
     """List the layers an observation file may name.
 
     Their parameters are listed, too. NAMES limits the list; a layer of your own is named by its dotted path.
@@ -133,8 +150,8 @@ def layers(names):
         click.echo("Keywords are those of the paper; in a file, upper and lower case are the same.\n")
     for name in names or known_layers():
         module = load_layer(name)
-        name = name if "." in name else name.lower()
-        click.echo(f"{name}  [{module.STAGE}, {' -> '.join(module.UNITS)}]\n    {module.__doc__.splitlines()[0]}")
+        name, about = name if "." in name else name.lower(), module.__doc__ or "(no docstring)"
+        click.echo(f"{name}  [{module.STAGE}, {' -> '.join(module.UNITS)}]\n    {about.splitlines()[0]}")
         for key, field in module.Param.model_fields.items():
             click.echo(f"      {key} = {field.default}: {field.description}")
 
@@ -143,7 +160,7 @@ def layers(names):
 @click.argument("campaigns", nargs=-1, required=True, type=click.Path())
 @click.option("--output", type=click.Path(), help="JSON file for the numbers and gates.")
 @click.option("--strict", is_flag=True, help="End with exit code 1 if a gate fails.")
-def shear(campaigns, output, strict):
+def shear(campaigns: tuple[str, ...], output: str | None, strict: bool) -> None:
     """Measure shear, and its m and c, from twin campaigns.
 
     The campaigns are finished and have constant shear. Twins differ only in `catalog.shapes`: normal and rotated90. One
@@ -164,7 +181,7 @@ def shear(campaigns, output, strict):
 @click.argument("campaign", type=click.Path())
 @click.option("--output", type=click.Path(), help="The folder to verify [default: the campaign's].")
 @click.option("--manifest", is_flag=True, help="If there is no fault, write MANIFEST.sha256 and MANIFEST.tsv there.")
-def verify(campaign, output, manifest):
+def verify(campaign: str, output: str | None, manifest: bool) -> None:
     """Check that a campaign's output is complete and undamaged.
 
     Every product must be there, undamaged, and made for this campaign; no other file may be there. Prints one line for
@@ -210,7 +227,7 @@ def verify(campaign, output, manifest):
     "--truth", type=click.Path(), help="Compare two frames at this catalogue's objects instead: light, places."
 )
 @click.option("--instrument", type=click.Path(), help="Folder of the camera, with --truth [default: the shipped one].")
-def compare(a, b, provenance, truth, instrument):
+def compare(a: str, b: str, provenance: bool, truth: str | None, instrument: str | None) -> None:
     """Print what differs between two runs, by how much, and where.
 
     A and B are two output folders, or two files. Dates, run times, folders, logs and manifests always differ between
@@ -244,7 +261,7 @@ def compare(a, b, provenance, truth, instrument):
 @click.option("--output", required=True, type=click.Path(), help="Folder of the new campaign.")
 @click.option("--instrument", type=click.Path(), help="Folder of the camera's data [default: the shipped one].")
 @click.option("--seed", type=click.IntRange(0), help="Seed [default: the header's; 1 if it has none].")
-def recreate(frame, truth, output, instrument, seed):
+def recreate(frame: str, truth: str, output: str, instrument: str | None, seed: int | None) -> None:
     """Write a campaign that draws again what a frame shows.
 
     FRAME is a raw frame, of csstsim or of the mission's simulations; TRUTH is its `.cat`, or its truth table. The
@@ -270,7 +287,7 @@ def recreate(frame, truth, output, instrument, seed):
 @click.option(
     "--watch", type=click.IntRange(1, 86400), metavar="SECONDS", help="Repeat every SECONDS until all is made."
 )
-def status(campaign, output, watch):
+def status(campaign: str, output: str | None, watch: int | None) -> None:
     """Print how far a campaign is, and what failed.
 
     Printed are products made and wanted, their rate, the time left, disk used, and failed jobs. Only the output folder

@@ -1,5 +1,9 @@
 """Checks of products that frames share: truth bricks, PSF sets, masters, merged bricks, validation, report."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from csstsim.base.digest import digest
@@ -11,8 +15,17 @@ from csstsim.delivery.frame_checks import other_recipe
 from csstsim.io.frames import load_frame
 from csstsim.io.level0 import read_level0
 
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping
+    from pathlib import Path
+    from typing import Any
 
-def truth_brick(path, record):
+    from csstsim.delivery.contents import ExpectedFrame
+    from csstsim.delivery.products import Seen
+    from csstsim.optics.psf.psf_file import PsfSet
+
+
+def truth_brick(path: Path, record: dict[str, Any] | None) -> Iterator[str]:
     """Check a brick of the embedded Universe; `record`: what it must be made for, or None."""
     from csstsim.catalog.truth_bricks import read_brick
 
@@ -22,10 +35,10 @@ def truth_brick(path, record):
         yield "has objects of another brick"
 
 
-def psf(path, frame, seen):
+def psf(path: Path, frame: ExpectedFrame, seen: Seen) -> Iterator[str]:
     """Check a chip's PSF set, every node of it, and that a frame of the chip was drawn with it."""
     for node in np.flatnonzero(~(made := _psf(path, frame)).dead):
-        made.node(node)
+        made.node(int(node))
     try:
         used = (
             seen.psf_hash[frame.level0] if frame.level0 in seen.psf_hash
@@ -37,7 +50,7 @@ def psf(path, frame, seen):
         yield f"is not the set that {frame.level0.name} was drawn with"
 
 
-def psf_tables(path, psf_path, frame):
+def psf_tables(path: Path, psf_path: Path, frame: ExpectedFrame) -> Iterator[str]:
     """Check the tables photons are drawn from, every node of them."""
     from csstsim.render.psf_table import read_tables
 
@@ -49,20 +62,22 @@ def psf_tables(path, psf_path, frame):
     yield from ()
 
 
-def _psf(path, frame):
+def _psf(path: Path, frame: ExpectedFrame) -> PsfSet:
     from csstsim.optics.psf.psf_file import PsfSet
 
     return PsfSet(path, chip=frame.chip, filter=frame.filter)
 
 
-def masters(path, record):
+def masters(path: Path, record: dict[str, Any] | None) -> Iterator[str]:
     """Check a chip's master calibration frames."""
     planes, _ = load_frame(path, record)
     if set(planes) != {"flat", "bad"}:
         yield f"holds {', '.join(planes) or 'nothing'}, not the planes flat and bad"
 
 
-def merged(path, pix, recipe, frames, seen):
+def merged(
+    path: Path, pix: int, recipe: str | None, frames: Mapping[tuple[str, int], ExpectedFrame], seen: Seen
+) -> Iterator[str]:
     """Check a merged brick: its recipe, that its rows lie in it, and that every link leads to a measured row.
 
     frames: {(obsid, chip): ExpectedFrame}; seen.measured: {(obsid, chip): rows}; notes its rows and recipe in `seen`.
@@ -89,7 +104,7 @@ def merged(path, pix, recipe, frames, seen):
 LINKS = ("detection_obsid", "detection_chip", "detection_filter", "detection_number")
 
 
-def _links(table, frames, seen):
+def _links(table: ObjectTable, frames: Mapping[tuple[str, int], ExpectedFrame], seen: Seen) -> Iterator[str]:
     """Yield links of merged rows that lead nowhere, twice to one row, or are too many or too few."""
     lists = [table[name] for name in LINKS]
     lengths = [np.array([len(v) for v in column], int) for column in lists]
@@ -113,13 +128,13 @@ def _links(table, frames, seen):
             yield f"a detection of {name} belongs to two sources"
 
 
-def partition(path, bricks):
+def partition(path: Path, bricks: Iterable[int]) -> Iterator[str]:
     """Check the list of bricks in a HATS catalogue."""
     if read_text(path).split() != ["Norder,Npix", *(f"8,{pix}" for pix in sorted(bricks))]:
         yield "does not list the bricks"
 
 
-def catalogue(folder, bricks, seen):
+def catalogue(folder: Path, bricks: Iterable[int], seen: Seen) -> Iterator[str]:
     """Check the files about all merged bricks (bricks.hats): they must count as many rows as the bricks have."""
     lines = read_text(folder / "hats.properties").splitlines()
     properties = dict(line.split("=", 1) for line in lines if "=" in line)
@@ -132,7 +147,7 @@ def catalogue(folder, bricks, seen):
                 yield f"{name} counts {value} rows; the bricks have {total}"
 
 
-def validation(path, pix, recipe, seen):
+def validation(path: Path, pix: int, recipe: str | None, seen: Seen) -> Iterator[str]:
     """Check a brick's validation: readable, of this brick and of what was merged; note its gates in `seen`."""
     result = read_json(path)
     if not isinstance(result, dict) or result.get("brick") != pix or not isinstance(result.get("gates"), list):
@@ -143,7 +158,7 @@ def validation(path, pix, recipe, seen):
     yield from other_recipe(result.get("recipe"), merged_from if recipe is None else recipe)
 
 
-def verdict(path, bricks, seen):
+def verdict(path: Path, bricks: Iterable[int], seen: Seen) -> Iterator[str]:
     """Check the verdict: as many gates of bricks as the validations of all bricks have."""
     result = read_json(path)
     gates = result.get("gates") if isinstance(result, dict) else None
@@ -158,7 +173,7 @@ def verdict(path, bricks, seen):
         yield f"judges {count} gates; the validations have {sum(seen.gates.values())}: make the report again"
 
 
-def page(path):
+def page(path: Path) -> Iterator[str]:
     """Check that a web page is complete."""
     with path.open("rb") as file:
         file.seek(max(path.stat().st_size - 64, 0))
@@ -166,7 +181,7 @@ def page(path):
             yield "the page is cut short"
 
 
-def picture(path):
+def picture(path: Path) -> Iterator[str]:
     """Check the checksums of a PNG."""
     from PIL import Image
 

@@ -3,14 +3,23 @@
 It comes from the campaign (`of_campaign`) or, if there is only the folder, from its products (delivery.folder).
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from csstsim.base.digest import digest
 from csstsim.campaign.products import kinds
 from csstsim.io.paths import Paths
 from csstsim.io.pointing_keywords import Boresight
+
+if TYPE_CHECKING:
+    from collections.abc import Container, Iterable
+
+    from csstsim.campaign.job import Job
+    from csstsim.campaign.opened import OpenCampaign
+    from csstsim.optics.geometry.wcs import ChipWCS
 
 YES, NO, MAYBE = "yes", "no", "maybe"  # a product must be there, must not, or may be
 
@@ -29,22 +38,22 @@ class ExpectedFrame:
     filter: str | None
     type: str
     level0: Path
-    recipe: dict | None
-    rays_recipe: dict | None
-    window: tuple | None
+    recipe: dict[str, Any] | None
+    rays_recipe: dict[str, Any] | None
+    window: tuple[int, int, int, int] | None
     measured: str
     extracted: str
     cosmic: str
     boresight: Boresight | None = None
-    wcs: Any = None
+    wcs: ChipWCS | None = None
     catalogue: Path | None = None  # the truth as text once more, under the name that the form of names has for it
 
-    def beside(self, suffix):
+    def beside(self, suffix: str) -> Path:
         """Return the file of the same name with TRUTH, CAT, ORDERS or COSMIC of io.paths."""
         return self.level0.with_suffix(suffix)
 
     @property
-    def key(self):
+    def key(self) -> tuple[str, int]:
         """(obsid, chip), as of campaign.job.Job."""
         return self.obsid, self.chip
 
@@ -60,31 +69,31 @@ class Contents:
     """
 
     paths: Paths
-    frames: tuple
-    bricks: dict
-    truth: dict
-    masters: dict
-    light: dict
+    frames: tuple[ExpectedFrame, ...]
+    bricks: dict[int, str | None]
+    truth: dict[int, dict[str, Any] | None]
+    masters: dict[int, dict[str, Any] | None]
+    light: dict[Path, dict[str, Any] | None]
     measurement: str | None
     calibrated: str
     report: str
     cat: str
-    faults: list = field(default_factory=list)
+    faults: list[tuple[Path, str]] = field(default_factory=list)
 
     @property
-    def psf(self):
+    def psf(self) -> dict[int, ExpectedFrame]:
         """{chip: a frame of it} of the chips that see the sky."""
         first = {frame.chip: frame for frame in reversed(self.frames) if frame.type == "SCIE"}
         return dict(sorted(first.items()))
 
-    def measure_recipe(self, frame):
+    def measure_recipe(self, frame: ExpectedFrame) -> dict[str, Any] | None:
         """Return what a frame's measurements must record, or None."""
         if frame.recipe is None or self.measurement is None:
             return None
         return frame.recipe | {"measurement": self.measurement}
 
 
-def of_campaign(run):
+def of_campaign(run: OpenCampaign) -> Contents:
     """Return the Contents of campaign.opened.OpenCampaign's output folder."""
     from csstsim.catalog.truth_bricks import brick_meta
     from csstsim.stages.masters import masters_recipe
@@ -107,18 +116,19 @@ def of_campaign(run):
     )
 
 
-def _boresight(job):
+def _boresight(job: Job) -> Boresight:
     pointing = job.pointing
     return Boresight(pointing.ra, pointing.dec, pointing.pa)
 
 
-def _frame(run, job, tables):
+def _frame(run: OpenCampaign, job: Job, tables: Iterable[Container[tuple[str, int]]]) -> ExpectedFrame:
     """Return the ExpectedFrame of a job. tables: keys of the jobs that are measured, and of the extracted ones."""
     window, rays = job.window, run.steps[job.pointing.type].step("cosmic_rays")
     expected = [job.key in keys for keys in tables] + [rays is not None and rays.param.save_cosmic_image]
+    measured, extracted, cosmic = (YES if there else NO for there in expected)
     text = run.paths.level0_catalogue(job) if "cat" in run.config.truth else None
     return ExpectedFrame(
         *job.key, job.chip.filter, job.pointing.type, run.paths.level0(job), run.recipe(job),
         run.recipe(job, "readout"), (window.x0, window.x1, window.y0, window.y1),
-        *(YES if there else NO for there in expected), _boresight(job), job.wcs, text,
+        measured, extracted, cosmic, _boresight(job), job.wcs, text,
     )  # fmt: skip

@@ -4,9 +4,12 @@ File names give the frames and bricks. Headers of Level-0 files give their recip
 A missing frame or truth brick cannot be noticed this way: for that the manifest or the campaign file is needed.
 """
 
+from __future__ import annotations
+
 import re
 from collections import Counter
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from csstsim.base.errors import InputError
 from csstsim.delivery.contents import MAYBE, NO, YES, Contents, ExpectedFrame
@@ -15,8 +18,15 @@ from csstsim.io.level0 import read_level0
 from csstsim.io.level0_names import FORMS, read_name
 from csstsim.io.paths import CAT, LIGHT, ORDERS, TRUTH, Paths
 
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+    from pathlib import Path
+    from typing import Any
 
-def of_folder(folder):
+    from csstsim.base.types import PathLike
+
+
+def of_folder(folder: PathLike) -> Contents:
     """Return the Contents of a folder. Raises InputError if it is not the output of a campaign."""
     paths = Paths(folder)
     if not (paths.output / "level0").is_dir():
@@ -52,12 +62,12 @@ def of_folder(folder):
 NUMBER, BRICK, MASTER = (re.compile(text) for text in (r"\d{1,6}", r"Npix=(\d{1,6})\.parquet", r"chip_(\d\d)\.fits"))
 
 
-def _files(folder):
+def _files(folder: Path) -> list[Path]:
     """Return the files below a folder, sorted; links to folders are not followed."""
     return sorted(path for path in folder.rglob("*") if path.is_file())
 
 
-def _stems(folder):
+def _stems(folder: Path) -> list[tuple[tuple[str, str, int], Path]]:
     """Return [(what a name says, Level-0 file)]: also where only the truth beside it is left."""
     found = {}
     for path in _files(folder):
@@ -68,7 +78,7 @@ def _stems(folder):
     return [(said, path) for path, said in sorted(found.items())]
 
 
-def _frame(said, path):
+def _frame(said: tuple[str, str, int], path: Path) -> ExpectedFrame:
     """Return the ExpectedFrame of a Level-0 file: what its header says, or, if that cannot be read, its name alone."""
     kind, obsid, chip = said
     frame = ExpectedFrame(obsid, chip, None, kind, path, None, None, None, MAYBE, MAYBE, MAYBE)
@@ -87,7 +97,7 @@ def _frame(said, path):
     return replace(frame, filter=filter_, recipe=recorded_recipe(file.header0), window=file.readout.window)
 
 
-def _told_apart(frames, paths):
+def _told_apart(frames: Sequence[ExpectedFrame], paths: Paths) -> tuple[ExpectedFrame, ...]:
     """Return the frames, spectra distinguished from images: a filter is a grating if one of its frames has orders."""
     spectra = {f.filter for f in frames if f.beside(ORDERS).is_file() or paths.spectra(*f.key).is_file()} - {None}
     return tuple(
@@ -98,24 +108,25 @@ def _told_apart(frames, paths):
     )  # fmt: skip
 
 
-def _odd(frames):
+def _odd(frames: Sequence[ExpectedFrame]) -> list[tuple[Path, str]]:
     """Return [(path, fault)] of frames whose release, campaign, camera or layer list differs from that of most."""
     faults = []
     for name in ("csstsim", "campaign", "camera", "layers"):
-        kinds = {}
+        kinds: dict[str | None, list[tuple[Path, Any]]] = {}
         for frame in frames:
             if frame.recipe is not None:
-                kinds.setdefault(frame.type if name == "layers" else None, []).append(frame)
+                kind = frame.type if name == "layers" else None
+                kinds.setdefault(kind, []).append((frame.level0, frame.recipe[name]))
         for group in kinds.values():
-            usual = Counter(str(frame.recipe[name]) for frame in group).most_common(1)[0][0]
+            usual = Counter(str(value) for _, value in group).most_common(1)[0][0]
             faults += [
-                (frame.level0, f"made for another campaign than most: {name} {frame.recipe[name]!r:.80}, not {usual!r}")
-                for frame in group if str(frame.recipe[name]) != usual
+                (path, f"made for another campaign than most: {name} {value!r:.80}, not {usual!r}")
+                for path, value in group if str(value) != usual
             ]  # fmt: skip
     return faults
 
 
-def _measurement(paths, frames):
+def _measurement(paths: Paths, frames: Iterable[ExpectedFrame]) -> str | None:
     """Return the digest of the way of measuring that the first table records which can be read, or None."""
     from csstsim.catalog.table import ObjectTable, footer
 
@@ -130,7 +141,7 @@ def _measurement(paths, frames):
     return None
 
 
-def _listed(path):
+def _listed(path: Path) -> set[int]:
     """Return the bricks that a HATS catalogue's partition_info.csv names."""
     try:
         lines = path.read_text(encoding="utf-8").split()[1:]

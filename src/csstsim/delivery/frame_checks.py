@@ -3,6 +3,10 @@
 An unreadable file raises csstsim.base.errors.InputError or OSError; delivery.verify reports it as a fault.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from csstsim.base.errors import InputError
@@ -21,10 +25,19 @@ from csstsim.io.paths import TRUTH
 from csstsim.io.pointing_keywords import TOLERANCE, boresight_of, pointing_off, wcs_off
 from csstsim.io.truth import CAT_COLUMNS, read_truth
 
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+    from pathlib import Path
+    from typing import Any
+
+    from csstsim.delivery.contents import ExpectedFrame
+    from csstsim.delivery.products import Seen
+    from csstsim.io.level0 import Level0
+
 DRAWN = ("electrons", "drawn", "flags", "x0", "x1", "y0", "y1")  # of a truth table with objects, beside CAT_COLUMNS
 
 
-def other_recipe(found, expected):
+def other_recipe(found: object, expected: dict[str, Any] | str | None) -> Iterator[str]:
     """Yield differences of a recorded recipe, a dict or one digest, from the expected one (None: any is right)."""
     if expected is None or found == expected:
         return
@@ -36,7 +49,7 @@ def other_recipe(found, expected):
             yield f"made for another campaign: {name} {found.get(name)!r:.80}, not {expected.get(name)!r:.80}"
 
 
-def level0(frame, seen):
+def level0(frame: ExpectedFrame, seen: Seen) -> Iterator[str]:
     """Check a Level-0 file: checksums, extensions, exposure, chip, recipe and window; note it in `seen`."""
     path = frame.level0
     seen.opened.clear()
@@ -59,7 +72,7 @@ def level0(frame, seen):
         yield f"its window is {file.readout.window}, not {frame.window}"
 
 
-def _pointing(frame, file):
+def _pointing(frame: ExpectedFrame, file: Level0) -> Iterator[str]:
     """Yield what the header says of the pointing that is not so: by the campaign, or without it by the file's WCS."""
     boresight = frame.boresight or boresight_of(file.header)
     off = pointing_off(file.header0, boresight) if boresight else {}
@@ -71,7 +84,7 @@ def _pointing(frame, file):
             yield f"the pointing by {keyword} is {arcsec:.4g} arcsec off {wanted}"
 
 
-def _whole(path, extensions):
+def _whole(path: Path, extensions: int) -> Iterator[str]:
     """Yield what is too much or too little in a FITS file of this many extensions."""
     with open_fits(path) as file:
         if len(file) != 1 + extensions:
@@ -81,7 +94,7 @@ def _whole(path, extensions):
         yield f"{rest} bytes follow the end of its last extension"
 
 
-def truth(frame, seen):
+def truth(frame: ExpectedFrame, seen: Seen) -> Iterator[str]:
     """Check a truth table: columns, recipe, rows within the window; then the image. Note it in `seen` if sound."""
     path, opened = frame.beside(TRUTH), seen.opened.pop(frame.level0, None)
     faults = list(_truth(path, frame, opened))
@@ -90,7 +103,7 @@ def truth(frame, seen):
         seen.truths.add(path)
 
 
-def _truth(path, frame, opened):
+def _truth(path: Path, frame: ExpectedFrame, opened: Level0 | None) -> Iterator[str]:
     table = read_truth(path)
     yield from other_recipe(table.meta.get("recipe"), frame.recipe)
     if table.meta.get("level0") != frame.level0.name:
@@ -106,7 +119,7 @@ def _truth(path, frame, opened):
     yield from _light(frame, table, opened)
 
 
-def cat(path, frame, seen):
+def cat(path: Path, frame: ExpectedFrame, seen: Seen) -> Iterator[str]:
     """Check the truth as text: it is a table, and that of the parquet file beside it, if that is sound."""
     read_cat(path)
     if frame.beside(TRUTH) in seen.truths:
@@ -115,7 +128,7 @@ def cat(path, frame, seen):
             yield f"is not the text of {frame.beside(TRUTH).name}"
 
 
-def _of_frame(table, frame):
+def _of_frame(table: ObjectTable, frame: ExpectedFrame) -> Iterator[str]:
     """Yield what is wrong with columns that say of which frame a table's rows are."""
     wanted = {"chip": frame.chip, "filter": frame.filter, "obsid": frame.obsid}
     for name, value in wanted.items():
@@ -123,7 +136,7 @@ def _of_frame(table, frame):
             yield f"has rows with another {name} than {value}"
 
 
-def _drawn(table, frame):
+def _drawn(table: ObjectTable, frame: ExpectedFrame) -> Iterator[str]:
     drawn = table["drawn"]
     if not (np.isfinite(drawn) & (drawn >= 0)).all():
         yield "column drawn has values that are negative or not finite"
@@ -139,7 +152,7 @@ def _drawn(table, frame):
             yield f"{number_of(int(wrong.sum()), 'object')} drawn in boxes beyond the window"
 
 
-def _light(frame, table, file):
+def _light(frame: ExpectedFrame, table: ObjectTable, file: Level0 | None) -> Iterator[str]:
     """Compare the image with the truth, if the budget is known and the image can be read; file: it, or None."""
     if "electrons" not in table.meta:
         return  # layers of the user's own
@@ -150,7 +163,7 @@ def _light(frame, table, file):
     yield from light_faults(file, table)
 
 
-def orders(path, frame):
+def orders(path: Path, frame: ExpectedFrame) -> Iterator[str]:
     """Check the truth of dispersed light: recipe, rows that exist, electrons drawn that add up to the objects'."""
     table = read_orders(path)
     yield from other_recipe(table.meta.get("recipe"), frame.recipe)
@@ -170,7 +183,7 @@ def orders(path, frame):
             yield f"the orders of {number_of(int(off.sum()), 'object')} do not add up to their light"
 
 
-def cosmic(path, frame):
+def cosmic(path: Path, frame: ExpectedFrame) -> Iterator[str]:
     """Check the image of cosmic rays alone."""
     planes, meta = load_frame(path)
     yield from other_recipe(meta.get("recipe"), frame.rays_recipe)
@@ -178,13 +191,13 @@ def cosmic(path, frame):
         yield f"holds {', '.join(planes) or 'nothing'}, not the plane cosmic"
 
 
-def light(path, recipe):
+def light(path: Path, recipe: dict[str, Any] | None) -> Iterator[str]:
     """Check what render made of a chip, a frame or a table."""
     meta = load_frame(path)[1] if path.suffix == ".fits" else ObjectTable.read(path).meta
     yield from other_recipe(meta.get("recipe"), recipe)
 
 
-def measured(path, frame, recipe, seen):
+def measured(path: Path, frame: ExpectedFrame, recipe: dict[str, Any] | None, seen: Seen) -> Iterator[str]:
     """Check a measured table: columns, recipe, rows of this frame and within its window; note its rows in `seen`."""
     from csstsim.measure.catalogue import COLUMNS
 
@@ -211,21 +224,21 @@ def measured(path, frame, recipe, seen):
         yield "has sources whose ra, dec are out of range"
 
 
-def spectra(path, recipe):
+def spectra(path: Path, recipe: dict[str, Any] | None) -> Iterator[str]:
     """Check a table of extracted spectra."""
     from csstsim.measure.spectra.spectrum_columns import COLUMNS
 
     yield from _with_columns(path, recipe, COLUMNS)
 
 
-def lines(path, recipe):
+def lines(path: Path, recipe: dict[str, Any] | None) -> Iterator[str]:
     """Check a table of line fluxes."""
     from csstsim.measure.spectra.line_columns import COLUMNS
 
     yield from _with_columns(path, recipe, COLUMNS)
 
 
-def _with_columns(path, recipe, columns):
+def _with_columns(path: Path, recipe: dict[str, Any] | None, columns: Iterable[str]) -> Iterator[str]:
     table = ObjectTable.read(path)
     yield from other_recipe(table.meta.get("recipe"), recipe)
     missing = [name for name in columns if name not in table]
@@ -233,7 +246,7 @@ def _with_columns(path, recipe, columns):
         yield f"the table lacks the column {missing[0]}"
 
 
-def calibrated(path, frame):
+def calibrated(path: Path, frame: ExpectedFrame) -> Iterator[str]:
     """Check a calibrated image: checksums, planes, recipe."""
     with open_fits(path) as file:
         for hdu in file:

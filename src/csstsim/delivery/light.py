@@ -6,12 +6,21 @@ electrons by the image's own overscan and its header's gains and nonlinearity. D
 histogram, and a whole chip costs a second and some MB.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from csstsim.detector.cubic import straighten
 from csstsim.measure.calibration.calibrate import overscan_level
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.io.level0 import Level0
 
 SIGMA = 6.0  # one in 1e9 sound files
 # Of all charge, for what no line of the budget has: what traps hold of pixels beyond a window, charge that
@@ -30,15 +39,16 @@ class Charge:
     clipped_at: float  # electrons, the least of the channels
 
 
-def charge_of(file, full_well):
+def charge_of(file: Level0, full_well: float) -> Charge:
     """Return the Charge of an io.level0.Level0, overscans included, for trails end there. full_well: e-."""
     total, variance, clipped, at = 0.0, 0.0, 0, np.inf
     top = int(file.header["SATURATE"])
     for block, channel in zip(file.readout.blocks, file.channels(), strict=True):
-        counts = sum(
+        active, serial, parallel = (
             np.bincount(part.reshape(-1), minlength=1 << 16)
             for part in (channel.active, channel.serial_overscan, channel.parallel_overscan)
         )
+        counts = active + serial + parallel
         gain, pixels = file.gain[channel.number], int(counts.sum())
         if channel.serial_overscan.size:
             level, scatter = overscan_level(channel.serial_overscan, from_right=block.flip_x)
@@ -57,7 +67,7 @@ def charge_of(file, full_well):
     return Charge(total, variance**0.5, clipped, at)
 
 
-def light_faults(file, truth):
+def light_faults(file: Level0, truth: ObjectTable) -> Iterator[str]:
     """Yield where a Level-0 file and its truth (read_truth's table, with the budget in `meta`) disagree."""
     budget, full_well = truth.meta["electrons"], truth.meta["full_well"]
     drawn = float(np.sum(truth["drawn"])) if "drawn" in truth else 0.0

@@ -8,12 +8,19 @@ MANIFEST.missing  exposure, chip and reason of each frame that the campaign decl
 The hashes of the others are in MANIFEST.sha256.
 """
 
+from __future__ import annotations
+
 import hashlib
 import re
+from typing import TYPE_CHECKING
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
 from csstsim.base.process.progress import progress
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Container, Iterator, Mapping
+    from pathlib import Path
 
 HASHES, SIZES, CONTENT, MISSING = FILES = "MANIFEST.sha256", "MANIFEST.tsv", "MANIFEST.content", "MANIFEST.missing"
 CRATE = "ro-crate-metadata.json", "workflow"  # of `csstsim release crate`: what hashes files cannot be hashed with them
@@ -21,7 +28,7 @@ _LINE = re.compile(r"([0-9a-f]{64}) [ *]([A-Za-z0-9_.=/-]+)")
 _HEADING = "path\tbytes\tproduct"
 
 
-def write_manifest(folder, kinds, missing=()):
+def write_manifest(folder: Path, kinds: Mapping[str, str], missing: Collection[tuple[str, int, str]] = ()) -> None:
     """Write the files about {path below folder: kind of product}, sorted by path. The same files give the same bytes.
 
     missing: (obsid, chip, reason) of each frame that is declared missing. A path holds no character that sha256sum
@@ -40,23 +47,23 @@ def write_manifest(folder, kinds, missing=()):
     _write_hashes(folder, {name: file_hash(folder / name) for name in names})
 
 
-def list_content(folder):
+def list_content(folder: Path) -> None:
     """Add the hash of MANIFEST.content to MANIFEST.sha256. Raises OSError, and InputError as `read_manifest`."""
     _write_hashes(folder, read_manifest(folder / HASHES) | {CONTENT: file_hash(folder / CONTENT)})
 
 
-def _write_hashes(folder, hashes):
+def _write_hashes(folder: Path, hashes: Mapping[str, str]) -> None:
     with atomic_path(folder / HASHES) as temporary:
         temporary.write_text("".join(f"{value}  {name}\n" for name, value in hashes.items()), encoding="ascii")
 
 
-def file_hash(path):
+def file_hash(path: Path) -> str:
     """Return the SHA-256 of a file, read a piece at a time."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def manifest_faults(folder, present, expected):
+def manifest_faults(folder: Path, present: set[str], expected: Container[str]) -> Iterator[tuple[str, str]]:
     """Yield (path, fault) between the manifest in a folder and its products; nothing if there is no manifest.
 
     present: paths below the folder of the products that are files; expected: of all that must be there.
@@ -80,7 +87,7 @@ def manifest_faults(folder, present, expected):
         yield name, f"not listed in {HASHES}: newer"
 
 
-def read_manifest(path):
+def read_manifest(path: Path) -> dict[str, str]:
     """Return {path: SHA-256}. Raises InputError for a line that `write_manifest` does not write."""
     listed = {}
     try:

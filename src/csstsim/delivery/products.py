@@ -1,14 +1,23 @@
 """Every product of an output folder, with its check, in the order in which they are looked at."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from csstsim.bricks.hats import ABOUT
 from csstsim.delivery import campaign_checks, frame_checks
 from csstsim.delivery.contents import MAYBE, NO, YES
 from csstsim.io.paths import CAT, COSMIC, ORDERS, TRUTH
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from csstsim.delivery.contents import Contents, ExpectedFrame
+    from csstsim.io.level0 import Level0
 
 
 @dataclass(frozen=True)
@@ -23,22 +32,22 @@ class Product:
     path: Path
     need: str
     check: Callable[[], Iterator[str]] | None
-    beside: tuple = ()
+    beside: tuple[Path, ...] = ()
 
 
 @dataclass
 class Seen:
     """Facts of products that were checked, needed by the checks of products that refer to them."""
 
-    measured: dict = field(default_factory=dict)  # {(obsid, chip): rows}
-    merged: dict = field(default_factory=dict)  # {brick: (rows, recipe)}
-    gates: dict = field(default_factory=dict)  # {brick: how many}
-    opened: dict = field(default_factory=dict)  # {path: io.level0.Level0} of the frame that is being looked at
-    truths: set = field(default_factory=set)  # truth tables without a fault
-    psf_hash: dict = field(default_factory=dict)  # {path: PSFHASH} of sound Level-0 files
+    measured: dict[tuple[str, int], int] = field(default_factory=dict)  # {(obsid, chip): rows}
+    merged: dict[int, tuple[int, Any]] = field(default_factory=dict)  # {brick: (rows, recipe)}
+    gates: dict[int, int] = field(default_factory=dict)  # {brick: how many}
+    opened: dict[Path, Level0] = field(default_factory=dict)  # of the frame that is being looked at
+    truths: set[Path] = field(default_factory=set)  # truth tables without a fault
+    psf_hash: dict[Path, str | None] = field(default_factory=dict)  # {path: PSFHASH} of sound Level-0 files
 
 
-def products(contents):
+def products(contents: Contents) -> list[Product]:
     """Return the list of Product of a contents.Contents: those of frames, then what they share."""
     seen = Seen()
     found = [product for frame in contents.frames for product in _of_frame(contents, frame, seen)]
@@ -46,7 +55,7 @@ def products(contents):
     return [product for product in found if product.need != NO]
 
 
-def _of_frame(contents, frame, seen):
+def _of_frame(contents: Contents, frame: ExpectedFrame, seen: Seen) -> Iterator[Product]:
     paths, recipe = contents.paths, contents.measure_recipe(frame)
     orders, cosmic = frame.beside(ORDERS), frame.beside(COSMIC)
     measured, spectra, calibrated = (of(*frame.key) for of in (paths.measure, paths.spectra, paths.calibrated))
@@ -71,7 +80,7 @@ def _of_frame(contents, frame, seen):
     yield Product("figure of spectra", picture, frame.extracted, partial(campaign_checks.picture, picture))
 
 
-def _inputs(contents, seen):
+def _inputs(contents: Contents, seen: Seen) -> Iterator[Product]:
     paths = contents.paths
     for path, recipe in contents.light.items():
         yield Product("light of a chip", path, YES, partial(frame_checks.light, path, recipe))
@@ -95,7 +104,7 @@ def _inputs(contents, seen):
         yield Product("truth catalogue", path, MAYBE, check)
 
 
-def _bricks(contents, seen):
+def _bricks(contents: Contents, seen: Seen) -> Iterator[Product]:
     paths, known = contents.paths, {frame.key: frame for frame in contents.frames}
     for pix, recipe in contents.bricks.items():
         merged = paths.merge(pix)
@@ -117,7 +126,7 @@ def _bricks(contents, seen):
         yield Product("figure of validation", picture, YES, partial(campaign_checks.picture, picture))
 
 
-def _report(contents, seen):
+def _report(contents: Contents, seen: Seen) -> Iterator[Product]:
     page = contents.paths.report
     verdict = page.with_name("verdict.json")
     yield Product("report", page, contents.report, partial(campaign_checks.page, page))

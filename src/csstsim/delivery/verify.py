@@ -1,7 +1,10 @@
 """`csstsim verify`: every product is in the output folder, undamaged, and of this campaign; nothing else is."""
 
+from __future__ import annotations
+
 import os
 import stat
+from typing import TYPE_CHECKING
 
 from csstsim.base.errors import InputError
 from csstsim.base.plural import number_of
@@ -12,6 +15,15 @@ from csstsim.delivery.manifest import CRATE, FILES, HASHES, SIZES, manifest_faul
 from csstsim.delivery.products import products
 from csstsim.io.output_owner import FILE as OWNER
 
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+    from pathlib import Path
+
+    from csstsim.base.types import PathLike
+    from csstsim.campaign.opened import OpenCampaign
+    from csstsim.delivery.contents import Contents
+    from csstsim.delivery.products import Product
+
 # Of the workflow (benchmarks: of an older one): neither products nor foreign
 BESIDE = ("logs", "benchmarks", ".snakemake", "chosen", "look", "variants", OWNER)
 
@@ -19,7 +31,7 @@ BESIDE = ("logs", "benchmarks", ".snakemake", "chosen", "look", "variants", OWNE
 WRONG = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, MemoryError)
 
 
-def verify(run, folder, say, manifest=False):
+def verify(run: OpenCampaign | None, folder: PathLike, say: Callable[[str], object], manifest: bool = False) -> int:
     """Print each fault of an output folder in a line, then their number; return it.
 
     run: campaign.opened.OpenCampaign; None: the `folder` is checked by its own products. `manifest`: write one if there
@@ -49,12 +61,14 @@ def verify(run, folder, say, manifest=False):
     return count
 
 
-def printable(text):
+def printable(text: str) -> str:
     """Return a text on one line, control characters of a terminal written as escapes."""
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
-def _all_faults(contents, root, wanted, names, *, check_manifest):
+def _all_faults(
+    contents: Contents, root: Path, wanted: Sequence[Product], names: Mapping[Path, str], *, check_manifest: bool
+) -> Iterator[tuple[str, str]]:
     """Yield (path below the folder, fault)."""
     for path, fault in contents.faults:
         yield path.relative_to(root).as_posix(), fault
@@ -68,7 +82,7 @@ def _all_faults(contents, root, wanted, names, *, check_manifest):
         yield from manifest_faults(root, present, expected)
 
 
-def _product_faults(product):
+def _product_faults(product: Product) -> Iterator[str]:
     """Yield the faults of one product."""
     try:
         mode = product.path.lstat().st_mode
@@ -94,7 +108,7 @@ def _product_faults(product):
         yield f"is inconsistent: {type(exc).__name__}: {exc!s:.100}"
 
 
-def _foreign(root, known):
+def _foreign(root: Path, known: Collection[str]) -> Iterator[tuple[str, str]]:
     """Yield (path, fault) of files in the folder that are not products; a whole folder of them once."""
     folders = {"."} | {name.rsplit("/", depth)[0] for name in known for depth in range(1, name.count("/") + 1)}
     for place, below, files in os.walk(root):
@@ -114,7 +128,7 @@ def _foreign(root, known):
         below[:] = sorted(n for n in below if prefix + n in folders and not (here == "." and n in (*BESIDE, *CRATE)))
 
 
-def _why_foreign(name):
+def _why_foreign(name: str) -> str:
     if name.startswith("chips/"):
         return "intermediates of chips: not finished, or made by hand"
     if name.rsplit("/", 1)[-1].startswith(".") and ".tmp" in name:

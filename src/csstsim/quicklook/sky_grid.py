@@ -11,7 +11,7 @@ import re
 import warnings
 from collections.abc import Mapping
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from astropy.io.fits import Header
     from astropy.visualization.wcsaxes import WCSAxes
     from astropy.wcs import WCS, Sip
+
+    from csstsim.instrument.pointing import Pointing
 
 _KEYWORD = re.compile(
     r"WCSAXES|(CTYPE|CUNIT|CRVAL|CRPIX)[12]|CD[12]_[12]|LONPOLE|LATPOLE|RADESYS|(A|B|AP|BP)_(ORDER|\d_\d)"
@@ -57,7 +59,8 @@ def _distorted(header: Mapping[str, Any]) -> dict[str, Any] | None:
     camera = load_camera(SHIPPED / "instrument")
     if header.get("CAMHASH") != camera.digest_for("level0"):
         return None
-    pointing = SimpleNamespace(ra=header["RA_OBJ"], dec=header["DEC_OBJ"], pa=header["POS_ANG0"])
+    aim = SimpleNamespace(ra=header["RA_OBJ"], dec=header["DEC_OBJ"], pa=header["POS_ANG0"])
+    pointing = cast("Pointing", aim)  # of which a ChipWCS reads no more
     distortion = load_distortion(camera.folder / "distortion.fits")
     return sip_header(ChipWCS(camera.chips[int(header["DETECTOR"])], pointing, distortion))
 

@@ -4,11 +4,14 @@ Frames of csstsim say all: exposure, window, seed, and in HISTORY the layers and
 mission's files, of any cycle, have fewer keywords, and other names for some. Each assumption is a note, in words.
 """
 
+from __future__ import annotations
+
 import json
 import re
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -16,6 +19,15 @@ from csstsim.base.errors import InputError
 from csstsim.campaign.survey_table import OBSID, PARTS, STATE, SURVEY
 from csstsim.instrument.pointing import parse_utc
 from csstsim.io.fits import image_header, open_fits, raw_cards, read_header
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from typing import Any
+
+    from fitsio import FITS
+
+    from csstsim.base.types import PathLike
+    from csstsim.instrument.chip import Detector
 
 OBSID_IF_NONE, TIME_IF_NONE, EXPTIME_IF_NONE, SEED_IF_NONE = "10100000001", "2027-11-20T01:08:00", 150.0, 1
 ANGLE_IF_NONE = "POS_ANG0: position angle 0"  # the note
@@ -25,6 +37,7 @@ _NAME = re.compile(r"_(\d{14})_(\d{14})_(\d{9,14})_(\d{2})_L0")
 _MJD_ZERO = datetime(1858, 11, 17, tzinfo=UTC)
 _ENTRY = re.compile(r" (layer|camera|value|injected) ")
 _MAP = "maps."  # before the names of laboratory maps among the camera's entries
+ValueT = TypeVar("ValueT")
 
 
 @dataclass
@@ -32,16 +45,16 @@ class FrameHeader:
     """The header of a frame (primary and image), read tolerantly; `notes` are the assumptions made so far."""
 
     path: Path
-    keys: dict
-    history: list
-    shape: tuple  # of the image, (rows, columns)
-    notes: list = field(default_factory=list)
+    keys: dict[str, Any]
+    history: list[str]
+    shape: tuple[int, int]  # of the image, (rows, columns)
+    notes: list[str] = field(default_factory=list)
 
-    def get(self, *names):
+    def get(self, *names: str) -> Any:
         """Return the value of the first keyword that is there and not empty, or None."""
         return next((self.keys[n] for n in names if str(self.keys.get(n, "")).strip()), None)
 
-    def number(self, *names):
+    def number(self, *names: str) -> float | None:
         """Return the first keyword's value that is a finite number, or None."""
         for name in names:
             try:
@@ -52,27 +65,33 @@ class FrameHeader:
                 return value
         return None
 
-    def assumed(self, keyword, value, what):
+    def _known(self, *names: str) -> list[float]:
+        """Return the numbers of all these keywords, or none if one lacks."""
+        found = [value for value in map(self.number, names) if value is not None]
+        return found if len(found) == len(names) else []
+
+    def assumed(self, keyword: str, value: ValueT, what: str) -> ValueT:
         """Note that `keyword` is missing and what is taken instead; return that."""
         self.notes.append(f"{keyword}: {what}")
         return value
 
     @property
-    def ours(self):
+    def ours(self) -> bool:
         """Whether csstsim made the frame."""
         return "SIMVER" in self.keys
 
     @property
-    def chip(self):
+    def chip(self) -> int:
         """Number of the chip. Raises InputError if neither header nor file name has it."""
         label = re.search(r"\d+", str(self.get("DETECTOR", "CHIPLAB", "CCDLABEL") or ""))
         name = _NAME.search(self.path.name)
-        if not (label or name):
+        number = label[0] if label else name[4] if name else None
+        if number is None:
             raise InputError("no chip number", file=self.path, key="DETECTOR", allowed="DETECTOR, CHIPLAB or CCDLABEL")
-        return int(label[0] if label else name[4])
+        return int(number)
 
     @property
-    def obsid(self):
+    def obsid(self) -> str:
         """The exposure's number, 9 to 14 digits."""
         name = _NAME.search(self.path.name)
         found = [str(value) for value in (self.keys.get("OBSID"), name and name[3]) if value is not None]
@@ -80,26 +99,29 @@ class FrameHeader:
         return good or self.assumed("OBSID", OBSID_IF_NONE, f"number {OBSID_IF_NONE}")
 
     @property
-    def exposure(self):
+    def exposure(self) -> dict[str, str | float]:
         """{column of a survey table: value} of the exposure. Raises InputError without a place."""
         ra, dec = (self.number(*names) for names in _PLACE)
         if ra is None or dec is None:
             raise InputError("no place of the boresight", file=self.path, key="CRVAL1, CRVAL2 or RA_PNT0, DEC_PNT0")
-        return {
+        found: dict[str, str | float] = {
             "obsid": self.obsid, "type": "SCIE", "ra": ra % 360.0, "dec": dec, "pa": self._angle(),
             "time": self._time(), "exptime": self._exptime(),
-        } | self._state() | self._survey()  # fmt: skip
+        }  # fmt: skip
+        return found | self._state() | self._survey()
 
-    def _angle(self):
-        angle, cd = self.number("POS_ANG0", "POS_ANG1"), [self.number(name) for name in ("CD1_1", "CD1_2")]
+    def _angle(self) -> float:
+        angle, cd = self.number("POS_ANG0", "POS_ANG1"), self._known("CD1_1", "CD1_2")
         if angle is not None:
             return angle
-        if None not in cd and any(cd):
-            return self.assumed("POS_ANG0", float(np.degrees(np.arctan2(*cd[::-1]))), "position angle of the CD matrix")
+        if cd and any(cd):
+            return self.assumed(
+                "POS_ANG0", float(np.degrees(np.arctan2(cd[1], cd[0]))), "position angle of the CD matrix"
+            )
         self.notes.append(ANGLE_IF_NONE)
         return 0.0
 
-    def _time(self):
+    def _time(self) -> str:
         text = str(self.get("DATE-OBS") or "")
         try:
             parse_utc(text)
@@ -115,35 +137,35 @@ class FrameHeader:
             return self.assumed("DATE-OBS", f"{start:%Y-%m-%dT%H:%M:%S}", "the time in the file's name")
         return self.assumed("DATE-OBS", TIME_IF_NONE, TIME_IF_NONE)
 
-    def _exptime(self):
+    def _exptime(self) -> float:
         exptime = self.number("EXPTIME")
         if exptime is not None and exptime > 0:
             return exptime
         return self.assumed("EXPTIME", EXPTIME_IF_NONE, f"{EXPTIME_IF_NONE:g} s")
 
-    def _state(self):
-        state = [self.number(name) for name in _STATE_KEYS]
-        if None not in state and _RADIUS_KM[0] < np.linalg.norm(state[:3]) < _RADIUS_KM[1] and any(state[3:]):
+    def _state(self) -> dict[str, float]:
+        state = self._known(*_STATE_KEYS)
+        if state and _RADIUS_KM[0] < np.linalg.norm(state[:3]) < _RADIUS_KM[1] and any(state[3:]):
             return dict(zip(STATE, state, strict=True))
         self.notes.append("POSI0_*, VELO0_*: the spacecraft is where the built-in orbit puts it")
         return {}
 
-    def _survey(self):
+    def _survey(self) -> dict[str, str]:
         part = str(self.get("SURVEY") or "WIDE").upper()
         if part not in PARTS:
             part = self.assumed("SURVEY", "WIDE", f"{part!r} is no known part of the survey, taken as WIDE")
         return {} if part == "WIDE" else {SURVEY: part}
 
-    def window(self, detector):
+    def window(self, detector: Detector) -> tuple[int, int, int, int] | None:
         """Return (x0, x1, y0, y1) of the pixels read, or None for the whole chip."""
-        ends = [self.number(name) for name in ("READX0", "READX1", "READY0", "READY1")]
-        if None in ends:
+        ends = self._known("READX0", "READX1", "READY0", "READY1")
+        if not ends:
             return None
         x0, x1, y0, y1 = (int(end) for end in ends)
         found = x0 - 1, x1, y0 - 1, y1
         return None if found == (0, detector.nx, 0, detector.ny) else found
 
-    def layers(self):
+    def layers(self) -> list[dict[str, Any]] | None:
         """Return the list of layers that HISTORY names, or None."""
         found = [text.removeprefix("layer ") for kind, text in self._entries() if kind == "layer"]
         try:
@@ -154,7 +176,7 @@ class FrameHeader:
             return self.assumed("HISTORY", None, "the layers of config/observations/science.yaml")
         return [{name: param} for name, param in pairs]
 
-    def camera_changes(self):
+    def camera_changes(self) -> dict[str, float]:
         """Return {number of the camera: value} of HISTORY. Raises InputError for one that is no number."""
         found = {}
         for text, name, value in self._of_camera():
@@ -166,19 +188,19 @@ class FrameHeader:
                 raise InputError("not a number of the camera", file=self.path, key="HISTORY", value=text) from None
         return found
 
-    def camera_maps(self):
+    def camera_maps(self) -> dict[str, str]:
         """Return {name of a laboratory map: its file and DATASUM} of HISTORY."""
         return {name.removeprefix(_MAP): value for _, name, value in self._of_camera() if name.startswith(_MAP)}
 
-    def _of_camera(self):
+    def _of_camera(self) -> Iterator[tuple[str, str, str]]:
         """Yield (text, name, value) of HISTORY's entries of the camera."""
         for text in (text for kind, text in self._entries() if kind == "camera"):
             name, _, value = text.removeprefix("camera ").partition(" = ")
             yield text, name, value
 
-    def _entries(self):
+    def _entries(self) -> Iterator[tuple[str, str]]:
         """Yield (kind, text) of HISTORY: pieces of a long entry fill their cards, and go on in the next."""
-        whole = []
+        whole: list[str] = []
         for piece in self.history:
             if _ENTRY.match(piece) or not whole:
                 whole.append(piece)
@@ -192,7 +214,7 @@ class FrameHeader:
 _PLACE = ("CRVAL1", "RA_PNT0", "RA_OBJ", "RA_PNT1"), ("CRVAL2", "DEC_PNT0", "DEC_OBJ", "DEC_PNT1")
 
 
-def read_frame(path):
+def read_frame(path: PathLike) -> FrameHeader:
     """Return the FrameHeader of a raw frame. Raises InputError without an image, and for exposures of no sky."""
     path = Path(path)
     with open_fits(path) as file:
@@ -208,7 +230,7 @@ def read_frame(path):
     return frame
 
 
-def image_number(file, path):
+def image_number(file: FITS, path: Path) -> int:
     """Return the number of the HDU with the image: IMAGE, or else the first of two dimensions. Raises InputError."""
     if "IMAGE" in file:
         return next(k for k, hdu in enumerate(file) if hdu.get_extname() == "IMAGE")

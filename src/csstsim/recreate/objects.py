@@ -6,7 +6,10 @@ the lens, in the frame's filter (of a grating in all bands: flat in f_nu). Shape
 bulge's share is its share of the mass. A parquet truth table has the sizes of both components, and all magnitudes.
 """
 
+from __future__ import annotations
+
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from astropy.coordinates import angular_separation
@@ -19,6 +22,14 @@ from csstsim.catalog.table import GALAXY, OPTIONAL, ObjectTable
 from csstsim.io.cat import read_cat
 from csstsim.io.truth import read_truth
 
+if TYPE_CHECKING:
+    from collections.abc import Collection
+
+    from numpy.typing import ArrayLike
+
+    from csstsim.base.types import AnyArray, BoolArray, FloatArray, IntArray, PathLike
+    from csstsim.campaign.job import Job
+
 _BESIDE = 0.05  # deg beyond a frame where objects may still throw light into it: wings, orders of gratings
 _BLANK = ("", "-", "-1", "-99", "nan", "none", "None")  # of a chip or filter that is not stated
 _UNKNOWN = -90.0  # below: a placeholder, as -99 and -999
@@ -26,7 +37,7 @@ _KEPT = ("z", "teff", "logg", "feh", "av", "stellarmass", "bulgemass", "diskmass
 _SHAPE = {"e1": "round", "e2": "round", "kappa": "no lens", "g1": "no lens", "g2": "no lens"}
 
 
-def read_objects(path):
+def read_objects(path: PathLike) -> ObjectTable:
     """Return the ObjectTable of a `.cat` or a truth parquet file, our names and 0-based x, y. Raises InputError."""
     path = Path(path)
     table = read_truth(path) if path.suffix == ".parquet" else read_cat(path)
@@ -38,7 +49,7 @@ def read_objects(path):
     return table
 
 
-def check_frame(objects, truth, job, turned=True):
+def check_frame(objects: ObjectTable, truth: PathLike, job: Job, turned: bool = True) -> None:
     """Raise InputError if a catalogue is of another chip or filter than the frame's Job, or lies elsewhere on the sky.
 
     Its places are compared with the frame as they are given: those on the image, and ra, dec. turned: whether the
@@ -67,19 +78,22 @@ def check_frame(objects, truth, job, turned=True):
             raise InputError("no object lies near the frame", file=truth, key=key, allowed=f"near {near}")
 
 
-def _apart(*places):
+def _apart(*places: FloatArray) -> FloatArray:
     """Return the angle [deg] between places ra, dec [deg] and others."""
     return np.degrees(angular_separation(*(np.radians(v) for v in places)))
 
 
-def own_table(objects, job, bands, notes):
+def own_table(
+    objects: ObjectTable, job: Job, bands: Collection[str], notes: list[str]
+) -> tuple[dict[str, AnyArray], dict[str, IntArray]]:
     """Return ({column: values} of the objects that can be drawn, {reason: ids of those left out}).
 
     objects: of `read_objects`; job: the campaign.job.Job of the frame; bands: Camera.bands. What is assumed is added to
     `notes`.
     """
     count = len(objects)
-    found = {"id": _ids(objects, notes), "obj_type": objects["obj_type"].astype(np.int16)}  # FITS knows no int8
+    found: dict[str, AnyArray] = {"id": _ids(objects, notes)}
+    found["obj_type"] = objects["obj_type"].astype(np.int16)  # FITS knows no int8
     found["ra"], found["dec"] = _places(objects, job, notes)
     found |= {name: _known(objects[name]) for name in _KEPT if name in objects}
     for name, none in _SHAPE.items():
@@ -96,12 +110,12 @@ def own_table(objects, job, bands, notes):
     return _drawable(found, bands)
 
 
-def _known(values, blank=np.nan):
+def _known(values: ArrayLike, blank: float = np.nan) -> FloatArray:
     values = np.asarray(values, dtype=float)
     return np.where(np.isfinite(values) & (values > _UNKNOWN), values, blank)
 
 
-def _ids(objects, notes):
+def _ids(objects: ObjectTable, notes: list[str]) -> IntArray:
     if "id" in objects:
         ids = np.asarray(objects["id"])
         whole = ids.dtype.kind == "i" or (np.isfinite(ids) & (ids == np.floor(ids)) & (np.abs(ids) < 2**63)).all()
@@ -111,7 +125,7 @@ def _ids(objects, notes):
     return np.arange(1, len(objects) + 1)
 
 
-def _places(objects, job, notes):
+def _places(objects: ObjectTable, job: Job, notes: list[str]) -> tuple[FloatArray, FloatArray]:
     """Return ICRS ra, dec [deg] that this exposure puts on the objects' pixels."""
     if {"x", "y"} <= set(objects):
         x, y = (np.asarray(objects[name], float) for name in ("x", "y"))
@@ -125,7 +139,7 @@ def _places(objects, job, notes):
     return icrs(ra, dec, job.observer) if len(ra) else (ra, dec)
 
 
-def _profiles(objects, galaxy, notes):
+def _profiles(objects: ObjectTable, galaxy: BoolArray, notes: list[str]) -> dict[str, FloatArray]:
     """Return the Sersic indices and knots of a truth table that has them; images are not among its files."""
     if "image_file" in objects and (objects["image_file"] != "").any():
         notes.append("image_file: galaxies of an image are disks of its size")
@@ -133,7 +147,7 @@ def _profiles(objects, galaxy, notes):
     return {name: np.where(galaxy, objects[name], OPTIONAL[name][1]) for name in names}
 
 
-def _sizes(objects, notes):
+def _sizes(objects: ObjectTable, notes: list[str]) -> dict[str, FloatArray]:
     """Return the sizes [arcsec], the bulge's share of the light, and of a truth table all that profiles are made of."""
     galaxy = objects["obj_type"] == GALAXY
     if {"size_disk", "size_bulge", "bulge_frac"} <= set(objects):
@@ -152,7 +166,7 @@ def _sizes(objects, notes):
     return {"size_disk": size, "size_bulge": size, "bulge_frac": share}
 
 
-def _magnitudes(objects, filter_, bands, det_a):
+def _magnitudes(objects: ObjectTable, filter_: str, bands: Collection[str], det_a: FloatArray) -> dict[str, FloatArray]:
     """Return {mag_B: AB before the lens}: the truth's are magnified by 1 / |det A|."""
     with np.errstate(divide="ignore"):
         lens = -2.5 * np.log10(np.abs(det_a))
@@ -163,7 +177,7 @@ def _magnitudes(objects, filter_, bands, det_a):
     return {name: np.asarray(values, float) + lens for name, values in given.items()}
 
 
-def _drawable(columns, bands):
+def _drawable(columns: dict[str, AnyArray], bands: Collection[str]) -> tuple[dict[str, AnyArray], dict[str, IntArray]]:
     """Return (columns of the rows that the table may have, {reason: ids of the others})."""
     table, left = ObjectTable.complete(columns, bands), {}
     mags = np.stack([np.asarray(columns[name]) for name in columns if name.startswith("mag_")])

@@ -4,7 +4,10 @@ Each channel's level is that of its overscan; a frame without overscan has that 
 are those of the header (GAINnn, GAIN1, GAIN), or the camera's.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,6 +15,11 @@ from csstsim.base.errors import InputError
 from csstsim.detector.channels import LAYOUTS, ReadoutFrame
 from csstsim.io.fits import open_fits, read_pixels
 from csstsim.recreate.frame import image_number
+
+if TYPE_CHECKING:
+    from csstsim.base.types import BoolArray, FloatArray, IntArray
+    from csstsim.instrument.chip import Detector
+    from csstsim.recreate.frame import FrameHeader
 
 TRAILED = 4  # columns of overscan beside the active ones that hold deferred charge
 _CLIPS, _SIGMAS = 8, 3.0
@@ -21,12 +29,12 @@ _CLIPS, _SIGMAS = 8, 3.0
 class Pixels:
     """Electrons (ny, nx) of the window (x0, x1, y0, y1) of a chip; saturated (ny, nx): at the converter's end."""
 
-    electrons: np.ndarray
-    saturated: np.ndarray
-    window: tuple
+    electrons: FloatArray
+    saturated: BoolArray
+    window: tuple[int, int, int, int]
 
 
-def read_electrons(frame, detector):
+def read_electrons(frame: FrameHeader, detector: Detector) -> Pixels:
     """Return the Pixels of a frame.FrameHeader. Raises InputError for a shape that is not of the detector."""
     with open_fits(frame.path) as file:
         stored = read_pixels(file[image_number(file, frame.path)], frame.path)
@@ -57,8 +65,8 @@ def read_electrons(frame, detector):
     return Pixels(dn, saturated, readout.window)
 
 
-def _overscan_levels(whole, readout):
-    levels = {}
+def _overscan_levels(whole: IntArray, readout: ReadoutFrame) -> dict[int, float]:
+    levels: dict[int, float] = {}
     for block in readout.blocks:
         scan = whole[block.serial_overscan].astype(np.float32)
         kept = scan[:, : scan.shape[1] - TRAILED] if block.flip_x else scan[:, TRAILED:]
@@ -66,7 +74,7 @@ def _overscan_levels(whole, readout):
     return levels
 
 
-def _stated_levels(frame, detector):
+def _stated_levels(frame: FrameHeader, detector: Detector) -> dict[int, float]:
     if frame.number("DETBIA01", "BIAS") is None:
         level = detector.bias / detector.gain
         frame.notes.append(f"DETBIA01: no overscan; the level is the camera's, {level:.1f} DN")
@@ -74,7 +82,7 @@ def _stated_levels(frame, detector):
     return {n: detector.bias / detector.gain if level is None else level for n, level in known.items()}
 
 
-def clipped(values):
+def clipped(values: FloatArray) -> tuple[float, float]:
     """Return mean and standard deviation of values without those beyond 3 sigma of the median, clipped repeatedly."""
     kept = np.asarray(values, dtype=np.float64).ravel()
     for _ in range(_CLIPS):

@@ -5,10 +5,13 @@ objects (recreate.objects). Of a frame that does not say how bright its sky is, 
 assumed, and said.
 """
 
+from __future__ import annotations
+
 import csv
 import io
 import shlex
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import yaml
@@ -27,6 +30,15 @@ from csstsim.recreate.frame import ANGLE_IF_NONE, SEED_IF_NONE, read_frame
 from csstsim.recreate.objects import check_frame, own_table, read_objects
 from csstsim.recreate.pixels import clipped, read_electrons
 
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from typing import Any
+
+    from csstsim.base.types import AnyArray, BoolArray, FloatArray, PathLike
+    from csstsim.campaign.job import Job
+    from csstsim.instrument.chip import Detector
+    from csstsim.recreate.frame import FrameHeader
+
 FILES = "campaign.yaml", "science.yaml", "survey_table.csv", "objects.fits"
 WORKFLOW = {"Snakefile": "config/starter/Snakefile", "profiles/default/config.yaml": "profiles/default/config.yaml"}
 SHOWN = 3  # ids of objects that are left out, for each reason
@@ -35,7 +47,14 @@ _APERTURE = 50  # pixels whose noise such an object has to exceed
 _NEAR, _FAR, _LEAST = 10.0, 300.0, 0.05  # px about one object that are left out of the background; share to be left
 
 
-def recreate(frame, truth, folder, say, instrument=None, seed=None):
+def recreate(
+    frame: PathLike,
+    truth: PathLike,
+    folder: PathLike,
+    say: Callable[[str], object],
+    instrument: PathLike | None = None,
+    seed: int | None = None,
+) -> None:
     """Write the campaign of a frame and its truth (`.cat`, or truth parquet) into a folder, new or empty.
 
     instrument: the camera's folder, None the shipped one; seed: where the header has none. `say` gets each assumption,
@@ -82,12 +101,14 @@ def recreate(frame, truth, folder, say, instrument=None, seed=None):
     say(f"       csstsim compare {frame} {new} --truth {truth}")
 
 
-def job_file(folder, run, job):
+def job_file(folder: PathLike, run: OpenCampaign, job: Job) -> Path:
     """Return where the Level-0 file of a recreated job will be."""
     return Path(folder) / run.config.output / run.paths.level0(job).relative_to(run.paths.output)
 
 
-def described(head, instrument, seed):
+def described(
+    head: FrameHeader, instrument: PathLike | None, seed: int | None
+) -> tuple[dict[str, Any], list[Any], str]:
     """Return (campaign file as a mapping, layers, survey table as text) of a frame's header."""
     camera = load_camera(instrument)
     changes = head.camera_changes() if head.ours else _camera_of(head, camera.detector)
@@ -106,7 +127,7 @@ def described(head, instrument, seed):
         known = head.assumed("SIMSEED", SEED_IF_NONE, what)
     if known < 0 or known != int(known):
         raise InputError("no seed", file=head.path, key="SIMSEED", value=known, allowed="a whole number from 0 on")
-    data = {
+    data: dict[str, Any] = {
         "schema_version": 1, "name": "recreated", "survey_table": "survey_table.csv", "output": "results",
         "seed": int(known), "select": {"types": ["SCIE"], "obsids": [exposure["obsid"]], "chips": [head.chip]},
         "observations": {"SCIE": "science.yaml"}, "instrument": dict(changes),
@@ -130,11 +151,11 @@ def described(head, instrument, seed):
     return data, layers, text.getvalue()
 
 
-def _written(value):
+def _written(value: str | float) -> str:
     return repr(value) if isinstance(value, float) else str(value)
 
 
-def _camera_of(head, detector):
+def _camera_of(head: FrameHeader, detector: Detector) -> dict[str, float]:
     """Return {number of the camera: value} that a frame of others states, means over its channels."""
     found = {}
     for name, keywords, usual in (
@@ -148,17 +169,17 @@ def _camera_of(head, detector):
     return found
 
 
-def _mean(head, keywords):
+def _mean(head: FrameHeader, keywords: Sequence[str]) -> float | None:
     channels = [head.number(f"{key}{n:02d}") for key in keywords for n in range(1, 17)]
     known = [v for v in [*channels, *(head.number(key) for key in keywords)] if v is not None and v > 0]
     return float(np.mean(known)) if known else None
 
 
-def _shipped_layers():
+def _shipped_layers() -> list[Any]:
     return yaml.safe_load((ROOT / "config/observations/science.yaml").read_text())["layers"]
 
 
-def opened(frame, data, layers, table):
+def opened(frame: PathLike, data: Mapping[str, Any], layers: list[Any], table: str) -> tuple[OpenCampaign, Job]:
     """Return the campaign that is described, opened without files, its objects among them, and its job.
 
     Raises InputError that names the frame, whose header has the value: the campaign's files are not there yet.
@@ -176,7 +197,7 @@ def opened(frame, data, layers, table):
         raise InputError(what, file=frame, key=key, value=error.value, allowed=error.allowed) from None
 
 
-def _of_maps(stated, taken):
+def _of_maps(stated: Mapping[str, str], taken: Mapping[str, str]) -> Iterator[str]:
     """Yield what is said of each laboratory map that a frame was made with: its pixels are not in the header."""
     for name, record in stated.items():
         here = taken.get(f"maps.{name}")
@@ -188,7 +209,7 @@ def _of_maps(stated, taken):
             yield f"maps.{name}: the map of the camera taken here, {here}; the frame's was {record}"
 
 
-def _sky(head, run, job, columns):
+def _sky(head: FrameHeader, run: OpenCampaign, job: Job, columns: Mapping[str, AnyArray]) -> float:
     """Return the sky [e-/s/px] of the frame's background: without dark current and objects too faint to be seen."""
     from csstsim.optics.throughput.response import response_map
 
@@ -202,11 +223,11 @@ def _sky(head, run, job, columns):
     free = ~pixels.saturated & ~_around(job, columns, light / limit)
     level, _ = clipped(pixels.electrons[free if free.mean() > _LEAST else ~pixels.saturated])
     losses = run.steps["SCIE"].losses
-    share = response_map(
+    response = response_map(
         job.chip, job.window, job.exposure.filter, job.exposure.exptime, run.camera.leds, run.streams(job).camera,
         flat=losses.flat, shutter=losses.shutter,
     )  # fmt: skip
-    share = 1.0 if share is None else float(share.mean())
+    share = 1.0 if response is None else float(response.mean())
     faint = light[light < limit].sum() / pixels.electrons.size
     dark = run.camera.detector.dark * job.exposure.exptime
     rate = (level - dark) / share - faint
@@ -215,7 +236,7 @@ def _sky(head, run, job, columns):
     return sky
 
 
-def _around(job, columns, times):
+def _around(job: Job, columns: Mapping[str, AnyArray], times: FloatArray) -> BoolArray:
     """Return (ny, nx) bool: pixels about objects that are seen, `times` as bright as the faintest of them."""
     import sep
 
@@ -227,7 +248,9 @@ def _around(job, columns, times):
     return mask
 
 
-def _write(folder, data, layers, table, columns):
+def _write(
+    folder: Path, data: Mapping[str, Any], layers: list[Any], table: str, columns: Mapping[str, AnyArray]
+) -> None:
     from astropy.table import Table
 
     told = {key: value for key, value in data.items() if value != {}}

@@ -4,7 +4,10 @@ Each object's light is summed in the same circle in both frames, and its place i
 noise of both frames is known from the background, so each mean has its error.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +17,11 @@ from csstsim.instrument.camera import load_camera
 from csstsim.recreate.frame import read_frame
 from csstsim.recreate.objects import read_objects
 from csstsim.recreate.pixels import clipped, read_electrons
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from csstsim.base.types import BoolArray, FloatArray, IntArray, PathLike
 
 PLACE_PX, LIGHT, LEVEL = 0.02, 0.005, 0.01  # what counts as the same: px, and relative
 RADIUS, SIGMA = 6.0, 1.5  # px: of the circle of light, of the centroid's window
@@ -35,13 +43,15 @@ class Line:
     allowed: float
 
     @property
-    def verdict(self):
+    def verdict(self) -> str:
         """In a word: `same`, DIFFERS, or that the error is too large to tell."""
         beyond = abs(self.difference) - self.allowed
         return "same" if beyond <= 0 else "cannot be told" if beyond <= _TOLD * self.error else DIFFERS
 
 
-def side_by_side(a, b, truth, say, instrument=None):
+def side_by_side(
+    a: PathLike, b: PathLike, truth: PathLike, say: Callable[[str], object], instrument: PathLike | None = None
+) -> int:
     """Print the comparison of two frames at a catalogue's objects; return how many lines differ by more than allowed.
 
     That no object could be compared is a line, too, and counts.
@@ -58,7 +68,7 @@ def side_by_side(a, b, truth, say, instrument=None):
     return differing
 
 
-def compared(a, b, truth, instrument=None):
+def compared(a: PathLike, b: PathLike, truth: PathLike, instrument: PathLike | None = None) -> list[Line]:
     """Return the Lines of the comparison; see `side_by_side`. Behind gratings, of background and noise alone."""
     camera, objects = load_camera(instrument), read_objects(truth)
     if not {"x", "y"} <= set(objects):
@@ -73,13 +83,10 @@ def compared(a, b, truth, instrument=None):
     windows = np.array([frame.window for frame in frames])
     if (windows[:, [0, 2]].max(axis=0) >= windows[:, [1, 3]].min(axis=0)).any():
         raise InputError("the frames were read in windows apart", file=b, value=str(frames[1].window))
-    x0, y0, x1, y1 = *windows[:, [0, 2]].max(axis=0), *windows[:, [1, 3]].min(axis=0)
-    cut = [
-        [plane[y0 - w[2] : y1 - w[2], x0 - w[0] : x1 - w[0]] for plane in (frame.electrons, frame.saturated)]
-        for frame, w in zip(frames, windows, strict=True)
-    ]
-    saturated = cut[0][1] | cut[1][1]
-    images = [np.ascontiguousarray(electrons) for electrons, _ in cut]
+    (x0, y0), (x1, y1) = windows[:, [0, 2]].max(axis=0), windows[:, [1, 3]].min(axis=0)
+    parts = [(slice(y0 - w[2], y1 - w[2]), slice(x0 - w[0], x1 - w[0])) for w in windows]
+    saturated = frames[0].saturated[parts[0]] | frames[1].saturated[parts[1]]
+    images = [np.ascontiguousarray(frame.electrons[part]) for frame, part in zip(frames, parts, strict=True)]
     levels = [clipped(image[~saturated]) for image in images]
     if camera.chips[chips[0]].kind == "slitless":  # no object's light is at its place
         return list(_backgrounds(levels, (~saturated).sum()))
@@ -87,22 +94,30 @@ def compared(a, b, truth, instrument=None):
     return [*_backgrounds(levels, (~saturated).sum()), *seen.light(), *seen.places()]
 
 
-def _slitless(path, instrument):
+def _slitless(path: PathLike, instrument: PathLike | None) -> bool:
     return load_camera(instrument).chips[read_frame(path).chip].kind == "slitless"
 
 
-def _backgrounds(levels, count):
+def _backgrounds(levels: Sequence[tuple[float, float]], count: int) -> Iterator[Line]:
     for k, what in enumerate(LEVELS):
         one, other = levels[0][k], levels[1][k]
         unit = max(abs(one), 1.0)  # a difference counts relative to one electron at least
-        error = np.hypot(*(level[1] for level in levels)) / np.sqrt(count) / unit
+        error = np.hypot(levels[0][1], levels[1][1]) / np.sqrt(count) / unit
         yield Line(what, f"{one:9.3f} {other:9.3f}", (other - one) / unit, float(error), LEVEL)
 
 
 class _Objects:
     """The objects' light and places in two images of one window; x, y [px] in it."""
 
-    def __init__(self, images, saturated, levels, x, y, kinds):
+    def __init__(
+        self,
+        images: Sequence[FloatArray],
+        saturated: BoolArray,
+        levels: Sequence[tuple[float, float]],
+        x: FloatArray,
+        y: FloatArray,
+        kinds: IntArray,
+    ) -> None:
         import sep
 
         ny, nx = images[0].shape
@@ -117,7 +132,7 @@ class _Objects:
         self._snr = (self._light / self._noise).min(axis=0)
         self._dark = dark
 
-    def light(self):
+    def light(self) -> Iterator[Line]:
         """Yield the Lines of light, of points and of galaxies: the sum of B over that of A."""
         for kind, those in (("points", self._kinds != GALAXY), ("galaxies", self._kinds == GALAXY)):
             some = self._clean & those & (self._snr > SEEN)
@@ -131,7 +146,7 @@ class _Objects:
                     f"light of {kind} [e-]", words, off / total, np.sqrt((error[kept] ** 2).sum()) / total, LIGHT
                 )
 
-    def places(self):
+    def places(self) -> Iterator[Line]:
         """Yield the Lines of places: mean differences along x and y, and the scatter of those of bright objects."""
         import sep
 
@@ -149,7 +164,7 @@ class _Objects:
         yield Line("places, median [px]", f"{number:>22}", float(np.median(apart)), 0.0, PLACE_PX)
 
 
-def _without_outliers(values):
+def _without_outliers(values: FloatArray) -> BoolArray:
     """Return the mask of values within 5 robust sigmas of their median; all where half of them are the same."""
     off = np.abs(values - np.median(values))
     sigma = 1.4826 * np.median(off)

@@ -1,11 +1,20 @@
 """`csstsim release crate`: the RO-Crate metadata of a campaign's output folder, from its manifest, recipes and logs."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from csstsim.base.errors import InputError
 from csstsim.base.plural import number_of
 from csstsim.delivery.manifest import HASHES, SIZES, file_hash, read_manifest
 from csstsim.release.crate import Crate, licence_of, write_crate
 from csstsim.release.made_with import FOLDER, inputs, tables_version, write_made_with
 from csstsim.release.ran import ran
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from csstsim.campaign.opened import OpenCampaign
 
 FOLDERS = {
     "level0": "Level-0 images and spectroscopic frames, with the truth of each", "truth": "the true sky, by bricks",
@@ -16,7 +25,9 @@ FOLDERS = {
 }  # fmt: skip
 
 
-def campaign_crate(run, say, authors=(), licence="CC-BY-4.0"):
+def campaign_crate(
+    run: OpenCampaign, say: Callable[[str], object], authors: Iterable[str] = (), licence: str = "CC-BY-4.0"
+) -> None:
     """Write ro-crate-metadata.json, and what it names in workflow/, into a campaign's output folder.
 
     run: campaign.opened.OpenCampaign; authors: names; licence: SPDX name or address. Raises InputError without a
@@ -26,12 +37,13 @@ def campaign_crate(run, say, authors=(), licence="CC-BY-4.0"):
     root = run.paths.output
     if not (root / HASHES).is_file():
         raise InputError(f"no manifest yet: `csstsim verify {run.file} --manifest` writes it", file=root / HASHES)
-    hashes, files = read_manifest(root / HASHES), {}
+    hashes = read_manifest(root / HASHES)
+    files: dict[str, tuple[str, int, str]] = {}
     for line in (root / SIZES).read_text(encoding="ascii").splitlines()[1:]:
         name, size, kind = (*line.split("\t"), "", "")[:3]
         if name not in hashes or not (root / name).is_file() or str((root / name).stat().st_size) != size:
             raise InputError(f"not as {SIZES} says; `csstsim verify` tells more", file=root / name)
-        files[name] = kind, size, hashes[name]
+        files[name] = kind, int(size), hashes[name]
     for name, kind in (*write_made_with(run, root).items(), (HASHES, "hashes"), (SIZES, "sizes and kinds")):
         files[name] = kind, (root / name).stat().st_size, file_hash(root / name)
     crate = Crate(

@@ -5,17 +5,27 @@ RO-Crate 1.1 (https://w3id.org/ro/crate/1.1) says what the files are; Workflow R
 schema.org. The workflow, the campaign and the recipes are files of the crate (release.made_with).
 """
 
+from __future__ import annotations
+
 import json
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from itertools import groupby
 from pathlib import Path
+from typing import TYPE_CHECKING, cast
 from urllib.parse import quote
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
 from csstsim.delivery.manifest import CRATE as CRATE_FILES
 from csstsim.release.made_with import INPUTS, RECIPES, TABLES, WORKFLOW
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+    from typing import Any
+
+    from csstsim.base.types import PathLike
+    from csstsim.release.ran import Ran
 
 FILE, README = CRATE_FILES[0], "README.md"
 CONTEXT = ["https://w3id.org/ro/crate/1.1/context", "https://w3id.org/ro/terms/workflow-run/context"]
@@ -50,16 +60,16 @@ class Crate:
 
     name: str
     description: str
-    files: dict
-    folders: dict = field(default_factory=dict)
-    run: object = None
-    inputs: tuple = ()
+    files: dict[str, tuple[str, int, str]]
+    folders: dict[str, str] = field(default_factory=dict)
+    run: Ran | None = None
+    inputs: tuple[str, ...] = ()
     version: str = ""
-    authors: tuple = ()
+    authors: tuple[str, ...] = ()
     licence: str = "CC-BY-4.0"
 
 
-def licence_of(name):
+def licence_of(name: str) -> tuple[str, str]:
     """Return (address, title) of a licence, one of LICENCES or an address. Raises InputError for another word."""
     if name in LICENCES:
         return LICENCES[name]
@@ -68,7 +78,7 @@ def licence_of(name):
     return name, name
 
 
-def write_crate(folder, crate):
+def write_crate(folder: PathLike, crate: Crate) -> Path:
     """Write the metadata of a Crate into its folder; return the path. The same crate gives the same bytes but dates."""
     path = Path(folder) / FILE
     with atomic_path(path) as temporary:
@@ -76,7 +86,7 @@ def write_crate(folder, crate):
     return path
 
 
-def metadata(crate, now=None):
+def metadata(crate: Crate, now: datetime | None = None) -> dict[str, Any]:
     """Return the JSON-LD of a Crate. now: datetime of the publication [default: the clock]."""
     now = now or datetime.now(UTC)
     address, title = licence_of(crate.licence)
@@ -101,7 +111,7 @@ def metadata(crate, now=None):
     return {"@context": CONTEXT, "@graph": [about, root, licence, *people, *folders, *files, *run]}
 
 
-def _folders(crate):
+def _folders(crate: Crate) -> list[dict[str, Any]]:
     """Return the entities of the folders: each holds its files, those of the folders in it included."""
     paths = sorted(path for path in crate.files if "/" in path)
     return [
@@ -113,7 +123,7 @@ def _folders(crate):
     ]  # fmt: skip
 
 
-def _file(path, kind, size, digest):
+def _file(path: str, kind: str, size: int, digest: str) -> dict[str, Any]:
     about = {"about": _to("./")} if path == README else {}
     return about | {
         "@id": _id(path), "@type": "File", "name": Path(path).name, "description": kind,
@@ -121,9 +131,11 @@ def _file(path, kind, size, digest):
     }  # fmt: skip
 
 
-def _run(crate, root, files, folders):
+def _run(
+    crate: Crate, root: dict[str, Any], files: Iterable[dict[str, Any]], folders: Iterable[dict[str, Any]]
+) -> list[dict[str, Any]]:
     """Return the entities of the workflow's run, and complete the root and the workflow's files."""
-    run, entities = crate.run, {file["@id"]: file for file in files}
+    run, entities = cast("Ran", crate.run), {file["@id"]: file for file in files}
     root |= {
         "conformsTo": [_to(address) for address in RUN_PROFILES],
         "mainEntity": _to(WORKFLOW),
@@ -170,22 +182,22 @@ def _run(crate, root, files, folders):
     return [action, language, parameter, result, own, *profiles]
 
 
-def _id(path):
+def _id(path: str) -> str:
     return quote(path, safe="/=")
 
 
-def _names(entities):
+def _names(entities: Iterable[Mapping[str, Any]]) -> list[str]:
     return [entity["@id"] for entity in entities]
 
 
-def _to(name):
+def _to(name: str) -> dict[str, str]:
     return {"@id": name}
 
 
-def _all(entities):
+def _all(entities: Iterable[Mapping[str, Any]]) -> dict[str, str] | list[dict[str, str]]:
     """Return links to entities; of one alone the link itself, as compact JSON-LD has it."""
     return _compact([_to(entity["@id"]) for entity in entities])
 
 
-def _compact(values):
+def _compact(values: list[dict[str, str]]) -> dict[str, str] | list[dict[str, str]]:
     return values[0] if len(values) == 1 else values

@@ -6,14 +6,22 @@ workflow/recipes.json  digests of all that decides the products, by kind of expo
 workflow/tables.json   the columns of every table
 """
 
+from __future__ import annotations
+
 import json
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from csstsim import __version__
 from csstsim.base.files.atomic import atomic_path
 from csstsim.base.files.text_file import read_json
 from csstsim.base.shipped import ROOT, SHIPPED
 from csstsim.delivery.manifest import CRATE
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from csstsim.campaign.opened import OpenCampaign
 
 FOLDER = CRATE[1]
 WORKFLOW, INPUTS, RECIPES, TABLES = (
@@ -24,7 +32,7 @@ KINDS = {
 }  # fmt: skip
 
 
-def write_made_with(run, folder):
+def write_made_with(run: OpenCampaign, folder: Path) -> dict[str, str]:
     """Write the files of a campaign.opened.OpenCampaign below `folder`; return {path below it: what it is}."""
     found = dict(KINDS)
     texts = {WORKFLOW: ROOT / "Snakefile", TABLES: SHIPPED / "schema" / "tables.json"}
@@ -40,18 +48,18 @@ def write_made_with(run, folder):
     return found
 
 
-def inputs(run):
+def inputs(run: OpenCampaign) -> dict[str, Path]:
     """Return {name: file} of the campaign and the files that it names, the campaign first."""
     files = [run.file, Path(run.config.survey_table)]
     files += [Path(run.config.observation_file(kind)) for kind in run.steps]
-    named = {}
+    named: dict[str, Path] = {}
     for path in dict.fromkeys(files):
         taken = path.name in named  # two files of one name, in different folders
         named[f"{path.parent.name}_{path.name}" if taken else path.name] = path
     return named
 
 
-def recipes(run):
+def recipes(run: OpenCampaign) -> dict[str, Any]:
     """Return what decides the products: version, seed, and each stage's recipe, by kind of exposure and chip."""
     stages = ("level0", "measure")
     return {
@@ -66,12 +74,12 @@ def recipes(run):
     }  # fmt: skip
 
 
-def tables_version():
+def tables_version() -> str:
     """Return the version of the table of columns."""
     return read_json(SHIPPED / "schema" / "tables.json")["version"]
 
 
-def _write(path, content):
+def _write(path: Path, content: bytes) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_path(path) as temporary:
         temporary.write_bytes(content)

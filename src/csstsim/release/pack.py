@@ -4,11 +4,14 @@ DIR/public/  README.md frames.csv filters.csv raw/ calibrated/ psf/ gratings/ MA
 DIR/truth/   README.md objects.parquet frames.json frames/ workflow/ MANIFEST.* ro-crate-metadata.json
 """
 
+from __future__ import annotations
+
 import csv
 import io
 import shutil
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -27,6 +30,15 @@ from csstsim.release.pack_truth import COLUMNS, write_truth_of_pack
 from csstsim.release.ran import ran
 from csstsim.release.star_psf import FEWEST
 
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from typing import Any
+
+    from csstsim.base.types import PathLike
+    from csstsim.campaign.job import Job
+    from csstsim.campaign.opened import OpenCampaign
+    from csstsim.catalog.table import ObjectTable
+
 PUBLIC, TRUTH, CITATION = "public", "truth", "CITATION.cff"
 KINDS = {
     "raw": "a frame as read", "calibrated": "a calibrated frame", "psf": "the PSF of an image, of its stars",
@@ -40,7 +52,13 @@ FOLDERS = {
 CURVE_STEP = 10.0  # angstrom
 
 
-def pack(run, output, say, authors=(), licence="CC-BY-4.0"):
+def pack(
+    run: OpenCampaign,
+    output: PathLike,
+    say: Callable[[str], object],
+    authors: Iterable[str] = (),
+    licence: str = "CC-BY-4.0",
+) -> None:
     """Write the pack of a finished campaign.opened.OpenCampaign into the folder `output`, which is empty or not there.
 
     MANIFEST.sha256 comes last: a pack without it is not finished. If something fails, nothing stays. authors: names;
@@ -61,7 +79,7 @@ def pack(run, output, say, authors=(), licence="CC-BY-4.0"):
 
 
 @contextmanager
-def _whole(*folders):
+def _whole(*folders: Path) -> Iterator[None]:
     """Make the folders; remove them if what is done with them fails."""
     try:
         for folder in folders:
@@ -73,7 +91,14 @@ def _whole(*folders):
         raise
 
 
-def _fill(run, jobs, public, truth, say, about):
+def _fill(
+    run: OpenCampaign,
+    jobs: Sequence[Job],
+    public: Path,
+    truth: Path,
+    say: Callable[[str], object],
+    about: Mapping[str, Any],
+) -> tuple[list[dict[str, Any]], ObjectTable]:
     """Write the files of a pack; return the rows of frames.csv and the true objects. The frames, which take minutes,
     come after all that csstsim must have on the disk.
     """
@@ -103,7 +128,7 @@ def _fill(run, jobs, public, truth, say, about):
     return rows, table
 
 
-def _check_finished(run, jobs):
+def _check_finished(run: OpenCampaign, jobs: Sequence[Job]) -> None:
     """Raise InputError if a product is missing that a pack needs, or if there is no image."""
     if not _imaging(jobs):
         raise InputError("has no science exposure of an imaging chip: there is nothing to find", file=run.file)
@@ -117,17 +142,17 @@ def _check_finished(run, jobs):
                 )
 
 
-def _imaging(jobs):
+def _imaging(jobs: Iterable[Job]) -> list[Job]:
     return [job for job in jobs if job.chip.kind == "imaging"]
 
 
-def _said(rows):
+def _said(rows: Sequence[Mapping[str, Any]]) -> str:
     kinds = {"imaging": ("image", None), "slitless": ("spectroscopic frame", None)}
     counts = {kind: sum(row["kind"] == kind for row in rows) for kind in kinds}
     return " and ".join(number_of(n, *kinds[kind]) for kind, n in counts.items() if n)
 
 
-def _curves(run, jobs):
+def _curves(run: OpenCampaign, jobs: Iterable[Job]) -> list[dict[str, str]]:
     """Return the rows of filters.csv: wavelength, and the throughput of each filter of the pack."""
     names = list(dict.fromkeys(job.chip.filter for job in jobs))
     curves = [run.camera.filters[name] for name in names]
@@ -142,13 +167,14 @@ def _curves(run, jobs):
     ]  # fmt: skip
 
 
-def _gratings(run, jobs, folder):
+def _gratings(run: OpenCampaign, jobs: Iterable[Job], folder: Path) -> None:
     """Copy the files of the gratings of a pack's chips, and write chips.csv."""
     chips = {job.chip.id: job.chip for job in jobs if job.chip.kind == "slitless"}
     if not chips:
         return
     source = Path(run.camera.folder) / "gratings"
-    names, rows = set(), []
+    names: set[str] = set()
+    rows: list[dict[str, Any]] = []
     for chip in chips.values():
         pair = run.camera.gratings[chip.id]
         rows.append(
@@ -169,7 +195,7 @@ def _gratings(run, jobs, folder):
     _write(folder / "chips.csv", _csv(rows))
 
 
-def _csv(rows):
+def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
     text = io.StringIO()
     writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
     writer.writeheader()
@@ -177,12 +203,12 @@ def _csv(rows):
     return text.getvalue()
 
 
-def _write(path, text):
+def _write(path: Path, text: str) -> None:
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
-def _files(folder):
+def _files(folder: Path) -> dict[str, tuple[str, int, str]]:
     """Return {path: (kind, bytes, SHA-256)} of the files below a folder."""
     paths = sorted(path for path in folder.rglob("*") if path.is_file())
     names = [path.relative_to(folder).as_posix() for path in paths]
@@ -192,7 +218,7 @@ def _files(folder):
     }  # fmt: skip
 
 
-def _close(folder, crate):
+def _close(folder: Path, crate: Crate) -> None:
     """Write a folder's crate, then its manifest, which has the crate as well."""
     write_crate(folder, crate)
     kinds = {name: told[0] for name, told in crate.files.items()} | {CRATE[0]: "metadata"}

@@ -5,9 +5,12 @@ calibrated/{obsid}_{chip}_{filter}.fits  SCI, ERR [electron/s], DQ
 psf/{obsid}_{chip}_{filter}.psf          images only: PSFEx's form (release.star_psf)
 """
 
+from __future__ import annotations
+
 import shutil
 from dataclasses import dataclass
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +21,19 @@ from csstsim.io.fits_writing import card, compress, write_hdus
 from csstsim.optics.geometry.icrs_header import corners, icrs_header
 from csstsim.release.star_psf import chosen, star_psf, write_psfex
 
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+    from typing import Any
+
+    from csstsim.base.types import FloatArray, IntArray
+    from csstsim.campaign.job import Job
+    from csstsim.campaign.opened import OpenCampaign
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.io.level0 import Level0
+    from csstsim.measure.calibration.calibrate import Calibrated
+    from csstsim.release.star_psf import StarPsf
+
 RAW, CALIBRATED, PSF = "raw", "calibrated", "psf"
 # Who has the seed can draw the truth again; with a digest of it he can try seeds without a simulation
 SECRET = "SIMSEED", "CAMPHASH", "TRUTHASH"
@@ -27,17 +43,17 @@ SECRET = "SIMSEED", "CAMPHASH", "TRUTHASH"
 class PackFrame:
     """A frame of a pack: its row in frames.csv, without what is not known, and its corners [deg, ICRS]."""
 
-    row: dict
-    corners: list
+    row: dict[str, Any]
+    corners: list[list[float]]
 
 
-def stem(job):
+def stem(job: Job) -> str:
     """Return the name of a job's files: {obsid}_{chip}_{filter}."""
     return f"{job.obsid}_{job.chip.id:02d}_{job.chip.filter}"
 
 
 @one_thread
-def write_frame(run, job, folder):
+def write_frame(run: OpenCampaign, job: Job, folder: Path) -> PackFrame:
     """Write the public files of a job into `folder` and return its PackFrame. Raises InputError."""
     from csstsim.stages.calibrate import calibrated_frame
     from csstsim.stages.measure import measured_table
@@ -75,7 +91,7 @@ def write_frame(run, job, folder):
     return PackFrame(row, corners(job.wcs, file.observer, job.window))
 
 
-def _image(run, job, frame):
+def _image(run: OpenCampaign, job: Job, frame: Calibrated) -> tuple[FloatArray, FloatArray, IntArray, float]:
     """Return (SCI, ERR, DQ, background) of an image [electron/s]: the background taken off."""
     from csstsim.measure.calibration.bad_pixels import mend
     from csstsim.measure.detection.detect import subtract_background
@@ -90,13 +106,13 @@ def _image(run, job, frame):
     return image * rate, error * rate, quality, level * float(rate)
 
 
-def _spectra(run, job, frame):
+def _spectra(run: OpenCampaign, job: Job, frame: Calibrated) -> tuple[FloatArray, FloatArray, IntArray, float]:
     """Return (SCI, ERR, DQ, 0) of a frame of spectra [electron/s]: the dispersed sky stays, rays are not looked for."""
     rate = np.float32(1.0 / job.pointing.exptime)
     return frame.electrons * rate, frame.sigma() * rate, frame.marks, 0.0
 
 
-def _psf(table, image, error, quality, job):
+def _psf(table: ObjectTable, image: FloatArray, error: FloatArray, quality: IntArray, job: Job) -> StarPsf | None:
     rows = chosen(table)
     if not len(rows):
         return None
@@ -108,17 +124,23 @@ def _psf(table, image, error, quality, job):
     )  # fmt: skip
 
 
-def _write(path, file, planes, header, facts):
+def _write(
+    path: Path,
+    file: Level0,
+    planes: tuple[FloatArray, FloatArray, IntArray],
+    header: Mapping[str, Any],
+    facts: Mapping[str, tuple[float | str | None, str]],
+) -> None:
     kept = {name: file.header0[name] for name in KEPT if name in file.header0 and name not in SECRET}
     primary = [card(name, value) for name, value in (kept | {"POSKIND": "ICRS"}).items()]
     place = [card(name, value) for name, value in header.items()]
-    facts = [card(name, *told) for name, told in facts.items() if told[0] is not None]
+    known = [card(name, value, about) for name, (value, about) in facts.items() if value is not None]
     bits = [card(f"BIT{bit.bit_length() - 1}", name, f"value {bit}") for bit, name in DQ.items()]
     image, error, quality = planes
     unit = card("BUNIT", "electron/s")
     with atomic_path(path) as temporary:
         hdus = [
-            ("SCI", [unit, *place, *facts], image),
+            ("SCI", [unit, *place, *known], image),
             ("ERR", [unit, *place], error),
             ("DQ", [*place, *bits], quality),
         ]

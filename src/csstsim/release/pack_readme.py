@@ -1,12 +1,19 @@
 """The README of a pack, for somebody who has never heard of csstsim."""
 
+from __future__ import annotations
+
 from collections import Counter
 from pathlib import Path
 from string import Template
+from typing import TYPE_CHECKING
 
 from csstsim import __version__
 from csstsim.release.crate import licence_of
 from csstsim.release.score.quantities import ABOUT
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from typing import Any
 
 TEMPLATE = Path(__file__).with_name("templates") / "README.md"
 PARAMS = (
@@ -40,7 +47,7 @@ $columns
 """
 
 
-def readme(name, frames, licence):
+def readme(name: str, frames: Sequence[Mapping[str, Any]], licence: str) -> str:
     """Return the text of the public README. frames: the rows of frames.csv."""
     images = [row for row in frames if row["kind"] == "imaging"]
     one = next((row for row in images if row["filter"] == "r"), images[0])
@@ -67,25 +74,25 @@ def readme(name, frames, licence):
         fit=FIT.format(one["psf"]) if one["psf"] else "",
         width=" and the width of the PSF are those" if one["psf"] else " is that",
     )  # fmt: skip
-    missing = ("| `psf/", "**PSF**") if not any(row["psf"] for row in images) else ()
+    missing: tuple[str, ...] = ("| `psf/", "**PSF**") if not any(row["psf"] for row in images) else ()
     missing += ("| `gratings/", "**Spectroscopic frames**") if len(images) == len(frames) else ()
     return _without(text, missing)
 
 
-def _without(text, missing):
+def _without(text: str, missing: Sequence[str]) -> str:
     """Return the text without the lines and paragraphs that begin as one of `missing`."""
     kept = [part for part in text.split("\n\n") if not part.startswith(tuple(m for m in missing if m[0] == "*"))]
     lines = "\n\n".join(kept).split("\n")
     return "\n".join(line for line in lines if not line.startswith(tuple(missing)))
 
 
-def truth_readme(name, columns, band):
+def truth_readme(name: str, columns: Mapping[str, str], band: str) -> str:
     """Return the text of the README of the truth. columns: {column: meaning}."""
     listed = "\n".join(f"| `{column}` | {text} |" for column, text in columns.items())
     return Template(TRUTH).substitute(name=name, score=score_command(band), columns=listed)
 
 
-def score_command(band):
+def score_command(band: str) -> str:
     """Return the command that scores source-extractor's catalogue of the README."""
     return (
         "csstsim release score first.cat --truth truth --output score --map ra=ALPHA_J2000 --map dec=DELTA_J2000 \\\n"

@@ -1,7 +1,10 @@
 """The hidden truth of a pack: a table of the objects on its images, and the truth tables of its frames."""
 
+from __future__ import annotations
+
 import json
 import shutil
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +14,15 @@ from csstsim.catalog.flags import NOT_DRAWN, OFF_CHIP
 from csstsim.catalog.table import ObjectTable
 from csstsim.release.pack_frames import stem
 from csstsim.release.score.field import FRAMES, OBJECTS
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from csstsim.base.types import AnyArray
+    from csstsim.campaign.job import Job
+    from csstsim.campaign.opened import OpenCampaign
+    from csstsim.release.pack_frames import PackFrame
 
 COLUMNS = {  # of objects.parquet; B: each band of the pack
     "id": "the object",
@@ -33,7 +45,7 @@ TYPES = {  # of those that are not float64
 }  # fmt: skip
 
 
-def objects(run, jobs):
+def objects(run: OpenCampaign, jobs: Sequence[Job]) -> ObjectTable:
     """Return the ObjectTable of COLUMNS: what was drawn on the images of `jobs`, each object once, sorted by id.
 
     What moves during an exposure is left out.
@@ -47,7 +59,7 @@ def objects(run, jobs):
     ids, first, place = np.unique(every["id"], return_index=True, return_inverse=True)
     count = len(ids)
     vectors = unit_vectors(every["ra"], every["dec"]).reshape(-1, 3)
-    mean = np.stack([np.bincount(place, vectors[:, k], count) for k in range(3)], axis=1)
+    mean = np.asarray(np.stack([np.bincount(place, vectors[:, k], count) for k in range(3)], axis=1), float)
     columns = {name: every[name][first] for name in names if name not in ("band", "snr", "mag")}
     columns["ra"], columns["dec"] = ra_dec(mean) if count else (np.zeros(0), np.zeros(0))
     for band in bands:
@@ -60,7 +72,7 @@ def objects(run, jobs):
     return ObjectTable(columns)
 
 
-def _of_frame(truth, job, run):
+def _of_frame(truth: ObjectTable, job: Job, run: OpenCampaign) -> dict[str, AnyArray]:
     """Return {column: (n,)} of the objects whose places are in a frame's window and that were drawn."""
     kept = job.window.contains(truth["x"], truth["y"]) & (truth["flags"] & (NOT_DRAWN | OFF_CHIP) == 0)
     kept &= (truth["electrons"] > 0) & (truth.get("trail_length", np.zeros(len(truth))) == 0)
@@ -81,7 +93,9 @@ def _of_frame(truth, job, run):
     }  # fmt: skip
 
 
-def write_truth_of_pack(run, jobs, frames, folder):
+def write_truth_of_pack(
+    run: OpenCampaign, jobs: Sequence[Job], frames: Sequence[PackFrame], folder: Path
+) -> ObjectTable:
     """Write objects, the list of frames (PackFrames, in the order of jobs) and the frames' tables into `folder`."""
     imaging = [job for job in jobs if job.chip.kind == "imaging"]
     table = objects(run, imaging)

@@ -1,11 +1,17 @@
 """What the logs of a campaign's jobs say of its run: when it began and ended, its jobs and their time."""
 
+from __future__ import annotations
+
 import re
 from collections import Counter
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from typing import TYPE_CHECKING
 
 from csstsim.campaign.running.job_log import took
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 _FIRST = re.compile(r"csstsim (\S+) \w+: .* pid \d{1,9}, (\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ)")
 
@@ -16,14 +22,17 @@ class Ran:
 
     start: datetime
     end: datetime
-    jobs: dict
+    jobs: dict[str, int]
     cpu_s: float
-    versions: tuple
+    versions: tuple[str, ...]
 
 
-def ran(output):
+def ran(output: Path) -> Ran | None:
     """Return the Ran of an output folder's logs; None without logs of finished jobs."""
-    times, jobs, cpu, versions = [], Counter(), 0.0, set()
+    times: list[tuple[datetime, datetime]] = []
+    jobs: Counter[str] = Counter()
+    versions: set[str] = set()
+    cpu = 0.0
     for path in sorted((output / "logs").glob("*/*.log")):
         text = path.read_text(errors="replace")
         first, last = _FIRST.match(text), took(text)

@@ -5,12 +5,21 @@ flux; the model's pixels, and their change over the image, follow from least squ
 Gaussian where the stars say little. Which sources are stars, their places and fluxes are what `measure` found.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from csstsim.base.files.atomic import atomic_path
 from csstsim.base.process.one_thread import one_thread
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from csstsim.base.types import FloatArray, IntArray
+    from csstsim.catalog.table import ObjectTable
 
 SIDE, STEP = 45, 0.5  # samples along a side; image pixels of one
 REACH = 10  # image pixels of a star to each side
@@ -32,15 +41,15 @@ class StarPsf:
     zero, scale: x, y [FITS px] at which the change is 0, and over which it is 1; chi2: reduced.
     """
 
-    planes: np.ndarray
-    zero: tuple
-    scale: tuple
+    planes: FloatArray
+    zero: tuple[float, float]
+    scale: tuple[float, float]
     stars: int
     fwhm: float
     chi2: float
 
 
-def chosen(table):
+def chosen(table: ObjectTable) -> IntArray:
     """Return rows of a measured table that are stars good for a model, the brightest first."""
     from scipy.spatial import cKDTree
 
@@ -56,7 +65,9 @@ def chosen(table):
 
 
 @one_thread
-def star_psf(image, error, quality, x, y, flux, fwhm):
+def star_psf(
+    image: FloatArray, error: FloatArray, quality: IntArray, x: FloatArray, y: FloatArray, flux: FloatArray, fwhm: float
+) -> StarPsf | None:
     """Return the StarPsf of stars at x, y (n,) [px from 0] of `flux` (n,) in the image's unit; None of few.
 
     image, error (ny, nx): in one unit; quality (ny, nx): 0 where a pixel is good; fwhm: px, of the starting Gaussian.
@@ -72,31 +83,35 @@ def star_psf(image, error, quality, x, y, flux, fwhm):
     terms = 3 if len(x) >= LINEAR_FROM else 1
     zero, scale = ((nx + 1) / 2, (ny + 1) / 2), (nx / 2, ny / 2)
     start = _gaussian(fwhm)
-    values, data, rows, columns, sigmas = [], [], [], [], []
+    values: list[FloatArray] = []
+    data: list[FloatArray] = []
+    rows: list[IntArray] = []
+    columns: list[IntArray] = []
     for k in range(len(x)):
         part, near, weights, pixel = _star(image, error, quality, x[k], y[k], flux[k])
         change = np.array([1.0, (x[k] + 1 - zero[0]) / scale[0], (y[k] + 1 - zero[1]) / scale[1]])[:terms]
         first = sum(map(len, data))
         data.append((part - (weights * start.ravel()[near]).sum(axis=1)) / pixel)
-        sigmas.append(pixel)
         weights = weights / pixel[:, None]
         for term, factor in enumerate(change):
             rows.append(np.repeat(first + np.arange(len(part)), near.shape[1]))
             columns.append((near + term * SIDE**2).ravel())
             values.append((weights * factor).ravel())
-    data = np.concatenate(data)
+    seen = np.concatenate(data)
     matrix = csr_matrix(
-        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), (len(data), terms * SIDE**2)
+        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), (len(seen), terms * SIDE**2)
     )
     likely = np.concatenate([_likely(start).ravel() * factor for factor in (1.0, CHANGE, CHANGE)[:terms]])
-    found = likely * lsqr(matrix @ diags(likely), data, damp=1.0, iter_lim=ITERATIONS)[0]
-    chi2 = float(np.mean((matrix @ found - data) ** 2))
+    found = likely * lsqr(matrix @ diags(likely), seen, damp=1.0, iter_lim=ITERATIONS)[0]
+    chi2 = float(np.mean((matrix @ found - seen) ** 2))
     planes = found.reshape(terms, SIDE, SIDE)
     planes[0] += start
     return StarPsf(planes, zero, scale, len(x), _fwhm(planes[0]), chi2)
 
 
-def _star(image, error, quality, x, y, flux):
+def _star(
+    image: FloatArray, error: FloatArray, quality: IntArray, x: float, y: float, flux: float
+) -> tuple[FloatArray, IntArray, FloatArray, FloatArray]:
     """Return a star's (pixels over flux (n,), samples (n, 36), their weights, errors over flux (n,)); good pixels."""
     middle = int(np.rint(x)), int(np.rint(y))
     span = np.arange(-REACH, REACH + 1)
@@ -112,7 +127,7 @@ def _star(image, error, quality, x, y, flux):
     return image[row, column] / flux, near, weights, sigma
 
 
-def _lanczos(offset):
+def _lanczos(offset: FloatArray) -> tuple[IntArray, FloatArray]:
     """Return (samples (n, 6), weights (n, 6)) of Lanczos-3 interpolation at offsets from the model's middle."""
     at = offset + SIDE // 2
     near = np.floor(at).astype(int)[:, None] + np.arange(-2, 4)
@@ -121,21 +136,21 @@ def _lanczos(offset):
     return np.clip(near, 0, SIDE - 1), weight / weight.sum(axis=1, keepdims=True)
 
 
-def _gaussian(fwhm):
+def _gaussian(fwhm: float) -> FloatArray:
     """Return a model (SIDE, SIDE) whose image pixels add up to 1."""
     offset = (np.arange(SIDE) - SIDE // 2) * STEP
     one = np.exp(-4 * np.log(2) * (offset / fwhm) ** 2)
     return np.outer(one, one) / one.sum() ** 2 / STEP**2
 
 
-def _likely(start):
+def _likely(start: FloatArray) -> FloatArray:
     """Return by how much a PSF may differ from the starting Gaussian (SIDE, SIDE), a core and wings, one sigma."""
     offset = (np.arange(SIDE) - SIDE // 2) * STEP
     r2 = offset**2 + offset[:, None] ** 2
     return 0.5 * start + 0.01 * start.max() * (1 + r2 / 4) ** -1.5
 
 
-def _fwhm(plane):
+def _fwhm(plane: FloatArray) -> float:
     """Return the width of a circle of the area above half of the peak, px; the model is drawn FINE times finer."""
     from scipy.ndimage import zoom
 
@@ -143,7 +158,7 @@ def _fwhm(plane):
     return float(2 * STEP / FINE * np.sqrt((fine > fine.max() / 2).sum() / np.pi))
 
 
-def write_psfex(path, model):
+def write_psfex(path: Path, model: StarPsf) -> None:
     """Write a StarPsf in PSFEx's form."""
     from astropy.io import fits
 

@@ -1,6 +1,14 @@
 """Tables of a brick's numbers by band, for the report."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from csstsim.report.parts import Table
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+    from typing import Any
 
 KRON = (
     "Stars have PSF magnitudes, galaxies total ones. Kron magnitudes of the same galaxies leave out the light beyond "
@@ -8,7 +16,7 @@ KRON = (
 )
 
 
-def band_table(result, labels):
+def band_table(result: Mapping[str, Any], labels: Mapping[str, str]) -> Table:
     """Return the Table of a validate_brick result's main numbers, one row per band, in magnitudes.
 
     labels: {band: its name as the camera writes it}.
@@ -30,7 +38,7 @@ def band_table(result, labels):
     return Table(head, rows)
 
 
-def band_numbers(result, labels):
+def band_numbers(result: Mapping[str, Any], labels: Mapping[str, str]) -> Table:
     """Return the Table of all numbers of a result's bands: one row per number, one column per band."""
     columns = {band: dict(_leaves(numbers)) for band, numbers in result["bands"].items()}
     names = list(dict.fromkeys(name for column in columns.values() for name in column))
@@ -38,7 +46,7 @@ def band_numbers(result, labels):
     return Table(("number", *(labels.get(band, band) for band in columns)), rows, "numbers")
 
 
-def _leaves(mapping, prefix=""):
+def _leaves(mapping: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, float | str | None]]:
     """Yield (name, number) of nested mappings; lists are left out: they hold curves, which the figures show."""
     for key, value in mapping.items():
         if isinstance(value, dict):
@@ -47,9 +55,9 @@ def _leaves(mapping, prefix=""):
             yield prefix + key, value
 
 
-def _fixed(value, digits=2):
+def _fixed(value: float | None, digits: int = 2) -> str | None:
     return None if value is None else f"{value:.{digits}f}"
 
 
-def _spread(numbers):
+def _spread(numbers: Mapping[str, Any]) -> str | None:
     return _fixed(numbers["sigma"], 3) if numbers["n"] >= 3 else None  # one or two sources have no useful scatter

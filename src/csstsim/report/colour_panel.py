@@ -1,8 +1,21 @@
 """The colour-colour diagram (paper, section 6): true colours as contours, measured colours as points."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from csstsim.report.style import BLACK, BLUE, ORANGE, legend
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from typing import Any
+
+    from matplotlib.axes import Axes
+
+    from csstsim.base.types import FloatArray
+    from csstsim.report.style import Look
 
 MAX_POINTS = 3000  # points drawn per kind; more would only overlap
 CONTOURS_FROM = 50  # sources; fewer are drawn as points
@@ -12,7 +25,7 @@ LIMITS = (-1.5, 4.0), (-1.0, 2.5)  # mag, of the axes: they hold u - g and g - r
 KINDS = ("star or quasar", BLUE, "o"), ("galaxy", ORANGE, "s")
 
 
-def colours(axes, colour, looks):
+def colours(axes: Axes, colour: Mapping[str, Any], looks: Mapping[str, Look]) -> bool:
     """Draw true and measured colours of the same sources (validation.compare.colours); return whether there are any.
 
     looks: report.style.looks.
@@ -42,12 +55,13 @@ def colours(axes, colour, looks):
     return legend(axes, loc="upper left")
 
 
-def _contours(axes, points, line, label):
+def _contours(axes: Axes, points: FloatArray, line: str, label: str) -> None:
     """Draw contours of the smoothed density that enclose SHARES of the `points` (2, n)."""
     from scipy.ndimage import gaussian_filter
 
     edges = [np.arange(low, high + CELL / 2, CELL) for low, high in LIMITS]
-    density = gaussian_filter(np.histogram2d(*points, bins=edges)[0], BLUR)
+    first, second = points
+    density = gaussian_filter(np.histogram2d(first, second, bins=edges)[0], BLUR)
     falling = np.sort(density.ravel())[::-1]
     levels = falling[[np.searchsorted(np.cumsum(falling), share * density.sum()) for share in SHARES]]
     middle = [0.5 * (e[1:] + e[:-1]) for e in edges]

@@ -4,10 +4,23 @@ Each function draws into `axes` and returns whether there was anything to draw. 
 validation.validate.validate_brick; arrays["looks"] is report.style.looks of the camera's filters.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from csstsim.base.shipped import SHIPPED
 from csstsim.report.style import BLACK, FEWEST, GREEN, ORANGE, legend, snr_axis
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from typing import Any
+
+    from matplotlib.axes import Axes
+
+    from csstsim.base.types import FloatArray
+    from csstsim.report.style import Look
 
 STEP = 0.5  # mag
 ROWS = 8  # bins of the number of rows to the amplifier
@@ -15,7 +28,7 @@ BRIGHT = 20.0, 500.0  # S/N of the stars that are binned by rows to the amplifie
 LOCUS = SHIPPED / "curves" / "sdss_locus.csv"
 
 
-def found_by_magnitude(axes, result, arrays):
+def found_by_magnitude(axes: Axes, result: Mapping[str, Any], arrays: Mapping[str, Any]) -> bool:
     """Draw the share of isolated objects found in single exposures: point sources solid, galaxies dashed."""
     labelled = set()
     for band, table in arrays["trials"].items():
@@ -40,7 +53,7 @@ def found_by_magnitude(axes, result, arrays):
     return legend(axes, loc="lower left")
 
 
-def counts(axes, result, arrays):
+def counts(axes: Axes, result: Mapping[str, Any], arrays: Mapping[str, Any]) -> bool:
     """Draw the ratio of merged sources to true objects against magnitude minus the depth of an exposure."""
     for band, numbers in result["bands"].items():
         part, look = numbers["counts"], arrays["looks"][band]
@@ -59,7 +72,7 @@ def counts(axes, result, arrays):
     return legend(axes, loc="upper right")
 
 
-def density(axes, result, arrays):
+def density(axes: Axes, result: Mapping[str, Any], arrays: Mapping[str, Any]) -> bool:
     """Draw completeness and purity of the merged catalogue against local density (validation.density)."""
     part = result["density"]
     edges = np.array(part["edges"])
@@ -79,7 +92,7 @@ def density(axes, result, arrays):
     return legend(axes, loc="lower left")
 
 
-def locus(axes, result, arrays):
+def locus(axes: Axes, result: Mapping[str, Any], arrays: Mapping[str, Any]) -> bool:
     """Draw stars' true and measured g-r and r-i over the published stellar locus, which is in SDSS's bands."""
     colour = arrays["locus"]
     axes.set_title("Stars at S/N > 20 in g, r, i", fontsize=10)
@@ -94,21 +107,21 @@ def locus(axes, result, arrays):
     return legend(axes, loc="upper left") and len(colour["output"][0]) >= FEWEST
 
 
-def places(axes, result, arrays):
+def places(axes: Axes, result: Mapping[str, Any], arrays: Mapping[str, Any]) -> bool:
     """Draw stars' position residuals along the columns against S/N; positive is away from the amplifier."""
     axes.set(ylabel="out - in, away from the amplifier [mas]", ylim=(-6, 6))
     axes.set_title("Positions along the columns", fontsize=10)
     return _transfer(axes, result, arrays["looks"], "deferred_mas", 1.0)
 
 
-def light(axes, result, arrays):
+def light(axes: Axes, result: Mapping[str, Any], arrays: Mapping[str, Any]) -> bool:
     """Draw stars' relative flux residuals against S/N."""
     axes.set(ylabel="out / in - 1 [%]", ylim=(-12, 12))
     axes.set_title("Fluxes of stars in one exposure", fontsize=10)
     return _transfer(axes, result, arrays["looks"], "light", 100.0)
 
 
-def _transfer(axes, result, looks, name, unit):
+def _transfer(axes: Axes, result: Mapping[str, Any], looks: Mapping[str, Look], name: str, unit: float) -> bool:
     for place, (band, numbers) in enumerate(result["bands"].items()):
         rows = [(part["snr"], part[name]) for part in numbers["transfer"] if part[name]["n"] >= FEWEST]
         if rows:
@@ -121,15 +134,15 @@ def _transfer(axes, result, looks, name, unit):
     return legend(axes, loc="lower right", ncols=2)
 
 
-def rows(axes, result, arrays):
+def rows(axes: Axes, result: Mapping[str, Any], arrays: Mapping[str, Any]) -> bool:
     """Draw stars' position and flux residuals against the number of rows to the amplifier."""
-    seen = {name: [] for name in ("snr", "transfers", "deferred_mas", "light")}
+    parts: dict[str, list[FloatArray]] = {name: [] for name in ("snr", "transfers", "deferred_mas", "light")}
     for table in arrays["trials"].values():
         good = (table["sound"] > 0) & ~table["galaxy"].astype(bool)
         good &= (table["snr"] > BRIGHT[0]) & (table["snr"] < BRIGHT[1])
-        for name in seen:
-            seen[name].append(table[name][good])
-    seen = {name: np.concatenate(parts) if parts else np.zeros(0) for name, parts in seen.items()}
+        for name in parts:
+            parts[name].append(table[name][good])
+    seen = {name: np.concatenate(some) if some else np.zeros(0) for name, some in parts.items()}
     edges = np.linspace(0, max(seen["transfers"].max(initial=0.0), 1.0), ROWS + 1)
     which = np.digitize(seen["transfers"], edges[1:-1])
     for name, unit, tint, label in (

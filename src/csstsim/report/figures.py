@@ -1,7 +1,10 @@
 """Figures of the validation: one per brick, and the sky map of the report (paper, section 6)."""
 
+from __future__ import annotations
+
 import io
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,13 +15,30 @@ from csstsim.report import exposure_panels, psf_panels
 from csstsim.report.colour_panel import colours
 from csstsim.report.style import BLACK, BLUE, FEWEST, ORANGE, legend, snr_axis
 
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from typing import Any
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from csstsim.base.types import FloatArray, IntArray
+    from csstsim.report.style import Look
+
 MAX_POINTS = 3000  # points drawn per panel and kind; more would only overlap
 HEIGHT = 3.2  # inch of a row of panels
 MAX_NUMBERED = 40  # bricks; the sky map has no room for the numbers of more
 COLUMNS = 4  # panels of bands in a row
 
 
-def brick_figure(result, arrays, looks, *, threshold=None, snr_min=None):
+def brick_figure(
+    result: Mapping[str, Any],
+    arrays: dict[str, Any],
+    looks: Mapping[str, Look],
+    *,
+    threshold: float | None = None,
+    snr_min: float | None = None,
+) -> bytes:
     """Return the PNG bytes of a brick's figure: completeness, colours, magnitude residuals by band, single exposures.
 
     A panel without data is left out.
@@ -27,7 +47,7 @@ def brick_figure(result, arrays, looks, *, threshold=None, snr_min=None):
     camera's filters; `threshold`, `snr_min`: the completeness gate, drawn when given.
     """
     arrays = arrays | {"looks": looks}
-    bands = [
+    bands: list[Callable[[Axes], bool]] = [
         partial(_residuals, look=looks[band], arrays=arrays["residual"][band], numbers=result["bands"][band])
         for band in looks
         if band in result["bands"]
@@ -50,7 +70,7 @@ def brick_figure(result, arrays, looks, *, threshold=None, snr_min=None):
     return png(figure)
 
 
-def _arranged(groups):
+def _arranged(groups: Iterable[tuple[int, float, Sequence[Callable[[Axes], bool]]]]) -> Figure:
     """Return a figure of panels without those that have nothing to show; groups: (columns, height, functions of axes).
 
     A function draws into axes and returns whether there was anything to draw. Each group begins a row.
@@ -59,7 +79,12 @@ def _arranged(groups):
     rows = []
     for columns, height, draws in groups:
         tried = [(figure.add_subplot(), draw) for draw in draws]
-        drawn = [axes for axes, draw in tried if draw(axes) or axes.remove()]
+        drawn = []
+        for axes, draw in tried:
+            if draw(axes):
+                drawn.append(axes)
+            else:
+                axes.remove()
         rows += [(columns, height, drawn[k : k + columns]) for k in range(0, len(drawn), columns)]
     heights = [height for _, height, _ in rows] or [0.1]
     figure.set_size_inches(13.0, HEIGHT * sum(heights) + 0.4)
@@ -71,7 +96,12 @@ def _arranged(groups):
     return figure
 
 
-def sky_map(footprints, bricks, looks, pointings=()):
+def sky_map(
+    footprints: Sequence[tuple[str, FloatArray, FloatArray]],
+    bricks: Sequence[int],
+    looks: Mapping[str, Look],
+    pointings: Sequence[tuple[float, float]] = (),
+) -> bytes:
     """Return the PNG bytes of the sky map: bricks and the windows on them, in degrees from their centre.
 
     `footprints`: [(band or grating, ra[4], dec[4])], corners in order; `bricks`: pixel numbers; `looks`:
@@ -95,24 +125,37 @@ def sky_map(footprints, bricks, looks, pointings=()):
         axes.invert_xaxis()  # east to the left
     near.set_title(f"Windows and bricks around RA {centre[0]:.4f}, Dec {centre[1]:+.4f} deg (ICRS)", fontsize=10)
     for axes in far:
-        axes.plot(*_offsets(*np.transpose(pointings), centre), "+", color=BLACK, ms=9, mew=1.5, zorder=4)
+        ra, dec = np.transpose(pointings)
+        east, north = _offsets(ra, dec, centre)
+        axes.plot(east, north, "+", color=BLACK, ms=9, mew=1.5, zorder=4)
         axes.set_title(f"Boresights (+): {len(pointings)}", fontsize=10)
     if footprints:
         (far or [near])[0].legend(title="filter", fontsize=8, loc="center left", bbox_to_anchor=(1.01, 0.5))
     return png(figure)
 
 
-def _windows(axes, footprints, looks, centre):
+def _windows(
+    axes: Axes,
+    footprints: Iterable[tuple[str, FloatArray, FloatArray]],
+    looks: Mapping[str, Look],
+    centre: tuple[float, float],
+) -> None:
     """Draw the outlines of windows: bands differ in colour; gratings are grey and differ in dashes."""
     seen = set()
     for band, ra, dec in footprints:
         look = looks[band]
-        style = {"lw": 1.2, "ls": look.line, "label": None if band in seen else look.label}
+        style: dict[str, Any] = {"lw": 1.2, "ls": look.line, "label": None if band in seen else look.label}
         seen.add(band)
         axes.fill(*_offsets(ra, dec, centre), facecolor="none", edgecolor=look.colour, zorder=2, **style)
 
 
-def _completeness(axes, curves, looks, threshold, snr_min):
+def _completeness(
+    axes: Axes,
+    curves: Mapping[str, tuple[IntArray, IntArray]],
+    looks: Mapping[str, Look],
+    threshold: float | None,
+    snr_min: float | None,
+) -> bool:
     edges = np.array(SNR_EDGES, float)
     middle = np.sqrt(edges[:-1] * edges[1:])
     drawn = [band for band, (n, _) in curves.items() if (n >= FEWEST).any()]
@@ -140,7 +183,9 @@ def _completeness(axes, curves, looks, threshold, snr_min):
     return legend(axes, title="filter (sources)")
 
 
-def _residuals(axes, look, arrays, numbers):
+def _residuals(
+    axes: Axes, look: Look, arrays: Mapping[str, tuple[FloatArray, FloatArray]], numbers: Mapping[str, Any]
+) -> bool:
     axes.axhline(0.0, color="#666666", lw=0.8)
     lines = []
     for kind, colour, marker in (("galaxy", ORANGE, "."), ("star", BLUE, "+")):
@@ -159,7 +204,7 @@ def _residuals(axes, look, arrays, numbers):
     return any(len(given) for given, _ in arrays.values())
 
 
-def _running_median(axes, x, y, colour):
+def _running_median(axes: Axes, x: FloatArray, y: FloatArray, colour: str) -> None:
     edges = np.arange(16.5, 28.0, 0.5)
     which = np.digitize(x, edges)
     rows = [(edges[k - 1] + 0.25, np.median(y[which == k])) for k in range(1, len(edges)) if (which == k).sum() >= 10]
@@ -170,7 +215,7 @@ def _running_median(axes, x, y, colour):
         line.set_path_effects([effects.Stroke(linewidth=4, foreground="white"), effects.Normal()])
 
 
-def _legend(axes):
+def _legend(axes: Axes) -> bool:
     axes.axis("off")
     axes.plot([], [], "+", color=BLUE, ms=8, label="star or quasar, PSF magnitude")
     axes.plot([], [], ".", color=ORANGE, ms=9, label="galaxy, total magnitude")
@@ -183,7 +228,7 @@ def _legend(axes):
     return True
 
 
-def _centre(polygons):
+def _centre(polygons: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[float, float]:
     from csstsim.base.sphere import ra_dec, unit_vectors
 
     if not polygons:
@@ -193,7 +238,7 @@ def _centre(polygons):
     return float(ra[0]), float(dec[0])
 
 
-def _offsets(ra, dec, centre):
+def _offsets(ra: FloatArray, dec: FloatArray, centre: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
     """Return offsets east and north of `centre` [deg] in Lambert's azimuthal equal-area projection.
 
     It works at RA 0, at the poles and on the far side of the sky.
@@ -205,7 +250,7 @@ def _offsets(ra, dec, centre):
     return stretch * np.cos(dec) * np.sin(ra - ra0), stretch * north
 
 
-def new_figure(size):
+def new_figure(size: tuple[float, float]) -> Figure:
     """Return an empty matplotlib figure of a size [inch], without pyplot's window."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -215,7 +260,7 @@ def new_figure(size):
     return figure
 
 
-def png(figure):
+def png(figure: Figure) -> bytes:
     """Return a figure as the bytes of a PNG."""
     stream = io.BytesIO()
     figure.savefig(stream, format="png")

@@ -4,10 +4,12 @@ One SVG drawing holds the outlines of all chips and one group per exposure. Its 
 down. Chips are placed to a pixel in the mosaic; field distortion is left out.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -16,6 +18,15 @@ from csstsim.optics.geometry.wcs import mosaic_cd
 from csstsim.report.parts import data_url
 from csstsim.report.style import BLACK, GREY
 from csstsim.report.thumbnail import MOST, binned, busiest, png, step_for, stretch
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from typing import Any
+
+    from csstsim.base.types import FloatArray, IntArray
+    from csstsim.instrument.chip import Chip, Window
+    from csstsim.io.level0 import Level0
+    from csstsim.report.style import Look
 
 BRIGHTER = {BLACK: "#FFFFFF", GREY: "#888888"}  # brighter than in the figures, to show on black
 BUTTONS = (
@@ -26,13 +37,15 @@ BUTTONS = (
     ("detail", "full resolution", "the cutout (key 2)"),
 )
 
+Shape: TypeAlias = dict[str, str | int]  # what templates/focal_plane.html draws
+
 
 @dataclass(frozen=True)
 class Picture:
     """A PNG of the `window` (instrument.chip.Window) of `chip`, in blocks of `step` x `step` pixels."""
 
-    chip: object
-    window: object
+    chip: Chip
+    window: Window
     step: int
     png: bytes
 
@@ -43,16 +56,23 @@ class Exposure:
 
     title: str
     pa: float  # deg
-    pictures: tuple
+    pictures: tuple[Picture, ...]
     detail: Picture | None
 
 
-def take_exposure(title, pa, files, most=MOST, spot=None):
+def take_exposure(
+    title: str,
+    pa: float,
+    files: Iterable[tuple[Chip, Level0]],
+    most: int = MOST,
+    spot: Callable[[Chip, Level0, int], Window | None] | None = None,
+) -> Exposure:
     """Return the Exposure of `files`: iterable of (Chip, open io.level0.Level0); pictures have at most `most` px.
 
     spot(chip, file, most): the Window to show at full resolution, or None; without it, that with the most light.
     """
-    pictures, best = [], ((False, -1.0), None)
+    pictures: list[Picture] = []
+    best: tuple[tuple[bool, float], tuple[Chip, Level0, IntArray, int] | None] = ((False, -1.0), None)
     for chip, file in files:
         step = step_for(file.window, most)
         greys = stretch(binned(file, file.window, step))
@@ -72,13 +92,13 @@ class FocalPlane(NamedTuple):
     """The viewer, a part of the page (report.parts); templates/focal_plane.html draws its shapes and groups."""
 
     box: str
-    outlines: list
-    labels: list
-    groups: list
-    buttons: tuple = BUTTONS
+    outlines: list[Shape]
+    labels: list[Shape]
+    groups: list[dict[str, Any]]
+    buttons: tuple[tuple[str, str, str], ...] = BUTTONS
 
 
-def mosaic(chips, exposures, looks):
+def mosaic(chips: Sequence[Chip], exposures: Iterable[Exposure], looks: Mapping[str, Look]) -> FocalPlane:
     """Return the FocalPlane.
 
     `chips`: all chips of the camera; `exposures`: one Exposure or more; `looks`: report.style.looks of its filters.
@@ -93,7 +113,7 @@ def mosaic(chips, exposures, looks):
     return FocalPlane(_numbers(box), outlines, [_chip_label(chip, gap) for chip in chips], groups)
 
 
-def _group(exposure, colours):
+def _group(exposure: Exposure, colours: Mapping[int, str]) -> dict[str, Any]:
     detail, pictures = exposure.detail, exposure.pictures
     shapes = [_image(picture) for picture in (*pictures, *([detail] if detail else []))]
     shapes += [_outline(p.chip, p.chip.full_window, "chip", colours) for p in pictures]
@@ -105,33 +125,37 @@ def _group(exposure, colours):
     return {"title": exposure.title, "box": box, "detail": cutout, "shapes": shapes, "arrows": _compass(exposure)}
 
 
-def _image(picture):
+def _image(picture: Picture) -> Shape:
     """Return the shape of a picture; blocks at the window's far edges may reach beyond it by less than a block."""
     x, bottom = _place(picture.chip, picture.window.x0, picture.window.y0)
     width, height = (-(-n // picture.step) * picture.step for n in (picture.window.nx, picture.window.ny))
-    place = {"x": f"{x:g}", "y": f"{bottom - height:g}", "width": width, "height": height, "turn": _turn(picture.chip)}
-    return {"kind": "image", "url": data_url(picture.png)} | place
+    return {
+        "kind": "image", "url": data_url(picture.png), "x": f"{x:g}", "y": f"{bottom - height:g}",
+        "width": width, "height": height, "turn": _turn(picture.chip),
+    }  # fmt: skip
 
 
-def _outline(chip, window, style, colours):
+def _outline(chip: Chip, window: Window, style: str, colours: Mapping[int, str]) -> Shape:
     x, y = _place(chip, window.x0, window.y1)
-    place = {"x": f"{x:g}", "y": f"{y:g}", "width": window.nx, "height": window.ny, "turn": _turn(chip)}
-    return {"kind": "outline", "style": style, "colour": colours[chip.id]} | place
+    return {
+        "kind": "outline", "style": style, "colour": colours[chip.id], "x": f"{x:g}", "y": f"{y:g}",
+        "width": window.nx, "height": window.ny, "turn": _turn(chip),
+    }  # fmt: skip
 
 
-def _chip_label(chip, gap):
+def _chip_label(chip: Chip, gap: float) -> Shape:
     """Label a chip in the gap above it, off its pixels; gap: px."""
     return _label(chip, *_place(chip, 0, chip.detector.ny), 0.8 * gap)
 
 
-def _gap(chips):
+def _gap(chips: Sequence[Chip]) -> float:
     """Return the height [px] of the gap between rows of chips; one row of them has room above."""
     rows = sorted({chip.yc for chip in chips})
     most = 0.15 * min(chips[0].detector.nx, chips[0].detector.ny)
     return max(min([most, *(b - a - chips[0].detector.ny for a, b in pairwise(rows))]), 0.02 * most)
 
 
-def _window_label(picture):
+def _window_label(picture: Picture) -> list[Shape]:
     """Label a window much smaller than its chip: the chip's own label may then be far off or out of view."""
     window = picture.window
     if 2 * max(window.shape) > max(picture.chip.detector.nx, picture.chip.detector.ny):
@@ -139,14 +163,14 @@ def _window_label(picture):
     return [_label(picture.chip, *_place(picture.chip, window.x0, window.y1), 0.05 * min(window.shape))]
 
 
-def _label(chip, x, y, size):
+def _label(chip: Chip, x: float, y: float, size: float) -> Shape:
     """Return the shape of a chip's name above the place x, y."""
     name = f"{chip.label} {chip.filter}"
-    place = {"x": f"{x:g}", "y": f"{y - 0.2 * size:g}", "size": f"{size:g}", "turn": _turn(chip)}
-    return {"kind": "label", "text": name} | place
+    where = {"x": f"{x:g}", "y": f"{y - 0.2 * size:g}", "size": f"{size:g}", "turn": _turn(chip)}
+    return {"kind": "label", "text": name, **where}
 
 
-def _compass(exposure):
+def _compass(exposure: Exposure) -> list[tuple[str, ...]]:
     """Return (name, angle [deg], x, y) of the arrows towards north and east; they do not zoom."""
     inverse = np.linalg.inv(mosaic_cd(exposure.pa, exposure.pictures[0].chip.telescope))
     angles = [math.atan2(-dy, dx) for dx, dy in inverse.T]  # columns: mosaic pixels per degree east, north
@@ -156,26 +180,26 @@ def _compass(exposure):
     ]
 
 
-def _place(chip, x, y):
+def _place(chip: Chip, x: float, y: float) -> tuple[float, float]:
     """Return where the pixel corner (x, y) of a chip lies in the drawing, before the chip's rotation."""
     return chip.xc - chip.detector.nx / 2 + x, -(chip.yc - chip.detector.ny / 2 + y)
 
 
-def _turn(chip):
+def _turn(chip: Chip) -> str:
     return f"rotate({-chip.rotation:g} {chip.xc:g} {-chip.yc:g})" if chip.rotation else ""
 
 
-def _corners(chip, window):
+def _corners(chip: Chip, window: Window) -> FloatArray:
     """Return the corners (4, 2) of a window in the drawing."""
     places = [_place(chip, x, y) for x in (window.x0, window.x1) for y in (window.y0, window.y1)]
     centre = np.array([chip.xc, -chip.yc])
     return (np.array(places) - centre) @ rotation(math.radians(-chip.rotation)).T + centre
 
 
-def _box(corners):
+def _box(corners: FloatArray) -> str:
     (x0, y0), (x1, y1) = corners.min(axis=0), corners.max(axis=0)
     return _numbers((x0, y0, x1 - x0, y1 - y0))
 
 
-def _numbers(values):
+def _numbers(values: Iterable[float]) -> str:
     return " ".join(f"{value:.1f}" for value in values)

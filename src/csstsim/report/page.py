@@ -1,9 +1,21 @@
 """The report of a campaign: one self-contained HTML page with embedded figures, style and script."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from csstsim.base.plural import number_of
 from csstsim.bricks.validation import verdict as verdicts
 from csstsim.report.band_table import KRON, band_numbers, band_table
 from csstsim.report.parts import Figure, Fold, Link, Pairs, Paragraph, Section, Table, Verdict, fill, mappings
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+    from pathlib import Path
+    from typing import Any
+
+    from csstsim.report.mosaic import FocalPlane
+    from csstsim.report.parts import Part
 
 NAMED = 10  # failing gates named at the top
 UNFOLDED = 4  # brick sections shown open
@@ -12,9 +24,25 @@ GATE = {"name": "gate", "band": "band", "value": "value", "threshold": "threshol
 
 
 def write_report(
-    path, summary, results, *, sky=(), exposures=(), products=(), figures=None, sky_map=None, mosaic=None, spectra=(),
-    stray_light=(), gates=None, links=None, provenance=None, layers=(), times=(), labels=None,
-):  # fmt: skip
+    path: Path,
+    summary: Mapping[str, Any],
+    results: Sequence[dict[str, Any]],
+    *,
+    sky: Iterable[Part] = (),
+    exposures: Iterable[Mapping[str, Any]] = (),
+    products: Iterable[tuple[str, int, str, tuple[Link, ...]]] = (),
+    figures: Mapping[int, bytes] | None = None,
+    sky_map: bytes | None = None,
+    mosaic: FocalPlane | None = None,
+    spectra: Sequence[tuple[str, bytes | None, *tuple[Link, ...]]] = (),
+    stray_light: Iterable[Part] = (),
+    gates: Sequence[dict[str, Any]] | None = None,
+    links: Mapping[int, tuple[Link, ...]] | None = None,
+    provenance: Mapping[str, Any] | None = None,
+    layers: Iterable[tuple[str, str, str]] = (),
+    times: Iterable[Mapping[str, Any]] = (),
+    labels: Mapping[str, str] | None = None,
+) -> None:
     """Write the report to `path`; all text is escaped.
 
     summary      {label: value} of the campaign; key 'name' is the title
@@ -65,7 +93,7 @@ def write_report(
         temporary.write_text(html, encoding="utf-8")
 
 
-def _products(products):
+def _products(products: Iterable[tuple[str, int, str, tuple[Link, ...]]]) -> list[Fold]:
     """Return a fold of links for each kind of product, with the number of files and their size."""
     return [
         Fold(f"{kind}: {count} file{'s' * (count != 1)}, {size}", [Paragraph(links, "links")])
@@ -73,21 +101,21 @@ def _products(products):
     ]
 
 
-def _provenance(values, layers):
+def _provenance(values: Mapping[str, Any], layers: Iterable[tuple[str, str, str]]) -> list[Pairs | Fold]:
     table = Table(("exposures", "layer", "parameters"), list(layers), "layers")
     return [Pairs(values), *([Fold("layers in order, with their parameters", [table])] if layers else [])]
 
 
-def _holds(part):
+def _holds(part: Part) -> bool:
     """Whether a part has something to show."""
     return bool(part.rows if isinstance(part, Table) else part.values if isinstance(part, Pairs) else True)
 
 
-def _figure(png, caption):
+def _figure(png: bytes | None, caption: str) -> list[Figure]:
     return [] if png is None else [Figure(png, caption)]
 
 
-def _gates(gates, labels):
+def _gates(gates: Sequence[dict[str, Any]], labels: Mapping[str, str]) -> list[Table | Paragraph]:
     """Return tables of counts by gate, of failing gates, of those that do not apply, and of those that pass.
 
     Gates may have keys beyond GATE.
@@ -116,16 +144,18 @@ def _gates(gates, labels):
     ]
 
 
-def _where(gate):
+def _where(gate: Mapping[str, Any]) -> str:
     """Return the link to what a gate is of: its brick, or the spectra."""
     return "#spectra" if gate["brick"] is None else f"#brick-{gate['brick']}"
 
 
-def _counts(result):
+def _counts(result: Mapping[str, Any]) -> dict[str, int]:
     return verdicts.count(result["gates"])
 
 
-def _brick_table(results, links, labels):
+def _brick_table(
+    results: Sequence[dict[str, Any]], links: Mapping[int, tuple[Link, ...]], labels: Mapping[str, str]
+) -> list[Part]:
     """Return the table of bricks, one row each, failing ones first."""
     bands = list(dict.fromkeys(band for result in results for band in result["bands"]))
     rows = []
@@ -145,7 +175,12 @@ def _brick_table(results, links, labels):
     return [note, mappings(rows, "bricks")] if rows else []
 
 
-def _bricks(results, figures, links, labels):
+def _bricks(
+    results: Iterable[dict[str, Any]],
+    figures: Mapping[int, bytes],
+    links: Mapping[int, tuple[Link, ...]],
+    labels: Mapping[str, str],
+) -> list[Section]:
     """Return one section per brick; the contents of all but the first UNFOLDED are folded."""
     parts = []
     for place, result in enumerate(results):
@@ -157,12 +192,14 @@ def _bricks(results, figures, links, labels):
     return parts
 
 
-def _residual(numbers):
+def _residual(numbers: Mapping[str, Any]) -> str:
     scatter = "" if numbers["sigma"] is None else f" (scatter {numbers['sigma']:.1f})"
     return f"{numbers['median']:+.1f}{scatter}"
 
 
-def _brick(result, png, links, labels):
+def _brick(
+    result: Mapping[str, Any], png: bytes | None, links: tuple[Link, ...], labels: Mapping[str, str]
+) -> list[Part]:
     residual = result["astrometry_mas"]
     if residual["east"]["n"]:
         east, north = (_residual(residual[k]) for k in ("east", "north"))
@@ -181,8 +218,8 @@ def _brick(result, png, links, labels):
     ]
 
 
-def _spectra(spectra):
-    parts = []
+def _spectra(spectra: Sequence[tuple[str, bytes | None, *tuple[Link, ...]]]) -> list[Part]:
+    parts: list[Part] = []
     for title, png, *links in spectra:
         parts += [] if png is None else [Figure(png, title), Paragraph(tuple(links))]
     rest = [(title, tuple(links)) for title, png, *links in spectra if png is None]

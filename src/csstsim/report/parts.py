@@ -1,10 +1,19 @@
 """Parts of the report's page: tables, figures, folds, sections. templates/parts.html draws each, with escaped text."""
 
+from __future__ import annotations
+
 import base64
 import math
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from jinja2 import Environment
+
+    from csstsim.report.mosaic import FocalPlane
 
 JPEG = b"\xff\xd8"  # its first bytes
 LONGEST = 40  # rows shown at once; longer tables are folded
@@ -23,12 +32,12 @@ class Verdict(NamedTuple):
     passed: bool | None
 
     @property
-    def style(self):
+    def style(self) -> str:
         """The CSS class of the word."""
         return {True: "pass", False: "fail", None: "none"}[self.passed]
 
     @property
-    def word(self):
+    def word(self) -> str:
         """The word that is shown."""
         return {True: "pass", False: "FAIL", None: "not judged"}[self.passed]
 
@@ -36,12 +45,12 @@ class Verdict(NamedTuple):
 class Table(NamedTuple):
     """Rows of values, folded under "N `name`" if there are many. Columns of numbers are right-aligned."""
 
-    head: tuple
-    rows: list
+    head: Sequence[str]
+    rows: Sequence[Sequence[Any]]
     name: str = "rows"
 
     @property
-    def styles(self):
+    def styles(self) -> list[str]:
         """The CSS class of each column."""
         return ["n" if all(map(_is_number, column)) else "" for column in zip(*self.rows, strict=True)]
 
@@ -49,7 +58,7 @@ class Table(NamedTuple):
 class Pairs(NamedTuple):
     """A table of {label: value}."""
 
-    values: dict
+    values: Mapping[str, Any]
 
 
 class Figure(NamedTuple):
@@ -59,12 +68,12 @@ class Figure(NamedTuple):
     caption: str
 
     @property
-    def url(self):
+    def url(self) -> str:
         """The picture as a data URL."""
         return data_url(self.png)
 
     @property
-    def style(self):
+    def style(self) -> str:
         """The CSS class: a chart, whose text must stay legible, or a photograph."""
         return "photo" if self.png.startswith(JPEG) else "chart"
 
@@ -72,7 +81,7 @@ class Figure(NamedTuple):
 class Gallery(NamedTuple):
     """Small pictures side by side."""
 
-    figures: list
+    figures: Sequence[Figure]
 
 
 class Paragraph(NamedTuple):
@@ -86,7 +95,7 @@ class Fold(NamedTuple):
     """Parts folded under a line; a click on it opens them."""
 
     summary: str
-    body: list
+    body: Sequence[Part]
 
 
 class Section(NamedTuple):
@@ -94,35 +103,38 @@ class Section(NamedTuple):
 
     name: str
     title: str
-    body: list
+    body: Sequence[Part]
     level: int = 2
 
 
-def mappings(rows, name="rows"):
+Part: TypeAlias = "Table | Pairs | Figure | Gallery | Paragraph | Fold | Section | FocalPlane"
+
+
+def mappings(rows: Iterable[Mapping[str, Any]], name: str = "rows") -> Table:
     """Return the Table of `rows`, which are mappings; its columns are all their keys, in order of appearance."""
     rows = list(rows)
     keys = list(dict.fromkeys(key for row in rows for key in row))
     return Table(keys, [[row.get(key) for key in keys] for row in rows], name)
 
 
-def data_url(picture):
+def data_url(picture: bytes) -> str:
     """Return the bytes of a PNG or JPEG as a data URL."""
     kind = "jpeg" if picture.startswith(JPEG) else "png"
     return f"data:image/{kind};base64," + base64.b64encode(picture).decode("ascii")
 
 
-def draw(part):
+def draw(part: Part) -> str:
     """Return the HTML of one part."""
-    return str(_templates().get_template("parts.html").module.part(part))
+    return str(_templates().get_template("parts.html").module.part(part))  # type: ignore[attr-defined] # its macro
 
 
-def fill(template, **values):
+def fill(template: str, **values: Any) -> str:
     """Return the text of a template in templates/ with `values` filled in, escaped."""
     return _templates().get_template(template).render(values)
 
 
 @cache
-def _templates():
+def _templates() -> Environment:
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(
@@ -134,12 +146,12 @@ def _templates():
     return environment
 
 
-def _shown(value, digits):
+def _shown(value: Any, digits: int) -> str:
     """Return the text of a value: floats to `digits` significant figures, None as a dash."""
     return "-" if value is None else f"{value:.{digits}g}" if isinstance(value, float) else str(value)
 
 
-def _is_number(value):
+def _is_number(value: Any) -> bool:
     """Whether a value counts as a number: a number, its text, or None (a missing number)."""
     try:
         return value is None or (not isinstance(value, bool) and math.isfinite(float(value)))

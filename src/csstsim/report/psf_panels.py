@@ -1,26 +1,38 @@
 """Panels of a brick's figure: stars' sizes and shapes compared with the PSF model's, as maps over the chip."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from csstsim.bricks.validation.trials import SHAPES
 from csstsim.report.style import BLACK, FEWEST
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from typing import Any
+
+    from matplotlib.axes import Axes
+
+    from csstsim.base.types import FloatArray
 
 SNR = 50.0, 500.0  # of the stars
 CELLS = 8  # along each axis
 RANGE, WHISKER = 2.0, 0.01  # limit of the colours [%]; distortion of a whisker as long as a cell
 
 
-def size(axes, arrays):
+def size(axes: Axes, arrays: Mapping[str, Any]) -> bool:
     """Draw stars' sizes over the PSF model's, less 1: medians of all bands in cells of the chip; return whether any."""
     edges, (residual, _, _) = _over_the_chip(arrays)
     if edges:
         image = axes.pcolormesh(*edges, 100.0 * residual.T, cmap="RdBu_r", vmin=-RANGE, vmax=RANGE)
-        bar = axes.inset_axes([1.03, 0.0, 0.05, 1.0])  # colorbar's own axes would break the layout
+        bar = axes.inset_axes((1.03, 0.0, 0.05, 1.0))  # colorbar's own axes would break the layout
         axes.figure.colorbar(image, cax=bar, label="size out / PSF model - 1 [%]")
     return _chip_axes(axes, edges, "Sizes of stars, S/N > 50, all bands")
 
 
-def ellipticity(axes, arrays):
+def ellipticity(axes: Axes, arrays: Mapping[str, Any]) -> bool:
     """Draw stars' distortions minus the PSF model's as whiskers, as `size` does."""
     edges, (_, e1, e2) = _over_the_chip(arrays)
     if edges:
@@ -33,31 +45,32 @@ def ellipticity(axes, arrays):
     return _chip_axes(axes, edges, f"Distortions of stars minus the PSF model's; a cell's width is {WHISKER}")
 
 
-def _over_the_chip(arrays):
+def _over_the_chip(arrays: Mapping[str, Any]) -> tuple[list[FloatArray], FloatArray]:
     """Return (edges of cells along x and y, the cells' medians of trials.SHAPES).
 
-    A cell with fewer than FEWEST stars is NaN; if all cells have fewer, return (None, (None, None, None)).
+    A cell with fewer than FEWEST stars is NaN; if all cells have fewer, no edges are returned.
     """
-    seen = {name: [] for name in ("x", "y", *SHAPES)}
+    none = np.full((3, CELLS, CELLS), np.nan)
+    parts: dict[str, list[FloatArray]] = {name: [] for name in ("x", "y", *SHAPES)}
     for table in arrays["trials"].values():
         good = (table["sound"] > 0) & ~table["galaxy"].astype(bool) & (table["lonely"] > 0)
         good &= (table["snr"] > SNR[0]) & (table["snr"] < SNR[1]) & np.isfinite(table["psf_size"])
-        for name in seen:
-            seen[name].append(table[name][good])
-    seen = {name: np.concatenate(parts) if parts else np.zeros(0) for name, parts in seen.items()}
+        for name in parts:
+            parts[name].append(table[name][good])
+    seen = {name: np.concatenate(some) if some else np.zeros(0) for name, some in parts.items()}
     if len(seen["x"]) < FEWEST:
-        return None, (None,) * 3
-    edges = [np.linspace(seen[name].min(), seen[name].max() + 1.0, CELLS + 1) for name in "xy"]
+        return [], none
+    edges: list[FloatArray] = [np.linspace(seen[name].min(), seen[name].max() + 1.0, CELLS + 1) for name in "xy"]
     cell = np.ravel_multi_index([np.digitize(seen[n], e[1:-1]) for n, e in zip("xy", edges, strict=True)], (CELLS,) * 2)
     medians, full = np.full((3, CELLS**2), np.nan), np.flatnonzero(np.bincount(cell) >= FEWEST)
     if not len(full):
-        return None, (None,) * 3
+        return [], none
     for k in full:
         medians[:, k] = [np.median(seen[name][cell == k]) for name in SHAPES]
     return edges, medians.reshape(3, CELLS, CELLS)
 
 
-def _chip_axes(axes, edges, title):
+def _chip_axes(axes: Axes, edges: Sequence[FloatArray], title: str) -> bool:
     if not edges:
         return False
     axes.set(xlim=edges[0][[0, -1]], ylim=edges[1][[0, -1]], box_aspect=1)

@@ -7,10 +7,12 @@ distortion, aberration. Values are AB fluxes, so a source of equal flux per freq
 nonlinearity and defects are not corrected.
 """
 
+from __future__ import annotations
+
 import io
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, TypeAlias, cast
 
 import numpy as np
 
@@ -19,10 +21,22 @@ from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import chip_plane, mosaic_cd
 from csstsim.report.thumbnail import binned
 
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
+    from PIL import ImageFont
+    from PIL.ImageDraw import ImageDraw
+
+    from csstsim.base.types import FloatArray, IntArray
+    from csstsim.catalog.astrometry.ephemeris import Observer
+    from csstsim.io.level0 import Level0
+    from csstsim.simulation.exposure import Exposure
+
 NODES = 9  # places along each side whose pixels are computed; those between are interpolated, to 0.01 px
 BLACK, STRETCH, SOFTENING = -1.0, 16.0, 8.0  # noise of a pixel: black, and a third of white; Lupton's Q
 RAY = 3.0, 0.3  # a cosmic ray is so many sigma above another frame's value, which is less than so large a share of it
 QUALITY = 90  # of JPEG
+Mark: TypeAlias = "Callable[[ImageDraw, tuple[int, int]], None]"  # draws on a picture of a size
 
 
 @dataclass(frozen=True)
@@ -32,16 +46,16 @@ class Grid:
     Its columns count against those of the chip, so that the sky is as an observer sees it: north up, east to the left.
     """
 
-    exposure: Any  # simulation.exposure.Exposure
+    exposure: Exposure
     window: Window
     step: int = 1
 
     @property
-    def shape(self):
+    def shape(self) -> tuple[int, int]:
         """(ny, nx) of the picture."""
         return self.window.ny // self.step, self.window.nx // self.step
 
-    def on(self, exposure):
+    def on(self, exposure: Exposure) -> list[FloatArray]:
         """Return x, y (ny, nx) on another exposure's chip [px] of the centres of the picture's pixels."""
         from scipy.interpolate import RectBivariateSpline
 
@@ -49,21 +63,22 @@ class Grid:
         rows, columns = np.linspace(0, ny - 1, NODES), np.linspace(0, nx - 1, NODES)
         middle = (self.step - 1) / 2
         x, y = np.meshgrid(self.window.x0 + columns * self.step + middle, self.window.y0 + rows * self.step + middle)
-        sky = icrs(*self.exposure.wcs.pixel_to_world(x.ravel(), y.ravel()), self.exposure.observer)
-        places = exposure.wcs.world_to_pixel(*apparent(*sky, exposure.observer))
+        here, there = (cast("Observer", one.observer) for one in (self.exposure, exposure))  # a campaign's have one
+        sky = icrs(*self.exposure.wcs.pixel_to_world(x.ravel(), y.ravel()), here)
+        places = exposure.wcs.world_to_pixel(*apparent(*sky, there))
         return [
             RectBivariateSpline(rows, columns, np.reshape(place, x.shape))(np.arange(ny), np.arange(nx))[:, ::-1]
             for place in places
         ]
 
-    def north_east(self):
+    def north_east(self) -> FloatArray:
         """Return unit vectors (2, 2), rows north and east, in the picture: x right, y up."""
         turn, _ = chip_plane(self.exposure.chip)
         inverse = np.linalg.inv(mosaic_cd(self.exposure.pointing.pa, self.exposure.telescope) @ turn)
         return (inverse / np.hypot(*inverse)).T[::-1] * (-1.0, 1.0)
 
 
-def plane(grid, exposure, file):
+def plane(grid: Grid, exposure: Exposure, file: Level0) -> FloatArray:
     """Return the picture (ny, nx) of one exposure above its median, AB flux of one second; NaN outside its window.
 
     file: its open io.level0.Level0.
@@ -81,20 +96,20 @@ def plane(grid, exposure, file):
     return rate * 10.0 ** (-0.4 * exposure.filter.zeropoint(exposure.telescope))
 
 
-def _around(x, y, window, margin=2):
+def _around(x: FloatArray, y: FloatArray, window: Window, margin: int = 2) -> Window | None:
     """Return the Window of all pixels x, y with a margin, within `window`, or None."""
     x0, y0 = max(math.floor(x.min()) - margin, window.x0), max(math.floor(y.min()) - margin, window.y0)
     x1, y1 = min(math.ceil(x.max()) + margin + 1, window.x1), min(math.ceil(y.max()) + margin + 1, window.y1)
     return Window(x0, x1, y0, y1) if x0 < x1 and y0 < y1 else None
 
 
-def noise_of(image):
+def noise_of(image: FloatArray) -> float:
     """Return the scatter about the median of an image (NaN allowed): 1.4826 times the median deviation."""
     good = image[np.isfinite(image)]
     return float(1.4826 * np.median(np.abs(good - np.median(good)))) if good.size else 0.0
 
 
-def combined(planes):
+def combined(planes: Sequence[FloatArray]) -> FloatArray:
     """Return the median of planes (ny, nx) of one band; of two, the mean, or the fainter where the other has a RAY.
 
     So most cosmic rays and hot pixels vanish where there are two planes or more. Pixels that no plane has are 0.
@@ -109,7 +124,7 @@ def combined(planes):
     return np.nan_to_num(middle)
 
 
-def colours(planes, noise):
+def colours(planes: Sequence[FloatArray], noise: float) -> IntArray:
     """Return (ny, nx, 3) uint8 of one plane (grey) or of three, the bluest first; noise: of a pixel of a plane."""
     from astropy.visualization import make_lupton_rgb
 
@@ -117,7 +132,7 @@ def colours(planes, noise):
     return make_lupton_rgb(red, green, blue, minimum=BLACK * noise, stretch=STRETCH * noise, Q=SOFTENING)
 
 
-def jpeg(rgb, marks=()):
+def jpeg(rgb: IntArray, marks: Iterable[Mark] = ()) -> bytes:
     """Return the bytes of a JPEG; the first row is at the bottom. marks: functions that draw on a PIL ImageDraw."""
     from PIL import Image, ImageDraw
 
@@ -128,10 +143,10 @@ def jpeg(rgb, marks=()):
     return stream.getvalue()
 
 
-def compass(grid):
+def compass(grid: Grid) -> Mark:
     """Return the mark of arrows to north and east, in the lower left corner."""
 
-    def mark(draw, size):
+    def mark(draw: ImageDraw, size: tuple[int, int]) -> None:
         font, length, corner = _font(size), 0.06 * size[0], np.array([0.1 * size[0], size[1] - 0.1 * size[0]])
         for name, (x, y) in zip("NE", grid.north_east(), strict=True):
             way = np.array([x, -y])
@@ -141,13 +156,13 @@ def compass(grid):
     return mark
 
 
-def ruler(grid):
+def ruler(grid: Grid) -> Mark:
     """Return the mark of a scale bar of about a sixth of the picture, in the lower right corner."""
     scale = grid.exposure.telescope.pixel_scale * grid.step  # arcsec of a pixel of the picture
     longest = grid.shape[1] * scale / 6
     length = max((n for n in (0.5, 1, 2, 5, 10, 20, 30, 60, 120, 300) if n <= longest), default=longest)
 
-    def mark(draw, size):
+    def mark(draw: ImageDraw, size: tuple[int, int]) -> None:
         x, y = 0.96 * size[0], 0.96 * size[1]
         draw.line([x - length / scale, y, x, y], fill="white", width=3)
         text = f"{length / 60:g}'" if length >= 60 else f'{length:g}"'
@@ -156,7 +171,7 @@ def ruler(grid):
     return mark
 
 
-def _font(size):
+def _font(size: tuple[int, int]) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
     from PIL import ImageFont
 
     return ImageFont.load_default(max(12, size[0] // 45))

@@ -1,8 +1,18 @@
 """The report's panel of the sky: components by exposure, and earthshine by limb angle (stray-light model only)."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from csstsim.report.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, legend
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from csstsim.base.types import FloatArray
+    from csstsim.report.style import Look
 
 # component: colour, marker
 PARTS = {
@@ -13,7 +23,9 @@ FAINT = 1e-9  # e-/s/px; less is none
 SHARE = 0.1  # of zodiacal light: a line marks this much earthshine
 
 
-def sky_by_exposure(levels, limbs, looks):
+def sky_by_exposure(
+    levels: Mapping[str, Mapping[str, FloatArray]], limbs: Mapping[str, FloatArray], looks: Mapping[str, Look]
+) -> bytes:
     """Return PNG bytes: components by exposure in the band with the most sky, earthshine by limb angle in every band.
 
     levels: {band: {component: e-/s/px (n,)}} and limbs: {band: limb angle [deg] (n,)} of the n exposures of each band,

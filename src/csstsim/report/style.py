@@ -3,7 +3,18 @@
 Colours are Okabe & Ito's (2008), which colour-blind readers can tell apart; stars and galaxies differ in marker too.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from typing import Any
+
+    from matplotlib.axes import Axes
+
+    from csstsim.instrument.filter import Filter
 
 BLUE, ORANGE, GREEN, VERMILION, PURPLE, SKY, BLACK = (
     "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#000000",
@@ -23,7 +34,7 @@ class Look:
     line: str = "-"
 
 
-def looks(filters):
+def looks(filters: Mapping[str, Filter]) -> dict[str, Look]:
     """Return {name in lower case: Look} of the camera's filters, {name: instrument.filter.Filter}."""
     bands = [name for name, filter_ in filters.items() if filter_.kind == "imaging"]
     found = {}
@@ -36,7 +47,7 @@ def looks(filters):
     return found
 
 
-def snr_axis(axes):
+def snr_axis(axes: Axes) -> None:
     """Make x the true S/N, logarithmic, with ticks far enough apart for their numbers."""
     axes.set(xscale="log", xlabel="true S/N")
     low, high = axes.get_xlim()
@@ -46,7 +57,7 @@ def snr_axis(axes):
     axes.set_xlim(low, high)
 
 
-def legend(axes, **keywords):
+def legend(axes: Axes, **keywords: Any) -> bool:
     """Draw the legend and return True if anything was plotted under a label, else return False; keywords: legend's."""
     if not axes.get_legend_handles_labels()[1]:
         return False

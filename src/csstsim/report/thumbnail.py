@@ -3,21 +3,29 @@
 They are not calibrated: nonlinearity, flat field and defects remain.
 """
 
+from __future__ import annotations
+
 import io
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from csstsim.base.types import FloatArray, IntArray
+    from csstsim.instrument.chip import Window
+    from csstsim.io.level0 import Level0
 
 MOST = 384  # pixels along a thumbnail's longer side
 BLACK, WHITE = -3.0, 30.0  # sigma from the background: the black level, and the lowest white level
 SOFT = 3.0  # sigma; the asinh stretch is linear below
 
 
-def step_for(window, most=MOST):
+def step_for(window: Window, most: int = MOST) -> int:
     """Return the block side [px] with which `window` (instrument.chip.Window) fits in `most` blocks."""
     return -(-max(window.shape) // most)
 
 
-def binned(file, window, step):
+def binned(file: Level0, window: Window, step: int) -> FloatArray:
     """Return mean electrons of step x step blocks of `window`, float64; blocks at the far edges may be smaller.
 
     `file`: an open io.level0.Level0. A block of pixels that were not read is NaN.
@@ -42,7 +50,7 @@ def binned(file, window, step):
     return np.divide(total, pixels, out=np.full(shape, np.nan), where=pixels > 0)
 
 
-def _level(overscan):
+def _level(overscan: IntArray) -> float:
     """Return the mean of an overscan region [DN] without outliers; a median would be rounded to whole DN."""
     if not overscan.size:
         return 0.0
@@ -51,13 +59,13 @@ def _level(overscan):
     return overscan[distance <= 4 * max(1.4826 * np.median(distance), 1.0)].mean()
 
 
-def _starts(first, last, step):
+def _starts(first: int, last: int, step: int) -> tuple[IntArray, int]:
     """Return (starts of the blocks in [first, last), counted from first; the number of the first block)."""
     edges = np.arange(first // step * step, last, step)
     return np.maximum(edges, first) - first, first // step
 
 
-def stretch(image):
+def stretch(image: FloatArray) -> IntArray:
     """Return uint8 greys of an image: asinh of its distance from the background, in units of the noise.
 
     Background and noise are the median and the scatter about it; NaN is black. White begins at the brightest 0.1%, or
@@ -75,7 +83,7 @@ def stretch(image):
     return np.rint(255.0 * np.clip(scaled, 0.0, 1.0)).astype(np.uint8)
 
 
-def busiest(greys, window, step, most=MOST):
+def busiest(greys: IntArray, window: Window, step: int, most: int = MOST) -> Window:
     """Return the Window of `most` px a side, within `window`, where its thumbnail (uint8) has the most light."""
     from scipy.ndimage import uniform_filter
 
@@ -85,19 +93,19 @@ def busiest(greys, window, step, most=MOST):
     return around(window.x0 + column * step, window.y0 + row * step, window, most)
 
 
-def around(x, y, window, side):
+def around(x: float, y: float, window: Window, side: int) -> Window:
     """Return the Window of `side` px about a place, moved and cut so that it lies within `window`."""
     x0, x1 = _span(x, window.x0, window.x1, side)
     y0, y1 = _span(y, window.y0, window.y1, side)
     return type(window)(x0, x1, y0, y1)
 
 
-def _span(middle, low, high, most):
+def _span(middle: float, low: int, high: int, most: int) -> tuple[int, int]:
     start = int(max(min(round(middle) - most // 2, high - most), low))
     return start, min(start + most, high)
 
 
-def png(greys):
+def png(greys: IntArray) -> bytes:
     """Return the bytes of a grey PNG; the first row of `greys` is at the bottom, as on a chip."""
     from PIL import Image
 

@@ -1,11 +1,24 @@
 """The figure of a variant: what it measures less what its base does, against magnitude."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, TypeAlias
+
 import numpy as np
 from matplotlib.figure import Figure
 
 from csstsim.bricks.validation.twins import binned, values
 from csstsim.report.figures import png
 from csstsim.report.style import BLUE, VERMILION
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from typing import Any
+
+    from matplotlib.axes import Axes
+
+    from csstsim.base.types import FloatArray
+    from csstsim.bricks.validation.twins import Mean
 
 PANELS = {
     "magnitude [mag]": ("mag",), "place [px]": ("x", "y"), "ln size": ("size",), "ellipticity": ("e1", "e2"),
@@ -14,11 +27,13 @@ PANELS = {
 COLOURS, COLUMNS = (BLUE, VERMILION), 3
 SHOWN = 80.0  # percent of the objects are within a panel
 KINDS = {"star": "o", "galaxy": "s", "spectrum": "D"}
+# Number of the panel's quantity, kind, label; magnitude and difference of objects; magnitude and Mean of bins
+Curve: TypeAlias = "tuple[int, str, str, FloatArray, FloatArray, FloatArray, list[Mean]]"
 
 
-def twin_figure(objects):
+def twin_figure(objects: Sequence[Mapping[str, Any]]) -> bytes | None:
     """Return a PNG of the mean differences (validation.twins) in bins of magnitude; None if there are none."""
-    drawn = {}
+    drawn: dict[str, list[Curve]] = {}
     for title, names in PANELS.items():
         for place, name in enumerate(names):
             for kind in KINDS:
@@ -39,7 +54,7 @@ def twin_figure(objects):
     return png(figure)
 
 
-def _panel(axes, title, curves):
+def _panel(axes: Axes, title: str, curves: Sequence[Curve]) -> None:
     """Draw objects as dots, means of all in bins with their errors; far objects may lie beyond the panel."""
     axes.axhline(0.0, color="#999999", linewidth=0.8)
     most = []

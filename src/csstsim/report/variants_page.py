@@ -1,12 +1,21 @@
 """The page of a campaign's variants: gates side by side, and each variant's measurements less those of the base."""
 
-from typing import NamedTuple
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
 
 from csstsim.base.files.atomic import atomic_path
 from csstsim.bricks.validation import verdict as verdicts
 from csstsim.bricks.validation.twins import CLIP, QUANTITIES, REAL, summary
 from csstsim.report.parts import Figure, Pairs, Paragraph, Section, Table, Verdict, fill
 from csstsim.report.twin_figure import twin_figure
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+    from pathlib import Path
+    from typing import Any
+
+    from csstsim.report.parts import Part
 
 ABOUT = (
     "Variant less base, of the same objects, matched by their number in the truth. Objects that only one of the two "
@@ -26,12 +35,12 @@ class Study(NamedTuple):
     """A variant's name, {key: value} of what it changes, differences of objects (validation.twins), and its counts."""
 
     name: str
-    keys: dict
-    objects: list
-    counts: dict
+    keys: dict[str, Any]
+    objects: list[dict[str, Any]]
+    counts: dict[str, dict[str, int]]
 
 
-def write_variants(path, name, verdicts_of, studies):
+def write_variants(path: Path, name: str, verdicts_of: Mapping[str, dict[str, Any]], studies: Iterable[Study]) -> None:
     """Write the page. verdicts_of: {"base" or a variant: its verdict (validation.verdict.judge)}; studies: [Study]."""
     verdicts_of = {one: _of_rows(verdict) for one, verdict in verdicts_of.items()}
     passed = [verdict["passed"] for verdict in verdicts_of.values()]
@@ -49,25 +58,25 @@ def write_variants(path, name, verdicts_of, studies):
         temporary.write_text(html, encoding="utf-8")
 
 
-def _of_rows(verdict):
+def _of_rows(verdict: dict[str, Any]) -> dict[str, Any]:
     """Return the verdict with one gate for each row of the page's table: the worst of those of its exposures."""
-    worst = {}
+    worst: dict[tuple[str, str, int | None], list[dict[str, Any]]] = {}
     for gate in verdict["gates"]:
         worst.setdefault(_row(gate), []).append(gate)
     gates = [max(some, key=lambda gate: -1.0 if gate["margin"] is None else gate["margin"]) for some in worst.values()]
     return verdict | {"gates": gates, "counts": verdicts.count(gates)}
 
 
-def _row(gate):
+def _row(gate: Mapping[str, Any]) -> tuple[str, str, int | None]:
     return gate["name"], gate.get("band") or "", gate.get("brick")
 
 
-def _gates(verdicts_of):
+def _gates(verdicts_of: Mapping[str, Mapping[str, Any]]) -> list[Table | Paragraph]:
     """Return a table of gates that pass, fail and are not judged, by campaign, and one of the values of each gate."""
     count = {one: verdict["counts"] for one, verdict in verdicts_of.items()}
     names = list(next(iter(count.values())))
     counts = Table(("campaign", *names), [(one, *(held[name] for name in names)) for one, held in count.items()])
-    held = {}
+    held: dict[tuple[str, str, int | None], dict[str, dict[str, Any]]] = {}
     for one, verdict in verdicts_of.items():
         for gate in verdict["gates"]:
             held.setdefault(_row(gate), {})[one] = gate
@@ -79,12 +88,12 @@ def _gates(verdicts_of):
     return [counts, Paragraph(GATES), Table(("gate", "band", "brick", "threshold", *verdicts_of), rows, "gates")]
 
 
-def _thresholds(gates):
+def _thresholds(gates: Iterable[Mapping[str, Any]]) -> str:
     """Return the threshold of a row's gates; several if the variants have their own."""
     return " / ".join(dict.fromkeys(_figure(gate["threshold"]) for gate in gates if gate["threshold"] is not None))
 
 
-def _value(gate):
+def _value(gate: Mapping[str, Any] | None) -> str:
     """Return a gate's value and margin, a word if it fails; "-" if it is not judged, "" if there is no such gate."""
     if gate is None:
         return ""
@@ -94,11 +103,11 @@ def _value(gate):
     return shown if gate["passed"] else f"{shown} FAIL"
 
 
-def _figure(value):
+def _figure(value: float | str) -> str:
     return f"{value:.4g}" if isinstance(value, int | float) else str(value)
 
 
-def _study(study):
+def _study(study: Study) -> list[Part]:
     rows = [
         (kind, QUANTITIES[name][0], one.n, one.changed, f"{one.mean:+.3g}", f"{one.error:.2g}",
          f"{one.mean / one.error:+.1f}" if one.error > 0 else "0" if one.mean == 0 else "", f"{one.scatter:.2g}",

@@ -51,7 +51,7 @@ def validate(run: OpenCampaign, pix: int) -> None:
     )  # fmt: skip
     merged = ObjectTable.read(made(run.paths.merge(pix), f"merge {run.file} --brick {pix}"))
     check_recipe(run.paths.merge(pix), merged.meta, run.brick_recipe(pix))
-    result, arrays = validate_brick(pix, merged, frames, camera.bands, run.limits, objects and objects.laws())
+    result, arrays = validate_brick(pix, merged, frames, camera.bands, run.limits, objects.laws() if objects else None)
     result |= {
         "csstsim": __version__,
         "recipe": run.brick_recipe(pix),

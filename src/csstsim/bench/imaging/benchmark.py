@@ -1,7 +1,12 @@
 """The benchmark of imaging: `csstsim bench` with an imaging filter."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
+from csstsim.base.types import FloatArray
 from csstsim.bench.imaging.cases import make_cases
 from csstsim.bench.imaging.measures import NAMES, WINDOW_PX, errors
 from csstsim.bench.imaging.methods import METHODS, standard
@@ -9,10 +14,17 @@ from csstsim.bench.imaging.shapes import make_shapes
 from csstsim.bench.imaging.truth import Truth
 from csstsim.bench.sweep import Bench
 
+if TYPE_CHECKING:
+    from csstsim.bench.imaging.cases import Case
+    from csstsim.bench.setting import Setting
+    from csstsim.render.scene import Scene
+
 GOALS = {"flux": 1e-3, "x_mas": 1.0, "y_mas": 1.0, "size2": 1e-3, "e1": 1e-4, "e2": 1e-4}
 
 
-def judge(setting, case, image, wanted, drawn):
+def judge(
+    setting: Setting, case: Case, image: FloatArray, wanted: FloatArray, drawn: float
+) -> tuple[FloatArray, FloatArray]:
     """Return bench.imaging.measures.errors of a Case."""
     box = setting.psf.image.shape[-1] / 2 / setting.psf.oversampling
     scale = 1000 * setting.camera.telescope.pixel_scale
@@ -20,7 +32,7 @@ def judge(setting, case, image, wanted, drawn):
     return errors(image, wanted, setting.variance, case.electrons, drawn, **how)
 
 
-def half_light_px(scene):
+def half_light_px(scene: Scene) -> float:
     """Return the half-light radius [px] of the larger component of a Scene's one object, as a circle of equal area."""
     radius = np.where(scene.light[0] > 0, scene.sersic[0, :, 2], 0.0).max()
     return float(radius * np.sqrt(abs(np.linalg.det(scene.matrix[0]))))

@@ -5,16 +5,24 @@ Every other object lies within half a pixel of a node of the PSF set, where the 
 lie anywhere, and the interpolation between nodes adds to their errors.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from itertools import product
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from csstsim.base.rng import stream
+from csstsim.base.types import FloatArray
 from csstsim.catalog.selection.reach import STAR_MIN, galaxy_radius, point_reach
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.instrument.chip import Window
 from csstsim.render.scene import Scene, make_scene
+
+if TYPE_CHECKING:
+    from csstsim.bench.setting import Setting
 
 FLUX = 10.0, 1e7  # electrons
 SIZE = 0.05, 5.0  # arcsec
@@ -37,16 +45,16 @@ class Case:
     at_node: bool
 
     @property
-    def half(self):
+    def half(self) -> int:
         """Half the side of the window [px]; it has 2 half + 1 pixels a side."""
         return (self.window.nx - 1) // 2
 
     @property
-    def star(self):
+    def star(self) -> bool:
         """Whether it is a star."""
         return self.row["obj_type"][0] == STAR
 
-    def about(self):
+    def about(self) -> dict[str, Any]:
         """Return {column: value} that describe the object."""
         return {
             "object": int(self.row["id"][0]), "kind": "star" if self.star else "galaxy", "electrons": self.electrons,
@@ -55,7 +63,7 @@ class Case:
             "at_node": self.at_node,
         }  # fmt: skip
 
-    def brighter(self, electrons):
+    def brighter(self, electrons: float) -> Self:
         """Return the same case with `electrons` in place of its own."""
         factor = electrons / self.electrons
         columns = {name: self.row[name] * factor for name in ("flux0", "flux1", "flux2", "flux3")}
@@ -63,7 +71,9 @@ class Case:
         return replace(self, row=ObjectTable(self.row).with_columns(**columns), scene=scene, electrons=electrons)
 
 
-def make_cases(setting, count, seed=1, largest=SIZE[1], make=None):
+def make_cases(
+    setting: Setting, count: int, seed: int = 1, largest: float = SIZE[1], make: Callable[..., Case] | None = None
+) -> list[Case]:
     """Return `count` Cases, half of them stars, each by `make` (by default make_case).
 
     No half-light radius is above `largest` [arcsec].
@@ -73,13 +83,14 @@ def make_cases(setting, count, seed=1, largest=SIZE[1], make=None):
     return [(make or make_case)(setting, rng, i, **shape) for i, shape in enumerate(shapes)]
 
 
-def _stars(rng, count):
+def _stars(rng: np.random.Generator, count: int) -> list[dict[str, float]]:
     grid = np.geomspace(*FLUX, 7)[: count // 4]
-    drawn = np.exp(rng.uniform(*np.log(FLUX), count - len(grid)))
+    low, high = np.log(FLUX)
+    drawn = np.exp(rng.uniform(low, high, count - len(grid)))
     return [{"electrons": flux} for flux in (*grid, *drawn)]
 
 
-def _galaxies(rng, count, largest):
+def _galaxies(rng: np.random.Generator, count: int, largest: float) -> list[dict[str, float]]:
     shares, sizes = (0.0, 1.0, 0.4), (SIZE[0], 0.5, min(2.0, largest))
     grid = list(product((1e2, 1e4, 1e6), shares, sizes, (0.0, ELLIPTICITY)))
     shapes = [
@@ -98,7 +109,15 @@ def _galaxies(rng, count, largest):
     return shapes
 
 
-def make_case(setting, rng, i, electrons, bulge=0.0, size=0.0, e=0.0):
+def make_case(
+    setting: Setting,
+    rng: np.random.Generator,
+    i: int,
+    electrons: float,
+    bulge: float = 0.0,
+    size: float = 0.0,
+    e: float = 0.0,
+) -> Case:
     """Return the Case of a galaxy of `size` [arcsec], or of a star if it is 0; cases of even `i` are at a node."""
     table = make_row(setting, rng, i, *place(setting, rng, i % 2 == 0), SHARES, electrons, bulge, size, e)
     half = half_of(table)
@@ -107,12 +126,24 @@ def make_case(setting, rng, i, electrons, bulge=0.0, size=0.0, e=0.0):
     return Case(table, make_scene(table, setting.wcs, setting.psf, setting.exptime), window, electrons, i % 2 == 0)
 
 
-def half_of(table, most=HALF_MAX):
+def half_of(table: ObjectTable, most: int = HALF_MAX) -> int:
     """Return half the side of the window of a table's one object [px]."""
     return int(np.clip(table["reach"][0] + MARGIN, HALF_MIN, most))
 
 
-def make_row(setting, rng, i, x, y, shares, electrons, bulge=0.0, size=0.0, e=0.0, more=None):
+def make_row(
+    setting: Setting,
+    rng: np.random.Generator,
+    i: int,
+    x: float,
+    y: float,
+    shares: Iterable[float],
+    electrons: float,
+    bulge: float = 0.0,
+    size: float = 0.0,
+    e: float = 0.0,
+    more: dict[str, Any] | None = None,
+) -> ObjectTable:
     """Return the table of one object at chip pixel x, y, turned at random; shares (4,): of its light by sub-band.
 
     more: {column: value} of other columns.
@@ -127,7 +158,8 @@ def make_row(setting, rng, i, x, y, shares, electrons, bulge=0.0, size=0.0, e=0.
     table = ObjectTable.complete({name: np.atleast_1d(value) for name, value in columns.items()}, ())
     box = setting.psf.image.shape[-1] / 2 / setting.psf.oversampling
     flux = np.array([electrons])
-    reach, lost = point_reach(flux, setting.variance, setting.filter, setting.camera.telescope, box), np.zeros(1)
+    reach = point_reach(flux, setting.variance, setting.filter, setting.camera.telescope, box)
+    lost: FloatArray = np.zeros(1)
     if size:
         radius, lost = galaxy_radius(table, flux, setting.variance, setting.camera.telescope.pixel_scale)
         reach = reach + radius
@@ -136,10 +168,11 @@ def make_row(setting, rng, i, x, y, shares, electrons, bulge=0.0, size=0.0, e=0.
     return table.with_columns(reach=np.ceil(reach).astype(np.int32), lost=lost)
 
 
-def place(setting, rng, at_node):
+def place(setting: Setting, rng: np.random.Generator, at_node: bool) -> tuple[float, float]:
     """Return x, y: within half a pixel of a node that is not at the chip's edge, or anywhere else."""
     nodes, detector = setting.psf.nodes_xy, setting.chip.detector
     if not at_node:
         return rng.uniform(EDGE, detector.nx - EDGE), rng.uniform(EDGE, detector.ny - EDGE)
     inside = (nodes > EDGE).all(axis=1) & (nodes < (detector.nx - EDGE, detector.ny - EDGE)).all(axis=1)
-    return tuple(nodes[rng.choice(np.flatnonzero(inside))] + rng.uniform(-0.5, 0.5, 2))
+    x, y = nodes[rng.choice(np.flatnonzero(inside))] + rng.uniform(-0.5, 0.5, 2)
+    return x, y

@@ -16,6 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from csstsim.base.types import BoolArray, FloatArray
+
 WINDOW_PX = 3.0
 NAMES = ("flux", "x_mas", "y_mas", "e1", "e2", "size2", "pixel", "visible")
 EDGE_PX = 1.5  # pixels nearer to the edge of the PSF's box, on either side, are left out
@@ -26,11 +28,11 @@ _STEPS, _SETTLED_PX = 300, 1e-9
 class Moments:
     """`value`, `spread` (6,): flux, x, y [px], e1, e2, size^2 [px^2]; `spread` is the error from one electron."""
 
-    value: np.ndarray
-    spread: np.ndarray
+    value: FloatArray
+    spread: FloatArray
 
 
-def moments(image, sigma=WINDOW_PX):
+def moments(image: FloatArray, sigma: float = WINDOW_PX) -> Moments:
     """Return the Moments of an image of expected light, about the middle of the array; `sigma` of the weight in px."""
     axis = np.arange(image.shape[0]) - (image.shape[0] - 1) / 2
     x = y = 0.0
@@ -59,7 +61,17 @@ def moments(image, sigma=WINDOW_PX):
     return Moments(np.array([total, x, y, e1, e2, size2]), np.array([np.sqrt(total), *spread]))
 
 
-def errors(image, truth, variance, electrons, drawn=np.inf, *, box=np.inf, sigma=WINDOW_PX, mas_per_px=74.0):
+def errors(
+    image: FloatArray,
+    truth: FloatArray,
+    variance: float,
+    electrons: float,
+    drawn: float = np.inf,
+    *,
+    box: float = np.inf,
+    sigma: float = WINDOW_PX,
+    mas_per_px: float = 74.0,
+) -> tuple[FloatArray, FloatArray]:
     """Return (errors, their statistical errors), each (8,), in the order of NAMES, of an image per unit of light.
 
     variance: of a pixel without the object [e-^2]; electrons: of the object; drawn: electrons the image was made of;
@@ -77,13 +89,20 @@ def errors(image, truth, variance, electrons, drawn=np.inf, *, box=np.inf, sigma
     values = [*(got.value - wanted.value) * scale, np.abs(difference).max() / truth.max(), seen]
     chance = [
         *wanted.spread * np.abs(scale) / np.sqrt(drawn),
-        np.sqrt(max(truth.flat[peak], 0.0) / drawn) / truth.max(),
+        np.sqrt(max(float(truth.flat[peak]), 0.0) / drawn) / truth.max(),
         chance_seen,
     ]
     return np.array(values), np.array(chance)
 
 
-def visible(image, truth, variance, electrons, drawn, judged=True):
+def visible(
+    image: FloatArray,
+    truth: FloatArray,
+    variance: float,
+    electrons: float,
+    drawn: float,
+    judged: BoolArray | bool = True,
+) -> tuple[float, float]:
     """Return (visible error, that expected from chance alone) over the pixels that are `judged`; see `errors`."""
     noise2 = electrons * np.maximum(truth, 0) + variance
     seen = (electrons**2 * (image - truth) ** 2 / noise2 * judged).sum()

@@ -5,13 +5,18 @@ A Method's `prepare(setting, case)` does the work that many objects share (look 
 a method, write its prepare and list it in METHODS.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Generic
 
 import numpy as np
 
 from csstsim.base.counter import object_keys
+from csstsim.base.types import FloatArray, IntArray
 from csstsim.bench.imaging import peers, ufig
+from csstsim.bench.sweep import CaseT
 from csstsim.optics.scatter.scattered_light import Scattered
 from csstsim.render.canvas import Canvas
 from csstsim.render.drawing import Drawing
@@ -21,9 +26,15 @@ from csstsim.render.imaging.reference import draw_objects
 from csstsim.render.imaging.stamps import draw_scene
 from csstsim.render.parts.object_parts import part_keys
 
+if TYPE_CHECKING:
+    from csstsim.bench.imaging.cases import Case
+    from csstsim.bench.setting import Setting
+    from csstsim.bench.sweep import Draw
+    from csstsim.render.scene import Scene
+
 
 @dataclass(frozen=True)
-class Method:
+class Method(Generic[CaseT]):
     """`random`: electrons are drawn at random, as they always are if the image has integers.
 
     `most`: electrons drawn at once; for brighter objects cost is taken as proportional to light. `peer`: another code,
@@ -31,30 +42,36 @@ class Method:
     """
 
     name: str
-    prepare: Callable
+    prepare: Callable[[Setting, CaseT], Draw]
     random: bool = False
     most: float = np.inf
     peer: bool = False
     preset: bool = False
 
 
-def standard(setting, case):
+def standard(setting: Setting, case: Case) -> FloatArray:
     """Return the image that all methods are compared with: the reference renderer's, its stamp the whole window."""
     wide = case.row.with_columns(reach=np.array([case.half], np.int32), lost=np.array([1e-4]))
     return _reference(setting, replace(case, row=wide))(1)
 
 
-def _reference(setting, case):
-    def draw(copies):
+def _reference(setting: Setting, case: Case) -> Draw:
+    def draw(copies: int) -> FloatArray:
         canvas = Canvas(np.zeros(case.window.shape, np.float32), case.window)
         rows = case.row.take(np.zeros(copies, int))
         draw_objects(canvas, rows, Drawing(setting.wcs, setting.psf, setting.exptime))
-        return canvas.expected.astype(float)
+        return expected_on(canvas).astype(float)
 
     return draw
 
 
-def copies_of(scene, copies):
+def expected_on(canvas: Canvas) -> FloatArray:
+    """Return the expected light drawn on a Canvas that has room for it."""
+    assert canvas.expected is not None
+    return canvas.expected
+
+
+def copies_of(scene: Scene, copies: int) -> Scene:
     """Return the Scene of many copies of a Scene's one object."""
     first = np.zeros(copies, int)
     if scene.parent is None:
@@ -64,10 +81,10 @@ def copies_of(scene, copies):
     return replace(made, parent=np.tile(np.arange(copies), others + 1))
 
 
-def _photons(setting, case):
+def _photons(setting: Setting, case: Case) -> Draw:
     base = np.uint64(case.row["id"][0] + 1)
 
-    def draw(copies):
+    def draw(copies: int) -> IntArray:
         canvas, scene = Canvas(None, case.window), copies_of(case.scene, copies)
         counted = canvas.count()
         shoot_scene(canvas, scene, part_keys(object_keys(base, np.arange(copies)), scene), setting.table)
@@ -76,36 +93,36 @@ def _photons(setting, case):
     return draw
 
 
-def _stamps(setting, case):
-    def draw(copies):
+def _stamps(setting: Setting, case: Case) -> Draw:
+    def draw(copies: int) -> FloatArray:
         canvas = Canvas(np.zeros(case.window.shape), case.window)
         draw_scene(canvas, copies_of(case.scene, copies).sized(case.row["reach"][0]), setting.mixer)
-        return canvas.expected
+        return expected_on(canvas)
 
     return draw
 
 
-def drawing_of(setting, case, fidelity):
+def drawing_of(setting: Setting, case: Case, fidelity: str) -> Drawing:
     """Return the render.drawing.Drawing of a preset, without light beyond the PSF's box."""
     return Drawing(
         setting.wcs, setting.mixer.psf, setting.exptime, Scattered(), fidelity, setting.variance,
-        np.uint64(case.row["id"][0] + 1), setting.table, setting.mixer,
+        np.uint64(case.row["id"][0] + 1), setting.table, kept=setting.mixer,
     )  # fmt: skip
 
 
-def _preset(fidelity):
-    def prepare(setting, case):
-        def draw(copies):
+def _preset(fidelity: str) -> Callable[[Setting, Case], Draw]:
+    def prepare(setting: Setting, case: Case) -> Draw:
+        def draw(copies: int) -> FloatArray | IntArray:
             canvas = Canvas(np.zeros(case.window.shape, np.float32), case.window)
             engine.draw_objects(canvas, case.row.take(np.zeros(copies, int)), drawing_of(setting, case, fidelity))
-            return canvas.expected.astype(float) if canvas.counted is None else canvas.counted
+            return expected_on(canvas).astype(float) if canvas.counted is None else canvas.counted
 
         return draw
 
     return prepare
 
 
-METHODS = (
+METHODS: tuple[Method[Case], ...] = (
     Method("reference", _reference),
     Method("photons", _photons),
     Method("stamps", _stamps),

@@ -7,18 +7,29 @@
 GalSim's defaults hold everywhere (folding_threshold 5e-3).
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
 from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import galsim
 import numpy as np
 
+from csstsim.base.types import FloatArray
 from csstsim.optics.psf.psf_file import pixel_response
 from csstsim.render.parts.spots import in_pixels
+
+if TYPE_CHECKING:
+    from csstsim.bench.imaging.cases import Case
+    from csstsim.bench.setting import Setting
+    from csstsim.bench.sweep import Draw
+    from csstsim.render.scene import Scene
 
 BANDS = 4
 
 
-def galaxy_of(scene):
+def galaxy_of(scene: Scene) -> galsim.GSObject | None:
     """Return the profile of a Scene's one object in pixels, of unit flux; None for a point."""
     parts = []
     for row, share in enumerate([1.0] if scene.share is None else scene.share):
@@ -31,7 +42,7 @@ def galaxy_of(scene):
     return galsim.Sum(parts).withFlux(1.0)
 
 
-def _sersic(scene, row):
+def _sersic(scene: Scene, row: int) -> galsim.GSObject | None:
     kinds = {1.0: galsim.Exponential, 4.0: galsim.DeVaucouleurs}
     parts = [
         kinds.get(index, partial(galsim.Sersic, index))(half_light_radius=size, flux=light)
@@ -41,30 +52,32 @@ def _sersic(scene, row):
     return galsim.Sum(parts) if parts else None
 
 
-def _of_spots(scene, row):
+def _of_spots(scene: Scene, row: int) -> galsim.GSObject:
     """Return knots as points, or an image as GalSim's InterpolatedImage."""
-    group = int(scene.spot[row])
-    image = scene.spots.image(group)
+    spots, spot = scene.spots, scene.spot
+    assert spots is not None and spot is not None  # of a row with spots
+    group = int(spot[row])
+    image = spots.image(group)
     if image is not None:
         return galsim.InterpolatedImage(galsim.ImageD(in_pixels(image)), scale=1.0)
-    u, v, light = scene.spots.group(group)
+    u, v, light = spots.group(group)
     return galsim.Sum([galsim.DeltaFunction(flux=f).shift(x, y) for x, y, f in zip(u, v, light, strict=True)])
 
 
-def interpolated(cells, per_pixel):
+def interpolated(cells: FloatArray, per_pixel: int) -> galsim.InterpolatedImage:
     """Return the PSF of `cells` (ny, nx), `per_pixel` along a pixel, as GalSim's InterpolatedImage; lengths in px."""
     return galsim.InterpolatedImage(
         galsim.ImageD(cells), scale=1 / per_pixel, flux=cells.sum(), x_interpolant="quintic"
     )
 
 
-def _drawer(case, profiles, **how):
+def _drawer(case: Case, profiles: Sequence[Callable[[], galsim.GSObject]], **how: Any) -> Draw:
     """Return a draw that adds the profiles, given as functions without arguments: making them is part of the cost."""
     scene, window = case.scene, case.window
     bounds = galsim.BoundsI(window.x0, window.x1 - 1, window.y0, window.y1 - 1)
     centre = galsim.PositionD(scene.x[0], scene.y[0])
 
-    def draw(copies):
+    def draw(copies: int) -> FloatArray:
         image = galsim.ImageD(bounds, init_value=0)
         for _ in range(copies):
             for profile in profiles:
@@ -74,27 +87,27 @@ def _drawer(case, profiles, **how):
     return draw
 
 
-def paper(setting, case):
+def paper(setting: Setting, case: Case) -> Draw:
     """Return draw(copies) by the paper's method: one PSF object for each object and sub-band."""
     scene, per_pixel = case.scene, setting.psf.oversampling
 
-    def profile(band):
+    def profile(band: int) -> galsim.GSObject:
         cells = sum(w * setting.psf.node(n)[band] for n, w in zip(scene.node[0], scene.weight[0], strict=True))
         point = interpolated(cells, per_pixel) * scene.electrons[:, band].sum()
         galaxy = galaxy_of(scene)
         return point if galaxy is None else galsim.Convolve(galaxy, point)
 
-    return _drawer(case, [lambda band=band: profile(band) for band in range(BANDS)])
+    return _drawer(case, [partial(profile, band) for band in range(BANDS)])
 
 
-def _nearest(setting, case):
+def _nearest(setting: Setting, case: Case) -> FloatArray:
     """Return the cells of the node nearest to the object, summed over the sub-bands, in electrons."""
     scene = case.scene
     away = np.hypot(*(setting.psf.nodes_xy - (scene.x[0], scene.y[0])).T)
     return np.tensordot(scene.electrons.sum(axis=0), setting.psf.node(away.argmin()).astype(float), axes=1)
 
 
-def fft(setting, case):
+def fft(setting: Setting, case: Case) -> Draw:
     """Return draw(copies) by GalSim's FFT, with the nearest node's PSF, which includes the pixel."""
     per_pixel = setting.psf.oversampling
     response = pixel_response(_nearest(setting, case), per_pixel)
@@ -104,12 +117,12 @@ def fft(setting, case):
     return _drawer(case, [_convolved(case.scene, point)], method="no_pixel")
 
 
-def _convolved(scene, point):
+def _convolved(scene: Scene, point: galsim.GSObject) -> Callable[[], galsim.GSObject]:
     galaxy = galaxy_of(scene)
     return (lambda: point) if galaxy is None else lambda: galsim.Convolve(galaxy_of(scene), point)
 
 
-def photons(setting, case):
+def photons(setting: Setting, case: Case) -> Draw:
     """Return draw(copies) by GalSim's photon shooting, with the nearest node's PSF."""
     point = interpolated(_nearest(setting, case), setting.psf.oversampling)
     rng = galsim.BaseDeviate(int(case.row["id"][0]) + 1)

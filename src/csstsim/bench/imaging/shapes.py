@@ -4,8 +4,11 @@ Flux 100 to 1e6 electrons, half-light radius 0.1" to 1", ellipticity to 0.6. Eve
 node of the PSF set, as in bench.imaging.cases.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,6 +20,9 @@ from csstsim.catalog.table import GALAXY
 from csstsim.instrument.chip import Window
 from csstsim.render.scene import make_scene
 
+if TYPE_CHECKING:
+    from csstsim.bench.setting import Setting
+
 FLUX, SIZE, ELLIPTICITY = (1e2, 1e6), (0.1, 1.0), 0.6
 KINDS = "free n", "knots", "image"
 
@@ -27,12 +33,12 @@ class ShapeCase(Case):
 
     kind: str
 
-    def about(self):
+    def about(self) -> dict[str, Any]:
         """Return {column: value} that describe the object."""
         return super().about() | {"kind": self.kind}
 
 
-def make_shapes(setting, count, seed=1, largest=SIZE[1]):
+def make_shapes(setting: Setting, count: int, seed: int = 1, largest: float = SIZE[1]) -> list[ShapeCase]:
     """Return `count` ShapeCases, a third of each kind; no half-light radius is above `largest` [arcsec]."""
     rng, made = stream(seed, "bench", "shapes"), []
     for i in range(count):
@@ -56,7 +62,7 @@ def make_shapes(setting, count, seed=1, largest=SIZE[1]):
     return made
 
 
-def _image(setting, rng, size, e):
+def _image(setting: Setting, rng: np.random.Generator, size: float, e: float) -> dict[str, Any]:
     """Return the columns of an image of two Sersic profiles, one beside the other."""
     import galsim
 
@@ -64,5 +70,5 @@ def _image(setting, rng, size, e):
     other = galsim.Exponential(half_light_radius=0.3 * size, flux=0.2).shift(size, 0.5 * size)
     folder = Path(setting.psf.path).parent / "images"
     made = image_of(main + other, folder, "csstsim bench")
-    made = {name: np.array([made[name]]) for name in ("image_file", "image_scale")}
-    return {name: values[0] for name, values in with_images(made, np.array([GALAXY]), "csstsim bench").items()}
+    columns = {name: np.array([made[name]]) for name in ("image_file", "image_scale")}
+    return {name: values[0] for name, values in with_images(columns, np.array([GALAXY]), "csstsim bench").items()}

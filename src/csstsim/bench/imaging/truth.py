@@ -11,19 +11,29 @@ with N = n b^(-2n) Gamma(2n); for n = 1 it is (1 + (k/b)^2)^(-3/2). A transform 
 pixels. The repeats next to the window, which are as smooth as the profile's own wings, are subtracted.
 """
 
+from __future__ import annotations
+
 import math
 from functools import cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.special import gamma, k0
 
+from csstsim.base.types import ComplexArray, FloatArray, Floats, IntArray
 from csstsim.base.units import ARCSEC_PER_RAD
 from csstsim.bench.imaging.cases import SHARES
 from csstsim.optics.psf.chip_errors import chip_coefficients
 from csstsim.optics.psf.psf_file import pixel_response
 from csstsim.optics.psf.psf_set import chip_optics, node_psf
 from csstsim.optics.psf.wavefront import load_wavefront
+
+if TYPE_CHECKING:
+    from csstsim.bench.imaging.cases import Case
+    from csstsim.bench.setting import Setting
+    from csstsim.render.parts.spots import Spots
+    from csstsim.render.scene import Scene
 
 CELLS_PER_PIXEL = 8
 _REPEATS = 2  # on each side
@@ -34,7 +44,7 @@ _LOG_K = np.linspace(math.log(1e-6), math.log(1e6), 361)
 class Truth:
     """Direct optics of one chip; call it with a Case."""
 
-    def __init__(self, setting):
+    def __init__(self, setting: Setting) -> None:
         camera, m = setting.camera, CELLS_PER_PIXEL
         self._setting, self._wavefront = setting, load_wavefront(camera.psf)
         cells = setting.psf.image.shape[-1] // setting.psf.oversampling * m
@@ -42,15 +52,17 @@ class Truth:
         finest = min(setting.filter.psf_wavelength) * 1e-10 / camera.telescope.diameter_m * ARCSEC_PER_RAD
         self._highest = 1.1 * camera.telescope.pixel_scale / finest  # cycles per pixel
 
-    def psf(self, x, y):
+    def psf(self, x: float, y: float) -> FloatArray:
         """Return the light in pixels on the lattice of cells, (n, n), of a star of unit flux at chip pixel x, y."""
         setting, m = self._setting, CELLS_PER_PIXEL
         coefficients = chip_coefficients(self._wavefront, setting.camera.psf, setting.chip, x, y)
         images, _ = node_psf(self._optics[0], coefficients, self._optics[1], m)
-        cells = np.tensordot(SHARES, setting.scattered.wing.add_to(images, m), axes=1)
+        wing = setting.scattered.wing
+        assert wing is not None  # of the shipped camera
+        cells = np.tensordot(SHARES, wing.add_to(images, m), axes=1)
         return pixel_response(np.pad(cells, m), m)  # padded: includes pixels only partly in the box
 
-    def __call__(self, case):
+    def __call__(self, case: Case) -> FloatArray:
         """Return the light on each pixel of the case's window, of an object of unit flux, float64."""
         scene, half = case.scene, case.half
         response = self.psf(scene.x[0], scene.y[0])
@@ -67,19 +79,22 @@ class Truth:
         return image / period**2 - repeats(scene, pixels, pixels, offset, period) * response[::8, ::8].sum()
 
 
-def profile(scene, kx, ky):
+def profile(scene: Scene, kx: FloatArray, ky: FloatArray) -> Floats | ComplexArray:
     """Return the transform of a Scene's one object, 1 at 0, at kx, ky [cycles per pixel]: (ky, kx)."""
     if scene.spots is not None:
+        assert scene.share is not None  # as all scenes with spots have
         return sum(
-            share * _row_profile(scene.take([row]), kx, ky) for row, share in enumerate(scene.share) if share > 0
+            share * _row_profile(scene.take(np.array([row])), kx, ky)
+            for row, share in enumerate(scene.share)
+            if share > 0
         )
     return _row_profile(scene, kx, ky)
 
 
-def _row_profile(scene, kx, ky):
-    if scene.spots is not None and scene.spot[0] >= 0:
+def _row_profile(scene: Scene, kx: FloatArray, ky: FloatArray) -> Floats | ComplexArray:
+    if scene.spots is not None and scene.spot is not None and scene.spot[0] >= 0:
         return _of_spots(scene.spots, int(scene.spot[0]), scene.matrix[0], kx, ky)
-    total = 0.0
+    total: Floats = 0.0
     for light, (index, b, radius) in zip(scene.light[0], scene.sersic[0], strict=True):
         if light > 0 and index > 0:
             m = scene.matrix[0]
@@ -90,11 +105,11 @@ def _row_profile(scene, kx, ky):
     return total
 
 
-def _of_spots(spots, group, m, kx, ky):
+def _of_spots(spots: Spots, group: int, m: FloatArray, kx: FloatArray, ky: FloatArray) -> ComplexArray:
     """Return the transform of knots or of an image, spot by spot; one of an image is a quadratic B-spline."""
     u, v, light = spots.group(group)
     x, y = m @ np.stack([u, v])
-    total = 0.0
+    total: ComplexArray = np.zeros((len(ky), len(kx)), complex)
     for some in np.array_split(np.arange(len(light)), len(light) // _SPOTS + 1):
         total = total + (waves(ky, -y[some]) * light[some]) @ waves(kx, -x[some]).T
     if spots.image(group) is not None:
@@ -103,18 +118,22 @@ def _of_spots(spots, group, m, kx, ky):
     return total
 
 
-def repeats(scene, x, y, offset, period):
+def repeats(
+    scene: Scene, x: FloatArray | IntArray, y: FloatArray | IntArray, offset: tuple[float, float], period: int
+) -> FloatArray:
     """Return the light at pixels x, y of the repeats, every `period` pixels, of an object at `offset` (x, y)."""
     shifts = range(-_REPEATS, _REPEATS + 1)
     places = [(offset[0] + i * period, offset[1] + j * period) for i in shifts for j in shifts if (i, j) != (0, 0)]
     share = 1.0 if scene.share is None else scene.share[0]
-    return share * sum(brightness(scene, x, y, place) for place in places)
+    return share * sum((brightness(scene, x, y, place) for place in places), np.zeros((y.size, x.size)))
 
 
-def brightness(scene, x, y, place):
+def brightness(
+    scene: Scene, x: FloatArray | IntArray, y: FloatArray | IntArray, place: tuple[float, float]
+) -> FloatArray:
     """Return the profile of a Scene's one object, of unit light, at pixels x, y about `place`; 0 for a point."""
     total, back = np.zeros((y.size, x.size)), np.linalg.inv(scene.matrix[0])
-    if scene.spots is not None and scene.spot[0] >= 0:  # compact: its repeats are not near
+    if scene.spots is not None and scene.spot is not None and scene.spot[0] >= 0:  # compact: its repeats are not near
         return total
     dx, dy = x - place[0], (y - place[1])[:, None]
     for light, (index, b, radius) in zip(scene.light[0], scene.sersic[0], strict=True):
@@ -125,12 +144,12 @@ def brightness(scene, x, y, place):
     return total
 
 
-def waves(k, x):
+def waves(k: FloatArray, x: FloatArray | IntArray) -> ComplexArray:
     """Return exp(2 pi i k x), (len(k), len(x))."""
     return np.exp(2j * np.pi * k[:, None] * x)
 
 
-def sersic_transform(k, index, b):
+def sersic_transform(k: FloatArray, index: float, b: float) -> FloatArray:
     """Return the transform, 1 at 0, of a circular Sersic profile (index >= 1) at k [radian per r_e]."""
     if index == 1:
         return (1 + (k / b) ** 2) ** -1.5
@@ -139,7 +158,7 @@ def sersic_transform(k, index, b):
 
 
 @cache
-def _table(index, b):
+def _table(index: float, b: float) -> CubicSpline:
     """Return the transform as a spline in log k."""
     log_t = np.linspace(math.log(1e-12), math.log(1e7), 1501)
     t = np.exp(log_t)

@@ -4,18 +4,28 @@ UFig draws with Moffat PSFs; here with the least-squares fit to the cells of the
 called as its plugins call them, with csstsim's matrix for a galaxy's shape.
 """
 
+from __future__ import annotations
+
 import importlib.util
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from csstsim.base.rng import stream
+from csstsim.base.types import FloatArray
+
+if TYPE_CHECKING:
+    from csstsim.bench.imaging.cases import Case
+    from csstsim.bench.setting import Setting
+    from csstsim.bench.sweep import Draw
+    from csstsim.render.scene import Scene
 
 THERE = all(importlib.util.find_spec(name) for name in ("ufig", "ivy", "cosmic_toolbox"))
 _SUPPRESSION = -7.5  # of a flexion that is zero
 
 
-def prepare(setting, case):
+def prepare(setting: Setting, case: Case) -> Draw:
     """Return draw(copies) by UFig's photons through a Moffat PSF: an image [e-] of the window's shape."""
     from ufig import rendering_util
     from ufig.config import common
@@ -30,7 +40,7 @@ def prepare(setting, case):
     rng = stream(1, "bench", "ufig", int(case.row["id"][0]))
     table = load_intrinsicTable(precision[2], *precision[:2])
 
-    def draw(copies):
+    def draw(copies: int) -> FloatArray:
         image = np.zeros(window.shape)
         number = rng.poisson(case.electrons * caught * light, (copies, light.size)).reshape(-1, 1)
         n = len(number)
@@ -53,7 +63,7 @@ def prepare(setting, case):
     return draw
 
 
-def _moffat(setting, scene):
+def _moffat(setting: Setting, scene: Scene) -> tuple[float, float, float]:
     """Return (FWHM [px], beta, light) of the Moffat profile fitted to the PSF, with all light of the PSF's box."""
     electrons = scene.electrons[0] / scene.electrons[0].sum()
     cells = sum(
@@ -64,9 +74,10 @@ def _moffat(setting, scene):
     axis = (np.arange(len(cells)) - (len(cells) - 1) / 2) / setting.psf.oversampling
     r2 = axis**2 + axis[:, None] ** 2
 
-    def residual(p):
+    def residual(p: FloatArray) -> FloatArray:
         alpha2 = p[0] ** 2 / (4 * (2 ** (1 / p[1]) - 1))
         density = total * (p[1] - 1) / (np.pi * alpha2) * (1 + r2 / alpha2) ** -p[1]
         return (density / setting.psf.oversampling**2 - cells).ravel()
 
-    return *least_squares(residual, (1.8, 3.0), bounds=((0.3, 1.05), (10, 20))).x, total
+    fwhm, beta = least_squares(residual, (1.8, 3.0), bounds=((0.3, 1.05), (10, 20))).x
+    return fwhm, beta, total

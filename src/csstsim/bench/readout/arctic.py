@@ -6,13 +6,24 @@ process.
 """
 
 import importlib.util
+from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
+
+from csstsim.base.types import FloatArray
 
 THERE = importlib.util.find_spec("arcticpy") is not None
 
 
-def arctic(columns, density, timescale, well, express=5, **roe):
+def arctic(
+    columns: FloatArray,
+    density: Iterable[float],
+    timescale: Iterable[float],
+    well: tuple[float, float, float],
+    express: int = 5,
+    **roe: Any,
+) -> FloatArray:
     """Return `columns`, (ny,) or (ny, nx), as float64 after arcticpy's parallel transfer; roe: keywords of its ROE."""
     import arcticpy as ac
 

@@ -4,19 +4,27 @@ Accuracy is measured by what a spot loses and trails: 500, 5000 and 30000 e- ove
 amplifier. Speed is measured on columns of 4616 rows with a chip's density of objects and cosmic rays.
 """
 
+from __future__ import annotations
+
 import time
-from typing import NamedTuple
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 from scipy.signal import lfilter
 
 from csstsim.base.shipped import SHIPPED
+from csstsim.base.types import FloatArray, PathLike
 from csstsim.bench.readout.arctic import THERE, arctic
 from csstsim.detector.charge_transfer.cti import transfer
 from csstsim.instrument.load import read_data
 
+if TYPE_CHECKING:
+    from csstsim.bench.readout.mcti import Mcti
+
 CTI = read_data(SHIPPED / "instrument" / "cti.yaml")
-WELL = tuple(CTI["well"][name] for name in ("beta", "full_well", "notch"))
+BETA, FULL_WELL, NOTCH = (CTI["well"][name] for name in ("beta", "full_well", "notch"))
+WELL = BETA, FULL_WELL, NOTCH
 DENSITY, TAU = (np.array(CTI["species"][name]) for name in ("density", "timescale"))
 KEYS = np.uint64(1), np.uint64(2)
 ROWS, OVERSCAN, HALF_COLUMNS, CHIP = 4616, 84, 18432, 9216 * 9232
@@ -26,6 +34,7 @@ SKY, BEHIND = 40, 198
 FEW = 8  # columns, for the slow methods
 LOSS = 1.2e-5  # per transfer, linear model: the loss of 5000 e- over 3 rows from row 4000
 PARTS = ((0, 3), (3, 11), (11, 51), (51, 201))
+Way: TypeAlias = Callable[[FloatArray, int], FloatArray]  # a column with a spot, and the spot's row: after the transfer
 
 
 class MethodCost(NamedTuple):
@@ -33,10 +42,12 @@ class MethodCost(NamedTuple):
 
     cpu: float  # s per chip
     error: float  # rms, relative, of spots' losses and trails
-    parts: np.ndarray  # (SPOTS, PARTS): electrons that spots lose and trail
+    parts: FloatArray  # (SPOTS, PARTS): electrons that spots lose and trail
 
 
-def speed_accuracy(file, say, columns=512, mcti=None, quick=False):
+def speed_accuracy(
+    file: PathLike, say: Callable[[str], object], columns: int = 512, mcti: Mcti | None = None, quick: bool = False
+) -> dict[str, MethodCost]:
     """Print cost, losses and trails of each method; draw the chart. Returns {name: MethodCost}.
 
     mcti: bench.readout.mcti.Mcti, or None; quick: of a hundredth of the columns, so that errors are larger.
@@ -47,18 +58,18 @@ def speed_accuracy(file, say, columns=512, mcti=None, quick=False):
     return found
 
 
-def half_column(columns, sky):
+def half_column(columns: int, sky: int) -> float:
     """Return the CPU seconds of the exact process on a half-column of a chip, a mean over `columns`."""
     image = scene(np.random.default_rng(sky), columns, sky)
     return cpu(lambda part: exact(part, OVERSCAN), image) / columns
 
 
-def exact(image, overscan=0):
+def exact(image: FloatArray, overscan: int = 0) -> tuple[FloatArray, int]:
     """Transfer charge [e-] of `image` (rows, columns), in place, by the exact process; return that of cti.transfer."""
     return transfer(image, DENSITY, TAU, WELL, KEYS, overscan=overscan)
 
 
-def scene(rng, columns, sky):
+def scene(rng: np.random.Generator, columns: int, sky: float) -> FloatArray:
     """Return half-columns with a Poisson sky, Gaussian objects of power-law fluxes and straight cosmic rays [e-]."""
     image = rng.poisson(sky, (ROWS, columns)).astype(float)
     yy, xx = np.mgrid[-8:9, -8:9]
@@ -67,7 +78,7 @@ def scene(rng, columns, sky):
         shape = np.exp(-(yy**2 + xx**2) / (2 * rng.uniform(0.9, 3) ** 2))
         flux = ELECTRONS * min(1 + rng.pareto(0.8), 5e4)
         stamp = rng.poisson(flux * shape / shape.sum())
-        low, high = max(x - 8, 0), min(x + 9, columns)
+        low, high = max(int(x) - 8, 0), min(int(x) + 9, columns)
         image[y - 8 : y + 9, low:high] += stamp[:, low - x + 8 : high - x + 8]
     for _ in range(rng.poisson(RAYS / CHIP * image.size)):
         length, turn = rng.uniform(0, 20), rng.uniform(0, np.pi)
@@ -78,7 +89,7 @@ def scene(rng, columns, sky):
     return np.minimum(image, 90000).astype(np.float32)
 
 
-def cpu(work, image, repeats=3):
+def cpu(work: Callable[[FloatArray], object], image: FloatArray, repeats: int = 3) -> float:
     """Return the least CPU seconds of work(copy of image) in `repeats` runs."""
     times = []
     for _ in range(repeats):
@@ -88,7 +99,7 @@ def cpu(work, image, repeats=3):
     return min(times)
 
 
-def linear(image):
+def linear(image: FloatArray) -> None:
     """Transfer in place by a linear model: each transfer traps any electron with probability LOSS."""
     transfers = np.arange(1, len(image) + 1)[:, None]
     change = np.zeros_like(image)
@@ -100,14 +111,14 @@ def linear(image):
     image += change
 
 
-def spot_column(flux, row):
+def spot_column(flux: float, row: int) -> FloatArray:
     """Return a column [e-, float32] of sky with 3 px of `flux` from `row` on, and the pixels behind them."""
     column = np.full(row + 3 + BEHIND, SKY, np.float32)
     column[row : row + 3] = flux
     return column
 
 
-def spot_change(method, flux, row):
+def spot_change(method: Way, flux: float, row: int) -> FloatArray:
     """Return how `method` (column to column, a mean of realisations) changes a spot's electrons in each of PARTS."""
     sky = spot_column(SKY, row)
     spot = spot_column(flux, row)
@@ -115,10 +126,10 @@ def spot_change(method, flux, row):
     return np.array([change[row + a : row + b].sum() for a, b in PARTS])
 
 
-def stochastic(columns, scale=1):
+def stochastic(columns: int, scale: int = 1) -> Way:
     """Return the exact process as a method, with `scale` times as many electrons and traps, each as much smaller."""
 
-    def method(column, row):
+    def method(column: FloatArray, row: int) -> FloatArray:
         n = max(columns, columns * 1000 // row)
         image = np.repeat(scale * column[:, None], n, 1)
         transfer(image, scale * DENSITY, TAU, (WELL[0], scale * WELL[1], WELL[2]), KEYS)
@@ -127,36 +138,38 @@ def stochastic(columns, scale=1):
     return method
 
 
-def linear_column(column, row):
+def linear_column(column: FloatArray, row: int) -> FloatArray:
     """Return a column [e-] after the linear model; `row` is unused, but the other methods have it."""
     image = column[:, None].copy()
     linear(image)
     return image[:, 0]
 
 
-def by_arctic(express, scan):
+def by_arctic(express: int, scan: bool) -> Callable[..., FloatArray]:
     """Return arcticpy's method; scan: with its `overscan_start` just behind the spot."""
-    return lambda column, row=None: arctic(
-        column, DENSITY, TAU, WELL, express, **({"overscan_start": row + 3} if scan else {})
-    )
+
+    def method(column: FloatArray, row: int = 0) -> FloatArray:
+        return arctic(column, DENSITY, TAU, WELL, express, **({"overscan_start": row + 3} if scan else {}))
+
+    return method
 
 
-def by_mcti(mcti):
+def by_mcti(mcti: Mcti) -> Way:
     """Return MCTI's method: as many columns as give the trails to 1%, fewer the longer they are."""
 
-    def method(column, row):
+    def method(column: FloatArray, row: int) -> FloatArray:
         image = np.repeat(column[:, None], max(300, 1_500_000 // row), 1)
         return mcti.transfer(image, DENSITY, TAU, WELL).mean(1)
 
     return method
 
 
-def ways(seconds, mcti=None, quick=False):
+def ways(seconds: float, mcti: Mcti | None = None, quick: bool = False) -> dict[str, tuple[float, Way]]:
     """Return {name: (CPU s per half-column, method for spot_change)}; `seconds`: those of the exact process."""
     image = scene(np.random.default_rng(5), 128, SKY)
     some = 100 if quick else 1
 
-    def each(work, n=FEW):
+    def each(work: Callable[[FloatArray], object], n: int = FEW) -> float:
         return cpu(work, image[:, :n], 1) / n
 
     many = (WELL[0], 30 * WELL[1], 30 * WELL[2])
@@ -181,7 +194,7 @@ def ways(seconds, mcti=None, quick=False):
     return found
 
 
-def accuracy(methods, say):
+def accuracy(methods: Mapping[str, tuple[float, Way]], say: Callable[[str], object]) -> dict[str, MethodCost]:
     """Print losses and trails by method; return {name: MethodCost}."""
     reference, found = None, {}
     say(f"\nspot over 3 rows, sky {SKY} e-: electrons added to the spot | rows 1-8, 9-48, 49-198 behind it")
@@ -197,7 +210,7 @@ def accuracy(methods, say):
     return found
 
 
-def chart(found, file):
+def chart(found: Mapping[str, MethodCost], file: PathLike) -> None:
     """Draw rms error against CPU seconds."""
     import matplotlib
 

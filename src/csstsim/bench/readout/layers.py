@@ -6,14 +6,20 @@ astropy) work on one of the 16 channels, or on part of one where it would take m
 chip. They are used as is usual: some are less exact (a linear kernel, traps in the mean), none is more exact.
 """
 
+from __future__ import annotations
+
 import time
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from csstsim.base.rng import Streams, stream
 from csstsim.base.shipped import SHIPPED
+from csstsim.base.types import FloatArray, PathLike
 from csstsim.bench.readout.arctic import THERE, arctic
 from csstsim.bench.readout.cti import speed_accuracy
 from csstsim.bench.readout.mcti import ABSENT, Mcti
@@ -25,6 +31,12 @@ from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.simulation.exposure import Exposure, Losses
 from csstsim.simulation.sim_steps import SimSteps
 from csstsim.simulation.state import State
+
+if TYPE_CHECKING:
+    import galsim
+
+    from csstsim.instrument.camera import Camera
+    from csstsim.instrument.traps import Traps
 
 CHIP = 9
 WRITE, TOTAL = "writing the file", "readout and file"
@@ -38,13 +50,15 @@ _SENSOR = 96  # px: side of the square that GalSim's sensor fills, photon by pho
 _COLUMNS = 32  # number that arcticpy works on
 
 
-def readout(folder, say, skies=SKIES, mcti=None):
+def readout(
+    folder: Path, say: Callable[[str], object], skies: Sequence[float] = SKIES, mcti: PathLike | None = None
+) -> None:
     """Print, for each sky [electron / pixel], the CPU seconds of each layer, of writing the file, and of the peers.
 
     Then print speed against accuracy of charge transfer (csstsim.bench.readout.cti), with a chart in `folder`.
     mcti: a checkout of MCTI (csstsim.bench.readout.mcti), or None. Raises InputError if it is not one.
     """
-    mcti = mcti and Mcti(mcti)
+    peer = None if mcti is None else Mcti(mcti)
     for sky, took, others in layer_costs(folder, skies):
         say(f"\nsky of {sky:g} electrons, {PIXELS / 1e6:.0f} million pixels, one core")
         say("| layer | csstsim, CPU s | ns / pixel | others, CPU s |\n|---|---|---|---|")
@@ -55,11 +69,13 @@ def readout(folder, say, skies=SKIES, mcti=None):
         say("\narcticpy is not installed (csstsim.bench.readout.arctic says how): cte_effect has no peer")
     if mcti is None:
         say(f"\n{ABSENT}")
-    speed_accuracy(folder / "cti_speed_accuracy.png", say, mcti=mcti)
+    speed_accuracy(folder / "cti_speed_accuracy.png", say, mcti=peer)
     say(f"{folder}/cti_speed_accuracy.png")
 
 
-def layer_costs(folder, skies=SKIES, window=None):
+def layer_costs(
+    folder: Path, skies: Sequence[float] = SKIES, window: Window | None = None
+) -> Iterator[tuple[float, dict[str, float], dict[str, dict[str, float]]]]:
     """Yield, for each sky [electron / pixel], (sky, {layer: CPU s}, {layer: {peer: CPU s of a chip}}).
 
     A file is written into `folder`. window: what is run of the chip, all by default.
@@ -74,7 +90,7 @@ def layer_costs(folder, skies=SKIES, window=None):
         yield sky, {name: seconds for name, seconds in took.items() if name != "prnu_effect"}, _others(sky, camera)
 
 
-def _steps():
+def _steps() -> SimSteps:
     steps = SimSteps(SHIPPED / "observations" / "science.yaml", "SCIE")
     paper = {"cte_effect": {"density_scale": 1.0}}
     steps.steps = [
@@ -85,7 +101,7 @@ def _steps():
     return steps
 
 
-def _state(camera, sky, window):
+def _state(camera: Camera, sky: float, window: Window) -> State:
     """Return the State of an exposure with stars drawn and a filter of this `sky` [e-/pixel]."""
     chip = camera.chips[CHIP]
     filters = camera.filters | {chip.filter: replace(camera.filters[chip.filter], sky=sky / EXPTIME)}
@@ -108,7 +124,7 @@ def _state(camera, sky, window):
     return State(exposure, image, counted=counted)
 
 
-def _seconds(state, steps, camera, folder):
+def _seconds(state: State, steps: SimSteps, camera: Camera, folder: Path) -> dict[str, float]:
     """Return {layer: CPU s}."""
     for stage in ("render", "readout", "level0"):
         state = steps.run(state, stage, Streams(1, "bench", CHIP, ""))
@@ -122,11 +138,11 @@ def _seconds(state, steps, camera, folder):
     return {name: cpu for name, _, cpu in timing} | {WRITE: written}
 
 
-def _others(sky, camera):
+def _others(sky: float, camera: Camera) -> dict[str, dict[str, float]]:
     """Return {layer: {peer: CPU s for a chip}}."""
     rng = stream(1, "bench", "readout peers")
     frame = rng.poisson(sky, _CHANNEL).astype(np.float32)
-    found = {}
+    found: dict[str, dict[str, float]] = {}
     for layer, name, work, share in _peers(frame, rng, camera.detector.traps):
         start = time.process_time()
         work()
@@ -134,7 +150,9 @@ def _others(sky, camera):
     return found
 
 
-def _peers(frame, rng, traps):
+def _peers(
+    frame: FloatArray, rng: np.random.Generator, traps: Traps | None
+) -> Iterator[tuple[str, str, Callable[[], object], float]]:
     """Yield (layer, peer, a call that does the layer's work, the number of such calls that make up a chip)."""
     import galsim
     from astropy.io import fits
@@ -155,6 +173,7 @@ def _peers(frame, rng, traps):
     yield "quantization_and_output", "numpy", lambda: np.clip(np.rint(frame), 0, 65535).astype(np.uint16), 16
     yield WRITE, "astropy", lambda: hdu.writeto("/dev/null", checksum=True, overwrite=True), 16
     if THERE:
+        assert traps is not None  # of the shipped camera
         columns, well = frame[:, :_COLUMNS], (traps.beta, traps.full_well, traps.notch)
         move = partial(arctic, columns, traps.density, traps.timescale, well)
         move(express=1)  # the first call is slower
@@ -162,7 +181,7 @@ def _peers(frame, rng, traps):
             yield "cte_effect", f"arcticpy, express {express}", partial(move, express), 16 * frame.shape[1] / _COLUMNS
 
 
-def _sensor(frame, draws):
+def _sensor(frame: FloatArray, draws: galsim.BaseDeviate) -> Callable[[], object]:
     """Return a call that collects the electrons of a square with GalSim's sensor, where they repel one another."""
     import galsim
 

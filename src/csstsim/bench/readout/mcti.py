@@ -10,12 +10,14 @@ import os
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.rng import stream
+from csstsim.base.types import FloatArray, PathLike
 
 ABSENT = "MCTI, the paper's code, is not compared: --mcti FOLDER names a checkout of github.com/ZunLuo/MCTI"
 MOST = 10  # traps of a species in a pixel that it has room for; one in 1e11 pixels has more at the paper's densities
@@ -26,9 +28,9 @@ _FUNCTION = "CTI_simul"
 class Mcti:
     """MCTI of the checkout in `folder`. Raises InputError if it is not one or does not compile."""
 
-    def __init__(self, folder):
+    def __init__(self, folder: PathLike) -> None:
         sources = sorted(map(str, Path(folder).rglob("*.c")))
-        place = {"file": folder, "key": "--mcti"}
+        place: dict[str, object] = {"file": folder, "key": "--mcti"}
         if not sources:
             raise InputError("holds no C code", allowed="a checkout of github.com/ZunLuo/MCTI", **place)
         with tempfile.TemporaryDirectory() as made:  # once loaded, a library does not need its file
@@ -42,7 +44,15 @@ class Mcti:
                 allowed = f"C with {_FUNCTION}, and a compiler cc"
                 raise InputError(f"does not compile: {said}", allowed=allowed, **place) from None
 
-    def transfer(self, image, density, timescale, well, overscan=0, seed=1):
+    def transfer(
+        self,
+        image: FloatArray,
+        density: Sequence[float] | FloatArray,
+        timescale: Sequence[float] | FloatArray,
+        well: tuple[float, float, float],
+        overscan: int = 0,
+        seed: int = 1,
+    ) -> FloatArray:
         """Return `image` (ny, nx) [e-] after the transfer, float64 (ny + overscan, nx).
 
         density, timescale: arrays by species [traps/pixel, transfers]; well: (beta, full well, notch) as in cti.yaml;
@@ -55,7 +65,7 @@ class Mcti:
         if notch:
             raise ValueError(f"a notch of {notch} electrons; the comparison with MCTI is for 0")
         numbers = [np.array(values, np.float64) for values in (density, timescale, np.ones(species))]
-        density, timescale, chance = (values.ctypes.data_as(ctypes.POINTER(ctypes.c_double)) for values in numbers)
+        densities, timescales, chance = (values.ctypes.data_as(ctypes.POINTER(ctypes.c_double)) for values in numbers)
         # Negative: it starts its generators anew. Neighbouring numbers would give it correlated traps.
         traps, releases, captures = np.split(
             -stream(seed, "mcti").integers(1, 2**31 - 1, species + 2), [species, species + 1]
@@ -65,21 +75,21 @@ class Mcti:
         unused = 0, _rows(np.zeros((1, 1))), 0, real(0), real(0), 0  # injected charge and dark current
         with _silent():
             self._call(
-                _rows(before), nx, ny, overscan, species, density, timescale, real(beta), real(full_well),
+                _rows(before), nx, ny, overscan, species, densities, timescales, real(beta), real(full_well),
                 real(0), MOST, 1, seeds, int(releases[0]), chance, int(captures[0]), _rows(after),
                 *unused,
             )  # fmt: skip
         return after.T
 
 
-def _rows(array):
+def _rows(array: FloatArray) -> "ctypes.Array[ctypes._Pointer[ctypes.c_double]]":
     """Return C's pointer to the rows of a float64 array, which must outlive it."""
     double = ctypes.POINTER(ctypes.c_double)
     return (double * len(array))(*(row.ctypes.data_as(double) for row in array))
 
 
 @contextlib.contextmanager
-def _silent():
+def _silent() -> Iterator[None]:
     """Send what C prints on the standard output nowhere."""
     sys.stdout.flush()
     kept = os.dup(1)

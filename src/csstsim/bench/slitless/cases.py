@@ -9,15 +9,25 @@ with N photons / s / m2 / angstrom. `electrons` are those of the first order; th
 Objects keep away from the line between the two gratings.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Self, cast
 
 import numpy as np
 
+from csstsim.base.types import FloatArray, IntArray
 from csstsim.base.units import C_A_S, H_J_S
 from csstsim.bench.imaging.cases import Case, half_of, make_cases, make_row, place
+from csstsim.bench.setting import disperser_of
 from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
 from csstsim.render.scene import make_scene
+
+if TYPE_CHECKING:
+    from csstsim.bench.setting import Setting
+    from csstsim.optics.gratings.dispersion import Disperser
+    from csstsim.render.scene import Scene
 
 SPECTRA = ("flat", "hot", "cool", "lines")
 LINES, SIGMA_A, CONTINUUM = 3, 2.0, 0.1
@@ -32,30 +42,40 @@ class SpectrumCase(Case):
     """One object with a spectrum, alone on the window of its first order."""
 
     spectrum: str  # of SPECTRA
-    density: np.ndarray  # photon / m2 / angstrom of the exposure, on filter.GRID
-    light: np.ndarray  # (bins,) means of the density over the Disperser's bins
-    lines: np.ndarray  # angstrom, centres of the spectrum's lines, the brightest first
-    visits: np.ndarray  # (1, 3) of Disperser.visits
+    density: FloatArray  # photon / m2 / angstrom of the exposure, on filter.GRID
+    light: FloatArray  # (bins,) means of the density over the Disperser's bins
+    lines: FloatArray  # angstrom, centres of the spectrum's lines, the brightest first
+    visits: IntArray  # (1, 3) of Disperser.visits
 
-    def about(self):
+    def about(self) -> dict[str, Any]:
         """Return {column: value} that describe the object and name its spectrum."""
         return super().about() | {"spectrum": self.spectrum}
 
-    def brighter(self, electrons):
+    def brighter(self, electrons: float) -> Self:
         """Return the same object with `electrons` in place of its own."""
         factor = electrons / self.electrons
         case = super().brighter(electrons)
         return replace(case, density=self.density * factor, light=self.light * factor)
 
 
-def make_spectrum_cases(setting, count, seed=1, largest=LARGEST):
+def make_spectrum_cases(setting: Setting, count: int, seed: int = 1, largest: float = LARGEST) -> list[SpectrumCase]:
     """Return `count` SpectrumCases, half of them stars; no half-light radius is above `largest` [arcsec]."""
-    return make_cases(setting, count, seed, min(largest, LARGEST), make_spectrum_case)
+    cases = make_cases(setting, count, seed, min(largest, LARGEST), make_spectrum_case)
+    return cast(list[SpectrumCase], cases)  # all by make_spectrum_case
 
 
-def make_spectrum_case(setting, rng, i, electrons, bulge=0.0, size=0.0, e=0.0, spectrum=None):
+def make_spectrum_case(
+    setting: Setting,
+    rng: np.random.Generator,
+    i: int,
+    electrons: float,
+    bulge: float = 0.0,
+    size: float = 0.0,
+    e: float = 0.0,
+    spectrum: str | None = None,
+) -> SpectrumCase:
     """Return the SpectrumCase of a galaxy of `size` [arcsec], or of a star if it is 0; even `i` are at a node."""
-    disperser, spectrum = setting.disperser, spectrum or SPECTRA[i // 2 % len(SPECTRA)]
+    disperser, spectrum = disperser_of(setting), spectrum or SPECTRA[i // 2 % len(SPECTRA)]
     x, y = place(setting, rng, i % 2 == 0)
     while abs(x - disperser.gratings.split) < FROM_SPLIT:
         x, y = place(setting, rng, i % 2 == 0)
@@ -74,20 +94,20 @@ def make_spectrum_case(setting, rng, i, electrons, bulge=0.0, size=0.0, e=0.0, s
     )
 
 
-def means(density, edges):
+def means(density: FloatArray, edges: FloatArray) -> FloatArray:
     """Return the (bins,) means of a density on filter.GRID over bins whose edges [angstrom] are on it."""
     running = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1])) * (GRID[1] - GRID[0])])
     return np.diff(running[np.searchsorted(GRID, edges)]) / np.diff(edges)
 
 
-def trace_window(disperser, visits, scene, half):
+def trace_window(disperser: Disperser, visits: IntArray, scene: Scene, half: int) -> Window:
     """Return the Window of the first order of a Scene's one object, and of `half` px around it."""
     x0, x1, y0, y1 = disperser.boxes(visits, scene.x, scene.y)[0, disperser.orders.index(1)].tolist()
     middle = round(0.5 * (y0 + y1))
     return Window(round(x0) - half, round(x1) + half + 1, middle - half, middle + half + 1)
 
 
-def density_of(spectrum, rng, disperser):
+def density_of(spectrum: str, rng: np.random.Generator, disperser: Disperser) -> tuple[FloatArray, FloatArray]:
     """Return (density on GRID in arbitrary units, centres of its lines [angstrom])."""
     wave = GRID / 5000.0
     if spectrum == "flat":

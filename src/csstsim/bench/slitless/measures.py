@@ -11,16 +11,28 @@ bench.imaging.measures, whose rule on the edge of the PSF's box holds here for r
 their statistical errors are known.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
+from csstsim.base.types import BoolArray, FloatArray
 from csstsim.bench.imaging.measures import EDGE_PX, visible
+from csstsim.bench.setting import disperser_of
+
+if TYPE_CHECKING:
+    from csstsim.bench.setting import Setting
+    from csstsim.bench.slitless.cases import SpectrumCase
 
 NAMES = ("flux", "along_px", "across_px", "size2", "line_px", "line_width2", "pixel", "visible")
 GOALS = {"flux": 1e-3, "along_px": 0.1, "across_px": 0.01, "size2": 1e-3, "line_px": 0.01, "line_width2": 0.01}
 LINE_HALF = 12  # px on each side of a line
 
 
-def errors(setting, case, image, truth, drawn):
+def errors(
+    setting: Setting, case: SpectrumCase, image: FloatArray, truth: FloatArray, drawn: float
+) -> tuple[FloatArray, FloatArray]:
     """Return (errors, their statistical errors), each (8,), in the order of NAMES, of an image per unit of light."""
     box = setting.psf.image.shape[-1] / 2 / setting.psf.oversampling
     rows = np.abs(np.arange(len(truth)) - (len(truth) - 1) / 2)
@@ -43,19 +55,19 @@ def errors(setting, case, image, truth, drawn):
         chance = np.sqrt((filter**2 * np.maximum(truth, 0)).sum() / drawn)
         found.append(((filter * difference).sum() * norm, chance * abs(norm)))
     peak = np.unravel_index(np.abs(difference * judged).argmax(), truth.shape)
-    found.append((abs(difference[peak]) / truth.max(), np.sqrt(max(truth[peak], 0.0) / drawn) / truth.max()))
+    found.append((abs(difference[peak]) / truth.max(), np.sqrt(max(float(truth[peak]), 0.0) / drawn) / truth.max()))
     found.append(visible(image, truth, setting.variance, case.electrons, drawn, judged))
     return tuple(np.transpose(found))
 
 
-def derivative(image, axis):
+def derivative(image: FloatArray, axis: int) -> FloatArray:
     """Return d(image) / d(pixel) along an axis, by Fourier transform."""
     k = 2j * np.pi * np.fft.rfftfreq(image.shape[axis])
     spectrum = np.fft.rfft(image, axis=axis) * (k if axis == 1 else k[:, None])
     return np.fft.irfft(spectrum, image.shape[axis], axis=axis)
 
 
-def _width2(truth):
+def _width2(truth: FloatArray) -> float:
     """Return the mean square width [px^2] of the truth across the trace, in a Gaussian window of 3 px."""
     rows = np.arange(len(truth)) - (len(truth) - 1) / 2
     profile = truth.sum(axis=1) * np.exp(-0.5 * (rows / 3.0) ** 2)
@@ -63,11 +75,11 @@ def _width2(truth):
     return (profile * (rows - mean) ** 2).sum() / profile.sum()
 
 
-def _near_line(setting, case, truth):
+def _near_line(setting: Setting, case: SpectrumCase, truth: FloatArray) -> BoolArray:
     """Return a mask of the pixels about the brightest line; none without lines."""
     out = np.zeros(truth.shape, bool)
     if len(case.lines):
-        disperser = setting.disperser
+        disperser = disperser_of(setting)
         p, q, _, _ = disperser.lines(case.visits, case.scene.x, case.scene.y)[0, disperser.orders.index(1)]
         at = round(case.scene.x[0] + p + q * case.lines[0]) - case.window.x0
         out[:, max(at - LINE_HALF, 0) : at + LINE_HALF + 1] = True

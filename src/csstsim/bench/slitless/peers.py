@@ -5,37 +5,49 @@
   Only the first order is drawn; csstsim's methods draw all five, but the window shows only the first.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import galsim
 import numpy as np
 from scipy.signal import fftconvolve
 
+from csstsim.base.types import FloatArray
 from csstsim.bench.imaging.peers import BANDS, galaxy_of, interpolated
+from csstsim.bench.setting import disperser_of
+
+if TYPE_CHECKING:
+    from csstsim.bench.setting import Setting
+    from csstsim.bench.slitless.cases import SpectrumCase
+    from csstsim.bench.sweep import Draw
+    from csstsim.render.scene import Scene
 
 
-def trace(setting, case):
+def trace(setting: Setting, case: SpectrumCase) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return (x, y [px from the object], light [electron]) of the bins of the first order."""
-    disperser = setting.disperser
+    disperser = disperser_of(setting)
     first = disperser.orders.index(1)
     p, q, r, s = disperser.lines(case.visits, case.scene.x, case.scene.y)[0, first]
     centres = 0.5 * (disperser.edges[1:] + disperser.edges[:-1])
     return p + q * centres, r + s * centres, case.light * disperser.rates[case.visits[0, 1], first]
 
 
-def cells(setting, scene, band):
+def cells(setting: Setting, scene: Scene, band: int) -> FloatArray:
     """Return the cells of the PSF at the object's position in one sub-band."""
     return sum(w * setting.psf.node(n)[band] for n, w in zip(scene.node[0], scene.weight[0], strict=True))
 
 
-def paper(setting, case):
+def paper(setting: Setting, case: SpectrumCase) -> Draw:
     """Return draw(copies) by the paper's method: one stamp per sub-band, laid along the trace pixel by pixel."""
     scene, window, per_pixel = case.scene, case.window, setting.psf.oversampling
     reach = int(case.row["reach"][0])
     dx, dy, light = trace(setting, case)
-    centres = 0.5 * (setting.disperser.edges[1:] + setting.disperser.edges[:-1])
+    centres = 0.5 * (disperser_of(setting).edges[1:] + disperser_of(setting).edges[:-1])
     band_of = np.searchsorted(setting.filter.edges[1:-1], centres)
     column, row = round(scene.x[0]), round(scene.y[0])
 
-    def draw(copies):
+    def draw(copies: int) -> FloatArray:
         image = np.zeros(window.shape)
         for _ in range(copies):
             for band in range(BANDS):
@@ -51,7 +63,9 @@ def paper(setting, case):
     return draw
 
 
-def _disperse(image, stamp, corner, dx, dy, light):
+def _disperse(
+    image: FloatArray, stamp: FloatArray, corner: tuple[int, int], dx: FloatArray, dy: FloatArray, light: FloatArray
+) -> None:
     """Add the stamp, shifted by each (dx, dy) [px], times light; a shifted pixel is shared by area among four."""
     x, y = np.floor(dx).astype(int), np.floor(dy).astype(int)
     a, b, first, bottom = dx - x, dy - y, x.min(), y.min()
@@ -62,7 +76,7 @@ def _disperse(image, stamp, corner, dx, dy, light):
     add(image, spread, corner[0] + first, corner[1] + bottom)
 
 
-def add(image, stamp, x0, y0):
+def add(image: FloatArray, stamp: FloatArray, x0: int, y0: int) -> None:
     """Add the part of a stamp that falls on the image; the stamp's corner lies at x0, y0."""
     left, right = max(x0, 0), min(x0 + stamp.shape[1], image.shape[1])
     low, high = max(y0, 0), min(y0 + stamp.shape[0], image.shape[0])

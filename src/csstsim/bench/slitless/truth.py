@@ -10,19 +10,33 @@ some pixels of the trace at a time. So it includes what four wavelengths and the
 HIGHEST cycles per pixel: beyond, jitter, diffusion and the pixel leave less than 1e-4.
 """
 
+from __future__ import annotations
+
 import math
+from collections.abc import Sequence
 from types import SimpleNamespace
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import scipy.fft
 
+from csstsim.base.types import ComplexArray, FloatArray
 from csstsim.bench.imaging.truth import CELLS_PER_PIXEL, brightness, profile, repeats, waves
+from csstsim.bench.setting import disperser_of
 from csstsim.instrument.filter import GRID
 from csstsim.optics.psf.chip_errors import chip_coefficients
 from csstsim.optics.psf.psf_file import pixel_response
 from csstsim.optics.psf.psf_set import centre_of, chip_optics
 from csstsim.optics.psf.wavefront import load_wavefront
 from csstsim.optics.scatter.scattered_light import scattered_light
+
+if TYPE_CHECKING:
+    from csstsim.bench.setting import Setting
+    from csstsim.bench.slitless.cases import SpectrumCase
+    from csstsim.instrument.filter import Filter
+    from csstsim.optics.psf.diffraction import Diffraction, Kernel
+    from csstsim.optics.scatter.halo import Wing
+    from csstsim.render.scene import Scene
 
 NODES = 16
 HIGHEST = 1.25  # cycles per pixel
@@ -33,22 +47,26 @@ _SPARE = 64  # px between repeats of a window
 class SpectrumTruth:
     """Direct optics of one spectroscopic chip; call it with a SpectrumCase."""
 
-    def __init__(self, setting):
+    def __init__(self, setting: Setting) -> None:
         camera, m = setting.camera, CELLS_PER_PIXEL
         self._setting, self._wavefront = setting, load_wavefront(camera.psf)
         cells = setting.psf.image.shape[-1] // setting.psf.oversampling * m
-        first, last = setting.disperser.edges[[0, -1]]
+        first, last = disperser_of(setting).edges[[0, -1]]
         self._waves = np.linspace(first, last, NODES)
 
-        def optics(wavelengths):
-            those = SimpleNamespace(name=setting.filter.name, psf_wavelength=wavelengths)
+        def optics(wavelengths: FloatArray) -> tuple[list[Diffraction], Kernel, Wing]:
+            those = cast(
+                "Filter", SimpleNamespace(name=setting.filter.name, psf_wavelength=wavelengths)
+            )  # all it reads
             more = chip_optics(setting.chip, those, camera.psf, self._wavefront, m, cells)
-            return *more, scattered_light(camera, those).wing
+            wing = scattered_light(camera, those).wing
+            assert wing is not None  # of the shipped camera
+            return *more, wing
 
         self._four = optics(setting.filter.psf_wavelength)  # for the centre of the stored PSF
         self._all = [optics(self._waves[k : k + 4]) for k in range(0, NODES, 4)]
 
-    def psf(self, x, y):
+    def psf(self, x: float, y: float) -> FloatArray:
         """Return (NODES, n, n): light in pixels on the lattice of cells, for a star of unit flux at chip pixel x, y."""
         setting, m = self._setting, CELLS_PER_PIXEL
         coefficients = chip_coefficients(self._wavefront, setting.camera.psf, setting.chip, x, y)
@@ -60,9 +78,9 @@ class SpectrumTruth:
             found += [pixel_response(np.pad(image, m), m) for image in wing.add_to(images, m)]
         return np.stack(found)
 
-    def __call__(self, case):
+    def __call__(self, case: SpectrumCase) -> FloatArray:
         """Return the light on each pixel of the case's window, for an object of unit flux, float64."""
-        scene, disperser, window = case.scene, self._setting.disperser, case.window
+        scene, disperser, window = case.scene, disperser_of(self._setting), case.window
         first, piece = disperser.orders.index(1), case.visits[0, 1]
         throughput = disperser.gratings.pieces[piece][0].orders[1].throughput
         lit = np.flatnonzero(throughput * case.density)
@@ -82,7 +100,18 @@ class SpectrumTruth:
             self._add(out, transforms, weights[:, mine], x[mine], y[mine], scene, kx, ky, period)
         return out
 
-    def _add(self, out, transforms, weights, x, y, scene, kx, ky, period):
+    def _add(
+        self,
+        out: FloatArray,
+        transforms: Sequence[ComplexArray],
+        weights: FloatArray,
+        x: FloatArray,
+        y: FloatArray,
+        scene: Scene,
+        kx: FloatArray,
+        ky: FloatArray,
+        period: int,
+    ) -> None:
         """Add part of a spectrum at x, y [px of `out`]; weights (NODES, samples): its light, by wavelength of `psf`."""
         half = (period - _SPARE) // 2
         middle = round(0.5 * (x.min() + x.max()))
@@ -96,14 +125,14 @@ class SpectrumTruth:
         rows = np.arange(out.shape[0])
         image = (waves(ky, rows).T @ total @ (twice[:, None] * waves(kx, columns - middle))).real / period**2
         light = weights.sum(axis=0)
-        at = np.average(x, weights=light), np.average(y, weights=light)
+        at = float(np.average(x, weights=light)), float(np.average(y, weights=light))
         caught = sum(t[len(ky) // 2, 0].real * w.sum() for t, w in zip(transforms, weights, strict=True))
         out[:, columns] += image - caught * repeats(scene, columns, rows, at, period)
         far = np.setdiff1d(np.arange(out.shape[1]), columns)  # so far out the PSF does not change the profile
         out[:, far] += caught * brightness(scene, far, rows, at)
 
 
-def _transform(response, period, highest):
+def _transform(response: FloatArray, period: int, highest: int) -> ComplexArray:
     """Return the transform of a lattice of cells about its middle, at k / period: (2 highest + 1, highest + 1)."""
     m = CELLS_PER_PIXEL
     padded = np.zeros((period * m, period * m), np.float32)
@@ -114,7 +143,7 @@ def _transform(response, period, highest):
     return spectrum * np.exp(2j * np.pi * k * middle)[:, None] * np.exp(2j * np.pi * k[highest:] * middle)
 
 
-def _cubic(nodes, places):
+def _cubic(nodes: FloatArray, places: FloatArray) -> FloatArray:
     """Return (nodes, places): weights of the cubic through the four nodes about each place; nodes are evenly spaced."""
     at = (places - nodes[0]) / (nodes[1] - nodes[0])
     first = np.clip(np.floor(at).astype(int) - 1, 0, len(nodes) - 4)

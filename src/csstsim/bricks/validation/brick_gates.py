@@ -1,11 +1,20 @@
 """Gates of a brick: those that combine all exposures of a band, and those of the merged catalogue."""
 
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
 from csstsim.bricks.validation.gates import CHANCE, FEW, WORST, at_least, at_most
 
+if TYPE_CHECKING:
+    from csstsim.bricks.validation.gates import Gate
+    from csstsim.campaign.thresholds import ValidateConfig
 
-def band_gates(band, numbers, config):
+
+def band_gates(band: str, numbers: Mapping[str, Any], config: ValidateConfig) -> list[Gate]:
     """Return the gates of a band that combine all its exposures."""
     star, counts, n = numbers["star"], numbers["counts"], numbers["point_sources"]
     # The worst bin, less the tolerance for chance
@@ -30,7 +39,7 @@ def band_gates(band, numbers, config):
     ]  # fmt: skip
 
 
-def colour_gate(part, most):
+def colour_gate(part: Mapping[str, Any], most: float | None) -> Gate:
     """Return the gate of galaxies' colours in two bands and a bin of S/N."""
     low, high = part["snr"]
     return at_most(
@@ -39,7 +48,7 @@ def colour_gate(part, most):
     )  # fmt: skip
 
 
-def law_gates(laws, config):
+def law_gates(laws: Mapping[str, tuple[float, float]], config: ValidateConfig) -> list[Gate]:
     """Return the gates of the numbers of a brick's objects against those of the universe's laws."""
     return [
         at_most(f"{kind} of the brick over the universe's laws, less 1", "all", number / expected - 1, config.laws_max,
@@ -48,6 +57,6 @@ def law_gates(laws, config):
     ]  # fmt: skip
 
 
-def fraction_at_most(name, fraction, n, most):
+def fraction_at_most(name: str, fraction: float | None, n: int, most: float | None) -> Gate:
     """Return the gate of a fraction of n that is at most `most`, with a tolerance for chance."""
     return at_most(name, "all", fraction, most, n, CHANCE * np.sqrt(most / n) if most and n else 0.0)

@@ -6,13 +6,21 @@ and matched one to one (bricks.match). Purity is the fraction of the merged sour
 kind.
 """
 
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import pairwise
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from csstsim.base.sphere import offsets, unit_vectors
+from csstsim.base.types import BoolArray, FloatArray, IntArray
 from csstsim.bricks.match import one_to_one
 from csstsim.catalog.table import GALAXY
+
+if TYPE_CHECKING:
+    from csstsim.catalog.table import ObjectTable
 
 SNR_MAX = 500.0  # brighter sources may be near saturation
 SNR_BRIGHT = 20.0  # magnitude and position residuals are judged above this
@@ -24,7 +32,7 @@ MATCH_ARCSEC = 0.2  # match radius; for galaxies at least half the half-light ra
 SATURATED = 4  # bit of the measured flags (measure.catalogue)
 
 
-def match(truth, sources):
+def match(truth: ObjectTable, sources: ObjectTable) -> IntArray:
     """Return the row of each true object's merged source (bricks.match), -1 if there is none within reach.
 
     A quasar and its host are at the same place: of objects equally far, the brighter has the source.
@@ -35,13 +43,13 @@ def match(truth, sources):
     return row
 
 
-def _brightest(truth):
+def _brightest(truth: ObjectTable) -> FloatArray:
     """Return (n,): the magnitude of each object in the band where it is brightest; infinite if none is known."""
     known = [np.nan_to_num(truth[name].astype(float), nan=np.inf) for name in truth if name.startswith("mag_")]
     return np.min(known, axis=0) if known else np.full(len(truth), np.inf)
 
 
-def half_light(truth):
+def half_light(truth: ObjectTable) -> FloatArray:
     """Return half-light radii, arcsec: means of disc and bulge weighted with their light; 0 for point sources."""
     if not {"size_disk", "size_bulge", "bulge_frac"} <= set(truth):
         return np.zeros(len(truth))
@@ -50,17 +58,17 @@ def half_light(truth):
     return np.where(truth["obj_type"] == GALAXY, np.nan_to_num(size), 0.0)
 
 
-def wider(truth, n_eff):
+def wider(truth: ObjectTable, n_eff: float) -> FloatArray:
     """Return (n,): the pixels that an object covers over those of a point source."""
     return 1.0 + 9.0 * truth["half_light_px"] ** 2 / n_eff
 
 
-def reach(truth):
+def reach(truth: ObjectTable) -> FloatArray:
     """Return the match radius of true objects, arcsec."""
     return np.maximum(MATCH_ARCSEC, 0.5 * (truth["half_light"] if "half_light" in truth else half_light(truth)))
 
 
-def real(truth, sources):
+def real(truth: ObjectTable, sources: ObjectTable) -> IntArray:
     """Return the rows of the merged sources that belong to a true object.
 
     The truth contains all light that was drawn: objects below the campaign's limit are not drawn. If one object gives
@@ -70,14 +78,17 @@ def real(truth, sources):
     return row[row >= 0]
 
 
-def magnitudes(band, truth, sources, match, infos):
+def magnitudes(
+    band: str, truth: ObjectTable, sources: ObjectTable, match: IntArray, infos: Sequence[Mapping[str, Any]]
+) -> tuple[dict[str, tuple[FloatArray, FloatArray]], dict[str, Any]]:
     """Return ({kind: (true, out - in)}, {kind: statistics at SNR_BRIGHT}) of isolated stars and galaxies, AB mag.
 
     Stars have PSF magnitudes, galaxies total ones. The statistics' galaxy_kron are of the same galaxies' Kron
     magnitudes, which leave out the light beyond the ellipse; galaxy_bins those of total magnitudes in the bins of
     SNR_GALAXY, each with its `snr` (low, high).
     """
-    arrays, numbers = {}, {}
+    arrays: dict[str, tuple[FloatArray, FloatArray]] = {}
+    numbers: dict[str, Any] = {}
     galaxy = truth["obj_type"] == GALAXY
     for name, is_kind, prefix in (("star", ~galaxy, ""), ("galaxy", galaxy, "total_")):
         rows = np.flatnonzero(is_kind & ~truth["blended"].astype(bool) & (match >= 0))
@@ -101,14 +112,22 @@ def magnitudes(band, truth, sources, match, infos):
     return arrays, numbers
 
 
-def true_snr(band, truth, infos):
+def true_snr(band: str, truth: ObjectTable, infos: Sequence[Mapping[str, Any]]) -> FloatArray:
     """Return the S/N (n,) of true objects in one exposure of the band: trials' with the exposures' medians."""
     zeropoint, n_eff, rms = (np.median([info[name] for info in infos]) for name in ("zeropoint", "n_eff", "rms"))
     electrons = 10.0 ** (-0.4 * (truth[f"mag_{band}"].astype(float) - zeropoint))
     return electrons / np.sqrt(electrons + n_eff * wider(truth, n_eff) * rms**2)
 
 
-def counts(band, truth, sources, match, real, edges, infos):
+def counts(
+    band: str,
+    truth: ObjectTable,
+    sources: ObjectTable,
+    match: IntArray,
+    real: BoolArray,
+    edges: FloatArray,
+    infos: Sequence[Mapping[str, Any]],
+) -> dict[str, Any]:
     """Return the number counts of a band, true and measured, {edges, in, out, excess, n}.
 
     in: the true objects; out: their sources (`match`) and the false ones (not `real`), stars by PSF magnitude, others
@@ -132,16 +151,16 @@ def counts(band, truth, sources, match, real, edges, infos):
     }  # fmt: skip
 
 
-def lost(truth, match, held):
+def lost(truth: ObjectTable, match: IntArray, held: Sequence[IntArray]) -> dict[str, tuple[float | None, int]]:
     """Return {"stars", "galaxies": (share, n)}: of n found in exposures (ids `held`), the share without a source."""
-    found, out = np.isin(truth["id"], np.concatenate(held or [[]])), {}
+    found, out = np.isin(truth["id"], np.concatenate(held or [np.zeros(0, int)])), {}
     galaxy = truth["obj_type"] == GALAXY
     for name, kind in (("stars", found & ~galaxy), ("galaxies", found & galaxy)):
         out[name] = (float((match[kind] < 0).mean()) if kind.any() else None), int(kind.sum())
     return out
 
 
-def twice(truth, sources, match):
+def twice(truth: ObjectTable, sources: ObjectTable, match: IntArray) -> tuple[float | None, int]:
     """Return (share, n): surplus sources at the positions of n isolated true objects with a source, over n.
 
     The surplus is of sources over true objects, faint ones included, within the match radius.
@@ -159,7 +178,9 @@ def twice(truth, sources, match):
     return float(np.maximum(found - true, 0).sum() / len(rows)), len(rows)
 
 
-def astrometry(truth, sources, match, bands, snr_min=SNR_BRIGHT):
+def astrometry(
+    truth: ObjectTable, sources: ObjectTable, match: IntArray, bands: Iterable[str], snr_min: float = SNR_BRIGHT
+) -> tuple[FloatArray, FloatArray]:
     """Return residuals (east, north) of the merged positions of isolated point sources above an S/N, out - in, mas."""
     rows = np.flatnonzero((truth["obj_type"] != GALAXY) & ~truth["blended"].astype(bool) & (match >= 0))
     source = match[rows]
@@ -172,13 +193,20 @@ def astrometry(truth, sources, match, bands, snr_min=SNR_BRIGHT):
     return east * 3.6e6, north * 3.6e6
 
 
-def three(bands):
+def three(bands: Collection[str]) -> tuple[str, ...]:
     """Return the three neighbouring bands whose colours are shown: from the second on, if there are four or more."""
     first = 1 if len(bands) > 3 else 0
     return tuple(bands)[first : first + 3]
 
 
-def colours(truth, sources, match, bands, snr_min=SNR_COLOUR, kind=None):
+def colours(
+    truth: ObjectTable,
+    sources: ObjectTable,
+    match: IntArray,
+    bands: Collection[str],
+    snr_min: float = SNR_COLOUR,
+    kind: str | None = None,
+) -> dict[str, Any]:
     """Return the colours of the same sources, true and measured: {bands, input, output (2, n), galaxy (n,)}.
 
     Sources are matched and unblended with S/N > `snr_min` in the three bands; with fewer bands the arrays are empty.
@@ -190,7 +218,7 @@ def colours(truth, sources, match, bands, snr_min=SNR_COLOUR, kind=None):
     source, galaxy = match[rows], truth["obj_type"][rows] == GALAXY if len(rows) else np.zeros(0, bool)
     good = (np.asarray(sources["flags"])[source] & SATURATED) == 0
     good &= ~galaxy if kind == "star" else True
-    given, got = [], []
+    true, measured = [], []
     for band in bands if some else ():
         snr, mag = (
             np.where(galaxy, *(values[source] for values in pair))
@@ -200,15 +228,17 @@ def colours(truth, sources, match, bands, snr_min=SNR_COLOUR, kind=None):
             )
         )
         good &= np.nan_to_num(snr) > snr_min
-        given.append(truth[f"mag_{band}"][rows].astype(float))
-        got.append(mag)
-    given, got = (np.array(mags) if some else np.zeros((3, 0)) for mags in (given, got))
+        true.append(truth[f"mag_{band}"][rows].astype(float))
+        measured.append(mag)
+    given, got = (np.array(mags) if some else np.zeros((3, 0)) for mags in (true, measured))
     good &= np.isfinite(given).all(axis=0) & np.isfinite(got).all(axis=0)
     colours = (np.stack([m[0] - m[1], m[1] - m[2]])[:, good] for m in (given, got))
     return {"bands": tuple(bands)} | dict(zip(("input", "output"), colours, strict=True)) | {"galaxy": galaxy[good]}
 
 
-def galaxy_colours(truth, sources, match, bands):
+def galaxy_colours(
+    truth: ObjectTable, sources: ObjectTable, match: IntArray, bands: Iterable[str]
+) -> list[dict[str, Any]]:
     """Return [{bands, snr, median, error, sigma, n}]: isolated galaxies' colours, out - in [mag], by their S/N.
 
     Colours are those of the Gaussian aperture in neighbouring bands; the S/N is the lower one of the two.
@@ -231,7 +261,7 @@ def galaxy_colours(truth, sources, match, bands):
     return found
 
 
-def spread(values):
+def spread(values: FloatArray) -> dict[str, Any]:
     """Return median, its standard error, robust sigma and count, JSON-like; those that n is too small for are None."""
     n = len(values)
     if n == 0:

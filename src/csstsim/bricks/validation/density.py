@@ -5,17 +5,32 @@ RADIUS. What is closer than SAME is the object itself and does not count. Near t
 the density is too low, because nothing beyond is known.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
 from csstsim.base.sphere import unit_vectors
+from csstsim.base.types import BoolArray, FloatArray, IntArray
 from csstsim.bricks.validation.compare import SNR_COUNT, true_snr
+
+if TYPE_CHECKING:
+    from csstsim.catalog.table import ObjectTable
 
 SAME, RADIUS = 0.5, 15.0  # arcsec
 SNR_SEEN = 5.0
 EDGES = (0.0, 20.0, 40.0, 60.0, 90.0, 130.0, 200.0, 400.0, np.inf)  # arcmin-2
 
 
-def by_density(truth, sources, match, real, infos):
+def by_density(
+    truth: ObjectTable,
+    sources: ObjectTable,
+    match: IntArray,
+    real: BoolArray,
+    infos: Mapping[str, Sequence[Mapping[str, Any]]],
+) -> dict[str, list[float] | list[int]]:
     """Return the numbers of a brick by bin of local density [arcmin-2], JSON-like lists of one entry a bin.
 
     truth, match: as in compare; real: (sources,) bool; infos: {band: its frames' info}. edges: the bins' lower
@@ -35,7 +50,7 @@ def by_density(truth, sources, match, real, infos):
     }  # fmt: skip
 
 
-def _bins(places, ra, dec):
+def _bins(places: FloatArray, ra: FloatArray, dec: FloatArray) -> IntArray:
     """Return the bin (n,) of the density of `places` (m, 3) around positions."""
     from scipy.spatial import cKDTree
 
@@ -46,5 +61,5 @@ def _bins(places, ra, dec):
     return np.digitize((near - same) / (np.pi * (RADIUS / 60.0) ** 2), EDGES[1:-1])
 
 
-def _counts(bins):
+def _counts(bins: IntArray) -> list[int]:
     return np.bincount(bins, minlength=len(EDGES) - 1).tolist()

@@ -4,14 +4,27 @@ A median over exposures would hide a single faulty one. So each exposure is judg
 the failing gates. A release has thousands of exposures, so chance deviations up to WORST sigma are tolerated.
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
+from csstsim.base.types import BoolArray, FloatArray
 from csstsim.bricks.validation.compare import SNR_BRIGHT, SNR_MAX, spread
 from csstsim.bricks.validation.facts import header_off, pixels_off
 from csstsim.bricks.validation.gates import WORST, at_least, at_most, between
 from csstsim.bricks.validation.trials import SHAPES
 from csstsim.catalog.table import GALAXY, STAR
 from csstsim.catalog.truth_bricks import ID_BITS
+
+if TYPE_CHECKING:
+    from csstsim.bricks.validation.facts import Facts, Off
+    from csstsim.bricks.validation.gates import Gate
+    from csstsim.bricks.validation.validate import MeasuredFrame
+    from csstsim.campaign.thresholds import ValidateConfig
+    from csstsim.catalog.table import ObjectTable
 
 SNR_SHARP = 50.0  # stars' positions and shapes are judged above this
 SNR_SHAPE = 20.0  # galaxies' shapes are judged above this
@@ -21,7 +34,7 @@ BORDER = 2  # stars that proper motion takes across the border of a window
 SHAPE_MAX = 1.5  # of a measured shape; longer ones are noise
 
 
-def frame_gates(table, frame, limits):
+def frame_gates(table: ObjectTable, frame: MeasuredFrame, limits: ValidateConfig) -> list[Gate]:
     """Return the gates of a validate.MeasuredFrame. table: trials of it; limits: ValidateConfig."""
     where = {"exposure": frame.info.get("obsid"), "chip": frame.info.get("chip")}
     of = _Gates(frame.band, where)
@@ -30,26 +43,28 @@ def frame_gates(table, frame, limits):
         + _stars(table, frame.pixel, limits, of)
         + _shapes(table, limits, of)
         + _depth(frame, limits, of)
-        + (_pixels(frame, limits, of) + _header(frame.facts, limits, of) if frame.facts else [])
+        + (_pixels(frame, frame.facts, limits, of) + _header(frame.facts, limits, of) if frame.facts else [])
     )
 
 
 class _Gates:
     """The gates of gates with band, exposure and chip filled in."""
 
-    def __init__(self, band, where):
+    def __init__(self, band: str, where: Mapping[str, Any]) -> None:
         self.band, self.where = band, where
 
-    def at_most(self, name, value, threshold, n, chance=0.0, **more):
+    def at_most(
+        self, name: str, value: float | None, threshold: float | None, n: int | None, chance: float = 0.0, **more: Any
+    ) -> Gate:
         return at_most(name, self.band, value, threshold, n, chance, WORST, **self.where, **more)
 
-    def at_least(self, name, value, threshold, n):
+    def at_least(self, name: str, value: float | None, threshold: float | None, n: int) -> Gate:
         return at_least(name, self.band, value, threshold, n, **self.where)
 
-    def between(self, name, value, limits, n):
+    def between(self, name: str, value: float | None, limits: tuple[float, float] | None, n: int) -> Gate:
         return between(name, self.band, value, limits, n, **self.where)
 
-    def worst(self, name, found, threshold):
+    def worst(self, name: str, found: Iterable[Off], threshold: float | None) -> list[Gate]:
         """Return a list of the gate of the (channel, value, chance) nearest to failing; empty if none is found."""
         gates = [
             self.at_most(name, value, threshold, None, WORST * chance, **({"channel": n} if n else {}))
@@ -58,7 +73,7 @@ class _Gates:
         return [max(gates, key=lambda gate: gate["margin"] or 0.0)] if gates else []
 
 
-def count_gates(frame, pix, limits):
+def count_gates(frame: MeasuredFrame, pix: int, limits: ValidateConfig) -> list[Gate]:
     """Return the gates of the numbers of a frame's objects on brick `pix` against those in the catalogue.
 
     A frame without an expectation (facts.Facts.expected) has none.
@@ -81,7 +96,7 @@ def count_gates(frame, pix, limits):
     ]  # fmt: skip
 
 
-def _found(table, limits, of):
+def _found(table: ObjectTable, limits: ValidateConfig, of: _Gates) -> list[Gate]:
     """Return the gates of completeness of point sources and galaxies, and of the flag of saturated stars."""
     galaxy, found = table["galaxy"].astype(bool), table["found"] > 0
     points = judged_points(table, limits)
@@ -96,18 +111,18 @@ def _found(table, limits, of):
     ]
 
 
-def judged_points(table, limits):
+def judged_points(table: ObjectTable, limits: ValidateConfig) -> BoolArray:
     """Return the mask of the point sources of trials whose completeness is judged."""
     return (table["galaxy"] == 0) & (table["snr"] > limits.snr_min) & (table["snr"] < SNR_MAX)
 
 
-def bright_points(table):
+def bright_points(table: ObjectTable) -> BoolArray:
     """Return the mask of the stars of trials whose flux is judged: found, not saturated, without neighbours."""
     bright = (table["snr"] > SNR_BRIGHT) & (table["snr"] < SNR_MAX)
     return bright & (table["galaxy"] == 0) & (table["lonely"] > 0) & (table["sound"] > 0)
 
 
-def _stars(table, pixel, limits, of):
+def _stars(table: ObjectTable, pixel: float, limits: ValidateConfig, of: _Gates) -> list[Gate]:
     stars = bright_points(table)
     sharp = stars & (table["snr"] > SNR_SHARP)
     pull = spread(_finite(table["pull"][stars]))
@@ -129,12 +144,12 @@ def _stars(table, pixel, limits, of):
     }
     for name, (east, north, error, floor, limit) in places.items():
         (x, sigma_x, n), (y, sigma_y, _) = (clipped_mean(table[axis][sharp], error, floor) for axis in (east, north))
-        value = None if n == 0 else float(np.hypot(x, y))
+        value = None if x is None or y is None else float(np.hypot(x, y))
         gates.append(of.at_most(name, value, limit, n, WORST * max(sigma_x, sigma_y)))
     return gates
 
 
-def _shapes(table, limits, of):
+def _shapes(table: ObjectTable, limits: ValidateConfig, of: _Gates) -> list[Gate]:
     """Return the gates of stars' sizes and distortions against the PSF model, and of galaxies' shapes."""
     stars = bright_points(table) & (table["snr"] > SNR_SHARP)
     allowed = limits.psf_size_max, limits.psf_e_max, limits.psf_e_max
@@ -144,11 +159,14 @@ def _shapes(table, limits, of):
         off = spread(_finite(table[column][stars]))
         gates.append(of.at_most(name, off["median"], limit, off["n"], WORST * (off["error"] or 0.0)))
     slope, sigma, n = shape_slope(table)
-    off = None if slope is None else float(abs(slope - 1))
-    return [*gates, of.at_most("galaxies' shapes, measured over true, less 1", off, limits.shape_max, n, WORST * sigma)]
+    turned = None if slope is None else float(abs(slope - 1))
+    return [
+        *gates,
+        of.at_most("galaxies' shapes, measured over true, less 1", turned, limits.shape_max, n, WORST * sigma),
+    ]
 
 
-def shape_slope(table):
+def shape_slope(table: ObjectTable) -> tuple[complex | None, float, int]:
     """Return (slope, error on an axis, n): the complex slope of galaxies' measured shapes against the true ones.
 
     It is 1 if they agree. A rotation by an angle a gives a factor exp(2 i a); a wrong sign of one component gives a
@@ -166,15 +184,15 @@ def shape_slope(table):
     return slope, float(np.sqrt(scatter / weight)), n
 
 
-def _depth(frame, limits, of):
+def _depth(frame: MeasuredFrame, limits: ValidateConfig, of: _Gates) -> list[Gate]:
     if frame.depth is None:
         return []
     off = float(frame.info["depth_5sigma"] - np.clip(frame.info["depth_5sigma"], *frame.depth))
     return [of.at_most("depth beyond the published limits [mag]", off, limits.depth_off_max, None)]
 
 
-def _pixels(frame, limits, of):
-    found = pixels_off(frame.info.get("channels", ()), frame.facts, frame.truth, frame.pixel)
+def _pixels(frame: MeasuredFrame, facts: Facts, limits: ValidateConfig, of: _Gates) -> list[Gate]:
+    found = pixels_off(frame.info.get("channels", ()), facts, frame.truth, frame.pixel)
     return (
         of.worst("background over sky and dark, less 1", found["level"], limits.level_off_max)
         + of.worst("background of a channel over that of all, less 1", found["uneven"], limits.uneven_max)
@@ -184,7 +202,7 @@ def _pixels(frame, limits, of):
     )
 
 
-def _header(facts, limits, of):
+def _header(facts: Facts, limits: ValidateConfig, of: _Gates) -> list[Gate]:
     found = header_off(facts)
     return (
         of.worst("header: gain over the camera's, less 1", found["gain"], limits.header_max)
@@ -194,7 +212,7 @@ def _header(facts, limits, of):
     )
 
 
-def clipped_mean(values, errors, floor):
+def clipped_mean(values: FloatArray, errors: FloatArray, floor: float) -> tuple[float | None, float, int]:
     """Return (mean, its error, n); each value's sigma is its error and `floor` in quadrature. (None, 0, 0) if empty.
 
     Values further than CLIP sigma from the median are left out; sigma is scaled up if the values scatter by more. The
@@ -212,9 +230,9 @@ def clipped_mean(values, errors, floor):
     return mean, float(max(stated, scatter)), len(values)
 
 
-def _share(mask):
+def _share(mask: BoolArray) -> float | None:
     return float(np.mean(mask)) if len(mask) else None
 
 
-def _finite(values):
+def _finite(values: FloatArray) -> FloatArray:
     return values[np.isfinite(values)]

@@ -5,20 +5,31 @@ current, readout and rounding. The header's numbers are compared with the campai
 positions of stars.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
+from csstsim.base.types import BoolArray, FloatArray, IntArray
 from csstsim.bricks.validation.compare import half_light
 from csstsim.profiles.sersic import BULGE, DISK, brightness_radius, light_beyond
+
+if TYPE_CHECKING:
+    from astropy.wcs import WCS
+
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.optics.geometry.distortion import ChipDistortion
 
 LEAST = 256**2  # px: a smaller background has less than one mesh (measure.detection.background) and is not judged
 FAINT = 5.0  # S/N: all light of fainter objects counts as background
 OUTSIDE = 0.02  # share of brighter objects' light that may be unmasked: 1% of saturated stars' is
 LARGE = 32.0  # px, half-light radius of galaxies of which as much as lies below a pixel's noise counts as background
 ROUNDING = 12**-0.5  # rms of rounding, in steps
+Off: TypeAlias = tuple[int | None, float, float]  # channel (None: all), value, chance
 
 
 @dataclass(frozen=True)
@@ -28,17 +39,17 @@ class HeaderWCS:
     distortion: that of the chip (optics.geometry.distortion) if the header's linear WCS leaves it out, else None.
     """
 
-    cards: dict
-    distortion: Any = None
+    cards: dict[str, Any]
+    distortion: ChipDistortion | None = None
 
     @cached_property
-    def _wcs(self):
+    def _wcs(self) -> WCS:
         from astropy.io.fits import Header
         from astropy.wcs import WCS
 
         return WCS(Header(self.cards))
 
-    def pixel_to_world(self, x, y):
+    def pixel_to_world(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the apparent ra, dec [deg] of pixels x, y (n,)."""
         if self.distortion is not None:
             x, y = self.distortion.inverse(x, y)
@@ -75,22 +86,26 @@ class Facts:
     dark: float
     read_noise: float
     full_well: float
-    gain: dict
-    header: dict = field(default_factory=dict)
-    wcs: Any = None
-    expected: dict = field(default_factory=dict)
+    gain: dict[int, float]
+    header: dict[str, Any] = field(default_factory=dict)
+    wcs: HeaderWCS | None = None
+    expected: dict[str, int] = field(default_factory=dict)
 
-    def level(self, response):
+    def level(self, response: float) -> float:
         """Return the expected background [e- per pixel] after division by the counted share `response`."""
+        assert self.sky is not None  # who asks has checked
         return self.sky + self.dark / response
 
-    def noise(self, response, channel):
+    def noise(self, response: float, channel: int) -> float:
         """Return its expected noise [e- rms per pixel]: of sky, dark current, readout and rounding to whole DN."""
+        assert self.sky is not None
         rounding = self.gain.get(channel, 0.0) * ROUNDING
         return np.sqrt(self.sky * response + self.dark + self.read_noise**2 + rounding**2) / response
 
 
-def pixels_off(channels, facts, truth, pixel):
+def pixels_off(
+    channels: Sequence[Mapping[str, Any]], facts: Facts, truth: ObjectTable, pixel: float
+) -> dict[str, list[Off]]:
     """Return {name: list of (channel or None, value, chance)} of a frame's channels (measure.calibration).
 
     level, noise: measured over expected, less 1, of channels of LEAST px or more and of the whole frame (channel None);
@@ -100,7 +115,13 @@ def pixels_off(channels, facts, truth, pixel):
     expected, less that of all channels; half of such light is taken to be there, and may be by half more or less.
     pixel: its side [arcsec].
     """
-    out = {"level": [], "noise": [], "read_noise": [], "bias": [], "uneven": []}
+    out: dict[str, list[Off]] = {
+        "level": [],
+        "noise": [],
+        "read_noise": [],
+        "bias": [],
+        "uneven": [],
+    }
     pixels = np.array([_size(part["window"]) for part in channels])
     levels = []
     parts = list(zip(channels, pixels, _wings(channels, pixels, truth, pixel), strict=True))
@@ -132,7 +153,7 @@ def pixels_off(channels, facts, truth, pixel):
     return out
 
 
-def _uneven(levels):
+def _uneven(levels: Sequence[ChannelLevel]) -> list[Off]:
     """Return [(channel, value, chance)]: excesses of ChannelLevels less their mean, of two channels or more.
 
     Besides, of the halves of the frame less each other (channel None), in which chance is smaller. What objects' light
@@ -143,10 +164,12 @@ def _uneven(levels):
     pixels, excess, light, chance = (np.array([getattr(one, k) for one in levels]) for k in ChannelLevel._fields[2:])
     corners = np.array([(one.window[0], one.window[2]) for one in levels])
     everything = np.ones(len(levels), bool)
-    pairs = [(one.channel, np.arange(len(levels)) == k, everything) for k, one in enumerate(levels)]
+    pairs: list[tuple[int | None, BoolArray, BoolArray]] = [
+        (one.channel, np.arange(len(levels)) == k, everything) for k, one in enumerate(levels)
+    ]
     sides = (corners > corners.mean(axis=0)).T
     pairs += [(None, side, ~side) for side in sides if 0 < side.sum() < len(levels)]
-    out = []
+    out: list[Off] = []
     for channel, *groups in pairs:
         off, other = (
             -np.diff([np.average(v[some], weights=pixels[some]) for some in groups])[0] for v in (excess, light)
@@ -156,12 +179,12 @@ def _uneven(levels):
     return out
 
 
-def _size(window):
+def _size(window: tuple[int, int, int, int]) -> int:
     x0, x1, y0, y1 = window
     return (x1 - x0) * (y1 - y0)
 
 
-def _wings(channels, pixels, truth, pixel):
+def _wings(channels: Sequence[Mapping[str, Any]], pixels: IntArray, truth: ObjectTable, pixel: float) -> FloatArray:
     """Return (n,): unmasked light of objects [e- per pixel] that each channel's level may include.
 
     It is the sum of two means: over the channel, of its own objects' light, and over the frame, of all objects' light.
@@ -182,7 +205,7 @@ def _wings(channels, pixels, truth, pixel):
     return np.array(own) / pixels + light.sum() / pixels.sum()
 
 
-def _outskirts(truth, drawn, noise, pixel):
+def _outskirts(truth: ObjectTable, drawn: FloatArray, noise: float, pixel: float) -> FloatArray:
     """Return (n,): share of the light of LARGE galaxies where bulge or disk are fainter than `noise` [e- per pixel]."""
     share = np.zeros(len(drawn))
     for i in np.flatnonzero((half_light(truth) > LARGE * pixel) & (drawn > 0)):
@@ -196,7 +219,7 @@ def _outskirts(truth, drawn, noise, pixel):
     return share
 
 
-def _whole(parts):
+def _whole(parts: Sequence[tuple[Mapping[str, Any], int, float]]) -> list[tuple[dict[str, Any], int, float]]:
     """Return [(figures, pixels, light)] of all channels together: means weighted with pixels; [] without channels."""
     if not parts:
         return []
@@ -207,12 +230,18 @@ def _whole(parts):
     return [(means | {"channel": None, "overscan": overscan}, sum(pixels), float(np.average(light, weights=pixels)))]
 
 
-def header_off(facts):
+def header_off(facts: Facts) -> dict[str, list[Off]]:
     """Return {name: list of (channel or None, value, 0)}: the header's numbers over the campaign's, less 1.
 
     pointing: by how much the keyword that is furthest off differs from the campaign's pointing [arcsec].
     """
-    header, out = facts.header, {"exptime": [], "gain": [], "read_noise": [], "pointing": []}
+    header = facts.header
+    out: dict[str, list[Off]] = {
+        "exptime": [],
+        "gain": [],
+        "read_noise": [],
+        "pointing": [],
+    }
     if header.get("pointing"):
         out["pointing"].append((None, max(header["pointing"].values()), 0.0))
     if header.get("exptime") is not None and facts.exptime > 0:

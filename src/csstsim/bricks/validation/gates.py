@@ -6,7 +6,12 @@ sources; n is None if it does not depend on sources. margin: the number over the
 chance; above 1 the gate fails.
 """
 
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, TypeAlias
+
 import numpy as np
+
+Gate: TypeAlias = dict[str, Any]
 
 # Columns of a table of gates
 ABOUT = {
@@ -29,46 +34,60 @@ WORST = 4.0  # ... of bins, widths and exposures: of a release's thousands some 
 LARGEST = 999.0  # largest margin
 
 
-def at_most(name, band, value, threshold, n, chance=0.0, sigmas=CHANCE, **where):
+def at_most(
+    name: str,
+    band: str,
+    value: float | None,
+    threshold: float | None,
+    n: int | None,
+    chance: float = 0.0,
+    sigmas: float = CHANCE,
+    **where: Any,
+) -> Gate:
     """Return the gate of a number of either sign that is at most `threshold` + `chance` in size.
 
     chance: so many `sigmas` of the number's error.
     """
     error = chance / sigmas or None
-    return _gate(name, band, value, threshold, n, error, where, lambda: (abs(value), threshold + chance))
+    sides = None if value is None or threshold is None else lambda: (abs(value), threshold + chance)
+    return _gate(name, band, value, threshold, n, error, where, sides)
 
 
-def at_least(name, band, value, threshold, n, **where):
+def at_least(name: str, band: str, value: float | None, threshold: float | None, n: int, **where: Any) -> Gate:
     """Return the gate of a fraction of n that is at least `threshold`; its margin compares the missing fractions.
 
     A fraction whose true value is at the threshold may fall short by chance: CHANCE sigma are tolerated.
     """
     error = float(np.sqrt(max(value * (1 - value), 1 / n) / n)) if n and value is not None else None
-    return _gate(
-        name, band, value, threshold, n, error, where,
-        lambda: (1 - value, 1 - threshold + CHANCE * np.sqrt(threshold * (1 - threshold) / n)),
+    sides = None if value is None or threshold is None else lambda: (
+        1 - value, 1 - threshold + CHANCE * np.sqrt(threshold * (1 - threshold) / n),
     )  # fmt: skip
+    return _gate(name, band, value, threshold, n, error, where, sides)
 
 
-def between(name, band, value, limits, n, **where):
+def between(
+    name: str, band: str, value: float | None, limits: tuple[float, float] | None, n: int, **where: Any
+) -> Gate:
     """Return the gate of a width of n values within `limits` (low, high), with a tolerance of WORST sigma."""
     threshold = None if limits is None else f"{limits[0]:g} to {limits[1]:g}"
-
-    def sides():
-        chance = WORST * 1.17 / np.sqrt(n)  # a width from the median deviation has a relative error of 1.17 / sqrt(n)
-        low, high = limits[0] * (1 - chance), limits[1] * (1 + chance)
-        return (value, high) if value > limits[0] else (low, value)
-
+    sides = None if value is None or limits is None else lambda: _nearer_side(value, limits, n)
     error = value * 1.17 / np.sqrt(n) if n and value is not None else None
     return _gate(name, band, value, threshold, n, error and float(error), where, sides)
 
 
-def of_exposures(gates):
+def _nearer_side(width: float, limits: tuple[float, float], n: int) -> tuple[float, float]:
+    """Return (size, allowed) of a width at the limit that it is nearer to failing."""
+    chance = WORST * 1.17 / np.sqrt(n)  # a width from the median deviation has a relative error of 1.17 / sqrt(n)
+    low, high = limits[0] * (1 - chance), limits[1] * (1 + chance)
+    return (width, high) if width > limits[0] else (low, width)
+
+
+def of_exposures(gates: Iterable[Gate]) -> list[Gate]:
     """Return all failing gates of single exposures; for a name and band without any, the gate closest to failing.
 
     If no gate of a name and band was judged, the one with the most sources is returned.
     """
-    groups = {}
+    groups: dict[tuple[str, str], list[Gate]] = {}
     for gate in gates:
         groups.setdefault((gate["name"], gate["band"]), []).append(gate)
     out = []
@@ -82,16 +101,24 @@ def of_exposures(gates):
     return out
 
 
-def _gate(name, band, value, threshold, n, error, where, sides):
-    judged = value is not None and threshold is not None and (n is None or n >= FEW)
-    margin = _margin(*sides()) if judged else None
+def _gate(
+    name: str,
+    band: str,
+    value: float | None,
+    threshold: float | str | None,
+    n: int | None,
+    error: float | None,
+    where: Mapping[str, Any],
+    sides: Callable[[], tuple[float, float]] | None,
+) -> Gate:
+    margin = _margin(*sides()) if sides is not None and (n is None or n >= FEW) else None
     return {
         "name": name, "band": band, "value": value, "threshold": threshold, "n": n, "error": error, "margin": margin,
         "passed": None if margin is None else margin <= 1.0, **where,
     }  # fmt: skip
 
 
-def _margin(size, allowed):
+def _margin(size: float, allowed: float) -> float:
     """Return size over allowed, at most LARGEST, which it also is if `allowed` is zero or less; 0 without size."""
     if size <= 0:
         return 0.0

@@ -8,18 +8,29 @@ the measured shapes, including the shape estimator's. A galaxy counts if it is f
 resolved: galaxies found in one orientation only would be selected by shape.
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
+from csstsim.base.types import FloatArray
 from csstsim.bricks.validation.gates import FEW
 from csstsim.bricks.validation.trials import RESOLVED, SHAPELESS, matched
 from csstsim.catalog.table import GALAXY
+
+if TYPE_CHECKING:
+    from csstsim.bricks.validation.gates import Gate
+    from csstsim.bricks.validation.validate import MeasuredFrame
+    from csstsim.catalog.table import ObjectTable
 
 SNR_MIN = 10.0
 LARGEST = 1.5  # of a measured shape; longer ones are noise
 CHANCE = 5.0  # sigma of chance that are tolerated
 
 
-def shapes(frame, truth):
+def shapes(frame: MeasuredFrame, truth: ObjectTable) -> dict[int, FloatArray]:
     """Return {object id: (g1, g2)} of the unflagged, resolved, isolated galaxies of a validate.MeasuredFrame.
 
     truth: its validate.judged_truth.
@@ -33,19 +44,19 @@ def shapes(frame, truth):
     return dict(zip(truth["id"][good].tolist(), g[good], strict=True))
 
 
-def pair_means(first, second):
+def pair_means(first: Iterable[Mapping[int, FloatArray]], second: Iterable[Mapping[int, FloatArray]]) -> FloatArray:
     """Return (n, 2): the mean shapes of the galaxies that two lists of `shapes`, one entry per frame, have in common.
 
     A galaxy seen in several frames counts once, with its mean, because its shape noise is the same in all.
     """
-    found = {}
+    found: dict[int, list[FloatArray]] = {}
     for a, b in zip(first, second, strict=True):
         for name in a.keys() & b.keys():
             found.setdefault(name, []).append(0.5 * (a[name] + b[name]))
     return np.array([np.mean(found[name], axis=0) for name in sorted(found)]).reshape(-1, 2)
 
 
-def calibration(shears, means):
+def calibration(shears: Sequence[Sequence[float]], means: Sequence[FloatArray]) -> list[dict[str, Any]]:
     """Return [{component, m, m_err, c, c_err, n}] from (k, 2) input shears and k arrays (n, 2) of `pair_means`.
 
     m is None if all shears of a component are equal. Raises ValueError if a campaign has fewer than two galaxies.
@@ -57,7 +68,7 @@ def calibration(shears, means):
         g = np.array([shear[axis] for shear in shears])
         y = np.array([values[:, axis].mean() for values in means])
         weight = np.array([len(values) / values[:, axis].var(ddof=1) for values in means])
-        fit = {"component": axis + 1, "m": None, "m_err": None, "n": sum(map(len, means))}
+        fit: dict[str, Any] = {"component": axis + 1, "m": None, "m_err": None, "n": sum(map(len, means))}
         if np.ptp(g) > 0:
             design = np.stack([g, np.ones(len(g))])
             covariance = np.linalg.inv(np.einsum("ik,jk,k->ij", design, design, weight))
@@ -70,7 +81,7 @@ def calibration(shears, means):
     return out
 
 
-def judge(fits, m_max, c_max):
+def judge(fits: Iterable[Mapping[str, Any]], m_max: float | None, c_max: float | None) -> list[Gate]:
     """Return gates (gates form) of m and c from FEW galaxies or more: at most their limit plus CHANCE errors."""
     gates = []
     for fit in fits:

@@ -1,11 +1,18 @@
 """Gates of a spectroscopic frame, from what is written with its spectra (stages.parts.spectra_checks)."""
 
-from typing import Any
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 from csstsim.bricks.validation.gates import WORST, at_most
 
+if TYPE_CHECKING:
+    from csstsim.bricks.validation.gates import Gate
+    from csstsim.campaign.thresholds import ValidateConfig
 
-def spectra_gates(checks: dict[str, Any], limits: Any, **where: Any) -> list[dict[str, Any]]:
+
+def spectra_gates(checks: Mapping[str, Any], limits: ValidateConfig, **where: Any) -> list[Gate]:
     """Return the gates of a frame's `checks`; limits: thresholds.ValidateConfig; where: its band, exposure and chip."""
     flux, sky, band = checks["flux"], checks["sky"], where.pop("band")
     pointing = max(checks["pointing"].values(), default=None)

@@ -5,12 +5,21 @@ noise; a galaxy covers more pixels (compare). `deferred_mas` is the position res
 away from the amplifier, where charge transfer moves it; `transfers` are the rows to the amplifier.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from csstsim.base.sphere import offsets
+from csstsim.base.types import BoolArray, FloatArray, IntArray
 from csstsim.bricks.match import one_to_one
 from csstsim.bricks.validation.compare import SATURATED, SNR_MAX, half_light, wider
 from csstsim.catalog.table import GALAXY, ObjectTable
+
+if TYPE_CHECKING:
+    from csstsim.bricks.validation.validate import MeasuredFrame
 
 MATCH_PX = 2.5  # match radius of truth and detection in one frame
 SHAPES = "psf_size", "psf_e1", "psf_e2"
@@ -27,7 +36,7 @@ SURELY = 2.0  # such a peak in full wells that saturates even with the star on a
 LONELY = 0.3  # of an object's noise: less light of neighbours does not widen the pulls
 
 
-def trials(truth, frame):
+def trials(truth: ObjectTable, frame: MeasuredFrame) -> ObjectTable:
     """Return an ObjectTable of COLUMNS, one row per isolated object of `truth` (validate.judged_truth of `frame`).
 
     sound: found and not saturated; clean: found without a flag of DOUBTFUL; full: so bright that it must be saturated;
@@ -74,7 +83,9 @@ def trials(truth, frame):
     return ObjectTable(out)
 
 
-def _own(truth, measured, at, mag, electrons):
+def _own(
+    truth: ObjectTable, measured: ObjectTable, at: IntArray, mag: FloatArray, electrons: FloatArray
+) -> dict[str, FloatArray]:
     """Return {column: values} of OWN, and true shapes, of objects `truth` found in rows `at` of the measured table."""
     galaxy = truth["obj_type"] == GALAXY
     away = offsets(measured["ra"][at], measured["dec"][at], truth["ra_epoch"], truth["dec_epoch"])
@@ -96,7 +107,7 @@ def _own(truth, measured, at, mag, electrons):
     return out
 
 
-def _by_header(truth, measured, at, frame):
+def _by_header(truth: ObjectTable, measured: ObjectTable, at: IntArray, frame: MeasuredFrame) -> dict[str, FloatArray]:
     """Return {header_east, header_north} [px]; empty without a WCS in the header."""
     if frame.facts is None or frame.facts.wcs is None or "ra" not in truth:
         return {}
@@ -105,7 +116,7 @@ def _by_header(truth, measured, at, frame):
     return {"header_east": 3600.0 * east / frame.pixel, "header_north": 3600.0 * north / frame.pixel}
 
 
-def matched(truth, measured, pixel):
+def matched(truth: ObjectTable, measured: ObjectTable, pixel: float) -> IntArray:
     """Return the row of each object's detection (bricks.match), -1 if there is none within reach.
 
     pixel: its side [arcsec].
@@ -114,7 +125,7 @@ def matched(truth, measured, pixel):
     return one_to_one(places, others, np.maximum(MATCH_PX, 0.5 * half_light(truth) / pixel))
 
 
-def close_pairs(truth, frame):
+def close_pairs(truth: ObjectTable, frame: MeasuredFrame) -> IntArray:
     """Return [number found, number] of the fainter objects of close pairs of a frame.
 
     A pair has two objects within PAIR_PX of each other, both of a true S/N of PAIR_SNR to SNR_MAX. truth:
@@ -134,12 +145,12 @@ def close_pairs(truth, frame):
     return np.array([(matched(truth, frame.measured, frame.pixel)[fainter] >= 0).sum(), len(fainter)])
 
 
-def joined(tables):
+def joined(tables: Sequence[ObjectTable]) -> ObjectTable:
     """Return one table of several frames' trials."""
     return ObjectTable({name: np.concatenate([table[name] for table in tables] or [np.zeros(0)]) for name in COLUMNS})
 
 
-def limit(mag, found, share=0.5, step=0.25, fewest=10):
+def limit(mag: FloatArray, found: BoolArray, share: float = 0.5, step: float = 0.25, fewest: int = 10) -> float | None:
     """Return the magnitude at which `share` are found; None if no bins of `fewest` objects or more cross it."""
     known = np.isfinite(mag)
     if not known.any():

@@ -4,13 +4,23 @@ Objects are matched by their number in the truth, so intrinsic scatter cancels, 
 Errors of means are those of the differences' own scatter.
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from csstsim.base.types import FloatArray
 from csstsim.bricks.validation.compare import SATURATED
 from csstsim.bricks.validation.trials import RESOLVED, SHAPELESS, matched
 from csstsim.catalog.table import GALAXY
+
+if TYPE_CHECKING:
+    from csstsim.bricks.validation.validate import MeasuredFrame
+    from csstsim.catalog.table import ObjectTable
 
 FEWEST = 5  # objects for a mean
 CLIP = 5.0  # robust sigmas: farther differences are counted; means of the others stand beside those of all
@@ -44,26 +54,26 @@ class Mean:
     near_error: float
 
 
-def mean(values):
+def mean(values: ArrayLike) -> Mean:
     """Return the Mean of differences, NaN left out; NaN of fewer than FEWEST."""
-    values = np.asarray(values, float)
-    values = values[np.isfinite(values)]
-    n, changed = len(values), int(np.count_nonzero(values))
+    known = np.asarray(values, float)
+    known = known[np.isfinite(known)]
+    n, changed = len(known), int(np.count_nonzero(known))
     if n < FEWEST:
         return Mean(n, np.nan, np.nan, np.nan, changed, 0, np.nan, np.nan)
-    away = np.abs(values - np.median(values))
-    near = values[away <= CLIP * 1.4826 * np.median(away)]  # at least half of all
-    (middle, error, scatter), (without, its_error, _) = _moments(values), _moments(near)
+    away = np.abs(known - np.median(known))
+    near = known[away <= CLIP * 1.4826 * np.median(away)]  # at least half of all
+    (middle, error, scatter), (without, its_error, _) = _moments(known), _moments(near)
     return Mean(n, middle, error, scatter, changed, n - len(near), without, its_error)
 
 
-def _moments(values):
+def _moments(values: FloatArray) -> tuple[float, float, float]:
     """Return (mean, its error, scatter) of two values or more."""
     scatter = float(values.std(ddof=1))
     return float(values.mean()), scatter / len(values) ** 0.5, scatter
 
 
-def seen(frame, truth):
+def seen(frame: MeasuredFrame, truth: ObjectTable) -> tuple[dict[int, dict[str, Any]], dict[str, int]]:
     """Return ({id: values}, counts) of the objects of a validate.MeasuredFrame that are measured.
 
     truth: its validate.judged_truth. values: {kind, true, mag, x, y, size, e1, e2, g1, g2}, NaN where flags say that a
@@ -97,9 +107,10 @@ def seen(frame, truth):
     return found, counts
 
 
-def spectra(table):
+def spectra(table: ObjectTable) -> dict[int, dict[tuple[int, int], tuple[float, float]]]:
     """Return {id: values} of a table of first-order spectra (measure.spectra): electrons summed over good columns."""
-    found, good = {}, np.isfinite(table["electrons"]) & np.isfinite(table["electrons_err"]) & (table["flags"] == 0)
+    found: dict[int, dict[tuple[int, int], tuple[float, float]]] = {}
+    good = np.isfinite(table["electrons"]) & np.isfinite(table["electrons_err"]) & (table["flags"] == 0)
     key = list(zip(table["id"].tolist(), table["order"].tolist(), table["column"].tolist(), strict=True))
     for k in np.flatnonzero(good):
         number, order, column = key[k]
@@ -107,7 +118,9 @@ def spectra(table):
     return found
 
 
-def differences(first, other):
+def differences(
+    first: Mapping[int, Mapping[str, Any]], other: Mapping[int, Mapping[str, Any]]
+) -> dict[int, dict[str, Any]]:
     """Return {id: {kind, true, quantity: other - first}} of the objects that both frames have (`seen`)."""
     return {
         number: {"kind": first[number]["kind"], "true": first[number]["true"]}
@@ -116,7 +129,10 @@ def differences(first, other):
     }  # fmt: skip
 
 
-def spectral_differences(first, other):
+def spectral_differences(
+    first: Mapping[int, Mapping[tuple[int, int], tuple[float, float]]],
+    other: Mapping[int, Mapping[tuple[int, int], tuple[float, float]]],
+) -> dict[int, dict[str, Any]]:
     """Return {id: {kind, true, spectrum}}: relative difference of electrons over the columns good in both (`spectra`).
 
     true: the magnitude that the electrons of the first have, of no zero point: -2.5 lg.
@@ -131,7 +147,7 @@ def spectral_differences(first, other):
     return found
 
 
-def summary(objects):
+def summary(objects: Sequence[Mapping[str, Any]]) -> list[tuple[str, str, Mean]]:
     """Return [(kind, quantity, Mean)] of a list of differences."""
     rows = []
     for name, (_, kinds) in QUANTITIES.items():
@@ -142,13 +158,13 @@ def summary(objects):
     return rows
 
 
-def values(objects, kind, name):
+def values(objects: Iterable[Mapping[str, Any]], kind: str, name: str) -> FloatArray:
     """Return (true magnitudes, differences) of a quantity, of the objects of a kind that have it."""
     held = [(one["true"], one[name]) for one in objects if one["kind"] == kind and np.isfinite(one.get(name, np.nan))]
     return np.array(held, float).reshape(-1, 2).T
 
 
-def binned(objects, kind, name):
+def binned(objects: Iterable[Mapping[str, Any]], kind: str, name: str) -> tuple[FloatArray, list[Mean]]:
     """Return (magnitudes, [Mean]) of a quantity's differences in bins of MAG_STEP; bins without a mean left out."""
     true, found = values(objects, kind, name)
     at = np.floor(np.nan_to_num(true, nan=np.inf) / MAG_STEP)

@@ -7,13 +7,18 @@ Blended and (nearly) saturated sources are left out; a number from fewer than `F
 single exposures are those of exposures.
 """
 
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from csstsim.base.healpix import brick_of
 from csstsim.base.sphere import ra_dec, unit_vectors
+from csstsim.base.types import BoolArray, FloatArray, IntArray
 from csstsim.bricks.validation import compare
 from csstsim.bricks.validation.brick_gates import band_gates, colour_gate, fraction_at_most, law_gates
 from csstsim.bricks.validation.density import by_density
@@ -28,6 +33,11 @@ from csstsim.bricks.validation.gates import at_least, at_most, of_exposures
 from csstsim.bricks.validation.trials import SHAPES, close_pairs, joined, limit, trials
 from csstsim.catalog.flags import BAD_VALUE, OFF_CHIP, STRONG_LENSING
 from csstsim.catalog.table import ObjectTable
+
+if TYPE_CHECKING:
+    from csstsim.bricks.validation.facts import Facts
+    from csstsim.bricks.validation.gates import Gate
+    from csstsim.campaign.thresholds import ValidateConfig
 
 SNR_EDGES = (1, 2, 3, 4, 5, 6, 7, 8, 10, 15, 20, 50, 100, 500)
 BIAS_EDGES = (5, 10, 20, 50, 100, 200, 500)  # S/N: bins for the effects of charge transfer
@@ -53,21 +63,28 @@ class MeasuredFrame:
     measured: ObjectTable
     seam: int
     pixel: float
-    depth: tuple | None = None
-    facts: object = None
+    depth: tuple[float, float] | None = None
+    facts: Facts | None = None
 
     @property
-    def info(self):
+    def info(self) -> dict[str, Any]:
         """The measured table's entries about its frame: {name: value}."""
         return self.measured.meta
 
     @property
-    def band(self):
+    def band(self) -> str:
         """The band in lower case, as in columns' names."""
         return self.info["filter"].lower()
 
 
-def validate_brick(pix, sources, frames, bands, config, laws=None):
+def validate_brick(
+    pix: int,
+    sources: ObjectTable,
+    frames: Iterable[MeasuredFrame],
+    bands: Collection[str],
+    config: ValidateConfig,
+    laws: Mapping[str, tuple[float, float]] | None = None,
+) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return (result, arrays) of brick `pix`.
 
     `sources`: merged ObjectTable (or mapping) of the brick; `frames`: iterable of MeasuredFrame; `bands`: the
@@ -84,7 +101,9 @@ def validate_brick(pix, sources, frames, bands, config, laws=None):
         table = tables[band] = joined(of_band.trials)
         residuals[band], numbers = compare.magnitudes(band, truth, sources, match, of_band.infos)
         numbers_of[band] = numbers | _of_exposures(table, of_band.infos, config)
-        on = np.isin(truth["id"], np.concatenate(of_band.ids or [[]]))  # a frame of the band covers part of the brick
+        on = np.isin(
+            truth["id"], np.concatenate(of_band.ids or [np.zeros(0, int)])
+        )  # a frame of the band covers part of the brick
         numbers_of[band]["counts"] = compare.counts(
             band, truth.take(on), sources, match[on], real, MAG_EDGES, of_band.infos
         )
@@ -129,14 +148,16 @@ def validate_brick(pix, sources, frames, bands, config, laws=None):
 class _Band:
     """What the frames of a band give for a brick, one entry a frame; frames off the brick have no trials and ids."""
 
-    trials: list = field(default_factory=list)
-    infos: list = field(default_factory=list)
-    gates: list = field(default_factory=list)
-    ids: list = field(default_factory=list)
-    pairs: np.ndarray = field(default_factory=lambda: np.zeros(2, int))  # close ones: fainter objects found, all
+    trials: list[ObjectTable] = field(default_factory=list)
+    infos: list[dict[str, Any]] = field(default_factory=list)
+    gates: list[Gate] = field(default_factory=list)
+    ids: list[IntArray] = field(default_factory=list)
+    pairs: IntArray = field(default_factory=lambda: np.zeros(2, int))  # close ones: fainter objects found, all
 
 
-def _gathered(pix, sources, frames, bands, config):
+def _gathered(
+    pix: int, sources: ObjectTable, frames: Iterable[MeasuredFrame], bands: Collection[str], config: ValidateConfig
+) -> tuple[dict[str, _Band], ObjectTable, list[IntArray], BoolArray]:
     """Return ({band: _Band}, the brick's true objects, ids by frame that must be merged, which sources are real)."""
     seen_in, magnitudes = {band: _Band() for band in bands}, [f"mag_{band}" for band in bands]
     kept, held, real = [], [], np.zeros(len(sources), bool)
@@ -159,7 +180,7 @@ def _gathered(pix, sources, frames, bands, config):
     return seen_in, distinct(kept, magnitudes), held, real
 
 
-def _of_exposures(table, infos, config):
+def _of_exposures(table: ObjectTable, infos: Sequence[Mapping[str, Any]], config: ValidateConfig) -> dict[str, Any]:
     """Return the numbers of a band's single exposures; table: trials of all of them."""
     galaxy, found = table["galaxy"].astype(bool), table["found"] > 0
     points, judged, bright = ~galaxy, judged_points(table, config), bright_points(table)
@@ -180,25 +201,25 @@ def _of_exposures(table, infos, config):
     }  # fmt: skip
 
 
-def _shapes(table, stars):
+def _shapes(table: ObjectTable, stars: BoolArray) -> dict[str, dict[str, Any]]:
     """Return {name: spread} of stars' sizes and distortions against the PSF model's, above SNR_SHARP."""
     some = stars & (table["snr"] > SNR_SHARP)
     return {name: compare.spread(table[name][some & np.isfinite(table[name])]) for name in SHAPES}
 
 
-def _transfer(table, low, high):
+def _transfer(table: ObjectTable, low: float, high: float) -> dict[str, Any]:
     """Return the biases of point sources in a bin of true S/N: position along the columns, and across them; flux."""
     some = (table["snr"] >= low) & (table["snr"] < high) & (table["sound"] > 0) & ~table["galaxy"].astype(bool)
     named = {"deferred_mas": table["deferred_mas"], "across_mas": table["across_mas"], "light": table["light"] - 1}
     return {"snr": [low, high]} | {name: compare.spread(values[some]) for name, values in named.items()}
 
 
-def completeness(snr, found, edges):
+def completeness(snr: FloatArray, found: BoolArray, edges: Sequence[float]) -> tuple[IntArray, IntArray]:
     """Return (n, found) per bin of true S/N; `found` is a bool array."""
     return np.histogram(snr, edges)[0], np.histogram(snr[found], edges)[0]
 
 
-def judged_truth(frame):
+def judged_truth(frame: MeasuredFrame) -> ObjectTable:
     """Return the true objects well inside a frame, with columns blended, half_light, half_light_px and crowd.
 
     If the catalogue lacks the magnitude in the frame's band, it is computed from the electrons. Objects that move
@@ -230,7 +251,7 @@ def judged_truth(frame):
     return truth.take(inside)
 
 
-def blended(x, y, electrons):
+def blended(x: FloatArray, y: FloatArray, electrons: FloatArray) -> BoolArray:
     """Return a mask of the blended objects.
 
     They have a neighbour with more than 10 % of their flux within NEAR, or with more than 100 times their flux within
@@ -248,7 +269,7 @@ def blended(x, y, electrons):
     return mask
 
 
-def crowd(x, y, electrons):
+def crowd(x: FloatArray, y: FloatArray, electrons: FloatArray) -> FloatArray:
     """Return the electrons of all other objects within NEAR of each object."""
     from scipy.spatial import cKDTree
 
@@ -259,7 +280,7 @@ def crowd(x, y, electrons):
     return out
 
 
-def distinct(tables, magnitudes):
+def distinct(tables: Sequence[ObjectTable], magnitudes: Iterable[str]) -> ObjectTable:
     """Return the truth of several frames with one row per object id. `ra_epoch` and `dec_epoch` are means.
 
     An object is blended if it is blended in any frame. A magnitude (of the columns `magnitudes`) that is missing in one

@@ -1,10 +1,18 @@
 """The verdict on a campaign: the gates of all its bricks, failing ones first, and how many pass."""
 
+from __future__ import annotations
+
 import json
 import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 from csstsim.base.files.atomic import atomic_path
 from csstsim.bricks.validation.gates import FEW
+
+if TYPE_CHECKING:
+    from csstsim.base.types import PathLike
+    from csstsim.bricks.validation.gates import Gate
 
 ORDER = (False, None, True)  # failing gates first
 NAMES = {True: "pass", False: "fail", None: "not judged"}
@@ -14,7 +22,7 @@ NO_THRESHOLD, TOO_FEW, NO_BIN = (
 )  # fmt: skip
 
 
-def judge(results, others=()):
+def judge(results: Iterable[Mapping[str, Any]], others: Iterable[Gate] = ()) -> dict[str, Any]:
     """Return {passed, counts, gates} of validate_brick results and of gates of no brick, `others`.
 
     `gates`: each gate as in the result, with its brick (None: of no brick), failing ones first, then those not judged;
@@ -25,7 +33,7 @@ def judge(results, others=()):
     return verdict_on(gates)
 
 
-def verdict_on(gates):
+def verdict_on(gates: Iterable[Gate]) -> dict[str, Any]:
     """Return {passed, counts, gates} of gates with their bricks; they are sorted, failing ones first."""
     gates = sorted(gates, key=lambda gate: ORDER.index(gate["passed"]))  # stable: bricks and gates keep their order
     counts = count(gates)
@@ -33,30 +41,30 @@ def verdict_on(gates):
     return {"passed": passed, "counts": counts, "gates": gates}
 
 
-def count(gates):
+def count(gates: Iterable[Gate]) -> dict[str, int]:
     """Return {"pass": n, "fail": n, "not judged": n}."""
     return {name: sum(gate["passed"] is passed for gate in gates) for passed, name in NAMES.items()}
 
 
-def by_name(gates):
+def by_name(gates: Sequence[Gate]) -> dict[str, dict[str, int]]:
     """Return {gate's name: counts}, those with the most failures first."""
     names = dict.fromkeys(gate["name"] for gate in gates)
     counts = {name: count([gate for gate in gates if gate["name"] == name]) for name in names}
     return dict(sorted(counts.items(), key=lambda item: -item[1]["fail"]))
 
 
-def write_verdict(path, verdict, **about):
+def write_verdict(path: PathLike, verdict: dict[str, Any], **about: Any) -> None:
     """Write the verdict as JSON, `about` (campaign's name, version) first; numbers that are not finite become null."""
     gates = [{key: _finite(value) for key, value in gate.items()} for gate in verdict["gates"]]
     with atomic_path(path) as temporary:
         temporary.write_text(json.dumps(about | verdict | {"gates": gates}, indent=1, allow_nan=False) + "\n")
 
 
-def _finite(value):
+def _finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def lines(verdict):
+def lines(verdict: Mapping[str, Any]) -> Iterator[str]:
     """Yield the lines to print: each failing gate in full, the counts by gate, the gates not judged, the verdict."""
     for gate in verdict["gates"]:
         if gate["passed"] is False:
@@ -70,7 +78,7 @@ def lines(verdict):
     yield headline(verdict)
 
 
-def headline(verdict):
+def headline(verdict: Mapping[str, Any]) -> str:
     """Return the verdict in a sentence."""
     counts = verdict["counts"]
     if verdict["passed"] is None:
@@ -81,7 +89,7 @@ def headline(verdict):
     return f"{word}: {counts['pass']} of {judged} judged gates pass{others}."
 
 
-def sentence(gate):
+def sentence(gate: Mapping[str, Any]) -> str:
     """Return a sentence with a gate's brick, exposure, chip and readout channel, its value and its threshold."""
     where = [f"{name} {gate[name]}" for name in ("brick", "exposure", "chip", "channel") if gate.get(name) is not None]
     band = f" in {gate['band']}" if gate.get("band") else ""
@@ -89,7 +97,7 @@ def sentence(gate):
     return f"{', '.join(where)}: {gate['name']}{band} is {value} against {threshold}"
 
 
-def why_not(gate):
+def why_not(gate: Mapping[str, Any]) -> str:
     """Return why a gate that was not judged does not apply: NO_THRESHOLD, TOO_FEW or NO_BIN."""
     n = gate.get("n")
     if gate.get("threshold") is None:
@@ -97,10 +105,10 @@ def why_not(gate):
     return TOO_FEW if n is not None and n < FEW else NO_BIN
 
 
-def without_judgement(gates):
+def without_judgement(gates: Sequence[Gate]) -> dict[tuple[str, str], dict[str, int]]:
     """Return {(gate's name, why_not): {band: most objects that one of the gates had}} of those judged nowhere."""
     judged = {(gate["name"], gate.get("band")) for gate in gates if gate["passed"] is not None}
-    found = {}
+    found: dict[tuple[str, str], dict[str, int]] = {}
     for gate in gates:
         if (gate["name"], gate.get("band")) not in judged:
             bands = found.setdefault((gate["name"], why_not(gate)), {})
@@ -109,10 +117,10 @@ def without_judgement(gates):
     return found
 
 
-def tally(counts):
+def tally(counts: Mapping[str, int]) -> str:
     """Return counts as text."""
     return ", ".join(f"{n} {name}" for name, n in counts.items())
 
 
-def _figure(value):
+def _figure(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)

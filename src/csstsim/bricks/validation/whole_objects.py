@@ -1,11 +1,18 @@
 """Truth of whole objects: parts (catalog.galaxy_shapes.part_rows) join the object that they are a part of."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
+
+if TYPE_CHECKING:
+    from csstsim.catalog.table import ObjectTable
 
 ADDED = "electrons", "drawn"  # of parts, to their object; magnitudes add as light does
 
 
-def whole_objects(truth):
+def whole_objects(truth: ObjectTable) -> ObjectTable:
     """Return a truth table (ObjectTable) without the rows of parts, whose light is added to their objects'.
 
     A part whose object is not in the table stays: its light is on the frame. Flags are those of all parts together, S/N

@@ -1,28 +1,42 @@
 """The tables of spectra of one or more campaigns, after a check that they can be added: no noise or id counts twice."""
 
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
 import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.beside import beside
 from csstsim.base.process.progress import progress
 from csstsim.base.release import check_recipe
+from csstsim.base.types import PathLike
 from csstsim.catalog.table import GALAXY, QUASAR, STAR, ObjectTable
 from csstsim.measure.spectra import line_columns, spectrum_columns
 from csstsim.stages.level0 import truth_of
+
+if TYPE_CHECKING:
+    from csstsim.campaign.job import Job
+    from csstsim.campaign.opened import OpenCampaign
 
 SAME = 0.5  # arcsec: one id at places further apart is two objects
 COLUMNS = spectrum_columns.COLUMNS, line_columns.COLUMNS  # of the two tables of a frame
 STAY = GALAXY, QUASAR, STAR  # types of objects that have one place in all exposures, at J2000
 
 
-def extracted(runs, folder=None, say=print):
+def extracted(
+    runs: Sequence[OpenCampaign], folder: PathLike | None = None, say: Callable[[str], object] = print
+) -> list[tuple[ObjectTable, ObjectTable, ObjectTable]]:
     """Return [(spectra, lines, truth)] of the campaigns' spectroscopic frames that have been extracted.
 
     runs: campaign.opened.OpenCampaign; folder: of tables, beside each campaign's file, or None: the campaign's. Raises
     InputError for two campaigns with one frame, for one id at two places, and for tables of another recipe.
     """
     check_frames(runs)
-    found, places = [], Places()
+    found: list[tuple[ObjectTable, ObjectTable, ObjectTable]] = []
+    places = Places()
     for run in runs:
         frames = _of_campaign(run, folder, say)
         for *_, truth in frames:
@@ -31,9 +45,9 @@ def extracted(runs, folder=None, say=print):
     return found
 
 
-def check_frames(runs):
+def check_frames(runs: Iterable[OpenCampaign]) -> None:
     """Raise InputError for two campaigns with the same frame: their noise is the same, and would count as two."""
-    seen = {}
+    seen: dict[tuple[Any, ...], Path] = {}
     for run in runs:
         mine = {(*job.key, *sorted(run.recipe(job).items())) for job in run.slitless_jobs}
         twice = sorted(mine & seen.keys())
@@ -49,10 +63,10 @@ def check_frames(runs):
 class Places:
     """Where the object of each id is."""
 
-    def __init__(self):
-        self.known = {}  # id: (ra [deg], dec [deg], campaign's file)
+    def __init__(self) -> None:
+        self.known: dict[int, tuple[float, float, PathLike]] = {}  # id: (ra [deg], dec [deg], campaign's file)
 
-    def add(self, truth, file):
+    def add(self, truth: ObjectTable, file: PathLike) -> None:
         """Add the objects of a truth table. Raises InputError for an id that is further than SAME from where it was."""
         stay = np.isin(truth["obj_type"], STAY)
         columns = (np.asarray(truth[name])[stay].tolist() for name in ("id", "ra_orig", "dec_orig"))
@@ -66,8 +80,11 @@ class Places:
                 )  # fmt: skip
 
 
-def _of_campaign(run, folder, say):
-    found, jobs = [], run.slitless_jobs
+def _of_campaign(
+    run: OpenCampaign, folder: PathLike | None, say: Callable[[str], object]
+) -> list[tuple[ObjectTable, ObjectTable, ObjectTable]]:
+    found: list[tuple[ObjectTable, ObjectTable, ObjectTable]] = []
+    jobs = run.slitless_jobs
     if not jobs:
         raise InputError("has no spectroscopic frame", file=run.file, allowed="exposures of chips behind a grating")
     for job in progress(jobs, "frames"):
@@ -77,7 +94,7 @@ def _of_campaign(run, folder, say):
             for path, table, columns in zip(paths, tables, COLUMNS, strict=True):
                 check_recipe(path, table.meta, run.recipe(job, "measure"))
                 _check_columns(path, table, columns)
-            found.append((*tables, truth_of(run, job)))
+            found.append((tables[0], tables[1], truth_of(run, job)))
     if not found:
         _refuse(run, jobs[0], folder)
     if len(found) < len(jobs):
@@ -85,7 +102,7 @@ def _of_campaign(run, folder, say):
     return found
 
 
-def _check_columns(path, table, columns):
+def _check_columns(path: Path, table: ObjectTable, columns: Iterable[str]) -> None:
     if missing := [name for name in columns if name not in table]:
         raise InputError(
             f"the table lacks {', '.join(missing)}; remove it, and `csstsim extract` makes it again", file=path,
@@ -93,13 +110,16 @@ def _check_columns(path, table, columns):
         )  # fmt: skip
 
 
-def _tables(run, job, folder):
+def _tables(run: OpenCampaign, job: Job, folder: PathLike | None) -> tuple[Path, Path]:
     """Return the paths of a frame's tables of spectra and lines."""
-    paths = run.paths.spectra(*job.key), run.paths.lines(*job.key)
-    return paths if folder is None else tuple(beside(run.file, folder) / path.name for path in paths)
+    spectra, lines = run.paths.spectra(*job.key), run.paths.lines(*job.key)
+    if folder is None:
+        return spectra, lines
+    there = beside(run.file, folder)
+    return there / spectra.name, there / lines.name
 
 
-def _refuse(run, job, folder):
+def _refuse(run: OpenCampaign, job: Job, folder: PathLike | None) -> NoReturn:
     """Raise the InputError of a campaign none of whose frames has its tables; job: of the first frame."""
     missing = next(path for path in _tables(run, job, folder) if not path.is_file())
     obsid, chip = job.key

@@ -1,13 +1,23 @@
 """The figure of a budget of redshifts: measured against true, completeness and purity, bias of lines."""
 
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
 from csstsim.report.figures import png
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from csstsim.catalog.table import ObjectTable
+
 GOOD, OTHER = "#2a6f97", "#c9c9c9"
 
 
-def figure(result, answer, objects):
+def figure(result: Mapping[str, Any], answer: Mapping[int, tuple[float, bool]], objects: ObjectTable) -> bytes:
     """Return the bytes of a PNG; arguments as report.budget has them."""
     from matplotlib.figure import Figure
 
@@ -23,7 +33,7 @@ def figure(result, answer, objects):
     return png(drawn)
 
 
-def _measured(ax, answer, objects, right):
+def _measured(ax: Axes, answer: Mapping[int, tuple[float, bool]], objects: ObjectTable, right: float) -> None:
     true = dict(zip(objects["id"].tolist(), objects["z"].tolist(), strict=True))
     for good, color, size in ((False, OTHER, 3), (True, GOOD, 5)):
         rows = [(true[k], z) for k, (z, ok) in answer.items() if k in true and ok == good]
@@ -37,7 +47,7 @@ def _measured(ax, answer, objects, right):
     ax.legend(fontsize=8, markerscale=2)
 
 
-def _shares(ax, classes, unit):
+def _shares(ax: Axes, classes: Sequence[Mapping[str, Any]], unit: str) -> None:
     places = np.arange(len(classes))
     for name, color, shift in (("completeness", GOOD, -0.1), ("purity", "#d1495b", 0.1)):
         values, errors = (np.array([one[key] for one in classes], float) for key in (name, f"{name}_err"))
@@ -50,16 +60,16 @@ def _shares(ax, classes, unit):
     ax.legend(fontsize=8, loc="lower right", bbox_to_anchor=(1, 1), ncols=2, frameon=False, borderaxespad=0.2)
 
 
-def _limits(classes):
+def _limits(classes: Sequence[Mapping[str, Any]]) -> tuple[float, float]:
     """Return the limits of an axis that has class k at k: half a class on each side, however few there are."""
     return -0.5, max(len(classes), 1) - 0.5
 
 
-def _label(one):
+def _label(one: Mapping[str, Any]) -> str:
     return f"{one['low']:g} to\n{one['high']:g}" if np.isfinite(one["high"]) else f"> {one['low']:g}"
 
 
-def _lines(ax, classes):
+def _lines(ax: Axes, classes: Sequence[Mapping[str, Any]]) -> None:
     classes = [one for one in classes if one["lines"]]
     places = np.arange(len(classes))
     values, errors = (np.array([one[key] for one in classes], float) for key in ("ratio", "ratio_err"))

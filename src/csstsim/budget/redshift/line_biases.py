@@ -8,19 +8,27 @@ true flux F_0:
 Both are linear in the data, because the fit has s F as a number of its own: the mean of noisy lines is not biased.
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from csstsim.base.types import FloatArray
 from csstsim.budget.redshift.stack import UNUSED
 from csstsim.measure.spectra.line_columns import BLIND, PART
+
+if TYPE_CHECKING:
+    from csstsim.catalog.table import ObjectTable
 
 SIDE = 30  # columns about a line whose contamination counts, and that another line must be away
 EDGES = 0.0, 0.01, 0.1, 0.3, 1.0, np.inf  # of contamination over the object's own electrons: classes
 STRONG = 1.0  # S/N that a line has by its true flux: the means are linear in the data, so weak lines do not bias them
 
 
-def line_biases(tables, lines):
+def line_biases(tables: Sequence[ObjectTable], lines: Sequence[ObjectTable]) -> list[dict[str, Any]]:
     """Return [{name: value}], one for each line of the frames: its contamination, ratio of fluxes and shift [px].
 
     tables, lines: of the same frames, as `csstsim extract` writes them. Lines on whole,
@@ -29,12 +37,12 @@ def line_biases(tables, lines):
     return [one for table, found in zip(tables, lines, strict=True) for one in _of_frame(table, found)]
 
 
-def _of_frame(table, lines):
+def _of_frame(table: ObjectTable, lines: ObjectTable) -> Iterator[dict[str, Any]]:
     order = np.argsort(table["id"], kind="stable")
     table = table.take(order[table["order"][order] == 1])
     known = (lines["line"] != "") & (lines["flags"] & (BLIND | PART | UNUSED) == 0) & (lines["order"] == 1)
     known &= (lines["flux_true"] >= STRONG * lines["flux_err"]) & (lines["flux_err"] > 0)  # so no ratio is 0 / 0
-    seen = {}  # {id: columns of lines so far}, the strongest first: lines that blend are one
+    seen: dict[int, list[float]] = {}  # {id: columns of lines so far}, the strongest first: lines that blend are one
     strength = lines["flux_true"][known] / lines["flux_err"][known]
     for k in np.flatnonzero(known)[np.argsort(-strength, kind="stable")]:
         before = seen.setdefault(int(lines["id"][k]), [])
@@ -57,7 +65,7 @@ def _of_frame(table, lines):
         }  # fmt: skip
 
 
-def by_contamination(found):
+def by_contamination(found: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Return [{low, high, lines, ratio, ratio_err, shift, shift_err}], one for each class of EDGES.
 
     Means have the weights of the inverse variances; an error is the larger of that of the weights and of the scatter.
@@ -68,13 +76,13 @@ def by_contamination(found):
         some = np.flatnonzero((share >= low) & (share < high))
         row = {"low": low, "high": high, "lines": len(some)}
         for name in ("ratio", "shift"):
-            values, errors = (np.array([found[k][key] for k in some], float) for key in (name, f"{name}_err"))
+            values, errors = (np.array([found[k][key] for k in some.tolist()], float) for key in (name, f"{name}_err"))
             row[name], row[f"{name}_err"] = mean(values, errors)
         out.append(row)
     return out
 
 
-def mean(values, errors):
+def mean(values: FloatArray, errors: FloatArray) -> tuple[float, float]:
     """Return (mean, error) of values with errors, (n,); NaN of nothing."""
     if len(values) == 0:
         return np.nan, np.nan

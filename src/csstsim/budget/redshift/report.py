@@ -1,13 +1,18 @@
 """`csstsim budget redshift`: the spectra of a campaign stacked, and a fitter's redshifts scored, with a figure."""
 
+from __future__ import annotations
+
 import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
 from csstsim.base.files.output_folder import output_folder
+from csstsim.base.types import PathLike
 from csstsim.budget.answer import answer_number, answer_rows
 from csstsim.budget.redshift.extracted import extracted
 from csstsim.budget.redshift.line_biases import by_contamination, line_biases
@@ -15,8 +20,18 @@ from csstsim.budget.redshift.scores import RIGHT, scores
 from csstsim.budget.redshift.stack import stacked, usable
 from csstsim.catalog.table import GALAXY, ObjectTable
 
+if TYPE_CHECKING:
+    from csstsim.campaign.opened import OpenCampaign
 
-def budget(runs, output, spectra=None, answer=None, band="i", say=print):
+
+def budget(
+    runs: Sequence[OpenCampaign],
+    output: PathLike,
+    spectra: PathLike | None = None,
+    answer: PathLike | None = None,
+    band: str = "i",
+    say: Callable[[str], object] = print,
+) -> dict[str, Any] | None:
     """Write stack.parquet and objects.parquet, for a fitter, into `output`; with its answer, scores and a figure, too.
 
     runs: campaign.opened.OpenCampaign of different places; spectra: folder beside each campaign's file with tables as
@@ -32,7 +47,7 @@ def budget(runs, output, spectra=None, answer=None, band="i", say=print):
     tables = [table for table, *_ in frames]
     objects = objects_of(frames, name)
     _check_band(frames, objects, run.camera.bands, band)
-    if given is not None:
+    if given is not None and answer is not None:
         _check_ids(given, tables, answer)
     stack, found = stacked(tables), None
     if given is not None:
@@ -49,6 +64,8 @@ def budget(runs, output, spectra=None, answer=None, band="i", say=print):
         temporary.write_text(json.dumps(_plain(result), indent=1))
     from csstsim.budget.redshift.figure import figure
 
+    assert given is not None  # of which the scores are
+
     with atomic_path(output / "redshift.png") as temporary:
         temporary.write_bytes(figure(result, given, objects))
     for line in text(result):
@@ -56,7 +73,12 @@ def budget(runs, output, spectra=None, answer=None, band="i", say=print):
     return result
 
 
-def _check_band(frames, objects, bands, band):
+def _check_band(
+    frames: Sequence[tuple[ObjectTable, ObjectTable, ObjectTable]],
+    objects: ObjectTable,
+    bands: Iterable[str],
+    band: str,
+) -> None:
     """Refuse a band that no galaxy has a magnitude in, if there is another one."""
     if len(objects) == 0 or np.isfinite(objects["magnitude"]).any():
         return
@@ -69,7 +91,7 @@ def _check_band(frames, objects, bands, band):
         raise InputError("no galaxy has a magnitude in it", key="--band", value=band, allowed=", ".join(there))
 
 
-def _check_ids(given, tables, path):
+def _check_ids(given: Iterable[int], tables: Sequence[ObjectTable], path: PathLike) -> None:
     """Refuse an answer with an id that no spectrum has: it is of another field, or shifted."""
     seen = set(np.concatenate([table["id"] for table in tables]).tolist())
     for k in given:
@@ -79,12 +101,15 @@ def _check_ids(given, tables, path):
             )
 
 
-def objects_of(frames, name):
+def objects_of(frames: Sequence[tuple[ObjectTable, ObjectTable, ObjectTable]], name: str) -> ObjectTable:
     """Return the ObjectTable of galaxies with usable columns: id, z, magnitude, size, contamination, frames.
 
     frames: (spectra, lines, truth) of each; contamination: the light of others over the object's own, of all columns.
     """
-    facts, light, others, count = {}, {}, {}, {}
+    facts: dict[int, tuple[float, float, float]] = {}
+    light: dict[int, float] = {}
+    others: dict[int, float] = {}
+    count: dict[int, int] = {}
     for table, _, truth in frames:
         row = {int(k): i for i, k in enumerate(truth["id"].tolist())}
         good = table.take(usable(table) & (table["order"] == 1) & np.isfinite(table["model"]))
@@ -100,16 +125,16 @@ def objects_of(frames, name):
                 continue
             facts[k] = float(truth["z"][i]), float(truth[name][i]), float(truth["size"][i])
             light[k], others[k], count[k] = light.get(k, 0.0) + own, others.get(k, 0.0) + more, count.get(k, 0) + 1
-    ids = sorted(facts)
-    z, mag, size = np.array([facts[k] for k in ids]).reshape(-1, 3).T
-    share = np.array([others[k] / light[k] if light[k] > 0 else np.inf for k in ids])
+    known = sorted(facts)
+    z, mag, size = np.array([facts[k] for k in known]).reshape(-1, 3).T
+    share = np.array([others[k] / light[k] if light[k] > 0 else np.inf for k in known])
     return ObjectTable({
-        "id": np.array(ids, np.int64), "z": z, "magnitude": mag, "size": size, "contamination": share,
-        "frames": np.array([count[k] for k in ids], np.int16),
+        "id": np.array(known, np.int64), "z": z, "magnitude": mag, "size": size, "contamination": share,
+        "frames": np.array([count[k] for k in known], np.int16),
     })  # fmt: skip
 
 
-def read_answer(path):
+def read_answer(path: PathLike) -> dict[int, tuple[float, bool]]:
     """Return {id: (z, good)} of a CSV file. Raises InputError."""
     path, out = Path(path), {}
     for line, row in answer_rows(path, ("id", "z", "good"), "--answer"):
@@ -125,7 +150,7 @@ def read_answer(path):
     return out
 
 
-def text(result):
+def text(result: Mapping[str, Any]) -> list[str]:
     """Return the lines of the result that are printed."""
     out = [f"right: |dz| / (1 + z) < {result['right']:g}", _line("all", result["all"])]
     for name in ("magnitude", "redshift", "size", "contamination"):
@@ -137,7 +162,7 @@ def text(result):
     return out
 
 
-def _line(name, one):
+def _line(name: str, one: Mapping[str, Any]) -> str:
     return (
         f"  {name:28s} {one['objects']:5d} galaxies, {one['good']:5d} good: complete {one['completeness']:.3f} +- "
         f"{one['completeness_err']:.3f}, pure {one['purity']:.3f} +- {one['purity_err']:.3f}, "
@@ -145,7 +170,7 @@ def _line(name, one):
     )
 
 
-def _plain(value):
+def _plain(value: Any) -> Any:
     """Return a value as JSON has it: numbers that are not finite as null."""
     if isinstance(value, dict):
         return {key: _plain(one) for key, one in value.items()}

@@ -5,9 +5,13 @@ that have a right redshift which the fitter calls good, purity the share of righ
 1.48 times the median of |dz - median(dz)| of the good redshifts within FAR.
 """
 
+from collections.abc import Mapping
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
+
+from csstsim.base.types import AnyArray, BoolArray, FloatArray
 
 RIGHT = 0.005
 FAR = 0.05  # |dz|: beyond, a redshift is an outlier and does not enter the scatter
@@ -19,7 +23,7 @@ CLASSES = {
 }
 
 
-def score(z, good, true):
+def score(z: FloatArray, good: BoolArray, true: FloatArray) -> dict[str, Any]:
     """Return {objects, good, completeness, completeness_err, purity, purity_err, sigma, bias} of (n,) arrays."""
     dz = (z - true) / (1 + true)
     right = good & (np.abs(dz) < RIGHT)
@@ -32,7 +36,7 @@ def score(z, good, true):
     return out
 
 
-def _share(k, n):
+def _share(k: int, n: int) -> tuple[float, float]:
     """Return (k / n, its error by the rule of succession); NaN of nothing."""
     if n == 0:
         return np.nan, np.nan
@@ -40,7 +44,7 @@ def _share(k, n):
     return k / n, float(np.sqrt(p * (1 - p) / (n + 3)))
 
 
-def scores(answer, objects):
+def scores(answer: Mapping[int, tuple[float, bool]], objects: Mapping[str, AnyArray]) -> dict[str, Any]:
     """Return {"all": score, quantity of CLASSES: [{low, high, score}]}; objects without an answer count as not good.
 
     answer: {id: (z, good)}; objects: {"id", "z", "magnitude", "size", "contamination": (n,)}.
@@ -49,7 +53,7 @@ def scores(answer, objects):
     z, good = np.array([z for z, _ in given], float), np.array([bool(ok) for _, ok in given], bool)
     good &= np.isfinite(z)
     z, true = np.where(good, z, 0.0), np.asarray(objects["z"], float)
-    out = {"all": score(z, good, true)}
+    out: dict[str, Any] = {"all": score(z, good, true)}
     for name, edges in CLASSES.items():
         values = np.asarray(objects["z" if name == "redshift" else name], float)
         parts = pairwise(edges)

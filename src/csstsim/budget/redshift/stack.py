@@ -7,9 +7,12 @@ A column's flux is shared among the bins that it overlaps, with the weight of it
 Bins that share a column are correlated: two next to each other by up to a half.
 """
 
+from collections.abc import Iterable
+
 import numba
 import numpy as np
 
+from csstsim.base.types import BoolArray, FloatArray, IntArray
 from csstsim.base.units import C_A_S, H_J_S
 from csstsim.catalog.table import ObjectTable
 from csstsim.measure.spectra.spectrum_columns import BESIDE, CUT, DIM, LOST, SATURATED
@@ -27,12 +30,12 @@ COLUMNS = {
 }
 
 
-def usable(table):
+def usable(table: ObjectTable) -> BoolArray:
     """Return (n,) bool: columns of a table of spectra whose flux can be used."""
     return (table["flags"] & UNUSED == 0) & np.isfinite(table["flux"]) & (table["flux_err"] > 0)
 
 
-def stacked(tables):
+def stacked(tables: Iterable[ObjectTable]) -> ObjectTable:
     """Return the ObjectTable of COLUMNS, by id and wavelength: bins with light of first orders of at least a frame.
 
     tables: ObjectTables of measure.spectra.spectrum_columns.COLUMNS.
@@ -60,7 +63,9 @@ def stacked(tables):
     })  # fmt: skip
 
 
-def _parts(table, k):
+def _parts(
+    table: ObjectTable, k: int
+) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, IntArray]:
     """Return id, first and last wavelength, flux, error and contamination of each column, and the frame k."""
     wave = np.asarray(table["wavelength"], float)
     erg = H_J_S * C_A_S / wave * ERG_PER_CM2
@@ -71,7 +76,7 @@ def _parts(table, k):
     return table["id"], wave - half, wave + half, flux, error, others, np.full(len(wave), k)
 
 
-def _steps(table):
+def _steps(table: ObjectTable) -> FloatArray:
     """Return (n,) angstrom per column of each column's spectrum: wavelengths are linear in x."""
     wave, column, ids = (np.asarray(table[name], float) for name in ("wavelength", "column", "id"))
     if len(wave) < 2:
@@ -85,7 +90,17 @@ def _steps(table):
 
 
 @numba.njit(cache=True)
-def _added(row, rows, low, high, flux, error, others, frame, bins):
+def _added(
+    row: IntArray,
+    rows: int,
+    low: FloatArray,
+    high: FloatArray,
+    flux: FloatArray,
+    error: FloatArray,
+    others: FloatArray,
+    frame: IntArray,
+    bins: int,
+) -> FloatArray:
     """Return (5, rows, bins): sums of weight, flux, variance and contamination, and the number of frames."""
     out = np.zeros((5, rows, bins))
     last = np.full((rows, bins), -1)

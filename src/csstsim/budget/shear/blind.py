@@ -4,11 +4,15 @@ The key has the shear of each field, a seed of the frames, and a salt. The frame
 these. So the key cannot be changed after an answer, and the frames do not say what it holds.
 """
 
+from __future__ import annotations
+
 import hashlib
 import json
 import secrets
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,11 +22,15 @@ from csstsim.base.files.output_folder import output_folder
 from csstsim.base.files.text_file import read_json
 from csstsim.base.process.one_thread import one_thread
 from csstsim.base.process.progress import progress
+from csstsim.base.types import FloatArray, PathLike
 from csstsim.budget.answer import answer_number, answer_rows
 from csstsim.budget.shear.blind_readme import readme, zeropoint
 from csstsim.budget.shear.frames import Field, opened
 from csstsim.budget.shear.plan import ALL, BASE, load_plan
 from csstsim.budget.shear.printed import PRINTED, pair
+
+if TYPE_CHECKING:
+    from csstsim.budget.shear.plan import Setting
 
 SEAL, README = "seal.json", "README.md"
 COLUMNS = "field", "g1", "g2", "g1_err", "g2_err"
@@ -30,7 +38,15 @@ STEPS = 10_000  # a component is a multiple of twice the plan's shear over this
 
 
 @one_thread
-def blind(file, key, output, say, *, count=None, whole=False):
+def blind(
+    file: PathLike | None,
+    key: PathLike,
+    output: PathLike,
+    say: Callable[[str], object],
+    *,
+    count: int | None = None,
+    whole: bool = False,
+) -> None:
     """Write a key file, and a folder of frames under its shears: FITS, one a field of the first sample; README.md.
 
     whole: with all effects of the sum; else the base. HDUs of a frame: IMAGE (electrons, background subtracted), PSF
@@ -64,7 +80,7 @@ def blind(file, key, output, say, *, count=None, whole=False):
     say(f"{folder}: {plan.fields} frames, the seal, README.md; {key}: the key, not to be opened before the answer")
 
 
-def _check_apart(key, folder):
+def _check_apart(key: Path, folder: Path) -> None:
     """Raise InputError for a key in the folder that is given away, however links lead there, or on the way to it."""
     ours, given = key.resolve(), folder.resolve()
     if ours.is_relative_to(given) or given.is_relative_to(ours):
@@ -75,7 +91,7 @@ def _check_apart(key, folder):
 
 
 @contextmanager
-def _all_or_none(paths):
+def _all_or_none(paths: Sequence[Path]) -> Iterator[None]:
     """Remove these files, none of which was there before, and their empty folders, if what is done inside fails."""
     new = {path.parent for path in paths if not path.parent.exists()}
     try:
@@ -89,11 +105,11 @@ def _all_or_none(paths):
         raise
 
 
-def _seal(said):
+def _seal(said: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps([said["shears"], said["seed"], said["salt"]]).encode()).hexdigest()
 
 
-def _write(path, field, setting, g):
+def _write(path: Path, field: Field, setting: Setting, g: complex) -> None:
     from astropy.io import fits
 
     window = field.job(False).window
@@ -118,7 +134,9 @@ def _write(path, field, setting, g):
         hdus.writeto(temporary, overwrite=True)
 
 
-def reveal(key, answer, say, folder=None):
+def reveal(
+    key: PathLike, answer: PathLike, say: Callable[[str], object], folder: PathLike | None = None
+) -> dict[str, float]:
     """Score an answer, a CSV of COLUMNS, against a key; return {m, m_err, c, c_err, chi2, fields}, of both components.
 
     folder: of the frames, whose seal must be the key's. m and c are those of answer = (1 + m) g + c, weighted by the
@@ -150,14 +168,14 @@ def reveal(key, answer, say, folder=None):
     return score
 
 
-def _json(path, names):
+def _json(path: PathLike, names: Sequence[str]) -> dict[str, Any]:
     found = read_json(path)
     if not isinstance(found, dict) or any(name not in found for name in names):
         raise InputError("not a key, nor a seal, of a blinded budget", file=path, allowed=", ".join(names))
     return found
 
 
-def _key(path):
+def _key(path: PathLike) -> dict[str, Any]:
     """Return what a key holds. Raises InputError, also for shears that are not a pair of finite numbers each."""
     said = _json(path, ("shears", "seed", "salt"))
     pairs = said["shears"] if isinstance(said["shears"], list) and said["shears"] else [None]
@@ -170,7 +188,7 @@ def _key(path):
     return said
 
 
-def _answer(path, count):
+def _answer(path: PathLike, count: int) -> tuple[FloatArray, FloatArray]:
     """Return values and errors (fields, 2) of an answer. Raises InputError."""
     rules = {
         "field": (range(count).__contains__, f"0 to {count - 1}"),

@@ -1,6 +1,13 @@
 """The README of a blind test's folder: all that somebody needs who has the folder alone."""
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from csstsim.budget.shear.frames import Field
+    from csstsim.budget.shear.plan import ShearPlan
 
 TEXT = """\
 # Frames of a hidden shear
@@ -47,7 +54,7 @@ errors and the chi-square of the answer against the true shears.
 """
 
 
-def readme(plan, field):
+def readme(plan: ShearPlan, field: Field) -> str:
     """Return the text, for frames of a plan; field: any one of them."""
     job = field.job(False)
     return TEXT.format(
@@ -56,7 +63,7 @@ def readme(plan, field):
     )  # fmt: skip
 
 
-def zeropoint(field):
+def zeropoint(field: Field) -> float:
     """Return the AB magnitude of one electron in the exposure."""
     exposure = field.job(False).exposure
     return exposure.filter.zeropoint(field.simulation._run.camera.telescope) + 2.5 * math.log10(exposure.exptime)

@@ -1,6 +1,10 @@
 """`csstsim budget shear`: runs a plan, or its first field alone, and writes table, figures and page."""
 
+from __future__ import annotations
+
 import shlex
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
 
 from csstsim.base.files.output_folder import output_folder
 from csstsim.base.process.one_thread import one_thread
@@ -12,9 +16,15 @@ from csstsim.budget.shear.plan_faults import check_bars
 from csstsim.budget.shear.run import fields, names
 from csstsim.budget.shear.volume import report
 
+if TYPE_CHECKING:
+    from csstsim.base.types import PathLike
+    from csstsim.budget.shear.plan import ShearPlan
+
 
 @one_thread
-def budget(file, output, say, *, only_plan=False, **chosen):
+def budget(
+    file: PathLike | None, output: PathLike, say: Callable[[str], object], *, only_plan: bool = False, **chosen: Any
+) -> list[dict[str, Any]]:
     """Make the fields of a plan, and from them the budget; with only_plan, one field of each sample, and the volume.
 
     chosen: as load_plan has them. Returns the rows of bars.bars, with the sample. Raises InputError.
@@ -38,7 +48,7 @@ def budget(file, output, say, *, only_plan=False, **chosen):
     return rows
 
 
-def summary(plan, file, only_plan):
+def summary(plan: ShearPlan, file: PathLike | None, only_plan: bool) -> list[str]:
     """Return the lines that are printed before any work: what will be simulated, and how long that takes."""
     samples = "; ".join(f"{name}, {of.magnitude[0]:g} to {of.magnitude[1]:g} mag" for name, of in plan.samples.items())
     lines = [
@@ -55,16 +65,24 @@ def summary(plan, file, only_plan):
     return [*lines, f"now {all_windows} windows, those that are not there yet: {much}"]
 
 
-def _more(plan):
+def _more(plan: ShearPlan) -> str:
     """Return what the plan's line says of those that have more windows."""
     more = {name: plan.windows(name) for name in plan.bars} | ({ALL: plan.windows(ALL)} if plan.summed else {})
     words = [f"{windows} of {name}" for name, windows in more.items() if windows > plan.fields]
     return "; " + ", ".join(words) if words else ""
 
 
-def _command(file, output, *, fields=None, samples=None, effects=None, estimators=None):
+def _command(
+    file: PathLike | None,
+    output: PathLike,
+    *,
+    fields: int | None = None,
+    samples: Sequence[str] | None = None,
+    effects: Sequence[str] | None = None,
+    estimators: Sequence[str] | None = None,
+) -> str:
     """Return the command that made the page."""
-    words = ["csstsim", "budget", "shear", *([file] if file else []), "--output", output]
+    words: list[PathLike | int] = ["csstsim", "budget", "shear", *([file] if file else []), "--output", output]
     words += ["--fields", fields] if fields else []
     for name, given in (("--samples", samples), ("--effects", effects), ("--estimators", estimators)):
         words += [name, ",".join(given)] if given else []

@@ -12,14 +12,23 @@ fpfs and metacal need the packages anacal and ngmix. Both add noise of their own
 arms.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from csstsim.base.errors import InputError
+from csstsim.base.types import ComplexArray, FloatArray, PathLike
 from csstsim.measure.light.moments import SIZE_MIN, SMOOTH, adaptive_moments, reduced, without_psf
+
+if TYPE_CHECKING:
+    from ngmix import Observation
+    from ngmix.gaussmom import GaussMom
 
 PACKAGES = {"fpfs": "anacal", "metacal": "ngmix"}
 PSF_GUESS, GUESS = 1.5, 3.5  # px, where the search for the moments of PSF and galaxy starts
@@ -32,11 +41,15 @@ STEP, APERTURE = 0.01, 1.2  # shear of metacalibration; arcsec, FWHM of its weig
 class Shapes:
     """e (n,) complex, response (n, 2)."""
 
-    e: np.ndarray
-    response: np.ndarray
+    e: ComplexArray
+    response: FloatArray
 
 
-def check_installed(names, file):
+# Of stamps and PSFs (n, s, s), the noise of a pixel, its side [arcsec], and what makes noise that is added
+Estimator: TypeAlias = Callable[[FloatArray, FloatArray, float, float, np.random.Generator], Shapes]
+
+
+def check_installed(names: Iterable[str], file: PathLike | None) -> None:
     """Raise InputError if an estimator's package is missing."""
     for name in names:
         if name in PACKAGES and find_spec(PACKAGES[name]) is None:
@@ -46,19 +59,19 @@ def check_installed(names, file):
             )  # fmt: skip
 
 
-def estimator(name):
+def estimator(name: str) -> Estimator:
     """Return the function (stamps, psf, sigma, scale, rng) -> Shapes; sigma: noise of a pixel; scale: arcsec."""
     return {"hsm": hsm, "own": own, "fpfs": fpfs, "metacal": metacal}[name]
 
 
-def smoothed(stamps):
+def smoothed(stamps: FloatArray) -> FloatArray:
     """Return stamps after the Gaussian of SMOOTH px: pixels sample a star too coarsely for adaptive moments."""
     from scipy.ndimage import gaussian_filter
 
     return gaussian_filter(np.asarray(stamps, float), (0, SMOOTH, SMOOTH), mode="constant")
 
 
-def hsm(stamps, psf, sigma, scale, rng):
+def hsm(stamps: FloatArray, psf: FloatArray, sigma: float, scale: float, rng: np.random.Generator) -> Shapes:
     """Measure by GalSim's re-Gaussianisation of the smoothed stamps."""
     import galsim
 
@@ -74,13 +87,13 @@ def hsm(stamps, psf, sigma, scale, rng):
     return Shapes(e, np.ones((len(e), 2)))
 
 
-def psf_shapes(psf):
+def psf_shapes(psf: FloatArray) -> ComplexArray:
     """Return (n,) complex ellipticities (a - b) / (a + b) of the smoothed stamps of a PSF; NaN where there is none."""
     found = np.array([_moments(image, SIZE_MIN)[1:4] for image in np.asarray(psf, float)]).reshape(-1, 3)
     return reduced(found[:, 1] + 1j * found[:, 2])
 
 
-def own(stamps, psf, sigma, scale, rng):
+def own(stamps: FloatArray, psf: FloatArray, sigma: float, scale: float, rng: np.random.Generator) -> Shapes:
     """Measure by adaptive moments corrected with the kurtosis terms."""
     rows = []
     for image, star in zip(np.asarray(stamps, float), np.asarray(psf, float), strict=True):
@@ -90,7 +103,7 @@ def own(stamps, psf, sigma, scale, rng):
     return Shapes(e, np.ones((len(e), 2)))
 
 
-def _moments(image, size):
+def _moments(image: FloatArray, size: float) -> tuple[float, float, float, float, float]:
     """Return (light, sigma, e1, e2, kurtosis) of a stamp's adaptive moments; NaN if there are none."""
     gauss, clear = np.empty(5), np.zeros(image.shape, np.uint8)
     middle = image.shape[0] // 2
@@ -103,7 +116,7 @@ def _moments(image, size):
     return light, (xx * yy - xy * xy) ** 0.25, (xx - yy) / (xx + yy), 2 * xy / (xx + yy), kurtosis
 
 
-def fpfs(stamps, psf, sigma, scale, rng):
+def fpfs(stamps: FloatArray, psf: FloatArray, sigma: float, scale: float, rng: np.random.Generator) -> Shapes:
     """Measure by AnaCal: shapelets with analytic response, noise bias removed by noise that is added."""
     from anacal.fpfs import FpfsTask, _catalog_dtype, _ForceTask
 
@@ -129,7 +142,7 @@ def fpfs(stamps, psf, sigma, scale, rng):
     return Shapes(e1 + 1j * e2, np.stack([r1, r2], axis=1))
 
 
-def metacal(stamps, psf, sigma, scale, rng):
+def metacal(stamps: FloatArray, psf: FloatArray, sigma: float, scale: float, rng: np.random.Generator) -> Shapes:
     """Measure by ngmix: moments with a Gaussian weight of images sheared by STEP, the PSF made round."""
     import ngmix
     from ngmix.gaussmom import GaussMom
@@ -159,6 +172,6 @@ def metacal(stamps, psf, sigma, scale, rng):
     return Shapes(np.where(np.isfinite(response).all(axis=1), e, np.nan), response)
 
 
-def _weighted(measure, observation):
+def _weighted(measure: GaussMom, observation: Observation) -> complex:
     found = measure.go(observation)
     return complex(*found["e"]) if found["flags"] == 0 else complex(np.nan, np.nan)

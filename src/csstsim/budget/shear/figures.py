@@ -1,11 +1,21 @@
 """The waterfall of the budget, and the chart of its accuracy against cost."""
 
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
 from csstsim.base.files.atomic import atomic_path
+from csstsim.base.types import AnyArray, FloatArray, PathLike
 from csstsim.budget.shear.response import NAMES
 from csstsim.budget.shear.volume import GOALS, HOUR, sigma_m
 from csstsim.report.style import BLUE, GREEN, GREY, MARKERS, ORANGE, PURPLE, SKY, VERMILION
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 LABELS = {"m1": "$m_1$", "m2": "$m_2$", "c1": "$c_1$", "c2": "$c_2$", "alpha": r"PSF leakage $\alpha$"}
 UNITS = {"m1": 1e3, "m2": 1e3, "c1": 1e4, "c2": 1e4, "alpha": 1e2}
@@ -16,7 +26,7 @@ REACH = 6.0  # times the largest value: where an axis ends, and longer error bar
 LINTHRESH = 2.0  # in the unit of the axis: linear within, logarithmic beyond
 
 
-def waterfall(path, rows, sample, summed):
+def waterfall(path: PathLike, rows: Sequence[Mapping[str, Any]], sample: str, summed: Collection[str]) -> None:
     """Draw a sample's bars, of NAMES side by side; the first estimator's are bars, others are points beside them.
 
     Axes have all values of all estimators; an error bar that goes on beyond the axis ends in an arrow.
@@ -31,7 +41,8 @@ def waterfall(path, rows, sample, summed):
     axes = figure.subplots(1, len(NAMES), sharey=True)
     places = np.arange(len(first))[::-1]
     for ax, name in zip(axes, NAMES, strict=True):
-        unit, drawn = UNITS[name], []
+        unit = UNITS[name]
+        drawn: list[tuple[AnyArray, FloatArray, FloatArray, str]] = []
         for number, kind in enumerate(kinds):
             of = [row for row in rows if row["estimator"] == kind]
             value, error = (np.array([row[key] for row in of]) * unit for key in (name, f"{name}_err"))
@@ -64,12 +75,12 @@ def waterfall(path, rows, sample, summed):
     _save(figure, path)
 
 
-def _limits(ax, drawn):
+def _limits(ax: Axes, drawn: Sequence[tuple[AnyArray, FloatArray, FloatArray, str]]) -> tuple[float, float]:
     """Set and return an axis's limits, around all values of [(places, values, errors, colour)]; mark cut errors."""
     values = np.concatenate([value for _, value, _, _ in drawn])
     most = np.abs(values[np.isfinite(values)]).max(initial=0.0)
     ends = np.array(ax.get_xlim()) * 1.5  # room for markers
-    low, high = ax.set_xlim(np.clip(ends, -max(REACH * most, LINTHRESH), max(REACH * most, LINTHRESH)))
+    low, high = ax.set_xlim(*np.clip(ends, -max(REACH * most, LINTHRESH), max(REACH * most, LINTHRESH)))
     for at, value, error, colour in drawn:
         for end, side, mark in ((low, -1, "<"), (high, 1, ">")):
             cut = side * value + error > side * end
@@ -79,7 +90,7 @@ def _limits(ax, drawn):
     return low, high
 
 
-def chart(path, rows, sample):
+def chart(path: PathLike, rows: Sequence[Mapping[str, Any]], sample: str) -> None:
     """Draw sigma(m) of each bar of a sample against the CPU-hours it takes, by the first estimator; points: reached."""
     from matplotlib.figure import Figure
 
@@ -105,6 +116,6 @@ def chart(path, rows, sample):
     _save(figure, path)
 
 
-def _save(figure, path):
+def _save(figure: Figure, path: PathLike) -> None:
     with atomic_path(path) as temporary:
         figure.savefig(temporary, dpi=130, format="png")

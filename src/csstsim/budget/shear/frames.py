@@ -4,17 +4,28 @@ Frames of one field and Setting differ in nothing but the shear: photons are key
 traps and defects by chip.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from csstsim.api import Simulation
 from csstsim.base.rng import stream
+from csstsim.base.types import AnyArray, BoolArray, FloatArray, IntArray
 from csstsim.budget.shear.plan import Setting
 from csstsim.budget.shear.sample import EDGE, galaxies, table
 from csstsim.catalog.astrometry.reduction import icrs
+
+if TYPE_CHECKING:
+    from csstsim.budget.shear.plan import ShearPlan
+    from csstsim.budget.shear.sample import Galaxies
+    from csstsim.campaign.job import Job
+    from csstsim.simulation.frame import Frame
 
 RA, DEC = 60.1172, -40.0330  # deg: where all fields point, away from bright stars; they differ in noise and galaxies
 BASIC = {
@@ -26,7 +37,7 @@ CLIP, COARSE = 2.5, 2.0  # times the noise; e-: as if it were at least so large,
 DETECTED, NEAR = 10.0, 4.0  # S/N that a galaxy must have; px from its place
 
 
-def opened(plan):
+def opened(plan: ShearPlan) -> tuple[Simulation, str]:
     """Return the Simulation all frames start from, and the band."""
     simulation = Simulation().replace(seed=plan.seed, psf={"grid": 6})
     return simulation, simulation._run.camera.chips[plan.chips[0]].filter
@@ -37,33 +48,33 @@ class Field:
     """One window of galaxies of a sample."""
 
     simulation: Simulation
-    plan: object
+    plan: ShearPlan
     band: str
     sample: str
     number: int
 
     @property
-    def chip(self):
+    def chip(self) -> int:
         """The number of its chip."""
         return self.plan.chips[self.number % len(self.plan.chips)]
 
     @property
-    def obsid(self):
+    def obsid(self) -> str:
         """Its exposure: each field has noise of its own."""
         return str(10100000001 + self.number)
 
     @property
-    def sign(self):
+    def sign(self) -> float:
         """The sign of the arms' second component, +1 and -1 in turn: what one component adds to the other cancels."""
         return 1.0 if self.number // len(self.plan.chips) % 2 == 0 else -1.0
 
     @property
-    def shear(self):
+    def shear(self) -> complex:
         """The complex shear of the arm "plus"."""
         return self.plan.shear * (1 + 1j * self.sign)
 
     @cached_property
-    def aimed(self):
+    def aimed(self) -> Simulation:
         """The Simulation of its window."""
         detector = self.simulation._run.camera.detector
         room = np.array([detector.nx, detector.ny]) - self.plan.size
@@ -74,12 +85,19 @@ class Field:
         return aimed.replace(window=window)
 
     @cached_property
-    def galaxies(self):
+    def galaxies(self) -> Galaxies:
         """Its Galaxies."""
         window = self.job(False).window
         return galaxies(self.plan, self.sample, self.number, window)
 
-    def made(self, setting, columns=None, *, seed=None, stars=False):
+    def made(
+        self,
+        setting: Setting,
+        columns: Mapping[str, AnyArray] | None = None,
+        *,
+        seed: int | None = None,
+        stars: bool = False,
+    ) -> Simulation:
         """Return the Simulation of a Setting; seed: of its noise; stars: noiseless objects alone, without sky."""
         from astropy.table import Table
 
@@ -99,30 +117,32 @@ class Field:
         noise = setting.noise and not stars
         return self.aimed.replace(layers=layers, fidelity="standard" if noise else "noise_free", **keys)
 
-    def job(self, distortion):
+    def job(self, distortion: bool) -> Job:
         """Return the campaign.job.Job, with or without the field distortion in its map of the sky."""
         if distortion not in self._jobs:
             self._jobs[distortion] = self.made(Setting(distortion=distortion))._job(self.obsid, self.chip)
         return self._jobs[distortion]
 
     @cached_property
-    def _jobs(self):
+    def _jobs(self) -> dict[bool, Job]:
         return {}
 
-    def arm(self, setting, g, seed=None):
+    def arm(self, setting: Setting, g: complex, seed: int | None = None) -> FloatArray:
         """Return the image (ny, nx) of the galaxies under a shear g, background subtracted [e-]."""
         job = self.job(setting.distortion)
         return self._image(setting, table(self.galaxies, setting, self.plan, job, self.number, g, self.band), seed)
 
-    def level(self, noise):
+    def level(self, noise: bool) -> float:
         """Return the electrons of sky (without losses) and, with noise, of dark current in a pixel."""
         exposure = self.job(False).exposure
         return (exposure.filter.sky + noise * exposure.chip.detector.dark) * exposure.exptime
 
-    def _image(self, setting, columns, seed=None):
+    def _image(self, setting: Setting, columns: Mapping[str, AnyArray], seed: int | None = None) -> FloatArray:
         simulation = self.made(setting, columns, seed=seed)
         plain = not (setting.noise or setting.layers or setting.calibrated)
         frame = (simulation.light if plain else simulation.chip)(self.obsid, self.chip)
+        electrons: FloatArray
+        unusable: IntArray
         if plain:  # light as it is: rounded to DN, wings without noise would end at half a DN
             electrons, unusable = frame.image, np.zeros(frame.image.shape, np.uint8)
         elif setting.calibrated:
@@ -138,7 +158,7 @@ class Field:
         subtract_background(electrons, unusable)
         return electrons
 
-    def psf(self, setting):
+    def psf(self, setting: Setting) -> FloatArray:
         """Return (n, s, s) stamps of the PSF, as the Setting's analysis knows it, at the galaxies."""
         if setting.psf == "stars":
             return self._fitted(setting)
@@ -149,7 +169,7 @@ class Field:
         return np.broadcast_to(stamps[middle], stamps.shape)
 
     @cached_property
-    def true_psf(self):
+    def true_psf(self) -> FloatArray:
         """(n, s, s) images of lone stars on the middle of the galaxies' pixels, each with a sum of 1."""
         from csstsim.optics.psf.psf_file import pixel_response
         from csstsim.stages.psf import open_psf
@@ -161,7 +181,7 @@ class Field:
         job, half = self.job(False), self.plan.stamp // 2
         psf = open_psf(simulation._run, job.chip)
 
-        def on_pixels(cells):
+        def on_pixels(cells: FloatArray) -> FloatArray:
             response = pixel_response(np.tensordot(shares, cells.astype(float), axes=1), psf.oversampling)
             at = response.shape[0] // 2 + psf.oversampling * np.arange(-half, half)
             inside = (at >= 0) & (at < len(response))  # the stored PSF may end before the stamp
@@ -173,7 +193,7 @@ class Field:
         stamps = np.array([mixed(x, y) for x, y in zip(*map(np.rint, (self.galaxies.x, self.galaxies.y)), strict=True)])
         return stamps / stamps.sum(axis=(1, 2), keepdims=True)
 
-    def _fitted(self, setting):
+    def _fitted(self, setting: Setting) -> FloatArray:
         """Return the stamps of a PSF whose pixels are linear in x and y, fitted to stars of a frame of its own."""
         some = slice(None, None, self.plan.stars.every)
         seen = self.stamps(self._image(setting, self._stars(setting, some, self.plan.stars.magnitude)), some)
@@ -183,14 +203,14 @@ class Field:
         fit = np.linalg.lstsq(design[some], seen.reshape(len(seen), -1), rcond=None)[0]
         return (design @ fit).reshape(-1, *seen.shape[1:])
 
-    def _stars(self, setting, some, magnitude):
+    def _stars(self, setting: Setting, some: slice, magnitude: float) -> dict[str, AnyArray]:
         job = self.job(setting.distortion)
         x, y = (np.rint(v[some]) for v in (self.galaxies.x, self.galaxies.y))
         ra, dec = icrs(*job.wcs.pixel_to_world(x, y), job.observer)
         ids = np.arange(len(x)) + 1
         return {"id": ids, "ra": ra, "dec": dec, f"mag_{self.band}": np.full(len(x), magnitude)}
 
-    def stamps(self, image, some=slice(None)):
+    def stamps(self, image: FloatArray, some: slice = slice(None)) -> FloatArray:
         """Return (n, s, s) float64 stamps of an image of the window, [s // 2, s // 2] the pixel of the galaxy."""
         window, half = self.job(False).window, self.plan.stamp // 2
         x, y = np.rint(self.galaxies.x[some]).astype(int), np.rint(self.galaxies.y[some]).astype(int)
@@ -198,12 +218,12 @@ class Field:
         rows, columns = (y - window.y0)[:, None, None] + side[:, None], (x - window.x0)[:, None, None] + side
         return image[rows, columns].astype(float)
 
-    def jacobian(self, setting):
+    def jacobian(self, setting: Setting) -> FloatArray:
         """Return (n, 2, 2) d(x, y) / d(east, north) at the galaxies, as the Setting's analysis knows it."""
         wcs = self.job(setting.distortion and setting.wcs == "known").wcs
         return wcs.jacobian(*wcs.pixel_to_world(self.galaxies.x, self.galaxies.y))
 
-    def found(self, image):
+    def found(self, image: FloatArray) -> BoolArray:
         """Return bool (n,): galaxies that an image has, by sep with its default kernel, at S/N DETECTED or more."""
         import sep
         from scipy.spatial import cKDTree
@@ -217,24 +237,24 @@ class Field:
             return np.zeros(len(self.galaxies), bool)
         return cKDTree(places).query(np.column_stack([self.galaxies.x, self.galaxies.y]))[0] < NEAR
 
-    def rng(self, estimator):
+    def rng(self, estimator: str) -> np.random.Generator:
         """Return the generator of an estimator's own noise, the same in all arms and Settings."""
         return stream(self.plan.seed, "budget", "shear", self.sample, self.number, estimator)
 
 
-def level_of(image):
+def level_of(image: FloatArray) -> float:
     """Return the level of the sky [e-]: the mean of pixels within CLIP of the median; DN are too coarse for that."""
     middle, near = np.median(image), CLIP * max(noise_of(image), COARSE)
     return float(np.mean(image[np.abs(image - middle) < near], dtype=float))
 
 
-def noise_of(image):
+def noise_of(image: FloatArray) -> float:
     """Return the robust scatter of an image's pixels [e-]: 1.4826 times the median deviation."""
     some = image[EDGE:-EDGE:3, EDGE:-EDGE:3]
     return float(1.4826 * np.median(np.abs(some - np.median(some))))
 
 
-def _calibrated(simulation, frame, masking):
+def _calibrated(simulation: Simulation, frame: Frame, masking: bool) -> tuple[FloatArray, IntArray]:
     """Return (electrons, unusable) of a frame, calibrated by truth as `csstsim calibrate` does."""
     from csstsim.inject.memory import Held
     from csstsim.measure.calibration.bad_pixels import mend
@@ -242,6 +262,7 @@ def _calibrated(simulation, frame, masking):
     from csstsim.stages.calibrate import calibrated_of, calibration
     from csstsim.stages.psf import open_psf
 
+    assert frame.key is not None  # a Simulation made it
     run, job = simulation._run, simulation._job(*frame.key)
     held = Held(Path("frame"), frame.header, frame.header, frame.readout, "channels", None, frame.raw)
     calibrated = calibrated_of(run, job, held, *calibration(run, job))

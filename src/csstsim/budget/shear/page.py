@@ -1,12 +1,20 @@
 """The page of the budget: one HTML file with its figures in it, and the table beside it."""
 
+from __future__ import annotations
+
 import base64
 import html
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from csstsim.base.files.atomic import atomic_path
 from csstsim.budget.shear.printed import PRINTED, of_row
 from csstsim.budget.shear.response import NAMES
 from csstsim.budget.shear.volume import report
+
+if TYPE_CHECKING:
+    from csstsim.budget.shear.plan import ShearPlan
 
 _STYLE = (
     "body{font:15px/1.5 sans-serif;max-width:78em;margin:2em auto;padding:0 1em}img{max-width:100%}"
@@ -17,7 +25,7 @@ _STYLE = (
 _HEADS = tuple(f"{name} [{PRINTED[name]:.0e}]" for name in NAMES)
 
 
-def write_rows(path, rows, plan):
+def write_rows(path: Path, rows: Sequence[Mapping[str, Any]], plan: ShearPlan) -> None:
     """Write the rows of bars as an ECSV table; its meta data has the plan."""
     from astropy.table import Table
 
@@ -27,7 +35,7 @@ def write_rows(path, rows, plan):
         found.write(temporary, format="ascii.ecsv", overwrite=True)
 
 
-def write_page(path, rows, plan, command):
+def write_page(path: Path, rows: Sequence[Mapping[str, Any]], plan: ShearPlan, command: str) -> None:
     """Write the page; the figures waterfall_SAMPLE.png and chart_SAMPLE.png are beside it."""
     parts = [
         "<h1>A budget of shear</h1>",
@@ -53,7 +61,7 @@ def write_page(path, rows, plan, command):
         temporary.write_text(text, encoding="utf-8")
 
 
-def _table(rows):
+def _table(rows: Sequence[Mapping[str, Any]]) -> str:
     heads = "".join(f"<th>{name}</th>" for name in ("estimator", "effect", "what", *_HEADS, "windows", "galaxies"))
     lines = []
     for row in rows:

@@ -4,7 +4,8 @@ A Setting says how frames are made and measured. An effect is a Setting that dif
 bar is its bias minus that of the Setting it stands `against`. `all_effects` has every effect of the sum at once.
 """
 
-from typing import Any, Literal
+from collections.abc import Collection, Iterable
+from typing import Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
@@ -12,30 +13,31 @@ from csstsim.base.errors import InputError
 from csstsim.base.files.yaml_file import read_yaml
 from csstsim.base.model import Model, validate
 from csstsim.base.shipped import SHIPPED
+from csstsim.base.types import PathLike
 from csstsim.budget.shear.plan_faults import check_plan
 from csstsim.budget.shear.sample import EDGE
 from csstsim.catalog.object_table import BRIGHTEST, FAINTEST
 
 DEFAULT = SHIPPED / "budget" / "shear.yaml"
 BASE, ALL = "base", "all"
-ESTIMATORS = "hsm", "own", "fpfs", "metacal"
+EstimatorName = Literal["hsm", "own", "fpfs", "metacal"]
 Range = tuple[float, float]
 OTHER_SEED = 1_000_003  # added for the arm with noise of its own
 
 
-def _rising(value):
+def _rising(value: Range) -> Range:
     if not 0 <= value[0] <= value[1]:
         raise ValueError("must be two numbers, low and high, 0 <= low <= high")
     return value
 
 
-def _bright(value):
+def _bright(value: Range) -> Range:
     if not value[1] <= FAINTEST:
         raise ValueError(f"must be at most {FAINTEST:g}")
     return value
 
 
-def _positive(value):
+def _positive(value: Range) -> Range:
     if not value[0] > 0:
         raise ValueError("must be above 0")
     return value
@@ -69,7 +71,7 @@ class Neighbours(Model):
 
     @field_validator("redshift")
     @classmethod
-    def _redshifts(cls, value):
+    def _redshifts(cls, value: Range | None) -> Range | None:
         return value and _rising(value)
 
 
@@ -80,7 +82,7 @@ class Lens(Model):
     galaxies: float = Field(gt=0, le=10, description="redshift of the galaxies; their shear is that of the arms")
 
     @model_validator(mode="after")
-    def _behind(self):
+    def _behind(self) -> Self:
         if not self.galaxies > self.redshift:
             raise ValueError("galaxies must lie behind the lens")
         return self
@@ -119,7 +121,7 @@ class Setting(Model):
     detection: bool = Field(False, description="false: every galaxy counts; true: those found in their own arm")
 
     @model_validator(mode="after")
-    def _masked_when_calibrated(self):
+    def _masked_when_calibrated(self) -> Self:
         if self.masking and not self.calibrated:
             raise ValueError("masking needs calibrated: true")
         if self.background == "known" and (self.flat or self.straylight):
@@ -151,7 +153,7 @@ class ShearPlan(Model):
     size: int = Field(ge=200, le=9000, description="px, side of a window")
     spacing: int = Field(ge=20, le=1000, description="px, of the grid of galaxies")
     stamp: int = Field(48, ge=16, le=256, description="px, even: side of the stamps that estimators see")
-    estimators: tuple[Literal[ESTIMATORS], ...] = Field(min_length=1)
+    estimators: tuple[EstimatorName, ...] = Field(min_length=1)
     samples: dict[str, Sample] = Field(min_length=1)
     neighbours: dict[Literal["blended", "undetected"], Neighbours] = Field({})
     lens: Lens | None = None
@@ -160,23 +162,23 @@ class ShearPlan(Model):
     effects: dict[str, Effect] = Field(min_length=1)
 
     @property
-    def cells(self):
+    def cells(self) -> int:
         """The number of galaxies along a side of a window."""
         return (self.size - 2 * EDGE) // self.spacing
 
-    def changed(self, change):
+    def changed(self, change: dict[str, Any]) -> dict[str, Any]:
         """Return the keys of the base's Setting with a change."""
         base = self.base.model_dump()
         return base | change | {"layers": base["layers"] | (change.get("layers") or {})}
 
-    def setting(self, name):
+    def setting(self, name: str) -> Setting:
         """Return the Setting of an effect, of BASE, or of ALL, of a plan that plan_faults.check_plan has passed."""
         if name == BASE:
             return self.base
         return Setting(**self.changed(self.summed_change if name == ALL else self.effects[name].change))
 
     @property
-    def summed_change(self):
+    def summed_change(self) -> dict[str, Any]:
         """What all effects of the sum change together."""
         changes = [self.effects[name].change for name in self.summed]
         layers = [change.get("layers") or {} for change in changes]
@@ -185,11 +187,11 @@ class ShearPlan(Model):
         }
 
     @property
-    def summed(self):
+    def summed(self) -> tuple[str, ...]:
         """The names of the effects of the sum."""
         return tuple(name for name, effect in self.effects.items() if effect.sum)
 
-    def windows(self, name):
+    def windows(self, name: str) -> int:
         """Return the number of windows of an effect's bar; of ALL; or of BASE, which has as many as any bar."""
         if name == BASE:
             own = [self.windows(ALL)] if self.summed else []
@@ -197,12 +199,19 @@ class ShearPlan(Model):
         return self.fields * (self.whole if name == ALL else self.effects[name].times)
 
     @property
-    def bars(self):
+    def bars(self) -> tuple[str, ...]:
         """The names of the effects that are bars."""
         return tuple(name for name, effect in self.effects.items() if effect.bar)
 
 
-def load_plan(file=None, *, fields=None, effects=None, estimators=None, samples=None):
+def load_plan(
+    file: PathLike | None = None,
+    *,
+    fields: int | None = None,
+    effects: Collection[str] | None = None,
+    estimators: Iterable[str] | None = None,
+    samples: Iterable[str] | None = None,
+) -> ShearPlan:
     """Return the ShearPlan of a YAML file [default: the shipped one], with other fields, effects or estimators.
 
     samples, effects: names; effects that these stand against stay, too. Raises InputError.
@@ -233,7 +242,7 @@ def load_plan(file=None, *, fields=None, effects=None, estimators=None, samples=
     return _checked(data, file)
 
 
-def _checked(data, file):
+def _checked(data: dict[str, Any], file: PathLike) -> ShearPlan:
     plan = validate(ShearPlan, data, file)
     check_plan(plan, file, BASE, ALL)
     return plan

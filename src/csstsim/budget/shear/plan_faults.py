@@ -1,6 +1,10 @@
 """Faults between the keys of a plan of a budget of shear: each names the key that is to be changed."""
 
+from __future__ import annotations
+
 import re
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 from csstsim.base.errors import InputError
 from csstsim.base.model import validate
@@ -9,10 +13,14 @@ from csstsim.instrument.camera import load_camera
 from csstsim.simulation.observation import changed_layers
 from csstsim.simulation.sim_steps import SimSteps
 
+if TYPE_CHECKING:
+    from csstsim.base.types import PathLike
+    from csstsim.budget.shear.plan import Setting, ShearPlan
+
 LAYERS = SHIPPED / "observations" / "science.yaml"  # the list whose layers a Setting changes
 
 
-def check_plan(plan, file, base, everything):
+def check_plan(plan: ShearPlan, file: PathLike, base: str, everything: str) -> None:
     """Raise InputError for the first fault of a plan.ShearPlan; base, everything: names that no effect can have."""
     _check_grid(plan, file)
     _check_chips(plan, file)
@@ -31,7 +39,7 @@ def check_plan(plan, file, base, everything):
     validate(type(plan.base), plan.changed(plan.summed_change), file, ("effects, all of the sum at once",))
 
 
-def check_bars(plan, file):
+def check_bars(plan: ShearPlan, file: PathLike) -> None:
     """Raise InputError for a plan without a bar, or with a part of the sum that is none; a blind run needs no bars."""
     if not plan.bars:
         allowed = "one or more that do not have bar: false"
@@ -44,7 +52,7 @@ def check_bars(plan, file):
             )  # fmt: skip
 
 
-def _check_grid(plan, file):
+def _check_grid(plan: ShearPlan, file: PathLike) -> None:
     if plan.stamp % 2 or plan.stamp > plan.spacing:
         raise InputError("cannot be", file=file, key="stamp", value=plan.stamp, allowed=f"even, at most {plan.spacing}")
     if plan.cells < 2:
@@ -52,11 +60,11 @@ def _check_grid(plan, file):
         raise InputError("no room for a ring of four galaxies", file=file, key="size", value=plan.size, allowed=allowed)
 
 
-def _check_chips(plan, file):
+def _check_chips(plan: ShearPlan, file: PathLike) -> None:
     """Raise InputError for chips that the shipped camera lacks or that are not of one band, or windows larger."""
     camera = load_camera()
-    chips = [camera.chips.get(number) for number in plan.chips]
-    if any(chip is None or chip.kind != "imaging" or chip.filter != chips[0].filter for chip in chips):
+    chips = [camera.chips[number] for number in plan.chips if number in camera.chips]
+    if len(chips) < len(plan.chips) or any(chip.kind != "imaging" or chip.filter != chips[0].filter for chip in chips):
         raise InputError(
             "the plan's chips are not imaging chips of one band", file=file, key="chips", value=list(plan.chips),
             allowed="as 9, 22 in r",
@@ -66,7 +74,7 @@ def _check_chips(plan, file):
         raise InputError("a window larger than the chip", file=file, key="size", value=plan.size, allowed=f"to {most}")
 
 
-def _check_names(plan, file):
+def _check_names(plan: ShearPlan, file: PathLike) -> None:
     if len(set(plan.estimators)) < len(plan.estimators):
         raise InputError("an estimator is named twice", file=file, key="estimators", value=list(plan.estimators))
     for name in plan.samples:
@@ -76,7 +84,7 @@ def _check_names(plan, file):
             )
 
 
-def _check_against(plan, name, file, base):
+def _check_against(plan: ShearPlan, name: str, file: PathLike, base: str) -> None:
     """Raise InputError for an effect that stands against none that is known, or at last against itself."""
     way = [name]
     while (other := plan.effects[way[-1]].against) != base:
@@ -92,14 +100,18 @@ def _check_against(plan, name, file, base):
         way.append(other)
 
 
-def _check_setting(plan, setting, change, file, key):
+def _check_setting(plan: ShearPlan, setting: Setting, change: Mapping[str, Any], file: PathLike, key: str) -> None:
     for kind in ("blended", "undetected"):
         if getattr(setting, kind) and kind not in plan.neighbours:
             raise InputError(
                 f"needs neighbours.{kind}, which the plan lacks", file=file, key=f"{key}.{kind}", value=True
             )
         of = plan.neighbours.get(kind)
-        if getattr(setting, kind) and setting.neighbour_shear == "by_redshift" and not (plan.lens and of.redshift):
+        if (
+            getattr(setting, kind)
+            and setting.neighbour_shear == "by_redshift"
+            and not (plan.lens and of and of.redshift)
+        ):
             raise InputError(
                 f"by_redshift needs lens and neighbours.{kind}.redshift, which the plan lacks", file=file,
                 key=f"{key}.neighbour_shear", value=setting.neighbour_shear,
@@ -108,15 +120,15 @@ def _check_setting(plan, setting, change, file, key):
         try:
             SimSteps(LAYERS, "SCIE", changed_layers({layer: values}, None, LAYERS))
         except InputError as exc:
-            below, allowed = f"{key}.layers.{layer}", exc.allowed and exc.allowed.partition("; a list")[0]
+            below, allowed = f"{key}.layers.{layer}", exc.allowed and str(exc.allowed).partition("; a list")[0]
             if isinstance(values, dict) and str(exc.key).rpartition(".")[2] in values:
                 below += f".{str(exc.key).rpartition('.')[2]}"
             raise InputError(exc.message, file=file, key=below, value=exc.value, allowed=allowed) from None
 
 
-def _check_sum(plan, file):
+def _check_sum(plan: ShearPlan, file: PathLike) -> None:
     """Raise InputError for effects of the sum that differ in a key, or in the parameters of a layer."""
-    taken = {}
+    taken: dict[str, tuple[str, Any]] = {}
     for name in plan.summed:
         change = plan.effects[name].change
         parts = {key: value for key, value in change.items() if key != "layers"}

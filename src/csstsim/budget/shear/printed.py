@@ -1,11 +1,13 @@
 """Numbers as people read them: digits as their errors allow, m and c in 1e-4, alpha in 1e-2."""
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
 PRINTED = {"m1": 1e-4, "m2": 1e-4, "c1": 1e-4, "c2": 1e-4, "alpha": 1e-2}  # units
 
 
-def pair(value, error, sign="+-"):
+def pair(value: float, error: float, sign: str = "+-") -> str:
     """Return "value sign error", the error with two significant digits; one of 0 or none says nothing of the digits."""
     if not (math.isfinite(value) and math.isfinite(error) and error > 0):
         return f"{value:+.3g} {sign} {error:.2g}"
@@ -13,11 +15,11 @@ def pair(value, error, sign="+-"):
     return f"{value:+.{digits}f} {sign} {error:.{digits}f}"
 
 
-def of_row(row, name, sign="+-"):
+def of_row(row: Mapping[str, Any], name: str, sign: str = "+-") -> str:
     """Return the pair of a row of bars, in the unit of PRINTED."""
     return pair(row[name] / PRINTED[name], row[f"{name}_err"] / PRINTED[name], sign)
 
 
-def hours(value):
+def hours(value: float) -> str:
     """Return a number with two significant digits, as 210 or 0.0021."""
     return f"{float(f'{value:.2g}'):g}"

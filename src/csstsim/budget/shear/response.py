@@ -9,9 +9,12 @@ jackknives over blocks: rings of galaxies, or whole windows where an error is co
 Settings is jackknifed as one number, so noise that both share cancels in its error, too.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+
+from csstsim.base.types import BoolArray, ComplexArray, FloatArray, IntArray
 
 NAMES = "m1", "m2", "c1", "c2", "alpha"
 
@@ -20,14 +23,15 @@ NAMES = "m1", "m2", "c1", "c2", "alpha"
 class Arms:
     """Shapes of n galaxies under +g and -g: e (2, n) complex and response (2, n, 2); used (2, n) bool."""
 
-    e: np.ndarray
-    response: np.ndarray
-    used: np.ndarray
+    e: ComplexArray
+    response: FloatArray
+    used: BoolArray
 
     @property
-    def finite(self):
+    def finite(self) -> BoolArray:
         """Bool (n,): galaxies with a shape in both arms."""
-        return np.isfinite(self.e).all(axis=0)
+        finite: BoolArray = np.all(np.isfinite(self.e), axis=0)
+        return finite
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,12 +43,12 @@ class Frame:
     """
 
     g: float
-    sign: np.ndarray
-    psf: np.ndarray
-    block: np.ndarray
+    sign: FloatArray
+    psf: ComplexArray
+    block: IntArray
 
 
-def sums(arms, frame, counted):
+def sums(arms: Arms, frame: Frame, counted: BoolArray) -> FloatArray:
     """Return (blocks, 18) sums of the galaxies that count: bool (2, n), one row an arm."""
     columns = []
     for arm in range(2):
@@ -52,7 +56,7 @@ def sums(arms, frame, counted):
         e = np.where(good, arms.e[arm], 0)
         r = np.where(good[:, None], arms.response[arm], 0)
         columns += [e.real, e.imag, frame.sign * e.imag, r[:, 0], r[:, 1]]
-    both = counted.all(axis=0)
+    both: BoolArray = np.all(counted, axis=0)
     mean = np.where(both, (arms.e[0] + arms.e[1]) / 2, 0)
     psf = np.where(both, frame.psf, 0)
     columns += [both, psf.real, psf.imag, (np.conj(psf) * mean).real, np.abs(psf) ** 2]
@@ -60,7 +64,7 @@ def sums(arms, frame, counted):
     return np.stack([np.bincount(frame.block, column, frame.block.max() + 1) for column in columns], axis=1)
 
 
-def estimates(total, g):
+def estimates(total: FloatArray, g: float) -> FloatArray:
     """Return (..., 5) NAMES of sums (..., 18); NaN where no galaxy counts."""
     plus, minus, rest = total[..., :5], total[..., 5:10], total[..., 10:]
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -73,16 +77,19 @@ def estimates(total, g):
     return np.concatenate([m, c, alpha[..., None]], axis=-1)
 
 
-def combined(terms, g):
+def combined(
+    terms: Sequence[tuple[Mapping[str, FloatArray], Mapping[str, float]]], g: float
+) -> tuple[FloatArray, FloatArray]:
     """Return (value (5,), error (5,)) of a sum of NAMES of several Settings, by jackknife over the blocks.
 
     terms: [({name: (b, 18) sums}, {name: factor})]. Terms may have different numbers of blocks: those with fewer have
     the first ones. A block that a term lacks does not change it, so what is common to terms is counted as common. The
     error is NaN if a term has fewer than two blocks.
     """
-    value, spread = 0.0, np.zeros((max(len(of) for blocks, _ in terms for of in blocks.values()), len(NAMES)))
+    value: FloatArray = np.zeros(len(NAMES))
+    spread = np.zeros((max(len(of) for blocks, _ in terms for of in blocks.values()), len(NAMES)))
     for blocks, factors in terms:
-        again = 0.0
+        again: FloatArray = np.zeros(len(NAMES))
         for name, factor in factors.items():
             total = blocks[name].sum(axis=0)
             value = value + factor * estimates(total, g)
@@ -92,7 +99,7 @@ def combined(terms, g):
     return value, np.sqrt((spread**2).sum(axis=0))
 
 
-def scatter(plus, minus):
+def scatter(plus: ComplexArray, minus: ComplexArray) -> float:
     """Return the robust scatter (standard deviation) of half the difference of shapes of two arms (n,), of a component.
 
     It is 1.4826 times the median deviation, of both components together.

@@ -4,10 +4,15 @@ A field that has its file is not made again, so a run that was stopped goes on. 
 that differ in the analysis alone.
 """
 
+from __future__ import annotations
+
 import hashlib
 import time
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 from zipfile import BadZipFile, ZipFile
 
 import numpy as np
@@ -17,18 +22,22 @@ from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
 from csstsim.base.process.progress import progress
 from csstsim.base.release import release
+from csstsim.base.types import AnyArray, FloatArray
 from csstsim.budget.shear.estimators import Shapes, check_installed, estimator, psf_shapes
 from csstsim.budget.shear.frames import Field, noise_of, opened
 from csstsim.budget.shear.plan import ALL, BASE, OTHER_SEED
 from csstsim.budget.shear.sample import RING
 from csstsim.measure.light.moments import on_sky, reduced
 
+if TYPE_CHECKING:
+    from csstsim.budget.shear.plan import Setting, ShearPlan
+
 ELLIPTICITIES = "hsm", "own"  # estimators whose shapes are (a - b) / (a + b) of galaxies without the PSF
 KINDS = {"b": "booleans", "i": "integers", "f": "floats", "c": "complex numbers"}  # of dtype.kind
 ANALYSIS = {"psf", "wcs", "detection"}  # keys of a Setting that leave the frame as it is
 
 
-def names(plan, number=0):
+def names(plan: ShearPlan, number: int = 0) -> list[str]:
     """Return the names of the Settings that window `number` is made in, in order: those whose bars have that many."""
     bars = [name for name in plan.bars if number < plan.windows(name)]
     whole = [ALL] if plan.summed and number < plan.windows(ALL) else []
@@ -36,12 +45,14 @@ def names(plan, number=0):
     return [BASE, *(name for name in plan.effects if name in wanted), *whole]
 
 
-def setting_of(plan, name):
+def setting_of(plan: ShearPlan, name: str) -> str:
     """Return BASE for an effect that changes nothing, such as noise that is in the base, else its name."""
     return BASE if plan.setting(name) == plan.base else name
 
 
-def fields(plan, folder, say, *, first=None):
+def fields(
+    plan: ShearPlan, folder: Path, say: Callable[[str], object], *, first: int | None = None
+) -> dict[str, list[Path]]:
     """Make the missing fields in a folder, or only the `first` few; return {sample: [path of a field's shapes]}.
 
     Raises InputError for estimators that cannot be used, and for files that are not of the fields.
@@ -53,12 +64,12 @@ def fields(plan, folder, say, *, first=None):
     ]  # fmt: skip
     there = {path for _, number, path in todo if kept(path, contents(plan, number))}
     simulation, band = opened(plan)
-    paths = {name: [] for name in plan.samples}
+    paths: dict[str, list[Path]] = {name: [] for name in plan.samples}
     for name, number, path in progress(todo, "fields"):
         field = Field(simulation, plan, band, name, number)
         if path not in there and not kept(path, contents(plan, number)):  # another run may have made it
             start = time.process_time()
-            arrays = measured(field, say if number == 0 else None)
+            arrays: dict[str, Any] = measured(field, say if number == 0 else None)
             with atomic_path(path) as temporary:
                 np.savez(temporary, **arrays)
             say(f"{name} {number}: {len(field.galaxies)} galaxies, {time.process_time() - start:.0f} CPU-s")
@@ -66,7 +77,7 @@ def fields(plan, folder, say, *, first=None):
     return paths
 
 
-def contents(plan, number):
+def contents(plan: ShearPlan, number: int) -> dict[str, str]:
     """Return {name: words} of the arrays of `measured`: their kind and shape, as _words has them."""
     n = plan.cells**2 // RING * RING
     found = {"psf": ("c", (n,)), "ring": ("i", (n,)), "sign": ("f", ())}
@@ -78,11 +89,11 @@ def contents(plan, number):
     return {name: _words(*of) for name, of in found.items()}
 
 
-def _words(kind, shape):
+def _words(kind: str, shape: tuple[int, ...]) -> str:
     return f"{KINDS.get(kind, kind)} {shape}"
 
 
-def kept(path, wanted):
+def kept(path: Path, wanted: Mapping[str, str]) -> bool:
     """Whether a file of shapes exists and can be read to its end: one that is damaged is made again.
 
     wanted: of `contents`. Raises InputError for a sound file that lacks one of these arrays.
@@ -102,7 +113,7 @@ def kept(path, wanted):
     return True
 
 
-def _arrays_of(path):
+def _arrays_of(path: Path) -> dict[str, str]:
     """Return {name: _words} of the arrays of an .npz file, up to the first that holds Python's objects."""
     found = {}
     with suppress(ValueError), np.load(path) as file:
@@ -112,7 +123,7 @@ def _arrays_of(path):
     return found
 
 
-def _digest(plan, sample, number):
+def _digest(plan: ShearPlan, sample: str, number: int) -> str:
     """Return the digest of all that decides a field's shapes, the release of csstsim among it.
 
     How many fields there are does not decide them, nor do the figure's words."""
@@ -125,14 +136,14 @@ def _digest(plan, sample, number):
 class _Made:
     """What of a field was made already, by what decides it."""
 
-    images: dict
-    psfs: dict
-    shapes: dict
-    seen: dict
+    images: dict[tuple[str, complex], FloatArray]
+    psfs: dict[str, FloatArray]
+    shapes: dict[tuple[str, int, str], Shapes]
+    seen: dict[tuple[str | bytes, ...], tuple[complex, FloatArray]]
     sigma: float = 0.0  # noise of a pixel of the base, for all Settings: what estimators add is the same in all
 
 
-def measured(field, say=None):
+def measured(field: Field, say: Callable[[str], object] | None = None) -> dict[str, AnyArray]:
     """Return {name: array} of a field's shapes.
 
     `psf` (n,) complex; `ring` (n,); `sign`; SETTING|ESTIMATOR|e (2, n) complex, |response (2, n, 2); SETTING|used
@@ -140,7 +151,7 @@ def measured(field, say=None):
     say: is given a line for each SETTING.
     """
     plan, made = field.plan, _Made({}, {}, {}, {})
-    arrays = {"ring": field.galaxies.ring, "sign": np.array(field.sign)}
+    arrays: dict[str, Any] = {"ring": field.galaxies.ring, "sign": np.array(field.sign)}
     for name in names(plan, field.number):
         setting, start = plan.setting(name), time.process_time()
         jacobian, psf = field.jacobian(setting), _psf(field, setting, made)
@@ -168,15 +179,15 @@ def measured(field, say=None):
     return {name: np.array(values) for name, values in arrays.items()}
 
 
-def _scale(field):
+def _scale(field: Field) -> float:
     return field.simulation._run.camera.telescope.pixel_scale
 
 
-def _key(setting, without):
+def _key(setting: Setting, without: set[str]) -> str:
     return repr(setting.model_dump(exclude=without))
 
 
-def _image(field, setting, g, made):
+def _image(field: Field, setting: Setting, g: complex, made: _Made) -> FloatArray:
     key = _key(setting, ANALYSIS), g
     if key not in made.images:
         if len(made.images) > 3:  # of the base and of one more: 16 MB each
@@ -186,7 +197,7 @@ def _image(field, setting, g, made):
     return made.images[key]
 
 
-def _psf(field, setting, made):
+def _psf(field: Field, setting: Setting, made: _Made) -> FloatArray:
     """Return the stamps of the PSF; only one from stars depends on how frames are made."""
     without = {"wcs", "detection", "profile", "blended", "undetected", "neighbour_shear"}
     key = _key(setting, without) if setting.psf == "stars" else setting.psf
@@ -195,7 +206,9 @@ def _psf(field, setting, made):
     return made.psfs[key]
 
 
-def _shapes(field, setting, arm, image, psf, kind, made):
+def _shapes(
+    field: Field, setting: Setting, arm: int, image: FloatArray, psf: FloatArray, kind: str, made: _Made
+) -> Shapes:
     key = _key(setting, {"wcs", "detection"}), arm, kind
     if key not in made.shapes:
         arguments = field.stamps(image), psf, made.sigma if setting.noise else 0.0, _scale(field), field.rng(kind)
@@ -204,10 +217,16 @@ def _shapes(field, setting, arm, image, psf, kind, made):
     return made.shapes[key]
 
 
-def _once(seen, kind, stamps, psf, *same):
+def _once(
+    seen: dict[tuple[str | bytes, ...], tuple[complex, FloatArray]],
+    kind: str,
+    stamps: FloatArray,
+    psf: FloatArray,
+    *same: *tuple[float, float, np.random.Generator],
+) -> Shapes:
     """Return Shapes; a galaxy whose stamps were seen before, as where no neighbour was added, is not measured again."""
-    keys = [
-        (kind, *(hashlib.sha256(np.ascontiguousarray(of)).digest() for of in two))
+    keys: list[tuple[str | bytes, ...]] = [
+        (kind, *(hashlib.sha256(np.ascontiguousarray(of).data).digest() for of in two))
         for two in zip(stamps, psf, strict=True)
     ]
     new = [k for k, key in enumerate(keys) if key not in seen]
@@ -218,7 +237,7 @@ def _once(seen, kind, stamps, psf, *same):
     return Shapes(np.array(e), np.array(response))
 
 
-def to_sky(shapes, jacobian, ellipticities):
+def to_sky(shapes: Shapes, jacobian: FloatArray, ellipticities: bool) -> Shapes:
     """Return Shapes on the axes east and north, of those on pixel axes; jacobian (n, 2, 2): d(x, y)/d(east, north).
 
     Ellipticities of galaxies are mapped exactly; of other shapes, the response to the map's shear is subtracted, to
@@ -228,7 +247,7 @@ def to_sky(shapes, jacobian, ellipticities):
         with np.errstate(invalid="ignore"):  # NaN in, NaN out
             e = reduced(on_sky(2 * shapes.e / (1 + np.abs(shapes.e) ** 2), jacobian))
         return Shapes(e, shapes.response)
-    round_one = jacobian @ np.swapaxes(jacobian, -1, -2)
+    round_one: AnyArray = jacobian @ np.swapaxes(jacobian, -1, -2)
     trace = round_one[:, 0, 0] + round_one[:, 1, 1]
     shear = reduced((round_one[:, 0, 0] - round_one[:, 1, 1] + 2j * round_one[:, 0, 1]) / trace)
     turn = np.arctan2(jacobian[:, 1, 0] - jacobian[:, 0, 1], jacobian[:, 0, 0] + jacobian[:, 1, 1])

@@ -4,15 +4,24 @@ Turned by 90 degrees a galaxy's own shape cancels in the mean; by 45 degrees, it
 its scatter as well. The mean shape of a ring, sheared by g, is g but for terms of the order e^4 g^3.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from csstsim.base.files.yaml_file import read_yaml
 from csstsim.base.rng import stream
 from csstsim.base.shipped import SHIPPED
+from csstsim.base.types import AnyArray, ComplexArray, FloatArray, Floats, IntArray
 from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.universe.lensing.cosmology import Cosmology
+
+if TYPE_CHECKING:
+    from csstsim.budget.shear.plan import Lens, Neighbours, Setting, ShearPlan
+    from csstsim.campaign.job import Job
+    from csstsim.instrument.chip import Window
 
 RING = 4
 EDGE = 10  # px, between the window's edge and the first stamp
@@ -30,18 +39,18 @@ class Galaxies:
     efficiency: the shear at its redshift over that of the galaxy, NaN without redshifts}}.
     """
 
-    x: np.ndarray
-    y: np.ndarray
-    ring: np.ndarray
-    e: np.ndarray
-    columns: dict
-    others: dict
+    x: FloatArray
+    y: FloatArray
+    ring: IntArray
+    e: ComplexArray
+    columns: dict[str, AnyArray]
+    others: dict[str, dict[str, AnyArray]]
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.x)
 
 
-def galaxies(plan, name, field, window):
+def galaxies(plan: ShearPlan, name: str, field: int, window: Window) -> Galaxies:
     """Return the Galaxies of a sample in a window; they depend on the plan's seed, the sample and the field alone."""
     sample, rng = plan.samples[name], stream(plan.seed, "budget", "shear", name, field)
     cells = plan.cells
@@ -55,21 +64,25 @@ def galaxies(plan, name, field, window):
     )
     turn = np.tile(np.arange(RING) * np.pi / 4, rings)
     mag = np.repeat(_magnitudes(rng, sample.magnitude, sample.slope, rings), RING)
-    size = np.repeat(np.exp(rng.uniform(*np.log(sample.size), rings)), RING)
+    smallest, largest = np.log(sample.size)
+    size = np.repeat(np.exp(rng.uniform(smallest, largest, rings)), RING)
     e = np.repeat(_shapes(rng, sample.ellipticity, rings), RING) * np.exp(2j * turn)
     columns = {"mag": mag, "size_disk": size, **_components(rng, size, rings)}
-    others = {kind: _others(rng, of, turn, rings) for kind, of in sorted(plan.neighbours.items())}
-    for kind, other in others.items():
+    others: dict[str, dict[str, AnyArray]] = {}
+    for kind, of in sorted(plan.neighbours.items()):
+        other = others[kind] = _others(rng, of, turn, rings)
         own = stream(plan.seed, "budget", "shear", name, field, "redshift", kind)
-        other["efficiency"] = _efficiencies(own, plan.neighbours[kind], plan.lens, len(other["of"]) // RING)
+        other["efficiency"] = _efficiencies(own, of, plan.lens, len(other["of"]) // RING)
     return Galaxies(x, y, np.repeat(np.arange(rings), RING), e, columns, others)
 
 
-def table(galaxies, setting, plan, job, field, g, band):
+def table(
+    galaxies: Galaxies, setting: Setting, plan: ShearPlan, job: Job, field: int, g: complex, band: str
+) -> dict[str, AnyArray]:
     """Return the columns of csstsim.catalog.own_table for the galaxies of an arm of shear g, and their neighbours."""
     n, full = len(galaxies), setting.profile == "full"
     same = galaxies.columns
-    rows = [{
+    rows: list[dict[str, AnyArray]] = [{
         "id": field * FIELD + 1 + np.arange(n), "x": galaxies.x, "y": galaxies.y, "e": galaxies.e,
         "mag": same["mag"], "size_disk": same["size_disk"], "g": np.full(n, g),
         **{name: same[name] if full else np.full(n, plain) for name, plain in _PLAIN.items()},
@@ -104,12 +117,13 @@ def table(galaxies, setting, plan, job, field, g, band):
 _PLAIN = {"bulge_frac": 0.0, "n_disk": 1.0, "n_bulge": 4.0, "knots": 0, "knots_frac": 0.0}
 
 
-def sheared_offset(offset, g):
+def sheared_offset(offset: ComplexArray, g: complex | ComplexArray) -> ComplexArray:
     """Return complex offsets on the sky of what lies at `offset` behind a shear g: A^-1 offset, of no convergence."""
-    return (offset + g * np.conj(offset)) / (1 - abs(g) ** 2)
+    size: Floats = abs(g) if isinstance(g, complex) else np.abs(g)
+    return (offset + g * np.conj(offset)) / (1 - size**2)
 
 
-def efficiency(z, lens):
+def efficiency(z: Floats, lens: Lens) -> FloatArray:
     """Return the shear by a plan's Lens at redshifts z, over that of the galaxies: of (1 - chi_l / chi), 0 before it.
 
     In a flat universe the shear by one plane goes as D_ls / D_s = 1 - chi_l / chi_s (Bartelmann & Schneider 2001).
@@ -120,14 +134,14 @@ def efficiency(z, lens):
     return (1 - near / behind) / (1 - near / far)
 
 
-def _efficiencies(rng, of, lens, rings):
+def _efficiencies(rng: np.random.Generator, of: Neighbours, lens: Lens | None, rings: int) -> FloatArray:
     """Return Galaxies.others' efficiency, of neighbours of `rings` rings: the four of a ring have one redshift."""
     if lens is None or of.redshift is None:
         return np.full(RING * rings, np.nan)
     return np.repeat(efficiency(rng.uniform(*of.redshift, rings), lens), RING)
 
 
-def _magnitudes(rng, limits, slope, n):
+def _magnitudes(rng: np.random.Generator, limits: tuple[float, float], slope: float, n: int) -> FloatArray:
     low, high = limits
     u = rng.random(n)
     if abs(slope) * (high - low) < 1e-9:
@@ -135,13 +149,13 @@ def _magnitudes(rng, limits, slope, n):
     return low + np.log10(1 + u * (10 ** (slope * (high - low)) - 1)) / slope
 
 
-def _shapes(rng, rms, n):
+def _shapes(rng: np.random.Generator, rms: float, n: int) -> ComplexArray:
     """Return (n,) complex ellipticities: Gaussian components, cut at LARGEST."""
     most = -np.expm1(-0.5 * (LARGEST / rms) ** 2) if rms > 0 else 1.0
     return rms * np.sqrt(-2 * np.log1p(-most * rng.random(n))) * np.exp(2j * np.pi * rng.random(n))
 
 
-def _components(rng, size, rings):
+def _components(rng: np.random.Generator, size: FloatArray, rings: int) -> dict[str, AnyArray]:
     """Return the columns of the full profile, one value a ring (E: round numbers around those of components.yaml)."""
     share = np.where(rng.random(rings) < SHARE_OF_BULGES, rng.uniform(0.1, 0.6, rings), 0.0)
     found = {
@@ -154,7 +168,7 @@ def _components(rng, size, rings):
     return found | {"size_bulge": size * np.repeat(rng.uniform(0.3, 0.7, rings), RING)}
 
 
-def _others(rng, of, turn, rings):
+def _others(rng: np.random.Generator, of: Neighbours, turn: FloatArray, rings: int) -> dict[str, AnyArray]:
     """Return the neighbours of all galaxies, as Galaxies.others: those of a ring are turned with it."""
     counts = rng.poisson(of.number, rings)
     k = counts.sum()

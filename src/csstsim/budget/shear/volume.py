@@ -4,7 +4,9 @@ Errors fall as the root of the number of galaxies, so a bar measured to s with n
 seconds, needs n (s / wanted)^2 of them.
 """
 
+from collections.abc import Mapping, Sequence
 from math import isfinite
+from typing import Any
 
 from csstsim.budget.shear.printed import hours as said
 from csstsim.budget.shear.printed import of_row
@@ -17,23 +19,23 @@ LEGEND = (
 HOUR = 3600.0
 
 
-def sigma_m(row):
+def sigma_m(row: Mapping[str, Any]) -> float:
     """Return the error of m of a row of bars: the larger of its two components."""
     return max(row["m1_err"], row["m2_err"])
 
 
-def volume(row, goal):
+def volume(row: Mapping[str, Any], goal: float) -> tuple[float, float]:
     """Return (galaxies, CPU-hours) for an error of m of `goal`."""
     galaxies = row["galaxies"] * (sigma_m(row) / goal) ** 2
     return galaxies, galaxies * row["seconds"] / HOUR
 
 
-def _head(heads):
+def _head(heads: str) -> str:
     words = f"{'sample':10}{'estimator':10}{'effect':26}{'windows':>8}{'galaxies':>9}{'m1 [1e-4]':>19}{'m2 [1e-4]':>19}"
     return f"{words}{'sigma(m)':>10}{'CPU-h':>9}{heads}{'gain':>6}"
 
 
-def report(rows):
+def report(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     """Return the lines of a table: each bar's m in 1e-4, sigma(m), what it cost, and what GOALS cost."""
     heads = "".join(f"{f'h for {goal:.0e}':>12}" for goal in GOALS)
     lines = [_head(heads)]

@@ -4,10 +4,16 @@ Each check is a function that yields Findings. An exception that a check raises 
 installations are what `doctor` is for.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from csstsim.base.errors import CsstsimError
 from csstsim.base.help_page import with_page
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator
 
 OK, WARNING, PROBLEM = "ok", "warning", "problem"
 
@@ -21,7 +27,7 @@ class Finding:
     text: str
 
 
-def examine(campaign=None):
+def examine(campaign: str | None = None) -> Iterator[Finding]:
     """Yield the Findings of an installation and, if the file of a campaign is named, of the campaign."""
     from csstsim.command_line.doctor import installation, machine
 
@@ -35,7 +41,7 @@ def examine(campaign=None):
         yield from _safely(of_campaign, campaign)
 
 
-def _safely(check, *arguments):
+def _safely(check: Callable[..., Iterable[Finding]], *arguments: str) -> Iterator[Finding]:
     name = check.__name__.replace("_", " ").removeprefix("of ")
     try:
         yield from check(*arguments)

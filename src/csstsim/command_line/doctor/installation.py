@@ -1,22 +1,30 @@
 """Checks of the installation: libraries and their versions, csstsim's data, compiled code."""
 
+from __future__ import annotations
+
 import importlib
 import importlib.metadata
 import os
 import platform
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING, cast
 
 from csstsim import __version__
 from csstsim.base.shipped import ROOT
 from csstsim.command_line.doctor import OK, PROBLEM, WARNING, Finding
 from csstsim.command_line.doctor.machine import write_fault
 
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from packaging.requirements import Requirement
+
 MODULES = {"pillow": "PIL", "pyerfa": "erfa", "pyyaml": "yaml"}  # libraries imported by another name
 PACKAGE = Path(__file__).parents[2]
 
 
-def libraries():
+def libraries() -> Iterator[Finding]:
     """Each library that csstsim requires is installed, in a version that fits, and can be imported."""
     yield Finding(OK, "csstsim", f"{__version__} in {PACKAGE}, Python {platform.python_version()}")
     needed = requirements()
@@ -27,7 +35,7 @@ def libraries():
         yield Finding(OK, "libraries", f"the {len(needed)} that csstsim needs are there and can be imported")
 
 
-def requirements():
+def requirements() -> list[Requirement]:
     """Return the packaging.requirements.Requirement of csstsim, without its extras."""
     from packaging.requirements import Requirement
 
@@ -35,7 +43,7 @@ def requirements():
     return [each for each in found if each.marker is None or each.marker.evaluate({"extra": ""})]
 
 
-def _fault(requirement):
+def _fault(requirement: Requirement) -> str | None:
     """Return why a requirement is not met, or None."""
     try:
         found = importlib.metadata.version(requirement.name)
@@ -44,7 +52,7 @@ def _fault(requirement):
     return None if requirement.specifier.contains(found, prereleases=True) else f"{found} is there"
 
 
-def _import_fault(name):
+def _import_fault(name: str) -> str | None:
     """Return why a library cannot be imported, or None."""
     try:
         importlib.import_module(MODULES.get(name, name))
@@ -53,7 +61,7 @@ def _import_fault(name):
     return None
 
 
-def data():
+def data() -> Iterator[Finding]:
     """The files that come with csstsim can be read, and fit each other."""
     from csstsim.base.shipped import SHIPPED
     from csstsim.campaign.costs import load_costs
@@ -66,7 +74,7 @@ def data():
     yield Finding(OK, "data", f"{ROOT}: camera {camera.digest[:8]}, universe {universe.digest[:8]}")
 
 
-def numba_cache():
+def numba_cache() -> Iterator[Finding]:
     """Where compiled code is kept, and whether some is there."""
     todo = "set NUMBA_CACHE_DIR to a folder that can be written"
     try:
@@ -74,7 +82,7 @@ def numba_cache():
     except RuntimeError as error:  # numba found no place
         yield Finding(PROBLEM, "numba cache", f"{error}: {todo}")
         return
-    folder, asked = Path(object_keys.stats.cache_path), os.environ.get("NUMBA_CACHE_DIR")
+    folder, asked = Path(cast("str", object_keys.stats.cache_path)), os.environ.get("NUMBA_CACHE_DIR")
     root = PACKAGE if folder.is_relative_to(PACKAGE) else folder.parent
     if fault := write_fault(folder):
         yield Finding(PROBLEM, "numba cache", f"{folder}: {fault}; each process would compile anew: {todo}")

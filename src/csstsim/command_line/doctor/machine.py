@@ -1,18 +1,26 @@
 """Checks of the machine: disk, memory, cores, and the environment variables that limit threads."""
 
+from __future__ import annotations
+
 import os
 import shutil
 import tempfile
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from csstsim.command_line.doctor import OK, PROBLEM, WARNING, Finding
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from csstsim.base.types import PathLike
 
 DISK = 5e9  # bytes the demo takes
 MEMORY = 4e9  # bytes: the most that a whole chip with every layer takes, and room beside it
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
-def room():
+def room() -> Iterator[Finding]:
     """Disk here, and memory."""
     free, here = free_disk("."), Path.cwd()
     few = f"; the demo takes {DISK / 1e9:.0f} GB: free some, or work elsewhere"
@@ -23,7 +31,7 @@ def room():
     yield Finding(WARNING if little else OK, "memory", f"{gb(memory)} free{few if little else ''}")
 
 
-def threads():
+def threads() -> Iterator[Finding]:
     """Cores that this process may use, and the variables that say how many threads libraries start."""
     have, limits = cores(), {name: os.environ[name] for name in THREADS if name in os.environ}
     for name, value in limits.items():
@@ -38,12 +46,12 @@ def threads():
     )
 
 
-def cores():
+def cores() -> int:
     """Return how many cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def free_memory():
+def free_memory() -> int:
     """Return the bytes of free memory: the machine's, or its container's or batch job's if these are fewer."""
     pages = "SC_AVPHYS_PAGES" if "SC_AVPHYS_PAGES" in os.sysconf_names else "SC_PHYS_PAGES"
     found = os.sysconf(pages) * os.sysconf("SC_PAGE_SIZE")
@@ -57,7 +65,7 @@ def free_memory():
     return max(found, 0)
 
 
-def _lines(path):
+def _lines(path: PathLike) -> list[str]:
     """Return the lines of a file, none if it cannot be read."""
     try:
         with open(path) as file:
@@ -66,26 +74,26 @@ def _lines(path):
         return []
 
 
-def free_disk(path):
+def free_disk(path: PathLike) -> int:
     """Return the bytes free on the disk of a path, which need not exist yet."""
     return shutil.disk_usage(there(path)).free
 
 
-def there(path):
+def there(path: PathLike) -> Path:
     """Return the path itself, or else its nearest parent, that exists."""
     path = Path(path).absolute()
     return next(place for place in (path, *path.parents) if place.exists())
 
 
-def write_fault(path):
+def write_fault(path: PathLike) -> str | None:
     """Try to write in a folder, or in the parent where it would be made; return why that fails, or None."""
     try:
         tempfile.TemporaryFile(dir=there(path)).close()
     except OSError as error:
-        return error.strerror
+        return error.strerror or str(error)
     return None
 
 
-def gb(size):
+def gb(size: float) -> str:
     """Return a number of bytes as a person reads it."""
     return f"{size / 1e9:.3g} GB"

@@ -1,11 +1,23 @@
 """Checks of a campaign: it opens, and this machine has room for it."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from csstsim.base.plural import number_of
 from csstsim.command_line.doctor import OK, PROBLEM, WARNING, Finding
 from csstsim.command_line.doctor.machine import cores, free_disk, free_memory, gb, there, write_fault
 
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
 
-def of_campaign(file):
+    from csstsim.base.types import PathLike
+    from csstsim.campaign.costs import Costs
+    from csstsim.campaign.running.status import Status
+
+
+def of_campaign(file: PathLike) -> Iterator[Finding]:
     """Yield the Findings of a campaign. Raises InputError if it cannot be opened."""
     from csstsim.campaign.opened import OpenCampaign
     from csstsim.campaign.plan import plan
@@ -15,13 +27,13 @@ def of_campaign(file):
     run.open_truth()
     counts, _, costs = plan(run)
     need = sum(size for one in (run, *run.variants) for size in plan(one)[1].values())
-    made = number_of(counts["Level-0 files"], "Level-0 file"), number_of(counts["jobs"], "job")
+    made = number_of(int(counts["Level-0 files"]), "Level-0 file"), number_of(int(counts["jobs"]), "job")
     yield Finding(OK, "campaign", f"{file}: {', '.join(made)}")
     yield from output(run.paths.output, need, look(run, wanted(run)))
     yield from memory(costs)
 
 
-def output(folder, need, status):
+def output(folder: Path, need: float, status: Status) -> Iterator[Finding]:
     """The output folder can be written, and has room. need: bytes of all products; status: a status.Status."""
     if fault := write_fault(folder):
         place = there(folder)
@@ -35,7 +47,7 @@ def output(folder, need, status):
         yield Finding(WARNING if left > 0.9 * free else OK, "disk", text)
 
 
-def memory(costs):
+def memory(costs: Costs) -> Iterator[Finding]:
     """Free memory is enough for the largest job, and for one on each core. costs: {rule: {key: costs.Cost}}."""
     from csstsim.campaign.costs import each_once
 

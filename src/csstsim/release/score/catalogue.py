@@ -1,8 +1,11 @@
 """Reads a catalogue in anybody's columns: CSV, ECSV, FITS (also LDAC), parquet, source-extractor's text."""
 
+from __future__ import annotations
+
 import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +14,14 @@ from csstsim.base.files.fits_headers import check_headers
 from csstsim.base.files.text_file import read_text
 from csstsim.release.score.missing import without_missing
 from csstsim.release.score.quantities import ab_magnitude, in_our_unit, parse_key, shapes
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from astropy.table import Column, Table
+
+    from csstsim.base.types import BoolArray, FloatArray, PathLike
+    from csstsim.release.score.quantities import Key
 
 FORMATS = {
     ".csv": "ascii.csv", ".ecsv": "ascii.ecsv", ".cat": "ascii.sextractor", ".fits": "fits", ".fit": "fits",
@@ -27,29 +38,31 @@ class Catalogue:
     told: {quantity: its column}; notes: what was left out, in sentences.
     """
 
-    columns: dict
-    told: dict
-    notes: list = field(default_factory=list)
+    columns: dict[str, FloatArray]
+    told: dict[str, str]
+    notes: list[str] = field(default_factory=list)
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.columns["ra"])
 
-    def __contains__(self, name):
+    def __contains__(self, name: str) -> bool:
         return name in self.columns
 
-    def __getitem__(self, name):
+    def __getitem__(self, name: str) -> FloatArray:
         return self.columns[name]
 
-    def take(self, rows):
+    def take(self, rows: BoolArray) -> Catalogue:
         """Return the Catalogue of some rows."""
         return Catalogue({name: values[rows] for name, values in self.columns.items()}, self.told, self.notes)
 
 
-def read_catalogue(path, maps, bands):
+def read_catalogue(path: PathLike, maps: Mapping[str, str], bands: Sequence[str]) -> Catalogue:
     """Return the Catalogue in a file. maps: {key: column}; columns called as a key need none. Raises InputError."""
     table = read_any(path)
     keys = _keys(table, maps, bands, path)
-    columns, told, chi = {}, {}, False
+    columns: dict[str, FloatArray] = {}
+    told: dict[str, str] = {}
+    chi = False
     for key, name in keys.items():
         columns[key.whole] = in_our_unit(_numbers(table[name], name, path), key, table[name].unit, name)
         told[key.whole] = name
@@ -72,7 +85,7 @@ def read_catalogue(path, maps, bands):
     return _placed(Catalogue(kept | (dict(zip(("e1", "e2"), found, strict=True)) if found else {}), told, notes), path)
 
 
-def _placed(catalogue, path):
+def _placed(catalogue: Catalogue, path: PathLike) -> Catalogue:
     """Return the catalogue without rows that have no place. Raises InputError for places that are none."""
     ra, dec = catalogue["ra"], catalogue["dec"]
     known = np.isfinite(ra) & np.isfinite(dec)
@@ -88,13 +101,14 @@ def _placed(catalogue, path):
     return catalogue.take(known)
 
 
-def _keys(table, maps, bands, path):
+def _keys(table: Table, maps: Mapping[str, str], bands: Sequence[str], path: PathLike) -> dict[Key, str]:
     """Return {Key: column}: the mapped ones, then columns that are called as a quantity.
 
     One letter is not enough: z may be a redshift or a band, a and b anything. Of a magnitude and a flux of one band
     that are not mapped, the magnitude is taken.
     """
-    keys, known = {}, {}
+    keys: dict[Key, str] = {}
+    known: dict[str, str] = {}
     for text, name in maps.items():
         key = parse_key(text, bands)
         if name not in table.colnames:
@@ -114,7 +128,7 @@ def _keys(table, maps, bands, path):
     return keys
 
 
-def _not_used(table, keys, bands):
+def _not_used(table: Table, keys: Mapping[Key, str], bands: Iterable[str]) -> list[str]:
     """Return sentences about columns that are used, those that are not, and quantities that have none."""
     left = [name for name in table.colnames if name not in keys.values()]
     more = f" and {len(left) - NAMED} more" if len(left) > NAMED else ""
@@ -130,14 +144,14 @@ def _not_used(table, keys, bands):
     return notes
 
 
-def _numbers(column, name, path):
+def _numbers(column: Column, name: str, path: PathLike) -> FloatArray:
     values = np.ma.asarray(column)
     if values.dtype.kind not in "biuf" or values.ndim != 1:
         raise InputError("must be numbers, one in a row", file=path, key=f"column {name}", value=str(values.dtype))
     return np.ma.filled(values.astype(float), np.nan)
 
 
-def read_any(path):
+def read_any(path: PathLike) -> Table:
     """Return an astropy Table of a file, units kept, or of a folder of bricks. Raises InputError if it is none."""
     from astropy.table import Table
 
@@ -167,7 +181,7 @@ def read_any(path):
         raise InputError(f"not a table that can be read: {str(exc).splitlines()[0]}", file=path) from None
 
 
-def _of_bricks(folder):
+def _of_bricks(folder: Path) -> Table:
     """Return the rows of all parquet files below a folder. Raises InputError if there is none, or they differ."""
     files = sorted(folder.rglob("*.parquet"))
     if not files:
@@ -178,7 +192,7 @@ def _of_bricks(folder):
         raise InputError(f"not bricks of one table: {str(exc).splitlines()[0]}", file=folder) from None
 
 
-def _of_parquet(files):
+def _of_parquet(files: Iterable[Path]) -> Table:
     import pyarrow as pa
     import pyarrow.parquet as pq
     from astropy.table import Table
@@ -187,7 +201,7 @@ def _of_parquet(files):
     return Table({name: read[name].to_numpy() for name in read.column_names})
 
 
-def _of_fits(path):
+def _of_fits(path: Path) -> Table:
     """Return the first table of a FITS file that is not LDAC's copy of the image header."""
     from astropy.io import fits
     from astropy.table import Table

@@ -1,7 +1,10 @@
 """The truth of a pack, as `csstsim release score` reads it: objects, frames, and which places the frames have."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -9,6 +12,12 @@ from csstsim.base.errors import InputError
 from csstsim.base.files.text_file import read_json
 from csstsim.base.sphere import inside, unit_vectors
 from csstsim.catalog.table import ObjectTable
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from typing import Any
+
+    from csstsim.base.types import BoolArray, FloatArray, PathLike
 
 OBJECTS, FRAMES = "objects.parquet", "frames.json"
 
@@ -19,14 +28,14 @@ class Field:
 
     name: str
     objects: ObjectTable
-    frames: list
+    frames: list[dict[str, Any]]
 
     @property
-    def bands(self):
+    def bands(self) -> tuple[str, ...]:
         """Names of the bands of imaging frames, lower case, in the order of the frames."""
         return tuple(dict.fromkeys(f["filter"].lower() for f in self.frames if f["kind"] == "imaging"))
 
-    def has(self, ra, dec, band=None):
+    def has(self, ra: FloatArray, dec: FloatArray, band: str | None = None) -> BoolArray:
         """Return a mask of the places ra, dec [deg] on an imaging frame, of a band if that is given."""
         points, mask = unit_vectors(ra, dec).reshape(-1, 3), np.zeros(np.size(ra), bool)
         for frame in self.frames:
@@ -35,7 +44,7 @@ class Field:
         return mask
 
 
-def read_field(folder):
+def read_field(folder: PathLike) -> Field:
     """Return the Field of a pack's truth folder. Raises InputError."""
     folder = Path(folder)
     if not (folder / FRAMES).is_file():
@@ -45,7 +54,7 @@ def read_field(folder):
     return Field(name, ObjectTable.read(folder / OBJECTS), frames)
 
 
-def read_frames(path):
+def read_frames(path: PathLike) -> tuple[str, list[dict[str, Any]]]:
     """Return (name of the pack, list of frames) of a pack's FRAMES. Raises InputError."""
     about = read_json(path)
     frames = about.get("frames") if isinstance(about, dict) else None
@@ -54,7 +63,7 @@ def read_frames(path):
     return str(about.get("name", "")), frames
 
 
-def _sound(frame):
+def _sound(frame: Mapping[str, Any]) -> bool:
     try:
         corners = np.asarray(frame["corners"], float)
         return (

@@ -1,17 +1,30 @@
 """The figures of a score's page: PNG bytes."""
 
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from csstsim.inject.recovery.bins import number, share
 from csstsim.release.score.numbers import edges_of
 from csstsim.report.style import BLACK, BLUE, ORANGE, SKY, VERMILION
 
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from typing import Any
+
+    from matplotlib.axes import Axes
+
+    from csstsim.base.types import AnyArray, BoolArray, FloatArray, IntArray
+
 KINDS = {"all": (BLACK, "o"), "points": (BLUE, "s"), "galaxies": (VERMILION, "^")}
 MOST = 4000  # points of a cloud
 BEYOND = 1.0  # mag: of the faintest object found, at which the axis ends
 
 
-def figures(result, arrays):
+def figures(result: Mapping[str, Any], arrays: Mapping[str, Any]) -> Iterator[tuple[str, bytes, str]]:
     """Yield (title, PNG bytes, caption) of what a result (score.judge) has."""
     from matplotlib.figure import Figure
 
@@ -23,7 +36,7 @@ def figures(result, arrays):
         yield title, png(figure), caption
 
 
-def _panels(result, arrays):
+def _panels(result: Mapping[str, Any], arrays: Mapping[str, Any]) -> Iterator[tuple[str, Callable[[Axes], None], str]]:
     band = f" in {result['band']}" if result["band"] else ", each in its brightest band"
     yield (
         "Completeness", lambda axes: _completeness(axes, result, band),
@@ -40,7 +53,7 @@ def _panels(result, arrays):
     for band, cloud in arrays["photometry"].items():
         if len(cloud["mag"]):
             yield (
-                f"Photometry in {band}", lambda axes, cloud=cloud, band=band: _photometry(axes, cloud, band),
+                f"Photometry in {band}", partial(_photometry, cloud=cloud, band=band),
                 "Magnitude less the true one, of objects that are alone. Bars: mean and scatter in bins, without "
                 "outliers.",
             )  # fmt: skip
@@ -63,7 +76,7 @@ def _panels(result, arrays):
         )  # fmt: skip
 
 
-def _errors(axes, bins, name, **look):
+def _errors(axes: Axes, bins: Iterable[Mapping[str, Any]], name: str, **look: Any) -> list[Mapping[str, Any]]:
     kept = [one for one in bins if one["n"] >= 5]
     if kept:
         p, low, high = np.transpose([share(one[name], one["n"]) for one in kept])
@@ -72,7 +85,7 @@ def _errors(axes, bins, name, **look):
     return kept
 
 
-def _completeness(axes, result, band):
+def _completeness(axes: Axes, result: Mapping[str, Any], band: str) -> None:
     for kind, (colour, marker) in KINDS.items():
         kept = _errors(
             axes, result["completeness_by_magnitude"][kind], "found", color=colour, marker=marker, label=kind
@@ -87,7 +100,7 @@ def _completeness(axes, result, band):
         axes.legend()
 
 
-def _purity(axes, result):
+def _purity(axes: Axes, result: Mapping[str, Any]) -> None:
     bins = result["purity_by_magnitude"]
     kept = _errors(axes, bins, "real", color=BLUE, marker="o")
     at = [(one["low"] + one["high"]) / 2 for one in kept]
@@ -97,7 +110,7 @@ def _purity(axes, result):
     axes.set(xlabel=f"magnitude in {result['band']} [AB]", ylabel="purity", ylim=(-0.03, 1.05))
 
 
-def _photometry(axes, cloud, band):
+def _photometry(axes: Axes, cloud: Mapping[str, AnyArray], band: str) -> None:
     most = 0.0
     for name, kind, colour in (("points", ~cloud["galaxy"], BLUE), ("galaxies", cloud["galaxy"], VERMILION)):
         mag, off = cloud["mag"][kind], cloud["off"][kind]
@@ -118,12 +131,12 @@ def _photometry(axes, cloud, band):
         axes.legend()
 
 
-def _by_bin(mag, edges):
+def _by_bin(mag: FloatArray, edges: FloatArray) -> list[BoolArray]:
     at = np.digitize(mag, edges) - 1
     return [at == k for k in range(len(edges) - 1) if (at == k).any()]
 
 
-def _places(axes, cloud):
+def _places(axes: Axes, cloud: Mapping[str, AnyArray]) -> None:
     most = 1e-3
     for name, kind, colour in (("points", ~cloud["galaxy"], BLUE), ("galaxies", cloud["galaxy"], ORANGE)):
         east, north = cloud["east"][kind], cloud["north"][kind]
@@ -140,7 +153,7 @@ def _places(axes, cloud):
     axes.legend()
 
 
-def _shapes(axes, clouds):
+def _shapes(axes: Axes, clouds: Mapping[str, tuple[FloatArray, FloatArray]]) -> None:
     for (axis, (true, seen)), colour in zip(clouds.items(), (BLUE, VERMILION), strict=True):
         some = _some(len(true))
         axes.plot(true[some], seen[some], ".", color=colour, markersize=3, alpha=0.5, label=axis)
@@ -149,7 +162,7 @@ def _shapes(axes, clouds):
     axes.legend()
 
 
-def _redshifts(axes, cloud):
+def _redshifts(axes: Axes, cloud: Mapping[str, FloatArray]) -> None:
     some = _some(len(cloud["true"]))
     top = 1.05 * max(cloud["true"].max(), np.percentile(cloud["seen"], 99))
     axes.plot(cloud["true"][some], cloud["seen"][some], ".", color=BLUE, markersize=3, alpha=0.4)
@@ -160,6 +173,6 @@ def _redshifts(axes, cloud):
     axes.set(xlabel="true redshift", ylabel="redshift", xlim=(0, top), ylim=(0, top), aspect="equal")
 
 
-def _some(n):
+def _some(n: int) -> IntArray:
     """Return rows of at most MOST points, evenly chosen."""
     return np.unique(np.linspace(0, n - 1, min(n, MOST)).astype(int)) if n else np.zeros(0, int)

@@ -1,12 +1,19 @@
 """The lines that `csstsim release score` prints."""
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 from csstsim.base.plural import number_of
 from csstsim.release.score.numbers import SNR_HEAD
 
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+    from typing import Any
 
-def lines(result):
+
+def lines(result: Mapping[str, Any]) -> Iterator[str]:
     """Yield the lines about a result (score.judge)."""
     yield f"{number_of(result['sources'], 'source')} against {number_of(result['objects'], 'true object')}" + (
         f"; by magnitude in {result['band']}" if result["band"] else ""
@@ -41,12 +48,12 @@ def lines(result):
         )
 
 
-def _said(what, one, unit, digits):
+def _said(what: str, one: Mapping[str, Any], unit: str, digits: int) -> str:
     return (
         f"{what}: bias {_cell(one['mean'], digits)} +- {_cell(one['mean_error'], digits)} {unit}, scatter "
         f"{_cell(one['scatter'], digits)}, of {one['n']}, outliers {one['outliers']}"
     )
 
 
-def _cell(value, digits):
+def _cell(value: float | None, digits: int) -> str:
     return "-" if value is None or not math.isfinite(value) else f"{value:.{digits}f}"

@@ -8,12 +8,21 @@ source that belongs to a brighter object; otherwise it is lost. A source without
 within reach has another; otherwise it is false.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from csstsim.base.sphere import ra_dec, unit_vectors
 from csstsim.bricks.match import share_out
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from csstsim.base.types import AnyArray, BoolArray, FloatArray, IntArray
+    from csstsim.release.score.catalogue import Catalogue
 
 RADIUS = 0.3  # arcsec: least reach; of galaxies half the half-light radius if that is more
 BLEND_ARCSEC = 0.5  # two objects closer than three PSF widths are one source to most codes
@@ -29,31 +38,36 @@ class Matched:
     second (m,): sources beside another one of their object; zero: mag, the catalogue's own zero point.
     """
 
-    row: np.ndarray
-    merged: np.ndarray
-    second: np.ndarray
+    row: IntArray
+    merged: BoolArray
+    second: BoolArray
     zero: float
 
     @property
-    def found(self):
+    def found(self) -> BoolArray:
         """(n,) objects that have a source."""
         return self.row >= 0
 
-    def real(self, count):
+    def real(self, count: int) -> BoolArray:
         """Return (count,): sources that belong to an object."""
         mask = np.zeros(count, bool)
         mask[self.row[self.found]] = True
         return mask
 
 
-def matched(truth, sources, band=None, radius=RADIUS):
+def matched(
+    truth: Mapping[str, AnyArray],
+    sources: Catalogue | Mapping[str, AnyArray],
+    band: str | None = None,
+    radius: float = RADIUS,
+) -> Matched:
     """Return the Matched of true objects and sources, mappings with ra, dec [deg]; truth has size [arcsec], too.
 
     band: whose magnitudes mag_B count; None: places alone. radius: arcsec.
     """
     places = [unit_vectors(table["ra"], table["dec"]).reshape(-1, 3) for table in (truth, sources)]
     reach = np.maximum(radius, 0.5 * np.nan_to_num(np.asarray(truth["size"], float)))
-    first, second, distance = _pairs(*places, reach)
+    first, second, distance = _pairs(places[0], places[1], reach)
     zero, cost = 0.0, (distance / reach[first]) ** 2
     if band and len(first):
         apart = np.asarray(sources[f"mag_{band}"], float)[second] - np.asarray(truth[f"mag_{band}"], float)[first]
@@ -71,7 +85,7 @@ def matched(truth, sources, band=None, radius=RADIUS):
     return Matched(row, _merged(places, truth, row, band), _second(row, first, second, len(places[1])), zero)
 
 
-def _zero(first, second, distance, apart):
+def _zero(first: IntArray, second: IntArray, distance: FloatArray, apart: FloatArray) -> float:
     """Return the median difference of magnitudes of the pairs that are the closest of both members; 0 of few."""
     order = np.lexsort((second, first, distance))
     order = order[share_out(first[order], second[order])]
@@ -80,7 +94,7 @@ def _zero(first, second, distance, apart):
     return float(np.median(apart)) if len(apart) >= FEWEST else 0.0
 
 
-def _pairs(places, others, reach):
+def _pairs(places: FloatArray, others: FloatArray, reach: FloatArray) -> tuple[IntArray, IntArray, FloatArray]:
     """Return (object, source, distance [arcsec]) of all pairs within the objects' reach [arcsec]."""
     from scipy.spatial import cKDTree
 
@@ -93,11 +107,11 @@ def _pairs(places, others, reach):
     return first, second, np.degrees(2 * np.arcsin(np.minimum(apart / 2, 1.0))) * 3600.0
 
 
-def _chord(arcsec):
+def _chord(arcsec: FloatArray) -> FloatArray:
     return 2 * np.sin(np.radians(np.asarray(arcsec) / 3600.0) / 2)
 
 
-def _merged(places, truth, row, band):
+def _merged(places: Sequence[FloatArray], truth: Mapping[str, AnyArray], row: IntArray, band: str | None) -> BoolArray:
     """Return (n,): objects without a source that lie on the source of a brighter object."""
     from scipy.spatial import cKDTree
 
@@ -114,7 +128,7 @@ def _merged(places, truth, row, band):
     return merged
 
 
-def brightness(truth, band=None):
+def brightness(truth: Mapping[str, AnyArray], band: str | None = None) -> FloatArray:
     """Return (n,) magnitudes in a band, or where that is not known, in the one where an object is brightest."""
     known = [np.nan_to_num(np.asarray(truth[n], float), nan=np.inf) for n in truth if n.startswith("mag_")]
     best = np.min(known, axis=0) if known else np.full(len(truth["ra"]), np.inf)
@@ -124,7 +138,7 @@ def brightness(truth, band=None):
     return best
 
 
-def _second(row, first, second, count):
+def _second(row: IntArray, first: IntArray, second: IntArray, count: int) -> BoolArray:
     """Return (count,): sources without an object, within reach of one that has another source."""
     mask = np.zeros(count, bool)
     mask[second[row[first] >= 0]] = True
@@ -132,7 +146,13 @@ def _second(row, first, second, count):
     return mask
 
 
-def chance(truth, sources, inside, band=None, radius=RADIUS):
+def chance(
+    truth: Mapping[str, AnyArray],
+    sources: Catalogue | Mapping[str, AnyArray],
+    inside: Callable[[FloatArray, FloatArray], BoolArray],
+    band: str | None = None,
+    radius: float = RADIUS,
+) -> tuple[float, int]:
     """Return (share, n): of n sources moved by SHIFT to four sides, and still `inside`, the share that has an object.
 
     inside: function of ra, dec [deg] that tells which places the field has.
@@ -149,7 +169,7 @@ def chance(truth, sources, inside, band=None, radius=RADIUS):
     return (hits / total if total else np.nan), total
 
 
-def moved(ra, dec, east, north):
+def moved(ra: FloatArray, dec: FloatArray, east: float, north: float) -> tuple[FloatArray, FloatArray]:
     """Return ra, dec [deg] of places moved by east, north [arcsec], on their tangent planes: also at the poles."""
     from csstsim.base.sphere import frames, normalised
 

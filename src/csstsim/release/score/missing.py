@@ -3,7 +3,16 @@
 They are told by what a quantity cannot be. An axis or a declination in whole nines is one, too.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from csstsim.base.types import BoolArray, FloatArray
 
 NINES = np.array([99.0, 999.0, 9999.0, 99999.0])
 MAGNITUDE, REDSHIFT, ELLIPTICITY, RATIO = 90.0, 90.0, 9.0, 9.0  # what says itself larger is not known
@@ -13,7 +22,7 @@ NAMES = {
 }  # fmt: skip
 
 
-def without_missing(columns):
+def without_missing(columns: Mapping[str, FloatArray]) -> tuple[dict[str, FloatArray], list[str]]:
     """Return ({quantity: (n,)} with NaN where a value stands for none, sentences that count them).
 
     columns: quantities of csstsim.release.score.quantities, in their first unit; fluxes have become magnitudes.
@@ -29,7 +38,7 @@ def without_missing(columns):
     return out, notes
 
 
-def _missing(name, values):
+def _missing(name: str, values: FloatArray) -> BoolArray:
     """Return bool (n,): finite values that a quantity cannot have."""
     nines = np.isin(np.abs(values), NINES)
     if name.startswith("mag_"):

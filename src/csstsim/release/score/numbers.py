@@ -4,7 +4,10 @@ Means and scatters leave out values beyond five robust sigmas, and say how many 
 Photometry, places and shapes are of objects that are alone: no other within ALONE_ARCSEC has a tenth of their light.
 """
 
+from __future__ import annotations
+
 from dataclasses import asdict
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +16,14 @@ from csstsim.base.units import MAS_PER_RAD
 from csstsim.catalog.table import GALAXY
 from csstsim.inject.recovery.bins import number, share
 from csstsim.release.score.match import brightness
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+    from typing import Any
+
+    from csstsim.base.types import AnyArray, BoolArray, FloatArray
+    from csstsim.release.score.catalogue import Catalogue
+    from csstsim.release.score.match import Matched
 
 SNR_HEAD = 10.0  # of all exposures of a band together: the completeness of the headline
 SNR_PLACE = 20.0
@@ -23,7 +34,7 @@ RESOLVED = 0.1  # arcsec: half-light radius of galaxies whose shapes are judged
 OUTLIERS = {"0.15": 0.15, "0.01": 0.01}  # |z - true| / (1 + true): photometric, spectroscopic
 
 
-def alone(truth, band):
+def alone(truth: Mapping[str, AnyArray], band: str | None) -> BoolArray:
     """Return (n,): objects without a neighbour of a tenth of their light within ALONE_ARCSEC."""
     from scipy.spatial import cKDTree
 
@@ -36,7 +47,7 @@ def alone(truth, band):
     return mask
 
 
-def completeness(truth, match, mag):
+def completeness(truth: Mapping[str, AnyArray], match: Matched, mag: FloatArray) -> dict[str, list[dict[str, float]]]:
     """Return {kind: bins} of objects by true magnitude mag (n,); a bin has low, high, n, found, merged."""
     galaxy = np.asarray(truth["obj_type"]) == GALAXY
     return {
@@ -45,12 +56,12 @@ def completeness(truth, match, mag):
     }  # fmt: skip
 
 
-def purity(match, mag, count):
+def purity(match: Matched, mag: FloatArray, count: int) -> list[dict[str, float]]:
     """Return bins of sources by their magnitude (count,): low, high, n, real, second."""
     return _bins(mag, {"real": match.real(count), "second": match.second})
 
 
-def edges_of(mag):
+def edges_of(mag: FloatArray) -> FloatArray:
     """Return the edges of bins of finite magnitudes; [] of none."""
     mag = mag[np.isfinite(mag)]
     if not len(mag):
@@ -60,7 +71,7 @@ def edges_of(mag):
     return MAG_STEP * (low + np.arange(steps + 1))
 
 
-def _bins(mag, masks):
+def _bins(mag: FloatArray, masks: Mapping[str, BoolArray]) -> list[dict[str, float]]:
     edges, found = edges_of(mag), []
     at = np.digitize(mag, edges) - 1
     for k in range(len(edges) - 1):
@@ -71,7 +82,7 @@ def _bins(mag, masks):
     return found
 
 
-def half_found(bins):
+def half_found(bins: Iterable[Mapping[str, float]]) -> float | None:
     """Return the magnitude at which half are found: between the bins where the share falls below; None of none."""
     last = None
     for one in bins:
@@ -82,7 +93,7 @@ def half_found(bins):
     return None
 
 
-def shares(truth, match, snr):
+def shares(truth: Mapping[str, AnyArray], match: Matched, snr: FloatArray) -> dict[str, dict[str, float]]:
     """Return {kind: {n, found, low, high, merged, lost}} of objects of S/N above SNR_HEAD; low, high: 68% bounds."""
     galaxy, bright = np.asarray(truth["obj_type"]) == GALAXY, snr > SNR_HEAD
     made = {}
@@ -97,7 +108,9 @@ def shares(truth, match, snr):
     return made
 
 
-def photometry(truth, sources, match, clean, band, snr):
+def photometry(
+    truth: Mapping[str, AnyArray], sources: Catalogue, match: Matched, clean: BoolArray, band: str, snr: FloatArray
+) -> tuple[dict[str, dict[str, Any]], dict[str, AnyArray]]:
     """Return (Numbers of {points, galaxies} at S/N above SNR_HEAD, arrays for the figure): source less true [mag]."""
     rows = np.flatnonzero(match.found & clean)
     true = np.asarray(truth[f"mag_{band}"], float)[rows]
@@ -108,7 +121,9 @@ def photometry(truth, sources, match, clean, band, snr):
     return numbers, {"mag": true[good], "off": off[good], "galaxy": galaxy[good]}
 
 
-def places(truth, sources, match, clean, snr):
+def places(
+    truth: Mapping[str, AnyArray], sources: Catalogue, match: Matched, clean: BoolArray, snr: FloatArray
+) -> tuple[dict[str, dict[str, dict[str, Any]]], dict[str, AnyArray]]:
     """Return (Numbers of {points, galaxies} by axis [mas] at S/N above SNR_PLACE, arrays): source less true."""
     rows = np.flatnonzero(match.found & clean & (snr > SNR_PLACE))
     at = match.row[rows]
@@ -123,7 +138,9 @@ def places(truth, sources, match, clean, snr):
     return numbers, {"east": east, "north": north, "galaxy": galaxy}
 
 
-def shapes(truth, sources, match, clean, snr):
+def shapes(
+    truth: Mapping[str, AnyArray], sources: Catalogue, match: Matched, clean: BoolArray, snr: FloatArray
+) -> tuple[dict[str, dict[str, float]], dict[str, tuple[FloatArray, FloatArray]]]:
     """Return (slope, offset and scatter of e1, e2 of resolved galaxies at S/N above SNR_HEAD, arrays)."""
     galaxy = (np.asarray(truth["obj_type"]) == GALAXY) & (np.nan_to_num(np.asarray(truth["size"])) > RESOLVED)
     rows = np.flatnonzero(match.found & clean & galaxy & (snr > SNR_HEAD))
@@ -135,7 +152,7 @@ def shapes(truth, sources, match, clean, snr):
     return numbers, arrays
 
 
-def _line(true, seen):
+def _line(true: FloatArray, seen: FloatArray) -> dict[str, float]:
     """Return {n, slope, slope_error, offset, offset_error, scatter} of the straight line through seen against true."""
     n = len(true)
     nothing = dict.fromkeys(("slope", "slope_error", "offset", "offset_error", "scatter"), np.nan)
@@ -149,14 +166,16 @@ def _line(true, seen):
     return {"n": n} | {name: float(value) for name, value in zip(nothing, values, strict=True)}
 
 
-def redshifts(truth, sources, match):
+def redshifts(
+    truth: Mapping[str, AnyArray], sources: Catalogue, match: Matched
+) -> tuple[dict[str, float], dict[str, FloatArray]]:
     """Return ({n, bias, nmad, outliers}, arrays) of (z - true) / (1 + true) of objects that are not stars."""
     true = np.asarray(truth["z"], float)
     rows = np.flatnonzero(match.found & (true > 0))
     seen, true = np.asarray(sources["z"], float)[match.row[rows]], true[rows]
     good = np.isfinite(seen)
     off = (seen[good] - true[good]) / (1 + true[good])
-    numbers = {"n": len(off), "of": len(rows)}
+    numbers: dict[str, float] = {"n": len(off), "of": len(rows)}
     if len(off):
         middle = float(np.median(off))
         numbers |= {"bias": middle, "nmad": float(1.4826 * np.median(np.abs(off - middle)))}
@@ -164,5 +183,5 @@ def redshifts(truth, sources, match):
     return numbers, {"true": true[good], "seen": seen[good]}
 
 
-def _kinds(galaxy):
+def _kinds(galaxy: BoolArray) -> tuple[tuple[str, BoolArray], ...]:
     return ("points", ~galaxy), ("galaxies", galaxy)

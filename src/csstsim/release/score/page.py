@@ -1,23 +1,32 @@
 """The page of a score: one self-contained HTML file of numbers and figures."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from csstsim.base.files.atomic import atomic_path
 from csstsim.release.score.figures import figures
 from csstsim.release.score.numbers import SNR_HEAD
 from csstsim.report.parts import Figure, Paragraph, Section, Table, fill, mappings
 
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+    from pathlib import Path
+    from typing import Any
 
-def write_page(path, result, arrays):
+
+def write_page(path: Path, result: Mapping[str, Any], arrays: Mapping[str, Any]) -> None:
     """Write the page of a result (score.judge) and its arrays; all text is escaped."""
     html = fill("score.html", title=_title(result), sections=list(_sections(result, arrays)))
     with atomic_path(path) as temporary:
         temporary.write_text(html, encoding="utf-8")
 
 
-def _title(result):
+def _title(result: Mapping[str, Any]) -> str:
     return f"{result['catalogue']} against the truth of {result['pack']}"
 
 
-def _sections(result, arrays):
+def _sections(result: Mapping[str, Any], arrays: Mapping[str, Any]) -> Iterator[Section]:
     counts = f"{result['sources']} sources, {result['objects']} true objects in the frames"
     by = (
         f"Objects and sources are matched by place within {result['radius_arcsec']:g} arcsec, or half a galaxy's radius"
@@ -29,7 +38,7 @@ def _sections(result, arrays):
         yield Section(title.lower().replace(" ", "-"), title, [Figure(png, caption), *_numbers(title, result)])
 
 
-def _headline(result):
+def _headline(result: Mapping[str, Any]) -> list[Table]:
     kinds, half, pure = result["completeness"], result["half_found"], result["purity"]
     rows = [
         {
@@ -46,7 +55,7 @@ def _headline(result):
     return [mappings([_shown(row) for row in rows], "objects"), mappings([_shown(purity)])]
 
 
-def _numbers(title, result):
+def _numbers(title: str, result: Mapping[str, Any]) -> list[Table]:
     """Return the table under a figure."""
     if title.startswith("Photometry"):
         kinds = result["photometry"][title.rpartition(" ")[2]]
@@ -64,7 +73,7 @@ def _numbers(title, result):
     return []
 
 
-def _shown(row):
+def _shown(row: Mapping[str, Any]) -> dict[str, Any]:
     """Return a row whose numbers that are not finite are None, shown as a dash."""
     return {
         key.replace("_", " "): None if isinstance(value, float) and value != value else value

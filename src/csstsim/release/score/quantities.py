@@ -4,14 +4,22 @@ A key is a quantity's name, then, if it is not the first of its kind, the unit: 
 B stands for a band.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from astropy import units as u
 
 from csstsim.base.errors import InputError
 
-UNITS = {
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from csstsim.base.types import FloatArray
+
+UNITS: dict[str, dict[str, u.UnitBase | None]] = {
     "angle": {"deg": u.deg, "hour": u.hourangle, "rad": u.rad},
     "flux": {"ujy": u.uJy, "njy": u.nJy, "mjy": u.mJy, "jy": u.Jy},
     "ellipticity": {"g": None, "chi": None},  # (a - b) / (a + b), (a2 - b2) / (a2 + b2)
@@ -46,12 +54,12 @@ class Key:
     unit: str | None
 
     @property
-    def whole(self):
+    def whole(self) -> str:
         """The name with its band: mag_r."""
         return f"{self.name[:-1]}{self.band}" if self.band else self.name
 
 
-def parse_key(text, bands, place="--map"):
+def parse_key(text: str, bands: Sequence[str], place: str = "--map") -> Key:
     """Return the Key that a text names. Raises InputError for an unknown quantity, band or unit."""
     for name, kind in KINDS.items():
         for band in bands if name.endswith("_B") else ("",):
@@ -66,7 +74,7 @@ def parse_key(text, bands, place="--map"):
     raise InputError("unknown quantity, band or unit", key=place, value=text, allowed=allowed)
 
 
-def in_our_unit(values, key, stated, column):
+def in_our_unit(values: FloatArray, key: Key, stated: u.UnitBase | None, column: str) -> FloatArray:
     """Return a column's numbers (n,) in the first unit of their kind. Raises InputError for a unit that does not fit.
 
     stated: astropy unit that the file gives the column, or None.
@@ -86,20 +94,21 @@ def in_our_unit(values, key, stated, column):
                 allowed=", ".join(known),
             )  # fmt: skip
         said = named
-    if said in (None, first):
+    if said is None or first is None or said == first:
         return values
-    if said == "chi":
-        return values  # both components are needed: see `shapes`
-    return (values * known[said]).to_value(known[first])
+    unit = known[said]
+    if unit is None:
+        return values  # chi: both components are needed, see `shapes`
+    return (values * unit).to_value(known[first])
 
 
-def ab_magnitude(flux):
+def ab_magnitude(flux: FloatArray) -> FloatArray:
     """Return AB magnitudes of fluxes [microjansky]; NaN where they are not positive."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(flux > 0, 23.9 - 2.5 * np.log10(flux), np.nan)
 
 
-def shapes(columns, chi):
+def shapes(columns: Mapping[str, FloatArray], chi: bool) -> tuple[FloatArray, FloatArray] | None:
     """Return e1, e2 (n,) in (a - b) / (a + b), or None. columns: {quantity: (n,)}.
 
     chi: whether e1 and e2 are (a2 - b2) / (a2 + b2).

@@ -1,8 +1,11 @@
 """`csstsim release score`: a catalogue against the truth of a pack; a page of figures and a JSON file."""
 
+from __future__ import annotations
+
 import json
 import math
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,10 +20,27 @@ from csstsim.release.score.lines import lines
 from csstsim.release.score.match import RADIUS, brightness, chance, matched
 from csstsim.release.score.unit_of_places import check_unit
 
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+    from typing import Any
+
+    from csstsim.base.types import FloatArray, PathLike
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.release.score.catalogue import Catalogue
+    from csstsim.release.score.field import Field
+
 PAGE, JSON = "score.html", "score.json"
 
 
-def score(catalogue, truth, output, say, maps=(), band=None, radius=RADIUS):
+def score(
+    catalogue: PathLike,
+    truth: PathLike,
+    output: PathLike,
+    say: Callable[[str], object],
+    maps: Iterable[str] = (),
+    band: str | None = None,
+    radius: float = RADIUS,
+) -> dict[str, Any]:
     """Score a catalogue's file against a pack's truth folder, write PAGE and JSON into `output`; return the numbers.
 
     maps: texts KEY=COLUMN; band: whose magnitudes matching and bins use [default: the mapped one of most sources];
@@ -43,7 +63,9 @@ def score(catalogue, truth, output, say, maps=(), band=None, radius=RADIUS):
     return result
 
 
-def judge(field, sources, band=None, radius=RADIUS, file=None):
+def judge(
+    field: Field, sources: Catalogue, band: str | None = None, radius: float = RADIUS, file: PathLike | None = None
+) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return (numbers, JSON-like; arrays for the figures) of a Catalogue against a Field. Raises InputError."""
     band = _band(field, sources, band)
     objects = field.objects
@@ -72,7 +94,7 @@ def judge(field, sources, band=None, radius=RADIUS, file=None):
     clean = numbers.alone(truth, band)
     count = len(sources)
     pure = match.real(count).mean() if count else np.nan
-    result = {
+    result: dict[str, Any] = {
         "pack": field.name, "csstsim": __version__, "catalogue": Path(file).name if file else "", "band": band,
         "columns": sources.told, "notes": notes, "objects": len(truth), "sources": count, "radius_arcsec": radius,
         "zero_point": match.zero if match_band else None,
@@ -87,7 +109,7 @@ def judge(field, sources, band=None, radius=RADIUS, file=None):
     result["half_found"] = {
         kind: numbers.half_found(bins) for kind, bins in result["completeness_by_magnitude"].items()
     }
-    arrays = {"photometry": {}}
+    arrays: dict[str, Any] = {"photometry": {}}
     if match_band:
         result["purity_by_magnitude"] = numbers.purity(match, np.asarray(sources[f"mag_{band}"]), count)
     result["photometry"] = {}
@@ -103,23 +125,23 @@ def judge(field, sources, band=None, radius=RADIUS, file=None):
     return result, arrays
 
 
-def _band(field, sources, band):
+def _band(field: Field, sources: Catalogue, band: str | None) -> str | None:
     """Return the band that is asked for, or the mapped one of most sources; None if no magnitude is mapped."""
     if band and band not in field.bands:
         raise InputError("no band of this pack", key="--band", value=band, allowed=", ".join(field.bands))
     known = {one: np.isfinite(sources[f"mag_{one}"]).sum() for one in field.bands if f"mag_{one}" in sources}
-    return band or max(known, key=known.get, default=None)
+    return band or max(known, key=known.__getitem__, default=None)
 
 
-def _snr(truth, band):
+def _snr(truth: ObjectTable, band: str | None) -> FloatArray:
     """Return the S/N (n,) of objects in all frames of a band together; without a band in their best one."""
     names = [f"snr_{band}"] if band else [name for name in truth if name.startswith("snr_")]
     return np.max([np.nan_to_num(truth[name].astype(float)) for name in names], axis=0, initial=0.0)
 
 
-def _pairs(texts):
+def _pairs(texts: Iterable[str]) -> dict[str, str]:
     """Return {key: column} of texts KEY=COLUMN. Raises InputError."""
-    found = {}
+    found: dict[str, str] = {}
     for text in texts:
         key, equals, name = (part.strip() for part in text.partition("="))
         if not (key and equals and name):
@@ -130,7 +152,7 @@ def _pairs(texts):
     return found
 
 
-def _finite(value):
+def _finite(value: Any) -> Any:
     """Return a JSON-like value with null for numbers that are not finite, and Python's own numbers."""
     if isinstance(value, dict):
         return {key: _finite(inner) for key, inner in value.items()}

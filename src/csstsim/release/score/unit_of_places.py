@@ -1,9 +1,19 @@
 """Places in another unit than degrees that happen to lie in the field, as hours do near a right ascension of 0."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.release.score.match import matched
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from csstsim.base.types import AnyArray, BoolArray, FloatArray, PathLike
+    from csstsim.release.score.catalogue import Catalogue
 
 FEWEST = 5  # objects that have a source in the other unit; of a smaller catalogue: all sources
 MORE = 10  # times as many as in degrees
@@ -11,7 +21,14 @@ RADIAN = 180 / np.pi
 UNITS = {"ra_hour": (15.0, 1.0), "ra_rad, dec_rad": (RADIAN, RADIAN), "ra_rad": (RADIAN, 1.0)}  # of ra and dec
 
 
-def check_unit(truth, sources, found, inside, radius, file=None):
+def check_unit(
+    truth: Mapping[str, AnyArray],
+    sources: Catalogue,
+    found: int,
+    inside: Callable[[FloatArray, FloatArray], BoolArray],
+    radius: float,
+    file: PathLike | None = None,
+) -> None:
     """Raise InputError if places match no object, but would in another unit.
 
     truth, sources: with ra, dec [deg]; found: objects that have a source; inside: function of ra, dec [deg] that tells

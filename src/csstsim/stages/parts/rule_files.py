@@ -196,6 +196,7 @@ class RuleFiles:
         return self._made_by_base("render", job) if kept else []
 
     def _made_by_base(self, rule: str, job: Job) -> list[str]:
+        assert self.run.base is not None
         return kinds(self.run.base)[rule].files([job])
 
 
