@@ -223,3 +223,10 @@ def test_the_brightest_pixels_have_their_dark_current_and_the_noise_of_both(dark
     values = image.astype(float) - mean
     assert abs(values.mean()) < 5 * np.sqrt(mean / n) + 64  # float32 has steps of 128 there
     assert values.var() == pytest.approx(mean, rel=5 * np.sqrt(2 / n))
+
+
+def test_counted_electrons_stay_where_the_expected_ones_are_very_bright():
+    """4e9 expected and 1e8 counted ones, to 5 sigma of the former: 6.3e4 each, in 256 pixels."""
+    image = np.full((16, 16), 4e9, np.float32)
+    add_poisson(image, np.uint64(12345), counted=np.full((16, 16), 10**8, np.int32))
+    assert abs(image.mean(dtype=float) - 4.1e9) < 5 * np.sqrt(4e9) / 16

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from readout_state import flat_state, run
 
+from csstsim.base.errors import InputError
 from csstsim.base.rng import Streams
 from csstsim.detector.channels import ReadoutFrame
 from csstsim.detector.mask import CLIPPED
@@ -82,3 +83,15 @@ def test_each_pixel_of_the_readout_frame_gets_the_polynomial_of_its_channel(smal
         wanted[block.whole] = charge * (1 + charge * (quadratic + charge * cubic))
     np.testing.assert_allclose(state.image, wanted, rtol=3e-7)
     assert len(np.unique(state.image)) == 16
+
+
+def test_the_signal_must_rise_in_the_channel_that_bends_most(small, make_pointing):
+    """A slope of 0.1 at full well for the chip's polynomial: below 0 in a channel that bends 30% more."""
+    detector = replace(
+        small.detector, nonlinearity_quadratic=-0.45 / small.detector.full_well, nonlinearity_cubic=0.0,
+        nonlinearity_spread=0.3,
+    )  # fmt: skip
+    camera = replace(small, detector=detector)
+    nonlinearity.check(nonlinearity.Param(), camera, make_pointing())
+    with pytest.raises(InputError, match="the signal falls with charge"):
+        nonlinearity.check(nonlinearity.Param(nonlinearity_16channel=True), camera, make_pointing())

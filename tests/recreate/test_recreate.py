@@ -322,7 +322,7 @@ def test_a_window_of_2000_px_at_full_depth(tmp_path):
 def test_a_header_of_others_describes_a_campaign():
     """Means of the channels that say something; the bias in electrons; the window; a seed of the caller's."""
     state = {"READX0": 101, "READX1": 300, "READY0": 51, "READY1": 90}
-    gains = {"GAIN01": 1.0, "GAIN02": 2.0, "GAIN03": 0.0}
+    gains = {"GAIN01": 1.0, "GAIN03": 0.0, "GAIN16": 2.0}
     head = header(
         DETECTOR="09", **PLACES, **state, **gains, RDNOIS01=4.0, RDNOIS02=8.0, DETBIA01=500.0, DETBIA02=520.0,
         SIMSEED=4, EXPTIME=200.0, POS_ANG0=10.0, FILTER="R",

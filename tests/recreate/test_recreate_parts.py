@@ -12,7 +12,7 @@ from csstsim.base.errors import InputError
 from csstsim.catalog.object_table import BRIGHTEST, FAINTEST
 from csstsim.catalog.table import ObjectTable
 from csstsim.detector.channels import ReadoutFrame
-from csstsim.recreate import side_by_side
+from csstsim.recreate import recreate, side_by_side
 from csstsim.recreate.frame import read_frame
 from csstsim.recreate.objects import check_frame, own_table
 from csstsim.recreate.pixels import clipped, read_electrons
@@ -574,3 +574,68 @@ def test_places_are_those_of_the_second_frame_less_the_first(compare):
     total, after, _, number = lines["light of galaxies [e-]"].words.split()
     assert float(total) == pytest.approx(30 * 2e5, rel=2e-3) and float(after) == pytest.approx(0.97 * 6e6, rel=2e-3)
     assert number == "30"
+
+
+@pytest.mark.parametrize(("keys", "angle"), [
+    ({"POS_ANG0": 10.0, "POS_ANG1": 20.0}, 10.0), ({"POS_ANG1": 20.0}, 20.0),
+    ({"POS_ANG0": "x", "POS_ANG1": 20.0}, 20.0),
+    ({"POS_ANG0": 0.0, "CD1_1": 0.0, "CD1_2": 1.0}, 0.0), ({"CD1_1": 0.0, "CD1_2": 0.0}, 0.0),
+])  # fmt: skip
+def test_the_angle_is_that_of_the_start(keys, angle):
+    """A stated one counts before the matrix; a matrix of zeros has none."""
+    assert header(CRVAL1=1.0, CRVAL2=2.0, **keys).exposure["pa"] == angle
+
+
+def test_the_edge_of_an_image_that_is_not_square():
+    """Objects more than 12 px from what was read, along both axes; 80 x 50 px."""
+    images = [np.random.default_rng(k).normal(0, 1, (50, 80)).astype(np.float32) for k in (1, 2)]
+    x, y = np.array([12.1, 11.9, 66.9, 67.1, 40, 40, 40, 40]), np.array([25, 25, 25, 25, 12.1, 11.9, 36.9, 37.1])
+    seen = side_by_side._Objects(images, np.zeros((50, 80), bool), [(0.0, 1.0)] * 2, x, y, np.arange(8, dtype=np.int8))
+    assert seen._kinds.tolist() == [0, 2, 4, 6]
+
+
+@pytest.mark.parametrize(("noises", "compared"), [((1.0, 1.0), True), ((1.0, 30.0), False), ((30.0, 1.0), False)])
+def test_an_object_is_compared_if_both_frames_show_it(noises, compared):
+    """2000 electrons in a circle of 113 px: an S/N of 43 at a noise of 1, of 6 at one of 30."""
+    image = np.zeros((60, 60), np.float32)
+    image[30, 30] = 2000.0
+    levels = [(0.0, noise) for noise in noises]
+    at = np.array([30.0])
+    lines = side_by_side._Objects([image, image], image < 0, levels, at, at, np.zeros(1, np.int8)).light()
+    assert bool(list(lines)) is compared
+
+
+def test_the_sky_is_the_background_less_dark_current_and_faint_objects(monkeypatch):
+    """Levels by hand: 100 e-, 3 of them dark current, 0.8 of the light counted, 1 e- of objects too faint to be seen.
+
+    With a noise of 4 e- objects below 5 x 4 x sqrt(50) = 141 e- are; one of 15,000 e- lies in the left quarter.
+    """
+    electrons = np.where(np.indices((60, 60)).sum(axis=0) % 2, 104.0, 96.0).astype(np.float32)
+    electrons[20:40, 5:15] += 5000.0
+    electrons[0, :5] = 1e5
+    seen = SimpleNamespace(electrons=electrons, saturated=electrons > 5e4)
+    monkeypatch.setattr(recreate, "read_electrons", lambda head, detector: seen)
+    monkeypatch.setattr("csstsim.optics.throughput.response.response_map", lambda *_, **__: np.array([0.7, 0.9]))
+    asked = {}
+
+    def around(job, columns, times):
+        asked["times"] = times
+        return np.indices((60, 60))[1] < 15
+
+    monkeypatch.setattr(recreate, "_around", around)
+    filter_ = SimpleNamespace(zeropoint=lambda telescope: 25.0)
+    job = SimpleNamespace(
+        chip=SimpleNamespace(filter="R"), window=None, exposure=SimpleNamespace(exptime=150.0, filter=filter_)
+    )
+    camera = SimpleNamespace(detector=SimpleNamespace(dark=0.02), telescope=None, leds=None)
+    steps = {"SCIE": SimpleNamespace(losses=SimpleNamespace(flat=True, shutter=True))}
+    run = SimpleNamespace(camera=camera, steps=steps, streams=lambda job: SimpleNamespace(camera=None))
+    head = SimpleNamespace(notes=[], path="x.fits")
+    mags = 25.0 - 2.5 * np.log10(np.array([15_000.0, *[100.0] * 36]) / 150)
+    rate = recreate._sky(head, run, job, {"mag_r": mags})
+    assert rate == pytest.approx((97 / 0.8 - 1.0) / 150, rel=1e-6)
+    assert asked["times"][[0, 1]] == pytest.approx([15_000 / 141.42, 100 / 141.42], rel=0.02)
+    assert head.notes == [f"SKYRATE: sky of the frame's background, 100.00 e-: {rate:.4f} e-/s/px"]
+    seen.saturated[:] = True
+    with pytest.raises(InputError, match="every pixel is saturated"):
+        recreate._sky(head, run, job, {"mag_r": mags})

@@ -77,3 +77,29 @@ def test_a_table_is_shown_with_nine_digits():
     assert shown.colnames == ["ra", "id", "mag"] and shown["ra"].info.format == shown["mag"].info.format == ".9g"
     assert shown["id"].info.format is None and shown["ra"][0] == 60.123456789
     assert "60.1234568" in str(shown)
+
+
+@pytest.mark.parametrize("slitless", [False, True])
+def test_a_frame_of_a_job_has_the_truth_of_its_state_and_the_wcs_of_its_window(monkeypatch, slitless):
+    """Places of both tables count from 1; orders only of a chip behind gratings."""
+    from types import SimpleNamespace
+
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.simulation.frame import frame_of
+
+    asked = []
+    monkeypatch.setattr("csstsim.optics.geometry.icrs_header.icrs_header", lambda *given: asked.append(given) or {})
+    monkeypatch.setattr("csstsim.io.truth.truth_table", lambda truth, chip: ObjectTable({"id": truth["id"] + chip}))
+    orders = ObjectTable({"order": np.array([1, 2]), "x": np.array([4.0, 5.0]), "y": np.array([0.5, 1.0])})
+    state = SimpleNamespace(truth=ObjectTable({"id": np.array([10, 20])}), orders=orders if slitless else None)
+    job = SimpleNamespace(chip=3, window="window", key=("101", 3), wcs="wcs", observer="observer")
+    image = np.ones((2, 3))
+    made = frame_of(job, state, image, raw=2 * image, header="header")
+    assert made.image is image and made.raw[0, 0] == 2 and made.header == "header" and made.readout is None
+    assert made.truth["id"].tolist() == [13, 23] and (made.window, made.key) == ("window", ("101", 3))
+    assert asked == [("wcs", "observer", "window")] and made.wcs.naxis == 2
+    if slitless:
+        assert made.orders.colnames == ["order", "xImage", "yImage"]
+        assert made.orders["xImage"].tolist() == [5.0, 6.0] and made.orders["yImage"].tolist() == [1.5, 2.0]
+    else:
+        assert made.orders is None

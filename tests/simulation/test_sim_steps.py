@@ -199,6 +199,15 @@ def test_a_stage_runs_its_layers_one_after_the_other(layer):
     assert all(wall >= 0 and cpu >= 0 for _, wall, cpu in state.header["timing"])
 
 
+def test_the_time_of_a_layer_is_wall_and_then_cpu_seconds(layer, monkeypatch):
+    wall, cpu = iter([10.0, 13.0]), iter([2.0, 2.5])
+    clocks = SimpleNamespace(perf_counter=lambda: next(wall), process_time=lambda: next(cpu))
+    found = steps({layer("one"): {}})
+    monkeypatch.setattr("csstsim.simulation.sim_steps.time", clocks)
+    state = SimpleNamespace(seen=[], header={}, unit="electron")
+    assert found.run(state, "render", SimpleNamespace(layer=str)).header["timing"] == [["lab.one", 3.0, 0.5]]
+
+
 def unchecked(*names):
     """Steps that no list has checked."""
     return [Step(name, name, load_layer(name), Options()) for name in names]
