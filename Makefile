@@ -29,6 +29,7 @@ style: .venv/ready
 	ruff check .
 	ruff format --check .
 	lint-imports
+	mypy
 	snakefmt --check Snakefile workflow
 	python workflow/lint.py --config campaign=config/campaign.yaml
 	python builders/make_docs.py --check

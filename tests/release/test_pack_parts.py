@@ -425,6 +425,14 @@ def test_a_crate_says_how_its_files_were_made():
     assert ids(found["level0/"]["exampleOfWork"]) == ["#products"] and "exampleOfWork" not in found["workflow/"]
 
 
+def test_names_with_a_blank_are_quoted_wherever_they_are_named():
+    files = {name.replace("ab.yaml", "a b.yaml"): about for name, about in FILES.items()}
+    found = crate(files=files, inputs=("a b.yaml", "list.csv"))
+    quoted = "workflow/inputs/a%20b.yaml"
+    assert found[quoted]["name"] == "a b.yaml" and ids(found[quoted]["exampleOfWork"]) == ["#campaign"]
+    assert ids(found["#run"]["object"])[0] == quoted in ids(found["workflow/"]["hasPart"])
+
+
 def test_a_crate_without_a_run_or_authors():
     files = {"only/a.csv": ("a table", 1, SHA)}
     found = crate(run=None, authors=(), files=files, inputs=(), licence="https://my.licence/")

@@ -157,7 +157,7 @@ def _run(
         "version": ", ".join(run.versions),
     }  # fmt: skip
     entities[TABLES] |= {"version": crate.version}
-    inputs = [f"{INPUTS}/{name}" for name in crate.inputs]
+    inputs = [_id(f"{INPUTS}/{name}") for name in crate.inputs]
     entities[inputs[0]]["exampleOfWork"] = _to("#campaign")
     made = [one for one in folders if one["@id"] != _id(f"{WORKFLOW.partition('/')[0]}/")]
     for one in made:
