@@ -29,6 +29,12 @@ def load(camera, tmp_path):
     return loaded
 
 
+def test_the_reach_is_beyond_left_right_lower_and_upper_edge(load, camera):
+    detector = camera.chips[1].detector
+    edges = (-654.5, detector.nx - 0.5 + 1600, -1600.5, detector.ny - 0.5 + 449)
+    assert load(lambda folder, data: None).bounds == edges
+
+
 def edit(name, old, new):
     """Return a change that replaces the beginning of a line of a .conf file by another line."""
 

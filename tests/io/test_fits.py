@@ -187,3 +187,17 @@ def test_cards_keep_the_standards_columns():
     assert card("A", "x", "c").index(" / c") == 30 and card("A", 1e-5)[10:30] == f"{'1E-05':>20}"
     assert remark("COMMENT", "a" * 73) == f"COMMENT {'a' * 72}{'COMMENT a':<80}"
     assert remark("HISTORY") == f"{'HISTORY':<80}"
+
+
+def test_a_bit_of_a_compressed_image_is_missed_by_its_sum(tmp_path):
+    """In the header, so that the pixels can still be unpacked."""
+    path, image = tmp_path / "x.fits", fits.CompImageHDU(np.arange(600, dtype=np.int16).reshape(20, 30), name="ONE")
+    image.header["A"] = (1, "a remark")
+    fits.HDUList([fits.PrimaryHDU(), image]).writeto(path, checksum=True)
+    with open_fits(path) as file:
+        assert read_pixels(file[1], path, verify=True)[19, 29] == 599
+    path.write_bytes(path.read_bytes().replace(b"a remark", b"A remark"))
+    with open_fits(path) as file:
+        assert read_pixels(file[1], path)[19, 29] == 599
+        with pytest.raises(InputError, match="HDU ONE: the file is damaged: wrong CHECKSUM"):
+            read_pixels(file[1], path, verify=True)

@@ -121,3 +121,22 @@ def test_an_orders_wing_hides_where_its_light_does(share):
     """A profile of r^-3 falls to one level at the cube root of the light; so do an order's wings, or they hide."""
     assert order_wing(4000.0, share, BOX_PX) == pytest.approx(4000.0 * share ** (1 / 3))
     assert order_wing(0.0, share, BOX_PX) == 0.0 and order_wing(0.9 * BOX_PX, share, BOX_PX) == 0.0
+
+
+def test_where_in_a_pixel_of_an_image_a_photon_falls_has_nothing_to_do_with_the_pixel():
+    """A quadratic B-spline about each of eight pixels, four apart: mean 0 and variance 1/4 along both axes."""
+    count, image = 200_000, np.zeros((1, 29))
+    image[0, ::4] = 1.0 + np.arange(8)
+    px, py, spots = np.zeros(count), np.zeros(count), Spots(images=[image])
+    tables = (rings_for(1.0)[0], *spots.sampled)
+    from_profile(count, np.eye(2), np.array([-2.0, 0.0, 0.0]), tables, px, py, np.uint64(78), np.uint64(0))
+    place = np.sort(spots.u[spots.u % 4 == spots.u.min() % 4])
+    pixel = np.abs(px[:, None] - place).argmin(axis=1)
+    share = np.bincount(pixel) / count
+    assert np.allclose(share, image[0, ::4] / image.sum(), atol=SIGMA * 0.5 / np.sqrt(count))
+    for k in range(8):
+        x, y = px[pixel == k] - place[k], py[pixel == k] - spots.v[0]
+        for offset in (x, y):
+            assert abs(offset.mean()) < SIGMA * 0.5 / np.sqrt(len(offset)) and np.abs(offset).max() < 1.5
+            assert offset.var() == pytest.approx(0.25, rel=SIGMA * np.sqrt(2 / len(offset)))
+        assert abs(np.corrcoef(x, y)[0, 1]) < SIGMA / np.sqrt(len(x))
