@@ -7,7 +7,8 @@ from slitless import EDGES, PHOTONS, GaussianPsf, binned, orders_of
 from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
 from csstsim.measure.spectra import spectral_model
-from csstsim.measure.spectra.line_profile import Shapes
+from csstsim.measure.spectra.line_profile import OFFSETS, Shapes
+from csstsim.measure.spectra.near_orders import TILE, near_orders
 from csstsim.measure.spectra.spectral_model import make_model
 
 WINDOW = Window(1000, 3300, 3800, 4500)
@@ -46,3 +47,22 @@ def test_an_image_in_boxes_is_the_whole_one_there(scene, monkeypatch, boxes, fai
     assert whole.max() > 10 * faintest
     if boxes[0][0] in (1500, 3400):
         assert sum(drawn[1:]) < 0.6 * drawn[0]  # the orders that are far away are not drawn
+
+
+def test_an_order_is_near_where_its_tiles_are_those_of_a_box():
+    """A box of two tiles in x and one in y; orders of a pixel's reach that end beside it, and within."""
+    x0, y0 = WINDOW.x0 + 10 * TILE, WINDOW.y0 + 12 * TILE
+    x1, y1 = x0 + 2 * TILE, y0 + TILE
+    middle = y0 + 8.0
+    cases = [
+        (x0 - 40, x0 - 1, middle, False), (x0 - 40, x0, middle, True), (x1 - 1, x1 + 40, middle, True),
+        (x1, x1 + 40, middle, False), (x0 - 40, x1 + 40, middle, True), (x0, x1, y0 - 1.1, False),
+        (x0, x1, y0 - 1.0, True), (x0, x1, y1 + 0.9, True), (x0, x1, y1 + 1.0, False),
+    ]  # fmt: skip
+    first, last, height, near = (np.array(values) for values in zip(*cases, strict=True))
+    ends, heights, n = np.stack([first, last], axis=1), np.stack([height, height], axis=1), len(cases)
+    nothing = np.zeros((1, 2, 1, len(OFFSETS)))
+    boxes = np.array([[x0, x1, y0, y1]], float)
+    size = np.zeros((n, 2), int)
+    found = near_orders(ends, heights, np.ones(n), np.full((n, 2), 0.5), size, nothing, WINDOW, boxes, 1.0)
+    assert found.tolist() == near.tolist()
