@@ -7,7 +7,7 @@ from csstsim.campaign.pointing_lists.directions import places, position_angles
 from csstsim.campaign.pointing_lists.mapping import Mapping
 from csstsim.campaign.pointing_lists.messages import kinds_of, say_not_used, say_overlaps, say_refused
 from csstsim.campaign.pointing_lists.quantities import parse_key
-from csstsim.campaign.pointing_lists.read_list import PointingList
+from csstsim.campaign.pointing_lists.read_list import PointingList, read_list
 from csstsim.campaign.pointing_lists.values import Values
 from csstsim.campaign.survey_table import exposures_of
 
@@ -111,3 +111,13 @@ def test_exposures_that_begin_during_a_longer_one_are_told():
     assert said == [
         "1 exposure begins while the telescope points elsewhere: 100000003 (line 3) during 100000001 (line 1)"
     ]
+
+
+@pytest.mark.parametrize("text", ["7 SCIE 10.5 -2.0\n8 BIAS 0 0\n", "7,SCIE,10.5,-2.0\n8,BIAS,0,0\n"])
+def test_a_first_row_with_a_number_and_a_text_is_no_heading(tmp_path, text):
+    path = tmp_path / "list.txt"
+    path.write_text(text)
+    found = read_list(path)
+    assert found.names == ["col1", "col2", "col3", "col4"]
+    assert found.rows == [("line 1", ["7", "SCIE", "10.5", "-2.0"]), ("line 2", ["8", "BIAS", "0", "0"])]
+    assert not found.broken
