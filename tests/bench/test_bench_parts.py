@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 
 from csstsim.base.errors import InputError
+from csstsim.bench import setting as settings
 from csstsim.bench import sweep as sweeping
 from csstsim.bench.chart import LEAST, ON_NODES, Point, _colour, _groups, _joined, points
 from csstsim.bench.imaging import cases, truth
 from csstsim.bench.imaging.benchmark import half_light_px, judge
 from csstsim.bench.imaging.methods import Method, standard
 from csstsim.bench.imaging.peers import fft, galaxy_of, paper
+from csstsim.bench.imaging.shapes import make_shapes
 from csstsim.bench.readout import layers
 from csstsim.bench.setting import make_setting
 from csstsim.bench.slitless import cases as spectra
@@ -373,3 +375,10 @@ def test_the_readouts_table_has_the_cost_of_all_that_follows_the_light(monkeypat
     layers.readout(tmp_path, said.append, (40.0,))
     assert f"| bias | 2.00 | {2e9 / (9216 * 9232):.1f} | numpy 40.0 |" in said
     assert (tmp_path / "cti_speed_accuracy.png", None) in said
+
+
+def test_no_shape_is_larger_than_asked(bench_folder, monkeypatch):
+    monkeypatch.setattr(settings, "GRID", 3)
+    made = make_shapes(make_setting(bench_folder, "r"), 24, largest=0.12)
+    sizes = [case.row["size_disk"][0] for case in made if case.kind != "image"]
+    assert len(sizes) == 16 and min(sizes) >= cases.SIZE[0] and 0.1 < max(sizes) <= 0.12

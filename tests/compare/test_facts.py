@@ -1,10 +1,13 @@
 """Words and sizes of differences, without files: arrays, records, names, pages."""
 
+import os
+
 import numpy as np
 import pyarrow as pa
 import pytest
 
 from csstsim.catalog.table import write_parquet
+from csstsim.compare.compare import facts
 from csstsim.compare.content import content_hash
 from csstsim.compare.facts import Difference, alone, array_facts, shown
 from csstsim.compare.records import record_facts
@@ -188,3 +191,11 @@ def test_each_value_type_and_name_of_a_table_is_in_its_content(tmp_path, change)
     one = content_hash(written(tmp_path / "a.parquet", **columns))
     assert content_hash(written(tmp_path / "b.parquet", **columns | {"ms": [3.0, 4.0]})) == one
     assert content_hash(written(tmp_path / "c.parquet", **columns | change)) != one
+
+
+def test_files_of_one_size_and_date_are_read(tmp_path):
+    one, other = tmp_path / "a.txt", tmp_path / "b.txt"
+    for path, text in ((one, "flux 1.5\n"), (other, "flux 2.5\n")):
+        path.write_text(text)
+        os.utime(path, (1e9, 1e9))
+    assert len(list(facts(one, other))) == 1 and not list(facts(one, one))
