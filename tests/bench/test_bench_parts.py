@@ -12,7 +12,7 @@ from csstsim.bench import sweep as sweeping
 from csstsim.bench.chart import LEAST, ON_NODES, Point, _colour, _groups, _joined, points
 from csstsim.bench.imaging import cases, truth
 from csstsim.bench.imaging.benchmark import half_light_px, judge
-from csstsim.bench.imaging.methods import Method, standard
+from csstsim.bench.imaging.methods import Method, drawing_of, standard
 from csstsim.bench.imaging.peers import fft, galaxy_of, paper
 from csstsim.bench.imaging.shapes import make_shapes
 from csstsim.bench.readout import layers
@@ -382,3 +382,9 @@ def test_no_shape_is_larger_than_asked(bench_folder, monkeypatch):
     made = make_shapes(make_setting(bench_folder, "r"), 24, largest=0.12)
     sizes = [case.row["size_disk"][0] for case in made if case.kind != "image"]
     assert len(sizes) == 16 and min(sizes) >= cases.SIZE[0] and 0.1 < max(sizes) <= 0.12
+
+
+def test_a_preset_keeps_its_mixer_from_object_to_object():
+    known = SimpleNamespace(wcs=None, mixer=SimpleNamespace(psf="psf"), exptime=1.0, variance=2.0, table="table")
+    drawing = drawing_of(known, SimpleNamespace(row={"id": np.array([4])}), "standard")
+    assert drawing.kept is known.mixer and drawing.observer is None and drawing.key == 5

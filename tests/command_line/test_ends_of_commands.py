@@ -2,6 +2,7 @@
 
 import errno
 import signal
+from types import SimpleNamespace
 
 import pytest
 from commands import command
@@ -9,6 +10,7 @@ from mini_campaign import POINTINGS, write_campaign
 
 from csstsim.base.errors import CsstsimError, InputError
 from csstsim.command_line import group
+from csstsim.command_line.profile import profiled
 
 
 @pytest.fixture
@@ -58,3 +60,18 @@ def test_a_campaign_that_cannot_be_opened_is_refused_by_every_stage(tmp_path):
     for words in (("plan", file), ("status", file), ("chip", file, "--obsid", "42", "--chip", 9), ("report", file)):
         found = command(*words)
         assert found.exit_code == 2 and "select.obsids: not in the survey table (got '42')" in found.stderr
+
+
+def test_a_chip_that_a_variant_takes_from_its_base_has_no_profile():
+    said = []
+    assert profiled(lambda: None, said.append) is None and not said
+
+
+def test_a_layer_without_a_docstring_is_listed(monkeypatch):
+    plain = SimpleNamespace(
+        __doc__=None, STAGE="render", UNITS=("electron",) * 2, Param=SimpleNamespace(model_fields={})
+    )
+    monkeypatch.setattr("csstsim.simulation.sim_steps.load_layer", lambda name: plain)
+    assert command("layers", "mylab.plain").output == (
+        "mylab.plain  [render, electron -> electron]\n    (no docstring)\n"
+    )

@@ -207,3 +207,11 @@ def test_data_that_are_not_there_are_a_problem(tmp_path, monkeypatch):
     monkeypatch.setattr("csstsim.base.shipped.SHIPPED", tmp_path)
     [fault] = [finding for finding in doctor.examine() if finding.verdict == PROBLEM]
     assert fault.what == "data" and str(tmp_path) in fault.text
+
+
+def test_a_folder_that_fails_without_a_reason_of_the_system_is_not_writable(monkeypatch, tmp_path):
+    def fail(dir):
+        raise OSError("quota")
+
+    monkeypatch.setattr(machine.tempfile, "TemporaryFile", fail)
+    assert machine.write_fault(tmp_path) == "quota"
