@@ -96,7 +96,10 @@ class Simulation:
         self._open(config, layers, pointings)
 
     def _open(self, config: Campaign, layers: Layers, pointings: dict[str, Pointing] | None) -> None:
-        self._config, self._layers, self._pointings = config, layers, pointings  # as given: a copy is made of these
+        # as given: a copy is made of these
+        self._config = config
+        self._layers = layers
+        self._pointings = pointings
         self._run = OpenCampaign(self._file, copied=True, config=config, layers=layers, pointings=pointings)
         self._run.paths = Kept(self._cache, self._run)
 
@@ -125,7 +128,8 @@ class Simulation:
         keys = _from_here(copy.deepcopy(keys))
         pointings = None if "survey_table" in keys else self._pointings
         kept = {} if "observations" in keys else self._layers
-        given, own = keys.get("instrument"), config["instrument"]
+        given = keys.get("instrument")
+        own = config["instrument"]
         if isinstance(given, dict) and "folder" not in given and own:  # numbers of this camera
             own = own if isinstance(own, dict) else {"folder": own}
             keys["instrument"] = {**own, **given}
@@ -142,7 +146,8 @@ class Simulation:
         changes: Mapping[str, dict[str, Any] | None] | None = None,
     ) -> Simulation:
         made = object.__new__(Simulation)
-        made._file, made._cache = self._file, self._cache
+        made._file = self._file
+        made._cache = self._cache
         campaign = make_campaign(config, self._file)
         if changes is not None:
             file = campaign.observation_file("SCIE")
@@ -151,9 +156,18 @@ class Simulation:
         return made
 
     def aim(
-        self, ra: float, dec: float, chip: int = 9, *, size: int | None = 1000, pa: float = 0.0,
-        time: str = "2027-11-20T01:20:00", exptime: float = 150.0, obsid: str | int = "10100000001", exposures: int = 1,
-    ) -> Simulation:  # fmt: skip
+        self,
+        ra: float,
+        dec: float,
+        chip: int = 9,
+        *,
+        size: int | None = 1000,
+        pa: float = 0.0,
+        time: str = "2027-11-20T01:20:00",
+        exptime: float = 150.0,
+        obsid: str | int = "10100000001",
+        exposures: int = 1,
+    ) -> Simulation:
         """Return a Simulation of exposures with a place on the middle of one chip, and of the pixels around it.
 
         ra, dec [deg, ICRS]; chip: its number (its filter is the image's); size: side of the window [pixel], None for
@@ -165,11 +179,13 @@ class Simulation:
         Raises InputError for values that cannot be used, and for a place so close to a pole (up to half a degree) that
         no pointing at this position angle puts it on the chip.
         """
-        camera, science = self._run.camera, self._run.steps.get("SCIE")
+        camera = self._run.camera
+        science = self._run.steps.get("SCIE")
         chip = _whole(chip, "chip")
         if chip not in camera.chips:
             raise InputError("no such chip", key="chip", value=chip, allowed=", ".join(map(str, camera.chips)))
-        obsid, count = str(obsid), _whole(exposures, "exposures")
+        obsid = str(obsid)
+        count = _whole(exposures, "exposures")
         if not OBSID.fullmatch(obsid):
             raise InputError("not an observation id", key="obsid", value=obsid, allowed=OBSID_ALLOWED)
         if not 1 <= count <= MOST:
@@ -179,11 +195,19 @@ class Simulation:
             if not OBSID.fullmatch(obsid):
                 raise InputError("no observation id is left", key="obsid", value=obsid, allowed=OBSID_ALLOWED)
             pointing = centred_exposure(
-                camera, camera.chips[chip], ra, dec, pa=pa, time=time, exptime=exptime,
-                distorted=science is None or science.field_dist, **self._config.astrometry.model_dump(),
-            )  # fmt: skip
+                camera,
+                camera.chips[chip],
+                ra,
+                dec,
+                pa=pa,
+                time=time,
+                exptime=exptime,
+                distorted=science is None or science.field_dist,
+                **self._config.astrometry.model_dump(),
+            )
             pointings[obsid] = pointing
-            obsid, time = next_obsid(obsid), after(pointing)
+            obsid = next_obsid(obsid)
+            time = after(pointing)
         _warn_of_one_noise(self._config.seed, pointings)
         window = None if size is None else _window_about(camera, camera.chips[chip], size)
         changes = {"select": {"types": ["SCIE"], "chips": [chip]}, "window": window}
@@ -296,8 +320,10 @@ def _from_here(keys: dict[str, Any]) -> dict[str, Any]:
 
 def _window_about(camera: Camera, chip: Chip, size: int) -> dict[str, int]:
     """Return the window of `size` px about the middle of the light that `aim` puts on a chip. Raises InputError."""
-    nx, ny = chip.detector.nx, chip.detector.ny
-    size, most = _whole(size, "size"), min(nx, ny)
+    nx = chip.detector.nx
+    ny = chip.detector.ny
+    size = _whole(size, "size")
+    most = min(nx, ny)
     if not 1 <= size <= most:
         raise InputError("no window of a chip", key="size", value=size, allowed=f"1 to {most}, or None")
     target, middle = light_on(camera, chip)

@@ -27,13 +27,21 @@ TAIL = 8  # lines of a failed job's log
 ERASE = "\r\033[K"
 # Before the jobs begin: what a user of a campaign need not know
 HIDDEN = (
-    "Assuming unrestricted shared filesystem", "Building DAG", "Using shell", "Group jobs", "Conda environments",
-    "Singularity containers", "host:", "Using workflow specific profile", "Using profile",
-)  # fmt: skip
+    "Assuming unrestricted shared filesystem",
+    "Building DAG",
+    "Using shell",
+    "Group jobs",
+    "Conda environments",
+    "Singularity containers",
+    "host:",
+    "Using workflow specific profile",
+    "Using profile",
+)
 # Of errors: what the lines of failed jobs say
 SAID = "Exiting because a job execution failed", "At least one job did not complete successfully"
 # How a csstsim command ends on Ctrl-C, by its log (click), and on SIGINT and SIGTERM, by its exit code
-ABORTED, STOPPED = "Aborted!", re.compile(r"exit status (130|143)\b")
+ABORTED = "Aborted!"
+STOPPED = re.compile(r"exit status (130|143)\b")
 
 
 class LogHandler(LogHandlerBase):
@@ -49,9 +57,11 @@ class LogHandler(LogHandlerBase):
         self._jobs: dict[int, str] = {}
         self._starts: dict[int, float] = {}
         self._ended: list[int] = []
-        self._first, self._all = time.monotonic(), 0
+        self._first = time.monotonic()
+        self._all = 0
         self._bar = not self._plain and sys.stderr.isatty()
-        self._begun, self._held = False, ""
+        self._begun = False
+        self._held = ""
 
     writes_to_stream = property(lambda self: True)
     writes_to_file = property(lambda self: False)
@@ -77,9 +87,12 @@ class LogHandler(LogHandlerBase):
     def _text(self, record: Any) -> str:
         event = get_event(record)
         told = {
-            LogEvent.RUN_INFO: self._run, LogEvent.JOB_INFO: self._know, LogEvent.JOB_STARTED: self._start,
-            LogEvent.JOB_FINISHED: self._end, LogEvent.PROGRESS: self._progress,
-        }  # fmt: skip
+            LogEvent.RUN_INFO: self._run,
+            LogEvent.JOB_INFO: self._know,
+            LogEvent.JOB_STARTED: self._start,
+            LogEvent.JOB_FINISHED: self._end,
+            LogEvent.PROGRESS: self._progress,
+        }
         if event == LogEvent.JOB_ERROR:
             return self._failed(record)
         if event in told:
@@ -89,7 +102,8 @@ class LogHandler(LogHandlerBase):
             if text.startswith("RuleException"):  # the job's own record follows
                 text, self._held = self._held, text
                 return text
-        text, self._held = "\n".join(filter(None, (self._held, text))), ""
+        text = "\n".join(filter(None, (self._held, text)))
+        self._held = ""
         return text
 
     def _message(self, record: Any) -> str:
@@ -126,7 +140,8 @@ class LogHandler(LogHandlerBase):
 
     def _progress(self, record: Any) -> str:
         """Return the lines of the jobs that have ended since the last time."""
-        ended, self._ended = self._ended, []
+        ended = self._ended
+        self._ended = []
         total = record.total - self._all
         return "\n".join(
             f"{record.done:{len(str(total))}}/{total}  {self._jobs[job]}{self._took(job)}"
@@ -144,7 +159,8 @@ class LogHandler(LogHandlerBase):
         return f"[{'#' * full}{'.' * (BAR - full)}] {100 * done // total}%, {spent:.0f} s{left}"
 
     def _failed(self, record: Any) -> str:
-        name, held = self._jobs.get(record.jobid, record.rule_name), self._held
+        name = self._jobs.get(record.jobid, record.rule_name)
+        held = self._held
         self._held = ""
         logs = [Path(log) for log in record.log or () if Path(log).is_file()]
         lines = [line for log in logs for line in log.read_text(errors="replace").splitlines()[-TAIL:]]

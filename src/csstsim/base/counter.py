@@ -19,12 +19,14 @@ if TYPE_CHECKING:
     from csstsim.base.types import IntArray
 
 _GAMMA = np.uint64(0x9E3779B97F4A7C15)
-_MIX1, _MIX2 = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
+_MIX1 = np.uint64(0xBF58476D1CE4E5B9)
+_MIX2 = np.uint64(0x94D049BB133111EB)
 _ONE = np.uint64(1)
 _S27, _S30, _S31, _S32 = (np.uint64(s) for s in (27, 30, 31, 32))
 _LOW32 = np.uint64(0xFFFFFFFF)
 _S12 = np.uint64(12)
-_UNIT32, _UNIT52 = 2.0**-32, 2.0**-52
+_UNIT32 = 2.0**-32
+_UNIT52 = 2.0**-52
 _INVERSION_MAX = 10.0  # mean, above which rejection is the faster
 _INVERSION_LAST = 100  # where rounding must not let the search run on: P(more) < 1e-60
 
@@ -90,7 +92,8 @@ def poisson(mean: float, key: np.uint64, counter: np.uint64) -> tuple[int, np.ui
     while True:
         bits = word(key, counter)
         counter += _ONE
-        u, v = high(bits) - 0.5, low(bits)
+        u = high(bits) - 0.5
+        v = low(bits)
         us = 0.5 - abs(u)
         k = math.floor((2 * a / us + b) * u + mean + 0.43)
         if us >= 0.07 and v <= v_r:

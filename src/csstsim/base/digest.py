@@ -13,7 +13,9 @@ if TYPE_CHECKING:
 
     from csstsim.base.types import PathLike
 
-_PIECES, _PIECE = 256, 1 << 16  # and their bytes
+# and their bytes
+_PIECES = 256
+_PIECE = 1 << 16
 
 
 def digest(data: Any) -> str:

@@ -28,7 +28,11 @@ class InputError(CsstsimError):
     def __init__(
         self, message: str, *, file: object = None, key: object = None, value: object = None, allowed: object = None
     ) -> None:
-        self.message, self.file, self.key, self.value, self.allowed = message, file, key, value, allowed
+        self.message = message
+        self.file = file
+        self.key = key
+        self.value = value
+        self.allowed = allowed
         where = ": ".join(text for part, text in ((file, str(file)), (key, _cut(str(key)))) if part is not None)
         text = f"{where}: {message}" if where else message
         if value is not None:

@@ -94,7 +94,8 @@ def pixel_border(nside: int, pix: int, step: int = 1) -> FloatArray:
     """Return unit vectors (4 step, 3) along the border of a pixel: `step` from each corner on, N, W, S, E."""
     face, within = divmod(int(pix), nside * nside)
     x, y = ((every_other(within >> shift) + 0.5) / nside for shift in (0, 1))
-    half, length = 0.5 / nside, 1.0 / (step * nside)
+    half = 0.5 / nside
+    length = 1.0 / (step * nside)
     part = [k * length for k in range(step)]
     points = [(x + half - d, y + half) for d in part] + [(x - half, y + half - d) for d in part]
     points += [(x - half + d, y - half) for d in part] + [(x + half, y - half + d) for d in part]
@@ -110,7 +111,8 @@ def _vector(face: int, x: float, y: float) -> tuple[float, float, float]:
     """Return the unit vector of a point in the square of a base pixel (Gorski et al. 2005, equations 4-9)."""
     row = _ROWS[face] - x - y
     if 1 <= row <= 3:  # equatorial
-        around, z = 1.0, (2 - row) * 2 / 3
+        around = 1.0
+        z = (2 - row) * 2 / 3
     else:
         around = row if row < 1 else 4 - row
         z = math.copysign(1 - around * around / 3, 2 - row)
@@ -134,7 +136,8 @@ def near_brick(pix: int, ra: FloatArray, dec: FloatArray, margin: float) -> Bool
     A position outside is near when one of 16 directions at `margin`, or at half of it, leads into the brick: at the
     outer quarter of the margin the tip of a corner can hide between two directions.
     """
-    ra, dec = np.asarray(ra, float), np.asarray(dec, float)
+    ra = np.asarray(ra, float)
+    dec = np.asarray(dec, float)
     near = brick_of(ra, dec) == pix
     centre = unit_vectors(*brick_centre(pix))
     v = unit_vectors(ra, dec)

@@ -45,9 +45,12 @@ class ImageWCS:
             self.frame = wcs_to_celestial_frame(self.wcs)
         except ValueError:
             raise InputError(
-                "a frame that astropy does not know", file=path, key="CTYPE1, RADESYS",
-                value=", ".join([*self.wcs.wcs.ctype, self.wcs.wcs.radesys]), allowed="equatorial, galactic, ecliptic",
-            ) from None  # fmt: skip
+                "a frame that astropy does not know",
+                file=path,
+                key="CTYPE1, RADESYS",
+                value=", ".join([*self.wcs.wcs.ctype, self.wcs.wcs.radesys]),
+                allowed="equatorial, galactic, ecliptic",
+            ) from None
 
     @cached_property
     def _is_icrs(self) -> bool:
@@ -57,10 +60,12 @@ class ImageWCS:
         """Return x, y (n,) px of ICRS directions [deg]; NaN where the image has none."""
         from astropy.coordinates import SkyCoord
 
-        ra, dec = np.asarray(ra, float), np.asarray(dec, float)
+        ra = np.asarray(ra, float)
+        dec = np.asarray(dec, float)
         if not self._is_icrs:
             there = SkyCoord(ra, dec, unit="deg").transform_to(self.frame).spherical
-            ra, dec = there.lon.deg, there.lat.deg
+            ra = there.lon.deg
+            dec = there.lat.deg
         world = [ra, dec] if self.wcs.wcs.lng == 0 else [dec, ra]
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")

@@ -18,9 +18,12 @@ from csstsim.base.types import PathLike
 
 _UNKNOWN = "extra_forbidden", "unexpected_keyword_argument"  # of a Model, of Data
 _WANTED = {
-    "path_type": "a path", "dict_type": "a mapping", "dataclass_type": "a mapping",
-    "tuple_type": "a list", "list_type": "a list",
-}  # fmt: skip
+    "path_type": "a path",
+    "dict_type": "a mapping",
+    "dataclass_type": "a mapping",
+    "tuple_type": "a list",
+    "list_type": "a list",
+}
 
 
 def input_error(exc: ValidationError, model: type, file: PathLike, key: Sequence[str | int] = ()) -> InputError:

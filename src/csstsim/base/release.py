@@ -24,9 +24,12 @@ def check_release(path: PathLike, version: object) -> None:
     if version is None or release(version) != release():
         raise InputError(
             "made by another version of csstsim, whose products are not mixed with those of this one; remove it and "
-            "make it again, or go on with the version that made it", file=path, key="csstsim", value=version,
+            "make it again, or go on with the version that made it",
+            file=path,
+            key="csstsim",
+            value=version,
             allowed=f"{release()}.*",
-        )  # fmt: skip
+        )
 
 
 def check_recipe(path: PathLike, meta: Mapping[str, Any], recipe: object) -> None:

@@ -18,7 +18,8 @@ def bin_averages(edges: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     x, y, at = np.asarray(x, float), np.asarray(y, float), np.clip(edges, x[0], x[-1])
     total = np.concatenate([[0.0], np.cumsum(0.5 * (y[1:] + y[:-1]) * np.diff(x))])
     k = np.clip(np.searchsorted(x, at, side="right") - 1, 0, len(x) - 2)
-    into, gap = at - x[k], x[k + 1] - x[k]
+    into = at - x[k]
+    gap = x[k + 1] - x[k]
     below = total[k] + into * (y[k] + 0.5 * (y[k + 1] - y[k]) * into / gap)
     return np.diff(below) / np.diff(edges)
 
@@ -31,7 +32,9 @@ def on_grid(grid: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
     grid: (n,) even and rising; x: (m,) rising positions of the samples; y: (m,) samples.
     """
-    x, y, step = np.asarray(x, float), np.asarray(y, float), grid[1] - grid[0]
+    x = np.asarray(x, float)
+    y = np.asarray(y, float)
+    step = grid[1] - grid[0]
     off = (x[(x >= grid[0]) & (x <= grid[-1])] - grid[0]) / step
     whole = (x[0] <= grid[0] or y[0] == 0) and (x[-1] >= grid[-1] or y[-1] == 0)
     if whole and np.abs(off - np.rint(off)).max(initial=0.0) < _EXACT:
@@ -45,7 +48,9 @@ def read_at(wave: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     wave: (n,) an even grid, or positions of any shape, which get the curve itself; x: (m,) rising positions of the
     samples; y: (m,) samples, held beyond both ends.
     """
-    wave, x, y = np.asarray(wave, float), np.asarray(x, float), np.asarray(y, float)
+    wave = np.asarray(wave, float)
+    x = np.asarray(x, float)
+    y = np.asarray(y, float)
     steps = np.diff(wave) if wave.ndim == 1 else np.zeros(0)
     if not (steps.size and steps[0] > 0 and np.ptp(steps) < 1e-6 * steps[0]):
         return np.interp(wave, x, y)

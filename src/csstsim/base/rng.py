@@ -59,9 +59,11 @@ class Streams:
     """
 
     def __init__(self, seed: int, obsid: str, chip_id: int, keyword: str) -> None:
-        self._exposure, self._keyword = _begun(seed, "exposure", obsid, chip_id), keyword
+        self._exposure = _begun(seed, "exposure", obsid, chip_id)
+        self._keyword = keyword
         self._object = _begun(seed, "object", obsid, chip_id)
-        self._chip, self._channel = _begun(seed, "chip", chip_id), _begun(seed, "channel", chip_id)
+        self._chip = _begun(seed, "chip", chip_id)
+        self._channel = _begun(seed, "channel", chip_id)
         self._camera = _begun(seed, "camera")
 
     def layer(self, keyword: str) -> Self:

@@ -37,7 +37,8 @@ def wrapped(degrees: FloatsT) -> FloatsT:
 
 def rotation(angle: float) -> FloatArray:
     """Return the matrix (2, 2) that turns x towards y by an angle [rad]."""
-    c, s = math.cos(angle), math.sin(angle)
+    c = math.cos(angle)
+    s = math.sin(angle)
     return np.array([[c, -s], [s, c]])
 
 
@@ -49,7 +50,9 @@ def turned(degrees: FloatsT) -> FloatsT:
 
 def frames(a: Floats, d: Floats) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return unit vectors (..., 3) towards places [rad], and towards east and north there."""
-    sin_a, cos_a, sin_d = np.sin(a), np.cos(a), np.sin(d)
+    sin_a = np.sin(a)
+    cos_a = np.cos(a)
+    sin_d = np.sin(d)
     east = np.stack([-sin_a, cos_a, np.zeros_like(sin_a)], axis=-1)
     return _vectors(a, d), east, np.stack([-sin_d * cos_a, -sin_d * sin_a, np.cos(d)], axis=-1)
 

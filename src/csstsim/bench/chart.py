@@ -25,8 +25,11 @@ ON_NODES = "direct optics, on nodes"
 LEAST = 1e-6  # error, below which an axis has no use for it
 _NEAR = 0.3, 0.13  # decades of cost and error: methods of one colour that are closer share a label
 _OFFSETS = [(x, y) for y in (6, -15, 20, -29, 34, -43) for x in (8, -8)]  # of a label from its point [pt], best first
-_OWN, _PRESETS = ("reference", "photons", "stamps", "slabs"), ("preview", "standard", "noise_free")
-OURS, PEERS, PRESET = "#0b6e99", "#b5542d", "#1a7a3c"
+_OWN = ("reference", "photons", "stamps", "slabs")
+_PRESETS = ("preview", "standard", "noise_free")
+OURS = "#0b6e99"
+PEERS = "#b5542d"
+PRESET = "#1a7a3c"
 
 
 class Point(NamedTuple):
@@ -85,7 +88,7 @@ def draw_chart(path: PathLike, tables: Sequence[Sequence[Mapping[str, Any]]]) ->
         "red: peers; filled and joined: no method is both faster and better. Triangles: medians are upper limits, set\n"
         "by the number of electrons drawn. Grey: what the standard preset allows, a tenth of the object's own noise.",
         size=9.5,
-    )  # fmt: skip
+    )
     figure.draw_without_rendering()  # computes the layout, which positions in the figure need
     for row, kind in zip(axes, kinds, strict=True):
         for axis, lines in zip(row, tables, strict=True):
@@ -104,7 +107,8 @@ def _panel(axis: Axes, found: Mapping[str, Point]) -> None:
         colour = _colour(name)
         axis.plot([cost, cost], [error, high], "-_", color=colour, lw=0.9, ms=6, markevery=[1], alpha=0.7, zorder=2)
         marker = "v" if limit else {OURS: "o", PEERS: "s", PRESET: "*"}[colour]
-        filled, size = colour if name in front else "white", 170 if marker == "*" else 75
+        filled = colour if name in front else "white"
+        size = 170 if marker == "*" else 75
         axis.scatter(cost, error, s=size, marker=marker, facecolor=filled, edgecolor=colour, lw=1.5, zorder=3)
     axis.grid(color="0.9", lw=0.5)
 

@@ -21,8 +21,13 @@ if TYPE_CHECKING:
 
 FULL = {"seconds": 0.2, "electrons": 3e7}
 QUICK = {"seconds": 0.01, "electrons": 1e6}
-OBJECTS, OBJECTS_SHAPES, OBJECTS_SLITLESS, OBJECTS_QUICK = 320, 48, 24, 24
-LARGEST, LARGEST_QUICK = 5.0, 0.5  # arcsec
+OBJECTS = 320
+OBJECTS_SHAPES = 48
+OBJECTS_SLITLESS = 24
+OBJECTS_QUICK = 24
+# arcsec
+LARGEST = 5.0
+LARGEST_QUICK = 0.5
 
 
 def chosen(names: str | None, methods: tuple[Method[CaseT], ...]) -> tuple[Method[CaseT], ...]:
@@ -53,7 +58,8 @@ def bench(
 
     shapes: of galaxies of any index, with knots, of images (bench.imaging.shapes).
     """
-    folder, start = Path(folder), time.process_time()
+    folder = Path(folder)
+    start = time.process_time()
     dispersed = band in {chip.filter for chip in load_camera().slitless_chips}
     if shapes and dispersed:
         raise InputError("is for imaging filters", key="--shapes", value=band)
@@ -68,7 +74,8 @@ def bench(
     setting = make_setting(folder, band)
     say(f"chip {setting.chip.id}, {band} band: PSF set and tables ready, {time.process_time() - start:.0f} CPU s")
     full = OBJECTS_SHAPES if shapes else OBJECTS if setting.disperser is None else OBJECTS_SLITLESS
-    count, largest = objects or (OBJECTS_QUICK if quick else full), LARGEST_QUICK if quick else LARGEST
+    count = objects or (OBJECTS_QUICK if quick else full)
+    largest = LARGEST_QUICK if quick else LARGEST
     cases = kind.make_cases(setting, count, seed, largest)
     rows = sweep(kind, setting, cases, methods, **(QUICK if quick else FULL))
     lines = summarise(rows, kind, band)

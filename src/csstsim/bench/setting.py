@@ -64,7 +64,8 @@ def make_setting(folder: PathLike, band: str) -> Setting:
     chips = {chip.filter: chip for chip in reversed(camera.chips.values())}
     if band not in chips:
         raise InputError("unknown filter", key="--filter", value=band, allowed=", ".join(chips))
-    chip, filter_ = chips[band], camera.filters[band]
+    chip = chips[band]
+    filter_ = camera.filters[band]
     disperser = Disperser(camera.gratings[chip.id], filter_, camera.telescope) if chip.kind == "slitless" else None
     scattered = scattered_light(camera, filter_)
     path = Path(folder) / f"psf_{band}_{camera.digest}.h5"

@@ -74,18 +74,26 @@ def _line(
 
     drawn = column("drawn")
     weight = np.where(np.isinf(drawn), 1.0, drawn)
-    visible, chance = column(f"visible_{which}"), column("visible_chance")
+    visible = column(f"visible_{which}")
+    chance = column("visible_chance")
     seen = np.maximum(visible, chance)
     line = {
-        "filter": band, "method": method, "kind": kind, "against": against, "objects": len(rows),
-        "cpu_us": 1e6 * float(np.median(column("cpu_s"))), "visible_median": float(np.median(seen)),
-        "visible_95": float(np.percentile(seen, 95)), "limit": bool(np.median(visible) < 2 * np.median(chance)),
+        "filter": band,
+        "method": method,
+        "kind": kind,
+        "against": against,
+        "objects": len(rows),
+        "cpu_us": 1e6 * float(np.median(column("cpu_s"))),
+        "visible_median": float(np.median(seen)),
+        "visible_95": float(np.percentile(seen, 95)),
+        "limit": bool(np.median(visible) < 2 * np.median(chance)),
         "pixel_median": float(np.median(column(f"pixel_{which}"))),
-    }  # fmt: skip
+    }
     for name in bench.goals:
         values = column(f"{name}_{which}")
         known = np.isfinite(values)  # only some spectra have lines
-        values, w = values[known], weight[known]
+        values = values[known]
+        w = weight[known]
         mean = np.average(values, weights=w) if known.any() else np.nan
         # Few objects may agree by chance: the error is no less than that of the electrons drawn
         parts = w * np.stack([values - mean, column(f"{name}_chance")[known]])
@@ -107,7 +115,8 @@ def text(lines: Iterable[Mapping[str, Any]], bench: Bench[Any]) -> list[str]:
             continue  # only in the file
         cells = []
         for name in bench.shown:
-            bias, error = line[name], line[f"{name}_error"]
+            bias = line[name]
+            error = line[f"{name}_error"]
             cells.append(f" {bias:+8.1e}+-{error:7.1e}{'!' if abs(bias) - 2 * error > bench.goals[name] else ' '}")
         out.append(
             f"{line['method']:20s} {line['kind']:7s} {line['against'][:13]:13s} {line['objects']:3d} "

@@ -60,7 +60,8 @@ def sweep(
     A cost is measured over at least `seconds` of CPU time, or one object if that takes longer; methods that draw random
     electrons draw each object until it has `electrons`.
     """
-    truth, rows = bench.truth(setting), []
+    truth = bench.truth(setting)
+    rows = []
     for kind in {case.about()["kind"] for case in cases}:  # compile and warm up before anything is timed
         mine = (case for case in cases if case.about()["kind"] == kind)
         faintest = min(mine, key=lambda case: case.electrons)
@@ -68,7 +69,8 @@ def sweep(
             measured(method, setting, faintest.brighter(2000.0), 0.0, 0.0)
             measured(method, setting, faintest, 0.0, 0.0)
     for case in progress(cases, "objects"):
-        direct, reference = truth(case), bench.standard(setting, case) / case.electrons
+        direct = truth(case)
+        reference = bench.standard(setting, case) / case.electrons
         for method in methods:
             rows.append(row(bench, method, setting, case, direct, reference, seconds, electrons))
     return rows
@@ -89,7 +91,9 @@ def row(
     try:
         image, cost, drawn = measured(method, setting, case, seconds, electrons)
     except GalSimError:  # its transform would not fit into memory
-        image, cost, drawn = np.full_like(direct, np.nan), np.nan, 0
+        image = np.full_like(direct, np.nan)
+        cost = np.nan
+        drawn = 0
     judged = {}
     if drawn:
         for name, wanted in (("standard", reference), ("direct", direct)):

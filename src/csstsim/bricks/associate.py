@@ -149,7 +149,8 @@ def _pairs(
                 distance = _apart(vectors, sigma, i, j, cap)
                 if frame[j] != frame[i] and distance <= n_sigma:
                     if count < len(seeds):
-                        detections[count], seeds[count] = i, j
+                        detections[count] = i
+                        seeds[count] = j
                         rarity[count] = distance**2 + 2.0 * np.log(sigma[i] ** 2 + sigma[j] ** 2)
                     count += 1
                 start += 1

@@ -25,13 +25,21 @@ def write_catalogue(folder: Path, name: str, bricks: Mapping[int, Path]) -> None
     bricks = dict(sorted(bricks.items()))
     rows = [len(ObjectTable.read(path, ["_healpix_29"])) for path in bricks.values()]
     properties = {
-        "obs_collection": name, "dataproduct_type": "object", "hats_nrows": sum(rows),
-        "hats_col_ra": "ra", "hats_col_dec": "dec", "hats_col_healpix": "_healpix_29",
-        "hats_col_healpix_order": HATS_ORDER, "hats_npix_suffix": ".parquet", "hats_order": ORDER,
-        "hats_max_rows": max(rows), "moc_sky_fraction": len(bricks) / BRICKS,
+        "obs_collection": name,
+        "dataproduct_type": "object",
+        "hats_nrows": sum(rows),
+        "hats_col_ra": "ra",
+        "hats_col_dec": "dec",
+        "hats_col_healpix": "_healpix_29",
+        "hats_col_healpix_order": HATS_ORDER,
+        "hats_npix_suffix": ".parquet",
+        "hats_order": ORDER,
+        "hats_max_rows": max(rows),
+        "moc_sky_fraction": len(bricks) / BRICKS,
         "hats_estsize": sum(path.stat().st_size for path in bricks.values()) // 1024,
-        "hats_builder": f"csstsim v{__version__}", **STANDARD,
-    }  # fmt: skip
+        "hats_builder": f"csstsim v{__version__}",
+        **STANDARD,
+    }
     parts = []
     for path in bricks.values():
         parts.append(pq.read_metadata(path))

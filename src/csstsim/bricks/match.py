@@ -27,7 +27,8 @@ def one_to_one(places: FloatArray, others: FloatArray, reach: FloatArray) -> Int
     second = np.concatenate([np.zeros(0, int), *filter(None, near)]).astype(int)
     distance = np.linalg.norm(places[first] - others[second], axis=1)
     order = np.lexsort((second, first, distance))
-    first, second = first[order], second[order]
+    first = first[order]
+    second = second[order]
     taken = share_out(first, second)
     row[first[taken]] = second[taken]
     return row
@@ -41,7 +42,8 @@ def share_out(first: IntArray, second: IntArray) -> BoolArray:
     """
     taken = np.zeros(len(first), np.bool_)
     if len(first) > 0:
-        free_first, free_second = np.ones(first.max() + 1, np.bool_), np.ones(second.max() + 1, np.bool_)
+        free_first = np.ones(first.max() + 1, np.bool_)
+        free_second = np.ones(second.max() + 1, np.bool_)
         for k in range(len(first)):
             if free_first[first[k]] and free_second[second[k]]:
                 free_first[first[k]] = free_second[second[k]] = False

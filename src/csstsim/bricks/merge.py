@@ -43,7 +43,12 @@ VISITS_ALONE = 3  # detections in so many frames are a source; three noise peaks
 CLOSE_SIGMA = 3.0  # of a detection's own error, from the mean position: 1.1 % of true ones are further off
 SNR_PAIR = 6.3  # two noise peaks at the threshold of detection have a joint S/N of 5.3
 SNR_SPOILT = 20.0  # as SNR_ALONE, with bad pixels: in a quarter brick 31 of 31 are true, half of those of S/N 10 to 20
-SATURATED, NOT_CENTRED, SHARP, BAD_PIXELS, NO_SHAPE = 4, 32, 64, 128, 256  # bits of measure.catalogue.FLAGS
+# bits of measure.catalogue.FLAGS
+SATURATED = 4
+NOT_CENTRED = 32
+SHARP = 64
+BAD_PIXELS = 128
+NO_SHAPE = 256
 
 DETECTION_COLUMNS = {
     "obsid": str, "chip": np.int64, "filter": str, "number": np.int64, "ra": float, "dec": float, "pos_err": float,
@@ -94,10 +99,13 @@ ABOUT_BAND = {  # of each band B, small letters
 }
 
 TYPES = {  # of those that are not float64
-    "_healpix_29": np.int64, "source_id": np.int64, "detection_chip": np.int16, "motion": np.int8,
+    "_healpix_29": np.int64,
+    "source_id": np.int64,
+    "detection_chip": np.int16,
+    "motion": np.int8,
     **dict.fromkeys(("detection_obsid", "detection_filter"), np.str_),
     **dict.fromkeys(("detection_number", "flags", "n_detections", "n_B"), np.int32),
-}  # fmt: skip
+}
 
 
 def merge_brick(
@@ -137,19 +145,28 @@ def merge_brick(
     columns = {name: found[name][keep] for name in DETECTION_COLUMNS}
     detections = ObjectTable(columns | {"source": rank[source[keep]]})
     columns = {
-        "_healpix_29": index[owned], "source_id": pix * 2**20 + np.arange(len(owned), dtype=np.int64),
-        "ra": ra[owned], "dec": dec[owned], "pos_err": np.bincount(source, weight, count)[owned] ** -0.5,
-        "epoch": epoch[owned], "motion": motion[owned].astype(np.int8),
-        "pmra": 1000.0 * speed[owned, 0], "pmdec": 1000.0 * speed[owned, 1],
-    }  # fmt: skip
+        "_healpix_29": index[owned],
+        "source_id": pix * 2**20 + np.arange(len(owned), dtype=np.int64),
+        "ra": ra[owned],
+        "dec": dec[owned],
+        "pos_err": np.bincount(source, weight, count)[owned] ** -0.5,
+        "epoch": epoch[owned],
+        "motion": motion[owned].astype(np.int8),
+        "pmra": 1000.0 * speed[owned, 0],
+        "pmdec": 1000.0 * speed[owned, 1],
+    }
     fate |= {
-        "merged": len(keep), "elsewhere": int((~inside)[source].sum()),
+        "merged": len(keep),
+        "elsewhere": int((~inside)[source].sum()),
         "left_out": int((inside & ~credible)[source].sum()),
-    }  # fmt: skip
+    }
     meta = {
-        "left_out": int((inside & ~credible).sum()), "snr_alone": SNR_ALONE, "visits_alone": VISITS_ALONE,
-        "snr_pair": SNR_PAIR, "detections": fate,
-    }  # fmt: skip
+        "left_out": int((inside & ~credible).sum()),
+        "snr_alone": SNR_ALONE,
+        "visits_alone": VISITS_ALONE,
+        "snr_pair": SNR_PAIR,
+        "detections": fate,
+    }
     return ObjectTable(columns | _photometry(detections, bands, len(owned)), meta), detections
 
 
@@ -164,7 +181,8 @@ def _credible(found: ObjectTable, source: IntArray, close: BoolArray, count: int
     spoilt = ((found["flags"] & NOT_CENTRED) == 0) & (found["snr"] >= SNR_SPOILT)  # rests of cosmic rays are fainter
     alone = shaped & ((psf >= SNR_ALONE) | (seen & (psf >= KRON_PSF_MIN)) | spoilt)
     psf = np.where(close, psf, 0.0)
-    visits, joint = np.bincount(source, good & close, count), np.bincount(source, psf**2, count) ** 0.5
+    visits = np.bincount(source, good & close, count)
+    joint = np.bincount(source, psf**2, count) ** 0.5
     return (np.bincount(source, alone, count) > 0) | (visits >= VISITS_ALONE) | ((visits >= 2) & (joint >= SNR_PAIR))
 
 
@@ -200,7 +218,8 @@ def _gather(pix: int, tables: Iterable[ObjectTable], margin: float) -> tuple[Obj
 
 @np.errstate(all="ignore")  # invalid measurements give NaN or infinity, each in its own row
 def _photometry(found: ObjectTable, bands: Iterable[str], count: int) -> dict[str, AnyArray]:
-    source, band = found["source"], found["filter"]
+    source = found["source"]
+    band = found["filter"]
     to_flux = 10.0 ** (0.4 * (AB_MICROJANSKY - found["zeropoint"]))  # microjansky per electron
     columns: dict[str, AnyArray] = {}
     for name in bands:
@@ -232,7 +251,8 @@ def _weighted_mean(
     """Return the mean weighted with noise^-2 and its error per source, fluxes of any sign; NaN if none is usable."""
     weight = np.where((error > 0) & (noise > 0), noise, np.inf) ** -2.0
     good = np.isfinite(flux) & np.isfinite(error) & np.isfinite(weight) & (weight > 0)
-    weight, error = weight[good], error[good]
+    weight = weight[good]
+    error = error[good]
     total = np.bincount(source[good], weight, count)
     some = total > 0
     total = np.where(some, total, 1.0)

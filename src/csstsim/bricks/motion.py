@@ -33,17 +33,30 @@ if TYPE_CHECKING:
     from csstsim.catalog.table import ObjectTable
 
 ARCSEC = np.pi / 180.0 / 3600.0
-STAR, SOLAR = 1, 2  # column `motion`; 0: at rest
+# column `motion`; 0: at rest
+STAR = 1
+SOLAR = 2
 SNR_FAINT = 6.0  # fainter detections may be noise
 SNR_LEAST = 10.0  # fainter sources are seen in one frame and not in another by chance
 STAR_MOST = 5.0  # arcsec / yr; about ten stars of the sky are faster
-SOLAR_MOST, SOLAR_LEAST = 120.0, 0.5  # arcsec / hour; a main-belt asteroid at opposition: 30
-SOLAR_SPAN, SOLAR_PAIR = 0.5, 0.03  # day
-N_SIGMA, FLOOR, PARALLAX = 5.0, 0.010, 0.03  # of a detection's place; arcsec
-TRAILED, TRAIL_PX = 1.15, 0.4  # Kron over PSF flux of a trail longer than so many arcsec
+# arcsec / hour; a main-belt asteroid at opposition: 30
+SOLAR_MOST = 120.0
+SOLAR_LEAST = 0.5
+# day
+SOLAR_SPAN = 0.5
+SOLAR_PAIR = 0.03
+# of a detection's place; arcsec
+N_SIGMA = 5.0
+FLOOR = 0.010
+PARALLAX = 0.03
+# Kron over PSF flux of a trail longer than so many arcsec
+TRAILED = 1.15
+TRAIL_PX = 0.4
 MAG_OFF = 0.5  # mag, between groups in a band: more than most variable stars
 PIECES = 1.5  # arcsec, half a trail of 60 arcsec / hour in 150 s, and some
-_MOST_PAIRS, _UNKNOWN = 2_000_000, 10.0  # arcsec, error of a place without weight
+# arcsec, error of a place without weight
+_MOST_PAIRS = 2_000_000
+_UNKNOWN = 10.0
 
 
 def joined(
@@ -68,7 +81,8 @@ def joined(
     piece = np.zeros(count, bool)
     for whole, part in groups.pieces:
         if kind[owner[whole]] == SOLAR and kind[owner[part]] == 0:
-            owner[part], piece[part] = owner[whole], True
+            owner[part] = owner[whole]
+            piece[part] = True
     piece = piece[source]
     passengers = np.arange(count - len(host), count)
     back = kind[owner[host]] == 0
@@ -88,7 +102,8 @@ def _alone(found: ObjectTable, source: IntArray) -> tuple[IntArray, IntArray]:
     np.maximum.at(top, source, found["snr"])
     lonely = (np.bincount(source, bright, count) == 1) & (top >= SNR_LEAST)
     rows = np.flatnonzero(lonely[source] & ~bright)
-    host, source = source[rows], source.copy()
+    host = source[rows]
+    source = source.copy()
     source[rows] = count + np.arange(len(rows))
     return source, host
 
@@ -97,7 +112,9 @@ class _Groups:
     """Groups of detections: places, times, frames, fluxes."""
 
     def __init__(self, found: ObjectTable, vectors: FloatArray, source: IntArray, count: int) -> None:
-        self.found, self.vectors, self.source = found, vectors, source
+        self.found = found
+        self.vectors = vectors
+        self.source = source
         self.order = np.argsort(source, kind="stable")
         self.starts = np.searchsorted(source[self.order], np.arange(count + 1))
         weight = np.hypot(found["pos_err"], FLOOR) ** -2.0
@@ -129,13 +146,15 @@ class _Groups:
         if len(near) > _MOST_PAIRS:  # a crowded field: the closest ones
             apart = np.linalg.norm(self.place[some][near[:, 0]] - self.place[some][near[:, 1]], axis=1)
             near = near[np.argsort(apart, kind="stable")[:_MOST_PAIRS]]
-        a, b = some[near[:, 0]], some[near[:, 1]]
+        a = some[near[:, 0]]
+        b = some[near[:, 1]]
         apart = ((self.bits[a] & self.bits[b]) == 0).all(axis=1)
         return a[apart], b[apart]
 
     def alike(self, a: int, b: int) -> bool:
         """Whether two groups have magnitudes that agree in every band that both have."""
-        one, other = self.rows(a), self.rows(b)
+        one = self.rows(a)
+        other = self.rows(b)
         for band in np.intersect1d(self.band[one], self.band[other]):
             mags = [_median(self.mag[rows[self.band[rows] == band]]) for rows in (one, other)]
             if not abs(mags[0] - mags[1]) < MAG_OFF:
@@ -213,7 +232,8 @@ def _whole(groups: _Groups, some: IntArray) -> IntArray:
     if len(some) < 2:
         return some
     rows = groups.order[groups.starts[some]]
-    flux, number = np.nan_to_num(groups.found["flux_kron"][rows]), groups.number[rows]
+    flux = np.nan_to_num(groups.found["flux_kron"][rows])
+    number = groups.number[rows]
     near = cKDTree(groups.place[some]).query_pairs(PIECES * ARCSEC, output_type="ndarray")
     near = near[number[near[:, 0]] == number[near[:, 1]]]
     first = np.where(flux[near[:, 0]] >= flux[near[:, 1]], near[:, 0], near[:, 1])
@@ -241,18 +261,21 @@ def _join(groups: _Groups, owner: IntArray, kind: IntArray, pairs: IntArray, whi
     partners = np.bincount(np.array(good, int).ravel(), minlength=len(owner)) if good else np.zeros(len(owner), int)
     members: dict[int, list[int]] = {}
     for a, b in good:
-        one, other = owner[a], owner[b]
+        one = owner[a]
+        other = owner[b]
         if one == other:
             continue
         whole = members.get(one, [one]) + members.get(other, [other])
         bits = [np.bitwise_or.reduce(groups.bits[members.get(g, [g])], axis=0) for g in (one, other)]
         if (bits[0] & bits[1]).any() or not _straight(groups, whole, which):
             continue
-        keep, gone = min(one, other), max(one, other)
+        keep = min(one, other)
+        gone = max(one, other)
         members[keep] = sorted(whole)
         members.pop(gone, None)
         owner[np.isin(owner, (one, other))] = keep
-        kind[keep], kind[gone] = which, 0
+        kind[keep] = which
+        kind[gone] = 0
     if which != SOLAR:
         return
     for name, whole in members.items():  # two detections alone make a line of any two
@@ -265,7 +288,8 @@ def _straight(groups: _Groups, members: Sequence[int], which: int) -> bool:
     """Whether all detections of groups lie on one line at constant speed, within their errors, and not too fast."""
     rows = groups.rows(members)
     found = groups.found
-    time, error = found["mjd"][rows], np.hypot(found["pos_err"][rows], FLOOR)
+    time = found["mjd"][rows]
+    error = np.hypot(found["pos_err"][rows], FLOOR)
     if which == SOLAR and np.ptp(time) > SOLAR_SPAN:
         return False
     _, speed, off, _ = fitted(groups.vectors[rows], error, time)
@@ -303,7 +327,8 @@ def _places(
     weight = sigma**-2.0
     total = np.maximum(np.bincount(source, weight, count), 1e-300)
     epoch = np.bincount(source, weight * found["mjd"], count) / total
-    speed, at = np.zeros((count, 2)), np.full((len(source), 3), np.nan)
+    speed = np.zeros((count, 2))
+    at = np.full((len(source), 3), np.nan)
     order = np.argsort(source, kind="stable")
     starts = np.searchsorted(source[order], np.arange(count + 1))
     for name in np.flatnonzero(kind).tolist():

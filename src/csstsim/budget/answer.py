@@ -31,13 +31,15 @@ def answer_rows(path: PathLike, columns: Sequence[str], key: str | None = None) 
     names = reader.fieldnames
     assert names is not None  # there are rows
     if missing := [name for name in columns if name not in names]:
-        lacks, found = f"not an answer: it lacks {', '.join(missing)}", ", ".join(names)
+        lacks = f"not an answer: it lacks {', '.join(missing)}"
+        found = ", ".join(names)
         raise InputError(lacks, file=path, key="columns", value=found, allowed=", ".join(columns))
     if twice := [name for name in dict.fromkeys(names) if name and names.count(name) > 1]:
         raise InputError("the column is given twice", file=path, key=twice[0], allowed="one column of each name")
     for line, row in rows:
         if None in row:  # where csv puts cells beyond the heading
-            value, allowed = len(names) + len(row[None]), len(names)
+            value = len(names) + len(row[None])
+            allowed = len(names)
             more = "more cells than the heading"
             raise InputError(more, file=path, key=f"line {line}", value=value, allowed=allowed)
     return rows

@@ -84,12 +84,20 @@ def aimed(
     for time in times:
         for chip, shift in ((chip, shift) for chip in chips for shift in shifts):
             pointing = centred_exposure(
-                camera, chip, ra, dec, pa=pa, time=time, exptime=exptime, shift=(shift[0] / scale, shift[1] / scale),
-            )  # fmt: skip
+                camera,
+                chip,
+                ra,
+                dec,
+                pa=pa,
+                time=time,
+                exptime=exptime,
+                shift=(shift[0] / scale, shift[1] / scale),
+            )
             if any(other.start < pointing.end and pointing.start < other.end for other in found.values()):
                 raise InputError("exposures overlap: another has not ended", key="--time", value=time)
             found[obsid] = pointing
-            obsid, time = next_obsid(obsid), after(pointing)
+            obsid = next_obsid(obsid)
+            time = after(pointing)
     return found
 
 
@@ -98,7 +106,7 @@ def table_of(found: Mapping[str, Pointing], comment: Iterable[str] = ()) -> str:
     rows = [
         f"{obsid},{p.type},{round(p.ra, 6) % 360.0:.6f},{p.dec:.6f},{p.pa:.4f},{p.time},{p.exptime:.10g}"
         for obsid, p in found.items()
-    ]  # fmt: skip
+    ]
     return "\n".join([*(f"# {line}" for line in comment), HEADER, *rows]) + "\n"
 
 

@@ -34,9 +34,12 @@ def check_file(run: OpenCampaign, key: str, path: Path) -> None:
     if fault:
         with explained("survey table" if key == "survey_table" else "observation"):
             raise InputError(
-                f"cannot read the file: {fault}", file=run.file, key=key, value=str(path),
+                f"cannot read the file: {fault}",
+                file=run.file,
+                key=key,
+                value=str(path),
                 allowed="a file; its path begins in the campaign file's folder",
-            )  # fmt: skip
+            )
 
 
 @explained("campaign")
@@ -46,29 +49,41 @@ def check_selection(run: OpenCampaign) -> None:
     unknown: list[str] | list[int] = sorted(set(select.obsids or ()) - set(run.pointings))
     if unknown:
         raise InputError(
-            "not in the survey table", file=run.file, key="select.obsids", value=unknown[0],
+            "not in the survey table",
+            file=run.file,
+            key="select.obsids",
+            value=unknown[0],
             allowed=f"the {number_of(len(run.pointings), 'obsid')} of {run.table}",
-        )  # fmt: skip
+        )
     unknown = [] if isinstance(select.chips, str) else sorted(set(select.chips) - set(run.camera.chips))
     if unknown:
         raise InputError(
-            "no such chip", file=run.file, key="select.chips", value=unknown[0],
+            "no such chip",
+            file=run.file,
+            key="select.chips",
+            value=unknown[0],
             allowed=", ".join(map(str, run.camera.chips)),
-        )  # fmt: skip
+        )
     unknown = sorted(set(select.filters or ()) - set(run.camera.filters))
     if unknown:
         raise InputError(
-            "unknown filter", file=run.file, key="select.filters", value=unknown[0],
+            "unknown filter",
+            file=run.file,
+            key="select.filters",
+            value=unknown[0],
             allowed=", ".join(run.camera.filters),
-        )  # fmt: skip
+        )
     chips = {chip.id for chip in run.camera.chips.values()}
     for name, reason in select.missing.items():
         obsid, _, chip = name.partition("_")
         if obsid not in run.pointings or not chip.isdigit() or int(chip) not in chips:
             raise InputError(
-                "no pair of an exposure and a chip", file=run.file, key="select.missing", value=name,
+                "no pair of an exposure and a chip",
+                file=run.file,
+                key="select.missing",
+                value=name,
                 allowed="OBSID_CHIP, as in the names of files: 10100000004_09",
-            )  # fmt: skip
+            )
         if not reason.strip():
             raise InputError("the reason is missing", file=run.file, key=f"select.missing.{name}", value=reason)
     library = run.psf_library
@@ -78,15 +93,19 @@ def check_selection(run: OpenCampaign) -> None:
     window = run.config.window
     if isinstance(window, PixelWindow) and (window.x1 > detector.nx or window.y1 > detector.ny):
         raise InputError(
-            "reaches past the chip's edge", file=run.file, key="window", value=window.model_dump(),
+            "reaches past the chip's edge",
+            file=run.file,
+            key="window",
+            value=window.model_dump(),
             allowed=f"x1 <= {detector.nx}, y1 <= {detector.ny}",
-        )  # fmt: skip
+        )
 
 
 @explained("campaign")
 def check_share(run: OpenCampaign) -> None:
     """The folder of shared products, if there is one, can have links into the output folder, and is not inside it."""
-    share, output = run.config.share, run.paths.output
+    share = run.config.share
+    output = run.paths.output
     if share is None:
         return
     if share.exists() and not share.is_dir():
@@ -117,14 +136,23 @@ def check_header(run: OpenCampaign, chip: Chip) -> None:
 
     from csstsim.io.keywords import header_cards, header_values
 
-    camera, file = run.camera, run.camera.files.path("level0_keywords")
+    camera = run.camera
+    file = run.camera.files.path("level0_keywords")
     own_layers = not all(steps.shipped for steps in run.steps.values())  # which may add quantities
     if own_layers or camera.files.folder.resolve() == (SHIPPED / "instrument").resolve():
         return
-    state = cast("State", SimpleNamespace(
-        header={}, mask=None, pointing=next(iter(run.pointings.values())), chip=chip, window=chip.full_window,
-        telescope=camera.telescope, wcs=SimpleNamespace(distortion=None),
-    ))  # fmt: skip
+    state = cast(
+        "State",
+        SimpleNamespace(
+            header={},
+            mask=None,
+            pointing=next(iter(run.pointings.values())),
+            chip=chip,
+            window=chip.full_window,
+            telescope=camera.telescope,
+            wcs=SimpleNamespace(distortion=None),
+        ),
+    )
     for hdu in (0, 1):
         header_cards(camera.keywords, header_values(state, {}, "channels"), hdu, file)
 
@@ -136,9 +164,11 @@ def check_photons(run: OpenCampaign) -> None:
     for steps in run.steps.values():
         if drawn and steps.step("scie_obs") and not steps.step("poisson_and_dark"):
             raise InputError(
-                f"fidelity {run.config.fidelity} draws photons, but no layer adds them to the image", file=steps.file,
-                key="layers", allowed="poisson_and_dark in the list, or fidelity noise_free or reference",
-            )  # fmt: skip
+                f"fidelity {run.config.fidelity} draws photons, but no layer adds them to the image",
+                file=steps.file,
+                key="layers",
+                allowed="poisson_and_dark in the list, or fidelity noise_free or reference",
+            )
 
 
 @explained("survey table")
@@ -152,7 +182,8 @@ def check_layers(run: OpenCampaign, exposures: Mapping[str, Pointing]) -> None:
             blocked[obsid] = error
     if not blocked:
         return
-    first, more = next(iter(blocked)), len(blocked) - 1
+    first = next(iter(blocked))
+    more = len(blocked) - 1
     others = f" ({number_of(more, 'more exposure')} of {len(exposures)}, too)" if more else ""
     pointing = exposures[first]
     modelled = pointing.sat_position == run.camera.orbit.state(pointing.time)[0]
@@ -160,10 +191,12 @@ def check_layers(run: OpenCampaign, exposures: Mapping[str, Pointing]) -> None:
     if modelled:  # the table has none
         ways = "the spacecraft's states in the table (sat_x ... sat_vz), for those of the model orbit count now"
     raise InputError(
-        f"{blocked[first]}{others}", file=run.table, key=f"obsid {first}",
+        f"{blocked[first]}{others}",
+        file=run.table,
+        key=f"obsid {first}",
         allowed=f"{ways}; or the rows left out; or the constant sky, enable_straylight_model: false in "
         f"{run.steps[pointing.type].file}",
-    )  # fmt: skip
+    )
 
 
 @explained("campaign")
@@ -183,9 +216,11 @@ def check_masters(run: OpenCampaign, chips: Iterable[int]) -> None:
         path = run.masters(chip_id)
         if not path.is_file():
             raise InputError(
-                f"no {path}", file=run.file, key="measurement.masters",
+                f"no {path}",
+                file=run.file,
+                key="measurement.masters",
                 allowed="output of a finished campaign of bias, dark and flat exposures (config/calibration.yaml)",
-            )  # fmt: skip
+            )
 
 
 @explained("campaign")
@@ -194,6 +229,9 @@ def check_kept(run: OpenCampaign, chips_as: str, scratch: bool) -> None:
     if run.config.keep == "light" and (chips_as != "stages" or scratch):
         message = "light is kept by the four stages of a chip, in the output folder"
         raise InputError(
-            message, file=run.file, key="keep", value="light",
+            message,
+            file=run.file,
+            key="keep",
+            value="light",
             allowed="with --config chips=stages and without scratch; else keep: nothing",
-        )  # fmt: skip
+        )

@@ -155,12 +155,16 @@ def load_campaign(path: PathLike) -> Campaign:
         instrument = instrument | {"folder": beside(file, instrument["folder"])}
     elif isinstance(instrument, Path):
         instrument = beside(file, instrument)
-    return config.model_copy(update={
-        "survey_table": _there(file, config.survey_table), "output": beside(file, config.output),
-        "observations": {kind: _there(file, path) for kind, path in config.observations.items()},
-        "instrument": instrument, "universe": config.universe and beside(file, config.universe),
-        "share": config.share and beside(file, config.share),
-    })  # fmt: skip
+    return config.model_copy(
+        update={
+            "survey_table": _there(file, config.survey_table),
+            "output": beside(file, config.output),
+            "observations": {kind: _there(file, path) for kind, path in config.observations.items()},
+            "instrument": instrument,
+            "universe": config.universe and beside(file, config.universe),
+            "share": config.share and beside(file, config.share),
+        }
+    )
 
 
 def _check_variants(config: Campaign, data: dict[str, Any], file: Path) -> None:
@@ -182,9 +186,12 @@ def _there(file: Path, path: Path) -> Path:
     found = beside(file, path)
     if not found.exists() and path.exists():
         raise InputError(
-            f"no file {found}, but {path} is in the current directory", file=file, key="paths", value=path,
+            f"no file {found}, but {path} is in the current directory",
+            file=file,
+            key="paths",
+            value=path,
             allowed="paths relative to the folder of the campaign file",
-        )  # fmt: skip
+        )
     return found
 
 

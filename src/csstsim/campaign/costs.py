@@ -167,9 +167,13 @@ def _of_chips(
     for job in run.jobs:
         thousands = objects.get(job.key, 0.0) / 1000.0
         quantities: dict[Quantity, float] = {
-            "job": 1, "mpix": megapixels(job), "kobject": thousands, run.config.fidelity: thousands
-        }  # fmt: skip
-        spectra, science = run.has_orders(job), job.pointing.type == "SCIE"
+            "job": 1,
+            "mpix": megapixels(job),
+            "kobject": thousands,
+            run.config.fidelity: thousands,
+        }
+        spectra = run.has_orders(job)
+        science = job.pointing.type == "SCIE"
         suffix = "_spectra" if spectra else ""
         if science:
             yield f"select{suffix}", job.key, quantities
@@ -211,7 +215,8 @@ def expected_objects(run: OpenCampaign, jobs: Sequence[Job]) -> dict[tuple[str, 
     from csstsim.universe.galaxies.galaxies import cumulative_counts
     from csstsim.universe.stars.stars import expected_counts
 
-    numbers, limit = run.universe.numbers, run.config.catalog.mag_limit
+    numbers = run.universe.numbers
+    limit = run.config.catalog.mag_limit
     mag, galaxies = cumulative_counts(numbers["galaxies"])
     total = galaxies[-1] if limit is None else np.interp(limit, mag, galaxies)
     faint = numbers["stars"]["limits"][1]

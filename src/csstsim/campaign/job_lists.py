@@ -74,9 +74,10 @@ class JobLists:
             if job.pointing.type != "SCIE" and job.window == job.chip.full_window:
                 chips.setdefault(job.chip.id, []).append(job)
         return {
-            chip: jobs for chip, jobs in chips.items()
+            chip: jobs
+            for chip, jobs in chips.items()
             if min(sum(job.pointing.type == kind for job in jobs) for kind in CALIBRATIONS) >= FEWEST_CALIBRATIONS
-        }  # fmt: skip
+        }
 
     @cached_property
     def merge_bricks(self) -> dict[int, list[Job]]:

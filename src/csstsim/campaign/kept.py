@@ -33,7 +33,8 @@ class Kept(Paths):
 
     def __init__(self, cache: Path, run: OpenCampaign) -> None:
         super().__init__(cache / "products")
-        self._cache, self._recipes = cache, run.recipes
+        self._cache = cache
+        self._recipes = run.recipes
 
     @cached_property
     def _truth(self) -> Paths:

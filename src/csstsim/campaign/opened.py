@@ -26,7 +26,7 @@ from csstsim.campaign.checks import (
     check_selection,
     check_share,
     check_shutter,
-)  # fmt: skip
+)
 from csstsim.campaign.config import load_campaign
 from csstsim.campaign.job import Job
 from csstsim.campaign.job_lists import JobLists
@@ -86,7 +86,8 @@ class OpenCampaign(JobLists):
         instrument.pointing.Pointing}) replace the files. only: (obsid, chip numbers) of the jobs needed: exposures and
         gratings of others are not checked.
         """
-        self.file, self.variant = Path(file), split(file)[1]
+        self.file = Path(file)
+        self.variant = split(file)[1]
         importable(self.file.parent)
         self.config = config or load_campaign(file)
         self._folders: dict[str, Any] = {"output": output or self.config.output, "scratch": scratch}
@@ -207,9 +208,12 @@ class OpenCampaign(JobLists):
         chips = {chip.id: chip for chip in self.chips}
         if chip_id not in chips:
             raise InputError(
-                "not a chip of this campaign", file=self.file, key="chip", value=chip_id,
+                "not a chip of this campaign",
+                file=self.file,
+                key="chip",
+                value=chip_id,
                 allowed=", ".join(map(str, sorted(chips))),
-            )  # fmt: skip
+            )
         if reason := self.declared_missing.get((obsid, chip_id)):
             key = f"select.missing.{obsid}_{chip_id:02d}"
             raise InputError("declared missing", file=self.file, key=key, value=reason)

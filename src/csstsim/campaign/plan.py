@@ -27,9 +27,16 @@ if TYPE_CHECKING:
 SNAKEMAKE = 3.0  # s, until the first job starts
 # Each waits for the one before; of rules that run side by side the longest counts
 CHAIN = (
-    ("truth", "psf"), ("select",), ("render",), ("readout",), ("level0",),
-    ("calibrate", "measure", "extract", "masters"), ("merge",), ("validate",), ("report",),
-)  # fmt: skip
+    ("truth", "psf"),
+    ("select",),
+    ("render",),
+    ("readout",),
+    ("level0",),
+    ("calibrate", "measure", "extract", "masters"),
+    ("merge",),
+    ("validate",),
+    ("report",),
+)
 KEPT_BYTES = {"imaging": 5, "slitless": 8}  # of a pixel: expected electrons, those counted, the objects' share; at most
 BYTES_PER_NODE = 4 * (256 * 256 + 256 * 256 + 64 * 64) * 4  # images, and the tables photons are drawn from
 
@@ -39,7 +46,9 @@ def plan(run: OpenCampaign) -> tuple[dict[str, float | str], dict[str, float], C
 
     counts: {name: number or string}; disk: {name: bytes}; costs: those of csstsim.campaign.costs.
     """
-    jobs, config, costs = run.jobs, run.config, expected(run)
+    jobs = run.jobs
+    config = run.config
+    costs = expected(run)
     science = run.imaging_jobs + run.slitless_jobs
     nodes = len(costs.get("psf", ())) * config.psf.grid**2
     detector = run.camera.detector
@@ -133,8 +142,9 @@ def print_plan(run: OpenCampaign, sky: PathLike | None = None) -> None:
             Console().print(
                 f"The light of {number_of(again, 'finished chip')} of the campaign was not kept: variants need it, and "
                 "it is made again, with Level-0 files of the same bits. With `keep: light` from the start it is there.",
-                soft_wrap=True, highlight=False,
-            )  # fmt: skip
+                soft_wrap=True,
+                highlight=False,
+            )
     _print_sky(run, sky)
 
 
@@ -179,7 +189,8 @@ def _cost_table(costs: Costs) -> Table:
     for column in ("rule", "jobs", "CPU s a job", "CPU h", "memory MB a job"):
         table.add_column(column, justify="left" if column == "rule" else "right")
     for rule, jobs in costs.items():
-        cpu, memory = sum(cost.cpu_s for cost in jobs.values()), max(cost.memory_mb for cost in jobs.values())
+        cpu = sum(cost.cpu_s for cost in jobs.values())
+        memory = max(cost.memory_mb for cost in jobs.values())
         row = rule, f"{len(jobs):,}", f"{cpu / len(jobs):,.1f}", f"{cpu / 3600:,.2f}", f"{memory:,.0f}"
         if rule in INSTEAD:
             row = f"({rule})", *row[1:]
@@ -206,9 +217,11 @@ def _variants_table(run: OpenCampaign) -> Table:
 def _drawn_again(run: OpenCampaign) -> int:
     """Return how many chips of a base have Level-0 files, but no more the light that a variant reads out."""
     wanted = {
-        job.key for one in run.variants for job in one.jobs
+        job.key
+        for one in run.variants
+        for job in one.jobs
         if one.in_base(*job.key, "render") and not one.in_base(*job.key, "level0")
-    }  # fmt: skip
+    }
     gone = (job for job in run.jobs if job.key in wanted and not run.paths.stage(*job.key, LIGHT[0]).exists())
     return sum(run.paths.level0(job).exists() for job in gone)
 

@@ -59,11 +59,13 @@ def kinds(run: OpenCampaign) -> dict[str, Kind]:
 
     Truth bricks and PSF sets are not targets: a new one would be newer than all chips, and all would be made again.
     """
-    paths, config = run.paths, run.config
+    paths = run.paths
+    config = run.config
     kept = [
-        job for job in (run.jobs if config.keep == "light" else ())
+        job
+        for job in (run.jobs if config.keep == "light" else ())
         if run.has_stage(job.pointing, "render") and not run.in_base(*job.key, "render")
-    ]  # fmt: skip
+    ]
     calibrated = run.imaging_jobs if config.measurement.keep_calibrated else ()
     page = [None] if run.science_jobs else []
     truth = " with truth" if run.science_jobs else ""

@@ -106,9 +106,10 @@ class CatalogConfig(Model):
         "knows nothing of them",
     )
     bright_stars: bool | None = Field(
-        None, description="the real stars V < 5 (config/instrument/sky.yaml) are objects of the embedded universe; "
+        None,
+        description="the real stars V < 5 (config/instrument/sky.yaml) are objects of the embedded universe; "
         "null = they are, false = no star is as bright",
-    )  # fmt: skip
+    )
     components: Literal["simple", "full"] = Field(
         "simple",
         description="profiles of the embedded universe's galaxies: 'simple', disks of Sersic index 1 and bulges of 4; "
@@ -122,13 +123,15 @@ class CatalogConfig(Model):
         False, description="true: its quasars vary, by a damped random walk (config/changing/variable_quasars.yaml)"
     )
     asteroids: bool = Field(
-        False, description="true: asteroids of the main belt move over the embedded sky on orbits of their own, those "
+        False,
+        description="true: asteroids of the main belt move over the embedded sky on orbits of their own, those "
         "brighter than V = 24.5 (config/changing/asteroids.yaml); a chip takes one to three CPU-seconds more",
-    )  # fmt: skip
+    )
     satellites: bool = Field(
-        False, description="true: satellites cross the exposures over the embedded sky, as often as those of Hubble "
+        False,
+        description="true: satellites cross the exposures over the embedded sky, as often as those of Hubble "
         "(config/changing/satellites.yaml)",
-    )  # fmt: skip
+    )
     shapes: Literal["normal", "rotated90"] = Field(
         "normal",
         description="'rotated90': select turns intrinsic ellipticities by 90 degrees and changes nothing else, nor the "

@@ -41,7 +41,8 @@ def selected_chips(select: Select, camera: Camera) -> list[Chip]:
 
 def window_of(run: OpenCampaign, pointing: Pointing, chip: Chip, wcs: ChipWCS, craft: Observer) -> Window | None:
     """Return the pixels of this pair to simulate, or None if it does not touch the region."""
-    window, region = _window(run, chip), run.config.select.region
+    window = _window(run, chip)
+    region = run.config.select.region
     if region is None or pointing.type != "SCIE":
         return window  # bias, dark and flat frames see no sky: select.region does not apply
     x, y, miss = _miss(run, wcs, craft, window)
@@ -49,7 +50,8 @@ def window_of(run: OpenCampaign, pointing: Pointing, chip: Chip, wcs: ChipWCS, c
         return None
     if run.config.window != "region":
         return window
-    radius, slitless = _radius(run), chip.kind == "slitless"
+    radius = _radius(run)
+    slitless = chip.kind == "slitless"
     left, right, down, up = run.camera.gratings[chip.id].span(x, y) if slitless else (0.0,) * 4
     x0, y0 = (max(math.floor(v), 0) for v in (x + left - radius, y + down - radius))
     x1, y1 = (min(math.ceil(v) + 1, n) for v, n in ((x + right + radius, window.x1), (y + up + radius, window.y1)))
@@ -62,14 +64,20 @@ def nothing_selected(run: OpenCampaign) -> InputError:
     if not run.exposures:
         types = ", ".join(sorted({p.type for p in run.pointings.values()}))
         return InputError(
-            "no exposure has one of these types", file=run.file, key="select.types", value=select.types,
+            "no exposure has one of these types",
+            file=run.file,
+            key="select.types",
+            value=select.types,
             allowed=f"those in {run.table}: {types}",
-        )  # fmt: skip
+        )
     if not run.chips:
         return InputError(
-            "none of the chips is behind one of the filters", file=run.file, key="select.filters",
-            value=select.filters, allowed="filters of the chips that select.chips names",
-        )  # fmt: skip
+            "none of the chips is behind one of the filters",
+            file=run.file,
+            key="select.filters",
+            value=select.filters,
+            allowed="filters of the chips that select.chips names",
+        )
     if select.region is None:
         return InputError("no pixels are selected", file=run.file, key="window")
     science = [obsid for obsid, pointing in run.exposures.items() if pointing.type == "SCIE"]
@@ -84,7 +92,8 @@ def pair_missed(run: OpenCampaign, obsid: str, chip: Chip) -> InputError:
 
 def _missed(run: OpenCampaign, pairs: Iterable[tuple[str, Chip]], message: str) -> InputError:
     """Return the InputError of a region that misses all (obsid, chip) pairs: the nearest, and a place that works."""
-    circle, arcmin = run.config.select.region, run.camera.telescope.pixel_scale / 60.0
+    circle = run.config.select.region
+    arcmin = run.camera.telescope.pixel_scale / 60.0
 
     assert circle is not None  # without one nothing is missed
     missed = [
@@ -96,12 +105,14 @@ def _missed(run: OpenCampaign, pairs: Iterable[tuple[str, Chip]], message: str) 
     _, obsid, chip = (near or missed)[0]
     ra, dec = _middle(run, obsid, chip)
     return InputError(
-        f"{message} {', '.join(texts)}" if near else "the region is on the sky's other side", file=run.file,
-        key="select.region", value=f"{circle.radius:g}' about {circle.ra:g}, {circle.dec:g}",
+        f"{message} {', '.join(texts)}" if near else "the region is on the sky's other side",
+        file=run.file,
+        key="select.region",
+        value=f"{circle.radius:g}' about {circle.ra:g}, {circle.dec:g}",
         allowed=f"a circle that touches a chip, as about {ra:.4f}, {dec:.4f}, the middle of chip {chip.id} in exposure "
         f"{obsid}. A row's ra, dec is the middle of the focal plane, where no chip is: for a place of your own, "
         "`csstsim aim` writes rows",
-    )  # fmt: skip
+    )
 
 
 def _far(arcmin: float) -> str:

@@ -41,14 +41,18 @@ if TYPE_CHECKING:
 MUCH = 0.1  # of zodiacal light: the share of exposures with more earthshine is shown
 FAINT = 1e-6  # e-/s/px: components below it in every exposure have no row in the table
 ANGLES = {
-    "limb": "boresight to the Earth's limb", "limb_sun": "Sun's height at that limb", "sun": "boresight to the Sun",
+    "limb": "boresight to the Earth's limb",
+    "limb_sun": "Sun's height at that limb",
+    "sun": "boresight to the Sun",
     "moon": "boresight to the Moon",
-}  # fmt: skip
+}
 NAMES = {"sun": "sun_angle", "moon": "moon_angle"}  # of angles in the file: the components have these names, too
 HEAD = (
-    "obsid", "band", *(f"{name} [e-/s/px]" for name in COMPONENTS),
+    "obsid",
+    "band",
+    *(f"{name} [e-/s/px]" for name in COMPONENTS),
     *(f"{NAMES.get(name, name)} [deg]" for name in ANGLES),
-)  # fmt: skip
+)
 
 
 def skies(run: OpenCampaign) -> tuple[Levels, Angles]:

@@ -32,16 +32,28 @@ FILES = {
     "profiles/slurm/workflow.yaml": ("profiles/slurm/workflow.yaml", "... and on its nodes"),
 }
 EXAMPLES = {  # name: folder of examples/
-    "layer": "my_layer", "catalogue": "my_catalogue", "camera": "my_camera", "shear": "shear", "slitless": "slitless",
+    "layer": "my_layer",
+    "catalogue": "my_catalogue",
+    "camera": "my_camera",
+    "shear": "shear",
+    "slitless": "slitless",
     "lens": "lens",
-}  # fmt: skip
+}
 KINDS = {  # suffix of an example's file: what it is, where nothing better is known
-    ".csv": "a table", ".fits": "an image", ".md": "text", ".py": "a program, in Python", ".yaml": "settings",
-}  # fmt: skip
+    ".csv": "a table",
+    ".fits": "an image",
+    ".md": "text",
+    ".py": "a program, in Python",
+    ".yaml": "settings",
+}
 SKIPPED = {"__pycache__", "results", "data"}  # what running an example leaves
 AIMED = 8, 9, 7  # chips, g, r and i, that point at a catalogue's objects
-PA, TIME = -113.4333, "2027-11-20T01:16:00"  # deg; of the first exposure
-MARGIN, LARGEST = 0.2, 5.0  # arcmin: beyond the outermost object; a chip's half side is 5.7
+# deg; of the first exposure
+PA = -113.4333
+TIME = "2027-11-20T01:16:00"
+# arcmin: beyond the outermost object; a chip's half side is 5.7
+MARGIN = 0.2
+LARGEST = 5.0
 
 
 def init(
@@ -93,7 +105,8 @@ def _example(name: str, content: dict[str, bytes], meanings: dict[str, str]) -> 
         data = path.read_bytes()
         if path.parent == folder and path.suffix == ".yaml":
             text, shared = _alone(data.decode())
-            data, found = text.encode(), found | shared
+            data = text.encode()
+            found = found | shared
         found[path.relative_to(folder).as_posix()] = data
     found |= {file: content[file] for file in workflow}
     campaigns = {file: "a campaign" for file, data in found.items() if b"schema_version" in data}
@@ -105,7 +118,8 @@ def _alone(campaign: str) -> tuple[str, dict[str, bytes]]:
     """Return (text, {file: bytes}): an example's campaign, and what it shares with others, to lie beside it."""
     files = {}
     for name in set(re.findall(r"\.\./\.\./([\w./-]+)", campaign)):
-        source, parts = ROOT / name, Path(name).parts
+        source = ROOT / name
+        parts = Path(name).parts
         made = parts[0] == "results"
         here = Path("results", *parts[2:]) if made else Path(parts[-1])
         campaign = campaign.replace(f"../../{name}", here.as_posix())
@@ -124,17 +138,21 @@ def _aimed(file: Path, content: dict[str, bytes]) -> dict[str, bytes]:
 
     if file.name in content:
         raise InputError("another file of the folder has this name; rename the table", file=file)
-    camera, columns = load_camera(SHIPPED / "instrument"), read_table(file)
+    camera = load_camera(SHIPPED / "instrument")
+    columns = read_table(file)
     ra, dec, radius = _circle(file, object_table(columns, camera.bands, file))
     found = aimed(camera, ra, dec, [camera.chips[number] for number in AIMED], pa=PA, times=[TIME])
-    text, changed = content["campaign.yaml"].decode(), 0
+    text = content["campaign.yaml"].decode()
+    changed = 0
     name = json.dumps(file.name, ensure_ascii=False)  # a scalar of YAML, whatever is in it
     region = f"region: {{ra: {ra:.6f}, dec: {dec:.6f}, radius: {radius:.2f}}}"
     own = f'catalog:\n  kind: "csstsim.catalog.own_table:TableCatalog"\n  options: {{file: {name}}}\npsf:'
     about = "your objects, seen once in each of g, r and i."
     for pattern, new in (
-        (r"one small field, [^.]*\.", about), (r"region: \{[^}]*\}", region), (r"(?s)catalog:.*?psf:", own)
-    ):  # fmt: skip
+        (r"one small field, [^.]*\.", about),
+        (r"region: \{[^}]*\}", region),
+        (r"(?s)catalog:.*?psf:", own),
+    ):
 
         def literal(_: re.Match[str], new: str = new) -> str:
             return new
@@ -161,9 +179,12 @@ def _named_by(columns: Mapping[str, AnyArray], file: Path) -> dict[str, bytes]:
                 continue
             if ".." in Path(text).parts:
                 raise InputError(
-                    "would not be found from the new folder", file=file, key=column, value=text,
+                    "would not be found from the new folder",
+                    file=file,
+                    key=column,
+                    value=text,
                     allowed="files in the table's folder or below it, or whole paths",
-                )  # fmt: skip
+                )
             try:
                 found[Path(text).as_posix()] = (file.parent / text).read_bytes()
             except OSError as exc:
@@ -185,6 +206,8 @@ def _circle(file: Path, table: ObjectTable) -> tuple[float, float, float]:
     if reach + MARGIN > LARGEST:
         raise InputError(
             "objects lie too far apart for one chip; for more, csstsim init without a catalogue, and a survey table",
-            file=file, value=f"{reach:.1f} arcmin from their middle", allowed=f"{LARGEST - MARGIN:g} arcmin",
-        )  # fmt: skip
+            file=file,
+            value=f"{reach:.1f} arcmin from their middle",
+            allowed=f"{LARGEST - MARGIN:g} arcmin",
+        )
     return round(float(ra), 6) % 360.0, float(dec), reach + MARGIN

@@ -29,14 +29,18 @@ if TYPE_CHECKING:
 
     SpacecraftState: TypeAlias = tuple[tuple[float, float, float], tuple[float, float, float]]  # position, velocity
 
-OBSID, OBSID_ALLOWED = re.compile(r"[0-9]{9,14}"), "9 to 14 digits"
+OBSID = re.compile(r"[0-9]{9,14}")
+OBSID_ALLOWED = "9 to 14 digits"
 REQUIRED = ("obsid", "type", "ra", "dec", "pa", "time", "exptime")
 STATE = ("sat_x", "sat_y", "sat_z", "sat_vx", "sat_vy", "sat_vz")
 SURVEY = "survey"
 COLUMNS = (*REQUIRED, *STATE, SURVEY)
-TYPES, PARTS = get_args(ExposureType), get_args(SurveyPart)
+TYPES = get_args(ExposureType)
+PARTS = get_args(SurveyPart)
 _MIN_EXPTIME = 1e-3  # s
-_MAX_RADIUS_KM, _MAX_SPEED_KM_S = 50_000.0, 12.0  # beyond these a state is in another unit, not in Earth orbit
+# beyond these a state is in another unit, not in Earth orbit
+_MAX_RADIUS_KM = 50_000.0
+_MAX_SPEED_KM_S = 12.0
 
 
 @explained("survey table")
@@ -112,7 +116,8 @@ class Row:
     """One line of the table, each cell checked as it is asked for; an InputError names path, place and column."""
 
     def __init__(self, path: PathLike | None, place: str, header: Sequence[str], cells: Sequence[str]) -> None:
-        self.path, self.place = path, place
+        self.path = path
+        self.place = place
         if len(cells) != len(header):
             raise self.error(f"{len(cells)} cells under {len(header)} columns")
         self.cells = dict(zip(header, cells, strict=True))
@@ -189,8 +194,10 @@ class Row:
         x, y, z, vx, vy, vz = (
             self.number_in(name, -_MAX_RADIUS_KM, _MAX_RADIUS_KM, "km and km/s, geocentric GCRS") for name in STATE
         )
-        position, velocity = (x, y, z), (vx, vy, vz)
-        radius, speed = math.hypot(*position), math.hypot(*velocity)
+        position = (x, y, z)
+        velocity = (vx, vy, vz)
+        radius = math.hypot(*position)
+        speed = math.hypot(*velocity)
         if not EARTH_RADIUS_KM < radius <= _MAX_RADIUS_KM:
             raise self.error(
                 "distance from the Earth's centre [km] out of range",

@@ -8,9 +8,14 @@ from csstsim.base.model import Model
 
 # Their defaults hold for the embedded sky's density and sizes; a right image of a crowded cluster may not meet them
 OF_THE_SKY = (
-    "galaxy_completeness_min", "galaxy_mag_max", "pair_completeness_min", "purity_min", "counts_max", "lost_max",
+    "galaxy_completeness_min",
+    "galaxy_mag_max",
+    "pair_completeness_min",
+    "purity_min",
+    "counts_max",
+    "lost_max",
     "twice_max",
-)  # fmt: skip
+)
 Threshold = Annotated[float, Field(gt=0)] | None
 
 
@@ -32,9 +37,12 @@ class ValidateConfig(Model):
         description="least share of isolated point sources found at S/N above snr_min in an exposure; 2 sigma forgiven",
     )
     galaxy_completeness_min: float | None = Field(
-        0.9, ge=0, le=1, description="isolated galaxies found at S/N above galaxy_snr_min in an exposure; two sigma of "
+        0.9,
+        ge=0,
+        le=1,
+        description="isolated galaxies found at S/N above galaxy_snr_min in an exposure; two sigma of "
         "chance are forgiven",
-    )  # fmt: skip
+    )
     galaxy_snr_min: float = Field(
         20.0, gt=0, description="S/N (from truth) above which galaxies' completeness is judged"
     )
@@ -50,21 +58,30 @@ class ValidateConfig(Model):
         "and 60 to 500 [mag]; 2 sigma of chance are allowed",
     )
     galaxy_colour_max: float | None = Field(
-        0.03, gt=0, description="|median colour residual| of isolated galaxies at S/N 10 to 20 and 20 to 500 [mag], in "
+        0.03,
+        gt=0,
+        description="|median colour residual| of isolated galaxies at S/N 10 to 20 and 20 to 500 [mag], in "
         "neighbouring bands; 2 sigma of chance are allowed",
-    )  # fmt: skip
+    )
     pair_completeness_min: float | None = Field(
-        0.4, ge=0, le=1, description="minimum fraction found of the fainter objects of pairs within 12 px, both above "
+        0.4,
+        ge=0,
+        le=1,
+        description="minimum fraction found of the fainter objects of pairs within 12 px, both above "
         "S/N 8 in an exposure; 2 sigma of chance are allowed",
-    )  # fmt: skip
+    )
     frame_counts_max: float | None = Field(
-        0.01, gt=0, description="|number of galaxies, of stars in a frame's truth over that in the catalogue on its "
+        0.01,
+        gt=0,
+        description="|number of galaxies, of stars in a frame's truth over that in the catalogue on its "
         "window, less 1|, of the embedded sky",
-    )  # fmt: skip
+    )
     laws_max: float | None = Field(
-        0.1, gt=0, description="|number of galaxies, of stars of a brick's truth over that of the laws of the "
+        0.1,
+        gt=0,
+        description="|number of galaxies, of stars of a brick's truth over that of the laws of the "
         "universe, less 1|, structure included; 4 sigma of chance are allowed",
-    )  # fmt: skip
+    )
     pull_width: tuple[float, float] | None = Field(
         (0.9, 1.2), description="least and largest width of stars' flux residuals over their errors, at S/N > 20"
     )
@@ -103,9 +120,11 @@ class ValidateConfig(Model):
         "objects' wings and 4 sigma are forgiven",
     )
     uneven_max: float | None = Field(
-        0.0035, gt=0, description="|background of a channel over sky and dark, less that of all channels|; light of "
+        0.0035,
+        gt=0,
+        description="|background of a channel over sky and dark, less that of all channels|; light of "
         "objects' wings and 4 sigma are allowed",
-    )  # fmt: skip
+    )
     read_noise_max: float | None = Field(
         0.05, gt=0, description="|read noise in a channel's overscan over the camera's, less 1|; 4 sigma are forgiven"
     )
@@ -116,9 +135,11 @@ class ValidateConfig(Model):
         1e-4, gt=0, description="|gain, exposure time and read noise of the header over the campaign's, less 1|"
     )
     spectra_flux_max: float | None = Field(
-        0.01, gt=0, description="|mean of stars' extracted over true electrons, less 1| in a spectroscopic exposure, "
+        0.01,
+        gt=0,
+        description="|mean of stars' extracted over true electrons, less 1| in a spectroscopic exposure, "
         "spectra of S/N > 50; 4 sigma are allowed",
-    )  # fmt: skip
+    )
     spectra_sky_max: float | None = Field(
         0.03, gt=0, description="|median of the sky beside spectra over the campaign's, less 1|; faint objects add 0.01"
     )

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from csstsim.campaign.costs import Key
     from csstsim.campaign.opened import OpenCampaign
 
-MARK, FOLDER = "@", "variants"
+MARK = "@"
+FOLDER = "variants"
 OF_BASE = "schema_version", "name", "output", "share", "variants"  # keys that no variant changes
 STAGE_OF = {"select.parquet": "select"} | dict.fromkeys(LIGHT, "render")  # of the files that a variant may take over
 
@@ -106,7 +107,8 @@ class VariantPaths(Paths):
 
     def _shared(self, rule: str, number: int, numbers: str) -> bool:
         """Whether the base makes the product of a brick or chip. numbers: the property with all of the base's."""
-        run, base = self._run, self._run.base
+        run = self._run
+        base = self._run.base
         assert base is not None  # it is a variant
         if getattr(base.recipes, rule) != getattr(run.recipes, rule):
             return False

@@ -326,10 +326,18 @@ def users_code(where: str) -> Iterator[None]:
 
 # Units of CALSPEC's files, by the names of pysynphot and synphot, in lower case
 SYNPHOT_UNITS = {
-    "angstroms": "AA", "nanometers": "nm", "microns": "um", "flam": "erg / (s cm2 AA)", "fnu": "erg / (s cm2 Hz)",
-    "photlam": "photon / (s cm2 AA)", "photnu": "photon / (s cm2 Hz)", "jy": "Jy", "mjy": "mJy", "abmag": "mag(AB)",
+    "angstroms": "AA",
+    "nanometers": "nm",
+    "microns": "um",
+    "flam": "erg / (s cm2 AA)",
+    "fnu": "erg / (s cm2 Hz)",
+    "photlam": "photon / (s cm2 AA)",
+    "photnu": "photon / (s cm2 Hz)",
+    "jy": "Jy",
+    "mjy": "mJy",
+    "abmag": "mag(AB)",
     "stmag": "mag(ST)",
-}  # fmt: skip
+}
 
 
 def read_columns(table: Table, name: str, where: str) -> tuple[FloatArray, FloatArray]:

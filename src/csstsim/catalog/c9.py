@@ -94,7 +94,8 @@ class C9Catalog(CatalogBase):
 
     def _load(self) -> None:
         files = self.options.get("stars") or []
-        folder, bricks = self.options.get("galaxies"), self.region.bricks
+        folder = self.options.get("galaxies")
+        bricks = self.region.bricks
         parts = [_complete({"id": np.zeros(0, np.int64)})]
         seen: dict[int, int] = {}
         for pixel, columns in read_stars([files] if isinstance(files, str | Path) else files, bricks):
@@ -155,9 +156,10 @@ class C9Catalog(CatalogBase):
     def _quasar_file(self) -> PathLike | None:
         if "quasars" not in self.options:
             raise InputError(
-                "required key is missing: the galaxies have quasars", key="catalog.options.quasars",
+                "required key is missing: the galaxies have quasars",
+                key="catalog.options.quasars",
                 allowed="a file, or null to leave them out",
-            )  # fmt: skip
+            )
         return self.options["quasars"]
 
     @cached_property
@@ -255,7 +257,8 @@ def _ids(pixel: int, first: int, count: int, kind: int) -> IntArray:
 
 def _spectra_file(file: PathLike, name: str, rows: int | None = None) -> tuple[FloatArray, FloatArray]:
     """Return `wavelength` (n,) and dataset `name` (rows, n) of an HDF5 file."""
-    wave, values = read_array(file, "wavelength", 1), read_array(file, name, 2)
+    wave = read_array(file, "wavelength", 1)
+    values = read_array(file, name, 2)
     if len(wave) < 2 or not (np.diff(wave) > 0).all():
         raise InputError("must rise", file=file, key="wavelength")
     if values.shape[1] != len(wave) or rows not in (None, len(values)):

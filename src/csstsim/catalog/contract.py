@@ -69,7 +69,8 @@ def sky_region(ra: float, dec: float, radius: float, bands: Iterable[str] = ()) 
     """
     half = radius / np.cos(np.radians(abs(dec) + radius))
     bricks = disc(NSIDE, unit_vectors(ra, dec), np.radians(radius), inclusive=True)
-    east, north = ra + np.array([-half, half, half, -half]), dec + np.array([-radius, -radius, radius, radius])
+    east = ra + np.array([-half, half, half, -half])
+    north = dec + np.array([-radius, -radius, radius, radius])
     corners = tuple((east % 360.0).tolist()), tuple(north.tolist())
     return Region(*corners, tuple(bricks.tolist()), tuple(bands))
 

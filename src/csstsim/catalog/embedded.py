@@ -61,7 +61,8 @@ class SceneCatalog(CatalogBase):
         self._set(table, table.meta)
 
     def _set(self, table: ObjectTable, record: dict[str, Any] | list[dict[str, Any] | str]) -> None:
-        self._table, self._record = table, record
+        self._table = table
+        self._record = record
         self.objs = MockObjects(table)  # type: ignore[assignment] # a list, but that each is made when asked for
 
     @property
@@ -108,7 +109,8 @@ class EmbeddedCatalog(SceneCatalog):
 
     def __init__(self, options: Mapping[str, Any], region: Region) -> None:
         CatalogBase.__init__(self, options, region)
-        self.universe, self._light = self.options["universe"], None
+        self.universe = self.options["universe"]
+        self._light = None
         self._load()
 
     def component_shares(self, rows: IntArray, filter: Filter) -> dict[str, FloatArray] | None:
@@ -142,9 +144,11 @@ class EmbeddedCatalog(SceneCatalog):
             brick = read_brick(brick_file(pix), brick_meta(pix=pix, **key))
             parts.append(brick.take(self.region.contains(brick["ra"], brick["dec"])))
             records.append(brick.meta)
-        table, visitors = ObjectTable.concat(parts), self.options.get("visitors")
+        table = ObjectTable.concat(parts)
+        visitors = self.options.get("visitors")
         if self.options.get("components") == "full":
-            table, self._light = full_components(table), ComponentLight(self.universe)
+            table = full_components(table)
+            self._light = ComponentLight(self.universe)
             records.append({"components": load_numbers().model_dump()})
         if visitors is not None:
             still = changing.completed({name: default for name, (_, default, _) in changing.MOTION.items()}, len(table))
@@ -164,7 +168,8 @@ class EmbeddedCatalog(SceneCatalog):
         from csstsim.universe.changing.variable_quasars import quasar_changes
         from csstsim.universe.changing.variable_stars import star_changes
 
-        kinds, rows = self.options.get("varying", ()), np.asarray(rows, dtype=int)
+        kinds = self.options.get("varying", ())
+        rows = np.asarray(rows, dtype=int)
         laws = (("variable_stars", STAR, star_changes), ("variable_quasars", QUASAR, quasar_changes))
         if not {name for name, *_ in laws} & set(kinds):
             return None

@@ -29,9 +29,11 @@ class MockObject:
         if type is not None:
             if type not in TYPES:
                 raise InputError(
-                    f"object {values.get('id')} is of unknown type", key="type", value=str(type),
+                    f"object {values.get('id')} is of unknown type",
+                    key="type",
+                    value=str(type),
                     allowed=", ".join(TYPES),
-                )  # fmt: skip
+                )
             values["obj_type"] = TYPES.index(type)
         self._columns = {name: (value,) for name, value in values.items()}
         self._row = 0
@@ -40,7 +42,8 @@ class MockObject:
     def view(cls, table: ObjectTable, row: int) -> Self:
         """Return row `row` of an ObjectTable as an object; it sees later changes of the table's arrays."""
         self = cls.__new__(cls)
-        self._columns, self._row = table, row
+        self._columns = table
+        self._row = row
         return self
 
     def __getattr__(self, name: str) -> Any:

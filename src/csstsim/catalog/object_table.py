@@ -37,9 +37,14 @@ if TYPE_CHECKING:
     from csstsim.base.types import AnyArray, IntArray, PathLike
 
 FORMATS = {".csv": "ascii.csv", ".ecsv": "ascii.ecsv", ".fits": "fits", ".parquet": "parquet"}
-FARTHEST, LIGHT_KM_S, NEAREST_MAS = 1e3, 299792.458, 1e4  # redshift; km/s; mas, ten times the nearest star
+# redshift; km/s; mas, ten times the nearest star
+FARTHEST = 1e3
+LIGHT_KM_S = 299792.458
+NEAREST_MAS = 1e4
 LARGE = 200_000_000  # bytes of a text from which reading it takes minutes, and tens of times as much memory
-BRIGHTEST, FAINTEST = -3.0, 90.0  # mag; -99, -9.99, 99, 99.99 and the like stand for "not known" in many catalogues
+# mag; -99, -9.99, 99, 99.99 and the like stand for "not known" in many catalogues
+BRIGHTEST = -3.0
+FAINTEST = 90.0
 _LARGEST_ID = np.iinfo(np.int64).max
 _EXACT = 2.0**53  # larger whole numbers are no floats
 FASTEST = 1e6  # mas / yr; Barnard's star has 1e4
@@ -56,10 +61,15 @@ _FILLED = {
     "gal_type",
 }  # fmt: skip
 _UNITS = {
-    **dict.fromkeys(("ra", "dec"), "deg"), **dict.fromkeys(("size", "size_disk", "size_bulge"), "arcsec"),
-    **dict.fromkeys(("pmra", "pmdec"), "mas / yr"), "parallax": "mas", "rv": "km / s", "teff": "K", "av": "mag",
+    **dict.fromkeys(("ra", "dec"), "deg"),
+    **dict.fromkeys(("size", "size_disk", "size_bulge"), "arcsec"),
+    **dict.fromkeys(("pmra", "pmdec"), "mas / yr"),
+    "parallax": "mas",
+    "rv": "km / s",
+    "teff": "K",
+    "av": "mag",
     **changing.UNITS,
-}  # fmt: skip
+}
 
 
 @explained("table of objects")
@@ -82,9 +92,12 @@ def read_table(path: PathLike) -> dict[str, AnyArray]:
         if path.is_file() and path.stat().st_size > LARGE:
             allowed = f"the same table as .fits or .parquet, or a text of less than {LARGE // 10**6} MB"
             raise InputError(
-                "too large for a table of text", file=path, key="catalog.options.file",
-                value=f"{path.stat().st_size // 10**6} MB", allowed=allowed,
-            )  # fmt: skip
+                "too large for a table of text",
+                file=path,
+                key="catalog.options.file",
+                value=f"{path.stat().st_size // 10**6} MB",
+                allowed=allowed,
+            )
         lines = read_text(path, "utf-8-sig").splitlines()  # with or without Excel's byte-order mark
         if not any(line.strip() for line in lines):
             raise InputError("the table is empty: no heading", file=path)
@@ -233,7 +246,8 @@ def _plain(name: str, column: Column, where: PathLike) -> AnyArray | None:
     if values.dtype.kind == "S":
         values = values.astype(str)
     if values.dtype.kind in "biu" and np.ma.is_masked(values):
-        whole, values = np.ma.compressed(values), values.astype(float)
+        whole = np.ma.compressed(values)
+        values = values.astype(float)
         if (np.abs(whole.astype(float)) > _EXACT).any():
             allowed = "no blank cells, or a column of words"
             raise InputError("has blank cells, and numbers of too many digits", file=where, key=name, allowed=allowed)
@@ -307,7 +321,8 @@ def object_table(columns: Mapping[str, ArrayLike], bands: Collection[str], where
 
 
 def _check_columns(columns: Mapping[str, AnyArray], magnitudes: list[str], where: PathLike) -> None:
-    known, typed = _KNOWN | set(magnitudes), _TYPED | set(magnitudes)
+    known = _KNOWN | set(magnitudes)
+    typed = _TYPED | set(magnitudes)
     lengths = {name: len(values) if values.ndim == 1 else values.shape for name, values in columns.items()}
     if len(set(lengths.values())) > 1:
         raise InputError("columns differ in length", file=where, value=str(lengths))
@@ -346,9 +361,12 @@ def _check_ids(ids: AnyArray, where: PathLike) -> None:
     if row is not None:
         value = ids[row] if ids.dtype.kind != "f" or np.isfinite(ids[row]) else "blank"
         raise InputError(
-            "not a number of an object", file=where, key=f"id, row {row + 1}", value=str(value),
+            "not a number of an object",
+            file=where,
+            key=f"id, row {row + 1}",
+            value=str(value),
             allowed=f"whole numbers from {-_LARGEST_ID - 1} to {_LARGEST_ID}, or no column id",
-        )  # fmt: skip
+        )
 
 
 def _is_id(value: Any) -> bool:
@@ -359,7 +377,8 @@ def _is_id(value: Any) -> bool:
 
 
 def _check_magnitudes(columns: Mapping[str, AnyArray], given: list[str], where: PathLike) -> None:
-    none, odd = np.ones(len(columns["ra"]), bool), np.zeros(len(columns["ra"]), bool)
+    none = np.ones(len(columns["ra"]), bool)
+    odd = np.zeros(len(columns["ra"]), bool)
     for name in given:
         none &= ~np.isfinite(columns[name])
         with np.errstate(invalid="ignore"):

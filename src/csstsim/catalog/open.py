@@ -73,13 +73,17 @@ def options_beside(kind: str, options: Mapping[str, Any], file: Path) -> dict[st
 
 def _not_hidden(name: str, file: Path) -> None:
     """Raise InputError if the module `name` beside a campaign's file is hidden by another that was loaded."""
-    folder, loaded = file.parent.resolve(), getattr(sys.modules.get(name), "__file__", None)
+    folder = file.parent.resolve()
+    loaded = getattr(sys.modules.get(name), "__file__", None)
     there = [path for path in (folder / f"{name}.py", folder / name / "__init__.py") if path.is_file()]
     if there and loaded and not Path(loaded).resolve().is_relative_to(folder):
         raise InputError(
-            f"{loaded} was loaded under this name, not {there[0]}", file=file, key="catalog.kind", value=name,
+            f"{loaded} was loaded under this name, not {there[0]}",
+            file=file,
+            key="catalog.kind",
+            value=name,
             allowed="another name for the module, or another process",
-        )  # fmt: skip
+        )
 
 
 @explained("catalogue")
@@ -101,9 +105,10 @@ def catalog_class(kind: str) -> type[CatalogBase]:
     found = getattr(module, class_name, None)
     if not (isinstance(found, type) and issubclass(found, CatalogBase)):
         classes = [
-            name for name, member in vars(module).items()
+            name
+            for name, member in vars(module).items()
             if isinstance(member, type) and issubclass(member, CatalogBase) and member is not CatalogBase
-        ]  # fmt: skip
+        ]
         allowed = ", ".join(classes) or None
         raise InputError("not a CatalogBase class of that module", key="catalog.kind", value=kind, allowed=allowed)
     return found

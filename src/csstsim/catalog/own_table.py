@@ -84,8 +84,9 @@ class TableCatalog(CatalogBase):
         elif (names != "").any():
             raise InputError(
                 "the table names light curves: the option that names their file is missing",
-                key="catalog.options.light_curves", value=str(names[names != ""][0]),
-            )  # fmt: skip
+                key="catalog.options.light_curves",
+                value=str(names[names != ""][0]),
+            )
 
     def dimming(self, rows: IntArray, interval: Interval, filter: Filter) -> FloatArray | None:
         """Return (len(rows),) mag by which objects are fainter, as CatalogBase.dimming, with the curves of the file."""
@@ -98,7 +99,8 @@ class TableCatalog(CatalogBase):
         Raises InputError for options of another kind, and for columns of files that hold other values.
         """
         _check_options(options)
-        file, curves = options.get("file"), options.get("light_curves")
+        file = options.get("file")
+        curves = options.get("light_curves")
         named = (curves,) if curves else ()
         if not file:
             return (*named, *files_of(options.get("columns") or {}, COLUMNS_KEY))
@@ -142,18 +144,22 @@ class TableCatalog(CatalogBase):
 
         weights = subband_weights(filter, telescope)
         return self._mixed(
-            rows, len(weights), lambda mags: colour_rates(mags, self._filters, weights),
+            rows,
+            len(weights),
+            lambda mags: colour_rates(mags, self._filters, weights),
             lambda own, at: own.rates(at, weights),
-        )  # fmt: skip
+        )
 
     def load_binned(self, rows: IntArray, edges: FloatArray) -> FloatArray:
         """Return (len(rows), bins) photon / s / m2 / angstrom, as CatalogBase.load_binned, without samples of each."""
         from csstsim.catalog.light.colours import colour_bins
 
         return self._mixed(
-            rows, len(edges) - 1, lambda mags: colour_bins(mags, self._filters, edges),
+            rows,
+            len(edges) - 1,
+            lambda mags: colour_bins(mags, self._filters, edges),
             lambda own, at: own.bins(at, edges),
-        )  # fmt: skip
+        )
 
     def _mixed(
         self,
@@ -167,7 +173,8 @@ class TableCatalog(CatalogBase):
         if self._own is None:
             return coloured(self._mags(rows))
         own, place = self._own
-        out, mine = np.zeros((len(rows), width)), place[rows] >= 0
+        out = np.zeros((len(rows), width))
+        mine = place[rows] >= 0
         out[~mine] = coloured(self._mags(rows[~mine]))
         out[mine] = from_files(own, place[rows[mine]])
         return out

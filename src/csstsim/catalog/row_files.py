@@ -55,9 +55,12 @@ def with_images(columns: Mapping[str, ColumnT], obj_type: AnyArray, where: PathL
         np.nan_to_num(np.asarray(columns.get(name, np.zeros(count)), float)) for name in ("image_scale", "image_pa")
     )
     radius = np.zeros(count)
-    found["image_scale"], found["image_pa"], found["image_radius"] = scale, angle, radius
+    found["image_scale"] = scale
+    found["image_pa"] = angle
+    found["image_radius"] = radius
     disk, bulge = (np.array(columns.get(part, np.zeros(count)), float) for part in ("size_disk", "size_bulge"))
-    found["size_disk"], found["size_bulge"] = disk, bulge
+    found["size_disk"] = disk
+    found["size_bulge"] = bulge
     for row in np.flatnonzero(files != ""):
         picture = _of_row(read_picture, files[row], row, where)
         if obj_type[row] != GALAXY:

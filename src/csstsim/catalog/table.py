@@ -24,7 +24,11 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 
-STAR, GALAXY, QUASAR, ASTEROID, SATELLITE = 0, 1, 2, 3, 4
+STAR = 0
+GALAXY = 1
+QUASAR = 2
+ASTEROID = 3
+SATELLITE = 4
 TYPES = ("star", "galaxy", "quasar", "asteroid", "satellite")  # by obj_type; all but galaxies are points
 
 ROWS = 1_000_000  # of a part
@@ -38,7 +42,8 @@ def lensed(obj_type: ArrayLike) -> BoolArray:
 
 
 _MOST = 1 << 28  # values in a file: the fullest possible brick (4 million objects), 2 GB
-_META_KEY, _SUMS_KEY = b"csstsim", b"csstsim_checksums"
+_META_KEY = b"csstsim"
+_SUMS_KEY = b"csstsim_checksums"
 
 # Columns every catalogue has: type, default value, and meaning. NaN means "not known": a galaxy
 # without a size is flagged, one without a parallax is not. Magnitudes in the camera's bands come after z (MAGNITUDE).
@@ -243,7 +248,8 @@ def _to_arrow(values: AnyArray) -> pa.Array:
     """Return a column as an Arrow array by its memory: pyarrow's own way imports pandas, if it is there."""
     import pyarrow as pa
 
-    kind, count = values.dtype.kind, len(values)
+    kind = values.dtype.kind
+    count = len(values)
     texts = kind == "U" or (kind == "O" and count and all(type(value) is str for value in values))
     if not (kind in "iufb" or texts) or values.ndim != 1 or not values.dtype.isnative:
         return pa.array(values)

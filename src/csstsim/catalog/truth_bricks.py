@@ -151,7 +151,8 @@ def _stars(seed: int, pix: int, universe: Universe, camera: Camera) -> ObjectTab
 
     with universe.faults_of("stars"):
         columns = draw_stars(_streams(seed, pix, "stars"), pix, partial(place, pix), universe.numbers["stars"])
-    radius, distance = columns.pop("radius"), columns.pop("distance")
+    radius = columns.pop("radius")
+    distance = columns.pop("distance")
     columns |= {name: columns.pop(own) for name, own in COMPANION.items()}
     columns |= {
         "sed_scale": (radius * SOLAR_RADIUS_PC / distance) ** 2,
@@ -186,8 +187,10 @@ def _clustered(seed: int, universe: Universe, camera: Camera, structure: str) ->
     from csstsim.universe.galaxies.clustered import ClusteredGalaxies
     from csstsim.universe.galaxies.occupation import Occupation
 
-    population, matter = _population(universe, camera), universe.matter_field(seed, haloes=structure == "haloes")
-    haloes, drawn = universe.numbers["structure"]["haloes"], None
+    population = _population(universe, camera)
+    matter = universe.matter_field(seed, haloes=structure == "haloes")
+    haloes = universe.numbers["structure"]["haloes"]
+    drawn = None
     if matter.haloes is not None:
         drawn = np.log10(haloes["tiers"][0]), haloes["z_min"], haloes["z_max"]
     occupation = Occupation(universe.numbers["occupation"], population.grid, matter.mass_function, drawn)
@@ -272,10 +275,12 @@ def with_magnitudes(table: ObjectTable, universe: Universe, camera: Camera) -> O
     weights = _weights(camera)
     many = _band_rates(universe, camera) if (table["obj_type"] == GALAXY).any() else None
     light = rates(universe, table, weights, many)
-    return table.with_columns(**{
-        f"mag_{band}": rate_to_mag(light[:, k], filter_, camera.telescope).astype(np.float32)
-        for k, (band, filter_) in enumerate(camera.bands.items())
-    })  # fmt: skip
+    return table.with_columns(
+        **{
+            f"mag_{band}": rate_to_mag(light[:, k], filter_, camera.telescope).astype(np.float32)
+            for k, (band, filter_) in enumerate(camera.bands.items())
+        }
+    )
 
 
 @lru_cache(maxsize=4)

@@ -159,7 +159,8 @@ def doctor(campaign: str | None) -> None:
     """
     from csstsim.command_line.doctor import OK, PROBLEM, examine
 
-    quiet, worst = QUIET in click.get_current_context().meta, OK
+    quiet = QUIET in click.get_current_context().meta
+    worst = OK
     for finding in examine(campaign):
         if finding.verdict != OK or not quiet:
             click.echo(f"{finding.verdict:<8} {finding.what}: {finding.text}")

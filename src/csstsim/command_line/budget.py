@@ -103,9 +103,13 @@ def shear(
 @click.option("--answer", type=click.Path(), help="Redshifts to score: CSV of id, z and good (1: sure, 0: not).")
 @click.option("--band", default="i", show_default=True, help="Band of the magnitudes; the catalogue must have it.")
 @click.option(
-    "--output", "folder", type=click.Path(), default="results/budget_redshift", show_default=True,
+    "--output",
+    "folder",
+    type=click.Path(),
+    default="results/budget_redshift",
+    show_default=True,
     help="Folder of results.",
-)  # fmt: skip
+)
 def redshift(
     run: OpenCampaign, also: tuple[str, ...], spectra: str | None, answer: str | None, band: str, folder: str
 ) -> None:

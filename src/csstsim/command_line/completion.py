@@ -29,7 +29,8 @@ INSTALL = {
 def obsids_of(ctx: Context, param: Parameter, incomplete: str) -> list[str]:
     """Return the exposures of the campaign named before on the line that begin with `incomplete`."""
     campaign = _campaign(ctx)
-    select, found = campaign.get("select") or {}, []
+    select = campaign.get("select") or {}
+    found = []
     try:
         lines = read_text(_beside(ctx, campaign.get("survey_table"))).splitlines()  # of a file: a pipe would never end
         for row in csv.DictReader(line for line in lines if not line.lstrip().startswith("#")):

@@ -38,7 +38,9 @@ SECTIONS = {
     "Frames that exist": ("place", "inject", "recover", "recreate"),
 }  # fmt: skip
 GARBAGE = 50_000  # new objects before a search for cycles; at the usual 700 imports cause hundreds of searches
-LOUD, QUIET = "csstsim.loud", "csstsim.quiet"  # in the context of the command
+# in the context of the command
+LOUD = "csstsim.loud"
+QUIET = "csstsim.quiet"
 
 
 class GivenPath(click.Path):
@@ -148,7 +150,8 @@ SWITCHES = [
 
 @contextmanager
 def _files_logged() -> Iterator[None]:
-    log, handler = logging.getLogger("csstsim.files"), logging.StreamHandler()
+    log = logging.getLogger("csstsim.files")
+    handler = logging.StreamHandler()
     handler.setFormatter(logging.Formatter("csstsim: %(asctime)s.%(msecs)03d %(message)s", "%H:%M:%S"))
     log.addHandler(handler)
     log.setLevel(logging.DEBUG)

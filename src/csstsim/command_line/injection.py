@@ -19,9 +19,12 @@ if TYPE_CHECKING:
 @click.option("--campaign", type=click.Path(), help="Campaign that made the frames [default: the header tells].")
 @click.option("--instrument", type=click.Path(), help="Folder of the camera, without --campaign [default: shipped].")
 @click.option(
-    "--realisation", type=click.IntRange(0), default=1, show_default=True,
+    "--realisation",
+    type=click.IntRange(0),
+    default=1,
+    show_default=True,
     help="Number of the noise of the injected light; 0: the photons of a simulation of the same ids.",
-)  # fmt: skip
+)
 @click.option("--light-curves", type=click.Path(), help="Table of the curves that the column light_curve names.")
 @click.option("--psf", type=click.Path(), help="Frames of others: PSFEx model, or FITS image or cube of stamps.")
 @click.option(

@@ -34,8 +34,13 @@ class Finite(click.FloatRange):
 campaign_arg = click.argument("campaign", type=click.Path())
 obsid_opt = click.option("--obsid", required=True, shell_complete=obsids_of, help="Exposure, as in the survey table.")
 chip_opt = click.option(
-    "--chip", "chip_id", required=True, type=click.IntRange(1), shell_complete=chips_of, help="Chip number.",
-)  # fmt: skip
+    "--chip",
+    "chip_id",
+    required=True,
+    type=click.IntRange(1),
+    shell_complete=chips_of,
+    help="Chip number.",
+)
 brick_opt = click.option(
     "--brick", "pix", required=True, type=click.IntRange(0, 786431), help="HEALPix NSIDE-256 pixel, nested."
 )
@@ -46,20 +51,33 @@ def _once(context: click.Context, option: click.Parameter, numbers: tuple[int, .
 
 
 chips_opt = click.option(
-    "--chip", "chip_ids", required=True, multiple=True, type=click.IntRange(1), callback=_once,
-    shell_complete=chips_of, help="Chip number; repeat.",
-)  # fmt: skip
+    "--chip",
+    "chip_ids",
+    required=True,
+    multiple=True,
+    type=click.IntRange(1),
+    callback=_once,
+    shell_complete=chips_of,
+    help="Chip number; repeat.",
+)
 resume_opt = click.option(
     "--resume", is_flag=True, help="Go on where this command with --resume was stopped: make no chip twice."
 )
 bricks_opt = click.option(
-    "--brick", "bricks", required=True, multiple=True, type=click.IntRange(0, 786431), callback=_once,
+    "--brick",
+    "bricks",
+    required=True,
+    multiple=True,
+    type=click.IntRange(0, 786431),
+    callback=_once,
     help="HEALPix NSIDE-256 pixel, nested; repeat.",
-)  # fmt: skip
+)
 scratch_opt = click.option(
-    "--scratch", type=click.Path(), envvar="CSSTSIM_SCRATCH",
+    "--scratch",
+    type=click.Path(),
+    envvar="CSSTSIM_SCRATCH",
     help="Folder of files between a chip's stages [default: $CSSTSIM_SCRATCH, or the campaign's output].",
-)  # fmt: skip
+)
 
 
 def of_campaign(function: Callable[..., object]) -> Callable[..., object]:

@@ -164,10 +164,11 @@ def measure(run: OpenCampaign, jobs: list[Job], resume: bool) -> None:
 @click.option("--ids", help="Only these objects: numbers of the truth table, separated by commas.")
 @click.option("--all", "everything", is_flag=True, help="Every object with light on the chip, however faint.")
 @click.option(
-    "--contamination", type=click.Choice(["truth", "catalogue", "kept"]),
+    "--contamination",
+    type=click.Choice(["truth", "catalogue", "kept"]),
     help="Neighbours' light by their true spectra or by a catalogue's magnitudes; kept: stated, not subtracted "
     "[default: the campaign's].",
-)  # fmt: skip
+)
 @click.option("--image", is_flag=True, help="Write that light, of all objects, as an image, too.")
 def extract(
     run: OpenCampaign,

@@ -150,7 +150,8 @@ def layers(names: tuple[str, ...]) -> None:
         click.echo("Keywords are those of the paper; in a file, upper and lower case are the same.\n")
     for name in names or known_layers():
         module = load_layer(name)
-        name, about = name if "." in name else name.lower(), module.__doc__ or "(no docstring)"
+        name = name if "." in name else name.lower()
+        about = module.__doc__ or "(no docstring)"
         click.echo(f"{name}  [{module.STAGE}, {' -> '.join(module.UNITS)}]\n    {about.splitlines()[0]}")
         for key, field in module.Param.model_fields.items():
             click.echo(f"      {key} = {field.default}: {field.description}")

@@ -19,10 +19,15 @@ if TYPE_CHECKING:
     from csstsim.base.types import PathLike
 
 BY_SUFFIX = {
-    ".fits": images.fits_facts, ".h5": hdf5.hdf5_facts, ".hdf5": hdf5.hdf5_facts, ".parquet": tables.table_facts,
-    ".json": texts.json_facts, ".html": texts.page_facts, ".png": texts.picture_facts,
+    ".fits": images.fits_facts,
+    ".h5": hdf5.hdf5_facts,
+    ".hdf5": hdf5.hdf5_facts,
+    ".parquet": tables.table_facts,
+    ".json": texts.json_facts,
+    ".html": texts.page_facts,
+    ".png": texts.picture_facts,
     ".properties": texts.properties_facts,
-}  # fmt: skip
+}
 BY_NAME = dict.fromkeys(("_metadata", "_common_metadata"), tables.footer_facts)
 
 
@@ -32,7 +37,8 @@ def compare(a: PathLike, b: PathLike, say: Callable[[str], object], provenance: 
     `provenance`: differences in how a product was made count, too; otherwise one line lists them. A product that cannot
     be read counts as different. Raises InputError for files that cannot be compared.
     """
-    a, b = Path(a), Path(b)
+    a = Path(a)
+    b = Path(b)
     for path in (a, b):
         if not path.exists():
             raise InputError("no such file or folder", file=path)

@@ -30,20 +30,23 @@ class Difference:
     """
 
     def __init__(self, things: str, unit: str = "") -> None:
-        self.things, self.unit = things, f" {unit}" if unit else ""
+        self.things = things
+        self.unit = f" {unit}" if unit else ""
         self.count = self.total = self.sized = self.odd = 0
         self.largest = self.squares = 0.0
         self.first = ""
 
     def add(self, a: AnyArray, b: AnyArray, place: Callable[[int], str]) -> None:
         """Add two arrays of one shape and dtype; place(index): where the element of the flat array is, in words."""
-        a, b = np.ravel(a), np.ravel(b)
+        a = np.ravel(a)
+        b = np.ravel(b)
         self.total += a.size
         where = np.flatnonzero(_unlike(a, b))
         if not where.size:
             return
         self.count += where.size
-        a, b = a[where], b[where]
+        a = a[where]
+        b = b[where]
         if not self.first:
             self.first = f"first {place(int(where[0]))}: {shown(a[0])} and {shown(b[0])}"
         if a.dtype.kind in "biuf":
@@ -82,7 +85,8 @@ def array_facts(
     if a.shape != b.shape:
         yield Fact(f"{name}: shape {a.shape} and {b.shape}")
         return
-    difference, numbers = Difference(things, unit), a.dtype.kind in "biuf" and b.dtype.kind in "biuf"
+    difference = Difference(things, unit)
+    numbers = a.dtype.kind in "biuf" and b.dtype.kind in "biuf"
     if a.dtype == b.dtype or numbers:
         rows = max(1, step // max(1, a[:1].size)) if a.ndim else 1
         for start in range(0, len(a), rows) if a.ndim else (0,):
@@ -135,5 +139,6 @@ def _size(a: AnyArray, b: AnyArray) -> FloatArray:
     if a.dtype.kind == "f":
         with np.errstate(invalid="ignore", over="ignore"):
             return np.abs(a.astype(np.float64) - b.astype(np.float64))
-    low, high = np.minimum(a, b), np.maximum(a, b)
+    low = np.minimum(a, b)
+    high = np.maximum(a, b)
     return (high.astype(np.uint64) - low.astype(np.uint64)).astype(np.float64)

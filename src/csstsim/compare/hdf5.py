@@ -28,7 +28,8 @@ def hdf5_facts(a: Path, b: Path) -> Iterator[Fact]:
         yield from record_facts("attribute ", attributes_a, attributes_b)
         yield from alone("datasets", first, second)
         for name in (name for name in first if name in second):
-            pair, unit = (first[name], second[name]), UNITS.get(name, "")
+            pair = (first[name], second[name])
+            unit = UNITS.get(name, "")
             yield from array_facts(f"dataset {name}", *pair, things="values", unit=unit, place=_place)
 
 

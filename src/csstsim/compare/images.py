@@ -131,7 +131,8 @@ def _channel_facts(plane: str, raw: Sequence[RawImage]) -> Iterator[Fact]:
 def _place(readout: ReadoutFrame, block: Block, row: int, column: int) -> str:
     """Return in words where a channel's pixel is: as it is read, and on the chip if it is an active one."""
     (x0, step_x), (y0, step_y) = readout.stored_axis(block, "channels")
-    x, y = x0 + step_x * (column + block.stored_x0), y0 + step_y * row
+    x = x0 + step_x * (column + block.stored_x0)
+    y = y0 + step_y * row
     inside = 0 <= column - readout.prescan < readout.channel_nx and row < readout.channel_ny
     return f"in channel {block.channel}, column {column}, row {row} ({f'chip x {x}, y {y}' if inside else 'overscan'})"
 

@@ -29,7 +29,8 @@ def _leaves(name: str, a: object, b: object, made: str | None = None) -> Iterato
         for key in [*a, *(key for key in b if key not in a)]:
             if varies(key):
                 continue
-            here, of = f"{name}.{key}" if name else key, made or (key if is_provenance(key) else None)
+            here = f"{name}.{key}" if name else key
+            of = made or (key if is_provenance(key) else None)
             if key in a and key in b:
                 yield from _leaves(here, a[key], b[key], of)
             else:

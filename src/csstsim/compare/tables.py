@@ -20,9 +20,13 @@ _UNIT = re.compile(
     r"angstrom|rad|dex|solar masses|(nominal )?electrons|Gyr|day\b|MJD\b|s(?=,| after)|CPU milliseconds"
 )
 _WRITTEN = {
-    "AB": "mag", "FITS px": "px", "nominal electrons": "electron", "electrons": "electron", "MJD": "day",
+    "AB": "mag",
+    "FITS px": "px",
+    "nominal electrons": "electron",
+    "electrons": "electron",
+    "MJD": "day",
     "CPU milliseconds": "ms",
-}  # fmt: skip
+}
 _AS_BEFORE = re.compile("its error|(deg, )?the same")
 
 
@@ -112,16 +116,24 @@ def units() -> dict[str, str]:
 
     found: dict[str, str] = {}
     for described in (
-        columns_with("B"), OPTIONAL, orders.COLUMNS, truth.ABOUT, catalogue.COLUMNS, spectrum_columns.COLUMNS,
-        line_columns.COLUMNS, merge.ABOUT, merge.ABOUT_BAND,
-    ):  # fmt: skip
+        columns_with("B"),
+        OPTIONAL,
+        orders.COLUMNS,
+        truth.ABOUT,
+        catalogue.COLUMNS,
+        spectrum_columns.COLUMNS,
+        line_columns.COLUMNS,
+        merge.ABOUT,
+        merge.ABOUT_BAND,
+    ):
         found |= units_of(described)
     return found | {name: found[ours] for name, ours in truth.CAT_COLUMNS.items() if ours in found}
 
 
 def units_of(described: Mapping[str, str | tuple[Any, ...]]) -> dict[str, str]:
     """Return {column: its unit} of a table, {column: text, or a tuple that ends with it}."""
-    found, unit = {}, ""
+    found = {}
+    unit = ""
     for name, text in described.items():
         text = text[-1] if isinstance(text, tuple) else text
         if not _AS_BEFORE.match(text):

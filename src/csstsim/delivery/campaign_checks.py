@@ -41,9 +41,10 @@ def psf(path: Path, frame: ExpectedFrame, seen: Seen) -> Iterator[str]:
         made.node(int(node))
     try:
         used = (
-            seen.psf_hash[frame.level0] if frame.level0 in seen.psf_hash
+            seen.psf_hash[frame.level0]
+            if frame.level0 in seen.psf_hash
             else read_level0(frame.level0).header0.get("PSFHASH")
-        )  # fmt: skip
+        )
     except (InputError, OSError):
         return  # a fault of that file
     if used not in (None, digest(made.attributes)):
@@ -91,7 +92,9 @@ def merged(
     if missing:
         yield f"the table lacks the column {missing[0]}"
         return
-    ra, dec, index = table["ra"], table["dec"], table["_healpix_29"]
+    ra = table["ra"]
+    dec = table["dec"]
+    index = table["_healpix_29"]
     if not (np.isfinite(ra) & np.isfinite(dec)).all():
         yield "has places that are not finite"
     elif (brick_of(ra, dec) != pix).any() or (hats_index(ra, dec) != index).any():

@@ -21,7 +21,10 @@ if TYPE_CHECKING:
     from csstsim.campaign.opened import OpenCampaign
     from csstsim.optics.geometry.wcs import ChipWCS
 
-YES, NO, MAYBE = "yes", "no", "maybe"  # a product must be there, must not, or may be
+# a product must be there, must not, or may be
+YES = "yes"
+NO = "no"
+MAYBE = "maybe"
 
 
 @dataclass(frozen=True)
@@ -123,7 +126,8 @@ def _boresight(job: Job) -> Boresight:
 
 def _frame(run: OpenCampaign, job: Job, tables: Iterable[Container[tuple[str, int]]]) -> ExpectedFrame:
     """Return the ExpectedFrame of a job. tables: keys of the jobs that are measured, and of the extracted ones."""
-    window, rays = job.window, run.steps[job.pointing.type].step("cosmic_rays")
+    window = job.window
+    rays = run.steps[job.pointing.type].step("cosmic_rays")
     expected = [job.key in keys for keys in tables] + [rays is not None and rays.param.save_cosmic_image]
     measured, extracted, cosmic = (YES if there else NO for there in expected)
     text = run.paths.level0_catalogue(job) if "cat" in run.config.truth else None

@@ -31,9 +31,10 @@ def of_folder(folder: PathLike) -> Contents:
     paths = Paths(folder)
     if not (paths.output / "level0").is_dir():
         raise InputError(
-            "not the output of a campaign: it has no folder level0", file=folder,
+            "not the output of a campaign: it has no folder level0",
+            file=folder,
             allowed="a campaign file, or an output folder",
-        )  # fmt: skip
+        )
     frames = _told_apart([_frame(said, path) for said, path in _stems(paths.output / "level0")], paths)
     if not frames:
         raise InputError("holds no Level-0 file", file=paths.output / "level0")
@@ -101,11 +102,13 @@ def _told_apart(frames: Sequence[ExpectedFrame], paths: Paths) -> tuple[Expected
     """Return the frames, spectra distinguished from images: a filter is a grating if one of its frames has orders."""
     spectra = {f.filter for f in frames if f.beside(ORDERS).is_file() or paths.spectra(*f.key).is_file()} - {None}
     return tuple(
-        frame if frame.type != "SCIE" or frame.filter is None
-        else replace(frame, measured=NO, extracted=MAYBE) if frame.filter in spectra
+        frame
+        if frame.type != "SCIE" or frame.filter is None
+        else replace(frame, measured=NO, extracted=MAYBE)
+        if frame.filter in spectra
         else replace(frame, measured=YES, extracted=NO)
         for frame in frames
-    )  # fmt: skip
+    )
 
 
 def _odd(frames: Sequence[ExpectedFrame]) -> list[tuple[Path, str]]:
@@ -121,8 +124,9 @@ def _odd(frames: Sequence[ExpectedFrame]) -> list[tuple[Path, str]]:
             usual = Counter(str(value) for _, value in group).most_common(1)[0][0]
             faults += [
                 (path, f"made for another campaign than most: {name} {value!r:.80}, not {usual!r}")
-                for path, value in group if str(value) != usual
-            ]  # fmt: skip
+                for path, value in group
+                if str(value) != usual
+            ]
     return faults
 
 

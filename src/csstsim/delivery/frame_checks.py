@@ -96,7 +96,8 @@ def _whole(path: Path, extensions: int) -> Iterator[str]:
 
 def truth(frame: ExpectedFrame, seen: Seen) -> Iterator[str]:
     """Check a truth table: columns, recipe, rows within the window; then the image. Note it in `seen` if sound."""
-    path, opened = frame.beside(TRUTH), seen.opened.pop(frame.level0, None)
+    path = frame.beside(TRUTH)
+    opened = seen.opened.pop(frame.level0, None)
     faults = list(_truth(path, frame, opened))
     yield from faults
     if not faults:
@@ -251,7 +252,8 @@ def calibrated(path: Path, frame: ExpectedFrame) -> Iterator[str]:
     with open_fits(path) as file:
         for hdu in file:
             verify_hdu(hdu, path)
-        planes, head = [hdu.get_extname() for hdu in file][1:], file[0].read_header()
+        planes = [hdu.get_extname() for hdu in file][1:]
+        head = file[0].read_header()
         yield from _whole(path, 3)
     if planes != ["SCI", "ERR", "DQ"]:
         yield f"has the extensions {', '.join(planes)}, not SCI, ERR, DQ"

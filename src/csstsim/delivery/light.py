@@ -41,7 +41,10 @@ class Charge:
 
 def charge_of(file: Level0, full_well: float) -> Charge:
     """Return the Charge of an io.level0.Level0, overscans included, for trails end there. full_well: e-."""
-    total, variance, clipped, at = 0.0, 0.0, 0, np.inf
+    total = 0.0
+    variance = 0.0
+    clipped = 0
+    at = np.inf
     top = int(file.header["SATURATE"])
     for block, channel in zip(file.readout.blocks, file.channels(), strict=True):
         active, serial, parallel = (
@@ -49,13 +52,15 @@ def charge_of(file: Level0, full_well: float) -> Charge:
             for part in (channel.active, channel.serial_overscan, channel.parallel_overscan)
         )
         counts = active + serial + parallel
-        gain, pixels = file.gain[channel.number], int(counts.sum())
+        gain = file.gain[channel.number]
+        pixels = int(counts.sum())
         if channel.serial_overscan.size:
             level, scatter = overscan_level(channel.serial_overscan, from_right=block.flip_x)
             unsure = pixels / channel.serial_overscan.size
         else:  # layout `chip`: the levels that the file states
             level, noise = file.levels[channel.number]
-            scatter, unsure = noise / gain, 0.0
+            scatter = noise / gain
+            unsure = 0.0
         used = np.union1d(np.flatnonzero(counts), top)
         nonlinearity = file.nonlinearity.get(channel.number, (0.0, 0.0))
         charge = straighten((used - level) * gain, *nonlinearity, full_well)
@@ -69,7 +74,8 @@ def charge_of(file: Level0, full_well: float) -> Charge:
 
 def light_faults(file: Level0, truth: ObjectTable) -> Iterator[str]:
     """Yield where a Level-0 file and its truth (read_truth's table, with the budget in `meta`) disagree."""
-    budget, full_well = truth.meta["electrons"], truth.meta["full_well"]
+    budget = truth.meta["electrons"]
+    full_well = truth.meta["full_well"]
     drawn = float(np.sum(truth["drawn"])) if "drawn" in truth else 0.0
     if abs(drawn - budget["objects"]) > 1 + SUMS * budget["objects"]:
         yield f"its objects sum to {drawn:.6g} electrons drawn; the image was given {budget['objects']:.6g}"

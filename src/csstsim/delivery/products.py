@@ -56,8 +56,10 @@ def products(contents: Contents) -> list[Product]:
 
 
 def _of_frame(contents: Contents, frame: ExpectedFrame, seen: Seen) -> Iterator[Product]:
-    paths, recipe = contents.paths, contents.measure_recipe(frame)
-    orders, cosmic = frame.beside(ORDERS), frame.beside(COSMIC)
+    paths = contents.paths
+    recipe = contents.measure_recipe(frame)
+    orders = frame.beside(ORDERS)
+    cosmic = frame.beside(COSMIC)
     measured, spectra, calibrated = (of(*frame.key) for of in (paths.measure, paths.spectra, paths.calibrated))
     picture = spectra.with_suffix(".png")
     yield Product("Level-0", frame.level0, YES, partial(frame_checks.level0, frame, seen))
@@ -89,7 +91,8 @@ def _inputs(contents: Contents, seen: Seen) -> Iterator[Product]:
             "masters", paths.masters(chip), YES, partial(campaign_checks.masters, paths.masters(chip), record)
         )
     for chip, frame in contents.psf.items():
-        made, tables = paths.psf(chip), paths.psf_tables(chip)
+        made = paths.psf(chip)
+        tables = paths.psf_tables(chip)
         if not made.is_relative_to(paths.output):  # a variant: of the base
             continue
         yield Product("PSF set", made, YES, partial(campaign_checks.psf, made, frame, seen))
@@ -105,16 +108,15 @@ def _inputs(contents: Contents, seen: Seen) -> Iterator[Product]:
 
 
 def _bricks(contents: Contents, seen: Seen) -> Iterator[Product]:
-    paths, known = contents.paths, {frame.key: frame for frame in contents.frames}
+    paths = contents.paths
+    known = {frame.key: frame for frame in contents.frames}
     for pix, recipe in contents.bricks.items():
         merged = paths.merge(pix)
         yield Product("merged brick", merged, YES, partial(campaign_checks.merged, merged, pix, recipe, known, seen))
     if contents.bricks:
         folder = paths.merge_catalogue
-        about, listed = (
-            [folder / "dataset" / n for n in ("_metadata", "_common_metadata")],
-            folder / "partition_info.csv",
-        )
+        about = [folder / "dataset" / n for n in ("_metadata", "_common_metadata")]
+        listed = folder / "partition_info.csv"
         yield Product("merged catalogue", listed, YES, partial(campaign_checks.partition, listed, contents.bricks))
         yield from (Product("merged catalogue", path, YES, None) for path in about)
         check = partial(campaign_checks.catalogue, folder, contents.bricks, seen)

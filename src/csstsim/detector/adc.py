@@ -34,7 +34,8 @@ def digitise(image: FloatArray, adc_max: int = 65535, mask: IntArray | None = No
             digits[rows] = value
             continue
         bad += value.size - int(np.count_nonzero(np.isfinite(value)))
-        above, below = value > adc_max, value < 0
+        above = value > adc_max
+        below = value < 0
         high += int(np.count_nonzero(above))
         low += int(np.count_nonzero(below))
         if mask is not None:

@@ -81,6 +81,7 @@ def detector_kernel(detector: Detector) -> tuple[FloatArray, float]:
         raise InputError("not usable", key="brighter_fatter.yaml", value=numbers or None, allowed=allowed) from None
     shift = detector.full_well * (np.abs(unfold(potential)).sum() + abs(skew))
     if not shift < STABLE:
-        message, allowed = "boundaries move too far at full well", f"less than {STABLE} pixels"
+        message = "boundaries move too far at full well"
+        allowed = f"less than {STABLE} pixels"
         raise InputError(message, key="brighter_fatter.yaml", value=shift, allowed=allowed)
     return potential, skew

@@ -52,7 +52,8 @@ def bloom(
 def _search(image: FloatArray, full_well: float) -> tuple[IntArray, IntArray, int]:
     """Return (saturated pixels of each row, of each column, pixels that are not finite)."""
     ny, nx = image.shape
-    in_row, in_column = np.zeros(ny, np.int64), np.zeros(nx, np.int64)
+    in_row = np.zeros(ny, np.int64)
+    in_column = np.zeros(nx, np.int64)
     bad = 0
     for y in range(ny):
         for x in range(nx):
@@ -71,10 +72,13 @@ def _spill_all(
 ) -> float:
     """Spill along rows, then along columns; return the electrons that left. `mask` may have no columns."""
     ny, nx = image.shape
-    lost, runs = 0.0, np.empty(max(ny, nx) // 2 + 1, _RUN)
+    lost = 0.0
+    runs = np.empty(max(ny, nx) // 2 + 1, _RUN)
     start = np.zeros(nx + 1, np.int64)
     start[1:] = np.cumsum(in_column)
-    rows, found = np.empty(start[-1], np.int32), start[:-1].copy()  # saturated rows, listed column by column
+    # saturated rows, listed column by column
+    rows = np.empty(start[-1], np.int32)
+    found = start[:-1].copy()
     here = np.empty(nx, np.int32)
     for y in range(ny):
         if in_row[y]:
@@ -122,7 +126,8 @@ def _excess(charge: float, full_well: float, share: float) -> float:
 @numba.njit(cache=True)
 def _grow(line: FloatArray, full_well: float, share: float, runs: AnyArray, count: int, p: int) -> int:
     """Grow a run from the saturated pixel p until both ends have room, merging runs; return the number of runs."""
-    start, end = p - 1, p + 1
+    start = p - 1
+    end = p + 1
     excess = moment = _excess(line[p], full_well, share)
     while True:
         up = moment / (end - start)
@@ -148,7 +153,10 @@ def _grow(line: FloatArray, full_well: float, share: float, runs: AnyArray, coun
                     moment += runs[count].moment
                 continue
         run = runs[count]
-        run.start, run.end, run.excess, run.moment = start, end, excess, moment
+        run.start = start
+        run.end = end
+        run.excess = excess
+        run.moment = moment
         return count + 1
 
 
@@ -161,7 +169,9 @@ def _up(run: np.record) -> float:
 @numba.njit(cache=True)
 def _fill(line: FloatArray, full_well: float, share: float, marks: IntArray, run: np.record) -> float:
     """Fill the pixels of a run and add charge to its ends; return the charge that leaves the line."""
-    start, end, up = run.start, run.end, _up(run)
+    start = run.start
+    end = run.end
+    up = _up(run)
     down = run.excess - up
     for p in range(start + 1, end):
         source = line[p] > full_well

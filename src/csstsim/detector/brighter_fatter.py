@@ -54,7 +54,8 @@ def move_back(image: FloatArray, kernel: FloatArray, skew: float, limit: float) 
     `move_charge`.
     """
     kernel = _checked(kernel, skew, limit)
-    ny, before = len(image), image[:0]
+    ny = len(image)
+    before = image[:0]
     room = np.empty((3, min(_BAND, ny) + 2 * _REACH, image.shape[1]), np.float32)
     for first in range(0, ny, _BAND):
         last = min(first + _BAND, ny)
@@ -99,8 +100,10 @@ def _move(
     charge = np.empty((_RING, nx + 2 * _PAD), np.float32)  # the rows around, before any change
     push = np.empty_like(charge)
     columns = np.empty((_PAD + 1, nx + 2 * _PAD), np.float32)
-    phi, phi_above = np.empty(nx, np.float32), np.empty(nx, np.float32)
-    up, up_below = np.zeros(nx, np.float32), np.zeros(nx, np.float32)
+    phi = np.empty(nx, np.float32)
+    phi_above = np.empty(nx, np.float32)
+    up = np.zeros(nx, np.float32)
+    up_below = np.zeros(nx, np.float32)
     right = np.zeros(nx + 1, np.float32)
     bad = 0
     for y in range(-_RING, ny):
@@ -111,19 +114,31 @@ def _move(
         if -1 <= y < ny - 1:
             _potential(push, y + 1, kernel, columns, phi_above)
         if y >= 0:
-            here, pushing = charge[y % _RING], push[y % _RING]
+            here = charge[y % _RING]
+            pushing = push[y % _RING]
             _flow(phi[:-1], phi[1:], -skew, pushing[2:], pushing[3:], here[1:], here[2:], here[3:], here[4:], right[1:])
             right[nx] = 0
             if y + 1 < ny:
-                next_, third = (y + 1) % _RING, charge[(y + 2) % _RING]
-                first, second = charge[(y - 1) % _RING], charge[next_]
+                next_ = (y + 1) % _RING
+                third = charge[(y + 2) % _RING]
+                first = charge[(y - 1) % _RING]
+                second = charge[next_]
                 _flow(
-                    phi, phi_above, skew, pushing[2:], push[next_][2:],
-                    first[2:], here[2:], second[2:], third[2:], up,
-                )  # fmt: skip
+                    phi,
+                    phi_above,
+                    skew,
+                    pushing[2:],
+                    push[next_][2:],
+                    first[2:],
+                    here[2:],
+                    second[2:],
+                    third[2:],
+                    up,
+                )
             else:
                 up[:] = 0
-            row, new_row = base[y], out[y]
+            row = base[y]
+            new_row = out[y]
             for x in range(nx):
                 new_row[x] = (row[x] + sign * (right[x] - right[x + 1])) + sign * (up_below[x] - up[x])
             up, up_below = up_below, up
@@ -145,10 +160,16 @@ def _flow(
     flux: FloatArray,
 ) -> None:
     """Fill flux (at least as long as phi_p) with the charge that moves from p to q; before, p, q, after: in a line."""
-    five, two, sixth, most = np.float32(5), np.float32(2), np.float32(1 / 6), np.float32(1 / DONOR)
+    five = np.float32(5)
+    two = np.float32(2)
+    sixth = np.float32(1 / 6)
+    most = np.float32(1 / DONOR)
     for x in range(len(phi_p)):
-        shift, one, other = (phi_p[x] - phi_q[x]) + skew * (push_p[x] - push_q[x]), p[x], q[x]
-        forth, back = five * one + two * other - before[x], five * other + two * one - after[x]
+        shift = (phi_p[x] - phi_q[x]) + skew * (push_p[x] - push_q[x])
+        one = p[x]
+        other = q[x]
+        forth = five * one + two * other - before[x]
+        back = five * other + two * one - after[x]
         density = sixth * (forth if shift > 0 else back)
         density = min(max(density, min(one, other)), max(one, other))
         flux[x] = max(min(shift * density, most * one), -most * other)
@@ -157,7 +178,8 @@ def _flow(
 @numba.njit(cache=True)
 def _load(row: FloatArray, least: np.float32, limit: np.float32, charge: FloatArray, push: FloatArray) -> int:
     """Fill a row of the ring buffers, of at least `least`, padded by repeating its ends; return the bad pixels."""
-    nx, bad = len(row), 0
+    nx = len(row)
+    bad = 0
     for x in range(nx):
         value = max(row[x], least)
         bad += not (value >= 0) & (value < np.inf)
@@ -173,12 +195,19 @@ def _load(row: FloatArray, least: np.float32, limit: np.float32, charge: FloatAr
 def _potential(ring: FloatArray, y: int, kernel: FloatArray, columns: FloatArray, phi: FloatArray) -> None:
     """Fill phi (nx,) of row y: sum along columns, then along the row; mirrored images give mirrored bits."""
     here = ring[y % _RING]
-    near_below, near_above = ring[(y - 1) % _RING], ring[(y + 1) % _RING]
-    far_below, far_above = ring[(y - 2) % _RING], ring[(y + 2) % _RING]
+    near_below = ring[(y - 1) % _RING]
+    near_above = ring[(y + 1) % _RING]
+    far_below = ring[(y - 2) % _RING]
+    far_above = ring[(y + 2) % _RING]
     for dx in range(_PAD + 1):
-        k0, k1, k2, column = kernel[0, dx], kernel[1, dx], kernel[2, dx], columns[dx]
+        k0 = kernel[0, dx]
+        k1 = kernel[1, dx]
+        k2 = kernel[2, dx]
+        column = columns[dx]
         for x in range(len(here)):
             column[x] = k0 * here[x] + (k1 * (near_below[x] + near_above[x]) + k2 * (far_below[x] + far_above[x]))
-    middle, near, far = columns[0], columns[1], columns[2]
+    middle = columns[0]
+    near = columns[1]
+    far = columns[2]
     for x in range(len(phi)):
         phi[x] = middle[x + 2] + ((near[x + 1] + near[x + 3]) + (far[x] + far[x + 4]))

@@ -33,8 +33,16 @@ if TYPE_CHECKING:
 
 LAYOUTS = ("channels", "mosaic", "chip")
 GEOMETRY = (
-    "nx", "ny", "channels_x", "channels_y", "channel_nx", "channel_ny", "prescan", "overscan", "parallel_overscan",
-)  # fmt: skip
+    "nx",
+    "ny",
+    "channels_x",
+    "channels_y",
+    "channel_nx",
+    "channel_ny",
+    "prescan",
+    "overscan",
+    "parallel_overscan",
+)
 
 
 @dataclass(frozen=True)
@@ -168,11 +176,13 @@ class ReadoutFrame:
         for slot in range(self.channels_x):
             low, high = _overlap(self.window[:2], slot, self.channel_nx)
             if low < high:
-                left, right = self.prescan, self.overscan
+                left = self.prescan
+                right = self.overscan
                 if self._mirrored(slot):
                     left, right = right, left
                 x = slot * self.block_nx
-                first, end = x + left, x + left + self.channel_nx
+                first = x + left
+                end = x + left + self.channel_nx
                 slots.append(
                     (slot, [np.arange(x, first), np.arange(first + low, first + high), end + np.arange(right)])
                 )
@@ -184,7 +194,8 @@ class ReadoutFrame:
     @cached_property
     def blocks(self) -> list[Block]:
         """The channels that the window touches as `Block`s, in Level-0 order."""
-        blocks, row = [], 0
+        blocks = []
+        row = 0
         for half, active, scan in self._halves:
             parts = [active, scan] if half == 0 else [scan, active]
             spans = _spans(row, parts)
@@ -206,13 +217,20 @@ class ReadoutFrame:
         y_low, y_high = _overlap(self.window[2:], half, self.channel_ny, half * self.channel_ny - y0)
         x_low, x_high = _overlap(self.window[:2], slot, self.channel_nx, slot * self.channel_nx - x0)
         return Block(
-            channel=number + 1, half=half, slot=slot, flip_x=mirrored, flip_y=half == 1,
+            channel=number + 1,
+            half=half,
+            slot=slot,
+            flip_x=mirrored,
+            flip_y=half == 1,
             rows=slice(min(y_active.start, y_scan.start), max(y_active.stop, y_scan.stop)),
             cols=slice(x_left.start, x_right.stop),
-            active=(y_active, x_active), prescan=(y_active, x_pre), serial_overscan=(y_active, x_over),
-            parallel_overscan=(y_scan, x_active), image=(slice(y_low, y_high), slice(x_low, x_high)),
+            active=(y_active, x_active),
+            prescan=(y_active, x_pre),
+            serial_overscan=(y_active, x_over),
+            parallel_overscan=(y_scan, x_active),
+            image=(slice(y_low, y_high), slice(x_low, x_high)),
             stored_x0=number * self.block_nx,
-        )  # fmt: skip
+        )
 
     def embed(self, image: AnyArray) -> AnyArray:
         """Return a frame with the active `image` (shape of the window) at its position and zeros elsewhere."""
@@ -289,7 +307,8 @@ class ReadoutFrame:
 
         Raises ValueError as `stored_region`.
         """
-        first_x, first_y = block.slot * self.channel_nx, block.half * self.channel_ny
+        first_x = block.slot * self.channel_nx
+        first_y = block.half * self.channel_ny
         if self._as_on_chip(layout):
             lead_x = self.overscan if block.flip_x else self.prescan
             lead_y = 2 * self.parallel_overscan if block.flip_y else 0
@@ -325,7 +344,8 @@ def _runs(index: IntArray, start: int) -> list[tuple[slice, slice]]:
 
 def _local(part: slice, start: int, size: int, flip: bool, offset: int) -> slice:
     """Return a mosaic slice as a slice of the stored block that begins at `offset`, mirrored if `flip`."""
-    low, high = part.start - start, part.stop - start
+    low = part.start - start
+    high = part.stop - start
     if not flip:
         return slice(offset + low, offset + high)
     stop = offset + size - 1 - high

@@ -46,8 +46,10 @@ def draw_tracks(shape: tuple[int, int], seconds: float, rays: CosmicRays, rng: n
     margin = rays.long_max + np.ceil(_FARTHEST * rays.diffusion)
     height, width = (n + 2 * margin for n in shape)
     n = rng.poisson(rays.rate * seconds * height * width)
-    x, y = rng.uniform(0, width, n) - margin - 0.5, rng.uniform(0, height, n) - margin - 0.5
-    long, length = rng.random(n) < rays.long_share, rng.random(n)
+    x = rng.uniform(0, width, n) - margin - 0.5
+    y = rng.uniform(0, height, n) - margin - 0.5
+    long = rng.random(n) < rays.long_share
+    length = rng.random(n)
     length = np.where(long, rays.short_max + (rays.long_max - rays.short_max) * length, rays.short_max * length)
     angle = rng.uniform(0, 2 * np.pi, n)
     electrons = 10 ** rng.normal(rays.log_energy, rays.log_energy_fwhm / _FWHM, n)
@@ -63,11 +65,14 @@ def deposit(shape: tuple[int, int], tracks: Tracks, diffusion: float, key: np.ui
     margin = np.ceil(_FARTHEST * diffusion)
     x0, y0, x1, y1 = boxes(tracks, margin)
     area = (x1 - x0) * (y1 - y0)
-    pixels, electrons, hits = [np.empty(0, np.int64)], [np.empty(0, np.int32)], 0
+    pixels = [np.empty(0, np.int64)]
+    electrons = [np.empty(0, np.int32)]
+    hits = 0
     for first in range(0, len(area), _BATCH):
         part = slice(first, first + _BATCH)
         room = int(area[part].sum())
-        pixel, charge = np.empty(room, np.int64), np.empty(room, np.int32)
+        pixel = np.empty(room, np.int64)
+        charge = np.empty(room, np.int32)
         work = np.zeros(int(area[part].max()), np.int32)
         used, struck = _deposit(
             shape, tracks.x[part], tracks.y[part], tracks.dx[part], tracks.dy[part], tracks.electrons[part],
@@ -115,10 +120,12 @@ def _deposit(
     for t in range(len(x)):
         if x1[t] <= 0 or y1[t] <= 0 or x0[t] >= nx or y0[t] >= ny:
             continue
-        own, width = word(key, np.uint64(first + t)), x1[t] - x0[t]
+        own = word(key, np.uint64(first + t))
+        width = x1[t] - x0[t]
         tail = word(~key, np.uint64(first + t))
         for j in range(n[t]):
-            bits, along = word(own, np.uint64(j)), (j + 0.5) / n[t]
+            bits = word(own, np.uint64(j))
+            along = (j + 0.5) / n[t]
             u = x[t] + dx[t] * along + diffusion * normal(np.uint32(bits), word(tail, np.uint64(2 * j)), start, step)
             v = y[t] + dy[t] * along
             v += diffusion * normal(np.uint32(bits >> _S32), word(tail, np.uint64(2 * j + 1)), start, step)

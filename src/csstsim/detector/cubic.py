@@ -50,10 +50,13 @@ def straighten(signal: ArrayLike, quadratic: float, cubic: float, limit: float) 
     charge = np.where(y > top, limit + (y - top) / slope(limit, quadratic, cubic), y)
     within = (y > 0) & (y <= top)
     y = y[within]
-    low, high, x = np.zeros_like(y), np.full_like(y, limit), y * (limit / top)
+    low = np.zeros_like(y)
+    high = np.full_like(y, limit)
+    x = y * (limit / top)
     for _ in range(_ROUNDS):
         off = x + x**2 * (quadratic + cubic * x) - y
-        low, high = np.where(off > 0, low, x), np.where(off > 0, x, high)
+        low = np.where(off > 0, low, x)
+        high = np.where(off > 0, x, high)
         step = x - off / slope(x, quadratic, cubic)
         step = np.where((step >= low) & (step <= high), step, (low + high) / 2)
         done = np.max(np.abs(step - x), initial=0) < _NEAR * limit

@@ -67,7 +67,8 @@ def dead_charge(
 
 def columns(half_rows: int, nx: int, numbers: Defects, rng: np.random.Generator) -> list[tuple[int, int, int, float]]:
     """Return a chip's bad columns as a list of (column, first row, end, u); chip rows [px], half-open."""
-    first, end = int(numbers.columns_from * nx), max(int(numbers.columns_to * nx), int(numbers.columns_from * nx) + 1)
+    first = int(numbers.columns_from * nx)
+    end = max(int(numbers.columns_to * nx), int(numbers.columns_from * nx) + 1)
     found = []
     for half in range(2):
         count = min(int(rng.integers(numbers.columns_min, numbers.columns_max + 1)), end - first)
@@ -95,6 +96,7 @@ def column_level(u: Floats, level: float, read_noise: float, numbers: Defects) -
 
 def inside(index: IntArray, nx: int, window: Window) -> tuple[BoolArray, IntArray, IntArray]:
     """Return (which, y, x): bool, whether flat indices of a chip of `nx` columns lie in a window; positions in it."""
-    y, x = index // nx - window.y0, index % nx - window.x0
+    y = index // nx - window.y0
+    x = index % nx - window.x0
     which = (y >= 0) & (y < window.ny) & (x >= 0) & (x < window.nx)
     return which, y[which], x[which]

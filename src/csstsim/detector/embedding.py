@@ -45,10 +45,8 @@ def _spread(frame: FloatArray, readout: ReadoutFrame) -> None:
             frame[overscan] = 0
         for end in range(rows.stop, rows.start, -_ROWS):
             start = max(end - _ROWS, rows.start)
-            moved, to = (
-                old[start:end].copy(),
-                frame[active.start + start - rows.start : active.start + end - rows.start],
-            )
+            moved = old[start:end].copy()
+            to = frame[active.start + start - rows.start : active.start + end - rows.start]
             to[:] = 0
             for there, here in columns:
                 to[:, there] = moved[:, here]

@@ -9,9 +9,14 @@ BAD_COLUMN = 32
 CLIPPED = 64
 
 BITS = {
-    "SATURATED": SATURATED, "BLED": BLED, "COSMIC_RAY": COSMIC_RAY, "HOT": HOT, "DEAD": DEAD, "BAD_COLUMN": BAD_COLUMN,
+    "SATURATED": SATURATED,
+    "BLED": BLED,
+    "COSMIC_RAY": COSMIC_RAY,
+    "HOT": HOT,
+    "DEAD": DEAD,
+    "BAD_COLUMN": BAD_COLUMN,
     "CLIPPED": CLIPPED,
-}  # fmt: skip
+}
 
 ABOUT = {
     SATURATED: "charge reached the full well and overflowed",

@@ -67,8 +67,11 @@ def _add_poisson(
     other: IntArray,
 ) -> None:
     """Draw row by row; add counted electrons, a plane (or one without pixels) and a list (SparsePlane) of them."""
-    width, at = image.shape[1], 0
-    words, over, counts = np.empty(width, np.uint64), np.empty(width, np.float32), np.empty(width, np.int32)
+    width = image.shape[1]
+    at = 0
+    words = np.empty(width, np.uint64)
+    over = np.empty(width, np.float32)
+    counts = np.empty(width, np.int32)
     for y in range(image.shape[0]):
         poisson_row(image[y], dark, key, y, words, over, counts, share, other)
         if counted.size:
@@ -93,7 +96,8 @@ def add_gaussian(image: FloatArray, sigma: float, key: np.uint64) -> None:
 @numba.njit(cache=True)
 def _add_gaussian(image: FloatArray, sigma: np.float32, key: np.uint64, start: FloatArray, step: FloatArray) -> None:
     width = image.shape[1]
-    halves, noise = np.empty(width + 2, np.uint32), np.empty(width, np.float32)
+    halves = np.empty(width + 2, np.uint32)
+    noise = np.empty(width, np.float32)
     for y in range(image.shape[0]):
         normal_row(key, y, 0, halves, noise, start, step)
         for x in range(width):

@@ -29,7 +29,8 @@ def _multiply(
     step: FloatArray,
 ) -> None:
     ny, nx = image.shape
-    halves, z = np.empty(nx + 2, np.uint32), np.empty(nx, np.float32)
+    halves = np.empty(nx + 2, np.uint32)
+    z = np.empty(nx, np.float32)
     one = np.float32(1)
     for y in range(ny):
         normal_row(key, y0 + y, x0, halves, z, start, step)
@@ -48,7 +49,8 @@ def _multiply_pixels(
     start: FloatArray,
     step: FloatArray,
 ) -> None:
-    halves, z = np.empty(3, np.uint32), np.empty(1, np.float32)
+    halves = np.empty(3, np.uint32)
+    z = np.empty(1, np.float32)
     for i in range(len(values)):
         normal_row(key, y[i], x[i], halves, z, start, step)
         values[i] *= np.float32(1) + rms * min(max(z[0], -clip), clip)

@@ -25,7 +25,8 @@ class SparsePlane:
         there = np.append(self.pixel, -1)[at] == pixel
         sums = self.electrons.copy()
         sums[at[there]] += electrons[there]
-        at, new = at[~there], ~there
+        at = at[~there]
+        new = ~there
         both = np.insert(self.pixel, at, pixel[new]), np.insert(sums, at, electrons[new])
         return SparsePlane(self.shape, *both)
 

@@ -45,7 +45,9 @@ def into_calibrated(
     share = np.float32(1.0) if response is None else response
     rate = light.electrons / (share * np.float32(exptime))
     noise = np.maximum(light.electrons, 0) / (share * np.float32(exptime)) ** 2
-    flat, error, bits = sci.reshape(-1), err.reshape(-1), dq.reshape(-1)
+    flat = sci.reshape(-1)
+    error = err.reshape(-1)
+    bits = dq.reshape(-1)
     flat[at] += rate
     error[at] = np.sqrt(error[at].astype(float) ** 2 + noise)
     most = limit / (share * exptime) - background

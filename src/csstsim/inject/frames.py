@@ -30,7 +30,9 @@ if TYPE_CHECKING:
     from csstsim.campaign.job import Job
     from csstsim.recreate.frame import FrameHeader
 
-LEVEL0, CALIBRATED, OTHER = "level0", "calibrated", "other"
+LEVEL0 = "level0"
+CALIBRATED = "calibrated"
+OTHER = "other"
 
 
 def kind_of(path: PathLike) -> str:
@@ -82,24 +84,34 @@ def _check_recipe(head: FrameHeader, recipe: Mapping[str, str]) -> None:
     for name, keyword in RECIPE.items():
         if head.keys.get(keyword) != recipe[name]:
             raise InputError(
-                f"the frame was made with {MADE_WITH[name]} than the campaign's", file=head.path, key=keyword,
-                value=head.keys.get(keyword), allowed=recipe[name],
-            )  # fmt: skip
+                f"the frame was made with {MADE_WITH[name]} than the campaign's",
+                file=head.path,
+                key=keyword,
+                value=head.keys.get(keyword),
+                allowed=recipe[name],
+            )
 
 
 def _check_pointing(head: FrameHeader, job: Job) -> None:
     """Raise InputError if a header's exposure time or WCS is not that of its job: the header was changed since."""
-    time, wanted = head.number("EXPTIME"), job.pointing.exptime
+    time = head.number("EXPTIME")
+    wanted = job.pointing.exptime
     if time is None or abs(time - wanted) > 1e-3:
         raise InputError(
-            "not the campaign's exposure time", file=head.path, key="EXPTIME", value=head.get("EXPTIME"),
+            "not the campaign's exposure time",
+            file=head.path,
+            key="EXPTIME",
+            value=head.get("EXPTIME"),
             allowed=f"{wanted:g} s",
-        )  # fmt: skip
+        )
     if (off := _wcs_off(head.keys, job)) > TOLERANCE:
         raise InputError(
-            "the WCS is not the campaign's", file=head.path, key="CRVAL, CD, ...", value=f"{off:.4g} arcsec off",
+            "the WCS is not the campaign's",
+            file=head.path,
+            key="CRVAL, CD, ...",
+            value=f"{off:.4g} arcsec off",
             allowed=f"up to {TOLERANCE:g} arcsec",
-        )  # fmt: skip
+        )
 
 
 def _wcs_off(header: Mapping[str, Any], job: Job) -> float:
@@ -121,10 +133,14 @@ def check_job(head: FrameHeader, job: Job) -> None:
         raise InputError(
             "the PSF would be of another filter", file=head.path, key="FILTER", value=named, allowed=job.chip.filter
         )
-    full, window = job.chip.full_window, job.window
+    full = job.chip.full_window
+    window = job.window
     read = head.window(job.chip.detector) or (full.x0, full.x1, full.y0, full.y1)
     if read != (window.x0, window.x1, window.y0, window.y1):
         raise InputError(
-            "the frame was read in another window", file=Path(head.path), key="READX0..READY1", value=read,
+            "the frame was read in another window",
+            file=Path(head.path),
+            key="READX0..READY1",
+            value=read,
             allowed=(window.x0, window.x1, window.y0, window.y1),
-        )  # fmt: skip
+        )

@@ -79,7 +79,8 @@ def inject(
     frames: FITS files; table: path, astropy Table or {name: values}, columns of catalog.own_table. options: of Request.
     Every frame is opened and checked before the first is written. Raises InputError.
     """
-    folder, paths = Path(folder), [Path(frame) for frame in frames]
+    folder = Path(folder)
+    paths = [Path(frame) for frame in frames]
     targets = [folder / path.name for path in paths]
     for path, target in zip(paths, targets, strict=True):
         if target.exists() or paths.count(path) > 1 or targets.count(target) > 1:
@@ -101,14 +102,16 @@ def _check_for_others(frames: list[Path], request: Request) -> None:
     if all(kind_of(frame) != OTHER for frame in frames):
         for key, value in (("--psf", request.psf), ("--zeropoint", request.zeropoint)):
             if value is not None:
-                message, allowed = "not for frames of csstsim, which have their campaign's", "frames of others"
+                message = "not for frames of csstsim, which have their campaign's"
+                allowed = "frames of others"
                 raise InputError(message, file=frames[0], key=key, value=str(value), allowed=allowed)
 
 
 def _check_fresh(frame: Path, realisation: int) -> None:
     """Raise InputError if the frame has injected objects of this realisation: their noise would be the same."""
     if realisation in realisations(frame):
-        message, allowed = "the frame has injected objects with this noise", "another whole number"
+        message = "the frame has injected objects with this noise"
+        allowed = "another whole number"
         raise InputError(message, file=frame, key="--realisation", value=realisation, allowed=allowed)
 
 
@@ -171,10 +174,13 @@ def _make_calibrated(
     row, column = np.divmod(light.pixel, job.window.nx)
     detector = run.camera.detector
     made = into_calibrated(
-        planes, light, job.pointing.exptime, background=header["BACKMED"],
+        planes,
+        light,
+        job.pointing.exptime,
+        background=header["BACKMED"],
         limit=min(detector.full_well, detector.adc_max * detector.gain - detector.bias),
         response=None if response is None else response.at(row, column),
-    )  # fmt: skip
+    )
     _write(frame, target, dict(zip(("SCI", "ERR", "DQ"), made, strict=True)), request, light, light.truth, job)
     return _told(light.truth)
 

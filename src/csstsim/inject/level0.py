@@ -64,7 +64,8 @@ def difference(
 
     Arrays have the shape of file.frame(). Raises InputError.
     """
-    truth, new = light.truth, None
+    truth = light.truth
+    new = None
     parts: list[FloatArray] = []
     for charge in likely_charges(run, job, charge_in(run, file), light.streams):
         before = _read_out(run, job, [charge.copy()])
@@ -85,7 +86,8 @@ def difference(
         readout = ReadoutFrame.of(run.camera.detector, job.window)
         for block in readout.blocks:
             added[block.whole] *= after.header["gain"][block.channel - 1] / file.gain[block.channel]
-        added, new = readout.active(added), None if new is None else readout.active(new)
+        added = readout.active(added)
+        new = None if new is None else readout.active(new)
     return added, new, truth
 
 
@@ -96,15 +98,21 @@ def charge_in(run: OpenCampaign, file: Level0) -> FloatArray:
     """
     detector = run.camera.detector
     seen = calibrate(
-        file.frame(), file.readout, file.gain, nonlinearity=file.nonlinearity, adc_max=detector.adc_max,
-        full_well=detector.full_well, levels=file.levels,
-    )  # fmt: skip
+        file.frame(),
+        file.readout,
+        file.gain,
+        nonlinearity=file.nonlinearity,
+        adc_max=detector.adc_max,
+        full_well=detector.full_well,
+        levels=file.levels,
+    )
     return np.maximum(seen.electrons, np.float32(0.0), out=seen.electrons)
 
 
 def _read_out(run: OpenCampaign, job: Job, charge: list[FloatArray]) -> State:
     """Return the State after the readout (DN) of electrons (ny, nx), taken from a list so that nobody else has them."""
-    steps, streams = run.steps[job.pointing.type], run.streams(job)
+    steps = run.steps[job.pointing.type]
+    streams = run.streams(job)
     state = State.blank(job.exposure)
     state.image = charge.pop()
     for step in steps.stage("readout"):
@@ -121,7 +129,10 @@ def convert(frame: IntArray, added: FloatArray, key: np.uint64, top: int) -> tup
     Each sum is rounded with a random fraction within half a DN. A pixel at the converter's end, `top`, stays there: how
     much charge it had is not known. key: uint64.
     """
-    raw, more, changed, full = frame.reshape(-1), added.reshape(-1), 0, 0
+    raw = frame.reshape(-1)
+    more = added.reshape(-1)
+    changed = 0
+    full = 0
     for i in range(raw.size):
         if more[i] == 0 or raw[i] >= top:
             continue

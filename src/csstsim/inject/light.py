@@ -141,7 +141,8 @@ def _prepared(run: OpenCampaign, job: Job, objects: ObjectTable, catalogue: Tabl
 
 
 def _counted(state: State, streams: Streams, noisy: bool) -> Light:
-    expected, counted = state.image.reshape(-1), state.take_counted()
+    expected = state.image.reshape(-1)
+    counted = state.take_counted()
     lit = np.flatnonzero(expected)
     mean = expected[lit]
     if noisy:

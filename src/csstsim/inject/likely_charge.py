@@ -47,10 +47,12 @@ def likely_charges(run: OpenCampaign, job: Job, shown: FloatArray, streams: Stre
     if traps is None or traps.param.density_scale < FEW:
         yield shown
         return
-    detector, rng = run.camera.detector, run.streams(job).layer(traps.name)
+    detector = run.camera.detector
+    rng = run.streams(job).layer(traps.name)
     noise = detector.read_noise if steps.step("readout_noise") else 0.0
     level = crude_background(binned(shown))[0]
-    key, corner = streams.exposure_key("charge"), (job.window.y0, job.window.x0)
+    key = streams.exposure_key("charge")
+    corner = (job.window.y0, job.window.x0)
     for sign in (1.0, -1.0):
         moved = np.zeros((0, 0), np.float32)
         for last in (False, True):
@@ -79,7 +81,9 @@ def _drawn(
 ) -> FloatArray:
     """Return a charge; moved: what was moved into each pixel, or of size 0; level: background of BIN x BIN pixels."""
     ny, nx = shown.shape
-    out, z, halves = np.empty_like(shown), np.empty(nx, np.float32), np.empty(nx + 2, np.uint32)
+    out = np.empty_like(shown)
+    z = np.empty(nx, np.float32)
+    halves = np.empty(nx + 2, np.uint32)
     for y in range(ny):
         normal_row(key, y0 + y, x0, halves, z, start, step)
         line = level[min(y // BIN, level.shape[0] - 1)]

@@ -51,7 +51,8 @@ def place(
     columns = read_table(objects)
     parts = np.nan_to_num(np.asarray(columns.get("part_of", [-1]), float), nan=-1.0) >= 0
     if parts.any():  # a part lies where its offset from its object puts it
-        message, allowed = "cannot place parts of objects", "a table without part_of"
+        message = "cannot place parts of objects"
+        allowed = "a table without part_of"
         raise InputError(message, file=objects, key="part_of", allowed=allowed)
     count = len(next(iter(columns.values()), ()))
     if near is not None:
@@ -63,9 +64,12 @@ def place(
             wrong = np.flatnonzero(~((values >= low) & (values <= high)))
             if len(wrong):
                 raise InputError(
-                    "not a place on the sky", file=near, key=f"{name}, row {wrong[0] + 1}",
-                    value=others[name][wrong[0]].item(), allowed=f"{low} to {high} deg",
-                )  # fmt: skip
+                    "not a place on the sky",
+                    file=near,
+                    key=f"{name}, row {wrong[0] + 1}",
+                    value=others[name][wrong[0]].item(),
+                    allowed=f"{low} to {high} deg",
+                )
         ra, dec = beside(others["ra"], others["dec"], count, *distance, seed)
     else:
         image, bad, to_sky = opened(frame, say, **given)
@@ -74,7 +78,8 @@ def place(
             if len(x) < count:
                 message = f"a grid of {len(x)} places is too small for {count} objects"
                 raise InputError(message, file=objects, key="--grid", value=spacing, allowed="a smaller spacing")
-            x, y = x[:count], y[:count]
+            x = x[:count]
+            y = y[:count]
         else:
             x, y = random(free_pixels(image, bad), count, seed, apart)
         ra, dec = to_sky(x, y)

@@ -21,7 +21,10 @@ if TYPE_CHECKING:
 
     from csstsim.base.types import BoolArray, FloatArray, IntArray
 
-SIGMA, REACH, EDGE = 5.0, 8, 10  # of a bright pixel; px kept free around it; px of the frame's border
+# of a bright pixel; px kept free around it; px of the frame's border
+SIGMA = 5.0
+REACH = 8
+EDGE = 10
 _TRIES = 50
 _SAMPLE = 1_000_000
 
@@ -73,7 +76,9 @@ def random(free: BoolArray, count: int, seed: int, apart: float = 0.0) -> FloatA
     """
     from scipy.spatial import cKDTree
 
-    rng, pixels, places = np.random.default_rng(seed), np.flatnonzero(free), np.zeros((0, 2))
+    rng = np.random.default_rng(seed)
+    pixels = np.flatnonzero(free)
+    places = np.zeros((0, 2))
     for _ in range(_TRIES if pixels.size else 0):
         want = count - len(places)
         if want == 0:
@@ -110,8 +115,10 @@ def beside(
         raise InputError("no distances", key="distance", value=(low, high), allowed="0 <= LOW <= HIGH < 3600 arcsec")
     if not len(ra):
         raise InputError("no objects to stand next to", key="beside")
-    rng, to = np.random.default_rng(seed), np.arange(count) % len(ra)
-    distance, angle = np.radians(rng.uniform(low, high, count) / 3600), rng.uniform(0, 2 * np.pi, count)
+    rng = np.random.default_rng(seed)
+    to = np.arange(count) % len(ra)
+    distance = np.radians(rng.uniform(low, high, count) / 3600)
+    angle = rng.uniform(0, 2 * np.pi, count)
     star, east, north = frames(*(np.radians(np.asarray(v, float)[to]) for v in (ra, dec)))
     away = np.sin(angle)[:, None] * east + np.cos(angle)[:, None] * north
     return ra_dec(np.cos(distance)[:, None] * star + np.sin(distance)[:, None] * away)
@@ -121,6 +128,7 @@ def later(columns: Mapping[str, ArrayLike], years: float) -> dict[str, ArrayLike
     """Return {name: values} with ra, dec moved by pmra, pmdec [mas / yr] for a number of years: a second epoch."""
     made = dict(columns)
     pmra, pmdec = (np.nan_to_num(np.asarray(columns.get(name, 0.0), float)) for name in ("pmra", "pmdec"))
-    ra, dec = np.asarray(columns["ra"], float), np.asarray(columns["dec"], float)
+    ra = np.asarray(columns["ra"], float)
+    dec = np.asarray(columns["dec"], float)
     made["ra"], made["dec"] = moved(ra, dec, pmra, pmdec, years)
     return made

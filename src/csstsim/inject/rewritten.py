@@ -82,7 +82,8 @@ def rewrite(source: PathLike, target: PathLike, planes: Mapping[str, AnyArray], 
     packed = False
     with open_fits(source) as file:
         for number, hdu in enumerate(file):
-            name, cards = hdu.get_extname(), _kept(hdu, source)
+            name = hdu.get_extname()
+            cards = _kept(hdu, source)
             if not number:
                 old = {keyword for keyword, *_ in record["cards"]}
                 cards = [text for text in cards if text[:8].rstrip() not in old]

@@ -31,8 +31,14 @@ if TYPE_CHECKING:
 
 BEAMS = {"A": 1, "B": 0, "C": 2, "D": -1, "E": -2}
 TERMS = ("1", "m", "n", "m^2", "m n", "n^2")
-COEFFICIENTS = {"xoff": "XOFF_{}", "yoff": "YOFF_{}", "a0": "DYDX_{}_0", "a1": "DYDX_{}_1", "alpha0": "DLDP_{}_0",
-                "alpha1": "DLDP_{}_1"}  # fmt: skip
+COEFFICIENTS = {
+    "xoff": "XOFF_{}",
+    "yoff": "YOFF_{}",
+    "a0": "DYDX_{}_0",
+    "a1": "DYDX_{}_1",
+    "alpha0": "DLDP_{}_0",
+    "alpha1": "DLDP_{}_1",
+}
 _NOTHING = np.array([1e-9, 1e-13, 1e-13, 1e-17, 1e-17, 1e-17])  # a fit's rounding: less than 1e-9 on a chip
 
 
@@ -46,7 +52,8 @@ def field_range(coefficient: FloatArray, x0: float, x1: float, y0: float, y1: fl
     """Return the exact (least, most) of a coefficient (6,) over direct images x0..x1, y0..y1 [px]."""
     _, b, c, d, e, f = coefficient
     with np.errstate(divide="ignore", invalid="ignore"):
-        low, high = -(b + e * np.array([y0, y1])) / (2 * d), -(c + e * np.array([x0, x1])) / (2 * f)
+        low = -(b + e * np.array([y0, y1])) / (2 * d)
+        high = -(c + e * np.array([x0, x1])) / (2 * f)
         inner = np.array([e * c - 2 * f * b, e * b - 2 * d * c]) / (4 * d * f - e * e)
     # Corners, and stationary points of the edges and of the inside; points outside are clipped, which does no harm
     m = np.nan_to_num(np.array([x0, x1, x0, x1, *low, x0, x1, inner[0]])).clip(x0, x1)
@@ -102,8 +109,13 @@ def _beam(entries: Mapping[str, list[list[str]]], beam: str, path: Path) -> dict
     degrees = {key: _numbers(entries, key, (1,), path)[0] for key in (f"DYDX_ORDER_{beam}", f"DISP_ORDER_{beam}")}
     for (key, degree), allowed in zip(degrees.items(), ((0, 1), (1,)), strict=True):
         if degree not in allowed:
-            raise InputError("traces and dispersion are linear here (paper, equations 1 and 2)", file=path, key=key,
-                             value=float(degree), allowed=" or ".join(map(str, allowed)))  # fmt: skip
+            raise InputError(
+                "traces and dispersion are linear here (paper, equations 1 and 2)",
+                file=path,
+                key=key,
+                value=float(degree),
+                allowed=" or ".join(map(str, allowed)),
+            )
     extent = _numbers(entries, f"BEAM{beam}", (2,), path)
     if not extent[0] < extent[1]:
         raise InputError("must rise", file=path, key=f"BEAM{beam}", value=extent.tolist())
@@ -113,8 +125,12 @@ def _beam(entries: Mapping[str, list[list[str]]], beam: str, path: Path) -> dict
         values = np.zeros(1) if level else _numbers(entries, pattern.format(beam), (1, 3, 6), path)
         found[name] = np.concatenate([values, np.zeros(6 - len(values))])
     if not found["alpha1"].any():
-        raise InputError("an order needs some dispersion: for very little give many angstrom per pixel",
-                         file=path, key=f"DLDP_{beam}_1", value=0)  # fmt: skip
+        raise InputError(
+            "an order needs some dispersion: for very little give many angstrom per pixel",
+            file=path,
+            key=f"DLDP_{beam}_1",
+            value=0,
+        )
     return found | {"sensitivity": _words(entries, f"SENSITIVITY_{beam}", path)[0]}
 
 

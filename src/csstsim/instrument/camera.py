@@ -100,7 +100,8 @@ class Camera:
         if not self.files.exists("gratings"):
             raise InputError("the instrument folder has no gratings", file=self.files.path("gratings"))
         if self.digest not in _GRATINGS:
-            chips, data = {chip.id: chip for chip in self.slitless_chips}, self.files.data("gratings")
+            chips = {chip.id: chip for chip in self.slitless_chips}
+            data = self.files.data("gratings")
             read = load_gratings(self.folder / "gratings", data, chips, self.filters, self.telescope)
             _GRATINGS.clear()
             _GRATINGS[self.digest] = read
@@ -133,7 +134,8 @@ def load_camera(instrument: PathLike | Mapping[str, Any] | None = None, campaign
 
 
 def _camera(files: InstrumentFiles) -> Camera:
-    detector, filters = _detector(files), _filters(files)
+    detector = _detector(files)
+    filters = _filters(files)
     telescope, orbit = _telescope(files.data("telescope"), files.path("telescope"))
     more = {
         name: files.data(name) if files.exists(name) else {} for name in ("psf", "scatter", "ghosts", "sky", "leds")
@@ -158,8 +160,9 @@ def _detector(files: InstrumentFiles) -> Detector:
     numbers = validate(DetectorNumbers, files.sections("detector"), files.path("detector"))
     effects: dict[str, Any] = {
         name: validate(kind, files.sections(name), files.path(name))
-        for name, kind in (("cosmic_rays", CosmicRays), ("defects", Defects)) if files.exists(name)
-    }  # fmt: skip
+        for name, kind in (("cosmic_rays", CosmicRays), ("defects", Defects))
+        if files.exists(name)
+    }
     if files.exists("brighter_fatter"):
         effects["brighter_fatter"] = files.data("brighter_fatter")
     traps = load_traps(files.data("cti"), files.path("cti")) if files.exists("cti") else None
@@ -222,9 +225,12 @@ def _maps(files: InstrumentFiles, chip: int, detector: Detector, leds: Mapping[s
         number = isinstance(wavelengths, list) and all(type(wave) in (int, float) for wave in wavelengths)
         if not number or len(wavelengths) < 2 or sorted(set(wavelengths)) != wavelengths:
             raise InputError(
-                "missing or out of range, but maps.yaml has led_flats", file=files.path("leds"),
-                key="flat.wavelengths", value=wavelengths, allowed="two numbers or more, rising",
-            )  # fmt: skip
+                "missing or out of range, but maps.yaml has led_flats",
+                file=files.path("leds"),
+                key="flat.wavelengths",
+                value=wavelengths,
+                allowed="two numbers or more, rising",
+            )
         seen = needed(wavelengths, filter)
     return ChipMaps(entries, files.folder, chip, detector, seen) if entries else NO_MAPS
 

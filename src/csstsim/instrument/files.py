@@ -102,7 +102,8 @@ class InstrumentFiles:
         for name, path in data_files(self.folder).items():
             if name in self._map_files:
                 continue
-            stem, changes = path.stem, self._changes.get(path.stem) if path == self.path(path.stem) else None
+            stem = path.stem
+            changes = self._changes.get(path.stem) if path == self.path(path.stem) else None
             if name == f"{stem}.yaml" and stem in BY_NUMBER:
                 parts |= flat({stem: BY_NUMBER[stem](self.data(stem))})
             else:

@@ -70,13 +70,15 @@ class Filter:
         cumulative = _cumulative(self.throughput, self.wavelength)
         inner = np.interp(cumulative[-1] * np.arange(1, SUBBANDS) / SUBBANDS, cumulative, self.wavelength)
         first, last = np.flatnonzero(self.throughput)[[0, -1]]
-        first, last = max(first - 1, 0), min(last + 1, len(self.wavelength) - 1)
+        first = max(first - 1, 0)
+        last = min(last + 1, len(self.wavelength) - 1)
         return np.array([self.wavelength[first], *inner, self.wavelength[last]])
 
     @cached_property
     def psf_wavelength(self) -> FloatArray:
         """(4,) angstrom: mean of lambda weighted with T over each sub-band."""
-        bands, wave = self.subband(self.wavelength), self.wavelength
+        bands = self.subband(self.wavelength)
+        wave = self.wavelength
         return np.asarray(np.trapezoid(bands * wave, wave) / np.trapezoid(bands, wave))
 
     def at(self, wave: FloatArray) -> FloatArray:
@@ -159,9 +161,11 @@ def sample_curve(nodes: ArrayLike, grid: FloatArray = GRID) -> FloatArray:
 
 def _pchip_slopes(x: FloatArray, y: FloatArray) -> FloatArray:
     """Return the nodes' slopes: weighted harmonic means of neighbouring secants, 0 at extrema and at both ends."""
-    h, secant = np.diff(x), np.diff(y) / np.diff(x)
+    h = np.diff(x)
+    secant = np.diff(y) / np.diff(x)
     slope = np.zeros_like(y)
     same = secant[1:] * secant[:-1] > 0
-    w1, w2 = 2 * h[1:] + h[:-1], h[1:] + 2 * h[:-1]
+    w1 = 2 * h[1:] + h[:-1]
+    w2 = h[1:] + 2 * h[:-1]
     slope[1:-1][same] = (w1 + w2)[same] / (w1[same] / secant[:-1][same] + w2[same] / secant[1:][same])
     return slope

@@ -138,13 +138,16 @@ def load_gratings(
     folder = Path(folder)
     read: dict[tuple[str, str], Grating] = {}
     out: dict[int, Gratings] = {}
-    file, rows = folder.with_name("gratings.yaml"), data.get("chips")
+    file = folder.with_name("gratings.yaml")
+    rows = data.get("chips")
     if not isinstance(rows, dict):
         raise InputError("must be a mapping of chips", file=file, key="chips", value=rows)
     for number in set(rows) - set(chips):
         raise InputError("not a chip behind gratings", file=file, key="chips", value=number, allowed=sorted(chips))
     for number, chip in chips.items():
-        row, nx, ny = validate(_Row, rows.get(number), file, ("chips", number)), chip.detector.nx, chip.detector.ny
+        row = validate(_Row, rows.get(number), file, ("chips", number))
+        nx = chip.detector.nx
+        ny = chip.detector.ny
         if row.split >= nx:
             key = f"chips.{number}.split"
             raise InputError("must be a column", file=file, key=key, value=row.split, allowed=f"1..{nx - 1}")
@@ -160,7 +163,8 @@ def load_gratings(
 
 def _check_traces(grating: Grating, piece: tuple[float, float, float, float], file: Path) -> None:
     """Raise InputError unless each order has the right sign over the whole piece and its light lands in its extent."""
-    letters, first = {order: beam for beam, order in BEAMS.items()}, 0.0
+    letters = {order: beam for beam, order in BEAMS.items()}
+    first = 0.0
     where = "direct images at x {:g}..{:g}, y {:g}..{:g}".format(*piece)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         for number in sorted(grating.orders, key=lambda k: k != 1):  # the first before the others
@@ -171,12 +175,22 @@ def _check_traces(grating: Grating, piece: tuple[float, float, float, float], fi
                 raise InputError("must have one sign for " + where, file=file, key=key, value=span)
             first = first or span[0]
             if number * first * span[0] < 0:
-                raise InputError(f"wrong sign of order {number:+d}", file=file, key=key, value=span,
-                                 allowed="beams A to E are +1, 0, +2, -1, -2")  # fmt: skip
+                raise InputError(
+                    f"wrong sign of order {number:+d}",
+                    file=file,
+                    key=key,
+                    value=span,
+                    allowed="beams A to E are +1, 0, +2, -1, -2",
+                )
             far = _reach(grating.orders[number], piece)
             if not far < _FAR:
-                raise InputError(f"sends light too far for {where}", file=file, key=f"BEAM{letters[number]}",
-                                 value=far, allowed=f"up to {_FAR} px")  # fmt: skip
+                raise InputError(
+                    f"sends light too far for {where}",
+                    file=file,
+                    key=f"BEAM{letters[number]}",
+                    value=far,
+                    allowed=f"up to {_FAR} px",
+                )
             order = grating.orders[number]
             p, q, *_ = order.lines(0.5 * (piece[0] + piece[1]), 0.5 * (piece[2] + piece[3]))
             mean = (
@@ -186,8 +200,11 @@ def _check_traces(grating: Grating, piece: tuple[float, float, float, float], fi
             if not order.extent[0] <= middle <= order.extent[1]:
                 raise InputError(
                     f"the middle of the order's light lands elsewhere (is DLDP in px and angstrom?) for {where}",
-                    file=file, key=f"BEAM{letters[number]}", value=middle, allowed=f"{order.extent} px",
-                )  # fmt: skip
+                    file=file,
+                    key=f"BEAM{letters[number]}",
+                    value=middle,
+                    allowed=f"{order.extent} px",
+                )
 
 
 def load_grating(path: PathLike, filter: Filter, telescope: Telescope) -> Grating:
@@ -203,9 +220,12 @@ def load_grating(path: PathLike, filter: Filter, telescope: Telescope) -> Gratin
     if not worst < _AGREE:
         raise InputError(
             f"the first order's sensitivity is not the throughput of {filter.name} in filters.yaml: magnitudes would "
-            "not match the light drawn", file=path, key="SENSITIVITY_A", value=f"off by {worst:.3f} of the peak",
+            "not match the light drawn",
+            file=path,
+            key="SENSITIVITY_A",
+            value=f"off by {worst:.3f} of the peak",
             allowed=f"{_AGREE}",
-        )  # fmt: skip
+        )
     return Grating(path.stem, orders)
 
 
@@ -214,9 +234,12 @@ def _check_beside(path: Path, name: str) -> None:
     file = Path(name)
     if file.is_absolute() or ".." in file.parts or file.name.startswith(".") or ".fits" not in file.suffixes:
         raise InputError(
-            "a change of this file would go unnoticed", file=path, key="SENSITIVITY", value=name,
+            "a change of this file would go unnoticed",
+            file=path,
+            key="SENSITIVITY",
+            value=name,
             allowed="a .fits file in this folder",
-        )  # fmt: skip
+        )
 
 
 def _throughput(path: Path, telescope: Telescope) -> FloatArray:
@@ -237,8 +260,13 @@ def _throughput(path: Path, telescope: Telescope) -> FloatArray:
     throughput = on_grid(GRID, wave, sensitivity / _per_throughput(wave, telescope))
     most = float(throughput.max())
     if not 0 < most <= 1:
-        raise InputError(f"impossible electrons per photon at {GRID[0]:.0f}-{GRID[-1]:.0f} A", file=path,
-                         key="SENSITIVITY", value=most, allowed="a peak above 0, up to 1")  # fmt: skip
+        raise InputError(
+            f"impossible electrons per photon at {GRID[0]:.0f}-{GRID[-1]:.0f} A",
+            file=path,
+            key="SENSITIVITY",
+            value=most,
+            allowed="a peak above 0, up to 1",
+        )
     return throughput
 
 

@@ -46,10 +46,14 @@ def write_grismconf(
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    nx, ny = chip.detector.nx, chip.detector.ny
-    lines, paths, worst = [f"# Grating {grating.name}, of chip {chip.id}", f"NAXIS {ny} {nx}"], [], 0.0
+    nx = chip.detector.nx
+    ny = chip.detector.ny
+    lines = [f"# Grating {grating.name}, of chip {chip.id}", f"NAXIS {ny} {nx}"]
+    paths = []
+    worst = 0.0
     for number, order in grating.orders.items():
-        name, file = order_name(number), sensitivity_file(grating.name, number)
+        name = order_name(number)
+        file = sensitivity_file(grating.name, number)
         terms, off = dispersion(order, piece)
         worst = max(worst, off)
         x0, x1, y0, y1 = piece
@@ -70,10 +74,13 @@ def dispersion(order: Order, piece: tuple[float, float, float, float]) -> tuple[
     xoff, yoff, a0, a1, alpha0, alpha1 = order.coefficients
     middle = field_terms(0.5 * (piece[0] + piece[1]), 0.5 * (piece[2] + piece[3]))
     first, last = np.array(order.extent) - middle @ xoff
-    along, ends = np.zeros((2, len(TERMS))), np.zeros((2, len(TERMS)))
-    along[0], along[1, 0] = xoff, last - first
+    along = np.zeros((2, len(TERMS)))
+    ends = np.zeros((2, len(TERMS)))
+    along[0] = xoff
+    along[1, 0] = last - first
     along[0, 0] += first
-    ends[0], ends[1] = yoff + a0 + first * a1, (last - first) * a1
+    ends[0] = yoff + a0 + first * a1
+    ends[1] = (last - first) * a1
     x, y = np.meshgrid(np.linspace(*piece[:2], FITTED), np.linspace(*piece[2:], FITTED))
     field = field_terms(x.ravel(), y.ravel())
     scale = np.abs(field).max(axis=0)
@@ -90,7 +97,8 @@ def _write_sensitivity(path: Path, order: Order, telescope: Telescope) -> None:
 
     lit = np.flatnonzero(order.throughput)
     part = slice(max(lit[0] - 1, 0), min(lit[-1] + 2, len(GRID)))
-    wave, values = GRID[part], sensitivity(GRID[part], order.throughput[part], telescope)
+    wave = GRID[part]
+    values = sensitivity(GRID[part], order.throughput[part], telescope)
     columns = [fits.Column("WAVELENGTH", "D", array=wave), fits.Column("SENSITIVITY", "D", array=values)]
     with atomic_path(path) as temporary:
         fits.BinTableHDU.from_columns(columns).writeto(temporary, checksum=True)

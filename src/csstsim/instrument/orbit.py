@@ -59,9 +59,12 @@ class Orbit(Data):
         u = math.radians(self.phase) + self.mean_motion * t
         node = math.radians(self.node) + self.node_rate * t
         inclination = math.radians(self.inclination)
-        cu, su = math.cos(u), math.sin(u)
-        cn, sn = math.cos(node), math.sin(node)
-        ci, si = math.cos(inclination), math.sin(inclination)
+        cu = math.cos(u)
+        su = math.sin(u)
+        cn = math.cos(node)
+        sn = math.sin(node)
+        ci = math.cos(inclination)
+        si = math.sin(inclination)
         radial = (cn * cu - sn * su * ci, sn * cu + cn * su * ci, su * si)
         along = (-cn * su - sn * cu * ci, -sn * su + cn * cu * ci, cu * si)
         x, y, z = (self.radius_km * c for c in radial)

@@ -56,9 +56,12 @@ def write_calibrated(
     ]
     unit = card("BUNIT", "electron/s")
     science = [
-        unit, *place, card("BACKMED", background, "[electron/s] median background taken off"),
-        card("MAGZERO", zeropoint, "AB magnitude of 1 electron/s"), card("RDNOISE", read_noise, "[electron] rms"),
-    ]  # fmt: skip
+        unit,
+        *place,
+        card("BACKMED", background, "[electron/s] median background taken off"),
+        card("MAGZERO", zeropoint, "AB magnitude of 1 electron/s"),
+        card("RDNOISE", read_noise, "[electron] rms"),
+    ]
     bits = [card(f"BIT{bit.bit_length() - 1}", name, f"value {bit}") for bit, name in DQ.items()]
     image, error, quality = planes
     with atomic_path(path) as temporary:

@@ -133,9 +133,12 @@ def _types(path: PathLike, columns: Mapping[str, AnyArray], lines: Sequence[int]
     except (ValueError, OverflowError):
         bad = next(k for k, word in enumerate(words) if _WORDS.get(word, word) not in TYPES)
         raise InputError(
-            f"line {lines[bad]}: unknown type", file=path, key="obj_type", value=str(columns["obj_type"][bad]),
+            f"line {lines[bad]}: unknown type",
+            file=path,
+            key="obj_type",
+            value=str(columns["obj_type"][bad]),
             allowed=f"{', '.join(TYPES)}; or 0, 1, 2",
-        ) from None  # fmt: skip
+        ) from None
     codes = numbers[inverse].astype(np.int8)
     sized = np.nan_to_num(np.asarray(columns.get("size", np.zeros(len(codes))), float)) > 0
     if (sized & (codes == 0)).sum() > (sized & (codes == 1)).sum():  # other codes than ours: galaxies have sizes

@@ -75,7 +75,8 @@ def verify_hdu(hdu: HDUBase, path: PathLike) -> None:
 
 def _sum_of(path: PathLike, start: int, stop: int) -> int:
     """Return the sum of the 32-bit words in bytes start..stop of a file."""
-    total, left = 0, stop - start
+    total = 0
+    left = stop - start
     with open(path, "rb") as file:
         file.seek(start)
         while left and (raw := np.fromfile(file, np.uint8, min(left, CHUNK * 4))).size:
@@ -115,7 +116,8 @@ def read_pixels(hdu: HDUBase, path: PathLike, verify: bool = False) -> AnyArray:
     header = image_header(hdu, path)
     bitpix: Any = header.get("BITPIX")
     shape: list[Any] = [header.get(f"NAXIS{i}") for i in range(_number(header.get("NAXIS")), 0, -1)]
-    stored, size = _STORED.get(bitpix), math.prod(map(_number, shape))
+    stored = _STORED.get(bitpix)
+    size = math.prod(map(_number, shape))
     if stored is None or not 0 <= size <= MOST:
         raise InputError("not an image that csstsim writes", file=path, key="BITPIX, NAXIS", value=(bitpix, shape))
     if hdu.is_compressed():
@@ -127,7 +129,8 @@ def read_pixels(hdu: HDUBase, path: PathLike, verify: bool = False) -> AnyArray:
         except OSError as exc:
             raise InputError(f"cannot be unpacked: {exc}", file=path) from None
     unsigned = header.get("BZERO") == 32768 and stored == "i2"
-    data, places = np.empty(shape, "=u2" if unsigned else f"={stored}"), hdu.get_offsets()
+    data = np.empty(shape, "=u2" if unsigned else f"={stored}")
+    places = hdu.get_offsets()
     total = _fill(data.reshape(-1), path, places["data_start"], verify)
     if verify:
         _check_sum(hdu, path, total + _sum_of(path, places["header_start"], places["data_start"]))
@@ -139,7 +142,8 @@ def _fill(data: AnyArray, path: PathLike, start: int, verify: bool) -> int:
 
     Raises InputError for a file that ends before.
     """
-    raw, total = data.view(np.uint8), 0
+    raw = data.view(np.uint8)
+    total = 0
     wide = data.itemsize == 4  # its words are the values
     with open(path, "rb", buffering=0) as file:
         file.seek(start)

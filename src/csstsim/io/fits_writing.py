@@ -44,11 +44,13 @@ def _string_card(keyword: str, text: str, tail: str) -> str:
     if len(text) <= 68:
         quoted = f"'{text:<8}'"
         return f"{keyword:<8}= {quoted:<20}{tail}"[:80].ljust(80)
-    lines, lead = [], f"{keyword:<8}= "
+    lines = []
+    lead = f"{keyword:<8}= "
     while len(text) > 67:
         cut = 67 - (text[:67].count("'") % 2)  # a doubled quote stays on one card
         lines.append(f"{lead}'{text[:cut]}&'".ljust(80))
-        text, lead = text[cut:], "CONTINUE  "
+        text = text[cut:]
+        lead = "CONTINUE  "
     return "".join([*lines, f"{lead}'{text}'{tail}"[:80].ljust(80)])
 
 
@@ -86,8 +88,12 @@ def write_hdus(path: PathLike, hdus: Iterable[tuple[str, Sequence[str], AnyArray
 
 def _structure(name: str, array: AnyArray | None) -> list[str]:
     if array is None:
-        return [card("SIMPLE", True, "conforms to the FITS standard"), card("BITPIX", 8), card("NAXIS", 0),
-                card("EXTEND", True, "extensions may follow")]  # fmt: skip
+        return [
+            card("SIMPLE", True, "conforms to the FITS standard"),
+            card("BITPIX", 8),
+            card("NAXIS", 0),
+            card("EXTEND", True, "extensions may follow"),
+        ]
     cards = [card("XTENSION", "IMAGE", "image extension"), card("BITPIX", _BITPIX[array.dtype.name], "bits per value")]
     cards.append(card("NAXIS", array.ndim, "number of axes"))
     cards += [card(f"NAXIS{i + 1}", n, f"length of axis {i + 1}") for i, n in enumerate(array.shape[::-1])]

@@ -22,7 +22,8 @@ from csstsim.io.fits_writing import write_hdus
 
 DTYPES = ("float32", "int32", "uint16", "uint8")
 META = "META"
-_AT, _IS = "_at", "_is"
+_AT = "_at"
+_IS = "_is"
 
 
 def save_frame(
@@ -61,7 +62,8 @@ def _parts(name: str, plane: AnyArray) -> dict[str, AnyArray]:
 def _join(planes: dict[str, Any], shapes: Mapping[str, Sequence[int]], path: PathLike) -> None:
     """Make SparsePlanes of planes that are stored in parts. Raises InputError for parts that do not fit."""
     for name, shape in shapes.items():
-        at, values = planes.pop(name + _AT, None), planes.pop(name + _IS, None)
+        at = planes.pop(name + _AT, None)
+        values = planes.pop(name + _IS, None)
         size = math.prod(shape)
         fits = at is not None and values is not None and at.dtype == values.dtype == np.int32 and at.size == values.size
         if not (fits and size <= MOST and at[0, 0] >= 0 and at[0, -1] < size and (at[0, 1:] > at[0, :-1]).all()):

@@ -76,7 +76,8 @@ def header_cards(
             ]
             continue
         value = values[entry["from"]] if "from" in entry else entry["constant"]
-        keyword, comment = entry["keyword"], entry.get("comment", "")
+        keyword = entry["keyword"]
+        comment = entry.get("comment", "")
         if value is None:
             continue
         if keyword == "HISTORY":
@@ -124,7 +125,9 @@ def header_values(state: State, provenance: Mapping[str, Any], layout: str) -> d
 def _exposure(pointing: Pointing) -> dict[str, Any]:
     first = pointing.sat_position, pointing.sat_velocity
     last = orbit_after(*first, pointing.exptime)
-    ra, dec, pa = float(pointing.ra), float(pointing.dec), float(pointing.pa)
+    ra = float(pointing.ra)
+    dec = float(pointing.dec)
+    pa = float(pointing.pa)
     values = {
         "type": pointing.type, "ra": ra, "dec": dec, "pa": pa, "target": _designation(ra, dec),
         "euler_1": ra, "euler_2": -dec, "euler_3": -pa, "shutter": pointing.type == "SCIE",
@@ -146,13 +149,15 @@ def _iso(moment: datetime) -> str:
 def _designation(ra: float, dec: float) -> str:
     """Return the IAU's designation of a place [deg], truncated to its digits: Jhhmmss.s+ddmmss."""
     tenths, seconds = (int(value + 1e-6) for value in (ra % 360.0 * 2400.0, abs(dec) * 3600.0))  # of time; of arc
-    hours, degrees = divmod(tenths, 36000), divmod(seconds, 3600)
+    hours = divmod(tenths, 36000)
+    degrees = divmod(seconds, 3600)
     time = f"{hours[0]:02d}{hours[1] // 600:02d}{hours[1] % 600 / 10:04.1f}"
     return f"J{time}{'-' if dec < 0 else '+'}{degrees[0]:02d}{degrees[1] // 60:02d}{degrees[1] % 60:02d}"
 
 
 def _detector(state: State, layout: str) -> dict[str, Any]:
-    detector, window = state.chip.detector, state.window
+    detector = state.chip.detector
+    window = state.window
     readout = ReadoutFrame.of(detector, window).of_file(layout)
     lists = section_lists(readout, layout)
     return {

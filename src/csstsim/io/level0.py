@@ -83,13 +83,15 @@ class Level0:
     @cached_property
     def nonlinearity(self) -> dict[int, tuple[float, float]]:
         """{channel: (quadratic [1/e-], cubic [1/e-^2])}; empty if the file does not state it."""
-        quadratic, cubic = self.per_channel("NLQ"), self.per_channel("NLC")
+        quadratic = self.per_channel("NLQ")
+        cubic = self.per_channel("NLC")
         return {n: (quadratic[n], cubic[n]) for n in quadratic.keys() & cubic.keys()}
 
     @cached_property
     def levels(self) -> dict[int, tuple[float, float]]:
         """{channel: (bias [DN], read noise [e-])} as the file states them; empty if it does not."""
-        bias, noise = self.per_channel("DETBIA"), self.per_channel("RON")
+        bias = self.per_channel("DETBIA")
+        noise = self.per_channel("RON")
         return {n: (bias[n], noise[n]) for n in bias.keys() & noise.keys()}
 
     def per_channel(self, prefix: str) -> dict[int, float]:
@@ -213,7 +215,8 @@ def read_level0(path: PathLike, verify: bool = False) -> Level0:
             if "IMAGE" not in file:
                 raise InputError("not a Level-0 file: it has no IMAGE extension", file=path)
             image = file["IMAGE"]
-            header0, header = read_header(file[0], path), image_header(image, path)
+            header0 = read_header(file[0], path)
+            header = image_header(image, path)
             data_start = None if image.is_compressed() else image.get_offsets()["data_start"]
     except (OSError, ValueError) as exc:  # also bytes that are not text
         raise InputError(f"a header is damaged: {type(exc).__name__}", file=path) from exc
@@ -225,7 +228,8 @@ def read_level0(path: PathLike, verify: bool = False) -> Level0:
         raise InputError("unknown layout", file=path, key="LAYOUT", value=layout, allowed=", ".join(LAYOUTS))
     try:
         readout = _readout(header)
-        shape, wanted = (header["NAXIS2"], header["NAXIS1"]), readout.stored_shape(layout)
+        shape = (header["NAXIS2"], header["NAXIS1"])
+        wanted = readout.stored_shape(layout)
     except (AttributeError, KeyError, TypeError, ValueError) as exc:
         raise InputError(f"the header's geometry is inconsistent: {exc}", file=path) from None
     if header["BITPIX"] != 16 or shape != wanted:
@@ -242,6 +246,13 @@ def _readout(header: Mapping[str, Any]) -> ReadoutFrame:
     channels_x = header["NCHAN"] // 2
     return ReadoutFrame(
         window=(header["READX0"] - 1, header["READX1"], header["READY0"] - 1, header["READY1"]),
-        nx=nx, ny=ny, channels_x=channels_x, channels_y=2, channel_nx=nx // max(channels_x, 1), channel_ny=ny // 2,
-        prescan=header["PSCAN1"], overscan=header["OSCAN1"], parallel_overscan=header["OSCAN2"],
-    )  # fmt: skip
+        nx=nx,
+        ny=ny,
+        channels_x=channels_x,
+        channels_y=2,
+        channel_nx=nx // max(channels_x, 1),
+        channel_ny=ny // 2,
+        prescan=header["PSCAN1"],
+        overscan=header["OSCAN1"],
+        parallel_overscan=header["OSCAN2"],
+    )

@@ -40,14 +40,17 @@ def extensions(file: Level0) -> HDUList:
     from astropy.io import fits
 
     with fits.open(file.path) as hdus:
-        primary, image = hdus[0].header, hdus["IMAGE"].header
-    readout, stored = file.readout, file.readout.to_stored(file.frame(), "channels")
+        primary = hdus[0].header
+        image = hdus["IMAGE"].header
+    readout = file.readout
+    stored = file.readout.to_stored(file.frame(), "channels")
     wcs = {key: image[key] for key in image if _WCS.fullmatch(key)}
     kept = [card for card in image.cards if not (_LEFT_OUT.fullmatch(card.keyword) or _LISTED.fullmatch(card.keyword))]
     out = fits.HDUList([fits.PrimaryHDU(header=fits.Header(_but_structure(primary)))])
     out[0].header["NEXTEND"] = len(readout.blocks)
     for block in readout.blocks:
-        n, columns = f"{block.channel:02d}", slice(block.stored_x0, block.stored_x0 + readout.block_nx)
+        n = f"{block.channel:02d}"
+        columns = slice(block.stored_x0, block.stored_x0 + readout.block_nx)
         hdu = fits.ImageHDU(stored[:, columns].copy(), fits.Header(kept, copy=True), name=f"CHAN{n}")
         for name, own in OF_CHANNEL.items():
             if name + n in image:

@@ -20,8 +20,14 @@ if TYPE_CHECKING:
 
 NEWEST = "C9"  # of the forms; the default
 
-_PATTERNS = {"kind": "[A-Z]+", "t": r"\d{14}", "t_end": r"\d{14}", "t_short": r"\d{12}", "obsid": r"\d{9,14}",
-             "chip": r"\d{2}"}  # fmt: skip
+_PATTERNS = {
+    "kind": "[A-Z]+",
+    "t": r"\d{14}",
+    "t_end": r"\d{14}",
+    "t_short": r"\d{12}",
+    "obsid": r"\d{9,14}",
+    "chip": r"\d{2}",
+}
 
 
 @dataclass(frozen=True)
@@ -60,7 +66,8 @@ class Form:
         if not (match := self._pattern().fullmatch(stem)):
             return None
         words = match.groupdict()
-        number, band = int(words["obsid"]), filter.lower()
+        number = int(words["obsid"])
+        band = filter.lower()
         words |= {"stem": stem, "band": band, "number": number - 90_000_000, "short": f"{number - 100_000_000:07d}"}
         return self.truth.format(**words)
 
@@ -80,9 +87,12 @@ FORMS = {
     "C9": Form("CSST_MSC_MS_{kind}_{t}_{t_end}_{obsid}_{chip}_L0_V01", "{stem}", {"SCIE": "WIDE"} | _OWN, "DEEP"),
     "C5.2": Form(_C5, "MSC_{obsid}_chip_{chip}_filt_{band}", {"SCIE": "SCI"} | _OWN),
     "C5.1": Form(_C5, "MSC_{number}_chip_{chip}_filt_{band}", {"SCIE": "SCI"} | _OWN),
-    "C3": Form("MSC_{kind}_{t_short}_{obsid}_{chip}_raw", "MSC_{t_short}_{short}_{chip}",
-               {"SCIE": "MS", "BIAS": "CLB", "DARK": "CLD", "FLAT": "CLF"}),
-}  # fmt: skip
+    "C3": Form(
+        "MSC_{kind}_{t_short}_{obsid}_{chip}_raw",
+        "MSC_{t_short}_{short}_{chip}",
+        {"SCIE": "MS", "BIAS": "CLB", "DARK": "CLD", "FLAT": "CLF"},
+    ),
+}
 
 
 def read_name(stem: str) -> tuple[str, str, int] | None:

@@ -34,9 +34,14 @@ COLUMNS = {
     "yImage": "the same",
 }
 TYPES = {  # of those that are not float64
-    "id": np.int64, "order": np.int8, "grating": np.str_, "cut": np.bool_, "wave_min": np.float32,
-    "wave_max": np.float32, **dict.fromkeys(("row", "x0", "x1", "y0", "y1"), np.int32),
-}  # fmt: skip
+    "id": np.int64,
+    "order": np.int8,
+    "grating": np.str_,
+    "cut": np.bool_,
+    "wave_min": np.float32,
+    "wave_max": np.float32,
+    **dict.fromkeys(("row", "x0", "x1", "y0", "y1"), np.int32),
+}
 _NEEDED = ("id", "row", "order", "grating", "cut", "xImage", "yImage", "p", "q", "r", "s", "electrons", "drawn")
 
 

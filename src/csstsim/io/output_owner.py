@@ -35,8 +35,10 @@ def check_owner(run: OpenCampaign) -> None:
     if owner != _about(run):
         raise InputError(
             "the folder belongs to another campaign; choose another output, or remove this file if yours was moved",
-            file=path, value=owner, allowed=_about(run),
-        )  # fmt: skip
+            file=path,
+            value=owner,
+            allowed=_about(run),
+        )
 
 
 def claim_output(run: OpenCampaign) -> None:

@@ -25,7 +25,10 @@ if TYPE_CHECKING:
     from csstsim.campaign.job import Job
 
 # Suffixes of the files that accompany a Level-0 file under its name.
-TRUTH, CAT, ORDERS, COSMIC = ".truth.parquet", ".cat", ".orders.parquet", ".cosmic.fits"
+TRUTH = ".truth.parquet"
+CAT = ".cat"
+ORDERS = ".orders.parquet"
+COSMIC = ".cosmic.fits"
 LIGHT = "render.fits", "drawn.parquet", "orders.parquet"  # what render makes for a chip; may be kept
 
 
@@ -43,7 +46,8 @@ class Paths:
     """
 
     def __init__(self, output: PathLike, scratch: PathLike | None = None, names: str = NEWEST) -> None:
-        self.output, self._form = Path(output), FORMS[names]
+        self.output = Path(output)
+        self._form = FORMS[names]
         self.chips = Path(scratch or output) / "chips"
 
     def _hats(self, kind: str, pix: int, form: str = "{}") -> Path:

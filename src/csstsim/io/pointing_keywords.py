@@ -46,7 +46,8 @@ def pointing_off(header0: Mapping[str, Any], boresight: Boresight) -> dict[str, 
     positions = [(*pair, 1) for pair in POSITIONS] + [(*pair, -1) for pair in EULER]
     for ra_name, dec_name, sign in positions:
         if ra_name in header0 and dec_name in header0:
-            ra, dec = _number(header0[ra_name]), sign * _number(header0[dec_name])
+            ra = _number(header0[ra_name])
+            dec = sign * _number(header0[dec_name])
             found[ra_name] = _separation(ra, dec, boresight)
     angles = {name: sign * _number(header0[name]) for name, sign in ANGLES if name in header0}
     true = boresight.pa if boresight.pa is not None else next(iter(angles.values()), 0.0)
@@ -80,7 +81,8 @@ def wcs_off(header: Mapping[str, Any], wcs: ChipWCS) -> float:
     cards = {k: v for k, v in header.items() if k in names or k.startswith(("A_", "B_", "AP_", "BP_"))}
     if "CTYPE1" not in cards:
         return np.inf
-    x, y = np.array([(wcs.chip.detector.nx - 1) / 2, 0.0]), np.array([(wcs.chip.detector.ny - 1) / 2, 0.0])
+    x = np.array([(wcs.chip.detector.nx - 1) / 2, 0.0])
+    y = np.array([(wcs.chip.detector.ny - 1) / 2, 0.0])
     linear = str(cards.get("CTYPE1")) == LINEAR
     true = WCS(Header(wcs.header())).all_pix2world(x, y, 0) if linear else wcs.pixel_to_world(x, y)
     return sky_off(cards, x, y, true)

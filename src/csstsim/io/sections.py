@@ -38,7 +38,8 @@ def section_lists(readout: ReadoutFrame, layout: str) -> dict[str, list[str | No
 
 def stored_slices(readout: ReadoutFrame, block: Block, region: tuple[slice, slice], layout: str) -> tuple[slice, slice]:
     """Return the slices of the stored array that hold a region of a block, contiguous on the chip and not empty."""
-    rows, cols = readout.rows[region[0]], readout.cols[region[1]]
+    rows = readout.rows[region[0]]
+    cols = readout.cols[region[1]]
     y, x = (slice(int(index[0]), int(index[-1]) + 1) for index in (rows, cols))
     return readout.stored_region(block, (y, x), layout)
 

@@ -89,13 +89,15 @@ ABOUT = {
 }
 # Types of the columns that COLUMNS and OPTIONAL of catalog.table, or catalog.changing, do not have
 TYPES = {
-    **dict.fromkeys(("filter", "method"), np.str_), "chip": np.int16, "catalog_row": np.int64,
+    **dict.fromkeys(("filter", "method"), np.str_),
+    "chip": np.int16,
+    "catalog_row": np.int64,
     **dict.fromkeys(("reach", "stamp", "x0", "x1", "y0", "y1"), np.int32),
     **dict.fromkeys(("x", "y", "ra_orig", "dec_orig", "ra_epoch", "dec_epoch", "detA", "g1", "g2"), np.float64),
     **dict.fromkeys((*(f"flux{i}" for i in range(4)), "electrons", "drawn", "fraction"), np.float64),
     **dict.fromkeys(("trail_start", "trail_end", "trail_length", "trail_angle", "dmag", *ENDS), np.float64),
     **dict.fromkeys(("mag", "dm", "size", "lost", "wing", "snr", "error", "ms"), np.float32),
-}  # fmt: skip
+}
 # Columns made here, and .cat names that differ from ours: a catalogue's own column of that name is renamed.
 TAKEN = {"chip", "filter", "detA", "dm", "g1", "g2", "size"} | (set(CAT_COLUMNS) - set(CAT_COLUMNS.values()))
 
@@ -135,11 +137,13 @@ def electron_budget(header: Mapping[str, Any], pixels: int) -> dict[str, float]:
     laboratory map of the bias can add or take.
     """
     budget = {
-        "objects": header.get("objects_electrons", 0.0), "light": header.get("light_electrons", 0.0),
-        "dark": header.get("dark_electrons", 0.0) * pixels, "rays": float(header.get("cosmic_electrons", 0)),
+        "objects": header.get("objects_electrons", 0.0),
+        "light": header.get("light_electrons", 0.0),
+        "dark": header.get("dark_electrons", 0.0) * pixels,
+        "rays": float(header.get("cosmic_electrons", 0)),
         "defects": header.get("defects_electrons", 0.0),
         "trapped": float(header.get("cti_trapped", 0) + header.get("cti_serial_trapped", 0)),
-    }  # fmt: skip
+    }
     if "bias_structure" in header:
         budget["bias_structure"] = header["bias_structure"]
     return budget | ({"bloomed": float(header["bloom_lost"])} if "bloom_lost" in header else {})

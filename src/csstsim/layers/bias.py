@@ -66,6 +66,9 @@ def _beside_the_level(structure: FloatArray, frame: ReadoutFrame) -> float:
         whole = structure[block.whole]
         scan = structure[block.serial_overscan]
         levels = [0.0, float(np.median(scan))] if scan.size else [0.0]
-        total += max(abs(float(part.sum(dtype=float)) - part.size * level)
-                     for part in (whole, structure[block.active]) for level in levels)  # fmt: skip
+        total += max(
+            abs(float(part.sum(dtype=float)) - part.size * level)
+            for part in (whole, structure[block.active])
+            for level in levels
+        )
     return total

@@ -49,10 +49,12 @@ def apply(state: State, param: Param, rng: Streams) -> State:
     from csstsim.detector import mask
     from csstsim.detector.cosmic_ray import deposit, draw_tracks
 
-    detector, shape = state.chip.detector, state.window.shape
+    detector = state.chip.detector
+    shape = state.window.shape
     if state.image.shape != shape:
         raise ValueError(f"an image of shape {state.image.shape}; the window's is {shape}")
-    rays, exptime = detector.cosmic_rays, state.exposure.exptime
+    rays = detector.cosmic_rays
+    exptime = state.exposure.exptime
     tracks = draw_tracks(shape, exptime + detector.readout_time / 2, rays, rng.exposure("tracks"))
     pixel, electrons, hits = deposit(shape, tracks, rays.diffusion, rng.exposure_key("diffusion"))
     state.add_counted(pixel, electrons)
@@ -62,6 +64,8 @@ def apply(state: State, param: Param, rng: Streams) -> State:
     if param.save_cosmic_image:
         state.cosmic_rays = pixel, electrons
     state.header |= {
-        "cosmic_tracks": hits, "cosmic_pixels": len(marked), "cosmic_electrons": int(electrons.sum(dtype="int64")),
-    }  # fmt: skip
+        "cosmic_tracks": hits,
+        "cosmic_pixels": len(marked),
+        "cosmic_electrons": int(electrons.sum(dtype="int64")),
+    }
     return state

@@ -69,7 +69,8 @@ def apply(state: State, param: Param, rng: Streams) -> State:
 def _pixels(state: State, param: Param, level: float, rng: Streams) -> None:
     from csstsim.detector import defects, mask
 
-    detector, numbers = state.chip.detector, state.chip.detector.defects
+    detector = state.chip.detector
+    numbers = state.chip.detector.defects
     charge: AnyArray
     hot, dead = defects.places((detector.ny, detector.nx), numbers, rng.chip("defective pixels"))
     if param.hot_pixels:
@@ -91,11 +92,14 @@ def _pixels(state: State, param: Param, level: float, rng: Streams) -> None:
 def _columns(state: State, level: float, rng: Streams) -> None:
     from csstsim.detector import defects, mask
 
-    detector, numbers, window = state.chip.detector, state.chip.detector.defects, state.window
+    detector = state.chip.detector
+    numbers = state.chip.detector.defects
+    window = state.window
     noise = rng.exposure("bad columns")
     for column, first, end, u in defects.columns(detector.channel_ny, detector.nx, numbers, rng.chip("bad columns")):
         charge = defects.column_charge(end - first, u, level, detector.read_noise, numbers, noise)
-        low, high = max(first, window.y0), min(end, window.y1)
+        low = max(first, window.y0)
+        high = min(end, window.y1)
         if window.x0 <= column < window.x1 and low < high:
             place = slice(low - window.y0, high - window.y0), column - window.x0
             state.image[place] = charge[low - first : high - first]
@@ -108,7 +112,9 @@ def _mapped(state: State, param: Param, level: float, rng: Streams) -> None:
     from csstsim.detector import mapped_defects as defects
     from csstsim.detector import mask
 
-    detector, window, numbers = state.chip.detector, state.window, state.chip.detector.defects
+    detector = state.chip.detector
+    window = state.window
+    numbers = state.chip.detector.defects
     bits = state.chip.maps.bad_pixels.part(*window.slices)
 
     def found(

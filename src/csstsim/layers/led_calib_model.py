@@ -63,9 +63,11 @@ def check(param: Param, camera: Camera, pointing: Pointing) -> None:
 
 def _lamps(param: Param, numbers: Mapping[str, Any], pointing: Pointing) -> list[Led]:
     """Return the Led of each entry of LED_TYPE, checked."""
-    known, seconds = load_leds(numbers), sum(param.LED_TIME)
+    known = load_leds(numbers)
+    seconds = sum(param.LED_TIME)
     if seconds > pointing.exptime:
-        message, allowed = f"longer than the exposure of {pointing.time}", f"<= {pointing.exptime} s in all"
+        message = f"longer than the exposure of {pointing.time}"
+        allowed = f"<= {pointing.exptime} s in all"
         raise InputError(message, key="LED_TIME", value=seconds, allowed=allowed)
     for name in param.LED_TYPE:
         if name not in known:
@@ -79,7 +81,8 @@ def apply(state: State, param: Param, rng: Streams) -> State:
     Raises InputError as `check` does.
     """
     leds = state.exposure.camera.leds
-    lit, flats = _lamps(param, leds, state.pointing), FlatField(leds, rng.camera)
+    lit = _lamps(param, leds, state.pointing)
+    flats = FlatField(leds, rng.camera)
     light = sum(seconds * led.rate * led.line for led, seconds in zip(lit, param.LED_TIME, strict=True))
     light = light * state.filter.at(GRID)  # electron / pixel / angstrom at flat 1
     electrons = np.trapezoid(light, GRID)

@@ -47,9 +47,11 @@ def check(param: Param, camera: Camera, pointing: Pointing) -> None:
         pair = scale * detector.nonlinearity_quadratic, scale * detector.nonlinearity_cubic
         if not lowest_slope(*pair, detector.full_well) > 0:
             raise InputError(
-                f"the signal falls with charge within 0..{detector.full_well:g} e-", key="nonlinearity", value=pair,
+                f"the signal falls with charge within 0..{detector.full_well:g} e-",
+                key="nonlinearity",
+                value=pair,
                 allowed="quadratic, cubic with 1 + 2 quadratic x + 3 cubic x^2 > 0 over that range",
-            )  # fmt: skip
+            )
 
 
 def apply(state: State, param: Param, rng: Streams) -> State:

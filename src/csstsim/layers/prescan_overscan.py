@@ -38,7 +38,8 @@ def apply(state: State, param: Param, rng: Streams) -> State:
     planes, state.image = [state.image], None  # type: ignore[assignment]  # until the next line
     state.image = embedded(planes, frame)
     if state.mask is not None:
-        planes, state.mask = [state.mask], None
+        planes = [state.mask]
+        state.mask = None
         state.mask = embedded(planes, frame)
     if state.trailed is not None:
         state.trailed.lay(state.image, frame)

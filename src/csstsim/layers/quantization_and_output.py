@@ -55,8 +55,13 @@ def apply(state: State, param: Param, rng: Streams) -> State:
     if param.layout == "chip":
         _even(state)
     state.image, high, low = digitise(state.image, state.chip.detector.adc_max, state.mask)
-    state.header |= {"clipped_high": high, "clipped_low": low, "layout": param.layout, "sip": param.sip,
-        "compress": param.compress}  # fmt: skip
+    state.header |= {
+        "clipped_high": high,
+        "clipped_low": low,
+        "layout": param.layout,
+        "sip": param.sip,
+        "compress": param.compress,
+    }
     return state
 
 

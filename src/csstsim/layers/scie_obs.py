@@ -68,10 +68,13 @@ def apply(state: State, param: Param, rng: Streams) -> State:
     The electrons added to the planes go to the header, for comparison with the table.
     """
     assert state.catalog is not None
-    before, order = state.electrons(), canonical_order(state.catalog)
-    canvas, drawing = _canvas(state, rng), _drawing(state, param, rng)
+    before = state.electrons()
+    order = canonical_order(state.catalog)
+    canvas = _canvas(state, rng)
+    drawing = _drawing(state, param, rng)
     truth, *orders = _drawn(state, canvas, order, drawing)
-    state.counted, state.truth = canvas.counted, truth.take(back(order))
+    state.counted = canvas.counted
+    state.truth = truth.take(back(order))
     state.orders = orders_back(orders[0], order) if orders else None
     state.header["objects_electrons"] = state.electrons() - before
     return state
@@ -90,14 +93,22 @@ def _drawing(state: State, param: Param, rng: Streams) -> Drawing:
     from csstsim.render.drawing import Drawing  # loads numba (seconds), which checking a campaign does not need
 
     assert state.psf is not None  # the stage render gives it
-    exposure, detector, there = state.exposure, state.chip.detector, read_scattered(state.psf)
+    exposure = state.exposure
+    detector = state.chip.detector
+    there = read_scattered(state.psf)
     noise = Noise(exposure.filter.sky, detector.dark, detector.read_noise)
     return Drawing(
-        exposure.wcs, state.psf, exposure.exptime,
-        Scattered(there.wing if param.wings else None, there.ghosts if param.ghosts else None), exposure.fidelity,
-        noise.variance(exposure.exptime), rng.exposure_key("photons"), state.tables, exposure.observer,
+        exposure.wcs,
+        state.psf,
+        exposure.exptime,
+        Scattered(there.wing if param.wings else None, there.ghosts if param.ghosts else None),
+        exposure.fidelity,
+        noise.variance(exposure.exptime),
+        rng.exposure_key("photons"),
+        state.tables,
+        exposure.observer,
         exposure.interval,
-    )  # fmt: skip
+    )
 
 
 def _drawn(state: State, canvas: Canvas, order: IntArray, drawing: Drawing) -> tuple[ObjectTable, ...]:
@@ -105,7 +116,9 @@ def _drawn(state: State, canvas: Canvas, order: IntArray, drawing: Drawing) -> t
     from csstsim.render.parts.trails import draw_trailed
 
     assert state.catalog is not None  # the stage select gives it
-    exposure, objects, reference = state.exposure, state.catalog.take(order), drawing.fidelity == "reference"
+    exposure = state.exposure
+    objects = state.catalog.take(order)
+    reference = drawing.fidelity == "reference"
     if exposure.gratings is None:
         if reference:
             from csstsim.render.imaging.reference import draw_objects

@@ -40,7 +40,8 @@ UNITS = ("electron", "electron")
 FRAME = ("active", "active")
 EXPOSURES = ("SCIE",)
 # Moments of an exposure, as parts of it, and their weights: 0.1% while the limb moves by 10 deg
-PARTS, WEIGHTS = 0.5 + np.array([-0.5, 0.0, 0.5]) * np.sqrt(0.6), np.array([5.0, 8.0, 5.0]) / 18
+PARTS = 0.5 + np.array([-0.5, 0.0, 0.5]) * np.sqrt(0.6)
+WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18
 
 
 class Param(LayerParam):
@@ -50,9 +51,10 @@ class Param(LayerParam):
     flat_fielding: bool = Field(True, description="vignetting and internal flat: the reversal of the flat correction")
     shutter_effect: bool = Field(True, description="the shutter exposes columns for different times")
     enable_straylight_model: bool = Field(
-        False, description="true = zodiacal light, earthshine, Sun, Moon, planets and stars that are not drawn, at "
+        False,
+        description="true = zodiacal light, earthshine, Sun, Moon, planets and stars that are not drawn, at "
         "the exposure's time and place; false = the filter's constant `sky`",
-    )  # fmt: skip
+    )
 
 
 def check(param: Param, camera: Camera, pointing: Pointing) -> None:
@@ -73,11 +75,14 @@ def apply(state: State, param: Param, rng: Streams) -> State:
 
     Raises InputError if the model is enabled and the telescope looks at the Earth or close to the Sun.
     """
-    pointing, exptime, gratings = state.pointing, state.exposure.exptime, state.exposure.gratings
+    pointing = state.pointing
+    exptime = state.exposure.exptime
+    gratings = state.exposure.gratings
     sky, rate, means = _model(state) if param.enable_straylight_model else _constant(state)
     response = state.response(rng)
     if gratings is not None:
-        first, rate = rate, _disperse(state, sky, means, _sun_angle(pointing), response) / exptime
+        first = rate
+        rate = _disperse(state, sky, means, _sun_angle(pointing), response) / exptime
         means = {name: mean * rate / first for name, mean in means.items()}
     else:
         _add(state.image, sky, response)
@@ -137,7 +142,8 @@ def _disperse(
     """Add a sky through the gratings; return its mean before losses [e-]. sky, means: of `_constant` or `_model`."""
     from csstsim.sky.dispersed import disperse, nominal_spectrum, sky_spectrum
 
-    numbers, filter_ = sky_numbers(state.exposure.camera.sky), state.filter
+    numbers = sky_numbers(state.exposure.camera.sky)
+    filter_ = state.filter
     spectrum = sky_spectrum(filter_, means, sun_angle, numbers) if means else nominal_spectrum(filter_, numbers)
     rows = _rows(sky, state.image.shape)
     assert state.exposure.gratings is not None
@@ -147,7 +153,8 @@ def _disperse(
 def _add(image: FloatArray, sky: Floats, response: FloatArray | None) -> None:
     """Add the sky of an imaging chip, a number or the values at a grid's nodes, in place."""
     if isinstance(sky, np.ndarray):
-        values, sky = sky, np.zeros_like(image)
+        values = sky
+        sky = np.zeros_like(image)
         background.add_grid(sky, values)
     if response is None:
         image += sky
@@ -159,7 +166,9 @@ def _add(image: FloatArray, sky: Floats, response: FloatArray | None) -> None:
 
 def _components(exposure: Exposure) -> dict[str, FloatArray]:
     """Return {component: e-/s/px at the nodes of a grid}, averaged in time; the grid is fine if a star is beside."""
-    pointing, telescope, numbers = exposure.pointing, exposure.telescope, sky_numbers(exposure.camera.sky)
+    pointing = exposure.pointing
+    telescope = exposure.telescope
+    numbers = sky_numbers(exposure.camera.sky)
     rates = background.band_rates(exposure.filter, telescope, exposure.chip.detector.pixel_um, numbers)
     axes = telescope_axes(pointing.ra, pointing.dec, pointing.pa, telescope.parity)
     away, beside = stars_about(exposure, numbers)

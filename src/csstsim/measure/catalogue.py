@@ -45,8 +45,15 @@ if TYPE_CHECKING:
     from csstsim.optics.psf.psf_file import PsfSet
 
 # Bits of `flags`.
-BLENDED, TRUNCATED, SATURATED, NEGATIVE_FLUX = 1, 2, 4, 8
-KRON_FAILED, NOT_CENTRED, SHARP, BAD_PIXELS, NO_SHAPE = 16, 32, 64, 128, 256
+BLENDED = 1
+TRUNCATED = 2
+SATURATED = 4
+NEGATIVE_FLUX = 8
+KRON_FAILED = 16
+NOT_CENTRED = 32
+SHARP = 64
+BAD_PIXELS = 128
+NO_SHAPE = 256
 FLAGS = {
     BLENDED: "deblended from another source",
     TRUNCATED: "reaches the edge of the frame",
@@ -58,7 +65,9 @@ FLAGS = {
     BAD_PIXELS: "defects or cosmic rays within 3 px; they are left out of the fit",
     NO_SHAPE: "S/N below 5, or no adaptive moments: hsm_sigma, hsm_e1, hsm_e2, resolution, g1, g2, g_err are NaN",
 }
-SHAPE_SNR, FAINT_SNR = 5.0, 2.5  # least S/N for a shape; of the PSF flux if the Kron flux reaches the first
+# least S/N for a shape; of the PSF flux if the Kron flux reaches the first
+SHAPE_SNR = 5.0
+FAINT_SNR = 2.5
 STAR_POINT = 0.5  # least probability of a point
 STAR_SPREAD = 0.01  # spread of a star from errors of PSF interpolation and centring, in addition to 2.5 x its noise
 
@@ -157,9 +166,10 @@ def measure_frame(
     """
     if chip.kind != "imaging" or pointing.type != "SCIE":
         raise InputError(
-            "only imaging science frames are measured", key=f"{obsid} chip {chip.id}",
+            "only imaging science frames are measured",
+            key=f"{obsid} chip {chip.id}",
             value=f"{pointing.type} behind {filter.name}",
-        )  # fmt: skip
+        )
     zeropoint = filter.zeropoint(telescope) + 2.5 * np.log10(pointing.exptime)
     model = psf_model(psf, (window.x0, window.y0), window.shape)
     level = float(np.median(calibrated.electrons[::8, ::8]))
@@ -199,12 +209,19 @@ def measure_frame(
     }
     n_eff = float(np.median(model.n_eff))
     info = {
-        "obsid": obsid, "chip": chip.id, "filter": filter.name, "exptime": pointing.exptime,
-        "zeropoint": float(zeropoint), "background": level, "rms": rms, "n_eff": n_eff,
-        "depth_5sigma": float(zeropoint - 2.5 * np.log10(point_source_flux(5.0, rms**2, n_eff))), "sources": n,
+        "obsid": obsid,
+        "chip": chip.id,
+        "filter": filter.name,
+        "exptime": pointing.exptime,
+        "zeropoint": float(zeropoint),
+        "background": level,
+        "rms": rms,
+        "n_eff": n_eff,
+        "depth_5sigma": float(zeropoint - 2.5 * np.log10(point_source_flux(5.0, rms**2, n_eff))),
+        "sources": n,
         "window": [window.x0, window.x1, window.y0, window.y1],
         "channels": channels,
-    }  # fmt: skip
+    }
     return ObjectTable(columns, info)
 
 
@@ -228,9 +245,13 @@ def _of_stars(frame: Frame, kernel: FloatArray) -> Detections:
     sources = star_sources(frame, kernel)
     n = len(frame.stars)
     return Detections(
-        **vars(sources), extended=np.zeros(n, bool), snr=np.full(n, np.inf), image=frame.image, rms=frame.rms,
+        **vars(sources),
+        extended=np.zeros(n, bool),
+        snr=np.full(n, np.inf),
+        image=frame.image,
+        rms=frame.rms,
         segments=frame.segments,
-    )  # fmt: skip
+    )
 
 
 def _fit(
@@ -243,15 +264,24 @@ def _fit(
 ) -> FloatArray:
     cell = model.cell(sources.x + window.x0, sources.y + window.y0)
     return fit_sources(
-        frame.image, frame.rms, unusable, sources.x, sources.y, counted, cell, model.coefficients, model.blurred,
+        frame.image,
+        frame.rms,
+        unusable,
+        sources.x,
+        sources.y,
+        counted,
+        cell,
+        model.coefficients,
+        model.blurred,
         model.per_pixel,
-    )  # fmt: skip
+    )
 
 
 def _sources(
     found: Detections, counted: FloatArray, unusable: IntArray, model: PsfModel, window: Window
 ) -> dict[str, AnyArray]:
-    x, y = found.x + window.x0, found.y + window.y0
+    x = found.x + window.x0
+    y = found.y + window.y0
     flux, error, chi2, spread, spread_error, why = _fit(found, found, counted, unusable, model, window).T
     why = why.astype(int)
     kron, kron_error, kron_failed = kron_flux(found, counted)
@@ -297,9 +327,16 @@ def _shapes(
     _, _, sigma, e1, e2, _, _, psf_sigma, psf_e1, psf_e2, _ = shapes.T
     e, error, resolution = without_psf(shapes)
     return {
-        "hsm_sigma": sigma, "hsm_e1": e1, "hsm_e2": e2, "psf_sigma": psf_sigma, "psf_e1": psf_e1, "psf_e2": psf_e2,
-        "resolution": resolution, "e": e, "g_err": error / (1.0 + np.sqrt(1.0 - np.abs(e) ** 2)),
-    }  # fmt: skip
+        "hsm_sigma": sigma,
+        "hsm_e1": e1,
+        "hsm_e2": e2,
+        "psf_sigma": psf_sigma,
+        "psf_e1": psf_e1,
+        "psf_e2": psf_e2,
+        "resolution": resolution,
+        "e": e,
+        "g_err": error / (1.0 + np.sqrt(1.0 - np.abs(e) ** 2)),
+    }
 
 
 def _sky_shapes(e: ComplexArray, jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:

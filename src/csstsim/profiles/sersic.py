@@ -26,11 +26,19 @@ from numpy.typing import ArrayLike
 
 from csstsim.base.types import FloatArray, Floats
 
-DISK, BULGE = 1.0, 4.0  # indices of the two components of a galaxy, unless it has others
-INDEX_MIN, INDEX_MAX = 0.3, 6.2  # indices that are drawn
+# indices of the two components of a galaxy, unless it has others
+DISK = 1.0
+BULGE = 4.0
+# indices that are drawn
+INDEX_MIN = 0.3
+INDEX_MAX = 6.2
 _B = {DISK: 1.678347, BULGE: 7.669249}  # b(n) for the series in `light_beyond`, without scipy (Ciotti & Bertin 1999)
-K2_LOW, K2_HIGH = -28, 28  # octaves of (k r_e)^2
-R2_LOW, R2_HIGH = -32, 36  # octaves of (r / r_e)^2
+# octaves of (k r_e)^2
+K2_LOW = -28
+K2_HIGH = 28
+# octaves of (r / r_e)^2
+R2_LOW = -32
+R2_HIGH = 36
 CUT_NONE = 2.0**-10  # r_e: with a cut at or below this, all of the profile is outer part
 _STEPS_CUT = 4  # cuts to an octave
 _LOG_R = np.linspace(-20.0, 18.0, 4096)
@@ -68,7 +76,8 @@ def light_beyond(radius: Floats, half_light: Floats, index: Floats) -> FloatArra
 
         return gammaincc(2 * index, sersic_b(index) * ratio ** (1.0 / index))
     x = _B[index] * ratio ** (1.0 / index)
-    term, total = np.ones_like(x), np.ones_like(x)
+    term = np.ones_like(x)
+    total = np.ones_like(x)
     for k in range(1, 2 * int(index)):
         term = term * x / k
         total = total + term
@@ -88,9 +97,11 @@ def _each_beyond(ratio: FloatArray, index: FloatArray) -> FloatArray:
         rest = ~known
         first, step, table = _beyond_table()
         x = np.log(np.clip(ratio[rest], np.exp(_LOG_RATIO[0]), np.exp(_LOG_RATIO[-1])))
-        across, along = (x - _LOG_RATIO[0]) / (_LOG_RATIO[1] - _LOG_RATIO[0]), (np.log(index[rest]) - first) / step
+        across = (x - _LOG_RATIO[0]) / (_LOG_RATIO[1] - _LOG_RATIO[0])
+        along = (np.log(index[rest]) - first) / step
         i, j = (np.clip(at.astype(int), 0, size - 2) for at, size in zip((along, across), table.shape, strict=True))
-        a, b = along - i, across - j
+        a = along - i
+        b = across - j
         near = (1 - b) * table[i, j] + b * table[i, j + 1]
         out[rest] = np.exp((1 - a) * near + a * ((1 - b) * table[i + 1, j] + b * table[i + 1, j + 1]))
     return out
@@ -139,7 +150,8 @@ def tables(index: float, cut: float) -> tuple[FloatArray, FloatArray]:
     transform = fht(r * _inside(r, cut) * brightness(r, index), _STEP, mu=0.0, offset=offset)
     log_k = offset - _LOG_R[::-1]
     spline = CubicSpline(log_k, 2 * np.pi * transform / np.exp(log_k))
-    k2, r2 = nodes(K2_LOW, K2_HIGH), nodes(R2_LOW, R2_HIGH)
+    k2 = nodes(K2_LOW, K2_HIGH)
+    r2 = nodes(R2_LOW, R2_HIGH)
     outer = (1 - _inside(np.sqrt(r2), cut)) * brightness(np.sqrt(r2), index)
     return spline(0.5 * np.log(k2)), outer
 

@@ -23,18 +23,22 @@ from csstsim.profiles.sersic import BULGE, DISK, INDEX_MAX, INDEX_MIN
 
 RINGED = DISK, BULGE  # Sersic indices whose rings need no interpolation
 NODES = INDEX_MIN * 2 ** (np.arange(np.ceil(16 * np.log2(INDEX_MAX / INDEX_MIN)) + 1) / 16)
-_STEPS, _OCTAVES = 32, 32  # rings per factor of 2 in light; number of such factors
+# rings per factor of 2 in light; number of such factors
+_STEPS = 32
+_OCTAVES = 32
 _SHIFT = np.int64(47)  # leaves the exponent and log2(_STEPS) bits of the fraction of a float64
 _FIRST = (1023 - 1) * _STEPS  # index of the number 0.5
 _HALF = np.uint64(0x7FFFFFFF)
-_S31, _ONE = np.uint64(31), np.uint64(1)
+_S31 = np.uint64(31)
+_ONE = np.uint64(1)
 
 
 def _rings(n: float) -> FloatArray:
     """Return (2, rings, 2): a, b of r^2 / r_e^2 = a + b t; t / 2^32, t < 2^31, is the light inside, then outside, r."""
     octave, step = np.divmod(np.arange(_STEPS * _OCTAVES + 1), _STEPS)
     edges = 2.0 ** (octave - 1) * (1 + step / _STEPS)
-    light, b = edges * 2.0**-32, gammaincinv(2 * n, 0.5)
+    light = edges * 2.0**-32
+    b = gammaincinv(2 * n, 0.5)
     # r^2 ~ x^(2n) raises the shape of the gamma distribution from 2n to 4n
     scale = np.exp(gammaln(4 * n) - gammaln(2 * n) - 2 * n * np.log(b))
     halves = []
@@ -60,7 +64,8 @@ def rings_for(index: ArrayLike) -> tuple[FloatArray, IntArray, FloatArray]:
     Raises ValueError for an index outside INDEX_MIN..INDEX_MAX; 0 stands for no profile, and gets which = -1.
     """
     index = np.asarray(index, float)
-    which, share = np.where(index == DISK, 0, np.where(index == BULGE, 1, -1)), np.zeros(index.shape)
+    which = np.where(index == DISK, 0, np.where(index == BULGE, 1, -1))
+    share = np.zeros(index.shape)
     free = (which < 0) & (index != 0)
     if not free.any():
         return RINGS, which, share
@@ -68,7 +73,8 @@ def rings_for(index: ArrayLike) -> tuple[FloatArray, IntArray, FloatArray]:
     if not ((n >= INDEX_MIN) & (n <= INDEX_MAX)).all():
         raise ValueError(f"a Sersic index is outside {INDEX_MIN} to {INDEX_MAX}")
     k = np.clip(np.searchsorted(NODES, n, side="right") - 1, 0, len(NODES) - 2)
-    low, high = _mean_square(NODES[k]), _mean_square(NODES[k + 1])
+    low = _mean_square(NODES[k])
+    high = _mean_square(NODES[k + 1])
     which[free], share[free] = k + len(RINGED), (_mean_square(n) - low) / (high - low)
     return _all_rings(), which, share
 

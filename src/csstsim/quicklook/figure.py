@@ -26,7 +26,13 @@ SIDE = 900  # px of the longer side of the image in the figure, twice that of th
 DPI = 100
 BAD = "#7A1F1F"  # pixels without a value
 FRAME = "#D55E00"
-LEFT, RIGHT, BOTTOM, TOP, INSET_RIGHT, LEAST_WIDTH = 0.9, 2.85, 1.0, 1.25, 1.3, 8.0  # inch
+# inch
+LEFT = 0.9
+RIGHT = 2.85
+BOTTOM = 1.0
+TOP = 1.25
+INSET_RIGHT = 1.3
+LEAST_WIDTH = 8.0
 
 
 def draw(
@@ -62,7 +68,8 @@ def draw(
         draw_grid(axes, picture.wcs, picture.header.get("POSKIND") == "APPARENT")
     if inset:
         _outline(axes, inset)
-        x, y = LEFT + width + RIGHT, BOTTOM + (max(height, inset_size[1]) - inset_size[1]) / 2
+        x = LEFT + width + RIGHT
+        y = BOTTOM + (max(height, inset_size[1]) - inset_size[1]) / 2
         inset_axes = figure.add_axes(page.part(x, y, *inset_size))  # type: ignore[call-overload]  # four numbers
         shown = _inset(inset_axes, picture, inset, side // 2, stretch, limits)
         _bar(figure, page.part(x + inset_size[0] + 0.15, y, 0.18, inset_size[1]), shown, picture)
@@ -114,10 +121,14 @@ def _image(
     reach = np.array([x0, x0 + step * means.shape[1], y0, y0 + step * means.shape[0]]) - 0.5
     norm = make_norm(means, stretch, limits, file=picture.path, bits=picture.bits)
     shown = axes.imshow(
-        means, origin="lower", extent=reach,  # type: ignore[arg-type]  # four numbers
-        aspect="auto", interpolation="nearest",
-        cmap=colormaps["gray"].with_extremes(bad=BAD), norm=norm,
-    )  # fmt: skip
+        means,
+        origin="lower",
+        extent=reach,  # type: ignore[arg-type]  # four numbers
+        aspect="auto",
+        interpolation="nearest",
+        cmap=colormaps["gray"].with_extremes(bad=BAD),
+        norm=norm,
+    )
     axes.set(xlim=(x0 - 0.5, x1 - 0.5), ylim=(y0 - 0.5, y1 - 0.5))
     return shown
 
@@ -159,6 +170,13 @@ def _inset(
 
 def _legend(figure: Figure, axes: Axes, title: str) -> None:
     figure.legend(
-        *axes.get_legend_handles_labels(), title=title, loc="lower left", bbox_to_anchor=(0.01, 0.005), ncols=3,
-        fontsize=8, title_fontsize=8, facecolor="0.25", labelcolor="w",
-    ).get_title().set_color("w")  # fmt: skip
+        *axes.get_legend_handles_labels(),
+        title=title,
+        loc="lower left",
+        bbox_to_anchor=(0.01, 0.005),
+        ncols=3,
+        fontsize=8,
+        title_fontsize=8,
+        facecolor="0.25",
+        labelcolor="w",
+    ).get_title().set_color("w")

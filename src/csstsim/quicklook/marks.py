@@ -33,9 +33,11 @@ def load_marks(path: Path, table: Path | None = None) -> ObjectTable:
     source = path.with_suffix(".truth.parquet") if table is None else table
     if not source.is_file():
         raise InputError(
-            "no such truth table", file=source, key="--truth",
+            "no such truth table",
+            file=source,
+            key="--truth",
             allowed="the .truth.parquet next to a Level-0 file; --truth-table names one elsewhere",
-        )  # fmt: skip
+        )
     truth = read_truth(source)
     missing = [name for name in ("obj_type", "electrons") if name not in truth]
     if missing and len(truth):

@@ -98,7 +98,8 @@ def _levelled(file: Level0) -> FloatArray:
     window = file.window
     image = np.empty(window.shape, np.float32)
     for channel in file.channels():
-        place, scan = channel.window, channel.serial_overscan
+        place = channel.window
+        scan = channel.serial_overscan
         if not scan.size:
             raise InputError("has no overscan", file=file.path, key="--subtract-overscan")
         target = image[place.y0 - window.y0 : place.y1 - window.y0, place.x0 - window.x0 : place.x1 - window.x0]
@@ -143,15 +144,19 @@ def _other(path: Path) -> Picture:
             found = next((hdu for hdu in file if _is_image(hdu)), None)
             if found is None:
                 raise InputError("no extension holds a 2-d image", file=path, allowed=ALLOWED)
-            image, header = found.data, dict(file[0].header) | dict(found.header)
+            image = found.data
+            header = dict(file[0].header) | dict(found.header)
             origin = _window_origin(header, image.shape) or (0, 0)
             wcs = header_wcs(found.header, origin)
     except (OSError, ValueError, TypeError, LookupError, AttributeError, fits.VerifyError) as exc:
         why = str(exc).splitlines()[0] if str(exc) else type(exc).__name__
         raise InputError(f"not a readable FITS file: {why}", file=path, allowed=ALLOWED) from None
-    name, remark, bits = found.name, _statistics(image) if "DATAMAX" in header else "", None
+    name = found.name
+    remark = _statistics(image) if "DATAMAX" in header else ""
+    bits = None
     if _is_mask(image, name):
-        bits, bad = 2 ** max(int(image.max()), 1).bit_length() - 1, np.count_nonzero(image)
+        bits = 2 ** max(int(image.max()), 1).bit_length() - 1
+        bad = np.count_nonzero(image)
         remark = f"{bad} of {image.size} pixels are not 0 ({bad / image.size:.2g} of all)"
     kind = {"SCI": "calibrated", "PRIMARY": "image", "": "image"}.get(name, f"extension {name}")
     unit = str(header.get("BUNIT", "" if bits is None else "bits of the mask"))
@@ -173,8 +178,10 @@ def _is_mask(image: AnyArray, name: str) -> bool:
 
 def _statistics(image: AnyArray) -> str:
     """Return what a laboratory map's contract is about (instrument.maps), as a line."""
-    low, high = float(np.nanmin(image)), float(np.nanmax(image))
-    mean, rms = float(np.nanmean(image, dtype=float)), float(np.nanstd(image, dtype=float))
+    low = float(np.nanmin(image))
+    high = float(np.nanmax(image))
+    mean = float(np.nanmean(image, dtype=float))
+    rms = float(np.nanstd(image, dtype=float))
     return f"mean {mean:.6g}, rms {rms:.3g}, from {low:.6g} to {high:.6g}"
 
 

@@ -99,16 +99,19 @@ def _inset(path: Path, bounds: Bounds, inset: tuple[int, int, int]) -> Bounds:
     if size < 1 or not (x0 <= x < x1 and y0 <= y < y1):
         allowed = f"X from {x0} to {x1 - 1}, Y from {y0} to {y1 - 1}, SIZE from 1"
         raise InputError("not in the part that is shown", file=path, key="--inset", value=inset, allowed=allowed)
-    left, low = x - size // 2, y - size // 2
+    left = x - size // 2
+    low = y - size // 2
     return max(left, x0), min(left + size, x1), max(low, y0), min(low + size, y1)
 
 
 def _marks(picture: Picture, bounds: Bounds, table: PathLike | None, limit: int) -> ObjectTable:
     if not picture.on_chip:
         raise InputError(
-            "the frame's pixels are not the chip's, so the truth cannot be marked on it", file=picture.path,
-            key="--truth", allowed="a Level-0, render-stage or calibrated file",
-        )  # fmt: skip
+            "the frame's pixels are not the chip's, so the truth cannot be marked on it",
+            file=picture.path,
+            key="--truth",
+            allowed="a Level-0, render-stage or calibrated file",
+        )
     truth = load_marks(picture.path, None if table is None else Path(table))
     chip = str(picture.header.get("DETECTOR", ""))
     if "chip" in truth and len(truth) and chip.isdigit() and int(chip) != truth["chip"][0]:

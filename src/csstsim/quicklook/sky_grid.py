@@ -115,7 +115,8 @@ def draw_grid(axes: WCSAxes, wcs: WCS, apparent: bool) -> None:
 def _sides(wcs: WCS, axes: WCSAxes) -> tuple[str, str]:
     """Return the sides for the labels of right ascension and of declination: those that more of their lines cross."""
     (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
-    x, y = (x0 + x1) / 2, (y0 + y1) / 2
+    x = (x0 + x1) / 2
+    y = (y0 + y1) / 2
     corners, _ = wcs.all_pix2world([x0, x1, x1, x0, x0], [y0, y0, y1, y1, y0], 0)
     if abs(wrapped(np.diff(corners)).sum()) > 180.0:  # RA runs once around: a pole is inside
         return "tr", "r"

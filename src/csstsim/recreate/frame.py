@@ -29,7 +29,10 @@ if TYPE_CHECKING:
     from csstsim.base.types import PathLike
     from csstsim.instrument.chip import Detector
 
-OBSID_IF_NONE, TIME_IF_NONE, EXPTIME_IF_NONE, SEED_IF_NONE = "10100000001", "2027-11-20T01:08:00", 150.0, 1
+OBSID_IF_NONE = "10100000001"
+TIME_IF_NONE = "2027-11-20T01:08:00"
+EXPTIME_IF_NONE = 150.0
+SEED_IF_NONE = 1
 ANGLE_IF_NONE = "POS_ANG0: position angle 0"  # the note
 _STATE_KEYS = [f"{kind}0_{axis}" for kind in ("POSI", "VELO") for axis in "XYZ"]
 _RADIUS_KM = 6_378.0, 50_000.0  # of orbits; others are placeholders
@@ -105,13 +108,19 @@ class FrameHeader:
         if ra is None or dec is None:
             raise InputError("no place of the boresight", file=self.path, key="CRVAL1, CRVAL2 or RA_PNT0, DEC_PNT0")
         found: dict[str, str | float] = {
-            "obsid": self.obsid, "type": "SCIE", "ra": ra % 360.0, "dec": dec, "pa": self._angle(),
-            "time": self._time(), "exptime": self._exptime(),
-        }  # fmt: skip
+            "obsid": self.obsid,
+            "type": "SCIE",
+            "ra": ra % 360.0,
+            "dec": dec,
+            "pa": self._angle(),
+            "time": self._time(),
+            "exptime": self._exptime(),
+        }
         return found | self._state() | self._survey()
 
     def _angle(self) -> float:
-        angle, cd = self.number("POS_ANG0", "POS_ANG1"), self._known("CD1_1", "CD1_2")
+        angle = self.number("POS_ANG0", "POS_ANG1")
+        cd = self._known("CD1_1", "CD1_2")
         if angle is not None:
             return angle
         if cd and any(cd):
@@ -128,7 +137,8 @@ class FrameHeader:
             return text
         except ValueError:
             pass
-        mjd, name = self.number("EXPSTART"), _NAME.search(self.path.name)
+        mjd = self.number("EXPSTART")
+        name = _NAME.search(self.path.name)
         if mjd is not None and mjd > 0:
             start = _MJD_ZERO + timedelta(days=mjd)
             return self.assumed("DATE-OBS", f"{start:%Y-%m-%dT%H:%M:%S.%f}", "the time of EXPSTART")

@@ -179,7 +179,8 @@ def _magnitudes(objects: ObjectTable, filter_: str, bands: Collection[str], det_
 
 def _drawable(columns: dict[str, AnyArray], bands: Collection[str]) -> tuple[dict[str, AnyArray], dict[str, IntArray]]:
     """Return (columns of the rows that the table may have, {reason: ids of the others})."""
-    table, left = ObjectTable.complete(columns, bands), {}
+    table = ObjectTable.complete(columns, bands)
+    left = {}
     mags = np.stack([np.asarray(columns[name]) for name in columns if name.startswith("mag_")])
     with np.errstate(invalid="ignore"):
         faults = {"no magnitude": ~np.isfinite(mags).any(axis=0)}

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from csstsim.recreate.frame import FrameHeader
 
 TRAILED = 4  # columns of overscan beside the active ones that hold deferred charge
-_CLIPS, _SIGMAS = 8, 3.0
+_CLIPS = 8
+_SIGMAS = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,10 +51,12 @@ def read_electrons(frame: FrameHeader, detector: Detector) -> Pixels:
         raise InputError("not the pixels of this camera", file=frame.path, key="NAXIS", value=value, allowed=allowed)
     x0, x1, y0, y1 = readout.window
     if layout == "chip":
-        dn, levels = stored[y0:y1, x0:x1].astype(np.float32), _stated_levels(frame, detector)
+        dn = stored[y0:y1, x0:x1].astype(np.float32)
+        levels = _stated_levels(frame, detector)
     else:
         whole = readout.from_stored(stored, layout)
-        dn, levels = readout.active(whole).astype(np.float32), _overscan_levels(whole, readout)
+        dn = readout.active(whole).astype(np.float32)
+        levels = _overscan_levels(whole, readout)
     saturated = dn >= min(detector.adc_max, frame.number("SATURATE") or detector.adc_max)
     for block in readout.blocks:
         key = f"GAIN{block.channel:02d}"
@@ -86,7 +89,8 @@ def clipped(values: FloatArray) -> tuple[float, float]:
     """Return mean and standard deviation of values without those beyond 3 sigma of the median, clipped repeatedly."""
     kept = np.asarray(values, dtype=np.float64).ravel()
     for _ in range(_CLIPS):
-        middle, sigma = np.median(kept), kept.std()
+        middle = np.median(kept)
+        sigma = kept.std()
         inside = np.abs(kept - middle) <= _SIGMAS * sigma
         if inside.all():
             break

@@ -44,7 +44,10 @@ WORKFLOW = {"Snakefile": "config/starter/Snakefile", "profiles/default/config.ya
 SHOWN = 3  # ids of objects that are left out, for each reason
 _FAINT = 5.0  # S/N below which an object's light lies in the background, as the clipped mean sees it
 _APERTURE = 50  # pixels whose noise such an object has to exceed
-_NEAR, _FAR, _LEAST = 10.0, 300.0, 0.05  # px about one object that are left out of the background; share to be left
+# px about one object that are left out of the background; share to be left
+_NEAR = 10.0
+_FAR = 300.0
+_LEAST = 0.05
 
 
 def recreate(
@@ -65,7 +68,8 @@ def recreate(
     there = next((name for name in (*FILES, *WORKFLOW) if (folder / name).exists()), None)
     if there or (folder.exists() and not folder.is_dir()):
         raise InputError("exists already; name another folder", file=folder / there if there else folder)
-    head, objects = read_frame(frame), read_objects(truth)
+    head = read_frame(frame)
+    objects = read_objects(truth)
     data, layers, table = described(head, instrument, seed)
     run, job = opened(head.path, data, layers, table)
     digest = run.recipe(job)["camera"]
@@ -114,13 +118,15 @@ def described(
     changes = head.camera_changes() if head.ours else _camera_of(head, camera.detector)
     if head.chip not in camera.chips:
         raise InputError("no such chip of the camera", file=head.path, key="DETECTOR", value=head.chip)
-    filter_, named = camera.chips[head.chip].filter, str(head.get("FILTER") or "")
+    filter_ = camera.chips[head.chip].filter
+    named = str(head.get("FILTER") or "")
     if named and named.lower() != filter_.lower():
         raise InputError(
             "the camera's chip has another filter", file=head.path, key="FILTER", value=named, allowed=filter_
         )
     layers = head.layers() or _shipped_layers()
-    exposure, window = head.exposure, head.window(camera.detector)
+    exposure = head.exposure
+    window = head.window(camera.detector)
     known = head.number("SIMSEED") if seed is None else seed
     if known is None:
         what = f"seed {SEED_IF_NONE}: flat field, gains, defects, rays and noise are others than the frame's"
@@ -128,12 +134,17 @@ def described(
     if known < 0 or known != int(known):
         raise InputError("no seed", file=head.path, key="SIMSEED", value=known, allowed="a whole number from 0 on")
     data: dict[str, Any] = {
-        "schema_version": 1, "name": "recreated", "survey_table": "survey_table.csv", "output": "results",
-        "seed": int(known), "select": {"types": ["SCIE"], "obsids": [exposure["obsid"]], "chips": [head.chip]},
-        "observations": {"SCIE": "science.yaml"}, "instrument": dict(changes),
+        "schema_version": 1,
+        "name": "recreated",
+        "survey_table": "survey_table.csv",
+        "output": "results",
+        "seed": int(known),
+        "select": {"types": ["SCIE"], "obsids": [exposure["obsid"]], "chips": [head.chip]},
+        "observations": {"SCIE": "science.yaml"},
+        "instrument": dict(changes),
         "catalog": {"kind": "csstsim.catalog.own_table:TableCatalog", "options": {"file": "objects.fits"}},
         "truth": ["parquet", "cat"],
-    }  # fmt: skip
+    }
     if window:
         data["window"] = dict(zip(("x0", "x1", "y0", "y1"), window, strict=True))
     if "EPHEM" in head.keys:
@@ -159,8 +170,9 @@ def _camera_of(head: FrameHeader, detector: Detector) -> dict[str, float]:
     """Return {number of the camera: value} that a frame of others states, means over its channels."""
     found = {}
     for name, keywords, usual in (
-        ("gain", ("GAIN", "GAIN1"), detector.gain), ("read_noise", ("RON", "RDNOIS", "RDNOISE1"), detector.read_noise)
-    ):  # fmt: skip
+        ("gain", ("GAIN", "GAIN1"), detector.gain),
+        ("read_noise", ("RON", "RDNOIS", "RDNOISE1"), detector.read_noise),
+    ):
         value = _mean(head, keywords)
         found[f"detector.{name}"] = head.assumed(keywords[0] + "01", usual, f"{usual:g}") if value is None else value
     level = _mean(head, ("DETBIA", "BIAS"))
@@ -224,9 +236,15 @@ def _sky(head: FrameHeader, run: OpenCampaign, job: Job, columns: Mapping[str, A
     level, _ = clipped(pixels.electrons[free if free.mean() > _LEAST else ~pixels.saturated])
     losses = run.steps["SCIE"].losses
     response = response_map(
-        job.chip, job.window, job.exposure.filter, job.exposure.exptime, run.camera.leds, run.streams(job).camera,
-        flat=losses.flat, shutter=losses.shutter,
-    )  # fmt: skip
+        job.chip,
+        job.window,
+        job.exposure.filter,
+        job.exposure.exptime,
+        run.camera.leds,
+        run.streams(job).camera,
+        flat=losses.flat,
+        shutter=losses.shutter,
+    )
     share = 1.0 if response is None else float(response.mean())
     faint = light[light < limit].sum() / pixels.electrons.size
     dark = run.camera.detector.dark * job.exposure.exptime
@@ -243,7 +261,8 @@ def _around(job: Job, columns: Mapping[str, AnyArray], times: FloatArray) -> Boo
     seen = times > 1
     at = job.wcs.world_to_pixel(*apparent(columns["ra"][seen], columns["dec"][seen], job.observer))
     x, y = (np.ascontiguousarray(v - low) for v, low in zip(at, (job.window.x0, job.window.y0), strict=True))
-    mask, radius = np.zeros(job.window.shape, bool), np.minimum(_NEAR * np.cbrt(times[seen]), _FAR)
+    mask = np.zeros(job.window.shape, bool)
+    radius = np.minimum(_NEAR * np.cbrt(times[seen]), _FAR)
     sep.mask_ellipse(mask, x, y, radius, radius, np.zeros(len(x)), 1.0)
     return mask
 

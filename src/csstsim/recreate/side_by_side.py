@@ -23,12 +23,21 @@ if TYPE_CHECKING:
 
     from csstsim.base.types import BoolArray, FloatArray, IntArray, PathLike
 
-PLACE_PX, LIGHT, LEVEL = 0.02, 0.005, 0.01  # what counts as the same: px, and relative
-RADIUS, SIGMA = 6.0, 1.5  # px: of the circle of light, of the centroid's window
+# what counts as the same: px, and relative
+PLACE_PX = 0.02
+LIGHT = 0.005
+LEVEL = 0.01
+# px: of the circle of light, of the centroid's window
+RADIUS = 6.0
+SIGMA = 1.5
 LEVELS = "background [e-]", "noise [e-]"  # compared without objects
-SEEN, BRIGHT = 20.0, 100.0  # S/N of objects whose light, whose place is compared
+# S/N of objects whose light, whose place is compared
+SEEN = 20.0
+BRIGHT = 100.0
 _EDGE = 12  # px from the border of what was read
-_TOLD, DIFFERS = 2.0, "DIFFERS"  # errors beyond what is allowed
+# errors beyond what is allowed
+_TOLD = 2.0
+DIFFERS = "DIFFERS"
 _OUT = 5.0  # sigmas from the median of the others: a cosmic ray in one of the frames
 
 
@@ -70,7 +79,8 @@ def side_by_side(
 
 def compared(a: PathLike, b: PathLike, truth: PathLike, instrument: PathLike | None = None) -> list[Line]:
     """Return the Lines of the comparison; see `side_by_side`. Behind gratings, of background and noise alone."""
-    camera, objects = load_camera(instrument), read_objects(truth)
+    camera = load_camera(instrument)
+    objects = read_objects(truth)
     if not {"x", "y"} <= set(objects):
         raise InputError("the catalogue lacks places on the image", file=truth, key="xImage, yImage")
     heads = [read_frame(path) for path in (a, b)]
@@ -100,7 +110,8 @@ def _slitless(path: PathLike, instrument: PathLike | None) -> bool:
 
 def _backgrounds(levels: Sequence[tuple[float, float]], count: int) -> Iterator[Line]:
     for k, what in enumerate(LEVELS):
-        one, other = levels[0][k], levels[1][k]
+        one = levels[0][k]
+        other = levels[1][k]
         unit = max(abs(one), 1.0)  # a difference counts relative to one electron at least
         error = np.hypot(levels[0][1], levels[1][1]) / np.sqrt(count) / unit
         yield Line(what, f"{one:9.3f} {other:9.3f}", (other - one) / unit, float(error), LEVEL)
@@ -140,7 +151,8 @@ class _Objects:
             error = np.hypot(*self._noise[:, some])
             kept = _without_outliers((other - one) / error) if some.any() else some[:0]
             if kept.any():
-                total, off = one[kept].sum(), (other - one)[kept].sum()
+                total = one[kept].sum()
+                off = (other - one)[kept].sum()
                 words = f"{total:9.4g} {total + off:9.4g}  of {kept.sum()}"
                 yield Line(
                     f"light of {kind} [e-]", words, off / total, np.sqrt((error[kept] ** 2).sum()) / total, LIGHT

@@ -17,12 +17,20 @@ if TYPE_CHECKING:
     from csstsim.campaign.opened import OpenCampaign
 
 FOLDERS = {
-    "level0": "Level-0 images and spectroscopic frames, with the truth of each", "truth": "the true sky, by bricks",
-    "psf": "PSF sets, a file for each chip", "measure": "detections of each image", "spectra": "extracted spectra",
-    "merge": "the merged catalogue, by bricks", "validate": "the validation of each brick", "report": "the report",
-    "calibrated": "calibrated images", "masters": "master calibration frames", "look": "pictures",
-    "chips": "light of chips", FOLDER: "what the products were made with",
-}  # fmt: skip
+    "level0": "Level-0 images and spectroscopic frames, with the truth of each",
+    "truth": "the true sky, by bricks",
+    "psf": "PSF sets, a file for each chip",
+    "measure": "detections of each image",
+    "spectra": "extracted spectra",
+    "merge": "the merged catalogue, by bricks",
+    "validate": "the validation of each brick",
+    "report": "the report",
+    "calibrated": "calibrated images",
+    "masters": "master calibration frames",
+    "look": "pictures",
+    "chips": "light of chips",
+    FOLDER: "what the products were made with",
+}
 
 
 def campaign_crate(
@@ -47,9 +55,15 @@ def campaign_crate(
     for name, kind in (*write_made_with(run, root).items(), (HASHES, "hashes"), (SIZES, "sizes and kinds")):
         files[name] = kind, (root / name).stat().st_size, file_hash(root / name)
     crate = Crate(
-        name=run.config.name, files=files, folders=FOLDERS, run=ran(root), inputs=tuple(inputs(run)),
+        name=run.config.name,
+        files=files,
+        folders=FOLDERS,
+        run=ran(root),
+        inputs=tuple(inputs(run)),
         description=f"{number_of(len(run.jobs), 'Level-0 file')} of a simulation of the CSST Survey Camera by csstsim, "
         "with their truth and what was measured on them",
-        version=tables_version(), authors=tuple(authors), licence=licence,
-    )  # fmt: skip
+        version=tables_version(),
+        authors=tuple(authors),
+        licence=licence,
+    )
     say(f"{write_crate(root, crate)}: {number_of(len(files), 'file')}")

@@ -27,9 +27,11 @@ if TYPE_CHECKING:
     from csstsim.base.types import PathLike
     from csstsim.release.ran import Ran
 
-FILE, README = CRATE_FILES[0], "README.md"
+FILE = CRATE_FILES[0]
+README = "README.md"
 CONTEXT = ["https://w3id.org/ro/crate/1.1/context", "https://w3id.org/ro/terms/workflow-run/context"]
-CRATE, WORKFLOW_CRATE = "https://w3id.org/ro/crate/1.1", "https://w3id.org/workflowhub/workflow-ro-crate/1.0"
+CRATE = "https://w3id.org/ro/crate/1.1"
+WORKFLOW_CRATE = "https://w3id.org/workflowhub/workflow-ro-crate/1.0"
 RUN_PROFILES = {
     "https://w3id.org/ro/wfrun/process/0.5": ("Process Run Crate", "0.5"),
     "https://w3id.org/ro/wfrun/workflow/0.5": ("Workflow Run Crate", "0.5"),
@@ -43,7 +45,9 @@ MEDIA = {
     ".conf": "text/plain", ".tsv": "text/tab-separated-values",
 }  # fmt: skip
 PLAIN = "text/plain"
-ORGANISATION, RUN, SNAKEMAKE = "#contributors", "#run", "https://snakemake.readthedocs.io"
+ORGANISATION = "#contributors"
+RUN = "#run"
+SNAKEMAKE = "https://snakemake.readthedocs.io"
 LICENCES = {
     "CC-BY-4.0": ("https://creativecommons.org/licenses/by/4.0/", "Creative Commons Attribution 4.0"),
     "CC0-1.0": ("https://creativecommons.org/publicdomain/zero/1.0/", "Creative Commons Zero 1.0"),
@@ -94,18 +98,28 @@ def metadata(crate: Crate, now: datetime | None = None) -> dict[str, Any]:
     people = people or [{"@id": ORGANISATION, "@type": "Organization", "name": "the csstsim contributors"}]
     folders = _folders(crate)
     about = {
-        "@id": FILE, "@type": "CreativeWork", "about": _to("./"),
+        "@id": FILE,
+        "@type": "CreativeWork",
+        "about": _to("./"),
         "conformsTo": _compact([_to(CRATE), *([_to(WORKFLOW_CRATE)] if crate.run else [])]),
-    }  # fmt: skip
+    }
     root = {
-        "@id": "./", "@type": "Dataset", "name": crate.name, "description": crate.description,
-        "datePublished": f"{now:%Y-%m-%dT%H:%M:%S+00:00}", "license": _to(address), "author": _all(people),
+        "@id": "./",
+        "@type": "Dataset",
+        "name": crate.name,
+        "description": crate.description,
+        "datePublished": f"{now:%Y-%m-%dT%H:%M:%S+00:00}",
+        "license": _to(address),
+        "author": _all(people),
         "publisher": _to(people[0]["@id"]),
         "hasPart": _compact([*map(_to, _names(folders)), *(_to(_id(path)) for path in crate.files if "/" not in path)]),
-    }  # fmt: skip
+    }
     licence = {
-        "@id": address, "@type": "CreativeWork", "name": title, "description": f"the licence of these data: {title}",
-    }  # fmt: skip
+        "@id": address,
+        "@type": "CreativeWork",
+        "name": title,
+        "description": f"the licence of these data: {title}",
+    }
     files = [_file(path, *told) for path, told in crate.files.items()]
     run = _run(crate, root, files, folders) if crate.run else []
     return {"@context": CONTEXT, "@graph": [about, root, licence, *people, *folders, *files, *run]}
@@ -116,46 +130,67 @@ def _folders(crate: Crate) -> list[dict[str, Any]]:
     paths = sorted(path for path in crate.files if "/" in path)
     return [
         {
-            "@id": _id(f"{name}/"), "@type": "Dataset", "name": name, "description": crate.folders.get(name, name),
+            "@id": _id(f"{name}/"),
+            "@type": "Dataset",
+            "name": name,
+            "description": crate.folders.get(name, name),
             "hasPart": _compact([_to(_id(path)) for path in inside]),
         }
         for name, inside in groupby(paths, lambda path: path.partition("/")[0])
-    ]  # fmt: skip
+    ]
 
 
 def _file(path: str, kind: str, size: int, digest: str) -> dict[str, Any]:
     about = {"about": _to("./")} if path == README else {}
     return about | {
-        "@id": _id(path), "@type": "File", "name": Path(path).name, "description": kind,
-        "encodingFormat": MEDIA.get(Path(path).suffix, PLAIN), "contentSize": str(size), "sha256": digest,
-    }  # fmt: skip
+        "@id": _id(path),
+        "@type": "File",
+        "name": Path(path).name,
+        "description": kind,
+        "encodingFormat": MEDIA.get(Path(path).suffix, PLAIN),
+        "contentSize": str(size),
+        "sha256": digest,
+    }
 
 
 def _run(
     crate: Crate, root: dict[str, Any], files: Iterable[dict[str, Any]], folders: Iterable[dict[str, Any]]
 ) -> list[dict[str, Any]]:
     """Return the entities of the workflow's run, and complete the root and the workflow's files."""
-    run, entities = cast("Ran", crate.run), {file["@id"]: file for file in files}
+    run = cast("Ran", crate.run)
+    entities = {file["@id"]: file for file in files}
     root |= {
         "conformsTo": [_to(address) for address in RUN_PROFILES],
         "mainEntity": _to(WORKFLOW),
         "mentions": _to(RUN),
     }
     parameter = {
-        "@id": "#campaign", "@type": "FormalParameter", "name": "campaign", "additionalType": "File",
-        "description": "the campaign file: what is simulated, and how", "valueRequired": True,
+        "@id": "#campaign",
+        "@type": "FormalParameter",
+        "name": "campaign",
+        "additionalType": "File",
+        "description": "the campaign file: what is simulated, and how",
+        "valueRequired": True,
         "conformsTo": _to(BIOSCHEMAS.format("FormalParameter")),
-    }  # fmt: skip
+    }
     result = {
-        "@id": "#products", "@type": "FormalParameter", "name": "products", "additionalType": "Dataset",
-        "description": "the products, a folder of each kind", "conformsTo": _to(BIOSCHEMAS.format("FormalParameter")),
-    }  # fmt: skip
+        "@id": "#products",
+        "@type": "FormalParameter",
+        "name": "products",
+        "additionalType": "Dataset",
+        "description": "the products, a folder of each kind",
+        "conformsTo": _to(BIOSCHEMAS.format("FormalParameter")),
+    }
     entities[WORKFLOW] |= {
-        "@type": ["File", "SoftwareSourceCode", "ComputationalWorkflow"], "name": "csstsim's workflow",
-        "programmingLanguage": _to(SNAKEMAKE), "input": _to("#campaign"), "output": _to("#products"),
-        "conformsTo": _to(BIOSCHEMAS.format("ComputationalWorkflow")), "license": _to("#bsd"),
+        "@type": ["File", "SoftwareSourceCode", "ComputationalWorkflow"],
+        "name": "csstsim's workflow",
+        "programmingLanguage": _to(SNAKEMAKE),
+        "input": _to("#campaign"),
+        "output": _to("#products"),
+        "conformsTo": _to(BIOSCHEMAS.format("ComputationalWorkflow")),
+        "license": _to("#bsd"),
         "version": ", ".join(run.versions),
-    }  # fmt: skip
+    }
     entities[TABLES] |= {"version": crate.version}
     inputs = [_id(f"{INPUTS}/{name}") for name in crate.inputs]
     entities[inputs[0]]["exampleOfWork"] = _to("#campaign")
@@ -164,16 +199,26 @@ def _run(
         one["exampleOfWork"] = _to("#products")
     jobs = ", ".join(f"{count} {rule}" for rule, count in run.jobs.items())
     action = {
-        "@id": RUN, "@type": "CreateAction", "name": f"Snakemake's run of {crate.name}",
+        "@id": RUN,
+        "@type": "CreateAction",
+        "name": f"Snakemake's run of {crate.name}",
         "description": f"{sum(run.jobs.values())} jobs: {jobs}",
-        "instrument": _to(WORKFLOW), "agent": root["publisher"], "actionStatus": "http://schema.org/CompletedActionStatus",
-        "startTime": f"{run.start:%Y-%m-%dT%H:%M:%S+00:00}", "endTime": f"{run.end:%Y-%m-%dT%H:%M:%S+00:00}",
-        "object": [_to(name) for name in [*inputs, RECIPES]], "result": _all(made),
-    }  # fmt: skip
+        "instrument": _to(WORKFLOW),
+        "agent": root["publisher"],
+        "actionStatus": "http://schema.org/CompletedActionStatus",
+        "startTime": f"{run.start:%Y-%m-%dT%H:%M:%S+00:00}",
+        "endTime": f"{run.end:%Y-%m-%dT%H:%M:%S+00:00}",
+        "object": [_to(name) for name in [*inputs, RECIPES]],
+        "result": _all(made),
+    }
     language = {
-        "@id": SNAKEMAKE, "@type": "ComputerLanguage", "name": "Snakemake", "alternateName": "Snakemake",
-        "identifier": {"@id": SNAKEMAKE}, "url": {"@id": SNAKEMAKE},
-    }  # fmt: skip
+        "@id": SNAKEMAKE,
+        "@type": "ComputerLanguage",
+        "name": "Snakemake",
+        "alternateName": "Snakemake",
+        "identifier": {"@id": SNAKEMAKE},
+        "url": {"@id": SNAKEMAKE},
+    }
     own = {"@id": "#bsd", "@type": "CreativeWork", "name": "BSD-3-Clause", "description": "the licence of csstsim"}
     profiles = [
         {"@id": address, "@type": "CreativeWork", "name": name, "version": version}

@@ -28,8 +28,10 @@ WORKFLOW, INPUTS, RECIPES, TABLES = (
     f"{FOLDER}/{name}" for name in ("Snakefile", "inputs", "recipes.json", "tables.json")
 )
 KINDS = {
-    WORKFLOW: "the workflow", RECIPES: "digests of what decides the products", TABLES: "the columns of every table",
-}  # fmt: skip
+    WORKFLOW: "the workflow",
+    RECIPES: "digests of what decides the products",
+    TABLES: "the columns of every table",
+}
 
 
 def write_made_with(run: OpenCampaign, folder: Path) -> dict[str, str]:
@@ -38,7 +40,8 @@ def write_made_with(run: OpenCampaign, folder: Path) -> dict[str, str]:
     texts = {WORKFLOW: ROOT / "Snakefile", TABLES: SHIPPED / "schema" / "tables.json"}
     for path in sorted((ROOT / "workflow" / "rules").glob("*.smk")):
         name = f"{FOLDER}/workflow/rules/{path.name}"
-        texts[name], found[name] = path, "rules of the workflow"
+        texts[name] = path
+        found[name] = "rules of the workflow"
     for name, path in inputs(run).items():
         texts[f"{INPUTS}/{name}"] = path
         found[f"{INPUTS}/{name}"] = "the campaign file" if path == run.file else "a file that the campaign names"
@@ -63,15 +66,20 @@ def recipes(run: OpenCampaign) -> dict[str, Any]:
     """Return what decides the products: version, seed, and each stage's recipe, by kind of exposure and chip."""
     stages = ("level0", "measure")
     return {
-        "csstsim": __version__, "campaign": run.config.name, "seed": run.config.seed, "digest": run.config.digest(),
-        "truth": run.recipes.truth, "psf": run.recipes.psf, "validation": run.recipes.validation,
+        "csstsim": __version__,
+        "campaign": run.config.name,
+        "seed": run.config.seed,
+        "digest": run.config.digest(),
+        "truth": run.recipes.truth,
+        "psf": run.recipes.psf,
+        "validation": run.recipes.validation,
         "jobs": {
             f"{job.obsid}_{job.chip.id:02d}": {
                 stage: run.recipe(job, stage) for stage in stages if stage == "level0" or job.pointing.type == "SCIE"
             }
             for job in run.jobs
         },
-    }  # fmt: skip
+    }
 
 
 def tables_version() -> str:

@@ -39,16 +39,24 @@ if TYPE_CHECKING:
     from csstsim.campaign.opened import OpenCampaign
     from csstsim.catalog.table import ObjectTable
 
-PUBLIC, TRUTH, CITATION = "public", "truth", "CITATION.cff"
+PUBLIC = "public"
+TRUTH = "truth"
+CITATION = "CITATION.cff"
 KINDS = {
-    "raw": "a frame as read", "calibrated": "a calibrated frame", "psf": "the PSF of an image, of its stars",
-    "gratings": "a grating", "frames": "truth of a frame",
-}  # fmt: skip
+    "raw": "a frame as read",
+    "calibrated": "a calibrated frame",
+    "psf": "the PSF of an image, of its stars",
+    "gratings": "a grating",
+    "frames": "truth of a frame",
+}
 FOLDERS = {
-    "raw": "frames as read, RICE tiles", "calibrated": "calibrated images and frames of spectra",
-    "psf": "PSF models of the images' own stars, PSFEx's form", "gratings": "traces, dispersion and sensitivities",
-    "frames": "truth tables of the frames", "workflow": "what the frames were made with",
-}  # fmt: skip
+    "raw": "frames as read, RICE tiles",
+    "calibrated": "calibrated images and frames of spectra",
+    "psf": "PSF models of the images' own stars, PSFEx's form",
+    "gratings": "traces, dispersion and sensitivities",
+    "frames": "truth tables of the frames",
+    "workflow": "what the frames were made with",
+}
 CURVE_STEP = 10.0  # angstrom
 
 
@@ -70,7 +78,8 @@ def pack(
     licence_of(licence)
     jobs = [job for job in run.jobs if job.pointing.type == "SCIE"]
     _check_finished(run, jobs)
-    public, truth = output / PUBLIC, output / TRUTH
+    public = output / PUBLIC
+    truth = output / TRUTH
     with _whole(public, truth):
         rows, table = _fill(run, jobs, public, truth, say, {"authors": tuple(authors), "licence": licence})
     size = sum(path.stat().st_size for path in output.rglob("*") if path.is_file())
@@ -116,10 +125,16 @@ def _fill(
     table = write_truth_of_pack(run, jobs, frames, truth)
     band = next((job.chip.filter for job in jobs if job.chip.filter == "r"), _imaging(jobs)[0].chip.filter)
     _write(truth / "README.md", truth_readme(run.config.name, COLUMNS, band.lower()))
-    _close(public, Crate(
-        name=f"{run.config.name}: simulated frames", description=_said(rows), files=_files(public), folders=FOLDERS,
-        **about,
-    ))  # fmt: skip
+    _close(
+        public,
+        Crate(
+            name=f"{run.config.name}: simulated frames",
+            description=_said(rows),
+            files=_files(public),
+            folders=FOLDERS,
+            **about,
+        ),
+    )
     files = {name: (made_with.get(name, told[0]), *told[1:]) for name, told in _files(truth).items()}
     _close(truth, Crate(
         name=f"{run.config.name}: the truth", description=f"the true sky of {_said(rows)}", files=files,
@@ -156,7 +171,8 @@ def _curves(run: OpenCampaign, jobs: Iterable[Job]) -> list[dict[str, str]]:
     """Return the rows of filters.csv: wavelength, and the throughput of each filter of the pack."""
     names = list(dict.fromkeys(job.chip.filter for job in jobs))
     curves = [run.camera.filters[name] for name in names]
-    low, high = min(c.wavelength[0] for c in curves), max(c.wavelength[-1] for c in curves)
+    low = min(c.wavelength[0] for c in curves)
+    high = max(c.wavelength[-1] for c in curves)
     grid = np.arange(low, high + CURVE_STEP / 2, CURVE_STEP)
     values = [on_grid(grid, c.wavelength, c.throughput) for c in curves]
     kept = np.any(values, axis=0)
@@ -164,7 +180,7 @@ def _curves(run: OpenCampaign, jobs: Iterable[Job]) -> list[dict[str, str]]:
     return [
         {"wavelength_angstrom": f"{wave:g}"} | {name: f"{value:.6g}" for name, value in zip(names, told, strict=True)}
         for wave, *told in columns
-    ]  # fmt: skip
+    ]
 
 
 def _gratings(run: OpenCampaign, jobs: Iterable[Job], folder: Path) -> None:
@@ -215,7 +231,7 @@ def _files(folder: Path) -> dict[str, tuple[str, int, str]]:
     return {
         name: (KINDS.get(name.partition("/")[0], path.name), path.stat().st_size, file_hash(path))
         for name, path in zip(names, paths, strict=True)
-    }  # fmt: skip
+    }
 
 
 def _close(folder: Path, crate: Crate) -> None:

@@ -34,7 +34,9 @@ if TYPE_CHECKING:
     from csstsim.measure.calibration.calibrate import Calibrated
     from csstsim.release.star_psf import StarPsf
 
-RAW, CALIBRATED, PSF = "raw", "calibrated", "psf"
+RAW = "raw"
+CALIBRATED = "calibrated"
+PSF = "psf"
 # Who has the seed can draw the truth again; with a digest of it he can try seeds without a simulation
 SECRET = "SIMSEED", "CAMPHASH", "TRUTHASH"
 
@@ -71,13 +73,20 @@ def write_frame(run: OpenCampaign, job: Job, folder: Path) -> PackFrame:
     zeropoint = filter_.zeropoint(run.camera.telescope) if imaging else None
     read_noise = float(np.mean(list(frame.read_noise.values())))
     header = icrs_header(job.wcs, file.observer, job.window)
-    _write(folder / names[CALIBRATED], file, (image, error, quality), header, {
-        "BACKMED": (background, "[electron/s] median background taken off"), "RDNOISE": (read_noise, "[electron] rms"),
-        "MAGZERO": (zeropoint, "AB magnitude of 1 electron/s"),
-        "PIXSCALE": (run.camera.telescope.pixel_scale, "[arcsec]"),
-        "READX0": (job.window.x0 + 1, "first column, on the chip, counted from 1"),
-        "READY0": (job.window.y0 + 1, "first row"),
-    })  # fmt: skip
+    _write(
+        folder / names[CALIBRATED],
+        file,
+        (image, error, quality),
+        header,
+        {
+            "BACKMED": (background, "[electron/s] median background taken off"),
+            "RDNOISE": (read_noise, "[electron] rms"),
+            "MAGZERO": (zeropoint, "AB magnitude of 1 electron/s"),
+            "PIXSCALE": (run.camera.telescope.pixel_scale, "[arcsec]"),
+            "READX0": (job.window.x0 + 1, "first column, on the chip, counted from 1"),
+            "READY0": (job.window.y0 + 1, "first row"),
+        },
+    )
     row = {
         "name": stem(job), "filter": job.chip.filter, "kind": job.chip.kind, "chip": job.chip.id,
         "obsid": job.obsid, "start_utc": job.pointing.time, "exptime_s": job.pointing.exptime,
@@ -99,7 +108,9 @@ def _image(run: OpenCampaign, job: Job, frame: Calibrated) -> tuple[FloatArray, 
     from csstsim.stages.psf import open_psf
 
     quality = mend(frame, psf_model(open_psf(run, job.chip), (job.window.x0, job.window.y0), job.window.shape))
-    image, error, rate = frame.electrons, frame.sigma(), np.float32(1.0 / job.pointing.exptime)
+    image = frame.electrons
+    error = frame.sigma()
+    rate = np.float32(1.0 / job.pointing.exptime)
     level = float(np.median(image))
     subtract_background(image, quality)
     level -= float(np.median(image))
@@ -119,9 +130,14 @@ def _psf(table: ObjectTable, image: FloatArray, error: FloatArray, quality: IntA
     at = partial(np.take, indices=rows)
     flux = at(table["flux_psf"]) / job.pointing.exptime
     return star_psf(
-        image, error, quality, at(table["x"]) - job.window.x0, at(table["y"]) - job.window.y0, flux,
+        image,
+        error,
+        quality,
+        at(table["x"]) - job.window.x0,
+        at(table["y"]) - job.window.y0,
+        flux,
         float(np.median(at(table["fwhm"]))),
-    )  # fmt: skip
+    )
 
 
 def _write(

@@ -17,9 +17,17 @@ if TYPE_CHECKING:
 
 TEMPLATE = Path(__file__).with_name("templates") / "README.md"
 PARAMS = (
-    "NUMBER", "ALPHA_J2000", "DELTA_J2000", "MAG_AUTO", "MAGERR_AUTO", "FLUX_RADIUS", "A_WORLD", "B_WORLD",
-    "THETA_J2000", "FLAGS",
-)  # fmt: skip
+    "NUMBER",
+    "ALPHA_J2000",
+    "DELTA_J2000",
+    "MAG_AUTO",
+    "MAGERR_AUTO",
+    "FLUX_RADIUS",
+    "A_WORLD",
+    "B_WORLD",
+    "THETA_J2000",
+    "FLAGS",
+)
 FIT = (
     "With `MAG_PSF` among the columns and `-PSF_NAME {}` it also\nfits the PSF, which is right for points. "
     "Where the fit fails, as for most of the faintest sources, `MAG_PSF` is 99.\n"
@@ -55,8 +63,9 @@ def readme(name: str, frames: Sequence[Mapping[str, Any]], licence: str) -> str:
     words = {"imaging": "images", "slitless": "spectroscopic frames"}
     told = "; ".join(
         f"{words[kind]} in " + ", ".join(f"{band} ({n})" for (k, band), n in counts.items() if k == kind)
-        for kind in words if any(k == kind for k, _ in counts)
-    )  # fmt: skip
+        for kind in words
+        if any(k == kind for k, _ in counts)
+    )
     bands = [band.lower() for kind, band in counts if kind == "imaging"]
     width = f" -SEEING_FWHM {one['psf_fwhm_px'] * 0.074:.2f}" if one["psf_fwhm_px"] else ""
     command = (
@@ -67,13 +76,19 @@ def readme(name: str, frames: Sequence[Mapping[str, Any]], licence: str) -> str:
     )
     address, title = licence_of(licence)
     text = Template(TEMPLATE.read_text(encoding="utf-8")).substitute(
-        name=name, frames=told, columns="\n".join(f"    {name}" for name in PARAMS), command=command,
-        quantities="\n".join(f"| {key} | {text} |" for key, text in ABOUT.items()), licence=f"{title} ({address})",
-        version=__version__, score=score_command(one["filter"].lower()),
-        bands=" or ".join(filter(None, (", ".join(bands[:-1]), bands[-1]))), one=one["filter"].lower(),
+        name=name,
+        frames=told,
+        columns="\n".join(f"    {name}" for name in PARAMS),
+        command=command,
+        quantities="\n".join(f"| {key} | {text} |" for key, text in ABOUT.items()),
+        licence=f"{title} ({address})",
+        version=__version__,
+        score=score_command(one["filter"].lower()),
+        bands=" or ".join(filter(None, (", ".join(bands[:-1]), bands[-1]))),
+        one=one["filter"].lower(),
         fit=FIT.format(one["psf"]) if one["psf"] else "",
         width=" and the width of the PSF are those" if one["psf"] else " is that",
-    )  # fmt: skip
+    )
     missing: tuple[str, ...] = ("| `psf/", "**PSF**") if not any(row["psf"] for row in images) else ()
     missing += ("| `gratings/", "**Spectroscopic frames**") if len(images) == len(frames) else ()
     return _without(text, missing)

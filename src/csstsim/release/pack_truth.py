@@ -41,8 +41,12 @@ COLUMNS = {  # of objects.parquet; B: each band of the pack
 }
 
 TYPES = {  # of those that are not float64
-    "id": np.int64, "obj_type": np.int8, "n_B": np.int32, "z": np.float32, "size": np.float32,
-}  # fmt: skip
+    "id": np.int64,
+    "obj_type": np.int8,
+    "n_B": np.int32,
+    "z": np.float32,
+    "size": np.float32,
+}
 
 
 def objects(run: OpenCampaign, jobs: Sequence[Job]) -> ObjectTable:
@@ -103,7 +107,7 @@ def write_truth_of_pack(
     listed = [
         {"file": frame.row["calibrated"], "filter": job.chip.filter, "kind": job.chip.kind, "corners": frame.corners}
         for job, frame in zip(jobs, frames, strict=True)
-    ]  # fmt: skip
+    ]
     with atomic_path(folder / FRAMES) as temporary:
         temporary.write_text(json.dumps({"name": run.config.name, "frames": listed}, indent=1) + "\n")
     (folder / "frames").mkdir(exist_ok=True)

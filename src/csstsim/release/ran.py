@@ -35,7 +35,8 @@ def ran(output: Path) -> Ran | None:
     cpu = 0.0
     for path in sorted((output / "logs").glob("*/*.log")):
         text = path.read_text(errors="replace")
-        first, last = _FIRST.match(text), took(text)
+        first = _FIRST.match(text)
+        last = took(text)
         if first and last:
             start = datetime.strptime(first[2], "%Y-%m-%dT%H:%M:%SZ").replace(tzinfo=UTC)
             times.append((start, start + timedelta(seconds=round(last.wall_s))))

@@ -21,9 +21,12 @@ if TYPE_CHECKING:
     from csstsim.base.types import FloatArray, IntArray
     from csstsim.catalog.table import ObjectTable
 
-SIDE, STEP = 45, 0.5  # samples along a side; image pixels of one
+# samples along a side; image pixels of one
+SIDE = 45
+STEP = 0.5
 REACH = 10  # image pixels of a star to each side
-MOST_STARS, FEWEST = 150, 5
+MOST_STARS = 150
+FEWEST = 5
 SNR = 30.0
 LINEAR_FROM = 30  # stars, for a model that changes over the image
 CHANGE = 0.3  # of the model over half of the image, in units of how unlike a Gaussian it may be
@@ -57,7 +60,8 @@ def chosen(table: ObjectTable) -> IntArray:
     rows = np.flatnonzero(good)
     if not len(rows):
         return rows
-    place, flux = np.column_stack([table["x"], table["y"]]), np.nan_to_num(table["flux_psf"])
+    place = np.column_stack([table["x"], table["y"]])
+    flux = np.nan_to_num(table["flux_psf"])
     near = cKDTree(place).query_ball_point(place[rows], NEIGHBOUR)
     alone = [all(flux[k] < FAINT * flux[row] for k in some if k != row) for row, some in zip(rows, near, strict=True)]
     rows = rows[alone]
@@ -77,11 +81,14 @@ def star_psf(
 
     ny, nx = image.shape
     inside = (x > REACH + 1) & (x < nx - REACH - 2) & (y > REACH + 1) & (y < ny - REACH - 2)
-    x, y, flux = x[inside], y[inside], flux[inside]
+    x = x[inside]
+    y = y[inside]
+    flux = flux[inside]
     if len(x) < FEWEST:
         return None
     terms = 3 if len(x) >= LINEAR_FROM else 1
-    zero, scale = ((nx + 1) / 2, (ny + 1) / 2), (nx / 2, ny / 2)
+    zero = ((nx + 1) / 2, (ny + 1) / 2)
+    scale = (nx / 2, ny / 2)
     start = _gaussian(fwhm)
     values: list[FloatArray] = []
     data: list[FloatArray] = []
@@ -117,7 +124,8 @@ def _star(
     span = np.arange(-REACH, REACH + 1)
     column, row = (v.ravel() for v in np.meshgrid(middle[0] + span, middle[1] + span))
     good = (quality[row, column] == 0) & (error[row, column] > 0)
-    column, row = column[good], row[good]
+    column = column[good]
+    row = row[good]
     near_x, weight_x = _lanczos((column - x) / STEP)
     near_y, weight_y = _lanczos((row - y) / STEP)
     near = (near_y[:, :, None] * SIDE + near_x[:, None, :]).reshape(len(row), -1)

@@ -38,11 +38,15 @@ class DrawnTable:
     def __init__(self, objects: ObjectTable, electrons: FloatArray) -> None:
         """electrons: (n,) nominal."""
         count = len(objects)
-        self.objects, self.electrons, self.flags = objects, electrons, objects["flags"].copy()
+        self.objects = objects
+        self.electrons = electrons
+        self.flags = objects["flags"].copy()
         self.rows = np.flatnonzero((self.flags & NOT_DRAWN == 0) & (electrons > 0))
-        self.drawn, self.method = np.zeros(count), np.full(count, NONE, dtype="U10")
+        self.drawn = np.zeros(count)
+        self.method = np.full(count, NONE, dtype="U10")
         self.ms, self.error, self.snr = (np.zeros(count, np.float32) for _ in range(3))
-        self.stamp, self.box = np.zeros(count, np.int32), np.zeros((count, 4), np.int32)
+        self.stamp = np.zeros(count, np.int32)
+        self.box = np.zeros((count, 4), np.int32)
 
     def flag_optics(self, outside: BoolArray, wing: Wing | None) -> None:
         """Flag the drawable objects `outside` the PSF's nodes and, if `wing` is None, those that should have a wing."""
@@ -56,9 +60,11 @@ class DrawnTable:
         Of an object of several parts, errors add up and S/N adds in squares.
         """
         if len(np.unique(rows)) == len(rows):
-            self.snr[rows], self.error[rows] = choice.snr, choice.error
+            self.snr[rows] = choice.snr
+            self.error[rows] = choice.error
             return
-        lit, square = electrons > 0, np.zeros(len(self.snr))
+        lit = electrons > 0
+        square = np.zeros(len(self.snr))
         np.add.at(square, rows, choice.snr**2)
         self.snr[rows] = np.sqrt(square[rows])
         self.error[rows] = 0.0
@@ -68,12 +74,14 @@ class DrawnTable:
         """Add to what was drawn of the objects `rows`, in which one may be named several times: electrons and boxes."""
         np.add.at(self.drawn, rows, drawn)
         lit = box[:, 1] > 0
-        low, high = self.box[:, ::2].copy(), self.box[:, 1::2].copy()
+        low = self.box[:, ::2].copy()
+        high = self.box[:, 1::2].copy()
         low[high[:, 0] == 0] = np.iinfo(np.int32).max
         np.minimum.at(low, rows[lit], box[lit][:, ::2].astype(np.int32))
         np.maximum.at(high, rows[lit], box[lit][:, 1::2].astype(np.int32))
         low[high[:, 0] == 0] = 0
-        self.box[:, ::2], self.box[:, 1::2] = low, high
+        self.box[:, ::2] = low
+        self.box[:, 1::2] = high
 
     def name_methods(self, rows: IntArray, names: AnyArray, electrons: FloatArray) -> None:
         """Record how objects were drawn: of one of several parts, how the brightest was."""
@@ -91,10 +99,18 @@ class DrawnTable:
 
     def table(self) -> ObjectTable:
         """Return the ObjectTable with the recorded values as columns."""
-        electrons, drawn = self.electrons, self.drawn
+        electrons = self.electrons
+        drawn = self.drawn
         fraction = np.divide(drawn, electrons, out=np.zeros(len(drawn)), where=electrons > 0)
         return self.objects.with_columns(
-            flags=self.flags, electrons=electrons, drawn=drawn, fraction=fraction, method=self.method, snr=self.snr,
-            error=self.error, stamp=self.stamp, **dict(zip(("x0", "x1", "y0", "y1"), self.box.T, strict=True)),
+            flags=self.flags,
+            electrons=electrons,
+            drawn=drawn,
+            fraction=fraction,
+            method=self.method,
+            snr=self.snr,
+            error=self.error,
+            stamp=self.stamp,
+            **dict(zip(("x0", "x1", "y0", "y1"), self.box.T, strict=True)),
             ms=self.ms,
-        )  # fmt: skip
+        )

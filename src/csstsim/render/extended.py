@@ -25,11 +25,16 @@ if TYPE_CHECKING:
 
 # px, half-light radius from which the object's size counts: in a wing that shows, whose inner edge lies in the box's
 # ring; in smoother light
-SHARP_PX, WIDE_PX = 1.0, 8.0
-STEPS, STEPS_LARGE, LARGE_PX = 4, 32, 16.0
-DIRECTIONS, THINNEST = 64, 2.0**-6
+SHARP_PX = 1.0
+WIDE_PX = 8.0
+STEPS = 4
+STEPS_LARGE = 32
+LARGE_PX = 16.0
+DIRECTIONS = 64
+THINNEST = 2.0**-6
 _LOG_R = np.linspace(-8.0, 18.0, 4096)
-_R, _STEP = np.exp(_LOG_R), _LOG_R[1] - _LOG_R[0]
+_R = np.exp(_LOG_R)
+_STEP = _LOG_R[1] - _LOG_R[0]
 _LOG_K2 = np.log(nodes(K2_LOW, K2_HIGH))
 _SQUARE = 2 / np.sqrt(np.pi)  # radius of the circle of a square's area, over half its side
 _LEAST = 1e-4  # of the light: less than this beyond a stamp is not drawn
@@ -76,7 +81,8 @@ def _rounded(size: float, ratio: float) -> tuple[float, float]:
 
     An ellipse thinner than THINNEST keeps its long axis.
     """
-    thin, size = ratio < THINNEST, size * np.sqrt(THINNEST / min(max(ratio, 1e-12), THINNEST))
+    thin = ratio < THINNEST
+    size = size * np.sqrt(THINNEST / min(max(ratio, 1e-12), THINNEST))
     if size < LARGE_PX and not thin:
         return _nearest(max(size, 2.0**-10), STEPS), 1.0
     return _nearest(size, STEPS_LARGE), max(_nearest(ratio, STEPS), THINNEST)

@@ -37,9 +37,12 @@ Side: TypeAlias = tuple[float, float, float, float]  # x0, x1, y0, y1 [px] from 
 WHOLE = -math.inf, math.inf, -math.inf, math.inf  # limits of a wing that no edge cuts
 _MARGIN = 14  # mesh points beyond the window; the spline is zero at its ends, an effect of 0.27^14 = 1e-8 inside
 _PHASE = np.arange(MESH) / MESH
-_SPLINE = np.stack(  # cubic B-splines at -1, 0, 1, 2 of each place between two mesh points
-    [(1 - _PHASE) ** 3, 4 - 6 * _PHASE**2 + 3 * _PHASE**3, 1 + 3 * (_PHASE + _PHASE**2 - _PHASE**3), _PHASE**3]
-) / 6  # fmt: skip
+_SPLINE = (
+    np.stack(  # cubic B-splines at -1, 0, 1, 2 of each place between two mesh points
+        [(1 - _PHASE) ** 3, 4 - 6 * _PHASE**2 + 3 * _PHASE**3, 1 + 3 * (_PHASE + _PHASE**2 - _PHASE**3), _PHASE**3]
+    )
+    / 6
+)
 _FINER = np.array([1, 4, 6, 4, 1]) / 8  # a cubic B-spline as a sum of those of half the width, -2 to 2 of them away
 
 
@@ -71,7 +74,8 @@ class FarWings:
         step, window, (table, first, reach) = MESH * FACTOR**level, self._canvas.window, annulus
         u, v = ((place - low) / step + _MARGIN for place, low in zip(at, (window.x0, window.y0), strict=True))
         edges = tuple(edge / step for edge in side)
-        mesh, weight = self._meshes[level], self._weights[level]
+        mesh = self._meshes[level]
+        weight = self._weights[level]
         return _add(mesh, weight, u, v, reach / step, table, first, edges, soft / step, float(step))
 
     def _weigh(self) -> None:
@@ -179,13 +183,16 @@ def _add(
 ) -> float:
     """Add a radial table around mesh position u, v; return the weighted sum of the added values. step: mesh [px]."""
     ny, nx = mesh.shape
-    place, total, across = np.empty(1), 0.0, np.empty(nx)
+    place = np.empty(1)
+    total = 0.0
+    across = np.empty(nx)
     for column in range(nx):
         across[column] = between(column - u, side[0], side[1], soft)
     bits = place.view(np.int64)
     for row in range(max(0, math.ceil(v - reach)), min(ny, math.floor(v + reach) + 1)):
         dy2 = (row - v) ** 2
-        half, inside = math.sqrt(max(reach**2 - dy2, 0.0)), between(row - v, side[2], side[3], soft)
+        half = math.sqrt(max(reach**2 - dy2, 0.0))
+        inside = between(row - v, side[2], side[3], soft)
         for column in range(max(0, math.ceil(u - half)), min(nx, math.floor(u + half) + 1)):
             place[0] = (dy2 + (column - u) ** 2) * step**2
             value = read(table, first, bits[0]) * inside * across[column]
@@ -197,20 +204,28 @@ def _add(
 @numba.njit(cache=True)
 def _spread(image: FloatArray, mesh: FloatArray, response: FloatArray, spline: FloatArray) -> None:
     """Add the spline's value at each pixel, times the response."""
-    line, value = np.empty(mesh.shape[1]), np.empty(MESH)
+    line = np.empty(mesh.shape[1])
+    value = np.empty(MESH)
     for y in range(image.shape[0]):
-        row, phase = y // MESH + _MARGIN - 1, y % MESH
+        row = y // MESH + _MARGIN - 1
+        phase = y % MESH
         for j in range(len(line)):
             line[j] = (
-                spline[0, phase] * mesh[row, j] + spline[1, phase] * mesh[row + 1, j]
-                + spline[2, phase] * mesh[row + 2, j] + spline[3, phase] * mesh[row + 3, j]
-            )  # fmt: skip
+                spline[0, phase] * mesh[row, j]
+                + spline[1, phase] * mesh[row + 1, j]
+                + spline[2, phase] * mesh[row + 2, j]
+                + spline[3, phase] * mesh[row + 3, j]
+            )
         for x in range(0, image.shape[1], MESH):
             j = x // MESH + _MARGIN - 1
-            a, b, c, d = line[j], line[j + 1], line[j + 2], line[j + 3]
+            a = line[j]
+            b = line[j + 1]
+            c = line[j + 2]
+            d = line[j + 3]
             for k in range(MESH):
                 value[k] = spline[0, k] * a + spline[1, k] * b + spline[2, k] * c + spline[3, k] * d
-            part, seen = image[y, x : x + MESH], response[y, x : x + MESH]
+            part = image[y, x : x + MESH]
+            seen = response[y, x : x + MESH]
             for k in range(len(part)):
                 part[k] = max(part[k] + value[k] * seen[k], 0.0)  # the spline undershoots zero where light ends
 
@@ -224,13 +239,16 @@ def _collect(weight: FloatArray, response: FloatArray, spline: FloatArray) -> No
         sums[:] = 0.0
         for y in range(first, min(first + MESH, ny)):
             for i in range(4):
-                share, line, seen = spline[i, y - first], sums[i, :nx], response[y]
+                share = spline[i, y - first]
+                line = sums[i, :nx]
+                seen = response[y]
                 for x in range(nx):
                     line[x] += share * seen[x]
         row = first // MESH + _MARGIN - 1
         for i in range(4):
             for x in range(0, nx, MESH):
-                part, j = sums[i, x : x + MESH], x // MESH + _MARGIN - 1
+                part = sums[i, x : x + MESH]
+                j = x // MESH + _MARGIN - 1
                 for m in range(4):
                     for k in range(MESH):
                         weight[row + i, j + m] += spline[m, k] * part[k]

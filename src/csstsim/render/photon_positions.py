@@ -26,9 +26,11 @@ if TYPE_CHECKING:
 # What compiled loops take of a PsfTable (words, share, bits, cells, per_pixel) and of profiles (rings, Spots.sampled)
 Cells: TypeAlias = tuple[IntArray, FloatArray, tuple[int, int], int, int]
 Shapes: TypeAlias = tuple[FloatArray, IntArray, FloatArray, FloatArray, FloatArray, IntArray, FloatArray]
-_ONE, _TWO = np.uint64(1), np.uint64(2)
+_ONE = np.uint64(1)
+_TWO = np.uint64(2)
 _S10, _S16, _S20, _S32 = (np.uint64(s) for s in (10, 16, 20, 32))
-_MASK16, _LOW32 = np.uint64(0xFFFF), np.uint64(0xFFFFFFFF)
+_MASK16 = np.uint64(0xFFFF)
+_LOW32 = np.uint64(0xFFFFFFFF)
 _TENS = np.uint64(0x3FF << 32 | 0x3FF)  # ten bits of each half of a word
 _ANGLES = 1024  # tabulated; linear in between, which enlarges the radius by up to 5e-6
 _TURN = np.stack([f(2 * np.pi / _ANGLES * (np.arange(_ANGLES) + 0.5)) for f in (np.cos, np.sin)], axis=1)
@@ -57,7 +59,8 @@ def check_scene(scene: Scene, table: PsfTable, maximum: float) -> None:
             raise ValueError(f"a value of {name} is negative: photons cannot be drawn")
     if (maximum * scene.electrons.sum(axis=1) >= 2**31).any():
         raise ValueError("an object has 2^31 electrons or more")
-    nodes, lit = scene.node[scene.weight > 0], table.share.sum(axis=(1, 2)) > 0
+    nodes = scene.node[scene.weight > 0]
+    lit = table.share.sum(axis=(1, 2)) > 0
     table.verify(nodes)
     if not lit[nodes].all():
         raise ValueError("a PSF node has no tables")
@@ -80,7 +83,8 @@ def profiles_of(scene: Scene) -> tuple[FloatArray, Shapes]:
 @numba.njit(inline="always")
 def first_word(node: int, f: int, part: int, sides: tuple[int, int]) -> int:
     """Return 2 x (index of the first word of a table) + part, where part 0 is the middle and 1 the rest."""
-    inner, outer = 1 << 2 * sides[0], 1 << 2 * sides[1]
+    inner = 1 << 2 * sides[0]
+    outer = 1 << 2 * sides[1]
     return 2 * ((4 * node + f) * (inner + outer) + part * inner) + part
 
 
@@ -116,7 +120,8 @@ def from_wing(
             draw = word(key, counter)
             counter += _ONE
             share[0] = high(draw)
-            r, angle = read(tail, _TAIL_FIRST, bits[0]), 2 * np.pi * low(draw)
+            r = read(tail, _TAIL_FIRST, bits[0])
+            angle = 2 * np.pi * low(draw)
             px[j], py[j] = r * np.cos(angle), r * np.sin(angle)
     return counter
 
@@ -130,18 +135,22 @@ def from_psf(
     inner, outer = sides
     scale = 1.0 / (1024 * per_pixel)
     # The centre of the table is the centre of the PSF
-    corner_inner, corner_outer = 1.5 - 1024 * (1 + 0.5 * (1 << inner)), 1.5 - 1024 * (1 + 0.5 * cells)
+    corner_inner = 1.5 - 1024 * (1 + 0.5 * (1 << inner))
+    corner_outer = 1.5 - 1024 * (1 + 0.5 * cells)
     for j in range(count):
         at = counter + _TWO * np.uint64(j)
-        bits, jitter = word(key, at), word(key, at + _ONE)
-        start, part = first[j] >> 1, first[j] & 1
+        bits = word(key, at)
+        jitter = word(key, at + _ONE)
+        start = first[j] >> 1
+        part = first[j] & 1
         side, corner = (outer, corner_outer) if part else (inner, corner_inner)
         slot = np.int64(bits) & ((1 << 2 * side) - 1)
         entry = np.int64(words[np.uint64(start + slot)])
         cell = slot if np.int64((bits >> _S16) & _MASK16) < (entry >> 16) else entry & 0xFFFF
         # A draw from the quadratic B-spline is the sum of three uniforms: 3 x 10 bits in each half of the word
         spline = (jitter & _TENS) + ((jitter >> _S10) & _TENS) + ((jitter >> _S20) & _TENS)
-        column, row = cell & ((1 << side) - 1), cell >> side
+        column = cell & ((1 << side) - 1)
+        row = cell >> side
         px[j] = (np.float64((column << 10) + np.int64(spline & _LOW32)) + corner) * scale
         py[j] = (np.float64((row << 10) + np.int64(spline >> _S32)) + corner) * scale
 
@@ -158,19 +167,26 @@ def from_profile(
     counter: np.uint64,
 ) -> np.uint64:
     """Add to px, py draws from a component's profile, a row of `profiles_of`; return the counter."""
-    which, share, radius = np.int64(profile[0]), profile[1], profile[2]
+    which = np.int64(profile[0])
+    share = profile[1]
+    radius = profile[2]
     if which == _POINT:
         return counter
     if which < _POINT:
         return _from_spots(count, matrix, _POINT - 1 - which, tables, px, py, key, counter)
     rings = tables[0]
-    m00, m01, m10, m11 = matrix[0, 0] * radius, matrix[0, 1] * radius, matrix[1, 0] * radius, matrix[1, 1] * radius
+    m00 = matrix[0, 0] * radius
+    m01 = matrix[0, 1] * radius
+    m10 = matrix[1, 0] * radius
+    m11 = matrix[1, 1] * radius
     for j in range(count):
         turn = word(key, counter + np.uint64(j))
         r = ring(rings, which, share, turn)
         angle = np.int64(turn >> _S32)
-        a, d = np.uint64(angle >> 22), np.float64((angle & 0x3FFFFF) - 0x200000) * _REST
-        cos, sin = r * (_TURN[a, 0] - d * _TURN[a, 1]), r * (_TURN[a, 1] + d * _TURN[a, 0])
+        a = np.uint64(angle >> 22)
+        d = np.float64((angle & 0x3FFFFF) - 0x200000) * _REST
+        cos = r * (_TURN[a, 0] - d * _TURN[a, 1])
+        sin = r * (_TURN[a, 1] + d * _TURN[a, 0])
         px[j] += m00 * cos + m01 * sin
         py[j] += m10 * cos + m11 * sin
     return counter + np.uint64(count)
@@ -189,14 +205,17 @@ def _from_spots(
 ) -> np.uint64:
     """Add to px, py draws from a group of spots (render.parts.spots), two words each; return the counter."""
     _, start, u, v, keep, other, blur = tables
-    first, number, side = start[group], start[group + 1] - start[group], blur[group]
+    first = start[group]
+    number = start[group + 1] - start[group]
+    side = blur[group]
     for j in range(count):
         at = counter + _TWO * np.uint64(j)
         place = unit(word(key, at)) * number
         k = min(np.int64(place), number - 1)
         if place - k > keep[first + k]:
             k = np.int64(other[first + k])
-        a, b = u[first + k], v[first + k]
+        a = u[first + k]
+        b = v[first + k]
         if side > 0.0:
             jitter = word(key, at + _ONE)
             spline = (jitter & _TENS) + ((jitter >> _S10) & _TENS) + ((jitter >> _S20) & _TENS)

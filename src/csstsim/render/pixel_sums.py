@@ -40,7 +40,8 @@ def pixel_sums(
             sums = out[row]
             sums[:] = 0.0
             for i in range(taps):
-                weight, part = taps_x[i], line[before + first_x + i : before + first_x + i + len(sums)]
+                weight = taps_x[i]
+                part = line[before + first_x + i : before + first_x + i + len(sums)]
                 for column in range(len(sums)):
                     sums[column] += weight * part[column]
             continue

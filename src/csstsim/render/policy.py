@@ -60,7 +60,8 @@ def choose(scene: Scene, drawing: Drawing, maximum: float = 1.0) -> Choice:
     drawing: render.drawing.Drawing, of which fidelity, variance, PSF and ghosts are used; maximum: largest response;
     photons are drawn for `maximum` times the light. Objects with ghosts are never drawn as photons.
     """
-    numbers, fidelity = load_numbers(), drawing.fidelity
+    numbers = load_numbers()
+    fidelity = drawing.fidelity
     electrons = scene.electrons.sum(axis=1)
     snr = scene.whole / noise(scene, scene.whole, drawing.variance)
     cost = costs(scene, electrons * maximum, numbers.cost)
@@ -82,14 +83,16 @@ def choose_dispersed(scene: Scene, drawing: Drawing, disperser: Disperser, maxim
     """
     assert scene.reach is not None and scene.wing is not None  # select gives them
     numbers = load_numbers()
-    electrons, eps = scene.electrons.sum(axis=1), numbers.presets[cast("Fidelity", drawing.fidelity)].eps
+    electrons = scene.electrons.sum(axis=1)
+    eps = numbers.presets[cast("Fidelity", drawing.fidelity)].eps
     px = disperser.length
     snr = scene.whole / noise(scene, scene.whole, drawing.variance, length=px)
-    cost, galaxy = numbers.cost, scene.extended
+    cost = numbers.cost
+    galaxy = scene.extended
     orders = disperser.rates.sum(axis=(0, 1, 2)) / disperser.rates[:, disperser.orders.index(1)].sum()
     shot = cost.spectrum_object + maximum * orders * electrons * np.where(
         galaxy, cost.spectrum_galaxy, cost.spectrum_star
-    )  # fmt: skip
+    )
     allowed = allowed_error(snr, drawing.psf.oversampling, eps)
     slab = cost.slab_pixel * px * (2.0 * scene.reach + 1) ** 2 + np.where(galaxy, cost.slabs_galaxy, 0.0)
     slabs = cost.slabs_star + densities(scene, fewest(_USUAL, allowed)) * slab
@@ -111,7 +114,9 @@ def _cheapest(
     """Return the Choice of the cheapest accurate method: photons, where `photons` (n,) allows them, or stamps."""
     assert scene.reach is not None and scene.wing is not None  # select gives them
     # A wing takes over where a point's stamp ends
-    shown, numbers, per_pixel = np.maximum(scene.reach, scene.wing), load_numbers(), drawing.psf.oversampling
+    shown = np.maximum(scene.reach, scene.wing)
+    numbers = load_numbers()
+    per_pixel = drawing.psf.oversampling
     errors = [predicted(m, scene, shown, snr, numbers.error, per_pixel) for m in ("photons", "stamp")]
     error = np.stack(errors, axis=1)
     allowed = np.stack(np.broadcast_arrays(photons, np.ones(len(scene), bool)), axis=1)

@@ -31,7 +31,10 @@ class Mixer:
     """The nodes of a PsfSet as spline coefficients and as transforms; the most recently used ones are cached."""
 
     def __init__(self, psf: PsfSet) -> None:
-        self.psf, self.per_pixel, self.cells, self._flux = psf, psf.oversampling, psf.image.shape[-1], psf.flux
+        self.psf = psf
+        self.per_pixel = psf.oversampling
+        self.cells = psf.image.shape[-1]
+        self._flux = psf.flux
 
         @lru_cache(_NODES_KEPT)
         def coefficients(node: int) -> FloatArray:
@@ -50,7 +53,9 @@ class Mixer:
         def envelope(node: int) -> FloatArray:
             return _envelope(transforms(node, 2 * self.cells // self.per_pixel))
 
-        self.coefficients, self.transforms, self._envelope = coefficients, transforms, envelope
+        self.coefficients = coefficients
+        self.transforms = transforms
+        self._envelope = envelope
         self._core_flux = core_flux
 
     @property
@@ -138,8 +143,10 @@ def _add(out: FloatArray, parts: FloatArray, share: FloatArray, first_row: int, 
     last_column = first_column + out.shape[1]
     for row in range(out.shape[0]):
         at = first_row + row
-        one, two = parts[0, at, first_column:last_column], parts[1, at, first_column:last_column]
-        three, four = parts[2, at, first_column:last_column], parts[3, at, first_column:last_column]
+        one = parts[0, at, first_column:last_column]
+        two = parts[1, at, first_column:last_column]
+        three = parts[2, at, first_column:last_column]
+        four = parts[3, at, first_column:last_column]
         line = out[row]
         for column in range(len(line)):
             line[column] += a * one[column] + b * two[column] + c * three[column] + d * four[column]

@@ -221,8 +221,10 @@ def _alias(weight: FloatArray, table: IntArray) -> None:
     if total <= 0:
         return
     scaled = weight * (n / total)
-    small, large = np.empty(n, np.int64), np.empty(n, np.int64)
-    ns, nl = 0, 0
+    small = np.empty(n, np.int64)
+    large = np.empty(n, np.int64)
+    ns = 0
+    nl = 0
     for i in range(n):
         if scaled[i] < 1.0:
             small[ns] = i
@@ -232,7 +234,8 @@ def _alias(weight: FloatArray, table: IntArray) -> None:
             nl += 1
     while ns > 0 and nl > 0:
         ns -= 1
-        i, j = small[ns], large[nl - 1]
+        i = small[ns]
+        j = large[nl - 1]
         kept = min(math.floor(scaled[i] * 65536.0 + 0.5), 65535.0)
         table[i] = (np.uint32(kept) << np.uint32(16)) | np.uint32(j)
         scaled[j] -= 1.0 - kept / 65536.0

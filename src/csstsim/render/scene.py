@@ -82,7 +82,8 @@ class Scene:
 def make_scene(objects: ObjectTable, wcs: ChipWCS, psf: PsfSet, exptime: float) -> Scene:
     """Return the Scene of an ObjectTable from catalog.selection.select, all of whose rows must be drawable."""
     flux = np.stack([objects[f"flux{i}"] for i in range(4)], axis=1) * exptime
-    galaxy, parts = objects["obj_type"] == GALAXY, components(objects)
+    galaxy = objects["obj_type"] == GALAXY
+    parts = components(objects)
     sersic = np.zeros((len(objects), 2, 3))
     for i, (_, index, size) in enumerate(parts):
         index = index[galaxy] if isinstance(index, np.ndarray) else index
@@ -91,10 +92,18 @@ def make_scene(objects: ObjectTable, wcs: ChipWCS, psf: PsfSet, exptime: float) 
     names = ("reach", "reach"), ("wing", "wing"), ("piece", "trail_share")
     known: dict[str, Any] = {name: objects[column] for name, column in names if column in objects}
     scene = Scene(
-        objects["id"].astype(np.int64), objects["x"].astype(float), objects["y"].astype(float), flux,
-        np.stack([light for light, *_ in parts], axis=1), sersic, shape_matrix(objects, wcs), node.astype(np.int64),
-        weight, outside, **known,
-    )  # fmt: skip
+        objects["id"].astype(np.int64),
+        objects["x"].astype(float),
+        objects["y"].astype(float),
+        flux,
+        np.stack([light for light, *_ in parts], axis=1),
+        sersic,
+        shape_matrix(objects, wcs),
+        node.astype(np.int64),
+        weight,
+        outside,
+        **known,
+    )
     if not {"knots", "image_file"} & set(objects):
         return scene
     from csstsim.render.parts.object_parts import with_parts  # which needs this module's Scene
@@ -110,7 +119,8 @@ def shape_matrix(objects: ObjectTable, wcs: ChipWCS | ImageWCS) -> FloatArray:
     the apparent position, up to 26" away, is another direction. The shape columns of points are ignored.
     """
     jacobian = wcs.jacobian(objects["ra_orig"], objects["dec_orig"], seen=(objects["ra"], objects["dec"]))
-    galaxy, names = objects["obj_type"] == GALAXY, ("e1", "e2", "kappa", "gamma1", "gamma2")
+    galaxy = objects["obj_type"] == GALAXY
+    names = ("e1", "e2", "kappa", "gamma1", "gamma2")
     e1, e2, kappa, gamma1, gamma2 = (np.where(galaxy, objects[name].astype(float), 0.0) for name in names)
     shear = np.array([[1 + e1, e2], [e2, 1 - e1]]) / np.sqrt(1 - e1**2 - e2**2)
     # The lens maps the image to the source by [[1 - k - g1, -g2], [-g2, 1 - k + g1]]; light goes the other way

@@ -49,7 +49,8 @@ def tables(far: Far, radii: tuple[float, ...]) -> list[tuple[FloatArray, int, fl
         if not lit.size:
             out.append((np.zeros((4, 2)), 0, 0.0))
             continue
-        low, high = lit[0] >> BITS, -(-(lit[-1] + 1) >> BITS)
+        low = lit[0] >> BITS
+        high = -(-(lit[-1] + 1) >> BITS)
         part = slice(low << BITS, (high << BITS) + 1)
         table = np.ascontiguousarray((far.profile * (until - before))[:, part])
         out.append((table, first_of(int(low)), float(RADII[min(lit[-1] + 1, len(RADII) - 1)])))

@@ -87,7 +87,10 @@ class Wings:
 
     def __init__(self, canvas: Canvas, wing: Wing | None, half: float) -> None:
         """wing: optics.scatter.halo.Wing, light beyond the PSF's box, or None; half: half the side of the box [px]."""
-        self.canvas, self.wing, self.half, self.meshes = canvas, wing, half, FarWings(canvas)
+        self.canvas = canvas
+        self.wing = wing
+        self.half = half
+        self.meshes = FarWings(canvas)
 
     def lay(self) -> None:
         """Add the light on the meshes to the canvas; call it once, after all objects."""
@@ -107,10 +110,13 @@ class Wings:
         flux (4,): all electrons of the object; held: Held; wing_px: radius [px] beyond which noise hides the wing, 0:
         everywhere; parts: its render.extended.Parts; near: px from which meshes take over, None: `near_of` wing_px.
         """
-        missing, haze, added = held.inside - held.drawn, 0.0, 0.0
+        missing = held.inside - held.drawn
+        haze = 0.0
+        added = 0.0
         if self.wing is not None:
             near = near_of(wing_px) if near is None else near
-            far, shown = wing_beyond(self.wing, self.half, near > 0), wing_beyond(self.wing, self.half)
+            far = wing_beyond(self.wing, self.half, near > 0)
+            shown = wing_beyond(self.wing, self.half)
             flux = flux * wing_share(flux, held.inside, shown.light)
             for part in parts:
                 wide = spread(far, part, SHARP_PX if near else WIDE_PX)
@@ -190,8 +196,10 @@ def add_ghosts(
 
 def box_on_window(window: Window, x: float, y: float, reach: float) -> Box | None:
     """Return (x0, x1, y0, y1) of the window's pixels within `reach` of x, y along both axes, or None."""
-    x0, x1 = max(math.ceil(x - reach), window.x0), min(math.floor(x + reach) + 1, window.x1)
-    y0, y1 = max(math.ceil(y - reach), window.y0), min(math.floor(y + reach) + 1, window.y1)
+    x0 = max(math.ceil(x - reach), window.x0)
+    x1 = min(math.floor(x + reach) + 1, window.x1)
+    y0 = max(math.ceil(y - reach), window.y0)
+    y1 = min(math.floor(y + reach) + 1, window.y1)
     return (x0, x1, y0, y1) if x0 < x1 and y0 < y1 else None
 
 
@@ -218,9 +226,11 @@ def _add_radial(
     square = np.empty(columns)
     bits = square.view(np.int64)
     for row in range(image.shape[0]):
-        dy2, line = (row - y) ** 2, 0.0
+        dy2 = (row - y) ** 2
+        line = 0.0
         half = math.sqrt(max(reach**2 - dy2, 0.0))
-        begin, end = max(0, math.ceil(x - half)), min(columns, math.floor(x + half) + 1)
+        begin = max(0, math.ceil(x - half))
+        end = min(columns, math.floor(x + half) + 1)
         for column in range(begin, end):
             square[column] = dy2 + (column - x) ** 2
         for column in range(begin, end):

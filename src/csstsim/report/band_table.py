@@ -23,7 +23,8 @@ def band_table(result: Mapping[str, Any], labels: Mapping[str, str]) -> Table:
     """
     rows = []
     for band, numbers in result["bands"].items():
-        star, galaxy = numbers["star"], numbers["galaxy"]
+        star = numbers["star"]
+        galaxy = numbers["galaxy"]
         rows.append((
             labels.get(band, band), numbers["frames"], _fixed(numbers["zeropoint"]), _fixed(numbers["depth_5sigma"]),
             _fixed(numbers["completeness"], 3), numbers["point_sources"], _fixed(star["median"], 4),

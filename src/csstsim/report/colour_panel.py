@@ -20,7 +20,9 @@ if TYPE_CHECKING:
 MAX_POINTS = 3000  # points drawn per kind; more would only overlap
 CONTOURS_FROM = 50  # sources; fewer are drawn as points
 SHARES = 0.9, 0.6, 0.3  # of the sources, enclosed by each contour
-CELL, BLUR = 0.05, 2.0  # side of a density cell [mag]; sigma of the smoothing [cells]
+# side of a density cell [mag]; sigma of the smoothing [cells]
+CELL = 0.05
+BLUR = 2.0
 LIMITS = (-1.5, 4.0), (-1.0, 2.5)  # mag, of the axes: they hold u - g and g - r of stars and galaxies
 KINDS = ("star or quasar", BLUE, "o"), ("galaxy", ORANGE, "s")
 
@@ -33,7 +35,9 @@ def colours(axes: Axes, colour: Mapping[str, Any], looks: Mapping[str, Look]) ->
     names = [looks[band].label for band in colour["bands"]]
     if not names:
         return False
-    given, got, galaxy = colour["input"], colour["output"], colour["galaxy"]
+    given = colour["input"]
+    got = colour["output"]
+    galaxy = colour["galaxy"]
     for (kind, tint, marker), mine in zip(KINDS, (~galaxy, galaxy), strict=True):
         n = int(mine.sum())
         if n == 0:

@@ -33,7 +33,8 @@ def found_by_magnitude(axes: Axes, result: Mapping[str, Any], arrays: Mapping[st
     labelled = set()
     for band, table in arrays["trials"].items():
         look = arrays["looks"][band]
-        galaxy, found = table["galaxy"].astype(bool), table["found"] > 0
+        galaxy = table["galaxy"].astype(bool)
+        found = table["found"] > 0
         for some, line in ((~galaxy, "-"), (galaxy, "--")):
             mag = table["mag"][some & np.isfinite(table["mag"])]
             edges = np.arange(18.0, 29.1, STEP)
@@ -43,9 +44,15 @@ def found_by_magnitude(axes: Axes, result: Mapping[str, Any], arrays: Mapping[st
             if good.any():
                 label = None if band in labelled else look.label
                 axes.plot(
-                    edges[:-1][good] + STEP / 2, seen[good] / n[good], line, color=look.colour, lw=1.3,
-                    label=label, marker=look.marker if line == "-" else None, ms=3,
-                )  # fmt: skip
+                    edges[:-1][good] + STEP / 2,
+                    seen[good] / n[good],
+                    line,
+                    color=look.colour,
+                    lw=1.3,
+                    label=label,
+                    marker=look.marker if line == "-" else None,
+                    ms=3,
+                )
                 labelled.add(band)
     axes.axhline(0.5, color="#666666", ls=":", lw=1)
     axes.set(xlim=(18, 29), ylim=(-0.03, 1.05), xlabel="true magnitude [AB]", ylabel="fraction found")
@@ -56,16 +63,23 @@ def found_by_magnitude(axes: Axes, result: Mapping[str, Any], arrays: Mapping[st
 def counts(axes: Axes, result: Mapping[str, Any], arrays: Mapping[str, Any]) -> bool:
     """Draw the ratio of merged sources to true objects against magnitude minus the depth of an exposure."""
     for band, numbers in result["bands"].items():
-        part, look = numbers["counts"], arrays["looks"][band]
+        part = numbers["counts"]
+        look = arrays["looks"][band]
         edges, given, got = (np.array(part[name], float) for name in ("edges", "in", "out"))
         good = given >= 20  # with fewer, the Poisson error exceeds 22%
         if good.any():
             x = 0.5 * (edges[1:] + edges[:-1])[good] - numbers["depth_5sigma"]
             error = np.sqrt(got[good]) / given[good]
             axes.errorbar(
-                x, got[good] / given[good], error, color=look.colour, marker=look.marker, ms=3, lw=1.2,
+                x,
+                got[good] / given[good],
+                error,
+                color=look.colour,
+                marker=look.marker,
+                ms=3,
+                lw=1.2,
                 label=look.label,
-            )  # fmt: skip
+            )
     axes.axhline(1.0, color="#666666", lw=0.8)
     axes.set(ylim=(0, 1.6), xlabel="magnitude - depth of an exposure", ylabel="merged sources / true objects")
     axes.set_title("Number counts, measured over true", fontsize=10)
@@ -81,7 +95,8 @@ def density(axes: Axes, result: Mapping[str, Any], arrays: Mapping[str, Any]) ->
         ("objects", "found", BLACK, "o", "objects of S/N > 20 that have a source"),
         ("sources", "real", ORANGE, "s", "sources that are objects"),
     ):
-        n, k = np.array(part[whole], float), np.array(part[share], float)
+        n = np.array(part[whole], float)
+        k = np.array(part[share], float)
         good = n >= FEWEST
         if good.any():
             fraction = k[good] / n[good]

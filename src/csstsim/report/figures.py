@@ -53,14 +53,20 @@ def brick_figure(
         if band in result["bands"]
     ]
     groups = (
-        (2, 1.25, [
-            partial(_completeness, curves=arrays["completeness"], looks=looks, threshold=threshold, snr_min=snr_min),
-            partial(colours, colour=arrays["colour"], looks=looks),
-        ]),
+        (
+            2,
+            1.25,
+            [
+                partial(
+                    _completeness, curves=arrays["completeness"], looks=looks, threshold=threshold, snr_min=snr_min
+                ),
+                partial(colours, colour=arrays["colour"], looks=looks),
+            ],
+        ),
         (COLUMNS, 1.0, [*bands, _legend] if bands else []),
         (3, 1.1, [partial(draw, result=result, arrays=arrays) for draw in exposure_panels.PANELS]),
         (2, 1.3, [partial(draw, arrays=arrays) for draw in (psf_panels.size, psf_panels.ellipticity)]),
-    )  # fmt: skip
+    )
     figure = _arranged(groups)
     purity = "" if result["purity"] is None else f" ({100.0 * result['purity']:.0f} % match a true object)"
     figure.suptitle(
@@ -164,15 +170,23 @@ def _completeness(
         good = n >= FEWEST
         fraction = found[good] / n[good]
         # Wilson's interval, which holds for fractions near 1 and few sources
-        z2, m = 1.0, n[good]
+        z2 = 1.0
+        m = n[good]
         mid = (fraction + z2 / (2 * m)) / (1 + z2 / m)
         half = np.sqrt(fraction * (1 - fraction) / m + z2 / (4 * m**2)) / (1 + z2 / m)
         error = np.maximum([fraction - (mid - half), mid + half - fraction], 0.0)
         shift = 1.02 ** (place - (len(drawn) - 1) / 2)  # bands side by side
         axes.errorbar(
-            middle[good] * shift, fraction, error, color=looks[band].colour, marker=looks[band].marker, ms=4, lw=1.2,
-            capsize=2, label=f"{looks[band].label} ({n.sum()})",
-        )  # fmt: skip
+            middle[good] * shift,
+            fraction,
+            error,
+            color=looks[band].colour,
+            marker=looks[band].marker,
+            ms=4,
+            lw=1.2,
+            capsize=2,
+            label=f"{looks[band].label} ({n.sum()})",
+        )
     if threshold is not None:
         axes.axhline(threshold, color="#666666", ls="--", lw=1)
     if snr_min is not None:
@@ -222,9 +236,12 @@ def _legend(axes: Axes) -> bool:
     axes.plot([], [], color="#444444", lw=2, label="running median (colour of its kind)")
     axes.plot([], [], color="#666666", ls=":", label="5 sigma depth of one exposure")
     axes.legend(
-        loc="center", fontsize=9, frameon=False, title="Magnitudes out - in, isolated sources.\n"
-        "Numbers: median and its error\nat S/N > 20 (sources)", title_fontsize=9,
-    )  # fmt: skip
+        loc="center",
+        fontsize=9,
+        frameon=False,
+        title="Magnitudes out - in, isolated sources.\nNumbers: median and its error\nat S/N > 20 (sources)",
+        title_fontsize=9,
+    )
     return True
 
 

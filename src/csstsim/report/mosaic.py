@@ -106,7 +106,8 @@ def mosaic(chips: Sequence[Chip], exposures: Iterable[Exposure], looks: Mapping[
     colours = {chip.id: BRIGHTER.get(c := looks[chip.filter.lower()].colour, c) for chip in chips}
     corners = np.concatenate([_corners(chip, chip.full_window) for chip in chips])
     (x0, y0), (x1, y1) = corners.min(axis=0), corners.max(axis=0)
-    edge, gap = 0.01 * (x1 - x0), _gap(chips)
+    edge = 0.01 * (x1 - x0)
+    gap = _gap(chips)
     box = (x0 - edge, y0 - edge - gap, x1 - x0 + 2 * edge, y1 - y0 + 2 * edge + gap)
     outlines = [_outline(chip, chip.full_window, "idle", colours) for chip in chips]
     groups = [_group(exposure, colours) for exposure in exposures]
@@ -114,7 +115,8 @@ def mosaic(chips: Sequence[Chip], exposures: Iterable[Exposure], looks: Mapping[
 
 
 def _group(exposure: Exposure, colours: Mapping[int, str]) -> dict[str, Any]:
-    detail, pictures = exposure.detail, exposure.pictures
+    detail = exposure.detail
+    pictures = exposure.pictures
     shapes = [_image(picture) for picture in (*pictures, *([detail] if detail else []))]
     shapes += [_outline(p.chip, p.chip.full_window, "chip", colours) for p in pictures]
     for p in pictures:
@@ -130,17 +132,28 @@ def _image(picture: Picture) -> Shape:
     x, bottom = _place(picture.chip, picture.window.x0, picture.window.y0)
     width, height = (-(-n // picture.step) * picture.step for n in (picture.window.nx, picture.window.ny))
     return {
-        "kind": "image", "url": data_url(picture.png), "x": f"{x:g}", "y": f"{bottom - height:g}",
-        "width": width, "height": height, "turn": _turn(picture.chip),
-    }  # fmt: skip
+        "kind": "image",
+        "url": data_url(picture.png),
+        "x": f"{x:g}",
+        "y": f"{bottom - height:g}",
+        "width": width,
+        "height": height,
+        "turn": _turn(picture.chip),
+    }
 
 
 def _outline(chip: Chip, window: Window, style: str, colours: Mapping[int, str]) -> Shape:
     x, y = _place(chip, window.x0, window.y1)
     return {
-        "kind": "outline", "style": style, "colour": colours[chip.id], "x": f"{x:g}", "y": f"{y:g}",
-        "width": window.nx, "height": window.ny, "turn": _turn(chip),
-    }  # fmt: skip
+        "kind": "outline",
+        "style": style,
+        "colour": colours[chip.id],
+        "x": f"{x:g}",
+        "y": f"{y:g}",
+        "width": window.nx,
+        "height": window.ny,
+        "turn": _turn(chip),
+    }
 
 
 def _chip_label(chip: Chip, gap: float) -> Shape:

@@ -66,7 +66,8 @@ def write_report(
     name = summary.get("name", "campaign")
     judged = verdicts.judge(results) if gates is None else verdicts.verdict_on(gates)
     results = sorted(results, key=lambda result: -_counts(result)["fail"])  # stable: ties keep their order, by number
-    links, labels = links or {}, labels or {}
+    links = links or {}
+    labels = labels or {}
     sections = [
         Section("field", "The field", list(sky)),
         Section("summary", "Summary", [Pairs({key: value for key, value in summary.items() if key != "name"})]),
@@ -86,9 +87,12 @@ def write_report(
     named = [Link(verdicts.sentence(gate), _where(gate)) for gate in failing[:NAMED]]
     named += [Link(f"and {len(failing) - NAMED} more", "#gates")] if len(failing) > NAMED else []
     html = fill(
-        "page.html", name=name, failing=named, sections=[one for one in sections if any(map(_holds, one.body))],
+        "page.html",
+        name=name,
+        failing=named,
+        sections=[one for one in sections if any(map(_holds, one.body))],
         headline=Paragraph(verdicts.headline(judged), f"verdict {Verdict(judged['passed']).style}"),
-    )  # fmt: skip
+    )
     with atomic_path(path) as temporary:
         temporary.write_text(html, encoding="utf-8")
 
@@ -160,14 +164,17 @@ def _brick_table(
     bands = list(dict.fromkeys(band for result in results for band in result["bands"]))
     rows = []
     for result in results:
-        counts, pix = _counts(result), result["brick"]
+        counts = _counts(result)
+        pix = result["brick"]
         row = {
             "brick": Link(str(pix), f"#brick-{pix}"),
             "verdict": Verdict(False if counts["fail"] else True if counts["pass"] else None),
             "gates pass / fail / not judged": " / ".join(map(str, counts.values())),
-            "frames": result["frames"], "sources": result["sources"],
-            "true objects": result["truth"], "purity": result["purity"],
-        }  # fmt: skip
+            "frames": result["frames"],
+            "sources": result["sources"],
+            "true objects": result["truth"],
+            "purity": result["purity"],
+        }
         for band in bands:
             row[labels.get(band, band)] = result["bands"].get(band, {}).get("completeness")
         rows.append(row | ({"files": links[pix]} if pix in links else {}))

@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 
 SNR = 50.0, 500.0  # of the stars
 CELLS = 8  # along each axis
-RANGE, WHISKER = 2.0, 0.01  # limit of the colours [%]; distortion of a whisker as long as a cell
+# limit of the colours [%]; distortion of a whisker as long as a cell
+RANGE = 2.0
+WHISKER = 0.01
 
 
 def size(axes: Axes, arrays: Mapping[str, Any]) -> bool:
@@ -36,7 +38,8 @@ def ellipticity(axes: Axes, arrays: Mapping[str, Any]) -> bool:
     """Draw stars' distortions minus the PSF model's as whiskers, as `size` does."""
     edges, (_, e1, e2) = _over_the_chip(arrays)
     if edges:
-        e, angle = np.hypot(e1, e2), 0.5 * np.arctan2(e2, e1)
+        e = np.hypot(e1, e2)
+        angle = 0.5 * np.arctan2(e2, e1)
         middle = np.meshgrid(*(0.5 * (edge[1:] + edge[:-1]) for edge in edges), indexing="ij")
         axes.quiver(
             *middle, e * np.cos(angle), e * np.sin(angle), headaxislength=0, headlength=0, headwidth=1, pivot="middle",
@@ -62,7 +65,8 @@ def _over_the_chip(arrays: Mapping[str, Any]) -> tuple[list[FloatArray], FloatAr
         return [], none
     edges: list[FloatArray] = [np.linspace(seen[name].min(), seen[name].max() + 1.0, CELLS + 1) for name in "xy"]
     cell = np.ravel_multi_index([np.digitize(seen[n], e[1:-1]) for n, e in zip("xy", edges, strict=True)], (CELLS,) * 2)
-    medians, full = np.full((3, CELLS**2), np.nan), np.flatnonzero(np.bincount(cell) >= FEWEST)
+    medians = np.full((3, CELLS**2), np.nan)
+    full = np.flatnonzero(np.bincount(cell) >= FEWEST)
     if not len(full):
         return [], none
     for k in full:

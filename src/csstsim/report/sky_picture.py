@@ -33,7 +33,10 @@ if TYPE_CHECKING:
     from csstsim.simulation.exposure import Exposure
 
 NODES = 9  # places along each side whose pixels are computed; those between are interpolated, to 0.01 px
-BLACK, STRETCH, SOFTENING = -1.0, 16.0, 8.0  # noise of a pixel: black, and a third of white; Lupton's Q
+# noise of a pixel: black, and a third of white; Lupton's Q
+BLACK = -1.0
+STRETCH = 16.0
+SOFTENING = 8.0
 RAY = 3.0, 0.3  # a cosmic ray is so many sigma above another frame's value, which is less than so large a share of it
 QUALITY = 90  # of JPEG
 Mark: TypeAlias = "Callable[[ImageDraw, tuple[int, int]], None]"  # draws on a picture of a size
@@ -60,7 +63,8 @@ class Grid:
         from scipy.interpolate import RectBivariateSpline
 
         ny, nx = self.shape
-        rows, columns = np.linspace(0, ny - 1, NODES), np.linspace(0, nx - 1, NODES)
+        rows = np.linspace(0, ny - 1, NODES)
+        columns = np.linspace(0, nx - 1, NODES)
         middle = (self.step - 1) / 2
         x, y = np.meshgrid(self.window.x0 + columns * self.step + middle, self.window.y0 + rows * self.step + middle)
         here, there = (cast("Observer", one.observer) for one in (self.exposure, exposure))  # a campaign's have one
@@ -86,7 +90,8 @@ def plane(grid: Grid, exposure: Exposure, file: Level0) -> FloatArray:
     from scipy.ndimage import map_coordinates
 
     x, y = grid.on(exposure)
-    part, step = _around(x, y, exposure.window), grid.step
+    part = _around(x, y, exposure.window)
+    step = grid.step
     if part is None:
         return np.full(grid.shape, np.nan)
     image = binned(file, part, step)
@@ -98,8 +103,10 @@ def plane(grid: Grid, exposure: Exposure, file: Level0) -> FloatArray:
 
 def _around(x: FloatArray, y: FloatArray, window: Window, margin: int = 2) -> Window | None:
     """Return the Window of all pixels x, y with a margin, within `window`, or None."""
-    x0, y0 = max(math.floor(x.min()) - margin, window.x0), max(math.floor(y.min()) - margin, window.y0)
-    x1, y1 = min(math.ceil(x.max()) + margin + 1, window.x1), min(math.ceil(y.max()) + margin + 1, window.y1)
+    x0 = max(math.floor(x.min()) - margin, window.x0)
+    y0 = max(math.floor(y.min()) - margin, window.y0)
+    x1 = min(math.ceil(x.max()) + margin + 1, window.x1)
+    y1 = min(math.ceil(y.max()) + margin + 1, window.y1)
     return Window(x0, x1, y0, y1) if x0 < x1 and y0 < y1 else None
 
 
@@ -114,7 +121,8 @@ def combined(planes: Sequence[FloatArray]) -> FloatArray:
 
     So most cosmic rays and hot pixels vanish where there are two planes or more. Pixels that no plane has are 0.
     """
-    low, high = np.fmin.reduce(planes), np.fmax.reduce(planes)
+    low = np.fmin.reduce(planes)
+    high = np.fmax.reduce(planes)
     if len(planes) > 2:
         middle = np.nanmedian(np.where(np.isnan(planes), low, planes), axis=0)
     else:
@@ -136,7 +144,8 @@ def jpeg(rgb: IntArray, marks: Iterable[Mark] = ()) -> bytes:
     """Return the bytes of a JPEG; the first row is at the bottom. marks: functions that draw on a PIL ImageDraw."""
     from PIL import Image, ImageDraw
 
-    stream, image = io.BytesIO(), Image.fromarray(np.ascontiguousarray(rgb[::-1]))
+    stream = io.BytesIO()
+    image = Image.fromarray(np.ascontiguousarray(rgb[::-1]))
     for mark in marks:
         mark(ImageDraw.Draw(image), image.size)
     image.save(stream, "jpeg", quality=QUALITY)
@@ -147,7 +156,9 @@ def compass(grid: Grid) -> Mark:
     """Return the mark of arrows to north and east, in the lower left corner."""
 
     def mark(draw: ImageDraw, size: tuple[int, int]) -> None:
-        font, length, corner = _font(size), 0.06 * size[0], np.array([0.1 * size[0], size[1] - 0.1 * size[0]])
+        font = _font(size)
+        length = 0.06 * size[0]
+        corner = np.array([0.1 * size[0], size[1] - 0.1 * size[0]])
         for name, (x, y) in zip("NE", grid.north_east(), strict=True):
             way = np.array([x, -y])
             draw.line([*corner, *(corner + length * way)], fill="white", width=2)
@@ -163,7 +174,8 @@ def ruler(grid: Grid) -> Mark:
     length = max((n for n in (0.5, 1, 2, 5, 10, 20, 30, 60, 120, 300) if n <= longest), default=longest)
 
     def mark(draw: ImageDraw, size: tuple[int, int]) -> None:
-        x, y = 0.96 * size[0], 0.96 * size[1]
+        x = 0.96 * size[0]
+        y = 0.96 * size[1]
         draw.line([x - length / scale, y, x, y], fill="white", width=3)
         text = f"{length / 60:g}'" if length >= 60 else f'{length:g}"'
         draw.text((x - length / scale / 2, y - 0.012 * size[0]), text, fill="white", font=_font(size), anchor="mb")

@@ -16,9 +16,13 @@ if TYPE_CHECKING:
 
 # component: colour, marker
 PARTS = {
-    "zodiacal": (BLACK, "."), "earth": (BLUE, "o"), "sun": (ORANGE, "*"), "moon": (GREEN, "x"),
-    "planets": (PURPLE, "+"), "stars": (SKY, "_"),
-}  # fmt: skip
+    "zodiacal": (BLACK, "."),
+    "earth": (BLUE, "o"),
+    "sun": (ORANGE, "*"),
+    "moon": (GREEN, "x"),
+    "planets": (PURPLE, "+"),
+    "stars": (SKY, "_"),
+}
 FAINT = 1e-9  # e-/s/px; less is none
 SHARE = 0.1  # of zodiacal light: a line marks this much earthshine
 
@@ -45,7 +49,8 @@ def sky_by_exposure(
     by_time.set_ylim(None, 50 * by_time.get_ylim()[1])  # room for the legend
     legend(by_time, loc="upper center", ncols=6, columnspacing=1.0)
     for name, parts in levels.items():
-        ratio, look = parts["earth"] / parts["zodiacal"], looks[name.lower()]
+        ratio = parts["earth"] / parts["zodiacal"]
+        look = looks[name.lower()]
         lit = parts["earth"] > FAINT
         label = f"{look.label}: {np.mean(ratio > SHARE):.0%} above {SHARE:.0%}"
         by_limb.plot(limbs[name][lit], ratio[lit], look.marker or ".", color=look.colour, ms=3, ls="", label=label)

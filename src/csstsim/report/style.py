@@ -16,11 +16,19 @@ if TYPE_CHECKING:
 
     from csstsim.instrument.filter import Filter
 
-BLUE, ORANGE, GREEN, VERMILION, PURPLE, SKY, BLACK = (
-    "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#000000",
-)  # fmt: skip
-COLOURS, MARKERS = (PURPLE, BLUE, SKY, GREEN, ORANGE, VERMILION, BLACK), "osD^v<>"  # of bands, blue to red
-GREY, DASHES = "#666666", (":", "--", "-.")  # of gratings
+BLUE = "#0072B2"
+ORANGE = "#E69F00"
+GREEN = "#009E73"
+VERMILION = "#D55E00"
+PURPLE = "#CC79A7"
+SKY = "#56B4E9"
+BLACK = "#000000"
+# of bands, blue to red
+COLOURS = (PURPLE, BLUE, SKY, GREEN, ORANGE, VERMILION, BLACK)
+MARKERS = "osD^v<>"
+# of gratings
+GREY = "#666666"
+DASHES = (":", "--", "-.")
 FEWEST = 3  # sources a bin needs to be drawn
 
 

@@ -16,7 +16,9 @@ if TYPE_CHECKING:
     from csstsim.io.level0 import Level0
 
 MOST = 384  # pixels along a thumbnail's longer side
-BLACK, WHITE = -3.0, 30.0  # sigma from the background: the black level, and the lowest white level
+# sigma from the background: the black level, and the lowest white level
+BLACK = -3.0
+WHITE = 30.0
 SOFT = 3.0  # sigma; the asinh stretch is linear below
 
 
@@ -31,11 +33,14 @@ def binned(file: Level0, window: Window, step: int) -> FloatArray:
     `file`: an open io.level0.Level0. A block of pixels that were not read is NaN.
     """
     shape = tuple(-(-n // step) for n in window.shape)
-    total, pixels = np.zeros(shape), np.zeros(shape)
+    total = np.zeros(shape)
+    pixels = np.zeros(shape)
     for channel in file.channels():
         c = channel.window
-        x0, x1 = max(c.x0, window.x0), min(c.x1, window.x1)
-        y0, y1 = max(c.y0, window.y0), min(c.y1, window.y1)
+        x0 = max(c.x0, window.x0)
+        x1 = min(c.x1, window.x1)
+        y0 = max(c.y0, window.y0)
+        y1 = min(c.y1, window.y1)
         if x0 >= x1 or y0 >= y1:
             continue
         level = _level(channel.serial_overscan)
@@ -78,7 +83,8 @@ def stretch(image: FloatArray) -> IntArray:
     level = np.median(values)
     noise = 1.4826 * np.median(np.abs(values - level)) or values.std() or 1.0
     high = max(WHITE, float(np.quantile(values, 0.999) - level) / noise)
-    low, high = np.arcsinh(BLACK / SOFT), np.arcsinh(high / SOFT)
+    low = np.arcsinh(BLACK / SOFT)
+    high = np.arcsinh(high / SOFT)
     scaled = (np.arcsinh((np.where(good, image, -np.inf) - level) / noise / SOFT) - low) / (high - low)
     return np.rint(255.0 * np.clip(scaled, 0.0, 1.0)).astype(np.uint8)
 

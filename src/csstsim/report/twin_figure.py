@@ -21,10 +21,15 @@ if TYPE_CHECKING:
     from csstsim.bricks.validation.twins import Mean
 
 PANELS = {
-    "magnitude [mag]": ("mag",), "place [px]": ("x", "y"), "ln size": ("size",), "ellipticity": ("e1", "e2"),
-    "corrected shape": ("g1", "g2"), "electrons of spectra": ("spectrum",),
-}  # fmt: skip
-COLOURS, COLUMNS = (BLUE, VERMILION), 3
+    "magnitude [mag]": ("mag",),
+    "place [px]": ("x", "y"),
+    "ln size": ("size",),
+    "ellipticity": ("e1", "e2"),
+    "corrected shape": ("g1", "g2"),
+    "electrons of spectra": ("spectrum",),
+}
+COLOURS = (BLUE, VERMILION)
+COLUMNS = 3
 SHOWN = 80.0  # percent of the objects are within a panel
 KINDS = {"star": "o", "galaxy": "s", "spectrum": "D"}
 # Number of the panel's quantity, kind, label; magnitude and difference of objects; magnitude and Mean of bins
@@ -59,15 +64,23 @@ def _panel(axes: Axes, title: str, curves: Sequence[Curve]) -> None:
     axes.axhline(0.0, color="#999999", linewidth=0.8)
     most = []
     for place, kind, label, at, each, middle, means in curves:
-        colour, shift = COLOURS[place], 0.06 * (place + (kind == "galaxy") - 0.5)
+        colour = COLOURS[place]
+        shift = 0.06 * (place + (kind == "galaxy") - 0.5)
         axes.plot(at, each, ".", color=colour, markersize=3, alpha=0.35, label=None if len(means) else label)
         value, error = (np.array([getattr(one, key) for one in means]) for key in ("mean", "error"))
         most += [np.percentile(np.abs(each), SHOWN), *(np.abs(value) + error)]
         if len(means):
             axes.errorbar(
-                middle + shift, value, error, fmt=KINDS[kind], color=colour, markersize=5, capsize=2, label=label,
+                middle + shift,
+                value,
+                error,
+                fmt=KINDS[kind],
+                color=colour,
+                markersize=5,
+                capsize=2,
+                label=label,
                 markerfacecolor="white" if kind == "galaxy" else colour,
-            )  # fmt: skip
+            )
     if max(most) > 0:
         axes.set_ylim(-1.2 * max(most), 1.2 * max(most))
     axes.set(ylabel=f"{title}, variant - base")

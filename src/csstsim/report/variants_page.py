@@ -51,9 +51,12 @@ def write_variants(path: Path, name: str, verdicts_of: Mapping[str, dict[str, An
         *(Section(f"variant-{study.name}", study.name, _study(study)) for study in studies),
     ]
     html = fill(
-        "page.html", name=f"{name}: variants", failing=[], sections=sections,
+        "page.html",
+        name=f"{name}: variants",
+        failing=[],
+        sections=sections,
         headline=Paragraph(said, f"verdict {Verdict(whole).style}"),
-    )  # fmt: skip
+    )
     with atomic_path(path) as temporary:
         temporary.write_text(html, encoding="utf-8")
 
@@ -114,7 +117,8 @@ def _study(study: Study) -> list[Part]:
          one.far, f"{one.near:+.3g}", f"{one.near_error:.2g}")
         for kind, name, one in summary(study.objects)
     ]  # fmt: skip
-    first, second = study.counts["base"], study.counts["variant"]
+    first = study.counts["base"]
+    second = study.counts["variant"]
     head = (
         "objects", "quantity", "n", "of these differ", "mean of variant - base", "error", "in errors", "scatter", "far",
         "mean without far", "its error",
@@ -122,9 +126,12 @@ def _study(study: Study) -> list[Part]:
     counts = [(_COUNTS[name], first[name], second[name], second[name] - first[name]) for name in first]
     figure = twin_figure(study.objects)
     return [
-        Pairs(study.keys), Table(("sources", "base", "variant", "variant - base"), counts), Paragraph(ABOUT),
-        Table(head, rows), *([Figure(figure, f"{study.name}: variant less base, by magnitude")] if figure else []),
-    ]  # fmt: skip
+        Pairs(study.keys),
+        Table(("sources", "base", "variant", "variant - base"), counts),
+        Paragraph(ABOUT),
+        Table(head, rows),
+        *([Figure(figure, f"{study.name}: variant less base, by magnitude")] if figure else []),
+    ]
 
 
 _COUNTS = {

@@ -158,12 +158,19 @@ def _maker(module: ModuleType, frame: str, shape: tuple[int, int], light: float)
 
     camera = _camera()
     chip, (ny, nx) = camera.chips[CHIP], shape
-    x0, y0 = chip.detector.channel_nx - nx // 2, chip.detector.channel_ny - ny // 2
+    x0 = chip.detector.channel_nx - nx // 2
+    y0 = chip.detector.channel_ny - ny // 2
     window = Window(x0, x0 + nx, y0, y0 + ny)
     pointing = Pointing(
-        (*getattr(module, "EXPOSURES", ()), "SCIE")[0], 60.0, -40.0, -113.4, "2027-06-26T20:35:58",
-        150.0, (6778.137, 0.0, 0.0), (0.0, 5.743, 5.09),
-    )  # fmt: skip
+        (*getattr(module, "EXPOSURES", ()), "SCIE")[0],
+        60.0,
+        -40.0,
+        -113.4,
+        "2027-06-26T20:35:58",
+        150.0,
+        (6778.137, 0.0, 0.0),
+        (0.0, 5.743, 5.09),
+    )
     y, x = np.indices(shape)
     image = (light * (0.01 + np.exp(-0.5 * ((x - 0.4 * nx) ** 2 + (y - 0.6 * ny) ** 2) / 4.0))).astype(np.float32)
     if frame == "readout":
@@ -211,7 +218,8 @@ def _image_faults(module: ModuleType, state: State, before: State, image: AnyArr
     """Yield what is wrong with the image a layer leaves; before: a state as the layer found it."""
     from csstsim.detector.channels import ReadoutFrame
 
-    shape, kinds = before.image.shape, ["float32", "uint16"][: 1 + (module.STAGE == "level0")]
+    shape = before.image.shape
+    kinds = ["float32", "uint16"][: 1 + (module.STAGE == "level0")]
     if getattr(module, "FRAME", FRAMES[:1] * 2) == FRAMES:
         shape = ReadoutFrame.of(state.chip.detector, state.window).shape
     if not isinstance(image, np.ndarray) or image.shape != shape:

@@ -147,7 +147,9 @@ class SimSteps:
         return InputError(message, file=self.file, key=f"layers.{keyword}", value=value, allowed=allowed)
 
     def _check_order(self) -> None:
-        stage, unit, frame = 0, "electron", "active"
+        stage = 0
+        unit = "electron"
+        frame = "active"
         names = [step.name for step in self.steps]
         for number, step in enumerate(self.steps, start=1):
             here, (takes, gives) = STAGES.index(step.module.STAGE), step.module.UNITS
@@ -167,7 +169,9 @@ class SimSteps:
             needed = getattr(step.module, "BEFORE", ())
             if needed and not set(needed) & set(names[number:]):
                 raise self._error(f"must be followed by {' or '.join(needed)}", step.keyword)
-            stage, unit, frame = here, gives, leaves
+            stage = here
+            unit = gives
+            frame = leaves
         if (STAGES[stage], unit, frame) != ("level0", "DN", "readout"):
             needed = {"prescan_overscan": frame == "active", "gain": unit != "DN", "quantization_and_output": True}
             missing = next(name for name, lacks in needed.items() if lacks)
@@ -234,7 +238,8 @@ class SimSteps:
         """
         for step in progress(self.stage(stage), stage):
             known = set(state.header)
-            wall, cpu = time.perf_counter(), time.process_time()
+            wall = time.perf_counter()
+            cpu = time.process_time()
             try:
                 state = step.module.apply(state, step.param, rng.layer(step.name))
             except CsstsimError:

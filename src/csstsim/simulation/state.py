@@ -75,9 +75,16 @@ class State:
         if not self._response:
             asked, (flat, shutter, prnu) = self.exposure, self.exposure.losses
             made = response_map(
-                asked.chip, asked.window, asked.filter, asked.exptime, asked.camera.leds, rng.camera, flat=flat,
-                shutter=shutter, prnu=rng.chip_key("prnu") if prnu else None,
-            )  # fmt: skip
+                asked.chip,
+                asked.window,
+                asked.filter,
+                asked.exptime,
+                asked.camera.leds,
+                rng.camera,
+                flat=flat,
+                shutter=shutter,
+                prnu=rng.chip_key("prnu") if prnu else None,
+            )
             self._response = (made,)
         return self._response[0]
 
@@ -98,7 +105,8 @@ class State:
 
     def take_counted(self) -> IntArray | SparsePlane | None:
         """Return the counted electrons as they are kept, an array, a SparsePlane or None; none are left."""
-        taken, self._counted = self._counted, None
+        taken = self._counted
+        self._counted = None
         return taken
 
     def _plane_of_counted(self) -> IntArray | None:

@@ -21,7 +21,9 @@ if TYPE_CHECKING:
 
 def shade(zenith: FloatArray, azimuth: FloatArray, door_azimuth: Floats, door: Door) -> FloatArray:
     """Return the fraction (0..1) of the aperture that is shaded, for beams from zenith, azimuth [deg], any shape."""
-    slant, side, turn = np.radians(zenith), np.cos(np.radians(azimuth - door_azimuth)), _turn(door)
+    slant = np.radians(zenith)
+    side = np.cos(np.radians(azimuth - door_azimuth))
+    turn = _turn(door)
     front = (side > math.cos(math.radians(door.half_width_deg))) & (slant < math.pi / 2)
     reach = door.length_m * math.cos(turn) * np.tan(np.where(front, slant, 0.0)) * side - door.length_m * math.sin(turn)
     return np.where(front, np.clip(reach / (2 * door.tube_radius_m), 0.0, 1.0), 0.0)
@@ -32,7 +34,9 @@ def scattered(zenith: FloatArray, azimuth: FloatArray, door_azimuth: Floats, doo
 
     The far rim shades the door's foot from a beam that comes from behind the aperture's plane.
     """
-    slant, side, turn = np.radians(zenith), np.cos(np.radians(azimuth - door_azimuth)), _turn(door)
+    slant = np.radians(zenith)
+    side = np.cos(np.radians(azimuth - door_azimuth))
+    turn = _turn(door)
     onto = np.maximum(math.sin(turn) * np.cos(slant) - math.cos(turn) * np.sin(slant) * side, 0.0)
     below = np.maximum(-np.cos(slant), 0.0)
     foot = 2 * door.tube_radius_m * below / np.maximum(np.sin(slant), 1e-9)
@@ -52,7 +56,8 @@ def solid_angle(door: Door) -> float:
 
 
 def _middle(door: Door) -> tuple[float, float]:
-    half, turn = door.length_m / 2, _turn(door)
+    half = door.length_m / 2
+    turn = _turn(door)
     return door.tube_radius_m + half * math.sin(turn), half * math.cos(turn)
 
 

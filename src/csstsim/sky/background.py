@@ -55,7 +55,8 @@ def band_rates(filter_: Filter, telescope: Telescope, pixel_um: float, numbers: 
     zodiacal (2,): for I = 1 in the law's two colours. The others are for transmittance 1. sun: at 1 au; earth: the
     same sunlight times the Earth's albedo; stars (kinds,), starlight: a star as bright in V as the Sun.
     """
-    wave, pixel = filter_.wavelength, (1e-6 * pixel_um) ** 2
+    wave = filter_.wavelength
+    pixel = (1e-6 * pixel_um) ** 2
     sun = sunlight(wave, numbers)
     earth = numbers.earth.albedo * read_at(wave, *numbers.earth.spectrum.T)
     kelvins = [*np.unique(numbers.stars[:, 3]), numbers.starlight.temperature]
@@ -89,7 +90,8 @@ def sky_light(
     longitude, latitude = helioecliptic(sights, sky.sun)
     level = zodiacal.intensity(longitude, latitude, numbers)
     share = zodiacal.mixture(zodiacal.elongation(longitude, latitude), numbers)
-    door_azimuth, own = angles(axes @ sky.sun)[1], in_telescope(axes, sights)
+    door_azimuth = angles(axes @ sky.sun)[1]
+    own = in_telescope(axes, sights)
     planets = magnitude_ratio(sky.planet_magnitudes, numbers)
     sources = np.array([sky.sun, sky.moon, *sky.planets])
     transmitted = seen_past_the_earth(sources, axes, own, place, door_azimuth, numbers)
@@ -108,7 +110,8 @@ def star_light(
     axes: FloatArray, sights: FloatArray, moment: Moment, numbers: SkyNumbers, stars: BoolArray | None = None
 ) -> FloatArray:
     """Return (kinds, m): light of the stars of the list by temperature, over that of the Sun at 1 au (`sky_light`)."""
-    directions, kinds = star_directions(numbers), np.unique(numbers.stars[:, 3], return_inverse=True)[1]
+    directions = star_directions(numbers)
+    kinds = np.unique(numbers.stars[:, 3], return_inverse=True)[1]
     shine = np.ones(len(kinds), bool) if stars is None else stars
     some = np.flatnonzero(shine.any(axis=0) if shine.ndim > 1 else shine)
     door_azimuth = angles(axes @ bodies(*moment, numbers).sun)[1]
@@ -176,7 +179,8 @@ def grid_mean(values: FloatArray) -> float:
 def refined(values: FloatArray, nodes: int) -> FloatArray:
     """Return (nodes^2,): the bilinear image of `values` at the nodes of a finer grid, which has those of `values`."""
     side = _side(values)
-    old, new = np.linspace(0.0, 1.0, side), np.linspace(0.0, 1.0, nodes)
+    old = np.linspace(0.0, 1.0, side)
+    new = np.linspace(0.0, 1.0, nodes)
     along = np.array([np.interp(new, old, row) for row in values.reshape(side, side)])
     return np.array([np.interp(new, old, column) for column in along.T]).T.ravel()
 

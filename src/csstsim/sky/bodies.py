@@ -47,15 +47,18 @@ def bodies(mjd: float, position: Sequence[float], velocity: Sequence[float], num
     tt = mjd_tt(mjd)
     sun, sun_au = _sun(mjd, position, velocity)
     moon = _moon(tt, position)
-    distance, phase = np.linalg.norm(moon), angle(-moon, sun_au * AU_KM * sun - moon)
+    distance = np.linalg.norm(moon)
+    phase = angle(-moon, sun_au * AU_KM * sun - moon)
     law = numbers.bodies.moon
     moon_magnitude = law.magnitude + _polynomial(law.phase, phase)
     moon_magnitude += 5.0 * math.log10(distance / law.distance_km * sun_au)
-    planets, magnitudes = [], []
+    planets = []
+    magnitudes = []
     for number, bright, *phase_law, largest in numbers.bodies.planets:
         from_sun = erfa.plan94(_MJD_ZERO, tt, int(number))["p"]
         seen = from_sun + sun_au * sun
-        near, far = np.linalg.norm(seen), np.linalg.norm(from_sun)
+        near = np.linalg.norm(seen)
+        far = np.linalg.norm(from_sun)
         planets.append(seen / near)
         turn = min(angle(seen, from_sun), largest)
         magnitudes.append(bright + 5.0 * math.log10(near * far) + _polynomial(phase_law, turn))
@@ -70,7 +73,8 @@ def exposure_angles(
     sun, moon: angle to the boresight; limb: boresight's angle from the Earth's limb, negative if the Earth is in the
     way; limb_sun: elevation of the Sun at the nearest point of that limb, negative at night.
     """
-    boresight, place = unit_vectors(ra, dec), np.array(position, dtype=float)
+    boresight = unit_vectors(ra, dec)
+    place = np.array(position, dtype=float)
     sun, _ = _sun(mjd, position, velocity)
     zenith = place / np.linalg.norm(place)
     across = boresight - (boresight @ zenith) * zenith

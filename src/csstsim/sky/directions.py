@@ -45,5 +45,6 @@ def helioecliptic(direction: FloatArray, sun: FloatArray) -> tuple[FloatArray, F
 
 def _ecliptic(v: FloatArray) -> tuple[FloatArray, FloatArray]:
     x, y, z = np.moveaxis(np.asarray(v), -1, 0)
-    c, s = math.cos(OBLIQUITY), math.sin(OBLIQUITY)
+    c = math.cos(OBLIQUITY)
+    s = math.sin(OBLIQUITY)
     return np.degrees(np.arctan2(c * y + s * z, x)), np.degrees(np.arctan2(c * z - s * y, np.hypot(x, c * y + s * z)))

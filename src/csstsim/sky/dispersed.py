@@ -41,7 +41,8 @@ _ITERATIONS = 5  # each reduces the error by a factor 500, because dF is that cl
 
 def nominal_spectrum(filter_: Filter, numbers: SkyNumbers) -> FloatArray:
     """Return S, as `sky_spectrum`, of the nominal sky of filters.yaml: zodiacal light far from the Sun + earthshine."""
-    wave, here = filter_.wavelength, np.array([V_BAND])
+    wave = filter_.wavelength
+    here = np.array([V_BAND])
     earth = numbers.earth.nominal * read_at(wave, *numbers.earth.spectrum.T)
     zodi, zodi_v = (zodiacal.spectrum(at, numbers)[1] / sunlight(at, numbers) for at in (wave, here))
     shape = sunlight(wave, numbers) * (zodi / zodi_v + earth)
@@ -83,7 +84,8 @@ def disperse(
         for grating, piece in gratings.pieces
         for order in grating.orders.values()
     )
-    lines, total = np.maximum(shares, 0.0).astype(np.float32), 0.0
+    lines = np.maximum(shares, 0.0).astype(np.float32)
+    total = 0.0
     for first in range(0, window.ny, _STRIP):
         rows = slice(first, min(first + _STRIP, window.ny))
         seen = np.empty((0, 0), np.float32) if response is None else response[rows]
@@ -99,12 +101,14 @@ def order_rows(
     piece: (x0, x1, y0, y1) of its direct images.
     """
     first, last = np.flatnonzero(order.throughput)[[0, -1]]
-    wave, weights = GRID[[first, last]], (GRID[1] - GRID[0]) * (spectrum * order.throughput)[first : last + 1]
+    wave = GRID[[first, last]]
+    weights = (GRID[1] - GRID[0]) * (spectrum * order.throughput)[first : last + 1]
     sides = [_edge(order, x, rows[:, None], wave) - (window.x0 - 0.5) for x in piece[:2]]
     ends = [edge - (rows[:, None] - 0.5) for edge in _ends(order, piece, wave)]
     steps = np.zeros((2, len(rows), window.x1 - window.x0))
     _add_steps(steps, weights, *sides, *ends)
-    nodes, columns = _nodes(window.x0, window.x1), np.arange(window.x0, window.x1)
+    nodes = _nodes(window.x0, window.x1)
+    columns = np.arange(window.x0, window.x1)
     density = _density(order, nodes[:, None], rows[:, None, None], wave)
     out = np.cumsum(steps, axis=2)
     for k in range(2):
@@ -153,12 +157,15 @@ def _density(order: Order, columns: FloatArray, rows: FloatArray, wave: FloatArr
     x, y = (v + 0.0 * (columns + rows + wave) for v in (columns, rows))
     for _ in range(_ITERATIONS):
         there = landing(order, x, y, wave)
-        x, y = x + columns - there[0], y + rows - there[1]
+        x = x + columns - there[0]
+        y = y + rows - there[1]
     (xx, yx), (xy, yy) = (
-        [0.5 * (b - a) for a, b in zip(landing(order, x - dx, y - dy, wave), landing(order, x + dx, y + dy, wave),
-                                       strict=True)]
+        [
+            0.5 * (b - a)
+            for a, b in zip(landing(order, x - dx, y - dy, wave), landing(order, x + dx, y + dy, wave), strict=True)
+        ]
         for dx, dy in ((1.0, 0.0), (0.0, 1.0))
-    )  # fmt: skip
+    )
     return 1.0 / np.abs(xx * yy - xy * yx)
 
 
@@ -202,14 +209,19 @@ def _add_strip(image: FloatArray, sky: FloatArray, response: FloatArray, rows: F
 
     lines: given at `rows` (n,) from the image's first row; linear in between.
     """
-    j, nx = 0, image.shape[1]
-    light, lanes = np.empty(-(-nx // _LANES) * _LANES, np.float32), np.zeros(_LANES)
+    j = 0
+    nx = image.shape[1]
+    light = np.empty(-(-nx // _LANES) * _LANES, np.float32)
+    lanes = np.zeros(_LANES)
     light[nx:] = 0.0
     for y in range(image.shape[0]):
         while rows[j + 1] < y:
             j += 1
         upper = np.float32((y - rows[j]) / (rows[j + 1] - rows[j]))
-        below, above, level, line = lines[j], lines[j + 1], sky[y], image[y]
+        below = lines[j]
+        above = lines[j + 1]
+        level = sky[y]
+        line = image[y]
         for x in range(nx):
             light[x] = level[x] * (below[x] + upper * (above[x] - below[x]))
         for x in range(0, len(light), _LANES):

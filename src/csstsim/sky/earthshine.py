@@ -28,8 +28,10 @@ def segments(place: FloatArray, sun: FloatArray, rings: int) -> tuple[FloatArray
     A weight is solid angle [sr] times the cosine of the Sun's zenith angle there, over pi. Times the albedo it is the
     segment's irradiance over the Sun's. sun: unit vector.
     """
-    distance, radius = float(np.linalg.norm(place)), earth_radius(place)
-    edges, many = np.linspace(0.0, radius, rings + 1), 3 * rings // 2
+    distance = float(np.linalg.norm(place))
+    radius = earth_radius(place)
+    edges = np.linspace(0.0, radius, rings + 1)
+    many = 3 * rings // 2
     nadir = 0.5 * (edges[1:] + edges[:-1])
     turn = 2 * math.pi * (np.arange(many) + 0.5) / many
     down = -place / distance

@@ -17,8 +17,10 @@ def expand(image: FloatArray, grid: FloatArray, rows: IntArray, v: FloatArray, s
     for y in range(image.shape[0]):
         line = (1 - v[y]) * grid[rows[y]] + v[y] * grid[rows[y] + 1]
         for j in range(len(starts) - 1):
-            left, step = np.float32(line[j]), np.float32(line[j + 1] - line[j])
-            part, place = image[y, starts[j] : starts[j + 1]], u[starts[j] : starts[j + 1]]
+            left = np.float32(line[j])
+            step = np.float32(line[j + 1] - line[j])
+            part = image[y, starts[j] : starts[j + 1]]
+            place = u[starts[j] : starts[j + 1]]
             for x in range(len(part)):
                 part[x] += left + step * place[x]
 

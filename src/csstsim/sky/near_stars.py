@@ -31,7 +31,8 @@ def pixels_off(directions: FloatArray, exposure: Exposure) -> FloatArray:
 
     The larger of the distances along x and y, as objects are selected; inf more than 5 deg from the boresight.
     """
-    pointing, window = exposure.pointing, exposure.window
+    pointing = exposure.pointing
+    window = exposure.window
     off = np.full(len(directions), np.inf)
     some = np.flatnonzero(angle(directions, unit_vectors(pointing.ra, pointing.dec)) < _LOOKED_AT)
     seen_from = observer(pointing.mjd, pointing.sat_position, pointing.sat_velocity)

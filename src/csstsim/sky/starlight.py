@@ -22,7 +22,9 @@ if TYPE_CHECKING:
     from csstsim.sky.parameters import SkyNumbers
 
 FAINT_MAGNITUDE = 10.0  # V of the stars that `starlight.brightness` counts
-RINGS, TURNS = 40, 24  # twice as many of both change the light by less than 1%
+# twice as many of both change the light by less than 1%
+RINGS = 40
+TURNS = 24
 AHEAD = np.array([[0.0, 0.0, 1.0]])
 
 
@@ -47,8 +49,10 @@ def faint_starlight(axes: FloatArray, place: FloatArray, door_azimuth: Floats, n
 def _rings(first: float) -> tuple[FloatArray, FloatArray]:
     """Return unit vectors (n, 3) in the telescope's frame from zenith angle `first` to 90 [deg], their areas [deg2]."""
     edges = np.radians(np.geomspace(first, 90.0, RINGS + 1))
-    slant, turn = np.sqrt(edges[1:] * edges[:-1]), 2 * np.pi * (np.arange(TURNS) + 0.5) / TURNS
-    rho, z = np.sin(slant)[:, None], np.cos(slant)[:, None]
+    slant = np.sqrt(edges[1:] * edges[:-1])
+    turn = 2 * np.pi * (np.arange(TURNS) + 0.5) / TURNS
+    rho = np.sin(slant)[:, None]
+    z = np.cos(slant)[:, None]
     seen = np.stack(np.broadcast_arrays(rho * np.sin(turn), rho * np.cos(turn), z), axis=-1)
     area = np.broadcast_to(np.diff(-np.cos(edges))[:, None] * np.degrees(1) ** 2 * 2 * np.pi / TURNS, seen.shape[:2])
     return seen.reshape(-1, 3), area.ravel()

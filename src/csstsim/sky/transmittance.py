@@ -22,11 +22,13 @@ if TYPE_CHECKING:
 def transmittance(zenith: FloatArray, azimuth: FloatArray, numbers: SkyNumbers) -> FloatArray:
     """Return PST at zenith, azimuth [deg], of one shape; held below the first zenith angle, 0 beyond the last."""
     table = numbers.transmittance
-    first, log = table.azimuth[0], np.log(table.matrix)
+    first = table.azimuth[0]
+    log = np.log(table.matrix)
     log = np.column_stack([log, log[:, 0]])
     i, u = _cell(np.log(table.zenith), np.log(np.maximum(zenith, table.zenith[0])))
     j, v = _cell(np.append(table.azimuth, first + 360.0), (np.asarray(azimuth) - first) % 360.0 + first)
-    near, far = (1 - v) * log[i, j] + v * log[i, j + 1], (1 - v) * log[i + 1, j] + v * log[i + 1, j + 1]
+    near = (1 - v) * log[i, j] + v * log[i, j + 1]
+    far = (1 - v) * log[i + 1, j] + v * log[i + 1, j + 1]
     return np.where(np.asarray(zenith) > table.zenith[-1], 0.0, np.exp((1 - u) * near + u * far))
 
 
@@ -42,13 +44,15 @@ def total(sources: FloatArray, sights: FloatArray, door_azimuth: Floats, numbers
     Unit vectors in the telescope's frame (csstsim.sky.directions); door_azimuth [deg].
     """
     zenith, azimuth = angles(sources)
-    door, front = numbers.door, zenith < 90.0
+    door = numbers.door
+    front = zenith < 90.0
     open_ = 1.0 - shade(zenith[front], azimuth[front], door_azimuth, door)
     ahead = sources[front]
     direct = np.zeros((len(sights), len(sources)))
     slant = angle(sights[:, None, :], ahead[None, :, :])
     direct[:, front] = open_ * transmittance(slant, azimuth_from(sights, ahead), numbers)
-    slant, turn = np.radians(zenith_angle(door)), np.radians(door_azimuth)
+    slant = np.radians(zenith_angle(door))
+    turn = np.radians(door_azimuth)
     middle = np.array([[np.sin(slant) * np.sin(turn), np.sin(slant) * np.cos(turn), np.cos(slant)]])
     off_door = transmittance(angle(sights, middle), azimuth_from(sights, middle)[:, 0], numbers)
     return direct + off_door[:, None] * scattered(zenith, azimuth, door_azimuth, door)

@@ -34,10 +34,13 @@ def intensity(longitude: Floats, latitude: Floats, numbers: SkyNumbers) -> Float
     nearest = elongation(lon, lat).min(initial=180.0)
     if nearest < numbers.zodiacal.nearest - 1e-9:
         raise InputError(
-            "too close to the Sun for the table of zodiacal light", key="elongation [deg]",
-            value=round(float(nearest), 3), allowed=f"{numbers.zodiacal.nearest} or more",
-        )  # fmt: skip
-    table, axes = _filled(numbers), numbers.zodiacal
+            "too close to the Sun for the table of zodiacal light",
+            key="elongation [deg]",
+            value=round(float(nearest), 3),
+            allowed=f"{numbers.zodiacal.nearest} or more",
+        )
+    table = _filled(numbers)
+    axes = numbers.zodiacal
     columns = [sample_curve(np.column_stack([axes.longitude, c]), lon.ravel()) for c in table.T]
     rows = zip(np.transpose(columns), lat.ravel(), strict=True)
     log = [sample_curve(np.column_stack([axes.latitude, row]), np.array([b]))[0] for row, b in rows]
@@ -55,7 +58,8 @@ def _filled(numbers: SkyNumbers) -> FloatArray:
     They only support the interpolation beyond 15 deg. Each extrapolates its column as a power law of elongation
     through the column's first two known cells.
     """
-    axes, log = numbers.zodiacal, np.log(numbers.zodiacal.intensity)
+    axes = numbers.zodiacal
+    log = np.log(numbers.zodiacal.intensity)
     away = np.log(np.maximum(elongation(axes.longitude[:, None], axes.latitude[None, :]), 5.0))
     for j in np.flatnonzero(np.isnan(log).any(axis=0)):
         empty = np.isnan(log[:, j])

@@ -43,23 +43,33 @@ def calibrate(run: OpenCampaign, job: Job) -> None:
 
     if job.chip.kind != "imaging" or job.pointing.type != "SCIE":
         raise InputError(
-            "only science exposures of imaging chips have calibrated images", file=run.file, key="chip",
+            "only science exposures of imaging chips have calibrated images",
+            file=run.file,
+            key="chip",
             value=f"{job.chip.id} ({job.chip.filter}) in {job.pointing.type}",
-        )  # fmt: skip
+        )
     file, frame = calibrated_frame(run, job)
     quality = mend(frame, psf_model(open_psf(run, job.chip), (job.window.x0, job.window.y0), job.window.shape))
-    image, error, rate = frame.electrons, frame.sigma(), 1.0 / job.pointing.exptime
+    image = frame.electrons
+    error = frame.sigma()
+    rate = 1.0 / job.pointing.exptime
     background = float(np.median(image))
     subtract_background(image, quality)
     background -= float(np.median(image))
     image *= rate
     error *= rate
-    path, filter_ = run.paths.calibrated(*job.key), run.camera.filters[job.chip.filter]
+    path = run.paths.calibrated(*job.key)
+    filter_ = run.camera.filters[job.chip.filter]
     write_calibrated(
-        path, file, job.wcs, (image, error, quality), background=background * rate,
-        zeropoint=filter_.zeropoint(run.camera.telescope), read_noise=float(np.mean(list(frame.read_noise.values()))),
+        path,
+        file,
+        job.wcs,
+        (image, error, quality),
+        background=background * rate,
+        zeropoint=filter_.zeropoint(run.camera.telescope),
+        read_noise=float(np.mean(list(frame.read_noise.values()))),
         settings=run.measurement,
-    )  # fmt: skip
+    )
     print(f"{path}: {100 * (quality > 0).mean():.3f}% of the pixels are flagged")
 
 
@@ -94,15 +104,21 @@ def calibrated_of(
     from csstsim.measure.calibration.charge_correction import put_back
 
     streams = run.streams(job, "measure")
-    steps, detector = run.steps[job.pointing.type], run.camera.detector
+    steps = run.steps[job.pointing.type]
+    detector = run.camera.detector
     from_frames = run.config.measurement.calibration == "frames"
     own = None if from_frames or not steps.step("bias") else job.chip.maps.bias
-    traps, passes = steps.step("cte_effect"), run.config.measurement.cti_passes
+    traps = steps.step("cte_effect")
+    passes = run.config.measurement.cti_passes
     correct = partial(
-        put_back, detector=detector, window=job.window, traps=traps.param if traps else None, passes=passes,
+        put_back,
+        detector=detector,
+        window=job.window,
+        traps=traps.param if traps else None,
+        passes=passes,
         spread=steps.step("brighter_fatter") is not None,
         rng=Streams(run.config.seed, job.obsid, -job.chip.id, "measure") if from_frames else streams,
-    )  # fmt: skip
+    )
     return to_electrons(
         file.frame(), file.readout, file.gain, nonlinearity=file.nonlinearity, adc_max=detector.adc_max,
         full_well=detector.full_well, response=response, bad=bad, offset=offset,
@@ -116,14 +132,23 @@ def _response(
     """Return the optics.throughput.response.Response of a job's frame; None if it is 1 everywhere."""
     from csstsim.optics.throughput.response import Response
 
-    exposure, losses = job.exposure, job.exposure.losses
+    exposure = job.exposure
+    losses = job.exposure.losses
     key = streams.chip_key("prnu") if prnu and losses.prnu else None
     if not (losses.flat or losses.shutter) and key is None and master is None:
         return None
     return Response(
-        exposure.chip, exposure.window, exposure.filter, exposure.exptime, run.camera.leds, streams.camera,
-        flat=losses.flat, shutter=losses.shutter, prnu=key, master=master,
-    )  # fmt: skip
+        exposure.chip,
+        exposure.window,
+        exposure.filter,
+        exposure.exptime,
+        run.camera.leds,
+        streams.camera,
+        flat=losses.flat,
+        shutter=losses.shutter,
+        prnu=key,
+        master=master,
+    )
 
 
 def _by_truth(run: OpenCampaign, job: Job, streams: Streams) -> tuple[Response | None, BoolArray | None, None]:

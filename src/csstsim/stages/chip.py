@@ -55,7 +55,8 @@ def simulate(run: OpenCampaign, job: Job, say: Callable[[str], object] = print) 
     Returns its State at the end (image: DN, uint16, the window's readout frame) and its provenance, from which
     io.level0 makes the header.
     """
-    state, timer = light(run, job, say), Timer("readout")
+    state = light(run, job, say)
+    timer = Timer("readout")
     state = read_out(run, state, run.streams(job))
     state.header["stages"].append(timer.entry())
     return digitised(run, job, state, Timer("level0"))

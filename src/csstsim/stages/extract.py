@@ -107,9 +107,11 @@ def _write_image(
     primary = [card("OBSID", job.obsid), card("CHIP", job.chip.id), card("KNOWN", known, "from where the light is")]
     window = job.window
     plane = [
-        card("BUNIT", "electron"), card("FAINTEST", frame.faintest, "[electron] less in a pixel is left out"),
-        card("X0", window.x0, "first column, on the chip, from 0"), card("Y0", window.y0, "first row"),
-    ]  # fmt: skip
+        card("BUNIT", "electron"),
+        card("FAINTEST", frame.faintest, "[electron] less in a pixel is left out"),
+        card("X0", window.x0, "first column, on the chip, from 0"),
+        card("Y0", window.y0, "first row"),
+    ]
     assert callable(frame.others)  # as spectra_of_frame gives it
     with atomic_path(path) as temporary:
         light = frame.others(faintest=frame.faintest)
@@ -140,20 +142,26 @@ def spectra_of_frame(
             allowed=f"{chips}, in SCIE exposures with the layer scie_obs",
         )
     file, calibrated = calibrated_frame(run, job)
-    path, truth, psf = run.paths.level0_orders(job), truth_of(run, job), open_psf(run, job.chip)
+    path = run.paths.level0_orders(job)
+    truth = truth_of(run, job)
+    psf = open_psf(run, job.chip)
     gratings = run.camera.gratings[job.chip.id]
     orders = read_orders(path)
     check_recipe(path, orders.meta, run.recipe(job))
     check_orders(path, orders, len(truth), gratings)
     truth.meta["truth_hash"] = file.header0.get("TRUTHASH")  # a catalogue is opened again only if it is the same
-    shapes, spectra, disperser = shapes_of(truth, job.wcs), object_spectra(run, job, truth), run.disperser(job)
+    shapes = shapes_of(truth, job.wcs)
+    spectra = object_spectra(run, job, truth)
+    disperser = run.disperser(job)
     assert spectra is not None and disperser is not None  # of a spectroscopic chip
     sources = Sources(shapes, spectra, disperser.edges)
     middle = 0.5 * (job.window.x0 + job.window.x1), 0.5 * (job.window.y0 + job.window.y1)
-    wing, photons = read_scattered(psf).wing, run.camera.telescope.area_m2 * job.pointing.exptime
+    wing = read_scattered(psf).wing
+    photons = run.camera.telescope.area_m2 * job.pointing.exptime
     model = make_model(gratings, photons, psf.at(*middle), psf.oversampling, psf.wavelength, wing)
     frame = DispersedImage.of(calibrated, job.window)
-    settings, own = contamination or run.config.measurement.contamination, None
+    settings = contamination or run.config.measurement.contamination
+    own = None
     others: Callable[..., FloatArray]
     if settings.known_from == "truth":
         others = partial(model.image, orders, shapes, spectra, sources.edges, job.window)

@@ -22,9 +22,11 @@ if TYPE_CHECKING:
     from csstsim.simulation.state import State
 
 MADE_WITH = {
-    "campaign": "another seed, catalogue or PSF", "camera": "another camera", "layers": "other layers",
+    "campaign": "another seed, catalogue or PSF",
+    "camera": "another camera",
+    "layers": "other layers",
     "exposure": "another row of the survey table",
-}  # fmt: skip
+}
 
 
 @one_thread
@@ -117,14 +119,18 @@ def own_level0(run: OpenCampaign, job: Job) -> Level0:
     from csstsim.io.keywords import RECIPE
     from csstsim.io.level0 import read_level0
 
-    path, recipe = run.paths.level0(job), run.recipe(job)
+    path = run.paths.level0(job)
+    recipe = run.recipe(job)
     made(path, f"chip {run.file} {job.options}")
     file = read_level0(path, verify=True)
     check_release(path, file.header0.get("SIMVER"))
     for name, keyword in RECIPE.items():
         if file.header0.get(keyword) != recipe[name]:
             raise InputError(
-                f"made with {MADE_WITH[name]} than now: undo the change, or make the file again", file=path,
-                key=keyword, value=file.header0.get(keyword), allowed=recipe[name],
-            )  # fmt: skip
+                f"made with {MADE_WITH[name]} than now: undo the change, or make the file again",
+                file=path,
+                key=keyword,
+                value=file.header0.get(keyword),
+                allowed=recipe[name],
+            )
     return file

@@ -28,9 +28,12 @@ def masters(run: OpenCampaign, chip_id: int) -> None:
 
     if chip_id not in run.calibration_jobs:
         raise InputError(
-            f"chip {chip_id} has too few full-frame calibration exposures", file=run.file, key="chip", value=chip_id,
+            f"chip {chip_id} has too few full-frame calibration exposures",
+            file=run.file,
+            key="chip",
+            value=chip_id,
             allowed=f"{FEWEST_CALIBRATIONS} of each {', '.join(CALIBRATIONS)}",
-        )  # fmt: skip
+        )
     jobs = run.calibration_jobs[chip_id]
     exposures = {
         kind: map(partial(_raw, run), progress([j for j in jobs if j.pointing.type == kind], f"{kind} frames"))
@@ -41,9 +44,13 @@ def masters(run: OpenCampaign, chip_id: int) -> None:
         raise InputError("dark exposures differ in time", file=run.file, key="exptime", value=sorted(seconds))
     made = make_masters(exposures, *seconds)
     meta = {
-        "product": "master calibration frames", "csstsim": __version__, "dark [e-/s]": made.dark, "offset": made.offset,
-        "exposures": [job.obsid for job in jobs], "recipes": [run.recipe(job) for job in jobs],
-    }  # fmt: skip
+        "product": "master calibration frames",
+        "csstsim": __version__,
+        "dark [e-/s]": made.dark,
+        "offset": made.offset,
+        "exposures": [job.obsid for job in jobs],
+        "recipes": [run.recipe(job) for job in jobs],
+    }
     path = run.paths.masters(chip_id)
     save_frame(path, {"flat": made.flat, "bad": made.bad.astype(np.uint8)}, meta | masters_recipe(run, chip_id))
     print(f"{path}: {100 * made.bad.mean():.3f}% of the pixels are bad, dark {made.dark:.4f} e-/s")
@@ -51,7 +58,8 @@ def masters(run: OpenCampaign, chip_id: int) -> None:
 
 def masters_recipe(run: OpenCampaign, chip_id: int) -> dict[str, str | int]:
     """Return what decides the detector: masters of another detector do not fit."""
-    camera, chip = run.camera, run.camera.chips[chip_id]
+    camera = run.camera
+    chip = run.camera.chips[chip_id]
     return {"camera": camera.digest_for("level0", chip=chip), "seed": run.config.seed, "chip": chip_id}
 
 
@@ -59,8 +67,14 @@ def _raw(run: OpenCampaign, job: Job) -> Calibrated:
     """Return a calibration exposure in electrons, as Calibrated."""
     from csstsim.measure.calibration.calibrate import calibrate as to_electrons
 
-    file, detector = own_level0(run, job), run.camera.detector
+    file = own_level0(run, job)
+    detector = run.camera.detector
     return to_electrons(
-        file.frame(), file.readout, file.gain, nonlinearity=file.nonlinearity, adc_max=detector.adc_max,
-        full_well=detector.full_well, levels=file.levels,
-    )  # fmt: skip
+        file.frame(),
+        file.readout,
+        file.gain,
+        nonlinearity=file.nonlinearity,
+        adc_max=detector.adc_max,
+        full_well=detector.full_well,
+        levels=file.levels,
+    )

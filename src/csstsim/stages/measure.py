@@ -29,10 +29,17 @@ def measure(run: OpenCampaign, job: Job) -> None:
         return
     file, calibrated = calibrated_frame(run, job)
     table = measure_frame(
-        calibrated, open_psf(run, job.chip), job.wcs, file.observer, obsid=job.obsid, chip=job.chip,
-        filter=run.camera.filters[job.chip.filter], telescope=run.camera.telescope, pointing=job.pointing,
+        calibrated,
+        open_psf(run, job.chip),
+        job.wcs,
+        file.observer,
+        obsid=job.obsid,
+        chip=job.chip,
+        filter=run.camera.filters[job.chip.filter],
+        telescope=run.camera.telescope,
+        pointing=job.pointing,
         window=job.window,
-    )  # fmt: skip
+    )
     table.write(run.paths.measure(*job.key), table.meta | {"recipe": run.recipe(job, "measure")})
     print(f"{number_of(len(table), 'source')}, 5 sigma at {table.meta['depth_5sigma']:.2f} AB")
 

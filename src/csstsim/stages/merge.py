@@ -24,13 +24,18 @@ def merge(run: OpenCampaign, pix: int) -> None:
 
     jobs = jobs_on(run, pix)
     sources, detections = merge_brick(
-        pix, (_timed(measured_table(run, job, DETECTION_COLUMNS), job) for job in progress(jobs, "frames")),
+        pix,
+        (_timed(measured_table(run, job, DETECTION_COLUMNS), job) for job in progress(jobs, "frames")),
         run.camera.bands,
-    )  # fmt: skip
+    )
     metadata = {
-        "product": "merged brick", "csstsim": __version__, "campaign": run.config.name, "brick": pix,
-        "recipe": run.brick_recipe(pix), "frames": len(jobs),
-    }  # fmt: skip
+        "product": "merged brick",
+        "csstsim": __version__,
+        "campaign": run.config.name,
+        "brick": pix,
+        "recipe": run.brick_recipe(pix),
+        "frames": len(jobs),
+    }
     write_merged(run.paths.merge(pix), sources, detections, metadata)
     print(f"{number_of(len(sources), 'source')} from {number_of(len(detections), 'detection')}")
 
@@ -39,7 +44,8 @@ def _timed(table: ObjectTable, job: Job) -> ObjectTable:
     """Return a job's measured table with the columns bricks.merge.TIMES."""
     import numpy as np
 
-    interval, count = job.exposure.interval, len(table)
+    interval = job.exposure.interval
+    count = len(table)
     return table.with_columns(mjd=np.full(count, interval.middle), exptime=np.full(count, interval.exptime))
 
 
@@ -47,7 +53,10 @@ def jobs_on(run: OpenCampaign, pix: int) -> list[Job]:
     """Return the jobs that were measured on a brick. Raises InputError if there are none."""
     if pix not in run.merge_bricks:
         raise InputError(
-            "not touched by a measured frame of this campaign", file=run.file, key="brick", value=pix,
+            "not touched by a measured frame of this campaign",
+            file=run.file,
+            key="brick",
+            value=pix,
             allowed=", ".join(map(str, run.merge_bricks)) or "none",
-        )  # fmt: skip
+        )
     return run.merge_bricks[pix]

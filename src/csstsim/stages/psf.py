@@ -45,16 +45,26 @@ def _make_set(run: OpenCampaign, chip: Chip) -> None:
     from csstsim.optics.psf.psf_set import make_psf
     from csstsim.optics.scatter.scattered_light import scattered_light
 
-    camera, config = run.camera, run.config.psf
-    path, filter_, digest = run.paths.psf(chip.id), camera.filters[chip.filter], camera.digest_for("psf")
+    camera = run.camera
+    config = run.config.psf
+    path = run.paths.psf(chip.id)
+    filter_ = camera.filters[chip.filter]
+    digest = camera.digest_for("psf")
     if library := run.psf_library:
         convert(library, path, chip, filter_, sample=config.library_sample, camera_digest=digest)
     else:
         make_psf(
-            path, chip, filter_, camera.telescope, camera.psf, config.grid, oversampling=config.oversampling,
-            scattered=scattered_light(camera, filter_), nodes_uv=_nodes_uv(camera, chip, config.grid),
+            path,
+            chip,
+            filter_,
+            camera.telescope,
+            camera.psf,
+            config.grid,
+            oversampling=config.oversampling,
+            scattered=scattered_light(camera, filter_),
+            nodes_uv=_nodes_uv(camera, chip, config.grid),
             camera_digest=digest,
-        )  # fmt: skip
+        )
 
 
 @one_thread
@@ -62,7 +72,8 @@ def psf_tables(run: OpenCampaign, chip: Chip, say: Callable[[str], object] = pri
     """Make the tables photons are drawn from, for an existing PSF set."""
     from csstsim.render.psf_table import read_tables, write_tables
 
-    path, of = run.paths.psf_tables(chip.id), _open(run, chip)
+    path = run.paths.psf_tables(chip.id)
+    of = _open(run, chip)
     make = partial(write_tables, path, of)
     if run.config.psf.library:
         make()
@@ -88,7 +99,8 @@ def check_psf(run: OpenCampaign) -> None:
 
     if run.config.psf.library or not run.sky_chips:
         return
-    numbers, cell = run.camera.psf, run.camera.telescope.pixel_scale
+    numbers = run.camera.psf
+    cell = run.camera.telescope.pixel_scale
     try:
         wavefront = load_wavefront(numbers)
         check_blur(numbers, cell, run.camera.detector.pixel_um)
@@ -123,9 +135,13 @@ def _open(run: OpenCampaign, chip: Chip, path: PathLike | None = None, **interpo
     if not config.library:
         own = {"grid": config.grid, "oversampling": oversampling_of(chip.filter, run.camera.psf, config.oversampling)}
     psf = PsfSet(
-        path or run.paths.psf(chip.id), chip=chip.id, filter=chip.filter, camera_digest=run.camera.digest_for("psf"),
-        **interpolation, **own,
-    )  # fmt: skip
+        path or run.paths.psf(chip.id),
+        chip=chip.id,
+        filter=chip.filter,
+        camera_digest=run.camera.digest_for("psf"),
+        **interpolation,
+        **own,
+    )
     check_release(psf.path, psf.attributes["version"])
     return psf
 

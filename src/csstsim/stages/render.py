@@ -28,7 +28,8 @@ def render(run: OpenCampaign, job: Job) -> None:
     from csstsim.catalog.table import ObjectTable
     from csstsim.io.frames import save_frame
 
-    timer, objects = Timer("render"), None
+    timer = Timer("render")
+    objects = None
     if job.pointing.type == "SCIE":
         path = run.paths.stage(*job.key, "select.parquet")
         objects = ObjectTable.read(path)
@@ -59,7 +60,8 @@ def rendered(run: OpenCampaign, exposure: Exposure, objects: ObjectTable | None,
 
     objects: as `selected` gives them; None but for science exposures. rng: the job's rng.Streams.
     """
-    state, chip = State.blank(exposure, objects), exposure.chip
+    state = State.blank(exposure, objects)
+    chip = exposure.chip
     if exposure.pointing.type == "SCIE":
         assert objects is not None  # `selected` gives them
         state.psf = open_psf(run, chip)

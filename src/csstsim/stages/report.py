@@ -49,25 +49,34 @@ def report(run: OpenCampaign) -> dict[str, Any]:
     from csstsim.report.page import write_report
     from csstsim.report.style import looks
 
-    page, results = run.paths.report, [_validation(run, pix) for pix in run.merge_bricks]
+    page = run.paths.report
+    results = [_validation(run, pix) for pix in run.merge_bricks]
     merged = {pix: _merged(run, pix) for pix in run.merge_bricks}
     spectra = [gate for job in run.slitless_jobs for gate in _spectra_gates(run, job)]
-    verdict, budget = verdicts.judge(results, spectra), Budget(EMBEDDED)
+    verdict = verdicts.judge(results, spectra)
+    budget = Budget(EMBEDDED)
     worst_first = sorted(results, key=lambda result: -verdicts.count(result["gates"])["fail"])
     pngs = {result["brick"]: run.paths.validate(result["brick"]).with_suffix(".png") for result in worst_first}
     shown = looks(run.camera.filters)
     science = run.science_jobs
     write_report(
-        page, _summary(run), results, gates=verdict["gates"],
+        page,
+        _summary(run),
+        results,
+        gates=verdict["gates"],
         sky=[part for part in sky_pictures(run) if part],
         exposures=_exposures(run),
         products=_products(run),
         figures={pix: png for pix, path in pngs.items() if (png := budget.read(path))},
         links={pix: _brick_links(run, pix, path) for pix, path in pngs.items()},
         sky_map=sky_map(
-            [(job.chip.filter.lower(), *job.footprint()) for job in science], list(run.merge_bricks),
-            shown, sorted({(job.pointing.ra, job.pointing.dec) for job in science}),
-        ) if science else None,
+            [(job.chip.filter.lower(), *job.footprint()) for job in science],
+            list(run.merge_bricks),
+            shown,
+            sorted({(job.pointing.ra, job.pointing.dec) for job in science}),
+        )
+        if science
+        else None,
         mosaic=focal_plane(run, shown),
         stray_light=sky_of_frames(run, shown),
         spectra=[_spectra(run, job, budget) for job in progress(run.slitless_jobs, "spectra")],
@@ -75,7 +84,7 @@ def report(run: OpenCampaign) -> dict[str, Any]:
         layers=_layers(run),
         times=run_times(run),
         labels={band: look.label for band, look in shown.items()},
-    )  # fmt: skip
+    )
     # After the page, which reads all else: nothing is written if a product cannot be used
     verdicts.write_verdict(page.with_name("verdict.json"), verdict, campaign=run.config.name, csstsim=__version__)
     if merged:
@@ -110,8 +119,10 @@ def _is_png(data: bytes) -> bool:
     start = len(PNG)
     kind: bytes | None = None
     while len(data) >= start + 12 and kind != b"IEND":
-        size, kind = int.from_bytes(data[start : start + 4]), data[start + 4 : start + 8]
-        content, start = data[start + 4 : start + 8 + size], start + 12 + size
+        size = int.from_bytes(data[start : start + 4])
+        kind = data[start + 4 : start + 8]
+        content = data[start + 4 : start + 8 + size]
+        start = start + 12 + size
         if zlib.crc32(content).to_bytes(4) != data[start - 4 : start]:
             return False
     return data.startswith(PNG) and kind == b"IEND" and start == len(data)
@@ -121,15 +132,19 @@ def _validation(run: OpenCampaign, pix: int) -> dict[str, Any]:
     from csstsim.bricks.validation.result_file import read_result
 
     path = made(run.paths.validate(pix), f"validate {run.file} --brick {pix}")
-    result, limits = read_result(path), run.limits.model_dump(mode="json")
+    result = read_result(path)
+    limits = run.limits.model_dump(mode="json")
     check_recipe(path, result, run.brick_recipe(pix))
     if result.get("camera") != run.recipes.validation["camera"]:
         raise InputError("judged by other limits of the camera; validate the brick again", file=path, key="camera")
     if result["limits"] != limits:
         raise InputError(
-            "judged by other thresholds; validate the brick again", file=path, key="limits", value=result["limits"],
+            "judged by other thresholds; validate the brick again",
+            file=path,
+            key="limits",
+            value=result["limits"],
             allowed=limits,
-        )  # fmt: skip
+        )
     return result
 
 
@@ -173,7 +188,8 @@ def _spectra(run: OpenCampaign, job: Job, budget: Budget) -> tuple[str, bytes | 
     from csstsim.catalog.table import ObjectTable
 
     path = run.paths.spectra(*job.key)
-    meta, figure = ObjectTable.read(path).meta, path.with_suffix(".png")
+    meta = ObjectTable.read(path).meta
+    figure = path.with_suffix(".png")
     check_recipe(path, meta, run.recipe(job, "measure"))
     count = number_of(meta["spectra"], "spectrum", "spectra")
     lines = ObjectTable.read(run.paths.lines(*job.key)).meta
@@ -187,7 +203,8 @@ def _spectra(run: OpenCampaign, job: Job, budget: Budget) -> tuple[str, bytes | 
 
 def _products(run: OpenCampaign) -> list[tuple[str, int, str, tuple[Link, ...]]]:
     """Return [(kind of product, number of files, their size, Links)]; of many files, a Link to their folder."""
-    found, table = [], kinds(run)
+    found = []
+    table = kinds(run)
     written = [Path(path) for path in table.pop("report").files()]  # after the page: their sizes are not known yet
     for kind in table.values():
         paths = [path for path in map(Path, kind.files()) if path.is_file()]
@@ -219,11 +236,18 @@ def _provenance(run: OpenCampaign) -> dict[str, str | int | Path | None]:
     changed = {"camera changes": ", ".join(f"{k} = {v}" for k, v in changes.items())} if changes else {}
     layers = {f"layers of {kind}": ", ".join(s.keyword for s in steps.steps) for kind, steps in run.steps.items()}
     return {
-        "csstsim": __version__, "commit": git_commit(), "report written": f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
-        "host": socket.gethostname(), "campaign file": run.file, "survey table": run.config.survey_table.name,
-        "campaign digest": run.config.digest(), "camera digest": run.camera.digest, **changed, "seed": run.config.seed,
+        "csstsim": __version__,
+        "commit": git_commit(),
+        "report written": f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
+        "host": socket.gethostname(),
+        "campaign file": run.file,
+        "survey table": run.config.survey_table.name,
+        "campaign digest": run.config.digest(),
+        "camera digest": run.camera.digest,
+        **changed,
+        "seed": run.config.seed,
         **layers,
-    }  # fmt: skip
+    }
 
 
 def _layers(run: OpenCampaign) -> list[tuple[str, str, str]]:
@@ -256,13 +280,16 @@ def _summary(run: OpenCampaign) -> dict[str, str | float | Link]:
 def _exposures(run: OpenCampaign) -> list[dict[str, str | float | tuple[Link, ...]]]:
     return [
         {
-            "obsid": jobs[0].obsid, "type": jobs[0].pointing.type, "ra [deg]": f"{jobs[0].pointing.ra:.6f}",
-            "dec [deg]": f"{jobs[0].pointing.dec:.6f}", "pa [deg]": f"{jobs[0].pointing.pa:.4f}",
-            "start [UTC]": jobs[0].pointing.time, "exposure [s]": jobs[0].pointing.exptime,
+            "obsid": jobs[0].obsid,
+            "type": jobs[0].pointing.type,
+            "ra [deg]": f"{jobs[0].pointing.ra:.6f}",
+            "dec [deg]": f"{jobs[0].pointing.dec:.6f}",
+            "pa [deg]": f"{jobs[0].pointing.pa:.4f}",
+            "start [UTC]": jobs[0].pointing.time,
+            "exposure [s]": jobs[0].pointing.exptime,
             "Level-0 of chip": tuple(
-                _link(run, f"{job.chip.label} {job.chip.filter}", run.paths.level0(job))
-                for job in jobs
+                _link(run, f"{job.chip.label} {job.chip.filter}", run.paths.level0(job)) for job in jobs
             ),
         }
         for jobs in by_exposure(run)
-    ]  # fmt: skip
+    ]

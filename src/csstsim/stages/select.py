@@ -45,7 +45,10 @@ def selected(run: OpenCampaign, exposure: Exposure, catalog: CatalogBase | None 
     from csstsim.catalog.selection.select import Noise, select_objects
     from csstsim.optics.scatter.scattered_light import scattered_light
 
-    config, camera, filter_, detector = run.catalog, run.camera, exposure.filter, run.camera.detector
+    config = run.catalog
+    camera = run.camera
+    filter_ = exposure.filter
+    detector = run.camera.detector
     mag_limit, rotated = (config.mag_limit, config.shapes == "rotated90") if catalog is None else (None, False)
     if catalog is None:
         key = run.universe_key() | _changing(run, exposure) if run.embedded else {}
@@ -120,13 +123,17 @@ def _check_catalog(run: OpenCampaign, say: Callable[[str], object]) -> None:
     say(f"{reach} of them {verb} near what chip {job.chip.id} sees in exposure {job.obsid}")
     if report.faults:
         raise InputError(
-            f"the catalogue has {number_of(len(report.faults), 'fault')}, the first: {report.faults[0]}", file=run.file,
-            key="catalog.kind", value=run.config.catalog.kind,
-        )  # fmt: skip
+            f"the catalogue has {number_of(len(report.faults), 'fault')}, the first: {report.faults[0]}",
+            file=run.file,
+            key="catalog.kind",
+            value=run.config.catalog.kind,
+        )
     if not reach:
         tried = "any chip" if len(jobs) <= TRIED else f"the first {TRIED} chips"
         raise InputError(
-            f"no object of the catalogue reaches {tried}: the images would have no objects", file=run.file,
-            key="catalog", value=run.config.catalog.kind,
+            f"no object of the catalogue reaches {tried}: the images would have no objects",
+            file=run.file,
+            key="catalog",
+            value=run.config.catalog.kind,
             allowed="objects where the chips look; `csstsim aim` writes exposures of a place",
-        )  # fmt: skip
+        )

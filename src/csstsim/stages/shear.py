@@ -31,7 +31,8 @@ def shear(files: Iterable[PathLike], output: PathLike | None, say: Callable[[str
     from csstsim.bricks.validation.verdict import NAMES
 
     runs = [OpenCampaign(file) for file in files]
-    shears, means = [], []
+    shears = []
+    means = []
     for lensing, twins in _twins(runs).items():
         means.append(pair_means(*(_shapes_on(run) for run in twins)))
         kappa, *gamma = lensing
@@ -47,7 +48,8 @@ def shear(files: Iterable[PathLike], output: PathLike | None, say: Callable[[str
     for gate in gates:
         name, axis = gate["name"].split()[1]
         if gate["value"] is not None:
-            error, verdict = fits[int(axis) - 1][f"{name}_err"], NAMES[gate["passed"]]
+            error = fits[int(axis) - 1][f"{name}_err"]
+            verdict = NAMES[gate["passed"]]
             limit = f"at most {gate['threshold']}, 5 sigma forgiven"
             say(f"{gate['name']} = {gate['value']:+.4f} +- {error:.4f}, {limit}: {verdict}")
     if output:
@@ -63,24 +65,33 @@ def _twins(runs: Iterable[OpenCampaign]) -> dict[tuple[float, float, float], tup
         catalog = run.config.catalog
         if catalog.lensing.field != "constant":
             raise InputError(
-                "the shear is not constant", file=run.file, key="catalog.lensing.field", value=catalog.lensing.field,
+                "the shear is not constant",
+                file=run.file,
+                key="catalog.lensing.field",
+                value=catalog.lensing.field,
                 allowed="constant",
-            )  # fmt: skip
+            )
         key = catalog.lensing.kappa, catalog.lensing.gamma1, catalog.lensing.gamma2
         pair = found.setdefault(key, {})
         if catalog.shapes in pair:
             raise InputError(
-                f"has the same shear and shapes as {pair[catalog.shapes].file}", file=run.file, key="catalog.shapes",
-                value=catalog.shapes, allowed="normal and rotated90, one of each",
-            )  # fmt: skip
+                f"has the same shear and shapes as {pair[catalog.shapes].file}",
+                file=run.file,
+                key="catalog.shapes",
+                value=catalog.shapes,
+                allowed="normal and rotated90, one of each",
+            )
         pair[catalog.shapes] = run
     for pair in found.values():
         first, *rest = pair.values()
         if not rest or _but_shapes(first) != _but_shapes(rest[0]):
             raise InputError(
-                "has no twin of the same seed, camera, exposures and shear", file=first.file, key="catalog.shapes",
-                value=first.config.catalog.shapes, allowed="normal and rotated90, one of each",
-            )  # fmt: skip
+                "has no twin of the same seed, camera, exposures and shear",
+                file=first.file,
+                key="catalog.shapes",
+                value=first.config.catalog.shapes,
+                allowed="normal and rotated90, one of each",
+            )
     return {key: (pair["normal"], pair["rotated90"]) for key, pair in found.items()}
 
 
@@ -96,7 +107,8 @@ def _shapes_on(run: OpenCampaign) -> list[dict[int, FloatArray]]:
     from csstsim.bricks.validation.shear import shapes
     from csstsim.bricks.validation.validate import MeasuredFrame, judged_truth
 
-    seam, out = run.camera.detector.channel_ny, []
+    seam = run.camera.detector.channel_ny
+    out = []
     for job in progress(run.imaging_jobs, "frames"):
         frame = MeasuredFrame(truth_of(run, job), measured_table(run, job), seam, run.camera.telescope.pixel_scale)
         out.append(shapes(frame, judged_truth(frame)))

@@ -27,7 +27,8 @@ def truth(run: OpenCampaign, pix: int, say: Callable[[Any], object] = print) -> 
             "the campaign brings its own catalogue", file=run.file, key="catalog.kind", value=run.config.catalog.kind
         )
     run.open_truth()
-    path, key = run.paths.truth(pix), run.universe_key()
+    path = run.paths.truth(pix)
+    key = run.universe_key()
     check = partial(read_brick, expect=brick_meta(pix=pix, **key))
     make_or_link(run, path, partial(write_brick, path, pix, **key), check, say)
     say(path)

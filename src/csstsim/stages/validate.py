@@ -44,11 +44,14 @@ def validate(run: OpenCampaign, pix: int) -> None:
     objects = brick_objects(run, pix)
     frames = (
         MeasuredFrame(
-            whole_objects(truth_of(run, job)), measured_table(run, job), *chip, _depth(run, job),
+            whole_objects(truth_of(run, job)),
+            measured_table(run, job),
+            *chip,
+            _depth(run, job),
             frame_facts(run, job, objects),
         )
         for job in progress(jobs_on(run, pix), "frames")
-    )  # fmt: skip
+    )
     merged = ObjectTable.read(made(run.paths.merge(pix), f"merge {run.file} --brick {pix}"))
     check_recipe(run.paths.merge(pix), merged.meta, run.brick_recipe(pix))
     result, arrays = validate_brick(pix, merged, frames, camera.bands, run.limits, objects.laws() if objects else None)
@@ -58,7 +61,8 @@ def validate(run: OpenCampaign, pix: int) -> None:
         "camera": run.recipes.validation["camera"],
         "limits": run.limits.model_dump(mode="json"),
     }
-    path, limits = run.paths.validate(pix), run.limits
+    path = run.paths.validate(pix)
+    limits = run.limits
     figure = brick_figure(
         result, arrays, looks(camera.filters), threshold=limits.completeness_min, snr_min=limits.snr_min
     )
@@ -76,7 +80,8 @@ def _depth(run: OpenCampaign, job: Job) -> tuple[float, float]:
 
     Another camera has only those of its filters.yaml.
     """
-    camera, name = run.camera, job.chip.filter
+    camera = run.camera
+    name = job.chip.filter
     computed = read_yaml(LIMITS)["computed"]["values"] if camera.shipped else {}
     stated = camera.filters[name].limiting_mag
     values = np.sort([stated, computed.get(name, stated)]) + 1.25 * np.log10(job.pointing.exptime / LIMIT_SECONDS)

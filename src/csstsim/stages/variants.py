@@ -84,7 +84,8 @@ def _seen(run: OpenCampaign, job: Job) -> tuple[dict[int, dict[str, Any]], dict[
     from csstsim.bricks.validation.twins import seen
     from csstsim.bricks.validation.validate import MeasuredFrame, judged_truth
 
-    truth, measured = truth_of(run, job), measured_table(run, job)
+    truth = truth_of(run, job)
+    measured = measured_table(run, job)
     frame = MeasuredFrame(truth, measured, run.camera.detector.channel_ny, run.camera.telescope.pixel_scale)
     return seen(frame, judged_truth(frame))
 

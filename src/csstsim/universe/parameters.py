@@ -168,18 +168,23 @@ class Universe:
         for component in components(self.numbers["stars"]):
             if component.law not in LAWS:
                 raise InputError(
-                    f"{component.name} has no such law", file=self.folder / "stars.yaml", key="components",
-                    value=component.law, allowed=", ".join(LAWS),
-                )  # fmt: skip
-        laws, r0 = _shipped("stars")["laws"], self.numbers["stars"]["sun"]["r0"]
+                    f"{component.name} has no such law",
+                    file=self.folder / "stars.yaml",
+                    key="components",
+                    value=component.law,
+                    allowed=", ".join(LAWS),
+                )
+        laws = _shipped("stars")["laws"]
+        r0 = self.numbers["stars"]["sun"]["r0"]
         for name, count in ((name, len(law)) for name, law in laws.items() if isinstance(law, list)):
             self._refuse_unless(partial(_has, count), f"stars.laws.{name}", f"{count} numbers")
         for name in ("young", "disc", "thick"):
             self._refuse_unless(lambda value: min(value) > 0, f"stars.laws.{name}", "lengths above 0 kpc")
         self._refuse_unless(  # at the Sun all densities are known
-            lambda value: value[0] >= r0 and 0 <= value[1] <= 10, "stars.laws.flare",
+            lambda value: value[0] >= r0 and 0 <= value[1] <= 10,
+            "stars.laws.flare",
             f"a radius from {r0:g} kpc on, and a growth from 0 to 10 per kpc",
-        )  # fmt: skip
+        )
 
     def _check_lines(self) -> None:
         """Raise InputError for galaxy_spectra.fits of other emission lines than galaxies.yaml says."""
@@ -187,12 +192,16 @@ class Universe:
 
         header = fits.getheader(self.folder / "galaxy_spectra.fits")
         for name, card in (("dust", "LINEDUST"), ("strength", "LINES")):
-            value, built = self.numbers["galaxies"]["lines"][name], header.get(card)
+            value = self.numbers["galaxies"]["lines"][name]
+            built = header.get(card)
             if built is not None and value != built:
                 raise InputError(
                     "galaxy_spectra.fits has other lines; build it again (builders/build_galaxy_spectra.py)",
-                    file=self.folder / "galaxies.yaml", key=f"lines.{name}", value=value, allowed=f"{built}",
-                )  # fmt: skip
+                    file=self.folder / "galaxies.yaml",
+                    key=f"lines.{name}",
+                    value=value,
+                    allowed=f"{built}",
+                )
 
     def _refuse_unless(self, good: Callable[[Any], bool], key: str, allowed: str) -> None:
         part, _, inside = key.partition(".")

@@ -22,6 +22,7 @@ def logged(verb: str, path: PathLike) -> Iterator[None]:
     start = time.perf_counter()
     yield
     if _LOG.isEnabledFor(logging.DEBUG):
-        size, seconds = os.path.getsize(path), time.perf_counter() - start
+        size = os.path.getsize(path)
+        seconds = time.perf_counter() - start
         large, unit = (size / 1e6, "MB") if size >= 1e6 else (size / 1e3, "kB")
         _LOG.debug("%s %s: %.3g %s in %.3f s", verb, path, large, unit, seconds)

@@ -14,8 +14,12 @@ if TYPE_CHECKING:
 
     from csstsim.base.types import PathLike
 
-BLOCK, CARD = 2880, 80
-MOST, FIELDS, AXES = 1 << 28, 999, 999  # values of a packed image; columns and axes, by the standard
+BLOCK = 2880
+CARD = 80
+# values of a packed image; columns and axes, by the standard
+MOST = 1 << 28
+FIELDS = 999
+AXES = 999
 _LENGTH = re.compile(r"(BITPIX|NAXIS\d*|PCOUNT|GCOUNT|TFIELDS|ZNAXIS\d*|ZTILE\d+)")
 _INTEGER = re.compile(r"[+-]?\d{1,18}")
 
@@ -30,7 +34,8 @@ def check_headers(path: PathLike) -> None:
         return
     if not os.path.isfile(path):
         raise InputError("not a file", file=path)
-    size, start = os.stat(path).st_size, 0
+    size = os.stat(path).st_size
+    start = 0
     with open(path, "rb") as file:
         while start < size:
             file.seek(start)

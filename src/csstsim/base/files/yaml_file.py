@@ -23,9 +23,11 @@ if TYPE_CHECKING:
 
     from csstsim.base.types import PathLike
 
-DEPTH, VALUES = 100, 1_000_000
+DEPTH = 100
+VALUES = 1_000_000
 _BASE = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml parses ten times faster
-_TEXT, _NOT_A_NUMBER = "tag:yaml.org,2002:str", re.compile(r"[-+]?[0-9][0-9_]*(:[0-9_.]+)+$|[-+]?0[0-9_]+$")
+_TEXT = "tag:yaml.org,2002:str"
+_NOT_A_NUMBER = re.compile(r"[-+]?[0-9][0-9_]*(:[0-9_.]+)+$|[-+]?0[0-9_]+$")
 
 
 class _Loader(_BASE):  # type: ignore[misc, valid-type]  # either of two
@@ -78,7 +80,8 @@ def _check_size(text: str) -> None:
     for event in yaml.parse(text, Loader=_BASE):
         if isinstance(event, yaml.CollectionStartEvent):
             open_.append([event.anchor, 1, 0])
-            values, levels = 0, 0
+            values = 0
+            levels = 0
         elif isinstance(event, yaml.AliasEvent):
             values, levels = known.get(event.anchor, (VALUES, DEPTH))  # of itself, or of nothing
         elif isinstance(event, yaml.ScalarEvent):

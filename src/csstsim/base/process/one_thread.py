@@ -27,7 +27,8 @@ class _OneThread(ContextDecorator):
     """
 
     def __init__(self) -> None:
-        self._lock, self._inside = threading.Lock(), 0
+        self._lock = threading.Lock()
+        self._inside = 0
         self._limits: threadpool_limits | None = None
 
     def __enter__(self) -> None:

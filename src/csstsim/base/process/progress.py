@@ -38,7 +38,8 @@ def progress(items: Iterable[ItemT], what: str, total: int | None = None) -> Ite
 @contextmanager
 def hidden() -> Iterator[None]:
     """Show no bars inside."""
-    before, _screen["hidden"] = _screen["hidden"], True
+    before = _screen["hidden"]
+    _screen["hidden"] = True
     try:
         yield
     finally:

@@ -29,7 +29,9 @@ SIZE = 0.05, 5.0  # arcsec
 BULGE_MAX = 1.5  # arcsec
 ELLIPTICITY = 0.8
 SHARES = (0.16, 0.3, 0.34, 0.2)  # of the light by sub-band, unequal so that a mix-up shows
-HALF_MIN, HALF_MAX = 32, 160  # px: half the side of the stamp that is judged
+# px: half the side of the stamp that is judged
+HALF_MIN = 32
+HALF_MAX = 160
 MARGIN = 16  # px beyond the reach, so that light cut off by a stamp shows as an error
 EDGE = 300  # px: least distance from the chip's edge
 
@@ -57,11 +59,15 @@ class Case:
     def about(self) -> dict[str, Any]:
         """Return {column: value} that describe the object."""
         return {
-            "object": int(self.row["id"][0]), "kind": "star" if self.star else "galaxy", "electrons": self.electrons,
-            "half_light": float(self.row["size_disk"][0]), "bulge": float(self.row["bulge_frac"][0]),
-            "e": float(np.hypot(self.row["e1"], self.row["e2"])[0]), "reach": int(self.row["reach"][0]),
+            "object": int(self.row["id"][0]),
+            "kind": "star" if self.star else "galaxy",
+            "electrons": self.electrons,
+            "half_light": float(self.row["size_disk"][0]),
+            "bulge": float(self.row["bulge_frac"][0]),
+            "e": float(np.hypot(self.row["e1"], self.row["e2"])[0]),
+            "reach": int(self.row["reach"][0]),
             "at_node": self.at_node,
-        }  # fmt: skip
+        }
 
     def brighter(self, electrons: float) -> Self:
         """Return the same case with `electrons` in place of its own."""
@@ -91,7 +97,8 @@ def _stars(rng: np.random.Generator, count: int) -> list[dict[str, float]]:
 
 
 def _galaxies(rng: np.random.Generator, count: int, largest: float) -> list[dict[str, float]]:
-    shares, sizes = (0.0, 1.0, 0.4), (SIZE[0], 0.5, min(2.0, largest))
+    shares = (0.0, 1.0, 0.4)
+    sizes = (SIZE[0], 0.5, min(2.0, largest))
     grid = list(product((1e2, 1e4, 1e6), shares, sizes, (0.0, ELLIPTICITY)))
     shapes = [
         dict(zip(("electrons", "bulge", "size", "e"), grid[i], strict=True))
@@ -170,7 +177,8 @@ def make_row(
 
 def place(setting: Setting, rng: np.random.Generator, at_node: bool) -> tuple[float, float]:
     """Return x, y: within half a pixel of a node that is not at the chip's edge, or anywhere else."""
-    nodes, detector = setting.psf.nodes_xy, setting.chip.detector
+    nodes = setting.psf.nodes_xy
+    detector = setting.chip.detector
     if not at_node:
         return rng.uniform(EDGE, detector.nx - EDGE), rng.uniform(EDGE, detector.ny - EDGE)
     inside = (nodes > EDGE).all(axis=1) & (nodes < (detector.nx - EDGE, detector.ny - EDGE)).all(axis=1)

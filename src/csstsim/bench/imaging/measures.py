@@ -21,7 +21,8 @@ from csstsim.base.types import BoolArray, FloatArray
 WINDOW_PX = 3.0
 NAMES = ("flux", "x_mas", "y_mas", "e1", "e2", "size2", "pixel", "visible")
 EDGE_PX = 1.5  # pixels nearer to the edge of the PSF's box, on either side, are left out
-_STEPS, _SETTLED_PX = 300, 1e-9
+_STEPS = 300
+_SETTLED_PX = 1e-9
 
 
 @dataclass(frozen=True)
@@ -44,17 +45,24 @@ def moments(image: FloatArray, sigma: float = WINDOW_PX) -> Moments:
         moved, (x, y) = max(abs(new[0] - x), abs(new[1] - y)), new
         if moved < _SETTLED_PX:
             break
-    dx, dy = axis - x, (axis - y)[:, None]
+    dx = axis - x
+    dy = (axis - y)[:, None]
     share = image * wy[:, None] * wx / light
-    xx, yy, xy = (share * dx * dx).sum(), (share * dy * dy).sum(), (share * dx * dy).sum()
+    xx = (share * dx * dx).sum()
+    yy = (share * dy * dy).sum()
+    xy = (share * dx * dy).sum()
     size2 = xx + yy
     r2 = dx * dx + dy * dy
-    e1, e2 = (xx - yy) / size2, 2 * xy / size2
+    e1 = (xx - yy) / size2
+    e2 = 2 * xy / size2
     # Contribution of each electron; the divisors are there because the weight moves with the centroid
     parts = (
-        dx / (1 - xx / sigma**2), dy / (1 - yy / sigma**2), (dx * dx - dy * dy - e1 * r2) / size2,
-        (2 * dx * dy - e2 * r2) / size2, r2 - size2,
-    )  # fmt: skip
+        dx / (1 - xx / sigma**2),
+        dy / (1 - yy / sigma**2),
+        (dx * dx - dy * dy - e1 * r2) / size2,
+        (2 * dx * dy - e2 * r2) / size2,
+        r2 - size2,
+    )
     total = image.sum()
     weight = share * wy[:, None] * wx / light
     spread = [np.sqrt(max((weight * part**2).sum(), 0.0)) for part in parts]
@@ -79,7 +87,8 @@ def errors(
     Flux, size2: relative; pixel: largest difference over the peak; visible: in noise units, at `electrons`, negative
     if the images differ by less than chance would make them.
     """
-    got, wanted = moments(image, sigma), moments(truth, sigma)
+    got = moments(image, sigma)
+    wanted = moments(truth, sigma)
     scale = np.array([1 / wanted.value[0], mas_per_px, mas_per_px, 1.0, 1.0, 1 / wanted.value[5]])
     axis = np.abs(np.arange(len(image)) - (len(image) - 1) / 2)
     judged = np.abs(np.maximum(axis, axis[:, None]) - box) > EDGE_PX

@@ -85,7 +85,8 @@ def _photons(setting: Setting, case: Case) -> Draw:
     base = np.uint64(case.row["id"][0] + 1)
 
     def draw(copies: int) -> IntArray:
-        canvas, scene = Canvas(None, case.window), copies_of(case.scene, copies)
+        canvas = Canvas(None, case.window)
+        scene = copies_of(case.scene, copies)
         counted = canvas.count()
         shoot_scene(canvas, scene, part_keys(object_keys(base, np.arange(copies)), scene), setting.table)
         return counted
@@ -105,9 +106,16 @@ def _stamps(setting: Setting, case: Case) -> Draw:
 def drawing_of(setting: Setting, case: Case, fidelity: str) -> Drawing:
     """Return the render.drawing.Drawing of a preset, without light beyond the PSF's box."""
     return Drawing(
-        setting.wcs, setting.mixer.psf, setting.exptime, Scattered(), fidelity, setting.variance,
-        np.uint64(case.row["id"][0] + 1), setting.table, kept=setting.mixer,
-    )  # fmt: skip
+        setting.wcs,
+        setting.mixer.psf,
+        setting.exptime,
+        Scattered(),
+        fidelity,
+        setting.variance,
+        np.uint64(case.row["id"][0] + 1),
+        setting.table,
+        kept=setting.mixer,
+    )
 
 
 def _preset(fidelity: str) -> Callable[[Setting, Case], Draw]:

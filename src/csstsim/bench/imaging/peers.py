@@ -54,7 +54,8 @@ def _sersic(scene: Scene, row: int) -> galsim.GSObject | None:
 
 def _of_spots(scene: Scene, row: int) -> galsim.GSObject:
     """Return knots as points, or an image as GalSim's InterpolatedImage."""
-    spots, spot = scene.spots, scene.spot
+    spots = scene.spots
+    spot = scene.spot
     assert spots is not None and spot is not None  # of a row with spots
     group = int(spot[row])
     image = spots.image(group)
@@ -73,7 +74,8 @@ def interpolated(cells: FloatArray, per_pixel: int) -> galsim.InterpolatedImage:
 
 def _drawer(case: Case, profiles: Sequence[Callable[[], galsim.GSObject]], **how: Any) -> Draw:
     """Return a draw that adds the profiles, given as functions without arguments: making them is part of the cost."""
-    scene, window = case.scene, case.window
+    scene = case.scene
+    window = case.window
     bounds = galsim.BoundsI(window.x0, window.x1 - 1, window.y0, window.y1 - 1)
     centre = galsim.PositionD(scene.x[0], scene.y[0])
 
@@ -89,7 +91,8 @@ def _drawer(case: Case, profiles: Sequence[Callable[[], galsim.GSObject]], **how
 
 def paper(setting: Setting, case: Case) -> Draw:
     """Return draw(copies) by the paper's method: one PSF object for each object and sub-band."""
-    scene, per_pixel = case.scene, setting.psf.oversampling
+    scene = case.scene
+    per_pixel = setting.psf.oversampling
 
     def profile(band: int) -> galsim.GSObject:
         cells = sum(w * setting.psf.node(n)[band] for n, w in zip(scene.node[0], scene.weight[0], strict=True))

@@ -23,7 +23,9 @@ from csstsim.render.scene import make_scene
 if TYPE_CHECKING:
     from csstsim.bench.setting import Setting
 
-FLUX, SIZE, ELLIPTICITY = (1e2, 1e6), (0.1, 1.0), 0.6
+FLUX = (1e2, 1e6)
+SIZE = (0.1, 1.0)
+ELLIPTICITY = 0.6
 KINDS = "free n", "knots", "image"
 
 
@@ -40,16 +42,21 @@ class ShapeCase(Case):
 
 def make_shapes(setting: Setting, count: int, seed: int = 1, largest: float = SIZE[1]) -> list[ShapeCase]:
     """Return `count` ShapeCases, a third of each kind; no half-light radius is above `largest` [arcsec]."""
-    rng, made = stream(seed, "bench", "shapes"), []
+    rng = stream(seed, "bench", "shapes")
+    made = []
     for i in range(count):
-        kind, at_node = KINDS[i % 3], i // 3 % 2 == 0
+        kind = KINDS[i % 3]
+        at_node = i // 3 % 2 == 0
         size = float(np.exp(rng.uniform(*np.log([SIZE[0], min(SIZE[1], largest)]))))
-        electrons, e = float(np.exp(rng.uniform(*np.log(FLUX)))), rng.uniform(0, ELLIPTICITY)
-        bulge, columns = 0.0, {}
+        electrons = float(np.exp(rng.uniform(*np.log(FLUX))))
+        e = rng.uniform(0, ELLIPTICITY)
+        bulge = 0.0
+        columns = {}
         if kind == "free n":
             columns = {"n_disk": rng.uniform(1.0, 6.2)}
         elif kind == "knots":
-            bulge, columns = 0.2, {"knots": int(rng.integers(5, 41)), "knots_frac": rng.uniform(0.3, 0.8)}
+            bulge = 0.2
+            columns = {"knots": int(rng.integers(5, 41)), "knots_frac": rng.uniform(0.3, 0.8)}
         else:
             e, columns = 0.0, _image(setting, rng, size, e)
         where = place(setting, rng, at_node)

@@ -45,8 +45,10 @@ class Truth:
     """Direct optics of one chip; call it with a Case."""
 
     def __init__(self, setting: Setting) -> None:
-        camera, m = setting.camera, CELLS_PER_PIXEL
-        self._setting, self._wavefront = setting, load_wavefront(camera.psf)
+        camera = setting.camera
+        m = CELLS_PER_PIXEL
+        self._setting = setting
+        self._wavefront = load_wavefront(camera.psf)
         cells = setting.psf.image.shape[-1] // setting.psf.oversampling * m
         self._optics = chip_optics(setting.chip, setting.filter, camera.psf, self._wavefront, m, cells)
         finest = min(setting.filter.psf_wavelength) * 1e-10 / camera.telescope.diameter_m * ARCSEC_PER_RAD
@@ -54,7 +56,8 @@ class Truth:
 
     def psf(self, x: float, y: float) -> FloatArray:
         """Return the light in pixels on the lattice of cells, (n, n), of a star of unit flux at chip pixel x, y."""
-        setting, m = self._setting, CELLS_PER_PIXEL
+        setting = self._setting
+        m = CELLS_PER_PIXEL
         coefficients = chip_coefficients(self._wavefront, setting.camera.psf, setting.chip, x, y)
         images, _ = node_psf(self._optics[0], coefficients, self._optics[1], m)
         wing = setting.scattered.wing
@@ -64,11 +67,14 @@ class Truth:
 
     def __call__(self, case: Case) -> FloatArray:
         """Return the light on each pixel of the case's window, of an object of unit flux, float64."""
-        scene, half = case.scene, case.half
+        scene = case.scene
+        half = case.half
         response = self.psf(scene.x[0], scene.y[0])
         period = 2 * half + 1 + 2 * len(response) // CELLS_PER_PIXEL
         highest = int(self._highest * period)
-        kx, ky = np.arange(highest + 1) / period, np.arange(-highest, highest + 1) / period  # cycles per pixel
+        # cycles per pixel
+        kx = np.arange(highest + 1) / period
+        ky = np.arange(-highest, highest + 1) / period
         lattice = (np.arange(len(response)) - len(response) // 2) / CELLS_PER_PIXEL
         transform = waves(ky, -lattice) @ response @ waves(kx, -lattice).T / CELLS_PER_PIXEL**2
         transform *= profile(scene, kx, ky)
@@ -132,10 +138,12 @@ def brightness(
     scene: Scene, x: FloatArray | IntArray, y: FloatArray | IntArray, place: tuple[float, float]
 ) -> FloatArray:
     """Return the profile of a Scene's one object, of unit light, at pixels x, y about `place`; 0 for a point."""
-    total, back = np.zeros((y.size, x.size)), np.linalg.inv(scene.matrix[0])
+    total = np.zeros((y.size, x.size))
+    back = np.linalg.inv(scene.matrix[0])
     if scene.spots is not None and scene.spot is not None and scene.spot[0] >= 0:  # compact: its repeats are not near
         return total
-    dx, dy = x - place[0], (y - place[1])[:, None]
+    dx = x - place[0]
+    dy = (y - place[1])[:, None]
     for light, (index, b, radius) in zip(scene.light[0], scene.sersic[0], strict=True):
         if light > 0 and index > 0:
             level = light * abs(np.linalg.det(back)) / (2 * np.pi * radius**2 * index * b ** (-2 * index))
@@ -162,7 +170,8 @@ def _table(index: float, b: float) -> CubicSpline:
     """Return the transform as a spline in log k."""
     log_t = np.linspace(math.log(1e-12), math.log(1e7), 1501)
     t = np.exp(log_t)
-    root, turn = b * t ** (1 / index), math.pi / (2 * index)
+    root = b * t ** (1 / index)
+    turn = math.pi / (2 * index)
     f = np.exp(-root * math.cos(turn)) * np.sin(root * math.sin(turn)) * t * t  # one t from dt = t d(log t)
     total = np.array([np.sum(f * k0(k * t)) for k in np.exp(_LOG_K)]) * (log_t[1] - log_t[0])
     return CubicSpline(_LOG_K, 2 / math.pi * total / (index * b ** (-2 * index) * gamma(2 * index)))

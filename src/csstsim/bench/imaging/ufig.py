@@ -33,7 +33,8 @@ def prepare(setting: Setting, case: Case) -> Draw:
     from ufig.plugins.render_galaxies_flexion import integrate_image
     from ufig.plugins.render_stars_photon import integrate_image_phot
 
-    scene, window = case.scene, case.window
+    scene = case.scene
+    window = case.window
     precision = common.gammaprecision, common.gammaprecisionhigh, common.sersicprecision
     light = np.array([1.0]) if case.star else scene.light[0]
     fwhm, beta, caught = _moffat(setting, scene)
@@ -49,9 +50,15 @@ def prepare(setting: Setting, case: Case) -> Draw:
         x, y = (np.full(n, at[0] - start + 0.5) for at, start in ((scene.x, window.x0), (scene.y, window.y0)))
         none = np.zeros((n, 1))
         psf = (
-            np.full((n, 1), beta), rendering_util.compute_ellip_matrices(np.full(n, fwhm), np.zeros(n), np.zeros(n)),
-            np.zeros((n, 2, 2, 2)), none, none, none, _SUPPRESSION, False,
-        )  # fmt: skip
+            np.full((n, 1), beta),
+            rendering_util.compute_ellip_matrices(np.full(n, fwhm), np.zeros(n), np.zeros(n)),
+            np.zeros((n, 2, 2, 2)),
+            none,
+            none,
+            none,
+            _SUPPRESSION,
+            False,
+        )
         if case.star:
             integrate_image_phot(buffer, image, x, y, number, *psf)
         else:

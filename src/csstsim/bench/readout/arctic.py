@@ -31,9 +31,11 @@ def arctic(
     species = [ac.TrapInstantCapture(density=d, release_timescale=t) for d, t in zip(density, timescale, strict=True)]
     return np.asarray(
         ac.add_cti(
-            columns.reshape(len(columns), -1).astype(float), parallel_roe=ac.ROE([1.0], **roe),
-            parallel_express=express, verbosity=0,
+            columns.reshape(len(columns), -1).astype(float),
+            parallel_roe=ac.ROE([1.0], **roe),
+            parallel_express=express,
+            verbosity=0,
             parallel_ccd=ac.CCD(full_well_depth=full_well, well_fill_power=beta, well_notch_depth=notch),
             parallel_traps=species,
         )
-    ).reshape(columns.shape)  # fmt: skip
+    ).reshape(columns.shape)

@@ -27,10 +27,17 @@ BETA, FULL_WELL, NOTCH = (CTI["well"][name] for name in ("beta", "full_well", "n
 WELL = BETA, FULL_WELL, NOTCH
 DENSITY, TAU = (np.array(CTI["species"][name]) for name in ("density", "timescale"))
 KEYS = np.uint64(1), np.uint64(2)
-ROWS, OVERSCAN, HALF_COLUMNS, CHIP = 4616, 84, 18432, 9216 * 9232
-OBJECTS, RAYS, ELECTRONS = 76638, 5801, 60  # numbers on a chip; electrons of the faintest object
+ROWS = 4616
+OVERSCAN = 84
+HALF_COLUMNS = 18432
+CHIP = 9216 * 9232
+# numbers on a chip; electrons of the faintest object
+OBJECTS = 76638
+RAYS = 5801
+ELECTRONS = 60
 SPOTS = [(flux, row) for row in (147, 4000) for flux in (500, 5000, 30000)]
-SKY, BEHIND = 40, 198
+SKY = 40
+BEHIND = 198
 FEW = 8  # columns, for the slow methods
 LOSS = 1.2e-5  # per transfer, linear model: the loss of 5000 e- over 3 rows from row 4000
 PARTS = ((0, 3), (3, 11), (11, 51), (51, 201))
@@ -74,14 +81,17 @@ def scene(rng: np.random.Generator, columns: int, sky: float) -> FloatArray:
     image = rng.poisson(sky, (ROWS, columns)).astype(float)
     yy, xx = np.mgrid[-8:9, -8:9]
     for _ in range(rng.poisson(OBJECTS / CHIP * image.size)):
-        y, x = rng.integers(8, ROWS - 8), rng.integers(0, columns)
+        y = rng.integers(8, ROWS - 8)
+        x = rng.integers(0, columns)
         shape = np.exp(-(yy**2 + xx**2) / (2 * rng.uniform(0.9, 3) ** 2))
         flux = ELECTRONS * min(1 + rng.pareto(0.8), 5e4)
         stamp = rng.poisson(flux * shape / shape.sum())
-        low, high = max(int(x) - 8, 0), min(int(x) + 9, columns)
+        low = max(int(x) - 8, 0)
+        high = min(int(x) + 9, columns)
         image[y - 8 : y + 9, low:high] += stamp[:, low - x + 8 : high - x + 8]
     for _ in range(rng.poisson(RAYS / CHIP * image.size)):
-        length, turn = rng.uniform(0, 20), rng.uniform(0, np.pi)
+        length = rng.uniform(0, 20)
+        turn = rng.uniform(0, np.pi)
         step = np.arange(0, length + 1, 0.5)
         y = (rng.uniform(0, ROWS) + step * np.sin(turn)).astype(int) % ROWS
         x = (rng.uniform(0, columns) + step * np.cos(turn)).astype(int) % columns
@@ -93,7 +103,8 @@ def cpu(work: Callable[[FloatArray], object], image: FloatArray, repeats: int = 
     """Return the least CPU seconds of work(copy of image) in `repeats` runs."""
     times = []
     for _ in range(repeats):
-        copy, start = image.copy(), time.process_time()
+        copy = image.copy()
+        start = time.process_time()
         work(copy)
         times.append(time.process_time() - start)
     return min(times)
@@ -104,7 +115,8 @@ def linear(image: FloatArray) -> None:
     transfers = np.arange(1, len(image) + 1)[:, None]
     change = np.zeros_like(image)
     for density, tau in zip(DENSITY, TAU, strict=True):
-        share, stay = LOSS * density / DENSITY.sum(), np.exp(-1 / tau)
+        share = LOSS * density / DENSITY.sum()
+        stay = np.exp(-1 / tau)
         lost = (share * transfers * image).astype(np.float32)
         change -= lost
         change[1:] += lfilter([1 - stay], [1, -stay], lost[:-1], axis=0)
@@ -180,7 +192,7 @@ def ways(seconds: float, mcti: Mcti | None = None, quick: bool = False) -> dict[
             stochastic(100 // some, 30),
         ),
         "linear": (each(linear, image.shape[1]), linear_column),
-    }  # fmt: skip
+    }
     if THERE:
         for express in (1, 2, 5):
             method = by_arctic(express, False)
@@ -196,7 +208,8 @@ def ways(seconds: float, mcti: Mcti | None = None, quick: bool = False) -> dict[
 
 def accuracy(methods: Mapping[str, tuple[float, Way]], say: Callable[[str], object]) -> dict[str, MethodCost]:
     """Print losses and trails by method; return {name: MethodCost}."""
-    reference, found = None, {}
+    reference = None
+    found = {}
     say(f"\nspot over 3 rows, sky {SKY} e-: electrons added to the spot | rows 1-8, 9-48, 49-198 behind it")
     for name, (cost, method) in methods.items():
         parts = np.array([spot_change(method, *spot) for spot in SPOTS])
@@ -224,8 +237,12 @@ def chart(found: Mapping[str, MethodCost], file: PathLike) -> None:
         label = name if rms else "csstsim: exact (0; errors are against it)"
         axes.annotate(label, place, xytext=(5, 3), textcoords="offset points", fontsize=7, rotation=30 * (rms > 0))
     axes.set(
-        xscale="log", yscale="log", xlabel="CPU s per chip, sky 40 e$^-$",
-        ylabel="rms relative error of spot losses and trails", xlim=(1, 4e3), ylim=(7e-4, 2),
-    )  # fmt: skip
+        xscale="log",
+        yscale="log",
+        xlabel="CPU s per chip, sky 40 e$^-$",
+        ylabel="rms relative error of spot losses and trails",
+        xlim=(1, 4e3),
+        ylim=(7e-4, 2),
+    )
     figure.savefig(file, dpi=110)
     plt.close(figure)

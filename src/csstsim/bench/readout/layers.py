@@ -39,10 +39,14 @@ if TYPE_CHECKING:
     from csstsim.instrument.traps import Traps
 
 CHIP = 9
-WRITE, TOTAL = "writing the file", "readout and file"
+WRITE = "writing the file"
+TOTAL = "readout and file"
 PIXELS = 9216 * 9232
 SKIES = 40.0, 4.0  # electrons per pixel: a wide band, a narrow one
-STARS, SPOT, SIGMA = 5000, 12, 0.9  # number, half the side of a star's stamp [px], its width [px]
+# number, half the side of a star's stamp [px], its width [px]
+STARS = 5000
+SPOT = 12
+SIGMA = 0.9
 _BRIGHT = 1e4  # electrons: fainter stars are drawn as photons, in the counted plane
 _WARM = Window(4096, 5120, 4104, 5128)  # contains the corner of four channels
 _CHANNEL = (4616, 1152)
@@ -80,7 +84,8 @@ def layer_costs(
 
     A file is written into `folder`. window: what is run of the chip, all by default.
     """
-    camera, steps = load_camera(SHIPPED / "instrument"), _steps()
+    camera = load_camera(SHIPPED / "instrument")
+    steps = _steps()
     folder.mkdir(parents=True, exist_ok=True)
     _seconds(_state(camera, skies[0], _WARM), steps, camera, folder)  # compiles before anything is timed
     light = {step.name for step in steps if step.module.STAGE == "render"}
@@ -106,16 +111,22 @@ def _state(camera: Camera, sky: float, window: Window) -> State:
     chip = camera.chips[CHIP]
     filters = camera.filters | {chip.filter: replace(camera.filters[chip.filter], sky=sky / EXPTIME)}
     exposure = Exposure(
-        POINTING, chip, window, ChipWCS(chip, POINTING), replace(camera, filters=filters),
+        POINTING,
+        chip,
+        window,
+        ChipWCS(chip, POINTING),
+        replace(camera, filters=filters),
         losses=Losses(flat=True, shutter=True, prnu=True),
-    )  # fmt: skip
-    image, counted = np.zeros(window.shape, np.float32), np.zeros(window.shape, np.int32)
+    )
+    image = np.zeros(window.shape, np.float32)
+    counted = np.zeros(window.shape, np.int32)
     rng = stream(1, "bench", "readout")
     axis = np.arange(-SPOT, SPOT + 1)
     spot = np.exp(-0.5 * (axis**2 + axis[:, None] ** 2) / SIGMA**2)
     spot /= spot.sum()
     for light in 10 ** rng.uniform(2, 6, STARS * window.nx * window.ny // (chip.detector.nx * chip.detector.ny)):
-        x, y = rng.integers(SPOT, window.nx - SPOT), rng.integers(SPOT, window.ny - SPOT)
+        x = rng.integers(SPOT, window.nx - SPOT)
+        y = rng.integers(SPOT, window.ny - SPOT)
         stamp = slice(y - SPOT, y + SPOT + 1), slice(x - SPOT, x + SPOT + 1)
         if light < _BRIGHT:
             counted[stamp] += rng.poisson(light * spot)
@@ -129,7 +140,8 @@ def _seconds(state: State, steps: SimSteps, camera: Camera, folder: Path) -> dic
     for stage in ("render", "readout", "level0"):
         state = steps.run(state, stage, Streams(1, "bench", CHIP, ""))
         state.forget()
-    path, timing = folder / "readout.fits", state.header.pop("timing")
+    path = folder / "readout.fits"
+    timing = state.header.pop("timing")
     provenance = {"recipe": {}, "seed": 1, "campaign_name": "bench", "layers": steps.describe(), "stages": []}
     start = time.process_time()
     write_level0(path, state, camera.keywords, provenance)
@@ -158,8 +170,10 @@ def _peers(
     from astropy.io import fits
     from scipy.ndimage import convolve
 
-    draws, kernel = galsim.BaseDeviate(1), rng.normal(0, 1e-6, (5, 5))
-    image, digits = galsim.ImageF(frame.copy()), frame.astype(np.uint16)
+    draws = galsim.BaseDeviate(1)
+    kernel = rng.normal(0, 1e-6, (5, 5))
+    image = galsim.ImageF(frame.copy())
+    digits = frame.astype(np.uint16)
     hdu = fits.ImageHDU(digits)
     yield "poisson_and_dark", "numpy", lambda: rng.poisson(frame + 3.0).astype(np.float32), 16
     yield "poisson_and_dark", "GalSim", lambda: image.addNoise(galsim.PoissonNoise(draws)), 16
@@ -174,7 +188,8 @@ def _peers(
     yield WRITE, "astropy", lambda: hdu.writeto("/dev/null", checksum=True, overwrite=True), 16
     if THERE:
         assert traps is not None  # of the shipped camera
-        columns, well = frame[:, :_COLUMNS], (traps.beta, traps.full_well, traps.notch)
+        columns = frame[:, :_COLUMNS]
+        well = (traps.beta, traps.full_well, traps.notch)
         move = partial(arctic, columns, traps.density, traps.timescale, well)
         move(express=1)  # the first call is slower
         for express in (1, 5):
@@ -186,5 +201,6 @@ def _sensor(frame: FloatArray, draws: galsim.BaseDeviate) -> Callable[[], object
     import galsim
 
     square = galsim.ImageF(frame[:_SENSOR, :_SENSOR].copy())
-    photons, sensor = galsim.PhotonArray.makeFromImage(square, rng=draws), galsim.SiliconSensor(rng=draws)
+    photons = galsim.PhotonArray.makeFromImage(square, rng=draws)
+    sensor = galsim.SiliconSensor(rng=draws)
     return lambda: sensor.accumulate(photons, galsim.ImageF(square.bounds))

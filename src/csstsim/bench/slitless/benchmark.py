@@ -7,6 +7,12 @@ from csstsim.bench.slitless.truth import SpectrumTruth
 from csstsim.bench.sweep import Bench
 
 SLITLESS = Bench(
-    METHODS, make_spectrum_cases, SpectrumTruth, standard, errors, NAMES, GOALS,
+    METHODS,
+    make_spectrum_cases,
+    SpectrumTruth,
+    standard,
+    errors,
+    NAMES,
+    GOALS,
     ("flux", "along_px", "size2", "line_px"),
-)  # fmt: skip
+)

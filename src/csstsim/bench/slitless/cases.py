@@ -30,7 +30,9 @@ if TYPE_CHECKING:
     from csstsim.render.scene import Scene
 
 SPECTRA = ("flat", "hot", "cool", "lines")
-LINES, SIGMA_A, CONTINUUM = 3, 2.0, 0.1
+LINES = 3
+SIGMA_A = 2.0
+CONTINUUM = 0.1
 LARGEST = 0.5  # arcsec, half-light radius: stamps of larger bright bulges take minutes
 HALF_MAX = 96  # px
 FROM_SPLIT = 400  # px: least distance from the line between the gratings
@@ -75,7 +77,8 @@ def make_spectrum_case(
     spectrum: str | None = None,
 ) -> SpectrumCase:
     """Return the SpectrumCase of a galaxy of `size` [arcsec], or of a star if it is 0; even `i` are at a node."""
-    disperser, spectrum = disperser_of(setting), spectrum or SPECTRA[i // 2 % len(SPECTRA)]
+    disperser = disperser_of(setting)
+    spectrum = spectrum or SPECTRA[i // 2 % len(SPECTRA)]
     x, y = place(setting, rng, i % 2 == 0)
     while abs(x - disperser.gratings.split) < FROM_SPLIT:
         x, y = place(setting, rng, i % 2 == 0)

@@ -42,10 +42,12 @@ def errors(
     near_line = _near_line(setting, case, truth)
     templates = [
         (np.ones_like(truth), 1 / truth.sum(), None),
-        (-derivative(truth, 1), 1.0, judged), (-derivative(truth, 0), 1.0, judged),
+        (-derivative(truth, 1), 1.0, judged),
+        (-derivative(truth, 0), 1.0, judged),
         (derivative(derivative(truth, 0), 0) / 2, 1 / _width2(truth), judged),
-        (-derivative(truth, 1), 1.0, near_line), (derivative(derivative(truth, 1), 1) / 2, 1.0, near_line),
-    ]  # fmt: skip
+        (-derivative(truth, 1), 1.0, near_line),
+        (derivative(derivative(truth, 1), 1) / 2, 1.0, near_line),
+    ]
     found = []
     for template, scale, where in templates:
         filter = template if where is None else template * weight * where

@@ -74,7 +74,8 @@ def _photons(setting: Setting, case: SpectrumCase) -> Draw:
     base = np.uint64(case.row["id"][0] + 1)
 
     def draw(copies: int) -> IntArray:
-        canvas, keys = Canvas(None, case.window), object_keys(base, np.arange(copies))
+        canvas = Canvas(None, case.window)
+        keys = object_keys(base, np.arange(copies))
         counted = canvas.count()
         shoot_spectra(canvas, *_many(setting, case, copies), keys, setting.table)
         return counted
@@ -100,7 +101,8 @@ def _preset(fidelity: str) -> Callable[[Setting, SpectrumCase], Draw]:
     def prepare(setting: Setting, case: SpectrumCase) -> Draw:
         def draw(copies: int) -> FloatArray | IntArray:
             canvas = Canvas(np.zeros(case.window.shape, np.float32), case.window)
-            rows, drawing = case.row.take(np.zeros(copies, int)), drawing_of(setting, case, fidelity)
+            rows = case.row.take(np.zeros(copies, int))
+            drawing = drawing_of(setting, case, fidelity)
             draw_dispersed(canvas, rows, _spectra(setting, case), disperser_of(setting), drawing)
             return expected_on(canvas).astype(float) if canvas.counted is None else canvas.counted
 

@@ -40,12 +40,15 @@ def cells(setting: Setting, scene: Scene, band: int) -> FloatArray:
 
 def paper(setting: Setting, case: SpectrumCase) -> Draw:
     """Return draw(copies) by the paper's method: one stamp per sub-band, laid along the trace pixel by pixel."""
-    scene, window, per_pixel = case.scene, case.window, setting.psf.oversampling
+    scene = case.scene
+    window = case.window
+    per_pixel = setting.psf.oversampling
     reach = int(case.row["reach"][0])
     dx, dy, light = trace(setting, case)
     centres = 0.5 * (disperser_of(setting).edges[1:] + disperser_of(setting).edges[:-1])
     band_of = np.searchsorted(setting.filter.edges[1:-1], centres)
-    column, row = round(scene.x[0]), round(scene.y[0])
+    column = round(scene.x[0])
+    row = round(scene.y[0])
 
     def draw(copies: int) -> FloatArray:
         image = np.zeros(window.shape)
@@ -67,8 +70,12 @@ def _disperse(
     image: FloatArray, stamp: FloatArray, corner: tuple[int, int], dx: FloatArray, dy: FloatArray, light: FloatArray
 ) -> None:
     """Add the stamp, shifted by each (dx, dy) [px], times light; a shifted pixel is shared by area among four."""
-    x, y = np.floor(dx).astype(int), np.floor(dy).astype(int)
-    a, b, first, bottom = dx - x, dy - y, x.min(), y.min()
+    x = np.floor(dx).astype(int)
+    y = np.floor(dy).astype(int)
+    a = dx - x
+    b = dy - y
+    first = x.min()
+    bottom = y.min()
     shifts = np.zeros((np.ptp(y) + 2, np.ptp(x) + 2))
     for i, j, share in ((0, 0, (1 - a) * (1 - b)), (1, 0, a * (1 - b)), (0, 1, (1 - a) * b), (1, 1, a * b)):
         np.add.at(shifts, (y - bottom + j, x - first + i), light * share)
@@ -78,7 +85,9 @@ def _disperse(
 
 def add(image: FloatArray, stamp: FloatArray, x0: int, y0: int) -> None:
     """Add the part of a stamp that falls on the image; the stamp's corner lies at x0, y0."""
-    left, right = max(x0, 0), min(x0 + stamp.shape[1], image.shape[1])
-    low, high = max(y0, 0), min(y0 + stamp.shape[0], image.shape[0])
+    left = max(x0, 0)
+    right = min(x0 + stamp.shape[1], image.shape[1])
+    low = max(y0, 0)
+    high = min(y0 + stamp.shape[0], image.shape[0])
     if left < right and low < high:
         image[low:high, left:right] += stamp[low - y0 : high - y0, left - x0 : right - x0]

@@ -48,8 +48,10 @@ class SpectrumTruth:
     """Direct optics of one spectroscopic chip; call it with a SpectrumCase."""
 
     def __init__(self, setting: Setting) -> None:
-        camera, m = setting.camera, CELLS_PER_PIXEL
-        self._setting, self._wavefront = setting, load_wavefront(camera.psf)
+        camera = setting.camera
+        m = CELLS_PER_PIXEL
+        self._setting = setting
+        self._wavefront = load_wavefront(camera.psf)
         cells = setting.psf.image.shape[-1] // setting.psf.oversampling * m
         first, last = disperser_of(setting).edges[[0, -1]]
         self._waves = np.linspace(first, last, NODES)
@@ -68,7 +70,8 @@ class SpectrumTruth:
 
     def psf(self, x: float, y: float) -> FloatArray:
         """Return (NODES, n, n): light in pixels on the lattice of cells, for a star of unit flux at chip pixel x, y."""
-        setting, m = self._setting, CELLS_PER_PIXEL
+        setting = self._setting
+        m = CELLS_PER_PIXEL
         coefficients = chip_coefficients(self._wavefront, setting.camera.psf, setting.chip, x, y)
         optics, kernel, _ = self._four
         centre = centre_of(optics, [one.transfer(coefficients) for one in optics], kernel, m)
@@ -80,21 +83,27 @@ class SpectrumTruth:
 
     def __call__(self, case: SpectrumCase) -> FloatArray:
         """Return the light on each pixel of the case's window, for an object of unit flux, float64."""
-        scene, disperser, window = case.scene, disperser_of(self._setting), case.window
-        first, piece = disperser.orders.index(1), case.visits[0, 1]
+        scene = case.scene
+        disperser = disperser_of(self._setting)
+        window = case.window
+        first = disperser.orders.index(1)
+        piece = case.visits[0, 1]
         throughput = disperser.gratings.pieces[piece][0].orders[1].throughput
         lit = np.flatnonzero(throughput * case.density)
         light = (throughput * case.density)[lit] * disperser.area * (GRID[1] - GRID[0]) / case.electrons
         p, q, r, s = disperser.lines(case.visits, scene.x, scene.y)[0, first]
-        x, y = scene.x[0] + p + q * GRID[lit] - window.x0, scene.y[0] + r + s * GRID[lit] - window.y0
+        x = scene.x[0] + p + q * GRID[lit] - window.x0
+        y = scene.y[0] + r + s * GRID[lit] - window.y0
         images = self.psf(scene.x[0], scene.y[0])
         period = window.ny + _BLOCK + _SPARE + images.shape[-1] // CELLS_PER_PIXEL
         highest = math.floor(HIGHEST * period)
-        kx, ky = np.arange(highest + 1) / period, np.arange(-highest, highest + 1) / period
+        kx = np.arange(highest + 1) / period
+        ky = np.arange(-highest, highest + 1) / period
         shape = profile(scene, kx, ky) if not case.star else 1.0
         transforms = [_transform(image, period, highest) * shape for image in images]
         weights = _cubic(self._waves, GRID[lit]) * light
-        out, block = np.zeros(window.shape), np.floor(x / _BLOCK).astype(int)
+        out = np.zeros(window.shape)
+        block = np.floor(x / _BLOCK).astype(int)
         for b in np.unique(block):
             mine = block == b
             self._add(out, transforms, weights[:, mine], x[mine], y[mine], scene, kx, ky, period)
@@ -148,7 +157,8 @@ def _cubic(nodes: FloatArray, places: FloatArray) -> FloatArray:
     at = (places - nodes[0]) / (nodes[1] - nodes[0])
     first = np.clip(np.floor(at).astype(int) - 1, 0, len(nodes) - 4)
     t = at - first
-    out, column = np.zeros((len(nodes), len(places))), np.arange(len(places))
+    out = np.zeros((len(nodes), len(places)))
+    column = np.arange(len(places))
     for j in range(4):
         others = [k for k in range(4) if k != j]
         out[first + j, column] = np.prod([(t - k) / (j - k) for k in others], axis=0)

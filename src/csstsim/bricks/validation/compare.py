@@ -37,8 +37,10 @@ def match(truth: ObjectTable, sources: ObjectTable) -> IntArray:
 
     A quasar and its host are at the same place: of objects equally far, the brighter has the source.
     """
-    places, others = (unit_vectors(truth["ra_epoch"], truth["dec_epoch"]), unit_vectors(sources["ra"], sources["dec"]))
-    order, row = np.argsort(_brightest(truth), kind="stable"), np.full(len(truth), -1)
+    places = unit_vectors(truth["ra_epoch"], truth["dec_epoch"])
+    others = unit_vectors(sources["ra"], sources["dec"])
+    order = np.argsort(_brightest(truth), kind="stable")
+    row = np.full(len(truth), -1)
     row[order] = one_to_one(places[order], others, np.radians(reach(truth)[order] / 3600.0))
     return row
 
@@ -93,7 +95,8 @@ def magnitudes(
     for name, is_kind, prefix in (("star", ~galaxy, ""), ("galaxy", galaxy, "total_")):
         rows = np.flatnonzero(is_kind & ~truth["blended"].astype(bool) & (match >= 0))
         source = match[rows]
-        given, got = truth[f"mag_{band}"][rows].astype(float), sources[f"{prefix}mag_{band}"][source]
+        given = truth[f"mag_{band}"][rows].astype(float)
+        got = sources[f"{prefix}mag_{band}"][source]
         # S/N from the true magnitude, so that the selection does not follow the noise of the measured one.
         area = wider(truth, np.median([info["n_eff"] for info in infos]))[rows]
         light = 10.0 ** (-0.4 * (given - 23.9))
@@ -137,7 +140,9 @@ def counts(
     """
     star = np.asarray(sources["star"]) > 0.5
     measured = np.where(star, sources[f"mag_{band}"], sources[f"total_mag_{band}"])
-    false, given, found = ~np.asarray(real), truth[f"mag_{band}"].astype(float), np.unique(match[match >= 0])
+    false = ~np.asarray(real)
+    given = truth[f"mag_{band}"].astype(float)
+    found = np.unique(match[match >= 0])
     got = measured[np.union1d(found, np.flatnonzero(false))]
     bright = np.nan_to_num(true_snr(band, truth, infos)) > SNR_COUNT
     alone = bright & ~truth["blended"].astype(bool)
@@ -145,15 +150,18 @@ def counts(
     more = np.nan_to_num(sources[f"flux_{band}"] / sources[f"flux_err_{band}"])[false] > SNR_COUNT
     n = int(alone.sum())
     return {
-        "edges": list(map(float, edges)), "in": np.histogram(given[np.isfinite(given)], edges)[0].tolist(),
+        "edges": list(map(float, edges)),
+        "in": np.histogram(given[np.isfinite(given)], edges)[0].tolist(),
         "out": np.histogram(got[np.isfinite(got)], edges)[0].tolist(),
-        "excess": float((seen & alone).sum() / n - 1 + more.sum() / bright.sum()) if n else None, "n": n,
-    }  # fmt: skip
+        "excess": float((seen & alone).sum() / n - 1 + more.sum() / bright.sum()) if n else None,
+        "n": n,
+    }
 
 
 def lost(truth: ObjectTable, match: IntArray, held: Sequence[IntArray]) -> dict[str, tuple[float | None, int]]:
     """Return {"stars", "galaxies": (share, n)}: of n found in exposures (ids `held`), the share without a source."""
-    found, out = np.isin(truth["id"], np.concatenate(held or [np.zeros(0, int)])), {}
+    found = np.isin(truth["id"], np.concatenate(held or [np.zeros(0, int)]))
+    out = {}
     galaxy = truth["obj_type"] == GALAXY
     for name, kind in (("stars", found & ~galaxy), ("galaxies", found & galaxy)):
         out[name] = (float((match[kind] < 0).mean()) if kind.any() else None), int(kind.sum())
@@ -170,7 +178,8 @@ def twice(truth: ObjectTable, sources: ObjectTable, match: IntArray) -> tuple[fl
         return None, 0
     from scipy.spatial import cKDTree
 
-    places, reaches = unit_vectors(truth["ra_epoch"], truth["dec_epoch"]), np.radians(reach(truth) / 3600.0)[rows]
+    places = unit_vectors(truth["ra_epoch"], truth["dec_epoch"])
+    reaches = np.radians(reach(truth) / 3600.0)[rows]
     true, found = (
         cKDTree(some).query_ball_point(places[rows], reaches, return_length=True)
         for some in (places, unit_vectors(sources["ra"], sources["dec"]))
@@ -186,7 +195,8 @@ def astrometry(
     source = match[rows]
     snr = [np.nan_to_num(sources[f"flux_{b}"][source] / sources[f"flux_err_{b}"][source]) for b in bands]
     good = (np.max(snr, axis=0, initial=0.0) > snr_min) & ((sources["flags"][source] & SATURATED) == 0)
-    rows, source = rows[good], source[good]
+    rows = rows[good]
+    source = source[good]
     east, north = offsets(
         sources["ra"][source], sources["dec"][source], truth["ra_epoch"][rows], truth["dec_epoch"][rows]
     )
@@ -215,10 +225,12 @@ def colours(
     """
     some = len(truth) and len(bands) == 3
     rows = np.flatnonzero(~truth["blended"].astype(bool) & (match >= 0)) if some else np.zeros(0, int)
-    source, galaxy = match[rows], truth["obj_type"][rows] == GALAXY if len(rows) else np.zeros(0, bool)
+    source = match[rows]
+    galaxy = truth["obj_type"][rows] == GALAXY if len(rows) else np.zeros(0, bool)
     good = (np.asarray(sources["flags"])[source] & SATURATED) == 0
     good &= ~galaxy if kind == "star" else True
-    true, measured = [], []
+    true = []
+    measured = []
     for band in bands if some else ():
         snr, mag = (
             np.where(galaxy, *(values[source] for values in pair))
@@ -244,17 +256,20 @@ def galaxy_colours(
     Colours are those of the Gaussian aperture in neighbouring bands; the S/N is the lower one of the two.
     """
     rows = np.flatnonzero((truth["obj_type"] == GALAXY) & ~truth["blended"].astype(bool) & (match >= 0))
-    source, found = match[rows], []
+    source = match[rows]
+    found = []
     sound = (np.asarray(sources["flags"])[source] & SATURATED) == 0
     for pair in pairwise(bands):
         snr = np.minimum(*(sources[f"gaap_flux_{b}"][source] / sources[f"gaap_flux_err_{b}"][source] for b in pair))
         given, got = (
             first[at].astype(float) - second[at]
             for (first, second), at in (
-                ([truth[f"mag_{b}"] for b in pair], rows), ([sources[f"gaap_mag_{b}"] for b in pair], source),
+                ([truth[f"mag_{b}"] for b in pair], rows),
+                ([sources[f"gaap_mag_{b}"] for b in pair], source),
             )
-        )  # fmt: skip
-        off, good = got - given, sound & np.isfinite(got - given) & np.isfinite(snr)
+        )
+        off = got - given
+        good = sound & np.isfinite(got - given) & np.isfinite(snr)
         for low, high in pairwise(SNR_GALAXY_COLOUR):
             some = good & (snr >= low) & (snr < high)
             found.append({"bands": list(pair), "snr": [low, high]} | spread(off[some]))

@@ -19,7 +19,9 @@ from csstsim.bricks.validation.compare import SNR_COUNT, true_snr
 if TYPE_CHECKING:
     from csstsim.catalog.table import ObjectTable
 
-SAME, RADIUS = 0.5, 15.0  # arcsec
+# arcsec
+SAME = 0.5
+RADIUS = 15.0
 SNR_SEEN = 5.0
 EDGES = (0.0, 20.0, 40.0, 60.0, 90.0, 130.0, 200.0, 400.0, np.inf)  # arcmin-2
 
@@ -43,11 +45,15 @@ def by_density(
     bright = snr > SNR_COUNT
     objects = _bins(places, truth["ra_epoch"][bright], truth["dec_epoch"][bright])
     seen = _bins(places, sources["ra"], sources["dec"])
-    found, real = np.asarray(match)[bright] >= 0, np.asarray(real, bool)
+    found = np.asarray(match)[bright] >= 0
+    real = np.asarray(real, bool)
     return {
-        "edges": list(EDGES[:-1]), "objects": _counts(objects), "found": _counts(objects[found]),
-        "sources": _counts(seen), "real": _counts(seen[real]),
-    }  # fmt: skip
+        "edges": list(EDGES[:-1]),
+        "objects": _counts(objects),
+        "found": _counts(objects[found]),
+        "sources": _counts(seen),
+        "real": _counts(seen[real]),
+    }
 
 
 def _bins(places: FloatArray, ra: FloatArray, dec: FloatArray) -> IntArray:
@@ -56,7 +62,8 @@ def _bins(places: FloatArray, ra: FloatArray, dec: FloatArray) -> IntArray:
 
     if len(places) == 0 or len(ra) == 0:
         return np.zeros(len(ra), int)
-    tree, at = cKDTree(places), unit_vectors(ra, dec)
+    tree = cKDTree(places)
+    at = unit_vectors(ra, dec)
     same, near = (tree.query_ball_point(at, np.radians(r / 3600.0), return_length=True) for r in (SAME, RADIUS))
     return np.digitize((near - same) / (np.pi * (RADIUS / 60.0) ** 2), EDGES[1:-1])
 

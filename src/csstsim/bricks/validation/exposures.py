@@ -29,7 +29,10 @@ if TYPE_CHECKING:
 SNR_SHARP = 50.0  # stars' positions and shapes are judged above this
 SNR_SHAPE = 20.0  # galaxies' shapes are judged above this
 CLIP = 4.0  # sigma; values further off are left out of means
-FLOOR_MAG, FLOOR_MAS, FLOOR_PX = 0.005, 1.0, 0.01  # added to a star's stated error: a few must not dominate a mean
+# added to a star's stated error: a few must not dominate a mean
+FLOOR_MAG = 0.005
+FLOOR_MAS = 1.0
+FLOOR_PX = 0.01
 BORDER = 2  # stars that proper motion takes across the border of a window
 SHAPE_MAX = 1.5  # of a measured shape; longer ones are noise
 
@@ -51,7 +54,8 @@ class _Gates:
     """The gates of gates with band, exposure and chip filled in."""
 
     def __init__(self, band: str, where: Mapping[str, Any]) -> None:
-        self.band, self.where = band, where
+        self.band = band
+        self.where = where
 
     def at_most(
         self, name: str, value: float | None, threshold: float | None, n: int | None, chance: float = 0.0, **more: Any
@@ -83,22 +87,30 @@ def count_gates(frame: MeasuredFrame, pix: int, limits: ValidateConfig) -> list[
     expected = frame.facts.expected if frame.facts else {}
     if not expected:
         return []
-    x, y = truth["x"], truth["y"]
+    x = truth["x"]
+    y = truth["y"]
     on = (x > x0 - 0.5) & (x < x1 - 0.5) & (y > y0 - 0.5) & (y < y1 - 0.5) & (truth["id"] >> ID_BITS == pix)
     kinds = truth["obj_type"][on]
     counts = {"galaxies": int((kinds == GALAXY).sum()), "stars": int((kinds == STAR).sum())}
     return [
         at_most(
-            f"{kind} of a frame over the catalogue's, less 1", frame.band, counts[kind] / n - 1 if n else None,
-            limits.frame_counts_max, n, BORDER / n if n else 0.0, WORST, **where,
+            f"{kind} of a frame over the catalogue's, less 1",
+            frame.band,
+            counts[kind] / n - 1 if n else None,
+            limits.frame_counts_max,
+            n,
+            BORDER / n if n else 0.0,
+            WORST,
+            **where,
         )
         for kind, n in expected.items()
-    ]  # fmt: skip
+    ]
 
 
 def _found(table: ObjectTable, limits: ValidateConfig, of: _Gates) -> list[Gate]:
     """Return the gates of completeness of point sources and galaxies, and of the flag of saturated stars."""
-    galaxy, found = table["galaxy"].astype(bool), table["found"] > 0
+    galaxy = table["galaxy"].astype(bool)
+    found = table["found"] > 0
     points = judged_points(table, limits)
     some = galaxy & (table["snr"] > limits.galaxy_snr_min) & (table["snr"] < SNR_MAX)
     full = (table["full"] > 0) & found
@@ -175,7 +187,9 @@ def shape_slope(table: ObjectTable) -> tuple[complex | None, float, int]:
     some = (table["galaxy"] > 0) & (table["snr"] > SNR_SHAPE) & (table["snr"] < SNR_MAX)
     true, got = (table[f"{name}1"][some] + 1j * table[f"{name}2"][some] for name in ("true_g", "g"))
     good = np.isfinite(true) & np.isfinite(got) & (np.abs(got) < SHAPE_MAX)
-    true, got, n = true[good], got[good], int(good.sum())
+    true = true[good]
+    got = got[good]
+    n = int(good.sum())
     weight = float(np.sum(np.abs(true) ** 2))
     if n < 2 or weight == 0:
         return None, 0.0, n
@@ -219,14 +233,17 @@ def clipped_mean(values: FloatArray, errors: FloatArray, floor: float) -> tuple[
     mean's error is the larger of the stated one and that from the scatter.
     """
     good = np.isfinite(values) & np.isfinite(errors)
-    values, sigma = values[good], np.hypot(errors[good], floor)
+    values = values[good]
+    sigma = np.hypot(errors[good], floor)
     if len(values) == 0:
         return None, 0.0, 0
     pull = (values - np.median(values)) / sigma
     kept = np.abs(pull) < CLIP * max(1.0, 1.4826 * np.median(np.abs(pull)))
-    values, weight = values[kept], sigma[kept] ** -2.0
+    values = values[kept]
+    weight = sigma[kept] ** -2.0
     mean = float(np.average(values, weights=weight))
-    stated, scatter = weight.sum() ** -0.5, np.sqrt(np.sum(weight**2 * (values - mean) ** 2)) / weight.sum()
+    stated = weight.sum() ** -0.5
+    scatter = np.sqrt(np.sum(weight**2 * (values - mean) ** 2)) / weight.sum()
     return mean, float(max(stated, scatter)), len(values)
 
 

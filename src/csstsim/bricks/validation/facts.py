@@ -141,7 +141,8 @@ def pixels_off(
         out["noise"].append((part["channel"], float(part["noise"] / noise - 1), float((2 * n) ** -0.5)))
     out["uneven"] = _uneven(levels)
     for part in channels:
-        n, count = part["channel"], part["overscan"]
+        n = part["channel"]
+        count = part["overscan"]
         if not count:  # without overscan (layout `chip`) both were taken from the header
             continue
         expected = np.hypot(facts.read_noise, facts.gain.get(n, 0.0) * ROUNDING)

@@ -59,9 +59,14 @@ def at_least(name: str, band: str, value: float | None, threshold: float | None,
     A fraction whose true value is at the threshold may fall short by chance: CHANCE sigma are tolerated.
     """
     error = float(np.sqrt(max(value * (1 - value), 1 / n) / n)) if n and value is not None else None
-    sides = None if value is None or threshold is None else lambda: (
-        1 - value, 1 - threshold + CHANCE * np.sqrt(threshold * (1 - threshold) / n),
-    )  # fmt: skip
+    sides = (
+        None
+        if value is None or threshold is None
+        else lambda: (
+            1 - value,
+            1 - threshold + CHANCE * np.sqrt(threshold * (1 - threshold) / n),
+        )
+    )
     return _gate(name, band, value, threshold, n, error, where, sides)
 
 
@@ -78,7 +83,8 @@ def between(
 def _nearer_side(width: float, limits: tuple[float, float], n: int) -> tuple[float, float]:
     """Return (size, allowed) of a width at the limit that it is nearer to failing."""
     chance = WORST * 1.17 / np.sqrt(n)  # a width from the median deviation has a relative error of 1.17 / sqrt(n)
-    low, high = limits[0] * (1 - chance), limits[1] * (1 + chance)
+    low = limits[0] * (1 - chance)
+    high = limits[1] * (1 + chance)
     return (width, high) if width > limits[0] else (low, width)
 
 
@@ -113,9 +119,16 @@ def _gate(
 ) -> Gate:
     margin = _margin(*sides()) if sides is not None and (n is None or n >= FEW) else None
     return {
-        "name": name, "band": band, "value": value, "threshold": threshold, "n": n, "error": error, "margin": margin,
-        "passed": None if margin is None else margin <= 1.0, **where,
-    }  # fmt: skip
+        "name": name,
+        "band": band,
+        "value": value,
+        "threshold": threshold,
+        "n": n,
+        "error": error,
+        "margin": margin,
+        "passed": None if margin is None else margin <= 1.0,
+        **where,
+    }
 
 
 def _margin(size: float, allowed: float) -> float:

@@ -36,8 +36,10 @@ def shapes(frame: MeasuredFrame, truth: ObjectTable) -> dict[int, FloatArray]:
     truth: its validate.judged_truth.
     """
     truth = truth.take((truth["obj_type"] == GALAXY) & ~truth["blended"])
-    measured, row = frame.measured, matched(truth, frame.measured, frame.pixel)
-    truth, row = truth.take(row >= 0), row[row >= 0]
+    measured = frame.measured
+    row = matched(truth, frame.measured, frame.pixel)
+    truth = truth.take(row >= 0)
+    row = row[row >= 0]
     g = np.stack([measured["g1"][row], measured["g2"][row]], axis=1)
     good = (measured["snr"][row] > SNR_MIN) & (measured["resolution"][row] > RESOLVED)
     good &= ((measured["flags"][row] & SHAPELESS) == 0) & np.isfinite(g).all(axis=1) & (np.hypot(*g.T) < LARGEST)
@@ -89,8 +91,14 @@ def judge(fits: Iterable[Mapping[str, Any]], m_max: float | None, c_max: float |
             value = fit[name]
             judged = value is not None and limit is not None and fit["n"] >= FEW
             passed = bool(abs(value) <= limit + CHANCE * fit[f"{name}_err"]) if judged else None
-            gates.append({
-                "name": f"shear {name}{fit['component']}", "band": "all", "value": value, "threshold": limit,
-                "n": fit["n"], "passed": passed,
-            })  # fmt: skip
+            gates.append(
+                {
+                    "name": f"shear {name}{fit['component']}",
+                    "band": "all",
+                    "value": value,
+                    "threshold": limit,
+                    "n": fit["n"],
+                    "passed": passed,
+                }
+            )
     return gates

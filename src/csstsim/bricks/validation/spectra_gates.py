@@ -14,7 +14,9 @@ if TYPE_CHECKING:
 
 def spectra_gates(checks: Mapping[str, Any], limits: ValidateConfig, **where: Any) -> list[Gate]:
     """Return the gates of a frame's `checks`; limits: thresholds.ValidateConfig; where: its band, exposure and chip."""
-    flux, sky, band = checks["flux"], checks["sky"], where.pop("band")
+    flux = checks["flux"]
+    sky = checks["sky"]
+    band = where.pop("band")
     pointing = max(checks["pointing"].values(), default=None)
     return [
         at_most(

@@ -27,7 +27,9 @@ SHAPES = "psf_size", "psf_e1", "psf_e2"
 OWN = ("pull", *SHAPES, "mag_off", "mag_err", "east_mas", "north_mas", "place_err", "g1", "g2")
 FOUND = ("across_mas", "deferred_mas", "light", "header_east", "header_north", "true_g1", "true_g2", *OWN)
 COLUMNS = ("galaxy", "snr", "mag", "found", "sound", "clean", "full", "x", "y", "transfers", "lonely", *FOUND)
-PAIR_PX, PAIR_SNR = 12.0, 8.0  # distance of a close pair; minimum S/N of both
+# distance of a close pair; minimum S/N of both
+PAIR_PX = 12.0
+PAIR_SNR = 8.0
 RESOLVED = 0.3  # least resolution (1 - PSF size^2 / size^2) of a galaxy whose shape is judged
 SHAPELESS = 1 | 2 | 4 | 8 | 128  # flags of measure.catalogue: blended, cut, saturated, negative, bad pixels
 DOUBTFUL = 4 | 32 | 64 | 128 | 256  # flags with which a merge may leave a single detection out
@@ -49,15 +51,19 @@ def trials(truth: ObjectTable, frame: MeasuredFrame) -> ObjectTable:
     if it is resolved.
     """
     truth = truth.take(~truth["blended"])
-    electrons, galaxy = truth["electrons"].astype(float), truth["obj_type"] == GALAXY
+    electrons = truth["electrons"].astype(float)
+    galaxy = truth["obj_type"] == GALAXY
     area = frame.info["n_eff"] * wider(truth, frame.info["n_eff"])
     row = matched(truth, frame.measured, frame.pixel)
     found = row >= 0
     out = {
-        "galaxy": galaxy, "snr": electrons / np.sqrt(electrons + area * frame.info["rms"] ** 2),
-        "mag": truth[f"mag_{frame.band}"].astype(float), "found": found, "sound": found.copy(),
+        "galaxy": galaxy,
+        "snr": electrons / np.sqrt(electrons + area * frame.info["rms"] ** 2),
+        "mag": truth[f"mag_{frame.band}"].astype(float),
+        "found": found,
+        "sound": found.copy(),
         "clean": found.copy(),
-    }  # fmt: skip
+    }
     upper = truth["y"] > frame.seam - 0.5
     out["x"], out["y"] = truth["x"], truth["y"]
     out["lonely"] = truth["crowd"] < LONELY * electrons / out["snr"]
@@ -67,7 +73,9 @@ def trials(truth: ObjectTable, frame: MeasuredFrame) -> ObjectTable:
     for name in FOUND:
         out[name] = np.full(len(truth), np.nan)
     if found.any():
-        at, measured, truth = row[found], frame.measured, truth.take(found)
+        at = row[found]
+        measured = frame.measured
+        truth = truth.take(found)
         out["sound"][found] = (measured["flags"][at] & SATURATED) == 0
         out["clean"][found] = (measured["flags"][at] & DOUBTFUL) == 0
         scale = 1000 * frame.pixel
@@ -94,8 +102,10 @@ def _own(
         "pull": (measured["flux_psf"][at] - electrons) / measured["flux_psf_err"][at],
         "psf_size": measured["hsm_sigma"][at] / measured["psf_sigma"][at] - 1,
         **{f"psf_{axis}": measured[f"hsm_{axis}"][at] - measured[f"psf_{axis}"][at] for axis in ("e1", "e2")},
-        "east_mas": 1000 * east, "north_mas": 1000 * north, "place_err": 1000 * measured["pos_err"][at],
-    }  # fmt: skip
+        "east_mas": 1000 * east,
+        "north_mas": 1000 * north,
+        "place_err": 1000 * measured["pos_err"][at],
+    }
     if "mag_psf" in measured:
         out |= {"mag_off": measured["mag_psf"][at] - mag, "mag_err": measured["mag_psf_err"][at]}
     if "g1" in measured and {"e1", "e2", "g1", "g2"} <= set(truth):
@@ -155,11 +165,13 @@ def limit(mag: FloatArray, found: BoolArray, share: float = 0.5, step: float = 0
     known = np.isfinite(mag)
     if not known.any():
         return None
-    mag, found = mag[known], found[known]
+    mag = mag[known]
+    found = found[known]
     edges = np.arange(np.floor(mag.min()), mag.max() + step, step)
     n, seen = (np.histogram(some, edges)[0] for some in (mag, mag[found]))
     good = n >= fewest
-    middle, fraction = 0.5 * (edges[1:] + edges[:-1])[good], seen[good] / n[good]
+    middle = 0.5 * (edges[1:] + edges[:-1])[good]
+    fraction = seen[good] / n[good]
     cross = np.flatnonzero((fraction[:-1] >= share) & (fraction[1:] < share))
     if not len(cross):
         return None

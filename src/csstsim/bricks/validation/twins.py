@@ -28,12 +28,16 @@ MAG_STEP = 1.0
 REAL = 5.0  # S/N of the sources that are counted: below, most are noise
 # {quantity: (its meaning, the kinds of objects that have it)}
 QUANTITIES = {
-    "mag": ("magnitude", ("star", "galaxy")), "x": ("place x [px]", ("star", "galaxy")),
-    "y": ("place y [px]", ("star", "galaxy")), "size": ("ln size", ("star", "galaxy")),
-    "e1": ("ellipticity e1", ("star", "galaxy")), "e2": ("ellipticity e2", ("star", "galaxy")),
-    "g1": ("shape g1, corrected for the PSF", ("galaxy",)), "g2": ("shape g2, corrected for the PSF", ("galaxy",)),
+    "mag": ("magnitude", ("star", "galaxy")),
+    "x": ("place x [px]", ("star", "galaxy")),
+    "y": ("place y [px]", ("star", "galaxy")),
+    "size": ("ln size", ("star", "galaxy")),
+    "e1": ("ellipticity e1", ("star", "galaxy")),
+    "e2": ("ellipticity e2", ("star", "galaxy")),
+    "g1": ("shape g1, corrected for the PSF", ("galaxy",)),
+    "g2": ("shape g2, corrected for the PSF", ("galaxy",)),
     "spectrum": ("electrons of a spectrum, relative", ("spectrum",)),
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True)
@@ -58,7 +62,8 @@ def mean(values: ArrayLike) -> Mean:
     """Return the Mean of differences, NaN left out; NaN of fewer than FEWEST."""
     known = np.asarray(values, float)
     known = known[np.isfinite(known)]
-    n, changed = len(known), int(np.count_nonzero(known))
+    n = len(known)
+    changed = int(np.count_nonzero(known))
     if n < FEWEST:
         return Mean(n, np.nan, np.nan, np.nan, changed, 0, np.nan, np.nan)
     away = np.abs(known - np.median(known))
@@ -79,14 +84,17 @@ def seen(frame: MeasuredFrame, truth: ObjectTable) -> tuple[dict[int, dict[str, 
     truth: its validate.judged_truth. values: {kind, true, mag, x, y, size, e1, e2, g1, g2}, NaN where flags say that a
     value is none. counts, of S/N above REAL: {"sources", "matched", "other"}: all, those of an object, and the others.
     """
-    measured, row = frame.measured, matched(truth, frame.measured, frame.pixel) if len(truth) else np.zeros(0, int)
+    measured = frame.measured
+    row = matched(truth, frame.measured, frame.pixel) if len(truth) else np.zeros(0, int)
     at = row[row >= 0]
     n, own = (int((some > REAL).sum()) for some in (measured["snr"], measured["snr"][at]))
     counts = {"sources": n, "matched": own, "other": n - own}
-    truth, source = (truth.take(row >= 0) if len(truth) else truth), measured.take(at)
+    truth = truth.take(row >= 0) if len(truth) else truth
+    source = measured.take(at)
     if not len(at):
         return {}, counts
-    galaxy, flags = truth["obj_type"] == GALAXY, source["flags"]
+    galaxy = truth["obj_type"] == GALAXY
+    flags = source["flags"]
     shaped = ((flags & SHAPELESS) == 0) & ~truth["blended"].astype(bool)
     resolved = shaped & galaxy & (source["resolution"] > RESOLVED)
     fair = (flags & SATURATED) == 0
@@ -94,12 +102,16 @@ def seen(frame: MeasuredFrame, truth: ObjectTable) -> tuple[dict[int, dict[str, 
         size = np.log(source["hsm_sigma"])
     values = {
         "mag": np.where(fair, np.where(galaxy, source["mag_total"], source["mag_psf"]), np.nan),
-        "x": np.where(fair, source["x"], np.nan), "y": np.where(fair, source["y"], np.nan),
+        "x": np.where(fair, source["x"], np.nan),
+        "y": np.where(fair, source["y"], np.nan),
         "size": np.where(shaped, size, np.nan),
-        "e1": np.where(shaped, source["hsm_e1"], np.nan), "e2": np.where(shaped, source["hsm_e2"], np.nan),
-        "g1": np.where(resolved, source["g1"], np.nan), "g2": np.where(resolved, source["g2"], np.nan),
-    }  # fmt: skip
-    true, kind = truth[f"mag_{frame.band}"].astype(float), np.where(galaxy, "galaxy", "star")
+        "e1": np.where(shaped, source["hsm_e1"], np.nan),
+        "e2": np.where(shaped, source["hsm_e2"], np.nan),
+        "g1": np.where(resolved, source["g1"], np.nan),
+        "g2": np.where(resolved, source["g2"], np.nan),
+    }
+    true = truth[f"mag_{frame.band}"].astype(float)
+    kind = np.where(galaxy, "galaxy", "star")
     found = {
         int(number): {"kind": str(kind[k]), "true": float(true[k])} | {name: float(v[k]) for name, v in values.items()}
         for k, number in enumerate(truth["id"])
@@ -126,7 +138,7 @@ def differences(
         number: {"kind": first[number]["kind"], "true": first[number]["true"]}
         | {name: other[number][name] - first[number][name] for name in QUANTITIES if name in first[number]}
         for number in sorted(first.keys() & other.keys())
-    }  # fmt: skip
+    }
 
 
 def spectral_differences(

@@ -94,7 +94,11 @@ def validate_brick(
     """
     seen_in, truth, held, real = _gathered(pix, sources, frames, bands, config)
     match = compare.match(truth, sources)
-    numbers_of, curves, residuals, tables, gates = {}, {}, {}, {}, []
+    numbers_of = {}
+    curves = {}
+    residuals = {}
+    tables = {}
+    gates = []
     seen = [band for band in bands if seen_in[band].infos]
     for band in seen:
         of_band = seen_in[band]
@@ -129,19 +133,27 @@ def validate_brick(
     ]
     locus = LOCUS if set(LOCUS) <= set(bands) else ()
     result = {
-        "brick": int(pix), "sources": len(sources), "purity": pure,
-        "left_out": getattr(sources, "meta", {}).get("left_out"), "truth": len(truth),
-        "frames": sum(len(of_band.infos) for of_band in seen_in.values()), "bands": numbers_of,
-        "astrometry_mas": {"east": compare.spread(east), "north": compare.spread(north)}, "radial_mas": bright,
-        "galaxy_colours": galaxy_colours, "laws": laws,
+        "brick": int(pix),
+        "sources": len(sources),
+        "purity": pure,
+        "left_out": getattr(sources, "meta", {}).get("left_out"),
+        "truth": len(truth),
+        "frames": sum(len(of_band.infos) for of_band in seen_in.values()),
+        "bands": numbers_of,
+        "astrometry_mas": {"east": compare.spread(east), "north": compare.spread(north)},
+        "radial_mas": bright,
+        "galaxy_colours": galaxy_colours,
+        "laws": laws,
         "density": by_density(truth, sources, match, real, {band: seen_in[band].infos for band in seen}),
         "gates": gates,
-    }  # fmt: skip
+    }
     return result, {
-        "completeness": curves, "residual": residuals, "trials": tables,
+        "completeness": curves,
+        "residual": residuals,
+        "trials": tables,
         "colour": compare.colours(truth, sources, match, compare.three(bands)),
         "locus": compare.colours(truth, sources, match, locus, compare.SNR_BRIGHT, "star"),
-    }  # fmt: skip
+    }
 
 
 @dataclass
@@ -159,8 +171,11 @@ def _gathered(
     pix: int, sources: ObjectTable, frames: Iterable[MeasuredFrame], bands: Collection[str], config: ValidateConfig
 ) -> tuple[dict[str, _Band], ObjectTable, list[IntArray], BoolArray]:
     """Return ({band: _Band}, the brick's true objects, ids by frame that must be merged, which sources are real)."""
-    seen_in, magnitudes = {band: _Band() for band in bands}, [f"mag_{band}" for band in bands]
-    kept, held, real = [], [], np.zeros(len(sources), bool)
+    seen_in = {band: _Band() for band in bands}
+    magnitudes = [f"mag_{band}" for band in bands]
+    kept = []
+    held = []
+    real = np.zeros(len(sources), bool)
     for frame in frames:  # one at a time is in memory; only what lies on the brick is kept
         of_band = seen_in[frame.band]
         real[compare.real(frame.truth, sources)] = True
@@ -182,23 +197,28 @@ def _gathered(
 
 def _of_exposures(table: ObjectTable, infos: Sequence[Mapping[str, Any]], config: ValidateConfig) -> dict[str, Any]:
     """Return the numbers of a band's single exposures; table: trials of all of them."""
-    galaxy, found = table["galaxy"].astype(bool), table["found"] > 0
-    points, judged, bright = ~galaxy, judged_points(table, config), bright_points(table)
+    galaxy = table["galaxy"].astype(bool)
+    found = table["found"] > 0
+    points = ~galaxy
+    judged = judged_points(table, config)
+    bright = bright_points(table)
     n, seen = completeness(table["snr"][points], found[points], SNR_EDGES)
     zeropoint = [info["zeropoint"] - 2.5 * np.log10(info["exptime"]) for info in infos]
     return {
         "frames": len(infos),
         "depth_5sigma": float(np.median([info["depth_5sigma"] for info in infos])),
         "completeness": float(found[judged].mean()) if judged.any() else None,
-        "zeropoint": float(np.median(zeropoint)), "point_sources": int(judged.sum()),
+        "zeropoint": float(np.median(zeropoint)),
+        "point_sources": int(judged.sum()),
         "completeness_curve": {"snr": list(SNR_EDGES), "n": n.tolist(), "found": seen.tolist()},
         "half_found": {
-            "star": limit(table["mag"][points], found[points]), "galaxy": limit(table["mag"][galaxy], found[galaxy]),
+            "star": limit(table["mag"][points], found[points]),
+            "galaxy": limit(table["mag"][galaxy], found[galaxy]),
         },
         "pull": compare.spread(table["pull"][bright]),
         "psf": _shapes(table, bright),
         "transfer": [_transfer(table, *bin) for bin in pairwise(BIAS_EDGES)],
-    }  # fmt: skip
+    }
 
 
 def _shapes(table: ObjectTable, stars: BoolArray) -> dict[str, dict[str, Any]]:
@@ -264,7 +284,8 @@ def blended(x: FloatArray, y: FloatArray, electrons: FloatArray) -> BoolArray:
     pairs = tree.query_pairs(40.0, output_type="ndarray")
     near = np.hypot(*(v[pairs[:, 0]] - v[pairs[:, 1]] for v in (x, y))) < NEAR
     for one, other in ((0, 1), (1, 0)):
-        a, b = pairs[:, one], pairs[:, other]
+        a = pairs[:, one]
+        b = pairs[:, other]
         mask[a[electrons[b] > np.where(near, 0.1, 100.0) * electrons[a]]] = True
     return mask
 

@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 ORDER = (False, None, True)  # failing gates first
 NAMES = {True: "pass", False: "fail", None: "not judged"}
 # Why a gate does not apply to a campaign: there is no other reason
-NO_THRESHOLD, TOO_FEW, NO_BIN = (
-    "no threshold is given", f"fewer than {FEW} such objects in the field", f"no bin of these objects has {FEW}",
-)  # fmt: skip
+NO_THRESHOLD = "no threshold is given"
+TOO_FEW = f"fewer than {FEW} such objects in the field"
+NO_BIN = f"no bin of these objects has {FEW}"
 
 
 def judge(results: Iterable[Mapping[str, Any]], others: Iterable[Gate] = ()) -> dict[str, Any]:
@@ -83,7 +83,8 @@ def headline(verdict: Mapping[str, Any]) -> str:
     counts = verdict["counts"]
     if verdict["passed"] is None:
         return "No gate could be judged: too few sources, or no thresholds."
-    judged, word = counts["pass"] + counts["fail"], "PASS" if verdict["passed"] else "FAIL"
+    judged = counts["pass"] + counts["fail"]
+    word = "PASS" if verdict["passed"] else "FAIL"
     reasons = dict.fromkeys(why_not(gate) for gate in verdict["gates"] if gate["passed"] is None)
     others = f"; {counts['not judged']} could not be judged ({'; '.join(reasons)})" if reasons else ""
     return f"{word}: {counts['pass']} of {judged} judged gates pass{others}."
@@ -93,7 +94,8 @@ def sentence(gate: Mapping[str, Any]) -> str:
     """Return a sentence with a gate's brick, exposure, chip and readout channel, its value and its threshold."""
     where = [f"{name} {gate[name]}" for name in ("brick", "exposure", "chip", "channel") if gate.get(name) is not None]
     band = f" in {gate['band']}" if gate.get("band") else ""
-    value, threshold = _figure(gate.get("value")), _figure(gate.get("threshold"))
+    value = _figure(gate.get("value"))
+    threshold = _figure(gate.get("threshold"))
     return f"{', '.join(where)}: {gate['name']}{band} is {value} against {threshold}"
 
 

@@ -24,7 +24,8 @@ def whole_objects(truth: ObjectTable) -> ObjectTable:
     part = np.flatnonzero(truth["part_of"] >= 0)
     at = order[np.minimum(np.searchsorted(truth["id"][order], truth["part_of"][part]), len(truth) - 1)]
     there = truth["id"][at] == truth["part_of"][part]
-    part, at = part[there], at[there]
+    part = part[there]
+    at = at[there]
     columns = {}
     for name in ADDED:
         if name in truth:

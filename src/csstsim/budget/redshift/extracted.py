@@ -54,9 +54,11 @@ def check_frames(runs: Iterable[OpenCampaign]) -> None:
         if twice:
             obsid, chip = twice[0][:2]
             raise InputError(
-                f"has the frame of exposure {obsid}, chip {chip}, which {seen[twice[0]]} has, too", file=run.file,
-                key="--also", allowed="campaigns without a common frame",
-            )  # fmt: skip
+                f"has the frame of exposure {obsid}, chip {chip}, which {seen[twice[0]]} has, too",
+                file=run.file,
+                key="--also",
+                allowed="campaigns without a common frame",
+            )
         seen |= dict.fromkeys(mine, run.file)
 
 
@@ -76,8 +78,11 @@ class Places:
             if 3600 * np.hypot(east * np.cos(np.radians(dec)), dec - y) > SAME:
                 raise InputError(
                     f"the id {k} is of two objects, at {ra:.5f} {dec:+.5f} and, in {other}, at {x:.5f} {y:+.5f}",
-                    file=file, key="id", value=k, allowed=f"one place for one id, to {SAME:g} arcsec",
-                )  # fmt: skip
+                    file=file,
+                    key="id",
+                    value=k,
+                    allowed=f"one place for one id, to {SAME:g} arcsec",
+                )
 
 
 def _of_campaign(
@@ -105,14 +110,17 @@ def _of_campaign(
 def _check_columns(path: Path, table: ObjectTable, columns: Iterable[str]) -> None:
     if missing := [name for name in columns if name not in table]:
         raise InputError(
-            f"the table lacks {', '.join(missing)}; remove it, and `csstsim extract` makes it again", file=path,
-            key=missing[0], allowed=", ".join(columns),
-        )  # fmt: skip
+            f"the table lacks {', '.join(missing)}; remove it, and `csstsim extract` makes it again",
+            file=path,
+            key=missing[0],
+            allowed=", ".join(columns),
+        )
 
 
 def _tables(run: OpenCampaign, job: Job, folder: PathLike | None) -> tuple[Path, Path]:
     """Return the paths of a frame's tables of spectra and lines."""
-    spectra, lines = run.paths.spectra(*job.key), run.paths.lines(*job.key)
+    spectra = run.paths.spectra(*job.key)
+    lines = run.paths.lines(*job.key)
     if folder is None:
         return spectra, lines
     there = beside(run.file, folder)
@@ -127,6 +135,9 @@ def _refuse(run: OpenCampaign, job: Job, folder: PathLike | None) -> NoReturn:
     if folder is None:
         raise InputError(f"no such table of spectra; `{step}` makes it", file=missing.absolute())
     raise InputError(
-        "no table of spectra", file=missing.parent.absolute(), key="--spectra", value=str(folder),
+        "no table of spectra",
+        file=missing.parent.absolute(),
+        key="--spectra",
+        value=str(folder),
         allowed=f"a folder of tables by `csstsim extract`, as {missing.name}",
-    )  # fmt: skip
+    )

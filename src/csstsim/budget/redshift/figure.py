@@ -14,7 +14,8 @@ if TYPE_CHECKING:
 
     from csstsim.catalog.table import ObjectTable
 
-GOOD, OTHER = "#2a6f97", "#c9c9c9"
+GOOD = "#2a6f97"
+OTHER = "#c9c9c9"
 
 
 def figure(result: Mapping[str, Any], answer: Mapping[int, tuple[float, bool]], objects: ObjectTable) -> bytes:
@@ -25,9 +26,11 @@ def figure(result: Mapping[str, Any], answer: Mapping[int, tuple[float, bool]], 
     axes = drawn.subplots(2, 3)
     _measured(axes[0, 0], answer, objects, result["right"])
     for ax, name, unit in (
-        (axes[0, 1], "magnitude", f"{result['band']} [AB]"), (axes[0, 2], "redshift", "z"),
-        (axes[1, 0], "size", "half-light radius [arcsec]"), (axes[1, 1], "contamination", "light of others / own"),
-    ):  # fmt: skip
+        (axes[0, 1], "magnitude", f"{result['band']} [AB]"),
+        (axes[0, 2], "redshift", "z"),
+        (axes[1, 0], "size", "half-light radius [arcsec]"),
+        (axes[1, 1], "contamination", "light of others / own"),
+    ):
         _shares(ax, result[name], unit)
     _lines(axes[1, 2], result["lines"])
     return png(drawn)

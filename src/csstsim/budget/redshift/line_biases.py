@@ -59,10 +59,14 @@ def _of_frame(table: ObjectTable, lines: ObjectTable) -> Iterator[dict[str, Any]
             float(lines[name][k]) for name in ("flux", "flux_err", "flux_true", "shift", "shift_err")
         )
         yield {
-            "id": int(lines["id"][k]), "line": str(lines["line"][k]), "contamination": share,
-            "ratio": flux / true, "ratio_err": error / true,
-            "shift": shift * flux / true, "shift_err": off * abs(flux) / true,
-        }  # fmt: skip
+            "id": int(lines["id"][k]),
+            "line": str(lines["line"][k]),
+            "contamination": share,
+            "ratio": flux / true,
+            "ratio_err": error / true,
+            "shift": shift * flux / true,
+            "shift_err": off * abs(flux) / true,
+        }
 
 
 def by_contamination(found: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:

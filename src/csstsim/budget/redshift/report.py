@@ -38,7 +38,8 @@ def budget(
     `extract` writes them, or None: the campaign's; answer: CSV file of columns id, z and good (0 or 1); band: of the
     magnitudes. Returns the scores, or None. Raises InputError.
     """
-    output, run = output_folder(output), runs[0]
+    output = output_folder(output)
+    run = runs[0]
     given = None if answer is None else read_answer(answer)
     name = f"mag_{band}"
     if band not in run.camera.bands:
@@ -49,7 +50,8 @@ def budget(
     _check_band(frames, objects, run.camera.bands, band)
     if given is not None and answer is not None:
         _check_ids(given, tables, answer)
-    stack, found = stacked(tables), None
+    stack = stacked(tables)
+    found = None
     if given is not None:
         found = scores(given, objects)
         lines = by_contamination(line_biases(tables, [lines for _, lines, _ in frames]))
@@ -84,9 +86,10 @@ def _check_band(
         return
     truths = [truth for *_, truth in frames]
     there = [
-        one for one in bands
+        one
+        for one in bands
         if any(np.isfinite(truth[f"mag_{one}"][truth["obj_type"] == GALAXY]).any() for truth in truths)
-    ]  # fmt: skip
+    ]
     if there:
         raise InputError("no galaxy has a magnitude in it", key="--band", value=band, allowed=", ".join(there))
 
@@ -128,20 +131,28 @@ def objects_of(frames: Sequence[tuple[ObjectTable, ObjectTable, ObjectTable]], n
     known = sorted(facts)
     z, mag, size = np.array([facts[k] for k in known]).reshape(-1, 3).T
     share = np.array([others[k] / light[k] if light[k] > 0 else np.inf for k in known])
-    return ObjectTable({
-        "id": np.array(known, np.int64), "z": z, "magnitude": mag, "size": size, "contamination": share,
-        "frames": np.array([count[k] for k in known], np.int16),
-    })  # fmt: skip
+    return ObjectTable(
+        {
+            "id": np.array(known, np.int64),
+            "z": z,
+            "magnitude": mag,
+            "size": size,
+            "contamination": share,
+            "frames": np.array([count[k] for k in known], np.int16),
+        }
+    )
 
 
 def read_answer(path: PathLike) -> dict[int, tuple[float, bool]]:
     """Return {id: (z, good)} of a CSV file. Raises InputError."""
-    path, out = Path(path), {}
+    path = Path(path)
+    out = {}
     for line, row in answer_rows(path, ("id", "z", "good"), "--answer"):
         try:
             k = int(row["id"])  # not by way of a float: an id has more digits
         except (TypeError, ValueError):
-            key, allowed = f"line {line}, id", "a whole number"
+            key = f"line {line}, id"
+            allowed = "a whole number"
             raise InputError("not an answer", file=path, key=key, value=row["id"], allowed=allowed) from None
         if k in out:
             raise InputError("id given twice", file=path, key=f"line {line}, id", value=k)

@@ -50,9 +50,11 @@ def scores(answer: Mapping[int, tuple[float, bool]], objects: Mapping[str, AnyAr
     answer: {id: (z, good)}; objects: {"id", "z", "magnitude", "size", "contamination": (n,)}.
     """
     given = [answer.get(int(k), (np.nan, False)) for k in objects["id"]]
-    z, good = np.array([z for z, _ in given], float), np.array([bool(ok) for _, ok in given], bool)
+    z = np.array([z for z, _ in given], float)
+    good = np.array([bool(ok) for _, ok in given], bool)
     good &= np.isfinite(z)
-    z, true = np.where(good, z, 0.0), np.asarray(objects["z"], float)
+    z = np.where(good, z, 0.0)
+    true = np.asarray(objects["z"], float)
     out: dict[str, Any] = {"all": score(z, good, true)}
     for name, edges in CLASSES.items():
         values = np.asarray(objects["z" if name == "redshift" else name], float)

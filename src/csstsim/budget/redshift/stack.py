@@ -50,17 +50,29 @@ def stacked(tables: Iterable[ObjectTable]) -> ObjectTable:
     known, row = np.unique(ids, return_inverse=True)
     order = np.argsort(row, kind="stable")
     sums = _added(
-        row[order], len(known), (low[order] - start) / STEP, (high[order] - start) / STEP, flux[order], error[order],
-        others[order], frame[order], bins,
-    )  # fmt: skip
+        row[order],
+        len(known),
+        (low[order] - start) / STEP,
+        (high[order] - start) / STEP,
+        flux[order],
+        error[order],
+        others[order],
+        frame[order],
+        bins,
+    )
     weight, light, variance, more, frames = sums
     there, at = np.nonzero(weight > 0)
     w = weight[there, at]
-    return ObjectTable({
-        "id": known[there], "wavelength": start + STEP * (at + 0.5), "flux": light[there, at] / w,
-        "flux_err": np.sqrt(variance[there, at]) / w, "contamination": more[there, at] / w,
-        "frames": frames[there, at].astype(np.int16),
-    })  # fmt: skip
+    return ObjectTable(
+        {
+            "id": known[there],
+            "wavelength": start + STEP * (at + 0.5),
+            "flux": light[there, at] / w,
+            "flux_err": np.sqrt(variance[there, at]) / w,
+            "contamination": more[there, at] / w,
+            "frames": frames[there, at].astype(np.int16),
+        }
+    )
 
 
 def _parts(

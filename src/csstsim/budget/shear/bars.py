@@ -16,7 +16,8 @@ from csstsim.budget.shear.run import setting_of
 if TYPE_CHECKING:
     from csstsim.budget.shear.plan import ShearPlan
 
-SUM, REST = "sum of the bars", "all at once less the sum"
+SUM = "sum of the bars"
+REST = "all at once less the sum"
 WINDOWS = 8  # fewest for a jackknife over windows; with fewer, errors that are common to a window are left out
 KINDS = "base", "bar", "sum", "all", "rest"
 
@@ -87,7 +88,8 @@ def _rows(plan: ShearPlan, shapes: _Shapes, kind: str) -> list[dict[str, Any]]:
         rows.append(_row(shapes, kind, "bar", name, effect.about, [term(name)], effect.common))
     if plan.summed:
         common = any(plan.effects[name].common for name in plan.summed)
-        added, whole = [term(name) for name in plan.summed], [term(ALL)]
+        added = [term(name) for name in plan.summed]
+        whole = [term(ALL)]
         rest = whole + [({setting: -factor for setting, factor in of.items()}, windows) for of, windows in added]
         for row_kind, label, terms in (("sum", SUM, added), ("all", ALL, whole), ("rest", REST, rest)):
             rows.append(_row(shapes, kind, row_kind, label, _ABOUT[row_kind], terms, common))
@@ -99,15 +101,17 @@ def _term(plan: ShearPlan, shapes: _Shapes, kind: str, name: str) -> tuple[dict[
     if name == BASE:
         factors = {BASE: 1.0}
     else:
-        setting, against = setting_of(plan, name), setting_of(plan, BASE if name == ALL else plan.effects[name].against)
+        setting = setting_of(plan, name)
+        against = setting_of(plan, BASE if name == ALL else plan.effects[name].against)
         factors = {BASE: 0.0} if setting == against else {setting: 1.0, against: -1.0}
     return factors, shapes.windows(name, factors, kind)
 
 
 _ABOUT = {
-    "sum": "sum of the bars that are marked +", "all": "all of these effects at once",
+    "sum": "sum of the bars that are marked +",
+    "all": "all of these effects at once",
     "rest": "all at once less the sum",
-}  # fmt: skip
+}
 
 
 def _row(
@@ -120,18 +124,24 @@ def _row(
     common: bool = False,
 ) -> dict[str, Any]:
     common = common and min(windows for _, windows in terms) >= WINDOWS
-    parts, galaxies = [], []
+    parts = []
+    galaxies = []
     for factors, windows in terms:
-        arms, frame = {name: shapes.arms(name, kind, windows) for name in factors}, shapes.frame(common, windows)
+        arms = {name: shapes.arms(name, kind, windows) for name in factors}
+        frame = shapes.frame(common, windows)
         every = np.all([of.finite for of in arms.values()], axis=0)
         parts.append(({name: sums(of, frame, every & of.used) for name, of in arms.items()}, factors))
         galaxies.append(int(every.sum()))
     value, error = combined(parts, shapes.plan.shear)
     row = {
-        "estimator": kind, "effect": label, "kind": row_kind, "about": about,
-        "windows": min(windows for _, windows in terms), "galaxies": min(galaxies),
+        "estimator": kind,
+        "effect": label,
+        "kind": row_kind,
+        "about": about,
+        "windows": min(windows for _, windows in terms),
+        "galaxies": min(galaxies),
         "seconds": sum(shapes.seconds(*term) for term in terms),
-    }  # fmt: skip
+    }
     row |= {name: float(v) for name, v in zip(NAMES, value, strict=True)}
     row |= {f"{name}_err": float(v) for name, v in zip(NAMES, error, strict=True)}
     one, two = shapes.scatters(next(iter(terms[0][0])), kind) if row_kind in ("base", "bar") else (np.nan, np.nan)

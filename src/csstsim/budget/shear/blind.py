@@ -32,7 +32,8 @@ from csstsim.budget.shear.printed import PRINTED, pair
 if TYPE_CHECKING:
     from csstsim.budget.shear.plan import Setting
 
-SEAL, README = "seal.json", "README.md"
+SEAL = "seal.json"
+README = "README.md"
 COLUMNS = "field", "g1", "g2", "g1_err", "g2_err"
 STEPS = 10_000  # a component is a multiple of twice the plan's shear over this
 
@@ -53,7 +54,9 @@ def blind(
     (n, s, s), GALAXIES (x, y: 0-based pixels of IMAGE; jacobian d(x, y)/d(east, north) [px / arcsec]). Raises
     InputError for a file that exists; if anything fails, nothing is left.
     """
-    plan, key, folder = load_plan(file, fields=count), Path(key), output_folder(output)
+    plan = load_plan(file, fields=count)
+    key = Path(key)
+    folder = output_folder(output)
     output_folder(key.parent, "--blind")
     _check_apart(key, folder)
     frames = [folder / f"field_{number:03d}.fits" for number in range(plan.fields)]
@@ -65,7 +68,8 @@ def blind(
     shears = [[2 * plan.shear * draw.randint(-STEPS, STEPS) / STEPS for _ in range(2)] for _ in range(plan.fields)]
     said = {"shears": shears, "seed": draw.randrange(2**62), "salt": secrets.token_hex(16)}
     hidden = plan.model_copy(update={"seed": said["seed"]})
-    name, setting = next(iter(plan.samples)), plan.setting(ALL if whole else BASE)
+    name = next(iter(plan.samples))
+    setting = plan.setting(ALL if whole else BASE)
     simulation, band = opened(hidden)
     with _all_or_none(paths):
         for number, (path, g) in enumerate(progress(list(zip(frames, shears, strict=True)), "fields")):
@@ -82,12 +86,15 @@ def blind(
 
 def _check_apart(key: Path, folder: Path) -> None:
     """Raise InputError for a key in the folder that is given away, however links lead there, or on the way to it."""
-    ours, given = key.resolve(), folder.resolve()
+    ours = key.resolve()
+    given = folder.resolve()
     if ours.is_relative_to(given) or given.is_relative_to(ours):
         raise InputError(
-            "the key would lie in the folder that is given away, or be a folder on the way to it", key="--blind",
-            value=str(key), allowed=f"a place outside the output folder, {folder}",
-        )  # fmt: skip
+            "the key would lie in the folder that is given away, or be a folder on the way to it",
+            key="--blind",
+            value=str(key),
+            allowed=f"a place outside the output folder, {folder}",
+        )
 
 
 @contextmanager
@@ -113,22 +120,31 @@ def _write(path: Path, field: Field, setting: Setting, g: complex) -> None:
     from astropy.io import fits
 
     window = field.job(False).window
-    x, y = field.galaxies.x - window.x0, field.galaxies.y - window.y0
+    x = field.galaxies.x - window.x0
+    y = field.galaxies.y - window.y0
     jacobian = field.jacobian(setting)
     columns = [
-        fits.Column("x", "D", unit="pixel", array=x), fits.Column("y", "D", unit="pixel", array=y),
+        fits.Column("x", "D", unit="pixel", array=x),
+        fits.Column("y", "D", unit="pixel", array=y),
         fits.Column("jacobian", "4D", unit="pixel/arcsec", dim="(2,2)", array=jacobian),
-    ]  # fmt: skip
-    hdus = fits.HDUList([
-        fits.PrimaryHDU(), fits.ImageHDU(field.arm(setting, g).astype(np.float32), name="IMAGE"),
-        fits.ImageHDU(np.ascontiguousarray(field.psf(setting), np.float32), name="PSF"),
-        fits.BinTableHDU.from_columns(columns, name="GALAXIES"),
-    ])  # fmt: skip
-    hdus["IMAGE"].header.update({
-        "BUNIT": ("electron", "background subtracted"), "EXPTIME": (field.job(False).exposure.exptime, "s"),
-        "GAIN": (1.0, "electrons per unit of the image"), "FILTER": field.band,
-        "ZP_AB": (zeropoint(field), "AB magnitude of one electron"),
-    })  # fmt: skip
+    ]
+    hdus = fits.HDUList(
+        [
+            fits.PrimaryHDU(),
+            fits.ImageHDU(field.arm(setting, g).astype(np.float32), name="IMAGE"),
+            fits.ImageHDU(np.ascontiguousarray(field.psf(setting), np.float32), name="PSF"),
+            fits.BinTableHDU.from_columns(columns, name="GALAXIES"),
+        ]
+    )
+    hdus["IMAGE"].header.update(
+        {
+            "BUNIT": ("electron", "background subtracted"),
+            "EXPTIME": (field.job(False).exposure.exptime, "s"),
+            "GAIN": (1.0, "electrons per unit of the image"),
+            "FILTER": field.band,
+            "ZP_AB": (zeropoint(field), "AB magnitude of one electron"),
+        }
+    )
     hdus["PSF"].header["BUNIT"] = ("", "shares: each stamp has a sum of 1")
     with atomic_path(path) as temporary:
         hdus.writeto(temporary, overwrite=True)
@@ -195,10 +211,12 @@ def _answer(path: PathLike, count: int) -> tuple[FloatArray, FloatArray]:
         **dict.fromkeys(("g1", "g2"), (lambda g: abs(g) < 1, "a shear, between -1 and 1")),
         **dict.fromkeys(("g1_err", "g2_err"), (lambda error: 1e-9 <= error <= 1e9, "1e-9 to 1e9")),
     }
-    numbers = np.array([
-        [answer_number(path, line, row, name, *rules[name]) for name in COLUMNS]
-        for line, row in answer_rows(path, COLUMNS)
-    ])  # fmt: skip
+    numbers = np.array(
+        [
+            [answer_number(path, line, row, name, *rules[name]) for name in COLUMNS]
+            for line, row in answer_rows(path, COLUMNS)
+        ]
+    )
     order = np.argsort(numbers[:, 0])
     if sorted(numbers[:, 0].tolist()) != list(range(count)):
         raise InputError("must have each field once", file=path, key="field", allowed=f"0 to {count - 1}")

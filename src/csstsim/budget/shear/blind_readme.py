@@ -58,9 +58,13 @@ def readme(plan: ShearPlan, field: Field) -> str:
     """Return the text, for frames of a plan; field: any one of them."""
     job = field.job(False)
     return TEXT.format(
-        fields=plan.fields, last=plan.fields - 1, most=2 * plan.shear, band=field.band,
-        exptime=job.exposure.exptime, zeropoint=zeropoint(field),
-    )  # fmt: skip
+        fields=plan.fields,
+        last=plan.fields - 1,
+        most=2 * plan.shear,
+        band=field.band,
+        exptime=job.exposure.exptime,
+        zeropoint=zeropoint(field),
+    )
 
 
 def zeropoint(field: Field) -> float:

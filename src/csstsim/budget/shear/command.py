@@ -29,7 +29,8 @@ def budget(
 
     chosen: as load_plan has them. Returns the rows of bars.bars, with the sample. Raises InputError.
     """
-    plan, folder = load_plan(file, **chosen), output_folder(output)
+    plan = load_plan(file, **chosen)
+    folder = output_folder(output)
     check_bars(plan, file or DEFAULT)
     for line in summary(plan, file, only_plan):
         say(line)

@@ -31,10 +31,14 @@ if TYPE_CHECKING:
     from ngmix.gaussmom import GaussMom
 
 PACKAGES = {"fpfs": "anacal", "metacal": "ngmix"}
-PSF_GUESS, GUESS = 1.5, 3.5  # px, where the search for the moments of PSF and galaxy starts
+# px, where the search for the moments of PSF and galaxy starts
+PSF_GUESS = 1.5
+GUESS = 3.5
 KERNEL = 0.3  # arcsec, of the shapelets
 WEIGHT = 5.0  # times its noise: what the shapelets' flux is compared with, so that faint galaxies count less
-STEP, APERTURE = 0.01, 1.2  # shear of metacalibration; arcsec, FWHM of its weight
+# shear of metacalibration; arcsec, FWHM of its weight
+STEP = 0.01
+APERTURE = 1.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,9 +58,12 @@ def check_installed(names: Iterable[str], file: PathLike | None) -> None:
     for name in names:
         if name in PACKAGES and find_spec(PACKAGES[name]) is None:
             raise InputError(
-                f"the package {PACKAGES[name]} is not installed", file=file, key="estimators", value=name,
+                f"the package {PACKAGES[name]} is not installed",
+                file=file,
+                key="estimators",
+                value=name,
                 allowed="hsm, own, and those whose packages are installed",
-            )  # fmt: skip
+            )
 
 
 def estimator(name: str) -> Estimator:
@@ -97,7 +104,8 @@ def own(stamps: FloatArray, psf: FloatArray, sigma: float, scale: float, rng: np
     """Measure by adaptive moments corrected with the kurtosis terms."""
     rows = []
     for image, star in zip(np.asarray(stamps, float), np.asarray(psf, float), strict=True):
-        galaxy, point = _moments(image, GUESS), _moments(star, SIZE_MIN)
+        galaxy = _moments(image, GUESS)
+        point = _moments(star, SIZE_MIN)
         rows.append([0.0, 0.0, *galaxy[1:], 0.0, *point[1:]])
     e = reduced(without_psf(np.array(rows).reshape(-1, 11))[0])
     return Shapes(e, np.ones((len(e), 2)))
@@ -105,7 +113,8 @@ def own(stamps: FloatArray, psf: FloatArray, sigma: float, scale: float, rng: np
 
 def _moments(image: FloatArray, size: float) -> tuple[float, float, float, float, float]:
     """Return (light, sigma, e1, e2, kurtosis) of a stamp's adaptive moments; NaN if there are none."""
-    gauss, clear = np.empty(5), np.zeros(image.shape, np.uint8)
+    gauss = np.empty(5)
+    clear = np.zeros(image.shape, np.uint8)
     middle = image.shape[0] // 2
     alone = np.zeros(image.shape, np.int32)
     start = np.hypot(size, SMOOTH)
@@ -120,16 +129,19 @@ def fpfs(stamps: FloatArray, psf: FloatArray, sigma: float, scale: float, rng: n
     """Measure by AnaCal: shapelets with analytic response, noise bias removed by noise that is added."""
     from anacal.fpfs import FpfsTask, _catalog_dtype, _ForceTask
 
-    n, side = len(stamps), stamps.shape[-1]
+    n = len(stamps)
+    side = stamps.shape[-1]
     mean = np.ascontiguousarray(np.mean(psf, axis=0))
     task = FpfsTask(npix=side, pixel_scale=scale, sigma_shapelets=KERNEL, psf_array=mean, kmax_thres=1e-12)
     task.prepare_covariance(variance=max(sigma, 1e-3) ** 2)
     force = _ForceTask(side, scale, KERNEL, task.kmax / scale, WEIGHT * task.std_m00)
     noise = (sigma * rng.standard_normal(stamps.shape)).astype(np.float32) if sigma > 0 else [None] * n
     same = {
-        "filter_image": task.bfunc_use, "std_m00": float(task.std_m00), "out_dtype": _catalog_dtype("fpfs1", None),
+        "filter_image": task.bfunc_use,
+        "std_m00": float(task.std_m00),
+        "out_dtype": _catalog_dtype("fpfs1", None),
         "det": np.array([(side // 2, side // 2)], [("y", "i4"), ("x", "i4")]),
-    }  # fmt: skip
+    }
     found = [
         force.process_image(
             gal_array=image.astype(np.float32), psf_array=np.ascontiguousarray(star, float), noise_array=added, **same
@@ -148,16 +160,22 @@ def metacal(stamps: FloatArray, psf: FloatArray, sigma: float, scale: float, rng
     from ngmix.gaussmom import GaussMom
     from ngmix.metacal import get_all_metacal
 
-    stamps, psf = stamps[:, 1:, 1:], psf[:, 1:, 1:]  # odd: ngmix moves the galaxy by the PSF's offset from the middle
+    # odd: ngmix moves the galaxy by the PSF's offset from the middle
+    stamps = stamps[:, 1:, 1:]
+    psf = psf[:, 1:, 1:]
     side = stamps.shape[-1]
     jacobian = ngmix.DiagonalJacobian(row=side // 2, col=side // 2, scale=scale)
-    weight, moments = np.full((side, side), 1 / max(sigma, 1e-3) ** 2), partial(_weighted, GaussMom(fwhm=APERTURE))
-    e, response = np.full(len(stamps), np.nan, complex), np.full((len(stamps), 2), np.nan)
+    weight = np.full((side, side), 1 / max(sigma, 1e-3) ** 2)
+    moments = partial(_weighted, GaussMom(fwhm=APERTURE))
+    e = np.full(len(stamps), np.nan, complex)
+    response = np.full((len(stamps), 2), np.nan)
     for k, (image, star) in enumerate(zip(stamps, psf, strict=True)):
         seen = ngmix.Observation(
-            np.array(image, float), weight=weight, jacobian=jacobian,
+            np.array(image, float),
+            weight=weight,
+            jacobian=jacobian,
             psf=ngmix.Observation(np.array(star / star.sum(), float), jacobian=jacobian),
-        )  # fmt: skip
+        )
         types = ["noshear", "1p", "1m", "2p", "2m"]
         fixed = np.random.RandomState(int(rng.integers(2**32)))
         try:
@@ -167,8 +185,9 @@ def metacal(stamps: FloatArray, psf: FloatArray, sigma: float, scale: float, rng
         found = {name: moments(made[name]) for name in types}
         e[k] = found["noshear"]
         response[k] = (
-            (found["1p"] - found["1m"]).real / (2 * STEP), (found["2p"] - found["2m"]).imag / (2 * STEP),
-        )  # fmt: skip
+            (found["1p"] - found["1m"]).real / (2 * STEP),
+            (found["2p"] - found["2m"]).imag / (2 * STEP),
+        )
     return Shapes(np.where(np.isfinite(response).all(axis=1), e, np.nan), response)
 
 

@@ -97,20 +97,27 @@ def chart(path: PathLike, rows: Sequence[Mapping[str, Any]], sample: str) -> Non
     rows = [row for row in rows if row["sample"] == sample and row["kind"] in ("base", "bar")]
     rows = [row for row in rows if row["estimator"] == rows[0]["estimator"] and sigma_m(row) > 0]
     figure = Figure(figsize=(10.5, 6), layout="constrained")
-    axes, hours = figure.subplots(), np.logspace(-4, 2, 7)
+    axes = figure.subplots()
+    hours = np.logspace(-4, 2, 7)
     palette = (BLUE, ORANGE, GREEN, VERMILION, PURPLE, SKY)
     for number, row in enumerate(sorted(rows, key=sigma_m, reverse=True)):
         now = row["galaxies"] * row["seconds"] / HOUR
-        colour, mark = palette[number % len(palette)], MARKERS[number % len(MARKERS)]
+        colour = palette[number % len(palette)]
+        mark = MARKERS[number % len(MARKERS)]
         axes.plot(hours, sigma_m(row) * np.sqrt(now / hours), color=colour, lw=0.8, alpha=0.6)
         axes.plot(now, sigma_m(row), mark, color=colour, ms=5, label=row["about"])
     for goal in GOALS:
         axes.axhline(goal, color=GREY, ls=":", lw=1)
         axes.text(hours[0], goal, f" {goal:g}", va="bottom", fontsize=8, color=GREY)
     axes.set(
-        xscale="log", yscale="log", xlim=(hours[0], hours[-1]), ylim=(1e-6, 1e-2), xlabel="CPU-hours",
-        ylabel=r"$\sigma(m)$ of the bar", title=f"What accuracy costs: sample “{sample}”; points are measured",
-    )  # fmt: skip
+        xscale="log",
+        yscale="log",
+        xlim=(hours[0], hours[-1]),
+        ylim=(1e-6, 1e-2),
+        xlabel="CPU-hours",
+        ylabel=r"$\sigma(m)$ of the bar",
+        title=f"What accuracy costs: sample “{sample}”; points are measured",
+    )
     axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
     axes.grid(alpha=0.2)
     _save(figure, path)

@@ -27,14 +27,26 @@ if TYPE_CHECKING:
     from csstsim.campaign.job import Job
     from csstsim.simulation.frame import Frame
 
-RA, DEC = 60.1172, -40.0330  # deg: where all fields point, away from bright stars; they differ in noise and galaxies
+# deg: where all fields point, away from bright stars; they differ in noise and galaxies
+RA = 60.1172
+DEC = -40.0330
 BASIC = {
-    "scie_obs", "sky_background", "poisson_and_dark", "prescan_overscan", "bias", "readout_noise", "gain",
+    "scie_obs",
+    "sky_background",
+    "poisson_and_dark",
+    "prescan_overscan",
+    "bias",
+    "readout_noise",
+    "gain",
     "quantization_and_output",
-}  # fmt: skip
+}
 PLACES = np.array([(0.5, 0.5), (0.0, 0.0), (1.0, 1.0), (0.0, 1.0), (1.0, 0.0)])  # of windows on the chip, in turn
-CLIP, COARSE = 2.5, 2.0  # times the noise; e-: as if it were at least so large, about two DN
-DETECTED, NEAR = 10.0, 4.0  # S/N that a galaxy must have; px from its place
+# times the noise; e-: as if it were at least so large, about two DN
+CLIP = 2.5
+COARSE = 2.0
+# S/N that a galaxy must have; px from its place
+DETECTED = 10.0
+NEAR = 4.0
 
 
 def opened(plan: ShearPlan) -> tuple[Simulation, str]:
@@ -144,11 +156,13 @@ class Field:
         electrons: FloatArray
         unusable: IntArray
         if plain:  # light as it is: rounded to DN, wings without noise would end at half a DN
-            electrons, unusable = frame.image, np.zeros(frame.image.shape, np.uint8)
+            electrons = frame.image
+            unusable = np.zeros(frame.image.shape, np.uint8)
         elif setting.calibrated:
             electrons, unusable = _calibrated(simulation, frame, setting.masking)
         else:
-            electrons, unusable = frame.electrons, np.zeros(frame.image.shape, np.uint8)
+            electrons = frame.electrons
+            unusable = np.zeros(frame.image.shape, np.uint8)
         if setting.background != "mesh":
             return electrons - np.float32(
                 self.level(setting.noise) if setting.background == "known" else level_of(electrons)
@@ -178,7 +192,8 @@ class Field:
         simulation = self.made(Setting(), columns, stars=True)
         truth = simulation.light(self.obsid, self.chip).truth  # makes the PSF set, if there is none
         shares = np.array([truth[f"flux{band}"][0] for band in range(4)]) / sum(truth[f"flux{i}"][0] for i in range(4))
-        job, half = self.job(False), self.plan.stamp // 2
+        job = self.job(False)
+        half = self.plan.stamp // 2
         psf = open_psf(simulation._run, job.chip)
 
         def on_pixels(cells: FloatArray) -> FloatArray:
@@ -198,7 +213,8 @@ class Field:
         some = slice(None, None, self.plan.stars.every)
         seen = self.stamps(self._image(setting, self._stars(setting, some, self.plan.stars.magnitude)), some)
         seen /= seen.sum(axis=(1, 2), keepdims=True)
-        x, y = self.galaxies.x, self.galaxies.y
+        x = self.galaxies.x
+        y = self.galaxies.y
         design = np.stack([np.ones(len(x)), (x - x.mean()) / self.plan.size, (y - y.mean()) / self.plan.size], axis=1)
         fit = np.linalg.lstsq(design[some], seen.reshape(len(seen), -1), rcond=None)[0]
         return (design @ fit).reshape(-1, *seen.shape[1:])
@@ -212,10 +228,13 @@ class Field:
 
     def stamps(self, image: FloatArray, some: slice = slice(None)) -> FloatArray:
         """Return (n, s, s) float64 stamps of an image of the window, [s // 2, s // 2] the pixel of the galaxy."""
-        window, half = self.job(False).window, self.plan.stamp // 2
-        x, y = np.rint(self.galaxies.x[some]).astype(int), np.rint(self.galaxies.y[some]).astype(int)
+        window = self.job(False).window
+        half = self.plan.stamp // 2
+        x = np.rint(self.galaxies.x[some]).astype(int)
+        y = np.rint(self.galaxies.y[some]).astype(int)
         side = np.arange(-half, half)
-        rows, columns = (y - window.y0)[:, None, None] + side[:, None], (x - window.x0)[:, None, None] + side
+        rows = (y - window.y0)[:, None, None] + side[:, None]
+        columns = (x - window.x0)[:, None, None] + side
         return image[rows, columns].astype(float)
 
     def jacobian(self, setting: Setting) -> FloatArray:
@@ -228,7 +247,8 @@ class Field:
         import sep
         from scipy.spatial import cKDTree
 
-        sigma, window = noise_of(image), self.job(False).window
+        sigma = noise_of(image)
+        window = self.job(False).window
         sources = sep.extract(np.ascontiguousarray(image), 1.5, err=sigma, minarea=5)
         snr = sources["flux"] / (sigma * np.sqrt(sources["npix"]))
         good = snr >= DETECTED
@@ -244,7 +264,8 @@ class Field:
 
 def level_of(image: FloatArray) -> float:
     """Return the level of the sky [e-]: the mean of pixels within CLIP of the median; DN are too coarse for that."""
-    middle, near = np.median(image), CLIP * max(noise_of(image), COARSE)
+    middle = np.median(image)
+    near = CLIP * max(noise_of(image), COARSE)
     return float(np.mean(image[np.abs(image - middle) < near], dtype=float))
 
 
@@ -263,7 +284,8 @@ def _calibrated(simulation: Simulation, frame: Frame, masking: bool) -> tuple[Fl
     from csstsim.stages.psf import open_psf
 
     assert frame.key is not None  # a Simulation made it
-    run, job = simulation._run, simulation._job(*frame.key)
+    run = simulation._run
+    job = simulation._job(*frame.key)
     held = Held(Path("frame"), frame.header, frame.header, frame.readout, "channels", None, frame.raw)
     calibrated = calibrated_of(run, job, held, *calibration(run, job))
     if not masking:

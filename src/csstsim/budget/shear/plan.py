@@ -19,7 +19,8 @@ from csstsim.budget.shear.sample import EDGE
 from csstsim.catalog.object_table import BRIGHTEST, FAINTEST
 
 DEFAULT = SHIPPED / "budget" / "shear.yaml"
-BASE, ALL = "base", "all"
+BASE = "base"
+ALL = "all"
 EstimatorName = Literal["hsm", "own", "fpfs", "metacal"]
 Range = tuple[float, float]
 OTHER_SEED = 1_000_003  # added for the arm with noise of its own
@@ -237,8 +238,9 @@ def load_plan(
                 wanted.add(name)
         data["effects"] = {
             name: given if name in effects else given | {"bar": False, "sum": False}
-            for name, given in data["effects"].items() if name in wanted
-        }  # fmt: skip
+            for name, given in data["effects"].items()
+            if name in wanted
+        }
     return _checked(data, file)
 
 

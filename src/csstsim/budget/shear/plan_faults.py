@@ -47,9 +47,12 @@ def check_bars(plan: ShearPlan, file: PathLike) -> None:
     for name in plan.summed:
         if name not in plan.bars:
             raise InputError(
-                "an effect of the sum is no bar", file=file, key=f"effects.{name}.bar", value=False,
+                "an effect of the sum is no bar",
+                file=file,
+                key=f"effects.{name}.bar",
+                value=False,
                 allowed="true, or sum: false",
-            )  # fmt: skip
+            )
 
 
 def _check_grid(plan: ShearPlan, file: PathLike) -> None:
@@ -66,9 +69,12 @@ def _check_chips(plan: ShearPlan, file: PathLike) -> None:
     chips = [camera.chips[number] for number in plan.chips if number in camera.chips]
     if len(chips) < len(plan.chips) or any(chip.kind != "imaging" or chip.filter != chips[0].filter for chip in chips):
         raise InputError(
-            "the plan's chips are not imaging chips of one band", file=file, key="chips", value=list(plan.chips),
+            "the plan's chips are not imaging chips of one band",
+            file=file,
+            key="chips",
+            value=list(plan.chips),
             allowed="as 9, 22 in r",
-        )  # fmt: skip
+        )
     most = min(camera.detector.nx, camera.detector.ny)
     if plan.size > most:
         raise InputError("a window larger than the chip", file=file, key="size", value=plan.size, allowed=f"to {most}")
@@ -113,14 +119,17 @@ def _check_setting(plan: ShearPlan, setting: Setting, change: Mapping[str, Any],
             and not (plan.lens and of and of.redshift)
         ):
             raise InputError(
-                f"by_redshift needs lens and neighbours.{kind}.redshift, which the plan lacks", file=file,
-                key=f"{key}.neighbour_shear", value=setting.neighbour_shear,
-            )  # fmt: skip
+                f"by_redshift needs lens and neighbours.{kind}.redshift, which the plan lacks",
+                file=file,
+                key=f"{key}.neighbour_shear",
+                value=setting.neighbour_shear,
+            )
     for layer, values in (change.get("layers") or {}).items():
         try:
             SimSteps(LAYERS, "SCIE", changed_layers({layer: values}, None, LAYERS))
         except InputError as exc:
-            below, allowed = f"{key}.layers.{layer}", exc.allowed and str(exc.allowed).partition("; a list")[0]
+            below = f"{key}.layers.{layer}"
+            allowed = exc.allowed and str(exc.allowed).partition("; a list")[0]
             if isinstance(values, dict) and str(exc.key).rpartition(".")[2] in values:
                 below += f".{str(exc.key).rpartition('.')[2]}"
             raise InputError(exc.message, file=file, key=below, value=exc.value, allowed=allowed) from None
@@ -137,6 +146,9 @@ def _check_sum(plan: ShearPlan, file: PathLike) -> None:
             other, before = taken.setdefault(key.lower(), (name, value))
             if before != value:
                 raise InputError(
-                    f"differs from the same key of {other}, and both are in the sum", file=file,
-                    key=f"effects.{name}.change.{key}", value=value, allowed=f"{before!r}, or sum: false",
-                )  # fmt: skip
+                    f"differs from the same key of {other}, and both are in the sum",
+                    file=file,
+                    key=f"effects.{name}.change.{key}",
+                    value=value,
+                    allowed=f"{before!r}, or sum: false",
+                )

@@ -66,7 +66,9 @@ def sums(arms: Arms, frame: Frame, counted: BoolArray) -> FloatArray:
 
 def estimates(total: FloatArray, g: float) -> FloatArray:
     """Return (..., 5) NAMES of sums (..., 18); NaN where no galaxy counts."""
-    plus, minus, rest = total[..., :5], total[..., 5:10], total[..., 10:]
+    plus = total[..., :5]
+    minus = total[..., 5:10]
+    rest = total[..., 10:]
     with np.errstate(invalid="ignore", divide="ignore"):
         signed = [arm[..., [0, 2]] / arm[..., [3, 4]] for arm in (plus, minus)]
         m = (signed[0] - signed[1]) / (2 * g) - 1

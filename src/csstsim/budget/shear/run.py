@@ -60,8 +60,9 @@ def fields(
     check_installed(plan.estimators, None)
     todo = [
         (name, number, folder / "fields" / f"{name}_{number:05d}_{_digest(plan, name, number)}.npz")
-        for number in range(first or plan.windows(BASE)) for name in plan.samples
-    ]  # fmt: skip
+        for number in range(first or plan.windows(BASE))
+        for name in plan.samples
+    ]
     there = {path for _, number, path in todo if kept(path, contents(plan, number))}
     simulation, band = opened(plan)
     paths: dict[str, list[Path]] = {name: [] for name in plan.samples}
@@ -107,9 +108,12 @@ def kept(path: Path, wanted: Mapping[str, str]) -> bool:
     found = _arrays_of(path)
     if wrong := [name for name, of in wanted.items() if found.get(name) != of]:
         raise InputError(
-            "not the shapes of this window; remove the file, and they are measured again", file=path, key=wrong[0],
-            value=found.get(wrong[0], "no array"), allowed=wanted[wrong[0]],
-        )  # fmt: skip
+            "not the shapes of this window; remove the file, and they are measured again",
+            file=path,
+            key=wrong[0],
+            value=found.get(wrong[0], "no array"),
+            allowed=wanted[wrong[0]],
+        )
     return True
 
 
@@ -150,11 +154,14 @@ def measured(field: Field, say: Callable[[str], object] | None = None) -> dict[s
     (2, n); SETTING|seconds of CPU time; in field 0, SETTING|ESTIMATOR|other (n,), the arm -g with another seed.
     say: is given a line for each SETTING.
     """
-    plan, made = field.plan, _Made({}, {}, {}, {})
+    plan = field.plan
+    made = _Made({}, {}, {}, {})
     arrays: dict[str, Any] = {"ring": field.galaxies.ring, "sign": np.array(field.sign)}
     for name in names(plan, field.number):
-        setting, start = plan.setting(name), time.process_time()
-        jacobian, psf = field.jacobian(setting), _psf(field, setting, made)
+        setting = plan.setting(name)
+        start = time.process_time()
+        jacobian = field.jacobian(setting)
+        psf = _psf(field, setting, made)
         used = []
         for arm, g in enumerate((field.shear, -field.shear)):
             image = _image(field, setting, g, made)

@@ -52,7 +52,8 @@ class Galaxies:
 
 def galaxies(plan: ShearPlan, name: str, field: int, window: Window) -> Galaxies:
     """Return the Galaxies of a sample in a window; they depend on the plan's seed, the sample and the field alone."""
-    sample, rng = plan.samples[name], stream(plan.seed, "budget", "shear", name, field)
+    sample = plan.samples[name]
+    rng = stream(plan.seed, "budget", "shear", name, field)
     cells = plan.cells
     rings = cells * cells // RING
     n = rings * RING
@@ -80,38 +81,62 @@ def table(
     galaxies: Galaxies, setting: Setting, plan: ShearPlan, job: Job, field: int, g: complex, band: str
 ) -> dict[str, AnyArray]:
     """Return the columns of csstsim.catalog.own_table for the galaxies of an arm of shear g, and their neighbours."""
-    n, full = len(galaxies), setting.profile == "full"
+    n = len(galaxies)
+    full = setting.profile == "full"
     same = galaxies.columns
-    rows: list[dict[str, AnyArray]] = [{
-        "id": field * FIELD + 1 + np.arange(n), "x": galaxies.x, "y": galaxies.y, "e": galaxies.e,
-        "mag": same["mag"], "size_disk": same["size_disk"], "g": np.full(n, g),
-        **{name: same[name] if full else np.full(n, plain) for name, plain in _PLAIN.items()},
-    }]  # fmt: skip
+    rows: list[dict[str, AnyArray]] = [
+        {
+            "id": field * FIELD + 1 + np.arange(n),
+            "x": galaxies.x,
+            "y": galaxies.y,
+            "e": galaxies.e,
+            "mag": same["mag"],
+            "size_disk": same["size_disk"],
+            "g": np.full(n, g),
+            **{name: same[name] if full else np.full(n, plain) for name, plain in _PLAIN.items()},
+        }
+    ]
     rows[0]["size_bulge"] = same["size_bulge"] if full else same["size_disk"]
     jacobian = job.wcs.jacobian(*job.wcs.pixel_to_world(galaxies.x, galaxies.y))
     first = field * FIELD + OTHERS
     for kind, other in galaxies.others.items():
         if not getattr(setting, kind):
             continue
-        of, k = other["of"], len(other["of"])
+        of = other["of"]
+        k = len(other["of"])
         shear = (
             g * {"same": np.ones(k), "none": np.zeros(k), "by_redshift": other["efficiency"]}[setting.neighbour_shear]
         )
         z = sheared_offset(other["offset"], shear)
         dx, dy = np.einsum("kij,jk->ik", jacobian[of], np.stack([z.real, z.imag]))
-        rows.append({
-            "id": first + np.arange(k), "x": galaxies.x[of] + dx, "y": galaxies.y[of] + dy, "e": other["e"],
-            "mag": other["mag"], "size_disk": other["size"], "size_bulge": other["size"], "g": shear,
-            **{name: np.full(k, plain) for name, plain in _PLAIN.items()},
-        })  # fmt: skip
+        rows.append(
+            {
+                "id": first + np.arange(k),
+                "x": galaxies.x[of] + dx,
+                "y": galaxies.y[of] + dy,
+                "e": other["e"],
+                "mag": other["mag"],
+                "size_disk": other["size"],
+                "size_bulge": other["size"],
+                "g": shear,
+                **{name: np.full(k, plain) for name, plain in _PLAIN.items()},
+            }
+        )
         first += k
     joined = {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
     ra, dec = icrs(*job.wcs.pixel_to_world(joined.pop("x"), joined.pop("y")), job.observer)
-    e, shear = joined.pop("e"), joined.pop("g")
+    e = joined.pop("e")
+    shear = joined.pop("g")
     return joined | {
-        "ra": ra, "dec": dec, f"mag_{band}": joined.pop("mag"), "type": np.full(len(ra), "galaxy"),
-        "e1": e.real, "e2": e.imag, "gamma1": shear.real, "gamma2": shear.imag,
-    }  # fmt: skip
+        "ra": ra,
+        "dec": dec,
+        f"mag_{band}": joined.pop("mag"),
+        "type": np.full(len(ra), "galaxy"),
+        "e1": e.real,
+        "e2": e.imag,
+        "gamma1": shear.real,
+        "gamma2": shear.imag,
+    }
 
 
 _PLAIN = {"bulge_frac": 0.0, "n_disk": 1.0, "n_bulge": 4.0, "knots": 0, "knots_frac": 0.0}
@@ -159,10 +184,11 @@ def _components(rng: np.random.Generator, size: FloatArray, rings: int) -> dict[
     """Return the columns of the full profile, one value a ring (E: round numbers around those of components.yaml)."""
     share = np.where(rng.random(rings) < SHARE_OF_BULGES, rng.uniform(0.1, 0.6, rings), 0.0)
     found = {
-        "bulge_frac": share, "n_disk": rng.choice([0.75, 1.0, 1.25, 1.5], rings),
+        "bulge_frac": share,
+        "n_disk": rng.choice([0.75, 1.0, 1.25, 1.5], rings),
         "n_bulge": rng.choice([2, 3, 4], rings),
         "knots": np.where(rng.random(rings) < 0.5, rng.integers(5, 30, rings), 0),
-    }  # fmt: skip
+    }
     found["knots_frac"] = np.where(found["knots"] > 0, rng.uniform(0.05, 0.3, rings), 0.0)
     found = {name: np.repeat(values, RING) for name, values in found.items()}
     return found | {"size_bulge": size * np.repeat(rng.uniform(0.3, 0.7, rings), RING)}
@@ -175,11 +201,16 @@ def _others(rng: np.random.Generator, of: Neighbours, turn: FloatArray, rings: i
     ring = np.repeat(np.arange(rings), counts)
     angle, (low, high) = 2 * np.pi * rng.random(k), of.distance
     offset = np.sqrt(rng.uniform(low**2, high**2, k)) * np.exp(1j * angle)
-    e, mag, size = _shapes(rng, 0.25, k), rng.uniform(*of.magnitude, k), rng.uniform(*of.size, k)
+    e = _shapes(rng, 0.25, k)
+    mag = rng.uniform(*of.magnitude, k)
+    size = rng.uniform(*of.size, k)
     row = (RING * ring[:, None] + np.arange(RING)).ravel()
     again = np.repeat(np.arange(k), RING)
     by = turn[row]
     return {
-        "of": row, "offset": offset[again] * np.exp(1j * by), "e": e[again] * np.exp(2j * by), "mag": mag[again],
+        "of": row,
+        "offset": offset[again] * np.exp(1j * by),
+        "e": e[again] * np.exp(2j * by),
+        "mag": mag[again],
         "size": size[again],
-    }  # fmt: skip
+    }

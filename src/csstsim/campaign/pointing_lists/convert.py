@@ -58,7 +58,8 @@ class _Stated(Row):
 def convert(table: PointingList, mapping: Mapping, orbit: Orbit) -> Converted:
     """Return the Converted of a PointingList. orbit (instrument.orbit.Orbit): of rows without a spacecraft's state."""
     values = Values(table, mapping)
-    columns, bodies = _columns(values, mapping), _bodies(values)
+    columns = _columns(values, mapping)
+    bodies = _bodies(values)
     said = _said(values)
     found: dict[int, dict[str, str]] = {}
     first: dict[str, int] = {}
@@ -77,7 +78,8 @@ def convert(table: PointingList, mapping: Mapping, orbit: Orbit) -> Converted:
         except InputError as error:
             values.reasons[row] = str(error)
             continue
-        found[row], first[obsid] = checked.cells, row
+        found[row] = checked.cells
+        first[obsid] = row
         blocked += [] if clear else [obsid]
     return Converted(found, values.reasons, blocked)
 
@@ -91,10 +93,14 @@ def _columns(values: Values, mapping: Mapping) -> dict[str, list[str] | FloatArr
             reason = f"two directions, {apart[row]:.4g} deg from each other; allowed: up to {mapping.tolerance:g} deg"
             values.reasons.setdefault(int(row), reason)
     columns = {
-        "obsid": _obsids(values, mapping), "type": _types(values), "ra": turned(there.ra.deg), "dec": there.dec.deg,
-        "pa": position_angles(there, values.numbers("pa"), mapping), "time": values.utc(),
+        "obsid": _obsids(values, mapping),
+        "type": _types(values),
+        "ra": turned(there.ra.deg),
+        "dec": there.dec.deg,
+        "pa": position_angles(there, values.numbers("pa"), mapping),
+        "time": values.utc(),
         "exptime": [f"{seconds:.10g}" for seconds in values.numbers("exptime")],
-    }  # fmt: skip
+    }
     if STATE[0] in values:
         blank = np.array([[cell == "" for cell in values.words(name)] for name in STATE])
         empty = np.asarray(blank.all(axis=0))
@@ -143,7 +149,8 @@ def _checked(row: _Stated, bodies: dict[str, Any], mapping: Mapping, orbit: Orbi
     list gives, or if Sun or Moon are elsewhere than it says.
     """
     cells = row.cells
-    obsid, state = row.obsid(), row.state()
+    obsid = row.obsid()
+    state = row.state()
     position, velocity = state or orbit.state(row.time())
     mjd = mjd_utc(row.time())
     ra, dec, pa = (float(cells[name]) for name in ("ra", "dec", "pa"))
@@ -164,7 +171,9 @@ def _checked(row: _Stated, bodies: dict[str, Any], mapping: Mapping, orbit: Orbi
             stated = float(angle(unit_vectors(ra, dec), stated - np.array(position)))
         if not abs(stated - angles[body]) <= mapping.tolerance:  # NaN, too
             raise InputError(
-                f"the list says {stated:.3f} deg from the {body.capitalize()}", key=name, value=round(angles[body], 3),
+                f"the list says {stated:.3f} deg from the {body.capitalize()}",
+                key=name,
+                value=round(angles[body], 3),
                 allowed=f"within {mapping.tolerance:g} deg",
-            )  # fmt: skip
+            )
     return obsid, bool(angles["limb"] >= 0)

@@ -36,7 +36,8 @@ if TYPE_CHECKING:
     from csstsim.base.types import PathLike
     from csstsim.campaign.pointing_lists.read_list import PointingList
 
-MAPPING, REJECTED = ".mapping.yaml", ".rejected.csv"
+MAPPING = ".mapping.yaml"
+REJECTED = ".rejected.csv"
 REJECTED_HEAD = "place,reason,row\n"
 
 
@@ -57,7 +58,8 @@ def import_pointings(
     like: a list of known_lists(); mapping: a file; maps, sets: texts KEY=COLUMN, KEY=VALUE; conventions: fields of
     Mapping by name, None for those not said. Raises InputError if the list as a whole cannot be used, or no row.
     """
-    path, output = Path(path), Path(output)
+    path = Path(path)
+    output = Path(output)
     beside = {suffix: output.with_name(output.stem + suffix) for suffix in (MAPPING, REJECTED)}
     _check_free(output, beside)
     given = _given(like, mapping)

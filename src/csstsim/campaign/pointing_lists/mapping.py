@@ -78,7 +78,8 @@ class Mapping(Model):
 
     def completed(self, names: Iterable[str]) -> Mapping:
         """Return this mapping with the list's columns (names) that are called as a quantity, if it has none yet."""
-        columns, known = dict(self.columns), set(self.keys())
+        columns = dict(self.columns)
+        known = set(self.keys())
         for name in names:
             try:
                 key = parse_key(name)
@@ -94,7 +95,9 @@ class Mapping(Model):
         for source in self.keys().values():
             if source.column is not None:
                 table.column(source.column, source.told)
-        file, known, had = table.path, set(self.keys()), f"the list's columns: {', '.join(table.names)}"
+        file = table.path
+        known = set(self.keys())
+        had = f"the list's columns: {', '.join(table.names)}"
         if not any(known.issuperset(pair) for pair in PLACES.values()):
             pairs = "; ".join(" and ".join(pair) for pair in PLACES.values())
             raise InputError("no direction is mapped: use --map", file=file, allowed=f"{pairs} ({had})")
@@ -133,9 +136,11 @@ def load_mapping(path: PathLike) -> Mapping:
     """Return the Mapping in a YAML file. Raises InputError."""
     mapping = validate(Mapping, read_yaml(path), path)
     mapping._told = {
-        place: (path, place) for part in ("columns", "values") for text in getattr(mapping, part)
+        place: (path, place)
+        for part in ("columns", "values")
+        for text in getattr(mapping, part)
         for place in [f"{part}.{text}"]
-    }  # fmt: skip
+    }
     mapping.keys()
     return mapping
 

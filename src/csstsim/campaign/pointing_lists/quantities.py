@@ -19,7 +19,12 @@ if TYPE_CHECKING:
 # The units of each kind, the first where none is said; None: text that is parsed
 UNITS: dict[str, dict[str, u.UnitBase | None]] = {
     "angle": {
-        "deg": u.deg, "hour": u.hourangle, "rad": u.rad, "arcmin": u.arcmin, "arcsec": u.arcsec, "hms": None,
+        "deg": u.deg,
+        "hour": u.hourangle,
+        "rad": u.rad,
+        "arcmin": u.arcmin,
+        "arcsec": u.arcsec,
+        "hms": None,
         "dms": None,
     },
     "length": {"km": u.km, "m": u.m, "au": u.au},
@@ -27,18 +32,26 @@ UNITS: dict[str, dict[str, u.UnitBase | None]] = {
     "duration": {"s": u.s, "ms": u.ms, "min": u.min, "hour": u.hour, "day": u.day},
     "time": {"iso": None, "jd": u.day, "mjd": u.day, "unix": u.s},
     "words": {},
-}  # fmt: skip
+}
 SCALES = "utc", "tai", "tt", "tdb"  # may follow the form of a time; the first where none is said
 PLACES = {"equator": ("ra", "dec"), "ecliptic": ("ecl_lon", "ecl_lat"), "galactic": ("gal_lon", "gal_lat")}
 STATE = "sat_x", "sat_y", "sat_z", "sat_vx", "sat_vy", "sat_vz"
 BODIES = "sun", "moon"
 KINDS = {
-    "obsid": "words", "number": "words", "type": "words", "deep": "words", "deep_index": "words", "time": "time",
-    "exptime": "duration", **{name: "angle" for pair in PLACES.values() for name in pair}, "pa": "angle",
-    **dict.fromkeys(STATE[:3], "length"), **dict.fromkeys(STATE[3:], "speed"),
+    "obsid": "words",
+    "number": "words",
+    "type": "words",
+    "deep": "words",
+    "deep_index": "words",
+    "time": "time",
+    "exptime": "duration",
+    **{name: "angle" for pair in PLACES.values() for name in pair},
+    "pa": "angle",
+    **dict.fromkeys(STATE[:3], "length"),
+    **dict.fromkeys(STATE[3:], "speed"),
     **{f"{body}_angle": "angle" for body in BODIES},
     **{f"{body}_{axis}": "length" for body in BODIES for axis in "xyz"},
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True)

@@ -118,12 +118,14 @@ def _text(path: Path) -> PointingList:
     if any(_is_number(cell) for cell in first):
         names = _names_told(told, delimiter, len(first)) or [f"col{k + 1}" for k in range(len(first))]
     else:
-        names, split = first, split[1:]
+        names = first
+        split = split[1:]
     rows = [(place, cells) for place, _, cells in split if cells is not None and len(cells) == len(names)]
     broken = [
         (place, line, "not a line of CSV" if cells is None else f"{len(cells)} cells under {len(names)} columns")
-        for place, line, cells in split if cells is None or len(cells) != len(names)
-    ]  # fmt: skip
+        for place, line, cells in split
+        if cells is None or len(cells) != len(names)
+    ]
     return PointingList(path, names, rows, broken, units)
 
 

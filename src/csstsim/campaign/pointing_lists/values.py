@@ -24,15 +24,23 @@ if TYPE_CHECKING:
     from csstsim.campaign.pointing_lists.read_list import PointingList
 
 _ISO = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}T[0-9]{2}:[0-9]{2}(:[0-9]{2}(\.[0-9]{1,12})?)?")
-_LONGITUDE, _LATITUDE, _TURN, _SEPARATION = (-180.0, 360.0), (-90.0, 90.0), (-360.0, 360.0), (0.0, 180.0)
+_LONGITUDE = (-180.0, 360.0)
+_LATITUDE = (-90.0, 90.0)
+_TURN = (-360.0, 360.0)
+_SEPARATION = (0.0, 180.0)
 RANGES = {
     **dict.fromkeys(("ra", "ecl_lon", "gal_lon"), _LONGITUDE),
     **dict.fromkeys(("dec", "ecl_lat", "gal_lat"), _LATITUDE),
-    "pa": _TURN, "sun_angle": _SEPARATION, "moon_angle": _SEPARATION,
-}  # fmt: skip
+    "pa": _TURN,
+    "sun_angle": _SEPARATION,
+    "moon_angle": _SEPARATION,
+}
 _MJD = 33_282, 88_069  # of the years that a survey table may have, 1950 to 2099
-_ZERO, _UNIX_MJD = {"jd": Decimal("2400000.5"), "mjd": Decimal(0)}, Decimal(40_587)  # MJD 0; MJD of 1970-01-01
-_YES, _NO = ("1", "yes", "y", "true", "t", "deep"), ("0", "no", "n", "false", "f", "wide")
+# MJD 0; MJD of 1970-01-01
+_ZERO = {"jd": Decimal("2400000.5"), "mjd": Decimal(0)}
+_UNIX_MJD = Decimal(40_587)
+_YES = ("1", "yes", "y", "true", "t", "deep")
+_NO = ("0", "no", "n", "false", "f", "wide")
 
 
 class Values:
@@ -45,12 +53,14 @@ class Values:
         for name, (key, column, value, told) in mapping.keys().items():
             if column is None:
                 assert value is not None  # one of both is given
-                cells, unit = [value] * self.rows, unit_of(key, "", None)
+                cells = [value] * self.rows
+                unit = unit_of(key, "", None)
                 said = ": ".join(str(part) for part in told if part)
             else:
                 index = table.column(column)
                 unit = unit_of(key, table.names[index], table.units.get(table.names[index]))
-                cells, said = [cells[index] for _, cells in table.rows], f"column {table.names[index]}"
+                cells = [cells[index] for _, cells in table.rows]
+                said = f"column {table.names[index]}"
             self._sources[name] = cells, unit, said
 
     def __contains__(self, name: str) -> bool:

@@ -58,10 +58,12 @@ def job_log(verb: str | None, campaign: str, digest: str, what: str) -> Iterator
 @contextmanager
 def part_log(kind: str, number: int) -> Iterator[None]:
     """Print what one part of a job took, of a job that makes several. kind: "chip" or "brick"."""
-    wall, cpu = time.monotonic(), time.process_time()
+    wall = time.monotonic()
+    cpu = time.process_time()
     yield
     if sys.stdout is not None and not sys.stdout.isatty():
-        wall, cpu = time.monotonic() - wall, time.process_time() - cpu
+        wall = time.monotonic() - wall
+        cpu = time.process_time() - cpu
         print(f"{kind} {number} done: {wall:.1f} s, CPU {cpu:.1f} s", flush=True)
 
 

@@ -36,7 +36,9 @@ if TYPE_CHECKING:
 
 RULES = "level0", "measure", "extract"
 CPU = "cpu_s"  # a file beside the second names: what they took
-_OLD, _NEW = ".txt", ".new"  # reasons of failures before and since the start of the workflow
+# reasons of failures before and since the start of the workflow
+_OLD = ".txt"
+_NEW = ".new"
 
 
 def one_by_one(
@@ -52,7 +54,8 @@ def one_by_one(
     rule: one of RULES, whose products `make` writes; resume: but for those that an earlier attempt finished. Raises
     what `make` raised, for several jobs after all have been tried: InputError if that is all it was, CsstsimError else.
     """
-    folder, parent = _folder(run, jobs[0].obsid, rule), os.getppid()
+    folder = _folder(run, jobs[0].obsid, rule)
+    parent = os.getppid()
     failed: dict[int, Exception] = {}
     for job in progress(jobs, "chips"):
         kept, files = _names(run, rule, job) if resume else (None, [])

@@ -54,21 +54,31 @@ def _row(rule: str, jobs: Sequence[Took], costs: Collection[Cost]) -> dict[str, 
     should = fmean(cost.cpu_s for cost in costs) if costs else None
     room = max((cost.memory_mb for cost in costs), default=None)
     return {
-        "step": rule, "jobs": len(jobs), "wall [s]": _shown(sum(wall), 1), "CPU [s]": _shown(sum(cpu), 1),
-        "CPU of a job: mean": _shown(cpu_mean, 1), "most": _shown(max(cpu), 1),
-        "expected [s]": _shown(should, 1), "mean / expected": _ratio(cpu_mean, should),
-        "memory of a job: mean": _shown(fmean(memory)), "largest": _shown(max(memory)),
-        "expected [MB]": _shown(room), "largest / expected": _ratio(max(memory), room),
-    }  # fmt: skip
+        "step": rule,
+        "jobs": len(jobs),
+        "wall [s]": _shown(sum(wall), 1),
+        "CPU [s]": _shown(sum(cpu), 1),
+        "CPU of a job: mean": _shown(cpu_mean, 1),
+        "most": _shown(max(cpu), 1),
+        "expected [s]": _shown(should, 1),
+        "mean / expected": _ratio(cpu_mean, should),
+        "memory of a job: mean": _shown(fmean(memory)),
+        "largest": _shown(max(memory)),
+        "expected [MB]": _shown(room),
+        "largest / expected": _ratio(max(memory), room),
+    }
 
 
 def _total(name: str, count: int, sums: Iterable[float]) -> dict[str, str | float | None]:
     """Return a row of sums over all rules, divided by `count`."""
     wall, cpu, should = (total / count for total in sums)
     return {
-        "step": name, "wall [s]": _shown(wall, 1), "CPU [s]": _shown(cpu, 1), "expected [s]": _shown(should, 1),
+        "step": name,
+        "wall [s]": _shown(wall, 1),
+        "CPU [s]": _shown(cpu, 1),
+        "expected [s]": _shown(should, 1),
         "mean / expected": _ratio(cpu, should),
-    }  # fmt: skip
+    }
 
 
 def _shown(value: float | None, digits: int | None = None) -> float | None:

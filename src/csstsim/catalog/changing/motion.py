@@ -53,7 +53,8 @@ class Motion:
     def __init__(self, table: ObjectTable, interval: Interval) -> None:
         self.interval = interval
         self._start, east, north = frames(np.radians(table["ra"]), np.radians(table["dec"]))
-        along, up = table["rate_ra"], table["rate_dec"]
+        along = table["rate_ra"]
+        up = table["rate_dec"]
         speed = np.hypot(along, up)
         safe = np.where(speed > 0, speed, 1.0)[:, None]
         self._towards = (along[:, None] * east + up[:, None] * north) / safe
@@ -86,7 +87,8 @@ class Motion:
         Only times of the exposure count; NaN: at none of them.
         """
         c = unit_vectors(*centre)
-        a, b = self._start @ c, self._towards @ c
+        a = self._start @ c
+        b = self._towards @ c
         cosine = np.hypot(a, b)  # of the smallest distance
         with np.errstate(invalid="ignore", divide="ignore"):
             half = np.arccos(np.clip(np.cos(radius) / cosine, -1.0, 1.0))
@@ -115,30 +117,40 @@ def trails(
     first, last = motion.near(icrs(*middle, observer), half * wcs.chip.telescope.pixel_scale / ARCSEC_PER_RAD)
     x = seen_at(motion, wcs, observer, 0.5 * (first + last))[4]
     opened, closed = interval.exposed(np.clip(np.nan_to_num(x), 0, wcs.chip.detector.nx - 1))
-    first, last = np.fmax(first, opened), np.fmin(last, closed)
+    first = np.fmax(first, opened)
+    last = np.fmin(last, closed)
     first, last = (np.where(np.isfinite(x) & (last > first), t, np.nan) for t in (first, last))
     mean = 0.5 * (first + last)
     places = dict(
         zip(("ra", "dec", "ra_epoch", "dec_epoch", "x", "y"), seen_at(motion, wcs, observer, mean), strict=True)
     )
     return places | {
-        "trail_start": first, "trail_end": last, "trail_length": motion.speed * (last - first),
+        "trail_start": first,
+        "trail_end": last,
+        "trail_length": motion.speed * (last - first),
         "trail_angle": motion.direction(mean),
-        **{f"trail_{axis}{k}": v for k, t in enumerate((first, last))
-           for axis, v in zip("xy", seen_at(motion, wcs, observer, t)[4:], strict=True)},
-    }  # fmt: skip
+        **{
+            f"trail_{axis}{k}": v
+            for k, t in enumerate((first, last))
+            for axis, v in zip("xy", seen_at(motion, wcs, observer, t)[4:], strict=True)
+        },
+    }
 
 
 def crosses(places: Mapping[str, FloatArray], far: FloatArray, window: Window) -> BoolArray:
     """Return (n,) bool: the trail of `trails` comes within `far` (n,) px of the window, along either axis."""
     x, y = (places[f"trail_{axis}0"] for axis in "xy")
-    dx, dy = places["trail_x1"] - x, places["trail_y1"] - y
-    enter, leave = np.zeros(len(x)), np.ones(len(x))
+    dx = places["trail_x1"] - x
+    dy = places["trail_y1"] - y
+    enter = np.zeros(len(x))
+    leave = np.ones(len(x))
     with np.errstate(divide="ignore", invalid="ignore"):
         for at, step, low, high in ((x, dx, window.x0, window.x1), (y, dy, window.y0, window.y1)):
-            lower, upper = low - 0.5 - far, high - 0.5 + far
+            lower = low - 0.5 - far
+            upper = high - 0.5 + far
             ends = np.sort([(lower - at) / step, (upper - at) / step], axis=0)
-            still, within = step == 0, (at >= lower) & (at < upper)
+            still = step == 0
+            within = (at >= lower) & (at < upper)
             enter = np.maximum(enter, np.where(still, np.where(within, 0.0, np.inf), ends[0]))
             leave = np.minimum(leave, np.where(still, 1.0, ends[1]))
         return enter <= leave

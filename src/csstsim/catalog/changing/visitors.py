@@ -31,7 +31,9 @@ if TYPE_CHECKING:
     from csstsim.instrument.telescope import Telescope
     from csstsim.universe.parameters import Universe
 
-FIRST_ASTEROID, FIRST_SATELLITE = 1 << 50, 1 << 52  # ids; those of bricks are below
+# ids; those of bricks are below
+FIRST_ASTEROID = 1 << 50
+FIRST_SATELLITE = 1 << 52
 _SUN = {"teff": 5770.0, "logg": 4.44, "feh": 0.0}
 _MARGIN = 0.05  # deg around the focal plane
 _V = np.arange(5100.0, 5901.0, 10.0)  # angstrom, whose mean light has the magnitude V
@@ -90,7 +92,8 @@ def _asteroids(
 
     sun = observer.astrom["eh"] * observer.astrom["em"]
     velocity = observer.astrom["v"] * LIGHT_DAY_AU
-    middle, half = mjd_tt(interval.middle), 0.5 * interval.exptime / DAY_S
+    middle = mjd_tt(interval.middle)
+    half = 0.5 * interval.exptime / DAY_S
     found = _found(seed, middle, tuple(sun + half * velocity), boresight, radius, repr(numbers))
     ends = [
         seen_from(found["orbit"], found["H"], middle + step, sun + (half + step) * velocity, numbers["phase_slope"])[0]
@@ -103,10 +106,16 @@ def _asteroids(
     colours = numbers["colours"]
     s_type = (found["id"] * 2654435761 % 2**32) / 2**32 < np.array(colours["s_share"])[found["zone"]]
     return {
-        "id": FIRST_ASTEROID + found["id"], "obj_type": np.full(len(ra), ASTEROID), "ra": ra, "dec": dec,
-        "rate_ra": rates[0], "rate_dec": rates[1], "rate_mjd": np.full(len(ra), interval.middle),
-        "teff": np.where(s_type, colours["teff"]["S"], colours["teff"]["C"]), "V": found["V"],
-    }  # fmt: skip
+        "id": FIRST_ASTEROID + found["id"],
+        "obj_type": np.full(len(ra), ASTEROID),
+        "ra": ra,
+        "dec": dec,
+        "rate_ra": rates[0],
+        "rate_dec": rates[1],
+        "rate_mjd": np.full(len(ra), interval.middle),
+        "teff": np.where(s_type, colours["teff"]["S"], colours["teff"]["C"]),
+        "V": found["V"],
+    }
 
 
 @lru_cache(4)
@@ -133,12 +142,19 @@ def _satellites(
     from csstsim.universe.changing.satellites import crossing
 
     found = crossing(seed, interval.start, interval.exptime, boresight, radius, telescope.diameter_m, numbers)
-    angle, rate = np.radians(found["angle"]), found["speed"] * HOUR_S
+    angle = np.radians(found["angle"])
+    rate = found["speed"] * HOUR_S
     return {
-        "id": FIRST_SATELLITE + found["id"], "obj_type": np.full(len(angle), SATELLITE), "ra": found["ra"],
-        "dec": found["dec"], "rate_ra": rate * np.sin(angle), "rate_dec": rate * np.cos(angle),
-        "rate_mjd": interval.start + found["time"] / DAY_S, "trail_width": found["width"], "V": found["V"],
-    }  # fmt: skip
+        "id": FIRST_SATELLITE + found["id"],
+        "obj_type": np.full(len(angle), SATELLITE),
+        "ra": found["ra"],
+        "dec": found["dec"],
+        "rate_ra": rate * np.sin(angle),
+        "rate_dec": rate * np.cos(angle),
+        "rate_mjd": interval.start + found["time"] / DAY_S,
+        "trail_width": found["width"],
+        "V": found["V"],
+    }
 
 
 def _table(columns: Mapping[str, AnyArray], universe: Universe, camera: Camera) -> ObjectTable:

@@ -48,7 +48,8 @@ class ComponentLight:
     @cached_property
     def spectra(self) -> FloatArray:
         """(3, n) photon density of bulge, disk and knots at the rest wavelengths of GalaxySeds.wavelength."""
-        seds, numbers = self._universe.galaxy_seds, load_numbers()
+        seds = self._universe.galaxy_seds
+        numbers = load_numbers()
         laws = [numbers.populations[name] for name in ("bulge", "disk", "knots")]
         mix = mixture(np.array([law.formed for law in laws]), self._universe.numbers["galaxies"]["star_formation"])
         mixes = seds.coefficients(mix, [law.dust for law in laws], np.array([law.lines for law in laws]))
@@ -76,9 +77,11 @@ class ComponentLight:
     def through(self, filter: Filter, table: ObjectTable) -> FloatArray:
         """Return (n, 3) shares of the light of a table's objects through a Filter that are of bulge, disk and knots."""
         wave = GRID[::_STEP]
-        seen, own = filter.at(wave), self._universe.galaxy_seds.wavelength
+        seen = filter.at(wave)
+        own = self._universe.galaxy_seds.wavelength
         used = np.flatnonzero(seen)
-        wave, seen = wave[used[0] : used[-1] + 1], seen[used[0] : used[-1] + 1]
+        wave = wave[used[0] : used[-1] + 1]
+        seen = seen[used[0] : used[-1] + 1]
         farthest = max(float(np.max(table["z"], initial=0.0)), 0.01)
         nodes = np.linspace(0.0, np.log1p(farthest), int(np.ceil(np.log1p(farthest) / 0.01)) + 1)
         light = np.array([[seen @ np.interp(wave * np.exp(-x), own, row) for row in self.spectra] for x in nodes])

@@ -77,10 +77,12 @@ def full_components(table: ObjectTable) -> ObjectTable:
     """Return an ObjectTable of the embedded universe with the columns n_disk, n_bulge, knots and knots_frac."""
     from csstsim.base.counter import object_keys
 
-    numbers, galaxy = load_numbers(), table["obj_type"] == GALAXY
+    numbers = load_numbers()
+    galaxy = table["obj_type"] == GALAXY
     ids = table["id"].astype(np.int64)
     draws = [(object_keys(_STREAM + np.uint64(k), ids) >> np.uint64(11)) * 2.0**-53 for k in range(4)]
-    disk, knots = np.where(galaxy, 1.0 - table["bulge_frac"].astype(float), 0.0), numbers.knots
+    disk = np.where(galaxy, 1.0 - table["bulge_frac"].astype(float), 0.0)
+    knots = numbers.knots
     with np.errstate(divide="ignore", invalid="ignore"):
         decades = np.clip(np.nan_to_num(np.log10(table["bulgemass"].astype(float)) - 10, nan=0.0), -4.0, 3.0)
     forming = galaxy & (table["gal_type"] == STAR_FORMING) & (disk > 0)

@@ -29,7 +29,9 @@ if TYPE_CHECKING:
     from csstsim.base.types import FloatArray, PathLike
 
 SCALE = 0.0185  # arcsec per pixel
-SIDE, TRANSFORM = 2049, 4096  # pixels: the most of an image, of a transform
+# pixels: the most of an image, of a transform
+SIDE = 2049
+TRANSFORM = 4096
 BLUR = 0.4 * SCALE
 # (sigma of the blur, light that may fold back into the image): the first that fits is taken
 WAYS = (0.0, 1e-3), (BLUR, 1e-3), (BLUR, 5e-3), (BLUR, 2e-2)
@@ -75,9 +77,11 @@ def image_of(profile: GSObject, folder: PathLike, where: str) -> dict[str, str |
             file.writeto(temporary, overwrite=True)
     header = fits.getheader(path)
     return {
-        "image_file": str(path), "image_scale": header["SCALE"], "galsim_lost": header["LOST"],
+        "image_file": str(path),
+        "image_scale": header["SCALE"],
+        "galsim_lost": header["LOST"],
         "galsim_blur": header["BLUR"],
-    }  # fmt: skip
+    }
 
 
 def _drawn(profile: GSObject, where: str) -> tuple[FloatArray, float, float]:

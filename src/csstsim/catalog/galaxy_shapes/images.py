@@ -60,7 +60,8 @@ def sky_of(picture: Picture, scale: float, angle: float) -> FloatArray:
     if not scale > 0:
         turn = np.radians(angle)
         return np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]) @ picture.sky
-    sin, cos = np.sin(np.radians(angle)), np.cos(np.radians(angle))
+    sin = np.sin(np.radians(angle))
+    cos = np.cos(np.radians(angle))
     return scale * np.array([[-cos, sin], [sin, cos]])
 
 
@@ -71,7 +72,8 @@ def read_picture(name: str) -> Picture:
     if not found:
         allowed = "a file .fits or .h5, with [extension] or [dataset] if it holds more than one image"
         raise InputError("not an image's file", key="image_file", value=str(name), allowed=allowed)
-    path, part = Path(found[1]), found[2]
+    path = Path(found[1])
+    part = found[2]
     if not path.is_file():
         raise InputError("no such file", file=path, key="image_file")
     fits = ".fit" in path.name.lower()
@@ -135,7 +137,8 @@ def _checked(values: AnyArray, sky: FloatArray | None, name: str) -> Picture:
     if len(bad):
         where = f"row {bad[0, 0]}, column {bad[0, 1]} (from 0)"
         raise InputError(f"{len(bad)} pixels are not numbers", file=name, key="image_file", value=where)
-    light, below = np.maximum(pixels, 0).sum(), -np.minimum(pixels, 0).sum()
+    light = np.maximum(pixels, 0).sum()
+    below = -np.minimum(pixels, 0).sum()
     if not light > 0 or not np.isfinite(light):
         raise InputError("has no light", file=name, key="image_file")
     if below > NEGATIVE * light:

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 
 _STREAM = np.uint64(0x6B6E6F74735F3031)  # the word "knots_01": of no other random number
 _BEYOND = np.uint64(int((1 - KNOTS_WITHIN) * 2**32))
-_LOW31, _OUTER = np.uint64(0x7FFFFFFF), np.uint64(0x80000000)
+_LOW31 = np.uint64(0x7FFFFFFF)
+_OUTER = np.uint64(0x80000000)
 _ONE = np.uint64(1)
 
 
@@ -57,10 +58,12 @@ def knots_of(table: ObjectTable | Table) -> Knots:
     if not len(rows):
         return Knots(rows, *(np.zeros(0) for _ in range(5)))  # type: ignore[arg-type]  # no counts
     some = table.take(rows)
-    counts, size = some["knots"].astype(np.int64), some["size_disk"].astype(float)
+    counts = some["knots"].astype(np.int64)
+    size = some["size_disk"].astype(float)
     index = some["n_disk"].astype(float) if "n_disk" in some else np.full(len(rows), DISK)
     rings, which, share = rings_for(index)
-    u, v = np.empty(counts.sum()), np.empty(counts.sum())
+    u = np.empty(counts.sum())
+    v = np.empty(counts.sum())
     _place(u, v, counts, size, object_keys(_STREAM, some["id"].astype(np.int64)), rings, which, share)
     if "knots_turned" in some:
         turned = np.repeat(some["knots_turned"] != 0, counts)
@@ -88,6 +91,7 @@ def _place(
                 counter += _ONE
                 bits = word(keys[i], counter)
             counter += _ONE
-            r, angle = size[i] * ring(rings, which[i], share[i], bits), 2 * np.pi * high(bits)
+            r = size[i] * ring(rings, which[i], share[i], bits)
+            angle = 2 * np.pi * high(bits)
             u[k], v[k] = r * np.cos(angle), r * np.sin(angle)
             k += 1

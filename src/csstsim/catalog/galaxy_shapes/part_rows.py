@@ -56,7 +56,8 @@ def resolve(
     rows = np.flatnonzero(~none)
     wide = rows[:0] if exact else rows[of[rows] > 2**53]
     if len(wide):
-        message, allowed = "blanks in the column make this id inexact", "ids up to 2^53, or -1 in place of blanks"
+        message = "blanks in the column make this id inexact"
+        allowed = "ids up to 2^53, or -1 in place of blanks"
         raise InputError(message, file=where, key=f"row {wide[0] + 1}: part_of", value=of[wide[0]], allowed=allowed)
     of = np.where(np.isfinite(of), of, -1).astype(np.int64)
     count = len(of)
@@ -118,16 +119,19 @@ def _place(columns: dict[str, AnyArray], rows: IntArray, at: IntArray, offset: S
     kappa, gamma1, gamma2 = lens
     determinant = (1 - kappa) ** 2 - gamma1**2 - gamma2**2
     determinant = np.where(determinant > 0, determinant, 1.0)  # strong lensing is refused, or flagged, as of any row
-    dx, dy = offset[0][rows], offset[1][rows]
+    dx = offset[0][rows]
+    dy = offset[1][rows]
     east = ((1 - kappa + gamma1) * dx + gamma2 * dy) / determinant
     north = (gamma2 * dx + (1 - kappa - gamma1) * dy) / determinant
-    ra, dec = np.array(columns["ra"], float), np.array(columns["dec"], float)
+    ra = np.array(columns["ra"], float)
+    dec = np.array(columns["dec"], float)
     centre, to_east, to_north = frames(np.radians(ra[at]), np.radians(dec[at]))
     moved = centre + (east[:, None] * to_east + north[:, None] * to_north) / ARCSEC_PER_RAD
     own = np.isfinite(ra[rows]) & np.isfinite(dec[rows])
     placed = ra_dec(moved)
     ra[rows], dec[rows] = (np.where(own, v[rows], p) for v, p in zip((ra, dec), placed, strict=True))
-    columns["ra"], columns["dec"] = ra, dec
+    columns["ra"] = ra
+    columns["dec"] = dec
 
 
 def _refuse_strangers(columns: Mapping[str, AnyArray], of: AnyArray, none: BoolArray, where: PathLike) -> None:

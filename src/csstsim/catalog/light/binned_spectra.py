@@ -53,10 +53,18 @@ def _galaxies(out: FloatArray, rows: IntArray, universe: Universe, some: ObjectT
     usual = dust.mean()
     curve = np.interp(centres, GRID, universe.extinction)
     _integrate(
-        out, rows, some["z"].astype(float), np.ascontiguousarray(coefficients(some), dtype=float),
-        some["sed_scale"].astype(float), dust - usual, np.exp(-usual * curve) / np.diff(edges), curve, edges,
-        *seds.cells, *Intergalactic(centres, seds.igm).arrays,
-    )  # fmt: skip
+        out,
+        rows,
+        some["z"].astype(float),
+        np.ascontiguousarray(coefficients(some), dtype=float),
+        some["sed_scale"].astype(float),
+        dust - usual,
+        np.exp(-usual * curve) / np.diff(edges),
+        curve,
+        edges,
+        *seds.cells,
+        *Intergalactic(centres, seds.igm).arrays,
+    )
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -79,10 +87,14 @@ def _integrate(
     limits: FloatArray,
     powers: FloatArray,
 ) -> None:
-    rest, slope, running = np.empty(len(nodes)), np.empty(len(nodes)), np.empty(len(nodes))
+    rest = np.empty(len(nodes))
+    slope = np.empty(len(nodes))
+    running = np.empty(len(nodes))
     last = len(nodes) - 1
     for n in range(len(z)):
-        stretch, row, more = 1.0 + z[n], out[rows[n]], -dust[n]
+        stretch = 1.0 + z[n]
+        row = out[rows[n]]
+        more = -dust[n]
         low = min(max(np.searchsorted(nodes, edges[0] / stretch, side="right") - 1, 0), last - 1)
         high = min(np.searchsorted(nodes, edges[-1] / stretch, side="right"), last)
         combine(rest, low, high + 1, mix[n], basis)
@@ -92,7 +104,8 @@ def _integrate(
             slope[j] = (rest[j + 1] - rest[j]) / gap
             running[j + 1] = running[j] + 0.5 * gap * (rest[j] + rest[j + 1])
         slope[high] = 0.0  # redward of the last node the spectrum is constant
-        j, before = low, 0.0
+        j = low
+        before = 0.0
         for b in range(len(edges)):
             while j < high and nodes[j + 1] * stretch <= edges[b]:
                 j += 1

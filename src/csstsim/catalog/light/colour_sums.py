@@ -31,7 +31,8 @@ class Knots:
         at = np.log(wave)
         self.segment = np.searchsorted(pivots, at)
         inner = np.clip(self.segment, 1, max(len(pivots) - 1, 1))
-        low, high = pivots[np.minimum(inner - 1, len(pivots) - 1)], pivots[np.minimum(inner, len(pivots) - 1)]
+        low = pivots[np.minimum(inner - 1, len(pivots) - 1)]
+        high = pivots[np.minimum(inner, len(pivots) - 1)]
         between = (self.segment > 0) & (self.segment < len(pivots))
         self.place = np.where(between, (at - low) / np.where(between, high - low, 1.0) - 0.5, 0.0)
         self.weights = np.ascontiguousarray(weights, dtype=float)
@@ -68,7 +69,8 @@ def _segment(
     last = len(nodes) - 1
     if s == 0 or s > last:
         return 10.0 ** (-0.4 * nodes[min(s, last)]) * moments[m, s, 0], 0.0
-    c, level = _C * (nodes[s - 1] - nodes[s]), 10.0 ** (-0.2 * (nodes[s - 1] + nodes[s]))
+    c = _C * (nodes[s - 1] - nodes[s])
+    level = 10.0 ** (-0.2 * (nodes[s - 1] + nodes[s]))
     total = slope = 0.0
     if abs(c) <= _C * STEEPEST:
         for n in range(TERMS - 1, -1, -1):
@@ -117,9 +119,12 @@ def _newton(
     weights: FloatArray,
 ) -> None:
     bands = nodes.shape[1]
-    slopes, off = np.empty((bands, bands)), np.empty(bands)
+    slopes = np.empty((bands, bands))
+    off = np.empty(bands)
     for k in range(len(nodes)):
-        wanted, at, found = nodes[k].copy(), nodes[k], False
+        wanted = nodes[k].copy()
+        at = nodes[k]
+        found = False
         for _ in range(passes):
             found = True
             slopes[:] = 0.0
@@ -185,13 +190,15 @@ def bins(nodes: FloatArray, pivots: FloatArray, edges: FloatArray) -> FloatArray
     last = len(pivots) - 1
     for k in range(len(nodes)):
         for s in range(last + 2):
-            low, high = (pivots[s - 1] if s > 0 else -np.inf), (pivots[s] if s <= last else np.inf)
+            low = pivots[s - 1] if s > 0 else -np.inf
+            high = pivots[s] if s <= last else np.inf
             here = nodes[k, min(s, last)] if s == 0 or s > last else nodes[k, s - 1]
             rise = _C * (nodes[k, s - 1] - nodes[k, s]) / (high - low) if 0 < s <= last else 0.0
             origin = low if 0 < s <= last else 0.0
             level = 10.0 ** (-0.4 * here)
             for j in range(len(edges) - 1):
-                start, end = max(edges[j], low), min(edges[j + 1], high)
+                start = max(edges[j], low)
+                end = min(edges[j + 1], high)
                 if start < end:
                     wide = rise * (end - start)
                     even = np.expm1(wide) / wide if wide != 0.0 else 1.0

@@ -25,7 +25,9 @@ if TYPE_CHECKING:
 
     from csstsim.base.types import FloatArray, IntArray
 
-MAG_TOLERANCE, PASSES = 1e-4, 30  # of the spectra's magnitudes [mag]; Newton's steps, three or four for most
+# of the spectra's magnitudes [mag]; Newton's steps, three or four for most
+MAG_TOLERANCE = 1e-4
+PASSES = 30
 _STEP = 4  # samples of GRID: bands are smooth, the magnitudes the same to 1e-5
 
 
@@ -48,7 +50,8 @@ def colour_rates(mags: FloatArray, filters: list[Filter] | tuple[Filter, ...], w
 
 def colour_bins(mags: FloatArray, filters: list[Filter] | tuple[Filter, ...], edges: FloatArray) -> FloatArray:
     """Return (n, len(edges) - 1) photon / s / m2 / A: means of the spectra over bins of `edges` [angstrom]."""
-    means, edges = np.zeros((len(mags), len(edges) - 1)), np.asarray(edges, dtype=float)
+    means = np.zeros((len(mags), len(edges) - 1))
+    edges = np.asarray(edges, dtype=float)
     for rows, bands, nodes in _groups(mags, filters):
         means[rows] = bins(nodes, _pivots(bands), np.log(edges)) * ab_photon_density(1.0) / np.diff(edges)
     return means

@@ -31,7 +31,8 @@ def band_shares(grating: Filter, bands: tuple[Filter, ...]) -> tuple[tuple[Filte
     """Return ((band, c_b), ...) of a Filter and a tuple of Filters, c_b > 0; None if the bands do not cover it."""
     from scipy.optimize import linprog  # 0.2 s that few commands need
 
-    curve, bands_curves = grating.throughput, np.array([band.throughput for band in bands])
+    curve = grating.throughput
+    bands_curves = np.array([band.throughput for band in bands])
     dim_first = np.argsort(curve, kind="stable")
     used = np.zeros(curve.shape, bool)
     used[dim_first[np.cumsum(curve[dim_first]) > SPILL * curve.sum()]] = True

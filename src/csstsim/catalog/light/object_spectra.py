@@ -36,7 +36,9 @@ class Spectra:
         gradients: galaxy_shapes.component_light.ComponentLight if galaxies' components have spectra of their own.
         """
         mu, _ = magnification(*(objects[name] for name in ("kappa", "gamma1", "gamma2")))
-        self._mu, self._load, self.gradients = np.where(lensed(objects["obj_type"]), mu, 1.0), load, gradients
+        self._mu = np.where(lensed(objects["obj_type"]), mu, 1.0)
+        self._load = load
+        self.gradients = gradients
         self._objects = objects
         if "dmag" in objects:  # light that varies
             self._mu = self._mu * 10 ** (-0.4 * objects["dmag"].astype(float))
@@ -54,7 +56,8 @@ class Spectra:
     def take(self, order: IntArray) -> Self:
         """Return the Spectra of the table's rows in another order, an index array."""
         made = copy(self)
-        made._mu, made._objects = self._mu[order], self._objects.take(order)
+        made._mu = self._mu[order]
+        made._objects = self._objects.take(order)
         made._load = lambda rows, edges: self._load(order[rows], edges)
         return made
 

@@ -38,7 +38,8 @@ def reasons(table: ObjectTable) -> dict[str, BoolArray]:
         STRONGLY_LENSED: (table["obj_type"] != STAR) & lensed & ~thin,
     }
     for part, used in (("disk", share < 1), ("bulge", share > 0)):
-        name, index = f"size_{part}", f"n_{part}"
+        name = f"size_{part}"
+        index = f"n_{part}"
         size = table[name]
         found[f"a galaxy without {name}"] = galaxy & used & ~((size > 0) & np.isfinite(size))
         found[f"a galaxy whose {name} is above {LARGEST:g} arcsec"] = galaxy & used & (size > LARGEST)
@@ -75,7 +76,8 @@ def unusable(table: ObjectTable, flux: FloatArray) -> BoolArray:
 
 def why_not_drawn(table: ObjectTable, dark: BoolArray) -> dict[str, int]:
     """Return {reason: number of objects}, each object under its first reason; `dark` (n,) bool: those not drawn."""
-    left, counts = np.array(dark, dtype=bool), {}
+    left = np.array(dark, dtype=bool)
+    counts = {}
     every = reasons(table)
     every[STRONGLY_LENSED] |= (table["flags"] & STRONG_LENSING) != 0  # bricks flag arcs of thin lenses, too
     for reason, mask in every.items():

@@ -65,7 +65,8 @@ def seconds_seen(places: Mapping[str, FloatArray], exptime: float, pixel_scale: 
     """Return (n,) the time [s] whose light decides how far objects are visible: of a fast one, that near one place."""
     if "trail_length" not in places:
         return np.full(len(places["x"]), float(exptime))
-    time, length = places["trail_end"] - places["trail_start"], places["trail_length"] / pixel_scale
+    time = places["trail_end"] - places["trail_start"]
+    length = places["trail_length"] / pixel_scale
     with np.errstate(invalid="ignore"):
         return np.where(length > 0, time * np.minimum(1.0, TRAIL_PX / np.where(length > 0, length, 1.0)), exptime)
 
@@ -78,7 +79,8 @@ def _touches(x: FloatArray, y: FloatArray, reach: Floats, window: Window) -> Boo
 
 def lands(places: Mapping[str, FloatArray], far: FloatArray, window: Window, disperser: Disperser | None) -> BoolArray:
     """Whether light within `far` (n,) px of where it lands meets the window; False for NaN."""
-    x, y = places["x"], places["y"]
+    x = places["x"]
+    y = places["y"]
     if "trail_length" in places and (trailed := places["trail_length"] > 0).any():
         still = {name: places[name] for name in ("x", "y")}
         if disperser is None:

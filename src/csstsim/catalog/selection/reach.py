@@ -33,7 +33,9 @@ if TYPE_CHECKING:
     from csstsim.instrument.telescope import Telescope
     from csstsim.optics.scatter.halo import Wing
 
-POINT_MIN, POINT_MAX = 16, 64  # pixel; no stored PSF extends beyond 64
+# pixel; no stored PSF extends beyond 64
+POINT_MIN = 16
+POINT_MAX = 64
 # pixel; a smaller stamp loses 1% of a faint star's light: noise hides that for one star, but not on average
 STAR_MIN = 32
 REACH_MAX = 2048  # pixel
@@ -84,12 +86,14 @@ def galaxy_radius(
     lost = np.clip(part * noise / np.maximum(electrons, 1e-30), low, high)
     # 100 r_e holds all but 4e-5 of n = 4, 2000 r_e all but that of n = 6.2
     widest = [size * np.where(np.asarray(index) > BULGE, 2000.0, 100.0) for _, index, size in parts]
-    inner, outer = np.zeros(len(table)), np.max(widest, axis=0)
+    inner = np.zeros(len(table))
+    outer = np.max(widest, axis=0)
     for _ in range(22):  # halving: to 1e-4 of a half-light radius
         middle = 0.5 * (inner + outer)
         outside = sum(light * light_beyond(middle, size, index) for light, index, size in parts)
         too_small = outside > lost
-        inner, outer = np.where(too_small, middle, inner), np.where(too_small, outer, middle)
+        inner = np.where(too_small, middle, inner)
+        outer = np.where(too_small, outer, middle)
     return parts_radius(table, outer, pixel_scale), lost
 
 

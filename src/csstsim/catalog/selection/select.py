@@ -103,7 +103,8 @@ def select_objects(
     if bound is not None:  # spectra of objects that cannot reach the window are not summed
         most = bound * found.dimmed * _magnification(found.table)[0] * found.seconds
         found = found.take(_could_reach(found.table, found.places, most, window, disperser, optics))
-    table, places = _turned(found.table) if rotated else found.table, found.places
+    table = _turned(found.table) if rotated else found.table
+    places = found.places
     mu, thin = _magnification(table)
     order = canonical_order(table)  # sums by chunks must not depend on the order of the rows
     flux = catalog.load_fluxes(found.rows[order], filter, telescope)[back(order)] * (mu * found.dimmed)[:, None]
@@ -116,13 +117,19 @@ def select_objects(
     touches = lands(places, far, window, disperser) | ~np.isfinite(table["ra"] + table["dec"])
     faint = mag > (np.inf if mag_limit is None else mag_limit)
     chosen = table.with_columns(
-        ra_orig=table["ra"], dec_orig=table["dec"], **places, mag=mag.astype(np.float32),
+        ra_orig=table["ra"],
+        dec_orig=table["dec"],
+        **places,
+        mag=mag.astype(np.float32),
         **_magnified(table, catalog.region.bands, mu),
-        **{f"flux{i}": flux[:, i] for i in range(flux.shape[1])}, reach=reach, lost=lost,
-        wing=wing.astype(np.float32), flags=_flags(table, bad, truncated, thin),
+        **{f"flux{i}": flux[:, i] for i in range(flux.shape[1])},
+        reach=reach,
+        lost=lost,
+        wing=wing.astype(np.float32),
+        flags=_flags(table, bad, truncated, thin),
         **({} if disperser is None else {ROW: found.rows}),
         **({} if found.dmag is None else {"dmag": found.dmag.astype(np.float32)}),
-    ).take(touches & ~faint)  # fmt: skip
+    ).take(touches & ~faint)
     dropped = {"outside": len(catalog.table) - int(touches.sum()), "faint": int((touches & faint).sum())}
     chosen.meta = {"dropped": dropped, "truth_hash": catalog.truth_hash}
     return chosen
@@ -142,9 +149,13 @@ class Candidates:
     def take(self, chosen: BoolArray) -> Candidates:
         """Return those of a mask (n,)."""
         return Candidates(
-            self.rows[chosen], self.table.take(chosen), {name: v[chosen] for name, v in self.places.items()},
-            self.seconds[chosen], None if self.dmag is None else self.dmag[chosen], self.dimmed[chosen],
-        )  # fmt: skip
+            self.rows[chosen],
+            self.table.take(chosen),
+            {name: v[chosen] for name, v in self.places.items()},
+            self.seconds[chosen],
+            None if self.dmag is None else self.dmag[chosen],
+            self.dimmed[chosen],
+        )
 
 
 def _candidates(
@@ -190,7 +201,8 @@ def _could_reach(
     """
     could = lands(places, np.zeros(len(electrons)), window, disperser) | ~np.isfinite(places["x"] + electrons)
     rest = np.flatnonzero(~could)
-    table, electrons = table.take(rest), electrons[rest]
+    table = table.take(rest)
+    electrons = electrons[rest]
     reach, _, wing, ghosts, _ = _extent(table, unusable(table, electrons[:, None]), electrons, *optics)
     far = np.maximum.reduce([reach, wing, ghosts])
     could[rest] = lands({name: v[rest] for name, v in places.items()}, far, window, disperser)

@@ -15,7 +15,9 @@ from csstsim.base.help_page import with_page
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
-OK, WARNING, PROBLEM = "ok", "warning", "problem"
+OK = "ok"
+WARNING = "warning"
+PROBLEM = "problem"
 
 
 @dataclass(frozen=True)

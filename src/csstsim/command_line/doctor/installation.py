@@ -69,7 +69,8 @@ def data() -> Iterator[Finding]:
     from csstsim.universe.parameters import load_universe
 
     load_costs()
-    camera, universe = load_camera(SHIPPED / "instrument"), load_universe(SHIPPED / "universe")
+    camera = load_camera(SHIPPED / "instrument")
+    universe = load_universe(SHIPPED / "universe")
     universe.check()
     yield Finding(OK, "data", f"{ROOT}: camera {camera.digest[:8]}, universe {universe.digest[:8]}")
 
@@ -82,7 +83,8 @@ def numba_cache() -> Iterator[Finding]:
     except RuntimeError as error:  # numba found no place
         yield Finding(PROBLEM, "numba cache", f"{error}: {todo}")
         return
-    folder, asked = Path(cast("str", object_keys.stats.cache_path)), os.environ.get("NUMBA_CACHE_DIR")
+    folder = Path(cast("str", object_keys.stats.cache_path))
+    asked = os.environ.get("NUMBA_CACHE_DIR")
     root = PACKAGE if folder.is_relative_to(PACKAGE) else folder.parent
     if fault := write_fault(folder):
         yield Finding(PROBLEM, "numba cache", f"{folder}: {fault}; each process would compile anew: {todo}")

@@ -22,7 +22,8 @@ THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_
 
 def room() -> Iterator[Finding]:
     """Disk here, and memory."""
-    free, here = free_disk("."), Path.cwd()
+    free = free_disk(".")
+    here = Path.cwd()
     few = f"; the demo takes {DISK / 1e9:.0f} GB: free some, or work elsewhere"
     yield Finding(WARNING if free < DISK else OK, "disk", f"{gb(free)} free in {here}{few if free < DISK else ''}")
     memory = free_memory()
@@ -33,7 +34,8 @@ def room() -> Iterator[Finding]:
 
 def threads() -> Iterator[Finding]:
     """Cores that this process may use, and the variables that say how many threads libraries start."""
-    have, limits = cores(), {name: os.environ[name] for name in THREADS if name in os.environ}
+    have = cores()
+    limits = {name: os.environ[name] for name in THREADS if name in os.environ}
     for name, value in limits.items():
         value = value.split(",")[0].strip()  # OpenMP's list: the first is of the outermost level
         if not value.isdecimal() or int(value) == 0:

@@ -39,7 +39,8 @@ def output(folder: Path, need: float, status: Status) -> Iterator[Finding]:
         place = there(folder)
         yield Finding(PROBLEM, "output", f"{place}: {fault}; give the campaign another `output`, or mend that folder")
         return
-    free, left = free_disk(folder), 0 if status.done else max(need - status.disk, 0)
+    free = free_disk(folder)
+    left = 0 if status.done else max(need - status.disk, 0)
     text = f"{gb(left)} to be written to {folder}, {gb(free)} free"
     if left > free:
         yield Finding(PROBLEM, "disk", f"{text}: free some, give the campaign another `output`, or select less")
@@ -52,7 +53,8 @@ def memory(costs: Costs) -> Iterator[Finding]:
     from csstsim.campaign.costs import each_once
 
     most, rule = max((max(c.memory_mb for c in jobs.values()) * 1e6, rule) for rule, jobs in each_once(costs).items())
-    free, have = free_memory(), cores()
+    free = free_memory()
+    have = cores()
     text = f"a job of `{rule}` takes up to {gb(most)}, {gb(free)} are free"
     if most > free:
         yield Finding(PROBLEM, "memory", f"{text}: end other programs, or give the campaign a window")

@@ -64,7 +64,8 @@ def transfer(
     if image.size == 0:
         return trail, 0
     fill = checked_fill(image, ny, lead, n_rows)
-    density, timescale = np.array(density, np.float64), np.array(timescale, np.float64)
+    density = np.array(density, np.float64)
+    timescale = np.array(timescale, np.float64)
     room = buffers(density, n_rows)
     trapped = _transfer(image, flip, lead, n_rows, fill, trail, keys, x0, density, timescale, well, room)
     return trail, trapped
@@ -113,7 +114,8 @@ def _transfer(
     nx = image.shape[1]
     n_packets = n_rows + len(trail)
     packets = np.empty((COLUMNS, padded(n_packets)), np.int32)
-    fullest, head = np.empty(n_rows), np.empty(n_rows, np.int32)
+    fullest = np.empty(n_rows)
+    head = np.empty(n_rows, np.int32)
     search = search_room(packets.shape[1])
     trapped = 0
     for first in range(0, nx, COLUMNS):
@@ -140,7 +142,8 @@ def _exchange(image: FloatArray, flip: bool, first: int, packets: IntArray, back
     A tile of rows is turned in a small buffer: neighbours in a column of the image, or in a row of the packets, lie a
     multiple of 4096 bytes apart, so that few of them fit in the cache at once.
     """
-    ny, n = image.shape[0], len(packets)
+    ny = image.shape[0]
+    n = len(packets)
     tile = np.empty((_TILE, n), np.int32)
     for start in range(0, ny, _TILE):
         count = min(_TILE, ny - start)
@@ -149,7 +152,8 @@ def _exchange(image: FloatArray, flip: bool, first: int, packets: IntArray, back
                 for k in range(count):
                     tile[k, c] = packets[c, start + k]
         for k in range(count):
-            row, line = image[ny - 1 - start - k if flip else start + k, first : first + n], tile[k]
+            row = image[ny - 1 - start - k if flip else start + k, first : first + n]
+            line = tile[k]
             for c in range(n):
                 if back:
                     row[c] += np.float32(line[c] - whole(row[c]))
@@ -190,7 +194,8 @@ def _column(
 def fill_fullest(packets: IntArray, more: int, well: tuple[float, float, float], fullest: FloatArray) -> None:
     """Fill (n_rows,): the share of a pixel that the fullest packet of a row, or behind it, fills with `more` e-."""
     beta, full_well, notch = well
-    most, share = -1, 0.0
+    most = -1
+    share = 0.0
     for k in range(len(fullest) - 1, -1, -1):
         if packets[k] > most:
             most = packets[k]
@@ -209,7 +214,8 @@ def follow_all(packets: IntArray, n_packets: int, key: np.uint64, head: IntArray
     level, tau, own, next_ = room
     table, words, small = search
     base = set_up(packets, table, small)
-    trapped, reach = 0, 0
+    trapped = 0
+    reach = 0
     for row in range(len(head) - 1, -1, -1):
         reach = max(reach, packets[row])  # upper limit from here on: a release does not exceed its trap's level
         trap = head[row]

@@ -14,13 +14,19 @@ import numpy as np
 
 from csstsim.base.types import IntArray
 
-_BLOCK, _SUPER = 5, 9  # log2 of the packets in a block and in a super-block
+# log2 of the packets in a block and in a super-block
+_BLOCK = 5
+_SUPER = 9
 # Rows of the table: bounds (most, least) of the charge in blocks, and in super-blocks
 _MOST, _LEAST, _MOST_SUPER, _LEAST_SUPER = range(4)
 _BELOW_SKY = 32  # electrons from `base` to the mean of the blocks' least charge
 _BYTE_MAX = 127
-_ONES, _TOPS, _ALL = np.uint64(0x0101010101010101), np.uint64(0x8080808080808080), np.uint64(0xFFFFFFFFFFFFFFFF)
-_U1, _U7, _U56 = np.uint64(1), np.uint64(7), np.uint64(56)
+_ONES = np.uint64(0x0101010101010101)
+_TOPS = np.uint64(0x8080808080808080)
+_ALL = np.uint64(0xFFFFFFFFFFFFFFFF)
+_U1 = np.uint64(1)
+_U7 = np.uint64(7)
+_U56 = np.uint64(56)
 Search: TypeAlias = tuple[IntArray, IntArray, IntArray]  # what `search_room` returns
 
 
@@ -45,16 +51,21 @@ def search_room(n: int) -> Search:
 @numba.njit(cache=True)
 def set_up(charge: IntArray, table: IntArray, small: IntArray) -> int:
     """Prepare the search among `charge` (int32 [e-], of padded length, -1 after the last packet); return `base`."""
-    most, least = table[_MOST], table[_LEAST]
+    most = table[_MOST]
+    least = table[_LEAST]
     table[_MOST_SUPER], table[_LEAST_SUPER] = -1, np.iinfo(np.int32).max
-    total, held = 0, 0
+    total = 0
+    held = 0
     for block in range(len(most)):
         top = bottom = charge[block << _BLOCK]
         for k in range(block << _BLOCK, (block + 1) << _BLOCK):
-            top, bottom = max(top, charge[k]), min(bottom, charge[k])
-        most[block], least[block] = top, bottom
+            top = max(top, charge[k])
+            bottom = min(bottom, charge[k])
+        most[block] = top
+        least[block] = bottom
     for block in range(len(most)):  # a loop of its own, so that the compiler can vectorise the one above
-        bottom, above = least[block], block >> (_SUPER - _BLOCK)
+        bottom = least[block]
+        above = block >> (_SUPER - _BLOCK)
         table[_MOST_SUPER, above] = max(table[_MOST_SUPER, above], most[block])
         table[_LEAST_SUPER, above] = min(table[_LEAST_SUPER, above], bottom)
         total += max(bottom, 0)
@@ -71,7 +82,8 @@ def add(charge: IntArray, table: IntArray, small: IntArray, base: int, k: int, e
     value = charge[k] + electrons
     charge[k] = value
     small[k] = min(max(value - base, 0), _BYTE_MAX)
-    block, above = k >> _BLOCK, k >> _SUPER
+    block = k >> _BLOCK
+    above = k >> _SUPER
     if value < table[_LEAST, block]:
         table[_LEAST, block], table[_LEAST_SUPER, above] = value, min(table[_LEAST_SUPER, above], value)
     elif value > table[_MOST, block]:
@@ -83,7 +95,8 @@ def first_reaching(charge: IntArray, table: IntArray, words: IntArray, base: int
     """Return the index of the first packet at or after k with at least `level` electrons (>= 1), or the end."""
     end = len(charge)
     while k < end:
-        block, above = k >> _BLOCK, k >> _SUPER
+        block = k >> _BLOCK
+        above = k >> _SUPER
         stop = (block + 1) << _BLOCK
         if table[_MOST, block] < level:
             k = (above + 1) << _SUPER if table[_MOST_SUPER, above] < level else stop
@@ -106,7 +119,8 @@ def nth_below(charge: IntArray, table: IntArray, words: IntArray, base: int, k: 
     """Return the index of the n-th packet (n from 1) at or after k with fewer than `level` electrons, or the end."""
     end = len(charge)
     while k < end:
-        block, above = k >> _BLOCK, k >> _SUPER
+        block = k >> _BLOCK
+        above = k >> _SUPER
         stop = (block + 1) << _BLOCK
         if table[_LEAST, block] >= level:
             k = (above + 1) << _SUPER if table[_LEAST_SUPER, above] >= level else stop

@@ -38,7 +38,8 @@ def restore(
     rng: rng.Streams of the traps; density: factor on the trap densities of cti.yaml; serial: transfer along the
     registers, too; passes: each leaves a tenth of the error before it, or less.
     """
-    traps, n_rows = detector.traps, detector.channel_ny
+    traps = detector.traps
+    n_rows = detector.channel_ny
     assert traps is not None  # layers.cte_effect.check
     if serial:
         _restore_rows(image, detector, window, rng, density, passes)
@@ -46,12 +47,18 @@ def restore(
         low, high = (min(max(y, half * n_rows), (half + 1) * n_rows) for y in (window.y0, window.y1))
         if low < high:
             restore_columns(
-                image[low - window.y0 : high - window.y0], density * np.array(traps.density), traps.timescale,
+                image[low - window.y0 : high - window.y0],
+                density * np.array(traps.density),
+                traps.timescale,
                 (traps.beta, traps.full_well, traps.notch),
-                (rng.chip_key(f"traps {half}"), rng.exposure_key(f"release {half}")), passes, flip=bool(half),
-                lead=detector.ny - high if half else low, n_rows=n_rows, overscan=detector.parallel_overscan,
+                (rng.chip_key(f"traps {half}"), rng.exposure_key(f"release {half}")),
+                passes,
+                flip=bool(half),
+                lead=detector.ny - high if half else low,
+                n_rows=n_rows,
+                overscan=detector.parallel_overscan,
                 x0=window.x0,
-            )  # fmt: skip
+            )
 
 
 def restore_columns(
@@ -77,7 +84,8 @@ def restore_columns(
     n_rows = lead + ny if n_rows is None else n_rows
     if image.size and passes:
         fill = checked_fill(image, ny, lead, n_rows)
-        density, timescale = np.array(density, np.float64), np.array(timescale, np.float64)
+        density = np.array(density, np.float64)
+        timescale = np.array(timescale, np.float64)
         line = lead, n_rows, n_rows + overscan, fill
         _restore(image, flip, line, keys, x0, density, timescale, well, buffers(density, n_rows), passes)
 
@@ -99,8 +107,10 @@ def _restore(
     ny, nx = image.shape
     lead, n_rows, n_packets, fill = line
     packets = np.empty(padded(n_packets), np.int32)
-    read, guess = np.empty((COLUMNS, ny), np.float32), np.empty(ny, np.float32)
-    fullest, head = np.empty(n_rows), np.empty(n_rows, np.int32)
+    read = np.empty((COLUMNS, ny), np.float32)
+    guess = np.empty(ny, np.float32)
+    fullest = np.empty(n_rows)
+    head = np.empty(n_rows, np.int32)
     search = search_room(len(packets))
     more = passes * len(room[0])  # a pass adds an electron for each trap at most, so all traps that act are drawn
     for first in range(0, nx, COLUMNS):
@@ -130,7 +140,8 @@ def _follow_rows(
     level, tau, own, next_ = room
     table, words, small = search
     base = set_up(packets, table, small)
-    reach, seen = 0, len(packets)
+    reach = 0
+    seen = len(packets)
     for row in rows:
         if row < seen:  # upper limit of the packets from here on, as in follow_all, block by block
             reach = max(reach, packets[max(row - _BLOCK, 0) : seen].max())
@@ -182,7 +193,9 @@ def _restore_rows(
 ) -> None:
     """Undo the transfer along the registers, channel by channel, in place."""
     assert detector.traps is not None
-    traps, x0, y0 = detector.traps.serial, window.x0, window.y0
+    traps = detector.traps.serial
+    x0 = window.x0
+    y0 = window.y0
     assert traps is not None
     density = scale * np.array(traps.density, float)
     for block in ReadoutFrame.of(detector, window).blocks:
@@ -193,11 +206,16 @@ def _restore_rows(
         for _ in range(passes):
             moved = guess.copy()
             transfer_rows(
-                moved, density, traps.timescale, (traps.beta, traps.full_well, traps.notch), keys,
+                moved,
+                density,
+                traps.timescale,
+                (traps.beta, traps.full_well, traps.notch),
+                keys,
                 prescan=detector.prescan,
                 lead=(-(x0 + cols.stop) if block.flip_x else x0 + cols.start) % detector.channel_nx,
-                n_columns=detector.channel_nx, overscan=detector.overscan,
+                n_columns=detector.channel_nx,
+                overscan=detector.overscan,
                 row0=(-(y0 + rows.stop) if block.flip_y else y0 + rows.start) % detector.channel_ny,
-            )  # fmt: skip
+            )
             guess += read - moved
         read[:] = guess

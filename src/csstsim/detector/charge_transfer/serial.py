@@ -52,8 +52,10 @@ def transfer_rows(
     if image.size == 0:
         return trail, 0
     fill = checked_fill(image, nx, lead, n_columns)
-    density, timescale = np.array(density, np.float64), np.array(timescale, np.float64)
-    head, room = np.empty(prescan + n_columns, np.int32), buffers(density, prescan + n_columns)
+    density = np.array(density, np.float64)
+    timescale = np.array(timescale, np.float64)
+    head = np.empty(prescan + n_columns, np.int32)
+    room = buffers(density, prescan + n_columns)
     draw_traps(keys[0], density, timescale, well, np.ones(len(head)), head, *room)
     return trail, _transfer_rows(image, prescan, prescan + lead, fill, trail, keys[1], row0, head, room)
 

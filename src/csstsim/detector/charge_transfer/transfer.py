@@ -59,18 +59,25 @@ def _along_columns(
     """Transfer both halves to their registers; return (Trails.parallel, electrons left in traps)."""
     from csstsim.detector.charge_transfer import cti  # loads numba (0.5 s), which checking a campaign does not need
 
-    traps, n_rows = detector.traps, detector.channel_ny
+    traps = detector.traps
+    n_rows = detector.channel_ny
     assert traps is not None  # layers.cte_effect.check
-    trailed, trapped = [], 0
+    trailed = []
+    trapped = 0
     for half in range(2):
         low, high = (min(max(y, half * n_rows), (half + 1) * n_rows) for y in (window.y0, window.y1))
         trail, left = cti.transfer(
             image[low - window.y0 : high - window.y0] if low < high else image[:0],
-            scale * np.array(traps.density), traps.timescale, (traps.beta, traps.full_well, traps.notch),
+            scale * np.array(traps.density),
+            traps.timescale,
+            (traps.beta, traps.full_well, traps.notch),
             (rng.chip_key(f"traps {half}"), rng.exposure_key(f"release {half}")),
-            flip=bool(half), lead=detector.ny - high if half else low, n_rows=n_rows,
-            overscan=detector.parallel_overscan, x0=window.x0,
-        )  # fmt: skip
+            flip=bool(half),
+            lead=detector.ny - high if half else low,
+            n_rows=n_rows,
+            overscan=detector.parallel_overscan,
+            x0=window.x0,
+        )
         trailed.append(trail)
         trapped += left
     return (trailed[0], trailed[1]), trapped
@@ -91,9 +98,12 @@ def _along_rows(
     from csstsim.detector.charge_transfer.serial import transfer_rows
 
     assert detector.traps is not None
-    traps, x0, y0 = detector.traps.serial, window.x0, window.y0
+    traps = detector.traps.serial
+    x0 = window.x0
+    y0 = window.y0
     assert traps is not None
-    trailed, trapped = {}, 0
+    trailed = {}
+    trapped = 0
     for block in ReadoutFrame.of(detector, window).blocks:
         rows, cols = block.image
         lead = (-(x0 + cols.stop) if block.flip_x else x0 + cols.start) % detector.channel_nx
@@ -105,10 +115,17 @@ def _along_rows(
             (halves[block.half][:, cols][:, block.as_read[1]], detector.channel_ny),
         ):
             trail, left = transfer_rows(
-                part, scale * np.array(traps.density), traps.timescale, (traps.beta, traps.full_well, traps.notch),
-                keys, prescan=detector.prescan, lead=lead, n_columns=detector.channel_nx, overscan=detector.overscan,
+                part,
+                scale * np.array(traps.density),
+                traps.timescale,
+                (traps.beta, traps.full_well, traps.notch),
+                keys,
+                prescan=detector.prescan,
+                lead=lead,
+                n_columns=detector.channel_nx,
+                overscan=detector.overscan,
                 row0=first,
-            )  # fmt: skip
+            )
             trails.append(trail)
             trapped += left
         trailed[block.channel] = np.concatenate(trails)

@@ -64,7 +64,8 @@ def draw_traps(
     head[:] = -1
     n = 0
     for stratum in range(len(EDGES) - 1):
-        bottom, width = EDGES[stratum], EDGES[stratum + 1] - EDGES[stratum]
+        bottom = EDGES[stratum]
+        width = EDGES[stratum + 1] - EDGES[stratum]
         if bottom >= fullest[0]:
             break
         for species in range(len(density)):
@@ -78,6 +79,7 @@ def draw_traps(
                     level[n] = int(notch + full_well * watermark ** (1.0 / beta)) + 1
                     tau[n] = timescale[species]
                     words[n] = bits
-                    next_[n], head[row] = head[row], n
+                    next_[n] = head[row]
+                    head[row] = n
                     n += 1
     return n

@@ -22,8 +22,10 @@ TAIL = -NormalDist().inv_cdf(EDGE / CELLS)
 _BEYOND = np.float32(9.0)  # value in the table that marks the tail
 _PLACE_BITS = np.uint32(20)
 _PLACE_MASK = np.uint32((1 << 20) - 1)
-_S1, _S32 = np.uint64(1), np.uint64(32)
-_ONE, _TWO = np.uint64(1), np.uint64(2)
+_S1 = np.uint64(1)
+_S32 = np.uint64(32)
+_ONE = np.uint64(1)
+_TWO = np.uint64(2)
 
 
 @cache
@@ -31,7 +33,8 @@ def normal_table() -> tuple[FloatArray, FloatArray]:
     """Return (start, step), (CELLS,) float32: the number is start + step x position, position 0 to 2^20."""
     inverse = NormalDist().inv_cdf
     ends = np.array([inverse(i / CELLS) for i in range(EDGE, CELLS - EDGE + 1)])
-    start, step = np.full(CELLS, _BEYOND), np.zeros(CELLS, np.float32)
+    start = np.full(CELLS, _BEYOND)
+    step = np.zeros(CELLS, np.float32)
     start[:EDGE] = -_BEYOND
     start[EDGE : CELLS - EDGE] = ends[:-1]
     step[EDGE : CELLS - EDGE] = np.diff(ends) / 2.0**20

@@ -19,8 +19,11 @@ TABLE_MAX = 128  # electrons; above the sky of a 250 s exposure and the wings of
 _LARGEST = np.float32(127.99)
 _STEPS = np.float32(16)  # tabulated means per electron
 _CELLS = 256  # P(256 or more) at mean 128 is 1e-22
-_S8, _S24, _S56 = np.uint64(8), np.uint64(24), np.uint64(56)
-_SHARE_MASK, _REST_MASK = np.uint64((1 << 32) - 1), np.uint64((1 << 24) - 1)
+_S8 = np.uint64(8)
+_S24 = np.uint64(24)
+_S56 = np.uint64(56)
+_SHARE_MASK = np.uint64((1 << 32) - 1)
+_REST_MASK = np.uint64((1 << 24) - 1)
 _REST_UNIT = np.float32(2.0**-24)
 _ALWAYS = np.float32(2)
 _REST_MAX = 20  # P(more) of a mean below 1/16 is 1e-43
@@ -47,7 +50,8 @@ def alias_tables() -> tuple[IntArray, IntArray]:
 def _fill_alias(parts: IntArray, share: IntArray, other: IntArray) -> None:
     """Divide 2^40 parts among 256 cells of 2^32, each with one or two outcomes."""
     size = 2**32
-    small, large = np.empty(_CELLS, np.int64), np.empty(_CELLS, np.int64)
+    small = np.empty(_CELLS, np.int64)
+    large = np.empty(_CELLS, np.int64)
     n_small = n_large = 0
     for n in range(_CELLS):
         if parts[n] < size:
@@ -58,8 +62,10 @@ def _fill_alias(parts: IntArray, share: IntArray, other: IntArray) -> None:
             n_large += 1
     while n_small:
         n_small -= 1
-        poor, rich = small[n_small], large[n_large - 1]
-        share[poor], other[poor] = parts[poor], rich
+        poor = small[n_small]
+        rich = large[n_large - 1]
+        share[poor] = parts[poor]
+        other[poor] = rich
         parts[rich] -= size - parts[poor]
         if parts[rich] < size:
             n_large -= 1

@@ -53,9 +53,12 @@ def ready(frame: Path, request: Request) -> Make:
     image = read_foreign(frame)
     if request.light_curves:
         raise InputError(
-            "light curves are for frames of csstsim", file=frame, key="--light-curves", value=request.light_curves,
+            "light curves are for frames of csstsim",
+            file=frame,
+            key="--light-curves",
+            value=request.light_curves,
             allowed="the magnitude at this image's time, in the table",
-        )  # fmt: skip
+        )
     if request.psf is None:
         raise InputError("a frame of others needs its PSF", file=frame, key="--psf")
     psf = read_psf(request.psf, image.band)
@@ -75,16 +78,20 @@ def ready(frame: Path, request: Request) -> Make:
 
 def _objects(request: Request, image: ForeignFrame, zeropoint: float) -> ObjectTable:
     """Return the ObjectTable of the request, with `mag`, magnified, and `electrons` in the image. Raises InputError."""
-    columns, band = dict(request.columns), image.band
+    columns = dict(request.columns)
+    band = image.band
     names = [name for name in columns if name == "mag" or name.startswith("mag_")]
     chosen = next(
         (name for name in names if name in ("mag", f"mag_{band.lower()}")), names[0] if len(names) == 1 else None
     )
     if chosen is None:
         raise InputError(
-            "which magnitude is the image's?", file=request.table, key="mag", value=", ".join(names),
+            "which magnitude is the image's?",
+            file=request.table,
+            key="mag",
+            value=", ".join(names),
             allowed=f"mag, mag_{band.lower() or 'BAND'}, or one magnitude alone",
-        )  # fmt: skip
+        )
     light = columns[chosen]
     columns = {name: values for name, values in columns.items() if name not in names} | {f"mag_{BAND}": light}
     try:
@@ -95,15 +102,19 @@ def _objects(request: Request, image: ForeignFrame, zeropoint: float) -> ObjectT
         raise InputError(exc.message, file=exc.file, key=chosen, value=exc.value, allowed=exc.allowed) from None
     varies = np.zeros(len(objects), bool) if "var_amplitude" not in objects else objects["var_amplitude"] > 0
     refused = {
-        "knots": has_knots(objects), "image_file": has_image(objects), "rate_ra, rate_dec": moves(objects),
+        "knots": has_knots(objects),
+        "image_file": has_image(objects),
+        "rate_ra, rate_dec": moves(objects),
         "var_amplitude": varies,
-    }  # fmt: skip
+    }
     for name, some in refused.items():
         if some.any():
             raise InputError(
-                "drawn in frames of csstsim only", file=request.table, key=f"{name}, row {np.flatnonzero(some)[0] + 1}",
+                "drawn in frames of csstsim only",
+                file=request.table,
+                key=f"{name}, row {np.flatnonzero(some)[0] + 1}",
                 allowed="stars, disks and bulges that stay as they are",
-            )  # fmt: skip
+            )
     mu, _ = magnification(*(objects[name] for name in ("kappa", "gamma1", "gamma2")))
     mu = np.where(lensed(objects["obj_type"]), mu, 1.0)
     mag = objects[f"mag_{BAND}"] - 2.5 * np.log10(mu)
@@ -112,8 +123,11 @@ def _objects(request: Request, image: ForeignFrame, zeropoint: float) -> ObjectT
         row = np.flatnonzero(many)[0]
         raise InputError(
             f"light of more than {MOST:g} electrons, with the zero point {zeropoint:g} and {image.exptime:g} s",
-            file=request.table, key=f"{chosen}, row {row + 1}", value=float(light[row]), allowed="fainter objects",
-        )  # fmt: skip
+            file=request.table,
+            key=f"{chosen}, row {row + 1}",
+            value=float(light[row]),
+            allowed="fainter objects",
+        )
     return objects.with_columns(mag=mag, electrons=electrons)
 
 
@@ -129,12 +143,20 @@ def _make(
     electrons = objects["electrons"]
     counts = np.zeros(image.image.shape)
     drawn, shown = draw(counts, psf, image.wcs, objects, electrons, request.realisation, of)
-    truth = ObjectTable({
-        "id": objects["id"], "ra": objects["ra"], "dec": objects["dec"], "xImage": objects["x"] + 1.0,
-        "yImage": objects["y"] + 1.0, "mag": objects["mag"], "obj_type": objects["obj_type"], "electrons": electrons,
-        "drawn": drawn,
-        **{name: objects[name] for name in ("size_disk", "size_bulge", "bulge_frac", "e1", "e2", "kappa")},
-    }).take(shown)  # fmt: skip
+    truth = ObjectTable(
+        {
+            "id": objects["id"],
+            "ra": objects["ra"],
+            "dec": objects["dec"],
+            "xImage": objects["x"] + 1.0,
+            "yImage": objects["y"] + 1.0,
+            "mag": objects["mag"],
+            "obj_type": objects["obj_type"],
+            "electrons": electrons,
+            "drawn": drawn,
+            **{name: objects[name] for name in ("size_disk", "size_bulge", "bulge_frac", "e1", "e2", "kappa")},
+        }
+    ).take(shown)
     target.parent.mkdir(parents=True, exist_ok=True)
     truth.write(
         target.with_suffix(TRUTH),
@@ -169,16 +191,19 @@ def draw(
     ny, nx = counts.shape
     matrices = shape_matrix(objects.with_columns(ra_orig=objects["ra"], dec_orig=objects["dec"]), wcs)
     parts = components(objects)
-    drawn, shown = np.zeros(len(objects)), np.zeros(len(objects), bool)
+    drawn = np.zeros(len(objects))
+    shown = np.zeros(len(objects), bool)
     for i in progress(range(len(objects)), "objects"):
-        x, y = float(objects["x"][i]), float(objects["y"][i])
+        x = float(objects["x"][i])
+        y = float(objects["y"][i])
         profile = psf.at(x, y)
         width = _side(profile)
         if objects["obj_type"][i] == GALAXY:
             profile = galsim.Convolve([_galaxy(parts, i, matrices[i]), profile])
         profile = profile.withFlux(float(electrons[i]))
         side = min(max(profile.getGoodImageSize(1.0), width), LARGEST)
-        x0, y0 = round(x) - side // 2, round(y) - side // 2
+        x0 = round(x) - side // 2
+        y0 = round(y) - side // 2
         bounds = galsim.BoundsI(x0, x0 + side - 1, y0, y0 + side - 1)
         seen = bounds & galsim.BoundsI(0, nx - 1, 0, ny - 1)
         if not seen.isDefined():
@@ -198,7 +223,8 @@ def draw(
         rng = stream(realisation, "inject", of, int(objects["id"][i]))
         noisy = rng.poisson(np.maximum(mean, 0)) + np.minimum(mean, 0)
         counts[seen.ymin : seen.ymax + 1, seen.xmin : seen.xmax + 1] += noisy
-        drawn[i], shown[i] = noisy.sum(), True
+        drawn[i] = noisy.sum()
+        shown[i] = True
     return drawn, shown
 
 
@@ -213,8 +239,9 @@ def _galaxy(parts: tuple[tuple[FloatArray, Floats, FloatArray], ...], i: int, ma
 
     found = [
         light[i] * galsim.Sersic(n=float(np.broadcast_to(index, light.shape)[i]), half_light_radius=float(size[i]))
-        for light, index, size in parts if light[i] > 0
-    ]  # fmt: skip
+        for light, index, size in parts
+        if light[i] > 0
+    ]
     return galsim.Add(found).transform(*matrix.ravel().tolist()).withFlux(1.0)
 
 
@@ -233,7 +260,8 @@ def _write(image: ForeignFrame, counts: FloatArray, target: Path, record: Record
     value = image.image.astype(float) + units
     most = image.full
     if image.image.dtype.kind in "iu":
-        value, most = np.rint(value), min(most, np.iinfo(image.image.dtype).max)
+        value = np.rint(value)
+        most = min(most, np.iinfo(image.image.dtype).max)
     full = lit & (value > most) & (image.image < most)
     value[full] = most
     with opened(image.path) as file, atomic_path(target) as temporary:

@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 
 ELECTRONS = {"electron", "electrons", "e-", "e", "photoelectron"}
 DN = {"adu", "dn", "count", "counts", "ct", "cts", "adus"}
-GAINS, TIMES = ("GAIN", "EGAIN", "CCDGAIN", "ATODGAIN"), ("EXPTIME", "TEXPTIME", "XPOSURE", "EXPOSURE")
+GAINS = ("GAIN", "EGAIN", "CCDGAIN", "ATODGAIN")
+TIMES = ("EXPTIME", "TEXPTIME", "XPOSURE", "EXPOSURE")
 LONGEST = 1e6  # ratio of the sides of a pixel, or of a direction's step: the matrix of a WCS counts as singular
 FILTERS = "FILTER", "FILTER1", "FILTER2", "FILTNAM1", "PUPIL", "BAND"
 OPEN = "CLEAR", "OPEN", "NONE", "N/A", "EMPTY"  # beginnings of the names of empty places in a wheel
@@ -116,9 +117,12 @@ def _cd(header: Header) -> FloatArray | None:
 def _check_matrix(path: Path, matrix: FloatArray | None, key: str) -> None:
     if matrix is not None and not np.linalg.cond(matrix) < LONGEST:
         raise InputError(
-            "the WCS maps the image to a line", file=path, key=key, value=matrix.tolist(),
+            "the WCS maps the image to a line",
+            file=path,
+            key=key,
+            value=matrix.tolist(),
             allowed="a matrix from pixels to the sky that can be inverted",
-        )  # fmt: skip
+        )
 
 
 def _number(header: Mapping[str, Any], names: Sequence[str]) -> float | None:
@@ -137,7 +141,8 @@ def _electrons(path: Path, header: Mapping[str, Any], exptime: float) -> tuple[f
     """Return (electrons of one unit of the image, gain [e-/DN] or None where its unit is electrons)."""
     text = re.sub(r"[ .*]*s(ec|econd)?\s*(\^|\*\*)?\s*\(?-1\)?$", "/s", str(header.get("BUNIT", "")).lower())
     unit, _, per = text.replace(" ", "").partition("/")
-    gain, time = _number(header, GAINS), {"": 1.0, "s": exptime, "sec": exptime, "second": exptime}.get(per)
+    gain = _number(header, GAINS)
+    time = {"": 1.0, "s": exptime, "sec": exptime, "second": exptime}.get(per)
     if time is not None and unit in ELECTRONS:
         return time, None
     if time is not None and (unit in DN or not unit) and gain is not None:

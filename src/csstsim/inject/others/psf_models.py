@@ -95,7 +95,8 @@ def _stamps(path: Path, file: HDUList) -> Stamps:
     held = next((h for h in file if h.is_image and h.header.get("NAXIS", 0) in (2, 3) and h.data is not None), None)
     if held is None:
         raise InputError("holds neither a model of PSFEx nor stamps", file=path, key="--psf")
-    stamps, step = np.asarray(held.data, float), held.header.get(STEP, 1.0)
+    stamps = np.asarray(held.data, float)
+    step = held.header.get(STEP, 1.0)
     stamps = stamps[None] if stamps.ndim == 2 else stamps
     if not (isinstance(step, int | float) and 0 < step < np.inf):
         raise InputError("no step of samples", file=path, key=STEP, value=step, allowed="above 0 px")

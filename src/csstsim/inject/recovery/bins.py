@@ -20,9 +20,15 @@ FEWEST = 5  # objects for a bias and a scatter
 CLIP = 5.0  # robust sigmas
 AGAINST = {"mag": "true magnitude [AB]", "size": "half-light radius [arcsec]", "density": "density [arcmin-2]"}
 QUANTITIES = {
-    "d_mag": "magnitude", "d_x": "place x [px]", "d_y": "place y [px]", "d_g1": "shape g1", "d_g2": "shape g2",
-    "flux_pull": "pull of flux", "place_pull_x": "pull of x", "place_pull_y": "pull of y",
-}  # fmt: skip
+    "d_mag": "magnitude",
+    "d_x": "place x [px]",
+    "d_y": "place y [px]",
+    "d_g1": "shape g1",
+    "d_g2": "shape g2",
+    "flux_pull": "pull of flux",
+    "place_pull_x": "pull of x",
+    "place_pull_y": "pull of y",
+}
 
 
 @dataclass(frozen=True)
@@ -50,17 +56,23 @@ def number(values: FloatArray) -> Number:
     kept = values[away <= max(CLIP * 1.4826 * np.median(away), np.finfo(float).tiny)]
     scatter = kept.std(ddof=1) if len(kept) > 1 else 0.0
     return Number(
-        len(kept), float(kept.mean()), float(scatter / np.sqrt(len(kept))), float(scatter),
-        float(scatter / np.sqrt(2 * max(len(kept) - 1, 1))), len(values) - len(kept),
-    )  # fmt: skip
+        len(kept),
+        float(kept.mean()),
+        float(scatter / np.sqrt(len(kept))),
+        float(scatter),
+        float(scatter / np.sqrt(2 * max(len(kept) - 1, 1))),
+        len(values) - len(kept),
+    )
 
 
 def share(found: int, total: int) -> tuple[float, float, float]:
     """Return (share, its lower and upper 68% bound) of `found` of `total`, after Wilson (1927); NaN of none."""
     if not total:
         return np.nan, np.nan, np.nan
-    p, z2 = found / total, 1.0
-    middle, half = (p + z2 / (2 * total)), np.sqrt(p * (1 - p) / total + z2 / (4 * total**2))
+    p = found / total
+    z2 = 1.0
+    middle = p + z2 / (2 * total)
+    half = np.sqrt(p * (1 - p) / total + z2 / (4 * total**2))
     low, high = ((middle + k * half) / (1 + z2 / total) for k in (-1, 1))
     return p, min(low, p), min(max(high, p), 1.0)
 

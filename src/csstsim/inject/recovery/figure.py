@@ -18,9 +18,11 @@ if TYPE_CHECKING:
     from csstsim.inject.recovery.bins import Bin
 
 ROWS = {
-    "completeness": "found", "d_mag": "magnitude,\nmeasured - true", "d_x": "place x, y [px],\nmeasured - true",
+    "completeness": "found",
+    "d_mag": "magnitude,\nmeasured - true",
+    "d_x": "place x, y [px],\nmeasured - true",
     "d_g1": "shape g1, g2,\nmeasured - true",
-}  # fmt: skip
+}
 PAIR = {"d_x": "d_y", "d_g1": "d_g2"}
 
 

@@ -32,7 +32,8 @@ if TYPE_CHECKING:
     from csstsim.measure.calibration.calibrate import Calibrated
 
 PULLS = "pull", "pull_x", "pull_y"  # of all objects: values in px and mag differ too much with their light
-TABLE, FIGURE = ".recovered.parquet", ".recovered.png"
+TABLE = ".recovered.parquet"
+FIGURE = ".recovered.png"
 
 
 def recover(
@@ -49,7 +50,8 @@ def recover(
     `injected`]; truth: of the injected objects [default: beside it]; given: campaign, instrument and cache as
     `frames.job_of` takes them. Raises InputError.
     """
-    injected, original = Path(injected), Path(original)
+    injected = Path(injected)
+    original = Path(original)
     _check_order(injected, original)
     objects = read_truth(truth or injected.with_suffix(TRUTH))
     (run, job), kind = job_of(injected, say=say, **given), kind_of(injected)
@@ -79,12 +81,16 @@ def recover(
 
 def _check_order(injected: Path, original: Path) -> None:
     """Raise InputError unless `injected` has all that was injected into `original`, and more."""
-    first, second = realisations(injected), realisations(original)
+    first = realisations(injected)
+    second = realisations(original)
     if not second < first:
         raise InputError(
-            "has no injected objects that the original lacks", file=injected, key="realisations in HISTORY",
-            value=f"{sorted(first)}; of {original}: {sorted(second)}", allowed="INJECTED ORIGINAL, in this order",
-        )  # fmt: skip
+            "has no injected objects that the original lacks",
+            file=injected,
+            key="realisations in HISTORY",
+            value=f"{sorted(first)}; of {original}: {sorted(second)}",
+            allowed="INJECTED ORIGINAL, in this order",
+        )
 
 
 @one_thread
@@ -94,9 +100,17 @@ def measured(run: OpenCampaign, job: Job, path: Path, kind: str) -> ObjectTable:
 
     frame = _of_level0(run, job, path) if kind == LEVEL0 else _of_image(run, job, path)
     return measure_frame(
-        frame, open_psf(run, job.chip), job.wcs, job.observer, obsid=job.obsid, chip=job.chip,
-        filter=job.exposure.filter, telescope=run.camera.telescope, pointing=job.pointing, window=job.window,
-    )  # fmt: skip
+        frame,
+        open_psf(run, job.chip),
+        job.wcs,
+        job.observer,
+        obsid=job.obsid,
+        chip=job.chip,
+        filter=job.exposure.filter,
+        telescope=run.camera.telescope,
+        pointing=job.pointing,
+        window=job.window,
+    )
 
 
 def _of_level0(run: OpenCampaign, job: Job, path: Path) -> Calibrated:

@@ -56,14 +56,16 @@ def recovered(
     injected and the original frame; window: instrument.chip.Window; pixel_scale [arcsec]. Its meta says how many
     injected objects have no row: those `outside` the window, and those of which no light was drawn, `dark`.
     """
-    inside, lit = cast("BoolArray", window.contains(truth["x"], truth["y"])), truth["drawn"] > 0
+    inside = cast("BoolArray", window.contains(truth["x"], truth["y"]))
+    lit = truth["drawn"] > 0
     meta = {"outside": int((~inside).sum()), "dark": int((inside & ~lit).sum())}
     truth = truth.take(np.flatnonzero(inside & lit))
     count = len(truth)
     true, seen, old = (np.column_stack([t["x"], t["y"]]).astype(float) for t in (truth, sources, before))
     places = np.concatenate([true, old])
     match = one_to_one(places, seen, np.full(len(places), REACH))[:count]
-    found, point = match >= 0, truth["obj_type"] != GALAXY
+    found = match >= 0
+    point = truth["obj_type"] != GALAXY
     row = np.where(found, match, 0)
 
     def measured(name: str) -> FloatArray:
@@ -76,7 +78,8 @@ def recovered(
     flags = np.nan_to_num(measured("flags")).astype(int)
     e = _true_shape(truth)
     known = old[before["snr"] > REAL] if len(old) else old
-    d_x, d_y = measured("x") - truth["x"], measured("y") - truth["y"]
+    d_x = measured("x") - truth["x"]
+    d_y = measured("y") - truth["y"]
     return ObjectTable({
         "id": truth["id"], "point": point, "x": truth["x"], "y": truth["y"], "mag": truth["mag"].astype(float),
         "size": np.where(point, 0.0, truth["size"]), "density": density(true, known, pixel_scale),

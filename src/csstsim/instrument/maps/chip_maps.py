@@ -120,7 +120,8 @@ def load_entries(folder: PathLike) -> dict[str, Entry]:
     path = Path(folder) / FILE
     if not path.exists():
         return {}
-    raw, entries = read_yaml(path), {}
+    raw = read_yaml(path)
+    entries = {}
     for kind, data in read_data(path).items():
         if kind not in KINDS:
             raise InputError("unknown map", file=path, key=kind, allowed=", ".join(KINDS))
@@ -146,7 +147,8 @@ def _check_name(name: str, kind: str, path: Path) -> None:
 def needed(wavelengths: Sequence[float], filter: "Filter") -> tuple[float, ...]:
     """Return those LED wavelengths [nm], rising, whose flats count for a Filter: flats are linear between them."""
     seen = filter.wavelength[filter.throughput > 0] / 10
-    below, above = [-np.inf, *wavelengths[:-1]], [*wavelengths[1:], np.inf]
+    below = [-np.inf, *wavelengths[:-1]]
+    above = [*wavelengths[1:], np.inf]
     around = zip(wavelengths, below, above, strict=True)
     return tuple(wave for wave, low, high in around if low < seen[-1] and high > seen[0])
 
@@ -157,7 +159,8 @@ def check_chips(entries: Mapping[str, Entry], folder: PathLike, chips: Iterable[
     for kind, entry in entries.items():
         unknown = sorted(set(entry.chips or ()) - set(chips))
         if unknown:
-            allowed, path = ", ".join(map(str, sorted(chips))), Path(folder) / FILE
+            allowed = ", ".join(map(str, sorted(chips)))
+            path = Path(folder) / FILE
             raise InputError("no such chip", file=path, key=f"{kind}.chips", value=unknown[0], allowed=allowed)
 
 

@@ -64,15 +64,19 @@ class LabMap:
     def check(self) -> None:
         """Read the whole map. Raises InputError for a value that is not allowed, a wrong mean or another DATASUM."""
         mean = self.kind.mean(self.part(slice(None), slice(None)))
-        low, high = self.kind.mean_low, self.kind.mean_high
+        low = self.kind.mean_low
+        high = self.kind.mean_high
         if not low <= mean <= high:
             what = "share of bad pixels" if self.kind.name == "bad_pixels" else f"mean [{self.kind.unit}]"
             raise InputError(f"the {what} is out of range", file=self.path, value=mean, allowed=f"{low:g} to {high:g}")
         if self.datasum != str(self._sum()):
             raise InputError(
-                "the pixels were changed after the header", file=self.path, key="DATASUM", value=self.datasum,
+                "the pixels were changed after the header",
+                file=self.path,
+                key="DATASUM",
+                value=self.datasum,
                 allowed=f"{self._sum()}; write the file with checksum=True",
-            )  # fmt: skip
+            )
 
     def _pixels(self) -> AnyArray:
         with logged("opened", self.path):
@@ -92,9 +96,11 @@ class LabMap:
             y, x = (int(np.broadcast_to(axis, wrong.shape)[first]) for axis in place)
             count = number_of(int(np.count_nonzero(wrong)), "pixel")
             raise InputError(
-                f"{count} out of range or not finite, the first at x {x}, y {y} (from 0)", file=self.path,
-                value=values[first].item(), allowed=self._allowed(),
-            )  # fmt: skip
+                f"{count} out of range or not finite, the first at x {x}, y {y} (from 0)",
+                file=self.path,
+                value=values[first].item(),
+                allowed=self._allowed(),
+            )
         return values
 
     def _allowed(self) -> str:
@@ -155,7 +161,8 @@ def _maximum(header: Mapping[str, Any], kind: Kind, path: Path) -> float:
     """Return DATAMAX of a map that multiplies light, else the upper bound of its kind."""
     if not kind.loss:
         return kind.high
-    value, allowed = header.get("DATAMAX"), f"{kind.low:g} to {kind.high:g}, the largest value of the map"
+    value = header.get("DATAMAX")
+    allowed = f"{kind.low:g} to {kind.high:g}, the largest value of the map"
     if value is None:
         raise InputError("missing: a map that multiplies light declares it", file=path, key="DATAMAX", allowed=allowed)
     if isinstance(value, bool) or not isinstance(value, int | float) or not kind.low <= value <= kind.high:
@@ -174,7 +181,8 @@ def _only_image(path: Path) -> tuple[Mapping[str, Any], tuple[int, int]]:
                 names = ", ".join(hdu.get_extname() or "primary" for hdu in images) or "none"
                 allowed = "one image, in the primary HDU or the extension behind it, not compressed"
                 raise InputError("has not one image", file=path, key="HDU", value=names, allowed=allowed)
-            header, places = images[0].read_header(), images[0].get_offsets()
+            header = images[0].read_header()
+            places = images[0].get_offsets()
     except (OSError, ValueError) as exc:
         reason = str(exc).strip().splitlines()[0] if str(exc).strip() else "a header is damaged"
         raise InputError(f"not a readable FITS file: {reason}", file=path) from None

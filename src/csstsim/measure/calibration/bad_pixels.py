@@ -25,10 +25,17 @@ if TYPE_CHECKING:
     from csstsim.measure.calibration.calibrate import Calibrated
     from csstsim.measure.light.photometry import PsfModel
 
-FULL, BAD, RAY = np.uint8(1), np.uint8(2), np.uint8(4)  # bits of `mend`
-_LEFT_OUT, _FOUND = np.uint8(8), np.uint8(16)  # bits while rays are looked for: not tested; a ray, without its rim
+# bits of `mend`
+FULL = np.uint8(1)
+BAD = np.uint8(2)
+RAY = np.uint8(4)
+# bits while rays are looked for: not tested; a ray, without its rim
+_LEFT_OUT = np.uint8(8)
+_FOUND = np.uint8(16)
 _OUT = np.uint8(24)
-SIGMA, NEIGHBOUR_SIGMA = 5.0, 2.5  # threshold above the sky for a first pixel, and for one next to a found one
+# threshold above the sky for a first pixel, and for one next to a found one
+SIGMA = 5.0
+NEIGHBOUR_SIGMA = 2.5
 NOISE = 2.5  # sigma: allowance in favour of a star, for a first pixel and for the mean of its pair
 SHARE = 0.7  # of a star's smallest ratio of pair to pixel, because the PSF is not known better
 NEAR = 3  # px from a saturated core, where the image is sharper than the PSF
@@ -42,7 +49,8 @@ def mend(calibrated: Calibrated, model: PsfModel) -> IntArray:
     Returns its `marks`, to which the bit RAY is added: uint8 (ny, nx), the reasons not to use a pixel, FULL
     (saturated), BAD (defect) and RAY. model: photometry.PsfModel.
     """
-    read_noise, why = float(np.mean(list(calibrated.read_noise.values()))), calibrated.marks
+    read_noise = float(np.mean(list(calibrated.read_noise.values())))
+    why = calibrated.marks
     _mark_rays(calibrated.electrons, why, read_noise, model)
     _fill_marked(calibrated.electrons, why, BAD | RAY)
     return why
@@ -58,7 +66,8 @@ def known_defects(chip: Chip, window: Window, param: detector_defects.Param, rng
         kinds = (mask.HOT, param.hot_pixels), (mask.DEAD, param.dead_pixels), (mask.BAD_COLUMN, param.bad_columns)
         wanted = sum(bit for bit, there in kinds if there)
         return (chip.maps.bad_pixels.part(*window.slices) & wanted) > 0
-    detector, out = chip.detector, np.zeros(window.shape, bool)
+    detector = chip.detector
+    out = np.zeros(window.shape, bool)
     assert detector.defects is not None  # layers.detector_defects.check
     pixels = defects.places((detector.ny, detector.nx), detector.defects, rng.chip("defective pixels"))
     for some, there in zip(pixels, (param.hot_pixels, param.dead_pixels), strict=True):
@@ -103,7 +112,8 @@ def _leave_out(why: IntArray) -> None:
 def _mark_rays(electrons: FloatArray, why: IntArray, read_noise: float, model: PsfModel) -> None:
     """Set the bit RAY of `why` (FULL, BAD), for pixels of rays and those around them."""
     _leave_out(why)
-    sky, read_variance = float(np.median(electrons[::8, ::8])), read_noise**2
+    sky = float(np.median(electrons[::8, ::8]))
+    read_variance = read_noise**2
     # The root of (e - sky)^2 = SIGMA^2 (e + read_variance) above the sky; the exact test is in _is_ray
     level = sky + SIGMA**2 / 2 + SIGMA * math.sqrt(SIGMA**2 / 4 + max(sky, 0.0) + read_variance)
     _find(electrons, why, sky, read_variance, SHARE * model.smallest_pairs(_PLACES), level)
@@ -150,15 +160,20 @@ def _is_ray(
     doubt: float,
 ) -> bool:
     """Return whether a new pixel is `least` sigma bright and too sharp, with `doubt` sigma in favour of a star."""
-    value, variance = electrons[y, x] - sky, max(electrons[y, x], 0.0) + read_variance
+    value = electrons[y, x] - sky
+    variance = max(electrons[y, x], 0.0) + read_variance
     if value * abs(value) < least**2 * variance or why[y, x] & _OUT:
         return False
     value -= doubt * math.sqrt(variance)
     for k in range(4):
-        dy, dx = min(k, 1), 1 - k if k < 2 else 5 - 2 * k
-        total, noise, n = 0.0, 0.0, 0
+        dy = min(k, 1)
+        dx = 1 - k if k < 2 else 5 - 2 * k
+        total = 0.0
+        noise = 0.0
+        n = 0
         for side in (-1, 1):
-            v, u = y + side * dy, x + side * dx
+            v = y + side * dy
+            u = x + side * dx
             if not why[v, u] & _OUT:
                 total += electrons[v, u] - sky
                 noise += max(electrons[v, u], 0.0) + read_variance
@@ -192,7 +207,9 @@ def _fill(electrons: FloatArray, why: IntArray, bits: np.uint8, level: np.float3
         for x in range(nx):
             if not why[y, x] & bits:
                 continue
-            reach, n, total = 0, 0, 0.0
+            reach = 0
+            n = 0
+            total = 0.0
             while n == 0 and reach < FAR:
                 reach += 1
                 for v in range(max(y - reach, 0), min(y + reach + 1, ny)):

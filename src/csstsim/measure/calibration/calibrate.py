@@ -121,9 +121,11 @@ def calibrate(
     x0, x1, y0, y1 = readout.window
     electrons = np.empty((y1 - y0, x1 - x0), np.float32)
     marks = np.empty(electrons.shape, np.uint8)
-    bias, read_noise = {}, {}
+    bias = {}
+    read_noise = {}
     for block in readout.blocks:
-        n, factor = block.channel, _factor(gain, block.channel)
+        n = block.channel
+        factor = _factor(gain, block.channel)
         if readout.overscan or levels is None or n not in levels:
             overscan = frame[block.serial_overscan]
             if structure is not None:
@@ -156,9 +158,11 @@ def _factor(gain: Mapping[int, float], channel: int) -> float:
     factor = gain.get(channel)
     if factor is None or not 0 < factor < GAIN_MAX:
         raise InputError(
-            "the gain is missing or out of range", key=f"GAIN{channel:02d}", value=factor,
+            "the gain is missing or out of range",
+            key=f"GAIN{channel:02d}",
+            value=factor,
             allowed=f"> 0, < {GAIN_MAX:g} e-/DN",
-        )  # fmt: skip
+        )
     return factor
 
 

@@ -40,7 +40,8 @@ def channel_figures(
     """
     if calibrated.readout is None:
         return []
-    after, out = block_means(image, calibrated.readout), []
+    after = block_means(image, calibrated.readout)
+    out = []
     x0, _, y0, _ = calibrated.readout.window
     for block in calibrated.readout.blocks:
         (rows, columns), over = block.image, block.serial_overscan
@@ -48,10 +49,16 @@ def channel_figures(
         places = np.mgrid[part].reshape(2, -1)
         share = 1.0 if calibrated.response is None else float(np.median(calibrated.response.at(*places)))
         n = block.channel
-        out.append({
-            "channel": int(n), "window": [x0 + columns.start, x0 + columns.stop, y0 + rows.start, y0 + rows.stop],
-            "bias": calibrated.bias[n], "read_noise": calibrated.read_noise[n],
-            "level": before[n] - after[n], "noise": float(np.median(rms[part])), "response": share,
-            "overscan": (over[0].stop - over[0].start) * (over[1].stop - over[1].start),
-        })  # fmt: skip
+        out.append(
+            {
+                "channel": int(n),
+                "window": [x0 + columns.start, x0 + columns.stop, y0 + rows.start, y0 + rows.stop],
+                "bias": calibrated.bias[n],
+                "read_noise": calibrated.read_noise[n],
+                "level": before[n] - after[n],
+                "noise": float(np.median(rms[part])),
+                "response": share,
+                "overscan": (over[0].stop - over[0].start) * (over[1].stop - over[1].start),
+            }
+        )
     return out

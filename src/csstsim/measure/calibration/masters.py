@@ -82,7 +82,8 @@ def _mean(kind: str, exposures: Mapping[str, Iterable[Calibrated]]) -> tuple[Flo
 def _average(images: tuple[FloatArray, ...], read_noise: np.float32) -> FloatArray:
     """Return the mean of a tuple of images, without values more than RAY_SIGMA above their median."""
     ny, nx = images[0].shape
-    out, values = np.empty((ny, nx), np.float32), np.empty(len(images), np.float32)
+    out = np.empty((ny, nx), np.float32)
+    values = np.empty(len(images), np.float32)
     for y in range(ny):
         for x in range(nx):
             for k in range(len(images)):
@@ -90,7 +91,8 @@ def _average(images: tuple[FloatArray, ...], read_noise: np.float32) -> FloatArr
             values.sort()
             middle = values[(len(values) - 1) // 2]  # the lower one of two: rays only add
             limit = middle + RAY_SIGMA * np.sqrt(max(middle, np.float32(0)) + read_noise**2)
-            total, count = 0.0, 0
+            total = 0.0
+            count = 0
             for value in values:
                 if value <= limit:
                     total += value  # type: ignore[assignment]  # a float64 to numba

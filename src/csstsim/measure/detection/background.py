@@ -16,7 +16,9 @@ import numpy as np
 from csstsim.base.types import BoolArray, FloatArray, IntArray
 from csstsim.measure.detection.maps import BIN, add_interpolated, interpolated
 
-FIRST_BOX, SECOND_BOX = 64, 256  # px; 4.7 arcsec to find sources and in crowded fields, 19 arcsec with sources masked
+# px; 4.7 arcsec to find sources and in crowded fields, 19 arcsec with sources masked
+FIRST_BOX = 64
+SECOND_BOX = 256
 MASK_MAX = 0.4  # of the frame; with more masked it counts as crowded
 GOOD_MIN = 0.25  # of the pixels of a mesh; with less it takes the value of its neighbours
 CLIP = 3.5  # sigma; lowers the noise of a Gaussian by 0.3 %, corrected below
@@ -108,7 +110,9 @@ def _clipped(values: FloatArray) -> tuple[float, float]:
 @numba.njit(cache=True)
 def _moments_within(values: FloatArray, centre: float, reach: float) -> tuple[float, float]:
     """Return mean and standard deviation of the values within `reach` of `centre`, NaN if there are none."""
-    n, total, squares = 0, 0.0, 0.0
+    n = 0
+    total = 0.0
+    squares = 0.0
     for value in values:
         away = float(value) - centre
         if abs(away) <= reach:

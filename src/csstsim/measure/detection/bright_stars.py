@@ -104,7 +104,8 @@ def bright_stars(
     full, (peak_y, peak_x) = _pixels(electrons, unusable, np.float32(sky + PEAK))
     x, y = _groups(*full)
     saturated = np.repeat([True, False], [len(x), len(peak_x)])
-    x, y = np.concatenate([x, peak_x]), np.concatenate([y, peak_y])
+    x = np.concatenate([x, peak_x])
+    y = np.concatenate([y, peak_y])
     table, tables = _tables(psf, x + window.x0, y + window.y0)
     per_pixel = table_steps(psf.oversampling)
     half = _half(tables, per_pixel) if len(tables) else 0
@@ -136,7 +137,8 @@ def _groups(row: IntArray, column: IntArray) -> tuple[FloatArray, FloatArray]:
     linked = coo_array((np.ones(len(pairs), np.int8), (pairs[:, 0], pairs[:, 1])), shape=(len(row), len(row)))
     count, group = connected_components(linked, directed=False)
     line, first = np.unique(group * (row.max() + 1) + row, return_inverse=True)  # one line of one group
-    width, middle = np.bincount(first), np.bincount(first, column) / np.bincount(first)
+    width = np.bincount(first)
+    middle = np.bincount(first, column) / np.bincount(first)
     of, at = np.divmod(line, row.max() + 1)
     widest = np.zeros(count)
     np.maximum.at(widest, of, width)
@@ -152,7 +154,8 @@ def _pixels(electrons: FloatArray, unusable: IntArray, least: np.float32) -> tup
     A peak is a usable pixel of at least `least` that exceeds the 24 around it, all of which are usable.
     """
     ny, nx = electrons.shape
-    found, full = [(0, 0) for _ in range(0)], [(0, 0) for _ in range(0)]
+    found = [(0, 0) for _ in range(0)]
+    full = [(0, 0) for _ in range(0)]
     for y in range(ny):
         for x in range(nx):
             if unusable[y, x] & FULL:
@@ -257,20 +260,26 @@ def _step(
 ) -> tuple[float, float]:
     """Improve `state` (flux, x, y, constant) by one step in place; return (the shift [px], reduced chi2), NaN: none."""
     ny, nx = electrons.shape
-    column, row = round(state[1]), round(state[2])
-    dx, dy, e = state[1] - column, state[2] - row, 0.05
+    column = round(state[1])
+    row = round(state[2])
+    dx = state[1] - column
+    dy = state[2] - row
+    e = 0.05
     draw_psf(table, per_pixel, dx, dy, half, p)
     draw_psf(table, per_pixel, dx - e, dy, half, along[0])
     draw_psf(table, per_pixel, dx + e, dy, half, along[1])
     draw_psf(table, per_pixel, dx, dy - e, half, along[2])
     draw_psf(table, per_pixel, dx, dy + e, half, along[3])
-    normal, right = np.zeros((4, 4)), np.zeros(4)
-    chi2, n = 0.0, 0
+    normal = np.zeros((4, 4))
+    right = np.zeros(4)
+    chi2 = 0.0
+    n = 0
     d = np.empty(4)
     flux = state[0]
     for r in range(2 * half + 1):
         for c in range(2 * half + 1):
-            v, u = row + r - half, column + c - half
+            v = row + r - half
+            u = column + c - half
             if v < 0 or v >= ny or u < 0 or u >= nx or unusable[v, u]:
                 continue
             light = max(flux, 0.0) * p[r, c]
@@ -278,7 +287,8 @@ def _step(
             rest = electrons[v, u] - flux * p[r, c] - state[3]
             if clip and rest > CLIP * math.sqrt(variance):
                 continue
-            d[0], d[3] = p[r, c], 1.0
+            d[0] = p[r, c]
+            d[3] = 1.0
             d[1] = flux * (along[1, r, c] - along[0, r, c]) / (2 * e)
             d[2] = flux * (along[3, r, c] - along[2, r, c]) / (2 * e)
             chi2 += rest * rest / variance
@@ -350,9 +360,11 @@ def _add_stars(
         return
     half = _half(tables, per_pixel)
     stamp = np.empty((2 * half + 1, 2 * half + 1))
-    inner, outer = FADE[0] * half, FADE[1] * half
+    inner = FADE[0] * half
+    outer = FADE[1] * half
     for k in range(x.size):
-        column, row = round(x[k]), round(y[k])
+        column = round(x[k])
+        row = round(y[k])
         draw_psf(tables[table[k]], per_pixel, x[k] - column, y[k] - row, half, stamp)
         far = max(reach[k], float(half))
         for v in range(max(math.ceil(y[k] - far), 0), min(math.floor(y[k] + far) + 1, ny)):

@@ -31,12 +31,22 @@ if TYPE_CHECKING:
     from csstsim.measure.detection.detect import Frame
 
 LOCAL_SNR = 4.0
-LOCAL_SHARE, CLOSE = 0.02, 12.0  # px
-WIDE, WIDE_HALF = 2.5, 8  # px: sigma of the Gaussian, half the side of its stamp
-CORE, CORE_SHARE = 5.0, 0.05  # px
-APART, APART_SNR = 1.5, 5.0  # px; S/N of a peak that is no noise on a faint galaxy
+# px
+LOCAL_SHARE = 0.02
+CLOSE = 12.0
+# px: sigma of the Gaussian, half the side of its stamp
+WIDE = 2.5
+WIDE_HALF = 8
+# px
+CORE = 5.0
+CORE_SHARE = 0.05
+# px; S/N of a peak that is no noise on a faint galaxy
+APART = 1.5
+APART_SNR = 5.0
 POINT_SPREAD = 0.01, 2.5  # a star's spread: constant and times its error (as in measure.catalogue)
-EXCESS_SIGMA, EXCESS_SHARE = 3.0, 0.3  # light of an isophote beyond its point sources that makes it extended
+# light of an isophote beyond its point sources that makes it extended
+EXCESS_SIGMA = 3.0
+EXCESS_SHARE = 0.3
 
 
 @dataclass(frozen=True)
@@ -60,7 +70,9 @@ def combine(frame: Frame, peaks: Sources, snr: FloatArray, fit: FloatArray, kern
     normalised or not, odd side.
     """
     rest = _rest_of_stars(frame.stars, peaks.x, peaks.y, np.nan_to_num(fit[:, 0]))
-    peaks, snr, fit = _rows_of(peaks, ~rest), snr[~rest], np.nan_to_num(fit[~rest])
+    peaks = _rows_of(peaks, ~rest)
+    snr = snr[~rest]
+    fit = np.nan_to_num(fit[~rest])
     top = _own_peaks(peaks, snr, len(frame.extended.x))
     kept = _kept(frame, peaks, snr, fit[:, 0], top, kernel)
     extended = _is_extended(frame, peaks, fit, top, kept)
@@ -74,8 +86,12 @@ def _kept(
     """Return bool (n,): the peaks that are sources, an isophote's own among them; `top`: `_own_peaks`."""
     r2 = np.arange(-WIDE_HALF, WIDE_HALF + 1) ** 2
     wide = np.exp(-0.5 * (r2[:, None] + r2) / WIDE**2)
-    n, on = len(peaks.x), peaks.segment > 0
-    local, narrow, broad, own = np.zeros(n), np.zeros(n, bool), np.zeros(n, bool), np.zeros(n, bool)
+    n = len(peaks.x)
+    on = peaks.segment > 0
+    local = np.zeros(n)
+    narrow = np.zeros(n, bool)
+    broad = np.zeros(n, bool)
+    own = np.zeros(n, bool)
     own[top[top >= 0]] = True
     for shape, above in ((wide, broad), (kernel, narrow)):
         local[on], error = local_flux(frame.image, frame.rms, peaks.x[on], peaks.y[on], shape)
@@ -86,7 +102,8 @@ def _kept(
 
 def _is_extended(frame: Frame, peaks: Sources, fit: FloatArray, top: IntArray, kept: BoolArray) -> BoolArray:
     """Return bool (m,): the isophotes that are sources, because points do not account for their light."""
-    isophotes, inside = frame.extended, kept & (peaks.segment > 0)
+    isophotes = frame.extended
+    inside = kept & (peaks.segment > 0)
     flux, spread, spread_error = (fit[:, k] for k in (0, 3, 4))
     explained = np.bincount(peaks.segment[inside], flux[inside], len(isophotes.x) + 1)[1:]
     noise = np.sqrt(np.maximum(isophotes.flux, 0.0) + isophotes.area * float(np.median(frame.rms[::8, ::8])) ** 2)
@@ -101,7 +118,8 @@ def _joined(
     frame: Frame, peaks: Sources, snr: FloatArray, top: IntArray, kept: BoolArray, extended: BoolArray
 ) -> Detections:
     """Return the `Detections`: the peaks that are `kept`, then the isophotes that are `extended`."""
-    isophotes, rows = frame.extended, (np.flatnonzero(kept), np.flatnonzero(extended))
+    isophotes = frame.extended
+    rows = (np.flatnonzero(kept), np.flatnonzero(extended))
     columns = {
         f.name: np.concatenate([getattr(part, f.name)[row] for part, row in zip((peaks, isophotes), rows, strict=True)])
         for f in fields(Sources)
@@ -116,10 +134,13 @@ def _joined(
     # A source keeps its own isophote even where its position lies off it
     columns["segment"][len(rows[0]) :] = rows[1] + 1
     return Detections(
-        **columns, extended=np.repeat([False, True], [len(row) for row in rows]),
+        **columns,
+        extended=np.repeat([False, True], [len(row) for row in rows]),
         snr=np.concatenate([snr[rows[0]], np.append(snr, 0.0)[top[rows[1]]]]),
-        image=frame.image, rms=frame.rms, segments=frame.segments,
-    )  # fmt: skip
+        image=frame.image,
+        rms=frame.rms,
+        segments=frame.segments,
+    )
 
 
 def _rows_of(sources: Sources, rows: BoolArray) -> Sources:
@@ -151,12 +172,16 @@ def _distinct(
 ) -> BoolArray:
     """Return bool (n,): which peaks are sources; `order`: the highest first; the rest (n,), see the top of the file."""
     kept = segment == 0
-    first, after = np.full(segment.max() + 1 if segment.size else 1, -1), np.full(x.size, -1)  # chains of kept peaks
+    # chains of kept peaks
+    first = np.full(segment.max() + 1 if segment.size else 1, -1)
+    after = np.full(x.size, -1)
     for k in order:
         s = segment[k]
         if s == 0:
             continue
-        alone, bright, other = True, narrow[k], first[s]
+        alone = True
+        bright = narrow[k]
+        other = first[s]
         while other >= 0:
             if (x[k] - x[other]) ** 2 + (y[k] - y[other]) ** 2 < CLOSE**2:
                 alone = False
@@ -191,7 +216,8 @@ def local_flux(
     column = np.rint(x).astype(int)[:, None, None] + offset
     ny, nx = image.shape
     inside = (row >= 0) & (row < ny) & (column >= 0) & (column < nx)
-    row, column = np.clip(row, 0, ny - 1), np.clip(column, 0, nx - 1)
+    row = np.clip(row, 0, ny - 1)
+    column = np.clip(column, 0, nx - 1)
     data = np.where(inside, image[row, column], 0.0)
     variance = rms[row, column] ** 2 + np.maximum(data, 0.0)
     norm = np.sum(p**2)

@@ -34,7 +34,10 @@ from csstsim.optics.psf.sampling import WINDOW_PX
 THRESHOLD = 3.75  # S/N of a peak
 GROWTH = 3  # binned px by which what is bright is grown to mask it
 DEBLEND_LEVELS = 32
-COLD_THRESHOLD, COLD_AREA, COLD_CONTRAST = 2.5, 8, 0.02  # S/N of a smoothed binned pixel; binned px
+# S/N of a smoothed binned pixel; binned px
+COLD_THRESHOLD = 2.5
+COLD_AREA = 8
+COLD_CONTRAST = 0.02
 COLD_FWHM = 3.0  # binned px
 POINT_DRIFT = 1.5  # px, largest distance of a point's position from its peak
 RADII = 6.0  # of the major axis: circle within which the half-light radius is sought
@@ -126,9 +129,12 @@ def star_sources(frame: Frame, kernel: FloatArray) -> Sources:
     sources = _sources(frame.image, _points(stars.x, stars.y, kernel), frame.segments, 1, point_window(kernel))
     fitted = stars.saturated | sources.window_failed
     return replace(
-        sources, x=np.where(fitted, stars.x, sources.x), y=np.where(fitted, stars.y, sources.y),
-        window_failed=np.zeros(len(stars), bool), flux=stars.flux,
-    )  # fmt: skip
+        sources,
+        x=np.where(fitted, stars.x, sources.x),
+        y=np.where(fitted, stars.y, sources.y),
+        window_failed=np.zeros(len(stars), bool),
+        flux=stars.flux,
+    )
 
 
 def point_window(kernel: FloatArray) -> float:
@@ -146,7 +152,8 @@ def _window(half_light: FloatArray) -> FloatArray:
 
 def _points(x: FloatArray, y: FloatArray, kernel: FloatArray) -> dict[str, AnyArray]:
     """Return a table as sep's of points at x, y: round, as wide as the kernel, without flags."""
-    n, r2 = len(x), (np.arange(len(kernel)) - len(kernel) // 2) ** 2
+    n = len(x)
+    r2 = (np.arange(len(kernel)) - len(kernel) // 2) ** 2
     width = math.sqrt(float((kernel * r2).sum() / kernel.sum()))
     table = {"x": x, "y": y, "a": np.full(n, width), "b": np.full(n, width), "flag": np.zeros(n, int)}
     return table | dict.fromkeys(("theta", "npix", "flux"), np.zeros(n))
@@ -183,9 +190,15 @@ def _cold_pass(image: FloatArray, noise: FloatArray) -> tuple[NDArray[np.void], 
     sep.set_extract_pixstack(max(1_000_000, image.size // 8))
     sep.set_sub_object_limit(8192)
     found, segments = sep.extract(
-        smoothed_snr(image, noise, _weight()), COLD_THRESHOLD, minarea=COLD_AREA, filter_kernel=None,
-        deblend_nthresh=DEBLEND_LEVELS, deblend_cont=COLD_CONTRAST, clean=False, segmentation_map=True,
-    )  # fmt: skip
+        smoothed_snr(image, noise, _weight()),
+        COLD_THRESHOLD,
+        minarea=COLD_AREA,
+        filter_kernel=None,
+        deblend_nthresh=DEBLEND_LEVELS,
+        deblend_cont=COLD_CONTRAST,
+        clean=False,
+        segmentation_map=True,
+    )
     found["flux"] = light_within(image, segments, len(found))
     return found, segments
 
@@ -207,9 +220,12 @@ def _sources(
     wx, wy, failed = windowed_positions(image, x, y, sigma)
     # The window may drift to a brighter neighbour or away: a shift beyond the source's own size is a failure.
     failed |= ~(np.hypot(wx - x, wy - y) < (1.0 + 2.0 * a / scale if window is None else POINT_DRIFT))
-    x, y = np.where(failed, x, wx), np.where(failed, y, wy)
+    x = np.where(failed, x, wx)
+    y = np.where(failed, y, wy)
     row, column = (np.clip(np.rint(v).astype(int), 0, n - 1) for v, n in zip((y, x), image.shape, strict=True))
-    theta, flag = np.nan_to_num(found["theta"]), found["flag"]
-    segment, flux = segments[row // BIN, column // BIN], found["flux"].astype(float)
+    theta = np.nan_to_num(found["theta"])
+    flag = found["flag"]
+    segment = segments[row // BIN, column // BIN]
+    flux = found["flux"].astype(float)
     area = scale**2 * found["npix"]
     return Sources(x, y, a, b, theta, half_light, area, flag, failed, segment, flux, sigma)

@@ -15,7 +15,8 @@ def binned(image: FloatArray) -> FloatArray:
     """Return sums of BIN x BIN pixels, float32; a last odd row or column is left out, a single one counts twice."""
     ny, nx = image.shape
     out = np.empty((max(ny // BIN, 1), max(nx // BIN, 1)), np.float32)
-    down, right = min(1, ny - 1), min(1, nx - 1)
+    down = min(1, ny - 1)
+    right = min(1, nx - 1)
     for j in range(out.shape[0]):
         y = BIN * j
         for i in range(out.shape[1]):
@@ -106,7 +107,8 @@ def _between(image: FloatArray, lines: FloatArray, place: FloatArray, old: np.fl
     """Make each row `old` times what it is, plus `factor` times what lies at its `place` between `lines`."""
     for y in range(place.size):
         low = min(int(place[y]), max(len(lines) - 2, 0))
-        high, share = min(low + 1, len(lines) - 1), np.float32(place[y] - low)
+        high = min(low + 1, len(lines) - 1)
+        share = np.float32(place[y] - low)
         for x in range(image.shape[1]):
             value = factor * ((np.float32(1) - share) * lines[low, x] + share * lines[high, x])
             image[y, x] = value if old == 0 else old * image[y, x] + value

@@ -56,7 +56,8 @@ def _row_of_snr(
     """Fill `here` with the S/N of row y from the rows around it, smoothed along x: row v at v % weight.size."""
     here[:] = 0.0
     for k in range(weight.size):
-        w, row = weight[k], across[(y + k - weight.size // 2) % weight.size]
+        w = weight[k]
+        row = across[(y + k - weight.size // 2) % weight.size]
         for x in range(here.size):
             here[x] += w * row[x]
     for x in range(here.size):
@@ -67,9 +68,11 @@ def _row_of_snr(
 def smoothed_snr(image: FloatArray, rms: FloatArray, weight: FloatArray) -> FloatArray:
     """Return float32 (ny, nx): the S/N at each pixel of a source that is `weight` (2 r + 1,) along both axes."""
     ny, nx = image.shape
-    reach, norm = weight.size // 2, np.float32((weight**2).sum())
+    reach = weight.size // 2
+    norm = np.float32((weight**2).sum())
     out = np.empty((ny, nx), np.float32)
-    across, line = np.zeros((weight.size, nx), np.float32), np.zeros(nx + 2 * reach, np.float32)
+    across = np.zeros((weight.size, nx), np.float32)
+    line = np.zeros(nx + 2 * reach, np.float32)
     none = np.empty((0, 0), np.uint8)
     for y in range(-reach, ny):
         fresh = y + reach
@@ -89,8 +92,10 @@ def find_peaks(
     `weight`: `smoothing`. Beyond the frame there is no light.
     """
     ny, nx = image.shape
-    reach, norm = weight.size // 2, np.float32((weight**2).sum())
-    across, line = np.zeros((weight.size, nx), np.float32), np.zeros(nx + 2 * reach, np.float32)
+    reach = weight.size // 2
+    norm = np.float32((weight**2).sum())
+    across = np.zeros((weight.size, nx), np.float32)
+    line = np.zeros(nx + 2 * reach, np.float32)
     snr = np.zeros((3, nx), np.float32)  # of the last three rows
     found = [(0.0, 0.0, 0.0) for _ in range(0)]
     for y in range(-reach, ny + 1):
@@ -104,7 +109,9 @@ def find_peaks(
             snr[y % 3] = 0.0
         if y == 0:
             continue
-        above, middle, below = snr[(y - 2) % 3], snr[(y - 1) % 3], snr[y % 3]
+        above = snr[(y - 2) % 3]
+        middle = snr[(y - 1) % 3]
+        below = snr[y % 3]
         for x in range(nx):
             value = middle[x]
             if value > threshold and not hidden[y - 1, x] and _highest(above, middle, below, x):
@@ -118,7 +125,8 @@ def find_peaks(
 @numba.njit(cache=True)
 def _highest(above: FloatArray, middle: FloatArray, below: FloatArray, x: int) -> bool:
     """Return whether pixel x of `middle` exceeds its neighbours; of equal ones the last counts."""
-    value, last = middle[x], middle.size - 1
+    value = middle[x]
+    last = middle.size - 1
     for u in range(max(x - 1, 0), min(x + 1, last) + 1):
         if above[u] > value or below[u] >= value or (u < x and middle[u] > value) or (u > x and middle[u] >= value):
             return False

@@ -16,7 +16,9 @@ from csstsim.base.types import BoolArray, FloatArray, IntArray
 
 ANGLES = 24
 LENGTH = 5.0  # px, half of the strip
-NARROW, WIDE = 0.5, 1.2  # px, sigmas of the two strips across
+# px, sigmas of the two strips across
+NARROW = 0.5
+WIDE = 1.2
 SHARE = (
     0.70  # least light in the narrow strip over that in the wide one: at most 0.66 for the PSF, 0.75 to 1 for a track
 )
@@ -61,14 +63,17 @@ def _tracks(
     ny, nx = image.shape
     out = np.zeros(x.size, np.bool_)
     for k in range(x.size):
-        column, row = round(x[k]), round(y[k])
+        column = round(x[k])
+        row = round(y[k])
         if row < 0 or row >= ny or column < 0 or column >= nx:
             continue
-        best, chosen = 0.0, -1
+        best = 0.0
+        chosen = -1
         for s in range(len(offsets)):
             light, norm = _light(image, row, column, offsets[s], narrow[s])
             if light > 0.0 and light > best * math.sqrt(norm):
-                best, chosen = light / math.sqrt(norm), s
+                best = light / math.sqrt(norm)
+                chosen = s
         if chosen >= 0 and best > LONG * snr[k] * rms[row, column]:
             inner, _ = _light(image, row, column, offsets[chosen], narrow[chosen])
             whole, _ = _light(image, row, column, offsets[chosen], wide[chosen])
@@ -80,9 +85,12 @@ def _tracks(
 def _light(image: FloatArray, row: int, column: int, offsets: IntArray, weights: FloatArray) -> tuple[float, float]:
     """Return (weighted light, sum of squared weights) of the pixels at `offsets` that are on the frame."""
     ny, nx = image.shape
-    light, norm = 0.0, 0.0
+    light = 0.0
+    norm = 0.0
     for m in range(len(weights)):
-        v, u, w = row + offsets[m, 0], column + offsets[m, 1], weights[m]
+        v = row + offsets[m, 0]
+        u = column + offsets[m, 1]
+        w = weights[m]
         if w > 1e-3 and 0 <= v < ny and 0 <= u < nx:
             light += w * image[v, u]
             norm += w * w

@@ -22,7 +22,9 @@ from csstsim.measure.detection.maps import BIN
 if TYPE_CHECKING:
     from csstsim.measure.detection.combine import Detections
 
-KRON_FACTOR, KRON_MIN_RADIUS = 2.5, 3.5  # Source Extractor's PHOT_AUTOPARAMS; the radius in px
+# Source Extractor's PHOT_AUTOPARAMS; the radius in px
+KRON_FACTOR = 2.5
+KRON_MIN_RADIUS = 3.5
 KRON_REACH = 6.0  # of the ellipse: where the Kron radius is measured
 APERTURE = 4.0  # px, 0.3 arcsec: radius
 SUBPIXELS = 5  # an edge pixel counts by those of its 5 x 5 parts whose middles are inside
@@ -34,7 +36,8 @@ def aperture_flux(found: Detections, counted: FloatArray, share: FloatArray) -> 
 
     `counted` (n,) as in `photometry.fit_sources`; electrons.
     """
-    radius, zero = np.full(len(found.x), APERTURE), np.zeros(len(found.x))
+    radius = np.full(len(found.x), APERTURE)
+    zero = np.zeros(len(found.x))
     flux, error = _flux(found, radius, radius, zero, counted)
     return flux / share, error / share
 
@@ -44,7 +47,9 @@ def kron_flux(found: Detections, counted: FloatArray) -> tuple[FloatArray, Float
 
     `counted` (n,) as in `photometry.fit_sources`.
     """
-    a, b, theta = found.a, found.b, found.theta
+    a = found.a
+    b = found.b
+    theta = found.theta
     radius = kron_radius(found.image, found.segments, found.segment, found.x, found.y, a, b, theta)
     failed = ~(radius > 0)
     scale = np.where(failed, 0.0, np.minimum(KRON_FACTOR * np.nan_to_num(radius), KRON_FACTOR * KRON_REACH))
@@ -84,7 +89,9 @@ def kron_radius(
         if not (math.isfinite(x[s]) and math.isfinite(y[s])):
             continue
         xx, yy, xy = _coefficients(a[s], b[s], theta[s])
-        light, moment, limit = 0.0, 0.0, KRON_REACH**2
+        light = 0.0
+        moment = 0.0
+        limit = KRON_REACH**2
         first, last = _rows(y[s], KRON_REACH * _height(a[s], b[s], theta[s]), ny)
         for row in range(first, last):
             dy = row - y[s]
@@ -126,8 +133,12 @@ def ellipse_sums(
             out[s] = math.nan
             continue
         xx, yy, xy = _coefficients(a[s], b[s], theta[s])
-        inner, outer = max(1.0 - _HALF_DIAGONAL / b[s], 0.0) ** 2, (1.0 + _HALF_DIAGONAL / b[s]) ** 2
-        light, variance, area, others = 0.0, 0.0, 0.0, 0.0
+        inner = max(1.0 - _HALF_DIAGONAL / b[s], 0.0) ** 2
+        outer = (1.0 + _HALF_DIAGONAL / b[s]) ** 2
+        light = 0.0
+        variance = 0.0
+        area = 0.0
+        others = 0.0
         first, last = _rows(y[s], math.sqrt(outer) * _height(a[s], b[s], theta[s]), ny)
         for row in range(first, last):
             dy = row - y[s]
@@ -147,7 +158,8 @@ def ellipse_sums(
                     variance += share * float(rms[row, col]) ** 2
         if others > 0.0:
             whole = area / (area - others) if area > others else math.nan
-            light, variance = whole * light, whole * variance
+            light = whole * light
+            variance = whole * variance
         out[s] = light, variance
     return out
 
@@ -155,7 +167,8 @@ def ellipse_sums(
 @numba.njit(cache=True)
 def _coefficients(a: float, b: float, theta: float) -> tuple[float, float, float]:
     """Return (xx, yy, xy): the ellipse is xx dx^2 + yy dy^2 + xy dx dy = 1."""
-    c, s = math.cos(theta), math.sin(theta)
+    c = math.cos(theta)
+    s = math.sin(theta)
     return (c / a) ** 2 + (s / b) ** 2, (s / a) ** 2 + (c / b) ** 2, 2.0 * c * s * (a**-2.0 - b**-2.0)
 
 

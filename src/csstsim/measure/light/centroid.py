@@ -28,19 +28,26 @@ def windowed_positions(
     failed: no positive light in the window, where the search ended. `image` float32 (ny, nx).
     """
     ny, nx = image.shape
-    new_x, new_y, failed = x.copy(), y.copy(), np.zeros(x.size, np.bool_)
+    new_x = x.copy()
+    new_y = y.copy()
+    failed = np.zeros(x.size, np.bool_)
     columns = np.empty(nx)
     for k in range(x.size):
-        inverse, reach = -0.5 * window[k] ** -2, REACH * window[k]
+        inverse = -0.5 * window[k] ** -2
+        reach = REACH * window[k]
         for _ in range(MAX_STEPS):
-            light, along_x, along_y = 0.0, 0.0, 0.0
-            first, last = max(math.ceil(new_x[k] - reach), 0), min(math.floor(new_x[k] + reach) + 1, nx)
+            light = 0.0
+            along_x = 0.0
+            along_y = 0.0
+            first = max(math.ceil(new_x[k] - reach), 0)
+            last = min(math.floor(new_x[k] + reach) + 1, nx)
             for u in range(first, last):
                 columns[u] = math.exp(inverse * (u - new_x[k]) ** 2)
             for v in range(max(math.ceil(new_y[k] - reach), 0), min(math.floor(new_y[k] + reach) + 1, ny)):
                 dy = v - new_y[k]
                 half = math.sqrt(max(reach * reach - dy * dy, 0.0))
-                row, row_x = 0.0, 0.0
+                row = 0.0
+                row_x = 0.0
                 for u in range(max(math.ceil(new_x[k] - half), first), min(math.floor(new_x[k] + half) + 1, last)):
                     w = columns[u] * image[v, u]
                     row += w
@@ -82,13 +89,18 @@ def position_errors(
     error = np.full(x.size, np.inf)
     stamp = np.empty((2 * HALF + 1, 2 * HALF + 1))
     for k in range(x.size):
-        column, row = round(x[k]), round(y[k])
+        column = round(x[k])
+        row = round(y[k])
         draw_psf(coefficients[cell[k]], per_pixel, x[k] - column, y[k] - row, HALF, stamp)
-        inverse, reach = window[k] ** -2, REACH * window[k]
-        noise, pull_x, pull_y = 0.0, 0.0, 0.0
+        inverse = window[k] ** -2
+        reach = REACH * window[k]
+        noise = 0.0
+        pull_x = 0.0
+        pull_y = 0.0
         for v in range(max(math.ceil(y[k] - reach), 0), min(math.floor(y[k] + reach) + 1, ny)):
             for u in range(max(math.ceil(x[k] - reach), 0), min(math.floor(x[k] + reach) + 1, nx)):
-                dx, dy = u - x[k], v - y[k]
+                dx = u - x[k]
+                dy = v - y[k]
                 r2 = dx * dx + dy * dy
                 if r2 > reach * reach:
                     continue

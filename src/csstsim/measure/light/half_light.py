@@ -8,7 +8,9 @@ import numpy as np
 from csstsim.base.types import FloatArray
 
 BIN = 0.1  # px
-FINE, PARTS = 5.0, 4  # px; nearer pixels are split into PARTS x PARTS
+# px; nearer pixels are split into PARTS x PARTS
+FINE = 5.0
+PARTS = 4
 LEAST = 0.5  # px, also where there is no light
 
 
@@ -28,11 +30,13 @@ def half_light_radius(image: FloatArray, x: FloatArray, y: FloatArray, reach: Fl
                 light = image[v, u] / parts**2
                 for j in range(parts):
                     for i in range(parts):
-                        dx, dy = u + (i + 0.5) / parts - 0.5 - x[k], v + (j + 0.5) / parts - 0.5 - y[k]
+                        dx = u + (i + 0.5) / parts - 0.5 - x[k]
+                        dy = v + (j + 0.5) / parts - 0.5 - y[k]
                         radius = math.sqrt(dx * dx + dy * dy)
                         if radius <= reach[k]:
                             growth[int(radius / BIN)] += light
-        half, total = 0.5 * growth.sum(), 0.0
+        half = 0.5 * growth.sum()
+        total = 0.0
         if not half > 0.0:
             continue
         for b in range(growth.size):

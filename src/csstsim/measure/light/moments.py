@@ -58,7 +58,9 @@ def _matrices(gauss: FloatArray, smooth: float) -> tuple[_Symmetric, _Symmetric,
 
     The own Gaussian is M less the smoothing, of which at most 0.7 of the short axis squared is taken.
     """
-    xx, xy, yy = gauss[2], gauss[3], gauss[4]
+    xx = gauss[2]
+    xy = gauss[3]
+    yy = gauss[4]
     s2 = smooth * smooth
     wide = _inverse(xx + s2, xy, yy + s2)
     short = 0.5 * (xx + yy) - math.hypot(0.5 * (xx - yy), xy)
@@ -81,7 +83,8 @@ def _quadratic(m: _Symmetric, dx: float, dy: float) -> float:
 def _within(inverse: _Symmetric, x: float, dy: float) -> tuple[int, int]:
     """Return the columns, first and last (half-open), where rho^2 <= REACH^2 in the row at `dy` from the centre."""
     a, b, c = inverse
-    middle, half = -b * dy / a, math.sqrt(max((b * b - a * c) * dy * dy + a * REACH * REACH, 0.0)) / a
+    middle = -b * dy / a
+    half = math.sqrt(max((b * b - a * c) * dy * dy + a * REACH * REACH, 0.0)) / a
     return math.ceil(x + middle - half), math.floor(x + middle + half) + 1
 
 
@@ -90,7 +93,9 @@ def _add_row(
     sums: FloatArray, square: _Symmetric, dy: float, one: float, two: float, three: float, four: float, five: float
 ) -> None:
     """Add to `sums` (7,) those of a row at `dy`: of light, light x dx, ..., light x dx^4."""
-    a, b, c = square[0], 2.0 * square[1] * dy, square[2] * dy * dy
+    a = square[0]
+    b = 2.0 * square[1] * dy
+    c = square[2] * dy * dy
     sums[0] += one
     sums[1] += two
     sums[2] += one * dy
@@ -114,12 +119,14 @@ def _sums(
 
     Returns (light, amplitude, usable share); light: sum of weight times image, amplitude: of the own Gaussian.
     """
-    x, y = gauss[0], gauss[1]
+    x = gauss[0]
+    y = gauss[1]
     ny, nx = image.shape
     inverse, k, own = _matrices(gauss, smooth)
     square = _product(k, inverse)
     reach_y = REACH * math.sqrt(gauss[4] + smooth * smooth)
-    seen, missing = np.zeros(7), np.zeros(7)
+    seen = np.zeros(7)
+    missing = np.zeros(7)
     bend = math.exp(-inverse[0])
     for row in range(math.ceil(y - reach_y), math.floor(y + reach_y) + 1):
         dy = row - y
@@ -127,7 +134,12 @@ def _sums(
         # The weight exp(-rho^2 / 2) from column to column: its ratio changes by a constant factor
         weight = math.exp(-0.5 * _quadratic(inverse, first - x, dy))
         ratio = math.exp(-inverse[0] * (first - x + 0.5) - inverse[1] * dy)
-        one, two, three, four, five = 0.0, 0.0, 0.0, 0.0, 0.0  # sums of light, light x dx, ..., light x dx^4
+        # sums of light, light x dx, ..., light x dx^4
+        one = 0.0
+        two = 0.0
+        three = 0.0
+        four = 0.0
+        five = 0.0
         for col in range(first, last):
             dx = col - x
             good = 0 <= row < ny and 0 <= col < nx and not unusable[row, col]
@@ -160,13 +172,15 @@ def _smoothed(means: FloatArray, gauss: FloatArray, smooth: float) -> tuple[floa
     """Return (dx, dy, xx, xy, yy, kurtosis) of the smoothed image about `gauss`, from the pixels' `means` (6,)."""
     s2 = smooth * smooth
     inverse, k, _ = _matrices(gauss, smooth)
-    dx, dy = k[0] * means[0] + k[1] * means[1], k[1] * means[0] + k[2] * means[1]
+    dx = k[0] * means[0] + k[1] * means[1]
+    dy = k[1] * means[0] + k[2] * means[1]
     c = means[2], means[3], means[4]
     xx = k[0] * k[0] * c[0] + 2.0 * k[0] * k[1] * c[1] + k[1] * k[1] * c[2]
     xy = k[0] * k[1] * c[0] + (k[0] * k[2] + k[1] * k[1]) * c[1] + k[1] * k[2] * c[2]
     yy = k[1] * k[1] * c[0] + 2.0 * k[1] * k[2] * c[1] + k[2] * k[2] * c[2]
     # rho^4 of the smoothed light: each K r is the centre of a Gaussian of covariance s2 K
-    a, b = (s2 * inverse[0], s2 * inverse[1], s2 * inverse[2]), _product(k, inverse)
+    a = (s2 * inverse[0], s2 * inverse[1], s2 * inverse[2])
+    b = _product(k, inverse)
     spread = a[0] + a[2]
     rho4 = means[5] + 2.0 * spread * _trace(b, c) + 4.0 * _trace(_product(a, b), c) + spread**2 + 2.0 * _trace(a, a)
     return dx, dy, xx + s2 * k[0] - dx * dx, xy + s2 * k[1] - dx * dy, yy + s2 * k[2] - dy * dy, 0.5 * rho4 - 1.0
@@ -192,7 +206,11 @@ def adaptive_moments(
     start, too large, not converged.
     """
     means = np.empty(6)
-    gauss[0], gauss[1], gauss[2], gauss[3], gauss[4] = x, y, sigma * sigma, 0.0, sigma * sigma
+    gauss[0] = x
+    gauss[1] = y
+    gauss[2] = sigma * sigma
+    gauss[3] = 0.0
+    gauss[4] = sigma * sigma
     largest = (MAX_GROWTH * sigma) ** 4
     for _ in range(MAX_STEPS):
         light, amplitude, share = _sums(image, unusable, segments, number, gauss, smooth, means)
@@ -203,15 +221,21 @@ def adaptive_moments(
             break
         # To first order the error is four times the excess for a Gaussian source; twice the moments is always safe
         size = gauss[2] + gauss[4]
-        new_xx, new_xy, new_yy = 4.0 * xx - gauss[2], 4.0 * xy - gauss[3], 4.0 * yy - gauss[4]
+        new_xx = 4.0 * xx - gauss[2]
+        new_xy = 4.0 * xy - gauss[3]
+        new_yy = 4.0 * yy - gauss[4]
         if new_xx + new_yy < 0.3 * size or new_xx * new_yy - new_xy**2 < 0.1 * (new_xx + new_yy) ** 2 / 4.0:
-            new_xx, new_xy, new_yy = 2.0 * xx, 2.0 * xy, 2.0 * yy
+            new_xx = 2.0 * xx
+            new_xy = 2.0 * xy
+            new_yy = 2.0 * yy
         step = max(abs(new_xx - gauss[2]), abs(new_xy - gauss[3]), abs(new_yy - gauss[4])) / size
         if max(step, math.hypot(dx, dy) / math.sqrt(size)) < CONVERGED:
             return kurtosis, light, amplitude
         gauss[0] += 2.0 * dx
         gauss[1] += 2.0 * dy
-        gauss[2], gauss[3], gauss[4] = new_xx, new_xy, new_yy
+        gauss[2] = new_xx
+        gauss[3] = new_xy
+        gauss[4] = new_yy
         if math.hypot(gauss[0] - x, gauss[1] - y) > 1.0 + sigma or new_xx * new_yy - new_xy**2 > largest:
             break
     return 0.0, 0.0, 0.0
@@ -238,22 +262,27 @@ def _distortion_error(
     s2 = smooth * smooth
     inverse, (kxx, kxy, kyy), own = _matrices(gauss, smooth)
     size = xx + yy
-    e1, e2 = (xx - yy) / size, 2.0 * xy / size
+    e1 = (xx - yy) / size
+    e2 = 2.0 * xy / size
     one_0 = s2 * (kxx - kyy - e1 * (kxx + kyy))
     two_0 = s2 * (2.0 * kxy - e2 * (kxx + kyy))
-    reach_x, reach_y = REACH * math.sqrt(xx + s2), REACH * math.sqrt(yy + s2)
+    reach_x = REACH * math.sqrt(xx + s2)
+    reach_y = REACH * math.sqrt(yy + s2)
     total = 0.0
     for row in range(max(math.ceil(y - reach_y), 0), min(math.floor(y + reach_y) + 1, ny)):
         for col in range(max(math.ceil(x - reach_x), 0), min(math.floor(x + reach_x) + 1, nx)):
             other = segments[row // BIN, col // BIN]
             if unusable[row, col] or (other > 0 and other != number):
                 continue
-            dx, dy = col - x, row - y
+            dx = col - x
+            dy = row - y
             w = math.exp(-0.5 * _quadratic(inverse, dx, dy))
             source = amplitude * math.exp(-0.5 * _quadratic(own, dx, dy))
-            u, v = kxx * dx + kxy * dy, kxy * dx + kyy * dy
+            u = kxx * dx + kxy * dy
+            v = kxy * dx + kyy * dy
             r2 = u * u + v * v
-            one, two = u * u - v * v - e1 * r2 + one_0, 2.0 * u * v - e2 * r2 + two_0
+            one = u * u - v * v - e1 * r2 + one_0
+            two = 2.0 * u * v - e2 * r2 + two_0
             total += w * w * (float(rms[row, col]) ** 2 + source / counted) * (one * one + two * two)
     return 4.0 / ((1.0 - kurtosis) * size * light) * math.sqrt(0.5 * total) if kurtosis < 1.0 else math.inf
 
@@ -283,10 +312,12 @@ def measure_shapes(
     """
     result = np.full((x.size, 11), np.nan)
     stamp = np.empty((2 * HALF + 1, 2 * HALF + 1))
-    clear, alone = np.zeros(stamp.shape, np.uint8), np.zeros(stamp.shape, np.int32)
+    clear = np.zeros(stamp.shape, np.uint8)
+    alone = np.zeros(stamp.shape, np.int32)
     gauss = np.empty(5)
     for k in range(x.size):
-        dx, dy = x[k] - round(x[k]), y[k] - round(y[k])
+        dx = x[k] - round(x[k])
+        dy = y[k] - round(y[k])
         draw_psf(coefficients[cell[k]], per_pixel, dx, dy, HALF, stamp)
         start = math.hypot(SIZE_MIN, SMOOTH)
         fit = adaptive_moments(stamp, clear, alone, 0, HALF + dx, HALF + dy, start, SMOOTH, gauss)
@@ -320,7 +351,8 @@ def without_psf(shapes: FloatArray) -> tuple[ComplexArray, FloatArray, FloatArra
     RESOLUTION_MIN to 1.
     """
     _, _, sigma, e1, e2, kurtosis, noise, psf_sigma, psf_e1, psf_e2, psf_kurtosis = shapes.T
-    e, psf = e1 + 1j * e2, psf_e1 + 1j * psf_e2
+    e = e1 + 1j * e2
+    psf = psf_e1 + 1j * psf_e2
     rounded = _sheared(e, -psf)
     # det(M) does not change with the frame: T = 2 sigma^2 / sqrt(1 - |e|^2) in each
     ratio = (psf_sigma / sigma) ** 2 * np.sqrt(1.0 - np.abs(rounded) ** 2)
@@ -336,7 +368,8 @@ def without_psf(shapes: FloatArray) -> tuple[ComplexArray, FloatArray, FloatArra
 def _sheared(e: ComplexArray, by: ComplexArray) -> ComplexArray:
     """Return the distortion of an ellipse of distortion `e` after the shear that makes a circle into `by`, complex."""
     # M' = S M S with S = (1 + g-matrix); in terms of the reduced shear the law is a Moebius map
-    g, s = reduced(e), reduced(by)
+    g = reduced(e)
+    s = reduced(by)
     g = (g + s) / (1.0 + np.conj(s) * g)
     return 2.0 * g / (1.0 + np.abs(g) ** 2)
 

@@ -86,8 +86,10 @@ def psf_model(psf: PsfSet, origin: tuple[int, int], shape: tuple[int, int], *, c
     centre at the middle of the array. Sub-bands are averaged with equal weights.
     `origin` (x0, y0) and `shape` (ny, nx) are the frame's place on the chip, px.
     """
-    cells, per_pixel = math.ceil(max(shape) / cell_px), table_steps(psf.oversampling)
-    step, tables_at = (shape[1] / cells, shape[0] / cells), psf.mixed(partial(_tables, oversampling=psf.oversampling))
+    cells = math.ceil(max(shape) / cell_px)
+    per_pixel = table_steps(psf.oversampling)
+    step = (shape[1] / cells, shape[0] / cells)
+    tables_at = psf.mixed(partial(_tables, oversampling=psf.oversampling))
     middles = [[start + (n + 0.5) * size - 0.5 for n in range(cells)] for start, size in zip(origin, step, strict=True)]
     tables = np.array([tables_at(x, y) for y in middles[1] for x in middles[0]])
     n_eff = np.array([1.0 / np.sum(_sample(table, per_pixel, HALF) ** 2) for table in tables[:, 0]])
@@ -103,9 +105,12 @@ def _tables(images: FloatArray, oversampling: int) -> FloatArray:
 
     n = table_steps(oversampling)
     image = larger_cells(np.mean(images, axis=0, dtype=np.float64), oversampling, n)
-    middle, margin, edge = image.shape[-1] // 2, n * (HALF + _SPARE), n * _EDGE
+    middle = image.shape[-1] // 2
+    margin = n * (HALF + _SPARE)
+    edge = n * _EDGE
     wide = slice(middle - margin - edge, middle + margin + edge)
-    table, keep = pixel_response(image[wide, wide], n), slice(edge - n // 2, edge - n // 2 + 1 + 2 * margin)
+    table = pixel_response(image[wide, wide], n)
+    keep = slice(edge - n // 2, edge - n // 2 + 1 + 2 * margin)
     return np.array([spline_filter(i, order=3)[keep, keep] for i in (table, gaussian_filter(table, n * BLUR))])
 
 
@@ -152,9 +157,12 @@ def draw_psf(table: FloatArray, per_pixel: int, dx: float, dy: float, half: int,
     per_pixel: steps of the table along a pixel.
     """
     centre = table.shape[0] // 2
-    wx, wy = np.empty(4), np.empty(4)
-    u, v = centre - per_pixel * (half + dx), centre - per_pixel * (half + dy)
-    i0, j0 = math.floor(u), math.floor(v)
+    wx = np.empty(4)
+    wy = np.empty(4)
+    u = centre - per_pixel * (half + dx)
+    v = centre - per_pixel * (half + dy)
+    i0 = math.floor(u)
+    j0 = math.floor(v)
     _weights(u - i0, wx)
     _weights(v - j0, wy)
     for r in range(2 * half + 1):
@@ -170,7 +178,8 @@ def draw_psf(table: FloatArray, per_pixel: int, dx: float, dy: float, half: int,
 
 @numba.njit(cache=True)
 def _smallest_pairs(tables: FloatArray, per_pixel: int, offsets: FloatArray) -> FloatArray:
-    stamp, least = np.empty((3, 3)), np.full(4, np.inf)
+    stamp = np.empty((3, 3))
+    least = np.full(4, np.inf)
     for table in tables:
         for dy in offsets:
             for dx in offsets:
@@ -210,15 +219,23 @@ def fit_sources(
     ny, nx = image.shape
     side = 2 * HALF + 1
     result = np.full((x.size, 6), np.nan)
-    p, g = np.empty((side, side)), np.empty((side, side))
+    p = np.empty((side, side))
+    g = np.empty((side, side))
     for k in range(x.size):
-        ix, iy = round(x[k]), round(y[k])
+        ix = round(x[k])
+        iy = round(y[k])
         draw_psf(coefficients[cell[k]], per_pixel, x[k] - ix, y[k] - iy, HALF, p)
         draw_psf(blurred[cell[k]], per_pixel, x[k] - ix, y[k] - iy, HALF, g)
-        pp, pd, gd, gp, n, bad = 0.0, 0.0, 0.0, 0.0, 0, 0
+        pp = 0.0
+        pd = 0.0
+        gd = 0.0
+        gp = 0.0
+        n = 0
+        bad = 0
         for r in range(side):
             for c in range(side):
-                row, col = iy + r - HALF, ix + c - HALF
+                row = iy + r - HALF
+                col = ix + c - HALF
                 if row < 0 or row >= ny or col < 0 or col >= nx:
                     continue
                 if unusable[row, col]:
@@ -261,10 +278,13 @@ def _variances(
 ) -> tuple[float, float, float]:
     """Return the sums behind a fit's flux error, spread error and chi2."""
     ny, nx = image.shape
-    noise, spread_noise, chi2 = 0.0, 0.0, 0.0
+    noise = 0.0
+    spread_noise = 0.0
+    chi2 = 0.0
     for r in range(len(p)):
         for c in range(len(p)):
-            row, col = iy + r - HALF, ix + c - HALF
+            row = iy + r - HALF
+            col = ix + c - HALF
             if row < 0 or row >= ny or col < 0 or col >= nx or unusable[row, col]:
                 continue
             variance = float(rms[row, col]) ** 2 + max(flux * p[r, c], 0.0) / counted

@@ -12,7 +12,9 @@ import numpy as np
 from csstsim.base.types import FloatArray
 
 SHAPE_ERROR = 0.025  # of the flux: galaxies are not the profiles of the tables
-LATTICE, LEVELS = 13, 4  # points on a side; how often it is narrowed
+# points on a side; how often it is narrowed
+LATTICE = 13
+LEVELS = 4
 # Power of the probabilities of which the flux is the median. At S/N 10 bulges are 0.09 mag too faint by the median of
 # the posterior itself, which lies between those of the profiles that fit; of the power it is at the likely ones
 SHARP = 3.0
@@ -31,14 +33,19 @@ def project(profiles: FloatArray, normal: FloatArray, fits: FloatArray) -> None:
     fits[:] = 0.0
     last = normal.shape[1] - 1
     for k in range(last + 1):
-        diagonal, upper, data, ones = normal[0, k], normal[1, k], normal[2, k], normal[3, k]
-        here, beyond = profiles[k], profiles[min(k + 1, last)]
+        diagonal = normal[0, k]
+        upper = normal[1, k]
+        data = normal[2, k]
+        ones = normal[3, k]
+        here = profiles[k]
+        beyond = profiles[min(k + 1, last)]
         for g in range(here.size):
             p = here[g]
             square[g] += p * (diagonal * p + 2.0 * upper * beyond[g])
             product[g] += p * data
             level[g] += p * ones
-    sky, light = 1.0 / normal[4, 0], normal[4, 1]
+    sky = 1.0 / normal[4, 0]
+    light = normal[4, 1]
     for g in range(square.size):
         square[g] = max(square[g] - level[g] * level[g] * sky, 1e-300)
         product[g] -= level[g] * light * sky
@@ -70,7 +77,8 @@ def _coarse(maps: FloatArray, points: FloatArray) -> None:
             flux = maps[1, i, j] * variance
             points[0, g] = 0.5 * maps[1, i, j] * abs(flux) + maps[3, i, j]
             points[1, g], points[2, g], points[3, g] = flux, variance, maps[2, i, j]
-            points[4, g], points[5, g] = i, j
+            points[4, g] = i
+            points[5, g] = j
             g += 1
 
 
@@ -82,12 +90,16 @@ def _refine(profiles: FloatArray, normal: FloatArray, maps: FloatArray, window: 
     """
     count = round(math.sqrt(points.shape[1]))
     _, sizes, kinds = maps.shape
-    along, line, values = np.empty(4), np.empty((len(profiles), kinds)), np.empty((2, kinds))
-    profile, fit = np.empty((len(profiles), 1)), np.empty((3, 1))
+    along = np.empty(4)
+    line = np.empty((len(profiles), kinds))
+    values = np.empty((2, kinds))
+    profile = np.empty((len(profiles), 1))
+    fit = np.empty((3, 1))
     for i in range(count):
         u = window[0] + (window[1] - window[0]) * i / (count - 1)
         first = _cubic(u, sizes, along)
-        line[:], values[:] = 0.0, 0.0
+        line[:] = 0.0
+        values[:] = 0.0
         for m in range(4):
             start = (first + m) * kinds
             for j in range(kinds):
@@ -107,7 +119,9 @@ def _refine(profiles: FloatArray, normal: FloatArray, maps: FloatArray, window: 
             points[2, g] = 1.0 / fit[0, 0]
             points[1, g] = fit[1, 0] * points[2, g]
             points[0, g] = 0.5 * fit[1, 0] * abs(points[1, g]) + (1.0 - t) * values[1, low] + t * values[1, low + 1]
-            points[3, g], points[4, g], points[5, g] = (1.0 - t) * values[0, low] + t * values[0, low + 1], u, v
+            points[3, g] = (1.0 - t) * values[0, low] + t * values[0, low + 1]
+            points[4, g] = u
+            points[5, g] = v
 
 
 @numba.njit(cache=True)
@@ -116,24 +130,33 @@ def _moments(points: FloatArray) -> tuple[float, float, float, float, float, flo
     best = -math.inf
     for g in range(points.shape[1]):
         best = max(best, points[0, g])
-    total, u, uu, v, vv = 0.0, 0.0, 0.0, 0.0, 0.0
+    total = 0.0
+    u = 0.0
+    uu = 0.0
+    v = 0.0
+    vv = 0.0
     for g in range(points.shape[1]):
         if points[0, g] < best - _NEGLIGIBLE:
             continue
-        w, size, kind = math.exp(points[0, g] - best), points[4, g], points[5, g]
+        w = math.exp(points[0, g] - best)
+        size = points[4, g]
+        kind = points[5, g]
         total += w
         u += w * size
         uu += w * size * size
         v += w * kind
         vv += w * kind * kind
-    u, v = u / total, v / total
+    u = u / total
+    v = v / total
     return best, total, u, math.sqrt(max(uu / total - u * u, 0.0)), v, math.sqrt(max(vv / total - v * v, 0.0))
 
 
 @numba.njit(cache=True)
 def _median(value: FloatArray, weight: FloatArray) -> tuple[float, float]:
     """Return (median, half of the interval of 68.3 %) of weighted values, to a few hundredths of their scatter."""
-    total, mean, square = 0.0, 0.0, 0.0
+    total = 0.0
+    mean = 0.0
+    square = 0.0
     for k in range(value.size):
         total += weight[k]
         mean += weight[k] * value[k]
@@ -142,12 +165,16 @@ def _median(value: FloatArray, weight: FloatArray) -> tuple[float, float]:
     scatter = math.sqrt(max(square / total - mean * mean, 0.0))
     if not scatter > 1e-9 * abs(mean):
         return mean, 0.0
-    bins, sums = np.zeros(_BINS), np.zeros(_BINS)
+    bins = np.zeros(_BINS)
+    sums = np.zeros(_BINS)
     for k in range(value.size):
         i = min(max(int((value[k] - mean) / scatter * _BINS / 8.0 + 0.5 * _BINS), 0), _BINS - 1)
         bins[i] += weight[k]
         sums[i] += weight[k] * value[k]
-    below, low, middle, high = 0.0, mean, mean, mean
+    below = 0.0
+    low = mean
+    middle = mean
+    high = mean
     for i in range(_BINS):
         above = below + bins[i]
         if bins[i] > 0.0:
@@ -167,17 +194,22 @@ def _narrowed(
 ) -> tuple[FloatArray, float, tuple[float, float, float, float, float, float]]:
     """Return (points, area of one, moments) of the part of the tables that holds the posterior, finely enough."""
     _, sizes, kinds = maps.shape
-    points, du, dv = coarse, 1.0, 1.0
+    points = coarse
+    du = 1.0
+    dv = 1.0
     _coarse(maps, points)
-    window, moments = np.empty(4), _moments(points)
+    window = np.empty(4)
+    moments = _moments(points)
     for _ in range(LEVELS):
         best, total, u, su, v, sv = moments
         if (su > du and sv > dv) or star[0] - best - math.log(total) > STAR:
             break
-        wide, tall = max(3.0 * su, 1.5 * du), max(3.0 * sv, 1.5 * dv)
+        wide = max(3.0 * su, 1.5 * du)
+        tall = max(3.0 * sv, 1.5 * dv)
         window[0], window[1] = max(u - wide, 0.0), min(u + wide, sizes - 1.0)
         window[2], window[3] = max(v - tall, 0.0), min(v + tall, kinds - 1.0)
-        du, dv = (window[1] - window[0]) / (LATTICE - 1), (window[3] - window[2]) / (LATTICE - 1)
+        du = (window[1] - window[0]) / (LATTICE - 1)
+        dv = (window[3] - window[2]) / (LATTICE - 1)
         points = fine
         _refine(profiles, normal, maps, window, points)
         moments = _moments(points)
@@ -202,8 +234,11 @@ def posterior(
     points, area, moments = _narrowed(profiles, normal, maps, star, coarse, fine)
     top = max(moments[0], star[0])
     n: int = points.shape[1]
-    value, weight = room[0, : n + 1], room[1, : n + 1]
-    noise, gaap_noise, every = 0.0, 0.0, 0.0
+    value = room[0, : n + 1]
+    weight = room[1, : n + 1]
+    noise = 0.0
+    gaap_noise = 0.0
+    every = 0.0
     for g in range(n):
         w = area * math.exp(max(points[0, g] - top, -2.0 * _NEGLIGIBLE))
         weight[g], value[g] = w, points[1, g]
@@ -221,4 +256,5 @@ def posterior(
         value[g] *= points[3, g]
     out[2], spread = _median(value, weight)
     out[3] = math.sqrt(spread**2 + gaap_noise / every + point * star[2])
-    out[4], out[5] = moments[2], point
+    out[4] = moments[2]
+    out[5] = point

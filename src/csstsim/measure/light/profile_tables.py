@@ -31,9 +31,17 @@ if TYPE_CHECKING:
 SIZES = 0.25 * 2.0 ** (np.arange(33) / 4)  # px: half-light radii sqrt(a b)
 # Kinds of profile by concentration: Sersic index of the disc and the bulge, the bulge's share of the light
 KINDS = (
-    (0.5, 4.0, 0.0), (0.7, 4.0, 0.0), (1.0, 4.0, 0.0), (1.0, 4.0, 0.1), (1.0, 4.0, 0.2), (1.0, 4.0, 0.35),
-    (1.0, 4.0, 0.5), (1.0, 4.0, 0.75), (1.0, 4.0, 1.0), (1.0, 6.0, 1.0),
-)  # fmt: skip
+    (0.5, 4.0, 0.0),
+    (0.7, 4.0, 0.0),
+    (1.0, 4.0, 0.0),
+    (1.0, 4.0, 0.1),
+    (1.0, 4.0, 0.2),
+    (1.0, 4.0, 0.35),
+    (1.0, 4.0, 0.5),
+    (1.0, 4.0, 0.75),
+    (1.0, 4.0, 1.0),
+    (1.0, 6.0, 1.0),
+)
 BULGE_SIZE = 0.6  # half-light radius of a bulge over that of its disc
 AXIS_RATIOS = np.array([1.0, 0.8, 0.6, 0.45, 0.3, 0.2])
 REACH = 128.0  # px: largest radius
@@ -90,7 +98,9 @@ def profile_tables(psf: PsfSet, origin: tuple[int, int], shape: tuple[int, int],
     galaxy = _galaxy_transforms(k)
     variance = (GAAP_FWHM / pixel) ** 2 / (8.0 * np.log(2.0))
     gaap = galaxy @ (variance * np.exp(-0.5 * variance * k**2) * k * weight)
-    galaxy, point, seen = galaxy.reshape(-1, k.size).astype(np.float32), [], []
+    galaxy = galaxy.reshape(-1, k.size).astype(np.float32)
+    point = []
+    seen = []
     for transform in _psf_transforms(psf, places, k):
         there = back * transform.astype(np.float32)
         point.append(there.sum(axis=1, keepdims=True))
@@ -112,18 +122,21 @@ def _wavenumbers(reach: float) -> tuple[FloatArray, FloatArray]:
     inner = step * 2.0 ** np.arange(-7, 1)  # the wings of large galaxies
     edges = np.concatenate([[0.0], inner, np.linspace(step, _K_MAX, int(np.ceil(_K_MAX / step)))[1:]])
     x, w = np.polynomial.legendre.leggauss(_ORDER)
-    half, middle = 0.5 * np.diff(edges)[:, None], 0.5 * (edges[1:] + edges[:-1])[:, None]
+    half = 0.5 * np.diff(edges)[:, None]
+    middle = 0.5 * (edges[1:] + edges[:-1])[:, None]
     return (middle + half * x).ravel(), (half * w).ravel()
 
 
 def _projection(nodes: FloatArray, samples: int = 6) -> tuple[FloatArray, FloatArray]:
     """Return (r (m,), matrix (K, m)): values at r times the matrix are the least-squares values at the nodes."""
     x, w = np.polynomial.legendre.leggauss(samples)
-    low, width = nodes[:-1, None], np.diff(nodes)[:, None]
+    low = nodes[:-1, None]
+    width = np.diff(nodes)[:, None]
     t = np.broadcast_to(0.5 * (x + 1.0), (nodes.size - 1, samples))
     hats = np.zeros((nodes.size, nodes.size - 1, samples))
     row = np.arange(nodes.size - 1)
-    hats[row, row], hats[row + 1, row] = 1.0 - t, t
+    hats[row, row] = 1.0 - t
+    hats[row + 1, row] = t
     flat = hats.reshape(nodes.size, -1)
     weighted = flat * (0.5 * width * w).ravel()
     return np.sqrt((low + width * t).ravel()), np.linalg.solve(weighted @ flat.T, weighted)
@@ -150,7 +163,9 @@ def _galaxy_transforms(k: FloatArray) -> FloatArray:
     from csstsim.profiles.log_table import nodes
     from csstsim.profiles.sersic import K2_HIGH, K2_LOW, tables
 
-    table_at, at = np.log(nodes(K2_LOW, K2_HIGH)), np.linspace(-24.0, 16.0, 1600)  # ln (k r_e)^2
+    # ln (k r_e)^2
+    table_at = np.log(nodes(K2_LOW, K2_HIGH))
+    at = np.linspace(-24.0, 16.0, 1600)
     means = {}
     for index in {index for kind in KINDS for index in kind[:2]}:
         transform = tables(index, np.inf)[0]
@@ -162,10 +177,8 @@ def _galaxy_transforms(k: FloatArray) -> FloatArray:
     for j, (disc, bulge, share) in enumerate(KINDS):
         large, small = 2.0 * np.log(_component_sizes(disc, bulge, share))
         for i, ratio in enumerate(AXIS_RATIOS):
-            wide, narrow = (
-                np.interp(along + large, at, means[disc, ratio]),
-                np.interp(along + small, at, means[bulge, ratio]),
-            )
+            wide = np.interp(along + large, at, means[disc, ratio])
+            narrow = np.interp(along + small, at, means[bulge, ratio])
             out[i, :, j] = (1.0 - share) * wide + share * narrow
     return out
 
@@ -174,7 +187,9 @@ def _component_sizes(disc: float, bulge: float, share: float) -> tuple[float, fl
     """Return the half-light radii of disc and bulge for a galaxy of half-light radius 1."""
     if share in (0.0, 1.0):
         return 1.0, 1.0
-    low, high = 0.5, 2.0  # of the disc
+    # of the disc
+    low = 0.5
+    high = 2.0
     for _ in range(40):
         middle = 0.5 * (low + high)
         beyond = (1.0 - share) * light_beyond(1.0, middle, disc) + share * light_beyond(1.0, BULGE_SIZE * middle, bulge)

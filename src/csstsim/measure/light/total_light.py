@@ -35,12 +35,16 @@ if TYPE_CHECKING:
     from csstsim.measure.light.profile_tables import ProfileTables
 
 SKY = 0.03  # electron / px
-SIZE_PRIOR, SIZE_SPREAD = 0.25, 0.85  # arcsec; of its logarithm
+# arcsec; of its logarithm
+SIZE_PRIOR = 0.25
+SIZE_SPREAD = 0.85
 # Of profile_tables.KINDS. At S/N 10 the kind is hardly known: more weight for bulges makes discs too bright
 KIND_PRIOR = np.array([0.3, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0, 1.5, 2.6, 2.6])
 POINT_SHARE = 0.27
 TYPICAL_RATIO = 0.7  # axis ratio of a source without a measured one
-RADIUS, RADIUS_MIN = 4.0, 14.0  # measured half-light radii, px: how far the pixels are used
+# measured half-light radii, px: how far the pixels are used
+RADIUS = 4.0
+RADIUS_MIN = 14.0
 
 
 def total_light(
@@ -106,9 +110,17 @@ def _rings(
     for row in range(max(math.ceil(y - reach), 0), min(math.floor(y + reach) + 1, ny)):
         dy2 = (row - y) ** 2
         half = math.sqrt(max(top - dy2, 0.0))
-        ring, n, st, stt, sd, std = 0, 0.0, 0.0, 0.0, 0.0, 0.0
-        first, last = max(math.ceil(x - half), 0), min(math.floor(x + half) + 1, nx)
-        lights, bad, others = image[row, first:last], unusable[row, first:last], segments[row // BIN]
+        ring = 0
+        n = 0.0
+        st = 0.0
+        stt = 0.0
+        sd = 0.0
+        std = 0.0
+        first = max(math.ceil(x - half), 0)
+        last = min(math.floor(x + half) + 1, nx)
+        lights = image[row, first:last]
+        bad = unusable[row, first:last]
+        others = segments[row // BIN]
         for col in range(max(last - first, 0)):
             r2 = (first + col - x) ** 2 + dy2
             other = others[(first + col) // BIN]
@@ -118,7 +130,12 @@ def _rings(
             i = which[np.uint32(2.0 * r2)]
             if i != ring:  # sums in registers are twice as fast as in the array
                 _add(out[ring], n, st, stt, sd, std)
-                ring, n, st, stt, sd, std = i, 0.0, 0.0, 0.0, 0.0, 0.0
+                ring = i
+                n = 0.0
+                st = 0.0
+                stt = 0.0
+                sd = 0.0
+                std = 0.0
             t = (r2 - squares[i]) * inverse[i]
             n += 1.0
             st += t
@@ -146,7 +163,8 @@ def _normal(rings: FloatArray, variance: float, counted: float, normal: FloatArr
     """
     normal[:] = 0.0
     diagonal, upper, data, ones, sky = normal
-    pixels, sky[0] = 0.0, SKY**-2
+    pixels = 0.0
+    sky[0] = SKY**-2
     for i in range(len(rings)):
         n, t, t2, d, td = rings[i]
         if n == 0.0:
@@ -196,9 +214,13 @@ def fit_light(
     _, sizes, kinds = gaap.shape
     ny, nx = image.shape
     out = np.full((x.size, 6), np.nan)
-    rings, normal = np.empty((nodes.size - 1, 5)), np.empty((5, nodes.size))
-    maps, star_fit, star = np.empty((4, sizes, kinds)), np.empty((3, 1)), np.empty(3)
-    coarse, fine = np.empty((6, sizes * kinds)), np.empty((6, LATTICE**2))
+    rings = np.empty((nodes.size - 1, 5))
+    normal = np.empty((5, nodes.size))
+    maps = np.empty((4, sizes, kinds))
+    star_fit = np.empty((3, 1))
+    star = np.empty(3)
+    coarse = np.empty((6, sizes * kinds))
+    fine = np.empty((6, LATTICE**2))
     room = np.empty((2, max(sizes * kinds, LATTICE**2) + 1))
     inverse = 1.0 / (nodes[1:] - nodes[:-1])
     for s in range(x.size):
@@ -212,7 +234,8 @@ def fit_light(
             continue
         profiles = galaxies[part[s], ratio[s], :count]
         project(profiles, equations, maps.reshape(4, -1)[:3])
-        maps[2], maps[3] = gaap[ratio[s]], prior
+        maps[2] = gaap[ratio[s]]
+        maps[3] = prior
         project(points[part[s], :count], equations, star_fit)
         star[1], star[2] = star_fit[1, 0] / star_fit[0, 0], 1.0 / star_fit[0, 0]
         star[0] = 0.5 * star_fit[1, 0] * abs(star[1]) + math.log(POINT_SHARE)

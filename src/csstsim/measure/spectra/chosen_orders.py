@@ -17,7 +17,9 @@ if TYPE_CHECKING:
     from csstsim.measure.spectra.line_profile import Shapes
     from csstsim.measure.spectra.spectral_model import SpectralModel
 
-ELEMENT, ELEMENT_ROWS = 3.0, 6.0  # px of a resolution element, for the choice of spectra
+# px of a resolution element, for the choice of spectra
+ELEMENT = 3.0
+ELEMENT_ROWS = 6.0
 LINES_FROM = 0.03  # of the least S/N: the mean S/N from which lines are looked for
 LEFT_OUT = {
     "faint": "fainter than the least S/N, in the mean and in each line",
@@ -30,7 +32,8 @@ LEFT_OUT = {
 def predicted_snr(orders: ObjectTable, shapes: Shapes, noise: float) -> FloatArray:
     """Return (n,) S/N in a resolution element of each row, from its drawn electrons; noise: of a pixel of sky."""
     columns = np.maximum(np.abs(orders["q"]) * (orders["wave_max"] - orders["wave_min"]), 1.0)
-    light, radius = shapes.light[orders["row"]], shapes.radius[orders["row"], ACROSS]
+    light = shapes.light[orders["row"]]
+    radius = shapes.radius[orders["row"], ACROSS]
     rows = ELEMENT_ROWS + 2 * (light * radius).sum(axis=1)
     signal = ELEMENT * np.nan_to_num(orders["drawn"]) / columns
     return signal / np.sqrt(np.maximum(signal, 0.0) + ELEMENT * rows * noise**2)
@@ -41,16 +44,20 @@ def line_snr(orders: ObjectTable, sources: Sources, model: SpectralModel, noise:
 
     The element is longer by the object's size along the trace.
     """
-    snr, passed = np.zeros(len(orders)), np.array([np.interp(sources.edges, GRID, line) for line in model.cumulative])
+    snr = np.zeros(len(orders))
+    passed = np.array([np.interp(sources.edges, GRID, line) for line in model.cumulative])
     passed = np.diff(passed, axis=1)
     for (k, spectrum), pair in zip(sources.each(orders["row"]), model.pairs(orders), strict=True):
-        row, q = orders["row"][k], abs(orders["q"][k])
+        row = orders["row"][k]
+        q = abs(orders["q"][k])
         electrons = np.append(0.0, np.cumsum(spectrum * passed[pair]))
         if not electrons[-1] > 0:
             continue
-        light, radius = sources.shapes.light[row], sources.shapes.radius[row]
+        light = sources.shapes.light[row]
+        radius = sources.shapes.radius[row]
         along, across = (2 * float((light * radius[axis]).sum()) for axis in (ALONG, ACROSS))
-        place, length = q * sources.edges, ELEMENT + along
+        place = q * sources.edges
+        length = ELEMENT + along
         seen = (sources.edges >= orders["wave_min"][k]) & (sources.edges <= orders["wave_max"][k])
         most = np.max(np.interp(place + length, place, electrons) - electrons, where=seen, initial=0.0)
         signal = orders["drawn"][k] * most / electrons[-1]
@@ -74,7 +81,8 @@ def chosen_orders(
     in the mean or in a line; ids: of these objects only. Near the line between two gratings the second gives none.
     """
     asked = np.isin(orders["order"], wanted) & (True if ids is None else np.isin(orders["id"], ids))
-    light, largest = (orders["drawn"] > 0) & np.isfinite(orders["wave_min"]), _largest(orders)
+    light = (orders["drawn"] > 0) & np.isfinite(orders["wave_min"])
+    largest = _largest(orders)
     snr = predicted_snr(orders, sources.shapes, frame.noise)
     if sources.spectra is not None:
         dim = np.flatnonzero(asked & light & largest & (snr < snr_min) & (snr >= LINES_FROM * snr_min))

@@ -26,9 +26,13 @@ from csstsim.measure.spectra.spectrum_columns import CONTAMINATED, COSMIC, EDGE,
 if TYPE_CHECKING:
     from csstsim.measure.spectra.cutout import Cutout
 
-GAP, STRIP = 4.0, 16.0  # px: from the aperture to a strip of sky, and its width
+# px: from the aperture to a strip of sky, and its width
+GAP = 4.0
+STRIP = 16.0
 CONTAMINATED_FROM = 0.1  # of the electrons
-REJECT, PROFILE_ERROR = 5.0, 0.1  # sigma; share by which the profile may be wrong
+# sigma; share by which the profile may be wrong
+REJECT = 5.0
+PROFILE_ERROR = 0.1
 ROUNDS = 20
 FLOOR = 1.0  # electron^2: least variance of a pixel, about that of one DN
 WHOLE = 0.5  # of the aperture's light in usable pixels; with less there is no result
@@ -51,18 +55,22 @@ def measured(cutout: Cutout, shares: FloatArray, half: float, read_noise: float)
     strips = Strips.of(cutout.data, (cutout.seen & GOOD) > 0, cutout.offset, shares, half + GAP, STRIP)
     known = cutout.others is not None
     cutout, shares = cutout.within(half, shares)
-    overlap, used = _overlap(cutout.offset, half), (cutout.seen & GOOD) > 0
+    overlap = _overlap(cutout.offset, half)
+    used = (cutout.seen & GOOD) > 0
     others = np.zeros_like(cutout.data) if cutout.others is None else cutout.others
     enough = WHOLE * _light(overlap, shares, np.ones_like(used))
     sky = strips.sky_less_own(cutout.data, used, shares, overlap, _light(overlap, shares, used) >= enough)
-    data, level = cutout.data - sky.level[:, None], sky.level
-    used, variance = used & (overlap > 0), np.ones_like(data)
+    data = cutout.data - sky.level[:, None]
+    level = sky.level
+    used = used & (overlap > 0)
+    variance = np.ones_like(data)
     _horne(data, shares, used, variance, level, others, cutout.response, float(read_noise))
     lost = ~(_light(overlap, shares, used) >= enough) | ~np.isfinite(level)
     out: dict[str, AnyArray] = {"sky": level, "flags": _flags(cutout.seen, overlap > 0, used) | np.where(lost, LOST, 0)}
     for name in ("electrons", "box"):
         sums = _sums(overlap, shares, used, variance, data, others, name == "electrons")
-        total, weight = np.where(lost | ~(sums[_LIGHT] > 0), np.nan, sums[_LIGHT]), sums[_WEIGHT]
+        total = np.where(lost | ~(sums[_LIGHT] > 0), np.nan, sums[_LIGHT])
+        weight = sums[_WEIGHT]
         out[name] = sums[_DATA] / total
         out[f"{name}_err"] = np.sqrt(sums[_NOISE] + weight**2 * sky.variance) / (total - weight * sky.own)
         if name == "electrons":
@@ -124,14 +132,16 @@ def _horne(
                 for j in range(rows):
                     if used[i, j]:
                         variance[i, j] = base[i, j] + max(fit, 0.0) * shares[i, j] / response[i, j]
-            worst, most = -1, 1.0
+            worst = -1
+            most = 1.0
             for j in range(rows):
                 if used[i, j]:
                     light = max(fit, 0.0) * shares[i, j]
                     allowed = REJECT**2 * (variance[i, j] + (PROFILE_ERROR * light) ** 2)
                     off = (data[i, j] - fit * shares[i, j]) ** 2 / allowed
                     if off > most:
-                        worst, most = j, off
+                        worst = j
+                        most = off
             if worst >= 0:
                 used[i, worst] = False
                 found += 1
@@ -142,7 +152,8 @@ def _horne(
 @numba.njit(cache=True)
 def _fitted(data: FloatArray, shares: FloatArray, used: BoolArray, variance: FloatArray) -> float:
     """Return the electrons of a column that fit its used pixels best; 0 without any."""
-    norm, total = 0.0, 0.0
+    norm = 0.0
+    total = 0.0
     for j in range(len(data)):
         if used[j]:
             weight = shares[j] / variance[j]

@@ -77,14 +77,16 @@ def expected_orders(
     """
     visits = disperser.visits(x, y, np.zeros(len(x)))
     visits = visits[np.argsort(visits[:, 0], kind="stable")]
-    rates, electrons = exptime * disperser.rates, np.zeros((len(visits), len(disperser.orders)))
+    rates = exptime * disperser.rates
+    electrons = np.zeros((len(visits), len(disperser.orders)))
     for first in range(0, len(visits), CHUNK):
         some = visits[first : first + CHUNK]
         light = spectra(rows[some[:, 0]], disperser.edges)
         for piece in range(2):
             mine = some[:, 1] == piece
             electrons[first : first + CHUNK][mine] = np.einsum("nb,ob->no", light[mine], rates[piece])
-    lines, parts = disperser.lines(visits, x, y), []
+    lines = disperser.lines(visits, x, y)
+    parts = []
     names = np.array([grating.name for grating, _ in disperser.gratings.pieces])
     for o, number in enumerate(disperser.orders):
         has = np.array([number in grating.orders for grating, _ in disperser.gratings.pieces])

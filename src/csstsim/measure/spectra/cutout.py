@@ -14,7 +14,9 @@ from csstsim.measure.calibration.bad_pixels import FULL
 if TYPE_CHECKING:
     from csstsim.measure.spectra.extract import DispersedImage
 
-INSIDE, GOOD = np.uint8(8), np.uint8(16)  # bits of `seen`, beside FULL
+# bits of `seen`, beside FULL
+INSIDE = np.uint8(8)
+GOOD = np.uint8(16)
 _NOTHING = np.zeros((0, 0), np.float32)
 
 
@@ -42,16 +44,22 @@ class Cutout:
         frame: extract.DispersedImage; centre: rows of the trace, by column; own: what the object itself has in
         frame.others, float32 (rows, columns), or None without these.
         """
-        window, shape = frame.window, (len(columns), len(rows))
+        window = frame.window
+        shape = (len(columns), len(rows))
         low, high = (min(max(int(row), window.y0), window.y1) - window.y0 for row in (rows[0], rows[-1] + 1))
         part = slice(low, high), slice(int(columns[0]) - window.x0, int(columns[-1]) + 1 - window.x0)
         inside = slice(low + window.y0 - int(rows[0]), high + window.y0 - int(rows[0]))
-        data, others, response, seen = np.zeros(shape), np.zeros(shape), np.ones(shape), np.zeros(shape, np.uint8)
+        data = np.zeros(shape)
+        others = np.zeros(shape)
+        response = np.ones(shape)
+        seen = np.zeros(shape, np.uint8)
         if frame.response is not None:
             response[:, inside] = frame.response.part(*part).T
-        light, mine = _NOTHING, _NOTHING
+        light = _NOTHING
+        mine = _NOTHING
         if own is not None:
-            light, mine = cast("FloatArray", frame.others)[part], own[inside]
+            light = cast("FloatArray", frame.others)[part]
+            mine = own[inside]
         planes = data[:, inside], others[:, inside], seen[:, inside]
         _fill(frame.electrons[part], frame.marks[part], light, mine, float(frame.subtract), *planes)
         return cls(data, None if own is None else others, rows - centre[:, None], seen, response)
@@ -86,7 +94,8 @@ def _fill(
     are subtracted, else 0."""
     for y in range(electrons.shape[0]):
         for x in range(electrons.shape[1]):
-            value, mark = np.float64(electrons[y, x]), marks[y, x]
+            value = np.float64(electrons[y, x])
+            mark = marks[y, x]
             if light.size:
                 others[x, y] = np.float64(light[y, x]) - np.float64(own[y, x])
             seen[x, y] = INSIDE

@@ -51,7 +51,9 @@ if TYPE_CHECKING:
     from csstsim.optics.throughput.response import Response
 
 APERTURE_LIGHT = 0.9  # of the light in the aperture's rows
-LEAST, MOST = 4.0, 20.0  # px, half the aperture
+# px, half the aperture
+LEAST = 4.0
+MOST = 20.0
 PAD = 4  # columns beyond the order's ends: light that the PSF spreads
 DIM_BELOW = 0.05  # of the order's largest electrons per photon: no flux is given
 CHUNK = 500  # spectra made at a time
@@ -86,7 +88,8 @@ class DispersedImage:
     @cached_property
     def noise(self) -> float:
         """Return the noise of a pixel of sky [electron]."""
-        sample, marks = self.electrons[::8, ::8], self.marks[::8, ::8]
+        sample = self.electrons[::8, ::8]
+        marks = self.marks[::8, ::8]
         sample = sample[(marks & BAD == 0) & np.isfinite(sample)]
         sky = max(np.median(sample) if sample.size else 0.0, 0.0)
         return float(np.sqrt(max(sky + self.read_noise**2, FLOOR)))
@@ -137,7 +140,10 @@ def extract_spectra(
     or None.
     """
     chosen, left_out = chosen_orders(frame, orders, sources, model, wanted=wanted, snr_min=snr_min, ids=ids)
-    parts, short, counts, cut = [_nothing()], shortened(orders, model), 0, 0
+    parts = [_nothing()]
+    short = shortened(orders, model)
+    counts = 0
+    cut = 0
     point = psf.mixed(partial(_points, per_pixel=psf.oversampling, wing=wing))
     waves: Callable[[float, float], ComplexArray] = psf.mixed(
         partial(point_transforms, per_pixel=psf.oversampling)  # type: ignore[arg-type]  # linear, too, but complex
@@ -164,10 +170,12 @@ def _boxes(orders: ObjectTable, model: SpectralModel) -> FloatArray:
     """Return (n, 4): x0, x1, y0, y1 [px] that hold all pixels from which the spectra of the orders are extracted."""
     wave = model.limits[model.pairs(orders)]
     ends, heights = ((orders[a] + orders[b])[:, None] + orders[c][:, None] * wave for a, b, c in ("xpq", "yrs"))
-    wide, high = PAD + 1, MOST + GAP + STRIP + 3
-    return np.stack([
-        ends.min(axis=1) - wide, ends.max(axis=1) + wide, heights.min(axis=1) - high, heights.max(axis=1) + high
-    ], axis=1)  # fmt: skip
+    wide = PAD + 1
+    high = MOST + GAP + STRIP + 3
+    return np.stack(
+        [ends.min(axis=1) - wide, ends.max(axis=1) + wide, heights.min(axis=1) - high, heights.max(axis=1) + high],
+        axis=1,
+    )
 
 
 def _of_images(
@@ -220,11 +228,13 @@ def _extract_one(
     spectrum: its object's in bins of `edges`, or None; point, waves: functions of x, y that return `_points` and
     line_image.point_transforms there; pictured: of `_of_images`.
     """
-    row, window = int(one["row"][0]), frame.window
+    row = int(one["row"][0])
+    window = frame.window
     columns, wave, centre = _trace(one, model, window)
     if len(columns) == 0:
         return None
-    light, radius = shapes.light[row], shapes.radius[row]
+    light = shapes.light[row]
+    radius = shapes.radius[row]
     place = float(np.clip(one["x"][0], 0, None)), float(np.clip(one["y"][0], 0, None))
     points = point(*place)
     along, across = (broadened(points[axis], light, radius[axis]) for axis in (ALONG, ACROSS))
@@ -269,7 +279,8 @@ def _trace(one: ObjectTable, model: SpectralModel, window: Window) -> tuple[IntA
     x, y, p, q, r, s = (float(one[name][0]) for name in ("x", "y", "p", "q", "r", "s"))
     limits = model.limits[model.pair(one)]
     ends = np.sort(x + p + q * limits)
-    first, last = max(np.ceil(ends[0]) - PAD, window.x0), min(np.floor(ends[1]) + PAD + 1, window.x1)
+    first = max(np.ceil(ends[0]) - PAD, window.x0)
+    last = min(np.floor(ends[1]) + PAD + 1, window.x1)
     columns = np.arange(int(first), int(max(first, last)))
     wave = (columns - x - p) / q
     return columns, wave, y + r + s * np.clip(wave, *limits)
@@ -287,6 +298,7 @@ def _fluxes(found: Mapping[str, AnyArray], flat: FloatArray, wave: FloatArray) -
     """Return flux, flux_err, flux_erg and the flags with DIM."""
     dim = flat < DIM_BELOW * flat.max()
     per = np.where(dim, np.nan, flat)
-    flux, error = found["electrons"] / per, found["electrons_err"] / per
+    flux = found["electrons"] / per
+    error = found["electrons_err"] / per
     erg = flux * H_J_S * C_A_S / wave * ERG_PER_CM2
     return {"flux": flux, "flux_err": error, "flux_erg": erg, "flags": found["flags"] | np.where(dim, DIM, 0)}

@@ -22,7 +22,9 @@ LINES = {
     "[SIII]9533": ((9533.2, 1.0),),
 }
 # Bits in addition to those of spectrum_columns.FLAGS, which a line has if a column of its own has them
-BLENDED, PART, BLIND = 1 << 10, 1 << 11, 1 << 12
+BLENDED = 1 << 10
+PART = 1 << 11
+BLIND = 1 << 12
 FLAGS = {
     BLENDED: "another line of the spectrum is nearer than 1.5 full widths at half maximum",
     PART: "a fifth or more of its light falls on columns that cannot be used",

@@ -40,11 +40,15 @@ if TYPE_CHECKING:
 
 SIDE = 30.0  # columns beyond twice a line's full width, for the continuum
 DETECTED = 3.0  # S/N
-FOUND, MOST = 5.0, 3  # significance of lines found without a redshift, and their number in a spectrum
+# significance of lines found without a redshift, and their number in a spectrum
+FOUND = 5.0
+MOST = 3
 APART = 1.5  # full widths at half maximum: lines nearer than that are blended
 SPURIOUS = SATURATED | COSMIC | LOST | CUT | BESIDE  # what looks like a line on such columns is none
 MEDIAN = 41  # columns of the running median
-WHOLE, LEAST = 0.8, 0.5  # share of a line's light in usable columns: below WHOLE it is flagged, below LEAST left out
+# share of a line's light in usable columns: below WHOLE it is flagged, below LEAST left out
+WHOLE = 0.8
+LEAST = 0.5
 TINY = 1e-12  # of the largest eigenvalue of a fit: a combination with less is not fitted
 ERG_PER_CM2 = 1e3  # J / m2 in erg / cm2
 
@@ -101,9 +105,9 @@ class LineFluxes:
 
     def table(self) -> ObjectTable:
         """Return the ObjectTable of line_columns.COLUMNS."""
-        return ObjectTable({
-            name: np.array([line[name] for line in self._found], dtype) for name, (dtype, _) in COLUMNS.items()
-        })  # fmt: skip
+        return ObjectTable(
+            {name: np.array([line[name] for line in self._found], dtype) for name, (dtype, _) in COLUMNS.items()}
+        )
 
 
 class _Spectrum:
@@ -116,10 +120,16 @@ class _Spectrum:
         image: LineImage,
         weights: Weights,
     ) -> None:
-        self.found, self.along, self.model, self.image, self.weights = found, along, model, image, weights
-        self.column, self.error = found["column"].astype(float), found["electrons_err"].astype(float)
+        self.found = found
+        self.along = along
+        self.model = model
+        self.image = image
+        self.weights = weights
+        self.column = found["column"].astype(float)
+        self.error = found["electrons_err"].astype(float)
         self.good = (found["flags"] & (LOST | DIM) == 0) & np.isfinite(found["electrons"]) & (self.error > 0)
-        self.start, self.per = float(one["x"][0] + one["p"][0]), float(one["q"][0])
+        self.start = float(one["x"][0] + one["p"][0])
+        self.per = float(one["q"][0])
         self.sensitivity = found["sensitivity"].astype(float)
         self.passed = model.photons * np.gradient(model.cumulative[model.pair(one)], GRID)
 
@@ -153,7 +163,8 @@ class _Spectrum:
 
     def _shares(self, column: float, wavelength: float) -> FloatArray:
         """Return (n,): the share of a line's light in each column."""
-        profile, offset = self._profile(wavelength), self.column - column
+        profile = self._profile(wavelength)
+        offset = self.column - column
         return np.interp(offset + 0.5, OFFSETS, profile) - np.interp(offset - 0.5, OFFSETS, profile)
 
     def _seen(self, column: float, wavelength: float) -> FloatArray:
@@ -200,7 +211,8 @@ class _Spectrum:
         above = np.where(self.good, (shape - median) * sensitivity, 0.0)
         weight = np.where(self.good, 1 / np.where(self.good, self.error, 1.0) ** 2, 0.0)
         middle = self.found["wavelength"][usable[len(usable) // 2]]
-        offset, profile = np.arange(-(MEDIAN // 2), MEDIAN // 2 + 1), self._profile(middle)
+        offset = np.arange(-(MEDIAN // 2), MEDIAN // 2 + 1)
+        profile = self._profile(middle)
         shares = np.interp(offset + 0.5, OFFSETS, profile) - np.interp(offset - 0.5, OFFSETS, profile)
         norm = np.sqrt(np.convolve(weight, shares[::-1] ** 2, "same"))
         out = np.convolve(above * weight, shares[::-1], "same") / np.where(norm > 0, norm, np.inf)
@@ -227,12 +239,15 @@ class _Spectrum:
         if share < LEAST or len(near) <= 2 * (1 + len(others) + 3):
             return None
         matrix = np.column_stack([line.seen[near], *(other.seen[near] for other in others), even])
-        light, slope, sigma = self.found["electrons"][near], np.gradient(line.seen)[near], self.error[near]
+        light = self.found["electrons"][near]
+        slope = np.gradient(line.seen)[near]
+        sigma = self.error[near]
         fitted, error = _fit(matrix, np.stack([light, slope], axis=1), sigma)
         values = fitted[:, 0]
         rest, slope = ((one - matrix @ fit) / sigma for one, fit in zip((light, slope), fitted.T, strict=True))
         power = max(slope @ slope, 1e-300)  # k of the fit with the slope is that of what the others leave
-        shift, off = -(slope @ rest) / power / values[0], 1 / np.sqrt(power) / abs(values[0])
+        shift = -(slope @ rest) / power / values[0]
+        off = 1 / np.sqrt(power) / abs(values[0])
         matrix = np.column_stack([line.light[near], *(other.light[near] for other in others), even])
         true = _fit(matrix, self.found["model"][near, None], sigma)[0][0, 0]
         blended = any(line.near(other.places).any() for other in others)
@@ -241,11 +256,19 @@ class _Spectrum:
         flux = erg * values[0]
         limit = max(flux, 0.0) + DETECTED * erg * error[0] if flux < DETECTED * erg * error[0] else np.nan
         return {
-            "line": line.name, "wavelength": line.wavelength, "column": middle, "flux": flux,
-            "flux_err": erg * error[0], "snr": flux / (erg * error[0]), "limit": limit,
-            "continuum": erg * values[1 + len(others)], "flux_true": erg * true, "flags": flags,
-            "shift": shift, "shift_err": off,
-        }  # fmt: skip
+            "line": line.name,
+            "wavelength": line.wavelength,
+            "column": middle,
+            "flux": flux,
+            "flux_err": erg * error[0],
+            "snr": flux / (erg * error[0]),
+            "limit": limit,
+            "continuum": erg * values[1 + len(others)],
+            "flux_true": erg * true,
+            "flags": flags,
+            "shift": shift,
+            "shift_err": off,
+        }
 
 
 def _fit(matrix: FloatArray, data: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -269,8 +292,11 @@ def judged(table: ObjectTable) -> dict[str, float | None]:
     pull = (table["flux"] - table["flux_true"])[isolated] / table["flux_err"][isolated].astype(float)
     limit = known & np.isfinite(table["limit"])
     return {
-        "lines": len(table), "detected": int((table["snr"] >= DETECTED).sum()), "isolated": int(isolated.sum()),
+        "lines": len(table),
+        "detected": int((table["snr"] >= DETECTED).sum()),
+        "isolated": int(isolated.sum()),
         "pull_mean": float(pull.mean()) if len(pull) > 1 else None,
         "pull_width": float(pull.std(ddof=1)) if len(pull) > 1 else None,
-        "limits": int(limit.sum()), "limits_held": int((table["flux_true"] <= table["limit"])[limit].sum()),
-    }  # fmt: skip
+        "limits": int(limit.sum()),
+        "limits_held": int((table["flux_true"] <= table["limit"])[limit].sum()),
+    }

@@ -38,7 +38,9 @@ class LineImage:
     ) -> None:
         """psf: function without arguments that returns point_transforms of the PSF at `bands` [angstrom]; light (2,),
         radius (2 axes, 2) px, slant: of line_profile.Shapes."""
-        self._psf, self._bands, self._shape = psf, bands, (light, radius, slant)
+        self._psf = psf
+        self._bands = bands
+        self._shape = (light, radius, slant)
         self._n = 2 * SIDES[int((light * radius.max(axis=0)).sum() > LARGE)]
         self._made: dict[int, ComplexArray] = {}  # what lines ask for
 
@@ -50,7 +52,8 @@ class LineImage:
         dx, dy = (float(one[0] - np.rint(one[0])) for one in (x, y))
         whole = self._pixels(wavelength, dx, dy)
         i, j = (np.rint(one - d).astype(int) + len(whole) // 2 for one, d in ((x, dx), (y, dy)))
-        inside, rows = (i >= 0) & (i < len(whole)), (j >= 0) & (j < len(whole))
+        inside = (i >= 0) & (i < len(whole))
+        rows = (j >= 0) & (j < len(whole))
         out = np.zeros(len(x))
         some = np.ix_(inside, rows)
         out[inside] = (weights[some] * whole.T[np.ix_(i[inside], j[rows])]).sum(axis=1)
@@ -100,7 +103,8 @@ class LineImage:
 @lru_cache
 def _wave_numbers(n: int) -> tuple[FloatArray, FloatArray]:
     """Return (ky (n,), kx (n // 2 + 1,)) of a lattice of half pixels [1 / px]; without the sign of the highest."""
-    ky, kx = np.fft.fftfreq(n, 0.5) * 2 * np.pi, np.fft.rfftfreq(n, 0.5) * 2 * np.pi
+    ky = np.fft.fftfreq(n, 0.5) * 2 * np.pi
+    kx = np.fft.rfftfreq(n, 0.5) * 2 * np.pi
     return ky, kx
 
 
@@ -127,7 +131,8 @@ def _sersic(index: float) -> FloatArray:
 
 def point_transforms(cells: ArrayLike, per_pixel: int) -> ComplexArray:
     """Return (4, n, n // 2 + 1) complex64, transforms of a PSF in half pixels within SIDES[0], from its cells."""
-    half, n = half_pixels(np.asarray(cells, float), per_pixel), 2 * SIDES[0]
+    half = half_pixels(np.asarray(cells, float), per_pixel)
+    n = 2 * SIDES[0]
     edge, before = (max(difference, 0) // 2 for difference in (half.shape[-1] - n, n - half.shape[-1]))
     part = slice(edge, half.shape[-1] - edge)
     inner = np.pad(half[:, part, part], ((0, 0), (before, before), (before, before)))

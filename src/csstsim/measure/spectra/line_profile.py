@@ -30,7 +30,9 @@ if TYPE_CHECKING:
 PER_PX = 8
 HALF = 64  # px
 OFFSETS = np.arange(-HALF * PER_PX, HALF * PER_PX + 1) / PER_PX  # px
-ALONG, ACROSS = 0, 1  # axis of a profile: x (dispersion), y
+# axis of a profile: x (dispersion), y
+ALONG = 0
+ACROSS = 1
 _WING = 512.0  # px: how far wings are summed; 0.5% of the light lies beyond
 _RINGS = 4000
 
@@ -84,7 +86,8 @@ def _spline(n: int, per_pixel: int) -> FloatArray:
     """
     place = np.clip((OFFSETS * per_pixel) + n / 2, 0, n)
     k = np.minimum(place.astype(int), n - 1)
-    t, point = place - k, np.arange(len(OFFSETS))
+    t = place - k
+    point = np.arange(len(OFFSETS))
     bent = np.zeros((n + 1, n + 1))  # second derivatives [1 / step^2] of the samples' units; none at the ends
     inner = 4 * np.eye(n - 1) + np.eye(n - 1, k=1) + np.eye(n - 1, k=-1)
     bent[1:-1] = np.linalg.solve(inner, 6 * np.diff(np.eye(n + 1), 2, axis=0))
@@ -157,10 +160,13 @@ def pixel_shares(profile: FloatArray, band: IntArray, share: FloatArray, offset:
     """Return (n, rows): the share of a profile's light in pixels at `offset` [px]; band, share (n,): of `mixed`."""
     out = np.empty(offset.shape)
     for i in range(offset.shape[0]):
-        first, second = profile[band[i]], profile[band[i] + 1]
-        one, other = 1.0 - share[i], share[i]
+        first = profile[band[i]]
+        second = profile[band[i] + 1]
+        one = 1.0 - share[i]
+        other = share[i]
         for j in range(offset.shape[1]):
-            low, high = _place(offset[i, j] - 0.5), _place(offset[i, j] + 0.5)
+            low = _place(offset[i, j] - 0.5)
+            high = _place(offset[i, j] + 0.5)
             light = -one * _at(first, low) - other * _at(second, low)
             out[i, j] = light + one * _at(first, high) + other * _at(second, high)
     return out

@@ -14,7 +14,9 @@ import numpy as np
 from csstsim.base.types import BoolArray, FloatArray, IntArray
 
 BLOCK = 48  # columns
-CLIP, ROUNDS = 4.0, 3  # robust sigma about the median
+# robust sigma about the median
+CLIP = 4.0
+ROUNDS = 3
 USABLE = 0.25
 OWN_ROUNDS = 4  # the object's light in the strips is a few per cent; each round leaves a few per cent of it
 
@@ -78,7 +80,8 @@ class Strips:
         of overlap share, with the sky so far, removes it from the strips and measures the sky again. data (electrons),
         good, share, overlap (n, rows): of the aperture; known (n,): columns with such light; others are interpolated.
         """
-        light, column = np.zeros(len(data)), np.arange(len(data))
+        light = np.zeros(len(data))
+        column = np.arange(len(data))
         for _ in range(OWN_ROUNDS):
             sky = self.sky(light)
             if known.any() and np.isfinite(sky.level).all():
@@ -98,12 +101,16 @@ def _pixels(
     width: float,
 ) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
     """Return Strips.data, share, column and count."""
-    rows, most = good.shape[1], (edges[1:] - edges[:-1]).max() * (int(width) + 1)
+    rows = good.shape[1]
+    most = (edges[1:] - edges[:-1]).max() * (int(width) + 1)
     count = np.zeros(2 * (len(edges) - 1), np.int64)
-    values, own = np.zeros((len(count), most)), np.zeros((len(count), most))
+    values = np.zeros((len(count), most))
+    own = np.zeros((len(count), most))
     column = np.zeros((len(count), most), np.int64)
     for strip in range(len(count)):
-        k, side, n = strip // 2, 2.0 * (strip % 2) - 1.0, 0
+        k = strip // 2
+        side = 2.0 * (strip % 2) - 1.0
+        n = 0
         for i in range(edges[k], edges[k + 1]):
             for j in range(rows):
                 if good[i, j] and inner <= side * offset[i, j] < inner + width:
@@ -132,7 +139,8 @@ def _by_block(values: FloatArray, ranked: FloatArray, own: FloatArray, count: In
     """
     out = np.full((3, len(count) // 2), np.nan)
     for k in range(out.shape[1]):
-        total, sides = np.zeros(3), 0
+        total = np.zeros(3)
+        sides = 0
         for strip in range(2 * k, 2 * k + 2):
             n = count[strip]
             if n:
@@ -147,19 +155,25 @@ def _by_block(values: FloatArray, ranked: FloatArray, own: FloatArray, count: In
 @numba.njit(cache=True)
 def _clipped(values: FloatArray, ranked: FloatArray, own: FloatArray) -> FloatArray:
     """Return (3,): mean of the values within CLIP robust sigma about their median, its variance, mean of their own."""
-    low, high = 0, len(ranked)
+    low = 0
+    high = len(ranked)
     for _ in range(ROUNDS):
         centre = 0.5 * (ranked[(low + high - 1) // 2] + ranked[(low + high) // 2])
         sigma = 1.4826 * _deviation(ranked[low:high], centre) + 0.5  # at least about a DN of rounding
-        before, low, high = (low, high), 0, len(ranked)
+        before = (low, high)
+        low = 0
+        high = len(ranked)
         while np.abs(ranked[low] - centre) > CLIP * sigma:
             low += 1
         while np.abs(ranked[high - 1] - centre) > CLIP * sigma:
             high -= 1
         if before == (low, high):
             break
-    least, most, n = ranked[low], ranked[high - 1], high - low
-    mean, share = 0.0, 0.0
+    least = ranked[low]
+    most = ranked[high - 1]
+    n = high - low
+    mean = 0.0
+    share = 0.0
     for k in range(len(values)):
         if least <= values[k] <= most:
             mean += values[k]
@@ -175,9 +189,11 @@ def _clipped(values: FloatArray, ranked: FloatArray, own: FloatArray) -> FloatAr
 @numba.njit(cache=True)
 def _deviation(ranked: FloatArray, centre: float) -> float:
     """Return the median distance from `centre` of values in rising order."""
-    n, total = len(ranked), 0.0
+    n = len(ranked)
+    total = 0.0
     for nearest in ((n + 1) // 2, n // 2 + 1):  # the distance of the farthest of so many nearest ones
-        low, high = 0, n - nearest
+        low = 0
+        high = n - nearest
         while low < high:
             middle = (low + high) // 2
             if centre - ranked[middle] > ranked[middle + nearest] - centre:
@@ -195,7 +211,8 @@ def _electrons(
     """Return (n,): an object's electrons from the good pixels of the aperture; NaN without any."""
     out = np.empty(len(data))
     for i in range(data.shape[0]):
-        light, norm = 0.0, 0.0
+        light = 0.0
+        norm = 0.0
         for j in range(data.shape[1]):
             if good[i, j]:
                 light += overlap[i, j] * (data[i, j] - level[i])

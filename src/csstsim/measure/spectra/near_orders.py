@@ -39,7 +39,8 @@ def near_orders(
     """
     marked = _marked(boxes, window)
     reach = _reach(electrons, light, size, tables, faintest)
-    low, high = heights.min(axis=1) - reach, heights.max(axis=1) + reach
+    low = heights.min(axis=1) - reach
+    high = heights.max(axis=1) + reach
     x0, x1 = _tiles(ends[:, 0], ends[:, 1], window.x0, marked.shape[1] - 1)
     y0, y1 = _tiles(low, high, window.y0, marked.shape[0] - 1)
     return marked[y1, x1] - marked[y0, x1] - marked[y1, x0] + marked[y0, x0] > 0

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from csstsim.measure.spectra.extract import DispersedImage
 
 COLOURS = {1: "#D55E00", 0: "#0072B2", 2: "#009E73", -1: "#CC79A7", -2: "#E69F00"}  # Okabe & Ito (2008), by order
-OURS, TRUE = "#0072B2", "#D55E00"
+OURS = "#0072B2"
+TRUE = "#D55E00"
 ROWS = 30  # px of a cutout, either side of the trace
 LEAST = 200  # columns without a flag that a shown spectrum has
 MARKED = 2.0  # electrons per pixel of its trace from which an order is marked
@@ -115,10 +116,19 @@ def line_strength(table: ObjectTable, mine: IntArray) -> float:
 def spectrum_panels(axes: Iterable[Axes], table: ObjectTable, mine: IntArray, title: str) -> None:
     """Draw one spectrum into two axes: electrons extracted and true, and their difference in sigma."""
     part = table.take(mine)
-    wave, good = part["wavelength"], part["flags"] & (LOST | CUT) == 0
+    wave = part["wavelength"]
+    good = part["flags"] & (LOST | CUT) == 0
     above, below = axes
-    above.errorbar(wave[good], part["electrons"][good], part["electrons_err"][good], fmt=".", ms=2, lw=0.5,
-                   color=OURS, label="extracted (optimal)")  # fmt: skip
+    above.errorbar(
+        wave[good],
+        part["electrons"][good],
+        part["electrons_err"][good],
+        fmt=".",
+        ms=2,
+        lw=0.5,
+        color=OURS,
+        label="extracted (optimal)",
+    )
     above.plot(wave, part["model"], color=TRUE, lw=1, label="input spectrum x throughput, at the resolution")
     above.plot(wave, part["contamination"], color="0.5", lw=1, label="subtracted light of others")
     above.set_ylabel("electron / column")
@@ -131,8 +141,13 @@ def spectrum_panels(axes: Iterable[Axes], table: ObjectTable, mine: IntArray, ti
     below.set_ylabel("difference [sigma]")
     below.set_xlabel("wavelength [angstrom]")
     shown = good & (part["flags"] & DIM == 0)
-    below.text(0.01, 0.06, f"mean {pull[shown].mean():+.2f}, width {pull[shown].std():.2f}", fontsize=7,
-               transform=below.transAxes)  # fmt: skip
+    below.text(
+        0.01,
+        0.06,
+        f"mean {pull[shown].mean():+.2f}, width {pull[shown].std():.2f}",
+        fontsize=7,
+        transform=below.transAxes,
+    )
 
 
 def cutout_panel(axis: Axes, frame: DispersedImage, orders: ObjectTable, row: int, title: str, order: int = 1) -> None:
@@ -147,12 +162,23 @@ def cutout_panel(axis: Axes, frame: DispersedImage, orders: ObjectTable, row: in
     k = int(mine[np.argmax(orders["drawn"][mine])])
     lit = np.array([orders["wave_min"][k], orders["wave_max"][k]])
     ends, height = _ends(orders, k, lit)
-    x0, x1 = max(int(ends.min()) - 60, window.x0), min(int(ends.max()) + 60, window.x1)
-    y0, y1 = max(int(height.mean()) - ROWS, window.y0), min(int(height.mean()) + ROWS, window.y1)
+    x0 = max(int(ends.min()) - 60, window.x0)
+    x1 = min(int(ends.max()) + 60, window.x1)
+    y0 = max(int(height.mean()) - ROWS, window.y0)
+    y1 = min(int(height.mean()) + ROWS, window.y1)
     image = frame.electrons[y0 - window.y0 : y1 - window.y0, x0 - window.x0 : x1 - window.x0]
-    level, spread = np.nanmedian(image), frame.noise
-    axis.imshow(image, origin="lower", cmap="gray_r", vmin=float(level - 3 * spread), vmax=float(level + 12 * spread),
-                aspect="auto", extent=(x0 - 0.5, x1 - 0.5, y0 - 0.5, y1 - 0.5), interpolation="nearest")  # fmt: skip
+    level = np.nanmedian(image)
+    spread = frame.noise
+    axis.imshow(
+        image,
+        origin="lower",
+        cmap="gray_r",
+        vmin=float(level - 3 * spread),
+        vmax=float(level + 12 * spread),
+        aspect="auto",
+        extent=(x0 - 0.5, x1 - 0.5, y0 - 0.5, y1 - 0.5),
+        interpolation="nearest",
+    )
     for k in _seen(orders, x0, x1, y0, y1):
         ends, height = _ends(orders, k, np.array([orders["wave_min"][k], orders["wave_max"][k]]))
         style: dict[str, Any] = {"color": COLOURS[int(orders["order"][k])], "lw": 0.8}
@@ -178,5 +204,7 @@ def _seen(orders: ObjectTable, x0: int, x1: int, y0: int, y1: int) -> IntArray:
 
 
 def _ends(orders: ObjectTable, k: int | slice, wave: FloatArray) -> tuple[FloatArray, FloatArray]:
-    return (orders["x"][k] + orders["p"][k] + orders["q"][k] * wave,
-            orders["y"][k] + orders["r"][k] + orders["s"][k] * wave)  # fmt: skip
+    return (
+        orders["x"][k] + orders["p"][k] + orders["q"][k] * wave,
+        orders["y"][k] + orders["r"][k] + orders["s"][k] * wave,
+    )

@@ -32,12 +32,17 @@ if TYPE_CHECKING:
     from csstsim.measure.spectra.line_profile import Shapes
     from csstsim.optics.scatter.halo import Wing
 
-CLASS, SMALLEST, CLASSES = 1.2, 0.1, 38  # radii [px]: SMALLEST CLASS^k; class 0 is a point
+# radii [px]: SMALLEST CLASS^k; class 0 is a point
+CLASS = 1.2
+SMALLEST = 0.1
+CLASSES = 38
 CHUNK = 500  # objects whose spectra are held at a time
 _STEP = GRID[1] - GRID[0]
 _REACH = 7, 4.0, 40  # px along the dispersion: least, per half-light radius, most
 ONE_REACH = HALF // 2  # px along the dispersion: of the light of one spectrum
-_FINE, _COARSE = 4, 2  # cells per column: for one spectrum, for all
+# cells per column: for one spectrum, for all
+_FINE = 4
+_COARSE = 2
 # Of rows (n,) and edges (bins + 1,) [angstrom]: (n, bins) photon / s / m2 / angstrom
 BinnedSpectra: TypeAlias = Callable[[IntArray, FloatArray], FloatArray]
 
@@ -67,8 +72,11 @@ class SpectralModel:
         one: ObjectTable of one row; columns: consecutive chip columns; profile: (4, n), ALONG; spectra: pairs of
         (bins,) photon / s / m2 / angstrom and the bins' edges [angstrom].
         """
-        out, sums = np.zeros((len(spectra), len(columns))), self.cumulative[self.pair(one)]
-        at, per, kernel = float(one["x"][0] + one["p"][0]), float(one["q"][0]), _kernels(profile, _FINE, ONE_REACH)
+        out = np.zeros((len(spectra), len(columns)))
+        sums = self.cumulative[self.pair(one)]
+        at = float(one["x"][0] + one["p"][0])
+        per = float(one["q"][0])
+        kernel = _kernels(profile, _FINE, ONE_REACH)
         for row, (spectrum, edges) in zip(out, spectra, strict=True):
             spectrum = np.asarray(spectrum, float) * self.photons
             _along(sums, np.asarray(edges, float), spectrum, at, per, float(columns[0]), kernel, self.bands, row)
@@ -90,19 +98,23 @@ class SpectralModel:
         per pixel below which light is left out, as are orders whose mean along the trace is fainter; boxes (m, 4): x0,
         x1, y0, y1 [px], half-open, in which the image is asked for: elsewhere it lacks light. None: everywhere.
         """
-        image, edges = np.zeros(window.shape, np.float32), np.asarray(edges, float)
+        image = np.zeros(window.shape, np.float32)
+        edges = np.asarray(edges, float)
         pairs = self.pairs(orders)
         seen = np.flatnonzero(self._seen(orders, pairs, shapes, faintest))
         seen = seen[np.argsort(orders["row"][seen], kind="stable")]
-        orders, pairs = orders.take(seen), pairs[seen]
+        orders = orders.take(seen)
+        pairs = pairs[seen]
         if boxes is not None:
             near = np.flatnonzero(self._near(orders, pairs, shapes, window, faintest, boxes))
-            orders, pairs = orders.take(near), pairs[near]
+            orders = orders.take(near)
+            pairs = pairs[near]
         rows, start = np.unique(orders["row"], return_index=True)
         start = np.append(start, len(orders))
         owner = np.repeat(np.arange(len(rows)), np.diff(start))
         for first in range(0, len(rows), CHUNK):
-            some, mine = rows[first : first + CHUNK], slice(start[first], start[min(first + CHUNK, len(rows))])
+            some = rows[first : first + CHUNK]
+            mine = slice(start[first], start[min(first + CHUNK, len(rows))])
             part = orders.take(mine), pairs[mine], owner[mine] - first
             self._add(image, window, *part, shapes, some, spectra(some, edges), edges, faintest)
         return image
@@ -117,7 +129,8 @@ class SpectralModel:
         faintest: float = 0.0,
     ) -> FloatArray:
         """Return what one row of the orders' table, with its spectrum in bins of edges, has in `image`."""
-        image, pairs = np.zeros(window.shape, np.float32), np.array([self.pair(one)])
+        image = np.zeros(window.shape, np.float32)
+        pairs = np.array([self.pair(one)])
         if self._seen(one, pairs, shapes, faintest)[0]:
             self._add(image, window, one, pairs, np.zeros(1, int), shapes, one["row"], spectrum[None], edges, faintest)
         return image
@@ -239,7 +252,8 @@ def _counted(
     while k >= 0 and edges[k] > low:
         k -= 1
     start = k
-    total, before = 0.0, _summed(low, cumulative)
+    total = 0.0
+    before = _summed(low, cumulative)
     if _summed(high, cumulative) == before:
         return 0.0, start
     while k < len(spectrum):
@@ -276,18 +290,23 @@ def _along(
     out: FloatArray,
 ) -> None:
     """Add the electrons of one order to columns first, first + 1, ..."""
-    per_column, width = kernel.shape[1], kernel.shape[2]
-    reach, n = width // 2, len(out)
+    per_column = kernel.shape[1]
+    width = kernel.shape[2]
+    reach = width // 2
+    n = len(out)
     begin = first - reach - 0.5
-    last, k = (begin - at) / per, -1
+    last = (begin - at) / per
+    k = -1
     for i in range((n + 2 * reach) * per_column):
         wave = (begin + (i + 1) / per_column - at) / per
         e, k = _counted(min(wave, last), max(wave, last), cumulative, edges, spectrum, k)
-        middle, last = 0.5 * (wave + last), wave
+        middle = 0.5 * (wave + last)
+        last = wave
         if e == 0.0:
             continue
         b, share = _band(middle, bands)
-        low, high = kernel[b, i % per_column], kernel[b + 1, i % per_column]
+        low = kernel[b, i % per_column]
+        high = kernel[b + 1, i % per_column]
         column = i // per_column - 2 * reach
         for m in range(max(-column, 0), min(width, n - column)):
             out[column + m] += e * ((1.0 - share) * low[m] + share * high[m])
@@ -315,20 +334,24 @@ def _draw(
     """Add orders to the image; owner: their object's row of spectra, light (n, 2) and size (n, 2 axes, 2), places of
     `_place_of`."""
     x0, x1, y0 = bounds
-    most, before = kernels.shape[4] // 2, -1
+    most = kernels.shape[4] // 2
+    before = -1
     for i in range(len(pairs)):
-        k, pair = owner[i], pairs[i]
+        k = owner[i]
+        pair = pairs[i]
         a, b = light[k]
         at, per, middle, slope = traces[i]
         ends = at + per * limits[pair]
         radius = a * _radius(size[k, 0, 0]) + b * _radius(size[k, 0, 1])
         reach = int(min(_REACH[0] + _REACH[1] * radius, most))
-        first, last = int(max(ends.min() - reach, x0)), int(min(ends.max() + reach + 1, x1))
+        first = int(max(ends.min() - reach, x0))
+        last = int(min(ends.max() + reach + 1, x1))
         if last <= first:
             continue
         if k != before:
             part = slice(most - reach, most + reach + 1)
-            profile, kernel = np.zeros(tables.shape[2:]), np.zeros((kernels.shape[2], kernels.shape[3], 2 * reach + 1))
+            profile = np.zeros(tables.shape[2:])
+            kernel = np.zeros((kernels.shape[2], kernels.shape[3], 2 * reach + 1))
             for c in range(2):
                 if light[k, c] != 0.0:
                     low, share = _between(size[k, 1, c], len(tables))
@@ -392,7 +415,8 @@ def _across(
                     break
                 if 0 <= row < ny:
                     image[row, first + i - x0] += e * light
-                row, edge = row + side, next_
+                row = row + side
+                edge = next_
 
 
 @numba.njit(inline="always")

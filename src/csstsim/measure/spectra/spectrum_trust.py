@@ -24,7 +24,8 @@ def untrusted(found: Mapping[str, AnyArray], along: FloatArray) -> IntArray:
     column = np.arange(len(lost))
     beside = _near(saturated, LEAK) | _near(saturated & lost, REACH)
     light = np.pad(np.interp(column, column[~lost], found["electrons"][~lost]), REACH, mode="edge")
-    steps, line = np.arange(-REACH, REACH + 1), along.mean(axis=0)
+    steps = np.arange(-REACH, REACH + 1)
+    line = along.mean(axis=0)
     far = np.interp(steps + 0.5, OFFSETS, line) - np.interp(steps - 0.5, OFFSETS, line)
     far[np.abs(steps) <= CORE] = 0.0
     off = np.convolve(light, far, "valid") - far.sum() * light[REACH:-REACH]

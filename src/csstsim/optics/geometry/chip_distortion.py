@@ -26,16 +26,25 @@ _STEPS = 30
 def _land(x: float, y: float, model: Model, work: FloatArray) -> tuple[float, float, float, float, float, float]:
     """Return (x', y', xx, xy, yx, yy): where ideal pixel x, y falls, and d(x', y')/d(x, y)."""
     rotation, origin, box, coefficients, chip_box, chip_coefficients = model
-    c, s = rotation[0, 0], rotation[1, 0]
-    u, v = x - origin[0], y - origin[1]
+    c = rotation[0, 0]
+    s = rotation[1, 0]
+    u = x - origin[0]
+    v = y - origin[1]
     f, g, fx, fy, gx, gy = value(box, coefficients, c * u - s * v, s * u + c * v, work)
     p, q, px, py, qx, qy = value(chip_box, chip_coefficients, x, y, work)
     # Mosaic to chip axes: a vector v becomes R^T v, a matrix M becomes R^T M R.
-    fu, fv, gu, gv = fx * c + fy * s, fy * c - fx * s, gx * c + gy * s, gy * c - gx * s
+    fu = fx * c + fy * s
+    fv = fy * c - fx * s
+    gu = gx * c + gy * s
+    gv = gy * c - gx * s
     return (
-        x + c * f + s * g + p, y + c * g - s * f + q,
-        1.0 + c * fu + s * gu + px, c * fv + s * gv + py, c * gu - s * fu + qx, 1.0 + c * gv - s * fv + qy,
-    )  # fmt: skip
+        x + c * f + s * g + p,
+        y + c * g - s * f + q,
+        1.0 + c * fu + s * gu + px,
+        c * fv + s * gv + py,
+        c * gu - s * fu + qx,
+        1.0 + c * gv - s * fv + qy,
+    )
 
 
 @njit(cache=True)
@@ -54,15 +63,18 @@ def inverse(x: FloatArray, y: FloatArray, model: Model) -> FloatArray:
     out = np.full((x.size, 2), np.nan)
     work = np.empty((4, ORDER + 1))
     for n in range(x.size):
-        a, b = x[n], y[n]
+        a = x[n]
+        b = y[n]
         for _ in range(_STEPS):
             there = _land(a, b, model, work)
-            dx, dy = x[n] - there[0], y[n] - there[1]
+            dx = x[n] - there[0]
+            dy = y[n] - there[1]
             det = there[2] * there[5] - there[3] * there[4]
             a += (there[5] * dx - there[3] * dy) / det
             b += (there[2] * dy - there[4] * dx) / det
             # The second term is the rounding error of positions far from the chip.
             if abs(dx) + abs(dy) < _CLOSE_PX + 1e-14 * (abs(x[n]) + abs(y[n])):
-                out[n, 0], out[n, 1] = a, b
+                out[n, 0] = a
+                out[n, 1] = b
                 break
     return out

@@ -33,7 +33,9 @@ if TYPE_CHECKING:
     from csstsim.instrument.chip import Chip
     from csstsim.optics.geometry.few_points import Model
 
-_CALL, _ENOUGH = 200, 200_000  # cost in points: of a call without points; of starting numba (0.5 s)
+# cost in points: of a call without points; of starting numba (0.5 s)
+_CALL = 200
+_ENOUGH = 200_000
 _asked = 0  # cost so far
 
 
@@ -90,8 +92,10 @@ class FieldDistortion:
         if self.layout.get(chip.id) != chip_layout(chip):
             raise InputError(
                 "the field distortion was fitted to another layout of the chips",
-                key=f"chip {chip.id}", value=self.layout.get(chip.id, "missing"), allowed=chip_layout(chip),
-            )  # fmt: skip
+                key=f"chip {chip.id}",
+                value=self.layout.get(chip.id, "missing"),
+                allowed=chip_layout(chip),
+            )
         return ChipDistortion((*chip_plane(chip), *self.whole, *self.chips[chip.id]))
 
 

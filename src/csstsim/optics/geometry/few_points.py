@@ -12,7 +12,9 @@ import numpy as np
 from csstsim.base.types import FloatArray, IntArray
 
 _ORDER = 4  # of the splines: optics.geometry.spline, which compiles
-_CLOSE_PX, _STEPS = 1e-10, 30  # tolerance and steps of the inverse
+# tolerance and steps of the inverse
+_CLOSE_PX = 1e-10
+_STEPS = 30
 _SOME = 2000  # points at a time, so that their sums stay in cache
 Model: TypeAlias = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
 
@@ -29,31 +31,45 @@ def forward(x: FloatArray, y: FloatArray, model: Model) -> FloatArray:
 
 def _land(x: FloatArray, y: FloatArray, model: Model) -> tuple[FloatArray, ...]:
     rotation, origin, box, coefficients, chip_box, chip_coefficients = model
-    c, s = rotation[0, 0], rotation[1, 0]
-    u, v = x - origin[0], y - origin[1]
+    c = rotation[0, 0]
+    s = rotation[1, 0]
+    u = x - origin[0]
+    v = y - origin[1]
     f, g, fx, fy, gx, gy = _value(box, coefficients, c * u - s * v, s * u + c * v)
     p, q, px, py, qx, qy = _value(chip_box, chip_coefficients, x, y)
-    fu, fv, gu, gv = fx * c + fy * s, fy * c - fx * s, gx * c + gy * s, gy * c - gx * s
+    fu = fx * c + fy * s
+    fv = fy * c - fx * s
+    gu = gx * c + gy * s
+    gv = gy * c - gx * s
     return (
-        x + c * f + s * g + p, y + c * g - s * f + q,
-        1.0 + c * fu + s * gu + px, c * fv + s * gv + py, c * gu - s * fu + qx, 1.0 + c * gv - s * fv + qy,
-    )  # fmt: skip
+        x + c * f + s * g + p,
+        y + c * g - s * f + q,
+        1.0 + c * fu + s * gu + px,
+        c * fv + s * gv + py,
+        c * gu - s * fu + qx,
+        1.0 + c * gv - s * fv + qy,
+    )
 
 
 def inverse(x: FloatArray, y: FloatArray, model: Model) -> FloatArray:
     """Return the ideal pixels (n, 2) whose light falls on pixels x, y (n,), by Newton's method; NaN gives NaN."""
-    out, left = np.full((x.size, 2), np.nan), np.arange(x.size)
-    a, b = x, y
+    out = np.full((x.size, 2), np.nan)
+    left = np.arange(x.size)
+    a = x
+    b = y
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         for _ in range(_STEPS):
             there = forward(a, b, model).T
-            dx, dy = x[left] - there[0], y[left] - there[1]
+            dx = x[left] - there[0]
+            dy = y[left] - there[1]
             det = there[2] * there[5] - there[3] * there[4]
             a = a + (there[5] * dx - there[3] * dy) / det
             b = b + (there[2] * dy - there[4] * dx) / det
             close = np.abs(dx) + np.abs(dy) < _CLOSE_PX + 1e-14 * (np.abs(x[left]) + np.abs(y[left]))
             out[left[close]] = np.stack([a[close], b[close]], axis=-1)
-            left, a, b = left[~close], a[~close], b[~close]
+            left = left[~close]
+            a = a[~close]
+            b = b[~close]
             if not len(left):
                 break
     return out
@@ -96,7 +112,8 @@ def _basis(t: FloatArray) -> tuple[list[FloatArray], list[FloatArray]]:
     for d in range(1, _ORDER + 1):
         if d == _ORDER:
             slope = [-b[0], *(b[j - 1] - b[j] for j in range(1, d)), b[d - 1]]
-        saved, terms = np.zeros(()), []
+        saved = np.zeros(())
+        terms = []
         for r in range(d):
             term = b[r] / d
             terms.append(saved + (r + 1 - t) * term)

@@ -61,7 +61,8 @@ class FocalPlane:
         """Return the pixel x, y on which the light of ideal pixel x0, y0 (0-based, arrays) of the chip falls."""
         chip_turn, origin = chip_plane(chip)
         seat = self.placement[chip.id]
-        px, py = np.asarray(x0, float) - origin[0], np.asarray(y0, float) - origin[1]
+        px = np.asarray(x0, float) - origin[0]
+        py = np.asarray(y0, float) - origin[1]
         landed = np.stack(self._optics(*np.tensordot(chip_turn, np.stack([px, py]), axes=1)))
         centre = np.array([(chip.detector.nx - 1) / 2, (chip.detector.ny - 1) / 2])
         seat_centre = chip_turn @ (centre - origin) + [seat.shift_x, seat.shift_y]
@@ -75,15 +76,18 @@ class FocalPlane:
 
     def ideal(self, chip: Chip, x: Floats, y: Floats) -> tuple[FloatArray, FloatArray]:
         """Return the ideal pixel x0, y0 whose light falls on pixel x, y of the chip (to 1e-9 px)."""
-        x0, y0 = np.asarray(x, float), np.asarray(y, float)
+        x0 = np.asarray(x, float)
+        y0 = np.asarray(y, float)
         for _ in range(_STEPS):
             there = self.forward(chip, x0, y0)
-            x0, y0 = x0 - (there[0] - x), y0 - (there[1] - y)
+            x0 = x0 - (there[0] - x)
+            y0 = y0 - (there[1] - y)
         return x0, y0
 
     def _optics(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         o = self.optics
-        qx, qy = x / self.radius, y / self.radius
+        qx = x / self.radius
+        qy = y / self.radius
         r2 = qx**2 + qy**2
         radial = o["cubic"] * r2 + o["quintic"] * r2**2
         (p1, p2), (a, b) = o["decentring"], o["astigmatic"]

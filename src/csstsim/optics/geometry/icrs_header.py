@@ -28,7 +28,9 @@ TERMS = {
     0: (0, 0), 1: (1, 0), 2: (0, 1), 4: (2, 0), 5: (1, 1), 6: (0, 2), 7: (3, 0), 8: (2, 1), 9: (1, 2), 10: (0, 3),
     12: (4, 0), 13: (3, 1), 14: (2, 2), 15: (1, 3), 16: (0, 4),
 }  # fmt: skip
-_NODES, _STEP = 21, 8.0  # places along a side for the fit; px of the derivative
+# places along a side for the fit; px of the derivative
+_NODES = 21
+_STEP = 8.0
 
 
 def icrs_header(wcs: ChipWCS, observer: Observer, window: Window) -> dict[str, Any]:
@@ -65,7 +67,8 @@ def icrs_header(wcs: ChipWCS, observer: Observer, window: Window) -> dict[str, A
         header[f"CRPIX{axis + 1}"] = float(middle[axis] - (window.x0, window.y0)[axis] + 1)
         header |= {f"CD{axis + 1}_{i + 1}": float(cd[axis, i]) for i in (0, 1)}
     for axis in (0, 1):
-        own, other = linear[axis], linear[1 - axis]
+        own = linear[axis]
+        other = linear[1 - axis]
         scale = max(np.abs(linear).max(), 1e-12)
         matrix = np.stack([(own / scale) ** i * (other / scale) ** j for i, j in TERMS.values()], axis=1)
         # Normal equations with sums in a fixed order: the same digits whatever the number of threads

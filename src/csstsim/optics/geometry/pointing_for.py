@@ -37,10 +37,13 @@ def pointing_for(
     """
     ra, dec = map(float, target)
     xi, eta = gnomonic((0.0, 0.0), *_seen(pointing, 0.0, chip, pixel, distortion))
-    distance, phi = math.atan(math.hypot(xi, eta)), math.atan2(xi, eta)
-    a, b = math.cos(distance), math.sin(distance) * math.cos(phi)
+    distance = math.atan(math.hypot(xi, eta))
+    phi = math.atan2(xi, eta)
+    a = math.cos(distance)
+    b = math.sin(distance) * math.cos(phi)
     height = math.sin(math.radians(dec)) / math.hypot(a, b)
-    middle, half = math.atan2(a, b), math.acos(min(height, 1.0)) if abs(height) < 1.0 + 1e-15 else math.nan
+    middle = math.atan2(a, b)
+    half = math.acos(min(height, 1.0)) if abs(height) < 1.0 + 1e-15 else math.nan
     found = [math.degrees(angle) for angle in (middle - half, middle + half) if abs(angle) <= math.pi / 2]
     if not found:
         where = f"{ra:.4f}, {dec:.4f} on chip {chip.id}"
@@ -56,7 +59,8 @@ def light_on(camera: Camera, chip: Chip) -> tuple[tuple[float, float], tuple[flo
     On an imaging chip both are the chip's middle. Behind gratings the light is the zeroth and the first order, and its
     middle is that of the wider grating's part of the chip.
     """
-    nx, ny = chip.detector.nx, chip.detector.ny
+    nx = chip.detector.nx
+    ny = chip.detector.ny
     middle = (nx - 1) / 2, (ny - 1) / 2
     if chip.kind == "imaging":
         return middle, middle
@@ -69,9 +73,18 @@ def light_on(camera: Camera, chip: Chip) -> tuple[tuple[float, float], tuple[flo
 
 
 def centred_exposure(
-    camera: Camera, chip: Chip, ra: float, dec: float, *, pa: float, time: str, exptime: float,
-    shift: tuple[float, float] = (0.0, 0.0), distorted: bool = True, **astrometry: Any,
-) -> Pointing:  # fmt: skip
+    camera: Camera,
+    chip: Chip,
+    ra: float,
+    dec: float,
+    *,
+    pa: float,
+    time: str,
+    exptime: float,
+    shift: tuple[float, float] = (0.0, 0.0),
+    distorted: bool = True,
+    **astrometry: Any,
+) -> Pointing:
     """Return the Pointing of a science exposure that has ra, dec (ICRS, deg) where `light_on` wants it.
 
     camera: instrument.camera.Camera; pa [deg], time (ISO UTC), exptime [s] as in a survey table; shift: how far along
@@ -94,9 +107,12 @@ def centred_exposure(
         pointing = Pointing("SCIE", ra, dec, pa, time, exptime, *state)
         seen_ra, seen_dec = map(float, apparent(ra, dec, observer(pointing.mjd, *state, **astrometry)))
         return pointing_for(
-            pointing, chip, (seen_ra, seen_dec), (x + shift[0], y + shift[1]),
+            pointing,
+            chip,
+            (seen_ra, seen_dec),
+            (x + shift[0], y + shift[1]),
             load_distortion(camera.folder / "distortion.fits") if distorted else None,
-        )  # fmt: skip
+        )
     except (ValueError, OverflowError) as exc:
         raise InputError(str(exc), key="ra, dec, time") from None
 

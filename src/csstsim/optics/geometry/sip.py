@@ -39,7 +39,8 @@ def sip_header(wcs: ChipWCS, order: int = ORDER) -> dict[str, Any]:
     for axis in (1, 2):
         header |= {f"CRVAL{axis}": crval[axis - 1], f"CRPIX{axis}": float(middle[axis - 1] + 1)}
         header |= {f"CD{axis}_{i}": float(cd[axis - 1, i - 1]) for i in (1, 2)}
-    there, back = (_polynomials(seen, flat - seen, order), _polynomials(flat, seen - flat, order))
+    there = _polynomials(seen, flat - seen, order)
+    back = _polynomials(flat, seen - flat, order)
     for names, terms in ((("A", "B"), there), (("AP", "BP"), back)):
         for name, column in zip(names, range(2), strict=True):
             header[f"{name}_ORDER"] = order

@@ -81,7 +81,8 @@ def _values(box: FloatArray, coefficients: FloatArray, x: FloatArray, y: FloatAr
     work = np.empty((4, ORDER + 1))
     for n in range(x.size):
         f, g, _, _, _, _ = value(box, coefficients, x[n], y[n], work)
-        out[n, 0], out[n, 1] = f, g
+        out[n, 0] = f
+        out[n, 1] = g
     return out
 
 

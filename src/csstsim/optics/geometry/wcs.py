@@ -127,8 +127,10 @@ class ChipWCS:
         Order: (x0, y0), (x1, y0), (x1, y1), (x0, y1).
         """
         w = window or self.chip.full_window
-        x0, x1 = w.x0 - 0.5 - margin_px, w.x1 - 0.5 + margin_px
-        y0, y1 = w.y0 - 0.5 - margin_px, w.y1 - 0.5 + margin_px
+        x0 = w.x0 - 0.5 - margin_px
+        x1 = w.x1 - 0.5 + margin_px
+        y0 = w.y0 - 0.5 - margin_px
+        y1 = w.y1 - 0.5 + margin_px
         return self.pixel_to_world(np.array([x0, x1, x1, x0]), np.array([y0, y0, y1, y1]))
 
 

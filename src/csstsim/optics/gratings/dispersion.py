@@ -35,8 +35,11 @@ class Disperser:
     def __init__(
         self, gratings: Gratings, filter: Filter, telescope: Telescope, bins_per_px: int = _BINS_PER_PX[0]
     ) -> None:
-        self._made_of, self._bins_per_px = (gratings, filter, telescope), bins_per_px
-        self.gratings, self.filter, self.area = gratings, filter, telescope.area_m2
+        self._made_of = (gratings, filter, telescope)
+        self._bins_per_px = bins_per_px
+        self.gratings = gratings
+        self.filter = filter
+        self.area = telescope.area_m2
         self.orders = gratings.numbers
         self.rectangles = np.array([rectangle for _, rectangle in gratings.pieces])
         self.wavelengths = filter.psf_wavelength
@@ -91,7 +94,8 @@ class Disperser:
         """(4, bins): `psf_mixture` as a matrix, the weight of each wavelength of the PSF set."""
         out, (lower, upper) = np.zeros((4, len(self.edges) - 1)), self.psf_mixture
         bins = np.arange(len(lower))
-        out[lower, bins], out[lower + 1, bins] = 1 - upper, upper
+        out[lower, bins] = 1 - upper
+        out[lower + 1, bins] = upper
         return out
 
     def lines(self, visits: IntArray, x: FloatArray, y: FloatArray) -> FloatArray:
@@ -120,7 +124,9 @@ class Disperser:
     def cut(self, visits: IntArray, x: FloatArray, y: FloatArray, reach: FloatArray) -> BoolArray:
         """Return (v,) bool: part of the square of half side `reach` (n,) px about the object lies beyond the piece."""
         (x0, x1, y0, y1), at = self.rectangles[visits[:, 1]].T, visits[:, 0]
-        x, y, reach = x[at], y[at], reach[at]
+        x = x[at]
+        y = y[at]
+        reach = reach[at]
         return (x - reach < x0) | (x + reach > x1) | (y - reach < y0) | (y + reach > y1)
 
     def boxes(self, visits: IntArray, x: FloatArray, y: FloatArray) -> FloatArray:
@@ -132,7 +138,8 @@ class Disperser:
             for number, order in grating.orders.items():
                 p, q, r, s = order.lines(x[at], y[at]).T
                 ends = np.array(order.range)[:, None]
-                along, across = x[at] + p + q * ends, y[at] + r + s * ends
+                along = x[at] + p + q * ends
+                across = y[at] + r + s * ends
                 box = np.stack([along.min(axis=0), along.max(axis=0), across.min(axis=0), across.max(axis=0)], axis=1)
                 out[mine, self.orders.index(number)] = box
         return out

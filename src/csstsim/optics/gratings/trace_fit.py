@@ -44,7 +44,9 @@ def _fit(rows: FloatArray, order: int) -> dict[str, Any]:
     m, n, wave, x, y = rows.T
     if np.ptp(wave) == 0:
         raise ValueError(f"order {order:+d}: two wavelengths are needed")
-    dx, dy, terms = x - m, y - n, field_terms(m, n)
+    dx = x - m
+    dy = y - n
+    terms = field_terms(m, n)
     scale = np.abs(terms).max(axis=0)
     terms = terms / np.where(scale > 0, scale, 1.0)
 
@@ -63,13 +65,17 @@ def _fit(rows: FloatArray, order: int) -> dict[str, Any]:
         slope = found[6] if abs(found[6]) * band >= _LEAST else _LEAST / band
         l0 = solve(terms, dx - slope * wave) / scale
         alpha1 = np.array([1.0 / slope, *zero[1:]])
-        a0, a1, alpha0 = solve(terms, dy) / scale, zero, -l0 / slope
+        a0 = solve(terms, dy) / scale
+        a1 = zero
+        alpha0 = -l0 / slope
     else:
         both = solve(np.column_stack([terms, terms * dx[:, None]]), dy)
-        a0, a1 = both[:6] / scale, both[6:] / scale
+        a0 = both[:6] / scale
+        a1 = both[6:] / scale
         path = dx * np.sqrt(1.0 + (field_terms(m, n) @ a1) ** 2)
         both = solve(np.column_stack([terms, terms * path[:, None]]), wave)
-        alpha0, alpha1 = both[:6] / scale, both[6:] / scale
+        alpha0 = both[:6] / scale
+        alpha1 = both[6:] / scale
     fitted = {"xoff": zero, "yoff": zero, "a0": a0, "a1": a1, "alpha0": alpha0, "alpha1": alpha1}
     both = np.concatenate([dx, _along(fitted, m, n, wave)[0]])
     return fitted | {"extent": (float(np.floor(both.min())), float(np.ceil(both.max())))}
@@ -94,7 +100,8 @@ def read_trajectories(path: PathLike) -> dict[int, FloatArray]:
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:
             reader = csv.DictReader(file)
-            names, rows = reader.fieldnames or [], list(reader)
+            names = reader.fieldnames or []
+            rows = list(reader)
     except (OSError, UnicodeDecodeError, csv.Error) as exc:
         raise InputError(f"cannot be read: {getattr(exc, 'strerror', None) or exc}", file=path) from None
     for name in COLUMNS:
@@ -107,11 +114,17 @@ def read_trajectories(path: PathLike) -> dict[int, FloatArray]:
         try:
             order, *values = int(row["order"]), *(float(row[name]) for name in COLUMNS[1:])
         except (TypeError, ValueError):
-            raise InputError("not numbers", file=path, key=f"row {number}", value=list(row.values()),
-                             allowed=", ".join(COLUMNS)) from None  # fmt: skip
+            raise InputError(
+                "not numbers", file=path, key=f"row {number}", value=list(row.values()), allowed=", ".join(COLUMNS)
+            ) from None
         if order not in BEAMS.values() or not (np.abs(values) < _MOST).all() or values[2] <= 0:
-            raise InputError("out of range", file=path, key=f"row {number}", value=[order, *values],
-                             allowed=f"orders {sorted(BEAMS.values())}, others below {_MOST:.0f}")  # fmt: skip
+            raise InputError(
+                "out of range",
+                file=path,
+                key=f"row {number}",
+                value=[order, *values],
+                allowed=f"orders {sorted(BEAMS.values())}, others below {_MOST:.0f}",
+            )
         out.setdefault(order, []).append(values)
     return {order: np.array(rows) for order, rows in sorted(out.items())}
 
@@ -123,7 +136,8 @@ def fit_file(samples: PathLike, output: PathLike, stem: str | None = None) -> di
     samples: path for `read_trajectories`; stem: start of the names of the sensitivity files listed in the .conf
     (axe.sensitivity_file), by default that of `output`. Raises InputError.
     """
-    output, rows = Path(output), read_trajectories(samples)
+    output = Path(output)
+    rows = read_trajectories(samples)
     if output.suffix != ".conf":
         raise InputError("must end in .conf", file=output)
     stem = stem or output.stem

@@ -35,7 +35,9 @@ def chip_coefficients(
 
     `wavefront` from `load_wavefront(params)`. Raises InputError for a missing or negative number.
     """
-    x, y, detector = np.asarray(x, float), np.asarray(y, float), chip.detector
+    x = np.asarray(x, float)
+    y = np.asarray(y, float)
+    detector = chip.detector
     place = np.stack([np.ones_like(x), (2 * x + 1) / detector.nx - 1, (2 * y + 1) / detector.ny - 1], axis=-1)
     own = np.zeros((len(wavefront.noll), 3))
     own[wavefront.noll.index(4)] += detector_defocus(params, chip)
@@ -47,14 +49,18 @@ def chip_coefficients(
 def mosaic_position(chip: Chip, x: Floats, y: Floats) -> tuple[Floats, Floats]:
     """Return the position in the mosaic (px, origin on the boresight) of chip pixels x, y."""
     turn = math.radians(chip.rotation)
-    dx, dy = x - (chip.detector.nx - 1) / 2, y - (chip.detector.ny - 1) / 2
+    dx = x - (chip.detector.nx - 1) / 2
+    dy = y - (chip.detector.ny - 1) / 2
     return chip.xc + math.cos(turn) * dx - math.sin(turn) * dy, chip.yc + math.sin(turn) * dx + math.cos(turn) * dy
 
 
 def chip_position(chip: Chip, x: Floats, y: Floats) -> tuple[Floats, Floats]:
     """Return the chip pixels x, y of a position in the mosaic: the inverse of `mosaic_position`."""
-    turn, dx, dy = math.radians(chip.rotation), x - chip.xc, y - chip.yc
-    middle_x, middle_y = (chip.detector.nx - 1) / 2, (chip.detector.ny - 1) / 2
+    turn = math.radians(chip.rotation)
+    dx = x - chip.xc
+    dy = y - chip.yc
+    middle_x = (chip.detector.nx - 1) / 2
+    middle_y = (chip.detector.ny - 1) / 2
     return middle_x + math.cos(turn) * dx + math.sin(turn) * dy, middle_y - math.sin(turn) * dx + math.cos(turn) * dy
 
 

@@ -133,7 +133,9 @@ def _derivatives(transfer: ComplexArray, turn_x: ComplexArray, turn_y: ComplexAr
             second += term * k[column] ** 2
         turn = turn_y[row] if row >= 0 else np.conj(turn_y[-row])
         along = k[row] if row >= 0 else -k[-row]
-        zeroth, first, second = zeroth * turn, first * turn, second * turn
+        zeroth = zeroth * turn
+        first = first * turn
+        second = second * turn
         out[0] += zeroth.real
         out[1] -= first.imag
         out[2] -= along * zeroth.imag
@@ -200,19 +202,24 @@ def blur(psf_params: Mapping[str, Any], cell_arcsec: float, cell_um: float, *, c
 
     `psf_params`: `jitter` (arcsec rms per axis) and `diffusion` (um rms per axis). Frequency in cycles per cell.
     """
-    jitter, diffusion = number(psf_params, "jitter"), number(psf_params, "diffusion")
+    jitter = number(psf_params, "jitter")
+    diffusion = number(psf_params, "diffusion")
     variance = (jitter / cell_arcsec) ** 2 + (diffusion / cell_um) ** 2
     return lambda f: np.exp(-2 * (np.pi * f) ** 2 * variance) * (np.sinc(f) if cell else 1.0)
 
 
 def check_blur(psf_params: Mapping[str, Any], pixel_arcsec: float, pixel_um: float) -> None:
     """Raise InputError for numbers that `blur` refuses, or that blur by more than BLUR_PX."""
-    jitter, diffusion = number(psf_params, "jitter"), number(psf_params, "diffusion")
+    jitter = number(psf_params, "jitter")
+    diffusion = number(psf_params, "diffusion")
     if (width := math.hypot(jitter / pixel_arcsec, diffusion / pixel_um)) > BLUR_PX:
         raise InputError(
-            f"the PSF is too wide for its box: jitter and diffusion are {width:.1f} pixel rms", file="psf.yaml",
-            key="jitter, diffusion", value=f"{jitter:g} arcsec, {diffusion:g} um", allowed=f"up to {BLUR_PX:g} pixel",
-        )  # fmt: skip
+            f"the PSF is too wide for its box: jitter and diffusion are {width:.1f} pixel rms",
+            file="psf.yaml",
+            key="jitter, diffusion",
+            value=f"{jitter:g} arcsec, {diffusion:g} um",
+            allowed=f"up to {BLUR_PX:g} pixel",
+        )
 
 
 def windowed_centroid(image: FloatArray, sigma: float) -> tuple[float, float]:
@@ -224,11 +231,14 @@ def windowed_centroid(image: FloatArray, sigma: float) -> tuple[float, float]:
     x = y = 0.0
     for _ in range(100):
         wx, wy = (np.exp(-0.5 * ((axis - c) / sigma) ** 2) for c in (x, y))
-        line_x, line_y = wy @ image, image @ wx
+        line_x = wy @ image
+        line_y = image @ wx
         total = line_x @ wx
         # Twice the windowed mean: the window halves the step for a source as wide as itself
-        dx, dy = 2 * (line_x @ (wx * (axis - x))) / total, 2 * (line_y @ (wy * (axis - y))) / total
-        x, y = x + dx, y + dy
+        dx = 2 * (line_x @ (wx * (axis - x))) / total
+        dy = 2 * (line_y @ (wy * (axis - y))) / total
+        x = x + dx
+        y = y + dy
         if not math.hypot(x, y) < axis[-1]:
             break
         if math.hypot(dx, dy) < 1e-9:

@@ -55,7 +55,9 @@ class Interpolator:
         if method not in METHODS:
             raise InputError("unknown", key="psf.interpolation", value=method, allowed=", ".join(METHODS))
         nodes_xy = np.asarray(nodes_xy, float)
-        self.method, self.convex, self.beta = method, method != "bicubic", beta
+        self.method = method
+        self.convex = method != "bicubic"
+        self.beta = beta
         self._dead = np.zeros(len(nodes_xy), bool) if dead is None else np.asarray(dead, bool)
         self._alive = np.flatnonzero(~self._dead)
         if self._alive.size == 0:
@@ -73,7 +75,9 @@ class Interpolator:
         a node may appear twice, or with weight 0. Raises ValueError for a position that is not finite.
         """
         x, y = np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float))
-        shape, x, y = x.shape, x.ravel(), y.ravel()
+        shape = x.shape
+        x = x.ravel()
+        y = y.ravel()
         if not (np.isfinite(x).all() and np.isfinite(y).all()):
             raise ValueError("the position of a PSF is not finite")
         index, weight = self._mix(self.method, x, y)
@@ -146,8 +150,10 @@ def _rows_and_columns(
     (x, column), (y, row) = (_lines(axis) for axis in nodes_xy.T)
     index = np.full((y.size, x.size), -1)
     index[row, column] = np.arange(len(nodes_xy))
-    off = [np.abs(at - line[i]).max() / np.diff(line).min(initial=np.inf) for at, line, i in
-           zip(nodes_xy.T, (x, y), (column, row), strict=True)]  # fmt: skip
+    off = [
+        np.abs(at - line[i]).max() / np.diff(line).min(initial=np.inf)
+        for at, line, i in zip(nodes_xy.T, (x, y), (column, row), strict=True)
+    ]
     if x.size * y.size != len(nodes_xy) or (index < 0).any() or max(off) > _OFF_LINE:
         message = f"the nodes form no grid of rows and columns; psf.interpolation {method} needs one, idw does not"
         raise InputError(message, file=file, key="nodes_xy")
@@ -168,7 +174,8 @@ def _half_planes(points: FloatArray) -> list[tuple[float, float, float]]:
 
     The hull is computed by Andrew's monotone chain; the bounding box is added for points that are all on one line.
     """
-    low, high = points.min(axis=1), points.max(axis=1)
+    low = points.min(axis=1)
+    high = points.max(axis=1)
     planes = [(1.0, 0.0, high[0]), (-1.0, 0.0, -low[0]), (0.0, 1.0, high[1]), (0.0, -1.0, -low[1])]
     ordered = sorted(set(zip(*points.tolist(), strict=True)))
     for side in (ordered, ordered[::-1]):
@@ -178,7 +185,8 @@ def _half_planes(points: FloatArray) -> list[tuple[float, float, float]]:
                 chain.pop()
             chain.append(p)
         for (x0, y0), (x1, y1) in pairwise(chain):
-            a, b = (y1 - y0) / np.hypot(x1 - x0, y1 - y0), (x0 - x1) / np.hypot(x1 - x0, y1 - y0)
+            a = (y1 - y0) / np.hypot(x1 - x0, y1 - y0)
+            b = (x0 - x1) / np.hypot(x1 - x0, y1 - y0)
             planes.append((a, b, a * x0 + b * y0))
     return planes
 

@@ -21,7 +21,8 @@ def nearest_nodes(
     by_y = np.argsort(node_y)
     heights = node_y[by_y]
     for p in range(x.size):
-        order, best = index[p], squared[p]
+        order = index[p]
+        best = squared[p]
         above = np.searchsorted(heights, y[p])
         below = above - 1
         while True:
@@ -30,9 +31,11 @@ def nearest_nodes(
             if not min(up, down) ** 2 <= best[k - 1] * (1 + _TIE) or min(up, down) == np.inf:
                 break
             if up < down:
-                i, above = by_y[above], above + 1
+                i = by_y[above]
+                above = above + 1
             else:
-                i, below = by_y[below], below - 1
+                i = by_y[below]
+                below = below - 1
             d2 = (x[p] - node_x[i]) ** 2 + (y[p] - node_y[i]) ** 2
             at = k
             while at > 0 and _before(d2, i, best[at - 1], order[at - 1]):
@@ -40,7 +43,8 @@ def nearest_nodes(
                     order[at], best[at] = order[at - 1], best[at - 1]
                 at -= 1
             if at < k:
-                order[at], best[at] = i, d2
+                order[at] = i
+                best[at] = d2
     return index, np.sqrt(squared)
 
 

@@ -118,7 +118,8 @@ def _positions(places: Mapping[str, h5py.Group], chip: Chip, source: Path) -> tu
             break
     else:
         raise InputError("no positions", file=source, key="psf_<j>", allowed=" or ".join(map(", ".join, _PLACES)))
-    xy, unit = np.array(found), f"{', '.join(names)} in px of the chip"
+    xy = np.array(found)
+    unit = f"{', '.join(names)} in px of the chip"
     if names == _PLACES[0]:
         px_per_mm = UM_PER_MM / chip.detector.pixel_um
         xy = np.stack(chip_position(chip, *(xy.T * px_per_mm)), axis=-1)

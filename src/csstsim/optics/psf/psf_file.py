@@ -101,7 +101,8 @@ def write_psf(
 
     `about`: the attributes of this chip (see ATTRIBUTES); `provenance`: a JSON-like mapping; `nodes_uv`: (n, 2).
     """
-    tilt, flux = np.empty((len(nodes), 2)), np.empty((len(nodes), WAVELENGTHS))
+    tilt = np.empty((len(nodes), 2))
+    flux = np.empty((len(nodes), WAVELENGTHS))
     with atomic_path(path) as temporary, h5py.File(temporary, "w", libver=_VERSIONS) as file:
         store = file.create_dataset("image", (len(nodes), WAVELENGTHS, cells, cells), np.float32)
         for i, (image, shift) in enumerate(images):
@@ -176,7 +177,8 @@ class PsfSet:
                         allowed=value,
                     )
             self._check(shape)
-            self.scale, self.oversampling = float(self.attributes["cell_arcsec"]), self.attributes["oversampling"]
+            self.scale = float(self.attributes["cell_arcsec"])
+            self.oversampling = self.attributes["oversampling"]
         self.dead = ~np.isfinite(self.flux).all(axis=1)
         self._seen = np.zeros(len(self.nodes_xy), bool)
         self._mixture = Interpolator(self.nodes_xy, dead=self.dead, file=path, **interpolation)
@@ -192,7 +194,8 @@ class PsfSet:
             missing += [k for k in DATASETS if k not in file]
             if missing:
                 raise InputError("not a PSF file", file=self.path, key=missing[0], value="missing")
-            image, offset = file["image"], file["image"].id.get_offset()
+            image = file["image"]
+            offset = file["image"].id.get_offset()
             if image.dtype != np.dtype("<f4") or offset is None:
                 raise InputError("must be contiguous float32", file=self.path, key="image", value=str(image.dtype))
             return {k: numbers(file, k, self.path) for k in _SMALL}, offset, image.shape

@@ -63,7 +63,8 @@ def centre_of(
     It is the peak of the image smoothed by the Gaussian, where the first moments in the window are zero. Raises
     InputError if none is found.
     """
-    place, sigma = np.zeros(2), WINDOW_PX * oversampling
+    place = np.zeros(2)
+    sigma = WINDOW_PX * oversampling
 
     def seen(f: FloatArray) -> FloatArray:  # sum over the cells along a pixel
         return kernel(f) * oversampling * np.sinc(oversampling * f) / np.sinc(f)
@@ -105,17 +106,28 @@ def chip_optics(
     Raises InputError for numbers of the blurring that are impossible or too large.
     """
     check_blur(psf_params, chip.telescope.pixel_scale, chip.detector.pixel_um)
-    cell_arcsec, cell_um = chip.telescope.pixel_scale / oversampling, chip.detector.pixel_um / oversampling
+    cell_arcsec = chip.telescope.pixel_scale / oversampling
+    cell_um = chip.detector.pixel_um / oversampling
     diameter = chip.telescope.diameter_m
     optics = [Diffraction(w, diameter, cell_arcsec, wavefront, cells) for w in filter.psf_wavelength]
     return optics, blur(psf_params, cell_arcsec, cell_um)
 
 
 def make_psf(
-    path: PathLike, chip: Chip, filter: Filter, telescope: Telescope, psf_params: Mapping[str, Any], grid: int, *,
-    camera_digest: str, oversampling: int | str = "auto", provenance: Mapping[str, Any] | None = None,
-    cells: int = CELLS, scattered: Scattered | None = None, nodes_uv: FloatArray | None = None,
-) -> None:  # fmt: skip
+    path: PathLike,
+    chip: Chip,
+    filter: Filter,
+    telescope: Telescope,
+    psf_params: Mapping[str, Any],
+    grid: int,
+    *,
+    camera_digest: str,
+    oversampling: int | str = "auto",
+    provenance: Mapping[str, Any] | None = None,
+    cells: int = CELLS,
+    scattered: Scattered | None = None,
+    nodes_uv: FloatArray | None = None,
+) -> None:
     """Compute the PSFs of a chip and write them to `path` (layout: optics.psf.psf_file).
 
     `psf_params`: Camera.psf; `grid`: number of nodes along a side (>= 2); `camera_digest`: Camera.digest;
@@ -147,6 +159,12 @@ def make_psf(
         assert wing is not None  # scattered_light makes one
         images = ((wing.add_to(image, oversampling), tilt) for image, tilt in images)
     write_psf(
-        path, nodes, filter.psf_wavelength, images, cells=cells, about=about, provenance=provenance or {},
+        path,
+        nodes,
+        filter.psf_wavelength,
+        images,
+        cells=cells,
+        about=about,
+        provenance=provenance or {},
         nodes_uv=nodes_uv,
-    )  # fmt: skip
+    )

@@ -114,7 +114,8 @@ class Wavefront:
 
     def coefficients(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
         """Return Zernike coefficients, nm, shape (..., J), at mosaic position x, y (px from the boresight)."""
-        fx, fy = np.asarray(x, float) / self.field_scale, np.asarray(y, float) / self.field_scale
+        fx = np.asarray(x, float) / self.field_scale
+        fy = np.asarray(y, float) / self.field_scale
         field = np.stack([np.ones_like(fx), fx, fy, fx * fx, fx * fy, fy * fy], axis=-1)
         return field @ self.table.T
 

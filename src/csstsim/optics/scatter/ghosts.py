@@ -67,7 +67,8 @@ class Ghosts:
 
     def reach(self, chip: Chip) -> float:
         """Return the largest distance from a star on the chip that any of its ghosts extends to [pixel]."""
-        nx, ny = chip.detector.nx, chip.detector.ny
+        nx = chip.detector.nx
+        ny = chip.detector.ny
         lean = max(
             np.hypot(*(np.array(mosaic_position(chip, *c)) - self.axis)) for c in ((0, 0), (nx, 0), (0, ny), (nx, ny))
         )

@@ -105,7 +105,8 @@ def make_wing(scatter: Mapping[str, Any], wavelength: ArrayLike, telescope: Tele
 
     Raises InputError for a row that is not share, knee, slope, power, or a halo with all the light or more.
     """
-    rows, reference = scatter.get("terms") or [], scatter.get("reference", 1.0)
+    rows = scatter.get("terms") or []
+    reference = scatter.get("reference", 1.0)
     if not isinstance(reference, int | float) or not 1 <= reference <= 1e6:
         raise InputError("not a wavelength", file="scatter.yaml", key="reference", value=reference, allowed="angstrom")
     for row in rows if isinstance(rows, list) else [rows]:

@@ -24,7 +24,8 @@ def grid_pixels(chip: Chip, nodes: int) -> tuple[FloatArray, FloatArray]:
 
 def expand(grid: FloatArray, chip: Chip, window: Window) -> FloatArray:
     """Return the bilinear map (window.ny, window.nx), float32, of a chip's grid (nodes, nodes)."""
-    detector, nodes = chip.detector, len(grid)
+    detector = chip.detector
+    nodes = len(grid)
     u = np.arange(window.x0, window.x1) * ((nodes - 1) / max(detector.nx - 1, 1))
     v = np.arange(window.y0, window.y1) * ((nodes - 1) / max(detector.ny - 1, 1))
     out = np.empty(window.shape, np.float32)
@@ -34,10 +35,13 @@ def expand(grid: FloatArray, chip: Chip, window: Window) -> FloatArray:
 
 def pick(grid: FloatArray, chip: Chip, x: IntArray, y: IntArray) -> FloatArray:
     """Return (n,) float32: the values of `expand` at single pixels of the chip, columns x and rows y (int, (n,))."""
-    detector, last = chip.detector, len(grid) - 2
-    u, v = x * ((last + 1) / max(detector.nx - 1, 1)), y * ((last + 1) / max(detector.ny - 1, 1))
+    detector = chip.detector
+    last = len(grid) - 2
+    u = x * ((last + 1) / max(detector.nx - 1, 1))
+    v = y * ((last + 1) / max(detector.ny - 1, 1))
     column, row = (np.minimum(place.astype(np.int64), last) for place in (u, v))
-    part, t = (u - column).astype(np.float32), v - row
+    part = (u - column).astype(np.float32)
+    t = v - row
     grid = np.asarray(grid, float)
     here, next_ = (((1 - t) * grid[row, k] + t * grid[row + 1, k]).astype(np.float32) for k in (column, column + 1))
     return here + (next_ - here) * part
@@ -54,6 +58,7 @@ def _bilinear(grid: FloatArray, u: FloatArray, v: FloatArray, out: FloatArray) -
         t = v[y] - row
         line = ((1 - t) * grid[row] + t * grid[row + 1]).astype(np.float32)
         for j in range(last + 1):
-            here, rise = line[j], line[j + 1] - line[j]
+            here = line[j]
+            rise = line[j + 1] - line[j]
             for x in range(first[j], first[j + 1]):
                 out[y, x] = here + rise * part[x]

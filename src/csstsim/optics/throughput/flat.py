@@ -73,9 +73,11 @@ class FlatField:
     @cached_property
     def _vignette(self) -> tuple[float, float, float, float, float]:
         """(centre x, centre y, A, B, C): q = A u^2 + B u v + C v^2; u, v from the centre, in units of half a mosaic."""
-        numbers, draw = self.numbers["vignetting"], self.camera("vignette")
+        numbers = self.numbers["vignetting"]
+        draw = self.camera("vignette")
         low, high = numbers["corner"]
-        corner, skew = draw.uniform(low, high), draw.uniform(-numbers["skew"], numbers["skew"], 2)
+        corner = draw.uniform(low, high)
+        skew = draw.uniform(-numbers["skew"], numbers["skew"], 2)
         centre = draw.uniform(-numbers["offset"], numbers["offset"], 2)
         return *centre, 0.5 * corner * (1 + skew[0]), corner * skew[1], 0.5 * corner * (1 - skew[0])
 
@@ -83,7 +85,8 @@ class FlatField:
         """Return the external flat at mosaic positions [px from the boresight]; at most 1."""
         cx, cy, a, b, c = self._vignette
         u, v = self._unit(x, y)
-        u, v = u - cx, v - cy
+        u = u - cx
+        v = v - cy
         return 1 - (a * u * u + b * u * v + c * v * v)
 
     def internal(self, chip: Chip, x: ArrayLike, y: ArrayLike, weights: FloatArray) -> FloatArray:
@@ -171,7 +174,8 @@ def check_flat(numbers: Mapping[str, Any], file: PathLike = "leds.yaml") -> None
                 value = value[key]
             fine = good(value)
         except KeyError:
-            value, fine = None, False
+            value = None
+            fine = False
         except (TypeError, IndexError, ValueError):
             fine = False
         if not fine:

@@ -105,7 +105,10 @@ class Response:
         """
         if flat:
             check_flat(leds)
-        self._chip, self._window, self._prnu, self._master = chip, window, prnu, master
+        self._chip = chip
+        self._window = window
+        self._prnu = prnu
+        self._master = master
         field = FlatField(leds, camera) if flat else None
         self._grid = None if field is None else field.external_grid(chip, filter)
         self._lab = None if field is None else field.laboratory(chip, filter.wavelength, filter.throughput)
@@ -119,7 +122,8 @@ class Response:
         """Return float32, of slices of the window's rows and columns that have a start and a stop."""
         from csstsim.optics.throughput.coarse_grid import expand
 
-        x0, y0 = self._window.x0, self._window.y0
+        x0 = self._window.x0
+        y0 = self._window.y0
         window = replace(
             self._window, x0=x0 + columns.start, x1=x0 + columns.stop, y0=y0 + rows.start, y1=y0 + rows.stop
         )
@@ -139,7 +143,8 @@ class Response:
         from csstsim.optics.throughput.coarse_grid import pick
 
         window = self._window
-        x, y = column + window.x0, row + window.y0
+        x = column + window.x0
+        y = row + window.y0
         out = np.ones(len(row), np.float32) if self._grid is None else pick(self._grid, self._chip, x, y)
         if self._exposed is not None:
             out *= self._exposed[column]

@@ -35,11 +35,13 @@ def deficit(x_mm: ArrayLike, telescope: Telescope) -> FloatArray:
     """Return the exposure time lost [s] at x [mm from the middle]: 0 in the middle, 2 t_s at a bearing."""
     half = telescope.shutter_span_mm / 2
     angle = np.arccos(np.clip(1 - np.abs(np.asarray(x_mm, float)) / half, 0.0, 1.0))
-    low, high = np.zeros_like(angle), np.full_like(angle, 2 * np.pi)
+    low = np.zeros_like(angle)
+    high = np.full_like(angle, 2 * np.pi)
     for _ in range(_HALVINGS):  # tau - sin tau rises, but is flat at both ends
         middle = 0.5 * (low + high)
         below = middle - np.sin(middle) < 4 * angle
-        low, high = np.where(below, middle, low), np.where(below, high, middle)
+        low = np.where(below, middle, low)
+        high = np.where(below, high, middle)
     return telescope.shutter_time * (low + high) / (2 * np.pi)
 
 
@@ -48,11 +50,14 @@ def moments(start: float, exptime: float, telescope: Telescope) -> dict[str, flo
 
     start: MJD; exptime [s]: from the first to the last of these, the exposure time of the middle of the focal plane.
     """
-    opening, end = telescope.shutter_time / DAY_S, start + exptime / DAY_S
+    opening = telescope.shutter_time / DAY_S
+    end = start + exptime / DAY_S
     return {
-        "shutter_open_0": start, "shutter_open_1": start + opening,
-        "shutter_close_0": end - opening, "shutter_close_1": end,
-    }  # fmt: skip
+        "shutter_open_0": start,
+        "shutter_open_1": start + opening,
+        "shutter_close_0": end - opening,
+        "shutter_close_1": end,
+    }
 
 
 def exposed(chip: Chip, window: Window, exptime: float) -> FloatArray:
@@ -72,12 +77,14 @@ def lost(chip: Chip, x: ArrayLike) -> FloatArray:
 
 def check(chip: Chip, exptime: float) -> None:
     """Raise InputError for an exposure [s] shorter than opening plus closing, or leaves that do not cover the chip."""
-    shortest, span = 2 * chip.telescope.shutter_time, chip.telescope.shutter_span_mm
+    shortest = 2 * chip.telescope.shutter_time
+    span = chip.telescope.shutter_span_mm
     if exptime < shortest:
         raise InputError("too short for the shutter", key="exptime", value=exptime, allowed=f">= {shortest} s")
     needed = 2 * np.abs(_across_mm(chip, np.array([0, chip.detector.nx - 1]))).max()
     if span < needed:
-        message, allowed = f"the leaves do not cover chip {chip.id}", f">= {needed:.1f}"
+        message = f"the leaves do not cover chip {chip.id}"
+        allowed = f">= {needed:.1f}"
         raise InputError(message, file="telescope.yaml", key="shutter_span_mm", value=span, allowed=allowed)
 
 

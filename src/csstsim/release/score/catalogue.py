@@ -24,9 +24,13 @@ if TYPE_CHECKING:
     from csstsim.release.score.quantities import Key
 
 FORMATS = {
-    ".csv": "ascii.csv", ".ecsv": "ascii.ecsv", ".cat": "ascii.sextractor", ".fits": "fits", ".fit": "fits",
+    ".csv": "ascii.csv",
+    ".ecsv": "ascii.ecsv",
+    ".cat": "ascii.sextractor",
+    ".fits": "fits",
+    ".fit": "fits",
     ".parquet": "parquet",
-}  # fmt: skip
+}
 LARGEST = 1_000_000_000  # bytes of a text
 NAMED = 10  # columns that are not used, by name
 
@@ -87,15 +91,19 @@ def read_catalogue(path: PathLike, maps: Mapping[str, str], bands: Sequence[str]
 
 def _placed(catalogue: Catalogue, path: PathLike) -> Catalogue:
     """Return the catalogue without rows that have no place. Raises InputError for places that are none."""
-    ra, dec = catalogue["ra"], catalogue["dec"]
+    ra = catalogue["ra"]
+    dec = catalogue["dec"]
     known = np.isfinite(ra) & np.isfinite(dec)
     wrong = known & ((np.abs(dec) > 90.0) | (ra < -360.0) | (ra > 720.0))
     if wrong.any():
         row = int(np.flatnonzero(wrong)[0])
         raise InputError(
-            f"row {row + 1} is no place on the sky: is the unit another one?", file=path, key="ra, dec",
-            value=f"{ra[row]:g}, {dec[row]:g}", allowed="degrees; ra_hour, ra_rad, dec_rad for others",
-        )  # fmt: skip
+            f"row {row + 1} is no place on the sky: is the unit another one?",
+            file=path,
+            key="ra, dec",
+            value=f"{ra[row]:g}, {dec[row]:g}",
+            allowed="degrees; ra_hour, ra_rad, dec_rad for others",
+        )
     if not known.all():
         catalogue.notes.append(f"{(~known).sum()} rows have no place: left out")
     return catalogue.take(known)
@@ -116,7 +124,8 @@ def _keys(table: Table, maps: Mapping[str, str], bands: Sequence[str], path: Pat
             raise InputError("no such column", file=path, key=f"--map {text}", value=name, allowed=had)
         if key.whole in known:
             raise InputError("given twice", key="--map", value=key.whole)
-        keys[key], known[key.whole] = name, name
+        keys[key] = name
+        known[key.whole] = name
     for name in sorted(table.colnames, key=lambda name: name.lower().startswith("flux_")):  # magnitudes first
         try:
             key = parse_key(name.lower(), bands)
@@ -124,7 +133,8 @@ def _keys(table: Table, maps: Mapping[str, str], bands: Sequence[str], path: Pat
             continue
         same = {f"mag_{key.band}", f"flux_{key.band}"} if key.band else {key.whole}
         if not same & set(known) and len(key.whole) > 1:
-            keys[key], known[key.whole] = name, name
+            keys[key] = name
+            known[key.whole] = name
     return keys
 
 

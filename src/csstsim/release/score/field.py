@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 
     from csstsim.base.types import BoolArray, FloatArray, PathLike
 
-OBJECTS, FRAMES = "objects.parquet", "frames.json"
+OBJECTS = "objects.parquet"
+FRAMES = "frames.json"
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,8 @@ class Field:
 
     def has(self, ra: FloatArray, dec: FloatArray, band: str | None = None) -> BoolArray:
         """Return a mask of the places ra, dec [deg] on an imaging frame, of a band if that is given."""
-        points, mask = unit_vectors(ra, dec).reshape(-1, 3), np.zeros(np.size(ra), bool)
+        points = unit_vectors(ra, dec).reshape(-1, 3)
+        mask = np.zeros(np.size(ra), bool)
         for frame in self.frames:
             if frame["kind"] == "imaging" and band in (None, frame["filter"].lower()):
                 mask |= inside(points, unit_vectors(*np.transpose(frame["corners"])))

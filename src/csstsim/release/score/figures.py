@@ -39,41 +39,47 @@ def figures(result: Mapping[str, Any], arrays: Mapping[str, Any]) -> Iterator[tu
 def _panels(result: Mapping[str, Any], arrays: Mapping[str, Any]) -> Iterator[tuple[str, Callable[[Axes], None], str]]:
     band = f" in {result['band']}" if result["band"] else ", each in its brightest band"
     yield (
-        "Completeness", lambda axes: _completeness(axes, result, band),
+        "Completeness",
+        lambda axes: _completeness(axes, result, band),
         "The share of true objects that have a source, by true magnitude, with 68% bounds (bins of five and more). "
         "Dashed: merged ones, which lie in the source of a brighter object, counted in.",
-    )  # fmt: skip
+    )
     if result.get("purity_by_magnitude"):
         yield (
-            "Purity", lambda axes: _purity(axes, result),
+            "Purity",
+            lambda axes: _purity(axes, result),
             "The share of sources that belong to a true object, by their own magnitude, with 68% bounds. Dashed: "
             "second sources of one object counted in. Grey: the share that would be real by chance, from the shifted "
             "catalogue.",
-        )  # fmt: skip
+        )
     for band, cloud in arrays["photometry"].items():
         if len(cloud["mag"]):
             yield (
-                f"Photometry in {band}", partial(_photometry, cloud=cloud, band=band),
+                f"Photometry in {band}",
+                partial(_photometry, cloud=cloud, band=band),
                 "Magnitude less the true one, of objects that are alone. Bars: mean and scatter in bins, without "
                 "outliers.",
-            )  # fmt: skip
+            )
     if len(arrays["places"]["east"]):
         yield (
-            "Places", lambda axes: _places(axes, arrays["places"]),
+            "Places",
+            lambda axes: _places(axes, arrays["places"]),
             "Source less truth, of objects that are alone and of S/N above 20. The bars cross at the mean, and are as "
             "long as the scatter to both sides.",
-        )  # fmt: skip
+        )
     if any(len(true) for true, _ in arrays.get("shapes", {}).values()):
         yield (
-            "Shapes", lambda axes: _shapes(axes, arrays["shapes"]),
+            "Shapes",
+            lambda axes: _shapes(axes, arrays["shapes"]),
             "Ellipticity of resolved galaxies that are alone, of S/N above 10, against the true one, on the sky's "
             "axes. A slope of 1 needs the PSF undone.",
-        )  # fmt: skip
+        )
     if len(arrays.get("redshifts", {"true": ()})["true"]):
         yield (
-            "Redshifts", lambda axes: _redshifts(axes, arrays["redshifts"]),
+            "Redshifts",
+            lambda axes: _redshifts(axes, arrays["redshifts"]),
             "Redshift against the true one; dashed: 0.15 (1 + z) off.",
-        )  # fmt: skip
+        )
 
 
 def _errors(axes: Axes, bins: Iterable[Mapping[str, Any]], name: str, **look: Any) -> list[Mapping[str, Any]]:
@@ -113,7 +119,8 @@ def _purity(axes: Axes, result: Mapping[str, Any]) -> None:
 def _photometry(axes: Axes, cloud: Mapping[str, AnyArray], band: str) -> None:
     most = 0.0
     for name, kind, colour in (("points", ~cloud["galaxy"], BLUE), ("galaxies", cloud["galaxy"], VERMILION)):
-        mag, off = cloud["mag"][kind], cloud["off"][kind]
+        mag = cloud["mag"][kind]
+        off = cloud["off"][kind]
         some = _some(len(mag))
         axes.plot(mag[some], off[some], ".", color=colour, markersize=3, alpha=0.45)
         edges = edges_of(mag)
@@ -139,10 +146,12 @@ def _by_bin(mag: FloatArray, edges: FloatArray) -> list[BoolArray]:
 def _places(axes: Axes, cloud: Mapping[str, AnyArray]) -> None:
     most = 1e-3
     for name, kind, colour in (("points", ~cloud["galaxy"], BLUE), ("galaxies", cloud["galaxy"], ORANGE)):
-        east, north = cloud["east"][kind], cloud["north"][kind]
+        east = cloud["east"][kind]
+        north = cloud["north"][kind]
         if not len(east):
             continue
-        some, held = _some(len(east)), (number(east), number(north))
+        some = _some(len(east))
+        held = (number(east), number(north))
         axes.plot(east[some], north[some], ".", color=colour, markersize=3, alpha=0.4, label=name)
         if np.isfinite(held[0].mean):
             axes.errorbar(held[0].mean, held[1].mean, held[1].scatter, held[0].scatter, color=colour, linewidth=2.5)

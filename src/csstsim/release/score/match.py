@@ -26,7 +26,9 @@ if TYPE_CHECKING:
 
 RADIUS = 0.3  # arcsec: least reach; of galaxies half the half-light radius if that is more
 BLEND_ARCSEC = 0.5  # two objects closer than three PSF widths are one source to most codes
-MAG_REACH, MAG_SPREAD = 3.0, 1.0  # mag
+# mag
+MAG_REACH = 3.0
+MAG_SPREAD = 1.0
 SHIFT = 10.0  # arcsec: of the catalogue, for matches by chance
 FEWEST = 5  # pairs for a zero point
 
@@ -68,7 +70,8 @@ def matched(
     places = [unit_vectors(table["ra"], table["dec"]).reshape(-1, 3) for table in (truth, sources)]
     reach = np.maximum(radius, 0.5 * np.nan_to_num(np.asarray(truth["size"], float)))
     first, second, distance = _pairs(places[0], places[1], reach)
-    zero, cost = 0.0, (distance / reach[first]) ** 2
+    zero = 0.0
+    cost = (distance / reach[first]) ** 2
     if band and len(first):
         apart = np.asarray(sources[f"mag_{band}"], float)[second] - np.asarray(truth[f"mag_{band}"], float)[first]
         zero = _zero(first, second, distance, apart)
@@ -76,10 +79,13 @@ def matched(
         known = np.isfinite(apart)
         cost = cost + np.where(known, apart / MAG_SPREAD, 0.0) ** 2
         near = ~known | (apart <= MAG_REACH)
-        first, second, cost = first[near], second[near], cost[near]
+        first = first[near]
+        second = second[near]
+        cost = cost[near]
     row = np.full(len(places[0]), -1)
     order = np.lexsort((second, first, cost))
-    first, second = first[order], second[order]
+    first = first[order]
+    second = second[order]
     taken = share_out(first, second)
     row[first[taken]] = second[taken]
     return Matched(row, _merged(places, truth, row, band), _second(row, first, second, len(places[1])), zero)
@@ -115,7 +121,9 @@ def _merged(places: Sequence[FloatArray], truth: Mapping[str, AnyArray], row: In
     """Return (n,): objects without a source that lie on the source of a brighter object."""
     from scipy.spatial import cKDTree
 
-    merged, left, owners = np.zeros(len(row), bool), np.flatnonzero(row < 0), np.flatnonzero(row >= 0)
+    merged = np.zeros(len(row), bool)
+    left = np.flatnonzero(row < 0)
+    owners = np.flatnonzero(row >= 0)
     if not len(left) or not len(owners):
         return merged
     size = np.maximum(BLEND_ARCSEC, np.nan_to_num(np.asarray(truth["size"], float))[owners])

@@ -15,11 +15,19 @@ if TYPE_CHECKING:
     from csstsim.base.types import BoolArray, FloatArray
 
 NINES = np.array([99.0, 999.0, 9999.0, 99999.0])
-MAGNITUDE, REDSHIFT, ELLIPTICITY, RATIO = 90.0, 90.0, 9.0, 9.0  # what says itself larger is not known
+# what says itself larger is not known
+MAGNITUDE = 90.0
+REDSHIFT = 90.0
+ELLIPTICITY = 9.0
+RATIO = 9.0
 NAMES = {
-    "z": "redshifts", "pa": "position angles", "a": "major axes", "b": "minor axes", "q": "axis ratios",
+    "z": "redshifts",
+    "pa": "position angles",
+    "a": "major axes",
+    "b": "minor axes",
+    "q": "axis ratios",
     "dec": "declinations",
-}  # fmt: skip
+}
 
 
 def without_missing(columns: Mapping[str, FloatArray]) -> tuple[dict[str, FloatArray], list[str]]:
@@ -27,7 +35,8 @@ def without_missing(columns: Mapping[str, FloatArray]) -> tuple[dict[str, FloatA
 
     columns: quantities of csstsim.release.score.quantities, in their first unit; fluxes have become magnitudes.
     """
-    out, notes = dict(columns), []
+    out = dict(columns)
+    notes = []
     for name, values in columns.items():
         missing = np.isfinite(values) & _missing(name, np.nan_to_num(values))
         if missing.any():

@@ -27,7 +27,9 @@ if TYPE_CHECKING:
 
 SNR_HEAD = 10.0  # of all exposures of a band together: the completeness of the headline
 SNR_PLACE = 20.0
-ALONE_ARCSEC, ALONE_MAG = 1.0, 2.5  # a tenth of the light
+# a tenth of the light
+ALONE_ARCSEC = 1.0
+ALONE_MAG = 2.5
 MAG_STEP = 0.5
 LARGEST_STEPS = 400  # bins of magnitude: from -90 to 90
 RESOLVED = 0.1  # arcsec: half-light radius of galaxies whose shapes are judged
@@ -38,7 +40,8 @@ def alone(truth: Mapping[str, AnyArray], band: str | None) -> BoolArray:
     """Return (n,): objects without a neighbour of a tenth of their light within ALONE_ARCSEC."""
     from scipy.spatial import cKDTree
 
-    place, mag = unit_vectors(truth["ra"], truth["dec"]).reshape(-1, 3), brightness(truth, band)
+    place = unit_vectors(truth["ra"], truth["dec"]).reshape(-1, 3)
+    mag = brightness(truth, band)
     mask = np.ones(len(mag), bool)
     if len(mag) > 1:
         pairs = cKDTree(place).query_pairs(np.radians(ALONE_ARCSEC / 3600.0), output_type="ndarray")
@@ -53,7 +56,7 @@ def completeness(truth: Mapping[str, AnyArray], match: Matched, mag: FloatArray)
     return {
         name: _bins(mag[rows], {"found": match.found[rows], "merged": match.merged[rows]})
         for name, rows in (("all", np.ones(len(mag), bool)), ("points", ~galaxy), ("galaxies", galaxy))
-    }  # fmt: skip
+    }
 
 
 def purity(match: Matched, mag: FloatArray, count: int) -> list[dict[str, float]]:
@@ -72,7 +75,8 @@ def edges_of(mag: FloatArray) -> FloatArray:
 
 
 def _bins(mag: FloatArray, masks: Mapping[str, BoolArray]) -> list[dict[str, float]]:
-    edges, found = edges_of(mag), []
+    edges = edges_of(mag)
+    found = []
     at = np.digitize(mag, edges) - 1
     for k in range(len(edges) - 1):
         rows = at == k
@@ -86,7 +90,8 @@ def half_found(bins: Iterable[Mapping[str, float]]) -> float | None:
     """Return the magnitude at which half are found: between the bins where the share falls below; None of none."""
     last = None
     for one in bins:
-        share_, middle = one["found"] / one["n"], (one["low"] + one["high"]) / 2
+        share_ = one["found"] / one["n"]
+        middle = (one["low"] + one["high"]) / 2
         if last and last[0] >= 0.5 > share_:
             return last[1] + (last[0] - 0.5) / (last[0] - share_) * (middle - last[1])
         last = share_, middle
@@ -95,16 +100,22 @@ def half_found(bins: Iterable[Mapping[str, float]]) -> float | None:
 
 def shares(truth: Mapping[str, AnyArray], match: Matched, snr: FloatArray) -> dict[str, dict[str, float]]:
     """Return {kind: {n, found, low, high, merged, lost}} of objects of S/N above SNR_HEAD; low, high: 68% bounds."""
-    galaxy, bright = np.asarray(truth["obj_type"]) == GALAXY, snr > SNR_HEAD
+    galaxy = np.asarray(truth["obj_type"]) == GALAXY
+    bright = snr > SNR_HEAD
     made = {}
     for name, rows in (("all", bright), ("points", bright & ~galaxy), ("galaxies", bright & galaxy)):
-        n, found = int(rows.sum()), int(match.found[rows].sum())
+        n = int(rows.sum())
+        found = int(match.found[rows].sum())
         p, low, high = share(found, n)
         merged = float(match.merged[rows].mean()) if n else np.nan
         made[name] = {
-            "n": n, "completeness": p, "low": low, "high": high, "merged": merged,
+            "n": n,
+            "completeness": p,
+            "low": low,
+            "high": high,
+            "merged": merged,
             "lost": max(1 - p - merged, 0.0) if n else np.nan,
-        }  # fmt: skip
+        }
     return made
 
 
@@ -115,7 +126,8 @@ def photometry(
     rows = np.flatnonzero(match.found & clean)
     true = np.asarray(truth[f"mag_{band}"], float)[rows]
     off = np.asarray(sources[f"mag_{band}"], float)[match.row[rows]] - true
-    galaxy, good = np.asarray(truth["obj_type"])[rows] == GALAXY, np.isfinite(off)
+    galaxy = np.asarray(truth["obj_type"])[rows] == GALAXY
+    good = np.isfinite(off)
     bright = good & (snr[rows] > SNR_HEAD)
     numbers = {name: asdict(number(off[bright & kind])) for name, kind in _kinds(galaxy)}
     return numbers, {"mag": true[good], "off": off[good], "galaxy": galaxy[good]}
@@ -134,7 +146,7 @@ def places(
     numbers = {
         name: {"east": asdict(number(east[kind])), "north": asdict(number(north[kind]))}
         for name, kind in _kinds(galaxy)
-    }  # fmt: skip
+    }
     return numbers, {"east": east, "north": north, "galaxy": galaxy}
 
 
@@ -144,9 +156,11 @@ def shapes(
     """Return (slope, offset and scatter of e1, e2 of resolved galaxies at S/N above SNR_HEAD, arrays)."""
     galaxy = (np.asarray(truth["obj_type"]) == GALAXY) & (np.nan_to_num(np.asarray(truth["size"])) > RESOLVED)
     rows = np.flatnonzero(match.found & clean & galaxy & (snr > SNR_HEAD))
-    numbers, arrays = {}, {}
+    numbers = {}
+    arrays = {}
     for axis in ("e1", "e2"):
-        true, seen = np.asarray(truth[axis], float)[rows], np.asarray(sources[axis], float)[match.row[rows]]
+        true = np.asarray(truth[axis], float)[rows]
+        seen = np.asarray(sources[axis], float)[match.row[rows]]
         good = np.isfinite(true) & np.isfinite(seen)
         numbers[axis], arrays[axis] = _line(true[good], seen[good]), (true[good], seen[good])
     return numbers, arrays
@@ -172,7 +186,8 @@ def redshifts(
     """Return ({n, bias, nmad, outliers}, arrays) of (z - true) / (1 + true) of objects that are not stars."""
     true = np.asarray(truth["z"], float)
     rows = np.flatnonzero(match.found & (true > 0))
-    seen, true = np.asarray(sources["z"], float)[match.row[rows]], true[rows]
+    seen = np.asarray(sources["z"], float)[match.row[rows]]
+    true = true[rows]
     good = np.isfinite(seen)
     off = (seen[good] - true[good]) / (1 + true[good])
     numbers: dict[str, float] = {"n": len(off), "of": len(rows)}

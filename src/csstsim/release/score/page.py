@@ -39,19 +39,28 @@ def _sections(result: Mapping[str, Any], arrays: Mapping[str, Any]) -> Iterator[
 
 
 def _headline(result: Mapping[str, Any]) -> list[Table]:
-    kinds, half, pure = result["completeness"], result["half_found"], result["purity"]
+    kinds = result["completeness"]
+    half = result["half_found"]
+    pure = result["purity"]
     rows = [
         {
-            "objects": name, f"of S/N above {SNR_HEAD:g}": one["n"], "completeness": one["completeness"],
-            "68% from": one["low"], "to": one["high"], "merged": one["merged"], "lost": one["lost"],
+            "objects": name,
+            f"of S/N above {SNR_HEAD:g}": one["n"],
+            "completeness": one["completeness"],
+            "68% from": one["low"],
+            "to": one["high"],
+            "merged": one["merged"],
+            "lost": one["lost"],
             "half found at [mag]": half[name],
         }
         for name, one in kinds.items()
-    ]  # fmt: skip
+    ]
     purity = {
-        "purity": pure["purity"], "real by chance": pure["chance"], "purity without chance": pure["corrected"],
+        "purity": pure["purity"],
+        "real by chance": pure["chance"],
+        "purity without chance": pure["corrected"],
         "second sources": pure["second"],
-    }  # fmt: skip
+    }
     return [mappings([_shown(row) for row in rows], "objects"), mappings([_shown(purity)])]
 
 
@@ -63,8 +72,9 @@ def _numbers(title: str, result: Mapping[str, Any]) -> list[Table]:
     if title == "Places":
         rows = [
             {"objects": kind, "axis": axis, "unit": "mas"} | _shown(one)
-            for kind, axes in result["astrometry_mas"].items() for axis, one in axes.items()
-        ]  # fmt: skip
+            for kind, axes in result["astrometry_mas"].items()
+            for axis, one in axes.items()
+        ]
         return [mappings(rows)]
     if title == "Shapes":
         return [mappings([{"axis": axis} | _shown(one) for axis, one in result["shapes"].items()])]

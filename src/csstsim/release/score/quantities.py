@@ -24,7 +24,7 @@ UNITS: dict[str, dict[str, u.UnitBase | None]] = {
     "flux": {"ujy": u.uJy, "njy": u.nJy, "mjy": u.mJy, "jy": u.Jy},
     "ellipticity": {"g": None, "chi": None},  # (a - b) / (a + b), (a2 - b2) / (a2 + b2)
     "number": {},
-}  # fmt: skip
+}
 NOT_AB = "mag(st)", "stmag", "vegamag", "mag(bol)"
 KINDS = {
     "ra": "angle", "dec": "angle", "pa": "angle", "e1": "ellipticity", "e2": "ellipticity", "a": "number",
@@ -90,9 +90,11 @@ def in_our_unit(values: FloatArray, key: Key, stated: u.UnitBase | None, column:
             raise InputError(f"the file says {stated}, the key {said}", key=f"column {column}", value=key.whole)
         if named is None:
             raise InputError(
-                f"a unit that does not fit {key.whole}", key=f"column {column}", value=str(stated),
+                f"a unit that does not fit {key.whole}",
+                key=f"column {column}",
+                value=str(stated),
                 allowed=", ".join(known),
-            )  # fmt: skip
+            )
         said = named
     if said is None or first is None or said == first:
         return values

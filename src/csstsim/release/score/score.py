@@ -29,7 +29,8 @@ if TYPE_CHECKING:
     from csstsim.release.score.catalogue import Catalogue
     from csstsim.release.score.field import Field
 
-PAGE, JSON = "score.html", "score.json"
+PAGE = "score.html"
+JSON = "score.json"
 
 
 def score(
@@ -48,7 +49,8 @@ def score(
     """
     from csstsim.release.score.page import write_page
 
-    folder, field = output_folder(output), read_field(truth)
+    folder = output_folder(output)
+    field = read_field(truth)
     read = read_catalogue(catalogue, _pairs(maps), field.bands)
     result, arrays = judge(field, read, band, radius, catalogue)
     for line in result["notes"]:
@@ -77,17 +79,18 @@ def judge(
         ra, dec = (float(np.median(sources[name])) for name in ("ra", "dec"))
         middle = [float(np.median(objects[name])) for name in ("ra", "dec")]
         raise InputError(
-            "no source lies in the field: is the unit of ra or dec another one?", file=file,
-            value=f"their middle is {ra:.4f}, {dec:.4f}", allowed="about {:.4f}, {:.4f} deg".format(*middle),
-        )  # fmt: skip
+            "no source lies in the field: is the unit of ra or dec another one?",
+            file=file,
+            value=f"their middle is {ra:.4f}, {dec:.4f}",
+            allowed="about {:.4f}, {:.4f} deg".format(*middle),
+        )
     if not there.all():
         notes.append(f"{(~there).sum()} of {len(sources)} sources lie outside the frames: left out")
-    everything, sources = sources, sources.take(there)
+    everything = sources
+    sources = sources.take(there)
     match_band = band if band and f"mag_{band}" in sources else None
     match = matched(truth, sources, match_band, radius)
-    check_unit(
-        truth, everything, int(match.found.sum()), lambda ra, dec: field.has(ra, dec, band), radius, file
-    )  # fmt: skip
+    check_unit(truth, everything, int(match.found.sum()), lambda ra, dec: field.has(ra, dec, band), radius, file)
     by_chance, tried = chance(truth, sources, lambda ra, dec: field.has(ra, dec, band), match_band, radius)
     mag = brightness(truth, band)
     snr = _snr(truth, band)

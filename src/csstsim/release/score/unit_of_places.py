@@ -36,7 +36,8 @@ def check_unit(
     """
     few = min(FEWEST, len(sources))
     for unit, (of_ra, of_dec) in UNITS.items():
-        ra, dec = of_ra * sources["ra"], of_dec * sources["dec"]
+        ra = of_ra * sources["ra"]
+        dec = of_dec * sources["dec"]
         there = (np.abs(dec) <= 90.0) & (np.abs(ra) <= 720.0)
         there[there] = inside(ra[there], dec[there])
         if there.sum() < max(few, 1):
@@ -44,6 +45,8 @@ def check_unit(
         other = int(matched(truth, {"ra": ra[there], "dec": dec[there]}, radius=radius).found.sum())
         if other >= few and other > MORE * found:
             raise InputError(
-                f"{found} true objects have a source; {other} would, if the places were {unit}", file=file,
-                key="ra, dec", allowed=f"degrees; for another unit --map {unit.split(',')[0]}=COLUMN",
-            )  # fmt: skip
+                f"{found} true objects have a source; {other} would, if the places were {unit}",
+                file=file,
+                key="ra, dec",
+                allowed=f"degrees; for another unit --map {unit.split(',')[0]}=COLUMN",
+            )

@@ -39,7 +39,9 @@ def draw_objects(canvas: Canvas, objects: ObjectTable, drawing: Drawing) -> Obje
     objects: ObjectTable from catalog.selection.select; drawing: render.drawing.Drawing.
     """
     out = DrawnTable(objects, np.sum([objects[f"flux{i}"] for i in range(4)], axis=0) * drawing.exptime)
-    rows, wing, scattered = out.rows, drawing.wing, drawing.scattered
+    rows = out.rows
+    wing = drawing.wing
+    scattered = drawing.scattered
     scene = make_scene(objects.take(rows), drawing.wcs, drawing.psf, drawing.exptime)
     out.flag_optics(scene.outside[: len(rows)], wing)
     assert scene.reach is not None  # select gives it
@@ -54,7 +56,9 @@ def draw_objects(canvas: Canvas, objects: ObjectTable, drawing: Drawing) -> Obje
         mine = np.flatnonzero(choice.method == kind)
         if not mine.size:
             continue
-        start, some, at = time.process_time(), scene.take(mine), of_row[mine]
+        start = time.process_time()
+        some = scene.take(mine)
+        at = of_row[mine]
         if kind == policy.UNRESOLVED:
             light = some if wing is not None else _boxed(some, drawing.psf)
             out.note(at, *add_unresolved(canvas, light))

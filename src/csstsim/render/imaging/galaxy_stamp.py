@@ -45,7 +45,8 @@ _EXTENT_MAX = 448.0  # px: half the side of the inner part
 _TAIL = 3e-4  # of the peak: largest sum of the frequencies left out
 SIZE_MIN = 1e-5  # arcsec, half-light radius: a smaller galaxy is a point
 _ANGLES = np.arange(8) * np.pi / 16  # from a galaxy's short axis
-_K2_FIRST, _R2_FIRST = first_of(K2_LOW), first_of(R2_LOW)
+_K2_FIRST = first_of(K2_LOW)
+_R2_FIRST = first_of(R2_LOW)
 _NONE = np.zeros(len(nodes(K2_LOW, K2_HIGH))), np.zeros(len(nodes(R2_LOW, R2_HIGH)))
 _ONES = np.ones((2, len(_NONE[0])))
 _SIZES = np.array([*range(48, 128, 16), *range(128, 256, 32), *range(256, 512, 64), *range(512, 1281, 128)])
@@ -79,13 +80,17 @@ def plan_galaxies(scene: Scene, reach: IntArray, box: float, rows: BoolArray) ->
     size = np.maximum(size, SIZE_MIN)
     wide = np.hypot(scene.matrix[:, :, 0], scene.matrix[:, :, 1]).max(axis=1)[:, None] * size  # px
     axes = np.linalg.svd(scene.matrix, compute_uv=False)[:, None, :] * size[:, :, None]
-    short, centre = axes[..., 1, None], np.minimum(1.0 / np.sqrt(axes.prod(axis=-1)), 1.0)
-    n, b = n[..., None], b[..., None]
+    short = axes[..., 1, None]
+    centre = np.minimum(1.0 / np.sqrt(axes.prod(axis=-1)), 1.0)
+    n = n[..., None]
+    b = b[..., None]
     with np.errstate(under="ignore"):
         level = np.exp(b * (centre[..., None] ** (1 / n) - _RHO ** (1 / n)))
     core = b / n * _RHO ** (1 / n - 2) * _CORE2 / short**2
     wrong = np.maximum(np.minimum(core * level, core * _WORST / _LOCAL), _WINGS2 / (_RHO * short) ** 2 * level)
-    n, b, short = n[..., 0], b[..., 0], short[..., 0]
+    n = n[..., 0]
+    b = b[..., 0]
+    short = short[..., 0]
     start = _RHO[np.minimum((wrong > _WORST).sum(axis=-1), len(_RHO) - 1)]
     radius = 2 * np.maximum(start, _START_PX / wide)
     most = np.minimum(2 * reach[:, None], _EXTENT_MAX) / wide
@@ -96,7 +101,8 @@ def plan_galaxies(scene: Scene, reach: IntArray, box: float, rows: BoolArray) ->
     bare = b / n * short ** (-1 / n) * _CORE2  # the curvature one pixel from the centre
     thin = (capped & there & (np.minimum(near, bare) > _BLURRED)).any(axis=1)
     radius = np.where(capped & (bare < near) & ~thin[:, None], CUT_NONE, np.minimum(radius, most))
-    cut, ends = np.full(n.shape, np.inf), np.zeros(n.shape)
+    cut = np.full(n.shape, np.inf)
+    ends = np.zeros(n.shape)
     for i, c in np.argwhere(there).tolist():
         cut[i, c] = cut_for(n[i, c], radius[i, c])
         ends[i, c] = extent(n[i, c]) if cut[i, c] > CUT_NONE else 0.0
@@ -118,9 +124,20 @@ def galaxy_stamp(
     many: whether many galaxies share size and nodes, so that keeping the nodes' transforms saves time. The stamp may
     be negative by the amount of the approximations.
     """
-    mixer, scene, plan, reach, core = stamper.mixer, stamper.scene, stamper.plan, stamper.reach[i], stamper.core
-    node, light, sersic, matrix = scene.node[i], scene.light[i], scene.sersic[i], scene.matrix[i]
-    x, y, cut, half, size = scene.x[i], scene.y[i], plan.cut[i], plan.half[i], int(plan.size[i])
+    mixer = stamper.mixer
+    scene = stamper.scene
+    plan = stamper.plan
+    reach = stamper.reach[i]
+    core = stamper.core
+    node = scene.node[i]
+    light = scene.light[i]
+    sersic = scene.sersic[i]
+    matrix = scene.matrix[i]
+    x = scene.x[i]
+    y = scene.y[i]
+    cut = plan.cut[i]
+    half = plan.half[i]
+    size = int(plan.size[i])
     spots = -1 if scene.spot is None else scene.spot[i]
     inner, outer = _component_tables(*(key for c in range(2) for key in (sersic[c, 0] * (light[c] > 0), cut[c])))
     if spots >= 0:  # their transform is part of the mixture: what the components' tables multiply is 1
@@ -129,7 +146,8 @@ def galaxy_stamp(
     last = min(int(frequency * size) + 1, size)
     x0, x1, y0, y1 = (0, 0, 0, 0) if bounds is None else bounds
     stamp = np.zeros((y1 - y0, x1 - x0))
-    first_x, first_y = round(x) - half, round(y) - half
+    first_x = round(x) - half
+    first_y = round(y) - half
     if many:
         mixture = mixer.mixed_transforms(node, share, size, last, core is not None)
     else:
@@ -142,8 +160,10 @@ def galaxy_stamp(
     folded = _convolved(mixture, sersic, light, matrix, inner, x - first_x, y - first_y, size)
     image = scipy.fft.irfft2(folded, s=(size, size), overwrite_x=True)[: 2 * half + 1, : 2 * half + 1]
     whole = image.sum(dtype=np.float64)
-    low_x, high_x = max(x0, first_x), min(x1, first_x + 2 * half + 1)
-    low_y, high_y = max(y0, first_y), min(y1, first_y + 2 * half + 1)
+    low_x = max(x0, first_x)
+    high_x = min(x1, first_x + 2 * half + 1)
+    low_y = max(y0, first_y)
+    high_y = min(y1, first_y + 2 * half + 1)
     if low_x < high_x and low_y < high_y:
         stamp[low_y - y0 : high_y - y0, low_x - x0 : high_x - x0] = image[
             low_y - first_y : high_y - first_y, low_x - first_x : high_x - first_x
@@ -205,9 +225,11 @@ def _cutoff(
 
     tables (2, m): transforms of the components; envelope: the PSF's transform at BINS, of light 1.
     """
-    p, q = matrix[0, 0] ** 2 + matrix[1, 0] ** 2, matrix[0, 1] ** 2 + matrix[1, 1] ** 2
+    p = matrix[0, 0] ** 2 + matrix[1, 0] ** 2
+    q = matrix[0, 1] ** 2 + matrix[1, 1] ** 2
     r = matrix[0, 0] * matrix[0, 1] + matrix[1, 0] * matrix[1, 1]
-    middle, spread = 0.5 * (p + q), np.sqrt(0.25 * (p - q) ** 2 + r * r)
+    middle = 0.5 * (p + q)
+    spread = np.sqrt(0.25 * (p - q) ** 2 + r * r)
     power = np.zeros(len(BINS))  # amplitude per bin of log frequency, an upper bound
     line = np.empty(1)
     bits = line.view(np.int64)
@@ -242,13 +264,19 @@ def _convolved(
 
     mixture: the PSF's, of psf_mixture.transform.
     """
-    last, half = mixture.shape[1] - 1, size // 2
+    last = mixture.shape[1] - 1
+    half = size // 2
     step = 2 * np.pi / size
     out = np.zeros((size, half + 1), np.complex64)
     turn_x = np.exp(-1j * step * x * np.arange(last + 1)).astype(np.complex64)
     turn_y = np.exp(-1j * step * y * np.arange(-last, last + 1)).astype(np.complex64)
-    m00, m01, m10, m11 = step * matrix[0, 0], step * matrix[0, 1], step * matrix[1, 0], step * matrix[1, 1]
-    line, value, term = np.empty(last + 1), np.empty(last + 1, np.float32), np.empty(last + 1, np.complex64)
+    m00 = step * matrix[0, 0]
+    m01 = step * matrix[0, 1]
+    m10 = step * matrix[1, 0]
+    m11 = step * matrix[1, 1]
+    line = np.empty(last + 1)
+    value = np.empty(last + 1, np.float32)
+    term = np.empty(last + 1, np.complex64)
     bits = line.view(np.int64)
     for row in range(2 * last + 1):
         j_y = row - last
@@ -256,9 +284,13 @@ def _convolved(
         value[:] = 0.0
         for c in range(2):
             if light[c] > 0:
-                r_e, part, table = sersic[c, 2], light[c], tables[c]
-                a, p = m00 * r_e, m10 * j_y * r_e
-                b, q = m01 * r_e, m11 * j_y * r_e
+                r_e = sersic[c, 2]
+                part = light[c]
+                table = tables[c]
+                a = m00 * r_e
+                p = m10 * j_y * r_e
+                b = m01 * r_e
+                q = m11 * j_y * r_e
                 for column in range(count):
                     line[column] = (a * column + p) ** 2 + (b * column + q) ** 2
                 for column in range(count):
@@ -267,7 +299,8 @@ def _convolved(
         for column in range(count):
             term[column] = mixture[row, column] * (turn * turn_x[column]) * value[column]
         # Each term also gives, conjugated, the opposite frequency; only columns up to half the period are kept
-        there, back = out[j_y % size], out[-j_y % size]
+        there = out[j_y % size]
+        back = out[-j_y % size]
         for column in range(min(count, half + 1)):
             there[column] += term[column]
         for column in range(half, min(count, size + 1)):
@@ -304,13 +337,16 @@ def _add_outer(
         r_e = sersic[c, 2]
         inside = (0.5 * cut[c]) ** 2 if cut[c] > CUT_NONE else -1.0
         level = electrons * light[c] / (r_e * r_e * abs(determinant))
-        a, b = matrix[1, 1] / (determinant * r_e), -matrix[0, 1] / (determinant * r_e)
-        d, e = -matrix[1, 0] / (determinant * r_e), matrix[0, 0] / (determinant * r_e)
+        a = matrix[1, 1] / (determinant * r_e)
+        b = -matrix[0, 1] / (determinant * r_e)
+        d = -matrix[1, 0] / (determinant * r_e)
+        e = matrix[0, 0] / (determinant * r_e)
         for row in range(stamp.shape[0]):
             dy = row - y
             for column in range(stamp.shape[1]):
                 dx = column - x
-                u, v = a * dx + b * dy, d * dx + e * dy
+                u = a * dx + b * dy
+                v = d * dx + e * dy
                 line[column] = u * u + v * v
             if band > 0:
                 for column in range(stamp.shape[1]):

@@ -34,7 +34,7 @@ from csstsim.render.photon_positions import (
     pick,
     profiles_of,
     tail_table,
-)  # fmt: skip
+)
 
 if TYPE_CHECKING:
     from csstsim.optics.scatter.halo import Wing
@@ -48,7 +48,8 @@ Image: TypeAlias = tuple[IntArray, FloatArray, float]
 Place: TypeAlias = tuple[float, float, FloatArray, FloatArray, Shapes, int]
 Results: TypeAlias = tuple[IntArray, IntArray, IntArray]
 Work: TypeAlias = tuple[IntArray, FloatArray, FloatArray]
-_ONE, _TWO = np.uint64(1), np.uint64(2)
+_ONE = np.uint64(1)
+_TWO = np.uint64(2)
 _MANY = 300.0  # electrons above which numbers are drawn for each (component, sub-band, node)
 _BATCH = 512  # electrons drawn at a time; a Poisson number of mean _MANY exceeds it with P < 1e-25
 _STRIP = 64  # px: objects of a node are drawn strip by strip, so that their pixels stay in cache
@@ -68,7 +69,9 @@ def shoot_scene(
     response above the maximum, values that are not finite, negative light, 2^31 electrons in an object, negative
     weights (a PSF interpolation that is not convex) and nodes without tables.
     """
-    counted, window, maximum = canvas.counted, canvas.window, canvas.maximum
+    counted = canvas.counted
+    window = canvas.window
+    maximum = canvas.maximum
     assert counted is not None
     if counted.shape != window.shape or counted.dtype != np.int32:
         raise ValueError(f"counted is {counted.dtype} {counted.shape}, not int32 {window.shape}")
@@ -77,7 +80,9 @@ def shoot_scene(
     if response.size and (response.shape != window.shape or not response.max() <= maximum * (1 + 1e-6)):
         raise ValueError(f"the response must be {window.shape} and at most {maximum}")
     n = len(scene)
-    on_window, outside_box, box = np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros((n, 4), np.int64)
+    on_window = np.zeros(n, np.int64)
+    outside_box = np.zeros(n, np.int64)
+    box = np.zeros((n, 4), np.int64)
     order = np.lexsort((scene.x, np.floor(scene.y / _STRIP), scene.node[:, 0])) if n else np.zeros(0, np.int64)
     profile, shapes = profiles_of(scene)
     floats = (scene.matrix, scene.light, profile, scene.electrons)
@@ -103,14 +108,17 @@ def _shoot(
 ) -> None:
     counted, _, maximum = image
     x, y, matrix, light, profile, electrons, index, weight, keys = objects
-    share, sides = psf[1], psf[2]
+    share = psf[1]
+    sides = psf[2]
     on_window, _, box = results
     work = np.empty(_BATCH, np.int64), np.empty(_BATCH), np.empty(_BATCH)
     sums = np.empty(4 + index.shape[1])
     for i in order:
-        key, counter = keys[i], np.uint64(0)
+        key = keys[i]
+        counter = np.uint64(0)
         box[i] = counted.shape[1], 0, counted.shape[0], 0
-        bands, nodes = cumulative(electrons[i], sums[:4]), cumulative(weight[i], sums[4:])
+        bands = cumulative(electrons[i], sums[:4])
+        nodes = cumulative(weight[i], sums[4:])
         for c in range(2):
             mean = maximum * light[i, c] * bands[3]
             place = x[i], y[i], matrix[i], profile[i, c], shapes, i
@@ -125,7 +133,8 @@ def _shoot(
             lost = 0.0
             for k in range(index.shape[1]):
                 for f in range(4):
-                    node, here = index[i, k], maximum * light[i, c] * electrons[i, f] * weight[i, k]
+                    node = index[i, k]
+                    here = maximum * light[i, c] * electrons[i, f] * weight[i, k]
                     lost += here * max(1.0 - share[node, f, 0] - share[node, f, 1], 0.0)
                     for part in range(2):
                         number, counter = poisson(here * share[node, f, part], key, counter)
@@ -153,11 +162,14 @@ def _choose(
     work: Work,
 ) -> tuple[int, np.uint64]:
     """Choose node, sub-band and part for each electron; return (number inside the PSF's box, counter)."""
-    first, count = work[0], 0
+    first = work[0]
+    count = 0
     for _ in range(number):
-        which, u = word(key, counter), high(word(key, counter + _ONE))
+        which = word(key, counter)
+        u = high(word(key, counter + _ONE))
         counter += _TWO
-        f, k = pick(bands, high(which) * bands[3]), pick(nodes, low(which) * nodes[-1])
+        f = pick(bands, high(which) * bands[3])
+        k = pick(nodes, low(which) * nodes[-1])
         inner, outer = share[index[k], f]
         first[count] = first_word(index[k], f, np.int64(u >= inner), sides)  # type: ignore[arg-type]  # an int64 is an int to numba
         count += np.int64(u < inner + outer)  # type: ignore[assignment]  # an int64 is an int to numba
@@ -222,17 +234,30 @@ def _count(
     counted, response, maximum = image
     on_window, _, box = results
     ny, nx = counted.shape
-    x, y = x + 0.5, y + 0.5  # truncation then finds the pixel
-    hit, x0, x1, y0, y1 = 0, box[i, 0], box[i, 1] - 1, box[i, 2], box[i, 3] - 1
+    # truncation then finds the pixel
+    x = x + 0.5
+    y = y + 0.5
+    hit = 0
+    x0 = box[i, 0]
+    x1 = box[i, 1] - 1
+    y0 = box[i, 2]
+    y1 = box[i, 3] - 1
     for j in range(count):
-        u, v = px[j] + x, py[j] + y
+        u = px[j] + x
+        v = py[j] + y
         if u >= 0 and v >= 0 and u < nx and v < ny:
-            column, row = np.uint64(np.int64(u)), np.uint64(np.int64(v))
+            column = np.uint64(np.int64(u))
+            row = np.uint64(np.int64(v))
             seen = response[row, column] if response.size > 0 else np.float32(1.0)
             kept = np.int64(high(word(key, counter + _TWO * np.uint64(j))) * maximum < seen)
             counted[row, column] += kept
             hit += kept  # type: ignore[assignment]  # an int64 is an int to numba
-            x0, x1 = min(x0, np.int64(column)), max(x1, np.int64(column))
-            y0, y1 = min(y0, np.int64(row)), max(y1, np.int64(row))
+            x0 = min(x0, np.int64(column))
+            x1 = max(x1, np.int64(column))
+            y0 = min(y0, np.int64(row))
+            y1 = max(y1, np.int64(row))
     on_window[i] += hit
-    box[i, 0], box[i, 1], box[i, 2], box[i, 3] = x0, x1 + 1, y0, y1 + 1
+    box[i, 0] = x0
+    box[i, 1] = x1 + 1
+    box[i, 2] = y0
+    box[i, 3] = y1 + 1

@@ -20,7 +20,9 @@ if TYPE_CHECKING:
 
 def point_stamp(stamper: Stamper, i: int, share: FloatArray, bounds: Box | None) -> tuple[FloatArray, float]:
     """Return (stamp, light) of a Stamper's point i, as Stamper.stamp."""
-    reach, column, row = stamper.reach[i], round(stamper.scene.x[i]), round(stamper.scene.y[i])
+    reach = stamper.reach[i]
+    column = round(stamper.scene.x[i])
+    row = round(stamper.scene.y[i])
     whole = column - reach, column + reach + 1, row - reach, row + reach + 1
     stamp = _pixels(stamper, i, share, whole)
     light = stamp.sum()
@@ -31,7 +33,10 @@ def point_stamp(stamper: Stamper, i: int, share: FloatArray, bounds: Box | None)
 
 def _pixels(stamper: Stamper, i: int, share: FloatArray, bounds: Box) -> FloatArray:
     """Return the light of a point on the pixels of `bounds`."""
-    mixer, core, x, y = stamper.mixer, stamper.core, stamper.scene.x[i], stamper.scene.y[i]
+    mixer = stamper.mixer
+    core = stamper.core
+    x = stamper.scene.x[i]
+    y = stamper.scene.y[i]
     m, (x0, x1, y0, y1) = mixer.per_pixel, bounds
     stamp = np.zeros((y1 - y0, x1 - x0))
     start = (y0 - 0.5 - y) * m + mixer.cells / 2, (x0 - 0.5 - x) * m + mixer.cells / 2

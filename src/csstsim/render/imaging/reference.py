@@ -51,7 +51,8 @@ galsim.errors.raise_fft_size_error = True  # otherwise GalSim 2.8 only warns and
 # Interpolation and truncation errors well below the accuracy goals (flux 1e-3, ellipticity 1e-4).
 GSPARAMS = {"maxk_threshold": 1e-4, "kvalue_accuracy": 1e-6, "xvalue_accuracy": 1e-6, "maximum_fft_size": 4096}
 # Fraction of light that may alias: the fraction the stamp may lose, within these limits (GalSim's default is 5e-3) ...
-FOLDING_MIN, FOLDING_MAX = 1e-4, 5e-3
+FOLDING_MIN = 1e-4
+FOLDING_MAX = 5e-3
 # ... and, for objects whose FFT would be too large, these in turn, with a flag.
 FOLDING_LOOSE = (5e-3, 5e-2, 0.3)
 FFT_LOOSE = 8192
@@ -69,7 +70,10 @@ def draw_objects(canvas: Canvas, objects: ObjectTable, drawing: Drawing) -> Obje
     objects: ObjectTable from catalog.selection.select; drawing: render.drawing.Drawing. snr and error of the table are
     NaN: the reference renderer does not compute them.
     """
-    psf, window, wing, ghosts = drawing.psf, canvas.window, drawing.wing, drawing.ghosts
+    psf = drawing.psf
+    window = canvas.window
+    wing = drawing.wing
+    ghosts = drawing.ghosts
     flux = np.stack([objects[f"flux{i}"] for i in range(4)], axis=1) * drawing.exptime
     out = DrawnTable(objects, flux.sum(axis=1))
     scene = make_scene(objects.take(out.rows), drawing.wcs, psf, drawing.exptime)
@@ -92,10 +96,12 @@ def draw_objects(canvas: Canvas, objects: ObjectTable, drawing: Drawing) -> Obje
         if not light.any():
             continue
         cells = _cells(psf, scene.node[k], scene.weight[k], light) * core
-        at, reach = (scene.x[k], scene.y[k]), min(max(int(objects["reach"][i]), least), REACH_FFT)
+        at = (scene.x[k], scene.y[k])
+        reach = min(max(int(objects["reach"][i]), least), REACH_FFT)
         stamp, flag = _draw(partial(galaxies.seen, k, cells, psf.oversampling), *at, reach)
         flag |= TRUNCATED_STAMP if objects["reach"][i] > REACH_FFT else 0
-        seen, parts = galsim.BoundsI() if flag & TOO_LARGE else stamp.bounds & image.bounds, []
+        seen = galsim.BoundsI() if flag & TOO_LARGE else stamp.bounds & image.bounds
+        parts = []
         if seen.isDefined():
             box = seen.xmin, seen.xmax + 1, seen.ymin, seen.ymax + 1
             counted = stamp[seen].array * plane.seen[plane.cut(box)]
@@ -108,7 +114,8 @@ def draw_objects(canvas: Canvas, objects: ObjectTable, drawing: Drawing) -> Obje
                 parts += add_ghosts(plane, drawing.wcs.chip, at, light.sum(), ghosts)
             out.drawn[i] += sum(electrons for electrons, _ in parts)
             if parts and drawing.scattered is not None:
-                held, near = Held(cells.sum(), stamp.array.sum(), reach), max(float(wing_px[i]), NEAR)
+                held = Held(cells.sum(), stamp.array.sum(), reach)
+                near = max(float(wing_px[i]), NEAR)
                 out.drawn[i] += wings.add(at, light, held, wing_px[i], parts_at(scene, k), near)
         missed = not (parts or flag & TOO_LARGE) and k < len(out.rows)
         out.flags[i] |= flag | (OFF_CHIP if missed else 0)
@@ -161,7 +168,9 @@ class Galaxies:
         # Shapes refer to east and north at the catalogue position. Aberration does not rotate them, but near a pole
         # east at the apparent position, up to 26" away, is another direction.
         self._jacobian = wcs.jacobian(objects["ra_orig"], objects["dec_orig"], seen=(objects["ra"], objects["dec"]))
-        self._objects, self._parts, self._scene = objects, components(objects), scene
+        self._objects = objects
+        self._parts = components(objects)
+        self._scene = scene
         self._extended = (objects["obj_type"] == GALAXY)[slice(None) if scene.parent is None else scene.parent]
 
     def seen(self, i: int, cells: FloatArray, oversampling: int, folding: float | None = None) -> galsim.GSObject:
@@ -169,7 +178,8 @@ class Galaxies:
 
         `folding`: larger folding_threshold for the galaxy's profile, which makes the FFT smaller.
         """
-        star, profile = point(cells, oversampling), self.profile(i, folding)
+        star = point(cells, oversampling)
+        profile = self.profile(i, folding)
         return star if profile is None else convolved([profile.withFlux(1.0), star], folding)
 
     def profile(self, i: int, folding: float | None) -> galsim.GSObject | None:
@@ -198,15 +208,19 @@ class Galaxies:
 def _spots(scene: Scene, i: int) -> galsim.GSObject:
     """Return the GSObject, light 1, of knots or an image: points, or a lattice of boxes convolved with two more."""
     assert scene.spots is not None and scene.spot is not None
-    image, gsparams = scene.spots.image(scene.spot[i]), galsim.GSParams(**GSPARAMS)
+    image = scene.spots.image(scene.spot[i])
+    gsparams = galsim.GSParams(**GSPARAMS)
     if image is None:
         points = zip(*scene.spots.group(scene.spot[i]), strict=True)
         profile = galsim.Sum([galsim.DeltaFunction(flux=light).shift(u, v) for u, v, light in points])
     else:
         boxes = galsim.InterpolatedImage(
-            galsim.ImageD(np.ascontiguousarray(image)), scale=1.0, x_interpolant="nearest", normalization="flux",
+            galsim.ImageD(np.ascontiguousarray(image)),
+            scale=1.0,
+            x_interpolant="nearest",
+            normalization="flux",
             gsparams=gsparams,
-        )  # fmt: skip
+        )
         pixel = galsim.Pixel(1.0, gsparams=gsparams)
         profile = galsim.Convolve([boxes, pixel, pixel], gsparams=gsparams, propagate_gsparams=False)
     return profile.transform(*scene.matrix[i].ravel())
@@ -218,7 +232,8 @@ def _draw(profile: Callable[..., galsim.GSObject], x: float, y: float, reach: in
     The whole stamp is drawn, also the part beyond the chip: GalSim's FFT box is centred on the image, so light
     would wrap round if the image were only the visible part.
     """
-    column, row = round(x), round(y)
+    column = round(x)
+    row = round(y)
     image = galsim.ImageD(galsim.BoundsI(column - reach, column + reach, row - reach, row + reach))
     return image, fill(image, profile, x, y)
 

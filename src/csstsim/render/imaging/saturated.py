@@ -28,7 +28,8 @@ def flag_saturated(
     on = np.flatnonzero((x >= window.x0) & (x < window.x1) & (y >= window.y0) & (y < window.y1))
     full = np.zeros(on.size, bool)
     for shift in np.ndindex(3, 3):
-        row, column = y[on] - window.y0 + shift[0] - 1, x[on] - window.x0 + shift[1] - 1
+        row = y[on] - window.y0 + shift[0] - 1
+        column = x[on] - window.x0 + shift[1] - 1
         inside = (row >= 0) & (row < window.ny) & (column >= 0) & (column < window.nx)
         at = row[inside], column[inside]
         full[inside] |= (image[at] if counted is None else image[at] + counted[at]) > full_well

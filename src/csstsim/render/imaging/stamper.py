@@ -35,7 +35,8 @@ class Stamper:
     @classmethod
     def of(cls, mixer: Mixer, scene: Scene, scattered: Scattered | None, lit: BoolArray | bool = True) -> Self:
         """Return the Stamper of a Scene; scattered: a Scattered, or None: only stamps; lit: (n,) has any light."""
-        reach, cored = np.asarray(scene.reach, int), scattered is not None and scattered.wing is not None
+        reach = np.asarray(scene.reach, int)
+        cored = scattered is not None and scattered.wing is not None
         if scattered is not None and not cored:  # without a wing, a stamp holds the whole box
             reach = np.maximum(reach, math.ceil(mixer.half))
         return cls(mixer, scene, reach, plan_galaxies(scene, reach, mixer.half, lit & scene.extended), cored)

@@ -54,13 +54,19 @@ def draw_scene(
     transform, both sorted by PSF nodes), so the same scene gives the same bits.
     """
     assert canvas.expected is not None and scene.wing is not None
-    n, mixer, image, window = len(scene), mixer_of(psf), canvas.expected, canvas.window
+    n = len(scene)
+    mixer = mixer_of(psf)
+    image = canvas.expected
+    window = canvas.window
     out = Drawn(np.zeros(n), np.zeros((n, 4), np.int64), np.zeros(n, np.int32), np.zeros(n, np.float32))
-    flux, wing_px = scene.electrons, np.asarray(scene.wing, float)
+    flux = scene.electrons
+    wing_px = np.asarray(scene.wing, float)
     lit = flux.sum(axis=1) > 0
     wing, ghosts = (None, None) if scattered is None else (scattered.wing, scattered.ghosts)
-    stamper, wings = Stamper.of(mixer, scene, scattered, lit), Wings(canvas, wing, mixer.half)
-    plan, reach = stamper.plan, stamper.reach
+    stamper = Stamper.of(mixer, scene, scattered, lit)
+    wings = Wings(canvas, wing, mixer.half)
+    plan = stamper.plan
+    reach = stamper.reach
     out.flags[scene.outside] |= OUTSIDE_PSF_HULL
     share = scene.weight[:, :, None] * flux[:, None, :]
     group = np.column_stack([plan.size, scene.node])
@@ -98,9 +104,12 @@ def draw_scene(
 
 def _visible(x: float, y: float, reach: int, window: Window) -> Box | None:
     """Return (x0, x1, y0, y1) of the stamp's pixels on the window, or None."""
-    column, row = round(x), round(y)
-    x0, x1 = max(column - reach, window.x0), min(column + reach + 1, window.x1)
-    y0, y1 = max(row - reach, window.y0), min(row + reach + 1, window.y1)
+    column = round(x)
+    row = round(y)
+    x0 = max(column - reach, window.x0)
+    x1 = min(column + reach + 1, window.x1)
+    y0 = max(row - reach, window.y0)
+    y1 = min(row + reach + 1, window.y1)
     return (x0, x1, y0, y1) if x0 < x1 and y0 < y1 else None
 
 

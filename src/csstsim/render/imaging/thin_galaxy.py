@@ -54,12 +54,14 @@ def across(
     half the side of the PSF's box [px].
     """
     axes, (long, short), _ = np.linalg.svd(matrix)
-    period, band = 4.0 * half, _BAND * half
+    period = 4.0 * half
+    band = _BAND * half
     along = np.arange(0.0, far + 2 * _ALONG, _ALONG)
     kept = np.arange(-np.ceil(band * _KEPT) - 1, np.ceil(band * _KEPT) + 2)
     values = np.zeros((len(along), len(kept)))
     for c in np.flatnonzero((light > 0) & np.isfinite(cut)):
-        wide, thin = long * sersic[c, 2], max(short * sersic[c, 2], _THIN)
+        wide = long * sersic[c, 2]
+        thin = max(short * sersic[c, 2], _THIN)
         step = 1 / (_KEPT * next_fast_len(int(np.ceil(_FINE / (_KEPT * thin)))))
         count = round(period / step)
         slice_ = _slice(mixture, size, axes[:, 1], np.arange(count // 2 + 1) / period)
@@ -113,13 +115,16 @@ def add_band(stamp: FloatArray, values: FloatArray, axes: FloatArray, band: floa
     """Add an Across to the pixels of a stamp within its band, the galaxy's centre at x, y from the first pixel."""
     for row in range(stamp.shape[0]):
         for column in range(stamp.shape[1]):
-            dx, dy = column - x, row - y
+            dx = column - x
+            dy = row - y
             side = axes[0, 1] * dx + axes[1, 1] * dy
             i = abs(axes[0, 0] * dx + axes[1, 0] * dy) / _ALONG
             j = (side + band) * _KEPT
-            k, m = int(i), int(np.floor(j))
+            k = int(i)
+            m = int(np.floor(j))
             if 0 <= m < values.shape[1] - 1 and k < values.shape[0] - 1:
-                u, v = i - k, j - m
+                u = i - k
+                v = j - m
                 near = (1 - v) * values[k, m] + v * values[k, m + 1]
                 far = (1 - v) * values[k + 1, m] + v * values[k + 1, m + 1]
                 stamp[row, column] += (1 - u) * near + u * far

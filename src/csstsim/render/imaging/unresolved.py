@@ -23,12 +23,14 @@ MESH = 64
 def add_unresolved(canvas: Canvas, scene: Scene) -> tuple[FloatArray, IntArray]:
     """Add the light of a Scene as expected electrons; return ((n,) electrons on the window, (n, 4) boxes)."""
     assert canvas.expected is not None  # None: for photons alone
-    window, response = canvas.window, canvas.seen
+    window = canvas.window
+    response = canvas.seen
     electrons = scene.electrons.sum(axis=1)
     # Mesh point k is at pixel (k - 1) MESH of the window; objects beyond the outermost points add no light
     u, v = ((at - first) / MESH + 1 for at, first in ((scene.x, window.x0), (scene.y, window.y0)))
     ny, nx = (n // MESH + 4 for n in window.shape)
-    mesh, on_window = np.zeros((ny, nx)), np.zeros(len(scene))
+    mesh = np.zeros((ny, nx))
+    on_window = np.zeros(len(scene))
     level = np.zeros((ny, nx))  # light that a mesh point of value 1 puts on the window
     _scatter(mesh, u, v, electrons / MESH**2)
     _spread(canvas.expected, mesh, response)
@@ -43,9 +45,11 @@ def add_unresolved(canvas: Canvas, scene: Scene) -> tuple[FloatArray, IntArray]:
 @numba.njit(cache=True)
 def _scatter(mesh: FloatArray, u: FloatArray, v: FloatArray, light: FloatArray) -> None:
     for i in range(len(u)):
-        column, row = int(np.floor(u[i])), int(np.floor(v[i]))
+        column = int(np.floor(u[i]))
+        row = int(np.floor(v[i]))
         if 0 <= column < mesh.shape[1] - 1 and 0 <= row < mesh.shape[0] - 1:
-            a, b = u[i] - column, v[i] - row
+            a = u[i] - column
+            b = v[i] - row
             mesh[row, column] += (1 - a) * (1 - b) * light[i]
             mesh[row, column + 1] += a * (1 - b) * light[i]
             mesh[row + 1, column] += (1 - a) * b * light[i]
@@ -55,9 +59,11 @@ def _scatter(mesh: FloatArray, u: FloatArray, v: FloatArray, light: FloatArray) 
 @numba.njit(cache=True)
 def _gather(out: FloatArray, mesh: FloatArray, u: FloatArray, v: FloatArray, light: FloatArray) -> None:
     for i in range(len(u)):
-        column, row = int(np.floor(u[i])), int(np.floor(v[i]))
+        column = int(np.floor(u[i]))
+        row = int(np.floor(v[i]))
         if 0 <= column < mesh.shape[1] - 1 and 0 <= row < mesh.shape[0] - 1:
-            a, b = u[i] - column, v[i] - row
+            a = u[i] - column
+            b = v[i] - row
             near = (1 - a) * mesh[row, column] + a * mesh[row, column + 1]
             far = (1 - a) * mesh[row + 1, column] + a * mesh[row + 1, column + 1]
             out[i] = ((1 - b) * near + b * far) * light[i]
@@ -66,9 +72,11 @@ def _gather(out: FloatArray, mesh: FloatArray, u: FloatArray, v: FloatArray, lig
 @numba.njit(cache=True)
 def _spread(image: FloatArray, mesh: FloatArray, response: FloatArray) -> None:
     for y in range(image.shape[0]):
-        row, b = y // MESH + 1, (y % MESH) / MESH
+        row = y // MESH + 1
+        b = (y % MESH) / MESH
         for x in range(image.shape[1]):
-            column, a = x // MESH + 1, (x % MESH) / MESH
+            column = x // MESH + 1
+            a = (x % MESH) / MESH
             near = (1 - a) * mesh[row, column] + a * mesh[row, column + 1]
             far = (1 - a) * mesh[row + 1, column] + a * mesh[row + 1, column + 1]
             image[y, x] += ((1 - b) * near + b * far) * response[y, x]
@@ -77,9 +85,11 @@ def _spread(image: FloatArray, mesh: FloatArray, response: FloatArray) -> None:
 @numba.njit(cache=True)
 def _collect(level: FloatArray, response: FloatArray) -> None:
     for y in range(response.shape[0]):
-        row, b = y // MESH + 1, (y % MESH) / MESH
+        row = y // MESH + 1
+        b = (y % MESH) / MESH
         for x in range(response.shape[1]):
-            column, a = x // MESH + 1, (x % MESH) / MESH
+            column = x // MESH + 1
+            a = (x % MESH) / MESH
             level[row, column] += (1 - a) * (1 - b) * response[y, x]
             level[row, column + 1] += a * (1 - b) * response[y, x]
             level[row + 1, column] += (1 - a) * b * response[y, x]

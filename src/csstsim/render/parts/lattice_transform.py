@@ -77,15 +77,18 @@ def _weights(out: FloatArray, place: float, table: FloatArray) -> int:
 def _sum(out: ComplexArray, values: ComplexArray, matrix: FloatArray, table: FloatArray) -> None:
     last = out.shape[1] - 1
     rows, columns = values.shape
-    across, along = np.empty(_WIDTH), np.empty(_WIDTH)
+    across = np.empty(_WIDTH)
+    along = np.empty(_WIDTH)
     for row in range(out.shape[0]):
         ky = row - last
         for kx in range(int(math.sqrt(last * last - ky * ky)) + 1):
-            fx, fy = matrix[0, 0] * kx + matrix[1, 0] * ky, matrix[0, 1] * kx + matrix[1, 1] * ky
+            fx = matrix[0, 0] * kx + matrix[1, 0] * ky
+            fy = matrix[0, 1] * kx + matrix[1, 1] * ky
             fade = _sinc3(fx) * _sinc3(fy)
             if abs(fade) < 1e-9:
                 continue
-            first_x, first_y = _weights(along, fx * columns, table), _weights(across, fy * rows, table)
+            first_x = _weights(along, fx * columns, table)
+            first_y = _weights(across, fy * rows, table)
             real = imaginary = 0.0
             for a in range(_WIDTH):
                 line = values[(first_y + a) % rows]

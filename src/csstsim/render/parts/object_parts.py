@@ -39,13 +39,15 @@ def with_parts(scene: Scene, objects: ObjectTable, psf: PsfSet, lens: Callable[[
     objects: the ObjectTable of which `scene` has one row each; lens(rows) -> (m, 2, 2) pixel per arcsec of the sky
     before lensing.
     """
-    knots, pictured = knots_of(objects), np.flatnonzero(has_image(objects))
+    knots = knots_of(objects)
+    pictured = np.flatnonzero(has_image(objects))
     if not len(knots.rows) and not len(pictured):
         return scene
     n = len(scene)
     images, tiles = _tiles(objects, pictured, lens)
     spots = Spots(knots.counts, knots.u, knots.v, images)
-    share, light = np.ones(n), scene.light.copy()
+    share = np.ones(n)
+    light = scene.light.copy()
     share[knots.rows] = 1.0 - knots.share
     light[knots.rows, 0] = np.maximum(light[knots.rows, 0] - knots.share, 0.0)  # the disk's light includes them
     total = light[knots.rows].sum(axis=1, keepdims=True)
@@ -53,7 +55,8 @@ def with_parts(scene: Scene, objects: ObjectTable, psf: PsfSet, lens: Callable[[
     main = replace(scene, light=light, parent=np.arange(n), share=share, spot=np.full(n, -1), spots=spots)
     rows = [main, _knot_rows(main, knots)]
     if tiles:
-        made, first = _tile_rows(main, tiles, len(knots.rows), psf), np.array([tile.first for tile in tiles])
+        made = _tile_rows(main, tiles, len(knots.rows), psf)
+        first = np.array([tile.first for tile in tiles])
         rows[0] = _replaced(main, made.take(np.flatnonzero(first)))
         rows.append(made.take(np.flatnonzero(~first)))
     whole = _joined(rows)
@@ -82,7 +85,8 @@ def part_keys(keys: IntArray, scene: Scene) -> IntArray:
 @numba.njit(cache=True)
 def _other_keys(keys: IntArray, parent: IntArray) -> IntArray:
     """Return a key for each of the parts, from its object's and the number of the object's parts before it."""
-    before, out = np.zeros(len(keys), np.uint64), np.empty(len(parent), np.uint64)
+    before = np.zeros(len(keys), np.uint64)
+    out = np.empty(len(parent), np.uint64)
     for i in range(len(parent)):
         p = parent[i]
         out[i] = word(~keys[p], _PART + before[p])
@@ -105,8 +109,13 @@ class _Tile:
     def __init__(
         self, row: int, share: float, group: int, at: FloatArray, matrix: FloatArray, size: float, first: bool
     ) -> None:
-        self.row, self.share, self.group, self.at = row, share, group, at
-        self.matrix, self.size, self.first = matrix, size, first
+        self.row = row
+        self.share = share
+        self.group = group
+        self.at = at
+        self.matrix = matrix
+        self.size = size
+        self.first = first
 
 
 def _tiles(
@@ -115,7 +124,8 @@ def _tiles(
     """Return (images, tiles): coefficients of all tiles of images, and the _Tiles of the objects `rows`."""
     if not len(rows):
         return [], []
-    names, skies = objects["image_file"][rows], []
+    names = objects["image_file"][rows]
+    skies = []
     scales, angles = (
         objects[name][rows] if name in objects else np.zeros(len(rows)) for name in ("image_scale", "image_pa")
     )
@@ -124,9 +134,11 @@ def _tiles(
     matrices = lens(rows) @ np.array(skies)
     steps = np.linalg.norm(matrices, axis=1)  # px per column, per row
     images: list[FloatArray] = []
-    cut, tiles = {}, []
+    cut = {}
+    tiles = []
     for name in dict.fromkeys(names.tolist()):
-        picture, largest = read_picture(name), steps[names == name].max(axis=0)
+        picture = read_picture(name)
+        largest = steps[names == name].max(axis=0)
         cut[name] = list(_cut(image_coefficients(picture.pixels), largest, len(images)))
         images += [image for *_, image in cut[name]]
     for row, name, matrix in zip(rows, names.tolist(), matrices, strict=True):
@@ -156,17 +168,27 @@ def _tile_rows(main: Scene, tiles: list[_Tile], first: int, psf: PsfSet) -> Scen
     """Return the Scene of tiles; first: the group of the first image."""
     assert main.spots is not None
     made = main.take(np.array([tile.row for tile in tiles]))
-    made.light[:], made.sersic[:] = (1.0, 0.0), 0.0
+    made.light[:] = (1.0, 0.0)
+    made.sersic[:] = 0.0
     made.sersic[:, 0, 2] = [tile.size for tile in tiles]
-    at, matrix = np.array([tile.at for tile in tiles]), np.array([tile.matrix for tile in tiles])
-    x, y = made.x + at[:, 0], made.y + at[:, 1]
+    at = np.array([tile.at for tile in tiles])
+    matrix = np.array([tile.matrix for tile in tiles])
+    x = made.x + at[:, 0]
+    y = made.y + at[:, 1]
     node, weight, outside = psf.weights(x, y)
     spot = first + np.array([tile.group for tile in tiles])
     return replace(
-        made, x=x, y=y, matrix=matrix, node=node.astype(np.int64), weight=weight,
-        outside=outside, share=np.array([tile.share for tile in tiles]),
-        spot=spot, reach=None if made.reach is None else _reach_of(made.reach, at, main.spots.extent[spot], matrix),
-    )  # fmt: skip
+        made,
+        x=x,
+        y=y,
+        matrix=matrix,
+        node=node.astype(np.int64),
+        weight=weight,
+        outside=outside,
+        share=np.array([tile.share for tile in tiles]),
+        spot=spot,
+        reach=None if made.reach is None else _reach_of(made.reach, at, main.spots.extent[spot], matrix),
+    )
 
 
 def _reach_of(reach: AnyArray, at: FloatArray, extent: FloatArray, matrix: FloatArray) -> AnyArray:
@@ -182,6 +204,7 @@ def _joined(scenes: list[Scene]) -> Scene:
     one = vars(scenes[0])
     columns: dict[str, Any] = {
         name: np.concatenate([getattr(scene, name) for scene in scenes])
-        for name, values in one.items() if name != "spots" and values is not None
-    }  # fmt: skip
+        for name, values in one.items()
+        if name != "spots" and values is not None
+    }
     return replace(scenes[0], **columns)

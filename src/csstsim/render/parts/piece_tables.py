@@ -27,7 +27,8 @@ def gathered(objects: ObjectTable, owner: IntArray, drawn: ObjectTable) -> Objec
     box: dict[str, IntArray] = {}
     there = drawn["x1"] > drawn["x0"]
     for low, high in (("x0", "x1"), ("y0", "y1")):
-        least, most = np.full(count, np.iinfo(np.int32).max, np.int32), np.zeros(count, np.int32)
+        least = np.full(count, np.iinfo(np.int32).max, np.int32)
+        most = np.zeros(count, np.int32)
         np.minimum.at(least, owner[there], drawn[low][there])
         np.maximum.at(most, owner[there], drawn[high][there])
         box |= {low: np.where(most > 0, least, 0).astype(np.int32), high: most}
@@ -40,10 +41,17 @@ def gathered(objects: ObjectTable, owner: IntArray, drawn: ObjectTable) -> Objec
     stamp = np.zeros(count, drawn["stamp"].dtype)
     np.maximum.at(stamp, owner, drawn["stamp"])
     return objects.with_columns(
-        flags=flags | some, electrons=sums["electrons"], drawn=sums["drawn"], fraction=fraction,
-        method=of_piece["method"], snr=of_piece["snr"], error=of_piece["error"], stamp=stamp, **box,
+        flags=flags | some,
+        electrons=sums["electrons"],
+        drawn=sums["drawn"],
+        fraction=fraction,
+        method=of_piece["method"],
+        snr=of_piece["snr"],
+        error=of_piece["error"],
+        stamp=stamp,
+        **box,
         ms=sums["ms"].astype(drawn["ms"].dtype),
-    )  # fmt: skip
+    )
 
 
 def orders_of(orders: ObjectTable, row: IntArray, light: FloatArray) -> ObjectTable:
@@ -65,7 +73,8 @@ def orders_of(orders: ObjectTable, row: IntArray, light: FloatArray) -> ObjectTa
     box: dict[str, IntArray] = {}
     there = orders["x1"] > orders["x0"]
     for low, high in (("x0", "x1"), ("y0", "y1")):
-        least, most = np.full(count, np.iinfo(np.int32).max, np.int32), np.zeros(count, np.int32)
+        least = np.full(count, np.iinfo(np.int32).max, np.int32)
+        most = np.zeros(count, np.int32)
         np.minimum.at(least, group[there], orders[low][there])
         np.maximum.at(most, group[there], orders[high][there])
         box |= {low: np.where(most > 0, least, 0).astype(np.int32), high: most}

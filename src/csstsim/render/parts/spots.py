@@ -52,7 +52,8 @@ class Spots:
         self.u = np.concatenate([np.asarray(u, float), *(parts[0] for parts in lattices)])
         self.v = np.concatenate([np.asarray(v, float), *(parts[1] for parts in lattices)])
         self.blur = np.concatenate([np.zeros(len(counts)), np.ones(len(lattices))])
-        self._images, self._knots = images, len(counts)
+        self._images = images
+        self._knots = len(counts)
         self._light = [light for _, _, light in lattices]
         transform = lru_cache(_TRANSFORMS_KEPT)(lambda k: LatticeTransform(images[k]))
         self._transform = transform
@@ -71,7 +72,8 @@ class Spots:
     @cached_property
     def sampled(self) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, IntArray, FloatArray]:
         """Arrays for compiled loops: start, u, v, alias table (keep, other) and blur; knots need no table."""
-        keep, other = np.ones(len(self.u)), np.zeros(len(self.u), np.int32)
+        keep = np.ones(len(self.u))
+        other = np.zeros(len(self.u), np.int32)
         for k, light in enumerate(self._light, self._knots):
             part = slice(self.start[k], self.start[k + 1])
             keep[part], other[part] = alias_table(light)
@@ -141,9 +143,11 @@ def in_pixels(coefficients: FloatArray) -> FloatArray:
 def alias_table(light: FloatArray) -> tuple[FloatArray, IntArray]:
     """Return (keep, other): a draw of j evenly, then of j with probability keep[j] and else other[j] (Vose 1991)."""
     n = len(light)
-    keep, other = np.empty(n), np.empty(n, np.int32)
+    keep = np.empty(n)
+    other = np.empty(n, np.int32)
     scaled = light * (n / light.sum())
-    small, large = np.empty(n, np.int64), np.empty(n, np.int64)
+    small = np.empty(n, np.int64)
+    large = np.empty(n, np.int64)
     few = many = 0
     for j in range(n):
         other[j] = j
@@ -155,8 +159,10 @@ def alias_table(light: FloatArray) -> tuple[FloatArray, IntArray]:
             many += 1
     while few > 0 and many > 0:
         few -= 1
-        a, b = small[few], large[many - 1]
-        keep[a], other[a] = scaled[a], b
+        a = small[few]
+        b = large[many - 1]
+        keep[a] = scaled[a]
+        other[a] = b
         scaled[b] -= 1.0 - scaled[a]
         if scaled[b] < 1.0:
             many -= 1
@@ -173,7 +179,8 @@ def alias_table(light: FloatArray) -> tuple[FloatArray, IntArray]:
 def _knots_transform(x: FloatArray, y: FloatArray, size: int, last: int) -> ComplexArray:
     """Return (2 last + 1, last + 1) complex64: the mean of exp(-2 pi i (k_x x + k_y y) / size) over knots."""
     out = np.zeros((2 * last + 1, last + 1), np.complex64)
-    step, n = 2 * math.pi / size, len(x)
+    step = 2 * math.pi / size
+    n = len(x)
     line = np.empty(last + 1, np.complex128)
     for row in range(2 * last + 1):
         ky = row - last

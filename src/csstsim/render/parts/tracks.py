@@ -91,9 +91,11 @@ class _Line:
     """Places x, y [px] along a track and the seconds of light for each pixel of length, as the response asks for it."""
 
     def __init__(self, row: ObjectTable, drawing: Drawing) -> None:
-        interval, chip = drawing.interval, drawing.wcs.chip
+        interval = drawing.interval
+        chip = drawing.wcs.chip
         assert interval is not None and drawing.observer is not None  # given for objects that move
-        start, end = float(row["trail_start"][0]), float(row["trail_end"][0])
+        start = float(row["trail_start"][0])
+        end = float(row["trail_end"][0])
         count = max(int(np.ceil(row["trail_length"][0] / chip.telescope.pixel_scale / _NODE)), 2) + 1
         t = np.linspace(start, end, count)
         motion = Motion(row.with_columns(ra=row["ra_orig"], dec=row["dec_orig"]), interval)
@@ -109,7 +111,9 @@ class _Line:
     def taken(self, rows: IntArray) -> _Line:
         """Return the part of the line at an array of rows, all next to each other."""
         part = object.__new__(_Line)
-        part.x, part.y, part.seconds = self.x[rows], self.y[rows], self.seconds[rows]
+        part.x = self.x[rows]
+        part.y = self.y[rows]
+        part.seconds = self.seconds[rows]
         return part
 
 
@@ -139,12 +143,14 @@ def _draw(
     length = np.r_[0.0, np.cumsum(np.hypot(np.diff(line.x), np.diff(line.y)))]
     blocks = max(round(length[-1] / _BLOCK), 1)
     edges = np.searchsorted(length, np.linspace(0, length[-1], blocks + 1)[1:-1])
-    drawn, boxes = 0.0, []
+    drawn = 0.0
+    boxes = []
     for first, last in zip(np.r_[0, edges], np.r_[edges, len(length) - 1], strict=True):
         if last <= first:
             continue
         part = line.taken(np.arange(first, last + 1))
-        x, y = part.x, part.y
+        x = part.x
+        y = part.y
         angle = np.arctan2(y[-1] - y[0], x[-1] - x[0])
         middle = 0.5 * (x[0] + x[-1]), 0.5 * (y[0] + y[-1])
         if order is None and not _meets(canvas.window, x, y):
@@ -164,9 +170,11 @@ def _meets(window: Window, x: FloatArray, y: FloatArray) -> bool:
     """Whether light of a stretch may reach a window."""
     reach = 2 * _WING
     return not (
-        x.max() + reach < window.x0 or x.min() - reach > window.x1
-        or y.max() + reach < window.y0 or y.min() - reach > window.y1
-    )  # fmt: skip
+        x.max() + reach < window.x0
+        or x.min() - reach > window.x1
+        or y.max() + reach < window.y0
+        or y.min() - reach > window.y1
+    )
 
 
 def _lay(
@@ -183,12 +191,17 @@ def _lay(
 
     spread: light at distances d [px] across; shift: of its light along [px]; before, rise: of `_end`.
     """
-    window, cos, sin = canvas.window, np.cos(angle), np.sin(angle)
-    u, v = part.x - part.x[0], part.y - part.y[0]
-    along, off = u * cos + v * sin, v * cos - u * sin
+    window = canvas.window
+    cos = np.cos(angle)
+    sin = np.sin(angle)
+    u = part.x - part.x[0]
+    v = part.y - part.y[0]
+    along = u * cos + v * sin
+    off = v * cos - u * sin
     corner = part.x[0] - window.x0 + shift * cos, part.y[0] - window.y0 + shift * sin
     grid = np.arange(0.0, along[-1] + 1.0)  # px
-    seconds, bend = np.interp(grid, along, part.seconds), np.interp(grid, along, off)
+    seconds = np.interp(grid, along, part.seconds)
+    bend = np.interp(grid, along, off)
     touched = np.array([window.nx, 0, window.ny, 0])
     assert canvas.expected is not None  # None: for photons alone
     total = _fill(
@@ -226,16 +239,18 @@ def _fill(
     touched: IntArray,
 ) -> float:
     cos, sin = turn
-    total, last = 0.0, first + (len(spread) - 1) * _STEP
+    total = 0.0
+    last = first + (len(spread) - 1) * _STEP
     reach = max(-first, last) + np.abs(bend).max() + 1.0
-    x_end, y_end = corner[0] + length * cos, corner[1] + length * sin
-    low, high = max(int(min(corner[1], y_end) - reach), 0), min(int(max(corner[1], y_end) + reach) + 1, image.shape[0])
-    left, right = (
-        max(int(min(corner[0], x_end) - reach), 0),
-        min(int(max(corner[0], x_end) + reach) + 1, image.shape[1]),
-    )
+    x_end = corner[0] + length * cos
+    y_end = corner[1] + length * sin
+    low = max(int(min(corner[1], y_end) - reach), 0)
+    high = min(int(max(corner[1], y_end) + reach) + 1, image.shape[0])
+    left = max(int(min(corner[0], x_end) - reach), 0)
+    right = min(int(max(corner[0], x_end) + reach) + 1, image.shape[1])
     for row in range(low, high):
-        line, v = 0.0, row - corner[1]
+        line = 0.0
+        v = row - corner[1]
         for column in range(left, right):
             u = column - corner[0]
             s = u * cos + v * sin
@@ -284,10 +299,13 @@ def _profile(
     assert disperser is not None  # of which it is an order
     p, q, r, s = order.lines(np.array([middle[0]]), np.array([middle[1]]))[0]
     waves = 0.5 * (disperser.edges[1:] + disperser.edges[:-1])
-    dx, dy = p + q * waves, r + s * waves
-    across, along = dy * np.cos(angle) - dx * np.sin(angle), dx * np.cos(angle) + dy * np.sin(angle)
+    dx = p + q * waves
+    dy = r + s * waves
+    across = dy * np.cos(angle) - dx * np.sin(angle)
+    along = dx * np.cos(angle) + dy * np.sin(angle)
     lit = rates > 0
-    first, last = across[lit].min() + d[0], across[lit].max() + d[-1]
+    first = across[lit].min() + d[0]
+    last = across[lit].max() + d[-1]
     count = int(np.ceil((last - first) / _STEP)) + 2
     place = (across[lit] - across[lit].min()) / _STEP
     weights = rates[lit] * disperser.psf_weights[:, lit]

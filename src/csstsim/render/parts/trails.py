@@ -31,7 +31,9 @@ if TYPE_CHECKING:
     from csstsim.render.drawing import Drawing
     from csstsim.render.parts.component_pieces import DrawDispersed
 
-SPACING, FEWEST = 0.5, 4  # px; points in addition
+# px; points in addition
+SPACING = 0.5
+FEWEST = 4
 LINE_PX = 256.0  # longer trails, and those with a width, are lines
 
 
@@ -94,7 +96,8 @@ def cut(objects: ObjectTable, drawing: Drawing) -> tuple[ObjectTable, IntArray, 
 
     light: that of the exposure is 1. A row that does not move is one piece. Pieces of a row are together, in time.
     """
-    interval, scale = drawing.interval, drawing.wcs.chip.telescope.pixel_scale
+    interval = drawing.interval
+    scale = drawing.wcs.chip.telescope.pixel_scale
     length = np.where(objects["trail_length"] > 0, objects["trail_length"] / scale, 0.0)
     count = np.where(length > 0, np.ceil(length / SPACING) + FEWEST, 1).astype(int)
     owner = np.repeat(np.arange(len(objects)), count)

@@ -53,9 +53,14 @@ Place: TypeAlias = tuple[float, float, FloatArray, FloatArray, Shapes, int, Floa
 Results: TypeAlias = tuple[IntArray, IntArray]
 Work: TypeAlias = tuple[IntArray, IntArray, FloatArray, FloatArray, FloatArray, FloatArray]
 _ONE, _TWO, _FOUR = (np.uint64(k) for k in (1, 2, 4))
-_S26, _S36 = np.uint64(26), np.uint64(36)  # a word in three: 26, 10 and 28 bits
-_LOW26, _LOW10 = np.uint64((1 << 26) - 1), np.uint64((1 << 10) - 1)
-_UNIT26, _UNIT10, _UNIT28 = 2.0**-26, 2.0**-10, 2.0**-28
+# a word in three: 26, 10 and 28 bits
+_S26 = np.uint64(26)
+_S36 = np.uint64(36)
+_LOW26 = np.uint64((1 << 26) - 1)
+_LOW10 = np.uint64((1 << 10) - 1)
+_UNIT26 = 2.0**-26
+_UNIT10 = 2.0**-10
+_UNIT28 = 2.0**-28
 _BATCH = 512
 _GUIDE = 8192  # largest number of entries in the guide table for the search of a wavelength
 _DENSE = 8.0  # electrons a bin above which each bin has its own Poisson numbers
@@ -77,8 +82,10 @@ def shoot_spectra(
     check_scene(scene, table, canvas.maximum)
     if not _usable(spectra):
         raise ValueError("a spectrum is negative or not finite")
-    orders, count = len(disperser.orders), len(visits)
-    drawn, box = np.zeros((count, orders), np.int64), np.zeros((count, orders, 4), np.int64)
+    orders = len(disperser.orders)
+    count = len(visits)
+    drawn = np.zeros((count, orders), np.int64)
+    box = np.zeros((count, orders, 4), np.int64)
     lines = disperser.lines(visits, scene.x, scene.y)
     rates = disperser.rates
     total = rates.sum(axis=1)
@@ -133,8 +140,10 @@ def _shoot(
     spectra, total, shares = light
     between, first, step, lines, sides = optics
     drawn, box = results
-    bins, orders = spectra.shape[1], drawn.shape[1]
-    running, guide = np.empty(bins + 1), np.empty(_GUIDE + 1, np.uint16)
+    bins = spectra.shape[1]
+    orders = drawn.shape[1]
+    running = np.empty(bins + 1)
+    guide = np.empty(_GUIDE + 1, np.uint16)
     floats = np.empty((4, _BATCH))  # px, py and the shifts
     work = np.empty(_BATCH, np.int64), np.empty(_BATCH, np.int64), floats[0], floats[1], floats[2], floats[3]
     sums = np.empty(index.shape[1])
@@ -145,7 +154,8 @@ def _shoot(
         for b in range(bins):
             running[b + 1] = running[b] + spectra[i, b] * total[piece, b]
         if running[bins] > 0:
-            key, counter = keys[v], np.uint64(0)
+            key = keys[v]
+            counter = np.uint64(0)
             entries = _fill(guide, running, maximum)
             nodes = cumulative(weight[i], sums)
             draw = running, guide[: entries + 1], shares[piece], between, first, step, nodes, index[i], lines[v]
@@ -169,7 +179,8 @@ def _shoot(
 @numba.njit(cache=True)
 def _fill(guide: IntArray, running: FloatArray, maximum: float) -> int:
     """Fill the guide: entry j is the bin at which the share j / entries of the light is reached; return `entries`."""
-    bins, light = len(running) - 1, running[-1]
+    bins = len(running) - 1
+    light = running[-1]
     entries = 8
     while entries < _GUIDE and entries < 4 * maximum * light:
         entries *= 2
@@ -186,9 +197,13 @@ def _choose(
     number: int, draw: Draw, psf: Cells, work: Work, key: np.uint64, counter: np.uint64
 ) -> tuple[int, np.uint64]:
     """Choose each electron's bin, then call `_assign`; return (number inside the PSF's box, counter)."""
-    running, guide = draw[0], draw[1]
-    light, entries, last = running[-1], len(guide) - 1, len(running) - 2
-    near, far = 0, number
+    running = draw[0]
+    guide = draw[1]
+    light = running[-1]
+    entries = len(guide) - 1
+    last = len(running) - 2
+    near = 0
+    far = number
     for _ in range(number):
         at = unit(word(key, counter))
         b = np.int64(guide[np.int64(at * entries)])
@@ -219,13 +234,18 @@ def _by_bins(
     """
     running, _, shares, between, start, step, nodes, index, lines = draw
     first, order, _, _, shift_x, shift_y = work
-    near, far, before = 0, _BATCH, 0.0
+    near = 0
+    far = _BATCH
+    before = 0.0
     for k in range(len(index)):
-        weight, before = mean * (nodes[k] - before) / nodes[-1], nodes[k]
+        weight = mean * (nodes[k] - before) / nodes[-1]
+        before = nodes[k]
         for f in range(4 if weight > 0.0 else 0):
             node = index[k]
-            inner, outer = psf[1][node, f, 0], psf[1][node, f, 1]
-            word_inner, word_outer = first_word(node, f, 0, psf[2]), first_word(node, f, 1, psf[2])
+            inner = psf[1][node, f, 0]
+            outer = psf[1][node, f, 1]
+            word_inner = first_word(node, f, 0, psf[2])
+            word_outer = first_word(node, f, 1, psf[2])
             for b in range(len(between)):
                 light = weight * (1.0 - abs(between[b] - f)) * (running[b + 1] - running[b])
                 if light <= 0.0:
@@ -248,11 +268,13 @@ def _by_bins(
                     shift_y[slot] = lines[o, 2] + lines[o, 3] * wave
                     if near == far:
                         counter = _land(near, _BATCH, place, image, psf, tail, work, results, key, counter)
-                        near, far = 0, _BATCH
+                        near = 0
+                        far = _BATCH
     # Electrons beyond the box are at the end of the arrays: move them up to the others
     count = near + _BATCH - far
     for j in range(_BATCH - far):
-        for_j, from_j = near + j, far + j
+        for_j = near + j
+        from_j = far + j
         first[for_j], order[for_j] = first[from_j], order[from_j]
         shift_x[for_j], shift_y[for_j] = shift_x[from_j], shift_y[from_j]
     return _land(near, count, place, image, psf, tail, work, results, key, counter)
@@ -268,11 +290,15 @@ def _assign(
     """
     _, _, shares, between, start, step, nodes, index, lines = draw
     first, order, _, _, shift_x, shift_y = work
-    one, two, three = word(key, counter), word(key, counter + _ONE), word(key, counter + _TWO)
+    one = word(key, counter)
+    two = word(key, counter + _ONE)
+    three = word(key, counter + _TWO)
     o = pick(shares[b], low(one))
     # The upper of the two wavelengths with probability equal to its weight, else the lower one
-    node, f = index[pick(nodes, low(two) * nodes[-1])], np.int64(between[b] + high(two))
-    wave, u = start + step * (b + low(three)), high(three)
+    node = index[pick(nodes, low(two) * nodes[-1])]
+    f = np.int64(between[b] + high(two))
+    wave = start + step * (b + low(three))
+    u = high(three)
     inner, outer = psf[1][node, f]
     inside = u < inner + outer
     far -= np.int64(not inside)  # type: ignore[assignment]  # an int64 is an int to numba
@@ -305,7 +331,8 @@ def _land(
         count = end - begin
         if count == 0 or (part == 1 and tail.size == 0):
             continue
-        ax, ay = px[begin:end], py[begin:end]
+        ax = px[begin:end]
+        ay = py[begin:end]
         keep = counter
         counter += _TWO * np.uint64(count)
         if part == 0:
@@ -315,7 +342,8 @@ def _land(
         counter = from_profile(count, matrix, profile, shapes, ax, ay, key, counter)
         if cut:
             for j in range(count):
-                u, w = x + ax[j], y + ay[j]
+                u = x + ax[j]
+                w = y + ay[j]
                 if not (side[0] <= u < side[1] and side[2] <= w < side[3]):
                     ax[j] = _AWAY
         _count(
@@ -344,11 +372,15 @@ def _count(
     counted, response, maximum = image
     drawn, box = results
     ny, nx = counted.shape
-    x, y = x + 0.5, y + 0.5  # truncation then finds the pixel
+    # truncation then finds the pixel
+    x = x + 0.5
+    y = y + 0.5
     for j in range(count):
-        u, w = px[j] + shift_x[j] + x, py[j] + shift_y[j] + y
+        u = px[j] + shift_x[j] + x
+        w = py[j] + shift_y[j] + y
         if u >= 0 and w >= 0 and u < nx and w < ny:
-            column, row = np.int64(u), np.int64(w)
+            column = np.int64(u)
+            row = np.int64(w)
             seen = response[row, column] if response.size > 0 else np.float32(1.0)
             kept = np.int64(high(word(key, counter + _TWO * np.uint64(j))) * maximum < seen)
             counted[row, column] += kept

@@ -61,7 +61,10 @@ def draw_dispersed(
     the window.
     """
     work = Work(objects, disperser, drawing)
-    scene, visits, result, wing = work.scene, work.visits, work.result, drawing.wing
+    scene = work.scene
+    visits = work.visits
+    result = work.result
+    wing = drawing.wing
     choice = policy.choose_dispersed(scene, drawing, disperser, canvas.maximum)
     if (choice.method == policy.PHOTONS).any():
         canvas.count()
@@ -72,12 +75,14 @@ def draw_dispersed(
         at, some = _visits_of(chunk, visits, len(scene))
         light = _light(work, choice, chunk, spectra, optics, policy.PHOTONS_MAX if kind == policy.PHOTONS else _MOST)
         result.nominal(at, some, light, optics.rates)
-        begin, traces, few = time.process_time(), Traces(light, some, optics), scene.take(chunk)
+        begin = time.process_time()
+        traces = Traces(light, some, optics)
+        few = scene.take(chunk)
         if kind == policy.STAMP:
-            drawn = draw_spectra(
-                canvas, few, traces, drawing.mixer, drawing.scattered, allowed=choice.allowed[chunk]
-            )  # fmt: skip
-            result.drawn[at], result.box[at], result.ms[at] = drawn.drawn, drawn.box, drawn.ms
+            drawn = draw_spectra(canvas, few, traces, drawing.mixer, drawing.scattered, allowed=choice.allowed[chunk])
+            result.drawn[at] = drawn.drawn
+            result.box[at] = drawn.box
+            result.ms[at] = drawn.ms
             np.bitwise_or.at(work.out.flags, work.rows[visits[at, 0]], drawn.flags)
             continue
         assert drawing.tables is not None
@@ -130,8 +135,10 @@ def _light(
 @numba.njit(cache=True)
 def _bad(light: FloatArray, exptime: float, rates: FloatArray, most: float) -> BoolArray:
     """Multiply spectra (n, bins) by the exposure time in place and set bad ones to zero; return (n,) bool: bad."""
-    bad, bins = np.zeros(len(light), np.bool_), light.shape[1]
-    lanes, least = np.empty(_LANES), np.empty(_LANES)
+    bad = np.zeros(len(light), np.bool_)
+    bins = light.shape[1]
+    lanes = np.empty(_LANES)
+    least = np.empty(_LANES)
     for i in range(len(light)):
         spectrum = light[i]
         lanes[:] = 0.0
@@ -155,9 +162,11 @@ class Work:
     """The objects to draw: their Scene, its rows in the table, its visits to the grating's pieces, results."""
 
     def __init__(self, objects: ObjectTable, disperser: Disperser, drawing: Drawing) -> None:
-        self.disperser, self.exptime = disperser, drawing.exptime
+        self.disperser = disperser
+        self.exptime = drawing.exptime
         self.out = DrawnTable(objects, np.sum([objects[f"flux{i}"] for i in range(4)], axis=0) * drawing.exptime)
-        self.rows, wing = self.out.rows, drawing.wing
+        self.rows = self.out.rows
+        wing = drawing.wing
         count = len(self.rows)
         scene = make_scene(objects.take(self.rows), drawing.wcs, drawing.psf, drawing.exptime)
         self.out.flag_optics(scene.outside[:count], wing)
@@ -176,7 +185,9 @@ class _Result:
 
     def __init__(self, visits: IntArray, disperser: Disperser) -> None:
         shape = len(visits), len(disperser.orders)
-        self.electrons, self.drawn, self.box = np.zeros(shape), np.zeros(shape), np.zeros((*shape, 4), np.int64)
+        self.electrons = np.zeros(shape)
+        self.drawn = np.zeros(shape)
+        self.box = np.zeros((*shape, 4), np.int64)
         self.ms = np.zeros(len(visits))
 
     def nominal(self, at: IntArray, visits: IntArray, light: FloatArray, rates: FloatArray) -> None:
@@ -198,11 +209,15 @@ def _visit_keys(keys: IntArray, visits: IntArray) -> IntArray:
 @numba.njit(cache=True)
 def _sums(light: FloatArray, rows: IntArray, rates: FloatArray) -> FloatArray:
     """Return (len(rows), orders): electrons of each order. Four spectra at a time, so that no sum waits for itself."""
-    count, sums = len(rows), np.empty(4)
+    count = len(rows)
+    sums = np.empty(4)
     out = np.zeros((count, len(rates)))
     for first in range(0, count, len(sums)):
         some = rows[np.minimum(np.arange(first, first + len(sums)), count - 1)]
-        a, b, c, d = light[some[0]], light[some[1]], light[some[2]], light[some[3]]
+        a = light[some[0]]
+        b = light[some[1]]
+        c = light[some[2]]
+        d = light[some[3]]
         for o in range(len(rates)):
             rate = rates[o]
             one = two = three = four = 0.0
@@ -211,7 +226,10 @@ def _sums(light: FloatArray, rows: IntArray, rates: FloatArray) -> FloatArray:
                 two += b[i] * rate[i]
                 three += c[i] * rate[i]
                 four += d[i] * rate[i]
-            sums[0], sums[1], sums[2], sums[3] = one, two, three, four
+            sums[0] = one
+            sums[1] = two
+            sums[2] = three
+            sums[3] = four
             for k in range(min(len(sums), count - first)):
                 out[first + k, o] = sums[k]
     return out
@@ -219,27 +237,35 @@ def _sums(light: FloatArray, rows: IntArray, rates: FloatArray) -> FloatArray:
 
 def tables_of(work: Work, choice: Choice, window: Window, slabs: str = "slabs") -> tuple[ObjectTable, ObjectTable]:
     """Return (table of objects, table of their orders); `slabs`: name of the method where STAMP was chosen."""
-    out, rows, scene, visits, result = work.out, work.rows, work.scene, work.visits, work.result
-    count, at = len(out.drawn), rows[visits[:, 0]]
+    out = work.out
+    rows = work.rows
+    scene = work.scene
+    visits = work.visits
+    result = work.result
+    count = len(out.drawn)
+    at = rows[visits[:, 0]]
     np.add.at(out.drawn, at, result.drawn.sum(axis=1))
     # Each of two visits has all the light of an object at the line between the pieces, so take the larger
     of_piece = np.zeros((2, count))
     np.add.at(of_piece, (visits[:, 1], at), result.electrons.sum(axis=1))
     out.electrons = of_piece.max(axis=0)
     np.add.at(out.ms, at, result.ms)
-    drawn_as, electrons = choice.method == policy.STAMP, scene.electrons.sum(axis=1)
+    drawn_as = choice.method == policy.STAMP
+    electrons = scene.electrons.sum(axis=1)
     out.judge(rows, choice, electrons)
     out.name_methods(rows, np.where(drawn_as, slabs, policy.METHODS[choice.method]), electrons)
     assert scene.reach is not None and scene.wing is not None
     out.note_sides(rows[drawn_as], scene.reach[drawn_as], scene.wing[drawn_as])
     lit = result.box[..., 1] > 0
-    low, high = np.full((count, 2), np.iinfo(np.int32).max), np.zeros((count, 2), np.int64)
+    low = np.full((count, 2), np.iinfo(np.int32).max)
+    high = np.zeros((count, 2), np.int64)
     v, o = np.nonzero(lit)
     box = result.box[v, o]
     np.minimum.at(low, at[v], box[:, ::2])
     np.maximum.at(high, at[v], box[:, 1::2])
     low[high[:, 0] == 0] = 0
-    out.box[:, ::2], out.box[:, 1::2] = low, high
+    out.box[:, ::2] = low
+    out.box[:, 1::2] = high
     out.miss((out.drawn == 0) & (out.method == slabs))
     if scene.parent is not None:
         work.visits, work.result = _of_objects(work)
@@ -249,7 +275,9 @@ def tables_of(work: Work, choice: Choice, window: Window, slabs: str = "slabs") 
 
 def _of_objects(work: Work) -> tuple[IntArray, _Result]:
     """Return (visits, _Result) of the objects, each with what was drawn of its parts: an object's order is one row."""
-    visits, result, scene = work.visits, work.result, work.scene
+    visits = work.visits
+    result = work.result
+    scene = work.scene
     assert scene.parent is not None
     mine = np.flatnonzero(visits[:, 0] < work.count)
     place = np.full((work.count, 2), -1)
@@ -259,18 +287,24 @@ def _of_objects(work: Work) -> tuple[IntArray, _Result]:
     merged = _Result(visits[mine], work.disperser)
     for total, part in ((merged.electrons, result.electrons), (merged.drawn, result.drawn), (merged.ms, result.ms)):
         np.add.at(total, to[told], part[told])
-    low, high = np.full((*merged.drawn.shape, 2), np.iinfo(np.int32).max), np.zeros((*merged.drawn.shape, 2), np.int64)
+    low = np.full((*merged.drawn.shape, 2), np.iinfo(np.int32).max)
+    high = np.zeros((*merged.drawn.shape, 2), np.int64)
     box = np.where(result.box[..., 1:2] > 0, result.box, [np.iinfo(np.int32).max, 0, np.iinfo(np.int32).max, 0])
     np.minimum.at(low, to[told], box[told][..., ::2])
     np.maximum.at(high, to[told], box[told][..., 1::2])
     low[high[..., 0] == 0] = 0
-    merged.box[..., ::2], merged.box[..., 1::2] = low, high
+    merged.box[..., ::2] = low
+    merged.box[..., 1::2] = high
     return visits[mine], merged
 
 
 def _orders(work: Work, at: IntArray, window: Window) -> ObjectTable:
     """Return the table of orders, one row per visit and order; at: (v,) rows of the objects table."""
-    objects, scene, visits, result, disperser = work.out.objects, work.scene, work.visits, work.result, work.disperser
+    objects = work.out.objects
+    scene = work.scene
+    visits = work.visits
+    result = work.result
+    disperser = work.disperser
     assert scene.reach is not None
     cut = disperser.cut(visits, scene.x, scene.y, scene.reach)
     columns = []
@@ -282,7 +316,8 @@ def _orders(work: Work, at: IntArray, window: Window) -> ObjectTable:
             mine = np.flatnonzero(
                 (visits[:, 1] == piece) & ((result.drawn[:, o] > 0) | (result.electrons[:, o] >= FAINTEST))
             )
-            x, y = scene.x[visits[mine, 0]], scene.y[visits[mine, 0]]
+            x = scene.x[visits[mine, 0]]
+            y = scene.y[visits[mine, 0]]
             p, q, r, s = lines = order.lines(x, y).T
             low, high = _range(lines, x, y, window, order.range)
             lands = np.flatnonzero((low < high) | (result.drawn[mine, o] > 0))
@@ -307,7 +342,8 @@ def _range(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the (first, last) wavelengths, within `limits`, whose light lands on the window; NaN: none."""
     p, q, r, s = lines
-    low, high = np.full(len(x), limits[0]), np.full(len(x), limits[1])
+    low = np.full(len(x), limits[0])
+    high = np.full(len(x), limits[1])
     for at, offset, slope, first, last in ((x, p, q, window.x0, window.x1), (y, r, s, window.y0, window.y1)):
         with np.errstate(divide="ignore", invalid="ignore"):
             ends = np.sort([(edge - 0.5 - at - offset) / slope for edge in (first, last)], axis=0)

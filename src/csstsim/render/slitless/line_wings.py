@@ -40,10 +40,14 @@ _HAZE = OVER, (8, 16, 32, 64, 128), (0, 1, 2, 3, 4)
 BLOCK = 8  # px between computed values along a row
 _ROWS = BLOCK // 2  # px between computed rows
 _AT = np.arange(BLOCK) / BLOCK
-CUBIC = np.stack([  # weights of four values, at -1, 0, 1, 2, at each place between 0 and 1
-    -_AT * (_AT - 1) * (_AT - 2) / 6, (_AT + 1) * (_AT - 1) * (_AT - 2) / 2,
-    -(_AT + 1) * _AT * (_AT - 2) / 2, (_AT + 1) * _AT * (_AT - 1) / 6,
-])  # fmt: skip
+CUBIC = np.stack(
+    [  # weights of four values, at -1, 0, 1, 2, at each place between 0 and 1
+        -_AT * (_AT - 1) * (_AT - 2) / 6,
+        (_AT + 1) * (_AT - 1) * (_AT - 2) / 2,
+        -(_AT + 1) * _AT * (_AT - 2) / 2,
+        (_AT + 1) * _AT * (_AT - 1) / 6,
+    ]
+)
 
 
 def points_of(x: FloatArray, y: FloatArray, light: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -87,9 +91,11 @@ def add_line(
     """
     (places, flux), wing, half = points, wings.wing, wings.half
     haze: Floats = 0.0
-    added, box = 0.0, None
+    added = 0.0
+    box = None
     if wing is not None and len(places):
-        far, shown = wing_beyond(wing, half, wing_px > 0), wing_beyond(wing, half)
+        far = wing_beyond(wing, half, wing_px > 0)
+        shown = wing_beyond(wing, half)
         total = flux.sum(axis=0)
         share = wing_share(total, (total * held.inside).sum(), shown.light)
         for part in parts:
@@ -117,7 +123,8 @@ def _add(
 ) -> float:
     """Add the light of a Far around each position; return the electrons on the window."""
     edges, together, levels = annuli
-    drawn, add = 0.0, wings.meshes.add
+    drawn = 0.0
+    add = wings.meshes.add
     for (profile, first, reach), points, level in zip(tables(far, edges), together, levels, strict=True):
         if not reach:
             continue
@@ -137,9 +144,11 @@ def _box(window: Window, places: FloatArray, reach: float) -> Box | None:
     """Return (x0, x1, y0, y1) of the window's pixels within `reach` of the places along both axes, or None."""
     (x0, y0), (x1, y1) = places.min(axis=0) - reach, places.max(axis=0) + reach
     box = (
-        max(math.ceil(x0), window.x0), min(math.floor(x1) + 1, window.x1),
-        max(math.ceil(y0), window.y0), min(math.floor(y1) + 1, window.y1),
-    )  # fmt: skip
+        max(math.ceil(x0), window.x0),
+        min(math.floor(x1) + 1, window.x1),
+        max(math.ceil(y0), window.y0),
+        min(math.floor(y1) + 1, window.y1),
+    )
     return box if box[0] < box[1] and box[2] < box[3] else None
 
 
@@ -150,10 +159,13 @@ def _merged(places: FloatArray, flux: FloatArray, points: int, profile: FloatArr
     places (m, 2), flux (m, 4), by sub-band; profile: (4, nodes). A group stands at its mean place, weighted by light.
     """
     groups = -(-len(places) // points)
-    at, lines = np.zeros((groups, 2)), np.zeros((groups, profile.shape[1]))
+    at = np.zeros((groups, 2))
+    lines = np.zeros((groups, profile.shape[1]))
     for g in range(groups):
-        begin, end = g * points, min((g + 1) * points, len(places))
-        dark, weights = not np.abs(flux[begin:end]).sum() > 0, 0.0
+        begin = g * points
+        end = min((g + 1) * points, len(places))
+        dark = not np.abs(flux[begin:end]).sum() > 0
+        weights = 0.0
         for m in range(begin, end):
             weight = 1.0 if dark else abs(flux[m, 0]) + abs(flux[m, 1]) + abs(flux[m, 2]) + abs(flux[m, 3])
             weights += weight
@@ -162,7 +174,8 @@ def _merged(places: FloatArray, flux: FloatArray, points: int, profile: FloatArr
         at[g] = at[g] / weights if points > 1 else places[g]
         line = lines[g]
         for b in range(len(profile)):
-            light, row = flux[begin:end, b].sum(), profile[b]
+            light = flux[begin:end, b].sum()
+            row = profile[b]
             for r in range(len(row)):
                 line[r] += light * row[r]
     return at, lines
@@ -193,8 +206,11 @@ def _add_near(
 ) -> float:
     """Add the tables' values around positions (m, 2), relative to the corner of a box of pixels; return the sum."""
     x0, x1, y0, y1 = box
-    ny, nx = y1 - y0, x1 - x0
-    columns, rows = nx // BLOCK + 4, ny // _ROWS + 4  # mesh point 1 is at pixel 0
+    ny = y1 - y0
+    nx = x1 - x0
+    # mesh point 1 is at pixel 0
+    columns = nx // BLOCK + 4
+    rows = ny // _ROWS + 4
     mesh = np.zeros((rows, columns))
     place = np.empty(1)
     bits = place.view(np.int64)
@@ -202,7 +218,8 @@ def _add_near(
         x, y = places[m]
         for row in range(rows):
             dy = (row - 1) * _ROWS - y
-            dy2, inside = dy * dy, between(dy, side[2], side[3], LINE_STEP)
+            dy2 = dy * dy
+            inside = between(dy, side[2], side[3], LINE_STEP)
             half = math.sqrt(max(reach * reach - dy2, 0.0))
             first = max(0, math.ceil((x - half) / BLOCK) + 1)
             for column in range(first, min(columns, math.floor((x + half) / BLOCK) + 2)):
@@ -210,22 +227,30 @@ def _add_near(
                 place[0] = dy2 + dx * dx
                 cut = inside * between(dx, side[0], side[1], LINE_STEP)
                 mesh[row, column] += read(lines[m], first_node, bits[0]) * cut
-    line, values, sums = np.empty(columns), np.empty(columns * BLOCK), np.zeros(BLOCK)
+    line = np.empty(columns)
+    values = np.empty(columns * BLOCK)
+    sums = np.zeros(BLOCK)
     for row in range(ny):
-        at, phase = row // _ROWS + 1, row % _ROWS * (BLOCK // _ROWS)
+        at = row // _ROWS + 1
+        phase = row % _ROWS * (BLOCK // _ROWS)
         for j in range(columns):
             line[j] = (
-                CUBIC[0, phase] * mesh[at - 1, j] + CUBIC[1, phase] * mesh[at, j] + CUBIC[2, phase] * mesh[at + 1, j]
+                CUBIC[0, phase] * mesh[at - 1, j]
+                + CUBIC[1, phase] * mesh[at, j]
+                + CUBIC[2, phase] * mesh[at + 1, j]
                 + CUBIC[3, phase] * mesh[at + 2, j]
-            )  # fmt: skip
-        seen, lit = response[y0 + row, x0:x1], image[y0 + row, x0:x1]
+            )
+        seen = response[y0 + row, x0:x1]
+        lit = image[y0 + row, x0:x1]
         for j in range(columns - 3):
             part = values[j * BLOCK : (j + 1) * BLOCK]
             for k in range(BLOCK):
                 value = (
-                    CUBIC[0, k] * line[j] + CUBIC[1, k] * line[j + 1] + CUBIC[2, k] * line[j + 2]
+                    CUBIC[0, k] * line[j]
+                    + CUBIC[1, k] * line[j + 1]
+                    + CUBIC[2, k] * line[j + 2]
                     + CUBIC[3, k] * line[j + 3]
-                )  # fmt: skip
+                )
                 part[k] = max(value, 0.0)
         values[nx:] = 0.0
         for x in range(nx):

@@ -67,12 +67,17 @@ def draw_objects(
     renderer does not compute them.
     """
     work = Work(objects, disperser, drawing)
-    scene, result, wing, psf = work.scene, work.result, drawing.wing, drawing.psf
+    scene = work.scene
+    result = work.result
+    wing = drawing.wing
+    psf = drawing.psf
     assert scene.reach is not None and scene.wing is not None  # select gives them
     part = objects.take(work.rows[: work.count])
     work.out.flags[work.rows[scene.reach > REACH_FFT]] |= TRUNCATED_STAMP
     stamper = Stamper.of(drawing.mixer, replace(scene, reach=np.minimum(scene.reach, REACH_FFT)), drawing.scattered)
-    galaxies, reach, half = Galaxies(part, drawing.wcs, scene), stamper.reach, drawing.mixer.half
+    galaxies = Galaxies(part, drawing.wcs, scene)
+    reach = stamper.reach
+    half = drawing.mixer.half
     assert canvas.expected is not None
     expected = np.zeros(canvas.window.shape)
     plane = Canvas(expected, canvas.window, canvas.response)
@@ -87,7 +92,8 @@ def draw_objects(
         result.nominal(np.array([v]), traces.visits, light, disperser.rates)
         nodes = sum(w * psf.node(n) for n, w in zip(scene.node[i], scene.weight[i], strict=True))
         nodes = nodes if stamper.core is None else nodes * stamper.core
-        held, one = light_inside(stamper, i), scene.take(np.array([i]))
+        held = light_inside(stamper, i)
+        one = scene.take(np.array([i]))
         side = traces.side(one, 0)
         profiles = _profiles(partial(galaxies.profile, i), nodes, psf.oversampling, reach[i], side)
         for o, line in enumerate(lines[v]):
@@ -121,7 +127,9 @@ class _Trace:
     def around(self, rows: IntArray, band: int, column: int, row: int) -> galsim.GSObject | None:
         """Return bins `rows` at one wavelength of the PSF set, as delta functions relative to a pixel's centre."""
         lit = rows[self.weights[band, rows] > 0]
-        flux, x, y = self.weights[band, lit], self.x[lit] - column, self.y[lit] - row
+        flux = self.weights[band, lit]
+        x = self.x[lit] - column
+        y = self.y[lit] - row
         points = [galsim.DeltaFunction(flux=f).shift(dx, dy) for f, dx, dy in zip(flux, x, y, strict=True)]
         return galsim.Sum(points) if points else None
 
@@ -164,24 +172,31 @@ def _draw_order(
     """Add an order to a Canvas; return ([(electrons, box on the chip)], flags)."""
     assert plane.expected is not None
     parts: list[tuple[float, Box | None]] = []
-    flags, window = 0, plane.window
+    flags = 0
+    window = plane.window
     bins = np.flatnonzero(trace.light > 0)
     block = np.floor(trace.x[bins] / _BLOCK).astype(int)
     for b in np.unique(block):
         rows = bins[block == b]
-        x, y = trace.x[rows], trace.y[rows]
+        x = trace.x[rows]
+        y = trace.y[rows]
         if not meets(x, y, reach + 1, window):
             continue
-        first, last = round(x.min()) - reach, round(x.max()) + reach
-        bottom, top = round(y.min()) - reach, round(y.max()) + reach
+        first = round(x.min()) - reach
+        last = round(x.max()) + reach
+        bottom = round(y.min()) - reach
+        top = round(y.max()) + reach
         stamp = galsim.ImageD(galsim.BoundsI(first, last, bottom, top))
-        column, row = (first + last) // 2, (bottom + top) // 2
+        column = (first + last) // 2
+        row = (bottom + top) // 2
         spots = [trace.around(rows, band, column, row) for band in range(4)]
         flags |= fill(stamp, partial(_spread, profiles, spots, trace.length), column, row)
         if flags & TOO_LARGE:
             break
-        x0, x1 = max(first, window.x0), min(last + 1, window.x1)
-        y0, y1 = max(bottom, window.y0), min(top + 1, window.y1)
+        x0 = max(first, window.x0)
+        x1 = min(last + 1, window.x1)
+        y0 = max(bottom, window.y0)
+        y1 = min(top + 1, window.y1)
         if x0 < x1 and y0 < y1:
             at = plane.cut((x0, x1, y0, y1))
             counted = stamp.array[y0 - bottom : y1 - bottom, x0 - first : x1 - first] * plane.seen[at]

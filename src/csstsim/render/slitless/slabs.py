@@ -82,8 +82,10 @@ def draw_spectra(
     (spectra, visits, disperser), mixer, window = traces, mixer_of(psf), canvas.window
     out = Drawn.blank(len(visits), len(disperser.orders))
     wing = None if scattered is None else scattered.wing
-    stamper, wings = Stamper.of(mixer, scene, scattered), Wings(canvas, wing, mixer.half)
-    lines, reach = disperser.lines(visits, scene.x, scene.y), stamper.reach
+    stamper = Stamper.of(mixer, scene, scattered)
+    wings = Wings(canvas, wing, mixer.half)
+    lines = disperser.lines(visits, scene.x, scene.y)
+    reach = stamper.reach
     counts = np.broadcast_to(per_px, (len(disperser.orders), len(scene))).T
     if allowed is not None and len(visits):
         counts = _counts(spectra, disperser, lines[0, :, 1], allowed)
@@ -104,9 +106,14 @@ def draw_spectra(
                     stamps = subpixel_stamps(stamper, i, int(density[i]), side)
                 step = max(int(density[i]) // int(counts[i, o]), 1)
                 drawn, box = _add_slabs(
-                    canvas.expected, canvas.seen, x - window.x0, y - window.y0, light, disperser.psf_weights,
+                    canvas.expected,
+                    canvas.seen,
+                    x - window.x0,
+                    y - window.y0,
+                    light,
+                    disperser.psf_weights,
                     _padded(stamps[:, ::step]),
-                )  # fmt: skip
+                )
                 if box.any():
                     parts.append((drawn, box + canvas.corner))
             share = light.sum() / scene.electrons[i].sum() if wing is not None else 0.0
@@ -124,7 +131,9 @@ def draw_spectra(
 
 def _counts(spectra: FloatArray, disperser: Disperser, q: FloatArray, allowed: FloatArray) -> IntArray:
     """Return (n, orders) slabs per pixel for points; q: (orders,) dispersion of one visit [px / angstrom]."""
-    first, rates = disperser.orders.index(1), disperser.rates.max(axis=0)  # an order may be missing on one piece
+    # an order may be missing on one piece
+    first = disperser.orders.index(1)
+    rates = disperser.rates.max(axis=0)
     electrons = np.einsum("nb,ob->no", spectra, rates)
     return fewest_by_order(electrons, roughness(spectra * rates[first]), np.abs(q) < 0.9 * np.abs(q[first]), allowed)
 
@@ -162,7 +171,9 @@ def _padded(phases: FloatArray) -> FloatArray:
 @numba.njit(inline="always")
 def _cubic(t: float) -> tuple[float, float, float, float]:
     """Return the weights of four values, at -1, 0, 1, 2, of the cubic through them at t within 0..1."""
-    a, b, c = t + 1, t - 1, t - 2
+    a = t + 1
+    b = t - 1
+    c = t - 2
     return -t * b * c / 6, a * b * c / 2, -a * t * c / 2, a * t * b / 6
 
 
@@ -180,19 +191,31 @@ def _add_slabs(
 
     phases: from `_padded`; x must be monotonic. The box is x0, x1, y0, y1, half-open; all 0: nothing was added.
     """
-    bins, density, size = len(x), phases.shape[1], phases.shape[3]
-    reach, wide = size // 2, _BLOCK + 2 * _SIDE
-    rows, pitch = size + 2, phases.shape[4]
-    buffer, stamps = np.empty(rows * pitch, np.float32), np.empty((4 * density, rows * pitch), np.float32)
+    bins = len(x)
+    density = phases.shape[1]
+    size = phases.shape[3]
+    reach = size // 2
+    wide = _BLOCK + 2 * _SIDE
+    rows = size + 2
+    pitch = phases.shape[4]
+    buffer = np.empty(rows * pitch, np.float32)
+    stamps = np.empty((4 * density, rows * pitch), np.float32)
     slabs = np.empty((4, wide * density))
-    factors, used, cubic = np.empty((4 * density, wide), np.float32), np.empty(4, np.int64), np.empty(4, np.float32)
-    drawn, box, b = 0.0, np.array([image.shape[1], 0, image.shape[0], 0]), 0
+    factors = np.empty((4 * density, wide), np.float32)
+    used = np.empty(4, np.int64)
+    cubic = np.empty(4, np.float32)
+    drawn = 0.0
+    box = np.array([image.shape[1], 0, image.shape[0], 0])
+    b = 0
     while b < bins:
-        block, end = math.floor(x[b] / _BLOCK), b + 1
+        block = math.floor(x[b] / _BLOCK)
+        end = b + 1
         while end < bins and math.floor(x[end] / _BLOCK) == block:
             end += 1
-        begin, b = b, end
-        total, height = 0.0, 0.0
+        begin = b
+        b = end
+        total = 0.0
+        height = 0.0
         for k in range(begin, end):
             total += light[k]
             height += light[k] * y[k]
@@ -200,7 +223,8 @@ def _add_slabs(
             continue
         height /= total
         row = math.floor(height + 0.5)
-        x0, y0 = block * _BLOCK - _SIDE - reach, row - reach - 1
+        x0 = block * _BLOCK - _SIDE - reach
+        y0 = row - reach - 1
         if x0 + pitch <= 0 or x0 >= image.shape[1] or y0 + rows <= 0 or y0 >= image.shape[0]:
             continue
         _deal(slabs, x, light, mixture, begin, end, block * _BLOCK - _SIDE, density)
@@ -214,7 +238,9 @@ def _add_slabs(
         heights = phases.shape[2]
         first = math.floor((height - row) * heights)
         cubic[:] = _cubic((height - row) * heights - first)
-        low, high = max(-y0, 0), min(rows, image.shape[0] - y0)  # rows of the stamp on the image
+        # rows of the stamp on the image
+        low = max(-y0, 0)
+        high = min(rows, image.shape[0] - y0)
         _raise(stamps[: bands * density], phases, used[:bands], cubic, first, low, high)
         buffer[:] = 0.0
         _lay(buffer, stamps[: bands * density], factors[: bands * density], low * pitch, high * pitch)
@@ -237,8 +263,10 @@ def _raise(
     for band in range(len(bands)):
         for column in range(density):
             for k in range(4):
-                pixel, phase = (first - 1 + k) // heights, (first - 1 + k) % heights
-                values, factor = phases[bands[band], column, phase].reshape(size * pitch), cubic[k]
+                pixel = (first - 1 + k) // heights
+                phase = (first - 1 + k) % heights
+                values = phases[bands[band], column, phase].reshape(size * pitch)
+                factor = cubic[k]
                 start = max(low - 1 - pixel, 0) * pitch
                 end = min(high - 1 - pixel, size) * pitch
                 out = stamps[band * density + column, (1 + pixel) * pitch :]
@@ -254,20 +282,30 @@ def _lay(out: FloatArray, stamps: FloatArray, factors: FloatArray, begin: int, e
     """
     count = len(stamps)
     for at in range(factors.shape[1]):
-        part, last = out[begin + at : end], end - begin - at
+        part = out[begin + at : end]
+        last = end - begin - at
         for k in range(0, count - 3, 4):
-            a, b, c, d = factors[k, at], factors[k + 1, at], factors[k + 2, at], factors[k + 3, at]
-            one, two = stamps[k, begin:end], stamps[k + 1, begin:end]
-            three, four = stamps[k + 2, begin:end], stamps[k + 3, begin:end]
+            a = factors[k, at]
+            b = factors[k + 1, at]
+            c = factors[k + 2, at]
+            d = factors[k + 3, at]
+            one = stamps[k, begin:end]
+            two = stamps[k + 1, begin:end]
+            three = stamps[k + 2, begin:end]
+            four = stamps[k + 3, begin:end]
             if a != 0.0 or b != 0.0 or c != 0.0 or d != 0.0:
                 for j in range(last):
                     part[j] += a * one[j] + b * two[j] + c * three[j] + d * four[j]
         for k in range(count - count % 4, count - 1, 2):
-            a, b, one, two = factors[k, at], factors[k + 1, at], stamps[k, begin:end], stamps[k + 1, begin:end]
+            a = factors[k, at]
+            b = factors[k + 1, at]
+            one = stamps[k, begin:end]
+            two = stamps[k + 1, begin:end]
             for j in range(last):
                 part[j] += a * one[j] + b * two[j]
         if count % 2:
-            a, one = factors[count - 1, at], stamps[count - 1, begin:end]
+            a = factors[count - 1, at]
+            one = stamps[count - 1, begin:end]
             for j in range(last):
                 part[j] += a * one[j]
 
@@ -302,11 +340,14 @@ def _deal(
 @numba.njit(cache=True)
 def _put(image: FloatArray, response: FloatArray, stamp: FloatArray, x0: int, y0: int) -> float:
     """Add a stamp with its corner at x0, y0, clipped at zero, times the response; return the sum added."""
-    total, lanes = 0.0, np.zeros(8)
-    low, high = max(-x0, 0), min(stamp.shape[1], image.shape[1] - x0)
+    total = 0.0
+    lanes = np.zeros(8)
+    low = max(-x0, 0)
+    high = min(stamp.shape[1], image.shape[1] - x0)
     for row in range(max(-y0, 0), min(stamp.shape[0], image.shape[0] - y0)):
         shown = stamp[row, low:high]
-        line, seen = image[y0 + row, x0 + low : x0 + high], response[y0 + row, x0 + low : x0 + high]
+        line = image[y0 + row, x0 + low : x0 + high]
+        seen = response[y0 + row, x0 + low : x0 + high]
         for column in range(len(shown)):
             shown[column] = max(shown[column], np.float32(0.0)) * seen[column]
             line[column] += shown[column]

@@ -25,10 +25,15 @@ def subpixel_stamps(stamper: Stamper, i: int, density: int, side: Side) -> Float
     stamper: render.imaging.stamper.Stamper. The object is column / density, row / heights px from a pixel's centre.
     side: (x0, x1, y0, y1) px from the object, beyond which its light is cut off.
     """
-    mixer, scene, reach, galaxy = stamper.mixer, stamper.scene, int(stamper.reach[i]), int(stamper.plan.size[i] > 0)
-    size, heights = 2 * reach + 1, HEIGHTS[galaxy]
+    mixer = stamper.mixer
+    scene = stamper.scene
+    reach = int(stamper.reach[i])
+    galaxy = int(stamper.plan.size[i] > 0)
+    size = 2 * reach + 1
+    heights = HEIGHTS[galaxy]
     bounds: Box = (-reach, reach + 1, -reach, reach + 1)
-    out, pixels = np.empty((4, density, heights, size, size), np.float32), np.arange(-reach, reach + 1)
+    out = np.empty((4, density, heights, size, size), np.float32)
+    pixels = np.arange(-reach, reach + 1)
     alone = stamper.alone(i)
     for band in range(4):
         share = _of_band(scene, i, band)
@@ -51,7 +56,9 @@ def subpixel_stamps(stamper: Stamper, i: int, density: int, side: Side) -> Float
 
 def light_inside(stamper: Stamper, i: int) -> Held:
     """Return the Held, with arrays (4,), of object i of light 1 at each wavelength of the PSF set."""
-    mixer, node, light = stamper.mixer, stamper.scene.node[i], np.empty((2, 4))
+    mixer = stamper.mixer
+    node = stamper.scene.node[i]
+    light = np.empty((2, 4))
     for band in range(4):
         share = _of_band(stamper.scene, i, band)
         _, whole = stamper.stamp(i, share, None)
@@ -75,12 +82,14 @@ def _fill_points(out: FloatArray, cells: FloatArray, per_pixel: int) -> None:
     density, heights, size, _ = out.shape
     offsets = [np.arange(count) * per_pixel / count for count in (density, heights)]
     parts = [np.unique(np.ceil(v) - v) for v in offsets]  # of a cell
-    start, fine = len(cells) / 2 - size / 2 * per_pixel, np.empty((size * per_pixel + per_pixel,) * 2, np.float32)
+    start = len(cells) / 2 - size / 2 * per_pixel
+    fine = np.empty((size * per_pixel + per_pixel,) * 2, np.float32)
     for part_x in parts[0]:
         for part_y in parts[1]:
             pixel_sums(cells, start - per_pixel + part_y, start - per_pixel + part_x, per_pixel, 1, fine)
             for column, row in np.ndindex(density, heights):
-                x, y = per_pixel - offsets[0][column] - part_x, per_pixel - offsets[1][row] - part_y
+                x = per_pixel - offsets[0][column] - part_x
+                y = per_pixel - offsets[1][row] - part_y
                 if x == int(x) and y == int(y):
                     whole = fine[int(y) :: per_pixel, int(x) :: per_pixel]
                     out[column, row] = whole[:size, :size]
@@ -94,5 +103,6 @@ def inside(places: FloatArray | IntArray, low: float, high: float, per_pixel: in
 
 def _inside(places: FloatArray | IntArray, per_pixel: int, side: Side, x: float = 0.0, y: float = 0.0) -> FloatArray:
     """Return (n, n) float32: the shares of squares centred at `places` [px], relative to x, y, that lie in `side`."""
-    across, along = inside(places - y, *side[2:], per_pixel), inside(places - x, *side[:2], per_pixel)
+    across = inside(places - y, *side[2:], per_pixel)
+    along = inside(places - x, *side[:2], per_pixel)
     return (across[:, None] * along).astype(np.float32)

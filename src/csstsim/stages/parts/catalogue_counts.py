@@ -31,7 +31,8 @@ class BrickObjects:
     """
 
     def __init__(self, run: OpenCampaign, pix: int) -> None:
-        self._run, self._pix = run, pix
+        self._run = run
+        self._pix = pix
         bands = [f"mag_{band}" for band in run.camera.bands]
         self._table = ObjectTable.read(run.paths.truth(pix), (*COLUMNS, *bands))
 
@@ -40,12 +41,14 @@ class BrickObjects:
 
         Proper motion and parallax are left out: they move some stars across the border of the window.
         """
-        table, band = self._table, f"mag_{job.chip.filter.lower()}"
+        table = self._table
+        band = f"mag_{job.chip.filter.lower()}"
         if band not in table:
             return {}
         place = apparent(*at_epoch(table["ra"], table["dec"], job.observer), job.observer)
         x, y = job.wcs.world_to_pixel(*place)
-        window, limit = job.window, self._run.catalog.mag_limit
+        window = job.window
+        limit = self._run.catalog.mag_limit
         on = (x > window.x0 - 0.5) & (x < window.x1 - 0.5) & (y > window.y0 - 0.5) & (y < window.y1 - 0.5)
         if limit is not None:
             mu, _ = magnification(*(table[name] for name in LENSING))  # 1 for stars, whose columns are 0

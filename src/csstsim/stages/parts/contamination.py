@@ -45,10 +45,12 @@ def catalogued_light(
         found = _of_table(run, job, sources, truth)
     if len(found[0]) == 0:
         raise InputError(
-            "the catalogue has no object whose light reaches the chip", file=run.file, key="measurement.contamination",
+            "the catalogue has no object whose light reaches the chip",
+            file=run.file,
+            key="measurement.contamination",
             value=str(settings.table or f"truth to {settings.depth:g} mag"),
             allowed="objects with a magnitude in one of the camera's bands, within the depth",
-        )  # fmt: skip
+        )
     some, known, owner = found
     assert known is not None  # of these objects
     return CataloguedLight(some, known, model, owner)
@@ -86,7 +88,8 @@ def _of_table(
     options = {"file": str(run.contamination_table), "instrument": run.config.instrument}
     catalog = TableCatalog({k: v for k, v in options.items() if v is not None}, run.region(job.exposure))
     table = selected(run, job.exposure, catalog)
-    spectra, disperser = catalog_spectra(table, catalog), run.disperser(job)
+    spectra = catalog_spectra(table, catalog)
+    disperser = run.disperser(job)
     assert disperser is not None  # of a spectroscopic chip
     rows = np.flatnonzero((table["flags"] & NOT_DRAWN == 0) & np.isfinite(table["x"] + table["y"]))
     owner = np.full(len(truth), NOBODY)
@@ -106,7 +109,8 @@ def owners(x: FloatArray, y: FloatArray, known_x: FloatArray, known_y: FloatArra
     x, y (n,) and known_x, known_y (m,) px, NaN where there is no place; reach: px. The nearest pairs are taken first,
     so that an object without an entry does not get a neighbour's.
     """
-    at, known = np.stack([x, y], axis=1).astype(float), np.stack([known_x, known_y], axis=1).astype(float)
+    at = np.stack([x, y], axis=1).astype(float)
+    known = np.stack([known_x, known_y], axis=1).astype(float)
     there = np.flatnonzero(np.isfinite(at).all(axis=1))
     entry = np.full(len(at), -1)
     entry[there] = one_to_one(at[there], known, np.full(len(there), reach))

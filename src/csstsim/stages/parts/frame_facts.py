@@ -34,7 +34,8 @@ def frame_facts(run: OpenCampaign, job: Job, objects: BrickObjects | None = None
     objects: catalogue_counts.BrickObjects of the brick that is validated, or None.
     """
     file = read_level0(made(run.paths.level0(job), f"chip {run.file} {job.options}"))
-    steps, detector = run.steps[job.pointing.type], run.camera.detector
+    steps = run.steps[job.pointing.type]
+    detector = run.camera.detector
     streams = run.streams(job, "validate")
     gains = steps.step("gain")
     pointing = job.pointing.ra, job.pointing.dec, job.pointing.pa
@@ -42,17 +43,23 @@ def frame_facts(run: OpenCampaign, job: Job, objects: BrickObjects | None = None
     if file.layout == "chip" and values:  # its channels are scaled to one gain
         values = [float(np.mean(values))] * len(values)
     header = {
-        "exptime": file.header0.get("EXPTIME"), "gain": file.gain, "read_noise": file.per_channel("RON"),
+        "exptime": file.header0.get("EXPTIME"),
+        "gain": file.gain,
+        "read_noise": file.per_channel("RON"),
         "bias": file.per_channel("DETBIA"),
         "pointing": pointing_off(file.header0, Boresight(*pointing)) | {"CRVAL1": wcs_off(file.header, job.wcs)},
-    }  # fmt: skip
+    }
     return Facts(
-        exptime=job.pointing.exptime, sky=_sky(run, job, steps),
+        exptime=job.pointing.exptime,
+        sky=_sky(run, job, steps),
         dark=detector.dark * job.pointing.exptime if steps.step("poisson_and_dark") else 0.0,
-        read_noise=detector.read_noise if steps.step("readout_noise") else 0.0, full_well=detector.full_well,
-        gain=dict(enumerate(values, start=1)), header=header, wcs=_wcs(file, job),
+        read_noise=detector.read_noise if steps.step("readout_noise") else 0.0,
+        full_well=detector.full_well,
+        gain=dict(enumerate(values, start=1)),
+        header=header,
+        wcs=_wcs(file, job),
         expected=objects.on_frame(job) if objects else {},
-    )  # fmt: skip
+    )
 
 
 def _sky(run: OpenCampaign, job: Job, steps: SimSteps) -> float | None:

@@ -71,8 +71,10 @@ def redrawn(run: OpenCampaign, job: Job, objects: ObjectTable, say: Callable[[st
     rows = _same_rows(objects, drawn)
     if rows is None:
         return None
-    new, gone = np.flatnonzero(rows < 0), np.setdiff1d(np.arange(len(drawn)), rows)
-    added, taken = _shot(run, job, objects.take(new)), _shot(run, job, _as_selected(drawn.take(gone), objects))
+    new = np.flatnonzero(rows < 0)
+    gone = np.setdiff1d(np.arange(len(drawn)), rows)
+    added = _shot(run, job, objects.take(new))
+    taken = _shot(run, job, _as_selected(drawn.take(gone), objects))
     if added is None or taken is None:
         return None
     state = state_before(base, theirs, "render")
@@ -93,7 +95,8 @@ def _same_rows(objects: ObjectTable, drawn: ObjectTable) -> IntArray | None:
     names = [name for name in objects.names if name not in (ROW, "flags")]
     if set(names) != set(drawn.names) - {ROW, "flags", *ADDED} or "image_file" in names:
         return None  # a column of one table alone may be a profile's
-    ids, old = objects["id"], drawn["id"]
+    ids = objects["id"]
+    old = drawn["id"]
     if len(np.unique(ids)) < len(ids) or len(np.unique(old)) < len(old):
         return None  # random numbers of equal ids depend on their order
     order = np.argsort(old)
@@ -102,7 +105,8 @@ def _same_rows(objects: ObjectTable, drawn: ObjectTable) -> IntArray | None:
         return np.full(len(ids), -1)
     same = old[at] == ids
     for name in names:
-        ours, other = objects[name], drawn[name][at]
+        ours = objects[name]
+        other = drawn[name][at]
         same &= (ours == other) | ((ours != ours) & (other != other))
     return np.where(same, at, -1)
 

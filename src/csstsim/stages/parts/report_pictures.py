@@ -85,7 +85,8 @@ def colour_frames(run: OpenCampaign) -> tuple[Job, dict[str, list[Job]]]:
             seen[place] += [job] if inside else []
     best = max(range(len(tried)), key=lambda place: (min(_bands(seen[place]), 3), len(seen[place])))
     names = [name for name in run.camera.filters if any(job.chip.filter == name for job in seen[best])]
-    start, n = (len(names) - 2) // 2, 3 if len(names) > 2 else 1
+    start = (len(names) - 2) // 2
+    n = 3 if len(names) > 2 else 1
     bands = {name: [job for job in seen[best] if job.chip.filter == name] for name in names[max(start, 0) :][:n]}
     if n == 1:
         bands = {tried[best].chip.filter: [job for job in seen[best] if job.chip.filter == tried[best].chip.filter]}
@@ -114,8 +115,10 @@ def _sees(job: Job, ra: FloatArray, dec: FloatArray) -> BoolArray:
 
 def middle(window: Window, most: int) -> Window:
     """Return the middle of a Window, `most` px a side or fewer."""
-    nx, ny = min(window.nx, most), min(window.ny, most)
-    x0, y0 = window.x0 + (window.nx - nx) // 2, window.y0 + (window.ny - ny) // 2
+    nx = min(window.nx, most)
+    ny = min(window.ny, most)
+    x0 = window.x0 + (window.nx - nx) // 2
+    y0 = window.y0 + (window.ny - ny) // 2
     return Window(x0, x0 + nx, y0, y0 + ny)
 
 
@@ -177,7 +180,8 @@ def focal_plane(run: OpenCampaign, looks: Mapping[str, Look]) -> FocalPlane | No
         if exposures and taken + len(jobs) > PICTURES:
             break
         taken += len(jobs)
-        pointing, filters = jobs[0].pointing, ", ".join(dict.fromkeys(job.chip.filter for job in jobs))
+        pointing = jobs[0].pointing
+        filters = ", ".join(dict.fromkeys(job.chip.filter for job in jobs))
         title = f"{jobs[0].obsid} ({pointing.type}, {pointing.exptime:g} s, {filters})"
         files = ((job.chip, read_level0(run.paths.level0(job))) for job in progress(jobs, "frames"))
         by_chip = {job.chip.id: job for job in jobs}

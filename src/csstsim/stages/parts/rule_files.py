@@ -61,7 +61,8 @@ class RuleFiles:
         self.run = run
         self.kinds = kinds(run)
         self.jobs = {(job.obsid, f"{job.chip.id:02d}"): job for job in run.jobs}
-        self._ancient, self._main = ancient, main
+        self._ancient = ancient
+        self._main = main
 
     def made(self, rule: str, some: Iterable[Any] | None = None) -> list[str]:
         """Return the files that a rule makes for some jobs, chips or bricks, or for all."""
@@ -191,7 +192,8 @@ class RuleFiles:
 
     def _light_of_base(self, wildcards: Wildcards) -> list[str]:
         """Return the kept light of the base, where a variant's differs by objects at most."""
-        job, base = self.job(wildcards), self.run.base
+        job = self.job(wildcards)
+        base = self.run.base
         kept = base is not None and base.config.keep == "light" and may_redraw(self.run, job)
         return self._made_by_base("render", job) if kept else []
 

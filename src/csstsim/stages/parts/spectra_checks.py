@@ -34,7 +34,8 @@ def spectra_checks(run: OpenCampaign, job: Job, truth: ObjectTable, table: Objec
     that of the campaign, less 1, a median, None if a layer of the user's own may add light. truth: of the frame; table:
     its spectra (measure.spectra.extract).
     """
-    file, pointing = read_level0(run.paths.level0(job)), job.pointing
+    file = read_level0(run.paths.level0(job))
+    pointing = job.pointing
     boresight = Boresight(pointing.ra, pointing.dec, pointing.pa)
     return {
         "flux": _flux(truth, table),
@@ -64,10 +65,12 @@ def _known(table: ObjectTable) -> BoolArray:
 
 def _sky(run: OpenCampaign, job: Job, table: ObjectTable) -> dict[str, float | int | None]:
     steps = run.steps[job.pointing.type]
-    step, dark = steps.step("sky_background"), steps.step("poisson_and_dark")
+    step = steps.step("sky_background")
+    dark = steps.step("poisson_and_dark")
     if not (steps.shipped and step and len(table)):
         return {"off": None, "n": 0}
-    image, window = dispersed_sky(job.exposure, step.param), job.window
+    image = dispersed_sky(job.exposure, step.param)
+    window = job.window
     row = np.clip(np.round(table["y"]).astype(int) - window.y0, 0, window.ny - 1)
     expected = image[row, table["column"] - window.x0]
     level = table["sky"] - (run.camera.detector.dark * job.pointing.exptime if dark else 0.0)

@@ -21,7 +21,9 @@ class Timer:
     """Wall and CPU seconds of a stage, for the provenance of its product."""
 
     def __init__(self, stage: str) -> None:
-        self.stage, self.wall, self.cpu = stage, time.perf_counter(), time.process_time()
+        self.stage = stage
+        self.wall = time.perf_counter()
+        self.cpu = time.process_time()
 
     def entry(self) -> list[str | float]:
         """Return [stage, wall s, CPU s] since it began."""
@@ -43,7 +45,8 @@ def state_before(run: OpenCampaign, job: Job, stage: str) -> State:
         state.counted = cast("IntArray | None", planes.get("counted"))  # or a SparsePlane
         if state.mask is not None:
             state.mask = planes.get("mask", state.mask)
-        state.unit, state.header = meta["unit"], meta["header"]
+        state.unit = meta["unit"]
+        state.header = meta["header"]
     return state
 
 
@@ -56,7 +59,8 @@ def frame_meta(run: OpenCampaign, job: Job, state: State) -> dict[str, Any]:
 
 def _exposure(run: OpenCampaign, job: Job) -> dict[str, Any]:
     """Return the exposure and chip of a frame, by the names of the Level-0 header, which `csstsim show` reads."""
-    pointing, window = job.pointing, job.window
+    pointing = job.pointing
+    window = job.window
     return job.wcs.header() | {
         "OBSID": job.obsid, "FILETYPE": pointing.type, "DETECTOR": f"{job.chip.id:02d}", "FILTER": job.chip.filter,
         "EXPTIME": pointing.exptime, "RA_OBJ": pointing.ra, "DEC_OBJ": pointing.dec, "POS_ANG0": pointing.pa,

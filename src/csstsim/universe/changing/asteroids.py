@@ -25,9 +25,13 @@ OBLIQUITY = 84381.406 / ARCSEC_PER_RAD  # of the ecliptic, J2000 (IAU 2006)
 _GAUSS = 0.01720209895  # rad / day, of a circular orbit of 1 au
 LIGHT_DAY_AU = 173.144_632_67  # au / day
 EPOCH = 61545.0  # MJD of the mean longitudes
-_STEPS_A, _STEPS_E = 6, 12  # cells of a zone
+# cells of a zone
+_STEPS_A = 6
+_STEPS_E = 12
 _SLACK = np.radians(8.0)  # longitude in the orbit to longitude in the ecliptic, up to 40 deg of inclination
-_NEAREST, _FURTHEST = 1.3, 5.2  # au from the Sun
+# au from the Sun
+_NEAREST = 1.3
+_FURTHEST = 5.2
 
 
 class Population(NamedTuple):
@@ -52,12 +56,17 @@ def _population(text: str) -> Population:
     import ast
 
     numbers = ast.literal_eval(text)
-    zones, counts, limit = numbers["zones"], numbers["counts"], float(numbers["faintest"])
+    zones = numbers["zones"]
+    counts = numbers["counts"]
+    limit = float(numbers["faintest"])
     log = np.array(counts["log_number"], float) + np.log10(counts["density"])
     law = np.array(counts["H"], float), log, float(counts["bright"]), float(counts["faint"])
-    cells, expected, faintest = [], [], []
+    cells = []
+    expected = []
+    faintest = []
     for k, (first, last) in enumerate(zones["a"]):
-        edges_a, edges_e = np.linspace(first, last, _STEPS_A + 1), np.linspace(0, zones["e_max"], _STEPS_E + 1)
+        edges_a = np.linspace(first, last, _STEPS_A + 1)
+        edges_e = np.linspace(0, zones["e_max"], _STEPS_E + 1)
         below = 1 - np.exp(-0.5 * (edges_e / zones["e"][k]) ** 2)
         share_e = np.diff(below) / below[-1]
         for a0, a1 in pairwise(edges_a):
@@ -67,7 +76,8 @@ def _population(text: str) -> Population:
                 cells.append((a0, a1, edges_e[j], edges_e[j + 1], np.radians(zones["i"][k]), k))
                 faintest.append(h)
                 expected.append(zones["share"][k] / _STEPS_A * share_e[j] * 10 ** _log_number(h, *law))
-    count, slope = np.round(expected).astype(np.int64), float(numbers["phase_slope"])
+    count = np.round(expected).astype(np.int64)
+    slope = float(numbers["phase_slope"])
     return Population(count, np.array(cells), np.array(faintest), law, limit, slope)
 
 
@@ -110,10 +120,16 @@ def asteroids_near(
     seen, v = observed(orbit, h, mjd, o, people.slope)
     near = (seen @ c >= np.cos(radius)) & (v <= people.limit)
     return {
-        "id": number[near].astype(np.int64), "vector": _to_equator(seen[near]), "V": v[near], "H": h[near],
-        "a": a[near], "e": e[near], "i": i[near], "orbit": np.stack(orbit)[:, near],
+        "id": number[near].astype(np.int64),
+        "vector": _to_equator(seen[near]),
+        "V": v[near],
+        "H": h[near],
+        "a": a[near],
+        "e": e[near],
+        "i": i[near],
+        "orbit": np.stack(orbit)[:, near],
         "zone": np.searchsorted([zone[0] for zone in numbers["zones"]["a"]], a[near], side="right") - 1,
-    }  # fmt: skip
+    }
 
 
 def seen_from(
@@ -149,8 +165,10 @@ def positions(orbit: Sequence[FloatArray] | FloatArray, days: Floats) -> FloatAr
     eccentric = mean + e * np.sin(mean)
     for _ in range(8):
         eccentric = eccentric - (eccentric - e * np.sin(eccentric) - mean) / (1 - e * np.cos(eccentric))
-    x, y = a * (np.cos(eccentric) - e), a * np.sqrt(1 - e**2) * np.sin(eccentric)
-    u, v = x * np.cos(peri) - y * np.sin(peri), x * np.sin(peri) + y * np.cos(peri)
+    x = a * (np.cos(eccentric) - e)
+    y = a * np.sqrt(1 - e**2) * np.sin(eccentric)
+    u = x * np.cos(peri) - y * np.sin(peri)
+    v = x * np.sin(peri) + y * np.cos(peri)
     w = v * np.cos(i)
     return np.stack([u * np.cos(node) - w * np.sin(node), u * np.sin(node) + w * np.cos(node), v * np.sin(i)], axis=1)
 
@@ -196,10 +214,16 @@ def _search(
     out: FloatArray,
 ) -> int:
     """Write the asteroids near a direction, as far as there is room; return how many there are."""
-    size, number, turn = 0, 0, 2 * np.pi
+    size = 0
+    number = 0
+    turn = 2 * np.pi
     cosine = np.cos(radius)
     for k in range(len(count)):
-        a0, a1, e0, e1, width = cells[k, 0], cells[k, 1], cells[k, 2], cells[k, 3], cells[k, 4]
+        a0 = cells[k, 0]
+        a1 = cells[k, 1]
+        e0 = cells[k, 2]
+        e1 = cells[k, 3]
+        width = cells[k, 4]
         reach = wide + 2 * e1 + 1.25 * e1 * e1
         most = _number(faintest[k], points, log, bright, faint)
         for _ in range(count[k]):
@@ -211,22 +235,30 @@ def _search(
             off = abs((mean - longitude + np.pi) % turn - np.pi)
             if off > reach:
                 continue
-            two, three = word(own, np.uint64(1)), word(own, np.uint64(2))
+            two = word(own, np.uint64(1))
+            three = word(own, np.uint64(2))
             i = width * np.sqrt(-2.0 * np.log(high(two)))
             if i < least_i or i > 1.2:
                 continue
             e = e0 + (e1 - e0) * low(two)
-            node, pole = turn * high(three), turn * low(three)  # pole: longitude of the perihelion
-            anomaly, peri = mean - pole, pole - node
+            # pole: longitude of the perihelion
+            node = turn * high(three)
+            pole = turn * low(three)
+            anomaly = mean - pole
+            peri = pole - node
             eccentric = anomaly + e * np.sin(anomaly)
             for _ in range(4):
                 eccentric -= (eccentric - e * np.sin(eccentric) - anomaly) / (1 - e * np.cos(eccentric))
-            x, y = a * (np.cos(eccentric) - e), a * np.sqrt(1 - e * e) * np.sin(eccentric)
-            u, v = x * np.cos(peri) - y * np.sin(peri), x * np.sin(peri) + y * np.cos(peri)
+            x = a * (np.cos(eccentric) - e)
+            y = a * np.sqrt(1 - e * e) * np.sin(eccentric)
+            u = x * np.cos(peri) - y * np.sin(peri)
+            v = x * np.sin(peri) + y * np.cos(peri)
             px = u * np.cos(node) - v * np.cos(i) * np.sin(node)
             py = u * np.sin(node) + v * np.cos(i) * np.cos(node)
             pz = v * np.sin(i)
-            dx, dy, dz = px - o[0], py - o[1], pz - o[2]
+            dx = px - o[0]
+            dy = py - o[1]
+            dz = pz - o[2]
             distance = np.sqrt(dx * dx + dy * dy + dz * dz)
             if dx * c[0] + dy * c[1] + dz * c[2] < cosine * distance:
                 continue
@@ -237,8 +269,14 @@ def _search(
                 continue
             if size < len(out):
                 row = out[size]
-                row[0], row[1], row[2], row[3], row[4], row[5] = number - 1, a, e, i, node, peri
-                row[6], row[7] = anomaly - _GAUSS * a**-1.5 * days, h
+                row[0] = number - 1
+                row[1] = a
+                row[2] = e
+                row[3] = i
+                row[4] = node
+                row[5] = peri
+                row[6] = anomaly - _GAUSS * a**-1.5 * days
+                row[7] = h
             size += 1
     return size
 
@@ -264,12 +302,14 @@ def _magnitude(number: float, points: FloatArray, log: FloatArray, bright: float
 
 
 def _to_ecliptic(v: FloatArray) -> FloatArray:
-    cos, sin = np.cos(OBLIQUITY), np.sin(OBLIQUITY)
+    cos = np.cos(OBLIQUITY)
+    sin = np.sin(OBLIQUITY)
     x, y, z = np.moveaxis(v, -1, 0)
     return np.stack([x, cos * y + sin * z, cos * z - sin * y], axis=-1)
 
 
 def _to_equator(v: FloatArray) -> FloatArray:
-    cos, sin = np.cos(OBLIQUITY), np.sin(OBLIQUITY)
+    cos = np.cos(OBLIQUITY)
+    sin = np.sin(OBLIQUITY)
     x, y, z = np.moveaxis(v, -1, 0)
     return np.stack([x, cos * y - sin * z, cos * z + sin * y], axis=-1)

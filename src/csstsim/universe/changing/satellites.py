@@ -32,14 +32,16 @@ def crossing(
     start: MJD; exptime: s; diameter: of the mirror [m]. id, ra, dec [deg], where it is nearest to the boresight, time
     [s after the start], angle [deg, north through east], speed [arcsec / s], width [arcsec], V [mag], distance [km].
     """
-    rate, orbits = numbers["rate"], numbers["orbits"]
+    rate = numbers["rate"]
+    orbits = numbers["orbits"]
     key = f"{start:.8f} {boresight[0]:.8f} {boresight[1]:.8f}"
     rng = stream(seed, "satellites", key)
     per_width = -np.log1p(-rate["crossed"]) / (rate["exptime"] * rate["width"])  # 1 / s / arcsec
     mean = numbers["growth"] * per_width * 2 * radius * ARCSEC_PER_RAD * exptime
     count = min(int(rng.poisson(mean)), _MOST)
     angle, off, when, where, speed, bright = rng.random((6, count))
-    angle, off = 2 * np.pi * angle, (2 * off - 1) * radius
+    angle = 2 * np.pi * angle
+    off = (2 * off - 1) * radius
     near, far = orbits["distance"]
     distance = near * (far / near) ** where
     slowest, fastest = orbits["speed"]
@@ -55,8 +57,13 @@ def crossing(
     along = np.cross(place, across * np.cos(off)[:, None] - centre * np.sin(off)[:, None])
     direction = np.degrees(np.arctan2(np.einsum("ni,ni->n", along, east), np.einsum("ni,ni->n", along, north)))
     return {
-        "id": np.arange(count, dtype=np.int64) + (int(rng.integers(1 << 32)) << 12), "ra": ra, "dec": dec,
-        "time": when * exptime, "angle": direction % 360.0, "speed": speed,
+        "id": np.arange(count, dtype=np.int64) + (int(rng.integers(1 << 32)) << 12),
+        "ra": ra,
+        "dec": dec,
+        "time": when * exptime,
+        "angle": direction % 360.0,
+        "speed": speed,
         "width": (diameter + orbits["size"]) / (1000.0 * distance) * ARCSEC_PER_RAD,
-        "V": middle + scatter * ndtri(bright) + 5 * np.log10(distance / 1000.0), "distance": distance,
-    }  # fmt: skip
+        "V": middle + scatter * ndtri(bright) + 5 * np.log10(distance / 1000.0),
+        "distance": distance,
+    }

@@ -14,7 +14,9 @@ import numpy as np
 from csstsim.base.rng import stream
 from csstsim.base.types import AnyArray, FloatArray
 
-PIVOT, MASS = 4000.0, 1e9  # angstrom; solar masses
+# angstrom; solar masses
+PIVOT = 4000.0
+MASS = 1e9
 
 
 def quasar_changes(
@@ -30,7 +32,8 @@ def quasar_changes(
     """
     from scipy.signal import lfilter
 
-    z, m1450 = table["z"].astype(float), table["coeff0"].astype(float)
+    z = table["z"].astype(float)
+    m1450 = table["coeff0"].astype(float)
     days = np.maximum(np.asarray(mjd, float) - numbers["start"], 0.0)
     steps = int(days.max(initial=0.0)) + 2
     out = np.zeros((len(z), len(days)))

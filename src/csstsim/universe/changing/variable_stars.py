@@ -51,7 +51,8 @@ def drawn(
     """Return (class, -1: none; period [day]; amplitude [mag]; phase [turns]) of stars from uniform numbers (n, 16)."""
     from scipy.special import ndtri
 
-    which, left = np.full(len(draws), -1), np.ones(len(draws), bool)
+    which = np.full(len(draws), -1)
+    left = np.ones(len(draws), bool)
     for k in range(len(classes["names"])):
         inside = left
         for name in ("teff", "logg"):

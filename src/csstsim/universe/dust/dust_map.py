@@ -49,7 +49,9 @@ class DustMap:
     """
 
     def __init__(self, numbers: Mapping[str, Any], folder: PathLike = SHIPPED / "universe") -> None:
-        self._numbers, name, columns = numbers, numbers["map"], numbers["columns"]
+        self._numbers = numbers
+        name = numbers["map"]
+        columns = numbers["columns"]
         source = Path(folder) / "dust.yaml"
         if not isinstance(name, str) or not name.strip():
             raise InputError("not a dust map", file=source, key="map", value=name, allowed=_ALLOWED)
@@ -100,7 +102,8 @@ class DustMap:
         pixels, where = np.unique(near, return_inverse=True)
         value = self._pixels(pixels)
         if (value > _MOST).any():
-            worst, allowed = np.argmax(value > _MOST), f"to {_MOST:g}"
+            worst = np.argmax(value > _MOST)
+            allowed = f"to {_MOST:g}"
             raise InputError(
                 "no E(B-V)", file=self.path, key=f"pixel {pixels[worst]}", value=float(value[worst]), allowed=allowed
             )
@@ -142,7 +145,8 @@ def galactic(ra: Floats, dec: Floats) -> tuple[FloatArray, FloatArray]:
     x, y, z = np.tensordot(
         _TO_GALACTIC, [np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], (1, 0)
     )
-    lon, lat = np.degrees(np.arctan2(y, x)), 90.0 - np.degrees(np.arccos(z / np.sqrt(x**2 + y**2 + z**2)))
+    lon = np.degrees(np.arctan2(y, x))
+    lat = 90.0 - np.degrees(np.arccos(z / np.sqrt(x**2 + y**2 + z**2)))
     return lon.reshape(ra.shape), lat.reshape(ra.shape)
 
 

@@ -41,8 +41,10 @@ def odonnell(wavelength: Floats, r_v: float = 3.1) -> FloatArray:
             "outside the extinction law", key="wavelength", value=float(wavelength[bad][0]), allowed="1000..33333 A"
         )
     pieces = [x < 1.1, x < 3.3, x <= 8.0]
-    a, b = (np.select(pieces, [_infrared(x, k), polyval(x - 1.82, _OPTICAL[k]), _ultraviolet(x, k)], _far(x, k))
-            for k in (0, 1))  # fmt: skip
+    a, b = (
+        np.select(pieces, [_infrared(x, k), polyval(x - 1.82, _OPTICAL[k]), _ultraviolet(x, k)], _far(x, k))
+        for k in (0, 1)
+    )
     return a + b / r_v
 
 

@@ -43,7 +43,9 @@ class BandRates:
     """
 
     def __init__(self, seds: GalaxySeds, weights: FloatArray, fewest: int = _FEWEST) -> None:
-        self.seds, self.weights, self._fewest = seds, np.asarray(weights, dtype=float), fewest
+        self.seds = seds
+        self.weights = np.asarray(weights, dtype=float)
+        self._fewest = fewest
         nodes, basis = seds.cells
         self._signs = np.ascontiguousarray(basis[:, nodes < _BLUE], np.float32)
         self._table = lru_cache(maxsize=_TABLES)(self._make)
@@ -51,12 +53,14 @@ class BandRates:
 
     def rates(self, z: FloatArray, coefficients: FloatArray, av: FloatArray) -> FloatArray:
         """Return (n, bands): int S w dlambda at unit scale; z, av [mag] (n,), coefficients (n, 20)."""
-        z, av = np.asarray(z, dtype=float), np.asarray(av, dtype=float)
+        z = np.asarray(z, dtype=float)
+        av = np.asarray(av, dtype=float)
         coefficients = np.ascontiguousarray(coefficients, dtype=float)
         out = np.empty((len(z), len(self.weights)))
         exact = ~(positive(coefficients.astype(np.float32), self._signs) & np.isfinite(z + av))
         rows = np.flatnonzero(~exact)
-        screen, part = np.rint(av[rows] / _DUST).astype(int), np.floor(np.log1p(z[rows]) / (_STEP * _BLOCK)).astype(int)
+        screen = np.rint(av[rows] / _DUST).astype(int)
+        part = np.floor(np.log1p(z[rows]) / (_STEP * _BLOCK)).astype(int)
         for dust, block in sorted(set(zip(screen.tolist(), part.tolist(), strict=True))):
             some = rows[(screen == dust) & (part == block)]
             if len(some) < self._fewest:
@@ -89,11 +93,15 @@ class BandRates:
 @numba.njit(cache=True)
 def positive(coefficients: FloatArray, basis: FloatArray) -> BoolArray:
     """Return a mask (n,) of galaxies whose sum of components is positive at all nodes of `basis` (k, nodes)."""
-    out, total = np.empty(len(coefficients), np.bool_), np.empty(basis.shape[1], basis.dtype)
+    out = np.empty(len(coefficients), np.bool_)
+    total = np.empty(basis.shape[1], basis.dtype)
     for g in range(len(coefficients)):
         total[:] = 0
         for k in range(0, len(basis), 2):
-            a, b, one, two = coefficients[g, k], coefficients[g, k + 1], basis[k], basis[k + 1]
+            a = coefficients[g, k]
+            b = coefficients[g, k + 1]
+            one = basis[k]
+            two = basis[k + 1]
             for j in range(len(total)):
                 total[j] += a * one[j] + b * two[j]
         below = 0
@@ -120,8 +128,11 @@ def tabulate(
     grid and what follows: Intergalactic.arrays.
     """
     bands, terms, samples = weights.shape
-    clear, behind = np.zeros((bands, terms, 2, samples + 1)), np.zeros((terms, 2, samples + 1))
-    through, hats, last = np.ones(samples), np.empty((len(nodes) + 1, terms)), len(nodes) - 1
+    clear = np.zeros((bands, terms, 2, samples + 1))
+    behind = np.zeros((terms, 2, samples + 1))
+    through = np.ones(samples)
+    hats = np.empty((len(nodes) + 1, terms))
+    last = len(nodes) - 1
     for b in range(bands):
         _running(clear[b], weights[b], through, grid, ranges[b, 0], ranges[b, 1])
     out = np.zeros((len(stretches), len(basis), bands, terms))
@@ -143,7 +154,8 @@ def tabulate(
                 while stop < end and (j == last or grid[stop] < nodes[j + 1] * stretch):
                     stop += 1
                 for n in range(terms):
-                    left, right = running[n, 0, stop] - running[n, 0, start], 0.0
+                    left = running[n, 0, stop] - running[n, 0, start]
+                    right = 0.0
                     if j < last:
                         moment = (running[n, 1, stop] - running[n, 1, start]) / stretch
                         right = (moment - nodes[j] * left) / (nodes[j + 1] - nodes[j])
@@ -154,7 +166,9 @@ def tabulate(
                     j += 1
             for k in range(len(basis)):
                 part = basis[k]
-                one, two, three = 0.0, 0.0, 0.0
+                one = 0.0
+                two = 0.0
+                three = 0.0
                 for node in range(first, min(j, last - 1) + 2):
                     one += hats[node, 0] * part[node]
                     two += hats[node, 1] * part[node]
@@ -169,13 +183,16 @@ def _running(
 ) -> None:
     """Put into `running` the sums before each sample of weights (moments, samples) x through, and of these x lambda."""
     for n in range(len(weights)):
-        total, moment = 0.0, 0.0
+        total = 0.0
+        moment = 0.0
         for i in range(begin, end):
-            running[n, 0, i], running[n, 1, i] = total, moment
+            running[n, 0, i] = total
+            running[n, 1, i] = moment
             light = weights[n, i] * through[i]
             total += light
             moment += light * grid[i]
-        running[n, 0, end], running[n, 1, end] = total, moment
+        running[n, 0, end] = total
+        running[n, 1, end] = moment
 
 
 @numba.njit(cache=True)
@@ -190,23 +207,30 @@ def interpolate(
     mean: FloatArray,
 ) -> None:
     """Fill out[rows] (bands); table: of _make, from step `first` - 1 on; depth (n,), mean (bands,): d and m_b."""
-    w, terms = np.empty(_TAPS), table.shape[2] // len(mean)
+    w = np.empty(_TAPS)
+    terms = table.shape[2] // len(mean)
     light = np.empty(table.shape[2])
     for g in rows:
         x = np.log1p(z[g]) / _STEP - first + 1.0
         at = min(max(int(x), 1), len(table) - _TAPS + 1) - 1
         t = x - at  # 1 to 2
-        w[0], w[1] = -(t - 1) * (t - 2) * (t - 3) / 6, t * (t - 2) * (t - 3) / 2
-        w[2], w[3] = -t * (t - 1) * (t - 3) / 2, t * (t - 1) * (t - 2) / 6
+        w[0] = -(t - 1) * (t - 2) * (t - 3) / 6
+        w[1] = t * (t - 2) * (t - 3) / 2
+        w[2] = -t * (t - 1) * (t - 3) / 2
+        w[3] = t * (t - 1) * (t - 2) / 6
         light[:] = 0.0
         for k in range(table.shape[1]):
-            one, two, three, four = table[at, k], table[at + 1, k], table[at + 2, k], table[at + 3, k]
+            one = table[at, k]
+            two = table[at + 1, k]
+            three = table[at + 2, k]
+            four = table[at + 3, k]
             c = coefficients[g, k]
             for m in range(len(light)):
                 light[m] += c * (w[0] * one[m] + w[1] * two[m] + w[2] * three[m] + w[3] * four[m])
         d = depth[g]
         for b in range(len(mean)):
-            total, factor = 0.0, np.exp(-d * mean[b])
+            total = 0.0
+            factor = np.exp(-d * mean[b])
             for n in range(terms):
                 total += factor * light[b * terms + n]
                 factor *= -d / (n + 1)

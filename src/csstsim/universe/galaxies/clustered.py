@@ -26,15 +26,21 @@ if TYPE_CHECKING:
     from csstsim.universe.galaxies.occupation import Occupation
     from csstsim.universe.structure.matter_field import MatterField
 
-SATELLITE, CENTRAL, NO_HALO = 1, 0, -1  # of the column `satellite`
+# of the column `satellite`
+SATELLITE = 1
+CENTRAL = 0
+NO_HALO = -1
 
 
 class ClusteredGalaxies:
     """population: a GalaxyPopulation; occupation: its Occupation; matter: structure.matter_field.MatterField."""
 
     def __init__(self, population: GalaxyPopulation, occupation: Occupation, matter: MatterField) -> None:
-        self.population, self.occupation, self.matter = population, occupation, matter
-        self._cosmology, self._grid = population.cosmology, population.grid
+        self.population = population
+        self.occupation = occupation
+        self.matter = matter
+        self._cosmology = population.cosmology
+        self._grid = population.grid
 
     def draw(self, pix: int, rng: Callable[[str], np.random.Generator], area: float) -> dict[str, AnyArray]:
         """Return the columns of the galaxies of brick `pix` of `area` [deg2], as GalaxyPopulation.draw.
@@ -74,12 +80,18 @@ class ClusteredGalaxies:
         redshifts, log_mass, kind = self._grid.place(rng("mass"), kind, row, column)
         deep = 2 * (HATS_ORDER - FIELD_ORDER)
         healpix = (pixels[pixel] << deep) + rng("position").integers(0, 1 << deep, len(pixel))
-        count, nothing = len(pixel), np.zeros((len(pixel), 3))
+        count = len(pixel)
+        nothing = np.zeros((len(pixel), 3))
         return {
-            "z": redshifts, "log_mass": log_mass, "gal_type": kind, "_healpix_29": healpix,
-            "halomass": np.full(count, np.nan), "satellite": np.full(count, NO_HALO, np.int8),
-            "offset": nothing, "axis": nothing,
-        }  # fmt: skip
+            "z": redshifts,
+            "log_mass": log_mass,
+            "gal_type": kind,
+            "_healpix_29": healpix,
+            "halomass": np.full(count, np.nan),
+            "satellite": np.full(count, NO_HALO, np.int8),
+            "offset": nothing,
+            "axis": nothing,
+        }
 
     def _density(self, ra: FloatArray, dec: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the overdensity (rows, places) of each redshift row, of the shell of its middle, and its variance."""
@@ -94,7 +106,8 @@ class ClusteredGalaxies:
 
     def _members(self, pix: int) -> dict[str, AnyArray]:
         """Galaxies of drawn haloes that lie in the brick."""
-        occupation, distance = self.occupation, self._cosmology.comoving_distance
+        occupation = self.occupation
+        distance = self._cosmology.comoving_distance
         radius = self.matter.mass_function.virial_radius
         stretch = occupation.numbers["satellites"]["axis_ratio"] ** (-2 / 3)
 
@@ -103,7 +116,8 @@ class ClusteredGalaxies:
 
         assert self.matter.haloes is not None  # `sample` asks for their members
         haloes = self.matter.haloes.near(pix, reach)
-        z, mass = haloes["z"], haloes["log_mass"]
+        z = haloes["z"]
+        mass = haloes["log_mass"]
         members = draw_members(occupation, z, mass, haloes["concentration"], radius(10**mass), haloes["key"])
         halo = members.halo
         centre, east, north = frames(np.radians(haloes["ra"]), np.radians(haloes["dec"]))
@@ -112,10 +126,15 @@ class ClusteredGalaxies:
         healpix = pixel_towards(1 << HATS_ORDER, place)
         inside = np.flatnonzero(healpix >> (2 * (HATS_ORDER - ORDER)) == pix)
         return {
-            "z": redshift(z[halo], members.speed)[inside], "log_mass": members.log_mass[inside],
-            "gal_type": members.kind[inside], "_healpix_29": healpix[inside], "halomass": 10 ** mass[halo[inside]],
-            "satellite": members.satellite[inside], "offset": members.offset[inside], "axis": members.axis[inside],
-        }  # fmt: skip
+            "z": redshift(z[halo], members.speed)[inside],
+            "log_mass": members.log_mass[inside],
+            "gal_type": members.kind[inside],
+            "_healpix_29": healpix[inside],
+            "halomass": 10 ** mass[halo[inside]],
+            "satellite": members.satellite[inside],
+            "offset": members.offset[inside],
+            "axis": members.axis[inside],
+        }
 
     def _aligned(
         self,
@@ -127,7 +146,8 @@ class ClusteredGalaxies:
         """Return complex ellipticities that follow haloes and tidal field."""
         numbers = self.occupation.numbers["alignment"]
         e = columns["e1"].astype(float) + 1j * columns["e2"]
-        red, satellite = sample["gal_type"] == QUIESCENT, sample["satellite"]
+        red = sample["gal_type"] == QUIESCENT
+        satellite = sample["satellite"]
         normal = rng("alignment").standard_normal(len(e))
         turned = np.flatnonzero((satellite == CENTRAL) & (sample["halomass"] >= 10 ** numbers["central_from"]))
         east, north, _ = sample["axis"][turned].T

@@ -65,7 +65,8 @@ def cumulative_counts(numbers: Mapping[str, Any]) -> tuple[FloatArray, FloatArra
 
 def try_laws(numbers: Mapping[str, Any], cosmology: Cosmology) -> None:
     """Evaluate the laws of one galaxy. Raises KeyError, TypeError or ValueError for a missing or wrong number."""
-    one, size = np.array([10.0]), numbers["size"]
+    one = np.array([10.0])
+    size = numbers["size"]
     for kind in TYPES:
         mass_function(one, 1.0, kind, numbers["mass_function"], cosmology.h0)
     main_sequence(one, 1.0, numbers["star_formation"]), attenuation(one, 1.0, numbers["dust"])
@@ -88,8 +89,11 @@ class GalaxyPopulation:
     def __init__(
         self, numbers: Mapping[str, Any], seds: GalaxySeds, cosmology: Cosmology, weights: FloatArray, zeropoint: float
     ) -> None:
-        self.numbers, self.seds, self.cosmology = numbers, seds, cosmology
-        self._light, self._zeropoint = BandRates(seds, weights), zeropoint
+        self.numbers = numbers
+        self.seds = seds
+        self.cosmology = cosmology
+        self._light = BandRates(seds, weights)
+        self._zeropoint = zeropoint
         self.limit = cumulative_counts(numbers)[0][-1]
         self._shift = np.transpose(np.asarray(numbers["shift"], float))
         self.grid = MassGrid(numbers["mass_function"], cosmology, self._lightest)
@@ -114,7 +118,8 @@ class GalaxyPopulation:
         self, rng: Callable[[str], np.random.Generator], z: FloatArray, log_mass: FloatArray, kind: IntArray
     ) -> dict[str, AnyArray]:
         """Return the columns of galaxies of given redshift, log10 mass and type (0 star-forming, 1 quiescent)."""
-        n, numbers = len(z), self.numbers
+        n = len(z)
+        numbers = self.numbers
         share = bulge_fraction(log_mass, kind, rng("bulge").standard_normal(n), numbers["bulge"])
         e = draw_ellipticity(rng("shape"), share > numbers["ellipticity"]["round_share"], numbers["ellipticity"])
         mix, dust, lines, history = self._stars(rng, z, log_mass, kind, np.abs(e))
@@ -144,8 +149,10 @@ class GalaxyPopulation:
         e: FloatArray,
     ) -> tuple[FloatArray, FloatArray, FloatArray, dict[str, FloatArray]]:
         """Return the mixture per solar mass (n, templates), A_V (n,), that of lines (n,), {truth column: (n,)}."""
-        formation, dust = self.numbers["star_formation"], self.numbers["dust"]
-        quiescent, n = kind == QUIESCENT, len(z)
+        formation = self.numbers["star_formation"]
+        dust = self.numbers["dust"]
+        quiescent = kind == QUIESCENT
+        n = len(z)
         noise = rng("rate").standard_normal(n)
         rate = np.where(
             quiescent,
@@ -161,9 +168,10 @@ class GalaxyPopulation:
         dusty = face_on * tilt * 10 ** (dust["scatter"] * rng("dust").standard_normal(n))
         lines = 10 ** (self.numbers["line_scatter"] * rng("lines").standard_normal(n))
         history = {
-            "sfr": 10 ** (rate + log_mass), "stellarage": mean_age(rate, age) / YR_PER_GYR,
+            "sfr": 10 ** (rate + log_mass),
+            "stellarage": mean_age(rate, age) / YR_PER_GYR,
             "metallicity": self.seds.metallicity(mix),
-        }  # fmt: skip
+        }
         return mix, np.minimum(dusty, dust["max"]), lines, history
 
     def _sizes(
@@ -189,7 +197,8 @@ class GalaxyPopulation:
 
     def _lightest(self, z: FloatArray) -> FloatArray:
         """log10 of the mass at which a blue star-forming galaxy of redshift z is as faint as the limit."""
-        formation, margin = self.numbers["star_formation"], self.numbers["margin"]
+        formation = self.numbers["star_formation"]
+        margin = self.numbers["margin"]
         rate = main_sequence(np.full(len(z), 7.0), z, formation) + margin["rate_sigmas"] * formation["scatter"]
         age = cosmic_age(z, self.cosmology) * np.mean(formation["age"])
         mix = mixture(young_fractions(rate, age, formation["edges"]), formation)

@@ -20,16 +20,30 @@ _NEVER = np.int64(1 << 60)  # beyond any sample
 
 @numba.njit(cache=True, error_model="numpy")
 def integrate(
-    z: FloatArray, coefficients: FloatArray, dust: FloatArray, moments: FloatArray, ranges: IntArray, nodes: FloatArray,
-    basis: FloatArray, curve: FloatArray, cuts: IntArray, grid: FloatArray, edges: FloatArray, depths: FloatArray,
-    continuum: FloatArray, limits: FloatArray, powers: FloatArray,
-) -> FloatArray:  # fmt: skip
+    z: FloatArray,
+    coefficients: FloatArray,
+    dust: FloatArray,
+    moments: FloatArray,
+    ranges: IntArray,
+    nodes: FloatArray,
+    basis: FloatArray,
+    curve: FloatArray,
+    cuts: IntArray,
+    grid: FloatArray,
+    edges: FloatArray,
+    depths: FloatArray,
+    continuum: FloatArray,
+    limits: FloatArray,
+    powers: FloatArray,
+) -> FloatArray:
     """Return (n, bands): sums of spectra x weights over the samples of `grid`; arguments as in GalaxySeds.rates.
 
     ranges: (bands, 2), first and last sample (half-open) of each band's weights.
     """
-    step, samples = grid[1] - grid[0], len(grid)
-    out, per_step = np.zeros((len(z), len(ranges))), 1.0 / step
+    step = grid[1] - grid[0]
+    samples = len(grid)
+    out = np.zeros((len(z), len(ranges)))
+    per_step = 1.0 / step
     lines = np.empty(len(nodes)), np.empty(len(nodes)), np.empty(len(nodes)), np.empty(len(nodes), np.int64)
     work = np.empty((4, len(nodes) + 1)), np.empty((2, len(nodes) + 1), np.int64)
     clear = np.ones((len(edges) + 1, samples))  # transmission of the first 0, 1, ... lines
@@ -38,7 +52,8 @@ def integrate(
     used = ranges[:, 1] > ranges[:, 0]
     if not used.any():
         return out
-    blue, red = grid[ranges[used, 0].min()], grid[ranges[used, 1].max() - 1]
+    blue = grid[ranges[used, 0].min()]
+    red = grid[ranges[used, 1].max() - 1]
     for n in range(len(z)):
         stretch = 1.0 + z[n]
         low, high = _span(nodes, blue / stretch, red / stretch)
@@ -51,9 +66,11 @@ def integrate(
             first = max(int(np.ceil(lines[1][low] * per_step)), begin)
             cut = np.searchsorted(cuts, begin, side="right")
             while first < end:
-                last, top = end, high
+                last = end
+                top = high
                 if cut < len(cuts) and cuts[cut] < end:
-                    last, cut = max(cuts[cut], first), cut + 1
+                    last = max(cuts[cut], first)
+                    cut = cut + 1
                     top = min(high, np.searchsorted(nodes, grid[last] / stretch, side="right"))
                 at = _light(work, first, last, low, top, lines, moments[b])
                 if grid[first] < forest[0]:
@@ -69,9 +86,14 @@ def combine(rest: FloatArray, low: int, high: int, coefficients: FloatArray, bas
     part = rest[low:high]  # slices let the compiler see that no index is out of bounds: seven times faster
     part[:] = 0.0
     for k in range(0, len(basis), 4):
-        a, b, c, d = coefficients[k], coefficients[k + 1], coefficients[k + 2], coefficients[k + 3]
-        one, two = basis[k, low:high], basis[k + 1, low:high]
-        three, four = basis[k + 2, low:high], basis[k + 3, low:high]
+        a = coefficients[k]
+        b = coefficients[k + 1]
+        c = coefficients[k + 2]
+        d = coefficients[k + 3]
+        one = basis[k, low:high]
+        two = basis[k + 1, low:high]
+        three = basis[k + 2, low:high]
+        four = basis[k + 3, low:high]
         for j in range(len(part)):
             part[j] = (((part[j] + a * one[j]) + b * two[j]) + c * three[j]) + d * four[j]
     for j in range(len(part)):
@@ -104,14 +126,19 @@ def _lines(
     last = min(high, len(nodes) - 2)
     for j in range(low, last + 2):
         left[j] = nodes[j] * stretch - zero
-    here, following, begin, end = rest[low : last + 1], rest[low + 1 : last + 2], left[low : last + 1], left[low + 1 :]
-    slopes, stops = slope[low : last + 1], stop[low : last + 1]
+    here = rest[low : last + 1]
+    following = rest[low + 1 : last + 2]
+    begin = left[low : last + 1]
+    end = left[low + 1 :]
+    slopes = slope[low : last + 1]
+    stops = stop[low : last + 1]
     for j in range(len(slopes)):
         slopes[j] = (following[j] - here[j]) / (end[j] - begin[j])
     for j in range(len(stops)):
         stops[j] = np.int64(end[j] * per_step) + 1
     if high == len(nodes) - 1:  # beyond the last node the spectrum is constant
-        slope[high], stop[high] = 0.0, _NEVER
+        slope[high] = 0.0
+        stop[high] = _NEVER
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -130,16 +157,23 @@ def _light(
     """
     (floats, integers), cells = work, top + 1 - low
     rest, left, slope, stop = lines
-    rest, left, slope, stop = rest[low : top + 1], left[low : top + 1], slope[low : top + 1], stop[low : top + 1]
-    at, light, centre = integers[0, : cells + 1], floats[0, :cells], floats[1, :cells]
-    w0, w1 = floats[2, : cells + 1], floats[3, : cells + 1]
+    rest = rest[low : top + 1]
+    left = left[low : top + 1]
+    slope = slope[low : top + 1]
+    stop = stop[low : top + 1]
+    at = integers[0, : cells + 1]
+    light = floats[0, :cells]
+    centre = floats[1, :cells]
+    w0 = floats[2, : cells + 1]
+    w1 = floats[3, : cells + 1]
     at[0], after = first, at[1:]
     for k in range(cells):
         after[k] = min(max(stop[k], first), last)
     after[cells - 1] = last
     for k in range(cells + 1):
         w0[k], w1[k] = running[at[k], 0], running[at[k], 1]
-    next0, next1 = w0[1:], w1[1:]
+    next0 = w0[1:]
+    next1 = w1[1:]
     for k in range(cells):
         w0[k] = next0[k] - w0[k]
     for k in range(cells):
@@ -163,10 +197,13 @@ def _absorb(
 ) -> None:
     """Multiply the light of cells from node `low` on by the intergalactic transmission; `at`: from `_light`."""
     blue, reach, grid, step, edges, clear, continuum, limits = forest
-    light, centre = work[0][0], work[0][1]
+    light = work[0][0]
+    centre = work[0][1]
     reaching = len(edges)  # lines that absorb: fewer towards the red
     for k in range(len(at) - 1):
-        start, last, j = at[k], at[k + 1], low + k
+        start = at[k]
+        last = at[k + 1]
+        j = low + k
         if not grid[start] < blue:
             break
         middle = 0.5 * (nodes[j] + nodes[min(j + 1, len(nodes) - 1)])
@@ -174,7 +211,8 @@ def _absorb(
             reaching -= 1
         if light[k] == 0.0:
             continue
-        across, on = 1.0 / step / max(last - 1 - start, 1), centre[k] - start * step
+        across = 1.0 / step / max(last - 1 - start, 1)
+        on = centre[k] - start * step
         tilt = (clear[reaching, last - 1] - clear[reaching, start]) * across
         gas = clear[reaching, start] + tilt * on
         if middle < LYMAN_LIMIT:
@@ -182,7 +220,8 @@ def _absorb(
             fall = (continuum_depth(last - 1, reach, continuum, limits) - one) * across
             through = np.exp(-one - fall * on)
             gas, tilt = gas * through, (tilt - gas * fall) * through
-        w1, w2 = running[last, 1] - running[start, 1], running[last, 2] - running[start, 2]
+        w1 = running[last, 1] - running[start, 1]
+        w2 = running[last, 2] - running[start, 2]
         light[k] = light[k] * gas + tilt * slope[j] * (w2 - centre[k] * w1)
 
 
@@ -192,8 +231,13 @@ def _behind_dust(
 ) -> float:
     """Return `total` plus the light of the cells behind dust of optical depth -more x curve; `at`: from `_light`."""
     (floats, integers), cells = work, len(at) - 1
-    light, centre, x, depth = floats[0, :cells], floats[1, :cells], floats[2, :cells], floats[3, :cells]
-    sample, first, last = integers[1, :cells], at[:-1], at[1:]
+    light = floats[0, :cells]
+    centre = floats[1, :cells]
+    x = floats[2, :cells]
+    depth = floats[3, :cells]
+    sample = integers[1, :cells]
+    first = at[:-1]
+    last = at[1:]
     for k in range(cells):
         sample[k] = max(min(np.int64(centre[k] * per_step), last[k] - 2), first[k])
     for k in range(cells):

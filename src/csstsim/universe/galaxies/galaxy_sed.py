@@ -52,7 +52,8 @@ class GalaxySeds:
         self.wavelength = self.start + self.step * np.arange(self.basis.shape[1])  # angstrom, rest frame
         self.extinction = np.asarray(extinction, dtype=float)
         self._cuts = np.flatnonzero(np.abs(np.diff(self.extinction)) > _JUMP) + 1
-        self.igm, self.forest = igm, Intergalactic(GRID, igm)
+        self.igm = igm
+        self.forest = Intergalactic(GRID, igm)
         self.cells = self._make_cells()
 
     def _make_cells(self) -> tuple[FloatArray, FloatArray]:
@@ -124,9 +125,16 @@ class GalaxySeds:
             np.cumsum(weights * (GRID - GRID[0]) ** power, axis=1, out=moments[:, 1:, power])
         ranges = np.array([used_range(row) for row in weights]).reshape(len(weights), 2)
         return integrate(
-            np.asarray(z, dtype=float), np.ascontiguousarray(coefficients, dtype=float), dust - usual, moments, ranges,
-            *self.cells, self.extinction, self._cuts, *self.forest.arrays,
-        )  # fmt: skip
+            np.asarray(z, dtype=float),
+            np.ascontiguousarray(coefficients, dtype=float),
+            dust - usual,
+            moments,
+            ranges,
+            *self.cells,
+            self.extinction,
+            self._cuts,
+            *self.forest.arrays,
+        )
 
 
 def distance_scale(luminosity_distance: Floats) -> FloatArray:
@@ -149,7 +157,8 @@ def mixed(
         t = x[g] - cell
         for m in range(len(star_tables)):
             for tables, factor in ((star_tables[m], stars[g, m]), (line_tables[m], lines[g, m])):
-                here, following = tables[cell], tables[cell + 1]
+                here = tables[cell]
+                following = tables[cell + 1]
                 for k in range(len(here)):
                     out[g, k] += factor * (here[k] * (1 - t) + following[k] * t)
     return out

@@ -26,9 +26,9 @@ class Intergalactic:
         wavelength = np.asarray(wavelength, dtype=float)
         lines = sorted(numbers["lines"], reverse=True)  # Lyman alpha first
         edges = np.array([line for line, _ in lines], dtype=float)
-        depths = np.array([
-            numbers["tau_alpha"] * strength * (wavelength / line) ** numbers["power"] for line, strength in lines
-        ])  # fmt: skip
+        depths = np.array(
+            [numbers["tau_alpha"] * strength * (wavelength / line) ** numbers["power"] for line, strength in lines]
+        )
         limit = wavelength / LYMAN_LIMIT
         factor, power, reach = np.array(numbers["continuum"], dtype=float).T[:, :, None]
         continuum = factor * limit**power

@@ -60,12 +60,15 @@ def draw_members(
     occupation: occupation.Occupation; z, log_mass (200 times the mean density), concentration, radius [comoving Mpc]
     and keys (uint64), each (n,), of the haloes.
     """
-    numbers, grid = occupation.numbers["satellites"], occupation.grid
+    numbers = occupation.numbers["satellites"]
+    grid = occupation.grid
     row = np.clip(np.searchsorted(grid.z, z, side="right") - 1, 0, len(grid.volume) - 1)
     bins = np.clip(((log_mass - occupation.proxies[0]) / STEP).astype(int), 0, len(occupation.mass) - 1)
     speed = numbers["dispersion"] * np.sqrt(_G_MPC * 10**log_mass * (1 + z) / (2 * radius))
     scatter = np.interp(log_mass, occupation.mass, occupation.scatter)
-    least, surviving, table = occupation.least[row], occupation.surviving[row, bins], occupation.satellite
+    least = occupation.least[row]
+    surviving = occupation.surviving[row, bins]
+    table = occupation.satellite
     drawn = log_mass, scatter, bins, least, surviving, table, occupation.proxies[0], keys
     counts = _count(*drawn)
     own = numbers["concentration"] * np.asarray(concentration, float), np.asarray(radius, float), speed
@@ -73,12 +76,15 @@ def draw_members(
     columns = grid.log_mass[0], grid.step, numbers["axis_ratio"]
     total = counts.sum()
     out = Members(
-        np.repeat(np.arange(len(z)), counts), np.empty(total, np.int8), np.empty(total), np.empty(total, np.int8),
-        np.zeros((total, 3)), np.zeros(total), np.zeros((total, 3)),
-    )  # fmt: skip
-    _fill(
-        *drawn, row, *own, *law, *columns, out.satellite, out.log_mass, out.kind, out.offset, out.speed, out.axis
-    )  # fmt: skip
+        np.repeat(np.arange(len(z)), counts),
+        np.empty(total, np.int8),
+        np.empty(total),
+        np.empty(total, np.int8),
+        np.zeros((total, 3)),
+        np.zeros(total),
+        np.zeros((total, 3)),
+    )
+    _fill(*drawn, row, *own, *law, *columns, out.satellite, out.log_mass, out.kind, out.offset, out.speed, out.axis)
     return out
 
 
@@ -126,17 +132,39 @@ def _count(
 
 @njit(cache=True)
 def _fill(
-    log_mass: FloatArray, scatter: FloatArray, bins: IntArray, least: FloatArray, surviving: FloatArray,
-    table: FloatArray, first: float, keys: IntArray, row: IntArray, concentration: FloatArray, radius: FloatArray,
-    dispersion: FloatArray, stars: FloatArray, red_central: FloatArray, red: FloatArray, scale: FloatArray,
-    eps: FloatArray, column0: float, width: float, ratio: float, satellite: IntArray, out_mass: FloatArray,
-    kind: IntArray, offset: FloatArray, speed: FloatArray, axis: FloatArray,
-) -> None:  # fmt: skip
+    log_mass: FloatArray,
+    scatter: FloatArray,
+    bins: IntArray,
+    least: FloatArray,
+    surviving: FloatArray,
+    table: FloatArray,
+    first: float,
+    keys: IntArray,
+    row: IntArray,
+    concentration: FloatArray,
+    radius: FloatArray,
+    dispersion: FloatArray,
+    stars: FloatArray,
+    red_central: FloatArray,
+    red: FloatArray,
+    scale: FloatArray,
+    eps: FloatArray,
+    column0: float,
+    width: float,
+    ratio: float,
+    satellite: IntArray,
+    out_mass: FloatArray,
+    kind: IntArray,
+    offset: FloatArray,
+    speed: FloatArray,
+    axis: FloatArray,
+) -> None:
     g = 0
     place = np.empty(3)
     for i in range(len(log_mass)):
         proxy, count, counter = _numbers(i, log_mass, scatter, bins, least, surviving, table, first, keys)
-        key, r = keys[i], row[i]
+        key = keys[i]
+        r = row[i]
         long = np.empty(3)
         counter = _direction(key, counter, long)
         if proxy > least[i]:
@@ -192,7 +220,8 @@ def _normal(key: np.uint64, counter: np.uint64) -> float:
 def _direction(key: np.uint64, counter: np.uint64, out: FloatArray) -> np.uint64:
     """Fill a random unit vector of two words; return the counter advanced."""
     out[2] = 2 * unit(word(key, counter)) - 1
-    angle, flat = 2 * math.pi * unit(word(key, counter + _ONE)), math.sqrt(1 - out[2] ** 2)
+    angle = 2 * math.pi * unit(word(key, counter + _ONE))
+    flat = math.sqrt(1 - out[2] ** 2)
     out[0], out[1] = flat * math.cos(angle), flat * math.sin(angle)
     return counter + np.uint64(2)
 
@@ -210,7 +239,8 @@ _above = _at  # cumulative numbers above a proxy
 @njit(cache=True)
 def _where(table: FloatArray, number: float, lowest: float) -> float:
     """Return the index above `lowest` at which a falling table is `number`."""
-    low, high = int(lowest), len(table) - 1
+    low = int(lowest)
+    high = len(table) - 1
     while high - low > 1:
         middle = (low + high) // 2
         if table[middle] >= number:

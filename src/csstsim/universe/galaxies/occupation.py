@@ -50,8 +50,10 @@ class Occupation:
         haloes: HaloMassFunction,
         drawn: tuple[float, float, float] | None = None,
     ) -> None:
-        self.numbers, self.grid = numbers, grid
-        self.mass, self.proxies = host_masses(), proxies()
+        self.numbers = numbers
+        self.grid = grid
+        self.mass = host_masses()
+        self.proxies = proxies()
         self.central = proxy_above(numbers)
         self.satellite = satellite_counts(numbers, self.central)
         self.scatter = scatter_in_proxy(self.mass, numbers["stellar_to_halo"])

@@ -18,7 +18,9 @@ from scipy.special import gamma, gammaincc, ndtr
 from csstsim.base.types import FloatArray, Floats
 
 STEP = 0.025  # dex, of all tables of masses and proxies
-_LOWEST, _HIGHEST = 7.0, 17.0  # log10 solar masses; lighter haloes host no galaxy
+# log10 solar masses; lighter haloes host no galaxy
+_LOWEST = 7.0
+_HIGHEST = 17.0
 
 
 def host_masses() -> FloatArray:
@@ -34,7 +36,8 @@ def proxies() -> FloatArray:
 def scatter_in_proxy(log_mass: FloatArray, numbers: Mapping[str, Any]) -> FloatArray:
     """Return the scatter of the proxy [dex] of haloes of log_mass (n,); numbers: `stellar_to_halo`."""
     y = 10.0 ** (np.asarray(log_mass, float) - numbers["log_m1"])
-    low, high = y ** -numbers["beta"], y ** numbers["gamma"]
+    low = y ** -numbers["beta"]
+    high = y ** numbers["gamma"]
     slope = 1 + (numbers["beta"] * low - numbers["gamma"] * high) / (low + high)
     return numbers["scatter"] / slope
 
@@ -44,7 +47,9 @@ def subhaloes_above(x: FloatArray, numbers: Mapping[str, Any]) -> FloatArray:
 
     int_x dN/dlnx = gamma / omega beta^(-a) Gamma(a, beta x^omega), a = alpha / omega.
     """
-    a, beta, omega = numbers["alpha"] / numbers["omega"], numbers["beta"], numbers["omega"]
+    a = numbers["alpha"] / numbers["omega"]
+    beta = numbers["beta"]
+    omega = numbers["omega"]
     y = beta * np.asarray(x, float) ** omega
     upper = (gamma(a + 1) * gammaincc(a + 1, y) - y**a * np.exp(-y)) / a  # Gamma(a, y) for -1 < a < 0
     return numbers["gamma"] / omega * beta**-a * upper

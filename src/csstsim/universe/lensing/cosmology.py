@@ -68,7 +68,8 @@ class Cosmology:
 
     def volume(self, z0: Floats, z1: Floats) -> FloatArray:
         """Return the comoving volume between two redshifts [Mpc3 per deg2 of sky]; negative if z1 < z0."""
-        near, far = self.comoving_distance(z0), self.comoving_distance(z1)
+        near = self.comoving_distance(z0)
+        far = self.comoving_distance(z1)
         return 4 * np.pi / 3 * (far**3 - near**3) / _SKY_DEG2
 
     def matter_fraction(self, z: Floats) -> FloatArray:
@@ -80,5 +81,6 @@ class Cosmology:
 
         D ~ a 2F1(1/3, 1; 11/6; -a^3 OL / Om) (for example Silveira & Waga 1994).
         """
-        a, ratio = 1.0 / (1.0 + np.asarray(z, float)), self.omega_lambda / self.omega_m
+        a = 1.0 / (1.0 + np.asarray(z, float))
+        ratio = self.omega_lambda / self.omega_m
         return a * hyp2f1(1 / 3, 1.0, 11 / 6, -ratio * a**3) / hyp2f1(1 / 3, 1.0, 11 / 6, -ratio)

@@ -39,8 +39,11 @@ class Shells:
     def __init__(
         self, power: MatterPower, edges: FloatArray, z_end: float, z_max: float | None = None, nodes: int = 20
     ) -> None:
-        self.cosmology, self.power, self.edges = power.cosmology, power, edges
-        self.count, self.z_max = len(edges) - 1, z_end if z_max is None else z_max
+        self.cosmology = power.cosmology
+        self.power = power
+        self.edges = edges
+        self.count = len(edges) - 1
+        self.z_max = z_end if z_max is None else z_max
         self._z = np.linspace(0.0, z_end, 4000)
         self._chi = self.cosmology.comoving_distance(self._z)
         last = float(self.cosmology.comoving_distance(self.z_max))
@@ -54,7 +57,8 @@ class Shells:
 
     def kernel(self) -> FloatArray:
         """Return K_i = int q dchi (shells,): the convergence of overdensity 1 for sources at infinity."""
-        near, far = self.edges[:-1, None], self.edges[1:, None]
+        near = self.edges[:-1, None]
+        far = self.edges[1:, None]
         chi = 0.5 * (near + far) + 0.5 * (far - near) * _NODES
         z = np.interp(chi, self._chi, self._z)
         return (0.5 * (far - near) * _GAUSS * self.strength(z) * chi).sum(axis=1)
@@ -83,7 +87,8 @@ class Shells:
 
     def _pieces(self, ell: FloatArray | IntArray, source: float) -> FloatArray:
         """Return each shell's part of C_l (shells, len(ell)) for sources at the comoving distance `source` [Mpc]."""
-        near, far = np.minimum(self.edges, source)[:-1, None], np.minimum(self.edges, source)[1:, None]
+        near = np.minimum(self.edges, source)[:-1, None]
+        far = np.minimum(self.edges, source)[1:, None]
         chi = np.maximum(0.5 * (near + far) + 0.5 * (far - near) * _NODES, 1e-3)  # > 0 also for sources at 0
         z = np.interp(chi, self._chi, self._z)
         kernel = self.strength(z) * np.maximum(1 - chi / max(source, 1e-3), 0.0)

@@ -35,7 +35,8 @@ class LensingField(PotentialField):
         cosmology = Cosmology(cosmology_numbers)
         shells = Shells(MatterPower(cosmology, cosmology_numbers), even_edges(cosmology, z_max, count), z_max)
         super().__init__(seed, shells, shells.count, l_max, "lensing")
-        powers, ones = self.powers(self.ell), np.ones(len(self.ell))
+        powers = self.powers(self.ell)
+        ones = np.ones(len(self.ell))
         fits = [nnls(powers / wanted[:, None], ones)[0] for wanted in shells.spectra(self.ell)]
         self.amplitude = np.sqrt(fits)  # (shells, widths)
 

@@ -48,7 +48,10 @@ class PotentialField:
     amplitude: FloatArray
 
     def __init__(self, seed: int, shells: Shells, lenses: int, l_max: float, name: str) -> None:
-        self.seed, self.shells, self.lenses, self._name = seed, shells, lenses, name
+        self.seed = seed
+        self.shells = shells
+        self.lenses = lenses
+        self._name = name
         self.orders = int(np.ceil(np.log2(WIDTHS[-1] * pixel(0) * l_max / _FINEST)))
         self.widths = [(order, width * pixel(order)) for order in range(1, self.orders + 1) for width in WIDTHS]
         self.ell = np.unique(np.geomspace(2, l_max, 160).astype(int))  # at which spectra are fitted
@@ -88,7 +91,8 @@ class PotentialField:
     def _brick_grid(self, pix: int) -> tuple[TangentGrid, FloatArray]:
         """Return the finest TangentGrid and its maps (rows, columns, 3, shells): kappa, gamma1, gamma2 in its frame."""
         grids = TangentGrid.pyramid(pix, self.widths[-1][1] / self.samples)
-        values, done = np.zeros((*grids[0].shape, 3, self.lenses), self.precision), 0
+        values = np.zeros((*grids[0].shape, 3, self.lenses), self.precision)
+        done = 0
         for k, grid in enumerate(grids):
             if k:
                 values = prolong(values, grids[k - 1], grid)
@@ -120,7 +124,8 @@ class PotentialField:
 
     def pixels(self, grid: TangentGrid, order: int, reach: float) -> tuple[IntArray, FloatArray]:
         """Return the HEALPix pixels (m,) within `reach` [rad] of the grid, rising, and their centres (m, 3)."""
-        nside, wide = 2**order, min(grid.radius + reach, np.pi)
+        nside = 2**order
+        wide = min(grid.radius + reach, np.pi)
         pixels = disc(nside, grid.centre, wide)
         return pixels, pixel_vector(nside, pixels)
 
@@ -141,7 +146,8 @@ class PotentialField:
 
 def kernel_power(ell: FloatArray | IntArray, sigma: float) -> FloatArray:
     """Return C_l of kappa if the potential is noise of C_l = 1 convolved with exp((n.p - 1) / sigma^2)."""
-    ell, u = np.asarray(ell, float), sigma**-2
+    ell = np.asarray(ell, float)
+    u = sigma**-2
     if u < 1e4:  # the Legendre transform 4 pi e^-u i_l(u) ...
         kernel = 4 * np.pi * np.sqrt(np.pi / (2 * u)) * ive(ell + 0.5, u)
     else:  # ... is a Gaussian for narrow kernels
@@ -173,11 +179,14 @@ def splat(
     """
     far = 2 * np.sin(0.5 * reach) ** 2  # 1 - cos(reach)
     for j in range(len(points)):
-        p, deviate = points[j], deviates[j]
+        p = points[j]
+        deviate = deviates[j]
         for y in range(boxes[j, 0], boxes[j, 1]):
             for x in range(boxes[j, 2], boxes[j, 3]):
                 # From p - n, because 1 - n . p of near directions loses digits.
-                d0, d1, d2 = p[0] - n[y, x, 0], p[1] - n[y, x, 1], p[2] - n[y, x, 2]
+                d0 = p[0] - n[y, x, 0]
+                d1 = p[1] - n[y, x, 1]
+                d2 = p[2] - n[y, x, 2]
                 gap = 0.5 * (d0 * d0 + d1 * d1 + d2 * d2)
                 if gap > far:
                     continue
@@ -185,7 +194,8 @@ def splat(
                 b = d0 * t2[y, x, 0] + d1 * t2[y, x, 1] + d2 * t2[y, x, 2]
                 kernel = u * np.exp(-u * gap)
                 kappa = kernel * (0.5 * u * (a * a + b * b) - (1.0 - gap))
-                gamma1, gamma2 = 0.5 * u * kernel * (a * a - b * b), u * kernel * a * b
+                gamma1 = 0.5 * u * kernel * (a * a - b * b)
+                gamma2 = u * kernel * a * b
                 maps = values[y, x]
                 for i in range(len(deviate)):  # a loop each: these are made of vector instructions
                     maps[0, i] += kappa * deviate[i]

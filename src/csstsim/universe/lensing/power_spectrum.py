@@ -27,18 +27,25 @@ def transfer(k: Floats, numbers: Mapping[str, Any]) -> FloatArray:
 
     `numbers`: the mapping of config/universe/cosmology.yaml.
     """
-    k, theta, h = np.asarray(k, float), numbers["t_cmb"] / 2.7, numbers["h0"] / 100.0
-    m, b = numbers["omega_m"] * h**2, numbers["omega_b"] * h**2
+    k = np.asarray(k, float)
+    theta = numbers["t_cmb"] / 2.7
+    h = numbers["h0"] / 100.0
+    m = numbers["omega_m"] * h**2
+    b = numbers["omega_b"] * h**2
     fb = b / m
-    z_eq, k_eq = 2.50e4 * m / theta**4, 7.46e-2 * m / theta**2
-    b1, b2 = 0.313 * m**-0.419 * (1 + 0.607 * m**0.674), 0.238 * m**0.223
+    z_eq = 2.50e4 * m / theta**4
+    k_eq = 7.46e-2 * m / theta**2
+    b1 = 0.313 * m**-0.419 * (1 + 0.607 * m**0.674)
+    b2 = 0.238 * m**0.223
     z_d = 1291 * m**0.251 / (1 + 0.659 * m**0.828) * (1 + b1 * b**b2)
     r_d, r_eq = (31.5e3 * b / theta**4 / z for z in (z_d, z_eq))
     sound = 2 / (3 * k_eq) * np.sqrt(6 / r_eq) * np.log((np.sqrt(1 + r_d) + np.sqrt(r_d + r_eq)) / (1 + np.sqrt(r_eq)))
     silk = 1.6 * b**0.52 * m**0.73 * (1 + (10.4 * m) ** -0.95)
-    a1, a2 = (46.9 * m) ** 0.670 * (1 + (32.1 * m) ** -0.532), (12.0 * m) ** 0.424 * (1 + (45.0 * m) ** -0.582)
+    a1 = (46.9 * m) ** 0.670 * (1 + (32.1 * m) ** -0.532)
+    a2 = (12.0 * m) ** 0.424 * (1 + (45.0 * m) ** -0.582)
     alpha_c = a1**-fb * a2 ** -(fb**3)
-    c1, c2 = 0.944 / (1 + (458 * m) ** -0.708), (0.395 * m) ** -0.0266
+    c1 = 0.944 / (1 + (458 * m) ** -0.708)
+    c2 = (0.395 * m) ** -0.0266
     beta_c = 1 / (1 + c1 * ((1 - fb) ** c2 - 1))
     y = (1 + z_eq) / (1 + z_d)
     root = np.sqrt(1 + y)
@@ -65,9 +72,11 @@ class MatterPower:
     """Linear and nonlinear P(k, z). `cosmology`: cosmology.Cosmology; `numbers`: the same file's mapping."""
 
     def __init__(self, cosmology: Cosmology, numbers: Mapping[str, Any]) -> None:
-        self.cosmology, self.numbers = cosmology, numbers
+        self.cosmology = cosmology
+        self.numbers = numbers
         self._amplitude: Floats = 1.0
-        k, h = np.exp(_LN_K), numbers["h0"] / 100.0
+        k = np.exp(_LN_K)
+        h = numbers["h0"] / 100.0
         x = k * 8.0 / h
         # Below x = 0.01 the closed form of the top hat loses digits by cancellation; 1 - x^2 / 10 is exact to 1e-11.
         hat = np.where(x < 0.01, 1 - x**2 / 10, 3 * (np.sin(x) - x * np.cos(x)) / np.maximum(x, 0.01) ** 3)
@@ -77,7 +86,9 @@ class MatterPower:
         shell = self._delta2(k) * np.exp(-y2)
         factors: tuple[Floats, ...] = 1.0, y2, y2 * (1 - y2)
         variance, first, second = (_integral(shell * f) for f in factors)
-        self._variance, self._slope = variance, 2 * first / variance  # - dln s2 / dlnR
+        # - dln s2 / dlnR
+        self._variance = variance
+        self._slope = 2 * first / variance
         self._curvature = self._slope**2 + 4 * second / variance  # - d2ln s2 / dlnR2
 
     def linear(self, k: Floats, z: Floats) -> FloatArray:
@@ -86,7 +97,8 @@ class MatterPower:
 
     def nonlinear(self, k: Floats, z: Floats) -> FloatArray:
         """Return the halofit P [Mpc^3]; k [1 / Mpc] > 0 and z (>= 0) broadcast. Linear where nothing has collapsed."""
-        k, z = np.asarray(k, float), np.asarray(z, float)
+        k = np.asarray(k, float)
+        z = np.asarray(z, float)
         growth2 = self.cosmology.growth(z) ** 2
         linear = self._delta2(k) * growth2
         # sigma(R) = 1 at redshift z is sigma = 1 / D today. The variance falls with R, so the search runs backwards.
@@ -113,7 +125,9 @@ def _halofit(
     alpha = np.abs(6.0835 + 1.3373 * n - 0.1959 * n**2 - 5.5274 * c)
     beta = 2.0379 - 0.7354 * n + 0.3157 * n**2 + 1.2490 * n**3 + 0.3980 * n**4 - 0.1682 * c
     nu = 10 ** (5.2105 + 3.6902 * n)
-    f1, f2, f3 = omega**-0.0307, omega**-0.0585, omega**0.0743
+    f1 = omega**-0.0307
+    f2 = omega**-0.0585
+    f3 = omega**0.0743
     quasi = linear * (1 + linear) ** beta / (1 + alpha * linear) * np.exp(-y / 4 - y**2 / 8)
     halo = a * y ** (3 * f1) / (1 + b * y**f2 + (cn * f3 * y) ** (3 - gamma)) / (1 + nu / y**2)
     return quasi, halo

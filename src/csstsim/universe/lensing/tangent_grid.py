@@ -43,7 +43,8 @@ class TangentGrid:
         for _ in range(_LEVELS):
             columns, rows = (int(np.ceil(h / step)) + TAPS // 2 for h in half)
             grids.append(TangentGrid(axes, step, rows, columns))
-            half, step = (columns * step, rows * step), 2 * step
+            half = (columns * step, rows * step)
+            step = 2 * step
         return grids[::-1]
 
     @staticmethod
@@ -88,7 +89,8 @@ class TangentGrid:
             return np.tile([0, rows, 0, columns], (len(points), 1))
         centre = _project(points, self.axes) / self.step
         half = ((np.tan(angle + reach) - np.tan(angle)) / self.step)[:, None]
-        low, high = np.ceil(centre - half).astype(int), np.floor(centre + half).astype(int) + 1
+        low = np.ceil(centre - half).astype(int)
+        high = np.floor(centre + half).astype(int) + 1
         y0, y1 = (np.clip(v[:, 1] + self.rows, 0, rows) for v in (low, high))
         x0, x1 = (np.clip(v[:, 0] + self.columns, 0, columns) for v in (low, high))
         return np.stack([y0, y1, x0, x1], axis=1)
@@ -114,7 +116,8 @@ class TangentGrid:
         ra = np.radians(ra)
         cosine = t1[:, 1] * np.cos(ra) - t1[:, 0] * np.sin(ra)  # east . t1
         sine = t2[:, 1] * np.cos(ra) - t2[:, 0] * np.sin(ra)
-        c2, s2 = cosine**2 - sine**2, 2 * sine * cosine
+        c2 = cosine**2 - sine**2
+        s2 = 2 * sine * cosine
         return gamma1 * c2 + gamma2 * s2, gamma2 * c2 - gamma1 * s2
 
 
@@ -138,7 +141,9 @@ def interpolate(values: FloatArray, places: FloatArray, weights: FloatArray) -> 
     """
     shells = values.shape[3]
     out = np.zeros((len(places), 3))
-    wx, wy, maps = np.empty(TAPS), np.empty(TAPS), np.empty((3, shells))
+    wx = np.empty(TAPS)
+    wy = np.empty(TAPS)
+    maps = np.empty((3, shells))
     for g in range(len(places)):
         x0 = min(int(places[g, 0]), values.shape[1] - 1 - TAPS // 2) - TAPS // 2 + 1
         y0 = min(int(places[g, 1]), values.shape[0] - 1 - TAPS // 2) - TAPS // 2 + 1
@@ -161,7 +166,8 @@ def interpolate(values: FloatArray, places: FloatArray, weights: FloatArray) -> 
 @njit(cache=True)
 def _span(weights: FloatArray) -> tuple[int, int]:
     """Return the first weight that is not 0, and the one after the last."""
-    first, last = 0, len(weights)
+    first = 0
+    last = len(weights)
     while first < last and weights[first] == 0:
         first += 1
     while last > first and weights[last - 1] == 0:

@@ -99,7 +99,8 @@ class QuasarSeds:
 
     def _continuum(self, rest: FloatArray, own: FloatArray) -> FloatArray:
         """Return the photon density [photon / s / m2 / A of rest wavelength]; AB 0 at 1450 A."""
-        ln_wave, ln_breaks = np.log(rest), np.log(self._breaks[1:-1])
+        ln_wave = np.log(rest)
+        ln_breaks = np.log(self._breaks[1:-1])
         slopes = self._slopes + own[1 : self.first_family]
         # ln f_nu falls by slope x d ln(lambda): first its value at each break, then along the piece from there
         home = np.searchsorted(ln_breaks, np.log(NORM))

@@ -24,7 +24,9 @@ from csstsim.universe.parameters import COEFFICIENTS
 if TYPE_CHECKING:
     from csstsim.universe.lensing.cosmology import Cosmology
 
-_DZ, _DM = 0.02, 0.02  # steps of the tabulated counts
+# steps of the tabulated counts
+_DZ = 0.02
+_DM = 0.02
 
 
 def luminosity_function(m1450: Floats, z: Floats, numbers: Mapping[str, Any]) -> FloatArray:
@@ -90,7 +92,8 @@ def match_hosts(
 
     Galaxies without a redshift, a bulge mass or a bulge host none.
     """
-    width, scatter = numbers["hosts"]["bin"], numbers["hosts"]["scatter"]
+    width = numbers["hosts"]["bin"]
+    scatter = numbers["hosts"]["scatter"]
     galaxy_z, mass = (np.asarray(galaxies[name], dtype=float) for name in ("z", "bulgemass"))
     accretion = np.where(mass > 0, mass, 0.0) * 10 ** (scatter * generator.standard_normal(len(mass)))
     galaxy_bin, quasar_bin = (np.floor(values / width) for values in (galaxy_z, z))  # NaN is in no bin

@@ -30,7 +30,8 @@ def companions(
 
     Its `share` is the probability that it exists; 0 where it would be no star.
     """
-    law, x = numbers["binaries"]["laws"], np.log(mass)
+    law = numbers["binaries"]["laws"]
+    x = np.log(mass)
     at = {name: np.interp(x, np.log(law["mass"]), law[name]) for name in ("share", "gamma", "log_a", "spread")}
     power = at["gamma"] + 1.0
     low = _LEAST_RATIO**power
@@ -47,7 +48,8 @@ def separations(u: FloatArray, tilt: FloatArray, pair: FloatArray, distance: Flo
 
     u, tilt: (n,) even in 0..1, the quantile of the semi-major axis and the cosine of the orbit's tilt.
     """
-    log_a, spread = pair[6], pair[7]
+    log_a = pair[6]
+    spread = pair[7]
     most = ndtr((np.log10(widest) - log_a) / np.maximum(spread, 1e-3))  # 0 where there is no companion
     return 10.0 ** (log_a + spread * ndtri(u * most)) * np.sqrt(1.0 - tilt**2) / distance
 
@@ -93,7 +95,8 @@ def wide(
 
 def _beside(columns: Mapping[str, AnyArray], rows: IntArray, separation: FloatArray, turn: FloatArray) -> IntArray:
     """Return the order-29 pixels at `separation` [arcsec] from stars, in the directions turn x 360 deg."""
-    ra, dec = np.radians(columns["ra"][rows]), np.radians(columns["dec"][rows])
+    ra = np.radians(columns["ra"][rows])
+    dec = np.radians(columns["dec"][rows])
     east = np.stack([-np.sin(ra), np.cos(ra), np.zeros_like(ra)])
     north = np.stack([-np.sin(dec) * np.cos(ra), -np.sin(dec) * np.sin(ra), np.cos(dec)])
     up = np.stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)])

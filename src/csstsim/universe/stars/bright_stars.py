@@ -33,7 +33,8 @@ def bright_stars(pix: int, stars: FloatArray, seds: StarSeds, numbers: Mapping[s
     healpix = hats_index(stars[:, 0], stars[:, 1])
     here = np.flatnonzero(healpix >> 2 * (HATS_ORDER - ORDER) == pix)
     ra, dec = pixel_centre(1 << HATS_ORDER, healpix[here])
-    magnitude, teff = stars[here, 2], stars[here, 3]
+    magnitude = stars[here, 2]
+    teff = stars[here, 3]
     try:
         giants, dwarfs = numbers["bright"]["logg"]
         logg = np.where(teff < numbers["bright"]["giants_below"], giants, dwarfs)

@@ -30,8 +30,10 @@ def galactic_velocity(
 
     component: milky_way.Component; normal: (3, n) standard normal deviates; position: (3, n) galactic, kpc.
     """
-    circular, r0 = numbers["circular"], numbers["sun"]["r0"]
-    x, y = position[0] - r0, position[1]
+    circular = numbers["circular"]
+    r0 = numbers["sun"]["r0"]
+    x = position[0] - r0
+    y = position[1]
     r = np.maximum(np.hypot(x, y), 1e-9)
     drift = component.sigma_u**2 / numbers["drift"] if component.rotation == 1 else 0.0  # discs
     outward = component.sigma_u * normal[0]
@@ -50,7 +52,8 @@ def sky_motion(
     ra: FloatArray, dec: FloatArray, kpc: FloatArray, velocity: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return pmra (with cos dec), pmdec [mas/yr] and rv [km/s] of galactic velocities (3, n) [km/s] at ICRS places."""
-    ra, dec = np.radians(ra), np.radians(dec)
+    ra = np.radians(ra)
+    dec = np.radians(dec)
     vx, vy, vz = np.einsum("ij,in->jn", GALACTIC, velocity)
     level = vx * np.cos(ra) + vy * np.sin(ra)
     east = -vx * np.sin(ra) + vy * np.cos(ra)

@@ -14,7 +14,8 @@ from csstsim.base.sphere import frames, ra_dec, unit_vectors
 from csstsim.base.types import FloatArray, Floats
 
 # Galactic frame in the ICRS (ESA 1997, Hipparcos vol. 1, 1.5.3): north pole, longitude of the ascending node.
-_POLE, _NODE = np.radians([192.85948, 27.12825]), np.radians(32.93192)
+_POLE = np.radians([192.85948, 27.12825])
+_NODE = np.radians(32.93192)
 
 
 def _axes() -> FloatArray:
@@ -65,9 +66,14 @@ def components(numbers: Mapping[str, Any]) -> list[Component]:
 
 def density(component: Component, position: FloatArray, numbers: Mapping[str, Any]) -> FloatArray:
     """Return the density at (3, ...) galactic positions [kpc], 1 at the Sun (the bulge: 1 at the centre)."""
-    sun, laws = numbers["sun"], numbers["laws"]
-    x, y, z = position[0] - sun["r0"], position[1], position[2] + sun["z"]
-    r, shape, wider = np.hypot(x, y), LAWS[component.law], 1.0
+    sun = numbers["sun"]
+    laws = numbers["laws"]
+    x = position[0] - sun["r0"]
+    y = position[1]
+    z = position[2] + sun["z"]
+    r = np.hypot(x, y)
+    shape = LAWS[component.law]
+    wider = 1.0
     if component.law in _FLARING:
         start, slope = laws["flare"]
         wider = 1 + slope * np.maximum(r - start, 0.0)  # of the heights; a column keeps its stars
@@ -104,7 +110,8 @@ def _bulge(r: Floats, z: Floats, x: Floats, y: Floats, eps: float, r0: float, la
     x0, y0, z0, cut, width, angle = law
     turn = np.radians(90.0 - angle)
     # The near end of the long axis lies at positive longitude.
-    along, across = -x * np.cos(turn) + y * np.sin(turn), x * np.sin(turn) + y * np.cos(turn)
+    along = -x * np.cos(turn) + y * np.sin(turn)
+    across = x * np.sin(turn) + y * np.cos(turn)
     rs2 = np.sqrt(((along / x0) ** 2 + (across / y0) ** 2) ** 2 + (z / z0) ** 4)
     return np.exp(-0.5 * rs2 - 0.5 * (np.maximum(r - cut, 0.0) / width) ** 2)
 

@@ -64,9 +64,13 @@ class Seds:
         """
         index, weight = self._mix(*_parameters(teff, logg, feh))
         span = slice(np.searchsorted(KNOTS, edges[0], side="right") - 1, np.searchsorted(KNOTS, edges[-1]) + 1)
-        knots, rows, av = KNOTS[span], np.ascontiguousarray(self._rows[:, span]), np.asarray(av, dtype=float)
+        knots = KNOTS[span]
+        rows = np.ascontiguousarray(self._rows[:, span])
+        av = np.asarray(av, dtype=float)
         at = np.clip(np.searchsorted(knots, edges, side="right") - 1, 0, len(knots) - 2)
-        on, gap, out = edges - knots[at], KNOTS[1] - KNOTS[0], np.empty((len(index), len(edges) - 1))
+        on = edges - knots[at]
+        gap = KNOTS[1] - KNOTS[0]
+        out = np.empty((len(index), len(edges) - 1))
         for first in range(0, len(index), _SOME):
             some = slice(first, first + _SOME)
             line = np.einsum("nm,nmw->nw", weight[some], rows[index[some]])
@@ -92,7 +96,8 @@ class Seds:
         used = np.flatnonzero(hats.any(axis=0))
         if len(used):
             band = slice(used[0], used[-1] + 1)
-            rows, hats = np.ascontiguousarray(self._rows[:, band]), np.ascontiguousarray(hats[:, band])
+            rows = np.ascontiguousarray(self._rows[:, band])
+            hats = np.ascontiguousarray(hats[:, band])
             _integrate(index, weight, rows, av, self._curve[band], hats, _spans(hats), out)
         return out
 
@@ -144,7 +149,8 @@ class StarSeds(Seds):
 def _scaled(hdu: fitsio.hdu.ImageHDU) -> FloatArray:
     """Return an image as float64. Integers are scaled here, in float32, because cfitsio rounds differently."""
     hdu.ignore_scaling = True
-    values, scale = hdu.read(), hdu.read_header().get("BSCALE", 1.0)
+    values = hdu.read()
+    scale = hdu.read_header().get("BSCALE", 1.0)
     values = values.astype(np.float32) * np.float32(scale) if values.dtype.kind == "i" else values
     return np.float64(values)  # type: ignore[return-value]  # an array of an array
 
@@ -162,12 +168,15 @@ def cubic(nodes: FloatArray, x: FloatArray) -> tuple[IntArray, FloatArray]:
     (i, _), (_, t) = (column.T for column in linear(nodes, x))
     index = np.clip(i[:, None] + np.arange(-1, 3), 0, len(nodes) - 1)
     h = np.diff(nodes[index], axis=1)  # 0 beyond an end, where the slope is the secant
-    low, high = h[:, 0] / (h[:, 0] + h[:, 1]), h[:, 2] / (h[:, 1] + h[:, 2])
+    low = h[:, 0] / (h[:, 0] + h[:, 1])
+    high = h[:, 2] / (h[:, 1] + h[:, 2])
     # Slopes x h1 at both ends of the cell: share `low` of its own secant and 1 - low of the one before, and so on.
     before = np.divide((1 - low) * h[:, 1], h[:, 0], out=np.zeros_like(t), where=h[:, 0] > 0)
     after = np.divide((1 - high) * h[:, 1], h[:, 2], out=np.zeros_like(t), where=h[:, 2] > 0)
-    low, high = np.where(h[:, 0] > 0, low, 1.0), np.where(h[:, 2] > 0, high, 1.0)
-    d0, d1 = t * (1 - t) ** 2, -(t**2) * (1 - t)
+    low = np.where(h[:, 0] > 0, low, 1.0)
+    high = np.where(h[:, 2] > 0, high, 1.0)
+    d0 = t * (1 - t) ** 2
+    d1 = -(t**2) * (1 - t)
     weight = np.stack(
         [
             -d0 * before,
@@ -221,7 +230,8 @@ def _integrate(
     for s in range(len(index)):
         line[:] = -0.4 * np.log(10.0) * av[s] * curve
         for m in range(index.shape[1]):
-            w, row = weight[s, m], rows[index[s, m]]
+            w = weight[s, m]
+            row = rows[index[s, m]]
             for j in range(len(line)):
                 line[j] += w * row[j]
         for j in range(len(line)):

@@ -135,7 +135,8 @@ def _isochrone(
 def _imf(component: Component, edges: FloatArray, breaks: Sequence[float]) -> FloatArray:
     """Integral of the initial mass function over each cell; 1 / Msun at the last break."""
     bounds = [0.0, *breaks, np.inf]
-    height, out = 1.0, np.zeros(len(edges) - 1)
+    height = 1.0
+    out = np.zeros(len(edges) - 1)
     for k in range(len(breaks), -1, -1):
         # From the top down: each piece starts at the height where the one above ended.
         start = breaks[min(k, len(breaks) - 1)]

@@ -106,14 +106,18 @@ def draw_stars(
     """
     model = galaxy(numbers)
     ra, dec, healpix, kind, step = _draw_cells(rng, pix, place, model)
-    near, far = _parsec(_MODULUS[step]) ** 3, _parsec(_MODULUS[step + 1]) ** 3
+    near = _parsec(_MODULUS[step]) ** 3
+    far = _parsec(_MODULUS[step + 1]) ** 3
     distance = (near + rng("distance").random(len(ra)) * (far - near)) ** (1 / 3)
     position = direction(ra, dec) * distance / _PC_PER_KPC
     columns, pair, velocity = _draw_types(rng, kind, distance, position, model)
     pmra, pmdec, rv = sky_motion(ra, dec, distance / _PC_PER_KPC, velocity)
     columns = {"ra": ra, "dec": dec, "_healpix_29": healpix, **columns, "distance": distance} | {
-        "parallax": 1000.0 / distance, "pmra": pmra, "pmdec": pmdec, "rv": rv,
-    }  # fmt: skip
+        "parallax": 1000.0 / distance,
+        "pmra": pmra,
+        "pmdec": pmdec,
+        "rv": rv,
+    }
     return _with_companions(rng, columns, pair, pix, numbers)
 
 
@@ -149,8 +153,11 @@ def _draw_cells(
         count = f"{totals.max() * AREA_DEG2:.3g}"
         raise InputError(
             f"brick {pix} would hold {count} stars: it is near the Galactic plane, or the limits are too faint",
-            file="universe/stars.yaml", key="limits", value=model.numbers["limits"], allowed=f"{MOST:g} stars a brick",
-        )  # fmt: skip
+            file="universe/stars.yaml",
+            key="limits",
+            value=model.numbers["limits"],
+            allowed=f"{MOST:g} stars a brick",
+        )
     count = rng("count").poisson(totals.max() * AREA_DEG2)
     spot = place(rng("position"), count)
     share = _bilinear(spot[2]) * totals
@@ -175,7 +182,8 @@ def _draw_types(
     bright, faint = model.numbers["limits"]
     modulus = 5.0 * np.log10(distance) - 5.0
     r0 = model.numbers["sun"]["r0"]
-    chosen, normal = rng("type").random(len(kind)), rng("velocity").standard_normal((3, len(kind)))
+    chosen = rng("type").random(len(kind))
+    normal = rng("velocity").standard_normal((3, len(kind)))
     table, pair, velocity = (np.empty((rows, len(kind))) for rows in (len(COLUMNS), len(PAIR), 3))
     for k, types in enumerate(model.types):
         mine = np.flatnonzero(kind == k)

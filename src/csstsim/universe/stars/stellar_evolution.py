@@ -21,7 +21,8 @@ _YEAR_GYR = 1e9
 
 def stage_ends(mass: FloatArray, feh: FloatArray, numbers: Mapping[str, Any]) -> FloatArray:
     """Return (4, n) ages [Gyr] at which stars of `mass` [Msun] and [Fe/H] end each stage."""
-    law, course = numbers["lifetime"], numbers["course"]
+    law = numbers["lifetime"]
+    course = numbers["course"]
     zeta = np.clip(feh, *law["limits"])
     a1, a2, a3, a4, a5 = (c[0] + zeta * (c[1] + zeta * (c[2] + zeta * c[3])) for c in law["rows"])
     base = (a1 + a2 * mass**4 + a3 * mass**5.5 + mass**7) / (a4 * mass**2 + a5 * mass**7) / 1000.0
@@ -85,14 +86,16 @@ def _main(
     mass: FloatArray, feh: FloatArray, u: FloatArray, numbers: Mapping[str, Any]
 ) -> tuple[FloatArray, FloatArray]:
     """Return log Teff and log L on the main sequence at the fraction u of its life."""
-    table, law = np.asarray(numbers["main_sequence"], float).T, numbers["main"]
+    table = np.asarray(numbers["main_sequence"], float).T
+    law = numbers["main"]
     x = np.log(mass)
     # Field stars have solar abundance on average and are at their mean age.
     mean = np.minimum(law["mean_age"] / stage_ends(mass, np.zeros_like(mass), numbers)[0], law["mean_share"])
     (b1, b2), (w1, w2) = law["brighten"], law["warm"]
     dl, dt = (_at(numbers["metals"], name, mass) for name in ("log_l", "log_teff"))
     cooling = _at(numbers["course"], "cooling", mass)
-    grow, grow2 = u - mean, u**2 - mean**2
+    grow = u - mean
+    grow2 = u**2 - mean**2
     log_l = np.interp(x, np.log(table[0]), table[2]) + b1 * grow + b2 * grow2 + dl * feh
     log_t = np.interp(x, np.log(table[0]), np.log10(table[1])) + w1 * grow + (w2 - cooling) * grow2 + dt * feh
     return log_t, log_l
@@ -113,7 +116,8 @@ def _after(
     base = turn_l + step
     tip = np.maximum(_at(numbers["course"], "tip", mass), base + 0.1)
     f = np.clip(stage - 2.0, 0.0, 1.0)
-    low, high = 10 ** (law["slope"] * base), 10 ** (law["slope"] * tip)
+    low = 10 ** (law["slope"] * base)
+    high = 10 ** (law["slope"] * tip)
     branch_l = np.log10(low + f * (high - low)) / law["slope"]
     branch_t = _giant_teff(branch_l, mass, feh, law)
     across = np.clip(stage - 1.0, 0.0, 1.0)

@@ -72,7 +72,8 @@ class ShellDensity:
     """
 
     def __init__(self, field: PotentialField, finest: FloatArray, weights: Floats = 1.0) -> None:
-        self.field, self._finest = field, np.ceil(finest)
+        self.field = field
+        self._finest = np.ceil(finest)
         self._scale = weights * field.amplitude / field.shells.kernel()[:, None]  # of delta (shells, widths)
         step = np.gradient(np.log(_ELL)) * _ELL**2 / (2 * np.pi)
         self._variances = np.einsum("ls,l->s", field.powers(_ELL), step)  # of kappa for amplitude 1
@@ -96,8 +97,11 @@ class ShellDensity:
 
     def at(self, ra: FloatArray, dec: FloatArray, shell: IntArray, order: FloatArray) -> FloatArray:
         """Return delta (n,) at ra, dec [deg] in `shell` (n,), with kernels up to `order` (shells,)."""
-        ra, dec, shell = np.asarray(ra, float), np.asarray(dec, float), np.asarray(shell)
-        delta, vectors = np.zeros(len(ra)), unit_vectors(ra, dec)
+        ra = np.asarray(ra, float)
+        dec = np.asarray(dec, float)
+        shell = np.asarray(shell)
+        delta = np.zeros(len(ra))
+        vectors = unit_vectors(ra, dec)
         orders = np.ceil(order)[shell]
         for o in np.unique(orders):
             rows = np.flatnonzero(orders == o)
@@ -122,7 +126,8 @@ class ShellDensity:
 
     def _make(self, order: int, cell: int) -> tuple[TangentGrid, FloatArray]:
         """Return the TangentGrid of a cell and its maps of delta (rows, columns, shells)."""
-        field, at = self.field, cell_order(order)
+        field = self.field
+        at = cell_order(order)
         grid = TangentGrid.around(at, cell, WIDTHS[-1] * pixel(at + _FINER) / _SAMPLES, _ROOT)
         first = int(np.argmax(self._finest >= order))  # nearer shells are smooth on these scales
         count = field.shells.count - first
@@ -156,7 +161,8 @@ def _kept(step: float) -> float:
 
     The variance is of kappa, whose spectrum is l^4 exp(-l^2 sigma^2) on small scales.
     """
-    t, weights = (np.arange(16) + 0.5) / 16, np.empty((16, TAPS))
+    t = (np.arange(16) + 0.5) / 16
+    weights = np.empty((16, TAPS))
     for place, row in zip(t, weights, strict=True):
         _cubic(1 + place, row)
     x, w = np.polynomial.laguerre.laggauss(24)  # x = l^2 sigma^2
@@ -172,7 +178,8 @@ def _kept(step: float) -> float:
 def interpolate_all(maps: FloatArray, places: FloatArray) -> FloatArray:
     """Return (n, shells): maps (rows, columns, shells) at grid coordinates (n, 2) x, y, as `interpolate_one`."""
     out = np.zeros((len(places), maps.shape[2]), maps.dtype)
-    wx, wy = np.empty(TAPS), np.empty(TAPS)
+    wx = np.empty(TAPS)
+    wy = np.empty(TAPS)
     for g in range(len(places)):
         x0 = min(int(places[g, 0]), maps.shape[1] - 3) - 1
         y0 = min(int(places[g, 1]), maps.shape[0] - 3) - 1
@@ -181,7 +188,8 @@ def interpolate_all(maps: FloatArray, places: FloatArray) -> FloatArray:
         row = out[g]
         for j in range(TAPS):
             for i in range(TAPS):
-                w, from_ = np.float32(wy[j] * wx[i]), maps[y0 + j, x0 + i]
+                w = np.float32(wy[j] * wx[i])
+                from_ = maps[y0 + j, x0 + i]
                 for s in range(maps.shape[2]):
                     row[s] += w * from_[s]
     return out
@@ -191,7 +199,8 @@ def interpolate_all(maps: FloatArray, places: FloatArray) -> FloatArray:
 def interpolate_one(maps: FloatArray, places: FloatArray, shell: IntArray) -> FloatArray:
     """Return (n,): maps (rows, columns, shells) of each place's own shell, cubic through 4 points along each axis."""
     out = np.empty(len(places))
-    wx, wy = np.empty(TAPS), np.empty(TAPS)
+    wx = np.empty(TAPS)
+    wy = np.empty(TAPS)
     for g in range(len(places)):
         x0 = min(int(places[g, 0]), maps.shape[1] - 3) - 1
         y0 = min(int(places[g, 1]), maps.shape[0] - 3) - 1

@@ -32,8 +32,11 @@ def halo_lenses(
     haloes: the columns of haloes.Haloes. Columns: direction (3), chi [Mpc], strength (kappa x chord^2), radius of the
     disc and scale radius [rad], and the radii at which the density ends, over the scale radius.
     """
-    a, d = np.radians(haloes["ra"]), np.radians(haloes["dec"])
-    mass, c, cosmology = 10 ** haloes["log_mass"], np.asarray(haloes["concentration"]), mass_function.cosmology
+    a = np.radians(haloes["ra"])
+    d = np.radians(haloes["dec"])
+    mass = 10 ** haloes["log_mass"]
+    c = np.asarray(haloes["concentration"])
+    cosmology = mass_function.cosmology
     chi = cosmology.comoving_distance(haloes["z"])
     strength = 1.5 * cosmology.omega_m / cosmology.hubble_distance**2 * (1 + haloes["z"])
     strength = strength * mass * whole_mass(c, numbers["cuts"]) / mass_function.density / (np.pi * chi)
@@ -62,7 +65,8 @@ def halo_shear(lenses: FloatArray, ra: FloatArray, dec: FloatArray, chi: FloatAr
     inverse = np.divide(1.0, chi, out=np.full(len(chi), np.inf), where=np.asarray(chi) > 0)
     ranked = np.lexsort([inverse, bucket])
     starts = np.searchsorted(bucket[ranked], np.arange(rows * columns + 1))
-    at, inverse = np.take(np.concatenate([east.T, north.T]), ranked, axis=1), inverse[ranked]
+    at = np.take(np.concatenate([east.T, north.T]), ranked, axis=1)
+    inverse = inverse[ranked]
     sums = np.zeros((3, len(chi)))
     along, across, toward = np.einsum("nk,ak->an", lenses[:, :3], np.stack([*plane, middle]))
     centres = np.column_stack([(along - corner[0]) / _BUCKET, (across - corner[1]) / _BUCKET, toward])
@@ -83,14 +87,18 @@ def _add(
     bucket: float,
 ) -> None:
     """Add every lens to sums (3, sources); sources are sorted by bucket, the farthest first, `starts` of each."""
-    disc, cuts = lenses[:, 5], lenses[:, 7:]
-    masses, sphere = nfw_mass(cuts), np.empty(len(lenses))
+    disc = lenses[:, 5]
+    cuts = lenses[:, 7:]
+    masses = nfw_mass(cuts)
+    sphere = np.empty(len(lenses))
     for h in range(len(lenses)):
         sphere[h] = lenses[h, 6] * cuts[h].max()
     for cell in range(len(starts) - 1):  # a bucket's sources stay close to the processor for all lenses
         here = slice(starts[cell], starts[cell + 1])
-        added, far = (sums[0, here], sums[1, here], sums[2, here]), inverse[here]
-        east, north = (at[0, here], at[1, here], at[2, here]), (at[3, here], at[4, here], at[5, here])
+        added = (sums[0, here], sums[1, here], sums[2, here])
+        far = inverse[here]
+        east = (at[0, here], at[1, here], at[2, here])
+        north = (at[3, here], at[4, here], at[5, here])
         for h in range(len(lenses)):
             aside = abs(cell % columns + 0.5 - centres[h, 0]) - 0.5, abs(cell // columns + 0.5 - centres[h, 1]) - 0.5
             gap = np.hypot(max(aside[0], 0.0), max(aside[1], 0.0)) * bucket  # a projected radius is at most the chord
@@ -118,11 +126,14 @@ def _disc(
     p0, p1, p2, chi, strength, _ = lens
     per_disc2 = 1 / disc2
     for i in range(behind):
-        a, b = p0 * e0[i] + p1 * e1[i] + p2 * e2[i], p0 * n0[i] + p1 * n1[i] + p2 * n2[i]
+        a = p0 * e0[i] + p1 * e1[i] + p2 * e2[i]
+        b = p0 * n0[i] + p1 * n1[i] + p2 * n2[i]
         square, chord2 = _apart(a, b)
         q = max(1 - chord2 * per_disc2, 0.0)
-        q2, both = q * q, 1 / square
-        weight, half = strength * (1 - chi * inverse[i]), 1 - 0.25 * chord2
+        q2 = q * q
+        both = 1 / square
+        weight = strength * (1 - chi * inverse[i])
+        half = 1 - 0.25 * chord2
         kappa = -4 * per_disc2 * q * q2
         mean = -per_disc2 * (1 + q) * (1 + q2) if chord2 < sphere2 else q2 * q2 * both * half
         tangential = weight * both * (mean * (2 * half - 1) * both * chord2 - kappa)
@@ -145,14 +156,17 @@ def _sphere(
     """Add the spheres to the sources within them."""
     (kappas, shear1, shear2), (e0, e1, e2), (n0, n1, n2) = added, east, north
     p0, p1, p2, chi, strength, _, scale = lens
-    inner, sphere2 = 1 / (2 * scale * scale * masses.sum()), (scale * cuts.max()) ** 2
+    inner = 1 / (2 * scale * scale * masses.sum())
+    sphere2 = (scale * cuts.max()) ** 2
     for i in range(behind):
-        a, b = p0 * e0[i] + p1 * e1[i] + p2 * e2[i], p0 * n0[i] + p1 * n1[i] + p2 * n2[i]
+        a = p0 * e0[i] + p1 * e1[i] + p2 * e2[i]
+        b = p0 * n0[i] + p1 * n1[i] + p2 * n2[i]
         square, chord2 = _apart(a, b)
         if chord2 >= sphere2:
             continue
         f, g = nfw_projected(np.sqrt(chord2) / scale, cuts, masses)
-        weight, both = strength * (1 - chi * inverse[i]) * inner, 1 / square
+        weight = strength * (1 - chi * inverse[i]) * inner
+        both = 1 / square
         tangential = weight * both * ((f + g) * (1 - 0.5 * chord2) * both * chord2 - f)
         kappas[i] += weight * f
         shear1[i] -= tangential * (a * a - b * b)

@@ -87,7 +87,8 @@ def nfw_projected(x: float, cuts: FloatArray, masses: FloatArray) -> tuple[float
 @njit(cache=True)
 def _projected(x: float, cuts: FloatArray, masses: FloatArray) -> tuple[float, float]:
     """The spheres' logarithms and angles, of less than pi / 2 each, add up: those of their products are taken."""
-    x2, gap = x * x, 1 - x * x
+    x2 = x * x
+    gap = 1 - x * x
     side = np.sqrt(abs(gap))
     roots = lines = outside = imaginary = 0.0
     real = below = near = 1.0
@@ -104,9 +105,7 @@ def _projected(x: float, cuts: FloatArray, masses: FloatArray) -> tuple[float, f
         if gap > 0:
             real *= x2 + cut + side * root
         else:
-            real, imaginary = (
-                real * (x2 + cut) - imaginary * side * root, imaginary * (x2 + cut) + real * side * root
-            )  # fmt: skip
+            real, imaginary = (real * (x2 + cut) - imaginary * side * root, imaginary * (x2 + cut) + real * side * root)
     if gap > 0:
         turn = np.log(real / below) / (gap * side)
     else:

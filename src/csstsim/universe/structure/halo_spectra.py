@@ -46,7 +46,9 @@ _SCATTER, _CHANCES = np.polynomial.hermite_e.hermegauss(3)  # of log concentrati
 _LN_K = np.linspace(np.log(1e-4), np.log(300.0), 130)  # 1 / Mpc
 _REDSHIFTS = 14
 _ITERATIONS = 1000  # of a fit at most: kernels overlap, and thick shells need more than 3 a kernel
-_THETA, _ELL = np.geomspace(1e-6, 1.0, 1200), np.geomspace(1, 1e5, 50)  # rad; multipoles of C_ln
+# rad; multipoles of C_ln
+_THETA = np.geomspace(1e-6, 1.0, 1200)
+_ELL = np.geomspace(1, 1e5, 50)
 _SHARE = 1e-5  # of matter, times bias, below which a tier has no C_ln: so few haloes are not pairs
 
 
@@ -55,24 +57,28 @@ class HaloSpectra:
 
     def __init__(self, field: PotentialField, mass_function: HaloMassFunction, numbers: Mapping[str, Any]) -> None:
         haloes = numbers["haloes"]
-        self.field, self.limits = field, (haloes["z_min"], haloes["z_max"])
+        self.field = field
+        self.limits = (haloes["z_min"], haloes["z_max"])
         tiers = np.array(haloes["tiers"])
         lensing = np.flatnonzero(tiers[:-1] >= 0.999 * haloes["lens_mass"])
         self.orders = tier_orders(field, mass_function, numbers)[lensing]
         z = np.linspace(*self.limits, _REDSHIFTS)
-        moments = np.array([
-            [_moments(mass_function, tiers[t], tiers[t + 1], at, haloes) for at in z] for t in lensing
-        ])  # (tiers, z, 3, k): h of the bias' powers 1, 2, and P_1h  # fmt: skip
+        moments = np.array(
+            [[_moments(mass_function, tiers[t], tiers[t + 1], at, haloes) for at in z] for t in lensing]
+        )  # (tiers, z, 3, k): h of the bias' powers 1, 2, and P_1h
         self._one = RectBivariateSpline(z, _LN_K, moments[:, :, 2].sum(axis=0))
         self._h = [[RectBivariateSpline(z, _LN_K, moments[t, :, p]) for p in range(2)] for t in range(len(lensing))]
         self._nodes()
         self.weights = self._weights()
 
     def _nodes(self) -> None:
-        shells, cosmology = self.field.shells, self.field.shells.cosmology
-        near, far = shells.edges[:-1, None], shells.edges[1:, None]
+        shells = self.field.shells
+        cosmology = self.field.shells.cosmology
+        near = shells.edges[:-1, None]
+        far = shells.edges[1:, None]
         low, high = cosmology.comoving_distance(np.array(self.limits))
-        begin, end = np.clip(near, low, high), np.clip(far, low, high)
+        begin = np.clip(near, low, high)
+        end = np.clip(far, low, high)
         self._chi = 0.5 * (begin + end) + 0.5 * (end - begin) * _NODES
         self._z = np.interp(self._chi, *shells.distances)
         strength = shells.strength(self._z)
@@ -108,7 +114,8 @@ class HaloSpectra:
 
     def fit(self, ell: FloatArray | IntArray, wanted: FloatArray) -> FloatArray:
         """Return the amplitudes a_is (shells, widths) with which C_l is `wanted` (shells, len(ell))."""
-        bases, rest = self.field.powers(ell) * self.factors(ell), wanted - self.one_halo(ell)
+        bases = self.field.powers(ell) * self.factors(ell)
+        rest = wanted - self.one_halo(ell)
         extra: Floats = 0.0
         for _ in range(4):  # C_ln depends on the amplitudes, which it changes by 10 % at most; then they have converged
             fits = [
@@ -122,7 +129,8 @@ class HaloSpectra:
     def lognormal(self, ell: FloatArray | IntArray, amplitude: FloatArray) -> FloatArray:
         """Return C_ln (shells, len(ell)) for amplitudes (shells, widths)."""
         kernel, (second, bias, transform, shapes) = self.field.shells.kernel()[:, None], self._clustering
-        wide, total = self.wide(), np.zeros((len(kernel), len(_ELL)))
+        wide = self.wide()
+        total = np.zeros((len(kernel), len(_ELL)))
         variance = np.einsum("is,tis,s->it", (amplitude * self.weights / kernel) ** 2, wide**2, shapes[:, 0])
         sigma = np.sqrt(variance)
         terms = series(bias * sigma)  # (n, shells, tiers)
@@ -146,12 +154,15 @@ class HaloSpectra:
         about haloes of that bias, without their own mass.
         """
         kernel, (second, biases, transform, shapes) = self.field.shells.kernel()[shell], self._clustering
-        wide, strength, powers = self.wide()[:, shell], amplitude[shell] / kernel, self.field.powers(ell)
+        wide = self.wide()[:, shell]
+        strength = amplitude[shell] / kernel
+        powers = self.field.powers(ell)
         response = 1 + self.weights[shell] * np.einsum("ts,tl->ls", wide, self.response(ell)[shell])
         linear = bias * (strength**2 * self.weights[shell] * wide[tier] * powers * response).sum(axis=1)
         power = (strength * self.weights[shell]) ** 2 * wide
         sigma = np.sqrt((power * wide) @ shapes[:, 0])
-        own, extra = series(bias * sigma[tier]), np.zeros(len(_ELL))
+        own = series(bias * sigma[tier])
+        extra = np.zeros(len(_ELL))
         for t in np.flatnonzero(biases[shell]):
             r = (power[t] * wide[tier]) @ shapes / (sigma[t] * sigma[tier])
             curved = excess(own, series(biases[shell, t] * sigma[t]), r)
@@ -161,7 +172,8 @@ class HaloSpectra:
     @cached_property
     def _clustering(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Responses with b^2 and biases (shells, tiers), transform and correlations, of C_ln at multipoles _ELL."""
-        first, second = self.response(_ELL), self.response(_ELL, 2)
+        first = self.response(_ELL)
+        second = self.response(_ELL, 2)
         strongest = np.argmax(np.abs(second), axis=2, keepdims=True)
         share, bias = (np.take_along_axis(v, strongest, axis=2)[..., 0] for v in (first, second))
         bias = np.divide(bias, share, out=np.zeros_like(bias), where=np.abs(share) > _SHARE)
@@ -179,13 +191,15 @@ def _moments(
     k = np.exp(_LN_K)[:, None]
     median = concentration(mass, z, numbers["concentration"], mass_function.cosmology.h0 / 100)
     scattered = [median * 10 ** (numbers["concentration"]["scatter"] * at) for at in _SCATTER]
-    radius, disc = mass_function.virial_radius(mass), disc_transform(k, disc_radius(mass_function, mass, numbers))
+    radius = mass_function.virial_radius(mass)
+    disc = disc_transform(k, disc_radius(mass_function, mass, numbers))
     cuts = numbers["cuts"]
     profiles = np.stack([whole_mass(c, cuts) * (halo_transform(k, radius, c, cuts) - disc) for c in scattered])
     chances = _CHANCES / _CHANCES.sum()
     first, second = (np.einsum("s,skm->km", chances, profiles**p) for p in (1, 2))
     number = 0.5 * np.log(high / low) * weights * mass_function.dn_dlnm(mass, z)
-    volume, bias = mass / mass_function.density, mass_function.bias(mass, z)
+    volume = mass / mass_function.density
+    bias = mass_function.bias(mass, z)
     parts = [(first, number * volume * bias**p) for p in (1, 2)] + [(second, number * volume**2)]
     return np.stack([np.einsum("km,m->k", *part) for part in parts])
 

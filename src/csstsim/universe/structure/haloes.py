@@ -31,9 +31,13 @@ if TYPE_CHECKING:
     from csstsim.universe.structure.mass_function import HaloMassFunction
 
 _DEEP = 29  # order of the pixels whose centres are the places
-_STEP_Z, _MASSES = 0.05, 160  # nodes of the tables
+# nodes of the tables
+_STEP_Z = 0.05
+_MASSES = 160
 _MARGIN = 0.15  # of the maximum between points of a map, in its standard deviations
-_BIASES, _BETWEEN = 40, 1.01  # of a tier, at which the intensity's bound is looked for; bound between nodes
+# of a tier, at which the intensity's bound is looked for; bound between nodes
+_BIASES = 40
+_BETWEEN = 1.01
 _SAGITTA = 0.02  # rad x nside: by which a cell may bulge beyond the chords of its border
 _FINE = 9  # least order of the cells of haloes that do not lens: they are asked for in and close to a brick
 _CELLS = 1024  # kept; a brick needs up to 720, and its neighbours most of them again
@@ -42,7 +46,8 @@ COLUMNS = ("ra", "dec", "z", "log_mass", "concentration", "key")
 
 def tier_orders(field: PotentialField, mass_function: HaloMassFunction, numbers: Mapping[str, Any]) -> FloatArray:
     """Return for each tier (tiers, shells) the order of the kernels down to which its haloes follow the field."""
-    haloes, lightest = numbers["haloes"], np.array(numbers["haloes"]["tiers"][:-1])
+    haloes = numbers["haloes"]
+    lightest = np.array(numbers["haloes"]["tiers"][:-1])
     scales = np.array(haloes["placement"]) * mass_function.lagrangian_radius(lightest)
     orders = np.stack([kernel_order(field, max(scale, numbers["galaxy_scale"])) for scale in scales])
     lensing = lightest >= 0.999 * haloes["lens_mass"]
@@ -60,7 +65,9 @@ class Haloes:
     def __init__(
         self, seed: int, density: ShellDensity, mass_function: HaloMassFunction, numbers: Mapping[str, Any]
     ) -> None:
-        self.seed, self.density, self.mass_function = seed, density, mass_function
+        self.seed = seed
+        self.density = density
+        self.mass_function = mass_function
         self.numbers = numbers["haloes"]
         self.edges = np.log(self.numbers["tiers"])
         self._orders = tier_orders(density.field, mass_function, numbers)
@@ -83,7 +90,8 @@ class Haloes:
         centre = pixel_vector(NSIDE, pix)
         border = pixel_border(NSIDE, pix, step=16)
         radius = 2 * np.arcsin(0.5 * np.linalg.norm(border - centre, axis=1).max())
-        found, tops = [], self.edges[1:] / np.log(10)
+        found = []
+        tops = self.edges[1:] / np.log(10)
         asked = [t for t, top in enumerate(tops) if top > lowest]
         for order in sorted({o for t in asked for o in self._depths[t]}):  # coarse maps begin finer ones
             for tier in (t for t in asked if order in self._depths[t]):
@@ -91,7 +99,8 @@ class Haloes:
                 widest = _BETWEEN * float(np.max(reach(self._depths[tier][order][1], masses)))
                 for cell in _cells(2 ** self._cell_order(tier, order), centre, min(radius + widest, np.pi)):
                     some = self.cell(tier, order, cell)
-                    v, far = some["vector"], reach(some["z"], some["log_mass"])
+                    v = some["vector"]
+                    far = reach(some["z"], some["log_mass"])
                     keep = (some["log_mass"] >= lowest) & _within(v, centre, radius, border, far, pix, some)
                     found.append({name: some[name][keep] for name in COLUMNS})
         return {name: np.concatenate([part[name] for part in found]) for name in COLUMNS}
@@ -102,7 +111,8 @@ class Haloes:
 
     def _shell_depths(self) -> list[dict[int, tuple[IntArray, float, FloatArray]]]:
         """Return for each tier {highest order: (its shells, nearest z, haloes per sr of each)}."""
-        edges, table_z = self.density.field.shells.edges, self._tables[0].fine_z
+        edges = self.density.field.shells.edges
+        table_z = self._tables[0].fine_z
         chi = self.mass_function.cosmology.comoving_distance(table_z)
         found = []
         for orders, table in zip(self._orders, self._tables, strict=True):
@@ -124,7 +134,8 @@ class Haloes:
     def _draw(self, tier: int, order: int, cell: int) -> dict[str, AnyArray]:
         """Return the columns of the haloes of a tier in the shells of one order and one cell, with `vector` (n, 3)."""
         shells, _, counts = self._depths[tier][order]
-        table, variance = self._tables[tier], self._variance[tier][shells]
+        table = self._tables[tier]
+        variance = self._variance[tier][shells]
         at = self._cell_order(tier, order)
         around = cell >> 2 * (at - cell_order(order))
         grid, maps = self.density.smooth(order, around, shells, self._orders[tier])
@@ -133,7 +144,8 @@ class Haloes:
         bound = table.largest(peak, variance, near, far)
         random = stream(self.seed, "haloes", tier, order, cell)
         number = random.poisson(counts * bound * 4 * np.pi / (12 * 4**at))
-        total, shell = number.sum(), np.repeat(np.arange(len(shells)), number)
+        total = number.sum()
+        shell = np.repeat(np.arange(len(shells)), number)
         deep = 2 * (_DEEP - at)
         ra, dec = pixel_centre(1 << _DEEP, (np.int64(cell) << deep) + random.integers(0, 1 << deep, total))
         u = random.random((4, total))
@@ -146,14 +158,19 @@ class Haloes:
         if chance.max(initial=0.0) > 1:
             raise RuntimeError(f"haloes of tier {tier}, order {order}, cell {cell}: the field exceeds its bound")
         kept = np.flatnonzero(u[3] < chance)
-        z, mass = z[kept], np.exp(ln_mass[kept])
+        z = z[kept]
+        mass = np.exp(ln_mass[kept])
         scatter = 10 ** (self.numbers["concentration"]["scatter"] * random.standard_normal(len(kept)))
         key = (tier << 61) | (order << 56) | (cell << 28)
         return {
-            "ra": ra[kept], "dec": dec[kept], "z": z, "log_mass": np.log10(mass),
+            "ra": ra[kept],
+            "dec": dec[kept],
+            "z": z,
+            "log_mass": np.log10(mass),
             "concentration": self.mean_concentration(mass, z) * scatter,
-            "key": np.uint64(key) + kept.astype(np.uint64), "vector": vectors[kept],
-        }  # fmt: skip
+            "key": np.uint64(key) + kept.astype(np.uint64),
+            "vector": vectors[kept],
+        }
 
 
 def concentration(mass: Floats, z: Floats, numbers: Mapping[str, Any], h: float) -> FloatArray:
@@ -166,11 +183,13 @@ class _Table:
     """Numbers and biases of the haloes of one tier, linear in z between nodes, and their inverses for drawing."""
 
     def __init__(self, mass_function: HaloMassFunction, low: float, high: float, numbers: Mapping[str, Any]) -> None:
-        z_min, z_max = numbers["z_min"], numbers["z_max"]
+        z_min = numbers["z_min"]
+        z_max = numbers["z_max"]
         cosmology = mass_function.cosmology
         self.nodes = np.linspace(0.0, z_max, int(np.ceil(z_max / _STEP_Z)) + 1)
         self.ln_mass = np.linspace(low, high, _MASSES)
-        mass, z = np.exp(self.ln_mass), self.nodes[:, None]
+        mass = np.exp(self.ln_mass)
+        z = self.nodes[:, None]
         density = mass_function.dn_dlnm(mass, z)
         self.bias = mass_function.bias(mass, z)
         pieces = 0.5 * (density[:, 1:] + density[:, :-1]) * np.diff(self.ln_mass)
@@ -221,7 +240,8 @@ def _mass(
     ln_mass: FloatArray,
     bias: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    mass, b = np.empty(len(u)), np.empty(len(u))
+    mass = np.empty(len(u))
+    b = np.empty(len(u))
     step = ln_mass[1] - ln_mass[0]
     for i in range(len(u)):
         row = below[node_of_mass[i]]
@@ -271,11 +291,18 @@ def _distance(points: FloatArray, border: FloatArray) -> FloatArray:
     for i in range(len(points)):
         best = 16.0
         for j in range(len(border)):
-            a, b = border[j], border[(j + 1) % len(border)]
-            e0, e1, e2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-            d0, d1, d2 = points[i, 0] - a[0], points[i, 1] - a[1], points[i, 2] - a[2]
+            a = border[j]
+            b = border[(j + 1) % len(border)]
+            e0 = b[0] - a[0]
+            e1 = b[1] - a[1]
+            e2 = b[2] - a[2]
+            d0 = points[i, 0] - a[0]
+            d1 = points[i, 1] - a[1]
+            d2 = points[i, 2] - a[2]
             t = min(max((d0 * e0 + d1 * e1 + d2 * e2) / (e0 * e0 + e1 * e1 + e2 * e2), 0.0), 1.0)
-            d0, d1, d2 = d0 - t * e0, d1 - t * e1, d2 - t * e2
+            d0 = d0 - t * e0
+            d1 = d1 - t * e1
+            d2 = d2 - t * e2
             best = min(best, d0 * d0 + d1 * d1 + d2 * d2)
         out[i] = np.sqrt(best)
     return out

@@ -24,9 +24,12 @@ _X, _W = np.polynomial.hermite_e.hermegauss(120)
 
 def _table() -> tuple[FloatArray, FloatArray]:
     """Return b sigma and ln c at _BETA."""
-    beta, bend = _BETA, np.maximum(_BEND, _BETA)
+    beta = _BETA
+    bend = np.maximum(_BEND, _BETA)
     below = np.exp(0.5 * beta**2) * ndtr(bend - beta)
-    at, above, density = np.exp(beta * bend), ndtr(-bend), np.exp(-0.5 * bend**2) / np.sqrt(2 * np.pi)
+    at = np.exp(beta * bend)
+    above = ndtr(-bend)
+    density = np.exp(-0.5 * bend**2) / np.sqrt(2 * np.pi)
     mean = below + at * ((1 - beta * bend) * above + beta * density)
     return beta * (below + at * above) / mean, -np.log(mean)
 

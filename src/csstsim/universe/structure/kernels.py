@@ -40,7 +40,9 @@ def add_density(
         for y in range(boxes[j, 0], boxes[j, 1]):
             for x in range(boxes[j, 2], boxes[j, 3]):
                 # From p - n, because 1 - n . p of near directions loses digits.
-                d0, d1, d2 = p0 - n[y, x, 0], p1 - n[y, x, 1], p2 - n[y, x, 2]
+                d0 = p0 - n[y, x, 0]
+                d1 = p1 - n[y, x, 1]
+                d2 = p2 - n[y, x, 2]
                 gap = 0.5 * (d0 * d0 + d1 * d1 + d2 * d2)
                 if gap > far:
                     continue
@@ -72,7 +74,9 @@ def add_lensing(
         deviate = deviates[j]
         for y in range(boxes[j, 0], boxes[j, 1]):
             for x in range(boxes[j, 2], boxes[j, 3]):
-                d0, d1, d2 = p0 - n[y, x, 0], p1 - n[y, x, 1], p2 - n[y, x, 2]
+                d0 = p0 - n[y, x, 0]
+                d1 = p1 - n[y, x, 1]
+                d2 = p2 - n[y, x, 2]
                 gap = 0.5 * (d0 * d0 + d1 * d1 + d2 * d2)
                 if gap > far:
                     continue
@@ -82,7 +86,8 @@ def add_lensing(
                 a = d0 * t1[y, x, 0] + d1 * t1[y, x, 1] + d2 * t1[y, x, 2]
                 b = d0 * t2[y, x, 0] + d1 * t2[y, x, 1] + d2 * t2[y, x, 2]
                 kappa = np.float32(kernel * (0.5 * (a * a + b * b) - (1.0 - gap) / u))
-                gamma1, gamma2 = np.float32(0.5 * kernel * (a * a - b * b)), np.float32(kernel * a * b)
+                gamma1 = np.float32(0.5 * kernel * (a * a - b * b))
+                gamma2 = np.float32(kernel * a * b)
                 maps = values[y, x]
                 for i in range(len(deviate)):  # a loop each: these are made of vector instructions
                     maps[0, i] += kappa * deviate[i]

@@ -35,7 +35,8 @@ class HaloMassFunction:
     """
 
     def __init__(self, cosmology: Cosmology, power: MatterPower) -> None:
-        self.cosmology, self.power = cosmology, power
+        self.cosmology = cosmology
+        self.power = power
         self.density = cosmology.omega_m * CRITICAL_DENSITY_H2 * (cosmology.h0 / 100) ** 2  # solar / Mpc^3, comoving
         k = np.exp(_LN_K)
         x = k * self.lagrangian_radius(np.exp(_LN_M))[:, None]
@@ -63,16 +64,20 @@ class HaloMassFunction:
 
     def dn_dlnm(self, mass: Floats, z: Floats) -> FloatArray:
         """Return haloes per Mpc^3 and unit of ln mass."""
-        mass, z = np.asarray(mass, float), np.asarray(z, float)
+        mass = np.asarray(mass, float)
+        z = np.asarray(z, float)
         sigma = self.sigma(mass, z)
         alpha = 10 ** -((0.75 / np.log10(CONTRAST / 75)) ** 1.2)
-        a, b = 1.47 * (1 + z) ** -0.06, 2.57 * (1 + z) ** -alpha
+        a = 1.47 * (1 + z) ** -0.06
+        b = 2.57 * (1 + z) ** -alpha
         f = 0.186 * (1 + z) ** -0.14 * ((sigma / b) ** -a + 1) * np.exp(-1.19 / sigma**2)
         return f * self.density / mass * -self._slope(np.log(mass))
 
     def bias(self, mass: Floats, z: Floats) -> FloatArray:
         """Return the linear bias."""
-        nu, y = self.peak_height(mass, z), np.log10(CONTRAST)
+        nu = self.peak_height(mass, z)
+        y = np.log10(CONTRAST)
         step = np.exp(-((4 / y) ** 4))
-        large, a = 1 + 0.24 * y * step, 0.44 * y - 0.88
+        large = 1 + 0.24 * y * step
+        a = 0.44 * y - 0.88
         return 1 - large * nu**a / (nu**a + COLLAPSE**a) + 0.183 * nu**1.5 + (0.019 + 0.107 * y + 0.19 * step) * nu**2.4

@@ -43,7 +43,10 @@ class MatterField(PotentialField):
     `mass_function`. Raises KeyError or ValueError for a number that is missing or out of range.
     """
 
-    reach, samples, precision = 5.0, 2.7, np.float32  # of the smooth maps: they err by 1e-3 of the narrowest kernel
+    # of the smooth maps: they err by 1e-3 of the narrowest kernel
+    reach = 5.0
+    samples = 2.7
+    precision = np.float32
 
     def __init__(
         self,
@@ -54,9 +57,11 @@ class MatterField(PotentialField):
         haloes: bool = True,
     ) -> None:
         check_numbers(lensing_numbers, numbers)
-        self.numbers, cosmology = numbers, Cosmology(cosmology_numbers)
+        self.numbers = numbers
+        cosmology = Cosmology(cosmology_numbers)
         power = MatterPower(cosmology, cosmology_numbers)
-        z_end, z_max = numbers["shells"]["z_end"], lensing_numbers["z_max"]
+        z_end = numbers["shells"]["z_end"]
+        z_max = lensing_numbers["z_max"]
         chi_end = float(cosmology.comoving_distance(z_end))
         edges = np.linspace(0.0, chi_end, int(np.ceil(chi_end / numbers["shells"]["thickness"])) + 1)
         lenses = int(np.searchsorted(edges, float(cosmology.comoving_distance(z_max))))
@@ -84,7 +89,8 @@ class MatterField(PotentialField):
 
     def _refuse_misfit(self, lensing: Mapping[str, Any]) -> None:
         """Raise ValueError if the matter cannot have halofit's spectrum: in thin shells haloes alone have more."""
-        ell, z = np.geomspace(30, lensing["l_max"], 12), lensing["z_max"]
+        ell = np.geomspace(30, lensing["l_max"], 12)
+        z = lensing["z_max"]
         off = np.abs(self.spectrum(ell, z) / self.shells.limber(ell, z) - 1).max()
         if off > _MISFIT:
             raise ValueError(
@@ -148,7 +154,8 @@ class MatterField(PotentialField):
         """
         ra, dec, z = (np.atleast_1d(np.asarray(v, float)) for v in (ra, dec, z))
         shell, valid = self._shell(z)
-        delta, variance = np.zeros(len(z)), np.where(valid, self._variance[shell], 0.0)
+        delta = np.zeros(len(z))
+        variance = np.where(valid, self._variance[shell], 0.0)
         delta[valid] = self.shell_density.at(ra[valid], dec[valid], shell[valid], self._galaxy_order)
         return delta, variance
 
@@ -188,7 +195,8 @@ _MISFIT = 0.05  # of the spectrum of matter
 
 def check_numbers(lensing: Mapping[str, Any], numbers: Mapping[str, Any]) -> None:
     """Raise ValueError for numbers of lensing.yaml and structure.yaml that make no matter."""
-    haloes, shells = numbers["haloes"], numbers["shells"]
+    haloes = numbers["haloes"]
+    shells = numbers["shells"]
     tiers = haloes["tiers"]
     if not (0 < lensing["z_max"] <= shells["z_end"] <= 20 and 50 <= lensing["l_max"] <= 40000):
         raise ValueError("lensing: needs 0 < z_max <= structure.shells.z_end <= 20 and 50 <= l_max <= 40000")

@@ -29,7 +29,9 @@ def add_shells(values: FloatArray, weights: FloatArray) -> FloatArray:
             for c in range(3):
                 total[:] = 0
                 for s in range(shells):
-                    value, weight, behind = values[y, x, c, s], weights[s, first[s] :], total[first[s] :]
+                    value = values[y, x, c, s]
+                    weight = weights[s, first[s] :]
+                    behind = total[first[s] :]
                     for k in range(len(weight)):
                         behind[k] += value * weight[k]
                 out[y, x, :, c] = total
@@ -43,7 +45,8 @@ def interpolate_depth(maps: FloatArray, places: FloatArray, depth: FloatArray) -
     Linear in depth, Lagrange polynomials through 8 points along each axis. A depth beyond the last distance is there.
     """
     out = np.zeros((len(places), 3))
-    wx, wy = np.empty(TAPS), np.empty(TAPS)
+    wx = np.empty(TAPS)
+    wy = np.empty(TAPS)
     for g in range(len(places)):
         x0 = min(int(places[g, 0]), maps.shape[1] - 1 - TAPS // 2) - TAPS // 2 + 1
         y0 = min(int(places[g, 1]), maps.shape[0] - 1 - TAPS // 2) - TAPS // 2 + 1
@@ -53,8 +56,10 @@ def interpolate_depth(maps: FloatArray, places: FloatArray, depth: FloatArray) -
         share = min(depth[g] - k, 1.0)
         for j in range(TAPS):
             for i in range(TAPS):
-                w, pair = wy[j] * wx[i], maps[y0 + j, x0 + i, k : k + 2]
-                near, far = w * (1 - share), w * share
+                w = wy[j] * wx[i]
+                pair = maps[y0 + j, x0 + i, k : k + 2]
+                near = w * (1 - share)
+                far = w * share
                 out[g, 0] += near * pair[0, 0] + far * pair[1, 0]
                 out[g, 1] += near * pair[0, 1] + far * pair[1, 1]
                 out[g, 2] += near * pair[0, 2] + far * pair[1, 2]
