@@ -3,6 +3,7 @@
     commands.py      the commands of benchmarks/commands.yaml, each with the size that takes seconds
     record.py        what a benchmark calls to print, evaluate and store its figures
     dependencies.py  the modules and data files that a command reaches, and their digests
+    renewal.py       what keeps a record current when code changes and its values do not: the toy run
     pages.py         figures of records in the pages
     listing.py       the page of all commands: age, verdict, cost, values
     run.py           runs what is stale (`make evidence`), or all commands at the size of seconds (`make toys`)

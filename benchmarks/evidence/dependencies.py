@@ -213,9 +213,14 @@ def depends(command: Command) -> dict[str, str]:
     return {name: _digest(contents) for name, contents in sorted(parts.items())}
 
 
+def combined(command: Command) -> str:
+    """Return the one digest of all that a command depends on."""
+    return _digest(hashlib.sha256(f"{name} {digest}".encode()).digest() for name, digest in depends(command).items())
+
+
 def remove_old(command: Command) -> None:
     """Remove the folders that a command fills and uses again, if other code or data filled them."""
-    now = _digest(hashlib.sha256(f"{name} {digest}".encode()).digest() for name, digest in depends(command).items())
+    now = combined(command)
     for name in command.makes:
         folder, stamp = ROOT / "results" / name, ROOT / "results" / "made_by" / name
         if not stamp.exists() or stamp.read_text() != now:

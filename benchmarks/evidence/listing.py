@@ -6,19 +6,19 @@ The page is made when the site is built, because whether a record is stale depen
 import datetime
 
 from evidence.commands import Command, commands
-from evidence.dependencies import changed
 from evidence.pages import anchor, record, shown, used
 from evidence.record import FAIL, PASS
+from evidence.renewal import stale_parts
 
 MARK = "<!-- all commands -->"
 
 
 def state(command: Command) -> tuple[str, list[str]]:
-    """Return "current", "stale" or "never recorded", and the parts that changed since."""
+    """Return "current", "stale" or "never recorded", and the parts that changed since it was made or renewed."""
     content = record(command.name)
     if content is None:
         return "never recorded", []
-    parts = changed(command, content["depends"])
+    parts = stale_parts(command, content)
     return ("stale" if parts else "current"), parts
 
 
@@ -43,6 +43,8 @@ def _section(command: Command, pages: list[str]) -> list[str]:
             f"{content['machine']}.",
             "",
         ]
+        if renewed := content.get("renewed"):
+            lines += [f"At toy size the same values on commit `{renewed['commit']}`, {renewed['date']}.", ""]
     if parts:
         lines += [f"Stale: changed since are {', '.join(f'`{part}`' for part in parts[:8])}"
                   f"{f' and {len(parts) - 8} more' if len(parts) > 8 else ''}.", ""]  # fmt: skip

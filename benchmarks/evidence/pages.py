@@ -30,6 +30,7 @@ from evidence import ROOT
 from evidence.commands import commands
 from evidence.dependencies import changed
 from evidence.record import read
+from evidence.renewal import is_time, stale_parts
 
 PAGES = ("README.md", "CONTRIBUTING.md", "docs/**/*.md", "*/README.md", "examples/*/README.md")
 FIGURE = re.compile(r"\[([^\]\n]*)\]\(((?:\.\./)*benchmarks/records/(\w+)\.yaml#([\w.-]+?)(?::([^)\s]+))?)\)")
@@ -53,16 +54,28 @@ def record(name: str, toy: bool = False) -> dict | None:
 
 @cache
 def is_stale(name: str) -> bool:
-    """Tell whether what a command depends on differs from what its record was made with."""
+    """Tell whether a command has no record, or one that was neither made nor renewed with the code as it is."""
     known = record(name)
-    return known is None or name not in commands() or bool(changed(commands()[name], known["depends"]))
+    return known is None or name not in commands() or bool(stale_parts(commands()[name], known))
+
+
+@cache
+def _is_renewed(name: str) -> bool:
+    """Tell whether a record was made by other code: its times are those of that code."""
+    known = record(name)
+    return known is not None and name in commands() and bool(changed(commands()[name], known["depends"]))
+
+
+def _is_stale_figure(name: str, key: str) -> bool:
+    value = (record(name) or {"values": {}})["values"].get(key, {})
+    return is_stale(name) or (is_time(value.get("unit", "")) and _is_renewed(name))
 
 
 def _found(name: str, kind: str, key: str, toy: bool) -> object:
     if name not in commands():
         raise Missing(f"benchmarks/commands.yaml has no {name}")
     content = record(name, toy)
-    if content is None:
+    if content is None or content.get("skipped"):
         raise NeverRecorded(f"{name} was never recorded")
     if key not in content[kind]:
         raise Missing(f"record {name} has no {key}; its {kind}: {', '.join(content[kind])}")
@@ -147,7 +160,7 @@ def for_site(text: str, page: str) -> str:
     up = "../" * page.count("/")
 
     def number(found: re.Match) -> str:
-        mark = STALE if is_stale(found[3]) else ""
+        mark = STALE if _is_stale_figure(found[3], found[4]) else ""
         return f"[{found[1]}{mark}]({up}evidence.md#{anchor(found[3])})"
 
     def table(found: re.Match) -> str:

@@ -183,7 +183,7 @@ class Record:
             return
         failed = [name for name, value in self.values.items() if value.verdict == FAIL]
         if self.toy:
-            for command in self.commands if not self.skipped else ():
+            for command in self.commands:
                 write(command, self)
             print(f"toy size: {len(self.values)} values, {len(self.tables)} tables, {len(self.figures)} pictures")
         elif self.command and not self.skipped:
@@ -249,12 +249,20 @@ def write(command: Command, record: Record) -> None:
         "figures": record.figures,
         "depends": record.depends,
     }
-    file = path(command.name, record.toy)
+    if record.skipped:  # of a toy run
+        content["skipped"] = list(record.skipped)
+    file = store(command.name, content, record.toy)
+    print(f"{'written' if record.toy else 'recorded'}: {file.relative_to(ROOT)}")
+
+
+def store(name: str, content: dict, toy: bool = False) -> Path:
+    """Write a record's content; return its file."""
+    file = path(name, toy)
     file.parent.mkdir(parents=True, exist_ok=True)
     part = file.with_suffix(".part")
     part.write_text(yaml.dump(content, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=160))
     part.replace(file)
-    print(f"{'written' if record.toy else 'recorded'}: {file.relative_to(ROOT)}")
+    return file
 
 
 def read(name: str, toy: bool = False) -> dict | None:

@@ -5,7 +5,8 @@
     python benchmarks/evidence/run.py --all               all (make evidence ALL=1)
     python benchmarks/evidence/run.py astrometry cti      these, if they are stale
     python benchmarks/evidence/run.py --list              what is stale and why; nothing runs
-    python benchmarks/evidence/run.py --toy               every command at the size of seconds (make toys)
+    python benchmarks/evidence/run.py --toy               every command at the size of seconds (make toys); renews the
+                                                          records of those whose values are as before
     python benchmarks/evidence/run.py --folder MCTI=path  a folder that a command needs
 
 A record is written as its command ends, so a run that is stopped goes on where it was. Figures that moved by more than
@@ -20,6 +21,7 @@ import sys
 import time
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 if __name__ == "__main__":  # started as a script, the folder on the path is this one
@@ -30,13 +32,15 @@ from evidence.commands import Command, commands
 from evidence.dependencies import remove_old
 from evidence.listing import state, verdict
 from evidence.pages import used
-from evidence.record import FAIL, read
+from evidence.record import FAIL, path, read
+from evidence.renewal import is_time, keep_toy, renew
 
 UNKNOWN_COST = 300.0  # CPU-s of a command that was never recorded
 TOY_TIMEOUT = 900  # s of wall time, on a busy machine
 NO_ERROR = 1e-3  # relative change that is told of a figure without an error
 TIMES = 0.2  # the same of CPU seconds
 TAIL = 25  # lines of the output of what failed
+LINE = 240  # characters of a line that tells what moved
 
 
 def _environment() -> dict[str, str]:
@@ -56,7 +60,7 @@ def moved(old: dict, new: dict) -> list[str]:
         if isinstance(a, str) or isinstance(b, str):
             differs = a != b
         else:
-            relative = TIMES if value.get("unit", "").startswith(("CPU", "s", "GB")) else NO_ERROR
+            relative = TIMES if is_time(value.get("unit", "")) else NO_ERROR
             error = math.hypot(before.get("error", 0.0), value.get("error", 0.0))
             differs = abs(b - a) > (error if "error" in value else relative * max(abs(a), abs(b)))
         turned = before.get("verdict") != value.get("verdict")
@@ -94,6 +98,24 @@ def _run(command: Command, words: list[str], timeout: float | None, show: bool) 
     return code, "".join(said), time.monotonic() - start
 
 
+def _toy(command: Command) -> dict | None:
+    """Run a command at the size of seconds; return what it wrote, None if it failed."""
+    path(command.name, toy=True).unlink(missing_ok=True)
+    code, _, _ = _run(command, command.toy_words, TOY_TIMEOUT, False)
+    return read(command.name, toy=True) if code == 0 else None
+
+
+def _renewed(command: Command) -> str:
+    """Renew the records that share a toy run that has ended; return lines that tell what moved."""
+    said = ""
+    for one in commands().values():
+        result = read(one.name, toy=True) if one.toy_words == command.toy_words else None
+        if result and (lines := renew(one, result, partial(_toy, one))):
+            said += f"    values of {one.name} moved since its record was made; it is stale:\n"
+            said += "".join(f"        {line[:LINE]}\n" for line in lines[:TAIL])
+    return said
+
+
 def toys(names: Iterable[str], jobs: int) -> int:
     """Run commands at the size of seconds, some at once; return the number that failed. A run that two share is one."""
     chosen = list(
@@ -109,7 +131,9 @@ def toys(names: Iterable[str], jobs: int) -> int:
             skipped = [line for line in said.splitlines() if line.startswith("skipped: ")]
             verdict_ = "ok" if code == 0 else f"FAILED, exit code {code}"
             print(f"{verdict_:8} {seconds:6.1f} s  {name}", *skipped, sep="\n    ", flush=True)
-            if code:
+            if not code:
+                print(_renewed(commands()[name]), end="", flush=True)
+            else:
                 failed.append(name)
                 print("      " + "\n      ".join(said.splitlines()[-TAIL:]))
                 print(f"      pages that show it: {', '.join(pages.get(name, ['none']))}")
@@ -159,6 +183,8 @@ def evidence(chosen: list[Command], minutes: float, folders: dict[str, str]) -> 
             bad.append(command.name)
             continue
         left -= new["cpu_seconds"]
+        if fault := keep_toy(command, partial(_toy, command)):
+            print(f"  {fault}")
         print(f"  {new['cpu_seconds']:.0f} CPU-s, {seconds:.0f} s; {where}")
         for line in moved(old, new) if old else ():
             print(f"  moved: {line}")
