@@ -200,16 +200,22 @@ def galaxy(x=50.3, y=80.8, matrix=((12.0, 3.0), (-2.0, 9.0)), light=(0.7, 0.3), 
     """A Scene of one galaxy of two components."""
     sersic = [[[n, sersic_b(n), size] for n, size in zip(index, sizes, strict=True)]]
     return SimpleNamespace(
-        x=np.array([x]), y=np.array([y]), light=np.array([light]), sersic=np.array(sersic), matrix=np.array([matrix]),
-        spots=None, spot=None, share=None,
-    )  # fmt: skip
+        x=np.array([x]),
+        y=np.array([y]),
+        component_fractions=np.array([light]),
+        sersic=np.array(sersic),
+        matrix=np.array([matrix]),
+        spots=None,
+        spot=None,
+        fraction_of_parent=None,
+    )
 
 
 def by_galsim(scene):
     """The same profile by GalSim."""
     parts = [
         galsim.Sersic(n, half_light_radius=size, flux=light)
-        for light, (n, _, size) in zip(scene.light[0], scene.sersic[0], strict=True) if light > 0
+        for light, (n, _, size) in zip(scene.component_fractions[0], scene.sersic[0], strict=True) if light > 0
     ]  # fmt: skip
     return galsim.Sum(parts).transform(*scene.matrix[0].ravel()) / abs(np.linalg.det(scene.matrix[0]))
 
@@ -234,7 +240,7 @@ def test_the_brightness_of_a_galaxy_and_of_its_repeats_is_galsims():
             if (i, j) != (0, 0):
                 total += truth.brightness(scene, x, y, (place[0] + i * period, place[1] + j * period))
     assert truth.repeats(scene, x, y, place, period) == pytest.approx(total)
-    part = SimpleNamespace(**(vars(scene) | {"share": np.array([0.25])}))
+    part = SimpleNamespace(**(vars(scene) | {"fraction_of_parent": np.array([0.25])}))
     assert truth.repeats(part, x, y, place, period) == pytest.approx(0.25 * total)
 
 

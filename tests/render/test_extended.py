@@ -7,7 +7,7 @@ import pytest
 from scipy.special import gammaincc, gammaincinv
 
 from csstsim.render.extended import POINT, WIDE_PX, Part, beyond_stamp, parts_at, parts_of, spread
-from csstsim.render.wing_tables import RADII, Far, light_of
+from csstsim.render.wing_tables import RADII, RadialProfile, light_of
 
 
 def fall(places):
@@ -17,7 +17,7 @@ def fall(places):
 
 
 FALL = fall(RADII)
-WING = Far(np.tile(FALL, (4, 1)), light_of(np.tile(FALL, (4, 1))))
+WING = RadialProfile(np.tile(FALL, (4, 1)), light_of(np.tile(FALL, (4, 1))))
 
 
 def points(index, size, count=400_000):
@@ -107,7 +107,7 @@ def test_parts_of_an_object():
     sersic = np.array([[1.0, 1.68, 0.8], [4.0, 7.67, 1.6]])
     disk, bulge = parts_of(np.array([0.75, 0.25]), sersic, matrix)
     assert disk == Part(0.75, 1.0, 8.0) and bulge == Part(0.25, 4.0, 16.0, 0.25)
-    assert parts_of(np.array([0.0, 1.0]), sersic, matrix) == (bulge._replace(share=1.0),)
+    assert parts_of(np.array([0.0, 1.0]), sersic, matrix) == (bulge._replace(fraction=1.0),)
     assert parts_of(np.array([1.0, 0.0]), np.zeros((2, 3)), matrix) == POINT
 
 
@@ -115,7 +115,9 @@ def test_knots_and_images_count_as_a_disk_of_their_size():
     """The first object of a scene is a galaxy of two components, the second knots of 0.8 arcsec."""
     sersic = np.array([[[2.0, 3.67, 0.4], [4.0, 7.67, 1.6]], [[0.0, 0.0, 0.8], [4.0, 7.67, 1.6]]])
     light, matrix = np.array([[0.75, 0.25], [1.0, 0.0]]), np.stack([np.diag([20.0, 5.0])] * 2)
-    scene = SimpleNamespace(light=light, sersic=sersic, matrix=matrix, spots=object(), spot=np.array([-1, 0]))
+    scene = SimpleNamespace(
+        component_fractions=light, sersic=sersic, matrix=matrix, spots=object(), spot=np.array([-1, 0])
+    )
     assert parts_at(scene, 0) == (Part(0.75, 2.0, 4.0), Part(0.25, 4.0, 16.0, 0.25))
     assert parts_at(scene, 1) == (Part(1.0, 1.0, 8.0),)
     scene.spots = scene.spot = None

@@ -7,8 +7,9 @@ from canvases import blank
 from csstsim.instrument.chip import Window
 from csstsim.optics.scatter.scattered_light import read_scattered
 from csstsim.profiles.log_table import first_of, nodes
-from csstsim.render.far_wings import FACTOR, MESH, OVER, FarWings
-from csstsim.render.wings import NEAR, Held, Wings, wing_beyond
+from csstsim.render.far_wings import FACTOR, MESH, OVER, FarWings, Side
+from csstsim.render.wing_tables import Annulus
+from csstsim.render.wings import NEAR, StampLight, Wings, wing_beyond
 
 WINDOW = Window(1003, 2100, 507, 1411)
 HALF = 32.0  # px
@@ -20,7 +21,7 @@ def drawn(psf, x, y, flux, reach, response, near=None, window=WINDOW):
     canvas, wing = blank(window, float, response=response), read_scattered(psf).wing
     wings, inside = Wings(canvas, wing, HALF), 4 * (1 - wing_beyond(wing, HALF).light.mean())  # no ring is missing
     light = [
-        wings.add(star, np.full(4, f), Held(inside * f, inside * f), r, near=near)
+        wings.add(star, np.full(4, f), StampLight(inside * f, inside * f), r, near=near)
         for *star, f, r in zip(x, y, flux, reach, strict=True)
     ]
     wings.lay()
@@ -82,7 +83,7 @@ def test_each_mesh_gives_a_plane_back(level):
     canvas = blank(window, float, response=response)
     far, image = FarWings(canvas), canvas.expected
     octaves = 40
-    drawn = far.add(level, (250.3, 120.2), (np.full(len(nodes(0, octaves)), 2.5), first_of(0), 1e5))
+    drawn = far.add(level, (250.3, 120.2), Annulus(np.full(len(nodes(0, octaves)), 2.5), first_of(0), 1e5))
     far.lay()
     assert image == pytest.approx(2.5 * response, rel=1e-6)  # the spline's ends are felt a little
     assert drawn == pytest.approx(image.sum(), rel=1e-6)
@@ -96,14 +97,14 @@ def test_the_meshes_are_fine_where_they_take_over():
 
 def test_edges_cut_each_side_of_a_wing_at_its_own_distance():
     """A flat table on the finest mesh, four limits softened over 16 px: 28 px off them all of it, or nothing."""
-    window, at, side = Window(100, 400, 50, 231), (250.3, 120.2), (-90.0, 60.0, -40.0, 75.0)
+    window, at, side = Window(100, 400, 50, 231), (250.3, 120.2), Side(-90.0, 60.0, -40.0, 75.0)
     canvas = blank(window, float)
     far = FarWings(canvas)
-    account = far.add(0, at, (np.full(len(nodes(0, 40)), 2.5), first_of(0), 1e5), side, 16.0)
+    account = far.add(0, at, Annulus(np.full(len(nodes(0, 40)), 2.5), first_of(0), 1e5), side, 16.0)
     far.lay()
     dx, dy = np.arange(100, 400) - at[0], (np.arange(50, 231) - at[1])[:, None]
-    inner = (dx > side[0] + 28) & (dx < side[1] - 28) & (dy > side[2] + 28) & (dy < side[3] - 28)
-    outer = (dx < side[0] - 28) | (dx > side[1] + 28) | (dy < side[2] - 28) | (dy > side[3] + 28)
+    inner = (dx > side.x0 + 28) & (dx < side.x1 - 28) & (dy > side.y0 + 28) & (dy < side.y1 - 28)
+    outer = (dx < side.x0 - 28) | (dx > side.x1 + 28) | (dy < side.y0 - 28) | (dy > side.y1 + 28)
     assert inner.sum() > 3000 and outer.sum() > 3000
     assert canvas.expected[inner] == pytest.approx(2.5, rel=0.02) and canvas.expected[outer].max() < 0.05
     assert canvas.expected.sum() == pytest.approx(2.5 * 150 * 115, rel=0.02)

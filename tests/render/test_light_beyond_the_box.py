@@ -14,7 +14,7 @@ from csstsim.render.imaging.galaxy_stamp import plan_galaxies
 from csstsim.render.imaging.photons import shoot_scene
 from csstsim.render.imaging.stamps import draw_scene
 from csstsim.render.parts.spots import Spots
-from csstsim.render.photon_positions import from_profile
+from csstsim.render.photon_positions import Profile, ProfileTables, from_profile
 from csstsim.render.slitless.line_wings import order_wing
 
 SIGMA = 5.0
@@ -65,8 +65,8 @@ def test_radius_and_angle_of_a_profiles_photons_have_nothing_to_do_with_each_oth
     for index in (1.0, 4.0, 2.5):
         px[:] = py[:] = 0.0
         rings, which, share = rings_for(index)
-        tables = (rings, *Spots().sampled)
-        from_profile(count, np.eye(2), np.array([which, share, 1.0]), tables, px, py, np.uint64(77), np.uint64(0))
+        profile = Profile(np.eye(2), int(which), float(share), 1.0, ProfileTables(rings, Spots().sampled))
+        from_profile(count, profile, px, py, np.uint64(77), np.uint64(0))
         radius, angle = np.hypot(px, py), np.arctan2(py, px)
         rank = np.argsort(np.argsort(radius)) * 8 // count
         table = np.histogram2d(rank, angle, (np.arange(9) - 0.5, np.linspace(-np.pi, np.pi, 9)))[0]
@@ -128,8 +128,8 @@ def test_where_in_a_pixel_of_an_image_a_photon_falls_has_nothing_to_do_with_the_
     count, image = 200_000, np.zeros((1, 29))
     image[0, ::4] = 1.0 + np.arange(8)
     px, py, spots = np.zeros(count), np.zeros(count), Spots(images=[image])
-    tables = (rings_for(1.0)[0], *spots.sampled)
-    from_profile(count, np.eye(2), np.array([-2.0, 0.0, 0.0]), tables, px, py, np.uint64(78), np.uint64(0))
+    profile = Profile(np.eye(2), -2, 0.0, 0.0, ProfileTables(rings_for(1.0)[0], spots.sampled))
+    from_profile(count, profile, px, py, np.uint64(78), np.uint64(0))
     place = np.sort(spots.u[spots.u % 4 == spots.u.min() % 4])
     pixel = np.abs(px[:, None] - place).argmin(axis=1)
     share = np.bincount(pixel) / count

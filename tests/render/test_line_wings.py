@@ -6,8 +6,9 @@ from canvases import blank
 
 from csstsim.instrument.chip import Window
 from csstsim.optics.scatter.scattered_light import Scattered, scattered_light
+from csstsim.render.far_wings import Side
 from csstsim.render.slitless.line_wings import LINE_STEP, _box, add_line, order_wing, points_of
-from csstsim.render.wings import Held, Wings, wing_beyond
+from csstsim.render.wings import StampLight, Wings, wing_beyond
 
 WINDOW = Window(2800, 4200, 4300, 5400)
 HALF = 32.0  # px, of the PSF's box
@@ -38,7 +39,7 @@ def inside(scattered, shows):
 def draw(spectrum, scattered, wing, window=WINDOW, response=None, **how):
     canvas = blank(window, float, response=response)
     wings = Wings(canvas, scattered.wing, HALF)
-    drawn, box = add_line(wings, points_of(*spectrum), Held(*inside(scattered, wing > 0)), wing, **how)
+    drawn, box = add_line(wings, points_of(*spectrum), StampLight(*inside(scattered, wing > 0)), wing, **how)
     wings.lay()
     return canvas.expected, drawn, box
 
@@ -51,7 +52,7 @@ def one_by_one(spectrum, scattered, step=10):
         at = (some.sum(axis=0) * (x[k : k + step], y[k : k + step])).sum(axis=1) / some.sum()
         flux = some.sum(axis=1)
         held = flux @ inside(scattered, True)[0]
-        Wings(canvas, scattered.wing, HALF).add(at, flux, Held(held, held), 900.0, near=1e5)
+        Wings(canvas, scattered.wing, HALF).add(at, flux, StampLight(held, held), 900.0, near=1e5)
     return canvas.expected
 
 
@@ -100,8 +101,8 @@ def test_faint_haze_is_the_wing_beyond_the_box(spectrum, scattered):
 def test_two_sides_of_an_edge_are_the_whole(spectrum, scattered, wing):
     """Cut at an edge 7.3 px right of the object: both sides add up pixel by pixel, and each is dark far beyond."""
     whole, *_ = draw(spectrum, scattered, wing)
-    left, light, _ = draw(spectrum, scattered, wing, side=(-np.inf, 7.3, -np.inf, np.inf))
-    right, rest, _ = draw(spectrum, scattered, wing, side=(7.3, np.inf, -np.inf, np.inf))
+    left, light, _ = draw(spectrum, scattered, wing, side=Side(-np.inf, 7.3, -np.inf, np.inf))
+    right, rest, _ = draw(spectrum, scattered, wing, side=Side(7.3, np.inf, -np.inf, np.inf))
     # Near the trace, where cubics of one side dip below zero and are cut off, 2% of the wing's top
     assert np.abs(left + right - whole).max() < 0.02 * whole.max()
     assert light + rest == pytest.approx(whole.sum(), rel=1e-3)
@@ -138,7 +139,7 @@ def test_no_order_loses_light_by_its_brightness(spectrum, scattered):
     for reach in reaches:
         for held in (box, 0.95 * box, 0.5 * box):
             wings = Wings(blank(WINDOW, float), scattered.wing, HALF)
-            far.append(add_line(wings, points_of(*spectrum), Held(box, held), reach)[0])
+            far.append(add_line(wings, points_of(*spectrum), StampLight(box, held), reach)[0])
     full, small, half = far[::3], far[1::3], far[2::3]
     total = (spectrum[2].sum(axis=1) * box).sum()
     assert full == pytest.approx([full[-1]] * len(full), rel=3e-3)
@@ -172,7 +173,7 @@ def test_an_edge_across_the_trace_cuts_rows(spectrum, scattered, wing):
     whole, *_ = draw(spectrum, scattered, wing)
     rows = np.arange(WINDOW.y0, WINDOW.y1) - 4851.4  # the trace rises by 2 px
     for low, high in ((-np.inf, 20.3), (-11.0, np.inf)):
-        part, light, _ = draw(spectrum, scattered, wing, side=(-np.inf, np.inf, low, high))
+        part, light, _ = draw(spectrum, scattered, wing, side=Side(-np.inf, np.inf, low, high))
         kept, dark = (rows > low + 80) & (rows < high - 80), (rows < low - 80) | (rows > high + 80)
         assert kept.sum() > 100 and dark.sum() > 100
         assert np.abs(part[kept] - whole[kept]).max() < 2e-3 * whole[kept].max()

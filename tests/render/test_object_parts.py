@@ -253,13 +253,13 @@ def test_parts_of_an_object_share_out_its_light(show):
     """Half of a galaxy's light in knots, a fifth in its bulge: 0.3 disk; all knots: nothing else is left."""
     scene = show.scene(**KNOTS)
     assert scene.parent.tolist() == [0, 0] and scene.spot.tolist() == [-1, 0] and scene.objects == 1
-    assert scene.share == pytest.approx([0.5, 0.5])
-    assert scene.light == pytest.approx(np.array([[0.6, 0.4], [1.0, 0.0]]), abs=1e-6)
+    assert scene.fraction_of_parent == pytest.approx([0.5, 0.5])
+    assert scene.component_fractions == pytest.approx(np.array([[0.6, 0.4], [1.0, 0.0]]), abs=1e-6)
     assert not scene.sersic[1, 1].any() and scene.sersic[1, 0] == pytest.approx([0, 0, 0.4])
     assert scene.electrons[1] == pytest.approx(scene.electrons[0])
     assert scene.electrons.sum() == pytest.approx(EXPTIME)
     alone = show.scene(**KNOTS | {"knots_frac": 1.0, "bulge_frac": 0.0})
-    assert alone.share.tolist() == [0, 1] and alone.light.tolist() == [[1, 0], [1, 0]]
+    assert alone.fraction_of_parent.tolist() == [0, 1] and alone.component_fractions.tolist() == [[1, 0], [1, 0]]
 
 
 def test_tiles_of_images_are_those_of_the_largest_that_is_drawn(camera, make_pointing, psf_r, tmp_path, monkeypatch):
@@ -276,8 +276,8 @@ def test_tiles_of_images_are_those_of_the_largest_that_is_drawn(camera, make_poi
     scene = make_scene(table, wcs, psf_r, EXPTIME)
     assert scene.parent.tolist() == [0, 1, 0, 1] and scene.spot.tolist() == [0, 0, 1, 1]
     for first, second in ((0, 2), (1, 3)):
-        assert scene.share[first] + scene.share[second] == pytest.approx(1)
-        light = scene.share[[first, second]]
+        assert scene.fraction_of_parent[first] + scene.fraction_of_parent[second] == pytest.approx(1)
+        light = scene.fraction_of_parent[[first, second]]
         places = np.stack([scene.x, scene.y], axis=1)[[first, second]]
         apart = np.hypot(*(places[1] - places[0]))
         assert apart == pytest.approx(21 * (1.0, 2.0)[first], rel=0.02)  # half of the 42 columns of coefficients

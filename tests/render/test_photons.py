@@ -424,15 +424,19 @@ def test_what_photons_know_of_a_profile(psf_r):
     """A point, a disk with a bulge, a bulge without light, an index between nodes, and spots in a disk's place."""
     scene = make(psf_r, [4000.0] * 5, [5000.0] * 5, 10.0, index=1.0, size=0.4, bulge=0.5)
     scene.sersic[0] = 0.0
-    scene.light[2], scene.light[3] = (1.0, 0.0), (0.25, 0.75)
+    scene.component_fractions[2], scene.component_fractions[3] = (1.0, 0.0), (0.25, 0.75)
     scene.sersic[3, 0, 0], scene.sersic[1, 1, 2] = 2.5, 0.7
     spots = Spots(counts=[2, 3], u=np.arange(5.0), v=np.zeros(5))
-    profile, shapes = profiles_of(replace(scene, spots=spots, spot=np.array([-1, -1, -1, -1, 1])))
-    assert profile[0, :, 0].tolist() == [-1, -1] and profile[1, :, 0].tolist() == [0, 1]
-    assert profile[2, :, 0].tolist() == [0, -1] and profile[3, 1, 0] == 1 and profile[4, 0, 0] == -3
-    assert profile[1, :, 2].tolist() == [0.4, 0.7] and 0 < profile[3, 0, 1] < 1 and profile[3, 0, 0] >= 2
-    assert not profile[[0, 1, 2, 4], :, 1].any()
-    rings, start, u, *_ = shapes
-    assert len(rings) > 2 and start.tolist() == [0, 2, 5] and u.tolist() == [0, 1, 2, 3, 4]
-    plain, (rings, start, *_) = profiles_of(scene.take(np.arange(3)))
-    assert len(rings) == 2 and start.tolist() == [0] and np.array_equal(plain, profile[:3])
+    profiles = profiles_of(replace(scene, spots=spots, spot=np.array([-1, -1, -1, -1, 1])))
+    assert profiles.kind[:3].tolist() == [[-1, -1], [0, 1], [0, -1]]
+    assert profiles.kind[3, 1] == 1 and profiles.kind[4, 0] == -3
+    assert profiles.radius[1].tolist() == [0.4, 0.7]
+    assert 0 < profiles.fraction[3, 0] < 1 and profiles.kind[3, 0] >= 2
+    assert not profiles.fraction[[0, 1, 2, 4]].any()
+    tables = profiles.tables
+    assert len(tables.rings) > 2
+    assert tables.spots.start.tolist() == [0, 2, 5] and tables.spots.u.tolist() == [0, 1, 2, 3, 4]
+    plain = profiles_of(scene.take(np.arange(3)))
+    assert len(plain.tables.rings) == 2 and plain.tables.spots.start.tolist() == [0]
+    for name in ("kind", "fraction", "radius"):
+        assert np.array_equal(getattr(plain, name), getattr(profiles, name)[:3])

@@ -51,9 +51,9 @@ def test_a_scene_has_the_light_the_components_and_the_nodes_of_its_table(camera,
     scene = make_scene(table.with_columns(wing=np.array([0.0, 80.0, 90.0])), wcs, psf_r, 20.0)
     assert scene.ids.tolist() == [5, 2**60, 9] and scene.x.tolist() == x.tolist() and scene.y.tolist() == y.tolist()
     assert scene.electrons[1].tolist() == [200.0, 400.0, 600.0, 800.0]
-    assert scene.whole.tolist() == [200.0, 8000.0, 20000.0]
+    assert scene.total_electrons.tolist() == [200.0, 8000.0, 20000.0]
     assert scene.extended.tolist() == [False, True, True] and len(scene) == scene.objects == 3
-    assert scene.light[1:] == pytest.approx(np.array([[0.75, 0.25], [1.0, 0.0]]), abs=1e-6)
+    assert scene.component_fractions[1:] == pytest.approx(np.array([[0.75, 0.25], [1.0, 0.0]]), abs=1e-6)
     assert not scene.sersic[0].any() and scene.sersic[1:, :, 0].tolist() == [[1.0, 4.0], [1.0, 4.0]]
     assert scene.sersic[1:, :, 1] == pytest.approx(np.full((2, 2), gammaincinv([2.0, 8.0], 0.5)))
     assert scene.sersic[1:, :, 2] == pytest.approx(np.array([[0.4, 0.1], [0.6, 0.0]]), rel=1e-6)
@@ -71,7 +71,7 @@ def test_what_is_extended_has_light_in_a_profile_or_in_spots(camera, make_pointi
     wcs = ChipWCS(camera.chips[9], make_pointing())
     scene = make_scene(objects(wcs, [100.0] * 3, [100.0] * 3), wcs, psf_r, 1.0)
     scene.sersic[1, 1], scene.sersic[2, 0] = (4.0, 7.67, 0.3), (1.0, 1.68, 0.3)
-    scene.light[:] = [1.0, 0.0]
+    scene.component_fractions[:] = [1.0, 0.0]
     assert scene.extended.tolist() == [False, False, True]
     spotted = replace(scene, spot=np.array([0, -1, -1]), parent=np.array([0, 1, 0]))
     assert spotted.extended.tolist() == [True, False, True] and spotted.objects == 2

@@ -19,7 +19,7 @@ from csstsim.render.drawing import Drawing
 from csstsim.render.imaging.reference import draw_objects
 from csstsim.render.imaging.stamps import draw_scene
 from csstsim.render.scene import make_scene
-from csstsim.render.wing_tables import RADII, light_of, step, tables
+from csstsim.render.wing_tables import RADII, annuli, light_of, step
 from csstsim.render.wings import (
     add_ghosts,
     box_on_window,
@@ -188,7 +188,7 @@ def test_a_far_holds_the_light_it_says(scene, shows):
     """Beyond the box the profile itself; in all, what a sum over pixels and the closed form beyond have: 1e-4."""
     wing = scene(0.0, around(1))[2].wing
     far, r = wing_beyond(wing, 64.0, shows), np.hypot(np.arange(-400, 401), np.arange(-400, 401)[:, None])
-    [(table, first, _)] = tables(far, ())
+    [(table, first, _)] = annuli(far, ())
     assert first == 1023 << 7 and table.shape == far.profile.shape
     radii = np.sqrt(np.ldexp(1 + np.arange(128) / 128, np.arange(32)[:, None])).ravel()
     lit = (radii > 0.95 * 64) & (radii < 2e4)
@@ -206,11 +206,11 @@ def test_annuli_add_up_and_follow_one_another(scene):
     far = wing_beyond(scene(0.0, around(1))[2].wing, 32.0)
     for edges in ((48.0, 192.0, 384.0), (0.0, 192.0), (3000.0, 192.0, 384.0), ()):
         total = np.zeros(far.profile.shape)
-        for table, first, reach in tables(far, edges):
+        for table, first, reach in annuli(far, edges):
             at = first - (1023 << 7)
             total[:, at : at + table.shape[1]] += table if reach else 0.0
         assert total == pytest.approx(far.profile, rel=1e-12)
-    assert [bool(reach) for *_, reach in tables(far, (3000.0, 192.0, 384.0))] == [True, False, False, True]
+    assert [bool(reach) for *_, reach in annuli(far, (3000.0, 192.0, 384.0))] == [True, False, False, True]
 
 
 def test_a_ring_stays_within_its_box():
@@ -300,6 +300,6 @@ def test_the_light_of_a_profile_is_its_integral_over_the_plane():
 
 def test_an_annulus_reaches_to_twice_its_edge(scene):
     far = wing_beyond(scene(0.0, around(1))[2].wing, 32.0)
-    reach = [reach for *_, reach in tables(far, (48.0, 192.0, 384.0))]
+    reach = [reach for *_, reach in annuli(far, (48.0, 192.0, 384.0))]
     assert reach[:3] == pytest.approx([96.0, 384.0, 768.0], rel=0.01) and reach[3] == 65536.0
     assert all(least <= found for least, found in zip((96.0, 384.0, 768.0), reach, strict=False))

@@ -140,7 +140,7 @@ def inside(scene, i, bounds):
     at = edges[:, :, None] / way[:, None, :]  # arcsec
     enter, leave = at.min(axis=1).max(axis=0), at.max(axis=1).min(axis=0)
     total = 0.0
-    for light, (n, b, r) in zip(scene.light[i], scene.sersic[i], strict=True):
+    for light, (n, b, r) in zip(scene.component_fractions[i], scene.sersic[i], strict=True):
         if light > 0 and n > 0:
             reached = [
                 gammainc(2 * n, b * (np.maximum(t, 0) / r) ** (1 / n)) for t in (enter, np.maximum(enter, leave))

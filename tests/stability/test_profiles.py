@@ -40,7 +40,7 @@ def fine_sum(scene, i, bounds):
     inverse = np.linalg.inv(scene.matrix[i])
     r = np.hypot(*np.tensordot(inverse, np.stack([x - scene.x[i], y - scene.y[i]]), 1))
     area = 64 * abs(np.linalg.det(scene.matrix[i]))
-    parts = zip(scene.light[i], scene.sersic[i], strict=True)
+    parts = zip(scene.component_fractions[i], scene.sersic[i], strict=True)
     return sum(light * brightness(r / size, n).sum() / area / size**2 for light, (n, _, size) in parts if light > 0)
 
 

@@ -52,7 +52,7 @@ def terms(scene: Scene, reach: FloatArray, snr: FloatArray, numbers: Error) -> F
     """Return the factors of the coefficients TERMS, (n, 3)."""
     index = scene.sersic[:, :, 0]
     radius = scene.sersic[:, :, 2]
-    there = np.where(index > 0, scene.light, 0.0)
+    there = np.where(index > 0, scene.component_fractions, 0.0)
     r = radius * np.sqrt(np.abs(np.linalg.det(scene.matrix)))[:, None]  # px
     growth = np.minimum(r / numbers.size, 1.0) * np.sqrt(1 + np.asarray(snr) / numbers.bright)[:, None]
     split = there * np.minimum(growth, numbers.far)

@@ -18,7 +18,7 @@ from scipy.fft import fht, fhtoffset
 from csstsim.base.types import FloatArray
 from csstsim.profiles.log_table import nodes
 from csstsim.profiles.sersic import DISK, K2_HIGH, K2_LOW, brightness, tables
-from csstsim.render.wing_tables import KEPT, RADII, Far, light_of, step
+from csstsim.render.wing_tables import KEPT, RADII, RadialProfile, light_of, step
 
 if TYPE_CHECKING:
     from csstsim.render.scene import Scene
@@ -37,17 +37,20 @@ _R = np.exp(_LOG_R)
 _STEP = _LOG_R[1] - _LOG_R[0]
 _LOG_K2 = np.log(nodes(K2_LOW, K2_HIGH))
 _SQUARE = 2 / np.sqrt(np.pi)  # radius of the circle of a square's area, over half its side
-_LEAST = 1e-4  # of the light: less than this beyond a stamp is not drawn
+_MINIMUM = 1e-4  # of the flux: less than this beyond a stamp is not rendered
 
 
 class Part(NamedTuple):
-    """A Sersic component: its share of the light, index (0: a point), half-light radius [px] and axis ratio.
+    """A Sersic component of an object.
 
-    The half-light radius is that of a circle with the area of the ellipse.
+    * fraction: of the object's flux
+    * sersic_index: 0: a point
+    * size: half-light radius [px] of a circle with the area of the ellipse
+    * ratio: of the ellipse's axes, short over long
     """
 
-    share: float
-    index: float  # type: ignore[assignment]  # a tuple has one
+    fraction: float
+    sersic_index: float
     size: float
     ratio: float = 1.0
 
@@ -61,9 +64,9 @@ def parts_of(light: FloatArray, sersic: FloatArray, matrix: FloatArray) -> tuple
     square = (matrix**2).sum()  # of the axes, a^2 + b^2, and a b is the area
     ratio = area / (0.5 * (square + np.sqrt(max(square**2 - 4 * area**2, 0.0))))
     parts = [
-        Part(float(share), float(index), *_rounded(size * np.sqrt(area), ratio))
-        for share, (index, _, size) in zip(light, sersic, strict=True)
-        if share > 0 and index > 0
+        Part(float(fraction), float(index), *_rounded(size * np.sqrt(area), ratio))
+        for fraction, (index, _, size) in zip(light, sersic, strict=True)
+        if fraction > 0 and index > 0
     ]
     return tuple(parts) or POINT
 
@@ -73,7 +76,7 @@ def parts_at(scene: Scene, i: int) -> tuple[Part, ...]:
     sersic = scene.sersic[i]
     if scene.spot is not None and scene.spot[i] >= 0:
         sersic = np.array([[DISK, 0.0, sersic[0, 2]], [0.0, 0.0, 0.0]])
-    return parts_of(scene.light[i], sersic, scene.matrix[i])
+    return parts_of(scene.component_fractions[i], sersic, scene.matrix[i])
 
 
 def _rounded(size: float, ratio: float) -> tuple[float, float]:
@@ -99,44 +102,44 @@ def _stretch(ratio: float) -> FloatArray:
     return np.cos(angle) ** 2 / ratio + np.sin(angle) ** 2 * ratio
 
 
-def spread(far: Far, part: Part, least: float = WIDE_PX) -> Far:
-    """Return the Far `far` of a point convolved with a Part; `far` itself if the part is smaller than `least` px."""
-    return far if part.size < least else _spread(far, *part[1:])
+def spread(radial: RadialProfile, part: Part, minimum: float = WIDE_PX) -> RadialProfile:
+    """Return the RadialProfile of a point convolved with a Part; itself if the part is smaller than `minimum` px."""
+    return radial if part.size < minimum else _spread(radial, part.sersic_index, part.size, part.ratio)
 
 
 @lru_cache(KEPT)
-def _spread(far: Far, index: float, size: float, ratio: float) -> Far:
+def _spread(radial: RadialProfile, index: float, size: float, ratio: float) -> RadialProfile:
     """Convolve by Hankel transforms on a logarithmic grid (Hamilton 2000): transform, multiply, transform back."""
     offset = fhtoffset(_STEP, mu=0.0)
     k = np.exp(offset - _LOG_R[::-1])
     transform, _ = tables(index, np.inf)
     log_k2 = np.log((k * size) ** 2 * _stretch(ratio)[:, None])
     of_profile = np.interp(log_k2, _LOG_K2, transform, left=1.0, right=0.0).mean(axis=0)
-    flat = np.array([np.interp(_R, RADII, profile, right=0.0) for profile in far.profile])
+    flat = np.array([np.interp(_R, RADII, profile, right=0.0) for profile in radial.profile])
     there = fht(_R * flat, _STEP, mu=0.0, offset=offset) * of_profile
     wide = np.maximum(fht(there, _STEP, mu=0.0, offset=offset) / _R, 0.0)
     wide = np.array([np.interp(RADII, _R, profile) for profile in wide])
-    return Far(wide * (light_of(far.profile) / light_of(wide))[:, None], far.light)
+    return RadialProfile(wide * (light_of(radial.profile) / light_of(wide))[:, None], radial.light)
 
 
-def beyond_stamp(parts: Sequence[Part], reach: float) -> list[tuple[float, Far]]:
-    """Return [(share, Far of light 1), ...]: the light of the Parts beyond a stamp of half side `reach` [px].
+def beyond_stamp(parts: Sequence[Part], reach: float) -> list[tuple[float, RadialProfile]]:
+    """Return [(fraction, RadialProfile of flux 1), ...]: the flux of Parts beyond a stamp of half side `reach` [px].
 
-    The shares sum to 1. [] if less than _LEAST of the light lies beyond the stamp.
+    The fractions sum to 1. [] if less than _MINIMUM of the flux lies beyond the stamp.
     """
     near = _nearest(reach, STEPS)
-    tails = [_tail(*part[1:], near) for part in parts if part.index > 0]
-    left = [part.share * light for part, (light, _) in zip(parts, tails, strict=False)]
-    if sum(left) < _LEAST:
+    tails = [_tail(part.sersic_index, part.size, part.ratio, near) for part in parts if part.sersic_index > 0]
+    left = [part.fraction * light for part, (light, _) in zip(parts, tails, strict=False)]
+    if sum(left) < _MINIMUM:
         return []
-    return [(light / sum(left), far) for light, (_, far) in zip(left, tails, strict=True)]
+    return [(light / sum(left), radial) for light, (_, radial) in zip(left, tails, strict=True)]
 
 
 @lru_cache(KEPT)
-def _tail(index: float, size: float, ratio: float, reach: float) -> tuple[float, Far]:
-    """Return (light, Far of light 1) of a profile beyond a square of half side `reach`, faded in around its corners."""
+def _tail(index: float, size: float, ratio: float, reach: float) -> tuple[float, RadialProfile]:
+    """Return (flux, RadialProfile of flux 1) beyond a square of half side `reach`, faded in around its corners."""
     axis = size / np.sqrt(_stretch(1 / ratio))  # radius of a contour; _stretch is that of the transform
     profile = brightness(RADII / axis[:, None], index).mean(axis=0) / size**2
     profile *= 1 - step(RADII, reach, 2 * _SQUARE * reach - reach)
     light = float(light_of(profile[None])[0])
-    return light, Far(np.broadcast_to(profile / max(light, 1e-300), (4, len(RADII))), np.ones(4))
+    return light, RadialProfile(np.broadcast_to(profile / max(light, 1e-300), (4, len(RADII))), np.ones(4))

@@ -16,7 +16,7 @@ by what a mesh point of value 1 puts on the window, response included (`_collect
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple
 
 import numba
 import numpy as np
@@ -28,22 +28,33 @@ if TYPE_CHECKING:
 
     from csstsim.base.types import FloatArray
     from csstsim.render.canvas import Canvas
+    from csstsim.render.wing_tables import Annulus
 
 MESH = 8  # px, of the finest mesh
 FACTOR = 2  # from one mesh to the next
 OVER = 192.0, 384.0, 768.0, 1536.0  # px: from each radius to twice that, the next mesh takes over
 LEVELS = len(OVER) + 1
-Side: TypeAlias = tuple[float, float, float, float]  # x0, x1, y0, y1 [px] from an object
-WHOLE = -math.inf, math.inf, -math.inf, math.inf  # limits of a wing that no edge cuts
 _MARGIN = 14  # mesh points beyond the window; the spline is zero at its ends, an effect of 0.27^14 = 1e-8 inside
 _PHASE = np.arange(MESH) / MESH
 _SPLINE = (
-    np.stack(  # cubic B-splines at -1, 0, 1, 2 of each place between two mesh points
+    np.stack(  # cubic B-splines at -1, 0, 1, 2 of each position between two mesh points
         [(1 - _PHASE) ** 3, 4 - 6 * _PHASE**2 + 3 * _PHASE**3, 1 + 3 * (_PHASE + _PHASE**2 - _PHASE**3), _PHASE**3]
     )
     / 6
 )
 _FINER = np.array([1, 4, 6, 4, 1]) / 8  # a cubic B-spline as a sum of those of half the width, -2 to 2 of them away
+
+
+class Side(NamedTuple):
+    """Limits [px] from an object, beyond which its light is cut off."""
+
+    x0: float
+    x1: float
+    y0: float
+    y1: float
+
+
+WHOLE = Side(-math.inf, math.inf, -math.inf, math.inf)  # limits of a wing that no edge cuts
 
 
 class FarWings:
@@ -59,24 +70,25 @@ class FarWings:
         self,
         level: int,
         at: Sequence[float],
-        annulus: tuple[FloatArray, int, float],
+        annulus: Annulus,
         side: Side = WHOLE,
         soft: float = 1.0,
     ) -> float:
         """Add the values of an annulus about `at` (x, y) [chip pixel] to the mesh `level`.
 
-        annulus: (table, number of its first node, its reach [px]), from render.wing_tables.tables; side: (x0, x1, y0,
-        y1) px from x, y beyond which the values are cut off, over `soft` px. Returns the electrons on the window; for a
-        wing outside the window, ripples of the spline may make them negative by 1e-8 of the light.
+        annulus: render.wing_tables.Annulus, its table (n,); side: Side beyond which the values are cut off, over `soft`
+        px. Returns the electrons on the window; for a wing outside the window, ripples of the spline may make them
+        negative by 1e-8 of the light.
         """
         if not self._weights:
             self._weigh()
-        step, window, (table, first, reach) = MESH * FACTOR**level, self._canvas.window, annulus
-        u, v = ((place - low) / step + _MARGIN for place, low in zip(at, (window.x0, window.y0), strict=True))
-        edges = tuple(edge / step for edge in side)
-        mesh = self._meshes[level]
-        weight = self._weights[level]
-        return _add(mesh, weight, u, v, reach / step, table, first, edges, soft / step, float(step))
+        step = MESH * FACTOR**level
+        window = self._canvas.window
+        x, y = at
+        u = (x - window.x0) / step + _MARGIN
+        v = (y - window.y0) / step + _MARGIN
+        edges = Side(side.x0 / step, side.x1 / step, side.y0 / step, side.y1 / step)
+        return _add(self._meshes[level], self._weights[level], u, v, annulus, edges, soft / step, float(step))
 
     def _weigh(self) -> None:
         self._weights = [np.zeros(mesh.shape) for mesh in self._meshes]
@@ -164,7 +176,7 @@ def _along(mesh: FloatArray) -> None:
 
 @numba.njit(inline="always")
 def between(at: float, low: float, high: float, soft: float) -> float:
-    """Return 1 for a place between low and high, 0 outside, with a linear ramp of width `soft` at each limit."""
+    """Return 1 for a position between low and high, 0 outside, with a linear ramp of width `soft` at each limit."""
     return min(max((at - low) / soft + 0.5, 0.0), 1.0) * min(max((high - at) / soft + 0.5, 0.0), 1.0)
 
 
@@ -174,27 +186,31 @@ def _add(
     weight: FloatArray,
     u: float,
     v: float,
-    reach: float,
-    table: FloatArray,
-    first: int,
-    side: tuple[float, ...],
+    annulus: Annulus,
+    side: Side,
     soft: float,
     step: float,
 ) -> float:
-    """Add a radial table around mesh position u, v; return the weighted sum of the added values. step: mesh [px]."""
+    """Add an annulus around mesh position u, v; return the weighted sum of the added values.
+
+    step: of the mesh [px]; side, soft: in mesh steps.
+    """
     ny, nx = mesh.shape
-    place = np.empty(1)
+    table = annulus.table
+    first = annulus.first
+    reach = annulus.reach / step
+    square = np.empty(1)
     total = 0.0
     across = np.empty(nx)
     for column in range(nx):
-        across[column] = between(column - u, side[0], side[1], soft)
-    bits = place.view(np.int64)
+        across[column] = between(column - u, side.x0, side.x1, soft)
+    bits = square.view(np.int64)
     for row in range(max(0, math.ceil(v - reach)), min(ny, math.floor(v + reach) + 1)):
         dy2 = (row - v) ** 2
         half = math.sqrt(max(reach**2 - dy2, 0.0))
-        inside = between(row - v, side[2], side[3], soft)
+        inside = between(row - v, side.y0, side.y1, soft)
         for column in range(max(0, math.ceil(u - half)), min(nx, math.floor(u + half) + 1)):
-            place[0] = (dy2 + (column - u) ** 2) * step**2
+            square[0] = (dy2 + (column - u) ** 2) * step**2
             value = read(table, first, bits[0]) * inside * across[column]
             mesh[row, column] += value
             total += value * weight[row, column]
@@ -239,11 +255,11 @@ def _collect(weight: FloatArray, response: FloatArray, spline: FloatArray) -> No
         sums[:] = 0.0
         for y in range(first, min(first + MESH, ny)):
             for i in range(4):
-                share = spline[i, y - first]
+                factor = spline[i, y - first]
                 line = sums[i, :nx]
                 seen = response[y]
                 for x in range(nx):
-                    line[x] += share * seen[x]
+                    line[x] += factor * seen[x]
         row = first // MESH + _MARGIN - 1
         for i in range(4):
             for x in range(0, nx, MESH):

@@ -7,7 +7,7 @@ except from_psf, which uses two words an electron.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple
 
 import numba
 import numpy as np
@@ -16,16 +16,13 @@ from csstsim.base.counter import high, low, unit, word
 from csstsim.base.types import FloatArray, IntArray
 from csstsim.profiles.log_table import first_of, nodes, read
 from csstsim.profiles.sersic_photons import ring, rings_for
-from csstsim.render.parts.spots import Spots
+from csstsim.render.parts.spots import SampledSpots, Spots
 
 if TYPE_CHECKING:
     from csstsim.optics.scatter.halo import Wing
     from csstsim.render.psf_table import PsfTable
     from csstsim.render.scene import Scene
 
-# What compiled loops take of a PsfTable (words, share, bits, cells, per_pixel) and of profiles (rings, Spots.sampled)
-Cells: TypeAlias = tuple[IntArray, FloatArray, tuple[int, int], int, int]
-Shapes: TypeAlias = tuple[FloatArray, IntArray, FloatArray, FloatArray, FloatArray, IntArray, FloatArray]
 _ONE = np.uint64(1)
 _TWO = np.uint64(2)
 _S10, _S16, _S20, _S32 = (np.uint64(s) for s in (10, 16, 20, 32))
@@ -37,25 +34,92 @@ _TURN = np.stack([f(2 * np.pi / _ANGLES * (np.arange(_ANGLES) + 0.5)) for f in (
 _REST = 2 * np.pi / 2.0**32
 _POINT = -1  # below it: groups of spots
 _NO_SPOTS = Spots().sampled
-_RAREST = -10  # the table ends at a share of 2^-10 of the wing's light, 1000 boxes out
+_RAREST = -10  # the table ends at a fraction of 2^-10 of the wing's flux, 1000 boxes out
 _TAIL_FIRST = first_of(_RAREST)
 
 
+class CountedImage(NamedTuple):
+    """A plane of counted electrons (ny, nx) int32, the response (ny, nx) float32 or (0, 0): 1, and its maximum."""
+
+    counted: IntArray
+    response: FloatArray
+    maximum: float
+
+
+class PsfSampler(NamedTuple):
+    """What electrons are drawn from at the PSF's nodes: the arrays of a PsfTable (render.psf_table), and the wing.
+
+    * words: uint32 alias tables of all nodes and sub-bands, flat
+    * fraction: (nodes, 4, 2) of the flux, in the middle of the box and in its rest
+    * inner_bits, outer_bits: base-2 logarithms of the sides of the tables of the middle and of the rest
+    * cells: to a side of the box
+    * per_pixel: cells to a pixel, along a side
+    * tail: from `tail_table`, for the electrons beyond the box; empty: they are dropped
+    """
+
+    words: IntArray
+    fraction: FloatArray
+    inner_bits: int
+    outer_bits: int
+    cells: int
+    per_pixel: int
+    tail: FloatArray
+
+
+class ProfileTables(NamedTuple):
+    """What electrons of profiles are drawn from: rings of Sersic profiles (profiles.sersic_photons), and spots."""
+
+    rings: FloatArray
+    spots: SampledSpots
+
+
+class SceneProfiles(NamedTuple):
+    """The profiles of a Scene's components: arrays (n, 2) and the tables of all.
+
+    * kind: number of a profile's rings; -1: a point; -2 - k: the k-th group of spots
+    * fraction: of the next rings, between which and those of `kind` the profile's rings are interpolated
+    * radius: half-light radius [arcsec]
+    """
+
+    kind: IntArray
+    fraction: FloatArray
+    radius: FloatArray
+    tables: ProfileTables
+
+
+class Profile(NamedTuple):
+    """One component's entries of a SceneProfiles, and the matrix (2, 2) [px / arcsec] of its object."""
+
+    matrix: FloatArray
+    kind: int
+    fraction: float
+    radius: float
+    tables: ProfileTables
+
+
 def tail_table(wing: Wing, half: float) -> FloatArray:
-    """Return the radii [px] beyond which a share u of the light outside radius `half` lies, on octaves of u up to 1."""
+    """Return the radii [px] beyond which a fraction u of the flux outside radius `half` lies, on octaves of u to 1."""
     r = np.geomspace(half, half * 2.0**-_RAREST, 4096)
-    share = wing.light_beyond(r).mean(axis=0)
-    share /= share[0]
-    return np.exp(np.interp(np.log(nodes(_RAREST, 0)), np.log(share[::-1]), np.log(r[::-1])))
+    fraction = wing.light_beyond(r).mean(axis=0)
+    fraction /= fraction[0]
+    return np.exp(np.interp(np.log(nodes(_RAREST, 0)), np.log(fraction[::-1]), np.log(r[::-1])))
+
+
+def sampler_of(table: PsfTable, wing: Wing | None) -> PsfSampler:
+    """Return the PsfSampler of a PsfTable and a Wing, or None: electrons beyond the PSF's box are dropped."""
+    inner_bits, outer_bits = table.bits
+    tail = np.empty(0) if wing is None else tail_table(wing, table.cells / table.per_pixel / 2)
+    words = table.words.reshape(-1)
+    return PsfSampler(words, table.share, inner_bits, outer_bits, table.cells, table.per_pixel, tail)
 
 
 def check_scene(scene: Scene, table: PsfTable, maximum: float) -> None:
     """Raise ValueError for a Scene whose photons cannot be drawn: bad values, nodes without tables, too much light."""
-    for name in ("x", "y", "electrons", "light", "sersic", "matrix", "weight"):
+    for name in ("x", "y", "electrons", "component_fractions", "sersic", "matrix", "weight"):
         values = getattr(scene, name)
         if not np.isfinite(values).all():
             raise ValueError(f"a value of {name} is not finite")
-        if name in ("electrons", "light", "weight") and (values < 0).any():
+        if name in ("electrons", "component_fractions", "weight") and (values < 0).any():
             raise ValueError(f"a value of {name} is negative: photons cannot be drawn")
     if (maximum * scene.electrons.sum(axis=1) >= 2**31).any():
         raise ValueError("an object has 2^31 electrons or more")
@@ -71,20 +135,21 @@ def contiguous(response: FloatArray | None) -> FloatArray:
     return np.empty((0, 0), np.float32) if response is None else np.ascontiguousarray(response, np.float32)
 
 
-def profiles_of(scene: Scene) -> tuple[FloatArray, Shapes]:
-    """Return (profile (n, 2, 3), tables) of a Scene: what `from_profile` needs of each component, and of all."""
-    rings, which, share = rings_for(np.where(scene.light > 0, scene.sersic[:, :, 0], 0.0))
+def profiles_of(scene: Scene) -> SceneProfiles:
+    """Return the SceneProfiles of a Scene."""
+    rings, kind, fraction = rings_for(np.where(scene.component_fractions > 0, scene.sersic[:, :, 0], 0.0))
     if scene.spot is not None:
-        which[:, 0] = np.where(scene.spot >= 0, _POINT - 1 - scene.spot, which[:, 0])
+        kind[:, 0] = np.where(scene.spot >= 0, _POINT - 1 - scene.spot, kind[:, 0])
     spots = _NO_SPOTS if scene.spots is None else scene.spots.sampled
-    return np.stack([which, share, scene.sersic[:, :, 2]], axis=-1).astype(np.float64), (rings, *spots)
+    radius = np.ascontiguousarray(scene.sersic[:, :, 2], np.float64)
+    return SceneProfiles(kind, fraction, radius, ProfileTables(rings, spots))
 
 
 @numba.njit(inline="always")
-def first_word(node: int, f: int, part: int, sides: tuple[int, int]) -> int:
+def first_word(psf: PsfSampler, node: int, f: int, part: int) -> int:
     """Return 2 x (index of the first word of a table) + part, where part 0 is the middle and 1 the rest."""
-    inner = 1 << 2 * sides[0]
-    outer = 1 << 2 * sides[1]
+    inner = 1 << 2 * psf.inner_bits
+    outer = 1 << 2 * psf.outer_bits
     return 2 * ((4 * node + f) * (inner + outer) + part * inner) + part
 
 
@@ -109,18 +174,19 @@ def pick(sums: FloatArray, u: float) -> int:
 
 @numba.njit(cache=True)
 def from_wing(
-    count: int, tail: FloatArray, half: float, px: FloatArray, py: FloatArray, key: np.uint64, counter: np.uint64
+    count: int, psf: PsfSampler, px: FloatArray, py: FloatArray, key: np.uint64, counter: np.uint64
 ) -> np.uint64:
-    """Set px, py [pixel] to draws from the wing outside the square of half side `half`; return the counter."""
-    share = np.empty(1)
-    bits = share.view(np.int64)
+    """Set px, py [pixel] to draws from the wing outside the PSF's box; return the counter."""
+    half = 0.5 * psf.cells / psf.per_pixel
+    beyond = np.empty(1)  # fraction of the wing's flux
+    bits = beyond.view(np.int64)
     for j in range(count):
         px[j] = py[j] = 0.0
         while abs(px[j]) < half and abs(py[j]) < half:
             draw = word(key, counter)
             counter += _ONE
-            share[0] = high(draw)
-            r = read(tail, _TAIL_FIRST, bits[0])
+            beyond[0] = high(draw)
+            r = read(psf.tail, _TAIL_FIRST, bits[0])
             angle = 2 * np.pi * low(draw)
             px[j], py[j] = r * np.cos(angle), r * np.sin(angle)
     return counter
@@ -128,15 +194,19 @@ def from_wing(
 
 @numba.njit(cache=True)
 def from_psf(
-    count: int, psf: Cells, first: IntArray, px: FloatArray, py: FloatArray, key: np.uint64, counter: np.uint64
+    count: int, psf: PsfSampler, first: IntArray, px: FloatArray, py: FloatArray, key: np.uint64, counter: np.uint64
 ) -> None:
-    """Set px, py [pixel] to draws from the PSF; two words each, of which the upper half of the first is not used."""
-    words, _, sides, cells, per_pixel = psf
-    inner, outer = sides
-    scale = 1.0 / (1024 * per_pixel)
+    """Set px, py [pixel] to draws from the PSF's tables `first` (`first_word`).
+
+    An electron uses two words, of which the upper half of the first is not used.
+    """
+    words = psf.words
+    inner = psf.inner_bits
+    outer = psf.outer_bits
+    scale = 1.0 / (1024 * psf.per_pixel)
     # The centre of the table is the centre of the PSF
     corner_inner = 1.5 - 1024 * (1 + 0.5 * (1 << inner))
-    corner_outer = 1.5 - 1024 * (1 + 0.5 * cells)
+    corner_outer = 1.5 - 1024 * (1 + 0.5 * psf.cells)
     for j in range(count):
         at = counter + _TWO * np.uint64(j)
         bits = word(key, at)
@@ -157,31 +227,21 @@ def from_psf(
 
 @numba.njit(cache=True)
 def from_profile(
-    count: int,
-    matrix: FloatArray,
-    profile: FloatArray,
-    tables: Shapes,
-    px: FloatArray,
-    py: FloatArray,
-    key: np.uint64,
-    counter: np.uint64,
+    count: int, profile: Profile, px: FloatArray, py: FloatArray, key: np.uint64, counter: np.uint64
 ) -> np.uint64:
-    """Add to px, py draws from a component's profile, a row of `profiles_of`; return the counter."""
-    which = np.int64(profile[0])
-    share = profile[1]
-    radius = profile[2]
-    if which == _POINT:
+    """Add to px, py draws from a component's profile; return the counter."""
+    if profile.kind == _POINT:
         return counter
-    if which < _POINT:
-        return _from_spots(count, matrix, _POINT - 1 - which, tables, px, py, key, counter)
-    rings = tables[0]
-    m00 = matrix[0, 0] * radius
-    m01 = matrix[0, 1] * radius
-    m10 = matrix[1, 0] * radius
-    m11 = matrix[1, 1] * radius
+    if profile.kind < _POINT:
+        return _from_spots(count, profile, px, py, key, counter)
+    rings = profile.tables.rings
+    m00 = profile.matrix[0, 0] * profile.radius
+    m01 = profile.matrix[0, 1] * profile.radius
+    m10 = profile.matrix[1, 0] * profile.radius
+    m11 = profile.matrix[1, 1] * profile.radius
     for j in range(count):
         turn = word(key, counter + np.uint64(j))
-        r = ring(rings, which, share, turn)
+        r = ring(rings, profile.kind, profile.fraction, turn)
         angle = np.int64(turn >> _S32)
         a = np.uint64(angle >> 22)
         d = np.float64((angle & 0x3FFFFF) - 0x200000) * _REST
@@ -194,28 +254,23 @@ def from_profile(
 
 @numba.njit(cache=True)
 def _from_spots(
-    count: int,
-    matrix: FloatArray,
-    group: int | np.int64,
-    tables: Shapes,
-    px: FloatArray,
-    py: FloatArray,
-    key: np.uint64,
-    counter: np.uint64,
+    count: int, profile: Profile, px: FloatArray, py: FloatArray, key: np.uint64, counter: np.uint64
 ) -> np.uint64:
     """Add to px, py draws from a group of spots (render.parts.spots), two words each; return the counter."""
-    _, start, u, v, keep, other, blur = tables
-    first = start[group]
-    number = start[group + 1] - start[group]
-    side = blur[group]
+    spots = profile.tables.spots
+    matrix = profile.matrix
+    group = _POINT - 1 - profile.kind
+    first = spots.start[group]
+    number = spots.start[group + 1] - spots.start[group]
+    side = spots.blur[group]
     for j in range(count):
         at = counter + _TWO * np.uint64(j)
-        place = unit(word(key, at)) * number
-        k = min(np.int64(place), number - 1)
-        if place - k > keep[first + k]:
-            k = np.int64(other[first + k])
-        a = u[first + k]
-        b = v[first + k]
+        column = unit(word(key, at)) * number  # of the alias table
+        k = min(np.int64(column), number - 1)
+        if column - k > spots.keep[first + k]:
+            k = np.int64(spots.other[first + k])
+        a = spots.u[first + k]
+        b = spots.v[first + k]
         if side > 0.0:
             jitter = word(key, at + _ONE)
             spline = (jitter & _TENS) + ((jitter >> _S10) & _TENS) + ((jitter >> _S20) & _TENS)

@@ -63,7 +63,7 @@ def choose(scene: Scene, drawing: Drawing, maximum: float = 1.0) -> Choice:
     numbers = load_numbers()
     fidelity = drawing.fidelity
     electrons = scene.electrons.sum(axis=1)
-    snr = scene.whole / noise(scene, scene.whole, drawing.variance)
+    snr = scene.total_electrons / noise(scene, scene.total_electrons, drawing.variance)
     cost = costs(scene, electrons * maximum, numbers.cost)
     photons = _may_be_photons(electrons * maximum, drawing)
     if drawing.ghosts is not None:
@@ -86,7 +86,7 @@ def choose_dispersed(scene: Scene, drawing: Drawing, disperser: Disperser, maxim
     electrons = scene.electrons.sum(axis=1)
     eps = numbers.presets[cast("Fidelity", drawing.fidelity)].eps
     px = disperser.length
-    snr = scene.whole / noise(scene, scene.whole, drawing.variance, length=px)
+    snr = scene.total_electrons / noise(scene, scene.total_electrons, drawing.variance, length=px)
     cost = numbers.cost
     galaxy = scene.extended
     orders = disperser.rates.sum(axis=(0, 1, 2)) / disperser.rates[:, disperser.orders.index(1)].sum()
@@ -137,7 +137,7 @@ def noise(scene: Scene, electrons: FloatArray, variance: float, length: float = 
 def half_light_px2(scene: Scene) -> FloatArray:
     """Return the light-weighted mean of the squared circular half-light radii [pixel^2] of each object's components."""
     stretch2 = np.abs(np.linalg.det(scene.matrix))
-    return (scene.light * scene.sersic[:, :, 2] ** 2).sum(axis=1) * stretch2
+    return (scene.component_fractions * scene.sersic[:, :, 2] ** 2).sum(axis=1) * stretch2
 
 
 def costs(scene: Scene, electrons: FloatArray, cost: Cost) -> tuple[FloatArray, FloatArray]:

@@ -33,7 +33,7 @@ class Scene:
     x: FloatArray  # (n,) float64, chip pixel
     y: FloatArray
     electrons: FloatArray  # (n, 4) float64, of the exposure, by sub-band
-    light: FloatArray  # (n, 2) float64, share of each component
+    component_fractions: FloatArray  # (n, 2) float64, of the electrons, in each component
     sersic: FloatArray  # (n, 2, 3) float64: index, b, half-light radius [arcsec]
     matrix: FloatArray  # (n, 2, 2) float64, pixel per arcsec: shape, lensing and the sky's map to pixels
     node: IntArray  # (n, k) int64, PSF nodes
@@ -41,36 +41,36 @@ class Scene:
     outside: BoolArray  # (n,) bool: outside the grid of PSF nodes
     reach: AnyArray | None = None  # (n,) px, half the side of the stamp
     wing: FloatArray | None = None  # (n,) px, radius to which the wing exceeds the noise; 0: nowhere
-    # Of a scene with knots or images: rows beyond the objects are parts of them, with a share of their light
+    # Of a scene with knots or images: rows beyond the objects are parts of them, with a fraction of their electrons
     parent: IntArray | None = None  # (n,) int64, object that a row belongs to; None: one row for each object
-    share: FloatArray | None = None  # (n,) of the object's light; None: all
+    fraction_of_parent: FloatArray | None = None  # (n,) of the object's electrons; None: all
     spot: IntArray | None = None  # (n,) int64, group of `spots` that is the profile, or -1; None: nowhere
     spots: Spots | None = None
-    piece: FloatArray | None = None  # (n,) of an object's light that this piece of its trail has; None: all of it
+    trail_fraction: FloatArray | None = None  # (n,) of the object's electrons, in this piece of its trail; None: all
 
     def __len__(self) -> int:
         return len(self.x)
 
     def take(self, rows: IntArray) -> Scene:
         """Return the objects of an index array, in that order."""
-        whole = {name: values for name, values in vars(self).items() if name == "spots" or values is None}
-        return Scene(**whole, **{name: v[rows] for name, v in vars(self).items() if name not in whole})
+        kept = {name: values for name, values in vars(self).items() if name == "spots" or values is None}
+        return Scene(**kept, **{name: values[rows] for name, values in vars(self).items() if name not in kept})
 
     def sized(self, reach: ArrayLike, wing: ArrayLike = 0.0) -> Scene:
         """Return the Scene with these half sides of stamps and radii of wings [px], (n,) or one for all."""
-        reach, wing = (np.broadcast_to(np.asarray(v), len(self)).copy() for v in (reach, wing))
-        return replace(self, reach=reach, wing=wing)
+        n = len(self)
+        return replace(self, reach=np.broadcast_to(reach, n).copy(), wing=np.broadcast_to(wing, n).copy())
 
     @property
-    def whole(self) -> FloatArray:
+    def total_electrons(self) -> FloatArray:
         """(n,) electrons of the object of which each is a piece."""
         electrons = self.electrons.sum(axis=1)
-        return electrons if self.piece is None else electrons / self.piece
+        return electrons if self.trail_fraction is None else electrons / self.trail_fraction
 
     @property
     def extended(self) -> BoolArray:
         """(n,) bool: whether the object is not a point."""
-        sersic: BoolArray = np.any((self.sersic[:, :, 0] > 0) & (self.light > 0), axis=1)
+        sersic: BoolArray = np.any((self.sersic[:, :, 0] > 0) & (self.component_fractions > 0), axis=1)
         return sersic if self.spot is None else sersic | (self.spot >= 0)
 
     @property
@@ -89,7 +89,7 @@ def make_scene(objects: ObjectTable, wcs: ChipWCS, psf: PsfSet, exptime: float) 
         index = index[galaxy] if isinstance(index, np.ndarray) else index
         sersic[galaxy, i] = np.stack(np.broadcast_arrays(index, sersic_b(index), size[galaxy]), axis=-1)
     node, weight, outside = psf.weights(objects["x"], objects["y"])
-    names = ("reach", "reach"), ("wing", "wing"), ("piece", "trail_share")
+    names = ("reach", "reach"), ("wing", "wing"), ("trail_fraction", "trail_share")
     known: dict[str, Any] = {name: objects[column] for name, column in names if column in objects}
     scene = Scene(
         objects["id"].astype(np.int64),
@@ -108,8 +108,8 @@ def make_scene(objects: ObjectTable, wcs: ChipWCS, psf: PsfSet, exptime: float) 
         return scene
     from csstsim.render.parts.object_parts import with_parts  # which needs this module's Scene
 
-    round_ = {name: np.zeros(len(objects)) for name in ("e1", "e2")}
-    return with_parts(scene, objects, psf, lambda rows: shape_matrix(objects.with_columns(**round_).take(rows), wcs))
+    circular = objects.with_columns(e1=np.zeros(len(objects)), e2=np.zeros(len(objects)))
+    return with_parts(scene, objects, psf, lambda rows: shape_matrix(circular.take(rows), wcs))
 
 
 def shape_matrix(objects: ObjectTable, wcs: ChipWCS | ImageWCS) -> FloatArray:

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,11 +16,24 @@ RADII = np.sqrt(nodes(0, _OCTAVES))
 
 
 @dataclass(frozen=True, eq=False)
-class Far:
-    """Surface brightness per pixel on the nodes of a table, by sub-band, for an object of light 1 in each."""
+class RadialProfile:
+    """Surface brightness per pixel at RADII, by sub-band, for an object of flux 1 in each."""
 
     profile: FloatArray  # (4, nodes)
     light: FloatArray  # (4,) its integral over the plane
+
+
+class Annulus(NamedTuple):
+    """A part of a radial profile, as a table of profiles.log_table.
+
+    * table: on octaves of r^2 [px^2], by sub-band (4, n) or of their sum (n,)
+    * first: number of its first node
+    * reach: radius beyond which it is 0 [px]; 0: it is empty
+    """
+
+    table: FloatArray
+    first: int
+    reach: float
 
 
 def step(r: FloatArray, inner: float, outer: float) -> FloatArray:
@@ -34,25 +48,25 @@ def light_of(profile: FloatArray) -> FloatArray:
 
 
 @lru_cache(KEPT)
-def tables(far: Far, radii: tuple[float, ...]) -> list[tuple[FloatArray, int, float]]:
-    """Return [(table (4, n) on octaves of r^2, number of its first node, its reach [px]), ...], one to each annulus.
+def annuli(radial: RadialProfile, radii: tuple[float, ...]) -> list[Annulus]:
+    """Return the annuli of a RadialProfile, with tables (4, n): one more than `radii` [px].
 
     radii: edges of the annuli; from each edge to twice that edge one annulus fades into the next. An annulus that ends
-    at edge 0, or at an edge out of order, is empty; its reach is 0.
+    at edge 0, or at an edge out of order, is empty.
     """
-    out: list[tuple[FloatArray, int, float]] = []
+    out: list[Annulus] = []
     before: FloatArray = np.zeros(len(RADII))
     for edge in (*radii, math.inf):
         until = np.ones(len(RADII)) if edge == math.inf else step(RADII, edge, 2 * edge) if edge else before
         until = np.maximum(before, until)
         lit = np.flatnonzero(until > before)
         if not lit.size:
-            out.append((np.zeros((4, 2)), 0, 0.0))
+            out.append(Annulus(np.zeros((4, 2)), 0, 0.0))
             continue
         low = lit[0] >> BITS
         high = -(-(lit[-1] + 1) >> BITS)
         part = slice(low << BITS, (high << BITS) + 1)
-        table = np.ascontiguousarray((far.profile * (until - before))[:, part])
-        out.append((table, first_of(int(low)), float(RADII[min(lit[-1] + 1, len(RADII) - 1)])))
+        table = np.ascontiguousarray((radial.profile * (until - before))[:, part])
+        out.append(Annulus(table, first_of(int(low)), float(RADII[min(lit[-1] + 1, len(RADII) - 1)])))
         before = until
     return out

@@ -27,7 +27,7 @@ from csstsim.base.types import FloatArray, Floats
 from csstsim.profiles.log_table import read
 from csstsim.render.extended import POINT, SHARP_PX, WIDE_PX, beyond_stamp, spread
 from csstsim.render.far_wings import OVER, FarWings
-from csstsim.render.wing_tables import RADII, Far, light_of, step, tables
+from csstsim.render.wing_tables import RADII, Annulus, RadialProfile, annuli, light_of, step
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -45,28 +45,28 @@ _NEAR_LIGHT = 0.006, 0.08  # of the light: the most that a stamp may leave out; 
 
 
 def box_share(cells: int, per_pixel: int) -> FloatArray:
-    """Return the share (cells, cells) of each cell of the box, `per_pixel` to a pixel, not replaced by the wing."""
+    """Return the fraction (cells, cells) of each cell of the box, `per_pixel` to a pixel, not replaced by the wing."""
     axis = (np.arange(cells) - (cells - 1) / 2) / per_pixel
     return step(np.hypot(axis, axis[:, None]), *(f * cells / 2 / per_pixel for f in FADE))
 
 
 @lru_cache
-def wing_beyond(wing: Wing, half: float, shows: bool = True) -> Far:
-    """Return the Far of a wing (optics.scatter.halo.Wing) beyond a box of half side `half` [px].
+def wing_beyond(wing: Wing, half: float, shows: bool = True) -> RadialProfile:
+    """Return the RadialProfile of a wing (optics.scatter.halo.Wing) beyond a box of half side `half` [px].
 
     shows: whether it is faded in where the box is faded out; otherwise it is faded in from the centre, as a haze.
     """
     inner, outer = (f * half for f in FADE)
     profile = wing.profile(np.maximum(RADII, inner)) * (1 - step(RADII, inner if shows else 0.0, outer))
-    return Far(profile, light_of(profile) + wing.light_beyond(RADII[-1]))
+    return RadialProfile(profile, light_of(profile) + wing.light_beyond(RADII[-1]))
 
 
 @lru_cache
-def ring_within(half: float) -> Far:
-    """Return the Far of a smooth ring of light 1 within a box of half side `half` [px], zero at the centre."""
+def ring_within(half: float) -> RadialProfile:
+    """Return the RadialProfile of a smooth ring of flux 1 in a box of half side `half` [px], zero at the centre."""
     widest = FADE[0] * half
     ring = (1 - step(RADII, 0.0, widest)) * step(RADII, widest, half)
-    return Far(np.tile(ring / light_of(ring[None]), (4, 1)), np.ones(4))
+    return RadialProfile(np.tile(ring / light_of(ring[None]), (4, 1)), np.ones(4))
 
 
 def near_of(wing_px: float) -> float:
@@ -74,11 +74,11 @@ def near_of(wing_px: float) -> float:
     return 0.0 if wing_px <= 0 else NEAR[int(wing_px >= 2 * NEAR[1])]
 
 
-class Held(NamedTuple):
-    """The light of an object that its PSF's box and its stamp hold."""
+class StampLight(NamedTuple):
+    """The electrons of an object that its PSF's box and its stamp contain: numbers, or (4,) by sub-band."""
 
-    inside: Floats  # electrons in the PSF's box, without those replaced by the wing
-    drawn: Floats  # electrons in the stamp
+    inside: Floats  # in the PSF's box, without those replaced by the wing
+    drawn: Floats  # in the stamp
     reach: int = 0  # px, half the side of the stamp
 
 
@@ -100,55 +100,58 @@ class Wings:
         self,
         at: tuple[float, float],
         flux: FloatArray,
-        held: Held,
+        light: StampLight,
         wing_px: float,
         parts: Sequence[Part] = POINT,
         near: float | None = None,
     ) -> float:
         """Add the light around an object at `at` (x, y) [chip pixel]; return the electrons on the window.
 
-        flux (4,): all electrons of the object; held: Held; wing_px: radius [px] beyond which noise hides the wing, 0:
-        everywhere; parts: its render.extended.Parts; near: px from which meshes take over, None: `near_of` wing_px.
+        flux (4,): all electrons of the object; light: StampLight; wing_px: radius [px] beyond which noise hides the
+        wing, 0: everywhere; parts: its render.extended.Parts; near: px from which meshes take over, None: `near_of`
+        wing_px.
         """
-        missing = held.inside - held.drawn
+        missing = light.inside - light.drawn
         haze = 0.0
         added = 0.0
         if self.wing is not None:
             near = near_of(wing_px) if near is None else near
             far = wing_beyond(self.wing, self.half, near > 0)
             shown = wing_beyond(self.wing, self.half)
-            flux = flux * wing_share(flux, held.inside, shown.light)
+            flux = flux * wing_share(flux, light.inside, shown.light)
             for part in parts:
                 wide = spread(far, part, SHARP_PX if near else WIDE_PX)
-                added += self._add(at, part.share * flux, wide, near)
+                added += self._add(at, part.fraction * flux, wide, near)
             haze = (flux * (shown.light - far.light)).sum()
-        around = beyond_stamp(parts, held.reach) if held.reach >= self.half else []
-        for share, tail in around:
-            added += self._add(at, _one_band(share * missing), tail, 0.0)
+        around = beyond_stamp(parts, light.reach) if light.reach >= self.half else []
+        for fraction, tail in around:
+            added += self._add(at, _one_band(fraction * missing), tail, 0.0)
         ring = ring_within(self.half)
-        within = haze + (0.0 if around else near_light(missing, held.inside, self.wing))
+        within = haze + (0.0 if around else near_light(missing, light.inside, self.wing))
         for part in parts:
             if (wide := spread(ring, part)) is not ring:
                 fine = NEAR[0] if part.size < SMOOTH_PX else 0.0
-                added += self._add(at, _one_band(part.share * within), wide, fine)
+                added += self._add(at, _one_band(part.fraction * within), wide, fine)
                 continue
-            [(table, octave, _)] = tables(ring, ())
-            laid = _on_window(_add_radial, self.canvas, at, self.half, part.share * within * table[0], octave)
-            added += laid[0] if laid else 0.0
+            [annulus] = annuli(ring, ())
+            added += self._add_near(at, Annulus(part.fraction * within * annulus.table[0], annulus.first, self.half))
         return added
 
-    def _add(self, at: tuple[float, float], flux: FloatArray, far: Far, near: float) -> float:
-        """Add light of a Far, times flux (4,), on the meshes from `near` [px] on; return electrons on the window."""
-        first, *others = tables(far, (near, *OVER))
-        drawn = 0.0
+    def _add(self, at: tuple[float, float], flux: FloatArray, radial: RadialProfile, near: float) -> float:
+        """Add a RadialProfile times flux (4,), on the meshes from `near` [px] on; return electrons on the window."""
+        first, *others = annuli(radial, (near, *OVER))
+        added = 0.0
         if near:
-            table, octave, reach = first
-            part = _on_window(_add_radial, self.canvas, at, reach, _mixed(flux, table), octave)
-            drawn += part[0] if part else 0.0
-        for level, (table, octave, reach) in enumerate(others):
-            if reach:
-                drawn += self.meshes.add(level, at, (_mixed(flux, table), octave, reach))
-        return drawn
+            added += self._add_near(at, _mixed(flux, first))
+        for level, annulus in enumerate(others):
+            if annulus.reach:
+                added += self.meshes.add(level, at, _mixed(flux, annulus))
+        return added
+
+    def _add_near(self, at: tuple[float, float], annulus: Annulus) -> float:
+        """Add an annulus, its table (n,), pixel by pixel; return the electrons on the window."""
+        part = _on_window(_add_radial, self.canvas, at, annulus.reach, annulus.table, annulus.first)
+        return part[0] if part else 0.0
 
 
 def _one_band(light: Floats) -> FloatArray:
@@ -171,8 +174,9 @@ def wing_share(flux: FloatArray, inside: Floats, light: FloatArray) -> Floats:
     return np.maximum(np.sum(flux) - inside, 0.0) / np.sum(flux * light)
 
 
-def _mixed(flux: FloatArray, table: FloatArray) -> FloatArray:
-    return np.einsum("b,br->r", flux, table)  # not BLAS, whose bits depend on the machine
+def _mixed(flux: FloatArray, annulus: Annulus) -> Annulus:
+    """Return an annulus of sub-bands as one of their sum, weighted by flux (4,)."""
+    return annulus._replace(table=np.einsum("b,br->r", flux, annulus.table))  # not BLAS, whose bits vary by machine
 
 
 def add_ghosts(

@@ -34,7 +34,7 @@ def judge(
 
 def half_light_px(scene: Scene) -> float:
     """Return the half-light radius [px] of the larger component of a Scene's one object, as a circle of equal area."""
-    radius = np.where(scene.light[0] > 0, scene.sersic[0, :, 2], 0.0).max()
+    radius = np.where(scene.component_fractions[0] > 0, scene.sersic[0, :, 2], 0.0).max()
     return float(radius * np.sqrt(abs(np.linalg.det(scene.matrix[0]))))
 
 

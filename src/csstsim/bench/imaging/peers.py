@@ -32,7 +32,7 @@ BANDS = 4
 def galaxy_of(scene: Scene) -> galsim.GSObject | None:
     """Return the profile of a Scene's one object in pixels, of unit flux; None for a point."""
     parts = []
-    for row, share in enumerate([1.0] if scene.share is None else scene.share):
+    for row, share in enumerate([1.0] if scene.fraction_of_parent is None else scene.fraction_of_parent):
         one = _of_spots(scene, row) if scene.spot is not None and scene.spot[row] >= 0 else _sersic(scene, row)
         if one is not None and share > 0:
             place = scene.x[row] - scene.x[0], scene.y[row] - scene.y[0]
@@ -46,7 +46,7 @@ def _sersic(scene: Scene, row: int) -> galsim.GSObject | None:
     kinds = {1.0: galsim.Exponential, 4.0: galsim.DeVaucouleurs}
     parts = [
         kinds.get(index, partial(galsim.Sersic, index))(half_light_radius=size, flux=light)
-        for light, (index, _, size) in zip(scene.light[row], scene.sersic[row], strict=True)
+        for light, (index, _, size) in zip(scene.component_fractions[row], scene.sersic[row], strict=True)
         if light > 0 and index > 0
     ]
     return galsim.Sum(parts) if parts else None

@@ -88,10 +88,10 @@ class Truth:
 def profile(scene: Scene, kx: FloatArray, ky: FloatArray) -> Floats | ComplexArray:
     """Return the transform of a Scene's one object, 1 at 0, at kx, ky [cycles per pixel]: (ky, kx)."""
     if scene.spots is not None:
-        assert scene.share is not None  # as all scenes with spots have
+        assert scene.fraction_of_parent is not None  # as all scenes with spots have
         return sum(
             share * _row_profile(scene.take(np.array([row])), kx, ky)
-            for row, share in enumerate(scene.share)
+            for row, share in enumerate(scene.fraction_of_parent)
             if share > 0
         )
     return _row_profile(scene, kx, ky)
@@ -101,7 +101,7 @@ def _row_profile(scene: Scene, kx: FloatArray, ky: FloatArray) -> Floats | Compl
     if scene.spots is not None and scene.spot is not None and scene.spot[0] >= 0:
         return _of_spots(scene.spots, int(scene.spot[0]), scene.matrix[0], kx, ky)
     total: Floats = 0.0
-    for light, (index, b, radius) in zip(scene.light[0], scene.sersic[0], strict=True):
+    for light, (index, b, radius) in zip(scene.component_fractions[0], scene.sersic[0], strict=True):
         if light > 0 and index > 0:
             m = scene.matrix[0]
             q = np.hypot(m[0, 0] * kx + m[1, 0] * ky[:, None], m[0, 1] * kx + m[1, 1] * ky[:, None])
@@ -130,7 +130,7 @@ def repeats(
     """Return the light at pixels x, y of the repeats, every `period` pixels, of an object at `offset` (x, y)."""
     shifts = range(-_REPEATS, _REPEATS + 1)
     places = [(offset[0] + i * period, offset[1] + j * period) for i in shifts for j in shifts if (i, j) != (0, 0)]
-    share = 1.0 if scene.share is None else scene.share[0]
+    share = 1.0 if scene.fraction_of_parent is None else scene.fraction_of_parent[0]
     return share * sum((brightness(scene, x, y, place) for place in places), np.zeros((y.size, x.size)))
 
 
@@ -144,7 +144,7 @@ def brightness(
         return total
     dx = x - place[0]
     dy = (y - place[1])[:, None]
-    for light, (index, b, radius) in zip(scene.light[0], scene.sersic[0], strict=True):
+    for light, (index, b, radius) in zip(scene.component_fractions[0], scene.sersic[0], strict=True):
         if light > 0 and index > 0:
             level = light * abs(np.linalg.det(back)) / (2 * np.pi * radius**2 * index * b ** (-2 * index))
             r = np.hypot(back[0, 0] * dx + back[0, 1] * dy, back[1, 0] * dx + back[1, 1] * dy) / radius

@@ -36,7 +36,7 @@ def prepare(setting: Setting, case: Case) -> Draw:
     scene = case.scene
     window = case.window
     precision = common.gammaprecision, common.gammaprecisionhigh, common.sersicprecision
-    light = np.array([1.0]) if case.star else scene.light[0]
+    light = np.array([1.0]) if case.star else scene.component_fractions[0]
     fwhm, beta, caught = _moffat(setting, scene)
     rng = stream(1, "bench", "ufig", int(case.row["id"][0]))
     table = load_intrinsicTable(precision[2], *precision[:2])

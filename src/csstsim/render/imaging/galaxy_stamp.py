@@ -75,7 +75,7 @@ def plan_galaxies(scene: Scene, reach: IntArray, box: float, rows: BoolArray) ->
     there exp(-b rho^(1/n)) has the relative curvature b / n rho^(1/n - 2) over the squared short half-light radius.
     The PSF's wings blur by the curvature of the split itself.
     """
-    there = (scene.light > 0) & rows[:, None] & (scene.sersic[:, :, 0] > 0)
+    there = (scene.component_fractions > 0) & rows[:, None] & (scene.sersic[:, :, 0] > 0)
     n, b, size = np.moveaxis(np.where(there[..., None], scene.sersic, 1.0), -1, 0)
     size = np.maximum(size, SIZE_MIN)
     wide = np.hypot(scene.matrix[:, :, 0], scene.matrix[:, :, 1]).max(axis=1)[:, None] * size  # px
@@ -130,7 +130,7 @@ def galaxy_stamp(
     reach = stamper.reach[i]
     core = stamper.core
     node = scene.node[i]
-    light = scene.light[i]
+    light = scene.component_fractions[i]
     sersic = scene.sersic[i]
     matrix = scene.matrix[i]
     x = scene.x[i]

@@ -14,16 +14,18 @@ Electrons beyond the PSF's box follow the radial wing (optics.scatter.halo) at a
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple
 
 import numba
 import numpy as np
 
 from csstsim.base.counter import high, low, poisson, word
-from csstsim.base.types import AnyArray, FloatArray, IntArray
+from csstsim.base.types import FloatArray, IntArray
 from csstsim.render.photon_positions import (
-    Cells,
-    Shapes,
+    CountedImage,
+    Profile,
+    PsfSampler,
+    SceneProfiles,
     check_scene,
     contiguous,
     cumulative,
@@ -33,7 +35,7 @@ from csstsim.render.photon_positions import (
     from_wing,
     pick,
     profiles_of,
-    tail_table,
+    sampler_of,
 )
 
 if TYPE_CHECKING:
@@ -42,12 +44,6 @@ if TYPE_CHECKING:
     from csstsim.render.psf_table import PsfTable
     from csstsim.render.scene import Scene
 
-# What compiled loops pass on: counted, response and maximum; of an object x, y, matrix, profile, shapes and row;
-# on_window, outside_box and box; of each electron first word, px and py
-Image: TypeAlias = tuple[IntArray, FloatArray, float]
-Place: TypeAlias = tuple[float, float, FloatArray, FloatArray, Shapes, int]
-Results: TypeAlias = tuple[IntArray, IntArray, IntArray]
-Work: TypeAlias = tuple[IntArray, FloatArray, FloatArray]
 _ONE = np.uint64(1)
 _TWO = np.uint64(2)
 _MANY = 300.0  # electrons above which numbers are drawn for each (component, sub-band, node)
@@ -55,19 +51,77 @@ _BATCH = 512  # electrons drawn at a time; a Poisson number of mean _MANY exceed
 _STRIP = 64  # px: objects of a node are drawn strip by strip, so that their pixels stay in cache
 
 
-def shoot_scene(
-    canvas: Canvas, scene: Scene, keys: IntArray, table: PsfTable, wing: Wing | None = None
-) -> tuple[IntArray, IntArray, IntArray]:
-    """Draw the objects of a Scene into the counted plane of a Canvas, which must be there.
+class _Objects(NamedTuple):
+    """The arrays of a Scene (n, ...) that compiled loops need; x, y [px of the window]; key: (n,) uint64."""
 
-    keys: (n,) uint64, all different (counter.object_keys). table: PsfTable with the tables of all nodes of the scene.
-    wing: optics.scatter.halo.Wing for the electrons beyond the PSF's box, or None: they are dropped.
+    x: FloatArray
+    y: FloatArray
+    matrix: FloatArray
+    light: FloatArray
+    electrons: FloatArray
+    node: IntArray
+    weight: FloatArray
+    key: IntArray
 
-    Returns on_window (n,) int64, electrons counted; outside_box (n,) int64, electrons outside the PSF's box, drawn for
-    `canvas.maximum` times the light; box (n, 4) int64, x0, x1, y0, y1 of the chip's pixels reached, half-open, 0 if
-    none. The result does not depend on the order of the objects. Raises ValueError for arrays of the wrong shape, a
-    response above the maximum, values that are not finite, negative light, 2^31 electrons in an object, negative
-    weights (a PSF interpolation that is not convex) and nodes without tables.
+
+class _Component(NamedTuple):
+    """A component of object number `row`, at x, y [px of the window]."""
+
+    row: int
+    x: float
+    y: float
+    profile: Profile
+
+
+class _Batch(NamedTuple):
+    """Electrons drawn together (_BATCH,): the table of each (`first_word`) and its position [px from the object]."""
+
+    first: IntArray
+    px: FloatArray
+    py: FloatArray
+
+
+class Shot(NamedTuple):
+    """The electrons of n objects.
+
+    * on_window: (n,) int64, counted on the window
+    * outside_box: (n,) int64, outside the PSF's box, drawn for the maximum of the response times the flux
+    * box: (n, 4) int64, x0, x1, y0, y1 of the pixels reached, half-open; 0 if none
+    """
+
+    on_window: IntArray
+    outside_box: IntArray
+    box: IntArray
+
+
+def shoot_scene(canvas: Canvas, scene: Scene, keys: IntArray, table: PsfTable, wing: Wing | None = None) -> Shot:
+    """Draw the objects of a Scene into the counted plane of a Canvas, electron by electron.
+
+    The result does not depend on the order of the objects.
+
+    Parameters
+    ----------
+    canvas
+        With a counted plane, int32.
+    scene
+        n objects.
+    keys
+        (n,) uint64 of random numbers, all different (base.counter.object_keys).
+    table
+        With the tables of all PSF nodes of the scene.
+    wing
+        For the electrons beyond the PSF's box; None: they are dropped.
+
+    Returns
+    -------
+    Shot
+        The electrons of each object; its boxes are of pixels of the chip.
+
+    Raises
+    ------
+    ValueError
+        For arrays of the wrong shape, a response above the maximum, values that are not finite, negative fluxes, 2^31
+        electrons in an object, negative weights (a PSF interpolation that is not convex) and nodes without tables.
     """
     counted = canvas.counted
     window = canvas.window
@@ -80,73 +134,75 @@ def shoot_scene(
     if response.size and (response.shape != window.shape or not response.max() <= maximum * (1 + 1e-6)):
         raise ValueError(f"the response must be {window.shape} and at most {maximum}")
     n = len(scene)
-    on_window = np.zeros(n, np.int64)
-    outside_box = np.zeros(n, np.int64)
-    box = np.zeros((n, 4), np.int64)
+    shot = Shot(np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros((n, 4), np.int64))
     order = np.lexsort((scene.x, np.floor(scene.y / _STRIP), scene.node[:, 0])) if n else np.zeros(0, np.int64)
-    profile, shapes = profiles_of(scene)
-    floats = (scene.matrix, scene.light, profile, scene.electrons)
-    objects: tuple[AnyArray, ...]
-    objects = scene.x - window.x0, scene.y - window.y0, *(np.ascontiguousarray(a, np.float64) for a in floats)
-    objects += np.ascontiguousarray(scene.node), np.ascontiguousarray(scene.weight), keys
-    psf = table.words.reshape(-1), table.share, table.bits, table.cells, table.per_pixel
-    tail = np.empty(0) if wing is None else tail_table(wing, table.cells / table.per_pixel / 2)
-    _shoot((counted, response, float(maximum)), objects, shapes, psf, tail, (on_window, outside_box, box), order)
-    box[on_window > 0] += canvas.corner
-    return on_window, outside_box, box
+    objects = _Objects(
+        scene.x - window.x0,
+        scene.y - window.y0,
+        np.ascontiguousarray(scene.matrix, np.float64),
+        np.ascontiguousarray(scene.component_fractions, np.float64),
+        np.ascontiguousarray(scene.electrons, np.float64),
+        np.ascontiguousarray(scene.node),
+        np.ascontiguousarray(scene.weight),
+        keys,
+    )
+    image = CountedImage(counted, response, float(maximum))
+    _shoot(image, objects, profiles_of(scene), sampler_of(table, wing), shot, order)
+    shot.box[shot.on_window > 0] += canvas.corner
+    return shot
 
 
 @numba.njit(cache=True)
 def _shoot(
-    image: Image,
-    objects: tuple[AnyArray, ...],
-    shapes: Shapes,
-    psf: Cells,
-    tail: FloatArray,
-    results: Results,
-    order: IntArray,
+    image: CountedImage, objects: _Objects, profiles: SceneProfiles, psf: PsfSampler, shot: Shot, order: IntArray
 ) -> None:
-    counted, _, maximum = image
-    x, y, matrix, light, profile, electrons, index, weight, keys = objects
-    share = psf[1]
-    sides = psf[2]
-    on_window, _, box = results
-    work = np.empty(_BATCH, np.int64), np.empty(_BATCH), np.empty(_BATCH)
-    sums = np.empty(4 + index.shape[1])
+    """Draw the objects in an order (n,), and write what was drawn to `shot`."""
+    ny, nx = image.counted.shape
+    nodes_each = objects.node.shape[1]
+    batch = _Batch(np.empty(_BATCH, np.int64), np.empty(_BATCH), np.empty(_BATCH))
+    sums = np.empty(4 + nodes_each)
     for i in order:
-        key = keys[i]
+        key = objects.key[i]
         counter = np.uint64(0)
-        box[i] = counted.shape[1], 0, counted.shape[0], 0
-        bands = cumulative(electrons[i], sums[:4])
-        nodes = cumulative(weight[i], sums[4:])
+        shot.box[i] = nx, 0, ny, 0
+        bands = cumulative(objects.electrons[i], sums[:4])
+        nodes = cumulative(objects.weight[i], sums[4:])
         for c in range(2):
-            mean = maximum * light[i, c] * bands[3]
-            place = x[i], y[i], matrix[i], profile[i, c], shapes, i
+            scale = image.maximum * objects.light[i, c]  # electrons drawn for one of the object
+            mean = scale * bands[3]
+            profile = Profile(
+                objects.matrix[i], profiles.kind[i, c], profiles.fraction[i, c], profiles.radius[i, c], profiles.tables
+            )
+            component = _Component(i, objects.x[i], objects.y[i], profile)
             if not mean > 0:
                 continue
             if mean < _MANY:
                 number, counter = poisson(mean, key, counter)
-                count, counter = _choose(min(number, _BATCH), bands, nodes, index[i], share, sides, key, counter, work)
-                counter = _draw(count, place, image, psf, results, work, key, counter)
-                counter = _draw_beyond(number - count, place, image, psf, tail, results, work, key, counter)
+                count, counter = _choose(
+                    min(number, _BATCH), bands, nodes, objects.node[i], psf, batch.first, key, counter
+                )
+                counter = _draw(count, component, image, psf, shot, batch, key, counter)
+                counter = _draw_beyond(number - count, component, image, psf, shot, batch, key, counter)
                 continue
             lost = 0.0
-            for k in range(index.shape[1]):
+            for k in range(nodes_each):
                 for f in range(4):
-                    node = index[i, k]
-                    here = maximum * light[i, c] * electrons[i, f] * weight[i, k]
-                    lost += here * max(1.0 - share[node, f, 0] - share[node, f, 1], 0.0)
+                    node = objects.node[i, k]
+                    here = scale * objects.electrons[i, f] * objects.weight[i, k]
+                    inner = psf.fraction[node, f, 0]
+                    outer = psf.fraction[node, f, 1]
+                    lost += here * max(1.0 - inner - outer, 0.0)
                     for part in range(2):
-                        number, counter = poisson(here * share[node, f, part], key, counter)
-                        work[0][: min(number, _BATCH)] = first_word(node, f, part, sides)
+                        number, counter = poisson(here * psf.fraction[node, f, part], key, counter)
+                        batch.first[: min(number, _BATCH)] = first_word(psf, node, f, part)
                         while number > 0:
                             count = min(number, _BATCH)
-                            counter = _draw(count, place, image, psf, results, work, key, counter)
+                            counter = _draw(count, component, image, psf, shot, batch, key, counter)
                             number -= count
             number, counter = poisson(lost, key, counter)
-            counter = _draw_beyond(number, place, image, psf, tail, results, work, key, counter)
-        if on_window[i] == 0:
-            box[i] = 0
+            counter = _draw_beyond(number, component, image, psf, shot, batch, key, counter)
+        if shot.on_window[i] == 0:
+            shot.box[i] = 0
 
 
 @numba.njit(cache=True)
@@ -154,15 +210,17 @@ def _choose(
     number: int,
     bands: FloatArray,
     nodes: FloatArray,
-    index: IntArray,
-    share: FloatArray,
-    sides: tuple[int, int],
+    node: IntArray,
+    psf: PsfSampler,
+    first: IntArray,
     key: np.uint64,
     counter: np.uint64,
-    work: Work,
 ) -> tuple[int, np.uint64]:
-    """Choose node, sub-band and part for each electron; return (number inside the PSF's box, counter)."""
-    first = work[0]
+    """Choose PSF node, sub-band and part for each electron, written to `first` (`first_word`).
+
+    bands (4,), nodes (k,): running sums of the electrons of sub-bands and of the weights of `node` (k,). Returns
+    (number inside the PSF's box, counter).
+    """
     count = 0
     for _ in range(number):
         which = word(key, counter)
@@ -170,48 +228,49 @@ def _choose(
         counter += _TWO
         f = pick(bands, high(which) * bands[3])
         k = pick(nodes, low(which) * nodes[-1])
-        inner, outer = share[index[k], f]
-        first[count] = first_word(index[k], f, np.int64(u >= inner), sides)  # type: ignore[arg-type]  # an int64 is an int to numba
+        inner, outer = psf.fraction[node[k], f]
+        first[count] = first_word(psf, node[k], f, np.int64(u >= inner))  # type: ignore[arg-type]  # an int64 is an int to numba
         count += np.int64(u < inner + outer)  # type: ignore[assignment]  # an int64 is an int to numba
     return count, counter
 
 
 @numba.njit(cache=True)
 def _draw(
-    count: int, place: Place, image: Image, psf: Cells, results: Results, work: Work, key: np.uint64, counter: np.uint64
+    count: int,
+    component: _Component,
+    image: CountedImage,
+    psf: PsfSampler,
+    shot: Shot,
+    batch: _Batch,
+    key: np.uint64,
+    counter: np.uint64,
 ) -> np.uint64:
-    """Draw and count the electrons whose tables are listed in `work`; return the counter."""
-    x, y, matrix, profile, shapes, i = place
-    first, px, py = work
-    from_psf(count, psf, first, px, py, key, counter)
+    """Draw and count the electrons whose tables are listed in `batch`; return the counter."""
+    from_psf(count, psf, batch.first, batch.px, batch.py, key, counter)
     after = counter + _TWO * np.uint64(count)
-    after = from_profile(count, matrix, profile, shapes, px, py, key, after)
-    _count(count, x, y, px, py, image, results, i, key, counter)
+    after = from_profile(count, component.profile, batch.px, batch.py, key, after)
+    _count(count, component, batch, image, shot, key, counter)
     return after
 
 
 @numba.njit(cache=True)
 def _draw_beyond(
     number: int,
-    place: Place,
-    image: Image,
-    psf: Cells,
-    tail: FloatArray,
-    results: Results,
-    work: Work,
+    component: _Component,
+    image: CountedImage,
+    psf: PsfSampler,
+    shot: Shot,
+    batch: _Batch,
     key: np.uint64,
     counter: np.uint64,
 ) -> np.uint64:
-    """Draw electrons from the wing beyond the PSF's box, and add their number to `results`; return the counter."""
-    x, y, matrix, profile, shapes, i = place
-    _, px, py = work
-    results[1][i] += number
-    half = 0.5 * psf[3] / psf[4]
-    while number > 0 and tail.size > 0:
+    """Draw electrons from the wing beyond the PSF's box, and add their number to `shot`; return the counter."""
+    shot.outside_box[component.row] += number
+    while number > 0 and psf.tail.size > 0:
         count = min(number, _BATCH)
-        after = from_wing(count, tail, half, px, py, key, counter + _TWO * np.uint64(count))
-        after = from_profile(count, matrix, profile, shapes, px, py, key, after)
-        _count(count, x, y, px, py, image, results, i, key, counter)
+        after = from_wing(count, psf, batch.px, batch.py, key, counter + _TWO * np.uint64(count))
+        after = from_profile(count, component.profile, batch.px, batch.py, key, after)
+        _count(count, component, batch, image, shot, key, counter)
         counter = after
         number -= count
     return counter
@@ -220,23 +279,25 @@ def _draw_beyond(
 @numba.njit(cache=True)
 def _count(
     count: int,
-    x: float,
-    y: float,
-    px: FloatArray,
-    py: FloatArray,
-    image: Image,
-    results: Results,
-    i: int,
+    component: _Component,
+    batch: _Batch,
+    image: CountedImage,
+    shot: Shot,
     key: np.uint64,
     counter: np.uint64,
 ) -> None:
     """Count the electrons that fall on the window and are kept."""
-    counted, response, maximum = image
-    on_window, _, box = results
+    counted = image.counted
+    response = image.response
+    maximum = image.maximum
+    px = batch.px
+    py = batch.py
+    box = shot.box
+    i = component.row
     ny, nx = counted.shape
     # truncation then finds the pixel
-    x = x + 0.5
-    y = y + 0.5
+    x = component.x + 0.5
+    y = component.y + 0.5
     hit = 0
     x0 = box[i, 0]
     x1 = box[i, 1] - 1
@@ -256,7 +317,7 @@ def _count(
             x1 = max(x1, np.int64(column))
             y0 = min(y0, np.int64(row))
             y1 = max(y1, np.int64(row))
-    on_window[i] += hit
+    shot.on_window[i] += hit
     box[i, 0] = x0
     box[i, 1] = x1 + 1
     box[i, 2] = y0

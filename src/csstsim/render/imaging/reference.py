@@ -34,7 +34,7 @@ from csstsim.render.canvas import Canvas, around
 from csstsim.render.drawn_table import DrawnTable
 from csstsim.render.extended import parts_at
 from csstsim.render.scene import make_scene
-from csstsim.render.wings import Held, Wings, add_ghosts, box_on_window, box_share
+from csstsim.render.wings import StampLight, Wings, add_ghosts, box_on_window, box_share
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -114,9 +114,9 @@ def draw_objects(canvas: Canvas, objects: ObjectTable, drawing: Drawing) -> Obje
                 parts += add_ghosts(plane, drawing.wcs.chip, at, light.sum(), ghosts)
             out.drawn[i] += sum(electrons for electrons, _ in parts)
             if parts and drawing.scattered is not None:
-                held = Held(cells.sum(), stamp.array.sum(), reach)
+                inside = StampLight(cells.sum(), stamp.array.sum(), reach)
                 near = max(float(wing_px[i]), NEAR)
-                out.drawn[i] += wings.add(at, light, held, wing_px[i], parts_at(scene, k), near)
+                out.drawn[i] += wings.add(at, light, inside, wing_px[i], parts_at(scene, k), near)
         missed = not (parts or flag & TOO_LARGE) and k < len(out.rows)
         out.flags[i] |= flag | (OFF_CHIP if missed else 0)
         if parts:
@@ -191,7 +191,7 @@ class Galaxies:
         names = "e1", "e2", "lost", "kappa", "gamma1", "gamma2"
         e1, e2, lost, kappa, gamma1, gamma2 = (float(self._objects[name][i]) for name in names)
         parts = []
-        for light, (_, index, size) in zip(self._scene.light.T, self._parts, strict=True):
+        for light, (_, index, size) in zip(self._scene.component_fractions.T, self._parts, strict=True):
             if light[i] > 0:
                 budget = folding or min(max(lost / light[i], FOLDING_MIN), FOLDING_MAX)
                 gsparams = galsim.GSParams(**GSPARAMS, folding_threshold=budget)

@@ -19,7 +19,7 @@ from csstsim.catalog.flags import NEGATIVE_CLIPPED, OFF_CHIP, OUTSIDE_PSF_HULL
 from csstsim.render.canvas import around
 from csstsim.render.imaging.stamper import Stamper
 from csstsim.render.psf_mixture import mixer_of
-from csstsim.render.wings import Held, Wings, add_ghosts, box_on_window
+from csstsim.render.wings import StampLight, Wings, add_ghosts, box_on_window
 
 if TYPE_CHECKING:
     from csstsim.instrument.chip import Chip, Window
@@ -90,10 +90,11 @@ def draw_scene(
         if ghosts is not None:
             parts += add_ghosts(canvas, chip, at, flux[i].sum(), ghosts)
         if parts:
-            out.drawn[i] = sum(light for light, _ in parts)
+            out.drawn[i] = sum(electrons for electrons, _ in parts)
             if scattered is not None:
-                held = Held(mixer.light(scene.node[i], share[i], wing is not None), whole, reach[i])
-                out.drawn[i] += wings.add(at, flux[i], held, wing_px[i], stamper.parts(i))
+                inside = mixer.light(scene.node[i], share[i], wing is not None)
+                light = StampLight(inside, whole, reach[i])
+                out.drawn[i] += wings.add(at, flux[i], light, wing_px[i], stamper.parts(i))
             out.box[i] = around([bounds for _, bounds in parts])
         else:
             out.flags[i] |= OFF_CHIP

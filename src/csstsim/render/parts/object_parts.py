@@ -1,14 +1,15 @@
 """Objects of several parts: rows added to a Scene for knots, and for images and the tiles of large ones.
 
-A row of a Scene has one place, one matrix and one share of its object's light. The first rows are the objects, in their
-order, as they are without parts. Knots are a row of their own. An image takes its object's row; if it covers many
-pixels it is cut in tiles, each with the PSF of its own place and a transform of moderate size.
+A row of a Scene has one position, one matrix and one fraction of its object's electrons. The first rows are the
+objects, in their order, as they are without parts. Knots are a row of their own. An image takes its object's row; if it
+covers many pixels it is cut in tiles, each with the PSF of its own position and a transform of moderate size.
 """
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numba
 import numpy as np
@@ -46,13 +47,21 @@ def with_parts(scene: Scene, objects: ObjectTable, psf: PsfSet, lens: Callable[[
     n = len(scene)
     images, tiles = _tiles(objects, pictured, lens)
     spots = Spots(knots.counts, knots.u, knots.v, images)
-    share = np.ones(n)
-    light = scene.light.copy()
-    share[knots.rows] = 1.0 - knots.share
-    light[knots.rows, 0] = np.maximum(light[knots.rows, 0] - knots.share, 0.0)  # the disk's light includes them
-    total = light[knots.rows].sum(axis=1, keepdims=True)
-    light[knots.rows] = np.where(total > 0, light[knots.rows] / np.where(total > 0, total, 1.0), [1.0, 0.0])
-    main = replace(scene, light=light, parent=np.arange(n), share=share, spot=np.full(n, -1), spots=spots)
+    fraction = np.ones(n)
+    components = scene.component_fractions.copy()
+    fraction[knots.rows] = 1.0 - knots.share
+    components[knots.rows, 0] = np.maximum(components[knots.rows, 0] - knots.share, 0.0)  # the disk's include them
+    total = components[knots.rows].sum(axis=1, keepdims=True)
+    scaled = components[knots.rows] / np.where(total > 0, total, 1.0)
+    components[knots.rows] = np.where(total > 0, scaled, [1.0, 0.0])
+    main = replace(
+        scene,
+        component_fractions=components,
+        parent=np.arange(n),
+        fraction_of_parent=fraction,
+        spot=np.full(n, -1),
+        spots=spots,
+    )
     rows = [main, _knot_rows(main, knots)]
     if tiles:
         made = _tile_rows(main, tiles, len(knots.rows), psf)
@@ -60,8 +69,8 @@ def with_parts(scene: Scene, objects: ObjectTable, psf: PsfSet, lens: Callable[[
         rows[0] = _replaced(main, made.take(np.flatnonzero(first)))
         rows.append(made.take(np.flatnonzero(~first)))
     whole = _joined(rows)
-    assert whole.share is not None  # from here on
-    return replace(whole, electrons=whole.share[:, None] * scene.electrons[whole.parent])
+    assert whole.fraction_of_parent is not None  # from here on
+    return replace(whole, electrons=whole.fraction_of_parent[:, None] * scene.electrons[whole.parent])
 
 
 def _replaced(main: Scene, made: Scene) -> Scene:
@@ -97,25 +106,46 @@ def _other_keys(keys: IntArray, parent: IntArray) -> IntArray:
 def _knot_rows(main: Scene, knots: Knots) -> Scene:
     """Return the rows of objects' knots."""
     made = main.take(knots.rows)
-    made.light[:] = 1.0, 0.0
+    made.component_fractions[:] = 1.0, 0.0
     made.sersic[:] = 0.0
     made.sersic[:, 0, 2] = knots.size  # for the pixels that they cover
-    return replace(made, share=knots.share, spot=np.arange(len(knots.rows)))
+    return replace(made, fraction_of_parent=knots.share, spot=np.arange(len(knots.rows)))
 
 
-class _Tile:
-    """A part of an object's image: its row, share, group of spots, place [px] from the object, matrix and size."""
+class _Cut(NamedTuple):
+    """A tile of an image.
 
-    def __init__(
-        self, row: int, share: float, group: int, at: FloatArray, matrix: FloatArray, size: float, first: bool
-    ) -> None:
-        self.row = row
-        self.share = share
-        self.group = group
-        self.at = at
-        self.matrix = matrix
-        self.size = size
-        self.first = first
+    * group: number among the groups of images
+    * fraction: of the image's flux
+    * middle: (2,) column, row [px of the image] from the middle of the image
+    * coefficients: (rows, columns), of sum 1
+    """
+
+    group: int
+    fraction: float
+    middle: FloatArray
+    coefficients: FloatArray
+
+
+class _Tile(NamedTuple):
+    """A tile of an object's image.
+
+    * row: of the object
+    * fraction: of the object's flux
+    * group: of spots, among those of images
+    * at: (2,) position from the object [px]
+    * matrix: (2, 2), pixel of the chip per pixel of the image
+    * size: half-light radius [px of the image]
+    * first: whether it is the first tile of its object
+    """
+
+    row: int
+    fraction: float
+    group: int
+    at: FloatArray
+    matrix: FloatArray
+    size: float
+    first: bool
 
 
 def _tiles(
@@ -125,12 +155,10 @@ def _tiles(
     if not len(rows):
         return [], []
     names = objects["image_file"][rows]
-    skies = []
-    scales, angles = (
-        objects[name][rows] if name in objects else np.zeros(len(rows)) for name in ("image_scale", "image_pa")
-    )
-    for name, scale, angle in zip(names, scales, angles, strict=True):
-        skies.append(sky_of(read_picture(name), scale, angle))
+    none = np.zeros(len(objects))
+    scales = objects.get("image_scale", none)[rows]
+    angles = objects.get("image_pa", none)[rows]
+    skies = [sky_of(read_picture(name), scale, angle) for name, scale, angle in zip(names, scales, angles, strict=True)]
     matrices = lens(rows) @ np.array(skies)
     steps = np.linalg.norm(matrices, axis=1)  # px per column, per row
     images: list[FloatArray] = []
@@ -140,35 +168,41 @@ def _tiles(
         picture = read_picture(name)
         largest = steps[names == name].max(axis=0)
         cut[name] = list(_cut(image_coefficients(picture.pixels), largest, len(images)))
-        images += [image for *_, image in cut[name]]
+        images += [part.coefficients for part in cut[name]]
     for row, name, matrix in zip(rows, names.tolist(), matrices, strict=True):
-        for i, (group, share, middle, image) in enumerate(cut[name]):
-            size = read_picture(name).half_light if len(cut[name]) == 1 else 0.35 * min(image.shape)
-            tiles.append(_Tile(row, share, group, matrix @ middle, matrix, size, i == 0))
+        for i, part in enumerate(cut[name]):
+            size = read_picture(name).half_light if len(cut[name]) == 1 else 0.35 * min(part.coefficients.shape)
+            tiles.append(_Tile(row, part.fraction, part.group, matrix @ part.middle, matrix, size, i == 0))
     return images, tiles
 
 
-def _cut(
-    coefficients: FloatArray, steps: FloatArray, first: int
-) -> Iterator[tuple[int, float, FloatArray, FloatArray]]:
-    """Yield (group, share of the light, middle (column, row) from that of the image, coefficients) of each tile."""
-    sides = [max(int(np.ceil(n * step / TILE_PX)), 1) for n, step in zip(coefficients.shape, steps[::-1], strict=True)]
-    edges = [np.linspace(0, n, k + 1).round().astype(int) for n, k in zip(coefficients.shape, sides, strict=True)]
-    for a, b in zip(edges[0][:-1], edges[0][1:], strict=True):
-        for c, d in zip(edges[1][:-1], edges[1][1:], strict=True):
-            tile = coefficients[a:b, c:d]
+def _cut(coefficients: FloatArray, steps: FloatArray, first: int) -> Iterator[_Cut]:
+    """Yield the tiles of an image that have flux; steps: pixels of the chip to a column, to a row; first: group."""
+    rows, columns = coefficients.shape
+    step_x, step_y = steps
+    edges_y = _edges(rows, step_y)
+    edges_x = _edges(columns, step_x)
+    for y0, y1 in itertools.pairwise(edges_y):
+        for x0, x1 in itertools.pairwise(edges_x):
+            tile = coefficients[y0:y1, x0:x1]
             light = tile.sum()
             if light > 0:
-                middle = np.array([c + d, a + b]) / 2 - np.array(coefficients.shape[::-1]) / 2
-                yield first, light, middle, tile / light
+                middle = np.array([x0 + x1, y0 + y1]) / 2 - np.array([columns, rows]) / 2
+                yield _Cut(first, light, middle, tile / light)
                 first += 1
+
+
+def _edges(count: int, step: float) -> IntArray:
+    """Return the edges of tiles along an axis of `count` pixels, each `step` pixels of the chip."""
+    tiles = max(int(np.ceil(count * step / TILE_PX)), 1)
+    return np.linspace(0, count, tiles + 1).round().astype(int)
 
 
 def _tile_rows(main: Scene, tiles: list[_Tile], first: int, psf: PsfSet) -> Scene:
     """Return the Scene of tiles; first: the group of the first image."""
     assert main.spots is not None
     made = main.take(np.array([tile.row for tile in tiles]))
-    made.light[:] = (1.0, 0.0)
+    made.component_fractions[:] = (1.0, 0.0)
     made.sersic[:] = 0.0
     made.sersic[:, 0, 2] = [tile.size for tile in tiles]
     at = np.array([tile.at for tile in tiles])
@@ -185,7 +219,7 @@ def _tile_rows(main: Scene, tiles: list[_Tile], first: int, psf: PsfSet) -> Scen
         node=node.astype(np.int64),
         weight=weight,
         outside=outside,
-        share=np.array([tile.share for tile in tiles]),
+        fraction_of_parent=np.array([tile.fraction for tile in tiles]),
         spot=spot,
         reach=None if made.reach is None else _reach_of(made.reach, at, main.spots.extent[spot], matrix),
     )

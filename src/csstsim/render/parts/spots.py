@@ -2,16 +2,16 @@
 
 A group of spots is a profile as a Sersic component is: photons are drawn from it, and stamps multiply its transform by
 that of the PSF. Knots are points of equal light. The pixels of an image are quadratic B-splines of one pixel with the
-coefficients that reproduce the light of each pixel (render.psf_table.spline_coefficients, as for the PSF), so the image
-is smooth between pixels and does not ring. Places are in arcsec (knots) or pixels of the image, before the 2 x 2 matrix
-of the object.
+coefficients that reproduce the flux of each pixel (render.psf_table.spline_coefficients, as for the PSF), so the image
+is smooth between pixels and does not ring. Positions are in arcsec (knots) or pixels of the image, before the 2 x 2
+matrix of the object.
 """
 
 from __future__ import annotations
 
 import math
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numba
 import numpy as np
@@ -31,11 +31,32 @@ _RINGS = 1e-3  # of the light in negative coefficients, above which they are fou
 _STEPS = 30  # ... of this number
 
 
+class SampledSpots(NamedTuple):
+    """Arrays of a Spots for compiled loops; keep, other: alias tables of the groups (`alias_table`), per spot."""
+
+    start: IntArray
+    u: FloatArray
+    v: FloatArray
+    keep: FloatArray
+    other: IntArray
+    blur: FloatArray
+
+
+class SpotGroup(NamedTuple):
+    """The positions u, v and the fractions of flux (n,), of sum 1, of one group of spots."""
+
+    u: FloatArray
+    v: FloatArray
+    light: FloatArray
+
+
 class Spots:
     """Groups of spots: first those of knots, then those of images.
 
-    start (groups + 1,): index of each group's first spot; u, v: places of all spots; blur (groups,): side of an image's
-    pixel, 0 for knots; extent (groups,): the largest distance of light from the origin.
+    * start: (groups + 1,), index of each group's first spot
+    * u, v: positions of all spots
+    * blur: (groups,), side of an image's pixel, 0 for knots
+    * extent: (groups,), the largest distance of flux from the origin
     """
 
     def __init__(
@@ -47,44 +68,43 @@ class Spots:
     ) -> None:
         """counts (k,), u, v (sum of counts,): knots; images: coefficients (rows, columns) of each, none negative."""
         lattices = [_lattice(image) for image in images]
-        sizes = [*np.asarray(counts, int), *(len(light) for _, _, light in lattices)]
+        sizes = [*np.asarray(counts, int), *(len(lattice.light) for lattice in lattices)]
         self.start = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-        self.u = np.concatenate([np.asarray(u, float), *(parts[0] for parts in lattices)])
-        self.v = np.concatenate([np.asarray(v, float), *(parts[1] for parts in lattices)])
+        self.u = np.concatenate([np.asarray(u, float), *(lattice.u for lattice in lattices)])
+        self.v = np.concatenate([np.asarray(v, float), *(lattice.v for lattice in lattices)])
         self.blur = np.concatenate([np.zeros(len(counts)), np.ones(len(lattices))])
         self._images = images
         self._knots = len(counts)
-        self._light = [light for _, _, light in lattices]
-        transform = lru_cache(_TRANSFORMS_KEPT)(lambda k: LatticeTransform(images[k]))
-        self._transform = transform
+        self._light = [lattice.light for lattice in lattices]
+        self._transform = lru_cache(_TRANSFORMS_KEPT)(lambda k: LatticeTransform(images[k]))
 
     def __len__(self) -> int:
         return len(self.blur)
 
     @cached_property
     def extent(self) -> FloatArray:
-        """(groups,) the largest distance of light from the origin."""
+        """(groups,) the largest distance of flux from the origin."""
         r = np.hypot(self.u, self.v)
         return np.array([r[a:b].max(initial=0.0) for a, b in zip(self.start[:-1], self.start[1:], strict=True)]) + (
             1.5 * math.sqrt(2.0) * self.blur
         )
 
     @cached_property
-    def sampled(self) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, IntArray, FloatArray]:
-        """Arrays for compiled loops: start, u, v, alias table (keep, other) and blur; knots need no table."""
+    def sampled(self) -> SampledSpots:
+        """The SampledSpots; knots have equal fluxes and need no alias table."""
         keep = np.ones(len(self.u))
         other = np.zeros(len(self.u), np.int32)
         for k, light in enumerate(self._light, self._knots):
             part = slice(self.start[k], self.start[k + 1])
             keep[part], other[part] = alias_table(light)
-        return self.start, self.u, self.v, keep, other, self.blur
+        return SampledSpots(self.start, self.u, self.v, keep, other, self.blur)
 
-    def group(self, k: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return (u, v, light) of the spots of group k, light summing to 1."""
+    def group(self, k: int) -> SpotGroup:
+        """Return the SpotGroup k."""
         part = slice(self.start[k], self.start[k + 1])
         count = self.start[k + 1] - self.start[k]
         light = np.full(count, 1 / count) if k < self._knots else self._light[k - self._knots]
-        return self.u[part], self.v[part], light
+        return SpotGroup(self.u[part], self.v[part], light)
 
     def image(self, k: int) -> FloatArray | None:
         """Return the coefficients (rows, columns) of group k, an image; None for knots."""
@@ -94,26 +114,25 @@ class Spots:
         """Return the transform of group k, light 1, at the frequencies of render.psf_mixture.transform, complex64."""
         image = self.image(k)
         if image is None:
-            u, v, _ = self.group(k)
-            x, y = matrix @ np.stack([u, v])
+            knots = self.group(k)
+            x, y = matrix @ np.stack([knots.u, knots.v])
             return _knots_transform(x, y, size, last)
         out = self._transform(k - self._knots).at(matrix, size, last)
         # Its origin is a pixel's centre; that of the group is the middle of the image
-        shift = matrix @ [n // 2 - (n - 1) / 2 for n in image.shape[::-1]]
-        if shift.any():
-            turn = [
-                np.exp(-2j * np.pi / size * s * np.arange(a, last + 1)) for s, a in zip(shift, (0, -last), strict=True)
-            ]
-            out *= (turn[1][:, None] * turn[0]).astype(np.complex64)
+        shift_x, shift_y = matrix @ [n // 2 - (n - 1) / 2 for n in image.shape[::-1]]
+        if shift_x or shift_y:
+            turn_x = np.exp(-2j * np.pi / size * shift_x * np.arange(last + 1))
+            turn_y = np.exp(-2j * np.pi / size * shift_y * np.arange(-last, last + 1))
+            out *= (turn_y[:, None] * turn_x).astype(np.complex64)
         return out
 
 
-def _lattice(coefficients: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return (u, v, light) of the pixels of an image that have light, from its middle."""
+def _lattice(coefficients: FloatArray) -> SpotGroup:
+    """Return the SpotGroup of the pixels of an image that have flux; positions from its middle."""
     rows, columns = np.nonzero(coefficients > 0)
     light = coefficients[rows, columns]
     ny, nx = coefficients.shape
-    return columns - (nx - 1) / 2, rows - (ny - 1) / 2, light / light.sum()
+    return SpotGroup(columns - (nx - 1) / 2, rows - (ny - 1) / 2, light / light.sum())
 
 
 def image_coefficients(pixels: FloatArray) -> FloatArray:

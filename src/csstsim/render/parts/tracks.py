@@ -7,22 +7,24 @@ pixel's column is exposed. Behind a grating each order of a line is a line as we
 projected across it: the sum of line-spread functions over wavelengths.
 
 Light goes to the plane of expected electrons in all fidelities; its Poisson noise is added once, in `poisson_and_dark`.
-At its ends a line fades as the PSF summed across it does, as far as the PSF's box. Beside a line the wing is drawn to
-_WING px. Left out: ghosts; the wing beyond the ends; the dispersion along a line where it ends, or passes from one
+At its ends a line fades as the PSF summed across it does, as far as the PSF's box. The wing is drawn to _WING px from
+the line. Left out: ghosts; the wing beyond the ends; the dispersion along a line where it ends, or passes from one
 grating's piece to the other's.
 """
 
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numba
 import numpy as np
 from scipy.ndimage import map_coordinates
 
 from csstsim.base.process.progress import progress
+from csstsim.base.types import FloatArray, IntArray
 from csstsim.catalog.changing.motion import Motion, seen_at
 from csstsim.optics.psf.psf_file import pixel_response
 from csstsim.render.drawn_table import DrawnTable
@@ -32,7 +34,6 @@ from csstsim.render.wings import box_share, wing_beyond
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from csstsim.base.types import FloatArray, IntArray
     from csstsim.catalog.light.object_spectra import Spectra
     from csstsim.catalog.table import ObjectTable
     from csstsim.instrument.chip import Window
@@ -44,7 +45,7 @@ if TYPE_CHECKING:
 
 METHOD = "track"
 _STEP = 0.125  # px, of the profiles across a line
-_NODE = 4.0  # px along the line between the places that are computed
+_NODE = 4.0  # px along the line between the positions that are computed
 _BLOCK = 512.0  # px
 _WING = 512.0  # px
 
@@ -66,7 +67,7 @@ def draw_tracks(
     out = DrawnTable(objects, flux.sum(axis=1) * time_seen)  # nearly: the line's columns are exposed for other times
     for i in progress(out.rows, "tracks"):
         begin = time.process_time()
-        line = _Line(objects.take(np.array([i])), drawing)
+        line = _Line.of(objects.take(np.array([i])), drawing)
         out.electrons[i] = flux[i].sum() * line.exposed
         if disperser is None:
             parts: Iterable[tuple[_Line, FloatArray, Order | None]] = [(line, flux[i], None)]
@@ -75,8 +76,8 @@ def draw_tracks(
             light = spectra(np.array([i]), disperser.edges)[0]
             out.electrons[i] = (light * disperser.rates.sum(axis=1).max(axis=0)).sum() * line.exposed
             parts = _orders(line, light, disperser)
-        for part, rates, shifts in parts:
-            drawn, box = _draw(canvas, part, rates, shifts, drawing, float(objects["trail_width"][i]), disperser)
+        for part, rates, order in parts:
+            drawn, box = _draw(canvas, part, rates, order, drawing, float(objects["trail_width"][i]), disperser)
             out.drawn[i] += drawn
             if box is not None:
                 old = out.box[i] if out.box[i, 1] > 0 else box
@@ -87,10 +88,18 @@ def draw_tracks(
     return out.table()
 
 
+@dataclass(frozen=True, eq=False)
 class _Line:
-    """Places x, y [px] along a track and the seconds of light for each pixel of length, as the response asks for it."""
+    """A track, or a part of one, at n positions."""
 
-    def __init__(self, row: ObjectTable, drawing: Drawing) -> None:
+    x: FloatArray  # (n,) px
+    y: FloatArray
+    seconds: FloatArray  # (n,) of light for each pixel of length, as the response asks for it
+    exposed: float  # s, of light of the whole track, as the response asks for it
+
+    @classmethod
+    def of(cls, row: ObjectTable, drawing: Drawing) -> Self:
+        """Return the track of a table's only row."""
         interval = drawing.interval
         chip = drawing.wcs.chip
         assert interval is not None and drawing.observer is not None  # given for objects that move
@@ -99,26 +108,60 @@ class _Line:
         count = max(int(np.ceil(row["trail_length"][0] / chip.telescope.pixel_scale / _NODE)), 2) + 1
         t = np.linspace(start, end, count)
         motion = Motion(row.with_columns(ra=row["ra_orig"], dec=row["dec_orig"]), interval)
-        self.x, self.y = (v[0] for v in seen_at(motion, drawing.wcs, drawing.observer, t[None])[4:])
-        opened, closed = interval.exposed(np.clip(self.x, 0, chip.detector.nx - 1))
+        *_, of_x, of_y = seen_at(motion, drawing.wcs, drawing.observer, t[None])
+        x = of_x[0]
+        y = of_y[0]
+        opened, closed = interval.exposed(np.clip(x, 0, chip.detector.nx - 1))
         slack = 1e-3 * (end - start)  # the ends are those of the middle's column
         lit = (t >= opened - slack) & (t <= closed + slack)
-        along = np.hypot(np.gradient(self.x), np.gradient(self.y))
+        along = np.hypot(np.gradient(x), np.gradient(y))
         more = interval.exptime / (closed - opened)
-        self.seconds = lit * np.gradient(t) / along * more
-        self.exposed = float(np.trapezoid(more, t))
+        return cls(x, y, lit * np.gradient(t) / along * more, float(np.trapezoid(more, t)))
 
-    def taken(self, rows: IntArray) -> _Line:
+    def take(self, rows: IntArray) -> _Line:
         """Return the part of the line at an array of rows, all next to each other."""
-        part = object.__new__(_Line)
-        part.x = self.x[rows]
-        part.y = self.y[rows]
-        part.seconds = self.seconds[rows]
-        return part
+        return replace(self, x=self.x[rows], y=self.y[rows], seconds=self.seconds[rows])
+
+
+class _Across(NamedTuple):
+    """The profile across a line: electrons / s (n,) for each px across, at distances d (n,) [px], _STEP apart.
+
+    shift: of the line's light along it [px], the mean.
+    """
+
+    d: FloatArray
+    spread: FloatArray
+    shift: float
+
+
+class _End(NamedTuple):
+    """How a line rises at its end: the fractions (n,) of its light, by _STEP from the distance `before` [px] on."""
+
+    before: float
+    rise: FloatArray
+
+
+class _Stretch(NamedTuple):
+    """A nearly straight stretch of a line on a window.
+
+    * x, y: of its first end [px of the window]
+    * cos, sin: of its angle
+    * length: from end to end [px]
+    * seconds: of light for each pixel of length, at every pixel of length
+    * bend: distance of the line from the straight one [px], likewise
+    """
+
+    x: float
+    y: float
+    cos: float
+    sin: float
+    length: float
+    seconds: FloatArray
+    bend: FloatArray
 
 
 def _orders(line: _Line, light: FloatArray, disperser: Disperser) -> Iterator[tuple[_Line, FloatArray, Order]]:
-    """Yield (part of the line, (bins,) electron / s, (piece, order)) of the orders of each grating's piece."""
+    """Yield (part of the line, (bins,) electron / s, order) of the orders of each grating's piece."""
     for piece, (grating, _) in enumerate(disperser.gratings.pieces):
         x0, x1, y0, y1 = disperser.rectangles[piece]
         rows = np.flatnonzero((line.x >= x0) & (line.x < x1) & (line.y >= y0) & (line.y < y1))
@@ -127,7 +170,7 @@ def _orders(line: _Line, light: FloatArray, disperser: Disperser) -> Iterator[tu
         for number, order in grating.orders.items():
             rates = light * disperser.rates[piece, disperser.orders.index(number)]
             if rates.sum() > 0:
-                yield line.taken(rows), rates, order
+                yield line.take(rows), rates, order
 
 
 def _draw(
@@ -148,16 +191,16 @@ def _draw(
     for first, last in zip(np.r_[0, edges], np.r_[edges, len(length) - 1], strict=True):
         if last <= first:
             continue
-        part = line.taken(np.arange(first, last + 1))
+        part = line.take(np.arange(first, last + 1))
         x = part.x
         y = part.y
         angle = np.arctan2(y[-1] - y[0], x[-1] - x[0])
         middle = 0.5 * (x[0] + x[-1]), 0.5 * (y[0] + y[-1])
         if order is None and not _meets(canvas.window, x, y):
             continue
-        d, spread, shift = _profile(rates, order, middle, angle, drawing, width, disperser)
+        profile = _profile(rates, order, middle, angle, drawing, width, disperser)
         mix = rates if disperser is None else disperser.psf_weights @ rates
-        found, box = _lay(canvas, part, angle, d, spread, shift, *_end(mix, middle, angle, drawing, width))
+        found, box = _lay(canvas, part, angle, profile, _end(mix, middle, angle, drawing, width))
         drawn += found
         boxes += [box] if box is not None else []
     if not boxes:
@@ -177,20 +220,8 @@ def _meets(window: Window, x: FloatArray, y: FloatArray) -> bool:
     )
 
 
-def _lay(
-    canvas: Canvas,
-    part: _Line,
-    angle: float,
-    d: FloatArray,
-    spread: FloatArray,
-    shift: float,
-    before: float,
-    rise: FloatArray,
-) -> tuple[float, IntArray | None]:
-    """Add a straight stretch to a Canvas; return (electrons, box or None).
-
-    spread: light at distances d [px] across; shift: of its light along [px]; before, rise: of `_end`.
-    """
+def _lay(canvas: Canvas, part: _Line, angle: float, profile: _Across, end: _End) -> tuple[float, IntArray | None]:
+    """Add a straight stretch to a Canvas; return (electrons, box or None)."""
     window = canvas.window
     cos = np.cos(angle)
     sin = np.sin(angle)
@@ -198,63 +229,59 @@ def _lay(
     v = part.y - part.y[0]
     along = u * cos + v * sin
     off = v * cos - u * sin
-    corner = part.x[0] - window.x0 + shift * cos, part.y[0] - window.y0 + shift * sin
+    x = part.x[0] - window.x0 + profile.shift * cos
+    y = part.y[0] - window.y0 + profile.shift * sin
     grid = np.arange(0.0, along[-1] + 1.0)  # px
     seconds = np.interp(grid, along, part.seconds)
     bend = np.interp(grid, along, off)
     touched = np.array([window.nx, 0, window.ny, 0])
     assert canvas.expected is not None  # None: for photons alone
-    total = _fill(
-        canvas.expected, canvas.seen, corner, (cos, sin), float(along[-1]), seconds, bend, float(d[0]), spread, before,
-        rise, touched,
-    )  # fmt: skip
+    stretch = _Stretch(x, y, cos, sin, float(along[-1]), seconds, bend)
+    total = _fill(canvas.expected, canvas.seen, stretch, profile, end, touched)
     return total, None if touched[1] == 0 else touched + canvas.corner
 
 
 @numba.njit(cache=True)
-def _rises(rise: FloatArray, before: float, s: float) -> float:
-    """Return the share of an end's light before a place s [px] from it."""
-    place = (s - before) / _STEP
-    if place <= 0.0:
+def _rises(end: _End, s: float) -> float:
+    """Return the fraction of an end's light before a position s [px] from it."""
+    rise = end.rise
+    step = (s - end.before) / _STEP
+    if step <= 0.0:
         return 0.0
-    j = int(place)
+    j = int(step)
     if j >= len(rise) - 1:
         return 1.0
-    return rise[j] + (place - j) * (rise[j + 1] - rise[j])
+    return rise[j] + (step - j) * (rise[j + 1] - rise[j])
 
 
 @numba.njit(cache=True)
 def _fill(
-    image: FloatArray,
-    response: FloatArray,
-    corner: tuple[float, float],
-    turn: tuple[float, float],
-    length: float,
-    seconds: FloatArray,
-    bend: FloatArray,
-    first: float,
-    spread: FloatArray,
-    before: float,
-    rise: FloatArray,
-    touched: IntArray,
+    image: FloatArray, response: FloatArray, stretch: _Stretch, profile: _Across, end: _End, touched: IntArray
 ) -> float:
-    cos, sin = turn
+    """Add a stretch to `image`; return the electrons, and widen the box `touched` (x0, x1, y0, y1)."""
+    cos = stretch.cos
+    sin = stretch.sin
+    length = stretch.length
+    seconds = stretch.seconds
+    bend = stretch.bend
+    spread = profile.spread
     total = 0.0
+    first = profile.d[0]
     last = first + (len(spread) - 1) * _STEP
     reach = max(-first, last) + np.abs(bend).max() + 1.0
-    x_end = corner[0] + length * cos
-    y_end = corner[1] + length * sin
-    low = max(int(min(corner[1], y_end) - reach), 0)
-    high = min(int(max(corner[1], y_end) + reach) + 1, image.shape[0])
-    left = max(int(min(corner[0], x_end) - reach), 0)
-    right = min(int(max(corner[0], x_end) + reach) + 1, image.shape[1])
+    x_end = stretch.x + length * cos
+    y_end = stretch.y + length * sin
+    low = max(int(min(stretch.y, y_end) - reach), 0)
+    high = min(int(max(stretch.y, y_end) + reach) + 1, image.shape[0])
+    left = max(int(min(stretch.x, x_end) - reach), 0)
+    right = min(int(max(stretch.x, x_end) + reach) + 1, image.shape[1])
     for row in range(low, high):
         line = 0.0
-        v = row - corner[1]
+        v = row - stretch.y
         for column in range(left, right):
-            u = column - corner[0]
+            u = column - stretch.x
             s = u * cos + v * sin
-            if s < before or s > length - before:
+            if s < end.before or s > length - end.before:
                 continue
             at = min(max(s, 0.0), length)
             k = min(int(at), len(seconds) - 2)
@@ -262,17 +289,19 @@ def _fill(
             d = v * cos - u * sin - ((1 - w) * bend[k] + w * bend[k + 1])
             if d < first or d >= last:
                 continue
-            place = (d - first) / _STEP
-            j = int(place)
-            f = place - j
+            step = (d - first) / _STEP
+            j = int(step)
+            f = step - j
             light = ((1 - w) * seconds[k] + w * seconds[k + 1]) * ((1 - f) * spread[j] + f * spread[j + 1])
-            light *= _rises(rise, before, s) - _rises(rise, before, s - length)
+            light *= _rises(end, s) - _rises(end, s - length)
             value = light * response[row, column]
             if value > 0:
                 image[row, column] += value
                 line += value
-                touched[0], touched[1] = min(touched[0], column), max(touched[1], column + 1)
-                touched[2], touched[3] = min(touched[2], row), max(touched[3], row + 1)
+                touched[0] = min(touched[0], column)
+                touched[1] = max(touched[1], column + 1)
+                touched[2] = min(touched[2], row)
+                touched[3] = max(touched[3], row + 1)
         total += line
     return total
 
@@ -285,17 +314,17 @@ def _profile(
     drawing: Drawing,
     width: float,
     disperser: Disperser | None,
-) -> tuple[FloatArray, FloatArray, float]:
-    """Return (d, spread, along): electron / s for each px across at distances d [px], and the mean shift along [px].
+) -> _Across:
+    """Return the profile across a line at its middle; rates: (4,) of sub-bands, or (bins,) of an order [electron / s].
 
-    rates: (4,) of sub-bands, or (bins,) of an order.
+    width: of the disc that an object out of focus is [arcsec].
     """
     d, bands = _line_spread(drawing, middle, angle)
     if width > 0:
         bands = _widened(bands, width / drawing.wcs.chip.telescope.pixel_scale)
         d = d[0] + _STEP * (np.arange(bands.shape[1]) - (bands.shape[1] - len(d)) / 2)
     if order is None:
-        return d, rates @ bands, 0.0
+        return _Across(d, rates @ bands, 0.0)
     assert disperser is not None  # of which it is an order
     p, q, r, s = order.lines(np.array([middle[0]]), np.array([middle[1]]))[0]
     waves = 0.5 * (disperser.edges[1:] + disperser.edges[:-1])
@@ -307,31 +336,27 @@ def _profile(
     first = across[lit].min() + d[0]
     last = across[lit].max() + d[-1]
     count = int(np.ceil((last - first) / _STEP)) + 2
-    place = (across[lit] - across[lit].min()) / _STEP
+    steps = (across[lit] - across[lit].min()) / _STEP
     weights = rates[lit] * disperser.psf_weights[:, lit]
     spots = np.zeros((4, count - len(d) + 1))
-    k = place.astype(int)
-    f = place - k
+    k = steps.astype(int)
+    f = steps - k
     for band in range(4):
         np.add.at(spots[band], k, (1 - f) * weights[band])
         np.add.at(spots[band], np.minimum(k + 1, spots.shape[1] - 1), f * weights[band])
     spread: FloatArray = sum(np.convolve(spots[band], bands[band]) for band in range(4))  # type: ignore[assignment]  # not 0
-    return first + _STEP * np.arange(len(spread)), spread, float(np.average(along[lit], weights=rates[lit]))
+    shift = float(np.average(along[lit], weights=rates[lit]))
+    return _Across(first + _STEP * np.arange(len(spread)), spread, shift)
 
 
-def _end(
-    mix: FloatArray, middle: tuple[float, float], angle: float, drawing: Drawing, width: float
-) -> tuple[float, FloatArray]:
-    """Return (before [px], (n,) shares): how the light of a line rises at its end, by _STEP from `before` the end.
-
-    mix: (4,) light of the sub-bands. An end is as round as the PSF's box makes it.
-    """
+def _end(mix: FloatArray, middle: tuple[float, float], angle: float, drawing: Drawing, width: float) -> _End:
+    """Return the _End of a line, as round as the PSF's box makes it; mix: (4,) light of the sub-bands."""
     _, bands = _box_spread(drawing, middle, angle - np.pi / 2)
     if width > 0:
         bands = _widened(bands, width / drawing.wcs.chip.telescope.pixel_scale)
     along = mix @ bands
     rise = np.cumsum(along) - 0.5 * along  # to the middle of each step
-    return -_STEP * (len(along) - 1) / 2, rise / along.sum()
+    return _End(-_STEP * (len(along) - 1) / 2, rise / along.sum())
 
 
 def _line_spread(drawing: Drawing, middle: tuple[float, float], angle: float) -> tuple[FloatArray, FloatArray]:
@@ -387,5 +412,5 @@ def _widened(bands: FloatArray, width: float) -> FloatArray:
     """Return the line-spread functions (4, n) convolved with a disc of `width` px seen edge-on."""
     edges = np.arange(-np.ceil(width / 2 / _STEP) - 0.5, np.ceil(width / 2 / _STEP) + 1) * _STEP
     z = np.clip(2 * edges / width, -1.0, 1.0)
-    share = np.diff(0.5 + (z * np.sqrt(1 - z**2) + np.arcsin(z)) / np.pi)
-    return np.stack([np.convolve(band, share) for band in bands])
+    fractions = np.diff(0.5 + (z * np.sqrt(1 - z**2) + np.arcsin(z)) / np.pi)
+    return np.stack([np.convolve(band, fractions) for band in bands])

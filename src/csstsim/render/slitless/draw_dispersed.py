@@ -60,20 +60,20 @@ def draw_dispersed(
     slabs. The table of orders (columns: io.orders) has a row for each object, piece and order whose light may land on
     the window.
     """
-    work = Work(objects, disperser, drawing)
-    scene = work.scene
-    visits = work.visits
-    result = work.result
+    job = DispersedJob(objects, disperser, drawing)
+    scene = job.scene
+    visits = job.visits
+    result = job.result
     wing = drawing.wing
     choice = policy.choose_dispersed(scene, drawing, disperser, canvas.maximum)
     if (choice.method == policy.PHOTONS).any():
         canvas.count()
     assert drawing.key is not None and choice.allowed is not None
-    keys = part_keys(object_keys_of(drawing.key, scene.ids[: work.count]), scene)
+    keys = part_keys(object_keys_of(drawing.key, scene.ids[: job.count]), scene)
     own = _visit_keys(keys, visits)
     for kind, optics, chunk in progress(_chunks(scene, choice, disperser), "spectra"):
         at, some = _visits_of(chunk, visits, len(scene))
-        light = _light(work, choice, chunk, spectra, optics, policy.PHOTONS_MAX if kind == policy.PHOTONS else _MOST)
+        light = _light(job, choice, chunk, spectra, optics, policy.PHOTONS_MAX if kind == policy.PHOTONS else _MOST)
         result.nominal(at, some, light, optics.rates)
         begin = time.process_time()
         traces = Traces(light, some, optics)
@@ -83,12 +83,12 @@ def draw_dispersed(
             result.drawn[at] = drawn.drawn
             result.box[at] = drawn.box
             result.ms[at] = drawn.ms
-            np.bitwise_or.at(work.out.flags, work.rows[visits[at, 0]], drawn.flags)
+            np.bitwise_or.at(job.out.flags, job.rows[visits[at, 0]], drawn.flags)
             continue
         assert drawing.tables is not None
         result.drawn[at], result.box[at] = shoot_spectra(canvas, few, traces, own[at], drawing.tables, wing)
         result.ms[at] = 1000 * (time.process_time() - begin) / max(len(at), 1)
-    return tables_of(work, choice, canvas.window)
+    return tables_of(job, choice, canvas.window)
 
 
 def _chunks(scene: Scene, choice: Choice, disperser: Disperser) -> Iterator[tuple[int, Disperser, IntArray]]:
@@ -112,7 +112,7 @@ def _visits_of(chunk: IntArray, visits: IntArray, count: int) -> tuple[IntArray,
 
 
 def _light(
-    work: Work,
+    job: DispersedJob,
     choice: Choice,
     chunk: IntArray,
     spectra: Callable[[IntArray, FloatArray], FloatArray],
@@ -123,11 +123,11 @@ def _light(
 
     Bad: negative, not finite, or of more than `most` electrons, although the fluxes at selection were smaller.
     """
-    light = spectra(work.rows[chunk], optics.edges)
-    if work.scene.share is not None:
-        light = light * work.scene.share[chunk, None]
-    bad = np.flatnonzero(_bad(light, work.exptime, optics.rates.sum(axis=1).max(axis=0), most))
-    work.out.flags[work.rows[chunk[bad]]] |= BAD_VALUE
+    light = spectra(job.rows[chunk], optics.edges)
+    if job.scene.fraction_of_parent is not None:
+        light = light * job.scene.fraction_of_parent[chunk, None]
+    bad = np.flatnonzero(_bad(light, job.exptime, optics.rates.sum(axis=1).max(axis=0), most))
+    job.out.flags[job.rows[chunk[bad]]] |= BAD_VALUE
     choice.method[chunk[bad]] = policy.NONE
     return light
 
@@ -158,8 +158,12 @@ def _bad(light: FloatArray, exptime: float, rates: FloatArray, most: float) -> B
     return bad
 
 
-class Work:
-    """The objects to draw: their Scene, its rows in the table, its visits to the grating's pieces, results."""
+class DispersedJob:
+    """The objects of a chip with gratings that are to be rendered, and what was rendered of them.
+
+    scene: their Scene; rows: of the table, for each row of the Scene; visits: of the Scene's rows to the pieces of the
+    grating; count: of objects, before parts; out: DrawnTable; result: of the visits.
+    """
 
     def __init__(self, objects: ObjectTable, disperser: Disperser, drawing: Drawing) -> None:
         self.disperser = disperser
@@ -235,13 +239,15 @@ def _sums(light: FloatArray, rows: IntArray, rates: FloatArray) -> FloatArray:
     return out
 
 
-def tables_of(work: Work, choice: Choice, window: Window, slabs: str = "slabs") -> tuple[ObjectTable, ObjectTable]:
+def tables_of(
+    job: DispersedJob, choice: Choice, window: Window, slabs: str = "slabs"
+) -> tuple[ObjectTable, ObjectTable]:
     """Return (table of objects, table of their orders); `slabs`: name of the method where STAMP was chosen."""
-    out = work.out
-    rows = work.rows
-    scene = work.scene
-    visits = work.visits
-    result = work.result
+    out = job.out
+    rows = job.rows
+    scene = job.scene
+    visits = job.visits
+    result = job.result
     count = len(out.drawn)
     at = rows[visits[:, 0]]
     np.add.at(out.drawn, at, result.drawn.sum(axis=1))
@@ -268,23 +274,23 @@ def tables_of(work: Work, choice: Choice, window: Window, slabs: str = "slabs") 
     out.box[:, 1::2] = high
     out.miss((out.drawn == 0) & (out.method == slabs))
     if scene.parent is not None:
-        work.visits, work.result = _of_objects(work)
-        at = rows[work.visits[:, 0]]
-    return out.table(), _orders(work, at, window)
+        job.visits, job.result = _of_objects(job)
+        at = rows[job.visits[:, 0]]
+    return out.table(), _orders(job, at, window)
 
 
-def _of_objects(work: Work) -> tuple[IntArray, _Result]:
+def _of_objects(job: DispersedJob) -> tuple[IntArray, _Result]:
     """Return (visits, _Result) of the objects, each with what was drawn of its parts: an object's order is one row."""
-    visits = work.visits
-    result = work.result
-    scene = work.scene
+    visits = job.visits
+    result = job.result
+    scene = job.scene
     assert scene.parent is not None
-    mine = np.flatnonzero(visits[:, 0] < work.count)
-    place = np.full((work.count, 2), -1)
+    mine = np.flatnonzero(visits[:, 0] < job.count)
+    place = np.full((job.count, 2), -1)
     place[visits[mine, 0], visits[mine, 1]] = np.arange(len(mine))
     to = place[scene.parent[visits[:, 0]], visits[:, 1]]
     told = to >= 0  # a tile may visit a piece that the middle of its image does not
-    merged = _Result(visits[mine], work.disperser)
+    merged = _Result(visits[mine], job.disperser)
     for total, part in ((merged.electrons, result.electrons), (merged.drawn, result.drawn), (merged.ms, result.ms)):
         np.add.at(total, to[told], part[told])
     low = np.full((*merged.drawn.shape, 2), np.iinfo(np.int32).max)
@@ -298,13 +304,13 @@ def _of_objects(work: Work) -> tuple[IntArray, _Result]:
     return visits[mine], merged
 
 
-def _orders(work: Work, at: IntArray, window: Window) -> ObjectTable:
+def _orders(job: DispersedJob, at: IntArray, window: Window) -> ObjectTable:
     """Return the table of orders, one row per visit and order; at: (v,) rows of the objects table."""
-    objects = work.out.objects
-    scene = work.scene
-    visits = work.visits
-    result = work.result
-    disperser = work.disperser
+    objects = job.out.objects
+    scene = job.scene
+    visits = job.visits
+    result = job.result
+    disperser = job.disperser
     assert scene.reach is not None
     cut = disperser.cut(visits, scene.x, scene.y, scene.reach)
     columns = []

@@ -10,38 +10,35 @@ of each point's wing is softened over the distance between points, so that the s
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numba
 import numpy as np
 
+from csstsim.base.types import FloatArray
 from csstsim.profiles.log_table import read
 from csstsim.render.extended import POINT, SHARP_PX, WIDE_PX, beyond_stamp, spread
 from csstsim.render.far_wings import OVER, WHOLE, Side, between
-from csstsim.render.wing_tables import tables
+from csstsim.render.wing_tables import Annulus, annuli
 from csstsim.render.wings import NEAR, near_light, ring_within, wing_beyond, wing_share
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from csstsim.base.types import FloatArray, Floats
+    from csstsim.base.types import Floats
     from csstsim.instrument.chip import Window
     from csstsim.render.canvas import Box, Canvas
     from csstsim.render.extended import Part
-    from csstsim.render.wing_tables import Far
-    from csstsim.render.wings import Held, Wings
+    from csstsim.render.wing_tables import RadialProfile
+    from csstsim.render.wings import StampLight, Wings
 
 LINE_STEP = 8.0  # px
 LINE_NEAR = NEAR[0]  # px: from here to twice that the meshes take over
-# Edges [px] of the annuli around a point (from an edge to twice that, the next takes over), points merged in each
-# annulus, and its mesh: for a wing that shows (first annulus pixel by pixel: None), and for a haze
-_SHOWN = (LINE_NEAR, 2 * LINE_NEAR, *OVER), (1, 3, 8, 16, 32, 64, 128), (None, 0, 0, 1, 2, 3, 4)
-_HAZE = OVER, (8, 16, 32, 64, 128), (0, 1, 2, 3, 4)
 BLOCK = 8  # px between computed values along a row
 _ROWS = BLOCK // 2  # px between computed rows
 _AT = np.arange(BLOCK) / BLOCK
 CUBIC = np.stack(
-    [  # weights of four values, at -1, 0, 1, 2, at each place between 0 and 1
+    [  # weights of four values, at -1, 0, 1, 2, at each position between 0 and 1
         -_AT * (_AT - 1) * (_AT - 2) / 6,
         (_AT + 1) * (_AT - 1) * (_AT - 2) / 2,
         -(_AT + 1) * _AT * (_AT - 2) / 2,
@@ -50,99 +47,125 @@ CUBIC = np.stack(
 )
 
 
-def points_of(x: FloatArray, y: FloatArray, light: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return ((m, 2) positions, (m, 4) light): a spectrum at x, y (bins,) [px] as points about LINE_STEP apart.
+class _Meshes(NamedTuple):
+    """How the annuli around the points of a spectrum are rendered, from the inner to the outer one.
 
-    light: (4, bins) electrons of each wavelength of the PSF.
+    * edges: between the annuli [px]; from an edge to twice that, the next annulus takes over
+    * together: points merged in each annulus
+    * levels: mesh of each annulus; None: pixel by pixel
+    """
+
+    edges: tuple[float, ...]
+    together: tuple[int, ...]
+    levels: tuple[int | None, ...]
+
+
+_SHOWN = _Meshes((LINE_NEAR, 2 * LINE_NEAR, *OVER), (1, 3, 8, 16, 32, 64, 128), (None, 0, 0, 1, 2, 3, 4))
+_HAZE = _Meshes(OVER, (8, 16, 32, 64, 128), (0, 1, 2, 3, 4))
+
+
+class LinePoints(NamedTuple):
+    """A spectrum as m points about LINE_STEP apart: positions (m, 2), x and y [px], and electrons (m, 4).
+
+    The electrons are those of each wavelength of the PSF set.
+    """
+
+    positions: FloatArray
+    electrons: FloatArray
+
+
+def points_of(x: FloatArray, y: FloatArray, light: FloatArray) -> LinePoints:
+    """Return the LinePoints of a spectrum at x, y (bins,) [px].
+
+    light: (4, bins) electrons of each wavelength of the PSF set.
     """
     which = np.floor((x - x.min()) / LINE_STEP).astype(int)
     total = light.sum(axis=0)
     sums = np.stack([np.bincount(which, band) for band in light], axis=1)
     lit = sums.sum(axis=1)
     used = lit > 0
-    places = np.stack([np.bincount(which, total * v)[used] / lit[used] for v in (x, y)], axis=1)
-    return places, sums[used]
+    positions = np.stack([np.bincount(which, total * v)[used] / lit[used] for v in (x, y)], axis=1)
+    return LinePoints(positions, sums[used])
 
 
-def order_wing(wing_px: float, share: float, half: float) -> float:
+def order_wing(wing_px: float, fraction: float, half: float) -> float:
     """Return the radius [px] beyond which noise hides the wing of an order; 0: it hides all of it.
 
-    wing_px: that radius for the object's light; share: the order's light over the object's; half: half the side of the
+    wing_px: that radius for the object's flux; fraction: the order's flux over the object's; half: half the side of the
     PSF's box [px].
     """
-    reach = wing_px * np.cbrt(min(share, 1.0))
+    reach = wing_px * np.cbrt(min(fraction, 1.0))
     return reach if reach > half else 0.0
 
 
 def add_line(
     wings: Wings,
-    points: tuple[FloatArray, FloatArray],
-    held: Held,
+    points: LinePoints,
+    light: StampLight,
     wing_px: float,
     parts: Sequence[Part] = POINT,
     side: Side = WHOLE,
 ) -> tuple[float, Box | None]:
     """Add the light that the stamps along a spectrum leave out; return (electrons on the window, box or None).
 
-    wings: render.wings.Wings; points: from `points_of`, with all electrons of the spectrum; held: Held, (4,) fractions
-    of them, by wavelength of the PSF set; wing_px: radius [px] beyond which noise hides the wing, 0: everywhere; parts:
-    the object's render.extended.Parts; side: (x0, x1, y0, y1) px from each point, beyond which light is cut off. The
+    wings: render.wings.Wings; points: from `points_of`, with all electrons of the spectrum; light: StampLight, (4,)
+    fractions of them, by wavelength of the PSF set; wing_px: radius [px] beyond which noise hides the wing, 0:
+    everywhere; parts: the object's render.extended.Parts; side: Side of each point, beyond which light is cut off. The
     box (x0, x1, y0, y1 on the chip, half-open) is that of the wing as far as it shows.
     """
-    (places, flux), wing, half = points, wings.wing, wings.half
+    positions = points.positions
+    flux = points.electrons
+    wing = wings.wing
+    half = wings.half
     haze: Floats = 0.0
     added = 0.0
     box = None
-    if wing is not None and len(places):
+    if wing is not None and len(positions):
         far = wing_beyond(wing, half, wing_px > 0)
         shown = wing_beyond(wing, half)
         total = flux.sum(axis=0)
-        share = wing_share(total, (total * held.inside).sum(), shown.light)
+        ratio = wing_share(total, (total * light.inside).sum(), shown.light)
         for part in parts:
-            annuli, least = (_SHOWN, SHARP_PX) if wing_px > 0 else (_HAZE, WIDE_PX)
-            added += _add(wings, places, part.share * share * flux, spread(far, part, least), annuli, side)
-        haze = share * (shown.light - far.light)
-        box = _box(wings.canvas.window, places, wing_px) if wing_px > 0 else None
-    missing = held.inside - held.drawn
-    around = beyond_stamp(parts, held.reach) if held.reach >= half else []
-    for share, tail in around:
-        added += _add(wings, places, share * flux * missing, tail, _HAZE, side)
-    within = haze + (0.0 if around else near_light(missing, held.inside, wing))
+            meshes, minimum = (_SHOWN, SHARP_PX) if wing_px > 0 else (_HAZE, WIDE_PX)
+            electrons = part.fraction * ratio * flux
+            added += _add(wings, LinePoints(positions, electrons), spread(far, part, minimum), meshes, side)
+        haze = ratio * (shown.light - far.light)
+        box = _box(wings.canvas.window, positions, wing_px) if wing_px > 0 else None
+    missing = light.inside - light.drawn
+    around = beyond_stamp(parts, light.reach) if light.reach >= half else []
+    for fraction, tail in around:
+        added += _add(wings, LinePoints(positions, fraction * flux * missing), tail, _HAZE, side)
+    within = haze + (0.0 if around else near_light(missing, light.inside, wing))
     for part in parts:
-        added += _add(wings, places, part.share * flux * within, spread(ring_within(half), part), _HAZE, side)
+        electrons = part.fraction * flux * within
+        added += _add(wings, LinePoints(positions, electrons), spread(ring_within(half), part), _HAZE, side)
     return added, box
 
 
-def _add(
-    wings: Wings,
-    places: FloatArray,
-    flux: FloatArray,
-    far: Far,
-    annuli: tuple[tuple[float, ...], tuple[int, ...], tuple[int | None, ...]],
-    side: Side,
-) -> float:
-    """Add the light of a Far around each position; return the electrons on the window."""
-    edges, together, levels = annuli
-    drawn = 0.0
+def _add(wings: Wings, points: LinePoints, radial: RadialProfile, meshes: _Meshes, side: Side) -> float:
+    """Add a RadialProfile around each point; return the electrons on the window."""
+    added = 0.0
     add = wings.meshes.add
-    for (profile, first, reach), points, level in zip(tables(far, edges), together, levels, strict=True):
-        if not reach:
+    for annulus, together, level in zip(annuli(radial, meshes.edges), meshes.together, meshes.levels, strict=True):
+        if not annulus.reach:
             continue
-        at, lines = _merged(places, flux, points, profile)
+        at, lines = _merged(points, together, annulus.table)
         if level is None:
-            drawn += _near(wings.canvas, at, lines, first, reach, side)
+            added += _near(wings.canvas, at, annulus._replace(table=lines), side)
             continue
-        soft = points * LINE_STEP
+        soft = together * LINE_STEP
         # Numbers of Python, not of numpy: an annulus costs its pixels, not its arguments
-        drawn += sum(
-            add(level, xy, (line, first, reach), side, soft) for xy, line in zip(at.tolist(), lines, strict=True)
+        added += sum(
+            add(level, xy, Annulus(line, annulus.first, annulus.reach), side, soft)
+            for xy, line in zip(at.tolist(), lines, strict=True)
         )
-    return drawn
+    return added
 
 
-def _box(window: Window, places: FloatArray, reach: float) -> Box | None:
-    """Return (x0, x1, y0, y1) of the window's pixels within `reach` of the places along both axes, or None."""
-    (x0, y0), (x1, y1) = places.min(axis=0) - reach, places.max(axis=0) + reach
+def _box(window: Window, positions: FloatArray, reach: float) -> Box | None:
+    """Return (x0, x1, y0, y1) of the window's pixels within `reach` of the positions along both axes, or None."""
+    x0, y0 = positions.min(axis=0) - reach
+    x1, y1 = positions.max(axis=0) + reach
     box = (
         max(math.ceil(x0), window.x0),
         min(math.floor(x1) + 1, window.x1),
@@ -153,25 +176,27 @@ def _box(window: Window, places: FloatArray, reach: float) -> Box | None:
 
 
 @numba.njit(cache=True)
-def _merged(places: FloatArray, flux: FloatArray, points: int, profile: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the positions (g, 2) and profiles (g, nodes) of groups of `points` consecutive points, merged into one.
+def _merged(points: LinePoints, together: int, profile: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the positions (g, 2) and profiles (g, nodes) of groups of `together` consecutive points, merged into one.
 
-    places (m, 2), flux (m, 4), by sub-band; profile: (4, nodes). A group stands at its mean place, weighted by light.
+    profile: (4, nodes). A group stands at its mean position, weighted by electrons.
     """
-    groups = -(-len(places) // points)
+    positions = points.positions
+    flux = points.electrons
+    groups = -(-len(positions) // together)
     at = np.zeros((groups, 2))
     lines = np.zeros((groups, profile.shape[1]))
     for g in range(groups):
-        begin = g * points
-        end = min((g + 1) * points, len(places))
+        begin = g * together
+        end = min((g + 1) * together, len(positions))
         dark = not np.abs(flux[begin:end]).sum() > 0
         weights = 0.0
         for m in range(begin, end):
             weight = 1.0 if dark else abs(flux[m, 0]) + abs(flux[m, 1]) + abs(flux[m, 2]) + abs(flux[m, 3])
             weights += weight
-            at[g, 0] += weight * places[m, 0]
-            at[g, 1] += weight * places[m, 1]
-        at[g] = at[g] / weights if points > 1 else places[g]
+            at[g, 0] += weight * positions[m, 0]
+            at[g, 1] += weight * positions[m, 1]
+        at[g] = at[g] / weights if together > 1 else positions[g]
         line = lines[g]
         for b in range(len(profile)):
             light = flux[begin:end, b].sum()
@@ -181,16 +206,20 @@ def _merged(places: FloatArray, flux: FloatArray, points: int, profile: FloatArr
     return at, lines
 
 
-def _near(canvas: Canvas, places: FloatArray, lines: FloatArray, first: int, reach: float, side: Side) -> float:
-    """Add the tables' values around places on the chip, pixel by pixel; return the electrons on the window."""
+def _near(canvas: Canvas, positions: FloatArray, annulus: Annulus, side: Side) -> float:
+    """Add annuli around positions (m, 2) on the chip, pixel by pixel; return the electrons on the window.
+
+    annulus: its table (m, nodes), of each.
+    """
     window = canvas.window
-    box = _box(window, places, reach)
+    box = _box(window, positions, annulus.reach)
     if box is None:
         return 0.0
     assert canvas.expected is not None  # None: for photons alone
-    cut = box[0] - window.x0, box[1] - window.x0, box[2] - window.y0, box[3] - window.y0
-    corner = np.array([box[0], box[2]], float)
-    return _add_near(canvas.expected, canvas.seen, cut, places - corner, reach, lines, first, side)
+    x0, x1, y0, y1 = box
+    cut = x0 - window.x0, x1 - window.x0, y0 - window.y0, y1 - window.y0
+    corner = np.array([x0, y0], float)
+    return _add_near(canvas.expected, canvas.seen, cut, positions - corner, annulus, side)
 
 
 @numba.njit(cache=True)
@@ -198,35 +227,38 @@ def _add_near(
     image: FloatArray,
     response: FloatArray,
     box: Box,
-    places: FloatArray,
-    reach: float,
-    lines: FloatArray,
-    first_node: int,
+    positions: FloatArray,
+    annulus: Annulus,
     side: Side,
 ) -> float:
-    """Add the tables' values around positions (m, 2), relative to the corner of a box of pixels; return the sum."""
+    """Add annuli around positions (m, 2), relative to the corner of a box of pixels; return the sum.
+
+    annulus: its table (m, nodes), of each.
+    """
     x0, x1, y0, y1 = box
+    lines = annulus.table
+    reach = annulus.reach
     ny = y1 - y0
     nx = x1 - x0
     # mesh point 1 is at pixel 0
     columns = nx // BLOCK + 4
     rows = ny // _ROWS + 4
     mesh = np.zeros((rows, columns))
-    place = np.empty(1)
-    bits = place.view(np.int64)
-    for m in range(len(places)):
-        x, y = places[m]
+    square = np.empty(1)
+    bits = square.view(np.int64)
+    for m in range(len(positions)):
+        x, y = positions[m]
         for row in range(rows):
             dy = (row - 1) * _ROWS - y
             dy2 = dy * dy
-            inside = between(dy, side[2], side[3], LINE_STEP)
+            inside = between(dy, side.y0, side.y1, LINE_STEP)
             half = math.sqrt(max(reach * reach - dy2, 0.0))
             first = max(0, math.ceil((x - half) / BLOCK) + 1)
             for column in range(first, min(columns, math.floor((x + half) / BLOCK) + 2)):
                 dx = (column - 1) * BLOCK - x
-                place[0] = dy2 + dx * dx
-                cut = inside * between(dx, side[0], side[1], LINE_STEP)
-                mesh[row, column] += read(lines[m], first_node, bits[0]) * cut
+                square[0] = dy2 + dx * dx
+                cut = inside * between(dx, side.x0, side.x1, LINE_STEP)
+                mesh[row, column] += read(lines[m], annulus.first, bits[0]) * cut
     line = np.empty(columns)
     values = np.empty(columns * BLOCK)
     sums = np.zeros(BLOCK)

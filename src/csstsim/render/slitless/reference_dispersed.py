@@ -10,8 +10,8 @@ convolution of O_k with a sum of shifted delta functions and with a box as long 
 uniform. There are no sub-pixel phases and no slabs. The only interpolation is GalSim's, of the PSF or of O_k on a
 lattice of a quarter of a pixel: galaxies of up to LATTICE px are drawn on the lattice first, because otherwise each
 transform would be as large as that of the galaxy alone. The trace is drawn in blocks of _BLOCK px. Profiles, accuracy
-and pixel response are those of render.imaging.reference. At the edge of a grating's piece O_k is cut, by the share of
-each pixel. Wings: render.slitless.line_wings. Left out: ghosts of dispersed light.
+and pixel response are those of render.imaging.reference. At the edge of a grating's piece O_k is cut, by the fraction
+of each pixel. Wings: render.slitless.line_wings. Left out: ghosts of dispersed light.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from csstsim.render.canvas import Canvas, around
 from csstsim.render.far_wings import WHOLE, Side
 from csstsim.render.imaging.reference import REACH_FFT, Galaxies, convolved, fill, lattice, point
 from csstsim.render.imaging.stamper import Stamper
-from csstsim.render.slitless.draw_dispersed import Work, tables_of
+from csstsim.render.slitless.draw_dispersed import DispersedJob, tables_of
 from csstsim.render.slitless.line_wings import add_line, order_wing, points_of
 from csstsim.render.slitless.slabs import meets
 from csstsim.render.slitless.subpixel_stamps import inside, light_inside
@@ -66,14 +66,14 @@ def draw_objects(
     Arguments and tables are those of render.slitless.draw_dispersed. snr and error of the table are NaN: the reference
     renderer does not compute them.
     """
-    work = Work(objects, disperser, drawing)
-    scene = work.scene
-    result = work.result
+    job = DispersedJob(objects, disperser, drawing)
+    scene = job.scene
+    result = job.result
     wing = drawing.wing
     psf = drawing.psf
     assert scene.reach is not None and scene.wing is not None  # select gives them
-    part = objects.take(work.rows[: work.count])
-    work.out.flags[work.rows[scene.reach > REACH_FFT]] |= TRUNCATED_STAMP
+    part = objects.take(job.rows[: job.count])
+    job.out.flags[job.rows[scene.reach > REACH_FFT]] |= TRUNCATED_STAMP
     stamper = Stamper.of(drawing.mixer, replace(scene, reach=np.minimum(scene.reach, REACH_FFT)), drawing.scattered)
     galaxies = Galaxies(part, drawing.wcs, scene)
     reach = stamper.reach
@@ -82,29 +82,29 @@ def draw_objects(
     expected = np.zeros(canvas.window.shape)
     plane = Canvas(expected, canvas.window, canvas.response)
     wings = Wings(plane, wing, half)
-    lines = disperser.lines(work.visits, scene.x, scene.y)
-    for v in progress(range(len(work.visits)), "drawing objects"):
+    lines = disperser.lines(job.visits, scene.x, scene.y)
+    for v in progress(range(len(job.visits)), "drawing objects"):
         start = time.process_time()
-        i, piece, cut = work.visits[v].tolist()
-        light = spectra(work.rows[i : i + 1], disperser.edges) * drawing.exptime
-        light = light if scene.share is None else light * scene.share[i]
+        i, piece, cut = job.visits[v].tolist()
+        light = spectra(job.rows[i : i + 1], disperser.edges) * drawing.exptime
+        light = light if scene.fraction_of_parent is None else light * scene.fraction_of_parent[i]
         traces = Traces(light, np.array([[0, piece, cut]]), disperser)
         result.nominal(np.array([v]), traces.visits, light, disperser.rates)
         nodes = sum(w * psf.node(n) for n, w in zip(scene.node[i], scene.weight[i], strict=True))
         nodes = nodes if stamper.core is None else nodes * stamper.core
-        held = light_inside(stamper, i)
+        inside_stamp = light_inside(stamper, i)
         one = scene.take(np.array([i]))
         side = traces.side(one, 0)
         profiles = _profiles(partial(galaxies.profile, i), nodes, psf.oversampling, reach[i], side)
         for o, line in enumerate(lines[v]):
             trace = _Trace(traces, one, o, line)
-            share = trace.light.sum() / scene.electrons[i].sum() if wing is not None else 0.0
-            shown = order_wing(scene.wing[i], share, half)
+            fraction = trace.light.sum() / scene.electrons[i].sum() if wing is not None else 0.0
+            shown = order_wing(scene.wing[i], fraction, half)
             parts, flag = _draw_order(plane, profiles, trace, reach[i])
             if drawing.scattered is not None and trace.light.sum() > 0 and (parts or shown > 0):
                 points = points_of(trace.x, trace.y, trace.light * disperser.psf_weights)
-                parts.append(add_line(wings, points, held, shown, stamper.parts(i), side))
-            work.out.flags[work.rows[i]] |= flag
+                parts.append(add_line(wings, points, inside_stamp, shown, stamper.parts(i), side))
+            job.out.flags[job.rows[i]] |= flag
             result.drawn[v, o] = sum(electrons for electrons, _ in parts)
             result.box[v, o] = around([box for _, box in parts if box is not None])
         result.ms[v] = 1000 * (time.process_time() - start)
@@ -112,7 +112,7 @@ def draw_objects(
     canvas.expected += expected.astype(np.float32)
     unknown = np.full(len(scene), np.nan, np.float32)
     choice = policy.Choice(np.full(len(scene), policy.STAMP, np.int8), unknown, unknown)
-    return tables_of(work, choice, canvas.window, "reference")
+    return tables_of(job, choice, canvas.window, "reference")
 
 
 class _Trace:
@@ -144,7 +144,7 @@ def _profiles(
     """Return a function of (band, folding): the GSObjects to convolve for the object at one wavelength, of unit flux.
 
     galaxy: function of folding that returns the profile without the PSF, or None; cells: (4, n, n) of the PSF; side:
-    (x0, x1, y0, y1) px from the object, beyond which its light is cut off.
+    Side of the object, beyond which its light is cut off.
     """
 
     @cache
@@ -159,8 +159,7 @@ def _profiles(
         whole = galsim.ImageD(len(axis), len(axis))
         convolved(parts, folding).drawImage(whole, scale=1 / _FINE, method="no_pixel")
         if side != WHOLE:
-            x0, x1, y0, y1 = side
-            whole.array[:] *= inside(axis, y0, y1)[:, None] * inside(axis, x0, x1)
+            whole.array[:] *= inside(axis, side.y0, side.y1)[:, None] * inside(axis, side.x0, side.x1)
         return [lattice(whole, 1 / _FINE, "flux")]
 
     return profile

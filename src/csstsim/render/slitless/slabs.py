@@ -76,10 +76,13 @@ def draw_spectra(
 
     traces: Traces of the objects; psf: PsfSet, or the Mixer of one; scattered:
     optics.scatter.scattered_light.Scattered, or None: only stamps are drawn; per_px: slabs per pixel for points, one
-    number or (n,); allowed: (n,) allowed error as a share of S/N, from which the number of slabs is derived instead.
+    number or (n,); allowed: (n,) allowed error as a fraction of S/N, from which the number of slabs is derived instead.
     """
     assert canvas.expected is not None and scene.wing is not None
-    (spectra, visits, disperser), mixer, window = traces, mixer_of(psf), canvas.window
+    visits = traces.visits
+    disperser = traces.disperser
+    mixer = mixer_of(psf)
+    window = canvas.window
     out = Drawn.blank(len(visits), len(disperser.orders))
     wing = None if scattered is None else scattered.wing
     stamper = Stamper.of(mixer, scene, scattered)
@@ -88,40 +91,41 @@ def draw_spectra(
     reach = stamper.reach
     counts = np.broadcast_to(per_px, (len(disperser.orders), len(scene))).T
     if allowed is not None and len(visits):
-        counts = _counts(spectra, disperser, lines[0, :, 1], allowed)
+        counts = _counts(traces.spectra, disperser, lines[0, :, 1], allowed)
     density = densities(scene, counts.max(axis=1))
     for v, (i, *_) in enumerate(visits.tolist()):
         start = time.process_time()
         out.flags[v] = OUTSIDE_PSF_HULL if scene.outside[i] else 0
         side = traces.side(scene, v)
-        lit = max(side[0], -side[1], side[2], -side[3]) < reach[i] + 1
-        stamps = held = None
+        lit = max(side.x0, -side.x1, side.y0, -side.y1) < reach[i] + 1
+        stamps = inside = None
         for o, line in enumerate(lines[v]):
-            light, x, y = traces.order(scene, v, o, line)
+            order = traces.order(scene, v, o, line)
+            light = order.electrons
             if not light.sum() > 0:
                 continue
             parts: list[tuple[float, Box | IntArray | None]] = []
-            if lit and meets(x, y, reach[i] + 2 * _BLOCK, window):
+            if lit and meets(order.x, order.y, reach[i] + 2 * _BLOCK, window):
                 if stamps is None:
                     stamps = subpixel_stamps(stamper, i, int(density[i]), side)
                 step = max(int(density[i]) // int(counts[i, o]), 1)
                 drawn, box = _add_slabs(
                     canvas.expected,
                     canvas.seen,
-                    x - window.x0,
-                    y - window.y0,
+                    order.x - window.x0,
+                    order.y - window.y0,
                     light,
                     disperser.psf_weights,
                     _padded(stamps[:, ::step]),
                 )
                 if box.any():
                     parts.append((drawn, box + canvas.corner))
-            share = light.sum() / scene.electrons[i].sum() if wing is not None else 0.0
-            shown = order_wing(scene.wing[i], share, mixer.half)
+            fraction = light.sum() / scene.electrons[i].sum() if wing is not None else 0.0
+            shown = order_wing(scene.wing[i], fraction, mixer.half)
             if scattered is not None and (parts or shown > 0):
-                held = light_inside(stamper, i) if held is None else held
-                points = points_of(x, y, light * disperser.psf_weights)
-                parts.append(add_line(wings, points, held, shown, stamper.parts(i), side))
+                inside = light_inside(stamper, i) if inside is None else inside
+                points = points_of(order.x, order.y, light * disperser.psf_weights)
+                parts.append(add_line(wings, points, inside, shown, stamper.parts(i), side))
             out.drawn[v, o] = sum(electrons for electrons, _ in parts)
             out.box[v, o] = around([box for _, box in parts if box is not None])
         out.ms[v] = 1000 * (time.process_time() - start)
@@ -151,7 +155,7 @@ def densities(scene: Scene, per_px: int | IntArray) -> IntArray:
     most = np.broadcast_to(per_px, len(scene))
     if scene.spot is not None:  # as sharp as points
         wanted = np.where(scene.spot[:, None] >= 0, most[:, None], wanted)
-    mean = (scene.light * np.clip(wanted, 1, most[:, None])).sum(axis=1)
+    mean = (scene.component_fractions * np.clip(wanted, 1, most[:, None])).sum(axis=1)
     return np.clip(2 ** np.round(np.log2(mean)), 1, most).astype(int)
 
 
@@ -245,8 +249,10 @@ def _add_slabs(
         buffer[:] = 0.0
         _lay(buffer, stamps[: bands * density], factors[: bands * density], low * pitch, high * pitch)
         drawn += _put(image, response, buffer.reshape(rows, pitch), x0, y0)
-        box[0], box[1] = min(box[0], max(x0, 0)), max(box[1], min(x0 + pitch, image.shape[1]))
-        box[2], box[3] = min(box[2], max(y0, 0)), max(box[3], min(y0 + rows, image.shape[0]))
+        box[0] = min(box[0], max(x0, 0))
+        box[1] = max(box[1], min(x0 + pitch, image.shape[1]))
+        box[2] = min(box[2], max(y0, 0))
+        box[3] = max(box[3], min(y0 + rows, image.shape[0]))
     return drawn, box * (box[1] > 0)
 
 
@@ -327,9 +333,9 @@ def _deal(
     """
     slabs[:] = 0.0
     for k in range(begin, end):
-        place = (x[k] - start) * density
-        j = math.floor(place)
-        cubic = _cubic(place - j)
+        position = (x[k] - start) * density
+        j = math.floor(position)
+        cubic = _cubic(position - j)
         for f in range(4):
             part = light[k] * mixture[f, k]
             if part > 0.0:

@@ -8,7 +8,7 @@ import numpy as np
 
 from csstsim.render.far_wings import WHOLE, Side
 from csstsim.render.pixel_sums import pixel_sums
-from csstsim.render.wings import Held
+from csstsim.render.wings import StampLight
 
 if TYPE_CHECKING:
     from csstsim.base.types import FloatArray, IntArray
@@ -23,7 +23,7 @@ def subpixel_stamps(stamper: Stamper, i: int, density: int, side: Side) -> Float
     """Return (4, density, heights, size, size) float32: object i, of light 1, at each wavelength of the PSF set.
 
     stamper: render.imaging.stamper.Stamper. The object is column / density, row / heights px from a pixel's centre.
-    side: (x0, x1, y0, y1) px from the object, beyond which its light is cut off.
+    side: Side of the object, beyond which its light is cut off.
     """
     mixer = stamper.mixer
     scene = stamper.scene
@@ -54,8 +54,8 @@ def subpixel_stamps(stamper: Stamper, i: int, density: int, side: Side) -> Float
     return out
 
 
-def light_inside(stamper: Stamper, i: int) -> Held:
-    """Return the Held, with arrays (4,), of object i of light 1 at each wavelength of the PSF set."""
+def light_inside(stamper: Stamper, i: int) -> StampLight:
+    """Return the StampLight, with arrays (4,), of object i of light 1 at each wavelength of the PSF set."""
     mixer = stamper.mixer
     node = stamper.scene.node[i]
     light = np.empty((2, 4))
@@ -64,14 +64,14 @@ def light_inside(stamper: Stamper, i: int) -> Held:
         _, whole = stamper.stamp(i, share, None)
         light[:, band] = mixer.light(node, share, stamper.cored), whole
     inside, drawn = light
-    return Held(inside, drawn, stamper.reach[i])
+    return StampLight(inside, drawn, stamper.reach[i])
 
 
 def _of_band(scene: Scene, i: int, band: int) -> FloatArray:
-    """Return (k, 4): the shares of an object's PSF nodes in light 1 of one wavelength."""
-    share = np.zeros((len(scene.node[i]), 4))
-    share[:, band] = scene.weight[i]
-    return share
+    """Return (k, 4): the electrons from an object's PSF nodes, for flux 1 at one wavelength."""
+    electrons = np.zeros((len(scene.node[i]), 4))
+    electrons[:, band] = scene.weight[i]
+    return electrons
 
 
 def _fill_points(out: FloatArray, cells: FloatArray, per_pixel: int) -> None:
@@ -95,14 +95,14 @@ def _fill_points(out: FloatArray, cells: FloatArray, per_pixel: int) -> None:
                     out[column, row] = whole[:size, :size]
 
 
-def inside(places: FloatArray | IntArray, low: float, high: float, per_pixel: int = 1) -> FloatArray:
-    """Return the shares of pixels (or cells, `per_pixel` to a pixel) centred at `places` [px] that lie in low..high."""
+def inside(centres: FloatArray | IntArray, low: float, high: float, per_pixel: int = 1) -> FloatArray:
+    """Return the fractions of pixels (or cells, `per_pixel` to a pixel) at `centres` [px] that lie in low..high."""
     half = 0.5 / per_pixel
-    return np.clip((np.minimum(places + half, high) - np.maximum(places - half, low)) * per_pixel, 0.0, 1.0)
+    return np.clip((np.minimum(centres + half, high) - np.maximum(centres - half, low)) * per_pixel, 0.0, 1.0)
 
 
-def _inside(places: FloatArray | IntArray, per_pixel: int, side: Side, x: float = 0.0, y: float = 0.0) -> FloatArray:
-    """Return (n, n) float32: the shares of squares centred at `places` [px], relative to x, y, that lie in `side`."""
-    across = inside(places - y, *side[2:], per_pixel)
-    along = inside(places - x, *side[:2], per_pixel)
+def _inside(centres: FloatArray | IntArray, per_pixel: int, side: Side, x: float = 0.0, y: float = 0.0) -> FloatArray:
+    """Return (n, n) float32: the fractions of squares at `centres` [px], relative to x, y, that lie in `side`."""
+    across = inside(centres - y, side.y0, side.y1, per_pixel)
+    along = inside(centres - x, side.x0, side.x1, per_pixel)
     return (across[:, None] * along).astype(np.float32)

@@ -14,6 +14,14 @@ if TYPE_CHECKING:
     from csstsim.render.scene import Scene
 
 
+class OrderBins(NamedTuple):
+    """The bins of an order on the chip, each array (bins,): electrons, x, y [px]."""
+
+    electrons: FloatArray
+    x: FloatArray
+    y: FloatArray
+
+
 class Traces(NamedTuple):
     """Spectra, visits and Disperser of n objects of a Scene.
 
@@ -27,16 +35,18 @@ class Traces(NamedTuple):
     disperser: Disperser
 
     def side(self, scene: Scene, v: int) -> Side:
-        """Return (x0, x1, y0, y1) px from a visit's object, beyond which its light is cut off before dispersion."""
+        """Return the Side of a visit's object, beyond which its light is cut off before dispersion."""
         i, piece, cut = self.visits[v].tolist()
         if not cut:
             return WHOLE
         x0, x1, y0, y1 = self.disperser.rectangles[piece] - np.repeat([scene.x[i], scene.y[i]], 2)
-        return x0, x1, y0, y1
+        return Side(x0, x1, y0, y1)
 
-    def order(self, scene: Scene, v: int, o: int, line: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return (light [electron], x, y [px]), each (bins,), of order o of visit v; line: its p, q, r, s."""
-        (i, piece, _), disperser, (p, q, r, s) = self.visits[v].tolist(), self.disperser, line.tolist()
-        centres = 0.5 * (disperser.edges[1:] + disperser.edges[:-1])
-        light = self.spectra[i] * disperser.rates[piece, o]
-        return light, scene.x[i] + p + q * centres, scene.y[i] + r + s * centres
+    def order(self, scene: Scene, v: int, o: int, line: FloatArray) -> OrderBins:
+        """Return the OrderBins of order o of visit v; line: its p, q, r, s."""
+        i, piece, _ = self.visits[v].tolist()
+        p, q, r, s = line.tolist()
+        edges = self.disperser.edges
+        centres = 0.5 * (edges[1:] + edges[:-1])
+        light = self.spectra[i] * self.disperser.rates[piece, o]
+        return OrderBins(light, scene.x[i] + p + q * centres, scene.y[i] + r + s * centres)
