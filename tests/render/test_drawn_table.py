@@ -124,10 +124,10 @@ def test_of_parts_errors_add_up_and_snr_in_squares():
     """Objects 2, 0, 2, 2 of four: the last part has no light, so that its error is none."""
     out = blank_table(np.ones(4))
     choice = SimpleNamespace(snr=np.array([3.0, 7.0, 4.0, 12.0]), error=np.array([0.25, 0.5, 1.0, 8.0]))
-    out.judge(np.array([2, 0, 2, 2]), choice, np.array([1.0, 1.0, 1.0, 0.0]))
+    out.note_choice(np.array([2, 0, 2, 2]), choice, np.array([1.0, 1.0, 1.0, 0.0]))
     assert out.snr.tolist() == [7.0, 0.0, 13.0, 0.0] and out.error.tolist() == [0.5, 0.0, 1.25, 0.0]
     whole = blank_table(np.ones(3))
-    whole.judge(np.array([2, 0]), SimpleNamespace(snr=np.array([3.0, 7.0]), error=np.array([0.25, 0.5])), None)
+    whole.note_choice(np.array([2, 0]), SimpleNamespace(snr=np.array([3.0, 7.0]), error=np.array([0.25, 0.5])), None)
     assert whole.snr.tolist() == [7.0, 0.0, 3.0] and whole.error.tolist() == [0.5, 0.0, 0.25]
 
 

@@ -42,7 +42,7 @@ def test_a_mixture_is_the_sum_of_nodes_and_sub_bands(psf):
     )  # fmt: skip
     cells = mixer.mixed_cells(node, share)
     assert cells == pytest.approx(wanted, rel=1e-5, abs=1e-6 * wanted.max())
-    part = mixer.mixed_cells(node, share, (40, 50), (70, 66))
+    part = mixer.mixed_cells(node, share, slice(40, 70), slice(50, 66))
     assert np.array_equal(part, cells[40:70, 50:66])
     assert mixer.light(node, share, False) == pytest.approx((share * psf.flux[node]).sum())
     assert mixer.light(node, share, True) == pytest.approx((wanted * mixer.core).sum(), rel=1e-5)

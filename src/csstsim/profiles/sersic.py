@@ -19,7 +19,7 @@ the inner part, from the same integral.
 """
 
 from functools import lru_cache
-from typing import cast
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -54,11 +54,11 @@ def sersic_b(index: ArrayLike) -> FloatArray:
     return gammaincinv(2 * np.asarray(index, dtype=float), 0.5)
 
 
-def radius_of(share: Floats, index: Floats) -> FloatArray:
-    """Return the radius [r_e] that contains a share of a circular profile's light."""
+def radius_of(fraction: Floats, index: Floats) -> FloatArray:
+    """Return the radius [r_e] that contains a fraction of a circular profile's flux."""
     from scipy.special import gammaincinv
 
-    return (gammaincinv(2 * index, share) / gammaincinv(2 * index, 0.5)) ** index
+    return (gammaincinv(2 * index, fraction) / gammaincinv(2 * index, 0.5)) ** index
 
 
 def light_beyond(radius: Floats, half_light: Floats, index: Floats) -> FloatArray:
@@ -95,11 +95,14 @@ def _each_beyond(ratio: FloatArray, index: FloatArray) -> FloatArray:
         known |= mine
     if not known.all():
         rest = ~known
-        first, step, table = _beyond_table()
+        beyond = _beyond_table()
+        table = beyond.table
         x = np.log(np.clip(ratio[rest], np.exp(_LOG_RATIO[0]), np.exp(_LOG_RATIO[-1])))
         across = (x - _LOG_RATIO[0]) / (_LOG_RATIO[1] - _LOG_RATIO[0])
-        along = (np.log(index[rest]) - first) / step
-        i, j = (np.clip(at.astype(int), 0, size - 2) for at, size in zip((along, across), table.shape, strict=True))
+        along = (np.log(index[rest]) - beyond.first) / beyond.step
+        rows, columns = table.shape
+        i = np.clip(along.astype(int), 0, rows - 2)
+        j = np.clip(across.astype(int), 0, columns - 2)
         a = along - i
         b = across - j
         near = (1 - b) * table[i, j] + b * table[i, j + 1]
@@ -107,15 +110,22 @@ def _each_beyond(ratio: FloatArray, index: FloatArray) -> FloatArray:
     return out
 
 
+class _Beyond(NamedTuple):
+    """Log of the light beyond exp(_LOG_RATIO) half-light radii, (indices, radii); log of the first index and step."""
+
+    first: float
+    step: float
+    table: FloatArray
+
+
 @lru_cache
-def _beyond_table() -> tuple[float, float, FloatArray]:
-    """Return (log of the first index, step, log of the light beyond exp(_LOG_RATIO) half-light radii, by index)."""
+def _beyond_table() -> _Beyond:
     from scipy.special import gammaincc
 
     indices = np.geomspace(INDEX_MIN, INDEX_MAX, 240)[:, None]
     with np.errstate(divide="ignore", under="ignore"):
         beyond = np.log(gammaincc(2 * indices, sersic_b(indices) * np.exp(_LOG_RATIO) ** (1 / indices)))
-    return np.log(INDEX_MIN), float(np.log(indices[1, 0] / indices[0, 0])), np.maximum(beyond, -50.0)
+    return _Beyond(np.log(INDEX_MIN), float(np.log(indices[1, 0] / indices[0, 0])), np.maximum(beyond, -50.0))
 
 
 @lru_cache(1024)

@@ -12,6 +12,7 @@ between two of NODES, 16 to an octave. The r^2 of its rings is interpolated betw
 
 import math
 from functools import cache
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -58,25 +59,39 @@ def _all_rings() -> FloatArray:
     return np.concatenate([RINGS, np.stack([_rings(n) for n in NODES])])
 
 
-def rings_for(index: ArrayLike) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Return (rings, which, share) for Sersic indices (...): which (...), share (...) of `ring`; rings: all they need.
+class Rings(NamedTuple):
+    """What `ring` needs for profiles.
+
+    * rings: (k, 2, rings, 2), of all profiles
+    * which: (...) int64, number of a profile's rings; -1: no profile
+    * fraction: (...), of the next rings, between which and those of `which` the profile's rings are interpolated
+    """
+
+    rings: FloatArray
+    which: IntArray
+    fraction: FloatArray
+
+
+def rings_for(index: ArrayLike) -> Rings:
+    """Return the Rings for Sersic indices (...).
 
     Raises ValueError for an index outside INDEX_MIN..INDEX_MAX; 0 stands for no profile, and gets which = -1.
     """
     index = np.asarray(index, float)
     which = np.where(index == DISK, 0, np.where(index == BULGE, 1, -1))
-    share = np.zeros(index.shape)
+    fraction = np.zeros(index.shape)
     free = (which < 0) & (index != 0)
     if not free.any():
-        return RINGS, which, share
+        return Rings(RINGS, which, fraction)
     n = index[free]
     if not ((n >= INDEX_MIN) & (n <= INDEX_MAX)).all():
         raise ValueError(f"a Sersic index is outside {INDEX_MIN} to {INDEX_MAX}")
     k = np.clip(np.searchsorted(NODES, n, side="right") - 1, 0, len(NODES) - 2)
     low = _mean_square(NODES[k])
     high = _mean_square(NODES[k + 1])
-    which[free], share[free] = k + len(RINGED), (_mean_square(n) - low) / (high - low)
-    return _all_rings(), which, share
+    which[free] = k + len(RINGED)
+    fraction[free] = (_mean_square(n) - low) / (high - low)
+    return Rings(_all_rings(), which, fraction)
 
 
 def _mean_square(n: FloatArray) -> FloatArray:
@@ -85,14 +100,14 @@ def _mean_square(n: FloatArray) -> FloatArray:
 
 
 @numba.njit(inline="always")
-def ring(rings: FloatArray, which: int | np.int64, share: float, bits: np.uint64) -> float:
-    """Return a radius in r_e from the lower 32 bits; rings, which, share: from `rings_for`."""
+def ring(rings: FloatArray, which: int | np.int64, fraction: float, bits: np.uint64) -> float:
+    """Return a radius in r_e from the lower 32 bits; rings, which, fraction: of Rings."""
     t = np.float64(bits & _HALF) + 0.5
     i = (np.float64(t).view(np.int64) >> _SHIFT) - _FIRST
     half = np.int64((bits >> _S31) & _ONE)
     line = rings[which, half, i]
     square = line[0] + line[1] * t
-    if share > 0.0:
+    if fraction > 0.0:
         line = rings[which + 1, half, i]
-        square += share * (line[0] + line[1] * t - square)
+        square += fraction * (line[0] + line[1] * t - square)
     return math.sqrt(square)

@@ -30,7 +30,7 @@ class DrawnTable:
     * error: predicted, in units of the object's own noise
     * stamp: side [pixel], wing included
     * box: x0 x1 y0 y1 on the chip, half-open; zeros: none
-    * ms: CPU time, measured for each stamp (the first includes the set-up); for photons the total, shared out by
+    * ms: CPU time, measured for each stamp (the first includes the set-up); for photons the total, divided by
       predicted cost
     * flags: catalog.flags
     """
@@ -44,7 +44,9 @@ class DrawnTable:
         self.rows = np.flatnonzero((self.flags & NOT_DRAWN == 0) & (electrons > 0))
         self.drawn = np.zeros(count)
         self.method = np.full(count, NONE, dtype="U10")
-        self.ms, self.error, self.snr = (np.zeros(count, np.float32) for _ in range(3))
+        self.ms = np.zeros(count, np.float32)
+        self.error = np.zeros(count, np.float32)
+        self.snr = np.zeros(count, np.float32)
         self.stamp = np.zeros(count, np.int32)
         self.box = np.zeros((count, 4), np.int32)
 
@@ -54,7 +56,7 @@ class DrawnTable:
         if wing is None:
             self.flags[self.rows[self.objects["wing"][self.rows] > 0]] |= TRUNCATED_STAMP
 
-    def judge(self, rows: IntArray, choice: Choice, electrons: FloatArray) -> None:
+    def note_choice(self, rows: IntArray, choice: Choice, electrons: FloatArray) -> None:
         """Record S/N and predicted error of a Scene's rows, which belong to the objects `rows`, of so many electrons.
 
         Of an object of several parts, errors add up and S/N adds in squares.

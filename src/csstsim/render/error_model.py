@@ -42,10 +42,10 @@ def predicted(
     scene: render.scene.Scene; reach (n,): half the side of the stamp [px]; snr (n,): light over noise, by policy.noise;
     numbers: render.settings.Error; per_pixel: stored cells of the PSF to a pixel.
     """
-    share = np.full(len(scene), numbers.psf[4 if per_pixel >= 4 else 2])
+    fraction = np.full(len(scene), numbers.psf[4 if per_pixel >= 4 else 2])
     if method == "stamp":
-        share += terms(scene, reach, snr, numbers) @ [getattr(numbers.stamp, name) for name in TERMS]
-    return snr * share
+        fraction += terms(scene, reach, snr, numbers) @ [getattr(numbers.stamp, name) for name in TERMS]
+    return snr * fraction
 
 
 def terms(scene: Scene, reach: FloatArray, snr: FloatArray, numbers: Error) -> FloatArray:

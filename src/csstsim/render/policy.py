@@ -50,7 +50,7 @@ class Choice:
     method: IntArray  # (n,) int8
     error: FloatArray  # (n,) predicted, in units of the object's own noise
     snr: FloatArray  # (n,)
-    allowed: FloatArray | None = None  # (n,) allowed error of slabs as a share of S/N, for dispersed light
+    allowed: FloatArray | None = None  # (n,) allowed error of slabs as a fraction of S/N, for dispersed light
     coarse: BoolArray | None = None  # (n,) whether the bins of Disperser.coarse are fine enough
 
 
@@ -120,9 +120,9 @@ def _cheapest(
     errors = [predicted(m, scene, shown, snr, numbers.error, per_pixel) for m in ("photons", "stamp")]
     error = np.stack(errors, axis=1)
     allowed = np.stack(np.broadcast_arrays(photons, np.ones(len(scene), bool)), axis=1)
-    least = np.where(allowed, error, np.inf).min(axis=1)
+    smallest = np.where(allowed, error, np.inf).min(axis=1)
     eps = numbers.presets[cast("Fidelity", drawing.fidelity)].eps
-    good = allowed & (error <= np.maximum(eps, _AS_GOOD * least)[:, None])
+    good = allowed & (error <= np.maximum(eps, _AS_GOOD * smallest)[:, None])
     best = np.where(good, np.stack(cost, axis=1), np.inf).argmin(axis=1)
     method = np.where(best == 0, PHOTONS, STAMP).astype(np.int8)
     return Choice(method, np.take_along_axis(error, best[:, None], 1)[:, 0], snr)

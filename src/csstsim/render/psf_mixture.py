@@ -63,37 +63,40 @@ class Mixer:
         """Half the side of the PSF's box [px]."""
         return self.cells / 2 / self.per_pixel
 
-    def envelope(self, node: IntArray, share: FloatArray) -> FloatArray:
+    def envelope(self, node: IntArray, node_electrons: FloatArray) -> FloatArray:
         """Return the largest modulus of an object's transforms at or beyond each of BINS, of light 1."""
-        return np.max([self._envelope(k) for k in node[share.any(axis=1)].tolist()], axis=0)
+        return np.max([self._envelope(k) for k in node[node_electrons.any(axis=1)].tolist()], axis=0)
 
     @cached_property
     def core(self) -> FloatArray:
-        """Return the share of each cell that is kept where the box fades into the wing, (cells, cells) float32."""
+        """Return the fraction of each cell that is kept where the box fades into the wing, (cells, cells) float32."""
         return box_share(self.cells, self.per_pixel).astype(np.float32)
 
     def mixed_cells(
-        self, node: IntArray, share: FloatArray, first: tuple[int, ...] = (0, 0), last: tuple[int, ...] | None = None
+        self, node: IntArray, node_electrons: FloatArray, rows: slice | None = None, columns: slice | None = None
     ) -> FloatArray:
         """Return the mixture of one object, float32 (rows, columns) of spline coefficients in electrons.
 
-        node (k,), share (k, 4): electrons from each node and sub-band; first, last: cells (row, column), half-open.
+        node (k,), node_electrons (k, 4): electrons from each node and sub-band; rows, columns: of cells, None: all.
         """
-        last = (self.cells, self.cells) if last is None else last
-        parts = [self.coefficients(k) for k in node[share.any(axis=1)].tolist()]
-        return _mixed(parts, share, first, (last[0] - first[0], last[1] - first[1]))
+        every = slice(0, self.cells)
+        parts = [self.coefficients(k) for k in node[node_electrons.any(axis=1)].tolist()]
+        return _mixed(parts, node_electrons, every if rows is None else rows, every if columns is None else columns)
 
-    def light(self, node: IntArray, share: FloatArray, cored: bool) -> float:
+    def light(self, node: IntArray, node_electrons: FloatArray, cored: bool) -> float:
         """Return the electrons of an object within the box; cored: times `core`, the part not replaced by the wing."""
         flux = self._core_flux if cored else self._flux.__getitem__
-        return sum(float((row * flux(k)).sum()) for k, row in zip(node.tolist(), share, strict=True) if row.any())
+        return sum(
+            float((row * flux(k)).sum()) for k, row in zip(node.tolist(), node_electrons, strict=True) if row.any()
+        )
 
     def mixed_transforms(
-        self, node: IntArray, share: FloatArray, size: int, last: int, cored: bool = False
+        self, node: IntArray, node_electrons: FloatArray, size: int, last: int, cored: bool = False
     ) -> ComplexArray:
         """Return the mixture of one object as a transform (see `transform`), times `core` if `cored`."""
-        parts = [self.transforms(k, size, cored).view(np.float32) for k in node[share.any(axis=1)].tolist()]
-        return _mixed(parts, share, (size - last, 0), (2 * last + 1, 2 * (last + 1))).view(np.complex64)
+        parts = [self.transforms(k, size, cored).view(np.float32) for k in node[node_electrons.any(axis=1)].tolist()]
+        rows = slice(size - last, size + last + 1)
+        return _mixed(parts, node_electrons, rows, slice(0, 2 * (last + 1))).view(np.complex64)
 
 
 def mixer_of(psf: PsfSet | Mixer) -> Mixer:
@@ -112,10 +115,11 @@ def _envelope(transforms: ComplexArray) -> FloatArray:
     return np.maximum.accumulate(largest[::-1])[::-1][: len(BINS)]
 
 
-def _mixed(parts: list[FloatArray], share: FloatArray, first: tuple[int, ...], shape: tuple[int, ...]) -> FloatArray:
-    out = np.zeros(shape, np.float32)
-    for part, light in zip(parts, share[share.any(axis=1)].astype(np.float32), strict=True):
-        _add(out, part, light, *first)
+def _mixed(parts: list[FloatArray], node_electrons: FloatArray, rows: slice, columns: slice) -> FloatArray:
+    """Return the sum of node_electrons (k, 4) x parts, of the nodes with electrons, in these rows and columns."""
+    out = np.zeros((rows.stop - rows.start, columns.stop - columns.start), np.float32)
+    for part, electrons in zip(parts, node_electrons[node_electrons.any(axis=1)].astype(np.float32), strict=True):
+        _add(out, part, electrons, rows.start, columns.start)
     return out
 
 
@@ -137,9 +141,9 @@ def transform(cells: FloatArray, size: int, per_pixel: int, last: int) -> Comple
 
 
 @numba.njit(cache=True)
-def _add(out: FloatArray, parts: FloatArray, share: FloatArray, first_row: int, first_column: int) -> None:
-    """Add to `out` the sum of share x sub-band of parts (4, rows, columns), from a first row and column on."""
-    a, b, c, d = share
+def _add(out: FloatArray, parts: FloatArray, electrons: FloatArray, first_row: int, first_column: int) -> None:
+    """Add to `out` the sum of electrons (4,) x sub-band of parts (4, rows, columns), from a row and column on."""
+    a, b, c, d = electrons
     last_column = first_column + out.shape[1]
     for row in range(out.shape[0]):
         at = first_row + row

@@ -80,7 +80,7 @@ class PsfTable:
             self.verified.add(node)
 
     def node_coefficients(self, node: int) -> FloatArray:
-        """Return (4, cells, cells) float64: c >= 0 of a live node, as a share of a star's light."""
+        """Return (4, cells, cells) float64: c >= 0 of a live node, as a fraction of a star's light."""
         return np.stack([spline_coefficients(image)[0] for image in self.psf.node(node)])
 
 
@@ -98,7 +98,8 @@ def make_table(psf: PsfSet, nodes: Iterable[int] | None = None) -> PsfTable:
 def write_tables(path: PathLike, psf: PsfSet) -> None:
     """Write the tables of all live nodes of a PsfSet to `path`, node by node; dead nodes stay zero."""
     with atomic_path(path) as temporary, h5py.File(temporary, "w", libver=("v110", "v110")) as file:
-        file.attrs["format"], file.attrs["digest"] = FORMAT, np.bytes_(_digest(psf))
+        file.attrs["format"] = FORMAT
+        file.attrs["digest"] = np.bytes_(_digest(psf))
         for name, layout in _layout(psf).items():
             file.create_dataset(name, *layout)
         for node, values in _live(psf):
@@ -151,7 +152,9 @@ def _bits(psf: PsfSet) -> tuple[int, int]:
 
 
 def _layout(psf: PsfSet) -> dict[str, tuple[tuple[int, ...], np.dtype[Any]]]:
-    n, (inner, outer) = len(psf.nodes_xy), _bits(psf)
+    """Return {name: (shape, dtype)} of the arrays of a PsfTable."""
+    n = len(psf.nodes_xy)
+    inner, outer = _bits(psf)
     return {
         "words": ((n, WAVELENGTHS, 4**inner + 4**outer), np.dtype(np.uint32)),
         "share": ((n, WAVELENGTHS, 2), np.dtype(np.float64)),

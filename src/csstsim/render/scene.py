@@ -120,8 +120,15 @@ def shape_matrix(objects: ObjectTable, wcs: ChipWCS | ImageWCS) -> FloatArray:
     """
     jacobian = wcs.jacobian(objects["ra_orig"], objects["dec_orig"], seen=(objects["ra"], objects["dec"]))
     galaxy = objects["obj_type"] == GALAXY
-    names = ("e1", "e2", "kappa", "gamma1", "gamma2")
-    e1, e2, kappa, gamma1, gamma2 = (np.where(galaxy, objects[name].astype(float), 0.0) for name in names)
+
+    def of_galaxies(name: str) -> FloatArray:
+        return np.where(galaxy, objects[name].astype(float), 0.0)
+
+    e1 = of_galaxies("e1")
+    e2 = of_galaxies("e2")
+    kappa = of_galaxies("kappa")
+    gamma1 = of_galaxies("gamma1")
+    gamma2 = of_galaxies("gamma2")
     shear = np.array([[1 + e1, e2], [e2, 1 - e1]]) / np.sqrt(1 - e1**2 - e2**2)
     # The lens maps the image to the source by [[1 - k - g1, -g2], [-g2, 1 - k + g1]]; light goes the other way
     determinant = (1 - kappa) ** 2 - gamma1**2 - gamma2**2

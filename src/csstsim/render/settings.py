@@ -41,7 +41,7 @@ class Cost(Model):
 
 
 class StampError(Model):
-    """Error of stamps as a share of S/N, in addition to `psf`."""
+    """Error of stamps as a fraction of S/N, in addition to `psf`."""
 
     cut: float = Field(ge=0)
     disk: float = Field(ge=0)
@@ -54,13 +54,13 @@ class Error(Model):
     size: float = Field(gt=0)
     bright: float = Field(gt=0)
     far: float = Field(gt=0)
-    psf: dict[Literal[2, 4], float] = Field(min_length=2, description="share of S/N, by cells of the PSF to a pixel")
+    psf: dict[Literal[2, 4], float] = Field(min_length=2, description="fraction of S/N, by cells of the PSF to a pixel")
     stamp: StampError
     slabs: dict[Literal[1, 2, 4, 8], float] = Field(
-        min_length=4, description="share of S/N of lines, by slabs to a pixel"
+        min_length=4, description="fraction of S/N of lines, by slabs to a pixel"
     )
     slabs_flat: dict[Literal[1, 2, 4, 8], float] = Field(min_length=4, description="the same, of a flat spectrum")
-    bins: float = Field(gt=0, description="share of S/N, of a spectrum in bins of a pixel")
+    bins: float = Field(gt=0, description="fraction of S/N, of a spectrum in bins of a pixel")
 
 
 class Numbers(Model):

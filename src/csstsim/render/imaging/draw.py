@@ -51,7 +51,7 @@ def draw_objects(canvas: Canvas, objects: ObjectTable, drawing: Drawing) -> Obje
     keys = part_keys(object_keys_of(drawing.key, scene.ids[: len(rows)]), scene)
     of_row = rows if scene.parent is None else rows[scene.parent]
     electrons = scene.electrons.sum(axis=1)
-    out.judge(of_row, choice, electrons)
+    out.note_choice(of_row, choice, electrons)
     for kind in (policy.UNRESOLVED, policy.STAMP, policy.PHOTONS):
         mine = np.flatnonzero(choice.method == kind)
         if not mine.size:
@@ -88,8 +88,12 @@ def _misses(window: Window, scene: Scene, wing: FloatArray) -> BoolArray:
     """Whether the stamp and wing of each object miss the window; an object may have no electrons there by chance."""
     assert scene.reach is not None
     reach = np.maximum(scene.reach, wing) + 0.5
-    spans = (scene.x, window.x0, window.x1), (scene.y, window.y0, window.y1)
-    return np.logical_or(*((at + reach < low - 0.5) | (at - reach > high - 0.5) for at, low, high in spans))
+    return _beyond(scene.x, reach, window.x0, window.x1) | _beyond(scene.y, reach, window.y0, window.y1)
+
+
+def _beyond(position: FloatArray, reach: FloatArray, first: int, last: int) -> BoolArray:
+    """Whether positions and their reach (n,) lie beyond the pixels first..last (half-open) of an axis."""
+    return (position + reach < first - 0.5) | (position - reach > last - 0.5)
 
 
 def _boxed(scene: Scene, psf: PsfSet) -> Scene:
@@ -102,9 +106,9 @@ def object_keys_of(base: np.uint64, ids: IntArray) -> IntArray:
     """Return a key for each object, from its id and, for repeated ids, the position among the objects of that id."""
     order = np.argsort(ids, kind="stable")
     first = np.r_[True, np.diff(ids[order]) != 0]
-    place = np.arange(len(ids))
+    rank = np.arange(len(ids))
     again = np.empty(len(ids), np.int64)
-    again[order] = place - np.maximum.accumulate(np.where(first, place, 0))
+    again[order] = rank - np.maximum.accumulate(np.where(first, rank, 0))
     keys = object_keys(base, ids)
     for i in np.flatnonzero(again):
         keys[i] = object_keys(~keys[i], again[i : i + 1])[0]  # ~: the first object uses the words of the key itself

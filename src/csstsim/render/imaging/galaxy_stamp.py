@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
@@ -23,7 +23,7 @@ import scipy.fft
 from csstsim.base.types import BoolArray, ComplexArray, FloatArray, IntArray
 from csstsim.profiles.log_table import first_of, nodes, read
 from csstsim.profiles.sersic import CUT_NONE, K2_HIGH, K2_LOW, R2_HIGH, R2_LOW, cut_for, extent, tables
-from csstsim.render.imaging.thin_galaxy import Across, across, add_band
+from csstsim.render.imaging.thin_galaxy import Across, Components, across, add_band
 from csstsim.render.psf_mixture import BINS, transform
 
 if TYPE_CHECKING:
@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from csstsim.render.imaging.stamper import Stamper
     from csstsim.render.scene import Scene
 
-# sersic, light, matrix, tables and cut of the outer parts, and how they are blurred
-Smooth: TypeAlias = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, Across | None]
 _WORST = 3e-4  # of the peak: the most that blurring may change in the outer part ...
 _BLURRED = 3e-3  # of the peak: a larger change is not left out
 _LOCAL = 0.05  # ... where the change is more than this fraction of the local value
@@ -76,20 +74,18 @@ def plan_galaxies(scene: Scene, reach: IntArray, box: float, rows: BoolArray) ->
     The PSF's wings blur by the curvature of the split itself.
     """
     there = (scene.component_fractions > 0) & rows[:, None] & (scene.sersic[:, :, 0] > 0)
-    n, b, size = np.moveaxis(np.where(there[..., None], scene.sersic, 1.0), -1, 0)
+    index, b, size = np.moveaxis(np.where(there[..., None], scene.sersic, 1.0), -1, 0)
     size = np.maximum(size, SIZE_MIN)
     wide = np.hypot(scene.matrix[:, :, 0], scene.matrix[:, :, 1]).max(axis=1)[:, None] * size  # px
     axes = np.linalg.svd(scene.matrix, compute_uv=False)[:, None, :] * size[:, :, None]
     short = axes[..., 1, None]
     centre = np.minimum(1.0 / np.sqrt(axes.prod(axis=-1)), 1.0)
-    n = n[..., None]
-    b = b[..., None]
+    index_at = index[..., None]  # of each radius of _RHO
+    b_at = b[..., None]
     with np.errstate(under="ignore"):
-        level = np.exp(b * (centre[..., None] ** (1 / n) - _RHO ** (1 / n)))
-    core = b / n * _RHO ** (1 / n - 2) * _CORE2 / short**2
+        level = np.exp(b_at * (centre[..., None] ** (1 / index_at) - _RHO ** (1 / index_at)))
+    core = b_at / index_at * _RHO ** (1 / index_at - 2) * _CORE2 / short**2
     wrong = np.maximum(np.minimum(core * level, core * _WORST / _LOCAL), _WINGS2 / (_RHO * short) ** 2 * level)
-    n = n[..., 0]
-    b = b[..., 0]
     short = short[..., 0]
     start = _RHO[np.minimum((wrong > _WORST).sum(axis=-1), len(_RHO) - 1)]
     radius = 2 * np.maximum(start, _START_PX / wide)
@@ -98,14 +94,14 @@ def plan_galaxies(scene: Scene, reach: IntArray, box: float, rows: BoolArray) ->
     capped = (radius > most) & (2 * reach[:, None] > _EXTENT_MAX)
     last = np.maximum((0.5 * most[..., None] > _RHO).sum(axis=-1) - 1, 0)
     near = np.take_along_axis(wrong, last[..., None], axis=-1)[..., 0]
-    bare = b / n * short ** (-1 / n) * _CORE2  # the curvature one pixel from the centre
+    bare = b / index * short ** (-1 / index) * _CORE2  # the curvature one pixel from the centre
     thin = (capped & there & (np.minimum(near, bare) > _BLURRED)).any(axis=1)
     radius = np.where(capped & (bare < near) & ~thin[:, None], CUT_NONE, np.minimum(radius, most))
-    cut = np.full(n.shape, np.inf)
-    ends = np.zeros(n.shape)
+    cut = np.full(index.shape, np.inf)
+    ends = np.zeros(index.shape)
     for i, c in np.argwhere(there).tolist():
-        cut[i, c] = cut_for(n[i, c], radius[i, c])
-        ends[i, c] = extent(n[i, c]) if cut[i, c] > CUT_NONE else 0.0
+        cut[i, c] = cut_for(index[i, c], radius[i, c])
+        ends[i, c] = extent(index[i, c]) if cut[i, c] > CUT_NONE else 0.0
     end = (np.minimum(cut, ends) * wide).max(axis=1, where=there, initial=0.0)
     if scene.spots is not None and scene.spot is not None:
         grown = np.linalg.norm(scene.matrix, ord=2, axis=(1, 2))
@@ -117,7 +113,7 @@ def plan_galaxies(scene: Scene, reach: IntArray, box: float, rows: BoolArray) ->
 
 
 def galaxy_stamp(
-    stamper: Stamper, i: int, share: FloatArray, bounds: Box | None, many: bool = False
+    stamper: Stamper, i: int, node_electrons: FloatArray, bounds: Box | None, many: bool = False
 ) -> tuple[FloatArray, float]:
     """Return (stamp, light) of a Stamper's galaxy i, as Stamper.stamp.
 
@@ -130,34 +126,29 @@ def galaxy_stamp(
     reach = stamper.reach[i]
     core = stamper.core
     node = scene.node[i]
-    light = scene.component_fractions[i]
-    sersic = scene.sersic[i]
-    matrix = scene.matrix[i]
     x = scene.x[i]
     y = scene.y[i]
-    cut = plan.cut[i]
     half = plan.half[i]
     size = int(plan.size[i])
     spots = -1 if scene.spot is None else scene.spot[i]
-    inner, outer = _component_tables(*(key for c in range(2) for key in (sersic[c, 0] * (light[c] > 0), cut[c])))
+    components = _components(scene, plan, i)
     if spots >= 0:  # their transform is part of the mixture: what the components' tables multiply is 1
-        inner = _ONES
-    frequency = BINS[-1] if plan.thin[i] else _cutoff(sersic, light, matrix, inner, mixer.envelope(node, share))
+        components = components._replace(inner=_ONES)
+    frequency = BINS[-1] if plan.thin[i] else _cutoff(components, mixer.envelope(node, node_electrons))
     last = min(int(frequency * size) + 1, size)
     x0, x1, y0, y1 = (0, 0, 0, 0) if bounds is None else bounds
     stamp = np.zeros((y1 - y0, x1 - x0))
     first_x = round(x) - half
     first_y = round(y) - half
     if many:
-        mixture = mixer.mixed_transforms(node, share, size, last, core is not None)
+        mixture = mixer.mixed_transforms(node, node_electrons, size, last, core is not None)
     else:
-        cells = mixer.mixed_cells(node, share)
+        cells = mixer.mixed_cells(node, node_electrons)
         mixture = transform(cells if core is None else cells * core, size, mixer.per_pixel, last)
-    profiles = sersic, light, matrix, outer, cut
-    blurred = across(mixture, size, *profiles, 1.5 * reach + 1, mixer.half) if plan.thin[i] else None
+    blurred = across(mixture, size, components, 1.5 * reach + 1, mixer.half) if plan.thin[i] else None
     if spots >= 0 and scene.spots is not None:
-        mixture *= scene.spots.transform(spots, matrix, size, last)
-    folded = _convolved(mixture, sersic, light, matrix, inner, x - first_x, y - first_y, size)
+        mixture *= scene.spots.transform(spots, components.matrix, size, last)
+    folded = _convolved(mixture, components, x - first_x, y - first_y, size)
     image = scipy.fft.irfft2(folded, s=(size, size), overwrite_x=True)[: 2 * half + 1, : 2 * half + 1]
     whole = image.sum(dtype=np.float64)
     low_x = max(x0, first_x)
@@ -168,43 +159,48 @@ def galaxy_stamp(
         stamp[low_y - y0 : high_y - y0, low_x - x0 : high_x - x0] = image[
             low_y - first_y : high_y - first_y, low_x - first_x : high_x - first_x
         ]
-    if np.isfinite(cut).any():
-        smooth = *profiles, blurred
-        electrons = mixer.light(node, share, core is not None)
+    if np.isfinite(components.cut).any():
+        electrons = mixer.light(node, node_electrons, core is not None)
         before = stamp.sum()
-        _add_smooth(stamp, *smooth, x - x0, y - y0, electrons)
+        _add_smooth(stamp, components, blurred, x - x0, y - y0, electrons)
         if stamp.shape == (2 * reach + 1, 2 * reach + 1):
             whole += stamp.sum() - before
         else:
-            whole += _outer_light(smooth, x - round(x) + reach, y - round(y) + reach, 2 * reach + 1, electrons)
+            corner_x = x - round(x) + reach
+            corner_y = y - round(y) + reach
+            whole += _outer_light(components, blurred, corner_x, corner_y, 2 * reach + 1, electrons)
     return stamp, whole
 
 
-def _outer_light(smooth: Smooth, x: float, y: float, side: int, electrons: float) -> float:
+def _components(scene: Scene, plan: Plan, i: int) -> Components:
+    """Return the Components of galaxy i."""
+    light = scene.component_fractions[i]
+    sersic = scene.sersic[i]
+    cut = plan.cut[i]
+    disk, bulge = sersic[:, 0] * (light > 0)
+    disk_cut, bulge_cut = cut
+    inner, outer = _component_tables(disk, disk_cut, bulge, bulge_cut)
+    return Components(sersic, light, scene.matrix[i], inner, outer, cut)
+
+
+def _outer_light(
+    components: Components, blurred: Across | None, x: float, y: float, side: int, electrons: float
+) -> float:
     """Return the light of the outer parts on a square of `side` px, computed in strips of _ROWS rows."""
     total = 0.0
     for row in range(0, side, _ROWS):
         strip = np.zeros((min(_ROWS, side - row), side))
-        _add_smooth(strip, *smooth, x, y - row, electrons)
+        _add_smooth(strip, components, blurred, x, y - row, electrons)
         total += strip.sum()
     return total
 
 
 def _add_smooth(
-    stamp: FloatArray,
-    sersic: FloatArray,
-    light: FloatArray,
-    matrix: FloatArray,
-    tables: FloatArray,
-    cut: FloatArray,
-    blurred: Across | None,
-    x: float,
-    y: float,
-    electrons: float,
+    stamp: FloatArray, components: Components, blurred: Across | None, x: float, y: float, electrons: float
 ) -> None:
     """Add the outer parts to `stamp`, as they are or, within the band of an Across, blurred."""
     side, band = (np.zeros(2), 0.0) if blurred is None else (blurred.axes[:, 1].copy(), blurred.band)
-    _add_outer(stamp, sersic, light, matrix, tables, cut, side, band, x, y, electrons)
+    _add_outer(stamp, components, side, band, x, y, electrons)
     if blurred is not None:
         add_band(stamp, blurred.values, blurred.axes, blurred.band, x, y)
 
@@ -218,13 +214,13 @@ def _component_tables(disk: float, disk_cut: float, bulge: float, bulge_cut: flo
 
 
 @numba.njit(cache=True)
-def _cutoff(
-    sersic: FloatArray, light: FloatArray, matrix: FloatArray, tables: FloatArray, envelope: FloatArray
-) -> float:
+def _cutoff(components: Components, envelope: FloatArray) -> float:
     """Return the frequency [cycles per pixel] above which the sum of all amplitudes is below _TAIL of the peak.
 
-    tables (2, m): transforms of the components; envelope: the PSF's transform at BINS, of light 1.
+    envelope: the PSF's transform at BINS, of flux 1.
     """
+    matrix = components.matrix
+    light = components.light
     p = matrix[0, 0] ** 2 + matrix[1, 0] ** 2
     q = matrix[0, 1] ** 2 + matrix[1, 1] ** 2
     r = matrix[0, 0] * matrix[0, 1] + matrix[1, 0] * matrix[1, 1]
@@ -238,8 +234,8 @@ def _cutoff(
             k2 = (2 * np.pi * BINS[j]) ** 2 * max(middle - spread * np.cos(2 * angle), 0.0)
             for c in range(2):
                 if light[c] > 0:
-                    line[0] = k2 * sersic[c, 2] ** 2
-                    power[j] += light[c] * abs(read(tables[c], _K2_FIRST, bits[0]))
+                    line[0] = k2 * components.sersic[c, 2] ** 2
+                    power[j] += light[c] * abs(read(components.inner[c], _K2_FIRST, bits[0]))
         power[j] *= envelope[j] * BINS[j] ** 2
     left = _TAIL * power.sum()
     j = len(BINS) - 1
@@ -250,20 +246,13 @@ def _cutoff(
 
 
 @numba.njit(cache=True)
-def _convolved(
-    mixture: ComplexArray,
-    sersic: FloatArray,
-    light: FloatArray,
-    matrix: FloatArray,
-    tables: FloatArray,
-    x: float,
-    y: float,
-    size: int,
-) -> ComplexArray:
+def _convolved(mixture: ComplexArray, components: Components, x: float, y: float, size: int) -> ComplexArray:
     """Return the folded transform, (size, size // 2 + 1) complex64, of the inner part at x, y from the first pixel.
 
     mixture: the PSF's, of psf_mixture.transform.
     """
+    matrix = components.matrix
+    light = components.light
     last = mixture.shape[1] - 1
     half = size // 2
     step = 2 * np.pi / size
@@ -284,9 +273,9 @@ def _convolved(
         value[:] = 0.0
         for c in range(2):
             if light[c] > 0:
-                r_e = sersic[c, 2]
+                r_e = components.sersic[c, 2]
                 part = light[c]
-                table = tables[c]
+                table = components.inner[c]
                 a = m00 * r_e
                 p = m10 * j_y * r_e
                 b = m01 * r_e
@@ -313,11 +302,7 @@ def _convolved(
 @numba.njit(cache=True)
 def _add_outer(
     stamp: FloatArray,
-    sersic: FloatArray,
-    light: FloatArray,
-    matrix: FloatArray,
-    tables: FloatArray,
-    cut: FloatArray,
+    components: Components,
     side: FloatArray,
     band: float,
     x: float,
@@ -328,13 +313,16 @@ def _add_outer(
 
     side: unit vector across the long axis; pixels within `band` [px] of that axis are left out.
     """
+    matrix = components.matrix
+    light = components.light
+    cut = components.cut
     determinant = matrix[0, 0] * matrix[1, 1] - matrix[0, 1] * matrix[1, 0]
     line = np.empty(stamp.shape[1])
     bits = line.view(np.int64)
     for c in range(2):
         if not (light[c] > 0 and np.isfinite(cut[c])):
             continue
-        r_e = sersic[c, 2]
+        r_e = components.sersic[c, 2]
         inside = (0.5 * cut[c]) ** 2 if cut[c] > CUT_NONE else -1.0
         level = electrons * light[c] / (r_e * r_e * abs(determinant))
         a = matrix[1, 1] / (determinant * r_e)
@@ -354,4 +342,4 @@ def _add_outer(
                         line[column] = -2.0  # below any `inside`
             for column in range(stamp.shape[1]):
                 if line[column] > inside:
-                    stamp[row, column] += level * read(tables[c], _R2_FIRST, bits[column])
+                    stamp[row, column] += level * read(components.outer[c], _R2_FIRST, bits[column])

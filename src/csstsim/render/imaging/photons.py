@@ -2,7 +2,7 @@
 
 An electron's position is that of the object, plus a draw from the profile under its 2 x 2 matrix, plus a draw from the
 PSF. The PSF at a position is a mixture of nodes (optics.psf.interpolation), so choosing a node with its weight, and a
-sub-band with its share of the light, samples it exactly. The number of electrons of each component is Poisson. If its
+sub-band with its fraction of the flux, samples it exactly. The number of electrons of each component is Poisson. If its
 mean is small, sub-band and node are chosen for each electron; if it is large, each sub-band and node has an independent
 Poisson number. No further Poisson noise is added later.
 

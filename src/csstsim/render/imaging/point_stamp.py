@@ -16,35 +16,46 @@ if TYPE_CHECKING:
     from csstsim.base.types import FloatArray
     from csstsim.render.canvas import Box
     from csstsim.render.imaging.stamper import Stamper
+    from csstsim.render.psf_mixture import Mixer
 
 
-def point_stamp(stamper: Stamper, i: int, share: FloatArray, bounds: Box | None) -> tuple[FloatArray, float]:
+def point_stamp(stamper: Stamper, i: int, node_electrons: FloatArray, bounds: Box | None) -> tuple[FloatArray, float]:
     """Return (stamp, light) of a Stamper's point i, as Stamper.stamp."""
     reach = stamper.reach[i]
     column = round(stamper.scene.x[i])
     row = round(stamper.scene.y[i])
-    whole = column - reach, column + reach + 1, row - reach, row + reach + 1
-    stamp = _pixels(stamper, i, share, whole)
+    left = column - reach
+    bottom = row - reach
+    stamp = _pixels(stamper, i, node_electrons, (left, column + reach + 1, bottom, row + reach + 1))
     light = stamp.sum()
     if bounds is None:
         return stamp[:0, :0], light
-    return stamp[bounds[2] - whole[2] : bounds[3] - whole[2], bounds[0] - whole[0] : bounds[1] - whole[0]], light
+    x0, x1, y0, y1 = bounds
+    return stamp[y0 - bottom : y1 - bottom, x0 - left : x1 - left], light
 
 
-def _pixels(stamper: Stamper, i: int, share: FloatArray, bounds: Box) -> FloatArray:
+def _pixels(stamper: Stamper, i: int, node_electrons: FloatArray, bounds: Box) -> FloatArray:
     """Return the light of a point on the pixels of `bounds`."""
     mixer = stamper.mixer
     core = stamper.core
     x = stamper.scene.x[i]
     y = stamper.scene.y[i]
-    m, (x0, x1, y0, y1) = mixer.per_pixel, bounds
+    per_pixel = mixer.per_pixel
+    x0, x1, y0, y1 = bounds
     stamp = np.zeros((y1 - y0, x1 - x0))
-    start = (y0 - 0.5 - y) * m + mixer.cells / 2, (x0 - 0.5 - x) * m + mixer.cells / 2
-    first = tuple(max(math.floor(s) - 1, 0) for s in start)
-    last = tuple(min(math.floor(s) + k * m + 2, mixer.cells) for s, k in zip(start, stamp.shape, strict=True))
-    if first[0] >= last[0] or first[1] >= last[1]:
+    start_x = (x0 - 0.5 - x) * per_pixel + mixer.cells / 2
+    start_y = (y0 - 0.5 - y) * per_pixel + mixer.cells / 2
+    columns = _cells(start_x, x1 - x0, mixer)
+    rows = _cells(start_y, y1 - y0, mixer)
+    if rows.start >= rows.stop or columns.start >= columns.stop:
         return stamp
-    cells = mixer.mixed_cells(stamper.scene.node[i], share, first, last)
+    cells = mixer.mixed_cells(stamper.scene.node[i], node_electrons, rows, columns)
     if core is not None:
-        cells *= core[first[0] : last[0], first[1] : last[1]]
-    return pixel_sums(cells, start[0] - first[0], start[1] - first[1], m, m, stamp)
+        cells *= core[rows, columns]
+    return pixel_sums(cells, start_y - rows.start, start_x - columns.start, per_pixel, per_pixel, stamp)
+
+
+def _cells(start: float, pixels: int, mixer: Mixer) -> slice:
+    """Return the PSF's cells along an axis that reach into `pixels` pixels from `start` [cell] on."""
+    first = max(math.floor(start) - 1, 0)
+    return slice(first, min(math.floor(start) + pixels * mixer.per_pixel + 2, mixer.cells))

@@ -82,9 +82,9 @@ def draw_objects(canvas: Canvas, objects: ObjectTable, drawing: Drawing) -> Obje
     of_row = out.rows if scene.parent is None else out.rows[scene.parent]
     out.snr[:] = out.error[:] = np.nan
     half = psf.image.shape[-1] / 2 / psf.oversampling
-    least = 0 if drawing.scattered is None else math.ceil(half)  # a stamp holds all of the box
+    smallest = 0 if drawing.scattered is None else math.ceil(half)  # a stamp holds all of the box
     wing_px = objects["wing"] if wing is not None else np.zeros(len(objects))
-    out.note_sides(slice(None), np.clip(objects["reach"], least, REACH_FFT), wing_px)
+    out.note_sides(slice(None), np.clip(objects["reach"], smallest, REACH_FFT), wing_px)
     core = box_share(psf.image.shape[-1], psf.oversampling) if wing is not None else 1.0
     image = galsim.ImageD(np.zeros(window.shape), xmin=window.x0, ymin=window.y0)
     plane = Canvas(image.array, window, canvas.response)
@@ -97,7 +97,7 @@ def draw_objects(canvas: Canvas, objects: ObjectTable, drawing: Drawing) -> Obje
             continue
         cells = _cells(psf, scene.node[k], scene.weight[k], light) * core
         at = (scene.x[k], scene.y[k])
-        reach = min(max(int(objects["reach"][i]), least), REACH_FFT)
+        reach = min(max(int(objects["reach"][i]), smallest), REACH_FFT)
         stamp, flag = _draw(partial(galaxies.seen, k, cells, psf.oversampling), *at, reach)
         flag |= TRUNCATED_STAMP if objects["reach"][i] > REACH_FFT else 0
         seen = galsim.BoundsI() if flag & TOO_LARGE else stamp.bounds & image.bounds
@@ -189,11 +189,14 @@ class Galaxies:
         if self._scene.spot is not None and self._scene.spot[i] >= 0:
             return _spots(self._scene, i)
         names = "e1", "e2", "lost", "kappa", "gamma1", "gamma2"
-        e1, e2, lost, kappa, gamma1, gamma2 = (float(self._objects[name][i]) for name in names)
+        row = {name: float(self._objects[name][i]) for name in names}
+        kappa = row["kappa"]
+        gamma1 = row["gamma1"]
+        gamma2 = row["gamma2"]
         parts = []
         for light, (_, index, size) in zip(self._scene.component_fractions.T, self._parts, strict=True):
             if light[i] > 0:
-                budget = folding or min(max(lost / light[i], FOLDING_MIN), FOLDING_MAX)
+                budget = folding or min(max(row["lost"] / light[i], FOLDING_MIN), FOLDING_MAX)
                 gsparams = galsim.GSParams(**GSPARAMS, folding_threshold=budget)
                 how = {"half_light_radius": max(size[i], SIZE_MIN), "flux": light[i], "gsparams": gsparams}
                 n = float(index[i]) if isinstance(index, np.ndarray) else index
@@ -201,7 +204,7 @@ class Galaxies:
                 parts.append(kind(**how) if kind else galsim.Sersic(n, **how))
         profile = parts[0] if len(parts) == 1 else galsim.Add(parts, propagate_gsparams=False)
         mu = 1.0 / ((1 - kappa) ** 2 - gamma1**2 - gamma2**2)
-        profile = profile.shear(g1=e1, g2=e2).lens(gamma1 / (1 - kappa), gamma2 / (1 - kappa), mu)
+        profile = profile.shear(g1=row["e1"], g2=row["e2"]).lens(gamma1 / (1 - kappa), gamma2 / (1 - kappa), mu)
         return profile.transform(*self._jacobian[i].ravel())
 
 

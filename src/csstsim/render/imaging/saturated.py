@@ -17,14 +17,15 @@ if TYPE_CHECKING:
 def flag_saturated(
     truth: ObjectTable, image: FloatArray, counted: IntArray | None, window: Window, full_well: float
 ) -> ObjectTable:
-    """Return the truth table with SATURATED where one of the 3 x 3 pixels at an object's place is above the full well.
+    """Return the truth table with SATURATED where one of the 3 x 3 pixels around an object is above the full well.
 
     image, counted: electrons, (window.ny, window.nx), counted may be None; full_well: electrons. The light is that
     falling on the detector, before blooming and charge transfer. Objects outside the window are not flagged.
     """
     if not len(truth):
         return truth
-    x, y = (np.nan_to_num(np.round(truth[name]), nan=-1e9).astype(int) for name in ("x", "y"))
+    x = _pixel(truth["x"])
+    y = _pixel(truth["y"])
     on = np.flatnonzero((x >= window.x0) & (x < window.x1) & (y >= window.y0) & (y < window.y1))
     full = np.zeros(on.size, bool)
     for shift in np.ndindex(3, 3):
@@ -36,3 +37,8 @@ def flag_saturated(
     flags = truth["flags"].copy()
     flags[on[full]] |= SATURATED
     return truth.with_columns(flags=flags)
+
+
+def _pixel(position: FloatArray) -> IntArray:
+    """Return the pixels of positions along an axis; of NaN one that is on no window."""
+    return np.nan_to_num(np.round(position), nan=-1e9).astype(int)

@@ -43,7 +43,7 @@ class Stamper:
 
     @cached_property
     def core(self) -> FloatArray | None:
-        """The share of each cell of the PSF that is drawn, or None: all of it."""
+        """The fraction of each cell of the PSF that is drawn, or None: all of it."""
         return self.mixer.core if self.cored else None
 
     def alone(self, i: int) -> Stamper:
@@ -55,13 +55,19 @@ class Stamper:
         """Return the Stamper of a single object moved to x, y."""
         return replace(self, scene=replace(self.scene, x=np.array([x]), y=np.array([y])))
 
-    def stamp(self, i: int, share: FloatArray, bounds: Box | None, many: bool = False) -> tuple[FloatArray, float]:
+    def stamp(
+        self, i: int, node_electrons: FloatArray, bounds: Box | None, many: bool = False
+    ) -> tuple[FloatArray, float]:
         """Return (stamp, light): object i on the pixels of `bounds`, float64, and the light of its whole stamp.
 
-        share (k, 4): electrons from each of its PSF nodes and sub-band; bounds: (x0, x1, y0, y1), half-open, the part
-        of the stamp to compute, or None; many: whether many galaxies share size and nodes.
+        node_electrons (k, 4): electrons from each of its PSF nodes and sub-band; bounds: (x0, x1, y0, y1), half-open,
+        the part of the stamp to compute, or None; many: whether many galaxies share size and nodes.
         """
-        return galaxy_stamp(self, i, share, bounds, many) if self.plan.size[i] else point_stamp(self, i, share, bounds)
+        return (
+            galaxy_stamp(self, i, node_electrons, bounds, many)
+            if self.plan.size[i]
+            else point_stamp(self, i, node_electrons, bounds)
+        )
 
     def parts(self, i: int) -> tuple[Part, ...]:
         """Return the render.extended.Parts of object i."""

@@ -47,11 +47,28 @@ class Drawn:
 def draw_scene(
     canvas: Canvas, scene: Scene, psf: PsfSet | Mixer, scattered: Scattered | None = None, chip: Chip | None = None
 ) -> Drawn:
-    """Draw the objects of a Scene as expected electrons; return Drawn.
+    """Draw the objects of a Scene as expected electrons, without noise.
 
-    psf: PsfSet, or the Mixer of one; scattered: optics.scatter.scattered_light.Scattered, or None: only stamps are
-    drawn; chip: instrument.chip.Chip, for the ghosts. The drawing order is fixed (points, then galaxies by size of
-    transform, both sorted by PSF nodes), so the same scene gives the same bits.
+    The drawing order is fixed (points, then galaxies by size of transform, both sorted by PSF nodes), so the same scene
+    gives the same bits.
+
+    Parameters
+    ----------
+    canvas
+        With a plane of expected electrons, to which the objects are added.
+    scene
+        n objects, with the half sides of their stamps and the radii of their wings [px].
+    psf
+        Of the chip; the Mixer of a PsfSet saves time when it is kept between calls.
+    scattered
+        Light beyond the PSF's box; None: only stamps are rendered.
+    chip
+        For the positions of ghosts; it must be given if `scattered` has ghosts.
+
+    Returns
+    -------
+    Drawn
+        What was rendered of each object.
     """
     assert canvas.expected is not None and scene.wing is not None
     n = len(scene)
@@ -68,7 +85,7 @@ def draw_scene(
     plan = stamper.plan
     reach = stamper.reach
     out.flags[scene.outside] |= OUTSIDE_PSF_HULL
-    share = scene.weight[:, :, None] * flux[:, None, :]
+    node_electrons = scene.weight[:, :, None] * flux[:, None, :]
     group = np.column_stack([plan.size, scene.node])
     order = np.lexsort(group.T[::-1])
     _, which, members = np.unique(group, axis=0, return_inverse=True, return_counts=True)
@@ -78,7 +95,7 @@ def draw_scene(
         at = scene.x[i], scene.y[i]
         bounds = _visible(*at, reach[i], window)
         parts: list[tuple[float, Box]] = []
-        stamp, whole = stamper.stamp(i, share[i], bounds, many[i])
+        stamp, whole = stamper.stamp(i, node_electrons[i], bounds, many[i])
         if plan.size[i]:
             out.flags[i] |= _clip_negative(stamp)
         if bounds:
@@ -92,7 +109,7 @@ def draw_scene(
         if parts:
             out.drawn[i] = sum(electrons for electrons, _ in parts)
             if scattered is not None:
-                inside = mixer.light(scene.node[i], share[i], wing is not None)
+                inside = mixer.light(scene.node[i], node_electrons[i], wing is not None)
                 light = StampLight(inside, whole, reach[i])
                 out.drawn[i] += wings.add(at, flux[i], light, wing_px[i], stamper.parts(i))
             out.box[i] = around([bounds for _, bounds in parts])

@@ -7,6 +7,7 @@ projection-slice theorem). It is computed on a table of distances along and acro
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -27,6 +28,25 @@ _INSIDE = 64  # distances in a sample near the long axis
 _R2_FIRST = first_of(R2_LOW)
 
 
+class Components(NamedTuple):
+    """The two components of a galaxy, disk and bulge, each split into an inner and an outer part (profiles.sersic).
+
+    * sersic: (2, 3), index, b, half-light radius [arcsec]
+    * light: (2,), fractions of the galaxy's flux
+    * matrix: (2, 2), px per arcsec
+    * inner: (2, m), transforms of the inner parts
+    * outer: (2, l), profiles of the outer parts
+    * cut: (2,), radius [half-light radii] at which the inner part ends; inf: there is no outer part
+    """
+
+    sersic: FloatArray
+    light: FloatArray
+    matrix: FloatArray
+    inner: FloatArray
+    outer: FloatArray
+    cut: FloatArray
+
+
 @dataclass(frozen=True)
 class Across:
     """The light of the outer parts [electron / px^2] at distances along and across the long axis."""
@@ -36,32 +56,24 @@ class Across:
     band: float  # px: |distance across| of the samples
 
 
-def across(
-    mixture: ComplexArray,
-    size: int,
-    sersic: FloatArray,
-    light: FloatArray,
-    matrix: FloatArray,
-    tables: FloatArray,
-    cut: FloatArray,
-    far: float,
-    half: float,
-) -> Across:
+def across(mixture: ComplexArray, size: int, components: Components, far: float, half: float) -> Across:
     """Return the Across of a galaxy's outer parts.
 
-    mixture: the PSF's transform (psf_mixture.transform) of period `size`; sersic, light, matrix: of the scene; tables
-    (2, l), cut (2,): of the outer parts (profiles.sersic); far: the largest distance along the long axis [px]; half:
-    half the side of the PSF's box [px].
+    mixture: the PSF's transform (psf_mixture.transform) of period `size`; far: the largest distance along the long axis
+    [px]; half: half the side of the PSF's box [px].
     """
-    axes, (long, short), _ = np.linalg.svd(matrix)
+    light = components.light
+    axes, (long, short), _ = np.linalg.svd(components.matrix)
     period = 4.0 * half
     band = _BAND * half
     along = np.arange(0.0, far + 2 * _ALONG, _ALONG)
     kept = np.arange(-np.ceil(band * _KEPT) - 1, np.ceil(band * _KEPT) + 2)
     values = np.zeros((len(along), len(kept)))
-    for c in np.flatnonzero((light > 0) & np.isfinite(cut)):
-        wide = long * sersic[c, 2]
-        thin = max(short * sersic[c, 2], _THIN)
+    for c in np.flatnonzero((light > 0) & np.isfinite(components.cut)):
+        radius = components.sersic[c, 2]
+        table = components.outer[c]
+        wide = long * radius
+        thin = max(short * radius, _THIN)
         step = 1 / (_KEPT * next_fast_len(int(np.ceil(_FINE / (_KEPT * thin)))))
         count = round(period / step)
         slice_ = _slice(mixture, size, axes[:, 1], np.arange(count // 2 + 1) / period)
@@ -71,9 +83,9 @@ def across(
         for first in range(0, len(along), _LINES):
             some = slice(first, first + _LINES)
             along2 = (along[some, None] / wide) ** 2
-            lines = _profile(along2, (distance / thin) ** 2, tables[c])
+            lines = _profile(along2, (distance / thin) ** 2, table)
             for cell, (inside, weight) in enumerate(cells):
-                mean = _profile(along2, (inside / thin) ** 2, tables[c]) @ weight
+                mean = _profile(along2, (inside / thin) ** 2, table) @ weight
                 lines[:, cell] = lines[:, -cell] = mean
             blurred = irfft(rfft(lines, axis=1) * slice_, count, axis=1)[:, sampled]
             values[some] += light[c] / (wide * thin) * blurred

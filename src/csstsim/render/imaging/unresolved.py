@@ -1,6 +1,6 @@
 """The light of objects too faint to be drawn one by one: spread smoothly, without loss.
 
-An object's electrons are shared out bilinearly among the four nearest points of a mesh of MESH pixels, and the mesh is
+An object's electrons are distributed bilinearly over the four nearest points of a mesh of MESH pixels, and the mesh is
 interpolated bilinearly on the window, so an object becomes a pyramid two meshes wide around its position. Its light and
 first moments are conserved, and so is all structure larger than the mesh.
 """
@@ -27,19 +27,24 @@ def add_unresolved(canvas: Canvas, scene: Scene) -> tuple[FloatArray, IntArray]:
     response = canvas.seen
     electrons = scene.electrons.sum(axis=1)
     # Mesh point k is at pixel (k - 1) MESH of the window; objects beyond the outermost points add no light
-    u, v = ((at - first) / MESH + 1 for at, first in ((scene.x, window.x0), (scene.y, window.y0)))
-    ny, nx = (n // MESH + 4 for n in window.shape)
-    mesh = np.zeros((ny, nx))
+    u = (scene.x - window.x0) / MESH + 1
+    v = (scene.y - window.y0) / MESH + 1
+    shape = window.ny // MESH + 4, window.nx // MESH + 4
+    mesh = np.zeros(shape)
     on_window = np.zeros(len(scene))
-    level = np.zeros((ny, nx))  # light that a mesh point of value 1 puts on the window
+    level = np.zeros(shape)  # light that a mesh point of value 1 puts on the window
     _scatter(mesh, u, v, electrons / MESH**2)
     _spread(canvas.expected, mesh, response)
     _collect(level, response)
     _gather(on_window, level, u, v, electrons / MESH**2)
-    x, y = (np.floor(at).astype(int) - 1 for at in (u, v))
-    edges = [(x - 1, x + 2, window.nx), (y - 1, y + 2, window.ny)]
-    box = np.stack([np.clip(k * MESH, 0, n) for low, high, n in edges for k in (low, high)], axis=1)
+    box = np.column_stack([*_pyramid(u, window.nx), *_pyramid(v, window.ny)])
     return on_window, box + canvas.corner
+
+
+def _pyramid(u: FloatArray, pixels: int) -> tuple[IntArray, IntArray]:
+    """Return the first and last pixel (half-open) of the pyramids at mesh positions u, along an axis of `pixels`."""
+    column = np.floor(u).astype(int) - 1
+    return np.clip((column - 1) * MESH, 0, pixels), np.clip((column + 2) * MESH, 0, pixels)
 
 
 @numba.njit(cache=True)

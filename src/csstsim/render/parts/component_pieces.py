@@ -38,17 +38,18 @@ def draw_components(
     """
     if spectra.gradients is None:
         return draw(canvas, objects, spectra, disperser, drawing)
-    shares = spectra.gradients.through(disperser.filter, objects)
+    fractions = spectra.gradients.through(disperser.filter, objects)
     split = spectra.gradients.coloured(objects)
-    shares[~split] = 1.0, 0.0, 0.0
-    owner, kind = np.nonzero(shares)
-    kind, share = np.where(split[owner], kind, _WHOLE), shares[owner, kind]
+    fractions[~split] = 1.0, 0.0, 0.0
+    owner, kind = np.nonzero(fractions)
+    fraction = fractions[owner, kind]
+    kind = np.where(split[owner], kind, _WHOLE)
     pieces = objects.take(owner)
     for name, component in (("bulge_frac", BULGE), ("knots_frac", KNOTS)):
         values = np.where(kind == _WHOLE, pieces[name], kind == component)
         pieces = pieces.with_columns(**{name: values.astype(np.float32)})
-    flux = {f"flux{i}": pieces[f"flux{i}"] * share for i in range(4)}
-    pieces = pieces.with_columns(**flux, **{SHARE: pieces.get(SHARE, np.ones(len(owner))) * share})
+    flux = {f"flux{i}": pieces[f"flux{i}"] * fraction for i in range(4)}
+    pieces = pieces.with_columns(**flux, **{SHARE: pieces.get(SHARE, np.ones(len(owner))) * fraction})
     table, orders = draw(canvas, pieces, spectra.of_components(owner, kind), disperser, drawing)
     whole = gathered(objects, owner, table)
     changed = {}
@@ -56,4 +57,4 @@ def draw_components(
         part = np.bincount(owner, np.where(kind == component, table["electrons"], 0.0), len(objects))
         lit = split & (whole["electrons"] > 0)
         changed[name] = np.where(lit, part / np.where(lit, whole["electrons"], 1.0), objects[name]).astype(np.float32)
-    return whole.with_columns(**changed), orders_of(orders, owner, share)
+    return whole.with_columns(**changed), orders_of(orders, owner, fraction)

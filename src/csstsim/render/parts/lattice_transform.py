@@ -32,9 +32,12 @@ class LatticeTransform:
     def __init__(self, coefficients: FloatArray) -> None:
         shape = tuple(scipy.fft.next_fast_len(2 * max(n, _WIDTH)) for n in coefficients.shape)
         padded = np.zeros(shape)
-        rows, columns = (np.arange(n) - n // 2 for n in coefficients.shape)
-        even = _window_transform(rows / shape[0])[:, None] * _window_transform(columns / shape[1])
-        padded[np.ix_(rows % shape[0], columns % shape[1])] = coefficients / even
+        ny, nx = coefficients.shape
+        padded_ny, padded_nx = shape
+        rows = np.arange(ny) - ny // 2
+        columns = np.arange(nx) - nx // 2
+        even = _window_transform(rows / padded_ny)[:, None] * _window_transform(columns / padded_nx)
+        padded[np.ix_(rows % padded_ny, columns % padded_nx)] = coefficients / even
         self._values = scipy.fft.fft2(padded).astype(np.complex64)
 
     def at(self, matrix: FloatArray, size: int, last: int) -> ComplexArray:
@@ -63,11 +66,11 @@ def _sinc3(f: float) -> float:
 
 
 @numba.njit(cache=True)
-def _weights(out: FloatArray, place: float, table: FloatArray) -> int:
-    """Fill `out` with the window's values around a place; return the index of the first."""
-    first = math.ceil(place - 0.5 * len(out))
+def _weights(out: FloatArray, position: float, table: FloatArray) -> int:
+    """Fill `out` with the window's values around a position; return the index of the first."""
+    first = math.ceil(position - 0.5 * len(out))
     for j in range(len(out)):
-        u = abs(place - (first + j)) * _FINER
+        u = abs(position - (first + j)) * _FINER
         k = int(u)
         out[j] = table[k] + (u - k) * (table[k + 1] - table[k])
     return first

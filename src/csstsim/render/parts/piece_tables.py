@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from csstsim.base.types import FloatArray, IntArray
     from csstsim.catalog.table import ObjectTable
 
-SHARE = "trail_share"  # column of the pieces: their share of the object's light
+SHARE = "trail_share"  # column of the pieces: their fraction of the object's electrons
 
 
 def gathered(objects: ObjectTable, owner: IntArray, drawn: ObjectTable) -> ObjectTable:
@@ -24,14 +24,6 @@ def gathered(objects: ObjectTable, owner: IntArray, drawn: ObjectTable) -> Objec
     chosen = starts.copy()  # the first piece that was drawn
     rows = np.flatnonzero(lit)
     chosen[owner[rows[::-1]]] = rows[::-1]
-    box: dict[str, IntArray] = {}
-    there = drawn["x1"] > drawn["x0"]
-    for low, high in (("x0", "x1"), ("y0", "y1")):
-        least = np.full(count, np.iinfo(np.int32).max, np.int32)
-        most = np.zeros(count, np.int32)
-        np.minimum.at(least, owner[there], drawn[low][there])
-        np.maximum.at(most, owner[there], drawn[high][there])
-        box |= {low: np.where(most > 0, least, 0).astype(np.int32), high: most}
     sums = {name: np.bincount(owner, drawn[name], count) for name in ("electrons", "drawn", "ms")}
     fraction = np.divide(sums["drawn"], sums["electrons"], out=np.zeros(count), where=sums["electrons"] > 0)
     flags = np.bitwise_and.reduceat(drawn["flags"], starts) if count else drawn["flags"]  # OFF_CHIP: all of it
@@ -49,7 +41,7 @@ def gathered(objects: ObjectTable, owner: IntArray, drawn: ObjectTable) -> Objec
         snr=of_piece["snr"],
         error=of_piece["error"],
         stamp=stamp,
-        **box,
+        **_boxes(drawn, owner, count),
         ms=sums["ms"].astype(drawn["ms"].dtype),
     )
 
@@ -66,19 +58,26 @@ def orders_of(orders: ObjectTable, row: IntArray, light: FloatArray) -> ObjectTa
     names = np.unique(orders["grating"], return_inverse=True)[1]
     key = np.stack([mine, orders["order"].astype(int), names])
     _, group = np.unique(key, axis=1, return_inverse=True)
-    group, count = group.ravel(), int(group.max()) + 1
+    group = group.ravel()
+    count = int(group.max()) + 1
     order = np.lexsort((np.arange(len(group)), -orders["electrons"], group))
     best = order[np.r_[True, np.diff(group[order]) != 0]]
     kept = orders.take(best)
-    box: dict[str, IntArray] = {}
-    there = orders["x1"] > orders["x0"]
-    for low, high in (("x0", "x1"), ("y0", "y1")):
-        least = np.full(count, np.iinfo(np.int32).max, np.int32)
-        most = np.zeros(count, np.int32)
-        np.minimum.at(least, group[there], orders[low][there])
-        np.maximum.at(most, group[there], orders[high][there])
-        box |= {low: np.where(most > 0, least, 0).astype(np.int32), high: most}
     sums = {name: np.bincount(group, orders[name], count) for name in ("electrons", "drawn")}
     any_cut = np.bincount(group, orders["cut"], count) > 0
+    box = _boxes(orders, group, count)
     kept = kept.with_columns(row=mine[best].astype(np.int32), cut=any_cut, **sums, **box)
     return kept.take(np.lexsort((kept["order"], kept["row"])))
+
+
+def _boxes(table: ObjectTable, group: IntArray, count: int) -> dict[str, IntArray]:
+    """Return columns (count,) x0, x1, y0, y1 of the boxes that enclose those of each group of rows; zeros: none."""
+    box: dict[str, IntArray] = {}
+    there = table["x1"] > table["x0"]
+    for low, high in (("x0", "x1"), ("y0", "y1")):
+        first = np.full(count, np.iinfo(np.int32).max, np.int32)
+        last = np.zeros(count, np.int32)
+        np.minimum.at(first, group[there], table[low][there])
+        np.maximum.at(last, group[there], table[high][there])
+        box |= {low: np.where(last > 0, first, 0).astype(np.int32), high: last}
+    return box

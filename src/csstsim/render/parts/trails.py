@@ -1,7 +1,7 @@
 """Objects that move during the exposure: a trail is drawn as points along it, a long one as a line (tracks).
 
-A trail of up to LINE_PX is cut into pieces, each a copy of the object with its part of the light at the place of its
-own time. All renderers draw them as they draw any object. Times and shares are the nodes and weights of Gauss and
+A trail of up to LINE_PX is cut into pieces, each a copy of the object with its part of the light at the position of its
+own time. All renderers draw them as they draw any object. Times and fractions are the nodes and weights of Gauss and
 Legendre, some SPACING px apart. A pixel-integrated PSF has less than 1e-4 of its light above one cycle per pixel, so
 this sum cannot be told from a line; the tests compare it with GalSim's. A piece has the light of the time that its
 column is exposed. The response of the pixels, in which the shutter is, multiplies it (optics.throughput.response).
@@ -10,7 +10,7 @@ column is exposed. The response of the pixels, in which the shutter is, multipli
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, NamedTuple, overload
 
 import numpy as np
 
@@ -80,22 +80,32 @@ def draw_trailed(
     line = (length > LINE_PX) | ((objects["trail_width"] > 0) & (length > 0))
     rest = np.flatnonzero(~line)
     some = objects.take(rest)
-    pieces, owner, light = cut(some, drawing)
-    table, *orders = drawn(pieces, None if spectra is None else spectra.take(rest[owner]).times(light))
+    pieces = cut(some, drawing)
+    owner = pieces.owner
+    light = pieces.light
+    table, *orders = drawn(pieces.table, None if spectra is None else spectra.take(rest[owner]).times(light))
     tables = [(rest, gathered(some, owner, table))]
     if line.any():
         at = np.flatnonzero(line)
         tables.append((at, draw_tracks(canvas, objects.take(at), drawing, spectra and spectra.take(at), disperser)))
-    place = np.argsort(np.concatenate([rows for rows, _ in tables]), kind="stable")
-    whole = ObjectTable.concat([part for _, part in tables]).take(place)
+    sort = np.argsort(np.concatenate([rows for rows, _ in tables]), kind="stable")
+    whole = ObjectTable.concat([part for _, part in tables]).take(sort)
     return (whole, *(orders_of(part, rest[owner], light) for part in orders))
 
 
-def cut(objects: ObjectTable, drawing: Drawing) -> tuple[ObjectTable, IntArray, FloatArray]:
-    """Return (pieces, owner (m,), light (m,)): the pieces as an ObjectTable, the rows they are of, and their light.
+class Pieces(NamedTuple):
+    """The m pieces of objects: their table, the row of the object of each (m,), and its light (m,).
 
-    light: that of the exposure is 1. A row that does not move is one piece. Pieces of a row are together, in time.
+    light: that of the object in the exposure is 1.
     """
+
+    table: ObjectTable
+    owner: IntArray
+    light: FloatArray
+
+
+def cut(objects: ObjectTable, drawing: Drawing) -> Pieces:
+    """Return the Pieces of objects. A row that does not move is one piece. Pieces of a row are together, in time."""
     interval = drawing.interval
     scale = drawing.wcs.chip.telescope.pixel_scale
     length = np.where(objects["trail_length"] > 0, objects["trail_length"] / scale, 0.0)
@@ -105,12 +115,14 @@ def cut(objects: ObjectTable, drawing: Drawing) -> tuple[ObjectTable, IntArray, 
     moving = np.flatnonzero(length[owner] > 0)
     pieces = objects.take(owner)
     if not len(moving):
-        return pieces.with_columns(**{SHARE: light}), owner, light
+        return Pieces(pieces.with_columns(**{SHARE: light}), owner, light)
     assert interval is not None and drawing.observer is not None  # given for objects that move
     mine = owner[moving]
     rules = [_rule(n) for n in count[np.unique(mine)].tolist()]
-    step, part = (np.concatenate(values) for values in zip(*rules, strict=True))
-    start, end = (objects[name][mine] for name in ("trail_start", "trail_end"))
+    step = np.concatenate([nodes for nodes, _ in rules])
+    part = np.concatenate([weights for _, weights in rules])
+    start = objects["trail_start"][mine]
+    end = objects["trail_end"][mine]
     t = 0.5 * (start + end) + step * (end - start)
     motion = motion_of(objects.take(mine), interval)
     ra, dec, ra_epoch, dec_epoch, x, y = seen_at(motion, drawing.wcs, drawing.observer, t)
@@ -119,15 +131,15 @@ def cut(objects: ObjectTable, drawing: Drawing) -> tuple[ObjectTable, IntArray, 
     changed = {name: objects[name][owner].astype(float) for name in columns}
     for name, values in columns.items():
         changed[name][moving] = values
-    share = np.ones(len(owner))
-    share[moving] = part
+    fraction = np.ones(len(owner))
+    fraction[moving] = part
     flux = {f"flux{i}": pieces[f"flux{i}"] * light for i in range(4)}
-    return pieces.with_columns(**changed, **flux, **{SHARE: share}), owner, light
+    return Pieces(pieces.with_columns(**changed, **flux, **{SHARE: fraction}), owner, light)
 
 
 @lru_cache(512)
 def _rule(n: int) -> tuple[FloatArray, FloatArray]:
-    """Return (places from -0.5 to 0.5, weights whose sum is 1) of n points."""
+    """Return (nodes from -0.5 to 0.5, weights whose sum is 1) of n points."""
     nodes, weights = np.polynomial.legendre.leggauss(n)
     return 0.5 * nodes, 0.5 * weights
 

@@ -105,10 +105,10 @@ def _chunks(scene: Scene, choice: Choice, disperser: Disperser) -> Iterator[tupl
 
 def _visits_of(chunk: IntArray, visits: IntArray, count: int) -> tuple[IntArray, IntArray]:
     """Return (indices of a chunk's visits, the visits with objects numbered within the chunk); count: all objects."""
-    place = np.full(count, -1)
-    place[chunk] = np.arange(len(chunk))
-    at = np.flatnonzero(place[visits[:, 0]] >= 0)
-    return at, np.column_stack([place[visits[at, 0]], visits[at, 1:]])
+    number = np.full(count, -1)
+    number[chunk] = np.arange(len(chunk))
+    at = np.flatnonzero(number[visits[:, 0]] >= 0)
+    return at, np.column_stack([number[visits[at, 0]], visits[at, 1:]])
 
 
 def _light(
@@ -117,42 +117,42 @@ def _light(
     chunk: IntArray,
     spectra: Callable[[IntArray, FloatArray], FloatArray],
     optics: Disperser,
-    most: float,
+    maximum: float,
 ) -> FloatArray:
     """Return a chunk's (n, bins) spectra times the exposure time; bad ones are set to zero, flagged and not drawn.
 
-    Bad: negative, not finite, or of more than `most` electrons, although the fluxes at selection were smaller.
+    Bad: negative, not finite, or of more than `maximum` electrons, although the fluxes at selection were smaller.
     """
     light = spectra(job.rows[chunk], optics.edges)
     if job.scene.fraction_of_parent is not None:
         light = light * job.scene.fraction_of_parent[chunk, None]
-    bad = np.flatnonzero(_bad(light, job.exptime, optics.rates.sum(axis=1).max(axis=0), most))
+    bad = np.flatnonzero(_bad(light, job.exptime, optics.rates.sum(axis=1).max(axis=0), maximum))
     job.out.flags[job.rows[chunk[bad]]] |= BAD_VALUE
     choice.method[chunk[bad]] = policy.NONE
     return light
 
 
 @numba.njit(cache=True)
-def _bad(light: FloatArray, exptime: float, rates: FloatArray, most: float) -> BoolArray:
+def _bad(light: FloatArray, exptime: float, rates: FloatArray, maximum: float) -> BoolArray:
     """Multiply spectra (n, bins) by the exposure time in place and set bad ones to zero; return (n,) bool: bad."""
     bad = np.zeros(len(light), np.bool_)
     bins = light.shape[1]
     lanes = np.empty(_LANES)
-    least = np.empty(_LANES)
+    smallest = np.empty(_LANES)
     for i in range(len(light)):
         spectrum = light[i]
         lanes[:] = 0.0
-        least[:] = 0.0
+        smallest[:] = 0.0
         for b in range(bins):
             spectrum[b] *= exptime
         for b in range(0, bins - _LANES + 1, _LANES):
             for k in range(_LANES):
                 lanes[k] += spectrum[b + k] * rates[b + k]
-                least[k] = min(least[k], spectrum[b + k])
+                smallest[k] = min(smallest[k], spectrum[b + k])
         for b in range(bins - bins % _LANES, bins):
             lanes[0] += spectrum[b] * rates[b]
-            least[0] = min(least[0], spectrum[b])
-        bad[i] = not lanes.sum() <= most or least.min() < 0  # a sum with NaN is not below anything
+            smallest[0] = min(smallest[0], spectrum[b])
+        bad[i] = not lanes.sum() <= maximum or smallest.min() < 0  # a sum with NaN is not below anything
         if bad[i]:
             spectrum[:] = 0.0
     return bad
@@ -258,7 +258,7 @@ def tables_of(
     np.add.at(out.ms, at, result.ms)
     drawn_as = choice.method == policy.STAMP
     electrons = scene.electrons.sum(axis=1)
-    out.judge(rows, choice, electrons)
+    out.note_choice(rows, choice, electrons)
     out.name_methods(rows, np.where(drawn_as, slabs, policy.METHODS[choice.method]), electrons)
     assert scene.reach is not None and scene.wing is not None
     out.note_sides(rows[drawn_as], scene.reach[drawn_as], scene.wing[drawn_as])
@@ -286,9 +286,9 @@ def _of_objects(job: DispersedJob) -> tuple[IntArray, _Result]:
     scene = job.scene
     assert scene.parent is not None
     mine = np.flatnonzero(visits[:, 0] < job.count)
-    place = np.full((job.count, 2), -1)
-    place[visits[mine, 0], visits[mine, 1]] = np.arange(len(mine))
-    to = place[scene.parent[visits[:, 0]], visits[:, 1]]
+    number = np.full((job.count, 2), -1)  # of the visit of an object to a piece
+    number[visits[mine, 0], visits[mine, 1]] = np.arange(len(mine))
+    to = number[scene.parent[visits[:, 0]], visits[:, 1]]
     told = to >= 0  # a tile may visit a piece that the middle of its image does not
     merged = _Result(visits[mine], job.disperser)
     for total, part in ((merged.electrons, result.electrons), (merged.drawn, result.drawn), (merged.ms, result.ms)):
@@ -324,10 +324,12 @@ def _orders(job: DispersedJob, at: IntArray, window: Window) -> ObjectTable:
             )
             x = scene.x[visits[mine, 0]]
             y = scene.y[visits[mine, 0]]
-            p, q, r, s = lines = order.lines(x, y).T
+            lines = order.lines(x, y).T
+            p, q, r, s = lines
             low, high = _range(lines, x, y, window, order.range)
             lands = np.flatnonzero((low < high) | (result.drawn[mine, o] > 0))
-            mine, box = mine[lands], result.box[mine[lands], o]
+            mine = mine[lands]
+            box = result.box[mine, o]
             columns.append({
                 "id": objects["id"][at[mine]], "row": at[mine].astype(np.int32),
                 "order": np.full(len(mine), number, np.int8), "grating": np.full(len(mine), grating.name),

@@ -1,7 +1,7 @@
 """How many slabs per pixel a spectrum needs (render.slitless.slabs): the fewest whose error is allowed.
 
 Light between slabs is assigned to them by cubic interpolation. The error is small where a spectrum is smooth over a few
-pixels and large in lines. As a share of the object's S/N it is
+pixels and large in lines. As a fraction of the object's S/N it is
 
     error = slabs_flat + roughness x slabs         (numbers of config/render.yaml, by slabs to a pixel)
 
@@ -20,7 +20,7 @@ _WEAK = 0.5  # fraction of the allowed error that an order weaker than the brigh
 
 
 def allowed_error(snr: FloatArray, per_pixel: int, eps: float) -> FloatArray:
-    """Return the allowed error of slabs as a share of S/N, (n,): eps of the noise, or twice the stored PSF's error."""
+    """Return the allowed error of slabs as a fraction of S/N, (n,): eps of the noise, or twice the PSF's error."""
     psf = load_numbers().error.psf[4 if per_pixel >= 4 else 2]
     return np.maximum(eps / np.maximum(snr, 1e-9), 2 * psf)
 
@@ -48,7 +48,7 @@ def fewest_by_order(electrons: FloatArray, rough: FloatArray, short: BoolArray, 
     electrons: (n, orders); rough, allowed: (n,); short: (orders,) bool, an order much shorter than the first, where
     even a flat spectrum is as narrow as a line.
     """
-    most = electrons.max(axis=1, keepdims=True)
-    share = np.where(most > 0, electrons / np.where(most > 0, most, 1.0), 0.0)
-    limit = allowed[:, None] * np.where(share < 1, _WEAK, 1.0) / np.maximum(share, 1e-9)
+    maximum = electrons.max(axis=1, keepdims=True)
+    fraction = np.where(maximum > 0, electrons / np.where(maximum > 0, maximum, 1.0), 0.0)
+    limit = allowed[:, None] * np.where(fraction < 1, _WEAK, 1.0) / np.maximum(fraction, 1e-9)
     return fewest(np.where(short, 1.0, rough[:, None]), limit)

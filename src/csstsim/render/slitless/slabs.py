@@ -7,7 +7,7 @@ over PSF wavelengths of the stamp at its sub-pixel phase times the light. The he
 over blocks of 16 px. The larger a galaxy's components (`densities`), the smoother its spectrum and the fainter the
 order (render.slitless.slab_counts), the fewer slabs are needed. Light beyond the PSF's box is added every 8 px
 (render.slitless.line_wings). Light beyond the edge of a grating's piece is cut: from the cells of a PSF or the pixels
-of a galaxy by the share of each, and from the wings. Left out: ghosts of dispersed light.
+of a galaxy by the fraction of each, and from the wings. Left out: ghosts of dispersed light.
 """
 
 from __future__ import annotations
@@ -152,11 +152,11 @@ def densities(scene: Scene, per_px: int | IntArray) -> IntArray:
     steep = np.maximum((scene.sersic[:, :, 0] - DISK) / (BULGE - DISK), 0.0)  # linear in the index, as the error model
     wanted = _SLABS[0] + (_SLABS[1] - _SLABS[0]) * steep
     wanted = wanted / np.maximum(chord[:, None] * scene.sersic[:, :, 2], 1e-3)
-    most = np.broadcast_to(per_px, len(scene))
+    maximum = np.broadcast_to(per_px, len(scene))
     if scene.spot is not None:  # as sharp as points
-        wanted = np.where(scene.spot[:, None] >= 0, most[:, None], wanted)
-    mean = (scene.component_fractions * np.clip(wanted, 1, most[:, None])).sum(axis=1)
-    return np.clip(2 ** np.round(np.log2(mean)), 1, most).astype(int)
+        wanted = np.where(scene.spot[:, None] >= 0, maximum[:, None], wanted)
+    mean = (scene.component_fractions * np.clip(wanted, 1, maximum[:, None])).sum(axis=1)
+    return np.clip(2 ** np.round(np.log2(mean)), 1, maximum).astype(int)
 
 
 def meets(x: FloatArray, y: FloatArray, reach: float, window: Window) -> bool:

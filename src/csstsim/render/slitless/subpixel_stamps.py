@@ -36,9 +36,9 @@ def subpixel_stamps(stamper: Stamper, i: int, density: int, side: Side) -> Float
     pixels = np.arange(-reach, reach + 1)
     alone = stamper.alone(i)
     for band in range(4):
-        share = _of_band(scene, i, band)
+        node_electrons = _of_band(scene, i, band)
         if not galaxy:
-            cells = mixer.mixed_cells(scene.node[i], share)
+            cells = mixer.mixed_cells(scene.node[i], node_electrons)
             cells *= 1 if stamper.core is None else stamper.core
             if side != WHOLE:
                 cells *= _inside(
@@ -47,7 +47,7 @@ def subpixel_stamps(stamper: Stamper, i: int, density: int, side: Side) -> Float
             _fill_points(out[band], cells, mixer.per_pixel)
             continue
         for column, row in np.ndindex(density, heights):
-            stamp, _ = alone.moved(column / density, row / heights).stamp(0, share, bounds)
+            stamp, _ = alone.moved(column / density, row / heights).stamp(0, node_electrons, bounds)
             lit = np.maximum(stamp, 0.0)
             lit *= stamp.sum() / max(lit.sum(), 1e-300)
             out[band, column, row] = lit * _inside(pixels, 1, side, column / density, row / heights)
@@ -60,9 +60,9 @@ def light_inside(stamper: Stamper, i: int) -> StampLight:
     node = stamper.scene.node[i]
     light = np.empty((2, 4))
     for band in range(4):
-        share = _of_band(stamper.scene, i, band)
-        _, whole = stamper.stamp(i, share, None)
-        light[:, band] = mixer.light(node, share, stamper.cored), whole
+        node_electrons = _of_band(stamper.scene, i, band)
+        _, whole = stamper.stamp(i, node_electrons, None)
+        light[:, band] = mixer.light(node, node_electrons, stamper.cored), whole
     inside, drawn = light
     return StampLight(inside, drawn, stamper.reach[i])
 
