@@ -153,7 +153,7 @@ def test_the_cost_of_a_method_is_the_sum_of_its_parts():
     assert photons == pytest.approx([10 + 200, 10 + 3000, 10 + 5000])
     assert stamp == pytest.approx(np.array([1e4, 1e5 + 8.1, 1e5 + 12.1]) + wing, rel=1e-12)
     spotted = replace(objects, spots=object(), spot=np.array([-1, -1, 0]))
-    assert policy.costs(spotted, np.ones(3), cost)[1] - stamp == pytest.approx([0, 0, 1e6])
+    assert policy.costs(spotted, np.ones(3), cost).stamp - stamp == pytest.approx([0, 0, 1e6])
 
 
 def test_noise_is_of_the_light_and_of_the_pixels_under_the_object():

@@ -29,7 +29,7 @@ from csstsim.base.types import FloatArray, Floats
 # indices of the two components of a galaxy, unless it has others
 DISK = 1.0
 BULGE = 4.0
-# indices that are drawn
+# indices that are rendered
 INDEX_MIN = 0.3
 INDEX_MAX = 6.2
 _B = {DISK: 1.678347, BULGE: 7.669249}  # b(n) for the series in `light_beyond`, without scipy (Ciotti & Bertin 1999)

@@ -1,4 +1,4 @@
-"""Canvas: the pixels of a window that objects are drawn on, as two planes of electrons."""
+"""Canvas: the pixels of a window that objects are rendered on, as two planes of electrons."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Drawing: the optics, exposure time and fidelity with which the objects of a chip are drawn."""
+"""Drawing: the optics, exposure time and fidelity with which the objects of a chip are rendered."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Drawing:
     wcs: ChipWCS
     psf: PsfSet
     exptime: float  # s
-    scattered: Scattered | None = None  # light beyond the PSF's box; None: only stamps are drawn
+    scattered: Scattered | None = None  # light beyond the PSF's box; None: only stamps are rendered
     fidelity: str = "standard"  # a preset of config/render.yaml, or "reference"
     variance: float = 0.0  # of a pixel without objects [e-^2]
     key: np.uint64 | None = None  # of the exposure's random numbers, for photons

@@ -1,4 +1,4 @@
-"""How each object was drawn: recorded by the renderers and returned as the truth columns described in io.truth."""
+"""How each object was rendered: recorded by the renderers and returned as the truth columns described in io.truth."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ if TYPE_CHECKING:
     from csstsim.optics.scatter.halo import Wing
     from csstsim.render.policy import Choice
 
-NONE = "none"  # method of objects that are not drawn
+NONE = "none"  # method of objects that are not rendered
 # Columns that drawing adds
 ADDED = "electrons", "drawn", "fraction", "method", "snr", "error", "stamp", "x0", "x1", "y0", "y1", "ms"
 
 
 class DrawnTable:
-    """One row per object of an ObjectTable from catalog.selection.select; `rows` are those that can be drawn.
+    """One row per object of an ObjectTable from catalog.selection.select; `rows` are those that can be rendered.
 
     * electrons: nominal
     * drawn: electrons put on the window, whole ones for photons, expected ones otherwise; ghosts are added on top, so
@@ -73,7 +73,7 @@ class DrawnTable:
         np.add.at(self.error, rows[lit], choice.error[lit])
 
     def note(self, rows: IntArray, drawn: FloatArray | IntArray, box: IntArray) -> None:
-        """Add to what was drawn of the objects `rows`, in which one may be named several times: electrons and boxes."""
+        """Add electrons and boxes to what was rendered of the objects `rows`; one may be named several times."""
         np.add.at(self.drawn, rows, drawn)
         lit = box[:, 1] > 0
         low = self.box[:, ::2].copy()
@@ -86,7 +86,7 @@ class DrawnTable:
         self.box[:, 1::2] = high
 
     def name_methods(self, rows: IntArray, names: AnyArray, electrons: FloatArray) -> None:
-        """Record how objects were drawn: of one of several parts, how the brightest was."""
+        """Record how objects were rendered: of one of several parts, how the brightest was."""
         order = np.argsort(electrons, kind="stable")
         self.method[rows[order]] = names[order]
 
@@ -95,7 +95,7 @@ class DrawnTable:
         self.stamp[rows] = (2 * np.maximum(reach, np.ceil(wing)) + 1).astype(np.int32)
 
     def miss(self, rows: IntArray | BoolArray) -> None:
-        """Flag objects whose light misses the window as OFF_CHIP and not drawn."""
+        """Flag objects whose light misses the window as OFF_CHIP and not rendered."""
         self.flags[rows] |= OFF_CHIP
         self.method[rows] = NONE
 

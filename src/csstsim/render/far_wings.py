@@ -1,11 +1,11 @@
 """Wings far from their objects, where they are smooth: summed on coarse meshes and added to the chip once.
 
-Near an object its wing is drawn pixel by pixel (render.wings). Further out it is drawn on five meshes of 8 to 128 px,
-one per range of radius. From each of the radii OVER to twice that radius one mesh fades into the next, twice as coarse,
-by the step function that joins box and wing; the last mesh has no outer limit. Each mesh holds the sum of all wings and
-is turned into coefficients of a cubic spline. A coarse spline is exactly a finer one with other coefficients, so coarse
-meshes are refined, summed, and evaluated together at each pixel. Relative error of a wing: 4e-4 where one mesh takes
-over from another, 3e-3 where the first one does so at 48 px, 1e-4 elsewhere.
+Near an object its wing is rendered pixel by pixel (render.wings). Further out it is rendered on five meshes of 8 to 128
+px, one per range of radius. From each of the radii OVER to twice that radius one mesh fades into the next, twice as
+coarse, by the step function that joins box and wing; the last mesh has no outer limit. Each mesh holds the sum of all
+wings and is turned into coefficients of a cubic spline. A coarse spline is exactly a finer one with other coefficients,
+so coarse meshes are refined, summed, and evaluated together at each pixel. Relative error of a wing: 4e-4 where one
+mesh takes over from another, 3e-3 where the first one does so at 48 px, 1e-4 elsewhere.
 
 Cost: about 40,000 mesh points per object, whatever its brightness, and one pass over the chip for all objects.
 

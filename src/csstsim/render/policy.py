@@ -5,7 +5,7 @@
 | `photons`    | counted  | objects whose electrons cost less than their pixels: all but the brightest   |
 | `stamp`      | expected | bright objects; all objects of a noise-free image                            |
 | `unresolved` | expected | objects below the preset's S/N floor: their light is spread smoothly         |
-| `none`       |          | objects that cannot be drawn (flags say why) or have no light                |
+| `none`       |          | objects that cannot be rendered (see their flags) or have no electrons       |
 
 The choice is deterministic: it depends only on nominal light, the stored PSF and config/render.yaml. If no method is
 below `eps`, as for the brightest objects, the cheapest method within three times the smallest error is taken. The
@@ -15,7 +15,7 @@ column `error` of the truth table has the predicted error.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
@@ -41,6 +41,13 @@ _AS_GOOD = 3.0
 _PSF_HALF_LIGHT = 1.2  # pixel
 _USUAL = 0.01  # roughness of a spectrum (render.slitless.slab_counts)
 _GAUSSIAN = 4 * np.pi / (2 * np.log(2))  # effective number of pixels / half-light radius^2 of a Gaussian
+
+
+class Costs(NamedTuple):
+    """CPU time of n objects by method [ns], each (n,); stamp: slabs of dispersed light."""
+
+    photons: FloatArray
+    stamp: FloatArray
 
 
 @dataclass(frozen=True)
@@ -97,7 +104,7 @@ def choose_dispersed(scene: Scene, drawing: Drawing, disperser: Disperser, maxim
     slab = cost.slab_pixel * px * (2.0 * scene.reach + 1) ** 2 + np.where(galaxy, cost.slabs_galaxy, 0.0)
     slabs = cost.slabs_star + densities(scene, fewest(_USUAL, allowed)) * slab
     slabs += cost.wing_pixel * np.pi * np.minimum(scene.wing, LINE_NEAR) ** 2 * px / LINE_STEP
-    choice = _cheapest(scene, snr, (shot, slabs), _may_be_photons(electrons * maximum, drawing), drawing)
+    choice = _cheapest(scene, snr, Costs(shot, slabs), _may_be_photons(electrons * maximum, drawing), drawing)
     choice.method[electrons <= 0] = NONE
     coarse = (choice.method == PHOTONS) & (snr * numbers.error.bins <= eps)
     return replace(choice, allowed=allowed, coarse=coarse)
@@ -108,9 +115,7 @@ def _may_be_photons(electrons: FloatArray, drawing: Drawing) -> BoolArray:
     return (electrons < PHOTONS_MAX) & drawing.psf.convex & (drawing.fidelity != "noise_free")
 
 
-def _cheapest(
-    scene: Scene, snr: FloatArray, cost: tuple[FloatArray, FloatArray], photons: BoolArray, drawing: Drawing
-) -> Choice:
+def _cheapest(scene: Scene, snr: FloatArray, cost: Costs, photons: BoolArray, drawing: Drawing) -> Choice:
     """Return the Choice of the cheapest accurate method: photons, where `photons` (n,) allows them, or stamps."""
     assert scene.reach is not None and scene.wing is not None  # select gives them
     # A wing takes over where a point's stamp ends
@@ -123,7 +128,7 @@ def _cheapest(
     smallest = np.where(allowed, error, np.inf).min(axis=1)
     eps = numbers.presets[cast("Fidelity", drawing.fidelity)].eps
     good = allowed & (error <= np.maximum(eps, _AS_GOOD * smallest)[:, None])
-    best = np.where(good, np.stack(cost, axis=1), np.inf).argmin(axis=1)
+    best = np.where(good, np.stack([cost.photons, cost.stamp], axis=1), np.inf).argmin(axis=1)
     method = np.where(best == 0, PHOTONS, STAMP).astype(np.int8)
     return Choice(method, np.take_along_axis(error, best[:, None], 1)[:, 0], snr)
 
@@ -140,8 +145,8 @@ def half_light_px2(scene: Scene) -> FloatArray:
     return (scene.component_fractions * scene.sersic[:, :, 2] ** 2).sum(axis=1) * stretch2
 
 
-def costs(scene: Scene, electrons: FloatArray, cost: Cost) -> tuple[FloatArray, FloatArray]:
-    """Return (photons, stamp): CPU ns of each object, (n,). cost: render.settings.Cost."""
+def costs(scene: Scene, electrons: FloatArray, cost: Cost) -> Costs:
+    """Return the Costs of a Scene's objects; cost: render.settings.Cost."""
     assert scene.reach is not None and scene.wing is not None  # select gives them
     galaxy = scene.extended
     photons = cost.photon_object + electrons * np.where(galaxy, cost.photon_galaxy, cost.photon_star)
@@ -149,4 +154,4 @@ def costs(scene: Scene, electrons: FloatArray, cost: Cost) -> tuple[FloatArray, 
     stamp = np.where(galaxy, cost.stamp_galaxy + cost.stamp_pixel * pixels, cost.stamp_star)
     if scene.spot is not None:
         stamp = stamp + cost.stamp_spots * (scene.spot >= 0)
-    return photons, stamp + cost.wing_pixel * np.pi * np.minimum(scene.wing, WING_NEAR) ** 2
+    return Costs(photons, stamp + cost.wing_pixel * np.pi * np.minimum(scene.wing, WING_NEAR) ** 2)

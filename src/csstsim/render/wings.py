@@ -6,9 +6,10 @@ covers the whole chip, so that no drawing method loses light. Light that is stil
 than the box or the box differs from the wing where they join, is added as a smooth ring between core and edge of the
 box.
 
-How a wing is drawn depends on whether it exceeds the noise (selection.reach). A wing that does is drawn pixel by pixel
-near the object, up to 48 to 192 px, and on the meshes of render.far_wings beyond. A wing hidden by noise, here called a
-haze, is drawn on the meshes alone and faded in from the centre, because the box's ring is too narrow for a mesh.
+How a wing is rendered depends on whether it exceeds the noise (selection.reach). A wing that does is rendered pixel by
+pixel near the object, up to 48 to 192 px, and on the meshes of render.far_wings beyond. A wing hidden by noise, here
+called a haze, is rendered on the meshes alone and faded in from the centre, because the box's ring is too narrow for a
+mesh.
 
 A wing is read from a table in r^2 (profiles.log_table), with a relative error of 3e-5 for slopes down to -3. The value
 at a pixel's centre is used for the pixel, an error of 4e-4 at 45 px and less beyond. Cost: benchmarks/wings.py.
@@ -41,7 +42,9 @@ if TYPE_CHECKING:
 FADE = 0.7, 0.95  # of the box's half side
 NEAR = 48.0, 96.0  # px: the meshes take over from here to twice that, for short wings and for others
 SMOOTH_PX = 16.0  # half-light radius from which a ring is smooth enough for the meshes
-_NEAR_LIGHT = 0.006, 0.08  # of the light: the most that a stamp may leave out; without and with a wing
+# Of the flux: the maximum that a stamp may leave out, without and with a wing
+_NEAR_ALONE = 0.006
+_NEAR_WITH_WING = 0.08
 
 
 def box_share(cells: int, per_pixel: int) -> FloatArray:
@@ -161,9 +164,10 @@ def _one_band(light: Floats) -> FloatArray:
 def near_light(missing: Floats, inside: Floats, wing: Wing | None) -> FloatArray:
     """Return the `missing` light, but 0 where there is so much of it that the profile must be larger than its stamp.
 
-    Such light is far from the object and not drawn; TRUNCATED_STAMP or the truth's `fraction` show this.
+    Such light is far from the object and not rendered; TRUNCATED_STAMP or the truth's `fraction` show this.
     """
-    return np.where(np.abs(missing) < _NEAR_LIGHT[wing is not None] * inside, missing, 0.0)
+    maximum = _NEAR_ALONE if wing is None else _NEAR_WITH_WING
+    return np.where(np.abs(missing) < maximum * inside, missing, 0.0)
 
 
 def wing_share(flux: FloatArray, inside: Floats, light: FloatArray) -> Floats:

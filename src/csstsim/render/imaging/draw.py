@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 def draw_objects(canvas: Canvas, objects: ObjectTable, drawing: Drawing) -> ObjectTable:
-    """Draw the objects of an imaging chip on a Canvas; return the table with what was drawn (render.drawn_table).
+    """Draw the objects of an imaging chip on a Canvas; return the table with what was rendered (render.drawn_table).
 
     objects: ObjectTable from catalog.selection.select; drawing: render.drawing.Drawing.
     """
@@ -73,10 +73,10 @@ def draw_objects(canvas: Canvas, objects: ObjectTable, drawing: Drawing) -> Obje
         else:
             assert drawing.tables is not None
             canvas.count()
-            drawn, _, box = shoot_scene(canvas, some, keys[mine], drawing.tables, wing)
-            out.note(at, drawn, box)
+            shot = shoot_scene(canvas, some, keys[mine], drawing.tables, wing)
+            out.note(at, shot.on_window, shot.box)
         if kind != policy.STAMP:
-            work, _ = policy.costs(some, some.electrons.sum(axis=1), load_numbers().cost)
+            work = policy.costs(some, some.electrons.sum(axis=1), load_numbers().cost).photons
             np.add.at(out.ms, at, 1000 * (time.process_time() - start) * work / work.sum())
     out.name_methods(of_row, policy.METHODS[choice.method], electrons)
     main = scene if scene.parent is None else scene.take(np.arange(len(rows)))

@@ -8,7 +8,7 @@ sub-bands. Differences from the paper (by design):
 - the stamp is bounded by the scene's noise (catalog.selection.select, `reach`), not by folding_threshold = 5e-8;
 - shapes go through full 2 x 2 matrices: intrinsic shear, lensing, then d(pixel)/d(sky);
 - a stored PSF sample is the integral over a cell, 2 or 4 to the side of a pixel. Sums of cells are exact integrals over
-  a pixel, so objects are drawn with GalSim's `no_pixel` on that pixel-integrated PSF.
+  a pixel, so objects are rendered with GalSim's `no_pixel` on that pixel-integrated PSF.
 render.wings adds the light that a stamp does not hold: beyond the box of the stored PSF the wing, drawn pixel by pixel
 as far as it exceeds the noise, and at least to NEAR px.
 All light goes to the plane of expected electrons; Poisson noise is added once, in `poisson_and_dark`.
@@ -65,7 +65,7 @@ PSF_MAXK = 2 * np.pi
 
 
 def draw_objects(canvas: Canvas, objects: ObjectTable, drawing: Drawing) -> ObjectTable:
-    """Draw the objects of an imaging chip on a Canvas; return the table with what was drawn (render.drawn_table).
+    """Draw the objects of an imaging chip on a Canvas; return the table with what was rendered (render.drawn_table).
 
     objects: ObjectTable from catalog.selection.select; drawing: render.drawing.Drawing. snr and error of the table are
     NaN: the reference renderer does not compute them.

@@ -43,7 +43,7 @@ class Stamper:
 
     @cached_property
     def core(self) -> FloatArray | None:
-        """The fraction of each cell of the PSF that is drawn, or None: all of it."""
+        """The fraction of each cell of the PSF that is rendered, or None: all of it."""
         return self.mixer.core if self.cored else None
 
     def alone(self, i: int) -> Stamper:

@@ -36,7 +36,7 @@ _SIZE_KEPT = 160  # px, period of the largest transforms that are kept
 
 @dataclass(frozen=True)
 class Drawn:
-    """What was drawn of n objects; wings hidden by noise are in `drawn`, not in `box`."""
+    """What was rendered of n objects; wings hidden by noise are in `drawn`, not in `box`."""
 
     drawn: FloatArray  # (n,) float64, electrons put on the window
     box: IntArray  # (n, 4) int64: x0, x1, y0, y1 of the pixels touched, half-open, on the chip; zeros: none

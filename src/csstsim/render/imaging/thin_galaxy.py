@@ -18,7 +18,7 @@ from csstsim.base.types import ComplexArray, FloatArray
 from csstsim.profiles.log_table import first_of, read
 from csstsim.profiles.sersic import R2_LOW
 
-_THIN = 0.05  # px: a thinner galaxy is drawn with this half-light radius across; the PSF is some twenty times wider
+_THIN = 0.05  # px: a thinner galaxy is rendered with this half-light radius across; the PSF is some twenty times wider
 _FINE = 8  # samples of a component to its half-light radius across
 _ALONG = 2.0  # px between lines across
 _KEPT = 16  # values per pixel across that are kept

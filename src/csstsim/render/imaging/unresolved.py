@@ -1,4 +1,4 @@
-"""The light of objects too faint to be drawn one by one: spread smoothly, without loss.
+"""The light of objects too faint to be rendered one by one: spread smoothly, without loss.
 
 An object's electrons are distributed bilinearly over the four nearest points of a mesh of MESH pixels, and the mesh is
 interpolated bilinearly on the window, so an object becomes a pyramid two meshes wide around its position. Its light and

@@ -1,6 +1,6 @@
 """Galaxies with a colour gradient behind gratings: bulge, disk and knots are dispersed with the spectrum of each.
 
-A galaxy whose components have spectra of their own (catalog.galaxy_shapes.component_light) is drawn as up to three
+A galaxy whose components have spectra of their own (catalog.galaxy_shapes.component_light) is rendered as up to three
 objects, and is one row in the tables. There its bulge_frac and knots_frac are those of the electrons.
 """
 

@@ -1,4 +1,4 @@
-"""Tables of what was drawn of objects in several pieces, of a trail or by components: one row for each object."""
+"""Tables of what was rendered of objects in several pieces, of a trail or by components: one row for each object."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ SHARE = "trail_share"  # column of the pieces: their fraction of the object's el
 
 
 def gathered(objects: ObjectTable, owner: IntArray, drawn: ObjectTable) -> ObjectTable:
-    """Return the table of `objects` with what was drawn of their pieces (render.drawn_table), a row for each object."""
+    """Return the table of `objects` with what was rendered of their pieces (render.drawn_table), a row for each."""
     count = len(objects)
     ends = np.r_[np.flatnonzero(np.r_[True, owner[1:] != owner[:-1]]), len(owner)] if count else np.zeros(1, int)
     starts = ends[:-1]
     lit = drawn["method"] != NONE
-    chosen = starts.copy()  # the first piece that was drawn
+    chosen = starts.copy()  # the first piece that was rendered
     rows = np.flatnonzero(lit)
     chosen[owner[rows[::-1]]] = rows[::-1]
     sums = {name: np.bincount(owner, drawn[name], count) for name in ("electrons", "drawn", "ms")}

@@ -7,8 +7,8 @@ pixel's column is exposed. Behind a grating each order of a line is a line as we
 projected across it: the sum of line-spread functions over wavelengths.
 
 Light goes to the plane of expected electrons in all fidelities; its Poisson noise is added once, in `poisson_and_dark`.
-At its ends a line fades as the PSF summed across it does, as far as the PSF's box. The wing is drawn to _WING px from
-the line. Left out: ghosts; the wing beyond the ends; the dispersion along a line where it ends, or passes from one
+At its ends a line fades as the PSF summed across it does, as far as the PSF's box. The wing is rendered to _WING px
+from the line. Left out: ghosts; the wing beyond the ends; the dispersion along a line where it ends, or passes from one
 grating's piece to the other's.
 """
 
@@ -27,6 +27,7 @@ from csstsim.base.process.progress import progress
 from csstsim.base.types import FloatArray, IntArray
 from csstsim.catalog.changing.motion import Motion, seen_at
 from csstsim.optics.psf.psf_file import pixel_response
+from csstsim.render.canvas import around
 from csstsim.render.drawn_table import DrawnTable
 from csstsim.render.wing_tables import RADII
 from csstsim.render.wings import box_share, wing_beyond
@@ -40,7 +41,7 @@ if TYPE_CHECKING:
     from csstsim.instrument.grating import Order
     from csstsim.optics.gratings.dispersion import Disperser
     from csstsim.optics.scatter.halo import Wing
-    from csstsim.render.canvas import Canvas
+    from csstsim.render.canvas import Box, Canvas
     from csstsim.render.drawing import Drawing
 
 METHOD = "track"
@@ -57,7 +58,7 @@ def draw_tracks(
     spectra: Spectra | None = None,
     disperser: Disperser | None = None,
 ) -> ObjectTable:
-    """Draw objects that move as lines on a Canvas; return the table with what was drawn (render.drawn_table).
+    """Draw objects that move as lines on a Canvas; return the table with what was rendered (render.drawn_table).
 
     objects: ObjectTable of catalog.selection.select with rates, all of whose rows have a trail; the others as in
     trails. snr, error and stamp are 0: no other method could draw them. Behind a grating they have no orders.
@@ -80,8 +81,7 @@ def draw_tracks(
             drawn, box = _draw(canvas, part, rates, order, drawing, float(objects["trail_width"][i]), disperser)
             out.drawn[i] += drawn
             if box is not None:
-                old = out.box[i] if out.box[i, 1] > 0 else box
-                out.box[i] = np.where([True, False, True, False], np.minimum(old, box), np.maximum(old, box))
+                out.box[i] = around([out.box[i], box]) if out.box[i, 1] > 0 else box
         out.method[i] = METHOD
         out.ms[i] = 1000 * (time.process_time() - begin)
     out.miss(out.rows[out.box[out.rows, 1] == 0])
@@ -181,7 +181,7 @@ def _draw(
     drawing: Drawing,
     width: float,
     disperser: Disperser | None,
-) -> tuple[float, IntArray | None]:
+) -> tuple[float, Box | None]:
     """Draw a line, one order of it or all; return (electrons on the window, box on the chip or None)."""
     length = np.r_[0.0, np.cumsum(np.hypot(np.diff(line.x), np.diff(line.y)))]
     blocks = max(round(length[-1] / _BLOCK), 1)
@@ -203,10 +203,7 @@ def _draw(
         found, box = _lay(canvas, part, angle, profile, _end(mix, middle, angle, drawing, width))
         drawn += found
         boxes += [box] if box is not None else []
-    if not boxes:
-        return 0.0, None
-    box = np.array(boxes)
-    return drawn, np.array([box[:, 0].min(), box[:, 1].max(), box[:, 2].min(), box[:, 3].max()])
+    return (drawn, around(boxes)) if boxes else (0.0, None)
 
 
 def _meets(window: Window, x: FloatArray, y: FloatArray) -> bool:

@@ -1,4 +1,4 @@
-"""Objects that move during the exposure: a trail is drawn as points along it, a long one as a line (tracks).
+"""Objects that move during the exposure: a trail is rendered as points along it, a long one as a line (tracks).
 
 A trail of up to LINE_PX is cut into pieces, each a copy of the object with its part of the light at the position of its
 own time. All renderers draw them as they draw any object. Times and fractions are the nodes and weights of Gauss and
@@ -65,7 +65,7 @@ def draw_trailed(
     """Draw objects with a function of render.imaging or render.slitless; return what it returns, as a tuple.
 
     draw(canvas, objects, drawing), with a disperser draw(canvas, objects, spectra, disperser, drawing). Objects that
-    move are drawn along their trails, each with one row in the tables. Without such objects this is a call of `draw`.
+    move are rendered along their trails, each with one row in the tables. Without such objects this calls `draw`.
     """
 
     def drawn(some: ObjectTable, light: Spectra | None) -> tuple[ObjectTable, ...]:

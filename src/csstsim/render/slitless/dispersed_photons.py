@@ -455,7 +455,7 @@ def _land(
     counter: np.uint64,
 ) -> np.uint64:
     """Draw the positions of electrons, from `near` on in the wing, and count them; return the counter."""
-    side = component.side
+    x0, x1, y0, y1 = component.side
     for part in range(2):
         begin, end = (0, near) if part == 0 else (near, number)
         count = end - begin
@@ -480,7 +480,7 @@ def _land(
             for j in range(count):
                 u = component.x + some.px[j]
                 w = component.y + some.py[j]
-                if not (side[0] <= u < side[1] and side[2] <= w < side[3]):
+                if not (x0 <= u < x1 and y0 <= w < y1):
                     some.px[j] = _AWAY
         _count(count, component, some, image, shot, key, keep)
     return counter

@@ -1,15 +1,15 @@
 """Draw the objects of a spectroscopic chip: as render.imaging.draw, with the light dispersed by the gratings.
 
 The method (render.policy) is chosen from the first order's electrons over the pixels that a spectrum covers. Objects
-are drawn in chunks, because all spectra together would not fit in memory. Truth has one table of objects, as on imaging
-chips, and one of orders.
+are rendered in chunks, because all spectra together would not fit in memory. Truth has one table of objects, as on
+imaging chips, and one of orders.
 """
 
 from __future__ import annotations
 
 import time
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numba
 import numpy as np
@@ -41,9 +41,9 @@ if TYPE_CHECKING:
 # Objects in a chunk, by method and whether bins are coarse: spectra stay in cache; stamps need few passes for far wings
 CHUNK = {(policy.STAMP, False): 2048, (policy.PHOTONS, False): 512, (policy.PHOTONS, True): 2048}
 FAINTEST = 1.0  # electron: an order with fewer, and none drawn, has no row in the table of orders
-_MOST = 1e15  # electrons of an object
+_ELECTRONS_MAX = 1e15  # of an object
 _LANES = 8  # sums side by side, which the compiler puts into one register
-_STRIP = 64  # px: objects are drawn strip by strip, so that their pixels stay in cache
+_STRIP = 64  # px: objects are rendered strip by strip, so that their pixels stay in cache
 
 
 def draw_dispersed(
@@ -53,7 +53,7 @@ def draw_dispersed(
     disperser: Disperser,
     drawing: Drawing,
 ) -> tuple[ObjectTable, ObjectTable]:
-    """Draw the objects of a spectroscopic chip on a Canvas; return (table with what was drawn, table of orders).
+    """Draw the objects of a spectroscopic chip on a Canvas; return (table with what was rendered, table of orders).
 
     Arguments as in render.imaging.draw.draw_objects; spectra: catalog.light.object_spectra.Spectra of `objects`;
     disperser: optics.gratings.dispersion.Disperser. Column `electrons` is the sum of all orders, `method` is photons or
@@ -71,28 +71,40 @@ def draw_dispersed(
     assert drawing.key is not None and choice.allowed is not None
     keys = part_keys(object_keys_of(drawing.key, scene.ids[: job.count]), scene)
     own = _visit_keys(keys, visits)
-    for kind, optics, chunk in progress(_chunks(scene, choice, disperser), "spectra"):
-        at, some = _visits_of(chunk, visits, len(scene))
-        light = _light(job, choice, chunk, spectra, optics, policy.PHOTONS_MAX if kind == policy.PHOTONS else _MOST)
-        result.nominal(at, some, light, optics.rates)
+    for chunk in progress(_chunks(scene, choice, disperser), "spectra"):
+        at, some = _visits_of(chunk.rows, visits, len(scene))
+        maximum = policy.PHOTONS_MAX if chunk.method == policy.PHOTONS else _ELECTRONS_MAX
+        light = _light(job, choice, chunk, spectra, maximum)
+        result.nominal(at, some, light, chunk.optics.rates)
         begin = time.process_time()
-        traces = Traces(light, some, optics)
-        few = scene.take(chunk)
-        if kind == policy.STAMP:
-            drawn = draw_spectra(canvas, few, traces, drawing.mixer, drawing.scattered, allowed=choice.allowed[chunk])
+        traces = Traces(light, some, chunk.optics)
+        few = scene.take(chunk.rows)
+        if chunk.method == policy.STAMP:
+            allowed = choice.allowed[chunk.rows]
+            drawn = draw_spectra(canvas, few, traces, drawing.mixer, drawing.scattered, allowed=allowed)
             result.drawn[at] = drawn.drawn
             result.box[at] = drawn.box
             result.ms[at] = drawn.ms
             np.bitwise_or.at(job.out.flags, job.rows[visits[at, 0]], drawn.flags)
             continue
         assert drawing.tables is not None
-        result.drawn[at], result.box[at] = shoot_spectra(canvas, few, traces, own[at], drawing.tables, wing)
+        shot = shoot_spectra(canvas, few, traces, own[at], drawing.tables, wing)
+        result.drawn[at] = shot.drawn
+        result.box[at] = shot.box
         result.ms[at] = 1000 * (time.process_time() - begin) / max(len(at), 1)
     return tables_of(job, choice, canvas.window)
 
 
-def _chunks(scene: Scene, choice: Choice, disperser: Disperser) -> Iterator[tuple[int, Disperser, IntArray]]:
-    """Yield (method, Disperser with sufficiently fine bins, rows of objects) of each chunk, sorted by strip."""
+class _Chunk(NamedTuple):
+    """Objects rendered together: their method, a Disperser with sufficiently fine bins, and their rows (n,)."""
+
+    method: int
+    optics: Disperser
+    rows: IntArray
+
+
+def _chunks(scene: Scene, choice: Choice, disperser: Disperser) -> Iterator[_Chunk]:
+    """Yield the chunks of a Scene's objects, sorted by strip."""
     if len(scene) == 0:
         return
     assert choice.coarse is not None
@@ -100,7 +112,7 @@ def _chunks(scene: Scene, choice: Choice, disperser: Disperser) -> Iterator[tupl
     for (kind, coarse), size in CHUNK.items():
         mine = order[(choice.method[order] == kind) & (choice.coarse[order] == coarse)]
         for start in range(0, len(mine), size):
-            yield kind, disperser.coarse if coarse else disperser, mine[start : start + size]
+            yield _Chunk(kind, disperser.coarse if coarse else disperser, mine[start : start + size])
 
 
 def _visits_of(chunk: IntArray, visits: IntArray, count: int) -> tuple[IntArray, IntArray]:
@@ -114,21 +126,21 @@ def _visits_of(chunk: IntArray, visits: IntArray, count: int) -> tuple[IntArray,
 def _light(
     job: DispersedJob,
     choice: Choice,
-    chunk: IntArray,
+    chunk: _Chunk,
     spectra: Callable[[IntArray, FloatArray], FloatArray],
-    optics: Disperser,
     maximum: float,
 ) -> FloatArray:
-    """Return a chunk's (n, bins) spectra times the exposure time; bad ones are set to zero, flagged and not drawn.
+    """Return a chunk's (n, bins) spectra times the exposure time; bad ones are set to zero, flagged and not rendered.
 
     Bad: negative, not finite, or of more than `maximum` electrons, although the fluxes at selection were smaller.
     """
-    light = spectra(job.rows[chunk], optics.edges)
+    light = spectra(job.rows[chunk.rows], chunk.optics.edges)
     if job.scene.fraction_of_parent is not None:
-        light = light * job.scene.fraction_of_parent[chunk, None]
-    bad = np.flatnonzero(_bad(light, job.exptime, optics.rates.sum(axis=1).max(axis=0), maximum))
-    job.out.flags[job.rows[chunk[bad]]] |= BAD_VALUE
-    choice.method[chunk[bad]] = policy.NONE
+        light = light * job.scene.fraction_of_parent[chunk.rows, None]
+    rates = chunk.optics.rates.sum(axis=1).max(axis=0)
+    bad = chunk.rows[_bad(light, job.exptime, rates, maximum)]
+    job.out.flags[job.rows[bad]] |= BAD_VALUE
+    choice.method[bad] = policy.NONE
     return light
 
 
@@ -280,7 +292,7 @@ def tables_of(
 
 
 def _of_objects(job: DispersedJob) -> tuple[IntArray, _Result]:
-    """Return (visits, _Result) of the objects, each with what was drawn of its parts: an object's order is one row."""
+    """Return (visits, _Result) of the objects, each with what was rendered of its parts: one row to an order."""
     visits = job.visits
     result = job.result
     scene = job.scene
@@ -330,16 +342,27 @@ def _orders(job: DispersedJob, at: IntArray, window: Window) -> ObjectTable:
             lands = np.flatnonzero((low < high) | (result.drawn[mine, o] > 0))
             mine = mine[lands]
             box = result.box[mine, o]
-            columns.append({
-                "id": objects["id"][at[mine]], "row": at[mine].astype(np.int32),
-                "order": np.full(len(mine), number, np.int8), "grating": np.full(len(mine), grating.name),
-                "cut": cut[mine], "x": x[lands], "y": y[lands],
-                "p": p[lands], "q": q[lands], "r": r[lands], "s": s[lands],
-                **{name: values for name, values in order.coefficients_at(x[lands], y[lands]).items()},
-                "electrons": result.electrons[mine, o], "drawn": result.drawn[mine, o],
-                **{name: box[:, k].astype(np.int32) for k, name in enumerate(("x0", "x1", "y0", "y1"))},
-                "wave_min": low[lands].astype(np.float32), "wave_max": high[lands].astype(np.float32),
-            })  # fmt: skip
+            columns.append(
+                {
+                    "id": objects["id"][at[mine]],
+                    "row": at[mine].astype(np.int32),
+                    "order": np.full(len(mine), number, np.int8),
+                    "grating": np.full(len(mine), grating.name),
+                    "cut": cut[mine],
+                    "x": x[lands],
+                    "y": y[lands],
+                    "p": p[lands],
+                    "q": q[lands],
+                    "r": r[lands],
+                    "s": s[lands],
+                    **order.coefficients_at(x[lands], y[lands]),
+                    "electrons": result.electrons[mine, o],
+                    "drawn": result.drawn[mine, o],
+                    **{name: box[:, k].astype(np.int32) for k, name in enumerate(("x0", "x1", "y0", "y1"))},
+                    "wave_min": low[lands].astype(np.float32),
+                    "wave_max": high[lands].astype(np.float32),
+                }
+            )
     table = {name: np.concatenate([part[name] for part in columns]) for name in columns[0]}
     sort = np.lexsort((table["order"], table["row"]))
     return ObjectTable({name: values[sort] for name, values in table.items()})

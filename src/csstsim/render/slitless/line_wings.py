@@ -2,7 +2,7 @@
 
 The spectrum is represented by points LINE_STEP apart, less than the radius at which boxes fade (22 px). The sum of
 their wings is smooth along and across the trace. Near the trace it is computed every 8 px in every fourth row and
-interpolated by cubics, to 4% of its maximum where boxes fade and 1% beyond. Further out it is drawn on the meshes of
+interpolated by cubics, to 4% of its maximum where boxes fade and 1% beyond. Further out it is rendered on the meshes of
 render.far_wings, with more points merged at larger radii. Where the edge of a grating's piece cuts the light, the cut
 of each point's wing is softened over the distance between points, so that the sum has no steps.
 """
@@ -166,13 +166,11 @@ def _box(window: Window, positions: FloatArray, reach: float) -> Box | None:
     """Return (x0, x1, y0, y1) of the window's pixels within `reach` of the positions along both axes, or None."""
     x0, y0 = positions.min(axis=0) - reach
     x1, y1 = positions.max(axis=0) + reach
-    box = (
-        max(math.ceil(x0), window.x0),
-        min(math.floor(x1) + 1, window.x1),
-        max(math.ceil(y0), window.y0),
-        min(math.floor(y1) + 1, window.y1),
-    )
-    return box if box[0] < box[1] and box[2] < box[3] else None
+    left = max(math.ceil(x0), window.x0)
+    right = min(math.floor(x1) + 1, window.x1)
+    bottom = max(math.ceil(y0), window.y0)
+    top = min(math.floor(y1) + 1, window.y1)
+    return (left, right, bottom, top) if left < right and bottom < top else None
 
 
 @numba.njit(cache=True)

@@ -8,10 +8,10 @@ the exact position of its bin,
 with O_k the image at the k-th wavelength of the PSF set and u from optics.gratings.dispersion. For GalSim this is one
 convolution of O_k with a sum of shifted delta functions and with a box as long as a bin, over which the bin's light is
 uniform. There are no sub-pixel phases and no slabs. The only interpolation is GalSim's, of the PSF or of O_k on a
-lattice of a quarter of a pixel: galaxies of up to LATTICE px are drawn on the lattice first, because otherwise each
-transform would be as large as that of the galaxy alone. The trace is drawn in blocks of _BLOCK px. Profiles, accuracy
-and pixel response are those of render.imaging.reference. At the edge of a grating's piece O_k is cut, by the fraction
-of each pixel. Wings: render.slitless.line_wings. Left out: ghosts of dispersed light.
+lattice of a quarter of a pixel: galaxies of up to LATTICE px are rendered on the lattice first, because otherwise each
+transform would be as large as that of the galaxy alone. The trace is rendered in blocks of _BLOCK px. Profiles,
+accuracy and pixel response are those of render.imaging.reference. At the edge of a grating's piece O_k is cut, by the
+fraction of each pixel. Wings: render.slitless.line_wings. Left out: ghosts of dispersed light.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from csstsim.render.scene import Scene
 
 _BLOCK = 32  # px of the trace drawn together
-LATTICE = 128  # px: half the side of the largest uncut image that is drawn on the lattice first
+LATTICE = 128  # px: half the side of the largest uncut image that is rendered on the lattice first
 _FINE = 4  # points of the lattice to a pixel
 _THIN = 1e-3  # px: width of the box across the trace
 
@@ -120,7 +120,10 @@ class _Trace:
 
     def __init__(self, traces: Traces, scene: Scene, o: int, line: FloatArray) -> None:
         disperser = traces.disperser
-        self.light, self.x, self.y = traces.order(scene, 0, o, line)
+        bins = traces.order(scene, 0, o, line)
+        self.light = bins.electrons
+        self.x = bins.x
+        self.y = bins.y
         self.length = abs(line[1]) * (disperser.edges[1] - disperser.edges[0])
         self.weights = disperser.psf_weights * self.light
 

@@ -49,7 +49,7 @@ _SIDE = 2  # px that a slab's four neighbours may lie beyond a block
 
 @dataclass(frozen=True)
 class Drawn:
-    """What was drawn of v visits, order by order; wings are in `drawn`, not in `box`."""
+    """What was rendered of v visits, order by order; wings are in `drawn`, not in `box`."""
 
     drawn: FloatArray  # (v, orders) float64, electrons put on the window
     box: IntArray  # (v, orders, 4) int64: x0, x1, y0, y1 of the pixels touched, half-open, on the chip; zeros: none
@@ -75,7 +75,7 @@ def draw_spectra(
     """Draw the orders of a Scene's objects as expected electrons; return Drawn.
 
     traces: Traces of the objects; psf: PsfSet, or the Mixer of one; scattered:
-    optics.scatter.scattered_light.Scattered, or None: only stamps are drawn; per_px: slabs per pixel for points, one
+    optics.scatter.scattered_light.Scattered, or None: only stamps are rendered; per_px: slabs per pixel for points, one
     number or (n,); allowed: (n,) allowed error as a fraction of S/N, from which the number of slabs is derived instead.
     """
     assert canvas.expected is not None and scene.wing is not None

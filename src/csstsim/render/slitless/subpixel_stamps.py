@@ -16,7 +16,9 @@ if TYPE_CHECKING:
     from csstsim.render.imaging.stamper import Stamper
     from csstsim.render.scene import Scene
 
-HEIGHTS = 8, 4  # sub-pixel heights of the trace between which stamps are interpolated: of points, of galaxies
+# Sub-pixel heights of the trace between which stamps are interpolated
+_HEIGHTS_POINT = 8
+_HEIGHTS_GALAXY = 4
 
 
 def subpixel_stamps(stamper: Stamper, i: int, density: int, side: Side) -> FloatArray:
@@ -28,9 +30,9 @@ def subpixel_stamps(stamper: Stamper, i: int, density: int, side: Side) -> Float
     mixer = stamper.mixer
     scene = stamper.scene
     reach = int(stamper.reach[i])
-    galaxy = int(stamper.plan.size[i] > 0)
+    galaxy = stamper.plan.size[i] > 0
     size = 2 * reach + 1
-    heights = HEIGHTS[galaxy]
+    heights = _HEIGHTS_GALAXY if galaxy else _HEIGHTS_POINT
     bounds: Box = (-reach, reach + 1, -reach, reach + 1)
     out = np.empty((4, density, heights, size, size), np.float32)
     pixels = np.arange(-reach, reach + 1)
