@@ -128,7 +128,7 @@ def test_where_in_a_pixel_of_an_image_a_photon_falls_has_nothing_to_do_with_the_
     count, image = 200_000, np.zeros((1, 29))
     image[0, ::4] = 1.0 + np.arange(8)
     px, py, spots = np.zeros(count), np.zeros(count), Spots(images=[image])
-    profile = Profile(np.eye(2), -2, 0.0, 0.0, ProfileTables(rings_for(1.0)[0], spots.sampled))
+    profile = Profile(np.eye(2), -2, 0.0, 0.0, ProfileTables(rings_for(1.0).rings, spots.sampled))
     from_profile(count, profile, px, py, np.uint64(78), np.uint64(0))
     place = np.sort(spots.u[spots.u % 4 == spots.u.min() % 4])
     pixel = np.abs(px[:, None] - place).argmin(axis=1)
