@@ -6,16 +6,40 @@ import numpy as np
 import pytest
 
 from csstsim.measure.light import profile_posterior, total_light
-from csstsim.measure.light.profile_posterior import _coarse, _cubic, _median, _moments, _narrowed, _refine, posterior
+from csstsim.measure.light.profile_posterior import (
+    Moments,
+    Narrowed,
+    NormalEquations,
+    Point,
+    ProfileFits,
+    ProfileMaps,
+    Region,
+    Samples,
+    Scratch,
+    _coarse,
+    _cubic,
+    _median,
+    _moments,
+    _narrowed,
+    _refine,
+    posterior,
+)
 
 
-@pytest.mark.parametrize("place", [0.0, 0.4, 1.0, 3.7, 5.2, 7.0])
-def test_a_cubic_through_four_neighbours_is_itself(place):
+def samples_of(count):
+    """Return room for so many samples."""
+    return Samples(*np.empty((6, count)))
+
+
+@pytest.mark.parametrize("position", [0.0, 0.4, 1.0, 3.7, 5.2, 7.0])
+def test_a_cubic_through_four_neighbours_is_itself(position):
     weight = np.empty(4)
-    first = _cubic.py_func(place, 8, weight)
+    first = _cubic.py_func(position, 8, weight)
     at = first + np.arange(4)
-    assert 0 <= first <= 4 and abs(np.clip(place, 1, 6) - (first + 1.5)) <= 0.5 + 1e-9
-    assert weight @ (2 - at + 0.5 * at**2 - 0.3 * at**3) == pytest.approx(2 - place + 0.5 * place**2 - 0.3 * place**3)
+    assert 0 <= first <= 4 and abs(np.clip(position, 1, 6) - (first + 1.5)) <= 0.5 + 1e-9
+    assert weight @ (2 - at + 0.5 * at**2 - 0.3 * at**3) == pytest.approx(
+        2 - position + 0.5 * position**2 - 0.3 * position**3
+    )
 
 
 def test_fluxes_of_profiles_are_a_weighted_least_squares_fit(monkeypatch):
@@ -30,10 +54,11 @@ def test_fluxes_of_profiles_are_a_weighted_least_squares_fit(monkeypatch):
     profiles = np.array([[0.08, 0.05], [0.05, 0.04], [0.02, 0.03], [0.004, 0.02], [0.001, 0.01]])
     b = total_light.BIN
     which = (np.searchsorted(nodes, 0.25 + 0.5 * np.arange(162), side="right") - 1).astype(np.uint8)
-    rings, normal, fits = np.empty((4, 5)), np.empty((5, 5)), np.empty((3, 2))
+    rings, room, fits = np.empty((4, 5)), np.empty((4, 5)), ProfileFits(*np.empty((3, 2)))
     monkeypatch.setattr(total_light, "_add", total_light._add.py_func)
     total_light._rings.py_func(image, unusable, segments[::b, ::b], 3, x, y, nodes, 1 / np.diff(nodes), which, rings)
-    assert total_light._normal.py_func(rings, noise**2, counted, normal) == rings[:, 0].sum()
+    normal = total_light._normal.py_func(rings, noise**2, counted, room)
+    assert normal.pixels == rings[:, 0].sum()
     profile_posterior.project.py_func(profiles, normal, fits)
 
     row, column = np.indices(image.shape)
@@ -48,29 +73,35 @@ def test_fluxes_of_profiles_are_a_weighted_least_squares_fit(monkeypatch):
         design = np.column_stack([np.interp(square[used], nodes, profiles[:, k]), np.ones(used.sum())])
         matrix = design.T @ (weight[:, None] * design) + np.diag([0, 0.03**-2])
         wanted, covariance = np.linalg.solve(matrix, design.T @ (weight * data)), np.linalg.inv(matrix)
-        assert fits[1, k] / fits[0, k] == pytest.approx(wanted[0], rel=1e-9)
-        assert 1 / fits[0, k] == pytest.approx(covariance[0, 0], rel=1e-9)
+        assert fits.product[k] / fits.weight[k] == pytest.approx(wanted[0], rel=1e-9)
+        assert 1 / fits.weight[k] == pytest.approx(covariance[0, 0], rel=1e-9)
 
 
 def test_rings_darker_than_the_sky_have_its_noise():
-    normal = np.empty((5, 3))
-    total_light._normal.py_func(np.array([[4.0, 1.0, 0.5, -80.0, -20.0], [0.0] * 5]), 2.0, 0.5, normal)
-    assert normal[3].tolist() == pytest.approx([0.5 * 3, 0.5 * 1, 0])
-    assert normal[0].tolist() == pytest.approx([0.5 * (4 - 2 + 0.5), 0.5 * 0.5, 0])
-    assert normal[1, 0] == 0.25 and normal[2].tolist() == [-30.0, -10.0, 0.0]
-    assert normal[4, :2].tolist() == pytest.approx([1 / 0.0009 + 2, -40])
+    rings = np.array([[4.0, 1.0, 0.5, -80.0, -20.0], [0.0] * 5])
+    normal = total_light._normal.py_func(rings, 2.0, 0.5, np.empty((4, 3)))
+    assert normal.ones.tolist() == pytest.approx([0.5 * 3, 0.5 * 1, 0])
+    assert normal.diagonal.tolist() == pytest.approx([0.5 * (4 - 2 + 0.5), 0.5 * 0.5, 0])
+    assert normal.upper[0] == 0.25 and normal.data.tolist() == [-30.0, -10.0, 0.0]
+    assert [normal.sky_weight, normal.sky_data] == pytest.approx([1 / 0.0009 + 2, -40])
 
 
 def test_points_of_the_tables_are_their_own_fits():
     """(inverse variance, F times it, share, ln prior) of two sizes and two kinds; a flux below 0 is unlikely."""
-    maps, points = np.empty((4, 2, 2)), np.empty((6, 4))
-    maps[0], maps[1] = [[4.0, 2.0], [1.0, 0.5]], [[8.0, 6.0], [-3.0, 0.0]]
-    maps[2], maps[3] = [[0.1, 0.2], [0.3, 0.4]], [[-1.0, -2.0], [-3.0, -4.0]]
-    _coarse.py_func(maps, points)
-    assert points.tolist() == [
-        [8.0 - 1, 9.0 - 2, -4.5 - 3, -4.0], [2.0, 3.0, -3.0, 0.0], [0.25, 0.5, 1.0, 2.0], [0.1, 0.2, 0.3, 0.4],
-        [0.0, 0.0, 1.0, 1.0], [0.0, 1.0, 0.0, 1.0],
-    ]  # fmt: skip
+    maps = ProfileMaps(
+        weight=np.array([[4.0, 2.0], [1.0, 0.5]]),
+        product=np.array([[8.0, 6.0], [-3.0, 0.0]]),
+        gaap=np.array([[0.1, 0.2], [0.3, 0.4]]),
+        log_prior=np.array([[-1.0, -2.0], [-3.0, -4.0]]),
+    )
+    samples = samples_of(4)
+    _coarse.py_func(maps, samples)
+    assert samples.log_probability.tolist() == [8.0 - 1, 9.0 - 2, -4.5 - 3, -4.0]
+    assert samples.flux.tolist() == [2.0, 3.0, -3.0, 0.0]
+    assert samples.variance.tolist() == [0.25, 0.5, 1.0, 2.0]
+    assert samples.gaap.tolist() == [0.1, 0.2, 0.3, 0.4]
+    assert samples.size.tolist() == [0.0, 0.0, 1.0, 1.0]
+    assert samples.kind.tolist() == [0.0, 1.0, 0.0, 1.0]
 
 
 def test_between_the_tables_sizes_are_cubic_and_kinds_linear(monkeypatch):
@@ -83,18 +114,22 @@ def test_between_the_tables_sizes_are_cubic_and_kinds_linear(monkeypatch):
 
     grid = [(size, kind) for size in range(sizes) for kind in range(kinds)]
     profiles = np.transpose([profile(*at) for at in grid])
-    normal = np.array([[2.0, 3.0, 1.5], [0.5, 0.2, 0], [9.0, 5.0, 2.0], [1.0, 1.2, 0.7], [40.0, 11.0, 0]])
-    maps, points = np.full((4, sizes, kinds), np.nan), np.empty((6, 9))
-    maps[2], maps[3] = (np.array([at for at in grid]) @ np.array([[0.1, 1.0], [0.02, -0.5]])).T.reshape(2, sizes, kinds)
-    _refine.py_func(profiles, normal, maps, (0.5, 4.5, 0.25, 1.75), points)
+    diagonal, upper = np.array([2.0, 3.0, 1.5]), np.array([0.5, 0.2, 0])
+    data, ones = np.array([9.0, 5.0, 2.0]), np.array([1.0, 1.2, 0.7])
+    normal = NormalEquations(diagonal, upper, data, ones, sky_weight=40.0, sky_data=11.0, pixels=9.0)
+    gaap, log_prior = (np.array(grid) @ np.array([[0.1, 1.0], [0.02, -0.5]])).T.reshape(2, sizes, kinds)
+    unknown = np.full((sizes, kinds), np.nan)
+    maps, samples = ProfileMaps(unknown, unknown, gaap, log_prior), samples_of(9)
+    _refine.py_func(profiles, normal, maps, Region(0.5, 4.5, 0.25, 1.75), samples)
     wanted = [(size, kind) for size in (0.5, 2.5, 4.5) for kind in (0.25, 1.0, 1.75)]
-    assert points[4:].T.tolist() == [list(at) for at in wanted]
+    assert list(zip(samples.size, samples.kind, strict=True)) == wanted
     for k, (size, kind) in enumerate(wanted):
         p = profile(size, kind)
-        matrix = np.diag(normal[0]) + np.diag(normal[1, :2], 1) + np.diag(normal[1, :2], -1)
-        inverse = p @ matrix @ p - (p @ normal[3]) ** 2 / 40
-        product = p @ normal[2] - (p @ normal[3]) * 11 / 40
-        assert points[:4, k] == pytest.approx(
+        matrix = np.diag(diagonal) + np.diag(upper[:2], 1) + np.diag(upper[:2], -1)
+        inverse = p @ matrix @ p - (p @ ones) ** 2 / 40
+        product = p @ data - (p @ ones) * 11 / 40
+        found = [column[k] for column in samples[:4]]
+        assert found == pytest.approx(
             [0.5 * product**2 / inverse + size - 0.5 * kind, product / inverse, 1 / inverse, 0.1 * size + 0.02 * kind]
         )
 
@@ -104,7 +139,7 @@ def test_moments_are_those_of_probabilities():
     points = rng.normal(0.0, 2.0, (6, 300))
     points[[0, 4, 5]] += np.array([[900.0], [12.0], [5.0]])
     points[0, 4] -= 1e4
-    best, total, *rest = _moments.py_func(points)
+    best, total, *rest = _moments.py_func(Samples(*points))
     w = np.exp(points[0] - points[0].max())
     mean = [np.average(v, weights=w) for v in points[4:]]
     scatter = [np.sqrt(np.average((v - m) ** 2, weights=w)) for v, m in zip(points[4:], mean, strict=True)]
@@ -132,21 +167,22 @@ def test_columns_of_a_source_are_those_of_four_profiles_and_a_point(monkeypatch)
         np.array([9.0, 16, 25, 36]),
         np.array([0.5, 0.8, 0.4, 0.6]),
     )
-    points = np.array([np.log([0.2, 0.6, 0.4, 0.8]) + 700, fluxes, variance, share, np.zeros(4), np.zeros(4)])
-    moments = (points[0].max(), 2.5, 17.5, 3.0, 4.0, 1.0)
-    monkeypatch.setattr(profile_posterior, "_narrowed", lambda *given: (points, 0.5, moments))
+    log_probability = np.log([0.2, 0.6, 0.4, 0.8]) + 700
+    samples = Samples(log_probability, fluxes, variance, share, np.zeros(4), np.zeros(4))
+    moments = Moments(log_probability.max(), 2.5, 17.5, 3.0, 4.0, 1.0)
+    monkeypatch.setattr(profile_posterior, "_narrowed", lambda *given: Narrowed(samples, 0.5, moments))
     monkeypatch.setattr(profile_posterior, "_median", _median.py_func)
-    out = np.empty(6)
-    posterior.py_func(
-        None, None, None, np.array([700 + math.log(0.25), 250.0, 49.0]), None, None, np.empty((2, 9)), out
-    )
+    star = Point(700 + math.log(0.25), 250.0, 49.0)
+    out = posterior.py_func(None, None, None, star, Scratch(None, None, np.empty(9), np.empty(9)))
     weight = np.array([0.1, 0.3, 0.2, 0.4])
     noise = (weight @ variance + 0.25 * 49) / 1.25
-    assert out[0] == pytest.approx(400)  # the weights' third powers: 1, 27, 16 (the point), 8, 64
-    assert out[1] == pytest.approx(math.sqrt(100**2 + noise + (0.8 * 0.025 * 400) ** 2))  # 200 to 400
-    assert out[2] == pytest.approx(240)  # 50, 120, 160, 240 and 250
-    assert out[3] == pytest.approx(math.sqrt(65**2 + (weight @ (variance * share**2) + 0.25 * 49) / 1.25))  # 120 to 250
-    assert out[4:].tolist() == pytest.approx([17.5, 0.2])
+    assert out.total == pytest.approx(400)  # the weights' third powers: 1, 27, 16 (the point), 8, 64
+    assert out.total_error == pytest.approx(math.sqrt(100**2 + noise + (0.8 * 0.025 * 400) ** 2))  # 200 to 400
+    assert out.gaap == pytest.approx(240)  # 50, 120, 160, 240 and 250
+    assert out.gaap_error == pytest.approx(
+        math.sqrt(65**2 + (weight @ (variance * share**2) + 0.25 * 49) / 1.25)
+    )  # 120 to 250
+    assert [out.size, out.point] == pytest.approx([17.5, 0.2])
 
 
 @pytest.mark.parametrize(("star", "called"), [(-1e9, 2), (107.0, 2), (108.0, 0)])
@@ -154,21 +190,25 @@ def test_a_narrow_posterior_is_refined_about_its_mean_unless_it_is_a_point(monke
     """Twice here: first 1.5 steps of the tables either way, cut at their ends, then three of its scatter."""
     windows = []
 
-    def refine(profiles, normal, maps, window, points):
-        windows.append(list(window))
+    def refine(profiles, normal, maps, region, samples):
+        windows.append(list(region))
 
     found = iter(
-        [(100.0, 1.5, 20.0, 0.4, 8.5, 0.2), (100.0, 1.5, 20.5, 0.5, 8.0, 0.15), (100.0, 1.5, 21.0, 0.5, 8.0, 0.4)]
+        [
+            Moments(100.0, 1.5, 20.0, 0.4, 8.5, 0.2),
+            Moments(100.0, 1.5, 20.5, 0.5, 8.0, 0.15),
+            Moments(100.0, 1.5, 21.0, 0.5, 8.0, 0.4),
+        ]
     )
-    monkeypatch.setattr(profile_posterior, "_coarse", lambda maps, points: None)
-    monkeypatch.setattr(profile_posterior, "_moments", lambda points: next(found))
+    monkeypatch.setattr(profile_posterior, "_coarse", lambda maps, samples: None)
+    monkeypatch.setattr(profile_posterior, "_moments", lambda samples: next(found))
     monkeypatch.setattr(profile_posterior, "_refine", refine)
-    maps, coarse, fine = np.empty((4, 33, 10)), "coarse", "fine"
-    points, area, moments = _narrowed.py_func(None, None, maps, np.array([star]), coarse, fine)
-    assert len(windows) == called and points == (fine if called else coarse)
+    maps, coarse, fine = ProfileMaps(None, None, np.empty((33, 10)), None), "coarse", "fine"
+    samples, area, moments = _narrowed.py_func(None, None, maps, Point(star, 0.0, 1.0), coarse, fine)
+    assert len(windows) == called and samples == (fine if called else coarse)
     if called:
         assert windows[0] == pytest.approx([18.5, 21.5, 7.0, 9.0])
         assert windows[1] == pytest.approx([19.0, 22.0, 7.55, 8.45])
-        assert area == pytest.approx(3 / 12 * 0.9 / 12) and moments[2] == 21.0
+        assert area == pytest.approx(3 / 12 * 0.9 / 12) and moments.size == 21.0
     else:
-        assert area == 1.0 and moments[2] == 20.0
+        assert area == 1.0 and moments.size == 20.0

@@ -5,6 +5,7 @@ is narrowed until it resolves the posterior.
 """
 
 import math
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -23,39 +24,149 @@ _BINS = 96  # of the posterior
 _NEGLIGIBLE = 20.0  # ln of a probability over the largest
 
 
-@numba.njit(cache=True)
-def project(profiles: FloatArray, normal: FloatArray, fits: FloatArray) -> None:
-    """Fill `fits` (3, n) with the inverse variance of F of each of `profiles` (K, n), F times it, and room.
+class NormalEquations(NamedTuple):
+    """Weighted sums over a source's pixels, of which every profile's fit with the sky follows.
 
-    `normal` (5, K): of total_light._normal, the sky's inverse variance and weighted data in its last row.
+    `diagonal`, `upper` (K,): of the matrix on the nodes; `data`, `ones` (K,): the pixels' electrons and 1, projected on
+    the nodes; `sky_weight`: inverse variance of the sky; `sky_data`: sum of the weighted electrons; `pixels`: number.
     """
-    square, product, level = fits
-    fits[:] = 0.0
-    last = normal.shape[1] - 1
+
+    diagonal: FloatArray
+    upper: FloatArray
+    data: FloatArray
+    ones: FloatArray
+    sky_weight: float
+    sky_data: float
+    pixels: float
+
+
+class ProfileFits(NamedTuple):
+    """Fits of n profiles: `weight` (n,), inverse variance of the flux F [electron]; `product` (n,): weight times F.
+
+    `level` (n,) is room for a sum.
+    """
+
+    weight: FloatArray
+    product: FloatArray
+    level: FloatArray
+
+
+class ProfileMaps(NamedTuple):
+    """Of the tables' profiles (sizes, kinds): `weight`, `product` as of ProfileFits, `gaap`, `log_prior`.
+
+    `gaap` is the fraction of the flux in the Gaussian aperture.
+    """
+
+    weight: FloatArray
+    product: FloatArray
+    gaap: FloatArray
+    log_prior: FloatArray
+
+
+class Samples(NamedTuple):
+    """Samples (n,) of the posterior: ln probability, flux [electron] and its variance, `gaap` as of ProfileMaps.
+
+    `size` and `kind` are in steps of the tables.
+    """
+
+    log_probability: FloatArray
+    flux: FloatArray
+    variance: FloatArray
+    gaap: FloatArray
+    size: FloatArray
+    kind: FloatArray
+
+
+class Point(NamedTuple):
+    """A point source at the place of a galaxy: ln probability, flux [electron] and its variance."""
+
+    log_probability: float
+    flux: float
+    variance: float
+
+
+class Region(NamedTuple):
+    """A part of the tables: first and last size and kind, in steps of the tables."""
+
+    first_size: float
+    last_size: float
+    first_kind: float
+    last_kind: float
+
+
+class Moments(NamedTuple):
+    """Of the samples: largest ln probability `best`, `total` of the probabilities over it, mean and scatter."""
+
+    best: float
+    total: float
+    size: float
+    size_scatter: float
+    kind: float
+    kind_scatter: float
+
+
+class Narrowed(NamedTuple):
+    """Samples that resolve the posterior, the area of the tables that one has, and their moments."""
+
+    samples: Samples
+    area: float
+    moments: Moments
+
+
+class Scratch(NamedTuple):
+    """Room for the samples of all profiles and of a lattice, and for `value` and `weight` of one more than either."""
+
+    coarse: Samples
+    fine: Samples
+    value: FloatArray
+    weight: FloatArray
+
+
+class SourceFlux(NamedTuple):
+    """Fluxes of a source [electron] and their errors, its size in steps of the tables, probability of a point."""
+
+    total: float
+    total_error: float
+    gaap: float
+    gaap_error: float
+    size: float
+    point: float
+
+
+@numba.njit(cache=True)
+def project(profiles: FloatArray, normal: NormalEquations, fits: ProfileFits) -> None:
+    """Fill `fits` with those of `profiles` (K, n)."""
+    weight = fits.weight
+    product = fits.product
+    level = fits.level
+    weight[:] = 0.0
+    product[:] = 0.0
+    level[:] = 0.0
+    last = normal.diagonal.size - 1
     for k in range(last + 1):
-        diagonal = normal[0, k]
-        upper = normal[1, k]
-        data = normal[2, k]
-        ones = normal[3, k]
+        diagonal = normal.diagonal[k]
+        upper = normal.upper[k]
+        data = normal.data[k]
+        ones = normal.ones[k]
         here = profiles[k]
         beyond = profiles[min(k + 1, last)]
         for g in range(here.size):
             p = here[g]
-            square[g] += p * (diagonal * p + 2.0 * upper * beyond[g])
+            weight[g] += p * (diagonal * p + 2.0 * upper * beyond[g])
             product[g] += p * data
             level[g] += p * ones
-    sky = 1.0 / normal[4, 0]
-    light = normal[4, 1]
-    for g in range(square.size):
-        square[g] = max(square[g] - level[g] * level[g] * sky, 1e-300)
+    sky = 1.0 / normal.sky_weight
+    light = normal.sky_data
+    for g in range(weight.size):
+        weight[g] = max(weight[g] - level[g] * level[g] * sky, 1e-300)
         product[g] -= level[g] * light * sky
 
 
 @numba.njit(cache=True)
-def _cubic(place: float, count: int, weight: FloatArray) -> int:
-    """Fill `weight` (4,) with those of a cubic through four neighbours of `place`; return the first one's index."""
-    first = min(max(math.floor(place) - 1, 0), count - 4)
-    t = place - first - 1.0
+def _cubic(position: float, count: int, weight: FloatArray) -> int:
+    """Fill `weight` (4,) with those of a cubic through four neighbours of `position`; return the first one's index."""
+    first = min(max(math.floor(position) - 1, 0), count - 4)
+    t = position - first - 1.0
     weight[0] = -t * (t - 1.0) * (t - 2.0) / 6.0
     weight[1] = (t + 1.0) * (t - 1.0) * (t - 2.0) / 2.0
     weight[2] = -(t + 1.0) * t * (t - 2.0) / 2.0
@@ -64,83 +175,86 @@ def _cubic(place: float, count: int, weight: FloatArray) -> int:
 
 
 @numba.njit(cache=True)
-def _coarse(maps: FloatArray, points: FloatArray) -> None:
-    """Fill `points` (6, n): ln probability, F, its variance, Gaussian share, size, kind; steps of the tables.
-
-    `maps` (4, sizes, kinds): inverse variance, F times it, Gaussian share, ln prior.
-    """
-    _, sizes, kinds = maps.shape
+def _coarse(maps: ProfileMaps, samples: Samples) -> None:
+    """Fill `samples` with one of each profile."""
+    sizes, kinds = maps.gaap.shape
     g = 0
     for i in range(sizes):
         for j in range(kinds):
-            variance = 1.0 / maps[0, i, j]
-            flux = maps[1, i, j] * variance
-            points[0, g] = 0.5 * maps[1, i, j] * abs(flux) + maps[3, i, j]
-            points[1, g], points[2, g], points[3, g] = flux, variance, maps[2, i, j]
-            points[4, g] = i
-            points[5, g] = j
+            variance = 1.0 / maps.weight[i, j]
+            flux = maps.product[i, j] * variance
+            samples.log_probability[g] = 0.5 * maps.product[i, j] * abs(flux) + maps.log_prior[i, j]
+            samples.flux[g] = flux
+            samples.variance[g] = variance
+            samples.gaap[g] = maps.gaap[i, j]
+            samples.size[g] = i
+            samples.kind[g] = j
             g += 1
 
 
 @numba.njit(cache=True)
-def _refine(profiles: FloatArray, normal: FloatArray, maps: FloatArray, window: FloatArray, points: FloatArray) -> None:
-    """As `_coarse` for a square lattice in `window`: first and last size and kind.
+def _refine(profiles: FloatArray, normal: NormalEquations, maps: ProfileMaps, region: Region, samples: Samples) -> None:
+    """Fill `samples` with a square lattice in a region.
 
-    `profiles` (K, sizes x kinds) are cubic in the size and mixed between neighbouring kinds; `normal`: as in `project`.
+    `profiles` (K, sizes x kinds) are cubic in the size and mixed between neighbouring kinds.
     """
-    count = round(math.sqrt(points.shape[1]))
-    _, sizes, kinds = maps.shape
+    count = round(math.sqrt(samples.flux.size))
+    sizes, kinds = maps.gaap.shape
     along = np.empty(4)
     line = np.empty((len(profiles), kinds))
-    values = np.empty((2, kinds))
+    gaap = np.empty(kinds)
+    log_prior = np.empty(kinds)
     profile = np.empty((len(profiles), 1))
-    fit = np.empty((3, 1))
+    fit = ProfileFits(np.empty(1), np.empty(1), np.empty(1))
     for i in range(count):
-        u = window[0] + (window[1] - window[0]) * i / (count - 1)
+        u = region.first_size + (region.last_size - region.first_size) * i / (count - 1)
         first = _cubic(u, sizes, along)
         line[:] = 0.0
-        values[:] = 0.0
+        gaap[:] = 0.0
+        log_prior[:] = 0.0
         for m in range(4):
             start = (first + m) * kinds
             for j in range(kinds):
-                values[0, j] += along[m] * maps[2, first + m, j]
-                values[1, j] += along[m] * maps[3, first + m, j]
+                gaap[j] += along[m] * maps.gaap[first + m, j]
+                log_prior[j] += along[m] * maps.log_prior[first + m, j]
             for k in range(len(profiles)):
                 for j in range(kinds):
                     line[k, j] += along[m] * profiles[k, start + j]
         for j in range(count):
-            v = window[2] + (window[3] - window[2]) * j / (count - 1)
+            v = region.first_kind + (region.last_kind - region.first_kind) * j / (count - 1)
             low = min(max(math.floor(v), 0), kinds - 2)
             t = v - low
             for k in range(len(profiles)):
                 profile[k, 0] = (1.0 - t) * line[k, low] + t * line[k, low + 1]
             project(profile, normal, fit)
+            product = fit.product[0]
             g = i * count + j
-            points[2, g] = 1.0 / fit[0, 0]
-            points[1, g] = fit[1, 0] * points[2, g]
-            points[0, g] = 0.5 * fit[1, 0] * abs(points[1, g]) + (1.0 - t) * values[1, low] + t * values[1, low + 1]
-            points[3, g] = (1.0 - t) * values[0, low] + t * values[0, low + 1]
-            points[4, g] = u
-            points[5, g] = v
+            variance = 1.0 / fit.weight[0]
+            flux = product * variance
+            samples.variance[g] = variance
+            samples.flux[g] = flux
+            samples.log_probability[g] = 0.5 * product * abs(flux) + (1.0 - t) * log_prior[low] + t * log_prior[low + 1]
+            samples.gaap[g] = (1.0 - t) * gaap[low] + t * gaap[low + 1]
+            samples.size[g] = u
+            samples.kind[g] = v
 
 
 @numba.njit(cache=True)
-def _moments(points: FloatArray) -> tuple[float, float, float, float, float, float]:
-    """Return (largest ln probability, sum of probabilities over it, mean and scatter of size, of kind)."""
+def _moments(samples: Samples) -> Moments:
     best = -math.inf
-    for g in range(points.shape[1]):
-        best = max(best, points[0, g])
+    for g in range(samples.flux.size):
+        best = max(best, samples.log_probability[g])
     total = 0.0
     u = 0.0
     uu = 0.0
     v = 0.0
     vv = 0.0
-    for g in range(points.shape[1]):
-        if points[0, g] < best - _NEGLIGIBLE:
+    for g in range(samples.flux.size):
+        if samples.log_probability[g] < best - _NEGLIGIBLE:
             continue
-        w = math.exp(points[0, g] - best)
-        size = points[4, g]
-        kind = points[5, g]
+        w = math.exp(samples.log_probability[g] - best)
+        size = samples.size[g]
+        kind = samples.kind[g]
         total += w
         u += w * size
         uu += w * size * size
@@ -148,7 +262,8 @@ def _moments(points: FloatArray) -> tuple[float, float, float, float, float, flo
         vv += w * kind * kind
     u = u / total
     v = v / total
-    return best, total, u, math.sqrt(max(uu / total - u * u, 0.0)), v, math.sqrt(max(vv / total - v * v, 0.0))
+    size_scatter = math.sqrt(max(uu / total - u * u, 0.0))
+    return Moments(best, total, u, size_scatter, v, math.sqrt(max(vv / total - v * v, 0.0)))
 
 
 @numba.njit(cache=True)
@@ -190,71 +305,63 @@ def _median(value: FloatArray, weight: FloatArray) -> tuple[float, float]:
 
 @numba.njit(cache=True)
 def _narrowed(
-    profiles: FloatArray, normal: FloatArray, maps: FloatArray, star: FloatArray, coarse: FloatArray, fine: FloatArray
-) -> tuple[FloatArray, float, tuple[float, float, float, float, float, float]]:
-    """Return (points, area of one, moments) of the part of the tables that holds the posterior, finely enough."""
-    _, sizes, kinds = maps.shape
-    points = coarse
+    profiles: FloatArray, normal: NormalEquations, maps: ProfileMaps, star: Point, coarse: Samples, fine: Samples
+) -> Narrowed:
+    """Return the part of the tables that holds the posterior, finely enough; `coarse`, `fine`: of Scratch."""
+    sizes, kinds = maps.gaap.shape
+    samples = coarse
     du = 1.0
     dv = 1.0
-    _coarse(maps, points)
-    window = np.empty(4)
-    moments = _moments(points)
+    _coarse(maps, samples)
+    moments = _moments(samples)
     for _ in range(LEVELS):
-        best, total, u, su, v, sv = moments
-        if (su > du and sv > dv) or star[0] - best - math.log(total) > STAR:
+        u = moments.size
+        v = moments.kind
+        su = moments.size_scatter
+        sv = moments.kind_scatter
+        if (su > du and sv > dv) or star.log_probability - moments.best - math.log(moments.total) > STAR:
             break
         wide = max(3.0 * su, 1.5 * du)
         tall = max(3.0 * sv, 1.5 * dv)
-        window[0], window[1] = max(u - wide, 0.0), min(u + wide, sizes - 1.0)
-        window[2], window[3] = max(v - tall, 0.0), min(v + tall, kinds - 1.0)
-        du = (window[1] - window[0]) / (LATTICE - 1)
-        dv = (window[3] - window[2]) / (LATTICE - 1)
-        points = fine
-        _refine(profiles, normal, maps, window, points)
-        moments = _moments(points)
-    return points, du * dv, moments
+        region = Region(max(u - wide, 0.0), min(u + wide, sizes - 1.0), max(v - tall, 0.0), min(v + tall, kinds - 1.0))
+        du = (region.last_size - region.first_size) / (LATTICE - 1)
+        dv = (region.last_kind - region.first_kind) / (LATTICE - 1)
+        samples = fine
+        _refine(profiles, normal, maps, region, samples)
+        moments = _moments(samples)
+    return Narrowed(samples, du * dv, moments)
 
 
 @numba.njit(cache=True)
 def posterior(
-    profiles: FloatArray,
-    normal: FloatArray,
-    maps: FloatArray,
-    star: FloatArray,
-    coarse: FloatArray,
-    fine: FloatArray,
-    room: FloatArray,
-    out: FloatArray,
-) -> None:
-    """Fill `out` (6,) with the columns of a source; `star` (3,): ln probability, flux and variance of a point.
-
-    `coarse`, `fine`: room for points; `room` (2, n): for one more than either.
-    """
-    points, area, moments = _narrowed(profiles, normal, maps, star, coarse, fine)
-    top = max(moments[0], star[0])
-    n: int = points.shape[1]
-    value = room[0, : n + 1]
-    weight = room[1, : n + 1]
+    profiles: FloatArray, normal: NormalEquations, maps: ProfileMaps, star: Point, scratch: Scratch
+) -> SourceFlux:
+    """Return the fluxes of a source; `profiles` (K, sizes x kinds); `star`: the source as a point."""
+    samples, area, moments = _narrowed(profiles, normal, maps, star, scratch.coarse, scratch.fine)
+    top = max(moments.best, star.log_probability)
+    n: int = samples.flux.size
+    value = scratch.value[: n + 1]
+    weight = scratch.weight[: n + 1]
     noise = 0.0
     gaap_noise = 0.0
     every = 0.0
     for g in range(n):
-        w = area * math.exp(max(points[0, g] - top, -2.0 * _NEGLIGIBLE))
-        weight[g], value[g] = w, points[1, g]
-        noise += w * points[2, g]
-        gaap_noise += w * points[2, g] * points[3, g] ** 2
+        w = area * math.exp(max(samples.log_probability[g] - top, -2.0 * _NEGLIGIBLE))
+        weight[g] = w
+        value[g] = samples.flux[g]
+        noise += w * samples.variance[g]
+        gaap_noise += w * samples.variance[g] * samples.gaap[g] ** 2
         every += w
-    value[n], weight[n] = star[1], math.exp(max(star[0] - top, -2.0 * _NEGLIGIBLE))
+    value[n] = star.flux
+    weight[n] = math.exp(max(star.log_probability - top, -2.0 * _NEGLIGIBLE))
     every += weight[n]
     point = weight[n] / every
     _, spread = _median(value, weight)
-    out[0], _ = _median(value, weight**SHARP)
-    shape = (1.0 - point) * SHAPE_ERROR * out[0]
-    out[1] = math.sqrt(spread**2 + noise / every + point * star[2] + shape**2)
+    flux, _ = _median(value, weight**SHARP)
+    shape = (1.0 - point) * SHAPE_ERROR * flux
+    error = math.sqrt(spread**2 + noise / every + point * star.variance + shape**2)
     for g in range(n):
-        value[g] *= points[3, g]
-    out[2], spread = _median(value, weight)
-    out[3] = math.sqrt(spread**2 + gaap_noise / every + point * star[2])
-    out[4] = moments[2]
-    out[5] = point
+        value[g] *= samples.gaap[g]
+    gaap, spread = _median(value, weight)
+    gaap_error = math.sqrt(spread**2 + gaap_noise / every + point * star.variance)
+    return SourceFlux(flux, error, gaap, gaap_error, moments.size, point)

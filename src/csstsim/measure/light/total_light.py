@@ -7,7 +7,7 @@ tridiagonal matrix and a vector, and these the chi2 and F of every profile. The 
 inverse variance: that of the background and of the ring's own mean light.
 
 The posterior of F is over the tables' sizes and kinds of profile, the axis ratio being the measured one. Its prior is a
-broad log-normal of the size, KIND_PRIOR, and POINT_SHARE for a point source, whose F is `flux_psf`. The total flux is
+broad log-normal of the size, KIND_PRIOR, and POINT_PRIOR for a point source, whose F is `flux_psf`. The total flux is
 the median of the posterior to a power (SHARP), its error half the posterior's interval of 68.3 % and SHAPE_ERROR. The
 posterior is skew at S/N 10: many of the profiles that fit are larger and brighter than the source, so its mean is
 0.1 mag brighter than the median.
@@ -20,14 +20,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numba
 import numpy as np
 
 from csstsim.base.types import AnyArray, ComplexArray, FloatArray, IntArray
 from csstsim.measure.detection.maps import BIN
-from csstsim.measure.light.profile_posterior import LATTICE, posterior, project
+from csstsim.measure.light.pixels import Pixels
+from csstsim.measure.light.profile_posterior import (
+    LATTICE,
+    NormalEquations,
+    Point,
+    ProfileFits,
+    ProfileMaps,
+    Samples,
+    Scratch,
+    posterior,
+    project,
+)
 from csstsim.measure.light.profile_tables import AXIS_RATIOS, REACH, SIZES
 
 if TYPE_CHECKING:
@@ -40,11 +51,52 @@ SIZE_PRIOR = 0.25
 SIZE_SPREAD = 0.85
 # Of profile_tables.KINDS. At S/N 10 the kind is hardly known: more weight for bulges makes discs too bright
 KIND_PRIOR = np.array([0.3, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0, 1.5, 2.6, 2.6])
-POINT_SHARE = 0.27
+POINT_PRIOR = 0.27
 TYPICAL_RATIO = 0.7  # axis ratio of a source without a measured one
 # measured half-light radii, px: how far the pixels are used
 RADIUS = 4.0
 RADIUS_MIN = 14.0
+
+
+class LightSources(NamedTuple):
+    """The sources (n,) whose light is fitted.
+
+    `number`: each source's own isophote; `x`, `y`, `radius`: px of the frame; `counted` as in photometry.fit_sources;
+    `flux_psf`, `flux_psf_err`: electron, of the PSF's fit; `part`, `ratio`: indices of the tables' parts and of
+    AXIS_RATIOS.
+    """
+
+    number: IntArray
+    x: FloatArray
+    y: FloatArray
+    radius: FloatArray
+    counted: FloatArray
+    flux_psf: FloatArray
+    flux_psf_err: FloatArray
+    part: IntArray
+    ratio: IntArray
+
+
+class PriorTables(NamedTuple):
+    """Arrays of `ProfileTables`; `ring_of`: the ring of r^2 in steps of 1/2; `log_prior` (sizes, kinds)."""
+
+    nodes: FloatArray
+    ring_of: IntArray
+    point: FloatArray
+    galaxy: FloatArray
+    gaap: FloatArray
+    log_prior: FloatArray
+
+
+class TotalLight(NamedTuple):
+    """Columns (n,) of `total_light`; `half_light` in steps of the tables until it is in arcsec."""
+
+    flux_total: FloatArray
+    flux_total_err: FloatArray
+    flux_gaap: FloatArray
+    flux_gaap_err: FloatArray
+    half_light: FloatArray
+    point: FloatArray
 
 
 def total_light(
@@ -59,19 +111,23 @@ def total_light(
     """
     ring = np.searchsorted(tables.nodes, 0.25 + 0.5 * np.arange(int(2.0 * tables.nodes[-1])), side="right") - 1
     prior = np.exp(-0.5 * (np.log(SIZES * tables.pixel / SIZE_PRIOR) / SIZE_SPREAD) ** 2)[:, None] * KIND_PRIOR
-    prior = np.log((1.0 - POINT_SHARE) * prior / prior.sum())
-    flux, error = (np.ascontiguousarray(table[name], float) for name in ("flux_psf", "flux_psf_err"))
-    columns = fit_light(  # of contiguous columns: one compiled version
-        found.image, found.rms, unusable, found.segments, found.segment, found.x, found.y,
-        np.clip(RADIUS * found.half_light, RADIUS_MIN, REACH), counted,
-        flux, error, tables.part(table["x"], table["y"]),
-        _nearest_ratio(table["e"], table["g_err"]), tables.nodes, ring.astype(np.uint8), tables.point, tables.galaxy,
-        tables.gaap, prior,
-    ).T  # fmt: skip
-    names = "flux_total", "flux_total_err", "flux_gaap", "flux_gaap_err", "half_light", "point"
-    light = dict(zip(names, columns, strict=True))
-    light["half_light"] = SIZES[0] * (SIZES[1] / SIZES[0]) ** light["half_light"] * tables.pixel
-    return light
+    log_prior = np.log((1.0 - POINT_PRIOR) * prior / prior.sum())
+    sources = LightSources(
+        number=found.segment,
+        x=found.x,
+        y=found.y,
+        radius=np.clip(RADIUS * found.half_light, RADIUS_MIN, REACH),
+        counted=counted,
+        flux_psf=np.ascontiguousarray(table["flux_psf"], float),  # contiguous: one compiled version
+        flux_psf_err=np.ascontiguousarray(table["flux_psf_err"], float),
+        part=tables.part(table["x"], table["y"]),
+        ratio=_nearest_ratio(table["e"], table["g_err"]),
+    )
+    profiles = PriorTables(tables.nodes, ring.astype(np.uint8), tables.point, tables.galaxy, tables.gaap, log_prior)
+    light = fit_light(Pixels(found.image, found.rms, unusable, found.segments), sources, profiles)
+    smallest, next_size = SIZES[:2]
+    half_light = smallest * (next_size / smallest) ** light.half_light * tables.pixel
+    return light._asdict() | {"half_light": half_light}
 
 
 @np.errstate(invalid="ignore")  # NaN: no shape
@@ -95,13 +151,13 @@ def _rings(
     y: float,
     squares: FloatArray,
     inverse: FloatArray,
-    which: IntArray,
+    ring_of: IntArray,
     out: FloatArray,
 ) -> None:
     """Fill `out` (K - 1, 5) with n, sum t, sum t^2, sum d, sum t d of the usable pixels between `squares` (K,).
 
-    t: 0 to 1 from one squared radius to the next; `inverse`: of their differences; `which`: the ring of r^2 in steps of
-    1/2.
+    t: 0 to 1 from one squared radius to the next; `inverse`: of their differences; `ring_of`: the ring of r^2 in steps
+    of 1/2.
     """
     out[:] = 0.0
     ny, nx = image.shape
@@ -118,16 +174,16 @@ def _rings(
         std = 0.0
         first = max(math.ceil(x - half), 0)
         last = min(math.floor(x + half) + 1, nx)
-        lights = image[row, first:last]
+        electrons = image[row, first:last]
         bad = unusable[row, first:last]
         others = segments[row // BIN]
         for col in range(max(last - first, 0)):
             r2 = (first + col - x) ** 2 + dy2
             other = others[(first + col) // BIN]
-            d = float(lights[col])
+            d = float(electrons[col])
             if r2 >= top or bad[col] or (other > 0 and other != number) or not abs(d) < math.inf:
                 continue
-            i = which[np.uint32(2.0 * r2)]
+            i = ring_of[np.uint32(2.0 * r2)]
             if i != ring:  # sums in registers are twice as fast as in the array
                 _add(out[ring], n, st, stt, sd, std)
                 ring = i
@@ -155,16 +211,13 @@ def _add(ring: FloatArray, n: float, t: float, tt: float, d: float, td: float) -
 
 
 @numba.njit(cache=True)
-def _normal(rings: FloatArray, variance: float, counted: float, normal: FloatArray) -> float:
-    """Fill `normal` (5, K): diagonal and upper diagonal of the matrix, data and ones projected on the nodes; the sky.
-
-    The last row begins with the inverse variance of the sky and the sum of the weighted data. Returns the number of
-    pixels.
-    """
-    normal[:] = 0.0
-    diagonal, upper, data, ones, sky = normal
+def _normal(rings: FloatArray, variance: float, counted: float, room: FloatArray) -> NormalEquations:
+    """Return the NormalEquations of `rings` (K - 1, 5) of `_rings`; `room` (4, K): for its arrays."""
+    room[:] = 0.0
+    diagonal, upper, data, ones = room
+    sky_weight = SKY**-2
+    sky_data = 0.0
     pixels = 0.0
-    sky[0] = SKY**-2
     for i in range(len(rings)):
         n, t, t2, d, td = rings[i]
         if n == 0.0:
@@ -177,69 +230,90 @@ def _normal(rings: FloatArray, variance: float, counted: float, normal: FloatArr
         data[i + 1] += w * td
         ones[i] += w * (n - t)
         ones[i + 1] += w * t
-        sky[0] += w * n
-        sky[1] += w * d
+        sky_weight += w * n
+        sky_data += w * d
         pixels += n
-    return pixels
+    return NormalEquations(diagonal, upper, data, ones, sky_weight, sky_data, pixels)
 
 
 @numba.njit(cache=True)
-def fit_light(
-    image: FloatArray,
-    rms: FloatArray,
-    unusable: IntArray,
-    segments: IntArray,
-    number: IntArray,
-    x: FloatArray,
-    y: FloatArray,
-    radius: FloatArray,
-    counted: FloatArray,
-    flux_psf: FloatArray,
-    flux_psf_err: FloatArray,
-    part: IntArray,
-    ratio: IntArray,
-    nodes: FloatArray,
-    which: IntArray,
-    points: FloatArray,
-    galaxies: FloatArray,
-    gaap: FloatArray,
-    prior: FloatArray,
-) -> FloatArray:
-    """Return (n, 6): total flux, error, Gaussian-aperture flux, error, size (steps of the tables), point.
+def _samples(count: int) -> Samples:
+    """Return room for so many samples."""
+    return Samples(np.empty(count), np.empty(count), np.empty(count), np.empty(count), np.empty(count), np.empty(count))
 
-    `image`, `rms` float32 (ny, nx), electron; `segments` on bins of BIN px; `number` (n,): each source's own; `x`, `y`,
-    `radius` px of the frame; `part`, `ratio` (n,) and `nodes`, `points`, `galaxies`, `gaap` of `ProfileTables`;
-    `which`: the ring of r^2 in steps of 1/2; `prior` (sizes, kinds): ln probability; the rest as in `total_light`.
-    """
-    _, sizes, kinds = gaap.shape
-    ny, nx = image.shape
-    out = np.full((x.size, 6), np.nan)
+
+@numba.njit(cache=True)
+def _nothing(count: int) -> TotalLight:
+    """Return NaN for all of so many sources."""
+    return TotalLight(
+        np.full(count, np.nan),
+        np.full(count, np.nan),
+        np.full(count, np.nan),
+        np.full(count, np.nan),
+        np.full(count, np.nan),
+        np.full(count, np.nan),
+    )
+
+
+@numba.njit(cache=True)
+def fit_light(pixels: Pixels, sources: LightSources, tables: PriorTables) -> TotalLight:
+    """Return the columns of `total_light`, half_light in steps of the tables."""
+    nodes = tables.nodes
+    _, sizes, kinds = tables.gaap.shape
+    profile_count = sizes * kinds
+    ny, nx = pixels.image.shape
+    out = _nothing(sources.x.size)
     rings = np.empty((nodes.size - 1, 5))
-    normal = np.empty((5, nodes.size))
-    maps = np.empty((4, sizes, kinds))
-    star_fit = np.empty((3, 1))
-    star = np.empty(3)
-    coarse = np.empty((6, sizes * kinds))
-    fine = np.empty((6, LATTICE**2))
-    room = np.empty((2, max(sizes * kinds, LATTICE**2) + 1))
+    normal_room = np.empty((4, nodes.size))
+    fits = ProfileFits(np.empty(profile_count), np.empty(profile_count), np.empty(profile_count))
+    point_fit = ProfileFits(np.empty(1), np.empty(1), np.empty(1))
+    most = max(profile_count, LATTICE**2) + 1
+    scratch = Scratch(_samples(profile_count), _samples(LATTICE**2), np.empty(most), np.empty(most))
     inverse = 1.0 / (nodes[1:] - nodes[:-1])
-    for s in range(x.size):
-        if not (math.isfinite(x[s]) and math.isfinite(y[s]) and math.isfinite(radius[s])):
+    for s in range(sources.x.size):
+        x = sources.x[s]
+        y = sources.y[s]
+        radius = sources.radius[s]
+        if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(radius)):
             continue
-        count = min(np.searchsorted(nodes, radius[s] ** 2) + 1, nodes.size)
-        _rings(image, unusable, segments, number[s], x[s], y[s], nodes[:count], inverse, which, rings[: count - 1])
-        noise = float(rms[min(max(round(y[s]), 0), ny - 1), min(max(round(x[s]), 0), nx - 1)])
-        equations = normal[:, :count]
-        if not _normal(rings[: count - 1], noise * noise, counted[s], equations) > 0.0:
+        count = min(np.searchsorted(nodes, radius**2) + 1, nodes.size)
+        inner = rings[: count - 1]
+        _rings(
+            pixels.image,
+            pixels.unusable,
+            pixels.segments,
+            sources.number[s],
+            x,
+            y,
+            nodes[:count],
+            inverse,
+            tables.ring_of,
+            inner,
+        )
+        noise = float(pixels.rms[min(max(round(y), 0), ny - 1), min(max(round(x), 0), nx - 1)])
+        normal = _normal(inner, noise * noise, sources.counted[s], normal_room[:, :count])
+        if not normal.pixels > 0.0:
             continue
-        profiles = galaxies[part[s], ratio[s], :count]
-        project(profiles, equations, maps.reshape(4, -1)[:3])
-        maps[2] = gaap[ratio[s]]
-        maps[3] = prior
-        project(points[part[s], :count], equations, star_fit)
-        star[1], star[2] = star_fit[1, 0] / star_fit[0, 0], 1.0 / star_fit[0, 0]
-        star[0] = 0.5 * star_fit[1, 0] * abs(star[1]) + math.log(POINT_SHARE)
-        if math.isfinite(flux_psf[s]) and flux_psf_err[s] > 0.0:
-            star[1], star[2] = flux_psf[s], flux_psf_err[s] ** 2
-        posterior(profiles, equations, maps, star, coarse, fine, room, out[s])
+        part = sources.part[s]
+        ratio = sources.ratio[s]
+        profiles = tables.galaxy[part, ratio, :count]
+        project(profiles, normal, fits)
+        maps = ProfileMaps(
+            fits.weight.reshape(sizes, kinds), fits.product.reshape(sizes, kinds), tables.gaap[ratio], tables.log_prior
+        )
+        project(tables.point[part, :count], normal, point_fit)
+        product = point_fit.product[0]
+        flux = product / point_fit.weight[0]
+        variance = 1.0 / point_fit.weight[0]
+        log_probability = 0.5 * product * abs(flux) + math.log(POINT_PRIOR)
+        if math.isfinite(sources.flux_psf[s]) and sources.flux_psf_err[s] > 0.0:
+            flux = sources.flux_psf[s]
+            variance = sources.flux_psf_err[s] ** 2
+        found = posterior(profiles, normal, maps, Point(log_probability, flux, variance), scratch)
+        out.flux_total[s] = found.total
+        out.flux_total_err[s] = found.total_error
+        out.flux_gaap[s] = found.gaap
+        out.flux_gaap_err[s] = found.gaap_error
+        out.half_light[s] = found.size
+        out.point[s] = found.point
     return out
