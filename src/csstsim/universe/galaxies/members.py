@@ -4,14 +4,13 @@ The random numbers of a halo's members come from its own key, so two bricks that
 central galaxy rests in the middle. Satellites lie on an NFW profile (Navarro, Frenk & White 1997) cut at the radius of
 200 times the mean density, in a prolate ellipsoid of the sphere's volume, and have normal velocities along the line of
 sight. Mass in the NFW radius y = r c / r_200 goes as m(y) = ln(1 + y) - y / (1 + y). Left out: velocities of haloes,
-anisotropy, satellites beyond that radius, subhaloes as places of their own.
+anisotropy, satellites beyond that radius, subhaloes as positions of their own.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -30,8 +29,7 @@ _G_MPC = 1e-3 * G_KPC_KM2_S2_MSUN
 _NEWTON = 60  # steps at most; seven are usual
 
 
-@dataclass(frozen=True, eq=False)
-class Members:
+class Members(NamedTuple):
     """Galaxies of haloes, one row each. `offset` (n, 3): from the halo's centre [comoving Mpc] east, north, outwards.
 
     halo: row of the halo; satellite: 0 central, 1 satellite; log_mass [solar, stars]; kind: 0 star-forming,
@@ -45,6 +43,45 @@ class Members:
     offset: FloatArray
     speed: FloatArray
     axis: FloatArray
+
+
+class _Haloes(NamedTuple):
+    """Haloes, one row each (n,), and the row and bin of each in the tables.
+
+    log_mass [solar]; scatter: of the central's proxy [dex]; surviving: fraction of subhaloes with a galaxy; minimum:
+    proxy of the lightest galaxy; key: uint64; radius [comoving Mpc]; dispersion: of satellites' speeds [km / s].
+    """
+
+    log_mass: FloatArray
+    scatter: FloatArray
+    surviving: FloatArray
+    minimum: FloatArray
+    key: IntArray
+    row: IntArray
+    bin: IntArray
+    concentration: FloatArray
+    radius: FloatArray
+    dispersion: FloatArray
+
+
+class _Tables(NamedTuple):
+    """What galaxies are drawn from: tables of Occupation, in redshift rows, proxies, halo bins and columns of mass.
+
+    satellites (bins, proxies): cumulative numbers; first_proxy [dex]; log_mass (rows, proxies) [solar, stars];
+    quiescent_central, quiescent, scale (rows, columns); eps (rows, bins); first_column, column_width: log10 of stellar
+    mass [solar, dex]; axis_ratio: of the ellipsoid of satellites.
+    """
+
+    satellites: FloatArray
+    first_proxy: float
+    log_mass: FloatArray
+    quiescent_central: FloatArray
+    quiescent: FloatArray
+    scale: FloatArray
+    eps: FloatArray
+    first_column: float
+    column_width: float
+    axis_ratio: float
 
 
 def draw_members(
@@ -64,142 +101,138 @@ def draw_members(
     grid = occupation.grid
     row = np.clip(np.searchsorted(grid.z, z, side="right") - 1, 0, len(grid.volume) - 1)
     bins = np.clip(((log_mass - occupation.proxies[0]) / STEP).astype(int), 0, len(occupation.mass) - 1)
-    speed = numbers["dispersion"] * np.sqrt(_G_MPC * 10**log_mass * (1 + z) / (2 * radius))
-    scatter = np.interp(log_mass, occupation.mass, occupation.scatter)
-    least = occupation.least[row]
-    surviving = occupation.surviving[row, bins]
-    table = occupation.satellite
-    drawn = log_mass, scatter, bins, least, surviving, table, occupation.proxies[0], keys
-    counts = _count(*drawn)
-    own = numbers["concentration"] * np.asarray(concentration, float), np.asarray(radius, float), speed
-    law = occupation.log_mass, occupation.quiescent_central, occupation.quiescent, occupation.scale, occupation.eps
-    columns = grid.log_mass[0], grid.step, numbers["axis_ratio"]
+    haloes = _Haloes(
+        log_mass=log_mass,
+        scatter=np.interp(log_mass, occupation.mass, occupation.scatter),
+        surviving=occupation.surviving[row, bins],
+        minimum=occupation.least[row],
+        key=keys,
+        row=row,
+        bin=bins,
+        concentration=numbers["concentration"] * np.asarray(concentration, float),
+        radius=np.asarray(radius, float),
+        dispersion=numbers["dispersion"] * np.sqrt(_G_MPC * 10**log_mass * (1 + z) / (2 * radius)),
+    )
+    tables = _Tables(
+        satellites=occupation.satellite,
+        first_proxy=occupation.proxies[0],
+        log_mass=occupation.log_mass,
+        quiescent_central=occupation.quiescent_central,
+        quiescent=occupation.quiescent,
+        scale=occupation.scale,
+        eps=occupation.eps,
+        first_column=grid.log_mass[0],
+        column_width=grid.step,
+        axis_ratio=numbers["axis_ratio"],
+    )
+    counts = _count(haloes, tables)
     total = counts.sum()
     out = Members(
-        np.repeat(np.arange(len(z)), counts),
-        np.empty(total, np.int8),
-        np.empty(total),
-        np.empty(total, np.int8),
-        np.zeros((total, 3)),
-        np.zeros(total),
-        np.zeros((total, 3)),
+        halo=np.repeat(np.arange(len(z)), counts),
+        satellite=np.empty(total, np.int8),
+        log_mass=np.empty(total),
+        kind=np.empty(total, np.int8),
+        offset=np.zeros((total, 3)),
+        speed=np.zeros(total),
+        axis=np.zeros((total, 3)),
     )
-    _fill(*drawn, row, *own, *law, *columns, out.satellite, out.log_mass, out.kind, out.offset, out.speed, out.axis)
+    _fill(haloes, tables, out)
     return out
 
 
 def redshift(z: FloatArray, speed: FloatArray) -> FloatArray:
-    """Return the redshift of a galaxy that moves at `speed` [km / s] away from a place of redshift z."""
+    """Return the redshift of a galaxy that moves at `speed` [km / s] away from a position of redshift z."""
     return z + (1 + z) * speed / C_KM_S
 
 
-@njit(cache=True)
-def _numbers(
-    i: int,
-    log_mass: FloatArray,
-    scatter: FloatArray,
-    bins: IntArray,
-    least: FloatArray,
-    surviving: FloatArray,
-    table: FloatArray,
-    first: float,
-    keys: IntArray,
-) -> tuple[float, int, np.uint64]:
-    """Return the central's proxy, the number of satellites and the counter to go on with."""
-    proxy = log_mass[i] + scatter[i] * _normal(keys[i], np.uint64(0))
-    mean = surviving[i] * _above(table[bins[i]], (least[i] - first) / STEP)
-    count, counter = poisson(mean, keys[i], np.uint64(2))
-    return proxy, count, counter
+class _Drawn(NamedTuple):
+    """Of one halo: the central's proxy, the number of satellites and the counter to go on with."""
+
+    proxy: float
+    satellites: int
+    counter: np.uint64
 
 
 @njit(cache=True)
-def _count(
-    log_mass: FloatArray,
-    scatter: FloatArray,
-    bins: IntArray,
-    least: FloatArray,
-    surviving: FloatArray,
-    table: FloatArray,
-    first: float,
-    keys: IntArray,
-) -> IntArray:
-    counts = np.zeros(len(log_mass), np.int64)
-    for i in range(len(log_mass)):
-        proxy, count, _ = _numbers(i, log_mass, scatter, bins, least, surviving, table, first, keys)
-        counts[i] = count + (proxy > least[i])
+def _draw_halo(haloes: _Haloes, tables: _Tables, i: int) -> _Drawn:
+    """Return what is drawn of halo i before its galaxies."""
+    key = haloes.key[i]
+    proxy = haloes.log_mass[i] + haloes.scatter[i] * _normal(key, np.uint64(0))
+    minimum = (haloes.minimum[i] - tables.first_proxy) / STEP
+    mean = haloes.surviving[i] * _at(tables.satellites[haloes.bin[i]], minimum)
+    count, counter = poisson(mean, key, np.uint64(2))
+    return _Drawn(proxy, count, counter)
+
+
+@njit(cache=True)
+def _count(haloes: _Haloes, tables: _Tables) -> IntArray:
+    """Return the number of galaxies of each halo (n,)."""
+    counts = np.zeros(len(haloes.log_mass), np.int64)
+    for i in range(len(haloes.log_mass)):
+        drawn = _draw_halo(haloes, tables, i)
+        counts[i] = drawn.satellites + (drawn.proxy > haloes.minimum[i])
     return counts
 
 
 @njit(cache=True)
-def _fill(
-    log_mass: FloatArray,
-    scatter: FloatArray,
-    bins: IntArray,
-    least: FloatArray,
-    surviving: FloatArray,
-    table: FloatArray,
-    first: float,
-    keys: IntArray,
-    row: IntArray,
-    concentration: FloatArray,
-    radius: FloatArray,
-    dispersion: FloatArray,
-    stars: FloatArray,
-    red_central: FloatArray,
-    red: FloatArray,
-    scale: FloatArray,
-    eps: FloatArray,
-    column0: float,
-    width: float,
-    ratio: float,
-    satellite: IntArray,
-    out_mass: FloatArray,
-    kind: IntArray,
-    offset: FloatArray,
-    speed: FloatArray,
-    axis: FloatArray,
-) -> None:
+def _fill(haloes: _Haloes, tables: _Tables, out: Members) -> None:
+    """Fill all columns of `out` but `halo`; `offset` and `speed` of centrals stay as they are."""
+    red = tables.quiescent
+    ratio = tables.axis_ratio
     g = 0
-    place = np.empty(3)
-    for i in range(len(log_mass)):
-        proxy, count, counter = _numbers(i, log_mass, scatter, bins, least, surviving, table, first, keys)
-        key = keys[i]
-        r = row[i]
+    direction = np.empty(3)
+    for i in range(len(haloes.log_mass)):
+        drawn = _draw_halo(haloes, tables, i)
+        counter = drawn.counter
+        key = haloes.key[i]
+        row = haloes.row[i]
+        satellites = tables.satellites[haloes.bin[i]]
         long = np.empty(3)
         counter = _direction(key, counter, long)
-        if proxy > least[i]:
-            satellite[g], out_mass[g] = 0, _at(stars[r], (proxy - first) / STEP)
-            column = min(max(int((out_mass[g] - column0) / width), 0), red.shape[1] - 1)
-            kind[g] = unit(word(key, counter)) < red_central[r, column]
-            axis[g] = long
+        if drawn.proxy > haloes.minimum[i]:
+            out.satellite[g] = 0
+            out.log_mass[g] = _at(tables.log_mass[row], (drawn.proxy - tables.first_proxy) / STEP)
+            column = _column(out.log_mass[g], tables)
+            out.kind[g] = unit(word(key, counter)) < tables.quiescent_central[row, column]
+            out.axis[g] = long
             g += 1
         counter += _ONE
-        lowest = (least[i] - first) / STEP
-        mean = _above(table[bins[i]], lowest)
-        for _ in range(count):
-            t = _where(table[bins[i]], unit(word(key, counter)) * mean, lowest)
-            satellite[g], out_mass[g] = 1, _at(stars[r], t)
-            column = min(max(int((out_mass[g] - column0) / width), 0), red.shape[1] - 1)
-            f = red[r, column]
-            kind[g] = unit(word(key, counter + _ONE)) < f + (1 - f) * scale[r, column] * eps[r, bins[i]]
-            distance = radius[i] * nfw_radius(unit(word(key, counter + np.uint64(2))), concentration[i])
-            speed[g] = dispersion[i] * _normal(key, counter + np.uint64(3))
-            counter = _direction(key, counter + np.uint64(5), place)
-            along = place[0] * long[0] + place[1] * long[1] + place[2] * long[2]
+        minimum = (haloes.minimum[i] - tables.first_proxy) / STEP
+        mean = _at(satellites, minimum)
+        for _ in range(drawn.satellites):
+            t = _where(satellites, unit(word(key, counter)) * mean, minimum)
+            out.satellite[g] = 1
+            out.log_mass[g] = _at(tables.log_mass[row], t)
+            column = _column(out.log_mass[g], tables)
+            f = red[row, column]
+            quiescent = f + (1 - f) * tables.scale[row, column] * tables.eps[row, haloes.bin[i]]
+            out.kind[g] = unit(word(key, counter + _ONE)) < quiescent
+            inside = unit(word(key, counter + np.uint64(2)))
+            distance = haloes.radius[i] * nfw_radius(inside, haloes.concentration[i])
+            out.speed[g] = haloes.dispersion[i] * _normal(key, counter + np.uint64(3))
+            counter = _direction(key, counter + np.uint64(5), direction)
+            along = direction[0] * long[0] + direction[1] * long[1] + direction[2] * long[2]
             for k in range(3):
-                short = place[k] * ratio ** (1 / 3)
-                offset[g, k] = distance * (short + along * long[k] * (ratio ** (-2 / 3) - ratio ** (1 / 3)))
-            axis[g] = long
+                short = direction[k] * ratio ** (1 / 3)
+                out.offset[g, k] = distance * (short + along * long[k] * (ratio ** (-2 / 3) - ratio ** (1 / 3)))
+            out.axis[g] = long
             g += 1
 
 
 @njit(cache=True)
-def nfw_radius(share: float, concentration: float) -> float:
-    """Return the radius over r_200 within which an NFW halo has this share (0 to 1) of its mass.
+def _column(log_mass: float, tables: _Tables) -> int:
+    """Return the column of a stellar mass, held at the ends."""
+    column = int((log_mass - tables.first_column) / tables.column_width)
+    return min(max(column, 0), tables.quiescent.shape[1] - 1)
+
+
+@njit(cache=True)
+def nfw_radius(fraction: float, concentration: float) -> float:
+    """Return the radius over r_200 within which an NFW halo has this fraction (0 to 1) of its mass.
 
     With w = 1 / (1 + y) the mass is m = w - ln(w) - 1; Newton's steps from below rise to the root.
     """
-    m = share * (math.log1p(concentration) - concentration / (1 + concentration))
+    m = fraction * (math.log1p(concentration) - concentration / (1 + concentration))
     w = max(1 - math.sqrt(2 * m), math.exp(-m - 1))
     for _ in range(_NEWTON):
         step = (w - math.log(w) - 1 - m) * w / (1 - w) if w < 1 else 0.0
@@ -233,13 +266,10 @@ def _at(table: FloatArray, t: float) -> float:
     return table[k] + min(max(t - k, 0.0), 1.0) * (table[k + 1] - table[k])
 
 
-_above = _at  # cumulative numbers above a proxy
-
-
 @njit(cache=True)
-def _where(table: FloatArray, number: float, lowest: float) -> float:
-    """Return the index above `lowest` at which a falling table is `number`."""
-    low = int(lowest)
+def _where(table: FloatArray, number: float, minimum: float) -> float:
+    """Return the index from `minimum` on at which a falling table is `number`."""
+    low = int(minimum)
     high = len(table) - 1
     while high - low > 1:
         middle = (low + high) // 2
@@ -248,4 +278,4 @@ def _where(table: FloatArray, number: float, lowest: float) -> float:
         else:
             high = middle
     fall = table[low] - table[high]
-    return max(low + (table[low] - number) / fall, lowest) if fall > 0 else float(low)
+    return max(low + (table[low] - number) / fall, minimum) if fall > 0 else float(low)
