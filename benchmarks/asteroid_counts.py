@@ -35,7 +35,7 @@ def main(record: Record) -> None:
     away = np.cos(np.radians(OFF)) * opposition + np.sin(np.radians(OFF)) * pole
     radius, faint = TOY_RADIUS if record.toy else RADIUS, numbers | {"faintest": FAINTEST}
     record.value(
-        "orbits", int(population(numbers).count.sum()), f"orbits that can be brighter than V = {numbers['faintest']:g}"
+        "orbits", int(population(numbers).number.sum()), f"orbits that can be brighter than V = {numbers['faintest']:g}"
     )
     densities = []
     for direction in (opposition, away):

@@ -510,33 +510,34 @@ def test_brightness_falls_with_both_distances_and_the_phase(phase):
 
 def test_numbers_of_asteroids_are_read_both_ways():
     """Slopes beyond the table's ends, and lines within; the inverse returns."""
-    points, log = np.array([11.0, 15.0, 18.1]), np.array([2.95, 4.9, 6.28])
+    law = asteroids.NumberLaw(np.array([11.0, 15.0, 18.1]), np.array([2.95, 4.9, 6.28]), 0.5, 0.28)
     h = np.array([9.0, 11.0, 13.0, 16.55, 18.1, 20.1])
     wanted = [2.95 - 1.0, 2.95, 3.925, 5.59, 6.28, 6.28 + 0.56]
-    assert asteroids._log_number(h, points, log, 0.5, 0.28) == pytest.approx(wanted)
-    assert [asteroids._number(x, points, log, 0.5, 0.28) for x in h] == pytest.approx(wanted)
-    assert [asteroids._magnitude(n, points, log, 0.5, 0.28) for n in wanted] == pytest.approx(h)
+    assert asteroids._log_number(h, law) == pytest.approx(wanted)
+    assert [asteroids._number(x, law) for x in h] == pytest.approx(wanted)
+    assert [asteroids._magnitude(n, law) for n in wanted] == pytest.approx(h)
 
 
 def test_cells_of_asteroids_hold_all_that_can_be_seen():
     """Shares of zones at one limit of H; the faintest at opposition and perihelion; width of inclinations in rad."""
     numbers = {**numbers_of(UNIVERSE, "asteroids"), "faintest": 22.0}
     made, zones = asteroids.population(numbers), numbers["zones"]
-    assert made.cells.shape == (5 * 6 * 12, 6) and (made.limit, made.slope) == (22.0, 0.15)
-    share = made.count / 10 ** asteroids._log_number(made.bright, *made.counts)
-    of_zone = [share[made.cells[:, 5] == k].sum() for k in range(5)]
+    assert len(made.number) == 5 * 6 * 12 and (made.limit, made.slope) == (22.0, 0.15)
+    share = made.number / 10 ** asteroids._log_number(made.faintest_h, made.law)
+    of_zone = [share[made.zone == k].sum() for k in range(5)]
     assert of_zone == pytest.approx(zones["share"], rel=0.02)
-    assert made.counts[1] == pytest.approx(np.array(numbers["counts"]["log_number"]) + np.log10(0.43))
+    assert made.law.log_number == pytest.approx(np.array(numbers["counts"]["log_number"]) + np.log10(0.43))
     for k, (first, last) in enumerate(zones["a"]):
-        mine = made.cells[made.cells[:, 5] == k]
-        assert (mine[:, 0].min(), mine[:, 1].max()) == pytest.approx((first, last)) and mine[:, 3].max() == 0.35
-        assert mine[:, 4] == pytest.approx(np.radians(zones["i"][k]))
-        inner = mine[:, 3] < 0.15
-        wanted = -np.expm1(-0.5 * (mine[inner, 3].max() / zones["e"][k]) ** 2)
+        mine = made.zone == k
+        assert (made.a_min[mine].min(), made.a_max[mine].max()) == pytest.approx((first, last))
+        assert made.e_min[mine].min() == 0.0 and made.e_max[mine].max() == 0.35
+        assert made.inclination[mine] == pytest.approx(np.radians(zones["i"][k]))
+        inner = mine & (made.e_max < 0.15)
+        wanted = -np.expm1(-0.5 * (made.e_max[inner].max() / zones["e"][k]) ** 2)
         wanted /= -np.expm1(-0.5 * (0.35 / zones["e"][k]) ** 2)
-        assert share[made.cells[:, 5] == k][inner].sum() / zones["share"][k] == pytest.approx(wanted, rel=0.03)
-    nearest = made.cells[:, 0] * (1 - made.cells[:, 3])
-    brightest = made.bright + 5 * np.log10(nearest * np.maximum(nearest - 1.017, 0.05))
+        assert share[inner].sum() / zones["share"][k] == pytest.approx(wanted, rel=0.03)
+    nearest = made.a_min * (1 - made.e_max)
+    brightest = made.faintest_h + 5 * np.log10(nearest * np.maximum(nearest - 1.017, 0.05))
     assert brightest == pytest.approx(np.full(len(brightest), 22.0))
 
 
@@ -549,7 +550,7 @@ def test_no_asteroid_is_left_out_by_the_search(monkeypatch, ecliptic):
     towards = asteroids._to_equator(np.array([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)]))
     asked = 2, 61800.0, sun, towards, np.radians(9.0), numbers
     quick = asteroids.asteroids_near(*asked)
-    monkeypatch.setattr(asteroids, "_window", lambda *_: (0.0, 0.0, np.pi))
+    monkeypatch.setattr(asteroids, "_window", lambda *_: asteroids.Window(0.0, 0.0, np.pi))
     every = asteroids.asteroids_near(*asked)
     assert len(every["id"]) > 10 and quick["id"].tolist() == every["id"].tolist()
     apart = np.arccos(np.clip(every["vector"] @ towards, -1, 1))

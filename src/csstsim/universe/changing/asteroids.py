@@ -34,16 +34,58 @@ _NEAREST = 1.3
 _FURTHEST = 5.2
 
 
-class Population(NamedTuple):
-    """The cells of a population and the number of asteroids in each."""
+_FOUND = np.dtype(
+    [("number", np.int64)] + [(name, float) for name in ("a", "e", "i", "node", "perihelion", "anomaly", "h")]
+)
 
-    count: IntArray  # type: ignore[assignment]  # (cells,) int64; hides a method that nobody needs
-    cells: FloatArray  # (cells, 6): a [au] first and last, e first and last, Rayleigh width of i [rad], zone
-    bright: FloatArray  # (cells,) mag, the faintest H
-    # H and log10 of the numbers, at whose ends the slopes hold: (H, log N, bright, faint)
-    counts: tuple[FloatArray, FloatArray, float, float]
-    limit: float  # mag, faintest V
-    slope: float  # G
+
+class NumberLaw(NamedTuple):
+    """Number of asteroids brighter than H: log10 at values of H (n,) [mag], and its slopes beyond the ends."""
+
+    h: FloatArray
+    log_number: FloatArray
+    bright: float
+    faint: float
+
+
+class Population(NamedTuple):
+    """The cells of a population (cells,): their limits in orbits, and the number of asteroids in each.
+
+    a_min, a_max [au], e_min, e_max; inclination: Rayleigh width [rad]; faintest_h [mag]: of what can be seen at all;
+    limit [mag]: faintest V; slope: G.
+    """
+
+    number: IntArray
+    a_min: FloatArray
+    a_max: FloatArray
+    e_min: FloatArray
+    e_max: FloatArray
+    inclination: FloatArray
+    zone: IntArray
+    faintest_h: FloatArray
+    law: NumberLaw
+    limit: float
+    slope: float
+
+
+class View(NamedTuple):
+    """Where an observer is and looks, on ecliptic axes.
+
+    days: since EPOCH; position (3,) [au from the Sun]; direction (3,): unit vector; radius [rad]: of the field.
+    """
+
+    days: float
+    position: FloatArray
+    direction: FloatArray
+    radius: float
+
+
+class Window(NamedTuple):
+    """Asteroids on a line of sight, seen from the Sun [rad]: middle and half width in longitude, least inclination."""
+
+    longitude: float
+    inclination_min: float
+    half_width: float
 
 
 def population(numbers: Mapping[str, Any]) -> Population:
@@ -60,31 +102,39 @@ def _population(text: str) -> Population:
     counts = numbers["counts"]
     limit = float(numbers["faintest"])
     log = np.array(counts["log_number"], float) + np.log10(counts["density"])
-    law = np.array(counts["H"], float), log, float(counts["bright"]), float(counts["faint"])
+    law = NumberLaw(np.array(counts["H"], float), log, float(counts["bright"]), float(counts["faint"]))
     cells = []
+    zone = []
     expected = []
     faintest = []
     for k, (first, last) in enumerate(zones["a"]):
         edges_a = np.linspace(first, last, _STEPS_A + 1)
         edges_e = np.linspace(0, zones["e_max"], _STEPS_E + 1)
         below = 1 - np.exp(-0.5 * (edges_e / zones["e"][k]) ** 2)
-        share_e = np.diff(below) / below[-1]
+        fraction = np.diff(below) / below[-1]
         for a0, a1 in pairwise(edges_a):
             for j in range(_STEPS_E):
                 q = a0 * (1 - edges_e[j + 1])  # nearest to the Sun, and to the Earth at opposition
                 h = limit - 5 * np.log10(q * max(q - 1.017, 0.05))
-                cells.append((a0, a1, edges_e[j], edges_e[j + 1], np.radians(zones["i"][k]), k))
+                cells.append((a0, a1, edges_e[j], edges_e[j + 1], np.radians(zones["i"][k])))
+                zone.append(k)
                 faintest.append(h)
-                expected.append(zones["share"][k] / _STEPS_A * share_e[j] * 10 ** _log_number(h, *law))
-    count = np.round(expected).astype(np.int64)
-    slope = float(numbers["phase_slope"])
-    return Population(count, np.array(cells), np.array(faintest), law, limit, slope)
+                expected.append(zones["share"][k] / _STEPS_A * fraction[j] * 10 ** _log_number(h, law))
+    return Population(
+        np.round(expected).astype(np.int64),
+        *np.array(cells).T.copy(),
+        zone=np.array(zone),
+        faintest_h=np.array(faintest),
+        law=law,
+        limit=limit,
+        slope=float(numbers["phase_slope"]),
+    )
 
 
-def _log_number(h: Floats, points: FloatArray, log: FloatArray, bright: float, faint: float) -> FloatArray:
+def _log_number(h: Floats, law: NumberLaw) -> FloatArray:
     """Return log10 of the number of asteroids brighter than H."""
-    inside = np.interp(h, points, log)
-    return inside + bright * np.minimum(h - points[0], 0) + faint * np.maximum(h - points[-1], 0)
+    inside = np.interp(h, law.h, law.log_number)
+    return inside + law.bright * np.minimum(h - law.h[0], 0) + law.faint * np.maximum(h - law.h[-1], 0)
 
 
 def asteroids_near(
@@ -97,30 +147,33 @@ def asteroids_near(
 ) -> dict[str, AnyArray]:
     """Return {name: (n,)} of the asteroids within `radius` [rad] of a direction, as seen by an observer.
 
-    mjd: TDB (TT will do); sun (3,): the observer's place from the Sun [au] on axes of the ICRS; direction (3,): unit
+    mjd: TDB (TT will do); sun (3,): the observer's position from the Sun [au] on axes of the ICRS; direction (3,): unit
     vector. id: number of the asteroid; vector (n, 3): astrometric direction (light time included) on axes of the ICRS;
     V [mag]; H; a [au], e, i [rad]; orbit (6, n): see `positions`; zone.
     """
     people = population(numbers)
-    o, c = (_to_ecliptic(np.asarray(v, float)) for v in (sun, direction))
-    longitude, least_i, wide = _window(o, c, radius)
+    position = _to_ecliptic(np.asarray(sun, float))
+    line_of_sight = _to_ecliptic(np.asarray(direction, float))
+    window = _window(position, line_of_sight, radius)
+    view = View(mjd - EPOCH, position, line_of_sight, radius + 120.0 / ARCSEC_PER_RAD)
     key = counter_key(seed, "asteroids")
     room = 4096
     while True:
-        found = np.empty((room, 8))
-        size = _search(
-            key, people.count, people.cells, people.bright, *people.counts, mjd - EPOCH, o, c,
-            radius + 120.0 / ARCSEC_PER_RAD, longitude, wide, least_i, people.limit, found,
-        )  # fmt: skip
+        found = np.empty(room, _FOUND)
+        size = _search(key, people, view, window, found)
         if size <= room:
             break
         room = 2 * size
-    number, a, e, i, node, peri, anomaly, h = found[:size].T
-    orbit = a, e, i, node, peri, anomaly
-    seen, v = observed(orbit, h, mjd, o, people.slope)
-    near = (seen @ c >= np.cos(radius)) & (v <= people.limit)
+    found = found[:size]
+    a = found["a"]
+    e = found["e"]
+    i = found["i"]
+    h = found["h"]
+    orbit = a, e, i, found["node"], found["perihelion"], found["anomaly"]
+    seen, v = observed(orbit, h, mjd, position, people.slope)
+    near = (seen @ line_of_sight >= np.cos(radius)) & (v <= people.limit)
     return {
-        "id": number[near].astype(np.int64),
+        "id": found["number"][near],
         "vector": _to_equator(seen[near]),
         "V": v[near],
         "H": h[near],
@@ -135,7 +188,7 @@ def asteroids_near(
 def seen_from(
     orbit: Sequence[FloatArray] | FloatArray, h: FloatArray, mjd: float, sun: Sequence[float] | FloatArray, slope: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return (directions (n, 3) on axes of the ICRS, V) of orbits (6, n) from a place (3,) [au from the Sun, ICRS]."""
+    """Return (directions (n, 3) on ICRS axes, V) of orbits (6, n) from a position (3,) [au from the Sun, ICRS]."""
     seen, v = observed(orbit, h, mjd, _to_ecliptic(np.asarray(sun, float)), slope)
     return _to_equator(seen), v
 
@@ -143,7 +196,7 @@ def seen_from(
 def observed(
     orbit: Sequence[FloatArray] | FloatArray, h: FloatArray, mjd: float, o: FloatArray, slope: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return (unit vectors (n, 3), V) of orbits from a place o [au from the Sun], ecliptic axes, with light time."""
+    """Return (unit vectors (n, 3), V) of orbits from a position o [au from the Sun], ecliptic axes, with light time."""
     delay = np.zeros(len(h))
     for _ in range(3):
         place = positions(orbit, mjd - EPOCH - delay)
@@ -156,7 +209,7 @@ def observed(
 
 
 def positions(orbit: Sequence[FloatArray] | FloatArray, days: Floats) -> FloatArray:
-    """Return places (n, 3) [au from the Sun], ecliptic axes, of orbits days after EPOCH.
+    """Return positions (n, 3) [au from the Sun], ecliptic axes, of orbits days after EPOCH.
 
     orbit: a [au], e, i, node, argument of perihelion, mean anomaly at EPOCH [rad], each (n,).
     """
@@ -179,8 +232,8 @@ def _phase(cosine: FloatArray, slope: float) -> FloatArray:
     return -2.5 * np.log10((1 - slope) * np.exp(-3.33 * half**0.63) + slope * np.exp(-1.87 * half**1.22))
 
 
-def _window(o: FloatArray, c: FloatArray, radius: float) -> tuple[float, float, float]:
-    """Return (longitude, least inclination, half width) [rad] of asteroids on a line of sight, seen from the Sun."""
+def _window(o: FloatArray, c: FloatArray, radius: float) -> Window:
+    """Return the Window of a field of `radius` [rad] in direction c from o [au from the Sun], ecliptic axes."""
     r = np.linspace(_NEAREST, _FURTHEST, 64)
     along = -(o @ c) + np.sqrt(np.maximum((o @ c) ** 2 - o @ o + r**2, 0.0))
     place = o + along[:, None] * c
@@ -190,55 +243,40 @@ def _window(o: FloatArray, c: FloatArray, radius: float) -> tuple[float, float, 
     middle = longitude[len(r) // 2]
     off = np.abs((longitude - middle + np.pi) % (2 * np.pi) - np.pi)
     high_up = np.abs(place[:, 2] / r).max() > 0.8
-    return middle, max(latitude.min(), 0.0), np.pi if high_up else off.max() + 2 * away.max() + _SLACK
+    half_width = np.pi if high_up else off.max() + 2 * away.max() + _SLACK
+    return Window(middle, max(latitude.min(), 0.0), half_width)
 
 
 @numba.njit(cache=True)
-def _search(
-    key: np.uint64,
-    count: IntArray,
-    cells: FloatArray,
-    faintest: FloatArray,
-    points: FloatArray,
-    log: FloatArray,
-    bright: float,
-    faint: float,
-    days: float,
-    o: FloatArray,
-    c: FloatArray,
-    radius: float,
-    longitude: float,
-    wide: float,
-    least_i: float,
-    limit: float,
-    out: FloatArray,
-) -> int:
-    """Write the asteroids near a direction, as far as there is room; return how many there are."""
+def _search(key: np.uint64, population: Population, view: View, window: Window, out: AnyArray) -> int:
+    """Write the asteroids near a direction to `out` (_FOUND), as far as there is room; return how many there are."""
+    o = view.position
+    c = view.direction
     size = 0
     number = 0
     turn = 2 * np.pi
-    cosine = np.cos(radius)
-    for k in range(len(count)):
-        a0 = cells[k, 0]
-        a1 = cells[k, 1]
-        e0 = cells[k, 2]
-        e1 = cells[k, 3]
-        width = cells[k, 4]
-        reach = wide + 2 * e1 + 1.25 * e1 * e1
-        most = _number(faintest[k], points, log, bright, faint)
-        for _ in range(count[k]):
+    cosine = np.cos(view.radius)
+    for k in range(len(population.number)):
+        a0 = population.a_min[k]
+        a1 = population.a_max[k]
+        e0 = population.e_min[k]
+        e1 = population.e_max[k]
+        width = population.inclination[k]
+        reach = window.half_width + 2 * e1 + 1.25 * e1 * e1
+        most = _number(population.faintest_h[k], population.law)
+        for _ in range(population.number[k]):
             own = word(key, np.uint64(number))
             number += 1
             one = word(own, np.uint64(0))
             a = a0 + (a1 - a0) * high(one)
-            mean = turn * low(one) + _GAUSS * a**-1.5 * days
-            off = abs((mean - longitude + np.pi) % turn - np.pi)
+            mean = turn * low(one) + _GAUSS * a**-1.5 * view.days
+            off = abs((mean - window.longitude + np.pi) % turn - np.pi)
             if off > reach:
                 continue
             two = word(own, np.uint64(1))
             three = word(own, np.uint64(2))
             i = width * np.sqrt(-2.0 * np.log(high(two)))
-            if i < least_i or i > 1.2:
+            if i < window.inclination_min or i > 1.2:
                 continue
             e = e0 + (e1 - e0) * low(two)
             # pole: longitude of the perihelion
@@ -263,42 +301,42 @@ def _search(
             if dx * c[0] + dy * c[1] + dz * c[2] < cosine * distance:
                 continue
             four = word(own, np.uint64(3))
-            h = _magnitude(most + np.log10(high(four)), points, log, bright, faint)
+            h = _magnitude(most + np.log10(high(four)), population.law)
             r = np.sqrt(px * px + py * py + pz * pz)
-            if h + 5 * np.log10(r * distance) > limit + 0.05:
+            if h + 5 * np.log10(r * distance) > population.limit + 0.05:
                 continue
             if size < len(out):
                 row = out[size]
-                row[0] = number - 1
-                row[1] = a
-                row[2] = e
-                row[3] = i
-                row[4] = node
-                row[5] = peri
-                row[6] = anomaly - _GAUSS * a**-1.5 * days
-                row[7] = h
+                row.number = number - 1
+                row.a = a
+                row.e = e
+                row.i = i
+                row.node = node
+                row.perihelion = peri
+                row.anomaly = anomaly - _GAUSS * a**-1.5 * view.days
+                row.h = h
             size += 1
     return size
 
 
 @numba.njit(cache=True)
-def _number(h: float, points: FloatArray, log: FloatArray, bright: float, faint: float) -> float:
+def _number(h: float, law: NumberLaw) -> float:
     """As _log_number, of one H."""
-    if h <= points[0]:
-        return log[0] + bright * (h - points[0])
-    if h >= points[-1]:
-        return log[-1] + faint * (h - points[-1])
-    return np.interp(h, points, log)
+    if h <= law.h[0]:
+        return law.log_number[0] + law.bright * (h - law.h[0])
+    if h >= law.h[-1]:
+        return law.log_number[-1] + law.faint * (h - law.h[-1])
+    return np.interp(h, law.h, law.log_number)
 
 
 @numba.njit(cache=True)
-def _magnitude(number: float, points: FloatArray, log: FloatArray, bright: float, faint: float) -> float:
+def _magnitude(number: float, law: NumberLaw) -> float:
     """The inverse of _number: the H of which so many (log10) are brighter."""
-    if number <= log[0]:
-        return points[0] + (number - log[0]) / bright
-    if number >= log[-1]:
-        return points[-1] + (number - log[-1]) / faint
-    return np.interp(number, log, points)
+    if number <= law.log_number[0]:
+        return law.h[0] + (number - law.log_number[0]) / law.bright
+    if number >= law.log_number[-1]:
+        return law.h[-1] + (number - law.log_number[-1]) / law.faint
+    return np.interp(number, law.log_number, law.h)
 
 
 def _to_ecliptic(v: FloatArray) -> FloatArray:
