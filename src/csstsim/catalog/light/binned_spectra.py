@@ -16,7 +16,7 @@ from csstsim.catalog.light.photometry import bin_means
 from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.instrument.filter import GRID
 from csstsim.universe.galaxies.galaxy_rates import combine
-from csstsim.universe.galaxies.igm import Intergalactic, absorb
+from csstsim.universe.galaxies.igm import IgmTables, Intergalactic, absorb
 
 if TYPE_CHECKING:
     from csstsim.base.types import FloatArray, IntArray
@@ -63,7 +63,7 @@ def _galaxies(out: FloatArray, rows: IntArray, universe: Universe, some: ObjectT
         curve,
         edges,
         *seds.cells,
-        *Intergalactic(centres, seds.igm).arrays,
+        Intergalactic(centres, seds.igm).tables,
     )
 
 
@@ -80,12 +80,7 @@ def _integrate(
     edges: FloatArray,
     nodes: FloatArray,
     basis: FloatArray,
-    centres: FloatArray,
-    lines: FloatArray,
-    depths: FloatArray,
-    continuum: FloatArray,
-    limits: FloatArray,
-    powers: FloatArray,
+    igm: IgmTables,
 ) -> None:
     rest = np.empty(len(nodes))
     slope = np.empty(len(nodes))
@@ -121,4 +116,4 @@ def _integrate(
             for b in range(len(row)):
                 x = more * curve[b]
                 row[b] *= np.exp(x) / (1.0 + x * (1.0 + x * (0.5 + x * (1.0 / 6.0 + x / 24.0))))
-        absorb(row, 0, len(row), z[n], centres, lines, depths, continuum, limits, powers)
+        absorb(row, 0, len(row), z[n], igm)

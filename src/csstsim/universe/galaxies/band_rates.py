@@ -20,8 +20,9 @@ import numba
 import numpy as np
 
 from csstsim.base.types import BoolArray, FloatArray, IntArray
+from csstsim.universe.galaxies.galaxy_rates import Cells
 from csstsim.universe.galaxies.galaxy_sed import used_range
-from csstsim.universe.galaxies.igm import absorb
+from csstsim.universe.galaxies.igm import IgmTables, absorb
 
 if TYPE_CHECKING:
     from csstsim.universe.galaxies.galaxy_sed import GalaxySeds
@@ -76,7 +77,7 @@ class BandRates:
         moments, mean = self._behind(dust)
         ranges = np.array([used_range(row) for row in self.weights]).reshape(len(self.weights), 2)
         stretch = np.exp(_STEP * (block * _BLOCK + np.arange(-1, _BLOCK + _TAPS - 2)))
-        table = tabulate(stretch, moments, ranges, *self.seds.cells, *self.seds.forest.arrays)
+        table = tabulate(stretch, moments, ranges, self.seds.cells, self.seds.forest.tables)
         return table.reshape(*table.shape[:2], -1), mean
 
     def _moments(self, dust: int) -> tuple[FloatArray, FloatArray]:
@@ -116,17 +117,16 @@ def tabulate(
     stretches: FloatArray,
     weights: FloatArray,
     ranges: IntArray,
-    nodes: FloatArray,
-    basis: FloatArray,
-    grid: FloatArray,
-    edges: FloatArray,
-    *forest: FloatArray,
+    cells: Cells,
+    igm: IgmTables,
 ) -> FloatArray:
     """Return (nodes of redshift, k, bands, moments): sums of components at 1 + z = `stretches` times the weights.
 
-    weights: (bands, moments, samples), used in `ranges` (bands, 2); nodes, basis: as of GalaxySeds.cells;
-    grid and what follows: Intergalactic.arrays.
+    weights: (bands, moments, samples), used in `ranges` (bands, 2); cells: as of GalaxySeds; igm: at the samples.
     """
+    nodes = cells.nodes
+    basis = cells.basis
+    grid = igm.wavelength
     bands, terms, samples = weights.shape
     clear = np.zeros((bands, terms, 2, samples + 1))
     behind = np.zeros((terms, 2, samples + 1))
@@ -141,9 +141,9 @@ def tabulate(
         for b in range(bands):
             begin, end = ranges[b]
             running = clear[b]
-            if begin < end and grid[begin] < edges[0] * stretch:
+            if begin < end and grid[begin] < igm.edges[0] * stretch:
                 through[begin:end] = 1.0
-                absorb(through, begin, end, stretch - 1.0, grid, edges, *forest)
+                absorb(through, begin, end, stretch - 1.0, igm)
                 running = behind
                 _running(running, weights[b], through, grid, begin, end)
             start = max(begin, np.searchsorted(grid, nodes[0] * stretch))

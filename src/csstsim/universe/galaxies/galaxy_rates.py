@@ -8,14 +8,65 @@ Steps are loops of their own over all cells, with one array filled in each: the 
 time. Only the samples of tables, which are anywhere, are read one by one. A cell without a sample counts nothing.
 """
 
+from typing import NamedTuple
+
 import numba
 import numpy as np
 
 from csstsim.base.types import FloatArray, IntArray
-from csstsim.universe.galaxies.igm import LYMAN_LIMIT, continuum_depth
+from csstsim.universe.galaxies.igm import LYMAN_LIMIT, IgmTables, continuum_depth
 
 _SMALL = 0.01  # optical depth below which the series of exp is exact to 1e-9: nearly all galaxies
 _NEVER = np.int64(1 << 60)  # beyond any sample
+
+
+class Cells(NamedTuple):
+    """Components of spectra, linear between nodes: `nodes` (n,) [A, rest frame], `basis` (k, n) there."""
+
+    nodes: FloatArray
+    basis: FloatArray
+
+
+class _Spectrum(NamedTuple):
+    """A galaxy's spectrum at its nodes, each (nodes,).
+
+    density: photon / A; left: observed wavelength beyond the first sample [A]; slope: to the next node [per A];
+    stop: the sample after the last one before the next node.
+    """
+
+    density: FloatArray
+    left: FloatArray
+    slope: FloatArray
+    stop: IntArray
+
+
+class _Sums(NamedTuple):
+    """Sums over the samples of each cell (nodes + 1,), and what `_behind_dust` needs in their place.
+
+    light: of spectrum x weights; centre: weighted wavelength beyond the first sample [A]; w0, w1: of w and w lambda,
+    later the dust's fraction of a step and its curve; at: first sample of a cell; sample: left of the centre.
+    """
+
+    light: FloatArray
+    centre: FloatArray
+    w0: FloatArray
+    w1: FloatArray
+    at: IntArray
+    sample: IntArray
+
+
+class _Forest(NamedTuple):
+    """Absorption towards one redshift.
+
+    blue: observed wavelength [A] below which it begins; reach (terms,): (1 + z)^powers; clear (lines + 1, samples):
+    transmission of the first 0, 1, ... lines; tables: IgmTables on samples `step` [A] apart.
+    """
+
+    blue: float
+    reach: FloatArray
+    step: float
+    clear: FloatArray
+    tables: IgmTables
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -25,30 +76,36 @@ def integrate(
     dust: FloatArray,
     moments: FloatArray,
     ranges: IntArray,
-    nodes: FloatArray,
-    basis: FloatArray,
+    cells: Cells,
     curve: FloatArray,
     cuts: IntArray,
-    grid: FloatArray,
-    edges: FloatArray,
-    depths: FloatArray,
-    continuum: FloatArray,
-    limits: FloatArray,
-    powers: FloatArray,
+    igm: IgmTables,
 ) -> FloatArray:
-    """Return (n, bands): sums of spectra x weights over the samples of `grid`; arguments as in GalaxySeds.rates.
+    """Return (n, bands): sums of spectra x weights over the samples of `igm`; arguments as in GalaxySeds.rates.
 
     ranges: (bands, 2), first and last sample (half-open) of each band's weights.
     """
+    nodes = cells.nodes
+    grid = igm.wavelength
     step = grid[1] - grid[0]
     samples = len(grid)
     out = np.zeros((len(z), len(ranges)))
     per_step = 1.0 / step
-    lines = np.empty(len(nodes)), np.empty(len(nodes)), np.empty(len(nodes)), np.empty(len(nodes), np.int64)
-    work = np.empty((4, len(nodes) + 1)), np.empty((2, len(nodes) + 1), np.int64)
-    clear = np.ones((len(edges) + 1, samples))  # transmission of the first 0, 1, ... lines
-    for line in range(len(edges)):
-        clear[line + 1] = clear[line] * np.exp(-depths[line])
+    spectrum = _Spectrum(
+        np.empty(len(nodes)), np.empty(len(nodes)), np.empty(len(nodes)), np.empty(len(nodes), np.int64)
+    )
+    size = len(nodes) + 1
+    sums = _Sums(
+        np.empty(size),
+        np.empty(size),
+        np.empty(size),
+        np.empty(size),
+        np.empty(size, np.int64),
+        np.empty(size, np.int64),
+    )
+    clear = np.ones((len(igm.edges) + 1, samples))
+    for line in range(len(igm.edges)):
+        clear[line + 1] = clear[line] * np.exp(-igm.depths[line])
     used = ranges[:, 1] > ranges[:, 0]
     if not used.any():
         return out
@@ -57,13 +114,13 @@ def integrate(
     for n in range(len(z)):
         stretch = 1.0 + z[n]
         low, high = _span(nodes, blue / stretch, red / stretch)
-        combine(lines[0], low, high + 1, coefficients[n], basis)
-        _lines(lines, nodes, low, high, stretch, grid[0], per_step)
-        forest = edges[0] * stretch, stretch**powers, grid, step, edges, clear, continuum, limits
+        combine(spectrum.density, low, high + 1, coefficients[n], cells.basis)
+        _place(spectrum, nodes, low, high, stretch, grid[0], per_step)
+        forest = _Forest(igm.edges[0] * stretch, stretch**igm.powers, step, clear, igm)
         for b in np.flatnonzero(used):
             begin, end = ranges[b]
             low, high = _span(nodes, grid[begin] / stretch, grid[end - 1] / stretch)
-            first = max(int(np.ceil(lines[1][low] * per_step)), begin)
+            first = max(int(np.ceil(spectrum.left[low] * per_step)), begin)
             cut = np.searchsorted(cuts, begin, side="right")
             while first < end:
                 last = end
@@ -72,10 +129,10 @@ def integrate(
                     last = max(cuts[cut], first)
                     cut = cut + 1
                     top = min(high, np.searchsorted(nodes, grid[last] / stretch, side="right"))
-                at = _light(work, first, last, low, top, lines, moments[b])
-                if grid[first] < forest[0]:
-                    _absorb(work, at, low, lines[2], nodes, moments[b], forest)
-                out[n, b] = _behind_dust(out[n, b], work, at, -dust[n], per_step, curve)
+                at = _sum_cells(sums, first, last, low, top, spectrum, moments[b])
+                if grid[first] < forest.blue:
+                    _absorb(sums, at, low, spectrum.slope, nodes, moments[b], forest)
+                out[n, b] = _behind_dust(out[n, b], sums, at, -dust[n], per_step, curve)
                 first = last
     return out
 
@@ -109,25 +166,18 @@ def _span(nodes: FloatArray, blue: float, red: float) -> tuple[int, int]:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _lines(
-    lines: tuple[FloatArray, FloatArray, FloatArray, IntArray],
-    nodes: FloatArray,
-    low: int,
-    high: int,
-    stretch: float,
-    zero: float,
-    per_step: float,
+def _place(
+    spectrum: _Spectrum, nodes: FloatArray, low: int, high: int, stretch: float, zero: float, per_step: float
 ) -> None:
-    """Fill the observed wavelength of nodes low to high, the spectrum's slope from there on, and where its cell stops.
-
-    lines: (spectrum, wavelength from `zero` on, slope, sample after the cell's last), each (nodes,).
-    """
-    rest, left, slope, stop = lines
+    """Fill `left`, `slope` and `stop` of the spectrum at nodes low to high; zero: wavelength of the first sample."""
+    left = spectrum.left
+    slope = spectrum.slope
+    stop = spectrum.stop
     last = min(high, len(nodes) - 2)
     for j in range(low, last + 2):
         left[j] = nodes[j] * stretch - zero
-    here = rest[low : last + 1]
-    following = rest[low + 1 : last + 2]
+    here = spectrum.density[low : last + 1]
+    following = spectrum.density[low + 1 : last + 2]
     begin = left[low : last + 1]
     end = left[low + 1 :]
     slopes = slope[low : last + 1]
@@ -142,36 +192,31 @@ def _lines(
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _light(
-    work: tuple[FloatArray, IntArray],
-    first: int,
-    last: int,
-    low: int,
-    top: int,
-    lines: tuple[FloatArray, FloatArray, FloatArray, IntArray],
-    running: FloatArray,
+def _sum_cells(
+    sums: _Sums, first: int, last: int, low: int, top: int, spectrum: _Spectrum, running: FloatArray
 ) -> IntArray:
-    """Put the light and centre of cells low to top into `work`; return (cells + 1,) the samples where they begin.
+    """Fill light and centre of cells low to top of `sums`; return (cells + 1,) the samples where they begin.
 
-    first, last: samples, half-open; work: (light, centre, w, w lambda) and integers.
+    first, last: samples, half-open; running (samples + 1, 3): sums of w, w lambda and w lambda^2 before each sample.
     """
-    (floats, integers), cells = work, top + 1 - low
-    rest, left, slope, stop = lines
-    rest = rest[low : top + 1]
-    left = left[low : top + 1]
-    slope = slope[low : top + 1]
-    stop = stop[low : top + 1]
-    at = integers[0, : cells + 1]
-    light = floats[0, :cells]
-    centre = floats[1, :cells]
-    w0 = floats[2, : cells + 1]
-    w1 = floats[3, : cells + 1]
-    at[0], after = first, at[1:]
+    cells = top + 1 - low
+    density = spectrum.density[low : top + 1]
+    left = spectrum.left[low : top + 1]
+    slope = spectrum.slope[low : top + 1]
+    stop = spectrum.stop[low : top + 1]
+    at = sums.at[: cells + 1]
+    light = sums.light[:cells]
+    centre = sums.centre[:cells]
+    w0 = sums.w0[: cells + 1]
+    w1 = sums.w1[: cells + 1]
+    at[0] = first
+    after = at[1:]
     for k in range(cells):
         after[k] = min(max(stop[k], first), last)
     after[cells - 1] = last
     for k in range(cells + 1):
-        w0[k], w1[k] = running[at[k], 0], running[at[k], 1]
+        w0[k] = running[at[k], 0]
+        w1[k] = running[at[k], 1]
     next0 = w0[1:]
     next1 = w1[1:]
     for k in range(cells):
@@ -181,30 +226,33 @@ def _light(
     for k in range(cells):
         centre[k] = w1[k] / w0[k] if w0[k] > 0.0 else 0.0
     for k in range(cells):
-        light[k] = rest[k] * w0[k] + slope[k] * (w1[k] - left[k] * w0[k]) if w0[k] > 0.0 else 0.0
+        light[k] = density[k] * w0[k] + slope[k] * (w1[k] - left[k] * w0[k]) if w0[k] > 0.0 else 0.0
     return at
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _absorb(
-    work: tuple[FloatArray, IntArray],
+    sums: _Sums,
     at: IntArray,
     low: int,
     slope: FloatArray,
     nodes: FloatArray,
     running: FloatArray,
-    forest: tuple[float, FloatArray, FloatArray, float, FloatArray, FloatArray, FloatArray, FloatArray],
+    forest: _Forest,
 ) -> None:
-    """Multiply the light of cells from node `low` on by the intergalactic transmission; `at`: from `_light`."""
-    blue, reach, grid, step, edges, clear, continuum, limits = forest
-    light = work[0][0]
-    centre = work[0][1]
+    """Multiply the light of cells from node `low` on by the intergalactic transmission; `at`: from `_sum_cells`."""
+    grid = forest.tables.wavelength
+    edges = forest.tables.edges
+    clear = forest.clear
+    step = forest.step
+    light = sums.light
+    centre = sums.centre
     reaching = len(edges)  # lines that absorb: fewer towards the red
     for k in range(len(at) - 1):
         start = at[k]
         last = at[k + 1]
         j = low + k
-        if not grid[start] < blue:
+        if not grid[start] < forest.blue:
             break
         middle = 0.5 * (nodes[j] + nodes[min(j + 1, len(nodes) - 1)])
         while reaching > 0 and not middle < edges[reaching - 1]:
@@ -216,8 +264,8 @@ def _absorb(
         tilt = (clear[reaching, last - 1] - clear[reaching, start]) * across
         gas = clear[reaching, start] + tilt * on
         if middle < LYMAN_LIMIT:
-            one = continuum_depth(start, reach, continuum, limits)
-            fall = (continuum_depth(last - 1, reach, continuum, limits) - one) * across
+            one = continuum_depth(start, forest.reach, forest.tables)
+            fall = (continuum_depth(last - 1, forest.reach, forest.tables) - one) * across
             through = np.exp(-one - fall * on)
             gas, tilt = gas * through, (tilt - gas * fall) * through
         w1 = running[last, 1] - running[start, 1]
@@ -226,16 +274,14 @@ def _absorb(
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _behind_dust(
-    total: float, work: tuple[FloatArray, IntArray], at: IntArray, more: float, per_step: float, curve: FloatArray
-) -> float:
-    """Return `total` plus the light of the cells behind dust of optical depth -more x curve; `at`: from `_light`."""
-    (floats, integers), cells = work, len(at) - 1
-    light = floats[0, :cells]
-    centre = floats[1, :cells]
-    x = floats[2, :cells]
-    depth = floats[3, :cells]
-    sample = integers[1, :cells]
+def _behind_dust(total: float, sums: _Sums, at: IntArray, more: float, per_step: float, curve: FloatArray) -> float:
+    """Return `total` plus the light of the cells behind dust of optical depth -more x curve; `at`: of `_sum_cells`."""
+    cells = len(at) - 1
+    light = sums.light[:cells]
+    centre = sums.centre[:cells]
+    x = sums.w0[:cells]
+    depth = sums.w1[:cells]
+    sample = sums.sample[:cells]
     first = at[:-1]
     last = at[1:]
     for k in range(cells):

@@ -21,7 +21,7 @@ from csstsim.base.files.damage import reading
 from csstsim.base.files.fits_headers import check_headers
 from csstsim.base.types import FloatArray, Floats, PathLike
 from csstsim.instrument.filter import GRID
-from csstsim.universe.galaxies.galaxy_rates import integrate
+from csstsim.universe.galaxies.galaxy_rates import Cells, integrate
 from csstsim.universe.galaxies.igm import LYMAN_LIMIT, Intergalactic
 from csstsim.universe.parameters import COEFFICIENTS
 
@@ -56,15 +56,15 @@ class GalaxySeds:
         self.forest = Intergalactic(GRID, igm)
         self.cells = self._make_cells()
 
-    def _make_cells(self) -> tuple[FloatArray, FloatArray]:
-        """Return nodes [A, rest frame] (n,) and components there (20, n); spectra are linear between them.
+    def _make_cells(self) -> Cells:
+        """Return the Cells of the components.
 
         The nodes are those of the basis, with added ones at the edges of the forest's transmission and where it falls
         steeply.
         """
         steep = np.arange(LYMAN_LIMIT - 90, LYMAN_LIMIT, self.step / 4)
         nodes = np.union1d(self.wavelength, [LYMAN_LIMIT, *(line for line, _ in self.igm["lines"]), *steep])
-        return nodes, np.array([np.interp(nodes, self.wavelength, row) for row in self.basis])
+        return Cells(nodes, np.array([np.interp(nodes, self.wavelength, row) for row in self.basis]))
 
     @staticmethod
     def depth(av: Floats) -> FloatArray:
@@ -130,10 +130,10 @@ class GalaxySeds:
             dust - usual,
             moments,
             ranges,
-            *self.cells,
+            self.cells,
             self.extinction,
             self._cuts,
-            *self.forest.arrays,
+            self.forest.tables,
         )
 
 

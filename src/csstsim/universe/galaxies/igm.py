@@ -9,7 +9,7 @@ Left out: scatter between sight-lines, damped systems.
 """
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -19,8 +19,23 @@ from csstsim.base.types import FloatArray
 LYMAN_LIMIT = 912.0  # angstrom
 
 
+class IgmTables(NamedTuple):
+    """Optical depths at observed `wavelength` (w,) [A, rising], as kernels take them.
+
+    edges (lines,): rest wavelengths [A], Lyman alpha first; depths (lines, w): A_l (lambda / lambda_l)^p; of the
+    continuum, continuum (terms, w): C_t x^p_t, limits (w,): sum_t C_t x^(p_t + q_t), powers (terms,): q_t.
+    """
+
+    wavelength: FloatArray
+    edges: FloatArray
+    depths: FloatArray
+    continuum: FloatArray
+    limits: FloatArray
+    powers: FloatArray
+
+
 class Intergalactic:
-    """Mean absorption by the intergalactic medium at observed wavelengths [A, rising]."""
+    """Mean absorption by the intergalactic medium at observed wavelengths [A, rising]. `tables`: an IgmTables."""
 
     def __init__(self, wavelength: FloatArray, numbers: Mapping[str, Any]) -> None:
         wavelength = np.asarray(wavelength, dtype=float)
@@ -32,47 +47,37 @@ class Intergalactic:
         limit = wavelength / LYMAN_LIMIT
         factor, power, reach = np.array(numbers["continuum"], dtype=float).T[:, :, None]
         continuum = factor * limit**power
-        # The arguments of `absorb` as plain arrays; kernels elsewhere take them too.
-        self.arrays = (wavelength, edges, depths, continuum, (continuum * limit**reach).sum(axis=0), reach[:, 0])
+        limits = (continuum * limit**reach).sum(axis=0)
+        self.tables = IgmTables(wavelength, edges, depths, continuum, limits, reach[:, 0])
 
     def absorb(self, values: FloatArray, z: float) -> FloatArray:
         """Multiply `values`, one per wavelength, by the transmission towards redshift z, in place; return them."""
-        absorb(values, 0, len(values), float(z), *self.arrays)
+        absorb(values, 0, len(values), float(z), self.tables)
         return values
 
 
 @numba.njit(cache=True)
-def absorb(
-    values: FloatArray,
-    begin: int,
-    end: int,
-    z: float,
-    wavelength: FloatArray,
-    edges: FloatArray,
-    depths: FloatArray,
-    continuum: FloatArray,
-    limits: FloatArray,
-    powers: FloatArray,
-) -> None:
-    """Multiply values[begin:end] by the transmission towards redshift z; the rest are Intergalactic.arrays."""
-    reach = (1.0 + z) ** powers
+def absorb(values: FloatArray, begin: int, end: int, z: float, tables: IgmTables) -> None:
+    """Multiply values[begin:end], at the wavelengths of `tables`, by the transmission towards redshift z."""
+    edges = tables.edges
+    reach = (1.0 + z) ** tables.powers
     for i in range(begin, end):
-        rest = wavelength[i] / (1.0 + z)
+        rest = tables.wavelength[i] / (1.0 + z)
         if not rest < edges[0]:
             break
         tau = 0.0
         for line in range(len(edges)):
             if rest < edges[line]:
-                tau += depths[line, i]
+                tau += tables.depths[line, i]
         if rest < LYMAN_LIMIT:
-            tau += continuum_depth(i, reach, continuum, limits)
+            tau += continuum_depth(i, reach, tables)
         values[i] *= np.exp(-tau)
 
 
 @numba.njit(inline="always")
-def continuum_depth(i: int, reach: FloatArray, continuum: FloatArray, limits: FloatArray) -> float:
-    """Return the optical depth of the Lyman continuum at wavelength i; reach = (1 + z)^powers."""
-    tau = -limits[i]
+def continuum_depth(i: int, reach: FloatArray, tables: IgmTables) -> float:
+    """Return the optical depth of the Lyman continuum at wavelength i; reach = (1 + z)^powers (terms,)."""
+    tau = -tables.limits[i]
     for term in range(len(reach)):
-        tau += continuum[term, i] * reach[term]
+        tau += tables.continuum[term, i] * reach[term]
     return max(tau, 0.0)
