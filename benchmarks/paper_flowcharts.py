@@ -2,8 +2,8 @@
 
     python benchmarks/paper_flowcharts.py
 
-Draws workflow.png and orchestration.png. Stages and their inputs are those of csstsim.base.stages, the layers those
-of config/observations/science.yaml, so neither picture can show a step that the program lacks.
+Draws workflow.png and orchestration.png. Stages and their inputs are those of csstsim.base.stage_records, the layers
+those of config/observations/science.yaml, so neither picture can show a step that the program lacks.
 """
 
 import argparse
@@ -14,11 +14,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 
 from csstsim.base.shipped import SHIPPED
-from csstsim.base.stages import INPUTS
+from csstsim.base.stage_records import STAGES
 from csstsim.simulation.sim_steps import SimSteps
 
 DATA, WORK, FILE = "#f6d5c4", "#cfe3f2", "#cdeccf"  # what goes in, what is done, what comes out
-# Of the workflow: name: (x, y, width, height, colour, text). A key that is a stage of base.stages is one job.
+# Of the workflow: name: (x, y, width, height, colour, text). A key that is a stage of base.stage_records is one job.
 BOXES = {
     "survey": (0.2, 7.2, 2.5, 0.9, DATA, "survey table: time,\npointing, spacecraft"),
     "universe": (3.1, 7.2, 2.5, 0.9, DATA, "universe, or a catalogue\nof your own (CatalogBase)"),
@@ -35,7 +35,7 @@ BOXES = {
     "validate": (2.1, 1.5, 2.4, 0.9, FILE, "validate: gates,\nin against out"),
     "report": (5.2, 1.5, 3.3, 0.9, FILE, "report: one page"),
 }
-# Beside those of base.stages: what comes from outside, and what is made of many files
+# Beside those of base.stage_records: what comes from outside, and what is made of many files
 ARROWS = [
     ("survey", "select"), ("universe", "truth"), ("camera", "psf"), ("observation", "readout"),
     ("measure", "merge"), ("merge", "validate"), ("validate", "report"),
@@ -89,7 +89,9 @@ def workflow():
     figure, axes = blank(11.6, 8.6)
     for part in BOXES.values():
         box(axes, *part)
-    between = [(before, stage) for stage, inputs in INPUTS.items() for before in inputs if stage != "validate"]
+    jobs = [stage for stage in STAGES.values() if stage.name in BOXES and stage.unit == "job"]
+    between = [(before, stage.name) for stage in jobs for before in stage.inputs if before in BOXES]
+    between.remove(("render", "level0"))  # by way of readout
     for first, second in [*between, *ARROWS]:
         if (first, second) != ("psf", "measure"):  # drawn as a bend, or it would cross render
             arrow(axes, *edge(BOXES[first], BOXES[second]))

@@ -19,6 +19,7 @@ from csstsim.base.files.damage import reading
 from csstsim.base.files.text_file import read_json, read_text
 from csstsim.base.model import Data, FilePath, Model, NotNegative, Number, Positive, at_least, between, must, validate
 from csstsim.base.model import Whole as WholeNumber
+from csstsim.base.stage_records import STAGES
 
 
 @pytest.mark.parametrize(("fields", "said"), [
@@ -83,9 +84,17 @@ def test_a_large_file_is_known_by_its_size_and_its_pieces(tmp_path, monkeypatch)
     assert digests.large_file_digest(tmp_path / "a") == hashlib.sha256(b"2ababab").hexdigest()[:16]
 
 
+def test_stages_that_run_side_by_side():
+    assert stages.levels() == [
+        ["truth", "psf"], ["select"], ["render"], ["readout"], ["level0"],
+        ["masters", "calibrate", "measure", "extract"], ["merge"], ["validate"], ["report"], ["variants"],
+    ]  # fmt: skip
+
+
 def test_what_is_behind_each_stage():
-    assert {name: len(stages.behind(name)) for name in stages.INPUTS} == {
-        "truth": 1, "psf": 1, "select": 2, "render": 4, "readout": 5, "level0": 6, "measure": 7, "validate": 8,
+    assert {name: len(stages.behind(name)) for name in STAGES} == {
+        "truth": 1, "psf": 1, "select": 2, "render": 4, "readout": 5, "level0": 6, "chip": 3, "masters": 7,
+        "calibrate": 7, "measure": 7, "extract": 7, "merge": 8, "validate": 9, "report": 11, "variants": 12,
     }  # fmt: skip
     assert stages.behind("render") == {"render", "select", "psf", "truth"}
 

@@ -12,7 +12,6 @@ from csstsim.campaign import costs as rules
 from csstsim.campaign.costs import (
     FILE,
     INSTEAD,
-    STAGES,
     Cost,
     Numbers,
     _exposures,
@@ -67,7 +66,7 @@ def test_costs_grow_with_pixels_objects_and_fidelity(tmp_path):
     assert all(wholes[key] == pytest.approx(2 * count) for key, count in halves.items())
     limited = campaign(tmp_path, catalog={"mag_limit": 20})
     assert all(count < wholes[key] / 10 for key, count in expected_objects(limited, limited.imaging_jobs).items())
-    for rule in (*STAGES, "chip", "measure"):
+    for rule in ("select", "render", "readout", "level0", "chip", "measure"):
         for key, cost in expected(small)[rule].items():
             more = expected(whole)[rule][key]
             assert more.cpu_s >= cost.cpu_s and more.memory_mb > cost.memory_mb
@@ -171,63 +170,67 @@ def made_up(**changes):
     config = SimpleNamespace(
         psf=SimpleNamespace(grid=3), fidelity="preview", measurement=SimpleNamespace(keep_calibrated=False)
     )
-    stages = {"SCIE": ("render", "readout", "level0"), "DARK": ("readout", "level0"), "FLAT": STAGES[1:]}
+    layered = "render", "readout", "level0"
+    stages = {"SCIE": layered, "DARK": layered[1:], "FLAT": layered}
     given = {
         "jobs": [SKY, SPECTRUM, HALF, DARK, FLAT], "imaging_jobs": (SKY, HALF), "slitless_jobs": (SPECTRUM,),
         "has_orders": lambda job: job is SPECTRUM, "has_stage": lambda p, stage: stage in stages[p.type],
         "sky_bricks": [7, 30], "sky_chips": [9, 21], "merge_bricks": {7: [SKY, HALF], 30: [SKY]},
         "calibration_jobs": {9: [DARK] * 4}, "config": config,
-    }  # fmt: skip
+    } | changes  # fmt: skip
+    science = [*given["imaging_jobs"], *given["slitless_jobs"]]
+    given |= {"science_jobs": science, "calibrated_jobs": (), "reports": [None] if science else []}
     return SimpleNamespace(**(given | changes))
 
 
-def test_the_quantities_of_each_chip_are_its_own():
+def entries(run):
+    """Return {entry of the file: {key: quantities}} of the jobs of a campaign."""
+    found = {}
+    for stage, entry, key, quantities in rules._quantities(run):
+        assert entry in stage.costs and key not in found.setdefault(entry, {})
+        found[entry][key] = quantities
+    return found
+
+
+def test_the_quantities_of_each_chip_are_its_own(monkeypatch):
     """SKY has a megapixel, HALF half of one; spectra are named apart, calibrations have neither select nor objects."""
-    run, objects = made_up(), {("1", 9): 4000.0, ("1", 21): 500.0}
-    found = list(rules._of_chips(run, objects))
+    monkeypatch.setattr(rules, "expected_objects", lambda run, jobs: {("1", 9): 4000.0, ("1", 21): 500.0})
+    run = made_up(calibrated_jobs=(SKY, HALF))
     by_job = {}
-    for rule, key, quantities in found:
-        by_job.setdefault(key, {})[rule] = quantities
+    for entry, jobs in entries(run).items():
+        for key, quantities in jobs.items():
+            by_job.setdefault(key, {})[entry] = quantities
     sky = {"job": 1, "mpix": 1.0, "kobject": 4.0, "preview": 4.0}
-    measured = {"measure": {"job": 1, "mpix": 1.0}}
-    assert by_job["1", 9] == dict.fromkeys(("select", "render", "readout", "level0", "chip"), sky) | measured
+    chip = "select", "render", "readout", "level0", "chip"
+    assert by_job["1", 9] == dict.fromkeys((*chip, "calibrate", "measure"), sky)
     spectra = {"job": 1, "mpix": 1.0, "kobject": 0.5, "preview": 0.5}
     names = "select_spectra", "render_spectra", "readout", "level0_spectra", "chip_spectra", "extract"
     assert by_job["1", 21] == dict.fromkeys(names, spectra)
     none = {"job": 1, "mpix": 0.5, "kobject": 0.0, "preview": 0.0}
-    assert by_job["2", 9] == dict.fromkeys(("select", "render", "readout", "level0", "chip"), none) | {
-        "measure": {"job": 1, "mpix": 0.5}
-    }
+    assert by_job["2", 9] == dict.fromkeys((*chip, "calibrate", "measure"), none)
     assert by_job["3", 9].keys() == {"readout", "level0", "chip"}
     assert by_job["4", 9].keys() == {"render", "readout", "level0", "chip"} and by_job["4", 9]["chip"]["mpix"] == 0.01
-    assert len(found) == sum(map(len, by_job.values()))
-    run.config.measurement.keep_calibrated = True
-    kept = {key: q for rule, key, q in rules._of_chips(run, objects) if rule == "calibrate"}
-    assert kept == {("1", 9): {"job": 1, "mpix": 1.0}, ("2", 9): {"job": 1, "mpix": 0.5}}
+    assert "calibrate" not in entries(made_up())
 
 
-def test_the_quantities_of_bricks_share_out_frames_but_read_them_whole():
-    found = {(rule, pix): quantities for rule, pix, quantities in rules._of_bricks(made_up())}
+def test_the_quantities_of_bricks_share_out_frames_but_read_them_whole(monkeypatch):
+    monkeypatch.setattr(rules, "expected_objects", lambda run, jobs: {})
+    found = entries(made_up())
     seven = {"job": 1, "frame": 2, "read_mpix": 1.5, "mpix": 1.0}  # half of SKY, all of HALF
     thirty = {"job": 1, "frame": 1, "read_mpix": 1.0, "mpix": 0.5}
-    assert found == {
-        ("merge", 7): seven, ("validate", 7): seven, ("merge", 30): thirty, ("validate", 30): thirty,
-    }  # fmt: skip
+    assert found["merge"] == found["validate"] == {7: seven, 30: thirty}
 
 
 def test_the_quantities_of_what_is_made_once(monkeypatch):
     monkeypatch.setattr(rules, "expected_objects", lambda run, jobs: {jobs[2].key: 1e3 * len(jobs)})
-    some = "truth", "psf", "masters", "report", "chip_spectra"
-    found = [one for one in rules._quantities(made_up()) if one[0] in some]
-    assert [(rule, key) for rule, key, _ in found] == [
-        ("truth", 7), ("truth", 30), ("psf", 9), ("psf", 21), ("chip_spectra", ("1", 21)), ("masters", 9),
-        ("report", None),
-    ]  # fmt: skip
-    _, _, _, set_of_21, spectra, masters, report = (quantities for *_, quantities in found)
-    assert set_of_21 == {"job": 1, "image": 36}  # 3 x 3 nodes at 4 wavelengths
-    assert spectra["kobject"] == 3.0  # the slitless job is the third
-    assert masters == {"job": 1, "mpix": 1.0, "read_mpix": 4.0}
-    assert report == {"job": 1, "read_mpix": pytest.approx(3.51), "brick": 2}  # all five frames are shown
+    found = entries(made_up())
+    assert found["truth"] == {7: {"job": 1}, 30: {"job": 1}}
+    nodes = {"job": 1, "image": 36}  # 3 x 3 at 4 wavelengths
+    assert found["psf"] == {9: nodes, 21: nodes}
+    assert found["chip_spectra"]["1", 21]["kobject"] == 3.0  # the slitless job is the third
+    assert found["masters"] == {9: {"job": 1, "mpix": 1.0, "read_mpix": 4.0}}
+    report = {"job": 1, "read_mpix": pytest.approx(3.51), "brick": 2}  # all five frames are shown
+    assert found["report"] == {None: report}
 
 
 def test_the_report_shows_thirty_frames_or_a_whole_exposure(monkeypatch):
@@ -235,10 +238,8 @@ def test_the_report_shows_thirty_frames_or_a_whole_exposure(monkeypatch):
     for exposures, shown in ((60, 30), (1, 60), (2, 30), (3, 30)):
         jobs = [job(str(k % exposures), k) for k in range(60)]
         run = made_up(jobs=jobs, imaging_jobs=tuple(jobs), slitless_jobs=(), merge_bricks={}, calibration_jobs={})
-        *_, (rule, _, quantities) = rules._quantities(run)
-        assert rule == "report" and quantities["read_mpix"] == pytest.approx(shown)
-    none = made_up(jobs=[DARK], imaging_jobs=(), slitless_jobs=())
-    assert "report" not in {rule for rule, *_ in rules._quantities(none)}
+        assert entries(run)["report"][None]["read_mpix"] == pytest.approx(shown)
+    assert "report" not in entries(made_up(jobs=[DARK], imaging_jobs=(), slitless_jobs=(), merge_bricks={}))
 
 
 def test_objects_expected_are_those_of_each_place_down_to_the_limit(tmp_path):

@@ -24,8 +24,8 @@ SKY, SPECTRUM, BIAS = job("1", 9), job("1", 21, spectra=True), job("3", 9, kind=
 class Named(Paths):
     """Paths whose Level-0 files have short names."""
 
-    def level0(self, job):
-        return self.output / "level0" / f"{job.obsid}_{job.chip.id}.fits"
+    def stem(self, job):
+        return f"{job.obsid}_{job.chip.id}"
 
 
 def opened(folder, *, keep="nothing", truth=("parquet",), calibrated=False, variants=(), in_base=(), bricks=(7, 30)):
@@ -37,6 +37,7 @@ def opened(folder, *, keep="nothing", truth=("parquet",), calibrated=False, vari
         slitless_jobs=(SPECTRUM,), sky_bricks=[7, 8], sky_chips=[9, 21], merge_bricks={pix: [SKY] for pix in bricks},
         calibration_jobs={9: [BIAS]}, variants=variants, has_orders=lambda job: job.spectra,
         has_stage=lambda pointing, stage: pointing.type == "SCIE", in_base=lambda *key: key in in_base,
+        calibrated_jobs=(SKY,) if calibrated else (), reports=[None], comparisons=[None] if variants else [],
     )  # fmt: skip
 
 
@@ -54,8 +55,10 @@ def test_each_kind_has_its_files_the_product_first(tmp_path):
         "truth": [f"truth/{HATS}=7.parquet", f"truth/{HATS}=8.parquet"],
         "psf": ["psf/chip_09.h5", "psf/chip_09_tables.h5", "psf/chip_21.h5", "psf/chip_21_tables.h5"],
         "render": [],
-        "level0": ["level0/1_9.fits", "level0/1_9.truth.parquet", "level0/1_21.fits", "level0/1_21.truth.parquet",
-                   "level0/1_21.orders.parquet", "level0/3_9.fits", "level0/3_9.truth.parquet"],
+        "level0": [
+            "level0/1/1_9.fits", "level0/1/1_9.truth.parquet", "level0/1/1_21.fits", "level0/1/1_21.truth.parquet",
+            "level0/1/1_21.orders.parquet", "level0/3/3_9.fits", "level0/3/3_9.truth.parquet",
+        ],
         "masters": ["masters/chip_09.fits"], "calibrate": [], "measure": ["measure/1_09.parquet"],
         "extract": ["spectra/1_21.parquet", "spectra/1_21.png", "spectra/1_21_lines.parquet"],
         "merge": [f"merge/{HATS}=7.parquet", f"merge/{HATS}=30.parquet"],
@@ -77,13 +80,14 @@ def test_what_the_campaign_file_asks_for_is_made(tmp_path):
     ]  # fmt: skip
     found = kinds(run)
     assert found["level0"].rules == ("readout", "level0") and found["render"].rules == ("select", "render")
-    assert names(run, "level0")[:3] == ["level0/1_9.fits", "level0/1_9.truth.parquet", "level0/1_9.cat"]
+    assert names(run, "level0")[:3] == ["level0/1/1_9.fits", "level0/1/1_9.truth.parquet", "level0/1/1_9.cat"]
     assert names(run, "level0")[3:7] == [
-        f"level0/1_21{end}" for end in (".fits", ".truth.parquet", ".cat", ".orders.parquet")
+        f"level0/1/1_21{end}" for end in (".fits", ".truth.parquet", ".cat", ".orders.parquet")
     ]
     assert names(run, "calibrate") == ["calibrated/1_09.fits"] and names(run, "variants") == ["report/variants.html"]
     assert names(run, "report") == ["report/index.html", "report/verdict.json"]
     light = opened(tmp_path, keep="light", in_base=[("1", 9, "render")])
+    light.base = opened(tmp_path, keep="light")
     assert kinds(light)["render"].made_for == [SPECTRUM]
 
 
@@ -143,7 +147,7 @@ def test_the_last_message_counts_what_was_made_and_says_which_gates_fail(tmp_pat
     assert "HEAD" not in summary(alone, kinds(alone)) and "calibrated images of 1 chip in" in summary(
         alone, kinds(alone)
     )
-    alone.science_jobs = ()
+    alone.science_jobs, alone.reports = (), []
     assert "3 Level-0 files in level0/" in summary(alone, kinds(alone)) and "report" not in summary(alone, kinds(alone))
 
 

@@ -10,7 +10,7 @@ from csstsim.base.digest import digest
 from csstsim.bricks.hats import ABOUT
 from csstsim.delivery import contents as contents_module
 from csstsim.delivery.contents import MAYBE, NO, YES, Contents, ExpectedFrame, of_campaign
-from csstsim.delivery.products import products
+from csstsim.delivery.products import Product, products
 from csstsim.instrument.chip import Window
 from csstsim.io.paths import Paths
 from csstsim.io.pointing_keywords import Boresight
@@ -47,7 +47,7 @@ def opened(monkeypatch, saves=None, truth=("parquet",), **empty):
         "measure": [SKY], "extract": [SPECTRUM], "merge": [5], "report": [None],
     } | empty  # fmt: skip
     light = lambda job: [f"light {job.obsid}"]  # noqa: E731
-    kinds = {rule: SimpleNamespace(made_for=some, files_of=light) for rule, some in made.items()}
+    kinds = {rule: SimpleNamespace(name=rule, made_for=some, files_of=light) for rule, some in made.items()}
     monkeypatch.setattr(contents_module, "kinds", lambda run: kinds)
     rays = None if saves is None else SimpleNamespace(param=SimpleNamespace(save_cosmic_image=saves))
     steps = {"SCIE": SimpleNamespace(step={"cosmic_rays": rays}.get), "BIAS": SimpleNamespace(step=lambda name: None)}
@@ -66,6 +66,9 @@ def test_the_fields_of_a_campaigns_contents(monkeypatch):
     assert (found.calibrated, found.report, found.cat) == (YES, YES, NO)
     none = of_campaign(opened(monkeypatch, truth=("parquet", "cat"), calibrate=[], report=[]))
     assert (none.calibrated, none.report, none.cat) == (MAYBE, MAYBE, YES)
+    assert found.others == {}
+    more = of_campaign(opened(monkeypatch, stack=[SKY]))
+    assert more.others == {"light 1": "stack"} and products(more)[-1] == Product("stack", "light 1", YES, None)
 
 
 @pytest.mark.parametrize(("saves", "cosmic"), [(True, YES), (False, NO), (None, NO)])

@@ -85,7 +85,7 @@ def test_every_product_has_its_own_place(tmp_path):
     }  # fmt: skip
     assert {name: tmp_path / "out" / name for name in wanted} == wanted
     assert paths.stage("101", 8, "render.fits") == tmp_path / "fast" / "chips" / "101_08" / "render.fits"
-    assert Paths(tmp_path).stage("101", 8, "a") == tmp_path / "chips" / "101_08" / "a"
+    assert Paths(tmp_path).stage("101", 8, "readout.fits") == tmp_path / "chips" / "101_08" / "readout.fits"
 
 
 def test_a_product_that_is_missing_names_its_command(tmp_path):

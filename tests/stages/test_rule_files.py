@@ -77,19 +77,21 @@ def test_a_variant_reads_products_of_its_base_that_are_equal_and_light_that_it_a
     assert rough.objects(of())[len(base.objects(of())) :] == base.made("render")
 
 
-def endings(obsid, chip):
-    return (".fits", ".orders") if chip == "29" else (".fits",)
-
-
 def test_exposures_are_one_group_where_their_files_are_named_alike(tmp_path):
     rows = [*POINTINGS[:2], DARK]
     files = files_of(tmp_path, rows, select={"types": ["SCIE", "DARK"], "chips": [8, 9, 29]})
     jobs = [job for job in files.run.jobs if job.obsid != "10100000002" or job.chip.id != 29]
-    whole, part = files.groups(jobs, "level0", endings)
-    assert (whole.number, whole.obsids, whole.log) == (0, ["10100000001", "10100000009"], "")
-    assert whole.files == (("08", (".fits",)), ("09", (".fits",)), ("29", (".fits", ".orders")))
+    whole, part, dark = files.groups(jobs, "level0")  # a dark has no spectra
+    assert (whole.number, whole.obsids, whole.log) == (0, ["10100000001"], "")
+    assert (dark.number, dark.obsids, len(dark.outputs)) == (2, ["10100000009"], len(whole.outputs) - 1)
+    ends = {"08": ["fits", "truth.parquet"], "09": ["fits", "truth.parquet"]}
+    assert {chip: [path.split(".", 1)[1] for path in paths] for chip, paths in part.files} == ends
+    names_of = [f"level0/{{obsid}}/{{name}}_{{obsid}}_{chip}_L0_V01." for chip in ("08", "09")]
+    assert names(files, part.outputs) == [f"{name}{end}" for name in names_of for end in ends["08"]]
+    spectra = "level0/{obsid}/{name}_{obsid}_29_L0_V01."
+    assert names(files, whole.outputs[4:]) == [f"{spectra}{end}" for end in (*ends["08"], "orders.parquet")]
     assert (part.number, part.obsids, part.options) == (1, ["10100000002"], "--chip 8 --chip 9")
-    assert whole.chips_of == part.chips_of == by_exposure(jobs)
+    assert whole.chips_of == part.chips_of == dark.chips_of == by_exposure(jobs)
     found = of_exposure(files.psf, whole)(of())
     assert names(files, found) == [f"psf/chip_{n}{end}.h5" for n in ("08", "09", "29") for end in ("", "_tables")]
     assert files.recipes("select", whole)(of()) == [files.recipe("select")(of(chip=c)) for c in ("08", "09", "29")]
@@ -106,11 +108,11 @@ def test_a_chip_that_failed_among_others_is_a_group_of_its_own_from_the_next_sta
 
     with pytest.raises(CsstsimError, match="chip 8: no"):
         one_by_one(files.run, "level0", files.run.jobs, fail, resume=True)
-    (group,) = files.groups(files.run.jobs, "level0", endings)  # of this run
+    (group,) = files.groups(files.run.jobs, "level0")  # of this run
     assert group.chips_of == {"10100000001": ["08", "09"]}
     main = RuleFiles(files.run, str, main=True)
-    rest, alone = main.groups(files.run.jobs, "level0", endings)
+    rest, alone = main.groups(files.run.jobs, "level0")
     assert (rest.chips_of, rest.log) == ({"10100000001": ["09"]}, "")
     assert (alone.number, alone.chips_of, alone.log) == (1, {"10100000001": ["08"]}, "_08")
     started(files.run)
-    assert len(list(files.groups(files.run.jobs, "level0", endings))) == 2
+    assert len(list(files.groups(files.run.jobs, "level0"))) == 2

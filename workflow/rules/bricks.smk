@@ -2,14 +2,14 @@ rule merge:
     input:
         FILES.on_brick("measure"),
     output:
-        f"{OUT}/merge/dataset/Norder=8/Dir={{dir}}/Npix={{pix}}.parquet",
+        FILES.outputs("merge"),
     log:
         f"{OUT}/logs/merge/{{dir}}_{{pix}}.log",
     group:
         "brick"
     resources:
-        mem_mb=more(2500),
-        runtime=more(4),
+        mem_mb=memory("merge"),
+        runtime=minutes("merge"),
     shell:
         "csstsim merge {CAMPAIGN:q} --brick {wildcards.pix} > {log:q} 2>&1"
 
@@ -20,15 +20,14 @@ rule validate:
         FILES.on_brick("measure"),
         FILES.on_brick("level0"),
     output:
-        f"{OUT}/validate/{{pix}}.json",
-        f"{OUT}/validate/{{pix}}.png",
+        FILES.outputs("validate"),
     log:
         f"{OUT}/logs/validate/{{pix}}.log",
     group:
         "brick"
     resources:
-        mem_mb=more(4000),
-        runtime=more(4),
+        mem_mb=memory("validate"),
+        runtime=minutes("validate"),
     params:
         recipe=RUN.recipes.validation,
     shell:

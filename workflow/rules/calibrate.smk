@@ -4,15 +4,15 @@ rule calibrate:
         FILES.level0,
         FILES.measured_with,
     output:
-        f"{OUT}/calibrated/{{obsid}}_{{chip}}.fits",
+        FILES.outputs("calibrate"),
     log:
         f"{OUT}/logs/calibrate/{{obsid}}_{{chip}}.log",
     group:
         "chip"
     resources:
-        mem_mb=more(2500),
-        runtime=more(3),
+        mem_mb=memory("calibrate"),
+        runtime=minutes("calibrate"),
     params:
-        recipe=FILES.recipe("measure"),
+        recipe=FILES.recipe("calibrate"),
     shell:
         "csstsim calibrate {CAMPAIGN:q} --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1"

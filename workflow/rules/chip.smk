@@ -6,28 +6,23 @@ rule chip:
     input:
         FILES.unless_equal("level0", FILES.truth, FILES.psf),
     output:
-        f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_{ENDING}.fits",
-        f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_{ENDING}.truth.parquet",
-        CAT,
+        FILES.outputs("chip"),
     log:
         f"{OUT}/logs/chip/{{name}}_{{obsid}}_{{chip}}.log",
     group:
         "chip"
     resources:
-        mem_mb=more(3500),
-        runtime=more(SELECTING + RENDERING + 4),
+        mem_mb=memory("chip"),
+        runtime=minutes("select", "render", "chip"),
     params:
-        recipe=FILES.recipe("level0"),
+        recipe=FILES.recipe("chip"),
     shell:
         "csstsim chip {CAMPAIGN:q} --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1"
 
 
 use rule chip as chip_spectra with:
     output:
-        f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_{ENDING}.fits",
-        f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_{ENDING}.truth.parquet",
-        CAT,
-        f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_{ENDING}.orders.parquet",
+        FILES.outputs("chip", orders=True),
     wildcard_constraints:
         obsid=SPECTRA_OBSID,
         chip=SPECTRA_CHIP,

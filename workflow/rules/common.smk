@@ -1,4 +1,5 @@
-# Opens the campaign, which checks every file of it. What a job reads: csstsim.stages.parts.rule_files.
+# Opens the campaign, which checks every file of it. What a job reads: csstsim.stages.parts.rule_files; what it writes and
+# may use: the stage's record, csstsim.base.stage_records.
 import atexit
 import gc
 import os
@@ -9,6 +10,7 @@ import sys
 from csstsim.base.errors import CsstsimError, InputError
 from csstsim.base.files.atomic import remove_left
 from csstsim.base.help_page import with_page
+from csstsim.base.stage_records import STAGES
 from csstsim.campaign.checks import check_kept, check_maps
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.products import kinds, summary
@@ -69,17 +71,8 @@ except CsstsimError as error:
     print(f"{ERROR} {with_page(error)}", file=sys.stderr)
     sys.exit(2)
 OUT = str(RUN.paths.output)
-NAMES = FORMS[RUN.config.level0_names]
-ENDING = NAMES.ending
-CHIPS = str(RUN.paths.chips)
+BEGINNING = FORMS[RUN.config.level0_names].beginning
 kept = (lambda path: path) if RUN.config.keep == "light" else temp  # what render makes
-
-# The truth as text beside a Level-0 file, where the campaign asks for it
-CAT = (
-    [f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_{ENDING}.cat"]
-    if "cat" in RUN.config.truth
-    else []
-)
 
 
 def take_folders():
@@ -108,14 +101,19 @@ shell.prefix(
 )
 
 
-# Minutes of the two stages that depend on the campaign
-SELECTING = 3 if RUN.embedded else 60  # spectra of a user's catalogue come one by one
-RENDERING = {"noise_free": 30, "reference": 600}.get(RUN.config.fidelity, 4)
-
-
 def more(amount):
     """A job that failed for memory or time is given twice as much, then thrice."""
     return lambda wildcards, attempt: amount * attempt
+
+
+def memory(stage):
+    """The memory of a stage's record [MB]."""
+    return more(STAGES[stage].memory_mb)
+
+
+def minutes(*stages):
+    """The time of the records of stages that run one after the other [min]."""
+    return more(sum(FILES.minutes(stage) for stage in stages))
 
 
 wildcard_constraints:
@@ -123,4 +121,4 @@ wildcard_constraints:
     chip=r"\d{2}",
     pix=r"\d+",
     dir=r"\d+",
-    name=NAMES.beginning,
+    name=BEGINNING,

@@ -2,13 +2,7 @@
 # different chips: a rule for each set of chips. A chip that failed among others has a rule of its own.
 
 
-def level0_endings(obsid, chip):
-    orders = ["orders.parquet"] * (chip in DISPERSED.get(obsid, ()))
-    text = ["cat"] * ("cat" in RUN.config.truth)
-    return "fits", "truth.parquet", *text, *orders
-
-
-for alike in FILES.groups(RUN.jobs, "level0", level0_endings):
+for alike in FILES.groups(RUN.jobs, "level0"):
 
     rule:
         name:
@@ -16,11 +10,7 @@ for alike in FILES.groups(RUN.jobs, "level0", level0_endings):
         input:
             of_exposure(FILES.unless_equal("level0", FILES.truth, FILES.psf), alike),
         output:
-            [
-                f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{chip}_{ENDING}.{end}"
-                for chip, ends in alike.files
-                for end in ends
-            ],
+            alike.outputs,
         log:
             f"{OUT}/logs/exposure/{{name}}_{{obsid}}{alike.log}.log",
         wildcard_constraints:
@@ -30,15 +20,19 @@ for alike in FILES.groups(RUN.jobs, "level0", level0_endings):
         resources:
             mem_mb=more(3500),
             # Twice what a chip takes, and more where one part of it may be long
-            runtime=more(4 + max(SELECTING, RENDERING) * len(alike.files)),
+            runtime=more(
+                FILES.minutes("chip")
+                + max(FILES.minutes("select"), FILES.minutes("render"))
+                * len(alike.files)
+            ),
         params:
-            recipe=FILES.recipes("level0", alike),
+            recipe=FILES.recipes("chip", alike),
             chips=alike.options,
         shell:
             "exec csstsim chip {CAMPAIGN:q} --resume --obsid {wildcards.obsid} {params.chips} > {log:q} 2>&1"
 
 
-for alike in FILES.groups(RUN.imaging_jobs, "measure", lambda *_: (".parquet",)):
+for alike in FILES.groups(RUN.imaging_jobs, "measure"):
 
     rule:
         name:
@@ -48,11 +42,7 @@ for alike in FILES.groups(RUN.imaging_jobs, "measure", lambda *_: (".parquet",))
                 FILES.unless_equal("measure", FILES.level0, FILES.measured_with), alike
             ),
         output:
-            [
-                f"{OUT}/measure/{{obsid}}_{chip}{end}"
-                for chip, ends in alike.files
-                for end in ends
-            ],
+            alike.outputs,
         log:
             f"{OUT}/logs/measure_exposure/{{obsid}}{alike.log}.log",
         wildcard_constraints:
@@ -69,9 +59,7 @@ for alike in FILES.groups(RUN.imaging_jobs, "measure", lambda *_: (".parquet",))
             "exec csstsim measure {CAMPAIGN:q} --resume --obsid {wildcards.obsid} {params.chips} > {log:q} 2>&1"
 
 
-for alike in FILES.groups(
-    RUN.slitless_jobs, "extract", lambda *_: (".parquet", ".png", "_lines.parquet")
-):
+for alike in FILES.groups(RUN.slitless_jobs, "extract"):
 
     rule:
         name:
@@ -84,11 +72,7 @@ for alike in FILES.groups(
                 alike,
             ),
         output:
-            [
-                f"{OUT}/spectra/{{obsid}}_{chip}{end}"
-                for chip, ends in alike.files
-                for end in ends
-            ],
+            alike.outputs,
         log:
             f"{OUT}/logs/extract_exposure/{{obsid}}{alike.log}.log",
         wildcard_constraints:
@@ -99,7 +83,7 @@ for alike in FILES.groups(
             mem_mb=more(3500),
             runtime=more(2 + 2 * len(alike.files)),
         params:
-            recipe=FILES.recipes("measure", alike),
+            recipe=FILES.recipes("extract", alike),
             chips=alike.options,
         shell:
             "exec csstsim extract {CAMPAIGN:q} --resume --obsid {wildcards.obsid} {params.chips} > {log:q} 2>&1"

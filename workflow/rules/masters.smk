@@ -3,11 +3,11 @@ rule masters:
     input:
         FILES.calibration_frames,
     output:
-        f"{OUT}/masters/chip_{{chip}}.fits",
+        FILES.outputs("masters"),
     log:
         f"{OUT}/logs/masters/{{chip}}.log",
     resources:
-        mem_mb=more(3500),
-        runtime=more(8),
+        mem_mb=memory("masters"),
+        runtime=minutes("masters"),
     shell:
         "csstsim masters {CAMPAIGN:q} --chip {wildcards.chip} > {log:q} 2>&1"

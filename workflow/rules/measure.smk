@@ -3,14 +3,14 @@ rule measure:
     input:
         FILES.unless_equal("measure", FILES.level0, FILES.measured_with),
     output:
-        f"{OUT}/measure/{{obsid}}_{{chip}}.parquet",
+        FILES.outputs("measure"),
     log:
         f"{OUT}/logs/measure/{{obsid}}_{{chip}}.log",
     group:
         "chip"
     resources:
-        mem_mb=more(3500),
-        runtime=more(4),
+        mem_mb=memory("measure"),
+        runtime=minutes("measure"),
     params:
         recipe=FILES.recipe("measure"),
     shell:
@@ -22,17 +22,15 @@ rule extract:
     input:
         FILES.unless_equal("extract", FILES.level0_and_truth, FILES.measured_with),
     output:
-        f"{OUT}/spectra/{{obsid}}_{{chip}}.parquet",
-        f"{OUT}/spectra/{{obsid}}_{{chip}}.png",
-        f"{OUT}/spectra/{{obsid}}_{{chip}}_lines.parquet",
+        FILES.outputs("extract"),
     log:
         f"{OUT}/logs/extract/{{obsid}}_{{chip}}.log",
     group:
         "chip"
     resources:
-        mem_mb=more(2500),
-        runtime=more(4),
+        mem_mb=memory("extract"),
+        runtime=minutes("extract"),
     params:
-        recipe=FILES.recipe("measure"),
+        recipe=FILES.recipe("extract"),
     shell:
         "csstsim extract {CAMPAIGN:q} --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1"

@@ -2,15 +2,14 @@ rule psf:
     input:
         FILES.library,
     output:
-        f"{OUT}/psf/chip_{{chip}}.h5",
-        f"{OUT}/psf/chip_{{chip}}_tables.h5",
+        FILES.outputs("psf"),
     log:
         f"{OUT}/logs/psf/{{chip}}.log",
     group:
         "psf"
     resources:
-        mem_mb=more(1500),
-        runtime=more(5),
+        mem_mb=memory("psf"),
+        runtime=minutes("psf"),
     params:
         recipe=RUN.recipes.psf,
     shell:

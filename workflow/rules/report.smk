@@ -5,11 +5,11 @@ rule report:
         FILES.made("extract"),
         FILES.made("level0"),
     output:
-        FILES.made("report") or f"{OUT}/report/index.html",
+        FILES.made("report") or FILES.outputs("report")[:1],
     log:
         f"{OUT}/logs/report.log",
     resources:
-        mem_mb=more(2000),
-        runtime=more(10),
+        mem_mb=memory("report"),
+        runtime=minutes("report"),
     shell:
         "csstsim report {CAMPAIGN:q} > {log:q} 2>&1"

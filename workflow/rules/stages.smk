@@ -7,14 +7,14 @@ rule select:
     input:
         FILES.truth,
     output:
-        temp(f"{CHIPS}/{{obsid}}_{{chip}}/select.parquet"),
+        temp(FILES.outputs("select")),
     log:
         f"{OUT}/logs/select/{{obsid}}_{{chip}}.log",
     group:
         "chip"
     resources:
-        mem_mb=more(1500),
-        runtime=more(SELECTING),
+        mem_mb=memory("select"),
+        runtime=minutes("select"),
     params:
         recipe=FILES.recipe("select"),
     shell:
@@ -25,15 +25,14 @@ rule render:
     input:
         FILES.objects,
     output:
-        kept(f"{CHIPS}/{{obsid}}_{{chip}}/render.fits"),
-        kept(f"{CHIPS}/{{obsid}}_{{chip}}/drawn.parquet"),
+        kept(FILES.outputs("render")),
     log:
         f"{OUT}/logs/render/{{obsid}}_{{chip}}.log",
     group:
         "chip"
     resources:
-        mem_mb=more(3000),
-        runtime=more(RENDERING),
+        mem_mb=memory("render"),
+        runtime=minutes("render"),
     params:
         recipe=FILES.recipe("render"),
     shell:
@@ -44,14 +43,14 @@ rule readout:
     input:
         FILES.stage_before("render"),
     output:
-        temp(f"{CHIPS}/{{obsid}}_{{chip}}/readout.fits"),
+        temp(FILES.outputs("readout")),
     log:
         f"{OUT}/logs/readout/{{obsid}}_{{chip}}.log",
     group:
         "chip"
     resources:
-        mem_mb=more(1500),
-        runtime=more(2),
+        mem_mb=memory("readout"),
+        runtime=minutes("readout"),
     params:
         recipe=FILES.recipe("readout"),
     shell:
@@ -62,16 +61,14 @@ rule level0:
     input:
         FILES.unless_equal("level0", FILES.stage_before("readout"), FILES.rendered),
     output:
-        f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_{ENDING}.fits",
-        f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_{ENDING}.truth.parquet",
-        CAT,
+        FILES.outputs("level0"),
     log:
         f"{OUT}/logs/level0/{{name}}_{{obsid}}_{{chip}}.log",
     group:
         "chip"
     resources:
-        mem_mb=more(1500),
-        runtime=more(2),
+        mem_mb=memory("level0"),
+        runtime=minutes("level0"),
     params:
         recipe=FILES.recipe("level0"),
     shell:
@@ -81,9 +78,7 @@ rule level0:
 # Spectroscopic chips: the same stages with the truth of each order beside.
 use rule render as render_spectra with:
     output:
-        kept(f"{CHIPS}/{{obsid}}_{{chip}}/render.fits"),
-        kept(f"{CHIPS}/{{obsid}}_{{chip}}/drawn.parquet"),
-        kept(f"{CHIPS}/{{obsid}}_{{chip}}/orders.parquet"),
+        kept(FILES.outputs("render", orders=True)),
     wildcard_constraints:
         obsid=SPECTRA_OBSID,
         chip=SPECTRA_CHIP,
@@ -91,10 +86,7 @@ use rule render as render_spectra with:
 
 use rule level0 as level0_spectra with:
     output:
-        f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_{ENDING}.fits",
-        f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_{ENDING}.truth.parquet",
-        CAT,
-        f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_{ENDING}.orders.parquet",
+        FILES.outputs("level0", orders=True),
     wildcard_constraints:
         obsid=SPECTRA_OBSID,
         chip=SPECTRA_CHIP,

@@ -1,13 +1,13 @@
 rule truth:
     output:
-        f"{OUT}/truth/dataset/Norder=8/Dir={{dir}}/Npix={{pix}}.parquet",
+        FILES.outputs("truth"),
     log:
         f"{OUT}/logs/truth/{{dir}}_{{pix}}.log",
     group:
         "truth"
     resources:
-        mem_mb=more(1500),
-        runtime=more(2),
+        mem_mb=memory("truth"),
+        runtime=minutes("truth"),
     params:
         recipe=RUN.recipes.truth,
     shell:

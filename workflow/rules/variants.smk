@@ -4,7 +4,7 @@ rule variants:
         [
             file
             for run in (RUN, *VARIANTS.values())
-            for kind in ("level0", "measure", "extract", "report")
+            for kind in STAGES["variants"].inputs
             for file in kinds(run)[kind].files()
         ],
     output:
@@ -12,7 +12,7 @@ rule variants:
     log:
         f"{OUT}/logs/variants.log",
     resources:
-        mem_mb=more(2000),
-        runtime=more(10),
+        mem_mb=memory("variants"),
+        runtime=minutes("variants"),
     shell:
         "csstsim variants {CAMPAIGN:q} > {log:q} 2>&1"

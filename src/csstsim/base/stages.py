@@ -1,4 +1,4 @@
-"""The stages of the workflow: which stages each one depends on, and what it reads."""
+"""What follows from the order of the stages (base.stage_records): which depend on which, and what each reads first."""
 
 from __future__ import annotations
 
@@ -6,29 +6,31 @@ import re
 from fnmatch import translate
 from typing import TYPE_CHECKING
 
+from csstsim.base.stage_records import STAGES
+
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Set
     from typing import Any, TypeVar
 
     ValueT = TypeVar("ValueT")
 
-# Of each stage, those whose products it reads; measure stands for calibrate and extract, too
-INPUTS: dict[str, tuple[str, ...]] = {
-    "truth": (),
-    "psf": (),
-    "select": ("truth",),
-    "render": ("select", "psf"),
-    "readout": ("render",),
-    "level0": ("readout",),
-    "measure": ("level0", "psf"),
-    "validate": ("measure",),
-}
 FIRST = ("truth", "psf", "select")  # nothing is before them but the campaign's files, and truth for some
 
 
 def behind(stage: str) -> set[str]:
     """Return the set of stages that a stage's product depends on: itself and all before it."""
-    return {stage}.union(*(behind(before) for before in INPUTS[stage]))
+    return {stage}.union(*(behind(before) for before in STAGES[stage].inputs))
+
+
+def levels() -> list[list[str]]:
+    """Return the names of stages in groups: each waits for the group before, those of a group run side by side.
+
+    Without those that stand for others (Stage.instead_of).
+    """
+    depth: dict[str, int] = {}
+    for stage in [stage for stage in STAGES.values() if not stage.instead_of]:
+        depth[stage.name] = max((depth[before] + 1 for before in stage.inputs), default=0)
+    return [[name for name in depth if depth[name] == level] for level in range(max(depth.values()) + 1)]
 
 
 def read_by(stages: Set[str], parts: Mapping[str, ValueT], readers: Mapping[str, Iterable[str]]) -> dict[str, ValueT]:

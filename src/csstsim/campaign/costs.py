@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import numpy as np
 from pydantic import Field
 
+from csstsim.base.errors import InputError
 from csstsim.base.model import Model, validate
 from csstsim.base.shipped import SHIPPED
+from csstsim.base.stage_records import STAGES
 from csstsim.campaign.variants import made_by_base
 from csstsim.instrument.load import read_data
 
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
     from pathlib import Path
     from typing import Any, TypeAlias
 
+    from csstsim.base.stage_records import Stage
     from csstsim.base.types import PathLike
     from csstsim.campaign.job import Job
     from csstsim.campaign.opened import OpenCampaign
@@ -31,10 +34,10 @@ if TYPE_CHECKING:
     Costs: TypeAlias = dict[str, dict[Any, "Cost"]]  # {rule: {Key: Cost}}
 
 FILE = SHIPPED / "costs.yaml"
-STAGES = ("select", "render", "readout", "level0")  # of a chip, one process each
-# Rules of `--config chips=whole` and `chips=exposure`, in place of the four stages and of what follows chip by chip
-EXPOSURES = {"exposure": "chip", "measure_exposure": "measure", "extract_exposure": "extract"}
-INSTEAD = ("chip", *EXPOSURES)
+# Rules of `--config chips=exposure`, each with the stage that it runs chip by chip
+EXPOSURES = {stage.exposure_rule: stage.name for stage in STAGES.values() if stage.exposure_rule}
+# and these with what `--config chips=whole` runs, in place of what is run by default
+INSTEAD = (*(stage.name for stage in STAGES.values() if stage.instead_of), *EXPOSURES)
 WAVELENGTHS = 4  # of a PSF set
 PICTURES = 30  # frames in the report's focal plane, but always a whole exposure
 
@@ -59,30 +62,6 @@ class Numbers(Model):
         return Cost(*sums)
 
 
-class Rules(Model):
-    """The whole file: the rules of the workflow; NAME_spectra is the rule NAME for spectroscopic chips."""
-
-    truth: Numbers
-    psf: Numbers
-    shared: Numbers
-    select: Numbers
-    select_spectra: Numbers
-    render: Numbers
-    render_spectra: Numbers
-    readout: Numbers
-    level0: Numbers
-    level0_spectra: Numbers
-    chip: Numbers
-    chip_spectra: Numbers
-    calibrate: Numbers
-    measure: Numbers
-    extract: Numbers
-    merge: Numbers
-    validate_: Numbers = Field(alias="validate")
-    masters: Numbers
-    report: Numbers
-
-
 @dataclass(frozen=True, slots=True)
 class Cost:
     """CPU time and memory of one job."""
@@ -93,9 +72,16 @@ class Cost:
 
 @cache
 def load_costs(file: PathLike = FILE) -> dict[str, Numbers]:
-    """Return {rule: Numbers} of config/costs.yaml. Raises InputError."""
-    rules = validate(Rules, read_data(file), file)
-    return {field.alias or name: getattr(rules, name) for name, field in Rules.model_fields.items()}
+    """Return {entry: Numbers} of config/costs.yaml: those that the stages name, and `shared`. Raises InputError."""
+    entries = validate(dict[str, Numbers], read_data(file), file)
+    known = ("shared", *(entry for stage in STAGES.values() for entry in stage.costs))
+    for name in known:
+        if name not in entries:
+            raise InputError("missing", file=file, key=name)
+    for name in entries:
+        if name not in known:
+            raise InputError("unknown", file=file, key=name, allowed=", ".join(known))
+    return entries
 
 
 def expected(run: OpenCampaign) -> Costs:
@@ -106,11 +92,10 @@ def expected(run: OpenCampaign) -> Costs:
     set that another campaign has made (`share`) costs what linking it does. What a variant's base makes is left out.
     """
     numbers = load_costs()
-    found: Costs = {rule: {} for rule in numbers if not rule.endswith("_spectra")}
-    for rule, key, quantities in _quantities(run):
-        if made_by_base(run, rule.removesuffix("_spectra"), key):
-            continue
-        found[rule.removesuffix("_spectra")][key] = numbers[rule].cost(quantities)
+    found: Costs = {stage.name: {} for stage in STAGES.values()}
+    for stage, entry, key, quantities in _quantities(run):
+        if not made_by_base(run, stage.name, key):
+            found[stage.name][key] = numbers[entry].cost(quantities)
     for rule, path_of in (("truth", run.paths.truth), ("psf", run.paths.psf)):
         shared = [key for key in found[rule] if _is_shared(run, path_of(key))]
         found[rule] |= dict.fromkeys(shared, numbers["shared"].cost({"job": 1}))
@@ -141,63 +126,55 @@ def each_once(costs: Costs) -> Costs:
     return {rule: jobs for rule, jobs in costs.items() if rule not in INSTEAD}
 
 
-def _quantities(run: OpenCampaign) -> Iterator[tuple[str, Key, dict[Quantity, float]]]:
-    """Yield (rule or NAME_spectra, key, {Quantity: number}) of each job."""
-    science = run.imaging_jobs + run.slitless_jobs
-    for pix in run.sky_bricks:
-        yield "truth", pix, {"job": 1}
-    for chip in run.sky_chips:
-        yield "psf", chip, {"job": 1, "image": run.config.psf.grid**2 * WAVELENGTHS}
-    yield from _of_chips(run, expected_objects(run, science))
-    yield from _of_bricks(run)
-    for chip, jobs in run.calibration_jobs.items():
-        pixels = megapixels(jobs[0])
-        yield "masters", chip, {"job": 1, "mpix": pixels, "read_mpix": len(jobs) * pixels}
-    if science:
-        by_exposure = Counter(job.obsid for job in science)
-        shown = min(len(run.jobs), max(PICTURES, *by_exposure.values()))
-        read = shown / len(run.jobs) * sum(map(megapixels, run.jobs))
-        yield "report", None, {"job": 1, "read_mpix": read, "brick": len(run.merge_bricks)}
+def _quantities(run: OpenCampaign) -> Iterator[tuple[Stage, str, Key, dict[Quantity, float]]]:
+    """Yield (stage, its entry in the file, key, {Quantity: number}) of each job."""
+    quantities = _Quantities(run)
+    for stage in [stage for stage in STAGES.values() if stage.costs]:
+        for one in getattr(run, stage.made_for):
+            if stage.unit != "job":
+                yield stage, stage.costs[0], one, quantities.of(stage, one)
+            elif not stage.layered or run.has_stage(one.pointing, stage.name):
+                yield stage, stage.costs[-1 if run.has_orders(one) else 0], one.key, quantities.of(stage, one)
 
 
-def _of_chips(
-    run: OpenCampaign, objects: Mapping[tuple[str, int], float]
-) -> Iterator[tuple[str, Key, dict[Quantity, float]]]:
-    """Yield the rules of each (exposure, chip). objects: {job.key: how many}."""
-    for job in run.jobs:
-        thousands = objects.get(job.key, 0.0) / 1000.0
-        quantities: dict[Quantity, float] = {
-            "job": 1,
-            "mpix": megapixels(job),
-            "kobject": thousands,
-            run.config.fidelity: thousands,
-        }
-        spectra = run.has_orders(job)
-        science = job.pointing.type == "SCIE"
-        suffix = "_spectra" if spectra else ""
-        if science:
-            yield f"select{suffix}", job.key, quantities
-        for stage in STAGES[1:]:
-            if run.has_stage(job.pointing, stage):
-                yield stage if stage == "readout" else f"{stage}{suffix}", job.key, quantities
-        yield f"chip{suffix}", job.key, quantities
-        if spectra:
-            yield "extract", job.key, quantities
-    for job in run.imaging_jobs:
-        if run.config.measurement.keep_calibrated:
-            yield "calibrate", job.key, {"job": 1, "mpix": megapixels(job)}
-        yield "measure", job.key, {"job": 1, "mpix": megapixels(job)}
+class _Quantities:
+    """The quantities that the costs of a campaign's jobs are sums of."""
 
+    def __init__(self, run: OpenCampaign) -> None:
+        self._run = run
+        self._objects = expected_objects(run, run.imaging_jobs + run.slitless_jobs)  # {job.key: how many}
+        self._bricks_of = Counter(job.key for jobs in run.merge_bricks.values() for job in jobs)
 
-def _of_bricks(run: OpenCampaign) -> Iterator[tuple[str, Key, dict[Quantity, float]]]:
-    """Yield the rules of each brick. A frame's pixels are shared out among the bricks it touches."""
-    touched = Counter(job.key for jobs in run.merge_bricks.values() for job in jobs)
-    for pix, jobs in run.merge_bricks.items():
+    def of(self, stage: Stage, one: Any) -> dict[Quantity, float]:
+        """Return {Quantity: number} of a stage for a job, chip or brick, or for the campaign."""
+        run = self._run
+        if stage.unit == "job":
+            return self._of_job(one)
+        if stage.made_for == "merge_bricks":
+            return self._of_brick(run.merge_bricks[one])
+        if stage.made_for == "sky_chips":
+            return {"job": 1, "image": run.config.psf.grid**2 * WAVELENGTHS}
+        if stage.made_for == "calibration_jobs":
+            jobs = run.calibration_jobs[one]
+            return {"job": 1, "mpix": megapixels(jobs[0]), "read_mpix": len(jobs) * megapixels(jobs[0])}
+        return self._of_report() if stage.unit == "campaign" else {"job": 1}
+
+    def _of_job(self, job: Job) -> dict[Quantity, float]:
+        thousands = self._objects.get(job.key, 0.0) / 1000.0
+        return {"job": 1, "mpix": megapixels(job), "kobject": thousands, self._run.config.fidelity: thousands}
+
+    def _of_brick(self, jobs: Sequence[Job]) -> dict[Quantity, float]:
+        """Return those of a brick. A frame's pixels are shared out among the bricks it touches."""
         pixels = [megapixels(job) for job in jobs]
-        on_it = sum(size / touched[job.key] for size, job in zip(pixels, jobs, strict=True))
-        quantities: dict[Quantity, float] = {"job": 1, "frame": len(jobs), "read_mpix": sum(pixels), "mpix": on_it}
-        yield "merge", pix, quantities
-        yield "validate", pix, quantities
+        on_it = sum(size / self._bricks_of[job.key] for size, job in zip(pixels, jobs, strict=True))
+        return {"job": 1, "frame": len(jobs), "read_mpix": sum(pixels), "mpix": on_it}
+
+    def _of_report(self) -> dict[Quantity, float]:
+        run = self._run
+        by_exposure = Counter(job.obsid for job in run.imaging_jobs + run.slitless_jobs)
+        shown = min(len(run.jobs), max([PICTURES, *by_exposure.values()]))
+        read = shown / len(run.jobs) * sum(map(megapixels, run.jobs))
+        return {"job": 1, "read_mpix": read, "brick": len(run.merge_bricks)}
 
 
 def megapixels(job: Job) -> float:

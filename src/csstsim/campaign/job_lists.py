@@ -1,4 +1,4 @@
-"""Which of a campaign's jobs, chips and bricks each rule of the workflow works on."""
+"""Which of a campaign's jobs, chips and bricks each rule of the workflow works on (base.stage_records: made_for)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 from csstsim.catalog.selection.bricks import bricks_for
 
 if TYPE_CHECKING:
+    from csstsim.campaign.config import Campaign
     from csstsim.campaign.job import Job
+    from csstsim.campaign.opened import OpenCampaign
     from csstsim.instrument.camera import Camera
     from csstsim.simulation.exposure import Exposure
 
@@ -23,6 +25,10 @@ class JobLists:
 
     if TYPE_CHECKING:  # what an OpenCampaign has
         camera: Camera
+        config: Campaign
+
+        @property
+        def variants(self) -> tuple[OpenCampaign, ...]: ...  # noqa: D102
 
         @property
         def jobs(self) -> tuple[Job, ...]: ...  # noqa: D102
@@ -61,6 +67,11 @@ class JobLists:
         jobs = tuple(job for job in self.imaging_jobs if job.chip.filter == bands[len(bands) // 2])
         return (jobs or self.science_jobs)[:1]
 
+    @property
+    def calibrated_jobs(self) -> tuple[Job, ...]:
+        """The jobs whose calibrated images are kept."""
+        return self.imaging_jobs if self.config.measurement.keep_calibrated else ()
+
     @cached_property
     def slitless_jobs(self) -> tuple[Job, ...]:
         """The jobs whose spectra are extracted: science exposures of spectroscopic chips."""
@@ -87,3 +98,13 @@ class JobLists:
             for pix in bricks_for(*job.footprint(EDGE_PX), MERGE_MARGIN_DEG):
                 bricks.setdefault(int(pix), []).append(job)
         return dict(sorted(bricks.items()))
+
+    @property
+    def reports(self) -> list[None]:
+        """[None] for a campaign that has a report, else []."""
+        return [None] if self.science_jobs else []
+
+    @property
+    def comparisons(self) -> list[None]:
+        """[None] for a campaign with a page that compares its variants, else []."""
+        return self.reports if self.variants else []

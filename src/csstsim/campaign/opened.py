@@ -16,6 +16,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.files.beside import beside
 from csstsim.base.help_page import explained
 from csstsim.base.rng import Streams
+from csstsim.base.stage_records import STAGES
 from csstsim.campaign.checks import (
     check_file,
     check_header,
@@ -170,7 +171,7 @@ class OpenCampaign(JobLists):
 
         rule: level0, measure or extract. [] if the products differ, if the base has not made them, and of a base.
         """
-        if not self.in_base(*job.key, rule if rule == "level0" else "measure"):
+        if not self.in_base(*job.key, STAGES[rule].recipe):
             return []
         return pairs_of_base(self, job, rule)
 

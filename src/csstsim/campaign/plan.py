@@ -9,11 +9,10 @@ import numpy as np
 
 from csstsim.base.healpix import NSIDE, pixel_centre
 from csstsim.base.plural import number_of
-from csstsim.base.stages import flat
+from csstsim.base.stages import flat, levels
 from csstsim.campaign.costs import INSTEAD, each_once, expected, expected_objects, megapixels
 from csstsim.campaign.products import kinds
 from csstsim.catalog.astrometry.reduction import apparent
-from csstsim.io.paths import LIGHT
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -25,18 +24,6 @@ if TYPE_CHECKING:
     from csstsim.campaign.opened import OpenCampaign
 
 SNAKEMAKE = 3.0  # s, until the first job starts
-# Each waits for the one before; of rules that run side by side the longest counts
-CHAIN = (
-    ("truth", "psf"),
-    ("select",),
-    ("render",),
-    ("readout",),
-    ("level0",),
-    ("calibrate", "measure", "extract", "masters"),
-    ("merge",),
-    ("validate",),
-    ("report",),
-)
 KEPT_BYTES = {"imaging": 5, "slitless": 8}  # of a pixel: expected electrons, those counted, the objects' share; at most
 BYTES_PER_NODE = 4 * (256 * 256 + 256 * 256 + 64 * 64) * 4  # images, and the tables photons are drawn from
 
@@ -178,7 +165,8 @@ def wall(costs: Costs, cores: int) -> float:
 def _chain(costs: Costs) -> float:
     """Return the CPU time [s] of the largest job of each rule that one product waits for, one after the other."""
     largest = {rule: max(cost.cpu_s for cost in jobs.values()) for rule, jobs in costs.items()}
-    return sum(max((largest.get(rule, 0.0) for rule in rules), default=0.0) for rules in CHAIN)
+    # of rules that run side by side, the longest counts
+    return sum(max(largest.get(rule, 0.0) for rule in rules) for rules in levels())
 
 
 def _cost_table(costs: Costs) -> Table:
@@ -222,7 +210,7 @@ def _drawn_again(run: OpenCampaign) -> int:
         for job in one.jobs
         if one.in_base(*job.key, "render") and not one.in_base(*job.key, "level0")
     }
-    gone = (job for job in run.jobs if job.key in wanted and not run.paths.stage(*job.key, LIGHT[0]).exists())
+    gone = (job for job in run.jobs if job.key in wanted and not run.paths.stage(*job.key, "render.fits").exists())
     return sum(run.paths.level0(job).exists() for job in gone)
 
 

@@ -1,4 +1,4 @@
-"""What a campaign makes: a row for each kind of product, with the rules that make it and its files.
+"""What a campaign makes: the products of each stage of the workflow, by its record (base.stage_records).
 
 The workflow's targets and inputs, its last message, `csstsim status` and what `csstsim verify` expects come from here.
 io.paths has the paths of files, campaign.costs the cost of a rule.
@@ -12,11 +12,10 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
+from csstsim.base.stage_records import STAGES, Product, Stage
 from csstsim.bricks.hats import ABOUT
 from csstsim.bricks.validation.verdict import headline, sentence
-from csstsim.campaign.costs import STAGES
 from csstsim.campaign.variants import made_by_base
-from csstsim.io.paths import LIGHT
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping
@@ -38,8 +37,8 @@ class Kind:
     look_up: Callable[[], Collection[Any]]  # () -> `made_for`
     # job, chip or brick -> its files: the product first, then others the rule writes
     files_of: Callable[[Any], list[Path]]
-    target: bool = True  # made again if it is missing from a finished campaign, and not only if a job needs it
-    end: str = ""  # part of the workflow's last message, with {n} for their number and {s} for a plural
+    target: bool = True  # as Stage.target
+    end: str = ""  # as Stage.summary
 
     @property
     def made_for(self) -> Collection[Any]:
@@ -55,60 +54,59 @@ class Kind:
 
 
 def kinds(run: OpenCampaign) -> dict[str, Kind]:
-    """Return {rule: Kind} of an opened.OpenCampaign, in the order of the workflow; a kind may have no products.
+    """Return {rule: Kind} of an opened.OpenCampaign, in the order of the workflow; a kind may have no products."""
+    return {
+        stage.name: Kind(
+            stage.title,
+            _rules(run, stage),
+            partial(_made_for, run, stage),
+            partial(_files_of, run, stage),
+            stage.target,
+            stage.summary,
+        )
+        for stage in STAGES.values()
+        if stage.kept != "no" and not stage.instead_of
+    }
 
-    Truth bricks and PSF sets are not targets: a new one would be newer than all chips, and all would be made again.
-    """
-    paths = run.paths
-    config = run.config
-    kept = [
-        job
-        for job in (run.jobs if config.keep == "light" else ())
-        if run.has_stage(job.pointing, "render") and not run.in_base(*job.key, "render")
-    ]
-    calibrated = run.imaging_jobs if config.measurement.keep_calibrated else ()
-    page = [None] if run.science_jobs else []
-    truth = " with truth" if run.science_jobs else ""
-    table = (
-        Kind(
-            "truth bricks", ("truth",), lambda: _own(run, "truth", run.sky_bricks), lambda pix: [paths.truth(pix)],
-            target=False,
-        ),
-        Kind(
-            "PSF sets", ("psf",), lambda: _own(run, "psf", run.sky_chips),
-            lambda c: [paths.psf(c), paths.psf_tables(c)], target=False,
-        ),
-        Kind("light of chips", STAGES[:2], lambda: kept, partial(_light, run), end="light of {n} chip{s} in chips/"),
-        Kind(
-            "Level-0 files", STAGES[2:] if kept else STAGES, lambda: run.jobs, partial(_level0, run),
-            end=f"{{n}} Level-0 file{{s}}{truth} in level0/",
-        ),
-        Kind(
-            "masters", ("masters",), lambda: run.calibration_jobs, lambda c: [paths.masters(c)],
-            end="masters of {n} chip{s} in masters/",
-        ),
-        Kind(
-            "calibrated images", ("calibrate",), lambda: calibrated, lambda job: [paths.calibrated(*job.key)],
-            end="calibrated images of {n} chip{s} in calibrated/",
-        ),
-        Kind("measured tables", ("measure",), lambda: run.imaging_jobs, lambda job: [paths.measure(*job.key)]),
-        Kind(
-            "spectra", ("extract",), lambda: run.slitless_jobs,
-            lambda job: [*_drawn(paths.spectra(*job.key)), paths.lines(*job.key)],
-            end="spectra of {n} chip{s} in spectra/",
-        ),
-        Kind(
-            "merged bricks", ("merge",), lambda: run.merge_bricks, lambda pix: [paths.merge(pix)],
-            end="merged catalogues of {n} brick{s} in merge/",
-        ),
-        Kind("validated bricks", ("validate",), lambda: run.merge_bricks, lambda pix: _drawn(paths.validate(pix))),
-        Kind("report", ("report",), lambda: page, lambda _: _report(run), end="the report: report/index.html"),
-        Kind(
-            "comparison of variants", ("variants",), lambda: page if run.variants else [],
-            lambda _: [paths.variants_page], end="the variants side by side: report/variants.html",
-        ),
-    )  # fmt: skip
-    return {kind.rules[-1]: kind for kind in table}
+
+def _rules(run: OpenCampaign, stage: Stage) -> tuple[str, ...]:
+    """Return the stages that only prepare a stage's product, as nothing of theirs is kept, and the stage itself."""
+    found: list[str] = []
+    for before in map(STAGES.__getitem__, stage.inputs):
+        if not _is_kept(run, before):
+            found += [rule for rule in _rules(run, before) if rule not in found]
+    return *found, stage.name
+
+
+def _is_kept(run: OpenCampaign, stage: Stage) -> bool:
+    return stage.kept == "yes" or (stage.kept == "light" and run.config.keep == "light")
+
+
+def _made_for(run: OpenCampaign, stage: Stage) -> Collection[Any]:
+    """Return the jobs, chips or bricks of which the campaign has a product; of a variant, without the base's files."""
+    if not _is_kept(run, stage):
+        return []
+    found = getattr(run, stage.made_for)
+    if stage.layered and stage.kept == "light":
+        found = [job for job in found if run.has_stage(job.pointing, stage.name)]
+    if stage.of_base == "file":
+        found = [one for one in found if not made_by_base(run, stage.name, getattr(one, "key", one))]
+    return found
+
+
+def _files_of(run: OpenCampaign, stage: Stage, one: Any) -> list[Path]:
+    """Return the files of a job, chip or brick; with the report those that make a catalogue of the merged bricks."""
+    files = [run.paths.of(product.name, one) for product in stage.products if _is_written(run, product, one)]
+    if stage.name == "report" and run.merge_bricks:
+        files += [run.paths.merge_catalogue / name for name in ABOUT]
+    return files
+
+
+def _is_written(run: OpenCampaign, product: Product, one: Any) -> bool:
+    """Whether a stage writes one of its products for a job, chip or brick."""
+    if product.only == "cat":
+        return "cat" in run.config.truth
+    return product.only != "orders" or run.has_orders(one)
 
 
 def pairs_of_base(run: OpenCampaign, job: Job, rule: str) -> list[tuple[Path, Path]]:
@@ -122,36 +120,11 @@ def pairs_of_base(run: OpenCampaign, job: Job, rule: str) -> list[tuple[Path, Pa
     return [*pairs, (rays[0], rays[1])] if rule == "level0" and rays[0].is_file() else pairs
 
 
-def _own(run: OpenCampaign, rule: str, numbers: Iterable[int]) -> list[int]:
-    """Return the bricks or chips whose product the campaign makes, and not the base of which it is a variant."""
-    return [number for number in numbers if not made_by_base(run, rule, number)]
-
-
-def _light(run: OpenCampaign, job: Job) -> list[Path]:
-    return [run.paths.stage(*job.key, name) for name in (LIGHT if run.has_orders(job) else LIGHT[:-1])]
-
-
-def _level0(run: OpenCampaign, job: Job) -> list[Path]:
-    orders = [run.paths.level0_orders(job)] if run.has_orders(job) else []
-    text = [run.paths.level0_cat(job)] if "cat" in run.config.truth else []
-    return [run.paths.level0(job), run.paths.level0_truth(job), *text, *orders]
-
-
-def _drawn(path: Path) -> list[Path]:
-    """Return a product and its figure."""
-    return [path, path.with_suffix(".png")]
-
-
-def _report(run: OpenCampaign) -> list[Path]:
-    page = run.paths.report
-    catalogue = [run.paths.merge_catalogue / name for name in ABOUT] if run.merge_bricks else []
-    return [page, page.with_name("verdict.json"), *catalogue]
-
-
 def summary(run: OpenCampaign, made: Mapping[str, Kind]) -> str:
     """Return what the campaign made, where to look, and the verdict, in lines. made: what `kinds` returned."""
     counts = [(kind.end, len(kind.made_for)) for kind in made.values() if kind.end]
-    said = [end.format(n=n, s="" if n == 1 else "s") for end, n in counts if n]
+    truth = " with truth" if run.science_jobs else ""
+    said = [end.format(n=n, s="" if n == 1 else "s", truth=truth) for end, n in counts if n]
     return "\n".join([f"\n{run.title}, in {run.paths.output}:", *(f"  {line}" for line in said), *_verdict(run)])
 
 

@@ -11,11 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from csstsim.base.errors import InputError
-from csstsim.io.paths import LIGHT, Paths
+from csstsim.base.stage_records import STAGE_OF, STAGES
+from csstsim.io.paths import Paths
 
 if TYPE_CHECKING:
     from typing import Any
 
+    from csstsim.base.stage_records import Stage
     from csstsim.base.types import PathLike
     from csstsim.campaign.costs import Key
     from csstsim.campaign.opened import OpenCampaign
@@ -23,7 +25,6 @@ if TYPE_CHECKING:
 MARK = "@"
 FOLDER = "variants"
 OF_BASE = "schema_version", "name", "output", "share", "variants"  # keys that no variant changes
-STAGE_OF = {"select.parquet": "select"} | dict.fromkeys(LIGHT, "render")  # of the files that a variant may take over
 
 
 def split(file: PathLike) -> tuple[Path, str | None]:
@@ -80,10 +81,13 @@ def made_by_base(run: OpenCampaign, rule: str, key: Key) -> bool:
     """
     if run.base is None:
         return False
-    if rule in ("truth", "psf"):
-        return not getattr(run.paths, rule)(key).is_relative_to(run.paths.output)
-    stage = {"readout": "level0", "chip": "level0", "extract": "measure"}.get(rule, rule)
-    return stage in ("select", "render", "level0", "measure") and run.in_base(*cast("tuple[str, int]", key), stage)
+    stage = STAGES["level0" if rule == "readout" else rule]  # an equal Level-0 file needs no readout
+    if not stage.of_base:
+        return False
+    if stage.unit != "job":
+        path = run.paths.of(stage.products[0].name, cast("int", key))
+        return not path.is_relative_to(run.paths.output)
+    return run.in_base(*cast("tuple[str, int]", key), stage.recipe)
 
 
 class VariantPaths(Paths):
@@ -98,39 +102,30 @@ class VariantPaths(Paths):
         super().__init__(Path(output) / below, scratch and Path(scratch) / below, *names)
         self._run = run
 
-    def _of(self, equal: bool) -> Paths:
-        """Return the paths of the base where a product is equal, else those of this folder."""
-        if not equal:
-            return cast("Paths", super())
-        assert self._run.base is not None  # it is a variant
-        return self._run.base.paths
-
-    def _shared(self, rule: str, number: int, numbers: str) -> bool:
-        """Whether the base makes the product of a brick or chip. numbers: the property with all of the base's."""
+    def _shared(self, stage: Stage, number: int) -> bool:
+        """Whether the base makes the product of a brick or chip."""
         run = self._run
         base = self._run.base
         assert base is not None  # it is a variant
-        if getattr(base.recipes, rule) != getattr(run.recipes, rule):
+        if getattr(base.recipes, stage.name) != getattr(run.recipes, stage.name):
             return False
         alike = all(
             getattr(run.config, key) == getattr(base.config, key) for key in ("survey_table", "select", "window")
         )
         geometry = run.camera.digest_for("select") == base.camera.digest_for("select")
-        return (alike and geometry) or number in getattr(base, numbers)  # the latter opens all jobs
+        return (alike and geometry) or number in getattr(base, stage.made_for)  # the latter opens all jobs
 
-    def truth(self, pix: int) -> Path:
-        """As Paths.truth."""
-        return self._of(self._shared("truth", pix, "sky_bricks")).truth(pix)
-
-    def psf(self, chip_id: int) -> Path:
-        """As Paths.psf."""
-        return self._of(self._shared("psf", chip_id, "sky_chips")).psf(chip_id)
-
-    def psf_tables(self, chip_id: int) -> Path:
-        """As Paths.psf_tables."""
-        return self._of(self._shared("psf", chip_id, "sky_chips")).psf_tables(chip_id)
-
-    def stage(self, obsid: str, chip_id: int, name: str) -> Path:
-        """As Paths.stage."""
-        equal = name in STAGE_OF and self._run.in_base(obsid, chip_id, STAGE_OF[name])
-        return self._of(equal).stage(obsid, chip_id, name)
+    def find(self, name: str, **words: object) -> Path:
+        """As Paths.find: of the base, where a variant uses the base's file and the product is equal."""
+        stage = STAGE_OF[name]
+        if stage.of_base != "file":
+            return super().find(name, **words)
+        chip = int(str(words["chip"])) if "chip" in words else 0
+        if stage.unit == "job":
+            equal = self._run.in_base(str(words["obsid"]), chip, stage.name)
+        else:
+            equal = self._shared(stage, chip if stage.unit == "chip" else cast("int", words["pix"]))
+        if not equal:
+            return super().find(name, **words)
+        assert self._run.base is not None  # it is a variant
+        return self._run.base.paths.find(name, **words)

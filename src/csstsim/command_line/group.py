@@ -17,6 +17,7 @@ import click
 from csstsim.base.errors import CsstsimError
 from csstsim.base.help_page import with_page
 from csstsim.base.process.progress import hidden
+from csstsim.base.stage_records import LOOK, ONE_CHIP, SECTION, STAGES
 from csstsim.campaign.running.job_log import ERROR
 
 if TYPE_CHECKING:
@@ -24,14 +25,16 @@ if TYPE_CHECKING:
     from types import FrameType
     from typing import Any, NoReturn
 
-SECTIONS = {
+
+def _stages_in(section: str) -> tuple[str, ...]:
+    return tuple(stage.name for stage in STAGES.values() if stage.section == section)
+
+
+SECTIONS: dict[str, tuple[str, ...]] = {
     "Begin": ("init", "aim", "import-pointings", "doctor", "check", "plan", "completion"),
-    "Make a chip": ("chip",),
-    "Look": ("show", "status", "report", "variants"),
-    "Stages of the workflow, one job each": (
-        "truth", "psf", "select", "render", "readout", "level0", "masters", "calibrate", "measure", "extract", "merge",
-        "validate",
-    ),
+    ONE_CHIP: _stages_in(ONE_CHIP),
+    LOOK: ("show", "status", *_stages_in(LOOK)),
+    SECTION: _stages_in(SECTION),
     "Measure the simulator": ("bench", "shear", "budget"),
     "Extend": ("layers", "fit-grating", "export-grating"),
     "Deliver": ("verify", "compare", "release"),

@@ -25,6 +25,11 @@ if TYPE_CHECKING:
 YES = "yes"
 NO = "no"
 MAYBE = "maybe"
+# Stages whose products delivery.products knows; of a product of another stage, being there is enough
+CHECKED = (
+    *("truth", "psf", "render", "level0", "masters", "calibrate"),
+    *("measure", "extract", "merge", "validate", "report", "variants"),
+)
 
 
 @dataclass(frozen=True)
@@ -67,8 +72,8 @@ class Contents:
 
     bricks, truth: {brick: what its file must record, or None}; measurement: digest of the way of measuring, or None;
     psf: chips that see the sky; masters: {chip: what its file must record, or None}; calibrated, cat: YES, NO or MAYBE;
-    light: {file of render's that is kept: its recipe, or None}; report: YES or MAYBE; faults: [(path, fault)] met while
-    finding out.
+    light: {file of render's that is kept: its recipe, or None}; report: YES or MAYBE; others: {file of a stage that is
+    not in CHECKED: what it is}; faults: [(path, fault)] met while finding out.
     """
 
     paths: Paths
@@ -81,6 +86,7 @@ class Contents:
     calibrated: str
     report: str
     cat: str
+    others: dict[Path, str] = field(default_factory=dict)
     faults: list[tuple[Path, str]] = field(default_factory=list)
 
     @property
@@ -116,6 +122,13 @@ def of_campaign(run: OpenCampaign) -> Contents:
         calibrated=YES if made["calibrate"].made_for else MAYBE,
         report=YES if made["report"].made_for else MAYBE,
         cat=YES if "cat" in run.config.truth else NO,
+        others={
+            path: kind.name
+            for rule, kind in made.items()
+            if rule not in CHECKED
+            for one in kind.made_for
+            for path in kind.files_of(one)
+        },
     )
 
 

@@ -52,6 +52,7 @@ def products(contents: Contents) -> list[Product]:
     seen = Seen()
     found = [product for frame in contents.frames for product in _of_frame(contents, frame, seen)]
     found += [*_inputs(contents, seen), *_bricks(contents, seen), *_report(contents, seen)]
+    found += [Product(title, path, YES, None) for path, title in contents.others.items()]
     return [product for product in found if product.need != NO]
 
 

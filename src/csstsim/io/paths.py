@@ -1,4 +1,4 @@
-"""The paths of all products of a campaign, for the command line and the workflow.
+"""The paths of all products of a campaign, for the command line and the workflow. Their names: base.stage_records.
 
     truth/dataset/Norder=8/Dir=D/Npix=P.parquet  truth/hats.properties  psf/chip_08.h5 chip_08_tables.h5
     chips/{obsid}_{chip}/select.parquet render.fits drawn.parquet orders.parquet readout.fits
@@ -18,9 +18,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from csstsim.base.errors import InputError
+from csstsim.base.stage_records import PRODUCTS, STAGE_OF, STAGES
 from csstsim.io.level0_names import FORMS, NEWEST
 
 if TYPE_CHECKING:
+    from typing import Any
+
     from csstsim.base.types import PathLike
     from csstsim.campaign.job import Job
 
@@ -29,7 +32,7 @@ TRUTH = ".truth.parquet"
 CAT = ".cat"
 ORDERS = ".orders.parquet"
 COSMIC = ".cosmic.fits"
-LIGHT = "render.fits", "drawn.parquet", "orders.parquet"  # what render makes for a chip; may be kept
+LIGHT = tuple(product.name for product in STAGES["render"].products)  # of a chip; may be kept
 
 
 def made(path: Path, command: str) -> Path:
@@ -50,12 +53,34 @@ class Paths:
         self._form = FORMS[names]
         self.chips = Path(scratch or output) / "chips"
 
-    def _hats(self, kind: str, pix: int, form: str = "{}") -> Path:
-        return self.output / kind / "Norder=8" / f"Dir={pix // 10000 * 10000}" / f"Npix={form.format(pix)}.parquet"
+    def pattern(self, name: str) -> str:
+        """Return the path of a product (base.stage_records.PRODUCTS) with the words of its record still in braces."""
+        path = PRODUCTS[name].path
+        return f"{self.chips}{path.removeprefix('chips')}" if path.startswith("chips/") else f"{self.output}/{path}"
+
+    def find(self, name: str, **words: object) -> Path:
+        """Return the path of a product; words: what stands in braces in its record."""
+        folder = self.chips.parent if PRODUCTS[name].path.startswith("chips/") else self.output
+        return folder / PRODUCTS[name].path.format(**words)
+
+    def of(self, name: str, one: Job | int | None) -> Path:
+        """Return the path of a product of one job, chip's number or brick; None: of the campaign."""
+        return self.find(name, **self._words(STAGE_OF[name].unit, one))
+
+    def _words(self, unit: str, one: Any) -> dict[str, object]:
+        if unit == "job":
+            return {"obsid": one.obsid, "chip": f"{one.chip.id:02d}", "stem": self.stem(one)}
+        if unit == "chip":
+            return {"chip": f"{one:02d}"}
+        return {"pix": one, "dir": one // 10000 * 10000} if unit == "brick" else {}
+
+    def stem(self, job: Job) -> str:
+        """Return the name of a Level-0 file without its ending; job: campaign.job.Job."""
+        return self._form.stem(job)
 
     def truth(self, pix: int) -> Path:
         """Bricks of the embedded truth, HATS parquet; pix: NSIDE 256, nested."""
-        return self._hats("truth/dataset", pix)
+        return self.of("truth", pix)
 
     @property
     def truth_catalogue(self) -> Path:
@@ -64,7 +89,7 @@ class Paths:
 
     def merge(self, pix: int) -> Path:
         """A merged brick's table of sources, HATS parquet; pix: NSIDE 256, nested."""
-        return self._hats("merge/dataset", pix)
+        return self.of("merge", pix)
 
     @property
     def merge_catalogue(self) -> Path:
@@ -73,35 +98,35 @@ class Paths:
 
     def psf(self, chip_id: int) -> Path:
         """A chip's PSF set, HDF5."""
-        return self.output / "psf" / f"chip_{chip_id:02d}.h5"
+        return self.of("psf", chip_id)
 
     def psf_tables(self, chip_id: int) -> Path:
         """The tables from which photons are drawn, made from the PSF set, HDF5."""
-        return self.output / "psf" / f"chip_{chip_id:02d}_tables.h5"
+        return self.of("psf_tables", chip_id)
 
     def stage(self, obsid: str, chip_id: int, name: str) -> Path:
         """Intermediate of a chip: 'select.parquet', 'render.fits', 'drawn.parquet', ..."""
-        return self.chips / f"{obsid}_{chip_id:02d}" / name
+        return self.find(name, obsid=obsid, chip=f"{chip_id:02d}")
 
     def level0(self, job: Job) -> Path:
         """A chip's Level-0 FITS file; job: campaign.job.Job."""
-        return self.output / "level0" / job.obsid / f"{self._form.stem(job)}.fits"
+        return self.of("level0", job)
 
     def level0_truth(self, job: Job) -> Path:
         """The table of drawn objects beside the Level-0 file, parquet."""
-        return self.level0(job).with_suffix(TRUTH)
+        return self.of("level0_truth", job)
 
     def level0_cat(self, job: Job) -> Path:
         """The same table as text (io.cat), if the campaign's `truth` asks for it."""
-        return self.level0(job).with_suffix(CAT)
+        return self.of("level0_cat", job)
 
     def level0_catalogue(self, job: Job) -> Path:
         """Where programs that read the campaign's form of names look for the text: of C9 `level0_cat` itself."""
-        return self.output / "level0" / job.obsid / f"{self._form.catalogue(self._form.stem(job), job.chip.filter)}.cat"
+        return self.output / "level0" / job.obsid / f"{self._form.catalogue(self.stem(job), job.chip.filter)}.cat"
 
     def level0_orders(self, job: Job) -> Path:
         """The truth of dispersed light, order by order (io.orders), of a spectroscopic chip's science exposure."""
-        return self.level0(job).with_suffix(ORDERS)
+        return self.of("level0_orders", job)
 
     def level0_cosmic(self, job: Job) -> Path:
         """The electrons of cosmic rays alone, if cosmic_rays saves them (io.frames, plane `cosmic`)."""
@@ -109,27 +134,27 @@ class Paths:
 
     def masters(self, chip_id: int) -> Path:
         """A chip's master bias, dark and flat, FITS."""
-        return self.output / "masters" / f"chip_{chip_id:02d}.fits"
+        return self.of("masters", chip_id)
 
     def calibrated(self, obsid: str, chip_id: int) -> Path:
         """A calibrated frame (SCI, ERR, DQ), FITS."""
-        return self.output / "calibrated" / f"{obsid}_{chip_id:02d}.fits"
+        return self.find("calibrated", obsid=obsid, chip=f"{chip_id:02d}")
 
     def measure(self, obsid: str, chip_id: int) -> Path:
         """The table of what was measured on an imaging frame, parquet."""
-        return self.output / "measure" / f"{obsid}_{chip_id:02d}.parquet"
+        return self.find("measure", obsid=obsid, chip=f"{chip_id:02d}")
 
     def spectra(self, obsid: str, chip_id: int) -> Path:
         """The table of extracted spectra of a slitless frame, parquet."""
-        return self.output / "spectra" / f"{obsid}_{chip_id:02d}.parquet"
+        return self.find("spectra", obsid=obsid, chip=f"{chip_id:02d}")
 
     def lines(self, obsid: str, chip_id: int) -> Path:
         """The table of the emission lines in them, parquet."""
-        return self.output / "spectra" / f"{obsid}_{chip_id:02d}_lines.parquet"
+        return self.find("lines", obsid=obsid, chip=f"{chip_id:02d}")
 
     def validate(self, pix: int) -> Path:
         """A brick's validation, JSON; pix: NSIDE 256, nested."""
-        return self.output / "validate" / f"{pix}.json"
+        return self.of("validate", pix)
 
     def look(self, obsid: str, chip_id: int) -> Path:
         """A picture of a Level-0 file, PNG."""
@@ -138,9 +163,9 @@ class Paths:
     @property
     def report(self) -> Path:
         """The campaign's report, HTML."""
-        return self.output / "report" / "index.html"
+        return self.find("report")
 
     @property
     def variants_page(self) -> Path:
         """The comparison of a campaign's variants, HTML."""
-        return self.output / "report" / "variants.html"
+        return self.find("variants_page")

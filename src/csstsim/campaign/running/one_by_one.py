@@ -25,6 +25,7 @@ from csstsim.base.files.atomic import atomic_path
 from csstsim.base.plural import number_of
 from csstsim.base.process.memory import release
 from csstsim.base.process.progress import progress
+from csstsim.base.stage_records import STAGES
 from csstsim.campaign.products import kinds
 from csstsim.campaign.running.job_log import finished_earlier, part_log
 
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
     from csstsim.campaign.job import Job
     from csstsim.campaign.opened import OpenCampaign
 
-RULES = "level0", "measure", "extract"
+RULES = tuple(stage.instead_of or stage.name for stage in STAGES.values() if stage.exposure_rule)
 CPU = "cpu_s"  # a file beside the second names: what they took
 # reasons of failures before and since the start of the workflow
 _OLD = ".txt"
@@ -135,7 +136,7 @@ def _names(run: OpenCampaign, rule: str, job: Job) -> tuple[Path, list[Path]]:
     files = kinds(run)[rule].files_of(job)
     if rule == "level0":
         files.append(run.paths.level0_cosmic(job))  # which a layer may save
-    recipe = run.recipe(job, rule if rule == "level0" else "measure")
+    recipe = run.recipe(job, STAGES[rule].recipe)
     return _folder(run, job.obsid, rule) / digest([job.key, recipe]), files
 
 

@@ -9,10 +9,12 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any, Protocol, TypeVar, cast
 
+from csstsim.base.stage_records import STAGES
 from csstsim.campaign.job import Job
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.products import kinds
 from csstsim.campaign.running.one_by_one import apart
+from csstsim.io.level0_names import FORMS
 from csstsim.optics.psf.sampling import psf_cube
 from csstsim.stages.parts.redraw import may_redraw
 
@@ -28,22 +30,27 @@ class Wildcards(Protocol):
 ItemT = TypeVar("ItemT")
 Recipe = dict[str, Any]
 Input = Callable[[Wildcards], list[str]]
-Endings = tuple[tuple[str, tuple[str, ...]], ...]  # of each chip of an exposure, the endings of its files
+Outputs = tuple[tuple[str, tuple[str, ...]], ...]  # of each chip of an exposure, the patterns of its files
 
 
 @dataclass(frozen=True)
 class Group:
     """Exposures that one rule makes, each of them in one process.
 
-    chips_of: {obsid: chips}; files: (chip, endings of its files) of each chip, the same for all of these exposures;
+    chips_of: {obsid: chips}; files: (chip, patterns of its files) of each chip, the same for all of these exposures;
     log: what the names of their logs end in.
     """
 
     number: int
     chips_of: Mapping[str, list[str]]
-    files: Endings
+    files: Outputs
     obsids: list[str]
     log: str
+
+    @property
+    def outputs(self) -> list[str]:
+        """The patterns of the files of all chips."""
+        return [pattern for _, patterns in self.files for pattern in patterns]
 
     @property
     def options(self) -> str:
@@ -63,6 +70,8 @@ class RuleFiles:
         self.jobs = {(job.obsid, f"{job.chip.id:02d}"): job for job in run.jobs}
         self._ancient = ancient
         self._main = main
+        self._stem = f"{{name}}_{{obsid}}_{{chip}}_{FORMS[run.config.level0_names].ending}"
+        self._source = "embedded" if run.embedded else "own"
 
     def made(self, rule: str, some: Iterable[Any] | None = None) -> list[str]:
         """Return the files that a rule makes for some jobs, chips or bricks, or for all."""
@@ -74,7 +83,20 @@ class RuleFiles:
 
     def recipe(self, stage: str) -> Callable[[Wildcards], Recipe]:
         """Return what decides the product of a stage: a change of it, and of nothing else, reruns the stage."""
-        return lambda wildcards: self.run.recipe(self.job(wildcards), stage)
+        return lambda wildcards: self.run.recipe(self.job(wildcards), STAGES[stage].recipe)
+
+    def outputs(self, stage: str, *, orders: bool = False) -> list[str]:
+        """Return the patterns of the files that a stage writes; orders: for jobs whose truth is kept order by order."""
+        text = "cat" in self.run.config.truth
+        wanted = {"": True, "cat": text, "orders": orders}
+        patterns = [self.run.paths.pattern(product.name) for product in STAGES[stage].products if wanted[product.only]]
+        return [pattern.replace("{stem}", self._stem) for pattern in patterns]
+
+    def minutes(self, stage: str) -> int:
+        """Return the minutes that a job of a stage may take in this campaign."""
+        record = STAGES[stage]
+        found = [record.minutes_in[key] for key in (self.run.config.fidelity, self._source) if key in record.minutes_in]
+        return max(found, default=record.minutes)
 
     # Inputs of the stages of a chip
 
@@ -131,7 +153,7 @@ class RuleFiles:
 
     def unless_equal(self, rule: str, *inputs: Input) -> Input:
         """Return the input of a rule: `inputs`, or the base's products of the rule, if a variant's are equal."""
-        stage = "measure" if rule == "extract" else rule
+        stage = STAGES[rule].recipe
 
         def files(wildcards: Wildcards) -> list[str]:
             job = self.job(wildcards)
@@ -157,8 +179,8 @@ class RuleFiles:
 
     # Exposures whose chips one process makes
 
-    def groups(self, jobs: Iterable[Job], rule: str, endings: Callable[[str, str], tuple[str, ...]]) -> Iterator[Group]:
-        """Yield the Groups of jobs. endings: of an exposure's number and a chip, the endings of the chip's files.
+    def groups(self, jobs: Iterable[Job], rule: str) -> Iterator[Group]:
+        """Yield the Groups of jobs of a rule.
 
         Exposures are of one group if their files are named alike. A chip that failed among others is one by itself.
         """
@@ -168,12 +190,17 @@ class RuleFiles:
         number = 0
         for k, some in enumerate([[job for job in jobs if job.key not in failed], *([job] for job in alone)]):
             chips_of = by_exposure(some)
-            alike: dict[Endings, list[str]] = {}
+            alike: dict[Outputs, list[str]] = {}
             for obsid, chips in chips_of.items():
-                alike.setdefault(tuple((chip, endings(obsid, chip)) for chip in chips), []).append(obsid)
+                files = tuple((chip, self._outputs_of(rule, obsid, chip)) for chip in chips)
+                alike.setdefault(files, []).append(obsid)
             for files, obsids in alike.items():
                 yield Group(number, chips_of, files, obsids, f"_{files[0][0]}" if k else "")
                 number += 1
+
+    def _outputs_of(self, rule: str, obsid: str, chip: str) -> tuple[str, ...]:
+        patterns = self.outputs(rule, orders=self.run.has_orders(self.jobs[obsid, chip]))
+        return tuple(pattern.replace("{chip}", chip) for pattern in patterns)
 
     def recipes(self, stage: str, group: Group) -> Callable[[Wildcards], list[Recipe]]:
         """Return what decides the products of a stage for the chips of an exposure."""
