@@ -46,7 +46,7 @@ def test_an_exposure_of_the_sky_reads_truth_and_psf_and_a_dark_neither(tmp_path)
 
 def test_level0_files_are_measured_with_the_psf_and_merged_on_their_brick(tmp_path):
     files = files_of(tmp_path, POINTINGS[:2], select={"types": ["SCIE"], "chips": [9]}, truth=["parquet", "cat"])
-    product, *truth = files.level0_and_truth(of())
+    product, *truth = files.of_job("level0")(of())
     assert files.level0(of()) == [product] and [file.rpartition(".")[2] for file in truth] == ["parquet", "cat"]
     assert names(files, files.measured_with(of())) == ["psf/chip_09.h5"]
     (pix,) = files.run.merge_bricks

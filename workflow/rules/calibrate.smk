@@ -1,4 +1,5 @@
-# Calibrated images, for campaigns that keep them (measurement.keep_calibrated).
+# Of single frames, however their chips are made: calibrated images, for campaigns that keep them
+# (measurement.keep_calibrated).
 rule calibrate:
     input:
         FILES.level0,

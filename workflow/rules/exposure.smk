@@ -67,7 +67,7 @@ for alike in FILES.groups(RUN.slitless_jobs, "extract"):
         input:
             of_exposure(
                 FILES.unless_equal(
-                    "extract", FILES.level0_and_truth, FILES.measured_with
+                    "extract", FILES.of_job("level0"), FILES.measured_with
                 ),
                 alike,
             ),

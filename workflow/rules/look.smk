@@ -3,7 +3,7 @@
 rule look:
     input:
         frame=FILES.level0,
-        truth=FILES.level0_and_truth,
+        truth=FILES.of_job("level0"),
     output:
         f"{OUT}/look/{{obsid}}_{{chip}}.png",
     log:

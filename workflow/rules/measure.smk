@@ -20,7 +20,7 @@ rule measure:
 # Of spectroscopic chips, along the traces of the truth beside the Level-0 file.
 rule extract:
     input:
-        FILES.unless_equal("extract", FILES.level0_and_truth, FILES.measured_with),
+        FILES.unless_equal("extract", FILES.of_job("level0"), FILES.measured_with),
     output:
         FILES.outputs("extract"),
     log:

@@ -12,7 +12,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from csstsim.base.errors import InputError
-from csstsim.delivery.contents import MAYBE, NO, YES, Contents, ExpectedFrame
+from csstsim.base.stage_records import STAGES
+from csstsim.delivery.contents import CHECKED, MAYBE, NO, YES, Contents, ExpectedFrame
 from csstsim.io.keywords import recorded_recipe
 from csstsim.io.level0 import read_level0
 from csstsim.io.level0_names import FORMS, read_name
@@ -56,6 +57,7 @@ def of_folder(folder: PathLike) -> Contents:
         calibrated=MAYBE,
         report=YES if any(frame.type == "SCIE" for frame in frames) else MAYBE,
         cat=MAYBE,
+        others=_others(paths.output),
         faults=odd,
     )
 
@@ -66,6 +68,18 @@ NUMBER, BRICK, MASTER = (re.compile(text) for text in (r"\d{1,6}", r"Npix=(\d{1,
 def _files(folder: Path) -> list[Path]:
     """Return the files below a folder, sorted; links to folders are not followed."""
     return sorted(path for path in folder.rglob("*") if path.is_file())
+
+
+def _others(folder: Path) -> dict[Path, str]:
+    """Return {file of a stage that is not in CHECKED: what it is}."""
+    stages = [stage for stage in STAGES.values() if stage.kept == "yes" and not stage.instead_of]
+    return {
+        path: stage.title
+        for stage in stages
+        if stage.name not in CHECKED
+        for product in stage.products
+        for path in sorted(folder.glob(re.sub(r"\{\w+\}", "*", product.path)))
+    }
 
 
 def _stems(folder: Path) -> list[tuple[tuple[str, str, int], Path]]:

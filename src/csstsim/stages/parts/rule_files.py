@@ -137,13 +137,13 @@ class RuleFiles:
         names = ("drawn.parquet", "orders.parquet") if spectra else ("drawn.parquet",)
         return [self._handed_on(wildcards, name) for name in names]
 
+    def of_job(self, rule: str) -> Input:
+        """Return the input of a chip in an exposure: the products of a rule of the same chip and exposure."""
+        return lambda wildcards: self.made(rule, [self.job(wildcards)])
+
     def level0(self, wildcards: Wildcards) -> list[str]:
         """Return a Level-0 file."""
-        return self.made("level0", [self.job(wildcards)])[:1]
-
-    def level0_and_truth(self, wildcards: Wildcards) -> list[str]:
-        """Return a Level-0 file and the truth beside it."""
-        return self.made("level0", [self.job(wildcards)])
+        return self.of_job("level0")(wildcards)[:1]
 
     def measured_with(self, wildcards: Wildcards) -> list[str]:
         """Return what a Level-0 file is measured with: the PSF set, master frames."""

@@ -1,0 +1,133 @@
+"""The stage of docs/extension_points.md, in a copy of the code: five files make it known to all that reads stages."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import pytest
+from mini_campaign import POINTINGS, write_campaign
+
+from csstsim.base.stage_records import PRODUCTS, STAGE_OF, STAGES
+from csstsim.bricks.hats import ABOUT
+from csstsim.campaign.costs import load_costs
+from csstsim.campaign.opened import OpenCampaign
+from csstsim.delivery.contents import CHECKED
+
+ROOT = Path(__file__).resolve().parents[2]
+CODE = re.compile(r"```(?:python|yaml)\n(.*?)```", re.DOTALL)
+COPIED = "src/csstsim", "config", "workflow", "Snakefile"
+LINKED = "survey_tables", "examples", "builders", "profiles", "pyproject.toml"
+JOB = "--obsid", "10100000001", "--chip", "9"
+
+
+def insert(file, text, before):
+    """Put a text before the only place where another stands."""
+    old = file.read_text()
+    assert old.count(before) == 1, (file, before)
+    file.write_text(old.replace(before, text + before))
+
+
+@pytest.fixture(scope="module")
+def extended(tmp_path_factory):
+    """The root of a copy of the code with the stage of the page."""
+    root = tmp_path_factory.mktemp("extended")
+    for name in COPIED:
+        source = ROOT / name
+        if source.is_dir():
+            shutil.copytree(source, root / name, ignore=shutil.ignore_patterns("__pycache__"))
+        else:
+            shutil.copyfile(source, root / name)
+    for name in LINKED:
+        (root / name).symlink_to(ROOT / name)
+    page = (ROOT / "docs/extension_points.md").read_text()
+    record, function, command, rule, cost = CODE.findall(page.split("## A stage")[1].split("## Files")[0])
+    records = root / "src/csstsim/base/stage_records.py"
+    insert(records, textwrap.indent(f"{record.rstrip()},\n", "    "), '    Stage(\n        name="extract",')
+    (root / "src/csstsim/stages/count.py").write_text(function)
+    commands = root / "src/csstsim/command_line/rules.py"
+    insert(commands, f"{command}\n\n", "RULES = (\n")
+    commands.write_text(commands.read_text().replace("RULES = (\n", "RULES = (\n    count,"))
+    with (root / "workflow/rules/calibrate.smk").open("a") as file:
+        file.write(f"\n\n{rule}")
+    with (root / "config/costs.yaml").open("a") as file:
+        file.write(f"\n{cost}")
+    return root
+
+
+def run(root, *words):
+    """Return what a program says with the code of a folder, and its exit code."""
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    done = subprocess.run(
+        words, env=os.environ | {"PYTHONPATH": str(root / "src"), "PATH": path, "COLUMNS": "200"}, cwd=root,
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    return done.stdout + done.stderr, done.returncode
+
+
+def test_a_new_stage_is_known_to_the_help_plan_status_verify_and_rules(extended, tmp_path):
+    campaign = write_campaign(tmp_path, POINTINGS[:2], select={"types": ["SCIE"], "chips": [9]})
+    said = {
+        verb: run(extended, "csstsim", *words)
+        for verb, words in {
+            "help": ["--help"], "plan": ["plan", campaign], "status": ["status", campaign],
+            "count": ["count", campaign, *JOB],
+        }.items()
+    }  # fmt: skip
+    assert re.search(r"measure .*\n  count +Count the measured sources of a frame\.\n  extract", said["help"][0]), said
+    assert re.search(r"count +. +2 +. +1\.5 ", said["plan"][0]), said["plan"]
+    assert "counted frames: 0 of 2" in said["status"][0]
+    text, code = said["count"]
+    assert code == 2 and "not made yet; `csstsim measure" in text, text  # the command reads what the record says
+    line = "snakemake", "-n", "--directory", tmp_path, "--config", f"campaign={campaign}"
+    text, code = run(extended, *map(str, line))
+    assert code == 0 and re.search(r"^count +2$", text, re.MULTILINE), text
+    assert f"{tmp_path}/out/counts/10100000001_09.json" in text
+
+
+def test_verify_misses_and_knows_the_product_of_a_new_stage(extended, tmp_path):
+    program = """
+import sys
+from csstsim.campaign.opened import OpenCampaign
+from csstsim.delivery.contents import of_campaign
+from csstsim.delivery.products import products
+for product in products(of_campaign(OpenCampaign(sys.argv[1]))):
+    print(product.kind, product.path, product.need)
+"""
+    campaign = write_campaign(tmp_path, POINTINGS[:1], select={"types": ["SCIE"], "chips": [9]})
+    text, code = run(extended, sys.executable, "-c", program, str(campaign))
+    assert code == 0 and text.splitlines()[-1] == f"counted frames {tmp_path}/out/counts/10100000001_09.json yes"
+
+
+def test_the_rules_read_the_inputs_of_the_records(tmp_path):
+    """All that science exposures have, images and spectra: the arrows of Snakemake's graph of rules are the inputs."""
+    select, kept = {"types": ["SCIE"], "chips": [9, 29]}, {"keep_calibrated": True}
+    campaign = write_campaign(tmp_path, POINTINGS[:1], select=select, measurement=kept)
+    line = "snakemake", "--rulegraph", "--directory", tmp_path, "--config", f"campaign={campaign}"
+    text, code = run(ROOT, *map(str, line))
+    assert code == 0, text
+    names = {node: name.removesuffix("_spectra") for node, name in re.findall(r'(\d+)\[label = "(\w+)"', text)}
+    found = {(names[before], names[after]) for before, after in re.findall(r"(\d+) -> (\d+)", text)}
+    there = STAGES.keys() & set(names.values())
+    assert there == STAGES.keys() - {"chip", "masters", "variants"}
+    inputs = {(before, stage) for stage in there for before in STAGES[stage].inputs}
+    assert {arrow for arrow in found if there.issuperset(arrow)} == inputs
+
+
+def test_each_record_names_what_there_is(tmp_path):
+    """Inputs, costs, properties of a campaign and functions; the paths of products have the words of their unit."""
+    opened = OpenCampaign(write_campaign(tmp_path, POINTINGS[:1]))
+    words = {"job": {"obsid", "chip", "stem"}, "chip": {"chip"}, "brick": {"pix", "dir"}, "campaign": set()}
+    known = list(STAGES)
+    for number, stage in enumerate(STAGES.values()):
+        assert set(stage.inputs) <= set(known[:number]) and set(stage.costs) <= load_costs().keys()
+        assert hasattr(opened, stage.made_for) and stage.recipe in {"", *STAGES}
+        assert (ROOT / "src/csstsim/stages" / f"{stage.name}.py").is_file()
+        for product in stage.products:
+            assert set(re.findall(r"\{(\w+)\}", product.path)) <= words[stage.unit]
+            assert PRODUCTS[product.name] is product and not STAGE_OF[product.name].instead_of
+    assert set(CHECKED) == {stage.name for stage in STAGES.values() if stage.kept != "no" and not stage.instead_of}
+    assert len({product.path for product in PRODUCTS.values()}) == len(PRODUCTS) and len(ABOUT) == 4
