@@ -2,7 +2,6 @@
 
 import errno
 import signal
-from types import SimpleNamespace
 
 import pytest
 from commands import command
@@ -65,13 +64,3 @@ def test_a_campaign_that_cannot_be_opened_is_refused_by_every_stage(tmp_path):
 def test_a_chip_that_a_variant_takes_from_its_base_has_no_profile():
     said = []
     assert profiled(lambda: None, said.append) is None and not said
-
-
-def test_a_layer_without_a_docstring_is_listed(monkeypatch):
-    plain = SimpleNamespace(
-        __doc__=None, STAGE="render", UNITS=("electron",) * 2, Param=SimpleNamespace(model_fields={})
-    )
-    monkeypatch.setattr("csstsim.simulation.sim_steps.load_layer", lambda name: plain)
-    assert command("layers", "mylab.plain").output == (
-        "mylab.plain  [render, electron -> electron]\n    (no docstring)\n"
-    )

@@ -305,14 +305,6 @@ def test_status(handed, campaign, tmp_path):
     assert found[1] == 7 and found[0].paths.output == tmp_path
 
 
-def test_status_that_is_ended_by_hand_ends_with_130(campaign, monkeypatch):
-    def interrupted(*given, **named):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("csstsim.campaign.running.status.show", interrupted)
-    assert command("status", campaign, "--watch", 1).exit_code == 130
-
-
 def test_fit_grating(monkeypatch):
     seen = []
     monkeypatch.setattr("csstsim.optics.gratings.trace_fit.fit_file", lambda *given: seen.append(given) or "FIT")

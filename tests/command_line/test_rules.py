@@ -38,11 +38,31 @@ def test_chosen_contamination(campaign, monkeypatch, name, known_from, subtract)
     assert (snr, ids, image) == (extract.SNR_MIN, None, False)
 
 
-@pytest.mark.parametrize(
-    "options", [["--all", "--snr", "0"], ["--all", "--ids", "1"], ["--ids", "one"], ["--snr", "-1"]]
-)
-def test_what_does_not_go_together(campaign, options):
+@pytest.mark.parametrize("options", [
+    ["--all", "--snr", "0"], ["--all", "--ids", "1"], ["--all", "--ids", "1", "--snr", "5"], ["--ids", "one"],
+    ["--ids", "1,,2"], ["--snr", "-1"], ["--snr", "nan"], ["--contamination", "none"],
+])  # fmt: skip
+def test_what_does_not_go_together(campaign, monkeypatch, options):
+    seen = []
+    monkeypatch.setattr(extract, "extract", lambda *given: seen.append(given))
     assert command("extract", campaign, "--obsid", OBSID, "--chip", 29, *options).exit_code == 2
+    assert seen == []
+
+
+def test_true_spectra_of_neighbours_need_no_table(tmp_path, monkeypatch):
+    """Of a campaign that knows neighbours by a table and subtracts nothing."""
+    (tmp_path / "known.csv").write_text("id,ra,dec\n")
+    known = {"known_from": "catalogue", "table": str(tmp_path / "known.csv"), "subtract": False}
+    file = write_campaign(tmp_path, POINTINGS[:1], select={"types": ["SCIE"], "chips": [29]},
+                          measurement={"contamination": known})  # fmt: skip
+    seen = []
+    monkeypatch.setattr(extract, "extract", lambda *given: seen.append(given[4]))
+    for name in ("truth", "catalogue", "kept"):
+        done("extract", file, "--obsid", OBSID, "--chip", 29, "--contamination", name)
+    table = tmp_path / "known.csv"
+    assert [(one.known_from, one.table and tmp_path / one.table, one.subtract) for one in seen] == [
+        ("truth", None, True), ("catalogue", table, True), ("catalogue", table, False),
+    ]  # fmt: skip
 
 
 @pytest.fixture
@@ -104,3 +124,11 @@ def test_a_chip_whose_psf_cannot_be_made_is_set_apart(campaign, monkeypatch):
     monkeypatch.setattr("csstsim.stages.psf.psf", fails)
     monkeypatch.setattr("csstsim.campaign.running.one_by_one.without_psf", lambda run, *given: seen.append(given))
     assert command("psf", campaign, "--chip", 29).exception is error and seen == [(29, error)]
+
+
+@pytest.mark.parametrize(
+    ("passed", "strict", "code"), [(True, True, 0), (False, False, 0), (False, True, 1), (None, True, 0)]
+)
+def test_a_report_ends_with_1_only_if_it_is_strict(campaign, monkeypatch, passed, strict, code):
+    monkeypatch.setattr("csstsim.stages.report.report", lambda run: {"passed": passed})
+    assert command("report", campaign, *(["--strict"] if strict else [])).exit_code == code

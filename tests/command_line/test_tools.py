@@ -63,22 +63,79 @@ def test_shear_ends_with_1_only_if_it_is_strict(monkeypatch, good, strict, code)
     assert found.exit_code == code and seen == [(("a.yaml", "b.yaml"), "x.json")]
 
 
-@pytest.mark.parametrize(
-    ("passed", "strict", "code"), [(True, True, 0), (False, False, 0), (False, True, 1), (None, True, 0)]
-)
-def test_a_report_ends_with_1_only_if_it_is_strict(campaign, monkeypatch, passed, strict, code):
-    from csstsim.stages import report
+@pytest.fixture
+def idle_bench(monkeypatch):
+    """Let `bench` do no work; return the list of the functions that it has called."""
+    called = []
+    for name in ("command.bench", "command.chart", "readout.layers.readout"):
+        monkeypatch.setattr(f"csstsim.bench.{name}", lambda *given, name=name, **named: called.append(name))
+    return called
 
-    monkeypatch.setattr(report, "report", lambda run: {"passed": passed})
-    assert command("report", campaign, *(["--strict"] if strict else [])).exit_code == code
+
+@pytest.mark.parametrize("way", [["--readout"], ["--chart", "a.csv"]])
+@pytest.mark.parametrize("other", [["--quick"], ["--methods", "x"], ["--objects", "4"], ["--shapes"]])
+def test_bench_refuses_choices_of_objects_where_none_are_drawn(idle_bench, way, other):
+    assert command("bench", *way, *other).exit_code == 2 and idle_bench == []
+    assert command("bench", *other).exit_code == 0 and idle_bench == ["command.bench"]
 
 
-@pytest.mark.parametrize("options", [
-    ["--readout", "--quick"], ["--chart", "a.csv", "--seed", "1", "--shapes"], ["--readout", "--chart", "a.csv"],
-    ["--chart", "a.csv", "--methods", "x"], ["--mcti", "M"], ["--objects", "1"],
+@pytest.mark.parametrize("options", [["--readout", "--chart", "a.csv"], ["--mcti", "M"], ["--chart", "a", "--mcti", "M"],
+                                     ["--objects", "1"], ["--objects", "100001"], ["--seed", "-1"]])  # fmt: skip
+def test_bench_refuses_what_does_not_go_together(idle_bench, options):
+    assert command("bench", *options).exit_code == 2 and idle_bench == []
+
+
+@pytest.mark.parametrize(("options", "called"), [
+    (["--objects", "2", "--seed", "0"], "command.bench"), (["--objects", "100000"], "command.bench"),
+    (["--chart", "a.csv", "--output", "o"], "command.chart"), (["--readout", "--mcti", "M"], "readout.layers.readout"),
+    (["--readout", "--output", "o"], "readout.layers.readout"),
 ])  # fmt: skip
-def test_bench_refuses_what_does_not_go_together(options):
-    assert command("bench", *options).exit_code == 2
+def test_bench_has_three_ways(idle_bench, options, called):
+    assert command("bench", *options).exit_code == 0 and idle_bench == [called]
+
+
+@pytest.mark.parametrize(("differing", "code"), [(0, 0), (1, 1), (3, 1)])
+def test_frames_and_folders_that_differ_end_with_1(monkeypatch, differing, code):
+    seen = []
+    monkeypatch.setattr("csstsim.compare.compare.compare", lambda *given: seen.append(given) or differing)
+    monkeypatch.setattr("csstsim.recreate.side_by_side.side_by_side", lambda *given: seen.append(given) or differing)
+    for options in ((), ("--provenance",), ("--truth", "t.cat"), ("--truth", "t.cat", "--instrument", "cam")):
+        assert command("compare", "before", "after", *options).exit_code == code
+    assert seen == [
+        ("before", "after", print, False), ("before", "after", print, True), ("before", "after", "t.cat", print, None),
+        ("before", "after", "t.cat", print, "cam"),
+    ]  # fmt: skip
+
+
+def test_status_is_shown_once_or_watched(campaign, tmp_path, monkeypatch):
+    seen = []
+    monkeypatch.setattr(
+        "csstsim.campaign.running.status.show", lambda run, watch, say: seen.append((run.paths.output, watch, say))
+    )
+    done("status", campaign)
+    done("status", campaign, "--watch", 86400, "--output", tmp_path)
+    assert seen == [(campaign.parent / "out", None, print), (tmp_path, 86400, print)]
+    for seconds in (0, 86401):
+        assert command("status", campaign, "--watch", seconds).exit_code == 2
+
+
+def test_status_that_is_ended_by_hand_ends_with_130(campaign, monkeypatch):
+    def interrupted(*given, **named):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("csstsim.campaign.running.status.show", interrupted)
+    assert command("status", campaign, "--watch", 1).exit_code == 130
+
+
+@pytest.mark.parametrize(("about", "line"), [(None, "(no docstring)"), ("Glints.\n\nOf any kind.", "Glints.")])
+def test_a_layer_of_ones_own_keeps_the_case_of_its_path(monkeypatch, about, line):
+    own = SimpleNamespace(
+        __doc__=about, STAGE="render", UNITS=("electron", "DN"), Param=SimpleNamespace(model_fields={})
+    )
+    monkeypatch.setattr("csstsim.simulation.sim_steps.load_layer", lambda name: own)
+    assert done("layers", "myLab.Glint", "GLINT") == "".join(
+        f"{name}  [render, electron -> DN]\n    {line}\n" for name in ("myLab.Glint", "glint")
+    )
 
 
 def test_layers_are_listed_with_their_stage_units_and_parameters():
