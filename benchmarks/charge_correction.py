@@ -21,6 +21,7 @@ from csstsim.bench.readout.cti import DENSITY, ROWS, TAU, WELL
 from csstsim.detector.bfe_kernel import detector_kernel
 from csstsim.detector.brighter_fatter import move_back
 from csstsim.detector.charge_transfer.cti import transfer
+from csstsim.detector.charge_transfer.parameters import Columns, Keys, trap_model
 from csstsim.detector.charge_transfer.restored import restore_columns
 from csstsim.instrument.camera import load_camera
 from csstsim.simulation.sim_steps import SimSteps
@@ -28,8 +29,8 @@ from csstsim.simulation.sim_steps import SimSteps
 COLUMNS, TOY_COLUMNS = 2000, 40
 FLUXES, PASSES = (100, 1000, 20_000), (1, 2, 3)  # e-
 HEIGHT, BLOBS, SKY = 240, range(30, 240, 60), {"blobs": 40.0, "noise": 29.3}  # px; rows of blobs; e-
-PLACE = {"lead": 2000, "n_rows": ROWS}
-KEYS, OTHERS = (np.uint64(7), np.uint64(8)), (np.uint64(99), np.uint64(100))
+PLACE = Columns(lead=2000, n_rows=ROWS)
+KEYS, OTHERS = Keys(np.uint64(7), np.uint64(8)), Keys(np.uint64(99), np.uint64(100))
 NOISE_PASSES = 0, 1, 2, 3, 5
 HALF_COLUMNS = 18432
 
@@ -37,14 +38,14 @@ HALF_COLUMNS = 18432
 def moved(image: np.ndarray, density: np.ndarray) -> np.ndarray:
     """Return an image after the transfer."""
     out = image.copy()
-    transfer(out, density, TAU, WELL, KEYS, **PLACE)
+    transfer(out, trap_model(density, TAU, WELL), KEYS, PLACE)
     return out
 
 
-def back(image: np.ndarray, density: np.ndarray, passes: int, keys: tuple = KEYS) -> np.ndarray:
+def back(image: np.ndarray, density: np.ndarray, passes: int, keys: Keys = KEYS) -> np.ndarray:
     """Return an image with the transfer undone."""
     out = image.copy()
-    restore_columns(out, density, TAU, WELL, keys, passes, **PLACE)
+    restore_columns(out, trap_model(density, TAU, WELL), keys, passes, PLACE)
     return out
 
 
@@ -123,7 +124,7 @@ def main(record: Record) -> None:
     for name, density in zip(("paper", "shipped"), densities.values(), strict=True):
 
         def undo(density: np.ndarray = density) -> None:
-            restore_columns(frame.copy(), density, TAU, WELL, KEYS, PASSES[-1])
+            restore_columns(frame.copy(), trap_model(density, TAU, WELL), KEYS, PASSES[-1])
 
         cost = seconds(undo) * HALF_COLUMNS / columns
         record.value(f"chip_{name}_cpu", cost, f"three passes of a chip's columns, {name}'s traps", unit="CPU-s")

@@ -42,6 +42,7 @@ from csstsim.bench.readout.cti import (
     SKY,
     SPOTS,
     TAU,
+    TRAPS,
     WELL,
     cpu,
     exact,
@@ -52,8 +53,9 @@ from csstsim.bench.readout.cti import (
 )  # fmt: skip
 from csstsim.bench.readout.mcti import Mcti
 from csstsim.detector.charge_transfer.cti import transfer
+from csstsim.detector.charge_transfer.parameters import Columns, Keys, Register, trap_model
 from csstsim.detector.charge_transfer.serial import transfer_rows
-from csstsim.detector.charge_transfer.traps import buffers, draw_traps
+from csstsim.detector.charge_transfer.traps import draw_traps, trap_lists
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
@@ -66,12 +68,12 @@ SPOT_ROWS, SPOT, FIRST_ROWS = (200, 700, 1200), 5000, 50  # of three spots [e-] 
 
 
 @numba.njit
-def every_packet(image, density, timescale, well, head, room):
+def every_packet(image, model, lists):
     """Run the same process with every trap visiting every packet."""
-    level, tau, own, next_ = room
+    head, next_, level, tau, bits = lists
     for x in range(image.shape[1]):
         column = image[:, x]
-        draw_traps(word(np.uint64(1), np.uint64(x)), density, timescale, well, np.ones(len(head)), head, *room)
+        draw_traps(word(np.uint64(1), np.uint64(x)), model, np.ones(len(head)), lists)
         for row in range(len(head) - 1, -1, -1):
             trap = head[row]
             while trap >= 0:
@@ -83,14 +85,14 @@ def every_packet(image, density, timescale, well, head, room):
                         filled = True
                     elif filled and not reached:
                         n += np.uint64(1)
-                        if unit(word(own[trap], n)) > leaves:
+                        if unit(word(bits[trap], n)) > leaves:
                             column[k] += 1
                             filled = False
                 trap = next_[trap]
 
 
 def plain_loop(image):
-    every_packet(image, DENSITY, TAU, WELL, np.empty(ROWS, np.int32), buffers(DENSITY, ROWS))
+    every_packet(image, TRAPS, trap_lists(DENSITY, ROWS))
 
 
 SKIES = (4, 40, 200)  # e-
@@ -173,13 +175,14 @@ def chip(sky, columns=HALF_COLUMNS // 2):
     start = time.process_time()
     for half in range(2):
         rows = image[half * ROWS : (half + 1) * ROWS]
-        transfer(rows, DENSITY, TAU, WELL, KEYS, flip=bool(half), overscan=OVERSCAN)
+        transfer(rows, TRAPS, KEYS, Columns(flip=bool(half), overscan=OVERSCAN))
     return time.process_time() - start
 
 
 def along_rows(image, species=REGISTER, register=1):
-    keys = np.uint64(register), np.uint64(2)
-    return transfer_rows(image, *species, REGISTER_WELL, keys, prescan=PRESCAN, overscan=SERIAL_OVERSCAN)
+    keys = Keys(np.uint64(register), np.uint64(2))
+    line = Register(prescan=PRESCAN, overscan=SERIAL_OVERSCAN)
+    return transfer_rows(image, trap_model(*species, REGISTER_WELL), keys, line)
 
 
 def serial(record: Record) -> None:
@@ -234,8 +237,8 @@ class StandIn:
         self, image: np.ndarray, density: np.ndarray, timescale: np.ndarray, well: tuple, overscan: int, seed: int = 1
     ) -> np.ndarray:
         """Return an image and its overscan after the transfer, as Mcti.transfer does."""
-        moved, keys = image.copy(), (np.uint64(1000 + seed), np.uint64(2000 + seed))
-        trail, _ = transfer(moved, density, timescale, well, keys, overscan=overscan)
+        moved, keys = image.copy(), Keys(np.uint64(1000 + seed), np.uint64(2000 + seed))
+        trail, _ = transfer(moved, trap_model(density, timescale, well), keys, Columns(overscan=overscan))
         return np.concatenate([moved, trail])
 
 
@@ -255,11 +258,11 @@ def papers_code(mcti: Mcti | StandIn, record: Record) -> None:
         found = {"csstsim": [], "MCTI": []}
         seconds = dict.fromkeys(found, 0.0)
         for batch, part in enumerate(np.array_split(image, batches, axis=1)):
-            keys = np.uint64(2 * batch + 1), np.uint64(2 * batch + 2)
+            keys = Keys(np.uint64(2 * batch + 1), np.uint64(2 * batch + 2))
             for name in found:
                 start, moved = time.process_time(), part.copy()
                 if name == "csstsim":
-                    trail, _ = transfer(moved, DENSITY, TAU, WELL, keys, overscan=FIRST_ROWS)
+                    trail, _ = transfer(moved, TRAPS, keys, Columns(overscan=FIRST_ROWS))
                 else:
                     out = mcti.transfer(part, DENSITY, TAU, WELL, FIRST_ROWS, batch + 1)
                     moved, trail = out[: len(part)], out[len(part) :]

@@ -3,25 +3,25 @@
 import numpy as np
 
 from csstsim.base.counter import unit, word
-from csstsim.detector.charge_transfer.traps import buffers, draw_traps, volume
+from csstsim.detector.charge_transfer.parameters import Keys, trap_model
+from csstsim.detector.charge_transfer.traps import draw_traps, trap_lists, volume
 
 DENSITY, TAU = (0.025, 0.105, 0.655), (1.22, 14.02, 84.74)  # paper, section 5.5.4
 WELL = (0.492, 85200.0, 0.0)
-KEYS = np.uint64(20), np.uint64(21)
+TRAPS = trap_model(DENSITY, TAU, WELL)
+KEYS = Keys(np.uint64(20), np.uint64(21))
 
 
 def traps_of(key, n_rows, density=DENSITY, timescale=TAU, well=WELL, fullest=1e9):
     """The traps of a line as (row, level, tau, word), in the order in which they act: far rows first."""
-    head, room = np.empty(n_rows, np.int32), buffers(density, n_rows)
-    share = np.full(n_rows, volume(fullest, *well))
-    draw_traps(key, np.array(density), np.array(timescale), well, share, head, *room)
-    level, tau, words, next_ = room
+    model, lists = trap_model(density, timescale, well), trap_lists(density, n_rows)
+    draw_traps(key, model, np.full(n_rows, volume(fullest, *well)), lists)
     found = []
     for row in range(n_rows):
-        here, trap = [], head[row]
+        here, trap = [], lists.head[row]
         while trap >= 0:
-            here.append((row, int(level[trap]), tau[trap], words[trap]))
-            trap = next_[trap]
+            here.append((row, int(lists.level[trap]), lists.tau[trap], lists.bits[trap]))
+            trap = lists.next_[trap]
         found.append(here)
     return found
 

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from csstsim.base.errors import InputError
-from csstsim.bench.readout.cti import DENSITY, KEYS, PARTS, TAU, WELL
+from csstsim.bench.readout.cti import DENSITY, KEYS, PARTS, TAU, TRAPS, WELL
 from csstsim.bench.readout.mcti import Mcti
 from csstsim.detector.charge_transfer.cti import transfer
+from csstsim.detector.charge_transfer.parameters import Keys
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 
@@ -65,7 +66,7 @@ def test_the_papers_code_agrees():
     image[700:703] = 5000
     for batch, part in enumerate(np.array_split(image, 10, axis=1)):
         ours = part.copy()
-        transfer(ours, DENSITY, TAU, WELL, (KEYS[0] + np.uint64(batch), KEYS[1]))
+        transfer(ours, TRAPS, Keys(KEYS.traps + np.uint64(batch), KEYS.releases))
         for lines, moved in zip(found, (ours, mcti.transfer(part, DENSITY, TAU, WELL, seed=batch + 1)), strict=True):
             change = (moved - part).mean(1, dtype=float)
             lines.append([change[700 + a : 700 + b].sum() for a, b in PARTS])

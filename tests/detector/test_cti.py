@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
-from cti_clock import DENSITY, KEYS, TAU, WELL, clocked, scene, traps_of, wait_of
+from cti_clock import DENSITY, KEYS, TAU, TRAPS, WELL, clocked, scene, traps_of, wait_of
 from cti_peer import COLUMN_ROWS, SKY, TAILS, arctic_spot, spot_column
 from scipy.stats import chi2_contingency, chisquare, poisson
 
 from csstsim.base.counter import word
 from csstsim.detector.charge_transfer.cti import transfer
+from csstsim.detector.charge_transfer.parameters import Columns, Register, trap_model
 from csstsim.detector.charge_transfer.serial import transfer_rows
 from csstsim.detector.charge_transfer.traps import volume
 
@@ -21,7 +22,7 @@ def test_event_by_event_is_transfer_by_transfer(sky, n_rows, times):
     overscan, density = 30, times * np.array(DENSITY)
     image = scene(np.random.default_rng(3), (n_rows, 3), sky)
     out = image.copy()
-    trail, trapped = transfer(out, density, TAU, WELL, KEYS, overscan=overscan, x0=5)
+    trail, trapped = transfer(out, trap_model(density, TAU, WELL), KEYS, Columns(overscan=overscan, x0=5))
     total = 0
     for column in range(3):
         own = [np.uint64(word(key, np.uint64(5 + column))) for key in KEYS]
@@ -67,7 +68,7 @@ def test_distribution_of_an_independent_simulation():
     image[22] = 3000
     packets, trapped = independent(np.random.default_rng(2), image, density, overscan)
     out = image.copy()
-    trail, _ = transfer(out, density, TAU, WELL, KEYS, overscan=overscan)
+    trail, _ = transfer(out, trap_model(density, TAU, WELL), KEYS, Columns(overscan=overscan))
     ours = np.concatenate([out, trail])
     for name, one, other in (
         ("spot", packets[22], ours[22]), ("first behind", packets[23], ours[23]),
@@ -114,7 +115,7 @@ def test_extended_pixel_edge_response():
     """
     n, overscan, charge, well = 40000, 60, 20000, (0.492, 85200.0, 50.0)
     image = np.full((1, n), charge, np.float32)
-    trail, trapped = transfer(image, DENSITY, TAU, well, KEYS, overscan=overscan)
+    trail, trapped = transfer(image, trap_model(DENSITY, TAU, well), KEYS, Columns(overscan=overscan))
     caught = np.array(DENSITY) * volume(charge, *well)
     q = np.exp(-1 / np.array(TAU))
     m = np.arange(1, overscan + 1)[:, None]
@@ -135,7 +136,7 @@ def test_against_arctic(row):
     n, change = max(1500, 3000000 // row), {}
     for spot in (True, False):
         image = np.repeat(spot_column(row, spot)[:, None], n, 1)
-        transfer(image, DENSITY, TAU, WELL, KEYS)
+        transfer(image, TRAPS, KEYS)
         change[spot] = image.mean(1, dtype=float) - spot_column(row, spot)
     difference = change[True] - change[False]
     parts = [difference[row + a : row + b].sum() for a, b in COLUMN_ROWS]
@@ -151,14 +152,14 @@ def test_arctic_numbers():
         assert arctic_spot(row, DENSITY, TAU, WELL) == pytest.approx(list(parts), abs=0.02)
 
 
-@pytest.mark.parametrize("move", [transfer, transfer_rows])
+@pytest.mark.parametrize(("move", "line"), [(transfer, Columns(overscan=84)), (transfer_rows, Register(overscan=84))])
 @pytest.mark.parametrize("tau", [0.1, 1.0, 1e4])
 @pytest.mark.parametrize("times", [1, 100])
-def test_charge_is_conserved(times, tau, move):
+def test_charge_is_conserved(times, tau, move, line):
     image = scene(np.random.default_rng(5), (600, 40), SKY)
     out = image.copy()
     density = times * np.array(DENSITY)
-    trail, trapped = move(out, density, np.array(TAU) * tau, WELL, KEYS, overscan=84)
+    trail, trapped = move(out, trap_model(density, np.array(TAU) * tau, WELL), KEYS, line)
     assert out.min() >= 0 and trail.min() >= 0
     assert trapped > 0 or tau < 1
     assert image.sum(dtype=float) == out.sum(dtype=float) + trail.sum(dtype=float) + trapped
@@ -167,7 +168,7 @@ def test_charge_is_conserved(times, tau, move):
 def test_no_traps_no_change():
     image = np.random.default_rng(0).normal(3, 20, (50, 70)).astype(np.float32)
     out = image.copy()
-    trail, trapped = transfer(out, np.zeros(3), TAU, WELL, KEYS, overscan=4)
+    trail, trapped = transfer(out, trap_model(np.zeros(3), TAU, WELL), KEYS, Columns(overscan=4))
     assert np.array_equal(out, image) and not trail.any() and trapped == 0
 
 
@@ -177,7 +178,7 @@ def test_fractions_and_negative_charge_stay_with_their_pixel(move):
     extra = np.where(whole == 0, -3.25, 0.75).astype(np.float32)
     odd = whole + extra
     for image in (whole, odd):
-        move(image, 10 * np.array(DENSITY), TAU, WELL, KEYS)
+        move(image, trap_model(10 * np.array(DENSITY), TAU, WELL), KEYS)
     assert np.array_equal(odd, whole + extra)
 
 
@@ -186,9 +187,9 @@ def test_extreme_images():
     density = 10 * np.array(DENSITY)
     for shape, charge in (((1, 1), 50.0), ((40, 3), 0.0), ((40, 3), 90000.0)):
         image = np.full(shape, charge, np.float32)
-        _, trapped = transfer(image, density, TAU, WELL, KEYS)
+        _, trapped = transfer(image, trap_model(density, TAU, WELL), KEYS)
         assert image.sum() == charge * image.size - trapped
-        keys = [np.uint64(word(KEYS[0], np.uint64(x))) for x in range(shape[1])]
+        keys = [np.uint64(word(KEYS.traps, np.uint64(x))) for x in range(shape[1])]
         traps = sum(len(pixel) for key in keys for pixel in traps_of(key, shape[0], density))
         assert trapped == {50.0: trapped, 0.0: 0, 90000.0: traps}[charge]
 
@@ -200,15 +201,15 @@ def test_values_that_are_no_charge_are_refused(bad, move):
     image[3, 4:6] = bad
     before = image.copy()
     with pytest.raises(ValueError, match=r"2 pixel\(s\) is not finite or above"):
-        move(image, DENSITY, TAU, WELL, KEYS)
+        move(image, TRAPS, KEYS)
     assert np.array_equal(image, before, equal_nan=True)
 
 
 def test_the_upper_half_is_the_lower_one_turned():
     image = scene(np.random.default_rng(9), (200, 80), 20)
     turned = image[::-1].copy()
-    one = transfer(image, DENSITY, TAU, WELL, KEYS, overscan=10)
-    other = transfer(turned, DENSITY, TAU, WELL, KEYS, overscan=10, flip=True)
+    one = transfer(image, TRAPS, KEYS, Columns(overscan=10))
+    other = transfer(turned, TRAPS, KEYS, Columns(overscan=10, flip=True))
     assert np.array_equal(image, turned[::-1]) and np.array_equal(one[0], other[0]) and one[1] == other[1]
 
 
@@ -216,10 +217,10 @@ def test_columns_may_be_done_in_any_pieces():
     """Neither the number of columns at once nor, therefore, threads that share them can matter."""
     image = scene(np.random.default_rng(9), (200, 150), 20)
     whole = image.copy()
-    transfer(whole, DENSITY, TAU, WELL, KEYS)
+    transfer(whole, TRAPS, KEYS)
     for x0, x1 in ((0, 1), (60, 75), (100, 150)):
         part = image[:, x0:x1].copy()
-        transfer(part, DENSITY, TAU, WELL, KEYS, x0=x0)
+        transfer(part, TRAPS, KEYS, Columns(x0=x0))
         assert np.array_equal(part, whole[:, x0:x1])
 
 
@@ -231,8 +232,8 @@ def test_a_window_is_a_part_of_the_half(flip):
     half = np.full((n_rows, 30), np.median(part), np.float32)
     rows = slice(n_rows - lead - ny, n_rows - lead) if flip else slice(lead, lead + ny)
     half[rows] = part
-    wanted = transfer(half, DENSITY, TAU, WELL, KEYS, overscan=9, flip=flip, x0=3)
-    given = transfer(part, DENSITY, TAU, WELL, KEYS, overscan=9, flip=flip, x0=3, lead=lead, n_rows=n_rows)
+    wanted = transfer(half, TRAPS, KEYS, Columns(overscan=9, flip=flip, x0=3))
+    given = transfer(part, TRAPS, KEYS, Columns(overscan=9, flip=flip, x0=3, lead=lead, n_rows=n_rows))
     assert np.array_equal(part, half[rows]) and np.array_equal(given[0], wanted[0]) and given[1] == wanted[1]
     with pytest.raises(ValueError, match="do not fit in a line of 200"):
-        transfer(part, DENSITY, TAU, WELL, KEYS, lead=120, n_rows=200)
+        transfer(part, TRAPS, KEYS, Columns(lead=120, n_rows=200))

@@ -6,10 +6,11 @@ import stack_estimates as estimate
 
 from csstsim.base.rng import stream
 from csstsim.detector.charge_transfer.cti import transfer
+from csstsim.detector.charge_transfer.parameters import Columns, Keys, trap_model
 from csstsim.detector.charge_transfer.traps import volume
 
 DENSITY, TAU, WELL = np.array([0.005, 0.021, 0.131]), (1.22, 14.02, 84.74), (0.492, 85200.0, 0.0)
-ROWS, KEYS = 4616, (np.uint64(3), np.uint64(4))
+ROWS, KEYS = 4616, Keys(np.uint64(3), np.uint64(4))
 
 
 @pytest.mark.parametrize("level, seen", [(3000, 512), (40000, 256)])
@@ -21,7 +22,9 @@ def test_trail_and_noise_of_a_flat(level, seen):
     """
     before = stream(1, "flat", level).poisson(level, (seen, 512)).astype(np.float32)
     image = before.copy()
-    trail, _ = transfer(image, DENSITY, TAU, WELL, KEYS, lead=ROWS - seen, n_rows=ROWS, overscan=84)
+    trail, _ = transfer(
+        image, trap_model(DENSITY, TAU, WELL), KEYS, Columns(lead=ROWS - seen, n_rows=ROWS, overscan=84)
+    )
     wanted = estimate.trail(level, np.sqrt(level), DENSITY, TAU, WELL, ROWS, 84)
     kept = volume(wanted[0], *WELL) / volume(level, *WELL)
     for rows in (slice(0, 1), slice(1, 10), slice(10, 84)):

@@ -5,11 +5,13 @@ import pytest
 from cti_clock import KEYS, clocked, scene, traps_of, wait_of
 
 from csstsim.base.counter import word
+from csstsim.detector.charge_transfer.parameters import Keys, Register, trap_model
 from csstsim.detector.charge_transfer.serial import transfer_rows
 from csstsim.detector.charge_transfer.traps import volume
 
 DENSITY, TAU = (0.2, 0.3, 0.4), (0.8, 4.0, 20.0)  # more traps than cti.yaml says: the rows here are short
 WELL = (0.492, 85200.0, 0.0)
+TRAPS = trap_model(DENSITY, TAU, WELL)
 
 
 @pytest.mark.parametrize("sky", [0.5, 40])
@@ -20,12 +22,12 @@ def test_event_by_event_is_transfer_by_transfer(sky, nx, times):
     image = scene(np.random.default_rng(3), (5, nx), sky)
     out = image.copy()
     trail, trapped = transfer_rows(
-        out, density, TAU, WELL, KEYS, prescan=prescan, n_columns=nx, overscan=overscan, row0=40
+        out, trap_model(density, TAU, WELL), KEYS, Register(prescan=prescan, n_columns=nx, overscan=overscan, row0=40)
     )
-    register, total = traps_of(KEYS[0], prescan + nx, density, TAU), 0
+    register, total = traps_of(KEYS.traps, prescan + nx, density, TAU), 0
     for y in range(len(image)):
         packets = [0] * prescan + [int(n) for n in image[y]] + [0] * overscan
-        moved, left = clocked(packets, register, wait_of(np.uint64(word(KEYS[1], np.uint64(40 + y)))))
+        moved, left = clocked(packets, register, wait_of(np.uint64(word(KEYS.releases, np.uint64(40 + y)))))
         assert not any(moved[:prescan])
         assert np.array_equal(np.concatenate([out[y], trail[y]]), moved[prescan:])
         total += left
@@ -42,8 +44,10 @@ def test_extended_pixel_edge_response():
     nx, prescan, overscan, charge, well, rows = 40, 10, 30, 20000, (0.492, 85200.0, 50.0), 4000
     image = np.zeros((rows, nx), np.float32)
     image[:, -1] = charge
-    trail, trapped = transfer_rows(image, DENSITY, TAU, well, KEYS, prescan=prescan, overscan=overscan)
-    found = [trap for element in traps_of(KEYS[0], prescan + nx, DENSITY, TAU, well) for trap in element]
+    trail, trapped = transfer_rows(
+        image, trap_model(DENSITY, TAU, well), KEYS, Register(prescan=prescan, overscan=overscan)
+    )
+    found = [trap for element in traps_of(KEYS.traps, prescan + nx, DENSITY, TAU, well) for trap in element]
     n = np.array([sum(trap[1] <= charge and trap[2] == tau for trap in found) for tau in TAU])
     assert (n > 0).all()
     q = np.exp(-1 / np.array(TAU))
@@ -59,7 +63,9 @@ def test_extended_pixel_edge_response():
     for number in range(registers):
         one = np.zeros((1, nx), np.float32)
         one[0, -1] = charge
-        transfer_rows(one, DENSITY, TAU, well, (np.uint64(number), KEYS[1]), prescan=prescan)
+        transfer_rows(
+            one, trap_model(DENSITY, TAU, well), Keys(np.uint64(number), KEYS.releases), Register(prescan=prescan)
+        )
         image[number] = one
     mean = sum(DENSITY) * volume(charge, *well) * (prescan + nx)
     caught = charge - image[:registers, -1].astype(float)
@@ -72,19 +78,19 @@ def test_traps_are_the_registers_and_releases_the_rows():
     image = np.zeros((30, 50), np.float32)
     image[:, 20] = 5000
     whole = image.copy()
-    transfer_rows(whole, DENSITY, TAU, WELL, KEYS)
+    transfer_rows(whole, TRAPS, KEYS)
     assert len(np.unique(whole[:, 20])) == 1 and whole[0, 20] < 5000
     assert len(np.unique(whole[:, 21:], axis=0)) == len(whole)
     part = image[7:9].copy()
-    transfer_rows(part, DENSITY, TAU, WELL, KEYS, row0=7)
+    transfer_rows(part, TRAPS, KEYS, Register(row0=7))
     assert np.array_equal(part, whole[7:9])
 
 
 def test_the_prescan_holds_traps():
     """The first column passes all elements of the prescan: it loses to their traps and to its own."""
     image = np.full((1, 1), 90000.0, np.float32)
-    _, trapped = transfer_rows(image, DENSITY, TAU, WELL, KEYS, prescan=200)
-    every = sum(len(element) for element in traps_of(KEYS[0], 201, DENSITY, TAU))
+    _, trapped = transfer_rows(image, TRAPS, KEYS, Register(prescan=200))
+    every = sum(len(element) for element in traps_of(KEYS.traps, 201, DENSITY, TAU))
     assert every > 100 and trapped == every == 90000 - image[0, 0]
 
 
@@ -98,9 +104,9 @@ def test_a_window_is_a_part_of_the_channel(turned):
     if turned:  # held as the chip lies, given as the amplifier sees it
         part, channel = part[:, ::-1].copy()[:, ::-1], channel[:, ::-1].copy()[:, ::-1]
     how = {"prescan": 7, "overscan": 9, "row0": 3}
-    wanted = transfer_rows(channel, DENSITY, TAU, WELL, KEYS, **how)
-    given = transfer_rows(part, DENSITY, TAU, WELL, KEYS, **how, lead=lead, n_columns=n_columns)
+    wanted = transfer_rows(channel, TRAPS, KEYS, Register(**how))
+    given = transfer_rows(part, TRAPS, KEYS, Register(**how, lead=lead, n_columns=n_columns))
     assert np.array_equal(part, channel[:, lead : lead + nx])
     assert np.array_equal(given[0], wanted[0]) and given[1] == wanted[1]
     with pytest.raises(ValueError, match="do not fit in a line of 80"):
-        transfer_rows(part, DENSITY, TAU, WELL, KEYS, lead=30, n_columns=80)
+        transfer_rows(part, TRAPS, KEYS, Register(lead=30, n_columns=80))

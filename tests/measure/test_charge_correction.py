@@ -11,6 +11,7 @@ from csstsim.base.shipped import SHIPPED
 from csstsim.detector.bfe_kernel import detector_kernel
 from csstsim.detector.brighter_fatter import move_back, move_charge
 from csstsim.detector.charge_transfer.cti import transfer
+from csstsim.detector.charge_transfer.parameters import Columns, Keys, trap_model
 from csstsim.detector.charge_transfer.restored import restore, restore_columns
 from csstsim.detector.charge_transfer.transfer import transfer as move
 from csstsim.instrument.camera import load_camera
@@ -25,19 +26,19 @@ PLACE = {"lead": ROWS, "n_rows": 4616}
 
 
 def keys(key=7):
-    return np.uint64(key), np.uint64(key + 1)
+    return Keys(np.uint64(key), np.uint64(key + 1))
 
 
 def forward(image, own=None, **place):
     """Return what the transfer of rows ROWS and further of a half of 4616 makes of an image."""
     moved = image.copy()
-    transfer(moved, DENSITY, TIMES, WELL, own or keys(), **(place or PLACE))
+    transfer(moved, trap_model(DENSITY, TIMES, WELL), own or keys(), Columns(**(place or PLACE)))
     return moved
 
 
 def restored(image, passes, own=None, **place):
     back = image.copy()
-    restore_columns(back, DENSITY, TIMES, WELL, own or keys(), passes, **(place or PLACE))
+    restore_columns(back, trap_model(DENSITY, TIMES, WELL), own or keys(), passes, Columns(**(place or PLACE)))
     return back
 
 

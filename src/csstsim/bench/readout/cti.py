@@ -17,6 +17,7 @@ from csstsim.base.shipped import SHIPPED
 from csstsim.base.types import FloatArray, PathLike
 from csstsim.bench.readout.arctic import THERE, arctic
 from csstsim.detector.charge_transfer.cti import transfer
+from csstsim.detector.charge_transfer.parameters import Columns, Keys, trap_model
 from csstsim.instrument.load import read_data
 
 if TYPE_CHECKING:
@@ -26,7 +27,8 @@ CTI = read_data(SHIPPED / "instrument" / "cti.yaml")
 BETA, FULL_WELL, NOTCH = (CTI["well"][name] for name in ("beta", "full_well", "notch"))
 WELL = BETA, FULL_WELL, NOTCH
 DENSITY, TAU = (np.array(CTI["species"][name]) for name in ("density", "timescale"))
-KEYS = np.uint64(1), np.uint64(2)
+TRAPS = trap_model(DENSITY, TAU, WELL)
+KEYS = Keys(np.uint64(1), np.uint64(2))
 ROWS = 4616
 OVERSCAN = 84
 HALF_COLUMNS = 18432
@@ -73,7 +75,7 @@ def half_column(columns: int, sky: int) -> float:
 
 def exact(image: FloatArray, overscan: int = 0) -> tuple[FloatArray, int]:
     """Transfer charge [e-] of `image` (rows, columns), in place, by the exact process; return that of cti.transfer."""
-    return transfer(image, DENSITY, TAU, WELL, KEYS, overscan=overscan)
+    return transfer(image, TRAPS, KEYS, Columns(overscan=overscan))
 
 
 def scene(rng: np.random.Generator, columns: int, sky: float) -> FloatArray:
@@ -144,7 +146,7 @@ def stochastic(columns: int, scale: int = 1) -> Way:
     def method(column: FloatArray, row: int) -> FloatArray:
         n = max(columns, columns * 1000 // row)
         image = np.repeat(scale * column[:, None], n, 1)
-        transfer(image, scale * DENSITY, TAU, (WELL[0], scale * WELL[1], WELL[2]), KEYS)
+        transfer(image, trap_model(scale * DENSITY, TAU, (WELL[0], scale * WELL[1], WELL[2])), KEYS)
         return image.mean(1, dtype=float) / scale
 
     return method
@@ -188,7 +190,7 @@ def ways(seconds: float, mcti: Mcti | None = None, quick: bool = False) -> dict[
     found = {
         "exact, event by event": (seconds, stochastic(3000 // some)),
         "mean field": (
-            each(lambda part: transfer(30 * part, 30 * DENSITY, TAU, many, KEYS)),
+            each(lambda part: transfer(30 * part, trap_model(30 * DENSITY, TAU, many), KEYS)),
             stochastic(100 // some, 30),
         ),
         "linear": (each(linear, image.shape[1]), linear_column),

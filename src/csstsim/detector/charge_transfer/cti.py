@@ -19,56 +19,41 @@ The transfer of rows along their register: detector.charge_transfer.serial.
 """
 
 import math
+from typing import NamedTuple
 
 import numba
 import numpy as np
-from numpy.typing import ArrayLike
 
 from csstsim.base.counter import unit, word
 from csstsim.base.types import FloatArray, IntArray
 from csstsim.detector.charge_transfer.packets import Search, add, first_reaching, nth_below, padded, search_room, set_up
-from csstsim.detector.charge_transfer.traps import Room, buffers, draw_traps
+from csstsim.detector.charge_transfer.parameters import Columns, Keys, TrapModel, Well
+from csstsim.detector.charge_transfer.traps import TrapLists, draw_traps, trap_lists
 
 COLUMNS = 64  # processed at once: their packets fit in cache
 LARGEST = 2.0**30  # electrons in a pixel
 _TILE = 16  # rows copied at a time, for use of the cache
+_WHOLE_HALF = Columns()
 
 
-def transfer(
-    image: FloatArray,
-    density: ArrayLike,
-    timescale: ArrayLike,
-    well: tuple[float, float, float],
-    keys: tuple[np.uint64, np.uint64],
-    *,
-    flip: bool = False,
-    lead: int = 0,
-    n_rows: int | None = None,
-    overscan: int = 0,
-    x0: int = 0,
-) -> tuple[FloatArray, int]:
+def transfer(image: FloatArray, model: TrapModel, keys: Keys, columns: Columns = _WHOLE_HALF) -> tuple[FloatArray, int]:
     """Transfer the charge of one half to its amplifier, in place; return (trail, trapped).
 
-    image: float32 (ny, nx), electrons; row 0 is read first, or the last row if `flip`. density, timescale: of each
-    species [traps/pixel, transfers]; well: (beta, full_well, notch). keys: uint64 of the traps and of their releases,
-    each mixed with the column's number, x0 + its index. The image may be part of a half of `n_rows` rows, `lead` of
-    them between it and the amplifier; the other rows then get its median charge.
-    trail: float32 (overscan, nx), the packets read after the half; trapped: electrons left in traps.
+    image: float32 (ny, nx), electrons. keys: each is mixed with the column's number, columns.x0 + its index. Rows of
+    the half that are not in the image get its median charge.
+    trail: float32 (columns.overscan, nx), the packets read after the half; trapped: electrons left in traps.
 
     Only whole electrons move; fractions and negative charge stay in their pixel. Raises ValueError, before any change,
     for values that are not finite or above LARGEST.
     """
     ny, nx = image.shape
-    n_rows = lead + ny if n_rows is None else n_rows
-    trail = np.zeros((overscan, nx), np.float32)
+    columns = columns._replace(n_rows=columns.n_rows or columns.lead + ny)
+    trail = np.zeros((columns.overscan, nx), np.float32)
     if image.size == 0:
         return trail, 0
-    fill = checked_fill(image, ny, lead, n_rows)
-    density = np.array(density, np.float64)
-    timescale = np.array(timescale, np.float64)
-    room = buffers(density, n_rows)
-    trapped = _transfer(image, flip, lead, n_rows, fill, trail, keys, x0, density, timescale, well, room)
-    return trail, trapped
+    fill = checked_fill(image, ny, columns.lead, columns.n_rows)
+    traps = trap_lists(model.density, columns.n_rows)
+    return trail, _transfer(image, columns, fill, trail, model, keys, traps)
 
 
 def checked_fill(image: FloatArray, n: int, lead: int, length: int) -> int:
@@ -97,25 +82,14 @@ def _count_good(image: FloatArray) -> int:
 
 @numba.njit(cache=True)
 def _transfer(
-    image: FloatArray,
-    flip: bool,
-    lead: int,
-    n_rows: int,
-    fill: int,
-    trail: FloatArray,
-    keys: tuple[np.uint64, np.uint64],
-    x0: int,
-    density: FloatArray,
-    timescale: FloatArray,
-    well: tuple[float, float, float],
-    room: Room,
+    image: FloatArray, columns: Columns, fill: int, trail: FloatArray, model: TrapModel, keys: Keys, traps: TrapLists
 ) -> int:
     """Transfer all columns, COLUMNS at a time. Packets after the last one are -1, below any trap's level."""
+    flip, lead, n_rows, _, x0 = columns
     nx = image.shape[1]
     n_packets = n_rows + len(trail)
     packets = np.empty((COLUMNS, padded(n_packets)), np.int32)
     fullest = np.empty(n_rows)
-    head = np.empty(n_rows, np.int32)
     search = search_room(packets.shape[1])
     trapped = 0
     for first in range(0, nx, COLUMNS):
@@ -126,8 +100,8 @@ def _transfer(
         _exchange(image, flip, first, packets[:n, lead:], False)
         for c in range(n):
             column = np.uint64(x0 + first + c)
-            own = word(keys[0], column), word(keys[1], column)
-            trapped += _column(packets[c], n_packets, own, density, timescale, well, fullest, head, room, search)
+            own = Keys(word(keys.traps, column), word(keys.releases, column))
+            trapped += _column(packets[c], n_packets, model, own, fullest, traps, search)
         _exchange(image, flip, first, packets[:n, lead:], True)
         for y in range(len(trail)):
             for c in range(n):
@@ -175,43 +149,40 @@ def whole(charge: np.float32) -> np.int32:
 def _column(
     packets: IntArray,
     n_packets: int,
-    keys: tuple[np.uint64, np.uint64],
-    density: FloatArray,
-    timescale: FloatArray,
-    well: tuple[float, float, float],
+    model: TrapModel,
+    keys: Keys,
     fullest: FloatArray,
-    head: IntArray,
-    room: Room,
+    traps: TrapLists,
     search: Search,
 ) -> int:
     """Draw a column's traps and follow them; return the electrons left in traps."""
-    fill_fullest(packets, 0, well, fullest)
-    draw_traps(keys[0], density, timescale, well, fullest, head, *room)
-    return follow_all(packets, n_packets, keys[1], head, room, search)
+    fill_fullest(packets, 0, model.well, fullest)
+    draw_traps(keys.traps, model, fullest, traps)
+    return follow_all(packets, n_packets, keys.releases, traps, search)
 
 
 @numba.njit(cache=True)
-def fill_fullest(packets: IntArray, more: int, well: tuple[float, float, float], fullest: FloatArray) -> None:
-    """Fill (n_rows,): the share of a pixel that the fullest packet of a row, or behind it, fills with `more` e-."""
+def fill_fullest(packets: IntArray, more: int, well: Well, fullest: FloatArray) -> None:
+    """Fill (n_rows,): the fraction of a pixel that the fullest packet of a row, or behind it, fills with `more` e-."""
     beta, full_well, notch = well
-    most = -1
-    share = 0.0
+    maximum = -1
+    fraction = 0.0
     for k in range(len(fullest) - 1, -1, -1):
-        if packets[k] > most:
-            most = packets[k]
-            share = (max(most + more - notch, 0.0) / full_well) ** beta
-        fullest[k] = share
+        if packets[k] > maximum:
+            maximum = packets[k]
+            fraction = (max(maximum + more - notch, 0.0) / full_well) ** beta
+        fullest[k] = fraction
 
 
 @numba.njit(cache=True)
-def follow_all(packets: IntArray, n_packets: int, key: np.uint64, head: IntArray, room: Room, search: Search) -> int:
+def follow_all(packets: IntArray, n_packets: int, key: np.uint64, traps: TrapLists, search: Search) -> int:
     """Follow each trap of a line, the farthest first; return the electrons left in traps.
 
     packets: int32, changed in place, `n_packets` and -1 up to the padded length (detector.charge_transfer.packets).
-    key: uint64 of the releases. head, room: outputs of detector.charge_transfer.traps.draw_traps. search: from
+    key: uint64 of the releases; traps: of detector.charge_transfer.traps.draw_traps; search: of
     detector.charge_transfer.packets.search_room.
     """
-    level, tau, own, next_ = room
+    head, next_, level, tau, bits = traps
     table, words, small = search
     base = set_up(packets, table, small)
     trapped = 0
@@ -221,35 +192,45 @@ def follow_all(packets: IntArray, n_packets: int, key: np.uint64, head: IntArray
         trap = head[row]
         while trap >= 0:
             if level[trap] <= reach:
-                trapped += follow_trap(
-                    packets, table, words, small, base, row, n_packets, level[trap], tau[trap], key, own[trap]
-                )
+                one = Trap(row, level[trap], tau[trap], bits[trap])
+                trapped += follow_trap(packets, n_packets, table, words, small, base, one, key)
             trap = next_[trap]
     return trapped
+
+
+class Trap(NamedTuple):
+    """One trap: its row, level [e-], timescale [transfers] and random bits."""
+
+    row: int
+    level: int
+    tau: float
+    bits: np.uint64
 
 
 @numba.njit(inline="always")
 def follow_trap(
     charge: IntArray,
+    n_packets: int,
     table: IntArray,
     words: IntArray,
     small: IntArray,
     base: int,
-    k: int,
-    n_packets: int,
-    level: int,
-    tau: float,
+    trap: Trap,
     key: np.uint64,
-    own: np.uint64,
 ) -> int:
-    """Follow one trap through packets k, k + 1, ...; return the electrons left in it, 0 or 1."""
+    """Follow one trap through the packets of its row and behind it; return the electrons left in it, 0 or 1.
+
+    table, words, small, base: of the search among the packets `charge` (packets.Search, packets.set_up). key: uint64 of
+    the releases.
+    """
+    k, level, tau, bits = trap
     captures = np.uint64(0)
     while True:
         k = first_reaching(charge, table, words, base, k, level)
         if k >= n_packets:
             return 0
         add(charge, table, small, base, k, -1)
-        wait = int(-tau * math.log(unit(word(key, own + captures)))) + 1
+        wait = int(-tau * math.log(unit(word(key, bits + captures)))) + 1
         captures += np.uint64(1)
         k = nth_below(charge, table, words, base, k + 1, level, wait)
         if k >= n_packets:

@@ -7,7 +7,7 @@ charge above `base`, from 0 to 127, and one subtraction compares eight of them w
 and the results are those of a plain loop.
 """
 
-from typing import TypeAlias
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -17,9 +17,9 @@ from csstsim.base.types import IntArray
 # log2 of the packets in a block and in a super-block
 _BLOCK = 5
 _SUPER = 9
-# Rows of the table: bounds (most, least) of the charge in blocks, and in super-blocks
-_MOST, _LEAST, _MOST_SUPER, _LEAST_SUPER = range(4)
-_BELOW_SKY = 32  # electrons from `base` to the mean of the blocks' least charge
+# Rows of the table: bounds (maximum, minimum) of the charge in blocks, and in super-blocks
+_MAXIMUM, _MINIMUM, _MAXIMUM_SUPER, _MINIMUM_SUPER = range(4)
+_BELOW_SKY = 32  # electrons from `base` to the mean of the blocks' minimum charge
 _BYTE_MAX = 127
 _ONES = np.uint64(0x0101010101010101)
 _TOPS = np.uint64(0x8080808080808080)
@@ -27,7 +27,17 @@ _ALL = np.uint64(0xFFFFFFFFFFFFFFFF)
 _U1 = np.uint64(1)
 _U7 = np.uint64(7)
 _U56 = np.uint64(56)
-Search: TypeAlias = tuple[IntArray, IntArray, IntArray]  # what `search_room` returns
+
+
+class Search(NamedTuple):
+    """Arrays for the search among n packets. Functions take them one by one.
+
+    numba needs atomic operations at each use of a tuple of arrays.
+    """
+
+    table: IntArray  # int32, rows _MAXIMUM ... _MINIMUM_SUPER, a column for each block or super-block
+    words: IntArray  # (n / 8,) uint64: `small`, eight bytes in a word
+    small: IntArray  # (n,) uint8: the packets' bytes, in the memory of `words`
 
 
 @numba.njit(cache=True)
@@ -38,36 +48,31 @@ def padded(n: int) -> int:
 
 @numba.njit(cache=True)
 def search_room(n: int) -> Search:
-    """Return (table, words, small) for the search among n packets, n from `padded`.
-
-    table: int32, rows _MOST ... _LEAST_SUPER, a column for each block or super-block; small: the packets' bytes;
-    words: the same memory, eight bytes in a word. Functions take them as separate arrays, because numba needs atomic
-    operations at each use of a tuple of arrays.
-    """
+    """Return the Search among n packets, n from `padded`: arrays (4, n / 32), (n / 8,) and (n,)."""
     words = np.empty(n >> 3, np.uint64)
-    return np.empty((4, n >> _BLOCK), np.int32), words, words.view(np.uint8)
+    return Search(np.empty((4, n >> _BLOCK), np.int32), words, words.view(np.uint8))
 
 
 @numba.njit(cache=True)
 def set_up(charge: IntArray, table: IntArray, small: IntArray) -> int:
     """Prepare the search among `charge` (int32 [e-], of padded length, -1 after the last packet); return `base`."""
-    most = table[_MOST]
-    least = table[_LEAST]
-    table[_MOST_SUPER], table[_LEAST_SUPER] = -1, np.iinfo(np.int32).max
+    maximum = table[_MAXIMUM]
+    minimum = table[_MINIMUM]
+    table[_MAXIMUM_SUPER], table[_MINIMUM_SUPER] = -1, np.iinfo(np.int32).max
     total = 0
     held = 0
-    for block in range(len(most)):
+    for block in range(len(maximum)):
         top = bottom = charge[block << _BLOCK]
         for k in range(block << _BLOCK, (block + 1) << _BLOCK):
             top = max(top, charge[k])
             bottom = min(bottom, charge[k])
-        most[block] = top
-        least[block] = bottom
-    for block in range(len(most)):  # a loop of its own, so that the compiler can vectorise the one above
-        bottom = least[block]
+        maximum[block] = top
+        minimum[block] = bottom
+    for block in range(len(maximum)):  # a loop of its own, so that the compiler can vectorise the one above
+        bottom = minimum[block]
         above = block >> (_SUPER - _BLOCK)
-        table[_MOST_SUPER, above] = max(table[_MOST_SUPER, above], most[block])
-        table[_LEAST_SUPER, above] = min(table[_LEAST_SUPER, above], bottom)
+        table[_MAXIMUM_SUPER, above] = max(table[_MAXIMUM_SUPER, above], maximum[block])
+        table[_MINIMUM_SUPER, above] = min(table[_MINIMUM_SUPER, above], bottom)
         total += max(bottom, 0)
         held += bottom > 0
     base = max(total // max(held, 1) - _BELOW_SKY, 0)
@@ -84,10 +89,10 @@ def add(charge: IntArray, table: IntArray, small: IntArray, base: int, k: int, e
     small[k] = min(max(value - base, 0), _BYTE_MAX)
     block = k >> _BLOCK
     above = k >> _SUPER
-    if value < table[_LEAST, block]:
-        table[_LEAST, block], table[_LEAST_SUPER, above] = value, min(table[_LEAST_SUPER, above], value)
-    elif value > table[_MOST, block]:
-        table[_MOST, block], table[_MOST_SUPER, above] = value, max(table[_MOST_SUPER, above], value)
+    if value < table[_MINIMUM, block]:
+        table[_MINIMUM, block], table[_MINIMUM_SUPER, above] = value, min(table[_MINIMUM_SUPER, above], value)
+    elif value > table[_MAXIMUM, block]:
+        table[_MAXIMUM, block], table[_MAXIMUM_SUPER, above] = value, max(table[_MAXIMUM_SUPER, above], value)
 
 
 @numba.njit(inline="always")
@@ -98,13 +103,13 @@ def first_reaching(charge: IntArray, table: IntArray, words: IntArray, base: int
         block = k >> _BLOCK
         above = k >> _SUPER
         stop = (block + 1) << _BLOCK
-        if table[_MOST, block] < level:
-            k = (above + 1) << _SUPER if table[_MOST_SUPER, above] < level else stop
+        if table[_MAXIMUM, block] < level:
+            k = (above + 1) << _SUPER if table[_MAXIMUM_SUPER, above] < level else stop
         elif 1 <= level - base <= _BYTE_MAX:
             while k < stop:
                 found = _reaching(words[k >> 3], level - base, k)
                 if found:
-                    return ((k >> 3) << 3) + _place(found)
+                    return ((k >> 3) << 3) + _byte_number(found)
                 k = ((k >> 3) + 1) << 3
         else:
             while k < stop:
@@ -122,10 +127,10 @@ def nth_below(charge: IntArray, table: IntArray, words: IntArray, base: int, k: 
         block = k >> _BLOCK
         above = k >> _SUPER
         stop = (block + 1) << _BLOCK
-        if table[_LEAST, block] >= level:
-            k = (above + 1) << _SUPER if table[_LEAST_SUPER, above] >= level else stop
-        elif table[_MOST, block] < level:
-            if table[_MOST_SUPER, above] < level:
+        if table[_MINIMUM, block] >= level:
+            k = (above + 1) << _SUPER if table[_MINIMUM_SUPER, above] >= level else stop
+        elif table[_MAXIMUM, block] < level:
+            if table[_MAXIMUM_SUPER, above] < level:
                 stop = (above + 1) << _SUPER
             if n <= stop - k:
                 return k + n - 1
@@ -138,7 +143,7 @@ def nth_below(charge: IntArray, table: IntArray, words: IntArray, base: int, k: 
                 if n <= here:
                     for _ in range(n - 1):
                         found &= found - _U1
-                    return ((k >> 3) << 3) + _place(found)
+                    return ((k >> 3) << 3) + _byte_number(found)
                 n -= here  # type: ignore[assignment] # an int64 is an int to numba
                 k = ((k >> 3) + 1) << 3
         else:
@@ -163,8 +168,8 @@ def _reaching(eight: np.uint64, level: int, k: int) -> np.uint64:
 
 
 @numba.njit(inline="always")
-def _place(bits: np.uint64) -> int:
+def _byte_number(bits: np.uint64) -> int:
     """Return the number of the byte with the lowest of the set top bits: (lowest bit - 1) fills the bytes below it."""
     lowest = bits & (~bits + _U1)
-    place = (((lowest - _U1) >> _U7 & _ONES) * _ONES) >> _U56
-    return np.int64(place)  # type: ignore[return-value] # an int64 is an int to numba
+    number = (((lowest - _U1) >> _U7 & _ONES) * _ONES) >> _U56
+    return np.int64(number)  # type: ignore[return-value] # an int64 is an int to numba

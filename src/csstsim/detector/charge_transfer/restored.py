@@ -13,21 +13,30 @@ from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
-from numpy.typing import ArrayLike
 
 from csstsim.base.counter import word
 from csstsim.base.types import FloatArray, IntArray
 from csstsim.detector.channels import ReadoutFrame
-from csstsim.detector.charge_transfer.cti import COLUMNS, checked_fill, fill_fullest, follow_trap, whole
+from csstsim.detector.charge_transfer.cti import COLUMNS, Trap, checked_fill, fill_fullest, follow_trap, whole
 from csstsim.detector.charge_transfer.packets import Search, padded, search_room, set_up
+from csstsim.detector.charge_transfer.parameters import (
+    Columns,
+    Keys,
+    TrapModel,
+    half_windows,
+    register_keys,
+    register_of,
+    scaled_model,
+)
 from csstsim.detector.charge_transfer.serial import transfer_rows
-from csstsim.detector.charge_transfer.traps import Room, buffers, draw_traps
+from csstsim.detector.charge_transfer.traps import TrapLists, draw_traps, trap_lists
 
 if TYPE_CHECKING:
     from csstsim.base.rng import Streams
     from csstsim.instrument.chip import Detector, Window
 
 _BLOCK = 64  # rows
+_WHOLE_HALF = Columns()
 
 
 def restore(
@@ -38,42 +47,16 @@ def restore(
     rng: rng.Streams of the traps; density: factor on the trap densities of cti.yaml; serial: transfer along the
     registers, too; passes: each leaves a tenth of the error before it, or less.
     """
-    traps = detector.traps
-    n_rows = detector.channel_ny
-    assert traps is not None  # layers.cte_effect.check
+    assert detector.traps is not None  # layers.cte_effect.check
     if serial:
         _restore_rows(image, detector, window, rng, density, passes)
-    for half in range(2):
-        low, high = (min(max(y, half * n_rows), (half + 1) * n_rows) for y in (window.y0, window.y1))
-        if low < high:
-            restore_columns(
-                image[low - window.y0 : high - window.y0],
-                density * np.array(traps.density),
-                traps.timescale,
-                (traps.beta, traps.full_well, traps.notch),
-                (rng.chip_key(f"traps {half}"), rng.exposure_key(f"release {half}")),
-                passes,
-                flip=bool(half),
-                lead=detector.ny - high if half else low,
-                n_rows=n_rows,
-                overscan=detector.parallel_overscan,
-                x0=window.x0,
-            )
+    model = scaled_model(detector.traps, density)
+    for half in half_windows(detector, window, rng):
+        restore_columns(image[half.rows], model, half.keys, passes, half.columns)
 
 
 def restore_columns(
-    image: FloatArray,
-    density: ArrayLike,
-    timescale: ArrayLike,
-    well: tuple[float, float, float],
-    keys: tuple[np.uint64, np.uint64],
-    passes: int,
-    *,
-    flip: bool = False,
-    lead: int = 0,
-    n_rows: int | None = None,
-    overscan: int = 0,
-    x0: int = 0,
+    image: FloatArray, model: TrapModel, keys: Keys, passes: int, columns: Columns = _WHOLE_HALF
 ) -> None:
     """Undo charge_transfer.cti.transfer on an image [e-], float32 (ny, nx), in place, in `passes`.
 
@@ -81,38 +64,27 @@ def restore_columns(
     image is the median of what was read.
     """
     ny = len(image)
-    n_rows = lead + ny if n_rows is None else n_rows
+    columns = columns._replace(n_rows=columns.n_rows or columns.lead + ny)
     if image.size and passes:
-        fill = checked_fill(image, ny, lead, n_rows)
-        density = np.array(density, np.float64)
-        timescale = np.array(timescale, np.float64)
-        line = lead, n_rows, n_rows + overscan, fill
-        _restore(image, flip, line, keys, x0, density, timescale, well, buffers(density, n_rows), passes)
+        fill = checked_fill(image, ny, columns.lead, columns.n_rows)
+        traps = trap_lists(model.density, columns.n_rows)
+        _restore(image, columns, fill, model, keys, traps, passes)
 
 
 @numba.njit(cache=True)
 def _restore(
-    image: FloatArray,
-    flip: bool,
-    line: tuple[int, int, int, int],
-    keys: tuple[np.uint64, np.uint64],
-    x0: int,
-    density: FloatArray,
-    timescale: FloatArray,
-    well: tuple[float, float, float],
-    room: Room,
-    passes: int,
+    image: FloatArray, columns: Columns, fill: int, model: TrapModel, keys: Keys, traps: TrapLists, passes: int
 ) -> None:
-    """Restore all columns, COLUMNS at a time. line: lead, n_rows, packets of a column and charge outside the image."""
+    """Restore all columns, COLUMNS at a time. fill: charge outside the image [e-]."""
     ny, nx = image.shape
-    lead, n_rows, n_packets, fill = line
+    flip, lead, n_rows, overscan, x0 = columns
+    n_packets = n_rows + overscan
     packets = np.empty(padded(n_packets), np.int32)
     read = np.empty((COLUMNS, ny), np.float32)
     guess = np.empty(ny, np.float32)
     fullest = np.empty(n_rows)
-    head = np.empty(n_rows, np.int32)
     search = search_room(len(packets))
-    more = passes * len(room[0])  # a pass adds an electron for each trap at most, so all traps that act are drawn
+    more = passes * len(traps.level)  # a pass adds an electron for each trap at most, so all traps that act are drawn
     for first in range(0, nx, COLUMNS):
         n = min(COLUMNS, nx - first)
         _exchange(image, flip, first, read[:n], False)
@@ -120,11 +92,11 @@ def _restore(
             column = np.uint64(x0 + first + c)
             guess[:] = read[c]
             _pack(guess, packets, lead, n_rows, n_packets, fill)
-            fill_fullest(packets, more, well, fullest)
-            draw_traps(word(keys[0], column), density, timescale, well, fullest, head, *room)
-            rows = np.flatnonzero(head >= 0)[::-1]
+            fill_fullest(packets, more, model.well, fullest)
+            draw_traps(word(keys.traps, column), model, fullest, traps)
+            rows = np.flatnonzero(traps.head >= 0)[::-1]
             for _ in range(passes):
-                _follow_rows(packets, n_packets, word(keys[1], column), rows, head, room, search)
+                _follow_rows(packets, n_packets, word(keys.releases, column), rows, traps, search)
                 if not _correct(read[c], guess, packets[lead:]):
                     break  # the next pass would find the same
                 _pack(guess, packets, lead, n_rows, n_packets, fill)
@@ -134,10 +106,10 @@ def _restore(
 
 @numba.njit(cache=True)
 def _follow_rows(
-    packets: IntArray, n_packets: int, key: np.uint64, rows: IntArray, head: IntArray, room: Room, search: Search
+    packets: IntArray, n_packets: int, key: np.uint64, rows: IntArray, traps: TrapLists, search: Search
 ) -> None:
     """Follow the traps of `rows`, the farthest first, as cti.follow_all."""
-    level, tau, own, next_ = room
+    head, next_, level, tau, bits = traps
     table, words, small = search
     base = set_up(packets, table, small)
     reach = 0
@@ -149,13 +121,14 @@ def _follow_rows(
         trap = head[row]
         while trap >= 0:
             if level[trap] <= reach:
-                follow_trap(packets, table, words, small, base, row, n_packets, level[trap], tau[trap], key, own[trap])
+                one = Trap(row, level[trap], tau[trap], bits[trap])
+                follow_trap(packets, n_packets, table, words, small, base, one, key)
             trap = next_[trap]
 
 
 @numba.njit(cache=True)
 def _pack(guess: FloatArray, packets: IntArray, lead: int, n_rows: int, n_packets: int, fill: int) -> None:
-    """Fill the packets of a column: whole electrons of guess, `fill` beside the image, then empty ones, then -1."""
+    """Fill the packets of a column: whole electrons of guess, `fill` outside the image, then empty ones, then -1."""
     packets[:lead] = fill
     for k in range(len(guess)):
         packets[lead + k] = whole(guess[k])
@@ -192,30 +165,15 @@ def _restore_rows(
     image: FloatArray, detector: Detector, window: Window, rng: Streams, scale: float, passes: int
 ) -> None:
     """Undo the transfer along the registers, channel by channel, in place."""
-    assert detector.traps is not None
-    traps = detector.traps.serial
-    x0 = window.x0
-    y0 = window.y0
-    assert traps is not None
-    density = scale * np.array(traps.density, float)
+    assert detector.traps is not None and detector.traps.serial is not None  # layers.cte_effect.check
+    model = scaled_model(detector.traps.serial, scale)
     for block in ReadoutFrame.of(detector, window).blocks:
-        rows, cols = block.image
+        register = register_of(block, detector, window)
+        keys = register_keys(block.channel, rng)
         read = image[block.image][block.as_read]
         guess = read.copy()
-        keys = rng.chip_key(f"serial traps {block.channel}"), rng.exposure_key(f"serial release {block.channel}")
         for _ in range(passes):
             moved = guess.copy()
-            transfer_rows(
-                moved,
-                density,
-                traps.timescale,
-                (traps.beta, traps.full_well, traps.notch),
-                keys,
-                prescan=detector.prescan,
-                lead=(-(x0 + cols.stop) if block.flip_x else x0 + cols.start) % detector.channel_nx,
-                n_columns=detector.channel_nx,
-                overscan=detector.overscan,
-                row0=(-(y0 + rows.stop) if block.flip_y else y0 + rows.start) % detector.channel_ny,
-            )
+            transfer_rows(moved, model, keys, register)
             guess += read - moved
         read[:] = guess

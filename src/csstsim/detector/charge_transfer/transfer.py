@@ -15,6 +15,7 @@ import numpy as np
 
 from csstsim.base.types import FloatArray
 from csstsim.detector.channels import ReadoutFrame
+from csstsim.detector.charge_transfer.parameters import half_windows, register_keys, register_of, scaled_model
 
 if TYPE_CHECKING:
     from csstsim.base.rng import Streams
@@ -59,28 +60,12 @@ def _along_columns(
     """Transfer both halves to their registers; return (Trails.parallel, electrons left in traps)."""
     from csstsim.detector.charge_transfer import cti  # loads numba (0.5 s), which checking a campaign does not need
 
-    traps = detector.traps
-    n_rows = detector.channel_ny
-    assert traps is not None  # layers.cte_effect.check
-    trailed = []
-    trapped = 0
-    for half in range(2):
-        low, high = (min(max(y, half * n_rows), (half + 1) * n_rows) for y in (window.y0, window.y1))
-        trail, left = cti.transfer(
-            image[low - window.y0 : high - window.y0] if low < high else image[:0],
-            scale * np.array(traps.density),
-            traps.timescale,
-            (traps.beta, traps.full_well, traps.notch),
-            (rng.chip_key(f"traps {half}"), rng.exposure_key(f"release {half}")),
-            flip=bool(half),
-            lead=detector.ny - high if half else low,
-            n_rows=n_rows,
-            overscan=detector.parallel_overscan,
-            x0=window.x0,
-        )
-        trailed.append(trail)
-        trapped += left
-    return (trailed[0], trailed[1]), trapped
+    assert detector.traps is not None  # layers.cte_effect.check
+    model = scaled_model(detector.traps, scale)
+    lower, upper = half_windows(detector, window, rng)
+    lower_trail, lower_trapped = cti.transfer(image[lower.rows], model, lower.keys, lower.columns)
+    upper_trail, upper_trapped = cti.transfer(image[upper.rows], model, upper.keys, upper.columns)
+    return (lower_trail, upper_trail), lower_trapped + upper_trapped
 
 
 def _along_rows(
@@ -97,36 +82,18 @@ def _along_rows(
     """
     from csstsim.detector.charge_transfer.serial import transfer_rows
 
-    assert detector.traps is not None
-    traps = detector.traps.serial
-    x0 = window.x0
-    y0 = window.y0
-    assert traps is not None
+    assert detector.traps is not None and detector.traps.serial is not None  # layers.cte_effect.check
+    model = scaled_model(detector.traps.serial, scale)
     trailed = {}
     trapped = 0
     for block in ReadoutFrame.of(detector, window).blocks:
-        rows, cols = block.image
-        lead = (-(x0 + cols.stop) if block.flip_x else x0 + cols.start) % detector.channel_nx
-        row0 = (-(y0 + rows.stop) if block.flip_y else y0 + rows.start) % detector.channel_ny
-        keys = rng.chip_key(f"serial traps {block.channel}"), rng.exposure_key(f"serial release {block.channel}")
-        trails = []
-        for part, first in (
-            (image[block.image][block.as_read], row0),
-            (halves[block.half][:, cols][:, block.as_read[1]], detector.channel_ny),
-        ):
-            trail, left = transfer_rows(
-                part,
-                scale * np.array(traps.density),
-                traps.timescale,
-                (traps.beta, traps.full_well, traps.notch),
-                keys,
-                prescan=detector.prescan,
-                lead=lead,
-                n_columns=detector.channel_nx,
-                overscan=detector.overscan,
-                row0=first,
-            )
-            trails.append(trail)
-            trapped += left
-        trailed[block.channel] = np.concatenate(trails)
+        _, columns = block.image
+        _, as_read = block.as_read
+        register = register_of(block, detector, window)
+        beyond = register._replace(row0=detector.channel_ny)  # the parallel overscan is read after all rows
+        keys = register_keys(block.channel, rng)
+        trail, left = transfer_rows(image[block.image][block.as_read], model, keys, register)
+        trail_beyond, left_beyond = transfer_rows(halves[block.half][:, columns][:, as_read], model, keys, beyond)
+        trailed[block.channel] = np.concatenate([trail, trail_beyond])
+        trapped += left + left_beyond
     return trailed, trapped

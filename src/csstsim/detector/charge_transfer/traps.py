@@ -1,7 +1,7 @@
 """Traps of a column of pixels: number, row and level, the charge above which they act (paper, section 5.5.4).
 
-A packet of N electrons fills the share V = [max(N - notch, 0) / full_well]^beta of its pixel. The number of traps of a
-species in a pixel is Poisson with mean rho. Each has a watermark u, uniform in 0..1, and interacts with the packet if
+A packet of N electrons fills the fraction V = [max(N - notch, 0) / full_well]^beta of its pixel. The number of traps of
+a species in a pixel is Poisson with mean rho. Each has a watermark u, uniform in 0..1, and interacts with the packet if
 u < V, that is if N reaches its level, floor(notch + full_well u^(1 / beta)) + 1 electrons.
 
 The traps are drawn as one Poisson process in (row, watermark): their number in each stratum of the watermark, then a
@@ -10,56 +10,61 @@ a packet of its row, or of a row behind it, reaches it. So it is cheap to draw t
 depend only on the column's key: nothing is stored on disk, and a window has the traps of the whole chip.
 """
 
-from typing import TypeAlias
+from typing import NamedTuple
 
 import numba
 import numpy as np
 
 from csstsim.base.counter import low, poisson, word
 from csstsim.base.types import FloatArray, Floats, IntArray
+from csstsim.detector.charge_transfer.parameters import TrapModel
 
 EDGES = np.array([0.0, *2.0 ** np.arange(-6.0, 1.0)])  # of the strata; other edges give other traps for the same key
 _STRATUM = np.uint64(32)  # bits for the number of a trap in its stratum
 _ONE = np.uint64(1)
-Room: TypeAlias = tuple[IntArray, FloatArray, IntArray, IntArray]  # what `buffers` returns
+
+
+class TrapLists(NamedTuple):
+    """The traps of a line, a linked list for each of its rows. Arrays are used up to the number of traps drawn."""
+
+    head: IntArray  # (n_rows,) int32: the first trap of each row, -1: none
+    next_: IntArray  # int32: the trap after it in its row, -1: none
+    level: IntArray  # int32 [e-]
+    tau: FloatArray  # float64 [transfers]
+    bits: IntArray  # uint64, random
 
 
 def volume(electrons: Floats, beta: float, full_well: float, notch: float) -> Floats:
-    """Return the share V of a pixel that `electrons` fill (array or scalar; above 1 beyond the full well)."""
+    """Return the fraction V of a pixel that `electrons` fill (array or scalar; above 1 beyond the full well)."""
     return (np.maximum(electrons - notch, 0.0) / full_well) ** beta
 
 
-def buffers(density: FloatArray, n_rows: int) -> Room:
-    """Return arrays (level, tau, word, next_), each (size,), large enough for the traps of any column.
+def trap_lists(density: FloatArray, n_rows: int) -> TrapLists:
+    """Return TrapLists, to be filled, large enough for the traps of any line of `n_rows` rows.
 
-    The number of traps is Poisson; size is 12 standard deviations above its mean.
+    The number of traps is Poisson; the size is 12 standard deviations above its mean.
     """
     mean = float(np.sum(density)) * n_rows
     size = int(mean + 12 * np.sqrt(mean) + 64)
-    return np.empty(size, np.int32), np.empty(size), np.empty(size, np.uint64), np.empty(size, np.int32)
+    return TrapLists(
+        head=np.empty(n_rows, np.int32),
+        next_=np.empty(size, np.int32),
+        level=np.empty(size, np.int32),
+        tau=np.empty(size),
+        bits=np.empty(size, np.uint64),
+    )
 
 
 @numba.njit(cache=True)
-def draw_traps(
-    key: np.uint64,
-    density: FloatArray,
-    timescale: FloatArray,
-    well: tuple[float, float, float],
-    fullest: FloatArray,
-    head: IntArray,
-    level: IntArray,
-    tau: FloatArray,
-    words: IntArray,
-    next_: IntArray,
-) -> int:
-    """Draw the traps of a column that packets can reach; return their number.
+def draw_traps(key: np.uint64, model: TrapModel, fullest: FloatArray, traps: TrapLists) -> int:
+    """Fill `traps` with those of a column that packets can reach; return their number.
 
-    key: uint64 of the column; density, timescale: of each species [traps/pixel, transfers]; well: (beta, full_well,
-    notch); fullest: (n_rows,), the share of a pixel filled by the fullest packet of a row and of those behind it, which
-    does not increase. Outputs: head (n_rows,) int32, the first trap of each row; next_, the trap after it, -1 at the
-    end; level [electrons]; tau [transfers]; words (uint64), random bits of the trap.
+    key: uint64 of the column; fullest: (n_rows,), the fraction of a pixel
+    filled by the fullest packet of a row and of those behind it, which does not increase.
     """
+    density, timescale, well = model
     beta, full_well, notch = well
+    head, next_, level, tau, words = traps
     n_rows = np.uint64(len(head))
     head[:] = -1
     n = 0
