@@ -36,14 +36,14 @@ def main(record: Record) -> None:
     tracks = draw_tracks(shape, seconds, rays, stream(1, "benchmark"))
     found = deposit(shape, tracks, rays.diffusion, KEY)
     record.value("cpu", time.process_time() - start, "the rays of a whole chip", unit="CPU-s")
-    record.value("tracks", found[2], "tracks on a chip of 150 s")
-    record.value("electrons", found[1].sum(), "electrons of all tracks", unit="e-")
+    record.value("tracks", found.hits, "tracks on a chip of 150 s")
+    record.value("electrons", found.electrons.sum(), "electrons of all tracks", unit="e-")
 
-    before = above(deposit(shape, tracks, 0.0, KEY)[1])
+    before = above(deposit(shape, tracks, 0.0, KEY).electrons)
     size = shape[0] * shape[1]
-    after = {sigma: above(deposit(shape, tracks, sigma, KEY)[1]) for sigma in SIGMAS}
+    after = {sigma: above(deposit(shape, tracks, sigma, KEY).electrons) for sigma in SIGMAS}
     chips = (draw_tracks(shape, seconds, rays, stream(1, "chips", k)) for k in range(2 if record.toy else CHIPS))
-    struck = 1e3 / size * np.array([above(deposit(shape, each, 0.0, KEY)[1])[0] for each in chips])
+    struck = 1e3 / size * np.array([above(deposit(shape, each, 0.0, KEY).electrons)[0] for each in chips])
     mean, error = struck.mean(), struck.std() / np.sqrt(len(struck) - 1)
     what = f"pixels struck before diffusion, in {len(struck)} chips"
     near = abs(mean - EXPECTED) < 4 * error

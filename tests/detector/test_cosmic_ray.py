@@ -1,7 +1,5 @@
 """Cosmic rays: the pixels they strike, their lengths and energies, diffusion, conservation, edges."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy import stats
@@ -34,8 +32,8 @@ def test_the_rate_gives_the_fraction_of_the_paper(rays, camera):
     struck = []
     for i in range(8):
         tracks = draw_tracks(CHIP, seconds, rays, stream(1, "rate", i))
-        tracks = replace(tracks, electrons=(200 * np.hypot(tracks.dx, tracks.dy) + 1).astype(np.int64))
-        struck.append(len(deposit(CHIP, tracks, 0.0, KEY)[0]) / (CHIP[0] * CHIP[1]))
+        tracks = tracks._replace(electrons=(200 * np.hypot(tracks.dx, tracks.dy) + 1).astype(np.int64))
+        struck.append(len(deposit(CHIP, tracks, 0.0, KEY).pixel) / (CHIP[0] * CHIP[1]))
     assert abs(np.mean(struck) - 7.5e-4) < 3 * np.std(struck, ddof=1) / np.sqrt(8)
     assert np.std(struck, ddof=1) < 0.05 * 7.5e-4
 
@@ -101,7 +99,7 @@ def test_every_electron_is_on_the_frame_or_beyond_its_edges(rays):
     tracks = draw_tracks(shape, 3e5, rays, stream(4, "edges"))
     pixel, electrons, hits = deposit(shape, tracks, 0.2, KEY)
     larger = (shape[0] + 2 * pad, shape[1] + 2 * pad)
-    every, charge, all_hits = deposit(larger, replace(tracks, x=tracks.x + pad, y=tracks.y + pad), 0.2, KEY)
+    every, charge, all_hits = deposit(larger, tracks._replace(x=tracks.x + pad, y=tracks.y + pad), 0.2, KEY)
     image = np.bincount(every, charge, larger[0] * larger[1]).reshape(larger)
     assert image.sum() == tracks.electrons.sum() and all_hits == len(tracks.x) > hits > 0
     np.testing.assert_array_equal(image[pad:-pad, pad:-pad].ravel().nonzero()[0], pixel)
@@ -121,9 +119,9 @@ def test_order_and_size_of_batches_do_not_matter_to_a_track():
     tracks = tracks_of([20, 60], [20, 60], [5, 9], [3, -8], [4000, 3000])
     both = deposit((90, 90), tracks, 0.2, KEY)
     first = deposit((90, 90), tracks_of(20, 20, 5, 3, 4000), 0.2, KEY)
-    here = both[0] < 40 * 90
-    np.testing.assert_array_equal(both[0][here], first[0])
-    np.testing.assert_array_equal(both[1][here], first[1])
+    here = both.pixel < 40 * 90
+    np.testing.assert_array_equal(both.pixel[here], first.pixel)
+    np.testing.assert_array_equal(both.electrons[here], first.electrons)
 
 
 def test_a_frame_of_one_pixel(rays):

@@ -8,15 +8,14 @@ and the earlier readout of rows near the amplifiers.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numba
 import numpy as np
 
 from csstsim.base.counter import word
 from csstsim.base.types import FloatArray, IntArray
-from csstsim.detector.random.normal import normal, normal_table
+from csstsim.detector.random.normal import NormalTable, normal, normal_table
 
 if TYPE_CHECKING:
     from csstsim.instrument.cosmic_rays import CosmicRays
@@ -27,15 +26,52 @@ _FWHM = np.sqrt(8 * np.log(2))  # of a Gaussian, in sigma
 _S32 = np.uint64(32)
 
 
-@dataclass(frozen=True)
-class Tracks:
-    """Arrays with a value per track: start x, y, extent dx, dy [px of the frame, pixel centres at integers], e-."""
+class Tracks(NamedTuple):
+    """Arrays with a value per track, (n,) each; pixels are those of the frame, with their centres at integers."""
 
-    x: FloatArray
+    x: FloatArray  # start [px]
     y: FloatArray
-    dx: FloatArray
+    dx: FloatArray  # extent [px]
     dy: FloatArray
-    electrons: IntArray
+    electrons: IntArray  # int64
+
+    def part(self, some: slice) -> Tracks:
+        """Return these tracks of all."""
+        return Tracks(self.x[some], self.y[some], self.dx[some], self.dy[some], self.electrons[some])
+
+
+class Boxes(NamedTuple):
+    """Pixels around tracks, half-open: int64 (n,) each."""
+
+    x0: IntArray
+    y0: IntArray
+    x1: IntArray
+    y1: IntArray
+
+    @property
+    def area(self) -> IntArray:
+        """(n,) pixels."""
+        return (self.x1 - self.x0) * (self.y1 - self.y0)
+
+    def part(self, some: slice) -> Boxes:
+        """Return these boxes of all."""
+        return Boxes(self.x0[some], self.y0[some], self.x1[some], self.y1[some])
+
+
+class Deposits(NamedTuple):
+    """What tracks leave in a frame: flat indices of hit pixels (ascending) and their electrons, (n,) each."""
+
+    pixel: IntArray  # int64
+    electrons: IntArray  # int32
+    hits: int  # tracks that put an electron into the frame
+
+
+class Work(NamedTuple):
+    """Arrays of a batch of tracks, filled in turn: electrons of one track's box, then pixels and electrons of all."""
+
+    box: IntArray  # int32, zeros before and after a track
+    pixel: IntArray  # int64
+    electrons: IntArray  # int32
 
 
 def draw_tracks(shape: tuple[int, int], seconds: float, rays: CosmicRays, rng: np.random.Generator) -> Tracks:
@@ -44,78 +80,79 @@ def draw_tracks(shape: tuple[int, int], seconds: float, rays: CosmicRays, rng: n
     rays: instrument.cosmic_rays.CosmicRays; rng: numpy Generator.
     """
     margin = rays.long_max + np.ceil(_FARTHEST * rays.diffusion)
-    height, width = (n + 2 * margin for n in shape)
+    ny, nx = shape
+    height = ny + 2 * margin
+    width = nx + 2 * margin
     n = rng.poisson(rays.rate * seconds * height * width)
     x = rng.uniform(0, width, n) - margin - 0.5
     y = rng.uniform(0, height, n) - margin - 0.5
     long = rng.random(n) < rays.long_share
-    length = rng.random(n)
-    length = np.where(long, rays.short_max + (rays.long_max - rays.short_max) * length, rays.short_max * length)
+    part = rng.random(n)
+    length = np.where(long, rays.short_max + (rays.long_max - rays.short_max) * part, rays.short_max * part)
     angle = rng.uniform(0, 2 * np.pi, n)
     electrons = 10 ** rng.normal(rays.log_energy, rays.log_energy_fwhm / _FWHM, n)
     return Tracks(x, y, length * np.cos(angle), length * np.sin(angle), np.rint(electrons).astype(np.int64))
 
 
-def deposit(shape: tuple[int, int], tracks: Tracks, diffusion: float, key: np.uint64) -> tuple[IntArray, IntArray, int]:
-    """Return (pixel, electrons, hits): flat indices of hit pixels (ascending), their electrons, number of tracks.
+def deposit(shape: tuple[int, int], tracks: Tracks, diffusion: float, key: np.uint64) -> Deposits:
+    """Return the Deposits of Tracks in a frame.
 
-    shape: (ny, nx); diffusion: Gaussian sigma [px]; key: uint64 for the diffusion of every electron. hits: number of
-    tracks that put an electron into the frame.
+    shape: (ny, nx); diffusion: Gaussian sigma [px]; key: uint64 for the diffusion of every electron.
     """
-    margin = np.ceil(_FARTHEST * diffusion)
-    x0, y0, x1, y1 = boxes(tracks, margin)
-    area = (x1 - x0) * (y1 - y0)
-    pixels = [np.empty(0, np.int64)]
-    electrons = [np.empty(0, np.int32)]
+    around = boxes(tracks, np.ceil(_FARTHEST * diffusion))
+    area = around.area
+    pixels: list[IntArray] = [np.empty(0, np.int64)]
+    electrons: list[IntArray] = [np.empty(0, np.int32)]
     hits = 0
     for first in range(0, len(area), _BATCH):
         part = slice(first, first + _BATCH)
-        room = int(area[part].sum())
-        pixel = np.empty(room, np.int64)
-        charge = np.empty(room, np.int32)
-        work = np.zeros(int(area[part].max()), np.int32)
+        size = int(area[part].sum())
+        box = np.zeros(int(area[part].max()), np.int32)
+        work = Work(box, np.empty(size, np.int64), np.empty(size, np.int32))
         used, struck = _deposit(
-            shape, tracks.x[part], tracks.y[part], tracks.dx[part], tracks.dy[part], tracks.electrons[part],
-            x0[part], y0[part], x1[part], y1[part], diffusion, key, first, work, pixel, charge, *normal_table(),
-        )  # fmt: skip
-        pixels.append(pixel[:used].copy())
-        electrons.append(charge[:used].copy())
+            shape, tracks.part(part), around.part(part), diffusion, key, first, work, normal_table()
+        )
+        pixels.append(work.pixel[:used].copy())
+        electrons.append(work.electrons[:used].copy())
         hits += struck
     pixel, inverse = np.unique(np.concatenate(pixels), return_inverse=True)
-    return pixel, np.bincount(inverse, np.concatenate(electrons), len(pixel)).astype(np.int32), hits
+    return Deposits(pixel, np.bincount(inverse, np.concatenate(electrons), len(pixel)).astype(np.int32), hits)
 
 
-def boxes(tracks: Tracks, margin: float) -> tuple[IntArray, IntArray, IntArray, IntArray]:
-    """Return x0, y0, x1, y1 (int64, half-open) around each track's ends, `margin` px wider."""
-    ends = [np.stack([a, a + d]) for a, d in ((tracks.x, tracks.dx), (tracks.y, tracks.dy))]
-    low = (np.floor(end.min(axis=0) - margin).astype(np.int64) for end in ends)
-    high = (np.ceil(end.max(axis=0) + margin).astype(np.int64) + 1 for end in ends)
-    return *low, *high
+def boxes(tracks: Tracks, margin: float) -> Boxes:
+    """Return the Boxes around each track's ends, `margin` px wider."""
+    x0, x1 = _limits(tracks.x, tracks.x + tracks.dx, margin)
+    y0, y1 = _limits(tracks.y, tracks.y + tracks.dy, margin)
+    return Boxes(x0, y0, x1, y1)
+
+
+def _limits(start: FloatArray, end: FloatArray, margin: float) -> tuple[IntArray, IntArray]:
+    """Return (low, high), half-open, of the pixels between two ends along an axis, `margin` px wider."""
+    low = np.floor(np.minimum(start, end) - margin).astype(np.int64)
+    high = np.ceil(np.maximum(start, end) + margin).astype(np.int64) + 1
+    return low, high
 
 
 @numba.njit(cache=True)
 def _deposit(
     shape: tuple[int, int],
-    x: FloatArray,
-    y: FloatArray,
-    dx: FloatArray,
-    dy: FloatArray,
-    n: IntArray,
-    x0: IntArray,
-    y0: IntArray,
-    x1: IntArray,
-    y1: IntArray,
+    tracks: Tracks,
+    around: Boxes,
     diffusion: float,
     key: np.uint64,
     first: int,
-    work: IntArray,
-    pixel: IntArray,
-    charge: IntArray,
-    start: FloatArray,
-    step: FloatArray,
+    work: Work,
+    table: NormalTable,
 ) -> tuple[int, int]:
-    """Fill pixel and charge with the deposits of each track; return the number of entries and of tracks with any."""
+    """Fill `work` with the deposits of each track; return the number of entries and of tracks with any.
+
+    first: the number of the first of these tracks among all.
+    """
     ny, nx = shape
+    x, y, dx, dy, n = tracks
+    x0, y0, x1, y1 = around
+    box, pixel, charge = work
+    start, step = table
     used = struck = 0
     for t in range(len(x)):
         if x1[t] <= 0 or y1[t] <= 0 or x0[t] >= nx or y0[t] >= ny:
@@ -129,14 +166,14 @@ def _deposit(
             u = x[t] + dx[t] * along + diffusion * normal(np.uint32(bits), word(tail, np.uint64(2 * j)), start, step)
             v = y[t] + dy[t] * along
             v += diffusion * normal(np.uint32(bits >> _S32), word(tail, np.uint64(2 * j + 1)), start, step)
-            work[(int(np.floor(v + 0.5)) - y0[t]) * width + int(np.floor(u + 0.5)) - x0[t]] += 1
+            box[(int(np.floor(v + 0.5)) - y0[t]) * width + int(np.floor(u + 0.5)) - x0[t]] += 1
         before = used
         for row in range(y0[t], y1[t]):
             for column in range(x0[t], x1[t]):
                 at = (row - y0[t]) * width + column - x0[t]
-                if work[at] and 0 <= row < ny and 0 <= column < nx:
-                    pixel[used], charge[used] = row * nx + column, work[at]
+                if box[at] and 0 <= row < ny and 0 <= column < nx:
+                    pixel[used], charge[used] = row * nx + column, box[at]
                     used += 1
-                work[at] = 0
+                box[at] = 0
         struck += used > before
     return used, struck

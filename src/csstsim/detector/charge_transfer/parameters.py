@@ -36,7 +36,7 @@ class TrapModel(NamedTuple):
 
 
 def trap_model(density: ArrayLike, timescale: ArrayLike, well: Iterable[float]) -> TrapModel:
-    """Return the TrapModel of species with density [traps/pixel] and timescale [transfers]; well: as Well."""
+    """Return the TrapModel of density [traps/pixel] and timescale [transfers], (n_species,) each; well: as Well."""
     return TrapModel(np.array(density, np.float64), np.array(timescale, np.float64), Well(*map(float, well)))
 
 

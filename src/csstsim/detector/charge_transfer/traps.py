@@ -40,7 +40,7 @@ def volume(electrons: Floats, beta: float, full_well: float, notch: float) -> Fl
 
 
 def trap_lists(density: FloatArray, n_rows: int) -> TrapLists:
-    """Return TrapLists, to be filled, large enough for the traps of any line of `n_rows` rows.
+    """Return TrapLists to be filled: head (n_rows,), the others (size,), for the traps of any line.
 
     The number of traps is Poisson; the size is 12 standard deviations above its mean.
     """

@@ -9,6 +9,7 @@ The linear intervals change the distribution function by up to 2e-6 and the vari
 import math
 from functools import cache
 from statistics import NormalDist
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -28,9 +29,16 @@ _ONE = np.uint64(1)
 _TWO = np.uint64(2)
 
 
+class NormalTable(NamedTuple):
+    """(CELLS,) float32 each: the number of a cell is start + step x position, position 0 to 2^20."""
+
+    start: FloatArray
+    step: FloatArray
+
+
 @cache
-def normal_table() -> tuple[FloatArray, FloatArray]:
-    """Return (start, step), (CELLS,) float32: the number is start + step x position, position 0 to 2^20."""
+def normal_table() -> NormalTable:
+    """Return the NormalTable, (CELLS,)."""
     inverse = NormalDist().inv_cdf
     ends = np.array([inverse(i / CELLS) for i in range(EDGE, CELLS - EDGE + 1)])
     start = np.full(CELLS, _BEYOND)
@@ -38,7 +46,7 @@ def normal_table() -> tuple[FloatArray, FloatArray]:
     start[:EDGE] = -_BEYOND
     start[EDGE : CELLS - EDGE] = ends[:-1]
     step[EDGE : CELLS - EDGE] = np.diff(ends) / 2.0**20
-    return start, step
+    return NormalTable(start, step)
 
 
 @numba.njit(inline="always")
