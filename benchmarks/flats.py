@@ -32,7 +32,6 @@ from csstsim.simulation.sim_steps import SimSteps
 from csstsim.simulation.state import State
 
 EXPTIME = 150.0
-BOTH = {"flat": True, "shutter": True}
 
 
 def places(chip, nodes=24):
@@ -53,10 +52,10 @@ def report_response(camera: Camera, seed: int, record: Record) -> None:
     for name, filter_ in camera.filters.items():
         values, highest = [], 0.0
         for chip in [c for c in camera.chips.values() if c.filter == name][: 1 if record.toy else None]:
-            lit = filter_, camera.leds, camera_numbers(seed)
-            full = response_map(chip, chip.full_window, filter_, EXPTIME, *lit[1:], **BOTH)
+            flat = FlatField(camera.leds, camera_numbers(seed))
+            full = response_map(chip, chip.full_window, filter_, EXPTIME, flat=flat, shutter=True)
             values.append(full[::16, ::16].ravel())
-            highest = max(highest, response_maximum(chip, *lit, **BOTH))
+            highest = max(highest, response_maximum(chip, filter_, flat))
         values = np.concatenate(values)
         numbers = values.mean(), values.min(), values.max(), highest
         record.value(
@@ -111,11 +110,15 @@ def report_cost(camera: Camera, seed: int, record: Record) -> None:
     filter_, streams = camera.filters["r"], Streams(seed, "1", 9, "x")
     param = led_calib_model.Param(LED_TYPE=["590", "670"], LED_TIME=[10.0, 10.0])
     state = blank(camera, chip, window)
-    ask = camera.leds, streams.camera
-    share = response_map(chip, window, filter_, EXPTIME, *ask, **BOTH)
+
+    def response() -> np.ndarray:
+        flat = FlatField(camera.leds, streams.camera)
+        return response_map(chip, window, filter_, EXPTIME, flat=flat, shutter=True)
+
+    share = response()
     image = np.full(window.shape, 31.0, np.float32)
     parts = {
-        "response map, flat and shutter": lambda: response_map(chip, window, filter_, EXPTIME, *ask, **BOTH),
+        "response map, flat and shutter": response,
         "image x map": lambda: np.multiply(image, share, out=image),
         "led_calib_model": lambda: led_calib_model.apply(state, param, streams),
     }
@@ -159,8 +162,8 @@ def draw(camera: Camera, seed: int, record: Record) -> None:
 
     def response(chip):
         filter_ = camera.filters[chip.filter]
-        ask = chip, chip.full_window, filter_, EXPTIME, camera.leds, camera_numbers(seed)
-        return response_map(*ask, **BOTH)[::384, ::384]
+        flat = FlatField(camera.leds, camera_numbers(seed))
+        return response_map(chip, chip.full_window, filter_, EXPTIME, flat=flat, shutter=True)[::384, ::384]
 
     image = show(axes[1], response, 0.92, 1.04)
     figure.colorbar(image, ax=axes[1], shrink=0.8)

@@ -177,9 +177,7 @@ def test_measuring_takes_flat_and_shutter_out_again(tmp_path):
         job.window,
         campaign.camera.filters["r"],
         150.0,
-        campaign.camera.leds,
-        Streams(campaign.config.seed, "", CHIP, "").camera,
-        flat=True,
+        flat=FlatField(campaign.camera.leds, Streams(campaign.config.seed, "", CHIP, "").camera),
         shutter=True,
     )[np.rint(y).astype(int), np.rint(x).astype(int)]
     assert share.max() < 0.95 and np.ptp(share) > 0.05

@@ -10,6 +10,7 @@ from csstsim.base.rng import Streams
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.instrument.chip import Window
 from csstsim.layers import scie_obs
+from csstsim.optics.throughput.flat import FlatField
 from csstsim.optics.throughput.response import Response, response_map
 from csstsim.simulation.state import State
 from csstsim.stages import psf as psf_stage
@@ -45,9 +46,7 @@ def test_objects_lose_what_the_map_says_and_nothing_else_changes(draw, flat, shu
         state.window,
         state.filter,
         150.0,
-        state.exposure.camera.leds,
-        STREAMS.camera,
-        flat=flat,
+        flat=FlatField(state.exposure.camera.leds, STREAMS.camera) if flat else None,
         shutter=shutter,
     )
     assert np.abs(share - 1).max() > 1e-3
@@ -77,8 +76,9 @@ def test_single_pixels_and_rows_have_the_response_of_the_map(camera, flat, shutt
     """Every bit: pixels in any order and twice, at the window's corners; a measured response is a factor more."""
     chip, window = camera.chips[9], Window(9000, 9216, 4600, 4700)
     streams = Streams(1, "", 9, "")
-    ask = window, camera.filters["r"], 150.0, camera.leds, streams.camera
-    how = {"flat": flat, "shutter": shutter, "prnu": streams.chip_key("prnu")}
+    ask = window, camera.filters["r"], 150.0
+    field = FlatField(camera.leds, streams.camera) if flat else None
+    how = {"flat": field, "shutter": shutter, "prnu": streams.chip_key("prnu")}
     wanted = response_map(chip, *ask, **how)
     own = np.random.default_rng(1).normal(1, 0.01, window.shape).astype(np.float32) if master else None
     if master:

@@ -124,14 +124,14 @@ def test_sky_meets_the_pixels_of_the_map(lab):
 def test_every_way_to_ask_for_the_response_has_the_same_numbers(lab):
     camera, _ = lab
     chip, window = camera.chips[CHIP], Window(31, 200, 11, 40)
-    ask = camera.filters["r"], 150.0, camera.leds, streams("x").camera
-    how = {"flat": True, "shutter": True, "prnu": streams("x").chip_key("prnu")}
+    ask, flat = (camera.filters["r"], 150.0), FlatField(camera.leds, streams("x").camera)
+    how = {"flat": flat, "shutter": True, "prnu": streams("x").chip_key("prnu")}
     whole = response_map(chip, chip.full_window, *ask, **how)
     part = Response(chip, window, *ask, **how)
     np.testing.assert_array_equal(part.rows(0, window.ny), whole[window.slices])
     row, column = np.array([0, 5, 28]), np.array([168, 3, 0])
     np.testing.assert_array_equal(part.at(row, column), whole[window.slices][row, column])
-    assert whole.max() <= response_maximum(chip, ask[0], *ask[2:], flat=True, shutter=True)
+    assert whole.max() <= response_maximum(chip, camera.filters["r"], flat)
 
 
 def test_a_window_reads_its_part_alone(tmp_path):
@@ -142,8 +142,8 @@ def test_a_window_reads_its_part_alone(tmp_path):
     values[:32] = np.nan
     write_map(map_path(tmp_path / "instrument", "prnu", CHIP), values)
     camera = load_camera(tmp_path / "instrument")
-    ask = camera.filters["r"], 150.0, camera.leds, streams("x").camera
-    how = {"flat": False, "shutter": False, "prnu": streams("x").chip_key("prnu")}
+    ask = camera.filters["r"], 150.0
+    how = {"flat": None, "shutter": False, "prnu": streams("x").chip_key("prnu")}
     upper = response_map(camera.chips[CHIP], Window(5, 90, 32, 64), *ask, **how)
     assert np.array_equal(upper, values[32:, 5:90])
     with pytest.raises(InputError, match=r"prnu_09.fits: 85 pixel"):

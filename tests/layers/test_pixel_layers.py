@@ -13,6 +13,7 @@ from csstsim.detector import mask
 from csstsim.detector.mask import BAD_COLUMN, COSMIC_RAY, DEAD, HOT
 from csstsim.detector.prnu import CLIP, multiply
 from csstsim.layers import cosmic_rays, detector_defects, led_calib_model, poisson_and_dark, prnu_effect, sky_background
+from csstsim.optics.throughput.flat import FlatField
 from csstsim.optics.throughput.response import response_map, response_maximum
 from csstsim.simulation.exposure import Losses
 from csstsim.simulation.sim_steps import SimSteps
@@ -74,10 +75,10 @@ def test_sky_and_lamps_meet_the_same_pixels(camera):
 def test_the_maximum_is_the_same_with_it_and_without(camera):
     chip, window = camera.chips[9], camera.chips[9].full_window
     window = replace(window, y1=40)
-    ask = camera.filters["r"], 150.0, camera.leds, streams("x").camera
-    for losses in ({"flat": False, "shutter": False}, {"flat": True, "shutter": True}):
-        highest = response_maximum(chip, ask[0], *ask[2:], **losses)
-        share = response_map(chip, window, *ask, **losses, prnu=streams("x").chip_key("prnu"))
+    filter_, key = camera.filters["r"], streams("x").chip_key("prnu")
+    for flat in (None, FlatField(camera.leds, streams("x").camera)):
+        highest = response_maximum(chip, filter_, flat)
+        share = response_map(chip, window, filter_, 150.0, flat=flat, shutter=flat is not None, prnu=key)
         assert share.max() <= highest
         assert highest >= 1 + CLIP * camera.detector.prnu
 

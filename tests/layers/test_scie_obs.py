@@ -14,6 +14,7 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import STAR, ObjectTable
 from csstsim.instrument.chip import Window
 from csstsim.layers import scie_obs
+from csstsim.optics.throughput.flat import FlatField
 from csstsim.optics.throughput.response import response_map, response_maximum
 from csstsim.simulation.exposure import Losses
 from csstsim.simulation.state import State
@@ -44,15 +45,14 @@ def test_signal_to_noise_is_of_the_exposures_time(tmp_path):
 
 
 @pytest.mark.parametrize("flat", [False, True])
-@pytest.mark.parametrize("chip", [6, 9, 30])
-def test_no_pixel_is_above_the_declared_maximum(camera, chip, flat):
+@pytest.mark.parametrize("chip_id", [6, 9, 30])
+def test_no_pixel_is_above_the_declared_maximum(camera, chip_id, flat):
     """Flat, shutter and pixels together, a million of them in the middle, and at the edges: below, but not far."""
-    chip, how = camera.chips[chip], {"flat": flat, "shutter": True}
-    filter_, rng = camera.filters[chip.filter], Streams(5, "1", chip.id, "scie_obs")
-    maximum = response_maximum(chip, filter_, camera.leds, rng.camera, **how)
-    ask = filter_, 150.0, camera.leds, rng.camera
+    chip, rng = camera.chips[chip_id], Streams(5, "1", chip_id, "scie_obs")
+    filter_, field = camera.filters[chip.filter], FlatField(camera.leds, rng.camera) if flat else None
+    maximum = response_maximum(chip, filter_, field)
     for window in (Window(4000, 5000, 4000, 5000), Window(0, 9216, 0, 40), Window(9190, 9216, 0, 9232)):
-        seen = response_map(chip, window, *ask, prnu=rng.chip_key("prnu"), **how).max()
+        seen = response_map(chip, window, filter_, 150.0, flat=field, shutter=True, prnu=rng.chip_key("prnu")).max()
         assert (0.9 if window.x0 == 4000 else 0.0) * maximum < seen <= maximum
 
 
@@ -85,8 +85,8 @@ def test_what_the_renderer_draws_on(camera, psf_r, losses):
     state.counted = np.zeros(state.image.shape, np.int32)
     canvas = scie_obs._canvas(state, STREAMS)
     assert canvas.expected is state.image and canvas.counted is state.counted and canvas.window == state.window
-    ask = state.chip, state.filter, camera.leds, STREAMS.camera
-    assert canvas.maximum == response_maximum(*ask, flat=losses.flat, shutter=losses.shutter)
+    flat = FlatField(camera.leds, STREAMS.camera) if losses.flat else None
+    assert canvas.maximum == response_maximum(state.chip, state.filter, flat)
     assert (canvas.response is None) == (losses == Losses())
 
 

@@ -12,6 +12,7 @@ from csstsim.instrument.orbit import orbit_after
 from csstsim.io.level0_writing import write_level0
 from csstsim.layers import sky_background
 from csstsim.optics.scatter.halo import make_wing
+from csstsim.optics.throughput.flat import FlatField
 from csstsim.optics.throughput.response import response_map
 from csstsim.simulation.exposure import Losses
 from csstsim.sky.background import COMPONENTS
@@ -35,9 +36,8 @@ def lit(camera, model=True, **fields):
 def test_losses_multiply_the_sky_and_nothing_else(small, model, flat, shutter):
     whole = lit(small, model)
     state = lit(small, model, losses=Losses(flat, shutter))
-    share = response_map(
-        state.chip, state.window, state.filter, 150.0, small.leds, STREAMS.camera, flat=flat, shutter=shutter
-    )
+    field = FlatField(small.leds, STREAMS.camera) if flat else None
+    share = response_map(state.chip, state.window, state.filter, 150.0, flat=field, shutter=shutter)
     share = 1.0 if share is None else share
     np.testing.assert_allclose(state.image, whole.image * share, rtol=1e-6)
     assert state.header == whole.header
@@ -189,9 +189,8 @@ def test_the_mean_rate_and_the_dispersed_sky_are_those_of_the_layer(small, camer
 def test_a_dispersed_sky_loses_what_the_map_says(camera):
     where = {"chip": 1, "window": (3000, 3060, 4000, 4031)}
     whole, state = (lit(camera, False, losses=Losses(flat=on, shutter=on), **where) for on in (False, True))
-    share = response_map(
-        state.chip, state.window, state.filter, 150.0, camera.leds, STREAMS.camera, flat=True, shutter=True
-    )
+    flat = FlatField(camera.leds, STREAMS.camera)
+    share = response_map(state.chip, state.window, state.filter, 150.0, flat=flat, shutter=True)
     np.testing.assert_allclose(state.image, whole.image * share, rtol=1e-5)
     assert np.ptp(share) > 0 and not np.allclose(share, 1, rtol=1e-3)
 

@@ -112,9 +112,9 @@ def test_bilinear_expansion_is_exact_for_planes(camera):
 
 def test_nothing_asked_is_no_map(camera):
     chip, window = camera.chips[9], Window(0, 10, 0, 10)
-    ask = partial(response_map, chip, window, camera.filters["r"], 150.0, camera.leds, partial(stream, 1, "camera"))
-    assert ask(flat=False, shutter=False) is None
-    both, flat, shutter = ask(flat=True, shutter=True), ask(flat=True, shutter=False), ask(flat=False, shutter=True)
+    ask, field = partial(response_map, chip, window, camera.filters["r"], 150.0), flats(camera, 1)
+    assert ask(flat=None, shutter=False) is None
+    both, flat, shutter = ask(flat=field, shutter=True), ask(flat=field, shutter=False), ask(flat=None, shutter=True)
     np.testing.assert_allclose(both, flat * shutter, rtol=1e-6)
 
 
@@ -245,24 +245,23 @@ def test_the_response_is_the_product_of_its_losses_for_any_pixels(camera):
     """A window off the corner: parts, rows and single pixels are cuts of the whole; each loss can be left out."""
     chip, window, filter_ = camera.chips[9], Window(3001, 3060, 7002, 7042), camera.filters["r"]
     master = np.random.default_rng(4).uniform(0.9, 1.1, window.shape).astype(np.float32)
-    ask = partial(Response, chip, window, filter_, 20.0, camera.leds, partial(stream, 1, "camera"))
-    whole = ask(flat=True, shutter=True, prnu=np.uint64(9), master=master)
+    ask, field = partial(Response, chip, window, filter_, 20.0), flats(camera, 1)
+    whole = ask(flat=field, shutter=True, prnu=np.uint64(9), master=master)
     image = whole.rows(0, window.ny)
     assert image.shape == window.shape and image.dtype == np.float32
     assert np.array_equal(whole.rows(5, 9), image[5:9])
     assert np.array_equal(whole.part(slice(3, 20), slice(11, 50)), image[3:20, 11:50])
     row, column = np.array([0, 39, 7, 20]), np.array([58, 0, 3, 31])
     assert whole.at(row, column) == pytest.approx(image[row, column], rel=1e-6)
-    off = {"flat": False, "shutter": False}
+    off = {"flat": None, "shutter": False}
     alone = [
-        ask(**off | {"flat": True}).rows(0, 40), ask(**off | {"shutter": True}).rows(0, 40),
+        ask(**off | {"flat": field}).rows(0, 40), ask(**off | {"shutter": True}).rows(0, 40),
         ask(**off, prnu=np.uint64(9)).rows(0, 40), ask(**off, master=master).rows(0, 40),
     ]  # fmt: skip
     assert image == pytest.approx(np.prod(alone, axis=0), rel=1e-6)
-    field = flats(camera, 1)
     assert np.array_equal(alone[0], expand(field.external_grid(chip, filter_), chip, window))
     assert alone[1][0] == pytest.approx(exposed(chip, window, 20.0), rel=1e-6) and (alone[1] == alone[1][0]).all()
     assert alone[2].std() == pytest.approx(chip.detector.prnu, rel=0.1) and np.array_equal(alone[3], master)
-    limit = partial(response_maximum, chip, filter_, camera.leds, partial(stream, 1, "camera"), shutter=True)
-    assert limit(flat=False) == pytest.approx(highest(chip.detector.prnu), rel=1e-5)
-    assert limit(flat=True) == pytest.approx(limit(flat=False) * field.external_grid(chip, filter_).max())
+    without = response_maximum(chip, filter_, None)
+    assert without == pytest.approx(highest(chip.detector.prnu), rel=1e-5)
+    assert response_maximum(chip, filter_, field) == pytest.approx(without * field.external_grid(chip, filter_).max())

@@ -17,7 +17,7 @@ from csstsim.catalog.selection.select import Noise
 from csstsim.layers.param import EXPTIME, LayerParam
 from csstsim.optics.gratings.dispersion import Disperser
 from csstsim.optics.scatter.scattered_light import Scattered, read_scattered, scattered_light
-from csstsim.optics.throughput.flat import check_flat
+from csstsim.optics.throughput.flat import FlatField, check_flat
 from csstsim.optics.throughput.response import response_maximum
 
 if TYPE_CHECKING:
@@ -83,9 +83,9 @@ def apply(state: State, param: Param, rng: Streams) -> State:
 def _canvas(state: State, rng: Streams) -> Canvas:
     from csstsim.render.canvas import Canvas
 
-    exposure, (flat, shutter, _) = state.exposure, state.exposure.losses
-    leds = exposure.camera.leds
-    maximum = response_maximum(exposure.chip, exposure.filter, leds, rng.camera, flat=flat, shutter=shutter)
+    exposure = state.exposure
+    flat = FlatField(exposure.camera.leds, rng.camera) if exposure.losses.flat else None
+    maximum = response_maximum(exposure.chip, exposure.filter, flat)
     return Canvas(state.image, state.window, state.response(rng), maximum, state.counted)
 
 

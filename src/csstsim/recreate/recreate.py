@@ -223,6 +223,7 @@ def _of_maps(stated: Mapping[str, str], taken: Mapping[str, str]) -> Iterator[st
 
 def _sky(head: FrameHeader, run: OpenCampaign, job: Job, columns: Mapping[str, AnyArray]) -> float:
     """Return the sky [e-/s/px] of the frame's background: without dark current and objects too faint to be seen."""
+    from csstsim.optics.throughput.flat import FlatField
     from csstsim.optics.throughput.response import response_map
 
     pixels = read_electrons(head, run.camera.detector)
@@ -240,9 +241,7 @@ def _sky(head: FrameHeader, run: OpenCampaign, job: Job, columns: Mapping[str, A
         job.window,
         job.exposure.filter,
         job.exposure.exptime,
-        run.camera.leds,
-        run.streams(job).camera,
-        flat=losses.flat,
+        flat=FlatField(run.camera.leds, run.streams(job).camera) if losses.flat else None,
         shutter=losses.shutter,
     )
     share = 1.0 if response is None else float(response.mean())

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from csstsim.detector.sparse_plane import SparsePlane
+from csstsim.optics.throughput.flat import FlatField
 from csstsim.optics.throughput.response import response_map
 
 if TYPE_CHECKING:  # names alone: a stage imports what it uses
@@ -26,12 +27,9 @@ class State:
     """The simulation of one exposure of one chip, between two layers.
 
     `image` is float32, changed in place: expected electrons until `poisson_and_dark`, then charge, then DN
-    (units in `unit`). Before `prescan_overscan` its shape is that of `window`; after it, that of the
-    window's readout frame (detector.channels). `counted` holds electrons that are already Poisson (same shape), which
-    `poisson_and_dark` merges. None: there are none. They may be kept as a SparsePlane until `counted` is asked for.
-    `header` is what layers add to the Level-0 header, the user's
-    own layers to its HISTORY: {name: value}, JSON-like values only. chip, filter, telescope, pointing, window and wcs
-    are the exposure's.
+    (units in `unit`). Before `prescan_overscan` its shape is that of `window`; after it, that of the window's readout
+    frame (detector.channels). `header` is what layers add to the Level-0 header, the user's own layers to its HISTORY:
+    {name: value}, JSON-like values only. chip, filter, telescope, pointing, window and wcs are the exposure's.
     """
 
     exposure: Exposure
@@ -40,15 +38,16 @@ class State:
     spectra: Spectra | None = None  # theirs, of a slitless chip
     psf: PsfSet | None = None
     tables: PsfTable | None = None  # of `psf`; the reference renderer needs none
-    counted: np.ndarray | None = None  # int32; may be set to a SparsePlane
     mask: np.ndarray | None = None  # uint8 of the image's shape (detector.mask)
     trailed: Trails | None = None  # charge that trails into the overscan
     cosmic_rays: tuple[np.ndarray, np.ndarray] | None = None  # (flat indices in the window, electrons) to be written
     unit: str = "electron"
     header: dict[str, Any] = field(default_factory=dict)
-    truth: ObjectTable | None = None  # drawn objects
+    truth: ObjectTable | None = None  # rendered objects
     orders: ObjectTable | None = None  # those of a slitless chip, order by order (io.orders)
-    _response: tuple[FloatArray | None, ...] = ()  # (what `response` gave last,)
+    _counted: IntArray | SparsePlane | None = None
+    _response: FloatArray | None = None  # what `response` gave last, if it was asked for
+    _response_made: bool = False
 
     chip = property(lambda self: self.exposure.chip, doc="instrument.chip.Chip")
     filter = property(lambda self: self.exposure.filter, doc="instrument.filter.Filter")
@@ -67,33 +66,43 @@ class State:
         mask = np.zeros(shape, np.uint8) if exposure.mask else None
         return cls(exposure, np.zeros(shape, np.float32), objects, mask=mask)
 
+    @property
+    def counted(self) -> IntArray | None:
+        """Electrons that are already Poisson, (ny, nx) int32 as `image`; None: there are none.
+
+        `poisson_and_dark` merges them. They may be set to a SparsePlane, and are kept as one until they are asked for.
+        """
+        if isinstance(self._counted, SparsePlane):
+            self._counted = self._counted.dense()
+        return self._counted
+
+    @counted.setter
+    def counted(self, plane: IntArray | SparsePlane | None) -> None:
+        self._counted = plane
+
     def response(self, rng: Streams) -> FloatArray | None:
         """Return the response_map (optics.throughput) of this exposure, made once for all layers that ask.
 
         rng: the asking layer's rng.Streams.
         """
-        if not self._response:
-            asked, (flat, shutter, prnu) = self.exposure, self.exposure.losses
-            made = response_map(
+        if not self._response_made:
+            asked = self.exposure
+            losses = asked.losses
+            self._response = response_map(
                 asked.chip,
                 asked.window,
                 asked.filter,
                 asked.exptime,
-                asked.camera.leds,
-                rng.camera,
-                flat=flat,
-                shutter=shutter,
-                prnu=rng.chip_key("prnu") if prnu else None,
+                flat=FlatField(asked.camera.leds, rng.camera) if losses.flat else None,
+                shutter=losses.shutter,
+                prnu=rng.chip_key("prnu") if losses.prnu else None,
             )
-            self._response = (made,)
-        return self._response[0]
+            self._response_made = True
+        return self._response
 
     def electrons(self) -> float:
         """Return the electrons in both planes, a float64 sum."""
         return sum(float(plane.sum(dtype=np.float64)) for plane in (self.image, self.counted) if plane is not None)
-
-    def _keep_counted(self, counted: IntArray | SparsePlane | None) -> None:
-        self._counted: IntArray | SparsePlane | None = counted
 
     def add_counted(self, pixel: IntArray, electrons: IntArray) -> None:
         """Add electrons (n,) int32 to the counted ones, at ascending flat indices (n,) of the window."""
@@ -109,14 +118,7 @@ class State:
         self._counted = None
         return taken
 
-    def _plane_of_counted(self) -> IntArray | None:
-        if isinstance(self._counted, SparsePlane):
-            self._counted = self._counted.dense()
-        return self._counted
-
     def forget(self) -> None:
         """Drop what is kept only to save time."""
-        self._response = ()
-
-
-State.counted = property(State._plane_of_counted, State._keep_counted)  # type: ignore[assignment]  # a field, too
+        self._response = None
+        self._response_made = False

@@ -130,6 +130,7 @@ def _response(
     run: OpenCampaign, job: Job, streams: Streams, *, prnu: bool, master: FloatArray | None = None
 ) -> Response | None:
     """Return the optics.throughput.response.Response of a job's frame; None if it is 1 everywhere."""
+    from csstsim.optics.throughput.flat import FlatField
     from csstsim.optics.throughput.response import Response
 
     exposure = job.exposure
@@ -142,9 +143,7 @@ def _response(
         exposure.window,
         exposure.filter,
         exposure.exptime,
-        run.camera.leds,
-        streams.camera,
-        flat=losses.flat,
+        flat=FlatField(run.camera.leds, streams.camera) if losses.flat else None,
         shutter=losses.shutter,
         prnu=key,
         master=master,

@@ -132,7 +132,9 @@ def _state(camera: Camera, sky: float, window: Window) -> State:
             counted[stamp] += rng.poisson(light * spot)
         else:
             image[stamp] += light * spot
-    return State(exposure, image, counted=counted)
+    state = State(exposure, image)
+    state.counted = counted
+    return state
 
 
 def _seconds(state: State, steps: SimSteps, camera: Camera, folder: Path) -> dict[str, float]:

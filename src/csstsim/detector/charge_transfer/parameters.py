@@ -1,4 +1,7 @@
-"""What a transfer of charge is given: the traps, the keys of their random numbers, and which part of a chip moves."""
+"""What a transfer of charge is given: the traps, the keys of their random numbers, and which part of a chip moves.
+
+The process is that of detector.charge_transfer.cti.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +44,7 @@ def trap_model(density: ArrayLike, timescale: ArrayLike, well: Iterable[float]) 
 
 
 def scaled_model(traps: Traps, scale: float) -> TrapModel:
-    """Return the TrapModel of instrument.traps.Traps, with `scale` times their density."""
+    """Return the TrapModel of instrument.traps.Traps, with `scale` times the density of each species."""
     return trap_model(scale * np.array(traps.density), traps.timescale, (traps.beta, traps.full_well, traps.notch))
 
 

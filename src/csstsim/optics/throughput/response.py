@@ -2,47 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from csstsim.base.types import FloatArray, IntArray
 from csstsim.detector import prnu as pixels
-from csstsim.optics.throughput.flat import FlatField, check_flat
+from csstsim.optics.throughput.flat import check_flat
 from csstsim.optics.throughput.shutter import exposed
 
 if TYPE_CHECKING:
     from csstsim.instrument.chip import Chip, Window
     from csstsim.instrument.filter import Filter
+    from csstsim.optics.throughput.flat import FlatField
 
 _ROUNDING = 1e-6
 
 
-def response_maximum(
-    chip: Chip,
-    filter: Filter,
-    leds: Mapping[str, Any],
-    camera: Callable[[str], np.random.Generator],
-    *,
-    flat: bool,
-    shutter: bool,
-) -> float:
+def response_maximum(chip: Chip, filter: Filter, flat: FlatField | None) -> float:
     """Return an upper limit of `response_map` for a chip, for all pixels in any window.
 
-    Photons are drawn for this times the flux and then thinned (render.photon_positions). The maximum of the shutter is
-    1. The maximum of the pixel response is always included, so that the random numbers of photons do not depend on
-    PRNU. Laboratory maps declare theirs.
+    flat: as in `Response`. Photons are drawn for this times the flux and then thinned (render.photon_positions). The
+    maximum of the shutter is 1. The maximum of the pixel response is always included, so that the random numbers of
+    photons do not depend on PRNU. Laboratory maps declare theirs.
     """
     own = chip.maps.prnu
     highest = (own.maximum if own else pixels.highest(chip.detector.prnu)) * (1 + _ROUNDING)  # rounding of float32
-    if not flat:
+    if flat is None:
         return highest
-    check_flat(leds)
-    field = FlatField(leds, camera)
-    lab = field.laboratory(chip, filter.wavelength, filter.throughput)
-    highest *= float(field.external_grid(chip, filter).max())  # bilinear: its nodes are highest
+    check_flat(flat.numbers)
+    lab = flat.laboratory(chip, filter.wavelength, filter.throughput)
+    highest *= float(flat.external_grid(chip, filter).max())  # bilinear: its nodes are highest
     return highest if lab is None else highest * lab.maximum
 
 
@@ -51,21 +42,18 @@ def response_map(
     window: Window,
     filter: Filter,
     exptime: float,
-    leds: Mapping[str, Any],
-    camera: Callable[[str], np.random.Generator],
     *,
-    flat: bool,
+    flat: FlatField | None,
     shutter: bool,
     prnu: np.uint64 | None = None,
 ) -> FloatArray | None:
-    """Return (ny, nx) float32, the fraction of nominal light that is detected; None if all losses are off.
+    """Return (ny, nx) float32, the fraction of nominal flux that is detected; None if all losses are off.
 
     Arguments are those of `Response`. Raises InputError.
     """
-    if not (flat or shutter) and prnu is None:
+    if flat is None and not shutter and prnu is None:
         return None
-    losses = Response(chip, window, filter, exptime, leds, camera, flat=flat, shutter=shutter, prnu=prnu)
-    return losses.rows(0, window.ny)
+    return Response(chip, window, filter, exptime, flat=flat, shutter=shutter, prnu=prnu).rows(0, window.ny)
 
 
 def pixel_response(image: FloatArray, chip: Chip, window: Window, key: np.uint64) -> None:
@@ -81,7 +69,7 @@ def pixel_response(image: FloatArray, chip: Chip, window: Window, key: np.uint64
 
 
 class Response:
-    """The fraction of nominal light that each pixel of a window detects, computed for the pixels that are asked for."""
+    """The fraction of nominal flux that each pixel of a window detects, computed for the pixels that are asked for."""
 
     def __init__(
         self,
@@ -89,29 +77,26 @@ class Response:
         window: Window,
         filter: Filter,
         exptime: float,
-        leds: Mapping[str, Any],
-        camera: Callable[[str], np.random.Generator],
         *,
-        flat: bool,
+        flat: FlatField | None,
         shutter: bool,
         prnu: np.uint64 | None = None,
         master: FloatArray | None = None,
     ) -> None:
         """Prepare the response of a chip's Window.
 
-        leds: Camera.leds; camera: function of a name that returns a Generator, the same in all exposures
-        (rng.Streams.camera); prnu: uint64, the chip's key (rng.Streams.chip_key) of the pixel response, or None: no
-        PRNU; master: float32 (ny, nx) of the window, a measured response of the pixels, or None. Raises InputError.
+        exptime: [s]; flat: the camera's, or None: no vignetting and no flats of lamps; shutter: its losses are wanted;
+        prnu: uint64, the chip's key (rng.Streams.chip_key) of the pixel response, or None: no PRNU; master: float32
+        (ny, nx) of the window, a measured response of the pixels, or None. Raises InputError.
         """
-        if flat:
-            check_flat(leds)
+        if flat is not None:
+            check_flat(flat.numbers)
         self._chip = chip
         self._window = window
         self._prnu = prnu
         self._master = master
-        field = FlatField(leds, camera) if flat else None
-        self._grid = None if field is None else field.external_grid(chip, filter)
-        self._lab = None if field is None else field.laboratory(chip, filter.wavelength, filter.throughput)
+        self._grid = None if flat is None else flat.external_grid(chip, filter)
+        self._lab = None if flat is None else flat.laboratory(chip, filter.wavelength, filter.throughput)
         self._exposed = exposed(chip, window, exptime).astype(np.float32) if shutter else None
 
     def rows(self, first: int, last: int) -> FloatArray:
