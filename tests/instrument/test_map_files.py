@@ -18,7 +18,7 @@ from csstsim.command_line.main import main
 from csstsim.detector import mask
 from csstsim.detector.channels import ReadoutFrame
 from csstsim.instrument.camera import load_camera
-from csstsim.instrument.maps.chip_maps import Entry, map_files, needed
+from csstsim.instrument.maps.chip_maps import MapEntry, map_files, needed
 from csstsim.instrument.maps.kinds import DEFECTS, KINDS
 from csstsim.optics.throughput.flat import FlatField
 
@@ -291,7 +291,7 @@ def test_a_campaign_is_refused_before_its_first_stage(tmp_path):
 
 
 def test_which_files_of_the_folder_are_maps():
-    entries = {"prnu": Entry("maps/prnu_{chip}.fits"), "led_flats": Entry("./maps/led_{led}_{chip}.fits")}
+    entries = {"prnu": MapEntry("maps/prnu_{chip}.fits"), "led_flats": MapEntry("./maps/led_{led}_{chip}.fits")}
     maps = {"maps.yaml", "maps/prnu_09.fits", "maps/led_430_30.fits"}
     others = {"detector.yaml", "maps/prnu_9.fits", "maps/led_{led}_30.fits.txt", "prnu_09.fits", "maps/bias_09.fits"}
     assert map_files(entries, maps | others) == maps

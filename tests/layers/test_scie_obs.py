@@ -74,7 +74,7 @@ def test_what_the_renderer_is_told(camera, psf_r, wings, ghosts):
     assert (told.exptime, told.fidelity, told.psf, told.wcs) == (300.0, "preview", psf_r, state.exposure.wcs)
     assert (told.wing is not None, told.ghosts is not None) == (wings, ghosts)
     assert told.key == STREAMS.exposure_key("photons")
-    assert (told.observer, told.interval) == (state.exposure.observer, state.exposure.interval)
+    assert (told.observer, told.interval) == (state.exposure.spacecraft, state.exposure.interval)
     assert told.tables is state.tables
 
 

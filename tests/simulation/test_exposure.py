@@ -35,7 +35,9 @@ def test_a_footprint_is_the_windows_corners_grown_by_a_margin(camera, observe):
     from dataclasses import replace
 
     exposure = flat_state(camera, window=(100, 400, 3000, 3100)).exposure
-    exposure = replace(exposure, observer=observe(exposure.pointing))
+    with pytest.raises(ValueError, match="made without a campaign"):
+        _ = exposure.observer
+    exposure = replace(exposure, spacecraft=observe(exposure.pointing))
     places = exposure.footprint(margin_px=20.0)
     x, y = exposure.wcs.world_to_pixel(*apparent(*places, exposure.observer))
     corners = {(round(float(a), 2), round(float(b), 2)) for a, b in zip(x, y, strict=True)}

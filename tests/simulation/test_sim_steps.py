@@ -6,8 +6,10 @@ from types import ModuleType, SimpleNamespace
 import numpy as np
 import pytest
 from pydantic import Field
+from readout_state import POINTING
 
 from csstsim.base.errors import BlockedError, InputError
+from csstsim.instrument.pointing import Pointing
 from csstsim.layers.param import LayerParam
 from csstsim.simulation.exposure import Losses
 from csstsim.simulation.sim_steps import SimSteps, Step, known_layers, load_layer
@@ -123,7 +125,14 @@ def test_what_a_list_asks_of_an_exposure(layer, options, losses, mask, distorted
     one, other = layer("one"), layer("other")
     found = steps({one: options[0]}, {other: options[1]})
     assert found.losses == Losses(*losses) and (found.mask, found.field_dist) == (mask, distorted)
-    assert found.exptime == exptime and (found.exptime is None) == (exptime is None)
+    assert found.timed(Pointing(**POINTING)).exptime == (150.0 if exptime is None else exptime)
+
+
+def test_an_exposure_of_no_time_is_a_bias(layer):
+    name = layer("one")
+    assert steps({name: {"exptime": 0.0}}, kind="BIAS").timed(Pointing(**POINTING)).exptime == 0.0
+    with pytest.raises(InputError, match="exptime: zero exposure time"):
+        steps({name: {"exptime": 0.0}}, kind="DARK")
 
 
 def test_the_pixels_own_response_is_a_loss_of_its_layer():

@@ -12,7 +12,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.rng import Streams
 from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
-from csstsim.instrument.grating import Grating, Gratings, Order
+from csstsim.instrument.grating import DiffractionOrder, Grating, Gratings
 from csstsim.layers import sky_background
 from csstsim.sky.background_spectra import band, sunlight
 from csstsim.sky.dispersed import disperse, node_rows, nominal_spectrum, order_rows, sky_spectrum
@@ -37,7 +37,7 @@ def straight(number, offset, per_px, blue, red, level=0.3, y_offset=0.0):
     """An order that is the same all over the field: x = offset + lambda / per_px, over a box of wavelengths."""
     table = np.zeros((6, 6))
     table[:, 0] = 0.0, y_offset, 0.0, 0.0, -offset * per_px, per_px
-    return Order(number, (0, 0), table, np.where((blue <= GRID) & (red >= GRID), level, 0.0))
+    return DiffractionOrder(number, (0, 0), table, np.where((blue <= GRID) & (red >= GRID), level, 0.0))
 
 
 def trapezoid(x, low, high, first, last):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 from csstsim.base.digest import digest
 from csstsim.simulation.exposure import Exposure
@@ -52,7 +52,7 @@ class Job:
     @property
     def observer(self) -> Observer:
         """catalog.astrometry.ephemeris.Observer."""
-        return cast("Observer", self.exposure.observer)  # a campaign's exposures have one
+        return self.exposure.observer
 
     @property
     def footprint(self) -> Callable[..., tuple[FloatArray, FloatArray]]:

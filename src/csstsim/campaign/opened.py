@@ -6,7 +6,6 @@ the same object.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -117,15 +116,7 @@ class OpenCampaign(JobLists):
         for kind in set(types) & set(self.config.observations) - set(layers):
             check_file(self, f"observations.{kind}", self.config.observation_file(kind))
         self.steps = {kind: SimSteps(self.config.observation_file(kind), kind, layers.get(kind)) for kind in types}
-        # One exposure time: that of the layers, if they give one, replaces the table's everywhere.
-        asked = {kind: steps.exptime for kind, steps in self.steps.items() if steps.exptime is not None}
-        for kind, exptime in asked.items():
-            if exptime == 0 and kind != "BIAS":
-                file = self.steps[kind].file
-                raise InputError("zero exposure time", file=file, key="exptime", value=0, allowed="0 for BIAS only")
-        self.exposures = {
-            obsid: replace(p, exptime=asked.get(p.type, p.exptime)) for obsid, p in self.exposures.items()
-        }
+        self.exposures = {obsid: self.steps[p.type].timed(p) for obsid, p in self.exposures.items()}
 
         check_photons(self)
         chips = [chip for chip in self.chips if only is None or chip.id in only[1]]

@@ -20,7 +20,7 @@ from csstsim.base.shipped import SHIPPED
 from csstsim.base.stages import flat
 from csstsim.base.types import PathLike
 from csstsim.instrument.load import data_files, folder_digest, read_data, sections
-from csstsim.instrument.maps.chip_maps import Entry, load_entries, map_files
+from csstsim.instrument.maps.chip_maps import MapEntry, load_entries, map_files
 
 # Files with numbers that may be changed: those a camera reads, but for lists (chips, keywords)
 CHANGEABLE = (
@@ -80,8 +80,8 @@ class InstrumentFiles:
         return sections(self.data(name))
 
     @cached_property
-    def maps(self) -> dict[str, Entry]:
-        """{kind: maps.chip_maps.Entry} of maps.yaml; {} without the file. Raises InputError."""
+    def maps(self) -> dict[str, MapEntry]:
+        """{kind: maps.chip_maps.MapEntry} of maps.yaml; {} without the file. Raises InputError."""
         return load_entries(self.folder)
 
     @cached_property

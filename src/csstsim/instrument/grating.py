@@ -30,7 +30,7 @@ _ERG_CM2 = 1e-3  # erg / cm2 in J / m2
 
 
 @dataclass(frozen=True, eq=False)
-class Order:
+class DiffractionOrder:
     """One diffraction order of a grating."""
 
     number: int
@@ -59,10 +59,10 @@ class Order:
 
 @dataclass(frozen=True, eq=False)
 class Grating:
-    """One grating; `orders` {number: Order}, rising."""
+    """One grating; `orders` {number: DiffractionOrder}, rising."""
 
     name: str
-    orders: dict[int, Order]
+    orders: dict[int, DiffractionOrder]
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +102,7 @@ class Gratings:
         return max(_reach(order, piece) for grating, piece in self.pieces for order in grating.orders.values())
 
 
-def _reach(order: Order, piece: tuple[float, float, float, float]) -> float:
+def _reach(order: DiffractionOrder, piece: tuple[float, float, float, float]) -> float:
     x0, x1, y0, y1 = piece
     x, y = (v.ravel() for v in np.meshgrid(np.linspace(x0, x1, 5), np.linspace(y0, y1, 5)))
     p, q, r, s = order.lines(x, y).T
@@ -210,12 +210,12 @@ def _check_traces(grating: Grating, piece: tuple[float, float, float, float], fi
 def load_grating(path: PathLike, filter: Filter, telescope: Telescope) -> Grating:
     """Return the Grating of an aXe file: coefficients (6,), throughputs [e- / photon]. Raises InputError."""
     path = Path(path)
-    orders: dict[int, Order] = {}
+    orders: dict[int, DiffractionOrder] = {}
     for number, one in sorted(read_axe(path).items()):
         _check_beside(path, one["sensitivity"])
         throughput = _throughput(path.parent / one["sensitivity"], telescope)
         table = np.stack([one[name] for name in COEFFICIENTS])
-        orders[number] = Order(number, one["extent"], table, throughput)
+        orders[number] = DiffractionOrder(number, one["extent"], table, throughput)
     worst = np.abs(orders[1].throughput - filter.throughput).max() / filter.throughput.max()
     if not worst < _AGREE:
         raise InputError(

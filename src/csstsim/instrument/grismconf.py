@@ -26,7 +26,7 @@ from csstsim.instrument.grating import sensitivity
 if TYPE_CHECKING:
     from csstsim.base.types import FloatArray, PathLike
     from csstsim.instrument.chip import Chip
-    from csstsim.instrument.grating import Grating, Order
+    from csstsim.instrument.grating import DiffractionOrder, Grating
     from csstsim.instrument.telescope import Telescope
 
 FITTED = 12  # direct images along each side of a grating's piece to which the wavelength is fitted
@@ -69,8 +69,10 @@ def write_grismconf(
     return [path, *paths], worst
 
 
-def dispersion(order: Order, piece: tuple[float, float, float, float]) -> tuple[dict[str, FloatArray], float]:
-    """Return ({DISPX, DISPY, DISPL: (2, 6)}, largest error of the wavelength [px]) of an instrument.grating.Order."""
+def dispersion(
+    order: DiffractionOrder, piece: tuple[float, float, float, float]
+) -> tuple[dict[str, FloatArray], float]:
+    """Return ({DISPX, DISPY, DISPL: (2, 6)}, largest error of the wavelength [px]) of a diffraction order."""
     xoff, yoff, a0, a1, alpha0, alpha1 = order.coefficients
     middle = field_terms(0.5 * (piece[0] + piece[1]), 0.5 * (piece[2] + piece[3]))
     first, last = np.array(order.extent) - middle @ xoff
@@ -91,7 +93,7 @@ def dispersion(order: Order, piece: tuple[float, float, float, float]) -> tuple[
     return {"DISPX": along, "DISPY": ends, "DISPL": waves}, float(off.max())
 
 
-def _write_sensitivity(path: Path, order: Order, telescope: Telescope) -> None:
+def _write_sensitivity(path: Path, order: DiffractionOrder, telescope: Telescope) -> None:
     """Write the sensitivity of an order where it is not zero, with a zero on either side."""
     from astropy.io import fits
 

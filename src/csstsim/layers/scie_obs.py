@@ -106,7 +106,7 @@ def _drawing(state: State, param: Param, rng: Streams) -> Drawing:
         noise.variance(exposure.exptime),
         rng.exposure_key("photons"),
         state.tables,
-        exposure.observer,
+        exposure.spacecraft,
         exposure.interval,
     )
 

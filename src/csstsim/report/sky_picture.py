@@ -12,7 +12,7 @@ from __future__ import annotations
 import io
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias, cast
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from PIL.ImageDraw import ImageDraw
 
     from csstsim.base.types import FloatArray, IntArray
-    from csstsim.catalog.astrometry.ephemeris import Observer
     from csstsim.io.level0 import Level0
     from csstsim.simulation.exposure import Exposure
 
@@ -67,9 +66,8 @@ class Grid:
         columns = np.linspace(0, nx - 1, NODES)
         middle = (self.step - 1) / 2
         x, y = np.meshgrid(self.window.x0 + columns * self.step + middle, self.window.y0 + rows * self.step + middle)
-        here, there = (cast("Observer", one.observer) for one in (self.exposure, exposure))  # a campaign's have one
-        sky = icrs(*self.exposure.wcs.pixel_to_world(x.ravel(), y.ravel()), here)
-        places = exposure.wcs.world_to_pixel(*apparent(*sky, there))
+        sky = icrs(*self.exposure.wcs.pixel_to_world(x.ravel(), y.ravel()), self.exposure.observer)
+        places = exposure.wcs.world_to_pixel(*apparent(*sky, exposure.observer))
         return [
             RectBivariateSpline(rows, columns, np.reshape(place, x.shape))(np.arange(ny), np.arange(nx))[:, ::-1]
             for place in places

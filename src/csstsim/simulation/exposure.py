@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # names alone: a stage imports what it uses
 
 
 class Losses(NamedTuple):
-    """The losses of light in an exposure (optics.throughput.response), the same for every layer that adds light."""
+    """The losses of flux in an exposure (optics.throughput.response), the same for every layer that adds light."""
 
     flat: bool = False
     shutter: bool = False
@@ -34,7 +34,7 @@ NO_LOSSES = Losses()
 class Exposure:
     """One exposure of one chip, and the window of it that is simulated.
 
-    The pointing has the exposure time that the layers ask for (SimSteps.exptime); the wcs has their field distortion.
+    The pointing has the exposure time that the layers ask for (SimSteps.timed); the wcs has their field distortion.
     """
 
     pointing: Pointing
@@ -42,15 +42,25 @@ class Exposure:
     window: Window
     wcs: ChipWCS
     camera: Camera = field(repr=False, compare=False)
-    observer: Observer | None = None  # at the start of the exposure
+    spacecraft: Observer | None = None  # at the start of the exposure; None: made without a campaign
     losses: Losses = NO_LOSSES
     mask: bool = False  # a truth mask is kept
-    fidelity: str = "standard"  # the campaign's: how objects are drawn
+    fidelity: str = "standard"  # the campaign's: how objects are rendered
 
     @property
     def exptime(self) -> float:
         """Exposure time [s]."""
         return self.pointing.exptime
+
+    @property
+    def observer(self) -> Observer:
+        """The spacecraft's position and velocity at the start of the exposure.
+
+        Raises ValueError for an exposure that was made without a campaign.
+        """
+        if self.spacecraft is None:
+            raise ValueError("the exposure was made without a campaign: no orbit is known")
+        return self.spacecraft
 
     @property
     def filter(self) -> Filter:
@@ -82,5 +92,4 @@ class Exposure:
         """Return ra[4], dec[4] of the window's corners, grown by a margin: ICRS at the epoch, not apparent."""
         from csstsim.catalog.astrometry.reduction import icrs
 
-        assert self.observer is not None
         return icrs(*self.wcs.footprint(self.window, margin_px), self.observer)

@@ -21,7 +21,7 @@ from __future__ import annotations
 import importlib
 import pkgutil
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import ModuleType
 from typing import TYPE_CHECKING
 
@@ -84,6 +84,7 @@ class SimSteps:
         layers: Sequence[Mapping[str, dict[str, Any] | None]] | None = None,
     ) -> None:
         self.file = file
+        self._kind = kind
         self.steps: list[Step] = []
         uses: dict[str, int] = {}
         for number, entry in enumerate(load_observation(file).layers if layers is None else layers):
@@ -99,7 +100,7 @@ class SimSteps:
             checked = validate(module.Param, param or {}, file, ("layers", number, keyword))
             self.steps.append(Step(keyword, name if uses[name] == 1 else f"{name}#{uses[name]}", module, checked))
         self._check_order()
-        self.exptime = self._exptime()
+        self._exptime = self._asked_time()
         self.field_dist = self._asked("field_dist")
         for option in ("flat_fielding", "shutter_effect"):
             self._check_agree(option)
@@ -177,14 +178,21 @@ class SimSteps:
             missing = next(name for name, lacks in needed.items() if lacks)
             raise self._error("a layer is missing: the list does not end in a Level-0 file", missing)
 
-    def _exptime(self) -> float | None:
+    def timed(self, pointing: Pointing) -> Pointing:
+        """Return a pointing with the exposure time that the layers ask for, if they do: it is that of every layer."""
+        return pointing if self._exptime is None else replace(pointing, exptime=self._exptime)
+
+    def _asked_time(self) -> float | None:
         """Return the exposure time [s] that the layers ask for; None: the pointing's."""
         asked = {step.keyword: getattr(step.param, "exptime", None) for step in self.steps}
         asked = {keyword: time for keyword, time in asked.items() if time is not None}
         if len(set(asked.values())) > 1:
             *_, last = asked
             raise self._error("layers ask for different exposure times", last, asked[last], "one for all, or null")
-        return next(iter(asked.values()), None)
+        exptime = next(iter(asked.values()), None)
+        if exptime == 0 and self._kind not in (None, "BIAS"):
+            raise InputError("zero exposure time", file=self.file, key="exptime", value=0, allowed="0 for BIAS only")
+        return exptime
 
     def __iter__(self) -> Iterator[Step]:
         return iter(self.steps)

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from csstsim.base.types import FloatArray, Floats
     from csstsim.instrument.chip import Window
-    from csstsim.instrument.grating import Gratings, Order
+    from csstsim.instrument.grating import DiffractionOrder, Gratings
     from csstsim.sky.parameters import SkyNumbers
 
 _LANES = 8  # sums side by side, which the compiler puts into one register
@@ -94,7 +94,11 @@ def disperse(
 
 
 def order_rows(
-    order: Order, piece: tuple[float, float, float, float], rows: FloatArray, window: Window, spectrum: FloatArray
+    order: DiffractionOrder,
+    piece: tuple[float, float, float, float],
+    rows: FloatArray,
+    window: Window,
+    spectrum: FloatArray,
 ) -> FloatArray:
     """Return (len(rows), nx): light of one order of a piece on rows of the chip, over one whole first order.
 
@@ -132,13 +136,13 @@ def _nodes(first: int, stop: int) -> FloatArray:
     return NODE * np.arange(first // NODE, (stop - 1) // NODE + 2, dtype=float)
 
 
-def landing(order: Order, x: Floats, y: Floats, wave: FloatArray) -> tuple[FloatArray, FloatArray]:
+def landing(order: DiffractionOrder, x: Floats, y: Floats, wave: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return X, Y of direct images at x, y [px] in `wave` [angstrom]."""
     p, q, r, s = np.moveaxis(order.lines(x, y), -1, 0)
     return x + p + q * wave, y + r + s * wave
 
 
-def _edge(order: Order, x: float, rows: FloatArray, wave: FloatArray) -> FloatArray:
+def _edge(order: DiffractionOrder, x: float, rows: FloatArray, wave: FloatArray) -> FloatArray:
     """Return (rows, 2): X where light of direct images at x lands on `rows`, at the two ends of the band."""
     y = rows + 0.0 * wave
     for _ in range(_ITERATIONS):
@@ -146,13 +150,13 @@ def _edge(order: Order, x: float, rows: FloatArray, wave: FloatArray) -> FloatAr
     return landing(order, x, y, wave)[0]
 
 
-def _ends(order: Order, piece: tuple[float, float, float, float], wave: FloatArray) -> list[FloatArray]:
+def _ends(order: DiffractionOrder, piece: tuple[float, float, float, float], wave: FloatArray) -> list[FloatArray]:
     """Return [(2,), (2,)]: Y of a piece's lower and upper end, at its middle in x, at the two ends of the band."""
     x0, x1, *ends = piece
     return [landing(order, np.full(2, 0.5 * (x0 + x1)), y, wave)[1] for y in ends]
 
 
-def _density(order: Order, columns: FloatArray, rows: FloatArray, wave: FloatArray) -> FloatArray:
+def _density(order: DiffractionOrder, columns: FloatArray, rows: FloatArray, wave: FloatArray) -> FloatArray:
     """Return |dF|^-1 of the light that lands on columns, rows."""
     x, y = (v + 0.0 * (columns + rows + wave) for v in (columns, rows))
     for _ in range(_ITERATIONS):

@@ -53,7 +53,6 @@ def selected(run: OpenCampaign, exposure: Exposure, catalog: CatalogBase | None 
     if catalog is None:
         key = run.universe_key() | _changing(run, exposure) if run.embedded else {}
         catalog = open_catalog(config, run.region(exposure), run.paths.truth, key)
-    assert exposure.observer is not None  # a campaign's exposures have one
     noise = Noise(filter_.sky, detector.dark, detector.read_noise)
     return select_objects(
         catalog, exposure.wcs, exposure.observer, exposure.window, filter_, camera.telescope, exposure.exptime, noise,
@@ -68,8 +67,6 @@ def _changing(run: OpenCampaign, exposure: Exposure) -> dict[str, Any]:
     key: dict[str, Any] = {"varying": kinds}
     if {"asteroids", "satellites"} & set(kinds):
         from csstsim.catalog.changing.visitors import visitors
-
-        assert exposure.observer is not None  # a campaign's exposures have one
 
         key["visitors"] = visitors(
             kinds, run.config.seed, run.universe, run.camera, exposure.pointing, exposure.observer, exposure.interval

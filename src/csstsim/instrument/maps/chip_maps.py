@@ -37,7 +37,7 @@ FILE = "maps.yaml"
 
 
 @dataclass(frozen=True)
-class Entry(Data):
+class MapEntry(Data):
     """What maps.yaml says of a kind: the pattern of the files' names, and the chips that have them (None: all)."""
 
     files: str
@@ -53,7 +53,7 @@ class ChipMaps:
     wavelengths: the LEDs [nm] whose flats the chip needs, because its filter lets some of their light pass.
     """
 
-    entries: dict[str, Entry]
+    entries: dict[str, MapEntry]
     folder: Path
     chip: int
     detector: "Detector | None"
@@ -112,8 +112,8 @@ NO_MAPS = ChipMaps({}, Path(), 0, None)
 
 
 @explained("laboratory map")
-def load_entries(folder: PathLike) -> dict[str, Entry]:
-    """Return {kind: Entry} of the maps.yaml of an instrument folder; {} without the file.
+def load_entries(folder: PathLike) -> dict[str, MapEntry]:
+    """Return {kind: MapEntry} of the maps.yaml of an instrument folder; {} without the file.
 
     Raises InputError for an unknown kind or place in a name, and for a kind without source and confidence.
     """
@@ -128,7 +128,7 @@ def load_entries(folder: PathLike) -> dict[str, Entry]:
         if not isinstance(data, dict) or not raw[kind].get("source"):
             raise InputError("source and confidence are missing", file=path, key=kind)
         about = {key: str(raw[kind][key]) for key in ("source", "confidence")}
-        entries[kind] = validate(Entry, data | about, path, (kind,))
+        entries[kind] = validate(MapEntry, data | about, path, (kind,))
         _check_name(entries[kind].files, kind, path)
     return entries
 
@@ -154,7 +154,7 @@ def needed(wavelengths: Sequence[float], filter: "Filter") -> tuple[float, ...]:
 
 
 @explained("laboratory map")
-def check_chips(entries: Mapping[str, Entry], folder: PathLike, chips: Iterable[int]) -> None:
+def check_chips(entries: Mapping[str, MapEntry], folder: PathLike, chips: Iterable[int]) -> None:
     """Raise InputError if maps.yaml names a chip that is not one of `chips`, the camera's numbers."""
     for kind, entry in entries.items():
         unknown = sorted(set(entry.chips or ()) - set(chips))
@@ -164,12 +164,12 @@ def check_chips(entries: Mapping[str, Entry], folder: PathLike, chips: Iterable[
             raise InputError("no such chip", file=path, key=f"{kind}.chips", value=unknown[0], allowed=allowed)
 
 
-def of_chip(entries: Mapping[str, Entry], chip: int) -> dict[str, Entry]:
+def of_chip(entries: Mapping[str, MapEntry], chip: int) -> dict[str, MapEntry]:
     """Return the entries of one chip."""
     return {kind: entry for kind, entry in entries.items() if entry.chips is None or chip in entry.chips}
 
 
-def map_files(entries: Mapping[str, Entry], names: Iterable[str]) -> set[str]:
+def map_files(entries: Mapping[str, MapEntry], names: Iterable[str]) -> set[str]:
     """Return those of some names of files, relative to the instrument folder, that are maps.yaml or its maps."""
     patterns = [entry.files.replace("{chip}", "[0-9][0-9]").replace("{led}", "*") for entry in entries.values()]
     return {name for name in names if name == FILE or any(fnmatch(name, one.removeprefix("./")) for one in patterns)}

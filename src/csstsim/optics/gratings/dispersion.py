@@ -4,8 +4,8 @@ Light of wavelength lambda that would fall on x, y without the grating lands in 
 
     x + p + q lambda,   y + r + s lambda         [px]
 
-with p, q, r, s functions of x, y (instrument.grating.Order.lines). Spectra are means over bins (`edges`), at most a
-quarter of a first-order pixel wide. An order's electrons in a bin are the mean density times `rates`, the exact
+with p, q, r, s functions of x, y (instrument.grating.DiffractionOrder.lines). Spectra are means over bins (`edges`), at
+most a quarter of a first-order pixel wide. An order's electrons in a bin are the mean density times `rates`, the exact
 integral of the throughput. The PSF at lambda is a mixture, linear in lambda, of the two nearest of the PSF set's four
 wavelengths; outside their range it is that of the nearest one. `Disperser.coarse` has bins of a pixel, for objects so
 faint that the position of a line within a pixel is not visible.

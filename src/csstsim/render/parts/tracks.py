@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from csstsim.catalog.light.object_spectra import Spectra
     from csstsim.catalog.table import ObjectTable
     from csstsim.instrument.chip import Window
-    from csstsim.instrument.grating import Order
+    from csstsim.instrument.grating import DiffractionOrder
     from csstsim.optics.gratings.dispersion import Disperser
     from csstsim.optics.scatter.halo import Wing
     from csstsim.render.canvas import Box, Canvas
@@ -71,7 +71,7 @@ def draw_tracks(
         line = _Line.of(objects.take(np.array([i])), drawing)
         out.electrons[i] = flux[i].sum() * line.exposed
         if disperser is None:
-            parts: Iterable[tuple[_Line, FloatArray, Order | None]] = [(line, flux[i], None)]
+            parts: Iterable[tuple[_Line, FloatArray, DiffractionOrder | None]] = [(line, flux[i], None)]
         else:
             assert spectra is not None  # given with a disperser
             light = spectra(np.array([i]), disperser.edges)[0]
@@ -160,7 +160,9 @@ class _Stretch(NamedTuple):
     bend: FloatArray
 
 
-def _orders(line: _Line, light: FloatArray, disperser: Disperser) -> Iterator[tuple[_Line, FloatArray, Order]]:
+def _orders(
+    line: _Line, light: FloatArray, disperser: Disperser
+) -> Iterator[tuple[_Line, FloatArray, DiffractionOrder]]:
     """Yield (part of the line, (bins,) electron / s, order) of the orders of each grating's piece."""
     for piece, (grating, _) in enumerate(disperser.gratings.pieces):
         x0, x1, y0, y1 = disperser.rectangles[piece]
@@ -177,7 +179,7 @@ def _draw(
     canvas: Canvas,
     line: _Line,
     rates: FloatArray,
-    order: Order | None,
+    order: DiffractionOrder | None,
     drawing: Drawing,
     width: float,
     disperser: Disperser | None,
@@ -305,7 +307,7 @@ def _fill(
 
 def _profile(
     rates: FloatArray,
-    order: Order | None,
+    order: DiffractionOrder | None,
     middle: tuple[float, float],
     angle: float,
     drawing: Drawing,
