@@ -20,7 +20,7 @@ from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.gratings.dispersion import Disperser
 from csstsim.optics.psf.psf_file import PsfSet
-from csstsim.optics.psf.psf_set import make_psf
+from csstsim.optics.psf.psf_set import PsfSampling, make_psf
 from csstsim.optics.scatter.scattered_light import scattered_light
 from csstsim.render.canvas import Canvas
 from csstsim.render.drawing import Drawing
@@ -63,7 +63,7 @@ def dispersed(camera, folder):
     """Return the expected light of a bulge's continuum and its disk's knots in a line, about the line, through GV."""
     chip, band, x, y = camera.chips[GV], camera.filters["GV"], 2500.0, 4600.0
     make_psf(
-        folder / "GV.h5", chip, band, camera.telescope, camera.psf, 2, camera_digest=camera.digest,
+        folder / "GV.h5", chip, band, camera.psf, PsfSampling(2), camera_digest=camera.digest,
         scattered=scattered_light(camera, band),
     )  # fmt: skip
     psf, wcs = PsfSet(folder / "GV.h5", chip=GV), ChipWCS(chip, POINTING)

@@ -26,7 +26,7 @@ from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
 from csstsim.optics.psf.psf_file import PsfSet, write_psf
-from csstsim.optics.psf.psf_set import make_psf
+from csstsim.optics.psf.psf_set import PsfSampling, make_psf
 from csstsim.optics.scatter.scattered_light import scattered_light
 from csstsim.profiles.sersic import sersic_b
 from csstsim.render.canvas import Canvas
@@ -55,7 +55,7 @@ def dense_psf(folder, grid=GRID):
     filter = camera.filters["r"]
     coarse = Path(folder) / "coarse.h5"
     make_psf(
-        coarse, camera.chips[CHIP], filter, camera.telescope, camera.psf, grid, camera_digest=camera.digest,
+        coarse, camera.chips[CHIP], filter, camera.psf, PsfSampling(grid), camera_digest=camera.digest,
         scattered=scattered_light(camera, filter),
     )  # fmt: skip
     psf = PsfSet(coarse)

@@ -32,7 +32,7 @@ from csstsim.instrument.chip import Chip, Window
 from csstsim.instrument.pointing import Pointing
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.psf.psf_file import PsfSet, pixel_response
-from csstsim.optics.psf.psf_set import make_psf
+from csstsim.optics.psf.psf_set import PsfSampling, make_psf
 from csstsim.optics.scatter.scattered_light import Scattered, read_scattered, scattered_light
 from csstsim.render.canvas import Canvas
 from csstsim.render.drawing import Drawing
@@ -231,7 +231,7 @@ def main(record: Record) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "psf.h5"
         make_psf(
-            path, chip, filter_, camera.telescope, camera.psf, grid, camera_digest=camera.digest,
+            path, chip, filter_, camera.psf, PsfSampling(grid), camera_digest=camera.digest,
             scattered=scattered_light(camera, filter_),
         )  # fmt: skip
         psf = PsfSet(path)

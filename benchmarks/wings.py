@@ -27,7 +27,7 @@ from csstsim.instrument.pointing import Pointing
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.psf.diffraction import Diffraction, blur
 from csstsim.optics.psf.psf_file import PsfSet, pixel_response
-from csstsim.optics.psf.psf_set import make_psf
+from csstsim.optics.psf.psf_set import PsfSampling, make_psf
 from csstsim.optics.psf.sampling import oversampling_of
 from csstsim.optics.psf.wavefront import load_wavefront
 from csstsim.optics.scatter.scattered_light import Scattered, read_scattered, scattered_light
@@ -145,7 +145,7 @@ class Scene:
         self.camera, self.chip, self.filter = camera, camera.chips[CHIP], camera.filters["r"]
         path = Path(folder) / "psf.h5"
         make_psf(
-            path, self.chip, self.filter, camera.telescope, camera.psf, 2, camera_digest=camera.digest,
+            path, self.chip, self.filter, camera.psf, PsfSampling(2), camera_digest=camera.digest,
             scattered=scattered_light(camera, self.filter),
         )  # fmt: skip
         self.psf = PsfSet(path)

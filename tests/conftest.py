@@ -19,7 +19,7 @@ from csstsim.catalog.astrometry.ephemeris import observer
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.pointing import Pointing
 from csstsim.optics.psf.psf_file import PsfSet
-from csstsim.optics.psf.psf_set import make_psf
+from csstsim.optics.psf.psf_set import PsfSampling, make_psf
 from csstsim.optics.scatter.scattered_light import scattered_light
 from csstsim.render.psf_table import make_table
 
@@ -118,7 +118,7 @@ def psf_r(camera, tmp_path_factory):
     chip = camera.chips[9]
     scattered = scattered_light(camera, camera.filters["r"])
     make_psf(
-        path, chip, camera.filters["r"], camera.telescope, camera.psf, 2, camera_digest=camera.digest,
+        path, chip, camera.filters["r"], camera.psf, PsfSampling(2), camera_digest=camera.digest,
         scattered=scattered,
     )  # fmt: skip
     return PsfSet(path, chip=9)

@@ -120,14 +120,14 @@ def dust(folder):
 
 
 def psf(folder):
-    from csstsim.optics.psf.psf_set import make_psf
+    from csstsim.optics.psf.psf_set import PsfSampling, make_psf
     from csstsim.optics.scatter.scattered_light import scattered_light
 
     camera, path = readers.camera(), folder / "psf.h5"
     chip = camera.chips[readers.PSF_CHIP]
     filter_ = camera.filters[chip.filter]
     make_psf(
-        path, chip, filter_, camera.telescope, camera.psf, 2, cells=32, camera_digest=camera.digest,
+        path, chip, filter_, camera.psf, PsfSampling(2, cells=32), camera_digest=camera.digest,
         provenance={"seed": 1}, scattered=scattered_light(camera, filter_),
     )  # fmt: skip
     return path

@@ -13,7 +13,7 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.optics.psf.chip_errors import chip_coefficients, mosaic_position
 from csstsim.optics.psf.psf_c9 import _numbered, _row_by_row, _wavelengths, convert
 from csstsim.optics.psf.psf_file import PsfSet
-from csstsim.optics.psf.psf_set import chip_optics, make_psf, node_psf
+from csstsim.optics.psf.psf_set import PsfSampling, chip_optics, make_psf, node_psf
 from csstsim.optics.psf.wavefront import load_wavefront
 from csstsim.stages import psf as psf_stage
 
@@ -28,7 +28,7 @@ def chip(camera):
 def own(camera, chip, tmp_path_factory):
     """Our own 2 x 2 set."""
     path = tmp_path_factory.mktemp("own") / "own.h5"
-    make_psf(path, chip, camera.filters["z"], camera.telescope, camera.psf, 2, camera_digest=camera.digest)
+    make_psf(path, chip, camera.filters["z"], camera.psf, PsfSampling(2), camera_digest=camera.digest)
     return PsfSet(path)
 
 

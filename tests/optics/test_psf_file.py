@@ -19,7 +19,7 @@ from csstsim.optics.psf.chip_errors import chip_coefficients
 from csstsim.optics.psf.diffraction import Diffraction, blur
 from csstsim.optics.psf.interpolation import METHODS, Interpolator
 from csstsim.optics.psf.psf_file import PsfSet, half_pixels, larger_cells, pixel_response
-from csstsim.optics.psf.psf_set import make_psf, node_psf
+from csstsim.optics.psf.psf_set import PsfSampling, make_psf, node_psf
 from csstsim.optics.psf.wavefront import load_wavefront
 from csstsim.stages.psf import open_psf
 
@@ -31,9 +31,10 @@ def made(camera, tmp_path_factory):
     """A 3 x 3 set of chip 8 (g), four cells to a pixel."""
     path = tmp_path_factory.mktemp("psf") / "chip_08.h5"
     chip = camera.chips[8]
-    options = {"camera_digest": camera.digest_for("psf"), "provenance": {"seed": 7}, "cells": CELLS}
-    options["nodes_uv"] = samples(load_focal_plane(SHIPPED / "instrument" / "distortion.yaml"), chip, GRID)[:, :2]
-    make_psf(path, chip, camera.filters[chip.filter], camera.telescope, camera.psf, GRID, **options)
+    options = {"camera_digest": camera.digest_for("psf"), "provenance": {"seed": 7}}
+    uv = samples(load_focal_plane(SHIPPED / "instrument" / "distortion.yaml"), chip, GRID)[:, :2]
+    sampling = PsfSampling(GRID, cells=CELLS, nodes_uv=uv)
+    make_psf(path, chip, camera.filters[chip.filter], camera.psf, sampling, **options)
     return path
 
 
@@ -83,8 +84,8 @@ def test_stored_node_is_the_optics_at_its_place(made, camera):
 
 def test_same_call_gives_the_same_bits(made, camera, tmp_path):
     chip, again = camera.chips[8], tmp_path / "again.h5"
-    options = {"camera_digest": camera.digest_for("psf"), "cells": CELLS}
-    make_psf(again, chip, camera.filters["g"], camera.telescope, camera.psf, GRID, **options)
+    sampling, digest = PsfSampling(GRID, cells=CELLS), camera.digest_for("psf")
+    make_psf(again, chip, camera.filters["g"], camera.psf, sampling, camera_digest=digest)
     assert np.array_equal(PsfSet(made).image, PsfSet(again).image)
 
 
@@ -95,8 +96,7 @@ def test_grating_chip_turns_about_its_centre(camera, tmp_path):
     made = []
     for turned in (chip, replace(chip, rotation=0.0, detector=replace(chip.detector, nx=9232, ny=9216))):
         path = tmp_path / f"{turned.rotation}.h5"
-        options = {"camera_digest": "x", "cells": 16}
-        make_psf(path, turned, camera.filters[chip.filter], camera.telescope, own, 2, **options)
+        make_psf(path, turned, camera.filters[chip.filter], own, PsfSampling(2, cells=16), camera_digest="x")
         made.append(PsfSet(path).image)
     # A quarter turn takes the chip's lower right corner (node 1) to the mosaic's upper right (node 3 unturned)
     assert made[0][1] == pytest.approx(made[1][3], abs=1e-6)
@@ -284,9 +284,8 @@ def test_failure_leaves_no_file(camera, tmp_path):
                 tmp_path / "x.h5",
                 camera.chips[8],
                 camera.filters["g"],
-                camera.telescope,
                 params,
-                grid,
+                PsfSampling(grid),
                 camera_digest="",
             )
     assert not list(tmp_path.iterdir())

@@ -12,7 +12,7 @@ from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.gratings.dispersion import Disperser
 from csstsim.optics.psf.psf_file import PsfSet, pixel_response
-from csstsim.optics.psf.psf_set import make_psf
+from csstsim.optics.psf.psf_set import PsfSampling, make_psf
 from csstsim.optics.scatter.scattered_light import read_scattered, scattered_light
 from csstsim.render.drawing import Drawing
 from csstsim.render.imaging.reference import lattice
@@ -35,7 +35,7 @@ def setting(camera, make_pointing, tmp_path_factory):
     path, chip = tmp_path_factory.mktemp("psf") / "GV.h5", camera.chips[CHIP]
     band = camera.filters["GV"]
     scattered = scattered_light(camera, band)
-    make_psf(path, chip, band, camera.telescope, camera.psf, 2, camera_digest=camera.digest, scattered=scattered)
+    make_psf(path, chip, band, camera.psf, PsfSampling(2), camera_digest=camera.digest, scattered=scattered)
     psf = PsfSet(path, chip=CHIP)
     return Disperser(camera.gratings[CHIP], band, camera.telescope), ChipWCS(chip, make_pointing()), psf
 

@@ -276,6 +276,8 @@ def test_the_half_side_of_a_stored_psf(tmp_path, sampled):
 
 
 def test_a_set_is_computed_or_taken_from_the_library(tmp_path, monkeypatch):
+    from csstsim.optics.psf.psf_set import PsfSampling
+
     seen = []
     monkeypatch.setattr("csstsim.optics.psf.psf_c9.convert", lambda *given, **named: seen.append((given, named)))
     monkeypatch.setattr("csstsim.optics.psf.psf_set.make_psf", lambda *given, **named: seen.append((given, named)))
@@ -287,8 +289,8 @@ def test_a_set_is_computed_or_taken_from_the_library(tmp_path, monkeypatch):
     psf._make_set(library, chip)
     path, digest = run.paths.psf(9), {"camera_digest": "camera psf"}
     assert seen == [
-        ((path, chip, "FILTER", "TELESCOPE", "NUMBERS", 3),
-         {"oversampling": "auto", "scattered": "SCATTERED", "nodes_uv": ("NODES", 3)} | digest),
+        ((path, chip, "FILTER", "NUMBERS", PsfSampling(3, "auto", nodes_uv=("NODES", 3))),
+         {"scattered": "SCATTERED"} | digest),
         (("LIBRARY", path, chip, "FILTER"), {"sample": "point"} | digest),
     ]  # fmt: skip
     with pytest.raises(InputError, match=r"chip: not a chip of the camera \(got 8\); allowed: 9"):

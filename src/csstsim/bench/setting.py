@@ -14,7 +14,7 @@ from csstsim.instrument.pointing import Pointing
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.gratings.dispersion import Disperser
 from csstsim.optics.psf.psf_file import PsfSet
-from csstsim.optics.psf.psf_set import make_psf
+from csstsim.optics.psf.psf_set import PsfSampling, make_psf
 from csstsim.optics.scatter.scattered_light import scattered_light
 from csstsim.render.psf_mixture import Mixer
 from csstsim.render.psf_table import read_tables, write_tables
@@ -70,9 +70,7 @@ def make_setting(folder: PathLike, band: str) -> Setting:
     scattered = scattered_light(camera, filter_)
     path = Path(folder) / f"psf_{band}_{camera.digest}.h5"
     if not path.exists():
-        make_psf(
-            path, chip, filter_, camera.telescope, camera.psf, GRID, camera_digest=camera.digest, scattered=scattered
-        )
+        make_psf(path, chip, filter_, camera.psf, PsfSampling(GRID), camera_digest=camera.digest, scattered=scattered)
     psf = PsfSet(path, chip=chip.id, camera_digest=camera.digest)
     tables = path.with_suffix(".tables.h5")
     if not tables.exists():

@@ -42,7 +42,7 @@ def psf(run: OpenCampaign, chip_id: int, say: Callable[[str], object] = print) -
 def _make_set(run: OpenCampaign, chip: Chip) -> None:
     """Write the PSF set of a chip."""
     from csstsim.optics.psf.psf_c9 import convert
-    from csstsim.optics.psf.psf_set import make_psf
+    from csstsim.optics.psf.psf_set import PsfSampling, make_psf
     from csstsim.optics.scatter.scattered_light import scattered_light
 
     camera = run.camera
@@ -57,12 +57,9 @@ def _make_set(run: OpenCampaign, chip: Chip) -> None:
             path,
             chip,
             filter_,
-            camera.telescope,
             camera.psf,
-            config.grid,
-            oversampling=config.oversampling,
+            PsfSampling(config.grid, config.oversampling, nodes_uv=_nodes_uv(camera, chip, config.grid)),
             scattered=scattered_light(camera, filter_),
-            nodes_uv=_nodes_uv(camera, chip, config.grid),
             camera_digest=digest,
         )
 

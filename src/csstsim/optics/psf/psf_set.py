@@ -19,7 +19,7 @@ diffusion that depends on wavelength, the 1 degree turn of the grating chips aga
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -35,11 +35,19 @@ from csstsim.optics.psf.wavefront import Wavefront, load_wavefront
 if TYPE_CHECKING:
     from csstsim.instrument.chip import Chip
     from csstsim.instrument.filter import Filter
-    from csstsim.instrument.telescope import Telescope
     from csstsim.optics.scatter.scattered_light import Scattered
 
 _CENTRE_TOLERANCE_PX = 1e-6
 _CENTRE_STEPS = 50
+
+
+class PsfSampling(NamedTuple):
+    """How a PSF set samples a chip."""
+
+    grid: int  # nodes along a side, >= 2
+    oversampling: int | str = "auto"  # cells along a pixel; "auto": that of psf.yaml for the filter
+    cells: int = CELLS  # along the box, even
+    nodes_uv: FloatArray | None = None  # (grid^2, 2) u, v of optics.geometry.focal_plane.samples at the nodes
 
 
 def node_psf(
@@ -117,35 +125,30 @@ def make_psf(
     path: PathLike,
     chip: Chip,
     filter: Filter,
-    telescope: Telescope,
     psf_params: Mapping[str, Any],
-    grid: int,
+    sampling: PsfSampling,
     *,
     camera_digest: str,
-    oversampling: int | str = "auto",
     provenance: Mapping[str, Any] | None = None,
-    cells: int = CELLS,
     scattered: Scattered | None = None,
-    nodes_uv: FloatArray | None = None,
 ) -> None:
     """Compute the PSFs of a chip and write them to `path` (layout: optics.psf.psf_file).
 
-    `psf_params`: Camera.psf; `grid`: number of nodes along a side (>= 2); `camera_digest`: Camera.digest;
-    `oversampling`: cells along a pixel ("auto": from psf.yaml for the filter); `provenance`: a JSON-like mapping stored
-    in the file; `cells`: cells (even) along the box; `scattered`: scattered_light.Scattered, whose halo is added;
-    `nodes_uv`: (grid^2, 2) u, v of optics.geometry.focal_plane.samples at the nodes. Raises InputError for an invalid
-    grid or sampling, and for a PSF too wide to centre.
+    `psf_params`: Camera.psf; `sampling`: a PsfSampling, its nodes_uv (grid^2, 2) or None; `camera_digest`:
+    Camera.digest; `provenance`: a JSON-like mapping stored in the file; `scattered`: scattered_light.Scattered, whose
+    halo is added. Raises InputError for an invalid grid or sampling, and for a PSF too wide to centre.
     """
+    grid = sampling.grid
     if grid < 2:
         raise InputError("too few nodes to span a chip", key="psf.grid", value=grid, allowed=">= 2")
-    oversampling = oversampling_of(filter.name, psf_params, oversampling)
+    oversampling = oversampling_of(filter.name, psf_params, sampling.oversampling)
     wavefront = load_wavefront(psf_params)
-    optics, kernel = chip_optics(chip, filter, psf_params, wavefront, oversampling, cells)
+    optics, kernel = chip_optics(chip, filter, psf_params, wavefront, oversampling, sampling.cells)
     nodes = node_positions(chip, grid)
     coefficients = chip_coefficients(wavefront, psf_params, chip, nodes[:, 0], nodes[:, 1])
     about = {
         "cell_um": chip.detector.pixel_um / oversampling,
-        "cell_arcsec": telescope.pixel_scale / oversampling,
+        "cell_arcsec": chip.telescope.pixel_scale / oversampling,
         "oversampling": oversampling,
         "chip": chip.id,
         "filter": filter.name,
@@ -163,8 +166,8 @@ def make_psf(
         nodes,
         filter.psf_wavelength,
         images,
-        cells=cells,
+        cells=sampling.cells,
         about=about,
         provenance=provenance or {},
-        nodes_uv=nodes_uv,
+        nodes_uv=sampling.nodes_uv,
     )
