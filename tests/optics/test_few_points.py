@@ -17,7 +17,7 @@ FIELD = load_distortion(CAMERA.folder / "distortion.fits")
 def test_bits_are_those_of_the_compiled_loops(chip, direction):
     model = FIELD.on(CAMERA.chips[chip]).model
     x, y = np.random.default_rng(chip).uniform(-9000, 18000, (2, 5000))  # more than few_points takes at a time
-    x[:4], y[4:8] = model[4][[0, 1, 0, 1]], model[4][[2, 3, 2, 3]]  # on the edges of the chip's box
+    x[:4], y[4:8] = model.chip_box[[0, 1, 0, 1]], model.chip_box[[2, 3, 2, 3]]  # on the edges of the chip's box
     x[8:12], y[12:14] = (np.nan, np.inf, 1e12, -1e300), (np.nan, -np.inf)
     found, wanted = (getattr(module, direction)(x, y, model) for module in (few_points, chip_distortion))
     assert np.isfinite(wanted).mean() > 0.99

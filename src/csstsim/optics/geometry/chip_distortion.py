@@ -1,8 +1,6 @@
 """The distortion of one chip, point by point: compiled loops over the splines of optics.geometry.spline.
 
-A model is the tuple (rotation, origin, box, coefficients, chip box, chip coefficients): the chip's position in the
-mosaic (optics.geometry.wcs.chip_plane), the global spline on mosaic positions, and the residual spline on the chip's
-ideal pixels.
+The models are those of optics.geometry.few_points.
 """
 
 from __future__ import annotations
@@ -66,12 +64,12 @@ def inverse(x: FloatArray, y: FloatArray, model: Model) -> FloatArray:
         a = x[n]
         b = y[n]
         for _ in range(_STEPS):
-            there = _land(a, b, model, work)
-            dx = x[n] - there[0]
-            dy = y[n] - there[1]
-            det = there[2] * there[5] - there[3] * there[4]
-            a += (there[5] * dx - there[3] * dy) / det
-            b += (there[2] * dy - there[4] * dx) / det
+            u, v, xx, xy, yx, yy = _land(a, b, model, work)
+            dx = x[n] - u
+            dy = y[n] - v
+            det = xx * yy - xy * yx
+            a += (yy * dx - xy * dy) / det
+            b += (xx * dy - yx * dx) / det
             # The second term is the rounding error of positions far from the chip.
             if abs(dx) + abs(dy) < _CLOSE_PX + 1e-14 * (abs(x[n]) + abs(y[n])):
                 out[n, 0] = a

@@ -25,13 +25,13 @@ from numpy.typing import ArrayLike
 
 from csstsim.base.errors import InputError
 from csstsim.base.types import AnyArray, FloatArray, PathLike
+from csstsim.optics.geometry.few_points import Model
 from csstsim.optics.geometry.wcs import chip_plane
 
 if TYPE_CHECKING:
     from types import ModuleType
 
     from csstsim.instrument.chip import Chip
-    from csstsim.optics.geometry.few_points import Model
 
 # cost in points: of a call without points; of starting numba (0.5 s)
 _CALL = 200
@@ -96,7 +96,8 @@ class FieldDistortion:
                 value=self.layout.get(chip.id, "missing"),
                 allowed=chip_layout(chip),
             )
-        return ChipDistortion((*chip_plane(chip), *self.whole, *self.chips[chip.id]))
+        rotation, origin = chip_plane(chip)
+        return ChipDistortion(Model(rotation, origin, *self.whole, *self.chips[chip.id]))
 
 
 def chip_layout(chip: Chip) -> tuple[float, ...]:

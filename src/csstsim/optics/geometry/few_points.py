@@ -5,7 +5,7 @@ numpy evaluates all points at once, each sum in the order of the compiled loops.
 are those of that module.
 """
 
-from typing import TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,7 +16,42 @@ _ORDER = 4  # of the splines: optics.geometry.spline, which compiles
 _CLOSE_PX = 1e-10
 _STEPS = 30
 _SOME = 2000  # points at a time, so that their sums stay in cache
-Model: TypeAlias = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
+
+
+class Model(NamedTuple):
+    """A chip's distortion: its position in the mosaic, and two splines (optics.geometry.spline), float64 arrays.
+
+    rotation (2, 2) and origin (2,): of optics.geometry.wcs.chip_plane. box (4,), coefficients (rows, columns, 2): the
+    global spline, of mosaic positions [px]. chip_box, chip_coefficients: the residual spline, of the chip's ideal
+    pixels.
+    """
+
+    rotation: FloatArray
+    origin: FloatArray
+    box: FloatArray
+    coefficients: FloatArray
+    chip_box: FloatArray
+    chip_coefficients: FloatArray
+
+
+class _SplineValues(NamedTuple):
+    """A spline's functions f, g and their derivatives, (n,) each."""
+
+    f: FloatArray
+    g: FloatArray
+    fx: FloatArray
+    fy: FloatArray
+    gx: FloatArray
+    gy: FloatArray
+
+
+class _Axis(NamedTuple):
+    """The B-splines along one axis at n points."""
+
+    first: IntArray  # (n,) first coefficient
+    basis: list[FloatArray]  # (ORDER + 1, n)
+    slope: list[FloatArray]  # (ORDER + 1, n), d(basis)/d(cell coordinate)
+    per_px: FloatArray  # (n,) d(cell coordinate)/dx, 0 beyond the box
 
 
 def forward(x: FloatArray, y: FloatArray, model: Model) -> FloatArray:
@@ -30,6 +65,7 @@ def forward(x: FloatArray, y: FloatArray, model: Model) -> FloatArray:
 
 
 def _land(x: FloatArray, y: FloatArray, model: Model) -> tuple[FloatArray, ...]:
+    """Return the columns of `forward`."""
     rotation, origin, box, coefficients, chip_box, chip_coefficients = model
     c = rotation[0, 0]
     s = rotation[1, 0]
@@ -59,12 +95,12 @@ def inverse(x: FloatArray, y: FloatArray, model: Model) -> FloatArray:
     b = y
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         for _ in range(_STEPS):
-            there = forward(a, b, model).T
-            dx = x[left] - there[0]
-            dy = y[left] - there[1]
-            det = there[2] * there[5] - there[3] * there[4]
-            a = a + (there[5] * dx - there[3] * dy) / det
-            b = b + (there[2] * dy - there[4] * dx) / det
+            u, v, xx, xy, yx, yy = forward(a, b, model).T
+            dx = x[left] - u
+            dy = y[left] - v
+            det = xx * yy - xy * yx
+            a = a + (yy * dx - xy * dy) / det
+            b = b + (xx * dy - yx * dx) / det
             close = np.abs(dx) + np.abs(dy) < _CLOSE_PX + 1e-14 * (np.abs(x[left]) + np.abs(y[left]))
             out[left[close]] = np.stack([a[close], b[close]], axis=-1)
             left = left[~close]
@@ -75,11 +111,14 @@ def inverse(x: FloatArray, y: FloatArray, model: Model) -> FloatArray:
     return out
 
 
-def _value(box: FloatArray, coefficients: FloatArray, x: FloatArray, y: FloatArray) -> tuple[FloatArray, ...]:
-    """Return (f, g, f_x, f_y, g_x, g_y), each (n,): a spline's two functions and their derivatives. NaN gives NaN."""
+def _value(box: FloatArray, coefficients: FloatArray, x: FloatArray, y: FloatArray) -> _SplineValues:
+    """Return the _SplineValues at points x, y (n,). NaN gives NaN."""
     known = np.isfinite(x) & np.isfinite(y)
-    i, bx, sx, per_x = _axis(np.where(known, x, box[0]), box[0], box[1], coefficients.shape[1] - _ORDER)
-    j, by, sy, per_y = _axis(np.where(known, y, box[2]), box[2], box[3], coefficients.shape[0] - _ORDER)
+    x0, x1, y0, y1 = box
+    cells_x = coefficients.shape[1] - _ORDER
+    cells_y = coefficients.shape[0] - _ORDER
+    i, bx, sx, per_x = _axis(np.where(known, x, x0), x0, x1, cells_x)
+    j, by, sy, per_y = _axis(np.where(known, y, y0), y0, y1, cells_y)
     after = np.arange(_ORDER + 1)
     near = coefficients[(j[:, None] + after)[:, :, None], (i[:, None] + after)[:, None, :]]  # (n, rows, columns, 2)
     near = np.ascontiguousarray(np.transpose(near, (2, 1, 3, 0)))  # (columns, rows, 2, n)
@@ -92,18 +131,20 @@ def _value(box: FloatArray, coefficients: FloatArray, x: FloatArray, y: FloatArr
         value = value + by[row] * line[row]
         along = along + by[row] * slope[row]
         across = across + sy[row] * line[row]
-    out = value[0], value[1], along[0] * per_x, across[0] * per_y, along[1] * per_x, across[1] * per_y
-    return out if known.all() else tuple(np.where(known, part, np.nan) for part in out)
+    f, g = value
+    f_along, g_along = along
+    f_across, g_across = across
+    out = _SplineValues(f, g, f_along * per_x, f_across * per_y, g_along * per_x, g_across * per_y)
+    return out if known.all() else _SplineValues(*(np.where(known, part, np.nan) for part in out))
 
 
-def _axis(
-    x: FloatArray, low: float, high: float, cells: int
-) -> tuple[IntArray, list[FloatArray], list[FloatArray], FloatArray]:
-    """Return (first coefficient, basis (ORDER + 1, n), its slope, d(cell coordinate)/dx, 0 beyond the box)."""
+def _axis(x: FloatArray, low: float, high: float, cells: int) -> _Axis:
+    """Return the _Axis at x (n,), of `cells` cells from low to high."""
     per_px = cells / (high - low)
-    place = (np.minimum(np.maximum(x, low), high) - low) * per_px
-    cell = np.minimum(place.astype(int), cells - 1)
-    return cell, *_basis(place - cell), np.where((low <= x) & (x <= high), per_px, 0.0)
+    position = (np.minimum(np.maximum(x, low), high) - low) * per_px
+    cell = np.minimum(position.astype(int), cells - 1)
+    basis, slope = _basis(position - cell)
+    return _Axis(cell, basis, slope, np.where((low <= x) & (x <= high), per_px, 0.0))
 
 
 def _basis(t: FloatArray) -> tuple[list[FloatArray], list[FloatArray]]:

@@ -134,7 +134,7 @@ def make_psf(
 ) -> None:
     """Compute the PSFs of a chip and write them to `path` (layout: optics.psf.psf_file).
 
-    `psf_params`: Camera.psf; `sampling`: a PsfSampling, its nodes_uv (grid^2, 2) or None; `camera_digest`:
+    `psf_params`: Camera.psf; `sampling`: a PsfSampling, its nodes_uv (grid^2, 2) [deg] or None; `camera_digest`:
     Camera.digest; `provenance`: a JSON-like mapping stored in the file; `scattered`: scattered_light.Scattered, whose
     halo is added. Raises InputError for an invalid grid or sampling, and for a PSF too wide to centre.
     """
