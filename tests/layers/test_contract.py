@@ -1,6 +1,7 @@
 """Rules for every layer, whoever writes it: its form, its seed, no change of other layers' random numbers."""
 
 import importlib
+import re
 
 import numpy as np
 import pytest
@@ -17,9 +18,14 @@ READOUT = [step.name for step in dark_layers()]
 @pytest.mark.parametrize("name", known_layers())
 def test_form(name):
     layer = importlib.import_module(f"csstsim.layers.{name}")
-    assert not form_faults(layer)
-    assert "paper, Appendix B item" in " ".join(layer.__doc__.split())
+    assert not form_faults(layer)  # a source among other things: the paper, or any reference
     assert "Left out" in layer.__doc__
+
+
+def test_every_item_of_the_paper_has_its_layer():
+    about = [importlib.import_module(f"csstsim.layers.{name}").__doc__ for name in known_layers()]
+    items = re.findall(r"paper, Appendix B item (\d+)", " ".join(" ".join(about).split()))
+    assert sorted(map(int, items)) == list(range(1, 17))
 
 
 @pytest.mark.parametrize("name", sorted(set(known_layers()) - {"scie_obs"}))  # it needs a PSF set: end_to_end

@@ -69,6 +69,7 @@ def into_frame(
         image = frame.image.copy()
         image.reshape(-1)[light.pixel] += light.nominal
         return replace(frame, image=image, **_truth(light.truth, light, job))
+    assert frame.header is not None and frame.readout is not None  # as `raw`
     header = frame.header.copy()
     made = into_level0(run, job, Held(Path("frame"), header, header, frame.readout, "channels", None, frame.raw), light)
     said = record(request, len(made.truth))

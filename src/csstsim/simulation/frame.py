@@ -7,17 +7,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 if TYPE_CHECKING:
+    from astropy.io.fits import Header
     from astropy.table import Table
     from astropy.wcs import WCS
 
     from csstsim.base.types import AnyArray, FloatArray
     from csstsim.campaign.job import Job
     from csstsim.catalog.table import ObjectTable
+    from csstsim.detector.channels import ReadoutFrame
+    from csstsim.instrument.chip import Window
     from csstsim.simulation.state import State
 
 
@@ -37,13 +40,13 @@ class Frame:
     """
 
     image: np.ndarray
-    truth: Any
-    wcs: Any
-    window: Any
-    header: Any = None
+    truth: Table
+    wcs: WCS
+    window: Window
+    header: Header | None = None
     raw: np.ndarray | None = None
-    orders: Any = None
-    readout: Any = None  # detector.channels.ReadoutFrame of `raw`
+    orders: Table | None = None
+    readout: ReadoutFrame | None = None  # of `raw`
     key: tuple[str, int] | None = None
 
     @cached_property
@@ -52,27 +55,45 @@ class Frame:
 
         Raises ValueError for a frame from `light`, or without bias and gain in its header (their layers were left out).
         """
-        result = np.empty(self.image.shape, np.float32)
-        for block in self.readout.blocks if self.readout else ():
-            names = f"DETBIA{block.channel:02d}", f"GAIN{block.channel:02d}"
-            if any(self.header.get(name) is None for name in names):
-                raise ValueError("the header lacks the channels' bias and gain: the list of layers leaves them out")
-            bias, gain = (self.header[name] for name in names)
-            result[block.image] = (self.image[block.image] - np.float32(bias)) * np.float32(gain)
-        if not self.readout:
+        if self.readout is None or self.header is None:
             raise ValueError("`image` of Simulation.light is in electrons already")
+        result = np.empty(self.image.shape, np.float32)
+        for block in self.readout.blocks:
+            bias = self.header.get(f"DETBIA{block.channel:02d}")
+            gain = self.header.get(f"GAIN{block.channel:02d}")
+            if bias is None or gain is None:
+                raise ValueError("the header lacks the channels' bias and gain: the list of layers leaves them out")
+            result[block.image] = (self.image[block.image] - np.float32(bias)) * np.float32(gain)
         return result
 
 
-def frame_of(job: Job, state: State, image: AnyArray, **parts: Any) -> Frame:
-    """Return the Frame of a job.Job: its image (ny, nx), and the truth that is in its State; parts: of a Frame."""
+def frame_of(
+    job: Job,
+    state: State,
+    image: AnyArray,
+    *,
+    header: Header | None = None,
+    raw: AnyArray | None = None,
+    readout: ReadoutFrame | None = None,
+) -> Frame:
+    """Return the Frame of a job.Job: its image (ny, nx), and the truth that is in its State; the others: of a Frame."""
     from csstsim.io.orders import orders_table
     from csstsim.io.truth import truth_table
 
-    assert state.truth is not None  # the light is drawn
+    assert state.truth is not None  # the objects are rendered
     truth = shown_table(truth_table(state.truth, job.chip))
     orders = None if state.orders is None else shown_table(orders_table(state.orders))
-    return Frame(image=image, truth=truth, wcs=_wcs(job), window=job.window, orders=orders, key=job.key, **parts)
+    return Frame(
+        image=image,
+        truth=truth,
+        wcs=_wcs(job),
+        window=job.window,
+        header=header,
+        raw=raw,
+        orders=orders,
+        readout=readout,
+        key=job.key,
+    )
 
 
 def shown_table(table: ObjectTable) -> Table:

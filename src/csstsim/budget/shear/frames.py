@@ -284,6 +284,7 @@ def _calibrated(simulation: Simulation, frame: Frame, masking: bool) -> tuple[Fl
     from csstsim.stages.psf import open_psf
 
     assert frame.key is not None  # a Simulation made it
+    assert frame.header is not None and frame.readout is not None  # it is read out
     run = simulation._run
     job = simulation._job(*frame.key)
     held = Held(Path("frame"), frame.header, frame.header, frame.readout, "channels", None, frame.raw)
