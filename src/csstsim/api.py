@@ -329,9 +329,10 @@ def _window_about(camera: Camera, chip: Chip, size: int) -> dict[str, int]:
     target, middle = light_on(camera, chip)
     x0, y0 = (min(max(math.floor(at + 0.5 - size / 2), 0), n - size) for at, n in zip(middle, (nx, ny), strict=True))
     if chip.kind == "slitless":
-        left, right, _, _ = camera.gratings[chip.id].span(*target)
-        if right - left > size:
-            message = f"a window of {size} px cuts the zeroth or the first order: they span {right - left:.0f} px"
+        span = camera.gratings[chip.id].span(*target)
+        if span.right - span.left > size:
+            width = span.right - span.left
+            message = f"a window of {size} px cuts the zeroth or the first order: they span {width:.0f} px"
             warnings.warn(f"{message}; give a larger `size`", stacklevel=3)
     return {"x0": x0, "x1": x0 + size, "y0": y0, "y1": y0 + size}
 

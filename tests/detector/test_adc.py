@@ -38,7 +38,7 @@ def test_noise_of_rounding():
     """Uniform phases: variance 1/12 within 5 sigma; var of the squared error of a uniform is 1/180."""
     n = 1_000_000
     value = stream(1, "adc").uniform(100, 1100, (1, n)).astype(np.float32)
-    error = digitise(value)[0] - value.astype(float)
+    error = digitise(value).image - value.astype(float)
     assert abs(np.mean(error**2) - 1 / 12) < 5 * np.sqrt(1 / 180 / n)
     assert abs(error.mean()) < 5 * np.sqrt(1 / 12 / n)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -13,12 +13,20 @@ if TYPE_CHECKING:
     from csstsim.base.rng import Streams
     from csstsim.instrument.chip import Detector
 
-CUT_MAX = 1e-3  # largest share of pixels at 0 DN that rounding and rare noise explain
+CUT_MAX = 1e-3  # largest fraction of pixels at 0 DN that rounding and rare noise explain
 _ROWS = 16
 
 
-def digitise(image: FloatArray, adc_max: int = 65535, mask: IntArray | None = None) -> tuple[IntArray, int, int]:
-    """Return (uint16 image, pixels clipped at adc_max, pixels clipped at 0) of float32 DN.
+class Digitised(NamedTuple):
+    """A digitised image, (ny, nx) uint16 [DN], and the numbers of its pixels that were clipped."""
+
+    image: IntArray
+    high: int  # clipped at the largest number
+    low: int  # clipped at 0
+
+
+def digitise(image: FloatArray, adc_max: int = 65535, mask: IntArray | None = None) -> Digitised:
+    """Return the Digitised image of float32 DN.
 
     Rounds to nearest (ties to even), never wraps. `mask`: uint8 of the image's shape, in which CLIPPED is set where a
     value is clipped, or None. Raises ValueError if a value is not finite.
@@ -44,7 +52,7 @@ def digitise(image: FloatArray, adc_max: int = 65535, mask: IntArray | None = No
             digits[rows] = np.clip(value, 0, adc_max, out=value)
     if bad:
         raise ValueError(f"{bad} pixel(s) to digitise are not finite")
-    return digits, high, low
+    return Digitised(digits, high, low)
 
 
 def cut_noise(low: int, pixels: int) -> str:

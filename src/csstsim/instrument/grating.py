@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -65,6 +65,15 @@ class Grating:
     orders: dict[int, DiffractionOrder]
 
 
+class Span(NamedTuple):
+    """How far light lies from its direct image [px]: negative to the left and down."""
+
+    left: float
+    right: float
+    down: float
+    up: float
+
+
 @dataclass(frozen=True, eq=False)
 class Gratings:
     """The two gratings of a chip. Light that would land outside `bounds` (x0, x1, y0, y1) [px] does not pass them."""
@@ -86,15 +95,15 @@ class Gratings:
         """Orders of either grating, rising."""
         return sorted(set(self.left.orders) | set(self.right.orders))
 
-    def span(self, x: float, y: float) -> tuple[float, float, float, float]:
-        """Return how far the zeroth and first order of an object at x, y lie from it: left, right, down, up [px]."""
+    def span(self, x: float, y: float) -> Span:
+        """Return the Span of the zeroth and first order of an object at x, y [px]."""
         grating = self.pieces[int(x >= self.split - 0.5)][0]
         ends = [(0.0, 0.0)]
         for order in (grating.orders[number] for number in (0, 1) if number in grating.orders):
             p, q, r, s = order.lines(x, y)
             ends += [(p + q * wave, r + s * wave) for wave in order.range]
         along, across = zip(*ends, strict=True)
-        return min(along), max(along), min(across), max(across)
+        return Span(min(along), max(along), min(across), max(across))
 
     @cached_property
     def reach(self) -> float:

@@ -10,7 +10,7 @@ ephemeris.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 from pydantic import AfterValidator
 
@@ -19,6 +19,13 @@ from csstsim.base.units import EARTH_GM_KM3_S2, EARTH_J2, EARTH_RADIUS_KM
 from csstsim.instrument.pointing import mjd_utc
 
 _DAY_S = 86_400.0
+
+
+class OrbitState(NamedTuple):
+    """Position [km] and velocity [km/s], geocentric GCRS."""
+
+    position: tuple[float, float, float]
+    velocity: tuple[float, float, float]
 
 
 def _utc(text: str) -> str:
@@ -52,8 +59,8 @@ class Orbit(Data):
         ratio = (EARTH_RADIUS_KM / self.radius_km) ** 2
         return -1.5 * EARTH_J2 * self.mean_motion * ratio * math.cos(math.radians(self.inclination))
 
-    def state(self, time: str | float) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-        """Return position [km] and velocity [km/s], tuples of 3, geocentric GCRS, at an ISO UTC time or an MJD."""
+    def state(self, time: str | float) -> OrbitState:
+        """Return the OrbitState [km, km/s] at an ISO UTC time or an MJD."""
         mjd = mjd_utc(time) if isinstance(time, str) else float(time)
         t = (mjd - mjd_utc(self.epoch)) * _DAY_S
         u = math.radians(self.phase) + self.mean_motion * t
@@ -72,26 +79,25 @@ class Orbit(Data):
         drift = (-self.node_rate * y, self.node_rate * x, 0.0)
         speed = self.radius_km * self.mean_motion
         vx, vy, vz = (speed * a + d for a, d in zip(along, drift, strict=True))
-        return (x, y, z), (vx, vy, vz)
+        return OrbitState((x, y, z), (vx, vy, vz))
 
 
-def orbit_after(
-    position: Sequence[float], velocity: Sequence[float], seconds: float
-) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-    """Return position [km], velocity [km/s] `seconds` later, on the Kepler orbit about the Earth.
+def orbit_after(position: Sequence[float], velocity: Sequence[float], seconds: float) -> OrbitState:
+    """Return the OrbitState [km, km/s] `seconds` later, on the Kepler orbit about the Earth.
 
     Runge-Kutta steps of at most 10 s are accurate to a millimetre in an exposure; J2 (metres in 150 s) is left out.
     """
     steps = max(math.ceil(seconds / 10.0), 1)
     h = seconds / steps
-    y = [float(c) for c in (*position, *velocity)]
+    motion = [float(c) for c in (*position, *velocity)]
     for _ in range(steps):
-        k1 = _motion(y)
-        k2 = _motion([a + h / 2 * b for a, b in zip(y, k1, strict=True)])
-        k3 = _motion([a + h / 2 * b for a, b in zip(y, k2, strict=True)])
-        k4 = _motion([a + h * b for a, b in zip(y, k3, strict=True)])
-        y = [a + h / 6 * (p + 2 * q + 2 * r + s) for a, p, q, r, s in zip(y, k1, k2, k3, k4, strict=True)]
-    return (y[0], y[1], y[2]), (y[3], y[4], y[5])
+        k1 = _motion(motion)
+        k2 = _motion([a + h / 2 * b for a, b in zip(motion, k1, strict=True)])
+        k3 = _motion([a + h / 2 * b for a, b in zip(motion, k2, strict=True)])
+        k4 = _motion([a + h * b for a, b in zip(motion, k3, strict=True)])
+        motion = [a + h / 6 * (p + 2 * q + 2 * r + s) for a, p, q, r, s in zip(motion, k1, k2, k3, k4, strict=True)]
+    x, y, z, vx, vy, vz = motion
+    return OrbitState((x, y, z), (vx, vy, vz))
 
 
 def _motion(y: Sequence[float]) -> list[float]:
