@@ -31,6 +31,7 @@ import numpy as np
 from lensing_spectra import FINE, SOURCES, WIDE, patch, spectra
 from scipy.ndimage import gaussian_filter, maximum_filter
 
+from csstsim.universe.lensing.potential_field import Kernels
 from csstsim.universe.lensing.tangent_grid import TangentGrid, prolong
 from csstsim.universe.parameters import load_universe
 from csstsim.universe.structure.halo_lensing import halo_lenses, halo_shear
@@ -94,7 +95,8 @@ def smooth_maps(field, grid, sources):
                 summed = (field.deviates(done, pixels[rows])[:, : field.lenses]
                           * field.amplitude[: field.lenses, done]) @ weights  # fmt: skip
                 boxes = fine.boxes(points[rows], reach)
-                add_lensing(values, *fine.frames, points[rows], boxes, summed.astype(np.float32), sigma**-2, reach)
+                kernels = Kernels(points[rows], boxes, summed.astype(np.float32), sigma**-2, reach)
+                add_lensing(values, fine.frames, kernels)
             done += 1
     return np.moveaxis(values, (2, 3), (0, 1))
 

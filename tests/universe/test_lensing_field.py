@@ -8,7 +8,7 @@ from scipy.special import ive
 from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.load import read_data
 from csstsim.universe.lensing.lensing_field import LensingField
-from csstsim.universe.lensing.potential_field import kernel_power, splat
+from csstsim.universe.lensing.potential_field import Kernels, kernel_power, splat
 from csstsim.universe.lensing.tangent_grid import TangentGrid, interpolate
 
 COSMOLOGY, NUMBERS = (read_data(SHIPPED / "universe" / f"{name}.yaml") for name in ("cosmology", "lensing"))
@@ -42,7 +42,7 @@ def inside(pix, count, seed=1):
 def one_lens(grid, point, sigma, reach):
     """Return the maps (rows, columns, 3, 1) of psi = -exp(-(1 - n . p) / sigma^2): an overdensity."""
     values, points = np.zeros((*grid.shape, 3, 1)), np.atleast_2d(point)
-    splat(values, *grid.frames, points, grid.boxes(points, reach), np.full((1, 1), -1.0), sigma**-2, reach)
+    splat(values, grid.frames, Kernels(points, grid.boxes(points, reach), np.full((1, 1), -1.0), sigma**-2, reach))
     return values
 
 

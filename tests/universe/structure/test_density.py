@@ -66,8 +66,8 @@ def test_grids_of_cells_fit_into_those_around_them(order):
             TangentGrid.around(o, int(c), WIDTHS[-1] * pixel(o + 4) / 2, 2)
             for o, c in ((order, cell), (order - 1, cell >> 2))
         )
-        wide.places(fine.frames[0][[0, -1]].reshape(-1, 3), 4)  # ValueError if one lies outside
-        wide.places(fine.frames[0][:, [0, -1]].reshape(-1, 3), 4)
+        wide.places(fine.frames.direction[[0, -1]].reshape(-1, 3), 4)  # ValueError if one lies outside
+        wide.places(fine.frames.direction[:, [0, -1]].reshape(-1, 3), 4)
 
 
 @pytest.mark.parametrize("order", [6, 6.4])

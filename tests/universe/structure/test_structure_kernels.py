@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from universe.structure.small_matter import coarse
 
-from csstsim.universe.lensing.potential_field import splat
+from csstsim.universe.lensing.potential_field import Kernels, splat
 from csstsim.universe.lensing.tangent_grid import TangentGrid
 from csstsim.universe.structure.kernels import add_density, add_lensing
 
@@ -18,12 +18,13 @@ def test_tables_are_the_closed_form(order, sigma, pix):
     points = np.stack(healpy.pix2vec(2**order, np.r_[pix - 5 : pix + 6], nest=True), axis=1)
     deviates = np.random.default_rng(1).standard_normal((11, 5))
     reach = min(4.5 * sigma, np.pi)
-    places = points, grid.boxes(points, reach)
+    kernels = Kernels(points, grid.boxes(points, reach), deviates, sigma**-2, reach)
+    single = kernels._replace(deviates=deviates.astype(np.float32))
     exact = np.zeros((*grid.shape, 3, 5))
-    splat(exact, *grid.frames, *places, deviates, sigma**-2, reach)
+    splat(exact, grid.frames, kernels)
     lensing, density = np.zeros(exact.shape, np.float32), np.zeros((*grid.shape, 5), np.float32)
-    add_lensing(lensing, *grid.frames, *places, deviates.astype(np.float32), sigma**-2, reach)
-    add_density(density, grid.frames[0], *places, deviates.astype(np.float32), sigma**-2, reach)
+    add_lensing(lensing, grid.frames, single)
+    add_density(density, grid.frames.direction, single)
     largest = np.abs(exact).max()
     assert largest > 1
     np.testing.assert_allclose(lensing, exact, atol=TOLERANCE * largest)

@@ -120,9 +120,14 @@ def _population(text: str) -> Population:
                 zone.append(k)
                 faintest.append(h)
                 expected.append(zones["share"][k] / _STEPS_A * fraction[j] * 10 ** _log_number(h, law))
+    a_min, a_max, e_min, e_max, inclination = np.array(cells).T.copy()
     return Population(
-        np.round(expected).astype(np.int64),
-        *np.array(cells).T.copy(),
+        number=np.round(expected).astype(np.int64),
+        a_min=a_min,
+        a_max=a_max,
+        e_min=e_min,
+        e_max=e_max,
+        inclination=inclination,
         zone=np.array(zone),
         faintest_h=np.array(faintest),
         law=law,

@@ -13,7 +13,7 @@ are interpolated on a tangent grid. The spectra of the kappa_i are set by the am
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -22,7 +22,7 @@ from scipy.special import ive
 from csstsim.base.healpix import disc, pixel_vector
 from csstsim.base.rng import stream
 from csstsim.base.types import FloatArray, Floats, IntArray
-from csstsim.universe.lensing.tangent_grid import TangentGrid, interpolate, prolong
+from csstsim.universe.lensing.tangent_grid import GridFrames, TangentGrid, interpolate, prolong
 
 if TYPE_CHECKING:
     from csstsim.universe.lensing.lens_spectra import Shells
@@ -33,6 +33,20 @@ _REACH = 5.5  # sigma: the kernel of kappa is cut at 4e-6 of its peak
 _SAMPLES = 3.0  # grid points per sigma, at least: interpolation errs by 1e-5 at most
 _BLOCK_ORDERS = 4  # deviates are drawn in blocks of 4^4 pixels
 _BLOCKS = 640  # blocks kept: neighbouring cells and bricks share most of theirs
+
+
+class Kernels(NamedTuple):
+    """Kernels deviate x exp(-u (1 - n . p)) about points p.
+
+    points (m, 3); boxes (m, 4): TangentGrid.boxes of the points and `reach` [rad], where kernels end; deviates
+    (m, shells); u: 1 / sigma^2.
+    """
+
+    points: FloatArray
+    boxes: IntArray
+    deviates: FloatArray
+    u: float
+    reach: float
 
 
 class PotentialField:
@@ -69,7 +83,9 @@ class PotentialField:
         ra, dec: deg, within 1 arcmin of the brick, else ValueError; z: redshift; beyond z_max it counts as z_max, and
         where it is zero, negative or NaN the values are 0. Axes: east, north.
         """
-        ra, dec, z = (np.atleast_1d(np.asarray(v, float)) for v in (ra, dec, z))
+        ra = np.atleast_1d(np.asarray(ra, float))
+        dec = np.atleast_1d(np.asarray(dec, float))
+        z = np.atleast_1d(np.asarray(z, float))
         total = self._interpolated(pix, ra, dec, self.shells.weights(z))
         kappa, gamma1, gamma2 = (v.astype(np.float32) for v in total)
         return kappa, gamma1, gamma2
@@ -77,7 +93,7 @@ class PotentialField:
     def _interpolated(
         self, pix: int, ra: FloatArray, dec: FloatArray, weights: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return kappa, gamma1, gamma2 (each (n,)): the shells' maps at places of brick `pix`, weighted (n, shells)."""
+        """Return kappa, gamma1, gamma2 (each (n,)) of the maps at positions in a brick; weights (n, shells)."""
         grid, values = self._grid_of(pix)
         kappa, gamma1, gamma2 = interpolate(values, grid.cells(ra, dec), weights[:, : self.lenses]).T
         return kappa, *grid.to_east_north(ra, dec, gamma1, gamma2)
@@ -106,21 +122,11 @@ class PotentialField:
         reach = min(self.reach * sigma, np.pi)
         pixels, points = self.pixels(grid, self.widths[s][0], reach)
         deviates = self.deviates(s, pixels)[:, : self.lenses] * self.amplitude[: self.lenses, s].astype(self.precision)
-        self._splat(values, *grid.frames, points, grid.boxes(points, reach), deviates, 1 / sigma**2, reach)
+        kernels = Kernels(points, grid.boxes(points, reach), deviates, 1 / sigma**2, reach)
+        self._splat(values, grid.frames, kernels)
 
-    def _splat(
-        self,
-        values: FloatArray,
-        n: FloatArray,
-        t1: FloatArray,
-        t2: FloatArray,
-        points: FloatArray,
-        boxes: IntArray,
-        deviates: FloatArray,
-        u: float,
-        reach: float,
-    ) -> None:
-        splat(values, n, t1, t2, points, boxes, deviates, u, reach)
+    def _splat(self, values: FloatArray, frames: GridFrames, kernels: Kernels) -> None:
+        splat(values, frames, kernels)
 
     def pixels(self, grid: TangentGrid, order: int, reach: float) -> tuple[IntArray, FloatArray]:
         """Return the HEALPix pixels (m,) within `reach` [rad] of the grid, rising, and their centres (m, 3)."""
@@ -161,28 +167,19 @@ def pixel(order: int) -> float:
 
 
 @njit(cache=True)
-def splat(
-    values: FloatArray,
-    n: FloatArray,
-    t1: FloatArray,
-    t2: FloatArray,
-    points: FloatArray,
-    boxes: IntArray,
-    deviates: FloatArray,
-    u: float,
-    reach: float,
-) -> None:
-    """Add kappa, gamma1, gamma2 of psi = deviate exp(-u (1 - n . p)) of every point p to values.
-
-    values: (rows, columns, 3, shells); n, t1, t2: direction and tangent frame of each grid point (rows, columns, 3);
-    points (m, 3), deviates (m, shells); boxes: TangentGrid.boxes of the points and `reach` [rad], where kernels end.
-    """
-    far = 2 * np.sin(0.5 * reach) ** 2  # 1 - cos(reach)
-    for j in range(len(points)):
-        p = points[j]
-        deviate = deviates[j]
-        for y in range(boxes[j, 0], boxes[j, 1]):
-            for x in range(boxes[j, 2], boxes[j, 3]):
+def splat(values: FloatArray, frames: GridFrames, kernels: Kernels) -> None:
+    """Add kappa, gamma1, gamma2 of the potential psi that `kernels` make to values (rows, columns, 3, shells)."""
+    n = frames.direction
+    t1 = frames.t1
+    t2 = frames.t2
+    u = kernels.u
+    far = 2 * np.sin(0.5 * kernels.reach) ** 2  # 1 - cos(reach)
+    for j in range(len(kernels.points)):
+        p = kernels.points[j]
+        deviate = kernels.deviates[j]
+        y0, y1, x0, x1 = kernels.boxes[j]
+        for y in range(y0, y1):
+            for x in range(x0, x1):
                 # From p - n, because 1 - n . p of near directions loses digits.
                 d0 = p[0] - n[y, x, 0]
                 d1 = p[1] - n[y, x, 1]

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -23,6 +24,14 @@ TAPS = 8  # points of the Lagrange interpolation along an axis
 _HALFWAY = np.array([-5.0, 49.0, -245.0, 1225.0, 1225.0, -245.0, 49.0, -5.0]) / 2048  # its weights at mid-cell
 _CHILDREN = 7  # points around a cell: half the 7 of a cell inside it and 2 of cubic interpolation leave 1 for its turn
 _LEVELS = 6  # grids of a pyramid
+
+
+class GridFrames(NamedTuple):
+    """Of every point of a grid, each (rows, columns, 3): its direction, and the carried frame t1, t2 there."""
+
+    direction: FloatArray
+    t1: FloatArray
+    t2: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +50,7 @@ class TangentGrid:
         half: Iterable[float] = inner + _PAD
         grids: list[TangentGrid] = []
         for _ in range(_LEVELS):
-            columns, rows = (int(np.ceil(h / step)) + TAPS // 2 for h in half)
+            columns, rows = (np.ceil(np.asarray(half) / step).astype(int) + TAPS // 2).tolist()
             grids.append(TangentGrid(axes, step, rows, columns))
             half = (columns * step, rows * step)
             step = 2 * step
@@ -54,7 +63,7 @@ class TangentGrid:
         All cells of one cell of order `root` have its orientation. So a cell's grid lies in that of the cell around it.
         """
         axes, half = _frame(2**order, pix, _side(2**root, pix >> 2 * (order - root)))
-        columns, rows = (int(np.ceil(h / step)) + _CHILDREN for h in half)
+        columns, rows = (np.ceil(half / step).astype(int) + _CHILDREN).tolist()
         return TangentGrid(axes, step, rows, columns)
 
     @property
@@ -63,13 +72,13 @@ class TangentGrid:
         return 2 * self.rows + 1, 2 * self.columns + 1
 
     @cached_property
-    def frames(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """n, t1, t2 (each rows, columns, 3): direction and carried frame of every point."""
+    def frames(self) -> GridFrames:
+        """Direction and carried frame of every point."""
         e1, e2, centre = self.axes
         x = self.step * np.arange(-self.columns, self.columns + 1)[None, :, None]
         y = self.step * np.arange(-self.rows, self.rows + 1)[:, None, None]
         n = (centre + x * e1 + y * e2) / np.sqrt(1 + x**2 + y**2)
-        return n, *_carry(self.axes, n)
+        return GridFrames(n, *_carry(self.axes, n))
 
     @property
     def centre(self) -> FloatArray:
@@ -91,8 +100,10 @@ class TangentGrid:
         half = ((np.tan(angle + reach) - np.tan(angle)) / self.step)[:, None]
         low = np.ceil(centre - half).astype(int)
         high = np.floor(centre + half).astype(int) + 1
-        y0, y1 = (np.clip(v[:, 1] + self.rows, 0, rows) for v in (low, high))
-        x0, x1 = (np.clip(v[:, 0] + self.columns, 0, columns) for v in (low, high))
+        y0 = np.clip(low[:, 1] + self.rows, 0, rows)
+        y1 = np.clip(high[:, 1] + self.rows, 0, rows)
+        x0 = np.clip(low[:, 0] + self.columns, 0, columns)
+        x1 = np.clip(high[:, 0] + self.columns, 0, columns)
         return np.stack([y0, y1, x0, x1], axis=1)
 
     def cells(self, ra: FloatArray, dec: FloatArray) -> FloatArray:
@@ -205,7 +216,8 @@ def _carry(axes: FloatArray, n: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return e1 and e2, carried from the centre to n (..., 3) by the shortest rotation."""
     e1, e2, centre = axes
     middle = (centre + n) / (1 + np.einsum("...k,k->...", n, centre)[..., None])
-    t1, t2 = (e - np.einsum("...k,k->...", n, e)[..., None] * middle for e in (e1, e2))
+    t1 = e1 - np.einsum("...k,k->...", n, e1)[..., None] * middle
+    t2 = e2 - np.einsum("...k,k->...", n, e2)[..., None] * middle
     return t1, t2
 
 

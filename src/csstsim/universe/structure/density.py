@@ -22,7 +22,7 @@ from numba import njit
 from csstsim.base.healpix import pixel_of
 from csstsim.base.sphere import unit_vectors
 from csstsim.base.types import FloatArray, Floats, IntArray
-from csstsim.universe.lensing.potential_field import WIDTHS, pixel
+from csstsim.universe.lensing.potential_field import WIDTHS, Kernels, pixel
 from csstsim.universe.lensing.tangent_grid import TangentGrid
 from csstsim.universe.structure.kernels import add_density
 
@@ -139,7 +139,8 @@ class ShellDensity:
             for s, sigma, reach in widths:
                 scaled = np.zeros((len(pixels), padded), np.float32)
                 scaled[:, :count] = field.deviates(s, pixels)[:, first:] * self._scale[first:, s].astype(np.float32)
-                add_density(added, grid.frames[0], points, grid.boxes(points, reach), scaled, sigma**-2, reach)
+                kernels = Kernels(points, grid.boxes(points, reach), scaled, sigma**-2, reach)
+                add_density(added, grid.frames.direction, kernels)
         maps = self._wide(order, cell, grid, np.arange(field.shells.count))
         maps[..., first:] += added[..., :count]
         return grid, maps
@@ -148,7 +149,7 @@ class ShellDensity:
         """Return the maps (rows, columns, len(shells)) of the kernels of lower orders, on the grid of a cell."""
         if order > _ROOT + _FINER:
             around, maps = self.maps(order - 1, cell >> 2)
-            places = around.places(grid.frames[0].reshape(-1, 3), TAPS)
+            places = around.places(grid.frames.direction.reshape(-1, 3), TAPS)
             return interpolate_all(np.ascontiguousarray(maps[:, :, shells]), places).reshape(*grid.shape, -1)
         if order > _WIDEST:
             return self.maps(order - 1, cell)[1][:, :, shells]

@@ -6,7 +6,9 @@ Linear between nodes, the tables err by 4e-6 of the peak.
 import numpy as np
 from numba import njit
 
-from csstsim.base.types import FloatArray, IntArray
+from csstsim.base.types import FloatArray
+from csstsim.universe.lensing.potential_field import Kernels
+from csstsim.universe.lensing.tangent_grid import GridFrames
 
 _NODES = 2048  # of a table, from the kernel's centre to its end
 
@@ -21,28 +23,27 @@ def _table(u: float, far: float) -> tuple[FloatArray, float]:
 
 
 @njit(cache=True)
-def add_density(
-    values: FloatArray, n: FloatArray, points: FloatArray, boxes: IntArray, deviates: FloatArray, u: float, reach: float
-) -> None:
-    """Add kappa of psi = deviate exp(-u (1 - n . p)) of every point p to values (rows, columns, shells), float32.
+def add_density(values: FloatArray, directions: FloatArray, kernels: Kernels) -> None:
+    """Add kappa of the potential that `kernels` make to values (rows, columns, shells), float32 like the deviates.
 
-    n: direction of each grid point (rows, columns, 3); points (m, 3), deviates (m, shells) float32; boxes:
-    TangentGrid.boxes of the points and `reach` [rad], where kernels end.
+    directions: of each grid point (rows, columns, 3).
     """
-    far = 2 * np.sin(0.5 * reach) ** 2  # 1 - cos(reach)
+    u = kernels.u
+    far = 2 * np.sin(0.5 * kernels.reach) ** 2  # 1 - cos(reach)
     table, scale = _table(u, far)
     for i in range(len(table)):  # of kappa, which depends on the gap alone
         gap = i / scale
         table[i] *= gap * (1.0 - 0.5 * gap) - (1.0 - gap) / u
-    for j in range(len(points)):
-        p0, p1, p2 = points[j]
-        deviate = deviates[j]
-        for y in range(boxes[j, 0], boxes[j, 1]):
-            for x in range(boxes[j, 2], boxes[j, 3]):
+    for j in range(len(kernels.points)):
+        p0, p1, p2 = kernels.points[j]
+        deviate = kernels.deviates[j]
+        y0, y1, x0, x1 = kernels.boxes[j]
+        for y in range(y0, y1):
+            for x in range(x0, x1):
                 # From p - n, because 1 - n . p of near directions loses digits.
-                d0 = p0 - n[y, x, 0]
-                d1 = p1 - n[y, x, 1]
-                d2 = p2 - n[y, x, 2]
+                d0 = p0 - directions[y, x, 0]
+                d1 = p1 - directions[y, x, 1]
+                d2 = p2 - directions[y, x, 2]
                 gap = 0.5 * (d0 * d0 + d1 * d1 + d2 * d2)
                 if gap > far:
                     continue
@@ -55,25 +56,20 @@ def add_density(
 
 
 @njit(cache=True)
-def add_lensing(
-    values: FloatArray,
-    n: FloatArray,
-    t1: FloatArray,
-    t2: FloatArray,
-    points: FloatArray,
-    boxes: IntArray,
-    deviates: FloatArray,
-    u: float,
-    reach: float,
-) -> None:
-    """Add kappa, gamma1, gamma2 likewise to values (rows, columns, 3, shells); t1, t2: frames of the grid points."""
-    far = 2 * np.sin(0.5 * reach) ** 2
+def add_lensing(values: FloatArray, frames: GridFrames, kernels: Kernels) -> None:
+    """Add kappa, gamma1, gamma2 likewise to values (rows, columns, 3, shells)."""
+    n = frames.direction
+    t1 = frames.t1
+    t2 = frames.t2
+    u = kernels.u
+    far = 2 * np.sin(0.5 * kernels.reach) ** 2
     table, scale = _table(u, far)
-    for j in range(len(points)):
-        p0, p1, p2 = points[j]
-        deviate = deviates[j]
-        for y in range(boxes[j, 0], boxes[j, 1]):
-            for x in range(boxes[j, 2], boxes[j, 3]):
+    for j in range(len(kernels.points)):
+        p0, p1, p2 = kernels.points[j]
+        deviate = kernels.deviates[j]
+        y0, y1, x0, x1 = kernels.boxes[j]
+        for y in range(y0, y1):
+            for x in range(x0, x1):
                 d0 = p0 - n[y, x, 0]
                 d1 = p1 - n[y, x, 1]
                 d2 = p2 - n[y, x, 2]

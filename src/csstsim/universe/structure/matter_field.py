@@ -32,7 +32,8 @@ from csstsim.universe.structure.mass_function import HaloMassFunction
 from csstsim.universe.structure.source_maps import add_shells, interpolate_depth
 
 if TYPE_CHECKING:
-    from csstsim.universe.lensing.tangent_grid import TangentGrid
+    from csstsim.universe.lensing.potential_field import Kernels
+    from csstsim.universe.lensing.tangent_grid import GridFrames, TangentGrid
 
 
 class MatterField(PotentialField):
@@ -104,7 +105,9 @@ class MatterField(PotentialField):
         ra, dec: deg, within 1 arcmin of the brick, else ValueError; z: redshift; beyond z_max it counts as z_max, and
         where it is zero, negative or NaN the values are 0. Axes: east, north.
         """
-        ra, dec, z = (np.atleast_1d(np.asarray(v, float)) for v in (ra, dec, z))
+        ra = np.atleast_1d(np.asarray(ra, float))
+        dec = np.atleast_1d(np.asarray(dec, float))
+        z = np.atleast_1d(np.asarray(z, float))
         chi = self.shells.source_distance(z)
         grid, maps = self._source_maps(pix)
         kappa, gamma1, gamma2 = interpolate_depth(maps, grid.cells(ra, dec), chi / self.shells.sources[1]).T
@@ -119,19 +122,8 @@ class MatterField(PotentialField):
         grid, values = self._grid_of(pix)
         return grid, add_shells(values, self.shells.table[:, : self.lenses].T.astype(np.float32))
 
-    def _splat(
-        self,
-        values: FloatArray,
-        n: FloatArray,
-        t1: FloatArray,
-        t2: FloatArray,
-        points: FloatArray,
-        boxes: IntArray,
-        deviates: FloatArray,
-        u: float,
-        reach: float,
-    ) -> None:
-        add_lensing(values, n, t1, t2, points, boxes, deviates, u, reach)
+    def _splat(self, values: FloatArray, frames: GridFrames, kernels: Kernels) -> None:
+        add_lensing(values, frames, kernels)
 
     def _lens_haloes(self, pix: int) -> FloatArray:
         """Return the haloes that lens sources in brick `pix` as halo_lensing.halo_lenses."""
@@ -147,12 +139,14 @@ class MatterField(PotentialField):
         return 2 * np.arcsin(np.minimum(0.5 * radius / self.shells.cosmology.comoving_distance(z), 1.0)) + _MARGIN
 
     def density(self, ra: Floats, dec: Floats, z: Floats) -> tuple[FloatArray, FloatArray]:
-        """Return delta and its variance (each (n,)): overdensity of each place's shell, smoothed.
+        """Return delta and its variance (each (n,)): overdensity of each position's shell, smoothed.
 
         Galaxies of bias b that follow it have the intensity exp(b delta - b^2 variance / 2), of mean 1. Beyond the last
         shell, and where z is negative or NaN, both are 0.
         """
-        ra, dec, z = (np.atleast_1d(np.asarray(v, float)) for v in (ra, dec, z))
+        ra = np.atleast_1d(np.asarray(ra, float))
+        dec = np.atleast_1d(np.asarray(dec, float))
+        z = np.atleast_1d(np.asarray(z, float))
         shell, valid = self._shell(z)
         delta = np.zeros(len(z))
         variance = np.where(valid, self._variance[shell], 0.0)
@@ -160,13 +154,15 @@ class MatterField(PotentialField):
         return delta, variance
 
     def tidal(self, pix: int, ra: Floats, dec: Floats, z: Floats) -> tuple[FloatArray, FloatArray]:
-        """Return the two components (each (n,)) of the projected tidal field of each place's shell in brick `pix`.
+        """Return the two components (each (n,)) of the projected tidal field of each position's shell in brick `pix`.
 
         In Fourier space delta (l_E^2 - l_N^2, 2 l_E l_N) / l^2: what shear is to convergence, axes east and north, with
         the finest kernels of the field (0.3 arcmin). Linear alignment gives galaxies the shear -A C1 rho / D times it.
         Beyond the shells that lens it is 0.
         """
-        ra, dec, z = (np.atleast_1d(np.asarray(v, float)) for v in (ra, dec, z))
+        ra = np.atleast_1d(np.asarray(ra, float))
+        dec = np.atleast_1d(np.asarray(dec, float))
+        z = np.atleast_1d(np.asarray(z, float))
         shell, valid = self._shell(z)
         valid &= shell < self.lenses
         weights = np.zeros((len(z), self.lenses))
@@ -214,9 +210,10 @@ def check_numbers(lensing: Mapping[str, Any], numbers: Mapping[str, Any]) -> Non
     if not 0.5 <= haloes["finest"] <= 60:
         raise ValueError("structure: haloes.finest needs 0.5 to 60 arcmin")
     cuts = haloes["cuts"]
-    if not (1 <= len(cuts) <= 4 and min(cuts) >= 0.2 and max(cuts) <= 2.5):  # within the least disc, of 2.9
+    if not (1 <= len(cuts) <= 4 and min(cuts) >= 0.2 and max(cuts) <= 2.5):  # within the smallest disc, of 2.9
         raise ValueError("structure: haloes.cuts needs 1 to 4 numbers from 0.2 to 2.5")
-    mass, ratio = (np.atleast_1d(haloes["compensation"][name]) for name in ("mass", "ratio"))
+    mass = np.atleast_1d(haloes["compensation"]["mass"])
+    ratio = np.atleast_1d(haloes["compensation"]["ratio"])
     if not (len(mass) == len(ratio) and (np.diff(mass) > 0).all() and mass[0] > 0):
         raise ValueError("structure: haloes.compensation needs rising masses, and as many ratios")
     if not (min(ratio) >= 0.5 and max(ratio) <= 5):
