@@ -16,10 +16,10 @@ import numpy as np
 
 if TYPE_CHECKING:
     from csstsim.base.types import FloatArray, Floats
-    from csstsim.sky.parameters import Door
+    from csstsim.sky.parameters import ApertureDoor
 
 
-def shade(zenith: FloatArray, azimuth: FloatArray, door_azimuth: Floats, door: Door) -> FloatArray:
+def shade(zenith: FloatArray, azimuth: FloatArray, door_azimuth: Floats, door: ApertureDoor) -> FloatArray:
     """Return the fraction (0..1) of the aperture that is shaded, for beams from zenith, azimuth [deg], any shape."""
     slant = np.radians(zenith)
     side = np.cos(np.radians(azimuth - door_azimuth))
@@ -29,7 +29,7 @@ def shade(zenith: FloatArray, azimuth: FloatArray, door_azimuth: Floats, door: D
     return np.where(front, np.clip(reach / (2 * door.tube_radius_m), 0.0, 1.0), 0.0)
 
 
-def scattered(zenith: FloatArray, azimuth: FloatArray, door_azimuth: Floats, door: Door) -> FloatArray:
+def scattered(zenith: FloatArray, azimuth: FloatArray, door_azimuth: Floats, door: ApertureDoor) -> FloatArray:
     """Return the aperture's irradiance by light off the door's inside, over the beam's normal irradiance.
 
     The far rim shades the door's foot from a beam that comes from behind the aperture's plane.
@@ -44,22 +44,22 @@ def scattered(zenith: FloatArray, azimuth: FloatArray, door_azimuth: Floats, doo
     return door.albedo / math.pi * solid_angle(door) * onto * lit
 
 
-def zenith_angle(door: Door) -> float:
+def zenith_angle(door: ApertureDoor) -> float:
     """Return the zenith angle [deg] of the door's middle, from the aperture's centre."""
     return math.degrees(math.atan2(*_middle(door)))
 
 
-def solid_angle(door: Door) -> float:
+def solid_angle(door: ApertureDoor) -> float:
     """Return the door's solid angle [sr] from the aperture's centre, taken as a small surface at the door's middle."""
     area = 2 * door.tube_radius_m * door.length_m
     return area * door.tube_radius_m * math.cos(_turn(door)) / math.hypot(*_middle(door)) ** 3
 
 
-def _middle(door: Door) -> tuple[float, float]:
+def _middle(door: ApertureDoor) -> tuple[float, float]:
     half = door.length_m / 2
     turn = _turn(door)
     return door.tube_radius_m + half * math.sin(turn), half * math.cos(turn)
 
 
-def _turn(door: Door) -> float:
+def _turn(door: ApertureDoor) -> float:
     return math.radians(door.opening_deg - 90.0)

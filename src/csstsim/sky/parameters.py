@@ -77,7 +77,7 @@ class Earth(Data):
 
 
 @dataclass(frozen=True)
-class Door(Data):
+class ApertureDoor(Data):
     """The aperture door (csstsim.sky.aperture_door); lengths in m, angles in deg."""
 
     tube_radius_m: Number
@@ -130,7 +130,7 @@ class SkyNumbers(Data):
     solar_spectrum: Annotated[Array, _array(None, 2)]
     zodiacal: Zodiacal
     earth: Earth
-    door: Door
+    door: ApertureDoor
     transmittance: Transmittance
     bodies: Bodies
     starlight: Starlight
