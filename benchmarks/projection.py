@@ -20,7 +20,7 @@ from toy_campaign import made_frames
 
 from csstsim.base.errors import CsstsimError
 from csstsim.campaign.opened import OpenCampaign
-from csstsim.campaign.running.job_log import earlier_parts, parts, took
+from csstsim.campaign.running.job_log import earlier_parts, parts, read_usage
 
 ROOT = Path(__file__).parents[1]
 MAKING = ("select", "render", "readout", "level0", "chip")  # rules that make a Level-0 file
@@ -31,11 +31,11 @@ AREA, VISITS = 17_500, 2  # deg2; exposures of each position in each of u, g, r,
 
 
 def spent(output):
-    """Return {rule: [(name of the job, Took, {chip or brick: CPU s} of its parts, those of earlier attempts)]}."""
+    """Return {rule: [(name of the job, JobUsage, {chip or brick: CPU s} of its parts, those of earlier attempts)]}."""
     found = {}
     for path in sorted((output / "logs").glob("*/*.log")):
         text = path.read_text(errors="replace")
-        if said := took(text):
+        if said := read_usage(text):
             found.setdefault(path.parent.name, []).append((path.stem, said, parts(text), earlier_parts(text)))
     return found
 

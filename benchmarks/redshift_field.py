@@ -22,7 +22,7 @@ import numpy as np
 import yaml
 from toy_sky import toy_sky
 
-from csstsim.campaign.aiming import after, next_obsid, table_of
+from csstsim.campaign.aiming import next_obsid, next_start, table_of
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.sections import ContaminationConfig
 from csstsim.catalog.table import GALAXY
@@ -63,7 +63,7 @@ def opened(folder: Path, toy: bool) -> OpenCampaign:
             middle = (window[0] + window[1] - 1) / 2 - x, (window[2] + window[3] - 1) / 2 - y
             pointing = centred_exposure(camera, chip, *place, pa=angle, time=start, exptime=EXPTIME, shift=middle)
             found[obsid] = pointing
-            obsid, start = next_obsid(obsid), after(pointing)
+            obsid, start = next_obsid(obsid), next_start(pointing)
     (folder / "survey_table.csv").write_text(table_of(found))
     layers = yaml.safe_load((ROOT / "config/observations/science.yaml").read_text())
     layers["layers"] = [layer for layer in layers["layers"] if not OFF & set(layer)]

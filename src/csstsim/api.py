@@ -29,9 +29,9 @@ import numpy as np
 from csstsim.base.errors import InputError
 from csstsim.base.files.yaml_file import read_yaml
 from csstsim.base.shipped import ROOT
-from csstsim.campaign.aiming import after, next_obsid
+from csstsim.campaign.aiming import next_obsid, next_start
+from csstsim.campaign.cache_paths import CachePaths, cache_folder
 from csstsim.campaign.config import load_campaign, make_campaign
-from csstsim.campaign.kept import Kept, cache_folder
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.survey_table import OBSID, OBSID_ALLOWED
 from csstsim.catalog.base import CatalogBase
@@ -101,7 +101,7 @@ class Simulation:
         self._layers = layers
         self._pointings = pointings
         self._run = OpenCampaign(self._file, copied=True, config=config, layers=layers, pointings=pointings)
-        self._run.paths = Kept(self._cache, self._run)
+        self._run.paths = CachePaths(self._cache, self._run)
 
     def replace(
         self,
@@ -207,7 +207,7 @@ class Simulation:
             )
             pointings[obsid] = pointing
             obsid = next_obsid(obsid)
-            time = after(pointing)
+            time = next_start(pointing)
         _warn_of_one_noise(self._config.seed, pointings)
         window = None if size is None else _window_about(camera, camera.chips[chip], size)
         changes = {"select": {"types": ["SCIE"], "chips": [chip]}, "window": window}

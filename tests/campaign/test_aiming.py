@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from mini_campaign import write_campaign
 
 from csstsim.base.errors import InputError
-from csstsim.campaign.aiming import CHIP, after, aimed, chips_for, next_obsid, table_of
+from csstsim.campaign.aiming import CHIP, aimed, chips_for, next_obsid, next_start, table_of
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.survey_table import exposures_of, load_survey_table
 from csstsim.catalog.astrometry.ephemeris import observer
@@ -149,7 +149,7 @@ def test_exposures_follow_each_other_with_a_gap(camera):
         middle = (chip.detector.nx - 1) / 2, (chip.detector.ny - 1) / 2
         off = float(x) - middle[0], float(y) - middle[1]
         assert off == pytest.approx((dx / 0.074, dy / 0.074), abs=40.0)  # but for the field distortion
-    assert after(found["000000098"]) == "2027-11-20T01:22:30"
+    assert next_start(found["000000098"]) == "2027-11-20T01:22:30"
 
 
 def test_a_table_of_aimed_exposures_is_read_back(camera):

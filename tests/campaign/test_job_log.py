@@ -12,7 +12,7 @@ from mini_campaign import write_campaign
 
 from csstsim import __version__
 from csstsim.campaign.opened import OpenCampaign
-from csstsim.campaign.running.job_log import Took, job_log, part_log, parts, took
+from csstsim.campaign.running.job_log import JobUsage, job_log, part_log, parts, read_usage
 
 FIRST = re.compile(
     rf"csstsim {re.escape(__version__)} (\w+): campaign mini ([0-9a-f]{{8}}), ([\w ]+), "
@@ -37,7 +37,7 @@ def test_a_log_begins_with_whose_it_is_and_ends_with_what_it_took(tmp_path):
     assert first.groups() == (
         "chip", OpenCampaign(file).config.digest()[:8], f"exposure {job.obsid} chip 9", str(process.pid)
     )  # fmt: skip
-    end = took(text)
+    end = read_usage(text)
     assert text.splitlines()[-1].startswith("chip done: ")
     total = used.ru_utime + used.ru_stime
     assert total - 0.3 < end.cpu_s <= total + 0.1, "the interpreter ends at once"
@@ -56,7 +56,7 @@ def test_commands_that_make_nothing_and_jobs_that_fail(tmp_path):
     assert command("check", file).output.count("\n") == 1
     (obsid, chip), *_ = (job.key for job in OpenCampaign(file).jobs)
     failed = command("measure", file, "--obsid", obsid, "--chip", chip)
-    assert failed.exit_code == 2 and took(failed.output) is None
+    assert failed.exit_code == 2 and read_usage(failed.output) is None
     first, error = failed.output.splitlines()
     assert FIRST.fullmatch(first)[1] == "measure" and error.startswith("csstsim: error: ")
 
@@ -81,11 +81,13 @@ def test_each_part_of_a_job_has_a_line_that_is_not_the_last(capsys):
     with pytest.raises(ValueError), part_log("chip", 30):
         raise ValueError
     said = capsys.readouterr().out
-    assert parts(said).keys() == {8, 29} and took(said) is None
+    assert parts(said).keys() == {8, 29} and read_usage(said) is None
 
 
 def test_took_reads_the_last_line_and_nothing_else():
     line = "render done: 12.3 s, CPU 11.9 s, memory 1733 MB"
-    assert took(f"csstsim 0.1.0 render: ...\nrender: 12.3 s, 11.9 CPU-s\n{line}\n") == Took(12.3, 11.9, 1733.0)
+    assert read_usage(f"csstsim 0.1.0 render: ...\nrender: 12.3 s, 11.9 CPU-s\n{line}\n") == JobUsage(
+        12.3, 11.9, 1733.0
+    )
     for text in ("", "render: 12.3 s, 11.9 CPU-s", line[:-1], f"x{'9' * 400} done: 1 s", line.replace("12.3", "1.2.3")):
-        assert took(text) is None
+        assert read_usage(text) is None

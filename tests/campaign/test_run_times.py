@@ -6,7 +6,7 @@ import pytest
 
 from csstsim.campaign.costs import Cost
 from csstsim.campaign.running import run_times
-from csstsim.campaign.running.job_log import Took
+from csstsim.campaign.running.job_log import JobUsage
 
 LOGS = {
     "render/a.log": "csstsim ...\nrender done: 100.0 s, CPU 40.0 s, memory 300 MB\n",
@@ -54,8 +54,8 @@ def test_logs_are_read_by_rule_and_those_without_an_end_left_out(run):
     (run.paths.output / "logs" / "stray.log").write_text(LOGS["measure/a.log"])
     found = run_times.measured(run.paths.output)
     assert found == {
-        "measure": [Took(10.0, 6.0, 90.0)], "merge": [Took(1.0, 3.0, 70.0)],
-        "render": [Took(100.0, 40.0, 300.0), Took(50.0, 80.0, 500.0)],
+        "measure": [JobUsage(10.0, 6.0, 90.0)], "merge": [JobUsage(1.0, 3.0, 70.0)],
+        "render": [JobUsage(100.0, 40.0, 300.0), JobUsage(50.0, 80.0, 500.0)],
     }  # fmt: skip
 
 

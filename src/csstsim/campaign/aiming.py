@@ -35,7 +35,7 @@ def next_obsid(obsid: str) -> str:
     return str(int(obsid) + 1).zfill(len(obsid))
 
 
-def after(pointing: Pointing) -> str:
+def next_start(pointing: Pointing) -> str:
     """Return the time at which the exposure after this one starts, ISO UTC."""
     return f"{pointing.end + timedelta(seconds=GAP_S):%Y-%m-%dT%H:%M:%S}"
 
@@ -97,7 +97,7 @@ def aimed(
                 raise InputError("exposures overlap: another has not ended", key="--time", value=time)
             found[obsid] = pointing
             obsid = next_obsid(obsid)
-            time = after(pointing)
+            time = next_start(pointing)
     return found
 
 

@@ -34,7 +34,7 @@ from csstsim.campaign.products import pairs_of_base
 from csstsim.campaign.recipes import Recipes
 from csstsim.campaign.selection import nothing_selected, pair_missed, selected_chips, window_of
 from csstsim.campaign.survey_table import load_survey_table
-from csstsim.campaign.variants import VariantPaths, equal, named, split
+from csstsim.campaign.variants import VariantPaths, named, same_product, split
 from csstsim.catalog.astrometry.ephemeris import observer
 from csstsim.catalog.open import TABLE_KIND, catalog_class, importable, options_beside
 from csstsim.catalog.selection.bricks import BRICK_MARGIN_PX, bricks_for, region_for
@@ -154,7 +154,7 @@ class OpenCampaign(JobLists):
         """Whether the base of a variant makes a stage's product of a job, with the same bits."""
         key = obsid, chip_id, stage
         if key not in self._in_base:
-            self._in_base[key] = self.base is not None and equal(self, *key)
+            self._in_base[key] = self.base is not None and same_product(self, *key)
         return self._in_base[key]
 
     def base_files(self, job: Job, rule: str) -> list[tuple[Path, Path]]:

@@ -116,7 +116,7 @@ def print_plan(run: OpenCampaign, sky: PathLike | None = None) -> None:
     Console().print(table)
     Console().print(_cost_table(costs))
     cpu = sum(cost.cpu_s for jobs in each_once(costs).values() for cost in jobs.values())
-    walls = ", ".join(f"{duration(wall(costs, cores))} on {cores}" for cores in sorted({os.cpu_count() or 1, 64}))
+    walls = ", ".join(f"{duration(wall_time(costs, cores))} on {cores}" for cores in sorted({os.cpu_count() or 1, 64}))
     for line in (
         "(in brackets: what makes the same with --config chips=whole or exposure)",
         f"CPU, an estimate (config/costs.yaml says of which machine): {duration(cpu)}",
@@ -152,7 +152,7 @@ def _print_sky(run: OpenCampaign, file: PathLike | None) -> None:
         Console().print(f"{file}: the sky of each exposure and band", soft_wrap=True, highlight=False)
 
 
-def wall(costs: Costs, cores: int) -> float:
+def wall_time(costs: Costs, cores: int) -> float:
     """Return the wall time [s] of a campaign on `cores`: the longest chain, and the other jobs beside it.
 
     Jobs never take longer than this in any order that leaves no core idle (Graham 1969, SIAM J. Appl. Math. 17, 416).

@@ -61,7 +61,7 @@ def _with(base: dict[str, Any], keys: dict[str, Any]) -> dict[str, Any]:
     return base | keys | {key: _with(base[key], keys[key]) for key in both}
 
 
-def equal(run: OpenCampaign, obsid: str, chip_id: int, stage: str) -> bool:
+def same_product(run: OpenCampaign, obsid: str, chip_id: int, stage: str) -> bool:
     """Whether the base of a variant, an OpenCampaign, makes a stage's product of a job with the same bits."""
     assert run.base is not None  # it is a variant
     alike = ("level0_names", "truth") if stage in ("level0", "measure") else ()

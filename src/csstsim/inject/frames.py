@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from astropy.io.fits import Header
 
 from csstsim.base.errors import InputError
-from csstsim.campaign.kept import Kept, cache_folder
+from csstsim.campaign.cache_paths import CachePaths, cache_folder
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.io.fits import open_fits, read_header
 from csstsim.io.keywords import RECIPE
@@ -71,7 +71,7 @@ def job_of(
         _check_pointing(head, job)
     else:
         run, job = opened(head.path, *described(head, instrument, None))
-        run.paths = Kept(cache_folder(cache), run)
+        run.paths = CachePaths(cache_folder(cache), run)
         if head.keys.get("CAMHASH") not in (None, run.recipe(job)["camera"]):
             head.notes.append("CAMHASH: the frame was made with other numbers of the camera (--instrument, --campaign)")
         for note in head.notes:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING
 
-from csstsim.campaign.running.job_log import took
+from csstsim.campaign.running.job_log import read_usage
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -36,7 +36,7 @@ def ran(output: Path) -> Ran | None:
     for path in sorted((output / "logs").glob("*/*.log")):
         text = path.read_text(errors="replace")
         first = _FIRST.match(text)
-        last = took(text)
+        last = read_usage(text)
         if first and last:
             start = datetime.strptime(first[2], "%Y-%m-%dT%H:%M:%SZ").replace(tzinfo=UTC)
             times.append((start, start + timedelta(seconds=round(last.wall_s))))

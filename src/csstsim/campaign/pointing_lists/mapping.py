@@ -36,7 +36,7 @@ def _text(value: Any) -> Any:
 Text = Annotated[str, BeforeValidator(_text)]
 
 
-class Source(NamedTuple):
+class ColumnSource(NamedTuple):
     """Where a quantity comes from: a column of the list, or a value of all rows; told: the (file, key) that says so."""
 
     key: Key
@@ -62,9 +62,9 @@ class Mapping(Model):
     # {"columns.ra": (file, key)} of entries that a person wrote
     _told: dict[str, tuple[PathLike | None, str]] = PrivateAttr(default_factory=dict)
 
-    def keys(self) -> dict[str, Source]:
-        """Return {quantity: Source}. Raises InputError for unknown and repeated ones."""
-        found: dict[str, Source] = {}
+    def keys(self) -> dict[str, ColumnSource]:
+        """Return {quantity: ColumnSource}. Raises InputError for unknown and repeated ones."""
+        found: dict[str, ColumnSource] = {}
         for part in ("columns", "values"):
             for text, name in getattr(self, part).items():
                 told = self._told.get(f"{part}.{text}", (None, f"{part}.{text}"))
@@ -73,7 +73,7 @@ class Mapping(Model):
                     message = f"given twice, by {found[key.name].told[1]} and {told[1]}"
                     raise InputError(message, file=told[0], key=key.name)
                 column, value = (name, None) if part == "columns" else (None, name)
-                found[key.name] = Source(key, column, value, told)
+                found[key.name] = ColumnSource(key, column, value, told)
         return found
 
     def completed(self, names: Iterable[str]) -> Mapping:

@@ -30,7 +30,7 @@ ERROR = "csstsim: error:"  # the line of a failed command, in place of the last 
 
 
 @dataclass(frozen=True)
-class Took:
+class JobUsage:
     """Time and memory of a job, from its start to its end."""
 
     wall_s: float
@@ -51,8 +51,8 @@ def job_log(verb: str | None, campaign: str, digest: str, what: str) -> Iterator
         print(f"csstsim {__version__} {verb}: {', '.join(part for part in parts if part)}", flush=True)
     yield
     if talks:
-        took = Took(time.monotonic() - _START, time.process_time(), _peak_memory_mb())
-        print(f"{verb} done: {took.wall_s:.1f} s, CPU {took.cpu_s:.1f} s, memory {took.memory_mb:.0f} MB")
+        usage = JobUsage(time.monotonic() - _START, time.process_time(), _peak_memory_mb())
+        print(f"{verb} done: {usage.wall_s:.1f} s, CPU {usage.cpu_s:.1f} s, memory {usage.memory_mb:.0f} MB")
 
 
 @contextmanager
@@ -82,16 +82,19 @@ def earlier_parts(log: str) -> dict[int, float]:
     return {int(number): float(cpu) for number, cpu in _EARLIER.findall(log)}
 
 
-def took(log: str) -> Took | None:
-    """Return the Took of a log's last line; None if the job failed, still runs, or is of an older release."""
+def read_usage(log: str) -> JobUsage | None:
+    """Return the JobUsage of a log's last line; None if the job failed, still runs, or is of an older release."""
     found = _LAST.findall(log)
-    return Took(*map(float, found[-1])) if found else None
+    if not found:
+        return None
+    wall_s, cpu_s, memory_mb = map(float, found[-1])
+    return JobUsage(wall_s, cpu_s, memory_mb)
 
 
 def killed(log: str) -> int | None:
     """Return the pid of a log's process if it ran on this host and was killed before its last line; else None."""
     first = _FIRST.match(log)
-    if not first or first[1] != socket.gethostname() or took(log) or os.path.exists(f"/proc/{first[2]}"):
+    if not first or first[1] != socket.gethostname() or read_usage(log) or os.path.exists(f"/proc/{first[2]}"):
         return None
     return int(first[2]) if os.path.exists("/proc/self") else None
 

@@ -9,7 +9,7 @@ from statistics import fmean
 from typing import TYPE_CHECKING
 
 from csstsim.campaign.costs import expected
-from csstsim.campaign.running.job_log import took
+from csstsim.campaign.running.job_log import read_usage
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Sequence
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from csstsim.campaign.costs import Cost
     from csstsim.campaign.opened import OpenCampaign
-    from csstsim.campaign.running.job_log import Took
+    from csstsim.campaign.running.job_log import JobUsage
 
 
 def run_times(run: OpenCampaign) -> list[dict[str, str | float | None]]:
@@ -38,16 +38,16 @@ def run_times(run: OpenCampaign) -> list[dict[str, str | float | None]]:
     return rows and [*rows, _total("all", 1, sums), _total("all, for a Level-0 file", len(run.jobs), sums)]
 
 
-def measured(output: Path) -> dict[str, list[Took]]:
-    """Return {rule: [Took of each job]} from the logs of an output folder; those without a last line are left out."""
-    found: dict[str, list[Took]] = {}
+def measured(output: Path) -> dict[str, list[JobUsage]]:
+    """Return {rule: [JobUsage of each job]} from the logs of an output folder that have a last line."""
+    found: dict[str, list[JobUsage]] = {}
     for path in sorted((output / "logs").glob("*/*.log")):
-        if said := took(path.read_text(errors="replace")):
+        if said := read_usage(path.read_text(errors="replace")):
             found.setdefault(path.parent.name, []).append(said)
     return found
 
 
-def _row(rule: str, jobs: Sequence[Took], costs: Collection[Cost]) -> dict[str, str | float | None]:
+def _row(rule: str, jobs: Sequence[JobUsage], costs: Collection[Cost]) -> dict[str, str | float | None]:
     """Return a rule's row: sums, then CPU time and memory of a job, measured and expected."""
     wall, cpu, memory = ([getattr(job, name) for job in jobs] for name in ("wall_s", "cpu_s", "memory_mb"))
     cpu_mean = fmean(cpu)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from csstsim.base.digest import digest
 from csstsim.base.errors import InputError
+from csstsim.base.stage_records import STAGE_OF
 from csstsim.io.paths import Paths
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ def cache_folder(given: PathLike | None = None) -> Path:
     return folder
 
 
-class Kept(Paths):
+class CachePaths(Paths):
     """Paths of an OpenCampaign: truth bricks and PSF sets in a cache, in folders named by digests of their inputs."""
 
     def __init__(self, cache: Path, run: OpenCampaign) -> None:
@@ -44,14 +45,9 @@ class Kept(Paths):
     def _psf(self) -> Paths:
         return Paths(self._cache / digest(self._recipes.psf))
 
-    def truth(self, pix: int) -> Path:
-        """As Paths.truth."""
-        return self._truth.truth(pix)
-
-    def psf(self, chip_id: int) -> Path:
-        """As Paths.psf."""
-        return self._psf.psf(chip_id)
-
-    def psf_tables(self, chip_id: int) -> Path:
-        """As Paths.psf_tables."""
-        return self._psf.psf_tables(chip_id)
+    def find(self, name: str, **words: object) -> Path:
+        """As Paths.find."""
+        stage = STAGE_OF[name].name
+        if stage == "truth":
+            return self._truth.find(name, **words)
+        return self._psf.find(name, **words) if stage == "psf" else super().find(name, **words)
