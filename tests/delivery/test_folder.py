@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from csstsim.catalog.table import ObjectTable
+from csstsim.delivery import folder as folder_module
 from csstsim.delivery import verify
-from csstsim.delivery.contents import MAYBE, NO, YES, Contents, ExpectedFrame
+from csstsim.delivery.contents import CHECKED, MAYBE, NO, YES, Contents, ExpectedFrame
 from csstsim.delivery.folder import _listed, _measurement, _odd, _stems, _told_apart, of_folder
 from csstsim.delivery.frame_checks import light
 from csstsim.delivery.products import Product, products
@@ -199,3 +200,12 @@ def test_the_verdict_counts_products_sizes_and_faults(tmp_path, monkeypatch):
     assert verify.verify(run, tmp_path, lines.append) == 0
     (tmp_path / "a.txt").write_text("other")
     assert verify.verify(run, tmp_path, lines.append) == 1 and "its SHA-256 is not that" in lines[-2]
+
+
+def test_a_stage_without_checks_has_its_files_known_by_their_names(tmp_path, monkeypatch):
+    assert folder_module._others(tmp_path) == {}
+    monkeypatch.setattr(folder_module, "CHECKED", tuple(name for name in CHECKED if name != "measure"))
+    (tmp_path / "measure").mkdir()
+    for name in ("1_09.parquet", "notes.txt"):
+        (tmp_path / "measure" / name).touch()
+    assert folder_module._others(tmp_path) == {tmp_path / "measure/1_09.parquet": "measured tables"}

@@ -21,8 +21,8 @@ RECIPE = {"campaign": "a", "camera": "b", "layers": "c", "exposure": "d", "cssts
 class Named(Paths):
     """Paths whose Level-0 files have short names."""
 
-    def level0(self, job):
-        return self.output / "level0" / f"{job.obsid}_{job.chip.id}.fits"
+    def stem(self, job):
+        return f"{job.obsid}_{job.chip.id}"
 
 
 def job(obsid="1", number=9, kind="SCIE", exptime=150.0, chip="imaging"):
