@@ -280,18 +280,16 @@ class Field:
         x, y = x - window.x0, y - window.y0
         model = psf_model(open_psf(self.run, self.job.chip), (window.x0, window.y0), window.shape)
         sigma = point_window(model.kernel())
-        place = *windowed_positions(self.expected, x, y, np.full(len(x), sigma))[:2], np.ones(len(x))
+        found = windowed_positions(self.expected, x, y, np.full(len(x), sigma))
         cell, plane = model.cell(x, y), np.ones(window.shape, np.float32)
-        fit = fit_sources(
-            self.expected, plane, np.zeros(window.shape, np.uint8), *place, cell, model.coefficients, model.blurred,
-            model.per_pixel,
-        )  # fmt: skip
+        unusable = np.zeros(window.shape, np.uint8)
+        fit = fit_sources(self.expected, plane, unusable, found.x, found.y, np.ones(len(x)), model.at(x, y))
         share = self.response.at(*(np.rint(v).astype(int) for v in (y, x)))
         noise = [
             _noise(model, cell[k], x[k] - round(x[k]), y[k] - round(y[k]), flux[k], background**2, share[k], sigma)
             for k in range(len(x))
         ]
-        return fit[:, 0], np.array(noise)
+        return fit.flux, np.array(noise)
 
 
 def _noise(model, cell, dx, dy, flux, background, share, sigma):

@@ -8,6 +8,8 @@ import pytest
 from csstsim.instrument.chip import Window
 from csstsim.measure import catalogue
 from csstsim.measure.calibration.bad_pixels import BAD, FULL, RAY
+from csstsim.measure.light.moments import AdaptiveShapes, CorrectedShapes, MeasuredShapes
+from csstsim.measure.light.photometry import PsfFits
 
 WINDOW = Window(1000, 1020, 3000, 3010)
 
@@ -20,7 +22,7 @@ def columns(monkeypatch):
         n = 10
         given = {
             "flux": np.full(n, 100.0), "error": np.full(n, 10.0), "spread": np.zeros(n),
-            "spread_error": np.full(n, 0.01), "why": np.zeros(n), "kron": np.full(n, 120.0),
+            "spread_error": np.full(n, 0.01), "why": np.zeros(n, int), "kron": np.full(n, 120.0),
             "kron_error": np.full(n, 12.0),
             "failed": np.zeros(n, bool),
             "sep_flag": np.zeros(n, int), "window_failed": np.zeros(n, bool), "track": np.zeros(n, bool),
@@ -45,11 +47,13 @@ def columns(monkeypatch):
             asked["light"] = arguments[6].tolist()
             return np.full(n, 0.1)
 
-        fit = np.stack([given["flux"], given["error"], np.full(n, 1.5), given["spread"], given["spread_error"],
-                        given["why"]], axis=1)  # fmt: skip
+        fit = PsfFits(
+            given["flux"], given["error"], np.full(n, 1.5), given["spread"], given["spread_error"], given["why"]
+        )
         cells = lambda x, y: np.where((x < 1010) & (y < 3010), 0, 1)  # noqa: E731
         model = SimpleNamespace(
-            cell=cells, enclosed=lambda radius: np.array([0.5, 0.25]) * radius, coefficients=None, per_pixel=2
+            at=lambda x, y: SimpleNamespace(cell=cells(x, y)),
+            enclosed=lambda radius: np.array([0.5, 0.25]) * radius,
         )
         monkeypatch.setattr(catalogue, "_fit", lambda *arguments: fit)
         monkeypatch.setattr(catalogue, "kron_flux", lambda *a: (given["kron"], given["kron_error"], given["failed"]))
@@ -124,22 +128,22 @@ def test_stars_are_probable_points_or_where_that_is_not_known_no_wider_than_the_
 
 def test_errors_of_shapes_are_those_of_shears(monkeypatch):
     """Errors of distortions over 1 + sqrt(1 - e^2): 1.8 at 0.6, 2 of a round one."""
-    rows = np.array([[0, 0, 1.3, 0.1, 0.2, 0, 0, 1.1, 0.01, 0.02, 0], [0, 0, 2.3, 0.3, 0.4, 0, 0, 1.2, 0.03, 0.04, 0]])
+    zero = np.zeros(2)
+    source = AdaptiveShapes(np.array([1.3, 2.3]), np.array([0.1, 0.3]), np.array([0.2, 0.4]), zero)
+    psf = AdaptiveShapes(np.array([1.1, 1.2]), np.array([0.01, 0.03]), np.array([0.02, 0.04]), zero)
     seen = {}
 
-    def shapes(image, rms, unusable, segments, segment, x, y, size, *rest):
+    def shapes(pixels, segment, x, y, size, *rest):
         seen["size"] = size.tolist()
-        return rows
+        return MeasuredShapes(zero, zero, source, zero, psf)
 
     monkeypatch.setattr(catalogue, "measure_shapes", shapes)
-    monkeypatch.setattr(
-        catalogue, "without_psf", lambda rows: (np.array([0.0, 0.6j]), np.array([0.2, 0.18]), np.array([0.4, 0.5]))
-    )
+    corrected = CorrectedShapes(np.array([0.0, 0.6j]), np.array([0.2, 0.18]), np.array([0.4, 0.5]))
+    monkeypatch.setattr(catalogue, "without_psf", lambda measured: corrected)
     found = SimpleNamespace(
         image=None, rms=None, segments=None, segment=None, x=None, y=None, a=np.array([4.0, 9.0]), b=np.ones(2)
     )
-    model = SimpleNamespace(coefficients=None, per_pixel=2)
-    table = catalogue._shapes(found, None, None, None, model, None)
+    table = catalogue._shapes(found, None, None, None, None)
     assert table["g_err"].tolist() == pytest.approx([0.1, 0.1]) and seen["size"] == [2.0, 3.0]
     wanted = {
         "hsm_sigma": [1.3, 2.3], "hsm_e1": [0.1, 0.3], "hsm_e2": [0.2, 0.4], "psf_sigma": [1.1, 1.2],

@@ -39,9 +39,9 @@ def test_positions_are_those_of_sep(fabricate, stars, window):
 def test_where_there_is_no_light_there_is_no_position():
     one = np.ones(1)
     for image in (np.zeros((9, 9)), -np.ones((9, 9)), np.full((9, 9), np.nan)):
-        assert windowed_positions(image.astype(np.float32), 4 * one, 4 * one, 1.5 * one)[2].all()
+        assert windowed_positions(image.astype(np.float32), 4 * one, 4 * one, 1.5 * one).failed.all()
     flat = np.ones((9, 9), np.float32)
-    assert windowed_positions(flat, -50 * one, 4 * one, 1.5 * one)[2].all()
+    assert windowed_positions(flat, -50 * one, 4 * one, 1.5 * one).failed.all()
     x, y, failed = windowed_positions(flat, 4 * one, 4 * one, 1.0 * one)
     assert not failed.any() and (x[0], y[0]) == pytest.approx((4.0, 4.0))
     assert [len(v) for v in windowed_positions(flat, one[:0], one[:0], one[:0])] == [0, 0, 0]
@@ -58,12 +58,12 @@ def test_the_error_is_the_scatter(fabricate, stars, extended, window):
         found_x, found_y, _ = windowed_positions(noisy, x, y, sigma)
         error = position_errors(
             noisy, rms, found_x, found_y, sigma, np.full(x.size, extended), np.full(x.size, 2000.0), np.ones(x.size),
-            np.zeros(x.size, int), model.coefficients, model.per_pixel,
+            model.at(x, y),
         )  # fmt: skip
         pulls += [*(found_x - x) / error, *(found_y - y) / error]
     assert 0.875 < np.std(pulls) < 1.125
     nothing = position_errors(
         np.zeros((9, 9), np.float32), rms[:9, :9].copy(), np.full(1, 4.0), np.full(1, 4.0), np.ones(1),
-        np.full(1, extended), np.zeros(1), np.ones(1), np.zeros(1, int), model.coefficients, model.per_pixel,
+        np.full(1, extended), np.zeros(1), np.ones(1), model.at([4.0], [4.0]),
     )  # fmt: skip
     assert np.isinf(nothing).all()

@@ -8,6 +8,7 @@ import pytest
 
 from csstsim.measure.detection import combine
 from csstsim.measure.detection.detect import Sources
+from csstsim.measure.light.photometry import PsfFits
 
 
 class Stars(SimpleNamespace):
@@ -24,6 +25,13 @@ def sources(x, segment, **more):
     columns |= {"x": np.array(x, float), "y": np.zeros(n), "segment": np.array(segment, int)}
     columns |= {"area": np.full(n, 100.0), "window_failed": np.zeros(n, bool)}
     return Sources(**(columns | {name: np.array(values) for name, values in more.items()}))
+
+
+def fits_of(flux, spread):
+    """Return the PsfFits of peaks, spread known to 0.01."""
+    n = len(flux)
+    spread = np.array(spread, float)
+    return PsfFits(np.array(flux, float), np.ones(n), np.ones(n), spread, np.full(n, 0.01), np.zeros(n, int))
 
 
 def frame_of(extended, stars=NO_STARS, rms=2.0):
@@ -93,7 +101,7 @@ def test_an_isophote_is_extended_where_points_do_not_explain_it(change, extended
     """Light of 1000 of a point with a spread of 0.01 +- 0.01; noise 2 e- a pixel on 100 px."""
     isophotes = sources([20.0], [1], flux=[float(change.get("flux", 1000.0))])
     peaks = sources([20.0, 40.0], [1, 0])
-    fit = np.array([[1000.0, 0, 0, change.get("spread", 0.01), 0.01, 0], [5e5, 0, 0, 9.0, 0.01, 0]])
+    fit = fits_of([1000.0, 5e5], [change.get("spread", 0.01), 9.0])
     kept, top = np.array([change.get("kept", True), True]), np.array([change.get("top", 0)])
     assert combine._is_extended(frame_of(isophotes), peaks, fit, top, kept).tolist() == [extended]
 
@@ -103,7 +111,7 @@ def test_light_beyond_the_points_is_more_than_its_noise(excess, extended):
     """Three sigma of 50 e- on 400 px of 2 e-: sqrt(f + 1600)."""
     flux = 10 + excess * 3 * np.sqrt(50 + 1600 + 80)
     isophotes = sources([20.0], [1], flux=[flux], area=[400.0])
-    fit = np.array([[10.0, 0, 0, 0.0, 0.01, 0]])
+    fit = fits_of([10.0], [0.0])
     found = combine._is_extended(frame_of(isophotes), sources([20.0], [1]), fit, np.array([0]), np.ones(1, bool))
     assert found.tolist() == [extended]
 
@@ -112,7 +120,7 @@ def test_an_isophote_on_a_bright_star_is_no_source():
     stars = Stars(x=np.array([20.0]), y=np.array([0.0]), flux=np.array([1e6]))
     isophotes = sources([22.0, 40.0], [1, 2], flux=[4e4, 4e4])
     found = combine._is_extended(
-        frame_of(isophotes, stars), sources([], []), np.zeros((0, 6)), np.full(2, -1), np.zeros(0, bool)
+        frame_of(isophotes, stars), sources([], []), fits_of([], []), np.full(2, -1), np.zeros(0, bool)
     )
     assert found.tolist() == [False, True]
 

@@ -8,8 +8,18 @@ from scipy.ndimage import gaussian_filter
 
 from csstsim.base.rng import stream
 from csstsim.measure.detection.maps import BIN
-from csstsim.measure.light.moments import SMOOTH, adaptive_moments, measure_shapes, on_sky, reduced, without_psf
+from csstsim.measure.light.moments import (
+    SMOOTH,
+    AdaptiveShapes,
+    MeasuredShapes,
+    adaptive_moments,
+    measure_shapes,
+    on_sky,
+    reduced,
+    without_psf,
+)
 from csstsim.measure.light.photometry import HALF, draw_psf, psf_model
+from csstsim.measure.light.pixels import Pixels
 
 galsim = pytest.importorskip("galsim")
 
@@ -39,8 +49,7 @@ def moments(image, smooth=0.0, place=PLACE, guess=2.0, unusable=None, segments=N
     """Return (x, y, sigma, e1, e2, kurtosis); None if it failed. segments: at full size."""
     unusable = np.zeros(image.shape, np.uint8) if unusable is None else unusable
     segments = np.zeros(image.shape, np.int32) if segments is None else segments
-    gauss = np.empty(5)
-    kurtosis, light, _ = adaptive_moments(
+    fit = adaptive_moments(
         image,
         unusable,
         np.ascontiguousarray(segments[::BIN, ::BIN]),
@@ -48,12 +57,11 @@ def moments(image, smooth=0.0, place=PLACE, guess=2.0, unusable=None, segments=N
         *place,
         math.hypot(guess, smooth),
         smooth,
-        gauss,
     )
-    if light == 0.0:
+    if fit.light == 0.0:
         return None
-    x, y, xx, xy, yy = gauss
-    return np.array([x, y, (xx * yy - xy * xy) ** 0.25, (xx - yy) / (xx + yy), 2 * xy / (xx + yy), kurtosis])
+    x, y, xx, xy, yy = fit.gaussian
+    return np.array([x, y, (xx * yy - xy * xy) ** 0.25, (xx - yy) / (xx + yy), 2 * xy / (xx + yy), fit.kurtosis])
 
 
 def peer(image, place=PLACE):
@@ -167,15 +175,22 @@ def test_what_has_no_moments_fails():
         assert moments(scale * star, SMOOTH) == pytest.approx(moments(star, SMOOTH), rel=1e-9)
 
 
+def table_of(source, psf):
+    """Return the MeasuredShapes of `moments` of a source and of its PSF."""
+    x, y, *shape = source
+    one = [np.array([value]) for value in shape]
+    star = [np.array([value]) for value in psf[2:]]
+    return MeasuredShapes(np.array([x]), np.array([y]), AdaptiveShapes(*one), np.array([0.01]), AdaptiveShapes(*star))
+
+
 def shapes_of(image, profile_psf):
-    return np.array([[*moments(image, SMOOTH), 0.01, *moments(picture(profile_psf, (30.0, 30.0)), SMOOTH)[2:]]])
+    return table_of(moments(image, SMOOTH), moments(picture(profile_psf, (30.0, 30.0)), SMOOTH))
 
 
 @pytest.mark.parametrize("name", GALAXIES)
 def test_the_correction_is_galsims(name):
     image, star = picture(galsim.Convolve(GALAXIES[name], PSF)), picture(PSF, (30.0, 30.0))
-    ours = [[*moments(image), 0.01, *moments(star)[2:]]]
-    e, _, _ = without_psf(np.array(ours))
+    e, _, _ = without_psf(table_of(moments(image), moments(star)))
     theirs = galsim.hsm.EstimateShear(galsim.Image(image), galsim.Image(star), shear_est="BJ")
     assert (e.real[0], e.imag[0]) == pytest.approx((theirs.corrected_e1, theirs.corrected_e2), abs=2 * RELATIVE)
 
@@ -192,8 +207,11 @@ def test_what_the_correction_leaves_of_the_shape(name, bias):
     assert abs(e[0] - (0.3 + 0.4j)) < 1e-3  # pixels are squares
     e, error, resolution = without_psf(shapes_of(picture(PSF), PSF))
     assert abs(resolution[0]) < 1e-3 and np.isnan(e[0]) and np.isnan(error[0])  # a star
-    assert np.isnan(np.concatenate(without_psf(np.full((2, 11), np.nan)))).all()
-    assert without_psf(np.empty((0, 11)))[0].shape == (0,)
+    for count in (0, 2):
+        unknown = AdaptiveShapes(*np.full((4, count), np.nan))
+        nothing = np.full(count, np.nan)
+        found = without_psf(MeasuredShapes(nothing, nothing, unknown, nothing, unknown))
+        assert all(column.shape == (count,) and np.isnan(column).all() for column in found)
 
 
 @pytest.mark.parametrize(("name", "snr"), [("disc", 30), ("disc", 100), ("star", 20), ("star", 100)])
@@ -210,19 +228,24 @@ def test_errors_are_those_of_the_noise(fabricate, name, snr):
     for _ in range(count):
         noisy = (rng.poisson(flux * image) + rng.normal(0.0, rms, image.shape)).astype(np.float32)
         one = np.ones(1)
-        shapes.append(measure_shapes(
-            noisy, np.full(noisy.shape, rms, np.float32), np.zeros(noisy.shape, np.uint8),
-            np.zeros(noisy.shape, np.int32), np.zeros(1, np.int32), PLACE[0] * one, PLACE[1] * one,
-            (3.0 if name == "disc" else 1.1) * one, np.ones(1, bool), one, np.zeros(1, int), model.coefficients,
-            model.per_pixel,
-        )[0])  # fmt: skip
-    shapes = np.array(shapes)
-    assert np.isfinite(shapes[:, 2]).mean() > 0.97
-    shapes = shapes[np.isfinite(shapes[:, 2])]
-    e = shapes[:, 3] + 1j * shapes[:, 4]
-    assert 0.85 < width(e, shapes[:, 6]) < 1.15
+        pixels = Pixels(
+            noisy,
+            np.full(noisy.shape, rms, np.float32),
+            np.zeros(noisy.shape, np.uint8),
+            np.zeros(noisy.shape, np.int32),
+        )
+        x, y = PLACE[0] * one, PLACE[1] * one
+        size = (3.0 if name == "disc" else 1.1) * one
+        shapes.append(measure_shapes(pixels, np.zeros(1, int), x, y, size, np.ones(1, bool), one, model.at(x, y)))
+    error = np.concatenate([one.error for one in shapes])
+    source = AdaptiveShapes(*np.concatenate([one.source for one in shapes], axis=1))
+    psf = AdaptiveShapes(*np.concatenate([one.psf for one in shapes], axis=1))
+    good = np.isfinite(source.sigma)
+    assert good.mean() > 0.97
+    e = source.e1 + 1j * source.e2
+    assert 0.85 < width(e[good], error[good]) < 1.15
     if name == "disc":
-        e, error, _ = without_psf(shapes)
+        e, error, _ = without_psf(MeasuredShapes(error, error, source, error, psf))
         good = np.isfinite(e)
         assert good.mean() > 0.9
         assert 0.85 < width(e[good], error[good]) < 1.2
@@ -253,13 +276,13 @@ def test_the_table_of_shapes_has_the_signs_of_galsims(fabricate, e1, e2):
     image = picture(galsim.Gaussian(sigma=3.0).shear(e1=e1, e2=e2), place=(30.0, 30.0)).astype(np.float32) * 1e5
     model = psf_model(fabricate.psf, (0, 0), image.shape)
     zero, one = np.zeros(1, int), np.ones(1)
-    found = measure_shapes(
-        image, np.ones_like(image), np.zeros(image.shape, np.uint8), np.zeros(image.shape, np.int32), zero, 30.0 * one,
-        30.0 * one, 3.0 * one, np.ones(1, bool), one, model.cell(30.0 * one, 30.0 * one), model.coefficients,
-        model.per_pixel,
-    )[0]  # fmt: skip
+    pixels = Pixels(image, np.ones_like(image), np.zeros(image.shape, np.uint8), np.zeros(image.shape, np.int32))
+    x = y = 30.0 * one
+    found = measure_shapes(pixels, zero, x, y, 3.0 * one, np.ones(1, bool), one, model.at(x, y))
     pixel = 1 / 12 + SMOOTH**2  # px^2: of the pixel and of what is laid over all, which make a Gaussian rounder
     size2 = 9 / np.sqrt(1 - e1**2 - e2**2)
-    assert found[:2] == pytest.approx([30.0, 30.0], abs=1e-3)
-    assert found[3:5] == pytest.approx([e1 * size2 / (size2 + pixel), e2 * size2 / (size2 + pixel)], abs=3e-3)
-    assert found[8:10] == pytest.approx([0.0, 0.0], abs=1e-3)  # a round PSF
+    assert [found.x[0], found.y[0]] == pytest.approx([30.0, 30.0], abs=1e-3)
+    assert [found.source.e1[0], found.source.e2[0]] == pytest.approx(
+        [e1 * size2 / (size2 + pixel), e2 * size2 / (size2 + pixel)], abs=3e-3
+    )
+    assert [found.psf.e1[0], found.psf.e2[0]] == pytest.approx([0.0, 0.0], abs=1e-3)  # a round PSF

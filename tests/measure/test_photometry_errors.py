@@ -34,14 +34,13 @@ def test_flux_errors_are_the_scatter_where_light_was_lost(fabricate, share, flux
     rms = np.full(frame.shape, np.sqrt(variance), np.float32)
     model = psf_model(fabricate.psf, (0, 0), frame.shape)
     fit = fit_sources(
-        frame, rms, np.zeros(frame.shape, np.uint8), x, y, np.full(len(x), share), model.cell(x, y), model.coefficients,
-        model.blurred, model.per_pixel,
+        frame, rms, np.zeros(frame.shape, np.uint8), x, y, np.full(len(x), share), model.at(x, y),
     )  # fmt: skip
-    pull = (fit[:, 0] - flux) / fit[:, 1]
+    pull = (fit.flux - flux) / fit.flux_error
     assert pull.std() == pytest.approx(1.0, abs=SIGMA / np.sqrt(2 * len(x)))
     # One weight for all pixels is at most a third worse than the optimal ones
     optimal = flux / point_source_snr(flux * share, variance * share**2, model.n_eff[0])
-    assert 0.95 < np.median(fit[:, 1]) / optimal < 1.35
+    assert 0.95 < np.median(fit.flux_error) / optimal < 1.35
 
 
 def test_the_psf_of_a_cell_is_that_of_its_middle(fabricate):
@@ -91,9 +90,9 @@ def test_the_flux_does_not_depend_on_the_place_in_the_pixel(cells, off):
     assert model.per_pixel == cells
     fit = fit_sources(
         image.astype(np.float32), np.ones(image.shape, np.float32), np.zeros(image.shape, np.uint8), x, y,
-        np.ones(len(x)), model.cell(x, y), model.coefficients, model.blurred, model.per_pixel,
+        np.ones(len(x)), model.at(x, y),
     )  # fmt: skip
-    worst = np.abs(fit[:, 0] / 1e4 - 1).max()
+    worst = np.abs(fit.flux / 1e4 - 1).max()
     assert worst < off if off else worst > LIGHT_CUT
 
 
@@ -113,12 +112,10 @@ def test_noise_in_the_place_biases_the_flux_as_foreseen(fabricate, window):
     pulls = []
     for seed in range(15):
         noisy = (fabricate.add_noise(stars, 900 + seed) - fabricate.SKY).astype(np.float32)
-        place = *windowed_positions(noisy, x, y, np.full(x.size, window))[:2], np.ones(x.size)
-        fit = fit_sources(
-            noisy, rms, np.zeros(noisy.shape, np.uint8), *place, model.cell(x, y), model.coefficients, model.blurred,
-            model.per_pixel,
-        )  # fmt: skip
-        pulls += [*((fit[:, 0] - flux) / fit[:, 1])]
+        found = windowed_positions(noisy, x, y, np.full(x.size, window))
+        unusable = np.zeros(noisy.shape, np.uint8)
+        fit = fit_sources(noisy, rms, unusable, found.x, found.y, np.ones(x.size), model.at(x, y))
+        pulls += [*((fit.flux - flux) / fit.flux_error)]
     expected = _mean_pull(fabricate, flux, 0.2, -0.3, window)
     assert np.mean(pulls) == pytest.approx(expected, abs=SIGMA / np.sqrt(len(pulls)))
 
@@ -142,14 +139,13 @@ def _mean_pull(fabricate, flux, dx, dy, window):
 
 
 def fitted(fabricate, image, x, y, unusable=None, counted=1.0, rms=2.0):
-    """Return the rows of fit_sources (n, 6) on an image (ny, nx) of the fabricated PSF."""
-    model, n = psf_model(fabricate.psf, (0, 0), image.shape), len(x)
+    """Return the PsfFits of an image (ny, nx) of the fabricated PSF."""
+    model = psf_model(fabricate.psf, (0, 0), image.shape)
+    x, y = np.array(x, float), np.array(y, float)
     unusable = np.zeros(image.shape, np.uint8) if unusable is None else unusable
     noise = np.full(image.shape, rms, np.float32)
-    return fit_sources(
-        image.astype(np.float32), noise, unusable, np.array(x, float), np.array(y, float), np.full(n, counted),
-        np.zeros(n, int), model.coefficients, model.blurred, model.per_pixel,
-    )  # fmt: skip
+    share = np.full(len(x), counted)
+    return fit_sources(image.astype(np.float32), noise, unusable, x, y, share, model.at(x, y))
 
 
 def test_the_light_in_a_circle_is_that_of_the_gaussian(fabricate):
@@ -166,10 +162,10 @@ def test_the_light_in_a_circle_is_that_of_the_gaussian(fabricate):
 def test_the_spread_of_a_wider_source_in_closed_form(fabricate, wider):
     """Of Gaussians s, t the sum of products is 1 / (2 pi (s2 + t2)): spread is what the blur adds to the overlap."""
     line = np.diff(below(np.arange(-25, 27) - 0.5, np.hypot(STAR, wider)))
-    fit = fitted(fabricate, 1e5 * np.outer(line, line), [25.0], [25.0])[0]
+    fit = fitted(fabricate, 1e5 * np.outer(line, line), [25.0], [25.0])
     star, source = STAR**2 + 1 / 12, STAR**2 + wider**2 + 1 / 12
     wanted = (star + source) / (star + BLUR**2 + source) - 2 * star / (2 * star + BLUR**2)
-    assert fit[3] == pytest.approx(wanted, abs=3e-4) and (fit[3] > 3e-3) == (wider > 0)
+    assert fit.spread[0] == pytest.approx(wanted, abs=3e-4) and (fit.spread[0] > 3e-3) == (wider > 0)
 
 
 def test_unusable_pixels_in_the_core_give_their_bits_and_others_none(fabricate):
@@ -184,9 +180,9 @@ def test_unusable_pixels_in_the_core_give_their_bits_and_others_none(fabricate):
     spoilt = image.copy()
     spoilt[unusable > 0] = 1e6
     found = fitted(fabricate, spoilt, x, y, unusable)
-    assert found[:, 5].tolist() == [4, 1, 0] and (clean[:, 5] == 0).all()
-    assert found[:2, 0] == pytest.approx([9000.0, 9000.0], rel=5e-3) and found[2, 0] == 0.0
-    assert clean[:2, 2] == pytest.approx(0.0, abs=0.02)
+    assert found.unusable.tolist() == [4, 1, 0] and (clean.unusable == 0).all()
+    assert found.flux[:2] == pytest.approx([9000.0, 9000.0], rel=5e-3) and found.flux[2] == 0.0
+    assert clean.chi2[:2] == pytest.approx(0.0, abs=0.02)
 
 
 def test_chi2_and_errors_have_the_noise_of_pixels_and_light(fabricate):
@@ -194,11 +190,13 @@ def test_chi2_and_errors_have_the_noise_of_pixels_and_light(fabricate):
     image = np.zeros((61, 61))
     n_eff = psf_model(fabricate.psf, (0, 0), image.shape).n_eff[0]
     image[30 + 9, 30 - 9] = 10.0
-    fit = fitted(fabricate, image, [30.0], [30.0])[0]
-    assert fit[2] == pytest.approx(25 / 440, rel=1e-4) and fit[1] == pytest.approx(2 * np.sqrt(n_eff), rel=1e-3)
+    fit = fitted(fabricate, image, [30.0], [30.0])
+    assert fit.chi2[0] == pytest.approx(25 / 440, rel=1e-4) and fit.flux_error[0] == pytest.approx(
+        2 * np.sqrt(n_eff), rel=1e-3
+    )
     alone = np.zeros((61, 61))
     fabricate.add_stars(alone, [30.0], [30.0], [1e5])
     line = np.diff(below(np.arange(-10, 12) - 0.5, STAR))
     p = fabricate.LIGHT * np.outer(line, line)
     wanted = np.sqrt((p**2 * (4 + 1e5 * p / 0.5)).sum()) / (p**2).sum()
-    assert fitted(fabricate, alone, [30.0], [30.0], counted=0.5)[0, 1] == pytest.approx(wanted, rel=0.01)
+    assert fitted(fabricate, alone, [30.0], [30.0], counted=0.5).flux_error[0] == pytest.approx(wanted, rel=0.01)

@@ -27,6 +27,7 @@ from csstsim.measure.light.apertures import APERTURE, aperture_flux, kron_flux
 from csstsim.measure.light.centroid import position_errors
 from csstsim.measure.light.moments import measure_shapes, on_sky, reduced, without_psf
 from csstsim.measure.light.photometry import fit_sources, psf_model
+from csstsim.measure.light.pixels import Pixels
 from csstsim.measure.light.profile_tables import profile_tables
 from csstsim.measure.light.total_light import total_light
 from csstsim.optics.scatter.scattered_light import read_scattered
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
     from csstsim.instrument.telescope import Telescope
     from csstsim.measure.calibration.calibrate import Calibrated
     from csstsim.measure.detection.detect import Frame, Sources
-    from csstsim.measure.light.photometry import PsfModel
+    from csstsim.measure.light.photometry import PsfFits, PsfModel, SourcePsfs
     from csstsim.measure.light.profile_tables import ProfileTables
     from csstsim.optics.geometry.wcs import ChipWCS
     from csstsim.optics.psf.psf_file import PsfSet
@@ -261,20 +262,9 @@ def _fit(
     unusable: IntArray,
     model: PsfModel,
     window: Window,
-) -> FloatArray:
-    cell = model.cell(sources.x + window.x0, sources.y + window.y0)
-    return fit_sources(
-        frame.image,
-        frame.rms,
-        unusable,
-        sources.x,
-        sources.y,
-        counted,
-        cell,
-        model.coefficients,
-        model.blurred,
-        model.per_pixel,
-    )
+) -> PsfFits:
+    psf = model.at(sources.x + window.x0, sources.y + window.y0)
+    return fit_sources(frame.image, frame.rms, unusable, sources.x, sources.y, counted, psf)
 
 
 def _sources(
@@ -282,60 +272,75 @@ def _sources(
 ) -> dict[str, AnyArray]:
     x = found.x + window.x0
     y = found.y + window.y0
-    flux, error, chi2, spread, spread_error, why = _fit(found, found, counted, unusable, model, window).T
-    why = why.astype(int)
+    fit = _fit(found, found, counted, unusable, model, window)
+    flux = fit.flux
+    error = fit.flux_error
     kron, kron_error, kron_failed = kron_flux(found, counted)
     snr = np.where(error > 0, np.nan_to_num(flux) / np.where(error > 0, error, 1.0), 0.0)
-    column, row = (np.clip(np.rint(v).astype(int), 0, n - 1) for v, n in ((found.x, window.nx), (found.y, window.ny)))
-    cell = model.cell(x, y)
+    row = np.clip(np.rint(found.y).astype(int), 0, window.ny - 1)
+    column = np.clip(np.rint(found.x).astype(int), 0, window.nx - 1)
+    psf = model.at(x, y)
     bright = (snr >= SHAPE_SNR) | ((kron >= SHAPE_SNR * kron_error) & (snr >= FAINT_SNR))
-    shapes = _shapes(found, bright, counted, unusable, model, cell)
-    aperture, aperture_error = aperture_flux(found, counted, model.enclosed(APERTURE)[cell])
+    shapes = _shapes(found, bright, counted, unusable, psf)
+    aperture, aperture_error = aperture_flux(found, counted, model.enclosed(APERTURE)[psf.cell])
     track = tracks(found.image, found.rms, found.x, found.y, found.snr)
+    light = np.maximum(np.nan_to_num(flux), np.nan_to_num(error))
+    position_error = position_errors(
+        found.image, found.rms, found.x, found.y, found.window, found.extended, light, counted, psf
+    )
     flags = (
         BLENDED * ((found.sep_flag & 1) != 0)
         | TRUNCATED * ((found.sep_flag & 2) != 0)
-        | SATURATED * ((why & FULL) > 0)
-        | BAD_PIXELS * ((why & (BAD | RAY)) > 0)
+        | SATURATED * ((fit.unusable & FULL) > 0)
+        | BAD_PIXELS * ((fit.unusable & (BAD | RAY)) > 0)
         | NEGATIVE_FLUX * ~((flux > 0) & (kron > 0))
         | KRON_FAILED * kron_failed
         | NOT_CENTRED * found.window_failed
-        | SHARP * ((spread < -STAR_SPREAD - 5.0 * spread_error) | track)
+        | SHARP * ((fit.spread < -STAR_SPREAD - 5.0 * fit.spread_error) | track)
         | NO_SHAPE * np.isnan(shapes["hsm_sigma"])
     )
     return shapes | {
-        "x": x, "y": y, "flux_psf": flux, "flux_psf_err": error, "flux_kron": kron, "flux_kron_err": kron_error,
-        "flux_aper": aperture, "flux_aper_err": aperture_error,
-        "snr": snr, "fwhm": 2.0 * found.half_light, "a": found.a, "b": found.b, "theta": found.theta, "chi2": chi2,
-        "spread": spread, "spread_err": spread_error, "rms": found.rms[row, column],
-        "star": spread < STAR_SPREAD + 2.5 * spread_error, "flags": flags,
-        "pos_err_px": position_errors(
-            found.image, found.rms, found.x, found.y, found.window, found.extended,
-            np.maximum(np.nan_to_num(flux), np.nan_to_num(error)), counted, cell, model.coefficients, model.per_pixel,
-        ),
-    }  # fmt: skip
+        "x": x,
+        "y": y,
+        "flux_psf": flux,
+        "flux_psf_err": error,
+        "flux_kron": kron,
+        "flux_kron_err": kron_error,
+        "flux_aper": aperture,
+        "flux_aper_err": aperture_error,
+        "snr": snr,
+        "fwhm": 2.0 * found.half_light,
+        "a": found.a,
+        "b": found.b,
+        "theta": found.theta,
+        "chi2": fit.chi2,
+        "spread": fit.spread,
+        "spread_err": fit.spread_error,
+        "rms": found.rms[row, column],
+        "star": fit.spread < STAR_SPREAD + 2.5 * fit.spread_error,
+        "flags": flags,
+        "pos_err_px": position_error,
+    }
 
 
 def _shapes(
-    found: Detections, bright: BoolArray, counted: FloatArray, unusable: IntArray, model: PsfModel, cell: IntArray
+    found: Detections, bright: BoolArray, counted: FloatArray, unusable: IntArray, psf: SourcePsfs
 ) -> dict[str, AnyArray]:
     """Return the columns of shapes of `bright` sources; `e`, complex, is the distortion without the PSF, pixel axes."""
-    shapes = measure_shapes(
-        found.image, found.rms, unusable, found.segments, found.segment, found.x, found.y,
-        np.sqrt(found.a * found.b), bright, counted, cell, model.coefficients, model.per_pixel,
-    )  # fmt: skip
-    _, _, sigma, e1, e2, _, _, psf_sigma, psf_e1, psf_e2, _ = shapes.T
-    e, error, resolution = without_psf(shapes)
+    pixels = Pixels(found.image, found.rms, unusable, found.segments)
+    size = np.sqrt(found.a * found.b)
+    shapes = measure_shapes(pixels, found.segment, found.x, found.y, size, bright, counted, psf)
+    corrected = without_psf(shapes)
     return {
-        "hsm_sigma": sigma,
-        "hsm_e1": e1,
-        "hsm_e2": e2,
-        "psf_sigma": psf_sigma,
-        "psf_e1": psf_e1,
-        "psf_e2": psf_e2,
-        "resolution": resolution,
-        "e": e,
-        "g_err": error / (1.0 + np.sqrt(1.0 - np.abs(e) ** 2)),
+        "hsm_sigma": shapes.source.sigma,
+        "hsm_e1": shapes.source.e1,
+        "hsm_e2": shapes.source.e2,
+        "psf_sigma": shapes.psf.sigma,
+        "psf_e1": shapes.psf.e1,
+        "psf_e2": shapes.psf.e2,
+        "resolution": corrected.resolution,
+        "e": corrected.e,
+        "g_err": corrected.error / (1.0 + np.sqrt(1.0 - np.abs(corrected.e) ** 2)),
     }
 
 

@@ -24,7 +24,15 @@ import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.types import ComplexArray, FloatArray, PathLike
-from csstsim.measure.light.moments import SIZE_MIN, SMOOTH, adaptive_moments, reduced, without_psf
+from csstsim.measure.light.moments import (
+    SIZE_MIN,
+    SMOOTH,
+    AdaptiveShapes,
+    MeasuredShapes,
+    adaptive_moments,
+    reduced,
+    without_psf,
+)
 
 if TYPE_CHECKING:
     from ngmix import Observation
@@ -96,33 +104,32 @@ def hsm(stamps: FloatArray, psf: FloatArray, sigma: float, scale: float, rng: np
 
 def psf_shapes(psf: FloatArray) -> ComplexArray:
     """Return (n,) complex ellipticities (a - b) / (a + b) of the smoothed stamps of a PSF; NaN where there is none."""
-    found = np.array([_moments(image, SIZE_MIN)[1:4] for image in np.asarray(psf, float)]).reshape(-1, 3)
-    return reduced(found[:, 1] + 1j * found[:, 2])
+    found = _adaptive_shapes(psf, SIZE_MIN)
+    return reduced(found.e1 + 1j * found.e2)
 
 
 def own(stamps: FloatArray, psf: FloatArray, sigma: float, scale: float, rng: np.random.Generator) -> Shapes:
     """Measure by adaptive moments corrected with the kurtosis terms."""
-    rows = []
-    for image, star in zip(np.asarray(stamps, float), np.asarray(psf, float), strict=True):
-        galaxy = _moments(image, GUESS)
-        point = _moments(star, SIZE_MIN)
-        rows.append([0.0, 0.0, *galaxy[1:], 0.0, *point[1:]])
-    e = reduced(without_psf(np.array(rows).reshape(-1, 11))[0])
+    galaxies = _adaptive_shapes(stamps, GUESS)
+    points = _adaptive_shapes(psf, SIZE_MIN)
+    unused = np.zeros(len(galaxies.e1))  # positions and errors
+    e = reduced(without_psf(MeasuredShapes(unused, unused, galaxies, unused, points)).e)
     return Shapes(e, np.ones((len(e), 2)))
 
 
-def _moments(image: FloatArray, size: float) -> tuple[float, float, float, float, float]:
-    """Return (light, sigma, e1, e2, kurtosis) of a stamp's adaptive moments; NaN if there are none."""
-    gauss = np.empty(5)
-    clear = np.zeros(image.shape, np.uint8)
-    middle = image.shape[0] // 2
-    alone = np.zeros(image.shape, np.int32)
+def _adaptive_shapes(stamps: FloatArray, size: float) -> AdaptiveShapes:
+    """Return the adaptive shapes of stamps (n, s, s), found from a sigma of `size` px; NaN where there is none."""
+    rows = np.full((len(stamps), 4), np.nan)
     start = np.hypot(size, SMOOTH)
-    kurtosis, light, _ = adaptive_moments(image, clear, alone, 0, middle, middle, start, SMOOTH, gauss)
-    if light <= 0:
-        return (np.nan,) * 5
-    xx, xy, yy = gauss[2:]
-    return light, (xx * yy - xy * xy) ** 0.25, (xx - yy) / (xx + yy), 2 * xy / (xx + yy), kurtosis
+    for row, image in zip(rows, np.asarray(stamps, float), strict=True):
+        clear = np.zeros(image.shape, np.uint8)
+        alone = np.zeros(image.shape, np.int32)
+        middle = image.shape[0] // 2
+        fit = adaptive_moments(image, clear, alone, 0, middle, middle, start, SMOOTH)
+        if fit.light > 0:
+            _, _, xx, xy, yy = fit.gaussian
+            row[:] = (xx * yy - xy * xy) ** 0.25, (xx - yy) / (xx + yy), 2 * xy / (xx + yy), fit.kurtosis
+    return AdaptiveShapes(*rows.T)
 
 
 def fpfs(stamps: FloatArray, psf: FloatArray, sigma: float, scale: float, rng: np.random.Generator) -> Shapes:

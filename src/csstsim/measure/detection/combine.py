@@ -25,6 +25,7 @@ import numpy as np
 
 from csstsim.base.types import BoolArray, FloatArray, IntArray
 from csstsim.measure.detection.detect import Sources
+from csstsim.measure.light.photometry import PsfFits
 
 if TYPE_CHECKING:
     from csstsim.measure.detection.bright_stars import BrightStars
@@ -63,18 +64,18 @@ class Detections(Sources):
     segments: IntArray
 
 
-def combine(frame: Frame, peaks: Sources, snr: FloatArray, fit: FloatArray, kernel: FloatArray) -> Detections:
+def combine(frame: Frame, peaks: Sources, snr: FloatArray, fit: PsfFits, kernel: FloatArray) -> Detections:
     """Return the `Detections` of a detect.Frame without its bright stars.
 
-    `peaks` (Sources) and their S/N (n,): detect.peaks; `fit` (n, 6): photometry.fit_sources of them; `kernel`: the PSF,
+    `peaks` (Sources) and their S/N (n,): detect.peaks; `fit`: photometry.fit_sources of them; `kernel`: the PSF,
     normalised or not, odd side.
     """
-    rest = _rest_of_stars(frame.stars, peaks.x, peaks.y, np.nan_to_num(fit[:, 0]))
+    rest = _rest_of_stars(frame.stars, peaks.x, peaks.y, np.nan_to_num(fit.flux))
     peaks = _rows_of(peaks, ~rest)
     snr = snr[~rest]
-    fit = np.nan_to_num(fit[~rest])
+    fit = PsfFits._make(np.nan_to_num(column[~rest]) for column in fit)
     top = _own_peaks(peaks, snr, len(frame.extended.x))
-    kept = _kept(frame, peaks, snr, fit[:, 0], top, kernel)
+    kept = _kept(frame, peaks, snr, fit.flux, top, kernel)
     extended = _is_extended(frame, peaks, fit, top, kept)
     kept[top[extended & (top >= 0)]] = False
     return _joined(frame, peaks, snr, top, kept, extended)
@@ -100,16 +101,15 @@ def _kept(
     return _distinct(peaks.x, peaks.y, peaks.segment, order, own, flux, local, narrow, broad)
 
 
-def _is_extended(frame: Frame, peaks: Sources, fit: FloatArray, top: IntArray, kept: BoolArray) -> BoolArray:
+def _is_extended(frame: Frame, peaks: Sources, fit: PsfFits, top: IntArray, kept: BoolArray) -> BoolArray:
     """Return bool (m,): the isophotes that are sources, because points do not account for their light."""
     isophotes = frame.extended
     inside = kept & (peaks.segment > 0)
-    flux, spread, spread_error = (fit[:, k] for k in (0, 3, 4))
-    explained = np.bincount(peaks.segment[inside], flux[inside], len(isophotes.x) + 1)[1:]
+    explained = np.bincount(peaks.segment[inside], fit.flux[inside], len(isophotes.x) + 1)[1:]
     noise = np.sqrt(np.maximum(isophotes.flux, 0.0) + isophotes.area * float(np.median(frame.rms[::8, ::8])) ** 2)
     excess = isophotes.flux - explained > np.maximum(EXCESS_SIGMA * noise, EXCESS_SHARE * explained)
     constant, times = POINT_SPREAD
-    blurred = np.append(spread > constant + times * spread_error, True)[top]
+    blurred = np.append(fit.spread > constant + times * fit.spread_error, True)[top]
     rest = _rest_of_stars(frame.stars, isophotes.x, isophotes.y, isophotes.flux)
     return ((top < 0) | excess | blurred) & ~rest
 

@@ -7,26 +7,30 @@ without noise: the PSF for a source found as a point, the image itself for an ex
 """
 
 import math
+from typing import NamedTuple
 
 import numba
 import numpy as np
 
-from csstsim.base.types import BoolArray, FloatArray, IntArray
-from csstsim.measure.light.photometry import HALF, draw_psf
+from csstsim.base.types import BoolArray, FloatArray
+from csstsim.measure.light.photometry import HALF, SourcePsfs, draw_psf
 
 REACH = 4.0  # window sigma: where the window ends
 STEP = 1e-4  # px, half of the last step
 MAX_STEPS = 16
 
 
-@numba.njit(cache=True)
-def windowed_positions(
-    image: FloatArray, x: FloatArray, y: FloatArray, window: FloatArray
-) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Return (x, y, failed), each (n,), px, from a first guess `x`, `y`; `window` (n,) px.
+class WindowedPositions(NamedTuple):
+    """Positions `x`, `y` (n,) px; `failed` (n,): no positive flux in the window, where the search ended."""
 
-    failed: no positive light in the window, where the search ended. `image` float32 (ny, nx).
-    """
+    x: FloatArray
+    y: FloatArray
+    failed: BoolArray
+
+
+@numba.njit(cache=True)
+def windowed_positions(image: FloatArray, x: FloatArray, y: FloatArray, window: FloatArray) -> WindowedPositions:
+    """Return the positions from a first guess `x`, `y`; `window` (n,) px; `image` float32 (ny, nx)."""
     ny, nx = image.shape
     new_x = x.copy()
     new_y = y.copy()
@@ -63,7 +67,7 @@ def windowed_positions(
             new_y[k] += 2.0 * along_y / light
             if along_x**2 + along_y**2 < (STEP * light) ** 2:
                 break
-    return new_x, new_y, failed
+    return WindowedPositions(new_x, new_y, failed)
 
 
 @numba.njit(cache=True)
@@ -76,11 +80,9 @@ def position_errors(
     extended: BoolArray,
     flux: FloatArray,
     counted: FloatArray,
-    cell: IntArray,
-    coefficients: FloatArray,
-    per_pixel: int,
+    psf: SourcePsfs,
 ) -> FloatArray:
-    """Return the error (n,) of x and y (root of the mean square of both), px; infinite if the source has no light.
+    """Return the error (n,) of x and y (root of the mean square of both), px; infinite if the source has no flux.
 
     `image`, `rms` float32 (ny, nx); `x`, `y`, `window` (n,) px of the frame; `flux` electron, of the PSF fit, used
     for points; the rest as in photometry.fit_sources.
@@ -91,7 +93,7 @@ def position_errors(
     for k in range(x.size):
         column = round(x[k])
         row = round(y[k])
-        draw_psf(coefficients[cell[k]], per_pixel, x[k] - column, y[k] - row, HALF, stamp)
+        draw_psf(psf.coefficients[psf.cell[k]], psf.per_pixel, x[k] - column, y[k] - row, HALF, stamp)
         inverse = window[k] ** -2
         reach = REACH * window[k]
         noise = 0.0

@@ -19,68 +19,163 @@ without an isophote, re-Gaussianisation, noise bias.
 """
 
 import math
-from typing import TypeAlias
+from typing import NamedTuple
 
 import numba
 import numpy as np
 
 from csstsim.base.types import BoolArray, ComplexArray, FloatArray, IntArray
 from csstsim.measure.detection.maps import BIN
-from csstsim.measure.light.photometry import HALF, draw_psf
+from csstsim.measure.light.photometry import HALF, SourcePsfs, draw_psf
+from csstsim.measure.light.pixels import Pixels
 
 SMOOTH = 1.0  # px
 REACH = 5.0  # sigma of the widened weight; beyond it the weight is below 4e-6
 CONVERGED = 1e-5  # last step, relative to the size
 MAX_STEPS = 100
 MAX_GROWTH = 4.0  # of sigma from its start; a fit that grows beyond has run into its surroundings
-MIN_USABLE = 0.5  # least share of the fitted, weighted light on usable pixels
+MIN_USABLE = 0.5  # fraction of the fitted, weighted flux on usable pixels
 RESOLUTION_MIN = 0.1  # below it noise and errors of the PSF model dominate the correction
-SIZE_MIN = 0.8  # px: least sigma to start with, about a star's
-_Symmetric: TypeAlias = tuple[float, float, float]  # a matrix: xx, xy, yy
+SIZE_MIN = 0.8  # px: minimum sigma to start with, about a star's
+
+
+class Symmetric(NamedTuple):
+    """A symmetric matrix."""
+
+    xx: float
+    xy: float
+    yy: float
+
+
+class Gaussian(NamedTuple):
+    """An elliptical Gaussian: position [px] and second moments [px^2]."""
+
+    x: float
+    y: float
+    xx: float
+    xy: float
+    yy: float
+
+
+class AdaptiveFit(NamedTuple):
+    """The adaptive Gaussian of a source and its kurtosis <rho^4>/2 - 1.
+
+    `light`: sum of weight times image, 0 where the fit failed; `amplitude` of the Gaussian, electron / px.
+    """
+
+    gaussian: Gaussian
+    kurtosis: float
+    light: float
+    amplitude: float
+
+
+class AdaptiveShapes(NamedTuple):
+    """Adaptive shapes (n,): `sigma` det(M)^(1/4) px, distortions `e1`, `e2`, `kurtosis`; NaN: failed."""
+
+    sigma: FloatArray
+    e1: FloatArray
+    e2: FloatArray
+    kurtosis: FloatArray
+
+
+class MeasuredShapes(NamedTuple):
+    """Positions `x`, `y` (n,) px, shapes of `source` and `psf`, `error` (n,) of the source's e1 and e2; NaN: failed."""
+
+    x: FloatArray
+    y: FloatArray
+    source: AdaptiveShapes
+    error: FloatArray
+    psf: AdaptiveShapes
+
+
+class CorrectedShapes(NamedTuple):
+    """Shapes (n,) without the PSF: complex distortion `e`, its `error` on an axis, `resolution`."""
+
+    e: ComplexArray
+    error: FloatArray
+    resolution: FloatArray
+
+
+class _Matrices(NamedTuple):
+    """V^-1 of the widened weight, K of the smoothed image, and the inverse of the pixels' own Gaussian."""
+
+    inverse: Symmetric
+    smoothed: Symmetric
+    own: Symmetric
+
+
+class _Sums(NamedTuple):
+    """Sums over the pixels with the widened weight.
+
+    `light`: of weight times image; `amplitude`: of the own Gaussian; `usable`: fraction of its flux on usable pixels;
+    then the means of dx, dy, dx^2, dx dy, dy^2 and (r K V^-1 r)^2.
+    """
+
+    light: float
+    amplitude: float
+    usable: float
+    dx: float
+    dy: float
+    xx: float
+    xy: float
+    yy: float
+    quartic: float
+
+
+class _SmoothedMoments(NamedTuple):
+    """Mean offset [px], second moments [px^2] about it and kurtosis of the smoothed image."""
+
+    dx: float
+    dy: float
+    xx: float
+    xy: float
+    yy: float
+    kurtosis: float
 
 
 @numba.njit(cache=True)
-def _inverse(xx: float, xy: float, yy: float) -> _Symmetric:
-    """Return the inverse of a symmetric matrix; such matrices are tuples (xx, xy, yy)."""
+def _inverse(xx: float, xy: float, yy: float) -> Symmetric:
+    """Return the inverse of a symmetric matrix."""
     det = xx * yy - xy * xy
-    return yy / det, -xy / det, xx / det
+    return Symmetric(yy / det, -xy / det, xx / det)
 
 
 @numba.njit(cache=True)
-def _product(a: _Symmetric, b: _Symmetric) -> _Symmetric:
+def _product(a: Symmetric, b: Symmetric) -> Symmetric:
     """Return the product of symmetric matrices with common axes, symmetric too."""
-    return a[0] * b[0] + a[1] * b[1], a[0] * b[1] + a[1] * b[2], a[1] * b[1] + a[2] * b[2]
+    return Symmetric(a.xx * b.xx + a.xy * b.xy, a.xx * b.xy + a.xy * b.yy, a.xy * b.xy + a.yy * b.yy)
 
 
 @numba.njit(cache=True)
-def _matrices(gauss: FloatArray, smooth: float) -> tuple[_Symmetric, _Symmetric, _Symmetric]:
-    """Return (V^-1, K, inverse of the pixels' own Gaussian), each (xx, xy, yy), of `gauss` (5,): x, y, Mxx, Mxy, Myy.
+def _matrices(gauss: Gaussian, smooth: float) -> _Matrices:
+    """Return the matrices of a Gaussian and the smoothing [px].
 
     The own Gaussian is M less the smoothing, of which at most 0.7 of the short axis squared is taken.
     """
-    xx = gauss[2]
-    xy = gauss[3]
-    yy = gauss[4]
+    xx = gauss.xx
+    xy = gauss.xy
+    yy = gauss.yy
     s2 = smooth * smooth
     wide = _inverse(xx + s2, xy, yy + s2)
     short = 0.5 * (xx + yy) - math.hypot(0.5 * (xx - yy), xy)
     t = min(s2, 0.7 * short)
-    return wide, (1.0 - s2 * wide[0], -s2 * wide[1], 1.0 - s2 * wide[2]), _inverse(xx - t, xy, yy - t)
+    smoothed = Symmetric(1.0 - s2 * wide.xx, -s2 * wide.xy, 1.0 - s2 * wide.yy)
+    return _Matrices(wide, smoothed, _inverse(xx - t, xy, yy - t))
 
 
 @numba.njit(cache=True)
-def _trace(a: _Symmetric, b: _Symmetric) -> float:
+def _trace(a: Symmetric, b: Symmetric) -> float:
     """Return the trace of the product of two symmetric matrices."""
-    return a[0] * b[0] + 2.0 * a[1] * b[1] + a[2] * b[2]
+    return a.xx * b.xx + 2.0 * a.xy * b.xy + a.yy * b.yy
 
 
 @numba.njit(cache=True)
-def _quadratic(m: _Symmetric, dx: float, dy: float) -> float:
-    return m[0] * dx * dx + 2.0 * m[1] * dx * dy + m[2] * dy * dy
+def _quadratic(m: Symmetric, dx: float, dy: float) -> float:
+    return m.xx * dx * dx + 2.0 * m.xy * dx * dy + m.yy * dy * dy
 
 
 @numba.njit(cache=True)
-def _within(inverse: _Symmetric, x: float, dy: float) -> tuple[int, int]:
+def _within(inverse: Symmetric, x: float, dy: float) -> tuple[int, int]:
     """Return the columns, first and last (half-open), where rho^2 <= REACH^2 in the row at `dy` from the centre."""
     a, b, c = inverse
     middle = -b * dy / a
@@ -90,12 +185,15 @@ def _within(inverse: _Symmetric, x: float, dy: float) -> tuple[int, int]:
 
 @numba.njit(cache=True)
 def _add_row(
-    sums: FloatArray, square: _Symmetric, dy: float, one: float, two: float, three: float, four: float, five: float
+    sums: FloatArray, square: Symmetric, dy: float, one: float, two: float, three: float, four: float, five: float
 ) -> None:
-    """Add to `sums` (7,) those of a row at `dy`: of light, light x dx, ..., light x dx^4."""
-    a = square[0]
-    b = 2.0 * square[1] * dy
-    c = square[2] * dy * dy
+    """Add a row at `dy` to `sums` (7,): of light and of light times the means in _Sums.
+
+    `one` to `five`: the row's sums of light, light x dx, ..., light x dx^4; `square`: K V^-1.
+    """
+    a = square.xx
+    b = 2.0 * square.xy * dy
+    c = square.yy * dy * dy
     sums[0] += one
     sums[1] += two
     sums[2] += one * dy
@@ -107,33 +205,23 @@ def _add_row(
 
 @numba.njit(cache=True)
 def _sums(
-    image: FloatArray,
-    unusable: IntArray,
-    segments: IntArray,
-    number: int,
-    gauss: FloatArray,
-    smooth: float,
-    out: FloatArray,
-) -> tuple[float, float, float]:
-    """Fill `out` (6,): means of dx, dy, dx^2, dx dy, dy^2, (r K V^-1 r)^2 with the widened weight.
-
-    Returns (light, amplitude, usable share); light: sum of weight times image, amplitude: of the own Gaussian.
-    """
-    x = gauss[0]
-    y = gauss[1]
+    image: FloatArray, unusable: IntArray, segments: IntArray, number: int, gauss: Gaussian, smooth: float
+) -> _Sums:
+    x = gauss.x
+    y = gauss.y
     ny, nx = image.shape
-    inverse, k, own = _matrices(gauss, smooth)
-    square = _product(k, inverse)
-    reach_y = REACH * math.sqrt(gauss[4] + smooth * smooth)
+    inverse, smoothed, own = _matrices(gauss, smooth)
+    square = _product(smoothed, inverse)
+    reach_y = REACH * math.sqrt(gauss.yy + smooth * smooth)
     seen = np.zeros(7)
     missing = np.zeros(7)
-    bend = math.exp(-inverse[0])
+    bend = math.exp(-inverse.xx)
     for row in range(math.ceil(y - reach_y), math.floor(y + reach_y) + 1):
         dy = row - y
         first, last = _within(inverse, x, dy)
         # The weight exp(-rho^2 / 2) from column to column: its ratio changes by a constant factor
         weight = math.exp(-0.5 * _quadratic(inverse, first - x, dy))
-        ratio = math.exp(-inverse[0] * (first - x + 0.5) - inverse[1] * dy)
+        ratio = math.exp(-inverse.xx * (first - x + 0.5) - inverse.xy * dy)
         # sums of light, light x dx, ..., light x dx^4
         one = 0.0
         two = 0.0
@@ -157,33 +245,38 @@ def _sums(
             weight *= ratio
             ratio *= bend
         _add_row(seen, square, dy, one, two, three, four, five)
-    both = inverse[0] + own[0], inverse[1] + own[1], inverse[2] + own[2]
-    complete = 2.0 * math.pi / math.sqrt(both[0] * both[2] - both[1] ** 2)
-    share = 1.0 - missing[0] / complete
-    amplitude = seen[0] / (complete - missing[0]) if share > 0.0 else 0.0
-    light = seen[0] + amplitude * missing[0]
-    for i in range(6):
-        out[i] = (seen[i + 1] + amplitude * missing[i + 1]) / light if light > 0.0 else 0.0
-    return light, amplitude, share
+    both = Symmetric(inverse.xx + own.xx, inverse.xy + own.xy, inverse.yy + own.yy)
+    complete = 2.0 * math.pi / math.sqrt(both.xx * both.yy - both.xy**2)
+    usable = 1.0 - missing[0] / complete
+    amplitude = seen[0] / (complete - missing[0]) if usable > 0.0 else 0.0
+    sums = seen + amplitude * missing
+    light = sums[0]
+    means = sums / light if light > 0.0 else np.zeros(7)
+    _, dx, dy, xx, xy, yy, quartic = means
+    return _Sums(light, amplitude, usable, dx, dy, xx, xy, yy, quartic)
 
 
 @numba.njit(cache=True)
-def _smoothed(means: FloatArray, gauss: FloatArray, smooth: float) -> tuple[float, float, float, float, float, float]:
-    """Return (dx, dy, xx, xy, yy, kurtosis) of the smoothed image about `gauss`, from the pixels' `means` (6,)."""
+def _smoothed(means: _Sums, gauss: Gaussian, smooth: float) -> _SmoothedMoments:
+    """Return the moments of the smoothed image about `gauss`, from the pixels' `means`."""
     s2 = smooth * smooth
     inverse, k, _ = _matrices(gauss, smooth)
-    dx = k[0] * means[0] + k[1] * means[1]
-    dy = k[1] * means[0] + k[2] * means[1]
-    c = means[2], means[3], means[4]
-    xx = k[0] * k[0] * c[0] + 2.0 * k[0] * k[1] * c[1] + k[1] * k[1] * c[2]
-    xy = k[0] * k[1] * c[0] + (k[0] * k[2] + k[1] * k[1]) * c[1] + k[1] * k[2] * c[2]
-    yy = k[1] * k[1] * c[0] + 2.0 * k[1] * k[2] * c[1] + k[2] * k[2] * c[2]
+    dx = k.xx * means.dx + k.xy * means.dy
+    dy = k.xy * means.dx + k.yy * means.dy
+    c = Symmetric(means.xx, means.xy, means.yy)
+    xx = k.xx * k.xx * c.xx + 2.0 * k.xx * k.xy * c.xy + k.xy * k.xy * c.yy
+    xy = k.xx * k.xy * c.xx + (k.xx * k.yy + k.xy * k.xy) * c.xy + k.xy * k.yy * c.yy
+    yy = k.xy * k.xy * c.xx + 2.0 * k.xy * k.yy * c.xy + k.yy * k.yy * c.yy
     # rho^4 of the smoothed light: each K r is the centre of a Gaussian of covariance s2 K
-    a = (s2 * inverse[0], s2 * inverse[1], s2 * inverse[2])
+    a = Symmetric(s2 * inverse.xx, s2 * inverse.xy, s2 * inverse.yy)
     b = _product(k, inverse)
-    spread = a[0] + a[2]
-    rho4 = means[5] + 2.0 * spread * _trace(b, c) + 4.0 * _trace(_product(a, b), c) + spread**2 + 2.0 * _trace(a, a)
-    return dx, dy, xx + s2 * k[0] - dx * dx, xy + s2 * k[1] - dx * dy, yy + s2 * k[2] - dy * dy, 0.5 * rho4 - 1.0
+    spread = a.xx + a.yy
+    rho4 = (
+        means.quartic + 2.0 * spread * _trace(b, c) + 4.0 * _trace(_product(a, b), c) + spread**2 + 2.0 * _trace(a, a)
+    )
+    return _SmoothedMoments(
+        dx, dy, xx + s2 * k.xx - dx * dx, xy + s2 * k.xy - dx * dy, yy + s2 * k.yy - dy * dy, 0.5 * rho4 - 1.0
+    )
 
 
 @numba.njit(cache=True)
@@ -196,71 +289,55 @@ def adaptive_moments(
     y: float,
     sigma: float,
     smooth: float,
-    gauss: FloatArray,
-) -> tuple[float, float, float]:
+) -> AdaptiveFit:
     """Fit an elliptical Gaussian, starting round at (x, y) px with `sigma` px; `smooth` px: the smoothing of the image.
 
     `image` (ny, nx); `unusable` (ny, nx), 0 for good; `segments`, on bins of BIN px: pixels of other sources than
-    `number` are left out. Fills `gauss` (5,) with x, y, Mxx, Mxy, Myy. Returns (<rho^4>/2 - 1, light, amplitude);
-    light, the weighted sum, is 0 where the fit failed: no positive light, too few usable pixels, too far from the
-    start, too large, not converged.
+    `number` are left out. The fit fails without positive flux, with too few usable pixels, too far from the start, if
+    it is too large, or does not converge.
     """
-    means = np.empty(6)
-    gauss[0] = x
-    gauss[1] = y
-    gauss[2] = sigma * sigma
-    gauss[3] = 0.0
-    gauss[4] = sigma * sigma
+    gauss = Gaussian(float(x), float(y), sigma * sigma, 0.0, sigma * sigma)
     largest = (MAX_GROWTH * sigma) ** 4
     for _ in range(MAX_STEPS):
-        light, amplitude, share = _sums(image, unusable, segments, number, gauss, smooth, means)
-        if not (light > 0.0 and share >= MIN_USABLE):
+        sums = _sums(image, unusable, segments, number, gauss, smooth)
+        if not (sums.light > 0.0 and sums.usable >= MIN_USABLE):
             break
-        dx, dy, xx, xy, yy, kurtosis = _smoothed(means, gauss, smooth)
+        dx, dy, xx, xy, yy, kurtosis = _smoothed(sums, gauss, smooth)
         if not (xx > 0.0 and yy > 0.0 and xx * yy > xy * xy):
             break
         # To first order the error is four times the excess for a Gaussian source; twice the moments is always safe
-        size = gauss[2] + gauss[4]
-        new_xx = 4.0 * xx - gauss[2]
-        new_xy = 4.0 * xy - gauss[3]
-        new_yy = 4.0 * yy - gauss[4]
+        size = gauss.xx + gauss.yy
+        new_xx = 4.0 * xx - gauss.xx
+        new_xy = 4.0 * xy - gauss.xy
+        new_yy = 4.0 * yy - gauss.yy
         if new_xx + new_yy < 0.3 * size or new_xx * new_yy - new_xy**2 < 0.1 * (new_xx + new_yy) ** 2 / 4.0:
             new_xx = 2.0 * xx
             new_xy = 2.0 * xy
             new_yy = 2.0 * yy
-        step = max(abs(new_xx - gauss[2]), abs(new_xy - gauss[3]), abs(new_yy - gauss[4])) / size
+        step = max(abs(new_xx - gauss.xx), abs(new_xy - gauss.xy), abs(new_yy - gauss.yy)) / size
         if max(step, math.hypot(dx, dy) / math.sqrt(size)) < CONVERGED:
-            return kurtosis, light, amplitude
-        gauss[0] += 2.0 * dx
-        gauss[1] += 2.0 * dy
-        gauss[2] = new_xx
-        gauss[3] = new_xy
-        gauss[4] = new_yy
-        if math.hypot(gauss[0] - x, gauss[1] - y) > 1.0 + sigma or new_xx * new_yy - new_xy**2 > largest:
+            return AdaptiveFit(gauss, kurtosis, sums.light, sums.amplitude)
+        gauss = Gaussian(gauss.x + 2.0 * dx, gauss.y + 2.0 * dy, new_xx, new_xy, new_yy)
+        if math.hypot(gauss.x - x, gauss.y - y) > 1.0 + sigma or new_xx * new_yy - new_xy**2 > largest:
             break
-    return 0.0, 0.0, 0.0
+    return AdaptiveFit(gauss, 0.0, 0.0, 0.0)
 
 
 @numba.njit(cache=True)
-def _distortion_error(
-    rms: FloatArray,
-    unusable: IntArray,
-    segments: IntArray,
-    number: int,
-    counted: float,
-    gauss: FloatArray,
-    smooth: float,
-    fit: tuple[float, float, float],
-) -> float:
+def _distortion_error(pixels: Pixels, number: int, counted: float, fit: AdaptiveFit, smooth: float) -> float:
     """Return the error of e1 and e2 (root of the mean square of both) from the noise of the pixels.
 
-    `fit`: of adaptive_moments. A quadrupole q of the moments makes the Gaussian's own larger by 4 q / (1 - kurtosis).
+    A quadrupole q of the moments makes the Gaussian's own larger by 4 q / (1 - kurtosis).
     """
-    kurtosis, light, amplitude = fit
+    gauss, kurtosis, light, amplitude = fit
     x, y, xx, xy, yy = gauss
+    rms = pixels.rms
+    unusable = pixels.unusable
+    segments = pixels.segments
     ny, nx = rms.shape
     s2 = smooth * smooth
-    inverse, (kxx, kxy, kyy), own = _matrices(gauss, smooth)
+    inverse, smoothed, own = _matrices(gauss, smooth)
+    kxx, kxy, kyy = smoothed
     size = xx + yy
     e1 = (xx - yy) / size
     e2 = 2.0 * xy / size
@@ -289,68 +366,70 @@ def _distortion_error(
 
 @numba.njit(cache=True)
 def measure_shapes(
-    image: FloatArray,
-    rms: FloatArray,
-    unusable: IntArray,
-    segments: IntArray,
+    pixels: Pixels,
     number: IntArray,
     x: FloatArray,
     y: FloatArray,
     size: FloatArray,
     wanted: BoolArray,
     counted: FloatArray,
-    cell: IntArray,
-    coefficients: FloatArray,
-    per_pixel: int,
-) -> FloatArray:
+    psf: SourcePsfs,
+) -> MeasuredShapes:
     """Measure sources and the PSF at their positions; all lengths px.
 
-    `image`, `rms` float32, `unusable` uint8 (ny, nx); `segments` int32 on bins of BIN px; `number` (n,) of each
-    source's own segment; `x`, `y`, `size` (n,) position and first guess of sigma; `wanted` (n,) bool: for the others
-    only the PSF is measured; `counted`, `cell`, `coefficients`, `per_pixel` as in photometry.fit_sources.
-    Returns (n, 11): x, y, sigma, e1, e2, kurtosis, error of e, then sigma, e1, e2, kurtosis of the PSF; NaN: failed.
+    `number` (n,) of each source's own segment; `x`, `y`, `size` (n,) position and first guess of sigma; `wanted` (n,)
+    bool: for the others only the PSF is measured; `counted` (n,) as in photometry.fit_sources.
     """
-    result = np.full((x.size, 11), np.nan)
+    n = x.size
+    shapes = MeasuredShapes(np.full(n, np.nan), np.full(n, np.nan), _unknown(n), np.full(n, np.nan), _unknown(n))
     stamp = np.empty((2 * HALF + 1, 2 * HALF + 1))
     clear = np.zeros(stamp.shape, np.uint8)
     alone = np.zeros(stamp.shape, np.int32)
-    gauss = np.empty(5)
-    for k in range(x.size):
+    for k in range(n):
         dx = x[k] - round(x[k])
         dy = y[k] - round(y[k])
-        draw_psf(coefficients[cell[k]], per_pixel, dx, dy, HALF, stamp)
+        draw_psf(psf.coefficients[psf.cell[k]], psf.per_pixel, dx, dy, HALF, stamp)
         start = math.hypot(SIZE_MIN, SMOOTH)
-        fit = adaptive_moments(stamp, clear, alone, 0, HALF + dx, HALF + dy, start, SMOOTH, gauss)
-        if fit[1] > 0.0:
-            _write(gauss, result[k, 7:])
-            result[k, 10] = fit[0]
+        fit = adaptive_moments(stamp, clear, alone, 0, HALF + dx, HALF + dy, start, SMOOTH)
+        if fit.light > 0.0:
+            _write(fit, shapes.psf, k)
         if not wanted[k]:
             continue
         start = math.hypot(max(size[k], SIZE_MIN), SMOOTH)
-        fit = adaptive_moments(image, unusable, segments, number[k], x[k], y[k], start, SMOOTH, gauss)
-        if fit[1] > 0.0:
-            result[k, :2] = gauss[:2]
-            _write(gauss, result[k, 2:])
-            result[k, 5] = fit[0]
-            result[k, 6] = _distortion_error(rms, unusable, segments, number[k], counted[k], gauss, SMOOTH, fit)
-    return result
+        fit = adaptive_moments(pixels.image, pixels.unusable, pixels.segments, number[k], x[k], y[k], start, SMOOTH)
+        if fit.light > 0.0:
+            shapes.x[k] = fit.gaussian.x
+            shapes.y[k] = fit.gaussian.y
+            _write(fit, shapes.source, k)
+            shapes.error[k] = _distortion_error(pixels, number[k], counted[k], fit, SMOOTH)
+    return shapes
 
 
 @numba.njit(cache=True)
-def _write(gauss: FloatArray, out: FloatArray) -> None:
-    xx, xy, yy = gauss[2:]
-    out[0] = (xx * yy - xy * xy) ** 0.25
-    out[1] = (xx - yy) / (xx + yy)
-    out[2] = 2.0 * xy / (xx + yy)
+def _unknown(count: int) -> AdaptiveShapes:
+    """Return NaN for so many sources."""
+    return AdaptiveShapes(
+        np.full(count, np.nan), np.full(count, np.nan), np.full(count, np.nan), np.full(count, np.nan)
+    )
 
 
-def without_psf(shapes: FloatArray) -> tuple[ComplexArray, FloatArray, FloatArray]:
-    """Return (distortion, error, resolution): e1 + i e2 (n,) without the PSF, pixel axes; error per axis.
+@numba.njit(cache=True)
+def _write(fit: AdaptiveFit, shapes: AdaptiveShapes, k: int) -> None:
+    """Make row k of `shapes` that of a fit."""
+    _, _, xx, xy, yy = fit.gaussian
+    shapes.sigma[k] = (xx * yy - xy * xy) ** 0.25
+    shapes.e1[k] = (xx - yy) / (xx + yy)
+    shapes.e2[k] = 2.0 * xy / (xx + yy)
+    shapes.kurtosis[k] = fit.kurtosis
 
-    `shapes` (n, 11): from `measure_shapes`. The distortion is NaN unless it is below 1 and the resolution is
-    RESOLUTION_MIN to 1.
+
+def without_psf(shapes: MeasuredShapes) -> CorrectedShapes:
+    """Return shapes without the PSF, on pixel axes.
+
+    The distortion is NaN unless it is below 1 and the resolution is RESOLUTION_MIN to 1.
     """
-    _, _, sigma, e1, e2, kurtosis, noise, psf_sigma, psf_e1, psf_e2, psf_kurtosis = shapes.T
+    sigma, e1, e2, kurtosis = shapes.source
+    psf_sigma, psf_e1, psf_e2, psf_kurtosis = shapes.psf
     e = e1 + 1j * e2
     psf = psf_e1 + 1j * psf_e2
     rounded = _sheared(e, -psf)
@@ -361,7 +440,8 @@ def without_psf(shapes: FloatArray) -> tuple[ComplexArray, FloatArray, FloatArra
     larger = np.where(resolved, rounded / np.where(resolved, resolution, 1.0), np.nan)
     possible = np.abs(larger) < 1.0
     e = np.where(possible, _sheared(np.where(possible, larger, 0.0), psf), np.nan)
-    return e, np.where(possible, noise / np.where(resolved, resolution, 1.0), np.nan), resolution
+    error = np.where(possible, shapes.error / np.where(resolved, resolution, 1.0), np.nan)
+    return CorrectedShapes(e, error, resolution)
 
 
 @np.errstate(invalid="ignore")  # NaN in, NaN out

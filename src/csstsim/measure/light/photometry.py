@@ -18,7 +18,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numba
 import numpy as np
@@ -37,12 +37,45 @@ _SPARE = 3  # px kept beyond the stamp: rounding (0.5), spline support (at most 
 _EDGE = 6  # px beyond, for the filters' effects at an edge
 
 
+class SourcePsfs(NamedTuple):
+    """PSFs of n sources: tables of a `PsfModel`, and `cell` (n,), the number of each source's own."""
+
+    coefficients: FloatArray
+    blurred: FloatArray
+    per_pixel: int
+    cell: IntArray
+
+
+class PsfFits(NamedTuple):
+    """Fits of the PSF to n sources, (n,); NaN where no pixel is left or a ratio is undefined.
+
+    `flux` and its error in electrons; reduced `chi2`; `spread` and its error, no unit; `unusable`: the bits of the
+    pixels within CORE.
+    """
+
+    flux: FloatArray
+    flux_error: FloatArray
+    chi2: FloatArray
+    spread: FloatArray
+    spread_error: FloatArray
+    unusable: IntArray
+
+
+class _Variances(NamedTuple):
+    """The sums over a stamp behind a fit's flux error, spread error and chi2."""
+
+    flux: float
+    spread: float
+    chi2: float
+
+
 @dataclass(frozen=True)
 class PsfModel:
     """Cubic B-spline coefficients of the pixel-integrated PSF for parts of a frame.
 
     `coefficients` (ncell, t, t) of the PSF and `blurred` of the PSF blurred by `BLUR`, `per_pixel` along a pixel; cell
-    index = row * cells + column of the part of shape (ny, nx) / cells. `n_eff` (ncell,) = 1 / sum(p^2), px.
+    index = row * cells + column of the part of shape (ny, nx) / cells. `n_eff` (ncell,) = 1 / sum(p^2), px. `origin`:
+    x, y of the frame on the chip, px; `step`: width and height of a cell, px.
     """
 
     coefficients: FloatArray
@@ -55,23 +88,33 @@ class PsfModel:
 
     def cell(self, x: ArrayLike, y: ArrayLike) -> IntArray:
         """Return the cell index of chip positions (px), positions outside taking the nearest cell."""
-        column = np.clip((np.asarray(x) - self.origin[0]) // self.step[0], 0, self.cells - 1).astype(np.int64)
-        row = np.clip((np.asarray(y) - self.origin[1]) // self.step[1], 0, self.cells - 1).astype(np.int64)
+        x0, y0 = self.origin
+        width, height = self.step
+        column = np.clip((np.asarray(x) - x0) // width, 0, self.cells - 1).astype(np.int64)
+        row = np.clip((np.asarray(y) - y0) // height, 0, self.cells - 1).astype(np.int64)
         return row * self.cells + column
 
+    def at(self, x: ArrayLike, y: ArrayLike) -> SourcePsfs:
+        """Return the SourcePsfs of sources at chip positions (n,), px."""
+        return SourcePsfs(self.coefficients, self.blurred, self.per_pixel, self.cell(x, y))
+
     def smallest_pairs(self, offsets: ArrayLike) -> FloatArray:
-        """Return (4,): the least ratio of the mean of two opposite neighbours to the pixel, for a star at `offsets`.
+        """Return (4,): the smallest ratio of the mean of two opposite neighbours to the pixel, for a star at `offsets`.
 
         The pairs are left and right, above and below, and both diagonals; offsets (n,) px in x and y.
         """
         return _smallest_pairs(self.coefficients, self.per_pixel, np.asarray(offsets, float))
 
     def enclosed(self, radius: float) -> FloatArray:
-        """Return (ncell,): the share of a point's light in a circle [px], centred on a pixel."""
+        """Return (ncell,): the fraction of a point's flux in a circle [px], centred on a pixel."""
         import sep
 
         stamps = [_sample(table, self.per_pixel, HALF) for table in self.coefficients]
-        return np.array([float(sep.sum_circle(stamp, [HALF], [HALF], radius, subpix=5)[0][0]) for stamp in stamps])
+        fractions = np.empty(len(stamps))
+        for k, stamp in enumerate(stamps):
+            flux, _, _ = sep.sum_circle(stamp, [HALF], [HALF], radius, subpix=5)
+            fractions[k] = flux.item()
+        return fractions
 
     def kernel(self, half: int = 3) -> FloatArray:
         """Return the centred PSF of the middle cell on (2 half + 1)^2 pixels: the detection kernel."""
@@ -84,14 +127,16 @@ def psf_model(psf: PsfSet, origin: tuple[int, int], shape: tuple[int, int], *, c
     psf: optics.psf.psf_file.PsfSet, or an object with its `mixed` and `oversampling`: `psf.mixed(function)(x, y)` is a
     linear function of the PSF's cell integrals (sub-bands, n, n), which are fractions of all the light with the PSF's
     centre at the middle of the array. Sub-bands are averaged with equal weights.
-    `origin` (x0, y0) and `shape` (ny, nx) are the frame's place on the chip, px.
+    `origin` (x0, y0) and `shape` (ny, nx) are the frame's position on the chip and its shape, px.
     """
     cells = math.ceil(max(shape) / cell_px)
     per_pixel = table_steps(psf.oversampling)
     step = (shape[1] / cells, shape[0] / cells)
     tables_at = psf.mixed(partial(_tables, oversampling=psf.oversampling))
-    middles = [[start + (n + 0.5) * size - 0.5 for n in range(cells)] for start, size in zip(origin, step, strict=True)]
-    tables = np.array([tables_at(x, y) for y in middles[1] for x in middles[0]])
+    middles_x, middles_y = (
+        [start + (n + 0.5) * size - 0.5 for n in range(cells)] for start, size in zip(origin, step, strict=True)
+    )
+    tables = np.array([tables_at(x, y) for y in middles_y for x in middles_x])
     n_eff = np.array([1.0 / np.sum(_sample(table, per_pixel, HALF) ** 2) for table in tables[:, 0]])
     coefficients, blurred = np.ascontiguousarray(tables.transpose(1, 0, 2, 3))
     return PsfModel(coefficients, blurred, n_eff, origin, step, cells, per_pixel)
@@ -179,14 +224,14 @@ def draw_psf(table: FloatArray, per_pixel: int, dx: float, dy: float, half: int,
 @numba.njit(cache=True)
 def _smallest_pairs(tables: FloatArray, per_pixel: int, offsets: FloatArray) -> FloatArray:
     stamp = np.empty((3, 3))
-    least = np.full(4, np.inf)
+    smallest = np.full(4, np.inf)
     for table in tables:
         for dy in offsets:
             for dx in offsets:
                 draw_psf(table, per_pixel, dx, dy, 1, stamp)
                 for k, (r, c) in enumerate(((1, 2), (2, 1), (2, 2), (2, 0))):
-                    least[k] = min(least[k], 0.5 * (stamp[r, c] + stamp[2 - r, 2 - c]) / stamp[1, 1])
-    return least
+                    smallest[k] = min(smallest[k], 0.5 * (stamp[r, c] + stamp[2 - r, 2 - c]) / stamp[1, 1])
+    return smallest
 
 
 def _sample(table: FloatArray, per_pixel: int, half: int) -> FloatArray:
@@ -203,29 +248,31 @@ def fit_sources(
     x: FloatArray,
     y: FloatArray,
     counted: FloatArray,
-    cell: IntArray,
-    coefficients: FloatArray,
-    blurred: FloatArray,
-    per_pixel: int,
-) -> FloatArray:
+    psf: SourcePsfs,
+) -> PsfFits:
     """Fit one PSF to each source; positions in the frame's own pixels.
 
-    `image`, `rms` float32 and `unusable` uint8 (ny, nx), bits that say why, 0 for good; the rest (n,) and the tables
-    of `PsfModel`. `counted`: share of each source's light that made electrons; `image` is divided by it, so a source's
-    own variance is flux / counted.
-    Returns (n, 6): flux, flux error (electron), reduced chi2, spread, spread error, the bits of `unusable` within CORE.
-    NaN where no pixel is left or a ratio is undefined.
+    `image`, `rms` float32 and `unusable` uint8 (ny, nx), bits that say why, 0 for good; `x`, `y`, `counted` (n,).
+    `counted`: fraction of each source's light that made electrons; `image` is divided by it, so a source's own variance
+    is flux / counted.
     """
     ny, nx = image.shape
     side = 2 * HALF + 1
-    result = np.full((x.size, 6), np.nan)
+    fits = PsfFits(
+        np.full(x.size, np.nan),
+        np.full(x.size, np.nan),
+        np.full(x.size, np.nan),
+        np.full(x.size, np.nan),
+        np.full(x.size, np.nan),
+        np.zeros(x.size, np.int64),
+    )
     p = np.empty((side, side))
     g = np.empty((side, side))
     for k in range(x.size):
         ix = round(x[k])
         iy = round(y[k])
-        draw_psf(coefficients[cell[k]], per_pixel, x[k] - ix, y[k] - iy, HALF, p)
-        draw_psf(blurred[cell[k]], per_pixel, x[k] - ix, y[k] - iy, HALF, g)
+        draw_psf(psf.coefficients[psf.cell[k]], psf.per_pixel, x[k] - ix, y[k] - iy, HALF, p)
+        draw_psf(psf.blurred[psf.cell[k]], psf.per_pixel, x[k] - ix, y[k] - iy, HALF, g)
         pp = 0.0
         pd = 0.0
         gd = 0.0
@@ -248,19 +295,19 @@ def fit_sources(
                 gd += g[r, c] * d
                 gp += g[r, c] * p[r, c]
                 n += 1
-        result[k, 5] = bad
+        fits.unusable[k] = bad
         if pp <= 0.0:
             continue
         flux = pd / pp
         ratio = gd / pd if pd != 0.0 else 0.0
-        noise, spread_noise, chi2 = _variances(image, rms, unusable, iy, ix, p, g, flux, ratio, counted[k])
-        result[k, 0] = flux
-        result[k, 1] = math.sqrt(noise) / pp
-        result[k, 2] = chi2 / max(n - 1, 1)
+        sums = _variances(image, rms, unusable, iy, ix, p, g, flux, ratio, counted[k])
+        fits.flux[k] = flux
+        fits.flux_error[k] = math.sqrt(sums.flux) / pp
+        fits.chi2[k] = sums.chi2 / max(n - 1, 1)
         if pd > 0.0:
-            result[k, 3] = ratio - gp / pp
-            result[k, 4] = math.sqrt(spread_noise) / pd
-    return result
+            fits.spread[k] = ratio - gp / pp
+            fits.spread_error[k] = math.sqrt(sums.spread) / pd
+    return fits
 
 
 @numba.njit(cache=True)
@@ -275,8 +322,8 @@ def _variances(
     flux: float,
     ratio: float,
     counted: float,
-) -> tuple[float, float, float]:
-    """Return the sums behind a fit's flux error, spread error and chi2."""
+) -> _Variances:
+    """Return the sums of a stamp about column `ix`, row `iy`; `p`, `g`: the PSF and the blurred one there."""
     ny, nx = image.shape
     noise = 0.0
     spread_noise = 0.0
@@ -291,4 +338,4 @@ def _variances(
             noise += p[r, c] ** 2 * variance
             spread_noise += (g[r, c] - ratio * p[r, c]) ** 2 * variance
             chi2 += (image[row, col] - flux * p[r, c]) ** 2 / variance
-    return noise, spread_noise, chi2
+    return _Variances(noise, spread_noise, chi2)
