@@ -108,3 +108,37 @@ def test_what_is_missing_is_made_first_and_once(tmp_path):
     progress.make_missing({there: make(there), one: make(one, two), two: make(two), three: make(three)}, said.append)
     assert made == ["one", "three"] and there.read_text() == "old"
     assert said == [f"missing, made first: {one}", f"missing, made first: {three}"]
+
+
+def test_bars_without_a_standard_output_or_with_one_in_a_file(monkeypatch):
+    """What is printed is drawn above the bars at a terminal alone; a program without an output has bars, too."""
+    given = []
+
+    class Bars:
+        def __init__(self, *, redirect_stdout, **named):
+            given.append(redirect_stdout)
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *what):
+            return None
+
+        def add_task(self, what, total):
+            return 0
+
+        def track(self, items, total, task_id):
+            return iter(items)
+
+        def remove_task(self, task):
+            return None
+
+    monkeypatch.setattr("rich.progress.Progress", Bars)
+    terminal = type("Terminal", (io.StringIO,), {"isatty": lambda self: True})
+    monkeypatch.setattr(sys, "stderr", terminal())
+    for output in (None, io.StringIO(), terminal()):
+        with monkeypatch.context() as patch:
+            patch.setattr(sys, "stdout", output)
+            items = list(progress.progress("ab", "loop"))
+        assert items == ["a", "b"]
+    assert given == [False, False, True]

@@ -3,6 +3,7 @@
 import pytest
 
 from csstsim.base.errors import InputError
+from csstsim.base.files import yaml_file
 from csstsim.base.files.yaml_file import read_yaml
 
 
@@ -78,3 +79,31 @@ def test_long_values_are_cut_in_messages():
         assert len(str(InputError("no", value=value))) < 200
     while isinstance(deep, list):  # a list this deep must not be left to be freed at once
         deep = deep.pop()
+
+
+@pytest.mark.parametrize(("text", "depth"), [
+    ("a: " + "[" * 98 + "]" * 98, None), ("a: " + "[" * 99 + "]" * 99, None), ("a: " + "[" * 100 + "]" * 100, 100),
+    ("a: &x " + "[" * 98 + "]" * 98 + "\nb: *x", None), ("a: &x " + "[" * 98 + "]" * 98 + "\nb: [*x]", None),
+    ("a: &x " + "[" * 98 + "]" * 98 + "\nb: [[*x]]", 100), ("a: &x " + "[" * 50 + "]" * 50 + "\nb: " + "[" * 49
+     + "*x" + "]" * 49, None), ("a: &x " + "[" * 50 + "]" * 50 + "\nb: " + "[" * 50 + "*x" + "]" * 50, 100),
+])  # fmt: skip
+def test_levels_are_a_hundred_at_most_those_of_aliases_added(tmp_path, text, depth):
+    """The mapping itself is one of them."""
+    if depth is None:
+        assert set(read_yaml(written(tmp_path, text))) <= {"a", "b"}
+    else:
+        with pytest.raises(InputError, match=f"nested deeper than {depth} levels"):
+            read_yaml(written(tmp_path, text))
+
+
+def test_values_are_counted_once_and_again_where_an_alias_repeats_them(tmp_path, monkeypatch):
+    """A collection is a value: {a: [1, [2]], b: *x} has 2 + 1 + 4 and 4 again for the alias."""
+    text = "a: &x [1, [2]]\nb: *x\n"
+    for limit, good in ((12, True), (11, False)):
+        monkeypatch.setattr(yaml_file, "VALUES", limit)
+        yaml_file._parsed.cache_clear()
+        if good:
+            assert read_yaml(written(tmp_path, text)) == {"a": [1, [2]], "b": [1, [2]]}
+        else:
+            with pytest.raises(InputError, match="more than 11 values"):
+                read_yaml(written(tmp_path, text))

@@ -219,3 +219,24 @@ def test_a_light_with_two_followers_is_none_of_theirs():
     both = [tables[0], type(other).concat([tables[1], other])]
     sources = rows_of_a_star(both)
     assert not sources["motion"].any() and len(sources) == rest + 3
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_a_star_whose_second_place_one_frame_does_not_cover_is_two(order):
+    """A frame of the left half sees a light at its edge, one of the whole field another, beyond that edge."""
+    rest = stream(3, "rest").uniform((-40, -30), (40, 30), (60, 2))
+    rest = rest[np.abs(rest[:, 0]) > 14]
+    for covered, sources in ((-3.0, 2), (3.0, 1)):
+        tables = []
+        half = rest[rest[:, 0] < covered], [(covered, 25.0), (covered, -25.0), (-2.5, 0.0)]
+        for k, places in enumerate([np.vstack(half), np.vstack([rest, [(2.5, 0.0)]])][::order]):
+            found = table(
+                RA + places[:, 0] / 3600 / np.cos(np.radians(DEC)), DEC + places[:, 1] / 3600, obsid=str(k), snr=50.0
+            )
+            n = len(found)
+            tables.append(found.with_columns(mjd=np.full(n, 61000.0 + k * YEAR * 2), exptime=np.full(n, 150.0)))
+        merged, _ = merge_brick(PIX, tables, BANDS)
+        x = (merged["ra"] - RA) * 3600 * np.cos(np.radians(DEC))
+        y = (merged["dec"] - DEC) * 3600
+        lights = np.flatnonzero((np.abs(y) < 0.1) & (np.abs(x) < 2.9))
+        assert len(lights) == sources and merged["motion"][lights].any() == (sources == 1)

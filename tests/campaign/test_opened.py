@@ -327,3 +327,13 @@ def test_an_own_header_table_is_checked_before_any_work(tmp_path):
         InputError, match=r"level0_keywords\.yaml: entry \d+, SUNANGL0: unknown quantity \(got 'sun_angle'"
     ):
         OpenCampaign(path)
+
+
+def test_a_chip_has_the_disperser_of_its_gratings_filter_and_telescope(tmp_path):
+    run = OpenCampaign(write_campaign(tmp_path, select={"types": ["SCIE"], "chips": [9, 29]}))
+    imaging, slitless = (run.job("10100000001", number) for number in (9, 29))
+    assert run.disperser(imaging) is None
+    found = run.disperser(slitless)
+    assert found.gratings is run.camera.gratings[29] and found.filter is run.camera.filters[slitless.chip.filter]
+    plain, wider = run.margin_deg(imaging), run.margin_deg(slitless)
+    assert (wider - plain) * 3600 / run.camera.telescope.pixel_scale == pytest.approx(run.camera.gratings[29].reach)

@@ -1,5 +1,6 @@
 """What commands that are no stages hand on, and with which code they end."""
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -79,19 +80,34 @@ def test_bench_refuses_choices_of_objects_where_none_are_drawn(idle_bench, way, 
     assert command("bench", *other).exit_code == 0 and idle_bench == ["command.bench"]
 
 
-@pytest.mark.parametrize("options", [["--readout", "--chart", "a.csv"], ["--mcti", "M"], ["--chart", "a", "--mcti", "M"],
-                                     ["--objects", "1"], ["--objects", "100001"], ["--seed", "-1"]])  # fmt: skip
+@pytest.mark.parametrize("options", [
+    ["--readout", "--chart", "a.csv"], ["--mcti", "M"], ["--chart", "a.csv", "--mcti", "M"], ["--objects", "1"],
+    ["--objects", "100001"], ["--seed", "-1"],
+])  # fmt: skip
 def test_bench_refuses_what_does_not_go_together(idle_bench, options):
     assert command("bench", *options).exit_code == 2 and idle_bench == []
 
 
-@pytest.mark.parametrize(("options", "called"), [
-    (["--objects", "2", "--seed", "0"], "command.bench"), (["--objects", "100000"], "command.bench"),
-    (["--chart", "a.csv", "--output", "o"], "command.chart"), (["--readout", "--mcti", "M"], "readout.layers.readout"),
-    (["--readout", "--output", "o"], "readout.layers.readout"),
-])  # fmt: skip
-def test_bench_has_three_ways(idle_bench, options, called):
-    assert command("bench", *options).exit_code == 0 and idle_bench == [called]
+def test_bench_has_three_ways(monkeypatch):
+    """Each function gets its arguments in their places."""
+    seen = []
+    for name in ("command.bench", "command.chart", "readout.layers.readout"):
+        monkeypatch.setattr(
+            f"csstsim.bench.{name}", lambda *given, name=name, **named: seen.append((name, given, named))
+        )
+    say = {"say": print}
+    for options, wanted in (
+        ((), ("command.bench", ("results/bench", "r", None, False, None, 1), say | {"shapes": False})),
+        (("--objects", 2, "--seed", 0, "--quick", "--filter", "i", "--methods", "a", "--output", "o"),
+         ("command.bench", ("o", "i", "a", True, 2, 0), say | {"shapes": False})),
+        (("--objects", 100_000, "--shapes"),
+         ("command.bench", ("results/bench", "r", None, False, 100_000, 1), say | {"shapes": True})),
+        (("--chart", "a.csv", "--output", "o"), ("command.chart", ("o", ("a.csv",)), say)),
+        (("--readout", "--mcti", "M"), ("readout.layers.readout", (Path("results/bench"),), say | {"mcti": "M"})),
+        (("--readout", "--output", "o"), ("readout.layers.readout", (Path("o"),), say | {"mcti": None})),
+    ):  # fmt: skip
+        done("bench", *options)
+        assert seen.pop() == wanted and not seen
 
 
 @pytest.mark.parametrize(("differing", "code"), [(0, 0), (1, 1), (3, 1)])

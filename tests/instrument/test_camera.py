@@ -209,3 +209,24 @@ def test_what_a_camera_may_lack(tmp_path):
     (folder / "chips.yaml").write_text(chips + "\nmore: []\n")
     with pytest.raises(InputError, match=r"chips.yaml: the file must hold one list, not 2"):
         load_camera(folder)
+
+
+@pytest.mark.parametrize(("old", "new", "name"), [
+    ("\nu:", "\n_u:", "_u"), ("\nu:", "\n5u:", "5u"), ("\nu:", "\nu-1:", "u-1"), ("\nu:", "\nG:", "G"),
+    ("\nu:", "\nnuv:", "NUV"), ("\nu:", "\nU_1:", None),
+])  # fmt: skip
+def test_names_of_filters_name_columns(tmp_path, old, new, name):
+    """Each fault alone: a name that is none, and two that differ in case only; the first of them is named."""
+    folder = mini_camera(tmp_path)
+    path = folder / "filters.yaml"
+    text = path.read_text()
+    assert text.count(old) == 1
+    path.write_text(text.replace(old, new))
+    chips = folder / "chips.yaml"
+    chips.write_text(chips.read_text().replace("filter: u\n", f"filter: {new.strip()[:-1]}\n"))
+    if name is None:
+        assert "U_1" in load_camera(folder).filters
+        return
+    with pytest.raises(InputError, match="not a valid name of a filter") as refused:
+        load_camera(folder)
+    assert refused.value.key in (name, name.lower()) and str(path) == str(refused.value.file)

@@ -2,6 +2,7 @@
 
 import os
 import re
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -268,3 +269,23 @@ def test_inner_edges_quarter_the_integral(camera):
             fine = np.append(GRID[edge > GRID], edge)
             below = np.trapezoid(one.at(fine), fine)
             assert below == pytest.approx(part * np.trapezoid(one.throughput, GRID), rel=1e-4)
+
+
+def test_a_curve_that_fills_the_grid_has_the_grids_ends_as_edges(camera):
+    one = replace(camera.filters["r"], throughput=np.full(len(GRID), 0.5))
+    assert one.edges.tolist() == pytest.approx([2000, 4250, 6500, 8750, 11000], abs=0.5)
+    assert (one.edges[0], one.edges[-1]) == (2000.0, 11000.0)
+
+
+@pytest.mark.parametrize("wave", [[4100.0, 4200, 4240], [4240.0, 4280, 4400], [4240.0, 4280.0]])
+def test_cells_at_the_ends_are_as_wide_on_both_sides(camera, wave):
+    """A flat curve whose first inner edge, 4250 A, cuts a cell of three samples or two: parts by the cell's bounds."""
+    one = replace(camera.filters["r"], throughput=np.full(len(GRID), 0.5))
+    edge, wave = one.edges[1], np.array(wave)
+    half = np.diff(wave) / 2
+    low, high = wave - np.append(half[0], half), wave + np.append(half, half[-1])
+    wanted = 0.5 * np.clip((edge - low) / (high - low), 0, 1)
+    found = one.subband(wave)
+    assert ((wanted > 0) & (wanted < 0.5)).any()
+    np.testing.assert_allclose(found[:2], [wanted, 0.5 - wanted], atol=1e-12)
+    assert not found[2:].any()

@@ -157,3 +157,16 @@ def test_pieces_bounds_and_span_of_a_chips_gratings(load):
         (x0, y0), (x1, y1) = np.min(ends, axis=0), np.max(ends, axis=0)
         assert two.span(x, 5000.0) == pytest.approx((x0, x1, y0, y1))
         assert x1 - x0 > 300
+
+
+@pytest.mark.parametrize(("said", "reason"), [
+    ("first\n  the last line  \n", "the last line"), ("one", "one"), ("", "OSError"), ("  \n", "OSError"),
+])  # fmt: skip
+def test_why_a_sensitivity_cannot_be_read_is_the_last_line_or_the_kind_of_error(load, monkeypatch, said, reason):
+    def read(*given, **named):
+        raise OSError(said)
+
+    monkeypatch.setattr("fitsio.read", read)
+    with pytest.raises(InputError) as refused:
+        load(lambda folder, data: None)
+    assert refused.value.message == f"cannot be read as a sensitivity: {reason}"

@@ -5,7 +5,7 @@ import pytest
 from astropy.io import fits
 
 from csstsim.base.errors import InputError
-from csstsim.io.fits import image_header, open_fits, read_header, read_pixels, verify_hdu
+from csstsim.io.fits import _check_tiles, image_header, open_fits, read_header, read_pixels, verify_hdu
 from csstsim.io.fits_checksum import encoded, folded, sum_of_bytes, sum_of_words
 from csstsim.io.fits_writing import card, compress, remark, write_hdus
 
@@ -201,3 +201,21 @@ def test_a_bit_of_a_compressed_image_is_missed_by_its_sum(tmp_path):
         assert read_pixels(file[1], path)[19, 29] == 599
         with pytest.raises(InputError, match="HDU ONE: the file is damaged: wrong CHECKSUM"):
             read_pixels(file[1], path, verify=True)
+
+
+@pytest.mark.parametrize(("changes", "good"), [
+    ({}, True), ({"ZTILE1": 20, "NAXIS2": 60}, True), ({"ZTILE1": 21, "NAXIS2": 60}, True),
+    ({"NAXIS2": 29}, False), ({"NAXIS2": 31}, False), ({"ZTILE1": 20}, False), ({"ZTILE1": 41}, False),
+    ({"ZTILE1": 0}, False), ({"ZTILE1": 41, "NAXIS2": 31}, False), ({"ZTILE2": 30, "NAXIS2": 1}, True),
+    ({"ZTILE2": 31, "NAXIS2": 1}, False), ({"ZTILE2": "x"}, False),
+    ({"ZNAME1": "BLOCKSIZE", "ZVAL1": 16}, True), ({"ZNAME1": "BLOCKSIZE", "ZVAL1": 64}, False),
+    ({"ZNAME2": "BYTEPIX", "ZVAL2": 4}, True), ({"ZNAME2": "BYTEPIX", "ZVAL2": 8}, False),
+    ({"ZNAME9": "BYTEPIX", "ZVAL9": 3}, False), ({"NAXIS2": 31, "ZNAME1": "BLOCKSIZE", "ZVAL1": 32}, False),
+])  # fmt: skip
+def test_tiles_make_up_the_image(changes, good):
+    """Of 30 rows of 40 pixels, by default a tile each; each fault alone, beside values that are right."""
+    if good:
+        _check_tiles({"NAXIS2": 30} | changes, [30, 40], "x.fits")
+        return
+    with pytest.raises(InputError, match=r"x\.fits: ZTILE, ZNAME: its tiles do not make up the image"):
+        _check_tiles({"NAXIS2": 30} | changes, [30, 40], "x.fits")

@@ -91,7 +91,9 @@ def test_files_that_are_no_frames(tmp_path):
 
 
 @pytest.mark.parametrize(("shapes", "good"), [
-    ({}, True), ({"counted": [2, 3]}, True), ({"a": [2, 3], "b": [2, 0]}, False), ({"a": [1, 2, 3]}, False),
+    ({}, True), ({"counted": [2, 3]}, True), ({"a": [1, 1], "b": [1, 7]}, True), ({"a": [2, 3], "b": [2, 0]}, False),
+    ({"a": [0, 2]}, False), ({"a": [-1, 2]}, False), ({"a": [True, 2]}, False), ({"a": [2]}, False), ({"a": []}, False),
+    ({"a": (2, 3)}, False), ({"a": [1, 2, 3]}, False),
     ({"a": [2.0, 3]}, False), ({"a": "23"}, False), ({"a": {"1": 2, "3": 4}}, False), ([[2, 3]], False),
 ])  # fmt: skip
 def test_shapes_of_sparse_planes_are_two_whole_numbers(shapes, good):

@@ -118,6 +118,20 @@ def test_rays_in_every_kind_of_exposure(camera, steps, kind, exptime):
     assert state.header["cosmic_electrons"] == state.counted.sum(dtype=int)
 
 
+@pytest.mark.parametrize(("exptime", "readout_time"), [(0.0, 40.0), (0.0, 90.0), (25.0, 40.0)])
+def test_rays_strike_during_half_of_the_readout_on_average(small, exptime, readout_time):
+    """Of a rate 1e5 times that of space, to 5 sigma of the tracks' Poisson number: 8 per cent at most."""
+    rays = replace(small.detector.cosmic_rays, rate=1e5 * small.detector.cosmic_rays.rate)
+    detector = replace(small.detector, cosmic_rays=rays, readout_time=readout_time)
+    state = flat_state(small, exptime=exptime)
+    ny, nx = state.image.shape
+    change_exposure(state, chip=replace(state.chip, detector=detector))
+    struck(state)
+    expected = rays.rate * (exptime + readout_time / 2) * (nx * ny + 12.5 * (nx + ny) * 2 / np.pi)
+    assert expected > 4000
+    assert abs(state.header["cosmic_tracks"] - expected) < 5 * np.sqrt(expected)
+
+
 def test_their_electrons_get_no_shot_noise(small, steps):
     """Without light and dark current what is read is what struck, and counted electrons stay under it."""
     counted = struck(flat_state(small, exptime=1e5)).counted.copy()

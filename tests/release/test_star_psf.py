@@ -6,7 +6,7 @@ import pytest
 from galsim.des import DES_PSFEx
 
 from csstsim.catalog.table import ObjectTable
-from csstsim.release.star_psf import chosen, star_psf, write_psfex
+from csstsim.release.star_psf import StarPsf, chosen, star_psf, write_psfex
 
 SIDE, NOISE = 600, 0.02  # px; of a pixel, star fluxes are about 300
 PEAK, SIZE, SHAPE = 0.01, 0.01, 0.005  # of the peak, of the size, of the shear
@@ -85,3 +85,81 @@ def test_stars_that_are_chosen():
     assert chosen(table).tolist() == [4, 5, 0]
     near = table.with_columns(x=np.array([0.0, 100, 200, 300, 300 + 5, 500]))
     assert chosen(near).tolist() == [5, 0]
+
+
+def test_the_model_changes_from_the_middle_of_the_image_to_each_edge(monkeypatch):
+    """In the least squares, a star's weight in a change is its distance from the middle over half of the image."""
+    told = []
+
+    def solve(matrix, seen, **named):
+        told.append(matrix.toarray())
+        return (np.zeros(matrix.shape[1]),)
+
+    monkeypatch.setattr("scipy.sparse.linalg.lsqr", solve)
+    rng = np.random.default_rng(2)
+    x, y = rng.uniform(20, 80, 30), rng.uniform(20, 40, 30)
+    x[0], y[0] = 49.5, 29.5  # the middle of 100 x 60 px, from 0
+    image = rng.normal(0, NOISE, (60, 100))
+    noise, good = np.full(image.shape, NOISE), np.zeros(image.shape, np.uint8)
+    model = star_psf(image, noise, good, x, y, np.full(30, 300.0), 2.2)
+    assert (model.zero, model.scale) == ((50.5, 30.5), (50.0, 30.0))
+    [matrix] = told
+    mean, *changes = (np.abs(part).max(axis=1) for part in np.split(matrix, 3, axis=1))
+    per_star = [(change / mean).reshape(30, -1) / 0.3 for change in changes]
+    np.testing.assert_allclose(per_star[0], np.abs(x - 49.5)[:, None] / 50 * np.ones(441), atol=1e-12)
+    np.testing.assert_allclose(per_star[1], np.abs(y - 29.5)[:, None] / 30 * np.ones(441), atol=1e-12)
+
+
+def test_stars_count_if_all_their_pixels_lie_inside():
+    """More than 11 px from the first and the last pixel; five are enough for a model, 30 for a change."""
+    rng = np.random.default_rng(1)
+    image = rng.normal(0, NOISE, (90, 120))
+    noise, good = np.full(image.shape, NOISE), np.zeros(image.shape, np.uint8)
+    middle = [60.0, 61.0, 62.0, 63.0], [40.0, 41.0, 42.0, 43.0]
+
+    def stars(x, y, more=0):
+        x, y = ([*inner, *[inner[0]] * more, one] for inner, one in zip(middle, (x, y), strict=True))
+        found = star_psf(image, noise, good, np.array(x), np.array(y), np.full(len(x), 300.0), 2.0)
+        return found and (found.stars, len(found.planes))
+
+    for inside in ((11.1, 45.0), (107.9, 45.0), (45.0, 11.1), (45.0, 77.9)):
+        assert stars(*inside) == (5, 1)
+    for outside in ((11.0, 45.0), (108.0, 45.0), (45.0, 11.0), (45.0, 78.0)):
+        assert stars(*outside) is None
+    assert [stars(50.0, 45.0, more) for more in (24, 25)] == [(29, 1), (30, 3)]
+
+
+def test_a_file_has_the_zero_and_scale_of_each_axis(tmp_path):
+    from astropy.io import fits
+
+    model = StarPsf(np.zeros((3, 45, 45)), (300.5, 280.25), (299.0, 281.0), 37, 2.5, 1.25)
+    write_psfex(tmp_path / "a.psf", model)
+    header = fits.getheader(tmp_path / "a.psf", 1)
+    wanted = {
+        "POLZERO1": 300.5, "POLSCAL1": 299.0, "POLZERO2": 280.25, "POLSCAL2": 281.0, "POLNAXIS": 2, "POLGRP1": 1,
+        "POLGRP2": 1, "POLNGRP": 1, "POLDEG1": 1, "PSF_FWHM": 2.5, "PSF_SAMP": 0.5, "CHI2": 1.25, "LOADED": 37,
+        "ACCEPTED": 37, "PSFNAXIS": 3, "PSFAXIS1": 45, "PSFAXIS2": 45, "PSFAXIS3": 3,
+    }  # fmt: skip
+    assert {name: header[name] for name in wanted} == wanted
+
+
+def test_the_brightest_stars_above_the_limit_are_chosen():
+    """S/N above 30, 150 stars at most; neighbours of a fiftieth of the light or more within 14 px, and flags, count."""
+    n = 152
+    snr = 30.0 + np.arange(n)
+    table = {
+        "star": np.ones(n, bool), "flags": np.zeros(n, np.int32), "snr": snr, "flux_psf": np.full(n, 100.0),
+        "x": np.zeros(n), "y": np.arange(n) * 20.0,
+    }  # fmt: skip
+    assert chosen(ObjectTable(table)).tolist() == list(range(151, 1, -1))
+    pair = {"star": np.ones(2, bool), "flags": np.zeros(2, np.int32), "snr": np.array([50.0, 31.0])}
+    for apart, faint, rows in (
+        (14.1, 99.0, [0, 1]), (13.9, 99.0, []), (13.9, 2.0, []), (13.9, 1.9, [0]), (13.9, np.nan, [0]),
+    ):  # fmt: skip
+        places = {"x": np.zeros(2), "y": np.array([0.0, apart]), "flux_psf": np.array([100.0, faint])}
+        assert chosen(ObjectTable(pair | places)).tolist() == rows, (apart, faint)
+    for bit in range(8):
+        one = pair | {"flags": np.array([1 << bit, 0], np.int32), "flux_psf": np.array([9.0, 9.0])}
+        spoilt = bit in (0, 1, 2, 6, 7)
+        far = ObjectTable(one | {"x": np.zeros(2), "y": np.array([0.0, 99.0])})
+        assert chosen(far).tolist() == ([1] if spoilt else [0, 1]), bit

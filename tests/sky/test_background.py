@@ -220,6 +220,7 @@ def test_stars_by_line_of_sight():
     sights = np.array([axes[2], unit_vectors(60.2, -40.1)])
     shine = np.random.default_rng(4).random((2, len(N.stars))) < 0.5
     both = star_light(axes, sights, moment, N, shine)
+    assert both.shape == (len(set(N.stars[:, 3])), 2)
     for k in range(2):
         assert both[:, k] == pytest.approx(
             star_light(axes, sights[k : k + 1], moment, N, shine[k])[:, 0], rel=1e-12, abs=0

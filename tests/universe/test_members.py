@@ -6,6 +6,7 @@ from embedded_sky import shipped
 from scipy.stats import chi2, kstest
 from test_occupation import PowerLawHaloes
 
+from csstsim.base import counter as counter_module
 from csstsim.base.counter import object_keys
 from csstsim.base.units import C_KM_S
 from csstsim.universe.galaxies import members as members_module
@@ -147,3 +148,28 @@ def test_centrals_are_quiescent_by_their_own_share_and_satellites_by_their_haloe
         error = np.sqrt((wanted * (1 - wanted))[some].sum()) / some.sum()
         assert abs(members.kind[some].mean() - wanted[some].mean()) < 4 * error + 0.01, satellite
     assert abs(raised - f)[members.satellite == 1].mean() > 0.1
+
+
+def test_each_random_number_is_used_once(tables, monkeypatch):
+    """The words that a halo's central and satellites request, recorded in the functions before compiling."""
+    some = haloes(3, log_mass=14.5)
+    compiled = draw_members(tables, *some)
+    used = []
+
+    def word(key, counter):
+        used.append((int(key), int(counter)))
+        return np.uint64(counter_module.word(np.uint64(key), np.uint64(counter)))
+
+    def poisson(mean, key, counter):
+        number, after = counter_module.poisson(mean, key, np.uint64(counter))
+        used.extend((int(key), k) for k in range(int(counter), int(after)))
+        return number, np.uint64(after)
+
+    monkeypatch.setattr(members_module, "word", word)
+    monkeypatch.setattr(members_module, "poisson", poisson)
+    for name in ("_fill", "_numbers", "_normal", "_direction"):
+        monkeypatch.setattr(members_module, name, getattr(members_module, name).py_func)
+    found = draw_members(tables, *some)
+    assert all(np.allclose(getattr(found, name), getattr(compiled, name)) for name in NAMES)
+    assert found.satellite.sum() > 20 and len(used) > 7 * found.satellite.sum()
+    assert len(set(used)) == len(used)
