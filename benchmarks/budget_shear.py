@@ -23,7 +23,7 @@ from astropy.io import fits
 from csstsim.base.shipped import SHIPPED
 from csstsim.budget.shear.blind import blind, reveal
 from csstsim.budget.shear.command import budget
-from csstsim.budget.shear.estimators import Shapes, hsm
+from csstsim.budget.shear.estimators import Shapes, Stamps, hsm
 from csstsim.budget.shear.response import NAMES
 from csstsim.budget.shear.run import to_sky
 from csstsim.budget.shear.sample import EDGE, RING
@@ -63,7 +63,7 @@ def report_bars(record: Record, name: str, rows: list[Row]) -> None:
     lines = []
     for row in (row for row in rows if row["estimator"] == kinds[0]):
         bar = row["kind"] in ("base", "bar") and np.isfinite(sigma_m(row))
-        hours = f"{volume(row, min(GOALS))[1]:.2g}" if bar else ""
+        hours = f"{volume(row, min(GOALS)).hours:.2g}" if bar else ""
         lines.append([row["about"], row["windows"], *(_pair(row, number) for number in NAMES), hours])
     header = ["effect", "windows", "m1", "m2", "c1", "c2", "alpha", "sigma(m) 1e-4: CPU-h"]
     record.table(f"{name}_{kinds[0]}", header, lines)
@@ -89,7 +89,7 @@ def report_cost(record: Record, rows: list[Row]) -> None:
     record.value("rows", len(of), "rows of effects of the bright sample")
     record.value("largest_error", max(map(sigma_m, of)), "the largest error of m among them", below=GOALS[0])
     record.value("rows_below", sum(sigma_m(row) < GOALS[1] for row in of), f"of them with one below {GOALS[1]:g}")
-    hours = [[volume(row, goal)[1] for row in of] for goal in GOALS]
+    hours = [[volume(row, goal).hours for row in of] for goal in GOALS]
     most = int(np.argmax(hours[1]))
     cells = [
         f"{sum(hours[0]):.2g} CPU-h",
@@ -141,7 +141,7 @@ def write_answer(folder: Path, m: tuple[float, float], file: Path) -> None:
             side = np.arange(-half, half)
             x, y = (np.rint(where[name]).astype(int) for name in ("x", "y"))
             stamps = image[y[:, None, None] + side[:, None], x[:, None, None] + side].astype(float)
-            shapes = hsm(stamps, psf.astype(float), 0.0, 0.0, None)
+            shapes = hsm(Stamps(stamps, psf.astype(float), 0.0, 0.0), None)
             e = to_sky(Shapes(shapes.e, shapes.response), np.array(where["jacobian"], float), True).e
             rings = np.array([ring.mean() for ring in e.reshape(-1, RING) if np.isfinite(ring).all()])
             error = [np.std(part, ddof=1) / np.sqrt(len(rings)) for part in (rings.real, rings.imag)]

@@ -59,7 +59,8 @@ def measured(psf, side, factor, rings):
             for one, place in zip(e * turn, shift, strict=True):
                 galaxy = galsim.Exponential(half_light_radius=size, flux=1e5).shear(g1=one.real, g2=one.imag)
                 stamps.append(drawn(galsim.Convolve(galaxy.shear(g1=arm, g2=g2 * arm), psf), side, factor, place))
-            arms.append(estimators.hsm(np.array(stamps), np.array([star] * RING), 0.0, SCALE, None).e.mean())
+            ring = estimators.Stamps(np.array(stamps), np.array([star] * RING), 0.0, SCALE)
+            arms.append(estimators.hsm(ring, None).e.mean())
         half = (arms[0] - arms[1]) / (2 * G) - (1 + 1j * g2)
         shapes.append([half.real, g2 * half.imag])
     return np.array(shapes)

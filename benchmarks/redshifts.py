@@ -49,7 +49,7 @@ def answered(fits: Fits, least: float = GOOD) -> dict[int, tuple[float, bool]]:
 
 def stacked(runs: list[OpenCampaign], way: str, output: Path, band: str) -> tuple[ObjectTable, ObjectTable]:
     """Stack the spectra of one of redshift_field.WAYS; return the stack and its galaxies."""
-    budget(runs, output, way, band=band, say=lambda text: None)
+    budget(runs, output, way, band=band, log=lambda text: None)
     return ObjectTable.read(output / "stack.parquet"), ObjectTable.read(output / "objects.parquet")
 
 
@@ -60,7 +60,7 @@ def scored(runs: list[OpenCampaign], output: Path, fits: Fits, band: str) -> dic
         writer = csv.writer(file)
         writer.writerow(["id", "z", "good"])
         writer.writerows([k, f"{z:.5f}", int(good)] for k, (z, good) in sorted(answered(fits).items()))
-    return budget(runs, output, "catalogue", answer, band, say=lambda text: None)
+    return budget(runs, output, "catalogue", answer, band, log=lambda text: None)
 
 
 def share(one: dict[str, Any], name: str) -> str:
@@ -143,7 +143,7 @@ def line_table(record: Record, runs: list[OpenCampaign], classes: list[dict[str,
         rows.append([bounds(one), one["lines"], flux, shift])
     record.table("lines", ["light of others / own, at the line", "lines", "flux over true", "shift [px]"], rows)
     frames = extracted(runs, "catalogue", lambda text: None)
-    every = line_biases([table for table, *_ in frames], [lines for _, lines, _ in frames])
+    every = line_biases([frame.spectra for frame in frames], [frame.lines for frame in frames])
     clean = [one for one in every if abs(one["contamination"]) < CLEAN]
     subsets = {"clean": clean, "all": every}
     subsets |= {f"snr_{least:.0f}": [one for one in clean if one["ratio_err"] * least <= 1] for least in SNR}

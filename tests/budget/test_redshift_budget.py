@@ -9,6 +9,7 @@ from scipy.special import erf
 from csstsim.base.errors import InputError
 from csstsim.base.units import C_A_S, H_J_S
 from csstsim.budget.redshift import report
+from csstsim.budget.redshift.extracted import FrameTables
 from csstsim.budget.redshift.figure import figure
 from csstsim.budget.redshift.line_biases import SIDE, by_contamination, line_biases, mean
 from csstsim.budget.redshift.report import _check_band, _check_ids, _plain, objects_of, read_answer, text
@@ -170,8 +171,10 @@ def test_a_band_without_magnitudes_is_refused_with_those_that_there_are():
     truth = ObjectTable({"obj_type": np.full(2, GALAXY), "mag_i": np.full(2, np.nan), "mag_r": np.array([18.3, 18.7])})
     objects = ObjectTable({"id": np.arange(2), "magnitude": np.full(2, np.nan)})
     with pytest.raises(InputError, match=r"--band.*got 'i'.*allowed: r$"):
-        _check_band([(None, None, truth)], objects, ("r", "i"), "i")
-    _check_band([(None, None, truth)], objects.with_columns(magnitude=np.array([np.nan, 18.0])), ("r", "i"), "i")
+        _check_band([FrameTables(None, None, truth)], objects, ("r", "i"), "i")
+    _check_band(
+        [FrameTables(None, None, truth)], objects.with_columns(magnitude=np.array([np.nan, 18.0])), ("r", "i"), "i"
+    )
 
 
 @pytest.mark.parametrize("text", [b"", b"id,z,good\n", b"\xef\xbb\xbfid,z,good\r\n", b"\n\n"])
@@ -382,12 +385,12 @@ def test_objects_of_a_budget_are_galaxies_with_the_light_of_all_their_frames():
         frame([5.0, 5.0], [1.0, 1.0], ids=8), frame([99.0, 99.0], [99.0, 99.0], order=2),
     )  # fmt: skip
     second = joined(frame([60.0, np.nan], [12.0, 50.0]), frame([99.0, 99.0], [99.0, 99.0], flags=LOST, ids=9))
-    found = objects_of([(first, None, truth), (second, None, truth)], "mag_i")
+    found = objects_of([FrameTables(first, None, truth), FrameTables(second, None, truth)], "mag_i")
     assert found["id"].tolist() == [7, 9] and found["z"].tolist() == [0.7, 0.9]
     assert found["magnitude"].tolist() == [19.5, 20.5] and found["size"].tolist() == [0.2, 0.3]
     assert found["contamination"][0] == pytest.approx(16 / 100) and np.isinf(found["contamination"][1])
     assert found["frames"].tolist() == [2, 1]
-    assert len(objects_of([(first.take([]), None, truth)], "mag_i")) == 0
+    assert len(objects_of([FrameTables(first.take([]), None, truth)], "mag_i")) == 0
 
 
 def test_the_printed_lines_have_all_numbers():
@@ -440,16 +443,16 @@ def test_the_budget_writes_its_tables_and_scores(tmp_path, monkeypatch):
     })  # fmt: skip
     spectra = spectra.with_columns(model=np.full(16, 5.0))
     truth = truth_of([7, 8], [GALAXY, GALAXY], z=[0.7, 0.8], mag_i=[20.5, 21.2], mag_r=[21.0, 22.0], size=[0.3, 0.2])
-    frames = [(spectra, lines_of(230.0), truth)]
-    monkeypatch.setattr(report, "extracted", lambda runs, folder, say: frames)
+    frames = [FrameTables(spectra, lines_of(230.0), truth)]
+    monkeypatch.setattr(report, "extracted", lambda runs, folder, log: frames)
     from types import SimpleNamespace
 
     run = SimpleNamespace(camera=SimpleNamespace(bands=("r", "i")))
     (tmp_path / "a.csv").write_text("id,z,good\n7,0.7001,1\n")
     said = []
-    assert report.budget([run], tmp_path / "plain", say=said.append) is None
+    assert report.budget([run], tmp_path / "plain", log=said.append) is None
     assert sorted(path.name for path in (tmp_path / "plain").iterdir()) == ["objects.parquet", "stack.parquet"]
-    found = report.budget([run], tmp_path / "out", answer=tmp_path / "a.csv", band="r", say=said.append)
+    found = report.budget([run], tmp_path / "out", answer=tmp_path / "a.csv", band="r", log=said.append)
     objects = ObjectTable.read(tmp_path / "out" / "objects.parquet")
     assert objects["magnitude"].tolist() == [21.0, 22.0] and objects.meta["band"] == "r"
     assert ObjectTable.read(tmp_path / "plain" / "objects.parquet")["magnitude"].tolist() == [20.5, 21.2]
@@ -467,7 +470,7 @@ def test_the_figure_shows_what_was_answered():
     """Good and other redshifts against the true ones; shares with their errors; lines in percent and px."""
     from matplotlib.figure import Figure
 
-    from csstsim.budget.redshift.figure import _label, _lines, _measured, _shares
+    from csstsim.budget.redshift.figure import _fractions, _label, _lines, _measured
 
     axes = Figure().subplots(1, 3)
     objects = {"id": np.array([1, 2, 3]), "z": np.array([0.5, 0.6, 0.7])}
@@ -479,7 +482,7 @@ def test_the_figure_shows_what_was_answered():
     classes = [{"low": 0.0, "high": 0.5, "objects": 4, "completeness": 0.5, "completeness_err": 0.2, "purity": 0.9,
                 "purity_err": 0.1}, {"low": 0.5, "high": np.inf, "objects": 6, "completeness": 0.6,
                 "completeness_err": 0.3, "purity": 0.8, "purity_err": 0.15}]  # fmt: skip
-    _shares(axes[1], classes, "z")
+    _fractions(axes[1], classes, "z")
     bars = [[[list(end) for end in part] for part in bar[2][0].get_segments()] for bar in axes[1].containers]
     assert np.array(bars)[:, :, :, 1] == pytest.approx(np.array([[[0.3, 0.7], [0.3, 0.9]], [[0.8, 1.0], [0.65, 0.95]]]))
     assert [words.get_text() for words in axes[1].texts] == ["4", "6"]

@@ -8,7 +8,7 @@ import pytest
 
 from csstsim.base.errors import InputError
 from csstsim.budget.redshift import extracted as extracted_module
-from csstsim.budget.redshift.extracted import Places, _of_campaign, check_frames
+from csstsim.budget.redshift.extracted import Positions, _of_campaign, check_frames
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.measure.spectra import line_columns, spectrum_columns
 
@@ -33,7 +33,7 @@ def truth(ids, ra, dec, kind=GALAXY):
 
 def test_one_id_is_one_place():
     """To 0.5 arcsec, at 60 deg of declination and across RA 0; what moves has no place."""
-    places = Places()
+    places = Positions()
     places.add(truth([1, 2, 3], [10.0, 0.0, 5.0], [60.0, 60.0, 0.0]), "a.yaml")
     near = 0.45 / 3600
     places.add(truth([1, 2, 4], [10.0 + 2 * near, 360.0 - 2 * near, 7.0], [60.0, 60.0, 0.0]), "b.yaml")

@@ -15,6 +15,7 @@ from csstsim.budget.shear import figures
 from csstsim.budget.shear import run as running
 from csstsim.budget.shear.bars import bars
 from csstsim.budget.shear.command import _command
+from csstsim.budget.shear.estimators import Stamps
 from csstsim.budget.shear.frames import Field, level_of, noise_of
 from csstsim.budget.shear.plan import DEFAULT, Setting, load_plan
 from csstsim.budget.shear.printed import hours, pair
@@ -129,23 +130,23 @@ def test_a_position_angle_turns_the_pixels(field):
 
 
 def test_stamps_that_were_seen_are_measured_once(field, arms, monkeypatch):
-    stamps, psf, calls = field.stamps(arms[0]), field.true_psf, []
-    other = stamps.copy()
-    other[3] = field.stamps(arms[1])[3]
+    stamps, calls = Stamps(field.stamps(arms[0]), field.true_psf, 9.0, 0.074), []
+    other = stamps._replace(galaxies=stamps.galaxies.copy())
+    other.galaxies[3] = field.stamps(arms[1])[3]
     whole = running.estimator("own")
 
     def counted(kind):
-        return lambda stamps, *rest: calls.append(len(stamps)) or whole(stamps, *rest)
+        return lambda stamps, rng: calls.append(len(stamps.galaxies)) or whole(stamps, rng)
 
     monkeypatch.setattr(running, "estimator", counted)
-    seen, rest = {}, (9.0, 0.074, None)
-    first, second = (running._once(seen, "own", images, psf, *rest) for images in (stamps, other))
-    again = running._once(seen, "own", other, psf, *rest)
+    seen = {}
+    first, second = (running._once(seen, "own", images, None) for images in (stamps, other))
+    again = running._once(seen, "own", other, None)
     assert calls == [16, 1]
     for found, images in ((first, stamps), (second, other), (again, other)):
-        assert np.array_equal(found.e, whole(images, psf, *rest).e) and found.response.shape == (16, 2)
+        assert np.array_equal(found.e, whole(images, None).e) and found.response.shape == (16, 2)
     assert first.e[3] != second.e[3]
-    running._once(seen, "own", stamps, np.roll(psf, 1, axis=0) + 1e-9, *rest)
+    running._once(seen, "own", stamps._replace(psf=np.roll(stamps.psf, 1, axis=0) + 1e-9), None)
     assert calls[2:] == [16]  # another PSF
 
 
@@ -328,15 +329,15 @@ def test_a_key_whose_shears_are_no_pairs_of_numbers_is_refused(tmp_path, shears)
 
 def test_a_damaged_file_of_shapes_is_made_again(tmp_path):
     path, wanted = tmp_path / "one.npz", {"psf": "floats (1000,)"}
-    assert not running.kept(path, wanted)
+    assert not running.is_complete(path, wanted)
     np.savez(path, psf=np.arange(1000.0), e=np.arange(1000.0))
     content = path.read_bytes()
-    assert running.kept(path, wanted)
+    assert running.is_complete(path, wanted)
     flipped = bytearray(content)
     flipped[3000] ^= 255
     for damaged in (b"", b"abc", content[:-30], content[:5000], bytes(flipped)):
         path.write_bytes(damaged)
-        assert not running.kept(path, wanted), damaged[:20]
+        assert not running.is_complete(path, wanted), damaged[:20]
 
 
 @pytest.mark.parametrize(
@@ -359,7 +360,7 @@ def test_a_sound_file_of_other_arrays_is_named_before_any_work(done, file, sim, 
     assert result.exit_code == 2 and not first.exists(), result.output
     assert str(last) in result.stderr and "remove the file, and they are measured again" in result.stderr
     last.unlink()
-    assert running.kept(paths["one"][0], running.contents(plan, 0)) and not running.kept(last, {})
+    assert running.is_complete(paths["one"][0], running.contents(plan, 0)) and not running.is_complete(last, {})
 
 
 @pytest.mark.parametrize("fault", [KeyboardInterrupt, OSError, csstsim.base.errors.InputError])

@@ -168,13 +168,13 @@ def test_magnitudes_follow_the_slope():
 def test_neighbours_turn_with_their_ring():
     plan = load_plan()
     other = galaxies(plan, "bright", 0, WINDOW).others["undetected"]
-    for k in range(0, len(other["of"]), RING):
-        offset, e = other["offset"][k : k + RING], other["e"][k : k + RING]
-        assert other["of"][k : k + RING].tolist() == [other["of"][k] + j for j in range(RING)]
+    for k in range(0, len(other.galaxy), RING):
+        offset, e = other.offset[k : k + RING], other.e[k : k + RING]
+        assert other.galaxy[k : k + RING].tolist() == [other.galaxy[k] + j for j in range(RING)]
         assert np.abs((offset**2).sum()) < 1e-12 and np.abs(e.sum()) < 1e-12
         low, high = plan.neighbours["undetected"].distance
         assert np.all((np.abs(offset) >= low - 1e-9) & (np.abs(offset) <= high + 1e-9))
-    mean = len(other["of"]) / len(galaxies(plan, "bright", 0, WINDOW))
+    mean = len(other.galaxy) / len(galaxies(plan, "bright", 0, WINDOW))
     assert mean == pytest.approx(1.4, abs=5 * np.sqrt(1.4 / 100))
 
 
@@ -189,12 +189,12 @@ def test_neighbours_are_sheared_as_at_their_redshift():
     assert efficiency(z, lens) == pytest.approx(wanted, abs=1e-6)
     plan = load_plan(NEIGHBOURS)
     made = galaxies(plan, "bright", 0, WINDOW).others
-    strength = made["undetected"]["efficiency"].reshape(-1, RING)
+    strength = made["undetected"].efficiency.reshape(-1, RING)
     assert np.ptp(strength, axis=1).max() == 0 and strength.min() >= 0 and np.ptp(strength) > 1
-    assert made["blended"]["efficiency"].min() == 0.0  # some lie before the lens
+    assert made["blended"].efficiency.min() == 0.0  # some lie before the lens
     without = galaxies(plan.model_copy(update={"lens": None}), "bright", 0, WINDOW).others
-    assert np.isnan(without["blended"]["efficiency"]).all()
-    assert np.array_equal(without["blended"]["offset"], made["blended"]["offset"])
+    assert np.isnan(without["blended"].efficiency).all()
+    assert np.array_equal(without["blended"].offset, made["blended"].offset)
 
 
 @pytest.mark.parametrize("said", ["same", "none", "by_redshift"])
@@ -208,10 +208,10 @@ def test_the_table_has_the_shear_of_each_neighbour(said):
         patch.setattr(sample, "icrs", lambda ra, dec, observer: (ra, dec))
         columns = sample.table(made, setting, plan, job, 0, g, "r")
     n, other = len(made), made.others["undetected"]
-    strength = {"same": 1.0, "none": 0.0, "by_redshift": other["efficiency"]}[said] * np.ones(len(other["of"]))
+    strength = {"same": 1.0, "none": 0.0, "by_redshift": other.efficiency}[said] * np.ones(len(other.galaxy))
     assert columns["gamma1"][:n] == pytest.approx(0.02) and columns["gamma2"][n:] == pytest.approx(-0.01 * strength)
-    seen = (columns["ra"][n:] - made.x[other["of"]]) + 1j * (columns["dec"][n:] - made.y[other["of"]])
-    assert seen == pytest.approx([sheared_offset(z, g * s) for z, s in zip(other["offset"], strength, strict=True)])
+    seen = (columns["ra"][n:] - made.x[other.galaxy]) + 1j * (columns["dec"][n:] - made.y[other.galaxy])
+    assert seen == pytest.approx([sheared_offset(z, g * s) for z, s in zip(other.offset, strength, strict=True)])
 
 
 class Flat:
@@ -278,7 +278,7 @@ def test_every_column_of_the_table_is_that_of_its_galaxy(full):
         job = SimpleNamespace(wcs=turn, observer=None)
         columns = sample.table(made, setting, plan, job, 3, 0.02 - 0.01j, "r")
     n, kinds = len(made), [made.others[name] for name in ("blended", "undetected")]
-    counts = [len(other["of"]) for other in kinds]
+    counts = [len(other.galaxy) for other in kinds]
     assert columns["id"].tolist() == [*range(3_000_001, 3_000_001 + n), *range(3_500_000, 3_500_000 + sum(counts))]
     for name in ("bulge_frac", "n_disk", "n_bulge", "knots", "knots_frac"):
         plain = {"bulge_frac": 0, "n_disk": 1, "n_bulge": 4, "knots": 0, "knots_frac": 0}[name]
@@ -287,20 +287,20 @@ def test_every_column_of_the_table_is_that_of_its_galaxy(full):
     assert columns["size_disk"][:n] == pytest.approx(made.columns["size_disk"])
     assert columns["size_bulge"][:n] == pytest.approx(made.columns["size_bulge" if full else "size_disk"])
     assert columns["mag_r"][:n] == pytest.approx(made.columns["mag"]) and set(columns["type"]) == {"galaxy"}
-    e = np.concatenate([made.e, *(other["e"] for other in kinds)])
+    e = np.concatenate([made.e, *(other.e for other in kinds)])
     assert columns["e1"] == pytest.approx(e.real) and columns["e2"] == pytest.approx(e.imag)
     assert columns["gamma1"] == pytest.approx(0.02) and columns["gamma2"] == pytest.approx(-0.01)
     assert columns["ra"][:n] == pytest.approx(made.x / 100) and columns["dec"][:n] == pytest.approx(-made.y / 100)
     at = n
     for other, count in zip(kinds, counts, strict=True):
         some = slice(at, at + count)
-        z = sheared_offset(other["offset"], 0.02 - 0.01j)
-        x, y = made.x[other["of"]], made.y[other["of"]]
+        z = sheared_offset(other.offset, 0.02 - 0.01j)
+        x, y = made.x[other.galaxy], made.y[other.galaxy]
         assert columns["ra"][some] == pytest.approx((x + 3 * z.real + z.imag) / 100)
         assert columns["dec"][some] == pytest.approx(-(y - 2 * z.real + 5 * z.imag) / 100)
-        assert columns["mag_r"][some] == pytest.approx(other["mag"])
-        assert columns["size_disk"][some] == pytest.approx(other["size"])
-        assert columns["size_bulge"][some] == pytest.approx(other["size"])
+        assert columns["mag_r"][some] == pytest.approx(other.mag)
+        assert columns["size_disk"][some] == pytest.approx(other.size)
+        assert columns["size_bulge"][some] == pytest.approx(other.size)
         at += count
 
 
@@ -352,12 +352,12 @@ def test_neighbours_are_even_in_area():
     """The mean square distance is that of a ring between its radii; sizes and magnitudes in their ranges."""
     of = Neighbours(number=20.0, magnitude=(22.0, 24.0), distance=(1.0, 3.0), size=(0.1, 0.4))
     found = sample._others(np.random.default_rng(1), of, np.tile(np.arange(4) * np.pi / 4, 100), 100)
-    one = found["offset"][::RING]
+    one = found.offset[::RING]
     assert (np.abs(one) ** 2).mean() == pytest.approx(5.0, abs=5 * 8 / np.sqrt(12 * len(one)))
     assert abs((one / np.abs(one)).mean()) < 5 / np.sqrt(len(one))
-    assert found["mag"].min() >= 22 and found["mag"].max() <= 24 and found["mag"].mean() == pytest.approx(23, abs=0.06)
-    assert found["size"].min() >= 0.1 and found["size"].max() <= 0.4
-    assert np.bincount(found["of"], minlength=400).mean() == pytest.approx(20, abs=5 * np.sqrt(20 / 100))
+    assert found.mag.min() >= 22 and found.mag.max() <= 24 and found.mag.mean() == pytest.approx(23, abs=0.06)
+    assert found.size.min() >= 0.1 and found.size.max() <= 0.4
+    assert np.bincount(found.galaxy, minlength=400).mean() == pytest.approx(20, abs=5 * np.sqrt(20 / 100))
 
 
 def test_changes_of_layers_are_added_to_those_of_the_base(changed):

@@ -8,9 +8,9 @@ import pytest
 
 from csstsim.base.errors import InputError
 from csstsim.budget.shear import run as running
-from csstsim.budget.shear.estimators import PACKAGES, Shapes, check_installed, estimator, psf_shapes
+from csstsim.budget.shear.estimators import PACKAGES, Shapes, Stamps, check_installed, estimator, psf_shapes
 from csstsim.budget.shear.plan import Setting
-from csstsim.budget.shear.response import NAMES, Arms, Frame, combined, estimates, scatter, sums
+from csstsim.budget.shear.response import NAMES, Arms, Frame, Term, combined, estimates, scatter, sums
 from csstsim.budget.shear.run import to_sky
 
 SCALE, SIDE = 0.074, 48
@@ -44,7 +44,7 @@ def arms(kind, psf_shape=0.0):
     found = []
     for sign in (1, -1):
         images, psf = drawn(sheared(ring(), sign * G * (1 + 1j)), psf_shape)
-        found.append(estimator(kind)(images, psf, 0.0, SCALE, np.random.default_rng(1)))
+        found.append(estimator(kind)(Stamps(images, psf, 0.0, SCALE), np.random.default_rng(1)))
     made = Arms(
         np.array([v.e for v in found]), np.array([v.response for v in found]), np.ones((2, 4), bool)
     )  # fmt: skip
@@ -96,7 +96,7 @@ def biased(n=4000, m=(0.01, -0.02), c=(1e-3, -2e-3), alpha=0.1, noise=0.0, seed=
 
 def test_known_biases_are_returned():
     made, frame = biased()
-    value, error = combined([({"a": sums(made, frame, made.used)}, {"a": 1.0})], G)
+    value, error = combined([Term({"a": sums(made, frame, made.used)}, {"a": 1.0})], G)
     assert dict(zip(NAMES, value, strict=True)) == pytest.approx(
         {"m1": 0.01, "m2": -0.02, "c1": 1e-3, "c2": -2e-3, "alpha": 0.1}, abs=1e-12
     )
@@ -122,7 +122,7 @@ def test_responses_divide_shapes():
 
 def test_noise_of_both_arms_cancels_in_m_and_its_error_is_right_in_c():
     made, frame = biased(noise=0.25)
-    value, error = combined([({"a": sums(made, frame, made.used)}, {"a": 1.0})], G)
+    value, error = combined([Term({"a": sums(made, frame, made.used)}, {"a": 1.0})], G)
     assert value[:2] == pytest.approx([0.01, -0.02], abs=1e-12)
     assert error[2:4] == pytest.approx(0.25 / np.sqrt(4000), rel=0.1)  # a jackknife of 1000 blocks: 2%, 4 sigma
     assert np.abs(value[2:4] - [1e-3, -2e-3]).max() < 5 * 0.25 / np.sqrt(4000)
@@ -133,7 +133,7 @@ def test_jackknife_of_a_mean_is_its_standard_error():
     made, frame = biased(n=400)
     noisy = Arms(made.e + 0.1 * rng.standard_normal((2, 400)), made.response, made.used)
     each = Frame(G, frame.sign, frame.psf, np.arange(400))
-    _, error = combined([({"a": sums(noisy, each, made.used)}, {"a": 1.0})], G)
+    _, error = combined([Term({"a": sums(noisy, each, made.used)}, {"a": 1.0})], G)
     half = (noisy.e[0] - noisy.e[1]).real / (2 * G)
     assert error[0] == pytest.approx(half.std(ddof=1) / 20, rel=1e-9)
 
@@ -143,9 +143,9 @@ def test_a_setting_less_itself_is_nothing_and_bars_add_up():
     for number, m in enumerate([(0.0, 0.0), (0.01, 0.0), (0.0, 0.02), (0.01, 0.02)]):
         made, frame = biased(m=m, noise=0.1)
         blocks[number] = sums(made, frame, made.used)
-    value, error = combined([(blocks, {3: 1.0, 0: 1.0, 1: -1.0, 2: -1.0})], G)
+    value, error = combined([Term(blocks, {3: 1.0, 0: 1.0, 1: -1.0, 2: -1.0})], G)
     assert value == pytest.approx(np.zeros(5), abs=1e-12) and error == pytest.approx(np.zeros(5), abs=1e-12)
-    value, error = combined([({0: blocks[0], 1: blocks[0]}, {0: 1.0, 1: -1.0})], G)
+    value, error = combined([Term({0: blocks[0], 1: blocks[0]}, {0: 1.0, 1: -1.0})], G)
     assert not value.any() and not error.any()
 
 
@@ -156,13 +156,13 @@ def test_terms_of_few_and_of_many_blocks_share_their_noise():
     noisy = Arms(made.e + 0.1 * rng.standard_normal((2, n)), made.response, made.used)
     total = sums(noisy, Frame(G, frame.sign, frame.psf, np.arange(n)), made.used)
     every, first = {"a": total}, {"a": total[:k]}
-    value, error = combined([(first, {"a": 1.0}), (every, {"a": -1.0})], G)
+    value, error = combined([Term(first, {"a": 1.0}), Term(every, {"a": -1.0})], G)
     sigma = 0.1 / np.sqrt(2) / G  # of m of one galaxy
     assert error[0] == pytest.approx(sigma * np.sqrt(1 / k - 1 / n), rel=0.12)  # of k numbers: 2.2%, 5 sigma
     assert value[0] == pytest.approx((estimates(total[:k].sum(0), G) - estimates(total.sum(0), G))[0], abs=1e-15)
-    once, twice = combined([(first, {"a": 1.0})], G), combined([(first, {"a": 1.0})] * 2, G)
+    once, twice = combined([Term(first, {"a": 1.0})], G), combined([Term(first, {"a": 1.0})] * 2, G)
     assert twice[1] == pytest.approx(2 * once[1], rel=1e-12)  # all of the noise is common
-    assert np.isnan(combined([(every, {"a": 1.0}), ({"a": total[:1]}, {"a": 1.0})], G)[1]).all()
+    assert np.isnan(combined([Term(every, {"a": 1.0}), Term({"a": total[:1]}, {"a": 1.0})], G)[1]).all()
 
 
 def test_those_found_in_one_arm_alone_count_there():
@@ -176,7 +176,7 @@ def test_those_found_in_one_arm_alone_count_there():
 def test_no_galaxy_and_one_block():
     made, frame = biased(n=4)
     assert np.isnan(estimates(sums(made, frame, np.zeros((2, 4), bool)).sum(axis=0), G)).all()
-    value, error = combined([({"a": sums(made, frame, made.used)}, {"a": 1.0})], G)
+    value, error = combined([Term({"a": sums(made, frame, made.used)}, {"a": 1.0})], G)
     assert np.isfinite(value[:4]).all() and np.isnan(error).all()
 
 
@@ -234,7 +234,7 @@ def test_each_galaxy_has_its_own_shape_in_both_components(kind):
     e = np.array([0.3 + 0.1j, -0.2j, -0.15 + 0.05j, 0.0])
     images, psf = drawn(e, 0.03)
     images[3] = 0
-    found = estimator(kind)(images, psf, 1.0, SCALE, np.random.default_rng(1))
+    found = estimator(kind)(Stamps(images, psf, 1.0, SCALE), np.random.default_rng(1))
     assert found.e[:3] == pytest.approx(e[:3], abs=5e-4) and np.isnan(found.e[3])
     assert found.response.tolist() == [[1.0, 1.0]] * 4
 
@@ -307,10 +307,11 @@ def test_shapes_of_a_field_are_of_both_arms_settings_and_seeds(monkeypatch):
     """
     given = []
 
-    def shapes(stamps, psf, sigma, scale, rng):
-        given.append((len(stamps), sigma, scale, rng))
-        e = stamps[:, 0] + 1j * stamps[:, 1] + stamps[:, 2] + stamps[:, 3]
-        return Shapes(e, np.tile([0.5, 0.75], (len(stamps), 1)))
+    def shapes(stamps, rng):
+        galaxies = stamps.galaxies
+        given.append((len(galaxies), stamps.sigma, stamps.scale, rng))
+        e = galaxies[:, 0] + 1j * galaxies[:, 1] + galaxies[:, 2] + galaxies[:, 3]
+        return Shapes(e, np.tile([0.5, 0.75], (len(galaxies), 1)))
 
     settings = {
         "base": Setting(), "linear": Setting(wcs="linear"), "found": Setting(detection=True),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 import numpy as np
 
@@ -21,26 +21,42 @@ if TYPE_CHECKING:
     from csstsim.campaign.job import Job
     from csstsim.campaign.opened import OpenCampaign
 
-SAME = 0.5  # arcsec: one id at places further apart is two objects
+SAME = 0.5  # arcsec: one id at positions further apart is two objects
 COLUMNS = spectrum_columns.COLUMNS, line_columns.COLUMNS  # of the two tables of a frame
-STAY = GALAXY, QUASAR, STAR  # types of objects that have one place in all exposures, at J2000
+STAY = GALAXY, QUASAR, STAR  # types of objects that have one position in all exposures, at J2000
+
+
+class FrameTables(NamedTuple):
+    """The tables of a spectroscopic frame: its spectra, its lines, and the truth beside its Level-0 file."""
+
+    spectra: ObjectTable
+    lines: ObjectTable
+    truth: ObjectTable
+
+
+class _Position(NamedTuple):
+    """Where an object is [deg], and the file of the campaign that has it there."""
+
+    ra: float
+    dec: float
+    file: PathLike
 
 
 def extracted(
-    runs: Sequence[OpenCampaign], folder: PathLike | None = None, say: Callable[[str], object] = print
-) -> list[tuple[ObjectTable, ObjectTable, ObjectTable]]:
-    """Return [(spectra, lines, truth)] of the campaigns' spectroscopic frames that have been extracted.
+    runs: Sequence[OpenCampaign], folder: PathLike | None = None, log: Callable[[str], object] = print
+) -> list[FrameTables]:
+    """Return the FrameTables of the campaigns' spectroscopic frames that have been extracted.
 
-    runs: campaign.opened.OpenCampaign; folder: of tables, beside each campaign's file, or None: the campaign's. Raises
-    InputError for two campaigns with one frame, for one id at two places, and for tables of another recipe.
+    runs: campaign.opened.OpenCampaign; folder: of tables, relative to each campaign's file, or None: the campaign's.
+    Raises InputError for two campaigns with one frame, for one id at two positions, and for tables of another recipe.
     """
     check_frames(runs)
-    found: list[tuple[ObjectTable, ObjectTable, ObjectTable]] = []
-    places = Places()
+    found: list[FrameTables] = []
+    positions = Positions()
     for run in runs:
-        frames = _of_campaign(run, folder, say)
-        for *_, truth in frames:
-            places.add(truth, run.file)
+        frames = _of_campaign(run, folder, log)
+        for frame in frames:
+            positions.add(frame.truth, run.file)
         found += frames
     return found
 
@@ -52,9 +68,10 @@ def check_frames(runs: Iterable[OpenCampaign]) -> None:
         mine = {(*job.key, *sorted(run.recipe(job).items())) for job in run.slitless_jobs}
         twice = sorted(mine & seen.keys())
         if twice:
-            obsid, chip = twice[0][:2]
+            first, *_ = twice
+            obsid, chip, *_ = first
             raise InputError(
-                f"has the frame of exposure {obsid}, chip {chip}, which {seen[twice[0]]} has, too",
+                f"has the frame of exposure {obsid}, chip {chip}, which {seen[first]} has, too",
                 file=run.file,
                 key="--also",
                 allowed="campaigns without a common frame",
@@ -62,48 +79,48 @@ def check_frames(runs: Iterable[OpenCampaign]) -> None:
         seen |= dict.fromkeys(mine, run.file)
 
 
-class Places:
+class Positions:
     """Where the object of each id is."""
 
     def __init__(self) -> None:
-        self.known: dict[int, tuple[float, float, PathLike]] = {}  # id: (ra [deg], dec [deg], campaign's file)
+        self.known: dict[int, _Position] = {}  # by id
 
     def add(self, truth: ObjectTable, file: PathLike) -> None:
         """Add the objects of a truth table. Raises InputError for an id that is further than SAME from where it was."""
         stay = np.isin(truth["obj_type"], STAY)
         columns = (np.asarray(truth[name])[stay].tolist() for name in ("id", "ra_orig", "dec_orig"))
         for k, ra, dec in zip(*columns, strict=True):
-            x, y, other = self.known.setdefault(k, (ra, dec, file))
-            east = (ra - x + 180) % 360 - 180
-            if 3600 * np.hypot(east * np.cos(np.radians(dec)), dec - y) > SAME:
+            known = self.known.setdefault(k, _Position(ra, dec, file))
+            east = (ra - known.ra + 180) % 360 - 180
+            if 3600 * np.hypot(east * np.cos(np.radians(dec)), dec - known.dec) > SAME:
+                here = f"{ra:.5f} {dec:+.5f}"
                 raise InputError(
-                    f"the id {k} is of two objects, at {ra:.5f} {dec:+.5f} and, in {other}, at {x:.5f} {y:+.5f}",
+                    f"the id {k} is of two objects, at {here} and, in {known.file}, at {known.ra:.5f} {known.dec:+.5f}",
                     file=file,
                     key="id",
                     value=k,
-                    allowed=f"one place for one id, to {SAME:g} arcsec",
+                    allowed=f"one position for one id, to {SAME:g} arcsec",
                 )
 
 
-def _of_campaign(
-    run: OpenCampaign, folder: PathLike | None, say: Callable[[str], object]
-) -> list[tuple[ObjectTable, ObjectTable, ObjectTable]]:
-    found: list[tuple[ObjectTable, ObjectTable, ObjectTable]] = []
+def _of_campaign(run: OpenCampaign, folder: PathLike | None, log: Callable[[str], object]) -> list[FrameTables]:
+    found: list[FrameTables] = []
     jobs = run.slitless_jobs
     if not jobs:
         raise InputError("has no spectroscopic frame", file=run.file, allowed="exposures of chips behind a grating")
     for job in progress(jobs, "frames"):
         paths = _tables(run, job, folder)
         if all(path.is_file() for path in paths):
-            tables = [ObjectTable.read(path) for path in paths]
-            for path, table, columns in zip(paths, tables, COLUMNS, strict=True):
+            spectra, lines = (ObjectTable.read(path) for path in paths)
+            for path, table, columns in zip(paths, (spectra, lines), COLUMNS, strict=True):
                 check_recipe(path, table.meta, run.recipe(job, "measure"))
                 _check_columns(path, table, columns)
-            found.append((tables[0], tables[1], truth_of(run, job)))
+            found.append(FrameTables(spectra, lines, truth_of(run, job)))
     if not found:
-        _refuse(run, jobs[0], folder)
+        first, *_ = jobs
+        _refuse(run, first, folder)
     if len(found) < len(jobs):
-        say(f"left out: {len(jobs) - len(found)} of {len(jobs)} frames of {run.file}, not extracted yet")
+        log(f"left out: {len(jobs) - len(found)} of {len(jobs)} frames of {run.file}, not extracted yet")
     return found
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from csstsim.base.types import FloatArray
 from csstsim.report.figures import png
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ def figure(result: Mapping[str, Any], answer: Mapping[int, tuple[float, bool]], 
         (axes[1, 0], "size", "half-light radius [arcsec]"),
         (axes[1, 1], "contamination", "light of others / own"),
     ):
-        _shares(ax, result[name], unit)
+        _fractions(ax, result[name], unit)
     _lines(axes[1, 2], result["lines"])
     return png(drawn)
 
@@ -50,17 +51,22 @@ def _measured(ax: Axes, answer: Mapping[int, tuple[float, bool]], objects: Objec
     ax.legend(fontsize=8, markerscale=2)
 
 
-def _shares(ax: Axes, classes: Sequence[Mapping[str, Any]], unit: str) -> None:
-    places = np.arange(len(classes))
+def _fractions(ax: Axes, classes: Sequence[Mapping[str, Any]], unit: str) -> None:
+    positions = np.arange(len(classes))
     for name, color, shift in (("completeness", GOOD, -0.1), ("purity", "#d1495b", 0.1)):
-        values, errors = (np.array([one[key] for one in classes], float) for key in (name, f"{name}_err"))
-        ax.errorbar(places + shift, values, errors, fmt="o", color=color, label=name, capsize=2, ms=4)
+        values = _column(classes, name)
+        errors = _column(classes, f"{name}_err")
+        ax.errorbar(positions + shift, values, errors, fmt="o", color=color, label=name, capsize=2, ms=4)
     for k, one in enumerate(classes):
         ax.annotate(str(one["objects"]), (k, 1.04), ha="center", fontsize=7, color="0.4")
     labels = [_label(one) for one in classes]
-    ax.set_xticks(places, labels, fontsize=8)
+    ax.set_xticks(positions, labels, fontsize=8)
     ax.set(xlim=_limits(classes), ylim=(0, 1.12), xlabel=unit)
     ax.legend(fontsize=8, loc="lower right", bbox_to_anchor=(1, 1), ncols=2, frameon=False, borderaxespad=0.2)
+
+
+def _column(classes: Sequence[Mapping[str, Any]], name: str) -> FloatArray:
+    return np.array([one[name] for one in classes], float)
 
 
 def _limits(classes: Sequence[Mapping[str, Any]]) -> tuple[float, float]:
@@ -74,19 +80,21 @@ def _label(one: Mapping[str, Any]) -> str:
 
 def _lines(ax: Axes, classes: Sequence[Mapping[str, Any]]) -> None:
     classes = [one for one in classes if one["lines"]]
-    places = np.arange(len(classes))
-    values, errors = (np.array([one[key] for one in classes], float) for key in ("ratio", "ratio_err"))
-    ax.errorbar(places, 100 * (values - 1), 100 * errors, fmt="o", color=GOOD, capsize=2, ms=4)
+    positions = np.arange(len(classes))
+    values = _column(classes, "ratio")
+    errors = _column(classes, "ratio_err")
+    ax.errorbar(positions, 100 * (values - 1), 100 * errors, fmt="o", color=GOOD, capsize=2, ms=4)
     ax.axhspan(-2, 2, color=GOOD, alpha=0.1, lw=0)
     ax.set_ylabel("flux of lines over true - 1 [%]", color=GOOD)
     other = ax.twinx()
-    shift, off = (np.array([one[key] for one in classes], float) for key in ("shift", "shift_err"))
-    other.errorbar(places + 0.15, shift, off, fmt="s", color="#d1495b", capsize=2, ms=4)
+    shift = _column(classes, "shift")
+    shift_err = _column(classes, "shift_err")
+    other.errorbar(positions + 0.15, shift, shift_err, fmt="s", color="#d1495b", capsize=2, ms=4)
     other.set_ylabel("shift of lines [px]", color="#d1495b")
-    for axis, middle, half in ((ax, 100 * (values - 1), 100 * errors), (other, shift, off)):
-        most = max([*(np.abs(middle) + half), 1e-3]) * 1.2
-        axis.set_ylim(-most, most)
+    for axis, middle, half in ((ax, 100 * (values - 1), 100 * errors), (other, shift, shift_err)):
+        largest = max([*(np.abs(middle) + half), 1e-3]) * 1.2
+        axis.set_ylim(-largest, largest)
     ax.axhline(0, color="k", lw=0.5)
     ax.set_xlim(_limits(classes))  # of both: they share it
-    ax.set_xticks(places, [f"{_label(one)}\n({one['lines']})" for one in classes], fontsize=8)
+    ax.set_xticks(positions, [f"{_label(one)}\n({one['lines']})" for one in classes], fontsize=8)
     ax.set_xlabel("light of others / own, at the line")

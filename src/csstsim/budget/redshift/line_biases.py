@@ -1,7 +1,7 @@
 """Bias of the wavelength and flux of emission lines, by how much light of others there is.
 
-Of each line, measure.spectra.line_fluxes has the flux F, the shift s (its place less that of its wavelength), and the
-true flux F_0:
+Of each line, measure.spectra.line_fluxes has the flux F, the shift s (its position less that of its wavelength), and
+the true flux F_0:
 
     ratio = F / F_0,        shift = s F / F_0
 
@@ -54,18 +54,20 @@ def _of_frame(table: ObjectTable, lines: ObjectTable) -> Iterator[dict[str, Any]
         near = np.abs(part["column"] - lines["column"][k]) <= SIDE
         part = part.take(near & (part["flags"] & UNUSED == 0) & np.isfinite(part["model"]))
         light = float(part["model"].sum())
-        share = float(np.nan_to_num(part["contamination"]).sum()) / light if light > 0 else np.inf
-        flux, error, true, shift, off = (
-            float(lines[name][k]) for name in ("flux", "flux_err", "flux_true", "shift", "shift_err")
-        )
+        contamination = float(np.nan_to_num(part["contamination"]).sum()) / light if light > 0 else np.inf
+        flux = float(lines["flux"][k])
+        flux_err = float(lines["flux_err"][k])
+        true = float(lines["flux_true"][k])
+        shift = float(lines["shift"][k])
+        shift_err = float(lines["shift_err"][k])
         yield {
             "id": int(lines["id"][k]),
             "line": str(lines["line"][k]),
-            "contamination": share,
+            "contamination": contamination,
             "ratio": flux / true,
-            "ratio_err": error / true,
+            "ratio_err": flux_err / true,
             "shift": shift * flux / true,
-            "shift_err": off * abs(flux) / true,
+            "shift_err": shift_err * abs(flux) / true,
         }
 
 
@@ -74,13 +76,14 @@ def by_contamination(found: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]
 
     Means have the weights of the inverse variances; an error is the larger of that of the weights and of the scatter.
     """
-    share = np.abs([one["contamination"] for one in found])
+    contamination = np.abs([one["contamination"] for one in found])
     out = []
     for low, high in pairwise(EDGES):
-        some = np.flatnonzero((share >= low) & (share < high))
+        some = np.flatnonzero((contamination >= low) & (contamination < high))
         row = {"low": low, "high": high, "lines": len(some)}
         for name in ("ratio", "shift"):
-            values, errors = (np.array([found[k][key] for k in some.tolist()], float) for key in (name, f"{name}_err"))
+            values = np.array([found[k][name] for k in some.tolist()], float)
+            errors = np.array([found[k][f"{name}_err"] for k in some.tolist()], float)
             row[name], row[f"{name}_err"] = mean(values, errors)
         out.append(row)
     return out

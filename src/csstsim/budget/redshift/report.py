@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from csstsim.budget.redshift.stack import stacked, usable
 from csstsim.catalog.table import GALAXY, ObjectTable
 
 if TYPE_CHECKING:
+    from csstsim.budget.redshift.extracted import FrameTables
     from csstsim.campaign.opened import OpenCampaign
 
 
@@ -30,22 +31,22 @@ def budget(
     spectra: PathLike | None = None,
     answer: PathLike | None = None,
     band: str = "i",
-    say: Callable[[str], object] = print,
+    log: Callable[[str], object] = print,
 ) -> dict[str, Any] | None:
     """Write stack.parquet and objects.parquet, for a fitter, into `output`; with its answer, scores and a figure, too.
 
-    runs: campaign.opened.OpenCampaign of different places; spectra: folder beside each campaign's file with tables as
-    `extract` writes them, or None: the campaign's; answer: CSV file of columns id, z and good (0 or 1); band: of the
-    magnitudes. Returns the scores, or None. Raises InputError.
+    runs: campaign.opened.OpenCampaign of different positions; spectra: folder, relative to each campaign's file, of
+    tables as `extract` writes them, or None: the campaign's; answer: CSV file of columns id, z and good (0 or 1); band:
+    of the magnitudes. Returns the scores, or None. Raises InputError.
     """
     output = output_folder(output)
-    run = runs[0]
+    run, *_ = runs
     given = None if answer is None else read_answer(answer)
     name = f"mag_{band}"
     if band not in run.camera.bands:
         raise InputError("no such band", key="--band", value=band, allowed=", ".join(run.camera.bands))
-    frames = extracted(runs, spectra, say)
-    tables = [table for table, *_ in frames]
+    frames = extracted(runs, spectra, log)
+    tables = [frame.spectra for frame in frames]
     objects = objects_of(frames, name)
     _check_band(frames, objects, run.camera.bands, band)
     if given is not None and answer is not None:
@@ -54,11 +55,11 @@ def budget(
     found = None
     if given is not None:
         found = scores(given, objects)
-        lines = by_contamination(line_biases(tables, [lines for _, lines, _ in frames]))
+        lines = by_contamination(line_biases(tables, [frame.lines for frame in frames]))
     output.mkdir(parents=True, exist_ok=True)  # nothing is written before all is checked
     stack.write(output / "stack.parquet", {"frames": len(tables)})
     objects.write(output / "objects.parquet", {"band": band})
-    say(f"{len(objects)} galaxies in {len(tables)} frames: {output / 'stack.parquet'}")
+    log(f"{len(objects)} galaxies in {len(tables)} frames: {output / 'stack.parquet'}")
     if found is None:
         return None
     result = {"right": RIGHT, "band": band, "frames": len(tables), **found, "lines": lines}
@@ -71,12 +72,12 @@ def budget(
     with atomic_path(output / "redshift.png") as temporary:
         temporary.write_bytes(figure(result, given, objects))
     for line in text(result):
-        say(line)
+        log(line)
     return result
 
 
 def _check_band(
-    frames: Sequence[tuple[ObjectTable, ObjectTable, ObjectTable]],
+    frames: Sequence[FrameTables],
     objects: ObjectTable,
     bands: Iterable[str],
     band: str,
@@ -84,14 +85,14 @@ def _check_band(
     """Refuse a band that no galaxy has a magnitude in, if there is another one."""
     if len(objects) == 0 or np.isfinite(objects["magnitude"]).any():
         return
-    truths = [truth for *_, truth in frames]
-    there = [
+    truths = [frame.truth for frame in frames]
+    known = [
         one
         for one in bands
         if any(np.isfinite(truth[f"mag_{one}"][truth["obj_type"] == GALAXY]).any() for truth in truths)
     ]
-    if there:
-        raise InputError("no galaxy has a magnitude in it", key="--band", value=band, allowed=", ".join(there))
+    if known:
+        raise InputError("no galaxy has a magnitude in it", key="--band", value=band, allowed=", ".join(known))
 
 
 def _check_ids(given: Iterable[int], tables: Sequence[ObjectTable], path: PathLike) -> None:
@@ -104,16 +105,26 @@ def _check_ids(given: Iterable[int], tables: Sequence[ObjectTable], path: PathLi
             )
 
 
-def objects_of(frames: Sequence[tuple[ObjectTable, ObjectTable, ObjectTable]], name: str) -> ObjectTable:
+class _True(NamedTuple):
+    """The redshift, magnitude and half-light radius [arcsec] of a galaxy in the truth."""
+
+    z: float
+    magnitude: float
+    size: float
+
+
+def objects_of(frames: Sequence[FrameTables], name: str) -> ObjectTable:
     """Return the ObjectTable of galaxies with usable columns: id, z, magnitude, size, contamination, frames.
 
-    frames: (spectra, lines, truth) of each; contamination: the light of others over the object's own, of all columns.
+    name: column of the magnitude; contamination: the light of others over the object's own, of all columns.
     """
-    facts: dict[int, tuple[float, float, float]] = {}
+    galaxies: dict[int, _True] = {}
     light: dict[int, float] = {}
     others: dict[int, float] = {}
     count: dict[int, int] = {}
-    for table, _, truth in frames:
+    for frame in frames:
+        table = frame.spectra
+        truth = frame.truth
         row = {int(k): i for i, k in enumerate(truth["id"].tolist())}
         good = table.take(usable(table) & (table["order"] == 1) & np.isfinite(table["model"]))
         order = np.argsort(good["id"], kind="stable")
@@ -126,18 +137,19 @@ def objects_of(frames: Sequence[tuple[ObjectTable, ObjectTable, ObjectTable]], n
             i = row.get(k)
             if i is None or truth["obj_type"][i] != GALAXY:
                 continue
-            facts[k] = float(truth["z"][i]), float(truth[name][i]), float(truth["size"][i])
-            light[k], others[k], count[k] = light.get(k, 0.0) + own, others.get(k, 0.0) + more, count.get(k, 0) + 1
-    known = sorted(facts)
-    z, mag, size = np.array([facts[k] for k in known]).reshape(-1, 3).T
-    share = np.array([others[k] / light[k] if light[k] > 0 else np.inf for k in known])
+            galaxies[k] = _True(float(truth["z"][i]), float(truth[name][i]), float(truth["size"][i]))
+            light[k] = light.get(k, 0.0) + own
+            others[k] = others.get(k, 0.0) + more
+            count[k] = count.get(k, 0) + 1
+    known = sorted(galaxies)
+    contamination = np.array([others[k] / light[k] if light[k] > 0 else np.inf for k in known])
     return ObjectTable(
         {
             "id": np.array(known, np.int64),
-            "z": z,
-            "magnitude": mag,
-            "size": size,
-            "contamination": share,
+            "z": np.array([galaxies[k].z for k in known], float),
+            "magnitude": np.array([galaxies[k].magnitude for k in known], float),
+            "size": np.array([galaxies[k].size for k in known], float),
+            "contamination": contamination,
             "frames": np.array([count[k] for k in known], np.int16),
         }
     )

@@ -1,8 +1,8 @@
 """Redshifts that a fitter gave, scored against the truth: completeness, purity, scatter and bias by what an object is.
 
-With dz = (z - z_true) / (1 + z_true): a redshift is right if |dz| < RIGHT. Completeness is the share of all objects
-that have a right redshift which the fitter calls good, purity the share of right ones among the good. sigma_NMAD is
-1.48 times the median of |dz - median(dz)| of the good redshifts within FAR.
+With dz = (z - z_true) / (1 + z_true): a redshift is right if |dz| < RIGHT. Completeness is the fraction of all
+objects that have a right redshift which the fitter calls good, purity the fraction of right ones among the good.
+sigma_NMAD is 1.48 times the median of |dz - median(dz)| of the good redshifts within FAR.
 """
 
 from collections.abc import Mapping
@@ -32,11 +32,11 @@ def score(z: FloatArray, good: BoolArray, true: FloatArray) -> dict[str, Any]:
     out = {"objects": len(z), "good": int(good.sum()), "sigma": sigma}
     out["bias"] = float(np.median(close)) if len(close) else np.nan
     for name, among in (("completeness", len(z)), ("purity", int(good.sum()))):
-        out[name], out[f"{name}_err"] = _share(int(right.sum()), among)
+        out[name], out[f"{name}_err"] = _fraction(int(right.sum()), among)
     return out
 
 
-def _share(k: int, n: int) -> tuple[float, float]:
+def _fraction(k: int, n: int) -> tuple[float, float]:
     """Return (k / n, its error by the rule of succession); NaN of nothing."""
     if n == 0:
         return np.nan, np.nan

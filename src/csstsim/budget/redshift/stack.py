@@ -1,6 +1,6 @@
 """Spectra of one object from several frames, gratings and position angles, added on one grid of wavelengths.
 
-A column's flux is shared among the bins that it overlaps, with the weight of its inverse variance:
+A column's flux is divided among the bins that it overlaps, with the weight of its inverse variance:
 
     f = sum_c w_c f_c / sum_c w_c,    w_c = overlap_c / sigma_c^2,    sigma^2 = sum_c w_c^2 sigma_c^2 / (sum_c w_c)^2
 
@@ -8,6 +8,7 @@ Bins that share a column are correlated: two next to each other by up to a half.
 """
 
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -30,6 +31,27 @@ COLUMNS = {
 }
 
 
+# planes of the sums of a bin
+WEIGHT = 0
+FLUX = 1
+VARIANCE = 2
+OTHERS = 3
+FRAMES = 4
+
+
+class _Columns(NamedTuple):
+    """Columns of spectra, each field (n,): object, first and last wavelength [angstrom, then bins], flux, error,
+    contamination [erg / s / cm2 / angstrom], and number of the frame."""
+
+    id: IntArray
+    low: FloatArray
+    high: FloatArray
+    flux: FloatArray
+    error: FloatArray
+    others: FloatArray
+    frame: IntArray
+
+
 def usable(table: ObjectTable) -> BoolArray:
     """Return (n,) bool: columns of a table of spectra whose flux can be used."""
     return (table["flags"] & UNUSED == 0) & np.isfinite(table["flux"]) & (table["flux_err"] > 0)
@@ -40,57 +62,50 @@ def stacked(tables: Iterable[ObjectTable]) -> ObjectTable:
 
     tables: ObjectTables of measure.spectra.spectrum_columns.COLUMNS.
     """
-    parts = [_parts(table.take(usable(table) & (table["order"] == 1)), k) for k, table in enumerate(tables)]
-    ids, low, high, flux, error, others, frame = (np.concatenate(one) for one in zip(*parts, strict=True))
-    if len(ids) == 0:
+    parts = [_columns(table.take(usable(table) & (table["order"] == 1)), k) for k, table in enumerate(tables)]
+    columns = _Columns._make(np.concatenate(one) for one in zip(*parts, strict=True))
+    if len(columns.id) == 0:
         empty = {name: np.zeros(0) for name in COLUMNS}
         return ObjectTable(empty | {"id": np.zeros(0, np.int64), "frames": np.zeros(0, np.int16)})
-    start = np.floor(low.min() / STEP) * STEP
-    bins = int(np.ceil((high.max() - start) / STEP))
-    known, row = np.unique(ids, return_inverse=True)
+    start = np.floor(columns.low.min() / STEP) * STEP
+    bins = int(np.ceil((columns.high.max() - start) / STEP))
+    known, row = np.unique(columns.id, return_inverse=True)
     order = np.argsort(row, kind="stable")
-    sums = _added(
-        row[order],
-        len(known),
-        (low[order] - start) / STEP,
-        (high[order] - start) / STEP,
-        flux[order],
-        error[order],
-        others[order],
-        frame[order],
-        bins,
-    )
-    weight, light, variance, more, frames = sums
+    columns = _Columns._make(values[order] for values in columns)
+    columns = columns._replace(low=(columns.low - start) / STEP, high=(columns.high - start) / STEP)
+    sums = _added(row[order], len(known), columns, bins)
+    weight = sums[WEIGHT]
     there, at = np.nonzero(weight > 0)
     w = weight[there, at]
     return ObjectTable(
         {
             "id": known[there],
             "wavelength": start + STEP * (at + 0.5),
-            "flux": light[there, at] / w,
-            "flux_err": np.sqrt(variance[there, at]) / w,
-            "contamination": more[there, at] / w,
-            "frames": frames[there, at].astype(np.int16),
+            "flux": sums[FLUX, there, at] / w,
+            "flux_err": np.sqrt(sums[VARIANCE, there, at]) / w,
+            "contamination": sums[OTHERS, there, at] / w,
+            "frames": sums[FRAMES, there, at].astype(np.int16),
         }
     )
 
 
-def _parts(
-    table: ObjectTable, k: int
-) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, IntArray]:
-    """Return id, first and last wavelength, flux, error and contamination of each column, and the frame k."""
+def _columns(table: ObjectTable, k: int) -> _Columns:
+    """Return the _Columns of frame k, with wavelengths in angstrom."""
     wave = np.asarray(table["wavelength"], float)
     erg = H_J_S * C_A_S / wave * ERG_PER_CM2
     half = 0.5 * np.abs(_steps(table))
     per = np.where(table["sensitivity"] > 0, table["sensitivity"], np.nan).astype(float)
     others = np.nan_to_num(table["contamination"].astype(float) / per) * erg
-    flux, error = (table[name].astype(float) * erg for name in ("flux", "flux_err"))
-    return table["id"], wave - half, wave + half, flux, error, others, np.full(len(wave), k)
+    flux = table["flux"].astype(float) * erg
+    error = table["flux_err"].astype(float) * erg
+    return _Columns(table["id"], wave - half, wave + half, flux, error, others, np.full(len(wave), k))
 
 
 def _steps(table: ObjectTable) -> FloatArray:
     """Return (n,) angstrom per column of each column's spectrum: wavelengths are linear in x."""
-    wave, column, ids = (np.asarray(table[name], float) for name in ("wavelength", "column", "id"))
+    wave = np.asarray(table["wavelength"], float)
+    column = np.asarray(table["column"], float)
+    ids = np.asarray(table["id"], float)
     if len(wave) < 2:
         return np.full(len(wave), STEP)
     same = np.append(ids[1:] == ids[:-1], False)
@@ -102,32 +117,28 @@ def _steps(table: ObjectTable) -> FloatArray:
 
 
 @numba.njit(cache=True)
-def _added(
-    row: IntArray,
-    rows: int,
-    low: FloatArray,
-    high: FloatArray,
-    flux: FloatArray,
-    error: FloatArray,
-    others: FloatArray,
-    frame: IntArray,
-    bins: int,
-) -> FloatArray:
-    """Return (5, rows, bins): sums of weight, flux, variance and contamination, and the number of frames."""
+def _added(row: IntArray, rows: int, columns: _Columns, bins: int) -> FloatArray:
+    """Return (5, rows, bins): sums of weight, flux, variance and contamination, and the number of frames.
+
+    row (n,): of each column's object; columns are sorted by it, with wavelengths in bins.
+    """
     out = np.zeros((5, rows, bins))
     last = np.full((rows, bins), -1)
     for c in range(len(row)):
         k = row[c]
-        for b in range(int(low[c]), min(int(np.ceil(high[c])), bins)):
-            share = min(high[c], b + 1.0) - max(low[c], float(b))
-            if share <= 0.0:
+        low = columns.low[c]
+        high = columns.high[c]
+        variance = columns.error[c] ** 2
+        for b in range(int(low), min(int(np.ceil(high)), bins)):
+            overlap = min(high, b + 1.0) - max(low, float(b))
+            if overlap <= 0.0:
                 continue
-            w = share / error[c] ** 2
-            out[0, k, b] += w
-            out[1, k, b] += w * flux[c]
-            out[2, k, b] += w * w * error[c] ** 2
-            out[3, k, b] += w * others[c]
-            if last[k, b] != frame[c]:
-                last[k, b] = frame[c]
-                out[4, k, b] += 1
+            w = overlap / variance
+            out[WEIGHT, k, b] += w
+            out[FLUX, k, b] += w * columns.flux[c]
+            out[VARIANCE, k, b] += w * w * variance
+            out[OTHERS, k, b] += w * columns.others[c]
+            if last[k, b] != columns.frame[c]:
+                last[k, b] = columns.frame[c]
+                out[FRAMES, k, b] += 1
     return out

@@ -1,16 +1,16 @@
-"""The bars of the budget: what the shapes of all fields say of each effect, the sum of the bars, and their cost."""
+"""The bars of the budget: the bias of each effect from the shapes of all fields, the sum of the bars, their cost."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from csstsim.budget.shear.plan import ALL, BASE
-from csstsim.budget.shear.response import NAMES, Arms, Frame, combined, scatter, sums
+from csstsim.budget.shear.response import NAMES, Arms, Frame, Term, combined, scatter, sums
 from csstsim.budget.shear.run import setting_of
 
 if TYPE_CHECKING:
@@ -35,6 +35,24 @@ def bars(plan: ShearPlan, paths: Sequence[Path]) -> list[dict[str, Any]]:
     return [row for kind in plan.estimators for row in _rows(plan, shapes, kind)]
 
 
+class _Settings(NamedTuple):
+    """A sum of Settings in the first windows: {Setting: factor}, and the number of windows."""
+
+    factors: dict[str, float]
+    windows: int
+
+    def negative(self) -> _Settings:
+        """Return the sum with opposite factors."""
+        return self._replace(factors={setting: -factor for setting, factor in self.factors.items()})
+
+
+class _Scatter(NamedTuple):
+    """The scatter of half the difference of the arms, with one seed for both arms and with two."""
+
+    one_seed: float
+    two_seeds: float
+
+
 class _Shapes:
     """The shapes of all fields, joined."""
 
@@ -56,10 +74,10 @@ class _Shapes:
     def arms(self, name: str, kind: str, windows: int) -> Arms:
         """Return the Arms of a Setting and an estimator, in the first windows."""
         fields = self.fields[:windows]
-        e, response = (
-            np.concatenate([field[f"{name}|{kind}|{key}"] for field in fields], axis=1) for key in ("e", "response")
-        )
-        return Arms(e, response, np.concatenate([field[f"{name}|used"] for field in fields], axis=1))
+        e = np.concatenate([field[f"{name}|{kind}|e"] for field in fields], axis=1)
+        response = np.concatenate([field[f"{name}|{kind}|response"] for field in fields], axis=1)
+        used = np.concatenate([field[f"{name}|used"] for field in fields], axis=1)
+        return Arms(e, response, used)
 
     def seconds(self, settings: Iterable[str], windows: int) -> float:
         """Return CPU seconds of a galaxy in these Settings."""
@@ -73,11 +91,11 @@ class _Shapes:
         block = self.window if common else self.ring
         return Frame(self.plan.shear, self.sign[some], self.psf[some], block[some])
 
-    def scatters(self, name: str, kind: str) -> tuple[float, float]:
-        """Return the scatter of half the difference of the arms of field 0, with one seed and with two."""
-        first = self.fields[0]
-        e = first[f"{name}|{kind}|e"]
-        return scatter(*e), scatter(e[0], first[f"{name}|{kind}|other"])
+    def scatters(self, name: str, kind: str) -> _Scatter:
+        """Return the _Scatter of field 0."""
+        first, *_ = self.fields
+        plus, minus = first[f"{name}|{kind}|e"]
+        return _Scatter(scatter(plus, minus), scatter(plus, first[f"{name}|{kind}|other"]))
 
 
 def _rows(plan: ShearPlan, shapes: _Shapes, kind: str) -> list[dict[str, Any]]:
@@ -90,21 +108,21 @@ def _rows(plan: ShearPlan, shapes: _Shapes, kind: str) -> list[dict[str, Any]]:
         common = any(plan.effects[name].common for name in plan.summed)
         added = [term(name) for name in plan.summed]
         whole = [term(ALL)]
-        rest = whole + [({setting: -factor for setting, factor in of.items()}, windows) for of, windows in added]
+        rest = whole + [of.negative() for of in added]
         for row_kind, label, terms in (("sum", SUM, added), ("all", ALL, whole), ("rest", REST, rest)):
             rows.append(_row(shapes, kind, row_kind, label, _ABOUT[row_kind], terms, common))
     return rows
 
 
-def _term(plan: ShearPlan, shapes: _Shapes, kind: str, name: str) -> tuple[dict[str, float], int]:
-    """Return ({Setting: factor}, windows) of an effect's bar, of BASE, or of ALL less BASE."""
+def _term(plan: ShearPlan, shapes: _Shapes, kind: str, name: str) -> _Settings:
+    """Return the _Settings of an effect's bar, of BASE, or of ALL less BASE."""
     if name == BASE:
         factors = {BASE: 1.0}
     else:
         setting = setting_of(plan, name)
         against = setting_of(plan, BASE if name == ALL else plan.effects[name].against)
         factors = {BASE: 0.0} if setting == against else {setting: 1.0, against: -1.0}
-    return factors, shapes.windows(name, factors, kind)
+    return _Settings(factors, shapes.windows(name, factors, kind))
 
 
 _ABOUT = {
@@ -120,17 +138,19 @@ def _row(
     row_kind: str,
     label: str,
     about: str,
-    terms: Sequence[tuple[dict[str, float], int]],
+    terms: Sequence[_Settings],
     common: bool = False,
 ) -> dict[str, Any]:
-    common = common and min(windows for _, windows in terms) >= WINDOWS
+    fewest = min(term.windows for term in terms)
+    common = common and fewest >= WINDOWS
     parts = []
     galaxies = []
-    for factors, windows in terms:
-        arms = {name: shapes.arms(name, kind, windows) for name in factors}
-        frame = shapes.frame(common, windows)
+    for term in terms:
+        arms = {name: shapes.arms(name, kind, term.windows) for name in term.factors}
+        frame = shapes.frame(common, term.windows)
         every = np.all([of.finite for of in arms.values()], axis=0)
-        parts.append(({name: sums(of, frame, every & of.used) for name, of in arms.items()}, factors))
+        blocks = {name: sums(of, frame, every & of.used) for name, of in arms.items()}
+        parts.append(Term(blocks, term.factors))
         galaxies.append(int(every.sum()))
     value, error = combined(parts, shapes.plan.shear)
     row = {
@@ -138,11 +158,15 @@ def _row(
         "effect": label,
         "kind": row_kind,
         "about": about,
-        "windows": min(windows for _, windows in terms),
+        "windows": fewest,
         "galaxies": min(galaxies),
-        "seconds": sum(shapes.seconds(*term) for term in terms),
+        "seconds": sum(shapes.seconds(term.factors, term.windows) for term in terms),
     }
     row |= {name: float(v) for name, v in zip(NAMES, value, strict=True)}
     row |= {f"{name}_err": float(v) for name, v in zip(NAMES, error, strict=True)}
-    one, two = shapes.scatters(next(iter(terms[0][0])), kind) if row_kind in ("base", "bar") else (np.nan, np.nan)
-    return row | {"scatter": one, "scatter_two": two, "gain": two / one if one > 0 else np.nan}
+    found = _Scatter(np.nan, np.nan)
+    if row_kind in ("base", "bar"):
+        [term] = terms
+        found = shapes.scatters(next(iter(term.factors)), kind)
+    gain = found.two_seeds / found.one_seed if found.one_seed > 0 else np.nan
+    return row | {"scatter": found.one_seed, "scatter_two": found.two_seeds, "gain": gain}

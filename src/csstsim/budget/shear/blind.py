@@ -1,7 +1,7 @@
-"""The blinded budget: frames whose shear only a key file knows, and the score of an answer.
+"""The blinded budget: frames whose shear only a key file has, and the score of an answer.
 
 The key has the shear of each field, a seed of the frames, and a salt. The frames' folder has its seal: the SHA-256 of
-these. So the key cannot be changed after an answer, and the frames do not say what it holds.
+these. So the key cannot be changed after an answer, and the frames do not log what it holds.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def blind(
     file: PathLike | None,
     key: PathLike,
     output: PathLike,
-    say: Callable[[str], object],
+    log: Callable[[str], object],
     *,
     count: int | None = None,
     whole: bool = False,
@@ -66,22 +66,22 @@ def blind(
             raise InputError("exists already, and nothing was written; name another folder, or key", file=path)
     draw = secrets.SystemRandom()
     shears = [[2 * plan.shear * draw.randint(-STEPS, STEPS) / STEPS for _ in range(2)] for _ in range(plan.fields)]
-    said = {"shears": shears, "seed": draw.randrange(2**62), "salt": secrets.token_hex(16)}
-    hidden = plan.model_copy(update={"seed": said["seed"]})
+    content = {"shears": shears, "seed": draw.randrange(2**62), "salt": secrets.token_hex(16)}
+    hidden = plan.model_copy(update={"seed": content["seed"]})
     name = next(iter(plan.samples))
     setting = plan.setting(ALL if whole else BASE)
     simulation, band = opened(hidden)
     with _all_or_none(paths):
-        for number, (path, g) in enumerate(progress(list(zip(frames, shears, strict=True)), "fields")):
+        for number, (path, (g1, g2)) in enumerate(progress(list(zip(frames, shears, strict=True)), "fields")):
             field = Field(simulation, hidden, band, name, number)
-            _write(path, field, setting, complex(*g))
+            _write(path, field, setting, complex(g1, g2))
         with atomic_path(folder / README) as temporary:
             temporary.write_text(readme(plan, field))
         with atomic_path(key) as temporary:
-            temporary.write_text(json.dumps(said, indent=1) + "\n")
+            temporary.write_text(json.dumps(content, indent=1) + "\n")
         with atomic_path(folder / SEAL) as temporary:
-            temporary.write_text(json.dumps({"seal": _seal(said), "fields": plan.fields}, indent=1) + "\n")
-    say(f"{folder}: {plan.fields} frames, the seal, README.md; {key}: the key, not to be opened before the answer")
+            temporary.write_text(json.dumps({"seal": _seal(content), "fields": plan.fields}, indent=1) + "\n")
+    log(f"{folder}: {plan.fields} frames, the seal, README.md; {key}: the key, not to be opened before the answer")
 
 
 def _check_apart(key: Path, folder: Path) -> None:
@@ -93,7 +93,7 @@ def _check_apart(key: Path, folder: Path) -> None:
             "the key would lie in the folder that is given away, or be a folder on the way to it",
             key="--blind",
             value=str(key),
-            allowed=f"a place outside the output folder, {folder}",
+            allowed=f"a folder outside the output folder, {folder}",
         )
 
 
@@ -112,8 +112,8 @@ def _all_or_none(paths: Sequence[Path]) -> Iterator[None]:
         raise
 
 
-def _seal(said: Mapping[str, Any]) -> str:
-    return hashlib.sha256(json.dumps([said["shears"], said["seed"], said["salt"]]).encode()).hexdigest()
+def _seal(content: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps([content["shears"], content["seed"], content["salt"]]).encode()).hexdigest()
 
 
 def _write(path: Path, field: Field, setting: Setting, g: complex) -> None:
@@ -145,25 +145,26 @@ def _write(path: Path, field: Field, setting: Setting, g: complex) -> None:
             "ZP_AB": (zeropoint(field), "AB magnitude of one electron"),
         }
     )
-    hdus["PSF"].header["BUNIT"] = ("", "shares: each stamp has a sum of 1")
+    hdus["PSF"].header["BUNIT"] = ("", "fractions of the flux: each stamp has a sum of 1")
     with atomic_path(path) as temporary:
         hdus.writeto(temporary, overwrite=True)
 
 
 def reveal(
-    key: PathLike, answer: PathLike, say: Callable[[str], object], folder: PathLike | None = None
+    key: PathLike, answer: PathLike, log: Callable[[str], object], folder: PathLike | None = None
 ) -> dict[str, float]:
     """Score an answer, a CSV of COLUMNS, against a key; return {m, m_err, c, c_err, chi2, fields}, of both components.
 
     folder: of the frames, whose seal must be the key's. m and c are those of answer = (1 + m) g + c, weighted by the
     answer's errors; chi2 is that of the answer against the key, of twice as many numbers as fields. Raises InputError.
     """
-    said = _key(key)
+    content = _key(key)
     if folder is not None:
         sealed = _json(Path(folder) / SEAL, ("seal",))["seal"]
-        if sealed != _seal(said):
-            raise InputError("the key is not the one that was sealed", file=key, key="seal", value=_seal(said)[:16])
-    true, (value, error) = np.array(said["shears"], float), _answer(answer, len(said["shears"]))
+        if sealed != _seal(content):
+            raise InputError("the key is not the one that was sealed", file=key, key="seal", value=_seal(content)[:16])
+    true = np.array(content["shears"], float)
+    value, error = _answer(answer, len(content["shears"]))
     score = {"fields": len(true), "chi2": float((((value - true) / error) ** 2).sum())}
     for axis in range(2):
         design = np.stack([true[:, axis], np.ones(len(true))], axis=1) / error[:, axis, None]
@@ -179,8 +180,8 @@ def reveal(
         if name in score:
             unit = PRINTED[name] if name in ("c1", "c2") else 1.0
             words = pair(score[name] / unit, score[f"{name}_err"] / unit)
-            say(f"{name} = {words}" if unit == 1.0 else f"{name} = ({words}) 1e-4")
-    say(f"chi2 = {score['chi2']:.1f} of {true.size} numbers")
+            log(f"{name} = {words}" if unit == 1.0 else f"{name} = ({words}) 1e-4")
+    log(f"chi2 = {score['chi2']:.1f} of {true.size} numbers")
     return score
 
 
@@ -193,15 +194,15 @@ def _json(path: PathLike, names: Sequence[str]) -> dict[str, Any]:
 
 def _key(path: PathLike) -> dict[str, Any]:
     """Return what a key holds. Raises InputError, also for shears that are not a pair of finite numbers each."""
-    said = _json(path, ("shears", "seed", "salt"))
-    pairs = said["shears"] if isinstance(said["shears"], list) and said["shears"] else [None]
+    content = _json(path, ("shears", "seed", "salt"))
+    pairs = content["shears"] if isinstance(content["shears"], list) and content["shears"] else [None]
     for number, shear in enumerate(pairs):
         two = isinstance(shear, list) and len(shear) == 2
         if not two or any(type(g) not in (int, float) or not abs(g) < 1 for g in shear):
             raise InputError(
                 "not a shear", file=path, key=f"shears.{number}", value=shear, allowed="two numbers, each below 1"
             )
-    return said
+    return content
 
 
 def _answer(path: PathLike, count: int) -> tuple[FloatArray, FloatArray]:
@@ -211,13 +212,14 @@ def _answer(path: PathLike, count: int) -> tuple[FloatArray, FloatArray]:
         **dict.fromkeys(("g1", "g2"), (lambda g: abs(g) < 1, "a shear, between -1 and 1")),
         **dict.fromkeys(("g1_err", "g2_err"), (lambda error: 1e-9 <= error <= 1e9, "1e-9 to 1e9")),
     }
-    numbers = np.array(
-        [
-            [answer_number(path, line, row, name, *rules[name]) for name in COLUMNS]
-            for line, row in answer_rows(path, COLUMNS)
-        ]
-    )
-    order = np.argsort(numbers[:, 0])
-    if sorted(numbers[:, 0].tolist()) != list(range(count)):
+    rows = [
+        [answer_number(path, line, row, name, *rules[name]) for name in COLUMNS]
+        for line, row in answer_rows(path, COLUMNS)
+    ]
+    numbers = dict(zip(COLUMNS, np.array(rows).T, strict=True))
+    order = np.argsort(numbers["field"])
+    if numbers["field"][order].tolist() != list(range(count)):
         raise InputError("must have each field once", file=path, key="field", allowed=f"0 to {count - 1}")
-    return numbers[order, 1:3], numbers[order, 3:]
+    value = np.stack([numbers["g1"], numbers["g2"]], axis=1)
+    error = np.stack([numbers["g1_err"], numbers["g2_err"]], axis=1)
+    return value[order], error[order]

@@ -13,8 +13,8 @@ TEXT = """\
 # Frames of a hidden shear
 
 {fields} frames of galaxies, field_000.fits to field_{last:03d}.fits. In each, all galaxies have one shear g1, g2,
-which only a key file knows. Each component is between -{most:g} and {most:g}. seal.json has the SHA-256 digest of the
-key, so the key cannot be changed.
+which only a key file has. Each component is between -{largest:g} and {largest:g}. seal.json has the SHA-256 digest of
+the key, so the key cannot be changed.
 
 ## A frame
 
@@ -31,7 +31,7 @@ how large it is.
 
 | column of GALAXIES | unit | what |
 |---|---|---|
-| x, y | pixel | the galaxy's place; (0, 0) is the middle of the first pixel, which is IMAGE[0, 0] |
+| x, y | pixel | the galaxy's position; (0, 0) is the middle of the first pixel, which is IMAGE[0, 0] |
 | jacobian | pixel / arcsec | [[dx/deast, dx/dnorth], [dy/deast, dy/dnorth]] |
 
 `jacobian` goes from the sky to pixels: jacobian times a step (east, north) is the step (x, y). Galaxies come in rings
@@ -60,7 +60,7 @@ def readme(plan: ShearPlan, field: Field) -> str:
     return TEXT.format(
         fields=plan.fields,
         last=plan.fields - 1,
-        most=2 * plan.shear,
+        largest=2 * plan.shear,
         band=field.band,
         exptime=job.exposure.exptime,
         zeropoint=zeropoint(field),

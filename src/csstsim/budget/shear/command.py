@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @one_thread
 def budget(
-    file: PathLike | None, output: PathLike, say: Callable[[str], object], *, only_plan: bool = False, **chosen: Any
+    file: PathLike | None, output: PathLike, log: Callable[[str], object], *, only_plan: bool = False, **chosen: Any
 ) -> list[dict[str, Any]]:
     """Make the fields of a plan, and from them the budget; with only_plan, one field of each sample, and the volume.
 
@@ -33,11 +33,11 @@ def budget(
     folder = output_folder(output)
     check_bars(plan, file or DEFAULT)
     for line in summary(plan, file, only_plan):
-        say(line)
-    paths = fields(plan, folder, say, first=1 if only_plan else None)
+        log(line)
+    paths = fields(plan, folder, log, first=1 if only_plan else None)
     rows = [{"sample": name} | row for name in plan.samples for row in bars(plan, paths[name])]
     for line in report(rows):
-        say(line)
+        log(line)
     if only_plan:
         return rows
     write_rows(folder / "budget.ecsv", rows, plan)
@@ -45,13 +45,14 @@ def budget(
         waterfall(folder / f"waterfall_{name}.png", rows, name, plan.summed)
         chart(folder / f"chart_{name}.png", rows, name)
     write_page(folder / "index.html", rows, plan, _command(file, output, **chosen))
-    say(f"{folder / 'index.html'}: figures and table; budget.ecsv beside it")
+    log(f"{folder / 'index.html'}: figures and table; budget.ecsv in the same folder")
     return rows
 
 
 def summary(plan: ShearPlan, file: PathLike | None, only_plan: bool) -> list[str]:
     """Return the lines that are printed before any work: what will be simulated, and how long that takes."""
-    samples = "; ".join(f"{name}, {of.magnitude[0]:g} to {of.magnitude[1]:g} mag" for name, of in plan.samples.items())
+    limits = {name: of.magnitude for name, of in plan.samples.items()}
+    samples = "; ".join(f"{name}, {bright:g} to {faint:g} mag" for name, (bright, faint) in limits.items())
     lines = [
         f"plan: {file or 'config/budget/shear.yaml'}; shear {plan.shear:g}; estimators {', '.join(plan.estimators)}",
         f"samples: {samples}",
@@ -67,7 +68,7 @@ def summary(plan: ShearPlan, file: PathLike | None, only_plan: bool) -> list[str
 
 
 def _more(plan: ShearPlan) -> str:
-    """Return what the plan's line says of those that have more windows."""
+    """Return the end of the plan's line: bars that have more windows, and how many."""
     more = {name: plan.windows(name) for name in plan.bars} | ({ALL: plan.windows(ALL)} if plan.summed else {})
     words = [f"{windows} of {name}" for name, windows in more.items() if windows > plan.fields]
     return "; " + ", ".join(words) if words else ""

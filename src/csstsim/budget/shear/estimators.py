@@ -1,4 +1,4 @@
-"""Estimators of shape: of stamps (n, s, s), background subtracted, and stamps of the PSF, both on pixel axes.
+"""Estimators of shape: each measures Stamps, on pixel axes.
 
 Each returns Shapes: e (n,) complex and its response (n, 2), so that the mean of e over that of the response is the
 shear; NaN where a galaxy has no shape. The response of hsm and own is 1: they give ellipticities (a - b) / (a + b).
@@ -14,11 +14,11 @@ arms.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -57,8 +57,21 @@ class Shapes:
     response: FloatArray
 
 
-# Of stamps and PSFs (n, s, s), the noise of a pixel, its side [arcsec], and what makes noise that is added
-Estimator: TypeAlias = Callable[[FloatArray, FloatArray, float, float, np.random.Generator], Shapes]
+class Stamps(NamedTuple):
+    """Stamps (n, s, s) of galaxies, background subtracted [e-], and of the PSF, of any scale, at each galaxy."""
+
+    galaxies: FloatArray
+    psf: FloatArray
+    sigma: float  # e-, noise of a pixel
+    scale: float  # arcsec, side of a pixel
+
+    def take(self, rows: Sequence[int]) -> Stamps:
+        """Return the Stamps of some galaxies."""
+        return self._replace(galaxies=self.galaxies[rows], psf=self.psf[rows])
+
+
+# Of Stamps, and what makes noise that is added
+Estimator: TypeAlias = Callable[[Stamps, np.random.Generator], Shapes]
 
 
 def check_installed(names: Iterable[str], file: PathLike | None) -> None:
@@ -75,8 +88,8 @@ def check_installed(names: Iterable[str], file: PathLike | None) -> None:
 
 
 def estimator(name: str) -> Estimator:
-    """Return the function (stamps, psf, sigma, scale, rng) -> Shapes; sigma: noise of a pixel; scale: arcsec."""
-    return {"hsm": hsm, "own": own, "fpfs": fpfs, "metacal": metacal}[name]
+    """Return the function (Stamps, rng) -> Shapes of a plan's name."""
+    return {"hsm": hsm, "own": linear_moments, "fpfs": fpfs, "metacal": metacal}[name]
 
 
 def smoothed(stamps: FloatArray) -> FloatArray:
@@ -86,13 +99,13 @@ def smoothed(stamps: FloatArray) -> FloatArray:
     return gaussian_filter(np.asarray(stamps, float), (0, SMOOTH, SMOOTH), mode="constant")
 
 
-def hsm(stamps: FloatArray, psf: FloatArray, sigma: float, scale: float, rng: np.random.Generator) -> Shapes:
+def hsm(stamps: Stamps, rng: np.random.Generator) -> Shapes:
     """Measure by GalSim's re-Gaussianisation of the smoothed stamps."""
     import galsim
 
     params = galsim.hsm.HSMParams(convergence_threshold=1e-7)
-    e = np.full(len(stamps), np.nan, complex)
-    for k, (image, star) in enumerate(zip(smoothed(stamps), smoothed(psf), strict=True)):
+    e = np.full(len(stamps.galaxies), np.nan, complex)
+    for k, (image, star) in enumerate(zip(smoothed(stamps.galaxies), smoothed(stamps.psf), strict=True)):
         found = galsim.hsm.EstimateShear(
             galsim.ImageD(image), galsim.ImageD(star), guess_sig_PSF=PSF_GUESS, hsmparams=params, strict=False
         )
@@ -108,10 +121,10 @@ def psf_shapes(psf: FloatArray) -> ComplexArray:
     return reduced(found.e1 + 1j * found.e2)
 
 
-def own(stamps: FloatArray, psf: FloatArray, sigma: float, scale: float, rng: np.random.Generator) -> Shapes:
+def linear_moments(stamps: Stamps, rng: np.random.Generator) -> Shapes:
     """Measure by adaptive moments corrected with the kurtosis terms."""
-    galaxies = _adaptive_shapes(stamps, GUESS)
-    points = _adaptive_shapes(psf, SIZE_MIN)
+    galaxies = _adaptive_shapes(stamps.galaxies, GUESS)
+    points = _adaptive_shapes(stamps.psf, SIZE_MIN)
     unused = np.zeros(len(galaxies.e1))  # positions and errors
     e = reduced(without_psf(MeasuredShapes(unused, unused, galaxies, unused, points)).e)
     return Shapes(e, np.ones((len(e), 2)))
@@ -132,17 +145,19 @@ def _adaptive_shapes(stamps: FloatArray, size: float) -> AdaptiveShapes:
     return AdaptiveShapes(*rows.T)
 
 
-def fpfs(stamps: FloatArray, psf: FloatArray, sigma: float, scale: float, rng: np.random.Generator) -> Shapes:
+def fpfs(stamps: Stamps, rng: np.random.Generator) -> Shapes:
     """Measure by AnaCal: shapelets with analytic response, noise bias removed by noise that is added."""
     from anacal.fpfs import FpfsTask, _catalog_dtype, _ForceTask
 
-    n = len(stamps)
-    side = stamps.shape[-1]
-    mean = np.ascontiguousarray(np.mean(psf, axis=0))
+    n = len(stamps.galaxies)
+    side = stamps.galaxies.shape[-1]
+    sigma = stamps.sigma
+    scale = stamps.scale
+    mean = np.ascontiguousarray(np.mean(stamps.psf, axis=0))
     task = FpfsTask(npix=side, pixel_scale=scale, sigma_shapelets=KERNEL, psf_array=mean, kmax_thres=1e-12)
     task.prepare_covariance(variance=max(sigma, 1e-3) ** 2)
     force = _ForceTask(side, scale, KERNEL, task.kmax / scale, WEIGHT * task.std_m00)
-    noise = (sigma * rng.standard_normal(stamps.shape)).astype(np.float32) if sigma > 0 else [None] * n
+    noise = (sigma * rng.standard_normal(stamps.galaxies.shape)).astype(np.float32) if sigma > 0 else [None] * n
     same = {
         "filter_image": task.bfunc_use,
         "std_m00": float(task.std_m00),
@@ -153,30 +168,32 @@ def fpfs(stamps: FloatArray, psf: FloatArray, sigma: float, scale: float, rng: n
         force.process_image(
             gal_array=image.astype(np.float32), psf_array=np.ascontiguousarray(star, float), noise_array=added, **same
         )
-        for image, star, added in zip(stamps, psf, noise, strict=True)
+        for image, star, added in zip(stamps.galaxies, stamps.psf, noise, strict=True)
     ]
-    e1, e2, r1, r2 = (
-        np.concatenate([one[f"fpfs1_{name}"] for one in found]) for name in ("e1", "e2", "de1_dg1", "de2_dg2")
-    )  # whole records are slow to join
-    return Shapes(e1 + 1j * e2, np.stack([r1, r2], axis=1))
+
+    def joined(name: str) -> FloatArray:  # whole records are slow to join
+        return np.concatenate([one[f"fpfs1_{name}"] for one in found])
+
+    response = np.stack([joined("de1_dg1"), joined("de2_dg2")], axis=1)
+    return Shapes(joined("e1") + 1j * joined("e2"), response)
 
 
-def metacal(stamps: FloatArray, psf: FloatArray, sigma: float, scale: float, rng: np.random.Generator) -> Shapes:
+def metacal(stamps: Stamps, rng: np.random.Generator) -> Shapes:
     """Measure by ngmix: moments with a Gaussian weight of images sheared by STEP, the PSF made round."""
     import ngmix
     from ngmix.gaussmom import GaussMom
     from ngmix.metacal import get_all_metacal
 
     # odd: ngmix moves the galaxy by the PSF's offset from the middle
-    stamps = stamps[:, 1:, 1:]
-    psf = psf[:, 1:, 1:]
-    side = stamps.shape[-1]
-    jacobian = ngmix.DiagonalJacobian(row=side // 2, col=side // 2, scale=scale)
-    weight = np.full((side, side), 1 / max(sigma, 1e-3) ** 2)
+    galaxies = stamps.galaxies[:, 1:, 1:]
+    psf = stamps.psf[:, 1:, 1:]
+    side = galaxies.shape[-1]
+    jacobian = ngmix.DiagonalJacobian(row=side // 2, col=side // 2, scale=stamps.scale)
+    weight = np.full((side, side), 1 / max(stamps.sigma, 1e-3) ** 2)
     moments = partial(_weighted, GaussMom(fwhm=APERTURE))
-    e = np.full(len(stamps), np.nan, complex)
-    response = np.full((len(stamps), 2), np.nan)
-    for k, (image, star) in enumerate(zip(stamps, psf, strict=True)):
+    e = np.full(len(galaxies), np.nan, complex)
+    response = np.full((len(galaxies), 2), np.nan)
+    for k, (image, star) in enumerate(zip(galaxies, psf, strict=True)):
         seen = ngmix.Observation(
             np.array(image, float),
             weight=weight,
@@ -186,7 +203,7 @@ def metacal(stamps: FloatArray, psf: FloatArray, sigma: float, scale: float, rng
         types = ["noshear", "1p", "1m", "2p", "2m"]
         fixed = np.random.RandomState(int(rng.integers(2**32)))
         try:
-            made = get_all_metacal(seen, psf="gauss", step=STEP, types=types, rng=fixed, fixnoise=sigma > 0)
+            made = get_all_metacal(seen, psf="gauss", step=STEP, types=types, rng=fixed, fixnoise=stamps.sigma > 0)
         except ngmix.GMixRangeError:
             continue
         found = {name: moments(made[name]) for name in types}

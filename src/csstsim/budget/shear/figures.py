@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -26,8 +26,17 @@ REACH = 6.0  # times the largest value: where an axis ends, and longer error bar
 LINTHRESH = 2.0  # in the unit of the axis: linear within, logarithmic beyond
 
 
+class _Points(NamedTuple):
+    """Values of an estimator with their errors, each (n,), on an axis, and their position on the other."""
+
+    position: AnyArray
+    value: FloatArray
+    error: FloatArray
+    colour: str
+
+
 def waterfall(path: PathLike, rows: Sequence[Mapping[str, Any]], sample: str, summed: Collection[str]) -> None:
-    """Draw a sample's bars, of NAMES side by side; the first estimator's are bars, others are points beside them.
+    """Draw a sample's bars, of NAMES side by side; the first estimator's are bars, others are points near them.
 
     Axes have all values of all estimators; an error bar that goes on beyond the axis ends in an arrow.
     summed: names of the effects of the sum, marked +.
@@ -36,30 +45,31 @@ def waterfall(path: PathLike, rows: Sequence[Mapping[str, Any]], sample: str, su
 
     rows = [row for row in rows if row["sample"] == sample]
     kinds = list(dict.fromkeys(row["estimator"] for row in rows))
-    first = [row for row in rows if row["estimator"] == kinds[0]]
+    first_kind, *_ = kinds
+    first = [row for row in rows if row["estimator"] == first_kind]
     figure = Figure(figsize=(15, 0.33 * len(first) + 1.6), layout="constrained")
     axes = figure.subplots(1, len(NAMES), sharey=True)
-    places = np.arange(len(first))[::-1]
+    positions = np.arange(len(first))[::-1]
     for ax, name in zip(axes, NAMES, strict=True):
         unit = UNITS[name]
-        drawn: list[tuple[AnyArray, FloatArray, FloatArray, str]] = []
+        shown: list[_Points] = []
         for number, kind in enumerate(kinds):
             of = [row for row in rows if row["estimator"] == kind]
-            value, error = (np.array([row[key] for row in of]) * unit for key in (name, f"{name}_err"))
-            error = np.nan_to_num(error)
+            value = np.array([row[name] for row in of]) * unit
+            error = np.nan_to_num(np.array([row[f"{name}_err"] for row in of]) * unit)
             if number == 0:
                 colours = [OF_KINDS[row["kind"]] for row in of]
-                drawn.append((places, value, error, "black"))
-                ax.barh(places, value, color=colours, height=0.62, xerr=error, error_kw={"lw": 1, "capsize": 2})
+                shown.append(_Points(positions, value, error, "black"))
+                ax.barh(positions, value, color=colours, height=0.62, xerr=error, error_kw={"lw": 1, "capsize": 2})
             else:
-                at = places - 0.34 + 0.16 * (number - 1)
-                drawn.append((at, value, error, OF_ESTIMATORS[kind]))
+                at = positions - 0.34 + 0.16 * (number - 1)
+                shown.append(_Points(at, value, error, OF_ESTIMATORS[kind]))
                 ax.errorbar(
                     value, at, xerr=error, fmt=MARKERS[number], ms=3, lw=0.8, color=OF_ESTIMATORS[kind], label=kind
                 )
         ax.axvline(0, color="black", lw=0.8)
         ax.set_xscale("symlog", linthresh=LINTHRESH, linscale=1.2)
-        low, high = _limits(ax, drawn)
+        low, high = _limits(ax, shown)
         steps = (1, 3, 10) if max(-low, high) < 30 else (3, 30, 300)
         ticks = [tick for tick in (*(-step for step in steps[::-1]), 0, *steps) if low <= tick <= high]
         ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
@@ -68,20 +78,21 @@ def waterfall(path: PathLike, rows: Sequence[Mapping[str, Any]], sample: str, su
         ax.grid(axis="x", alpha=0.3)
         ax.set_title(f"{LABELS[name]}  [{SHOWN[unit]}]", fontsize=10)
     labels = [f"{'+ ' if row['effect'] in summed else ''}{row['about']}" for row in first]
-    axes[0].set_yticks(places, labels, fontsize=8)
+    left, *_, right = axes
+    left.set_yticks(positions, labels, fontsize=8)
     if len(kinds) > 1:
-        axes[-1].legend(fontsize=7, loc="lower right", title=f"bars: {kinds[0]}", title_fontsize=7)
+        right.legend(fontsize=7, loc="lower right", title=f"bars: {first_kind}", title_fontsize=7)
     figure.suptitle(f"Shear of the sample “{sample}”: bias of the base, and what each effect adds", fontsize=11)
     _save(figure, path)
 
 
-def _limits(ax: Axes, drawn: Sequence[tuple[AnyArray, FloatArray, FloatArray, str]]) -> tuple[float, float]:
-    """Set and return an axis's limits, around all values of [(places, values, errors, colour)]; mark cut errors."""
-    values = np.concatenate([value for _, value, _, _ in drawn])
-    most = np.abs(values[np.isfinite(values)]).max(initial=0.0)
+def _limits(ax: Axes, shown: Sequence[_Points]) -> tuple[float, float]:
+    """Set and return an axis's limits, around all values of the points; mark cut errors."""
+    values = np.concatenate([points.value for points in shown])
+    largest = np.abs(values[np.isfinite(values)]).max(initial=0.0)
     ends = np.array(ax.get_xlim()) * 1.5  # room for markers
-    low, high = ax.set_xlim(*np.clip(ends, -max(REACH * most, LINTHRESH), max(REACH * most, LINTHRESH)))
-    for at, value, error, colour in drawn:
+    low, high = ax.set_xlim(*np.clip(ends, -max(REACH * largest, LINTHRESH), max(REACH * largest, LINTHRESH)))
+    for at, value, error, colour in shown:
         for end, side, mark in ((low, -1, "<"), (high, 1, ">")):
             cut = side * value + error > side * end
             if cut.any():

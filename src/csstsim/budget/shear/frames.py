@@ -40,11 +40,11 @@ BASIC = {
     "gain",
     "quantization_and_output",
 }
-PLACES = np.array([(0.5, 0.5), (0.0, 0.0), (1.0, 1.0), (0.0, 1.0), (1.0, 0.0)])  # of windows on the chip, in turn
+POSITIONS = np.array([(0.5, 0.5), (0.0, 0.0), (1.0, 1.0), (0.0, 1.0), (1.0, 0.0)])  # of windows on the chip, in turn
 # times the noise; e-: as if it were at least so large, about two DN
 CLIP = 2.5
 COARSE = 2.0
-# S/N that a galaxy must have; px from its place
+# S/N that a galaxy must have; px from its position
 DETECTED = 10.0
 NEAR = 4.0
 
@@ -52,7 +52,8 @@ NEAR = 4.0
 def opened(plan: ShearPlan) -> tuple[Simulation, str]:
     """Return the Simulation all frames start from, and the band."""
     simulation = Simulation().replace(seed=plan.seed, psf={"grid": 6})
-    return simulation, simulation._run.camera.chips[plan.chips[0]].filter
+    first, *_ = plan.chips
+    return simulation, simulation._run.camera.chips[first].filter
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +92,7 @@ class Field:
         detector = self.simulation._run.camera.detector
         room = np.array([detector.nx, detector.ny]) - self.plan.size
         turn = self.number // len(self.plan.chips)
-        x0, y0 = np.rint(PLACES[turn % len(PLACES)] * room).astype(int).tolist()
+        x0, y0 = np.rint(POSITIONS[turn % len(POSITIONS)] * room).astype(int).tolist()
         window = x0, x0 + self.plan.size, y0, y0 + self.plan.size
         aimed = self.simulation.aim(RA, DEC, self.chip, size=None, pa=self.plan.pa, obsid=self.obsid)
         return aimed.replace(window=window)
@@ -191,13 +192,14 @@ class Field:
         columns = self._stars(Setting(), slice(1), self.plan.stars.magnitude)
         simulation = self.made(Setting(), columns, stars=True)
         truth = simulation.light(self.obsid, self.chip).truth  # makes the PSF set, if there is none
-        shares = np.array([truth[f"flux{band}"][0] for band in range(4)]) / sum(truth[f"flux{i}"][0] for i in range(4))
+        rates = [truth[f"flux{band}"][0] for band in range(4)]
+        fractions = np.array(rates) / sum(rates)
         job = self.job(False)
         half = self.plan.stamp // 2
         psf = open_psf(simulation._run, job.chip)
 
         def on_pixels(cells: FloatArray) -> FloatArray:
-            response = pixel_response(np.tensordot(shares, cells.astype(float), axes=1), psf.oversampling)
+            response = pixel_response(np.tensordot(fractions, cells.astype(float), axes=1), psf.oversampling)
             at = response.shape[0] // 2 + psf.oversampling * np.arange(-half, half)
             inside = (at >= 0) & (at < len(response))  # the stored PSF may end before the stamp
             stamp = np.zeros((2 * half, 2 * half))
@@ -216,12 +218,13 @@ class Field:
         x = self.galaxies.x
         y = self.galaxies.y
         design = np.stack([np.ones(len(x)), (x - x.mean()) / self.plan.size, (y - y.mean()) / self.plan.size], axis=1)
-        fit = np.linalg.lstsq(design[some], seen.reshape(len(seen), -1), rcond=None)[0]
+        fit, *_ = np.linalg.lstsq(design[some], seen.reshape(len(seen), -1), rcond=None)
         return (design @ fit).reshape(-1, *seen.shape[1:])
 
     def _stars(self, setting: Setting, some: slice, magnitude: float) -> dict[str, AnyArray]:
         job = self.job(setting.distortion)
-        x, y = (np.rint(v[some]) for v in (self.galaxies.x, self.galaxies.y))
+        x = np.rint(self.galaxies.x[some])
+        y = np.rint(self.galaxies.y[some])
         ra, dec = icrs(*job.wcs.pixel_to_world(x, y), job.observer)
         ids = np.arange(len(x)) + 1
         return {"id": ids, "ra": ra, "dec": dec, f"mag_{self.band}": np.full(len(x), magnitude)}
@@ -252,10 +255,11 @@ class Field:
         sources = sep.extract(np.ascontiguousarray(image), 1.5, err=sigma, minarea=5)
         snr = sources["flux"] / (sigma * np.sqrt(sources["npix"]))
         good = snr >= DETECTED
-        places = np.column_stack([sources["x"][good] + window.x0, sources["y"][good] + window.y0])
-        if not len(places):
+        positions = np.column_stack([sources["x"][good] + window.x0, sources["y"][good] + window.y0])
+        if not len(positions):
             return np.zeros(len(self.galaxies), bool)
-        return cKDTree(places).query(np.column_stack([self.galaxies.x, self.galaxies.y]))[0] < NEAR
+        distance, _ = cKDTree(positions).query(np.column_stack([self.galaxies.x, self.galaxies.y]))
+        return distance < NEAR
 
     def rng(self, estimator: str) -> np.random.Generator:
         """Return the generator of an estimator's own noise, the same in all arms and Settings."""

@@ -1,4 +1,4 @@
-"""The page of the budget: one HTML file with its figures in it, and the table beside it."""
+"""The page of the budget: one HTML file with its figures in it, and its table."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def write_rows(path: Path, rows: Sequence[Mapping[str, Any]], plan: ShearPlan) -
 
 
 def write_page(path: Path, rows: Sequence[Mapping[str, Any]], plan: ShearPlan, command: str) -> None:
-    """Write the page; the figures waterfall_SAMPLE.png and chart_SAMPLE.png are beside it."""
+    """Write the page; the figures waterfall_SAMPLE.png and chart_SAMPLE.png are in its folder."""
     parts = [
         "<h1>A budget of shear</h1>",
         f"<p>Made by <code>{html.escape(command)}</code>: arms of shear &plusmn;{plan.shear:g} in each component "

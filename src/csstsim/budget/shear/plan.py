@@ -27,19 +27,22 @@ OTHER_SEED = 1_000_003  # added for the arm with noise of its own
 
 
 def _rising(value: Range) -> Range:
-    if not 0 <= value[0] <= value[1]:
+    low, high = value
+    if not 0 <= low <= high:
         raise ValueError("must be two numbers, low and high, 0 <= low <= high")
     return value
 
 
 def _bright(value: Range) -> Range:
-    if not value[1] <= FAINTEST:
+    _, faintest = value
+    if not faintest <= FAINTEST:
         raise ValueError(f"must be at most {FAINTEST:g}")
     return value
 
 
 def _positive(value: Range) -> Range:
-    if not value[0] > 0:
+    smallest, _ = value
+    if not smallest > 0:
         raise ValueError("must be above 0")
     return value
 
@@ -93,7 +96,7 @@ class Stars(Model):
     """Stars from which the PSF is measured."""
 
     magnitude: float = Field(ge=BRIGHTEST, le=FAINTEST, description="AB")
-    every: int = Field(ge=1, description="one at each such place of the grid")
+    every: int = Field(ge=1, description="one at each such position of the grid")
 
 
 class Setting(Model):
@@ -103,7 +106,7 @@ class Setting(Model):
     layers: dict[str, dict[str, Any]] = Field({}, description="further layers of the detector, with parameters")
     distortion: bool = Field(False, description="field distortion")
     flat: bool = Field(False, description="vignetting, internal flat and shutter")
-    straylight: bool = Field(False, description="the sky of place and time, with its gradient; false: a constant")
+    straylight: bool = Field(False, description="the sky of position and time, with its gradient; false: a constant")
     profile: Literal["disk", "full"] = Field("disk", description="exponential disks; or bulges, indices and knots")
     blended: bool = Field(False, description="neighbours that are found")
     undetected: bool = Field(False, description="neighbours that are not found")
@@ -224,8 +227,8 @@ def load_plan(
         data["fields"] = fields
     if estimators is not None:
         data["estimators"] = list(estimators)
-    for key, said, known in (("samples", samples, plan.samples), ("effects", effects, plan.effects)):
-        for name in said or ():
+    for key, chosen, known in (("samples", samples, plan.samples), ("effects", effects, plan.effects)):
+        for name in chosen or ():
             if name not in known:
                 raise InputError(f"no such {key[:-1]}", file=file, key=key, value=name, allowed=", ".join(known))
     if samples is not None:

@@ -59,7 +59,7 @@ def _check_grid(plan: ShearPlan, file: PathLike) -> None:
     if plan.stamp % 2 or plan.stamp > plan.spacing:
         raise InputError("cannot be", file=file, key="stamp", value=plan.stamp, allowed=f"even, at most {plan.spacing}")
     if plan.cells < 2:
-        allowed = f"a side of two places and more; spacing is {plan.spacing}"
+        allowed = f"a side of two positions and more; spacing is {plan.spacing}"
         raise InputError("no room for a ring of four galaxies", file=file, key="size", value=plan.size, allowed=allowed)
 
 
@@ -75,9 +75,11 @@ def _check_chips(plan: ShearPlan, file: PathLike) -> None:
             value=list(plan.chips),
             allowed="as 9, 22 in r",
         )
-    most = min(camera.detector.nx, camera.detector.ny)
-    if plan.size > most:
-        raise InputError("a window larger than the chip", file=file, key="size", value=plan.size, allowed=f"to {most}")
+    largest = min(camera.detector.nx, camera.detector.ny)
+    if plan.size > largest:
+        raise InputError(
+            "a window larger than the chip", file=file, key="size", value=plan.size, allowed=f"to {largest}"
+        )
 
 
 def _check_names(plan: ShearPlan, file: PathLike) -> None:
@@ -130,9 +132,12 @@ def _check_setting(plan: ShearPlan, setting: Setting, change: Mapping[str, Any],
         except InputError as exc:
             below = f"{key}.layers.{layer}"
             allowed = exc.allowed and str(exc.allowed).partition("; a list")[0]
-            if isinstance(values, dict) and str(exc.key).rpartition(".")[2] in values:
-                below += f".{str(exc.key).rpartition('.')[2]}"
-            raise InputError(exc.message, file=file, key=below, value=exc.value, allowed=allowed) from None
+            _, _, parameter = str(exc.key).rpartition(".")
+            if isinstance(values, dict) and parameter in values:
+                below += f".{parameter}"
+            raise InputError(
+                exc.message, file=file, key=below, value=exc.value, allowed=exc.allowed and allowed
+            ) from None
 
 
 def _check_sum(plan: ShearPlan, file: PathLike) -> None:

@@ -4,13 +4,14 @@ With S_i the sum of shapes' component i over that of their responses, in the arm
 
     m_i = (S_i(+g) - S_i(-g)) / (2 g) - 1,     c_i = (S_i(+g) + S_i(-g)) / 2
 
-alpha is the slope of the galaxies' mean shapes on the ellipticity of the PSF at their places. Errors are delete-one
+alpha is the slope of the galaxies' mean shapes on the ellipticity of the PSF at their positions. Errors are delete-one
 jackknives over blocks: rings of galaxies, or whole windows where an error is common to a window. A difference of two
 Settings is jackknifed as one number, so noise that both share cancels in its error, too.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -48,56 +49,99 @@ class Frame:
     block: IntArray
 
 
+class ArmSums(NamedTuple):
+    """Sums over the galaxies that count in an arm, each (...,): shapes, signed shapes and responses by component."""
+
+    e1: FloatArray
+    e2: FloatArray
+    signed_e2: FloatArray  # times Frame.sign
+    response1: FloatArray
+    response2: FloatArray
+
+
+class PairSums(NamedTuple):
+    """Sums over the galaxies that count in both arms, each (...,); e: mean shape of both arms, psf: its ellipticity."""
+
+    number: FloatArray
+    psf1: FloatArray
+    psf2: FloatArray
+    psf_times_e: FloatArray
+    psf_squared: FloatArray
+    e1: FloatArray
+    e2: FloatArray
+    response: FloatArray
+
+
+class Term(NamedTuple):
+    """A term of a bar: {name: (b, 18) sums} of its Settings, in b blocks, and {name: factor} of their estimates."""
+
+    blocks: Mapping[str, FloatArray]
+    factors: Mapping[str, float]
+
+
 def sums(arms: Arms, frame: Frame, counted: BoolArray) -> FloatArray:
-    """Return (blocks, 18) sums of the galaxies that count: bool (2, n), one row an arm."""
-    columns = []
+    """Return (blocks, 18) sums of the galaxies that count: bool (2, n), one row an arm.
+
+    The columns are ArmSums of the arm of +g, those of the arm of -g, and PairSums.
+    """
+    columns: list[FloatArray | BoolArray] = []
     for arm in range(2):
         good = counted[arm]
         e = np.where(good, arms.e[arm], 0)
-        r = np.where(good[:, None], arms.response[arm], 0)
-        columns += [e.real, e.imag, frame.sign * e.imag, r[:, 0], r[:, 1]]
+        response = np.where(good[:, None], arms.response[arm], 0)
+        columns += ArmSums(e.real, e.imag, frame.sign * e.imag, response[:, 0], response[:, 1])
     both: BoolArray = np.all(counted, axis=0)
-    mean = np.where(both, (arms.e[0] + arms.e[1]) / 2, 0)
+    plus, minus = arms.e
+    mean = np.where(both, (plus + minus) / 2, 0)
     psf = np.where(both, frame.psf, 0)
-    columns += [both, psf.real, psf.imag, (np.conj(psf) * mean).real, np.abs(psf) ** 2]
-    columns += [mean.real, mean.imag, np.where(both[:, None], arms.response.mean(axis=0), 0).mean(axis=1)]
+    columns += PairSums(
+        number=both.astype(float),
+        psf1=psf.real,
+        psf2=psf.imag,
+        psf_times_e=(np.conj(psf) * mean).real,
+        psf_squared=np.abs(psf) ** 2,
+        e1=mean.real,
+        e2=mean.imag,
+        response=np.where(both[:, None], arms.response.mean(axis=0), 0).mean(axis=1),
+    )
     return np.stack([np.bincount(frame.block, column, frame.block.max() + 1) for column in columns], axis=1)
 
 
 def estimates(total: FloatArray, g: float) -> FloatArray:
     """Return (..., 5) NAMES of sums (..., 18); NaN where no galaxy counts."""
-    plus = total[..., :5]
-    minus = total[..., 5:10]
-    rest = total[..., 10:]
+    columns = np.moveaxis(total, -1, 0)
+    plus = ArmSums(*columns[:5])
+    minus = ArmSums(*columns[5:10])
+    pair = PairSums(*columns[10:])
     with np.errstate(invalid="ignore", divide="ignore"):
-        signed = [arm[..., [0, 2]] / arm[..., [3, 4]] for arm in (plus, minus)]
-        m = (signed[0] - signed[1]) / (2 * g) - 1
-        c = (plus[..., :2] / plus[..., 3:5] + minus[..., :2] / minus[..., 3:5]) / 2
-        n, p1, p2, pe, pp, e1, e2, r = np.moveaxis(rest, -1, 0)
-        spread = pp - (p1**2 + p2**2) / n
-        alpha = (pe - (p1 * e1 + p2 * e2) / n) / np.where(spread > 0, spread, np.nan) / (r / n)
-    return np.concatenate([m, c, alpha[..., None]], axis=-1)
+        m1 = (plus.e1 / plus.response1 - minus.e1 / minus.response1) / (2 * g) - 1
+        m2 = (plus.signed_e2 / plus.response2 - minus.signed_e2 / minus.response2) / (2 * g) - 1
+        c1 = (plus.e1 / plus.response1 + minus.e1 / minus.response1) / 2
+        c2 = (plus.e2 / plus.response2 + minus.e2 / minus.response2) / 2
+        spread = pair.psf_squared - (pair.psf1**2 + pair.psf2**2) / pair.number
+        slope = pair.psf_times_e - (pair.psf1 * pair.e1 + pair.psf2 * pair.e2) / pair.number
+        alpha = slope / np.where(spread > 0, spread, np.nan) / (pair.response / pair.number)
+    return np.stack([m1, m2, c1, c2, alpha], axis=-1)
 
 
-def combined(
-    terms: Sequence[tuple[Mapping[str, FloatArray], Mapping[str, float]]], g: float
-) -> tuple[FloatArray, FloatArray]:
+def combined(terms: Sequence[Term], g: float) -> tuple[FloatArray, FloatArray]:
     """Return (value (5,), error (5,)) of a sum of NAMES of several Settings, by jackknife over the blocks.
 
-    terms: [({name: (b, 18) sums}, {name: factor})]. Terms may have different numbers of blocks: those with fewer have
-    the first ones. A block that a term lacks does not change it, so what is common to terms is counted as common. The
-    error is NaN if a term has fewer than two blocks.
+    Terms may have different numbers of blocks: those with fewer have the first ones. A block that a term lacks does not
+    change it, so the jackknife accounts for blocks that terms share. The error is NaN if a term has fewer than two
+    blocks.
     """
     value: FloatArray = np.zeros(len(NAMES))
-    spread = np.zeros((max(len(of) for blocks, _ in terms for of in blocks.values()), len(NAMES)))
-    for blocks, factors in terms:
-        again: FloatArray = np.zeros(len(NAMES))
-        for name, factor in factors.items():
-            total = blocks[name].sum(axis=0)
+    spread = np.zeros((max(len(of) for term in terms for of in term.blocks.values()), len(NAMES)))
+    for term in terms:
+        without_one: FloatArray = np.zeros(len(NAMES))  # the term's estimates without each of its blocks
+        for name, factor in term.factors.items():
+            total = term.blocks[name].sum(axis=0)
             value = value + factor * estimates(total, g)
-            again = again + factor * estimates(total - blocks[name], g)
-        number = len(again)
-        spread[:number] += np.sqrt((number - 1) / number) * (again - again.mean(axis=0)) if number > 1 else np.nan
+            without_one = without_one + factor * estimates(total - term.blocks[name], g)
+        number = len(without_one)
+        deviation = without_one - without_one.mean(axis=0)
+        spread[:number] += np.sqrt((number - 1) / number) * deviation if number > 1 else np.nan
     return value, np.sqrt((spread**2).sum(axis=0))
 
 

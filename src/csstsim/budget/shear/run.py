@@ -1,7 +1,7 @@
 """Runs the plan's fields: each in every Setting, in both arms, through every estimator; one file of shapes a field.
 
-A field that has its file is not made again, so a run that was stopped goes on. A frame is drawn once for the Settings
-that differ in the analysis alone.
+A field that has its file is not made again, so a run that was stopped goes on. Settings that differ in the analysis
+alone share a frame, which is rendered once.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 from zipfile import BadZipFile, ZipFile
 
 import numpy as np
@@ -23,7 +23,7 @@ from csstsim.base.files.atomic import atomic_path
 from csstsim.base.process.progress import progress
 from csstsim.base.release import release
 from csstsim.base.types import AnyArray, FloatArray
-from csstsim.budget.shear.estimators import Shapes, check_installed, estimator, psf_shapes
+from csstsim.budget.shear.estimators import Shapes, Stamps, check_installed, estimator, psf_shapes
 from csstsim.budget.shear.frames import Field, noise_of, opened
 from csstsim.budget.shear.plan import ALL, BASE, OTHER_SEED
 from csstsim.budget.shear.sample import RING
@@ -51,7 +51,7 @@ def setting_of(plan: ShearPlan, name: str) -> str:
 
 
 def fields(
-    plan: ShearPlan, folder: Path, say: Callable[[str], object], *, first: int | None = None
+    plan: ShearPlan, folder: Path, log: Callable[[str], object], *, first: int | None = None
 ) -> dict[str, list[Path]]:
     """Make the missing fields in a folder, or only the `first` few; return {sample: [path of a field's shapes]}.
 
@@ -63,17 +63,17 @@ def fields(
         for number in range(first or plan.windows(BASE))
         for name in plan.samples
     ]
-    there = {path for _, number, path in todo if kept(path, contents(plan, number))}
+    complete = {path for _, number, path in todo if is_complete(path, contents(plan, number))}
     simulation, band = opened(plan)
     paths: dict[str, list[Path]] = {name: [] for name in plan.samples}
     for name, number, path in progress(todo, "fields"):
         field = Field(simulation, plan, band, name, number)
-        if path not in there and not kept(path, contents(plan, number)):  # another run may have made it
+        if path not in complete and not is_complete(path, contents(plan, number)):  # another run may have made it
             start = time.process_time()
-            arrays: dict[str, Any] = measured(field, say if number == 0 else None)
+            arrays: dict[str, Any] = measured(field, log if number == 0 else None)
             with atomic_path(path) as temporary:
                 np.savez(temporary, **arrays)
-            say(f"{name} {number}: {len(field.galaxies)} galaxies, {time.process_time() - start:.0f} CPU-s")
+            log(f"{name} {number}: {len(field.galaxies)} galaxies, {time.process_time() - start:.0f} CPU-s")
         paths[name].append(path)
     return paths
 
@@ -81,20 +81,20 @@ def fields(
 def contents(plan: ShearPlan, number: int) -> dict[str, str]:
     """Return {name: words} of the arrays of `measured`: their kind and shape, as _words has them."""
     n = plan.cells**2 // RING * RING
-    found = {"psf": ("c", (n,)), "ring": ("i", (n,)), "sign": ("f", ())}
+    found = {"psf": _words("c", (n,)), "ring": _words("i", (n,)), "sign": _words("f", ())}
     for name in names(plan, number):
-        found |= {f"{name}|used": ("b", (2, n)), f"{name}|seconds": ("f", ())}
+        found |= {f"{name}|used": _words("b", (2, n)), f"{name}|seconds": _words("f", ())}
         for kind in plan.estimators:
-            found |= {f"{name}|{kind}|e": ("c", (2, n)), f"{name}|{kind}|response": ("f", (2, n, 2))}
-            found |= {f"{name}|{kind}|other": ("c", (n,))} if number == 0 else {}
-    return {name: _words(*of) for name, of in found.items()}
+            found |= {f"{name}|{kind}|e": _words("c", (2, n)), f"{name}|{kind}|response": _words("f", (2, n, 2))}
+            found |= {f"{name}|{kind}|other": _words("c", (n,))} if number == 0 else {}
+    return found
 
 
 def _words(kind: str, shape: tuple[int, ...]) -> str:
     return f"{KINDS.get(kind, kind)} {shape}"
 
 
-def kept(path: Path, wanted: Mapping[str, str]) -> bool:
+def is_complete(path: Path, wanted: Mapping[str, str]) -> bool:
     """Whether a file of shapes exists and can be read to its end: one that is damaged is made again.
 
     wanted: of `contents`. Raises InputError for a sound file that lacks one of these arrays.
@@ -106,13 +106,14 @@ def kept(path: Path, wanted: Mapping[str, str]) -> bool:
     except (OSError, ValueError, EOFError, BadZipFile, RuntimeError):
         return False
     found = _arrays_of(path)
-    if wrong := [name for name, of in wanted.items() if found.get(name) != of]:
+    wrong = next((name for name, of in wanted.items() if found.get(name) != of), None)
+    if wrong is not None:
         raise InputError(
             "not the shapes of this window; remove the file, and they are measured again",
             file=path,
-            key=wrong[0],
-            value=found.get(wrong[0], "no array"),
-            allowed=wanted[wrong[0]],
+            key=wrong,
+            value=found.get(wrong, "no array"),
+            allowed=wanted[wrong],
         )
     return True
 
@@ -136,6 +137,16 @@ def _digest(plan: ShearPlan, sample: str, number: int) -> str:
     return digest([release(), same, plan.samples[sample].model_dump(), settings])
 
 
+class _Shape(NamedTuple):
+    """The shape of one galaxy: e, and its response (2,)."""
+
+    e: complex
+    response: FloatArray
+
+
+_StampsKey: TypeAlias = tuple[str, bytes, bytes]  # an estimator, and the digests of two stamps: galaxy and PSF
+
+
 @dataclass
 class _Made:
     """What of a field was made already, by what decides it."""
@@ -143,16 +154,16 @@ class _Made:
     images: dict[tuple[str, complex], FloatArray]
     psfs: dict[str, FloatArray]
     shapes: dict[tuple[str, int, str], Shapes]
-    seen: dict[tuple[str | bytes, ...], tuple[complex, FloatArray]]
+    galaxies: dict[_StampsKey, _Shape]
     sigma: float = 0.0  # noise of a pixel of the base, for all Settings: what estimators add is the same in all
 
 
-def measured(field: Field, say: Callable[[str], object] | None = None) -> dict[str, AnyArray]:
+def measured(field: Field, log: Callable[[str], object] | None = None) -> dict[str, AnyArray]:
     """Return {name: array} of a field's shapes.
 
     `psf` (n,) complex; `ring` (n,); `sign`; SETTING|ESTIMATOR|e (2, n) complex, |response (2, n, 2); SETTING|used
     (2, n); SETTING|seconds of CPU time; in field 0, SETTING|ESTIMATOR|other (n,), the arm -g with another seed.
-    say: is given a line for each SETTING.
+    log: is given a line for each SETTING.
     """
     plan = field.plan
     made = _Made({}, {}, {}, {})
@@ -168,9 +179,11 @@ def measured(field: Field, say: Callable[[str], object] | None = None) -> dict[s
             made.sigma = made.sigma or noise_of(image)
             used.append(field.found(image) if setting.detection else np.ones(len(field.galaxies), bool))
             for kind in plan.estimators:
-                shapes = to_sky(_shapes(field, setting, arm, image, psf, kind, made), jacobian, kind in ELLIPTICITIES)
-                for key, values in (("e", shapes.e), ("response", shapes.response)):
-                    arrays.setdefault(f"{name}|{kind}|{key}", []).append(values)
+                stamps = _stamps(field, setting, image, psf, made)
+                on_pixels = _shapes(field, kind, stamps, (_key(setting, {"wcs", "detection"}), arm, kind), made)
+                shapes = to_sky(on_pixels, jacobian, kind in ELLIPTICITIES)
+                arrays.setdefault(f"{name}|{kind}|e", []).append(shapes.e)
+                arrays.setdefault(f"{name}|{kind}|response", []).append(shapes.response)
         arrays[f"{name}|used"] = used
         arrays[f"{name}|seconds"] = np.array(time.process_time() - start)
         if name == BASE:
@@ -178,16 +191,17 @@ def measured(field: Field, say: Callable[[str], object] | None = None) -> dict[s
         if field.number == 0:
             image = field.arm(setting, -field.shear, plan.seed + OTHER_SEED)
             for kind in plan.estimators:
-                sigma = made.sigma if setting.noise else 0.0
-                arguments = field.stamps(image), psf, sigma, _scale(field), field.rng(f"{kind} other")
-                arrays[f"{name}|{kind}|other"] = to_sky(estimator(kind)(*arguments), jacobian, kind in ELLIPTICITIES).e
-        if say:
-            say(f"  {field.sample}, {name}: {time.process_time() - start:.1f} CPU-s")
+                stamps = _stamps(field, setting, image, psf, made)
+                shapes = estimator(kind)(stamps, field.rng(f"{kind} other"))
+                arrays[f"{name}|{kind}|other"] = to_sky(shapes, jacobian, kind in ELLIPTICITIES).e
+        if log:
+            log(f"  {field.sample}, {name}: {time.process_time() - start:.1f} CPU-s")
     return {name: np.array(values) for name, values in arrays.items()}
 
 
-def _scale(field: Field) -> float:
-    return field.simulation._run.camera.telescope.pixel_scale
+def _stamps(field: Field, setting: Setting, image: FloatArray, psf: FloatArray, made: _Made) -> Stamps:
+    scale = field.simulation._run.camera.telescope.pixel_scale
+    return Stamps(field.stamps(image), psf, made.sigma if setting.noise else 0.0, scale)
 
 
 def _key(setting: Setting, without: set[str]) -> str:
@@ -198,8 +212,8 @@ def _image(field: Field, setting: Setting, g: complex, made: _Made) -> FloatArra
     key = _key(setting, ANALYSIS), g
     if key not in made.images:
         if len(made.images) > 3:  # of the base and of one more: 16 MB each
-            kept = list(made.images)[:2]
-            made.images = {name: made.images[name] for name in kept}
+            of_base = list(made.images)[:2]
+            made.images = {name: made.images[name] for name in of_base}
         made.images[key] = field.arm(setting, g)
     return made.images[key]
 
@@ -213,35 +227,29 @@ def _psf(field: Field, setting: Setting, made: _Made) -> FloatArray:
     return made.psfs[key]
 
 
-def _shapes(
-    field: Field, setting: Setting, arm: int, image: FloatArray, psf: FloatArray, kind: str, made: _Made
-) -> Shapes:
-    key = _key(setting, {"wcs", "detection"}), arm, kind
+def _shapes(field: Field, kind: str, stamps: Stamps, key: tuple[str, int, str], made: _Made) -> Shapes:
     if key not in made.shapes:
-        arguments = field.stamps(image), psf, made.sigma if setting.noise else 0.0, _scale(field), field.rng(kind)
+        rng = field.rng(kind)
         alone = kind in ELLIPTICITIES  # shapes of stamp and PSF alone, without noise that is added
-        made.shapes[key] = _once(made.seen, kind, *arguments) if alone else estimator(kind)(*arguments)
+        made.shapes[key] = _once(made.galaxies, kind, stamps, rng) if alone else estimator(kind)(stamps, rng)
     return made.shapes[key]
 
 
-def _once(
-    seen: dict[tuple[str | bytes, ...], tuple[complex, FloatArray]],
-    kind: str,
-    stamps: FloatArray,
-    psf: FloatArray,
-    *same: *tuple[float, float, np.random.Generator],
-) -> Shapes:
+def _once(known: dict[_StampsKey, _Shape], kind: str, stamps: Stamps, rng: np.random.Generator) -> Shapes:
     """Return Shapes; a galaxy whose stamps were seen before, as where no neighbour was added, is not measured again."""
-    keys: list[tuple[str | bytes, ...]] = [
-        (kind, *(hashlib.sha256(np.ascontiguousarray(of).data).digest() for of in two))
-        for two in zip(stamps, psf, strict=True)
+    keys = [
+        (kind, _digest_of(image), _digest_of(star)) for image, star in zip(stamps.galaxies, stamps.psf, strict=True)
     ]
-    new = [k for k, key in enumerate(keys) if key not in seen]
+    new = [k for k, key in enumerate(keys) if key not in known]
     if new:
-        found = estimator(kind)(stamps[new], psf[new], *same)
-        seen |= {keys[k]: (e, response) for k, e, response in zip(new, found.e, found.response, strict=True)}
-    e, response = zip(*(seen[key] for key in keys), strict=True)
-    return Shapes(np.array(e), np.array(response))
+        found = estimator(kind)(stamps.take(new), rng)
+        known |= {keys[k]: _Shape(e, response) for k, e, response in zip(new, found.e, found.response, strict=True)}
+    shapes = [known[key] for key in keys]
+    return Shapes(np.array([shape.e for shape in shapes]), np.array([shape.response for shape in shapes]))
+
+
+def _digest_of(stamp: FloatArray) -> bytes:
+    return hashlib.sha256(np.ascontiguousarray(stamp).data).digest()
 
 
 def to_sky(shapes: Shapes, jacobian: FloatArray, ellipticities: bool) -> Shapes:
@@ -254,9 +262,9 @@ def to_sky(shapes: Shapes, jacobian: FloatArray, ellipticities: bool) -> Shapes:
         with np.errstate(invalid="ignore"):  # NaN in, NaN out
             e = reduced(on_sky(2 * shapes.e / (1 + np.abs(shapes.e) ** 2), jacobian))
         return Shapes(e, shapes.response)
-    round_one: AnyArray = jacobian @ np.swapaxes(jacobian, -1, -2)
-    trace = round_one[:, 0, 0] + round_one[:, 1, 1]
-    shear = reduced((round_one[:, 0, 0] - round_one[:, 1, 1] + 2j * round_one[:, 0, 1]) / trace)
+    circle: AnyArray = jacobian @ np.swapaxes(jacobian, -1, -2)  # moments of a circle on the sky, in pixels
+    trace = circle[:, 0, 0] + circle[:, 1, 1]
+    shear = reduced((circle[:, 0, 0] - circle[:, 1, 1] + 2j * circle[:, 0, 1]) / trace)
     turn = np.arctan2(jacobian[:, 1, 0] - jacobian[:, 0, 1], jacobian[:, 0, 0] + jacobian[:, 1, 1])
-    own = shapes.response[:, 0] * shear.real + 1j * shapes.response[:, 1] * shear.imag
-    return Shapes((shapes.e - own) * np.exp(-2j * turn), shapes.response)
+    by_map = shapes.response[:, 0] * shear.real + 1j * shapes.response[:, 1] * shear.imag
+    return Shapes((shapes.e - by_map) * np.exp(-2j * turn), shapes.response)

@@ -7,7 +7,7 @@ its scatter as well. The mean shape of a ring, sheared by g, is g but for terms 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -28,15 +28,25 @@ EDGE = 10  # px, between the window's edge and the first stamp
 LARGEST = 0.7  # of an ellipticity
 OTHERS = 500_000  # of the first neighbour's id over that of the first galaxy
 FIELD = 1_000_000  # ids of a field
-SHARE_OF_BULGES = 1 / 3  # galaxies of the full profile that have one (E)
+FRACTION_WITH_BULGE = 1 / 3  # galaxies of the full profile that have one (E)
+
+
+class Others(NamedTuple):
+    """Neighbours of galaxies, each field (k,)."""
+
+    galaxy: IntArray  # row of the galaxy
+    offset: ComplexArray  # arcsec from it, east + i north
+    e: ComplexArray
+    mag: FloatArray
+    size: FloatArray  # arcsec, half-light radius
+    efficiency: FloatArray  # shear at its redshift over that of the galaxy; NaN without redshifts
 
 
 @dataclass(frozen=True, eq=False)
 class Galaxies:
     """Galaxies of a window: x, y (n,) pixels of the chip; ring (n,) number; e (n,) complex; columns {name: (n,)}.
 
-    others: {kind: {of: (k,) row of the galaxy, offset: (k,) complex arcsec east + i north, e, mag, size, and
-    efficiency: the shear at its redshift over that of the galaxy, NaN without redshifts}}.
+    others: {kind of neighbours: Others}.
     """
 
     x: FloatArray
@@ -44,7 +54,7 @@ class Galaxies:
     ring: IntArray
     e: ComplexArray
     columns: dict[str, AnyArray]
-    others: dict[str, dict[str, AnyArray]]
+    others: dict[str, Others]
 
     def __len__(self) -> int:
         return len(self.x)
@@ -59,21 +69,19 @@ def galaxies(plan: ShearPlan, name: str, field: int, window: Window) -> Galaxies
     n = rings * RING
     row, column = np.divmod(np.arange(n), cells)
     middle = EDGE + plan.spacing * 0.5
-    x, y = (
-        start + middle + plan.spacing * cell + rng.uniform(-0.5, 0.5, n)
-        for start, cell in ((window.x0, column), (window.y0, row))
-    )
+    x = window.x0 + middle + plan.spacing * column + rng.uniform(-0.5, 0.5, n)
+    y = window.y0 + middle + plan.spacing * row + rng.uniform(-0.5, 0.5, n)
     turn = np.tile(np.arange(RING) * np.pi / 4, rings)
     mag = np.repeat(_magnitudes(rng, sample.magnitude, sample.slope, rings), RING)
     smallest, largest = np.log(sample.size)
     size = np.repeat(np.exp(rng.uniform(smallest, largest, rings)), RING)
     e = np.repeat(_shapes(rng, sample.ellipticity, rings), RING) * np.exp(2j * turn)
     columns = {"mag": mag, "size_disk": size, **_components(rng, size, rings)}
-    others: dict[str, dict[str, AnyArray]] = {}
+    others: dict[str, Others] = {}
     for kind, of in sorted(plan.neighbours.items()):
-        other = others[kind] = _others(rng, of, turn, rings)
+        other = _others(rng, of, turn, rings)
         own = stream(plan.seed, "budget", "shear", name, field, "redshift", kind)
-        other["efficiency"] = _efficiencies(own, of, plan.lens, len(other["of"]) // RING)
+        others[kind] = other._replace(efficiency=_efficiencies(own, of, plan.lens, len(other.galaxy) // RING))
     return Galaxies(x, y, np.repeat(np.arange(rings), RING), e, columns, others)
 
 
@@ -84,46 +92,43 @@ def table(
     n = len(galaxies)
     full = setting.profile == "full"
     same = galaxies.columns
-    rows: list[dict[str, AnyArray]] = [
-        {
-            "id": field * FIELD + 1 + np.arange(n),
-            "x": galaxies.x,
-            "y": galaxies.y,
-            "e": galaxies.e,
-            "mag": same["mag"],
-            "size_disk": same["size_disk"],
-            "g": np.full(n, g),
-            **{name: same[name] if full else np.full(n, plain) for name, plain in _PLAIN.items()},
-        }
-    ]
-    rows[0]["size_bulge"] = same["size_bulge"] if full else same["size_disk"]
+    own: dict[str, AnyArray] = {
+        "id": field * FIELD + 1 + np.arange(n),
+        "x": galaxies.x,
+        "y": galaxies.y,
+        "e": galaxies.e,
+        "mag": same["mag"],
+        "size_disk": same["size_disk"],
+        "g": np.full(n, g),
+        **{name: same[name] if full else np.full(n, plain) for name, plain in _PLAIN.items()},
+        "size_bulge": same["size_bulge"] if full else same["size_disk"],
+    }
+    parts = [own]
     jacobian = job.wcs.jacobian(*job.wcs.pixel_to_world(galaxies.x, galaxies.y))
     first = field * FIELD + OTHERS
     for kind, other in galaxies.others.items():
         if not getattr(setting, kind):
             continue
-        of = other["of"]
-        k = len(other["of"])
-        shear = (
-            g * {"same": np.ones(k), "none": np.zeros(k), "by_redshift": other["efficiency"]}[setting.neighbour_shear]
-        )
-        z = sheared_offset(other["offset"], shear)
-        dx, dy = np.einsum("kij,jk->ik", jacobian[of], np.stack([z.real, z.imag]))
-        rows.append(
+        k = len(other.galaxy)
+        factors = {"same": np.ones(k), "none": np.zeros(k), "by_redshift": other.efficiency}
+        shear = g * factors[setting.neighbour_shear]
+        offset = sheared_offset(other.offset, shear)
+        dx, dy = np.einsum("kij,jk->ik", jacobian[other.galaxy], np.stack([offset.real, offset.imag]))
+        parts.append(
             {
                 "id": first + np.arange(k),
-                "x": galaxies.x[of] + dx,
-                "y": galaxies.y[of] + dy,
-                "e": other["e"],
-                "mag": other["mag"],
-                "size_disk": other["size"],
-                "size_bulge": other["size"],
+                "x": galaxies.x[other.galaxy] + dx,
+                "y": galaxies.y[other.galaxy] + dy,
+                "e": other.e,
+                "mag": other.mag,
+                "size_disk": other.size,
+                "size_bulge": other.size,
                 "g": shear,
                 **{name: np.full(k, plain) for name, plain in _PLAIN.items()},
             }
         )
         first += k
-    joined = {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
+    joined = {name: np.concatenate([part[name] for part in parts]) for name in own}
     ra, dec = icrs(*job.wcs.pixel_to_world(joined.pop("x"), joined.pop("y")), job.observer)
     e = joined.pop("e")
     shear = joined.pop("g")
@@ -154,13 +159,14 @@ def efficiency(z: Floats, lens: Lens) -> FloatArray:
     In a flat universe the shear by one plane goes as D_ls / D_s = 1 - chi_l / chi_s (Bartelmann & Schneider 2001).
     """
     cosmology = Cosmology(read_yaml(SHIPPED / "universe" / "cosmology.yaml"))
-    near, far = (cosmology.comoving_distance(v) for v in (lens.redshift, lens.galaxies))
+    near = cosmology.comoving_distance(lens.redshift)
+    far = cosmology.comoving_distance(lens.galaxies)
     behind = np.maximum(cosmology.comoving_distance(z), near)
     return (1 - near / behind) / (1 - near / far)
 
 
 def _efficiencies(rng: np.random.Generator, of: Neighbours, lens: Lens | None, rings: int) -> FloatArray:
-    """Return Galaxies.others' efficiency, of neighbours of `rings` rings: the four of a ring have one redshift."""
+    """Return Others.efficiency of neighbours of `rings` rings: the four of a ring have one redshift."""
     if lens is None or of.redshift is None:
         return np.full(RING * rings, np.nan)
     return np.repeat(efficiency(rng.uniform(*of.redshift, rings), lens), RING)
@@ -176,15 +182,15 @@ def _magnitudes(rng: np.random.Generator, limits: tuple[float, float], slope: fl
 
 def _shapes(rng: np.random.Generator, rms: float, n: int) -> ComplexArray:
     """Return (n,) complex ellipticities: Gaussian components, cut at LARGEST."""
-    most = -np.expm1(-0.5 * (LARGEST / rms) ** 2) if rms > 0 else 1.0
-    return rms * np.sqrt(-2 * np.log1p(-most * rng.random(n))) * np.exp(2j * np.pi * rng.random(n))
+    largest = -np.expm1(-0.5 * (LARGEST / rms) ** 2) if rms > 0 else 1.0
+    return rms * np.sqrt(-2 * np.log1p(-largest * rng.random(n))) * np.exp(2j * np.pi * rng.random(n))
 
 
 def _components(rng: np.random.Generator, size: FloatArray, rings: int) -> dict[str, AnyArray]:
     """Return the columns of the full profile, one value a ring (E: round numbers around those of components.yaml)."""
-    share = np.where(rng.random(rings) < SHARE_OF_BULGES, rng.uniform(0.1, 0.6, rings), 0.0)
+    bulge = np.where(rng.random(rings) < FRACTION_WITH_BULGE, rng.uniform(0.1, 0.6, rings), 0.0)
     found = {
-        "bulge_frac": share,
+        "bulge_frac": bulge,
         "n_disk": rng.choice([0.75, 1.0, 1.25, 1.5], rings),
         "n_bulge": rng.choice([2, 3, 4], rings),
         "knots": np.where(rng.random(rings) < 0.5, rng.integers(5, 30, rings), 0),
@@ -194,12 +200,13 @@ def _components(rng: np.random.Generator, size: FloatArray, rings: int) -> dict[
     return found | {"size_bulge": size * np.repeat(rng.uniform(0.3, 0.7, rings), RING)}
 
 
-def _others(rng: np.random.Generator, of: Neighbours, turn: FloatArray, rings: int) -> dict[str, AnyArray]:
-    """Return the neighbours of all galaxies, as Galaxies.others: those of a ring are turned with it."""
+def _others(rng: np.random.Generator, of: Neighbours, turn: FloatArray, rings: int) -> Others:
+    """Return the neighbours of all galaxies, without redshifts: those of a ring are turned with it."""
     counts = rng.poisson(of.number, rings)
     k = counts.sum()
     ring = np.repeat(np.arange(rings), counts)
-    angle, (low, high) = 2 * np.pi * rng.random(k), of.distance
+    angle = 2 * np.pi * rng.random(k)
+    low, high = of.distance
     offset = np.sqrt(rng.uniform(low**2, high**2, k)) * np.exp(1j * angle)
     e = _shapes(rng, 0.25, k)
     mag = rng.uniform(*of.magnitude, k)
@@ -207,10 +214,11 @@ def _others(rng: np.random.Generator, of: Neighbours, turn: FloatArray, rings: i
     row = (RING * ring[:, None] + np.arange(RING)).ravel()
     again = np.repeat(np.arange(k), RING)
     by = turn[row]
-    return {
-        "of": row,
-        "offset": offset[again] * np.exp(1j * by),
-        "e": e[again] * np.exp(2j * by),
-        "mag": mag[again],
-        "size": size[again],
-    }
+    return Others(
+        galaxy=row,
+        offset=offset[again] * np.exp(1j * by),
+        e=e[again] * np.exp(2j * by),
+        mag=mag[again],
+        size=size[again],
+        efficiency=np.full(len(row), np.nan),
+    )

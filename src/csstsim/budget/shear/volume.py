@@ -6,9 +6,9 @@ seconds, needs n (s / wanted)^2 of them.
 
 from collections.abc import Mapping, Sequence
 from math import isfinite
-from typing import Any
+from typing import Any, NamedTuple
 
-from csstsim.budget.shear.printed import hours as said
+from csstsim.budget.shear.printed import hours as printed_hours
 from csstsim.budget.shear.printed import of_row
 
 GOALS = 3e-4, 1e-4  # of sigma(m)
@@ -24,10 +24,17 @@ def sigma_m(row: Mapping[str, Any]) -> float:
     return max(row["m1_err"], row["m2_err"])
 
 
-def volume(row: Mapping[str, Any], goal: float) -> tuple[float, float]:
-    """Return (galaxies, CPU-hours) for an error of m of `goal`."""
+class Volume(NamedTuple):
+    """What a bar needs: a number of galaxies, and CPU-hours."""
+
+    galaxies: float
+    hours: float
+
+
+def volume(row: Mapping[str, Any], goal: float) -> Volume:
+    """Return the Volume for an error of m of `goal`."""
     galaxies = row["galaxies"] * (sigma_m(row) / goal) ** 2
-    return galaxies, galaxies * row["seconds"] / HOUR
+    return Volume(galaxies, galaxies * row["seconds"] / HOUR)
 
 
 def _head(heads: str) -> str:
@@ -43,16 +50,16 @@ def report(rows: Sequence[Mapping[str, Any]]) -> list[str]:
         if row["kind"] not in ("base", "bar"):
             continue
         now = row["galaxies"] * row["seconds"] / HOUR
-        hours = "".join(f"{said(volume(row, goal)[1]):>12}" for goal in GOALS)
+        hours = "".join(f"{printed_hours(volume(row, goal).hours):>12}" for goal in GOALS)
         words = f"{row['sample']:10}{row['estimator']:10}{row['effect']:26}{row['windows']:8d}{row['galaxies']:9d}"
-        numbers = f"{of_row(row, 'm1'):>19}{of_row(row, 'm2'):>19}{sigma_m(row):10.1e}{said(now):>9}"
+        numbers = f"{of_row(row, 'm1'):>19}{of_row(row, 'm2'):>19}{sigma_m(row):10.1e}{printed_hours(now):>9}"
         lines.append(f"{words}{numbers}{hours}{row['gain']:6.1f}")
     lines += LEGEND
     bars = [row for row in rows if row["kind"] == "bar" and row["estimator"] == rows[0]["estimator"]]
     known = [row for row in bars if isfinite(sigma_m(row))]
     less = f", and {len(bars) - len(known)} that measured too few galaxies" if len(known) < len(bars) else ""
     for goal in GOALS:
-        hours = said(sum(volume(row, goal)[1] for row in known)) if known else "unknown"
+        hours = printed_hours(sum(volume(row, goal).hours for row in known)) if known else "unknown"
         lines.append(
             f"all bars by {rows[0]['estimator']} to {goal:.0e}: {hours} CPU-hours: "
             f"the {len(known)} rows of effects, without the base's own{less}"
