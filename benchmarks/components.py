@@ -28,7 +28,7 @@ from standard_scene import campaign_of
 
 from csstsim.base.counter import object_keys
 from csstsim.base.rng import stream
-from csstsim.bench.imaging.cases import SHARES, Case, half_of, make_row, place
+from csstsim.bench.imaging.cases import Case, Shape, half_of, make_row, position
 from csstsim.bench.imaging.measures import errors, moments
 from csstsim.bench.imaging.methods import drawing_of, standard
 from csstsim.bench.imaging.truth import Truth
@@ -84,7 +84,7 @@ def sersic_image(folder, n, size, scale, side):
 def case_of(setting, columns, gamma=0.0, reach=REACH):
     """Return the Case of a galaxy near a node."""
     rng = stream(5, "components")
-    row = make_row(setting, rng, 0, *place(setting, rng, True), SHARES, ELECTRONS, 0.0, 0.4, 0.3)
+    row = make_row(setting, rng, 0, position(setting, rng, True), Shape(ELECTRONS, 0.0, 0.4, 0.3))
     if "sersic" in columns:
         columns = sersic_image(Path(setting.psf.path).parent / "images", *columns["sersic"])
     columns = {name: np.atleast_1d(value) for name, value in columns.items()} | {"gamma1": np.array([gamma])}

@@ -11,7 +11,7 @@ import numpy as np
 from astropy.io import fits
 
 from csstsim.base.rng import stream
-from csstsim.bench.imaging.cases import make_row
+from csstsim.bench.imaging.cases import Position, Shape, make_row
 from csstsim.bench.imaging.methods import drawing_of
 from csstsim.bench.setting import POINTING, Setting
 from csstsim.catalog.row_files import with_images
@@ -50,7 +50,7 @@ def spiral(folder):
 def panel(setting, columns):
     """Return the expected image of a galaxy in r."""
     x, y = setting.psf.nodes_xy[len(setting.psf.nodes_xy) // 2]
-    row = make_row(setting, stream(1, "figure"), 3, x, y, (0.25,) * 4, 1e6, 0.0, 0.5)
+    row = make_row(setting, stream(1, "figure"), 3, Position(x, y), Shape(1e6, 0.0, 0.5), (0.25,) * 4)
     row = row.with_columns(**{name: np.atleast_1d(value) for name, value in columns.items()})
     row = row.with_columns(reach=np.array([120], np.int32))
     window = Window(round(x) - HALF, round(x) + HALF + 1, round(y) - HALF, round(y) + HALF + 1)

@@ -29,7 +29,7 @@ import numba
 import numpy as np
 
 from csstsim.base.counter import unit, word
-from csstsim.bench.readout.arctic import THERE, arctic
+from csstsim.bench.readout.arctic import INSTALLED, arctic
 from csstsim.bench.readout.cti import (
     CTI,
     DENSITY,
@@ -121,7 +121,7 @@ def losses(columns: int, record: Record) -> None:
         largest = abs(method.parts / ours.parts - 1).max()
         rows.append([name, f"{method.cpu:.1f}", f"{method.error:.2%}", f"{largest:.1%}"])
     record.table("methods", ["method", "CPU s per chip", "rms error", "largest error"], rows)
-    if not THERE:
+    if not INSTALLED:
         record.skip("arcticpy", "not installed")
         return
     peer, far = found["arcticpy 5, overscan_start"].parts, [row > 1000 for _, row in SPOTS]
@@ -211,7 +211,7 @@ def serial(record: Record) -> None:
         spot = sky.copy()
         spot[1000:1003] = flux
         found = [mean(spot) - mean(sky)]
-        if THERE:
+        if INSTALLED:
             how = {"overscan_start": PRESCAN + 1003}
             rows = (np.pad(row, (PRESCAN, SERIAL_OVERSCAN)) for row in (spot, sky))
             moved = [arctic(row, *REGISTER, REGISTER_WELL, **how)[PRESCAN:] for row in rows]
@@ -336,7 +336,7 @@ def main(record: Record) -> None:
     columns = 16 if toy else given.columns
     costs(columns, record)
     losses(columns, record)
-    if THERE:
+    if INSTALLED:
         first_transfers(record)
     trails(record.figure("cti_trails.png"))
     for sky in (4, SKY):

@@ -10,7 +10,7 @@ import argparse
 
 from evidence.record import Record
 
-from csstsim.bench.readout.arctic import THERE
+from csstsim.bench.readout.arctic import INSTALLED
 from csstsim.bench.readout.layers import SKIES, TOTAL, layer_costs
 from csstsim.instrument.chip import Window
 
@@ -29,7 +29,7 @@ def main(record: Record) -> None:
     record.table("costs", header, rows)
     for sky, took, _ in costs:
         record.value(f"all_{sky:g}", took[TOTAL], f"readout and file, sky of {sky:g} e-", unit="CPU-s")
-    if not THERE:
+    if not INSTALLED:
         record.skip("arcticpy", "not installed")
 
 

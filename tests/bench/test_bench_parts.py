@@ -9,9 +9,9 @@ import pytest
 from csstsim.base.errors import InputError
 from csstsim.bench import setting as settings
 from csstsim.bench import sweep as sweeping
-from csstsim.bench.chart import LEAST, ON_NODES, Point, _colour, _groups, _joined, points
+from csstsim.bench.chart import ERROR_MIN, ON_NODES, Point, _colour, _groups, _joined, points
 from csstsim.bench.imaging import cases, truth
-from csstsim.bench.imaging.benchmark import half_light_px, judge
+from csstsim.bench.imaging.benchmark import case_errors, half_light_px
 from csstsim.bench.imaging.methods import Method, drawing_of, standard
 from csstsim.bench.imaging.peers import fft, galaxy_of, paper
 from csstsim.bench.imaging.shapes import make_shapes
@@ -132,7 +132,7 @@ def test_points_are_of_objects_on_nodes_of_one_kind():
         line | {"method": "d", "visible_median": 1e-9, "visible_95": 1e-8, "limit": False},
         line | {"method": "e", "visible_median": np.nan},
     ]  # fmt: skip
-    assert points(lines, "star") == {"a": Point(2.0, 0.3, 0.9, True), "d": Point(2.0, LEAST, LEAST, False)}
+    assert points(lines, "star") == {"a": Point(2.0, 0.3, 0.9, True), "d": Point(2.0, ERROR_MIN, ERROR_MIN, False)}
 
 
 def test_names_of_near_methods_of_a_colour_are_joined():
@@ -140,7 +140,7 @@ def test_names_of_near_methods_of_a_colour_are_joined():
     of = lambda cost, error: Point(cost, error, 1.0, False)  # noqa: E731
     found = {"slabs 1": of(1.0, 1.0), "slabs 2": of(1.9, 1.2), "photons": of(2.1, 1.0), "standard": of(1.2, 1.0),
              "slabs 4": of(1.5, 1.4), "UFig": of(1.0, 1.1)}  # fmt: skip
-    groups = [names for names, _ in _groups(found)]
+    groups = [group.names for group in _groups(found)]
     assert sorted(map(sorted, groups)) == [["UFig"], ["photons"], ["slabs 1", "slabs 2"], ["slabs 4"], ["standard"]]
     assert _joined(["slabs 1", "photons", "slabs 2", "GalSim FFT", "slabs 4"]) == "slabs 1, photons, 2, GalSim FFT, 4"
     assert len({_colour(name) for name in ("stamps", "noise_free", "GalSim FFT")}) == 3
@@ -231,14 +231,14 @@ def test_the_transform_of_a_galaxy_is_galsims(scene):
 
 def test_the_brightness_of_a_galaxy_and_of_its_repeats_is_galsims():
     scene = galaxy()
-    profile, x, y, place = by_galsim(scene), np.array([40, 55, 61]), np.array([83, 90]), (50.3, 80.8)
-    wanted = [[profile.xValue(a - place[0], b - place[1]) for a in x] for b in y]
+    profile, x, y, place = by_galsim(scene), np.array([40, 55, 61]), np.array([83, 90]), cases.Position(50.3, 80.8)
+    wanted = [[profile.xValue(a - place.x, b - place.y) for a in x] for b in y]
     assert truth.brightness(scene, x, y, place) == pytest.approx(np.array(wanted), rel=1e-3)
     period, total = 40, np.zeros((2, 3))
     for i in range(-2, 3):
         for j in range(-2, 3):
             if (i, j) != (0, 0):
-                total += truth.brightness(scene, x, y, (place[0] + i * period, place[1] + j * period))
+                total += truth.brightness(scene, x, y, cases.Position(place.x + i * period, place.y + j * period))
     assert truth.repeats(scene, x, y, place, period) == pytest.approx(total)
     part = SimpleNamespace(**(vars(scene) | {"fraction_of_parent": np.array([0.25])}))
     assert truth.repeats(part, x, y, place, period) == pytest.approx(0.25 * total)
@@ -270,7 +270,7 @@ def test_an_image_is_judged_by_the_settings_scale_and_the_objects_size():
     psf = SimpleNamespace(image=np.zeros((1, 1, 1, 256)), oversampling=4)
     given = SimpleNamespace(camera=camera, psf=psf, variance=10.0)
     case = SimpleNamespace(scene=galaxy(sizes=(0.5, 0.2)), electrons=1e3)
-    values, _ = judge(given, case, blob(0.1, 4.0), blob(0.0, 3.5), np.inf)
+    values, _ = case_errors(given, case, blob(0.1, 4.0), blob(0.0, 3.5), np.inf)
     inside = [1 / (1 / s**2 + 1 / half_light_px(case.scene) ** 2) for s in (4.0, 3.5)]
     assert values[1] == pytest.approx(7.4, rel=1e-4) and values[5] == pytest.approx(inside[0] / inside[1] - 1, abs=1e-4)
 
@@ -329,7 +329,8 @@ def test_light_is_laid_along_the_trace_in_shares_of_area():
     """A stamp of one pixel, shifted by (0.25, 0.5) and (-1.25, 2): four shares, and two."""
     image, stamp = np.zeros((8, 9)), np.zeros((3, 3))
     stamp[1, 1] = 1.0
-    peers._disperse(image, stamp, (2, 1), np.array([0.25, -1.25]), np.array([0.5, 2.0]), np.array([8.0, 4.0]))
+    bins = peers.Trace(np.array([0.25, -1.25]), np.array([0.5, 2.0]), np.array([8.0, 4.0]))
+    peers._disperse(image, stamp, 2, 1, bins)
     wanted = np.zeros_like(image)
     wanted[2, 3], wanted[2, 4], wanted[3, 3], wanted[3, 4] = 3.0, 1.0, 3.0, 1.0
     wanted[4, 1], wanted[4, 2] = 1.0, 3.0
@@ -377,7 +378,7 @@ def test_the_readouts_table_has_the_cost_of_all_that_follows_the_light(monkeypat
     wanted = {"sky_background": 4.0, "bias": 2.0, layers.WRITE: 3.0, layers.TOTAL: 5.0}
     assert one == (40.0, wanted, {"bias": {"numpy": 40.0}}) and two[0] == 4.0
     said = []
-    monkeypatch.setattr(layers, "speed_accuracy", lambda file, say, mcti: said.append((file, mcti)))
+    monkeypatch.setattr(layers, "speed_accuracy", lambda file, log, mcti: said.append((file, mcti)))
     layers.readout(tmp_path, said.append, (40.0,))
     assert f"| bias | 2.00 | {2e9 / (9216 * 9232):.1f} | numpy 40.0 |" in said
     assert (tmp_path / "cti_speed_accuracy.png", None) in said
@@ -392,5 +393,5 @@ def test_no_shape_is_larger_than_asked(bench_folder, monkeypatch):
 
 def test_a_preset_keeps_its_mixer_from_object_to_object():
     known = SimpleNamespace(wcs=None, mixer=SimpleNamespace(psf="psf"), exptime=1.0, variance=2.0, table="table")
-    drawing = drawing_of(known, SimpleNamespace(row={"id": np.array([4])}), "standard")
+    drawing = drawing_of(known, SimpleNamespace(id=4), "standard")
     assert drawing.kept is known.mixer and drawing.observer is None and drawing.key == 5

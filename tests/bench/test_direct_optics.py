@@ -6,7 +6,7 @@ import galsim
 import numpy as np
 import pytest
 
-from csstsim.bench.imaging.cases import SHARES, make_cases
+from csstsim.bench.imaging.cases import FRACTIONS, make_cases
 from csstsim.bench.imaging.measures import errors
 from csstsim.bench.imaging.methods import standard
 from csstsim.bench.imaging.truth import Truth, sersic_transform
@@ -46,7 +46,7 @@ def test_a_star_is_the_optics_integrated_over_pixels(setting):
     transfers = [o.transfer(coefficients) for o in optics]
     centre = centre_of(optics, transfers, kernel, 1)
     shift = centre - 0.5 - np.array([x - round(x), y - round(y)])
-    wanted = sum(s * o.image(t, kernel, shift) for s, o, t in zip(SHARES, optics, transfers, strict=True))
+    wanted = sum(s * o.image(t, kernel, shift) for s, o, t in zip(FRACTIONS, optics, transfers, strict=True))
     inner = slice(case.half - 30, case.half + 31)
     assert np.abs(got[inner, inner] - wanted[2:63, 2:63]).max() < PEAK * wanted.max()
 

@@ -85,7 +85,9 @@ def test_errors_of_charge_transfer_are_against_the_first_method():
 
         return method
 
-    found = cti.accuracy({"one": (2e-3, moved(1.0)), "two": (1e-3, moved(1.1))}, said.append)
+    found = cti.accuracy(
+        {"one": cti.TimedMethod(2e-3, moved(1.0)), "two": cti.TimedMethod(1e-3, moved(1.1))}, said.append
+    )
     assert found["one"].error == 0 and found["two"].error == pytest.approx(0.1)
     assert (found["one"].cpu, found["two"].cpu) == pytest.approx((2e-3 * 18432, 1e-3 * 18432))
     assert found["one"].parts.shape == (6, 4) and found["one"].parts[0].tolist() == [3 * 148, 8, 40, 150]

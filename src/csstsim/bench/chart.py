@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.text import Annotation
 
 ON_NODES = "direct optics, on nodes"
-LEAST = 1e-6  # error, below which an axis has no use for it
+ERROR_MIN = 1e-6  # error, below which an axis has no use for it
 _NEAR = 0.3, 0.13  # decades of cost and error: methods of one colour that are closer share a label
 _OFFSETS = [(x, y) for y in (6, -15, 20, -29, 34, -43) for x in (8, -8)]  # of a label from its point [pt], best first
 _OWN = ("reference", "photons", "stamps", "slabs")
@@ -48,7 +48,10 @@ def points(lines: Iterable[Mapping[str, Any]], kind: str) -> dict[str, Point]:
     """Return the Point of each method."""
     return {
         line["method"]: Point(
-            1e-6 * line["cpu_us"], max(line["visible_median"], LEAST), max(line["visible_95"], LEAST), line["limit"]
+            1e-6 * line["cpu_us"],
+            max(line["visible_median"], ERROR_MIN),
+            max(line["visible_95"], ERROR_MIN),
+            line["limit"],
         )
         for line in lines
         if (line["kind"], line["against"]) == (kind, ON_NODES) and np.isfinite(line["visible_median"])
@@ -59,11 +62,16 @@ def pareto(found: Mapping[str, Point]) -> list[str]:
     """Return the methods that no other beats in both cost and error, by rising cost."""
     front: list[str] = []
     best = np.inf
-    for name, point in sorted(found.items(), key=lambda item: item[1][:2]):
+    for name, point in sorted(found.items(), key=_cost_and_error):
         if point.error < best:
             front.append(name)
             best = point.error
     return front
+
+
+def _cost_and_error(item: tuple[str, Point]) -> tuple[float, float]:
+    _, point = item
+    return point.cost, point.error
 
 
 def draw_chart(path: PathLike, tables: Sequence[Sequence[Mapping[str, Any]]]) -> None:
@@ -77,9 +85,11 @@ def draw_chart(path: PathLike, tables: Sequence[Sequence[Mapping[str, Any]]]) ->
         seen = np.array([(p.error, p.high) for lines in tables for p in points(lines, kind).values()] or [(1.0, 1.0)])
         for axis, lines in zip(row, tables, strict=True):
             number = max((int(x["objects"]) for x in lines if (x["kind"], x["against"]) == (kind, ON_NODES)), default=0)
-            axis.set(xscale="log", yscale="log", title=f"{KINDS[kind]}, {lines[0]['filter']} ({number} objects)")
+            first, *_ = lines
+            axis.set(xscale="log", yscale="log", title=f"{KINDS[kind]}, {first['filter']} ({number} objects)")
             _panel(axis, points(lines, kind))
-        row[0].set_ylim(min(seen.min() / 3, 0.03), max(seen.max() * 3, 1.0))
+        left, *_ = row
+        left.set_ylim(min(seen.min() / 3, 0.03), max(seen.max() * 3, 1.0))
     axes[0, 0].set_xlim(costs.min() / 8, costs.max() * 30)
     figure.supxlabel("CPU seconds per object (one core)")
     figure.supylabel("error against direct optics [the object's own noise]")
@@ -127,30 +137,48 @@ def _joined(names: Sequence[str]) -> str:
     return ", ".join(out)
 
 
-def _groups(found: Mapping[str, Point]) -> list[tuple[list[str], tuple[float, float]]]:
-    """Return [(names, place)]: methods of one colour that lie close together share a label."""
-    groups: list[tuple[list[str], tuple[float, float]]] = []
-    for name, (cost, error, *_) in sorted(found.items(), key=lambda item: item[1].cost):
-        for names, place in groups:
-            near = np.abs(np.log10([cost / place[0], error / place[1]])) < _NEAR
-            if near.all() and _colour(name) == _colour(names[0]):
-                names.append(name)
+class _Group(NamedTuple):
+    """Methods that share a label, and its point: CPU seconds and visible error of the first of them."""
+
+    names: list[str]
+    cost: float
+    error: float
+
+    @property
+    def colour(self) -> str:
+        """The colour of all of them."""
+        first, *_ = self.names
+        return _colour(first)
+
+
+def _groups(found: Mapping[str, Point]) -> list[_Group]:
+    """Return the groups: methods of one colour that lie close together share a label."""
+    groups: list[_Group] = []
+    for name, point in sorted(found.items(), key=lambda item: item[1].cost):
+        for group in groups:
+            near = np.abs(np.log10([point.cost / group.cost, point.error / group.error])) < _NEAR
+            if near.all() and _colour(name) == group.colour:
+                group.names.append(name)
                 break
         else:
-            groups.append(([name], (cost, error)))
+            groups.append(_Group([name], point.cost, point.error))
     return groups
 
 
 def _label(axis: Axes, found: Mapping[str, Point]) -> None:
-    """Write the names beside the methods, each where it overlaps the fewest points, names and edges of the panel."""
-    ends = axis.transData.transform([(point.cost, end) for point in found.values() for end in point[1:3]])
+    """Write the names near the methods, each where it overlaps the fewest points, names and edges of the panel."""
+    ends = axis.transData.transform(
+        [(point.cost, end) for point in found.values() for end in (point.error, point.high)]
+    )
     taken = [Bbox.from_bounds(x - 7, y - 7, 14, 14) for x, y in ends[::2]]
     taken += [Bbox.from_extents(x - 1, y, x + 1, top) for (x, y), (_, top) in zip(ends[::2], ends[1::2], strict=True)]
-    for names, place in _groups(found):
+    for group in _groups(found):
         tries: list[tuple[int, int, Annotation, Bbox]] = []
         for x, y in _OFFSETS:
-            how: dict[str, Any] = {"textcoords": "offset points", "color": _colour(names[0]), "size": 9}
-            text = axis.annotate(_joined(names), place, (x, y), ha="left" if x > 0 else "right", **how)
+            how: dict[str, Any] = {"textcoords": "offset points", "color": group.colour, "size": 9}
+            text = axis.annotate(
+                _joined(group.names), (group.cost, group.error), (x, y), ha="left" if x > 0 else "right", **how
+            )
             box = text.get_window_extent()
             text.remove()
             outside = not (axis.bbox.contains(*box.min) and axis.bbox.contains(*box.max))

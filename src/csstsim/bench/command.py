@@ -51,7 +51,7 @@ def bench(
     quick: bool,
     objects: int | None,
     seed: int,
-    say: Callable[[str], object],
+    log: Callable[[str], object],
     shapes: bool = False,
 ) -> None:
     """Run the benchmark into `folder`: cases.csv (every object and method), speed_accuracy.csv and .png.
@@ -72,7 +72,7 @@ def bench(
         from csstsim.bench.slitless.benchmark import SLITLESS as kind
     methods = chosen(names, kind.methods)
     setting = make_setting(folder, band)
-    say(f"chip {setting.chip.id}, {band} band: PSF set and tables ready, {time.process_time() - start:.0f} CPU s")
+    log(f"chip {setting.chip.id}, {band} band: PSF set and tables ready, {time.process_time() - start:.0f} CPU s")
     full = OBJECTS_SHAPES if shapes else OBJECTS if setting.disperser is None else OBJECTS_SLITLESS
     count = objects or (OBJECTS_QUICK if quick else full)
     largest = LARGEST_QUICK if quick else LARGEST
@@ -83,11 +83,11 @@ def bench(
     write(folder / "speed_accuracy.csv", lines)
     draw_chart(folder / "speed_accuracy.png", [lines])
     for line in text(lines, kind):
-        say(line)
-    say(f"{time.process_time() - start:.0f} CPU s in all; {folder}/speed_accuracy.png, speed_accuracy.csv, cases.csv")
+        log(line)
+    log(f"{time.process_time() - start:.0f} CPU s in all; {folder}/speed_accuracy.png, speed_accuracy.csv, cases.csv")
 
 
-def chart(folder: PathLike, tables: Iterable[PathLike], say: Callable[[str], object]) -> None:
+def chart(folder: PathLike, tables: Iterable[PathLike], log: Callable[[str], object]) -> None:
     """Draw the tables (paths of speed_accuracy.csv) of several runs as one chart. Raises InputError."""
     found = []
     for path in tables:
@@ -97,4 +97,4 @@ def chart(folder: PathLike, tables: Iterable[PathLike], say: Callable[[str], obj
         except (KeyError, TypeError):
             raise InputError("is not a table of csstsim bench", file=path, allowed="a speed_accuracy.csv") from None
     draw_chart(Path(folder) / "speed_accuracy.png", found)
-    say(f"{folder}/speed_accuracy.png")
+    log(f"{folder}/speed_accuracy.png")

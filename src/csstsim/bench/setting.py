@@ -77,6 +77,15 @@ def make_setting(folder: PathLike, band: str) -> Setting:
         write_tables(tables, psf)
     noise = Noise(filter_.sky, camera.detector.dark, camera.detector.read_noise)
     return Setting(
-        camera, chip, filter_, psf, read_tables(tables, psf), Mixer(psf), scattered, ChipWCS(chip, POINTING), EXPTIME,
-        noise.variance(EXPTIME), disperser,
-    )  # fmt: skip
+        camera=camera,
+        chip=chip,
+        filter=filter_,
+        psf=psf,
+        table=read_tables(tables, psf),
+        mixer=Mixer(psf),
+        scattered=scattered,
+        wcs=ChipWCS(chip, POINTING),
+        exptime=EXPTIME,
+        variance=noise.variance(EXPTIME),
+        disperser=disperser,
+    )

@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 from galsim import GalSimError
@@ -27,12 +27,20 @@ CaseT = TypeVar("CaseT", bound="Case")
 Draw: TypeAlias = Callable[[int], AnyArray]  # of so many copies of an object: the image [electron]
 
 
+class Measured(NamedTuple):
+    """The image of an object of unit flux, CPU seconds of an object, electrons drawn (infinite if none is random)."""
+
+    image: AnyArray
+    cost: float
+    drawn: float
+
+
 @dataclass(frozen=True)
 class Bench(Generic[CaseT]):
     """make_cases(setting, count, seed, largest) -> cases, which have star, electrons, `about` and `brighter`.
 
     truth(setting) -> function of a case; standard(setting, case) -> image; errors(setting, case, image, truth, drawn)
-    -> (errors, chances), each (len(names),), of images per unit of light; methods: imaging Methods; goals: {name:
+    -> (errors, chances), each (len(names),), of images per unit of flux; methods: imaging Methods; goals: {name:
     largest bias}; shown: names to print.
     """
 
@@ -94,27 +102,26 @@ def row(
         image = np.full_like(direct, np.nan)
         cost = np.nan
         drawn = 0
-    judged = {}
+    found = {}
     if drawn:
         for name, wanted in (("standard", reference), ("direct", direct)):
-            judged[name], chance = bench.errors(setting, case, image, wanted, drawn)
-        judged["chance"] = chance
+            found[name], chance = bench.errors(setting, case, image, wanted, drawn)
+        found["chance"] = chance
     nothing = np.full(len(bench.names), np.nan)
     columns = {
         f"{name}_{which}": value
         for which in ("standard", "direct", "chance")
-        for name, value in zip(bench.names, judged.get(which, nothing), strict=True)
+        for name, value in zip(bench.names, found.get(which, nothing), strict=True)
     }
     return about | {"cpu_s": cost, "drawn": drawn} | columns
 
 
-def measured(
-    method: Method[CaseT], setting: Setting, case: CaseT, seconds: float, electrons: float
-) -> tuple[AnyArray, float, float]:
-    """Return (image of an object of unit light, CPU s per object, electrons drawn: infinite if none is random)."""
+def measured(method: Method[CaseT], setting: Setting, case: CaseT, seconds: float, electrons: float) -> Measured:
+    """Return what a method Measured of a case, as `sweep` does."""
     used = min(case.electrons, method.most)
     draw = method.prepare(setting, case.brighter(used))
-    copies, (image, took) = 1, _timed(draw, 1)
+    copies = 1
+    image, took = _timed(draw, copies)
     if took < SLOW:  # the first draw also fills caches
         image, took = _timed(draw, 1)
     random = method.random or image.dtype.kind == "i"
@@ -126,7 +133,7 @@ def measured(
         copies = int(np.ceil(enough))
         image, took = _timed(draw, copies)
     drawn = copies * used if random else np.inf
-    return image / (copies * used), took / copies * case.electrons / used, drawn
+    return Measured(image / (copies * used), took / copies * case.electrons / used, drawn)
 
 
 def _timed(draw: Draw, copies: int) -> tuple[AnyArray, float]:

@@ -72,15 +72,15 @@ def bench(
     if chart:
         from csstsim.bench.command import chart as draw
 
-        draw(output, chart, say=print)
+        draw(output, chart, log=print)
     elif readout:
         from csstsim.bench.readout.layers import readout as time_layers
 
-        time_layers(Path(output), say=print, mcti=mcti)
+        time_layers(Path(output), log=print, mcti=mcti)
     else:
         from csstsim.bench.command import bench as run
 
-        run(output, band, methods, quick, objects, seed, say=print, shapes=shapes)
+        run(output, band, methods, quick, objects, seed, log=print, shapes=shapes)
 
 
 @click.command()

@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 GOALS = {"flux": 1e-3, "x_mas": 1.0, "y_mas": 1.0, "size2": 1e-3, "e1": 1e-4, "e2": 1e-4}
 
 
-def judge(
-    setting: Setting, case: Case, image: FloatArray, wanted: FloatArray, drawn: float
+def case_errors(
+    setting: Setting, case: Case, image: FloatArray, truth: FloatArray, drawn: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return bench.imaging.measures.errors of a Case."""
     box = setting.psf.image.shape[-1] / 2 / setting.psf.oversampling
     scale = 1000 * setting.camera.telescope.pixel_scale
     how = {"box": box, "sigma": max(WINDOW_PX, half_light_px(case.scene)), "mas_per_px": scale}
-    return errors(image, wanted, setting.variance, case.electrons, drawn, **how)
+    return errors(image, truth, setting.variance, case.electrons, drawn, **how)
 
 
 def half_light_px(scene: Scene) -> float:
@@ -39,6 +39,6 @@ def half_light_px(scene: Scene) -> float:
 
 
 SHOWN = "flux", "x_mas", "size2", "e1"
-IMAGING = Bench(METHODS, make_cases, Truth, standard, judge, NAMES, GOALS, SHOWN)
+IMAGING = Bench(METHODS, make_cases, Truth, standard, case_errors, NAMES, GOALS, SHOWN)
 _ANY_SHAPE = tuple(method for method in METHODS if method.name != "UFig")
-SHAPES = Bench(_ANY_SHAPE, make_shapes, Truth, standard, judge, NAMES, GOALS, SHOWN)
+SHAPES = Bench(_ANY_SHAPE, make_shapes, Truth, standard, case_errors, NAMES, GOALS, SHOWN)

@@ -7,10 +7,10 @@ lie anywhere, and the interpolation between nodes adds to their errors.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 
@@ -28,12 +28,28 @@ FLUX = 10.0, 1e7  # electrons
 SIZE = 0.05, 5.0  # arcsec
 BULGE_MAX = 1.5  # arcsec
 ELLIPTICITY = 0.8
-SHARES = (0.16, 0.3, 0.34, 0.2)  # of the light by sub-band, unequal so that a mix-up shows
-# px: half the side of the stamp that is judged
+FRACTIONS = (0.16, 0.3, 0.34, 0.2)  # of the flux by sub-band, unequal so that a mix-up shows
+# px: half the side of the stamp that is measured
 HALF_MIN = 32
 HALF_MAX = 160
 MARGIN = 16  # px beyond the reach, so that light cut off by a stamp shows as an error
-EDGE = 300  # px: least distance from the chip's edge
+EDGE = 300  # px: minimum distance from the chip's edge
+
+
+class Position(NamedTuple):
+    """A position on a chip, or on an image [px]."""
+
+    x: float
+    y: float
+
+
+class Shape(NamedTuple):
+    """A galaxy, or a star if `size` is 0: electrons, fraction of the bulge, half-light radius [arcsec], |e|."""
+
+    electrons: float
+    bulge: float = 0.0
+    size: float = 0.0
+    e: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +68,11 @@ class Case:
         return (self.window.nx - 1) // 2
 
     @property
+    def id(self) -> int:
+        """The object's number."""
+        return int(self.row["id"][0])
+
+    @property
     def star(self) -> bool:
         """Whether it is a star."""
         return self.row["obj_type"][0] == STAR
@@ -59,7 +80,7 @@ class Case:
     def about(self) -> dict[str, Any]:
         """Return {column: value} that describe the object."""
         return {
-            "object": int(self.row["id"][0]),
+            "object": self.id,
             "kind": "star" if self.star else "galaxy",
             "electrons": self.electrons,
             "half_light": float(self.row["size_disk"][0]),
@@ -97,9 +118,9 @@ def _stars(rng: np.random.Generator, count: int) -> list[dict[str, float]]:
 
 
 def _galaxies(rng: np.random.Generator, count: int, largest: float) -> list[dict[str, float]]:
-    shares = (0.0, 1.0, 0.4)
+    bulges = (0.0, 1.0, 0.4)
     sizes = (SIZE[0], 0.5, min(2.0, largest))
-    grid = list(product((1e2, 1e4, 1e6), shares, sizes, (0.0, ELLIPTICITY)))
+    grid = list(product((1e2, 1e4, 1e6), bulges, sizes, (0.0, ELLIPTICITY)))
     shapes = [
         dict(zip(("electrons", "bulge", "size", "e"), grid[i], strict=True))
         for i in rng.permutation(len(grid))[: count // 4]
@@ -126,48 +147,64 @@ def make_case(
     e: float = 0.0,
 ) -> Case:
     """Return the Case of a galaxy of `size` [arcsec], or of a star if it is 0; cases of even `i` are at a node."""
-    table = make_row(setting, rng, i, *place(setting, rng, i % 2 == 0), SHARES, electrons, bulge, size, e)
+    at_node = i % 2 == 0
+    table = make_row(setting, rng, i, position(setting, rng, at_node), Shape(electrons, bulge, size, e))
+    scene = make_scene(table, setting.wcs, setting.psf, setting.exptime)
+    return Case(table, scene, window_of(table), electrons, at_node)
+
+
+def window_of(table: ObjectTable) -> Window:
+    """Return the Window about a table's one object."""
     half = half_of(table)
-    column, row = (round(float(table[name][0])) for name in "xy")
-    window = Window(column - half, column + half + 1, row - half, row + half + 1)
-    return Case(table, make_scene(table, setting.wcs, setting.psf, setting.exptime), window, electrons, i % 2 == 0)
+    x = round(float(table["x"][0]))
+    y = round(float(table["y"][0]))
+    return Window(x - half, x + half + 1, y - half, y + half + 1)
 
 
-def half_of(table: ObjectTable, most: int = HALF_MAX) -> int:
+def half_of(table: ObjectTable, half_max: int = HALF_MAX) -> int:
     """Return half the side of the window of a table's one object [px]."""
-    return int(np.clip(table["reach"][0] + MARGIN, HALF_MIN, most))
+    return int(np.clip(table["reach"][0] + MARGIN, HALF_MIN, half_max))
 
 
 def make_row(
     setting: Setting,
     rng: np.random.Generator,
     i: int,
-    x: float,
-    y: float,
-    shares: Iterable[float],
-    electrons: float,
-    bulge: float = 0.0,
-    size: float = 0.0,
-    e: float = 0.0,
-    more: dict[str, Any] | None = None,
+    at: Position,
+    shape: Shape,
+    fractions: Iterable[float] = FRACTIONS,
+    more: Mapping[str, Any] | None = None,
 ) -> ObjectTable:
-    """Return the table of one object at chip pixel x, y, turned at random; shares (4,): of its light by sub-band.
+    """Return the table of object `i` at a position on the chip, turned at random.
 
-    more: {column: value} of other columns.
+    fractions (4,): of its flux by sub-band; more: {column: value} of other columns.
     """
     turn = rng.uniform(0, 2 * np.pi)
-    ra, dec = setting.wcs.pixel_to_world(x, y)
+    ra, dec = setting.wcs.pixel_to_world(at.x, at.y)
     columns = {
-        "id": i, "obj_type": GALAXY if size else STAR, "ra": ra, "dec": dec, "ra_orig": ra, "dec_orig": dec, "x": x,
-        "y": y, "bulge_frac": bulge, "size_disk": size, "size_bulge": min(size, BULGE_MAX), "e1": e * np.cos(turn),
-        "e2": e * np.sin(turn), "wing": 0.0,
-    } | {f"flux{k}": electrons * share / setting.exptime for k, share in enumerate(shares)} | (more or {})  # fmt: skip
+        "id": i,
+        "obj_type": GALAXY if shape.size else STAR,
+        "ra": ra,
+        "dec": dec,
+        "ra_orig": ra,
+        "dec_orig": dec,
+        "x": at.x,
+        "y": at.y,
+        "bulge_frac": shape.bulge,
+        "size_disk": shape.size,
+        "size_bulge": min(shape.size, BULGE_MAX),
+        "e1": shape.e * np.cos(turn),
+        "e2": shape.e * np.sin(turn),
+        "wing": 0.0,
+    }
+    columns |= {f"flux{k}": shape.electrons * fraction / setting.exptime for k, fraction in enumerate(fractions)}
+    columns |= more or {}
     table = ObjectTable.complete({name: np.atleast_1d(value) for name, value in columns.items()}, ())
     box = setting.psf.image.shape[-1] / 2 / setting.psf.oversampling
-    flux = np.array([electrons])
+    flux = np.array([shape.electrons])
     reach = point_reach(flux, setting.variance, setting.filter, setting.camera.telescope, box)
     lost: FloatArray = np.zeros(1)
-    if size:
+    if shape.size:
         radius, lost = galaxy_radius(table, flux, setting.variance, setting.camera.telescope.pixel_scale)
         reach = reach + radius
     else:
@@ -175,12 +212,12 @@ def make_row(
     return table.with_columns(reach=np.ceil(reach).astype(np.int32), lost=lost)
 
 
-def place(setting: Setting, rng: np.random.Generator, at_node: bool) -> tuple[float, float]:
-    """Return x, y: within half a pixel of a node that is not at the chip's edge, or anywhere else."""
+def position(setting: Setting, rng: np.random.Generator, at_node: bool) -> Position:
+    """Return a Position within half a pixel of a node that is not at the chip's edge, or anywhere else."""
     nodes = setting.psf.nodes_xy
     detector = setting.chip.detector
     if not at_node:
-        return rng.uniform(EDGE, detector.nx - EDGE), rng.uniform(EDGE, detector.ny - EDGE)
+        return Position(rng.uniform(EDGE, detector.nx - EDGE), rng.uniform(EDGE, detector.ny - EDGE))
     inside = (nodes > EDGE).all(axis=1) & (nodes < (detector.nx - EDGE, detector.ny - EDGE)).all(axis=1)
     x, y = nodes[rng.choice(np.flatnonzero(inside))] + rng.uniform(-0.5, 0.5, 2)
-    return x, y
+    return Position(x, y)

@@ -32,25 +32,41 @@ class Moments:
     value: FloatArray
     spread: FloatArray
 
+    @property
+    def flux(self) -> float:
+        """The flux."""
+        flux: float = self.value[0]
+        return flux
+
+    @property
+    def size2(self) -> float:
+        """The square of the size [px^2]."""
+        size2: float = self.value[5]
+        return size2
+
 
 def moments(image: FloatArray, sigma: float = WINDOW_PX) -> Moments:
-    """Return the Moments of an image of expected light, about the middle of the array; `sigma` of the weight in px."""
+    """Return the Moments of an image of expected flux, about the middle of the array; `sigma` of the weight in px."""
     axis = np.arange(image.shape[0]) - (image.shape[0] - 1) / 2
     x = y = 0.0
     for _ in range(_STEPS):
-        wx, wy = (np.exp(-0.5 * ((axis - c) / sigma) ** 2) for c in (x, y))
+        wx = np.exp(-0.5 * ((axis - x) / sigma) ** 2)
+        wy = np.exp(-0.5 * ((axis - y) / sigma) ** 2)
         line = wy @ image
-        light = line @ wx
-        new = line @ (wx * axis) / light, (wy * axis) @ (image @ wx) / light
-        moved, (x, y) = max(abs(new[0] - x), abs(new[1] - y)), new
-        if moved < _SETTLED_PX:
+        flux = line @ wx
+        new_x = line @ (wx * axis) / flux
+        new_y = (wy * axis) @ (image @ wx) / flux
+        step = max(abs(new_x - x), abs(new_y - y))
+        x = new_x
+        y = new_y
+        if step < _SETTLED_PX:
             break
     dx = axis - x
     dy = (axis - y)[:, None]
-    share = image * wy[:, None] * wx / light
-    xx = (share * dx * dx).sum()
-    yy = (share * dy * dy).sum()
-    xy = (share * dx * dy).sum()
+    fraction = image * wy[:, None] * wx / flux
+    xx = (fraction * dx * dx).sum()
+    yy = (fraction * dy * dy).sum()
+    xy = (fraction * dx * dy).sum()
     size2 = xx + yy
     r2 = dx * dx + dy * dy
     e1 = (xx - yy) / size2
@@ -64,7 +80,7 @@ def moments(image: FloatArray, sigma: float = WINDOW_PX) -> Moments:
         r2 - size2,
     )
     total = image.sum()
-    weight = share * wy[:, None] * wx / light
+    weight = fraction * wy[:, None] * wx / flux
     spread = [np.sqrt(max((weight * part**2).sum(), 0.0)) for part in parts]
     return Moments(np.array([total, x, y, e1, e2, size2]), np.array([np.sqrt(total), *spread]))
 
@@ -80,20 +96,20 @@ def errors(
     sigma: float = WINDOW_PX,
     mas_per_px: float = 74.0,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return (errors, their statistical errors), each (8,), in the order of NAMES, of an image per unit of light.
+    """Return (errors, their statistical errors), each (8,), in the order of NAMES, of an image per unit of flux.
 
-    variance: of a pixel without the object [e-^2]; electrons: of the object; drawn: electrons the image was made of;
-    box: half the side of the PSF's box [px].
+    variance: of a pixel without the object [e-^2]; electrons: of the object; drawn: electrons that the image was
+    rendered with; box: half the side of the PSF's box [px].
     Flux, size2: relative; pixel: largest difference over the peak; visible: in noise units, at `electrons`, negative
     if the images differ by less than chance would make them.
     """
     got = moments(image, sigma)
     wanted = moments(truth, sigma)
-    scale = np.array([1 / wanted.value[0], mas_per_px, mas_per_px, 1.0, 1.0, 1 / wanted.value[5]])
+    scale = np.array([1 / wanted.flux, mas_per_px, mas_per_px, 1.0, 1.0, 1 / wanted.size2])
     axis = np.abs(np.arange(len(image)) - (len(image) - 1) / 2)
-    judged = np.abs(np.maximum(axis, axis[:, None]) - box) > EDGE_PX
-    difference = np.where(judged, image - truth, 0.0)
-    seen, chance_seen = visible(image, truth, variance, electrons, drawn, judged)
+    counted = np.abs(np.maximum(axis, axis[:, None]) - box) > EDGE_PX
+    difference = np.where(counted, image - truth, 0.0)
+    seen, chance_seen = visible(image, truth, variance, electrons, drawn, counted)
     peak = np.abs(difference).argmax()
     values = [*(got.value - wanted.value) * scale, np.abs(difference).max() / truth.max(), seen]
     chance = [
@@ -110,12 +126,12 @@ def visible(
     variance: float,
     electrons: float,
     drawn: float,
-    judged: BoolArray | bool = True,
+    counted: BoolArray | bool = True,
 ) -> tuple[float, float]:
-    """Return (visible error, that expected from chance alone) over the pixels that are `judged`; see `errors`."""
+    """Return (visible error, that expected from chance alone) over the pixels that are `counted`; see `errors`."""
     noise2 = electrons * np.maximum(truth, 0) + variance
-    seen = (electrons**2 * (image - truth) ** 2 / noise2 * judged).sum()
+    seen = (electrons**2 * (image - truth) ** 2 / noise2 * counted).sum()
     # For a Poisson number n of mean m, (n - m)^2 - n has mean 0 and variance 2 m^2
-    seen -= (electrons**2 / drawn * image / noise2 * judged).sum()
-    shot = electrons**2 / drawn * np.maximum(truth, 0) / noise2 * judged
+    seen -= (electrons**2 / drawn * image / noise2 * counted).sum()
+    shot = electrons**2 / drawn * np.maximum(truth, 0) / noise2 * counted
     return np.sign(seen) * np.sqrt(abs(seen)), (2 * (shot**2).sum()) ** 0.25

@@ -82,7 +82,7 @@ def copies_of(scene: Scene, copies: int) -> Scene:
 
 
 def _photons(setting: Setting, case: Case) -> Draw:
-    base = np.uint64(case.row["id"][0] + 1)
+    base = np.uint64(case.id + 1)
 
     def draw(copies: int) -> IntArray:
         canvas = Canvas(None, case.window)
@@ -112,7 +112,7 @@ def drawing_of(setting: Setting, case: Case, fidelity: str) -> Drawing:
         Scattered(),
         fidelity,
         setting.variance,
-        np.uint64(case.row["id"][0] + 1),
+        np.uint64(case.id + 1),
         setting.table,
         kept=setting.mixer,
     )
@@ -138,5 +138,5 @@ METHODS: tuple[Method[Case], ...] = (
     Method("GalSim as the paper", peers.paper, peer=True),
     Method("GalSim FFT", peers.fft, peer=True),
     Method("GalSim photons", peers.photons, random=True, most=1e6, peer=True),
-    *([Method("UFig", ufig.prepare, random=True, peer=True)] if ufig.THERE else []),
+    *([Method("UFig", ufig.prepare, random=True, peer=True)] if ufig.INSTALLED else []),
 )

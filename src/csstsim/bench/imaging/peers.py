@@ -128,5 +128,5 @@ def _convolved(scene: Scene, point: galsim.GSObject) -> Callable[[], galsim.GSOb
 def photons(setting: Setting, case: Case) -> Draw:
     """Return draw(copies) by GalSim's photon shooting, with the nearest node's PSF."""
     point = interpolated(_nearest(setting, case), setting.psf.oversampling)
-    rng = galsim.BaseDeviate(int(case.row["id"][0]) + 1)
+    rng = galsim.BaseDeviate(case.id + 1)
     return _drawer(case, [_convolved(case.scene, point)], method="phot", rng=rng)

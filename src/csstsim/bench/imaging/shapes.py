@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from csstsim.base.rng import stream
-from csstsim.bench.imaging.cases import SHARES, Case, half_of, make_row, place
+from csstsim.bench.imaging.cases import Case, Shape, make_row, position, window_of
 from csstsim.catalog.galaxy_shapes.galsim_images import image_of
 from csstsim.catalog.row_files import with_images
 from csstsim.catalog.table import GALAXY
-from csstsim.instrument.chip import Window
 from csstsim.render.scene import make_scene
 
 if TYPE_CHECKING:
@@ -58,19 +57,18 @@ def make_shapes(setting: Setting, count: int, seed: int = 1, largest: float = SI
             bulge = 0.2
             columns = {"knots": int(rng.integers(5, 41)), "knots_frac": rng.uniform(0.3, 0.8)}
         else:
-            e, columns = 0.0, _image(setting, rng, size, e)
-        where = place(setting, rng, at_node)
-        row = make_row(setting, rng, i, *where, SHARES, electrons, bulge, size, e, columns)
-        half = half_of(row)
-        x, y = (round(float(row[name][0])) for name in "xy")
-        window = Window(x - half, x + half + 1, y - half, y + half + 1)
+            columns = _image(setting, rng, size, e)
+            e = 0.0
+        at = position(setting, rng, at_node)
+        row = make_row(setting, rng, i, at, Shape(electrons, bulge, size, e), more=columns)
+        window = window_of(row)
         scene = make_scene(row, setting.wcs, setting.psf, setting.exptime)
         made.append(ShapeCase(row, scene, window, electrons, at_node, kind))
     return made
 
 
 def _image(setting: Setting, rng: np.random.Generator, size: float, e: float) -> dict[str, Any]:
-    """Return the columns of an image of two Sersic profiles, one beside the other."""
+    """Return the columns of an image of two Sersic profiles, one next to the other."""
     import galsim
 
     main = galsim.Sersic(rng.uniform(0.8, 2.0), half_light_radius=size, flux=0.8).shear(g1=e, g2=0.0)

@@ -23,7 +23,7 @@ from scipy.special import gamma, k0
 
 from csstsim.base.types import ComplexArray, FloatArray, Floats, IntArray
 from csstsim.base.units import ARCSEC_PER_RAD
-from csstsim.bench.imaging.cases import SHARES
+from csstsim.bench.imaging.cases import FRACTIONS, Position
 from csstsim.optics.psf.chip_errors import chip_coefficients
 from csstsim.optics.psf.psf_file import pixel_response
 from csstsim.optics.psf.psf_set import chip_optics, node_psf
@@ -50,7 +50,7 @@ class Truth:
         self._setting = setting
         self._wavefront = load_wavefront(camera.psf)
         cells = setting.psf.image.shape[-1] // setting.psf.oversampling * m
-        self._optics = chip_optics(setting.chip, setting.filter, camera.psf, self._wavefront, m, cells)
+        self._optics, self._kernel = chip_optics(setting.chip, setting.filter, camera.psf, self._wavefront, m, cells)
         finest = min(setting.filter.psf_wavelength) * 1e-10 / camera.telescope.diameter_m * ARCSEC_PER_RAD
         self._highest = 1.1 * camera.telescope.pixel_scale / finest  # cycles per pixel
 
@@ -59,10 +59,10 @@ class Truth:
         setting = self._setting
         m = CELLS_PER_PIXEL
         coefficients = chip_coefficients(self._wavefront, setting.camera.psf, setting.chip, x, y)
-        images, _ = node_psf(self._optics[0], coefficients, self._optics[1], m)
+        images, _ = node_psf(self._optics, coefficients, self._kernel, m)
         wing = setting.scattered.wing
         assert wing is not None  # of the shipped camera
-        cells = np.tensordot(SHARES, wing.add_to(images, m), axes=1)
+        cells = np.tensordot(FRACTIONS, wing.add_to(images, m), axes=1)
         return pixel_response(np.pad(cells, m), m)  # padded: includes pixels only partly in the box
 
     def __call__(self, case: Case) -> FloatArray:
@@ -78,10 +78,10 @@ class Truth:
         lattice = (np.arange(len(response)) - len(response) // 2) / CELLS_PER_PIXEL
         transform = waves(ky, -lattice) @ response @ waves(kx, -lattice).T / CELLS_PER_PIXEL**2
         transform *= profile(scene, kx, ky)
-        offset = scene.x[0] - case.window.x0 - half, scene.y[0] - case.window.y0 - half
+        offset = Position(scene.x[0] - case.window.x0 - half, scene.y[0] - case.window.y0 - half)
         pixels = np.arange(-half, half + 1)
         twice = np.where(kx > 0, 2.0, 1.0)  # kx > 0 stands for kx < 0 as well
-        image = (waves(ky, pixels - offset[1]).T @ transform @ (twice[:, None] * waves(kx, pixels - offset[0]))).real
+        image = (waves(ky, pixels - offset.y).T @ transform @ (twice[:, None] * waves(kx, pixels - offset.x))).real
         return image / period**2 - repeats(scene, pixels, pixels, offset, period) * response[::8, ::8].sum()
 
 
@@ -119,31 +119,32 @@ def _of_spots(spots: Spots, group: int, m: FloatArray, kx: FloatArray, ky: Float
     for some in np.array_split(np.arange(len(light)), len(light) // _SPOTS + 1):
         total = total + (waves(ky, -y[some]) * light[some]) @ waves(kx, -x[some]).T
     if spots.image(group) is not None:
-        fx, fy = (m[0, i] * kx + m[1, i] * ky[:, None] for i in (0, 1))
+        fx = m[0, 0] * kx + m[1, 0] * ky[:, None]
+        fy = m[0, 1] * kx + m[1, 1] * ky[:, None]
         total *= np.sinc(fx) ** 3 * np.sinc(fy) ** 3
     return total
 
 
 def repeats(
-    scene: Scene, x: FloatArray | IntArray, y: FloatArray | IntArray, offset: tuple[float, float], period: int
+    scene: Scene, x: FloatArray | IntArray, y: FloatArray | IntArray, offset: Position, period: int
 ) -> FloatArray:
-    """Return the light at pixels x, y of the repeats, every `period` pixels, of an object at `offset` (x, y)."""
+    """Return the light at pixels x, y of the repeats, every `period` pixels, of an object at `offset`."""
     shifts = range(-_REPEATS, _REPEATS + 1)
-    places = [(offset[0] + i * period, offset[1] + j * period) for i in shifts for j in shifts if (i, j) != (0, 0)]
-    share = 1.0 if scene.fraction_of_parent is None else scene.fraction_of_parent[0]
-    return share * sum((brightness(scene, x, y, place) for place in places), np.zeros((y.size, x.size)))
+    others = [
+        Position(offset.x + i * period, offset.y + j * period) for i in shifts for j in shifts if (i, j) != (0, 0)
+    ]
+    fraction = 1.0 if scene.fraction_of_parent is None else scene.fraction_of_parent[0]
+    return fraction * sum((brightness(scene, x, y, at) for at in others), np.zeros((y.size, x.size)))
 
 
-def brightness(
-    scene: Scene, x: FloatArray | IntArray, y: FloatArray | IntArray, place: tuple[float, float]
-) -> FloatArray:
-    """Return the profile of a Scene's one object, of unit light, at pixels x, y about `place`; 0 for a point."""
+def brightness(scene: Scene, x: FloatArray | IntArray, y: FloatArray | IntArray, at: Position) -> FloatArray:
+    """Return the profile of a Scene's one object, of unit flux, at pixels x, y about `at`; 0 for a point."""
     total = np.zeros((y.size, x.size))
     back = np.linalg.inv(scene.matrix[0])
     if scene.spots is not None and scene.spot is not None and scene.spot[0] >= 0:  # compact: its repeats are not near
         return total
-    dx = x - place[0]
-    dy = (y - place[1])[:, None]
+    dx = x - at.x
+    dy = (y - at.y)[:, None]
     for light, (index, b, radius) in zip(scene.component_fractions[0], scene.sersic[0], strict=True):
         if light > 0 and index > 0:
             level = light * abs(np.linalg.det(back)) / (2 * np.pi * radius**2 * index * b ** (-2 * index))

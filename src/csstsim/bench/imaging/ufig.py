@@ -7,7 +7,7 @@ called as its plugins call them, with csstsim's matrix for a galaxy's shape.
 from __future__ import annotations
 
 import importlib.util
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -21,8 +21,16 @@ if TYPE_CHECKING:
     from csstsim.bench.sweep import Draw
     from csstsim.render.scene import Scene
 
-THERE = all(importlib.util.find_spec(name) for name in ("ufig", "ivy", "cosmic_toolbox"))
+INSTALLED = all(importlib.util.find_spec(name) for name in ("ufig", "ivy", "cosmic_toolbox"))
 _SUPPRESSION = -7.5  # of a flexion that is zero
+
+
+class _Moffat(NamedTuple):
+    """A Moffat profile: FWHM [px], beta, and its flux in a PSF's box."""
+
+    fwhm: float
+    beta: float
+    flux: float
 
 
 def prepare(setting: Setting, case: Case) -> Draw:
@@ -35,23 +43,25 @@ def prepare(setting: Setting, case: Case) -> Draw:
 
     scene = case.scene
     window = case.window
-    precision = common.gammaprecision, common.gammaprecisionhigh, common.sersicprecision
+    gamma = common.gammaprecision, common.gammaprecisionhigh
+    precision = *gamma, common.sersicprecision
     light = np.array([1.0]) if case.star else scene.component_fractions[0]
-    fwhm, beta, caught = _moffat(setting, scene)
-    rng = stream(1, "bench", "ufig", int(case.row["id"][0]))
-    table = load_intrinsicTable(precision[2], *precision[:2])
+    moffat = _moffat(setting, scene)
+    rng = stream(1, "bench", "ufig", case.id)
+    table = load_intrinsicTable(common.sersicprecision, *gamma)
 
     def draw(copies: int) -> FloatArray:
         image = np.zeros(window.shape)
-        number = rng.poisson(case.electrons * caught * light, (copies, light.size)).reshape(-1, 1)
+        number = rng.poisson(case.electrons * moffat.flux * light, (copies, light.size)).reshape(-1, 1)
         n = len(number)
         buffer = rng.integers(0, 1 << 32, 44497).astype(np.uint32)
         # UFig's pixel n begins at coordinate n
-        x, y = (np.full(n, at[0] - start + 0.5) for at, start in ((scene.x, window.x0), (scene.y, window.y0)))
+        x = np.full(n, scene.x[0] - window.x0 + 0.5)
+        y = np.full(n, scene.y[0] - window.y0 + 0.5)
         none = np.zeros((n, 1))
         psf = (
-            np.full((n, 1), beta),
-            rendering_util.compute_ellip_matrices(np.full(n, fwhm), np.zeros(n), np.zeros(n)),
+            np.full((n, 1), moffat.beta),
+            rendering_util.compute_ellip_matrices(np.full(n, moffat.fwhm), np.zeros(n), np.zeros(n)),
             np.zeros((n, 2, 2, 2)),
             none,
             none,
@@ -70,8 +80,8 @@ def prepare(setting: Setting, case: Case) -> Draw:
     return draw
 
 
-def _moffat(setting: Setting, scene: Scene) -> tuple[float, float, float]:
-    """Return (FWHM [px], beta, light) of the Moffat profile fitted to the PSF, with all light of the PSF's box."""
+def _moffat(setting: Setting, scene: Scene) -> _Moffat:
+    """Return the Moffat profile fitted to the PSF, with all the flux of the PSF's box."""
     electrons = scene.electrons[0] / scene.electrons[0].sum()
     cells = sum(
         w * np.tensordot(electrons, setting.psf.node(n).astype(float), axes=1)
@@ -81,10 +91,11 @@ def _moffat(setting: Setting, scene: Scene) -> tuple[float, float, float]:
     axis = (np.arange(len(cells)) - (len(cells) - 1) / 2) / setting.psf.oversampling
     r2 = axis**2 + axis[:, None] ** 2
 
-    def residual(p: FloatArray) -> FloatArray:
-        alpha2 = p[0] ** 2 / (4 * (2 ** (1 / p[1]) - 1))
-        density = total * (p[1] - 1) / (np.pi * alpha2) * (1 + r2 / alpha2) ** -p[1]
+    def residual(parameters: FloatArray) -> FloatArray:
+        fwhm, beta = parameters
+        alpha2 = fwhm**2 / (4 * (2 ** (1 / beta) - 1))
+        density = total * (beta - 1) / (np.pi * alpha2) * (1 + r2 / alpha2) ** -beta
         return (density / setting.psf.oversampling**2 - cells).ravel()
 
     fwhm, beta = least_squares(residual, (1.8, 3.0), bounds=((0.3, 1.05), (10, 20))).x
-    return fwhm, beta, total
+    return _Moffat(fwhm, beta, total)

@@ -13,7 +13,7 @@ import numpy as np
 
 from csstsim.base.types import FloatArray
 
-THERE = importlib.util.find_spec("arcticpy") is not None
+INSTALLED = importlib.util.find_spec("arcticpy") is not None
 
 
 def arctic(

@@ -15,7 +15,7 @@ from scipy.signal import lfilter
 
 from csstsim.base.shipped import SHIPPED
 from csstsim.base.types import FloatArray, PathLike
-from csstsim.bench.readout.arctic import THERE, arctic
+from csstsim.bench.readout.arctic import INSTALLED, arctic
 from csstsim.detector.charge_transfer.cti import transfer
 from csstsim.detector.charge_transfer.parameters import Columns, Keys, trap_model
 from csstsim.instrument.load import read_data
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from csstsim.bench.readout.mcti import Mcti
 
 CTI = read_data(SHIPPED / "instrument" / "cti.yaml")
-BETA, FULL_WELL, NOTCH = (CTI["well"][name] for name in ("beta", "full_well", "notch"))
-WELL = BETA, FULL_WELL, NOTCH
-DENSITY, TAU = (np.array(CTI["species"][name]) for name in ("density", "timescale"))
+WELL = CTI["well"]["beta"], CTI["well"]["full_well"], CTI["well"]["notch"]
+DENSITY = np.array(CTI["species"]["density"])
+TAU = np.array(CTI["species"]["timescale"])
 TRAPS = trap_model(DENSITY, TAU, WELL)
 KEYS = Keys(np.uint64(1), np.uint64(2))
 ROWS = 4616
@@ -43,7 +43,14 @@ BEHIND = 198
 FEW = 8  # columns, for the slow methods
 LOSS = 1.2e-5  # per transfer, linear model: the loss of 5000 e- over 3 rows from row 4000
 PARTS = ((0, 3), (3, 11), (11, 51), (51, 201))
-Way: TypeAlias = Callable[[FloatArray, int], FloatArray]  # a column with a spot, and the spot's row: after the transfer
+Transfer: TypeAlias = Callable[[FloatArray, int], FloatArray]  # of a column with a spot, and the spot's row
+
+
+class TimedMethod(NamedTuple):
+    """A method of charge transfer, and CPU seconds of a half-column."""
+
+    seconds: float
+    transfer: Transfer
 
 
 class MethodCost(NamedTuple):
@@ -55,14 +62,14 @@ class MethodCost(NamedTuple):
 
 
 def speed_accuracy(
-    file: PathLike, say: Callable[[str], object], columns: int = 512, mcti: Mcti | None = None, quick: bool = False
+    file: PathLike, log: Callable[[str], object], columns: int = 512, mcti: Mcti | None = None, quick: bool = False
 ) -> dict[str, MethodCost]:
     """Print cost, losses and trails of each method; draw the chart. Returns {name: MethodCost}.
 
     mcti: bench.readout.mcti.Mcti, or None; quick: of a hundredth of the columns, so that errors are larger.
     """
     exact(np.ones((9, 9), np.float32))
-    found = accuracy(ways(half_column(columns, SKY), mcti, quick), say)
+    found = accuracy(timed_methods(half_column(columns, SKY), mcti, quick), log)
     chart(found, file)
     return found
 
@@ -102,7 +109,7 @@ def scene(rng: np.random.Generator, columns: int, sky: float) -> FloatArray:
 
 
 def cpu(work: Callable[[FloatArray], object], image: FloatArray, repeats: int = 3) -> float:
-    """Return the least CPU seconds of work(copy of image) in `repeats` runs."""
+    """Return the minimum CPU seconds of work(copy of image) in `repeats` runs."""
     times = []
     for _ in range(repeats):
         copy = image.copy()
@@ -117,9 +124,9 @@ def linear(image: FloatArray) -> None:
     transfers = np.arange(1, len(image) + 1)[:, None]
     change = np.zeros_like(image)
     for density, tau in zip(DENSITY, TAU, strict=True):
-        share = LOSS * density / DENSITY.sum()
+        loss = LOSS * density / DENSITY.sum()
         stay = np.exp(-1 / tau)
-        lost = (share * transfers * image).astype(np.float32)
+        lost = (loss * transfers * image).astype(np.float32)
         change -= lost
         change[1:] += lfilter([1 - stay], [1, -stay], lost[:-1], axis=0)
     image += change
@@ -132,7 +139,7 @@ def spot_column(flux: float, row: int) -> FloatArray:
     return column
 
 
-def spot_change(method: Way, flux: float, row: int) -> FloatArray:
+def spot_change(method: Transfer, flux: float, row: int) -> FloatArray:
     """Return how `method` (column to column, a mean of realisations) changes a spot's electrons in each of PARTS."""
     sky = spot_column(SKY, row)
     spot = spot_column(flux, row)
@@ -140,7 +147,7 @@ def spot_change(method: Way, flux: float, row: int) -> FloatArray:
     return np.array([change[row + a : row + b].sum() for a, b in PARTS])
 
 
-def stochastic(columns: int, scale: int = 1) -> Way:
+def stochastic(columns: int, scale: int = 1) -> Transfer:
     """Return the exact process as a method, with `scale` times as many electrons and traps, each as much smaller."""
 
     def method(column: FloatArray, row: int) -> FloatArray:
@@ -168,7 +175,7 @@ def by_arctic(express: int, scan: bool) -> Callable[..., FloatArray]:
     return method
 
 
-def by_mcti(mcti: Mcti) -> Way:
+def by_mcti(mcti: Mcti) -> Transfer:
     """Return MCTI's method: as many columns as give the trails to 1%, fewer the longer they are."""
 
     def method(column: FloatArray, row: int) -> FloatArray:
@@ -178,8 +185,8 @@ def by_mcti(mcti: Mcti) -> Way:
     return method
 
 
-def ways(seconds: float, mcti: Mcti | None = None, quick: bool = False) -> dict[str, tuple[float, Way]]:
-    """Return {name: (CPU s per half-column, method for spot_change)}; `seconds`: those of the exact process."""
+def timed_methods(seconds: float, mcti: Mcti | None = None, quick: bool = False) -> dict[str, TimedMethod]:
+    """Return {name: TimedMethod}; `seconds`: those of the exact process."""
     image = scene(np.random.default_rng(5), 128, SKY)
     some = 100 if quick else 1
 
@@ -188,40 +195,41 @@ def ways(seconds: float, mcti: Mcti | None = None, quick: bool = False) -> dict[
 
     many = (WELL[0], 30 * WELL[1], 30 * WELL[2])
     found = {
-        "exact, event by event": (seconds, stochastic(3000 // some)),
-        "mean field": (
+        "exact, event by event": TimedMethod(seconds, stochastic(3000 // some)),
+        "mean field": TimedMethod(
             each(lambda part: transfer(30 * part, trap_model(30 * DENSITY, TAU, many), KEYS)),
             stochastic(100 // some, 30),
         ),
-        "linear": (each(linear, image.shape[1]), linear_column),
+        "linear": TimedMethod(each(linear, image.shape[1]), linear_column),
     }
-    if THERE:
+    if INSTALLED:
         for express in (1, 2, 5):
             method = by_arctic(express, False)
-            found[f"arcticpy {express}"] = each(method, 64), method
-            found[f"arcticpy {express}, overscan_start"] = found[f"arcticpy {express}"][0], by_arctic(express, True)
+            cost = each(method, 64)
+            found[f"arcticpy {express}"] = TimedMethod(cost, method)
+            found[f"arcticpy {express}, overscan_start"] = TimedMethod(cost, by_arctic(express, True))
     if mcti is not None:
-        found["MCTI, the paper's code"] = (
+        found["MCTI, the paper's code"] = TimedMethod(
             each(lambda part: mcti.transfer(part, DENSITY, TAU, WELL, OVERSCAN), 32),
             by_mcti(mcti),
         )
     return found
 
 
-def accuracy(methods: Mapping[str, tuple[float, Way]], say: Callable[[str], object]) -> dict[str, MethodCost]:
+def accuracy(methods: Mapping[str, TimedMethod], log: Callable[[str], object]) -> dict[str, MethodCost]:
     """Print losses and trails by method; return {name: MethodCost}."""
     reference = None
     found = {}
-    say(f"\nspot over 3 rows, sky {SKY} e-: electrons added to the spot | rows 1-8, 9-48, 49-198 behind it")
-    for name, (cost, method) in methods.items():
-        parts = np.array([spot_change(method, *spot) for spot in SPOTS])
+    log(f"\nspot over 3 rows, sky {SKY} e-: electrons added to the spot | rows 1-8, 9-48, 49-198 behind it")
+    for name, method in methods.items():
+        parts = np.array([spot_change(method.transfer, flux, row) for flux, row in SPOTS])
         reference = parts if reference is None else reference
         error = parts / reference - 1
-        found[name] = MethodCost(cost * HALF_COLUMNS, np.sqrt((error**2).mean()), parts)
+        found[name] = MethodCost(method.seconds * HALF_COLUMNS, np.sqrt((error**2).mean()), parts)
         against = f"error against the first: rms {found[name].error:.2%}, largest {abs(error).max():.1%}"
-        say(f"{name}: {found[name].cpu:.1f} CPU s per chip; {against}")
-        for (flux, row), part in zip(SPOTS, parts, strict=True):
-            say(f"   {flux:6d} e- at {row:4d}: {part[0]:9.2f} |" + "".join(f"{value:9.2f}" for value in part[1:]))
+        log(f"{name}: {found[name].cpu:.1f} CPU s per chip; {against}")
+        for (flux, row), (spot, *behind) in zip(SPOTS, parts, strict=True):
+            log(f"   {flux:6d} e- at {row:4d}: {spot:9.2f} |" + "".join(f"{value:9.2f}" for value in behind))
     return found
 
 
@@ -233,11 +241,14 @@ def chart(found: Mapping[str, MethodCost], file: PathLike) -> None:
     from matplotlib import pyplot as plt
 
     figure, axes = plt.subplots(figsize=(6, 4), layout="constrained")
-    for name, (seconds, rms, _) in found.items():
-        place = seconds, rms or 1e-3
-        axes.plot(*place, "o" if rms else "k*", ms=6 if rms else 13)
-        label = name if rms else "csstsim: exact (0; errors are against it)"
-        axes.annotate(label, place, xytext=(5, 3), textcoords="offset points", fontsize=7, rotation=30 * (rms > 0))
+    for name, method in found.items():
+        exact_one = not method.error
+        at = method.cpu, method.error or 1e-3
+        axes.plot(*at, "k*" if exact_one else "o", ms=13 if exact_one else 6)
+        label = "csstsim: exact (0; errors are against it)" if exact_one else name
+        axes.annotate(
+            label, at, xytext=(5, 3), textcoords="offset points", fontsize=7, rotation=30 * (method.error > 0)
+        )
     axes.set(
         xscale="log",
         yscale="log",

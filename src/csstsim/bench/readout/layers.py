@@ -13,14 +13,14 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from csstsim.base.rng import Streams, stream
 from csstsim.base.shipped import SHIPPED
 from csstsim.base.types import FloatArray, PathLike
-from csstsim.bench.readout.arctic import THERE, arctic
+from csstsim.bench.readout.arctic import INSTALLED, arctic
 from csstsim.bench.readout.cti import speed_accuracy
 from csstsim.bench.readout.mcti import ABSENT, Mcti
 from csstsim.bench.setting import EXPTIME, POINTING
@@ -47,15 +47,32 @@ SKIES = 40.0, 4.0  # electrons per pixel: a wide band, a narrow one
 STARS = 5000
 SPOT = 12
 SIGMA = 0.9
-_BRIGHT = 1e4  # electrons: fainter stars are drawn as photons, in the counted plane
+_BRIGHT = 1e4  # electrons: fainter stars are rendered as photons, in the counted plane
 _WARM = Window(4096, 5120, 4104, 5128)  # contains the corner of four channels
 _CHANNEL = (4616, 1152)
 _SENSOR = 96  # px: side of the square that GalSim's sensor fills, photon by photon
 _COLUMNS = 32  # number that arcticpy works on
 
 
+class LayerCosts(NamedTuple):
+    """CPU seconds of a chip with a sky [electron / pixel]: {layer: s}, and those of others {layer: {peer: s}}."""
+
+    sky: float
+    seconds: dict[str, float]
+    peers: dict[str, dict[str, float]]
+
+
+class _Peer(NamedTuple):
+    """Another code's way to do a layer's work: a call, and the number of such calls that make up a chip."""
+
+    layer: str
+    name: str
+    work: Callable[[], object]
+    calls: float
+
+
 def readout(
-    folder: Path, say: Callable[[str], object], skies: Sequence[float] = SKIES, mcti: PathLike | None = None
+    folder: Path, log: Callable[[str], object], skies: Sequence[float] = SKIES, mcti: PathLike | None = None
 ) -> None:
     """Print, for each sky [electron / pixel], the CPU seconds of each layer, of writing the file, and of the peers.
 
@@ -63,36 +80,36 @@ def readout(
     mcti: a checkout of MCTI (csstsim.bench.readout.mcti), or None. Raises InputError if it is not one.
     """
     peer = None if mcti is None else Mcti(mcti)
-    for sky, took, others in layer_costs(folder, skies):
-        say(f"\nsky of {sky:g} electrons, {PIXELS / 1e6:.0f} million pixels, one core")
-        say("| layer | csstsim, CPU s | ns / pixel | others, CPU s |\n|---|---|---|---|")
-        for layer, seconds in took.items():
-            peers = ", ".join(f"{name} {value:.1f}" for name, value in others.get(layer, {}).items())
-            say(f"| {layer} | {seconds:.2f} | {1e9 * seconds / PIXELS:.1f} | {peers} |")
-    if not THERE:
-        say("\narcticpy is not installed (csstsim.bench.readout.arctic says how): cte_effect has no peer")
+    for costs in layer_costs(folder, skies):
+        log(f"\nsky of {costs.sky:g} electrons, {PIXELS / 1e6:.0f} million pixels, one core")
+        log("| layer | csstsim, CPU s | ns / pixel | others, CPU s |\n|---|---|---|---|")
+        for layer, seconds in costs.seconds.items():
+            peers = ", ".join(f"{name} {value:.1f}" for name, value in costs.peers.get(layer, {}).items())
+            log(f"| {layer} | {seconds:.2f} | {1e9 * seconds / PIXELS:.1f} | {peers} |")
+    if not INSTALLED:
+        log("\narcticpy is not installed (csstsim.bench.readout.arctic says how): cte_effect has no peer")
     if mcti is None:
-        say(f"\n{ABSENT}")
-    speed_accuracy(folder / "cti_speed_accuracy.png", say, mcti=peer)
-    say(f"{folder}/cti_speed_accuracy.png")
+        log(f"\n{ABSENT}")
+    speed_accuracy(folder / "cti_speed_accuracy.png", log, mcti=peer)
+    log(f"{folder}/cti_speed_accuracy.png")
 
 
-def layer_costs(
-    folder: Path, skies: Sequence[float] = SKIES, window: Window | None = None
-) -> Iterator[tuple[float, dict[str, float], dict[str, dict[str, float]]]]:
-    """Yield, for each sky [electron / pixel], (sky, {layer: CPU s}, {layer: {peer: CPU s of a chip}}).
+def layer_costs(folder: Path, skies: Sequence[float] = SKIES, window: Window | None = None) -> Iterator[LayerCosts]:
+    """Yield the LayerCosts of each sky [electron / pixel].
 
     A file is written into `folder`. window: what is run of the chip, all by default.
     """
     camera = load_camera(SHIPPED / "instrument")
     steps = _steps()
     folder.mkdir(parents=True, exist_ok=True)
-    _seconds(_state(camera, skies[0], _WARM), steps, camera, folder)  # compiles before anything is timed
+    first, *_ = skies
+    _seconds(_state(camera, first, _WARM), steps, camera, folder)  # compiles before anything is timed
     light = {step.name for step in steps if step.module.STAGE == "render"}
     for sky in skies:
         took = _seconds(_state(camera, sky, window or camera.chips[CHIP].full_window), steps, camera, folder)
         took[TOTAL] = sum(seconds for layer, seconds in took.items() if layer not in light)
-        yield sky, {name: seconds for name, seconds in took.items() if name != "prnu_effect"}, _others(sky, camera)
+        seconds = {name: seconds for name, seconds in took.items() if name != "prnu_effect"}
+        yield LayerCosts(sky, seconds, _others(sky, camera))
 
 
 def _steps() -> SimSteps:
@@ -107,7 +124,7 @@ def _steps() -> SimSteps:
 
 
 def _state(camera: Camera, sky: float, window: Window) -> State:
-    """Return the State of an exposure with stars drawn and a filter of this `sky` [e-/pixel]."""
+    """Return the State of an exposure with stars rendered and a filter of this `sky` [e-/pixel]."""
     chip = camera.chips[CHIP]
     filters = camera.filters | {chip.filter: replace(camera.filters[chip.filter], sky=sky / EXPTIME)}
     exposure = Exposure(
@@ -157,17 +174,15 @@ def _others(sky: float, camera: Camera) -> dict[str, dict[str, float]]:
     rng = stream(1, "bench", "readout peers")
     frame = rng.poisson(sky, _CHANNEL).astype(np.float32)
     found: dict[str, dict[str, float]] = {}
-    for layer, name, work, share in _peers(frame, rng, camera.detector.traps):
+    for peer in _peers(frame, rng, camera.detector.traps):
         start = time.process_time()
-        work()
-        found.setdefault(layer, {})[name] = (time.process_time() - start) * share
+        peer.work()
+        found.setdefault(peer.layer, {})[peer.name] = (time.process_time() - start) * peer.calls
     return found
 
 
-def _peers(
-    frame: FloatArray, rng: np.random.Generator, traps: Traps | None
-) -> Iterator[tuple[str, str, Callable[[], object], float]]:
-    """Yield (layer, peer, a call that does the layer's work, the number of such calls that make up a chip)."""
+def _peers(frame: FloatArray, rng: np.random.Generator, traps: Traps | None) -> Iterator[_Peer]:
+    """Yield the peers, which work on a channel or a part of it."""
     import galsim
     from astropy.io import fits
     from scipy.ndimage import convolve
@@ -177,25 +192,27 @@ def _peers(
     image = galsim.ImageF(frame.copy())
     digits = frame.astype(np.uint16)
     hdu = fits.ImageHDU(digits)
-    yield "poisson_and_dark", "numpy", lambda: rng.poisson(frame + 3.0).astype(np.float32), 16
-    yield "poisson_and_dark", "GalSim", lambda: image.addNoise(galsim.PoissonNoise(draws)), 16
-    yield "brighter_fatter", "scipy (linear)", lambda: frame + frame * convolve(frame, kernel), 16
-    yield "brighter_fatter", "GalSim's SiliconSensor", _sensor(frame, draws), 16 * frame.size / _SENSOR**2
-    yield "nonlinearity", "numpy", lambda: np.polynomial.polynomial.polyval(frame, (0, 1, -1e-7, -1e-13)), 16
-    yield "bias", "numpy", lambda: frame + np.float32(500), 16
-    yield "readout_noise", "numpy", lambda: frame + rng.normal(0, 5, frame.shape), 16
-    yield "readout_noise", "GalSim", lambda: image.addNoise(galsim.GaussianNoise(draws, 5.0)), 16
-    yield "gain", "numpy", lambda: frame / np.float32(1.1), 16
-    yield "quantization_and_output", "numpy", lambda: np.clip(np.rint(frame), 0, 65535).astype(np.uint16), 16
-    yield WRITE, "astropy", lambda: hdu.writeto("/dev/null", checksum=True, overwrite=True), 16
-    if THERE:
+    yield _Peer("poisson_and_dark", "numpy", lambda: rng.poisson(frame + 3.0).astype(np.float32), 16)
+    yield _Peer("poisson_and_dark", "GalSim", lambda: image.addNoise(galsim.PoissonNoise(draws)), 16)
+    yield _Peer("brighter_fatter", "scipy (linear)", lambda: frame + frame * convolve(frame, kernel), 16)
+    yield _Peer("brighter_fatter", "GalSim's SiliconSensor", _sensor(frame, draws), 16 * frame.size / _SENSOR**2)
+    yield _Peer("nonlinearity", "numpy", lambda: np.polynomial.polynomial.polyval(frame, (0, 1, -1e-7, -1e-13)), 16)
+    yield _Peer("bias", "numpy", lambda: frame + np.float32(500), 16)
+    yield _Peer("readout_noise", "numpy", lambda: frame + rng.normal(0, 5, frame.shape), 16)
+    yield _Peer("readout_noise", "GalSim", lambda: image.addNoise(galsim.GaussianNoise(draws, 5.0)), 16)
+    yield _Peer("gain", "numpy", lambda: frame / np.float32(1.1), 16)
+    yield _Peer("quantization_and_output", "numpy", lambda: np.clip(np.rint(frame), 0, 65535).astype(np.uint16), 16)
+    yield _Peer(WRITE, "astropy", lambda: hdu.writeto("/dev/null", checksum=True, overwrite=True), 16)
+    if INSTALLED:
         assert traps is not None  # of the shipped camera
         columns = frame[:, :_COLUMNS]
         well = (traps.beta, traps.full_well, traps.notch)
         move = partial(arctic, columns, traps.density, traps.timescale, well)
         move(express=1)  # the first call is slower
         for express in (1, 5):
-            yield "cte_effect", f"arcticpy, express {express}", partial(move, express), 16 * frame.shape[1] / _COLUMNS
+            yield _Peer(
+                "cte_effect", f"arcticpy, express {express}", partial(move, express), 16 * frame.shape[1] / _COLUMNS
+            )
 
 
 def _sensor(frame: FloatArray, draws: galsim.BaseDeviate) -> Callable[[], object]:

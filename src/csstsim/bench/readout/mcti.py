@@ -20,7 +20,7 @@ from csstsim.base.rng import stream
 from csstsim.base.types import FloatArray, PathLike
 
 ABSENT = "MCTI, the paper's code, is not compared: --mcti FOLDER names a checkout of github.com/ZunLuo/MCTI"
-MOST = 10  # traps of a species in a pixel that it has room for; one in 1e11 pixels has more at the paper's densities
+TRAPS_MAX = 10  # of a species in a pixel that it has room for; one in 1e11 pixels has more at the paper's densities
 _FLAGS = "-O3", "-w", "-shared", "-fPIC", "-ftrivial-auto-var-init=zero"
 _FUNCTION = "CTI_simul"
 
@@ -30,9 +30,9 @@ class Mcti:
 
     def __init__(self, folder: PathLike) -> None:
         sources = sorted(map(str, Path(folder).rglob("*.c")))
-        place: dict[str, object] = {"file": folder, "key": "--mcti"}
+        where: dict[str, object] = {"file": folder, "key": "--mcti"}
         if not sources:
-            raise InputError("holds no C code", allowed="a checkout of github.com/ZunLuo/MCTI", **place)
+            raise InputError("holds no C code", allowed="a checkout of github.com/ZunLuo/MCTI", **where)
         with tempfile.TemporaryDirectory() as made:  # once loaded, a library does not need its file
             library = Path(made) / "mcti.so"
             command = [os.environ.get("CC", "cc"), *_FLAGS, "-o", str(library), *sources, "-lm"]
@@ -40,9 +40,9 @@ class Mcti:
                 subprocess.run(command, capture_output=True, text=True, check=True)
                 self._call = getattr(ctypes.CDLL(str(library)), _FUNCTION)
             except (OSError, AttributeError, subprocess.CalledProcessError) as exc:
-                said = str(getattr(exc, "stderr", None) or exc).strip().splitlines()[-1]
+                message = str(getattr(exc, "stderr", None) or exc).strip().splitlines()[-1]
                 allowed = f"C with {_FUNCTION}, and a compiler cc"
-                raise InputError(f"does not compile: {said}", allowed=allowed, **place) from None
+                raise InputError(f"does not compile: {message}", allowed=allowed, **where) from None
 
     def transfer(
         self,
@@ -58,14 +58,17 @@ class Mcti:
         density, timescale: arrays by species [traps/pixel, transfers]; well: (beta, full well, notch) as in cti.yaml;
         seed: of its traps and releases. Raises ValueError for a notch, which MCTI applies in another way.
         """
-        (ny, nx), species = image.shape, len(density)
+        ny, nx = image.shape
+        species = len(density)
         before = np.ascontiguousarray(image.T, np.float64)
         after = np.zeros((nx, ny + overscan))
         beta, full_well, notch = well
         if notch:
             raise ValueError(f"a notch of {notch} electrons; the comparison with MCTI is for 0")
-        numbers = [np.array(values, np.float64) for values in (density, timescale, np.ones(species))]
-        densities, timescales, chance = (values.ctypes.data_as(ctypes.POINTER(ctypes.c_double)) for values in numbers)
+        # named, because C's pointers do not keep the arrays alive
+        density = np.array(density, np.float64)
+        timescale = np.array(timescale, np.float64)
+        chance = np.ones(species)
         # Negative: it starts its generators anew. Neighbouring numbers would give it correlated traps.
         traps, releases, captures = np.split(
             -stream(seed, "mcti").integers(1, 2**31 - 1, species + 2), [species, species + 1]
@@ -75,11 +78,16 @@ class Mcti:
         unused = 0, _rows(np.zeros((1, 1))), 0, real(0), real(0), 0  # injected charge and dark current
         with _silent():
             self._call(
-                _rows(before), nx, ny, overscan, species, densities, timescales, real(beta), real(full_well),
-                real(0), MOST, 1, seeds, int(releases[0]), chance, int(captures[0]), _rows(after),
-                *unused,
+                _rows(before), nx, ny, overscan, species, _doubles(density), _doubles(timescale), real(beta),
+                real(full_well), real(0), TRAPS_MAX, 1, seeds, int(releases[0]), _doubles(chance), int(captures[0]),
+                _rows(after), *unused,
             )  # fmt: skip
         return after.T
+
+
+def _doubles(array: FloatArray) -> "ctypes._Pointer[ctypes.c_double]":
+    """Return C's pointer to a float64 array, which must outlive it."""
+    return array.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
 
 
 def _rows(array: FloatArray) -> "ctypes.Array[ctypes._Pointer[ctypes.c_double]]":

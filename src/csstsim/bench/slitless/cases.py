@@ -18,7 +18,7 @@ import numpy as np
 
 from csstsim.base.types import FloatArray, IntArray
 from csstsim.base.units import C_A_S, H_J_S
-from csstsim.bench.imaging.cases import Case, half_of, make_cases, make_row, place
+from csstsim.bench.imaging.cases import Case, Shape, half_of, make_cases, make_row, position
 from csstsim.bench.setting import disperser_of
 from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
@@ -35,7 +35,7 @@ SIGMA_A = 2.0
 CONTINUUM = 0.1
 LARGEST = 0.5  # arcsec, half-light radius: stamps of larger bright bulges take minutes
 HALF_MAX = 96  # px
-FROM_SPLIT = 400  # px: least distance from the line between the gratings
+FROM_SPLIT = 400  # px: minimum distance from the line between the gratings
 _COOL = H_J_S * C_A_S / (1.380649e-23 * 3500.0)  # h c / k T [angstrom]
 
 
@@ -79,21 +79,22 @@ def make_spectrum_case(
     """Return the SpectrumCase of a galaxy of `size` [arcsec], or of a star if it is 0; even `i` are at a node."""
     disperser = disperser_of(setting)
     spectrum = spectrum or SPECTRA[i // 2 % len(SPECTRA)]
-    x, y = place(setting, rng, i % 2 == 0)
-    while abs(x - disperser.gratings.split) < FROM_SPLIT:
-        x, y = place(setting, rng, i % 2 == 0)
+    at_node = i % 2 == 0
+    at = position(setting, rng, at_node)
+    while abs(at.x - disperser.gratings.split) < FROM_SPLIT:
+        at = position(setting, rng, at_node)
     density, lines = density_of(spectrum, rng, disperser)
-    piece = int(x > disperser.gratings.split)
+    piece = int(at.x > disperser.gratings.split)
     light = means(density, disperser.edges)
     first = light * disperser.rates[piece, disperser.orders.index(1)]
     factor = electrons / first.sum()
-    shares = disperser.psf_weights @ first / first.sum()
-    table = make_row(setting, rng, i, x, y, shares, electrons, bulge, size, e)
+    fractions = disperser.psf_weights @ first / first.sum()
+    table = make_row(setting, rng, i, at, Shape(electrons, bulge, size, e), fractions)
     scene = make_scene(table, setting.wcs, setting.psf, setting.exptime)
     visits = np.array([[0, piece, 0]])
     window = trace_window(disperser, visits, scene, half_of(table, HALF_MAX))
     return SpectrumCase(
-        table, scene, window, electrons, i % 2 == 0, spectrum, density * factor, light * factor, lines, visits
+        table, scene, window, electrons, at_node, spectrum, density * factor, light * factor, lines, visits
     )
 
 
@@ -121,6 +122,6 @@ def density_of(spectrum: str, rng: np.random.Generator, disperser: Disperser) ->
         return wave**-4 / np.expm1(_COOL / GRID), np.empty(0)
     low, high = disperser.wavelengths[[0, -1]]
     centres = rng.uniform(low, high, LINES)
-    share = np.arange(LINES, 0, -1) / np.arange(1, LINES + 1).sum()
+    fractions = np.arange(LINES, 0, -1) / np.arange(1, LINES + 1).sum()
     shapes = np.exp(-0.5 * ((GRID - centres[:, None]) / SIGMA_A) ** 2) / (SIGMA_A * np.sqrt(2 * np.pi))
-    return CONTINUUM / (high - low) + (1 - CONTINUUM) * share @ shapes, centres
+    return CONTINUUM / (high - low) + (1 - CONTINUUM) * fractions @ shapes, centres

@@ -13,7 +13,7 @@ their statistical errors are known.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -30,35 +30,46 @@ GOALS = {"flux": 1e-3, "along_px": 0.1, "across_px": 0.01, "size2": 1e-3, "line_
 LINE_HALF = 12  # px on each side of a line
 
 
+class _Template(NamedTuple):
+    """A template t (ny, nx), the factor of its fitted value, and the pixels of the fit; None: an unweighted sum."""
+
+    image: FloatArray
+    scale: float
+    pixels: BoolArray | None
+
+
 def errors(
     setting: Setting, case: SpectrumCase, image: FloatArray, truth: FloatArray, drawn: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return (errors, their statistical errors), each (8,), in the order of NAMES, of an image per unit of light."""
+    """Return (errors, their statistical errors), each (8,), in the order of NAMES, of an image per unit of flux."""
     box = setting.psf.image.shape[-1] / 2 / setting.psf.oversampling
     rows = np.abs(np.arange(len(truth)) - (len(truth) - 1) / 2)
-    judged = np.broadcast_to((np.abs(rows - box) > EDGE_PX)[:, None], truth.shape)
-    weight = judged / (case.electrons * np.maximum(truth, 0) + setting.variance)
+    counted = np.broadcast_to((np.abs(rows - box) > EDGE_PX)[:, None], truth.shape)
+    weight = counted / (case.electrons * np.maximum(truth, 0) + setting.variance)
     difference = image - truth
     near_line = _near_line(setting, case, truth)
     templates = [
-        (np.ones_like(truth), 1 / truth.sum(), None),
-        (-derivative(truth, 1), 1.0, judged),
-        (-derivative(truth, 0), 1.0, judged),
-        (derivative(derivative(truth, 0), 0) / 2, 1 / _width2(truth), judged),
-        (-derivative(truth, 1), 1.0, near_line),
-        (derivative(derivative(truth, 1), 1) / 2, 1.0, near_line),
+        _Template(np.ones_like(truth), 1 / truth.sum(), None),
+        _Template(-derivative(truth, 1), 1.0, counted),
+        _Template(-derivative(truth, 0), 1.0, counted),
+        _Template(derivative(derivative(truth, 0), 0) / 2, 1 / _width2(truth), counted),
+        _Template(-derivative(truth, 1), 1.0, near_line),
+        _Template(derivative(derivative(truth, 1), 1) / 2, 1.0, near_line),
     ]
     found = []
-    for template, scale, where in templates:
-        filter = template if where is None else template * weight * where
-        norm = scale if where is None else scale / max((filter * template).sum(), 1e-300)
-        if where is not None and not where.any():
-            norm = np.nan
+    for template in templates:
+        filter = template.image
+        norm = template.scale
+        if template.pixels is not None:
+            filter = template.image * weight * template.pixels
+            norm = template.scale / max((filter * template.image).sum(), 1e-300)
+            if not template.pixels.any():
+                norm = np.nan
         chance = np.sqrt((filter**2 * np.maximum(truth, 0)).sum() / drawn)
         found.append(((filter * difference).sum() * norm, chance * abs(norm)))
-    peak = np.unravel_index(np.abs(difference * judged).argmax(), truth.shape)
+    peak = np.unravel_index(np.abs(difference * counted).argmax(), truth.shape)
     found.append((abs(difference[peak]) / truth.max(), np.sqrt(max(float(truth[peak]), 0.0) / drawn) / truth.max()))
-    found.append(visible(image, truth, setting.variance, case.electrons, drawn, judged))
+    found.append(visible(image, truth, setting.variance, case.electrons, drawn, counted))
     return tuple(np.transpose(found))
 
 
@@ -81,8 +92,9 @@ def _near_line(setting: Setting, case: SpectrumCase, truth: FloatArray) -> BoolA
     """Return a mask of the pixels about the brightest line; none without lines."""
     out = np.zeros(truth.shape, bool)
     if len(case.lines):
+        brightest, *_ = case.lines
         disperser = disperser_of(setting)
         p, q, _, _ = disperser.lines(case.visits, case.scene.x, case.scene.y)[0, disperser.orders.index(1)]
-        at = round(case.scene.x[0] + p + q * case.lines[0]) - case.window.x0
+        at = round(case.scene.x[0] + p + q * brightest) - case.window.x0
         out[:, max(at - LINE_HALF, 0) : at + LINE_HALF + 1] = True
     return out

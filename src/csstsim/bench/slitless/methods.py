@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from csstsim.render.scene import Scene
 
 PER_PX = (1, 2, 4, 8)
-WIDE = 1e-4  # share of a galaxy's light that the standard may lose
+WIDE = 1e-4  # fraction of a galaxy's flux that the standard may lose
 
 
 def standard(setting: Setting, case: SpectrumCase) -> FloatArray:
@@ -71,7 +71,7 @@ def _many(setting: Setting, case: SpectrumCase, copies: int) -> tuple[Scene, Tra
 
 
 def _photons(setting: Setting, case: SpectrumCase) -> Draw:
-    base = np.uint64(case.row["id"][0] + 1)
+    base = np.uint64(case.id + 1)
 
     def draw(copies: int) -> IntArray:
         canvas = Canvas(None, case.window)

@@ -1,19 +1,19 @@
 """Spectra by the paper's method, as `prepare(setting, case) -> draw(copies)` (see methods.py).
 
 * `paper` (sections 4.2 and 5.3): the object is drawn in each sub-band as by bench.imaging.peers. Then the light of
-  each pixel is laid along the trace as aXe does, shared by area among the pixels that the shifted pixel overlaps.
+  each pixel is laid along the trace as aXe does, divided by area among the pixels that the shifted pixel overlaps.
   Only the first order is drawn; csstsim's methods draw all five, but the window shows only the first.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import galsim
 import numpy as np
 from scipy.signal import fftconvolve
 
-from csstsim.base.types import FloatArray
+from csstsim.base.types import BoolArray, FloatArray
 from csstsim.bench.imaging.peers import BANDS, galaxy_of, interpolated
 from csstsim.bench.setting import disperser_of
 
@@ -24,13 +24,25 @@ if TYPE_CHECKING:
     from csstsim.render.scene import Scene
 
 
-def trace(setting: Setting, case: SpectrumCase) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return (x, y [px from the object], light [electron]) of the bins of the first order."""
+class Trace(NamedTuple):
+    """Bins of a dispersed spectrum, each field (n,): steps from the object [px], and light [electron]."""
+
+    dx: FloatArray
+    dy: FloatArray
+    light: FloatArray
+
+    def take(self, bins: BoolArray) -> Trace:
+        """Return the Trace of some bins."""
+        return Trace(self.dx[bins], self.dy[bins], self.light[bins])
+
+
+def trace(setting: Setting, case: SpectrumCase) -> Trace:
+    """Return the Trace of the first order."""
     disperser = disperser_of(setting)
     first = disperser.orders.index(1)
     p, q, r, s = disperser.lines(case.visits, case.scene.x, case.scene.y)[0, first]
     centres = 0.5 * (disperser.edges[1:] + disperser.edges[:-1])
-    return p + q * centres, r + s * centres, case.light * disperser.rates[case.visits[0, 1], first]
+    return Trace(p + q * centres, r + s * centres, case.light * disperser.rates[case.visits[0, 1], first])
 
 
 def cells(setting: Setting, scene: Scene, band: int) -> FloatArray:
@@ -44,7 +56,7 @@ def paper(setting: Setting, case: SpectrumCase) -> Draw:
     window = case.window
     per_pixel = setting.psf.oversampling
     reach = int(case.row["reach"][0])
-    dx, dy, light = trace(setting, case)
+    spectrum = trace(setting, case)
     centres = 0.5 * (disperser_of(setting).edges[1:] + disperser_of(setting).edges[:-1])
     band_of = np.searchsorted(setting.filter.edges[1:-1], centres)
     column = round(scene.x[0])
@@ -54,33 +66,30 @@ def paper(setting: Setting, case: SpectrumCase) -> Draw:
         image = np.zeros(window.shape)
         for _ in range(copies):
             for band in range(BANDS):
-                mine = band_of == band
                 point = interpolated(cells(setting, scene, band), per_pixel)
                 profile = point if case.star else galsim.Convolve(galaxy_of(scene), point)
                 stamp = galsim.ImageD(2 * reach + 1, 2 * reach + 1)
                 profile.drawImage(stamp, scale=1.0, offset=(scene.x[0] - column, scene.y[0] - row))
-                corner = column - reach - window.x0, row - reach - window.y0
-                _disperse(image, stamp.array, corner, dx[mine], dy[mine], light[mine])
+                bins = spectrum.take(band_of == band)
+                _disperse(image, stamp.array, column - reach - window.x0, row - reach - window.y0, bins)
         return image
 
     return draw
 
 
-def _disperse(
-    image: FloatArray, stamp: FloatArray, corner: tuple[int, int], dx: FloatArray, dy: FloatArray, light: FloatArray
-) -> None:
-    """Add the stamp, shifted by each (dx, dy) [px], times light; a shifted pixel is shared by area among four."""
-    x = np.floor(dx).astype(int)
-    y = np.floor(dy).astype(int)
-    a = dx - x
-    b = dy - y
+def _disperse(image: FloatArray, stamp: FloatArray, x0: int, y0: int, bins: Trace) -> None:
+    """Add the stamp at each of the bins; a shifted pixel is divided by area among four. Its corner lies at x0, y0."""
+    x = np.floor(bins.dx).astype(int)
+    y = np.floor(bins.dy).astype(int)
+    a = bins.dx - x
+    b = bins.dy - y
     first = x.min()
     bottom = y.min()
     shifts = np.zeros((np.ptp(y) + 2, np.ptp(x) + 2))
-    for i, j, share in ((0, 0, (1 - a) * (1 - b)), (1, 0, a * (1 - b)), (0, 1, (1 - a) * b), (1, 1, a * b)):
-        np.add.at(shifts, (y - bottom + j, x - first + i), light * share)
+    for i, j, fraction in ((0, 0, (1 - a) * (1 - b)), (1, 0, a * (1 - b)), (0, 1, (1 - a) * b), (1, 1, a * b)):
+        np.add.at(shifts, (y - bottom + j, x - first + i), bins.light * fraction)
     spread = fftconvolve(stamp, shifts)
-    add(image, spread, corner[0] + first, corner[1] + bottom)
+    add(image, spread, x0 + first, y0 + bottom)
 
 
 def add(image: FloatArray, stamp: FloatArray, x0: int, y0: int) -> None:

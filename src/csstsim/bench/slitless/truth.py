@@ -4,7 +4,7 @@ As in bench.imaging.truth, the PSF is that of the object's position on 8 x 8 cel
 GalSim. Here it is made at NODES wavelengths over the whole order instead of the PSF set's four, with cubic
 interpolation between them. The transform of the image is the sum, over wavelengths half an angstrom apart, of
 
-    light(lambda)  PSF(k, lambda)  profile(k)  exp(-2 pi i k . place(lambda)),
+    light(lambda)  PSF(k, lambda)  profile(k)  exp(-2 pi i k . position(lambda)),
 
 some pixels of the trace at a time. So it includes what four wavelengths and the Disperser's bins leave out. It stops at
 HIGHEST cycles per pixel: beyond, jitter, diffusion and the pixel leave less than 1e-4.
@@ -15,12 +15,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 import scipy.fft
 
 from csstsim.base.types import ComplexArray, FloatArray
+from csstsim.bench.imaging.cases import Position
 from csstsim.bench.imaging.truth import CELLS_PER_PIXEL, brightness, profile, repeats, waves
 from csstsim.bench.setting import disperser_of
 from csstsim.instrument.filter import GRID
@@ -42,6 +43,22 @@ NODES = 16
 HIGHEST = 1.25  # cycles per pixel
 _BLOCK = 32  # px of the trace in one transform
 _SPARE = 64  # px between repeats of a window
+
+
+class _Frequencies(NamedTuple):
+    """Frequencies of a transform [cycles per pixel]: kx (n + 1,), ky (2 n + 1,), multiples of 1 / period [px]."""
+
+    kx: FloatArray
+    ky: FloatArray
+    period: int
+
+
+class _Part(NamedTuple):
+    """Part of a spectrum: positions (samples,) on the image [px], and weights (NODES, samples): light by wavelength."""
+
+    x: FloatArray
+    y: FloatArray
+    weights: FloatArray
 
 
 class SpectrumTruth:
@@ -97,48 +114,41 @@ class SpectrumTruth:
         images = self.psf(scene.x[0], scene.y[0])
         period = window.ny + _BLOCK + _SPARE + images.shape[-1] // CELLS_PER_PIXEL
         highest = math.floor(HIGHEST * period)
-        kx = np.arange(highest + 1) / period
-        ky = np.arange(-highest, highest + 1) / period
-        shape = profile(scene, kx, ky) if not case.star else 1.0
+        k = _Frequencies(np.arange(highest + 1) / period, np.arange(-highest, highest + 1) / period, period)
+        shape = profile(scene, k.kx, k.ky) if not case.star else 1.0
         transforms = [_transform(image, period, highest) * shape for image in images]
         weights = _cubic(self._waves, GRID[lit]) * light
         out = np.zeros(window.shape)
         block = np.floor(x / _BLOCK).astype(int)
         for b in np.unique(block):
             mine = block == b
-            self._add(out, transforms, weights[:, mine], x[mine], y[mine], scene, kx, ky, period)
+            _add(out, transforms, _Part(x[mine], y[mine], weights[:, mine]), scene, k)
         return out
 
-    def _add(
-        self,
-        out: FloatArray,
-        transforms: Sequence[ComplexArray],
-        weights: FloatArray,
-        x: FloatArray,
-        y: FloatArray,
-        scene: Scene,
-        kx: FloatArray,
-        ky: FloatArray,
-        period: int,
-    ) -> None:
-        """Add part of a spectrum at x, y [px of `out`]; weights (NODES, samples): its light, by wavelength of `psf`."""
-        half = (period - _SPARE) // 2
-        middle = round(0.5 * (x.min() + x.max()))
-        columns = np.arange(max(middle - half, 0), min(middle + half + 1, out.shape[1]))
-        along, across = (waves(k, v - c).conj() for k, v, c in ((kx, x, middle), (ky, y, 0)))
-        total = 0.0
-        for transform, light in zip(transforms, weights, strict=True):
-            if light.any():
-                total = total + transform * ((across * light) @ along.T)
-        twice = np.where(kx > 0, 2.0, 1.0)  # kx > 0 stands for kx < 0 as well
-        rows = np.arange(out.shape[0])
-        image = (waves(ky, rows).T @ total @ (twice[:, None] * waves(kx, columns - middle))).real / period**2
-        light = weights.sum(axis=0)
-        at = float(np.average(x, weights=light)), float(np.average(y, weights=light))
-        caught = sum(t[len(ky) // 2, 0].real * w.sum() for t, w in zip(transforms, weights, strict=True))
-        out[:, columns] += image - caught * repeats(scene, columns, rows, at, period)
-        far = np.setdiff1d(np.arange(out.shape[1]), columns)  # so far out the PSF does not change the profile
-        out[:, far] += caught * brightness(scene, far, rows, at)
+
+def _add(
+    out: FloatArray, transforms: Sequence[ComplexArray], part: _Part, scene: Scene, frequencies: _Frequencies
+) -> None:
+    """Add a part of a spectrum to `out`; transforms (NODES,): of the object at each wavelength of `psf`."""
+    kx, ky, period = frequencies
+    half = (period - _SPARE) // 2
+    middle = round(0.5 * (part.x.min() + part.x.max()))
+    columns = np.arange(max(middle - half, 0), min(middle + half + 1, out.shape[1]))
+    along = waves(kx, part.x - middle).conj()
+    across = waves(ky, part.y).conj()
+    total = 0.0
+    for transform, light in zip(transforms, part.weights, strict=True):
+        if light.any():
+            total = total + transform * ((across * light) @ along.T)
+    twice = np.where(kx > 0, 2.0, 1.0)  # kx > 0 stands for kx < 0 as well
+    rows = np.arange(out.shape[0])
+    image = (waves(ky, rows).T @ total @ (twice[:, None] * waves(kx, columns - middle))).real / period**2
+    of_samples = part.weights.sum(axis=0)
+    at = Position(float(np.average(part.x, weights=of_samples)), float(np.average(part.y, weights=of_samples)))
+    caught = sum(t[len(ky) // 2, 0].real * w.sum() for t, w in zip(transforms, part.weights, strict=True))
+    out[:, columns] += image - caught * repeats(scene, columns, rows, at, period)
+    far = np.setdiff1d(np.arange(out.shape[1]), columns)  # so far out the PSF does not change the profile
+    out[:, far] += caught * brightness(scene, far, rows, at)
 
 
 def _transform(response: FloatArray, period: int, highest: int) -> ComplexArray:
@@ -152,13 +162,13 @@ def _transform(response: FloatArray, period: int, highest: int) -> ComplexArray:
     return spectrum * np.exp(2j * np.pi * k * middle)[:, None] * np.exp(2j * np.pi * k[highest:] * middle)
 
 
-def _cubic(nodes: FloatArray, places: FloatArray) -> FloatArray:
-    """Return (nodes, places): weights of the cubic through the four nodes about each place; nodes are evenly spaced."""
-    at = (places - nodes[0]) / (nodes[1] - nodes[0])
+def _cubic(nodes: FloatArray, values: FloatArray) -> FloatArray:
+    """Return (nodes, values): weights of the cubic through the four nodes about each value; nodes are evenly spaced."""
+    at = (values - nodes[0]) / (nodes[1] - nodes[0])
     first = np.clip(np.floor(at).astype(int) - 1, 0, len(nodes) - 4)
     t = at - first
-    out = np.zeros((len(nodes), len(places)))
-    column = np.arange(len(places))
+    out = np.zeros((len(nodes), len(values)))
+    column = np.arange(len(values))
     for j in range(4):
         others = [k for k in range(4) if k != j]
         out[first + j, column] = np.prod([(t - k) / (j - k) for k in others], axis=0)
