@@ -12,7 +12,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.healpix import brick_centre, hats_index
 from csstsim.catalog.table import ObjectTable, write_parquet
 from csstsim.delivery import campaign_checks
-from csstsim.delivery.products import Seen
+from csstsim.delivery.checked_files import CheckedFiles, MergedBrick
 from csstsim.io.frames import save_frame
 
 BRICK = 550615
@@ -33,13 +33,13 @@ def merged(folder, meta=(), **changes):
         "detection_filter": [["r", "nuv"], [], ["r"]], "detection_number": [[0, 0], [], [2]],
     }  # fmt: skip
     columns = {name: values for name, values in (columns | changes).items() if values is not None}
-    path, seen = folder / "m.parquet", Seen(measured=dict(ROWS))
+    path, seen = folder / "m.parquet", CheckedFiles(measured=dict(ROWS))
     write_parquet(path, pa.table(columns), {"recipe": "1", "brick": BRICK} | dict(meta))
     return list(campaign_checks.merged(path, BRICK, "1", FRAMES, seen)), seen
 
 
 def test_a_sound_brick_is_noted(tmp_path):
-    assert merged(tmp_path) == ([], Seen(measured=ROWS, merged={BRICK: (3, "1")}))
+    assert merged(tmp_path) == ([], CheckedFiles(measured=ROWS, merged={BRICK: MergedBrick(3, "1")}))
 
 
 @pytest.mark.parametrize(("changes", "fault"), [
@@ -53,7 +53,7 @@ def test_a_sound_brick_is_noted(tmp_path):
     ({"detection_obsid": [["101", "203"], [], ["101"]]}, "1 detections are of 203_07, which is not among the frames"),
     ({"detection_chip": [[9, 7], [9], []]}, "lists of detections are not as long"),
     ({"n_detections": np.array([2, 1, 0])}, "lists of detections are not as long"),
-    ({"ra": np.array([0.0, np.nan, 0.0])}, "places that are not finite"),
+    ({"ra": np.array([0.0, np.nan, 0.0])}, "positions that are not finite"),
     ({"_healpix_29": np.arange(3)}, "belong to another brick"), ({"meta": {"brick": 3}}, "is of brick 3"),
     ({"meta": {"recipe": "2"}}, "recipe '2', not '1'"), ({"dec": None}, "lacks the column dec"),
     ({"detection_number": None}, "lacks the column detection_number"),
@@ -119,7 +119,7 @@ def test_a_catalogue_counts_the_rows_of_all_its_bricks(tmp_path, stated, noted, 
     (tmp_path / "hats.properties").write_text(f"#made=x\nhats_order=8\nhats_nrows={stated}\n")
     for name, rows in (("_metadata", noted), ("_common_metadata", 0)):
         pq.write_table(pa.table({"a": np.arange(rows)}), tmp_path / "dataset" / name)
-    seen = Seen(merged={5: (3, "x"), 12: (4, "x")})
+    seen = CheckedFiles(merged={5: MergedBrick(3, "x"), 12: MergedBrick(4, "x")})
     assert list(campaign_checks.catalogue(tmp_path, {5: None, 12: None}, seen)) == said
     assert list(campaign_checks.catalogue(tmp_path, {5: None, 12: None, 13: None}, seen)) == []  # one is not known
 
@@ -134,7 +134,7 @@ def test_a_catalogue_counts_the_rows_of_all_its_bricks(tmp_path, stated, noted, 
 ])  # fmt: skip
 def test_a_validation_is_of_its_brick_and_of_what_was_merged(tmp_path, result, recipe, said):
     (tmp_path / "5.json").write_text(json.dumps(result))
-    seen = Seen(merged={5: (3, "m"), 6: (3, "n")})
+    seen = CheckedFiles(merged={5: MergedBrick(3, "m"), 6: MergedBrick(3, "n")})
     assert list(campaign_checks.validation(tmp_path / "5.json", 5, recipe, seen)) == said
     assert seen.gates == ({} if "is no" in "".join(said) else {5: len(result["gates"])})
 
@@ -146,16 +146,16 @@ GATES = [{"brick": 5}, {"brick": 5}, {"brick": 12}, {"brick": None}, {}]
     ({"gates": GATES, "counts": {"PASS": 4, "FAIL": 1}}, None),
     ({"gates": GATES, "counts": {"PASS": 4}}, "has 5 gates; it counts {'PASS': 4}: make the report again"),
     ({"gates": GATES}, "has 5 gates; it counts None"),
-    ({"gates": GATES[1:], "counts": {"PASS": 4}}, "judges 2 gates; the validations have 3: make the report again"),
-    ({"gates": [*GATES, {"brick": 5}], "counts": {"PASS": 6}}, "judges 4 gates; the validations have 3"),
+    ({"gates": GATES[1:], "counts": {"PASS": 4}}, "evaluates 2 gates; the validations have 3: make the report again"),
+    ({"gates": [*GATES, {"brick": 5}], "counts": {"PASS": 6}}, "evaluates 4 gates; the validations have 3"),
     ({"gates": [1], "counts": {"PASS": 1}}, "is no verdict"), ({"gates": {}}, "is no verdict"), ([], "is no verdict"),
 ])  # fmt: skip
 def test_a_verdict_has_the_gates_of_all_bricks(tmp_path, result, said):
     """Those of spectra have no brick."""
     (tmp_path / "v.json").write_text(json.dumps(result))
-    found = list(campaign_checks.verdict(tmp_path / "v.json", {5: None, 12: None}, Seen(gates={5: 2, 12: 1})))
+    found = list(campaign_checks.verdict(tmp_path / "v.json", {5: None, 12: None}, CheckedFiles(gates={5: 2, 12: 1})))
     assert len(found) == (said is not None) and all(text.startswith(said) for text in found), found
-    part = list(campaign_checks.verdict(tmp_path / "v.json", {5: None, 12: None}, Seen(gates={5: 2})))
+    part = list(campaign_checks.verdict(tmp_path / "v.json", {5: None, 12: None}, CheckedFiles(gates={5: 2})))
     assert not any("the validations have" in text for text in part)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from csstsim.catalog.table import ObjectTable
+from csstsim.delivery.checked_files import CheckedFiles
 from csstsim.delivery.contents import ExpectedFrame
 from csstsim.delivery.frame_checks import (
     _drawn,
@@ -18,7 +19,6 @@ from csstsim.delivery.frame_checks import (
     other_recipe,
     spectra,
 )
-from csstsim.delivery.products import Seen
 from csstsim.io.frames import save_frame
 from csstsim.io.pointing_keywords import Boresight
 from csstsim.measure.catalogue import COLUMNS
@@ -66,9 +66,11 @@ def test_a_box_lies_in_the_window_from_edge_to_edge(box, good):
     frame = SimpleNamespace(window=(100, 200, 5, 50))
     table = {name: np.array([value, value, 7]) for name, value in zip(("x0", "x1", "y0", "y1"), box, strict=True)}
     table |= {"x": np.ones(3), "y": np.ones(3), "drawn": np.array([1.0, 2.0, 0.0])}
-    assert list(_drawn(ObjectTable(table), frame)) == ([] if good else ["2 objects drawn in boxes beyond the window"])
+    assert list(_drawn(ObjectTable(table), frame)) == (
+        [] if good else ["2 objects rendered in boxes beyond the window"]
+    )
     table |= {"x": np.array([1.0, 1.0, np.nan])}
-    assert not [fault for fault in _drawn(ObjectTable(table), frame) if "place" in fault]
+    assert not [fault for fault in _drawn(ObjectTable(table), frame) if "position" in fault]
 
 
 def pointing_header(**changes):
@@ -159,7 +161,7 @@ def sources(folder, meta=(), **changes):
 ])  # fmt: skip
 def test_measured_sources(tmp_path, changes, fault):
     """Within 5 px of the window's edges."""
-    seen, frame = Seen(), expected(tmp_path, window=(100, 200, 5, 50))
+    seen, frame = CheckedFiles(), expected(tmp_path, window=(100, 200, 5, 50))
     found = list(measured(sources(tmp_path, **changes), frame, {"a": 1}, seen))
     assert len(found) == (fault is not None) and all(fault in text for text in found), found
     assert seen.measured == ({} if "flags" in changes else {("101", 9): 3})

@@ -340,13 +340,13 @@ def test_an_object_whose_wing_alone_reaches_the_window_has_no_box():
         return list(_drawn(ObjectTable(place | box), SimpleNamespace(window=(100, 200, 0, 50))))
 
     assert faults_of((100, 120, 0, 50), (0, 0, 0, 0)) == []
-    assert faults_of((100, 120, 0, 50), (99, 120, 0, 50)) == ["1 object drawn in boxes beyond the window"]
+    assert faults_of((100, 120, 0, 50), (99, 120, 0, 50)) == ["1 object rendered in boxes beyond the window"]
 
 
 @pytest.mark.parametrize(("name", "value", "words"), [
     ("drawn", -1.0, "negative or not finite"), ("drawn", np.nan, "negative or not finite"),
-    ("drawn", np.inf, "negative or not finite"), ("x", np.nan, "place is not finite"),
-    ("y", np.inf, "place is not finite"),
+    ("drawn", np.inf, "negative or not finite"), ("x", np.nan, "position is not finite"),
+    ("y", np.inf, "position is not finite"),
 ])  # fmt: skip
 def test_light_and_places_that_no_object_can_have(name, value, words):
     table = {column: np.ones(3) for column in ("x", "y", "drawn")}

@@ -141,11 +141,20 @@ def _frame(run: OpenCampaign, job: Job, tables: Iterable[Container[tuple[str, in
     """Return the ExpectedFrame of a job. tables: keys of the jobs that are measured, and of the extracted ones."""
     window = job.window
     rays = run.steps[job.pointing.type].step("cosmic_rays")
-    expected = [job.key in keys for keys in tables] + [rays is not None and rays.param.save_cosmic_image]
-    measured, extracted, cosmic = (YES if there else NO for there in expected)
-    text = run.paths.level0_catalogue(job) if "cat" in run.config.truth else None
+    measured, extracted = tables
     return ExpectedFrame(
-        *job.key, job.chip.filter, job.pointing.type, run.paths.level0(job), run.recipe(job),
-        run.recipe(job, "readout"), (window.x0, window.x1, window.y0, window.y1),
-        measured, extracted, cosmic, _boresight(job), job.wcs, text,
-    )  # fmt: skip
+        obsid=job.obsid,
+        chip=job.chip.id,
+        filter=job.chip.filter,
+        type=job.pointing.type,
+        level0=run.paths.level0(job),
+        recipe=run.recipe(job),
+        rays_recipe=run.recipe(job, "readout"),
+        window=(window.x0, window.x1, window.y0, window.y1),
+        measured=YES if job.key in measured else NO,
+        extracted=YES if job.key in extracted else NO,
+        cosmic=YES if rays is not None and rays.param.save_cosmic_image else NO,
+        boresight=_boresight(job),
+        wcs=job.wcs,
+        catalogue=run.paths.level0_catalogue(job) if "cat" in run.config.truth else None,
+    )

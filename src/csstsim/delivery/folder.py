@@ -27,6 +27,12 @@ if TYPE_CHECKING:
     from csstsim.base.types import PathLike
 
 
+# of names of files: a brick's number, a brick, a chip's master frames
+NUMBER = re.compile(r"\d{1,6}")
+BRICK = re.compile(r"Npix=(\d{1,6})\.parquet")
+MASTER = re.compile(r"chip_(\d\d)\.fits")
+
+
 def of_folder(folder: PathLike) -> Contents:
     """Return the Contents of a folder. Raises InputError if it is not the output of a campaign."""
     paths = Paths(folder)
@@ -36,11 +42,11 @@ def of_folder(folder: PathLike) -> Contents:
             file=folder,
             allowed="a campaign file, or an output folder",
         )
-    frames = _told_apart([_frame(said, path) for said, path in _stems(paths.output / "level0")], paths)
+    frames = _told_apart([_frame(stated, path) for stated, path in _stems(paths.output / "level0")], paths)
     if not frames:
         raise InputError("holds no Level-0 file", file=paths.output / "level0")
     merged = {int(m[1]) for path in _files(paths.merge_catalogue / "dataset") if (m := BRICK.fullmatch(path.name))}
-    judged = {int(path.stem) for path in _files(paths.output / "validate") if NUMBER.fullmatch(path.stem)}
+    validated = {int(path.stem) for path in _files(paths.output / "validate") if NUMBER.fullmatch(path.stem)}
     listed = _listed(paths.merge_catalogue / "partition_info.csv")
     truth = {int(m[1]) for path in _files(paths.truth_catalogue) if (m := BRICK.fullmatch(path.name))}
     truth |= _listed(paths.truth_catalogue / "partition_info.csv")
@@ -49,7 +55,7 @@ def of_folder(folder: PathLike) -> Contents:
     return Contents(
         paths=paths,
         frames=frames,
-        bricks=dict.fromkeys(sorted(merged | judged | listed)),
+        bricks=dict.fromkeys(sorted(merged | validated | listed)),
         truth=dict.fromkeys(sorted(truth)),
         masters=dict.fromkeys(sorted(masters)),
         light=dict.fromkeys(path for path in _files(paths.chips) if path.name in LIGHT),
@@ -60,9 +66,6 @@ def of_folder(folder: PathLike) -> Contents:
         others=_others(paths.output),
         faults=odd,
     )
-
-
-NUMBER, BRICK, MASTER = (re.compile(text) for text in (r"\d{1,6}", r"Npix=(\d{1,6})\.parquet", r"chip_(\d\d)\.fits"))
 
 
 def _files(folder: Path) -> list[Path]:
@@ -83,20 +86,35 @@ def _others(folder: Path) -> dict[Path, str]:
 
 
 def _stems(folder: Path) -> list[tuple[tuple[str, str, int], Path]]:
-    """Return [(what a name says, Level-0 file)]: also where only the truth beside it is left."""
+    """Return [((type, obsid, chip) of a name, Level-0 file)]: also where only its truth is left."""
     found = {}
     for path in _files(folder):
         name = path.name.removesuffix(TRUTH).removesuffix(".fits")
-        said = read_name(name)
-        if said and path.parent.name == said[1] and path.parent.parent == folder:
-            found[path.parent / f"{name}.fits"] = said
-    return [(said, path) for path, said in sorted(found.items())]
+        stated = read_name(name)
+        if stated is None:
+            continue
+        _, obsid, _ = stated
+        if path.parent.name == obsid and path.parent.parent == folder:
+            found[path.parent / f"{name}.fits"] = stated
+    return [(stated, path) for path, stated in sorted(found.items())]
 
 
-def _frame(said: tuple[str, str, int], path: Path) -> ExpectedFrame:
-    """Return the ExpectedFrame of a Level-0 file: what its header says, or, if that cannot be read, its name alone."""
-    kind, obsid, chip = said
-    frame = ExpectedFrame(obsid, chip, None, kind, path, None, None, None, MAYBE, MAYBE, MAYBE)
+def _frame(stated: tuple[str, str, int], path: Path) -> ExpectedFrame:
+    """Return the ExpectedFrame of a Level-0 file: by its header, or, if that cannot be read, by its name alone."""
+    kind, obsid, chip = stated
+    frame = ExpectedFrame(
+        obsid=obsid,
+        chip=chip,
+        filter=None,
+        type=kind,
+        level0=path,
+        recipe=None,
+        rays_recipe=None,
+        window=None,
+        measured=MAYBE,
+        extracted=MAYBE,
+        cosmic=MAYBE,
+    )
     if kind != "SCIE":
         frame = replace(frame, measured=NO, extracted=NO)
     try:
@@ -107,8 +125,8 @@ def _frame(said: tuple[str, str, int], path: Path) -> ExpectedFrame:
         return frame  # its own check says what is wrong
     filter_ = str(file.header0.get("FILTER"))
     names = (form.catalogue(path.stem, filter_) for form in FORMS.values())
-    there = [text for name in names if name and (text := path.with_name(f"{name}{CAT}")).is_file()]
-    frame = replace(frame, catalogue=there[0] if there else None)
+    texts = (path.with_name(f"{name}{CAT}") for name in names if name)
+    frame = replace(frame, catalogue=next((text for text in texts if text.is_file()), None))
     return replace(frame, filter=filter_, recipe=recorded_recipe(file.header0), window=file.readout.window)
 
 
@@ -135,7 +153,7 @@ def _odd(frames: Sequence[ExpectedFrame]) -> list[tuple[Path, str]]:
                 kind = frame.type if name == "layers" else None
                 kinds.setdefault(kind, []).append((frame.level0, frame.recipe[name]))
         for group in kinds.values():
-            usual = Counter(str(value) for _, value in group).most_common(1)[0][0]
+            [(usual, _)] = Counter(str(value) for _, value in group).most_common(1)
             faults += [
                 (path, f"made for another campaign than most: {name} {value!r:.80}, not {usual!r}")
                 for path, value in group

@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from pathlib import Path
     from typing import Any
 
+    from csstsim.delivery.checked_files import CheckedFiles
     from csstsim.delivery.contents import ExpectedFrame
-    from csstsim.delivery.products import Seen
     from csstsim.io.level0 import Level0
 
 DRAWN = ("electrons", "drawn", "flags", "x0", "x1", "y0", "y1")  # of a truth table with objects, beside CAT_COLUMNS
@@ -49,12 +49,12 @@ def other_recipe(found: object, expected: dict[str, Any] | str | None) -> Iterat
             yield f"made for another campaign: {name} {found.get(name)!r:.80}, not {expected.get(name)!r:.80}"
 
 
-def level0(frame: ExpectedFrame, seen: Seen) -> Iterator[str]:
-    """Check a Level-0 file: checksums, extensions, exposure, chip, recipe and window; note it in `seen`."""
+def level0(frame: ExpectedFrame, checked: CheckedFiles) -> Iterator[str]:
+    """Check a Level-0 file: checksums, extensions, exposure, chip, recipe and window; note it in `checked`."""
     path = frame.level0
-    seen.opened.clear()
-    file = seen.opened[path] = read_level0(path, verify=True)
-    seen.psf_hash[path] = file.header0.get("PSFHASH")
+    checked.opened.clear()
+    file = checked.opened[path] = read_level0(path, verify=True)
+    checked.psf_hash[path] = file.header0.get("PSFHASH")
     yield from _whole(path, int(file.header0.get("NEXTEND", 1)))
     head = file.header0
     wanted = {"OBSID": frame.obsid, "DETECTOR": f"{frame.chip:02d}", "FILETYPE": frame.type, "FILENAME": path.stem}
@@ -94,14 +94,14 @@ def _whole(path: Path, extensions: int) -> Iterator[str]:
         yield f"{rest} bytes follow the end of its last extension"
 
 
-def truth(frame: ExpectedFrame, seen: Seen) -> Iterator[str]:
-    """Check a truth table: columns, recipe, rows within the window; then the image. Note it in `seen` if sound."""
+def truth(frame: ExpectedFrame, checked: CheckedFiles) -> Iterator[str]:
+    """Check a truth table: columns, recipe, rows within the window; then the image. Note it in `checked` if sound."""
     path = frame.beside(TRUTH)
-    opened = seen.opened.pop(frame.level0, None)
+    opened = checked.opened.pop(frame.level0, None)
     faults = list(_truth(path, frame, opened))
     yield from faults
     if not faults:
-        seen.truths.add(path)
+        checked.truths.add(path)
 
 
 def _truth(path: Path, frame: ExpectedFrame, opened: Level0 | None) -> Iterator[str]:
@@ -120,17 +120,17 @@ def _truth(path: Path, frame: ExpectedFrame, opened: Level0 | None) -> Iterator[
     yield from _light(frame, table, opened)
 
 
-def cat(path: Path, frame: ExpectedFrame, seen: Seen) -> Iterator[str]:
+def cat(path: Path, frame: ExpectedFrame, checked: CheckedFiles) -> Iterator[str]:
     """Check the truth as text: it is a table, and that of the parquet file beside it, if that is sound."""
     read_cat(path)
-    if frame.beside(TRUTH) in seen.truths:
+    if frame.beside(TRUTH) in checked.truths:
         made = cat_lines(ObjectTable.read(frame.beside(TRUTH), CAT_COLUMNS))
         if read_text(path, largest=LARGEST) != "".join(made):
             yield f"is not the text of {frame.beside(TRUTH).name}"
 
 
 def _of_frame(table: ObjectTable, frame: ExpectedFrame) -> Iterator[str]:
-    """Yield what is wrong with columns that say of which frame a table's rows are."""
+    """Yield what is wrong with columns that name the frame of a table's rows."""
     wanted = {"chip": frame.chip, "filter": frame.filter, "obsid": frame.obsid}
     for name, value in wanted.items():
         if name in table and value is not None and (np.asarray(table[name]) != value).any():
@@ -143,14 +143,14 @@ def _drawn(table: ObjectTable, frame: ExpectedFrame) -> Iterator[str]:
         yield "column drawn has values that are negative or not finite"
     lit = drawn > 0
     if not (np.isfinite(table["x"]) & np.isfinite(table["y"]))[lit].all():
-        yield "objects were drawn whose place is not finite"
+        yield "objects were rendered whose position is not finite"
     if frame.window is not None:
         x0, x1, y0, y1 = frame.window
         left, right, low, high = box = np.stack([table[name][lit] for name in ("x0", "x1", "y0", "y1")])
         inside = (left >= x0) & (left < right) & (right <= x1) & (low >= y0) & (low < high) & (high <= y1)
         wrong = ~inside & box.any(axis=0)  # zeros: only the object's wing reaches the window
         if wrong.any():
-            yield f"{number_of(int(wrong.sum()), 'object')} drawn in boxes beyond the window"
+            yield f"{number_of(int(wrong.sum()), 'object')} rendered in boxes beyond the window"
 
 
 def _light(frame: ExpectedFrame, table: ObjectTable, file: Level0 | None) -> Iterator[str]:
@@ -194,12 +194,15 @@ def cosmic(path: Path, frame: ExpectedFrame) -> Iterator[str]:
 
 def light(path: Path, recipe: dict[str, Any] | None) -> Iterator[str]:
     """Check what render made of a chip, a frame or a table."""
-    meta = load_frame(path)[1] if path.suffix == ".fits" else ObjectTable.read(path).meta
+    if path.suffix == ".fits":
+        _, meta = load_frame(path)
+    else:
+        meta = ObjectTable.read(path).meta
     yield from other_recipe(meta.get("recipe"), recipe)
 
 
-def measured(path: Path, frame: ExpectedFrame, recipe: dict[str, Any] | None, seen: Seen) -> Iterator[str]:
-    """Check a measured table: columns, recipe, rows of this frame and within its window; note its rows in `seen`."""
+def measured(path: Path, frame: ExpectedFrame, recipe: dict[str, Any] | None, checked: CheckedFiles) -> Iterator[str]:
+    """Check a measured table: columns, recipe, rows of this frame and within its window; note its rows in `checked`."""
     from csstsim.measure.catalogue import COLUMNS
 
     table = ObjectTable.read(path)
@@ -208,7 +211,7 @@ def measured(path: Path, frame: ExpectedFrame, recipe: dict[str, Any] | None, se
     if missing:
         yield f"the table lacks the column {missing[0]}"
         return
-    seen.measured[frame.key] = len(table)
+    checked.measured[frame.key] = len(table)
     yield from _of_frame(table, frame)
     if table.meta.get("sources") != len(table):
         yield f"has {len(table)} rows; its record says {table.meta.get('sources')!r:.40}"

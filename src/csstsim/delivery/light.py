@@ -19,6 +19,7 @@ from csstsim.measure.calibration.calibrate import overscan_level
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from csstsim.base.types import IntArray
     from csstsim.catalog.table import ObjectTable
     from csstsim.io.level0 import Level0
 
@@ -36,7 +37,7 @@ class Charge:
     electrons: float
     error: float
     clipped: int
-    clipped_at: float  # electrons, the least of the channels
+    clipped_at: float  # electrons, the minimum of the channels
 
 
 def charge_of(file: Level0, full_well: float) -> Charge:
@@ -47,11 +48,9 @@ def charge_of(file: Level0, full_well: float) -> Charge:
     at = np.inf
     top = int(file.header["SATURATE"])
     for block, channel in zip(file.readout.blocks, file.channels(), strict=True):
-        active, serial, parallel = (
-            np.bincount(part.reshape(-1), minlength=1 << 16)
-            for part in (channel.active, channel.serial_overscan, channel.parallel_overscan)
-        )
-        counts = active + serial + parallel
+        counts = _histogram(channel.active)
+        counts += _histogram(channel.serial_overscan)
+        counts += _histogram(channel.parallel_overscan)
         gain = file.gain[channel.number]
         pixels = int(counts.sum())
         if channel.serial_overscan.size:
@@ -70,6 +69,11 @@ def charge_of(file: Level0, full_well: float) -> Charge:
         clipped += int(counts[top:].sum())
         at = min(at, float(charge[np.searchsorted(used, top)]))
     return Charge(total, variance**0.5, clipped, at)
+
+
+def _histogram(pixels: IntArray) -> IntArray:
+    """Return (65536,) the number of pixels of each DN."""
+    return np.bincount(pixels.reshape(-1), minlength=1 << 16)
 
 
 def light_faults(file: Level0, truth: ObjectTable) -> Iterator[str]:

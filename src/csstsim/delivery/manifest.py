@@ -22,8 +22,15 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Container, Iterator, Mapping
     from pathlib import Path
 
-HASHES, SIZES, CONTENT, MISSING = FILES = "MANIFEST.sha256", "MANIFEST.tsv", "MANIFEST.content", "MANIFEST.missing"
-CRATE = "ro-crate-metadata.json", "workflow"  # of `csstsim release crate`: what hashes files cannot be hashed with them
+HASHES = "MANIFEST.sha256"
+SIZES = "MANIFEST.tsv"
+CONTENT = "MANIFEST.content"
+MISSING = "MANIFEST.missing"
+FILES = HASHES, SIZES, CONTENT, MISSING
+# of `csstsim release crate`: what hashes files cannot be hashed with them
+CRATE_FILE = "ro-crate-metadata.json"
+CRATE_FOLDER = "workflow"
+CRATE = CRATE_FILE, CRATE_FOLDER
 _LINE = re.compile(r"([0-9a-f]{64}) [ *]([A-Za-z0-9_.=/-]+)")
 _HEADING = "path\tbytes\tproduct"
 

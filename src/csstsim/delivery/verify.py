@@ -31,7 +31,7 @@ BESIDE = ("logs", "benchmarks", ".snakemake", "chosen", "look", "variants", OWNE
 WRONG = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, MemoryError)
 
 
-def verify(run: OpenCampaign | None, folder: PathLike, say: Callable[[str], object], manifest: bool = False) -> int:
+def verify(run: OpenCampaign | None, folder: PathLike, log: Callable[[str], object], manifest: bool = False) -> int:
     """Print each fault of an output folder in a line, then their number; return it.
 
     run: campaign.opened.OpenCampaign; None: the `folder` is checked by its own products. `manifest`: write one if there
@@ -46,18 +46,18 @@ def verify(run: OpenCampaign | None, folder: PathLike, say: Callable[[str], obje
     count = 0
     for name, fault in _all_faults(contents, root, wanted, names, check_manifest=not manifest):
         count += 1
-        say(printable(f"{name}: {fault}"))
+        log(printable(f"{name}: {fault}"))
     present = [product for product in wanted if product.path.is_file()]
     size = sum(product.path.stat().st_size for product in present)
     verdict = number_of(count, "fault") if count else "sound"
-    say(f"{root}: {number_of(len(present), 'product')}, {size / 1e9:.3g} GB: {verdict}")
+    log(f"{root}: {number_of(len(present), 'product')}, {size / 1e9:.3g} GB: {verdict}")
     if manifest and not count:
         missing = {} if run is None else run.declared_missing
         rows = [(obsid, chip, " ".join(reason.split())) for (obsid, chip), reason in sorted(missing.items())]
         write_manifest(root, {names[product.path]: product.kind for product in present}, rows)
-        say(f"{root / HASHES} and {SIZES}: for the receiver, `sha256sum -c {HASHES}` in that folder")
+        log(f"{root / HASHES} and {SIZES}: for the receiver, `sha256sum -c {HASHES}` in that folder")
     elif manifest:
-        say("no manifest was written: the folder has faults")
+        log("no manifest was written: the folder has faults")
     return count
 
 
