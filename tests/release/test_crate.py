@@ -11,7 +11,7 @@ from commands import done, refused
 from csstsim import __version__
 from csstsim.base.shipped import ROOT
 from csstsim.campaign.opened import OpenCampaign
-from csstsim.release.ran import ran
+from csstsim.release.run_record import run_record
 from release.crates import checked, validated
 
 
@@ -41,11 +41,11 @@ def test_the_run_is_that_of_the_logs(described):
     assert (run["startTime"], run["endTime"]) == ("2027-01-01T10:01:00+00:00", "2027-01-01T10:06:01+00:00")
     assert run["description"] == "2 jobs: 1 chip, 1 measure"
     assert entities[run["instrument"]["@id"]]["programmingLanguage"]["@id"].endswith("snakemake.readthedocs.io")
-    found = ran(described[1])
+    found = run_record(described[1])
     assert found.cpu_s == pytest.approx(45.6) and found.start == datetime(2027, 1, 1, 10, 1, tzinfo=UTC)
     beside = {"ro-crate-metadata.json", "MANIFEST.content", "campaign.json"}
     assert all(name in beside or name.startswith("logs/") for name in left)
-    assert ran(described[1] / "level0") is None
+    assert run_record(described[1] / "level0") is None
 
 
 def test_inputs_recipes_and_columns_are_in_it(described):

@@ -16,10 +16,10 @@ from csstsim.catalog.table import ObjectTable
 from csstsim.instrument.chip import Window
 from csstsim.release import made_with, pack, pack_frames, pack_truth
 from csstsim.release.campaign_crate import campaign_crate
-from csstsim.release.crate import Crate, licence_of, metadata
+from csstsim.release.crate import Crate, CrateFile, licence_of, metadata
 from csstsim.release.pack_readme import readme, score_command, truth_readme
-from csstsim.release.ran import Ran, ran
-from csstsim.release.star_psf import MOST_STARS, StarPsf, _lanczos, chosen, star_psf, write_psfex
+from csstsim.release.run_record import RunRecord, run_record
+from csstsim.release.star_psf import STARS_MAX, StarPsf, _lanczos, chosen, star_psf, write_psfex
 
 WINDOW = Window(100, 104, 40, 43)  # 4 columns, 3 rows
 SHA = "ab" * 32
@@ -97,7 +97,8 @@ def test_a_frame_of_spectra_has_its_row_and_header(tmp_path, level0):
 
 @pytest.mark.parametrize("model", [StarPsf(np.zeros((1, 45, 45)), (2.5, 2), (2, 1.5), 17, 2.34567, 1.0), None])
 def test_a_frame_of_an_image_has_its_zero_point_background_and_psf(tmp_path, monkeypatch, level0, model):
-    planes = np.full((3, 4), 2, np.float32), np.full((3, 4), 3, np.float32), np.zeros((3, 4), np.uint8), 0.375
+    image, error = np.full((3, 4), 2, np.float32), np.full((3, 4), 3, np.float32)
+    planes = pack_frames.Planes(image, error, np.zeros((3, 4), np.uint8), 0.375)
     monkeypatch.setattr(pack_frames, "_image", lambda *given: planes)
     monkeypatch.setattr("csstsim.stages.measure.measured_table", lambda run, job: "table")
     monkeypatch.setattr(pack_frames, "_psf", lambda table, *given: model if table == "table" else None)
@@ -143,11 +144,11 @@ def test_stars_of_a_psf_lie_in_the_window(monkeypatch):
         "flux_psf": np.array([150.0, 300, 450, 600]), "x": np.array([120.0, 150, 180, 210]),
         "y": np.array([41.0, 45, 50, 60]), "fwhm": np.array([2.0, 2.2, 9.0, 3.0]),
     })  # fmt: skip
-    assert pack_frames._psf(table, "i", "e", "q", job()) == "model"
+    assert pack_frames._psf(table, pack_frames.Planes("i", "e", "q", 0.0), job()) == "model"
     [(*planes, x, y, flux, fwhm)] = asked
     assert planes == ["i", "e", "q"] and fwhm == 2.2
     assert (x.tolist(), y.tolist(), flux.tolist()) == ([50, 110, 20], [5, 20, 1], [2, 4, 1])
-    assert pack_frames._psf(table.take([2]), "i", "e", "q", job()) is None
+    assert pack_frames._psf(table.take([2]), pack_frames.Planes("i", "e", "q", 0.0), job()) is None
 
 
 # --- stars for a PSF
@@ -179,7 +180,7 @@ def test_a_neighbour_of_a_fiftieth_spoils_a_star(apart, light, taken):
 
 
 def test_at_most_so_many_stars_the_brightest():
-    n = MOST_STARS + 3
+    n = STARS_MAX + 3
     assert chosen(stars_at(100.0 * np.arange(n), snr=50.0 + np.arange(n))).tolist() == list(range(n - 1, 2, -1))
 
 
@@ -282,7 +283,10 @@ def test_gratings_of_a_pack_are_those_of_its_chips(tmp_path):
 
 def test_words_and_kinds_of_files_of_a_pack(tmp_path):
     rows = [{"kind": kind} for kind in ("imaging", "slitless", "slitless")]
-    assert pack._said(rows) == "1 image and 2 spectroscopic frames" and pack._said(rows[:1] * 2) == "2 images"
+    assert (
+        pack._number_of_frames(rows) == "1 image and 2 spectroscopic frames"
+        and pack._number_of_frames(rows[:1] * 2) == "2 images"
+    )
     for name in ("raw/b.fits", "raw/a.fits", "psf/x.psf", "README.md"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(name)
@@ -372,16 +376,21 @@ def test_the_readme_has_the_command_of_an_image_in_r():
 
 START = datetime(2027, 1, 1, 10, 0, 5, tzinfo=UTC)
 FILES = {
-    "README.md": ("README.md", 5, SHA), "workflow/Snakefile": ("the workflow", 1, SHA),
-    "workflow/tables.json": ("columns", 2, SHA), "workflow/recipes.json": ("digests", 3, SHA),
-    "workflow/inputs/ab.yaml": ("the campaign file", 4, SHA), "workflow/inputs/list.csv": ("named", 6, SHA),
-    "level0/x/1.fits": ("Level-0", 7, SHA), "level0/2.fits": ("Level-0", 8, SHA), "measure/m.parquet": ("m", 9, SHA),
-    "notes.weird": ("notes", 0, SHA),
-}  # fmt: skip
+    "README.md": CrateFile("README.md", 5, SHA),
+    "workflow/Snakefile": CrateFile("the workflow", 1, SHA),
+    "workflow/tables.json": CrateFile("columns", 2, SHA),
+    "workflow/recipes.json": CrateFile("digests", 3, SHA),
+    "workflow/inputs/ab.yaml": CrateFile("the campaign file", 4, SHA),
+    "workflow/inputs/list.csv": CrateFile("named", 6, SHA),
+    "level0/x/1.fits": CrateFile("Level-0", 7, SHA),
+    "level0/2.fits": CrateFile("Level-0", 8, SHA),
+    "measure/m.parquet": CrateFile("m", 9, SHA),
+    "notes.weird": CrateFile("notes", 0, SHA),
+}
 
 
 def crate(**changes):
-    run = Ran(START, START + timedelta(hours=2), {"chip": 2, "measure": 3}, 10.0, ("1.0", "1.1"))
+    run = RunRecord(START, START + timedelta(hours=2), {"chip": 2, "measure": 3}, 10.0, ("1.0", "1.1"))
     given = {
         "name": "mine", "description": "what", "files": FILES, "folders": {"level0": "the frames"}, "run": run,
         "inputs": ("ab.yaml", "list.csv"), "version": "7", "authors": ("A B", "C", "A B"),
@@ -434,7 +443,7 @@ def test_names_with_a_blank_are_quoted_wherever_they_are_named():
 
 
 def test_a_crate_without_a_run_or_authors():
-    files = {"only/a.csv": ("a table", 1, SHA)}
+    files = {"only/a.csv": CrateFile("a table", 1, SHA)}
     found = crate(run=None, authors=(), files=files, inputs=(), licence="https://my.licence/")
     assert "#run" not in found and found["./"]["author"] == {"@id": "#contributors"}
     assert found["#contributors"]["name"] == "the csstsim contributors"
@@ -488,7 +497,9 @@ def test_a_run_is_of_all_logs_of_jobs_that_ended(tmp_path):
         (tmp_path / "logs" / rule / f"{name}.log").write_text(first + last)
     (tmp_path / "logs" / "chip" / "x.log").write_text("nothing\n")
     at = lambda *clock: datetime(2027, 1, 1, *clock, tzinfo=UTC)  # noqa: E731
-    assert ran(tmp_path) == Ran(at(9, 59, 0), at(10, 20, 11), {"chip": 2, "measure": 1}, 502.2, ("1.0", "1.1"))
+    assert run_record(tmp_path) == RunRecord(
+        at(9, 59, 0), at(10, 20, 11), {"chip": 2, "measure": 1}, 502.2, ("1.0", "1.1")
+    )
 
 
 @pytest.mark.parametrize("fault", [None, "size", "gone", "unlisted"])

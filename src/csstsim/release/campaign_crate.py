@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 from csstsim.base.errors import InputError
 from csstsim.base.plural import number_of
-from csstsim.delivery.manifest import HASHES, SIZES, file_hash, read_manifest
-from csstsim.release.crate import Crate, licence_of, write_crate
-from csstsim.release.made_with import FOLDER, inputs, tables_version, write_made_with
-from csstsim.release.ran import ran
+from csstsim.delivery.manifest import CRATE_FOLDER, HASHES, SIZES, file_hash, read_manifest
+from csstsim.release.crate import Crate, CrateFile, licence_of, write_crate
+from csstsim.release.made_with import inputs, tables_version, write_made_with
+from csstsim.release.run_record import run_record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -29,12 +29,12 @@ FOLDERS = {
     "masters": "master calibration frames",
     "look": "pictures",
     "chips": "light of chips",
-    FOLDER: "what the products were made with",
+    CRATE_FOLDER: "what the products were made with",
 }
 
 
 def campaign_crate(
-    run: OpenCampaign, say: Callable[[str], object], authors: Iterable[str] = (), licence: str = "CC-BY-4.0"
+    run: OpenCampaign, log: Callable[[str], object], authors: Iterable[str] = (), licence: str = "CC-BY-4.0"
 ) -> None:
     """Write ro-crate-metadata.json, and what it names in workflow/, into a campaign's output folder.
 
@@ -46,19 +46,19 @@ def campaign_crate(
     if not (root / HASHES).is_file():
         raise InputError(f"no manifest yet: `csstsim verify {run.file} --manifest` writes it", file=root / HASHES)
     hashes = read_manifest(root / HASHES)
-    files: dict[str, tuple[str, int, str]] = {}
+    files: dict[str, CrateFile] = {}
     for line in (root / SIZES).read_text(encoding="ascii").splitlines()[1:]:
         name, size, kind = (*line.split("\t"), "", "")[:3]
         if name not in hashes or not (root / name).is_file() or str((root / name).stat().st_size) != size:
             raise InputError(f"not as {SIZES} says; `csstsim verify` tells more", file=root / name)
-        files[name] = kind, int(size), hashes[name]
+        files[name] = CrateFile(kind, int(size), hashes[name])
     for name, kind in (*write_made_with(run, root).items(), (HASHES, "hashes"), (SIZES, "sizes and kinds")):
-        files[name] = kind, (root / name).stat().st_size, file_hash(root / name)
+        files[name] = CrateFile(kind, (root / name).stat().st_size, file_hash(root / name))
     crate = Crate(
         name=run.config.name,
         files=files,
         folders=FOLDERS,
-        run=ran(root),
+        run=run_record(root),
         inputs=tuple(inputs(run)),
         description=f"{number_of(len(run.jobs), 'Level-0 file')} of a simulation of the CSST Survey Camera by csstsim, "
         "with their truth and what was measured on them",
@@ -66,4 +66,4 @@ def campaign_crate(
         authors=tuple(authors),
         licence=licence,
     )
-    say(f"{write_crate(root, crate)}: {number_of(len(files), 'file')}")
+    log(f"{write_crate(root, crate)}: {number_of(len(files), 'file')}")

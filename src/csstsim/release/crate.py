@@ -12,12 +12,12 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, NamedTuple, cast
 from urllib.parse import quote
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
-from csstsim.delivery.manifest import CRATE as CRATE_FILES
+from csstsim.delivery.manifest import CRATE_FILE
 from csstsim.release.made_with import INPUTS, RECIPES, TABLES, WORKFLOW
 
 if TYPE_CHECKING:
@@ -25,9 +25,8 @@ if TYPE_CHECKING:
     from typing import Any
 
     from csstsim.base.types import PathLike
-    from csstsim.release.ran import Ran
+    from csstsim.release.run_record import RunRecord
 
-FILE = CRATE_FILES[0]
 README = "README.md"
 CONTEXT = ["https://w3id.org/ro/crate/1.1/context", "https://w3id.org/ro/terms/workflow-run/context"]
 CRATE = "https://w3id.org/ro/crate/1.1"
@@ -39,11 +38,20 @@ RUN_PROFILES = {
 }
 BIOSCHEMAS = "https://bioschemas.org/profiles/{}/1.0-RELEASE"
 MEDIA = {
-    ".fits": "application/fits", ".parquet": "application/vnd.apache.parquet", ".h5": "application/x-hdf5",
-    ".json": "application/json", ".html": "text/html", ".png": "image/png", ".md": "text/markdown",
-    ".yaml": "application/yaml", ".csv": "text/csv", ".cat": "text/plain", ".psf": "application/fits",
-    ".conf": "text/plain", ".tsv": "text/tab-separated-values",
-}  # fmt: skip
+    ".fits": "application/fits",
+    ".parquet": "application/vnd.apache.parquet",
+    ".h5": "application/x-hdf5",
+    ".json": "application/json",
+    ".html": "text/html",
+    ".png": "image/png",
+    ".md": "text/markdown",
+    ".yaml": "application/yaml",
+    ".csv": "text/csv",
+    ".cat": "text/plain",
+    ".psf": "application/fits",
+    ".conf": "text/plain",
+    ".tsv": "text/tab-separated-values",
+}
 PLAIN = "text/plain"
 ORGANISATION = "#contributors"
 RUN = "#run"
@@ -54,19 +62,28 @@ LICENCES = {
 }
 
 
+class CrateFile(NamedTuple):
+    """A file of a crate: its kind in words, its size [bytes] and its SHA-256."""
+
+    kind: str
+    size: int
+    sha256: str
+
+
 @dataclass(frozen=True)
 class Crate:
-    """What a crate says of its folder.
+    """The description of a folder.
 
-    files: {path below the folder: (kind in words, bytes, SHA-256)}; folders: {first folder of a path: what it holds};
-    run: release.ran.Ran, or None; inputs: names in INPUTS; version: of the table of columns; authors: names of people.
+    files: {path below the folder: CrateFile}; folders: {first folder of a path: what it holds};
+    run: release.run_record.RunRecord, or None; inputs: names in INPUTS; version: of the table of columns; authors:
+    names of people.
     """
 
     name: str
     description: str
-    files: dict[str, tuple[str, int, str]]
+    files: dict[str, CrateFile]
     folders: dict[str, str] = field(default_factory=dict)
-    run: Ran | None = None
+    run: RunRecord | None = None
     inputs: tuple[str, ...] = ()
     version: str = ""
     authors: tuple[str, ...] = ()
@@ -84,7 +101,7 @@ def licence_of(name: str) -> tuple[str, str]:
 
 def write_crate(folder: PathLike, crate: Crate) -> Path:
     """Write the metadata of a Crate into its folder; return the path. The same crate gives the same bytes but dates."""
-    path = Path(folder) / FILE
+    path = Path(folder) / CRATE_FILE
     with atomic_path(path) as temporary:
         temporary.write_text(json.dumps(metadata(crate), indent=1) + "\n", encoding="utf-8")
     return path
@@ -96,9 +113,10 @@ def metadata(crate: Crate, now: datetime | None = None) -> dict[str, Any]:
     address, title = licence_of(crate.licence)
     people = [{"@id": f"#{quote(name)}", "@type": "Person", "name": name} for name in dict.fromkeys(crate.authors)]
     people = people or [{"@id": ORGANISATION, "@type": "Organization", "name": "the csstsim contributors"}]
+    first, *_ = people
     folders = _folders(crate)
     about = {
-        "@id": FILE,
+        "@id": CRATE_FILE,
         "@type": "CreativeWork",
         "about": _to("./"),
         "conformsTo": _compact([_to(CRATE), *([_to(WORKFLOW_CRATE)] if crate.run else [])]),
@@ -111,7 +129,7 @@ def metadata(crate: Crate, now: datetime | None = None) -> dict[str, Any]:
         "datePublished": f"{now:%Y-%m-%dT%H:%M:%S+00:00}",
         "license": _to(address),
         "author": _all(people),
-        "publisher": _to(people[0]["@id"]),
+        "publisher": _to(first["@id"]),
         "hasPart": _compact([*map(_to, _names(folders)), *(_to(_id(path)) for path in crate.files if "/" not in path)]),
     }
     licence = {
@@ -120,7 +138,7 @@ def metadata(crate: Crate, now: datetime | None = None) -> dict[str, Any]:
         "name": title,
         "description": f"the licence of these data: {title}",
     }
-    files = [_file(path, *told) for path, told in crate.files.items()]
+    files = [_file(path, file) for path, file in crate.files.items()]
     run = _run(crate, root, files, folders) if crate.run else []
     return {"@context": CONTEXT, "@graph": [about, root, licence, *people, *folders, *files, *run]}
 
@@ -140,16 +158,16 @@ def _folders(crate: Crate) -> list[dict[str, Any]]:
     ]
 
 
-def _file(path: str, kind: str, size: int, digest: str) -> dict[str, Any]:
+def _file(path: str, file: CrateFile) -> dict[str, Any]:
     about = {"about": _to("./")} if path == README else {}
     return about | {
         "@id": _id(path),
         "@type": "File",
         "name": Path(path).name,
-        "description": kind,
+        "description": file.kind,
         "encodingFormat": MEDIA.get(Path(path).suffix, PLAIN),
-        "contentSize": str(size),
-        "sha256": digest,
+        "contentSize": str(file.size),
+        "sha256": file.sha256,
     }
 
 
@@ -157,7 +175,7 @@ def _run(
     crate: Crate, root: dict[str, Any], files: Iterable[dict[str, Any]], folders: Iterable[dict[str, Any]]
 ) -> list[dict[str, Any]]:
     """Return the entities of the workflow's run, and complete the root and the workflow's files."""
-    run = cast("Ran", crate.run)
+    run = cast("RunRecord", crate.run)
     entities = {file["@id"]: file for file in files}
     root |= {
         "conformsTo": [_to(address) for address in RUN_PROFILES],
@@ -193,7 +211,8 @@ def _run(
     }
     entities[TABLES] |= {"version": crate.version}
     inputs = [_id(f"{INPUTS}/{name}") for name in crate.inputs]
-    entities[inputs[0]]["exampleOfWork"] = _to("#campaign")
+    campaign, *_ = inputs
+    entities[campaign]["exampleOfWork"] = _to("#campaign")
     made = [one for one in folders if one["@id"] != _id(f"{WORKFLOW.partition('/')[0]}/")]
     for one in made:
         one["exampleOfWork"] = _to("#products")
@@ -245,4 +264,7 @@ def _all(entities: Iterable[Mapping[str, Any]]) -> dict[str, str] | list[dict[st
 
 
 def _compact(values: list[dict[str, str]]) -> dict[str, str] | list[dict[str, str]]:
-    return values[0] if len(values) == 1 else values
+    if len(values) == 1:
+        [only] = values
+        return only
+    return values

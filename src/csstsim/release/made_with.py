@@ -16,17 +16,17 @@ from csstsim import __version__
 from csstsim.base.files.atomic import atomic_path
 from csstsim.base.files.text_file import read_json
 from csstsim.base.shipped import ROOT, SHIPPED
-from csstsim.delivery.manifest import CRATE
+from csstsim.delivery.manifest import CRATE_FOLDER
 
 if TYPE_CHECKING:
     from typing import Any
 
     from csstsim.campaign.opened import OpenCampaign
 
-FOLDER = CRATE[1]
-WORKFLOW, INPUTS, RECIPES, TABLES = (
-    f"{FOLDER}/{name}" for name in ("Snakefile", "inputs", "recipes.json", "tables.json")
-)
+WORKFLOW = f"{CRATE_FOLDER}/Snakefile"
+INPUTS = f"{CRATE_FOLDER}/inputs"
+RECIPES = f"{CRATE_FOLDER}/recipes.json"
+TABLES = f"{CRATE_FOLDER}/tables.json"
 KINDS = {
     WORKFLOW: "the workflow",
     RECIPES: "digests of what decides the products",
@@ -39,7 +39,7 @@ def write_made_with(run: OpenCampaign, folder: Path) -> dict[str, str]:
     found = dict(KINDS)
     texts = {WORKFLOW: ROOT / "Snakefile", TABLES: SHIPPED / "schema" / "tables.json"}
     for path in sorted((ROOT / "workflow" / "rules").glob("*.smk")):
-        name = f"{FOLDER}/workflow/rules/{path.name}"
+        name = f"{CRATE_FOLDER}/workflow/rules/{path.name}"
         texts[name] = path
         found[name] = "rules of the workflow"
     for name, path in inputs(run).items():

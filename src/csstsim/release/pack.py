@@ -21,13 +21,13 @@ from csstsim.base.plural import number_of
 from csstsim.base.process.progress import progress
 from csstsim.base.resampling import on_grid
 from csstsim.base.shipped import ROOT
-from csstsim.delivery.manifest import CRATE, FILES, file_hash, write_manifest
-from csstsim.release.crate import Crate, licence_of, write_crate
+from csstsim.delivery.manifest import CRATE_FILE, FILES, file_hash, write_manifest
+from csstsim.release.crate import Crate, CrateFile, licence_of, write_crate
 from csstsim.release.made_with import inputs, tables_version, write_made_with
 from csstsim.release.pack_frames import write_frame
 from csstsim.release.pack_readme import readme, truth_readme
 from csstsim.release.pack_truth import COLUMNS, write_truth_of_pack
-from csstsim.release.ran import ran
+from csstsim.release.run_record import run_record
 from csstsim.release.star_psf import FEWEST
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ CURVE_STEP = 10.0  # angstrom
 def pack(
     run: OpenCampaign,
     output: PathLike,
-    say: Callable[[str], object],
+    log: Callable[[str], object],
     authors: Iterable[str] = (),
     licence: str = "CC-BY-4.0",
 ) -> None:
@@ -81,10 +81,10 @@ def pack(
     public = output / PUBLIC
     truth = output / TRUTH
     with _whole(public, truth):
-        rows, table = _fill(run, jobs, public, truth, say, {"authors": tuple(authors), "licence": licence})
+        rows, table = _fill(run, jobs, public, truth, log, {"authors": tuple(authors), "licence": licence})
     size = sum(path.stat().st_size for path in output.rglob("*") if path.is_file())
-    say(f"{output}: {_said(rows)}, {number_of(len(table), 'true object')}, {size / 1e9:.3g} GB")
-    say(f"{public}: to give away; {truth}: to keep, for `csstsim release score CATALOGUE --truth {truth}`")
+    log(f"{output}: {_number_of_frames(rows)}, {number_of(len(table), 'true object')}, {size / 1e9:.3g} GB")
+    log(f"{public}: to give away; {truth}: to keep, for `csstsim release score CATALOGUE --truth {truth}`")
 
 
 @contextmanager
@@ -105,7 +105,7 @@ def _fill(
     jobs: Sequence[Job],
     public: Path,
     truth: Path,
-    say: Callable[[str], object],
+    log: Callable[[str], object],
     about: Mapping[str, Any],
 ) -> tuple[list[dict[str, Any]], ObjectTable]:
     """Write the files of a pack; return the rows of frames.csv and the true objects. The frames, which take minutes,
@@ -119,27 +119,37 @@ def _fill(
     rows = [frame.row for frame in frames]
     for row in rows:
         if row["kind"] == "imaging" and not row["psf"]:
-            say(f"{row['name']}: no PSF model, for fewer than {FEWEST} of its stars are bright, alone and off the edge")
+            log(f"{row['name']}: no PSF model, for fewer than {FEWEST} of its stars are bright, alone and off the edge")
     _write(public / "frames.csv", _csv(rows))
     _write(public / "README.md", readme(run.config.name, rows, about["licence"]))
     table = write_truth_of_pack(run, jobs, frames, truth)
-    band = next((job.chip.filter for job in jobs if job.chip.filter == "r"), _imaging(jobs)[0].chip.filter)
+    filters = [job.chip.filter for job in _imaging(jobs)]
+    band = "r" if "r" in filters else next(iter(filters))
     _write(truth / "README.md", truth_readme(run.config.name, COLUMNS, band.lower()))
     _close(
         public,
         Crate(
             name=f"{run.config.name}: simulated frames",
-            description=_said(rows),
+            description=_number_of_frames(rows),
             files=_files(public),
             folders=FOLDERS,
             **about,
         ),
     )
-    files = {name: (made_with.get(name, told[0]), *told[1:]) for name, told in _files(truth).items()}
-    _close(truth, Crate(
-        name=f"{run.config.name}: the truth", description=f"the true sky of {_said(rows)}", files=files,
-        folders=FOLDERS, run=ran(run.paths.output), inputs=tuple(inputs(run)), version=tables_version(), **about,
-    ))  # fmt: skip
+    files = {name: file._replace(kind=made_with.get(name, file.kind)) for name, file in _files(truth).items()}
+    _close(
+        truth,
+        Crate(
+            name=f"{run.config.name}: the truth",
+            description=f"the true sky of {_number_of_frames(rows)}",
+            files=files,
+            folders=FOLDERS,
+            run=run_record(run.paths.output),
+            inputs=tuple(inputs(run)),
+            version=tables_version(),
+            **about,
+        ),
+    )
     return rows, table
 
 
@@ -161,7 +171,7 @@ def _imaging(jobs: Iterable[Job]) -> list[Job]:
     return [job for job in jobs if job.chip.kind == "imaging"]
 
 
-def _said(rows: Sequence[Mapping[str, Any]]) -> str:
+def _number_of_frames(rows: Sequence[Mapping[str, Any]]) -> str:
     kinds = {"imaging": ("image", None), "slitless": ("spectroscopic frame", None)}
     counts = {kind: sum(row["kind"] == kind for row in rows) for kind in kinds}
     return " and ".join(number_of(n, *kinds[kind]) for kind, n in counts.items() if n)
@@ -171,10 +181,10 @@ def _curves(run: OpenCampaign, jobs: Iterable[Job]) -> list[dict[str, str]]:
     """Return the rows of filters.csv: wavelength, and the throughput of each filter of the pack."""
     names = list(dict.fromkeys(job.chip.filter for job in jobs))
     curves = [run.camera.filters[name] for name in names]
-    low = min(c.wavelength[0] for c in curves)
-    high = max(c.wavelength[-1] for c in curves)
+    low = min(curve.wavelength[0] for curve in curves)
+    high = max(curve.wavelength[-1] for curve in curves)
     grid = np.arange(low, high + CURVE_STEP / 2, CURVE_STEP)
-    values = [on_grid(grid, c.wavelength, c.throughput) for c in curves]
+    values = [on_grid(grid, curve.wavelength, curve.throughput) for curve in curves]
     kept = np.any(values, axis=0)
     columns = zip(grid[kept], *(value[kept] for value in values), strict=True)
     return [
@@ -224,12 +234,12 @@ def _write(path: Path, text: str) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
-def _files(folder: Path) -> dict[str, tuple[str, int, str]]:
-    """Return {path: (kind, bytes, SHA-256)} of the files below a folder."""
+def _files(folder: Path) -> dict[str, CrateFile]:
+    """Return {path: CrateFile} of the files below a folder."""
     paths = sorted(path for path in folder.rglob("*") if path.is_file())
     names = [path.relative_to(folder).as_posix() for path in paths]
     return {
-        name: (KINDS.get(name.partition("/")[0], path.name), path.stat().st_size, file_hash(path))
+        name: CrateFile(KINDS.get(name.partition("/")[0], path.name), path.stat().st_size, file_hash(path))
         for name, path in zip(names, paths, strict=True)
     }
 
@@ -237,5 +247,5 @@ def _files(folder: Path) -> dict[str, tuple[str, int, str]]:
 def _close(folder: Path, crate: Crate) -> None:
     """Write a folder's crate, then its manifest, which has the crate as well."""
     write_crate(folder, crate)
-    kinds = {name: told[0] for name, told in crate.files.items()} | {CRATE[0]: "metadata"}
+    kinds = {name: file.kind for name, file in crate.files.items()} | {CRATE_FILE: "metadata"}
     write_manifest(folder, {name: kind for name, kind in kinds.items() if name not in FILES})

@@ -10,7 +10,7 @@ from __future__ import annotations
 import shutil
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -49,6 +49,15 @@ class PackFrame:
     corners: list[list[float]]
 
 
+class Planes(NamedTuple):
+    """The planes SCI, ERR [electron/s] and DQ of a frame (ny, nx), and the background taken off [electron/s]."""
+
+    image: FloatArray
+    error: FloatArray
+    quality: IntArray
+    background: float
+
+
 def stem(job: Job) -> str:
     """Return the name of a job's files: {obsid}_{chip}_{filter}."""
     return f"{job.obsid}_{job.chip.id:02d}_{job.chip.filter}"
@@ -68,7 +77,7 @@ def write_frame(run: OpenCampaign, job: Job, folder: Path) -> PackFrame:
         shutil.copyfile(run.paths.level0(job), temporary)
         compress(temporary, without=SECRET)
     imaging = job.chip.kind == "imaging"
-    image, error, quality, background = (_image if imaging else _spectra)(run, job, frame)
+    planes = _image(run, job, frame) if imaging else _spectra(job, frame)
     filter_ = run.camera.filters[job.chip.filter]
     zeropoint = filter_.zeropoint(run.camera.telescope) if imaging else None
     read_noise = float(np.mean(list(frame.read_noise.values())))
@@ -76,10 +85,10 @@ def write_frame(run: OpenCampaign, job: Job, folder: Path) -> PackFrame:
     _write(
         folder / names[CALIBRATED],
         file,
-        (image, error, quality),
+        planes,
         header,
         {
-            "BACKMED": (background, "[electron/s] median background taken off"),
+            "BACKMED": (planes.background, "[electron/s] median background taken off"),
             "RDNOISE": (read_noise, "[electron] rms"),
             "MAGZERO": (zeropoint, "AB magnitude of 1 electron/s"),
             "PIXSCALE": (run.camera.telescope.pixel_scale, "[arcsec]"),
@@ -87,21 +96,35 @@ def write_frame(run: OpenCampaign, job: Job, folder: Path) -> PackFrame:
             "READY0": (job.window.y0 + 1, "first row"),
         },
     )
+    height, width = planes.image.shape
     row = {
-        "name": stem(job), "filter": job.chip.filter, "kind": job.chip.kind, "chip": job.chip.id,
-        "obsid": job.obsid, "start_utc": job.pointing.time, "exptime_s": job.pointing.exptime,
-        "pa_deg": job.pointing.pa, "ra_deg": round(header["CRVAL1"], 6), "dec_deg": round(header["CRVAL2"], 6),
-        "width_px": image.shape[1], "height_px": image.shape[0], "zero_point_mag": zeropoint and round(zeropoint, 5),
-        "psf_fwhm_px": None, "psf_stars": None, "raw": names[RAW], "calibrated": names[CALIBRATED], "psf": None,
-    }  # fmt: skip
-    if imaging and (model := _psf(measured_table(run, job), image, error, quality, job)):
+        "name": stem(job),
+        "filter": job.chip.filter,
+        "kind": job.chip.kind,
+        "chip": job.chip.id,
+        "obsid": job.obsid,
+        "start_utc": job.pointing.time,
+        "exptime_s": job.pointing.exptime,
+        "pa_deg": job.pointing.pa,
+        "ra_deg": round(header["CRVAL1"], 6),
+        "dec_deg": round(header["CRVAL2"], 6),
+        "width_px": width,
+        "height_px": height,
+        "zero_point_mag": zeropoint and round(zeropoint, 5),
+        "psf_fwhm_px": None,
+        "psf_stars": None,
+        "raw": names[RAW],
+        "calibrated": names[CALIBRATED],
+        "psf": None,
+    }
+    if imaging and (model := _psf(measured_table(run, job), planes, job)):
         write_psfex(folder / names[PSF], model)
         row |= {"psf_fwhm_px": round(model.fwhm, 3), "psf_stars": model.stars, "psf": names[PSF]}
     return PackFrame(row, corners(job.wcs, file.observer, job.window))
 
 
-def _image(run: OpenCampaign, job: Job, frame: Calibrated) -> tuple[FloatArray, FloatArray, IntArray, float]:
-    """Return (SCI, ERR, DQ, background) of an image [electron/s]: the background taken off."""
+def _image(run: OpenCampaign, job: Job, frame: Calibrated) -> Planes:
+    """Return the planes of an image: the background taken off."""
     from csstsim.measure.calibration.bad_pixels import mend
     from csstsim.measure.detection.detect import subtract_background
     from csstsim.measure.light.photometry import psf_model
@@ -114,25 +137,25 @@ def _image(run: OpenCampaign, job: Job, frame: Calibrated) -> tuple[FloatArray, 
     level = float(np.median(image))
     subtract_background(image, quality)
     level -= float(np.median(image))
-    return image * rate, error * rate, quality, level * float(rate)
+    return Planes(image * rate, error * rate, quality, level * float(rate))
 
 
-def _spectra(run: OpenCampaign, job: Job, frame: Calibrated) -> tuple[FloatArray, FloatArray, IntArray, float]:
-    """Return (SCI, ERR, DQ, 0) of a frame of spectra [electron/s]: the dispersed sky stays, rays are not looked for."""
+def _spectra(job: Job, frame: Calibrated) -> Planes:
+    """Return the planes of a frame of spectra: the dispersed sky stays, rays are not looked for."""
     rate = np.float32(1.0 / job.pointing.exptime)
-    return frame.electrons * rate, frame.sigma() * rate, frame.marks, 0.0
+    return Planes(frame.electrons * rate, frame.sigma() * rate, frame.marks, 0.0)
 
 
-def _psf(table: ObjectTable, image: FloatArray, error: FloatArray, quality: IntArray, job: Job) -> StarPsf | None:
+def _psf(table: ObjectTable, planes: Planes, job: Job) -> StarPsf | None:
     rows = chosen(table)
     if not len(rows):
         return None
     at = partial(np.take, indices=rows)
     flux = at(table["flux_psf"]) / job.pointing.exptime
     return star_psf(
-        image,
-        error,
-        quality,
+        planes.image,
+        planes.error,
+        planes.quality,
         at(table["x"]) - job.window.x0,
         at(table["y"]) - job.window.y0,
         flux,
@@ -143,21 +166,20 @@ def _psf(table: ObjectTable, image: FloatArray, error: FloatArray, quality: IntA
 def _write(
     path: Path,
     file: Level0,
-    planes: tuple[FloatArray, FloatArray, IntArray],
+    planes: Planes,
     header: Mapping[str, Any],
     facts: Mapping[str, tuple[float | str | None, str]],
 ) -> None:
     kept = {name: file.header0[name] for name in KEPT if name in file.header0 and name not in SECRET}
     primary = [card(name, value) for name, value in (kept | {"POSKIND": "ICRS"}).items()]
-    place = [card(name, value) for name, value in header.items()]
+    position = [card(name, value) for name, value in header.items()]
     known = [card(name, value, about) for name, (value, about) in facts.items() if value is not None]
     bits = [card(f"BIT{bit.bit_length() - 1}", name, f"value {bit}") for bit, name in DQ.items()]
-    image, error, quality = planes
     unit = card("BUNIT", "electron/s")
     with atomic_path(path) as temporary:
         hdus = [
-            ("SCI", [unit, *place, *known], image),
-            ("ERR", [unit, *place], error),
-            ("DQ", [*place, *bits], quality),
+            ("SCI", [unit, *position, *known], planes.image),
+            ("ERR", [unit, *position], planes.error),
+            ("DQ", [*position, *bits], planes.quality),
         ]
         write_hdus(temporary, [("", primary, None), *hdus])

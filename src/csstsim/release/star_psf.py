@@ -2,13 +2,13 @@
 
 Pixels of the model are STEP image pixels wide. A star's pixels are Lanczos-3 interpolations of the model, times its
 flux; the model's pixels, and their change over the image, follow from least squares over all stars, held to a
-Gaussian where the stars say little. Which sources are stars, their places and fluxes are what `measure` found.
+Gaussian where the stars say little. Which sources are stars, their positions and fluxes are what `measure` found.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 SIDE = 45
 STEP = 0.5
 REACH = 10  # image pixels of a star to each side
-MOST_STARS = 150
+STARS_MAX = 150
 FEWEST = 5
 SNR = 30.0
 LINEAR_FROM = 30  # stars, for a model that changes over the image
@@ -35,6 +35,15 @@ FAINT = 0.02
 ITERATIONS = 150
 FINE = 8
 SPOILT = 1 | 2 | 4 | 64 | 128  # flags of measure.catalogue: blended, truncated, saturated, sharp, bad pixels
+
+
+class _StarPixels(NamedTuple):
+    """Good pixels of a star: values over its flux (n,), samples of the model (n, 36), their weights, errors (n,)."""
+
+    values: FloatArray
+    samples: IntArray
+    weights: FloatArray
+    errors: FloatArray
 
 
 @dataclass(frozen=True)
@@ -60,12 +69,12 @@ def chosen(table: ObjectTable) -> IntArray:
     rows = np.flatnonzero(good)
     if not len(rows):
         return rows
-    place = np.column_stack([table["x"], table["y"]])
+    position = np.column_stack([table["x"], table["y"]])
     flux = np.nan_to_num(table["flux_psf"])
-    near = cKDTree(place).query_ball_point(place[rows], NEIGHBOUR)
+    near = cKDTree(position).query_ball_point(position[rows], NEIGHBOUR)
     alone = [all(flux[k] < FAINT * flux[row] for k in some if k != row) for row, some in zip(rows, near, strict=True)]
     rows = rows[alone]
-    return rows[np.argsort(-table["snr"][rows], kind="stable")][:MOST_STARS]
+    return rows[np.argsort(-table["snr"][rows], kind="stable")][:STARS_MAX]
 
 
 @one_thread
@@ -87,42 +96,45 @@ def star_psf(
     if len(x) < FEWEST:
         return None
     terms = 3 if len(x) >= LINEAR_FROM else 1
-    zero = ((nx + 1) / 2, (ny + 1) / 2)
-    scale = (nx / 2, ny / 2)
+    zero_x = (nx + 1) / 2
+    zero_y = (ny + 1) / 2
+    scale_x = nx / 2
+    scale_y = ny / 2
     start = _gaussian(fwhm)
     values: list[FloatArray] = []
     data: list[FloatArray] = []
     rows: list[IntArray] = []
     columns: list[IntArray] = []
     for k in range(len(x)):
-        part, near, weights, pixel = _star(image, error, quality, x[k], y[k], flux[k])
-        change = np.array([1.0, (x[k] + 1 - zero[0]) / scale[0], (y[k] + 1 - zero[1]) / scale[1]])[:terms]
+        star = _star(image, error, quality, x[k], y[k], flux[k])
+        change = np.array([1.0, (x[k] + 1 - zero_x) / scale_x, (y[k] + 1 - zero_y) / scale_y])[:terms]
         first = sum(map(len, data))
-        data.append((part - (weights * start.ravel()[near]).sum(axis=1)) / pixel)
-        weights = weights / pixel[:, None]
+        data.append((star.values - (star.weights * start.ravel()[star.samples]).sum(axis=1)) / star.errors)
+        weights = star.weights / star.errors[:, None]
         for term, factor in enumerate(change):
-            rows.append(np.repeat(first + np.arange(len(part)), near.shape[1]))
-            columns.append((near + term * SIDE**2).ravel())
+            rows.append(np.repeat(first + np.arange(len(star.values)), star.samples.shape[1]))
+            columns.append((star.samples + term * SIDE**2).ravel())
             values.append((weights * factor).ravel())
     seen = np.concatenate(data)
     matrix = csr_matrix(
         (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), (len(seen), terms * SIDE**2)
     )
     likely = np.concatenate([_likely(start).ravel() * factor for factor in (1.0, CHANGE, CHANGE)[:terms]])
-    found = likely * lsqr(matrix @ diags(likely), seen, damp=1.0, iter_lim=ITERATIONS)[0]
+    solution, *_ = lsqr(matrix @ diags(likely), seen, damp=1.0, iter_lim=ITERATIONS)
+    found = likely * solution
     chi2 = float(np.mean((matrix @ found - seen) ** 2))
     planes = found.reshape(terms, SIDE, SIDE)
-    planes[0] += start
-    return StarPsf(planes, zero, scale, len(x), _fwhm(planes[0]), chi2)
+    mean, *_ = planes  # a view
+    mean += start
+    return StarPsf(planes, (zero_x, zero_y), (scale_x, scale_y), len(x), _fwhm(mean), chi2)
 
 
-def _star(
-    image: FloatArray, error: FloatArray, quality: IntArray, x: float, y: float, flux: float
-) -> tuple[FloatArray, IntArray, FloatArray, FloatArray]:
-    """Return a star's (pixels over flux (n,), samples (n, 36), their weights, errors over flux (n,)); good pixels."""
-    middle = int(np.rint(x)), int(np.rint(y))
+def _star(image: FloatArray, error: FloatArray, quality: IntArray, x: float, y: float, flux: float) -> _StarPixels:
+    """Return the good pixels of a star at x, y [px from 0]."""
     span = np.arange(-REACH, REACH + 1)
-    column, row = (v.ravel() for v in np.meshgrid(middle[0] + span, middle[1] + span))
+    columns, rows = np.meshgrid(int(np.rint(x)) + span, int(np.rint(y)) + span)
+    column = columns.ravel()
+    row = rows.ravel()
     good = (quality[row, column] == 0) & (error[row, column] > 0)
     column = column[good]
     row = row[good]
@@ -132,7 +144,7 @@ def _star(
     weights = (weight_y[:, :, None] * weight_x[:, None, :]).reshape(len(row), -1)
     # A hundredth of the peak as model error, so that the brightest star does not decide alone
     sigma = np.hypot(error[row, column], 0.01 * np.abs(image[row, column])) / flux
-    return image[row, column] / flux, near, weights, sigma
+    return _StarPixels(image[row, column] / flux, near, weights, sigma)
 
 
 def _lanczos(offset: FloatArray) -> tuple[IntArray, FloatArray]:
@@ -173,13 +185,30 @@ def write_psfex(path: Path, model: StarPsf) -> None:
     terms = len(model.planes)
     mask = fits.Column("PSF_MASK", f"{model.planes.size}E", dim=f"({SIDE},{SIDE},{terms})", array=model.planes[None])
     hdu = fits.BinTableHDU.from_columns([mask], name="PSF_DATA")
+    zero_x, zero_y = model.zero
+    scale_x, scale_y = model.scale
     cards = {
-        "LOADED": model.stars, "ACCEPTED": model.stars, "CHI2": model.chi2, "POLNAXIS": 2, "POLGRP1": 1,
-        "POLNAME1": "X_IMAGE", "POLZERO1": model.zero[0], "POLSCAL1": model.scale[0], "POLGRP2": 1,
-        "POLNAME2": "Y_IMAGE", "POLZERO2": model.zero[1], "POLSCAL2": model.scale[1], "POLNGRP": 1,
-        "POLDEG1": 1 if terms == 3 else 0, "PSF_FWHM": model.fwhm, "PSF_SAMP": STEP, "PSFNAXIS": 3, "PSFAXIS1": SIDE,
-        "PSFAXIS2": SIDE, "PSFAXIS3": terms,
-    }  # fmt: skip
+        "LOADED": model.stars,
+        "ACCEPTED": model.stars,
+        "CHI2": model.chi2,
+        "POLNAXIS": 2,
+        "POLGRP1": 1,
+        "POLNAME1": "X_IMAGE",
+        "POLZERO1": zero_x,
+        "POLSCAL1": scale_x,
+        "POLGRP2": 1,
+        "POLNAME2": "Y_IMAGE",
+        "POLZERO2": zero_y,
+        "POLSCAL2": scale_y,
+        "POLNGRP": 1,
+        "POLDEG1": 1 if terms == 3 else 0,
+        "PSF_FWHM": model.fwhm,
+        "PSF_SAMP": STEP,
+        "PSFNAXIS": 3,
+        "PSFAXIS1": SIDE,
+        "PSFAXIS2": SIDE,
+        "PSFAXIS3": terms,
+    }
     hdu.header.update(cards)
     with atomic_path(path) as temporary:
         fits.HDUList([fits.PrimaryHDU(), hdu]).writeto(temporary, overwrite=True)

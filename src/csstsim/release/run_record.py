@@ -1,4 +1,4 @@
-"""What the logs of a campaign's jobs say of its run: when it began and ended, its jobs and their time."""
+"""The record of a campaign's run, from the logs of its jobs: when it began and ended, its jobs and their time."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from csstsim.campaign.running.job_log import read_usage
 if TYPE_CHECKING:
     from pathlib import Path
 
-_FIRST = re.compile(r"csstsim (\S+) \w+: .* pid \d{1,9}, (\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ)")
+_FIRST = re.compile(r"csstsim (?P<version>\S+) \w+: .* pid \d{1,9}, (?P<start>\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ)")
 
 
 @dataclass(frozen=True)
-class Ran:
+class RunRecord:
     """A run of the workflow: first start and last end (UTC), jobs by rule, CPU s of all, versions of csstsim."""
 
     start: datetime
@@ -27,8 +27,8 @@ class Ran:
     versions: tuple[str, ...]
 
 
-def ran(output: Path) -> Ran | None:
-    """Return the Ran of an output folder's logs; None without logs of finished jobs."""
+def run_record(output: Path) -> RunRecord | None:
+    """Return the RunRecord of an output folder's logs; None without logs of finished jobs."""
     times: list[tuple[datetime, datetime]] = []
     jobs: Counter[str] = Counter()
     versions: set[str] = set()
@@ -38,12 +38,12 @@ def ran(output: Path) -> Ran | None:
         first = _FIRST.match(text)
         last = read_usage(text)
         if first and last:
-            start = datetime.strptime(first[2], "%Y-%m-%dT%H:%M:%SZ").replace(tzinfo=UTC)
+            start = datetime.strptime(first["start"], "%Y-%m-%dT%H:%M:%SZ").replace(tzinfo=UTC)
             times.append((start, start + timedelta(seconds=round(last.wall_s))))
             jobs[path.parent.name] += 1
             cpu += last.cpu_s
-            versions.add(first[1])
+            versions.add(first["version"])
     if not times:
         return None
     starts, ends = zip(*times, strict=True)
-    return Ran(min(starts), max(ends), dict(jobs), round(cpu, 1), tuple(sorted(versions)))
+    return RunRecord(min(starts), max(ends), dict(jobs), round(cpu, 1), tuple(sorted(versions)))
