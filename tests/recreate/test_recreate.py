@@ -228,7 +228,7 @@ FAULTS = {
     "seed": (dict(SIMSEED=-4), "frame.fits: SIMSEED: no seed (got -4"),
     "half a seed": (dict(SIMSEED=7.5), "frame.fits: SIMSEED: no seed (got 7.5"),
     "layer": (dict(HISTORY=" layer nosuch {}"), "frame.fits: layers: the header's value cannot be used: unknown layer"),
-    "place": (dict(RA_OBJ=None), "no place of the boresight"),
+    "place": (dict(RA_OBJ=None), "no position of the boresight"),
 }  # fmt: skip
 
 

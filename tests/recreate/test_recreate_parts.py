@@ -15,7 +15,7 @@ from csstsim.detector.channels import ReadoutFrame
 from csstsim.recreate import recreate, side_by_side
 from csstsim.recreate.frame import read_frame
 from csstsim.recreate.objects import check_frame, own_table
-from csstsim.recreate.pixels import clipped, read_electrons
+from csstsim.recreate.pixels import Level, clipped, read_electrons
 from csstsim.recreate.recreate import _of_maps
 
 DETECTOR = SimpleNamespace(
@@ -409,7 +409,7 @@ def test_what_is_assumed_of_an_empty_header():
     assert said == ["OBSID", "POS_ANG0", "DATE-OBS", "EXPTIME", "POSI0_*, VELO0_*"]
     assert header(name=NAME, OBSID="x7").obsid == "10160000004"
     assert header(CRVAL1=1.0, CRVAL2=2.0, POS_ANG0=np.nan, POS_ANG1=7.0).exposure["pa"] == 7.0
-    with pytest.raises(InputError, match="no place of the boresight"):
+    with pytest.raises(InputError, match="no position of the boresight"):
         _ = header(CRVAL1=1.0, CRVAL2="here").exposure
     assert header(pieces("layer bias {not json")).layers() is None
 
@@ -501,12 +501,12 @@ def test_a_difference_beyond_two_errors_and_what_is_allowed_differs(difference, 
 
 def test_background_and_noise_are_compared_relative_to_the_first_frame():
     """Relative to an electron where the level is less; the error is that of both means."""
-    level, noise = side_by_side._backgrounds([(40.0, 3.0), (41.0, 4.0)], 100)
+    level, noise = side_by_side._backgrounds([Level(40.0, 3.0), Level(41.0, 4.0)], 100)
     assert (level.difference, level.error, level.allowed) == pytest.approx((1 / 40, 0.5 / 40, 0.01))
     assert (noise.difference, noise.error) == pytest.approx((1 / 3, 0.5 / 3)) and level.words.split() == [
         "40.000", "41.000",
     ]  # fmt: skip
-    assert next(side_by_side._backgrounds([(0.2, 3.0), (-0.3, 4.0)], 25)).difference == pytest.approx(-0.5)
+    assert next(side_by_side._backgrounds([Level(0.2, 3.0), Level(-0.3, 4.0)], 25)).difference == pytest.approx(-0.5)
 
 
 def test_values_beyond_five_robust_sigmas_are_outliers():
@@ -590,7 +590,9 @@ def test_the_edge_of_an_image_that_is_not_square():
     """Objects more than 12 px from what was read, along both axes; 80 x 50 px."""
     images = [np.random.default_rng(k).normal(0, 1, (50, 80)).astype(np.float32) for k in (1, 2)]
     x, y = np.array([12.1, 11.9, 66.9, 67.1, 40, 40, 40, 40]), np.array([25, 25, 25, 25, 12.1, 11.9, 36.9, 37.1])
-    seen = side_by_side._Objects(images, np.zeros((50, 80), bool), [(0.0, 1.0)] * 2, x, y, np.arange(8, dtype=np.int8))
+    seen = side_by_side._Objects(
+        images, np.zeros((50, 80), bool), [Level(0.0, 1.0)] * 2, x, y, np.arange(8, dtype=np.int8)
+    )
     assert seen._kinds.tolist() == [0, 2, 4, 6]
 
 
@@ -599,7 +601,7 @@ def test_an_object_is_compared_if_both_frames_show_it(noises, compared):
     """2000 electrons in a circle of 113 px: an S/N of 43 at a noise of 1, of 6 at one of 30."""
     image = np.zeros((60, 60), np.float32)
     image[30, 30] = 2000.0
-    levels = [(0.0, noise) for noise in noises]
+    levels = [Level(0.0, noise) for noise in noises]
     at = np.array([30.0])
     lines = side_by_side._Objects([image, image], image < 0, levels, at, at, np.zeros(1, np.int8)).light()
     assert bool(list(lines)) is compared

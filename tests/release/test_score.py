@@ -10,7 +10,7 @@ from csstsim.release.score.catalogue import read_any, read_catalogue
 from csstsim.release.score.field import Field
 from csstsim.release.score.match import MAG_SPREAD, RADIUS, SHIFT, chance, matched, moved
 from csstsim.release.score.numbers import half_found
-from csstsim.release.score.score import judge
+from csstsim.release.score.score import evaluate
 from release.score_field import field, places, table
 
 EXACT = 1e-9  # mag, mas, of means that have no scatter
@@ -20,7 +20,7 @@ def judged(known, catalogue, tmp_path, maps=None, name="c.ecsv", **options):
     """Return the numbers of an astropy Table against a Field, through its file."""
     catalogue.write(tmp_path / name, overwrite=True)
     maps = ({"z": "z"} if "z" in catalogue.colnames else {}) | (maps or {})
-    return judge(known, read_catalogue(tmp_path / name, maps, known.bands), **options)[0]
+    return evaluate(known, read_catalogue(tmp_path / name, maps, known.bands), **options)[0]
 
 
 def numbers(result, what="r"):

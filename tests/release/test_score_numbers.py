@@ -18,7 +18,7 @@ from csstsim.release.score.match import Matched, brightness, matched
 from csstsim.release.score.missing import without_missing
 from csstsim.release.score.page import _sections, write_page
 from csstsim.release.score.quantities import ABOUT, KINDS, Key, in_our_unit, parse_key
-from csstsim.release.score.score import _finite, _pairs, judge, score
+from csstsim.release.score.score import _finite, _pairs, evaluate, score
 from release.score_field import places
 
 RA, DEC = 150.0, 60.0
@@ -189,7 +189,7 @@ def test_places_are_sources_less_truth_on_the_sky():
     row = (np.arange(n) + 3) % n
     sources = {name: np.roll(values, 3) for name, values in zip(("ra", "dec"), at, strict=True)}
     clean, snr = np.arange(n) != 2, np.where(np.arange(n) == 3, 20.0, 20.1)
-    made, arrays = numbers.places(truth, sources, match_of(row), clean, snr)
+    made, arrays = numbers.positions(truth, sources, match_of(row), clean, snr)
     assert [made[kind]["east"]["n"] for kind in ("points", "galaxies")] == [6, 6]
     for kind, wanted in (("points", (-10.0, 50.0)), ("galaxies", (30.0, 20.0))):
         assert [made[kind][axis]["mean"] for axis in ("east", "north")] == pytest.approx(wanted, abs=0.05)
@@ -349,7 +349,7 @@ def test_a_result_is_of_the_frames_of_its_band():
     rows, north = [0, 0, 1, 2, 4, 9, 3, 10], [0.0, 0.2, 0.0, 0.0, 0.0, 0.0, 20.0, 0.0]
     true = np.asarray(known.objects["mag_r"])[rows]
     found = catalogue_of(known, rows, north, mag_r=true, mag_g=np.where(np.arange(8) < 3, true - 1.5, NAN))
-    made, arrays = judge(known, found, file="/a/mine.csv")
+    made, arrays = evaluate(known, found, file="/a/mine.csv")
     assert (made["band"], made["objects"], made["sources"], made["pack"]) == ("r", 10, 7, "two")
     assert made["catalogue"] == "mine.csv" and made["columns"] == {"ra": "RA"} and made["radius_arcsec"] == 0.3
     assert made["notes"] == ["a note", "1 of 8 sources lie outside the frames: left out"]
@@ -361,21 +361,21 @@ def test_a_result_is_of_the_frames_of_its_band():
     assert sum(one["found"] for one in made["completeness_by_magnitude"]["all"]) == 5
     assert sum(one["n"] for one in made["purity_by_magnitude"]) == 7 and made["zero_point"] == 0.0
     assert set(made["half_found"]) == {"all", "points", "galaxies"}
-    west, _ = judge(known, found, "g")
+    west, _ = evaluate(known, found, "g")
     assert (west["band"], west["objects"], west["sources"]) == ("g", 6, 6)
     assert west["completeness"]["all"]["n"] == 5 and west["completeness"]["galaxies"]["completeness"] == 0.0
     # A band without a magnitude of the catalogue: its frames and its S/N, and matching by place alone
     del found.columns["mag_g"]
-    bare, arrays = judge(known, found, "g")
+    bare, arrays = evaluate(known, found, "g")
     assert bare["band"] == "g" and bare["zero_point"] is None and "purity_by_magnitude" not in bare
     assert bare["completeness"] == west["completeness"] and list(bare["photometry"]) == ["r"]
     with pytest.raises(InputError, match="no band of this pack"):
-        judge(known, found, "z")
+        evaluate(known, found, "z")
 
 
 def test_without_a_magnitude_the_best_band_says_the_signal_to_noise():
     known = two_bands()
-    made, _ = judge(known, catalogue_of(known, [0, 1]))
+    made, _ = evaluate(known, catalogue_of(known, [0, 1]))
     assert made["band"] is None and made["zero_point"] is None
     assert made["completeness"]["all"]["n"] == 9  # of the last 9 in r, nothing in g
     assert [one["low"] for one in made["completeness_by_magnitude"]["all"]] == [18.5, 19.0]  # as in g, the brightest
@@ -385,24 +385,24 @@ def test_without_a_magnitude_the_best_band_says_the_signal_to_noise():
 def test_purity_without_chance(monkeypatch):
     known = two_bands()
     monkeypatch.setattr("csstsim.release.score.score.chance", lambda *given: (0.2, 77))
-    made, _ = judge(known, catalogue_of(known, [0, 1, 2, 3], [0, 0, 0, 20.0]))
+    made, _ = evaluate(known, catalogue_of(known, [0, 1, 2, 3], [0, 0, 0, 20.0]))
     assert made["purity"] == pytest.approx(
         {"purity": 0.75, "second": 0.0, "chance": 0.2, "chance_tried": 77, "corrected": 0.55 / 0.8}
     )
     monkeypatch.setattr("csstsim.release.score.score.chance", lambda *given: (1.0, 77))
-    assert np.isnan(judge(known, catalogue_of(known, [0]))[0]["purity"]["corrected"])
+    assert np.isnan(evaluate(known, catalogue_of(known, [0]))[0]["purity"]["corrected"])
 
 
 def test_the_radius_reaches_matches_and_chance():
     """Sources 0.6 arcsec off: matched within 0.7 only, as are shifted ones (chance) that lie as near."""
     known = two_bands()
     found = catalogue_of(known, [0, 1, 2, 3, 4], 0.6)
-    assert judge(known, found)[0]["completeness"]["all"]["completeness"] == 0.0
-    wide, _ = judge(known, found, radius=0.7)
+    assert evaluate(known, found)[0]["completeness"]["all"]["completeness"] == 0.0
+    wide, _ = evaluate(known, found, radius=0.7)
     assert wide["completeness"]["all"]["completeness"] == 5 / 9 and wide["radius_arcsec"] == 0.7
     two_off = catalogue_of(known, [1, 2, 3, 4, 5], 9.5)  # shifted by 10 to the south: 0.5 off
-    assert judge(known, two_off)[0]["purity"]["chance"] == 0.0
-    assert judge(known, two_off, radius=0.7)[0]["purity"]["chance"] == 5 / 20
+    assert evaluate(known, two_off)[0]["purity"]["chance"] == 0.0
+    assert evaluate(known, two_off, radius=0.7)[0]["purity"]["chance"] == 5 / 20
 
 
 def test_maps_are_key_and_column():
@@ -528,10 +528,10 @@ def test_the_lines_of_a_result():
         "purity: 0.750; by chance 0.125 would be found real; second sources of one object 0.062",
         "magnitude in r, points: bias 0.1234 +- 0.0125 mag, scatter 0.0456, of 7, outliers 2",
         "magnitude in r, galaxies: bias - +- - mag, scatter -, of 1, outliers 0",
-        "place, east, points: bias 0.12 +- 0.01 mas, scatter 0.05, of 7, outliers 2",
-        "place, north, points: bias -3.46 +- 0.01 mas, scatter 0.05, of 7, outliers 2",
-        "place, east, galaxies: bias - +- - mas, scatter -, of 1, outliers 0",
-        "place, north, galaxies: bias - +- - mas, scatter -, of 1, outliers 0",
+        "position, east, points: bias 0.12 +- 0.01 mas, scatter 0.05, of 7, outliers 2",
+        "position, north, points: bias -3.46 +- 0.01 mas, scatter 0.05, of 7, outliers 2",
+        "position, east, galaxies: bias - +- - mas, scatter -, of 1, outliers 0",
+        "position, north, galaxies: bias - +- - mas, scatter -, of 1, outliers 0",
         "shape e1: slope 0.988 +- 0.012, offset -0.0012 +- 0.0004, scatter 0.033, of 9",
         "redshifts: bias +0.0023, sigma_NMAD 0.0456, beyond 0.15 0.125, of 5 (6 objects have a source)",
     ]
@@ -543,7 +543,7 @@ def test_the_lines_of_a_result():
 ARRAYS = {
     "photometry": {"r": {"mag": np.linspace(20.0, 20.4, 12), "off": np.linspace(-0.1, 0.12, 12),
                          "galaxy": np.arange(12) % 2 == 0}},
-    "places": {"east": np.linspace(-5.0, 9.0, 15), "north": np.linspace(30.0, 2.0, 15), "galaxy": np.arange(15) < 6},
+    "positions": {"east": np.linspace(-5.0, 9.0, 15), "north": np.linspace(30.0, 2.0, 15), "galaxy": np.arange(15) < 6},
     "shapes": {"e1": (np.array([0.1, 0.2]), np.array([0.3, 0.4])), "e2": (np.array([-0.1]), np.array([-0.2]))},
     "redshifts": {"true": np.array([0.5, 2.0]), "seen": np.array([0.6, 1.0])},
 }  # fmt: skip
@@ -588,7 +588,7 @@ def test_the_sections_of_a_page(monkeypatch, tmp_path):
 
 def test_figures_that_have_nothing_are_left_out():
     nothing = RESULT | {"band": None, "purity_by_magnitude": []}
-    empty = {"photometry": {"r": {"mag": []}}, "places": {"east": []}, "shapes": {"e1": ([], [])}}
+    empty = {"photometry": {"r": {"mag": []}}, "positions": {"east": []}, "shapes": {"e1": ([], [])}}
     [(title, _, caption)] = figures._panels(nothing, empty)
     assert title == "Completeness" and "68% bounds" in caption
 
@@ -635,16 +635,16 @@ def test_the_figures_of_magnitudes_and_places_have_means_and_scatter():
     assert np.allclose(bars(axes), wanted)
     most = max(abs(y) + 1.5 * (high - y) for _, y, _, high in wanted)
     assert axes.get_ylim() == pytest.approx((-1.1 * most, 1.1 * most))
-    axes = axes_of(figures._places, ARRAYS["places"])
+    axes = axes_of(figures._positions, ARRAYS["positions"])
     points, galaxies = (line for line in axes.lines if line.get_marker() == ".")
-    assert points.get_xydata()[:, 0].tolist() == ARRAYS["places"]["east"][6:].tolist()
-    assert galaxies.get_xydata()[:, 1].tolist() == ARRAYS["places"]["north"][:6].tolist()
-    east, north = ARRAYS["places"]["east"][6:], ARRAYS["places"]["north"][6:]
+    assert points.get_xydata()[:, 0].tolist() == ARRAYS["positions"]["east"][6:].tolist()
+    assert galaxies.get_xydata()[:, 1].tolist() == ARRAYS["positions"]["north"][:6].tolist()
+    east, north = ARRAYS["positions"]["east"][6:], ARRAYS["positions"]["north"][6:]
     across, along = (one.get_segments()[0] for one in axes.containers[0].lines[2])
     assert np.allclose(across[:, 0], east.mean() + east.std(ddof=1) * np.array([-1, 1]))
     assert np.allclose(along[:, 1], north.mean() + north.std(ddof=1) * np.array([-1, 1]))
     most = max(abs(v.mean()) + 3 * v.std(ddof=1) for part in (slice(6), slice(6, None))
-               for v in (ARRAYS["places"]["east"][part], ARRAYS["places"]["north"][part]))  # fmt: skip
+               for v in (ARRAYS["positions"]["east"][part], ARRAYS["positions"]["north"][part]))  # fmt: skip
     assert axes.get_xlim() == pytest.approx((-most, most)) == axes.get_ylim()
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("east [mas]", "north [mas]")
 

@@ -35,11 +35,16 @@ EXPTIME_IF_NONE = 150.0
 SEED_IF_NONE = 1
 ANGLE_IF_NONE = "POS_ANG0: position angle 0"  # the note
 _STATE_KEYS = [f"{kind}0_{axis}" for kind in ("POSI", "VELO") for axis in "XYZ"]
-_RADIUS_KM = 6_378.0, 50_000.0  # of orbits; others are placeholders
-_NAME = re.compile(r"_(\d{14})_(\d{14})_(\d{9,14})_(\d{2})_L0")
+# of orbits; others are placeholders
+_RADIUS_MIN_KM = 6_378.0
+_RADIUS_MAX_KM = 50_000.0
+_NAME = re.compile(r"_(?P<start>\d{14})_(?P<end>\d{14})_(?P<obsid>\d{9,14})_(?P<chip>\d{2})_L0")
 _MJD_ZERO = datetime(1858, 11, 17, tzinfo=UTC)
 _ENTRY = re.compile(r" (layer|camera|value|injected) ")
 _MAP = "maps."  # before the names of laboratory maps among the camera's entries
+# of the boresight, the best first
+_RA = "CRVAL1", "RA_PNT0", "RA_OBJ", "RA_PNT1"
+_DEC = "CRVAL2", "DEC_PNT0", "DEC_OBJ", "DEC_PNT1"
 ValueT = TypeVar("ValueT")
 
 
@@ -88,7 +93,7 @@ class FrameHeader:
         """Number of the chip. Raises InputError if neither header nor file name has it."""
         label = re.search(r"\d+", str(self.get("DETECTOR", "CHIPLAB", "CCDLABEL") or ""))
         name = _NAME.search(self.path.name)
-        number = label[0] if label else name[4] if name else None
+        number = label[0] if label else name["chip"] if name else None
         if number is None:
             raise InputError("no chip number", file=self.path, key="DETECTOR", allowed="DETECTOR, CHIPLAB or CCDLABEL")
         return int(number)
@@ -97,16 +102,17 @@ class FrameHeader:
     def obsid(self) -> str:
         """The exposure's number, 9 to 14 digits."""
         name = _NAME.search(self.path.name)
-        found = [str(value) for value in (self.keys.get("OBSID"), name and name[3]) if value is not None]
+        found = [str(value) for value in (self.keys.get("OBSID"), name and name["obsid"]) if value is not None]
         good = next((value for value in found if OBSID.fullmatch(value)), None)
         return good or self.assumed("OBSID", OBSID_IF_NONE, f"number {OBSID_IF_NONE}")
 
     @property
     def exposure(self) -> dict[str, str | float]:
-        """{column of a survey table: value} of the exposure. Raises InputError without a place."""
-        ra, dec = (self.number(*names) for names in _PLACE)
+        """{column of a survey table: value} of the exposure. Raises InputError without a position."""
+        ra = self.number(*_RA)
+        dec = self.number(*_DEC)
         if ra is None or dec is None:
-            raise InputError("no place of the boresight", file=self.path, key="CRVAL1, CRVAL2 or RA_PNT0, DEC_PNT0")
+            raise InputError("no position of the boresight", file=self.path, key="CRVAL1, CRVAL2 or RA_PNT0, DEC_PNT0")
         found: dict[str, str | float] = {
             "obsid": self.obsid,
             "type": "SCIE",
@@ -143,7 +149,7 @@ class FrameHeader:
             start = _MJD_ZERO + timedelta(days=mjd)
             return self.assumed("DATE-OBS", f"{start:%Y-%m-%dT%H:%M:%S.%f}", "the time of EXPSTART")
         if name:
-            start = datetime.strptime(name[1], "%Y%m%d%H%M%S")
+            start = datetime.strptime(name["start"], "%Y%m%d%H%M%S")
             return self.assumed("DATE-OBS", f"{start:%Y-%m-%dT%H:%M:%S}", "the time in the file's name")
         return self.assumed("DATE-OBS", TIME_IF_NONE, TIME_IF_NONE)
 
@@ -155,7 +161,7 @@ class FrameHeader:
 
     def _state(self) -> dict[str, float]:
         state = self._known(*_STATE_KEYS)
-        if state and _RADIUS_KM[0] < np.linalg.norm(state[:3]) < _RADIUS_KM[1] and any(state[3:]):
+        if state and _RADIUS_MIN_KM < np.linalg.norm(state[:3]) < _RADIUS_MAX_KM and any(state[3:]):
             return dict(zip(STATE, state, strict=True))
         self.notes.append("POSI0_*, VELO0_*: the spacecraft is where the built-in orbit puts it")
         return {}
@@ -219,9 +225,6 @@ class FrameHeader:
         for entry in whole:
             if match := _ENTRY.match(entry):
                 yield match[1], entry.strip()
-
-
-_PLACE = ("CRVAL1", "RA_PNT0", "RA_OBJ", "RA_PNT1"), ("CRVAL2", "DEC_PNT0", "DEC_OBJ", "DEC_PNT1")
 
 
 def read_frame(path: PathLike) -> FrameHeader:

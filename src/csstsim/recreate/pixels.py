@@ -7,7 +7,7 @@ are those of the header (GAINnn, GAIN1, GAIN), or the camera's.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -33,6 +33,13 @@ class Pixels:
     electrons: FloatArray
     saturated: BoolArray
     window: tuple[int, int, int, int]
+
+
+class Level(NamedTuple):
+    """The mean and the standard deviation of clipped values."""
+
+    mean: float
+    sigma: float
 
 
 def read_electrons(frame: FrameHeader, detector: Detector) -> Pixels:
@@ -73,7 +80,7 @@ def _overscan_levels(whole: IntArray, readout: ReadoutFrame) -> dict[int, float]
     for block in readout.blocks:
         scan = whole[block.serial_overscan].astype(np.float32)
         kept = scan[:, : scan.shape[1] - TRAILED] if block.flip_x else scan[:, TRAILED:]
-        levels[block.channel] = clipped(kept if kept.shape[1] >= TRAILED else scan)[0]
+        levels[block.channel] = clipped(kept if kept.shape[1] >= TRAILED else scan).mean
     return levels
 
 
@@ -85,8 +92,8 @@ def _stated_levels(frame: FrameHeader, detector: Detector) -> dict[int, float]:
     return {n: detector.bias / detector.gain if level is None else level for n, level in known.items()}
 
 
-def clipped(values: FloatArray) -> tuple[float, float]:
-    """Return mean and standard deviation of values without those beyond 3 sigma of the median, clipped repeatedly."""
+def clipped(values: FloatArray) -> Level:
+    """Return the Level of values without those beyond 3 sigma of the median, clipped repeatedly."""
     kept = np.asarray(values, dtype=np.float64).ravel()
     for _ in range(_CLIPS):
         middle = np.median(kept)
@@ -95,4 +102,4 @@ def clipped(values: FloatArray) -> tuple[float, float]:
         if inside.all():
             break
         kept = kept[inside]
-    return float(kept.mean()), float(kept.std())
+    return Level(float(kept.mean()), float(kept.std()))

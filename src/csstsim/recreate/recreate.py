@@ -1,7 +1,7 @@
 """`csstsim recreate FRAME TRUTH --output DIR`: a campaign that draws again what a frame and its catalogue describe.
 
 The header gives exposure, chip, window, seed, layers and numbers of the camera (recreate.frame), the catalogue the
-objects (recreate.objects). Of a frame that does not say how bright its sky is, the pixels do. What none of them says is
+objects (recreate.objects). Of a frame that does not log how bright its sky is, the pixels do. What none of them says is
 assumed, and said.
 """
 
@@ -11,7 +11,7 @@ import csv
 import io
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import yaml
@@ -44,30 +44,38 @@ WORKFLOW = {"Snakefile": "config/starter/Snakefile", "profiles/default/config.ya
 SHOWN = 3  # ids of objects that are left out, for each reason
 _FAINT = 5.0  # S/N below which an object's light lies in the background, as the clipped mean sees it
 _APERTURE = 50  # pixels whose noise such an object has to exceed
-# px about one object that are left out of the background; share to be left
+# px about one object that are left out of the background; fraction to be left
 _NEAR = 10.0
 _FAR = 300.0
-_LEAST = 0.05
+_FREE_MIN = 0.05
+
+
+class Description(NamedTuple):
+    """A campaign that a frame's header describes: its file as a mapping, its layers, its survey table as text."""
+
+    data: dict[str, Any]
+    layers: list[Any]
+    table: str
 
 
 def recreate(
     frame: PathLike,
     truth: PathLike,
     folder: PathLike,
-    say: Callable[[str], object],
+    log: Callable[[str], object],
     instrument: PathLike | None = None,
     seed: int | None = None,
 ) -> None:
     """Write the campaign of a frame and its truth (`.cat`, or truth parquet) into a folder, new or empty.
 
-    instrument: the camera's folder, None the shipped one; seed: where the header has none. `say` gets each assumption,
+    instrument: the camera's folder, None the shipped one; seed: where the header has none. `log` gets each assumption,
     each reason why objects are left out, and what to do next. Raises InputError for files that cannot be used; then
     nothing is written.
     """
     folder = Path(folder)
-    there = next((name for name in (*FILES, *WORKFLOW) if (folder / name).exists()), None)
-    if there or (folder.exists() and not folder.is_dir()):
-        raise InputError("exists already; name another folder", file=folder / there if there else folder)
+    existing = next((name for name in (*FILES, *WORKFLOW) if (folder / name).exists()), None)
+    if existing or (folder.exists() and not folder.is_dir()):
+        raise InputError("exists already; name another folder", file=folder / existing if existing else folder)
     head = read_frame(frame)
     objects = read_objects(truth)
     data, layers, table = described(head, instrument, seed)
@@ -91,18 +99,17 @@ def recreate(
     if objects.meta.get("types"):
         head.notes.append(f"obj_type: numbers, taken as {objects.meta['types']}")
     for note in head.notes:
-        say(f"assumed  {note}")
+        log(f"assumed  {note}")
     for reason, ids in left.items():
         few = ", ".join(map(str, ids[:SHOWN])) + (", ..." if len(ids) > SHOWN else "")
-        say(f"left out {number_of(len(ids), 'object')}: {reason} ({few})")
-    obsid = data["select"]["obsids"][0]
+        log(f"left out {number_of(len(ids), 'object')}: {reason} ({few})")
+    [obsid] = data["select"]["obsids"]
     drawn = number_of(len(columns["id"]), "object")
-    say(f"{folder}: {drawn} of exposure {obsid}, chip {job.chip.id} ({job.chip.filter})")
-    file, new, frame, truth = (
-        shlex.quote(str(path)) for path in (folder / "campaign.yaml", job_file(folder, run, job), frame, truth)
-    )
-    say(f"\nNext:  csstsim chip {file} --obsid {obsid} --chip {job.chip.id}")
-    say(f"       csstsim compare {frame} {new} --truth {truth}")
+    log(f"{folder}: {drawn} of exposure {obsid}, chip {job.chip.id} ({job.chip.filter})")
+    file = shlex.quote(str(folder / "campaign.yaml"))
+    log(f"\nNext:  csstsim chip {file} --obsid {obsid} --chip {job.chip.id}")
+    files = shlex.join([str(frame), str(job_file(folder, run, job)), "--truth", str(truth)])
+    log(f"       csstsim compare {files}")
 
 
 def job_file(folder: PathLike, run: OpenCampaign, job: Job) -> Path:
@@ -110,10 +117,8 @@ def job_file(folder: PathLike, run: OpenCampaign, job: Job) -> Path:
     return Path(folder) / run.config.output / run.paths.level0(job).relative_to(run.paths.output)
 
 
-def described(
-    head: FrameHeader, instrument: PathLike | None, seed: int | None
-) -> tuple[dict[str, Any], list[Any], str]:
-    """Return (campaign file as a mapping, layers, survey table as text) of a frame's header."""
+def described(head: FrameHeader, instrument: PathLike | None, seed: int | None) -> Description:
+    """Return the Description by a frame's header."""
     camera = load_camera(instrument)
     changes = head.camera_changes() if head.ours else _camera_of(head, camera.detector)
     if head.chip not in camera.chips:
@@ -159,7 +164,7 @@ def described(
         head.notes.append("psf: that of a campaign file that does not name it")
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([exposure, [_written(v) for v in exposure.values()]])
-    return data, layers, text.getvalue()
+    return Description(data, layers, text.getvalue())
 
 
 def _written(value: str | float) -> str:
@@ -174,7 +179,8 @@ def _camera_of(head: FrameHeader, detector: Detector) -> dict[str, float]:
         ("read_noise", ("RON", "RDNOIS", "RDNOISE1"), detector.read_noise),
     ):
         value = _mean(head, keywords)
-        found[f"detector.{name}"] = head.assumed(keywords[0] + "01", usual, f"{usual:g}") if value is None else value
+        first, *_ = keywords
+        found[f"detector.{name}"] = head.assumed(f"{first}01", usual, f"{usual:g}") if value is None else value
     level = _mean(head, ("DETBIA", "BIAS"))
     if level is not None:
         found["detector.bias"] = level * found["detector.gain"]
@@ -200,7 +206,8 @@ def opened(frame: PathLike, data: Mapping[str, Any], layers: list[Any], table: s
     try:
         config = make_campaign({key: value for key, value in data.items() if key != "catalog"}, file)
         run = OpenCampaign(file, copied=True, config=config, layers={"SCIE": layers}, pointings=exposures_of(table))
-        return run, run.jobs[0]
+        job, *_ = run.jobs
+        return run, job
     except InputError as error:
         if error.file is not None and str(error.file) not in FILES:  # one of the camera's
             raise
@@ -234,7 +241,7 @@ def _sky(head: FrameHeader, run: OpenCampaign, job: Job, columns: Mapping[str, A
     light = job.exposure.exptime * 10 ** (0.4 * (job.exposure.filter.zeropoint(run.camera.telescope) - mag))
     limit = _FAINT * max(noise, 1.0) * np.sqrt(_APERTURE)
     free = ~pixels.saturated & ~_around(job, columns, light / limit)
-    level, _ = clipped(pixels.electrons[free if free.mean() > _LEAST else ~pixels.saturated])
+    level, _ = clipped(pixels.electrons[free if free.mean() > _FREE_MIN else ~pixels.saturated])
     losses = run.steps["SCIE"].losses
     response = response_map(
         job.chip,
@@ -258,8 +265,9 @@ def _around(job: Job, columns: Mapping[str, AnyArray], times: FloatArray) -> Boo
     import sep
 
     seen = times > 1
-    at = job.wcs.world_to_pixel(*apparent(columns["ra"][seen], columns["dec"][seen], job.observer))
-    x, y = (np.ascontiguousarray(v - low) for v, low in zip(at, (job.window.x0, job.window.y0), strict=True))
+    at_x, at_y = job.wcs.world_to_pixel(*apparent(columns["ra"][seen], columns["dec"][seen], job.observer))
+    x = np.ascontiguousarray(at_x - job.window.x0)
+    y = np.ascontiguousarray(at_y - job.window.y0)
     mask = np.zeros(job.window.shape, bool)
     radius = np.minimum(_NEAR * np.cbrt(times[seen]), _FAR)
     sep.mask_ellipse(mask, x, y, radius, radius, np.zeros(len(x)), 1.0)

@@ -16,7 +16,7 @@ from csstsim.catalog.table import GALAXY
 from csstsim.instrument.camera import load_camera
 from csstsim.recreate.frame import read_frame
 from csstsim.recreate.objects import read_objects
-from csstsim.recreate.pixels import clipped, read_electrons
+from csstsim.recreate.pixels import Level, clipped, read_electrons
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -59,7 +59,7 @@ class Line:
 
 
 def side_by_side(
-    a: PathLike, b: PathLike, truth: PathLike, say: Callable[[str], object], instrument: PathLike | None = None
+    a: PathLike, b: PathLike, truth: PathLike, log: Callable[[str], object], instrument: PathLike | None = None
 ) -> int:
     """Print the comparison of two frames at a catalogue's objects; return how many lines differ by more than allowed.
 
@@ -69,10 +69,10 @@ def side_by_side(
     """
     lines = compared(a, b, truth, instrument)
     for line in lines:
-        say(f"{line.what:<24} {line.words}  difference {line.difference:+.4f} +- {line.error:.4f}  {line.verdict}")
+        log(f"{line.what:<24} {line.words}  difference {line.difference:+.4f} +- {line.error:.4f}  {line.verdict}")
     differing = sum(line.verdict == DIFFERS for line in lines)
     if lines[-1].what in LEVELS and not _slitless(a, instrument):
-        say(f"no object of {truth} could be compared: none is bright and clean enough in both frames")
+        log(f"no object of {truth} could be compared: none is bright and clean enough in both frames")
         differing += 1
     return differing
 
@@ -108,12 +108,11 @@ def _slitless(path: PathLike, instrument: PathLike | None) -> bool:
     return load_camera(instrument).chips[read_frame(path).chip].kind == "slitless"
 
 
-def _backgrounds(levels: Sequence[tuple[float, float]], count: int) -> Iterator[Line]:
-    for k, what in enumerate(LEVELS):
-        one = levels[0][k]
-        other = levels[1][k]
+def _backgrounds(levels: Sequence[Level], count: int) -> Iterator[Line]:
+    first, second = levels
+    for what, one, other in zip(LEVELS, first, second, strict=True):  # both have the order mean, sigma
         unit = max(abs(one), 1.0)  # a difference counts relative to one electron at least
-        error = np.hypot(levels[0][1], levels[1][1]) / np.sqrt(count) / unit
+        error = np.hypot(first.sigma, second.sigma) / np.sqrt(count) / unit
         yield Line(what, f"{one:9.3f} {other:9.3f}", (other - one) / unit, float(error), LEVEL)
 
 
@@ -124,7 +123,7 @@ class _Objects:
         self,
         images: Sequence[FloatArray],
         saturated: BoolArray,
-        levels: Sequence[tuple[float, float]],
+        levels: Sequence[Level],
         x: FloatArray,
         y: FloatArray,
         kinds: IntArray,
@@ -134,11 +133,11 @@ class _Objects:
         ny, nx = images[0].shape
         inside = (x > _EDGE) & (x < nx - 1 - _EDGE) & (y > _EDGE) & (y < ny - 1 - _EDGE)
         self._x, self._y, self._kinds = (np.ascontiguousarray(v[inside]) for v in (x, y, kinds))
-        dark = [image - np.float32(level[0]) for image, level in zip(images, levels, strict=True)]
+        dark = [image - np.float32(level.mean) for image, level in zip(images, levels, strict=True)]
         sums = [sep.sum_circle(image, self._x, self._y, RADIUS, mask=saturated) for image in dark]
         self._light = np.array([flux for flux, _, _ in sums])
         area = np.pi * RADIUS**2
-        self._noise = np.sqrt(np.maximum(self._light, 0) + area * np.array([[level[1] ** 2] for level in levels]))
+        self._noise = np.sqrt(np.maximum(self._light, 0) + area * np.array([[level.sigma**2] for level in levels]))
         self._clean = (sums[0][2] == 0) & (sums[1][2] == 0)
         self._snr = (self._light / self._noise).min(axis=0)
         self._dark = dark

@@ -60,10 +60,10 @@ def _panels(result: Mapping[str, Any], arrays: Mapping[str, Any]) -> Iterator[tu
                 "Magnitude less the true one, of objects that are alone. Bars: mean and scatter in bins, without "
                 "outliers.",
             )
-    if len(arrays["places"]["east"]):
+    if len(arrays["positions"]["east"]):
         yield (
             "Places",
-            lambda axes: _places(axes, arrays["places"]),
+            lambda axes: _positions(axes, arrays["positions"]),
             "Source less truth, of objects that are alone and of S/N above 20. The bars cross at the mean, and are as "
             "long as the scatter to both sides.",
         )
@@ -143,7 +143,7 @@ def _by_bin(mag: FloatArray, edges: FloatArray) -> list[BoolArray]:
     return [at == k for k in range(len(edges) - 1) if (at == k).any()]
 
 
-def _places(axes: Axes, cloud: Mapping[str, AnyArray]) -> None:
+def _positions(axes: Axes, cloud: Mapping[str, AnyArray]) -> None:
     most = 1e-3
     for name, kind, colour in (("points", ~cloud["galaxy"], BLUE), ("galaxies", cloud["galaxy"], ORANGE)):
         east = cloud["east"][kind]

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def lines(result: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the lines about a result (score.judge)."""
+    """Yield the lines about a result (score.evaluate)."""
     yield f"{number_of(result['sources'], 'source')} against {number_of(result['objects'], 'true object')}" + (
         f"; by magnitude in {result['band']}" if result["band"] else ""
     )
@@ -31,10 +31,10 @@ def lines(result: Mapping[str, Any]) -> Iterator[str]:
     )
     for band, kinds in result["photometry"].items():
         for kind, one in kinds.items():
-            yield _said(f"magnitude in {band}, {kind}", one, "mag", 4)
+            yield _statistics(f"magnitude in {band}, {kind}", one, "mag", 4)
     for kind, axes in result["astrometry_mas"].items():
         for axis, one in axes.items():
-            yield _said(f"place, {axis}, {kind}", one, "mas", 2)
+            yield _statistics(f"position, {axis}, {kind}", one, "mas", 2)
     for axis, one in result.get("shapes", {}).items():
         yield (
             f"shape {axis}: slope {_cell(one['slope'], 3)} +- {_cell(one['slope_error'], 3)}, offset "
@@ -48,7 +48,7 @@ def lines(result: Mapping[str, Any]) -> Iterator[str]:
         )
 
 
-def _said(what: str, one: Mapping[str, Any], unit: str, digits: int) -> str:
+def _statistics(what: str, one: Mapping[str, Any], unit: str, digits: int) -> str:
     return (
         f"{what}: bias {_cell(one['mean'], digits)} +- {_cell(one['mean_error'], digits)} {unit}, scatter "
         f"{_cell(one['scatter'], digits)}, of {one['n']}, outliers {one['outliers']}"

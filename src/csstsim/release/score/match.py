@@ -1,4 +1,4 @@
-"""True objects and a catalogue's sources matched one to one, by place and, where it is known, by magnitude.
+"""True objects and a catalogue's sources matched one to one, by position and, where it is known, by magnitude.
 
 A pair within reach costs (distance / reach)^2 + (difference of magnitudes / MAG_SPREAD)^2, the catalogue's own zero
 point taken out; cheap pairs are made first (bricks.match.share_out). Magnitudes more than MAG_REACH apart are no pair.
@@ -11,7 +11,7 @@ within reach has another; otherwise it is false.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -19,12 +19,12 @@ from csstsim.base.sphere import ra_dec, unit_vectors
 from csstsim.bricks.match import share_out
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Mapping
 
     from csstsim.base.types import AnyArray, BoolArray, FloatArray, IntArray
     from csstsim.release.score.catalogue import Catalogue
 
-RADIUS = 0.3  # arcsec: least reach; of galaxies half the half-light radius if that is more
+RADIUS = 0.3  # arcsec: minimum reach; of galaxies half the half-light radius if that is more
 BLEND_ARCSEC = 0.5  # two objects closer than three PSF widths are one source to most codes
 # mag
 MAG_REACH = 3.0
@@ -57,6 +57,14 @@ class Matched:
         return mask
 
 
+class _Pairs(NamedTuple):
+    """Pairs (n,): rows of the object and of the source, and their distance [arcsec]."""
+
+    object: IntArray
+    source: IntArray
+    distance: FloatArray
+
+
 def matched(
     truth: Mapping[str, AnyArray],
     sources: Catalogue | Mapping[str, AnyArray],
@@ -65,11 +73,12 @@ def matched(
 ) -> Matched:
     """Return the Matched of true objects and sources, mappings with ra, dec [deg]; truth has size [arcsec], too.
 
-    band: whose magnitudes mag_B count; None: places alone. radius: arcsec.
+    band: whose magnitudes mag_B count; None: positions alone. radius: arcsec.
     """
-    places = [unit_vectors(table["ra"], table["dec"]).reshape(-1, 3) for table in (truth, sources)]
+    objects = unit_vectors(truth["ra"], truth["dec"]).reshape(-1, 3)
+    found = unit_vectors(sources["ra"], sources["dec"]).reshape(-1, 3)
     reach = np.maximum(radius, 0.5 * np.nan_to_num(np.asarray(truth["size"], float)))
-    first, second, distance = _pairs(places[0], places[1], reach)
+    first, second, distance = _pairs(objects, found, reach)
     zero = 0.0
     cost = (distance / reach[first]) ** 2
     if band and len(first):
@@ -82,13 +91,14 @@ def matched(
         first = first[near]
         second = second[near]
         cost = cost[near]
-    row = np.full(len(places[0]), -1)
+    row = np.full(len(objects), -1)
     order = np.lexsort((second, first, cost))
     first = first[order]
     second = second[order]
     taken = share_out(first, second)
     row[first[taken]] = second[taken]
-    return Matched(row, _merged(places, truth, row, band), _second(row, first, second, len(places[1])), zero)
+    merged = _merged(objects, found, truth, row, band)
+    return Matched(row, merged, _second(row, first, second, len(found)), zero)
 
 
 def _zero(first: IntArray, second: IntArray, distance: FloatArray, apart: FloatArray) -> float:
@@ -100,24 +110,26 @@ def _zero(first: IntArray, second: IntArray, distance: FloatArray, apart: FloatA
     return float(np.median(apart)) if len(apart) >= FEWEST else 0.0
 
 
-def _pairs(places: FloatArray, others: FloatArray, reach: FloatArray) -> tuple[IntArray, IntArray, FloatArray]:
-    """Return (object, source, distance [arcsec]) of all pairs within the objects' reach [arcsec]."""
+def _pairs(objects: FloatArray, sources: FloatArray, reach: FloatArray) -> _Pairs:
+    """Return all pairs of unit vectors (n, 3) within the objects' reach [arcsec]."""
     from scipy.spatial import cKDTree
 
-    if not len(places) or not len(others):
-        return np.zeros(0, int), np.zeros(0, int), np.zeros(0)
-    near = cKDTree(others).query_ball_point(places, _chord(reach))
-    first = np.repeat(np.arange(len(places)), [len(rows) for rows in near])
+    if not len(objects) or not len(sources):
+        return _Pairs(np.zeros(0, int), np.zeros(0, int), np.zeros(0))
+    near = cKDTree(sources).query_ball_point(objects, _chord(reach))
+    first = np.repeat(np.arange(len(objects)), [len(rows) for rows in near])
     second = np.concatenate([np.zeros(0, int), *filter(None, near)]).astype(int)
-    apart = np.linalg.norm(places[first] - others[second], axis=1)
-    return first, second, np.degrees(2 * np.arcsin(np.minimum(apart / 2, 1.0))) * 3600.0
+    apart = np.linalg.norm(objects[first] - sources[second], axis=1)
+    return _Pairs(first, second, np.degrees(2 * np.arcsin(np.minimum(apart / 2, 1.0))) * 3600.0)
 
 
 def _chord(arcsec: FloatArray) -> FloatArray:
     return 2 * np.sin(np.radians(np.asarray(arcsec) / 3600.0) / 2)
 
 
-def _merged(places: Sequence[FloatArray], truth: Mapping[str, AnyArray], row: IntArray, band: str | None) -> BoolArray:
+def _merged(
+    objects: FloatArray, sources: FloatArray, truth: Mapping[str, AnyArray], row: IntArray, band: str | None
+) -> BoolArray:
     """Return (n,): objects without a source that lie on the source of a brighter object."""
     from scipy.spatial import cKDTree
 
@@ -128,9 +140,8 @@ def _merged(places: Sequence[FloatArray], truth: Mapping[str, AnyArray], row: In
         return merged
     size = np.maximum(BLEND_ARCSEC, np.nan_to_num(np.asarray(truth["size"], float))[owners])
     mag = brightness(truth, band)
-    for owner, near in zip(
-        owners, cKDTree(places[0][left]).query_ball_point(places[1][row[owners]], _chord(size)), strict=True
-    ):
+    hidden_by = cKDTree(objects[left]).query_ball_point(sources[row[owners]], _chord(size))
+    for owner, near in zip(owners, hidden_by, strict=True):
         hidden = left[near]
         merged[hidden[mag[hidden] >= mag[owner]]] = True
     return merged
@@ -161,9 +172,9 @@ def chance(
     band: str | None = None,
     radius: float = RADIUS,
 ) -> tuple[float, int]:
-    """Return (share, n): of n sources moved by SHIFT to four sides, and still `inside`, the share that has an object.
+    """Return (fraction, n): of n sources moved by SHIFT to four sides, and still `inside`, those that have an object.
 
-    inside: function of ra, dec [deg] that tells which places the field has.
+    inside: function of ra, dec [deg] that tells which positions the field has.
     """
     hits = total = 0
     for east, north in ((1, 0), (-1, 0), (0, 1), (0, -1)):
@@ -178,9 +189,9 @@ def chance(
 
 
 def moved(ra: FloatArray, dec: FloatArray, east: float, north: float) -> tuple[FloatArray, FloatArray]:
-    """Return ra, dec [deg] of places moved by east, north [arcsec], on their tangent planes: also at the poles."""
+    """Return ra, dec [deg] of positions moved by east, north [arcsec], on their tangent planes: also at the poles."""
     from csstsim.base.sphere import frames, normalised
 
-    place, to_east, to_north = frames(np.radians(ra), np.radians(dec))
+    at, to_east, to_north = frames(np.radians(ra), np.radians(dec))
     east, north = np.radians(np.array([east, north]) / 3600.0)
-    return ra_dec(normalised(place + east * to_east + north * to_north))
+    return ra_dec(normalised(at + east * to_east + north * to_north))

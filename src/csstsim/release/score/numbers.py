@@ -1,7 +1,7 @@
-"""What a catalogue is worth: completeness, purity, photometry, places, shapes and redshifts against the truth.
+"""What a catalogue is worth: completeness, purity, photometry, positions, shapes and redshifts against the truth.
 
 Means and scatters leave out values beyond five robust sigmas, and say how many (inject.recovery.bins.number).
-Photometry, places and shapes are of objects that are alone: no other within ALONE_ARCSEC has a tenth of their light.
+Photometry, positions and shapes are of objects that are alone: no other within ALONE_ARCSEC has a tenth of their light.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ if TYPE_CHECKING:
     from csstsim.release.score.match import Matched
 
 SNR_HEAD = 10.0  # of all exposures of a band together: the completeness of the headline
-SNR_PLACE = 20.0
+SNR_POSITION = 20.0
 # a tenth of the light
 ALONE_ARCSEC = 1.0
 ALONE_MAG = 2.5
 MAG_STEP = 0.5
 LARGEST_STEPS = 400  # bins of magnitude: from -90 to 90
-RESOLVED = 0.1  # arcsec: half-light radius of galaxies whose shapes are judged
+RESOLVED = 0.1  # arcsec: half-light radius of galaxies whose shapes are evaluated
 OUTLIERS = {"0.15": 0.15, "0.01": 0.01}  # |z - true| / (1 + true): photometric, spectroscopic
 
 
@@ -87,14 +87,16 @@ def _bins(mag: FloatArray, masks: Mapping[str, BoolArray]) -> list[dict[str, flo
 
 
 def half_found(bins: Iterable[Mapping[str, float]]) -> float | None:
-    """Return the magnitude at which half are found: between the bins where the share falls below; None of none."""
-    last = None
+    """Return the magnitude at which half are found: between the bins where the fraction falls below; None of none."""
+    fraction_before = np.nan  # of no bin: compares false
+    middle_before = np.nan
     for one in bins:
-        share_ = one["found"] / one["n"]
+        fraction = one["found"] / one["n"]
         middle = (one["low"] + one["high"]) / 2
-        if last and last[0] >= 0.5 > share_:
-            return last[1] + (last[0] - 0.5) / (last[0] - share_) * (middle - last[1])
-        last = share_, middle
+        if fraction_before >= 0.5 > fraction:
+            return middle_before + (fraction_before - 0.5) / (fraction_before - fraction) * (middle - middle_before)
+        fraction_before = fraction
+        middle_before = middle
     return None
 
 
@@ -133,15 +135,16 @@ def photometry(
     return numbers, {"mag": true[good], "off": off[good], "galaxy": galaxy[good]}
 
 
-def places(
+def positions(
     truth: Mapping[str, AnyArray], sources: Catalogue, match: Matched, clean: BoolArray, snr: FloatArray
 ) -> tuple[dict[str, dict[str, dict[str, Any]]], dict[str, AnyArray]]:
-    """Return (Numbers of {points, galaxies} by axis [mas] at S/N above SNR_PLACE, arrays): source less true."""
-    rows = np.flatnonzero(match.found & clean & (snr > SNR_PLACE))
+    """Return (Numbers of {points, galaxies} by axis [mas] at S/N above SNR_POSITION, arrays): source less true."""
+    rows = np.flatnonzero(match.found & clean & (snr > SNR_POSITION))
     at = match.row[rows]
     there, to_east, to_north = frames(*(np.radians(np.asarray(truth[name])[rows]) for name in ("ra", "dec")))
     apart = unit_vectors(np.asarray(sources["ra"])[at], np.asarray(sources["dec"])[at]).reshape(-1, 3) - there
-    east, north = (np.einsum("ni,ni->n", apart, axis) * MAS_PER_RAD for axis in (to_east, to_north))
+    east = np.einsum("ni,ni->n", apart, to_east) * MAS_PER_RAD
+    north = np.einsum("ni,ni->n", apart, to_north) * MAS_PER_RAD
     galaxy = np.asarray(truth["obj_type"])[rows] == GALAXY
     numbers = {
         name: {"east": asdict(number(east[kind])), "north": asdict(number(north[kind]))}
@@ -162,7 +165,8 @@ def shapes(
         true = np.asarray(truth[axis], float)[rows]
         seen = np.asarray(sources[axis], float)[match.row[rows]]
         good = np.isfinite(true) & np.isfinite(seen)
-        numbers[axis], arrays[axis] = _line(true[good], seen[good]), (true[good], seen[good])
+        numbers[axis] = _line(true[good], seen[good])
+        arrays[axis] = true[good], seen[good]
     return numbers, arrays
 
 
@@ -175,8 +179,8 @@ def _line(true: FloatArray, seen: FloatArray) -> dict[str, float]:
     matrix = np.column_stack([true, np.ones(n)])
     (slope, offset), *_ = np.linalg.lstsq(matrix, seen, rcond=None)
     scatter = np.sqrt(np.sum((seen - slope * true - offset) ** 2) / (n - 2))
-    errors = scatter * np.sqrt(np.diag(np.linalg.inv(matrix.T @ matrix)))
-    values = slope, errors[0], offset, errors[1], scatter
+    slope_error, offset_error = scatter * np.sqrt(np.diag(np.linalg.inv(matrix.T @ matrix)))
+    values = slope, slope_error, offset, offset_error, scatter
     return {"n": n} | {name: float(value) for name, value in zip(nothing, values, strict=True)}
 
 

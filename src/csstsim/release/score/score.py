@@ -37,7 +37,7 @@ def score(
     catalogue: PathLike,
     truth: PathLike,
     output: PathLike,
-    say: Callable[[str], object],
+    log: Callable[[str], object],
     maps: Iterable[str] = (),
     band: str | None = None,
     radius: float = RADIUS,
@@ -45,27 +45,27 @@ def score(
     """Score a catalogue's file against a pack's truth folder, write PAGE and JSON into `output`; return the numbers.
 
     maps: texts KEY=COLUMN; band: whose magnitudes matching and bins use [default: the mapped one of most sources];
-    radius: least reach of a match, arcsec. Raises InputError.
+    radius: minimum reach of a match, arcsec. Raises InputError.
     """
     from csstsim.release.score.page import write_page
 
     folder = output_folder(output)
     field = read_field(truth)
     read = read_catalogue(catalogue, _pairs(maps), field.bands)
-    result, arrays = judge(field, read, band, radius, catalogue)
+    result, arrays = evaluate(field, read, band, radius, catalogue)
     for line in result["notes"]:
-        say(line)
+        log(line)
     for line in lines(result):
-        say(line)
+        log(line)
     folder.mkdir(parents=True, exist_ok=True)
     with atomic_path(folder / JSON) as temporary:
         temporary.write_text(json.dumps(_finite(result), indent=1, allow_nan=False) + "\n")
     write_page(folder / PAGE, result, arrays)
-    say(f"{folder / PAGE}, and {JSON} beside it")
+    log(f"{folder / PAGE}, and {JSON} beside it")
     return result
 
 
-def judge(
+def evaluate(
     field: Field, sources: Catalogue, band: str | None = None, radius: float = RADIUS, file: PathLike | None = None
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return (numbers, JSON-like; arrays for the figures) of a Catalogue against a Field. Raises InputError."""
@@ -73,21 +73,23 @@ def judge(
     objects = field.objects
     held = field.has(objects["ra"], objects["dec"], band)
     truth = objects.take(held)
-    there = field.has(sources["ra"], sources["dec"], band)
+    inside = field.has(sources["ra"], sources["dec"], band)
     notes = list(sources.notes)
-    if len(sources) and not there.any():
-        ra, dec = (float(np.median(sources[name])) for name in ("ra", "dec"))
-        middle = [float(np.median(objects[name])) for name in ("ra", "dec")]
+    if len(sources) and not inside.any():
+        ra = float(np.median(sources["ra"]))
+        dec = float(np.median(sources["dec"]))
+        ra0 = float(np.median(objects["ra"]))
+        dec0 = float(np.median(objects["dec"]))
         raise InputError(
             "no source lies in the field: is the unit of ra or dec another one?",
             file=file,
             value=f"their middle is {ra:.4f}, {dec:.4f}",
-            allowed="about {:.4f}, {:.4f} deg".format(*middle),
+            allowed=f"about {ra0:.4f}, {dec0:.4f} deg",
         )
-    if not there.all():
-        notes.append(f"{(~there).sum()} of {len(sources)} sources lie outside the frames: left out")
+    if not inside.all():
+        notes.append(f"{(~inside).sum()} of {len(sources)} sources lie outside the frames: left out")
     everything = sources
-    sources = sources.take(there)
+    sources = sources.take(inside)
     match_band = band if band and f"mag_{band}" in sources else None
     match = matched(truth, sources, match_band, radius)
     check_unit(truth, everything, int(match.found.sum()), lambda ra, dec: field.has(ra, dec, band), radius, file)
@@ -120,7 +122,7 @@ def judge(
         if f"mag_{one}" in sources:
             found = numbers.photometry(truth, sources, match, clean, one, _snr(truth, one))
             result["photometry"][one], arrays["photometry"][one] = found
-    result["astrometry_mas"], arrays["places"] = numbers.places(truth, sources, match, clean, snr)
+    result["astrometry_mas"], arrays["positions"] = numbers.positions(truth, sources, match, clean, snr)
     if "e1" in sources:
         result["shapes"], arrays["shapes"] = numbers.shapes(truth, sources, match, clean, snr)
     if "z" in sources:
