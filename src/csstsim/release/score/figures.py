@@ -25,7 +25,7 @@ BEYOND = 1.0  # mag: of the faintest object found, at which the axis ends
 
 
 def figures(result: Mapping[str, Any], arrays: Mapping[str, Any]) -> Iterator[tuple[str, bytes, str]]:
-    """Yield (title, PNG bytes, caption) of what a result (score.judge) has."""
+    """Yield (title, PNG bytes, caption) of what a result (score.evaluate) has."""
     from matplotlib.figure import Figure
 
     from csstsim.report.figures import png

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def write_page(path: Path, result: Mapping[str, Any], arrays: Mapping[str, Any]) -> None:
-    """Write the page of a result (score.judge) and its arrays; all text is escaped."""
+    """Write the page of a result (score.evaluate) and its arrays; all text is escaped."""
     html = fill("score.html", title=_title(result), sections=list(_sections(result, arrays)))
     with atomic_path(path) as temporary:
         temporary.write_text(html, encoding="utf-8")
