@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from csstsim.base.arrays.robust_sigma import sigma_of_deviations
 from csstsim.base.types import AnyArray, BoolArray, FloatArray, Floats, IntArray
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ def background(image: AnyArray, total: float | None = None) -> float:
     some = image.reshape(-1)[:: max(image.size // _SAMPLE, 1) | 1].astype(float)
     middle = np.median(some)
     away = np.abs(some - middle)
-    kept = some[away <= _CLIP * max(1.4826 * np.median(away), 1.0)]  # sigma at least 1 e-: charges are whole electrons
+    kept = some[away <= _CLIP * max(sigma_of_deviations(away), 1.0)]  # at least 1 e-: charges are whole electrons
     return max(float(kept.mean()), 0.0)
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from csstsim.base.arrays.robust_sigma import robust_sigma
 from csstsim.base.errors import InputError
 from csstsim.base.sphere import frames, ra_dec
 from csstsim.catalog.astrometry.reduction import moved
@@ -59,7 +60,7 @@ def free_pixels(
     if not some.size:
         return np.zeros(image.shape, bool)
     middle = np.median(some)
-    scatter = 1.4826 * np.median(np.abs(some - middle))
+    scatter = robust_sigma(some, middle)
     taken = ~(image <= middle + sigma * scatter)  # NaN, too
     if bad is not None:
         taken |= bad

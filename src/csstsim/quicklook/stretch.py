@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
+from csstsim.base.arrays.robust_sigma import robust_sigma
 from csstsim.base.errors import InputError
 from csstsim.base.types import AnyArray, FloatArray, PathLike
 
@@ -33,7 +34,7 @@ def robust_limits(values: FloatArray, stretch: str) -> tuple[float, float, float
 
 def _scatter(values: FloatArray, level: float) -> float:
     """Return the background's scatter; it is above zero even if most or all pixels have one value."""
-    spreads = (1.4826 * np.median(np.abs(values - level)), np.ptp(np.percentile(values, (0.1, 99.9))), np.ptp(values))
+    spreads = (robust_sigma(values, level), np.ptp(np.percentile(values, (0.1, 99.9))), np.ptp(values))
     floor = 1e-6 * abs(level)  # smaller differences are float32 rounding
     return cast("float", next((s for s in spreads if s > floor), 0.01 * abs(level) or 1.0))
 

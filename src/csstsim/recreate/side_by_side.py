@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from csstsim.base.arrays.robust_sigma import sigma_of_deviations
 from csstsim.base.errors import InputError
 from csstsim.catalog.table import GALAXY
 from csstsim.instrument.camera import load_camera
@@ -178,5 +179,5 @@ class _Objects:
 def _without_outliers(values: FloatArray) -> BoolArray:
     """Return the mask of values within 5 robust sigmas of their median; all where half of them are the same."""
     off = np.abs(values - np.median(values))
-    sigma = 1.4826 * np.median(off)
+    sigma = sigma_of_deviations(off)
     return off <= _OUT * sigma if sigma > 0 else np.ones(len(off), bool)

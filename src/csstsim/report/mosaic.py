@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
+from csstsim.base.arrays.bounds import bounds_of
 from csstsim.base.sphere import rotation
 from csstsim.optics.geometry.wcs import mosaic_cd
 from csstsim.report.parts import data_url
@@ -105,7 +106,7 @@ def mosaic(chips: Sequence[Chip], exposures: Iterable[Exposure], looks: Mapping[
     """
     colours = {chip.id: BRIGHTER.get(c := looks[chip.filter.lower()].colour, c) for chip in chips}
     corners = np.concatenate([_corners(chip, chip.full_window) for chip in chips])
-    (x0, y0), (x1, y1) = corners.min(axis=0), corners.max(axis=0)
+    x0, x1, y0, y1 = bounds_of(corners)
     edge = 0.01 * (x1 - x0)
     gap = _gap(chips)
     box = (x0 - edge, y0 - edge - gap, x1 - x0 + 2 * edge, y1 - y0 + 2 * edge + gap)
@@ -210,7 +211,7 @@ def _corners(chip: Chip, window: Window) -> FloatArray:
 
 
 def _box(corners: FloatArray) -> str:
-    (x0, y0), (x1, y1) = corners.min(axis=0), corners.max(axis=0)
+    x0, x1, y0, y1 = bounds_of(corners)
     return _numbers((x0, y0, x1 - x0, y1 - y0))
 
 

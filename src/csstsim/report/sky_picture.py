@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from csstsim.base.arrays.robust_sigma import robust_sigma
 from csstsim.catalog.astrometry.reduction import apparent, icrs
 from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import chip_plane, mosaic_cd
@@ -109,9 +110,9 @@ def _around(x: FloatArray, y: FloatArray, window: Window, margin: int = 2) -> Wi
 
 
 def noise_of(image: FloatArray) -> float:
-    """Return the scatter about the median of an image (NaN allowed): 1.4826 times the median deviation."""
+    """Return the robust sigma of an image about its median (NaN allowed); 0 without a finite pixel."""
     good = image[np.isfinite(image)]
-    return float(1.4826 * np.median(np.abs(good - np.median(good)))) if good.size else 0.0
+    return float(robust_sigma(good)) if good.size else 0.0
 
 
 def combined(planes: Sequence[FloatArray]) -> FloatArray:

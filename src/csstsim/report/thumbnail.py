@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from csstsim.base.arrays.robust_sigma import robust_sigma, sigma_of_deviations
+
 if TYPE_CHECKING:
     from csstsim.base.types import FloatArray, IntArray
     from csstsim.instrument.chip import Window
@@ -61,7 +63,7 @@ def _level(overscan: IntArray) -> float:
         return 0.0
     middle = np.median(overscan)
     distance = np.abs(overscan - middle)
-    return overscan[distance <= 4 * max(1.4826 * np.median(distance), 1.0)].mean()
+    return overscan[distance <= 4 * max(sigma_of_deviations(distance), 1.0)].mean()
 
 
 def _starts(first: int, last: int, step: int) -> tuple[IntArray, int]:
@@ -81,7 +83,7 @@ def stretch(image: FloatArray) -> IntArray:
         return np.zeros(image.shape, np.uint8)
     values = image[good]
     level = np.median(values)
-    noise = 1.4826 * np.median(np.abs(values - level)) or values.std() or 1.0
+    noise = robust_sigma(values, level) or values.std() or 1.0
     high = max(WHITE, float(np.quantile(values, 0.999) - level) / noise)
     low = np.arcsinh(BLACK / SOFT)
     high = np.arcsinh(high / SOFT)

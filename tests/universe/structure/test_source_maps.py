@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from csstsim.base.arrays.polynomial_weights import lagrange_weights
 from csstsim.universe.structure import density, source_maps
 from csstsim.universe.structure.source_maps import add_shells, interpolate_depth
 
@@ -28,7 +29,7 @@ def test_values_between_are_those_of_a_polynomial_and_linear_in_distance(x, y, d
     row, column = np.indices((15, 20))
     plane = np.stack([polynomial(column, row, c, 7) for c in range(3)], axis=-1)
     maps = (plane[:, :, None] * np.array([1.0, 2.0, 3.0, 4.0])[:, None]).astype(np.float32)
-    monkeypatch.setattr(source_maps, "lagrange", source_maps.lagrange.py_func)
+    monkeypatch.setattr(source_maps, "lagrange", lagrange_weights)
     found = interpolate_depth.py_func(maps, np.array([[x, y]]), np.array([depth]))[0]
     assert found == pytest.approx([(1 + between) * polynomial(x, y, c, 7) for c in range(3)], rel=3e-6)
 
@@ -38,7 +39,7 @@ def test_densities_between_are_those_of_a_cubic(x, y, monkeypatch):
     """Shell by shell, with 4 points along each axis, up to the last cell but one."""
     row, column = np.indices((15, 20))
     maps = np.stack([polynomial(column, row, c, 3) for c in range(4)], axis=-1).astype(np.float32)
-    monkeypatch.setattr(density, "_cubic", density._cubic.py_func)
+    monkeypatch.setattr(density, "_lagrange", lagrange_weights)
     wanted = [polynomial(x, y, c, 3) for c in range(4)]
     places = np.array([[x, y]])
     assert density.interpolate_all.py_func(maps, places)[0] == pytest.approx(wanted, rel=1e-5)
@@ -51,6 +52,6 @@ def test_densities_between_are_those_of_a_cubic(x, y, monkeypatch):
 @pytest.mark.parametrize("t", [-0.4, 0.0, 1.0, 1.7, 3.2])
 def test_cubic_weights_are_lagranges(t):
     weights = np.empty(4)
-    density._cubic.py_func(t, weights)
+    lagrange_weights(t, 4, weights)
     for power in range(4):
         assert weights @ np.arange(4.0) ** power == pytest.approx(t**power, abs=1e-12)

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 import numpy as np
 import scipy.fft
 
+from csstsim.base.arrays.polynomial_weights import lagrange_weights
 from csstsim.base.types import ComplexArray, FloatArray
 from csstsim.bench.imaging.cases import Position
 from csstsim.bench.imaging.truth import CELLS_PER_PIXEL, brightness, profile, repeats, waves
@@ -167,9 +168,8 @@ def _cubic(nodes: FloatArray, values: FloatArray) -> FloatArray:
     at = (values - nodes[0]) / (nodes[1] - nodes[0])
     first = np.clip(np.floor(at).astype(int) - 1, 0, len(nodes) - 4)
     t = at - first
+    weights = np.empty((4, len(values)))
+    lagrange_weights(t, 4, weights)
     out = np.zeros((len(nodes), len(values)))
-    column = np.arange(len(values))
-    for j in range(4):
-        others = [k for k in range(4) if k != j]
-        out[first + j, column] = np.prod([(t - k) / (j - k) for k in others], axis=0)
+    out[first + np.arange(4)[:, None], np.arange(len(values))] = weights
     return out

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from csstsim.base.arrays.robust_sigma import robust_sigma
 from csstsim.base.sphere import offsets, unit_vectors
 from csstsim.base.types import BoolArray, FloatArray, IntArray
 from csstsim.bricks.match import one_to_one
@@ -284,5 +285,5 @@ def spread(values: FloatArray) -> dict[str, Any]:
     median = float(np.median(values))
     if n == 1:
         return {"median": median, "error": None, "sigma": None, "n": 1}
-    sigma = float(1.4826 * np.median(np.abs(values - median)))
+    sigma = float(robust_sigma(values, median))
     return {"median": median, "error": float(1.2533 * sigma / np.sqrt(n)), "sigma": sigma, "n": n}

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from csstsim.base.arrays.robust_sigma import sigma_of_deviations
 from csstsim.base.types import BoolArray, FloatArray
 from csstsim.bricks.validation.compare import SNR_BRIGHT, SNR_MAX, spread
 from csstsim.bricks.validation.facts import header_off, pixels_off
@@ -238,7 +239,7 @@ def clipped_mean(values: FloatArray, errors: FloatArray, floor: float) -> tuple[
     if len(values) == 0:
         return None, 0.0, 0
     pull = (values - np.median(values)) / sigma
-    kept = np.abs(pull) < CLIP * max(1.0, 1.4826 * np.median(np.abs(pull)))
+    kept = np.abs(pull) < CLIP * max(1.0, sigma_of_deviations(np.abs(pull)))
     values = values[kept]
     weight = sigma[kept] ** -2.0
     mean = float(np.average(values, weights=weight))

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from csstsim.base.arrays.robust_sigma import SIGMA_PER_MAD
 from csstsim.base.types import FloatArray
 from csstsim.bricks.validation.compare import SATURATED
 from csstsim.bricks.validation.trials import RESOLVED, SHAPELESS, matched
@@ -67,7 +68,8 @@ def mean(values: ArrayLike) -> Mean:
     if n < FEWEST:
         return Mean(n, np.nan, np.nan, np.nan, changed, 0, np.nan, np.nan)
     away = np.abs(known - np.median(known))
-    near = known[away <= CLIP * 1.4826 * np.median(away)]  # at least half of all
+    # Not sigma_of_deviations: the order of the products decides which values are near
+    near = known[away <= CLIP * SIGMA_PER_MAD * np.median(away)]  # at least half of all
     (middle, error, scatter), (without, its_error, _) = _moments(known), _moments(near)
     return Mean(n, middle, error, scatter, changed, n - len(near), without, its_error)
 

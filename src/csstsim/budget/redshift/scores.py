@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from csstsim.base.arrays.robust_sigma import robust_sigma
 from csstsim.base.types import AnyArray, BoolArray, FloatArray
 
 RIGHT = 0.005
@@ -28,7 +29,7 @@ def score(z: FloatArray, good: BoolArray, true: FloatArray) -> dict[str, Any]:
     dz = (z - true) / (1 + true)
     right = good & (np.abs(dz) < RIGHT)
     close = dz[good & (np.abs(dz) < FAR)]
-    sigma = 1.4826 * float(np.median(np.abs(close - np.median(close)))) if len(close) else np.nan
+    sigma = float(robust_sigma(close)) if len(close) else np.nan
     out = {"objects": len(z), "good": int(good.sum()), "sigma": sigma}
     out["bias"] = float(np.median(close)) if len(close) else np.nan
     for name, among in (("completeness", len(z)), ("purity", int(good.sum()))):

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from csstsim.api import Simulation
+from csstsim.base.arrays.robust_sigma import robust_sigma
 from csstsim.base.rng import stream
 from csstsim.base.types import AnyArray, BoolArray, FloatArray, IntArray
 from csstsim.budget.shear.plan import Setting
@@ -274,9 +275,9 @@ def level_of(image: FloatArray) -> float:
 
 
 def noise_of(image: FloatArray) -> float:
-    """Return the robust scatter of an image's pixels [e-]: 1.4826 times the median deviation."""
+    """Return the robust sigma of an image's pixels [e-]."""
     some = image[EDGE:-EDGE:3, EDGE:-EDGE:3]
-    return float(1.4826 * np.median(np.abs(some - np.median(some))))
+    return float(robust_sigma(some))
 
 
 def _calibrated(simulation: Simulation, frame: Frame, masking: bool) -> tuple[FloatArray, IntArray]:

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from csstsim.base.arrays.robust_sigma import sigma_of_deviations
 from csstsim.base.types import BoolArray, ComplexArray, FloatArray, IntArray
 
 NAMES = "m1", "m2", "c1", "c2", "alpha"
@@ -148,8 +149,8 @@ def combined(terms: Sequence[Term], g: float) -> tuple[FloatArray, FloatArray]:
 def scatter(plus: ComplexArray, minus: ComplexArray) -> float:
     """Return the robust scatter (standard deviation) of half the difference of shapes of two arms (n,), of a component.
 
-    It is 1.4826 times the median deviation, of both components together.
+    It is the robust sigma of both components together.
     """
     half = (plus - minus)[np.isfinite(plus) & np.isfinite(minus)] / 2
     parts = np.concatenate([half.real - np.median(half.real), half.imag - np.median(half.imag)])
-    return float(1.4826 * np.median(np.abs(parts)))
+    return float(sigma_of_deviations(np.abs(parts)))

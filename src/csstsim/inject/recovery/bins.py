@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from csstsim.base.arrays.robust_sigma import SIGMA_PER_MAD
 from csstsim.bricks.validation.density import EDGES as DENSITIES
 
 if TYPE_CHECKING:
@@ -53,7 +54,8 @@ def number(values: FloatArray) -> Number:
     if len(values) < FEWEST:
         return Number(len(values), np.nan, np.nan, np.nan, np.nan, 0)
     away = np.abs(values - np.median(values))
-    kept = values[away <= max(CLIP * 1.4826 * np.median(away), np.finfo(float).tiny)]
+    # Not sigma_of_deviations: the order of the products decides which values are kept
+    kept = values[away <= max(CLIP * SIGMA_PER_MAD * np.median(away), np.finfo(float).tiny)]
     scatter = kept.std(ddof=1) if len(kept) > 1 else 0.0
     return Number(
         len(kept),

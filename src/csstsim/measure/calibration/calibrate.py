@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numba
 import numpy as np
 
+from csstsim.base.arrays.robust_sigma import SIGMA_PER_MAD
 from csstsim.base.errors import InputError
 from csstsim.base.types import BoolArray, FloatArray, IntArray
 from csstsim.detector.cubic import straighten
@@ -206,7 +207,7 @@ def overscan_level(
     values, counts = _counted(pixels)
     away = np.abs(values - _median(values, counts))
     order = np.argsort(away)
-    spread = max(1.4826 * _median(away[order], counts[order]), 1.0)  # at least the rounding step
+    spread = max(SIGMA_PER_MAD * _median(away[order], counts[order]), 1.0)  # at least the rounding step
     kept = away <= clip * spread
     mean = np.average(values[kept], weights=counts[kept])
     return float(mean), float(np.sqrt(np.average((values[kept] - mean) ** 2, weights=counts[kept])))

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
+from csstsim.base.arrays.robust_sigma import SIGMA_PER_MAD
 from csstsim.base.types import BoolArray, FloatArray, IntArray
 from csstsim.measure.detection.maps import BIN, add_interpolated, interpolated
 
@@ -100,7 +101,8 @@ def _clipped(values: FloatArray) -> tuple[float, float]:
     """Return mean and standard deviation within CLIP sigma; three rounds from the median and scatter of a sample."""
     some = values[:: max(values.size // SAMPLE, 1)]
     centre = float(np.median(some))
-    sigma = 1.4826 * float(np.median(np.abs(some - centre))) + 0.5  # at least about a DN of rounding
+    # Not robust_sigma: the median of float32 pixels is multiplied in float64
+    sigma = SIGMA_PER_MAD * float(np.median(np.abs(some - centre))) + 0.5  # at least about a DN of rounding
     for _ in range(3):
         centre, sigma = _moments_within(values, centre, CLIP * sigma)
         sigma /= CLIP_LOSS

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
+from csstsim.base.arrays.polynomial_weights import cubic_weights
 from csstsim.base.types import FloatArray
 
 SHAPE_ERROR = 0.025  # of the flux: galaxies are not the profiles of the tables
@@ -162,15 +163,15 @@ def project(profiles: FloatArray, normal: NormalEquations, fits: ProfileFits) ->
         product[g] -= level[g] * light * sky
 
 
+_cubic_weights = numba.njit()(cubic_weights)
+
+
 @numba.njit(cache=True)
 def _cubic(position: float, count: int, weight: FloatArray) -> int:
     """Fill `weight` (4,) with those of a cubic through four neighbours of `position`; return the first one's index."""
     first = min(max(math.floor(position) - 1, 0), count - 4)
     t = position - first - 1.0
-    weight[0] = -t * (t - 1.0) * (t - 2.0) / 6.0
-    weight[1] = (t + 1.0) * (t - 1.0) * (t - 2.0) / 2.0
-    weight[2] = -(t + 1.0) * t * (t - 2.0) / 2.0
-    weight[3] = (t + 1.0) * t * (t - 1.0) / 6.0
+    weight[0], weight[1], weight[2], weight[3] = _cubic_weights(t)
     return first
 
 

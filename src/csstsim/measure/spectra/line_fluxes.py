@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from csstsim.base.arrays.robust_sigma import robust_sigma
 from csstsim.base.types import AnyArray, BoolArray, FloatArray, IntArray
 from csstsim.base.units import C_A_S, H_J_S
 from csstsim.catalog.table import ObjectTable
@@ -216,7 +217,7 @@ class _Spectrum:
         shares = np.interp(offset + 0.5, OFFSETS, profile) - np.interp(offset - 0.5, OFFSETS, profile)
         norm = np.sqrt(np.convolve(weight, shares[::-1] ** 2, "same"))
         out = np.convolve(above * weight, shares[::-1], "same") / np.where(norm > 0, norm, np.inf)
-        spread = 1.4826 * np.median(np.abs(out[usable] - np.median(out[usable])))
+        spread = robust_sigma(out[usable])
         return np.where(self.good, out / max(spread, 1.0), 0.0)
 
     def _peak(self, signal: FloatArray, k: int) -> float:

@@ -11,6 +11,7 @@ from typing import Self
 import numba
 import numpy as np
 
+from csstsim.base.arrays.robust_sigma import SIGMA_PER_MAD
 from csstsim.base.types import BoolArray, FloatArray, IntArray
 
 BLOCK = 48  # columns
@@ -159,7 +160,7 @@ def _clipped(values: FloatArray, ranked: FloatArray, own: FloatArray) -> FloatAr
     high = len(ranked)
     for _ in range(ROUNDS):
         centre = 0.5 * (ranked[(low + high - 1) // 2] + ranked[(low + high) // 2])
-        sigma = 1.4826 * _deviation(ranked[low:high], centre) + 0.5  # at least about a DN of rounding
+        sigma = SIGMA_PER_MAD * _deviation(ranked[low:high], centre) + 0.5  # at least about a DN of rounding
         before = (low, high)
         low = 0
         high = len(ranked)

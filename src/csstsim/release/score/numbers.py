@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from csstsim.base.arrays.robust_sigma import robust_sigma
 from csstsim.base.sphere import frames, unit_vectors
 from csstsim.base.units import MAS_PER_RAD
 from csstsim.catalog.table import GALAXY
@@ -197,7 +198,7 @@ def redshifts(
     numbers: dict[str, float] = {"n": len(off), "of": len(rows)}
     if len(off):
         middle = float(np.median(off))
-        numbers |= {"bias": middle, "nmad": float(1.4826 * np.median(np.abs(off - middle)))}
+        numbers |= {"bias": middle, "nmad": float(robust_sigma(off, middle))}
         numbers |= {f"beyond {name}": float((np.abs(off) > most).mean()) for name, most in OUTLIERS.items()}
     return numbers, {"true": true[good], "seen": seen[good]}
 

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numba
 import numpy as np
 
+from csstsim.base.arrays.bounds import bounds_of
+from csstsim.base.arrays.polynomial_weights import cubic_weights
 from csstsim.base.types import FloatArray
 from csstsim.profiles.log_table import read
 from csstsim.render.extended import POINT, SHARP_PX, WIDE_PX, beyond_stamp, spread
@@ -36,15 +38,7 @@ LINE_STEP = 8.0  # px
 LINE_NEAR = NEAR[0]  # px: from here to twice that the meshes take over
 BLOCK = 8  # px between computed values along a row
 _ROWS = BLOCK // 2  # px between computed rows
-_AT = np.arange(BLOCK) / BLOCK
-CUBIC = np.stack(
-    [  # weights of four values, at -1, 0, 1, 2, at each position between 0 and 1
-        -_AT * (_AT - 1) * (_AT - 2) / 6,
-        (_AT + 1) * (_AT - 1) * (_AT - 2) / 2,
-        -(_AT + 1) * _AT * (_AT - 2) / 2,
-        (_AT + 1) * _AT * (_AT - 1) / 6,
-    ]
-)
+CUBIC = np.stack(cubic_weights(np.arange(BLOCK) / BLOCK))  # (4, BLOCK)
 
 
 class _Meshes(NamedTuple):
@@ -164,12 +158,11 @@ def _add(wings: Wings, points: LinePoints, radial: RadialProfile, meshes: _Meshe
 
 def _box(window: Window, positions: FloatArray, reach: float) -> Box | None:
     """Return (x0, x1, y0, y1) of the window's pixels within `reach` of the positions along both axes, or None."""
-    x0, y0 = positions.min(axis=0) - reach
-    x1, y1 = positions.max(axis=0) + reach
-    left = max(math.ceil(x0), window.x0)
-    right = min(math.floor(x1) + 1, window.x1)
-    bottom = max(math.ceil(y0), window.y0)
-    top = min(math.floor(y1) + 1, window.y1)
+    x0, x1, y0, y1 = bounds_of(positions)
+    left = max(math.ceil(x0 - reach), window.x0)
+    right = min(math.floor(x1 + reach) + 1, window.x1)
+    bottom = max(math.ceil(y0 - reach), window.y0)
+    top = min(math.floor(y1 + reach) + 1, window.y1)
     return (left, right, bottom, top) if left < right and bottom < top else None
 
 

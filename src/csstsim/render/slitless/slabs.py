@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Self
 import numba
 import numpy as np
 
+from csstsim.base.arrays.polynomial_weights import cubic_weights
 from csstsim.base.types import FloatArray, IntArray
 from csstsim.catalog.flags import OUTSIDE_PSF_HULL
 from csstsim.profiles.sersic import BULGE, DISK
@@ -172,13 +173,7 @@ def _padded(phases: FloatArray) -> FloatArray:
     return out
 
 
-@numba.njit(inline="always")
-def _cubic(t: float) -> tuple[float, float, float, float]:
-    """Return the weights of four values, at -1, 0, 1, 2, of the cubic through them at t within 0..1."""
-    a = t + 1
-    b = t - 1
-    c = t - 2
-    return -t * b * c / 6, a * b * c / 2, -a * t * c / 2, a * t * b / 6
+_cubic = numba.njit(inline="always")(cubic_weights)
 
 
 @numba.njit(cache=True)

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 import numba
 import numpy as np
 
+from csstsim.base.arrays.polynomial_weights import cubic_weights
 from csstsim.base.types import BoolArray, FloatArray, IntArray
 from csstsim.universe.galaxies.galaxy_rates import Cells
 from csstsim.universe.galaxies.galaxy_sed import used_range
@@ -35,6 +36,7 @@ _MOMENTS = 3  # terms of the exponential: 1e-4 half way between tables
 _TABLES = 48  # kept; a brick without much dust has 17
 _BLUE = 2000.0  # A: a sum of components that is negative anywhere is so below
 _FEWEST = 1000  # galaxies for which a table costs less than each sum by itself
+_cubic = numba.njit()(cubic_weights)
 
 
 class BandRates:
@@ -214,10 +216,7 @@ def interpolate(
         x = np.log1p(z[g]) / _STEP - first + 1.0
         at = min(max(int(x), 1), len(table) - _TAPS + 1) - 1
         t = x - at  # 1 to 2
-        w[0] = -(t - 1) * (t - 2) * (t - 3) / 6
-        w[1] = t * (t - 2) * (t - 3) / 2
-        w[2] = -t * (t - 1) * (t - 3) / 2
-        w[3] = t * (t - 1) * (t - 2) / 6
+        w[0], w[1], w[2], w[3] = _cubic(t - 1.0)  # the difference is exact
         light[:] = 0.0
         for k in range(table.shape[1]):
             one = table[at, k]

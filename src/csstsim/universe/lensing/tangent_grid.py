@@ -15,12 +15,14 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from csstsim.base.arrays.polynomial_weights import lagrange_weights
 from csstsim.base.healpix import NSIDE, pixel_border, pixel_vector
 from csstsim.base.sphere import ra_dec, unit_vectors
 from csstsim.base.types import FloatArray, IntArray
 
 _PAD = np.radians(1 / 60)  # around the brick
 TAPS = 8  # points of the Lagrange interpolation along an axis
+lagrange = njit()(lagrange_weights)
 _HALFWAY = np.array([-5.0, 49.0, -245.0, 1225.0, 1225.0, -245.0, 49.0, -5.0]) / 2048  # its weights at mid-cell
 _CHILDREN = 7  # points around a cell: half the 7 of a cell inside it and 2 of cubic interpolation leave 1 for its turn
 _LEVELS = 6  # grids of a pyramid
@@ -158,8 +160,8 @@ def interpolate(values: FloatArray, places: FloatArray, weights: FloatArray) -> 
     for g in range(len(places)):
         x0 = min(int(places[g, 0]), values.shape[1] - 1 - TAPS // 2) - TAPS // 2 + 1
         y0 = min(int(places[g, 1]), values.shape[0] - 1 - TAPS // 2) - TAPS // 2 + 1
-        lagrange(places[g, 0] - x0, wx)
-        lagrange(places[g, 1] - y0, wy)
+        lagrange(places[g, 0] - x0, TAPS, wx)
+        lagrange(places[g, 1] - y0, TAPS, wy)
         first, last = _span(weights[g])
         maps[:] = 0.0
         for j in range(TAPS):
@@ -184,16 +186,6 @@ def _span(weights: FloatArray) -> tuple[int, int]:
     while last > first and weights[last - 1] == 0:
         last -= 1
     return first, last
-
-
-@njit(cache=True)
-def lagrange(t: float, weights: FloatArray) -> None:
-    """Fill the weights of points 0..TAPS - 1 for the polynomial at t."""
-    for i in range(TAPS):
-        weights[i] = 1.0
-        for j in range(TAPS):
-            if j != i:
-                weights[i] *= (t - j) / (i - j)
 
 
 def _frame(nside: int, pix: int, along: FloatArray) -> tuple[FloatArray, FloatArray]:

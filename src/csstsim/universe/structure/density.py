@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
+from csstsim.base.arrays.polynomial_weights import lagrange_weights
 from csstsim.base.healpix import pixel_of
 from csstsim.base.sphere import unit_vectors
 from csstsim.base.types import FloatArray, Floats, IntArray
@@ -38,6 +39,7 @@ _CELLS = 96  # maps kept
 _TOGETHER = 32  # shells of which the compiler adds maps without a remainder: a third faster
 TAPS = 4  # points of the interpolation along an axis
 _ELL = np.geomspace(0.5, 3e5, 4000)  # of the variances
+_lagrange = njit()(lagrange_weights)
 
 
 def kernel_order(field: PotentialField, scale: float) -> FloatArray:
@@ -165,7 +167,7 @@ def _kept(step: float) -> float:
     t = (np.arange(16) + 0.5) / 16
     weights = np.empty((16, TAPS))
     for place, row in zip(t, weights, strict=True):
-        _cubic(1 + place, row)
+        lagrange_weights(1 + place, TAPS, row)
     x, w = np.polynomial.laguerre.laggauss(24)  # x = l^2 sigma^2
     angle = np.pi / 2 * (np.arange(16) + 0.5) / 16
     left = np.ones((len(x), len(angle)))
@@ -184,8 +186,8 @@ def interpolate_all(maps: FloatArray, places: FloatArray) -> FloatArray:
     for g in range(len(places)):
         x0 = min(int(places[g, 0]), maps.shape[1] - 3) - 1
         y0 = min(int(places[g, 1]), maps.shape[0] - 3) - 1
-        _cubic(places[g, 0] - x0, wx)
-        _cubic(places[g, 1] - y0, wy)
+        _lagrange(places[g, 0] - x0, TAPS, wx)
+        _lagrange(places[g, 1] - y0, TAPS, wy)
         row = out[g]
         for j in range(TAPS):
             for i in range(TAPS):
@@ -205,21 +207,11 @@ def interpolate_one(maps: FloatArray, places: FloatArray, shell: IntArray) -> Fl
     for g in range(len(places)):
         x0 = min(int(places[g, 0]), maps.shape[1] - 3) - 1
         y0 = min(int(places[g, 1]), maps.shape[0] - 3) - 1
-        _cubic(places[g, 0] - x0, wx)
-        _cubic(places[g, 1] - y0, wy)
+        _lagrange(places[g, 0] - x0, TAPS, wx)
+        _lagrange(places[g, 1] - y0, TAPS, wy)
         total = 0.0
         for j in range(TAPS):
             for i in range(TAPS):
                 total += wy[j] * wx[i] * maps[y0 + j, x0 + i, shell[g]]
         out[g] = total
     return out
-
-
-@njit(cache=True)
-def _cubic(t: float, weights: FloatArray) -> None:
-    """Fill the Lagrange weights of points 0..3 for the polynomial at t."""
-    for i in range(TAPS):
-        weights[i] = 1.0
-        for j in range(TAPS):
-            if j != i:
-                weights[i] *= (t - j) / (i - j)

@@ -50,8 +50,8 @@ def interpolate_depth(maps: FloatArray, places: FloatArray, depth: FloatArray) -
     for g in range(len(places)):
         x0 = min(int(places[g, 0]), maps.shape[1] - 1 - TAPS // 2) - TAPS // 2 + 1
         y0 = min(int(places[g, 1]), maps.shape[0] - 1 - TAPS // 2) - TAPS // 2 + 1
-        lagrange(places[g, 0] - x0, wx)
-        lagrange(places[g, 1] - y0, wy)
+        lagrange(places[g, 0] - x0, TAPS, wx)
+        lagrange(places[g, 1] - y0, TAPS, wy)
         k = min(int(depth[g]), maps.shape[2] - 2)
         share = min(depth[g] - k, 1.0)
         for j in range(TAPS):

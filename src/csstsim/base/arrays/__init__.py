@@ -1,0 +1,1 @@
+"""Small calculations on arrays that several parts of the simulator share."""
