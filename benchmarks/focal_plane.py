@@ -14,7 +14,7 @@ import numpy as np
 from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.camera import Camera, load_camera
 from csstsim.optics.geometry.pointing_for import light_on
-from csstsim.report.style import looks
+from csstsim.report.style import band_styles
 
 matplotlib.use("agg")
 from matplotlib import pyplot as plt
@@ -35,7 +35,7 @@ def report_orders(camera: Camera, record: Record) -> None:
 
 def draw(camera: Camera, path: Path) -> None:
     """Draw the map, +x to the right and +y up, in arcmin from the boresight."""
-    scale, shown = camera.telescope.pixel_scale / 60.0, looks(camera.filters)
+    scale, shown = camera.telescope.pixel_scale / 60.0, band_styles(camera.filters)
     figure, axes = plt.subplots(figsize=(8.0, 7.4), layout="constrained")
     for chip in camera.chips.values():
         nx, ny = chip.detector.nx, chip.detector.ny

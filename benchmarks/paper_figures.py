@@ -24,7 +24,7 @@ from csstsim.bricks.validation.validate import MeasuredFrame, distinct, judged_t
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.report.colour_panel import colours
-from csstsim.report.style import BLACK, BLUE, ORANGE, looks
+from csstsim.report.style import BLACK, BLUE, ORANGE, band_styles
 from csstsim.stages.level0 import truth_of
 
 EDGES = np.arange(16.0, 29.01, 0.25)
@@ -179,7 +179,7 @@ def figures(record: Record) -> None:
     for pix, one in merged.items() if record.toy else ():
         make(one, pix)
     colour = brick_colours(merged)
-    colours(panels[2, 0], colour, looks(run.camera.filters))
+    colours(panels[2, 0], colour, band_styles(run.camera.filters))
     off = np.hypot(*(colour["output"] - colour["input"]))
     for mine, (kind, tint, _) in zip((False, True), KINDS, strict=True):
         some = colour["galaxy"] == mine

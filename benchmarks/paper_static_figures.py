@@ -24,7 +24,7 @@ from csstsim.campaign.survey_table import load_survey_table
 from csstsim.detector.channels import ReadoutFrame
 from csstsim.instrument.camera import load_camera
 from csstsim.optics.throughput.led import load_leds
-from csstsim.report.style import BLACK, BLUE, ORANGE, looks
+from csstsim.report.style import BLACK, BLUE, ORANGE, band_styles
 from csstsim.universe.dust.dust_map import galactic
 from csstsim.universe.parameters import load_universe
 
@@ -35,10 +35,10 @@ SIDE = np.arange(0.25, 180.0, 0.5)  # deg, half the sky in cells of half a degre
 
 def drawn_filters(camera):
     """Yield (Filter, its line style for matplotlib, whether it is a grating) of a camera."""
-    shown = looks(camera.filters)
+    shown = band_styles(camera.filters)
     for name, one in camera.filters.items():
-        look = shown[name.lower()]
-        yield one, {"color": look.colour, "ls": look.line, "label": look.label}, one.kind == "slitless"
+        style = shown[name.lower()]
+        yield one, {"color": style.colour, "ls": style.line, "label": style.label}, one.kind == "slitless"
 
 
 def throughputs(camera, record):

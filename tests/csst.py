@@ -3,10 +3,10 @@
 from types import SimpleNamespace
 
 from csstsim.catalog.selection.bricks import BRICK_MARGIN_PX
-from csstsim.report.style import looks
+from csstsim.report.style import band_styles
 
 BANDS = ("nuv", "u", "g", "r", "i", "z", "y")  # as Camera.bands
 PIXEL = 0.074  # arcsec
 KINDS = dict.fromkeys(("NUV", *BANDS[1:]), "imaging") | dict.fromkeys(("GU", "GV", "GI"), "slitless")
-LOOKS = looks({name: SimpleNamespace(kind=kind) for name, kind in KINDS.items()})
+LOOKS = band_styles({name: SimpleNamespace(kind=kind) for name, kind in KINDS.items()})
 MARGIN = BRICK_MARGIN_PX * PIXEL / 3600.0  # deg

@@ -14,10 +14,21 @@ from csstsim.base import help_page, sphere, stages
 from csstsim.base import units as ours
 from csstsim.base.errors import LINE, InputError
 from csstsim.base.files import hdf5_file
-from csstsim.base.files.beside import beside
 from csstsim.base.files.damage import reading
+from csstsim.base.files.relative_to_file import relative_to_file
 from csstsim.base.files.text_file import read_json, read_text
-from csstsim.base.model import Data, FilePath, Model, NotNegative, Number, Positive, at_least, between, must, validate
+from csstsim.base.model import (
+    Data,
+    FilePath,
+    Model,
+    NotNegative,
+    Number,
+    Positive,
+    at_least,
+    between,
+    require,
+    validate,
+)
 from csstsim.base.model import Whole as WholeNumber
 from csstsim.base.stage_records import STAGES
 
@@ -186,7 +197,7 @@ def test_a_number_is_not_below_another():
     class Pair(Data):
         first: Number
         last: Annotated[Number, at_least("first")]
-        even: Annotated[int, must(lambda n: n % 2 == 0, "Must be even")] = 2
+        even: Annotated[int, require(lambda n: n % 2 == 0, "Must be even")] = 2
 
     assert validate(Pair, {"first": 2.5, "last": 2.5}, "f").last == 2.5
     with pytest.raises(InputError, match=r"f: last: must be at least first, 2.5 \(got 2.4\)"):
@@ -197,13 +208,14 @@ def test_a_number_is_not_below_another():
         validate(Pair, {"first": 1.0, "last": 2.0, "third": 3}, "f")
 
 
-def test_paths_beside_a_file(tmp_path):
-    assert str(beside("a/b.yaml", "c.fits")) == "a/c.fits" and str(beside("a/b.yaml", "../c")) == "c"
-    assert str(beside("a/b.yaml", "/c/./d")) == "/c/d"
+def test_paths_relative_to_a_file(tmp_path):
+    assert str(relative_to_file("a/b.yaml", "c.fits")) == "a/c.fits"
+    assert str(relative_to_file("a/b.yaml", "../c")) == "c"
+    assert str(relative_to_file("a/b.yaml", "/c/./d")) == "/c/d"
     (tmp_path / "real" / "deep").mkdir(parents=True)
     (tmp_path / "link").symlink_to(tmp_path / "real" / "deep")
-    assert beside(tmp_path / "link" / "f", "../x") == (tmp_path / "real" / "x").resolve()
-    assert beside(tmp_path / "link" / "f", "x") == tmp_path / "link" / "x"
+    assert relative_to_file(tmp_path / "link" / "f", "../x") == (tmp_path / "real" / "x").resolve()
+    assert relative_to_file(tmp_path / "link" / "f", "x") == tmp_path / "link" / "x"
 
 
 def test_texts_up_to_their_size(tmp_path):

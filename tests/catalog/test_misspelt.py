@@ -3,7 +3,7 @@
 import pytest
 from csst import BANDS
 
-from csstsim.catalog.misspelt import meant, unused_magnitude
+from csstsim.catalog.misspelt import closest_name, unused_magnitude
 
 KNOWN = {"ra", "dec", "type", "size", "pmra", "parallax", "bulge_frac", "e1", *(f"mag_{band}" for band in BANDS)}
 
@@ -17,11 +17,11 @@ KNOWN = {"ra", "dec", "type", "size", "pmra", "parallax", "bulge_frac", "e1", *(
     ("e", None), ("tile", None),
 ])  # fmt: skip
 def test_the_column_that_is_meant(name, column):
-    assert meant(name, KNOWN) == column
+    assert closest_name(name, KNOWN) == column
 
 
 def test_of_names_with_the_same_letters_the_first_in_the_alphabet():
-    assert meant("cab", {"bca", "acb"}) == "acb"
+    assert closest_name("cab", {"bca", "acb"}) == "acb"
 
 
 @pytest.mark.parametrize("name, text", [

@@ -143,7 +143,7 @@ def test_compiled_functions_are_counted(tmp_path):
 def test_little_room(monkeypatch, disk, memory, verdicts):
     monkeypatch.setattr(machine, "free_disk", lambda path: disk)
     monkeypatch.setattr(machine, "free_memory", lambda: memory)
-    assert [verdict for verdict, *_ in found(machine.room)] == verdicts
+    assert [verdict for verdict, *_ in found(machine.disk_and_memory)] == verdicts
 
 
 def test_room_for_a_campaign(tmp_path, monkeypatch):

@@ -82,7 +82,7 @@ def test_a_band_of_one_kind_is_named_in_the_legend(galaxy):
     """A small field may have galaxies enough to draw, and no stars."""
     axes, n = Figure().add_subplot(), 20
     table = {name: np.ones(n) for name in COLUMNS} | {"galaxy": np.full(n, galaxy), "mag": np.full(n, 22.2)}
-    exposure_panels.found_by_magnitude(axes, None, {"trials": {"r": ObjectTable(table)}, "looks": LOOKS})
+    exposure_panels.found_by_magnitude(axes, None, {"trials": {"r": ObjectTable(table)}, "styles": LOOKS})
     assert [text.get_text() for text in axes.get_legend().get_texts()] == ["r"]
 
 

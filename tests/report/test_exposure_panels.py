@@ -40,26 +40,26 @@ def test_found_by_magnitude_is_a_share_for_each_kind_in_half_magnitudes():
         stars([23.6] * 4, [1, 0, 0, 0], galaxy=1.0), stars([22.1] * 3, [1] * 3, galaxy=1.0),
     )  # fmt: skip
     axes = axes_of()
-    assert exposure_panels.found_by_magnitude(axes, None, {"trials": {"i": table}, "looks": LOOKS})
+    assert exposure_panels.found_by_magnitude(axes, None, {"trials": {"i": table}, "styles": LOOKS})
     point, extended = axes.lines[:2]
     assert point.get_linestyle() == "-" and extended.get_linestyle() == "--"
     assert point.get_color() == extended.get_color() == LOOKS["i"].colour
     np.testing.assert_allclose(point.get_data(), ([22.25], [7 / 12]))
     np.testing.assert_allclose(extended.get_data(), ([22.25, 23.75], [1.0, 0.25]))
-    assert not exposure_panels.found_by_magnitude(axes_of(), None, {"trials": {}, "looks": LOOKS})
+    assert not exposure_panels.found_by_magnitude(axes_of(), None, {"trials": {}, "styles": LOOKS})
 
 
 def test_counts_are_measured_over_true_against_the_depth():
     part = {"edges": [20, 21, 22, 24], "in": [100, 19, 20], "out": [80, 19, 25]}
     axes = axes_of()
     result = {"bands": {"g": {"counts": part, "depth_5sigma": 25.5}}}
-    assert exposure_panels.counts(axes, result, {"looks": LOOKS})
+    assert exposure_panels.counts(axes, result, {"styles": LOOKS})
     ((x, y, down, up, colour, label),) = bars(axes)
     assert x.tolist() == [-5.0, -2.5] and y.tolist() == [0.8, 1.25]  # 19 true objects are too few
     np.testing.assert_allclose([down, up], [[0.0894427, 0.25]] * 2, rtol=1e-6)
     assert (colour, label) == (LOOKS["g"].colour, "g")
     few = {"bands": {"g": {"counts": part | {"in": [19, 19, 19]}, "depth_5sigma": 25.5}}}
-    assert not exposure_panels.counts(axes_of(), few, {"looks": LOOKS})
+    assert not exposure_panels.counts(axes_of(), few, {"styles": LOOKS})
 
 
 def test_completeness_and_purity_by_density_have_their_beta_errors():
@@ -109,7 +109,7 @@ def test_effects_of_charge_transfer_are_in_mas_and_percent_at_the_middle_of_thei
     found = {}
     for draw in (exposure_panels.places, exposure_panels.light):
         axes = axes_of()
-        assert draw(axes, {"bands": bands}, {"looks": LOOKS})
+        assert draw(axes, {"bands": bands}, {"styles": LOOKS})
         found[draw.__name__] = bars(axes)
     (x, y, down, up, _, label), (x2, y2, *_, second) = found["places"]
     np.testing.assert_allclose((*x, *y, *down, *up), (20 / 1.092727, 2.0, 0.5, 0.5))
@@ -118,7 +118,7 @@ def test_effects_of_charge_transfer_are_in_mas_and_percent_at_the_middle_of_thei
     (x, y, down, up, *_), (_, y2, *_) = found["light"]
     np.testing.assert_allclose(x, [20 / 1.092727, 60 / 1.092727])
     np.testing.assert_allclose((*y, *down, *y2), (-4.0, 1.0, 25.0, 25.0, 2.0))
-    assert not exposure_panels.places(axes_of(), {"bands": {"u": {"transfer": []}}}, {"looks": LOOKS})
+    assert not exposure_panels.places(axes_of(), {"bands": {"u": {"transfer": []}}}, {"styles": LOOKS})
 
 
 def test_residuals_by_rows_are_medians_of_sound_stars_in_eighths():

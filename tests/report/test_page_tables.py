@@ -5,7 +5,7 @@ import pytest
 from csst import LOOKS
 
 from csstsim.report import page, stray_panel, twin_figure, variants_page
-from csstsim.report.parts import Figure, Fold, Link, Pairs, Paragraph, Table, Verdict
+from csstsim.report.parts import Details, Figure, Link, Pairs, Paragraph, Table, Verdict
 from csstsim.report.variants_page import Study
 
 
@@ -67,7 +67,7 @@ def test_bricks_beyond_the_fourth_are_folded():
     assert [(one.name, one.title, one.level) for one in sections[:2]] == [
         ("brick-0", "Brick 0", 3), ("brick-1", "Brick 1", 3),
     ]  # fmt: skip
-    assert [len(one.body) == 1 and isinstance(one.body[0], Fold) for one in sections] == [False] * 4 + [True] * 2
+    assert [len(one.body) == 1 and isinstance(one.body[0], Details) for one in sections] == [False] * 4 + [True] * 2
     assert sections[5].body[0].summary == "1 pass, 0 fail, 1 not judged"
     assert [any(isinstance(p, Figure) for p in one.body[0].body) for one in sections[4:]] == [False, True]
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from csstsim.report import parts
-from csstsim.report.parts import Fold, Gallery, Link, Pairs, Paragraph, Section, Table, Verdict, draw, mappings
+from csstsim.report.parts import Details, Gallery, Link, Pairs, Paragraph, Section, Table, Verdict, draw, mappings
 
 PNG, JPEG = b"\x89PNG rest", b"\xff\xd8 rest"
 
@@ -52,7 +52,7 @@ def test_values_have_four_digits_in_tables_and_ten_in_pairs():
 
 
 def test_nested_parts_are_drawn_in_order_and_empty_ones_not_at_all():
-    section = draw(Section("name", "A title", [Fold("line", [Paragraph("in")]), Paragraph("out")], level=3))
+    section = draw(Section("name", "A title", [Details("line", [Paragraph("in")]), Paragraph("out")], level=3))
     assert '<section id="name"><h3>A title</h3>' in section
     assert section.index("<summary>line</summary>") < section.index("in</p>") < section.index("</details>")
     assert section.index("</details>") < section.index("out</p>") < section.index("</section>")
@@ -61,4 +61,4 @@ def test_nested_parts_are_drawn_in_order_and_empty_ones_not_at_all():
     for empty in (Table((), []), Pairs({}), Gallery([]), Paragraph("")):
         assert draw(empty).strip() == ""
     assert "<details>" in draw(Table(("a",), [(1,)] * 41, "x")) and "<details>" not in draw(Table(("a",), [(1,)] * 40))
-    assert "&lt;b&gt;" in draw(Fold("<b>", []))
+    assert "&lt;b&gt;" in draw(Details("<b>", []))

@@ -15,7 +15,7 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.report.page import write_report
 from csstsim.report.parts import Figure, Table
 from csstsim.report.stray_panel import sky_by_exposure
-from csstsim.report.style import looks
+from csstsim.report.style import band_styles
 from csstsim.sky.background import COMPONENTS
 from csstsim.stages.parts.sky_of_frames import sky_of_frames
 
@@ -32,7 +32,7 @@ def run(tmp_path_factory):
 
 
 def test_the_section_has_what_the_headers_say(run, tmp_path):
-    parts = sky_of_frames(run, looks(run.camera.filters))
+    parts = sky_of_frames(run, band_styles(run.camera.filters))
     (table,) = [part for part in parts if isinstance(part, Table)]
     header = fits.getheader(run.paths.level0(run.jobs[0]))
     ((band, *cells, share),) = table.rows
@@ -48,11 +48,11 @@ def test_the_section_has_what_the_headers_say(run, tmp_path):
 
 def test_no_section_without_the_model_or_its_keywords(run, tmp_path, monkeypatch):
     plain = OpenCampaign(write_scene(tmp_path, "Stars", [60], [60], 20.0, 9, POINTINGS[0]))
-    assert sky_of_frames(plain, looks(plain.camera.filters)) == []
+    assert sky_of_frames(plain, band_styles(plain.camera.filters)) == []
     entries = [entry for entry in run.camera.keywords if entry.get("keyword") != "SKYEARTH"]
     monkeypatch.setattr(type(run.camera), "keywords", entries, raising=False)
     monkeypatch.delitem(run.camera.__dict__, "keywords")
-    assert sky_of_frames(run, looks(run.camera.filters)) == []
+    assert sky_of_frames(run, band_styles(run.camera.filters)) == []
 
 
 def test_a_missing_frame_is_named(run):
@@ -60,14 +60,14 @@ def test_a_missing_frame_is_named(run):
     aside = path.rename(path.with_suffix(".aside"))
     try:
         with pytest.raises(InputError, match="no such file"):
-            sky_of_frames(run, looks(run.camera.filters))
+            sky_of_frames(run, band_styles(run.camera.filters))
     finally:
         aside.rename(path)
 
 
 def test_the_figure(run):
     """A picture for many exposures, for one, and for none with earthshine."""
-    shown = looks(run.camera.filters)
+    shown = band_styles(run.camera.filters)
     rng = np.random.default_rng(2)
     for count, earth in ((40, 1.0), (1, 1.0), (3, 0.0)):
         levels = {

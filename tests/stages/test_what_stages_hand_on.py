@@ -448,7 +448,7 @@ def test_a_validated_brick_has_the_truth_of_its_frames_and_says_by_which_limits(
     monkeypatch.setattr(
         "csstsim.report.figures.brick_figure", lambda *parts, **named: repr((*parts[1:], named)).encode()
     )
-    monkeypatch.setattr("csstsim.report.style.looks", lambda filters: f"looks of {filters}")
+    monkeypatch.setattr("csstsim.report.style.band_styles", lambda filters: f"styles of {filters}")
     objects = SimpleNamespace(laws=lambda: "LAWS")
     monkeypatch.setattr(validate, "brick_objects", lambda run, pix: objects)
     monkeypatch.setattr(validate, "truth_of", lambda run, job: f"truth {job.obsid}")
@@ -478,7 +478,7 @@ def test_a_validated_brick_has_the_truth_of_its_frames_and_says_by_which_limits(
     assert path == run.paths.validate(7) and made["recipe"] == "brick 7" and made["camera"] == "digest"
     assert made["limits"] == {"mode": "json"} and made["gates"] == result["gates"]
     drawn = run.paths.validate(7).with_suffix(".png").read_text()
-    assert drawn == repr(("ARRAYS", "looks of FILTERS", {"threshold": 0.9, "snr_min": 5.0}))
+    assert drawn == repr(("ARRAYS", "styles of FILTERS", {"threshold": 0.9, "snr_min": 5.0}))
     first, second = capsys.readouterr().out.splitlines()
     assert first.endswith("purity of 7, 12 sources, 0.46 of the most allowed with chance") and second.endswith(
         "purity of 7"

@@ -73,7 +73,7 @@ def at_least(other: str) -> AfterValidator:
     return AfterValidator(check)
 
 
-def must(test: Callable[[Any], bool], message: str) -> AfterValidator:
+def require(test: Callable[[Any], bool], message: str) -> AfterValidator:
     """Return the check that a value passes `test`; the error says `message`."""
 
     def check(value: Any) -> Any:

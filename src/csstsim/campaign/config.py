@@ -13,7 +13,7 @@ from pydantic import Field, field_validator
 
 from csstsim.base.digest import digest
 from csstsim.base.errors import InputError
-from csstsim.base.files.beside import beside
+from csstsim.base.files.relative_to_file import relative_to_file
 from csstsim.base.files.yaml_file import read_yaml
 from csstsim.base.help_page import explained
 from csstsim.base.model import FilePath, Model, validate
@@ -152,17 +152,17 @@ def load_campaign(path: PathLike) -> Campaign:
     _check_variants(config, data, file)
     instrument = config.instrument
     if isinstance(instrument, dict) and instrument.get("folder"):
-        instrument = instrument | {"folder": beside(file, instrument["folder"])}
+        instrument = instrument | {"folder": relative_to_file(file, instrument["folder"])}
     elif isinstance(instrument, Path):
-        instrument = beside(file, instrument)
+        instrument = relative_to_file(file, instrument)
     return config.model_copy(
         update={
             "survey_table": _there(file, config.survey_table),
-            "output": beside(file, config.output),
+            "output": relative_to_file(file, config.output),
             "observations": {kind: _there(file, path) for kind, path in config.observations.items()},
             "instrument": instrument,
-            "universe": config.universe and beside(file, config.universe),
-            "share": config.share and beside(file, config.share),
+            "universe": config.universe and relative_to_file(file, config.universe),
+            "share": config.share and relative_to_file(file, config.share),
         }
     )
 
@@ -183,7 +183,7 @@ def _what(config: Campaign) -> str:
 
 def _there(file: Path, path: Path) -> Path:
     """Return `beside`; the error of a file that is only found from the current directory says so."""
-    found = beside(file, path)
+    found = relative_to_file(file, path)
     if not found.exists() and path.exists():
         raise InputError(
             f"no file {found}, but {path} is in the current directory",

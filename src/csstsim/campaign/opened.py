@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from csstsim.base.digest import digest, file_digest
 from csstsim.base.errors import InputError
-from csstsim.base.files.beside import beside
+from csstsim.base.files.relative_to_file import relative_to_file
 from csstsim.base.help_page import explained
 from csstsim.base.rng import Streams
 from csstsim.base.stage_records import STAGES
@@ -170,7 +170,7 @@ class OpenCampaign(JobLists):
         """Return the file of the master frames with which a chip's exposures are calibrated."""
         masters = self.config.measurement.masters
         assert masters is not None  # with calibration: frames
-        return Paths(beside(self.file, masters)).masters(chip_id)
+        return Paths(relative_to_file(self.file, masters)).masters(chip_id)
 
     @cached_property
     def jobs(self) -> tuple[Job, ...]:
@@ -255,7 +255,7 @@ class OpenCampaign(JobLists):
     def psf_library(self) -> Path | None:
         """The folder of the campaign's library of PSFs, or None."""
         library = self.config.psf.library
-        return library and beside(self.file, library)
+        return library and relative_to_file(self.file, library)
 
     def in_share(self, path: Path) -> Path | None:
         """Return where a truth brick or a PSF set of the output folder lies in the shared one, or None without one."""
@@ -366,7 +366,7 @@ class OpenCampaign(JobLists):
         """The file of the catalogue from which contamination is known. Raises InputError if there is none."""
         table = self.config.measurement.contamination.table
         assert table is not None  # its callers look
-        path = beside(self.file, table)
+        path = relative_to_file(self.file, table)
         if not path.is_file():
             raise InputError("no such file", file=self.file, key="measurement.contamination.table", value=str(path))
         return path

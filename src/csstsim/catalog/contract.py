@@ -25,7 +25,7 @@ from csstsim.base.sphere import unit_vectors
 from csstsim.catalog.base import CatalogBase, Region, name_of, read_columns, users_code
 from csstsim.catalog.galaxy_shapes.part_rows import SHORTHANDS
 from csstsim.catalog.light.photometry import load_fluxes, rate_to_mag
-from csstsim.catalog.misspelt import meant, unused_magnitude
+from csstsim.catalog.misspelt import closest_name, unused_magnitude
 from csstsim.catalog.open import make_catalog
 from csstsim.catalog.selection.drawable import reasons
 from csstsim.catalog.table import STAR, TYPES, ObjectTable, columns_with
@@ -131,7 +131,7 @@ def _check_columns(table: ObjectTable, bands: Collection[str], faults: Found, wa
     for name in (name.removeprefix("user_") for name in table if name.startswith("user_")):
         if name in SHORTHANDS:
             warnings[f"{name} is a column of tables alone: give the part's own place and light"] = list(table["id"])
-        elif column := meant(name, columns_with(bands)):
+        elif column := closest_name(name, columns_with(bands)):
             warnings[f"{name} is unknown to csstsim; is {column} meant"] = list(table["id"])
         elif text := unused_magnitude(name, bands):
             warnings[text] = list(table["id"])

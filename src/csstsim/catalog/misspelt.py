@@ -1,4 +1,4 @@
-"""Which of csstsim's columns is meant by a name that is none of them."""
+"""Find the column of csstsim that a misspelt name stands for."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _ONE_LETTER = re.compile(r"mag[^a-z0-9]?[a-z]")  # mag_v is another survey's ban
 _MAGNITUDE = re.compile(r"(^|[^a-z])mag([^a-z]|$)")
 
 
-def meant(name: str, known: Collection[str]) -> str | None:
+def closest_name(name: str, known: Collection[str]) -> str | None:
     """Return the name of `known` that `name` misspells, or None.
 
     A name with the same letters in another order is a slip, too: siez, rmag and R_MAG for size and mag_r.

@@ -21,7 +21,7 @@ from csstsim.base.help_page import explained
 from csstsim.catalog.changing import columns as changing
 from csstsim.catalog.galaxy_shapes import part_rows
 from csstsim.catalog.galaxy_shapes.unsupported_shapes import check_shapes
-from csstsim.catalog.misspelt import meant
+from csstsim.catalog.misspelt import closest_name
 from csstsim.catalog.row_files import check_spectra, named, with_images
 from csstsim.catalog.selection.drawable import STRONGLY_LENSED, reasons
 from csstsim.catalog.table import COLUMNS, FILE_COLUMNS, GALAXY, OPTIONAL, STAR, TYPES, ObjectTable, columns_with
@@ -181,7 +181,7 @@ def _first_table(path: Path) -> dict[str, int]:
 
 def _left_out(name: str, kind: str, where: PathLike) -> None:
     """Warn that a column of others is left out. Raises InputError for one that csstsim would use."""
-    if name in _KNOWN or name.startswith("mag_") or meant(name, _TYPED):
+    if name in _KNOWN or name.startswith("mag_") or closest_name(name, _TYPED):
         raise InputError("must hold one number or word per row", file=where, key=name, value=kind)
     _say_left_out(str(where), name, kind)
 
@@ -327,7 +327,7 @@ def _check_columns(columns: Mapping[str, AnyArray], magnitudes: list[str], where
     if len(set(lengths.values())) > 1:
         raise InputError("columns differ in length", file=where, value=str(lengths))
     for name in columns:
-        if name not in known and (column := meant(name, typed - set(columns))):
+        if name not in known and (column := closest_name(name, typed - set(columns))):
             raise InputError(f"is {column} meant? Give it that name, or a less similar one", file=where, key=name)
     sizes = [name for name in ("size_disk", "size_bulge") if name in columns]
     if "size" in columns and len(sizes) == 2:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from csstsim.base.digest import file_digest, module_digest
 from csstsim.base.errors import InputError
-from csstsim.base.files.beside import beside
+from csstsim.base.files.relative_to_file import relative_to_file
 from csstsim.base.help_page import explained
 from csstsim.catalog.base import CatalogBase, Region, name_of, users_code
 
@@ -65,9 +65,9 @@ def options_beside(kind: str, options: Mapping[str, Any], file: Path) -> dict[st
     for name in set(catalog_class(kind).PATHS).intersection(options):
         value = options[name]
         if isinstance(value, str | Path):
-            options[name] = str(beside(file, value))
+            options[name] = str(relative_to_file(file, value))
         elif isinstance(value, list):
-            options[name] = [str(beside(file, path)) for path in value]
+            options[name] = [str(relative_to_file(file, path)) for path in value]
     return options
 
 

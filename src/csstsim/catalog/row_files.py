@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from csstsim.base.errors import InputError
-from csstsim.base.files.kept import kept
+from csstsim.base.files.lru_by_file_state import lru_by_file_state
 from csstsim.catalog.galaxy_shapes.images import read_picture, sky_of
 from csstsim.catalog.light.file_spectra import read_spectrum
 from csstsim.catalog.table import FILE_COLUMNS, GALAXY
@@ -108,7 +108,7 @@ def files_of(columns: Mapping[str, ArrayLike], where: PathLike) -> tuple[str, ..
     return tuple(sorted(found))
 
 
-@kept(4096)
+@lru_by_file_state(4096)
 def digest_of(name: str) -> str:
     """Return a hash of the content of a named file, with the part of it that is meant; "" of no name."""
     if not name:

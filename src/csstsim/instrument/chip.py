@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field, ValidationInfo
 
-from csstsim.base.model import Data, Number, Whole, between, must
+from csstsim.base.model import Data, Number, Whole, between, require
 from csstsim.base.types import BoolArray, Floats
 from csstsim.instrument.cosmic_rays import CosmicRays
 from csstsim.instrument.defects import Defects
@@ -74,7 +74,7 @@ class DetectorNumbers(Data):
     ny: Size
     # Each channel has a letter in the header
     channels_x: Annotated[
-        Whole, between(2, 13), must(lambda n: n % 2 == 0, "must be even: half the columns are read out to each side")
+        Whole, between(2, 13), require(lambda n: n % 2 == 0, "must be even: half the columns are read out to each side")
     ]
     channels_y: Annotated[Whole, between(2, 2)]  # half the rows are read out to each side
     channel_nx: Annotated[Size, _fits("x")]

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from csstsim.base.types import FloatArray
-    from csstsim.report.style import Look
+    from csstsim.report.style import BandStyle
 
 MAX_POINTS = 3000  # points drawn per kind; more would only overlap
 CONTOURS_FROM = 50  # sources; fewer are drawn as points
@@ -27,12 +27,12 @@ LIMITS = (-1.5, 4.0), (-1.0, 2.5)  # mag, of the axes: they hold u - g and g - r
 KINDS = ("star or quasar", BLUE, "o"), ("galaxy", ORANGE, "s")
 
 
-def colours(axes: Axes, colour: Mapping[str, Any], looks: Mapping[str, Look]) -> bool:
+def colours(axes: Axes, colour: Mapping[str, Any], styles: Mapping[str, BandStyle]) -> bool:
     """Draw true and measured colours of the same sources (validation.compare.colours); return whether there are any.
 
-    looks: report.style.looks.
+    styles: report.style.band_styles.
     """
-    names = [looks[band].label for band in colour["bands"]]
+    names = [styles[band].label for band in colour["bands"]]
     if not names:
         return False
     given = colour["input"]

@@ -1,7 +1,7 @@
 """Panels of a brick's figure: detection limits, counts, local density, the stellar locus, effects of charge transfer.
 
 Each function draws into `axes` and returns whether there was anything to draw. `result` and `arrays` are those of
-validation.validate.validate_brick; arrays["looks"] is report.style.looks of the camera's filters.
+validation.validate.validate_brick; arrays["styles"] is report.style.band_styles of the camera's filters.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from csstsim.base.types import FloatArray
-    from csstsim.report.style import Look
+    from csstsim.report.style import BandStyle
 
 STEP = 0.5  # mag
 ROWS = 8  # bins of the number of rows to the amplifier
@@ -32,7 +32,7 @@ def found_by_magnitude(axes: Axes, result: Mapping[str, Any], arrays: Mapping[st
     """Draw the share of isolated objects found in single exposures: point sources solid, galaxies dashed."""
     labelled = set()
     for band, table in arrays["trials"].items():
-        look = arrays["looks"][band]
+        style = arrays["styles"][band]
         galaxy = table["galaxy"].astype(bool)
         found = table["found"] > 0
         for some, line in ((~galaxy, "-"), (galaxy, "--")):
@@ -42,15 +42,15 @@ def found_by_magnitude(axes: Axes, result: Mapping[str, Any], arrays: Mapping[st
             seen = np.histogram(table["mag"][some & found & np.isfinite(table["mag"])], edges)[0]
             good = n >= FEWEST
             if good.any():
-                label = None if band in labelled else look.label
+                label = None if band in labelled else style.label
                 axes.plot(
                     edges[:-1][good] + STEP / 2,
                     seen[good] / n[good],
                     line,
-                    color=look.colour,
+                    color=style.colour,
                     lw=1.3,
                     label=label,
-                    marker=look.marker if line == "-" else None,
+                    marker=style.marker if line == "-" else None,
                     ms=3,
                 )
                 labelled.add(band)
@@ -64,7 +64,7 @@ def counts(axes: Axes, result: Mapping[str, Any], arrays: Mapping[str, Any]) -> 
     """Draw the ratio of merged sources to true objects against magnitude minus the depth of an exposure."""
     for band, numbers in result["bands"].items():
         part = numbers["counts"]
-        look = arrays["looks"][band]
+        style = arrays["styles"][band]
         edges, given, got = (np.array(part[name], float) for name in ("edges", "in", "out"))
         good = given >= 20  # with fewer, the Poisson error exceeds 22%
         if good.any():
@@ -74,11 +74,11 @@ def counts(axes: Axes, result: Mapping[str, Any], arrays: Mapping[str, Any]) -> 
                 x,
                 got[good] / given[good],
                 error,
-                color=look.colour,
-                marker=look.marker,
+                color=style.colour,
+                marker=style.marker,
                 ms=3,
                 lw=1.2,
-                label=look.label,
+                label=style.label,
             )
     axes.axhline(1.0, color="#666666", lw=0.8)
     axes.set(ylim=(0, 1.6), xlabel="magnitude - depth of an exposure", ylabel="merged sources / true objects")
@@ -126,24 +126,24 @@ def places(axes: Axes, result: Mapping[str, Any], arrays: Mapping[str, Any]) -> 
     """Draw stars' position residuals along the columns against S/N; positive is away from the amplifier."""
     axes.set(ylabel="out - in, away from the amplifier [mas]", ylim=(-6, 6))
     axes.set_title("Positions along the columns", fontsize=10)
-    return _transfer(axes, result, arrays["looks"], "deferred_mas", 1.0)
+    return _transfer(axes, result, arrays["styles"], "deferred_mas", 1.0)
 
 
 def light(axes: Axes, result: Mapping[str, Any], arrays: Mapping[str, Any]) -> bool:
     """Draw stars' relative flux residuals against S/N."""
     axes.set(ylabel="out / in - 1 [%]", ylim=(-12, 12))
     axes.set_title("Fluxes of stars in one exposure", fontsize=10)
-    return _transfer(axes, result, arrays["looks"], "light", 100.0)
+    return _transfer(axes, result, arrays["styles"], "light", 100.0)
 
 
-def _transfer(axes: Axes, result: Mapping[str, Any], looks: Mapping[str, Look], name: str, unit: float) -> bool:
+def _transfer(axes: Axes, result: Mapping[str, Any], styles: Mapping[str, BandStyle], name: str, unit: float) -> bool:
     for place, (band, numbers) in enumerate(result["bands"].items()):
         rows = [(part["snr"], part[name]) for part in numbers["transfer"] if part[name]["n"] >= FEWEST]
         if rows:
             x = [np.sqrt(low * high) * 1.03 ** (place - 3) for (low, high), _ in rows]
             y, error = ([unit * part[key] for _, part in rows] for key in ("median", "error"))
-            look = looks[band]
-            axes.errorbar(x, y, error, color=look.colour, marker=look.marker, ms=3, lw=1.2, label=look.label)
+            style = styles[band]
+            axes.errorbar(x, y, error, color=style.colour, marker=style.marker, ms=3, lw=1.2, label=style.label)
     axes.axhline(0.0, color="#666666", lw=0.8)
     snr_axis(axes)
     return legend(axes, loc="lower right", ncols=2)

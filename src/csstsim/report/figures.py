@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from csstsim.base.types import FloatArray, IntArray
-    from csstsim.report.style import Look
+    from csstsim.report.style import BandStyle
 
 MAX_POINTS = 3000  # points drawn per panel and kind; more would only overlap
 HEIGHT = 3.2  # inch of a row of panels
@@ -34,7 +34,7 @@ COLUMNS = 4  # panels of bands in a row
 def brick_figure(
     result: Mapping[str, Any],
     arrays: dict[str, Any],
-    looks: Mapping[str, Look],
+    styles: Mapping[str, BandStyle],
     *,
     threshold: float | None = None,
     snr_min: float | None = None,
@@ -43,13 +43,13 @@ def brick_figure(
 
     A panel without data is left out.
 
-    `result`, `arrays`: as validation.validate.validate_brick returns them; `looks`: report.style.looks of the
+    `result`, `arrays`: as validation.validate.validate_brick returns them; `styles`: report.style.band_styles of the
     camera's filters; `threshold`, `snr_min`: the completeness gate, drawn when given.
     """
-    arrays = arrays | {"looks": looks}
+    arrays = arrays | {"styles": styles}
     bands: list[Callable[[Axes], bool]] = [
-        partial(_residuals, look=looks[band], arrays=arrays["residual"][band], numbers=result["bands"][band])
-        for band in looks
+        partial(_residuals, style=styles[band], arrays=arrays["residual"][band], numbers=result["bands"][band])
+        for band in styles
         if band in result["bands"]
     ]
     groups = (
@@ -58,9 +58,9 @@ def brick_figure(
             1.25,
             [
                 partial(
-                    _completeness, curves=arrays["completeness"], looks=looks, threshold=threshold, snr_min=snr_min
+                    _completeness, curves=arrays["completeness"], styles=styles, threshold=threshold, snr_min=snr_min
                 ),
-                partial(colours, colour=arrays["colour"], looks=looks),
+                partial(colours, colour=arrays["colour"], styles=styles),
             ],
         ),
         (COLUMNS, 1.0, [*bands, _legend] if bands else []),
@@ -105,14 +105,14 @@ def _arranged(groups: Iterable[tuple[int, float, Sequence[Callable[[Axes], bool]
 def sky_map(
     footprints: Sequence[tuple[str, FloatArray, FloatArray]],
     bricks: Sequence[int],
-    looks: Mapping[str, Look],
+    styles: Mapping[str, BandStyle],
     pointings: Sequence[tuple[float, float]] = (),
 ) -> bytes:
     """Return the PNG bytes of the sky map: bricks and the windows on them, in degrees from their centre.
 
-    `footprints`: [(band or grating, ra[4], dec[4])], corners in order; `bricks`: pixel numbers; `looks`:
-    report.style.looks; `pointings`: [(ra, dec)] of the boresights. They are shown in a second panel, because they may
-    lie far from the windows of a small region.
+    `footprints`: [(band or grating, ra[4], dec[4])], corners in order; `bricks`: pixel numbers; `styles`:
+    report.style.band_styles; `pointings`: [(ra, dec)] of the boresights. They are shown in a second panel, because they
+    may lie far from the windows of a small region.
     """
     figure = new_figure((15.0, 7.0) if pointings else (9.0, 7.5))
     near, *far = figure.subplots(1, 2 if pointings else 1, squeeze=False)[0]
@@ -125,7 +125,7 @@ def sky_map(
             if axes is near and len(bricks) <= MAX_NUMBERED:
                 style = {"ha": "center", "va": "center", "fontsize": 7, "color": "#444444", "zorder": 3}
                 axes.annotate(str(pix), (x.mean(), y.mean()), **style)
-        _windows(axes, footprints, looks, centre)
+        _windows(axes, footprints, styles, centre)
         axes.set(xlabel="offset east [deg]", ylabel="offset north [deg]")
         axes.set_aspect("equal", adjustable="datalim")  # else a lone boresight makes a narrow panel
         axes.invert_xaxis()  # east to the left
@@ -143,22 +143,22 @@ def sky_map(
 def _windows(
     axes: Axes,
     footprints: Iterable[tuple[str, FloatArray, FloatArray]],
-    looks: Mapping[str, Look],
+    styles: Mapping[str, BandStyle],
     centre: tuple[float, float],
 ) -> None:
     """Draw the outlines of windows: bands differ in colour; gratings are grey and differ in dashes."""
     seen = set()
     for band, ra, dec in footprints:
-        look = looks[band]
-        style: dict[str, Any] = {"lw": 1.2, "ls": look.line, "label": None if band in seen else look.label}
+        style = styles[band]
+        outline: dict[str, Any] = {"lw": 1.2, "ls": style.line, "label": None if band in seen else style.label}
         seen.add(band)
-        axes.fill(*_offsets(ra, dec, centre), facecolor="none", edgecolor=look.colour, zorder=2, **style)
+        axes.fill(*_offsets(ra, dec, centre), facecolor="none", edgecolor=style.colour, zorder=2, **outline)
 
 
 def _completeness(
     axes: Axes,
     curves: Mapping[str, tuple[IntArray, IntArray]],
-    looks: Mapping[str, Look],
+    styles: Mapping[str, BandStyle],
     threshold: float | None,
     snr_min: float | None,
 ) -> bool:
@@ -180,12 +180,12 @@ def _completeness(
             middle[good] * shift,
             fraction,
             error,
-            color=looks[band].colour,
-            marker=looks[band].marker,
+            color=styles[band].colour,
+            marker=styles[band].marker,
             ms=4,
             lw=1.2,
             capsize=2,
-            label=f"{looks[band].label} ({n.sum()})",
+            label=f"{styles[band].label} ({n.sum()})",
         )
     if threshold is not None:
         axes.axhline(threshold, color="#666666", ls="--", lw=1)
@@ -198,7 +198,7 @@ def _completeness(
 
 
 def _residuals(
-    axes: Axes, look: Look, arrays: Mapping[str, tuple[FloatArray, FloatArray]], numbers: Mapping[str, Any]
+    axes: Axes, style: BandStyle, arrays: Mapping[str, tuple[FloatArray, FloatArray]], numbers: Mapping[str, Any]
 ) -> bool:
     axes.axhline(0.0, color="#666666", lw=0.8)
     lines = []
@@ -212,9 +212,9 @@ def _residuals(
             error = "" if stat["error"] is None else f" ± {1e3 * stat['error']:.0f}"
             lines.append(f"{kind}: {1e3 * stat['median']:+.0f}{error} mmag ({stat['n']})")
     axes.axvline(numbers["depth_5sigma"], color="#666666", ls=":", lw=1)
-    axes.set(xlim=(16.5, 27.5), ylim=(-1.0, 1.0), xlabel=f"{look.label} true [AB mag]", ylabel="out - in [mag]")
+    axes.set(xlim=(16.5, 27.5), ylim=(-1.0, 1.0), xlabel=f"{style.label} true [AB mag]", ylabel="out - in [mag]")
     axes.text(0.03, 0.03, "\n".join(lines), fontsize=7.5, transform=axes.transAxes, va="bottom")
-    axes.set_title(look.label, fontsize=10)
+    axes.set_title(style.label, fontsize=10)
     return any(len(given) for given, _ in arrays.values())
 
 

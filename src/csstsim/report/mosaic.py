@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from csstsim.base.types import FloatArray, IntArray
     from csstsim.instrument.chip import Chip, Window
     from csstsim.io.level0 import Level0
-    from csstsim.report.style import Look
+    from csstsim.report.style import BandStyle
 
 BRIGHTER = {BLACK: "#FFFFFF", GREY: "#888888"}  # brighter than in the figures, to show on black
 BUTTONS = (
@@ -99,12 +99,12 @@ class FocalPlane(NamedTuple):
     buttons: tuple[tuple[str, str, str], ...] = BUTTONS
 
 
-def mosaic(chips: Sequence[Chip], exposures: Iterable[Exposure], looks: Mapping[str, Look]) -> FocalPlane:
+def mosaic(chips: Sequence[Chip], exposures: Iterable[Exposure], styles: Mapping[str, BandStyle]) -> FocalPlane:
     """Return the FocalPlane.
 
-    `chips`: all chips of the camera; `exposures`: one Exposure or more; `looks`: report.style.looks of its filters.
+    `chips`: all chips of the camera; `exposures`: one or more; `styles`: report.style.band_styles of its filters.
     """
-    colours = {chip.id: BRIGHTER.get(c := looks[chip.filter.lower()].colour, c) for chip in chips}
+    colours = {chip.id: BRIGHTER.get(c := styles[chip.filter.lower()].colour, c) for chip in chips}
     corners = np.concatenate([_corners(chip, chip.full_window) for chip in chips])
     x0, x1, y0, y1 = bounds_of(corners)
     edge = 0.01 * (x1 - x0)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from csstsim.base.plural import number_of
 from csstsim.bricks.validation import verdict as verdicts
 from csstsim.report.band_table import KRON, band_numbers, band_table
-from csstsim.report.parts import Figure, Fold, Link, Pairs, Paragraph, Section, Table, Verdict, fill, mappings
+from csstsim.report.parts import Details, Figure, Link, Pairs, Paragraph, Section, Table, Verdict, fill, mappings
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -97,17 +97,17 @@ def write_report(
         temporary.write_text(html, encoding="utf-8")
 
 
-def _products(products: Iterable[tuple[str, int, str, tuple[Link, ...]]]) -> list[Fold]:
+def _products(products: Iterable[tuple[str, int, str, tuple[Link, ...]]]) -> list[Details]:
     """Return a fold of links for each kind of product, with the number of files and their size."""
     return [
-        Fold(f"{kind}: {count} file{'s' * (count != 1)}, {size}", [Paragraph(links, "links")])
+        Details(f"{kind}: {count} file{'s' * (count != 1)}, {size}", [Paragraph(links, "links")])
         for kind, count, size, links in products
     ]
 
 
-def _provenance(values: Mapping[str, Any], layers: Iterable[tuple[str, str, str]]) -> list[Pairs | Fold]:
+def _provenance(values: Mapping[str, Any], layers: Iterable[tuple[str, str, str]]) -> list[Pairs | Details]:
     table = Table(("exposures", "layer", "parameters"), list(layers), "layers")
-    return [Pairs(values), *([Fold("layers in order, with their parameters", [table])] if layers else [])]
+    return [Pairs(values), *([Details("layers in order, with their parameters", [table])] if layers else [])]
 
 
 def _holds(part: Part) -> bool:
@@ -194,7 +194,7 @@ def _bricks(
         pix = result["brick"]
         body = _brick(result, figures.get(pix), links.get(pix, ()), labels)
         if place >= UNFOLDED:
-            body = [Fold(verdicts.tally(_counts(result)), body)]
+            body = [Details(verdicts.tally(_counts(result)), body)]
         parts.append(Section(f"brick-{pix}", f"Brick {pix}", body, level=3))
     return parts
 
@@ -221,7 +221,7 @@ def _brick(
         band_table(result, labels),
         Paragraph(KRON),
         *_figure(png, f"Validation of brick {result['brick']}"),
-        Fold("all numbers by band", [band_numbers(result, labels)]),
+        Details("all numbers by band", [band_numbers(result, labels)]),
     ]
 
 

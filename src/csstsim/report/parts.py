@@ -91,7 +91,7 @@ class Paragraph(NamedTuple):
     style: str = ""
 
 
-class Fold(NamedTuple):
+class Details(NamedTuple):
     """Parts folded under a line; a click on it opens them."""
 
     summary: str
@@ -107,7 +107,7 @@ class Section(NamedTuple):
     level: int = 2
 
 
-Part: TypeAlias = "Table | Pairs | Figure | Gallery | Paragraph | Fold | Section | FocalPlane"
+Part: TypeAlias = "Table | Pairs | Figure | Gallery | Paragraph | Details | Section | FocalPlane"
 
 
 def mappings(rows: Iterable[Mapping[str, Any]], name: str = "rows") -> Table:

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from csstsim.base.types import FloatArray
-    from csstsim.report.style import Look
+    from csstsim.report.style import BandStyle
 
 # component: colour, marker
 PARTS = {
@@ -28,12 +28,12 @@ SHARE = 0.1  # of zodiacal light: a line marks this much earthshine
 
 
 def sky_by_exposure(
-    levels: Mapping[str, Mapping[str, FloatArray]], limbs: Mapping[str, FloatArray], looks: Mapping[str, Look]
+    levels: Mapping[str, Mapping[str, FloatArray]], limbs: Mapping[str, FloatArray], styles: Mapping[str, BandStyle]
 ) -> bytes:
     """Return PNG bytes: components by exposure in the band with the most sky, earthshine by limb angle in every band.
 
     levels: {band: {component: e-/s/px (n,)}} and limbs: {band: limb angle [deg] (n,)} of the n exposures of each band,
-    in order of time; looks: report.style.looks of the camera's filters.
+    in order of time; styles: report.style.band_styles of the camera's filters.
     """
     from csstsim.report.figures import new_figure, png
 
@@ -50,10 +50,10 @@ def sky_by_exposure(
     legend(by_time, loc="upper center", ncols=6, columnspacing=1.0)
     for name, parts in levels.items():
         ratio = parts["earth"] / parts["zodiacal"]
-        look = looks[name.lower()]
+        style = styles[name.lower()]
         lit = parts["earth"] > FAINT
-        label = f"{look.label}: {np.mean(ratio > SHARE):.0%} above {SHARE:.0%}"
-        by_limb.plot(limbs[name][lit], ratio[lit], look.marker or ".", color=look.colour, ms=3, ls="", label=label)
+        label = f"{style.label}: {np.mean(ratio > SHARE):.0%} above {SHARE:.0%}"
+        by_limb.plot(limbs[name][lit], ratio[lit], style.marker or ".", color=style.colour, ms=3, ls="", label=label)
     by_limb.axhline(SHARE, color="#666666", lw=0.8, ls=":")
     by_limb.set(yscale="log", xlabel="limb angle at the start [deg]", ylabel="earthshine / zodiacal light")
     by_limb.set_title("Earthshine; exposures over the dark Earth have none", fontsize=10)

@@ -33,7 +33,7 @@ FEWEST = 3  # sources a bin needs to be drawn
 
 
 @dataclass(frozen=True)
-class Look:
+class BandStyle:
     """How a filter is shown: `label` is the camera's name of it; bands have markers, gratings line styles."""
 
     label: str
@@ -42,16 +42,16 @@ class Look:
     line: str = "-"
 
 
-def looks(filters: Mapping[str, Filter]) -> dict[str, Look]:
-    """Return {name in lower case: Look} of the camera's filters, {name: instrument.filter.Filter}."""
+def band_styles(filters: Mapping[str, Filter]) -> dict[str, BandStyle]:
+    """Return {name in lower case: BandStyle} of the camera's filters, {name: instrument.filter.Filter}."""
     bands = [name for name, filter_ in filters.items() if filter_.kind == "imaging"]
     found = {}
     for number, name in enumerate(bands):  # few bands are spread over the colours; many reuse them
         at = int((number + 0.5) * len(COLOURS) / len(bands)) if len(bands) < len(COLOURS) else number
         again, place = divmod(at, len(COLOURS))
-        found[name.lower()] = Look(name, COLOURS[place], MARKERS[(place + again) % len(MARKERS)])
+        found[name.lower()] = BandStyle(name, COLOURS[place], MARKERS[(place + again) % len(MARKERS)])
     for number, name in enumerate(name for name in filters if name not in bands):
-        found[name.lower()] = Look(name, GREY, line=DASHES[number % len(DASHES)])
+        found[name.lower()] = BandStyle(name, GREY, line=DASHES[number % len(DASHES)])
     return found
 
 

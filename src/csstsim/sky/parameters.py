@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, ValidationInfo
 
 from csstsim.base.errors import InputError
-from csstsim.base.model import Data, Number, Positive, Whole, must, validate
+from csstsim.base.model import Data, Number, Positive, Whole, require, validate
 from csstsim.base.types import FloatArray, PathLike
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def _rows(value: Any) -> Any:
     return [[float(number) for number in row.split()] for row in value.split(",")]
 
 
-Axis = Annotated[Array, _array(None), must(lambda axis: (np.diff(axis) > 0).all(), "must rise")]
+Axis = Annotated[Array, _array(None), require(lambda axis: (np.diff(axis) > 0).all(), "must rise")]
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +91,8 @@ class ApertureDoor(Data):
 class Transmittance(Data):
     """Point-source transmittance by angles from the line of sight [deg]."""
 
-    zenith: Annotated[Axis, must(lambda axis: axis[0] > 0, "must start above 0")]
-    azimuth: Annotated[Axis, must(lambda axis: axis[0] >= 0 and axis[-1] < 360, "must lie in 0..360")]
+    zenith: Annotated[Axis, require(lambda axis: axis[0] > 0, "must start above 0")]
+    azimuth: Annotated[Axis, require(lambda axis: axis[0] >= 0 and axis[-1] < 360, "must lie in 0..360")]
     matrix: Annotated[Array, _array(None, None), _table("zenith", "azimuth")]
 
 
@@ -119,7 +119,7 @@ class Starlight(Data):
     """Stars too faint for the list, together: stars of V = 10 per square degree by |galactic latitude| [deg]."""
 
     latitude: Axis
-    brightness: Annotated[Array, _array(None), must(lambda light: (light >= 0).all(), "must not be negative")]
+    brightness: Annotated[Array, _array(None), require(lambda light: (light >= 0).all(), "must not be negative")]
     temperature: Positive
 
 

@@ -47,7 +47,7 @@ def report(run: OpenCampaign) -> dict[str, Any]:
     from csstsim.bricks.hats import write_catalogue
     from csstsim.report.figures import sky_map
     from csstsim.report.page import write_report
-    from csstsim.report.style import looks
+    from csstsim.report.style import band_styles
 
     page = run.paths.report
     results = [_validation(run, pix) for pix in run.merge_bricks]
@@ -57,7 +57,7 @@ def report(run: OpenCampaign) -> dict[str, Any]:
     budget = Budget(EMBEDDED)
     worst_first = sorted(results, key=lambda result: -verdicts.count(result["gates"])["fail"])
     pngs = {result["brick"]: run.paths.validate(result["brick"]).with_suffix(".png") for result in worst_first}
-    shown = looks(run.camera.filters)
+    shown = band_styles(run.camera.filters)
     science = run.science_jobs
     write_report(
         page,
@@ -83,7 +83,7 @@ def report(run: OpenCampaign) -> dict[str, Any]:
         provenance=_provenance(run),
         layers=_layers(run),
         times=run_times(run),
-        labels={band: look.label for band, look in shown.items()},
+        labels={band: style.label for band, style in shown.items()},
     )
     # After the page, which reads all else: nothing is written if a product cannot be used
     verdicts.write_verdict(page.with_name("verdict.json"), verdict, campaign=run.config.name, csstsim=__version__)

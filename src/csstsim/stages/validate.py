@@ -37,7 +37,7 @@ def validate(run: OpenCampaign, pix: int) -> None:
     from csstsim.bricks.validation.whole_objects import whole_objects
     from csstsim.catalog.table import ObjectTable
     from csstsim.report.figures import brick_figure
-    from csstsim.report.style import looks
+    from csstsim.report.style import band_styles
 
     camera = run.camera
     chip = camera.detector.channel_ny, camera.telescope.pixel_scale
@@ -64,7 +64,7 @@ def validate(run: OpenCampaign, pix: int) -> None:
     path = run.paths.validate(pix)
     limits = run.limits
     figure = brick_figure(
-        result, arrays, looks(camera.filters), threshold=limits.completeness_min, snr_min=limits.snr_min
+        result, arrays, band_styles(camera.filters), threshold=limits.completeness_min, snr_min=limits.snr_min
     )
     with atomic_path(path.with_suffix(".png")) as temporary:
         temporary.write_bytes(figure)

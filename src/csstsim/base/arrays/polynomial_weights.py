@@ -1,6 +1,6 @@
 """Weights of the values at even nodes in the polynomial through them.
 
-They are plain functions of numbers or arrays: a module with numba kernels compiles them (`numba.njit()(cubic_weights)`).
+They are plain functions of numbers or arrays. Modules with numba kernels compile them: `numba.njit()(cubic_weights)`.
 At four nodes both are equal but for rounding. Products depend on the last bit, so a caller stays with the one it has.
 Uneven nodes: optics.psf.interpolation.
 """

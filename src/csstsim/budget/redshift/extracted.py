@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 import numpy as np
 
 from csstsim.base.errors import InputError
-from csstsim.base.files.beside import beside
+from csstsim.base.files.relative_to_file import relative_to_file
 from csstsim.base.process.progress import progress
 from csstsim.base.release import check_recipe
 from csstsim.base.types import PathLike
@@ -140,7 +140,7 @@ def _tables(run: OpenCampaign, job: Job, folder: PathLike | None) -> tuple[Path,
     lines = run.paths.lines(*job.key)
     if folder is None:
         return spectra, lines
-    there = beside(run.file, folder)
+    there = relative_to_file(run.file, folder)
     return there / spectra.name, there / lines.name
 
 

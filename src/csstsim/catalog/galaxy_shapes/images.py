@@ -17,7 +17,7 @@ import numpy as np
 from csstsim.base.errors import InputError
 from csstsim.base.files.fits_headers import check_headers
 from csstsim.base.files.hdf5_file import numbers
-from csstsim.base.files.kept import kept
+from csstsim.base.files.lru_by_file_state import lru_by_file_state
 from csstsim.base.image_wcs import ImageWCS
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def sky_of(picture: Picture, scale: float, angle: float) -> FloatArray:
     return scale * np.array([[-cos, sin], [sin, cos]])
 
 
-@kept(_KEPT)
+@lru_by_file_state(_KEPT)
 def read_picture(name: str) -> Picture:
     """Return the Picture of a file. Raises InputError for one that is missing, damaged or not an image."""
     found = _PLACE.fullmatch(str(name))

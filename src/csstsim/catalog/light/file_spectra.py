@@ -15,7 +15,7 @@ import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.fits_headers import check_headers
-from csstsim.base.files.kept import kept
+from csstsim.base.files.lru_by_file_state import lru_by_file_state
 from csstsim.base.resampling import on_grid
 from csstsim.catalog.light.photometry import ab_mag, bin_means
 from csstsim.instrument.filter import GRID, Filter
@@ -30,7 +30,7 @@ _KEPT = 64
 _LARGEST = 1e100  # photon / s / m2 / angstrom: sums stay finite
 
 
-@kept(_KEPT)
+@lru_by_file_state(_KEPT)
 def read_spectrum(path: PathLike) -> FloatArray:
     """Return (18001,) photon / s / m2 / angstrom of a file on the paper's grid. Raises InputError."""
     from astropy.table import Table

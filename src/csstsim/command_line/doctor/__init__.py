@@ -36,7 +36,7 @@ def examine(campaign: str | None = None) -> Iterator[Finding]:
     for check in (installation.libraries, installation.data, installation.numba_cache, machine.threads):
         yield from _safely(check)
     if campaign is None:
-        yield from _safely(machine.room)
+        yield from _safely(machine.disk_and_memory)
     else:
         from csstsim.command_line.doctor.of_campaign import of_campaign
 

@@ -20,7 +20,7 @@ MEMORY = 4e9  # bytes: the most that a whole chip with every layer takes, and ro
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
-def room() -> Iterator[Finding]:
+def disk_and_memory() -> Iterator[Finding]:
     """Disk here, and memory."""
     free = free_disk(".")
     here = Path.cwd()
@@ -78,11 +78,11 @@ def _lines(path: PathLike) -> list[str]:
 
 def free_disk(path: PathLike) -> int:
     """Return the bytes free on the disk of a path, which need not exist yet."""
-    return shutil.disk_usage(there(path)).free
+    return shutil.disk_usage(nearest_existing_parent(path)).free
 
 
-def there(path: PathLike) -> Path:
-    """Return the path itself, or else its nearest parent, that exists."""
+def nearest_existing_parent(path: PathLike) -> Path:
+    """Return the path itself if it exists, or its nearest parent that does."""
     path = Path(path).absolute()
     return next(place for place in (path, *path.parents) if place.exists())
 
@@ -90,7 +90,7 @@ def there(path: PathLike) -> Path:
 def write_fault(path: PathLike) -> str | None:
     """Try to write in a folder, or in the parent where it would be made; return why that fails, or None."""
     try:
-        tempfile.TemporaryFile(dir=there(path)).close()
+        tempfile.TemporaryFile(dir=nearest_existing_parent(path)).close()
     except OSError as error:
         return error.strerror or str(error)
     return None

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from csstsim.base.plural import number_of
 from csstsim.command_line.doctor import OK, PROBLEM, WARNING, Finding
-from csstsim.command_line.doctor.machine import cores, free_disk, free_memory, gb, there, write_fault
+from csstsim.command_line.doctor.machine import cores, free_disk, free_memory, gb, nearest_existing_parent, write_fault
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -36,7 +36,7 @@ def of_campaign(file: PathLike) -> Iterator[Finding]:
 def output(folder: Path, need: float, status: Status) -> Iterator[Finding]:
     """The output folder can be written, and has room. need: bytes of all products; status: a status.Status."""
     if fault := write_fault(folder):
-        place = there(folder)
+        place = nearest_existing_parent(folder)
         yield Finding(PROBLEM, "output", f"{place}: {fault}; give the campaign another `output`, or mend that folder")
         return
     free = free_disk(folder)

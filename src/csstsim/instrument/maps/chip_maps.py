@@ -18,7 +18,7 @@ import numpy as np
 
 from csstsim.base.digest import digest
 from csstsim.base.errors import InputError
-from csstsim.base.files.beside import beside
+from csstsim.base.files.relative_to_file import relative_to_file
 from csstsim.base.files.yaml_file import read_yaml
 from csstsim.base.help_page import explained
 from csstsim.base.model import Data, Whole, validate
@@ -105,7 +105,7 @@ class ChipMaps:
         if kind not in self.entries or self.detector is None:
             return None
         name = self.entries[kind].files.replace("{chip}", f"{self.chip:02d}").replace("{led}", led)
-        return open_map(beside(self.folder / FILE, name), KINDS[kind], self.detector)
+        return open_map(relative_to_file(self.folder / FILE, name), KINDS[kind], self.detector)
 
 
 NO_MAPS = ChipMaps({}, Path(), 0, None)

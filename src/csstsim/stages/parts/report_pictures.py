@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from csstsim.io.level0 import Level0
     from csstsim.report.mosaic import Exposure, FocalPlane
     from csstsim.report.sky_picture import Grid
-    from csstsim.report.style import Look
+    from csstsim.report.style import BandStyle
 
 SIDE = 1200  # px of the picture of the sky, at most
 FIELD = 2400  # px of the chip that it shows, at most: 3 arcmin
@@ -163,7 +163,7 @@ def _caption(run: OpenCampaign, bands: Mapping[str, Sequence[Job]], grid: Grid) 
     return f"{what}: {frames}, {side[0]:.1f}' x {side[1]:.1f}', asinh stretch (Lupton et al. 2004).{rays}"
 
 
-def focal_plane(run: OpenCampaign, looks: Mapping[str, Look]) -> FocalPlane | None:
+def focal_plane(run: OpenCampaign, styles: Mapping[str, BandStyle]) -> FocalPlane | None:
     """Return the focal plane of the exposures with the most chips, science before calibration."""
     from csstsim.io.level0 import read_level0
     from csstsim.report.mosaic import mosaic, take_exposure
@@ -190,7 +190,7 @@ def focal_plane(run: OpenCampaign, looks: Mapping[str, Look]) -> FocalPlane | No
             return detail(run, by_chip[chip.id], file, side)
 
         exposures.append(take_exposure(title, pointing.pa, files, spot=spot))
-    return mosaic(list(run.camera.chips.values()), exposures, looks)
+    return mosaic(list(run.camera.chips.values()), exposures, styles)
 
 
 def detail(run: OpenCampaign, job: Job, file: Level0, side: int) -> Window | None:

@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 
     from csstsim.base.types import FloatArray
     from csstsim.campaign.opened import OpenCampaign
-    from csstsim.report.style import Look
+    from csstsim.report.style import BandStyle
 
 
-def sky_of_frames(run: OpenCampaign, looks: Mapping[str, Look]) -> list[Paragraph | Figure | Table]:
+def sky_of_frames(run: OpenCampaign, styles: Mapping[str, BandStyle]) -> list[Paragraph | Figure | Table]:
     """Return the parts of the section: a figure and a table by band; [] without the model, or without its keywords.
 
-    One chip a band is read in each exposure. looks: report.style.looks. Raises InputError for an unreadable file.
+    One chip a band is read in each exposure. styles: report.style.band_styles. InputError for an unreadable file.
     """
     from csstsim.report.stray_panel import sky_by_exposure
 
@@ -50,7 +50,7 @@ def sky_of_frames(run: OpenCampaign, looks: Mapping[str, Look]) -> list[Paragrap
         (band, *(_three(parts[name]) for name in COMPONENTS), f"{much_earthshine(parts):.0%} of exposures")
         for band, parts in levels.items()
     ]
-    figure = Figure(sky_by_exposure(levels, limbs, looks), "The sky by exposure, and earthshine by limb angle")
+    figure = Figure(sky_by_exposure(levels, limbs, styles), "The sky by exposure, and earthshine by limb angle")
     return [Paragraph(text), figure, Table(head, lines, "bands")]
 
 

@@ -10,8 +10,8 @@ if TYPE_CHECKING:
     from csstsim.base.types import PathLike
 
 
-def beside(file: PathLike, path: PathLike) -> Path:
-    """Return a path that `file` names: a relative one begins in the folder of that file."""
+def relative_to_file(file: PathLike, path: PathLike) -> Path:
+    """Return the path that `file` names: a relative one is relative to the folder of that file."""
     folder = Path(file).parent
     if ".." in Path(path).parts and folder.resolve() != Path(os.path.abspath(folder)):
         folder = folder.resolve()  # `..` of a folder that is reached by a link

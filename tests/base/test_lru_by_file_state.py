@@ -3,13 +3,13 @@
 import os
 from pathlib import Path
 
-from csstsim.base.files.kept import kept
+from csstsim.base.files.lru_by_file_state import lru_by_file_state
 
 
 def test_a_file_is_read_again_when_it_changes(tmp_path):
     read = []
 
-    @kept(8)
+    @lru_by_file_state(8)
     def text(name):
         read.append(name)
         return Path(name.partition("[")[0]).read_text()

@@ -1,4 +1,4 @@
-"""What was read from files is kept while the files stay as they are."""
+"""A cache of what was read from files, valid while the files stay as they are."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     ResultT = TypeVar("ResultT")
 
 
-def kept(most: int) -> Callable[[Callable[[NameT], ResultT]], Callable[[NameT], ResultT]]:
+def lru_by_file_state(most: int) -> Callable[[Callable[[NameT], ResultT]], Callable[[NameT], ResultT]]:
     """Return a decorator of read(name): its result is kept for `most` names, until the file's size or time changes.
 
     name: a path, with or without [part] behind it.
