@@ -6,11 +6,12 @@ cell between rest-frame nodes, where spectra are linear, so an emission line kee
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numba
 import numpy as np
 
+from csstsim.base.types import FloatArray
 from csstsim.catalog.light.embedded_spectra import as_star, coefficients, kinds, pairs
 from csstsim.catalog.light.photometry import bin_means
 from csstsim.catalog.table import GALAXY, ObjectTable
@@ -19,11 +20,34 @@ from csstsim.universe.galaxies.galaxy_rates import combine
 from csstsim.universe.galaxies.igm import IgmTables, Intergalactic, absorb
 
 if TYPE_CHECKING:
-    from csstsim.base.types import FloatArray, IntArray
+    from csstsim.base.types import IntArray
     from csstsim.universe.parameters import Universe
 
 _SMALL = 0.02  # limit of A(V) ln 10 / 2.5 below which the series of exp is exact to 1e-9
 _LN_MAG = 0.4 * np.log(10.0)
+
+
+class _Galaxies(NamedTuple):
+    """Of galaxies (n,): redshift; mix (n, 20), coefficients of components; scale of the spectrum; dust.
+
+    dust: optical depth of the foreground at unit extinction, above the mean of the table.
+    """
+
+    z: FloatArray
+    mix: FloatArray
+    scale: FloatArray
+    dust: FloatArray
+
+
+class _Bins(NamedTuple):
+    """Wavelength bins: edges (bins + 1,) [angstrom]; curve (bins,): extinction at their middles; dimmed (bins,).
+
+    dimmed: transmission of the mean dust over the width of the bin [1 / angstrom].
+    """
+
+    edges: FloatArray
+    curve: FloatArray
+    dimmed: FloatArray
 
 
 def binned(universe: Universe, table: ObjectTable, edges: FloatArray) -> FloatArray:
@@ -55,13 +79,13 @@ def _galaxies(out: FloatArray, rows: IntArray, universe: Universe, some: ObjectT
     _integrate(
         out,
         rows,
-        some["z"].astype(float),
-        np.ascontiguousarray(coefficients(some), dtype=float),
-        some["sed_scale"].astype(float),
-        dust - usual,
-        np.exp(-usual * curve) / np.diff(edges),
-        curve,
-        edges,
+        _Galaxies(
+            some["z"].astype(float),
+            np.ascontiguousarray(coefficients(some), dtype=float),
+            some["sed_scale"].astype(float),
+            dust - usual,
+        ),
+        _Bins(edges, curve, np.exp(-usual * curve) / np.diff(edges)),
         *seds.cells,
         Intergalactic(centres, seds.igm).tables,
     )
@@ -71,28 +95,27 @@ def _galaxies(out: FloatArray, rows: IntArray, universe: Universe, some: ObjectT
 def _integrate(
     out: FloatArray,
     rows: IntArray,
-    z: FloatArray,
-    mix: FloatArray,
-    scale: FloatArray,
-    dust: FloatArray,
-    dimmed: FloatArray,
-    curve: FloatArray,
-    edges: FloatArray,
+    galaxies: _Galaxies,
+    bins: _Bins,
     nodes: FloatArray,
     basis: FloatArray,
     igm: IgmTables,
 ) -> None:
+    """Fill `rows` of `out`; nodes, basis: GalaxySeds.cells; igm: Intergalactic.tables at the middles of the bins."""
+    edges = bins.edges
+    curve = bins.curve
+    dimmed = bins.dimmed
     rest = np.empty(len(nodes))
     slope = np.empty(len(nodes))
     running = np.empty(len(nodes))
     last = len(nodes) - 1
-    for n in range(len(z)):
-        stretch = 1.0 + z[n]
+    for n in range(len(rows)):
+        stretch = 1.0 + galaxies.z[n]
         row = out[rows[n]]
-        more = -dust[n]
+        more = -galaxies.dust[n]
         low = min(max(np.searchsorted(nodes, edges[0] / stretch, side="right") - 1, 0), last - 1)
         high = min(np.searchsorted(nodes, edges[-1] / stretch, side="right"), last)
-        combine(rest, low, high + 1, mix[n], basis)
+        combine(rest, low, high + 1, galaxies.mix[n], basis)
         running[low] = 0.0
         for j in range(low, high):
             gap = stretch * (nodes[j + 1] - nodes[j])
@@ -111,9 +134,9 @@ def _integrate(
             before = light
         for b in range(len(row)):
             x = more * curve[b]
-            row[b] *= scale[n] * dimmed[b] * (1.0 + x * (1.0 + x * (0.5 + x * (1.0 / 6.0 + x / 24.0))))
+            row[b] *= galaxies.scale[n] * dimmed[b] * (1.0 + x * (1.0 + x * (0.5 + x * (1.0 / 6.0 + x / 24.0))))
         if abs(more) > _SMALL:  # rare: this galaxy's dust differs much from the mean
             for b in range(len(row)):
                 x = more * curve[b]
                 row[b] *= np.exp(x) / (1.0 + x * (1.0 + x * (0.5 + x * (1.0 / 6.0 + x / 24.0))))
-        absorb(row, 0, len(row), z[n], igm)
+        absorb(row, 0, len(row), galaxies.z[n], igm)
