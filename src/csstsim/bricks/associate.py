@@ -87,8 +87,8 @@ def associate(
     return np.unique(seed_of, return_inverse=True)[1]
 
 
-def _share_out(pairs: _Pairs, frame: IntArray) -> IntArray:
-    """Return the rows of `pairs`, likeliest first, that are taken; a seed takes one detection of each frame."""
+def _share_out(pairs: _Pairs, frame: IntArray) -> BoolArray:
+    """Return which of `pairs`, likeliest first, are taken; a seed takes one detection of each frame."""
     _, slot = np.unique(pairs.seed * (frame.max(initial=0) + 1) + frame[pairs.detection], return_inverse=True)
     return share_out(pairs.detection, slot)
 
