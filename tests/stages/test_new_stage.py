@@ -18,7 +18,7 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.delivery.contents import CHECKED
 
 ROOT = Path(__file__).resolve().parents[2]
-CODE = re.compile(r"```(?:python|yaml)\n(.*?)```", re.DOTALL)
+STAGE = Path(__file__).with_name("new_stage")  # what the page shows
 COPIED = "src/csstsim", "config", "workflow", "Snakefile"
 LINKED = "survey_tables", "examples", "builders", "profiles", "pyproject.toml"
 JOB = "--obsid", "10100000001", "--chip", "9"
@@ -43,18 +43,17 @@ def extended(tmp_path_factory):
             shutil.copyfile(source, root / name)
     for name in LINKED:
         (root / name).symlink_to(ROOT / name)
-    page = (ROOT / "docs/extension_points.md").read_text()
-    record, function, command, rule, cost = CODE.findall(page.split("## A stage")[1].split("## Files")[0])
+    shutil.copyfile(STAGE / "count.py", root / "src/csstsim/stages/count.py")
     records = root / "src/csstsim/base/stage_records.py"
+    record = (STAGE / "record.txt").read_text()
     insert(records, textwrap.indent(f"{record.rstrip()},\n", "    "), '    Stage(\n        name="extract",')
-    (root / "src/csstsim/stages/count.py").write_text(function)
     commands = root / "src/csstsim/command_line/rules.py"
-    insert(commands, f"{command}\n\n", "RULES = (\n")
+    insert(commands, (STAGE / "command.txt").read_text() + "\n\n", "RULES = (\n")
     commands.write_text(commands.read_text().replace("RULES = (\n", "RULES = (\n    count,"))
     with (root / "workflow/rules/calibrate.smk").open("a") as file:
-        file.write(f"\n\n{rule}")
+        file.write("\n\n" + (STAGE / "rule.smk").read_text())
     with (root / "config/costs.yaml").open("a") as file:
-        file.write(f"\n{cost}")
+        file.write("\n" + (STAGE / "cost.yaml").read_text())
     return root
 
 
