@@ -27,6 +27,7 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.sections import ContaminationConfig
 from csstsim.catalog.table import GALAXY
 from csstsim.instrument.camera import load_camera
+from csstsim.measure.spectra.chosen_orders import Choice
 from csstsim.measure.spectra.extract import extract_spectra
 from csstsim.measure.spectra.line_fluxes import LineFluxes
 from csstsim.optics.geometry.pointing_for import centred_exposure, light_on
@@ -121,7 +122,7 @@ def _extract(run: OpenCampaign, job, folder: Path, way: str, band: str) -> None:
     ids = truth["id"][(truth["obj_type"] == GALAXY) & (truth[band] <= FAINTEST)]
     lines = LineFluxes(np.where(truth["obj_type"] == GALAXY, truth["z"], np.nan))
     measured = lines if contamination.subtract else None
-    table = extract_spectra(frame, orders, *others, snr_min=0.0, ids=ids, lines=measured)
+    table = extract_spectra(frame, orders, *others, Choice(snr_min=0.0, ids=ids), measured)
     path.parent.mkdir(exist_ok=True)
     recipe = {"recipe": run.recipe(job, "measure")}
     lines.table().write(path.with_name(f"{path.stem}_lines.parquet"), recipe)

@@ -8,6 +8,7 @@ from astropy.table import Table
 
 import csstsim
 from csstsim.catalog.astrometry.reduction import icrs
+from csstsim.measure.spectra.chosen_orders import Choice
 from csstsim.measure.spectra.extract import DispersedImage, Sources, extract_spectra
 from csstsim.measure.spectra.spectral_model import make_model
 from csstsim.optics.scatter.scattered_light import read_scattered
@@ -100,7 +101,7 @@ def test_subtracted_light_is_gone_from_the_spectrum(pair, modelled):
 
     def extracted(plane, *known):
         frame = DispersedImage(job.window, (plane + SKY).astype(np.float32), marks, None, READ_NOISE, *known)
-        table = extract_spectra(frame, orders, sources, model, psf, wing, snr_min=0.0, ids=[1])
+        table = extract_spectra(frame, orders, sources, model, psf, wing, Choice(snr_min=0.0, ids=[1]))
         return {name: float(np.nansum(table[name])) for name in ("electrons", "box", "contamination")}
 
     lonely, found = extracted(alone), extracted(both, others)

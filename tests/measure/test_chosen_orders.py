@@ -7,7 +7,7 @@ import pytest
 
 from csstsim.catalog.table import ObjectTable
 from csstsim.instrument.filter import GRID
-from csstsim.measure.spectra.chosen_orders import chosen_orders, line_snr, predicted_snr, shortened
+from csstsim.measure.spectra.chosen_orders import Choice, chosen_orders, line_snr, predicted_snr, shortened
 from csstsim.measure.spectra.line_profile import ACROSS, ALONG, Shapes
 
 
@@ -86,8 +86,8 @@ def test_of_two_gratings_the_one_with_more_light_counts_and_reasons_are_counted(
     chosen, left = chosen_orders(frame, orders, sources, None)
     assert chosen.tolist() == [False, True, False, False, False, False, False]
     assert left == {"off": 1, "second": 1, "faint": 1}
-    chosen, left = chosen_orders(frame, orders, sources, None, wanted=(2, 0), snr_min=20.0)
+    chosen, left = chosen_orders(frame, orders, sources, None, Choice((2, 0), snr_min=20.0))
     assert chosen.tolist() == [False, False, False, False, False, True, False]
     assert left == {"off": 1, "second": 0, "faint": 1}
-    chosen, left = chosen_orders(frame, orders, sources, None, wanted=(1, 2), ids=[101])
+    chosen, left = chosen_orders(frame, orders, sources, None, Choice((1, 2), ids=[101]))
     assert chosen.tolist() == [False] * 5 + [True, False] and left == {"off": 1, "second": 0, "faint": 1}

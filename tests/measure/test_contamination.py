@@ -9,6 +9,7 @@ from slitless import EDGES, GaussianPsf, draw, frame_of, setting, sources_of, wi
 from csstsim.catalog.table import ObjectTable
 from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
+from csstsim.measure.spectra.chosen_orders import Choice
 from csstsim.measure.spectra.contamination import NOBODY, CataloguedLight, expected_orders
 from csstsim.measure.spectra.extract import extract_spectra
 from csstsim.measure.spectra.spectrum_columns import DIM, IMAGED, LOST
@@ -164,7 +165,7 @@ def test_light_of_an_image_is_flagged(pair, image, level, flagged):
     if image is not None:
         sources.shapes.image[image] = True
     drawn = frame_of(images[0] + level / 0.3 * images[1], WINDOW)
-    table = extract_spectra(drawn, s.orders, sources, s.model, PSF, snr_min=0.0)
+    table = extract_spectra(drawn, s.orders, sources, s.model, PSF, choice=Choice(snr_min=0.0))
     for one in (100, 101):
         flags = table["flags"][(table["id"] == one) & (table["flags"] & (DIM | LOST) == 0)]
         share = np.mean(flags & IMAGED > 0)

@@ -49,8 +49,8 @@ def star(camera):
     return s, image, sources_of([smooth()])
 
 
-def run(setting_, frame, sources, **options):
-    return extract_spectra(frame, setting_.orders, sources, setting_.model, PSF, **options)
+def run(setting_, frame, sources, **choice):
+    return extract_spectra(frame, setting_.orders, sources, setting_.model, PSF, choice=chosen_orders.Choice(**choice))
 
 
 @pytest.mark.parametrize(("chip", "x", "side"), [(3, 2000.3, 1), (3, 6000.4, -1), (2, 1500.1, 1), (2, 5000.7, -1),
@@ -158,7 +158,7 @@ def test_zeroth_order_of_another_object_is_contamination_and_can_be_extracted(ca
     assert (table["flags"][struck] & CONTAMINATED > 0).any()
     assert table["contamination"].sum() == pytest.approx(spot.sum() / LIGHT, rel=0.1)
     assert table["box"][struck].sum() == pytest.approx(table["model"][struck].sum(), rel=0.02)
-    zero = run(s, frame_of(spot, window), sources, wanted=(0,))
+    zero = run(s, frame_of(spot, window), sources, orders=(0,))
     assert set(zero["order"]) == {0} and set(zero["id"]) == {101}
     assert zero["box"].sum() == pytest.approx(spot.sum() / LIGHT, rel=5e-3)
 

@@ -8,6 +8,7 @@ from csstsim.catalog.table import ObjectTable
 from csstsim.instrument.filter import GRID
 from csstsim.measure.calibration.bad_pixels import BAD, FULL
 from csstsim.measure.spectra import line_fluxes
+from csstsim.measure.spectra.chosen_orders import Choice
 from csstsim.measure.spectra.extract import extract_spectra
 from csstsim.measure.spectra.line_columns import BLENDED, BLIND, COLUMNS, LINES, PART
 from csstsim.measure.spectra.line_fluxes import LineFluxes, judged
@@ -41,7 +42,7 @@ def lines_of(scene, z, seed=None, marks=None):
     s, image, sources = scene
     lines = LineFluxes(np.array([z]))
     frame = frame_of(image, s.window, seed, marks=marks)
-    extract_spectra(frame, s.orders, sources, s.model, GaussianPsf(), snr_min=0.0, lines=lines)
+    extract_spectra(frame, s.orders, sources, s.model, GaussianPsf(), choice=Choice(snr_min=0.0), lines=lines)
     return lines.table()
 
 

@@ -10,6 +10,7 @@ from slitless import binned
 from csstsim.base.units import C_A_S, H_J_S, ab_photon_density
 from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
+from csstsim.measure.spectra.chosen_orders import Choice
 from csstsim.measure.spectra.extract import DispersedImage, Sources, extract_spectra
 from csstsim.measure.spectra.line_fluxes import LineFluxes
 from csstsim.measure.spectra.line_image import LineImage, point_transforms
@@ -63,7 +64,7 @@ def measured(camera, psf, photons, scene, z=Z):
     sources = Sources(shapes_of(table, wcs), lambda rows, edges: np.array([each] * len(rows)), edges)
     marks, lines = np.zeros(image.shape, np.uint8), LineFluxes(np.array([z]))
     frame = DispersedImage(WINDOW, (image + SKY).astype(np.float32), marks, None, READ_NOISE)
-    extract_spectra(frame, orders, sources, model, psf, snr_min=0.0, lines=lines)
+    extract_spectra(frame, orders, sources, model, psf, choice=Choice(snr_min=0.0), lines=lines)
     found = lines.table()
     [k] = np.flatnonzero(found["line"] == "[OII]")
     one = orders.take(orders["order"] == 1)

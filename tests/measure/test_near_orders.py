@@ -8,7 +8,7 @@ from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
 from csstsim.measure.spectra import spectral_model
 from csstsim.measure.spectra.line_profile import OFFSETS, Shapes
-from csstsim.measure.spectra.near_orders import TILE, near_orders
+from csstsim.measure.spectra.near_orders import TILE, OrderExtents, near_orders
 from csstsim.measure.spectra.spectral_model import make_model
 
 WINDOW = Window(1000, 3300, 3800, 4500)
@@ -36,9 +36,14 @@ def scene(camera):
 @pytest.mark.parametrize("faintest", [0.5, 20.0])
 def test_an_image_in_boxes_is_the_whole_one_there(scene, monkeypatch, boxes, faintest):
     model, orders, shapes, spectra = scene
-    drawn = []
-    draw = spectral_model._draw
-    monkeypatch.setattr(spectral_model, "_draw", lambda image, *rest: drawn.append(len(rest[2])) or draw(image, *rest))
+    rendered = []
+    render = spectral_model._render
+
+    def counted(image, corner, traced, *rest):
+        rendered.append(len(traced.pair))
+        render(image, corner, traced, *rest)
+
+    monkeypatch.setattr(spectral_model, "_render", counted)
     asked = orders, shapes, spectra, EDGES, WINDOW, faintest
     whole, some = model.image(*asked), model.image(*asked, boxes=np.array(boxes, float))
     for x0, x1, y0, y1 in boxes:
@@ -46,7 +51,7 @@ def test_an_image_in_boxes_is_the_whole_one_there(scene, monkeypatch, boxes, fai
         assert np.array_equal(some[part], whole[part])
     assert whole.max() > 10 * faintest
     if boxes[0][0] in (1500, 3400):
-        assert sum(drawn[1:]) < 0.6 * drawn[0]  # the orders that are far away are not drawn
+        assert sum(rendered[1:]) < 0.6 * rendered[0]  # the orders that are far away are not rendered
 
 
 def test_an_order_is_near_where_its_tiles_are_those_of_a_box():
@@ -64,5 +69,6 @@ def test_an_order_is_near_where_its_tiles_are_those_of_a_box():
     nothing = np.zeros((1, 2, 1, len(OFFSETS)))
     boxes = np.array([[x0, x1, y0, y1]], float)
     size = np.zeros((n, 2), int)
-    found = near_orders(ends, heights, np.ones(n), np.full((n, 2), 0.5), size, nothing, WINDOW, boxes, 1.0)
+    extents = OrderExtents(ends, heights, np.ones(n), np.full((n, 2), 0.5), size)
+    found = near_orders(extents, nothing, WINDOW, boxes, 1.0)
     assert found.tolist() == near.tolist()

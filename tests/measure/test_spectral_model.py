@@ -8,7 +8,16 @@ from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
 from csstsim.measure.spectra import near_orders
 from csstsim.measure.spectra.line_profile import ACROSS, ALONG, HALF, OFFSETS, Shapes
-from csstsim.measure.spectra.spectral_model import SpectralModel, _counted, _draw, _share
+from csstsim.measure.spectra.spectral_model import (
+    ImageCorner,
+    ModelArrays,
+    ObjectLight,
+    SpectralModel,
+    TracedOrders,
+    _counted,
+    _fraction_through,
+    _render,
+)
 
 EDGES = np.arange(3000.0, 9000.0, 37.0)
 STEP = GRID[1] - GRID[0]
@@ -37,7 +46,7 @@ def test_only_what_a_pieces_edge_cuts_is_less_than_all():
         "electrons": np.full(4, 1000.0), "drawn": np.array([900.0, 900.0, 0.0, 1100.0]),
         "cut": np.array([False, True, True, True]),
     })  # fmt: skip
-    assert _share(orders).tolist() == [1.0, 0.9, 0.0, 1.0]
+    assert _fraction_through(orders).tolist() == [1.0, 0.9, 0.0, 1.0]
 
 
 @pytest.mark.parametrize("matrix", [[[3.0, 0.0], [0.0, 1.0]], [[2.0, 1.5], [0.0, 1.0]], [[0.3, 1.0], [2.0, -0.4]]])
@@ -66,12 +75,17 @@ def test_light_between_classes_of_size_is_all_drawn(place, light):
     cumulative = 0.5 * np.arange(len(GRID))[None] * STEP  # a throughput of a half
     spectrum, image = rng.uniform(1.0, 5.0, (1, len(EDGES) - 1)), np.zeros((2 * HALF + 40, 1200), np.float64)
     limits, per = np.array([[4500.0, 6500.0]]), 0.4
-    _draw(
-        image, np.array([0, 1200, 0]), np.zeros(1, int), np.zeros(1, int),
-        np.array([[-1500.0, per, HALF + 20.0, 0.0]]), np.ones(1), spectrum, EDGES, np.array([light]),
-        np.full((1, 2, 2), place), tables, kernels, np.clip(cumulative, cumulative[:, [5000]], cumulative[:, [9000]]),
-        limits, bands, 0.0,
-    )  # fmt: skip
+    one = np.zeros(1, int)
+    at, middle, slope = np.array([-1500.0]), np.array([HALF + 20.0]), np.zeros(1)
+    lit = np.clip(cumulative, cumulative[:, [5000]], cumulative[:, [9000]])
+    _render(
+        image,
+        ImageCorner(0, 1200, 0),
+        TracedOrders(one, one, at, np.array([per]), middle, slope, np.ones(1)),
+        ObjectLight(spectrum, EDGES, np.array([light]), np.full((1, 2, 2), place)),
+        ModelArrays(tables, kernels, lit, limits, bands),
+        0.0,
+    )
     bins = np.clip(np.minimum(EDGES[1:], 6500.0) - np.maximum(EDGES[:-1], 4500.0), 0, None)
     assert image.sum() == pytest.approx(0.5 * (spectrum[0] * bins).sum(), rel=1e-3) and image.min() >= 0
 

@@ -71,7 +71,11 @@ def test_the_workflows_spectra_have_checks_and_lines_know_the_redshifts_of_galax
     assert written(run) == {f"spectra/1_21{end}" for end in (".parquet", ".png", "_lines.parquet")}
     [(given, named)] = seen
     assert given == ("FRAME", {"id": given[1]["id"]}, run.config.measurement.contamination, "MODEL", "PSF", "WING")
-    assert (named["snr_min"], named["ids"]) == (5.0, None) and np.isnan(redshifts[0][0]) and redshifts[0][1] == 0.5
+    assert (
+        (named["choice"].snr_min, named["choice"].ids) == (5.0, None)
+        and np.isnan(redshifts[0][0])
+        and redshifts[0][1] == 0.5
+    )
     table, lines = (ObjectTable.read(of(*job().key)) for of in (run.paths.spectra, run.paths.lines))
     assert table.meta["checks"] == {"sky": 1} and table.meta["recipe"] == lines.meta["recipe"] == RECIPE
     assert lines.meta["detected"] == 1
@@ -94,7 +98,7 @@ def test_a_choice_of_ones_own_goes_to_files_of_its_own(frame, monkeypatch, choic
     assert "checks" not in ObjectTable.read(run.paths.output / "chosen/1_21.parquet").meta
     assert images == ([run.paths.output / "chosen/1_21_contamination.fits"] if "image" in choice else [])
     [(given, named)] = seen
-    assert (named["snr_min"], named["ids"]) == (choice.get("snr_min", 5.0), choice.get("ids"))
+    assert (named["choice"].snr_min, named["choice"].ids) == (choice.get("snr_min", 5.0), choice.get("ids"))
     assert given[2] is choice.get("contamination", run.config.measurement.contamination)
 
 

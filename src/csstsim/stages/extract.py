@@ -54,7 +54,7 @@ def extract(
     goes to files of its own, in `chosen/`. Raises InputError, also for an id that has no order in the truth.
     """
     from csstsim.base.files.atomic import atomic_path
-    from csstsim.measure.spectra.chosen_orders import LEFT_OUT
+    from csstsim.measure.spectra.chosen_orders import LEFT_OUT, Choice
     from csstsim.measure.spectra.extract import extract_spectra
     from csstsim.measure.spectra.line_fluxes import LineFluxes, judged
     from csstsim.measure.spectra.spectra_figures import spectra_figure
@@ -69,7 +69,8 @@ def extract(
     if unknown:
         raise InputError("no object of this chip's table of orders", key="--ids", value=unknown[0])
     lines = LineFluxes(np.where(truth["obj_type"] == GALAXY, truth["z"], np.nan))
-    table = extract_spectra(frame, orders, sources, model, psf, wing, snr_min=snr_min, ids=ids, lines=lines)
+    choice = Choice(snr_min=snr_min, ids=ids)
+    table = extract_spectra(frame, orders, sources, model, psf, wing, choice=choice, lines=lines)
     paths: Sequence[Path] = (run.paths.spectra(*job.key), run.paths.lines(*job.key))
     chosen = run.paths.output / "chosen"
     if not workflows:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -27,6 +27,20 @@ LEFT_OUT = {
     "second": "second of two gratings, with less of the light",
     "unusable": "no usable pixel",
 }
+
+
+class Choice(NamedTuple):
+    """Which spectra are extracted: of these `orders`, of a predicted S/N per resolution element of at least `snr_min`.
+
+    `ids`: of these objects only, or None for all.
+    """
+
+    orders: Sequence[int] = (1,)
+    snr_min: float = 5.0
+    ids: Sequence[int] | None = None
+
+
+DEFAULT_CHOICE = Choice()
 
 
 def predicted_snr(orders: ObjectTable, shapes: Shapes, noise: float) -> FloatArray:
@@ -55,11 +69,12 @@ def line_snr(orders: ObjectTable, sources: Sources, model: SpectralModel, noise:
             continue
         light = sources.shapes.light[row]
         radius = sources.shapes.radius[row]
-        along, across = (2 * float((light * radius[axis]).sum()) for axis in (ALONG, ACROSS))
-        place = q * sources.edges
+        along = 2 * float((light * radius[ALONG]).sum())
+        across = 2 * float((light * radius[ACROSS]).sum())
+        position = q * sources.edges
         length = ELEMENT + along
         seen = (sources.edges >= orders["wave_min"][k]) & (sources.edges <= orders["wave_max"][k])
-        most = np.max(np.interp(place + length, place, electrons) - electrons, where=seen, initial=0.0)
+        most = np.max(np.interp(position + length, position, electrons) - electrons, where=seen, initial=0.0)
         signal = orders["drawn"][k] * most / electrons[-1]
         snr[k] = signal / np.sqrt(signal + length * (ELEMENT_ROWS + across) * noise**2)
     return snr
@@ -70,24 +85,23 @@ def chosen_orders(
     orders: ObjectTable,
     sources: Sources,
     model: SpectralModel,
-    *,
-    wanted: Sequence[int] = (1,),
-    snr_min: float = 5.0,
-    ids: Sequence[int] | None = None,
+    choice: Choice = DEFAULT_CHOICE,
 ) -> tuple[BoolArray, dict[str, int]]:
     """Return (mask (n,), {reason of LEFT_OUT: count}): the rows of the orders' table whose spectra are extracted.
 
-    Chosen are rows of the `wanted` orders with light on the window, and S/N of at least snr_min per resolution element,
-    in the mean or in a line; ids: of these objects only. Near the line between two gratings the second gives none.
+    Chosen are rows of the wanted orders with light on the window and enough S/N, in the mean or in a line. Near the
+    line between two gratings the second gives none.
     """
-    asked = np.isin(orders["order"], wanted) & (True if ids is None else np.isin(orders["id"], ids))
+    asked = np.isin(orders["order"], choice.orders)
+    if choice.ids is not None:
+        asked &= np.isin(orders["id"], choice.ids)
     light = (orders["drawn"] > 0) & np.isfinite(orders["wave_min"])
     largest = _largest(orders)
     snr = predicted_snr(orders, sources.shapes, frame.noise)
     if sources.spectra is not None:
-        dim = np.flatnonzero(asked & light & largest & (snr < snr_min) & (snr >= LINES_FROM * snr_min))
+        dim = np.flatnonzero(asked & light & largest & (snr < choice.snr_min) & (snr >= LINES_FROM * choice.snr_min))
         snr[dim] = np.maximum(snr[dim], line_snr(orders.take(dim), sources, model, frame.noise))
-    bright = snr >= snr_min
+    bright = snr >= choice.snr_min
     masks = {"off": ~light, "second": light & ~largest, "faint": light & largest & ~bright}
     return asked & light & largest & bright, {name: int((asked & mask).sum()) for name, mask in masks.items()}
 

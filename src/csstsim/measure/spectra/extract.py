@@ -12,10 +12,10 @@ a strong one. Sums over the whole line are right.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from csstsim.catalog.table import ObjectTable
 from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
 from csstsim.measure.calibration.bad_pixels import BAD
-from csstsim.measure.spectra.chosen_orders import chosen_orders, shortened
+from csstsim.measure.spectra.chosen_orders import DEFAULT_CHOICE, Choice, chosen_orders, shortened
 from csstsim.measure.spectra.column_sums import CONTAMINATED_FROM, FLOOR, GAP, STRIP, measured
 from csstsim.measure.spectra.cutout import Cutout
 from csstsim.measure.spectra.line_image import LineImage, point_transforms
@@ -52,8 +52,8 @@ if TYPE_CHECKING:
 
 APERTURE_LIGHT = 0.9  # of the light in the aperture's rows
 # px, half the aperture
-LEAST = 4.0
-MOST = 20.0
+HALF_MIN = 4.0
+HALF_MAX = 20.0
 PAD = 4  # columns beyond the order's ends: light that the PSF spreads
 DIM_BELOW = 0.05  # of the order's largest electrons per photon: no flux is given
 CHUNK = 500  # spectra made at a time
@@ -117,6 +117,21 @@ class Sources:
             yield from enumerate((s if s is None else np.asarray(s, float) for s in spectra), first)
 
 
+class PsfFunctions(NamedTuple):
+    """Functions of a chip position x, y [px] that return `_points` and line_image.point_transforms there."""
+
+    points: Callable[[float, float], FloatArray]
+    transforms: Callable[[float, float], ComplexArray]
+
+
+class _Pixels(NamedTuple):
+    """Columns of a trace in the window, their wavelengths [angstrom] and rows of the trace [px], each (n,)."""
+
+    columns: IntArray
+    wave: FloatArray
+    centre: FloatArray
+
+
 def extract_spectra(
     frame: DispersedImage,
     orders: ObjectTable,
@@ -124,30 +139,45 @@ def extract_spectra(
     model: SpectralModel,
     psf: PsfSet,
     wing: Wing | None = None,
-    *,
-    wanted: Sequence[int] = (1,),
-    snr_min: float = 5.0,
-    ids: Sequence[int] | None = None,
+    choice: Choice = DEFAULT_CHOICE,
     lines: LineFluxes | None = None,
 ) -> ObjectTable:
     """Return the ObjectTable of spectra (spectrum_columns.COLUMNS), one row per column of a spectrum.
 
-    orders: ObjectTable of io.orders; sources: Sources; model: spectral_model.SpectralModel; psf: PsfSet, or an object
-    with its `mixed` and `oversampling`; wing: optics.scatter.halo.Wing of it or None; wanted: orders; snr_min:
-    predicted S/N per resolution element; ids: objects, or None for all (chosen_orders). DispersedImage.others, if
-    given, is subtracted without the spectrum's own light. The metadata count the spectra, those that the window cuts,
-    and what was left out (chosen_orders.LEFT_OUT). lines: line_fluxes.LineFluxes that measures each spectrum's lines,
-    or None.
+    Parameters
+    ----------
+    frame : DispersedImage
+        Its `others`, if given, are subtracted without the spectrum's own electrons.
+    orders : ObjectTable
+        Of io.orders, a row for each order of an object.
+    sources : Sources
+        Shapes and spectra of the objects.
+    model : SpectralModel
+        Of measure.spectra.spectral_model.
+    psf : PsfSet
+        Or an object with its `mixed` and `oversampling`.
+    wing : Wing, optional
+        Of the PSF (optics.scatter.halo).
+    choice : Choice
+        Which spectra are extracted (chosen_orders).
+    lines : LineFluxes, optional
+        Measures the emission lines of each spectrum (line_fluxes).
+
+    Returns
+    -------
+    ObjectTable
+        Its metadata count the spectra, those that the window cuts, and what was left out (chosen_orders.LEFT_OUT).
     """
-    chosen, left_out = chosen_orders(frame, orders, sources, model, wanted=wanted, snr_min=snr_min, ids=ids)
+    chosen, left_out = chosen_orders(frame, orders, sources, model, choice)
     parts = [_nothing()]
     short = shortened(orders, model)
     counts = 0
     cut = 0
-    point = psf.mixed(partial(_points, per_pixel=psf.oversampling, wing=wing))
-    waves: Callable[[float, float], ComplexArray] = psf.mixed(
+    points = psf.mixed(partial(_points, per_pixel=psf.oversampling, wing=wing))
+    transforms: Callable[[float, float], ComplexArray] = psf.mixed(
         partial(point_transforms, per_pixel=psf.oversampling)  # type: ignore[arg-type]  # linear, too, but complex
     )  # type: ignore[assignment]
+    psf_at = PsfFunctions(points, transforms)
     rows = np.flatnonzero(chosen)
     boxes = _boxes(orders.take(rows), model)
     pictured = _of_images(frame, orders, sources, model, boxes)
@@ -155,23 +185,29 @@ def extract_spectra(
         frame = replace(frame, others=frame.others(faintest=frame.faintest, boxes=boxes))
     for k, (_, spectrum) in zip(rows, sources.each(orders["row"][rows]), strict=True):
         one = orders.take(slice(k, k + 1))
-        found = _extract_one(frame, one, sources.shapes, spectrum, sources.edges, model, point, waves, lines, pictured)
+        found = _extract_one(frame, one, sources, spectrum, model, psf_at, lines, pictured)
         if found is not None:
             parts.append(found)
             counts += 1
             cut += int(short[k])
     columns = {name: np.concatenate([part[name] for part in parts]) for name in COLUMNS}
     left_out["unusable"] = int(chosen.sum()) - counts
-    about = {"spectra": counts, "cut": cut, "snr_min": float(snr_min), "orders": [int(n) for n in wanted]}
+    about = {
+        "spectra": counts,
+        "cut": cut,
+        "snr_min": float(choice.snr_min),
+        "orders": [int(n) for n in choice.orders],
+    }
     return ObjectTable(columns, about | {"left_out": left_out})
 
 
 def _boxes(orders: ObjectTable, model: SpectralModel) -> FloatArray:
     """Return (n, 4): x0, x1, y0, y1 [px] that hold all pixels from which the spectra of the orders are extracted."""
     wave = model.limits[model.pairs(orders)]
-    ends, heights = ((orders[a] + orders[b])[:, None] + orders[c][:, None] * wave for a, b, c in ("xpq", "yrs"))
+    ends = (orders["x"] + orders["p"])[:, None] + orders["q"][:, None] * wave
+    heights = (orders["y"] + orders["r"])[:, None] + orders["s"][:, None] * wave
     wide = PAD + 1
-    high = MOST + GAP + STRIP + 3
+    high = HALF_MAX + GAP + STRIP + 3
     return np.stack(
         [ends.min(axis=1) - wide, ends.max(axis=1) + wide, heights.min(axis=1) - high, heights.max(axis=1) + high],
         axis=1,
@@ -214,20 +250,19 @@ def _points(cells: FloatArray, per_pixel: int, wing: Wing | None) -> FloatArray:
 def _extract_one(
     frame: DispersedImage,
     one: ObjectTable,
-    shapes: Shapes,
+    sources: Sources,
     spectrum: FloatArray | None,
-    edges: FloatArray,
     model: SpectralModel,
-    point: Callable[[float, float], FloatArray],
-    waves: Callable[[float, float], ComplexArray],
+    psf: PsfFunctions,
     lines: LineFluxes | None,
     pictured: FloatArray | None,
 ) -> dict[str, AnyArray] | None:
     """Return {name: (n,)} of one row of the orders' table; None if none of its columns is usable.
 
-    spectrum: its object's in bins of `edges`, or None; point, waves: functions of x, y that return `_points` and
-    line_image.point_transforms there; pictured: of `_of_images`.
+    spectrum: its object's in bins of the sources' edges, or None; pictured: of `_of_images`.
     """
+    shapes = sources.shapes
+    edges = sources.edges
     row = int(one["row"][0])
     window = frame.window
     columns, wave, centre = _trace(one, model, window)
@@ -235,9 +270,10 @@ def _extract_one(
         return None
     light = shapes.light[row]
     radius = shapes.radius[row]
-    place = float(np.clip(one["x"][0], 0, None)), float(np.clip(one["y"][0], 0, None))
-    points = point(*place)
-    along, across = (broadened(points[axis], light, radius[axis]) for axis in (ALONG, ACROSS))
+    position = float(np.clip(one["x"][0], 0, None)), float(np.clip(one["y"][0], 0, None))
+    points = psf.points(*position)
+    along = broadened(points[ALONG], light, radius[ALONG])
+    across = broadened(points[ACROSS], light, radius[ACROSS])
     half = _half(across)
     reach = int(np.ceil(half + GAP + STRIP + 1))
     rows = np.arange(int(centre.min()) - reach, int(centre.max()) + reach + 2)
@@ -269,21 +305,21 @@ def _extract_one(
     found |= {"column": columns, "y": centre, "wavelength": wave, "sensitivity": flat, "model": expected}
     found |= {name: np.full(len(columns), one[name][0]) for name in ("id", "row", "order")}
     if lines is not None:
-        image = LineImage(partial(waves, *place), model.bands, light, radius, float(shapes.slant[row]))
+        image = LineImage(partial(psf.transforms, *position), model.bands, light, radius, float(shapes.slant[row]))
         lines.add(one, found, along, model, image, weights)
     return {name: found[name].astype(dtype) for name, (dtype, _) in COLUMNS.items()}
 
 
-def _trace(one: ObjectTable, model: SpectralModel, window: Window) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Return (columns, wavelengths, y) of the trace in the window, PAD columns longer than the order."""
+def _trace(one: ObjectTable, model: SpectralModel, window: Window) -> _Pixels:
+    """Return the pixels of the trace, PAD columns longer than the order."""
     x, y, p, q, r, s = (float(one[name][0]) for name in ("x", "y", "p", "q", "r", "s"))
     limits = model.limits[model.pair(one)]
-    ends = np.sort(x + p + q * limits)
-    first = max(np.ceil(ends[0]) - PAD, window.x0)
-    last = min(np.floor(ends[1]) + PAD + 1, window.x1)
+    low, high = np.sort(x + p + q * limits)
+    first = max(np.ceil(low) - PAD, window.x0)
+    last = min(np.floor(high) + PAD + 1, window.x1)
     columns = np.arange(int(first), int(max(first, last)))
     wave = (columns - x - p) / q
-    return columns, wave, y + r + s * np.clip(wave, *limits)
+    return _Pixels(columns, wave, y + r + s * np.clip(wave, *limits))
 
 
 def _half(across: FloatArray) -> float:
@@ -291,7 +327,7 @@ def _half(across: FloatArray) -> float:
     out = OFFSETS >= 0
     inside = across[:, out] - across[:, len(OFFSETS) - 1 - np.flatnonzero(out)]
     enough = (inside >= APERTURE_LIGHT * inside[:, -1:]).all(axis=0)
-    return float(np.clip(np.ceil(OFFSETS[out][np.argmax(enough)]), LEAST, MOST))
+    return float(np.clip(np.ceil(OFFSETS[out][np.argmax(enough)]), HALF_MIN, HALF_MAX))
 
 
 def _fluxes(found: Mapping[str, AnyArray], flat: FloatArray, wave: FloatArray) -> dict[str, AnyArray]:

@@ -1,12 +1,12 @@
-"""The orders whose light may reach the pixels of the spectra that are extracted: no others need to be drawn.
+"""The orders whose light may reach the pixels of the spectra that are extracted: no others need to be rendered.
 
 The pixels are marked in tiles. Along the dispersion an order's light ends with its profile's; across, it ends where
-all of its electrons in a single column would be fainter than what is drawn.
+all of its electrons in a single column would be fainter than what is rendered.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -20,28 +20,33 @@ TILE = 16  # px
 SAFETY = 2.0  # electrons by the model over those of the orders' table, at most
 
 
+class OrderExtents(NamedTuple):
+    """Where n orders may have light.
+
+    `ends`, `heights` (n, 2): first and last column that an order may light, and its trace there [px]; `electrons` (n,);
+    `light`, `size` (n, 2): of its object's components, fraction and class.
+    """
+
+    ends: FloatArray
+    heights: FloatArray
+    electrons: FloatArray
+    light: FloatArray
+    size: IntArray
+
+
 def near_orders(
-    ends: FloatArray,
-    heights: FloatArray,
-    electrons: FloatArray,
-    light: FloatArray,
-    size: IntArray,
-    tables: FloatArray,
-    window: Window,
-    boxes: FloatArray,
-    faintest: float,
+    orders: OrderExtents, tables: FloatArray, window: Window, boxes: FloatArray, faintest: float
 ) -> BoolArray:
     """Return (n,) bool: the orders that may put light of at least `faintest` electrons on a pixel in one of the boxes.
 
-    ends, heights (n, 2): first and last column that an order may light, and its trace there [px]; light (n, 2), size
-    (n, 2): of its object's components, share and class; tables: of SpectralModel, of ACROSS; boxes (m, 4): x0, x1,
-    y0, y1 [px], half-open.
+    tables: of SpectralModel, of ACROSS; boxes (m, 4): x0, x1, y0, y1 [px], half-open.
     """
     marked = _marked(boxes, window)
-    reach = _reach(electrons, light, size, tables, faintest)
-    low = heights.min(axis=1) - reach
-    high = heights.max(axis=1) + reach
-    x0, x1 = _tiles(ends[:, 0], ends[:, 1], window.x0, marked.shape[1] - 1)
+    reach = _reach(orders.electrons, orders.light, orders.size, tables, faintest)
+    low = orders.heights.min(axis=1) - reach
+    high = orders.heights.max(axis=1) + reach
+    first, last = orders.ends.T
+    x0, x1 = _tiles(first, last, window.x0, marked.shape[1] - 1)
     y0, y1 = _tiles(low, high, window.y0, marked.shape[0] - 1)
     return marked[y1, x1] - marked[y0, x1] - marked[y1, x0] + marked[y0, x0] > 0
 
@@ -49,16 +54,18 @@ def near_orders(
 def _marked(boxes: FloatArray, window: Window) -> IntArray:
     """Return int (tiles of y + 1, tiles of x + 1): how many tiles below and left of each corner touch a box."""
     touched = np.zeros((-(-window.ny // TILE) + 1, -(-window.nx // TILE) + 1), np.int64)
-    x0, x1 = _tiles(boxes[:, 0], boxes[:, 1] - 1, window.x0, touched.shape[1] - 1)
-    y0, y1 = _tiles(boxes[:, 2], boxes[:, 3] - 1, window.y0, touched.shape[0] - 1)
-    for left, right, low, high in zip(x0, x1, y0, y1, strict=True):
-        touched[low + 1 : high + 1, left + 1 : right + 1] = 1
+    left, right, low, high = boxes.T
+    x0, x1 = _tiles(left, right - 1, window.x0, touched.shape[1] - 1)
+    y0, y1 = _tiles(low, high - 1, window.y0, touched.shape[0] - 1)
+    for i0, i1, j0, j1 in zip(x0, x1, y0, y1, strict=True):
+        touched[j0 + 1 : j1 + 1, i0 + 1 : i1 + 1] = 1
     return touched.cumsum(axis=0).cumsum(axis=1)
 
 
 def _tiles(first: FloatArray, last: FloatArray, start: int, count: int) -> tuple[IntArray, IntArray]:
     """Return (first tile, tile after the last one) of pixels from `first` to `last`, of `count` tiles from `start`."""
-    low, high = (np.floor((np.asarray(v, float) - start) / TILE) for v in (first, last))
+    low = np.floor((np.asarray(first, float) - start) / TILE)
+    high = np.floor((np.asarray(last, float) - start) / TILE)
     return np.clip(low, 0, count).astype(int), np.clip(high + 1, 0, count).astype(int)
 
 

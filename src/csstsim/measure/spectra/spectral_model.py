@@ -1,11 +1,11 @@
 """A simple expected image of all orders of all objects: the contamination of a spectrum, and its expected electrons.
 
-    e(X) = sum over cells of a column [A t int S T dlambda] x share of the line profile that lands on X
+    e(X) = sum over cells of a column [A t int S T dlambda] x fraction of the line profile that lands on X
     image(X, row) += e(X) P(row - Y(X); lambda(X))
 
 with the trace X = x + p + q lambda, Y = y + r + s lambda of the orders' truth table, T the order's throughput, S the
 spectrum, constant in bins, P and the line profile from measure.spectra.line_profile (between those of two sizes a
-factor CLASS apart, the PSF of one place). Light that spreads far along the dispersion stays near its column: an even
+factor CLASS apart, the PSF of one position). Light that spreads far along the dispersion stays near its column: an even
 spectrum gets as much from others. Left out: light beyond HALF px across, the PSF's change over the frame, beams split
 by the line between two gratings.
 """
@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numba
 import numpy as np
@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from csstsim.base.types import BoolArray, FloatArray, IntArray
 from csstsim.instrument.filter import GRID
 from csstsim.measure.spectra.line_profile import ACROSS, ALONG, HALF, PER_PX, broadened, psf_profile
-from csstsim.measure.spectra.near_orders import near_orders
+from csstsim.measure.spectra.near_orders import OrderExtents, near_orders
 
 if TYPE_CHECKING:
     from csstsim.catalog.table import ObjectTable
@@ -38,13 +38,80 @@ SMALLEST = 0.1
 CLASSES = 38
 CHUNK = 500  # objects whose spectra are held at a time
 _STEP = GRID[1] - GRID[0]
-_REACH = 7, 4.0, 40  # px along the dispersion: least, per half-light radius, most
+# px along the dispersion: how far light is followed
+_REACH_MIN = 7
+_REACH_PER_RADIUS = 4.0  # of half-light radii
+_REACH_MAX = 40
 ONE_REACH = HALF // 2  # px along the dispersion: of the light of one spectrum
 # cells per column: for one spectrum, for all
 _FINE = 4
 _COARSE = 2
 # Of rows (n,) and edges (bins + 1,) [angstrom]: (n, bins) photon / s / m2 / angstrom
 BinnedSpectra: TypeAlias = Callable[[IntArray, FloatArray], FloatArray]
+
+
+class Trace(NamedTuple):
+    """Column at + per lambda [px] and row middle + slope lambda [px] of the light of a wavelength [angstrom]."""
+
+    at: float
+    per: float
+    middle: float
+    slope: float
+
+
+class ImageCorner(NamedTuple):
+    """Where an image lies on the chip [px]: columns x0 to x1, half-open, and its first row."""
+
+    x0: int
+    x1: int
+    y0: int
+
+
+class TracedOrders(NamedTuple):
+    """n orders, each array (n,): `owner`, row of their object in ObjectLight, `pair`, the terms of Trace, `fraction`.
+
+    `fraction`: of an order's light that went through its grating.
+    """
+
+    owner: IntArray
+    pair: IntArray
+    at: FloatArray
+    per: FloatArray
+    middle: FloatArray
+    slope: FloatArray
+    fraction: FloatArray
+
+
+class ObjectLight(NamedTuple):
+    """Objects: `spectra` (n, bins) photon m2 / angstrom in bins of `edges`; components' `light` (n, 2), fractions.
+
+    `size` (n, 2 axes, 2): positions of the components' radii among the classes (`_class_of`).
+    """
+
+    spectra: FloatArray
+    edges: FloatArray
+    light: FloatArray
+    size: FloatArray
+
+
+class ModelArrays(NamedTuple):
+    """Arrays of SpectralModel; `profiles`: its tables ACROSS."""
+
+    profiles: FloatArray
+    kernels: FloatArray
+    cumulative: FloatArray
+    limits: FloatArray
+    bands: FloatArray
+
+
+class _Part(NamedTuple):
+    """Rows of an orders' table with their pairs, `owner`: their objects' place in `rows` (of shapes) and `spectra`."""
+
+    orders: ObjectTable
+    pairs: IntArray
+    owner: IntArray
+    rows: IntArray
+    spectra: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,8 +182,8 @@ class SpectralModel:
         for first in range(0, len(rows), CHUNK):
             some = rows[first : first + CHUNK]
             mine = slice(start[first], start[min(first + CHUNK, len(rows))])
-            part = orders.take(mine), pairs[mine], owner[mine] - first
-            self._add(image, window, *part, shapes, some, spectra(some, edges), edges, faintest)
+            part = _Part(orders.take(mine), pairs[mine], owner[mine] - first, some, spectra(some, edges))
+            self._add(image, window, part, shapes, edges, faintest)
         return image
 
     def image_of_one(
@@ -131,31 +198,32 @@ class SpectralModel:
         """Return what one row of the orders' table, with its spectrum in bins of edges, has in `image`."""
         image = np.zeros(window.shape, np.float32)
         pairs = np.array([self.pair(one)])
-        if self._seen(one, pairs, shapes, faintest)[0]:
-            self._add(image, window, one, pairs, np.zeros(1, int), shapes, one["row"], spectrum[None], edges, faintest)
+        if self._seen(one, pairs, shapes, faintest).all():
+            part = _Part(one, pairs, np.zeros(1, int), one["row"], spectrum[None])
+            self._add(image, window, part, shapes, edges, faintest)
         return image
 
     def _add(
-        self,
-        image: FloatArray,
-        window: Window,
-        orders: ObjectTable,
-        pairs: IntArray,
-        owner: IntArray,
-        shapes: Shapes,
-        rows: IntArray,
-        spectra: FloatArray,
-        edges: FloatArray,
-        faintest: float,
+        self, image: FloatArray, window: Window, part: _Part, shapes: Shapes, edges: FloatArray, faintest: float
     ) -> None:
-        """Add orders to the image; owner: the place of their objects in `rows` (of shapes) and `spectra`."""
-        traces = np.stack([orders["x"] + orders["p"], orders["q"], orders["y"] + orders["r"], orders["s"]], axis=1)
-        _draw(
-            image, np.array([window.x0, window.x1, window.y0]), owner, pairs, traces, _share(orders),
-            np.ascontiguousarray(spectra, float) * self.photons, edges, shapes.light[rows],
-            _place_of(shapes.radius[rows]), self.tables[ACROSS], self.kernels, self.cumulative, self.limits,
-            self.bands, faintest,
-        )  # fmt: skip
+        """Add orders to the image."""
+        orders = part.orders
+        at, per, middle, slope = np.stack(
+            [orders["x"] + orders["p"], orders["q"], orders["y"] + orders["r"], orders["s"]]
+        )
+        _render(
+            image,
+            ImageCorner(window.x0, window.x1, window.y0),
+            TracedOrders(part.owner, part.pairs, at, per, middle, slope, _fraction_through(orders)),
+            ObjectLight(
+                np.ascontiguousarray(part.spectra, float) * self.photons,
+                edges,
+                shapes.light[part.rows],
+                _class_of(shapes.radius[part.rows]),
+            ),
+            ModelArrays(self.tables[ACROSS], self.kernels, self.cumulative, self.limits, self.bands),
+            faintest,
+        )
 
     def _seen(self, orders: ObjectTable, pairs: IntArray, shapes: Shapes, faintest: float) -> BoolArray:
         """Return (n,) bool: orders of at least `faintest` electrons per pixel if their light were spread evenly."""
@@ -175,10 +243,9 @@ class SpectralModel:
         wave = np.clip((ends - (orders["x"] + orders["p"])[:, None]) / orders["q"][:, None], GRID[0], GRID[-1])
         heights = (orders["y"] + orders["r"])[:, None] + orders["s"][:, None] * wave
         light = shapes.light[orders["row"]]
-        size = np.rint(_place_of(shapes.radius[orders["row"], ACROSS])).astype(int)
-        return near_orders(
-            ends, heights, orders["electrons"], light, size, self.tables[ACROSS], window, boxes, faintest
-        )
+        size = np.rint(_class_of(shapes.radius[orders["row"], ACROSS])).astype(int)
+        extents = OrderExtents(ends, heights, orders["electrons"], light, size)
+        return near_orders(extents, self.tables[ACROSS], window, boxes, faintest)
 
     def pair(self, one: ObjectTable) -> int:
         """Return the pair in `names` of an orders' table of one row."""
@@ -208,21 +275,21 @@ def make_model(
     point = [psf_profile(cells, per_pixel, axis, wing) for axis in (ALONG, ACROSS)]
     sizes = np.concatenate([[0.0], SMALLEST * CLASS ** np.arange(CLASSES - 1)])
     tables = np.array([[[broadened(p, one, (r, r)) for one in np.eye(2)] for r in sizes] for p in point])
-    kernels = np.array([[_kernels(one, _COARSE, _REACH[2]) for one in size] for size in tables[ALONG]])
+    kernels = np.array([[_kernels(one, _COARSE, _REACH_MAX) for one in size] for size in tables[ALONG]])
     names = {(name, number): k for k, (name, number, _) in enumerate(pairs)}
     return SpectralModel(photons, names, cumulative, limits, np.asarray(bands, float), tables, kernels)
 
 
-def _share(orders: ObjectTable) -> FloatArray:
-    """Return (n,): the share of an order's light that went through its grating; 1 except on the piece's edge."""
-    share = np.clip(orders["drawn"] / np.maximum(orders["electrons"], 1e-9), 0.0, 1.0)
-    return np.where(orders["cut"], share, 1.0)
+def _fraction_through(orders: ObjectTable) -> FloatArray:
+    """Return (n,): the fraction of an order's light that went through its grating; 1 except on the piece's edge."""
+    fraction = np.clip(orders["drawn"] / np.maximum(orders["electrons"], 1e-9), 0.0, 1.0)
+    return np.where(orders["cut"], fraction, 1.0)
 
 
-def _place_of(radius: FloatArray) -> FloatArray:
+def _class_of(radius: FloatArray) -> FloatArray:
     """Return where radii [px] lie among the classes of size: k is class k, k + 1/2 between it and the next one."""
-    place = np.log(np.maximum(radius, 1e-9) / SMALLEST) / np.log(CLASS) + 1
-    return np.where(radius < SMALLEST, np.clip(radius / SMALLEST, 0.0, 1.0), np.minimum(place, CLASSES - 1.0))
+    position = np.log(np.maximum(radius, 1e-9) / SMALLEST) / np.log(CLASS) + 1
+    return np.where(radius < SMALLEST, np.clip(radius / SMALLEST, 0.0, 1.0), np.minimum(position, CLASSES - 1.0))
 
 
 def _kernels(profile: FloatArray, per_column: int, reach: int) -> FloatArray:
@@ -270,7 +337,7 @@ def _counted(
 
 @numba.njit(cache=True)
 def _band(wave: float, bands: FloatArray) -> tuple[int, float]:
-    """Return (band, share of the next one), as line_profile.mixed."""
+    """Return (band, fraction of the next one), as line_profile.mixed."""
     k = 0
     while k < len(bands) - 2 and wave > bands[k + 1]:
         k += 1
@@ -313,39 +380,32 @@ def _along(
 
 
 @numba.njit(cache=True)
-def _draw(
+def _render(
     image: FloatArray,
-    bounds: IntArray,
-    owner: IntArray,
-    pairs: IntArray,
-    traces: FloatArray,
-    shares: FloatArray,
-    spectra: FloatArray,
-    edges: FloatArray,
-    light: FloatArray,
-    size: FloatArray,
-    tables: FloatArray,
-    kernels: FloatArray,
-    cumulative: FloatArray,
-    limits: FloatArray,
-    bands: FloatArray,
+    corner: ImageCorner,
+    orders: TracedOrders,
+    objects: ObjectLight,
+    model: ModelArrays,
     faintest: float,
 ) -> None:
-    """Add orders to the image; owner: their object's row of spectra, light (n, 2) and size (n, 2 axes, 2), places of
-    `_place_of`."""
-    x0, x1, y0 = bounds
+    """Add orders to the image, whose objects' components are mixed from those of the classes of size."""
+    tables = model.profiles
+    kernels = model.kernels
     most = kernels.shape[4] // 2
     before = -1
-    for i in range(len(pairs)):
-        k = owner[i]
-        pair = pairs[i]
-        a, b = light[k]
-        at, per, middle, slope = traces[i]
-        ends = at + per * limits[pair]
-        radius = a * _radius(size[k, 0, 0]) + b * _radius(size[k, 0, 1])
-        reach = int(min(_REACH[0] + _REACH[1] * radius, most))
-        first = int(max(ends.min() - reach, x0))
-        last = int(min(ends.max() + reach + 1, x1))
+    for i in range(len(orders.pair)):
+        k = orders.owner[i]
+        pair = orders.pair[i]
+        light = objects.light[k]
+        along, across = objects.size[k]
+        a, b = light
+        trace = Trace(orders.at[i], orders.per[i], orders.middle[i], orders.slope[i])
+        ends = trace.at + trace.per * model.limits[pair]
+        first_size, second_size = along
+        radius = a * _radius(first_size) + b * _radius(second_size)
+        reach = int(min(_REACH_MIN + _REACH_PER_RADIUS * radius, most))
+        first = int(max(ends.min() - reach, corner.x0))
+        last = int(min(ends.max() + reach + 1, corner.x1))
         if last <= first:
             continue
         if k != before:
@@ -353,75 +413,73 @@ def _draw(
             profile = np.zeros(tables.shape[2:])
             kernel = np.zeros((kernels.shape[2], kernels.shape[3], 2 * reach + 1))
             for c in range(2):
-                if light[k, c] != 0.0:
-                    low, share = _between(size[k, 1, c], len(tables))
-                    profile += light[k, c] * ((1 - share) * tables[low, c] + share * tables[low + 1, c])
-                    low, share = _between(size[k, 0, c], len(tables))
-                    kernel += light[k, c] * ((1 - share) * kernels[low, c] + share * kernels[low + 1, c])[:, :, part]
+                if light[c] != 0.0:
+                    low, share = _between(across[c], len(tables))
+                    profile += light[c] * ((1 - share) * tables[low, c] + share * tables[low + 1, c])
+                    low, share = _between(along[c], len(tables))
+                    kernel += light[c] * ((1 - share) * kernels[low, c] + share * kernels[low + 1, c])[:, :, part]
             kernel /= kernel.sum(axis=2).reshape(kernel.shape[0], kernel.shape[1], 1)  # what lies beyond stays near
             before = k
         column = np.zeros(last - first)
-        _along(cumulative[pair], edges, spectra[k], at, per, float(first), kernel, bands, column)
-        column *= shares[i]
-        _across(image, x0, y0, column, first, at, per, middle, slope, profile, bands, faintest)
+        cumulative = model.cumulative[pair]
+        spectrum = objects.spectra[k]
+        _along(cumulative, objects.edges, spectrum, trace.at, trace.per, float(first), kernel, model.bands, column)
+        column *= orders.fraction[i]
+        _across(image, corner, column, first, trace, profile, model.bands, faintest)
 
 
 @numba.njit(cache=True)
-def _between(place: float, count: int) -> tuple[int, float]:
-    """Return (class, share of the next one) of a place among `count` classes."""
-    low = min(int(place), count - 2)
-    return low, place - low
+def _between(position: float, count: int) -> tuple[int, float]:
+    """Return (class, fraction of the next one) of a position among `count` classes."""
+    low = min(int(position), count - 2)
+    return low, position - low
 
 
 @numba.njit(cache=True)
-def _radius(place: float) -> float:
-    """Return the radius [px] of a place among the classes of size."""
-    return SMALLEST * (CLASS ** (place - 1.0) if place > 1.0 else place)
+def _radius(position: float) -> float:
+    """Return the radius [px] of a position among the classes of size."""
+    return SMALLEST * (CLASS ** (position - 1.0) if position > 1.0 else position)
 
 
 @numba.njit(cache=True)
 def _across(
     image: FloatArray,
-    x0: int,
-    y0: int,
+    corner: ImageCorner,
     column: FloatArray,
     first: int,
-    at: float,
-    per: float,
-    middle: float,
-    slope: float,
+    trace: Trace,
     profile: FloatArray,
     bands: FloatArray,
     faintest: float,
 ) -> None:
-    """Spread columns of electrons over the rows of the image, which begins at x0, y0."""
+    """Spread the electrons of columns, from `first` on, over the rows of the image."""
     ny = image.shape[0]
     for i in range(len(column)):
         e = column[i]
         if e <= faintest:
             continue
-        wave = (first + i - at) / per
+        wave = (first + i - trace.at) / trace.per
         b, share = _band(wave, bands)
         wave = min(max(wave, GRID[0]), GRID[-1])
-        centre = middle + slope * wave - y0
+        centre = trace.middle + trace.slope * wave - corner.y0
         nearest = int(np.rint(centre))
         for side in (-1, 1):
             row = nearest if side > 0 else nearest - 1
             edge = _below(profile, b, share, row - 0.5 * side - centre)
             while abs(row - centre) < HALF - 1 and (row < ny if side > 0 else row >= 0):
-                next_ = _below(profile, b, share, row + 0.5 * side - centre)
-                light = side * (next_ - edge)
+                next_edge = _below(profile, b, share, row + 0.5 * side - centre)
+                light = side * (next_edge - edge)
                 if e * light < faintest:
                     break
                 if 0 <= row < ny:
-                    image[row, first + i - x0] += e * light
+                    image[row, first + i - corner.x0] += e * light
                 row = row + side
-                edge = next_
+                edge = next_edge
 
 
 @numba.njit(inline="always")
 def _below(profile: FloatArray, band: int, share: float, offset: float) -> float:
-    """Return the share of light below `offset` [px] of a profile between two bands."""
+    """Return the fraction of the light below `offset` [px] of a profile between two bands."""
     place = (offset + HALF) * PER_PX
     k = min(int(place), profile.shape[1] - 2)
     rest = place - k
