@@ -14,6 +14,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.load import read_data
 from csstsim.universe.dust.dust_map import DustMap, galactic
+from csstsim.universe.dust.extinction import fitzpatrick, odonnell
 
 NUMBERS = read_data(SHIPPED / "universe" / "dust.yaml")
 NSIDE = 16
@@ -203,11 +204,31 @@ def test_bad_files_are_named(tmp_path, plane):
 
 @pytest.mark.parametrize(
     ("key", "value"),
-    [("map", None), ("map", " "), ("map", ["sfd"]), ("map", "SFD"), ("columns", "EBV"), ("columns", [])],
+    [
+        ("map", None),
+        ("map", " "),
+        ("map", ["sfd"]),
+        ("map", "SFD"),
+        ("columns", "EBV"),
+        ("columns", []),
+        ("law", "F99"),
+        ("law", None),
+        ("law", ["odonnell94"]),
+    ],
 )
 def test_names_that_are_none(key, value):
     with pytest.raises(InputError, match=f"dust.yaml: {key}"):
         DustMap(NUMBERS | {key: value})
+
+
+def test_the_extinction_law_is_chosen_by_name_and_has_the_maps_r_v():
+    wave = np.array([2000.0, 4000.0, 9000.0])
+    numbers = NUMBERS | {"r_v": 4.0}
+    assert "law" not in NUMBERS
+    for law, curve in ((None, odonnell), ("odonnell94", odonnell), ("fitzpatrick99", fitzpatrick)):
+        chosen = DustMap(numbers if law is None else numbers | {"law": law}).curve(wave)
+        np.testing.assert_array_equal(chosen, curve(wave, 4.0))
+    assert np.abs(odonnell(wave, 4.0) - fitzpatrick(wave, 4.0)).min() > 1e-3
 
 
 def test_a_folder_may_have_its_own_map(tmp_path, plane):

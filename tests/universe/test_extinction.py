@@ -5,15 +5,16 @@ import pytest
 
 from csstsim.base.errors import InputError
 from csstsim.instrument.filter import GRID
-from csstsim.universe.dust.extinction import odonnell, star_ebv
+from csstsim.universe.dust.extinction import LAWS, fitzpatrick, odonnell, star_ebv
 
 
-def test_law_agrees_with_another_code():
+@pytest.mark.parametrize(("law", "name"), [(odonnell, "O94"), (fitzpatrick, "F99")])
+def test_laws_agree_with_another_code(law, name):
     peer = pytest.importorskip("dust_extinction.parameter_averages")
     units = pytest.importorskip("astropy.units")
     wave = np.concatenate([GRID, np.geomspace(1001, 33_000, 997)])
     for r_v in (2.5, 3.1, 5.5):
-        np.testing.assert_allclose(odonnell(wave, r_v), peer.O94(r_v)(wave * units.AA), rtol=1e-12)
+        np.testing.assert_allclose(law(wave, r_v), getattr(peer, name)(r_v)(wave * units.AA), rtol=1e-12)
 
 
 # R, I, J, H, K of Cardelli et al. (1989), table 3, R_V = 3.1; O'Donnell's R differs from theirs by 0.004.
@@ -28,6 +29,21 @@ def test_law_gives_the_values_of_other_codes():
     np.testing.assert_allclose(found, [2.8425, 2.2116, 1.8182, 0.9987, 0.4106], atol=6e-5)
 
 
+# Fitzpatrick (1999), table 3: A / E(B-V) at R_V = 3.1
+@pytest.mark.parametrize(
+    ("wavelength", "printed"),
+    [(26500, 0.265), (12200, 0.829), (6000, 2.688), (5470, 3.055), (4670, 3.806), (4110, 4.315)],
+)
+def test_fitzpatrick_goes_through_the_published_points(wavelength, printed):
+    assert 3.1 * fitzpatrick(float(wavelength)) == pytest.approx(printed, abs=2e-3)
+
+
+def test_fitzpatrick_gives_the_values_of_another_code():
+    """Kept for where no peer is installed: dust_extinction 1.7 at R_V = 3.1."""
+    found = fitzpatrick([1200.0, 2000.0, 2560.0, 3000.0, 5500.0, 9900.0])
+    np.testing.assert_allclose(found, [3.4134, 2.7623, 2.1794, 1.7967, 0.9779, 0.3834], atol=6e-5)
+
+
 def test_definition_of_v_and_of_the_colour_excess():
     assert odonnell(1e4 / 1.82) == pytest.approx(1.0, abs=1e-12)  # A(V) is at 5494.5 A
     slope = [(odonnell(1e4 / 2.27, r_v) - 1) * r_v for r_v in (2.5, 3.1, 5.5)]  # (A_B - A_V) / E(B-V)
@@ -39,9 +55,10 @@ def test_larger_grains_redden_less_in_the_ultraviolet():
 
 
 @pytest.mark.parametrize("wave", [0.0, -5000.0, 999.0, 34_000.0, np.nan, np.inf])
-def test_wavelengths_outside_the_law_are_refused(wave):
+@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+def test_wavelengths_outside_the_law_are_refused(law, wave):
     with pytest.raises(InputError, match=r"1000\.\.33333"):
-        odonnell(np.array([5000.0, wave]))
+        law(np.array([5000.0, wave]))
 
 
 def test_dust_before_a_star():

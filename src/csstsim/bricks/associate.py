@@ -88,7 +88,7 @@ def associate(
 
 
 def _share_out(pairs: _Pairs, frame: IntArray) -> BoolArray:
-    """Return which of `pairs`, likeliest first, are taken; a seed takes one detection of each frame."""
+    """Return a mask of the `pairs`, likeliest first, that are taken; a seed takes one detection of each frame."""
     _, slot = np.unique(pairs.seed * (frame.max(initial=0) + 1) + frame[pairs.detection], return_inverse=True)
     return share_out(pairs.detection, slot)
 

@@ -25,9 +25,10 @@ from csstsim.base.files.fits_headers import check_headers
 from csstsim.base.healpix import colatitude
 from csstsim.base.shipped import SHIPPED
 from csstsim.base.types import AnyArray, FloatArray, Floats, IntArray, PathLike
-from csstsim.universe.dust.extinction import odonnell, star_ebv
+from csstsim.universe.dust.extinction import LAWS, star_ebv
 
 SFD = "sfd"
+_LAW = "odonnell94"  # where dust.yaml names none
 _FILE = "dust_map.fits"  # of a universe folder
 _ALLOWED = "sfd, or the path of a FITS file"
 _MOST = 1e4  # mag; the galactic centre has some 100
@@ -58,6 +59,10 @@ class DustMap:
         if not (isinstance(columns, list) and 0 < len(columns) < 3 and all(isinstance(one, str) for one in columns)):
             allowed = "a list of one or two names"
             raise InputError("not columns of a dust map", file=source, key="columns", value=columns, allowed=allowed)
+        law = numbers.get("law", _LAW)  # optional: the shipped file has no such key, and keeps its digest
+        if not isinstance(law, str) or law not in LAWS:
+            raise InputError("not an extinction law", file=source, key="law", value=law, allowed=", ".join(LAWS))
+        self._law = LAWS[law]
         self.path = Path(folder) / (_FILE if name == SFD else name)
         if name == SFD and not self.path.exists():
             self.path = SHIPPED / "universe" / _FILE
@@ -123,8 +128,8 @@ class DustMap:
         return star_ebv(self.ebv(ra, dec), distance, latitude, self._numbers["height"], self._numbers["reach"])
 
     def curve(self, wavelength: Floats) -> FloatArray:
-        """Return A(lambda)/A(V) at `wavelength` [angstrom] for this configuration's R_V."""
-        return odonnell(wavelength, self._numbers["r_v"])
+        """Return A(lambda)/A(V) at `wavelength` [angstrom] for this configuration's law and R_V."""
+        return self._law(wavelength, self._numbers["r_v"])
 
     def _pixels(self, pixels: IntArray) -> FloatArray:
         """Return E(B-V) of whole pixels, NaN where the map has no value."""
