@@ -11,7 +11,7 @@ from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.base import CatalogBase, Region
 from csstsim.catalog.light.object_spectra import catalog_spectra
 from csstsim.catalog.mock_object import MockObject
-from csstsim.catalog.selection.select import Noise, select_objects
+from csstsim.catalog.selection.select import ChipView, Noise, select_objects
 from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
 from csstsim.optics.geometry.wcs import ChipWCS
@@ -55,9 +55,9 @@ class Sky:
             placed.append(MockObject(**({"ra": float(ra), "dec": float(dec), "type": "star"} | values)))
         self.catalog = Flat({"objects": placed})
 
-    def select(self, window=EVERYWHERE, **how):
-        place = self.wcs, self.observer, window, self.camera.filters["GV"], self.camera.telescope, EXPTIME, NOISE
-        return select_objects(self.catalog, *place, box=16, disperser=self.disperser, **how)
+    def select(self, window=EVERYWHERE, mag_limit=None, **how):
+        seen = self.wcs, self.observer, window, self.camera.filters["GV"], self.camera.telescope, EXPTIME, NOISE
+        return select_objects(self.catalog, ChipView(*seen, box=16, disperser=self.disperser, **how), mag_limit)
 
     def draw(self, objects, window, fidelity="noise_free", tables=None, key=5, dtype=np.float32, scattered=None, **how):
         """Return (image, table, orders, counted)."""

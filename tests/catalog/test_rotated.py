@@ -11,7 +11,7 @@ from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.galaxy_shapes.knots import knots_of
 from csstsim.catalog.own_table import TableCatalog
 from csstsim.catalog.selection.bricks import region_for
-from csstsim.catalog.selection.select import Noise, select_objects
+from csstsim.catalog.selection.select import ChipView, Noise, select_objects
 from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS
 
@@ -22,8 +22,9 @@ def test_only_the_intrinsic_ellipticities_change_sign(camera, make_pointing, obs
     pointing = make_pointing()
     wcs, craft = ChipWCS(camera.chips[9], pointing), observe(pointing)
     catalog = embedded_catalog(tmp_path, region_for(*icrs(*wcs.footprint(WINDOW), craft), MARGIN, BANDS))
-    options = (catalog, wcs, craft, WINDOW, camera.filters["r"], camera.telescope, 150.0, Noise(0.2, 0.02, 5.0), 26.0)
-    normal, twin = (select_objects(*options, rotated=turned) for turned in (False, True))
+    view = ChipView(wcs, craft, WINDOW, camera.filters["r"], camera.telescope, 150.0, Noise(0.2, 0.02, 5.0))
+    normal = select_objects(catalog, view, 26.0)
+    twin = select_objects(catalog, view, 26.0, rotated=True)
     assert np.abs(normal["e1"]).max() > 0.3
     assert (twin["e1"] == -normal["e1"]).all() and (twin["e2"] == -normal["e2"]).all()
     assert twin.with_columns(e1=normal["e1"], e2=normal["e2"]) == normal
@@ -35,8 +36,8 @@ def selected_twice(camera, pointing, craft, columns):
     ra, dec = icrs(*wcs.pixel_to_world(np.array([4300.0, 4310.0]), np.array([3250.0, 3260.0])), craft)
     region = region_for(*icrs(*wcs.footprint(WINDOW), craft), MARGIN, BANDS)
     catalog = TableCatalog({"columns": {"ra": ra, "dec": dec, **columns}}, region)
-    options = (catalog, wcs, craft, WINDOW, camera.filters["r"], camera.telescope, 150.0, Noise(0.2, 0.02, 5.0), None)
-    return [select_objects(*options, rotated=turned) for turned in (False, True)]
+    view = ChipView(wcs, craft, WINDOW, camera.filters["r"], camera.telescope, 150.0, Noise(0.2, 0.02, 5.0))
+    return [select_objects(catalog, view, rotated=turned) for turned in (False, True)]
 
 
 def test_knots_and_images_turn_with_their_galaxy(camera, make_pointing, observe, tmp_path):

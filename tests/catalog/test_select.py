@@ -18,8 +18,8 @@ from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING, TRUNCATED_STAMP
 from csstsim.catalog.light.photometry import rate_to_mag, subband_fluxes
 from csstsim.catalog.mock_object import MockObject
 from csstsim.catalog.selection.bricks import region_for
-from csstsim.catalog.selection.places import lands, near, seconds_seen
-from csstsim.catalog.selection.select import Noise, select_objects
+from csstsim.catalog.selection.positions import lands, near, seconds_seen
+from csstsim.catalog.selection.select import ChipView, Noise, select_objects
 from csstsim.catalog.table import ObjectTable, columns_with
 from csstsim.catalog.truth_bricks import ID_BITS
 from csstsim.instrument.chip import Window
@@ -63,6 +63,10 @@ class Flat(CatalogBase):
         return None
 
 
+def view_of(camera, wcs, craft, window=WINDOW, **more):
+    return ChipView(wcs, craft, window, camera.filters["r"], camera.telescope, 150.0, NOISE, **more)
+
+
 @pytest.fixture
 def pick(camera, make_pointing, observe):
     """Select from Flat objects placed at pixels of a pointing; (x, y) in the objects' place of ra, dec."""
@@ -75,19 +79,8 @@ def pick(camera, make_pointing, observe):
             ra, dec = icrs(*wcs.pixel_to_world(x, y), craft)
             placed.append(MockObject(**({"ra": float(ra), "dec": float(dec)} | values)))
         catalog = Flat({"objects": placed}, Region((), (), (), BANDS))
-        return select_objects(
-            catalog,
-            wcs,
-            craft,
-            window,
-            camera.filters["r"],
-            camera.telescope,
-            150.0,
-            NOISE,
-            mag_limit,
-            scattered=scattered,
-            interval=interval,
-        )
+        seen = view_of(camera, wcs, craft, window, scattered=scattered, interval=interval)
+        return select_objects(catalog, seen, mag_limit)
 
     return run
 
@@ -236,7 +229,7 @@ def sky(camera, make_pointing, observe, tmp_path_factory):
 
 def test_embedded_window_holds_the_sky_it_should(camera, sky):
     catalog, wcs, craft = sky
-    table = select_objects(catalog, wcs, craft, WINDOW, camera.filters["r"], camera.telescope, 150.0, NOISE)
+    table = select_objects(catalog, view_of(camera, wcs, craft))
     inside = WINDOW.contains(table["x"], table["y"])
     area = WINDOW.nx * WINDOW.ny * (0.074 / 60) ** 2  # arcmin2
     assert abs((inside & (table["obj_type"] == 1)).sum() - DENSITY * area) < 5 * np.sqrt(DENSITY * area)
@@ -246,18 +239,16 @@ def test_embedded_window_holds_the_sky_it_should(camera, sky):
     )
     np.testing.assert_allclose(table["mag"], table["mag_r"], atol=2e-3)  # mag
     assert len(table) + sum(table.meta["dropped"].values()) == len(catalog.table)
-    again = select_objects(catalog, wcs, craft, WINDOW, camera.filters["r"], camera.telescope, 150.0, NOISE)
+    again = select_objects(catalog, view_of(camera, wcs, craft))
     assert again == table
 
 
 def test_selection_agrees_with_brute_force(camera, sky):
     """Every object whose stamp meets the window is in, found again from the table of a window that holds it whole."""
     catalog, wcs, craft = sky
-    wide = select_objects(
-        catalog, wcs, craft, Window(2500, 6000, 1500, 5000), camera.filters["r"], camera.telescope, 150.0, NOISE
-    )
+    wide = select_objects(catalog, view_of(camera, wcs, craft, Window(2500, 6000, 1500, 5000)))
     meets = (np.abs(wide["x"] - 4299.5) <= 300 + wide["reach"]) & (np.abs(wide["y"] - 3249.5) <= 250 + wide["reach"])
-    narrow = select_objects(catalog, wcs, craft, WINDOW, camera.filters["r"], camera.telescope, 150.0, NOISE)
+    narrow = select_objects(catalog, view_of(camera, wcs, craft))
     assert set(wide["id"][meets]) <= set(narrow["id"])
     far = set(narrow["id"]) - set(wide["id"][meets])
     assert not far & set(wide["id"])
@@ -292,19 +283,19 @@ def test_embedded_load_sed_is_the_papers_table(sky):
 def test_what_magnitudes_rule_out_would_not_have_been_there(camera, sky):
     """With `rate_bound` the same rows, from half as many spectra; and no rate is above its bound."""
     catalog, wcs, craft = sky
-    options = wcs, craft, WINDOW, camera.filters["r"], camera.telescope, 150.0, NOISE
+    seen = view_of(camera, wcs, craft)
     summed = []
     with pytest.MonkeyPatch.context() as patch:
         load = catalog.load_fluxes
         patch.setattr(catalog, "load_fluxes", lambda rows, *how: summed.append(len(rows)) or load(rows, *how))
-        quick = select_objects(catalog, *options)
+        quick = select_objects(catalog, seen)
         rows = np.arange(len(catalog.table))
         for name, most in {"r": 1.06, "GU": 6.0, "GV": 1.7, "GI": 1.4}.items():  # most: median of bound / electrons
             how = rows, camera.filters[name], camera.telescope
             bound, true = catalog.rate_bound(*how), load(*how).sum(axis=1)
             assert (true <= bound + 1e-6).all() and np.median(bound / np.maximum(true, 1e-9)) < most  # electron / s
         patch.setattr(catalog, "rate_bound", lambda *_: None)
-        every = select_objects(catalog, *options)
+        every = select_objects(catalog, seen)
     assert summed[0] < 0.5 * summed[1]
     assert quick.meta["dropped"] == every.meta["dropped"]
     for name in every.names:
@@ -390,20 +381,20 @@ def test_who_could_reach_a_window_by_place_alone(camera, make_pointing, observe)
     table = ObjectTable.complete(
         {"id": np.arange(5), "obj_type": 1, "ra": [*ra, np.nan], "dec": [*dec, 0.0], "pmra": 1e5}, BANDS
     )
-    rows, places = near(table, wcs, craft, WINDOW)
-    assert rows.tolist() == [0, 4] and places["x"][0] == pytest.approx(x[0], abs=1e-5)
-    assert np.isnan([values[1] for values in places.values()]).all()
-    assert near(table, wcs, craft, WINDOW, dispersed=1000.0)[0].tolist() == [0, 1, 2, 4]
-    rows, places = near(table, wcs, craft, WINDOW, interval=Interval(pointing.mjd, 150.0))
-    assert rows.tolist() == [0, 4] and "trail_length" not in places
+    rows, positions = near(table, wcs, craft, WINDOW)
+    assert rows.tolist() == [0, 4] and positions["x"][0] == pytest.approx(x[0], abs=1e-5)
+    assert np.isnan([values[1] for values in positions.values()]).all()
+    assert near(table, wcs, craft, WINDOW, dispersed=1000.0).rows.tolist() == [0, 1, 2, 4]
+    rows, positions = near(table, wcs, craft, WINDOW, interval=Interval(pointing.mjd, 150.0))
+    assert rows.tolist() == [0, 4] and "trail_length" not in positions
     moving = table.with_columns(
         rate_ra=np.array([0.0, 0, 0, 500.0, 0]), rate_dec=np.zeros(5), trail_width=np.zeros(5),
         rate_mjd=np.full(5, pointing.mjd - 0.5 / 24),
     )  # fmt: skip
     moving["dec"][3], moving["ra"][3] = dec[0], ra[0] - 0.07 / np.cos(np.radians(dec[0]))
-    rows, places = near(moving, wcs, craft, WINDOW, interval=Interval(pointing.mjd, 150.0))
-    assert rows.tolist() == [0, 3, 4] and places["trail_length"][0] == 0.0
-    assert places["trail_length"][1] == pytest.approx(500 * 150 / 3600) and np.isfinite(places["trail_x1"][1])
+    rows, positions = near(moving, wcs, craft, WINDOW, interval=Interval(pointing.mjd, 150.0))
+    assert rows.tolist() == [0, 3, 4] and positions["trail_length"][0] == 0.0
+    assert positions["trail_length"][1] == pytest.approx(500 * 150 / 3600) and np.isfinite(positions["trail_x1"][1])
 
 
 def test_light_that_varies_is_dimmer_and_says_so(pick):

@@ -284,7 +284,7 @@ def test_reasons_are_those_of_the_selection(camera, make_pointing, observe):
     """Random nonsense: an object is flagged as not drawable if and only if there is a reason in words."""
     from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING
     from csstsim.catalog.selection.drawable import NO_LIGHT, STRONGLY_LENSED, reasons, why_not_drawn
-    from csstsim.catalog.selection.select import Noise, select_objects
+    from csstsim.catalog.selection.select import ChipView, Noise, select_objects
     from csstsim.instrument.chip import Window
     from csstsim.optics.geometry.wcs import ChipWCS
 
@@ -301,10 +301,10 @@ def test_reasons_are_those_of_the_selection(camera, make_pointing, observe):
         row["obj_type"] = int(row["obj_type"])
         row["type"] = None
     catalog = one(rows=rows)({}, REGION)
-    table = select_objects(
-        catalog, wcs, craft, Window(3000, 5000, 2000, 4000), camera.filters["r"], camera.telescope, 150.0,
-        Noise(0.2, 0.02, 5.0),
-    )  # fmt: skip
+    window = Window(3000, 5000, 2000, 4000)
+    noise = Noise(0.2, 0.02, 5.0)
+    view = ChipView(wcs, craft, window, camera.filters["r"], camera.telescope, 150.0, noise)
+    table = select_objects(catalog, view)
     dark = (table["flags"] & (BAD_VALUE | STRONG_LENSING)) > 0
     assert 50 < dark.sum() < 290 and len(table) == 300
     assert np.array_equal(np.any(list(reasons(table).values()), axis=0), dark)

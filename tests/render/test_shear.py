@@ -12,7 +12,7 @@ from embedded_sky import embedded_catalog
 
 from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.selection.bricks import region_for
-from csstsim.catalog.selection.select import Noise, select_objects
+from csstsim.catalog.selection.select import ChipView, Noise, select_objects
 from csstsim.catalog.table import GALAXY
 from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS
@@ -109,8 +109,8 @@ def test_a_campaign_of_rotated_shapes_cancels_shape_noise(camera, make_setting, 
     lensing, to 4e-3 (HSM's own), and to 1% of the shapes in the mean square."""
     setting, craft, window = make_setting(), observe(make_pointing()), Window(4000, 5000, 3000, 4000)
     catalog = embedded_catalog(tmp_path, region_for(*icrs(*setting.wcs.footprint(window), craft), MARGIN, BANDS))
-    options = (catalog, setting.wcs, craft, window, camera.filters["r"], camera.telescope, 150.0, Noise(0.2, 0.02, 5.0))
-    pair = [select_objects(*options, 26.0, rotated=turned) for turned in (False, True)]
+    view = ChipView(setting.wcs, craft, window, camera.filters["r"], camera.telescope, 150.0, Noise(0.2, 0.02, 5.0))
+    pair = [select_objects(catalog, view, 26.0, rotated=turned) for turned in (False, True)]
     e = np.hypot(pair[0]["e1"], pair[0]["e2"])
     used = (pair[0]["obj_type"] == GALAXY) & (pair[0]["size_disk"] > 0.25) & (e > 0.1) & (e < 0.6)
     rows = np.flatnonzero(used & (pair[0]["flags"] == 0))[:30]

@@ -16,7 +16,7 @@ from csstsim.catalog.changing.motion import Interval
 from csstsim.catalog.flags import OFF_CHIP
 from csstsim.catalog.light.object_spectra import catalog_spectra
 from csstsim.catalog.mock_object import MockObject
-from csstsim.catalog.selection.select import select_objects
+from csstsim.catalog.selection.select import ChipView, select_objects
 from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.psf.psf_file import pixel_response
@@ -48,9 +48,8 @@ def moving(camera, make_pointing, observe, psf_r, psf_tables):
         motion = {"rate_ra": rate_ra, "rate_dec": rate_dec, "rate_mjd": MIDDLE} if rate_ra or rate_dec else {}
         kind = {"id": 1, "type": "star", "ra": float(ra), "dec": float(dec), "ab": 19.0}
         catalog = Flat({"objects": [MockObject(**kind | motion | values)]})
-        table = select_objects(
-            catalog, wcs, craft, window, camera.filters["r"], camera.telescope, EXPTIME, NOISE, interval=interval
-        )
+        view = ChipView(wcs, craft, window, camera.filters["r"], camera.telescope, EXPTIME, NOISE, interval=interval)
+        table = select_objects(catalog, view)
         canvas = blank(shown or window, np.float64, response=response)
         drawing = Drawing(
             wcs, psf, EXPTIME, Scattered(wing), fidelity, 60.0, np.uint64(7), psf_tables, craft, interval

@@ -24,7 +24,7 @@ from csstsim.catalog.astrometry.ephemeris import observer
 from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.base import CatalogBase, Region
 from csstsim.catalog.flags import NOT_DRAWN
-from csstsim.catalog.selection.select import Noise, select_objects
+from csstsim.catalog.selection.select import ChipView, Noise, select_objects
 from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
@@ -120,10 +120,8 @@ class Site:
             catalogue[name][row] = value
         rates = np.repeat(np.broadcast_to(np.asarray(electrons, float), len(x))[:, None] / (4 * EXPTIME), 4, axis=1)
         scattered = Scattered(read_scattered(self.psf).wing) if wings else Scattered()
-        table = select_objects(
-            Listed(catalogue, rates), self.wcs, self.craft, window, self.camera.filters["r"], self.camera.telescope,
-            EXPTIME, NOISE, scattered=scattered, box=32,
-        )  # fmt: skip
+        seen = self.wcs, self.craft, window, self.camera.filters["r"], self.camera.telescope, EXPTIME, NOISE
+        table = select_objects(Listed(catalogue, rates), ChipView(*seen, scattered=scattered, box=32))
         canvas, how = blank(window), (fidelity, NOISE.variance(EXPTIME), np.uint64(key), self.tables)
         drawing = Drawing(self.wcs, self.psf, EXPTIME, scattered, *how)
         drawn = (reference if fidelity == "reference" else draw).draw_objects(canvas, table, drawing)

@@ -7,7 +7,7 @@ from mini_campaign import POINTINGS, write_campaign
 
 from csstsim.base.rng import stream
 from csstsim.campaign.opened import OpenCampaign
-from csstsim.catalog.selection.places import near
+from csstsim.catalog.selection.positions import near
 from csstsim.catalog.table import GALAXY, QUASAR, STAR, ObjectTable
 from csstsim.stages.parts.catalogue_counts import BrickObjects, brick_objects
 

@@ -7,7 +7,7 @@ import pytest
 
 from csstsim.base.errors import InputError
 from csstsim.base.release import release
-from csstsim.catalog.selection.select import Noise
+from csstsim.catalog.selection.select import ChipView, Noise
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.instrument.chip import Window
 from csstsim.io.paths import Paths
@@ -124,9 +124,7 @@ def test_objects_are_selected_with_the_numbers_of_the_exposure(monkeypatch, embe
     """A catalogue that is given has all its objects, as they are: no limit, and none is turned."""
     seen, opened = [], []
     monkeypatch.setattr("csstsim.catalog.open.open_catalog", lambda *given: opened.append(given) or "CATALOG")
-    monkeypatch.setattr(
-        "csstsim.catalog.selection.select.select_objects", lambda *given, **named: seen.append((given, named))
-    )
+    monkeypatch.setattr("csstsim.catalog.selection.select.select_objects", lambda *given: seen.append(given))
     monkeypatch.setattr("csstsim.optics.scatter.scattered_light.scattered_light", lambda camera, filter_: "SCATTERED")
     monkeypatch.setattr(select, "psf_box", lambda run, chip: f"box of {chip}")
     filter_, detector = SimpleNamespace(sky=0.2), SimpleNamespace(dark=0.02, read_noise=5.5)
@@ -140,13 +138,10 @@ def test_objects_are_selected_with_the_numbers_of_the_exposure(monkeypatch, embe
         disperser=lambda exposure: "DISPERSER", config=SimpleNamespace(catalog=catalog),
     )  # fmt: skip
     select.selected(run, exposure, "OWN" if own else None)
-    [(given, named)] = seen
-    first, *middle, noise, limit = given
-    assert (first, limit) == (("OWN", None) if own else ("CATALOG", 23.0)) and noise == Noise(0.2, 0.02, 5.5)
-    assert middle == ["WCS", "CRAFT", "WINDOW", filter_, "TELESCOPE", 150.0]
-    assert named == {
-        "rotated": not own, "scattered": "SCATTERED", "box": "box of CHIP", "disperser": "DISPERSER",
-        "interval": "INTERVAL",
-    }  # fmt: skip
+    view = ChipView(
+        "WCS", "CRAFT", "WINDOW", filter_, "TELESCOPE", 150.0, Noise(0.2, 0.02, 5.5),
+        scattered="SCATTERED", box="box of CHIP", disperser="DISPERSER", interval="INTERVAL",
+    )  # fmt: skip
+    assert seen == [("OWN", view, None, False) if own else ("CATALOG", view, 23.0, True)]
     key = {"seed": 3, "varying": ()} if embedded else {}
     assert opened == ([] if own else [(catalog, "REGION", "TRUTH", key)])

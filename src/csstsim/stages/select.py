@@ -42,7 +42,7 @@ def selected(run: OpenCampaign, exposure: Exposure, catalog: CatalogBase | None 
     catalog: a CatalogBase in place of the campaign's; all its objects are taken, as they are.
     """
     from csstsim.catalog.open import open_catalog
-    from csstsim.catalog.selection.select import Noise, select_objects
+    from csstsim.catalog.selection.select import ChipView, Noise, select_objects
     from csstsim.optics.scatter.scattered_light import scattered_light
 
     config = run.catalog
@@ -54,11 +54,20 @@ def selected(run: OpenCampaign, exposure: Exposure, catalog: CatalogBase | None 
         key = run.universe_key() | _changing(run, exposure) if run.embedded else {}
         catalog = open_catalog(config, run.region(exposure), run.paths.truth, key)
     noise = Noise(filter_.sky, detector.dark, detector.read_noise)
-    return select_objects(
-        catalog, exposure.wcs, exposure.observer, exposure.window, filter_, camera.telescope, exposure.exptime, noise,
-        mag_limit, rotated=rotated, scattered=scattered_light(camera, filter_),
-        box=psf_box(run, exposure.chip), disperser=run.disperser(exposure), interval=exposure.interval,
-    )  # fmt: skip
+    view = ChipView(
+        exposure.wcs,
+        exposure.observer,
+        exposure.window,
+        filter_,
+        camera.telescope,
+        exposure.exptime,
+        noise,
+        scattered=scattered_light(camera, filter_),
+        box=psf_box(run, exposure.chip),
+        disperser=run.disperser(exposure),
+        interval=exposure.interval,
+    )
+    return select_objects(catalog, view, mag_limit, rotated)
 
 
 def _changing(run: OpenCampaign, exposure: Exposure) -> dict[str, Any]:
@@ -97,7 +106,7 @@ def check_catalog(run: OpenCampaign, say: Callable[[str], object]) -> None:
 
 def _check_catalog(run: OpenCampaign, say: Callable[[str], object]) -> None:
     from csstsim.catalog.contract import check
-    from csstsim.catalog.selection.places import near
+    from csstsim.catalog.selection.positions import near
 
     source = run.open_truth()
     jobs = run.imaging_jobs or run.slitless_jobs
@@ -108,7 +117,7 @@ def _check_catalog(run: OpenCampaign, say: Callable[[str], object]) -> None:
         report = check(source, run.catalog.options, run.region(job), run.camera)
         parts = (part for _, part in report.table.parts())
         reach = sum(
-            len(near(part, job.wcs, job.observer, job.window, interval=job.exposure.interval)[0]) for part in parts
+            len(near(part, job.wcs, job.observer, job.window, interval=job.exposure.interval).rows) for part in parts
         )
         if reach or report.faults:
             break

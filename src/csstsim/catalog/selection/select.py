@@ -10,7 +10,7 @@ light shears by 2e-8 at 90 deg from the Sun. Both are left out.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING, TRUNCATED_STAMP
 from csstsim.catalog.light.object_spectra import ROW
 from csstsim.catalog.light.photometry import rate_to_mag
 from csstsim.catalog.selection.drawable import unusable
-from csstsim.catalog.selection.places import lands, near, seconds_seen
+from csstsim.catalog.selection.positions import lands, near, seconds_seen
 from csstsim.catalog.selection.reach import (
     POINT_MAX,
     POINT_MIN,
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from csstsim.catalog.astrometry.ephemeris import Observer
     from csstsim.catalog.base import CatalogBase
     from csstsim.catalog.changing.motion import Interval
-    from csstsim.instrument.chip import Chip, Window
+    from csstsim.instrument.chip import Window
     from csstsim.instrument.filter import Filter
     from csstsim.instrument.telescope import Telescope
     from csstsim.optics.geometry.wcs import ChipWCS
@@ -61,73 +61,77 @@ class Noise:
         return (self.sky + self.dark) * exptime + self.read_noise**2
 
 
-def select_objects(
-    catalog: CatalogBase,
-    wcs: ChipWCS,
-    observer: Observer,
-    window: Window,
-    filter: Filter,
-    telescope: Telescope,
-    exptime: float,
-    noise: Noise,
-    mag_limit: float | None = None,
-    rotated: bool = False,
-    scattered: Scattered | None = None,
-    box: float = POINT_MAX,
-    disperser: Disperser | None = None,
-    interval: Interval | None = None,
-) -> ObjectTable:
-    """Return the ObjectTable of the objects that reach `window` of a chip, with the columns the renderer needs.
+@dataclass(frozen=True)
+class ChipView:
+    """What of the sky one chip sees in one exposure, and how well."""
 
-    catalog: a CatalogBase; wcs: optics.geometry.wcs.ChipWCS; observer: ephemeris.Observer; window:
-    instrument.chip.Window; exptime in s; noise: Noise; rotated: turn intrinsic ellipticities by 90 degrees (the paper's
-    twin campaign, in which nothing else differs); scattered: Scattered (optics.scatter) or None; box: half the side
-    of the stored PSF [pixel]; disperser: optics.gratings.dispersion.Disperser of a spectroscopic chip, whose light
-    lands elsewhere, or None; interval: catalog.changing.motion.Interval of the exposure, which objects that move or
-    vary need (None: they stay as the catalogue has them).
+    wcs: ChipWCS
+    observer: Observer
+    window: Window  # of the chip's pixels
+    filter: Filter
+    telescope: Telescope
+    exptime: float  # s
+    noise: Noise
+    scattered: Scattered | None = None  # light in the PSF's wing and ghosts
+    box: float = POINT_MAX  # half the side of the stored PSF [pixel]
+    disperser: Disperser | None = None  # of a spectroscopic chip, whose light lands elsewhere
+    interval: Interval | None = None  # of the exposure; None: what moves or varies stays as the catalogue has it
+
+    @property
+    def variance(self) -> float:
+        """Variance of one pixel without objects [electron^2]."""
+        return self.noise.variance(self.exptime)
+
+
+def select_objects(
+    catalog: CatalogBase, view: ChipView, mag_limit: float | None = None, rotated: bool = False
+) -> ObjectTable:
+    """Return the ObjectTable of the objects that reach the window of a chip, with the columns the renderer needs.
+
+    mag_limit: fainter objects [mag in the filter] are left out; rotated: turn intrinsic ellipticities by 90 degrees
+    (the paper's twin campaign, in which nothing else differs).
 
     ra, dec become the apparent direction. Added columns: ra_orig, dec_orig (the catalogue's, J2000), ra_epoch,
     dec_epoch (ICRS at the epoch, to compare with measurements), x, y (0-based pixel), mag (this filter), flux0..3
     (electron / s, magnified), reach (pixel, half the side of the stamp), lost (fraction of a galaxy's light that may
     lie beyond it), wing (pixel, radius at which noise hides the light beyond the PSF's box; 0: it hides all of it),
     flags. mag_* are as observed, magnification included. Rows with an unusable value are kept, flagged and without
-    light, if they lie on the window or their place is unknown. Behind a grating x, y is where light would fall without
-    it, flux0..3 and mag are those of the first order, and the column `catalog_row` is the object's row in the
+    light, if they lie on the window or their position is unknown. Behind a grating x, y is where light would fall
+    without it, flux0..3 and mag are those of the first order, and the column `catalog_row` is the object's row in the
     catalogue, for its spectrum (catalog.light.object_spectra). A table with rates gets the columns of
-    catalog.changing.motion.trails, whose place is the object's, one with light that varies `dmag` (mag by which it is
-    fainter than mag_*; it is in mag and flux0..3). `meta` gets `dropped` (counts by reason), `truth_hash`.
+    catalog.changing.motion.trails, whose position is the object's. One with light that varies gets `dmag` (mag by which
+    it is fainter than mag_*; it is in mag and flux0..3). `meta` gets `dropped` (counts by reason), `truth_hash`.
     """
-    found = _candidates(catalog, wcs, observer, window, filter, telescope, exptime, disperser, interval)
-    optics = noise.variance(exptime), scattered, box, wcs.chip, filter, telescope
-    bound = catalog.rate_bound(found.rows, filter, telescope)
+    found = _candidates(catalog, view)
+    bound = catalog.rate_bound(found.rows, view.filter, view.telescope)
     if bound is not None:  # spectra of objects that cannot reach the window are not summed
-        most = bound * found.dimmed * _magnification(found.table)[0] * found.seconds
-        found = found.take(_could_reach(found.table, found.places, most, window, disperser, optics))
+        electrons = bound * found.dimmed * _magnification(found.table)[0] * found.seconds
+        found = found.take(_could_reach(found.table, found.positions, electrons, view))
     table = _turned(found.table) if rotated else found.table
-    places = found.places
     mu, thin = _magnification(table)
     order = canonical_order(table)  # sums by chunks must not depend on the order of the rows
-    flux = catalog.load_fluxes(found.rows[order], filter, telescope)[back(order)] * (mu * found.dimmed)[:, None]
+    flux = catalog.load_fluxes(found.rows[order], view.filter, view.telescope)[back(order)]
+    flux = flux * (mu * found.dimmed)[:, None]
     bad = unusable(table, flux)
     flux[bad] = 0.0
     rate = flux.sum(axis=1)
-    mag = np.where(bad, np.nan, rate_to_mag(rate, filter, telescope))
-    reach, lost, wing, ghosts, truncated = _extent(table, bad, rate * found.seconds, *optics)
-    far = np.where(bad, 0, np.maximum.reduce([reach, wing, ghosts]))
-    touches = lands(places, far, window, disperser) | ~np.isfinite(table["ra"] + table["dec"])
+    mag = np.where(bad, np.nan, rate_to_mag(rate, view.filter, view.telescope))
+    extent = _extent(table, bad, rate * found.seconds, view)
+    touches = lands(found.positions, np.where(bad, 0, extent.farthest), view.window, view.disperser)
+    touches |= ~np.isfinite(table["ra"] + table["dec"])
     faint = mag > (np.inf if mag_limit is None else mag_limit)
     chosen = table.with_columns(
         ra_orig=table["ra"],
         dec_orig=table["dec"],
-        **places,
+        **found.positions,
         mag=mag.astype(np.float32),
         **_magnified(table, catalog.region.bands, mu),
         **{f"flux{i}": flux[:, i] for i in range(flux.shape[1])},
-        reach=reach,
-        lost=lost,
-        wing=wing.astype(np.float32),
-        flags=_flags(table, bad, truncated, thin),
-        **({} if disperser is None else {ROW: found.rows}),
+        reach=extent.reach,
+        lost=extent.lost,
+        wing=extent.wing.astype(np.float32),
+        flags=_flags(table, bad, extent.truncated, thin),
+        **({} if view.disperser is None else {ROW: found.rows}),
         **({} if found.dmag is None else {"dmag": found.dmag.astype(np.float32)}),
     ).take(touches & ~faint)
     dropped = {"outside": len(catalog.table) - int(touches.sum()), "faint": int((touches & faint).sum())}
@@ -141,7 +145,7 @@ class Candidates:
 
     rows: IntArray  # (n,) of the catalogue
     table: ObjectTable  # of n rows, the catalogue's
-    places: dict[str, FloatArray]  # {name: (n,) values}, of `near`
+    positions: dict[str, FloatArray]  # {name: (n,) values}, of `near`
     seconds: FloatArray  # (n,) s, of `seconds_seen`
     dmag: FloatArray | None  # (n,) mag by which they are fainter in this exposure, if the catalogue's light varies
     dimmed: FloatArray  # (n,) the same as a factor; 1 without dmag
@@ -151,33 +155,27 @@ class Candidates:
         return Candidates(
             self.rows[chosen],
             self.table.take(chosen),
-            {name: v[chosen] for name, v in self.places.items()},
+            {name: v[chosen] for name, v in self.positions.items()},
             self.seconds[chosen],
             None if self.dmag is None else self.dmag[chosen],
             self.dimmed[chosen],
         )
 
 
-def _candidates(
-    catalog: CatalogBase,
-    wcs: ChipWCS,
-    observer: Observer,
-    window: Window,
-    filter: Filter,
-    telescope: Telescope,
-    exptime: float,
-    disperser: Disperser | None,
-    interval: Interval | None,
-) -> Candidates:
-    """Return the Candidates of a catalogue by their places alone; arguments as of `select_objects`."""
+def _candidates(catalog: CatalogBase, view: ChipView) -> Candidates:
+    """Return the Candidates of a catalogue by their positions alone."""
+    disperser = view.disperser
+    interval = view.interval
     dispersed = 0.0 if disperser is None else disperser.gratings.reach
-    rows, places = near(catalog.table, wcs, observer, window, dispersed, interval)
+    found = near(catalog.table, view.wcs, view.observer, view.window, dispersed, interval)
+    rows = found.rows
     table = catalog.table.take(rows)
-    if disperser is None and (shares := catalog.component_shares(rows, filter)):
+    if disperser is None and (shares := catalog.component_shares(rows, view.filter)):
         table = table.with_columns(**shares)
-    dmag = None if interval is None else catalog.dimming(rows, interval, filter)
+    dmag = None if interval is None else catalog.dimming(rows, interval, view.filter)
     dimmed = np.ones(len(rows)) if dmag is None else 10 ** (-0.4 * dmag)
-    return Candidates(rows, table, places, seconds_seen(places, exptime, telescope.pixel_scale), dmag, dimmed)
+    seconds = seconds_seen(found.positions, view.exptime, view.telescope.pixel_scale)
+    return Candidates(rows, table, found.positions, seconds, dmag, dimmed)
 
 
 def _flags(table: ObjectTable, bad: BoolArray, truncated: BoolArray, thin: BoolArray) -> IntArray:
@@ -188,24 +186,20 @@ def _flags(table: ObjectTable, bad: BoolArray, truncated: BoolArray, thin: BoolA
 
 
 def _could_reach(
-    table: ObjectTable,
-    places: Mapping[str, FloatArray],
-    electrons: FloatArray,
-    window: Window,
-    disperser: Disperser | None,
-    optics: tuple[float, Scattered | None, float, Chip, Filter, Telescope],
+    table: ObjectTable, positions: Mapping[str, FloatArray], electrons: FloatArray, view: ChipView
 ) -> BoolArray:
-    """Return (n,) bool: whether objects of up to so many electrons could reach the window, or are of unknown light.
+    """Return (n,) bool: whether objects of up to so many electrons could reach the window, or their flux is unknown.
 
-    optics: the last arguments of `_extent`, which is asked only for objects that are not on the window anyway.
+    `_extent` is computed only for objects that are not on the window anyway.
     """
-    could = lands(places, np.zeros(len(electrons)), window, disperser) | ~np.isfinite(places["x"] + electrons)
+    could = lands(positions, np.zeros(len(electrons)), view.window, view.disperser)
+    could |= ~np.isfinite(positions["x"] + electrons)
     rest = np.flatnonzero(~could)
     table = table.take(rest)
     electrons = electrons[rest]
-    reach, _, wing, ghosts, _ = _extent(table, unusable(table, electrons[:, None]), electrons, *optics)
-    far = np.maximum.reduce([reach, wing, ghosts])
-    could[rest] = lands({name: v[rest] for name, v in places.items()}, far, window, disperser)
+    extent = _extent(table, unusable(table, electrons[:, None]), electrons, view)
+    of_rest = {name: v[rest] for name, v in positions.items()}
+    could[rest] = lands(of_rest, extent.farthest, view.window, view.disperser)
     return could
 
 
@@ -237,55 +231,57 @@ def _magnification(table: ObjectTable) -> tuple[FloatArray, BoolArray]:
     return np.where(lensed(table["obj_type"]), mu, 1.0), thin
 
 
-def _extent(
-    table: ObjectTable,
-    bad: BoolArray,
-    electrons: FloatArray,
-    variance: float,
-    scattered: Scattered | None,
-    box: float,
-    chip: Chip,
-    filter: Filter,
-    telescope: Telescope,
-) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, BoolArray]:
-    """Return how far light goes [pixel]: reach, lost, wing (see `select_objects`), ghosts, and whether it was cut."""
-    wing_px, ghosts = _scattered_reach(scattered, electrons, variance, chip)
+class Extent(NamedTuple):
+    """How far the light of n objects goes [pixel].
+
+    reach (n,): half the side of the stamp; lost (n,): fraction of a galaxy's flux that may lie beyond it; wing (n,):
+    radius at which noise hides the light beyond the PSF's box, 0: it hides all of it; ghosts (n,): distance of those
+    that are visible; truncated (n,) bool: the stamp was cut.
+    """
+
+    reach: IntArray
+    lost: FloatArray
+    wing: FloatArray
+    ghosts: FloatArray
+    truncated: BoolArray
+
+    @property
+    def farthest(self) -> FloatArray:
+        """(n,) the largest of all distances."""
+        return np.maximum.reduce([self.reach, self.wing, self.ghosts])
+
+
+def _extent(table: ObjectTable, bad: BoolArray, electrons: FloatArray, view: ChipView) -> Extent:
+    wing_px, ghosts = _scattered_reach(electrons, view)
     extended = (table["obj_type"] == GALAXY) & ~bad
-    reach, lost = _reach(table, extended, electrons, variance, wing_px, box, filter, telescope)
-    truncated = reach > REACH_MAX
+    reach, lost = _reach(table, extended, electrons, wing_px, view)
     sides = np.ceil(np.minimum(reach, REACH_MAX)).astype(np.int32)
-    wing = np.where(wing_px > box, wing_px, 0.0)
-    return sides, lost, wing, ghosts, truncated
+    wing = np.where(wing_px > view.box, wing_px, 0.0)
+    return Extent(sides, lost, wing, ghosts, reach > REACH_MAX)
 
 
-def _scattered_reach(
-    scattered: Scattered | None, electrons: FloatArray, variance: float, chip: Chip
-) -> tuple[FloatArray, FloatArray]:
-    """Return the radius to which each object's wing is drawn, and the distance of its visible ghosts [pixel]."""
+def _scattered_reach(electrons: FloatArray, view: ChipView) -> tuple[FloatArray, FloatArray]:
+    """Return the radius to which each object's wing is rendered, and the distance of its visible ghosts [pixel]."""
+    scattered = view.scattered
     if scattered is None:
         return np.zeros_like(electrons), np.zeros_like(electrons)
-    ghosts = 0.0 if scattered.ghosts is None else scattered.ghosts.reach(chip) * scattered.ghosts.visible(electrons)
-    return wing_reach(electrons, variance, scattered.wing), np.broadcast_to(ghosts, electrons.shape)
+    ghosts: FloatArray | float = 0.0
+    if scattered.ghosts is not None:
+        ghosts = scattered.ghosts.reach(view.wcs.chip) * scattered.ghosts.visible(electrons)
+    return wing_reach(electrons, view.variance, scattered.wing), np.broadcast_to(ghosts, electrons.shape)
 
 
 def _reach(
-    table: ObjectTable,
-    extended: BoolArray,
-    electrons: FloatArray,
-    variance: float,
-    wing_px: FloatArray,
-    box: float,
-    filter: Filter,
-    telescope: Telescope,
+    table: ObjectTable, extended: BoolArray, electrons: FloatArray, wing_px: FloatArray, view: ChipView
 ) -> tuple[FloatArray, FloatArray]:
-    """Return (reach [pixel], lost: fraction of a galaxy's light that may lie beyond its stamp)."""
-    reach = point_reach(electrons, variance, filter, telescope, box)
-    reach = np.where(extended, reach, np.clip(np.maximum(wing_px, STAR_MIN), reach, box))
+    """Return (reach [pixel], lost: fraction of a galaxy's flux that may lie beyond its stamp)."""
+    reach = point_reach(electrons, view.variance, view.filter, view.telescope, view.box)
+    reach = np.where(extended, reach, np.clip(np.maximum(wing_px, STAR_MIN), reach, view.box))
     lost = np.zeros(len(reach), np.float32)
     reach[electrons <= 0] = POINT_MIN
     if extended.any():
         profile, lost[extended] = galaxy_radius(
-            table.take(extended), electrons[extended], variance, telescope.pixel_scale
+            table.take(extended), electrons[extended], view.variance, view.telescope.pixel_scale
         )
         reach[extended] += profile
     return reach, lost
