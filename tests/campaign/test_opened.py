@@ -337,3 +337,20 @@ def test_a_chip_has_the_disperser_of_its_gratings_filter_and_telescope(tmp_path)
     assert found.gratings is run.camera.gratings[29] and found.filter is run.camera.filters[slitless.chip.filter]
     plain, wider = run.margin_deg(imaging), run.margin_deg(slitless)
     assert (wider - plain) * 3600 / run.camera.telescope.pixel_scale == pytest.approx(run.camera.gratings[29].reach)
+
+
+def test_gratings_are_read_where_the_sky_is_seen_through_them(tmp_path):
+    """A damaged file of them is refused before any work; imaging chips, and frames without sky, do without it."""
+    rows = ["10100000001,SCIE,60,-40,0,2027-11-20T01:08:00,150", "10300000001,BIAS,0,0,0,2027-11-20T02:00:00,0"]
+
+    def opened(types, chips):
+        file = write_campaign(tmp_path, rows, select={"types": types, "chips": chips})
+        for path in (tmp_path / "instrument" / "gratings").glob("*.conf"):
+            path.write_text("no grating\n")
+        return OpenCampaign(file)
+
+    for types, chips in ((["SCIE"], [9]), (["BIAS"], [29]), (["BIAS"], [9])):
+        assert opened(types, chips).jobs
+    for chips in ([29], [9, 29]):
+        with pytest.raises(InputError, match=r"gratings/.*\.conf"):
+            opened(["SCIE"], chips)

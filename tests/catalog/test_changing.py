@@ -204,6 +204,22 @@ def test_a_trail_crosses_a_window_or_passes_it():
     assert crosses(places, np.full(5, 60.0), window).tolist() == [True, True, True, True, False]
 
 
+def test_trails_from_anywhere_to_anywhere_by_many_places_on_them():
+    """Against 4001 places of each of 400 trails; those that pass a corner within a pixel are not asked."""
+    rng = np.random.default_rng(5)
+    window, far = Window(300, 420, 50, 110), rng.uniform(0, 30, 400)
+    x0, x1 = rng.uniform(150, 570, (2, 400))
+    y0, y1 = rng.uniform(-100, 260, (2, 400))
+    x1[:20], y1[20:40] = x0[:20], y0[20:40]  # along the axes
+    places = {"trail_x0": x0, "trail_y0": y0, "trail_x1": x1, "trail_y1": y1}
+    along = np.linspace(0, 1, 4001)[:, None]
+    x, y = x0 + along * (x1 - x0), y0 + along * (y1 - y0)
+    outside = np.max([299.5 - far - x, x - 419.5 - far, 49.5 - far - y, y - 109.5 - far], axis=0).min(axis=0)
+    clear = np.abs(outside) > 1
+    assert (outside[clear] < 0).sum() > 100 and (outside[clear] > 0).sum() > 100
+    np.testing.assert_array_equal(crosses(places, far, window)[clear], outside[clear] < 0)
+
+
 def test_quasars_walk_as_macleod_2010_says():
     """Structure functions of 400 quasars at three lags; any epoch alone is the same; the rms in u above that in z."""
     numbers = numbers_of(UNIVERSE, "variable_quasars")

@@ -18,6 +18,7 @@ from csstsim.catalog.astrometry.reduction import (
     at_j2000,
     icrs,
     light_deflection,
+    moved,
     space_motion,
 )
 
@@ -314,3 +315,11 @@ def test_planets_have_their_masses_places_and_discs():
         distance = np.linalg.norm(place - craft.astrom["eb"]) * 149597870.7
         assert body["dl"] == pytest.approx((km / distance) ** 2 / 2, rel=0.02)
     assert len(observer(MJD, POSITION, VELOCITY).bodies) == 0
+
+
+def test_uniform_motion_is_to_the_east_and_to_the_north():
+    """Of one arcsec a year for ten years, in either direction and back in time: 1e-6 arcsec, the sphere's curvature."""
+    for pmra, pmdec, years in ((1000.0, 0.0, 10.0), (0.0, 1000.0, 10.0), (-700.0, 300.0, 10.0), (0.0, 1000.0, -10.0)):
+        ra, dec = moved(np.array([30.0]), np.array([0.0]), np.array([pmra]), np.array([pmdec]), years)
+        found = (ra[0] - 30.0) * 3600, dec[0] * 3600
+        assert found == pytest.approx((pmra * years / 1000, pmdec * years / 1000), abs=1e-6)

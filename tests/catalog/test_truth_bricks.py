@@ -349,3 +349,24 @@ def test_what_a_brick_is_made_of_is_recorded():
 def test_numbers_of_no_brick_are_refused(pix):
     with pytest.raises(InputError, match=rf"no such brick .*{pix}.*0\.\.786431"):
         make_brick(pix=pix, **key())
+
+
+def test_quasars_stand_where_their_hosts_do_and_others_alone(monkeypatch):
+    """Hosts are rows of galaxies, the first of them too; without galaxies, all stand alone."""
+    hosts = np.array([2, -1, 0, -1, 1])
+    monkeypatch.setattr(
+        "csstsim.universe.quasars.quasars.draw_quasars", lambda *given: {"z": np.zeros(5), "host": hosts}
+    )
+    own = np.arange(5) + 50.0, np.arange(5) - 20.0, np.arange(5) + 500
+    monkeypatch.setattr(module, "place", lambda pix, rng, count: own)
+    seen = []
+    monkeypatch.setattr(module, "_put", lambda columns, *given: seen.append([v.tolist() for v in given[:3]]))
+    monkeypatch.setattr(module, "_complete", lambda kind, columns, camera: kind)
+    universe = SimpleNamespace(numbers={"quasars": {}}, cosmology=None)
+    galaxies = ObjectTable({
+        "ra": np.array([1.0, 2.0, 3.0]), "dec": np.array([7.0, 8.0, 9.0]), "_healpix_29": np.array([10, 20, 30])
+    })  # fmt: skip
+    for table in (galaxies, galaxies.take(np.zeros(3, bool))):
+        assert module._quasars(SEED, 9, universe, None, table, Lensing(), "none") == QUASAR
+    assert seen[0] == [[3.0, 51.0, 1.0, 53.0, 2.0], [9.0, -19.0, 7.0, -17.0, 8.0], [30, 501, 10, 503, 20]]
+    assert seen[1] == [v.tolist() for v in own]

@@ -7,6 +7,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from PIL import Image
 
 from csstsim.base.errors import InputError
 from csstsim.base.healpix import brick_centre, hats_index
@@ -165,3 +166,16 @@ def test_a_page_is_whole(tmp_path, end, good):
     assert list(campaign_checks.page(tmp_path / "p.html")) == ([] if good else ["the page is cut short"])
     (tmp_path / "s.html").write_text(end)
     assert list(campaign_checks.page(tmp_path / "s.html")) == ([] if good else ["the page is cut short"])
+
+
+def test_a_picture_is_whole(tmp_path):
+    """A byte of its pixels, of its checksums, or its end: none may differ."""
+    path = tmp_path / "a.png"
+    Image.fromarray(np.arange(3000, dtype=np.uint8).reshape(30, 100)).save(path)
+    content = path.read_bytes()
+    assert list(campaign_checks.picture(path)) == []
+    at = content.index(b"IDAT") + 10
+    for damaged in (content[:at] + bytes([content[at] ^ 1]) + content[at + 1 :], content[: len(content) // 2], b"text"):
+        path.write_bytes(damaged)
+        with pytest.raises((InputError, OSError)):
+            list(campaign_checks.picture(path))

@@ -67,3 +67,31 @@ def test_the_error_is_the_scatter(fabricate, stars, extended, window):
         np.full(1, extended), np.zeros(1), np.ones(1), model.at([4.0], [4.0]),
     )  # fmt: skip
     assert np.isinf(nothing).all()
+
+
+@pytest.mark.parametrize("transpose", [False, True])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_pixels_beyond_four_sigma_do_not_count(transpose, sign):
+    """A symmetric source in the middle of a pixel; light 4.0 sigma away counts, that of the next pixel does not."""
+    image = np.zeros((41, 37), np.float32)
+    y, x = np.indices(image.shape)
+    image += np.exp(-0.5 * ((x - 18) ** 2 + (y - 20) ** 2) / 1.5**2).astype(np.float32)
+    if transpose:
+        image = np.ascontiguousarray(image.T)
+    middle = (20.0, 18.0) if transpose else (18.0, 20.0)
+
+    def found(away):
+        spoilt = image.copy()
+        at = [int(middle[1]), int(middle[0])]
+        at[1 if transpose else 0] += sign * away
+        spoilt[tuple(at)] += 1e3
+        x, y, failed = windowed_positions(
+            spoilt, np.array([middle[0]]), np.array([middle[1]]), np.array([2.0])
+        )  # fmt: skip
+        assert not failed.any()
+        return x[0], y[0]
+
+    assert found(9) == middle
+    moved = np.subtract(found(8), middle)
+    along = moved[0 if transpose else 1]
+    assert sign * along > 1e-3 and moved[1 if transpose else 0] == pytest.approx(0, abs=1e-9)

@@ -129,14 +129,17 @@ def test_an_isophote_on_a_bright_star_is_no_source():
 def test_an_extended_source_stands_at_its_peak_if_that_is_bright_and_apart(away, snr, moved):
     """Peaks that are kept come first, then isophotes with all of their own columns and segments."""
     isophotes = sources([20.0, 40.0, 60.0], [0, 0, 0], window=[7.0, 8.0, 9.0])
-    peaks = sources([10.0, 40.0 + away, 50.0], [0, 2, 0], window=[1.0, 2.0, 3.0], window_failed=[False, True, False])
-    top, kept = np.array([-1, 1, -1]), np.array([True, False, True])
+    peaks = sources(
+        [10.0, 40.0 + away, 50.0, 70.0], [0, 2, 0, 5], window=[1.0, 2.0, 3.0, 4.0],
+        window_failed=[False, True, False, False],
+    )  # fmt: skip
+    top, kept = np.array([-1, 1, -1]), np.array([True, False, True, True])
     found = combine._joined(
-        frame_of(isophotes), peaks, np.array([30.0, snr, 40.0]), top, kept, np.array([True, True, False])
+        frame_of(isophotes), peaks, np.array([30.0, snr, 40.0, 35.0]), top, kept, np.array([True, True, False])
     )
-    assert found.x.tolist() == [10.0, 50.0, 20.0, 40.0 + away if moved else 40.0]
-    assert found.window.tolist() == [1.0, 3.0, 7.0, 2.0 if moved else 8.0]
-    assert found.window_failed.tolist() == [False, False, False, moved]
-    assert found.segment.tolist() == [0, 0, 1, 2] and found.extended.tolist() == [False, False, True, True]
-    assert found.snr.tolist() == [30.0, 40.0, 0.0, snr]
-    assert found.half_light.tolist() == [500.0, 502.0, 500.0, 501.0]
+    assert found.x.tolist() == [10.0, 50.0, 70.0, 20.0, 40.0 + away if moved else 40.0]
+    assert found.window.tolist() == [1.0, 3.0, 4.0, 7.0, 2.0 if moved else 8.0]
+    assert found.window_failed.tolist() == [False, False, False, False, moved]
+    assert found.segment.tolist() == [0, 0, 5, 1, 2] and found.extended.tolist() == [False] * 3 + [True] * 2
+    assert found.snr.tolist() == [30.0, 40.0, 35.0, 0.0, snr]
+    assert found.half_light.tolist() == [500.0, 502.0, 503.0, 500.0, 501.0]

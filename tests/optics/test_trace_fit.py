@@ -176,3 +176,22 @@ def test_the_report_gives_number_rms_and_worst_of_each_order():
         "+1 4 0.1521 0.2500 above the 0.2 px of the paper",
         "+2 2 3.5355 4.0000",
     ]
+
+
+@pytest.mark.parametrize(("changes", "good"), [
+    ({}, True), ({"wavelength": 0.5}, True), ({"wavelength": 0.0}, False), ({"wavelength": -1.0}, False),
+    ({"m": 0.0, "n": -5.0, "x": -2.0, "y": 0.0}, True), ({"m": 999_999.0}, True), ({"m": 1e6}, False),
+    ({"n": -1e6}, False), ({"x": "inf"}, False), ({"y": "nan"}, False), ({"wavelength": 1e6}, False),
+    ({"order": -2}, True), ({"order": 3}, False), ({"order": 1.5}, False), ({"y": ""}, False),
+])  # fmt: skip
+def test_each_number_of_a_sample_has_a_range(tmp_path, changes, good):
+    values = {"order": 1, "m": 10.0, "n": 20.0, "wavelength": 7000.0, "x": 30.0, "y": 40.0} | changes
+    path = tmp_path / "s.csv"
+    rows = [COLUMNS, (1, 1.0, 2.0, 6500.0, 3.0, 4.0), [values[name] for name in COLUMNS]]
+    path.write_text("".join(",".join(map(str, row)) + "\n" for row in rows))
+    if good:
+        found = read_trajectories(path)
+        assert found[values["order"]][-1].tolist() == [values[name] for name in COLUMNS[1:]]
+    else:
+        with pytest.raises(InputError, match=r"s\.csv: row 3: "):
+            read_trajectories(path)

@@ -7,9 +7,12 @@ import pytest
 from scipy.integrate import quad
 from scipy.special import gammaincc, gammaincinv, j0
 
+from csstsim.profiles import sersic
 from csstsim.profiles.log_table import first_of, nodes, read
 from csstsim.profiles.sersic import (
     CUT_NONE,
+    INDEX_MAX,
+    INDEX_MIN,
     K2_HIGH,
     K2_LOW,
     R2_HIGH,
@@ -156,3 +159,17 @@ def test_a_cut_of_next_to_nothing_leaves_all_of_the_profile_outside():
     transform, outer = tables(1.0, CUT_NONE)
     assert not transform.any()
     assert outer == pytest.approx(1.678347**2 / (2 * np.pi) * np.exp(-1.678347 * np.sqrt(SQUARE)), rel=1e-6, abs=1e-9)
+
+
+def test_the_light_beyond_is_interpolated_to_the_ends_of_the_table():
+    """Radii to the last node and to the first, and indices to either limit."""
+    rng = np.random.default_rng(9)
+    for low, high in ((INDEX_MIN, INDEX_MIN * 1.004), (INDEX_MAX / 1.004, INDEX_MAX)):
+        index = rng.uniform(low, high, 400)
+        ratio = np.exp(rng.uniform(-5, 4, 400))
+        exact = gammaincc(2 * index, gammaincinv(2 * index, 0.5) * ratio ** (1 / index))
+        assert light_beyond(ratio, np.ones(400), index) == pytest.approx(exact, rel=0.05, abs=1e-9)
+    index = np.full(200, 5.5)
+    ratio = np.exp(sersic._LOG_RATIO[-1] - rng.uniform(0, 2, 200) * np.diff(sersic._LOG_RATIO)[0])
+    exact = gammaincc(2 * index, gammaincinv(2 * index, 0.5) * ratio ** (1 / index))
+    assert light_beyond(ratio, np.ones(200), index) == pytest.approx(exact, rel=2e-3, abs=0)

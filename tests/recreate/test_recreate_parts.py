@@ -638,6 +638,9 @@ def test_the_sky_is_the_background_less_dark_current_and_faint_objects(monkeypat
     assert rate == pytest.approx((97 / 0.8 - 1.0) / 150, rel=1e-6)
     assert asked["times"][[0, 1]] == pytest.approx([15_000 / 141.42, 100 / 141.42], rel=0.02)
     assert head.notes == [f"SKYRATE: sky of the frame's background, 100.00 e-: {rate:.4f} e-/s/px"]
+    seen.electrons[~seen.saturated] = 100.0  # a frame without noise counts as one of 1 e-
+    recreate._sky(head, run, job, {"mag_r": mags})
+    assert asked["times"][[0, 1]] == pytest.approx(np.array([15_000, 100]) / (5 * 1.0 * np.sqrt(50)), rel=1e-9)
     seen.saturated[:] = True
     with pytest.raises(InputError, match="every pixel is saturated"):
         recreate._sky(head, run, job, {"mag_r": mags})

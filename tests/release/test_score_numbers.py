@@ -391,6 +391,8 @@ def test_purity_without_chance(monkeypatch):
     )
     monkeypatch.setattr("csstsim.release.score.score.chance", lambda *given: (1.0, 77))
     assert np.isnan(evaluate(known, catalogue_of(known, [0]))[0]["purity"]["corrected"])
+    mixed = evaluate(known, catalogue_of(known, [0, 1, 2, 3], [0, 0, 0, 20.0]))[0]["purity"]
+    assert mixed["purity"] == 0.75 and np.isnan(mixed["corrected"])
 
 
 def test_the_radius_reaches_matches_and_chance():

@@ -291,3 +291,61 @@ def test_a_frame_is_shown_in_full_about_its_galaxy_or_its_brightest_spectrum(tmp
     assert place.shape == (40, 40) and abs(place.x0 + 20 - 250) <= 1 and abs(place.y0 + 20 - 115) <= 1
     orders = orders.take(np.array([1, 3]))
     assert detail(run, one, "FILE", 40) is None
+
+
+def test_the_focal_plane_has_science_first_then_the_most_chips_then_the_first_picture(tmp_path, monkeypatch):
+    """Exposures of one chip and of several; no more frames than PICTURES, but one exposure at least."""
+    one, two, bias = [job("1", 9)], [job("2", 8), job("2", 9)], [job("3", n, kind="BIAS") for n in (7, 8, 9)]
+    again, alone = [job("4", 6), job("4", 7)], [job("5", 9)]
+    first = SimpleNamespace(obsid="4"), SimpleNamespace(obsid="5")
+    run = opened(
+        tmp_path, jobs=[*bias, *one, *two, *again, *alone], first_frames=first, camera=SimpleNamespace(chips={9: "C"})
+    )  # fmt: skip
+    monkeypatch.setattr("csstsim.report.mosaic.take_exposure", lambda title, pa, files, spot: (title, pa))
+    monkeypatch.setattr("csstsim.report.mosaic.mosaic", lambda chips, exposures, looks: (chips, exposures, looks))
+
+    def shown(most):
+        monkeypatch.setattr(report_pictures, "PICTURES", most)
+        chips, exposures, looks = report_pictures.focal_plane(run, "LOOKS")
+        assert (chips, looks) == (["C"], "LOOKS") and {pa for _, pa in exposures} == {-113.43333}
+        return [title for title, _ in exposures]
+
+    everything = [f"{k} (SCIE, 150 s, r)" for k in "4251"] + ["3 (BIAS, 150 s, r)"]
+    assert shown(9) == everything
+    assert shown(8) == everything[:4] and shown(3) == everything[:1] and shown(1) == everything[:1]
+
+
+def test_bricks_of_the_truth_become_a_catalogue_where_all_are_left(tmp_path, monkeypatch):
+    """Merged ones always; the verdict is written, and printed with the path of the page."""
+    written, verdict = [], {"gates": [], "passed": True}
+    truth = SimpleNamespace(made_for=[5, 7])
+    run = opened(
+        tmp_path, merge_bricks={7: []}, slitless_jobs=(), science_jobs=(), camera=SimpleNamespace(filters={}),
+        config=SimpleNamespace(name="mine"),
+    )  # fmt: skip
+    for name in ("_summary", "_exposures", "_products", "_provenance", "_layers", "run_times", "sky_pictures"):
+        monkeypatch.setattr(report, name, lambda run: [])
+    monkeypatch.setattr(report, "_validation", lambda run, pix: {"brick": pix, "gates": []})
+    monkeypatch.setattr(report, "_merged", lambda run, pix: f"merged {pix}")
+    monkeypatch.setattr(report, "kinds", lambda run: {"truth": truth})
+    monkeypatch.setattr(report, "focal_plane", lambda *given: None)
+    monkeypatch.setattr(report, "sky_of_frames", lambda *given: None)
+    monkeypatch.setattr(report.Budget, "read", lambda self, path: None)
+    monkeypatch.setattr(report.verdicts, "judge", lambda results, spectra: verdict)
+    monkeypatch.setattr(report.verdicts, "count", lambda gates: {"fail": 0})
+    monkeypatch.setattr(report.verdicts, "lines", lambda verdict: ["all good"])
+    monkeypatch.setattr(
+        report.verdicts, "write_verdict", lambda path, verdict, campaign, csstsim: written.append((path, campaign))
+    )
+    monkeypatch.setattr("csstsim.report.page.write_report", lambda page, *given, **named: written.append(page))
+    monkeypatch.setattr("csstsim.bricks.hats.write_catalogue", lambda *given: written.append(given))
+    page, paths = run.paths.report, run.paths
+    always = [page, (page.with_name("verdict.json"), "mine"), (paths.merge_catalogue, "mine", {7: "merged 7"})]
+    assert report.report(run) is verdict and written == always
+    for number, pix in enumerate(truth.made_for):
+        paths.truth(pix).parent.mkdir(parents=True, exist_ok=True)
+        paths.truth(pix).touch()
+        written.clear()
+        report.report(run)
+        sky = (paths.truth_catalogue, "mine truth", {pix: paths.truth(pix) for pix in (5, 7)})
+        assert written == always + [sky] * number

@@ -116,3 +116,11 @@ def test_a_chip_that_failed_among_others_is_a_group_of_its_own_from_the_next_sta
     assert (alone.number, alone.chips_of, alone.log) == (1, {"10100000001": ["08"]}, "_08")
     started(files.run)
     assert len(list(files.groups(files.run.jobs, "level0"))) == 2
+
+
+def test_psfs_of_a_library_are_read_from_its_file_of_the_chip(tmp_path):
+    files = RuleFiles.__new__(RuleFiles)
+    files.run = SimpleNamespace(psf_library=tmp_path / "library")
+    assert files.library(of(chip="09")) == [str(tmp_path / "library" / "psfCube_9.h5")]
+    files.run.psf_library = None
+    assert files.library(of()) == []

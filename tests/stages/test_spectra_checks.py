@@ -63,6 +63,23 @@ def test_the_flux_is_that_of_bright_stars_by_whole_spectra():
     assert found["error"] == pytest.approx(weight.sum() ** -0.5, rel=1e-6)
 
 
+@pytest.mark.parametrize(("y", "row"), [(43.0, 0), (50.4, 0), (50.6, 1), (58.6, 9), (59.4, 9), (59.6, 9), (66.0, 9)])
+def test_a_spectrum_at_an_edge_is_compared_with_the_sky_of_the_nearest_row(monkeypatch, y, row):
+    """A window of rows 50 to 59, whose sky is 1 to 10 electrons."""
+    image = np.arange(1.0, 11.0)[:, None] * np.ones(40)
+    monkeypatch.setattr(spectra_checks, "dispersed_sky", lambda exposure, param: image)
+    step = {"sky_background": SimpleNamespace(param=None)}.get
+    run = SimpleNamespace(steps={"SCIE": SimpleNamespace(step=step, shipped=True)})
+    job = SimpleNamespace(
+        pointing=SimpleNamespace(type="SCIE", exptime=150.0), exposure=None, window=Window(100, 140, 50, 60)
+    )
+    table = ObjectTable({
+        "row": np.array([0]), "y": np.array([y]), "column": np.array([139]), "sky": np.array([2.0 * (row + 1)]),
+        "flags": np.array([0]), "model": np.ones(1),
+    })  # fmt: skip
+    assert spectra_checks._sky(run, job, table) == {"off": pytest.approx(1.0), "n": 1}
+
+
 def test_no_spectrum_no_sky():
     steps = {"SCIE": SimpleNamespace(step=lambda name: None, shipped=True)}
     job = SimpleNamespace(pointing=SimpleNamespace(type="SCIE", exptime=1.0))
