@@ -7,7 +7,7 @@ from report_page import Reader
 
 from csstsim.bricks.validation import verdict
 from csstsim.bricks.validation.compare import spread
-from csstsim.report.page import write_report
+from csstsim.report.page import FrameSpectra, KindOfFiles, ReportContent, write_report
 from csstsim.report.parts import LONGEST, Link, Table, draw
 
 EVIL = '<script>alert("x")</script>'
@@ -33,7 +33,7 @@ def result(brick, gates, bands=("g",)):
 
 
 def page(path, results, **more):
-    write_report(path / "index.html", {"name": "trial", "seed": 3}, results, **more)
+    write_report(path / "index.html", {"name": "trial", "seed": 3}, results, ReportContent(**more))
     return (path / "index.html").read_text(encoding="utf-8")
 
 
@@ -67,9 +67,10 @@ def test_all_text_is_escaped_and_everything_is_in_the_page(tmp_path):
     wicked = result(1, [gate(EVIL, EVIL, False, extra=EVIL)])
     text = page(
         tmp_path, [wicked], figures={1: PNG}, sky_map=PNG, exposures=[{EVIL: EVIL, "chips": (Link(EVIL, EVIL),)}],
-        products=[(EVIL, 1, "2 kB", (Link(EVIL, f"../level0/{EVIL}.fits"),))],
+        products=[KindOfFiles(EVIL, 1, "2 kB", (Link(EVIL, f"../level0/{EVIL}.fits"),))],
         layers=[(EVIL, EVIL, EVIL)], links={1: (Link(EVIL, "a.json"),)},
-        spectra=[(EVIL, PNG), (EVIL, None)], provenance={EVIL: EVIL}, times=[{"step": EVIL, "wall": 1.0}],
+        spectra=[FrameSpectra(EVIL, PNG, ()), FrameSpectra(EVIL, None, ())], provenance={EVIL: EVIL},
+        times=[{"step": EVIL, "wall": 1.0}],
     )  # fmt: skip
     reader = Reader(text)
     assert text.count("<script") == 1 and [tag for tag, _ in reader.tags].count("script") == 1  # the page's own

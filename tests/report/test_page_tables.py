@@ -63,7 +63,7 @@ def test_a_brick_says_what_there_is_and_how_far_off():
 
 def test_bricks_beyond_the_fourth_are_folded():
     results = [result(k, [gate("a", True), gate("b", None)]) for k in range(6)]
-    sections = page._bricks(results, {5: b"png"}, {}, {})
+    sections = page._bricks(results, page.ReportContent(figures={5: b"png"}))
     assert [(one.name, one.title, one.level) for one in sections[:2]] == [
         ("brick-0", "Brick 0", 3), ("brick-1", "Brick 1", 3),
     ]  # fmt: skip
@@ -93,13 +93,17 @@ def test_tables_of_gates_are_by_verdict_with_all_their_keys():
 
 def test_spectra_without_a_picture_are_linked_in_a_table():
     links = Link("a", "b"), Link("c", "d")
-    figure, words, rest = page._spectra([("one", b"png", *links), ("two", None, links[1])])
+    figure, words, rest = page._spectra(
+        [page.FrameSpectra("one", b"png", links), page.FrameSpectra("two", None, links[1:])]
+    )
     assert figure == Figure(b"png", "one") and words.words == links
     assert rest == Table(("not shown here", "files"), [("two", links[1:])], "more")
-    assert (
-        page._products([("frames", 1, "2 kB", ()), ("tables", 2, "3 MB", links)])[1].summary == "tables: 2 files, 3 MB"
-    )
-    assert page._products([("frames", 1, "2 kB", ())])[0].summary == "frames: 1 file, 2 kB"
+    frames = page.KindOfFiles("frames", 1, "2 kB", ())
+    tables = page.KindOfFiles("tables", 2, "3 MB", links)
+    assert [one.summary for one in page._products([frames, tables])] == [
+        "frames: 1 file, 2 kB",
+        "tables: 2 files, 3 MB",
+    ]
 
 
 def test_the_sections_of_a_report_are_in_order_and_failing_bricks_first(monkeypatch, tmp_path):
@@ -107,13 +111,14 @@ def test_the_sections_of_a_report_are_in_order_and_failing_bricks_first(monkeypa
     filled = {}
     monkeypatch.setattr(page, "fill", lambda template, **values: filled.update(values) or "text")
     gates = [gate("a", False, brick=3)] * 11 + [gate("b", True, brick=4)]
-    page.write_report(
-        tmp_path / "index.html", {"name": "mine", "chips": 3}, [result(4, []), result(3, [gate("a", False)] * 2)],
+    content = page.ReportContent(
         sky=[Paragraph("sky")], mosaic=Paragraph("plane"), sky_map=b"png", gates=gates, times=[{"step": "x"}],
         layers=[("SCIE", "Bias", "{}")], provenance={"host": "h"}, stray_light=[Paragraph("stray")],
-        exposures=[{"obsid": 1}], products=[("frames", 1, "2 kB", (Link("a", "b"),))],
-        spectra=[("one", b"png")], links={3: (Link("x", "y"),)},
+        exposures=[{"obsid": 1}], products=[page.KindOfFiles("frames", 1, "2 kB", (Link("a", "b"),))],
+        spectra=[page.FrameSpectra("one", b"png", ())], links={3: (Link("x", "y"),)},
     )  # fmt: skip
+    results = [result(4, []), result(3, [gate("a", False)] * 2)]
+    page.write_report(tmp_path / "index.html", {"name": "mine", "chips": 3}, results, content)
     sections = {one.name: one.body for one in filled["sections"]}
     assert list(sections) == [
         "field", "summary", "plane", "spectra", "sky", "straylight", "gates", "bricks", "validation", "exposures",
@@ -127,7 +132,7 @@ def test_the_sections_of_a_report_are_in_order_and_failing_bricks_first(monkeypa
     assert filled["headline"].style == "verdict fail" and filled["headline"].words.startswith("FAIL: 1 of 12")
     pairs, fold = sections["provenance"]
     assert pairs == Pairs({"host": "h"}) and fold.body[0].rows == [("SCIE", "Bias", "{}")]
-    page.write_report(tmp_path / "index.html", {}, [], gates=gates[:10])
+    page.write_report(tmp_path / "index.html", {}, [], page.ReportContent(gates=gates[:10]))
     assert filled["name"] == "campaign" and len(filled["failing"]) == 10
     assert "bricks" not in [one.name for one in filled["sections"]]
 

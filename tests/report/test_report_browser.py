@@ -11,7 +11,7 @@ from report_page import Reader
 from test_thumbnail import level0
 
 from csstsim.report.mosaic import mosaic, take_exposure
-from csstsim.report.page import write_report
+from csstsim.report.page import ReportContent, write_report
 from csstsim.report.parts import Link
 
 pytestmark = pytest.mark.skipif(
@@ -164,7 +164,8 @@ def test_exposures_to_choose_from_a_cutout_and_folded_sections(browser, tmp_path
     evil = "</script><script>console.error('run')</script><img src=x onerror=alert(1)>"
     path = tmp_path / "index.html"
     rows = [{"obsid": evil, "file": Link(evil, "b.fits")}] * 60
-    write_report(path, {"name": evil, "seed": 1}, [], exposures=rows, mosaic=mosaic(chips, [one, two], LOOKS))
+    content = ReportContent(exposures=rows, mosaic=mosaic(chips, [one, two], LOOKS))
+    write_report(path, {"name": evil, "seed": 1}, [], content)
     Reader(path.read_text())
     browser.open(f"{path.as_uri()}#exposures")
     shown = "return [...document.querySelectorAll('.exposure')].map((g) => getComputedStyle(g).display !== 'none')"

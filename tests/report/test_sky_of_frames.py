@@ -12,7 +12,7 @@ from report_page import Reader, done
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.opened import OpenCampaign
-from csstsim.report.page import write_report
+from csstsim.report.page import ReportContent, write_report
 from csstsim.report.parts import Figure, Table
 from csstsim.report.stray_panel import sky_by_exposure
 from csstsim.report.style import band_styles
@@ -39,7 +39,7 @@ def test_the_section_has_what_the_headers_say(run, tmp_path):
     assert band == "r" and len(cells) == len(COMPONENTS) and share.endswith("% of exposures")
     assert cells[0] == ", ".join([f"{header['SKYZODI']:.2g}"] * 3) and header["SKYZODI"] > 0.05
     assert cells[1] == ", ".join([f"{header['SKYEARTH']:.2g}"] * 3)
-    write_report(tmp_path / "index.html", {"name": "trial"}, [], stray_light=parts)
+    write_report(tmp_path / "index.html", {"name": "trial"}, [], ReportContent(stray_light=parts))
     text = (tmp_path / "index.html").read_text(encoding="utf-8")
     assert "Zodiacal and stray light" in Reader(text).text
     write_report(tmp_path / "index.html", {"name": "trial"}, [])

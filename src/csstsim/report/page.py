@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
 
 from csstsim.base.plural import number_of
 from csstsim.bricks.validation import verdict as verdicts
@@ -23,67 +24,73 @@ SKY = "Windows by filter, the NSIDE-256 bricks they touch, and the pointings"
 GATE = {"name": "gate", "band": "band", "value": "value", "threshold": "threshold", "n": "sources"}
 
 
+class KindOfFiles(NamedTuple):
+    """Files of one kind of product: how many there are, their size as text, and links to them."""
+
+    kind: str
+    number: int
+    size: str
+    links: tuple[Link, ...]
+
+
+class FrameSpectra(NamedTuple):
+    """Spectra of one spectroscopic frame: title, figure (PNG bytes, or None if it is not shown), links to files."""
+
+    title: str
+    png: bytes | None
+    links: tuple[Link, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportContent:
+    """What a report shows besides the summary and the results of its bricks; what is left out is not shown."""
+
+    sky: Iterable[Part] = ()  # shown first: pictures of the sky and of objects
+    mosaic: FocalPlane | None = None
+    spectra: Sequence[FrameSpectra] = ()
+    sky_map: bytes | None = None  # PNG
+    stray_light: Iterable[Part] = ()  # on the sky of each exposure
+    gates: Sequence[dict[str, Any]] | None = None  # all, with their bricks, as in the verdict; None: of the results
+    figures: Mapping[int, bytes] = field(default_factory=dict)  # {brick: PNG}
+    links: Mapping[int, tuple[Link, ...]] = field(default_factory=dict)  # {brick: its files}
+    exposures: Iterable[Mapping[str, Any]] = ()  # one row each; values may be parts.Link or tuples of them
+    products: Iterable[KindOfFiles] = ()
+    times: Iterable[Mapping[str, Any]] = ()  # one row each: step, jobs, wall s, CPU s, ...
+    provenance: Mapping[str, Any] = field(default_factory=dict)  # {label: value}: version, date, host, hashes, seed
+    layers: Iterable[tuple[str, str, str]] = ()  # exposure type, layer, its parameters
+    labels: Mapping[str, str] = field(default_factory=dict)  # {band: its name as the camera writes it}
+
+
 def write_report(
-    path: Path,
-    summary: Mapping[str, Any],
-    results: Sequence[dict[str, Any]],
-    *,
-    sky: Iterable[Part] = (),
-    exposures: Iterable[Mapping[str, Any]] = (),
-    products: Iterable[tuple[str, int, str, tuple[Link, ...]]] = (),
-    figures: Mapping[int, bytes] | None = None,
-    sky_map: bytes | None = None,
-    mosaic: FocalPlane | None = None,
-    spectra: Sequence[tuple[str, bytes | None, *tuple[Link, ...]]] = (),
-    stray_light: Iterable[Part] = (),
-    gates: Sequence[dict[str, Any]] | None = None,
-    links: Mapping[int, tuple[Link, ...]] | None = None,
-    provenance: Mapping[str, Any] | None = None,
-    layers: Iterable[tuple[str, str, str]] = (),
-    times: Iterable[Mapping[str, Any]] = (),
-    labels: Mapping[str, str] | None = None,
+    path: Path, summary: Mapping[str, Any], results: Sequence[dict[str, Any]], content: ReportContent | None = None
 ) -> None:
     """Write the report to `path`; all text is escaped.
 
-    summary      {label: value} of the campaign; key 'name' is the title
-    sky          parts shown first: pictures of the sky and of objects
-    results      list of validate_brick results (JSON-like)
-    gates        all gates with their bricks, as in the verdict; None: those of the results
-    exposures    list of mappings: one row each; values may be parts.Link or tuples of them
-    products     list of (kind of product, number of files, their size, tuple of parts.Link)
-    figures      {brick: PNG bytes}; sky_map: PNG bytes
-    mosaic       the focal plane (report.mosaic)
-    stray_light  parts on the sky of each exposure
-    spectra      list of (title, PNG bytes or None, *Links) of spectroscopic frames
-    links        {brick: (Link, ...)}: its files
-    provenance   {label: value}: version, date, host, hashes, seed
-    layers       list of (exposure type, layer, its parameters)
-    labels       {band: its name as the camera writes it}
-    times        list of mappings (step, jobs, wall s, CPU s, ...): one row each
+    summary: {label: value} of the campaign, whose key 'name' is the title; results: of validate_brick (JSON-like).
     """
     from csstsim.base.files.atomic import atomic_path
 
+    content = content or ReportContent()
+    labels = content.labels
     name = summary.get("name", "campaign")
-    judged = verdicts.judge(results) if gates is None else verdicts.verdict_on(gates)
+    verdict = verdicts.judge(results) if content.gates is None else verdicts.verdict_on(content.gates)
     results = sorted(results, key=lambda result: -_counts(result)["fail"])  # stable: ties keep their order, by number
-    links = links or {}
-    labels = labels or {}
     sections = [
-        Section("field", "The field", list(sky)),
+        Section("field", "The field", list(content.sky)),
         Section("summary", "Summary", [Pairs({key: value for key, value in summary.items() if key != "name"})]),
-        Section("plane", "Focal plane", [mosaic] if mosaic else []),
-        Section("spectra", "Spectra", _spectra(spectra)),
-        Section("sky", "Where it lies", _figure(sky_map, SKY)),
-        Section("straylight", "Zodiacal and stray light", list(stray_light)),
-        Section("gates", "Gates", _gates(judged["gates"], labels)),
-        Section("bricks", "Bricks", _brick_table(results, links, labels)),
-        Section("validation", "Validation by brick", _bricks(results, figures or {}, links, labels)),
-        Section("exposures", "Exposures and Level-0 files", [mappings(exposures, "exposures")]),
-        Section("products", "Products", _products(products)),
-        Section("times", "Run time by rule", [mappings(times)]),
-        Section("provenance", "Provenance", _provenance(provenance or {}, layers)),
+        Section("plane", "Focal plane", [content.mosaic] if content.mosaic else []),
+        Section("spectra", "Spectra", _spectra(content.spectra)),
+        Section("sky", "Where it lies", _figure(content.sky_map, SKY)),
+        Section("straylight", "Zodiacal and stray light", list(content.stray_light)),
+        Section("gates", "Gates", _gates(verdict["gates"], labels)),
+        Section("bricks", "Bricks", _brick_table(results, content.links, labels)),
+        Section("validation", "Validation by brick", _bricks(results, content)),
+        Section("exposures", "Exposures and Level-0 files", [mappings(content.exposures, "exposures")]),
+        Section("products", "Products", _products(content.products)),
+        Section("times", "Run time by rule", [mappings(content.times)]),
+        Section("provenance", "Provenance", _provenance(content.provenance, content.layers)),
     ]
-    failing = [gate for gate in judged["gates"] if gate["passed"] is False]
+    failing = [gate for gate in verdict["gates"] if gate["passed"] is False]
     named = [Link(verdicts.sentence(gate), _where(gate)) for gate in failing[:NAMED]]
     named += [Link(f"and {len(failing) - NAMED} more", "#gates")] if len(failing) > NAMED else []
     html = fill(
@@ -91,17 +98,17 @@ def write_report(
         name=name,
         failing=named,
         sections=[one for one in sections if any(map(_holds, one.body))],
-        headline=Paragraph(verdicts.headline(judged), f"verdict {Verdict(judged['passed']).style}"),
+        headline=Paragraph(verdicts.headline(verdict), f"verdict {Verdict(verdict['passed']).style}"),
     )
     with atomic_path(path) as temporary:
         temporary.write_text(html, encoding="utf-8")
 
 
-def _products(products: Iterable[tuple[str, int, str, tuple[Link, ...]]]) -> list[Details]:
-    """Return a fold of links for each kind of product, with the number of files and their size."""
+def _products(products: Iterable[KindOfFiles]) -> list[Details]:
+    """Return Details of links for each kind of product, with the number of files and their size."""
     return [
-        Details(f"{kind}: {count} file{'s' * (count != 1)}, {size}", [Paragraph(links, "links")])
-        for kind, count, size, links in products
+        Details(f"{one.kind}: {number_of(one.number, 'file')}, {one.size}", [Paragraph(one.links, "links")])
+        for one in products
     ]
 
 
@@ -182,18 +189,13 @@ def _brick_table(
     return [note, mappings(rows, "bricks")] if rows else []
 
 
-def _bricks(
-    results: Iterable[dict[str, Any]],
-    figures: Mapping[int, bytes],
-    links: Mapping[int, tuple[Link, ...]],
-    labels: Mapping[str, str],
-) -> list[Section]:
+def _bricks(results: Iterable[dict[str, Any]], content: ReportContent) -> list[Section]:
     """Return one section per brick; the contents of all but the first UNFOLDED are folded."""
     parts = []
-    for place, result in enumerate(results):
+    for number, result in enumerate(results):
         pix = result["brick"]
-        body = _brick(result, figures.get(pix), links.get(pix, ()), labels)
-        if place >= UNFOLDED:
+        body = _brick(result, content.figures.get(pix), content.links.get(pix, ()), content.labels)
+        if number >= UNFOLDED:
             body = [Details(verdicts.tally(_counts(result)), body)]
         parts.append(Section(f"brick-{pix}", f"Brick {pix}", body, level=3))
     return parts
@@ -225,9 +227,10 @@ def _brick(
     ]
 
 
-def _spectra(spectra: Sequence[tuple[str, bytes | None, *tuple[Link, ...]]]) -> list[Part]:
+def _spectra(spectra: Sequence[FrameSpectra]) -> list[Part]:
+    """Return the figures with their links, and a table of links to those that are not shown."""
     parts: list[Part] = []
-    for title, png, *links in spectra:
-        parts += [] if png is None else [Figure(png, title), Paragraph(tuple(links))]
-    rest = [(title, tuple(links)) for title, png, *links in spectra if png is None]
+    for one in spectra:
+        parts += [] if one.png is None else [Figure(one.png, one.title), Paragraph(one.links)]
+    rest = [(one.title, one.links) for one in spectra if one.png is None]
     return [*parts, Table(("not shown here", "files"), rest, "more")]

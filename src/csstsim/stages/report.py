@@ -22,6 +22,7 @@ from csstsim.campaign.products import kinds
 from csstsim.campaign.running.run_times import run_times
 from csstsim.io.keywords import git_commit
 from csstsim.io.paths import made
+from csstsim.report.page import FrameSpectra, KindOfFiles
 from csstsim.report.parts import Link
 from csstsim.stages.parts.report_pictures import by_exposure, focal_plane, sky_pictures
 from csstsim.stages.parts.sky_of_frames import sky_of_frames
@@ -46,7 +47,7 @@ def report(run: OpenCampaign) -> dict[str, Any]:
     """
     from csstsim.bricks.hats import write_catalogue
     from csstsim.report.figures import sky_map
-    from csstsim.report.page import write_report
+    from csstsim.report.page import ReportContent, write_report
     from csstsim.report.style import band_styles
 
     page = run.paths.report
@@ -59,10 +60,7 @@ def report(run: OpenCampaign) -> dict[str, Any]:
     pngs = {result["brick"]: run.paths.validate(result["brick"]).with_suffix(".png") for result in worst_first}
     shown = band_styles(run.camera.filters)
     science = run.science_jobs
-    write_report(
-        page,
-        _summary(run),
-        results,
+    content = ReportContent(
         gates=verdict["gates"],
         sky=[part for part in sky_pictures(run) if part],
         exposures=_exposures(run),
@@ -85,6 +83,7 @@ def report(run: OpenCampaign) -> dict[str, Any]:
         times=run_times(run),
         labels={band: style.label for band, style in shown.items()},
     )
+    write_report(page, _summary(run), results, content)
     # After the page, which reads all else: nothing is written if a product cannot be used
     verdicts.write_verdict(page.with_name("verdict.json"), verdict, campaign=run.config.name, csstsim=__version__)
     if merged:
@@ -183,8 +182,8 @@ def _spectra_gates(run: OpenCampaign, job: Job) -> list[dict[str, Any]]:
     return spectra_gates(meta["checks"], run.limits, **where)
 
 
-def _spectra(run: OpenCampaign, job: Job, budget: Budget) -> tuple[str, bytes | None, Link, Link, Link]:
-    """Return (title, PNG bytes or None, *Links) of a spectroscopic frame for the report."""
+def _spectra(run: OpenCampaign, job: Job, budget: Budget) -> FrameSpectra:
+    """Return what the report shows of a spectroscopic frame."""
     from csstsim.catalog.table import ObjectTable
 
     path = run.paths.spectra(*job.key)
@@ -198,11 +197,11 @@ def _spectra(run: OpenCampaign, job: Job, budget: Budget) -> tuple[str, bytes | 
     if lines["pull_width"] is not None:
         title += f"; {lines['isolated']} isolated lines differ from the truth by {lines['pull_width']:.2f} sigma (rms)"
     links = _link(run, "spectra", path), _link(run, "lines", run.paths.lines(*job.key)), _link(run, "figure", figure)
-    return title, budget.read(figure), *links
+    return FrameSpectra(title, budget.read(figure), links)
 
 
-def _products(run: OpenCampaign) -> list[tuple[str, int, str, tuple[Link, ...]]]:
-    """Return [(kind of product, number of files, their size, Links)]; of many files, a Link to their folder."""
+def _products(run: OpenCampaign) -> list[KindOfFiles]:
+    """Return the products by kind; many files have one Link, to their folder."""
     found = []
     table = kinds(run)
     written = [Path(path) for path in table.pop("report").files()]  # after the page: their sizes are not known yet
@@ -214,11 +213,11 @@ def _products(run: OpenCampaign) -> list[tuple[str, int, str, tuple[Link, ...]]]
         few = [_link(run, f"{path.name} ({_size(path.stat().st_size)})", path) for path in paths[: LINKED + 1]]
         folder = run.paths.output / paths[0].relative_to(run.paths.output).parts[0]
         links = few if len(paths) <= LINKED else [_link(run, f"the folder {folder.name}", folder)]
-        found.append((kind.name, len(paths), _size(size), tuple(links)))
+        found.append(KindOfFiles(kind.name, len(paths), _size(size), tuple(links)))
     beside = tuple(_link(run, path.name, path) for path in written if path != run.paths.report)
     folders = [run.paths.output / name for name in ("look", "logs")]
     more = tuple(_link(run, f"the folder {folder.name}", folder) for folder in folders if folder.is_dir())
-    return [*found, ("beside this page", len(beside), "and what the workflow leaves", beside + more)]
+    return [*found, KindOfFiles("beside this page", len(beside), "and what the workflow leaves", beside + more)]
 
 
 def _size(size: float) -> str:
