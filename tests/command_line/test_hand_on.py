@@ -15,6 +15,7 @@ from mini_campaign import POINTINGS, write_campaign
 from csstsim.base.shipped import SHIPPED
 from csstsim.budget.redshift import report as redshift_report
 from csstsim.campaign.opened import OpenCampaign
+from csstsim.quicklook.show import ShowOptions
 
 
 @pytest.fixture
@@ -251,22 +252,18 @@ def test_bench(handed):
 
 
 def test_show(handed):
-    wanted = {
-        "stretch": None, "limits": None, "region": None, "inset": None, "truth": False, "truth_table": None,
-        "limit": 100, "size": 900, "subtract_overscan": False,
-    }  # fmt: skip
     found = handed("quicklook.show:show", "show", "f.fits", result="f.png")
-    assert list(found.values())[:2] == ["f.fits", None] and {name: found[name] for name in wanted} == wanted
+    assert list(found.values()) == ["f.fits", None, ShowOptions()]
     found = handed(
         "quicklook.show:show", "show", "f.fits", "--output", "o.png", "--stretch", "log", "--limits", -1, 2.5,
         "--region", 1, 2, 3, 4, "--inset", 5, 6, 7, "--truth", "--truth-table", "t", "--limit", 3, "--size", 300,
         "--subtract-overscan", result="o.png",
     )  # fmt: skip
-    wanted = {
-        "stretch": "log", "limits": (-1.0, 2.5), "region": (1, 2, 3, 4), "inset": (5, 6, 7), "truth": True,
-        "truth_table": "t", "limit": 3, "size": 300, "subtract_overscan": True,
-    }  # fmt: skip
-    assert list(found.values())[:2] == ["f.fits", "o.png"] and {name: found[name] for name in wanted} == wanted
+    options = ShowOptions(
+        stretch="log", limits=(-1.0, 2.5), region=(1, 2, 3, 4), inset=(5, 6, 7), truth=True, truth_table="t", limit=3,
+        size=300, subtract_overscan=True,
+    )  # fmt: skip
+    assert list(found.values()) == ["f.fits", "o.png", options]
 
 
 def test_recreate_and_compare(handed):

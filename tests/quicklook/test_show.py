@@ -405,9 +405,8 @@ def test_a_wrong_checksum_is_said_behind_the_remark(tmp_path, level0, monkeypatc
     with fits.open(damaged, mode="update", checksum=False) as file:
         file[0].header["OBJECT"] = "another"
     monkeypatch.setattr(module, "draw", lambda picture, *rest: seen.append((picture, *rest)) or draw(picture, *rest))
-    module.show(
-        damaged, tmp_path / "a.png", region=(10, 70, 20, 90), inset=(60, 30, 12), size=200, limits=(400.0, 900.0)
-    )
+    options = module.ShowOptions(region=(10, 70, 20, 90), inset=(60, 30, 12), size=200, limits=(400.0, 900.0))
+    module.show(damaged, tmp_path / "a.png", options)
     ((picture, bounds, stretch, limits, marks, inset, size),) = seen
     assert picture.remark.endswith("(wrong CHECKSUM of HDU primary: the file was changed or is damaged)")
     assert (bounds, stretch, limits, marks, size) == ((10, 70, 20, 90), None, (400.0, 900.0), None, 200)

@@ -127,9 +127,10 @@ def show(file: str, output: str | None, **options: Any) -> None:
     A map of bad pixels from the laboratory:
       csstsim show instrument/maps/bad_02.fits --output bad_02.png
     """
+    from csstsim.quicklook.show import ShowOptions
     from csstsim.quicklook.show import show as run
 
-    click.echo(run(file, output, **options))
+    click.echo(run(file, output, ShowOptions(**options)))
 
 
 @click.command()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,38 +22,40 @@ if TYPE_CHECKING:
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
-def show(
-    path: PathLike,
-    output: PathLike | None = None,
-    *,
-    stretch: str | None = None,
-    limits: tuple[float, float] | None = None,
-    region: Bounds | None = None,
-    inset: tuple[int, int, int] | None = None,
-    truth: bool = False,
-    truth_table: PathLike | None = None,
-    limit: int = 100,
-    size: int = SIDE,
-    subtract_overscan: bool = False,
-) -> Path:
+@dataclass(frozen=True, kw_only=True)
+class ShowOptions:
+    """What of an image is shown, and how: the options of `csstsim show`. Pixels count from 0."""
+
+    stretch: str | None = None  # one of stretch.STRETCHES; None: asinh, of a mask log
+    limits: tuple[float, float] | None = None  # (low, high) in the file's unit
+    region: Bounds | None = None  # x0, x1, y0, y1, half-open; None: the whole image
+    inset: tuple[int, int, int] | None = None  # x, y of its centre, size
+    truth: bool = False  # mark objects of the truth table that belongs to the file
+    truth_table: PathLike | None = None  # mark objects of this one
+    limit: int = 100  # brightest objects that are marked
+    size: int = SIDE  # pixels of the picture along the longer side
+    subtract_overscan: bool = False
+
+
+def show(path: PathLike, output: PathLike | None = None, options: ShowOptions | None = None) -> Path:
     """Write a PNG of the file `path` to `output` (default: next to it, .png) and return its path.
 
-    stretch: one of stretch.STRETCHES; None: asinh, of a mask log. limits: (low, high) in the file's unit; region: x0,
-    x1, y0, y1, half-open; inset: x, y, size. Pixels count from 0; size: pixels of the picture along the longer side.
     Raises InputError for a file that cannot be shown, an option that does not fit it, or an output that is not a PNG.
     """
+    options = options or ShowOptions()
     path = Path(path)
     if not path.is_file():
         raise InputError("no such file", file=path)
     target = _target(path, output)
-    picture = read_picture(path, subtract_overscan)
+    picture = read_picture(path, options.subtract_overscan)
     if damage := wrong_checksum(path):
         logging.getLogger("csstsim").warning("%s: %s; the picture may be wrong", path, damage)
         picture = replace(picture, remark=" ".join(filter(None, (picture.remark, f"({damage})"))))
-    bounds = _region(picture, region) if region else picture.bounds
-    part = _inset(path, bounds, inset) if inset else None
-    marks = _marks(picture, bounds, truth_table, limit) if truth or truth_table else None
-    figure = draw(picture, bounds, stretch, limits, marks, part, size)
+    bounds = _region(picture, options.region) if options.region else picture.bounds
+    inset = _inset(path, bounds, options.inset) if options.inset else None
+    marked = options.truth or options.truth_table
+    marks = _marks(picture, bounds, options.truth_table, options.limit) if marked else None
+    figure = draw(picture, bounds, options.stretch, options.limits, marks, inset, options.size)
     with atomic_path(target) as temporary:
         figure.savefig(temporary, dpi=DPI)
     return target
