@@ -21,6 +21,7 @@ from csstsim.catalog.base import CatalogBase, Region
 from csstsim.catalog.changing.motion import Interval
 from csstsim.catalog.contract import check, sky_region
 from csstsim.catalog.light.photometry import ab_mag, rate_to_mag
+from csstsim.catalog.light.spectrum_tables import read_columns
 from csstsim.catalog.mock_object import MockObject
 from csstsim.catalog.open import catalog_class, importable, open_catalog, options_beside, own_digests
 from csstsim.instrument.filter import GRID
@@ -508,21 +509,21 @@ def test_an_objects_length_is_that_of_its_table(camera):
 ])  # fmt: skip
 def test_columns_of_a_spectrum(table, message):
     with pytest.raises(InputError, match=message):
-        base.read_columns(table, "FLUX", "here")
+        read_columns(table, "FLUX", "here")
 
 
 def test_masked_samples_are_no_numbers_and_nanometres_are_exact():
     flux = np.ma.array([1.0, 2.0, 3.0], mask=[False, True, False])
     table = Table({"WAVELENGTH": [200.0, 700.0, 1100.0], "FLUX": flux})
     table["WAVELENGTH"].unit = "nm"
-    wave, values = base.read_columns(table, "FLUX", "here")
+    wave, values = read_columns(table, "FLUX", "here")
     assert wave.tolist() == [2000.0, 7000.0, 11000.0] and values.dtype == float
     np.testing.assert_array_equal(values, [1.0, np.nan, 3.0])
 
 
 def test_columns_of_a_spectrum_may_be_quantities():
     table = QTable({"WAVELENGTH": [300.0, 400.0] * u.nm, "FLUX": [1.0, 2.0] * u.Unit("photon / (s m2 nm)")})
-    wave, values = base.read_columns(table, "FLUX", "here")
+    wave, values = read_columns(table, "FLUX", "here")
     assert wave.tolist() == [3000.0, 4000.0] and values == pytest.approx([0.1, 0.2], rel=1e-12)
 
 

@@ -22,9 +22,10 @@ from csstsim.base.healpix import NSIDE, disc
 from csstsim.base.plural import number_of
 from csstsim.base.shipped import SHIPPED
 from csstsim.base.sphere import unit_vectors
-from csstsim.catalog.base import CatalogBase, Region, name_of, read_columns, users_code
+from csstsim.catalog.base import CatalogBase, Region, name_of, users_code
 from csstsim.catalog.galaxy_shapes.part_rows import SHORTHANDS
 from csstsim.catalog.light.photometry import load_fluxes, rate_to_mag
+from csstsim.catalog.light.spectrum_tables import read_columns
 from csstsim.catalog.misspelt import closest_name, unused_magnitude
 from csstsim.catalog.open import make_catalog
 from csstsim.catalog.selection.drawable import reasons

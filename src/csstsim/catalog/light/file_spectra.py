@@ -18,6 +18,7 @@ from csstsim.base.files.fits_headers import check_headers
 from csstsim.base.files.lru_by_file_state import lru_by_file_state
 from csstsim.base.resampling import on_grid
 from csstsim.catalog.light.photometry import ab_mag, bin_means
+from csstsim.catalog.light.spectrum_tables import read_columns
 from csstsim.instrument.filter import GRID, Filter
 
 if TYPE_CHECKING:
@@ -36,8 +37,6 @@ def read_spectrum(path: PathLike) -> FloatArray:
     from astropy.table import Table
     from astropy.units import UnitsWarning
 
-    from csstsim.catalog.base import read_columns
-
     path = Path(path)
     if path.suffix.lower() not in FORMATS:
         raise InputError("unknown kind of spectrum", file=path, key="spectrum_file", allowed=", ".join(FORMATS))
@@ -48,7 +47,7 @@ def read_spectrum(path: PathLike) -> FloatArray:
         check_headers(path)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UnitsWarning)  # of CALSPEC's units, which catalog.base reads
+            warnings.simplefilter("ignore", UnitsWarning)  # of CALSPEC's units, which spectrum_tables reads
             table = Table.read(path, format=form)
     except Exception as exc:  # astropy's readers raise exceptions of many types
         raise InputError(f"not a table that can be read: {str(exc).splitlines()[0]}", file=path) from None
