@@ -62,8 +62,8 @@ def test_what_was_read_is_the_readers_own(tmp_path):
 def test_missing_unreadable_and_impossible_files(tmp_path):
     (tmp_path / "latin.yaml").write_bytes(b"a: \xe9\n")
     for path, message in (
-        (tmp_path / "none.yaml", "No such file"), (tmp_path, "Is a directory"), (tmp_path / "latin.yaml", "not UTF-8"),
-        ("a\0b", "null"),
+        (tmp_path / "none.yaml", "No such file"), (tmp_path, "is a folder, not a file"),
+        (tmp_path / "latin.yaml", "not UTF-8"), ("a\0b", "null"),
     ):  # fmt: skip
         with pytest.raises(InputError, match=message):
             read_yaml(path)

@@ -57,7 +57,7 @@ def test_a_brick_says_what_there_is_and_how_far_off():
     assert fold.body[0].head == ("number", "G", "nuv")
     none = {name: part(0, None, None) for name in ("east", "north")}
     bare = page._brick(result(7, [], astrometry_mas=none, frames=1), None, (), {})
-    assert bare[0].words == "50 merged sources; 1 true object on 1 frame. Positions: no bright star to judge by."
+    assert bare[0].words == "50 merged sources; 1 true object on 1 frame. Positions: no bright star to measure them."
     assert not any(isinstance(one, Figure) for one in bare)
 
 

@@ -328,7 +328,9 @@ def _check_columns(columns: Mapping[str, AnyArray], magnitudes: list[str], where
         raise InputError("columns differ in length", file=where, value=str(lengths))
     for name in columns:
         if name not in known and (column := closest_name(name, typed - set(columns))):
-            raise InputError(f"is {column} meant? Give it that name, or a less similar one", file=where, key=name)
+            raise InputError(
+                f"is {column} meant? Rename it to {column}, or to something unlike {column}", file=where, key=name
+            )
     sizes = [name for name in ("size_disk", "size_bulge") if name in columns]
     if "size" in columns and len(sizes) == 2:
         raise InputError(f"means the same as {' and '.join(sizes)}; give it or them", file=where, key="size")
@@ -385,7 +387,7 @@ def _check_magnitudes(columns: Mapping[str, AnyArray], given: list[str], where: 
             odd |= (columns[name] < BRIGHTEST) | (columns[name] > FAINTEST)
     for bad, message in (
         (none, "has no magnitude"),
-        (odd, f"has a magnitude outside {BRIGHTEST:g} to {FAINTEST:g}; leave the cell blank"),
+        (odd, f"has a magnitude outside {BRIGHTEST:g} to {FAINTEST:g}; leave the cell blank to omit this band"),
     ):
         if bad.any():
             raise InputError(f"row {np.flatnonzero(bad)[0] + 1} {message}", file=where, key=", ".join(given))

@@ -72,18 +72,18 @@ ABOUT = {
     "mag_B": "AB, magnified",
     **{f"flux{i}": "electron / s in the filter's four sub-bands, magnified" for i in range(4)},
     "reach": "px, half the side of the stamp",
-    "lost": "share of a galaxy's light that may lie beyond the stamp",
+    "lost": "fraction of a galaxy's light that may lie beyond the stamp",
     "wing": "px, radius of the light beyond the PSF's box; 0: noise hides it",
     "electrons": "nominal electrons of the exposure (grating: of all orders)",
     "drawn": "electrons put into the image",
     "fraction": "drawn / electrons",
-    "method": "how it was drawn: photons, stamp, unresolved, reference, track (a satellite), none",
+    "method": "how it was rendered: photons, stamp, unresolved, reference, track (a satellite), none",
     "snr": "predicted S/N of the object",
-    "error": "bound of the drawing's error: what an ideal filter on all pixels sees, over its own noise; brighter than "
+    "error": "sigma, bound of the detectability of the rendering error by an ideal filter on all pixels; brighter than "
     "16 mag and larger than 2.5 arcsec up to ten times as much (rendering.md)",
-    "stamp": "px, side of what was drawn, wing included; 0 for photons",
+    "stamp": "px, side of what was rendered, wing included; 0 for photons",
     **dict.fromkeys(
-        ("x0", "x1", "y0", "y1"), "px, box of what was drawn, half-open, full frame; zeros: its wing alone"
+        ("x0", "x1", "y0", "y1"), "px, box of what was rendered, half-open, full frame; zeros: its wing alone"
     ),
     "ms": "CPU milliseconds",
 }

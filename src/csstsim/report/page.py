@@ -149,7 +149,7 @@ def _gates(gates: Sequence[dict[str, Any]], labels: Mapping[str, str]) -> list[T
     return [
         Table(("gate", *verdicts.NAMES.values()), counts),
         Table(head, failing, "gates that fail"),
-        *([Paragraph("Gates that do not apply to this campaign, and are not judged:")] if idle else []),
+        *([Paragraph("Gates that do not apply to this campaign, and are not evaluated:")] if idle else []),
         Table(("gate", "bands, and objects in each", "why"), idle, "gates that do not apply"),
         Table(head, passing, "gates that pass"),
     ]
@@ -214,7 +214,7 @@ def _brick(
         east, north = (_residual(residual[k]) for k in ("east", "north"))
         place = f"Positions out - in: east {east}, north {north} mas from {residual['east']['n']} bright stars."
     else:
-        place = "Positions: no bright star to judge by."
+        place = "Positions: no bright star to measure them."
     counted = {"sources": "merged source", "truth": "true object", "frames": "frame"}
     sources, truth, frames = (number_of(result[name], word) for name, word in counted.items())
     return [

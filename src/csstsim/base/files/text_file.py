@@ -26,6 +26,8 @@ def read_text(path: PathLike, encoding: str = "utf-8", largest: int = LARGEST) -
     try:
         if path.exists() and not (path.is_file() or path.is_dir()):
             raise InputError("a pipe or device, which might never end", file=path)
+        if path.is_dir():
+            raise InputError("is a folder, not a file", file=path)
         with logged("read", path), path.open("rb") as file:
             content = file.read(largest + 1)
     except OSError as exc:
