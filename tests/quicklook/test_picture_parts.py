@@ -157,8 +157,8 @@ def test_limits_are_two_sigma_below_and_so_many_above(stretch, bright, above):
 
 @pytest.mark.parametrize(("stretch", "bright"), [("asinh", 1500.0), ("log", 1500.0), ("log", 1e6)])
 def test_white_is_the_brightest_thousandth(stretch, bright):
-    assert robust_limits(sky(bright), stretch)[1] == pytest.approx(bright)
-    assert robust_limits(sky(bright, 0.0004), stretch)[1] == pytest.approx(10 + 10 * 2 * 1.4826)
+    assert robust_limits(sky(bright), stretch).high == pytest.approx(bright)
+    assert robust_limits(sky(bright, 0.0004), stretch).high == pytest.approx(10 + 10 * 2 * 1.4826)
 
 
 def test_scatter_where_most_pixels_are_alike():
@@ -167,8 +167,11 @@ def test_scatter_where_most_pixels_are_alike():
     values[:100], values[100:200], values[200:203] = 190.0, 230.0, 9000.0
     assert robust_limits(values, "linear") == pytest.approx((200 - 80, 200 + 400, 40))
     values[:200] = 200.0
-    assert robust_limits(values, "linear")[2] == pytest.approx(8800.0)
-    assert robust_limits(np.full(9, 200.0), "linear")[2] == 2.0 and robust_limits(np.full(9, -300.0), "log")[2] == 3.0
+    assert robust_limits(values, "linear").sigma == pytest.approx(8800.0)
+    assert (
+        robust_limits(np.full(9, 200.0), "linear").sigma == 2.0
+        and robust_limits(np.full(9, -300.0), "log").sigma == 3.0
+    )
 
 
 def test_greys_in_closed_form():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
@@ -22,14 +22,22 @@ MOST_ABOVE = {"asinh": 1000.0, "log": np.inf}  # ... and so many sigma
 SOFT = 3.0  # sigma up to which asinh and log are linear
 
 
-def robust_limits(values: FloatArray, stretch: str) -> tuple[float, float, float]:
-    """Return (low, high, sigma) for finite `values` (any shape): black, white, and the background's scatter."""
+class Limits(NamedTuple):
+    """Black level, white level and the background's scatter, in the unit of the pixels."""
+
+    low: float
+    high: float
+    sigma: float
+
+
+def robust_limits(values: FloatArray, stretch: str) -> Limits:
+    """Return the Limits of finite `values` (any shape)."""
     level = cast("float", np.median(values))
     sigma = _scatter(values, level)
     above = LEAST_ABOVE
     if stretch in MOST_ABOVE:
         above = float(np.clip((np.percentile(values, BRIGHT) - level) / sigma, LEAST_ABOVE, MOST_ABOVE[stretch]))
-    return float(level - BELOW * sigma), float(level + above * sigma), float(sigma)
+    return Limits(float(level - BELOW * sigma), float(level + above * sigma), float(sigma))
 
 
 def _scatter(values: FloatArray, level: float) -> float:
