@@ -12,6 +12,7 @@ from csstsim.delivery.frame_checks import (
     _drawn,
     _of_frame,
     _pointing,
+    calibrated,
     cosmic,
     lines,
     measured,
@@ -19,7 +20,9 @@ from csstsim.delivery.frame_checks import (
     other_recipe,
     spectra,
 )
+from csstsim.io.fits_writing import card, write_hdus
 from csstsim.io.frames import save_frame
+from csstsim.io.keywords import RECIPE
 from csstsim.io.pointing_keywords import Boresight
 from csstsim.measure.catalogue import COLUMNS
 from csstsim.measure.spectra import line_columns, spectrum_columns
@@ -186,3 +189,25 @@ def test_an_image_of_cosmic_rays_holds_them_alone(tmp_path):
         assert list(cosmic(path, frame)) == ([f"holds {said}, not the plane cosmic"] if said else [])
     save_frame(path, {"cosmic": plane}, {"recipe": {"a": 9}})
     assert list(cosmic(path, frame)) == ["made for another campaign: a 9, not 1"]
+
+
+def test_a_calibrated_image_has_three_planes_and_the_recipe_of_its_frame(tmp_path):
+    """The recipe stands in the primary header, not in those of the planes."""
+    path = tmp_path / "c.fits"
+    recipe = {name: f"{k}" for k, name in enumerate(RECIPE)} | {"csstsim": None}
+    stated = [card(keyword, recipe[name]) for name, keyword in RECIPE.items()]
+    other = [card(keyword, "other") for keyword in RECIPE.values()]
+
+    def faults(names, primary=stated, more=b""):
+        planes = [(name, other, np.zeros((2, 3), np.float32)) for name in names]
+        write_hdus(path, [("", primary, None), *planes])
+        path.write_bytes(path.read_bytes() + more)
+        return list(calibrated(path, expected(tmp_path, recipe=recipe)))
+
+    assert faults(["SCI", "ERR", "DQ"]) == []
+    assert faults(["SCI", "DQ", "ERR"]) == ["has the extensions SCI, DQ, ERR, not SCI, ERR, DQ"]
+    assert len(faults(["SCI", "ERR"])) == 2 and len(faults(["SCI", "ERR", "DQ", "MORE"])) == 2
+    assert len(faults(["SCI", "ERR", "DQ"], other)) == len(RECIPE)
+    changed = [card(keyword, "9" if k == 1 else recipe[name]) for k, (name, keyword) in enumerate(RECIPE.items())]
+    [found] = faults(["SCI", "ERR", "DQ"], changed)
+    assert found.startswith("made for another campaign: ") and "'9'" in found and "'1'" in found

@@ -59,6 +59,25 @@ def test_light_in_the_strips_is_not_taken_for_sky(sigma):
         assert found[name][0] == pytest.approx(given, rel=5e-3)
 
 
+def test_weights_make_the_electrons_of_their_pixels():
+    """A trace a third of a pixel above a row, noisy pixels, one of them unusable: its weight is 0."""
+    rng = np.random.default_rng(6)
+    offset = ROWS[None] - 0.3
+    shares = np.diff(below(np.append(offset[0] - 0.5, offset[0, -1] + 0.5), 1.0))[None]
+    seen = np.full(shares.shape, INSIDE | GOOD)
+    spoilt = int(np.argmin(np.abs(offset[0] - 1.0)))
+    seen[0, spoilt] = INSIDE
+    data = rng.poisson(SKY + 3000.0 * shares).astype(float)
+    data[0, spoilt] = 0.0
+    found, weights = measured(Cutout(data, None, offset, seen, np.ones(shares.shape)), shares, HALF, READ_NOISE)
+    at = np.searchsorted(offset[0], weights.offset[0])
+    assert weights.each.shape == weights.offset.shape and np.array_equal(offset[0, at], weights.offset[0])
+    assert np.abs(weights.offset).max() <= HALF + 1 and weights.each[0, at == spoilt] == 0
+    used = weights.each * (data[:, at] - found["sky"][0])
+    assert used.sum() == pytest.approx(found["electrons"][0], rel=1e-9)
+    assert (weights.each * shares[:, at]).sum() == pytest.approx(1.0, rel=1e-9)
+
+
 @pytest.mark.parametrize("level", [0.0, -3.0, 1e-12])
 @pytest.mark.parametrize("given", [0.0, 5000.0])
 def test_a_frame_without_any_noise_has_errors_of_the_floor(level, given):

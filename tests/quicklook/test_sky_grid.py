@@ -1,5 +1,7 @@
 """Right ascension and declination on a picture: the right WCS, lines and labels, also at RA 0 and at the pole."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from astropy.io import fits
@@ -12,7 +14,7 @@ from csstsim.optics.geometry.sip import sip_header
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.quicklook.figure import draw
 from csstsim.quicklook.picture import read_picture
-from csstsim.quicklook.sky_grid import LINEAR, exposure_wcs, header_wcs
+from csstsim.quicklook.sky_grid import LINEAR, _sides, exposure_wcs, header_wcs
 
 GRID_PX = 1e-3  # of the SIP polynomials, measured 2e-4
 
@@ -96,3 +98,16 @@ def test_labels_with_a_pole_in_the_picture(calibrated, dec):
     cards = dict(tangent_header(ra=30.0, dec=dec))
     found = labels(calibrated(np.random.default_rng(1).normal(size=(30, 40)), **cards))
     assert found["RA", "t"] and found["RA", "r"] and found["Dec", "r"]
+
+
+@pytest.mark.parametrize(("right_ascension", "sides"), [
+    (lambda x, y: 1e-4 * (x - 130) ** 2 + 1e-3 * y, ("r", "t")),
+    (lambda x, y: 1e-4 * (y - 40) ** 2 + 1e-3 * x, ("t", "r")),
+    (lambda x, y: 8e-4 * x - 1e-3 * y, ("r", "t")), (lambda x, y: -1e-3 * x + 8e-4 * y, ("t", "r")),
+    (lambda x, y: (359.9995 + 1e-3 * (x - 130) + 2e-3 * (y - 40)) % 360, ("r", "t")),
+])  # fmt: skip
+def test_labels_stand_where_more_lines_end(right_ascension, sides):
+    """By the change of right ascension a pixel on from the middle of a part of the chip that is no square."""
+    wcs = SimpleNamespace(all_pix2world=lambda x, y, origin: (right_ascension(np.array(x), np.array(y)), None))
+    axes = SimpleNamespace(get_xlim=lambda: (100.0, 160.0), get_ylim=lambda: (20.0, 60.0))
+    assert _sides(wcs, axes) == sides

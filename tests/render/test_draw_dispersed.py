@@ -1,5 +1,7 @@
 """A spectroscopic chip's objects: the tables of objects and of orders agree with the pixels."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from dispersed_sky import EXPTIME, Sky
@@ -284,3 +286,32 @@ def test_traces_say_where_an_order_lands_and_what_is_cut(disperser, psf):
     np.testing.assert_allclose(y, 695.0 + 0.003 * middle)
     assert traces.side(scene, 0) == WHOLE
     assert np.array_equal(traces.side(scene, 1), disperser.rectangles[1] - np.array([3000.0, 3000.0, 700.0, 700.0]))
+
+
+def test_what_was_drawn_of_parts_is_told_of_their_objects():
+    """Electrons and times add up; a box is around those of all parts that have one. Two orders, two pieces.
+
+    Object 0 visits both pieces, object 1 one of them; part 2 is of object 0, part 3 of object 1, which it visits on a
+    piece where the object itself is not.
+    """
+    visits = np.array([[0, 0], [0, 1], [1, 1], [2, 0], [2, 1], [3, 0], [3, 1]])
+    disperser = SimpleNamespace(orders=[0, 1])
+    result = engine._Result(visits, disperser)
+    result.electrons[:] = np.arange(14.0).reshape(7, 2)
+    result.drawn[:] = 10.0 + np.arange(14).reshape(7, 2)
+    result.ms[:] = 2.0 ** np.arange(7)
+    result.box[0] = [[10, 30, 5, 9], [0, 0, 0, 0]]
+    result.box[3] = [[20, 44, 2, 7], [60, 70, 1, 3]]
+    result.box[2] = [[7, 8, 30, 34], [0, 0, 0, 0]]
+    result.box[6] = [[3, 5, 31, 39], [0, 0, 0, 0]]
+    work = SimpleNamespace(
+        visits=visits, result=result, disperser=disperser, count=2, scene=SimpleNamespace(parent=np.array([0, 1, 0, 1]))
+    )
+    mine, merged = engine._of_objects(work)
+    assert mine.tolist() == [[0, 0], [0, 1], [1, 1]]
+    assert merged.electrons.tolist() == [[6.0, 8.0], [10.0, 12.0], [16.0, 18.0]]
+    assert merged.drawn.tolist() == [[26.0, 28.0], [30.0, 32.0], [36.0, 38.0]]
+    assert merged.ms.tolist() == [1 + 8, 2 + 16, 4 + 64]
+    assert merged.box[0].tolist() == [[10, 44, 2, 9], [60, 70, 1, 3]]
+    assert merged.box[1].tolist() == [[0] * 4] * 2
+    assert merged.box[2].tolist() == [[3, 8, 30, 39], [0] * 4]

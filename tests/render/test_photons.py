@@ -20,8 +20,8 @@ from csstsim.render.canvas import Canvas
 from csstsim.render.drawing import Drawing
 from csstsim.render.imaging.photons import shoot_scene
 from csstsim.render.imaging.reference import PSF_MAXK, draw_objects
-from csstsim.render.parts.spots import Spots
-from csstsim.render.photon_positions import profiles_of, tail_table
+from csstsim.render.parts.spots import SampledSpots, Spots
+from csstsim.render.photon_positions import Profile, ProfileTables, _from_spots, profiles_of, tail_table
 from csstsim.render.psf_table import make_table
 from csstsim.render.scene import Scene, make_scene
 
@@ -440,3 +440,36 @@ def test_what_photons_know_of_a_profile(psf_r):
     assert len(plain.tables.rings) == 2 and plain.tables.spots.start.tolist() == [0]
     for name in ("kind", "fraction", "radius"):
         assert np.array_equal(getattr(plain, name), getattr(profiles, name)[:3])
+
+
+@pytest.mark.parametrize("side", [0.0, 0.4])
+def test_spots_have_their_light_and_the_blur_of_their_pixels(side):
+    """A quarter and three quarters of the light at two places; each blurred along both axes.
+
+    Three uniform numbers of a pixel's side have a quarter of side^2 each on an axis; both axes are independent.
+    """
+    count, matrix = 40_000, np.array([[2.0, 0.5], [-1.0, 3.0]])
+    # of the group's three spots, the last has no light of its own
+    spots = SampledSpots(
+        start=np.array([0, 1, 3]),
+        u=np.array([9.0, 5.0, -5.0]),
+        v=np.array([9.0, 1.0, 4.0]),
+        keep=np.array([1.0, 0.5, 1.0]),
+        other=np.array([0, 1, 1]),
+        blur=np.array([0.0, side]),
+    )
+    profile = Profile(matrix, -3, 0.0, 0.0, ProfileTables(np.zeros((1, 1)), spots))
+    px, py = np.full(count, 100.0), np.full(count, 200.0)
+    after = _from_spots(count, profile, px, py, np.uint64(7), np.uint64(11))
+    assert int(after) == 11 + 2 * count
+    u, v = np.linalg.solve(matrix, [px - 100.0, py - 200.0])
+    first = u > 0
+    assert abs(first.mean() - 0.25) < 5 * np.sqrt(0.25 * 0.75 / count)
+    for mine, place in ((first, (5.0, 1.0)), (~first, (-5.0, 4.0))):
+        off = np.array([u[mine] - place[0], v[mine] - place[1]])
+        assert np.abs(off).max() <= 1.5 * side + 1e-12
+        if side:
+            n = mine.sum()
+            assert np.abs(off.mean(axis=1)).max() < 5 * side / 2 / np.sqrt(n)
+            spread = np.cov(off) / (side**2 / 4)
+            assert np.abs(spread - np.eye(2)).max() < 5 * np.sqrt(2 / n)

@@ -13,7 +13,7 @@ from csstsim.catalog.flags import OUTSIDE_PSF_HULL
 from csstsim.instrument.chip import Window
 from csstsim.optics.scatter.scattered_light import Scattered, scattered_light
 from csstsim.render.slitless.dispersed_photons import shoot_spectra
-from csstsim.render.slitless.slabs import PER_PX, draw_spectra
+from csstsim.render.slitless.slabs import PER_PX, densities, draw_spectra
 from csstsim.render.slitless.traces import Traces
 
 SIGMA = 5.0
@@ -279,3 +279,28 @@ def test_no_light_and_no_object(psf, disperser):
     single, _ = draw(replace(scene, electrons=0 * scene.electrons), line, disperser, psf)
     assert (single == image).all()  # of no use here: the spectrum has the light
     assert max(SIGMA_PX) * 10 <= REACH
+
+
+class Shapes:
+    """What `densities` reads of a scene: one object, its disk and its bulge."""
+
+    def __init__(self, light, size, matrix=((1, 0), (0, 1)), spot=None, index=(1.0, 4.0)):
+        self.light, self.matrix = np.array([light]), np.array([matrix], float)
+        self.sersic = np.array([[(index[0], 0.0, size[0]), (index[1], 0.0, size[1])]])
+        self.spot = None if spot is None else np.array([spot])
+
+    def __len__(self):
+        return 1
+
+
+@pytest.mark.parametrize(("scene", "most", "wanted"), [
+    (Shapes((1, 0), (1, 1)), 64, 8), (Shapes((0, 1), (1, 1)), 64, 32), (Shapes((0, 1), (1, 1)), 16, 16),
+    (Shapes((0.5, 0.5), (1, 1)), 64, 16), (Shapes((1, 0), (4, 1)), 64, 2), (Shapes((1, 0), (99, 1)), 64, 1),
+    (Shapes((1, 0), (1, 1), ((2, 0), (0, 1))), 64, 4), (Shapes((1, 0), (1, 1), ((1, 0), (0, 2))), 64, 8),
+    (Shapes((1, 0), (1, 1), ((0, -2), (1, 0))), 64, 4), (Shapes((1, 0), (1, 1), index=(0.5, 4.0)), 64, 8),
+    (Shapes((1, 0), (1, 1), index=(2.5, 4.0)), 64, 16), (Shapes((1, 0), (4, 1), spot=0), 64, 64),
+    (Shapes((1, 0), (4, 1), spot=3), 32, 32), (Shapes((1, 0), (4, 1), spot=-1), 64, 2),
+])  # fmt: skip
+def test_slabs_per_pixel_by_hand(scene, most, wanted):
+    """8 per half-light radius of a disk along x and 24 of a bulge, as a power of two; spots as dense as points."""
+    assert densities(scene, most).tolist() == densities(scene, np.array([most])).tolist() == [wanted]
