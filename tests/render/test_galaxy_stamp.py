@@ -10,7 +10,9 @@ from csstsim.bench.imaging.measures import moments
 from csstsim.catalog.flags import NEGATIVE_CLIPPED
 from csstsim.instrument.chip import Window
 from csstsim.profiles.sersic import sersic_b
+from csstsim.render.imaging import galaxy_stamp
 from csstsim.render.imaging.stamps import draw_scene
+from csstsim.render.psf_mixture import BINS
 
 X, Y = 4200, 5150
 FLUX, SIZE, SHAPE, PIXEL = 1e-3, 1e-3, 1e-4, 1e-3  # relative, relative, absolute, of the peak
@@ -110,3 +112,21 @@ def test_a_huge_galaxy_holds_the_light_of_its_formula(psf_r, mixer, index, size)
     inside = image[np.hypot(axis, axis[:, None]) < 0.5 * size / SCALE].sum(dtype=float)
     part = gammainc(2 * index, sersic_b(index) * 0.5 ** (1 / index))
     assert inside == pytest.approx(1e8 * part * psf_r.at(X, Y).sum() / 4, rel=2e-3)
+
+
+@pytest.mark.parametrize("turn", [15.0, 45.0, 90.0, 130.0])
+def test_the_last_frequency_is_that_of_the_shape_not_of_its_direction(turn):
+    """Turned and mirrored, a long Gaussian has the same, to a bin; a rounder one a lower one."""
+    tables = galaxy_stamp._component_tables(0.5, 6.0, 0.0, 0.0)
+    sersic, light = np.array([[0.5, 0.0, 1.0], [0.0, 0.0, 0.0]]), np.array([1.0, 0.0])
+    envelope = np.exp(-((BINS / 0.3) ** 2))
+
+    def last(matrix):
+        found = galaxy_stamp._cutoff(sersic, light, np.array(matrix, float), tables[0], envelope)
+        return int(np.flatnonzero(found == BINS)[0])
+
+    c, s = np.cos(np.radians(turn)), np.sin(np.radians(turn))
+    for long in (np.diag([12.0, 2.0]), np.diag([6.0, 12.0])):
+        for turned in (long @ [[c, -s], [s, c]], [[c, s], [-s, c]] @ long, long @ [[c, s], [s, -c]]):
+            assert abs(last(turned) - last(long)) <= 1
+    assert last(np.diag([12.0, 12.0])) < last(np.diag([12.0, 6.0])) - 2 < last(np.diag([12.0, 2.0])) - 4

@@ -13,7 +13,7 @@ from csstsim.catalog.flags import OUTSIDE_PSF_HULL
 from csstsim.instrument.chip import Window
 from csstsim.optics.scatter.scattered_light import Scattered, scattered_light
 from csstsim.render.slitless.dispersed_photons import shoot_spectra
-from csstsim.render.slitless.slabs import PER_PX, densities, draw_spectra
+from csstsim.render.slitless.slabs import PER_PX, densities, draw_spectra, meets
 from csstsim.render.slitless.traces import Traces
 
 SIGMA = 5.0
@@ -304,3 +304,15 @@ class Shapes:
 def test_slabs_per_pixel_by_hand(scene, most, wanted):
     """8 per half-light radius of a disk along x and 24 of a bulge, as a power of two; spots as dense as points."""
     assert densities(scene, most).tolist() == densities(scene, np.array([most])).tolist() == [wanted]
+
+
+def test_stamps_meet_a_window_that_they_reach():
+    """On either side of each axis; points above and below a window in turn have it between them."""
+    window = Window(100, 140, 20, 50)
+    x, y = np.array([110.0, 120.0]), np.array([30.0, 31.0])
+    for dx, dy, inside in (
+        (0, 0, True), (-22, 0, True), (-23, 0, False), (31, 0, True), (32, 0, False), (0, -13, True), (0, -14, False),
+        (0, 21, True), (0, 22, False), (31, 21, True), (31, 22, False), (32, 21, False),
+    ):  # fmt: skip
+        assert meets(x + dx, y + dy, 2.0, window) == inside, (dx, dy)
+    assert meets(np.array([50.0, 500.0]), np.array([30.0, 31.0]), 2.0, window)
