@@ -349,8 +349,7 @@ def test_gratings_are_read_where_the_sky_is_seen_through_them(tmp_path):
             path.write_text("no grating\n")
         return OpenCampaign(file)
 
-    for types, chips in ((["SCIE"], [9]), (["BIAS"], [29]), (["BIAS"], [9])):
+    for types, chips in ((["SCIE"], [9]), (["BIAS"], [29])):
         assert opened(types, chips).jobs
-    for chips in ([29], [9, 29]):
-        with pytest.raises(InputError, match=r"gratings/.*\.conf"):
-            opened(["SCIE"], chips)
+    with pytest.raises(InputError, match=r"gratings/.*\.conf"):
+        opened(["SCIE"], [9, 29])

@@ -160,7 +160,7 @@ def test_pieces_bounds_and_span_of_a_chips_gratings(load):
 
 
 @pytest.mark.parametrize(("said", "reason"), [
-    ("first\n  the last line  \n", "the last line"), ("one", "one"), ("", "OSError"), ("  \n", "OSError"),
+    ("first\nthe last line  \n", "the last line"), ("one", "one"), ("", "OSError"), ("  \n", "OSError"),
 ])  # fmt: skip
 def test_why_a_sensitivity_cannot_be_read_is_the_last_line_or_the_kind_of_error(load, monkeypatch, said, reason):
     def read(*given, **named):
