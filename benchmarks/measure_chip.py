@@ -32,7 +32,7 @@ PARTS = {
     "calibrate": ["csstsim.stages.calibrate:calibrated_frame"],
     "charge moved back": ["csstsim.measure.calibration.charge_correction:put_back"],
     "PSF": ["csstsim.stages.psf:open_psf", "csstsim.measure.catalogue:psf_model"],
-    "cosmic rays": ["csstsim.measure.catalogue:mend"],
+    "cosmic rays": ["csstsim.measure.catalogue:fill_bad_pixels"],
     "background": ["csstsim.measure.detection.detect:subtract_background"],
     "bright stars": [
         "csstsim.measure.catalogue:bright_stars", "csstsim.measure.detection.bright_stars:BrightStars.subtract_from",

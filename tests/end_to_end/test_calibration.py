@@ -15,7 +15,7 @@ from csstsim.catalog.table import ObjectTable
 from csstsim.command_line.main import main
 from csstsim.instrument.filter import GRID
 from csstsim.io.level0 import read_level0
-from csstsim.measure.calibration.calibrate import calibrate
+from csstsim.measure.calibration.calibrate import Electronics, calibrate
 from csstsim.optics.throughput.flat import FlatField
 from csstsim.optics.throughput.led import load_leds
 from csstsim.optics.throughput.response import response_map
@@ -102,7 +102,7 @@ def test_a_led_flat_divided_by_the_model_flat_is_flat_within_noise(frames):
         if seen.any():
             level = seconds * leds[name].rate * np.trapezoid(seen, GRID)
             model += level * field.led_map(job.chip, job.window, GRID, seen)
-    electrons = calibrate(file.frame(), file.readout, file.gain).electrons.astype(float)
+    electrons = calibrate(file.frame(), file.readout, Electronics(file.gain)).electrons.astype(float)
     detector = camera.detector
     dark = detector.dark * 150.0
     variance = model + dark + detector.read_noise**2 + detector.gain**2 / 12

@@ -24,7 +24,7 @@ from csstsim.instrument.filter import GRID
 from csstsim.io.frames import load_frame
 from csstsim.io.level0 import read_level0
 from csstsim.io.truth import read_truth
-from csstsim.measure.calibration.calibrate import calibrate
+from csstsim.measure.calibration.calibrate import Electronics, calibrate
 from csstsim.stages.psf import open_psf
 
 BANDS = {"NUV": 12, "u": 14, "g": 8, "r": 9, "i": 7, "z": 11, "y": 6}
@@ -74,7 +74,7 @@ def test_bright_stars_stand_where_the_truth_and_the_header_say(tmp_path, band, l
     assert head["SUNANGL0"] != head["SUNANGL1"] and head["SATESWV"] == file.header["DETSN"] == "not simulated"
     assert ("CRPIX1A" in file.header) is not distorted  # readers would apply SIP to the channels' WCS, too
     truth = read_truth(campaign.paths.level0_truth(job))
-    image = calibrate(file.frame(), file.readout, file.gain)
+    image = calibrate(file.frame(), file.readout, Electronics(file.gain))
     assert not image.saturated.any()
     electrons = (image.electrons - np.median(image.electrons)).astype(float)
     x, y, _ = sep.winpos(electrons, truth["x"], truth["y"], np.full(9, 1.5), subpix=0)

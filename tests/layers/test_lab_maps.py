@@ -30,7 +30,7 @@ from csstsim.layers import (
     sky_background,
 )
 from csstsim.measure.calibration.bad_pixels import known_defects
-from csstsim.measure.calibration.calibrate import calibrate
+from csstsim.measure.calibration.calibrate import Corrections, Electronics, calibrate
 from csstsim.optics.throughput.coarse_grid import expand
 from csstsim.optics.throughput.flat import FlatField
 from csstsim.optics.throughput.response import Response, response_map, response_maximum
@@ -313,9 +313,9 @@ def test_measure_takes_the_structure_off(lab):
     for block in frame.blocks:
         state.image[block.active] += 1000.0
     dn = np.rint(state.image / 1.1).astype(np.uint16)
-    with_it = calibrate(dn, frame, gain, structure=structure).electrons
+    with_it = calibrate(dn, frame, Electronics(gain), Corrections(structure=structure)).electrons
     assert abs(with_it.mean() - 1000) < 0.1 and with_it.std() < 0.45
-    assert calibrate(dn, frame, gain).electrons.std() > 3.5
+    assert calibrate(dn, frame, Electronics(gain)).electrons.std() > 3.5
 
 
 def test_a_level_of_the_overscan_alone_shifts_no_light(lab):
@@ -328,8 +328,10 @@ def test_a_level_of_the_overscan_alone_shifts_no_light(lab):
         structure[block.serial_overscan] = 6.0
     dither = np.random.default_rng(5).uniform(-0.5, 0.5, frame.shape)  # of a DN: the rounding's mean is 0
     dn, gain = np.rint((image + structure) / 1.1 + dither).astype(np.uint16), dict.fromkeys(range(1, 17), 1.1)
-    assert calibrate(dn, frame, gain, structure=structure).electrons.mean() == pytest.approx(1000.0, abs=0.1)
-    assert calibrate(dn, frame, gain).electrons.mean() == pytest.approx(994.0, abs=0.1)
+    assert calibrate(dn, frame, Electronics(gain), Corrections(structure=structure)).electrons.mean() == pytest.approx(
+        1000.0, abs=0.1
+    )
+    assert calibrate(dn, frame, Electronics(gain)).electrons.mean() == pytest.approx(994.0, abs=0.1)
 
 
 def test_the_light_check_knows_what_a_bias_map_can_add(lab):

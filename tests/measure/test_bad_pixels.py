@@ -184,7 +184,7 @@ def test_a_frame_without_a_pixel_to_use(fabricate, model, shape):
     full = np.ones(shape, bool)
     for saturated, bad, value in ((full, ~full, 9e4), (~full, full, 9e4), (~full, ~full, np.nan)):
         image = np.full(shape, value, np.float32)
-        why = bad_pixels.mend(
+        why = bad_pixels.fill_bad_pixels(
             Calibrated(image, bad_pixels.FULL * saturated | bad_pixels.BAD * bad, {}, {1: 5.0}, None), model
         )
         assert np.array_equal(why, bad_pixels.FULL * saturated | bad_pixels.BAD * bad)

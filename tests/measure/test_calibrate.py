@@ -7,7 +7,7 @@ from even_response import EvenResponse
 from csstsim.base.errors import InputError
 from csstsim.base.rng import stream
 from csstsim.detector.channels import ReadoutFrame
-from csstsim.measure.calibration.calibrate import calibrate, overscan_level
+from csstsim.measure.calibration.calibrate import Corrections, Electronics, calibrate, overscan_level
 
 SMALL = {
     "nx": 320, "ny": 160, "channels_x": 8, "channels_y": 2, "channel_nx": 40, "channel_ny": 80,
@@ -32,7 +32,7 @@ def make_frame(window, seed, read_noise=5.0):
 @pytest.mark.parametrize("window", [(0, 320, 0, 160), (13, 250, 60, 150), (100, 101, 3, 80)])
 def test_electrons_are_recovered_in_every_channel(window):
     frame, readout, gain, electrons = make_frame(window, 1)
-    result = calibrate(frame, readout, gain)
+    result = calibrate(frame, readout, Electronics(gain))
     assert result.electrons.dtype == np.float32 and result.electrons.shape == electrons.shape
     for block in readout.blocks:
         overscan = frame[block.serial_overscan]
@@ -47,7 +47,7 @@ def test_electrons_are_recovered_in_every_channel(window):
 
 def test_sigma_is_the_scatter_of_the_pixels():
     frame, readout, gain, _ = make_frame((0, 320, 0, 160), 2)
-    result = calibrate(frame, readout, gain)
+    result = calibrate(frame, readout, Electronics(gain))
     expected = np.sqrt(200.0 + 25.0)
     assert result.electrons.std() == pytest.approx(expected, rel=0.02)  # 51200 pixels: 5 sigma = 1.6 %
     assert np.sqrt(np.mean(result.sigma() ** 2.0)) == pytest.approx(expected, rel=0.01)
@@ -70,17 +70,17 @@ def test_saturation_from_the_converter_and_from_the_well():
     frame[row, col] = 65535
     frame[row, col + 1] = 60000
     y, x = block.image[0].start + 3, block.image[1].start + 2
-    assert np.argwhere(calibrate(frame, readout, gain).saturated).tolist() == [[y, x]]
-    well = calibrate(frame, readout, gain, full_well=50000.0).saturated
+    assert np.argwhere(calibrate(frame, readout, Electronics(gain)).saturated).tolist() == [[y, x]]
+    well = calibrate(frame, readout, Electronics(gain, full_well=50000.0)).saturated
     assert np.argwhere(well).tolist() == [[y, x], [y, x + 1]]
 
 
 def test_bad_input_is_named():
     frame, readout, gain, _ = make_frame((0, 320, 0, 160), 5)
     with pytest.raises(InputError, match="GAIN03"):
-        calibrate(frame, readout, gain | {3: float("nan")})
+        calibrate(frame, readout, Electronics(gain | {3: float("nan")}))
     with pytest.raises(InputError, match="shape"):
-        calibrate(frame[1:], readout, gain)
+        calibrate(frame[1:], readout, Electronics(gain))
 
 
 @pytest.mark.parametrize(("gain", "lines", "key"), [(1e308, (0.0, 0.0), "GAIN"), (1.0, None, "NLQ")])
@@ -90,7 +90,7 @@ def test_what_a_header_may_not_say_of_a_channel(gain, lines, key):
     nonlinearity = {channel: (0.0, 0.0) for channel in gains} | {last: lines}
     nonlinearity = {channel: pair for channel, pair in nonlinearity.items() if pair}
     with pytest.raises(InputError, match=f"{key}{last:02d}"):
-        calibrate(frame, readout, gains | {last: gain}, nonlinearity=nonlinearity, full_well=90_000)
+        calibrate(frame, readout, Electronics(gains | {last: gain}, nonlinearity=nonlinearity, full_well=90_000))
 
 
 @pytest.mark.parametrize("part", [0.0, 0.15, 0.37, 0.5, 0.81])
@@ -105,7 +105,7 @@ def test_the_level_is_known_to_a_part_of_a_digit(part):
 def test_sigma_is_the_scatter_where_light_was_lost(share):
     """Electrons are divided by the share that was counted, and their noise with them: read noise, too."""
     frame, readout, gain, _ = make_frame((0, 320, 0, 160), 6)
-    result = calibrate(frame, readout, gain, response=EvenResponse(share, 320))
+    result = calibrate(frame, readout, Electronics(gain), Corrections(response=EvenResponse(share, 320)))
     assert result.electrons.mean() == pytest.approx(200.0 / share, rel=0.01)
     assert result.electrons.std() == pytest.approx(np.sqrt(np.mean(result.sigma() ** 2.0)), rel=0.02)
 
@@ -122,7 +122,9 @@ def test_a_little_leaked_charge_is_left_out_beside_the_active_pixels(from_right)
 def test_an_offset_of_the_bias_is_in_electrons():
     frame, readout, gain, _ = make_frame((0, 320, 0, 160), 8)
     offset = {block.channel: 1.0 + block.channel for block in readout.blocks}
-    plain, moved = (calibrate(frame, readout, gain, offset=given).electrons for given in (None, offset))
+    plain, moved = (
+        calibrate(frame, readout, Electronics(gain), Corrections(offset=given)).electrons for given in (None, offset)
+    )
     for block in readout.blocks:
         assert (plain - moved)[block.image] == pytest.approx(offset[block.channel], abs=1e-3)
 
@@ -137,7 +139,7 @@ def test_each_dn_is_what_the_equations_say_of_it():
     gain = {n: 1.0 + n / 50 for n in range(1, 17)}
     curves = {n: (-1e-7 * n, 0.0) for n in gain}
     well = 60_000.0
-    result = calibrate(frame, readout, gain, nonlinearity=curves, adc_max=65000, full_well=well)
+    result = calibrate(frame, readout, Electronics(gain, nonlinearity=curves, adc_max=65000, full_well=well))
     for block in readout.blocks:
         n, dn = block.channel, active[block.image]
         signal, quadratic = (dn - result.bias[n]) * gain[n], curves[n][0]
@@ -155,7 +157,7 @@ def test_one_row_or_column_all_of_it_saturated(window):
     frame, readout, gain, _ = make_frame(window, 10)
     for block in readout.blocks:
         frame[block.active] = 65535
-    result = calibrate(frame, readout, gain, full_well=90_000.0)
+    result = calibrate(frame, readout, Electronics(gain, full_well=90_000.0))
     assert result.saturated.all() and (result.electrons > 60_000).all()
 
 
@@ -178,12 +180,12 @@ def test_without_overscan_the_levels_are_those_given():
     frame = np.empty(readout.shape, np.uint16)
     for block in readout.blocks:
         frame[block.active] = 100 + block.channel + 50
-    result = calibrate(frame, readout, dict.fromkeys(levels, 1.5), levels=levels)
+    result = calibrate(frame, readout, Electronics(dict.fromkeys(levels, 1.5), levels=levels))
     np.testing.assert_allclose(result.electrons, 75.0, rtol=1e-6)
     assert result.bias == {n: level for n, (level, _) in levels.items()}
     assert result.read_noise == {n: noise for n, (_, noise) in levels.items()}
     with pytest.raises(InputError, match="overscan"):
-        calibrate(frame, readout, dict.fromkeys(levels, 1.5))
+        calibrate(frame, readout, Electronics(dict.fromkeys(levels, 1.5)))
 
 
 class Slope:
@@ -202,7 +204,10 @@ class Slope:
 def test_a_response_is_that_of_each_pixel_and_of_the_nearest_one():
     frame, readout, gain, _ = make_frame((0, 320, 0, 160), 21)
     slope = Slope((160, 320))
-    plain, result = calibrate(frame, readout, gain), calibrate(frame, readout, gain, response=slope)
+    plain, result = (
+        calibrate(frame, readout, Electronics(gain)),
+        calibrate(frame, readout, Electronics(gain), Corrections(response=slope)),
+    )
     np.testing.assert_allclose(result.electrons, plain.electrons / slope.map, rtol=1e-5)
     share = result.counted(np.array([10.4, 10.6, -5.0, 999.0]), np.array([100.0, 100.0, 3.4, 999.0]))
     assert share == pytest.approx([0.61, 0.611, 0.406, 0.4 + 0.318 + 0.319], abs=1e-6)
@@ -223,7 +228,10 @@ def test_structure_of_the_bias_is_taken_off_in_electrons():
     block = readout.blocks[2]
     rows, columns = block.active
     structure[rows.start + 3, columns] = 20.0
-    plain, result = calibrate(frame, readout, gain), calibrate(frame, readout, gain, structure=structure)
+    plain, result = (
+        calibrate(frame, readout, Electronics(gain)),
+        calibrate(frame, readout, Electronics(gain), Corrections(structure=structure)),
+    )
     for one in readout.blocks:
         n = one.channel
         assert result.bias[n] == pytest.approx(plain.bias[n] - 5.0 / gain[n], abs=0.05)
@@ -240,9 +248,14 @@ def test_defects_and_full_pixels_are_marks_of_their_own():
     frame[block.active][4, 6] = 65535
     bad = np.zeros((160, 320), bool)
     bad[7, 9] = True
-    result = calibrate(frame, readout, gain, bad=bad)
+    result = calibrate(frame, readout, Electronics(gain), Corrections(bad=bad))
     assert np.argwhere(result.bad).tolist() == [[7, 9]]
     place = block.image[0].start + 4, block.image[1].start + 6
     assert np.argwhere(result.saturated).tolist() == [list(place)]
-    moved = calibrate(frame, readout, gain, correct=lambda electrons: np.multiply(electrons, 2, out=electrons))
+    moved = calibrate(
+        frame,
+        readout,
+        Electronics(gain),
+        Corrections(correct=lambda electrons: np.multiply(electrons, 2, out=electrons)),
+    )
     np.testing.assert_allclose(moved.electrons, 2 * result.electrons, rtol=1e-6)

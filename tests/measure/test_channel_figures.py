@@ -8,7 +8,7 @@ from even_response import EvenResponse
 
 from csstsim.base.rng import stream
 from csstsim.detector.channels import ReadoutFrame
-from csstsim.measure.calibration.calibrate import calibrate
+from csstsim.measure.calibration.calibrate import Corrections, Electronics, calibrate
 from csstsim.measure.calibration.channel_figures import SAMPLE, block_means, channel_figures
 
 READOUT = ReadoutFrame(
@@ -26,7 +26,7 @@ def test_each_channel_has_its_own_figures():
         raw[block.active] += 0.8 * 30.0 * block.channel / GAIN
     gain = {block.channel: GAIN for block in READOUT.blocks}
     frame = np.rint(raw).astype(np.uint16)
-    calibrated = calibrate(frame, READOUT, gain, response=EvenResponse(0.8, 224))
+    calibrated = calibrate(frame, READOUT, Electronics(gain), Corrections(response=EvenResponse(0.8, 224)))
     before, image = block_means(calibrated.electrons, READOUT), np.zeros((128, 224), np.float32)
     figures = channel_figures(calibrated, before, image, np.full(image.shape, 6.0, np.float32))
     assert sorted(part["channel"] for part in figures) == sorted(gain)

@@ -115,7 +115,7 @@ def test_the_background_of_an_image_is_what_was_taken_off(monkeypatch, level0):
     """1000 electrons are taken off; image and errors are of a second; the quality is that of mended pixels."""
     asked = {}
     quality = np.full((3, 4), 4, np.uint8)
-    monkeypatch.setattr("csstsim.measure.calibration.bad_pixels.mend", lambda frame, model: quality)
+    monkeypatch.setattr("csstsim.measure.calibration.bad_pixels.fill_bad_pixels", lambda frame, model: quality)
     monkeypatch.setattr("csstsim.stages.psf.open_psf", lambda run, chip: "psf")
     monkeypatch.setattr(
         "csstsim.measure.light.photometry.psf_model", lambda psf, at, shape: asked.update(at=at, shape=shape)

@@ -13,6 +13,7 @@ from csstsim.catalog.table import ObjectTable
 from csstsim.instrument.chip import Window
 from csstsim.io.keywords import RECIPE as KEYWORDS
 from csstsim.io.paths import Paths
+from csstsim.measure.calibration.calibrate import Corrections, Electronics
 from csstsim.stages import calibrate, level0, masters, measure, merge, psf, truth, validate, variants
 
 RECIPE = {"campaign": "a", "camera": "b", "layers": "c", "exposure": "d", "csstsim": release()}
@@ -394,9 +395,7 @@ def test_a_response_that_is_1_everywhere_is_none(monkeypatch, flat, shutter, prn
 def test_electrons_are_made_with_what_the_campaign_knows(tmp_path, monkeypatch, from_frames, layers):
     """From frames: other traps (those of the chip's negative number), and the bias without its structure."""
     seen = []
-    monkeypatch.setattr(
-        "csstsim.measure.calibration.calibrate.calibrate", lambda *given, **named: seen.append((given, named))
-    )
+    monkeypatch.setattr("csstsim.measure.calibration.calibrate.calibrate", lambda *given: seen.append(given))
     monkeypatch.setattr(calibrate, "frame_of", lambda own, readout: (own, readout))
     monkeypatch.setattr(calibrate, "Streams", lambda *given: given)
     steps = {"SCIE": SimpleNamespace(step=lambda name: SimpleNamespace(param=name) if name in layers else None)}
@@ -408,13 +407,12 @@ def test_electrons_are_made_with_what_the_campaign_knows(tmp_path, monkeypatch, 
     )  # fmt: skip
     file = SimpleNamespace(frame=lambda: "RAW", readout="READOUT", gain="GAIN", nonlinearity="NL", levels="LEVELS")
     calibrate.calibrated_of(run, job(), file, "R", "B", "O")
-    [(given, named)] = seen
-    correct = named.pop("correct").keywords
-    assert given == ("RAW", "READOUT", "GAIN") and named == {
-        "nonlinearity": "NL", "adc_max": 65535, "full_well": 9e4, "response": "R", "bad": "B", "offset": "O",
-        "structure": ("MAP", "READOUT") if layers and not from_frames else None, "levels": "LEVELS",
-    }  # fmt: skip
-    assert correct == {
+    [(raw, readout, electronics, corrections)] = seen
+    assert (raw, readout) == ("RAW", "READOUT")
+    assert electronics == Electronics("GAIN", nonlinearity="NL", adc_max=65535, full_well=9e4, levels="LEVELS")
+    structure = ("MAP", "READOUT") if layers and not from_frames else None
+    assert corrections == Corrections("R", "B", "O", structure, corrections.correct)
+    assert corrections.correct.keywords == {
         "detector": detector, "window": job().window, "traps": "cte_effect" if layers else None, "passes": 2,
         "spread": bool(layers), "rng": (3, "1", -9, "measure") if from_frames else "own measure",
     }  # fmt: skip

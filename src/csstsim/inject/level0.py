@@ -20,7 +20,7 @@ from csstsim.base.counter import unit, word
 from csstsim.base.types import FloatArray, IntArray
 from csstsim.detector.channels import ReadoutFrame
 from csstsim.inject.likely_charge import likely_charges
-from csstsim.measure.calibration.calibrate import calibrate
+from csstsim.measure.calibration.calibrate import Electronics, calibrate
 from csstsim.render.imaging.saturated import flag_saturated
 from csstsim.simulation.state import State
 
@@ -100,11 +100,13 @@ def charge_in(run: OpenCampaign, file: Level0) -> FloatArray:
     seen = calibrate(
         file.frame(),
         file.readout,
-        file.gain,
-        nonlinearity=file.nonlinearity,
-        adc_max=detector.adc_max,
-        full_well=detector.full_well,
-        levels=file.levels,
+        Electronics(
+            file.gain,
+            nonlinearity=file.nonlinearity,
+            adc_max=detector.adc_max,
+            full_well=detector.full_well,
+            levels=file.levels,
+        ),
     )
     return np.maximum(seen.electrons, np.float32(0.0), out=seen.electrons)
 

@@ -17,7 +17,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.types import AnyArray, BoolArray, ComplexArray, FloatArray, Floats, IntArray
 from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.table import ObjectTable
-from csstsim.measure.calibration.bad_pixels import BAD, FULL, RAY, mend
+from csstsim.measure.calibration.bad_pixels import BAD, FULL, RAY, fill_bad_pixels
 from csstsim.measure.calibration.channel_figures import block_means, channel_figures
 from csstsim.measure.detection.bright_stars import bright_stars
 from csstsim.measure.detection.combine import Detections, combine
@@ -175,7 +175,7 @@ def measure_frame(
     model = psf_model(psf, (window.x0, window.y0), window.shape)
     level = float(np.median(calibrated.electrons[::8, ::8]))
     kernel = model.kernel()
-    unusable = mend(calibrated, model)
+    unusable = fill_bad_pixels(calibrated, model)
     read_noise = float(np.mean(list(calibrated.read_noise.values())))
     stars = bright_stars(calibrated.electrons, unusable, psf, read_scattered(psf), chip, window, read_noise)
     before = block_means(calibrated.electrons, calibrated.readout)

@@ -65,7 +65,8 @@ def light_beyond(radius: Floats, half_light: Floats, index: Floats) -> FloatArra
     """Return the fraction of a circular profile's light beyond `radius`: Gamma(2n, x)/Gamma(2n).
 
     index: a number, or (n,) for each of the radii; indices other than a disk's and a bulge's are then interpolated in a
-    table, to 1% of the light beyond.
+    table. What is beyond is right to 1%; below an index of 0.7, where a profile ends sharply, to 5%, and to 1% where
+    more than 1% is beyond.
     """
     ratio = radius / np.maximum(half_light, 1e-12)
     if np.ndim(index):

@@ -125,12 +125,14 @@ def write_frame(run: OpenCampaign, job: Job, folder: Path) -> PackFrame:
 
 def _image(run: OpenCampaign, job: Job, frame: Calibrated) -> Planes:
     """Return the planes of an image: the background taken off."""
-    from csstsim.measure.calibration.bad_pixels import mend
+    from csstsim.measure.calibration.bad_pixels import fill_bad_pixels
     from csstsim.measure.detection.detect import subtract_background
     from csstsim.measure.light.photometry import psf_model
     from csstsim.stages.psf import open_psf
 
-    quality = mend(frame, psf_model(open_psf(run, job.chip), (job.window.x0, job.window.y0), job.window.shape))
+    quality = fill_bad_pixels(
+        frame, psf_model(open_psf(run, job.chip), (job.window.x0, job.window.y0), job.window.shape)
+    )
     image = frame.electrons
     error = frame.sigma()
     rate = np.float32(1.0 / job.pointing.exptime)

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 def calibrate(run: OpenCampaign, job: Job) -> None:
     """Write the calibrated image of an imaging chip's science exposure."""
     from csstsim.io.calibrated import write_calibrated
-    from csstsim.measure.calibration.bad_pixels import mend
+    from csstsim.measure.calibration.bad_pixels import fill_bad_pixels
     from csstsim.measure.detection.detect import subtract_background
     from csstsim.measure.light.photometry import psf_model
 
@@ -49,7 +49,9 @@ def calibrate(run: OpenCampaign, job: Job) -> None:
             value=f"{job.chip.id} ({job.chip.filter}) in {job.pointing.type}",
         )
     file, frame = calibrated_frame(run, job)
-    quality = mend(frame, psf_model(open_psf(run, job.chip), (job.window.x0, job.window.y0), job.window.shape))
+    quality = fill_bad_pixels(
+        frame, psf_model(open_psf(run, job.chip), (job.window.x0, job.window.y0), job.window.shape)
+    )
     image = frame.electrons
     error = frame.sigma()
     rate = 1.0 / job.pointing.exptime
@@ -100,6 +102,7 @@ def calibrated_of(
 
     The other arguments are those of `calibration`. Raises InputError.
     """
+    from csstsim.measure.calibration.calibrate import Corrections, Electronics
     from csstsim.measure.calibration.calibrate import calibrate as to_electrons
     from csstsim.measure.calibration.charge_correction import put_back
 
@@ -119,11 +122,16 @@ def calibrated_of(
         spread=steps.step("brighter_fatter") is not None,
         rng=Streams(run.config.seed, job.obsid, -job.chip.id, "measure") if from_frames else streams,
     )
-    return to_electrons(
-        file.frame(), file.readout, file.gain, nonlinearity=file.nonlinearity, adc_max=detector.adc_max,
-        full_well=detector.full_well, response=response, bad=bad, offset=offset,
-        structure=frame_of(own, file.readout) if own else None, correct=correct, levels=file.levels,
-    )  # fmt: skip
+    electronics = Electronics(
+        gain=file.gain,
+        nonlinearity=file.nonlinearity,
+        adc_max=detector.adc_max,
+        full_well=detector.full_well,
+        levels=file.levels,
+    )
+    structure = frame_of(own, file.readout) if own else None
+    corrections = Corrections(response, bad, offset, structure, correct)
+    return to_electrons(file.frame(), file.readout, electronics, corrections)
 
 
 def _response(

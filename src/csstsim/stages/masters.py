@@ -65,6 +65,7 @@ def masters_recipe(run: OpenCampaign, chip_id: int) -> dict[str, str | int]:
 
 def _raw(run: OpenCampaign, job: Job) -> Calibrated:
     """Return a calibration exposure in electrons, as Calibrated."""
+    from csstsim.measure.calibration.calibrate import Electronics
     from csstsim.measure.calibration.calibrate import calibrate as to_electrons
 
     file = own_level0(run, job)
@@ -72,9 +73,11 @@ def _raw(run: OpenCampaign, job: Job) -> Calibrated:
     return to_electrons(
         file.frame(),
         file.readout,
-        file.gain,
-        nonlinearity=file.nonlinearity,
-        adc_max=detector.adc_max,
-        full_well=detector.full_well,
-        levels=file.levels,
+        Electronics(
+            file.gain,
+            nonlinearity=file.nonlinearity,
+            adc_max=detector.adc_max,
+            full_well=detector.full_well,
+            levels=file.levels,
+        ),
     )

@@ -283,7 +283,7 @@ def noise_of(image: FloatArray) -> float:
 def _calibrated(simulation: Simulation, frame: Frame, masking: bool) -> tuple[FloatArray, IntArray]:
     """Return (electrons, unusable) of a frame, calibrated by truth as `csstsim calibrate` does."""
     from csstsim.inject.memory import Held
-    from csstsim.measure.calibration.bad_pixels import mend
+    from csstsim.measure.calibration.bad_pixels import fill_bad_pixels
     from csstsim.measure.light.photometry import psf_model
     from csstsim.stages.calibrate import calibrated_of, calibration
     from csstsim.stages.psf import open_psf
@@ -297,5 +297,5 @@ def _calibrated(simulation: Simulation, frame: Frame, masking: bool) -> tuple[Fl
     if not masking:
         return calibrated.electrons, np.zeros(frame.image.shape, np.uint8)
     model = psf_model(open_psf(run, job.chip), (job.window.x0, job.window.y0), job.window.shape)
-    unusable = mend(calibrated, model)
+    unusable = fill_bad_pixels(calibrated, model)
     return calibrated.electrons, unusable

@@ -132,7 +132,8 @@ def _of_image(run: OpenCampaign, job: Job, path: Path) -> Calibrated:
     readout = ReadoutFrame.of(run.camera.detector, job.window)
     noise = {block.channel: header["RDNOISE"] for block in readout.blocks}
     electrons = (planes[0] + np.float32(header["BACKMED"])) * np.float32(job.pointing.exptime)
-    return Calibrated(electrons, planes[2], dict.fromkeys(noise, 0.0), noise, readout, calibration(run, job)[0])
+    response, _, _ = calibration(run, job)
+    return Calibrated(electrons, planes[2], dict.fromkeys(noise, 0.0), noise, readout, response)
 
 
 def lines(table: ObjectTable) -> Iterator[str]:

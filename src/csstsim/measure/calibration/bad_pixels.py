@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from csstsim.measure.calibration.calibrate import Calibrated
     from csstsim.measure.light.photometry import PsfModel
 
-# bits of `mend`
+# bits of `fill_bad_pixels`
 FULL = np.uint8(1)
 BAD = np.uint8(2)
 RAY = np.uint8(4)
@@ -43,7 +43,7 @@ FAR = 8  # px
 _PLACES = np.linspace(-0.5, 0.5, 5)  # px, positions of a star within its pixel
 
 
-def mend(calibrated: Calibrated, model: PsfModel) -> IntArray:
+def fill_bad_pixels(calibrated: Calibrated, model: PsfModel) -> IntArray:
     """Fill defects and cosmic rays of `calibrated.electrons` (calibrate.Calibrated), in place.
 
     Returns its `marks`, to which the bit RAY is added: uint8 (ny, nx), the reasons not to use a pixel, FULL

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numba
 import numpy as np
@@ -37,7 +37,7 @@ class Calibrated:
     """Active image in electrons, sky and dark included.
 
     `electrons` float32 (ny, nx), before losses to flat field and shutter; `marks` uint8 (ny, nx), bits FULL and BAD of
-    measure.calibration.bad_pixels; `response`: the share of the electrons that was counted, with `rows` and `at` of
+    measure.calibration.bad_pixels; `response`: the fraction of the electrons that was counted, with `rows` and `at` of
     optics.throughput.response.Response (None: all); `bias` (DN) and `read_noise` (electron) per readout channel in the
     frame, {channel: value}.
     """
@@ -62,24 +62,25 @@ class Calibrated:
     def sigma(self) -> FloatArray:
         """Return the noise of each pixel, electron (ny, nx): own Poisson noise (>= 0) and read noise in quadrature."""
         sigma = np.maximum(self.electrons, np.float32(0.0))
-        for rows, share in self._shares():
-            sigma[rows] *= share
+        for rows, fraction in self._fractions():
+            sigma[rows] *= fraction
         for block in self.readout.blocks:
             sigma[block.image] += np.float32(self.read_noise[block.channel] ** 2)
         np.sqrt(sigma, out=sigma)
-        for rows, share in self._shares():
-            sigma[rows] /= share
+        for rows, fraction in self._fractions():
+            sigma[rows] /= fraction
         return sigma
 
-    def _shares(self) -> Iterable[tuple[slice, FloatArray]]:
+    def _fractions(self) -> Iterable[tuple[slice, FloatArray]]:
         return () if self.response is None else _by_rows(self.response, len(self.electrons))
 
     def counted(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Return the share of light that was counted at frame positions (n,) [px], from the nearest pixel."""
+        """Return the fraction of light that was counted at frame positions (n,) [px], from the nearest pixel."""
         if self.response is None:
             return np.ones(np.shape(x))
         ny, nx = self.electrons.shape
-        row, column = (np.clip(np.rint(v).astype(int), 0, n - 1) for v, n in ((y, ny), (x, nx)))
+        row = np.clip(np.rint(y).astype(int), 0, ny - 1)
+        column = np.clip(np.rint(x).astype(int), 0, nx - 1)
         return self.response.at(row, column).astype(float)
 
 
@@ -90,33 +91,67 @@ def _by_rows(response: Response, ny: int) -> Iterator[tuple[slice, FloatArray]]:
         yield rows, response.rows(rows.start, rows.stop)
 
 
+class Electronics(NamedTuple):
+    """What turns a channel's DN into electrons, {channel: value}; channels as in the Level-0 keywords GAINnn.
+
+    `gain`: electron/DN; `nonlinearity`: (quadratic, cubic), undone up to `full_well` [electron], where the file states
+    it; a pixel is saturated at `adc_max` DN or from `full_well`; `levels`: (bias [DN], read noise [electron]), used
+    where there is no overscan.
+    """
+
+    gain: Mapping[int, float]
+    nonlinearity: Mapping[int, tuple[float, float]] | None = None
+    adc_max: int = 65535
+    full_well: float | None = None
+    levels: Mapping[int, tuple[float, float]] | None = None
+
+
+class Corrections(NamedTuple):
+    """What is known of a chip; None: not corrected.
+
+    `response`: fraction of the light that was counted, as in Calibrated; `bad`: bool (ny, nx), known defects; `offset`:
+    {channel: electrons} of bias in addition to the overscan's; `structure`: electrons (readout.shape) of the bias
+    within its channels; `correct`: a function that moves electrons (ny, nx) back, in place, to where light made them.
+    """
+
+    response: Response | None = None
+    bad: BoolArray | None = None
+    offset: Mapping[int, float] | None = None
+    structure: FloatArray | None = None
+    correct: Callable[[FloatArray], object] | None = None
+
+
+NO_CORRECTIONS = Corrections()
+
+
 def calibrate(
-    frame: IntArray,
-    readout: ReadoutFrame,
-    gain: Mapping[int, float],
-    *,
-    nonlinearity: Mapping[int, tuple[float, float]] | None = None,
-    adc_max: int = 65535,
-    full_well: float | None = None,
-    response: Response | None = None,
-    bad: BoolArray | None = None,
-    offset: Mapping[int, float] | None = None,
-    structure: FloatArray | None = None,
-    correct: Callable[[FloatArray], object] | None = None,
-    levels: Mapping[int, tuple[float, float]] | None = None,
+    frame: IntArray, readout: ReadoutFrame, electronics: Electronics, corrections: Corrections = NO_CORRECTIONS
 ) -> Calibrated:
     """Turn a raw frame into electrons.
 
-    `frame`: uint16 DN of shape `readout.shape`; `readout`: detector.channels.ReadoutFrame of its window;
-    `gain`: {channel: electron/DN}, channels as in the Level-0 keywords GAINnn; `nonlinearity`:
-    {channel: (quadratic, cubic)}, undone up to `full_well`, where the file states it. A pixel is saturated at
-    `adc_max` DN or from `full_well` electrons; `response`: share of the light that was counted, as in Calibrated;
-    `bad`: known defects, or None; `offset`: {channel: electrons} of bias in addition to the overscan's;
-    `structure`: electrons (readout.shape) of the bias within its channels, or None; `correct`: a function that moves
-    electrons (ny, nx) back, in place, to where light made them, or None; `levels`: {channel: (bias [DN], read noise
-    [electron])}, used where there is no overscan. Returns `Calibrated`.
-    Raises InputError when the frame does not have the readout's shape or a channel's gain is missing or not positive.
+    Parameters
+    ----------
+    frame : ndarray of uint16
+        DN of shape `readout.shape`.
+    readout : ReadoutFrame
+        Of the frame's window (detector.channels).
+    electronics : Electronics
+        Gain, nonlinearity and limits of the channels.
+    corrections : Corrections
+        What else is corrected.
+
+    Returns
+    -------
+    Calibrated
+        Electrons, marks, bias and read noise of the window.
+
+    Raises
+    ------
+    InputError
+        If the frame does not have the readout's shape, or a channel's gain is missing or not positive.
     """
+    gain, nonlinearity, adc_max, full_well, levels = electronics
+    response, bad, offset, structure, correct = corrections
     if frame.shape != readout.shape:
         raise InputError("the frame does not have the shape of its readout", value=frame.shape, allowed=readout.shape)
     x0, x1, y0, y1 = readout.window
@@ -148,8 +183,8 @@ def calibrate(
     if correct is not None:
         correct(electrons)
     if response is not None:
-        for rows, share in _by_rows(response, len(electrons)):
-            electrons[rows] /= share
+        for rows, fraction in _by_rows(response, len(electrons)):
+            electrons[rows] /= fraction
     if bad is not None:
         marks[bad] |= BAD
     return Calibrated(electrons, marks, bias, read_noise, readout, response)
@@ -225,5 +260,6 @@ def _counted(pixels: IntArray | FloatArray) -> tuple[FloatArray, IntArray]:
 def _median(values: FloatArray, counts: IntArray) -> float:
     """Return the median of rising values, each `counts` times."""
     until = np.cumsum(counts)
-    middle = np.searchsorted(until, [(until[-1] - 1) // 2, until[-1] // 2], side="right")
+    total = until[-1]
+    middle = np.searchsorted(until, [(total - 1) // 2, total // 2], side="right")
     return values[middle].mean()

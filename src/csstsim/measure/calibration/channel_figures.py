@@ -1,6 +1,6 @@
 """Figures of each readout channel from a frame's pixels: bias, read noise, level and noise of the background.
 
-They include the share of light that was counted, because dividing the image by it raised noise and dark current.
+They include the fraction of light that was counted, because dividing the image by it raised noise and dark current.
 """
 
 from __future__ import annotations
@@ -44,10 +44,13 @@ def channel_figures(
     out = []
     x0, _, y0, _ = calibrated.readout.window
     for block in calibrated.readout.blocks:
-        (rows, columns), over = block.image, block.serial_overscan
+        rows, columns = block.image
+        overscan_rows, overscan_columns = block.serial_overscan
+        overscan_height = overscan_rows.stop - overscan_rows.start
+        overscan_width = overscan_columns.stop - overscan_columns.start
         part = slice(rows.start, rows.stop, SAMPLE), slice(columns.start, columns.stop, SAMPLE)
-        places = np.mgrid[part].reshape(2, -1)
-        share = 1.0 if calibrated.response is None else float(np.median(calibrated.response.at(*places)))
+        row, column = np.mgrid[part].reshape(2, -1)
+        fraction = 1.0 if calibrated.response is None else float(np.median(calibrated.response.at(row, column)))
         n = block.channel
         out.append(
             {
@@ -57,8 +60,8 @@ def channel_figures(
                 "read_noise": calibrated.read_noise[n],
                 "level": before[n] - after[n],
                 "noise": float(np.median(rms[part])),
-                "response": share,
-                "overscan": (over[0].stop - over[0].start) * (over[1].stop - over[1].start),
+                "response": fraction,
+                "overscan": overscan_height * overscan_width,
             }
         )
     return out

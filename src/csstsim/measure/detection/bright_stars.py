@@ -95,9 +95,9 @@ def bright_stars(
 ) -> BrightStars:
     """Return the BrightStars of a calibrated frame.
 
-    `electrons` float32 (ny, nx), sky included; `unusable` uint8 (ny, nx), bad_pixels.mend; `psf`: PsfSet of the chip;
-    `scattered`: its optics.scatter.scattered_light.Scattered; `window`: the frame's place on the chip; `read_noise`
-    electron.
+    `electrons` float32 (ny, nx), sky included; `unusable` uint8 (ny, nx), of bad_pixels.fill_bad_pixels; `psf`: PsfSet
+    of the chip; `scattered`: its optics.scatter.scattered_light.Scattered; `window`: the frame's position on the chip;
+    `read_noise` electron.
     """
     sky = float(np.median(electrons[::8, ::8]))
     variance = max(sky, 0.0) + read_noise**2
