@@ -30,7 +30,7 @@ from csstsim.inject.inject import inject as inject_into
 from csstsim.inject.level0 import difference
 from csstsim.inject.light import catalogue_of, light_of, table_of
 from csstsim.inject.likely_charge import BIN, _drawn, likely_charges
-from csstsim.inject.memory import Held
+from csstsim.inject.memory import BaseFrame
 from csstsim.inject.rewritten import rewrite
 from csstsim.instrument.chip import Window
 from csstsim.io.level0 import read_level0
@@ -80,7 +80,7 @@ def test_through_the_detector_it_is_what_a_readout_with_this_light_gives(bare, l
     assert light.electrons.max() < run.camera.detector.full_well / 2
     without, wanted = (read_out_with(run, job, sky, some) for some in (None, light))
     assert np.array_equal(np.rint(without), frame.raw)  # the test's own readout is the simulator's
-    held = Held(Path("frame"), frame.header, frame.header, frame.readout, "channels", None, frame.raw)
+    held = BaseFrame(Path("frame"), frame.header, frame.header, frame.readout, "channels", None, frame.raw)
     added, _, _ = difference(run, job, held, light)
     off = frame.readout.active(added - (wanted - without)) * run.camera.detector.gain
     lit = light.plane(job.window.shape) > 0

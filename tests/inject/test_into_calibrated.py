@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from csstsim.base.errors import InputError
-from csstsim.inject.calibrated import check_planes, into_calibrated
+from csstsim.inject.calibrated import Planes, check_planes, into_calibrated
 from csstsim.inject.light import Light
 from csstsim.instrument.chip import Window
 from csstsim.measure.calibration.bad_pixels import BAD, FULL
@@ -16,7 +16,7 @@ WINDOW = Window(0, 4, 0, 3)
 def planes(sci=0.0, err=0.3):
     dq = np.zeros(WINDOW.shape, np.uint8)
     dq[0, 0] = BAD
-    return np.full(WINDOW.shape, sci, np.float32), np.full(WINDOW.shape, err, np.float32), dq
+    return Planes(np.full(WINDOW.shape, sci, np.float32), np.full(WINDOW.shape, err, np.float32), dq)
 
 
 def light_at(pixel, electrons):
@@ -47,7 +47,7 @@ def test_what_no_image_may_have():
     check_planes("image", good, header, WINDOW)
     for fault, key in (
         ((good, {}), "BUNIT"), ((planes(err=0.0), header), "ERR"), ((planes(err=np.nan), header), "ERR"),
-        (((good[0][:1], *good[1:]), header), "SCI"),
+        ((good._replace(sci=good.sci[:1]), header), "SCI"),
     ):  # fmt: skip
         with pytest.raises(InputError, match=key):
             check_planes("image", *fault, WINDOW)
@@ -75,4 +75,4 @@ def test_light_below_zero_takes_rate_and_leaves_the_error():
 def test_errors_and_bits_that_no_image_may_have(err, dq):
     sci, errors, bits = planes(err=err)
     with pytest.raises(InputError, match="ERR" if dq == 3 else "DQ"):
-        check_planes("image", (sci, errors, bits[:dq]), {"BUNIT": "electron/s"}, WINDOW)
+        check_planes("image", Planes(sci, errors, bits[:dq]), {"BUNIT": "electron/s"}, WINDOW)

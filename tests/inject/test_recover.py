@@ -14,7 +14,7 @@ from scipy.stats import binom, binomtest, norm
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.command_line.main import main
-from csstsim.inject.recovery.bins import AGAINST, FEWEST, binned, number, share
+from csstsim.inject.recovery.bins import AGAINST, FEWEST, binned, fraction, number
 from csstsim.inject.recovery.figure import _objects, draw
 from csstsim.inject.recovery.recover import _of_image, left_out, lines
 from csstsim.inject.recovery.recovered import COLUMNS, density, recovered
@@ -136,12 +136,14 @@ def test_numbers_have_the_errors_of_normal_values():
 def test_bounds_of_completeness_hold_the_truth_as_often_as_they_say():
     rng, truth = np.random.default_rng(5), 0.9
     found = rng.binomial(100, truth, 3000)
-    inside = [low <= truth <= high for _, low, high in (share(int(k), 100) for k in found)]
+    inside = [low <= truth <= high for _, low, high in (fraction(int(k), 100) for k in found)]
     within = norm.cdf(1) - norm.cdf(-1)
     assert np.mean(inside) == pytest.approx(within, abs=0.5 * binom.pmf(90, 100, 0.9) + 0.05)  # of whole numbers
     for k, n in ((0, 7), (3, 10), (99, 100)):
-        assert share(k, n)[1:] == pytest.approx(tuple(binomtest(k, n).proportion_ci(within, "wilson")), abs=1e-9)
-    assert share(5, 5)[::2] == (1.0, 1.0) and share(5, 5)[1] == pytest.approx(5 / 6) and np.isnan(share(0, 0)[0])
+        assert fraction(k, n)[1:] == pytest.approx(tuple(binomtest(k, n).proportion_ci(within, "wilson")), abs=1e-9)
+    assert (
+        fraction(5, 5)[::2] == (1.0, 1.0) and fraction(5, 5)[1] == pytest.approx(5 / 6) and np.isnan(fraction(0, 0)[0])
+    )
 
 
 def test_bins_have_every_object_once():
@@ -281,7 +283,7 @@ def test_bins_begin_with_their_lower_edge():
         (20.0, 20.5, 2, 1), (20.5, 21.0, 1, 1), (21.0, 21.5, 2, 2)
     ]  # fmt: skip
     assert [one.centre for one in mag] == pytest.approx([20.245, 20.5, 21.2])
-    assert mag[0].completeness == share(1, 2)
+    assert mag[0].completeness == fraction(1, 2)
     size = binned(rows(size=[0.0, 0.0999, 0.1, 0.79, 0.8, 1.3, 7.0]), "size")
     assert [(one.low, one.high) for one in size] == [
         (0.0, 1e-6), (1e-6, 0.1), (0.1, 0.2), (0.5, 0.8), (0.8, 1.3), (1.3, 2.0), (2.0, np.inf)
@@ -326,7 +328,7 @@ def test_the_figure_shows_shares_means_and_scatter():
     at = np.array([one.centre for one in bins])
     figure._completeness(axes, at, bins)
     (x, share_of, bars), _ = calls[0]
-    bounds = np.array([share(10, 10), share(0, 6)])
+    bounds = np.array([fraction(10, 10), fraction(0, 6)])
     assert x.tolist() == at.tolist() and share_of == pytest.approx([1.0, 0.0])
     assert np.array(bars) == pytest.approx(np.array([share_of - bounds[:, 1], bounds[:, 2] - share_of]))
     calls.clear()
@@ -353,8 +355,8 @@ def test_the_lines_have_the_numbers_of_all_objects_and_of_each_bin():
     )  # fmt: skip
     table.meta |= {"outside": 0, "dark": 0}
     said = list(lines(table))
-    low, high = share(3, 4)[1:]
-    assert said[0] == f"4 points: 4 found, 1.000 ({share(4, 4)[1]:.3f} to 1.000)"
+    low, high = fraction(3, 4)[1:]
+    assert said[0] == f"4 points: 4 found, 1.000 ({fraction(4, 4)[1]:.3f} to 1.000)"
     assert said[1] == f"4 galaxies: 3 found, 0.750 ({low:.3f} to {high:.3f})"  # too few for a mean
     cells = "+0.1250+-0.0000", "-0.5000+-0.0000", "+0.7500+-0.0000"
     heads = [k for k, line in enumerate(said) if "objects   found" in line]
@@ -379,7 +381,7 @@ def test_the_lines_have_the_numbers_of_all_objects_and_of_each_bin():
 
 
 def _span(found, total):
-    _, low, high = share(found, total)
+    _, low, high = fraction(found, total)
     return [f"{low:.3f}-{high:.3f}"]
 
 

@@ -9,7 +9,7 @@ from scipy.stats import linregress
 
 from csstsim.base.errors import InputError
 from csstsim.catalog.table import GALAXY, QUASAR, STAR, ObjectTable
-from csstsim.inject.recovery.bins import share
+from csstsim.inject.recovery.bins import fraction
 from csstsim.release.score import figures, numbers
 from csstsim.release.score.catalogue import Catalogue, read_any, read_catalogue
 from csstsim.release.score.field import Field, read_field, read_frames
@@ -123,7 +123,7 @@ def test_shares_are_of_objects_above_ten():
     made = numbers.shares(truth_of(np.zeros(10), obj_type=np.array(kind, np.int8)), match_of(row, merged), snr)
     assert list(made) == ["all", "points", "galaxies"]
     for name, (n, found, hidden) in {"all": (8, 4, 3), "points": (4, 3, 1), "galaxies": (4, 1, 2)}.items():
-        p, low, high = share(found, n)
+        p, low, high = fraction(found, n)
         assert made[name] == pytest.approx(
             {
                 "n": n,
@@ -613,7 +613,7 @@ def bars(axes):
 
 def test_the_figure_of_completeness_has_shares_bounds_and_merged_ones():
     axes = axes_of(figures._completeness, RESULT, " in r")
-    wanted = [[20.25, *share(8, 10)], [22.25, *share(1, 5)], [26.25, *share(0, 9)], [20.25, *share(4, 6)]]
+    wanted = [[20.25, *fraction(8, 10)], [22.25, *fraction(1, 5)], [26.25, *fraction(0, 9)], [20.25, *fraction(4, 6)]]
     assert np.allclose(bars(axes), wanted)  # the point of four objects has no bar
     dashed = [line.get_xydata().tolist() for line in axes.lines if line.get_linestyle() == "--"]
     assert dashed[0] == [[20.25, 0.9], [22.25, 0.2], [26.25, 0.0]] and dashed[2] == [[20.25, 5 / 6]]
@@ -622,7 +622,7 @@ def test_the_figure_of_completeness_has_shares_bounds_and_merged_ones():
 
 def test_the_figure_of_purity_has_second_sources_and_chance():
     axes = axes_of(figures._purity, RESULT)
-    assert np.allclose(bars(axes), [[21.25, *share(15, 20)]])
+    assert np.allclose(bars(axes), [[21.25, *fraction(15, 20)]])
     dashed, chance = (line for line in axes.lines if line.get_linestyle() == "--" or len(line.get_xdata()) == 2)
     assert dashed.get_xydata().tolist() == [[21.25, 0.9]] and list(chance.get_ydata()) == [0.125, 0.125]
 

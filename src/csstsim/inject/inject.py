@@ -15,7 +15,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.plural import number_of
 from csstsim.base.process.one_thread import one_thread
 from csstsim.base.process.progress import progress
-from csstsim.inject.calibrated import check_planes, into_calibrated
+from csstsim.inject.calibrated import Planes, check_planes, into_calibrated
 from csstsim.inject.frames import CALIBRATED, LEVEL0, OTHER, job_of, kind_of
 from csstsim.inject.level0 import into_level0
 from csstsim.inject.light import catalogue_of, light_of, table_of
@@ -185,13 +185,13 @@ def _make_calibrated(
     return _told(light.truth)
 
 
-def _read_calibrated(frame: Path, job: Job) -> tuple[tuple[AnyArray, ...], dict[str, Any]]:
+def _read_calibrated(frame: Path, job: Job) -> tuple[Planes, dict[str, Any]]:
     """Return ((SCI, ERR, DQ), header of SCI) of a calibrated image, checked. Raises InputError."""
     from csstsim.io.fits import image_header, open_fits, read_pixels
 
     with open_fits(frame) as file:
         header = image_header(file["SCI"], frame)
-        planes = tuple(read_pixels(file[name], frame) for name in ("SCI", "ERR", "DQ"))
+        planes = Planes(*(read_pixels(file[name], frame) for name in ("SCI", "ERR", "DQ")))
     check_planes(frame, planes, header, job.window)
     return planes, header
 

@@ -11,7 +11,7 @@ to half a step of charge; the sum is rounded with a random fraction, as the conv
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numba
 import numpy as np
@@ -57,13 +57,19 @@ def into_level0(run: OpenCampaign, job: Job, file: Level0, light: Light) -> Inje
     return Injected(frame, mask, truth, changed, full)
 
 
-def difference(
-    run: OpenCampaign, job: Job, file: Level0, light: Light
-) -> tuple[FloatArray, IntArray | None, ObjectTable]:
-    """Return (DN that a Light adds to a Level-0 file, float32; new bits of its mask or None; ObjectTable of the light).
+class AddedLight(NamedTuple):
+    """What a Light changes in a Level-0 file, arrays of the shape of file.frame().
 
-    Arrays have the shape of file.frame(). Raises InputError.
+    `added`: DN, float32; `mask`: new bits or None; `truth`: ObjectTable of the light.
     """
+
+    added: FloatArray
+    mask: IntArray | None
+    truth: ObjectTable
+
+
+def difference(run: OpenCampaign, job: Job, file: Level0, light: Light) -> AddedLight:
+    """Return what a Light changes in a Level-0 file. Raises InputError."""
     truth = light.truth
     new = None
     parts: list[FloatArray] = []
@@ -88,7 +94,7 @@ def difference(
             added[block.whole] *= after.header["gain"][block.channel - 1] / file.gain[block.channel]
         added = readout.active(added)
         new = None if new is None else readout.active(new)
-    return added, new, truth
+    return AddedLight(added, new, truth)
 
 
 def charge_in(run: OpenCampaign, file: Level0) -> FloatArray:
@@ -120,7 +126,7 @@ def _read_out(run: OpenCampaign, job: Job, charge: list[FloatArray]) -> State:
     for step in steps.stage("readout"):
         if step.name not in ALIKE:
             state = step.module.apply(state, step.param, streams.layer(step.name))
-            state.unit = step.module.UNITS[1]
+            _, state.unit = step.module.UNITS
     return state
 
 

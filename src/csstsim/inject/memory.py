@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Held(Level0):
+class BaseFrame(Level0):
     """A Level-0 frame in memory: `raw`, DN of the readout frame."""
 
     raw: IntArray | None = None
@@ -71,11 +71,12 @@ def into_frame(
         return replace(frame, image=image, **_truth(light.truth, light, job))
     assert frame.header is not None and frame.readout is not None  # as `raw`
     header = frame.header.copy()
-    made = into_level0(run, job, Held(Path("frame"), header, header, frame.readout, "channels", None, frame.raw), light)
-    said = record(request, len(made.truth))
-    for keyword, value, comment in said["cards"]:
+    base = BaseFrame(Path("frame"), header, header, frame.readout, "channels", None, frame.raw)
+    made = into_level0(run, job, base, light)
+    written = record(request, len(made.truth))
+    for keyword, value, comment in written["cards"]:
         header[keyword] = value, comment
-    for text in said["history"]:
+    for text in written["history"]:
         header.add_history(f" injected {text}")
     parts = {"image": frame.readout.active(made.frame), "raw": made.frame, "header": header}
     return replace(frame, **parts, **_truth(made.truth, light, job))

@@ -1,9 +1,9 @@
-"""`csstsim place`: a table of objects gets places in a frame, to be injected there."""
+"""`csstsim place`: a table of objects gets positions in a frame, to be injected there."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -35,12 +35,12 @@ def place(
     seed: int = 1,
     **given: Any,
 ) -> None:
-    """Write a table of objects with the columns ra, dec added, or replaced, by places in a frame.
+    """Write a table of objects with the columns ra, dec added, or replaced, by positions in a frame.
 
     objects: table's file, a row an object; target: .csv, .ecsv or .fits. spacing [px]: on a grid of it; near: a table's
     file: next to its objects, at `distance` (low, high) arcsec; else at random on free pixels, at least `apart` px from
-    each other. seed: of the random places; given: campaign, instrument and cache as `frames.job_of` takes them. Raises
-    InputError.
+    each other. seed: of the random positions; given: campaign, instrument and cache as `frames.job_of` takes them.
+    Raises InputError.
     """
     from astropy.table import Table
 
@@ -64,7 +64,7 @@ def place(
             wrong = np.flatnonzero(~((values >= low) & (values <= high)))
             if len(wrong):
                 raise InputError(
-                    "not a place on the sky",
+                    "not a position on the sky",
                     file=near,
                     key=f"{name}, row {wrong[0] + 1}",
                     value=others[name][wrong[0]].item(),
@@ -76,7 +76,7 @@ def place(
         if spacing is not None:
             x, y = grid(image.shape, spacing)
             if len(x) < count:
-                message = f"a grid of {len(x)} places is too small for {count} objects"
+                message = f"a grid of {len(x)} positions is too small for {count} objects"
                 raise InputError(message, file=objects, key="--grid", value=spacing, allowed="a smaller spacing")
             x = x[:count]
             y = y[:count]
@@ -90,16 +90,22 @@ def place(
     say(f"{target}: {number_of(count, 'object')}")
 
 
-def opened(
-    frame: PathLike, say: Callable[[str], object], **given: Any
-) -> tuple[AnyArray, BoolArray | None, Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]]:
-    """Return (image (ny, nx), bad pixels or None, function of x, y to ra, dec as a table has them) of a frame."""
+class OpenedFrame(NamedTuple):
+    """Of a frame: `image` (ny, nx), `bad` pixels (ny, nx) bool or None, `to_sky`: of x, y to ra, dec as a table has."""
+
+    image: AnyArray
+    bad: BoolArray | None
+    to_sky: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
+
+
+def opened(frame: PathLike, say: Callable[[str], object], **given: Any) -> OpenedFrame:
+    """Return the OpenedFrame of a frame's file; given: as for `place`."""
     kind = kind_of(frame)
     if kind == OTHER:
         from csstsim.inject.others.frame import read_foreign
 
         image = read_foreign(frame)
-        return image.image, None, image.wcs.sky
+        return OpenedFrame(image.image, None, image.wcs.sky)
     run, job = job_of(frame, say=say, **given)
 
     def to_sky(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -108,8 +114,8 @@ def opened(
     if kind == LEVEL0:
         from csstsim.io.level0 import read_level0
 
-        return charge_in(run, read_level0(frame)), None, to_sky
+        return OpenedFrame(charge_in(run, read_level0(frame)), None, to_sky)
     from csstsim.io.fits import open_fits, read_pixels
 
     with open_fits(frame) as file:
-        return read_pixels(file["SCI"], frame), read_pixels(file["DQ"], frame) > 0, to_sky
+        return OpenedFrame(read_pixels(file["SCI"], frame), read_pixels(file["DQ"], frame) > 0, to_sky)

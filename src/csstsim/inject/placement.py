@@ -1,4 +1,4 @@
-"""Places for objects to be injected: on a grid, at random where the frame is free, or next to given objects.
+"""Positions for objects to be injected: on a grid, at random where the frame is free, or next to given objects.
 
 x, y are pixels of the image, the first at 0. A table whose stars have `pmra`, `pmdec` and `parallax` needs no help: in
 each frame of csstsim they stand where its epoch puts them. `later` moves them for frames of others.
@@ -120,7 +120,7 @@ def beside(
     to = np.arange(count) % len(ra)
     distance = np.radians(rng.uniform(low, high, count) / 3600)
     angle = rng.uniform(0, 2 * np.pi, count)
-    star, east, north = frames(*(np.radians(np.asarray(v, float)[to]) for v in (ra, dec)))
+    star, east, north = frames(np.radians(np.asarray(ra, float)[to]), np.radians(np.asarray(dec, float)[to]))
     away = np.sin(angle)[:, None] * east + np.cos(angle)[:, None] * north
     return ra_dec(np.cos(distance)[:, None] * star + np.sin(distance)[:, None] * away)
 
@@ -128,7 +128,8 @@ def beside(
 def later(columns: Mapping[str, ArrayLike], years: float) -> dict[str, ArrayLike]:
     """Return {name: values} with ra, dec moved by pmra, pmdec [mas / yr] for a number of years: a second epoch."""
     made = dict(columns)
-    pmra, pmdec = (np.nan_to_num(np.asarray(columns.get(name, 0.0), float)) for name in ("pmra", "pmdec"))
+    pmra = np.nan_to_num(np.asarray(columns.get("pmra", 0.0), float))
+    pmdec = np.nan_to_num(np.asarray(columns.get("pmdec", 0.0), float))
     ra = np.asarray(columns["ra"], float)
     dec = np.asarray(columns["dec"], float)
     made["ra"], made["dec"] = moved(ra, dec, pmra, pmdec, years)

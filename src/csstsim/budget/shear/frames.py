@@ -282,7 +282,7 @@ def noise_of(image: FloatArray) -> float:
 
 def _calibrated(simulation: Simulation, frame: Frame, masking: bool) -> tuple[FloatArray, IntArray]:
     """Return (electrons, unusable) of a frame, calibrated by truth as `csstsim calibrate` does."""
-    from csstsim.inject.memory import Held
+    from csstsim.inject.memory import BaseFrame
     from csstsim.measure.calibration.bad_pixels import fill_bad_pixels
     from csstsim.measure.light.photometry import psf_model
     from csstsim.stages.calibrate import calibrated_of, calibration
@@ -292,7 +292,7 @@ def _calibrated(simulation: Simulation, frame: Frame, masking: bool) -> tuple[Fl
     assert frame.header is not None and frame.readout is not None  # it is read out
     run = simulation._run
     job = simulation._job(*frame.key)
-    held = Held(Path("frame"), frame.header, frame.header, frame.readout, "channels", None, frame.raw)
+    held = BaseFrame(Path("frame"), frame.header, frame.header, frame.readout, "channels", None, frame.raw)
     calibrated = calibrated_of(run, job, held, *calibration(run, job))
     if not masking:
         return calibrated.electrons, np.zeros(frame.image.shape, np.uint8)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -67,16 +67,25 @@ def number(values: FloatArray) -> Number:
     )
 
 
-def share(found: int, total: int) -> tuple[float, float, float]:
-    """Return (share, its lower and upper 68% bound) of `found` of `total`, after Wilson (1927); NaN of none."""
+class Fraction(NamedTuple):
+    """A fraction and its lower and upper 68% bound."""
+
+    value: float
+    low: float
+    high: float
+
+
+def fraction(found: int, total: int) -> Fraction:
+    """Return the Fraction `found` of `total`, after Wilson (1927); NaN of none."""
     if not total:
-        return np.nan, np.nan, np.nan
+        return Fraction(np.nan, np.nan, np.nan)
     p = found / total
     z2 = 1.0
     middle = p + z2 / (2 * total)
     half = np.sqrt(p * (1 - p) / total + z2 / (4 * total**2))
-    low, high = ((middle + k * half) / (1 + z2 / total) for k in (-1, 1))
-    return p, min(low, p), min(max(high, p), 1.0)
+    low = (middle - half) / (1 + z2 / total)
+    high = (middle + half) / (1 + z2 / total)
+    return Fraction(p, min(low, p), min(max(high, p), 1.0))
 
 
 @dataclass(frozen=True)
@@ -91,9 +100,9 @@ class Bin:
     numbers: dict[str, Number]  # {name of QUANTITIES: Number}, of clean sources
 
     @property
-    def completeness(self) -> tuple[float, float, float]:
-        """(share, lower, upper bound) of objects that were found."""
-        return share(self.found, self.objects)
+    def completeness(self) -> Fraction:
+        """The fraction of the objects that were found."""
+        return fraction(self.found, self.objects)
 
 
 def binned(table: ObjectTable, against: str) -> list[Bin]:

@@ -53,8 +53,8 @@ def draw(table: ObjectTable, path: PathLike) -> None:
 
 
 def _completeness(axes: Axes, at: FloatArray, bins: list[Bin]) -> None:
-    share, low, high = np.transpose([one.completeness for one in bins])
-    axes.errorbar(at, share, [share - low, high - share], fmt="o", color=BLUE, markersize=4)
+    found, low, high = np.transpose([one.completeness for one in bins])
+    axes.errorbar(at, found, [found - low, high - found], fmt="o", color=BLUE, markersize=4)
     axes.set_ylim(-0.05, 1.05)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from csstsim.base.errors import InputError
 from csstsim.base.plural import number_of
 from csstsim.base.process.one_thread import one_thread
-from csstsim.inject.calibrated import check_planes
+from csstsim.inject.calibrated import Planes, check_planes
 from csstsim.inject.frames import LEVEL0, OTHER, job_of, kind_of
 from csstsim.inject.inject import realisations
 from csstsim.inject.recovery.bins import AGAINST, LEAST, QUANTITIES, binned, of_rows
@@ -54,7 +54,8 @@ def recover(
     original = Path(original)
     _check_order(injected, original)
     objects = read_truth(truth or injected.with_suffix(TRUTH))
-    (run, job), kind = job_of(injected, say=say, **given), kind_of(injected)
+    run, job = job_of(injected, say=say, **given)
+    kind = kind_of(injected)
     for path in (injected, original):
         if kind_of(path) == OTHER or kind_of(path) != kind:
             message = "is not measured: both must be Level-0 files, or both calibrated images, of csstsim"
@@ -63,7 +64,8 @@ def recover(
     if other.key != job.key or job.chip.kind != "imaging":
         raise InputError("not an imaging frame of the same exposure", file=original, value=other.key, allowed=job.key)
     missing_psf(run, job.chip, say)
-    sources, before = (measured(run, job, path, kind) for path in (injected, original))
+    sources = measured(run, job, injected, kind)
+    before = measured(run, job, original, kind)
     table = recovered(objects, sources, before, job.window, run.camera.telescope.pixel_scale)
     if not len(table):
         raise InputError("no injected object lies on the frame", file=injected)
@@ -127,13 +129,13 @@ def _of_image(run: OpenCampaign, job: Job, path: Path) -> Calibrated:
 
     with open_fits(path) as file:
         header = image_header(file["SCI"], path)
-        planes = tuple(read_pixels(file[name], path) for name in ("SCI", "ERR", "DQ"))
+        planes = Planes(*(read_pixels(file[name], path) for name in ("SCI", "ERR", "DQ")))
     check_planes(path, planes, header, job.window)
     readout = ReadoutFrame.of(run.camera.detector, job.window)
     noise = {block.channel: header["RDNOISE"] for block in readout.blocks}
-    electrons = (planes[0] + np.float32(header["BACKMED"])) * np.float32(job.pointing.exptime)
+    electrons = (planes.sci + np.float32(header["BACKMED"])) * np.float32(job.pointing.exptime)
     response, _, _ = calibration(run, job)
-    return Calibrated(electrons, planes[2], dict.fromkeys(noise, 0.0), noise, readout, response)
+    return Calibrated(electrons, planes.dq, dict.fromkeys(noise, 0.0), noise, readout, response)
 
 
 def lines(table: ObjectTable) -> Iterator[str]:

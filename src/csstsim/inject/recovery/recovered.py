@@ -1,7 +1,7 @@
 """Injected objects matched with measured sources: found or not, and what was measured less what is true.
 
 A source of the injected frame belongs to the closest of all injected objects and all sources of the original frame. One
-that the original has unchanged lies at the same place to the bit, so no injected object takes it.
+that the original has unchanged lies at the same position to the bit, so no injected object takes it.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from csstsim.instrument.chip import Window
 
 REACH = 3.0  # px: the farthest match
-WHY = {SATURATED: "saturated", TRUNCATED: "cut by the edge", BAD_PIXELS: "on bad pixels"}  # flags, not judged
+WHY = {SATURATED: "saturated", TRUNCATED: "cut by the edge", BAD_PIXELS: "on bad pixels"}  # flags, not evaluated
 DIRTY = SATURATED | TRUNCATED | BAD_PIXELS
 REAL = 5.0  # S/N of the sources that make a density: below, most are noise
 # Columns of the table
@@ -50,7 +50,7 @@ COLUMNS = {
 def recovered(
     truth: ObjectTable, sources: ObjectTable, before: ObjectTable, window: Window, pixel_scale: float
 ) -> ObjectTable:
-    """Return the ObjectTable of COLUMNS, a row an injected object whose place is on the window.
+    """Return the ObjectTable of COLUMNS, a row an injected object whose position is on the window.
 
     truth: of the injected objects, io.truth.read_truth; sources, before: measured tables (measure.catalogue) of the
     injected and the original frame; window: instrument.chip.Window; pixel_scale [arcsec]. Its meta says how many
@@ -61,9 +61,11 @@ def recovered(
     meta = {"outside": int((~inside).sum()), "dark": int((inside & ~lit).sum())}
     truth = truth.take(np.flatnonzero(inside & lit))
     count = len(truth)
-    true, seen, old = (np.column_stack([t["x"], t["y"]]).astype(float) for t in (truth, sources, before))
-    places = np.concatenate([true, old])
-    match = one_to_one(places, seen, np.full(len(places), REACH))[:count]
+    true = _positions(truth)
+    seen = _positions(sources)
+    old = _positions(before)
+    positions = np.concatenate([true, old])
+    match = one_to_one(positions, seen, np.full(len(positions), REACH))[:count]
     found = match >= 0
     point = truth["obj_type"] != GALAXY
     row = np.where(found, match, 0)
@@ -71,10 +73,12 @@ def recovered(
     def measured(name: str) -> FloatArray:
         return np.where(found, sources[name][row], np.nan) if len(sources) else np.full(count, np.nan)
 
-    flux, error, mag = (np.where(point, measured(f"{a}_psf{b}"), measured(f"{a}_total{b}")) for a, b in _KINDS)
+    flux = np.where(point, measured("flux_psf"), measured("flux_total"))
+    error = np.where(point, measured("flux_psf_err"), measured("flux_total_err"))
+    mag = np.where(point, measured("mag_psf"), measured("mag_total"))
     zero = measured("zeropoint")
     light = 10 ** (0.4 * (zero - truth["mag"]))
-    place = measured("pos_err") / pixel_scale
+    position_error = measured("pos_err") / pixel_scale
     flags = np.nan_to_num(measured("flags")).astype(int)
     e = _true_shape(truth)
     known = old[before["snr"] > REAL] if len(old) else old
@@ -85,26 +89,29 @@ def recovered(
         "size": np.where(point, 0.0, truth["size"]), "density": density(true, known, pixel_scale),
         "found": found, "flags": flags, "clean": found & (flags & DIRTY == 0), "snr": measured("snr"),
         "d_mag": mag - truth["mag"],
-        "flux_pull": (flux - light) / error, "d_x": d_x, "d_y": d_y, "place_pull_x": d_x / place,
-        "place_pull_y": d_y / place, "d_g1": np.where(point, np.nan, measured("g1") - e.real),
+        "flux_pull": (flux - light) / error, "d_x": d_x, "d_y": d_y, "place_pull_x": d_x / position_error,
+        "place_pull_y": d_y / position_error, "d_g1": np.where(point, np.nan, measured("g1") - e.real),
         "d_g2": np.where(point, np.nan, measured("g2") - e.imag),
     }, meta)  # fmt: skip
 
 
-_KINDS = ("flux", ""), ("flux", "_err"), ("mag", "")
+def _positions(table: ObjectTable) -> FloatArray:
+    """Return x, y (n, 2) px of a table's rows."""
+    return np.column_stack([table["x"], table["y"]]).astype(float)
 
 
-def density(places: FloatArray, others: FloatArray, pixel_scale: float) -> FloatArray:
-    """Return (n,) arcmin-2: how many others (m, 2) lie within RADIUS of places (n, 2), all in px."""
+def density(positions: FloatArray, others: FloatArray, pixel_scale: float) -> FloatArray:
+    """Return (n,) arcmin-2: how many others (m, 2) lie within RADIUS of positions (n, 2), all in px."""
     from scipy.spatial import cKDTree
 
-    if not len(others) or not len(places):
-        return np.zeros(len(places))
-    near = cKDTree(others).query_ball_point(places, RADIUS / pixel_scale, return_length=True)
+    if not len(others) or not len(positions):
+        return np.zeros(len(positions))
+    near = cKDTree(others).query_ball_point(positions, RADIUS / pixel_scale, return_length=True)
     return near / (np.pi * (RADIUS / 60.0) ** 2)
 
 
 def _true_shape(truth: ObjectTable) -> ComplexArray:
     """Return the complex ellipticity (a - b) / (a + b) of each object, sheared by its lens (Seitz & Schneider 1997)."""
-    e, g = (truth[f"{n}1"].astype(float) + 1j * truth[f"{n}2"].astype(float) for n in "eg")
+    e = truth["e1"].astype(float) + 1j * truth["e2"].astype(float)
+    g = truth["g1"].astype(float) + 1j * truth["g2"].astype(float)
     return (e + g) / (1 + np.conj(g) * e)

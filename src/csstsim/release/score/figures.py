@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from csstsim.inject.recovery.bins import number, share
+from csstsim.inject.recovery.bins import fraction, number
 from csstsim.release.score.numbers import edges_of
 from csstsim.report.style import BLACK, BLUE, ORANGE, SKY, VERMILION
 
@@ -85,7 +85,7 @@ def _panels(result: Mapping[str, Any], arrays: Mapping[str, Any]) -> Iterator[tu
 def _errors(axes: Axes, bins: Iterable[Mapping[str, Any]], name: str, **look: Any) -> list[Mapping[str, Any]]:
     kept = [one for one in bins if one["n"] >= 5]
     if kept:
-        p, low, high = np.transpose([share(one[name], one["n"]) for one in kept])
+        p, low, high = np.transpose([fraction(one[name], one["n"]) for one in kept])
         at = [(one["low"] + one["high"]) / 2 for one in kept]
         axes.errorbar(at, p, [p - low, high - p], markersize=4, linewidth=1, **look)
     return kept

@@ -15,7 +15,7 @@ from csstsim.base.arrays.robust_sigma import robust_sigma
 from csstsim.base.sphere import frames, unit_vectors
 from csstsim.base.units import MAS_PER_RAD
 from csstsim.catalog.table import GALAXY
-from csstsim.inject.recovery.bins import number, share
+from csstsim.inject.recovery.bins import fraction, number
 from csstsim.release.score.match import brightness
 
 if TYPE_CHECKING:
@@ -109,7 +109,7 @@ def shares(truth: Mapping[str, AnyArray], match: Matched, snr: FloatArray) -> di
     for name, rows in (("all", bright), ("points", bright & ~galaxy), ("galaxies", bright & galaxy)):
         n = int(rows.sum())
         found = int(match.found[rows].sum())
-        p, low, high = share(found, n)
+        p, low, high = fraction(found, n)
         merged = float(match.merged[rows].mean()) if n else np.nan
         made[name] = {
             "n": n,
