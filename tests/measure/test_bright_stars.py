@@ -201,9 +201,10 @@ def test_charge_is_spilled_two_steps_along_the_axes():
 
 
 def test_of_fits_that_ended_on_one_star_the_brightest_is_left():
-    fit = np.array([[10, 0, 0, 1], [20, 2, 2, 1], [30, 4.9, 2.1, 1], [99, 0, 0, 1], [7, 50, 0, 1], [8, 50, 3.1, 1]])
-    assert module._repeated(fit, fit[:, 0] != 99).tolist() == [True, True, False, False, False, False]
-    alike = np.array([[10.0, 0, 0, 1], [10, 0, 1, 1]])
+    rows = [[10, 0, 0, 1], [20, 2, 2, 1], [30, 4.9, 2.1, 1], [99, 0, 0, 1], [7, 50, 0, 1], [8, 50, 3.1, 1]]
+    fit = module.StarFits(*np.transpose(rows))
+    assert module._repeated(fit, fit.flux != 99).tolist() == [True, True, False, False, False, False]
+    alike = module.StarFits(*np.transpose([[10.0, 0, 0, 1], [10, 0, 1, 1]]))
     assert module._repeated(alike, np.ones(2, bool)).sum() == 1
 
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numba
 import numpy as np
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from csstsim.optics.scatter.ghosts import Ghosts
     from csstsim.optics.scatter.scattered_light import Scattered
 
-PEAK = 4000.0  # electron above the sky: least pixel of a candidate; in r a star of 16,000 electrons
+PEAK = 4000.0  # electron above the sky: minimum of a candidate's pixel; in r a star of 16,000 electrons
 CORE_HALF = 6  # px, half the side of the stamp of a candidate without saturated pixels
 SPILL = 2  # px about a saturated pixel that charge may have reached
 JOIN = 3.0  # px; saturated pixels within it belong to one star
@@ -37,10 +37,52 @@ MODEL_ERROR = 0.03  # of the light: what PSF and wing may leave
 CHI2_MAX = 4.0  # reduced, MODEL_ERROR included; a candidate with more is a galaxy, or two stars
 CLIP = 5.0  # sigma: pixels that much above the fit belong to other sources
 STEPS = 12
-FADE = 0.7, 0.95  # of the box's half side: from the PSF to the wing
+# of the box's half side: from the PSF to the wing
+FADE_FROM = 0.7
+FADE_TO = 0.95
 FAINTEST = 0.04  # of the noise of a pixel: level to which a wing is followed
 PSF_CELL = 1152  # px; one PSF for the stars of such a cell
 WING_STEP = 0.25  # px
+_FLUX, _X, _Y, _CONSTANT = range(4)  # of the unknowns of a fit
+
+
+class StarLight(NamedTuple):
+    """Fields of BrightStars of which the stars' light is made, without ghosts."""
+
+    x: FloatArray
+    y: FloatArray
+    flux: FloatArray
+    table: IntArray
+    tables: FloatArray
+    per_pixel: int
+    wing: FloatArray
+    reach: FloatArray
+
+
+class StarFits(NamedTuple):
+    """Fits (n,): flux (electron), position [px], reduced chi2; flux NaN where no fit is possible."""
+
+    flux: FloatArray
+    x: FloatArray
+    y: FloatArray
+    chi2: FloatArray
+
+
+class _Star(NamedTuple):
+    """The unknowns of a fit: flux (electron), position [px], constant (electron / px)."""
+
+    flux: float
+    x: float
+    y: float
+    constant: float
+
+
+class _Improved(NamedTuple):
+    """A star after a step, the `shift` [px] of the step, and the reduced chi2 before it; chi2 NaN: no step."""
+
+    star: _Star
+    shift: float
+    chi2: float
 
 
 @dataclass(frozen=True)
@@ -79,8 +121,8 @@ class BrightStars:
         self._add(np.empty((0, 0), np.float32), 0.0, rms)
 
     def _add(self, image: FloatArray, sign: float, rms: FloatArray) -> None:
-        where = self.x, self.y, self.flux, self.table
-        _add_stars(image, sign, rms, *where, self.tables, self.per_pixel, self.wing, self.reach)
+        light = StarLight(self.x, self.y, self.flux, self.table, self.tables, self.per_pixel, self.wing, self.reach)
+        _add_stars(image, sign, rms, light)
         _add_ghosts(image, sign, rms, self.ghosts)
 
 
@@ -111,10 +153,12 @@ def bright_stars(
     half = _half(tables, per_pixel) if len(tables) else 0
     halves = np.where(saturated, half, min(CORE_HALF, half))
     fit = _fit_stars(electrons, _spilled(unusable, *full), tables, per_pixel, table, x, y, halves, sky, read_noise**2)
-    good = (fit[:, 0] > 0) & (np.hypot(fit[:, 1] - x, fit[:, 2] - y) < DRIFT) & (fit[:, 3] < CHI2_MAX)
-    good &= saturated | (fit[:, 0] > PEAK)
+    good = (fit.flux > 0) & (np.hypot(fit.x - x, fit.y - y) < DRIFT) & (fit.chi2 < CHI2_MAX)
+    good &= saturated | (fit.flux > PEAK)
     good &= ~_repeated(fit, good)
-    flux, x, y = (fit[good, k] for k in range(3))
+    flux = fit.flux[good]
+    x = fit.x[good]
+    y = fit.y[good]
     radii = WING_STEP * np.arange(int(math.hypot(*electrons.shape) / WING_STEP) + 2)
     wing = np.zeros(radii.size)
     if scattered.wing is not None:
@@ -148,10 +192,10 @@ def _groups(row: IntArray, column: IntArray) -> tuple[FloatArray, FloatArray]:
 
 
 @numba.njit(cache=True)
-def _pixels(electrons: FloatArray, unusable: IntArray, least: np.float32) -> tuple[IntArray, IntArray]:
+def _pixels(electrons: FloatArray, unusable: IntArray, minimum: np.float32) -> tuple[IntArray, IntArray]:
     """Return (y, x) of the saturated pixels, and of peaks.
 
-    A peak is a usable pixel of at least `least` that exceeds the 24 around it, all of which are usable.
+    A peak is a usable pixel of at least `minimum` that exceeds the 24 around it, all of which are usable.
     """
     ny, nx = electrons.shape
     found = [(0, 0) for _ in range(0)]
@@ -160,7 +204,7 @@ def _pixels(electrons: FloatArray, unusable: IntArray, least: np.float32) -> tup
         for x in range(nx):
             if unusable[y, x] & FULL:
                 full.append((y, x))
-            if not electrons[y, x] >= least or unusable[y, x] or min(x, y, nx - 1 - x, ny - 1 - y) < 2:
+            if not electrons[y, x] >= minimum or unusable[y, x] or min(x, y, nx - 1 - x, ny - 1 - y) < 2:
                 continue
             highest = True
             for v in range(y - 2, y + 3):
@@ -223,25 +267,28 @@ def _fit_stars(
     half: IntArray,
     sky: float,
     read_variance: float,
-) -> FloatArray:
-    """Return (n, 4): flux (electron), x, y, reduced chi2 of each candidate; flux NaN where no fit is possible."""
-    out = np.full((x.size, 4), np.nan)
+) -> StarFits:
+    """Return the fits of candidates at `x`, `y` (n,), each to a stamp of `half` px about it."""
+    out = StarFits(np.full(x.size, np.nan), np.full(x.size, np.nan), np.full(x.size, np.nan), np.full(x.size, np.nan))
     for k in range(x.size):
         side = 2 * half[k] + 1
         p = np.empty((side, side))
-        along = np.empty((4, side, side))
-        state = np.array([0.0, x[k], y[k], sky])
+        moved = np.empty((4, side, side))
+        star = _Star(0.0, x[k], y[k], sky)
         for step in range(STEPS):
-            moved, chi2 = _step(
-                electrons, unusable, tables[table[k]], per_pixel, half[k], state, read_variance, p, along, step > 2
+            improved = _step(
+                electrons, unusable, tables[table[k]], per_pixel, half[k], star, read_variance, p, moved, step > 2
             )
-            if not chi2 >= 0.0:
-                state[0] = np.nan
+            star = improved.star
+            if not improved.chi2 >= 0.0:
+                star = _Star(np.nan, star.x, star.y, star.constant)
                 break
-            out[k, 3] = chi2
-            if step > 3 and moved < 1e-3:
+            out.chi2[k] = improved.chi2
+            if step > 3 and improved.shift < 1e-3:
                 break
-        out[k, 0], out[k, 1], out[k, 2] = state[0], state[1], state[2]
+        out.flux[k] = star.flux
+        out.x[k] = star.x
+        out.y[k] = star.y
     return out
 
 
@@ -252,30 +299,31 @@ def _step(
     table: FloatArray,
     per_pixel: int,
     half: int,
-    state: FloatArray,
+    star: _Star,
     read_variance: float,
     p: FloatArray,
-    along: FloatArray,
+    moved: FloatArray,
     clip: bool,
-) -> tuple[float, float]:
-    """Improve `state` (flux, x, y, constant) by one step in place; return (the shift [px], reduced chi2), NaN: none."""
+) -> _Improved:
+    """Return a star improved by one step; `p`, `moved`: room for its stamp and four that are moved a little."""
     ny, nx = electrons.shape
-    column = round(state[1])
-    row = round(state[2])
-    dx = state[1] - column
-    dy = state[2] - row
+    column = round(star.x)
+    row = round(star.y)
+    dx = star.x - column
+    dy = star.y - row
     e = 0.05
+    left, right, below, above = moved
     draw_psf(table, per_pixel, dx, dy, half, p)
-    draw_psf(table, per_pixel, dx - e, dy, half, along[0])
-    draw_psf(table, per_pixel, dx + e, dy, half, along[1])
-    draw_psf(table, per_pixel, dx, dy - e, half, along[2])
-    draw_psf(table, per_pixel, dx, dy + e, half, along[3])
+    draw_psf(table, per_pixel, dx - e, dy, half, left)
+    draw_psf(table, per_pixel, dx + e, dy, half, right)
+    draw_psf(table, per_pixel, dx, dy - e, half, below)
+    draw_psf(table, per_pixel, dx, dy + e, half, above)
     normal = np.zeros((4, 4))
-    right = np.zeros(4)
+    vector = np.zeros(4)
     chi2 = 0.0
     n = 0
     d = np.empty(4)
-    flux = state[0]
+    flux = star.flux
     for r in range(2 * half + 1):
         for c in range(2 * half + 1):
             v = row + r - half
@@ -284,50 +332,53 @@ def _step(
                 continue
             light = max(flux, 0.0) * p[r, c]
             variance = max(electrons[v, u], 0.0) + read_variance + (MODEL_ERROR * light) ** 2
-            rest = electrons[v, u] - flux * p[r, c] - state[3]
+            rest = electrons[v, u] - flux * p[r, c] - star.constant
             if clip and rest > CLIP * math.sqrt(variance):
                 continue
-            d[0] = p[r, c]
-            d[3] = 1.0
-            d[1] = flux * (along[1, r, c] - along[0, r, c]) / (2 * e)
-            d[2] = flux * (along[3, r, c] - along[2, r, c]) / (2 * e)
+            d[_FLUX] = p[r, c]
+            d[_CONSTANT] = 1.0
+            d[_X] = flux * (right[r, c] - left[r, c]) / (2 * e)
+            d[_Y] = flux * (above[r, c] - below[r, c]) / (2 * e)
             chi2 += rest * rest / variance
             n += 1
             for i in range(4):
-                right[i] += d[i] * rest / variance
+                vector[i] += d[i] * rest / variance
                 for j in range(4):
                     normal[i, j] += d[i] * d[j] / variance
-    if n < 12 or normal[0, 0] <= 0.0:
-        return 0.0, np.nan
+    if n < 12 or normal[_FLUX, _FLUX] <= 0.0:
+        return _Improved(star, 0.0, np.nan)
     if flux <= 0.0:  # no gradient yet: flux and constant alone
-        det = normal[0, 0] * normal[3, 3] - normal[0, 3] ** 2
+        mixed = normal[_FLUX, _CONSTANT]
+        det = normal[_FLUX, _FLUX] * normal[_CONSTANT, _CONSTANT] - mixed**2
         if det <= 0.0:
-            return 0.0, np.nan
-        state[0] += (normal[3, 3] * right[0] - normal[0, 3] * right[3]) / det
-        state[3] += (normal[0, 0] * right[3] - normal[0, 3] * right[0]) / det
-        return 1.0, chi2 / (n - 4)
+            return _Improved(star, 0.0, np.nan)
+        more = (normal[_CONSTANT, _CONSTANT] * vector[_FLUX] - mixed * vector[_CONSTANT]) / det
+        lift = (normal[_FLUX, _FLUX] * vector[_CONSTANT] - mixed * vector[_FLUX]) / det
+        return _Improved(_Star(star.flux + more, star.x, star.y, star.constant + lift), 1.0, chi2 / (n - 4))
     for i in range(4):
         normal[i, i] *= 1.0 + 1e-9
-    change = np.linalg.solve(normal, right)
-    shift = math.hypot(change[1], change[2])
+    more, change_x, change_y, lift = np.linalg.solve(normal, vector)
+    shift = math.hypot(change_x, change_y)
     scale = min(1.0, 1.0 / shift) if shift > 0.0 else 1.0  # at most a pixel
-    state[0] = max(state[0] + change[0], 0.5 * flux)  # a step too far is shortened
-    state[1] += scale * change[1]
-    state[2] += scale * change[2]
-    state[3] += change[3]
-    return shift, chi2 / (n - 4)
+    new = _Star(
+        max(star.flux + more, 0.5 * flux),  # a step too far is shortened
+        star.x + scale * change_x,
+        star.y + scale * change_y,
+        star.constant + lift,
+    )
+    return _Improved(new, shift, chi2 / (n - 4))
 
 
-def _repeated(fit: FloatArray, good: BoolArray) -> BoolArray:
+def _repeated(fit: StarFits, good: BoolArray) -> BoolArray:
     """Return a mask of fits that ended on a brighter one."""
     from scipy.spatial import cKDTree
 
     rows = np.flatnonzero(good)
-    out = np.zeros(len(fit), bool)
+    out = np.zeros(len(fit.flux), bool)
     if len(rows):
-        pairs = rows[cKDTree(fit[rows, 1:3]).query_pairs(JOIN, output_type="ndarray").reshape(-1, 2)]
-        fainter = fit[pairs[:, 0], 0] < fit[pairs[:, 1], 0]
-        out[np.where(fainter, pairs[:, 0], pairs[:, 1])] = True
+        tree = cKDTree(np.column_stack([fit.x[rows], fit.y[rows]]))
+        first, second = rows[tree.query_pairs(JOIN, output_type="ndarray").reshape(-1, 2)].T
+        out[np.where(fit.flux[first] < fit.flux[second], first, second)] = True
     return out
 
 
@@ -341,46 +392,37 @@ def _ghosts(ghosts: Ghosts, chip: Chip, window: Window, x: FloatArray, y: FloatA
 
 
 @numba.njit(cache=True)
-def _add_stars(
-    image: FloatArray,
-    sign: float,
-    rms: FloatArray,
-    x: FloatArray,
-    y: FloatArray,
-    flux: FloatArray,
-    table: IntArray,
-    tables: FloatArray,
-    per_pixel: int,
-    wing: FloatArray,
-    reach: FloatArray,
-) -> None:
+def _add_stars(image: FloatArray, sign: float, rms: FloatArray, stars: StarLight) -> None:
     """Add `sign` times the stars' light to `image` (or none, of size 0), and its noise to `rms` (or none)."""
     ny, nx = rms.shape if rms.size else image.shape
-    if tables.shape[-1] == 0:
+    if stars.tables.shape[-1] == 0:
         return
-    half = _half(tables, per_pixel)
+    half = _half(stars.tables, stars.per_pixel)
     stamp = np.empty((2 * half + 1, 2 * half + 1))
-    inner = FADE[0] * half
-    outer = FADE[1] * half
-    for k in range(x.size):
-        column = round(x[k])
-        row = round(y[k])
-        draw_psf(tables[table[k]], per_pixel, x[k] - column, y[k] - row, half, stamp)
-        far = max(reach[k], float(half))
-        for v in range(max(math.ceil(y[k] - far), 0), min(math.floor(y[k] + far) + 1, ny)):
-            wide = math.sqrt(max(far * far - (v - y[k]) ** 2, 0.0))
-            for u in range(max(math.ceil(x[k] - wide), 0), min(math.floor(x[k] + wide) + 1, nx)):
-                radius = math.hypot(u - x[k], v - y[k])
+    inner = FADE_FROM * half
+    outer = FADE_TO * half
+    wing = stars.wing
+    for k in range(stars.x.size):
+        x = stars.x[k]
+        y = stars.y[k]
+        column = round(x)
+        row = round(y)
+        draw_psf(stars.tables[stars.table[k]], stars.per_pixel, x - column, y - row, half, stamp)
+        far = max(stars.reach[k], float(half))
+        for v in range(max(math.ceil(y - far), 0), min(math.floor(y + far) + 1, ny)):
+            wide = math.sqrt(max(far * far - (v - y) ** 2, 0.0))
+            for u in range(max(math.ceil(x - wide), 0), min(math.floor(x + wide) + 1, nx)):
+                radius = math.hypot(u - x, v - y)
                 t = min(max((radius - inner) / (outer - inner), 0.0), 1.0)
                 t = t * t * (3.0 - 2.0 * t)
                 light = 0.0
                 if t < 1.0:
                     light = (1.0 - t) * stamp[v - row + half, u - column + half]
                 if t > 0.0:
-                    place = radius / WING_STEP
-                    low = int(place)
-                    light += t * (wing[low] + (place - low) * (wing[low + 1] - wing[low]))
-                _put(image, sign, rms, v, u, flux[k] * light)
+                    position = radius / WING_STEP
+                    low = int(position)
+                    light += t * (wing[low] + (position - low) * (wing[low + 1] - wing[low]))
+                _put(image, sign, rms, v, u, stars.flux[k] * light)
 
 
 @numba.njit(cache=True)
