@@ -22,9 +22,10 @@ from csstsim.instrument.camera import Camera, load_camera
 from csstsim.instrument.filter import GRID
 from csstsim.instrument.load import read_data
 from csstsim.report.style import BLUE, GREEN, ORANGE, SKY, VERMILION
+from csstsim.universe.coefficients import COEFFICIENTS
 from csstsim.universe.dust.extinction import odonnell
 from csstsim.universe.lensing.cosmology import Cosmology
-from csstsim.universe.quasars.quasar_sed import COEFFICIENTS, QuasarSeds
+from csstsim.universe.quasars.quasar_sed import QuasarSeds
 from csstsim.universe.quasars.quasars import draw_quasars
 
 AREA, TOY_AREA = 16.0, 0.1  # deg2

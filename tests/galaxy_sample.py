@@ -12,9 +12,10 @@ from csstsim.catalog.light.photometry import rate_to_mag, subband_weights
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID
 from csstsim.instrument.load import read_data
+from csstsim.universe.coefficients import COEFFICIENTS
 from csstsim.universe.dust.extinction import odonnell
 from csstsim.universe.galaxies.galaxies import GalaxyPopulation
-from csstsim.universe.galaxies.galaxy_sed import COEFFICIENTS, GalaxySeds
+from csstsim.universe.galaxies.galaxy_sed import GalaxySeds
 from csstsim.universe.lensing.cosmology import Cosmology
 
 FOLDER = SHIPPED / "universe"

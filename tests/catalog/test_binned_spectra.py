@@ -12,7 +12,7 @@ from csstsim.catalog.light.embedded_spectra import spectra
 from csstsim.catalog.light.photometry import subband_fluxes
 from csstsim.catalog.table import ASTEROID, GALAXY, QUASAR, SATELLITE, STAR, ObjectTable
 from csstsim.instrument.filter import GRID
-from csstsim.universe.galaxies.galaxy_sed import COEFFICIENTS
+from csstsim.universe.coefficients import COEFFICIENTS
 
 CHIPS = 1, GV, 3
 

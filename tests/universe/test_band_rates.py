@@ -6,9 +6,9 @@ from embedded_sky import shipped
 
 from csstsim.catalog.light.photometry import subband_weights
 from csstsim.instrument.filter import GRID
+from csstsim.universe.coefficients import COEFFICIENTS
 from csstsim.universe.galaxies import band_rates
 from csstsim.universe.galaxies.band_rates import BandRates
-from csstsim.universe.parameters import COEFFICIENTS
 
 TOLERANCE = 2e-3  # of the light that arrives, where the forest's edge leaves a band; 5e-4 for nine galaxies in ten
 FAINT = 1e-6  # of the light in the galaxy's brightest band: 15 mag fainter, only absolute light counts

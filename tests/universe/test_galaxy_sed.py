@@ -12,8 +12,9 @@ from csstsim.base.shipped import SHIPPED
 from csstsim.catalog.light.photometry import subband_weights
 from csstsim.instrument.filter import GRID
 from csstsim.instrument.load import read_data
+from csstsim.universe.coefficients import COEFFICIENTS
 from csstsim.universe.dust.extinction import odonnell
-from csstsim.universe.galaxies.galaxy_sed import COEFFICIENTS, GalaxySeds, distance_scale
+from csstsim.universe.galaxies.galaxy_sed import GalaxySeds, distance_scale
 
 OLD, YOUNG = 3, 1  # of the five templates: no stars younger than 1 Gyr; all younger than 300 Myr
 

@@ -14,9 +14,10 @@ from csstsim.catalog.light.photometry import ab_mag, subband_weights
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID
 from csstsim.instrument.load import read_data
+from csstsim.universe.coefficients import COEFFICIENTS
 from csstsim.universe.dust.extinction import odonnell
 from csstsim.universe.galaxies.igm import Intergalactic
-from csstsim.universe.quasars.quasar_sed import COEFFICIENTS, QuasarSeds
+from csstsim.universe.quasars.quasar_sed import QuasarSeds
 
 DATA = Path(os.environ.get("CSSTSIM_DATA", SHIPPED.parents[1] / "shared" / "data"))
 NUMBERS = read_data(SHIPPED / "universe" / "quasars.yaml")

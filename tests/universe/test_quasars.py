@@ -12,9 +12,10 @@ from csstsim.catalog.light.photometry import rate_to_mag, subband_weights
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID
 from csstsim.instrument.load import read_data
+from csstsim.universe.coefficients import COEFFICIENTS
 from csstsim.universe.dust.extinction import odonnell
 from csstsim.universe.lensing.cosmology import Cosmology
-from csstsim.universe.quasars.quasar_sed import COEFFICIENTS, QuasarSeds
+from csstsim.universe.quasars.quasar_sed import QuasarSeds
 from csstsim.universe.quasars.quasars import cumulative_counts, draw_quasars, luminosity_function, match_hosts
 
 NUMBERS = read_data(SHIPPED / "universe" / "quasars.yaml")

@@ -38,7 +38,8 @@ from csstsim.catalog.mock_object import MockObject, MockObjects
 from csstsim.catalog.table import GALAXY, QUASAR, STAR, ObjectTable
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID
-from csstsim.universe.parameters import COEFFICIENTS, Universe, load_universe
+from csstsim.universe.coefficients import COEFFICIENTS
+from csstsim.universe.parameters import Universe, load_universe
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -25,7 +25,8 @@ from csstsim.catalog.light.embedded_spectra import rates
 from csstsim.catalog.light.photometry import rate_to_mag, subband_weights
 from csstsim.catalog.table import COLUMNS, GALAXY, QUASAR, STAR, ObjectTable
 from csstsim.instrument.camera import Camera, load_camera
-from csstsim.universe.parameters import COEFFICIENTS, Universe
+from csstsim.universe.coefficients import COEFFICIENTS
+from csstsim.universe.parameters import Universe
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

@@ -1,6 +1,7 @@
 """The numbers of the embedded universe (config/universe/), read once and identified by a digest.
 
 There is one YAML file per subject, each number with its source. FITS files hold the fitted coefficients of the spectra.
+Models are imported where they are built: most stages need only the digest, and the models import numba and scipy.
 """
 
 from __future__ import annotations
@@ -37,9 +38,8 @@ _POSITIVE = (
     "galaxies.mass_function.z_max", "lensing.shells", "lensing.stretch_max", "occupation.stellar_to_halo.scatter",
     "occupation.satellites.concentration", "occupation.satellites.dispersion",
 )  # fmt: skip
-_SHARES = ("occupation.satellites.axis_ratio", "occupation.surviving.most", "occupation.quenching.most")
+_FRACTIONS = ("occupation.satellites.axis_ratio", "occupation.surviving.most", "occupation.quenching.most")
 _RISING = ("stars.limits", "quasars.redshift", "quasars.m1450")
-COEFFICIENTS = 20  # per spectrum of a galaxy or quasar
 PARTS = ("cosmology", "dust", "galaxies", "lensing", "occupation", "quasars", "stars", "structure")
 
 
@@ -89,7 +89,7 @@ class Universe:
     @cached_property
     def star_seds(self) -> StarSeds:
         """Spectra of stars (universe.stars.star_sed.StarSeds)."""
-        from csstsim.universe.stars.star_sed import StarSeds  # imports numba; most stages need only the digest
+        from csstsim.universe.stars.star_sed import StarSeds
 
         return StarSeds(self.folder / "star_spectra.fits", self.extinction)
 
@@ -125,8 +125,8 @@ class Universe:
         from csstsim.universe.structure.matter_field import MatterField
 
         try:
-            cosmology, lensing, structure = (self.numbers[name] for name in ("cosmology", "lensing", "structure"))
-            return MatterField(seed, cosmology, lensing, structure, haloes)
+            numbers = self.numbers
+            return MatterField(seed, numbers["cosmology"], numbers["lensing"], numbers["structure"], haloes)
         except (KeyError, TypeError, ValueError) as exc:
             raise InputError(f"no structure: {type(exc).__name__} {exc}", file=self.folder / "structure.yaml") from exc
 
@@ -147,7 +147,7 @@ class Universe:
                 self._refuse_unless(lambda value: 0 < value < math.inf, key, "above 0")
             for key in _RISING:
                 self._refuse_unless(lambda value: -math.inf < value[0] < value[1] < math.inf, key, "two rising numbers")
-            for key in _SHARES:
+            for key in _FRACTIONS:
                 self._refuse_unless(lambda value: 0 < value <= 1, key, "above 0, up to 1")
             self._refuse_unless(lambda value: value <= 10, "dust.sfd_scale", "up to 10")
             self._check_laws()
@@ -176,8 +176,9 @@ class Universe:
                 )
         laws = _shipped("stars")["laws"]
         r0 = self.numbers["stars"]["sun"]["r0"]
-        for name, count in ((name, len(law)) for name, law in laws.items() if isinstance(law, list)):
-            self._refuse_unless(partial(_has, count), f"stars.laws.{name}", f"{count} numbers")
+        for name, law in laws.items():
+            if isinstance(law, list):
+                self._refuse_unless(partial(_has, len(law)), f"stars.laws.{name}", f"{len(law)} numbers")
         for name in ("young", "disc", "thick"):
             self._refuse_unless(lambda value: min(value) > 0, f"stars.laws.{name}", "lengths above 0 kpc")
         self._refuse_unless(  # at the Sun all densities are known

@@ -157,7 +157,7 @@ def test_matter_about_haloes_adds_up_to_the_spectrum():
     spectra, strength = matter.spectra, matter.amplitude[shell] ** 2
     smooth = strength * matter.powers(ell) * np.sqrt(spectra.factors(ell)[shell])
     total = smooth.sum(axis=1)
-    _, biases, _, _ = spectra._clustering
+    biases = spectra._clustering.bias
     for tier, bias in enumerate(biases[shell]):
         about = spectra.around(ell, matter.amplitude, shell, tier, bias)
         total += spectra.response(ell)[shell, tier] / bias * about * matter.shells.kernel()[shell] ** 2

@@ -16,7 +16,8 @@ import numpy as np
 import csstsim.base.process.no_blas  # noqa: F401
 from csstsim.catalog.table import ASTEROID, GALAXY, QUASAR, SATELLITE, STAR, ObjectTable
 from csstsim.instrument.filter import GRID
-from csstsim.universe.parameters import COEFFICIENTS, Universe
+from csstsim.universe.coefficients import COEFFICIENTS
+from csstsim.universe.parameters import Universe
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping

@@ -21,9 +21,9 @@ from csstsim.base.files.damage import reading
 from csstsim.base.files.fits_headers import check_headers
 from csstsim.base.types import FloatArray, Floats, PathLike
 from csstsim.instrument.filter import GRID
+from csstsim.universe.coefficients import COEFFICIENTS
 from csstsim.universe.galaxies.galaxy_rates import Cells, integrate
 from csstsim.universe.galaxies.igm import LYMAN_LIMIT, Intergalactic
-from csstsim.universe.parameters import COEFFICIENTS
 
 TEN_PC_MPC = 1e-5
 _JUMP = 3e-3  # change of A(lambda)/A(V) between two samples; a larger one marks where two pieces of the law meet

@@ -20,8 +20,8 @@ import numpy as np
 from csstsim.base.types import FloatArray
 from csstsim.base.units import ab_photon_density
 from csstsim.instrument.filter import GRID
+from csstsim.universe.coefficients import COEFFICIENTS
 from csstsim.universe.galaxies.igm import Intergalactic
-from csstsim.universe.parameters import COEFFICIENTS
 
 NORM = 1450.0  # angstrom, rest: where a quasar's absolute magnitude is given
 _REACH = 6.0  # sigma; 1e-9 of a line's light is beyond

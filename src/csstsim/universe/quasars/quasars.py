@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from csstsim.base.types import AnyArray, FloatArray, Floats, IntArray
-from csstsim.universe.parameters import COEFFICIENTS
+from csstsim.universe.coefficients import COEFFICIENTS
 
 if TYPE_CHECKING:
     from csstsim.universe.lensing.cosmology import Cosmology

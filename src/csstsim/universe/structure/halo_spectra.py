@@ -23,7 +23,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import cached_property
 from itertools import combinations_with_replacement
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline, RectBivariateSpline
@@ -31,6 +31,7 @@ from scipy.optimize import nnls
 from scipy.special import j0
 
 from csstsim.base.types import FloatArray, Floats, IntArray
+from csstsim.universe.lensing.potential_field import pixel
 from csstsim.universe.structure.density import kernel_weights
 from csstsim.universe.structure.halo_profile import disc_radius, disc_transform, halo_transform, whole_mass
 from csstsim.universe.structure.haloes import concentration, tier_orders
@@ -49,7 +50,28 @@ _ITERATIONS = 1000  # of a fit at most: kernels overlap, and thick shells need m
 # rad; multipoles of C_ln
 _THETA = np.geomspace(1e-6, 1.0, 1200)
 _ELL = np.geomspace(1, 1e5, 50)
-_SHARE = 1e-5  # of matter, times bias, below which a tier has no C_ln: so few haloes are not pairs
+_FRACTION_MIN = 1e-5  # of matter, times bias, below which a tier has no C_ln: so few haloes are not pairs
+
+
+class _Moments(NamedTuple):
+    """Integrals over the masses of one tier (k,): int dlnM n V b^p <u - g> for p = 1, 2, and P_1h."""
+
+    linear: FloatArray
+    squared: FloatArray
+    one_halo: FloatArray
+
+
+class _Clustering(NamedTuple):
+    """What C_ln is made of at multipoles _ELL and angles _THETA.
+
+    second (shells, tiers, l): responses with b^2; bias (shells, tiers): mean of a tier; transform (l, theta): Hankel;
+    correlation (widths, theta): of kappa, for amplitude 1.
+    """
+
+    second: FloatArray
+    bias: FloatArray
+    transform: FloatArray
+    correlation: FloatArray
 
 
 class HaloSpectra:
@@ -63,11 +85,11 @@ class HaloSpectra:
         lensing = np.flatnonzero(tiers[:-1] >= 0.999 * haloes["lens_mass"])
         self.orders = tier_orders(field, mass_function, numbers)[lensing]
         z = np.linspace(*self.limits, _REDSHIFTS)
-        moments = np.array(
-            [[_moments(mass_function, tiers[t], tiers[t + 1], at, haloes) for at in z] for t in lensing]
-        )  # (tiers, z, 3, k): h of the bias' powers 1, 2, and P_1h
-        self._one = RectBivariateSpline(z, _LN_K, moments[:, :, 2].sum(axis=0))
-        self._h = [[RectBivariateSpline(z, _LN_K, moments[t, :, p]) for p in range(2)] for t in range(len(lensing))]
+        moments = np.array([[_moments(mass_function, tiers[t], tiers[t + 1], at, haloes) for at in z] for t in lensing])
+        tiers_of = _Moments(*np.moveaxis(moments, 2, 0))  # each (tiers, z, k)
+        self._one = RectBivariateSpline(z, _LN_K, tiers_of.one_halo.sum(axis=0))
+        self._linear = [RectBivariateSpline(z, _LN_K, h) for h in tiers_of.linear]
+        self._squared = [RectBivariateSpline(z, _LN_K, h) for h in tiers_of.squared]
         self._nodes()
         self.weights = self._weights()
 
@@ -83,15 +105,16 @@ class HaloSpectra:
         self._z = np.interp(self._chi, *shells.distances)
         strength = shells.strength(self._z)
         self._weight = 0.5 * (end - begin) * _GAUSS * strength**2  # of P in C_l of the shell
-        self._share = 0.5 * (end - begin) * _GAUSS * strength * self._chi / shells.kernel()[:, None]  # of delta
+        self._fraction = 0.5 * (end - begin) * _GAUSS * strength * self._chi / shells.kernel()[:, None]  # of delta
 
     def one_halo(self, ell: FloatArray | IntArray) -> FloatArray:
         """Return C_1h (shells, len(ell)) for sources at infinity."""
         return np.einsum("in,inl->il", self._weight, self._at(self._one, ell))
 
-    def response(self, ell: FloatArray | IntArray, power: int = 1) -> FloatArray:
-        """Return h_t (shells, tiers, len(ell)) with that power of the bias, as shares of the shell's overdensity."""
-        return np.stack([np.einsum("in,inl->il", self._share, self._at(h[power - 1], ell)) for h in self._h], axis=1)
+    def response(self, ell: FloatArray | IntArray, squared: bool = False) -> FloatArray:
+        """Return h_t (shells, tiers, len(ell)) with the bias or its square, as fractions of the shell's overdensity."""
+        splines = self._squared if squared else self._linear
+        return np.stack([np.einsum("in,inl->il", self._fraction, self._at(h, ell)) for h in splines], axis=1)
 
     def _at(self, spline: RectBivariateSpline, ell: FloatArray | IntArray) -> FloatArray:
         ln_k = np.log((np.asarray(ell) + 0.5) / self._chi[..., None])
@@ -128,21 +151,25 @@ class HaloSpectra:
 
     def lognormal(self, ell: FloatArray | IntArray, amplitude: FloatArray) -> FloatArray:
         """Return C_ln (shells, len(ell)) for amplitudes (shells, widths)."""
-        kernel, (second, bias, transform, shapes) = self.field.shells.kernel()[:, None], self._clustering
+        kernel = self.field.shells.kernel()[:, None]
+        clustering = self._clustering
+        second = clustering.second
+        bias = clustering.bias
         wide = self.wide()
         total = np.zeros((len(kernel), len(_ELL)))
-        variance = np.einsum("is,tis,s->it", (amplitude * self.weights / kernel) ** 2, wide**2, shapes[:, 0])
+        variance = np.einsum(
+            "is,tis,s->it", (amplitude * self.weights / kernel) ** 2, wide**2, clustering.correlation[:, 0]
+        )
         sigma = np.sqrt(variance)
         terms = series(bias * sigma)  # (n, shells, tiers)
         for t, u in combinations_with_replacement(range(len(wide)), 2):
             some = np.flatnonzero(bias[:, t] * bias[:, u])
             power = ((amplitude * self.weights) ** 2 * wide[t] * wide[u])[some]
-            xi = np.einsum("is,st->it", power, shapes) / kernel[some] ** 2  # of delta (shells, theta)
+            xi = np.einsum("is,st->it", power, clustering.correlation) / kernel[some] ** 2  # of delta (shells, theta)
             r = xi / (sigma[some, t] * sigma[some, u])[:, None]
             curved = excess(terms[:, some, t], terms[:, some, u], r) / (bias[some, t] * bias[some, u])[:, None] ** 2
-            total[some] += (
-                (1 if t == u else 2) * second[some, t] * second[some, u] * np.einsum("it,lt->il", curved, transform)
-            )
+            hankel = np.einsum("it,lt->il", curved, clustering.transform)
+            total[some] += (1 if t == u else 2) * second[some, t] * second[some, u] * hankel
         return CubicSpline(np.log(_ELL), total * kernel**2, axis=1)(np.log(ell))
 
     def around(
@@ -153,38 +180,41 @@ class HaloSpectra:
         tier: of the lensing ones, from 0; amplitude: as for `lognormal`. Its Hankel transform is the mean overdensity
         about haloes of that bias, without their own mass.
         """
-        kernel, (second, biases, transform, shapes) = self.field.shells.kernel()[shell], self._clustering
+        kernel = self.field.shells.kernel()[shell]
+        clustering = self._clustering
+        biases = clustering.bias[shell]
         wide = self.wide()[:, shell]
         strength = amplitude[shell] / kernel
         powers = self.field.powers(ell)
         response = 1 + self.weights[shell] * np.einsum("ts,tl->ls", wide, self.response(ell)[shell])
         linear = bias * (strength**2 * self.weights[shell] * wide[tier] * powers * response).sum(axis=1)
         power = (strength * self.weights[shell]) ** 2 * wide
-        sigma = np.sqrt((power * wide) @ shapes[:, 0])
+        sigma = np.sqrt((power * wide) @ clustering.correlation[:, 0])
         own = series(bias * sigma[tier])
         extra = np.zeros(len(_ELL))
-        for t in np.flatnonzero(biases[shell]):
-            r = (power[t] * wide[tier]) @ shapes / (sigma[t] * sigma[tier])
-            curved = excess(own, series(biases[shell, t] * sigma[t]), r)
-            extra += second[shell, t] / biases[shell, t] ** 2 * (transform @ curved)
+        for t in np.flatnonzero(biases):
+            r = (power[t] * wide[tier]) @ clustering.correlation / (sigma[t] * sigma[tier])
+            curved = excess(own, series(biases[t] * sigma[t]), r)
+            extra += clustering.second[shell, t] / biases[t] ** 2 * (clustering.transform @ curved)
         return linear + CubicSpline(np.log(_ELL), extra)(np.log(ell))
 
     @cached_property
-    def _clustering(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Responses with b^2 and biases (shells, tiers), transform and correlations, of C_ln at multipoles _ELL."""
+    def _clustering(self) -> _Clustering:
         first = self.response(_ELL)
-        second = self.response(_ELL, 2)
+        second = self.response(_ELL, squared=True)
         strongest = np.argmax(np.abs(second), axis=2, keepdims=True)
-        share, bias = (np.take_along_axis(v, strongest, axis=2)[..., 0] for v in (first, second))
-        bias = np.divide(bias, share, out=np.zeros_like(bias), where=np.abs(share) > _SHARE)
+        linear = np.take_along_axis(first, strongest, axis=2)[..., 0]
+        squared = np.take_along_axis(second, strongest, axis=2)[..., 0]
+        bias = np.divide(squared, linear, out=np.zeros_like(squared), where=np.abs(linear) > _FRACTION_MIN)
         transform = 2 * np.pi * np.gradient(np.log(_THETA)) * _THETA**2 * j0(np.outer(_ELL, _THETA))  # (l, theta)
-        return second, bias, transform, np.stack([_correlation(sigma, order) for order, sigma in self.field.widths])
+        correlation = np.stack([_correlation(sigma, order) for order, sigma in self.field.widths])
+        return _Clustering(second, bias, transform, correlation)
 
 
 def _moments(
     mass_function: HaloMassFunction, low: float, high: float, z: float, numbers: Mapping[str, Any]
-) -> FloatArray:
-    """Return int dlnM n V b^p <u - g> for p = 1, 2, and int dlnM n V^2 <(u - g)^2> (3, k), of one tier."""
+) -> _Moments:
+    """Return the _Moments of one tier of haloes from mass `low` to `high` [solar] at redshift z."""
     nodes, weights = np.polynomial.legendre.leggauss(_MASSES)
     ln_mass = 0.5 * np.log(low * high) + 0.5 * np.log(high / low) * nodes
     mass = np.exp(ln_mass)
@@ -196,12 +226,16 @@ def _moments(
     cuts = numbers["cuts"]
     profiles = np.stack([whole_mass(c, cuts) * (halo_transform(k, radius, c, cuts) - disc) for c in scattered])
     chances = _CHANCES / _CHANCES.sum()
-    first, second = (np.einsum("s,skm->km", chances, profiles**p) for p in (1, 2))
+    mean = np.einsum("s,skm->km", chances, profiles)
+    square = np.einsum("s,skm->km", chances, profiles**2)
     number = 0.5 * np.log(high / low) * weights * mass_function.dn_dlnm(mass, z)
     volume = mass / mass_function.density
     bias = mass_function.bias(mass, z)
-    parts = [(first, number * volume * bias**p) for p in (1, 2)] + [(second, number * volume**2)]
-    return np.stack([np.einsum("km,m->k", *part) for part in parts])
+    return _Moments(
+        linear=np.einsum("km,m->k", mean, number * volume * bias),
+        squared=np.einsum("km,m->k", mean, number * volume * bias**2),
+        one_halo=np.einsum("km,m->k", square, number * volume**2),
+    )
 
 
 def _correlation(sigma: float, order: int) -> FloatArray:
@@ -209,7 +243,5 @@ def _correlation(sigma: float, order: int) -> FloatArray:
 
     The Hankel transform of l^5 exp(-l^2 sigma^2) is exp(-x) L_2(x) / sigma^6, with x = theta^2 / (4 sigma^2).
     """
-    from csstsim.universe.lensing.potential_field import pixel
-
     x = np.minimum(_THETA**2 / (4 * sigma**2), 700.0)
     return 0.5 * np.pi * np.exp(-x) * (1 - 2 * x + x * x / 2) / (sigma**2 * pixel(order) ** 2)
