@@ -34,7 +34,7 @@ from scipy.ndimage import gaussian_filter, maximum_filter
 from csstsim.universe.lensing.potential_field import Kernels
 from csstsim.universe.lensing.tangent_grid import TangentGrid, prolong
 from csstsim.universe.parameters import load_universe
-from csstsim.universe.structure.halo_lensing import halo_lenses, halo_shear
+from csstsim.universe.structure.halo_lensing import HaloLenses, halo_lenses, halo_shear
 from csstsim.universe.structure.halo_profile import disc_transform, halo_transform
 from csstsim.universe.structure.kernels import add_lensing
 from csstsim.universe.structure.matter_field import MatterField
@@ -121,13 +121,16 @@ def haloes_about(matter, grid):
 
 
 def power_of_haloes(
-    matter: MatterField, haloes: dict, lenses: np.ndarray, grid: TangentGrid, layout: Layout
+    matter: MatterField, haloes: dict, lenses: HaloLenses, grid: TangentGrid, layout: Layout
 ) -> np.ndarray:
     """Return C_l (sources, bins) of the haloes in the window of a patch, each for itself: its mean is C_1h."""
     points = layout.size + 1 - 16  # the window of `spectra` has along a side
-    place = (lenses[:, :3] @ grid.axes[:2].T) / (lenses[:, :3] @ grid.centre)[:, None] / ((points + 1) * layout.step)
+    plane = (lenses.direction @ grid.axes[:2].T) / (lenses.direction @ grid.centre)[:, None]
+    place = plane / ((points + 1) * layout.step)
     inside = (np.abs(place) < 0.5).all(axis=1)
-    chi, strength, disc = lenses[inside, 3:6].T
+    chi = lenses.chi[inside]
+    strength = lenses.strength[inside]
+    disc = lenses.disc[inside]
     radius, c = matter.mass_function.virial_radius(10 ** haloes["log_mass"][inside]), haloes["concentration"][inside]
     chance = (np.cos(np.pi * place[inside]) ** 4).prod(axis=1)  # the window squared
     far = matter.shells.source_distance(np.array(SOURCES))[:, None]

@@ -9,7 +9,7 @@ its disc cancel exactly, and gamma_t = mean (1 - g) / (1 - g / 2) - kappa with g
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -24,14 +24,67 @@ if TYPE_CHECKING:
 _BUCKET = np.radians(1.4 / 60)  # side of the squares into which sources are sorted
 
 
+class HaloLenses(NamedTuple):
+    """Haloes as `halo_shear` takes them, one row each.
+
+    direction (n, 3): unit vectors; chi (n,) [Mpc]; strength (n,): kappa x chord^2; disc, scale (n,): radius of the
+    disc and scale radius [rad]; cuts (n, cuts): radii at which the density ends, over the scale radius.
+    """
+
+    direction: FloatArray
+    chi: FloatArray
+    strength: FloatArray
+    disc: FloatArray
+    scale: FloatArray
+    cuts: FloatArray
+
+
+class _Sources(NamedTuple):
+    """Sums and frames of sources (n,): kappa, gamma1, gamma2; unit vectors to their east and north; 1 / distance."""
+
+    kappa: FloatArray
+    gamma1: FloatArray
+    gamma2: FloatArray
+    e0: FloatArray
+    e1: FloatArray
+    e2: FloatArray
+    n0: FloatArray
+    n1: FloatArray
+    n2: FloatArray
+    inverse: FloatArray
+
+
+class _Buckets(NamedTuple):
+    """Square buckets of `side` [rad] in which sources lie, `columns` to a row: `start` of each and the end.
+
+    x, y (lenses,): a lens's position in buckets; toward (lenses,): component of its direction along the middle.
+    """
+
+    start: IntArray
+    columns: int
+    side: float
+    x: FloatArray
+    y: FloatArray
+    toward: FloatArray
+
+
+class _Lens(NamedTuple):
+    """One row of HaloLenses: its direction p, and the squares of the radii of the disc and the widest sphere [rad]."""
+
+    p0: float
+    p1: float
+    p2: float
+    chi: float
+    strength: float
+    scale: float
+    disc2: float
+    sphere2: float
+
+
 def halo_lenses(
     haloes: Mapping[str, AnyArray], mass_function: HaloMassFunction, numbers: Mapping[str, Any]
-) -> FloatArray:
-    """Return what `halo_shear` needs of haloes (n, 7 + cuts); numbers: section haloes of structure.yaml.
-
-    haloes: the columns of haloes.Haloes. Columns: direction (3), chi [Mpc], strength (kappa x chord^2), radius of the
-    disc and scale radius [rad], and the radii at which the density ends, over the scale radius.
-    """
+) -> HaloLenses:
+    """Return HaloLenses of the columns of haloes.Haloes; numbers: section haloes of structure.yaml."""
     a = np.radians(haloes["ra"])
     d = np.radians(haloes["dec"])
     mass = 10 ** haloes["log_mass"]
@@ -42,89 +95,119 @@ def halo_lenses(
     strength = strength * mass * whole_mass(c, numbers["cuts"]) / mass_function.density / (np.pi * chi)
     disc = disc_radius(mass_function, mass, numbers) / chi
     scale = mass_function.virial_radius(mass) / chi / c
-    return np.column_stack([frames(a, d)[0], chi, strength, disc, scale, np.outer(c, numbers["cuts"])])
+    direction = np.ascontiguousarray(frames(a, d)[0])
+    return HaloLenses(direction, chi, strength, disc, scale, np.outer(c, numbers["cuts"]))
 
 
-def halo_shear(lenses: FloatArray, ra: FloatArray, dec: FloatArray, chi: FloatArray) -> FloatArray:
+def halo_shear(lenses: HaloLenses, ra: FloatArray, dec: FloatArray, chi: FloatArray) -> FloatArray:
     """Return kappa, gamma1, gamma2 (n,) by `lenses` (halo_lenses) of sources at ra, dec [deg] and distance chi [Mpc].
 
     Sources at chi <= 0 or NaN are not lensed. Axes: east, north. Sources lie within a few degrees of each other.
     """
     n, east, north = frames(np.radians(ra), np.radians(dec))
     out = np.zeros((3, len(chi)))
-    if len(chi) == 0 or len(lenses) == 0:
+    if len(chi) == 0 or len(lenses.chi) == 0:
         return out
     middle = n.mean(axis=0) / np.linalg.norm(n.mean(axis=0))
     first = np.cross(middle, np.eye(3)[np.argmin(np.abs(middle))])
     first /= np.linalg.norm(first)
     plane = np.stack([first, np.cross(middle, first)])  # x, y of a unit vector: projected along the middle
-    place = np.einsum("nk,ak->na", n, plane)
-    corner = place.min(axis=0)
-    columns, rows = ((np.ptp(place, axis=0) / _BUCKET).astype(int) + 1).tolist()
-    bucket = ((place - corner) / _BUCKET).astype(int) @ [1, columns]
+    position = np.einsum("nk,ak->na", n, plane)
+    corner = position.min(axis=0)
+    columns, rows = ((np.ptp(position, axis=0) / _BUCKET).astype(int) + 1).tolist()
+    bucket = ((position - corner) / _BUCKET).astype(int) @ [1, columns]
     inverse = np.divide(1.0, chi, out=np.full(len(chi), np.inf), where=np.asarray(chi) > 0)
     ranked = np.lexsort([inverse, bucket])
-    starts = np.searchsorted(bucket[ranked], np.arange(rows * columns + 1))
-    at = np.take(np.concatenate([east.T, north.T]), ranked, axis=1)
-    inverse = inverse[ranked]
     sums = np.zeros((3, len(chi)))
-    along, across, toward = np.einsum("nk,ak->an", lenses[:, :3], np.stack([*plane, middle]))
-    centres = np.column_stack([(along - corner[0]) / _BUCKET, (across - corner[1]) / _BUCKET, toward])
-    _add(sums, at, inverse, starts, columns, lenses, centres, _BUCKET)
+    kappa, gamma1, gamma2 = sums
+    e0, e1, e2 = np.take(east.T, ranked, axis=1)
+    n0, n1, n2 = np.take(north.T, ranked, axis=1)
+    sources = _Sources(kappa, gamma1, gamma2, e0, e1, e2, n0, n1, n2, inverse[ranked])
+    along, across, toward = np.einsum("nk,ak->an", lenses.direction, np.stack([*plane, middle]))
+    buckets = _Buckets(
+        start=np.searchsorted(bucket[ranked], np.arange(rows * columns + 1)),
+        columns=columns,
+        side=_BUCKET,
+        x=(along - corner[0]) / _BUCKET,
+        y=(across - corner[1]) / _BUCKET,
+        toward=toward,
+    )
+    _add(sources, buckets, lenses)
     out[:, ranked] = sums
     return out
 
 
 @njit(cache=True)
-def _add(
-    sums: FloatArray,
-    at: FloatArray,
-    inverse: FloatArray,
-    starts: IntArray,
-    columns: int,
-    lenses: FloatArray,
-    centres: FloatArray,
-    bucket: float,
-) -> None:
-    """Add every lens to sums (3, sources); sources are sorted by bucket, the farthest first, `starts` of each."""
-    disc = lenses[:, 5]
-    cuts = lenses[:, 7:]
-    masses = nfw_mass(cuts)
-    sphere = np.empty(len(lenses))
-    for h in range(len(lenses)):
-        sphere[h] = lenses[h, 6] * cuts[h].max()
-    for cell in range(len(starts) - 1):  # a bucket's sources stay close to the processor for all lenses
-        here = slice(starts[cell], starts[cell + 1])
-        added = (sums[0, here], sums[1, here], sums[2, here])
-        far = inverse[here]
-        east = (at[0, here], at[1, here], at[2, here])
-        north = (at[3, here], at[4, here], at[5, here])
-        for h in range(len(lenses)):
-            aside = abs(cell % columns + 0.5 - centres[h, 0]) - 0.5, abs(cell // columns + 0.5 - centres[h, 1]) - 0.5
-            gap = np.hypot(max(aside[0], 0.0), max(aside[1], 0.0)) * bucket  # a projected radius is at most the chord
-            if gap >= disc[h] or centres[h, 2] < 0:
+def _add(sources: _Sources, buckets: _Buckets, lenses: HaloLenses) -> None:
+    """Add every lens to the sums of `sources`, which are sorted by bucket, the farthest first."""
+    count = len(lenses.chi)
+    masses = nfw_mass(lenses.cuts)
+    sphere = np.empty(count)
+    for h in range(count):
+        sphere[h] = lenses.scale[h] * lenses.cuts[h].max()
+    for cell in range(len(buckets.start) - 1):  # a bucket's sources stay close to the processor for all lenses
+        here = _of_bucket(sources, buckets.start[cell], buckets.start[cell + 1])
+        for h in range(count):
+            aside_x = abs(cell % buckets.columns + 0.5 - buckets.x[h]) - 0.5
+            aside_y = abs(cell // buckets.columns + 0.5 - buckets.y[h]) - 0.5
+            # a projected radius is at most the chord
+            gap = np.hypot(max(aside_x, 0.0), max(aside_y, 0.0)) * buckets.side
+            if gap >= lenses.disc[h] or buckets.toward[h] < 0:
                 continue
-            behind = np.searchsorted(far, 1 / lenses[h, 3])
-            _disc(added, east, north, far, behind, lenses[h, :6], disc[h] ** 2, sphere[h] ** 2)
+            behind = np.searchsorted(here.inverse, 1 / lenses.chi[h])
+            p0, p1, p2 = lenses.direction[h]
+            lens = _Lens(
+                p0,
+                p1,
+                p2,
+                lenses.chi[h],
+                lenses.strength[h],
+                lenses.scale[h],
+                lenses.disc[h] ** 2,
+                sphere[h] ** 2,
+            )
+            _disc(here, behind, lens)
             if gap < sphere[h]:
-                _sphere(added, east, north, far, behind, lenses[h, :7], cuts[h], masses[h])
+                _sphere(here, behind, lens, lenses.cuts[h], masses[h])
+
+
+@njit(inline="always")
+def _of_bucket(sources: _Sources, first: int, end: int) -> _Sources:
+    """Return the sources of one bucket, as views."""
+    return _Sources(
+        sources.kappa[first:end],
+        sources.gamma1[first:end],
+        sources.gamma2[first:end],
+        sources.e0[first:end],
+        sources.e1[first:end],
+        sources.e2[first:end],
+        sources.n0[first:end],
+        sources.n1[first:end],
+        sources.n2[first:end],
+        sources.inverse[first:end],
+    )
 
 
 @njit(cache=True, error_model="numpy")
-def _disc(
-    added: tuple[FloatArray, FloatArray, FloatArray],
-    east: tuple[FloatArray, FloatArray, FloatArray],
-    north: tuple[FloatArray, FloatArray, FloatArray],
-    inverse: FloatArray,
-    behind: int,
-    lens: FloatArray,
-    disc2: float,
-    sphere2: float,
-) -> None:
+def _disc(sources: _Sources, behind: int, lens: _Lens) -> None:
     """Add what is not in the spheres: the disc, and outside of them their mass."""
-    (kappas, shear1, shear2), (e0, e1, e2), (n0, n1, n2) = added, east, north
-    p0, p1, p2, chi, strength, _ = lens
-    per_disc2 = 1 / disc2
+    kappas = sources.kappa
+    shear1 = sources.gamma1
+    shear2 = sources.gamma2
+    e0 = sources.e0
+    e1 = sources.e1
+    e2 = sources.e2
+    n0 = sources.n0
+    n1 = sources.n1
+    n2 = sources.n2
+    inverse = sources.inverse
+    p0 = lens.p0
+    p1 = lens.p1
+    p2 = lens.p2
+    chi = lens.chi
+    strength = lens.strength
+    sphere2 = lens.sphere2
+    per_disc2 = 1 / lens.disc2
     for i in range(behind):
         a = p0 * e0[i] + p1 * e1[i] + p2 * e2[i]
         b = p0 * n0[i] + p1 * n1[i] + p2 * n2[i]
@@ -143,21 +226,26 @@ def _disc(
 
 
 @njit(cache=True, error_model="numpy")
-def _sphere(
-    added: tuple[FloatArray, FloatArray, FloatArray],
-    east: tuple[FloatArray, FloatArray, FloatArray],
-    north: tuple[FloatArray, FloatArray, FloatArray],
-    inverse: FloatArray,
-    behind: int,
-    lens: FloatArray,
-    cuts: FloatArray,
-    masses: FloatArray,
-) -> None:
+def _sphere(sources: _Sources, behind: int, lens: _Lens, cuts: FloatArray, masses: FloatArray) -> None:
     """Add the spheres to the sources within them."""
-    (kappas, shear1, shear2), (e0, e1, e2), (n0, n1, n2) = added, east, north
-    p0, p1, p2, chi, strength, _, scale = lens
+    kappas = sources.kappa
+    shear1 = sources.gamma1
+    shear2 = sources.gamma2
+    e0 = sources.e0
+    e1 = sources.e1
+    e2 = sources.e2
+    n0 = sources.n0
+    n1 = sources.n1
+    n2 = sources.n2
+    inverse = sources.inverse
+    p0 = lens.p0
+    p1 = lens.p1
+    p2 = lens.p2
+    chi = lens.chi
+    strength = lens.strength
+    sphere2 = lens.sphere2
+    scale = lens.scale
     inner = 1 / (2 * scale * scale * masses.sum())
-    sphere2 = (scale * cuts.max()) ** 2
     for i in range(behind):
         a = p0 * e0[i] + p1 * e1[i] + p2 * e2[i]
         b = p0 * n0[i] + p1 * n1[i] + p2 * n2[i]

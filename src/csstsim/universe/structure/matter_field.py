@@ -23,7 +23,7 @@ from csstsim.universe.lensing.lens_spectra import Shells
 from csstsim.universe.lensing.potential_field import PotentialField
 from csstsim.universe.lensing.power_spectrum import MatterPower
 from csstsim.universe.structure.density import ShellDensity, kernel_order
-from csstsim.universe.structure.halo_lensing import halo_lenses, halo_shear
+from csstsim.universe.structure.halo_lensing import HaloLenses, halo_lenses, halo_shear
 from csstsim.universe.structure.halo_profile import disc_radius
 from csstsim.universe.structure.halo_spectra import HaloSpectra
 from csstsim.universe.structure.haloes import Haloes, tier_orders
@@ -125,8 +125,8 @@ class MatterField(PotentialField):
     def _splat(self, values: FloatArray, frames: GridFrames, kernels: Kernels) -> None:
         add_lensing(values, frames, kernels)
 
-    def _lens_haloes(self, pix: int) -> FloatArray:
-        """Return the haloes that lens sources in brick `pix` as halo_lensing.halo_lenses."""
+    def _lens_haloes(self, pix: int) -> HaloLenses:
+        """Return the haloes that lens sources in brick `pix`."""
         assert self.haloes is not None  # `lens` asks for them
         numbers = self.numbers["haloes"]
         return halo_lenses(
