@@ -152,7 +152,7 @@ def test_a_line_through_places_is_numpys():
         assert speed[k] == pytest.approx(slope, abs=1e-4)
         assert off[:, k] == pytest.approx(place - start - slope * (time - when) / YEAR, abs=1e-4)
     still = fitted(vectors, error, np.full(4, 61000.0))
-    assert still[1].tolist() == [0.0, 0.0] and still[3] == 61000.0
+    assert still.speed.tolist() == [0.0, 0.0] and still.epoch == 61000.0
 
 
 def rows_of_a_star(tables):

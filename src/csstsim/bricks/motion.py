@@ -19,7 +19,7 @@ Left out: parallax (it counts as an error of PARALLAX arcsec), and objects that 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError, cKDTree
@@ -59,15 +59,40 @@ _MOST_PAIRS = 2_000_000
 _UNKNOWN = 10.0
 
 
-def joined(
-    found: ObjectTable, vectors: FloatArray, source: IntArray
-) -> tuple[IntArray, IntArray, FloatArray, FloatArray, FloatArray, BoolArray]:
-    """Return (source (n,), motion (sources,), speed (sources, 2), at (n, 3), epoch (sources,), piece (n,)).
+class Joined(NamedTuple):
+    """Detections (n,) as sources.
+
+    source (n,): number, 0 to sources - 1; motion (sources,): STAR, SOLAR or 0; speed (sources, 2): arcsec / yr to the
+    east and north; at (n, 3): unit vector to the source at each detection, NaN for one at rest; epoch (sources,): MJD
+    of the weighted mean position; piece (n,): whether a detection is a piece of a trail for which another one of the
+    frame stands.
+    """
+
+    source: IntArray
+    motion: IntArray
+    speed: FloatArray
+    at: FloatArray
+    epoch: FloatArray
+    piece: BoolArray
+
+
+class Line(NamedTuple):
+    """Motion at constant speed: mean unit vector, speed (2,) [arcsec / yr], residuals (n, 2) [arcsec], mean MJD.
+
+    Speed and residuals are to the east and north.
+    """
+
+    mean: FloatArray
+    speed: FloatArray
+    residual: FloatArray
+    epoch: float
+
+
+def joined(found: ObjectTable, vectors: FloatArray, source: IntArray) -> Joined:
+    """Return the detections with groups of one moving object joined; sources are numbered anew.
 
     found: ObjectTable of bricks.merge.DETECTION_COLUMNS with frame, mjd [day, NaN: not known] and exptime [s]; vectors
-    (n, 3): unit vectors; source (n,): groups of bricks.associate. The first result numbers sources anew. speed: arcsec
-    / yr to the east and north; at: where the source was at each detection; epoch: MJD of the weighted mean place;
-    piece: whether a detection is a piece of a trail for which another one of the frame stands.
+    (n, 3): unit vectors; source (n,): groups of bricks.associate.
     """
     source, host = _alone(found, source)
     count = int(source.max(initial=-1)) + 1
@@ -88,7 +113,9 @@ def joined(
     back = kind[owner[host]] == 0
     owner[passengers[back]] = owner[host[back]]
     names, source = np.unique(owner[source], return_inverse=True)
-    return (source, kind[names], *_places(found, vectors, source, kind[names], piece), piece)
+    motion = kind[names]
+    speed, at, epoch = _places(found, vectors, source, motion, piece)
+    return Joined(source, motion, speed, at, epoch, piece)
 
 
 def _alone(found: ObjectTable, source: IntArray) -> tuple[IntArray, IntArray]:
@@ -292,30 +319,25 @@ def _straight(groups: _Groups, members: Sequence[int], which: int) -> bool:
     error = np.hypot(found["pos_err"][rows], FLOOR)
     if which == SOLAR and np.ptp(time) > SOLAR_SPAN:
         return False
-    _, speed, off, _ = fitted(groups.vectors[rows], error, time)
+    line = fitted(groups.vectors[rows], error, time)
     most = STAR_MOST if which == STAR else SOLAR_MOST * 24 * JULIAN_YEAR_DAYS
     # A piece that stands for a trail is off its middle
-    trail = np.hypot(*speed) / (24 * JULIAN_YEAR_DAYS) * np.nanmax(found["exptime"][rows]) / 3600.0
+    trail = np.hypot(*line.speed) / (24 * JULIAN_YEAR_DAYS) * np.nanmax(found["exptime"][rows]) / 3600.0
     tolerance = N_SIGMA * error + (PARALLAX if which == STAR else 0.05 + 0.3 * trail)
-    return bool(np.hypot(*speed) <= most and (np.hypot(*off.T) <= tolerance).all())
+    return bool(np.hypot(*line.speed) <= most and (np.hypot(*line.residual.T) <= tolerance).all())
 
 
-def fitted(
-    vectors: FloatArray, error: FloatArray, time: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, float]:
-    """Return (mean vector, speed (2,) [arcsec / yr], residuals (n, 2) [arcsec], mean time) of a line through places.
-
-    error: arcsec on an axis; time: MJD; east and north.
-    """
+def fitted(vectors: FloatArray, error: FloatArray, time: FloatArray) -> Line:
+    """Return the Line through positions (n, 3), unit vectors; error (n,): arcsec on an axis; time (n,): MJD."""
     weight = error**-2.0
     weight = weight / weight.sum()
     mean = normalised(weight @ vectors)
-    when = float(weight @ time)
+    epoch = float(weight @ time)
     plane = (vectors @ _axes(mean).T) / ARCSEC
-    years = (time - when) / JULIAN_YEAR_DAYS
+    years = (time - epoch) / JULIAN_YEAR_DAYS
     spread = float(weight @ years**2)
     speed = (weight * years) @ plane / spread if spread > 0 else np.zeros(2)
-    return mean, speed, plane - weight @ plane - years[:, None] * speed, when
+    return Line(mean, speed, plane - weight @ plane - years[:, None] * speed, epoch)
 
 
 def _places(
@@ -334,7 +356,8 @@ def _places(
     for name in np.flatnonzero(kind).tolist():
         rows = order[starts[name] : starts[name + 1]]
         error = sigma[rows]
-        mean, speed[name], _, when = fitted(vectors[rows], error, found["mjd"][rows])
-        years = (found["mjd"][rows] - when) / JULIAN_YEAR_DAYS
-        at[rows] = normalised(mean + ARCSEC * (years[:, None] * speed[name]) @ _axes(mean))
+        line = fitted(vectors[rows], error, found["mjd"][rows])
+        speed[name] = line.speed
+        years = (found["mjd"][rows] - line.epoch) / JULIAN_YEAR_DAYS
+        at[rows] = normalised(line.mean + ARCSEC * (years[:, None] * line.speed) @ _axes(line.mean))
     return speed, at, epoch

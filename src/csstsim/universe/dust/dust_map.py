@@ -15,7 +15,7 @@ import math
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -40,6 +40,15 @@ _TO_GALACTIC = (
     (-0.8676661356858695, -0.19807638961094987, 0.45598379451756915),
 )
 _BAD = -1e30  # values below are UNSEEN (-1.6375e30), HEALPix's mark of a pixel without value
+
+
+class _Map(NamedTuple):
+    """A map's columns (memory-mapped), NSIDE, whether its pixels are nested and its coordinates galactic."""
+
+    columns: list[AnyArray]
+    nside: int
+    nested: bool
+    galactic: bool
 
 
 class DustMap:
@@ -70,16 +79,16 @@ class DustMap:
             raise InputError(f"no such file: {self.path}", file=source, key="map", value=name, allowed=_ALLOWED)
 
     @cached_property
-    def _map(self) -> tuple[list[AnyArray], int, bool, bool]:
-        """Columns (memory-mapped), nside, nested, galactic; read on first use: most stages need only the digest."""
+    def _map(self) -> _Map:
+        """The map, read on first use: most stages need only the digest."""
         columns, header = _open(self.path, self._numbers["columns"])
         galactic_frame = _is_galactic(header["COORDSYS"] or self._numbers["coordsys"], self.path)
-        return columns, *_pixelisation(columns[0].size, header, self.path), galactic_frame
+        return _Map(columns, *_pixelisation(columns[0].size, header, self.path), galactic_frame)
 
     @property
     def nside(self) -> int:
         """HEALPix NSIDE of the map."""
-        return self._map[1]
+        return self._map.nside
 
     @cached_property
     def digest(self) -> str:
@@ -99,11 +108,13 @@ class DustMap:
         wrong = ~(np.isfinite(ra) & (np.abs(dec) <= 90))
         if wrong.any():
             raise InputError("not a direction", key="ra, dec", value=(float(ra[wrong][0]), float(dec[wrong][0])))
-        _, nside, nested, in_galactic = self._map
-        lon, lat = galactic(ra, dec) if in_galactic else (ra, dec)
+        lon, lat = galactic(ra, dec) if self._map.galactic else (ra, dec)
         angles = colatitude(lon, lat)
-        found = hpgeom.get_interpolation_weights(nside, *angles, lonlat=False, nest=nested)
-        near, weight = (each.T for each in found)  # (4, n)
+        pixel, fraction = hpgeom.get_interpolation_weights(
+            self._map.nside, *angles, lonlat=False, nest=self._map.nested
+        )
+        near = pixel.T  # (4, n)
+        weight = fraction.T
         pixels, where = np.unique(near, return_inverse=True)
         value = self._pixels(pixels)
         if (value > _MOST).any():
@@ -133,7 +144,7 @@ class DustMap:
 
     def _pixels(self, pixels: IntArray) -> FloatArray:
         """Return E(B-V) of whole pixels, NaN where the map has no value."""
-        columns = self._map[0]
+        columns = self._map.columns
         first = _take(columns[0], pixels)
         if len(columns) == 1:
             return first

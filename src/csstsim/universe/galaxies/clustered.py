@@ -56,7 +56,7 @@ class ClusteredGalaxies:
         return self.population.bright(columns)
 
     def sample(self, pix: int, rng: Callable[[str], np.random.Generator], area: float) -> dict[str, AnyArray]:
-        """Return places, z, log_mass, gal_type, halomass, satellite, offset and axis of the galaxies, also faint ones.
+        """Return position, z, log_mass, gal_type, halomass, satellite, offset and axis of galaxies, also of faint ones.
 
         offset, axis (n, 3): of members.Members, zero where there is no halo.
         """
@@ -74,18 +74,16 @@ class ClusteredGalaxies:
         pixels = (np.int64(pix) << bits) + np.arange(1 << bits)
         ra, dec = pixel_centre(1 << FIELD_ORDER, pixels)
         delta, variance = self._density(ra, dec)
-        kind, row, column, pixel = draw_field(
-            rng("field"), occupation.remainder * (area / len(pixels)), occupation.bias, delta, variance
-        )
-        redshifts, log_mass, kind = self._grid.place(rng("mass"), kind, row, column)
+        cells = draw_field(rng("field"), occupation.remainder * (area / len(pixels)), occupation.bias, delta, variance)
+        galaxies = self._grid.place(rng("mass"), cells.kind, cells.row, cells.column)
         deep = 2 * (HATS_ORDER - FIELD_ORDER)
-        healpix = (pixels[pixel] << deep) + rng("position").integers(0, 1 << deep, len(pixel))
-        count = len(pixel)
-        nothing = np.zeros((len(pixel), 3))
+        healpix = (pixels[cells.pixel] << deep) + rng("position").integers(0, 1 << deep, len(cells.pixel))
+        count = len(cells.pixel)
+        nothing = np.zeros((count, 3))
         return {
-            "z": redshifts,
-            "log_mass": log_mass,
-            "gal_type": kind,
+            "z": galaxies.z,
+            "log_mass": galaxies.log_mass,
+            "gal_type": galaxies.kind,
             "_healpix_29": healpix,
             "halomass": np.full(count, np.nan),
             "satellite": np.full(count, NO_HALO, np.int8),
@@ -98,7 +96,8 @@ class ClusteredGalaxies:
         z = 0.5 * (self._grid.z[1:] + self._grid.z[:-1])
         shell = np.searchsorted(self.matter.shells.edges, self._cosmology.comoving_distance(z))
         _, first, row = np.unique(shell, return_index=True, return_inverse=True)
-        ra_of, dec_of = (np.tile(v, len(first)) for v in (ra, dec))
+        ra_of = np.tile(ra, len(first))
+        dec_of = np.tile(dec, len(first))
         delta, variance = (
             v.reshape(len(first), -1) for v in self.matter.density(ra_of, dec_of, np.repeat(z[first], len(ra)))
         )

@@ -2,8 +2,10 @@
 
 Their number in a cell of redshift and sky is Poisson with mean n exp(b delta - b^2 sigma^2 / 2), so that the mean over
 the sky is n. b is the mean bias of their haloes, delta the Gaussian overdensity of the shell and sigma^2 its variance.
-Cells of the sky are HEALPix pixels of `ORDER`, some 13 arcsec wide; inside, places are uniform.
+Cells of the sky are HEALPix pixels of `ORDER`, some 13 arcsec wide; inside, positions are uniform.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,10 +14,19 @@ from csstsim.base.types import FloatArray, IntArray
 ORDER = 14  # nested; 4096 pixels a brick
 
 
+class FieldGalaxies(NamedTuple):
+    """Indices of galaxies (n,): type, row of redshift, column of mass, pixel."""
+
+    kind: IntArray
+    row: IntArray
+    column: IntArray
+    pixel: IntArray
+
+
 def draw_field(
     generator: np.random.Generator, mean: FloatArray, bias: FloatArray, delta: FloatArray, variance: FloatArray
-) -> tuple[IntArray, IntArray, IntArray, IntArray]:
-    """Return (type, row, column, pixel): indices of a Poisson number of galaxies.
+) -> FieldGalaxies:
+    """Return a Poisson number of galaxies.
 
     mean (types, rows, columns): galaxies of a pixel without structure; bias, variance (rows,); delta (rows, pixels).
     """
@@ -32,4 +43,4 @@ def draw_field(
     cell = np.searchsorted(stacked, below[row] + generator.random(count) * (below[row + 1] - below[row]), side="right")
     cell = np.clip(cell, row * by_row.shape[1], (row + 1) * by_row.shape[1] - 1)
     _, kind, column = np.unravel_index(cell, (rows, kinds, columns))
-    return kind, row, column, pixel
+    return FieldGalaxies(kind, row, column, pixel)

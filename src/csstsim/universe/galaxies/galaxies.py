@@ -3,14 +3,14 @@
 (z, M, type) -> star-formation rate -> mixture of templates, dust, lines -> i magnitude of the physical mass-to-light
 ratio -> i + shift(i), a small monotone change that makes the i counts exactly those of `counts` (abundance matching:
 mass functions stay as published, brightness is remapped, the colours do not change). Each quantity has
-its own random stream, so a change to one leaves the others as they were. Their places in haloes are drawn by
+its own random stream, so a change to one leaves the others as they were. Their positions in haloes are drawn by
 universe.galaxies.clustered. Left out: merging, spiral arms.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -79,6 +79,15 @@ def _bright_slope(knots: FloatArray) -> float:
     return np.log(knots[1, 1] / knots[0, 1]) / (knots[1, 0] - knots[0, 0])
 
 
+class _Stars(NamedTuple):
+    """Stars of galaxies: mixture per solar mass (n, templates), A(V) [mag] and factor on lines (n,), truth columns."""
+
+    mix: FloatArray
+    dust: FloatArray
+    lines: FloatArray
+    history: dict[str, FloatArray]
+
+
 class GalaxyPopulation:
     """The laws of the galaxy population, prepared for drawing samples.
 
@@ -122,15 +131,15 @@ class GalaxyPopulation:
         numbers = self.numbers
         share = bulge_fraction(log_mass, kind, rng("bulge").standard_normal(n), numbers["bulge"])
         e = draw_ellipticity(rng("shape"), share > numbers["ellipticity"]["round_share"], numbers["ellipticity"])
-        mix, dust, lines, history = self._stars(rng, z, log_mass, kind, np.abs(e))
-        coefficients = self.seds.coefficients(10 ** log_mass[:, None] * mix, dust, lines)
+        stars = self._stars(rng, z, log_mass, kind, np.abs(e))
+        coefficients = self.seds.coefficients(10 ** log_mass[:, None] * stars.mix, stars.dust, stars.lines)
         scale = distance_scale(self.cosmology.luminosity_distance(z))
         model = self._magnitude(z, coefficients, scale)
         shift = np.interp(model, *self._shift)
         columns = self._sizes(rng, z, log_mass, share, np.abs(e))
         columns |= {"z": z, "bulge_frac": share, "e1": e.real, "e2": e.imag}
         columns |= {"bulgemass": share * 10**log_mass, "diskmass": (1 - share) * 10**log_mass}
-        columns |= history
+        columns |= stars.history
         columns |= {"sed_scale": scale * 10 ** (-0.4 * shift)}
         columns |= {f"coeff{k}": column for k, column in enumerate(np.transpose(coefficients))}
         columns = {name: values.astype(np.float32) for name, values in columns.items()}
@@ -147,8 +156,8 @@ class GalaxyPopulation:
         log_mass: FloatArray,
         kind: IntArray,
         e: FloatArray,
-    ) -> tuple[FloatArray, FloatArray, FloatArray, dict[str, FloatArray]]:
-        """Return the mixture per solar mass (n, templates), A_V (n,), that of lines (n,), {truth column: (n,)}."""
+    ) -> _Stars:
+        """Return the _Stars of galaxies; e: the modulus of their ellipticities."""
         formation = self.numbers["star_formation"]
         dust = self.numbers["dust"]
         quiescent = kind == QUIESCENT
@@ -172,7 +181,7 @@ class GalaxyPopulation:
             "stellarage": mean_age(rate, age) / YR_PER_GYR,
             "metallicity": self.seds.metallicity(mix),
         }
-        return mix, np.minimum(dusty, dust["max"]), lines, history
+        return _Stars(mix, np.minimum(dusty, dust["max"]), lines, history)
 
     def _sizes(
         self,

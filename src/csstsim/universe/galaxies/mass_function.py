@@ -9,7 +9,7 @@ power law of slope `faint_slope(z)`. Masses are of living stars and remnants, gi
 """
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -62,6 +62,14 @@ def mass_function(log_mass: FloatArray, z: float, kind: str, numbers: Mapping[st
     return np.exp(log_phi) * 10 ** (3 * rescale)
 
 
+class Drawn(NamedTuple):
+    """Galaxies (n,): redshift, log10 of the stellar mass [solar], type (0 star-forming, 1 quiescent)."""
+
+    z: FloatArray
+    log_mass: FloatArray
+    kind: IntArray
+
+
 class MassGrid:
     """Galaxies per deg2 in cells of (type, z, log mass) above `lightest(z)`, for drawing samples.
 
@@ -97,17 +105,15 @@ class MassGrid:
         """Galaxies per deg2."""
         return self._cumulative[-1]
 
-    def draw(self, generator: np.random.Generator, count: int) -> tuple[FloatArray, FloatArray, IntArray]:
-        """Return (z, log mass, type), each (count,)."""
+    def draw(self, generator: np.random.Generator, count: int) -> Drawn:
+        """Return `count` galaxies."""
         cell = np.searchsorted(self._cumulative, generator.random(count) * self.total, side="right")
         return self.place(generator, *np.unravel_index(np.minimum(cell, self.density.size - 1), self.density.shape))
 
-    def place(
-        self, generator: np.random.Generator, kind: IntArray, row: IntArray, column: IntArray
-    ) -> tuple[FloatArray, FloatArray, IntArray]:
-        """Return (z, log mass, type) of galaxies in given cells (indices), uniform in volume and log mass inside."""
+    def place(self, generator: np.random.Generator, kind: IntArray, row: IntArray, column: IntArray) -> Drawn:
+        """Return galaxies in given cells (indices), uniform in volume and log mass inside."""
         cube = self.cosmology.comoving_distance(self.z) ** 3
         distance = np.cbrt(cube[row] + generator.random(len(row)) * (cube[row + 1] - cube[row]))
         z = np.linspace(0.0, self.z[-1], 20_001)  # linear between: good to 1e-6
         z = np.interp(distance, self.cosmology.comoving_distance(z), z)
-        return z, self.log_mass[column] + _DLOGM * generator.random(len(row)), kind.astype(np.int8)
+        return Drawn(z, self.log_mass[column] + _DLOGM * generator.random(len(row)), kind.astype(np.int8))

@@ -6,7 +6,7 @@ warp, spiral arms, streams, clusters, the bulge's tilt out of the plane.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -72,48 +72,61 @@ def density(component: Component, position: FloatArray, numbers: Mapping[str, An
     y = position[1]
     z = position[2] + sun["z"]
     r = np.hypot(x, y)
+    r0 = sun["r0"]
     shape = LAWS[component.law]
+    law = laws[component.law]
     wider = 1.0
     if component.law in _FLARING:
         start, slope = laws["flare"]
         wider = 1 + slope * np.maximum(r - start, 0.0)  # of the heights; a column keeps its stars
-    here = shape(r, z / wider, x, y, component.eps, sun["r0"], laws[component.law]) / wider
+    here = shape(_Point(r, z / wider, x, y), component.eps, r0, law) / wider
     if component.law == "bulge":
         return here
-    return here / shape(sun["r0"], sun["z"], -sun["r0"], 0.0, component.eps, sun["r0"], laws[component.law])
+    return here / shape(_Point(r0, sun["z"], -r0, 0.0), component.eps, r0, law)
 
 
-def _young(r: Floats, z: Floats, x: Floats, y: Floats, eps: float, r0: float, law: Sequence[float]) -> FloatArray:
-    a2 = r**2 + (z / eps) ** 2
-    return np.exp(-a2 / law[0] ** 2) - np.exp(-a2 / law[1] ** 2)
+class _Point(NamedTuple):
+    """Positions about the galactic centre [kpc]: distance from the axis, height, and x (away from the Sun), y."""
+
+    r: Floats
+    z: Floats
+    x: Floats
+    y: Floats
 
 
-def _disc(r: Floats, z: Floats, x: Floats, y: Floats, eps: float, r0: float, law: Sequence[float]) -> FloatArray:
-    a2 = r**2 + (z / eps) ** 2
-    return np.exp(-np.sqrt(0.25 + a2 / law[0] ** 2)) - np.exp(-np.sqrt(0.25 + a2 / law[1] ** 2))
+def _young(at: _Point, eps: float, r0: float, law: Sequence[float]) -> FloatArray:
+    disc, hole = law
+    a2 = at.r**2 + (at.z / eps) ** 2
+    return np.exp(-a2 / disc**2) - np.exp(-a2 / hole**2)
 
 
-def _thick(r: Floats, z: Floats, x: Floats, y: Floats, eps: float, r0: float, law: Sequence[float]) -> FloatArray:
+def _disc(at: _Point, eps: float, r0: float, law: Sequence[float]) -> FloatArray:
+    disc, hole = law
+    a2 = at.r**2 + (at.z / eps) ** 2
+    return np.exp(-np.sqrt(0.25 + a2 / disc**2)) - np.exp(-np.sqrt(0.25 + a2 / hole**2))
+
+
+def _thick(at: _Point, eps: float, r0: float, law: Sequence[float]) -> FloatArray:
     scale, hz, xl = law
-    z = np.abs(z)
+    z = np.abs(at.z)
     low = 1.0 - z**2 / (xl * (2 * hz + xl))
-    return np.exp(-(r - r0) / scale) * np.where(z < xl, low, np.exp((xl - z) / hz) / (1.0 + xl / (2 * hz)))
+    return np.exp(-(at.r - r0) / scale) * np.where(z < xl, low, np.exp((xl - z) / hz) / (1.0 + xl / (2 * hz)))
 
 
-def _halo(r: Floats, z: Floats, x: Floats, y: Floats, eps: float, r0: float, law: Sequence[float]) -> FloatArray:
+def _halo(at: _Point, eps: float, r0: float, law: Sequence[float]) -> FloatArray:
     power, core, edge, steep = law
-    a = np.maximum(np.sqrt(r**2 + (z / eps) ** 2), core)
+    a = np.maximum(np.sqrt(at.r**2 + (at.z / eps) ** 2), core)
     return (a / r0) ** power * (np.maximum(a, edge) / edge) ** (steep - power)
 
 
-def _bulge(r: Floats, z: Floats, x: Floats, y: Floats, eps: float, r0: float, law: Sequence[float]) -> FloatArray:
+def _bulge(at: _Point, eps: float, r0: float, law: Sequence[float]) -> FloatArray:
     x0, y0, z0, cut, width, angle = law
     turn = np.radians(90.0 - angle)
     # The near end of the long axis lies at positive longitude.
-    along = -x * np.cos(turn) + y * np.sin(turn)
-    across = x * np.sin(turn) + y * np.cos(turn)
-    rs2 = np.sqrt(((along / x0) ** 2 + (across / y0) ** 2) ** 2 + (z / z0) ** 4)
-    return np.exp(-0.5 * rs2 - 0.5 * (np.maximum(r - cut, 0.0) / width) ** 2)
+    along = -at.x * np.cos(turn) + at.y * np.sin(turn)
+    across = at.x * np.sin(turn) + at.y * np.cos(turn)
+    rs2 = np.sqrt(((along / x0) ** 2 + (across / y0) ** 2) ** 2 + (at.z / z0) ** 4)
+    return np.exp(-0.5 * rs2 - 0.5 * (np.maximum(at.r - cut, 0.0) / width) ** 2)
 
 
 _FLARING = ("young", "disc", "thick")

@@ -15,7 +15,7 @@ import json
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import hpgeom
 import numpy as np
@@ -121,6 +121,24 @@ def draw_stars(
     return _with_companions(rng, columns, pair, pix, numbers)
 
 
+class _Places(NamedTuple):
+    """Where stars are (n,): ra, dec [deg], order-29 pixel, and the indices of their types and step of distance."""
+
+    ra: FloatArray
+    dec: FloatArray
+    healpix: IntArray
+    kind: IntArray
+    step: IntArray
+
+
+class _Chosen(NamedTuple):
+    """Stars of the types: truth columns (n,), companions (PAIR, n), galactic velocities (3, n) [km/s]."""
+
+    columns: dict[str, AnyArray]
+    pair: FloatArray
+    velocity: FloatArray
+
+
 def _with_companions(
     rng: Callable[[str], np.random.Generator],
     columns: dict[str, AnyArray],
@@ -145,8 +163,8 @@ def _draw_cells(
     pix: int,
     place: Callable[[np.random.Generator, int], tuple[FloatArray, FloatArray, IntArray]],
     model: Galaxy,
-) -> tuple[FloatArray, FloatArray, IntArray, IntArray, IntArray]:
-    """Return ra, dec, healpix, index of the types and of the step of distance of each star."""
+) -> _Places:
+    """Return the _Places of a Poisson number of stars."""
     rates = np.stack(list(model.rates(*_corners(pix), model.numbers["limits"][1])), axis=1)
     totals = rates.sum(axis=(1, 2))
     if totals.max() * AREA_DEG2 > MOST:
@@ -159,40 +177,43 @@ def _draw_cells(
             allowed=f"{MOST:g} stars a brick",
         )
     count = rng("count").poisson(totals.max() * AREA_DEG2)
-    spot = place(rng("position"), count)
-    share = _bilinear(spot[2]) * totals
-    here = share.sum(axis=1)
+    ra, dec, healpix = place(rng("position"), count)
+    of_corners = _bilinear(healpix) * totals
+    here = of_corners.sum(axis=1)
     keep = rng("thinning").random(count) * totals.max() < here
-    ra, dec, healpix = (column[keep] for column in spot)
-    # Draw a corner by its share of the density here, then one of that corner's cells.
-    u = rng("cell").random((2, len(ra)))
-    corner = np.minimum((u[0, :, None] * here[keep, None] >= np.cumsum(share[keep], axis=1)).sum(axis=1), 3)
+    # Draw a corner by its fraction of the density here, then one of that corner's cells.
+    u = rng("cell").random((2, keep.sum()))
+    corner = np.minimum((u[0, :, None] * here[keep, None] >= np.cumsum(of_corners[keep], axis=1)).sum(axis=1), 3)
     summed = rates.reshape(4, -1).cumsum(axis=1)
-    cell = np.empty(len(ra), np.int64)
+    cell = np.empty(len(corner), np.int64)
     for k in range(4):
         mine = corner == k
         cell[mine] = np.searchsorted(summed[k], u[1, mine] * summed[k, -1], side="right")
-    return ra, dec, healpix, *np.divmod(cell, rates.shape[2])
+    kind, step = np.divmod(cell, rates.shape[2])
+    return _Places(ra[keep], dec[keep], healpix[keep], kind, step)
 
 
 def _draw_types(
     rng: Callable[[str], np.random.Generator], kind: IntArray, distance: FloatArray, position: FloatArray, model: Galaxy
-) -> tuple[dict[str, AnyArray], FloatArray, FloatArray]:
-    """Return the columns that the types give, (PAIR, n) companions, and (3, n) galactic velocities [km/s]."""
+) -> _Chosen:
+    """Return the stars that the types give."""
     bright, faint = model.numbers["limits"]
     modulus = 5.0 * np.log10(distance) - 5.0
     r0 = model.numbers["sun"]["r0"]
     chosen = rng("type").random(len(kind))
     normal = rng("velocity").standard_normal((3, len(kind)))
-    table, pair, velocity = (np.empty((rows, len(kind))) for rows in (len(COLUMNS), len(PAIR), 3))
+    table = np.empty((len(COLUMNS), len(kind)))
+    pair = np.empty((len(PAIR), len(kind)))
+    velocity = np.empty((3, len(kind)))
     for k, types in enumerate(model.types):
         mine = np.flatnonzero(kind == k)
         at = position[:, mine]
         row = types.choose(chosen[mine], bright - modulus[mine], faint - modulus[mine])
-        table[:, mine], pair[:, mine] = types.table[:, row], types.pair[:, row]
+        table[:, mine] = types.table[:, row]
+        pair[:, mine] = types.pair[:, row]
         table[_FEH, mine] += types.component.gradient * (np.hypot(at[0] - r0, at[1]) - r0)
         velocity[:, mine] = galactic_velocity(types.component, normal[:, mine], at, model.numbers)
-    return dict(zip(COLUMNS[1:], table[1:], strict=True)), pair, velocity
+    return _Chosen(dict(zip(COLUMNS[1:], table[1:], strict=True)), pair, velocity)
 
 
 def _corners(pix: int) -> tuple[FloatArray, FloatArray]:
@@ -203,5 +224,6 @@ def _corners(pix: int) -> tuple[FloatArray, FloatArray]:
 
 def _bilinear(healpix: IntArray) -> FloatArray:
     """Return (n, 4) weights of the corners at order-29 pixels of a brick."""
-    x, y = (every_other(healpix >> shift, _BITS) / (1 << _BITS) for shift in (0, 1))
+    x = every_other(healpix, _BITS) / (1 << _BITS)
+    y = every_other(healpix >> 1, _BITS) / (1 << _BITS)
     return np.stack([x * y, (1 - x) * y, (1 - x) * (1 - y), x * (1 - y)], axis=1)

@@ -9,7 +9,7 @@ pre-main sequence, brown dwarfs' cooling, the asymptotic giant branch, mass loss
 """
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,6 +19,25 @@ STAGES = 4
 _YEAR_GYR = 1e9
 
 
+class Observed(NamedTuple):
+    """Stars (n,): Teff [K], log g, radius [Rsun], M_V."""
+
+    teff: FloatArray
+    logg: FloatArray
+    radius: FloatArray
+    m_v: FloatArray
+
+
+class WhiteDwarfs(NamedTuple):
+    """White dwarfs (n,): Teff [K], log g, radius [Rsun], M_V, mass [Msun]."""
+
+    teff: FloatArray
+    logg: FloatArray
+    radius: FloatArray
+    m_v: FloatArray
+    mass: FloatArray
+
+
 def stage_ends(mass: FloatArray, feh: FloatArray, numbers: Mapping[str, Any]) -> FloatArray:
     """Return (4, n) ages [Gyr] at which stars of `mass` [Msun] and [Fe/H] end each stage."""
     law = numbers["lifetime"]
@@ -26,16 +45,18 @@ def stage_ends(mass: FloatArray, feh: FloatArray, numbers: Mapping[str, Any]) ->
     zeta = np.clip(feh, *law["limits"])
     a1, a2, a3, a4, a5 = (c[0] + zeta * (c[1] + zeta * (c[2] + zeta * c[3])) for c in law["rows"])
     base = (a1 + a2 * mass**4 + a3 * mass**5.5 + mass**7) / (a4 * mass**2 + a5 * mass**7) / 1000.0
-    main, giant, helium = (_at(course, name, mass) for name in ("main", "giant", "helium"))
+    main = _at(course, "main", mass)
+    giant = _at(course, "giant", mass)
+    helium = _at(course, "helium", mass)
     return base * np.stack([main, np.ones_like(main), 1.0 + giant, 1.0 + giant + helium])
 
 
 def living(
     mass: FloatArray, feh: FloatArray, stage: FloatArray, deviate: FloatArray, numbers: Mapping[str, Any]
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return Teff [K], log g, radius [Rsun], M_V of stars at `stage`; all (n,).
+) -> Observed:
+    """Return the Observed of stars at `stage`; all (n,).
 
-    deviate: (n,) within 0..1, the star's place on the horizontal branch.
+    deviate: (n,) within 0..1, the star's position on the horizontal branch.
     """
     feh = np.clip(feh, *numbers["metals"]["limits"])
     log_t, log_l = _main(mass, feh, np.minimum(stage, 1.0), numbers)
@@ -46,10 +67,8 @@ def living(
     return _observed(mass, 10**log_t, log_l, correction(10**log_t, feh, numbers), numbers)
 
 
-def white_dwarfs(
-    initial_mass: FloatArray, cooling_gyr: FloatArray, numbers: Mapping[str, Any]
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return Teff [K], log g, radius [Rsun], M_V and mass [Msun] of white dwarfs that have cooled for `cooling_gyr`."""
+def white_dwarfs(initial_mass: FloatArray, cooling_gyr: FloatArray, numbers: Mapping[str, Any]) -> WhiteDwarfs:
+    """Return the WhiteDwarfs that have cooled for `cooling_gyr`."""
     law = numbers["white_dwarfs"]
     slope, start = law["final_mass"]
     mass = slope * initial_mass + start
@@ -62,7 +81,7 @@ def white_dwarfs(
     log_l = 2 * np.log10(radius) + 4 * np.log10(teff / numbers["solar"][1])
     knots, correction = np.asarray(law["correction"], float).T
     bc = np.interp(np.log(teff), np.log(knots), correction)
-    return *_observed(mass, teff, log_l, bc, numbers), mass
+    return WhiteDwarfs(*_observed(mass, teff, log_l, bc, numbers), mass)
 
 
 def correction(teff: Floats, feh: Floats, numbers: Mapping[str, Any]) -> FloatArray:
@@ -76,10 +95,11 @@ def correction(teff: Floats, feh: Floats, numbers: Mapping[str, Any]) -> FloatAr
 
 def _observed(
     mass: FloatArray, teff: FloatArray, log_l: FloatArray, bc: FloatArray, numbers: Mapping[str, Any]
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+) -> Observed:
     m_bol, t_sun, logg_sun = numbers["solar"]
     radius = np.sqrt(10**log_l) * (t_sun / teff) ** 2
-    return teff, logg_sun + np.log10(mass) - 2 * np.log10(radius), radius, m_bol - 2.5 * log_l - bc
+    logg = logg_sun + np.log10(mass) - 2 * np.log10(radius)
+    return Observed(teff, logg, radius, m_bol - 2.5 * log_l - bc)
 
 
 def _main(
@@ -92,7 +112,8 @@ def _main(
     # Field stars have solar abundance on average and are at their mean age.
     mean = np.minimum(law["mean_age"] / stage_ends(mass, np.zeros_like(mass), numbers)[0], law["mean_share"])
     (b1, b2), (w1, w2) = law["brighten"], law["warm"]
-    dl, dt = (_at(numbers["metals"], name, mass) for name in ("log_l", "log_teff"))
+    dl = _at(numbers["metals"], "log_l", mass)
+    dt = _at(numbers["metals"], "log_teff", mass)
     cooling = _at(numbers["course"], "cooling", mass)
     grow = u - mean
     grow2 = u**2 - mean**2
