@@ -44,7 +44,8 @@ def nominal_spectrum(filter_: Filter, numbers: SkyNumbers) -> FloatArray:
     wave = filter_.wavelength
     here = np.array([V_BAND])
     earth = numbers.earth.nominal * read_at(wave, *numbers.earth.spectrum.T)
-    zodi, zodi_v = (zodiacal.spectrum(at, numbers)[1] / sunlight(at, numbers) for at in (wave, here))
+    zodi = zodiacal.spectrum(wave, numbers)[1] / sunlight(wave, numbers)
+    zodi_v = zodiacal.spectrum(here, numbers)[1] / sunlight(here, numbers)
     shape = sunlight(wave, numbers) * (zodi / zodi_v + earth)
     return shape / band(filter_, shape)
 
@@ -193,7 +194,7 @@ def _add_steps(
 
 @numba.njit(cache=True)
 def _above(edge: float) -> float:
-    """Return the share of the pixel 0..1 that is above an edge."""
+    """Return the fraction of the pixel 0..1 that is above an edge."""
     return min(max(1.0 - edge, 0.0), 1.0)
 
 

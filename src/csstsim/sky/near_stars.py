@@ -1,4 +1,4 @@
-"""Stars of the list beside a frame: which are drawn with it, and the wings of the others.
+"""Stars of the list near a frame: which are rendered with it, and the wings of the others.
 
 An object is drawn with a frame if it is at most REACH_MAX from it. A star further off scatters light onto the frame all
 the same, which falls with the third power of its distance. The coarse grid of the sky would err there, so stars up to
@@ -43,7 +43,7 @@ def pixels_off(directions: FloatArray, exposure: Exposure) -> FloatArray:
 
 
 def stars_about(exposure: Exposure, numbers: SkyNumbers) -> tuple[BoolArray, BoolArray]:
-    """Return the stars of the list that are not drawn with an Exposure, as bool (n,): those far away, those beside it.
+    """Return the stars of the list that are not rendered with an Exposure, as bool (n,): those far away, those near it.
 
     numbers: SkyNumbers.
     """

@@ -33,7 +33,7 @@ def transmittance(zenith: FloatArray, azimuth: FloatArray, numbers: SkyNumbers) 
 
 
 def _cell(nodes: FloatArray, x: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Return the cell of rising `nodes` that holds x, and the place (0..1) in it; x is clipped to the nodes' range."""
+    """Return the cell of rising `nodes` that holds x, and the position (0..1) in it; x is clipped to their range."""
     i = np.clip(np.searchsorted(nodes, x, side="right") - 1, 0, len(nodes) - 2)
     return i, np.clip((x - nodes[i]) / (nodes[i + 1] - nodes[i]), 0.0, 1.0)
 

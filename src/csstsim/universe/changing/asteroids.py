@@ -81,7 +81,7 @@ class View(NamedTuple):
 
 
 class Window(NamedTuple):
-    """Asteroids on a line of sight, seen from the Sun [rad]: middle and half width in longitude, least inclination."""
+    """Asteroids on a line of sight, from the Sun [rad]: middle and half width in longitude, minimum inclination."""
 
     longitude: float
     inclination_min: float

@@ -52,8 +52,12 @@ def walk_of(
 ) -> tuple[float, float]:
     """Return (rms [mag], damping time [day, rest frame]) of a quasar; normal: a standard normal number, of its mass."""
     m_i = m1450 + numbers["walk"]["shift"]
-    mean, width = (a + b * m_i for a, b in (numbers["mass"]["mean"], numbers["mass"]["width"]))
+    mean_0, mean_slope = numbers["mass"]["mean"]
+    width_0, width_slope = numbers["mass"]["width"]
+    mean = mean_0 + mean_slope * m_i
+    width = width_0 + width_slope * m_i
     log_mass = mean + max(width, 0.0) * normal - np.log10(MASS)
     terms = np.array([1.0, np.log10(wavelength / (1 + z) / PIVOT), m_i + 23.0, log_mass])
-    structure, tau = (10.0 ** (np.array(numbers["walk"][name]) @ terms) for name in ("structure", "time"))
+    structure = 10.0 ** (np.array(numbers["walk"]["structure"]) @ terms)
+    tau = 10.0 ** (np.array(numbers["walk"]["time"]) @ terms)
     return structure / np.sqrt(2.0), tau

@@ -92,7 +92,7 @@ class ClusteredGalaxies:
         }
 
     def _density(self, ra: FloatArray, dec: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the overdensity (rows, places) of each redshift row, of the shell of its middle, and its variance."""
+        """Return the overdensity (rows, positions) of each redshift row, of its middle's shell, and its variance."""
         z = 0.5 * (self._grid.z[1:] + self._grid.z[:-1])
         shell = np.searchsorted(self.matter.shells.edges, self._cosmology.comoving_distance(z))
         _, first, row = np.unique(shell, return_index=True, return_inverse=True)

@@ -1,15 +1,16 @@
-"""In which haloes galaxies live: rank matching of stellar masses to haloes and subhaloes, shares of types.
+"""In which haloes galaxies live: rank matching of stellar masses to haloes and subhaloes, fractions of types.
 
 At each redshift the number of galaxies above a stellar mass M* is that of haloes and subhaloes above a proxy x
 (universe.galaxies.subhaloes), which gives M* = F(x, z): the mass functions stay exact whatever the haloes are. Only
-haloes above some mass are drawn, one by one; R(M*, z), the share of galaxies that live in these, leaves a remainder
+haloes above some mass are drawn, one by one; R(M*, z), the fraction of galaxies that live in these, leaves a remainder
 that follows the smooth density. A satellite's chance to be quiescent is raised by its halo (Peng et al. 2010,
 ApJ 721, 193) and a central's lowered, so that both mass functions by type stay exact, too:
 
     q_sat = f + (1 - f) eps(M_h, z),     q_cen = f - S / (1 - S) (1 - f) mean(eps)
 
-with f the quiescent share and S the share of satellites at (M*, z). Where q_cen would be negative, eps is scaled down
-to make it zero. Rows are the redshift steps of the MassGrid, columns its masses. Left out: assembly bias, conformity.
+with f the quiescent fraction and S the fraction of satellites at (M*, z). Where q_cen would be negative, eps is scaled
+down to make it zero. Rows are the redshift steps of the MassGrid, columns its masses. Left out: assembly bias,
+conformity.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ class Occupation:
     """Tables of galaxies in haloes. Raises KeyError or ValueError for a number that is missing or out of range.
 
     numbers: occupation.yaml; grid: mass_function.MassGrid; haloes: structure.mass_function.HaloMassFunction; drawn:
-    (least log10 mass, least z, greatest z) of haloes that are drawn one by one, or None if none is.
+    (minimum log10 mass, minimum z, maximum z) of haloes that are drawn one by one, or None if none is.
     """
 
     def __init__(
@@ -68,7 +69,7 @@ class Occupation:
         self._types()
 
     def _shares(self, drawn: tuple[float, float, float] | None) -> FloatArray:
-        """Return (rows, H): the share of haloes that are drawn."""
+        """Return (rows, H): the fraction of haloes that are drawn."""
         if drawn is None:
             return np.zeros((len(self.grid.volume), len(self.mass)))
         least, near, far = drawn
@@ -140,6 +141,6 @@ class Occupation:
 
 
 def quenching(log_mass: Floats, z: Floats, numbers: Mapping[str, Any]) -> FloatArray:
-    """Return eps: the share of satellites, star-forming otherwise, that a halo of this log10 mass has quenched."""
+    """Return eps: the fraction of satellites, star-forming otherwise, that a halo of this log10 mass has quenched."""
     eps = numbers["at_1e12"] + numbers["slope"] * (np.asarray(log_mass, float) - 12.0)
     return np.clip(eps * (1 + np.asarray(z, float)) ** numbers["growth"], 0.0, numbers["most"])

@@ -49,7 +49,7 @@ def main_sequence(log_mass: Floats, z: Floats, numbers: Mapping[str, Any]) -> Fl
 
 
 def young_fractions(log_rate: FloatArray, age: FloatArray, edges: Sequence[float]) -> FloatArray:
-    """Return (n, len(edges) + 1): shares of the mass formed, by age: below the first edge, between, above the last.
+    """Return (n, len(edges) + 1): fractions of the mass formed, by age: below the first edge, between, above the last.
 
     log_rate: log10 of the specific rate [yr-1] (n,); age: since the first star [yr] (n,); edges: ages [yr] rising.
     """
@@ -76,8 +76,8 @@ def _steepness(log_rate: FloatArray, age: FloatArray) -> FloatArray:
 def mixture(fractions: FloatArray, numbers: Mapping[str, Any]) -> FloatArray:
     """Return (n, templates): solar masses of each template per solar mass of living stars and remnants.
 
-    fractions: (n, ages), shares of the mass formed; numbers["light"]: (ages, templates), template masses with the light
-    of one solar mass formed in the age range; numbers["surviving"]: (ages,), the part of that mass left now.
+    fractions: (n, ages), fractions of the mass formed; numbers["light"]: (ages, templates), template masses with the
+    light of one solar mass formed in the age range; numbers["surviving"]: (ages,), the part of that mass left now.
     """
     shining = np.einsum("na,ak->nk", fractions, np.asarray(numbers["light"], float))
     return shining / np.einsum("na,a->n", fractions, np.asarray(numbers["surviving"], float))[:, None]

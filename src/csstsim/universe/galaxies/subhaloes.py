@@ -4,7 +4,7 @@ The proxy is log10 of the halo's mass, of a satellite's at accretion, plus norma
 
     dN / dln x = gamma x^alpha exp(-beta x^omega),  x = mass at accretion / host's mass
 
-(Jiang & van den Bosch 2016, MNRAS 458, 2848), of which a share still has its galaxy. A scatter of `scatter` dex in
+(Jiang & van den Bosch 2016, MNRAS 458, 2848), of which a fraction still has its galaxy. A scatter of `scatter` dex in
 stellar mass is one of scatter / slope in the proxy, with the slope of Moster, Naab & White (2013, MNRAS 428, 3121).
 Left out: scatter in the number of subhaloes beyond Poisson's, and its dependence on a halo's age.
 """
@@ -56,13 +56,13 @@ def subhaloes_above(x: FloatArray, numbers: Mapping[str, Any]) -> FloatArray:
 
 
 def surviving(log_mass: Floats, z: Floats, numbers: Mapping[str, Any]) -> FloatArray:
-    """Return the share of subhaloes that have a galaxy in hosts of log_mass at z (broadcast); numbers: `surviving`."""
+    """Return the fraction of subhaloes with a galaxy in hosts of log_mass at z (broadcast); numbers: `surviving`."""
     share = numbers["today"] * 10 ** (numbers["host"] * (np.asarray(log_mass, float) - 13.0))
     return np.minimum(share * (1 + np.asarray(z, float)) ** numbers["growth"], numbers["most"])
 
 
 def proxy_above(numbers: Mapping[str, Any]) -> FloatArray:
-    """Return (H, X): the share of haloes of each mass whose proxy exceeds each one."""
+    """Return (H, X): the fraction of haloes of each mass whose proxy exceeds each one."""
     mass = host_masses()
     scatter = scatter_in_proxy(mass, numbers["stellar_to_halo"])
     return ndtr((mass[:, None] - proxies()) / scatter[:, None])

@@ -1,4 +1,4 @@
-"""Gaussian random potentials on the whole sky, one per shell of matter; any place can be computed on its own.
+"""Gaussian random potentials on the whole sky, one per shell of matter; any position can be computed on its own.
 
     kappa_i = 1/2 laplacian psi_i,   gamma1 = 1/2 (psi_EE - psi_NN),   gamma2 = psi_EN   (E east, N north on the sphere)
 

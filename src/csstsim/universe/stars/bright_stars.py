@@ -1,4 +1,4 @@
-"""Real stars brighter than the embedded universe's own: each has its place, its V magnitude and its temperature.
+"""Real stars brighter than the embedded universe's own: each has its position, its V magnitude and its temperature.
 
 A star's spectrum is that of its temperature, scaled to its V at 5500 angstrom: V = 0 is 3636 Jy there, an AB magnitude
 of 0 within 0.002 mag (Bessell, Castelli & Plez 1998, A&A 333, 231). V includes the extinction, so it has none of its

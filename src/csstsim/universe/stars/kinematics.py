@@ -51,7 +51,7 @@ def galactic_velocity(
 def sky_motion(
     ra: FloatArray, dec: FloatArray, kpc: FloatArray, velocity: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return pmra (with cos dec), pmdec [mas/yr] and rv [km/s] of galactic velocities (3, n) [km/s] at ICRS places."""
+    """Return pmra (with cos dec), pmdec [mas/yr] and rv [km/s] of galactic velocities (3, n) [km/s] at ra, dec."""
     ra = np.radians(ra)
     dec = np.radians(dec)
     vx, vy, vz = np.einsum("ij,in->jn", GALACTIC, velocity)

@@ -1,7 +1,7 @@
 """Types of stars in each component of the Galaxy: a quadrature over age, [Fe/H] and mass, weighted by numbers.
 
 For each draw of (age, [Fe/H]) the living stars are divided into cells along the isochrone: the main sequence by mass,
-later stages by stage, because there 0.001 solar masses span a giant branch. Each cell has one type at a random place
+later stages by stage, because there 0.001 solar masses span a giant branch. Each cell has one type at a random position
 inside and the number of stars that the initial mass function gives it. More massive stars are white dwarfs. Densities
 are those of living mass at the Sun (Robin et al. 2003), companions included; white dwarfs of discs and halo are scaled
 to observed numbers. Each type has its own possible companion.

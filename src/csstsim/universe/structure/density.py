@@ -1,4 +1,4 @@
-"""The overdensity of a shell of matter, smoothed, at any place on the sky: what haloes and galaxies follow.
+"""The overdensity of a shell of matter, smoothed, at any position on the sky: what haloes and galaxies follow.
 
     delta_i = kappa_i / K_i,   K_i = int_shell q dchi     (q: lensing kernel for sources at infinity, lens_spectra)
 
@@ -6,7 +6,7 @@ kappa_i is the shell's convergence with only those kernels whose width at the sh
 each times the weight with which haloes follow it (halo_spectra).
 Maps are made in HEALPix cells, each cell for itself: a cell of order o has the kernels up to order o + 4. It takes the
 wider ones from the cell around it, by interpolation, and adds two widths. So a value depends on the cell that holds the
-place, and on nothing else: whoever asks gets the same bits. Cells of the lowest order begin with the widest kernels.
+position, and on nothing else: whoever asks gets the same bits. Cells of the lowest order begin with the widest kernels.
 Interpolation takes some variance of narrow kernels, 1% in all. `variance` is what is left: with more, haloes of bias b
 would be too few by about b^2 / 2 times the difference.
 """
@@ -83,12 +83,12 @@ class ShellDensity:
         self.maps = lru_cache(maxsize=_CELLS)(self._make)
 
     def variance(self, order: FloatArray) -> FloatArray:
-        """Return the variance of delta for each shell, of kernels up to its `order` (shells,), mean over places."""
+        """Return the variance of delta for each shell, of kernels up to its `order` (shells,), mean over positions."""
         left = self._kept[:, np.ceil(order).astype(int)].T  # (shells, widths)
         return (self._scale**2 * self._variances * left * kernel_weights(self.field, order) ** 2).sum(axis=1)
 
     def _variance_kept(self) -> FloatArray:
-        """Return the share (widths, orders) of each width's variance in maps of kernels up to each order."""
+        """Return the fraction (widths, orders) of each width's variance in maps of kernels up to each order."""
         left = np.ones((len(self.field.widths), self.field.orders + 1))
         for s, (own, sigma) in enumerate(self.field.widths):
             for order in range(_ROOT + _FINER, self.field.orders + 1):
@@ -160,7 +160,7 @@ class ShellDensity:
 
 @cache  # steps are few: widths and grids go by powers of two
 def _kept(step: float) -> float:
-    """Return the share of a kernel's variance left by interpolation from points `step` x sigma apart, mean over places.
+    """Return the mean fraction of a kernel's variance left by interpolation from points `step` x sigma apart.
 
     The variance is of kappa, whose spectrum is l^4 exp(-l^2 sigma^2) on small scales.
     """
@@ -200,7 +200,7 @@ def interpolate_all(maps: FloatArray, places: FloatArray) -> FloatArray:
 
 @njit(cache=True)
 def interpolate_one(maps: FloatArray, places: FloatArray, shell: IntArray) -> FloatArray:
-    """Return (n,): maps (rows, columns, shells) of each place's own shell, cubic through 4 points along each axis."""
+    """Return (n,): maps (rows, columns, shells) of each position's shell, cubic through 4 points along each axis."""
     out = np.empty(len(places))
     wx = np.empty(TAPS)
     wy = np.empty(TAPS)

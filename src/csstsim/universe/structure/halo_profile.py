@@ -1,6 +1,6 @@
 """A halo as a lens: an NFW density that ends in steps, less a disc of the same mass.
 
-Simulated haloes have no edge. With one at the virial radius, shear is 18% too large beside it. So the density is the
+Simulated haloes have no edge. With one at the virial radius, shear is 18% too large near it. So the density is the
 mean of NFW spheres cut at several radii x = t c (haloes.cuts of structure.yaml), and a halo holds M mu. In units of
 M / pi, with y = R / R_c, x = R / r_s, m(c) = ln(1 + c) - c / (1 + c), mu = mean m(t c) / m(c), F and G means over cuts:
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from csstsim.universe.structure.mass_function import HaloMassFunction
 
 _NEAR_ONE = 2e-3  # of x^2: there F and G lose digits, and are taken from both sides
-_CENTRE = 1e-6  # least x: F has no limit at the centre
+_CENTRE = 1e-6  # minimum x: F has no limit at the centre
 
 
 def nfw_transform(k: Floats, radius: Floats, c: Floats) -> FloatArray:

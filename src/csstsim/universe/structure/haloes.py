@@ -1,4 +1,4 @@
-"""Dark-matter haloes of the whole sky, any part of it on its own: places, redshifts, masses, concentrations.
+"""Dark-matter haloes of the whole sky, any part of it on its own: positions, redshifts, masses, concentrations.
 
     n(M, z | delta) = n(M, z) f(delta)
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from csstsim.universe.structure.density import ShellDensity
     from csstsim.universe.structure.mass_function import HaloMassFunction
 
-_DEEP = 29  # order of the pixels whose centres are the places
+_DEEP = 29  # order of the pixels whose centres are the positions
 # nodes of the tables
 _STEP_Z = 0.05
 _MASSES = 160
@@ -39,7 +39,7 @@ _MARGIN = 0.15  # of the maximum between points of a map, in its standard deviat
 _BIASES = 40
 _BETWEEN = 1.01
 _SAGITTA = 0.02  # rad x nside: by which a cell may bulge beyond the chords of its border
-_FINE = 9  # least order of the cells of haloes that do not lens: they are asked for in and close to a brick
+_FINE = 9  # minimum order of the cells of haloes that do not lens: they are asked for in and close to a brick
 _CELLS = 1024  # kept; a brick needs up to 720, and its neighbours most of them again
 COLUMNS = ("ra", "dec", "z", "log_mass", "concentration", "key")
 
@@ -83,7 +83,7 @@ class Haloes:
     ) -> dict[str, AnyArray]:
         """Return a dict of COLUMNS of all haloes whose centre lies in brick `pix` or within `reach` of it.
 
-        reach(z, log_mass): angle [rad] (broadcasts), falling with z. lowest: log10 of the least mass [solar].
+        reach(z, log_mass): angle [rad] (broadcasts), falling with z. lowest: log10 of the minimum mass [solar].
         ra, dec [deg]; log_mass: log10 of solar masses within 200 times the mean density; key: uint64, unique on the
         sky. The order is fixed: the same halo comes before the same other for every brick.
         """
@@ -140,7 +140,8 @@ class Haloes:
         around = cell >> 2 * (at - cell_order(order))
         grid, maps = self.density.smooth(order, around, shells, self._orders[tier])
         peak = maps.max(axis=(0, 1)) + _MARGIN * np.sqrt(variance)
-        near, far = (self.density.field.shells.edges[shells + k] for k in (0, 1))
+        near = self.density.field.shells.edges[shells]
+        far = self.density.field.shells.edges[shells + 1]
         bound = table.largest(peak, variance, near, far)
         random = stream(self.seed, "haloes", tier, order, cell)
         number = random.poisson(counts * bound * 4 * np.pi / (12 * 4**at))
@@ -149,8 +150,9 @@ class Haloes:
         deep = 2 * (_DEEP - at)
         ra, dec = pixel_centre(1 << _DEEP, (np.int64(cell) << deep) + random.integers(0, 1 << deep, total))
         u = random.random((4, total))
-        near, far = (np.interp(distance, table.chi, table.cumulative) for distance in (near, far))
-        z = table.redshift(near[shell] + u[0] * (far - near)[shell])
+        begin = np.interp(near, table.chi, table.cumulative)
+        end = np.interp(far, table.chi, table.cumulative)
+        z = table.redshift(begin[shell] + u[0] * (end - begin)[shell])
         ln_mass, bias = table.mass(z, u[1], u[2])
         vectors = unit_vectors(ra, dec)
         delta = interpolate_one(maps, grid.places(vectors, TAPS), shell)
@@ -207,7 +209,8 @@ class _Table:
 
         near, far: the comoving distances of the shells' edges. The bias rises with mass and redshift.
         """
-        low, high = (self._at(distance, edge) for distance, edge in ((near, 0), (far, -1)))
+        low = self._at(near, 0)
+        high = self._at(far, -1)
         return _BETWEEN * intensity(peak, np.linspace(low, high, _BIASES), variance).max(axis=0)
 
     def _at(self, distance: FloatArray, edge: int) -> FloatArray:

@@ -1,7 +1,7 @@
 """Maps of convergence and shear for sources at evenly spaced distances, and values at sources in between.
 
-Weights of shells are linear in a source's distance between these (lens_spectra.Shells). So two maps at each place give
-what the sum over all shells would.
+Weights of shells are linear in a source's distance between these (lens_spectra.Shells). So two maps at each position
+give what the sum over all shells would.
 """
 
 import numpy as np
