@@ -221,6 +221,11 @@ def test_names_that_are_none(key, value):
         DustMap(NUMBERS | {key: value})
 
 
+def test_a_misspelt_key_is_refused():
+    with pytest.raises(InputError, match=r"dust.yaml: laws: unknown; allowed: .*\blaw\b"):
+        DustMap(NUMBERS | {"laws": "fitzpatrick99"})
+
+
 def test_the_extinction_law_is_chosen_by_name_and_has_the_maps_r_v():
     wave = np.array([2000.0, 4000.0, 9000.0])
     numbers = NUMBERS | {"r_v": 4.0}

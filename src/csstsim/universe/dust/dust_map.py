@@ -29,6 +29,7 @@ from csstsim.universe.dust.extinction import LAWS, star_ebv
 
 SFD = "sfd"
 _LAW = "odonnell94"  # where dust.yaml names none
+_KEYS = ("map", "sfd_scale", "columns", "coordsys", "optical_depth", "r_v", "height", "reach", "law")  # of dust.yaml
 _FILE = "dust_map.fits"  # of a universe folder
 _ALLOWED = "sfd, or the path of a FITS file"
 _MOST = 1e4  # mag; the galactic centre has some 100
@@ -63,6 +64,9 @@ class DustMap:
         name = numbers["map"]
         columns = numbers["columns"]
         source = Path(folder) / "dust.yaml"
+        for key in numbers:
+            if key not in _KEYS:  # such as a misspelt `law`
+                raise InputError("unknown", file=source, key=key, allowed=", ".join(_KEYS))
         if not isinstance(name, str) or not name.strip():
             raise InputError("not a dust map", file=source, key="map", value=name, allowed=_ALLOWED)
         if not (isinstance(columns, list) and 0 < len(columns) < 3 and all(isinstance(one, str) for one in columns)):
