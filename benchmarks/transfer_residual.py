@@ -26,7 +26,7 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.table import ObjectTable
 from csstsim.command_line.main import main as csstsim
-from csstsim.measure.catalogue import measure_frame
+from csstsim.measure.catalogue import FrameFacts, measure_frame
 from csstsim.stages import level0 as level0_stage
 from csstsim.stages.calibrate import calibrated_frame
 from csstsim.stages.psf import open_psf
@@ -55,10 +55,19 @@ def measured(run: OpenCampaign, job: Job) -> tuple[ObjectTable, float]:
     file, calibrated = calibrated_frame(run, job)
     cost = time.process_time() - start
     table = measure_frame(
-        calibrated, open_psf(run, job.chip), job.wcs, file.observer, obsid=job.obsid, chip=job.chip,
-        filter=run.camera.filters[job.chip.filter], telescope=run.camera.telescope, pointing=job.pointing,
-        window=job.window,
-    )  # fmt: skip
+        calibrated,
+        open_psf(run, job.chip),
+        job.wcs,
+        file.observer,
+        FrameFacts(
+            obsid=job.obsid,
+            chip=job.chip,
+            filter=run.camera.filters[job.chip.filter],
+            telescope=run.camera.telescope,
+            pointing=job.pointing,
+            window=job.window,
+        ),
+    )
     frame = MeasuredFrame(
         level0_stage.truth_of(run, job), table, run.camera.detector.channel_ny, run.camera.telescope.pixel_scale
     )

@@ -12,7 +12,7 @@ from csstsim.catalog.astrometry.ephemeris import observer
 from csstsim.instrument.chip import Window
 from csstsim.measure.calibration.bad_pixels import BAD, FULL
 from csstsim.measure.calibration.calibrate import Calibrated
-from csstsim.measure.catalogue import measure_frame
+from csstsim.measure.catalogue import FrameFacts, measure_frame
 
 SIGMA = 0.95  # px: FWHM 2.2 px = 0.166 arcsec
 LIGHT = 0.998  # of the star that the PSF table holds; the rest is far wings
@@ -64,12 +64,18 @@ def measure(electrons, *, origin=(0, 0), saturated=None, bad=None, kind="imaging
     saturated, bad = (np.zeros(electrons.shape, bool) if mask is None else mask for mask in (saturated, bad))
     return measure_frame(
         Calibrated(electrons.astype(np.float32), FULL * saturated | BAD * bad, {}, {1: READ_NOISE}, None),
-        GaussianPsf(), FlatSky(), CRAFT, obsid="10100000001",
-        chip=SimpleNamespace(id=8, kind=kind), filter=SimpleNamespace(name="g", zeropoint=lambda telescope: 26.3),
-        telescope=SimpleNamespace(pixel_scale=0.074),
-        pointing=SimpleNamespace(type=exposure, exptime=150.0),
-        window=Window(origin[0], origin[0] + nx, origin[1], origin[1] + ny),
-    )  # fmt: skip
+        GaussianPsf(),
+        FlatSky(),
+        CRAFT,
+        FrameFacts(
+            obsid="10100000001",
+            chip=SimpleNamespace(id=8, kind=kind),
+            filter=SimpleNamespace(name="g", zeropoint=lambda telescope: 26.3),
+            telescope=SimpleNamespace(pixel_scale=0.074),
+            pointing=SimpleNamespace(type=exposure, exptime=150.0),
+            window=Window(origin[0], origin[0] + nx, origin[1], origin[1] + ny),
+        ),
+    )
 
 
 @pytest.fixture(scope="session")

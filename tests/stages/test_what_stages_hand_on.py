@@ -14,6 +14,7 @@ from csstsim.instrument.chip import Window
 from csstsim.io.keywords import RECIPE as KEYWORDS
 from csstsim.io.paths import Paths
 from csstsim.measure.calibration.calibrate import Corrections, Electronics
+from csstsim.measure.catalogue import FrameFacts
 from csstsim.stages import calibrate, level0, masters, measure, merge, psf, truth, validate, variants
 
 RECIPE = {"campaign": "a", "camera": "b", "layers": "c", "exposure": "d", "csstsim": release()}
@@ -159,10 +160,8 @@ def test_measured_sources_are_those_of_the_calibrated_frame(tmp_path, monkeypatc
     run = opened(tmp_path, camera=camera)
     measure.measure(run, one)
     assert capsys.readouterr().out == "3 sources, 5 sigma at 26.13 AB\n"
-    assert seen == [(("FRAME", "PSF 9", "WCS", "CRAFT"), {
-        "obsid": "1", "chip": one.chip, "filter": "FILTER", "telescope": "TELESCOPE", "pointing": one.pointing,
-        "window": one.window,
-    })]  # fmt: skip
+    facts = FrameFacts("1", one.chip, "FILTER", "TELESCOPE", one.pointing, one.window)
+    assert seen == [(("FRAME", "PSF 9", "WCS", "CRAFT", facts), {})]
     table = measure.measured_table(run, one)
     assert table["number"].tolist() == [0, 1, 2] and table.meta["recipe"]["layers"] == "measure"
     assert list(measure.measured_table(run, one, ["number"]).names) == ["number"]

@@ -8,7 +8,7 @@ zero point (no atmosphere).
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -66,10 +66,10 @@ FLAGS = {
     BAD_PIXELS: "defects or cosmic rays within 3 px; they are left out of the fit",
     NO_SHAPE: "S/N below 5, or no adaptive moments: hsm_sigma, hsm_e1, hsm_e2, resolution, g1, g2, g_err are NaN",
 }
-# least S/N for a shape; of the PSF flux if the Kron flux reaches the first
+# minimum S/N for a shape; of the PSF flux if the Kron flux reaches the first
 SHAPE_SNR = 5.0
 FAINT_SNR = 2.5
-STAR_POINT = 0.5  # least probability of a point
+STAR_POINT = 0.5  # minimum probability of a point
 STAR_SPREAD = 0.01  # spread of a star from errors of PSF interpolation and centring, in addition to 2.5 x its noise
 
 # Type and meaning of each column; pixel centres are at whole numbers, the chip's first at 0
@@ -141,30 +141,51 @@ COLUMNS = {
 }
 
 
-def measure_frame(
-    calibrated: Calibrated,
-    psf: PsfSet,
-    wcs: ChipWCS,
-    observer: Observer,
-    *,
-    obsid: str,
-    chip: Chip,
-    filter: Filter,
-    telescope: Telescope,
-    pointing: Pointing,
-    window: Window,
-) -> ObjectTable:
-    """Return the ObjectTable of one frame; the background is subtracted from `calibrated.electrons` in place.
+class FrameFacts(NamedTuple):
+    """Of which exposure and chip a frame is, and the window of the chip that it covers."""
 
-    `calibrated`: measure.calibration.calibrate.Calibrated of `window`; `psf`: PsfSet of the chip; `wcs`: ChipWCS;
-    `observer`: catalog.astrometry.ephemeris.Observer.
-    The columns are `COLUMNS`, rows by decreasing S/N. Columns from adaptive moments (light.moments) are NaN where
-    these failed; g1, g2, g_err also where the source is not resolved. g1, g2 compare with the truth's e1, e2 sheared by
-    its g1, g2.
-    `meta` holds the facts of the frame: background and rms in electrons, n_eff px, depth_5sigma AB, window, channels
-    (measure.calibration.channel_figures).
-    Raises InputError for anything but an imaging science frame.
+    obsid: str
+    chip: Chip
+    filter: Filter
+    telescope: Telescope
+    pointing: Pointing
+    window: Window
+
+
+def measure_frame(
+    calibrated: Calibrated, psf: PsfSet, wcs: ChipWCS, observer: Observer, facts: FrameFacts
+) -> ObjectTable:
+    """Measure the sources of one frame.
+
+    The background is subtracted from `calibrated.electrons` in place.
+
+    Parameters
+    ----------
+    calibrated : Calibrated
+        Electrons of the frame's window (measure.calibration.calibrate).
+    psf : PsfSet
+        Of the chip.
+    wcs : ChipWCS
+        Of the exposure and chip.
+    observer : Observer
+        The spacecraft (catalog.astrometry.ephemeris).
+    facts : FrameFacts
+        Of which exposure and chip the frame is.
+
+    Returns
+    -------
+    ObjectTable
+        The columns are `COLUMNS`, rows by decreasing S/N. Columns from adaptive moments (light.moments) are NaN where
+        these failed; g1, g2, g_err also where the source is not resolved. g1, g2 compare with the truth's e1, e2
+        sheared by its g1, g2. `meta` holds the facts of the frame: background and rms in electrons, n_eff px,
+        depth_5sigma AB, window, channels (measure.calibration.channel_figures).
+
+    Raises
+    ------
+    InputError
+        For anything but an imaging science frame.
     """
+    obsid, chip, filter, telescope, pointing, window = facts
     if chip.kind != "imaging" or pointing.type != "SCIE":
         raise InputError(
             "only imaging science frames are measured",
@@ -191,7 +212,8 @@ def measure_frame(
     counted = calibrated.counted(found.x, found.y)
     found = combine(frame, found, snr, _fit(frame, found, counted, unusable, model, window), kernel)
     parts.append(_measured(found, calibrated, unusable, model, window, profiles))
-    table = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    of_stars, of_others = parts
+    table = {name: np.concatenate([of_stars[name], of_others[name]]) for name in of_stars}
     table["ra_apparent"], table["dec_apparent"] = wcs.pixel_to_world(table["x"], table["y"])
     table["ra"], table["dec"] = icrs(table["ra_apparent"], table["dec_apparent"], observer)
     seen = table["ra_apparent"], table["dec_apparent"]

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 @one_thread
 def measure(run: OpenCampaign, job: Job) -> None:
     """Detect and measure the sources of a Level-0 file."""
-    from csstsim.measure.catalogue import measure_frame
+    from csstsim.measure.catalogue import FrameFacts, measure_frame
 
     if copied(run.base_files(job, "measure")):
         return
@@ -33,12 +33,14 @@ def measure(run: OpenCampaign, job: Job) -> None:
         open_psf(run, job.chip),
         job.wcs,
         file.observer,
-        obsid=job.obsid,
-        chip=job.chip,
-        filter=run.camera.filters[job.chip.filter],
-        telescope=run.camera.telescope,
-        pointing=job.pointing,
-        window=job.window,
+        FrameFacts(
+            obsid=job.obsid,
+            chip=job.chip,
+            filter=run.camera.filters[job.chip.filter],
+            telescope=run.camera.telescope,
+            pointing=job.pointing,
+            window=job.window,
+        ),
     )
     table.write(run.paths.measure(*job.key), table.meta | {"recipe": run.recipe(job, "measure")})
     print(f"{number_of(len(table), 'source')}, 5 sigma at {table.meta['depth_5sigma']:.2f} AB")

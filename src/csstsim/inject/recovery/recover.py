@@ -98,7 +98,7 @@ def _check_order(injected: Path, original: Path) -> None:
 @one_thread
 def measured(run: OpenCampaign, job: Job, path: Path, kind: str) -> ObjectTable:
     """Return the measured table (measure.catalogue) of a job's Level-0 file or calibrated image."""
-    from csstsim.measure.catalogue import measure_frame
+    from csstsim.measure.catalogue import FrameFacts, measure_frame
 
     frame = _of_level0(run, job, path) if kind == LEVEL0 else _of_image(run, job, path)
     return measure_frame(
@@ -106,12 +106,14 @@ def measured(run: OpenCampaign, job: Job, path: Path, kind: str) -> ObjectTable:
         open_psf(run, job.chip),
         job.wcs,
         job.observer,
-        obsid=job.obsid,
-        chip=job.chip,
-        filter=job.exposure.filter,
-        telescope=run.camera.telescope,
-        pointing=job.pointing,
-        window=job.window,
+        FrameFacts(
+            obsid=job.obsid,
+            chip=job.chip,
+            filter=job.exposure.filter,
+            telescope=run.camera.telescope,
+            pointing=job.pointing,
+            window=job.window,
+        ),
     )
 
 
