@@ -111,6 +111,6 @@ def _hot(charge: FloatArray, read_noise: float) -> tuple[BoolArray, float]:
 def _large_scales(image: FloatArray) -> FloatArray:
     """Return the medians of boxes of an image, bilinear between their middles."""
     edges = [np.linspace(0, n, max(1, round(n / BOX)) + 1).astype(int) for n in image.shape]
-    rows, columns = (list(pairwise(e)) for e in edges)
-    mesh = np.array([[np.median(image[a:b, c:d]) for c, d in columns] for a, b in rows])
+    rows, columns = edges
+    mesh = np.array([[np.median(image[a:b, c:d]) for c, d in pairwise(columns)] for a, b in pairwise(rows)])
     return interpolated(mesh, [0.5 * (e[1:] + e[:-1] - 1) for e in edges], image.shape)

@@ -50,8 +50,9 @@ def crude_background(image: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return (level, rms) of Source Extractor's mode on a fine mesh, in the unit of `image` per pixel."""
     import sep
 
-    width, height = (max(1, min(FIRST_BOX // BIN, n)) for n in image.shape[::-1])
-    background = sep.Background(image, bw=width, bh=height)
+    ny, nx = image.shape
+    box = FIRST_BOX // BIN
+    background = sep.Background(image, bw=max(1, min(box, nx)), bh=max(1, min(box, ny)))
     rms = np.maximum(background.rms(dtype=np.float32), FLOOR)
     return _unskewed(background.back(dtype=np.float32), rms), rms
 
@@ -61,8 +62,11 @@ def masked_background(image: FloatArray, mask: BoolArray, unusable: IntArray, bo
 
     None when all parts are masked.
     """
-    ny, nx = (max(1, round(n / box)) for n in image.shape)
-    rows, columns = (np.linspace(0, n, k + 1).astype(int) for n, k in zip(image.shape, (ny, nx), strict=True))
+    height, width = image.shape
+    ny = max(1, round(height / box))
+    nx = max(1, round(width / box))
+    rows = np.linspace(0, height, ny + 1).astype(int)
+    columns = np.linspace(0, width, nx + 1).astype(int)
     level, rms = np.full((2, ny, nx), np.nan)
     room = np.empty(int(np.diff(rows).max() * np.diff(columns).max()), image.dtype)
     for j in range(ny):

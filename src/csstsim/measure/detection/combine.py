@@ -119,24 +119,25 @@ def _joined(
 ) -> Detections:
     """Return the `Detections`: the peaks that are `kept`, then the isophotes that are `extended`."""
     isophotes = frame.extended
-    rows = (np.flatnonzero(kept), np.flatnonzero(extended))
+    of_peaks = np.flatnonzero(kept)
+    of_isophotes = np.flatnonzero(extended)
     columns = {
-        f.name: np.concatenate([getattr(part, f.name)[row] for part, row in zip((peaks, isophotes), rows, strict=True)])
+        f.name: np.concatenate([getattr(peaks, f.name)[of_peaks], getattr(isophotes, f.name)[of_isophotes]])
         for f in fields(Sources)
     }
     both = np.flatnonzero(extended & (top >= 0))
     high = top[both]
     far = np.hypot(peaks.x[high] - isophotes.x[both], peaks.y[high] - isophotes.y[both]) > APART
     far &= snr[high] > APART_SNR
-    place = len(rows[0]) + np.cumsum(extended) - 1  # row of each extended isophote
+    row = len(of_peaks) + np.cumsum(extended) - 1  # of each extended isophote
     for name in ("x", "y", "window", "window_failed"):
-        columns[name][place[both[far]]] = getattr(peaks, name)[high[far]]
+        columns[name][row[both[far]]] = getattr(peaks, name)[high[far]]
     # A source keeps its own isophote even where its position lies off it
-    columns["segment"][len(rows[0]) :] = rows[1] + 1
+    columns["segment"][len(of_peaks) :] = of_isophotes + 1
     return Detections(
         **columns,
-        extended=np.repeat([False, True], [len(row) for row in rows]),
-        snr=np.concatenate([snr[rows[0]], np.append(snr, 0.0)[top[rows[1]]]]),
+        extended=np.repeat([False, True], [len(of_peaks), len(of_isophotes)]),
+        snr=np.concatenate([snr[of_peaks], np.append(snr, 0.0)[top[of_isophotes]]]),
         image=frame.image,
         rms=frame.rms,
         segments=frame.segments,

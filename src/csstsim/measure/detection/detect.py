@@ -141,7 +141,7 @@ def point_window(kernel: FloatArray) -> float:
     """Return the sigma [px] of the window of points, that of the kernel: a wider one would drift to others."""
     half = len(kernel) // 2
     x, y = np.full((2, 1), float(half))
-    return float(_window(half_light_radius(kernel, x, y, np.array([half + 0.5])))[0])
+    return _window(half_light_radius(kernel, x, y, np.array([half + 0.5]))).item()
 
 
 def _window(half_light: FloatArray) -> FloatArray:
@@ -212,9 +212,11 @@ def _sources(
 ) -> Sources:
     """Return the `Sources` of sep's table `found`, made on pixels of `scale` px; `window`: sigma of the positions'
     window [px], None: of each source's own half-light radius."""
-    x, y = (scale * found[key] + 0.5 * (scale - 1) for key in "xy")
+    x = scale * found["x"] + 0.5 * (scale - 1)
+    y = scale * found["y"] + 0.5 * (scale - 1)
     # One pixel wide objects have no measurable ellipse: give them that of the pixel (variance 1/12).
-    a, b = (np.maximum(scale * np.nan_to_num(found[key]), 12**-0.5) for key in "ab")
+    a = np.maximum(scale * np.nan_to_num(found["a"]), 12**-0.5)
+    b = np.maximum(scale * np.nan_to_num(found["b"]), 12**-0.5)
     half_light = half_light_radius(image, x, y, RADII * a)
     sigma = _window(half_light) if window is None else np.full(len(x), window)
     wx, wy, failed = windowed_positions(image, x, y, sigma)
@@ -222,7 +224,9 @@ def _sources(
     failed |= ~(np.hypot(wx - x, wy - y) < (1.0 + 2.0 * a / scale if window is None else POINT_DRIFT))
     x = np.where(failed, x, wx)
     y = np.where(failed, y, wy)
-    row, column = (np.clip(np.rint(v).astype(int), 0, n - 1) for v, n in zip((y, x), image.shape, strict=True))
+    ny, nx = image.shape
+    row = np.clip(np.rint(y).astype(int), 0, ny - 1)
+    column = np.clip(np.rint(x).astype(int), 0, nx - 1)
     theta = np.nan_to_num(found["theta"])
     flag = found["flag"]
     segment = segments[row // BIN, column // BIN]

@@ -2,12 +2,13 @@
 
 A track whose pixels are each too faint for bad_pixels is a line, one pixel wide. Through each source, strips in
 all directions are compared: the one with the largest S/N is the track's, if there is one. A track has most of its light
-within half a pixel of that line (SHARE), and its strip's S/N exceeds that of the PSF (LONG). A galaxy seen from its
+within half a pixel of that line (FRACTION), and its strip's S/N exceeds that of the PSF (LONG). A galaxy seen from its
 edge is as wide as the PSF at least.
 """
 
 import math
 from functools import lru_cache
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -19,47 +20,53 @@ LENGTH = 5.0  # px, half of the strip
 # px, sigmas of the two strips across
 NARROW = 0.5
 WIDE = 1.2
-SHARE = (
-    0.70  # least light in the narrow strip over that in the wide one: at most 0.66 for the PSF, 0.75 to 1 for a track
-)
-LONG = 1.2  # least S/N of the strip over the peak's
-SHIFTS = 2  # steps of a quarter of a pixel that the strip may lie beside the source
+# minimum flux in the narrow strip over that in the wide one: at most 0.66 for the PSF, 0.75 to 1 for a track
+FRACTION = 0.70
+LONG = 1.2  # minimum S/N of the strip over the peak's
+SHIFTS = 2  # steps of a quarter of a pixel that the strip may lie off the source
+
+
+class Strips(NamedTuple):
+    """All directions and shifts: rows and columns (k, m, 2) from the source, and `narrow`, `wide` weights (k, m)."""
+
+    offsets: IntArray
+    narrow: FloatArray
+    wide: FloatArray
 
 
 def tracks(image: FloatArray, rms: FloatArray, x: FloatArray, y: FloatArray, snr: FloatArray) -> BoolArray:
     """Return bool (n,): which sources are tracks. `image`, `rms` float32 (ny, nx); x, y px; `snr` as of peaks."""
-    return _tracks(image, rms, x, y, snr, *_strips())
+    return _tracks(image, rms, x, y, snr, _strips())
 
 
 @lru_cache
-def _strips() -> tuple[IntArray, FloatArray, FloatArray]:
-    """Return (offsets, narrow, wide) of all directions and shifts: (k, m, 2) rows and columns, and weights (k, m)."""
+def _strips() -> Strips:
+    """Return the strips, padded with weights of 0 to as many pixels as the largest has."""
     reach = math.ceil(LENGTH) + 3
     v, u = np.mgrid[-reach : reach + 1, -reach : reach + 1]
-    parts = []
+    offsets = []
+    narrow = []
+    wide = []
     for angle in np.pi * np.arange(ANGLES) / ANGLES:
         for shift in range(-SHIFTS, SHIFTS + 1):
             across = np.cos(angle) * v - np.sin(angle) * u - 0.25 * shift
             some = (np.abs(np.cos(angle) * u + np.sin(angle) * v) <= LENGTH) & (np.abs(across) < 3.0)
-            weights = [np.exp(-0.5 * (across[some] / width) ** 2) for width in (NARROW, WIDE)]
-            parts.append((np.column_stack([v[some], u[some]]), *weights))
-    most = max(len(part[1]) for part in parts)
-    padded = [[np.pad(a, [(0, most - len(a))] + [(0, 0)] * (a.ndim - 1)) for a in part] for part in parts]
-    offsets, narrow, wide = (np.ascontiguousarray(np.array(some)) for some in zip(*padded, strict=True))
-    return offsets, narrow, wide
+            offsets.append(np.column_stack([v[some], u[some]]))
+            narrow.append(np.exp(-0.5 * (across[some] / NARROW) ** 2))
+            wide.append(np.exp(-0.5 * (across[some] / WIDE) ** 2))
+    largest = max(len(weights) for weights in narrow)
+    return Strips(
+        np.array([np.pad(pixels, [(0, largest - len(pixels)), (0, 0)]) for pixels in offsets]),
+        np.array([np.pad(weights, (0, largest - len(weights))) for weights in narrow]),
+        np.array([np.pad(weights, (0, largest - len(weights))) for weights in wide]),
+    )
 
 
 @numba.njit(cache=True)
 def _tracks(
-    image: FloatArray,
-    rms: FloatArray,
-    x: FloatArray,
-    y: FloatArray,
-    snr: FloatArray,
-    offsets: IntArray,
-    narrow: FloatArray,
-    wide: FloatArray,
+    image: FloatArray, rms: FloatArray, x: FloatArray, y: FloatArray, snr: FloatArray, strips: Strips
 ) -> BoolArray:
+    offsets, narrow, wide = strips
     ny, nx = image.shape
     out = np.zeros(x.size, np.bool_)
     for k in range(x.size):
@@ -77,7 +84,7 @@ def _tracks(
         if chosen >= 0 and best > LONG * snr[k] * rms[row, column]:
             inner, _ = _light(image, row, column, offsets[chosen], narrow[chosen])
             whole, _ = _light(image, row, column, offsets[chosen], wide[chosen])
-            out[k] = inner > SHARE * whole
+            out[k] = inner > FRACTION * whole
     return out
 
 

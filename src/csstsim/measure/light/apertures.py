@@ -54,7 +54,8 @@ def kron_flux(found: Detections, counted: FloatArray) -> tuple[FloatArray, Float
     failed = ~(radius > 0)
     scale = np.where(failed, 0.0, np.minimum(KRON_FACTOR * np.nan_to_num(radius), KRON_FACTOR * KRON_REACH))
     small = scale * np.sqrt(a * b) < KRON_MIN_RADIUS
-    axis_a, axis_b = (np.where(small, KRON_MIN_RADIUS, scale * axis) for axis in (a, b))
+    axis_a = np.where(small, KRON_MIN_RADIUS, scale * a)
+    axis_b = np.where(small, KRON_MIN_RADIUS, scale * b)
     return *_flux(found, axis_a, axis_b, theta, counted), failed
 
 

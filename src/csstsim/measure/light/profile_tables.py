@@ -76,10 +76,10 @@ class ProfileTables:
 
     def part(self, x: FloatArray, y: FloatArray) -> IntArray:
         """Return the index (n,) of the part at positions on the chip, px; outside the frame that of the nearest."""
-        column, row = (
-            np.clip((np.nan_to_num(v) - start) // step, 0, self.across - 1).astype(np.int64)
-            for v, start, step in zip((x, y), self.origin, self.step, strict=True)
-        )
+        x0, y0 = self.origin
+        width, height = self.step
+        column = np.clip((np.nan_to_num(x) - x0) // width, 0, self.across - 1).astype(np.int64)
+        row = np.clip((np.nan_to_num(y) - y0) // height, 0, self.across - 1).astype(np.int64)
         return row * self.across + column
 
 
@@ -88,9 +88,12 @@ def profile_tables(psf: PsfSet, origin: tuple[int, int], shape: tuple[int, int],
     from scipy.special import j0
 
     across = int(np.ceil(max(shape) / PART_PX))
-    step = shape[1] / across, shape[0] / across
+    x0, y0 = origin
+    ny, nx = shape
+    width = nx / across
+    height = ny / across
     middle = np.arange(across) + 0.5
-    places = [(origin[0] + i * step[0], origin[1] + j * step[1]) for j in middle for i in middle]
+    positions = [(x0 + i * width, y0 + j * height) for j in middle for i in middle]
     nodes = _nodes(REACH**2)
     k, weight = _wavenumbers(float(np.sqrt(nodes[-1])))
     radius, to_nodes = _projection(nodes)
@@ -101,11 +104,11 @@ def profile_tables(psf: PsfSet, origin: tuple[int, int], shape: tuple[int, int],
     galaxy = galaxy.reshape(-1, k.size).astype(np.float32)
     point = []
     seen = []
-    for transform in _psf_transforms(psf, places, k):
+    for transform in _psf_transforms(psf, positions, k):
         there = back * transform.astype(np.float32)
         point.append(there.sum(axis=1, keepdims=True))
         seen.append((there @ galaxy.T).reshape(nodes.size, AXIS_RATIOS.size, -1).swapaxes(0, 1))
-    return ProfileTables(nodes, np.array(point), np.array(seen), gaap, pixel, origin, step, across)
+    return ProfileTables(nodes, np.array(point), np.array(seen), gaap, pixel, origin, (width, height), across)
 
 
 def _nodes(top: float) -> FloatArray:
@@ -142,15 +145,15 @@ def _projection(nodes: FloatArray, samples: int = 6) -> tuple[FloatArray, FloatA
     return np.sqrt((low + width * t).ravel()), np.linalg.solve(weighted @ flat.T, weighted)
 
 
-def _psf_transforms(psf: PsfSet, places: Iterable[tuple[float, float]], k: FloatArray) -> Iterator[FloatArray]:
-    """Yield the Hankel transform at `k` of the PSF with its pixel, mean over the angle, at places on the chip."""
+def _psf_transforms(psf: PsfSet, positions: Iterable[tuple[float, float]], k: FloatArray) -> Iterator[FloatArray]:
+    """Yield the Hankel transform at `k` of the PSF with its pixel, mean over the angle, at positions on the chip."""
     from scipy.special import j0
 
     from csstsim.optics.psf.psf_file import half_pixels, pixel_response
 
     bessel = None
-    for place in places:
-        image = pixel_response(np.mean(half_pixels(psf.at(*place), psf.oversampling), axis=0, dtype=np.float64), 2)
+    for position in positions:
+        image = pixel_response(np.mean(half_pixels(psf.at(*position), psf.oversampling), axis=0, dtype=np.float64), 2)
         offset = np.arange(image.shape[0]) - image.shape[0] // 2
         square, ring = np.unique(offset[:, None] ** 2 + offset**2, return_inverse=True)
         if bessel is None:

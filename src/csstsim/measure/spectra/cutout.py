@@ -46,9 +46,11 @@ class Cutout:
         """
         window = frame.window
         shape = (len(columns), len(rows))
-        low, high = (min(max(int(row), window.y0), window.y1) - window.y0 for row in (rows[0], rows[-1] + 1))
+        first_row = int(rows[0])
+        low = min(max(first_row, window.y0), window.y1) - window.y0
+        high = min(max(int(rows[-1]) + 1, window.y0), window.y1) - window.y0
         part = slice(low, high), slice(int(columns[0]) - window.x0, int(columns[-1]) + 1 - window.x0)
-        inside = slice(low + window.y0 - int(rows[0]), high + window.y0 - int(rows[0]))
+        inside = slice(low + window.y0 - first_row, high + window.y0 - first_row)
         data = np.zeros(shape)
         others = np.zeros(shape)
         response = np.ones(shape)

@@ -62,7 +62,8 @@ class Strips:
     def sky(self, light: FloatArray) -> Sky:
         """Return the Sky of the electrons less light (n,) of the object; NaN where no strip is usable."""
         found = self.by_block(light)
-        there = np.isfinite(found[0])
+        level, _, _ = found
+        there = np.isfinite(level)
         if not there.any():
             return Sky(*np.full((3, self.columns), np.nan))
         return Sky(*(np.interp(np.arange(self.columns), self.middle[there], one[there]) for one in found))

@@ -20,7 +20,8 @@ def untrusted(found: Mapping[str, AnyArray], along: FloatArray) -> IntArray:
     Light spread from a column to others, and from them to it, has another profile across than P. In an even spectrum
     the two balance, and P holds.
     """
-    saturated, lost = ((found["flags"] & bit) > 0 for bit in (SATURATED, LOST))
+    saturated = (found["flags"] & SATURATED) > 0
+    lost = (found["flags"] & LOST) > 0
     column = np.arange(len(lost))
     beside = _near(saturated, LEAK) | _near(saturated & lost, REACH)
     light = np.pad(np.interp(column, column[~lost], found["electrons"][~lost]), REACH, mode="edge")
