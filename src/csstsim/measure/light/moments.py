@@ -249,10 +249,10 @@ def _sums(
     complete = 2.0 * math.pi / math.sqrt(both.xx * both.yy - both.xy**2)
     usable = 1.0 - missing[0] / complete
     amplitude = seen[0] / (complete - missing[0]) if usable > 0.0 else 0.0
-    sums = seen + amplitude * missing
-    light = sums[0]
-    means = sums / light if light > 0.0 else np.zeros(7)
-    _, dx, dy, xx, xy, yy, quartic = means
+    light = seen[0] + amplitude * missing[0]
+    for i in range(7):  # in place: temporary arrays cost a fifth of the time
+        seen[i] = (seen[i] + amplitude * missing[i]) / light if light > 0.0 else 0.0
+    _, dx, dy, xx, xy, yy, quartic = seen
     return _Sums(light, amplitude, usable, dx, dy, xx, xy, yy, quartic)
 
 
