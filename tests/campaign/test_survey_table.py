@@ -148,7 +148,7 @@ def test_faults_of_the_table(tmp_path, lines, message):
 def test_unreadable_files(tmp_path):
     with pytest.raises(InputError, match="No such file"):
         load_survey_table(tmp_path / "absent.csv")
-    with pytest.raises(InputError, match="directory"):
+    with pytest.raises(InputError, match="is a folder"):
         load_survey_table(tmp_path)
     (tmp_path / "latin.csv").write_bytes(b"# caf\xe9\n")
     with pytest.raises(InputError, match=r"latin.csv: cannot read the file: not UTF-8 text"):

@@ -95,7 +95,7 @@ def test_bench_has_three_ways(monkeypatch):
         monkeypatch.setattr(
             f"csstsim.bench.{name}", lambda *given, name=name, **named: seen.append((name, given, named))
         )
-    say = {"say": print}
+    say = {"log": print}
     for options, wanted in (
         ((), ("command.bench", ("results/bench", "r", None, False, None, 1), say | {"shapes": False})),
         (("--objects", 2, "--seed", 0, "--quick", "--filter", "i", "--methods", "a", "--output", "o"),

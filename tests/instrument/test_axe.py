@@ -107,7 +107,7 @@ def test_bad_files(tmp_path, change, message):
 
 def test_files_that_are_none(tmp_path):
     (tmp_path / "binary.conf").write_bytes(b"BEAMA \xff\xfe")
-    for name, message in (("none.conf", "No such file"), ("binary.conf", "not UTF-8 text"), (".", "directory")):
+    for name, message in (("none.conf", "No such file"), ("binary.conf", "not UTF-8 text"), (".", "is a folder")):
         with pytest.raises(InputError, match=message):
             read_axe(tmp_path / name)
 

@@ -12,6 +12,7 @@ from csstsim.instrument.chip import Window
 from csstsim.profiles.sersic import sersic_b
 from csstsim.render.imaging import galaxy_stamp
 from csstsim.render.imaging.stamps import draw_scene
+from csstsim.render.imaging.thin_galaxy import Components
 from csstsim.render.psf_mixture import BINS
 
 X, Y = 4200, 5150
@@ -117,12 +118,14 @@ def test_a_huge_galaxy_holds_the_light_of_its_formula(psf_r, mixer, index, size)
 @pytest.mark.parametrize("turn", [15.0, 45.0, 90.0, 130.0])
 def test_the_last_frequency_is_that_of_the_shape_not_of_its_direction(turn):
     """Turned and mirrored, a long Gaussian has the same, to a bin; a rounder one a lower one."""
-    tables = galaxy_stamp._component_tables(0.5, 6.0, 0.0, 0.0)
+    inner, outer = galaxy_stamp._component_tables(0.5, 6.0, 0.0, 0.0)
     sersic, light = np.array([[0.5, 0.0, 1.0], [0.0, 0.0, 0.0]]), np.array([1.0, 0.0])
+    cut = np.array([6.0, np.inf])
     envelope = np.exp(-((BINS / 0.3) ** 2))
 
     def last(matrix):
-        found = galaxy_stamp._cutoff(sersic, light, np.array(matrix, float), tables[0], envelope)
+        components = Components(sersic, light, np.array(matrix, float), inner, outer, cut)
+        found = galaxy_stamp._cutoff(components, envelope)
         return int(np.flatnonzero(found == BINS)[0])
 
     c, s = np.cos(np.radians(turn)), np.sin(np.radians(turn))

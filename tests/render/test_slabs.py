@@ -285,7 +285,7 @@ class Shapes:
     """What `densities` reads of a scene: one object, its disk and its bulge."""
 
     def __init__(self, light, size, matrix=((1, 0), (0, 1)), spot=None, index=(1.0, 4.0)):
-        self.light, self.matrix = np.array([light]), np.array([matrix], float)
+        self.component_fractions, self.matrix = np.array([light]), np.array([matrix], float)
         self.sersic = np.array([[(index[0], 0.0, size[0]), (index[1], 0.0, size[1])]])
         self.spot = None if spot is None else np.array([spot])
 

@@ -167,7 +167,7 @@ def test_each_random_number_is_used_once(tables, monkeypatch):
 
     monkeypatch.setattr(members_module, "word", word)
     monkeypatch.setattr(members_module, "poisson", poisson)
-    for name in ("_fill", "_numbers", "_normal", "_direction"):
+    for name in ("_fill", "_draw_halo", "_normal", "_direction"):
         monkeypatch.setattr(members_module, name, getattr(members_module, name).py_func)
     found = draw_members(tables, *some)
     assert all(np.allclose(getattr(found, name), getattr(compiled, name)) for name in NAMES)
