@@ -2,9 +2,9 @@
 
 from evidence.record import Record
 
-from csstsim.bench import setting
-from csstsim.bench.setting import Setting
-from csstsim.bench.slitless import cases, truth
+from csstsim.studies.bench import setting
+from csstsim.studies.bench.setting import Setting
+from csstsim.studies.bench.slitless import cases, truth
 
 # At the size of seconds: nodes along a side; half of a spectrum's window [px], the largest half-light radius [arcsec],
 # wavelengths of direct optics

@@ -30,8 +30,8 @@ from delivery.small_delivery import delivery
 
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.running.run_times import run_times
-from csstsim.release.pack import pack
-from csstsim.release.score.score import score
+from csstsim.studies.release.pack import pack
+from csstsim.studies.release.score.score import score
 
 LEAST, MOST = 0.9, 0.25  # of points of S/N above 10; mag, of Kron magnitudes without a correction
 TRACE = 0.3  # px

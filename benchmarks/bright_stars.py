@@ -16,9 +16,9 @@ from evidence.record import Record
 import numpy as np
 from transfer_residual import measured, toy_campaign
 
-from csstsim.bricks.validation.compare import spread
-from csstsim.bricks.validation.trials import joined
 from csstsim.campaign.opened import OpenCampaign
+from csstsim.measure.bricks.validation.compare import spread
+from csstsim.measure.bricks.validation.trials import joined
 
 SNR = (50, 100), (100, 200), (200, 500), (500, 1500)
 CORRECTION = "csstsim.measure.calibration.charge_correction.move_back"

@@ -21,13 +21,13 @@ import yaml
 from astropy.io import fits
 
 from csstsim.base.shipped import SHIPPED
-from csstsim.budget.shear.blind import blind, reveal
-from csstsim.budget.shear.command import budget
-from csstsim.budget.shear.estimators import Shapes, Stamps, hsm
-from csstsim.budget.shear.response import NAMES
-from csstsim.budget.shear.run import to_sky
-from csstsim.budget.shear.sample import EDGE, RING
-from csstsim.budget.shear.volume import GOALS, sigma_m, volume
+from csstsim.studies.budget.shear.blind import blind, reveal
+from csstsim.studies.budget.shear.command import budget
+from csstsim.studies.budget.shear.estimators import Shapes, Stamps, hsm
+from csstsim.studies.budget.shear.response import NAMES
+from csstsim.studies.budget.shear.run import to_sky
+from csstsim.studies.budget.shear.sample import EDGE, RING
+from csstsim.studies.budget.shear.volume import GOALS, sigma_m, volume
 
 Row = dict[str, Any]
 BRIGHT, NEAR = SHIPPED / "budget" / "shear.yaml", SHIPPED / "budget" / "shear_neighbours.yaml"

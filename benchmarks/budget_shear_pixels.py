@@ -16,10 +16,10 @@ import numpy as np
 from astropy.table import Table
 
 from csstsim.api import Simulation
-from csstsim.budget.shear import estimators
-from csstsim.budget.shear.frames import DEC, RA
-from csstsim.budget.shear.sample import RING
 from csstsim.stages.psf import open_psf
+from csstsim.studies.budget.shear import estimators
+from csstsim.studies.budget.shear.frames import DEC, RA
+from csstsim.studies.budget.shear.sample import RING
 
 SCALE, G, RINGS, TOY_RINGS = 0.074, 0.02, 40, 3
 GRID, TOY_GRID = 6, 2  # nodes of the PSF set along a side

@@ -16,9 +16,9 @@ from pathlib import Path
 from evidence import ROOT
 from evidence.record import Record
 
-from csstsim.bricks.validation.verdict import headline
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.running.run_times import run_times
+from csstsim.measure.bricks.validation.verdict import headline
 
 
 def made(file: Path, *settings: str) -> OpenCampaign:

@@ -4,7 +4,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from csstsim.base.files.atomic import atomic_path
-from csstsim.bench.chart import OURS, PEERS
+from csstsim.studies.bench.chart import OURS, PEERS
 
 MARKERS = "osD^vPX"  # one a code
 # Title, label of the axis, whether it is logarithmic, rows: (how a row's name begins, whether it is of galaxies)

@@ -34,12 +34,12 @@ from source_extractor import csstsim, encircled, our_psf
 
 from csstsim.base.errors import CsstsimError, InputError
 from csstsim.base.files.atomic import atomic_path
-from csstsim.bricks.validation.trials import MATCH_PX
 from csstsim.campaign.job import Job
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
 from csstsim.io.paths import made
 from csstsim.io.truth import read_truth
+from csstsim.measure.bricks.validation.trials import MATCH_PX
 from csstsim.measure.catalogue import SHARP
 from csstsim.stages.measure import measured_table
 

@@ -14,10 +14,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from csstsim.bricks.validation.compare import half_light, spread
-from csstsim.bricks.validation.trials import MATCH_PX, matched, trials
-from csstsim.bricks.validation.validate import EDGE, MeasuredFrame, judged_truth
 from csstsim.catalog.table import STAR, ObjectTable
+from csstsim.measure.bricks.validation.compare import half_light, spread
+from csstsim.measure.bricks.validation.trials import MATCH_PX, matched, trials
+from csstsim.measure.bricks.validation.validate import EDGE, MeasuredFrame, judged_truth
 from csstsim.measure.catalogue import SHARP
 
 POINTS = (5, 6, 7, 8, 12, 30, np.inf)  # edges of true S/N

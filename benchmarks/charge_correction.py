@@ -17,7 +17,6 @@ import numpy as np
 
 from csstsim.base.rng import stream
 from csstsim.base.shipped import SHIPPED
-from csstsim.bench.readout.cti import DENSITY, ROWS, TAU, WELL
 from csstsim.detector.bfe_kernel import detector_kernel
 from csstsim.detector.brighter_fatter import move_back
 from csstsim.detector.charge_transfer.cti import transfer
@@ -25,6 +24,7 @@ from csstsim.detector.charge_transfer.parameters import Columns, Keys, trap_mode
 from csstsim.detector.charge_transfer.restored import restore_columns
 from csstsim.instrument.camera import load_camera
 from csstsim.simulation.sim_steps import SimSteps
+from csstsim.studies.bench.readout.cti import DENSITY, ROWS, TAU, WELL
 
 COLUMNS, TOY_COLUMNS = 2000, 40
 FLUXES, PASSES = (100, 1000, 20_000), (1, 2, 3)  # e-

@@ -8,8 +8,9 @@ records the CPU seconds of selection (reading, photometry, astrometry, distortio
 policy, objects, sky), and the largest private memory. Times are the least of three runs (one from 200,000 objects on)
 after one that compiles. For the scene itself it records which method drew how many objects, and how many have a
 predicted error above a tenth of their noise. Then the paper's method (GalSim, a PSF object for each object and
-sub-band; csstsim.bench.imaging.peers) runs on a sample spread over the objects' brightness, and is extrapolated to all.
-The brightest 0.2%, which the paper would draw in stamps of up to 27,756 px, are in neither its sample nor its sum.
+sub-band; csstsim.studies.bench.imaging.peers) runs on a sample spread over the objects' brightness, and is extrapolated
+to all. The brightest 0.2%, which the paper would draw in stamps of up to 27,756 px, are in neither its sample nor its
+sum.
 """
 
 import argparse
@@ -25,8 +26,6 @@ from private_memory import PrivateMemory
 from standard_scene import campaign_of
 
 from csstsim.base.rng import stream
-from csstsim.bench.imaging import peers
-from csstsim.bench.imaging.cases import Case
 from csstsim.campaign.config import load_campaign
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.astrometry.reduction import at_j2000, icrs
@@ -36,6 +35,8 @@ from csstsim.render.scene import make_scene
 from csstsim.stages import psf as psf_stage
 from csstsim.stages import render as render_stage
 from csstsim.stages import select as select_stage
+from csstsim.studies.bench.imaging import peers
+from csstsim.studies.bench.imaging.cases import Case
 
 galsim.errors.raise_fft_size_error = True
 ALLOWED = 0.1  # of its noise: the error that `standard` allows an object

@@ -3,8 +3,8 @@
     python benchmarks/standard_scene.py; python benchmarks/components.py       # fifteen CPU-minutes
 
 Accuracy: one galaxy of each kind near a node of the PSF set, drawn by GalSim (reference), stamps and photons, against
-direct optics (csstsim.bench.imaging.truth). The response to shear is compared in the same way. Photons have PHOTONS
-electrons; their statistical errors follow in brackets.
+direct optics (csstsim.studies.bench.imaging.truth). The response to shear is compared in the same way. Photons have
+PHOTONS electrons; their statistical errors follow in brackets.
 
 Cost: select and render of the standard scene as it is, with free indices and knots, and with an image of 101 x 101
 pixels in every tenth galaxy; all in turn, the least of three runs of each.
@@ -28,11 +28,6 @@ from standard_scene import campaign_of
 
 from csstsim.base.counter import object_keys
 from csstsim.base.rng import stream
-from csstsim.bench.imaging.cases import Case, Shape, half_of, make_row, position
-from csstsim.bench.imaging.measures import errors, moments
-from csstsim.bench.imaging.methods import drawing_of, standard
-from csstsim.bench.imaging.truth import Truth
-from csstsim.bench.setting import Setting
 from csstsim.campaign.config import load_campaign
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.row_files import with_images
@@ -46,6 +41,11 @@ from csstsim.render.scene import make_scene
 from csstsim.stages import psf as psf_stage
 from csstsim.stages import render as render_stage
 from csstsim.stages import select as select_stage
+from csstsim.studies.bench.imaging.cases import Case, Shape, half_of, make_row, position
+from csstsim.studies.bench.imaging.measures import errors, moments
+from csstsim.studies.bench.imaging.methods import drawing_of, standard
+from csstsim.studies.bench.imaging.truth import Truth
+from csstsim.studies.bench.setting import Setting
 
 galsim.errors.raise_fft_size_error = True
 ELECTRONS, PHOTONS, GAMMA, SIGMA = 1e5, 3e7, 0.02, 4.0

@@ -11,9 +11,6 @@ import numpy as np
 from astropy.io import fits
 
 from csstsim.base.rng import stream
-from csstsim.bench.imaging.cases import Position, Shape, make_row
-from csstsim.bench.imaging.methods import drawing_of
-from csstsim.bench.setting import POINTING, Setting
 from csstsim.catalog.row_files import with_images
 from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.instrument.chip import Window
@@ -26,6 +23,9 @@ from csstsim.render.canvas import Canvas
 from csstsim.render.drawing import Drawing
 from csstsim.render.imaging import draw
 from csstsim.render.slitless.draw_dispersed import draw_dispersed
+from csstsim.studies.bench.imaging.cases import Position, Shape, make_row
+from csstsim.studies.bench.imaging.methods import drawing_of
+from csstsim.studies.bench.setting import POINTING, Setting
 
 HALF, GV, LINE = 60, 29, 5300.0
 SHAPE = {"e1": 0.25, "e2": 0.2}

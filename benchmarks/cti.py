@@ -6,7 +6,7 @@
 1. CPU time per half-column and per chip (least of three) at 4, 40 and 200 e- of sky, on columns with a chip's density
    of objects and cosmic rays; for comparison, on fewer columns, every trap visits every packet.
 2. Losses and trails of a spot of 500, 5000 and 30000 e- over 3 rows, 147 and 4000 rows from the amplifier: csstsim,
-   its limit of many small electrons (mean field), a linear model, arcticpy (csstsim.bench.readout.arctic).
+   its limit of many small electrons (mean field), a linear model, arcticpy (csstsim.studies.bench.readout.arctic).
    The spread of the errors against CPU time goes to docs/figures/cti_speed_accuracy.png.
 3. How arcticpy treats the traps of a packet's own first rows (docs/detector_cti.md).
 4. Input, output and trail of a stamp 147 and 4000 rows from the amplifier: docs/figures/cti_trails.png.
@@ -29,8 +29,12 @@ import numba
 import numpy as np
 
 from csstsim.base.counter import unit, word
-from csstsim.bench.readout.arctic import INSTALLED, arctic
-from csstsim.bench.readout.cti import (
+from csstsim.detector.charge_transfer.cti import transfer
+from csstsim.detector.charge_transfer.parameters import Columns, Keys, Register, trap_model
+from csstsim.detector.charge_transfer.serial import transfer_rows
+from csstsim.detector.charge_transfer.traps import draw_traps, trap_lists
+from csstsim.studies.bench.readout.arctic import INSTALLED, arctic
+from csstsim.studies.bench.readout.cti import (
     CTI,
     DENSITY,
     FEW,
@@ -51,11 +55,7 @@ from csstsim.bench.readout.cti import (
     speed_accuracy,
     stochastic,
 )  # fmt: skip
-from csstsim.bench.readout.mcti import Mcti
-from csstsim.detector.charge_transfer.cti import transfer
-from csstsim.detector.charge_transfer.parameters import Columns, Keys, Register, trap_model
-from csstsim.detector.charge_transfer.serial import transfer_rows
-from csstsim.detector.charge_transfer.traps import draw_traps, trap_lists
+from csstsim.studies.bench.readout.mcti import Mcti
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt

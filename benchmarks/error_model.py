@@ -22,14 +22,14 @@ from bench_setting import setting_of
 from scipy.optimize import linprog
 
 from csstsim.base.rng import stream
-from csstsim.bench.imaging.cases import BULGE_MAX, make_case, make_cases
-from csstsim.bench.imaging.measures import errors
-from csstsim.bench.imaging.methods import METHODS, standard
-from csstsim.bench.setting import Setting
-from csstsim.bench.sweep import measured
 from csstsim.render.error_model import TERMS, predicted, terms
 from csstsim.render.policy import noise
 from csstsim.render.settings import Error, load_numbers
+from csstsim.studies.bench.imaging.cases import BULGE_MAX, make_case, make_cases
+from csstsim.studies.bench.imaging.measures import errors
+from csstsim.studies.bench.imaging.methods import METHODS, standard
+from csstsim.studies.bench.setting import Setting
+from csstsim.studies.bench.sweep import measured
 
 QUANTILE = 0.97
 ELECTRONS, SECONDS = 2e7, 0.3

@@ -22,9 +22,9 @@ from evidence.record import Record
 from faulty_chain import FAULTS
 from star_galaxy_field import write_field
 
-from csstsim.bricks.validation.result_file import read_result
-from csstsim.bricks.validation.verdict import judge
 from csstsim.campaign.opened import OpenCampaign
+from csstsim.measure.bricks.validation.result_file import read_result
+from csstsim.measure.bricks.validation.verdict import judge
 from csstsim.stages import chip as chip_stage
 from csstsim.stages import measure as measure_stage
 from csstsim.stages import merge as merge_stage

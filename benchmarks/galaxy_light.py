@@ -18,11 +18,11 @@ from evidence.record import Record
 import numpy as np
 from chip_stages import campaign, measured
 
-from csstsim.bricks.match import one_to_one
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.io.truth import read_truth
 from csstsim.measure import catalogue
+from csstsim.measure.bricks.match import one_to_one
 
 NEAR, SHARE, FAR, BRIGHT = 30.0, 0.02, 150.0, 100.0  # px
 EDGE = 100  # px from the edge of the chip

@@ -28,13 +28,13 @@ from canvases import blank
 from grating_scene import PIXEL, disperser_of, gaussian_psf, scene_of
 
 from csstsim.base.units import C_A_S, H_J_S
-from csstsim.bench.slitless.cases import means
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
 from csstsim.instrument.grismconf import order_name, write_grismconf
 from csstsim.render.slitless.slabs import draw_spectra
 from csstsim.render.slitless.traces import Traces
+from csstsim.studies.bench.slitless.cases import means
 
 PX, FLUX_RATIO = 0.02, 0.01
 FLUX, SIGMA, EXPTIME = 1e-16, 2.0, 600.0  # erg / s / cm2, angstrom, s

@@ -7,8 +7,8 @@ import numpy as np
 from layer_stamp import OBJECTS
 
 from csstsim.base.shipped import SHIPPED
-from csstsim.bench.setting import EXPTIME
 from csstsim.instrument.camera import load_camera
+from csstsim.studies.bench.setting import EXPTIME
 
 DETECTOR = load_camera(SHIPPED / "instrument").detector
 LIGHT = ("scie_obs", "sky_background")

@@ -21,7 +21,7 @@ from matplotlib.colors import AsinhNorm, Normalize
 from matplotlib.figure import Figure
 from PIL import Image
 
-from csstsim.bench.setting import make_setting
+from csstsim.studies.bench.setting import make_setting
 
 DPI, PANEL, GAP, TOP = 100, 192, 4, 56  # px of the picture; a pixel of the stamp has 2 x 2 of them
 CELL_X, CELL_Y, EDGE = 604, 282, 6

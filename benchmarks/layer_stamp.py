@@ -14,7 +14,6 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from csstsim.base.rng import Streams
 from csstsim.base.shipped import SHIPPED
-from csstsim.bench.setting import POINTING
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.detector import mask
 from csstsim.detector.channels import ReadoutFrame
@@ -22,6 +21,7 @@ from csstsim.instrument.chip import Window
 from csstsim.simulation.exposure import Exposure
 from csstsim.simulation.sim_steps import STAGES, SimSteps
 from csstsim.simulation.state import State
+from csstsim.studies.bench.setting import POINTING
 
 NX, NY = 94, 96  # px; 192 x 180 with the prescan and overscan between the channels and above
 FIRST_ROW = 3000  # from here to the seam of the halves
@@ -41,7 +41,7 @@ STEPS = {step.name: step for steps in _LISTS for step in steps}  # the last list
 class Stamp:
     """The stamp's window, seed and exposure."""
 
-    setting: object  # csstsim.bench.setting.Setting
+    setting: object  # csstsim.studies.bench.setting.Setting
     window: Window
     seed: int
     obsid: str

@@ -24,8 +24,8 @@ from private_memory import PrivateMemory
 
 from csstsim.base.rng import stream
 from csstsim.base.sphere import ra_dec, unit_vectors
-from csstsim.bricks.merge import DETECTION_COLUMNS, merge_brick, write_merged
 from csstsim.catalog.table import ObjectTable
+from csstsim.measure.bricks.merge import DETECTION_COLUMNS, merge_brick, write_merged
 
 BANDS = ("nuv", "u", "g", "r", "i", "z", "y")
 PIX = 550615

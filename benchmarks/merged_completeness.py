@@ -26,11 +26,11 @@ from toy_sky import toy_sky
 
 from csstsim.base.errors import CsstsimError
 from csstsim.base.healpix import brick_of
-from csstsim.bricks.validation import compare
-from csstsim.bricks.validation.validate import DISTINCT, MeasuredFrame, distinct, judged_truth
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.io.truth import read_truth
+from csstsim.measure.bricks.validation import compare
+from csstsim.measure.bricks.validation.validate import DISTINCT, MeasuredFrame, distinct, judged_truth
 from csstsim.stages.measure import measured_table
 
 ROOT = Path(__file__).parents[1]

@@ -18,11 +18,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from paper_bricks import IMAGES, OUTPUT, RADIUS, TOY_RADIUS, campaigns, make, toy_images
 
-from csstsim.bricks.validation import compare
-from csstsim.bricks.validation.trials import joined, limit, matched, trials
-from csstsim.bricks.validation.validate import MeasuredFrame, distinct, judged_truth
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import GALAXY, ObjectTable
+from csstsim.measure.bricks.validation import compare
+from csstsim.measure.bricks.validation.trials import joined, limit, matched, trials
+from csstsim.measure.bricks.validation.validate import MeasuredFrame, distinct, judged_truth
 from csstsim.report.colour_panel import colours
 from csstsim.report.style import BLACK, BLUE, ORANGE, band_styles
 from csstsim.stages.level0 import truth_of

@@ -23,12 +23,12 @@ import numpy as np
 
 from csstsim.base.counter import object_keys
 from csstsim.base.shipped import SHIPPED
+from csstsim.catalog.profiles.sersic import sersic_b
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
 from csstsim.optics.psf.psf_file import PsfSet, write_psf
 from csstsim.optics.psf.psf_set import PsfSampling, make_psf
 from csstsim.optics.scatter.scattered_light import scattered_light
-from csstsim.profiles.sersic import sersic_b
 from csstsim.render.canvas import Canvas
 from csstsim.render.imaging.photons import shoot_scene
 from csstsim.render.psf_table import PsfTable, make_table, read_tables, write_tables

@@ -23,12 +23,12 @@ from astropy.table import Table
 from chip_stages import ROOT, measured
 from toy_sky import TOY_PSF
 
-from csstsim.bricks.match import one_to_one
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.open import TABLE_KIND
 from csstsim.catalog.table import ObjectTable
 from csstsim.io.truth import read_truth
 from csstsim.measure import catalogue
+from csstsim.measure.bricks.match import one_to_one
 
 PITCH, SPREAD, SIZE = 100, 1.6, 0.25  # px; of a log-normal; arcsec
 MAGNITUDES = 20.5, 25.2

@@ -18,13 +18,13 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 
 from csstsim.base.shipped import SHIPPED
-from csstsim.bench.imaging.measures import moments
 from csstsim.instrument.camera import Camera, load_camera
 from csstsim.optics.psf.chip_errors import chip_coefficients
 from csstsim.optics.psf.psf_file import pixel_response
 from csstsim.optics.psf.psf_set import chip_optics
 from csstsim.optics.psf.wavefront import load_wavefront
 from csstsim.render.imaging.reference import GSPARAMS, PSF_MAXK
+from csstsim.studies.bench.imaging.measures import moments
 
 BOX = 64  # px, of truth and tables
 HALF = 24  # px: the stamp is 49 x 49

@@ -2,17 +2,17 @@
 
     python benchmarks/readout.py
 
-The first part of `csstsim bench --readout` (csstsim.bench.readout.layers), at 40 and 4 electrons of sky. Its second
-part, speed against accuracy of charge transfer, is in benchmarks/cti.py.
+The first part of `csstsim bench --readout` (csstsim.studies.bench.readout.layers), at 40 and 4 electrons of sky. Its
+second part, speed against accuracy of charge transfer, is in benchmarks/cti.py.
 """
 
 import argparse
 
 from evidence.record import Record
 
-from csstsim.bench.readout.arctic import INSTALLED
-from csstsim.bench.readout.layers import SKIES, TOTAL, layer_costs
 from csstsim.instrument.chip import Window
+from csstsim.studies.bench.readout.arctic import INSTALLED
+from csstsim.studies.bench.readout.layers import SKIES, TOTAL, layer_costs
 
 TOY_WINDOW = Window(4096, 5120, 4104, 5128)  # contains the corner of four channels
 

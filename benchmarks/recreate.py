@@ -5,7 +5,7 @@
 
 The frame is recreated as it is; as another exposure, so that only the camera is shared and no noise; and from a
 header as the mission's files have it, without csstsim's own keywords. Exit code 1 if places, light, background or noise
-differ by more than csstsim.recreate.side_by_side allows.
+differ by more than csstsim.studies.recreate.side_by_side allows.
 """
 
 import argparse
@@ -19,10 +19,10 @@ from toy_sky import toy_sky
 
 from csstsim.base.shipped import ROOT
 from csstsim.campaign.opened import OpenCampaign
-from csstsim.recreate.objects import read_objects
-from csstsim.recreate.recreate import recreate
-from csstsim.recreate.side_by_side import DIFFERS, LEVELS, compared
 from csstsim.stages.chip import chip
+from csstsim.studies.recreate.objects import read_objects
+from csstsim.studies.recreate.recreate import recreate
+from csstsim.studies.recreate.side_by_side import DIFFERS, LEVELS, compared
 
 OBSID, CHIP, SEED = "10100000004", 9, 5
 OTHER = "10100000999"

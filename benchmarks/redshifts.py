@@ -25,13 +25,13 @@ import redshift_cost
 from redshift_field import CHIPS, KEPT, emptied, fields, jobs_of, made, opened, spent
 from redshift_fit import REST, STEP, TOY_STEP, fit, own_templates, public_templates
 
-from csstsim.budget.redshift.extracted import extracted
-from csstsim.budget.redshift.line_biases import line_biases, mean
-from csstsim.budget.redshift.report import budget
-from csstsim.budget.redshift.scores import scores
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
 from csstsim.measure.spectra.line_fluxes import judged
+from csstsim.studies.budget.redshift.extracted import extracted
+from csstsim.studies.budget.redshift.line_biases import line_biases, mean
+from csstsim.studies.budget.redshift.report import budget
+from csstsim.studies.budget.redshift.scores import scores
 
 GOOD, STRICTER = 16.0, (25.0, 40.0)
 BRIGHT = 21.0  # mag

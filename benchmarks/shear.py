@@ -20,7 +20,7 @@ from shear_response import VERSIONS, bias, make_galaxies, measure, photons, refe
 
 from csstsim.base.files.atomic import atomic_path
 from csstsim.base.process.progress import progress
-from csstsim.bench.setting import Setting
+from csstsim.studies.bench.setting import Setting
 
 PART, TOY_PART = 20, 3  # galaxies
 TOY_SHAPES, TOY_PHOTONS = 3, 2.4e6

@@ -22,16 +22,16 @@ from csstsim.instrument.chip import Window
 from csstsim.instrument.pointing import Pointing
 from csstsim.layers import sky_background
 from csstsim.optics.geometry.wcs import ChipWCS
+from csstsim.optics.sky.background import band_rates
+from csstsim.optics.sky.background_spectra import V_BAND, magnitude_ratio, photons, solar_continuum, sunlight
+from csstsim.optics.sky.bodies import earth_radius
+from csstsim.optics.sky.directions import telescope_axes
+from csstsim.optics.sky.earthshine import earthshine
+from csstsim.optics.sky.parameters import sky_numbers
+from csstsim.optics.sky.transmittance import angles, total
+from csstsim.optics.sky.zodiacal import REFERENCE, elongation, intensity, mixture, spectrum
 from csstsim.simulation.exposure import Exposure, Losses
 from csstsim.simulation.state import State
-from csstsim.sky.background import band_rates
-from csstsim.sky.background_spectra import V_BAND, magnitude_ratio, photons, solar_continuum, sunlight
-from csstsim.sky.bodies import earth_radius
-from csstsim.sky.directions import telescope_axes
-from csstsim.sky.earthshine import earthshine
-from csstsim.sky.parameters import sky_numbers
-from csstsim.sky.transmittance import angles, total
-from csstsim.sky.zodiacal import REFERENCE, elongation, intensity, mixture, spectrum
 
 matplotlib.use("agg")
 from matplotlib import pyplot as plt

@@ -16,12 +16,12 @@ from bench_setting import setting_of
 from matplotlib.figure import Figure
 
 from csstsim.base.rng import stream
-from csstsim.bench.imaging.measures import visible
-from csstsim.bench.imaging.methods import Method
-from csstsim.bench.slitless.cases import make_spectrum_case
-from csstsim.bench.slitless.methods import METHODS, slabs, standard
-from csstsim.bench.sweep import measured, significance
 from csstsim.render.slitless import slabs as engine
+from csstsim.studies.bench.imaging.measures import visible
+from csstsim.studies.bench.imaging.methods import Method
+from csstsim.studies.bench.slitless.cases import make_spectrum_case
+from csstsim.studies.bench.slitless.methods import METHODS, slabs, standard
+from csstsim.studies.bench.sweep import measured, significance
 
 SHAPES = {
     "star": {},

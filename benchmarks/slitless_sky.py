@@ -20,11 +20,11 @@ from csstsim.instrument.chip import Window
 from csstsim.instrument.pointing import Pointing
 from csstsim.layers import sky_background
 from csstsim.optics.geometry.wcs import ChipWCS
+from csstsim.optics.sky import dispersed
+from csstsim.optics.sky.dispersed import disperse, landing, nominal_spectrum, order_rows, sky_spectrum
+from csstsim.optics.sky.parameters import sky_numbers
 from csstsim.simulation.exposure import Exposure
 from csstsim.simulation.state import State
-from csstsim.sky import dispersed
-from csstsim.sky.dispersed import disperse, landing, nominal_spectrum, order_rows, sky_spectrum
-from csstsim.sky.parameters import sky_numbers
 
 CAMERA = load_camera(SHIPPED / "instrument")
 NUMBERS = sky_numbers(CAMERA.sky)

@@ -33,11 +33,11 @@ from source_extractor_compare import Code, draw, report
 from toy_sky import toy_sky
 
 from csstsim.base.errors import CsstsimError, InputError
-from csstsim.bricks.validation.validate import MeasuredFrame, judged_truth
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import STAR, ObjectTable
 from csstsim.instrument.camera import load_telescope
 from csstsim.io.truth import read_truth
+from csstsim.measure.bricks.validation.validate import MeasuredFrame, judged_truth
 from csstsim.measure.light.apertures import KRON_MIN_RADIUS
 from csstsim.optics.psf.psf_file import half_pixels, pixel_response
 from csstsim.stages.psf import open_psf

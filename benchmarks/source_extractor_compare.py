@@ -7,9 +7,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from csstsim.base.files.atomic import atomic_path
-from csstsim.bricks.validation.compare import spread
-from csstsim.bricks.validation.trials import joined, matched, trials
-from csstsim.bricks.validation.validate import EDGE, MeasuredFrame
+from csstsim.measure.bricks.validation.compare import spread
+from csstsim.measure.bricks.validation.trials import joined, matched, trials
+from csstsim.measure.bricks.validation.validate import EDGE, MeasuredFrame
 from csstsim.measure.catalogue import SHARP
 
 CODES = "csstsim", "source-extractor"

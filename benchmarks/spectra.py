@@ -22,20 +22,20 @@ from bench_setting import setting_of
 
 from csstsim.base.counter import object_keys
 from csstsim.base.rng import stream
-from csstsim.bench.imaging.measures import visible
-from csstsim.bench.imaging.peers import BANDS, galaxy_of
-from csstsim.bench.setting import Setting
-from csstsim.bench.slitless import peers as spectrum_peers
-from csstsim.bench.slitless.cases import SPECTRA, make_spectrum_case
-from csstsim.bench.slitless.methods import METHODS, PER_PX, slabs
-from csstsim.bench.slitless.truth import SpectrumTruth
-from csstsim.bench.sweep import measured, significance
 from csstsim.optics.psf.psf_file import pixel_response
 from csstsim.render.canvas import Canvas
 from csstsim.render.slitless import slabs as engine
 from csstsim.render.slitless.dispersed_photons import shoot_spectra
 from csstsim.render.slitless.slabs import draw_spectra
 from csstsim.render.slitless.traces import Traces
+from csstsim.studies.bench.imaging.measures import visible
+from csstsim.studies.bench.imaging.peers import BANDS, galaxy_of
+from csstsim.studies.bench.setting import Setting
+from csstsim.studies.bench.slitless import peers as spectrum_peers
+from csstsim.studies.bench.slitless.cases import SPECTRA, make_spectrum_case
+from csstsim.studies.bench.slitless.methods import METHODS, PER_PX, slabs
+from csstsim.studies.bench.slitless.truth import SpectrumTruth
+from csstsim.studies.bench.sweep import measured, significance
 
 SHAPES = {"star": {}, "galaxy n = 1": {"size": 0.3, "e": 0.3}, "galaxy n = 4": {"size": 0.3, "bulge": 1.0, "e": 0.3}}
 BRIGHT, MANY, PLACES, FINEST = 1e5, 300, 4, 16

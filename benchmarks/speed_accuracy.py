@@ -19,9 +19,9 @@ from evidence.record import Record
 import numpy as np
 from bench_setting import small
 
-from csstsim.bench import command
-from csstsim.bench.chart import ON_NODES, draw_chart
-from csstsim.bench.summary import KINDS, read
+from csstsim.studies.bench import command
+from csstsim.studies.bench.chart import ON_NODES, draw_chart
+from csstsim.studies.bench.summary import KINDS, read
 
 PARTS = {"r": "", "GV": "_GV", "shapes": "_shapes"}  # what is measured: the end of its files' names
 TOGETHER = "", "_GV"  # share a chart
@@ -119,9 +119,9 @@ def main(record: Record) -> None:
     """Run a part of the benchmark, and record it."""
     lines, cases = measured(record)
     if record.options.part == "GV":
-        from csstsim.bench.slitless.measures import GOALS
+        from csstsim.studies.bench.slitless.measures import GOALS
     else:
-        from csstsim.bench.imaging.benchmark import GOALS
+        from csstsim.studies.bench.imaging.benchmark import GOALS
     tables(record, lines)
     biases(record, lines, GOALS)
     truths(record, cases)

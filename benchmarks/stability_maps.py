@@ -24,19 +24,19 @@ from matplotlib.figure import Figure
 
 from csstsim.base.counter import object_keys
 from csstsim.base.rng import stream
-from csstsim.bench.imaging.cases import make_case
-from csstsim.bench.imaging.measures import errors
-from csstsim.bench.imaging.methods import standard
-from csstsim.bench.imaging.truth import Truth
-from csstsim.bench.setting import Setting
+from csstsim.catalog.profiles.sersic import sersic_b
 from csstsim.catalog.selection.reach import STAR_MIN
-from csstsim.profiles.sersic import sersic_b
 from csstsim.render import policy
 from csstsim.render.canvas import Canvas
 from csstsim.render.drawing import Drawing
 from csstsim.render.imaging.photons import shoot_scene
 from csstsim.render.imaging.stamps import draw_scene
 from csstsim.render.settings import load_numbers
+from csstsim.studies.bench.imaging.cases import make_case
+from csstsim.studies.bench.imaging.measures import errors
+from csstsim.studies.bench.imaging.methods import standard
+from csstsim.studies.bench.imaging.truth import Truth
+from csstsim.studies.bench.setting import Setting
 
 SIZES = np.geomspace(0.05, 5.0, 7)  # arcsec
 LIGHT = np.geomspace(10, 1e7, 7)  # electrons

@@ -24,7 +24,6 @@ import galsim
 import numpy as np
 
 from csstsim.base.shipped import SHIPPED
-from csstsim.bench.imaging.measures import moments
 from csstsim.catalog.selection.reach import POINT_MIN, galaxy_radius
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.instrument.camera import load_camera
@@ -40,6 +39,7 @@ from csstsim.render.imaging.reference import GSPARAMS, PSF_MAXK, draw_objects
 from csstsim.render.imaging.stamps import draw_scene
 from csstsim.render.psf_mixture import Mixer
 from csstsim.render.scene import make_scene
+from csstsim.studies.bench.imaging.measures import moments
 
 CHIP, EXPTIME, RATE = 9, 150.0, 1000.0
 GRID, SECONDS = 10, 0.3  # nodes along a side; CPU seconds that a median of times fills

@@ -28,16 +28,16 @@ from csstsim.instrument.camera import load_camera
 from csstsim.instrument.orbit import orbit_after
 from csstsim.layers import sky_background
 from csstsim.optics.geometry.wcs import ChipWCS
+from csstsim.optics.sky import aperture_door, zodiacal
+from csstsim.optics.sky.background import COMPONENTS, band_rates, in_band, sky_light
+from csstsim.optics.sky.bodies import exposure_angles
+from csstsim.optics.sky.directions import helioecliptic, telescope_axes
+from csstsim.optics.sky.earthshine import earthshine
+from csstsim.optics.sky.parameters import sky_numbers
+from csstsim.optics.sky.starlight import star_directions
+from csstsim.optics.sky.transmittance import angles
 from csstsim.simulation.exposure import Exposure
 from csstsim.simulation.state import State
-from csstsim.sky import aperture_door, zodiacal
-from csstsim.sky.background import COMPONENTS, band_rates, in_band, sky_light
-from csstsim.sky.bodies import exposure_angles
-from csstsim.sky.directions import helioecliptic, telescope_axes
-from csstsim.sky.earthshine import earthshine
-from csstsim.sky.parameters import sky_numbers
-from csstsim.sky.starlight import star_directions
-from csstsim.sky.transmittance import angles
 
 matplotlib.use("agg")
 from matplotlib import pyplot as plt

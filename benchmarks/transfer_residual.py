@@ -19,13 +19,13 @@ from matplotlib.figure import Figure
 from mini_campaign import write_campaign
 from toy_sky import toy_sky
 
-from csstsim.bricks.validation.trials import joined, trials
-from csstsim.bricks.validation.validate import MeasuredFrame, judged_truth
 from csstsim.campaign.job import Job
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.table import ObjectTable
 from csstsim.command_line.main import main as csstsim
+from csstsim.measure.bricks.validation.trials import joined, trials
+from csstsim.measure.bricks.validation.validate import MeasuredFrame, judged_truth
 from csstsim.measure.catalogue import FrameFacts, measure_frame
 from csstsim.stages import level0 as level0_stage
 from csstsim.stages.calibrate import calibrated_frame

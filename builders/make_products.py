@@ -15,13 +15,13 @@ import numpy as np
 import table_schema
 
 from csstsim.base.files.yaml_file import read_yaml
-from csstsim.bricks import merge
 from csstsim.catalog import flags
 from csstsim.catalog.changing import columns as changing
 from csstsim.catalog.table import OPTIONAL, columns_with
 from csstsim.detector import mask
 from csstsim.io import calibrated, orders, truth
 from csstsim.measure import catalogue
+from csstsim.measure.bricks import merge
 from csstsim.measure.spectra import line_columns, spectrum_columns
 from csstsim.optics.psf.psf_file import ATTRIBUTES, DATASETS
 

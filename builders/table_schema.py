@@ -13,17 +13,17 @@ import json
 import numpy as np
 
 from csstsim.base.shipped import SHIPPED
-from csstsim.bricks import merge
-from csstsim.bricks.validation import gates
 from csstsim.catalog import flags
 from csstsim.catalog.changing import columns as changing
 from csstsim.catalog.table import OPTIONAL, columns_with
-from csstsim.compare.tables import units_of
 from csstsim.instrument.camera import load_camera
 from csstsim.io import orders, truth
 from csstsim.measure import catalogue
+from csstsim.measure.bricks import merge
+from csstsim.measure.bricks.validation import gates
 from csstsim.measure.spectra import line_columns, spectrum_columns
-from csstsim.release import pack_truth
+from csstsim.studies.compare.tables import units_of
+from csstsim.studies.release import pack_truth
 
 VERSION = "2.1.2"
 FILE = SHIPPED / "schema" / "tables.json"

@@ -9,7 +9,7 @@ of the Moon.
 from datetime import UTC, datetime, timedelta
 
 from csstsim.instrument.pointing import mjd_utc
-from csstsim.sky.bodies import exposure_angles
+from csstsim.optics.sky.bodies import exposure_angles
 
 FIRST, DAYS = datetime(2027, 6, 1, tzinfo=UTC), 365
 VISITS = 24

@@ -18,7 +18,6 @@ from faults.small_run import pixels_and_columns, steady
 from mini_campaign import write_campaign
 
 from csstsim.campaign.opened import OpenCampaign
-from csstsim.compare.varying import varies
 from csstsim.stages import calibrate as calibrate_stage
 from csstsim.stages import chip as chip_stage
 from csstsim.stages import extract as extract_stage
@@ -29,6 +28,7 @@ from csstsim.stages import psf as psf_stage
 from csstsim.stages import report as report_stage
 from csstsim.stages import truth as truth_stage
 from csstsim.stages import validate as validate_stage
+from csstsim.studies.compare.varying import varies
 
 BRICK, IMAGING, GRATING = 550615, 9, 29
 CALIBRATION = [

@@ -1,11 +1,11 @@
-"""A spot in a column after arcticpy's transfer (csstsim.bench.readout.arctic), for the tests.
+"""A spot in a column after arcticpy's transfer (csstsim.studies.bench.readout.arctic), for the tests.
 
 docs/detector_cti.md says why `overscan_start` is set.
 """
 
 import numpy as np
 
-from csstsim.bench.readout.arctic import arctic
+from csstsim.studies.bench.readout.arctic import arctic
 
 SKY, SPOT, SPOT_ROWS, BEHIND = 40, 5000, 3, 198
 COLUMN_ROWS = ((0, 3), (3, 11), (11, 51), (51, 201))  # the spot and three parts of its trail, rows from its first

@@ -12,11 +12,11 @@ import numpy as np
 from scipy.ndimage import convolve1d
 
 from csstsim.base.rng import stream
-from csstsim.bricks import merge
 from csstsim.instrument.filter import Filter
 from csstsim.io import level0_writing
 from csstsim.layers import gain, poisson_and_dark, readout_noise, scie_obs, sky_background
 from csstsim.measure import catalogue
+from csstsim.measure.bricks import merge
 from csstsim.measure.calibration.bad_pixels import FULL
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.stages import calibrate as calibrate_stage

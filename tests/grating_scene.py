@@ -3,9 +3,9 @@
 import numpy as np
 from scipy.special import ndtr
 
+from csstsim.catalog.profiles.sersic import sersic_b
 from csstsim.optics.gratings.dispersion import Disperser
 from csstsim.optics.psf.psf_file import PsfSet, write_psf
-from csstsim.profiles.sersic import sersic_b
 from csstsim.render.scene import Scene
 
 GV, SPLIT = 29, 5530.5  # a chip, and the x of the line between its two gratings

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from csstsim.bricks.merge import DETECTION_COLUMNS
 from csstsim.catalog.table import ObjectTable
+from csstsim.measure.bricks.merge import DETECTION_COLUMNS
 
 ARCSEC = 1.0 / 3600.0  # deg
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from csstsim.io.fits_writing import remark
-from csstsim.recreate.frame import FrameHeader
+from csstsim.studies.recreate.frame import FrameHeader
 
 PLACES = {"CRVAL1": 11.0, "CRVAL2": 21.0, "RA_PNT0": 12.0, "DEC_PNT0": 22.0, "RA_OBJ": 13.0, "DEC_OBJ": 23.0,
           "RA_PNT1": 14.0, "DEC_PNT1": 24.0}  # fmt: skip

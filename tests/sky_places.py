@@ -7,10 +7,10 @@ import numpy as np
 from csstsim.base.shipped import SHIPPED
 from csstsim.base.sphere import unit_vectors
 from csstsim.instrument.camera import load_camera
-from csstsim.sky.bodies import earth_radius
-from csstsim.sky.directions import telescope_axes
-from csstsim.sky.parameters import sky_numbers
-from csstsim.sky.transmittance import angles
+from csstsim.optics.sky.bodies import earth_radius
+from csstsim.optics.sky.directions import telescope_axes
+from csstsim.optics.sky.parameters import sky_numbers
+from csstsim.optics.sky.transmittance import angles
 
 PLACE = np.array([6778.137, 0.0, 0.0])  # km: zenith at ra 0, dec 0
 AHEAD = np.array([[0.0, 0.0, 1.0]])  # the boresight, in the telescope's frame

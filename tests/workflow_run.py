@@ -16,7 +16,7 @@ from warm import programs
 
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
-from csstsim.compare.varying import varies
+from csstsim.studies.compare.varying import varies
 
 ROOT = Path(__file__).resolve().parents[1]
 

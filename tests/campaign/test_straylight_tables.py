@@ -23,7 +23,7 @@ from csstsim.campaign.survey_table import load_survey_table
 from csstsim.command_line.main import main
 from csstsim.instrument.camera import load_camera
 from csstsim.layers import sky_background
-from csstsim.sky.bodies import exposure_angles
+from csstsim.optics.sky.bodies import exposure_angles
 
 TABLES = SHIPPED.parent / "survey_tables"
 FIELDS = ("w1", "w2", "w3", "w4", "w5")

@@ -108,7 +108,7 @@ def test_products_have_the_bits_of_a_campaign_alone(base, tmp_path):
 def _level0(path):
     import fitsio
 
-    from csstsim.compare.varying import varies
+    from csstsim.studies.compare.varying import varies
 
     with fitsio.FITS(path) as file:
         records = [(r["name"], r["value"]) for hdu in file for r in hdu.read_header().records()]

@@ -10,10 +10,10 @@ from csstsim.catalog.base import CatalogBase, Region
 from csstsim.catalog.galaxy_shapes.components import components
 from csstsim.catalog.mock_object import MockObject
 from csstsim.catalog.own_table import TableCatalog
+from csstsim.catalog.profiles.sersic import light_beyond
 from csstsim.catalog.selection.drawable import reasons
 from csstsim.catalog.selection.reach import galaxy_radius
 from csstsim.catalog.table import ObjectTable
-from csstsim.profiles.sersic import light_beyond
 
 REGION = Region((10.0, 11.0, 11.0, 10.0), (0.0, 0.0, 1.0, 1.0), (0,), BANDS)
 VARIANCE, SCALE = 60.0, 0.074

@@ -5,10 +5,10 @@ import pytest
 from csst import BANDS
 from scipy import integrate, special
 
+from csstsim.catalog.profiles.sersic import light_beyond
 from csstsim.catalog.selection.reach import POINT_MAX, POINT_MIN, galaxy_radius, parts_radius, point_reach, wing_reach
 from csstsim.catalog.table import ObjectTable
 from csstsim.optics.scatter.scattered_light import scattered_light
-from csstsim.profiles.sersic import light_beyond
 
 VARIANCE = 60.0  # electron^2, of a pixel in r
 

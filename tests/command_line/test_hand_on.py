@@ -13,9 +13,9 @@ from commands import command, done
 from mini_campaign import POINTINGS, write_campaign
 
 from csstsim.base.shipped import SHIPPED
-from csstsim.budget.redshift import report as redshift_report
 from csstsim.campaign.opened import OpenCampaign
-from csstsim.quicklook.show import ShowOptions
+from csstsim.report.quicklook.show import ShowOptions
+from csstsim.studies.budget.redshift import report as redshift_report
 
 
 @pytest.fixture
@@ -282,8 +282,8 @@ def test_recreate_and_compare(handed):
 
 @pytest.mark.parametrize("options", [(), ("--truth", "t")])
 def test_a_difference_ends_with_1(monkeypatch, options):
-    monkeypatch.setattr("csstsim.compare.compare.compare", lambda *given: 3)
-    monkeypatch.setattr("csstsim.recreate.side_by_side.side_by_side", lambda *given: 2)
+    monkeypatch.setattr("csstsim.studies.compare.compare.compare", lambda *given: 3)
+    monkeypatch.setattr("csstsim.studies.recreate.side_by_side.side_by_side", lambda *given: 2)
     assert command("compare", "a", "b", *options).exit_code == 1
 
 

@@ -33,7 +33,7 @@ def test_a_campaign_is_verified_with_its_variants(campaign, monkeypatch, faulty,
 
 
 def test_manifests_are_followed_by_contents_if_nothing_is_wrong(campaign, monkeypatch):
-    from csstsim.compare import content
+    from csstsim.studies.compare import content
 
     made = []
     monkeypatch.setattr(content, "write_contents", lambda folder: made.append(folder) or folder / "C")
@@ -69,7 +69,7 @@ def idle_bench(monkeypatch):
     """Let `bench` do no work; return the list of the functions that it has called."""
     called = []
     for name in ("command.bench", "command.chart", "readout.layers.readout"):
-        monkeypatch.setattr(f"csstsim.bench.{name}", lambda *given, name=name, **named: called.append(name))
+        monkeypatch.setattr(f"csstsim.studies.bench.{name}", lambda *given, name=name, **named: called.append(name))
     return called
 
 
@@ -93,7 +93,7 @@ def test_bench_has_three_ways(monkeypatch):
     seen = []
     for name in ("command.bench", "command.chart", "readout.layers.readout"):
         monkeypatch.setattr(
-            f"csstsim.bench.{name}", lambda *given, name=name, **named: seen.append((name, given, named))
+            f"csstsim.studies.bench.{name}", lambda *given, name=name, **named: seen.append((name, given, named))
         )
     say = {"log": print}
     for options, wanted in (
@@ -113,8 +113,10 @@ def test_bench_has_three_ways(monkeypatch):
 @pytest.mark.parametrize(("differing", "code"), [(0, 0), (1, 1), (3, 1)])
 def test_frames_and_folders_that_differ_end_with_1(monkeypatch, differing, code):
     seen = []
-    monkeypatch.setattr("csstsim.compare.compare.compare", lambda *given: seen.append(given) or differing)
-    monkeypatch.setattr("csstsim.recreate.side_by_side.side_by_side", lambda *given: seen.append(given) or differing)
+    monkeypatch.setattr("csstsim.studies.compare.compare.compare", lambda *given: seen.append(given) or differing)
+    monkeypatch.setattr(
+        "csstsim.studies.recreate.side_by_side.side_by_side", lambda *given: seen.append(given) or differing
+    )
     for options in ((), ("--provenance",), ("--truth", "t.cat"), ("--truth", "t.cat", "--instrument", "cam")):
         assert command("compare", "before", "after", *options).exit_code == code
     assert seen == [

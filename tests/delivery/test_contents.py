@@ -7,13 +7,13 @@ from types import SimpleNamespace
 import pytest
 
 from csstsim.base.digest import digest
-from csstsim.bricks.hats import ABOUT
 from csstsim.delivery import contents as contents_module
 from csstsim.delivery.contents import MAYBE, NO, YES, Contents, ExpectedFrame, of_campaign
 from csstsim.delivery.products import Product, products
 from csstsim.instrument.chip import Window
 from csstsim.io.paths import Paths
 from csstsim.io.pointing_keywords import Boresight
+from csstsim.measure.bricks.hats import ABOUT
 
 FOLDER = Path("/out")
 

@@ -146,7 +146,8 @@ def test_against_arctic(row):
 def test_arctic_numbers():
     """The numbers above are arcticpy's."""
     pytest.importorskip(
-        "arcticpy", reason="arcticpy is not installed: it needs GSL and a compiler (csstsim.bench.readout.arctic)"
+        "arcticpy",
+        reason="arcticpy is not installed: it needs GSL and a compiler (csstsim.studies.bench.readout.arctic)",
     )
     for row, parts in TAILS.items():
         assert arctic_spot(row, DENSITY, TAU, WELL) == pytest.approx(list(parts), abs=0.02)

@@ -8,12 +8,12 @@ from commands import done
 from mini_campaign import POINTINGS, SKY, write_campaign
 
 import csstsim
-from csstsim.bricks.validation.whole_objects import whole_objects
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.open import TABLE_KIND
 from csstsim.io.level0 import read_level0
 from csstsim.io.truth import read_truth
+from csstsim.measure.bricks.validation.whole_objects import whole_objects
 
 OBSID, CHIP = "10100000001", 9
 SIGMA, EDGE = 5.0, 0.03  # the share of light that falls off so small a chip

@@ -11,12 +11,12 @@ from click.testing import CliRunner
 from mini_campaign import write_scene
 from readout_state import plain_list
 
-from csstsim.bricks.validation.facts import header_off, pixels_off
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
 from csstsim.command_line.main import main
 from csstsim.io.level0 import read_level0
 from csstsim.io.truth import read_truth
+from csstsim.measure.bricks.validation.facts import header_off, pixels_off
 from csstsim.stages.parts.frame_facts import frame_facts
 
 OBSID, CHIP = "10100000001", 9

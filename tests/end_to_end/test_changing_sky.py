@@ -8,11 +8,11 @@ import pytest
 from all_products import BRICK
 from mini_campaign import write_campaign
 
-from csstsim.bricks.motion import SOLAR, STAR
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.astrometry.reduction import apparent, icrs
 from csstsim.catalog.table import ObjectTable
 from csstsim.io.truth import read_truth
+from csstsim.measure.bricks.motion import SOLAR, STAR
 from csstsim.stages import chip as chip_stage
 from csstsim.stages import measure as measure_stage
 from csstsim.stages import merge as merge_stage

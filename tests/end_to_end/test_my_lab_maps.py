@@ -19,7 +19,7 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.command_line.main import main
 from csstsim.detector.channels import ReadoutFrame
 from csstsim.instrument.camera import load_camera
-from csstsim.quicklook.picture import read_picture
+from csstsim.report.quicklook.picture import read_picture
 from csstsim.stages.calibrate import calibrated_frame
 from csstsim.stages.chip import chip, missing
 

@@ -47,7 +47,7 @@ def test_imports_of_the_package_are_followed():
 def test_a_script_reaches_the_commands_that_it_names():
     chips = dependencies.depends(commands.commands()["chip_stages"])  # starts csstsim chip
     assert {"csstsim.command_line", "csstsim.detector", "csstsim.layers"} <= set(chips)
-    assert not {"csstsim.budget", "csstsim.release", "csstsim.report", "Snakefile"} & set(chips)
+    assert not {"csstsim.studies.budget", "csstsim.studies.release", "csstsim.report", "Snakefile"} & set(chips)
     measured = dependencies.depends(commands.commands()["measure_chip"])  # names measure as well
     assert measured["csstsim.measure"] != chips["csstsim.measure"]
     everything = dependencies.depends(commands.commands()["slow_tests_base"])  # so does Snakemake

@@ -17,7 +17,6 @@ from workflow_run import ROOT, command
 
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
-from csstsim.compare.varying import steady_page, varies
 from csstsim.io.frames import load_frame
 from csstsim.stages import level0 as level0_stage
 from csstsim.stages import measure as measure_stage
@@ -29,6 +28,7 @@ from csstsim.stages import report as campaign_report
 from csstsim.stages import select as select_stage
 from csstsim.stages import truth as truth_stage
 from csstsim.stages import validate as validate_stage
+from csstsim.studies.compare.varying import steady_page, varies
 
 BRICK, OBSID, CHIP = 550615, "10100000001", 9
 RESUME = "--profile", str(ROOT / "profiles" / "default"), "--cores", "1"  # docs/faults.md

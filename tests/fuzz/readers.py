@@ -54,14 +54,14 @@ def pointing_list(path):
 
 def scored_catalogue(path):
     """A catalogue that is scored, whose columns are called as quantities."""
-    from csstsim.release.score.catalogue import read_catalogue
+    from csstsim.studies.release.score.catalogue import read_catalogue
 
     read_catalogue(path, {}, ("r",))
 
 
 def truth_of_a_pack(path):
     """The list of a pack's frames."""
-    from csstsim.release.score.field import read_frames
+    from csstsim.studies.release.score.field import read_frames
 
     read_frames(path)
 
@@ -84,8 +84,8 @@ def instrument(path):
     from csstsim.optics.geometry.focal_plane import load_focal_plane
     from csstsim.optics.psf.wavefront import load_wavefront
     from csstsim.optics.scatter.scattered_light import scattered_light
+    from csstsim.optics.sky.parameters import sky_numbers
     from csstsim.optics.throughput.flat import check_flat
-    from csstsim.sky.parameters import sky_numbers
 
     folder = Path(path).parent
     if folder.name in ("gratings", "maps"):
@@ -253,7 +253,7 @@ def frame(path):
 
 def picture(path):
     """Any image that `csstsim show` is asked for, drawn."""
-    from csstsim.quicklook.show import show
+    from csstsim.report.quicklook.show import show
 
     show(path, Path(path).with_name("picture.png"))
 
@@ -279,8 +279,8 @@ def cat(path):
 def recreated(path):
     """What `csstsim recreate` and `compare --truth` read of a frame."""
     from csstsim.instrument.camera import load_camera
-    from csstsim.recreate.frame import read_frame
-    from csstsim.recreate.pixels import read_electrons
+    from csstsim.studies.recreate.frame import read_frame
+    from csstsim.studies.recreate.pixels import read_electrons
 
     frame, (folder, *_) = read_frame(path), Path(path).parent.glob("*/detector.yaml")
     _ = frame.exposure, frame.chip, frame.layers(), frame.camera_changes()
@@ -313,14 +313,14 @@ def brick(path):
 
 def compared(path):
     """`csstsim compare` with the sound file: seeds.beside_a_sound_one."""
-    from csstsim.compare.compare import facts
+    from csstsim.studies.compare.compare import facts
 
     path = Path(path)
     list(facts(path.with_name(f"sound{path.suffix}"), path))
 
 
 def validation(path):
-    from csstsim.bricks.validation.result_file import read_result
+    from csstsim.measure.bricks.validation.result_file import read_result
 
     read_result(Path(path))
 

@@ -264,7 +264,7 @@ def beside_a_sound_one(make):
 
 
 def validation(folder):
-    from csstsim.bricks.validation.result_file import write_result
+    from csstsim.measure.bricks.validation.result_file import write_result
 
     gates = [{"name": "x", "passed": True, "n": 3}]
     write_result(folder / "7.json", {"brick": 7, "recipe": "r", "limits": {}, "gates": gates})

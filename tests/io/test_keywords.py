@@ -21,7 +21,7 @@ from csstsim.io.keywords import (
     recorded_recipe,
 )
 from csstsim.io.level0 import Level0
-from csstsim.sky.directions import telescope_axes
+from csstsim.optics.sky.directions import telescope_axes
 
 
 @pytest.mark.parametrize("exptime", [0.0, 150.0, 1500.0])

@@ -12,12 +12,12 @@ from csstsim.instrument.orbit import orbit_after
 from csstsim.io.level0_writing import write_level0
 from csstsim.layers import sky_background
 from csstsim.optics.scatter.halo import make_wing
+from csstsim.optics.sky.background import COMPONENTS
+from csstsim.optics.sky.background_spectra import band, blackbody_over_sun, magnitude_ratio
+from csstsim.optics.sky.parameters import sky_numbers
 from csstsim.optics.throughput.flat import FlatField
 from csstsim.optics.throughput.response import response_map
 from csstsim.simulation.exposure import Losses
-from csstsim.sky.background import COMPONENTS
-from csstsim.sky.background_spectra import band, blackbody_over_sun, magnitude_ratio
-from csstsim.sky.parameters import sky_numbers
 
 HIGH = (2596.0, 4496.0, -4357.0)  # km; POINTING's field (60, -40) is in its zenith
 

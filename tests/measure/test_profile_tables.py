@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.special import j0
 
+from csstsim.catalog.profiles.sersic import light_beyond
 from csstsim.measure.light import profile_tables as module
 from csstsim.measure.light.profile_tables import AXIS_RATIOS, GAAP_FWHM, KINDS, SIZES, ProfileTables
-from csstsim.profiles.sersic import light_beyond
 
 
 def test_nodes_grow_by_a_third_in_steps_of_a_half():

@@ -7,10 +7,10 @@ import pytest
 from scipy.integrate import quad
 
 from csstsim.base.rng import stream
+from csstsim.catalog.profiles.sersic import brightness
 from csstsim.measure.detection.maps import BIN
 from csstsim.measure.light.profile_tables import GAAP_FWHM, profile_tables
 from csstsim.measure.light.total_light import _nearest_ratio, total_light
-from csstsim.profiles.sersic import brightness
 
 galsim = pytest.importorskip("galsim")
 

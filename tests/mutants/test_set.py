@@ -38,5 +38,5 @@ def test_the_graph_knows_who_holds_a_copy_of_a_function():
     assert ("csstsim.render.imaging.photons", "_shoot") in users  # by way of others
     assert ("csstsim.render.imaging.unresolved", "_scatter") not in users
     assert ("csstsim.render.photon_positions", "from_wing") in graph.users(
-        {("csstsim.profiles.log_table", "BITS")}
+        {("csstsim.catalog.profiles.log_table", "BITS")}
     )  # a constant

@@ -3,8 +3,8 @@
 import galsim
 import numpy as np
 
+from csstsim.catalog.profiles.sersic import sersic_b
 from csstsim.optics.psf.psf_file import pixel_response
-from csstsim.profiles.sersic import sersic_b
 from csstsim.render.imaging.reference import GSPARAMS, PSF_MAXK
 from csstsim.render.scene import Scene
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from csstsim.base.errors import InputError
-from csstsim.profiles.sersic import sersic_b
+from csstsim.catalog.profiles.sersic import sersic_b
 from csstsim.render import policy
 from csstsim.render.error_model import predicted
 from csstsim.render.scene import Scene

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from canvases import blank
 
+from csstsim.catalog.profiles.log_table import first_of, nodes
 from csstsim.instrument.chip import Window
 from csstsim.optics.scatter.scattered_light import read_scattered
-from csstsim.profiles.log_table import first_of, nodes
 from csstsim.render.far_wings import FACTOR, MESH, OVER, FarWings, Side
 from csstsim.render.wing_tables import Annulus
 from csstsim.render.wings import NEAR, StampLight, Wings, wing_beyond

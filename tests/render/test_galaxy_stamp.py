@@ -6,14 +6,14 @@ from canvases import blank
 from galaxies import SCALE, galsim_image, scene_of, shaped
 from scipy.special import gammainc
 
-from csstsim.bench.imaging.measures import moments
 from csstsim.catalog.flags import NEGATIVE_CLIPPED
+from csstsim.catalog.profiles.sersic import sersic_b
 from csstsim.instrument.chip import Window
-from csstsim.profiles.sersic import sersic_b
 from csstsim.render.imaging import galaxy_stamp
 from csstsim.render.imaging.stamps import draw_scene
 from csstsim.render.imaging.thin_galaxy import Components
 from csstsim.render.psf_mixture import BINS
+from csstsim.studies.bench.imaging.measures import moments
 
 X, Y = 4200, 5150
 FLUX, SIZE, SHAPE, PIXEL = 1e-3, 1e-3, 1e-4, 1e-3  # relative, relative, absolute, of the peak

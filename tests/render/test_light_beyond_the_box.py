@@ -7,9 +7,9 @@ from galaxies import scene_of, shaped
 from scipy.stats import chi2_contingency
 
 from csstsim.base.counter import object_keys
+from csstsim.catalog.profiles.sersic_photons import rings_for
 from csstsim.instrument.chip import Window
 from csstsim.optics.scatter.scattered_light import Scattered, read_scattered
-from csstsim.profiles.sersic_photons import rings_for
 from csstsim.render.imaging.galaxy_stamp import plan_galaxies
 from csstsim.render.imaging.photons import shoot_scene
 from csstsim.render.imaging.stamps import draw_scene

@@ -10,7 +10,6 @@ from canvases import blank
 from test_reference import objects
 
 from csstsim.base.errors import InputError
-from csstsim.bench.imaging.measures import moments
 from csstsim.catalog.galaxy_shapes.galsim_images import image_of
 from csstsim.catalog.galaxy_shapes.images import read_picture
 from csstsim.catalog.galaxy_shapes.knots import knots_of
@@ -24,6 +23,7 @@ from csstsim.render.parts import object_parts
 from csstsim.render.parts.object_parts import _cut, _reach_of, part_keys
 from csstsim.render.scene import make_scene
 from csstsim.simulation.frame import shown_table
+from csstsim.studies.bench.imaging.measures import moments
 
 SCALE, EXPTIME, HALF = 0.074, 100.0, 60
 X, Y = 4200, 5150

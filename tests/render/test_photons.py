@@ -10,12 +10,12 @@ from csst import BANDS
 from scipy.interpolate import BSpline
 
 from csstsim.base.counter import object_keys
+from csstsim.catalog.profiles.sersic import sersic_b
 from csstsim.catalog.table import STAR, ObjectTable
 from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.psf.psf_file import PsfSet, pixel_response, write_psf
 from csstsim.optics.scatter.scattered_light import read_scattered
-from csstsim.profiles.sersic import sersic_b
 from csstsim.render.canvas import Canvas
 from csstsim.render.drawing import Drawing
 from csstsim.render.imaging.photons import shoot_scene

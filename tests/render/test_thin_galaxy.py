@@ -9,8 +9,8 @@ from galaxies import SCALE, scene_of, shaped
 from scipy.integrate import quad
 
 from csstsim.base.counter import object_keys
+from csstsim.catalog.profiles.sersic import brightness
 from csstsim.instrument.chip import Window
-from csstsim.profiles.sersic import brightness
 from csstsim.render.extended import parts_of
 from csstsim.render.imaging.photons import shoot_scene
 from csstsim.render.imaging.stamps import draw_scene

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.quiver import Quiver
 
 from csstsim.base.rng import stream
-from csstsim.bricks.validation.trials import COLUMNS
 from csstsim.catalog.table import ObjectTable
+from csstsim.measure.bricks.validation.trials import COLUMNS
 from csstsim.report import colour_panel, exposure_panels, figures, psf_panels
 from csstsim.report.style import legend
 

@@ -13,16 +13,16 @@ from commands import command, done
 from mini_campaign import POINTINGS, write_campaign
 from report_page import Reader
 
-from csstsim.bricks.validation.result_file import read_result, write_result
 from csstsim.campaign.costs import Cost, expected
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.products import kinds
 from csstsim.campaign.running.run_times import run_times
 from csstsim.catalog.table import ObjectTable
-from csstsim.compare.varying import steady_page
 from csstsim.io.output_owner import FILE as OWNER
 from csstsim.io.paths import Paths
+from csstsim.measure.bricks.validation.result_file import read_result, write_result
 from csstsim.stages.report import _products
+from csstsim.studies.compare.varying import steady_page
 
 
 def relative_links(page):

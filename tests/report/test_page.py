@@ -5,8 +5,8 @@ import json
 import pytest
 from report_page import Reader
 
-from csstsim.bricks.validation import verdict
-from csstsim.bricks.validation.compare import spread
+from csstsim.measure.bricks.validation import verdict
+from csstsim.measure.bricks.validation.compare import spread
 from csstsim.report.page import FrameSpectra, KindOfFiles, ReportContent, write_report
 from csstsim.report.parts import LONGEST, Link, Table, draw
 

@@ -12,11 +12,11 @@ from report_page import Reader, done
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.opened import OpenCampaign
+from csstsim.optics.sky.background import COMPONENTS
 from csstsim.report.page import ReportContent, write_report
 from csstsim.report.parts import Figure, Table
 from csstsim.report.stray_panel import sky_by_exposure
 from csstsim.report.style import band_styles
-from csstsim.sky.background import COMPONENTS
 from csstsim.stages.parts.sky_of_frames import sky_of_frames
 
 STRAY = {"SCIE": str(SHIPPED / "observations" / "science_straylight.yaml")}

@@ -19,7 +19,6 @@ from scipy.special import gammainc
 
 from csstsim.base.rng import stream
 from csstsim.base.shipped import SHIPPED
-from csstsim.bench.setting import POINTING
 from csstsim.catalog.astrometry.ephemeris import observer
 from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.base import CatalogBase, Region
@@ -35,6 +34,7 @@ from csstsim.render.drawing import Drawing
 from csstsim.render.imaging import draw, reference
 from csstsim.render.psf_table import make_table
 from csstsim.render.scene import Scene, make_scene
+from csstsim.studies.bench.setting import POINTING
 
 WINDOW = Window(4000, 4400, 5000, 5300)
 ARCMIN2 = Window(4000, 4811, 5000, 5811)  # a square arc minute

@@ -13,8 +13,8 @@ from render.galaxies import scene_of, shaped
 
 from csstsim.base.counter import object_keys
 from csstsim.catalog.flags import NEGATIVE_CLIPPED, OFF_CHIP, TRUNCATED_STAMP
+from csstsim.catalog.profiles.sersic import brightness
 from csstsim.catalog.table import GALAXY
-from csstsim.profiles.sersic import brightness
 from csstsim.render.imaging.photons import shoot_scene
 from csstsim.render.imaging.stamps import draw_scene
 

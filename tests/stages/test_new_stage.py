@@ -12,10 +12,10 @@ import pytest
 from mini_campaign import POINTINGS, write_campaign
 
 from csstsim.base.stage_records import PRODUCTS, STAGE_OF, STAGES
-from csstsim.bricks.hats import ABOUT
 from csstsim.campaign.costs import load_costs
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.delivery.contents import CHECKED
+from csstsim.measure.bricks.hats import ABOUT
 
 ROOT = Path(__file__).resolve().parents[2]
 STAGE = Path(__file__).with_name("new_stage")  # what the page shows

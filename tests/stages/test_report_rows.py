@@ -54,7 +54,7 @@ def opened(folder, **given):
 def test_verdicts_of_bricks_are_those_of_now(tmp_path, monkeypatch):
     good = {"recipe": "brick 7", "camera": "cam", "limits": {"snr_min": 5.0}, "gates": []}
     run, seen = opened(tmp_path), {}
-    monkeypatch.setattr("csstsim.bricks.validation.result_file.read_result", lambda path: seen[path])
+    monkeypatch.setattr("csstsim.measure.bricks.validation.result_file.read_result", lambda path: seen[path])
     with pytest.raises(InputError, match=r"`csstsim validate c\.yaml --brick 7` makes it"):
         report._validation(run, 7)
     path = run.paths.validate(7)
@@ -82,7 +82,8 @@ def test_merged_bricks_and_spectra_are_those_of_now(tmp_path, monkeypatch):
     with pytest.raises(InputError):
         report._merged(run, 7)
     monkeypatch.setattr(
-        "csstsim.bricks.validation.spectra_gates.spectra_gates", lambda checks, limits, **where: (checks, limits, where)
+        "csstsim.measure.bricks.validation.spectra_gates.spectra_gates",
+        lambda checks, limits, **where: (checks, limits, where),
     )
     spectra = run.paths.spectra(*one.key)
     spectra.parent.mkdir(parents=True)
@@ -338,7 +339,7 @@ def test_bricks_of_the_truth_become_a_catalogue_where_all_are_left(tmp_path, mon
         report.verdicts, "write_verdict", lambda path, verdict, campaign, csstsim: written.append((path, campaign))
     )
     monkeypatch.setattr("csstsim.report.page.write_report", lambda page, *given, **named: written.append(page))
-    monkeypatch.setattr("csstsim.bricks.hats.write_catalogue", lambda *given: written.append(given))
+    monkeypatch.setattr("csstsim.measure.bricks.hats.write_catalogue", lambda *given: written.append(given))
     page, paths = run.paths.report, run.paths
     always = [page, (page.with_name("verdict.json"), "mine"), (paths.merge_catalogue, "mine", {7: "merged 7"})]
     assert report.report(run) is verdict and written == always

@@ -96,7 +96,7 @@ def test_what_a_level0_header_is_made_from(tmp_path, monkeypatch, capsys, shutte
     run = opened(tmp_path, steps={"SCIE": steps}, config=config, camera=camera, streams=lambda job: "STREAMS")
     moments = {"open": 1}
     monkeypatch.setattr("csstsim.optics.throughput.shutter.moments", lambda *given: moments | {"of": given})
-    monkeypatch.setattr("csstsim.sky.bodies.angles_at_ends", lambda pointing: {"sun": 50.0})
+    monkeypatch.setattr("csstsim.optics.sky.bodies.angles_at_ends", lambda pointing: {"sun": 50.0})
     monkeypatch.setattr("csstsim.detector.adc.cut_noise", lambda clipped, size: f"{clipped} of {size}")
     made, about = level0.digitised(run, job(), state, SimpleNamespace(entry=lambda: ["level0", 2, 2]))
     assert capsys.readouterr().out == "warning: 7 of 20\n" and made is state
@@ -181,8 +181,8 @@ def test_a_merged_brick_is_of_its_frames_and_says_so(tmp_path, monkeypatch, caps
     def merged(pix, tables, bands):
         return [[*tables, "new"], [1] * 5] if (pix, bands) == (7, "BANDS") else None
 
-    monkeypatch.setattr("csstsim.bricks.merge.merge_brick", merged)
-    monkeypatch.setattr("csstsim.bricks.merge.write_merged", lambda *given: written.append(given))
+    monkeypatch.setattr("csstsim.measure.bricks.merge.merge_brick", merged)
+    monkeypatch.setattr("csstsim.measure.bricks.merge.write_merged", lambda *given: written.append(given))
     monkeypatch.setattr(merge, "measured_table", lambda run, job, columns: f"table {job.obsid}")
     monkeypatch.setattr(merge, "_timed", lambda table, job: (table, job.obsid))
     config = SimpleNamespace(name="mine")
@@ -331,7 +331,7 @@ def test_frames_that_both_have_are_compared_and_their_objects_counted(monkeypatc
         variants, "_seen", lambda run, job: (f"{run.name}{job.obsid}", {"stars": number[run.name] + int(job.obsid)})
     )
     monkeypatch.setattr(variants, "_spectra", lambda run, job: f"{run.name}{job.obsid}s")
-    twins = "csstsim.bricks.validation.twins"
+    twins = "csstsim.measure.bricks.validation.twins"
     monkeypatch.setattr(f"{twins}.differences", lambda first, second: {0: (first, second)})
     monkeypatch.setattr(f"{twins}.spectral_differences", lambda first, second: {0: (first, second)})
     objects, counts = variants._Measured(base).compared(other)
@@ -436,7 +436,7 @@ def test_a_validated_brick_has_the_truth_of_its_frames_and_says_by_which_limits(
         given.append((pix, len(merged), [*frames], bands, limits, laws))
         return dict(result), "ARRAYS"
 
-    bricks = "csstsim.bricks.validation"
+    bricks = "csstsim.measure.bricks.validation"
     monkeypatch.setattr(f"{bricks}.validate.MeasuredFrame", lambda *parts: parts)
     monkeypatch.setattr(f"{bricks}.validate.validate_brick", judged)
     monkeypatch.setattr(f"{bricks}.whole_objects.whole_objects", lambda table: f"whole {table}")

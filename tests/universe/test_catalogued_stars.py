@@ -12,7 +12,7 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.sections import CatalogConfig
 from csstsim.catalog.table import STAR
 from csstsim.catalog.truth_bricks import brick_meta, make_brick, read_brick, write_brick
-from csstsim.sky.parameters import sky_numbers
+from csstsim.optics.sky.parameters import sky_numbers
 from csstsim.universe.stars.bright_stars import bright_stars
 
 PIX = 100000

@@ -293,7 +293,7 @@ class OpenCampaign(JobLists):
     @cached_property
     def bright_stars(self) -> FloatArray | None:
         """The real stars among the objects (sky.parameters.SkyNumbers.stars), or None. Raises InputError."""
-        from csstsim.sky.parameters import sky_numbers
+        from csstsim.optics.sky.parameters import sky_numbers
 
         wanted = self.embedded and self.config.catalog.bright_stars is not False
         return sky_numbers(self.camera.sky).stars if wanted else None

@@ -13,9 +13,9 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from csstsim.base.stage_records import STAGES, Product, Stage
-from csstsim.bricks.hats import ABOUT
-from csstsim.bricks.validation.verdict import headline, sentence
 from csstsim.campaign.variants import made_by_base
+from csstsim.measure.bricks.hats import ABOUT
+from csstsim.measure.bricks.validation.verdict import headline, sentence
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping

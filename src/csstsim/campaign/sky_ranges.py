@@ -16,11 +16,11 @@ from csstsim.base.files.atomic import atomic_path
 from csstsim.base.process.progress import progress
 from csstsim.base.sphere import unit_vectors
 from csstsim.layers.sky_background import WEIGHTS, moments
-from csstsim.sky.background import COMPONENTS, band_rates, in_band, sky_light
-from csstsim.sky.bodies import exposure_angles
-from csstsim.sky.directions import telescope_axes
-from csstsim.sky.near_stars import stars_about
-from csstsim.sky.parameters import sky_numbers
+from csstsim.optics.sky.background import COMPONENTS, band_rates, in_band, sky_light
+from csstsim.optics.sky.bodies import exposure_angles
+from csstsim.optics.sky.directions import telescope_axes
+from csstsim.optics.sky.near_stars import stars_about
+from csstsim.optics.sky.parameters import sky_numbers
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from csstsim.campaign.job import Job
     from csstsim.campaign.opened import OpenCampaign
     from csstsim.instrument.pointing import Pointing
+    from csstsim.optics.sky.parameters import SkyNumbers
     from csstsim.simulation.exposure import Exposure
-    from csstsim.sky.parameters import SkyNumbers
 
     Levels: TypeAlias = dict[str, dict[str, dict[str, float]]]  # {band: {obsid: {component: e-/s/px}}}
     Angles: TypeAlias = dict[str, dict[str, float]]  # {obsid: {angle: deg}}

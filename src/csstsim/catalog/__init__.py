@@ -1,1 +1,1 @@
-"""The objects of the sky: catalogues, light, astrometry, and the selection of what reaches a chip."""
+"""The objects of the sky: catalogues, profiles, light, astrometry, and the selection of what reaches a chip."""

@@ -81,15 +81,15 @@ def shear(
     ):
         raise click.UsageError("--blind and --reveal go with --output, the first also with PLAN, --fields, --whole")
     if reveal:
-        from csstsim.budget.shear.blind import reveal as score
+        from csstsim.studies.budget.shear.blind import reveal as score
 
         score(*reveal, print, output)
     elif blind:
-        from csstsim.budget.shear.blind import blind as hide
+        from csstsim.studies.budget.shear.blind import blind as hide
 
         hide(file, blind, output, print, count=count, whole=whole)
     else:
-        from csstsim.budget.shear.command import budget as run
+        from csstsim.studies.budget.shear.command import budget as run
 
         say = functools.partial(print, flush=True)  # at once, into a file or pipe, too
         chosen = {"fields": count, "samples": samples, "effects": effects, "estimators": estimators}
@@ -124,7 +124,7 @@ def redshift(
       csstsim budget redshift campaign.yaml
       csstsim budget redshift campaign.yaml --answer redshifts.csv
     """
-    from csstsim.budget.redshift.report import budget as run_budget
     from csstsim.campaign.opened import OpenCampaign
+    from csstsim.studies.budget.redshift.report import budget as run_budget
 
     run_budget([run, *map(OpenCampaign, also)], folder, spectra, answer, band, click.echo)

@@ -50,7 +50,7 @@ def crate(run: OpenCampaign, authors: tuple[str, ...], licence: str) -> None:
       csstsim verify campaign.yaml --manifest
       csstsim release crate campaign.yaml --author "A. N. Other"
     """
-    from csstsim.release.campaign_crate import campaign_crate
+    from csstsim.studies.release.campaign_crate import campaign_crate
 
     campaign_crate(run, click.echo, authors, licence)
 
@@ -73,7 +73,7 @@ def pack(campaign: str, output: str, authors: tuple[str, ...], licence: str) -> 
       csstsim compare pack another_pack            the same but for dates, of one campaign
     """
     from csstsim.campaign.opened import OpenCampaign
-    from csstsim.release.pack import pack as run
+    from csstsim.studies.release.pack import pack as run
 
     run(OpenCampaign(campaign), output, click.echo, authors, licence)
 
@@ -109,6 +109,6 @@ def score(catalogue: str, truth: str, output: str, maps: tuple[str, ...], band: 
           --map ra=ALPHA_J2000 --map dec=DELTA_J2000 --map mag_r=MAG_AUTO
       csstsim release score mine.parquet --truth pack/truth --output score --map flux_i_njy=f_i --map z=photoz
     """
-    from csstsim.release.score.score import score as run
+    from csstsim.studies.release.score.score import score as run
 
     run(catalogue, truth, output, click.echo, maps, band, radius)

@@ -70,15 +70,15 @@ def bench(
     if mcti and not readout:
         raise click.UsageError("--mcti goes with --readout")
     if chart:
-        from csstsim.bench.command import chart as draw
+        from csstsim.studies.bench.command import chart as draw
 
         draw(output, chart, log=print)
     elif readout:
-        from csstsim.bench.readout.layers import readout as time_layers
+        from csstsim.studies.bench.readout.layers import readout as time_layers
 
         time_layers(Path(output), log=print, mcti=mcti)
     else:
-        from csstsim.bench.command import bench as run
+        from csstsim.studies.bench.command import bench as run
 
         run(output, band, methods, quick, objects, seed, log=print, shapes=shapes)
 
@@ -127,8 +127,8 @@ def show(file: str, output: str | None, **options: Any) -> None:
     A map of bad pixels from the laboratory:
       csstsim show instrument/maps/bad_02.fits --output bad_02.png
     """
-    from csstsim.quicklook.show import ShowOptions
-    from csstsim.quicklook.show import show as run
+    from csstsim.report.quicklook.show import ShowOptions
+    from csstsim.report.quicklook.show import show as run
 
     click.echo(run(file, output, ShowOptions(**options)))
 
@@ -215,7 +215,7 @@ def verify(campaign: str, output: str | None, manifest: bool) -> None:
     if sum(check(one, folder, print, manifest) for one in runs):
         sys.exit(1)
     for one in runs if manifest else ():
-        from csstsim.compare.content import write_contents
+        from csstsim.studies.compare.content import write_contents
 
         path = write_contents(folder if one is None else one.paths.output)
         print(f"{path}: the same in two runs of one campaign")
@@ -248,8 +248,8 @@ def compare(a: str, b: str, provenance: bool, truth: str | None, instrument: str
 
     Exit codes: 0 nothing differs, 1 something differs, 2 nothing to compare. docs/compare.md says more.
     """
-    from csstsim.compare.compare import compare as run
-    from csstsim.recreate.side_by_side import side_by_side
+    from csstsim.studies.compare.compare import compare as run
+    from csstsim.studies.recreate.side_by_side import side_by_side
 
     if (truth and provenance) or (instrument and not truth):
         raise click.UsageError("--instrument goes with --truth, and --provenance does not")
@@ -278,7 +278,7 @@ def recreate(frame: str, truth: str, output: str, instrument: str | None, seed: 
 
     docs/recreate.md says what is taken from where.
     """
-    from csstsim.recreate.recreate import recreate as run
+    from csstsim.studies.recreate.recreate import recreate as run
 
     run(frame, truth, output, click.echo, instrument, seed)
 

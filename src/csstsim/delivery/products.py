@@ -8,11 +8,11 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from csstsim.bricks.hats import ABOUT
 from csstsim.delivery import campaign_checks, frame_checks
 from csstsim.delivery.checked_files import CheckedFiles
 from csstsim.delivery.contents import MAYBE, NO, YES
 from csstsim.io.paths import CAT, COSMIC, ORDERS, TRUTH
+from csstsim.measure.bricks.hats import ABOUT
 
 if TYPE_CHECKING:
     from csstsim.delivery.contents import Contents, ExpectedFrame

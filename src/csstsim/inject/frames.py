@@ -18,9 +18,9 @@ from csstsim.io.fits import open_fits, read_header
 from csstsim.io.keywords import RECIPE
 from csstsim.io.pointing_keywords import TOLERANCE, sky_off, wcs_off
 from csstsim.optics.geometry.icrs_header import icrs_header
-from csstsim.recreate.frame import read_frame
-from csstsim.recreate.recreate import described, opened
 from csstsim.stages.level0 import MADE_WITH
+from csstsim.studies.recreate.frame import read_frame
+from csstsim.studies.recreate.recreate import described, opened
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from csstsim.base.types import PathLike
     from csstsim.campaign.job import Job
-    from csstsim.recreate.frame import FrameHeader
+    from csstsim.studies.recreate.frame import FrameHeader
 
 LEVEL0 = "level0"
 CALIBRATED = "calibrated"

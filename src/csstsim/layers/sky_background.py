@@ -1,9 +1,10 @@
 """Sky background and stray light (paper, Appendix B item 2).
 
-Adds the expected sky of the band to every pixel: the filter's constant, or the model of csstsim.sky.background,
+Adds the expected sky of the band to every pixel: the filter's constant, or the model of csstsim.optics.sky.background,
 averaged over three moments of the exposure (Gauss and Legendre). Behind gratings this is the sky of a complete first
-order; csstsim.sky.dispersed replaces it by all orders with their edges. The sky has the same flat field and shutter
-effect as the objects. Left out: change of the sky during the motion of the shutter, which differs between columns.
+order; csstsim.optics.sky.dispersed replaces it by all orders with their edges. The sky has the same flat field and
+shutter effect as the objects. Left out: change of the sky during the motion of the shutter, which differs between
+columns.
 """
 
 from __future__ import annotations
@@ -17,13 +18,13 @@ from csstsim.base.errors import BlockedError
 from csstsim.base.units import DAY_S
 from csstsim.instrument.orbit import orbit_after
 from csstsim.layers.param import EXPTIME, LayerParam
+from csstsim.optics.sky import background
+from csstsim.optics.sky.bodies import exposure_angles
+from csstsim.optics.sky.directions import telescope_axes
+from csstsim.optics.sky.near_stars import stars_about
+from csstsim.optics.sky.parameters import sky_numbers
 from csstsim.optics.throughput.flat import check_flat
 from csstsim.simulation.state import State
-from csstsim.sky import background
-from csstsim.sky.bodies import exposure_angles
-from csstsim.sky.directions import telescope_axes
-from csstsim.sky.near_stars import stars_about
-from csstsim.sky.parameters import sky_numbers
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -123,7 +124,7 @@ def _model(state: State) -> tuple[FloatArray, float, dict[str, float]]:
 
 
 def _rows(sky: Floats, shape: tuple[int, int]) -> Callable[[slice], FloatArray]:
-    """Return the function that csstsim.sky.dispersed.disperse takes: slice of rows -> (rows, nx) float32."""
+    """Return the function that csstsim.optics.sky.dispersed.disperse takes: slice of rows -> (rows, nx) float32."""
     if not isinstance(sky, np.ndarray):
         even = np.broadcast_to(np.float32(sky), shape)
         return lambda rows: np.ascontiguousarray(even[rows])
@@ -140,7 +141,7 @@ def _disperse(
     state: State, sky: Floats, means: Mapping[str, float], sun_angle: float, response: FloatArray | None
 ) -> float:
     """Add a sky through the gratings; return its mean before losses [e-]. sky, means: of `_constant` or `_model`."""
-    from csstsim.sky.dispersed import disperse, nominal_spectrum, sky_spectrum
+    from csstsim.optics.sky.dispersed import disperse, nominal_spectrum, sky_spectrum
 
     numbers = sky_numbers(state.exposure.camera.sky)
     filter_ = state.filter
@@ -159,7 +160,7 @@ def _add(image: FloatArray, sky: Floats, response: FloatArray | None) -> None:
     if response is None:
         image += sky
         return
-    from csstsim.sky.frames import add_product
+    from csstsim.optics.sky.frames import add_product
 
     add_product(image, np.broadcast_to(np.asarray(sky, np.float32), image.shape), response)
 

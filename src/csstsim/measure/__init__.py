@@ -1,1 +1,1 @@
-"""Calibration of frames, detection and measurement of sources, extraction of spectra."""
+"""Calibration of frames, measurement of sources and spectra, and bricks: merging and validation."""

@@ -1,1 +1,1 @@
-"""From the sky to the focal plane: PSF, distortion, WCS, gratings, shutter, flat field, scattered light."""
+"""From the sky to the focal plane: background light, PSF, distortion, WCS, gratings, shutter, flat, scattered light."""

@@ -16,8 +16,8 @@ import numpy as np
 from scipy.fft import fht, fhtoffset
 
 from csstsim.base.types import FloatArray
-from csstsim.profiles.log_table import nodes
-from csstsim.profiles.sersic import DISK, K2_HIGH, K2_LOW, brightness, tables
+from csstsim.catalog.profiles.log_table import nodes
+from csstsim.catalog.profiles.sersic import DISK, K2_HIGH, K2_LOW, brightness, tables
 from csstsim.render.wing_tables import KEPT, RADII, RadialProfile, light_of, step
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numba
 import numpy as np
 
-from csstsim.profiles.log_table import read
+from csstsim.catalog.profiles.log_table import read
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

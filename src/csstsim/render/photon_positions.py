@@ -14,8 +14,8 @@ import numpy as np
 
 from csstsim.base.counter import high, low, unit, word
 from csstsim.base.types import FloatArray, IntArray
-from csstsim.profiles.log_table import first_of, nodes, read
-from csstsim.profiles.sersic_photons import ring, rings_for
+from csstsim.catalog.profiles.log_table import first_of, nodes, read
+from csstsim.catalog.profiles.sersic_photons import ring, rings_for
 from csstsim.render.parts.spots import SampledSpots, Spots
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ import numpy as np
 
 from csstsim.base.types import AnyArray, BoolArray, FloatArray, IntArray
 from csstsim.catalog.galaxy_shapes.components import components
+from csstsim.catalog.profiles.sersic import sersic_b
 from csstsim.catalog.table import GALAXY
-from csstsim.profiles.sersic import sersic_b
 from csstsim.render.parts.spots import Spots
 
 if TYPE_CHECKING:

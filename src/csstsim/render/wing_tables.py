@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from csstsim.base.types import FloatArray
-from csstsim.profiles.log_table import BITS, first_of, nodes
+from csstsim.catalog.profiles.log_table import BITS, first_of, nodes
 
 KEPT = 256  # tables, some 100 kB each
 _OCTAVES = 32  # of r^2 [px^2] in a table: up to 65,536 px, more than from any object to any corner of a chip

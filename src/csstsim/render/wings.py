@@ -25,7 +25,7 @@ import numba
 import numpy as np
 
 from csstsim.base.types import FloatArray, Floats
-from csstsim.profiles.log_table import read
+from csstsim.catalog.profiles.log_table import read
 from csstsim.render.extended import POINT, SHARP_PX, WIDE_PX, beyond_stamp, spread
 from csstsim.render.far_wings import OVER, FarWings
 from csstsim.render.wing_tables import RADII, Annulus, RadialProfile, annuli, light_of, step

@@ -1,1 +1,1 @@
-"""The report of a campaign and the figures of its bricks."""
+"""The report of a campaign, the figures of its bricks, and the quick look at a file."""

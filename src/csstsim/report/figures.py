@@ -10,7 +10,7 @@ import numpy as np
 
 from csstsim.base.healpix import brick_corners
 from csstsim.base.plural import number_of
-from csstsim.bricks.validation.validate import SNR_EDGES
+from csstsim.measure.bricks.validation.validate import SNR_EDGES
 from csstsim.report import exposure_panels, psf_panels
 from csstsim.report.colour_panel import colours
 from csstsim.report.style import BLACK, BLUE, FEWEST, ORANGE, legend, snr_axis

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 from csstsim.base.plural import number_of
-from csstsim.bricks.validation import verdict as verdicts
+from csstsim.measure.bricks.validation import verdict as verdicts
 from csstsim.report.band_table import KRON, band_numbers, band_table
 from csstsim.report.parts import Details, Figure, Link, Pairs, Paragraph, Section, Table, Verdict, fill, mappings
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from csstsim.bricks.validation.trials import SHAPES
+from csstsim.measure.bricks.validation.trials import SHAPES
 from csstsim.report.style import BLACK, FEWEST
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from matplotlib.figure import Figure
 
-from csstsim.bricks.validation.twins import binned, values
+from csstsim.measure.bricks.validation.twins import binned, values
 from csstsim.report.figures import png
 from csstsim.report.style import BLUE, VERMILION
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from csstsim.base.types import FloatArray
-    from csstsim.bricks.validation.twins import Mean
+    from csstsim.measure.bricks.validation.twins import Mean
 
 PANELS = {
     "magnitude [mag]": ("mag",),

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 from csstsim.base.files.atomic import atomic_path
-from csstsim.bricks.validation import verdict as verdicts
-from csstsim.bricks.validation.twins import CLIP, QUANTITIES, REAL, summary
+from csstsim.measure.bricks.validation import verdict as verdicts
+from csstsim.measure.bricks.validation.twins import CLIP, QUANTITIES, REAL, summary
 from csstsim.report.parts import Figure, Pairs, Paragraph, Section, Table, Verdict, fill
 from csstsim.report.twin_figure import twin_figure
 

@@ -52,8 +52,8 @@ def level0(run: OpenCampaign, job: Job) -> None:
 def digitised(run: OpenCampaign, job: Job, state: State, timer: Timer) -> tuple[State, dict[str, Any]]:
     """Return the State after the level0 stage and its provenance (io.keywords.header_values)."""
     from csstsim.detector.adc import cut_noise
+    from csstsim.optics.sky.bodies import angles_at_ends
     from csstsim.optics.throughput import shutter
-    from csstsim.sky.bodies import angles_at_ends
 
     steps = run.steps[job.pointing.type]
     state = steps.run(state, "level0", run.streams(job))

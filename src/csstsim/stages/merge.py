@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 @one_thread
 def merge(run: OpenCampaign, pix: int) -> None:
     """Merge the measurements of a brick: one row per source."""
-    from csstsim.bricks.merge import DETECTION_COLUMNS, merge_brick, write_merged
+    from csstsim.measure.bricks.merge import DETECTION_COLUMNS, merge_brick, write_merged
 
     jobs = jobs_on(run, pix)
     sources, detections = merge_brick(

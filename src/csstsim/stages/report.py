@@ -17,11 +17,11 @@ from csstsim.base.plural import number_of
 from csstsim.base.process.one_thread import one_thread
 from csstsim.base.process.progress import progress
 from csstsim.base.release import check_recipe
-from csstsim.bricks.validation import verdict as verdicts
 from csstsim.campaign.products import kinds
 from csstsim.campaign.running.run_times import run_times
 from csstsim.io.keywords import git_commit
 from csstsim.io.paths import made
+from csstsim.measure.bricks.validation import verdict as verdicts
 from csstsim.report.page import FrameSpectra, KindOfFiles
 from csstsim.report.parts import Link
 from csstsim.stages.parts.report_pictures import by_exposure, focal_plane, sky_pictures
@@ -45,7 +45,7 @@ def report(run: OpenCampaign) -> dict[str, Any]:
     Prints the gates; returns the verdict (validation.verdict). Raises InputError if a product is missing or belongs to
     another campaign.
     """
-    from csstsim.bricks.hats import write_catalogue
+    from csstsim.measure.bricks.hats import write_catalogue
     from csstsim.report.figures import sky_map
     from csstsim.report.page import ReportContent, write_report
     from csstsim.report.style import band_styles
@@ -128,7 +128,7 @@ def _is_png(data: bytes) -> bool:
 
 
 def _validation(run: OpenCampaign, pix: int) -> dict[str, Any]:
-    from csstsim.bricks.validation.result_file import read_result
+    from csstsim.measure.bricks.validation.result_file import read_result
 
     path = made(run.paths.validate(pix), f"validate {run.file} --brick {pix}")
     result = read_result(path)
@@ -170,8 +170,8 @@ def _brick_links(run: OpenCampaign, pix: int, png: Path) -> tuple[Link, Link, Li
 
 def _spectra_gates(run: OpenCampaign, job: Job) -> list[dict[str, Any]]:
     """Return the gates of a spectroscopic frame. Raises InputError for spectra of an older version."""
-    from csstsim.bricks.validation.spectra_gates import spectra_gates
     from csstsim.catalog.table import ObjectTable
+    from csstsim.measure.bricks.validation.spectra_gates import spectra_gates
 
     path = run.paths.spectra(*job.key)
     meta = ObjectTable.read(path, ["id"]).meta

@@ -27,8 +27,8 @@ def shear(files: Iterable[PathLike], output: PathLike | None, say: Callable[[str
     Raises InputError for campaigns that are not pairs, or too few galaxies.
     """
     from csstsim.base.files.atomic import atomic_path
-    from csstsim.bricks.validation.shear import calibration, judge, pair_means
-    from csstsim.bricks.validation.verdict import NAMES
+    from csstsim.measure.bricks.validation.shear import calibration, judge, pair_means
+    from csstsim.measure.bricks.validation.verdict import NAMES
 
     runs = [OpenCampaign(file) for file in files]
     shears = []
@@ -104,8 +104,8 @@ def _but_shapes(run: OpenCampaign) -> tuple[str | None, Numbers, list[dict[str, 
 
 def _shapes_on(run: OpenCampaign) -> list[dict[int, FloatArray]]:
     """Return validation.shear.shapes of each measured frame of a campaign."""
-    from csstsim.bricks.validation.shear import shapes
-    from csstsim.bricks.validation.validate import MeasuredFrame, judged_truth
+    from csstsim.measure.bricks.validation.shear import shapes
+    from csstsim.measure.bricks.validation.validate import MeasuredFrame, judged_truth
 
     seam = run.camera.detector.channel_ny
     out = []

@@ -31,11 +31,11 @@ LIMIT_SECONDS = 150.0  # of the limiting magnitudes there and in filters.yaml
 def validate(run: OpenCampaign, pix: int) -> None:
     """Compare a merged brick with the truth of the frames on it."""
     from csstsim.base.files.atomic import atomic_path
-    from csstsim.bricks.validation.result_file import write_result
-    from csstsim.bricks.validation.validate import MeasuredFrame, validate_brick
-    from csstsim.bricks.validation.verdict import NAMES, sentence
-    from csstsim.bricks.validation.whole_objects import whole_objects
     from csstsim.catalog.table import ObjectTable
+    from csstsim.measure.bricks.validation.result_file import write_result
+    from csstsim.measure.bricks.validation.validate import MeasuredFrame, validate_brick
+    from csstsim.measure.bricks.validation.verdict import NAMES, sentence
+    from csstsim.measure.bricks.validation.whole_objects import whole_objects
     from csstsim.report.figures import brick_figure
     from csstsim.report.style import band_styles
 

@@ -60,7 +60,7 @@ class _Measured:
 
     def compared(self, other: OpenCampaign) -> tuple[list[dict[str, Any]], dict[str, dict[str, int]]]:
         """Return ([differences of objects and spectra], {"base" or "variant": counts}) of frames that both have."""
-        from csstsim.bricks.validation.twins import differences, spectral_differences
+        from csstsim.measure.bricks.validation.twins import differences, spectral_differences
 
         theirs = {job.key: job for job in other.science_jobs}
         objects: list[dict[str, Any]] = []
@@ -81,8 +81,8 @@ class _Measured:
 
 
 def _seen(run: OpenCampaign, job: Job) -> tuple[dict[int, dict[str, Any]], dict[str, int]]:
-    from csstsim.bricks.validation.twins import seen
-    from csstsim.bricks.validation.validate import MeasuredFrame, judged_truth
+    from csstsim.measure.bricks.validation.twins import seen
+    from csstsim.measure.bricks.validation.validate import MeasuredFrame, judged_truth
 
     truth = truth_of(run, job)
     measured = measured_table(run, job)
@@ -91,8 +91,8 @@ def _seen(run: OpenCampaign, job: Job) -> tuple[dict[int, dict[str, Any]], dict[
 
 
 def _spectra(run: OpenCampaign, job: Job) -> dict[int, dict[tuple[int, int], tuple[float, float]]]:
-    from csstsim.bricks.validation.twins import spectra
     from csstsim.catalog.table import ObjectTable
+    from csstsim.measure.bricks.validation.twins import spectra
 
     path = made(run.paths.spectra(*job.key), f"extract {run.file} {job.options}")
     table = ObjectTable.read(path)

@@ -19,7 +19,7 @@ from csstsim.campaign.pointing_lists.values import Values
 from csstsim.campaign.survey_table import COLUMNS, SURVEY, Row
 from csstsim.catalog.astrometry.ephemeris import observer
 from csstsim.instrument.pointing import mjd_utc
-from csstsim.sky.bodies import exposure_angles
+from csstsim.optics.sky.bodies import exposure_angles
 
 if TYPE_CHECKING:
     from typing import Any

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from csstsim.catalog.profiles.sersic import BULGE, DISK
 from csstsim.catalog.table import GALAXY, ObjectTable
-from csstsim.profiles.sersic import BULGE, DISK
 
 if TYPE_CHECKING:
     from csstsim.base.types import BoolArray, FloatArray, Floats

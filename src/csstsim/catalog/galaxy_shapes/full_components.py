@@ -14,9 +14,9 @@ from pydantic import Field
 from csstsim.base.model import Model, validate
 from csstsim.base.shipped import SHIPPED
 from csstsim.base.types import FloatArray, Floats, PathLike
+from csstsim.catalog.profiles.sersic import INDEX_MAX, INDEX_MIN
 from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.instrument.load import read_data
-from csstsim.profiles.sersic import INDEX_MAX, INDEX_MIN
 
 FILE = SHIPPED / "components.yaml"
 STAR_FORMING = 0  # gal_type

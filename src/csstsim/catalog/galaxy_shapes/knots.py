@@ -15,9 +15,9 @@ import numpy as np
 from csstsim.base.counter import high, object_keys, word
 from csstsim.base.errors import InputError
 from csstsim.catalog.galaxy_shapes.components import KNOTS_WITHIN, has_knots
+from csstsim.catalog.profiles.sersic import DISK
+from csstsim.catalog.profiles.sersic_photons import ring, rings_for
 from csstsim.catalog.table import ObjectTable
-from csstsim.profiles.sersic import DISK
-from csstsim.profiles.sersic_photons import ring, rings_for
 
 if TYPE_CHECKING:
     from astropy.table import Table

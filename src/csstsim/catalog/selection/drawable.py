@@ -9,8 +9,8 @@ import numpy as np
 from csstsim.catalog.changing import columns as changing
 from csstsim.catalog.flags import STRONG_LENSING
 from csstsim.catalog.galaxy_shapes.components import has_image
+from csstsim.catalog.profiles.sersic import INDEX_MAX, INDEX_MIN
 from csstsim.catalog.table import GALAXY, STAR, TYPES, ObjectTable
-from csstsim.profiles.sersic import INDEX_MAX, INDEX_MIN
 from csstsim.universe.lensing.lensing import magnification
 
 if TYPE_CHECKING:

@@ -23,7 +23,7 @@ import numpy as np
 
 from csstsim.base.units import ARCSEC_PER_RAD
 from csstsim.catalog.galaxy_shapes.components import KNOTS_WITHIN, components, has_image, has_knots
-from csstsim.profiles.sersic import BULGE, DISK, light_beyond, radius_of
+from csstsim.catalog.profiles.sersic import BULGE, DISK, light_beyond, radius_of
 from csstsim.universe.lensing.lensing import magnification
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from csstsim.base.arrays.robust_sigma import SIGMA_PER_MAD
-from csstsim.bricks.validation.density import EDGES as DENSITIES
+from csstsim.measure.bricks.validation.density import EDGES as DENSITIES
 
 if TYPE_CHECKING:
     from csstsim.base.types import BoolArray, FloatArray

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from csstsim.bricks.match import one_to_one
-from csstsim.bricks.validation.density import RADIUS
 from csstsim.catalog.table import GALAXY, ObjectTable
+from csstsim.measure.bricks.match import one_to_one
+from csstsim.measure.bricks.validation.density import RADIUS
 from csstsim.measure.catalogue import BAD_PIXELS, SATURATED, TRUNCATED
 
 if TYPE_CHECKING:

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from csstsim.base.types import FloatArray, IntArray
-from csstsim.profiles.sersic import light_beyond
+from csstsim.catalog.profiles.sersic import light_beyond
 
 if TYPE_CHECKING:
     from csstsim.optics.psf.psf_file import PsfSet
@@ -163,8 +163,8 @@ def _psf_transforms(psf: PsfSet, positions: Iterable[tuple[float, float]], k: Fl
 
 def _galaxy_transforms(k: FloatArray) -> FloatArray:
     """Return the transforms (AXIS_RATIOS, SIZES, KINDS, k) of galaxies of light 1, mean over the angle."""
-    from csstsim.profiles.log_table import nodes
-    from csstsim.profiles.sersic import K2_HIGH, K2_LOW, tables
+    from csstsim.catalog.profiles.log_table import nodes
+    from csstsim.catalog.profiles.sersic import K2_HIGH, K2_LOW, tables
 
     # ln (k r_e)^2
     table_at = np.log(nodes(K2_LOW, K2_HIGH))

@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from csstsim.base.types import ComplexArray, FloatArray
+from csstsim.catalog.profiles.sersic import BULGE, DISK, radius_of
 from csstsim.measure.spectra.line_profile import mixed
 from csstsim.optics.psf.psf_file import half_pixels
-from csstsim.profiles.sersic import BULGE, DISK, radius_of
 
 SIDES = 64, 128  # px: of the lattice of small objects, and of those with a radius above LARGE
 LARGE = 8.0  # px, half-light

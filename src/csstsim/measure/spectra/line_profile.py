@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from csstsim.base.types import BoolArray, FloatArray, Floats, IntArray
-from csstsim.profiles.sersic import BULGE, DISK, radius_of
+from csstsim.catalog.profiles.sersic import BULGE, DISK, radius_of
 
 if TYPE_CHECKING:
     from csstsim.optics.scatter.halo import Wing

@@ -21,8 +21,8 @@ import numpy as np
 import scipy.fft
 
 from csstsim.base.types import BoolArray, ComplexArray, FloatArray, IntArray
-from csstsim.profiles.log_table import first_of, nodes, read
-from csstsim.profiles.sersic import CUT_NONE, K2_HIGH, K2_LOW, R2_HIGH, R2_LOW, cut_for, extent, tables
+from csstsim.catalog.profiles.log_table import first_of, nodes, read
+from csstsim.catalog.profiles.sersic import CUT_NONE, K2_HIGH, K2_LOW, R2_HIGH, R2_LOW, cut_for, extent, tables
 from csstsim.render.imaging.thin_galaxy import Across, Components, across, add_band
 from csstsim.render.psf_mixture import BINS, transform
 

@@ -27,9 +27,9 @@ import numpy as np
 from csstsim.base.process.progress import progress
 from csstsim.catalog.flags import FFT_REDUCED, NEGATIVE_CLIPPED, OFF_CHIP, TOO_LARGE, TRUNCATED_STAMP
 from csstsim.catalog.galaxy_shapes.components import components
+from csstsim.catalog.profiles.sersic import BULGE, DISK
 from csstsim.catalog.table import GALAXY
 from csstsim.optics.psf.psf_file import pixel_response
-from csstsim.profiles.sersic import BULGE, DISK
 from csstsim.render.canvas import Canvas, around
 from csstsim.render.drawn_table import DrawnTable
 from csstsim.render.extended import parts_at

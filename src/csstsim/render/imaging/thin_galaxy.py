@@ -15,8 +15,8 @@ from scipy.fft import irfft, next_fast_len, rfft
 from scipy.ndimage import map_coordinates
 
 from csstsim.base.types import ComplexArray, FloatArray
-from csstsim.profiles.log_table import first_of, read
-from csstsim.profiles.sersic import R2_LOW
+from csstsim.catalog.profiles.log_table import first_of, read
+from csstsim.catalog.profiles.sersic import R2_LOW
 
 _THIN = 0.05  # px: a thinner galaxy is rendered with this half-light radius across; the PSF is some twenty times wider
 _FINE = 8  # samples of a component to its half-light radius across

@@ -18,7 +18,7 @@ import numpy as np
 from csstsim.base.arrays.bounds import bounds_of
 from csstsim.base.arrays.polynomial_weights import cubic_weights
 from csstsim.base.types import FloatArray
-from csstsim.profiles.log_table import read
+from csstsim.catalog.profiles.log_table import read
 from csstsim.render.extended import POINT, SHARP_PX, WIDE_PX, beyond_stamp, spread
 from csstsim.render.far_wings import OVER, WHOLE, Side, between
 from csstsim.render.wing_tables import Annulus, annuli

@@ -23,7 +23,7 @@ import numpy as np
 from csstsim.base.arrays.polynomial_weights import cubic_weights
 from csstsim.base.types import FloatArray, IntArray
 from csstsim.catalog.flags import OUTSIDE_PSF_HULL
-from csstsim.profiles.sersic import BULGE, DISK
+from csstsim.catalog.profiles.sersic import BULGE, DISK
 from csstsim.render.canvas import around
 from csstsim.render.imaging.stamper import Stamper
 from csstsim.render.psf_mixture import mixer_of

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from csstsim.base.errors import InputError
-from csstsim.bricks.match import one_to_one
 from csstsim.catalog.table import GALAXY, QUASAR, STAR, ObjectTable
+from csstsim.measure.bricks.match import one_to_one
 
 if TYPE_CHECKING:
     from csstsim.base.types import FloatArray, IntArray

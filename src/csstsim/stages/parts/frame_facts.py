@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from csstsim.bricks.validation.facts import Facts, HeaderWCS
 from csstsim.detector.adc import channel_gains
 from csstsim.io.level0 import read_level0
 from csstsim.io.paths import made
 from csstsim.io.pointing_keywords import Boresight, pointing_off, wcs_off
 from csstsim.layers import sky_background
+from csstsim.measure.bricks.validation.facts import Facts, HeaderWCS
 
 if TYPE_CHECKING:
     from csstsim.campaign.job import Job

@@ -9,8 +9,8 @@ import numpy as np
 from csstsim.base.process.progress import progress
 from csstsim.campaign.sky_ranges import MUCH, much_earthshine, with_the_model
 from csstsim.io.fits import open_fits, read_header
+from csstsim.optics.sky.background import COMPONENTS
 from csstsim.report.parts import Figure, Paragraph, Table
-from csstsim.sky.background import COMPONENTS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -1,0 +1,320 @@
+"""Compare a brick's measurements with its truth: the checks of the paper's section 6, as numbers and gates.
+
+For each exposure (trials): completeness against true S/N and magnitude, flux errors in units of the stated ones
+(pulls), fluxes and positions along the direction of charge transfer. For the merged catalogue (compare):
+magnitudes measured minus true (PSF for stars, total for galaxies), positions, colours, number counts.
+Blended and (nearly) saturated sources are left out; a number from fewer than `FEW` sources is not judged. Gates of
+single exposures are those of exposures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from csstsim.base.healpix import brick_of
+from csstsim.base.sphere import ra_dec, unit_vectors
+from csstsim.base.types import BoolArray, FloatArray, IntArray
+from csstsim.catalog.flags import BAD_VALUE, OFF_CHIP, STRONG_LENSING
+from csstsim.catalog.table import ObjectTable
+from csstsim.measure.bricks.validation import compare
+from csstsim.measure.bricks.validation.brick_gates import band_gates, colour_gate, fraction_at_most, law_gates
+from csstsim.measure.bricks.validation.density import by_density
+from csstsim.measure.bricks.validation.exposures import (
+    SNR_SHARP,
+    bright_points,
+    count_gates,
+    frame_gates,
+    judged_points,
+)
+from csstsim.measure.bricks.validation.gates import at_least, at_most, of_exposures
+from csstsim.measure.bricks.validation.trials import SHAPES, close_pairs, joined, limit, trials
+
+if TYPE_CHECKING:
+    from csstsim.campaign.thresholds import ValidateConfig
+    from csstsim.measure.bricks.validation.facts import Facts
+    from csstsim.measure.bricks.validation.gates import Gate
+
+SNR_EDGES = (1, 2, 3, 4, 5, 6, 7, 8, 10, 15, 20, 50, 100, 500)
+BIAS_EDGES = (5, 10, 20, 50, 100, 200, 500)  # S/N: bins for the effects of charge transfer
+MAG_EDGES = np.arange(16.0, 29.1, 0.5)
+NEAR = 12.0  # px: closer objects are neighbours
+EDGE = 12  # px; sources nearer to the frame's edge are not judged
+# Columns of the true objects of a brick, in addition to their magnitudes
+DISTINCT = ("id", "obj_type", "ra_epoch", "dec_epoch", "blended", "half_light", "half_light_px")
+LOCUS = ("g", "r", "i")  # the public locus of stars is in bands of these names
+VARIES = 0.01  # mag; what varies by more is not judged by a mean magnitude
+IN_FRAME = 0.9  # share of an object's light in the window; objects with less are not judged
+
+
+@dataclass(frozen=True)
+class MeasuredFrame:
+    """One measured Level-0 file: its truth (io.truth.read_truth) and its measured table (measure.catalogue).
+
+    seam: first row of the chip's upper half; pixel: its side [arcsec]; depth: published (low, high) 5-sigma depths [AB
+    mag], or None; facts: facts.Facts, or None: then neither pixels nor header are judged.
+    """
+
+    truth: ObjectTable
+    measured: ObjectTable
+    seam: int
+    pixel: float
+    depth: tuple[float, float] | None = None
+    facts: Facts | None = None
+
+    @property
+    def info(self) -> dict[str, Any]:
+        """The measured table's entries about its frame: {name: value}."""
+        return self.measured.meta
+
+    @property
+    def band(self) -> str:
+        """The band in lower case, as in columns' names."""
+        return self.info["filter"].lower()
+
+
+def validate_brick(
+    pix: int,
+    sources: ObjectTable,
+    frames: Iterable[MeasuredFrame],
+    bands: Collection[str],
+    config: ValidateConfig,
+    laws: Mapping[str, tuple[float, float]] | None = None,
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return (result, arrays) of brick `pix`.
+
+    `sources`: merged ObjectTable (or mapping) of the brick; `frames`: iterable of MeasuredFrame; `bands`: the
+    camera's (Camera.bands); `config`: thresholds.ValidateConfig; `laws`: {kind: (number in the brick's truth, number
+    that the laws of the universe lead one to expect)}, or None. `result` is JSON-like: per band completeness,
+    magnitude residuals (mag), depth; astrometry (mas); gates (gates). `arrays` holds what report.figures draws.
+    """
+    seen_in, truth, held, real = _gathered(pix, sources, frames, bands, config)
+    match = compare.match(truth, sources)
+    numbers_of = {}
+    curves = {}
+    residuals = {}
+    tables = {}
+    gates = []
+    seen = [band for band in bands if seen_in[band].infos]
+    for band in seen:
+        of_band = seen_in[band]
+        table = tables[band] = joined(of_band.trials)
+        residuals[band], numbers = compare.magnitudes(band, truth, sources, match, of_band.infos)
+        numbers_of[band] = numbers | _of_exposures(table, of_band.infos, config)
+        on = np.isin(
+            truth["id"], np.concatenate(of_band.ids or [np.zeros(0, int)])
+        )  # a frame of the band covers part of the brick
+        numbers_of[band]["counts"] = compare.counts(
+            band, truth.take(on), sources, match[on], real, MAG_EDGES, of_band.infos
+        )
+        points = ~table["galaxy"].astype(bool)
+        curves[band] = completeness(table["snr"][points], table["found"][points] > 0, SNR_EDGES)
+        numbers_of[band]["pairs"] = dict(zip(("found", "n"), map(int, of_band.pairs), strict=True))
+        gates += of_exposures(of_band.gates) + band_gates(band, numbers_of[band], config)
+    galaxy_colours = compare.galaxy_colours(truth, sources, match, seen)
+    gates += [colour_gate(part, config.galaxy_colour_max) for part in galaxy_colours]
+    gates += law_gates(laws or {}, config)
+    east, north = compare.astrometry(truth, sources, match, seen)
+    bright = compare.spread(np.hypot(*compare.astrometry(truth, sources, match, seen, SNR_SHARP)))
+    pure = float(real.mean()) if len(real) else None
+    double, n = compare.twice(truth, sources, match)
+    gates += [
+        at_most("position residual at S/N > 50 [mas]", "all", bright["median"], config.astrometry_max, bright["n"]),
+        at_least("purity", "all", pure, config.purity_min, len(sources)),
+        *(
+            fraction_at_most(f"{kind} found in an exposure, lost in the merge", *share, config.lost_max)
+            for kind, share in compare.lost(truth, match, held).items()
+        ),
+        fraction_at_most("sources counted twice", double, n, config.twice_max),
+    ]
+    locus = LOCUS if set(LOCUS) <= set(bands) else ()
+    result = {
+        "brick": int(pix),
+        "sources": len(sources),
+        "purity": pure,
+        "left_out": getattr(sources, "meta", {}).get("left_out"),
+        "truth": len(truth),
+        "frames": sum(len(of_band.infos) for of_band in seen_in.values()),
+        "bands": numbers_of,
+        "astrometry_mas": {"east": compare.spread(east), "north": compare.spread(north)},
+        "radial_mas": bright,
+        "galaxy_colours": galaxy_colours,
+        "laws": laws,
+        "density": by_density(truth, sources, match, real, {band: seen_in[band].infos for band in seen}),
+        "gates": gates,
+    }
+    return result, {
+        "completeness": curves,
+        "residual": residuals,
+        "trials": tables,
+        "colour": compare.colours(truth, sources, match, compare.three(bands)),
+        "locus": compare.colours(truth, sources, match, locus, compare.SNR_BRIGHT, "star"),
+    }
+
+
+@dataclass
+class _Band:
+    """What the frames of a band give for a brick, one entry a frame; frames off the brick have no trials and ids."""
+
+    trials: list[ObjectTable] = field(default_factory=list)
+    infos: list[dict[str, Any]] = field(default_factory=list)
+    gates: list[Gate] = field(default_factory=list)
+    ids: list[IntArray] = field(default_factory=list)
+    pairs: IntArray = field(default_factory=lambda: np.zeros(2, int))  # close ones: fainter objects found, all
+
+
+def _gathered(
+    pix: int, sources: ObjectTable, frames: Iterable[MeasuredFrame], bands: Collection[str], config: ValidateConfig
+) -> tuple[dict[str, _Band], ObjectTable, list[IntArray], BoolArray]:
+    """Return ({band: _Band}, the brick's true objects, ids by frame that must be merged, which sources are real)."""
+    seen_in = {band: _Band() for band in bands}
+    magnitudes = [f"mag_{band}" for band in bands]
+    kept = []
+    held = []
+    real = np.zeros(len(sources), bool)
+    for frame in frames:  # one at a time is in memory; only what lies on the brick is kept
+        of_band = seen_in[frame.band]
+        real[compare.real(frame.truth, sources)] = True
+        of_band.infos.append(frame.info)
+        truth = judged_truth(frame)
+        of_band.gates += count_gates(frame, pix, config)
+        truth = truth.take(brick_of(truth["ra_epoch"], truth["dec_epoch"]) == pix) if len(truth) else truth
+        of_band.pairs += close_pairs(truth, frame)
+        table = trials(truth, frame) if len(truth) else joined([])
+        of_band.gates += frame_gates(table, frame, config)
+        if len(truth):
+            of_band.trials.append(table)
+            good = (table["clean"] > 0) & (table["snr"] > compare.SNR_COUNT) & (table["snr"] < compare.SNR_MAX)
+            held.append(truth["id"][~truth["blended"]][good])
+            of_band.ids.append(truth["id"])
+            kept.append(ObjectTable({name: truth[name] for name in (*DISTINCT, *magnitudes)}))
+    return seen_in, distinct(kept, magnitudes), held, real
+
+
+def _of_exposures(table: ObjectTable, infos: Sequence[Mapping[str, Any]], config: ValidateConfig) -> dict[str, Any]:
+    """Return the numbers of a band's single exposures; table: trials of all of them."""
+    galaxy = table["galaxy"].astype(bool)
+    found = table["found"] > 0
+    points = ~galaxy
+    judged = judged_points(table, config)
+    bright = bright_points(table)
+    n, seen = completeness(table["snr"][points], found[points], SNR_EDGES)
+    zeropoint = [info["zeropoint"] - 2.5 * np.log10(info["exptime"]) for info in infos]
+    return {
+        "frames": len(infos),
+        "depth_5sigma": float(np.median([info["depth_5sigma"] for info in infos])),
+        "completeness": float(found[judged].mean()) if judged.any() else None,
+        "zeropoint": float(np.median(zeropoint)),
+        "point_sources": int(judged.sum()),
+        "completeness_curve": {"snr": list(SNR_EDGES), "n": n.tolist(), "found": seen.tolist()},
+        "half_found": {
+            "star": limit(table["mag"][points], found[points]),
+            "galaxy": limit(table["mag"][galaxy], found[galaxy]),
+        },
+        "pull": compare.spread(table["pull"][bright]),
+        "psf": _shapes(table, bright),
+        "transfer": [_transfer(table, *bin) for bin in pairwise(BIAS_EDGES)],
+    }
+
+
+def _shapes(table: ObjectTable, stars: BoolArray) -> dict[str, dict[str, Any]]:
+    """Return {name: spread} of stars' sizes and distortions against the PSF model's, above SNR_SHARP."""
+    some = stars & (table["snr"] > SNR_SHARP)
+    return {name: compare.spread(table[name][some & np.isfinite(table[name])]) for name in SHAPES}
+
+
+def _transfer(table: ObjectTable, low: float, high: float) -> dict[str, Any]:
+    """Return the biases of point sources in a bin of true S/N: position along the columns, and across them; flux."""
+    some = (table["snr"] >= low) & (table["snr"] < high) & (table["sound"] > 0) & ~table["galaxy"].astype(bool)
+    named = {"deferred_mas": table["deferred_mas"], "across_mas": table["across_mas"], "light": table["light"] - 1}
+    return {"snr": [low, high]} | {name: compare.spread(values[some]) for name, values in named.items()}
+
+
+def completeness(snr: FloatArray, found: BoolArray, edges: Sequence[float]) -> tuple[IntArray, IntArray]:
+    """Return (n, found) per bin of true S/N; `found` is a bool array."""
+    return np.histogram(snr, edges)[0], np.histogram(snr[found], edges)[0]
+
+
+def judged_truth(frame: MeasuredFrame) -> ObjectTable:
+    """Return the true objects well inside a frame, with columns blended, half_light, half_light_px and crowd.
+
+    If the catalogue lacks the magnitude in the frame's band, it is computed from the electrons. Objects that move
+    during the exposure are left out; those that vary have the magnitude of the exposure, and count as blended: a merged
+    magnitude is a mean over exposures.
+    """
+    truth, (x0, x1, y0, y1) = frame.truth, frame.info["window"]
+    truth = truth.take((truth["flags"] & (OFF_CHIP | STRONG_LENSING | BAD_VALUE)) == 0)
+    if len(truth) == 0:
+        return truth
+    near = blended(truth["x"], truth["y"], truth["electrons"])
+    size = compare.half_light(truth)
+    truth = truth.with_columns(
+        blended=near,
+        half_light=size,
+        half_light_px=size / frame.pixel,
+        crowd=crowd(truth["x"], truth["y"], truth["electrons"]),
+    )
+    name = f"mag_{frame.band}"
+    with np.errstate(divide="ignore"):
+        magnitude = frame.info["zeropoint"] - 2.5 * np.log10(truth["electrons"])
+    dmag = truth.get("dmag", np.zeros(len(truth)))
+    truth = truth.with_columns(**{name: np.where(np.isnan(truth[name]), magnitude, truth[name] + dmag)})
+    truth = truth.with_columns(blended=truth["blended"] | (np.abs(dmag) > VARIES))
+    inside = (truth["x"] > x0 + EDGE) & (truth["x"] < x1 - EDGE) & (truth["y"] > y0 + EDGE) & (truth["y"] < y1 - EDGE)
+    inside = inside & (truth["electrons"] > 0) & (truth.get("trail_length", np.zeros(len(truth))) == 0)
+    if "fraction" in truth:  # for photons it is the share that arrived, not the expected one
+        inside = inside & ((truth["fraction"] > IN_FRAME) | (truth["method"] == "photons"))
+    return truth.take(inside)
+
+
+def blended(x: FloatArray, y: FloatArray, electrons: FloatArray) -> BoolArray:
+    """Return a mask of the blended objects.
+
+    They have a neighbour with more than 10 % of their flux within NEAR, or with more than 100 times their flux within
+    40 px (wings).
+    """
+    from scipy.spatial import cKDTree
+
+    mask = np.zeros(len(x), bool)
+    tree = cKDTree(np.column_stack([x, y]))
+    pairs = tree.query_pairs(40.0, output_type="ndarray")
+    near = np.hypot(*(v[pairs[:, 0]] - v[pairs[:, 1]] for v in (x, y))) < NEAR
+    for one, other in ((0, 1), (1, 0)):
+        a = pairs[:, one]
+        b = pairs[:, other]
+        mask[a[electrons[b] > np.where(near, 0.1, 100.0) * electrons[a]]] = True
+    return mask
+
+
+def crowd(x: FloatArray, y: FloatArray, electrons: FloatArray) -> FloatArray:
+    """Return the electrons of all other objects within NEAR of each object."""
+    from scipy.spatial import cKDTree
+
+    out = np.zeros(len(x))
+    pairs = cKDTree(np.column_stack([x, y])).query_pairs(NEAR, output_type="ndarray")
+    for one, other in ((0, 1), (1, 0)):
+        np.add.at(out, pairs[:, one], electrons[pairs[:, other]])
+    return out
+
+
+def distinct(tables: Sequence[ObjectTable], magnitudes: Iterable[str]) -> ObjectTable:
+    """Return the truth of several frames with one row per object id. `ra_epoch` and `dec_epoch` are means.
+
+    An object is blended if it is blended in any frame. A magnitude (of the columns `magnitudes`) that is missing in one
+    frame's table comes from another's.
+    """
+    if not tables:
+        return ObjectTable({n: np.zeros(0, bool if n == "blended" else float) for n in (*DISTINCT, *magnitudes)})
+    columns = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
+    _, first, which = np.unique(columns["id"], return_index=True, return_inverse=True)
+    anywhere = np.bincount(which, columns["blended"]) > 0
+    vectors = unit_vectors(columns["ra_epoch"], columns["dec_epoch"])
+    ra, dec = ra_dec(np.stack([np.bincount(which, v) for v in vectors.T], axis=1))
+    table = ObjectTable({name: values[first] for name, values in columns.items()})
+    for name in magnitudes:
+        np.fmax.at(table[name], which, columns[name])
+    return table.with_columns(blended=anywhere, ra_epoch=ra, dec_epoch=dec)

@@ -1,0 +1,128 @@
+"""The verdict on a campaign: the gates of all its bricks, failing ones first, and how many pass."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from csstsim.base.files.atomic import atomic_path
+from csstsim.measure.bricks.validation.gates import FEW
+
+if TYPE_CHECKING:
+    from csstsim.base.types import PathLike
+    from csstsim.measure.bricks.validation.gates import Gate
+
+ORDER = (False, None, True)  # failing gates first
+NAMES = {True: "pass", False: "fail", None: "not judged"}
+# Why a gate does not apply to a campaign: there is no other reason
+NO_THRESHOLD = "no threshold is given"
+TOO_FEW = f"fewer than {FEW} such objects in the field"
+NO_BIN = f"no bin of these objects has {FEW}"
+
+
+def judge(results: Iterable[Mapping[str, Any]], others: Iterable[Gate] = ()) -> dict[str, Any]:
+    """Return {passed, counts, gates} of validate_brick results and of gates of no brick, `others`.
+
+    `gates`: each gate as in the result, with its brick (None: of no brick), failing ones first, then those not judged;
+    `counts` {"pass": n, "fail": n, "not judged": n}; `passed`: False if a gate fails, None if none was judged.
+    """
+    gates = [{"brick": result["brick"], **gate} for result in results for gate in result["gates"]]
+    gates += [{"brick": None, **gate} for gate in others]
+    return verdict_on(gates)
+
+
+def verdict_on(gates: Iterable[Gate]) -> dict[str, Any]:
+    """Return {passed, counts, gates} of gates with their bricks; they are sorted, failing ones first."""
+    gates = sorted(gates, key=lambda gate: ORDER.index(gate["passed"]))  # stable: bricks and gates keep their order
+    counts = count(gates)
+    passed = False if counts["fail"] else True if counts["pass"] else None
+    return {"passed": passed, "counts": counts, "gates": gates}
+
+
+def count(gates: Iterable[Gate]) -> dict[str, int]:
+    """Return {"pass": n, "fail": n, "not judged": n}."""
+    return {name: sum(gate["passed"] is passed for gate in gates) for passed, name in NAMES.items()}
+
+
+def by_name(gates: Sequence[Gate]) -> dict[str, dict[str, int]]:
+    """Return {gate's name: counts}, those with the most failures first."""
+    names = dict.fromkeys(gate["name"] for gate in gates)
+    counts = {name: count([gate for gate in gates if gate["name"] == name]) for name in names}
+    return dict(sorted(counts.items(), key=lambda item: -item[1]["fail"]))
+
+
+def write_verdict(path: PathLike, verdict: dict[str, Any], **about: Any) -> None:
+    """Write the verdict as JSON, `about` (campaign's name, version) first; numbers that are not finite become null."""
+    gates = [{key: _finite(value) for key, value in gate.items()} for gate in verdict["gates"]]
+    with atomic_path(path) as temporary:
+        temporary.write_text(json.dumps(about | verdict | {"gates": gates}, indent=1, allow_nan=False) + "\n")
+
+
+def _finite(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def lines(verdict: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the lines to print: each failing gate in full, the counts by gate, the gates not judged, the verdict."""
+    for gate in verdict["gates"]:
+        if gate["passed"] is False:
+            yield f"FAIL {sentence(gate)}"
+    names = by_name(verdict["gates"])
+    judged = {name: counts for name, counts in names.items() if counts["pass"] or counts["fail"]}
+    for name, counts in judged.items():
+        yield f"{'FAIL' if counts['fail'] else 'pass'} {name}: {tally(counts)}"
+    if len(judged) < len(names):
+        yield f"not judged: {', '.join(name for name in names if name not in judged)}"
+    yield headline(verdict)
+
+
+def headline(verdict: Mapping[str, Any]) -> str:
+    """Return the verdict in a sentence."""
+    counts = verdict["counts"]
+    if verdict["passed"] is None:
+        return "No gate could be judged: too few sources, or no thresholds."
+    judged = counts["pass"] + counts["fail"]
+    word = "PASS" if verdict["passed"] else "FAIL"
+    reasons = dict.fromkeys(why_not(gate) for gate in verdict["gates"] if gate["passed"] is None)
+    others = f"; {counts['not judged']} could not be judged ({'; '.join(reasons)})" if reasons else ""
+    return f"{word}: {counts['pass']} of {judged} judged gates pass{others}."
+
+
+def sentence(gate: Mapping[str, Any]) -> str:
+    """Return a sentence with a gate's brick, exposure, chip and readout channel, its value and its threshold."""
+    where = [f"{name} {gate[name]}" for name in ("brick", "exposure", "chip", "channel") if gate.get(name) is not None]
+    band = f" in {gate['band']}" if gate.get("band") else ""
+    value = _figure(gate.get("value"))
+    threshold = _figure(gate.get("threshold"))
+    return f"{', '.join(where)}: {gate['name']}{band} is {value} against {threshold}"
+
+
+def why_not(gate: Mapping[str, Any]) -> str:
+    """Return why a gate that was not judged does not apply: NO_THRESHOLD, TOO_FEW or NO_BIN."""
+    n = gate.get("n")
+    if gate.get("threshold") is None:
+        return NO_THRESHOLD
+    return TOO_FEW if n is not None and n < FEW else NO_BIN
+
+
+def without_judgement(gates: Sequence[Gate]) -> dict[tuple[str, str], dict[str, int]]:
+    """Return {(gate's name, why_not): {band: most objects that one of the gates had}} of those judged nowhere."""
+    judged = {(gate["name"], gate.get("band")) for gate in gates if gate["passed"] is not None}
+    found: dict[tuple[str, str], dict[str, int]] = {}
+    for gate in gates:
+        if (gate["name"], gate.get("band")) not in judged:
+            bands = found.setdefault((gate["name"], why_not(gate)), {})
+            band = str(gate.get("band"))
+            bands[band] = max(bands.get(band, 0), gate.get("n") or 0)
+    return found
+
+
+def tally(counts: Mapping[str, int]) -> str:
+    """Return counts as text."""
+    return ", ".join(f"{n} {name}" for name, n in counts.items())
+
+
+def _figure(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

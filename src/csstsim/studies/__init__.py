@@ -1,0 +1,1 @@
+"""Studies with whole campaigns, for the command line: benchmark, budgets, comparison, recreation, releases."""

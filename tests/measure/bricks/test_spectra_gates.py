@@ -1,0 +1,37 @@
+"""Gates of a spectroscopic frame, each number worked out by hand."""
+
+import pytest
+
+from csstsim.campaign.thresholds import ValidateConfig
+from csstsim.measure.bricks.validation.spectra_gates import spectra_gates
+
+LIMITS = ValidateConfig(spectra_flux_max=0.02, spectra_sky_max=0.04, pointing_max=0.5)
+CHECKS = {
+    "flux": {"off": -0.05, "n": 120, "error": 0.005}, "sky": {"off": 0.05, "n": 60, "error": 1.0},
+    "pointing": {"RA_OBJ": 0.1, "DEC_OBJ": 0.25, "CRVAL1": 0.2},
+}  # fmt: skip
+
+
+def test_flux_sky_and_pointing_are_judged_by_their_own_thresholds():
+    """Flux: 0.05 against 0.02 and four errors of 0.005; sky: no tolerance; pointing: the keyword furthest off."""
+    where = {"band": "gi", "exposure": "42", "chip": 10}
+    assert spectra_gates(CHECKS, LIMITS, **where) == [
+        where | {
+            "name": "flux of spectra over true, less 1", "value": -0.05, "threshold": 0.02, "n": 120,
+            "error": pytest.approx(0.005), "margin": pytest.approx(1.25), "passed": False,
+        },
+        where | {
+            "name": "sky beside spectra over the campaign's, less 1", "value": 0.05, "threshold": 0.04, "n": 60,
+            "error": None, "margin": pytest.approx(1.25), "passed": False,
+        },
+        where | {
+            "name": "header: pointing less the campaign's [arcsec]", "value": 0.25, "threshold": 0.5, "n": None,
+            "error": None, "margin": pytest.approx(0.5), "passed": True,
+        },
+    ]  # fmt: skip
+
+
+def test_what_is_not_there_is_not_judged():
+    none = {"off": None, "n": 0, "error": 0.0}
+    gates = spectra_gates({"flux": none, "sky": none, "pointing": {}}, LIMITS, band="gi")
+    assert [gate["passed"] for gate in gates] == [None] * 3 and [gate["value"] for gate in gates] == [None] * 3

@@ -1,0 +1,112 @@
+"""`csstsim bench --readout`: every layer of the shipped exposure is timed, and each peer does a layer's work."""
+
+import numpy as np
+import pytest
+
+from csstsim.base.shipped import SHIPPED
+from csstsim.instrument.camera import load_camera
+from csstsim.simulation.sim_steps import SimSteps
+from csstsim.studies.bench.readout import cti
+from csstsim.studies.bench.readout import layers as readout
+
+SHAPE = 64, 128  # of a peers' frame: enough to see that they run
+
+
+def test_every_layer_is_timed_and_the_file_is_gone(tmp_path):
+    camera = load_camera(SHIPPED / "instrument")
+    took = readout._seconds(readout._state(camera, 4.0, readout._WARM), readout._steps(), camera, tmp_path)
+    layers = [step.name for step in SimSteps(SHIPPED / "observations" / "science.yaml", "SCIE")]
+    assert [*took] == [*layers[1:], readout.WRITE]
+    assert took["cte_effect"] > 0
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_change_of_a_spot_is_without_that_of_the_sky():
+    """A method that loses a tenth of all charge and puts a fifth of it behind by five pixels."""
+
+    def method(column, row):
+        behind = np.concatenate([np.zeros(5), column[:-5]])
+        return 0.9 * column + 0.02 * behind
+
+    spot = cti.spot_change(method, 1040.0, 300)
+    assert np.allclose(spot, [-0.1 * 3 * (1040 - cti.SKY), 0.02 * 3 * (1040 - cti.SKY), 0, 0], atol=0.01)
+
+
+def test_traps_are_the_papers():
+    [cte] = [step.param for step in readout._steps().steps if step.name == "cte_effect"]
+    assert cte.density_scale == 1.0
+
+
+def test_peers_work_and_stand_beside_a_layer_of_ours(monkeypatch):
+    monkeypatch.setattr(readout, "_CHANNEL", SHAPE)
+    monkeypatch.setattr(readout, "_SENSOR", 8)
+    others = readout._others(40.0, load_camera(SHIPPED / "instrument"))
+    assert others.keys() <= {step.name for step in readout._steps().steps} | {readout.WRITE}
+    assert all(np.isfinite([*peers.values()]).all() for peers in others.values())
+
+
+def test_the_spot_of_a_column_stands_on_the_sky():
+    column = cti.spot_column(500, 147)
+    assert column.shape == (147 + 3 + 198,) and column.dtype == np.float32
+    assert np.flatnonzero(column != 40).tolist() == [147, 148, 149] and set(column[147:150]) == {500.0}
+
+
+def test_a_linear_model_moves_what_it_traps():
+    """A spot loses LOSS a transfer and electron; all of it is released behind, exponentially by species."""
+    image = np.zeros((4000, 2), np.float32)
+    image[1000, 0], image[500, 1] = 1e6, 2e6
+    cti.linear(image)
+    assert 1e6 - image[1000, 0] == pytest.approx(1.2e-5 * 1001 * 1e6, rel=1e-3)
+    assert 2e6 - image[500, 1] == pytest.approx(1.2e-5 * 501 * 2e6, rel=1e-3)
+    tail = image[1001:, 0]
+    share = cti.DENSITY / cti.DENSITY.sum()
+    for after in (1, 5, 30):
+        wanted = (share * (1 - np.exp(-1 / cti.TAU)) * np.exp(-(after - 1) / cti.TAU)).sum() * 1.2e-5 * 1001 * 1e6
+        assert tail[after - 1] == pytest.approx(wanted, rel=2e-3)
+    assert np.array_equal(cti.linear_column(np.array([0, 5, 0], np.float32), 9), _linear_of([0, 5, 0]))
+
+
+def _linear_of(values):
+    image = np.array(values, np.float32)[:, None]
+    cti.linear(image)
+    return image[:, 0]
+
+
+def test_errors_of_charge_transfer_are_against_the_first_method():
+    """One that moves a tenth more than the first; costs are of a chip's half-columns."""
+    said = []
+
+    def moved(gain):
+        """A spot gains so many electrons a row, and the rows behind it one each."""
+
+        def method(column, row):
+            rows = np.arange(len(column))
+            return column + gain * (rows * (column > 40) + (rows > row) * (column == 40) * (column.max() > 40))
+
+        return method
+
+    found = cti.accuracy(
+        {"one": cti.TimedMethod(2e-3, moved(1.0)), "two": cti.TimedMethod(1e-3, moved(1.1))}, said.append
+    )
+    assert found["one"].error == 0 and found["two"].error == pytest.approx(0.1)
+    assert (found["one"].cpu, found["two"].cpu) == pytest.approx((2e-3 * 18432, 1e-3 * 18432))
+    assert found["one"].parts.shape == (6, 4) and found["one"].parts[0].tolist() == [3 * 148, 8, 40, 150]
+    assert [part[0] for part in found["one"].parts] == [3 * 148] * 3 + [3 * 4001] * 3
+    assert any("two: 18.4 CPU s per chip; error against the first: rms 10.00%, largest 10.0%" in line for line in said)
+    assert ["500", "e-", "at", "147:", "444.00", "|", "8.00", "40.00", "150.00"] in [line.split() for line in said]
+
+
+def test_the_least_of_three_times_is_the_cost(monkeypatch):
+    times = iter([0.0, 5.0, 10.0, 12.0, 20.0, 29.0])
+    monkeypatch.setattr(cti.time, "process_time", lambda: next(times))
+    image = np.zeros(3)
+    assert cti.cpu(lambda part: part.__setitem__(0, 1.0), image) == 2.0 and not image.any()
+
+
+def test_the_scene_of_charge_transfer_has_a_chips_density():
+    """The sky to five sigma, whole electrons, an end at 90000 e-; other columns with another seed."""
+    image = cti.scene(np.random.default_rng(3), 24, 40)
+    assert image.shape == (4616, 24) and image.dtype == np.float32 and image.max() <= 90000
+    assert np.median(image) == pytest.approx(40, abs=1) and (image == np.rint(image)).all()
+    expected = (76638 + 5801) / (9216 * 9232) * image.size
+    assert 0.5 * expected < np.count_nonzero(image > 40 + 8 * np.sqrt(40)) < 100 * expected
