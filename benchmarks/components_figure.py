@@ -55,7 +55,7 @@ def panel(setting, columns):
     row = row.with_columns(reach=np.array([120], np.int32))
     window = Window(round(x) - HALF, round(x) + HALF + 1, round(y) - HALF, round(y) + HALF + 1)
     canvas = Canvas(np.zeros(window.shape), window)
-    draw.draw_objects(canvas, row, drawing_of(setting, SimpleNamespace(row=row), "noise_free"))
+    draw.draw_objects(canvas, row, drawing_of(setting, SimpleNamespace(id=3), "noise_free"))
     return canvas.expected
 
 
