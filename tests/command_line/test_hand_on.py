@@ -49,10 +49,16 @@ def handed(monkeypatch):
 def idle(monkeypatch):
     """Let no command do its work: only its options can be refused."""
     for name in (
-        "inject.inject.inject", "inject.place.place", "budget.shear.command.budget", "budget.shear.blind.blind",
-        "budget.shear.blind.reveal", "release.score.score.score", "campaign.starter.init", "compare.compare.compare",
-        "recreate.side_by_side.side_by_side",
-    ):  # fmt: skip
+        "inject.inject.inject",
+        "inject.place.place",
+        "studies.budget.shear.command.budget",
+        "studies.budget.shear.blind.blind",
+        "studies.budget.shear.blind.reveal",
+        "studies.release.score.score.score",
+        "campaign.starter.init",
+        "studies.compare.compare.compare",
+        "studies.recreate.side_by_side.side_by_side",
+    ):
         module, function = name.rsplit(".", 1)
         monkeypatch.setattr(importlib.import_module(f"csstsim.{module}"), function, lambda *given, **named: 0)
 
@@ -122,7 +128,7 @@ def test_recover(handed):
 
 
 def test_budget_of_shear(handed):
-    run = "budget.shear.command:budget"
+    run = "studies.budget.shear.command:budget"
     signature = list(handed(run, "budget", "shear").values())
     assert signature[:2] == [None, "results/budget_shear"]
     wanted = {"only_plan": False, "fields": None, "samples": None, "effects": None, "estimators": None}
@@ -139,13 +145,15 @@ def test_budget_of_shear(handed):
 
 def test_blind_and_reveal(handed):
     found = handed(
-        "budget.shear.blind:blind", "budget", "shear", "p.yaml", "--blind", "k.json", "--fields", 3, "--whole"
+        "studies.budget.shear.blind:blind", "budget", "shear", "p.yaml", "--blind", "k.json", "--fields", 3, "--whole"
     )
     assert [*found.values()][:3] == ["p.yaml", "k.json", "results/budget_shear"]
     assert (found["count"], found["whole"]) == (3, True)
-    found = handed("budget.shear.blind:blind", "budget", "shear", "--blind", "k.json", "--output", "o")
+    found = handed("studies.budget.shear.blind:blind", "budget", "shear", "--blind", "k.json", "--output", "o")
     assert [*found.values()][:3] == [None, "k.json", "o"] and (found["count"], found["whole"]) == (None, False)
-    found = handed("budget.shear.blind:reveal", "budget", "shear", "--reveal", "k.json", "a.csv", "--output", "o")
+    found = handed(
+        "studies.budget.shear.blind:reveal", "budget", "shear", "--reveal", "k.json", "a.csv", "--output", "o"
+    )
     assert [value for value in found.values() if isinstance(value, str)] == ["k.json", "a.csv", "o"]
 
 
@@ -173,23 +181,23 @@ def test_budget_of_redshift(campaign, tmp_path, monkeypatch):
 
 
 def test_release(handed, campaign):
-    found = list(handed("release.campaign_crate:campaign_crate", "release", "crate", campaign).values())
+    found = list(handed("studies.release.campaign_crate:campaign_crate", "release", "crate", campaign).values())
     assert isinstance(found[0], OpenCampaign) and found[1:] == [click.echo, (), "CC-BY-4.0"]
     words = "--author", "A. N. Other", "--author", "B", "--licence", "CC0-1.0"
-    found = list(handed("release.campaign_crate:campaign_crate", "release", "crate", campaign, *words).values())
+    found = list(handed("studies.release.campaign_crate:campaign_crate", "release", "crate", campaign, *words).values())
     assert found[2:] == [("A. N. Other", "B"), "CC0-1.0"]
-    found = list(handed("release.pack:pack", "release", "pack", campaign, "--output", "o", *words).values())
+    found = list(handed("studies.release.pack:pack", "release", "pack", campaign, "--output", "o", *words).values())
     assert found[0].file == campaign and found[1:] == ["o", click.echo, ("A. N. Other", "B"), "CC0-1.0"]
-    found = list(handed("release.pack:pack", "release", "pack", campaign, "--output", "o").values())
+    found = list(handed("studies.release.pack:pack", "release", "pack", campaign, "--output", "o").values())
     assert found[3:] == [(), "CC-BY-4.0"]
 
 
 def test_score(handed):
     line = "release", "score", "c.cat", "--truth", "t", "--output", "o"
-    found = list(handed("release.score.score:score", *line).values())
+    found = list(handed("studies.release.score.score:score", *line).values())
     assert found == ["c.cat", "t", "o", click.echo, (), None, 0.3]
     more = "--map", "ra=A", "--map", "dec=B", "--band", "r", "--radius", 0.01
-    found = list(handed("release.score.score:score", *line, *more).values())
+    found = list(handed("studies.release.score.score:score", *line, *more).values())
     assert found[4:] == [("ra=A", "dec=B"), "r", 0.01]
 
 
@@ -240,22 +248,22 @@ def test_import_pointings(handed):
 
 
 def test_bench(handed):
-    least = list(handed("bench.command:bench", "bench").values())
+    least = list(handed("studies.bench.command:bench", "bench").values())
     assert least[:6] == ["results/bench", "r", None, False, None, 1] and least[6:] == [print, False]
     words = "--output", "o", "--quick", "--filter", "GV", "--methods", "a,b", "--objects", 2, "--seed", 0, "--shapes"
-    most = list(handed("bench.command:bench", "bench", *words).values())
+    most = list(handed("studies.bench.command:bench", "bench", *words).values())
     assert most[:6] == ["o", "GV", "a,b", True, 2, 0] and most[7] is True
-    found = list(handed("bench.command:chart", "bench", "--chart", "a.csv", "--chart", "b.csv").values())
+    found = list(handed("studies.bench.command:chart", "bench", "--chart", "a.csv", "--chart", "b.csv").values())
     assert found[:2] == ["results/bench", ("a.csv", "b.csv")]
-    found = handed("bench.readout.layers:readout", "bench", "--readout", "--mcti", "M")
+    found = handed("studies.bench.readout.layers:readout", "bench", "--readout", "--mcti", "M")
     assert next(iter(found.values())) == Path("results/bench") and found["mcti"] == "M"
 
 
 def test_show(handed):
-    found = handed("quicklook.show:show", "show", "f.fits", result="f.png")
+    found = handed("report.quicklook.show:show", "show", "f.fits", result="f.png")
     assert list(found.values()) == ["f.fits", None, ShowOptions()]
     found = handed(
-        "quicklook.show:show", "show", "f.fits", "--output", "o.png", "--stretch", "log", "--limits", -1, 2.5,
+        "report.quicklook.show:show", "show", "f.fits", "--output", "o.png", "--stretch", "log", "--limits", -1, 2.5,
         "--region", 1, 2, 3, 4, "--inset", 5, 6, 7, "--truth", "--truth-table", "t", "--limit", 3, "--size", 300,
         "--subtract-overscan", result="o.png",
     )  # fmt: skip
@@ -267,15 +275,15 @@ def test_show(handed):
 
 
 def test_recreate_and_compare(handed):
-    recreate = "recreate.recreate:recreate"
+    recreate = "studies.recreate.recreate:recreate"
     found = list(handed(recreate, "recreate", "f.fits", "t.cat", "--output", "o").values())
     assert found == ["f.fits", "t.cat", "o", click.echo, None, None]
     more = "--instrument", "cam", "--seed", 0
     assert list(handed(recreate, "recreate", "f.fits", "t.cat", "--output", "o", *more).values())[4:] == ["cam", 0]
-    assert list(handed("compare.compare:compare", "compare", "a", "b").values()) == ["a", "b", print, False]
-    found = handed("compare.compare:compare", "compare", "a", "b", "--provenance")
+    assert list(handed("studies.compare.compare:compare", "compare", "a", "b").values()) == ["a", "b", print, False]
+    found = handed("studies.compare.compare:compare", "compare", "a", "b", "--provenance")
     assert list(found.values()) == ["a", "b", print, True]
-    beside = "recreate.side_by_side:side_by_side"
+    beside = "studies.recreate.side_by_side:side_by_side"
     found = handed(beside, "compare", "a", "b", "--truth", "t", "--instrument", "cam", result=0)
     assert list(found.values()) == ["a", "b", "t", print, "cam"]
 
