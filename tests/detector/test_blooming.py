@@ -193,3 +193,18 @@ def test_an_image_is_scanned_to_its_last_pixel():
         image[place] = FULL_WELL + 2.0
         after, number, lost = spilled(image)
         assert (number, lost) == (1, 1.0) and after.sum() == FULL_WELL + 1.0
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("saturated", [False, True])
+@pytest.mark.parametrize("place", [(0, 0), (4, 2), (6, 8)])
+def test_impossible_charge_is_refused_wherever_it_is(bad, saturated, place):
+    """In an image without saturated pixels, too, and in another row than theirs."""
+    image = np.full((7, 9), 40.0, np.float32)
+    if saturated:
+        image[3] = 2 * FULL_WELL
+    image[place] = bad
+    before = image.copy()
+    with pytest.raises(ValueError, match=r"of 1 pixel\(s\) is not finite"):
+        bloom(image, FULL_WELL)
+    assert np.array_equal(image, before, equal_nan=True)
