@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from csstsim.base.rng import stream
-from csstsim.measure.detection.tracks import tracks
+from csstsim.measure.detection.tracks import _strips, tracks
 
 NOISE, HALF, PSF = 7.5, 20, 0.9  # electron; px, half a stamp; px, sigma
 
@@ -78,3 +78,25 @@ def test_corners():
     x, y = np.array([-3.0, 0.0, 8.0, 20.0]), np.array([4.0, 0.0, 8.0, 4.0])
     assert not tracks(image, rms, x, y, np.full(4, 5.0)).any()
     assert not tracks(image * np.nan, rms, x, y, np.full(4, 5.0)).any()
+
+
+def test_strips_are_straight_along_their_direction_and_as_long_and_wide_as_said():
+    """24 directions over half a turn, each with five shifts of a quarter of a pixel to its left; 10 px long.
+
+    Whole pixels are cut at the ends, one of 10 along and one of 6 across, where the wide Gaussian has 5% of its width.
+    """
+    offsets, narrow, wide = _strips()
+    assert len(offsets) == len(narrow) == len(wide) == 24 * 5
+    for k in range(len(offsets)):
+        angle, shift = math.pi * (k // 5) / 24, 0.25 * (k % 5 - 2)
+        v, u = offsets[k].T
+        along, across = math.cos(angle) * u + math.sin(angle) * v, math.cos(angle) * v - math.sin(angle) * u
+        for weights, sigma in ((narrow[k], 0.5), (wide[k], 1.2)):
+            total = weights.sum()
+            assert (weights * across).sum() / total == pytest.approx(shift, abs=0.07)
+            width = math.sqrt((weights * (across - shift) ** 2).sum() / total)
+            assert width == pytest.approx(sigma, rel=0.12)
+            assert (weights * along).sum() / total == pytest.approx(0.0, abs=0.5)
+            assert (weights * along**2).sum() / total == pytest.approx(100 / 12, rel=0.25)
+            assert total == pytest.approx(math.sqrt(2 * math.pi) * sigma * 10, rel=0.15)
+            assert np.abs(along[weights > 0]).max() <= 5 + 1e-9
