@@ -34,6 +34,39 @@ def test_contours_hold_their_shares_of_a_gaussian_cloud():
         assert radius.mean() == pytest.approx(sigma * math.sqrt(-2 * math.log(1 - share)), abs=0.02)
 
 
+@pytest.mark.parametrize("galaxies", [0, 200])
+def test_contours_are_of_true_colours_and_points_of_measured_ones(galaxies):
+    """Measured colours are off by (1, -0.5) mag; those of the other kind lie elsewhere. Of 200: 0.1 mag is 5 sigma."""
+    colour = colours_of(400, galaxies)
+    colour["input"][:, ~colour["galaxy"]] += [[-1.0], [0.5]]
+    colour["output"] = colour["input"] + [[1.0], [-0.5]]
+    axes = Figure().add_subplot()
+    colour_panel.colours(axes, colour, LOOKS)
+    middles = ([0.2, 1.1], [1.2, 0.6]) if galaxies else ([0.2, 1.1],)
+    drawn = [child for child in axes.get_children() if isinstance(child, QuadContourSet)]
+    points = [line for line in axes.lines if line.get_marker() in "os"]
+    for contours, line, middle in zip(drawn, points, middles, strict=True):
+        around = np.concatenate([path for level in contours.allsegs for path in level])
+        low, high = np.quantile(around, [0, 1], axis=0)
+        assert 0.5 * (low + high) == pytest.approx(middle, abs=0.2)
+        assert np.mean(line.get_xydata(), axis=0) == pytest.approx(np.add(middle, [1.0, -0.5]), abs=0.1)
+        assert line.get_label().endswith("(200), measured" if galaxies else "(400), measured")
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("u - g [AB mag]", "g - r [AB mag]")
+
+
+def test_true_colours_of_few_are_open_points_beside_the_measured_ones():
+    colour = colours_of(30, 12)
+    colour["output"] = colour["input"] + [[1.0], [-0.5]]
+    axes = Figure().add_subplot()
+    colour_panel.colours(axes, colour, LOOKS)
+    found = {line.get_label(): line for line in axes.lines}
+    for kind, mine in (("star or quasar", ~colour["galaxy"]), ("galaxy", colour["galaxy"])):
+        measured, true = found[f"{kind} ({mine.sum()}), measured"], found[f"{kind}, true"]
+        assert np.array_equal(true.get_xydata().T, colour["input"][:, mine])
+        assert np.array_equal(measured.get_xydata().T, colour["output"][:, mine])
+        assert true.get_markerfacecolor() == "none" != measured.get_markerfacecolor()
+
+
 @pytest.mark.parametrize(("n", "galaxies"), [(0, 0), (1, 0), (49, 20), (120, 60), (120, 119)])
 def test_colours_of_few_are_points_of_many_contours(n, galaxies):
     axes = Figure().add_subplot()
