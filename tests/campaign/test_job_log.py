@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 from commands import command
@@ -12,6 +13,7 @@ from mini_campaign import write_campaign
 
 from csstsim import __version__
 from csstsim.campaign.opened import OpenCampaign
+from csstsim.campaign.running import job_log as module
 from csstsim.campaign.running.job_log import JobUsage, job_log, part_log, parts, read_usage
 
 FIRST = re.compile(
@@ -91,3 +93,29 @@ def test_took_reads_the_last_line_and_nothing_else():
     )
     for text in ("", "render: 12.3 s, 11.9 CPU-s", line[:-1], f"x{'9' * 400} done: 1 s", line.replace("12.3", "1.2.3")):
         assert read_usage(text) is None
+
+
+STATUS = "Name:\tpython\nVmPeak:\t 4096000 kB\nVmSize:\t 3072000 kB\nVmHWM:\t 2048000 kB\nVmRSS:\t 1024000 kB\n"
+NO_PEAK = STATUS.replace("VmHWM", "VmHUM")
+
+
+@pytest.mark.parametrize(
+    ("status", "platform", "memory"),
+    [(STATUS, "linux", 2000), (NO_PEAK, "linux", 3000), (None, "linux", 3000), (None, "darwin", 3)],
+    ids=["peak", "no peak", "no file", "macOS"],
+)
+def test_the_memory_of_a_job_is_the_most_that_was_resident_at_a_time(monkeypatch, capsys, status, platform, memory):
+    """In kB, as Linux says; where it does not, getrusage's: in kB, of macOS in bytes."""
+
+    def opened(path):
+        assert path == "/proc/self/status"
+        if status is None:
+            raise FileNotFoundError(path)
+        return io.StringIO(status)
+
+    monkeypatch.setattr(module, "open", opened, raising=False)
+    monkeypatch.setattr(module.sys, "platform", platform)
+    monkeypatch.setattr(module.resource, "getrusage", lambda who: SimpleNamespace(ru_maxrss=3_072_000))
+    with job_log("render", "mini", "0123456789abcdef", "chip 9"):
+        pass
+    assert read_usage(capsys.readouterr().out).memory_mb == memory
