@@ -2,13 +2,16 @@
 
 import errno
 import signal
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from commands import command
 from mini_campaign import POINTINGS, write_campaign
 
 from csstsim.base.errors import CsstsimError, InputError
-from csstsim.command_line import group
+from csstsim.catalog.table import ObjectTable
+from csstsim.command_line import group, profile
 from csstsim.command_line.profile import profiled
 
 
@@ -64,3 +67,39 @@ def test_a_campaign_that_cannot_be_opened_is_refused_by_every_stage(tmp_path):
 def test_a_chip_that_a_variant_takes_from_its_base_has_no_profile():
     said = []
     assert profiled(lambda: None, said.append) is None and not said
+
+
+def test_the_profile_has_the_own_seconds_of_the_functions_that_took_longest(monkeypatch):
+    """cProfile has of each function: calls that are not recursive, all calls, own and cumulative seconds, callers."""
+    entries = {(f"/src/csstsim/render/f{k}.py", 10 + k, "draw"): (1, 2, 0.1 * k, 100.0 - k, {}) for k in range(1, 31)}
+    entries |= {
+        ("~", 0, "<built-in method sum>"): (7, 9, 50.0, 70.0, {}),
+        ("/a/main.py", 1, "all"): (1, 1, 0, 999.0, {}),
+    }
+    monkeypatch.setattr(profile.pstats, "Stats", lambda profiler: SimpleNamespace(stats=entries))
+    truth = ObjectTable(
+        {
+            "method": np.array(["photons", "stamps", "photons"]),
+            "electrons": np.array([10.0, 2e6, 30.0]),
+            "ms": np.array([500.0, 40.0, 1000.0]),
+        }
+    )
+    state = SimpleNamespace(header={"timing": [("sky", 99.0, 1.25), ("readout", 99.0, 0.5)]}, truth=truth)
+    said = []
+    profiled(lambda: state, said.append)
+    lines = [line.split() for text in said for line in text.splitlines() if line]
+    assert lines[:6] == [
+        ["layer", "CPU", "s"], ["sky", "1.25"], ["readout", "0.50"], ["method", "objects", "electrons", "CPU", "s"],
+        ["photons", "2", "40", "1.50"], ["stamps", "1", "2e+06", "0.04"],
+    ]  # fmt: skip
+    assert lines[6] == ["function", "calls", "wall", "s"]
+    assert lines[7] == ["<built-in", "method", "sum>", "9", "50.00"]
+    assert lines[8:] == [[f"render/f{k}.py:{10 + k}", "draw", "2", f"{0.1 * k:.2f}"] for k in range(30, 16, -1)]
+
+
+@pytest.mark.parametrize("truth", [None, ObjectTable({"method": np.array([], str)})])
+def test_a_chip_without_objects_has_no_profile_of_methods(truth):
+    said = []
+    profiled(lambda: SimpleNamespace(header={"timing": []}, truth=truth), said.append)
+    heads = [text.strip().split()[0] for text in said if text.startswith("\n")]
+    assert heads == ["layer", "function"]

@@ -4,6 +4,7 @@ import importlib.metadata
 import os
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
@@ -158,6 +159,31 @@ def test_room_for_a_campaign(tmp_path, monkeypatch):
         monkeypatch.setattr(of_campaign, "free_memory", lambda free=free: free)
         [(said, _, text)] = found(of_campaign.memory, expected(run))
         assert said == verdict and (verdict != WARNING or "snakemake --cores 1, not 2" in text)
+
+
+def test_room_for_a_campaign_is_for_its_variants_too(tmp_path, monkeypatch):
+    """Each makes frames of its own; those of the base alone would have room."""
+    file = write_campaign(tmp_path, variants={"one": {"seed": 4}, "two": {"seed": 5}})
+    each = [sum(plan(OpenCampaign(f"{file}{name}"))[1].values()) for name in ("", "@one", "@two")]
+    given = []
+    monkeypatch.setattr(of_campaign, "output", lambda folder, need, status: given.append((folder, need)) or ())
+    verdicts = found(of_campaign.of_campaign, file)
+    assert given == [(OpenCampaign(file).paths.output, pytest.approx(sum(each), rel=1e-12))] and min(each) > 0
+    assert [what for _, what, _ in verdicts] == ["campaign", "memory"]
+
+
+def test_what_is_on_disk_needs_no_room(tmp_path, monkeypatch):
+    """Of 10 GB 4 GB are there: 6 GB are to be written; none once all is done, or if more is there than expected."""
+    monkeypatch.setattr(of_campaign, "free_disk", lambda path: 6.5e9)
+    for done, disk, verdict, left in (
+        (False, 3e9, PROBLEM, 7e9),
+        (False, 4e9, WARNING, 6e9),
+        (False, 5e9, OK, 5e9),
+        (False, 11e9, OK, 0),
+        (True, 1e9, OK, 0),
+    ):
+        [(said, what, text)] = found(of_campaign.output, tmp_path, 10e9, SimpleNamespace(done=done, disk=disk))
+        assert (said, what) == (verdict, "disk") and text.startswith(f"{machine.gb(left)} to be written to {tmp_path}")
 
 
 def test_rules_that_are_not_run_do_not_count(monkeypatch):
