@@ -1,6 +1,8 @@
 """Fields of the budget of shear: arms that share their noise, the run, its bars, figures and blind test."""
 
+import base64
 import json
+import re
 import shutil
 
 import numpy as np
@@ -561,6 +563,32 @@ def test_the_page_has_a_row_of_each_bar(tmp_path):
     assert table["m1"][0] == -2e-3 and table["about"][0] == "a < b & c" and table.meta["plan"]["seed"] == plan.seed
 
 
+def test_each_sample_of_the_page_has_its_own_rows_and_figures(tmp_path):
+    from csstsim.budget.shear.page import write_page
+
+    plan = load_plan()
+    plan = plan.model_copy(update={"samples": dict.fromkeys(("one", "two"), plan.samples["bright"])})
+    more = {"windows": 4, "seconds": 1.0, "gain": 2.0, "kind": "bar"}
+    rows = [row("own", 1e-3) | more | {"sample": sample, "effect": f"{sample} {k}", "about": "", "galaxies": galaxies}
+            for sample, galaxies in (("two", 720), ("one", 640)) for k in range(2)]  # fmt: skip
+    for kind in ("waterfall", "chart"):
+        for sample in plan.samples:
+            (tmp_path / f"{kind}_{sample}.png").write_bytes(f"{kind} {sample}".encode())
+    write_page(tmp_path / "index.html", rows, plan, "csstsim budget")
+    _, *parts = (tmp_path / "index.html").read_text().split("<h2>Sample ")
+    for part, sample, galaxies in zip(parts, ("one", "two"), (640, 720), strict=True):
+        assert part.startswith(f"{sample}</h2>")
+        table, volumes = part.split("<pre>")
+        assert re.findall(r"<tr><td>own</td><td>(.+?)</td>", table) == [f"{sample} 0", f"{sample} 1"]
+        assert re.findall(r"<td>(\d+)</td></tr>", table) == [str(galaxies)] * 2
+        assert [line.split()[:4] for line in volumes.splitlines()[1:3]] == [
+            [sample, "own", sample, str(k)] for k in (0, 1)
+        ]
+        assert "the 2 rows of effects" in volumes
+        pictures = [base64.b64decode(data).decode() for data in re.findall(r'base64,([^"]+)"', part)]
+        assert pictures == [f"waterfall {sample}", f"chart {sample}"]
+
+
 def test_settings_change_what_they_name(field):
     """Noise layers are off without noise, losses with it; stars have no sky; further layers are added."""
     layers = lambda *given, **how: {k: v for one in field.made(*given, **how).layers for k, v in one.items()}  # noqa: E731
@@ -677,3 +705,39 @@ def test_an_error_that_is_common_to_a_window_is_of_windows(file, tmp_path, windo
     assert bar["seconds"] == pytest.approx(0.4) and base["seconds"] == pytest.approx(0.2)
     blocks = m if common and windows == 8 else np.repeat(m, 4)
     assert bar["m1_err"] == pytest.approx(blocks.std(ddof=1) / np.sqrt(len(blocks)), rel=0.02)
+
+
+@pytest.mark.parametrize("common", [(True, False), (False, True), (True, True), (False, False)])
+def test_errors_of_sums_are_common_to_a_window_if_those_of_any_effect_are(file, tmp_path, common):
+    """Two effects whose m is another in each of eight windows, and all at once with a change of its own.
+
+    An error common to a window is the scatter of windows over the root of 8, one that is not that of 32 rings.
+    """
+    names, windows = ("nonlinearity", "linear"), 8
+    plan = load_plan(file, fields=windows, effects=names)
+    effects = {
+        name: plan.effects[name].model_copy(update={"common": of, "sum": True, "times": 1})
+        for name, of in zip(names, common, strict=True)
+    }
+    plan = plan.model_copy(update={"effects": effects})
+    first, second, more = np.random.default_rng(6).normal(0.01, 0.005, (3, windows))
+    m, paths = {"base": 0 * first, names[0]: first, names[1]: second, "all": first + second + more}, []
+    for k in range(windows):
+        sign = 1.0 if k % 2 == 0 else -1.0
+        shear = np.outer([1, -1], np.full(16, plan.shear * (1 + 1j * sign)))
+        arrays = {"ring": np.repeat(np.arange(4), 4), "sign": np.array(sign), "psf": 0.01 * np.exp(1j * np.arange(16))}
+        for name, changes in m.items():
+            arrays |= {f"{name}|own|e": (1 + changes[k]) * shear, f"{name}|own|response": np.ones((2, 16, 2)),
+                       f"{name}|used": np.ones((2, 16), bool), f"{name}|seconds": np.array(3.2),
+                       f"{name}|own|other": (1 + changes[k]) * shear[1]}  # fmt: skip
+        paths.append(tmp_path / f"{k}.npz")
+        np.savez(paths[-1], **arrays)
+    rows = {row["effect"] if row["kind"] == "bar" else row["kind"]: row for row in bars(plan, paths)}
+    any_common = common != (False, False)
+    wanted = {names[0]: (first, common[0]), names[1]: (second, common[1]), "sum": (first + second, any_common),
+              "all": (m["all"], any_common), "rest": (more, any_common)}  # fmt: skip
+    assert set(rows) == {"base", *wanted}
+    for name, (values, of_windows) in wanted.items():
+        blocks = values if of_windows else np.repeat(values, 4)
+        assert rows[name]["m1"] == pytest.approx(values.mean()), name
+        assert rows[name]["m1_err"] == pytest.approx(blocks.std(ddof=1) / np.sqrt(len(blocks)), rel=1e-6), name
