@@ -8,14 +8,15 @@ import pytest
 from commands import done, refused
 
 from csstsim.base.rng import stream
-from csstsim.studies.bench import setting as bench_setting
-from csstsim.studies.bench.chart import ON_NODES
-from csstsim.studies.bench.imaging.measures import EDGE_PX
-from csstsim.studies.bench.slitless import cases as spectrum_cases
-from csstsim.studies.bench.slitless import truth as spectrum_truth
-from csstsim.studies.bench.slitless.benchmark import SLITLESS
-from csstsim.studies.bench.slitless.cases import SPECTRA, make_spectrum_case, make_spectrum_cases
-from csstsim.studies.bench.slitless.measures import NAMES, derivative, errors
+from csstsim.bench import setting as bench_setting
+from csstsim.bench.chart import ON_NODES
+from csstsim.bench.imaging.measures import EDGE_PX
+from csstsim.bench.slitless import cases as spectrum_cases
+from csstsim.bench.slitless import truth as spectrum_truth
+from csstsim.bench.slitless.benchmark import SLITLESS
+from csstsim.bench.slitless.cases import SPECTRA, make_spectrum_case, make_spectrum_cases
+from csstsim.bench.slitless.measures import NAMES, derivative, errors
+from csstsim.bench.slitless.methods import slabs
 
 METHODS = "photons,slabs 4"
 FLUX, ACROSS_PX, SIZE2 = 1e-3, 1e-3, 2e-3  # direct optics against the reference
@@ -150,3 +151,23 @@ def test_a_spectrum_without_lines_has_no_line(setting):
     case = SimpleNamespace(electrons=1e4, lines=np.empty(0))
     got, _ = errors(setting, case, truth, truth, np.inf)
     assert np.isnan(got[[4, 5]]).all() and (got[[0, 1, 2, 3]] == 0).all()
+
+
+def test_slabs_are_as_many_to_a_pixel_as_their_method_says(setting):
+    """A star of three lines: each finer method is three times nearer to 32 slabs a pixel; light is the same in all."""
+    case = make_spectrum_case(setting, stream(5, "test"), 0, 1e5, spectrum="lines")
+    drawn = {m.name: m.prepare(setting, case)(1) for m in SLITLESS.methods if m.name.startswith("slabs")}
+    assert list(drawn) == [f"slabs {k}" for k in (1, 2, 4, 8)]
+    fine = slabs(32)(setting, case)(1)
+    off = np.array([np.abs(image - fine).sum() / fine.sum() for image in drawn.values()])
+    assert off[0] > 0.01 and (off[1:] < off[:-1] / 3).all()
+    assert [image.sum() for image in drawn.values()] == pytest.approx([fine.sum()] * 4, rel=1e-4)
+
+
+def test_presets_of_spectra_are_those_they_are_called(setting):
+    """Without noise, light is expected, not counted."""
+    case = make_spectrum_case(setting, stream(4, "test"), 0, 5.0, size=0.1)
+    methods = {method.name: method for method in SLITLESS.methods}
+    kinds = {name: methods[name].prepare(setting, case)(3).dtype.kind for name in ("photons", "standard", "noise_free")}
+    assert kinds == {"photons": "i", "standard": "i", "noise_free": "f"}
+    assert [name for name, method in methods.items() if method.preset] == ["standard", "noise_free"]
