@@ -162,13 +162,22 @@ def test_room_for_a_campaign(tmp_path, monkeypatch):
 
 
 def test_room_for_a_campaign_is_for_its_variants_too(tmp_path, monkeypatch):
-    """Each makes frames of its own; those of the base alone would have room."""
+    """Each makes frames of its own; what is there already is known."""
     file = write_campaign(tmp_path, variants={"one": {"seed": 4}, "two": {"seed": 5}})
     each = [sum(plan(OpenCampaign(f"{file}{name}"))[1].values()) for name in ("", "@one", "@two")]
     given = []
-    monkeypatch.setattr(of_campaign, "output", lambda folder, need, status: given.append((folder, need)) or ())
+
+    def output(folder, need, status):
+        given.append((folder, need, status.disk, status.done))
+        return ()
+
+    monkeypatch.setattr(of_campaign, "output", output)
+    run = OpenCampaign(file)
+    made = run.paths.level0(run.jobs[0])
+    made.parent.mkdir(parents=True)
+    made.write_bytes(b"0" * 2880)
     verdicts = found(of_campaign.of_campaign, file)
-    assert given == [(OpenCampaign(file).paths.output, pytest.approx(sum(each), rel=1e-12))] and min(each) > 0
+    assert given == [(run.paths.output, pytest.approx(sum(each), rel=1e-12), 2880, False)] and min(each) > 0
     assert [what for _, what, _ in verdicts] == ["campaign", "memory"]
 
 

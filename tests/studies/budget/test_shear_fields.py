@@ -741,3 +741,6 @@ def test_errors_of_sums_are_common_to_a_window_if_those_of_any_effect_are(file, 
         blocks = values if of_windows else np.repeat(values, 4)
         assert rows[name]["m1"] == pytest.approx(values.mean()), name
         assert rows[name]["m1_err"] == pytest.approx(blocks.std(ddof=1) / np.sqrt(len(blocks)), rel=1e-6), name
+    seconds = {name: row["seconds"] for name, row in rows.items()}  # 0.2 of each Setting of each bar
+    wanted = {"base": 0.2, names[0]: 0.4, names[1]: 0.4, "sum": 0.8, "all": 0.4, "rest": 1.2}
+    assert seconds == pytest.approx(wanted)
