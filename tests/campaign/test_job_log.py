@@ -119,3 +119,17 @@ def test_the_memory_of_a_job_is_the_most_that_was_resident_at_a_time(monkeypatch
     with job_log("render", "mini", "0123456789abcdef", "chip 9"):
         pass
     assert read_usage(capsys.readouterr().out).memory_mb == memory
+
+
+def test_times_of_a_job_are_from_its_start_and_those_of_a_part_its_own(monkeypatch, capsys):
+    wall, cpu = iter([100.0, 107.5, 120.0]), iter([20.0, 23.0, 31.0])
+    clocks = SimpleNamespace(monotonic=lambda: next(wall), process_time=lambda: next(cpu))
+    monkeypatch.setattr(module, "time", clocks)
+    monkeypatch.setattr(module, "_START", 90.0)
+    with job_log("render", "mini", "0123456789abcdef", "chip 9"), part_log("chip", 9):
+        pass
+    first, part, last = capsys.readouterr().out.splitlines()
+    assert "campaign mini 01234567, chip 9, " in first and part == "chip 9 done: 7.5 s, CPU 3.0 s"
+    assert last.startswith("render done: 30.0 s, CPU 31.0 s, memory ")
+    again = read_usage(f"{last}\nrender done: 1.0 s, CPU 2.0 s, memory 3 MB\n")
+    assert again == JobUsage(1.0, 2.0, 3.0), "an attempt after another"
