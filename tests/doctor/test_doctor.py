@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 from mini_campaign import write_campaign
 
-from csstsim.campaign.costs import Cost, expected
+from csstsim.campaign.costs import Cost, each_once, expected
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.plan import plan
 from csstsim.campaign.running.status import look, wanted
@@ -179,6 +179,8 @@ def test_room_for_a_campaign_is_for_its_variants_too(tmp_path, monkeypatch):
     verdicts = found(of_campaign.of_campaign, file)
     assert given == [(run.paths.output, pytest.approx(sum(each), rel=1e-12), 2880, False)] and min(each) > 0
     assert [what for _, what, _ in verdicts] == ["campaign", "memory"]
+    jobs = sum(map(len, each_once(expected(run)).values()))
+    assert verdicts[0][2] == f"{file}: {len(run.jobs)} Level-0 files, {jobs} jobs"
 
 
 def test_what_is_on_disk_needs_no_room(tmp_path, monkeypatch):
@@ -193,6 +195,12 @@ def test_what_is_on_disk_needs_no_room(tmp_path, monkeypatch):
     ):
         [(said, what, text)] = found(of_campaign.output, tmp_path, 10e9, SimpleNamespace(done=done, disk=disk))
         assert (said, what) == (verdict, "disk") and text.startswith(f"{machine.gb(left)} to be written to {tmp_path}")
+
+
+def test_the_largest_job_of_all_rules_counts(monkeypatch):
+    monkeypatch.setattr(of_campaign, "free_memory", lambda: 1e9)
+    costs = {"render": {1: Cost(1.0, 100.0), 2: Cost(1.0, 400.0)}, "readout": {1: Cost(1.0, 300.0)}}
+    assert "a job of `render` takes up to 0.4 GB" in found(of_campaign.memory, costs)[0][2]
 
 
 def test_rules_that_are_not_run_do_not_count(monkeypatch):

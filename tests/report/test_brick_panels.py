@@ -51,6 +51,9 @@ def test_contours_are_of_true_colours_and_points_of_measured_ones(galaxies):
         assert 0.5 * (low + high) == pytest.approx(middle, abs=0.2)
         assert np.mean(line.get_xydata(), axis=0) == pytest.approx(np.add(middle, [1.0, -0.5]), abs=0.1)
         assert line.get_label().endswith("(200), measured" if galaxies else "(400), measured")
+    named = {line.get_label(): line.get_linestyle() for line in axes.lines if "true" in line.get_label()}
+    wanted = {"star or quasar, true: 30, 60, 90%": "--"} | ({"galaxy, true: 30, 60, 90%": "-"} if galaxies else {})
+    assert named == wanted
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("u - g [AB mag]", "g - r [AB mag]")
 
 
