@@ -8,15 +8,15 @@ import pytest
 from commands import done, refused
 
 from csstsim.base.rng import stream
-from csstsim.bench import setting as bench_setting
-from csstsim.bench.chart import ON_NODES
-from csstsim.bench.imaging.measures import EDGE_PX
-from csstsim.bench.slitless import cases as spectrum_cases
-from csstsim.bench.slitless import truth as spectrum_truth
-from csstsim.bench.slitless.benchmark import SLITLESS
-from csstsim.bench.slitless.cases import SPECTRA, make_spectrum_case, make_spectrum_cases
-from csstsim.bench.slitless.measures import NAMES, derivative, errors
-from csstsim.bench.slitless.methods import slabs
+from csstsim.studies.bench import setting as bench_setting
+from csstsim.studies.bench.chart import ON_NODES
+from csstsim.studies.bench.imaging.measures import EDGE_PX
+from csstsim.studies.bench.slitless import cases as spectrum_cases
+from csstsim.studies.bench.slitless import truth as spectrum_truth
+from csstsim.studies.bench.slitless.benchmark import SLITLESS
+from csstsim.studies.bench.slitless.cases import SPECTRA, make_spectrum_case, make_spectrum_cases
+from csstsim.studies.bench.slitless.measures import NAMES, derivative, errors
+from csstsim.studies.bench.slitless.methods import slabs
 
 METHODS = "photons,slabs 4"
 FLUX, ACROSS_PX, SIZE2 = 1e-3, 1e-3, 2e-3  # direct optics against the reference

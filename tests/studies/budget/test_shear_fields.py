@@ -564,7 +564,7 @@ def test_the_page_has_a_row_of_each_bar(tmp_path):
 
 
 def test_each_sample_of_the_page_has_its_own_rows_and_figures(tmp_path):
-    from csstsim.budget.shear.page import write_page
+    from csstsim.studies.budget.shear.page import write_page
 
     plan = load_plan()
     plan = plan.model_copy(update={"samples": dict.fromkeys(("one", "two"), plan.samples["bright"])})
