@@ -31,7 +31,7 @@ from csstsim.inject.calibrated import into_calibrated
 from csstsim.inject.inject import inject
 from csstsim.inject.level0 import difference, into_level0
 from csstsim.inject.light import catalogue_of, light_of, table_of
-from csstsim.inject.memory import Held
+from csstsim.inject.memory import BaseFrame
 from csstsim.inject.recovery.bins import number
 from csstsim.inject.recovery.recover import recover
 from csstsim.io.fits import open_fits, read_pixels
@@ -84,7 +84,7 @@ def cost(record):
     """Record CPU seconds."""
     sim = simulation(TOY_SIZE if record.toy else None)
     run, job, frame = sim._run, sim._run.job(OBSID, CHIP), sim.chip(OBSID, CHIP)
-    held = Held(FOLDER, frame.header, frame.header, frame.readout, "channels", None, frame.raw)
+    held = BaseFrame(FOLDER, frame.header, frame.header, frame.readout, "channels", None, frame.raw)
     planes = [np.full(job.window.shape, value, kind) for value, kind in ((0, "f4"), (0.05, "f4"), (0, "u1"))]
     for count in (20, *LIMITS):  # the first loads what is compiled
         rng = np.random.default_rng(count)
@@ -136,7 +136,7 @@ def compared(sim, count):
     if light.electrons.max() > run.camera.detector.full_well / 2:
         raise SystemExit("an object is brighter than half of the full well")
     frame, sky = sim.chip(OBSID, CHIP), sim.light(OBSID, CHIP).image
-    held = Held(FOLDER, frame.header, frame.header, frame.readout, "channels", None, frame.raw)
+    held = BaseFrame(FOLDER, frame.header, frame.header, frame.readout, "channels", None, frame.raw)
     wanted = _read_out(run, job, sky, light) - _read_out(run, job, sky)
     detector = run.camera.detector
     off = frame.readout.active(difference(run, job, held, light)[0] - wanted) * detector.gain

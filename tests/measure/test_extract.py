@@ -229,6 +229,17 @@ def test_choice_and_nothing(star):
     assert np.isnan(run(s, frame, known)["model"]).all()
 
 
+def test_keywords_of_before_work_and_say_what_to_give(star):
+    s, image, sources = star
+    given = frame_of(image, s.window), s.orders, sources, s.model, PSF
+    with pytest.warns(DeprecationWarning, match=r"choice=Choice"):
+        old = extract_spectra(*given, wanted=(1, 2), snr_min=0.0, ids=[int(s.orders["id"][0])])
+    new = run(s, given[0], sources, orders=(1, 2), snr_min=0.0, ids=[int(s.orders["id"][0])])
+    assert set(old["order"]) >= {1} and all(np.array_equal(old[name], new[name], equal_nan=True) for name in COLUMNS)
+    with pytest.raises(ValueError, match="snr_max"), pytest.warns(DeprecationWarning):
+        extract_spectra(*given, snr_max=3)
+
+
 def test_result_travels_through_a_file(star, tmp_path):
     s, image, sources = star
     table = run(s, frame_of(image, s.window), sources)

@@ -12,10 +12,11 @@ a strong one. Sums over the whole line are right.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 
@@ -141,6 +142,7 @@ def extract_spectra(
     wing: Wing | None = None,
     choice: Choice = DEFAULT_CHOICE,
     lines: LineFluxes | None = None,
+    **old: Any,
 ) -> ObjectTable:
     """Return the ObjectTable of spectra (spectrum_columns.COLUMNS), one row per column of a spectrum.
 
@@ -162,12 +164,17 @@ def extract_spectra(
         Which spectra are extracted (chosen_orders).
     lines : LineFluxes, optional
         Measures the emission lines of each spectrum (line_fluxes).
+    **old
+        `wanted`, `snr_min` and `ids`: fields of `choice`, as they were given before; deprecated.
 
     Returns
     -------
     ObjectTable
         Its metadata count the spectra, those that the window cuts, and what was left out (chosen_orders.LEFT_OUT).
     """
+    if old:
+        warnings.warn("give choice=Choice(orders, snr_min, ids)", DeprecationWarning, stacklevel=2)
+        choice = choice._replace(**{"orders" if name == "wanted" else name: value for name, value in old.items()})
     chosen, left_out = chosen_orders(frame, orders, sources, model, choice)
     parts = [_nothing()]
     short = shortened(orders, model)
