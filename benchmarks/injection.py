@@ -27,7 +27,7 @@ import csstsim
 from csstsim.campaign.job import Job
 from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.detector.noise import add_poisson
-from csstsim.inject.calibrated import into_calibrated
+from csstsim.inject.calibrated import Planes, into_calibrated
 from csstsim.inject.inject import inject
 from csstsim.inject.level0 import difference, into_level0
 from csstsim.inject.light import catalogue_of, light_of, table_of
@@ -85,7 +85,7 @@ def cost(record):
     sim = simulation(TOY_SIZE if record.toy else None)
     run, job, frame = sim._run, sim._run.job(OBSID, CHIP), sim.chip(OBSID, CHIP)
     held = BaseFrame(FOLDER, frame.header, frame.header, frame.readout, "channels", None, frame.raw)
-    planes = [np.full(job.window.shape, value, kind) for value, kind in ((0, "f4"), (0.05, "f4"), (0, "u1"))]
+    planes = Planes(*(np.full(job.window.shape, value, kind) for value, kind in ((0, "f4"), (0.05, "f4"), (0, "u1"))))
     for count in (20, *LIMITS):  # the first loads what is compiled
         rng = np.random.default_rng(count)
         x, y = (start + rng.uniform(20, job.window.nx - 20, count) for start in (job.window.x0, job.window.y0))
