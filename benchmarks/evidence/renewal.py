@@ -46,7 +46,11 @@ def steady(first: dict, second: dict) -> dict:
 
 
 def moved(kept: dict, new: dict) -> list[str]:
-    """Return a line for each figure of a toy run that is not as kept. Both are as `steady` returns them."""
+    """Return a line for each figure of a toy run that is not as kept. Both are as `steady` returns them.
+
+    A value that was the same in two runs and is not now has moved: code that draws at random must not renew a record.
+    In a table a word may vary, as a time of few digits can be the same twice by chance.
+    """
     lines = []
     if kept["skipped"] != new["skipped"]:
         lines.append(f"parts left out: {kept['skipped']} then, {new['skipped']} now")
@@ -55,13 +59,13 @@ def moved(kept: dict, new: dict) -> list[str]:
     for name in kept["values"].keys() & new["values"].keys():
         before = kept["values"][name]
         now = new["values"][name]
-        if before is not None and now is not None and not _is_same(before, now):
-            lines.append(f"{name}: {before} then, {now} now")
+        if before is not None and not _is_same(before, now):
+            lines.append(f"{name}: {before} then, {'another from run to run' if now is None else now} now")
     for name in kept["tables"].keys() | new["tables"].keys():
         before = kept["tables"].get(name, "")
         now = new["tables"].get(name, "")
-        if before is not None and now is not None:
-            lines += [f"table {name}: {line}" for line in _moved_rows(before, now)]
+        if before is not None:
+            lines += [f"table {name}: {line}" for line in _moved_rows(before, now or "")]
     return sorted(lines)
 
 
@@ -150,15 +154,15 @@ def _common(text: str, other: str | None) -> str | None:
             words = _TOKEN.findall(pair)
             if len(words) != len(_TOKEN.findall(cell)):
                 return None
-            waiting = iter(words)
-            all_vary = k in times and number > 1
-            found.append(
-                _TOKEN.sub(
-                    lambda one, w=waiting, v=all_vary: VARIES if not _same_token(one[0], next(w)) or v else one[0], cell
-                )
-            )
+            found.append(_shared(cell, words, varies=k in times and number > 1))
         common.append("|".join(found))
     return "\n".join(common)
+
+
+def _shared(cell: str, others: list[str], varies: bool) -> str:
+    """Return a cell with VARIES for each word that differs from the other run's, or for all."""
+    waiting = iter(others)
+    return _TOKEN.sub(lambda one: one[0] if not varies and _same_token(one[0], next(waiting)) else VARIES, cell)
 
 
 def _moved_rows(before: str, now: str) -> list[str]:

@@ -98,9 +98,15 @@ def test_other_values_leave_a_record_stale(probe, monkeypatch):
     assert record.read("probe") == before
 
 
-def test_what_the_second_run_tells_to_vary_has_not_moved(probe, monkeypatch):
+def test_a_word_of_a_table_may_vary_and_a_value_may_not(probe, monkeypatch):
     recorded(probe, monkeypatch)
-    assert renewal.renew(command(), toy(value=1.3), lambda: toy(value=1.4)) == []
+    before = record.read("probe")
+    lines = renewal.renew(command(), toy(value=1.3), lambda: toy(value=1.4))
+    assert lines == ["a: 1.25 then, another from run to run now"] and record.read("probe") == before
+    kept = before["toy"]["tables"]["lines"]
+    assert kept == "worst 0.5 px in * seconds"
+    first, second = (toy() | {"tables": toy()["tables"] | {"lines": f"worst {n} px in 1 seconds"}} for n in (0.6, 0.7))
+    assert renewal.renew(command(), first, lambda: second) == []
     assert "renewed" in record.read("probe")
 
 
