@@ -59,14 +59,7 @@ def measured(run: OpenCampaign, job: Job) -> tuple[ObjectTable, float]:
         open_psf(run, job.chip),
         job.wcs,
         file.observer,
-        FrameFacts(
-            obsid=job.obsid,
-            chip=job.chip,
-            filter=run.camera.filters[job.chip.filter],
-            telescope=run.camera.telescope,
-            pointing=job.pointing,
-            window=job.window,
-        ),
+        FrameFacts.of(job),
     )
     frame = MeasuredFrame(
         level0_stage.truth_of(run, job), table, run.camera.detector.channel_ny, run.camera.telescope.pixel_scale

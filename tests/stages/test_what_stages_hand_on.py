@@ -156,8 +156,9 @@ def test_measured_sources_are_those_of_the_calibrated_frame(tmp_path, monkeypatc
     monkeypatch.setattr("csstsim.measure.catalogue.measure_frame", measured)
     monkeypatch.setattr(measure, "calibrated_frame", lambda run, job: (SimpleNamespace(observer="CRAFT"), "FRAME"))
     monkeypatch.setattr(measure, "open_psf", lambda run, chip: f"PSF {chip.id}")
-    camera, one = SimpleNamespace(filters={"r": "FILTER"}, telescope="TELESCOPE"), job()
-    run = opened(tmp_path, camera=camera)
+    one = job()
+    one.exposure = SimpleNamespace(filter="FILTER", telescope="TELESCOPE")
+    run = opened(tmp_path)
     measure.measure(run, one)
     assert capsys.readouterr().out == "3 sources, 5 sigma at 26.13 AB\n"
     facts = FrameFacts("1", one.chip, "FILTER", "TELESCOPE", one.pointing, one.window)

@@ -106,13 +106,7 @@ def charge_in(run: OpenCampaign, file: Level0) -> FloatArray:
     seen = calibrate(
         file.frame(),
         file.readout,
-        Electronics(
-            file.gain,
-            nonlinearity=file.nonlinearity,
-            adc_max=detector.adc_max,
-            full_well=detector.full_well,
-            levels=file.levels,
-        ),
+        Electronics.of(file, detector),
     )
     return np.maximum(seen.electrons, np.float32(0.0), out=seen.electrons)
 

@@ -33,6 +33,7 @@ from csstsim.measure.light.total_light import total_light
 from csstsim.optics.scatter.scattered_light import read_scattered
 
 if TYPE_CHECKING:
+    from csstsim.campaign.job import Job
     from csstsim.catalog.astrometry.ephemeris import Observer
     from csstsim.instrument.chip import Chip, Window
     from csstsim.instrument.filter import Filter
@@ -150,6 +151,12 @@ class FrameFacts(NamedTuple):
     telescope: Telescope
     pointing: Pointing
     window: Window
+
+    @classmethod
+    def of(cls, job: Job) -> FrameFacts:
+        """Return those of a job's frame."""
+        exposure = job.exposure
+        return cls(job.obsid, job.chip, exposure.filter, exposure.telescope, job.pointing, job.window)
 
 
 def measure_frame(

@@ -122,13 +122,7 @@ def calibrated_of(
         spread=steps.step("brighter_fatter") is not None,
         rng=Streams(run.config.seed, job.obsid, -job.chip.id, "measure") if from_frames else streams,
     )
-    electronics = Electronics(
-        gain=file.gain,
-        nonlinearity=file.nonlinearity,
-        adc_max=detector.adc_max,
-        full_well=detector.full_well,
-        levels=file.levels,
-    )
+    electronics = Electronics.of(file, detector)
     structure = frame_of(own, file.readout) if own else None
     corrections = Corrections(response, bad, offset, structure, correct)
     return to_electrons(file.frame(), file.readout, electronics, corrections)

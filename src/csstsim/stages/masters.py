@@ -73,11 +73,5 @@ def _raw(run: OpenCampaign, job: Job) -> Calibrated:
     return to_electrons(
         file.frame(),
         file.readout,
-        Electronics(
-            file.gain,
-            nonlinearity=file.nonlinearity,
-            adc_max=detector.adc_max,
-            full_well=detector.full_well,
-            levels=file.levels,
-        ),
+        Electronics.of(file, detector),
     )

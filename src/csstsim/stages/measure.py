@@ -33,14 +33,7 @@ def measure(run: OpenCampaign, job: Job) -> None:
         open_psf(run, job.chip),
         job.wcs,
         file.observer,
-        FrameFacts(
-            obsid=job.obsid,
-            chip=job.chip,
-            filter=run.camera.filters[job.chip.filter],
-            telescope=run.camera.telescope,
-            pointing=job.pointing,
-            window=job.window,
-        ),
+        FrameFacts.of(job),
     )
     table.write(run.paths.measure(*job.key), table.meta | {"recipe": run.recipe(job, "measure")})
     print(f"{number_of(len(table), 'source')}, 5 sigma at {table.meta['depth_5sigma']:.2f} AB")

@@ -106,14 +106,7 @@ def measured(run: OpenCampaign, job: Job, path: Path, kind: str) -> ObjectTable:
         open_psf(run, job.chip),
         job.wcs,
         job.observer,
-        FrameFacts(
-            obsid=job.obsid,
-            chip=job.chip,
-            filter=job.exposure.filter,
-            telescope=run.camera.telescope,
-            pointing=job.pointing,
-            window=job.window,
-        ),
+        FrameFacts.of(job),
     )
 
 

@@ -23,6 +23,8 @@ from csstsim.measure.calibration.bad_pixels import BAD, FULL
 
 if TYPE_CHECKING:
     from csstsim.detector.channels import ReadoutFrame
+    from csstsim.instrument.chip import Detector
+    from csstsim.io.level0 import Level0
     from csstsim.optics.throughput.response import Response
 
 # Deferred and bloomed charge leaks into the first overscan columns; they are not pure bias.
@@ -104,6 +106,11 @@ class Electronics(NamedTuple):
     adc_max: int = 65535
     full_well: float | None = None
     levels: Mapping[int, tuple[float, float]] | None = None
+
+    @classmethod
+    def of(cls, file: Level0, detector: Detector) -> Electronics:
+        """Return those that a Level-0 file states, with the limits of its detector."""
+        return cls(file.gain, file.nonlinearity, detector.adc_max, detector.full_well, file.levels)
 
 
 class Corrections(NamedTuple):
