@@ -181,8 +181,8 @@ def report_first(record: Record, made: dict[str, Any], fitted: dict[str, Any], s
         ["MAG_AUTO of points less true [mag]", _pair(auto["points"], "+.3f")],
         ["MAG_AUTO of galaxies less true [mag]", _pair(auto["galaxies"], "+.3f")],
         ["MAG_PSF of points less true, where the fit gives one [mag]", _pair(psf, "+.3f")],
-        ["places of points, east [mas]", _pair(place["east"], "+.1f")],
-        ["places of points, north [mas]", _pair(place["north"], "+.1f")],
+        ["positions of points, east [mas]", _pair(place["east"], "+.1f")],
+        ["positions of points, north [mas]", _pair(place["north"], "+.1f")],
     ]
     for axis, one in made.get("shapes", {}).items():
         slope = f"{_text(one['slope'], '.2f')} ± {_text(one['slope_error'], '.2f')}"
@@ -212,7 +212,7 @@ def report_merged(record: Record, run: OpenCampaign, folder: Path, bands: list[s
     record.value("own_purity", _number(made["purity"]["purity"]), "merged catalogue: purity")
     record.value("own_chance", _number(made["purity"]["chance"]), "of it perhaps by chance")
     for axis, one in made["astrometry_mas"]["points"].items():
-        what = f"merged catalogue: points' places, {axis}"
+        what = f"merged catalogue: points' positions, {axis}"
         record.value(f"own_{axis}", _number(one["mean"]), what, unit="mas", error=_number(one["mean_error"]))
         record.value(f"own_{axis}_scatter", _number(one["scatter"]), f"{what}, scatter", unit="mas")
     rows = [

@@ -61,7 +61,7 @@ def main(record: Record) -> None:
     lines.append(["paper", "", "", *map(str, PAPER), *[""] * 5])
     record.table("fields", head, lines)
     record.value("stars_min", round(min(stars_of), -1), "stars of an r image, the field with fewest")
-    record.value("stars_max", round(max(stars_of), -1), "stars of an r image, the field with most")
+    record.value("stars_max", round(max(stars_of), -1), "stars of an r image, the field with the most")
 
 
 if __name__ == "__main__":

@@ -71,7 +71,7 @@ def main() -> None:
         print(headline(verdict))
         record.value("gates", counts["pass"] + counts["fail"], "gates that could be evaluated")
         record.value("failed", counts["fail"], "gates that fail", below=0)
-        record.value("not_judged", counts["not judged"], "gates that could not be evaluated")
+        record.value("not_evaluated", counts["not evaluated"], "gates that could not be evaluated")
         report_gates(verdict, record)
         total = next((row for row in run_times(run) if row["step"] == "all"), None)
         if total:

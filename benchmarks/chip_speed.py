@@ -112,7 +112,7 @@ def describe(record: Record, truth: ObjectTable) -> None:
     """Record the scene's methods and predicted errors."""
     for method in ("photons", "stamp"):
         mine = truth["method"] == method
-        record.value(f"{method}_objects", int(mine.sum()), f"objects of the scene drawn by {method}")
+        record.value(f"{method}_objects", int(mine.sum()), f"objects of the scene rendered by {method}")
         record.value(f"{method}_cpu", truth["ms"][mine].sum() / 1e3, f"drawing the scene's {method}", unit="CPU-s")
     above = truth["error"] > ALLOWED
     record.value(
@@ -122,8 +122,8 @@ def describe(record: Record, truth: ObjectTable) -> None:
     for kind, name in ((STAR, "stars"), (GALAXY, "galaxies")):
         mine = above & (truth["obj_type"] == kind)
         record.value(f"above_{name}", int(mine.sum()), f"{name} among them")
-    record.value("above_snr", truth["snr"][above].min() if above.any() else np.nan, "least S/N of these objects")
-    record.value("above_most", truth["error"].max(), "largest predicted error of an object", unit="of its noise")
+    record.value("above_snr", truth["snr"][above].min() if above.any() else np.nan, "smallest S/N of these objects")
+    record.value("above_maximum", truth["error"].max(), "largest predicted error of an object", unit="of its noise")
     share = (truth["error"] / truth["snr"])[above].max() if above.any() else np.nan
     record.value("above_share", share, "largest predicted error of these objects over their S/N")
 
@@ -177,6 +177,6 @@ def main(record: Record) -> None:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--counts", type=int, nargs="+", default=[1000, 10_000, 76_638, 300_000, 1_000_000])
-    parser.add_argument("--sample", type=int, default=60, help="objects drawn by the paper's method")
+    parser.add_argument("--sample", type=int, default=60, help="objects rendered by the paper's method")
     with Record(parser) as record:
         main(record)

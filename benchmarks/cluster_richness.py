@@ -222,7 +222,7 @@ def report_members(record: Record, axes: Sequence[plt.Axes], clusters: Clustered
         ratios.append(mean / mcclintock(lam, PIVOT_Z))
         axes[1].plot(lam, mean, "C0s", mfc="none", label="members alone" if low == RICHNESS[0] else None)
     what = "mean mass at a number of members, over McClintock et al. (2019)"
-    record.value("members_ratio_min", min(ratios), f"least {what}")
+    record.value("members_ratio_min", min(ratios), f"smallest {what}")
     record.value("members_ratio_max", max(ratios), f"largest {what}")
     grid = np.array([15, 100])
     axes[1].plot(grid, mcclintock(grid, PIVOT_Z), "k", label="McClintock et al. 2019")
@@ -278,9 +278,9 @@ def report_projection(
     record.table("mass", header, at_richness)
     ratio, error = np.array(ratios or [(np.nan, np.nan)]).T
     what = "mean mass at a richness with projection, over McClintock et al. (2019)"
-    record.value("ratio_min", ratio.min(), f"least {what}")
+    record.value("ratio_min", ratio.min(), f"smallest {what}")
     record.value("ratio_max", ratio.max(), f"largest {what}")
-    record.value("ratio_error_min", (error / ratio).min(), "least error of these, of the value")
+    record.value("ratio_error_min", (error / ratio).min(), "smallest relative error of these")
     record.value("ratio_error_max", (error / ratio).max(), "largest error of these, of the value")
 
 

@@ -163,8 +163,8 @@ def figure(camera: Camera, plane: FocalPlane, field: FieldDistortion, record: Re
         areas.append(np.linalg.det(field.on(chip).jacobian(*at)))
     record.value("offset", max(corners), "largest offset from the linear WCS (corner of the mosaic)", unit="px")
     smaller = 1 - np.min(areas) / np.max(areas)
-    record.value("area", smaller, "least area of a pixel on the sky below the largest, over the mosaic")
-    record.value("shear", peak[2], "largest shear that the distortion gives a round source, at 16 places of a chip")
+    record.value("area", smaller, "largest less smallest area of a pixel on the sky over the mosaic, over the largest")
+    record.value("shear", peak[2], "largest shear that the distortion gives a round source, at 16 positions on a chip")
 
 
 if __name__ == "__main__":

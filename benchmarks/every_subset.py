@@ -39,7 +39,7 @@ def main(record: Record) -> None:
         rows.append([name, len(values), f"{values[worst]:+.2f}", f"{rms:.2f}", pairs[worst][1]])
     record.table("departures", HEADER, rows)
     largest = max(abs(value) for pairs in found.values() for value, _ in pairs)
-    record.value("subsets", len(some), "subsets drawn")
+    record.value("subsets", len(some), "subsets rendered")
     record.value("largest", largest, "largest departure, in units of its error", below=LIMIT)
 
 

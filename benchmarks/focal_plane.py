@@ -28,8 +28,8 @@ def report_orders(camera: Camera, record: Record) -> None:
         for grating, _ in gratings.pieces:
             p, q, *_ = grating.orders[1].lines(*target)
             far += [abs(p + q * wave) for wave in grating.orders[1].range]
-    for word, distance in (("least", min(far)), ("most", max(far))):
-        what = f"distance of the first order from the undispersed position, {word} of gratings and wavelengths"
+    for word, distance in (("minimum", min(far)), ("maximum", max(far))):
+        what = f"distance of the first order from the undispersed position, {word} over gratings and wavelengths"
         record.value(f"first_order_{word}", distance, what, unit="px")
 
 

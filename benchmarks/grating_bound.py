@@ -52,15 +52,15 @@ def main(record: Record) -> None:
             if len(some):
                 least, middle, most = np.percentile(some, [0, 50, 90])
                 about = f"{filter.name} {TYPES[kind]}: {len(some)}"
-                print(f"{about}, least {least:.2f}, median {middle:.2f}, 90% {most:.2f}")
+                print(f"{about}, minimum {least:.2f}, median {middle:.2f}, 90% {most:.2f}")
         medians = (f"{np.median(of_kind[kind]):.2f}" if len(of_kind[kind]) else "" for kind in (STAR, GALAXY))
         lines.append([filter.name, shares, f"{np.nanmin(ratio):.2f}", *medians])
-    head = ["", "bands", "least bound / electrons", "median, stars", "median, galaxies"]
+    head = ["", "bands", "minimum bound / electrons", "median, stars", "median, galaxies"]
     record.table("ratio", head, lines)
     for kind, name in ((STAR, "stars"), (GALAXY, "galaxies")):
         record.value(name, int((table["obj_type"] == kind).sum()), f"{name} of the brick")
     least = min(values.min() for values in all_ratios)
-    record.value("least", least, "bound over electrons, the least of any object and grating", above=1)
+    record.value("least", least, "bound over electrons, minimum over objects and gratings", above=1)
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ from csstsim.campaign.pointing_lists.import_pointings import import_pointings
 from csstsim.campaign.survey_table import load_survey_table
 from csstsim.command_line.main import main as command
 
-LIMITS = {"place [mas]": 0.01, "angle [deg]": 1e-6, "time [us]": 2.0, "state [m]": 1e-3}
+LIMITS = {"position [mas]": 0.01, "angle [deg]": 1e-6, "time [us]": 2.0, "state [m]": 1e-3}
 
 
 def imported(file, output, arguments):
@@ -45,7 +45,7 @@ def differences(table, truth):
     turn = np.array([p.pa for p in rows]) - truth["pa"]
     moved = np.array([p.sat_position for p in rows]) - truth["position"]
     return {
-        "place [mas]": there.separation(SkyCoord(truth["ra"], truth["dec"], unit="deg")).mas.max(),
+        "position [mas]": there.separation(SkyCoord(truth["ra"], truth["dec"], unit="deg")).mas.max(),
         "angle [deg]": np.abs((turn + 180.0) % 360.0 - 180.0).max(),
         "time [us]": 1e6 * np.abs((Time([p.time for p in rows], scale="utc") - truth["time"]).sec).max(),
         "state [m]": 1e3 * np.abs(moved).max(),

@@ -113,7 +113,7 @@ def report_field(record: Record, field: LensingField) -> None:
     """Record the spectrum that is drawn, and the difference between bricks at the borders that they share."""
     ell = np.geomspace(3, 20000, 100)
     off = max(np.abs(field.spectrum(ell, z) / field.shells.limber(ell, z) - 1).max() for z in SOURCES)
-    what = "largest departure from halofit of the spectrum that is drawn, l = 3 to 20,000, z = 1 to 3"
+    what = "largest departure from halofit of the spectrum of the maps, l = 3 to 20,000, z = 1 to 3"
     record.value("departure", off, what)
     apart = []
     for pix in BORDER[: 1 if record.toy else None]:

@@ -116,7 +116,7 @@ def shares(axes, record, table, band, depth):
         record.value(f"half_{key}", np.nan if half is None else half, what, unit="mag")
     axes.axvline(depth, color="#666666", ls=":", label="5 sigma of a point source")
     axes.axhline(0.95, color="#666666", ls="--", lw=1, label="95%")
-    axes.set(xlim=(20, 29), ylim=(0, 1.05), xlabel=f"true {band} [AB mag]", ylabel="share found in one exposure")
+    axes.set(xlim=(20, 29), ylim=(0, 1.05), xlabel=f"true {band} [AB mag]", ylabel="fraction found in one exposure")
     axes.set_title("Detection", fontsize=10)
     axes.legend(fontsize=8, loc="lower left")
     judged = ~galaxy & (table["snr"] > 5.0) & (table["snr"] < compare.SNR_MAX)

@@ -26,7 +26,7 @@ BOXES = {
     "observation": (8.9, 7.2, 2.5, 0.9, DATA, "observation YAML: layers of\nrender, readout, level0"),
     "truth": (3.1, 5.7, 2.5, 0.9, WORK, "truth\na HEALPix brick a job"),
     "psf": (6.0, 5.7, 2.5, 0.9, WORK, "psf\na chip a job"),
-    "select": (1.6, 4.3, 2.9, 0.9, WORK, "select: footprint, apparent\nplaces, spectra, electrons"),
+    "select": (1.6, 4.3, 2.9, 0.9, WORK, "select: footprint, apparent\npositions, spectra, electrons"),
     "render": (5.2, 4.3, 3.3, 0.9, WORK, "render: objects x PSF, distorted;\ndispersed behind gratings; sky"),
     "readout": (8.9, 4.3, 2.5, 0.9, WORK, "readout: charge,\nchannels, bias, gain"),
     "level0": (8.9, 2.9, 2.5, 0.9, FILE, "level0: Level-0 FITS,\ntruth, orders"),

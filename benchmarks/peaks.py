@@ -128,7 +128,7 @@ def report_spectra(record: Record, found: np.ndarray, field: MatterField) -> Non
     record.table("spectra", ["l", *(f"z = {z:g}" for z in SOURCES)], rows)
     ell, z = np.geomspace(MULTIPOLES[0], MULTIPOLES[-1], 50), SOURCES[-1]
     off = np.abs(field.spectrum(ell, z) / field.shells.limber(ell, z) - 1).max()
-    record.value("departure", off, f"largest departure from halofit of the spectrum that is drawn at z = {z:g}")
+    record.value("departure", off, f"largest departure from halofit of the spectrum of the maps at z = {z:g}")
 
 
 def compare(

@@ -151,7 +151,7 @@ def report_tables(record: Record, psf: PsfSet, path: Path, grid: int) -> PsfTabl
     record.value("table_gb", whole, f"file of tables of {CHIP_GRID} x {CHIP_GRID} nodes", unit="GB")
     record.value("open_ms", 1e3 * opening, "opening the tables", unit="CPU-ms")
     record.value("node_ms", 1e3 * making, "coefficients of a node, from the tables", unit="CPU-ms")
-    record.value("negative", table.negative.max(), "largest share of light below zero that is clipped")
+    record.value("negative", table.negative.max(), "largest fraction of flux below zero that is clipped")
     return table
 
 

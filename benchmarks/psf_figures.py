@@ -45,7 +45,7 @@ def ee80_map(camera: Camera, record: Record) -> None:
             values = ee80_at(camera, wavelength_of(name), places).reshape(len(chips), nodes, nodes)
             maps |= {chip.id: value for chip, value in zip(chips, values, strict=True)}
         low, high = min(v.min() for v in maps.values()), max(v.max() for v in maps.values())
-        for word, value in (("least", low), ("most", high)):
+        for word, value in (("minimum", low), ("maximum", high)):
             what = f"EE80 over all chips, {title}, before diffusion: {word}"
             record.value(f"ee80_{key}_{word}", value, what, unit="arcsec")
         for chip in (camera.chips[number] for number in maps):

@@ -186,7 +186,7 @@ def measure(optics: Optics, grids: Sequence[int]) -> list[tuple]:
     """Print the table of a band and return its rows: (method, grid, images kept, errors)."""
     truth = optics(optics.positions)
     print(f"\n{optics.band}, chip {optics.chip.id}, errors in 1e-5, centroid in mas")
-    print("method   grid kept | dR/R mean     most  de mean     most | the same in the box      | residual | mas")
+    print("method   grid kept | dR/R mean      max  de mean      max | the same in the box      | residual | mas")
     rows = []
     for name, grid, kept, (index, weight, _), images in cases(optics, grids):
         found = compare(truth, mixed(index, weight, images))
@@ -243,8 +243,8 @@ def report_summary(rows: dict[str, list[tuple]], size: Size, record: Record) -> 
         "box": [np.abs(e[key + " box"]).max() / np.abs(e[key]).max() for e in default for key in ("size", "e")],
     }
     for name, what in (("bias", "mean error over the largest"), ("box", "largest error in the box over that in 3 px")):
-        for word, number in (("least", min(ratios[name])), ("most", max(ratios[name]))):
-            record.value(f"{name}_{word}", number, f"bilinear: {what}, R and e, {word} of bands")
+        for word, number in (("minimum", min(ratios[name])), ("maximum", max(ratios[name]))):
+            record.value(f"{name}_{word}", number, f"bilinear: {what}, R and e, {word} over bands")
 
 
 def bias(errors: np.ndarray) -> float:

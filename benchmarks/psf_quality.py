@@ -187,8 +187,8 @@ def report_bands(camera: Camera, record: Record) -> None:
     what = f"largest EE80 over its limit, all errors, chips' middles and corners (here {worst})"
     record.value("ee80_over_limit", ratio[worst], what, below=1)
     for grid, each in zip(GRIDS, np.transpose(list(sets.values())), strict=True):
-        for word, seconds in (("least", each.min()), ("most", each.max())):
-            what = f"a chip's set of {grid} x {grid} nodes, {word} of the bands"
+        for word, seconds in (("minimum", each.min()), ("maximum", each.max())):
+            what = f"a chip's set of {grid} x {grid} nodes, {word} over bands"
             record.value(f"set_{grid}_{word}", seconds, what, unit="CPU-s")
 
 

@@ -121,7 +121,7 @@ def figure(record: Record, seds: QuasarSeds, camera: Camera, z: np.ndarray, mag:
     u, g, r = (mag[:, names.index(band)] for band in "ugr")
     some = g < 24
     for axes, blue, red, column, label in ((left, u, g, 1, "u - g"), (right, g, r, 2, "g - r")):
-        axes.plot(z[some], (blue - red)[some], ".", ms=3, color=SKY, label="drawn, g < 24 (CSST bands)")
+        axes.plot(z[some], (blue - red)[some], ".", ms=3, color=SKY, label="simulated, g < 24 (CSST bands)")
         known = [(t[0], t[column]) for t in TRACK]
         axes.plot(*zip(*known, strict=True), "D", color=VERMILION, label="SDSS median (Richards et al. 2001)")
         axes.set(xlim=(0, 5), ylim=(-1, 3), xlabel="z", ylabel=label)

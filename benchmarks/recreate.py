@@ -38,7 +38,7 @@ WAYS = {
     "same": "as it is", "other": "as another exposure: no noise in common",
     "plain": "from the mission's keywords alone, with the seed",
 }  # fmt: skip
-SHOWN = *LEVELS, "light of points [e-]", "light of galaxies [e-]", "places, median [px]"
+SHOWN = *LEVELS, "light of points [e-]", "light of galaxies [e-]", "positions, median [px]"
 STRUCTURE = {"BSCALE", "BZERO", "EXTNAME"}
 
 
@@ -117,7 +117,7 @@ def redraw(record: Record) -> None:
             for line in lines
         }
         rows.append([WAYS[name], *(cells.get(what, "") for what in SHOWN)])
-    record.table("frames", ["frame drawn again", *(what.split(" [")[0] for what in SHOWN)], rows)
+    record.table("frames", ["frame rendered again", *(what.split(" [")[0] for what in SHOWN)], rows)
     record.value("differing", int(differs), "comparisons that differ by more than is allowed", below=0)
 
 

@@ -157,11 +157,11 @@ def main() -> None:
         folders = fields(folder, record.toy)
         for folder in folders:
             made(folder, record.toy)
-        record.value("places", len(folders), "places, each with four frames")
-        record.value("frames_cpu", spent(folders, "frame")[0], "the four frames of a place", unit="CPU-s")
+        record.value("places", len(folders), "positions, each with four frames")
+        record.value("frames_cpu", spent(folders, "frame")[0], "the four frames of a position", unit="CPU-s")
         seconds, spectra = spent(folders, "catalogue")
-        record.value("extract_cpu", seconds, "extraction of the spectra of a place, with their lines", unit="CPU-s")
-        record.value("spectra", round(spectra), "spectra in the four frames of a place")
+        record.value("extract_cpu", seconds, "extraction of the spectra of a position, with their lines", unit="CPU-s")
+        record.value("spectra", round(spectra), "spectra in the four frames of a position")
 
 
 if __name__ == "__main__":

@@ -228,17 +228,17 @@ def main(record: Record) -> None:
     pull_table(record, folders, runs)
     stack, objects = stacked(runs[:KEPT], "kept", output / "kept", band)
     kept = fit(stack, objects, public_templates(templates), step)
-    record.value("kept_galaxies", len(objects), "galaxies of the places whose light of others is also kept")
+    record.value("kept_galaxies", len(objects), "galaxies of the positions where other objects' flux is also kept")
     two = contamination_table(record, fits["EAZY's"], kept, objects)
     parts = {"frames": spent(folders, "frame")[0], "extract": spent(folders, "catalogue")[0]}
     galaxy = (len(folders) * sum(parts.values()) + fit_cpu) / found["all"]["objects"]
-    record.value("fit_cpu", fit_cpu / len(folders), "stack and fit of a place", unit="CPU-s")
+    record.value("fit_cpu", fit_cpu / len(folders), "stack and fit of a position", unit="CPU-s")
     record.value("galaxy_cpu", galaxy, "a galaxy, from the sky to its redshift", unit="CPU-s")
     record.value("all_cpu", galaxy * found["all"]["objects"] / 60, "all galaxies", unit="CPU-min")
     wanted = found["all"]["objects"] * (found["all"]["completeness_err"] / 1e-3) ** 2
     record.value("wanted", wanted, "galaxies for an error of 0.001 in completeness")
     record.value("wanted_hours", wanted * galaxy / 3600, "the same", unit="CPU-h")
-    labels = "neighbours subtracted", "subtracted, two places", "kept, two places"
+    labels = "neighbours subtracted", "subtracted, two positions", "kept, two positions"
     results = dict(zip(labels, (found, *two), strict=True))
     redshift_cost.draw(record.figure("redshift_cost.png"), results, galaxy, band)
 

@@ -162,7 +162,7 @@ def release(record: Record, parser: argparse.ArgumentParser) -> None:
         record.value(f"{command[0]}_cpu", cpu_seconds() - before, what, unit="CPU-s")
     verdict = json.loads(done.paths.report.with_name("verdict.json").read_text())["counts"]
     record.value("gates", verdict["pass"], "gates that pass")
-    record.value("gates_few", verdict["not judged"], "gates with too few sources to be evaluated")
+    record.value("gates_few", verdict["not evaluated"], "gates with too few sources to be evaluated")
     record.value("gates_failed", verdict["fail"], "gates that fail", below=0)
     project(done, cpu, lost, record)
 

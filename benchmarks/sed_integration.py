@@ -69,8 +69,8 @@ def main(record: Record) -> None:
     record.table("filters", head, rows)
     fast, slow, error = np.array(found).T
     for key, values, what in (("cells", fast, "cell by cell"), ("sums", slow, "by the sum over the grid")):
-        record.value(f"{key}_least", values.min(), f"{count:,} galaxies {what}: the least of a filter", unit="CPU-s")
-        record.value(f"{key}_most", values.max(), f"{count:,} galaxies {what}: the most of a filter", unit="CPU-s")
+        record.value(f"{key}_minimum", values.min(), f"{count:,} galaxies {what}: minimum over filters", unit="CPU-s")
+        record.value(f"{key}_maximum", values.max(), f"{count:,} galaxies {what}: maximum over filters", unit="CPU-s")
     record.value("difference", error.max(), "largest relative difference of the two, any filter")
     weights = np.stack([subband_weights(f, camera.telescope).sum(axis=0) for f in camera.bands.values()])
     z, mix, av = galaxies(seds, brick)

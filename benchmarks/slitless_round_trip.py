@@ -204,8 +204,8 @@ def trip(record: Record) -> None:
         record.value(f"placed_{kind}", len(light), f"{many}")
         if means := [flux.mean() for flux in fluxes if len(flux)]:
             what = f"flux of found lines of {many}, out over in, mean of a grating"
-            record.value(f"line_flux_{kind}_least", min(means), f"{what}: least")
-            record.value(f"line_flux_{kind}_most", max(means), f"{what}: largest")
+            record.value(f"line_flux_{kind}_minimum", min(means), f"{what}: minimum")
+            record.value(f"line_flux_{kind}_maximum", max(means), f"{what}: largest")
     header = ["grating", "object", "number", "electrons out / in", "flux out / in", "line off its trace [px]"]
     record.table("spectra", [*header, "resolving power", "line flux out / in"], rows)
 

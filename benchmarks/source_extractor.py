@@ -45,7 +45,7 @@ from csstsim.stages.psf import open_psf
 ROOT = Path(__file__).parents[1]
 FACTS = {
     "light_6": "light of csstsim's PSF within 6 px", "psfex": "light of psfex's model within 6 px",
-    "light_kron": f"light of csstsim's PSF within {KRON_MIN_RADIUS} px, its least Kron radius",
+    "light_kron": f"light of csstsim's PSF within {KRON_MIN_RADIUS} px, its minimum Kron radius",
     "failed": "fraction of source-extractor's detections whose fit of the PSF failed", "stars": "stars that psfex took",
 }  # fmt: skip
 FIELD = {"ra": 60.1172, "dec": -40.0330}  # the demo's

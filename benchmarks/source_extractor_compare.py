@@ -165,7 +165,7 @@ def draw(path, bands):
         column[1].set(xscale="log", xlabel="true S/N", ylim=(-0.4, 0.4))
         column[1].set_xticks([5, 10, 20, 50, 100, 200, 500], [5, 10, 20, 50, 100, 200, 500])
         column[1].minorticks_off()
-    axes[0, 0].set_ylabel("share of isolated point sources found")
+    axes[0, 0].set_ylabel("fraction of isolated point sources found")
     axes[1, 0].set_ylabel("PSF magnitude, measured - true")
     axes[0, 0].legend()
     with atomic_path(path) as temporary:

@@ -203,8 +203,8 @@ def main(record: Record) -> None:
     star = f"star of {BRIGHT:.0e} electrons, visible error against direct optics"
     record.value("star_smooth", max(smooth), f"{star}: smooth spectra, the largest", unit="of its noise")
     record.value("star_lines", found["lines"][1], f"{star}: lines", unit="of its noise")
-    record.value("paper_least", min(papers), f"{star}: the paper's method, the least", unit="of its noise")
-    record.value("paper_most", max(papers), f"{star}: the paper's method, the largest", unit="of its noise")
+    record.value("paper_minimum", min(papers), f"{star}: the paper's method, minimum", unit="of its noise")
+    record.value("paper_maximum", max(papers), f"{star}: the paper's method, the largest", unit="of its noise")
 
 
 if __name__ == "__main__":

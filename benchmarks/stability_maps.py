@@ -182,12 +182,12 @@ def report(record: Record, found: dict, axes: Axes) -> None:
         limits.append(np.sqrt(np.maximum(shot * np.abs(shot), 0) + 2 * chance**2).max(axis=0))
         least, what = (
             passes(axes.light, found[name][policy.STAMP][0]),
-            f"least light of {name} whose stamp is above eps",
+            f"minimum flux of {name} whose stamp is above eps",
         )
         record.value(f"{name}_from", least, what, unit="electrons")
     head = ["method", "galaxies", "chosen", "above eps", "above eps and bound", "bound, at most", "chance, at most"]
     record.table("chosen", head, rows)
-    record.value("over", over, "places where the chosen method's error is above eps and the stated bound", below=0)
+    record.value("over", over, "positions where the chosen method's error is above eps and the stated bound", below=0)
     lines = zip(axes.light, np.max(limits, axis=0), found["stars"][-1], strict=True)
     record.table("by_light", ["electrons", "photons of galaxies, upper limit", "stamps of stars, full box"], [
         [f"{light:.0e}".replace("e+0", "e"), f"{limit:.2g}", f"{star:.2g}"] for light, limit, star in lines

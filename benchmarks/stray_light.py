@@ -137,25 +137,27 @@ def levels_of_fields(record: Record) -> dict:
         kept[field] = levels, own
     header = ["field", "limb [deg]", "Moon [deg]", "Sun [deg]", "earthshine above a tenth of the zodiacal light, r"]
     record.table("fields", [*header, "no earthshine at all", "over a dark Earth"], rows)
-    record.table("levels", ["field", "r [e-/s/px]", "least", "median", "most"], components)
+    record.table("levels", ["field", "r [e-/s/px]", "minimum", "median", "maximum"], components)
     exposed = sum(levels["r"]["earth"].size for levels, _ in kept.values())
     record.value("exposures", exposed, "exposures of the five fields")
     what = "limb, Moon and Sun of all exposures, compared with astropy's: largest difference"
     record.value("astropy", max(astropy_off), what, unit="deg", below=0.01)
     record.value(
-        "lit", min(lit), "exposures with earthshine above a tenth of the zodiacal light, least of fields", above=0.1
+        "lit", min(lit), "exposures with earthshine above a tenth of the zodiacal light, minimum over fields", above=0.1
     )
-    record.value("dark", max(below_dark), "most earthshine in r over a dark Earth", unit="e-/s/px", below=0)
-    for word, change in (("least", min(changes)), ("most", max(changes))):
+    record.value("dark", max(below_dark), "largest earthshine in r over a dark Earth", unit="e-/s/px", below=0)
+    for word, change in (("minimum", min(changes)), ("maximum", max(changes))):
         record.value(
-            f"zodiacal_{word}", change, f"zodiacal light in r over the year, most over least, {word} of fields"
+            f"zodiacal_{word}", change, f"zodiacal light in r over the year, maximum over minimum, {word} over fields"
         )
     r = {part: np.concatenate([levels["r"][part] for levels, _ in kept.values()]) for part in COMPONENTS}
     ratio, limbs = r["earth"] / r["zodiacal"], np.concatenate([own["limb"] for _, own in kept.values()])
-    record.value("earth_most", ratio.max(), "most earthshine in r over zodiacal light")
+    record.value("earth_maximum", ratio.max(), "largest earthshine in r over zodiacal light")
     record.value("earth_most_limb", limbs[ratio.argmax()], "limb angle of that exposure", unit="deg")
-    record.value("moon_most", (r["moon"] / r["zodiacal"]).max(), "most moonlight in r over zodiacal light", below=1e-3)
-    record.value("sun_most", r["sun"].max(), "most sunlight in r", unit="e-/s/px", below=0)
+    record.value(
+        "moon_maximum", (r["moon"] / r["zodiacal"]).max(), "largest moonlight in r over zodiacal light", below=1e-3
+    )
+    record.value("sun_maximum", r["sun"].max(), "largest sunlight in r", unit="e-/s/px", below=0)
     record.value("stars_median", np.median(r["stars"] / r["zodiacal"]), "starlight in r over zodiacal light, median")
     return kept
 
@@ -187,7 +189,9 @@ def draw_levels(kept: dict, record: Record) -> None:
         ratio = np.sort(np.concatenate([v[band]["earth"] / v[band]["zodiacal"] for v, _ in kept.values()]))
         ax.semilogx(np.maximum(ratio, 1e-6), 1 - np.arange(len(ratio)) / len(ratio), color=COLOURS[band], label=band)
     ax.axvline(0.1, color="k", lw=0.8, ls=":")
-    ax.set(xlim=(1e-4, 10), ylim=(0, 0.7), xlabel="earthshine / zodiacal light", ylabel="share of exposures above it")
+    ax.set(
+        xlim=(1e-4, 10), ylim=(0, 0.7), xlabel="earthshine / zodiacal light", ylabel="fraction of exposures above it"
+    )
     ax.legend(fontsize=8)
     save(figure, record, "stray_levels")
 
@@ -294,14 +298,16 @@ def frames(kept: dict, record: Record) -> None:
     record.table("frames", header, rows)
     record.value("frame_count", len(rows), "frames without noise, at nine positions each")
     record.value("frames_off", max(worst), "frames less an independent sum, largest of nine positions", below=0.01)
-    record.value("gradient_off", max(slopes), "gradient of frames, most over least, less that of the sum", below=0.01)
+    record.value(
+        "gradient_off", max(slopes), "gradient of frames, maximum over minimum, less that of the sum", below=0.01
+    )
     record.value("gradient_median", np.median(slopes), "the same, median of frames")
     for name, what, values in (
         ("sum", "all light", bright), ("zodiacal", "zodiacal light alone", zodiacal_bright),
     ):  # fmt: skip
-        for word, value in (("least", min(values)), ("most", max(values))):
+        for word, value in (("minimum", min(values)), ("maximum", max(values))):
             record.value(f"over_chip_{name}_{word}", value, f"change over a chip, brightest exposures: {what}, {word}")
-    for word, value in (("least", min(limbs)), ("most", max(limbs))):
+    for word, value in (("minimum", min(limbs)), ("maximum", max(limbs))):
         record.value(f"over_chip_limb_{word}", value, f"limb angles of those exposures, {word}", unit="deg")
 
 
@@ -320,10 +326,10 @@ def depth(kept: dict, record: Record) -> None:
         lost = limit(parts["zodiacal"]) - limit(sum(parts.values()))
         rows.append([band, *(f"{value:.2f}" for value in np.quantile(lost, [0.5, 0.9, 1.0]))])
         ax.semilogx(np.sort(lost + 1e-9), 1 - np.arange(len(lost)) / len(lost), color=COLOURS[band], label=band)
-    ax.set(xlim=(1e-3, 1.5), ylim=(0, 0.7), xlabel="lost depth [mag]", ylabel="share of exposures that lose more")
+    ax.set(xlim=(1e-3, 1.5), ylim=(0, 0.7), xlabel="lost depth [mag]", ylabel="fraction of exposures that lose more")
     ax.legend(fontsize=8)
     save(figure, record, "stray_depth")
-    header = ["band", "median [mag]", "90% of exposures lose less than [mag]", "most [mag]"]
+    header = ["band", "median [mag]", "90% of exposures lose less than [mag]", "maximum [mag]"]
     record.table("depth", header, rows)
     for rate in (0.1, 0.5, 1.0):
         what = f"depth lost in r with a sky of {rate:g} e-/s/px instead of 0.2"
@@ -341,10 +347,12 @@ def hst(record: Record) -> None:
         weights, light = np.array([(np.sin(np.radians(z)), noon(limb, 400.0, z, a)) for z, a in places]).T
         far = ~np.isnan(light)
         by_day[f"{limb:.0f}"] = np.average(light[far], weights=weights[far]) / overhead
-    for word, value in (("least", min(lower)), ("most", max(lower))):
-        record.value(f"lower_orbit_{word}", value, f"earthshine at 400 km over that at 540 km less 1, {word} of angles")
+    for word, value in (("minimum", min(lower)), ("maximum", max(lower))):
+        record.value(
+            f"lower_orbit_{word}", value, f"earthshine at 400 km over that at 540 km less 1, {word} over angles"
+        )
     for limb, share in by_day.items():
-        what = f"earthshine at a limb angle of {limb} deg, mean over places of the Sun by day over Sun overhead"
+        what = f"earthshine at a limb angle of {limb} deg, mean over the Sun by day, over Sun overhead"
         record.value(f"by_day_{limb}", share, what)
 
 

@@ -234,7 +234,7 @@ def report_spectra(record: Record, layout: Layout, found: np.ndarray, drawn: np.
         rows.append([f"{np.sqrt(low * high):,.0f}", *cells, f"{single[0]:.0%}"])
     header = [f"z = {z:g}, mean haloes" for z in SOURCES]
     near = f"z = {SOURCES[0]:g}, "
-    record.table("spectra", ["l", f"{near}as drawn", *header, f"{near}single haloes"], rows)
+    record.table("spectra", ["l", f"{near}as made", *header, f"{near}single haloes"], rows)
 
 
 def report_departure(record: Record, field: MatterField) -> None:
@@ -242,7 +242,7 @@ def report_departure(record: Record, field: MatterField) -> None:
     ell = np.geomspace(30, 20000, 100)
     for name, sources in (("departure", SOURCES), ("departure_near", NEAR_SOURCES)):
         off = max(np.abs(field.spectrum(ell, z) / field.shells.limber(ell, z) - 1).max() for z in sources)
-        words = "largest departure from halofit of the spectrum that is drawn, l = 30 to 20,000, z = "
+        words = "largest departure from halofit of the spectrum of the maps, l = 30 to 20,000, z = "
         record.value(name, off, words + ", ".join(f"{z:g}" for z in sources))
 
 

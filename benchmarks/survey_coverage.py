@@ -26,7 +26,12 @@ def main(record: Record) -> None:
             once.append((n > 0).mean())
             twice.setdefault(band, []).append((n > 1).mean())
             mean.setdefault(band, []).append(n.mean())
-    record.value("once", min(once), "part of a field's circle that a filter exposes, least of all", above=0.999)
+    record.value(
+        "once",
+        min(once),
+        "fraction of a field's circle that a filter exposes, minimum over fields and filters",
+        above=0.999,
+    )
     rows = [
         [band, f"{100 * min(part):.0f}% to {100 * max(part):.0f}%", f"{np.mean(mean[band]):.2f}"]
         for band, part in twice.items()

@@ -85,7 +85,7 @@ def cost(names, record):
         said = run("csstsim", "compare", file, other)[1].strip()  # ends here if a bit differs
         print(said)
         rows.append([name, *(f"{v:.1f}" if v else "" for v in (drawn, *cpu, drawn + sum(cpu), whole))])
-    header = ["variant", "flux drawn again, CPU-s", "readout", "level0", "all", "from the beginning"]
+    header = ["variant", "rendering, CPU-s", "readout", "level0", "all", "from the beginning"]
     record.table("costs", header, rows)
 
 

@@ -76,8 +76,8 @@ def report_diffraction(camera: Camera, record: Record) -> None:
         rows.append([f"{wavelength / 10:.0f}", *(f"{ratio:.3f}" for ratio in ratios)])
     record.table("diffraction", ["nm", *(f"{radius} px" for radius in radii)], rows)
     what = "direct optics over the closed form of its wing, 60 to 200 px"
-    record.value("diffraction_least", min(far), f"{what}, least", above=0.99)
-    record.value("diffraction_most", max(far), f"{what}, most", below=1.01)
+    record.value("diffraction_minimum", min(far), f"{what}, minimum", above=0.99)
+    record.value("diffraction_maximum", max(far), f"{what}, maximum", below=1.01)
 
 
 def halo_alone(wing):
@@ -107,29 +107,31 @@ def report_anchors(camera: Camera, record: Record) -> None:
         rows.append([name, *(f"{wing.light_beyond(float(radius)).mean():.4f}" for radius in radii)])
     record.table("beyond", ["band", *(f"beyond {radius} px" for radius in radii)], rows)
     outside = [np.mean(scattered_light(camera, band).wing.light_beyond(32.0)) for band in camera.filters.values()]
-    record.value("beyond_box_least", min(outside), "light beyond 32 px, halo and diffraction, least of bands")
-    record.value("beyond_box_most", max(outside), "light beyond 32 px, halo and diffraction, most of bands")
+    record.value("beyond_box_minimum", min(outside), "light beyond 32 px, halo and diffraction, minimum over bands")
+    record.value("beyond_box_maximum", max(outside), "light beyond 32 px, halo and diffraction, maximum over bands")
     small = [name for name in camera.filters if oversampling_of(name, camera.psf) == 4]  # a box of 32 px, not 64
     between = {name: np.mean(np.subtract(*diffraction_beyond(camera, name, (32.0, 64.0)))) for name in small}
-    for word, name in (("least", min(between, key=between.get)), ("most", max(between, key=between.get))):
-        what = f"light of the diffraction image between 32 and 64 px, {word} of bands with 4 cells ({name})"
+    for word, name in (("minimum", min(between, key=between.get)), ("maximum", max(between, key=between.get))):
+        what = f"light of the diffraction image between 32 and 64 px, {word} over bands with 4 cells ({name})"
         record.value(f"between_boxes_{word}", between[name], what)
 
 
 def report_ghosts(camera: Camera, record: Record) -> None:
-    """Record the light of the ghosts, and the faintest star whose ghosts are drawn."""
+    """Record the light of the ghosts, and the faintest star whose ghosts are rendered."""
     ghosts = {name: scattered_light(camera, band).ghosts for name, band in camera.filters.items()}
     light = {name: each.light.sum() for name, each in ghosts.items()}
-    for word, name in (("least", min(light, key=light.get)), ("most", max(light, key=light.get))):
-        record.value(f"ghosts_{word}", light[name], f"light of the ghosts over the star's, {word} of bands ({name})")
+    for word, name in (("minimum", min(light, key=light.get)), ("maximum", max(light, key=light.get))):
+        record.value(f"ghosts_{word}", light[name], f"light of the ghosts over the star's, {word} over bands ({name})")
     for key, what, levels in (
         ("disc", "one disc", [each.level.max() for each in ghosts.values()]),
         ("overlap", "where all discs overlap", [each.level.sum() for each in ghosts.values()]),
     ):
-        record.value(f"ghost_{key}", max(levels), f"light per pixel of a ghost over the star's, {what}, most of bands")
+        record.value(
+            f"ghost_{key}", max(levels), f"light per pixel of a ghost over the star's, {what}, maximum over bands"
+        )
     electrons = ghosts["r"].faintest / ghosts["r"].level.max()
     mag = camera.filters["r"].zeropoint(camera.telescope) - 2.5 * np.log10(electrons / EXPTIME)
-    record.value("ghost_faintest", mag, f"faintest star whose ghosts are drawn, {EXPTIME:.0f} s", unit="r mag")
+    record.value("ghost_faintest", mag, f"faintest star whose ghosts are rendered, {EXPTIME:.0f} s", unit="r mag")
 
 
 def diffraction_beyond(camera: Camera, name: str, radii: tuple[float, ...]) -> list[np.ndarray]:
@@ -191,8 +193,8 @@ def report_energy(scene: Scene, record: Record) -> None:
         drawn = image.sum(dtype=float) / electrons - ghosts
         off.append(abs(drawn - closed))
         rows.append([f"r = {mag}", f"{2 * half + 1} px", f"{drawn:.5f}", f"{closed:.5f}"])
-    record.table("light", ["star", "square", "light drawn", "light of the closed form"], rows)
-    record.value("light_off", max(off), "light of a star drawn in a square less the closed form", below=1e-3)
+    record.table("light", ["star", "square", "flux rendered", "light of the closed form"], rows)
+    record.value("light_off", max(off), "flux of a star rendered in a square less the closed form", below=1e-3)
 
 
 def second_difference(image):
@@ -240,7 +242,7 @@ def report_joins(scene: Scene, record: Record) -> None:
         rows.append([f"r = {mag}", f"{reach:.0f}", *(f"{n:.2g}" for n in (step, excess / sky, optics, mean / sky))])
     header = ["star", "wing above the noise to [px]", "step without a wing", "texture where the box fades"]
     record.table("joins", [*header, "texture of the optics there", "texture of rings' means"], rows)
-    what = "texture that the join leaves out, in units of the noise of sky and star there, most of magnitudes"
+    what = "texture that the join leaves out, in units of the noise of sky and star there, maximum over magnitudes"
     record.value("texture_missing", max(missing), what)
     record.value("sky_noise", sky, f"noise of the sky, r band, {EXPTIME:.0f} s", unit="e-")
 
@@ -289,7 +291,7 @@ def draw_profile(scene: Scene, path: Path, half: int) -> None:
     peak = float(image.max()) / electrons
     grid = np.geomspace(1, 1e4, 300)
     wing = scene.scattered.wing
-    axes[0].loglog(centres, seen[1:120] / peak, "k.", ms=4, label="drawn, mean of rings (mag 5)")
+    axes[0].loglog(centres, seen[1:120] / peak, "k.", ms=4, label="rendered, mean of rings (mag 5)")
     axes[0].loglog(grid, wing.halo(grid).mean(axis=0) / peak, label="halo")
     axes[0].loglog(grid, (wing.profile(grid) - wing.halo(grid)).mean(axis=0) / peak, label="mean diffraction wing")
     axes[0].loglog([10, 100], [1e-4, 1e-6], "r*", ms=10, label="Wei et al. 2025, scattered light")

@@ -225,9 +225,10 @@ def layer(module, change):
 FAULTS = (
     Fault("noise doubled in one of two exposures", layer(readout_noise, more_noise), "chip",
           "noise over that of sky, dark and readout, less 1"),
-    Fault("header's WCS 0.3 px off", header_wcs, "chip", "place by the header's WCS [px]"),
+    Fault("header's WCS 0.3 px off", header_wcs, "chip", "position by the header's WCS [px]"),
     Fault("GAIN of the header 2% wrong", layer(gain, stated_gain), "chip", "header: gain over the camera's, less 1"),
-    Fault("code's WCS 0.3 px off in one of four exposures", code_wcs, "measure", "place of an exposure [mas]"),
+    Fault("code's WCS 0.3 px off in one of four exposures", code_wcs, "measure",
+          "astrometric offset of an exposure [mas]"),
     Fault("amplifiers' true gain 2% off that stated", layer(gain, true_gain), "chip",
           "bias of the overscan less the header's [DN]"),
     Fault("2% of gain in the pixels of half a window", layer(poisson_and_dark, half_gain), "chip",

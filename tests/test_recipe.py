@@ -318,7 +318,7 @@ def test_a_layout_that_is_not_known_is_refused(opened):
 
 
 def test_a_threshold_given_as_it_is_by_default_counts_for_an_own_catalogue(tmp_path):
-    """Left out it is not judged there, given it is: the validation is made again."""
+    """Left out it is not evaluated there, given it is: the validation is made again."""
     own = {"kind": "mini_campaign:Stars"}
     file = write_campaign(tmp_path, catalog=own)
     before = OpenCampaign(file).recipes.validation

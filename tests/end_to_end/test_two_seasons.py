@@ -133,7 +133,7 @@ def test_validation_compares_places_at_the_epoch(campaign):
     """No offset in spite of 26 arcsec of aberration and 8 arcsec of proper motion since J2000; 0.02 px are 1.5 mas."""
     results = [json.loads(campaign.paths.validate(pix).read_text())["astrometry_mas"] for pix in campaign.merge_bricks]
     found = [part for result in results for part in result.values() if part["n"]]
-    assert sum(part["n"] for part in found) >= 2 * 12  # nearly saturated ones are not judged
+    assert sum(part["n"] for part in found) >= 2 * 12  # nearly saturated ones are not evaluated
     assert all(abs(part["median"]) < 1000 * PLACE_PX * SCALE for part in found)
 
 

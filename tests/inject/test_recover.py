@@ -377,7 +377,7 @@ def test_the_lines_have_the_numbers_of_all_objects_and_of_each_bin():
         )
         in text
     )
-    assert not any("place y" in line for line in text[:8])  # of all objects: pulls alone
+    assert not any("position y" in line for line in text[:8])  # of all objects: pulls alone
 
 
 def _span(found, total):

@@ -53,7 +53,7 @@ def test_failing_gates_are_named_first_and_the_failing_brick_is_the_first_row(tm
     text = page(tmp_path, [good, bad])
     reader = Reader(text)
     words = " ".join(reader.text)
-    assert "FAIL: 1 of 2 judged gates pass." in words
+    assert "FAIL: 1 of 2 evaluated gates pass." in words
     assert words.index("brick 12: purity is 0.03125 against 0.02") < words.index("Summary")
     assert words.index("Brick 12") < words.index("Brick 11")
     assert "deep: pull: width" in words and "completeness_curve" not in words  # numbers it has not heard of
@@ -85,7 +85,7 @@ def test_all_text_is_escaped_and_everything_is_in_the_page(tmp_path):
 def test_a_report_of_nothing(tmp_path):
     text = page(tmp_path, [])
     Reader(text)
-    assert "No gate could be judged" in text
+    assert "No gate could be evaluated" in text
 
 
 def test_gates_that_do_not_apply_are_apart_with_one_of_three_reasons(tmp_path):
@@ -95,20 +95,20 @@ def test_gates_that_do_not_apply_are_apart_with_one_of_three_reasons(tmp_path):
     ]  # fmt: skip
     text = page(tmp_path, [result(1, gates)], labels={"g": "G"})
     words = " ".join(Reader(text).text)
-    assert "4 could not be judged (fewer than 20 such objects in the field; no threshold is given; no bin" in words
+    assert "4 could not be evaluated (fewer than 20 such objects in the field; no threshold is given; no bin" in words
     rows = verdict.without_judgement(gates)
     assert rows == {
         ("flag", verdict.TOO_FEW): {"g": 3, "r": 7}, ("purity", verdict.NO_THRESHOLD): {"all": 25},
         ("bias", verdict.NO_BIN): {"r": 40},
     }  # fmt: skip
     assert "G 3, r 7" in words and "do not apply to this campaign" in words
-    assert text.count('class="none">not judged') == 0 and text.count('class="pass">pass') >= 1
+    assert text.count('class="none">not evaluated') == 0 and text.count('class="pass">pass') >= 1
 
 
 def test_gates_may_miss_or_add_keys_and_figures(tmp_path):
     odd = {"name": "shear", "passed": None, "why": "no twin"}
     words = " ".join(Reader(page(tmp_path, [result(3, [odd], bands=())])).text)
-    assert "shear" in words and "no threshold is given" in words and "not judged" in words
+    assert "shear" in words and "no threshold is given" in words and "not evaluated" in words
 
 
 def test_500_bricks_and_3000_files_make_a_small_page_that_folds(tmp_path):
@@ -153,11 +153,11 @@ def test_printed_are_failing_gates_in_full_and_counts_of_the_others():
     some = [gate("bias", "g", True), gate("bias", "r", False), gate("completeness", "g", True)]
     printed = [
         "FAIL brick 5: bias in r is 0.03125 against 0.02",
-        "FAIL bias: 1 pass, 1 fail, 0 not judged",
-        "pass completeness: 1 pass, 0 fail, 0 not judged",
+        "FAIL bias: 1 pass, 1 fail, 0 not evaluated",
+        "pass completeness: 1 pass, 0 fail, 0 not evaluated",
     ]
-    assert list(verdict.lines(verdict.judge([result(5, some)]))) == [*printed, "FAIL: 2 of 3 judged gates pass."]
+    assert list(verdict.lines(verdict.judge([result(5, some)]))) == [*printed, "FAIL: 2 of 3 evaluated gates pass."]
     idle = [gate("pulls", "g", None), gate("purity", "all", None)]
     *lines, names, last = verdict.lines(verdict.judge([result(5, some + idle)]))
-    assert lines == printed and names == "not judged: pulls, purity"
-    assert last.startswith("FAIL: 2 of 3 judged gates pass; 2 could not be judged (")
+    assert lines == printed and names == "not evaluated: pulls, purity"
+    assert last.startswith("FAIL: 2 of 3 evaluated gates pass; 2 could not be evaluated (")

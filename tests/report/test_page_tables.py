@@ -34,8 +34,8 @@ def test_the_table_of_bricks_has_each_bricks_numbers():
     note, table = page._brick_table(results, {11: (Link("x", "y"),)}, {"nuv": "NUV"})
     assert "completeness of point sources" in note.words and table.name == "bricks"
     assert list(table.head) == [
-        "brick", "verdict", "gates pass / fail / not judged", "frames", "sources", "true objects", "purity", "g", "NUV",
-        "files",
+        "brick", "verdict", "gates pass / fail / not evaluated", "frames", "sources", "true objects", "purity", "g",
+        "NUV", "files",
     ]  # fmt: skip
     same = 3, 50, 1, 0.96
     assert table.rows == [
@@ -68,7 +68,7 @@ def test_bricks_beyond_the_fourth_are_folded():
         ("brick-0", "Brick 0", 3), ("brick-1", "Brick 1", 3),
     ]  # fmt: skip
     assert [len(one.body) == 1 and isinstance(one.body[0], Details) for one in sections] == [False] * 4 + [True] * 2
-    assert sections[5].body[0].summary == "1 pass, 0 fail, 1 not judged"
+    assert sections[5].body[0].summary == "1 pass, 0 fail, 1 not evaluated"
     assert [any(isinstance(p, Figure) for p in one.body[0].body) for one in sections[4:]] == [False, True]
 
 
@@ -78,7 +78,7 @@ def test_tables_of_gates_are_by_verdict_with_all_their_keys():
         gate("flag", None, brick=5, n=3), gate("flag", None, brick=6, n=4, band="r"),
     ]  # fmt: skip
     counts, failing, idle_words, idle, passing = page._gates(gates, {"g": "G"})
-    assert counts.head == ("gate", "pass", "fail", "not judged")
+    assert counts.head == ("gate", "pass", "fail", "not evaluated")
     assert counts.rows == [("bias", 1, 1, 0), ("lines", 0, 1, 0), ("flag", 0, 0, 2)]
     assert failing.head == ("brick", "verdict", "gate", "band", "value", "threshold", "sources", "margin", "chip")
     assert failing.rows == [
@@ -153,9 +153,9 @@ def test_gates_of_variants_stand_side_by_side_the_worst_of_exposures():
         gate("bias", True, brick=5, threshold=0.95, value=12345.678), gate("new", True, brick=None, band=None)
     )
     rows = {"base": variants_page._of_rows(base), "worse": variants_page._of_rows(other)}
-    assert rows["base"]["counts"] == {"pass": 1, "fail": 1, "not judged": 1}
+    assert rows["base"]["counts"] == {"pass": 1, "fail": 1, "not evaluated": 1}
     counts, _, table = variants_page._gates(rows)
-    assert counts.head == ("campaign", "pass", "fail", "not judged")
+    assert counts.head == ("campaign", "pass", "fail", "not evaluated")
     assert counts.rows == [("base", 1, 1, 1), ("worse", 2, 0, 0)]
     assert table.head == ("gate", "band", "brick", "threshold", "base", "worse")
     assert table.rows == [
@@ -208,7 +208,7 @@ def test_the_means_of_a_variant_have_their_errors_and_those_without_the_far(monk
     assert table.rows == [
         ("star", "magnitude", 6, 6, f"{115 / 6:+.3g}", f"{error:.2g}", f"{115 / 6 / error:+.1f}", f"{scatter:.2g}", 1,
          "+3", f"{near:.2g}"),
-        ("star", "place x [px]", 7, 0, "+0", "0", "0", "0", 0, "+0", "0"),
+        ("star", "position x [px]", 7, 0, "+0", "0", "0", "0", 0, "+0", "0"),
     ]  # fmt: skip
     assert figure.caption == "worse: variant less base, by magnitude"
 
@@ -222,7 +222,7 @@ def test_the_figure_of_a_variant_has_objects_means_and_errors(monkeypatch):
     figure = twin_figure.twin_figure(objects)
     shown = [axes for axes in figure.axes if axes.get_visible()]
     assert [axes.get_ylabel() for axes in shown] == [
-        f"{name}, variant - base" for name in ("magnitude [mag]", "place [px]", "electrons of spectra")
+        f"{name}, variant - base" for name in ("magnitude [mag]", "position [px]", "electrons of spectra")
     ]
     assert [axes.get_xlabel() for axes in shown] == ["true magnitude [AB]"] * 2 + ["-2.5 lg electrons"]
     magnitude, place, spectra = shown

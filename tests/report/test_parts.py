@@ -31,7 +31,7 @@ def test_a_column_of_numbers_is_one_in_which_all_are(column, style):
 
 def test_verdicts_and_pictures_have_their_words_and_classes():
     assert [(v.style, v.word) for v in map(Verdict, (True, False, None))] == [
-        ("pass", "pass"), ("fail", "FAIL"), ("none", "not judged"),
+        ("pass", "pass"), ("fail", "FAIL"), ("none", "not evaluated"),
     ]  # fmt: skip
     for picture, kind, style in ((PNG, "png", "chart"), (JPEG, "jpeg", "photo")):
         figure = parts.Figure(picture, "caption")

@@ -44,12 +44,12 @@ class ValidateConfig(Model):
         "chance are forgiven",
     )
     galaxy_snr_min: float = Field(
-        20.0, gt=0, description="S/N (from truth) above which galaxies' completeness is judged"
+        20.0, gt=0, description="S/N (from truth) above which galaxies' completeness is evaluated"
     )
     saturated_min: float | None = Field(
         0.9, ge=0, le=1, description="least share of stars of twice the full well that are flagged as saturated"
     )
-    snr_min: float = Field(5.0, gt=0, description="S/N (from truth) above which completeness is judged")
+    snr_min: float = Field(5.0, gt=0, description="S/N (from truth) above which completeness is evaluated")
     purity_min: float | None = Field(0.8, ge=0, le=1, description="least share of merged sources with a true object")
     mag_bias_max: float | None = Field(0.02, gt=0, description="|median magnitude residual| of stars at S/N > 20 [mag]")
     galaxy_mag_max: tuple[Threshold, Threshold, Threshold] | None = Field(
@@ -141,7 +141,7 @@ class ValidateConfig(Model):
         "spectra of S/N > 50; 4 sigma are allowed",
     )
     spectra_sky_max: float | None = Field(
-        0.03, gt=0, description="|median of the sky beside spectra over the campaign's, less 1|; faint objects add 0.01"
+        0.03, gt=0, description="|median of the sky near spectra over the campaign's, less 1|; faint objects add 0.01"
     )
     pointing_max: float | None = Field(
         0.01, gt=0, description="pointing keywords and world coordinates of the header less the campaign's [arcsec]"

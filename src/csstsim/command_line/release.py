@@ -101,7 +101,7 @@ def score(catalogue: str, truth: str, output: str, maps: tuple[str, ...], band: 
       e1, e2        (a - b) / (a + b), east and 45 deg to north; _chi: (a2 - b2) / (a2 + b2)
       a, b or q     with pa, in place of e1, e2; pa from north through east
     Columns called so need no --map, but for names of one letter. A line says which are used.
-    What is not mapped is not judged, and a line says so.
+    What is not mapped is not evaluated, and a line says so.
 
     \b
     For example:

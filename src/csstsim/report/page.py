@@ -176,7 +176,7 @@ def _brick_table(
         row = {
             "brick": Link(str(pix), f"#brick-{pix}"),
             "verdict": Verdict(False if counts["fail"] else True if counts["pass"] else None),
-            "gates pass / fail / not judged": " / ".join(map(str, counts.values())),
+            "gates pass / fail / not evaluated": " / ".join(map(str, counts.values())),
             "frames": result["frames"],
             "sources": result["sources"],
             "true objects": result["truth"],

@@ -27,7 +27,7 @@ class Link(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """True, False or None (not judged), shown as a word in a colour."""
+    """True, False or None (not evaluated), shown as a word in a colour."""
 
     passed: bool | None
 
@@ -39,7 +39,7 @@ class Verdict(NamedTuple):
     @property
     def word(self) -> str:
         """The word that is shown."""
-        return {True: "pass", False: "FAIL", None: "not judged"}[self.passed]
+        return {True: "pass", False: "FAIL", None: "not evaluated"}[self.passed]
 
 
 class Table(NamedTuple):

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 PANELS = {
     "magnitude [mag]": ("mag",),
-    "place [px]": ("x", "y"),
+    "position [px]": ("x", "y"),
     "ln size": ("size",),
     "ellipticity": ("e1", "e2"),
     "corrected shape": ("g1", "g2"),

@@ -26,7 +26,7 @@ ABOUT = (
     "scatter by noise, the far ones are mostly mismatches: read the mean without them."
 )
 GATES = (
-    "A gate counts once for each brick and band: of several exposures the worst is judged. In brackets is the part "
+    "A gate counts once for each brick and band: of several exposures the worst counts. In brackets is the part "
     "that it takes of what is allowed: the threshold and an allowance for chance. Above 1 the gate fails."
 )
 
@@ -75,7 +75,7 @@ def _row(gate: Mapping[str, Any]) -> tuple[str, str, int | None]:
 
 
 def _gates(verdicts_of: Mapping[str, Mapping[str, Any]]) -> list[Table | Paragraph]:
-    """Return a table of gates that pass, fail and are not judged, by campaign, and one of the values of each gate."""
+    """Return a table of the numbers of gates by verdict and campaign, and one of the values of each gate."""
     count = {one: verdict["counts"] for one, verdict in verdicts_of.items()}
     names = list(next(iter(count.values())))
     counts = Table(("campaign", *names), [(one, *(held[name] for name in names)) for one, held in count.items()])
@@ -97,7 +97,7 @@ def _thresholds(gates: Iterable[Mapping[str, Any]]) -> str:
 
 
 def _value(gate: Mapping[str, Any] | None) -> str:
-    """Return a gate's value and margin, a word if it fails; "-" if it is not judged, "" if there is no such gate."""
+    """Return a gate's value and margin, a word if it fails; "-" if it is not evaluated, "" if there is no such gate."""
     if gate is None:
         return ""
     if gate["passed"] is None:

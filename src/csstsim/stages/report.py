@@ -135,10 +135,10 @@ def _validation(run: OpenCampaign, pix: int) -> dict[str, Any]:
     limits = run.limits.model_dump(mode="json")
     check_recipe(path, result, run.brick_recipe(pix))
     if result.get("camera") != run.recipes.validation["camera"]:
-        raise InputError("judged by other limits of the camera; validate the brick again", file=path, key="camera")
+        raise InputError("evaluated by other limits of the camera; validate the brick again", file=path, key="camera")
     if result["limits"] != limits:
         raise InputError(
-            "judged by other thresholds; validate the brick again",
+            "evaluated by other thresholds; validate the brick again",
             file=path,
             key="limits",
             value=result["limits"],

@@ -141,10 +141,10 @@ FAULTS = {
     ),
     "EXPTIME 1 s off": (lambda f: header(f, exptime=149.0), "header: exposure time over the campaign's, less 1"),
     "header's WCS 0.3 px off": (
-        lambda f: replace(f, facts=replace(f.facts, wcs=header_wcs(f, 0.3))), "place by the header's WCS [px]",
+        lambda f: replace(f, facts=replace(f.facts, wcs=header_wcs(f, 0.3))), "position by the header's WCS [px]",
     ),
     "code's WCS 0.3 px off": (
-        lambda f: measured(f, dec=f.measured["dec"] + 0.3 * SCALE), "place of an exposure [mas]",
+        lambda f: measured(f, dec=f.measured["dec"] + 0.3 * SCALE), "astrometric offset of an exposure [mas]",
     ),
     "zero point 2% off": (
         lambda f: measured(f, mag_psf=f.measured["mag_psf"] + 0.0217), "zero point of an exposure [mag]",
@@ -236,7 +236,7 @@ def test_pixels_too_few_and_sky_unknown_judge_nothing(frames):
 def test_header_without_numbers_is_not_judged(frames):
     bare = replace(frames[0], facts=replace(frames[0].facts, header={}, wcs=None))
     found = {gate["name"]: gate for gate in gates([bare])}
-    assert found["place by the header's WCS [px]"]["passed"] is None
+    assert found["position by the header's WCS [px]"]["passed"] is None
     assert not any(name.startswith("header:") for name in found) and BIAS not in found
 
 

@@ -21,7 +21,7 @@ def test_flux_sky_and_pointing_are_judged_by_their_own_thresholds():
             "error": pytest.approx(0.005), "margin": pytest.approx(1.25), "passed": False,
         },
         where | {
-            "name": "sky beside spectra over the campaign's, less 1", "value": 0.05, "threshold": 0.04, "n": 60,
+            "name": "sky near spectra over the campaign's, less 1", "value": 0.05, "threshold": 0.04, "n": 60,
             "error": None, "margin": pytest.approx(1.25), "passed": False,
         },
         where | {

@@ -150,7 +150,7 @@ def test_the_page_says_what_differs(tmp_path):
     }
     for verdict in verdicts.values():
         passed = verdict["passed"]
-        verdict["counts"] = {"pass": int(passed), "fail": int(not passed), "not judged": 0}
+        verdict["counts"] = {"pass": int(passed), "fail": int(not passed), "not evaluated": 0}
     counts = {"base": {"sources": 9, "matched": 8, "other": 1}, "variant": {"sources": 7, "matched": 7, "other": 0}}
     none = {"base": {}, "variant": {}}
     studies = [Study("worse", {"psf.grid": 3}, many(), counts), Study("<odd>", {"seed": 3}, [], none)]
@@ -158,7 +158,7 @@ def test_the_page_says_what_differs(tmp_path):
     text = (tmp_path / "variants.html").read_text()
     shown = f"{summary(many())[0][2].mean:+.3g}"
     assert all(
-        word in text for word in ("0.5 (10.00) FAIL", "0.97 (0.30)", "0 of 1 judged", "psf.grid", shown, "&lt;odd&gt;")
+        word in text for word in ("0.5 (10.00) FAIL", "0.97 (0.30)", "0 of 1 evaluated", "psf.grid", shown, "&lt;odd&gt;")
     )
     assert text.count("data:image/png") == 1 and twin_figure([]) is None
 

@@ -176,7 +176,7 @@ FAULTS = {
     ),
     "a WCS one pixel off": (
         lambda f: changed(f, dec=f.measured["dec"] + SCALE),
-        {("position residual at S/N > 50 [mas]", "all"), ("place of an exposure [mas]", "g")},
+        {("position residual at S/N > 50 [mas]", "all"), ("astrometric offset of an exposure [mas]", "g")},
     ),
     "total fluxes 0.13 mag too bright": (
         lambda f: changed(f, flux_total=10 ** (0.4 * 0.13) * f.measured["flux_total"]),

@@ -26,7 +26,7 @@ def gate(name, passed, band="r", value=0.5, threshold=0.1, n=50, **where):
 
 
 def results():
-    """Two bricks: of six gates two pass, two fail, two are not judged."""
+    """Two bricks: of six gates two pass, two fail, two are not evaluated."""
     first = [gate("depth", True), gate("noise", None, n=3), gate("bias", False, value=-0.25, exposure="7", chip=9)]
     second = [gate("noise", False, value=12345.678, channel=16), gate("depth", True, band="all")]
     return [{"brick": 5, "gates": first}, {"brick": 2, "gates": second}], [gate("width", None, threshold=None)]
@@ -39,7 +39,7 @@ def test_failing_gates_come_first_then_those_not_judged_each_in_its_order():
         (5, "bias", False), (2, "noise", False), (5, "noise", None), (None, "width", None), (5, "depth", True),
         (2, "depth", True),
     ]  # fmt: skip
-    assert verdict["counts"] == {"pass": 2, "fail": 2, "not judged": 2} and verdict["passed"] is False
+    assert verdict["counts"] == {"pass": 2, "fail": 2, "not evaluated": 2} and verdict["passed"] is False
 
 
 @pytest.mark.parametrize(
@@ -57,17 +57,17 @@ def test_the_lines_that_are_printed():
         "FAIL brick 5, exposure 7, chip 9: bias in r is -0.25 against 0.1",
         "FAIL brick 2, channel 16: noise in r is 1.235e+04 against 0.1",
         "FAIL brick 3: noise in r is 0.5 against 0.1",
-        "FAIL noise: 0 pass, 2 fail, 1 not judged",
-        "FAIL bias: 0 pass, 1 fail, 0 not judged",
-        "pass depth: 2 pass, 0 fail, 0 not judged",
-        "not judged: width",
-        f"FAIL: 2 of 4 judged gates pass; 2 could not be judged ({TOO_FEW}; {NO_THRESHOLD}).",
+        "FAIL noise: 0 pass, 2 fail, 1 not evaluated",
+        "FAIL bias: 0 pass, 1 fail, 0 not evaluated",
+        "pass depth: 2 pass, 0 fail, 0 not evaluated",
+        "not evaluated: width",
+        f"FAIL: 2 of 4 evaluated gates pass; 2 could not be evaluated ({TOO_FEW}; {NO_THRESHOLD}).",
     ]
 
 
 def test_headlines():
-    assert headline(verdict_on([gate("a", True), gate("b", True)])) == "PASS: 2 of 2 judged gates pass."
-    assert headline(verdict_on([gate("a", None)])) == "No gate could be judged: too few sources, or no thresholds."
+    assert headline(verdict_on([gate("a", True), gate("b", True)])) == "PASS: 2 of 2 evaluated gates pass."
+    assert headline(verdict_on([gate("a", None)])) == "No gate could be evaluated: too few sources, or no thresholds."
 
 
 def test_a_sentence_names_only_what_is_known():
@@ -98,7 +98,7 @@ def test_the_file_is_json_without_infinities(tmp_path):
     write_verdict(tmp_path / "verdict.json", verdict, name="mini", version="1")
     found = json.loads((tmp_path / "verdict.json").read_text())
     assert list(found) == ["name", "version", "passed", "counts", "gates"] and found["name"] == "mini"
-    assert found["passed"] is False and found["counts"] == {"pass": 0, "fail": 1, "not judged": 1}
+    assert found["passed"] is False and found["counts"] == {"pass": 0, "fail": 1, "not evaluated": 1}
     assert [(one["name"], one["value"], one["threshold"], one["n"]) for one in found["gates"]] == [
         ("a", None, 0.25, 50), ("b", None, 0.1, 4),
     ]  # fmt: skip

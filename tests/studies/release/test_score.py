@@ -300,7 +300,7 @@ def test_what_is_not_stated_is_not_judged_and_told(tmp_path):
     only = table(known.objects)["ra", "dec"]
     made = judged(known, only, tmp_path)
     assert made["band"] is None and not made["photometry"] and "shapes" not in made and "redshifts" not in made
-    assert len([note for note in made["notes"] if "not judged" in note]) == 3
+    assert len([note for note in made["notes"] if "not evaluated" in note]) == 3
     assert made["completeness"]["all"]["completeness"] == 1.0
 
 

@@ -446,7 +446,7 @@ def test_what_is_masked_or_text_in_a_catalogue(tmp_path):
     assert found.told == {"ra": "ra", "dec": "dec", "mag_r": "mag_r", "z": "z"}
     assert found.notes == [
         "z: from column z", "ra: from column ra", "dec: from column dec", "mag_r: from column mag_r",
-        "columns not used: name", "neither e1 and e2 nor a, b and pa are mapped: shapes are not judged",
+        "columns not used: name", "neither e1 and e2 nor a, b and pa are mapped: shapes are not evaluated",
         "1 rows have no place: left out",
     ]  # fmt: skip
     with pytest.raises(InputError, match="must be numbers, one in a row"):

@@ -22,8 +22,8 @@ CLIP = 5.0  # robust sigmas
 AGAINST = {"mag": "true magnitude [AB]", "size": "half-light radius [arcsec]", "density": "density [arcmin-2]"}
 QUANTITIES = {
     "d_mag": "magnitude",
-    "d_x": "place x [px]",
-    "d_y": "place y [px]",
+    "d_x": "position x [px]",
+    "d_y": "position y [px]",
     "d_g1": "shape g1",
     "d_g2": "shape g2",
     "flux_pull": "pull of flux",

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 ROWS = {
     "completeness": "found",
     "d_mag": "magnitude,\nmeasured - true",
-    "d_x": "place x, y [px],\nmeasured - true",
+    "d_x": "position x, y [px],\nmeasured - true",
     "d_g1": "shape g1, g2,\nmeasured - true",
 }
 PAIR = {"d_x": "d_y", "d_g1": "d_g2"}

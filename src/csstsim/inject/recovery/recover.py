@@ -142,7 +142,7 @@ def lines(table: ObjectTable) -> Iterator[str]:
             yield from _of_kind(name, of_rows(table, every & rows, 0.0, 0.0, table["mag"]))
     for against, label in AGAINST.items():
         yield ""
-        yield f"{label:<28} objects   found            magnitude              place x [px]           shape g1"
+        yield f"{label:<28} objects   found            magnitude              position x [px]        shape g1"
         for one in binned(table, against):
             p, low, high = one.completeness
             cells = [_cell(one.numbers[name]) for name in ("d_mag", "d_x", "d_g1")]

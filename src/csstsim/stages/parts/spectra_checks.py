@@ -30,7 +30,7 @@ FLOOR = 0.005  # added to a spectrum's stated error: a few must not dominate the
 def spectra_checks(run: OpenCampaign, job: Job, truth: ObjectTable, table: ObjectTable) -> dict[str, Any]:
     """Return {"flux": {off, error, n}, "sky": {off, n}, "pointing": {keyword: arcsec}} of a job's spectra.
 
-    flux: electrons of stars' spectra over those of the truth, less 1, a clipped mean; sky: the sky beside spectra over
+    flux: electrons of stars' spectra over those of the truth, less 1, a clipped mean; sky: the sky near spectra over
     that of the campaign, less 1, a median, None if a layer of the user's own may add light. truth: of the frame; table:
     its spectra (measure.spectra.extract).
     """

@@ -146,8 +146,8 @@ def _stars(table: ObjectTable, pixel: float, limits: ValidateConfig, of: _Gates)
     ]
     error = table["place_err"][sharp]
     places = {
-        "place of an exposure [mas]": ("east_mas", "north_mas", error, FLOOR_MAS, limits.place_max),
-        "place by the header's WCS [px]": (
+        "astrometric offset of an exposure [mas]": ("east_mas", "north_mas", error, FLOOR_MAS, limits.place_max),
+        "position by the header's WCS [px]": (
             "header_east",
             "header_north",
             error / (1000 * pixel),

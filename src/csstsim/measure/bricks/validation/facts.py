@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from csstsim.catalog.table import ObjectTable
     from csstsim.optics.geometry.distortion import ChipDistortion
 
-LEAST = 256**2  # px: a smaller background has less than one mesh (measure.detection.background) and is not judged
+LEAST = 256**2  # px: a smaller background has less than one mesh (measure.detection.background) and is not evaluated
 FAINT = 5.0  # S/N: all light of fainter objects counts as background
 OUTSIDE = 0.02  # share of brighter objects' light that may be unmasked: 1% of saturated stars' is
 LARGE = 32.0  # px, half-light radius of galaxies of which as much as lies below a pixel's noise counts as background

@@ -1,7 +1,7 @@
-"""Gates: a number, its threshold, and whether it passes (None: cannot be judged).
+"""Gates: a number, its threshold, and whether it passes (None: cannot be evaluated).
 
 A gate is {name, band, value, threshold, n, error, margin, passed}; a gate of one exposure also has {exposure, chip},
-that of one readout channel {channel}. It is not judged without a threshold, without a value, or from fewer than FEW
+that of one readout channel {channel}. It is not evaluated without a threshold, without a value, or from fewer than FEW
 sources; n is None if it does not depend on sources. margin: the number over the largest allowed one, which includes
 chance; above 1 the gate fails.
 """
@@ -16,14 +16,14 @@ Gate: TypeAlias = dict[str, Any]
 # Columns of a table of gates
 ABOUT = {
     "brick": (np.int32, "HEALPix pixel of NSIDE 256, nested"),
-    "name": (np.str_, "what is judged"),
+    "name": (np.str_, "what is evaluated"),
     "band": (np.str_, 'in lower case; "all": of all bands'),
-    "value": (np.float64, "the number that is judged; null: there is none"),
+    "value": (np.float64, "the number that is evaluated; null: there is none"),
     "threshold": (np.float64, 'the most or least it may be; of a width "low to high"; null: none is given'),
     "n": (np.int64, "sources it is from; null: it does not depend on sources"),
     "error": (np.float64, "one sigma of the value; null: not known, or none"),
     "margin": (np.float64, "the number over the largest allowed one, chance included: above 1 the gate fails"),
-    "passed": (np.bool_, "null: it could not be judged"),
+    "passed": (np.bool_, "null: it could not be evaluated"),
     "exposure": (np.str_, "obsid, of a gate of one exposure"),
     "chip": (np.int16, "its chip"),
     "channel": (np.int16, "readout channel, of a gate of one"),

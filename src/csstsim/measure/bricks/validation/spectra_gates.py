@@ -24,7 +24,7 @@ def spectra_gates(checks: Mapping[str, Any], limits: ValidateConfig, **where: An
             WORST * flux["error"], WORST, **where,
         ),
         at_most(
-            "sky beside spectra over the campaign's, less 1", band, sky["off"], limits.spectra_sky_max, sky["n"],
+            "sky near spectra over the campaign's, less 1", band, sky["off"], limits.spectra_sky_max, sky["n"],
             **where,
         ),
         at_most("header: pointing less the campaign's [arcsec]", band, pointing, limits.pointing_max, None, **where),

@@ -30,8 +30,8 @@ REAL = 5.0  # S/N of the sources that are counted: below, most are noise
 # {quantity: (its meaning, the kinds of objects that have it)}
 QUANTITIES = {
     "mag": ("magnitude", ("star", "galaxy")),
-    "x": ("place x [px]", ("star", "galaxy")),
-    "y": ("place y [px]", ("star", "galaxy")),
+    "x": ("position x [px]", ("star", "galaxy")),
+    "y": ("position y [px]", ("star", "galaxy")),
     "size": ("ln size", ("star", "galaxy")),
     "e1": ("ellipticity e1", ("star", "galaxy")),
     "e2": ("ellipticity e2", ("star", "galaxy")),

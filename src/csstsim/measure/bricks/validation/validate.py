@@ -3,7 +3,7 @@
 For each exposure (trials): completeness against true S/N and magnitude, flux errors in units of the stated ones
 (pulls), fluxes and positions along the direction of charge transfer. For the merged catalogue (compare):
 magnitudes measured minus true (PSF for stars, total for galaxies), positions, colours, number counts.
-Blended and (nearly) saturated sources are left out; a number from fewer than `FEW` sources is not judged. Gates of
+Blended and (nearly) saturated sources are left out; a number from fewer than `FEW` sources is not evaluated. Gates of
 single exposures are those of exposures.
 """
 
@@ -43,12 +43,12 @@ SNR_EDGES = (1, 2, 3, 4, 5, 6, 7, 8, 10, 15, 20, 50, 100, 500)
 BIAS_EDGES = (5, 10, 20, 50, 100, 200, 500)  # S/N: bins for the effects of charge transfer
 MAG_EDGES = np.arange(16.0, 29.1, 0.5)
 NEAR = 12.0  # px: closer objects are neighbours
-EDGE = 12  # px; sources nearer to the frame's edge are not judged
+EDGE = 12  # px; sources nearer to the frame's edge are not evaluated
 # Columns of the true objects of a brick, in addition to their magnitudes
 DISTINCT = ("id", "obj_type", "ra_epoch", "dec_epoch", "blended", "half_light", "half_light_px")
 LOCUS = ("g", "r", "i")  # the public locus of stars is in bands of these names
-VARIES = 0.01  # mag; what varies by more is not judged by a mean magnitude
-IN_FRAME = 0.9  # share of an object's light in the window; objects with less are not judged
+VARIES = 0.01  # mag; what varies by more is not evaluated by a mean magnitude
+IN_FRAME = 0.9  # share of an object's light in the window; objects with less are not evaluated
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from csstsim.measure.bricks.validation.gates import Gate
 
 ORDER = (False, None, True)  # failing gates first
-NAMES = {True: "pass", False: "fail", None: "not judged"}
+NAMES = {True: "pass", False: "fail", None: "not evaluated"}
 # Why a gate does not apply to a campaign: there is no other reason
 NO_THRESHOLD = "no threshold is given"
 TOO_FEW = f"fewer than {FEW} such objects in the field"
@@ -25,8 +25,8 @@ NO_BIN = f"no bin of these objects has {FEW}"
 def judge(results: Iterable[Mapping[str, Any]], others: Iterable[Gate] = ()) -> dict[str, Any]:
     """Return {passed, counts, gates} of validate_brick results and of gates of no brick, `others`.
 
-    `gates`: each gate as in the result, with its brick (None: of no brick), failing ones first, then those not judged;
-    `counts` {"pass": n, "fail": n, "not judged": n}; `passed`: False if a gate fails, None if none was judged.
+    `gates`: each gate with its brick (None: of no brick), first those that fail, then those not evaluated;
+    `counts` {"pass": n, "fail": n, "not evaluated": n}; `passed`: False if a gate fails, None if none was evaluated.
     """
     gates = [{"brick": result["brick"], **gate} for result in results for gate in result["gates"]]
     gates += [{"brick": None, **gate} for gate in others]
@@ -42,7 +42,7 @@ def verdict_on(gates: Iterable[Gate]) -> dict[str, Any]:
 
 
 def count(gates: Iterable[Gate]) -> dict[str, int]:
-    """Return {"pass": n, "fail": n, "not judged": n}."""
+    """Return {"pass": n, "fail": n, "not evaluated": n}."""
     return {name: sum(gate["passed"] is passed for gate in gates) for passed, name in NAMES.items()}
 
 
@@ -65,7 +65,7 @@ def _finite(value: Any) -> Any:
 
 
 def lines(verdict: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the lines to print: each failing gate in full, the counts by gate, the gates not judged, the verdict."""
+    """Yield the lines to print: each failing gate in full, the counts by gate, the gates not evaluated, the verdict."""
     for gate in verdict["gates"]:
         if gate["passed"] is False:
             yield f"FAIL {sentence(gate)}"
@@ -74,7 +74,7 @@ def lines(verdict: Mapping[str, Any]) -> Iterator[str]:
     for name, counts in judged.items():
         yield f"{'FAIL' if counts['fail'] else 'pass'} {name}: {tally(counts)}"
     if len(judged) < len(names):
-        yield f"not judged: {', '.join(name for name in names if name not in judged)}"
+        yield f"not evaluated: {', '.join(name for name in names if name not in judged)}"
     yield headline(verdict)
 
 
@@ -82,12 +82,12 @@ def headline(verdict: Mapping[str, Any]) -> str:
     """Return the verdict in a sentence."""
     counts = verdict["counts"]
     if verdict["passed"] is None:
-        return "No gate could be judged: too few sources, or no thresholds."
+        return "No gate could be evaluated: too few sources, or no thresholds."
     judged = counts["pass"] + counts["fail"]
     word = "PASS" if verdict["passed"] else "FAIL"
     reasons = dict.fromkeys(why_not(gate) for gate in verdict["gates"] if gate["passed"] is None)
-    others = f"; {counts['not judged']} could not be judged ({'; '.join(reasons)})" if reasons else ""
-    return f"{word}: {counts['pass']} of {judged} judged gates pass{others}."
+    others = f"; {counts['not evaluated']} could not be evaluated ({'; '.join(reasons)})" if reasons else ""
+    return f"{word}: {counts['pass']} of {judged} evaluated gates pass{others}."
 
 
 def sentence(gate: Mapping[str, Any]) -> str:
@@ -100,7 +100,7 @@ def sentence(gate: Mapping[str, Any]) -> str:
 
 
 def why_not(gate: Mapping[str, Any]) -> str:
-    """Return why a gate that was not judged does not apply: NO_THRESHOLD, TOO_FEW or NO_BIN."""
+    """Return why a gate that was not evaluated does not apply: NO_THRESHOLD, TOO_FEW or NO_BIN."""
     n = gate.get("n")
     if gate.get("threshold") is None:
         return NO_THRESHOLD

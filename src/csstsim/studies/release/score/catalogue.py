@@ -146,11 +146,13 @@ def _not_used(table: Table, keys: Mapping[Key, str], bands: Iterable[str]) -> li
     notes += [f"columns not used: {', '.join(left[:NAMED])}{more}"] if left else []
     known = {key.whole for key in keys}
     if not any(f"{kind}_{band}" in known for band in bands for kind in ("mag", "flux")):
-        notes.append("no magnitude is mapped (mag_B, flux_B): photometry is not judged, and matching is by place alone")
+        notes.append(
+            "no magnitude is mapped (mag_B, flux_B): photometry is not evaluated, and matching is by place alone"
+        )
     if "z" not in known:
-        notes.append("no column is mapped as z: redshifts are not judged")
+        notes.append("no column is mapped as z: redshifts are not evaluated")
     if not ({"e1", "e2"} <= known or ("pa" in known and ("q" in known or {"a", "b"} <= known))):
-        notes.append("neither e1 and e2 nor a, b and pa are mapped: shapes are not judged")
+        notes.append("neither e1 and e2 nor a, b and pa are mapped: shapes are not evaluated")
     return notes
 
 
