@@ -1,4 +1,4 @@
-"""Catalogues of one full-depth chip by several codes, judged by the truth: completeness, false sources, accuracy, cost.
+"""Catalogues of one full-depth chip by several codes against the truth: completeness, false sources, accuracy, cost.
 
     apt-get install source-extractor psfex; pip install photutils scikit-image
     python benchmarks/catalogue_codes.py                         # all codes, table and chart

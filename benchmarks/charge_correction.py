@@ -1,4 +1,4 @@
-"""Moved charge put back: what is left of the light that blobs lose to traps, the noise that it costs, and CPU seconds.
+"""Correction of charge transfer: flux of blobs still lost to traps, added noise, and CPU seconds.
 
     python benchmarks/charge_correction.py
 

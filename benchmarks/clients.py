@@ -1,4 +1,4 @@
-"""Programs that none of us wrote, on the mock's frames: what each was given, and what came out, judged by the truth.
+"""Other teams' programs on the mock's frames: their input, their results, and the results against the truth.
 
     apt-get install source-extractor psfex scamp swarp
     pip install ccdproc                                # for the sections; --early needs healpy and joblib, too

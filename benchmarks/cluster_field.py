@@ -1,4 +1,4 @@
-"""A cluster of galaxies in g, r and i through every layer, beside the same field without structure.
+"""A cluster of galaxies in g, r and i through every layer, compared with the same field without structure.
 
     python benchmarks/cluster_field.py
 

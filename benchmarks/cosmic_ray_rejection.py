@@ -1,4 +1,4 @@
-"""The share of cosmic rays that `measure` finds, and of stars it takes for one; also astroscrappy's, if installed.
+"""Fraction of cosmic rays that `measure` finds, and of stars it mistakes for one; astroscrappy's, if installed.
 
     python benchmarks/cosmic_ray_rejection.py [--filters NUV r y]      # pip install astroscrappy for the second row
 

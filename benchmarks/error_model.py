@@ -1,7 +1,7 @@
 """The error model of the render policy (render/error_model.py): fitted to one sample of objects, tested on another.
 
     python benchmarks/error_model.py [--objects 160] [--filter r]
-    python benchmarks/error_model.py --bright       # bound over visible error of bright galaxies, drawn as stamps
+    python benchmarks/error_model.py --bright       # bound over visible error of bright galaxies, rendered as stamps
 
 Truth is the reference renderer on the same PSF set, with a stamp as wide as the window
 (bench.imaging.methods.standard). The coefficients of stamps come from a 97% quantile regression (none negative) of

@@ -1,4 +1,4 @@
-"""Do all subsets of the light's layers, options, fidelities and objects draw the same light with Poisson noise?
+"""Do all subsets of the layers, options, fidelities and objects render the same flux with Poisson noise?
 
     python benchmarks/every_subset.py [--count 240]
 

@@ -1,4 +1,4 @@
-"""Numbers of haloes drawn against the mass function, and the mean shear about them against simulations.
+"""Numbers of haloes against the mass function, and the mean shear about them against simulations.
 
     python benchmarks/haloes.py [--seed 1] [--bricks 12] [--area 100] [--caps 4]                          (8 CPU-min)
 

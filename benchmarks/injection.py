@@ -1,4 +1,4 @@
-"""Injection judged: cost on a whole chip, the difference to a simulation by layer, stars recovered without bias.
+"""Injection tested: cost on a whole chip, the difference to a simulation by layer, stars recovered without bias.
 
     python benchmarks/injection.py            # cost, layers and stars: ten minutes
     python benchmarks/injection.py layers     # one of them, or trend; figure: docs/figures/recovered.png

@@ -1,4 +1,4 @@
-"""Cost of another detector if the light of a chip was kept: rules that run again, CPU seconds; the bits are the same.
+"""Cost of another detector if a chip's rendered electrons were kept: rules that run again, CPU seconds; same bits.
 
     python benchmarks/keep_light.py [--runs 5]
 

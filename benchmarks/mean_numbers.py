@@ -1,4 +1,4 @@
-"""Mean numbers of galaxies by redshift and mass on the sky with structure, beside the mass functions.
+"""Mean numbers of galaxies by redshift and mass on the sky with structure, against the mass functions.
 
     python benchmarks/mean_numbers.py [--bricks 64] [--structure haloes]
 

@@ -1,4 +1,4 @@
-"""Cost of light through a grating, and accuracy by the number of slabs: the numbers of config/render.yaml.
+"""Cost of dispersed spectra, and accuracy by the number of slabs: the numbers of config/render.yaml.
 
     python benchmarks/spectra.py [--filter GV]
 

@@ -1,4 +1,4 @@
-"""Cost of variants of a detector's parameter on a finished whole chip whose light was kept; the bits are the same.
+"""Cost of variants of a detector's parameter on a finished whole chip whose rendered electrons were kept; same bits.
 
     python benchmarks/variants.py                 # the table of docs/variants.md
     python benchmarks/variants.py gain irradiated # some of them
