@@ -1,4 +1,4 @@
-"""A whole chip rendered again from its header and its `.cat` (docs/recreate.md): the two frames side by side, three ways.
+"""A whole chip rendered again from its header and its `.cat` (docs/recreate.md): both frames, three ways.
 
     python benchmarks/recreate.py                    # chip 9 of the demo's first r exposure: two CPU-minutes, 3 GB
     python benchmarks/recreate.py --window 2000      # the middle of it: half a minute

@@ -1,4 +1,4 @@
-"""Round trip of spectra: objects at nine positions of both gratings of a GU, a GV and a GI chip, rendered and extracted.
+"""Round trip of spectra: objects at nine positions of both gratings of GU, GV and GI chips, rendered and extracted.
 
     python benchmarks/slitless_round_trip.py [--all] [--chips 3 2 1]
 
