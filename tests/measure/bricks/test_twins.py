@@ -158,7 +158,8 @@ def test_the_page_says_what_differs(tmp_path):
     text = (tmp_path / "variants.html").read_text()
     shown = f"{summary(many())[0][2].mean:+.3g}"
     assert all(
-        word in text for word in ("0.5 (10.00) FAIL", "0.97 (0.30)", "0 of 1 evaluated", "psf.grid", shown, "&lt;odd&gt;")
+        word in text
+        for word in ("0.5 (10.00) FAIL", "0.97 (0.30)", "0 of 1 evaluated", "psf.grid", shown, "&lt;odd&gt;")
     )
     assert text.count("data:image/png") == 1 and twin_figure([]) is None
 
