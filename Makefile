@@ -46,7 +46,7 @@ evidence: .venv/ready
 	python benchmarks/evidence/run.py $(if $(ALL),--all) $(if $(MINUTES),--minutes $(MINUTES)) $(if $(LIST),--list)
 
 toys: .venv/ready
-	python tests/warm.py python benchmarks/evidence/run.py --toy
+	python tests/support/warm.py python benchmarks/evidence/run.py --toy
 	python benchmarks/evidence/pages.py --toy
 
 first-image: .venv/ready
@@ -64,8 +64,8 @@ tutorials: executed
 # What is written as >>> in pages and docstrings, the commands of pages, and all tutorials
 executed: .venv/ready
 	pytest --doctest-modules --doctest-glob='*.md' src/csstsim docs
-	python tests/warm.py python docs/execute_commands.py
-	python tests/warm.py python docs/execute_tutorials.py
+	python tests/support/warm.py python docs/execute_commands.py
+	python tests/support/warm.py python docs/execute_tutorials.py
 
 # As root, after: apt-get install slurmctld slurmd slurm-client munge
 test-slurm: .venv/slurm

@@ -81,7 +81,7 @@ def main() -> None:
 
 def toy_campaign(folder: Path) -> Path:
     """Write a campaign of seconds: five windows of one r chip with stars and galaxies; return its file."""
-    from star_galaxy_field import write_field
+    from support.star_galaxy_field import write_field
 
     return write_field(folder, 1)
 

@@ -19,7 +19,7 @@ from pathlib import Path
 from evidence.record import Record
 
 import yaml
-from mini_campaign import write_campaign
+from support.mini_campaign import write_campaign
 
 from csstsim.campaign.config import load_campaign
 from csstsim.campaign.opened import OpenCampaign

@@ -3,7 +3,7 @@
     python benchmarks/every_subset.py [--count 240]
 
 Prints one line per subset as it is drawn, and records the largest departure of each kind in units of its error;
-tests/light_subsets.py defines the departures. Half an hour.
+tests/support/light_subsets.py defines the departures. Half an hour.
 """
 
 import argparse
@@ -12,7 +12,7 @@ import tempfile
 from evidence.record import Record
 
 import numpy as np
-from light_subsets import departures, subsets
+from support.light_subsets import departures, subsets
 
 COUNT, LIMIT = 240, 5.0
 TOY_COUNT, TOY_BAND = 3, "r"

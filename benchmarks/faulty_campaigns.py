@@ -2,10 +2,10 @@
 
     python benchmarks/faulty_campaigns.py [--seeds 10] [--folder results/faulty_campaigns]
 
-The campaign (tests/star_galaxy_field.py) has 1216 x 1216 px, four exposures in r and two in g. A fault
-(tests/faulty_chain.py) is in one exposure, or in the merge. Its margin is the gate's: the number over the largest
-allowed one, which includes chance. Prints the tables of docs/validation.md; exit code 1 if a fault has a margin below
-1.5 or names another exposure, or a campaign without a fault fails a gate.
+The campaign (tests/support/star_galaxy_field.py) has 1216 x 1216 px, four exposures in r and two in g. A fault
+(tests/support/faulty_chain.py) is in one exposure, or in the merge. Its margin is the gate's: the number over the
+largest allowed one, which includes chance. Prints the tables of docs/validation.md; exit code 1 if a fault has a margin
+below 1.5 or names another exposure, or a campaign without a fault fails a gate.
 """
 
 import argparse
@@ -19,8 +19,8 @@ from pathlib import Path
 
 from evidence.record import Record
 
-from faulty_chain import FAULTS
-from star_galaxy_field import write_field
+from support.faulty_chain import FAULTS
+from support.star_galaxy_field import write_field
 
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.measure.bricks.validation.result_file import read_result

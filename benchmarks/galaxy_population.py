@@ -14,10 +14,10 @@ from pathlib import Path
 
 from evidence.record import Record
 
-import galaxy_sample
 import matplotlib.pyplot as plt
 import numpy as np
 from astropy.io import fits
+from support import galaxy_sample
 
 from csstsim.base.rng import stream
 from csstsim.instrument.load import read_data

@@ -24,8 +24,8 @@ from evidence.record import Record
 
 import galsim
 import numpy as np
-from canvases import blank
-from grating_scene import PIXEL, disperser_of, gaussian_psf, scene_of
+from support.canvases import blank
+from support.grating_scene import PIXEL, disperser_of, gaussian_psf, scene_of
 
 from csstsim.base.units import C_A_S, H_J_S
 from csstsim.instrument.camera import load_camera

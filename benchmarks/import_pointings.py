@@ -18,7 +18,7 @@ from evidence.record import Record
 import numpy as np
 from astropy.coordinates import SkyCoord
 from astropy.time import Time
-from pointing_lists import BROKEN, FORMATS, exposures, write
+from support.pointing_lists import BROKEN, FORMATS, exposures, write
 
 from csstsim.campaign.pointing_lists.import_pointings import import_pointings
 from csstsim.campaign.survey_table import load_survey_table

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from evidence.record import Record
 
-from mini_campaign import write_campaign
+from support.mini_campaign import write_campaign
 from toy_sky import toy_sky
 
 import csstsim

@@ -25,8 +25,8 @@ from pathlib import Path
 from evidence.record import Record, cpu_seconds
 
 import psutil
-from mini_campaign import POINTINGS, write_campaign
 from projection import project
+from support.mini_campaign import POINTINGS, write_campaign
 from toy_sky import toy_sky
 
 from csstsim.campaign.opened import OpenCampaign

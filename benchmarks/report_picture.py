@@ -12,7 +12,7 @@ from pathlib import Path
 from evidence.record import Record
 
 from matplotlib.image import imread, imsave
-from webdriver import browser
+from support.webdriver import browser
 
 from csstsim.campaign.opened import OpenCampaign
 

@@ -15,8 +15,8 @@ from evidence.record import Record
 
 import yaml
 from campaign_gates import made
-from mini_campaign import write_campaign
 from paper_bricks import csstsim
+from support.mini_campaign import write_campaign
 
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.stages.shear import shear

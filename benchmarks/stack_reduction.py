@@ -10,7 +10,7 @@ try:
     import ccdproc
 except ImportError:
     ccdproc = None
-import stack_estimates as estimate
+from support import stack_estimates as estimate
 
 SECONDS = (1.0, 2.5, 5.0, 8.0, 11.0, 15.0, 19.0)  # of light of both lamps; 2960 e- per second
 EACH = {"BIAS": 6, "DARK": 6, "FLAT": 4}  # number of frames; of flats at each level

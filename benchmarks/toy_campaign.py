@@ -5,7 +5,7 @@ from io import StringIO
 from pathlib import Path
 from typing import Any
 
-from mini_campaign import write_campaign
+from support.mini_campaign import write_campaign
 
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.command_line.main import main as csstsim
@@ -14,7 +14,7 @@ from csstsim.command_line.main import main as csstsim
 def made_frames(folder: Path, **changes: Any) -> tuple[Path, OpenCampaign]:
     """Write a campaign of tiny chips into a folder, and make the Level-0 files that are not there; return both.
 
-    changes: keys of the campaign (tests/mini_campaign.py).
+    changes: keys of the campaign (tests/support/mini_campaign.py).
     """
     folder.mkdir(parents=True, exist_ok=True)
     file = write_campaign(folder, **changes)

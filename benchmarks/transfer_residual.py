@@ -16,7 +16,7 @@ from evidence.record import Record
 
 import numpy as np
 from matplotlib.figure import Figure
-from mini_campaign import write_campaign
+from support.mini_campaign import write_campaign
 from toy_sky import toy_sky
 
 from csstsim.campaign.job import Job

@@ -7,7 +7,7 @@ bright ones are accurate, too. shift(i) makes N_model(< i) equal N_counts(< i + 
 """
 
 import numpy as np
-from galaxy_sample import numbers, population
+from support.galaxy_sample import numbers, population
 
 from csstsim.base.rng import stream
 from csstsim.universe.galaxies.galaxies import cumulative_counts

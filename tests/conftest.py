@@ -4,14 +4,14 @@ import gc
 import os
 
 # Before numpy is loaded: two threads in each of two workers wait for each other, at several times the CPU time.
-# What many threads make is the same: tests/base/test_one_thread.py
+# What many threads make is the same: tests/base/process/test_one_thread.py
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from pathlib import Path
 
 import pytest
 from delivery.small_delivery import delivery
-from readout_state import small_camera
+from support.readout_state import small_camera
 
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.opened import OpenCampaign
@@ -23,7 +23,8 @@ from csstsim.optics.psf.psf_set import PsfSampling, make_psf
 from csstsim.optics.scatter.scattered_light import scattered_light
 from csstsim.render.psf_table import make_table
 
-ROOT = Path(__file__).resolve().parents[1]
+TESTS = Path(__file__).resolve().parent
+ROOT = TESTS.parent
 # Of the processes that tests start, as pytest's own (pyproject.toml)
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 os.environ["PYTHONPATH"] = os.pathsep.join(str(ROOT / name) for name in ("src", "tests", "builders"))
@@ -53,8 +54,8 @@ def pytest_collection():
 
 def pytest_collection_modifyitems(items):
     def turn(item):
-        names = item.path.name, item.path.parent.name
-        return next((i for i, some in enumerate(BEGUN) if any(name in some for name in names)), len(BEGUN))
+        names = set(item.path.relative_to(TESTS).parts)
+        return next((i for i, group in enumerate(BEGUN) if names.intersection(group)), len(BEGUN))
 
     items.sort(key=turn)
 
@@ -67,7 +68,7 @@ def pytest_xdist_make_scheduler(config, log):
     class ByFile(LoadScopeScheduling):
         def _split_scope(self, nodeid):
             file = Path(nodeid.split("::")[0])
-            return "finished" if {file.name, file.parent.name} & set(FINISHED) else str(file)
+            return "finished" if set(file.parts) & set(FINISHED) else str(file)
 
     return ByFile(config, log)
 

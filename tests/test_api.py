@@ -15,8 +15,8 @@ import pytest
 import yaml
 from astropy.io import fits
 from astropy.table import QTable, Table
-from commands import done
-from mini_campaign import write_campaign
+from support.commands import done
+from support.mini_campaign import write_campaign
 
 import csstsim
 from csstsim.base.errors import InputError

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import yaml
-from mini_campaign import POINTINGS, write_campaign
+from support.mini_campaign import POINTINGS, write_campaign
 
 from csstsim.base.digest import digest
 from csstsim.base.shipped import SHIPPED

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from astropy.table import Table
-from csst import BANDS
-from mini_campaign import write_campaign
+from support.csst import BANDS
+from support.mini_campaign import write_campaign
 
 import csstsim
 from csstsim.base.units import ab_photon_density

@@ -11,11 +11,10 @@ from contextlib import redirect_stdout
 from io import StringIO
 from itertools import combinations
 
-import all_products
 import numpy as np
 import pytest
-import randomness
-from randomness import Recorder, scenes
+from support import all_products, randomness
+from support.randomness import Recorder, scenes
 
 from csstsim.base import counter
 from csstsim.base.rng import Streams

@@ -9,7 +9,7 @@ from fnmatch import fnmatchcase
 from functools import partial
 
 import pytest
-from mini_campaign import POINTINGS, write_campaign
+from support.mini_campaign import POINTINGS, write_campaign
 
 from csstsim.base.stages import behind, read_by
 from csstsim.campaign import recipes
@@ -35,7 +35,7 @@ from csstsim.stages.select import select
 from csstsim.stages.truth import truth
 from csstsim.stages.validate import validate
 
-STARS = {"kind": "mini_campaign:Stars", "options": {"ra": [60.0], "dec": [-40.0], "mag": [18.0]}}
+STARS = {"kind": "support.mini_campaign:Stars", "options": {"ra": [60.0], "dec": [-40.0], "mag": [18.0]}}
 # Attributes of the camera's objects, and the parts of the camera that they come from
 ATTRIBUTES = {
     Camera: {

@@ -10,8 +10,8 @@ from dataclasses import fields, replace
 
 import pytest
 import yaml
-from mini_campaign import POINTINGS, write_campaign
 from pydantic import BaseModel
+from support.mini_campaign import POINTINGS, write_campaign
 
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
@@ -35,7 +35,7 @@ TRUTH, PSF, BOTH, SELECT, RENDER, MEASURE, VALIDATE = (
 POINTING = Pointing("SCIE", 60.0, -40.0, -113.4333, "2027-11-20T01:08:00", 150.0, (6778.0, 0.0, 0.0), (0.0, 7.0, 3.0))
 REGION = {"ra": 60.0, "dec": -40.0, "radius": 30.0}
 CONSTANT = {"field": "constant", "kappa": 0.01, "gamma1": 0.01, "gamma2": 0.01}
-STARS = {"kind": "mini_campaign:Stars", "options": {"ra": [60.0], "dec": [-40.0], "mag": [20.0]}}
+STARS = {"kind": "support.mini_campaign:Stars", "options": {"ra": [60.0], "dec": [-40.0], "mag": [20.0]}}
 CATALOGUE = {"known_from": "catalogue"}
 # key: (the stages that see it first, another value, what else the campaign says before and after: {section: value})
 KEYS = {
@@ -54,7 +54,7 @@ KEYS = {
     "window.x1": (SELECT, 101, {"window": {"x0": 0, "x1": 100, "y0": 0, "y1": 100}}),
     "window.y0": (SELECT, 1, {"window": {"x0": 0, "x1": 100, "y0": 0, "y1": 100}}),
     "window.y1": (SELECT, 101, {"window": {"x0": 0, "x1": 100, "y0": 0, "y1": 100}}),
-    "catalog.kind": (SELECT, "mini_campaign:Movers", {"catalog": STARS}),
+    "catalog.kind": (SELECT, "support.mini_campaign:Movers", {"catalog": STARS}),
     "catalog.mag_limit": (SELECT, 22.0, {}),
     "catalog.lensing.field": (TRUTH, "none", {}),
     "catalog.lensing.kappa": (TRUTH, 0.02, {"catalog": {"lensing": CONSTANT}}),
@@ -319,7 +319,7 @@ def test_a_layout_that_is_not_known_is_refused(opened):
 
 def test_a_threshold_given_as_it_is_by_default_counts_for_an_own_catalogue(tmp_path):
     """Left out it is not evaluated there, given it is: the validation is made again."""
-    own = {"kind": "mini_campaign:Stars"}
+    own = {"kind": "support.mini_campaign:Stars"}
     file = write_campaign(tmp_path, catalog=own)
     before = OpenCampaign(file).recipes.validation
     given = {"purity_min": ValidateConfig().purity_min}

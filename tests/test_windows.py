@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from astropy.table import Table
-from mini_campaign import write_campaign
+from support.mini_campaign import write_campaign
 
 import csstsim
 from csstsim.instrument.chip import Window

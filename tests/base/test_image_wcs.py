@@ -6,9 +6,9 @@ import pytest
 from astropy.coordinates import SkyCoord
 from astropy.io.fits import Header
 from astropy.wcs import WCS
-from foreign_headers import SIDE, headers
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.foreign_headers import SIDE, headers
 
 from csstsim.base.errors import InputError
 from csstsim.base.image_wcs import ImageWCS

@@ -5,7 +5,7 @@ import json
 import pyarrow.parquet as pq
 import pytest
 import yaml
-from mini_campaign import write_campaign
+from support.mini_campaign import write_campaign
 
 from csstsim import __version__
 from csstsim.base.errors import InputError
@@ -64,7 +64,7 @@ def made(tmp_path_factory):
     import csstsim
 
     run = OpenCampaign(write_campaign(tmp_path_factory.mktemp("old"), catalog={
-        "kind": "mini_campaign:Stars", "options": {"ra": [60.0], "dec": [-40.0], "mag": [18.0]}}))  # fmt: skip
+        "kind": "support.mini_campaign:Stars", "options": {"ra": [60.0], "dec": [-40.0], "mag": [18.0]}}))  # fmt: skip
     job = run.jobs[0]
     psf_stage.psf(run, job.chip.id)
     with pytest.MonkeyPatch.context() as patch:

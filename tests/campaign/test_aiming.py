@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from mini_campaign import write_campaign
+from support.mini_campaign import write_campaign
 
 from csstsim.base.errors import InputError
 from csstsim.campaign.aiming import CHIP, aimed, chips_for, next_obsid, next_start, table_of

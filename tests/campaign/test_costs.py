@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from mini_campaign import POINTINGS, THIN, write_campaign, write_scene
+from support.mini_campaign import POINTINGS, THIN, write_campaign, write_scene
 
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED

@@ -4,7 +4,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from mini_campaign import write_campaign
+from support.mini_campaign import write_campaign
 
 from csstsim.campaign.job import Job
 from csstsim.campaign.opened import OpenCampaign

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner
-from mini_campaign import write_campaign
+from support.mini_campaign import write_campaign
 
 from csstsim.base.errors import InputError
 from csstsim.base.healpix import brick_of
@@ -311,7 +311,7 @@ def test_layers_that_differ_in_a_loss_are_refused(tmp_path, option):
 
 
 def test_gates_of_a_crowded_field_are_judged_for_a_catalogue_of_ones_own_only_if_asked(tmp_path):
-    own = {"kind": "mini_campaign:Stars", "options": {"ra": [], "dec": [], "mag": []}}
+    own = {"kind": "support.mini_campaign:Stars", "options": {"ra": [], "dec": [], "mag": []}}
     for catalog, given, judged in (({}, {}, True), (own, {}, False), (own, {"purity_min": 0.8}, True)):
         limits = OpenCampaign(write_campaign(tmp_path, catalog=dict(catalog), validation=given)).limits
         assert (limits.purity_min is not None) == judged and limits.completeness_min is not None

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from mini import INSTRUMENT
+from support.mini import INSTRUMENT
 
 from csstsim.base.errors import InputError
 from csstsim.campaign.survey_table import exposures_of, load_survey_table

@@ -7,9 +7,9 @@ from types import SimpleNamespace
 
 import pytest
 import yaml
-from commands import command, done
-from mini_campaign import POINTINGS, write_campaign
-from workflow_run import dry_run
+from support.commands import command, done
+from support.mini_campaign import POINTINGS, write_campaign
+from support.workflow_run import dry_run
 
 from csstsim.base.errors import InputError
 from csstsim.campaign import variants

@@ -5,9 +5,9 @@ import shutil
 import numpy as np
 import pytest
 import yaml
-from commands import done
 from faults.small_run import pixels_and_columns, steady
-from mini_campaign import HEADER, POINTINGS, write_campaign
+from support.commands import done
+from support.mini_campaign import HEADER, POINTINGS, write_campaign
 
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.astrometry.reduction import icrs

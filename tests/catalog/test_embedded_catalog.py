@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from csst import BANDS
-from embedded_sky import brick, key, shipped
+from support.csst import BANDS
+from support.embedded_sky import brick, key, shipped
 
 from csstsim.base.errors import InputError
 from csstsim.base.sphere import unit_vectors

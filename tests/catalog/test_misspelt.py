@@ -1,7 +1,7 @@
 """Names that are slips for csstsim's columns, and those that are other surveys'."""
 
 import pytest
-from csst import BANDS
+from support.csst import BANDS
 
 from csstsim.catalog.misspelt import closest_name, unused_magnitude
 

@@ -7,7 +7,7 @@ import pytest
 from astropy import units as u
 from astropy.io import fits
 from astropy.table import QTable, Table
-from csst import BANDS
+from support.csst import BANDS
 
 from csstsim.base.errors import InputError
 from csstsim.base.units import ab_photon_density

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from astropy.io import fits
-from csst import BANDS, MARGIN
-from embedded_sky import embedded_catalog
+from support.csst import BANDS, MARGIN
+from support.embedded_sky import embedded_catalog
 
 from csstsim.base.errors import InputError
 from csstsim.catalog.astrometry.reduction import icrs

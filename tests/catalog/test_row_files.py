@@ -6,7 +6,7 @@ import pytest
 from astropy.io import fits
 from astropy.table import Table
 from astropy.wcs import WCS
-from csst import BANDS
+from support.csst import BANDS
 
 from csstsim.base.errors import InputError
 from csstsim.catalog.base import CatalogBase, Region

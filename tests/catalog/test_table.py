@@ -4,7 +4,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from csst import BANDS
+from support.csst import BANDS
 
 from csstsim.base.errors import InputError
 from csstsim.catalog import table as module

@@ -8,8 +8,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from csst import BANDS
-from embedded_sky import DENSITY, SEED, brick, key, shipped, universe_folder
+from support.csst import BANDS
+from support.embedded_sky import DENSITY, SEED, brick, key, shipped, universe_folder
 
 from csstsim.base.errors import InputError
 from csstsim.base.healpix import NSIDE

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from astropy import units as u
 from astropy.table import QTable, Table
-from csst import BANDS
+from support.csst import BANDS
 from synphot import Empirical1D, Observation, SourceSpectrum, SpectralElement
 from synphot.units import PHOTLAM
 

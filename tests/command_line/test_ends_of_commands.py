@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from commands import command
-from mini_campaign import POINTINGS, write_campaign
+from support.commands import command
+from support.mini_campaign import POINTINGS, write_campaign
 
 from csstsim.base.errors import CsstsimError, InputError
 from csstsim.catalog.table import ObjectTable

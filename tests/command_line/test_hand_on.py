@@ -9,8 +9,8 @@ from pathlib import Path
 
 import click
 import pytest
-from commands import command, done
-from mini_campaign import POINTINGS, write_campaign
+from support.commands import command, done
+from support.mini_campaign import POINTINGS, write_campaign
 
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.opened import OpenCampaign

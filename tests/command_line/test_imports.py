@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from mini_campaign import write_campaign
+from support.mini_campaign import write_campaign
 
 NEVER = {"astropy", "galsim", "healpy", "matplotlib", "pandas", "rich", "sep", "snakemake"}
 OPENING = NEVER | {"h5py", "hpgeom", "numba", "pyarrow", "scipy"}  # what a campaign is opened without

@@ -4,8 +4,8 @@ import logging
 import re
 
 import pytest
-from commands import command
-from mini_campaign import POINTINGS, write_campaign
+from support.commands import command
+from support.mini_campaign import POINTINGS, write_campaign
 
 from csstsim.base.help_page import PAGES, with_page
 from csstsim.base.shipped import ROOT
@@ -77,7 +77,7 @@ def test_pages_are_there():
         ({"observations": {"BIAS": "/nowhere.yaml"}}, "config/README.md"),
         ({"catalog": {"kind": "nosuch.module:Class"}}, "`python -m pydoc csstsim.catalog.base`"),
         (
-            {"catalog": {"kind": "mini_campaign:Stars"}, "select": {"types": ["SCIE"], "chips": [9]}},
+            {"catalog": {"kind": "support.mini_campaign:Stars"}, "select": {"types": ["SCIE"], "chips": [9]}},
             "csstsim.catalog.base`",
         ),
         (

@@ -1,8 +1,8 @@
 """What options of a stage's command come to be: arguments of the stage."""
 
 import pytest
-from commands import command, done
-from mini_campaign import POINTINGS, write_campaign
+from support.commands import command, done
+from support.mini_campaign import POINTINGS, write_campaign
 
 from csstsim.stages import extract
 

@@ -4,8 +4,8 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from commands import command, done, refused
-from mini_campaign import POINTINGS, write_campaign
+from support.commands import command, done, refused
+from support.mini_campaign import POINTINGS, write_campaign
 
 from csstsim.command_line.doctor import machine, of_campaign
 from csstsim.delivery import verify as delivery_verify

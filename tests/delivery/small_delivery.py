@@ -2,8 +2,8 @@
 
 import numpy as np
 import yaml
-from commands import done
-from mini_campaign import POINTINGS, write_campaign
+from support.commands import done
+from support.mini_campaign import POINTINGS, write_campaign
 
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.opened import OpenCampaign
@@ -53,6 +53,8 @@ def delivery(folder):
     ]
     ra, dec = np.concatenate([icrs(*job.wcs.pixel_to_world(x, y), job.observer) for job in jobs], axis=1)
     options = {"ra": ra.tolist(), "dec": dec.tolist(), "mag": [20.0] * len(ra)}
-    file = write_campaign(folder, pointings, catalog={"kind": "mini_campaign:Stars", "options": options}, **changes)
+    file = write_campaign(
+        folder, pointings, catalog={"kind": "support.mini_campaign:Stars", "options": options}, **changes
+    )
     finish(file)
     return file

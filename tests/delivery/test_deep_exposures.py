@@ -2,8 +2,8 @@
 
 import pytest
 from astropy.io import fits
-from commands import command, done
-from mini_campaign import HEADER, POINTINGS, write_campaign
+from support.commands import command, done
+from support.mini_campaign import HEADER, POINTINGS, write_campaign
 
 from csstsim.base.errors import InputError
 from csstsim.campaign.opened import OpenCampaign
@@ -18,7 +18,7 @@ def made(tmp_path_factory):
     found = []
     for name, parts in (("with", ("", "DEEP", "WIDE")), ("without", None)):
         folder = tmp_path_factory.mktemp(name)
-        star = {"kind": "mini_campaign:Stars", "options": {"ra": [60.15], "dec": [-40.0], "mag": [20.0]}}
+        star = {"kind": "support.mini_campaign:Stars", "options": {"ra": [60.15], "dec": [-40.0], "mag": [20.0]}}
         file = write_campaign(folder, select={"types": ["SCIE", "BIAS"], "chips": [9]}, catalog=star)
         if parts:
             lines = [HEADER + ",survey", *(f"{row},{part}" for row, part in zip(POINTINGS, parts, strict=True))]

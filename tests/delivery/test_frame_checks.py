@@ -95,7 +95,7 @@ def test_a_pointing_is_that_of_the_campaign_or_of_the_files_own_wcs(tmp_path):
 
 def order_files(folder, drawn=(3.0, 4.0, 10.0), rows=(0, 0, 2), ids=(7, 7, 9), light=(7.0, 0.0, 10.0)):
     """Write orders, and beside them the truth of three objects; return their frame."""
-    from csst import BANDS
+    from support.csst import BANDS
 
     from csstsim.io.orders import write_orders
     from csstsim.io.truth import truth_table

@@ -4,9 +4,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from commands import done
-from mini_campaign import POINTINGS, write_scene
 from small_delivery import science
+from support.commands import done
+from support.mini_campaign import POINTINGS, write_scene
 
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable

@@ -5,7 +5,7 @@ import subprocess
 
 import pytest
 import spoil
-from commands import command, done
+from support.commands import command, done
 
 from csstsim.delivery.manifest import HASHES, SIZES, manifest_faults, write_manifest
 

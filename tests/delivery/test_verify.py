@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import spoil
 import yaml
-from commands import command, done
-from mini_campaign import POINTINGS, write_campaign
+from support.commands import command, done
+from support.mini_campaign import POINTINGS, write_campaign
 
 from csstsim.campaign.job_lists import CALIBRATIONS
 from csstsim.campaign.opened import OpenCampaign

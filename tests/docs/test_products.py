@@ -4,7 +4,7 @@ import re
 import runpy
 from pathlib import Path
 
-from csst import BANDS
+from support.csst import BANDS
 
 from csstsim.catalog.table import ObjectTable
 

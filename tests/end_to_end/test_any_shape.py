@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from astropy.io import fits
 from astropy.table import Table
-from commands import done
-from mini_campaign import POINTINGS, SKY, write_campaign
+from support.commands import done
+from support.mini_campaign import POINTINGS, SKY, write_campaign
 
 import csstsim
 from csstsim.campaign.opened import OpenCampaign

@@ -8,8 +8,8 @@ from astropy.io import fits
 from astropy.table import Table
 from astropy.wcs import WCS
 from click.testing import CliRunner
-from mini_campaign import write_scene
-from readout_state import plain_list
+from support.mini_campaign import write_scene
+from support.readout_state import plain_list
 
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable

@@ -2,8 +2,8 @@
 
 import pytest
 import yaml
-from commands import command, done, refused
-from mini_campaign import POINTINGS, write_campaign
+from support.commands import command, done, refused
+from support.mini_campaign import POINTINGS, write_campaign
 
 from csstsim.campaign.opened import OpenCampaign
 
@@ -76,7 +76,10 @@ def test_gratings_are_read_before_any_work(tmp_path, change, words):
         ({"survey_table": "/nowhere.csv"}, ["campaign.yaml: survey_table: cannot read the file", "/nowhere.csv"]),
         ({"catalog": {"kind": "nosuch.module:Class"}}, ["catalog.kind", "nosuch"]),
         ({"catalog": {"kind": "mini_campaign:write_campaign"}}, ["catalog.kind", "write_campaign", "Stars"]),
-        ({"catalog": {"kind": "mini_campaign:Stars"}}, ["Stars.__init__", "KeyError: 'ra'", "mini_campaign.py, line"]),
+        (
+            {"catalog": {"kind": "support.mini_campaign:Stars"}},
+            ["Stars.__init__", "KeyError: 'ra'", "mini_campaign.py, line"],
+        ),
         ({"universe": "/nowhere"}, ["/nowhere", "No such file"]),
         ({"output": ""}, ["campaign.yaml", "output", "empty path"]),
         ({"output": "a\0b"}, ["campaign.yaml", "output", "NUL"]),
@@ -110,10 +113,10 @@ def test_a_key_misspelt_is_named_not_the_one_it_leaves_missing(tmp_path):
 
 def test_a_bad_catalogue_fails_before_any_work(tmp_path):
     """`chip` opens the catalogue before it makes the PSF; `plan` names it too."""
-    path = write_campaign(tmp_path, catalog={"kind": "mini_campaign:Stars"})
+    path = write_campaign(tmp_path, catalog={"kind": "support.mini_campaign:Stars"})
     assert "Stars.__init__" in refused("chip", path, "--obsid", "10100000001", "--chip", 9)
     assert not (tmp_path / "out").exists()
-    path = write_campaign(tmp_path, catalog={"kind": "mini_campaign:Star"})
+    path = write_campaign(tmp_path, catalog={"kind": "support.mini_campaign:Star"})
     assert "catalog.kind" in refused("plan", path)
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mini_campaign import write_scene
+from support.mini_campaign import write_scene
 
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.opened import OpenCampaign

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner
-from commands import done
-from mini_campaign import write_campaign, write_scene
-from readout_state import plain_list
+from support.commands import done
+from support.mini_campaign import write_campaign, write_scene
+from support.readout_state import plain_list
 
 from csstsim.base.rng import Streams
 from csstsim.base.shipped import SHIPPED

@@ -10,9 +10,9 @@ import yaml
 from astropy import units as u
 from astropy.io import fits
 from astropy.wcs import WCS
-from commands import done
-from mini_campaign import spectrum, write_campaign, write_scene
-from readout_state import plain_list
+from support.commands import done
+from support.mini_campaign import spectrum, write_campaign, write_scene
+from support.readout_state import plain_list
 from synphot import Empirical1D, Observation, SourceSpectrum, SpectralElement
 from synphot.units import PHOTLAM
 

@@ -5,8 +5,8 @@ import csv
 import healpy
 import numpy as np
 import pytest
-from all_products import BRICK
-from mini_campaign import write_campaign
+from support.all_products import BRICK
+from support.mini_campaign import write_campaign
 
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.astrometry.reduction import apparent, icrs

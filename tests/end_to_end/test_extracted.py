@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 import yaml
-from commands import done, refused
-from mini_campaign import Emitters
+from support.commands import done, refused
+from support.mini_campaign import Emitters
 
 from csstsim.base.shipped import SHIPPED
 from csstsim.base.units import ab_photon_density

@@ -6,7 +6,7 @@ import fitsio
 import numpy as np
 import pytest
 import yaml
-from commands import done, refused
+from support.commands import done, refused
 
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.opened import OpenCampaign

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-from light_subsets import subsets
+from support.light_subsets import subsets
 
 SIGMA = 5.0
 COUNT, QUICK = 240, 8  # subsets in all, and of those that `make test` draws: the first that GalSim does not draw
 
 
 def check(chosen, folder):
-    from light_subsets import departures
+    from support.light_subsets import departures
 
     found = [departures(subset, folder) for subset in chosen]
     for subset, values in zip(chosen, found, strict=True):
@@ -32,7 +32,7 @@ def test_a_quick_spectrum(tmp_path_factory):
 
 def test_counted_light_without_any_loss(tmp_path_factory):
     """No flat, no shutter, no response of the pixels, behind a filter and behind a grating: nothing thins the light."""
-    from light_subsets import Subset
+    from support.light_subsets import Subset
 
     bare = frozenset({"flat_fielding", "shutter_effect", "PRNU_effect", "sky_background"})
     chosen = [

@@ -5,8 +5,8 @@ import pytest
 import yaml
 from astropy.io import fits
 from astropy.wcs import WCS
-from commands import command, done
-from mini_campaign import POINTINGS, write_campaign, write_scene
+from support.commands import command, done
+from support.mini_campaign import POINTINGS, write_campaign, write_scene
 
 from csstsim.base.rng import Streams
 from csstsim.campaign.opened import OpenCampaign

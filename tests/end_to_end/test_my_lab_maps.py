@@ -9,9 +9,9 @@ import pytest
 from astropy.io import fits
 from astropy.table import Table
 from click.testing import CliRunner
-from lab_maps import map_path, name_maps, response, write_map
 from matplotlib.image import imread
-from mini_campaign import write_scene
+from support.lab_maps import map_path, name_maps, response, write_map
+from support.mini_campaign import write_scene
 
 import csstsim
 from csstsim.base.shipped import ROOT

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from mini_campaign import POINTINGS, write_scene
+from support.mini_campaign import POINTINGS, write_scene
 
 from csstsim.base.rng import Streams
 from csstsim.base.shipped import SHIPPED

@@ -2,7 +2,7 @@
 
 import pytest
 from click.testing import CliRunner
-from mini_campaign import POINTINGS, write_campaign
+from support.mini_campaign import POINTINGS, write_campaign
 
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.command_line.main import main

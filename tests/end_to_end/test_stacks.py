@@ -6,10 +6,10 @@ real chip with ccdproc, for more quantities. Each channel is within 5 sigma, fro
 
 import numpy as np
 import pytest
-import stack_estimates as estimate
 import yaml
-from mini_campaign import write_campaign
 from scipy import ndimage
+from support import stack_estimates as estimate
+from support.mini_campaign import write_campaign
 
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.opened import OpenCampaign

@@ -9,8 +9,8 @@ from astropy.coordinates import GCRS, ICRS, CartesianRepresentation, SkyCoord
 from astropy.io import fits
 from astropy.time import Time
 from astropy.wcs import WCS
-from commands import done
-from mini_campaign import HEADER, write_scene
+from support.commands import done
+from support.mini_campaign import HEADER, write_scene
 
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.opened import OpenCampaign

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from evidence_probe import command, commands, dependencies, digests, listing, made, pages, probe_in, record, run
+from support.evidence_probe import command, commands, dependencies, digests, listing, made, pages, probe_in, record, run
 
 ROOT = Path(__file__).resolve().parents[2]
 

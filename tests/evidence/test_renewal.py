@@ -3,7 +3,7 @@
 import copy
 
 import pytest
-from evidence_probe import command, digests, made, pages, probe_in, record, renewal
+from support.evidence_probe import command, digests, made, pages, probe_in, record, renewal
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner
-from commands import done
+from support.commands import done
 
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.config import load_campaign

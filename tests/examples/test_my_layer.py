@@ -6,8 +6,8 @@ import sys
 import numpy as np
 import pytest
 import yaml
-from commands import done
-from mini_campaign import write_scene
+from support.commands import done
+from support.mini_campaign import write_scene
 
 from csstsim.base.rng import Streams
 from csstsim.base.shipped import SHIPPED

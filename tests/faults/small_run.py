@@ -12,8 +12,8 @@ from functools import cached_property
 
 import fitsio
 import healpy
-from mini_campaign import write_campaign
-from workflow_run import ROOT, command
+from support.mini_campaign import write_campaign
+from support.workflow_run import ROOT, command
 
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable

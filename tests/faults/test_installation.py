@@ -9,7 +9,7 @@ import time
 import zipfile
 
 import pytest
-from workflow_run import ROOT
+from support.workflow_run import ROOT
 
 pytestmark = pytest.mark.faults
 BACKEND = """

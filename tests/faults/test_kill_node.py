@@ -4,9 +4,9 @@ import re
 
 import pytest
 from faults.small_run import ended
-from one_node_slurm import POLLING, OneNodeSlurm, why_not
-from running import running
-from workflow_run import ROOT
+from support.one_node_slurm import POLLING, OneNodeSlurm, why_not
+from support.running import running
+from support.workflow_run import ROOT
 
 pytestmark = [pytest.mark.faults, pytest.mark.skipif(bool(reason := why_not()), reason=str(reason))]
 

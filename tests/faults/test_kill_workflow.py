@@ -5,7 +5,7 @@ import signal
 
 import pytest
 from faults.small_run import CHIP, OBSID, ended
-from running import running
+from support.running import running
 
 pytestmark = pytest.mark.faults
 

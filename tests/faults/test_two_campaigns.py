@@ -3,7 +3,7 @@
 import pytest
 import yaml
 from faults.small_run import ended
-from running import running
+from support.running import running
 
 pytestmark = pytest.mark.faults
 

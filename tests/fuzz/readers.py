@@ -26,7 +26,7 @@ def campaign(path):
 
 def observation(path):
     """A layer list: its layers, the options they check against camera and exposure."""
-    from readout_state import POINTING
+    from support.readout_state import POINTING
 
     from csstsim.instrument.pointing import Pointing
     from csstsim.simulation.sim_steps import SimSteps
@@ -102,7 +102,7 @@ def instrument(path):
 
 def _header(made):
     """The Level-0 header of the camera's table of keywords."""
-    from readout_state import POINTING
+    from support.readout_state import POINTING
 
     from csstsim.instrument.pointing import Pointing
     from csstsim.io.keywords import header_cards, header_values

@@ -11,11 +11,11 @@ import numpy as np
 from astropy.io import fits
 from astropy.table import Table
 from catalog.test_c9 import write_basis, write_galaxies, write_stars
-from csst import BANDS
 from fuzz import readers
-from lab_maps import map_path, name_maps, response, write_map
-from mini import mini_camera
-from readout_state import flat_state, plain_layers, run
+from support.csst import BANDS
+from support.lab_maps import map_path, name_maps, response, write_map
+from support.mini import mini_camera
+from support.readout_state import flat_state, plain_layers, run
 
 from csstsim.base.shipped import SHIPPED
 
@@ -193,7 +193,7 @@ def image(folder):
 
 def foreign(folder):
     """An image of another telescope, for `csstsim inject`."""
-    from inject.test_foreign import write_image
+    from inject.others.test_foreign import write_image
 
     return write_image(folder)
 

@@ -8,9 +8,9 @@ import pytest
 from astropy.coordinates import SkyCoord
 from astropy.io import fits
 from astropy.wcs import WCS
-from foreign_headers import SIDE, headers
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from support.foreign_headers import SIDE, headers
 
 from csstsim.catalog.galaxy_shapes.images import read_picture
 from csstsim.inject.others.frame import read_foreign

@@ -2,7 +2,7 @@
 
 import numpy as np
 from astropy.table import Table
-from mini_campaign import POINTINGS, write_campaign
+from support.mini_campaign import POINTINGS, write_campaign
 
 import csstsim
 from csstsim.catalog.astrometry.reduction import icrs

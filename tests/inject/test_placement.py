@@ -9,7 +9,7 @@ from astropy.coordinates import SkyCoord
 from astropy.table import Table
 from astropy.time import Time
 from click.testing import CliRunner
-from inject.test_foreign import write_image
+from inject.others.test_foreign import write_image
 
 from csstsim.base.errors import InputError
 from csstsim.catalog.object_table import read_table

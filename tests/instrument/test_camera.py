@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 import yaml
-from mini import INSTRUMENT, mini_camera
+from support.mini import INSTRUMENT, mini_camera
 
 from csstsim.base.errors import InputError
 from csstsim.instrument.camera import load_camera

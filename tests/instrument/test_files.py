@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mini_campaign import write_campaign
+from support.mini_campaign import write_campaign
 
 import csstsim
 from csstsim.base.errors import InputError

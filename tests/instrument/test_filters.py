@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from mini import INSTRUMENT
+from support.mini import INSTRUMENT
 
 from csstsim.instrument.axe import sensitivity_file
 from csstsim.instrument.filter import GRID, curve_on_grid, sample_curve

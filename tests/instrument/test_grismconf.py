@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from astropy.io import fits
-from commands import done, refused
+from support.commands import done, refused
 
 from csstsim.base.units import C_A_S, H_J_S
 from csstsim.instrument.filter import GRID

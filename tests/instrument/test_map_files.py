@@ -7,9 +7,9 @@ import pytest
 import yaml
 from astropy.io import fits
 from click.testing import CliRunner
-from lab_maps import SOURCE, map_path, name_maps, response, write_map
-from mini import mini_camera
-from mini_campaign import write_campaign
+from support.lab_maps import SOURCE, map_path, name_maps, response, write_map
+from support.mini import mini_camera
+from support.mini_campaign import write_campaign
 
 from csstsim.base.errors import InputError
 from csstsim.campaign.checks import check_maps

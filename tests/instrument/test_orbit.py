@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mini import INSTRUMENT
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
+from support.mini import INSTRUMENT
 
 from csstsim.base.errors import InputError
 from csstsim.base.model import validate

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from astropy.io import fits
 from astropy.time import Time
-from readout_state import flat_state, plain_layers, run
+from support.readout_state import flat_state, plain_layers, run
 
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED

@@ -6,7 +6,7 @@ import pytest
 from astropy.coordinates import angular_separation
 from astropy.io import fits
 from astropy.wcs import WCS
-from readout_state import flat_state, plain_layers, run
+from support.readout_state import flat_state, plain_layers, run
 
 from csstsim.detector.channels import LAYOUTS, ReadoutFrame
 from csstsim.io.level0_writing import write_level0

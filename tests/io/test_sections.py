@@ -12,7 +12,7 @@ from astropy.coordinates import angular_separation
 from astropy.io import fits
 from astropy.nddata import CCDData
 from astropy.wcs import WCS
-from readout_state import OBSID, change_exposure, flat_state
+from support.readout_state import OBSID, change_exposure, flat_state
 
 from csstsim.base.shipped import SHIPPED
 from csstsim.detector.channels import LAYOUTS, ReadoutFrame

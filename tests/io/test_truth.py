@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from csst import BANDS
+from support.csst import BANDS
 
 from csstsim.base.errors import InputError
 from csstsim.catalog.table import ObjectTable

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from readout_state import change_exposure, flat_state, run
 from scipy.ndimage import convolve
+from support.readout_state import change_exposure, flat_state, run
 
 from csstsim.base.errors import InputError
 from csstsim.base.rng import Streams, stream

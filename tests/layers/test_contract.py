@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 import yaml
-from readout_state import OBSID, dark_layers, flat_state, run
+from support.readout_state import OBSID, dark_layers, flat_state, run
 
 from csstsim.base.errors import InputError
 from csstsim.simulation.layer_contract import check_layer, form_faults

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mini import mini_camera
-from readout_state import flat_state
+from support.mini import mini_camera
+from support.readout_state import flat_state
 
 from csstsim.base.errors import InputError
 from csstsim.base.rng import Streams

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from readout_state import flat_state, run
+from support.readout_state import flat_state, run
 
 from csstsim.base.shipped import SHIPPED
 from csstsim.simulation.sim_steps import SimSteps

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mini_campaign import write_scene
+from support.mini_campaign import write_scene
 
 from csstsim.base.rng import Streams
 from csstsim.campaign.opened import OpenCampaign

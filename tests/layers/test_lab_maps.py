@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from lab_maps import map_path, name_maps, response, write_map
-from mini_campaign import write_scene
-from readout_state import change_exposure, flat_state, small_camera
 from scipy import stats
+from support.lab_maps import map_path, name_maps, response, write_map
+from support.mini_campaign import write_scene
+from support.readout_state import change_exposure, flat_state, small_camera
 
 from csstsim.base.errors import InputError
 from csstsim.base.rng import Streams

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from readout_state import flat_state, run
+from support.readout_state import flat_state, run
 
 from csstsim.base.errors import InputError
 from csstsim.base.rng import Streams

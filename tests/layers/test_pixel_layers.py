@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from readout_state import OBSID, change_exposure, flat_state
+from support.readout_state import OBSID, change_exposure, flat_state
 
 from csstsim.base.errors import InputError
 from csstsim.base.rng import Streams
@@ -262,7 +262,7 @@ def test_what_defects_refuse(small):
 
 @pytest.mark.parametrize("name", ["cosmic_rays", "defects"])
 def test_missing_and_faulty_numbers(tmp_path, small, name):
-    from mini import mini_camera
+    from support.mini import mini_camera
 
     from csstsim.instrument.camera import load_camera
 

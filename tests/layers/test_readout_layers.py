@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from readout_state import change_exposure, flat_state, plain_layers, run
+from support.readout_state import change_exposure, flat_state, plain_layers, run
 
 from csstsim.base.rng import Streams, stream
 from csstsim.base.shipped import SHIPPED

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from csst import BANDS
-from mini_campaign import write_scene
-from readout_state import change_exposure, flat_state
+from support.csst import BANDS
+from support.mini_campaign import write_scene
+from support.readout_state import change_exposure, flat_state
 
 from csstsim.base.errors import InputError
 from csstsim.base.rng import Streams

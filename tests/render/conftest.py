@@ -1,7 +1,7 @@
 """Fixtures of several tests of the renderers: the GV grating, PSFs of known width behind it, and a mixer of psf_r."""
 
 import pytest
-from grating_scene import GV, disperser_of, gaussian_psf
+from support.grating_scene import GV, disperser_of, gaussian_psf
 
 from csstsim.render.psf_mixture import Mixer
 from csstsim.render.psf_table import make_table

@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from canvases import blank
-from test_reference import EXPTIME, objects
+from render.imaging.test_reference import EXPTIME, objects
+from support.canvases import blank
 
 from csstsim.catalog.flags import (
     BAD_VALUE,

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from canvases import blank
+from support.canvases import blank
 
 from csstsim.catalog.profiles.log_table import first_of, nodes
 from csstsim.instrument.chip import Window

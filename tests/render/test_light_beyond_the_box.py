@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from canvases import blank, counting
 from galaxies import scene_of, shaped
 from scipy.stats import chi2_contingency
+from support.canvases import blank, counting
 
 from csstsim.base.counter import object_keys
 from csstsim.catalog.profiles.sersic_photons import rings_for

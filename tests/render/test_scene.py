@@ -5,8 +5,8 @@ from dataclasses import replace
 import galsim
 import numpy as np
 import pytest
+from render.imaging.test_reference import objects
 from scipy.special import gammaincinv
-from test_reference import objects
 
 from csstsim.catalog.table import GALAXY, STAR
 from csstsim.optics.geometry.wcs import ChipWCS

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import galsim
 import numpy as np
 import pytest
-from csst import BANDS, MARGIN
-from embedded_sky import embedded_catalog
+from support.csst import BANDS, MARGIN
+from support.embedded_sky import embedded_catalog
 
 from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.selection.bricks import region_for

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from canvases import blank
-from test_reference import EXPTIME, objects
+from render.imaging.test_reference import EXPTIME, objects
+from support.canvases import blank
 
 from csstsim.base.rng import Streams
 from csstsim.catalog.flags import OFF_CHIP, TRUNCATED_STAMP

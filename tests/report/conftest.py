@@ -1,8 +1,8 @@
 """A campaign run up to its report, once for all tests."""
 
 import pytest
-from commands import done
 from report_page import star_campaign
+from support.commands import done
 
 
 @pytest.fixture(scope="session")

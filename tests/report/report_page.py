@@ -3,8 +3,8 @@
 from html.parser import HTMLParser
 
 import numpy as np
-from commands import done
-from mini_campaign import POINTINGS, write_scene
+from support.commands import done
+from support.mini_campaign import POINTINGS, write_scene
 
 from csstsim.campaign.opened import OpenCampaign
 

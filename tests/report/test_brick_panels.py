@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from csst import LOOKS
 from matplotlib.contour import QuadContourSet
 from matplotlib.figure import Figure
 from matplotlib.quiver import Quiver
+from support.csst import LOOKS
 
 from csstsim.base.rng import stream
 from csstsim.catalog.table import ObjectTable

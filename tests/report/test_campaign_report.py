@@ -9,9 +9,9 @@ from types import SimpleNamespace
 from urllib.parse import unquote
 
 import pytest
-from commands import command, done
-from mini_campaign import POINTINGS, write_campaign
 from report_page import Reader
+from support.commands import command, done
+from support.mini_campaign import POINTINGS, write_campaign
 
 from csstsim.campaign.costs import Cost, expected
 from csstsim.campaign.opened import OpenCampaign

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from csst import LOOKS
 from matplotlib.figure import Figure
 from scipy.stats import beta
+from support.csst import LOOKS
 
 from csstsim.catalog.table import ObjectTable
 from csstsim.report import exposure_panels

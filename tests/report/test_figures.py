@@ -5,8 +5,8 @@ import pytest
 from astropy.coordinates import SkyCoord
 from astropy.stats import binom_conf_interval
 from astropy.wcs import WCS
-from csst import LOOKS
 from matplotlib.figure import Figure
+from support.csst import LOOKS
 
 from csstsim.base.healpix import brick_corners
 from csstsim.report import figures

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from csst import LOOKS
+from support.csst import LOOKS
 
 from csstsim.report import page, stray_panel, twin_figure, variants_page
 from csstsim.report.parts import Details, Figure, Link, Pairs, Paragraph, Table, Verdict

@@ -4,10 +4,10 @@ Needs Debian's packages chromium and chromium-driver; without them the tests are
 """
 
 import pytest
-import webdriver
-from csst import LOOKS
-from readout_state import small_camera
 from report_page import Reader
+from support import webdriver
+from support.csst import LOOKS
+from support.readout_state import small_camera
 from test_thumbnail import level0
 
 from csstsim.report.mosaic import mosaic, take_exposure

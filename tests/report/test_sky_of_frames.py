@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from astropy.io import fits
 from matplotlib.image import imread
-from mini_campaign import POINTINGS, write_scene
 from report_page import Reader, done
+from support.mini_campaign import POINTINGS, write_scene
 
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED

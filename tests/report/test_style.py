@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from csst import LOOKS
 from matplotlib.figure import Figure
+from support.csst import LOOKS
 
 from csstsim.report.style import BLACK, BLUE, COLOURS, GREY, PURPLE, VERMILION, band_styles, snr_axis
 

@@ -6,10 +6,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from csst import LOOKS
 from PIL import Image
-from readout_state import flat_state, plain_layers, run
 from report_page import Reader
+from support.csst import LOOKS
+from support.readout_state import flat_state, plain_layers, run
 
 from csstsim.instrument.chip import Window
 from csstsim.io.level0 import read_level0

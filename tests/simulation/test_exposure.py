@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from readout_state import flat_state
+from support.readout_state import flat_state
 
 from csstsim.catalog.astrometry.reduction import apparent
 from csstsim.simulation.exposure import Losses

@@ -6,7 +6,7 @@ from types import ModuleType, SimpleNamespace
 import numpy as np
 import pytest
 from pydantic import Field
-from readout_state import POINTING
+from support.readout_state import POINTING
 
 from csstsim.base.errors import BlockedError, InputError
 from csstsim.instrument.pointing import Pointing

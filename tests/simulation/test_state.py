@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from readout_state import flat_state
+from support.readout_state import flat_state
 
 from csstsim.base.rng import Streams
 from csstsim.optics.throughput import shutter

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from canvases import blank
-from csst import BANDS
 from scipy.special import gammainc
+from support.canvases import blank
+from support.csst import BANDS
 
 from csstsim.base.rng import stream
 from csstsim.base.shipped import SHIPPED

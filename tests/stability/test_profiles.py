@@ -7,9 +7,9 @@ tolerances below include that.
 
 import numpy as np
 import pytest
-from canvases import blank, counting
 from exposure import FIDELITIES, WINDOW, X, Y, inside, stamp_bounds
 from render.galaxies import scene_of, shaped
+from support.canvases import blank, counting
 
 from csstsim.base.counter import object_keys
 from csstsim.catalog.flags import NEGATIVE_CLIPPED, OFF_CHIP, TRUNCATED_STAMP

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from csst import BANDS
 from exposure import FIDELITIES, WINDOW, X, Y, inside, stamp_bounds
+from support.csst import BANDS
 
 from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING
 from csstsim.catalog.table import GALAXY, QUASAR, STAR, columns_with

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from astropy.io import fits
-from mini_campaign import write_scene
+from support.mini_campaign import write_scene
 
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.io.truth import read_truth

@@ -5,7 +5,7 @@ import shutil
 import numpy as np
 import pytest
 import yaml
-from mini_campaign import POINTINGS, write_scene
+from support.mini_campaign import POINTINGS, write_scene
 
 from csstsim.base.errors import InputError
 from csstsim.campaign.opened import OpenCampaign

@@ -1,6 +1,6 @@
 """Missing inputs of a job are made first, each once; existing ones are not, and a bias needs none."""
 
-from mini_campaign import POINTINGS, write_campaign, write_scene
+from support.mini_campaign import POINTINGS, write_campaign, write_scene
 
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.stages import chip as chip_stage

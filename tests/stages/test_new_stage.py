@@ -9,7 +9,7 @@ import textwrap
 from pathlib import Path
 
 import pytest
-from mini_campaign import POINTINGS, write_campaign
+from support.mini_campaign import POINTINGS, write_campaign
 
 from csstsim.base.stage_records import PRODUCTS, STAGE_OF, STAGES
 from csstsim.campaign.costs import load_costs

@@ -1,7 +1,7 @@
 """The render stage and the table of objects that it reads."""
 
 import pytest
-from mini_campaign import POINTINGS, write_campaign
+from support.mini_campaign import POINTINGS, write_campaign
 
 from csstsim.base.errors import InputError
 from csstsim.campaign.opened import OpenCampaign

@@ -1,8 +1,8 @@
 """Several chips of an exposure, or several bricks, in one process: the same files as one by one, a line for each."""
 
 import pytest
-from commands import command, done
-from mini_campaign import write_campaign
+from support.commands import command, done
+from support.mini_campaign import write_campaign
 
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.running.job_log import parts

@@ -7,7 +7,7 @@ from operator import getitem
 
 import healpy
 import pytest
-from embedded_sky import shipped
+from support.embedded_sky import shipped
 
 from csstsim.base.errors import InputError
 from csstsim.base.healpix import NSIDE

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import yaml
 from delivery.small_delivery import finish
-from embedded_sky import universe_folder
-from workflow_run import ROOT, planned, snakemake
+from support.embedded_sky import universe_folder
+from support.workflow_run import ROOT, planned, snakemake
 
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable

@@ -4,9 +4,9 @@ from types import SimpleNamespace
 
 import pytest
 import yaml
-from commands import command, done
-from mini_campaign import POINTINGS, write_campaign
-from workflow_run import content, level0_targets, planned, snakemake
+from support.commands import command, done
+from support.mini_campaign import POINTINGS, write_campaign
+from support.workflow_run import content, level0_targets, planned, snakemake
 
 from csstsim.base.errors import InputError
 from csstsim.campaign.costs import expected

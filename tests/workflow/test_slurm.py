@@ -5,10 +5,10 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from mini_campaign import POINTINGS, write_campaign
-from one_node_slurm import POLLING, OneNodeSlurm, why_not
-from running import running
-from workflow_run import ROOT, command, content, level0_targets, make, measured, snakemake, with_prepared
+from support.mini_campaign import POINTINGS, write_campaign
+from support.one_node_slurm import POLLING, OneNodeSlurm, why_not
+from support.running import running
+from support.workflow_run import ROOT, command, content, level0_targets, make, measured, snakemake, with_prepared
 
 pytestmark = [pytest.mark.slurm, pytest.mark.skipif(bool(reason := why_not()), reason=str(reason))]
 
@@ -49,7 +49,10 @@ def test_the_profile_gives_the_same_bits(slurm, local, tmp_path):
 
 
 def test_a_job_short_of_memory_is_tried_again_with_more(slurm, tmp_path):
-    catalog = {"kind": "mini_campaign:Hungry", "options": {"ra": [60.0], "dec": [-40.0], "mag": [20.0], "mb": 3600}}
+    catalog = {
+        "kind": "support.mini_campaign:Hungry",
+        "options": {"ra": [60.0], "dec": [-40.0], "mag": [20.0], "mb": 3600},
+    }
     campaign = write_campaign(tmp_path, POINTINGS[:1], catalog=catalog)
     said = snakemake(campaign, "chips=stages", *profile(slurm, *level0_targets(campaign)))
     chip = [slurm.job(jobid) for jobid in submitted(said)[1:]]  # after the PSF's

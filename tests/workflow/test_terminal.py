@@ -5,9 +5,9 @@ import subprocess
 from types import SimpleNamespace
 
 import pytest
-from mini_campaign import POINTINGS, write_campaign
 from snakemake_interface_logger_plugins.common import LogEvent
-from workflow_run import command
+from support.mini_campaign import POINTINGS, write_campaign
+from support.workflow_run import command
 
 from snakemake_logger_plugin_csstsim import LogHandler
 

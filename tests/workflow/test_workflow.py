@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 import yaml
 from click.testing import CliRunner
-from mini_campaign import POINTINGS, write_campaign
-from running import running
-from workflow_run import (
+from support.mini_campaign import POINTINGS, write_campaign
+from support.running import running
+from support.workflow_run import (
     ROOT,
     command,
     content,

@@ -2,7 +2,7 @@
 
 import healpy
 import numpy as np
-from csst import BANDS, PIXEL
+from support.csst import BANDS, PIXEL
 
 from csstsim.base.rng import stream
 from csstsim.catalog.table import ObjectTable

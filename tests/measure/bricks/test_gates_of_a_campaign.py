@@ -7,10 +7,10 @@ from contextlib import nullcontext
 import numpy as np
 import pytest
 import yaml
-from commands import done
-from faulty_chain import FAULTS
-from mini_campaign import write_scene
 from PIL import Image
+from support.commands import done
+from support.faulty_chain import FAULTS
+from support.mini_campaign import write_scene
 
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.io.level0 import Level0

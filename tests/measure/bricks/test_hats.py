@@ -7,9 +7,9 @@ import numpy as np
 import pyarrow.dataset as ds
 import pyarrow.parquet as pq
 import pytest
-from csst import BANDS
-from measured_table import table
-from mini_campaign import POINTINGS, write_campaign
+from support.csst import BANDS
+from support.measured_table import table
+from support.mini_campaign import POINTINGS, write_campaign
 
 from csstsim.base.errors import InputError
 from csstsim.base.rng import stream

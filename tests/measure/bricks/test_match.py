@@ -5,9 +5,9 @@ from functools import partial
 
 import numpy as np
 import pytest
-from csst import PIXEL
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.csst import PIXEL
 
 from csstsim.base.rng import stream
 from csstsim.catalog.table import ObjectTable

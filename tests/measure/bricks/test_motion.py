@@ -3,8 +3,8 @@
 import healpy
 import numpy as np
 import pytest
-from csst import BANDS
-from measured_table import table
+from support.csst import BANDS
+from support.measured_table import table
 
 from csstsim.base import healpix
 from csstsim.base.rng import stream

@@ -2,10 +2,10 @@
 
 import healpy
 import numpy as np
-from csst import BANDS
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from measured_table import ARCSEC, table
+from support.csst import BANDS
+from support.measured_table import ARCSEC, table
 
 from csstsim.base import healpix, sphere
 from csstsim.base.rng import stream

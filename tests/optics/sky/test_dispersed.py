@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from readout_state import flat_state
 from scipy.stats import qmc
-from sky_places import camera, numbers
+from support.readout_state import flat_state
+from support.sky_places import camera, numbers
 
 from csstsim.base.errors import InputError
 from csstsim.base.rng import Streams

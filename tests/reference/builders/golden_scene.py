@@ -13,7 +13,7 @@ from importlib import import_module
 from pathlib import Path
 
 import numpy as np
-from mini_campaign import write_scene
+from support.mini_campaign import write_scene
 
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.stages import psf as psf_stage

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from astropy.io import fits
-from mini_campaign import POINTINGS, write_campaign, write_scene
-from tangent_header import tangent_header
+from support.mini_campaign import POINTINGS, write_campaign, write_scene
+from support.tangent_header import tangent_header
 
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.stages import chip as chip_stage

@@ -5,9 +5,9 @@ import pytest
 from astropy.io import fits
 from astropy.table import Table
 from click.testing import CliRunner
-from commands import refused
 from matplotlib.colors import to_rgb
 from matplotlib.image import imread
+from support.commands import refused
 
 from csstsim.catalog.table import ObjectTable
 from csstsim.command_line.main import main

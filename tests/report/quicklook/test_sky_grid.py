@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from astropy.io import fits
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from tangent_header import tangent_header
+from support.tangent_header import tangent_header
 
 from csstsim.base.shipped import SHIPPED
 from csstsim.optics.geometry.distortion import load_distortion

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from csst import PIXEL
+from support.csst import PIXEL
 
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.measure.catalogue import SHARP

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from csst import PIXEL
+from support.csst import PIXEL
 
 from csstsim.base.rng import stream
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable

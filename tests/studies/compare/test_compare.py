@@ -8,8 +8,8 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from astropy.io import fits
-from commands import command
 from delivery import spoil
+from support.commands import command
 
 from csstsim.catalog.table import ObjectTable
 from csstsim.io.frames import load_frame, save_frame

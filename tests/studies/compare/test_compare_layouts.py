@@ -5,7 +5,7 @@ from itertools import permutations
 import numpy as np
 import pytest
 from delivery import spoil
-from readout_state import flat_state, plain_layers, run
+from support.readout_state import flat_state, plain_layers, run
 
 from csstsim.detector.mask import HOT
 from csstsim.io.level0 import read_level0
@@ -95,7 +95,7 @@ def test_another_window_is_told(small, tmp_path):
 
 
 def test_another_detector_is_told(small, tmp_path):
-    from mini import mini_camera
+    from support.mini import mini_camera
 
     from csstsim.instrument.camera import load_camera
 

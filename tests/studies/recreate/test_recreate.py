@@ -11,9 +11,9 @@ import yaml
 from astropy.io import fits
 from astropy.table import Table
 from click.testing import CliRunner
-from lab_maps import map_path, name_maps, response, write_map
-from mini_campaign import POINTINGS, write_campaign
-from recreated_headers import PLACES, header, pieces
+from support.lab_maps import map_path, name_maps, response, write_map
+from support.mini_campaign import POINTINGS, write_campaign
+from support.recreated_headers import PLACES, header, pieces
 
 from csstsim.base.shipped import ROOT
 from csstsim.campaign.opened import OpenCampaign

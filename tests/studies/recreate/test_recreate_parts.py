@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from astropy.io import fits
-from csst import BANDS
-from recreated_headers import PLACES, header, pieces
+from support.csst import BANDS
+from support.recreated_headers import PLACES, header, pieces
 
 from csstsim.base.errors import InputError
 from csstsim.catalog.object_table import BRIGHTEST, FAINTEST

@@ -1,7 +1,7 @@
 """A pack of the finished campaign, made twice."""
 
 import pytest
-from commands import done
+from support.commands import done
 
 
 @pytest.fixture(scope="session")

@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 
 import pytest
 import yaml
-from commands import done, refused
+from support.commands import done, refused
 
 from csstsim import __version__
 from csstsim.base.shipped import ROOT

@@ -10,7 +10,7 @@ import pytest
 from astropy.io import fits
 from astropy.table import Table
 from astropy.wcs import WCS
-from commands import done, refused
+from support.commands import done, refused
 
 from csstsim.base.errors import InputError
 from csstsim.campaign.opened import OpenCampaign

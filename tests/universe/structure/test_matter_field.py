@@ -3,8 +3,8 @@
 import healpy
 import numpy as np
 import pytest
+from universe.lensing.test_lensing_field import CAMB, ELL
 from universe.structure.small_matter import COARSE, COSMOLOGY, FEW, NUMBERS, coarse, shipped
-from universe.test_lensing_field import CAMB, ELL
 
 from csstsim.universe.structure.halo_spectra import HaloSpectra
 from csstsim.universe.structure.matter_field import MatterField

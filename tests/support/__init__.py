@@ -1,0 +1,1 @@
+"""What tests of several folders share: small cameras and campaigns, scenes, independent codes, processes."""
