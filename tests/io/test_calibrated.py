@@ -10,7 +10,7 @@ from astropy.wcs import WCS
 
 from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.instrument.chip import Window
-from csstsim.io.calibrated import KEPT, write_calibrated
+from csstsim.io.calibrated import COPIED, CalibratedPlanes, write_calibrated
 from csstsim.optics.geometry.distortion import load_distortion
 from csstsim.optics.geometry.wcs import ChipWCS
 
@@ -23,7 +23,9 @@ def test_a_windows_pixels_are_where_the_chips_are(tmp_path, camera, make_pointin
     distortion = load_distortion(camera.folder / "distortion.fits") if distorted else None
     pointing = make_pointing()
     wcs, observer = ChipWCS(camera.chips[9], pointing, distortion), observe(pointing)
-    planes = np.zeros(WINDOW.shape, np.float32), np.ones(WINDOW.shape, np.float32), np.zeros(WINDOW.shape, np.uint8)
+    planes = CalibratedPlanes(
+        np.zeros(WINDOW.shape, np.float32), np.ones(WINDOW.shape, np.float32), np.zeros(WINDOW.shape, np.uint8)
+    )
     file = SimpleNamespace(header0={}, path=Path("level0.fits"), window=WINDOW, observer=observer)
     write_calibrated(
         tmp_path / "c.fits", file, wcs, planes, background=0.2, zeropoint=26.0, read_noise=5.0, settings={}
@@ -47,11 +49,11 @@ def test_planes_and_keywords_are_those_given(tmp_path, camera, make_pointing, ob
     rng = np.random.default_rng(3)
     science, error = (rng.normal(size=WINDOW.shape).astype(np.float32) for _ in range(2))
     quality = rng.integers(0, 8, WINDOW.shape, dtype=np.uint8)
-    header0 = {name: f"value of {name}" for name in KEPT} | {"NEXTEND": 2, "CHECKSUM": "x"}
+    header0 = {name: f"value of {name}" for name in COPIED} | {"NEXTEND": 2, "CHECKSUM": "x"}
     file = SimpleNamespace(header0=header0, path=Path("there/level0.fits"), window=WINDOW, observer=observer)
     write_calibrated(
-        tmp_path / "c.fits", file, wcs, (science, error, quality), background=0.25, zeropoint=26.5, read_noise=5.75,
-        settings={"sky": 3},
+        tmp_path / "c.fits", file, wcs, CalibratedPlanes(science, error, quality), background=0.25, zeropoint=26.5,
+        read_noise=5.75, settings={"sky": 3},
     )  # fmt: skip
     with fits.open(tmp_path / "c.fits", checksum=True) as found:
         assert [hdu.name for hdu in found] == ["PRIMARY", "SCI", "ERR", "DQ"]
@@ -59,8 +61,10 @@ def test_planes_and_keywords_are_those_given(tmp_path, camera, make_pointing, ob
             assert np.array_equal(found[name].data, plane) and found[name].data.dtype.kind == plane.dtype.kind
             assert found[name].header.get("BUNIT") == (None if name == "DQ" else "electron/s")
         primary, head = found[0].header, found["SCI"].header
-        assert {name: primary[name] for name in KEPT} == {name: f"value of {name}" for name in KEPT}
-        assert {"OBSID", "EXPSTART", "VELO0_Z", "EPHEM", "EXPHASH", "FILTER"} <= set(KEPT) and "NEXTEND" not in primary
+        assert {name: primary[name] for name in COPIED} == {name: f"value of {name}" for name in COPIED}
+        assert {"OBSID", "EXPSTART", "VELO0_Z", "EPHEM", "EXPHASH", "FILTER"} <= set(
+            COPIED
+        ) and "NEXTEND" not in primary
         assert [str(line).strip() for line in primary["HISTORY"]] == ["calibrated from level0.fits", "{'sky': 3}"]
         assert (head["BACKMED"], head["MAGZERO"], head["RDNOISE"]) == (0.25, 26.5, 5.75)
         bits = {found["DQ"].header[f"BIT{k}"]: found["DQ"].header.comments[f"BIT{k}"] for k in range(3)}

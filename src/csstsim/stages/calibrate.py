@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 @one_thread
 def calibrate(run: OpenCampaign, job: Job) -> None:
     """Write the calibrated image of an imaging chip's science exposure."""
-    from csstsim.io.calibrated import write_calibrated
+    from csstsim.io.calibrated import CalibratedPlanes, write_calibrated
     from csstsim.measure.calibration.bad_pixels import fill_bad_pixels
     from csstsim.measure.detection.detect import subtract_background
     from csstsim.measure.light.photometry import psf_model
@@ -66,7 +66,7 @@ def calibrate(run: OpenCampaign, job: Job) -> None:
         path,
         file,
         job.wcs,
-        (image, error, quality),
+        CalibratedPlanes(image, error, quality),
         background=background * rate,
         zeropoint=filter_.zeropoint(run.camera.telescope),
         read_noise=float(np.mean(list(frame.read_noise.values()))),

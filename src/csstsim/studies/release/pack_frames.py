@@ -16,7 +16,7 @@ import numpy as np
 
 from csstsim.base.files.atomic import atomic_path
 from csstsim.base.process.one_thread import one_thread
-from csstsim.io.calibrated import DQ, KEPT
+from csstsim.io.calibrated import COPIED, DQ
 from csstsim.io.fits_writing import card, compress, write_hdus
 from csstsim.optics.geometry.icrs_header import corners, icrs_header
 from csstsim.studies.release.star_psf import chosen, star_psf, write_psfex
@@ -172,7 +172,7 @@ def _write(
     header: Mapping[str, Any],
     facts: Mapping[str, tuple[float | str | None, str]],
 ) -> None:
-    kept = {name: file.header0[name] for name in KEPT if name in file.header0 and name not in SECRET}
+    kept = {name: file.header0[name] for name in COPIED if name in file.header0 and name not in SECRET}
     primary = [card(name, value) for name, value in (kept | {"POSKIND": "ICRS"}).items()]
     position = [card(name, value) for name, value in header.items()]
     known = [card(name, value, about) for name, (value, about) in facts.items() if value is not None]
